@@ -1,0 +1,146 @@
+//! The library's errors: an enum with data, one line a message.
+//!
+//! A message names the file, what is wrong with it, and what to do. It never spans lines, so
+//! that a log of a thousand meshes stays greppable.
+
+use std::io;
+use std::path::{Path, PathBuf};
+
+/// Shorthand for results of this library.
+pub type Result<T, E = Error> = std::result::Result<T, E>;
+
+/// What can go wrong, with the data needed to say so and to react.
+#[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
+pub enum Error {
+    /// The operating system refused to read, write, map or rename something.
+    #[error("{}: cannot {action}: {source}{}", path.display(), hint(source))]
+    Io {
+        /// File or folder concerned.
+        path: PathBuf,
+        /// What was tried, as a verb: "open", "map", "write".
+        action: &'static str,
+        /// The operating system's reason.
+        #[source]
+        source: io::Error,
+    },
+    /// A file's content is not what it has to be.
+    #[error("{}: {place}: {problem}; {remedy}", path.display())]
+    Malformed {
+        /// The file.
+        path: PathBuf,
+        /// Where in the file: "header line 4", "face 100", "byte 7613".
+        place: String,
+        /// What is wrong there.
+        problem: String,
+        /// What the user can do.
+        remedy: String,
+    },
+    /// A readable file cannot serve the purpose: no faces, fewer faces than parts.
+    #[error("{}: {problem}; {remedy}", path.display())]
+    Unusable {
+        /// The file.
+        path: PathBuf,
+        /// Why it cannot serve.
+        problem: String,
+        /// What the user can do.
+        remedy: String,
+    },
+    /// A parameter is out of its range or contradicts another one.
+    #[error("{name}: {problem}; {remedy}")]
+    Parameter {
+        /// The option's name as the user knows it.
+        name: String,
+        /// What is wrong with its value.
+        problem: String,
+        /// What would be right.
+        remedy: String,
+    },
+    /// The memory budget cannot hold what is needed at the least.
+    #[error(
+        "{what} needs {needed} bytes but the memory budget leaves {available}; raise --max-memory or lower --threads or -l"
+    )]
+    Memory {
+        /// What was to be allocated.
+        what: &'static str,
+        /// Bytes needed at the least.
+        needed: u64,
+        /// Bytes left in the budget.
+        available: u64,
+    },
+    /// The disk cannot hold what the work will write.
+    #[error("{}: the work needs {needed} bytes of disk, {available} are free; free some, or put it elsewhere with --tmp or --work-dir", path.display())]
+    Disk {
+        /// Folder on the disk concerned.
+        path: PathBuf,
+        /// Bytes that will be written.
+        needed: u64,
+        /// Bytes free now.
+        available: u64,
+    },
+    /// A work directory is in use, of another version, or damaged.
+    #[error("{}: {problem}; {remedy}", path.display())]
+    WorkDir {
+        /// The work directory or a file in it.
+        path: PathBuf,
+        /// What is wrong.
+        problem: String,
+        /// What the user can do.
+        remedy: String,
+    },
+    /// The run was asked to stop.
+    #[error("interrupted")]
+    Cancelled,
+}
+
+/// A remedy for the operating-system errors that users meet most.
+fn hint(error: &io::Error) -> &'static str {
+    match error.kind() {
+        io::ErrorKind::NotFound => "; check the path",
+        io::ErrorKind::PermissionDenied | io::ErrorKind::ReadOnlyFilesystem => {
+            "; check the permissions or choose another folder"
+        }
+        io::ErrorKind::StorageFull | io::ErrorKind::QuotaExceeded => {
+            "; free some disk space, or put the work elsewhere with --tmp or --work-dir"
+        }
+        _ => "",
+    }
+}
+
+impl Error {
+    /// An [`Error::Io`] maker for `map_err`.
+    pub fn io(path: impl AsRef<Path>, action: &'static str) -> impl FnOnce(io::Error) -> Error {
+        let path = path.as_ref().to_path_buf();
+        move |source| Error::Io { path, action, source }
+    }
+
+    /// An [`Error::Malformed`].
+    pub fn malformed(
+        path: impl AsRef<Path>,
+        place: impl Into<String>,
+        problem: impl Into<String>,
+        remedy: impl Into<String>,
+    ) -> Error {
+        Error::Malformed {
+            path: path.as_ref().to_path_buf(),
+            place: place.into(),
+            problem: problem.into(),
+            remedy: remedy.into(),
+        }
+    }
+
+    /// An [`Error::Unusable`].
+    pub fn unusable(path: impl AsRef<Path>, problem: impl Into<String>, remedy: impl Into<String>) -> Error {
+        Error::Unusable { path: path.as_ref().to_path_buf(), problem: problem.into(), remedy: remedy.into() }
+    }
+
+    /// An [`Error::Parameter`].
+    pub fn parameter(name: impl Into<String>, problem: impl Into<String>, remedy: impl Into<String>) -> Error {
+        Error::Parameter { name: name.into(), problem: problem.into(), remedy: remedy.into() }
+    }
+
+    /// An [`Error::WorkDir`].
+    pub fn work_dir(path: impl AsRef<Path>, problem: impl Into<String>, remedy: impl Into<String>) -> Error {
+        Error::WorkDir { path: path.as_ref().to_path_buf(), problem: problem.into(), remedy: remedy.into() }
+    }
+}

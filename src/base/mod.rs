@@ -1,0 +1,13 @@
+//! The lowest floor: errors, progress, cancellation and deterministic parallel loops.
+//!
+//! Nothing here knows of meshes, files or command lines. Cost: none worth naming.
+
+pub mod cancel;
+pub mod error;
+pub mod parallel;
+pub mod progress;
+pub mod random;
+
+pub use cancel::Cancel;
+pub use error::{Error, Result};
+pub use progress::Progress;

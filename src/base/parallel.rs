@@ -1,0 +1,141 @@
+//! Deterministic parallel loops over chunks.
+//!
+//! Chunks are handed out by a counter, results are put in chunk order, and sums are folded in
+//! that order: so a result depends on the chunk size alone, never on the number of threads or
+//! on timing. One thread runs in place, without spawning.
+
+use super::{Cancel, Result};
+use std::ops::Range;
+use std::sync::Mutex;
+use std::sync::atomic::{AtomicUsize, Ordering};
+
+/// Number of chunks of `size` that cover `0..n`.
+pub fn chunk_count(n: usize, size: usize) -> usize {
+    n.div_ceil(size.max(1))
+}
+
+/// The `k`-th chunk of `size` of `0..n`.
+pub fn chunk_range(n: usize, size: usize, k: usize) -> Range<usize> {
+    let start = (k * size).min(n);
+    start..(start + size).min(n)
+}
+
+/// Calls `work(chunk number, state)` for every chunk number below `chunks`, on up to `threads`
+/// threads, each with a state of its own from `init`; returns the results in chunk order.
+///
+/// # Errors
+/// The error of the lowest chunk that failed, or [`super::Error::Cancelled`].
+pub fn map_chunks<S, R: Send>(
+    threads: usize,
+    cancel: &Cancel,
+    chunks: usize,
+    init: impl Fn() -> S + Sync,
+    work: impl Fn(usize, &mut S) -> Result<R> + Sync,
+) -> Result<Vec<R>> {
+    let threads = threads.clamp(1, chunks.max(1));
+    if threads == 1 {
+        let mut state = init();
+        return (0..chunks)
+            .map(|k| {
+                cancel.check()?;
+                work(k, &mut state)
+            })
+            .collect();
+    }
+    let next = AtomicUsize::new(0);
+    let failed = AtomicUsize::new(usize::MAX);
+    let done: Mutex<Vec<(usize, Result<R>)>> = Mutex::new(Vec::with_capacity(chunks));
+    std::thread::scope(|scope| {
+        for _ in 0..threads {
+            scope.spawn(|| {
+                let mut state = init();
+                let mut mine = Vec::new();
+                loop {
+                    let k = next.fetch_add(1, Ordering::Relaxed);
+                    if k >= chunks || k > failed.load(Ordering::Relaxed) {
+                        break;
+                    }
+                    let result = cancel.check().and_then(|()| work(k, &mut state));
+                    if result.is_err() {
+                        failed.fetch_min(k, Ordering::Relaxed);
+                    }
+                    mine.push((k, result));
+                }
+                done.lock().unwrap_or_else(|poison| poison.into_inner()).append(&mut mine);
+            });
+        }
+    });
+    let mut all = done.into_inner().unwrap_or_else(|poison| poison.into_inner());
+    all.sort_unstable_by_key(|(k, _)| *k);
+    all.into_iter().map(|(_, result)| result).collect()
+}
+
+/// Like [`map_chunks`] over disjoint mutable chunks of `out`, `size` items each.
+///
+/// # Errors
+/// As [`map_chunks`].
+pub fn fill_chunks<T: Send, S, R: Send>(
+    threads: usize,
+    cancel: &Cancel,
+    out: &mut [T],
+    size: usize,
+    init: impl Fn() -> S + Sync,
+    work: impl Fn(usize, &mut [T], &mut S) -> Result<R> + Sync,
+) -> Result<Vec<R>> {
+    let pieces: Vec<Mutex<&mut [T]>> = out.chunks_mut(size.max(1)).map(Mutex::new).collect();
+    map_chunks(threads, cancel, pieces.len(), init, |k, state| {
+        let mut piece = pieces[k].lock().unwrap_or_else(|poison| poison.into_inner());
+        work(k, &mut piece, state)
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::base::Error;
+
+    #[test]
+    fn results_come_in_chunk_order_whatever_the_threads() {
+        for threads in [1, 2, 7] {
+            let squares = map_chunks(threads, &Cancel::default(), 100, || (), |k, ()| Ok(k * k)).unwrap();
+            assert_eq!(squares, (0..100).map(|k| k * k).collect::<Vec<_>>());
+        }
+    }
+
+    #[test]
+    fn the_lowest_failing_chunk_is_reported() {
+        for threads in [1, 3] {
+            let error = map_chunks(
+                threads,
+                &Cancel::default(),
+                50,
+                || (),
+                |k, ()| {
+                    if k % 10 == 7 { Err(Error::parameter(format!("{k}"), "", "")) } else { Ok(()) }
+                },
+            )
+            .unwrap_err();
+            assert!(matches!(error, Error::Parameter { name, .. } if name == "7"));
+        }
+    }
+
+    #[test]
+    fn chunks_of_a_slice_are_filled_once_each() {
+        let mut out = vec![0usize; 1001];
+        fill_chunks(
+            3,
+            &Cancel::default(),
+            &mut out,
+            64,
+            || (),
+            |k, piece, ()| {
+                for (i, x) in piece.iter_mut().enumerate() {
+                    *x += k * 64 + i;
+                }
+                Ok(())
+            },
+        )
+        .unwrap();
+        assert_eq!(out, (0..1001).collect::<Vec<_>>());
+    }
+}

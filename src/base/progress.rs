@@ -1,0 +1,18 @@
+//! How the library tells what it is doing; the command line draws bars from it.
+//!
+//! The silent implementation is `()`. Calls come from several threads; [`Progress::advance`] is
+//! called once a chunk, never once a face.
+
+/// A listener to stages. Every method does nothing by default.
+pub trait Progress: Sync {
+    /// A stage of `total` units (`unit`: "faces", "rows", "bytes") begins. `total` 0: unknown.
+    fn begin(&self, _stage: &str, _unit: &'static str, _total: u64) {}
+    /// `done` more units of the stage are finished.
+    fn advance(&self, _stage: &str, _done: u64) {}
+    /// The stage is finished after `seconds`.
+    fn end(&self, _stage: &str, _seconds: f64) {}
+    /// Something worth a line: a stage reused, components bridged, an input oddity.
+    fn note(&self, _text: &str) {}
+}
+
+impl Progress for () {}

@@ -1,0 +1,131 @@
+//! The memory budget: what may be allocated, as opposed to mapped.
+//!
+//! One budget serves a run. A stage asks for what it would like and gets what is left, or an
+//! error when not even its minimum fits; the grant is given back when dropped. The bytes are
+//! promises of the caller, checked in tests by a counting allocator.
+
+use crate::base::{Error, Result};
+use std::sync::Arc;
+use std::sync::atomic::{AtomicU64, Ordering};
+
+/// A pool of bytes, shared by clones.
+#[derive(Clone, Debug)]
+pub struct Budget {
+    total: u64,
+    used: Arc<AtomicU64>,
+}
+
+/// Bytes granted by a [`Budget`], given back on drop.
+#[derive(Debug)]
+pub struct Grant {
+    budget: Budget,
+    bytes: u64,
+}
+
+impl Budget {
+    /// A budget of `total` bytes.
+    pub fn new(total: u64) -> Self {
+        Self { total, used: Arc::default() }
+    }
+
+    /// Half of what this process may use: of the machine's free memory or of its control
+    /// group's limit, whichever is less; 1 GiB where neither can be read.
+    pub fn of_machine() -> Self {
+        let limit = [available_memory(), control_group_limit()].into_iter().flatten().min();
+        Self::new(limit.map_or(1 << 30, |bytes| bytes / 2))
+    }
+
+    /// All of it.
+    pub fn total(&self) -> u64 {
+        self.total
+    }
+
+    /// What is not granted now.
+    pub fn left(&self) -> u64 {
+        self.total.saturating_sub(self.used.load(Ordering::Relaxed))
+    }
+
+    /// Takes `wanted` bytes, or what is left if that is less, but at least `minimum`.
+    ///
+    /// # Errors
+    /// [`Error::Memory`] when less than `minimum` is left; `what` says for what.
+    pub fn take(&self, what: &'static str, minimum: u64, wanted: u64) -> Result<Grant> {
+        let mut used = self.used.load(Ordering::Relaxed);
+        loop {
+            let left = self.total.saturating_sub(used);
+            if left < minimum {
+                return Err(Error::Memory { what, needed: minimum, available: left });
+            }
+            let bytes = wanted.max(minimum).min(left);
+            match self.used.compare_exchange_weak(used, used + bytes, Ordering::Relaxed, Ordering::Relaxed) {
+                Ok(_) => return Ok(Grant { budget: self.clone(), bytes }),
+                Err(now) => used = now,
+            }
+        }
+    }
+}
+
+impl Grant {
+    /// The bytes granted.
+    pub fn bytes(&self) -> u64 {
+        self.bytes
+    }
+}
+
+impl Drop for Grant {
+    fn drop(&mut self) {
+        self.budget.used.fetch_sub(self.bytes, Ordering::Relaxed);
+    }
+}
+
+/// `MemAvailable` of the kernel, in bytes.
+fn available_memory() -> Option<u64> {
+    let text = std::fs::read_to_string("/proc/meminfo").ok()?;
+    let line = text.lines().find(|line| line.starts_with("MemAvailable:"))?;
+    Some(line.split_whitespace().nth(1)?.parse::<u64>().ok()? * 1024)
+}
+
+/// The tightest memory limit among this process's control group and its ancestors, version 2 or 1.
+fn control_group_limit() -> Option<u64> {
+    let groups = std::fs::read_to_string("/proc/self/cgroup").ok()?;
+    let mut least: Option<u64> = None;
+    for line in groups.lines() {
+        let mut fields = line.splitn(3, ':');
+        let (_, controllers, path) = (fields.next()?, fields.next()?, fields.next()?);
+        let (root, file) = match controllers {
+            "" => ("/sys/fs/cgroup", "memory.max"),
+            list if list.split(',').any(|name| name == "memory") => ("/sys/fs/cgroup/memory", "memory.limit_in_bytes"),
+            _ => continue,
+        };
+        let mut folder = std::path::PathBuf::from(root).join(path.trim_start_matches('/'));
+        loop {
+            if let Ok(text) = std::fs::read_to_string(folder.join(file))
+                && let Ok(bytes) = text.trim().parse::<u64>()
+                && bytes < 1 << 60
+            {
+                least = Some(least.map_or(bytes, |least| least.min(bytes)));
+            }
+            if !folder.pop() || !folder.starts_with(root) {
+                break;
+            }
+        }
+    }
+    least
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn grants_come_back() {
+        let budget = Budget::new(100);
+        let first = budget.take("a", 10, 80).unwrap();
+        assert_eq!(first.bytes(), 80);
+        let second = budget.take("b", 10, 80).unwrap();
+        assert_eq!(second.bytes(), 20);
+        assert!(matches!(budget.take("c", 1, 1), Err(Error::Memory { needed: 1, available: 0, .. })));
+        drop(first);
+        assert_eq!(budget.left(), 80);
+    }
+}

@@ -1,0 +1,297 @@
+//! Typed views of mapped files: the only module with `unsafe`.
+//!
+//! # Why it is sound
+//! A mapping is safe to read as bytes as long as nobody changes or truncates the file under it.
+//! Files of a work directory are ours: they are written under a temporary name, renamed when
+//! whole, and the directory is locked while in use. An input file belongs to the user; should
+//! another program write to it while it is mapped, numbers may change between two reads, which
+//! our code tolerates (every index read from an input is checked where it is used), and should it
+//! shrink, the kernel raises `SIGBUS`, which [`report_vanishing_files`] turns into an ordinary
+//! failure. Typed views go through `bytemuck`, which checks size and alignment and accepts
+//! only types for which every bit pattern is a value.
+//!
+//! # Cost
+//! A view costs no memory of its own; a page is read at its first touch (about 0.1–0.25 µs a
+//! 4 KiB page that is cached, measured) and may be dropped by the kernel at any time.
+#![allow(unsafe_code)]
+
+use crate::base::{Error, Result};
+use bytemuck::Pod;
+use memmap2::{Advice, Mmap, MmapMut, UncheckedAdvice};
+use std::fs::File;
+use std::marker::PhantomData;
+use std::ops::{Deref, DerefMut, Range};
+use std::path::Path;
+use std::sync::Arc;
+
+/// How a mapping is going to be read; passed on to the kernel.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Access {
+    /// Neighbouring pages soon: the kernel's default read-ahead.
+    Local,
+    /// Once from start to end: read far ahead, drop behind.
+    Sequential,
+    /// Anywhere: no read-ahead.
+    Random,
+}
+
+/// The bytes of a whole file, mapped read-only. Clones share the mapping.
+#[derive(Clone, Debug)]
+pub struct MappedBytes {
+    map: Option<Arc<Mmap>>,
+}
+
+impl MappedBytes {
+    /// Maps the file at `path`; an empty file maps to an empty slice.
+    ///
+    /// # Errors
+    /// [`Error::Io`] when the file cannot be opened or mapped.
+    pub fn open(path: &Path) -> Result<Self> {
+        let file = File::open(path).map_err(Error::io(path, "open"))?;
+        let metadata = file.metadata().map_err(Error::io(path, "look at"))?;
+        if metadata.is_dir() {
+            return Err(Error::unusable(path, "is a folder, not a file", "name a file"));
+        }
+        if metadata.len() == 0 {
+            return Ok(Self { map: None });
+        }
+        // SAFETY: see the module's text: the mapping is read-only and every use of its content is checked.
+        let map = unsafe { Mmap::map(&file) }.map_err(Error::io(path, "map"))?;
+        Ok(Self { map: Some(Arc::new(map)) })
+    }
+
+    /// Tells the kernel how the bytes will be read. Advice only: failures are ignored.
+    pub fn advise(&self, access: Access) {
+        if let Some(map) = &self.map {
+            let _ = map.advise(match access {
+                Access::Local => Advice::Normal,
+                Access::Sequential => Advice::Sequential,
+                Access::Random => Advice::Random,
+            });
+        }
+    }
+
+    /// Lets the kernel take back the whole pages inside `range` (bytes); they are read again
+    /// from the file at the next touch.
+    pub fn release(&self, range: Range<usize>) {
+        let Some(map) = &self.map else { return };
+        let page = 4096;
+        let start = range.start.div_ceil(page) * page;
+        let end = range.end.min(map.len()) / page * page;
+        if start < end {
+            // SAFETY: the mapping is of a file, shared and never written through: dropped pages come back unchanged.
+            let _ = unsafe { map.unchecked_advise_range(UncheckedAdvice::DontNeed, start, end - start) };
+        }
+    }
+
+    /// A typed view of `len` items from byte `offset` on.
+    ///
+    /// # Errors
+    /// [`Error::Malformed`] naming `path` when the file is too short or the offset misaligned.
+    pub fn slice<T: Pod>(&self, path: &Path, offset: usize, len: usize) -> Result<MappedSlice<T>> {
+        let end = len.checked_mul(size_of::<T>()).and_then(|bytes| bytes.checked_add(offset));
+        if end.is_none_or(|end| end > self.len()) || offset % align_of::<T>() != 0 {
+            return Err(Error::malformed(
+                path,
+                format!("byte {offset}"),
+                format!("{len} items of {} bytes do not fit in the file's {} bytes", size_of::<T>(), self.len()),
+                "the file is damaged; make it again",
+            ));
+        }
+        Ok(MappedSlice { bytes: self.clone(), offset, len, item: PhantomData })
+    }
+}
+
+impl Deref for MappedBytes {
+    type Target = [u8];
+    #[inline]
+    fn deref(&self) -> &[u8] {
+        self.map.as_ref().map_or(&[], |map| map)
+    }
+}
+
+/// A read-only array in a mapped file; derefs to a slice. Clones share the mapping.
+#[derive(Clone, Debug)]
+pub struct MappedSlice<T> {
+    bytes: MappedBytes,
+    offset: usize,
+    len: usize,
+    item: PhantomData<T>,
+}
+
+impl<T: Pod> MappedSlice<T> {
+    /// An array without items and without a file.
+    pub fn empty() -> Self {
+        Self { bytes: MappedBytes { map: None }, offset: 0, len: 0, item: PhantomData }
+    }
+
+    /// Tells the kernel how the array will be read.
+    pub fn advise(&self, access: Access) {
+        self.bytes.advise(access);
+    }
+
+    /// Lets the kernel take back the pages of `items`.
+    pub fn release(&self, items: Range<usize>) {
+        let size = size_of::<T>();
+        self.bytes.release(self.offset + items.start * size..self.offset + items.end * size);
+    }
+}
+
+impl<T: Pod> Deref for MappedSlice<T> {
+    type Target = [T];
+    #[inline]
+    fn deref(&self) -> &[T] {
+        if self.len == 0 {
+            return &[];
+        }
+        bytemuck::cast_slice(&self.bytes[self.offset..self.offset + self.len * size_of::<T>()])
+    }
+}
+
+/// A writable array in a mapped file of ours; derefs to a mutable slice.
+#[derive(Debug)]
+pub struct MappedSliceMut<T> {
+    map: Option<MmapMut>,
+    offset: usize,
+    len: usize,
+    item: PhantomData<T>,
+}
+
+impl<T: Pod> MappedSliceMut<T> {
+    /// Maps `len` items from byte `offset` of `file`, whose blocks exist already.
+    ///
+    /// # Errors
+    /// [`Error::Io`] naming `path` when the mapping fails.
+    pub fn map(file: &File, path: &Path, offset: usize, len: usize) -> Result<Self> {
+        if len == 0 {
+            return Ok(Self { map: None, offset: 0, len: 0, item: PhantomData });
+        }
+        let bytes = offset + len * size_of::<T>();
+        // SAFETY: see the module's text: the file is ours alone until it is renamed.
+        let map = unsafe { memmap2::MmapOptions::new().len(bytes).map_mut(file) }.map_err(Error::io(path, "map"))?;
+        Ok(Self { map: Some(map), offset, len, item: PhantomData })
+    }
+
+    /// Writes changed pages to the disk and waits.
+    ///
+    /// # Errors
+    /// The operating system's.
+    pub fn sync(&self) -> std::io::Result<()> {
+        self.map.as_ref().map_or(Ok(()), MmapMut::flush)
+    }
+
+    /// Tells the kernel how the array will be used.
+    pub fn advise(&self, access: Access) {
+        if let Some(map) = &self.map {
+            let _ = map.advise(match access {
+                Access::Local => Advice::Normal,
+                Access::Sequential => Advice::Sequential,
+                Access::Random => Advice::Random,
+            });
+        }
+    }
+}
+
+impl<T: Pod> Deref for MappedSliceMut<T> {
+    type Target = [T];
+    #[inline]
+    fn deref(&self) -> &[T] {
+        match &self.map {
+            None => &[],
+            Some(map) => bytemuck::cast_slice(&map[self.offset..self.offset + self.len * size_of::<T>()]),
+        }
+    }
+}
+
+impl<T: Pod> DerefMut for MappedSliceMut<T> {
+    #[inline]
+    fn deref_mut(&mut self) -> &mut [T] {
+        match &mut self.map {
+            None => &mut [],
+            Some(map) => bytemuck::cast_slice_mut(&mut map[self.offset..self.offset + self.len * size_of::<T>()]),
+        }
+    }
+}
+
+/// A CSR matrix over mapped arrays, trusted to be well formed: this program built and validated
+/// it, and its checksum is what `verify` tests.
+pub type MappedCsr = sprs::CsMatBase<f32, u32, MappedSlice<u64>, MappedSlice<u32>, MappedSlice<f32>, u64>;
+
+/// Puts mapped arrays together as a square CSR matrix without scanning them.
+///
+/// # Errors
+/// [`Error::WorkDir`] naming `path` when the lengths contradict each other.
+pub fn csr_of_mapped(
+    path: &Path,
+    indptr: MappedSlice<u64>,
+    indices: MappedSlice<u32>,
+    data: MappedSlice<f32>,
+) -> Result<MappedCsr> {
+    let n = indptr.len().saturating_sub(1);
+    let nnz = indptr.last().copied().unwrap_or(0) as usize;
+    if indptr.first() != Some(&0) || indices.len() != nnz || data.len() != nnz {
+        return Err(Error::work_dir(path, "the graph's arrays contradict each other", "delete the work directory"));
+    }
+    // SAFETY: sprs may use indices unchecked; all arrays were validated by the stage that wrote them
+    // (`graph::assemble` checks every row), and the work directory is locked and stamped.
+    Ok(unsafe { sprs::CsMatBase::new_unchecked(sprs::CompressedStorage::CSR, (n, n), indptr, indices, data) })
+}
+
+/// Asks the processor to fetch the cache line at `slice[index]`; nothing where it lies outside.
+#[inline(always)]
+pub fn prefetch<T>(slice: &[T], index: usize) {
+    #[cfg(target_arch = "x86_64")]
+    if index < slice.len() {
+        use std::arch::x86_64::{_MM_HINT_T0, _mm_prefetch};
+        // SAFETY: a prefetch has no effect on memory, and the address lies inside the slice.
+        unsafe { _mm_prefetch::<_MM_HINT_T0>(slice.as_ptr().add(index).cast()) };
+    }
+    #[cfg(not(target_arch = "x86_64"))]
+    let _ = (slice, index);
+}
+
+/// Turns the `SIGBUS` of a mapped file that shrank or whose disk failed into a message on standard
+/// error and exit code 1, leaving the work directory as it is. Call once at start.
+pub fn report_vanishing_files() {
+    #[cfg(unix)]
+    {
+        extern "C" fn on_sigbus(_: libc::c_int) {
+            const TEXT: &[u8] = b"nystrom-stream: a mapped file shrank or could not be read while in use (input changed, or disk failed); run again when the file is whole\n";
+            // SAFETY: write and _exit are async-signal-safe; the text is static.
+            unsafe {
+                let _ = libc::write(2, TEXT.as_ptr().cast(), TEXT.len());
+                libc::_exit(1);
+            }
+        }
+        let handler: extern "C" fn(libc::c_int) = on_sigbus;
+        // SAFETY: installing a handler that calls only async-signal-safe functions.
+        unsafe {
+            libc::signal(libc::SIGBUS, handler as libc::sighandler_t);
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn views_check_length_and_alignment() {
+        let dir = tempfile::tempdir().unwrap();
+        let path = dir.path().join("x");
+        std::fs::write(&path, [0u8; 16]).unwrap();
+        let bytes = MappedBytes::open(&path).unwrap();
+        assert_eq!(bytes.slice::<u32>(&path, 4, 3).unwrap().len(), 3);
+        assert!(bytes.slice::<u32>(&path, 4, 4).is_err());
+        assert!(bytes.slice::<u32>(&path, 2, 1).is_err());
+        assert!(bytes.slice::<u32>(&path, 0, usize::MAX).is_err());
+    }
+
+    #[test]
+    fn an_empty_file_is_an_empty_slice() {
+        let dir = tempfile::tempdir().unwrap();
+        let path = dir.path().join("x");
+        std::fs::write(&path, []).unwrap();
+        assert!(MappedBytes::open(&path).unwrap().is_empty());
+    }
+}

@@ -1,0 +1,16 @@
+//! Where arrays live: mapped files, work directories, shuffles to disk, the memory budget.
+//!
+//! Everything of the size of the mesh is a file here, mapped on demand, so that the kernel may
+//! take its pages back at any time; only what a [`Budget`] grants is allocated.
+
+pub mod budget;
+pub mod mapped;
+pub mod npy;
+pub mod run;
+pub mod shuffle;
+pub mod workdir;
+
+pub use budget::Budget;
+pub use mapped::{MappedBytes, MappedSlice, MappedSliceMut};
+pub use run::Run;
+pub use workdir::WorkDir;

@@ -1,0 +1,273 @@
+//! Arrays as NumPy's `.npy` files that map in place.
+//!
+//! Files are written under `NAME.partial` with their blocks reserved (so that a full disk is an
+//! error at once and not a signal later), and renamed when whole. The header is padded to
+//! [`HEADER`] bytes, a multiple of 64, so that the data are aligned here and in NumPy, and so that
+//! a streamed array can fill in its length at the end.
+
+use super::mapped::{MappedBytes, MappedSlice, MappedSliceMut};
+use crate::base::{Error, Result};
+use bytemuck::Pod;
+use std::fs::{File, OpenOptions};
+use std::io::{BufWriter, Seek, SeekFrom, Write};
+use std::path::{Path, PathBuf};
+
+/// Bytes before the data in every file written here.
+pub const HEADER: usize = 128;
+
+/// Item types that NumPy knows by a name.
+pub trait Item: Pod + Send + Sync {
+    /// NumPy's type string, little-endian.
+    const DESCR: &'static str;
+}
+
+impl Item for u8 {
+    const DESCR: &'static str = "|u1";
+}
+impl Item for u16 {
+    const DESCR: &'static str = "<u2";
+}
+impl Item for u32 {
+    const DESCR: &'static str = "<u4";
+}
+impl Item for u64 {
+    const DESCR: &'static str = "<u8";
+}
+impl Item for f32 {
+    const DESCR: &'static str = "<f4";
+}
+impl Item for f64 {
+    const DESCR: &'static str = "<f8";
+}
+
+/// The header of a C-ordered array of type `descr` and `shape`, padded to [`HEADER`] bytes.
+fn header(descr: &str, shape: &[usize]) -> Vec<u8> {
+    let dims: Vec<String> = shape.iter().map(ToString::to_string).collect();
+    let tuple = if dims.len() == 1 { format!("({},)", dims[0]) } else { format!("({})", dims.join(", ")) };
+    let mut text = format!("{{'descr': '{descr}', 'fortran_order': False, 'shape': {tuple}, }}");
+    let room = HEADER - 10;
+    while text.len() < room - 1 {
+        text.push(' ');
+    }
+    text.push('\n');
+    let mut bytes = b"\x93NUMPY\x01\x00".to_vec();
+    bytes.extend((room as u16).to_le_bytes());
+    bytes.extend(text.bytes());
+    bytes
+}
+
+/// The name a file has until it is whole.
+pub fn partial_name(path: &Path) -> PathBuf {
+    let mut name = path.file_name().unwrap_or_default().to_os_string();
+    name.push(".partial");
+    path.with_file_name(name)
+}
+
+fn create_file(path: &Path) -> Result<File> {
+    OpenOptions::new().read(true).write(true).create(true).truncate(true).open(path).map_err(Error::io(path, "create"))
+}
+
+/// Creates `path` with `bytes` reserved on the disk.
+///
+/// # Errors
+/// [`Error::Io`], with the operating system's "no space" when the disk cannot hold it.
+pub fn reserve_file(path: &Path, bytes: u64) -> Result<File> {
+    let file = create_file(path)?;
+    if bytes > 0 {
+        match fs4::FileExt::allocate(&file, bytes) {
+            Ok(()) => {}
+            Err(error) if matches!(error.kind(), std::io::ErrorKind::Unsupported) => {
+                file.set_len(bytes).map_err(Error::io(path, "enlarge"))?;
+            }
+            Err(error) => {
+                drop(file);
+                let _ = std::fs::remove_file(path);
+                return Err(Error::io(path, "reserve space for")(error));
+            }
+        }
+        file.set_len(bytes).map_err(Error::io(path, "enlarge"))?;
+    }
+    Ok(file)
+}
+
+/// An array of known shape being filled through a mapping; [`ArrayMut::finish`] makes it a file.
+#[derive(Debug)]
+pub struct ArrayMut<T> {
+    path: PathBuf,
+    file: File,
+    data: MappedSliceMut<T>,
+}
+
+impl<T: Item> ArrayMut<T> {
+    /// Creates `path.partial` for an array of `shape`.
+    ///
+    /// # Errors
+    /// [`Error::Io`].
+    pub fn create(path: &Path, shape: &[usize]) -> Result<Self> {
+        let len: usize = shape.iter().product();
+        let partial = partial_name(path);
+        let mut file = reserve_file(&partial, (HEADER + len * size_of::<T>()) as u64)?;
+        file.write_all(&header(T::DESCR, shape)).map_err(Error::io(&partial, "write"))?;
+        let data = MappedSliceMut::map(&file, &partial, HEADER, len)?;
+        Ok(Self { path: path.to_path_buf(), file, data })
+    }
+
+    /// The mapped items.
+    pub fn data(&mut self) -> &mut MappedSliceMut<T> {
+        &mut self.data
+    }
+
+    /// The file under the mapping, for positioned writes beside it (data begin at [`HEADER`]).
+    pub fn file(&self) -> &File {
+        &self.file
+    }
+
+    /// Renames the file to its final name, after syncing it to the disk where `durable`, and
+    /// maps it for reading.
+    ///
+    /// # Errors
+    /// [`Error::Io`].
+    pub fn finish(self, durable: bool) -> Result<MappedSlice<T>> {
+        let partial = partial_name(&self.path);
+        if durable {
+            self.data.sync().and_then(|()| self.file.sync_all()).map_err(Error::io(&partial, "sync"))?;
+        }
+        std::fs::rename(&partial, &self.path).map_err(Error::io(&partial, "rename"))?;
+        open(&self.path)
+    }
+}
+
+/// A one- or two-dimensional array written from front to back, its length known at the end.
+#[derive(Debug)]
+pub struct ArrayWriter<T> {
+    path: PathBuf,
+    out: BufWriter<File>,
+    items: usize,
+    row: usize,
+    item: std::marker::PhantomData<T>,
+}
+
+impl<T: Item> ArrayWriter<T> {
+    /// Starts `path.partial`; rows have `row` items (1: a plain vector).
+    ///
+    /// # Errors
+    /// [`Error::Io`].
+    pub fn create(path: &Path, row: usize) -> Result<Self> {
+        let partial = partial_name(path);
+        let mut out = BufWriter::with_capacity(1 << 18, create_file(&partial)?);
+        out.write_all(&[0; HEADER]).map_err(Error::io(&partial, "write"))?;
+        Ok(Self { path: path.to_path_buf(), out, items: 0, row: row.max(1), item: std::marker::PhantomData })
+    }
+
+    /// Appends items.
+    ///
+    /// # Errors
+    /// [`Error::Io`].
+    pub fn push(&mut self, items: &[T]) -> Result<()> {
+        self.items += items.len();
+        self.out.write_all(bytemuck::cast_slice(items)).map_err(Error::io(&self.path, "write"))
+    }
+
+    /// Items so far.
+    pub fn len(&self) -> usize {
+        self.items
+    }
+
+    /// Whether nothing was pushed yet.
+    pub fn is_empty(&self) -> bool {
+        self.items == 0
+    }
+
+    /// Writes the header, syncs where `durable`, renames.
+    ///
+    /// # Errors
+    /// [`Error::Io`].
+    pub fn finish(mut self, durable: bool) -> Result<MappedSlice<T>> {
+        let partial = partial_name(&self.path);
+        let shape = if self.row == 1 { vec![self.items] } else { vec![self.items / self.row, self.row] };
+        let mut end = || -> std::io::Result<()> {
+            self.out.seek(SeekFrom::Start(0))?;
+            self.out.write_all(&header(T::DESCR, &shape))?;
+            self.out.flush()?;
+            if durable { self.out.get_ref().sync_all() } else { Ok(()) }
+        };
+        end().map_err(Error::io(&partial, "write"))?;
+        std::fs::rename(&partial, &self.path).map_err(Error::io(&partial, "rename"))?;
+        open(&self.path)
+    }
+}
+
+/// Shape and data offset of a `.npy` file whose items are of type `T`.
+fn parse_header<T: Item>(path: &Path, bytes: &[u8]) -> Result<(Vec<u64>, usize)> {
+    let mut rest = bytes;
+    let wrong = |problem: String| {
+        Error::malformed(path, "header", problem, "it is not an array of this program; make it again")
+    };
+    let header = npyz::NpyHeader::from_reader(&mut rest).map_err(|error| wrong(error.to_string()))?;
+    let descr = header.dtype().descr();
+    if descr.trim_matches('\'') != T::DESCR || header.order() != npyz::Order::C {
+        return Err(wrong(format!("items are {descr}, expected '{}' in C order", T::DESCR)));
+    }
+    Ok((header.shape().to_vec(), bytes.len() - rest.len()))
+}
+
+/// Opens a `.npy` file as an array of any shape, flattened.
+///
+/// # Errors
+/// [`Error::Io`], or [`Error::Malformed`] when it is no such array or too short.
+pub fn open<T: Item>(path: &Path) -> Result<MappedSlice<T>> {
+    Ok(open_shaped(path)?.0)
+}
+
+/// Opens a `.npy` file and tells its shape.
+///
+/// # Errors
+/// As [`open`].
+pub fn open_shaped<T: Item>(path: &Path) -> Result<(MappedSlice<T>, Vec<u64>)> {
+    let bytes = MappedBytes::open(path)?;
+    let (shape, offset) = parse_header::<T>(path, &bytes)?;
+    let len = shape.iter().try_fold(1u64, |product, &dim| product.checked_mul(dim));
+    let len = len.and_then(|len| usize::try_from(len).ok()).unwrap_or(usize::MAX);
+    Ok((bytes.slice(path, offset, len)?, shape))
+}
+
+/// Writes a whole array from memory, by rename.
+///
+/// # Errors
+/// [`Error::Io`].
+pub fn write<T: Item>(path: &Path, items: &[T], row: usize, durable: bool) -> Result<MappedSlice<T>> {
+    let mut writer = ArrayWriter::create(path, row)?;
+    writer.push(items)?;
+    writer.finish(durable)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn arrays_come_back_and_keep_their_shape() {
+        let dir = tempfile::tempdir().unwrap();
+        let path = dir.path().join("x.npy");
+        let mut array = ArrayMut::<f32>::create(&path, &[2, 3]).unwrap();
+        array.data().copy_from_slice(&[1., 2., 3., 4., 5., 6.]);
+        assert!(!path.exists());
+        assert_eq!(*array.finish(true).unwrap(), [1., 2., 3., 4., 5., 6.]);
+        assert_eq!(open_shaped::<f32>(&path).unwrap().1, [2, 3]);
+        assert!(open::<u32>(&path).is_err());
+        write::<u64>(&path, &[], 1, false).unwrap();
+        assert_eq!(open_shaped::<u64>(&path).unwrap().1, [0]);
+    }
+
+    #[test]
+    fn a_truncated_array_is_an_error() {
+        let dir = tempfile::tempdir().unwrap();
+        let path = dir.path().join("x.npy");
+        write::<u32>(&path, &[1, 2, 3], 1, false).unwrap();
+        let bytes = std::fs::read(&path).unwrap();
+        for len in [0, 5, 20, HEADER, bytes.len() - 1] {
+            std::fs::write(&path, &bytes[..len]).unwrap();
+            assert!(open::<u32>(&path).is_err(), "{len} bytes");
+        }
+    }
+}

@@ -1,0 +1,47 @@
+//! What every stage of a run shares: threads, budget, progress, cancellation, seed.
+
+use super::Budget;
+use crate::base::{Cancel, Progress};
+use std::time::Instant;
+
+/// The surroundings of a run; cheap to pass by reference.
+pub struct Run<'a> {
+    /// Worker threads, at least 1. Results do not depend on it.
+    pub threads: usize,
+    /// What may be allocated. Results do not depend on it.
+    pub budget: Budget,
+    /// Who listens.
+    pub progress: &'a dyn Progress,
+    /// The stop flag.
+    pub cancel: Cancel,
+    /// Seed of everything random.
+    pub seed: u64,
+}
+
+impl<'a> Run<'a> {
+    /// A run on all cores with the machine's budget, seed 0.
+    pub fn new(progress: &'a dyn Progress) -> Self {
+        let threads = std::thread::available_parallelism().map_or(1, |n| n.get());
+        Self { threads, budget: Budget::of_machine(), progress, cancel: Cancel::default(), seed: 0 }
+    }
+
+    /// Runs `work` as a stage: announced, timed, ended. Returns its result and its seconds.
+    ///
+    /// # Errors
+    /// Those of `work`.
+    pub fn stage<R>(
+        &self,
+        name: &str,
+        unit: &'static str,
+        total: u64,
+        work: impl FnOnce() -> crate::base::Result<R>,
+    ) -> crate::base::Result<(R, f64)> {
+        self.cancel.check()?;
+        self.progress.begin(name, unit, total);
+        let start = Instant::now();
+        let result = work()?;
+        let seconds = start.elapsed().as_secs_f64();
+        self.progress.end(name, seconds);
+        Ok((result, seconds))
+    }
+}

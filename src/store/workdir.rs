@@ -1,0 +1,3 @@
+//! todo
+/// w
+pub struct WorkDir;
