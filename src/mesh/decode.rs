@@ -10,7 +10,6 @@ use super::model::{Element, Encoding, Kind, Scalar};
 use super::sink::FaceSink;
 use super::strip::Strip;
 use super::surface::{Faces, Positions};
-use super::verify::{self, Layout};
 use crate::base::{Error, Result};
 use crate::store::npy::{self, ArrayWriter, Item};
 use crate::store::{MappedBytes, Run};
@@ -85,7 +84,7 @@ impl<'a> Task<'a> {
     }
 
     /// The error for a record that could not be read.
-    fn error(&self, element: &Element, record: usize, fault: Fault) -> Error {
+    pub(super) fn error(&self, element: &Element, record: usize, fault: Fault) -> Error {
         let place = format!("{} {record}", element.name.escape_debug());
         let (problem, remedy) = match fault {
             Fault::End => (format!("the file ends here, {} were promised", element.count), CUT_SHORT),
@@ -243,52 +242,8 @@ impl<'a> Task<'a> {
         Ok((sink.finish()?, fixed.map(|(size, _)| size)))
     }
 
-    /// The fast path: little-endian triangles with 4-byte indices, verified where they lie.
-    fn triangles_in_place<C: Cursor<'a>>(
-        &self,
-        cursor: &mut C,
-        element: &Element,
-    ) -> Result<Option<(Faces, Option<usize>)>> {
-        let before = element.properties[..self.list].iter();
-        let after = element.properties[self.list + 1..].iter();
-        let scalars = before.clone().chain(after).all(|property| matches!(property.kind, Kind::One(_)));
-        let (Kind::List { count, item: item @ (Scalar::I32 | Scalar::U32) }, Encoding::Little, true, false) =
-            (element.properties[self.list].kind, self.header.encoding, scalars, self.strips)
-        else {
-            return Ok(None);
-        };
-        let layout = Layout {
-            stride: element.least_size() + 12,
-            at: before.map(|property| property.kind.least_size()).sum(),
-            count: count.size(),
-        };
-        let start = cursor.at();
-        let end = element.count.checked_mul(layout.stride).and_then(|bytes| bytes.checked_add(start));
-        let Some(records) = end.and_then(|end| self.bytes.get(start..end)) else { return Ok(None) };
-        let most = if item == Scalar::I32 { 1 << 31 } else { u32::MAX };
-        let limit = u32::try_from(self.header.elements[self.vertex].count).unwrap_or(u32::MAX).min(most);
-        if let Some(odd) = verify::first_odd(self.run, records, layout, limit)? {
-            let mut list = C::new(self.bytes, start + odd * layout.stride + layout.at);
-            let size = list.length(count).map_err(|fault| self.error(element, odd, fault))?;
-            // Another polygon: from here on the records lie elsewhere, so what looked odd may be right.
-            if size != 3 {
-                return Ok(None);
-            }
-            for _ in 0..3 {
-                let vertex = list.integer(item).map_err(|fault| self.error(element, odd, fault))?;
-                if vertex < 0 || vertex >= i64::from(limit) {
-                    return Err(self.out_of_range(element, odd, vertex));
-                }
-            }
-            return Ok(None);
-        }
-        *cursor = C::new(self.bytes, start + records.len());
-        let first = start + layout.at + layout.count;
-        let faces = Faces::triangles(self.path, self.bytes.clone(), first, layout.stride, element.count)?;
-        Ok(Some((faces, Some(layout.stride))))
-    }
-
-    fn out_of_range(&self, element: &Element, record: usize, vertex: i64) -> Error {
+    /// The error for a face that names a vertex there is not.
+    pub(super) fn out_of_range(&self, element: &Element, record: usize, vertex: i64) -> Error {
         let vertices = self.header.elements[self.vertex].count;
         Error::malformed(
             self.path,

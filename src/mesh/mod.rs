@@ -4,12 +4,19 @@
 //! file looked like. [`open()`] makes one of every PLY flavour: most are used where they lie, the
 //! rest are decoded once, in one pass through small buffers.
 
+pub mod colours;
 mod cursor;
 mod decode;
 pub mod document;
+mod fixed;
 pub mod header;
+pub mod labelled;
+mod labelling;
 pub mod model;
 pub mod open;
+mod output;
+mod records;
+pub mod seg;
 mod sink;
 mod spool;
 mod strip;
@@ -17,5 +24,7 @@ pub mod surface;
 mod verify;
 
 pub use document::Document;
+pub use labelled::{Labelling, PlyForm, write_labelled, write_labelled_to};
 pub use open::{Opened, open, open_reader};
+pub use seg::{read_seg, write_seg, write_seg_to};
 pub use surface::{Faces, Mesh, Positions};

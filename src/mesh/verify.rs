@@ -3,6 +3,10 @@
 //! One parallel pass at the speed of memory, about 1 ns a face; nothing is written. After it the
 //! faces may be read straight from the mapping.
 
+use super::cursor::Cursor;
+use super::decode::Task;
+use super::model::{Element, Encoding, Kind, Scalar};
+use super::surface::Faces;
 use crate::base::Result;
 use crate::base::parallel::{chunk_count, chunk_range, map_chunks};
 use crate::store::Run;
@@ -12,22 +16,69 @@ const CHUNK: usize = 1 << 16;
 /// Faces after which the verdict is looked at; a branch a face would double the time.
 const BLOCK: usize = 256;
 
+impl<'a> Task<'a> {
+    /// The fast path: little-endian triangles with 4-byte indices, verified where they lie.
+    pub(super) fn triangles_in_place<C: Cursor<'a>>(
+        &self,
+        cursor: &mut C,
+        element: &Element,
+    ) -> Result<Option<(Faces, Option<usize>)>> {
+        let before = element.properties[..self.list].iter();
+        let after = element.properties[self.list + 1..].iter();
+        let scalars = before.clone().chain(after).all(|property| matches!(property.kind, Kind::One(_)));
+        let (Kind::List { count, item: item @ (Scalar::I32 | Scalar::U32) }, Encoding::Little, true, false) =
+            (element.properties[self.list].kind, self.header.encoding, scalars, self.strips)
+        else {
+            return Ok(None);
+        };
+        let layout = Layout {
+            stride: element.least_size() + 12,
+            at: before.map(|property| property.kind.least_size()).sum(),
+            count: count.size(),
+        };
+        let start = cursor.at();
+        let end = element.count.checked_mul(layout.stride).and_then(|bytes| bytes.checked_add(start));
+        let Some(records) = end.and_then(|end| self.bytes.get(start..end)) else { return Ok(None) };
+        let most = if item == Scalar::I32 { 1 << 31 } else { u32::MAX };
+        let limit = u32::try_from(self.header.elements[self.vertex].count).unwrap_or(u32::MAX).min(most);
+        if let Some(odd) = first_odd(self.run, records, layout, limit)? {
+            let mut list = C::new(self.bytes, start + odd * layout.stride + layout.at);
+            let size = list.length(count).map_err(|fault| self.error(element, odd, fault))?;
+            // Another polygon: from here on the records lie elsewhere, so what looked odd may be right.
+            if size != 3 {
+                return Ok(None);
+            }
+            for _ in 0..3 {
+                let vertex = list.integer(item).map_err(|fault| self.error(element, odd, fault))?;
+                if vertex < 0 || vertex >= i64::from(limit) {
+                    return Err(self.out_of_range(element, odd, vertex));
+                }
+            }
+            return Ok(None);
+        }
+        *cursor = C::new(self.bytes, start + records.len());
+        let first = start + layout.at + layout.count;
+        let faces = Faces::triangles(self.path, self.bytes.clone(), first, layout.stride, element.count)?;
+        Ok(Some((faces, Some(layout.stride))))
+    }
+}
+
 /// Where triangles of equal size lie.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Layout {
+struct Layout {
     /// Bytes from record to record.
-    pub stride: usize,
+    stride: usize,
     /// Bytes from a record's start to the list's count.
-    pub at: usize,
+    at: usize,
     /// Bytes of the count: 1, 2 or 4; the indices are 4 bytes each.
-    pub count: usize,
+    count: usize,
 }
 
 /// The first record of `records` whose count is not 3 or that has an index not below `limit`.
 ///
 /// # Errors
 /// [`crate::base::Error::Cancelled`].
-pub(super) fn first_odd(run: &Run, records: &[u8], layout: Layout, limit: u32) -> Result<Option<usize>> {
+fn first_odd(run: &Run, records: &[u8], layout: Layout, limit: u32) -> Result<Option<usize>> {
     let faces = records.len() / layout.stride.max(1);
     let found = map_chunks(
         run.threads,
