@@ -1,1 +1,2 @@
 //! Floor `apps`.
+pub mod creature;
