@@ -1,1 +1,3 @@
 //! Floor `apps`.
+
+pub mod evaluate;
