@@ -108,7 +108,7 @@ mod tests {
 
     #[test]
     fn the_faces_left_are_those_outside_the_discs() {
-        for m in [2, 3, 8, 21] {
+        for m in [3, 4, 8, 21] {
             let holes = Holes::new(5, m, 2, 3).unwrap();
             let mut seen: Vec<Square> = (0..holes.count()).map(|f| holes.square(f)).collect();
             assert!(seen.windows(2).all(|w| w[0] < w[1]));

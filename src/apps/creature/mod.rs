@@ -84,7 +84,7 @@ impl Creature {
         }
         let relief = relief();
         let patches = relief.patches.len();
-        let mut m = ((options.faces as f64 / (2 * patches) as f64).sqrt() as u64).max(2);
+        let mut m = ((options.faces as f64 / (2 * patches) as f64).sqrt() as u64).max(3);
         let faces = loop {
             let faces = Holes::new(patches, m, options.holes, options.seed)?;
             if faces.count() >= options.faces {

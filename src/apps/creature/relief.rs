@@ -25,6 +25,9 @@ const STRIDE: f64 = 0.5;
 /// outside, the tip of a limb is the nearest surface; from inside, its flanks are.
 const LIFT: f64 = 0.5;
 
+/// By how much a point inside a part is kept nearer to it than to others, with one square a side.
+const MARGIN: f64 = 0.08;
+
 /// The creature's skin at any resolution.
 #[derive(Debug)]
 pub(super) struct Relief {
@@ -114,12 +117,25 @@ fn relax(shape: &Shape, patches: &[Patch], numbering: &Numbering, points: &mut [
             let target = points[v] + stride;
             let (point, gradient) = match other {
                 Some(other) => shape.onto_valley(sets[part] | sets[other], part, other, target),
-                None => shape.onto_surface(sets[part], target),
+                None => shape.onto_surface(sets[part], own_side(shape, sets[part], part, target, MARGIN / m as f64)),
             };
             (points[v], normals[v]) = (point, gradient.normalize());
         }
     }
     normals
+}
+
+/// Moves `x` away from the other parts of `set` until it is nearer to `part` than to them, by `margin`.
+fn own_side(shape: &Shape, set: PartSet, part: usize, mut x: Vec3, margin: f64) -> Vec3 {
+    for other in (0..NAMES.len()).filter(|&other| other != part && set >> other & 1 == 1) {
+        let (own, other) = (shape.part(part, &x), shape.part(other, &x));
+        let excess = own.value - other.value + margin;
+        if excess > 0.0 {
+            let across = own.gradient - other.gradient;
+            x -= across * (excess / across.norm_squared().max(0.05));
+        }
+    }
+    x
 }
 
 /// The bilinear point of four corners in the order of a patch's.
@@ -270,6 +286,31 @@ mod tests {
                     }
                 }
             }
+        }
+    }
+
+    #[test]
+    fn debug_slack() {
+        let relief = relief();
+        for m in [8, 37, 200u64] {
+            let mut worst = std::collections::BTreeMap::new();
+            for (p, patch) in relief.patches.iter().enumerate() {
+                for row in 0..=m {
+                    for column in 0..=m {
+                        let (x, _) = relief.place(p, row, column, m);
+                        let own = relief.shape.part(patch.part, &x).value;
+                        for part in 0..NAMES.len() {
+                            let slack = own - relief.shape.part(part, &x).value;
+                            if slack > 1e-6 {
+                                let e = worst.entry((p, part)).or_insert((0.0, 0, 0, 0));
+                                e.3 += 1;
+                                if slack > e.0 { *e = (slack, row, column, e.3); }
+                            }
+                        }
+                    }
+                }
+            }
+            for ((p, part), w) in worst { eprintln!("m {m} patch {p} ({}) vs {part}: {w:?} valleys {:?}", relief.patches[p].part, relief.sheets[p].valley); }
         }
     }
 }
