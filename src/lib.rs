@@ -6,11 +6,11 @@
 //! applications.
 
 pub mod apps;
-pub mod pipeline;
 pub mod base;
 pub mod cluster;
 pub mod distance;
 pub mod graph;
 pub mod mesh;
+pub mod pipeline;
 pub mod spectral;
 pub mod store;

@@ -85,17 +85,23 @@ pub fn each_chunk<S>(
 ) -> Result<()> {
     let next = AtomicUsize::new(0);
     let workers = threads.clamp(1, chunks.max(1));
-    map_chunks(workers, cancel, workers, || (), |_, ()| {
-        let mut state = init();
-        loop {
-            let k = next.fetch_add(1, Ordering::Relaxed);
-            if k >= chunks {
-                return finish(state);
+    map_chunks(
+        workers,
+        cancel,
+        workers,
+        || (),
+        |_, ()| {
+            let mut state = init();
+            loop {
+                let k = next.fetch_add(1, Ordering::Relaxed);
+                if k >= chunks {
+                    return finish(state);
+                }
+                cancel.check()?;
+                work(k, &mut state)?;
             }
-            cancel.check()?;
-            work(k, &mut state)?;
-        }
-    })?;
+        },
+    )?;
     Ok(())
 }
 
@@ -186,6 +192,28 @@ pub fn fill_chunks<T: Send, S, R: Send>(
     })
 }
 
+/// Like [`fill_chunks`] over equal chunks of two slices of one length.
+///
+/// # Errors
+/// As [`map_chunks`].
+pub fn fill_two<A: Send, B: Send, S, R: Send>(
+    threads: usize,
+    cancel: &Cancel,
+    (a, b): (&mut [A], &mut [B]),
+    size: usize,
+    init: impl Fn() -> S + Sync,
+    work: impl Fn(usize, &mut [A], &mut [B], &mut S) -> Result<R> + Sync,
+) -> Result<Vec<R>> {
+    type Piece<'a, A, B> = Mutex<(&'a mut [A], &'a mut [B])>;
+    let size = size.max(1);
+    let pieces: Vec<Piece<'_, A, B>> = a.chunks_mut(size).zip(b.chunks_mut(size)).map(Mutex::new).collect();
+    map_chunks(threads, cancel, pieces.len(), init, |k, state| {
+        let mut piece = pieces[k].lock().unwrap_or_else(|poison| poison.into_inner());
+        let (a, b) = &mut *piece;
+        work(k, a, b, state)
+    })
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -220,10 +248,17 @@ mod tests {
     fn results_are_consumed_in_order_and_errors_end_the_work() {
         for threads in [1, 2, 5] {
             let mut seen = Vec::new();
-            in_order(threads, &Cancel::default(), 200, || (), |k, ()| Ok(k * 2), |k, x| {
-                seen.push((k, x));
-                Ok(())
-            })
+            in_order(
+                threads,
+                &Cancel::default(),
+                200,
+                || (),
+                |k, ()| Ok(k * 2),
+                |k, x| {
+                    seen.push((k, x));
+                    Ok(())
+                },
+            )
             .unwrap();
             assert_eq!(seen, (0..200).map(|k| (k, k * 2)).collect::<Vec<_>>());
             let failed = in_order(
@@ -241,10 +276,20 @@ mod tests {
     #[test]
     fn every_thread_state_is_finished() {
         let total = AtomicUsize::new(0);
-        each_chunk(3, &Cancel::default(), 100, || 0, |k, sum| { *sum += k; Ok(()) }, |sum| {
-            total.fetch_add(sum, Ordering::Relaxed);
-            Ok(())
-        })
+        each_chunk(
+            3,
+            &Cancel::default(),
+            100,
+            || 0,
+            |k, sum| {
+                *sum += k;
+                Ok(())
+            },
+            |sum| {
+                total.fetch_add(sum, Ordering::Relaxed);
+                Ok(())
+            },
+        )
         .unwrap();
         assert_eq!(total.into_inner(), 4950);
     }

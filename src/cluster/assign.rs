@@ -6,26 +6,15 @@
 
 use super::kmeans::{KMeans, nearest_centres};
 use crate::base::Result;
-use crate::base::parallel::{chunk_range, fill_chunks};
+use crate::base::parallel::{chunk_range, fill_two};
 use crate::distance::DistanceRows;
 use crate::graph::Node;
 use crate::spectral::Embedding;
 use crate::spectral::quality::Gamma;
 use crate::store::Run;
-use bytemuck::{Pod, Zeroable};
 
 /// Faces a chunk: what fits the cache at l = 60. Results do not depend on it but for Γ's last digits.
 pub const CHUNK: usize = 2048;
-
-/// A face's label and how sure it is: 0 on the border between two centres, 1 on a centre.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Pod, Zeroable)]
-#[repr(C)]
-pub struct Assigned {
-    /// Cluster.
-    pub label: u32,
-    /// 1 − distance to its centre / distance to the next.
-    pub quality: f32,
-}
 
 /// Totals of the pass.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -38,7 +27,8 @@ pub struct Totals {
     pub gamma: f64,
 }
 
-/// Labels every face; `out` (n). `parts` clusters.
+/// Labels every face: `labels` (n) get the nearest centre, `quality` (n) how sure it is, from 0 on the border
+/// between two centres to 1 on a centre.
 ///
 /// # Errors
 /// [`crate::base::Error::Cancelled`].
@@ -48,7 +38,8 @@ pub fn assign(
     embedding: &Embedding,
     centres: &KMeans,
     gamma: Option<&Gamma>,
-    out: &mut [Assigned],
+    labels: &mut [u32],
+    quality: &mut [f32],
     run: &Run,
 ) -> Result<Totals> {
     let parts = centres.centres.len() / centres.dimensions.max(1);
@@ -57,32 +48,30 @@ pub fn assign(
     struct Scratch {
         affinities: Vec<f32>,
         coordinates: Vec<f32>,
-        label: Vec<u32>,
         first: Vec<f32>,
         second: Vec<f32>,
     }
     let scratch = || Scratch {
         affinities: vec![0.; CHUNK],
         coordinates: vec![0.; CHUNK * d],
-        label: vec![0; CHUNK],
         first: vec![0.; CHUNK],
         second: vec![0.; CHUNK],
     };
-    let chunks = fill_chunks(run.threads, &run.cancel, out, CHUNK, scratch, |k, out, s| {
-        let m = out.len();
+    let chunks = fill_two(run.threads, &run.cancel, (labels, quality), CHUNK, scratch, |k, labels, quality, s| {
+        let m = labels.len();
         let range = chunk_range(n, CHUNK, k);
         let distances = |row: usize| &rows.row(row)[range.clone()];
         embedding.chunk(m, distances, &mut s.affinities[..m], &mut s.coordinates[..m * d]);
         let coordinates = &s.coordinates;
         let row = |e: usize| &coordinates[e * m..(e + 1) * m];
-        nearest_centres(m, &centres.centres, d, row, &mut s.label[..m], &mut s.first[..m], &mut s.second[..m]);
+        nearest_centres(m, &centres.centres, d, row, labels, &mut s.first[..m], &mut s.second[..m]);
         let (mut faces, mut area) = (vec![0u64; parts], vec![0f64; parts]);
-        for (i, out) in out.iter_mut().enumerate() {
+        for (i, (&label, quality)) in labels.iter().zip(quality).enumerate() {
             let (first, second) = (s.first[i].sqrt(), s.second[i].sqrt());
-            let quality = if second > 0. && second.is_finite() { 1. - first / second } else { 1. };
-            *out = Assigned { label: s.label[i], quality: quality.clamp(0., 1.) };
-            faces[s.label[i] as usize] += 1;
-            area[s.label[i] as usize] += f64::from(nodes[range.start + i].area);
+            let margin = if second > 0. && second.is_finite() { 1. - first / second } else { 1. };
+            *quality = margin.clamp(0., 1.);
+            faces[label as usize] += 1;
+            area[label as usize] += f64::from(nodes[range.start + i].area);
         }
         run.progress.advance("assign", m as u64);
         Ok((faces, area, gamma.map_or(0., |gamma| gamma.chunk(m, distances))))
@@ -99,7 +88,7 @@ pub fn assign(
 /// Makes every part non-empty: while one has no face, it gets the least sure face of the part with most
 /// faces. Needed only where the embedding has fewer distinct points than parts (a cube, four
 /// faces in four parts); needs at least as many faces as parts.
-pub fn exactly(totals: &mut Totals, nodes: &[Node], out: &mut [Assigned]) {
+pub fn exactly(totals: &mut Totals, nodes: &[Node], labels: &mut [u32], quality: &[f32]) {
     while let Some(empty) = totals.faces.iter().position(|&faces| faces == 0) {
         let mut most = 0;
         for part in 1..totals.faces.len() {
@@ -108,14 +97,14 @@ pub fn exactly(totals: &mut Totals, nodes: &[Node], out: &mut [Assigned]) {
             }
         }
         let mut worst: Option<usize> = None;
-        for (face, a) in out.iter().enumerate() {
-            if a.label as usize == most && worst.is_none_or(|w| a.quality < out[w].quality) {
+        for (face, &label) in labels.iter().enumerate() {
+            if label as usize == most && worst.is_none_or(|w| quality[face] < quality[w]) {
                 worst = Some(face);
             }
         }
         let Some(face) = worst.filter(|_| totals.faces[most] > 1) else { return };
         let area = f64::from(nodes[face].area);
-        out[face].label = empty as u32;
+        labels[face] = empty as u32;
         totals.faces[most] -= 1;
         totals.area[most] -= area;
         totals.faces[empty] += 1;

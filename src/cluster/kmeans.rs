@@ -92,7 +92,9 @@ pub fn nearest_centres<'a>(
                 *s += (x - c) * (x - c);
             }
         }
-        for (((&s, label), first), second) in square.iter().zip(label.iter_mut()).zip(first.iter_mut()).zip(second.iter_mut()) {
+        for (((&s, label), first), second) in
+            square.iter().zip(label.iter_mut()).zip(first.iter_mut()).zip(second.iter_mut())
+        {
             let nearer = s < *first;
             *second = if nearer { *first } else { s.min(*second) };
             *label = if nearer { k as u32 } else { *label };
@@ -182,9 +184,13 @@ fn lloyd(points: Points<'_>, d: usize, mut centres: Vec<f32>, rounds: usize, run
     let mut last = f64::INFINITY;
     let mut cost = 0.;
     for _ in 0..rounds.max(1) {
-        let chunks = map_chunks(run.threads, &run.cancel, chunk_count(s, CHUNK), || (), |chunk, ()| {
-            Ok(chunk_sums(points, chunk_range(s, CHUNK, chunk), d, &centres))
-        })?;
+        let chunks = map_chunks(
+            run.threads,
+            &run.cancel,
+            chunk_count(s, CHUNK),
+            || (),
+            |chunk, ()| Ok(chunk_sums(points, chunk_range(s, CHUNK, chunk), d, &centres)),
+        )?;
         let (mut mass, mut sums, mut worst) = (vec![0f64; k], vec![0f64; k * d], (-1., 0));
         cost = 0.;
         for part in chunks {

@@ -146,7 +146,13 @@ impl Front {
         }
     }
 
-    fn spread<C: Carry>(&mut self, graph: Csr<'_>, field: &mut [f32], carry: &mut C, cancel: &Cancel) -> Result<Visits> {
+    fn spread<C: Carry>(
+        &mut self,
+        graph: Csr<'_>,
+        field: &mut [f32],
+        carry: &mut C,
+        cancel: &Cancel,
+    ) -> Result<Visits> {
         let Csr { indptr, indices, weights } = graph;
         let Self { queue, batch } = self;
         let mut visits = Visits::default();

@@ -119,8 +119,7 @@ fn random(l: usize, nodes: &[Node], seed: u64) -> Vec<u32> {
     let mut rounds = 0;
     while chosen.len() < l && rounds < 64 && total > 0. {
         rounds += 1;
-        let mut targets: Vec<(f64, usize)> =
-            (chosen.len()..l).map(|k| (unit(&mut draw) * total, k)).collect();
+        let mut targets: Vec<(f64, usize)> = (chosen.len()..l).map(|k| (unit(&mut draw) * total, k)).collect();
         targets.sort_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
         let (mut sum, mut next) = (0f64, 0);
         let mut picks = Vec::with_capacity(targets.len());

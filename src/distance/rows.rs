@@ -129,10 +129,17 @@ impl DistanceRows {
         if let Ok(facts) = work.reuse::<Facts>("rows", &key) {
             run.progress.note("rows: reused");
             let landmarks = work.open_array::<u32>("landmarks.npy")?.to_vec();
-            return Ok(Self { landmarks, distances: work.open_array("distances.npy")?, facts: facts.rows, nodes: n, key });
+            return Ok(Self {
+                landmarks,
+                distances: work.open_array("distances.npy")?,
+                facts: facts.rows,
+                nodes: n,
+                key,
+            });
         }
         let l = params.l.min(n);
-        let (rows, seconds) = run.stage("rows", "rows", l as u64, || Self::make(graph.csr(), nodes, l, params, work, run, key))?;
+        let (rows, seconds) =
+            run.stage("rows", "rows", l as u64, || Self::make(graph.csr(), nodes, l, params, work, run, key))?;
         let facts = Facts { rows: rows.facts.clone() };
         work.stamp("rows", &rows.key, &options, &["landmarks.npy", "distances.npy"], &facts, seconds)?;
         Ok(rows)
@@ -180,17 +187,27 @@ impl DistanceRows {
                     let (receive, report, take, work_rows, done) = (receive.clone(), &report, &take, &work_rows, &done);
                     move || {
                         let mut row = 0;
-                        let result = choose(params.sampling, l, graph, nodes, run.seed, field, mean, &run.cancel, |landmark, known| {
-                            if let Some(known) = known {
-                                let mut slot = take(row);
-                                slot.copy_from_slice(known);
-                                report(row, landmark, &slot);
-                            } else {
-                                let _ = send.send((row, landmark));
-                            }
-                            row += 1;
-                            Ok(())
-                        });
+                        let result = choose(
+                            params.sampling,
+                            l,
+                            graph,
+                            nodes,
+                            run.seed,
+                            field,
+                            mean,
+                            &run.cancel,
+                            |landmark, known| {
+                                if let Some(known) = known {
+                                    let mut slot = take(row);
+                                    slot.copy_from_slice(known);
+                                    report(row, landmark, &slot);
+                                } else {
+                                    let _ = send.send((row, landmark));
+                                }
+                                row += 1;
+                                Ok(())
+                            },
+                        );
                         drop(send);
                         match result {
                             Ok(()) => work_rows(receive),

@@ -123,10 +123,7 @@ pub fn matched(mesh: &Mesh, path: &Path, work: &WorkDir, run: &Run) -> Result<(L
 
     let half_edges = Shuffle::<HalfEdge>::new(&work.file("half_edges.tmp"), edge_buckets, edge_room);
     scatter(mesh, &half_edges, run)?;
-    let links = Links {
-        shuffle: Shuffle::new(&work.file("links.tmp"), link_buckets, room - edge_room),
-        nodes,
-    };
+    let links = Links { shuffle: Shuffle::new(&work.file("links.tmp"), link_buckets, room - edge_room), nodes };
     let boundary = Shuffle::<u32>::new(&work.file("boundary.tmp"), link_buckets, room / 16);
     let border_bucket = |corner: u32| (u64::from(corner) * link_buckets as u64 / corners.max(1)) as usize;
     let counters = Counters::default();
@@ -137,7 +134,9 @@ pub fn matched(mesh: &Mesh, path: &Path, work: &WorkDir, run: &Run) -> Result<(L
         || (links.shuffle.producer(), boundary.producer(), Sorter::default()),
         |bucket, (out, border, sorter)| {
             sorter.sort(half_edges.take(bucket)?);
-            match_sorted(mesh, &sorter.sorted, &links, out, &counters, |corner| border.push(border_bucket(corner), corner))
+            match_sorted(mesh, &sorter.sorted, &links, out, &counters, |corner| {
+                border.push(border_bucket(corner), corner)
+            })
         },
         |(out, border, _)| out.finish().and_then(|()| border.finish()),
     )?;

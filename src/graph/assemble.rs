@@ -146,9 +146,7 @@ fn assemble_bucket(
             step(&nodes[face], &nodes[link.node as usize], link.node, ends)
         }));
         // Ties of neighbour are resolved by value, so the order of links does not matter.
-        row.sort_unstable_by(|a, b| {
-            a.node.cmp(&b.node).then(a.gd.total_cmp(&b.gd)).then(a.edge.total_cmp(&b.edge))
-        });
+        row.sort_unstable_by(|a, b| a.node.cmp(&b.node).then(a.gd.total_cmp(&b.gd)).then(a.edge.total_cmp(&b.edge)));
         let before = part.indices.len();
         for entry in &row {
             if part.indices.len() > before && part.indices.last() == Some(&entry.node) {

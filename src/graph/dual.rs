@@ -1,11 +1,11 @@
 //! The dual graph as a stage: built once into the work directory, opened as mapped arrays after.
 
+use super::adjacency;
 use super::assemble::{Rows, assemble};
 use super::bridge;
 use super::components::find_components;
 use super::nodes::{self, Frame, Node};
 use super::weights::{self, Metric};
-use super::adjacency;
 use crate::base::{Error, Result};
 use crate::mesh::Mesh;
 use crate::store::mapped::{MappedCsr, csr_of_mapped};
@@ -55,8 +55,7 @@ pub struct DualGraph {
     pub key: String,
 }
 
-const FILES: [&str; 5] =
-    [nodes::FILE, "graph_indptr.npy", "graph_indices.npy", "graph_gd.npy", "graph_edges.npy"];
+const FILES: [&str; 5] = [nodes::FILE, "graph_indptr.npy", "graph_indices.npy", "graph_gd.npy", "graph_edges.npy"];
 
 impl DualGraph {
     /// Builds the graph of `mesh` (from the file `path`, whose identity is `input`) in `work`, or

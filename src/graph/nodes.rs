@@ -49,19 +49,25 @@ impl Frame {
     /// [`crate::base::Error::Cancelled`].
     pub fn of(positions: &Positions, run: &Run) -> Result<Self> {
         let n = positions.len();
-        let boxes = map_chunks(run.threads, &run.cancel, chunk_count(n, 1 << 16), || (), |k, ()| {
-            let mut bounds = [[f64::INFINITY; 3], [f64::NEG_INFINITY; 3]];
-            for v in chunk_range(n, 1 << 16, k) {
-                let p = positions.get(v as u32);
-                if p.iter().all(|x| x.is_finite()) {
-                    for axis in 0..3 {
-                        bounds[0][axis] = bounds[0][axis].min(p[axis]);
-                        bounds[1][axis] = bounds[1][axis].max(p[axis]);
+        let boxes = map_chunks(
+            run.threads,
+            &run.cancel,
+            chunk_count(n, 1 << 16),
+            || (),
+            |k, ()| {
+                let mut bounds = [[f64::INFINITY; 3], [f64::NEG_INFINITY; 3]];
+                for v in chunk_range(n, 1 << 16, k) {
+                    let p = positions.get(v as u32);
+                    if p.iter().all(|x| x.is_finite()) {
+                        for axis in 0..3 {
+                            bounds[0][axis] = bounds[0][axis].min(p[axis]);
+                            bounds[1][axis] = bounds[1][axis].max(p[axis]);
+                        }
                     }
                 }
-            }
-            Ok(bounds)
-        })?;
+                Ok(bounds)
+            },
+        )?;
         let mut bounds = [[f64::INFINITY; 3], [f64::NEG_INFINITY; 3]];
         for next in boxes {
             for axis in 0..3 {
@@ -76,7 +82,8 @@ impl Frame {
         let origin = [0, 1, 2].map(|axis| bounds[0][axis] / 2. + bounds[1][axis] / 2.);
         let half = [0, 1, 2].map(|axis| bounds[1][axis] / 2. - bounds[0][axis] / 2.);
         let widest = half.into_iter().fold(0., f64::max);
-        let scale = if widest > 0. { 2. * widest * half.map(|h| (h / widest).powi(2)).iter().sum::<f64>().sqrt() } else { 1. };
+        let scale =
+            if widest > 0. { 2. * widest * half.map(|h| (h / widest).powi(2)).iter().sum::<f64>().sqrt() } else { 1. };
         Ok(Self { origin, scale: if scale.is_finite() && scale > 0. { scale } else { 1. } })
     }
 
@@ -142,17 +149,24 @@ pub struct NodeSums {
 pub fn build(mesh: &Mesh, frame: &Frame, work: &WorkDir, run: &Run) -> Result<(MappedSlice<Node>, NodeSums)> {
     let n = mesh.faces.len();
     let mut array = work.array::<Node>(FILE, &[n, 7])?;
-    let sums = fill_chunks(run.threads, &run.cancel, array.data(), CHUNK, || (), |k, out, ()| {
-        let (mut area, mut degenerate) = (0f64, 0u64);
-        mesh.faces.for_each(chunk_range(n, CHUNK, k), |face, corners| {
-            let points = corners.iter().map(|&v| frame.place(mesh.positions.get(v)));
-            let (node, flat) = Node::of_corners(points);
-            area += f64::from(node.area);
-            degenerate += u64::from(flat);
-            out[face - k * CHUNK] = node;
-        });
-        Ok((area, degenerate))
-    })?;
+    let sums = fill_chunks(
+        run.threads,
+        &run.cancel,
+        array.data(),
+        CHUNK,
+        || (),
+        |k, out, ()| {
+            let (mut area, mut degenerate) = (0f64, 0u64);
+            mesh.faces.for_each(chunk_range(n, CHUNK, k), |face, corners| {
+                let points = corners.iter().map(|&v| frame.place(mesh.positions.get(v)));
+                let (node, flat) = Node::of_corners(points);
+                area += f64::from(node.area);
+                degenerate += u64::from(flat);
+                out[face - k * CHUNK] = node;
+            });
+            Ok((area, degenerate))
+        },
+    )?;
     let nodes = array.finish(false)?;
     let total = sums.iter().fold((0., 0), |(area, flat), &(a, f)| (area + a, flat + f));
     Ok((nodes, NodeSums { area: total.0, degenerate: total.1 }))
@@ -179,7 +193,9 @@ mod tests {
     #[test]
     fn degenerate_faces_have_no_direction_and_poison_nothing() {
         let nan = [f64::NAN, 0., 0.];
-        for corners in [vec![], vec![[1., 2., 3.]], vec![[0.; 3]; 3], vec![[1., 0., 0.], nan, [3., 0., 0.]], vec![nan; 3]] {
+        for corners in
+            [vec![], vec![[1., 2., 3.]], vec![[0.; 3]; 3], vec![[1., 0., 0.], nan, [3., 0., 0.]], vec![nan; 3]]
+        {
             let (node, flat) = Node::of_corners(corners.into_iter());
             assert!(flat && node.area == 0. && node.normal == [0.; 3]);
             assert!(node.centroid.iter().all(|x| x.is_finite()));

@@ -139,18 +139,25 @@ pub fn build(
     let (indptr, indices, gd) = (&rows.indptr[..], &rows.indices[..], &rows.gd[..]);
     let scale = scale(rows, nodes, area, metric, run)?;
     let mut array = work.array::<f32>("graph_weights.npy", &[gd.len()])?;
-    fill_chunks(run.threads, &run.cancel, array.data(), CHUNK, || (), |k, out, ()| {
-        let first = k * CHUNK;
-        let mut row = indptr.partition_point(|&start| start as usize <= first) - 1;
-        for (i, w) in out.iter_mut().enumerate() {
-            let e = first + i;
-            while indptr[row + 1] as usize <= e {
-                row += 1;
+    fill_chunks(
+        run.threads,
+        &run.cancel,
+        array.data(),
+        CHUNK,
+        || (),
+        |k, out, ()| {
+            let first = k * CHUNK;
+            let mut row = indptr.partition_point(|&start| start as usize <= first) - 1;
+            for (i, w) in out.iter_mut().enumerate() {
+                let e = first + i;
+                while indptr[row + 1] as usize <= e {
+                    row += 1;
+                }
+                *w = weight(metric, scale, &nodes[row], &nodes[indices[e] as usize], gd[e]);
             }
-            *w = weight(metric, scale, &nodes[row], &nodes[indices[e] as usize], gd[e]);
-        }
-        Ok(())
-    })?;
+            Ok(())
+        },
+    )?;
     array.finish(false)
 }
 
@@ -160,22 +167,28 @@ fn scale(rows: &Rows, nodes: &[Node], area: f64, metric: Metric, run: &Run) -> R
     let n = nodes.len();
     let eta = if let Metric::Paper { eta, .. } = metric { eta } else { 0. };
     let needs_angle = matches!(metric, Metric::Paper { .. });
-    let sums = map_chunks(run.threads, &run.cancel, chunk_count(n, CHUNK), || (), |k, ()| {
-        let (mut length, mut angle, mut count) = (0f64, 0f64, 0u64);
-        for i in chunk_range(n, CHUNK, k) {
-            for e in indptr[i] as usize..indptr[i + 1] as usize {
-                // Each edge once, and edges of unknown length not at all.
-                if indices[e] as usize > i && gd[e] != UNKNOWN {
-                    length += f64::from(gd[e]);
-                    count += 1;
-                    if needs_angle {
-                        angle += f64::from(turning(&nodes[i], &nodes[indices[e] as usize], eta));
+    let sums = map_chunks(
+        run.threads,
+        &run.cancel,
+        chunk_count(n, CHUNK),
+        || (),
+        |k, ()| {
+            let (mut length, mut angle, mut count) = (0f64, 0f64, 0u64);
+            for i in chunk_range(n, CHUNK, k) {
+                for e in indptr[i] as usize..indptr[i + 1] as usize {
+                    // Each edge once, and edges of unknown length not at all.
+                    if indices[e] as usize > i && gd[e] != UNKNOWN {
+                        length += f64::from(gd[e]);
+                        count += 1;
+                        if needs_angle {
+                            angle += f64::from(turning(&nodes[i], &nodes[indices[e] as usize], eta));
+                        }
                     }
                 }
             }
-        }
-        Ok((length, angle, count))
-    })?;
+            Ok((length, angle, count))
+        },
+    )?;
     let total = sums.iter().fold((0., 0., 0u64), |t, s| (t.0 + s.0, t.1 + s.1, t.2 + s.2));
     let count = total.2.max(1) as f64;
     let (mean_gd, mean_angle) = (total.0 / count, total.1 / count);
@@ -184,10 +197,8 @@ fn scale(rows: &Rows, nodes: &[Node], area: f64, metric: Metric, run: &Run) -> R
     Ok(match metric {
         Metric::ScaleFree { beta, .. } => Scale { gd: unit, angle: beta, unknown: mean_gd as f32 },
         Metric::Geodesic => Scale { gd: unit, angle: 0., unknown: mean_gd as f32 },
-        Metric::Paper { delta, .. } => Scale {
-            gd: delta * inverse(mean_gd),
-            angle: (1. - delta) * inverse(mean_angle),
-            unknown: mean_gd as f32,
-        },
+        Metric::Paper { delta, .. } => {
+            Scale { gd: delta * inverse(mean_gd), angle: (1. - delta) * inverse(mean_angle), unknown: mean_gd as f32 }
+        }
     })
 }

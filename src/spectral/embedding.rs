@@ -161,7 +161,7 @@ impl Embedding {
         }
         match self.divisor {
             Divisor::One => {}
-            Divisor::Linear(..) => divide(m, out, divisor.iter().map(|&s| s)),
+            Divisor::Linear(..) => divide(m, out, divisor.iter().copied()),
             Divisor::Root(_, floor) => divide(m, out, divisor.iter().map(|&s| s.max(floor).sqrt())),
         }
     }

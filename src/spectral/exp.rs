@@ -20,9 +20,11 @@ pub fn exp(x: f32) -> f32 {
     let p = p * r + 8.333_452e-3;
     let p = p * r + 4.166_579_6e-2;
     let p = p * r + 1.666_666_5e-1;
-    let p = p * r + 5.000_000_1e-1;
+    let p = p * r + 0.5;
     let e = p * r * r + r + 1.;
-    let scale = f32::from_bits(((rounded.to_bits() as i32).wrapping_sub(magic.to_bits() as i32).wrapping_add(127) as u32) << 23);
+    let scale = f32::from_bits(
+        ((rounded.to_bits() as i32).wrapping_sub(magic.to_bits() as i32).wrapping_add(127) as u32) << 23,
+    );
     e * scale
 }
 

@@ -97,7 +97,9 @@ mod tests {
     #[test]
     fn the_chunked_kernel_equals_the_exact_one() {
         let distances: Vec<f32> = (0..1000).map(|i| i as f32 * 0.02).chain([f32::INFINITY]).collect();
-        for kernel in [Kernel::Gaussian, Kernel::Exponential, Kernel::Polynomial { degree: 3 }, Kernel::InverseMultiquadric] {
+        for kernel in
+            [Kernel::Gaussian, Kernel::Exponential, Kernel::Polynomial { degree: 3 }, Kernel::InverseMultiquadric]
+        {
             let mut out = vec![0.; distances.len()];
             kernel.apply(1.5, &distances, &mut out);
             for (&d, &k) in distances.iter().zip(&out) {

@@ -34,8 +34,10 @@ impl Gamma {
             // A's own columns: u_eᵀA_j = λ_e u_ej, so w̃ = Σ λ_e u_ej².
             landmarks += values[e];
         }
-        let roots =
-            kept.iter().flat_map(|&e| (0..l).map(move |k| (e, k))).map(|(e, k)| (vectors[(k, e)] / values[e].sqrt()) as f32);
+        let roots = kept
+            .iter()
+            .flat_map(|&e| (0..l).map(move |k| (e, k)))
+            .map(|(e, k)| (vectors[(k, e)] / values[e].sqrt()) as f32);
         Self { kernel, sigma: sigma as f32, roots: roots.collect(), l, landmarks }
     }
 

@@ -9,8 +9,8 @@
 //! A temporary directory is removed when dropped; one that a killed run left behind is removed by
 //! the next run that makes one beside it.
 
-use super::npy::{self, ArrayMut, ArrayWriter, Item};
 use super::MappedSlice;
+use super::npy::{self, ArrayMut, ArrayWriter, Item};
 use crate::base::{Error, Result};
 use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize};

@@ -304,13 +304,20 @@ mod tests {
                             if slack > 1e-6 {
                                 let e = worst.entry((p, part)).or_insert((0.0, 0, 0, 0));
                                 e.3 += 1;
-                                if slack > e.0 { *e = (slack, row, column, e.3); }
+                                if slack > e.0 {
+                                    *e = (slack, row, column, e.3);
+                                }
                             }
                         }
                     }
                 }
             }
-            for ((p, part), w) in worst { eprintln!("m {m} patch {p} ({}) vs {part}: {w:?} valleys {:?}", relief.patches[p].part, relief.sheets[p].valley); }
+            for ((p, part), w) in worst {
+                eprintln!(
+                    "m {m} patch {p} ({}) vs {part}: {w:?} valleys {:?}",
+                    relief.patches[p].part, relief.sheets[p].valley
+                );
+            }
         }
     }
 }

@@ -1,0 +1,80 @@
+//! `demo`: a mesh with known parts, cut and compared. The first thing a newcomer runs.
+
+use super::bars::{Bars, human};
+use super::options::RunArgs;
+use super::{Failure, Surroundings, segment};
+use clap::Parser;
+use nystrom_stream::apps::creature::{Creature, Options};
+use nystrom_stream::apps::evaluate::{contingency, matches, rand};
+use nystrom_stream::base::Error;
+use nystrom_stream::mesh::seg;
+use std::io::Write;
+use std::path::PathBuf;
+
+#[derive(Clone, Debug, clap::Args)]
+pub struct Args {
+    /// Faces of the creature, at least
+    #[arg(long, value_name = "N", default_value_t = 1_300_000)]
+    pub faces: u64,
+    /// Noise, as a share of an edge
+    #[arg(long, value_name = "X", default_value_t = 0.)]
+    pub noise: f64,
+    /// Where the files go
+    #[arg(long, value_name = "DIR", default_value = "nystrom-stream-demo")]
+    pub folder: PathBuf,
+    #[command(flatten)]
+    pub run: RunArgs,
+}
+
+pub fn run(args: &Args, surroundings: &Surroundings) -> Result<(), Failure> {
+    let bars = Bars::new(args.run.quiet);
+    let run = args.run.run(&bars, surroundings);
+    std::fs::create_dir_all(&args.folder).map_err(Error::io(&args.folder, "create"))?;
+    let creature =
+        Creature::new(&Options { faces: args.faces, noise: args.noise, seed: args.run.seed, ..Options::default() })?;
+    let mesh = args.folder.join("creature.ply");
+    creature.write_ply(&mesh, &run)?;
+    let truth_file = args.folder.join("creature.seg");
+    creature.write_truth_seg(&truth_file, &run)?;
+    let names = Creature::part_names();
+    bars.take_seconds();
+
+    let (ply, labels_file) = (args.folder.join("creature.segmented.ply"), args.folder.join("creature.labels.seg"));
+    let mut words = vec!["segment".into(), mesh.clone().into_os_string(), "-k".into(), names.len().to_string().into()];
+    for output in [&ply, &labels_file] {
+        words.extend(["-o".into(), output.clone().into_os_string()]);
+    }
+    let cut = CutArgs::try_parse_from(words).map_err(|error| Failure::Misused(error.to_string()))?.args;
+    let cut = segment::Args { run: args.run.clone(), ..cut };
+    let outputs = [super::output::Output::of(&ply)?, super::output::Output::of(&labels_file)?];
+    let report = segment::one(&mesh, &cut, &cut.method.params()?, &outputs, &bars, &run, surroundings)?;
+
+    let table = contingency(&seg::read_seg(&labels_file)?, &seg::read_seg(&truth_file)?, None)?;
+    let mut out = std::io::stdout().lock();
+    let mut line = |text: String| {
+        let _ = writeln!(out, "{text}");
+    };
+    line(format!(
+        "{} faces in {} parts in {:.2} s ({}faces/s), {:.0} MiB allocated at the most",
+        report.input.faces,
+        report.parts.len(),
+        report.seconds["total"],
+        human(report.input.faces as f64 / report.seconds["total"]),
+        report.bytes.peak_allocated.unwrap_or(0) as f64 / f64::from(1 << 20),
+    ));
+    line(format!("agreement with the true parts ({}):", names.join(", ")));
+    line(format!("  Rand index              {:.4}", 1. - rand(&table)));
+    line(format!("  faces in matching parts {:.1} %", 100. * matches(&table)));
+    for part in &report.parts {
+        line(format!("  part {:2}  {:>9} faces  rgb {:?}", part.label, part.faces, part.colour));
+    }
+    line(format!("look at {} in MeshLab, CloudCompare or Blender", ply.display()));
+    Ok(())
+}
+
+/// `segment`'s arguments, parsed as a command of their own.
+#[derive(Debug, Parser)]
+struct CutArgs {
+    #[command(flatten)]
+    args: segment::Args,
+}

@@ -1,0 +1,162 @@
+//! The report of a run: one JSON object.
+
+use super::{SegmentParams, Segmentation};
+use crate::mesh::Opened;
+use crate::store::{Run, WorkDir};
+use serde::Serialize;
+use std::collections::BTreeMap;
+
+/// Numbers that the stages leave for the report.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Numbers {
+    /// Landmark faces (l).
+    pub landmarks: Vec<u32>,
+    /// The kernel's width.
+    pub sigma: f64,
+    /// Eigenvalues of the l × l problem, descending.
+    pub eigenvalues: Vec<f64>,
+    /// Eigenpairs of A dropped as negative or too small.
+    pub dropped_eigenpairs: usize,
+    /// Share of A's negative eigenvalues in the sum of all absolute ones.
+    pub negative_mass: f64,
+    /// Γ, eq. 6.
+    pub gamma: f64,
+    /// Faces a part.
+    pub faces: Vec<u64>,
+    /// Area a part, in the frame.
+    pub area: Vec<f64>,
+    /// Seconds of the last stage.
+    pub seconds_assign: f64,
+}
+
+/// The report.
+#[derive(Clone, Debug, Serialize)]
+pub struct Report {
+    /// The program's version.
+    pub version: &'static str,
+    /// The mesh.
+    pub input: Input,
+    /// What was asked for.
+    pub options: serde_json::Value,
+    /// Landmark faces, numbers in the file.
+    pub landmarks: Vec<u32>,
+    /// The kernel's width, in the units of the distances.
+    pub sigma: f64,
+    /// Eigenvalues of the l × l problem, descending.
+    pub eigenvalues: Vec<f64>,
+    /// Eigenpairs dropped as negative or too small.
+    pub dropped_eigenpairs: usize,
+    /// Share of A's negative eigenvalues in the sum of all absolute ones.
+    pub negative_mass: f64,
+    /// Γ, eq. 6.
+    pub gamma: f64,
+    /// Γ over the number of faces.
+    pub gamma_per_face: f64,
+    /// The parts.
+    pub parts: Vec<Part>,
+    /// Seconds a stage, and in total.
+    pub seconds: BTreeMap<String, f64>,
+    /// Memory and disk.
+    pub bytes: Bytes,
+    /// Oddities of the input.
+    pub notes: Vec<String>,
+}
+
+/// The mesh in the report.
+#[derive(Clone, Debug, Serialize)]
+pub struct Input {
+    /// As given.
+    pub path: String,
+    /// Vertices.
+    pub vertices: u64,
+    /// Faces.
+    pub faces: u64,
+    /// Connected components, before they are bridged.
+    pub components: u64,
+    /// Edges with one face.
+    pub boundary_edges: u64,
+    /// Edges with three faces or more.
+    pub nonmanifold_edges: u64,
+    /// Faces without area or with a coordinate that is no number.
+    pub degenerate_faces: u64,
+    /// Open edges joined to others at exactly the same position.
+    pub welded_edges: u64,
+}
+
+/// A part in the report.
+#[derive(Clone, Debug, Serialize)]
+pub struct Part {
+    /// Its label.
+    pub label: u32,
+    /// Its faces.
+    pub faces: u64,
+    /// Its area, in the square of the file's unit.
+    pub area: f64,
+    /// Its colour.
+    pub colour: [u8; 3],
+}
+
+/// Memory and disk.
+#[derive(Clone, Copy, Debug, Serialize)]
+pub struct Bytes {
+    /// Most bytes allocated at a time (mapped files are not), where counted.
+    pub peak_allocated: Option<u64>,
+    /// The memory budget.
+    pub budget: u64,
+    /// Bytes in the work directory at the end.
+    pub work_dir: u64,
+}
+
+impl Report {
+    /// Puts the report together. `seconds` by stage as measured; `peak` from a counting allocator, if any.
+    pub fn new(
+        opened: &Opened,
+        params: &SegmentParams,
+        result: &Segmentation,
+        work: &WorkDir,
+        run: &Run,
+        seconds: BTreeMap<String, f64>,
+        peak: Option<u64>,
+    ) -> Self {
+        let (graph, numbers) = (&result.graph, &result.numbers);
+        let unit = graph.frame.scale * graph.frame.scale;
+        let mut options = serde_json::to_value(params).unwrap_or_default();
+        if let Some(options) = options.as_object_mut() {
+            options.insert("seed".into(), run.seed.into());
+            options.insert("threads".into(), run.threads.into());
+        }
+        let parts = numbers.faces.iter().zip(&numbers.area).zip(&result.colours).enumerate();
+        Self {
+            version: env!("CARGO_PKG_VERSION"),
+            input: Input {
+                path: opened.document.path().display().to_string(),
+                vertices: opened.mesh.positions.len() as u64,
+                faces: graph.nodes,
+                components: graph.components,
+                boundary_edges: graph.boundary_edges,
+                nonmanifold_edges: graph.nonmanifold_edges,
+                degenerate_faces: graph.degenerate_faces,
+                welded_edges: graph.welded_edges,
+            },
+            options,
+            landmarks: numbers.landmarks.clone(),
+            sigma: numbers.sigma,
+            eigenvalues: numbers.eigenvalues.clone(),
+            dropped_eigenpairs: numbers.dropped_eigenpairs,
+            negative_mass: numbers.negative_mass,
+            gamma: numbers.gamma,
+            gamma_per_face: numbers.gamma / graph.nodes.max(1) as f64,
+            parts: parts
+                .map(|(label, ((&faces, &area), &colour))| Part {
+                    label: label as u32,
+                    faces,
+                    area: area * unit,
+                    colour,
+                })
+                .collect(),
+            seconds,
+            bytes: Bytes { peak_allocated: peak, budget: run.budget.total(), work_dir: work.bytes() },
+            notes: opened.notes.clone(),
+        }
+    }
+}
