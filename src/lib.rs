@@ -6,6 +6,7 @@
 //! applications.
 
 pub mod apps;
+pub mod pipeline;
 pub mod base;
 pub mod cluster;
 pub mod distance;

@@ -1,3 +1,4 @@
-//! Floor `apps`.
+//! What one does with a mesh besides cutting it, and with labels once they are there.
 
+pub mod creature;
 pub mod evaluate;

@@ -70,6 +70,103 @@ pub fn map_chunks<S, R: Send>(
     all.into_iter().map(|(_, result)| result).collect()
 }
 
+/// Like [`map_chunks`] for chunks whose thread states must be closed by `finish`, such as producers
+/// of a shuffle; chunk results are dropped.
+///
+/// # Errors
+/// As [`map_chunks`], or those of `finish`.
+pub fn each_chunk<S>(
+    threads: usize,
+    cancel: &Cancel,
+    chunks: usize,
+    init: impl Fn() -> S + Sync,
+    work: impl Fn(usize, &mut S) -> Result<()> + Sync,
+    finish: impl Fn(S) -> Result<()> + Sync,
+) -> Result<()> {
+    let next = AtomicUsize::new(0);
+    let workers = threads.clamp(1, chunks.max(1));
+    map_chunks(workers, cancel, workers, || (), |_, ()| {
+        let mut state = init();
+        loop {
+            let k = next.fetch_add(1, Ordering::Relaxed);
+            if k >= chunks {
+                return finish(state);
+            }
+            cancel.check()?;
+            work(k, &mut state)?;
+        }
+    })?;
+    Ok(())
+}
+
+/// Computes chunks on `threads` threads and hands their results to `consume` on the calling
+/// thread in chunk order; at most `4 * threads` results wait at a time.
+///
+/// # Errors
+/// As [`map_chunks`], or those of `consume`.
+pub fn in_order<S, R: Send>(
+    threads: usize,
+    cancel: &Cancel,
+    chunks: usize,
+    init: impl Fn() -> S + Sync,
+    work: impl Fn(usize, &mut S) -> Result<R> + Sync,
+    mut consume: impl FnMut(usize, R) -> Result<()>,
+) -> Result<()> {
+    let threads = threads.clamp(1, chunks.max(1));
+    if threads == 1 {
+        let mut state = init();
+        for k in 0..chunks {
+            cancel.check()?;
+            let result = work(k, &mut state)?;
+            consume(k, result)?;
+        }
+        return Ok(());
+    }
+    let window = (4 * threads).min(chunks);
+    let (tickets, jobs) = crossbeam_channel::bounded::<usize>(window);
+    let (done, results) = crossbeam_channel::bounded::<(usize, Result<R>)>(window);
+    std::thread::scope(|scope| {
+        for _ in 0..threads {
+            let (jobs, done) = (jobs.clone(), done.clone());
+            let (init, work) = (&init, &work);
+            scope.spawn(move || {
+                let mut state = init();
+                for k in jobs {
+                    let result = cancel.check().and_then(|()| work(k, &mut state));
+                    if done.send((k, result)).is_err() {
+                        return;
+                    }
+                }
+            });
+        }
+        drop((jobs, done));
+        let mut issued = 0;
+        let mut waiting: Vec<Option<Result<R>>> = (0..chunks.min(window)).map(|_| None).collect();
+        let mut next = 0;
+        // Moved in so that workers see the end of the tickets when this returns, early or not.
+        let (tickets, results) = (tickets, results);
+        while next < chunks {
+            while issued < chunks && issued < next + window {
+                if tickets.send(issued).is_err() {
+                    break;
+                }
+                issued += 1;
+            }
+            match waiting[next % window].take() {
+                Some(result) => {
+                    consume(next, result?)?;
+                    next += 1;
+                }
+                None => match results.recv() {
+                    Ok((k, result)) => waiting[k % window] = Some(result),
+                    Err(_) => return Err(super::Error::Cancelled),
+                },
+            }
+        }
+        Ok(())
+    })
+}
+
 /// Like [`map_chunks`] over disjoint mutable chunks of `out`, `size` items each.
 ///
 /// # Errors
@@ -117,6 +214,39 @@ mod tests {
             .unwrap_err();
             assert!(matches!(error, Error::Parameter { name, .. } if name == "7"));
         }
+    }
+
+    #[test]
+    fn results_are_consumed_in_order_and_errors_end_the_work() {
+        for threads in [1, 2, 5] {
+            let mut seen = Vec::new();
+            in_order(threads, &Cancel::default(), 200, || (), |k, ()| Ok(k * 2), |k, x| {
+                seen.push((k, x));
+                Ok(())
+            })
+            .unwrap();
+            assert_eq!(seen, (0..200).map(|k| (k, k * 2)).collect::<Vec<_>>());
+            let failed = in_order(
+                threads,
+                &Cancel::default(),
+                200,
+                || (),
+                |k, ()| if k == 100 { Err(Error::Cancelled) } else { Ok(()) },
+                |_, ()| Ok(()),
+            );
+            assert!(failed.is_err());
+        }
+    }
+
+    #[test]
+    fn every_thread_state_is_finished() {
+        let total = AtomicUsize::new(0);
+        each_chunk(3, &Cancel::default(), 100, || 0, |k, sum| { *sum += k; Ok(()) }, |sum| {
+            total.fetch_add(sum, Ordering::Relaxed);
+            Ok(())
+        })
+        .unwrap();
+        assert_eq!(total.into_inner(), 4950);
     }
 
     #[test]

@@ -1,1 +1,13 @@
-//! Floor `distance`.
+//! Distances over the graph: fronts, landmarks, rows.
+//!
+//! [`front`] is the engine; [`landmarks`] picks sample faces farthest first with pruned fronts while
+//! [`rows`] runs one full front a landmark on the other threads and writes `[A B]`'s distances.
+
+pub mod front;
+pub mod landmarks;
+pub mod oracle;
+pub mod queue;
+pub mod rows;
+
+pub use front::Front;
+pub use rows::{DistanceRows, RowFacts};

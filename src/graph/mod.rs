@@ -1,1 +1,20 @@
-//! Floor `graph`.
+//! The dual graph: a node a face, an edge a shared mesh edge, weighted by distance and turning.
+//!
+//! Built out of core in three shuffles and a few sequential passes ([`dual::build`]): node
+//! geometry, half-edges matched by vertex ([`adjacency`]) or by position ([`weld`]), rows
+//! assembled in node order ([`assemble`]), components bridged ([`components`], [`bridge`]), and
+//! weights ([`weights`]) as a pure function of the undirected edge.
+
+pub mod adjacency;
+pub mod angle;
+pub mod assemble;
+pub mod bridge;
+pub mod components;
+pub mod dual;
+pub mod nodes;
+pub mod weights;
+pub mod weld;
+
+pub use dual::{DualGraph, GraphFacts};
+pub use nodes::{Frame, Node};
+pub use weights::Metric;

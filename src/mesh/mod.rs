@@ -1,8 +1,30 @@
 //! From a mesh file to faces, and from labels back to a mesh file.
 //!
 //! [`Mesh`] is what the floors above see: positions and faces behind mapped files, whatever the
-//! file looked like.
+//! file looked like. [`open()`] makes one of every PLY flavour: most are used where they lie, the
+//! rest are decoded once, in one pass through small buffers.
 
+pub mod colours;
+mod cursor;
+mod decode;
+pub mod document;
+mod fixed;
+pub mod header;
+pub mod labelled;
+mod labelling;
+pub mod model;
+pub mod open;
+mod output;
+mod records;
+pub mod seg;
+mod sink;
+mod spool;
+mod strip;
 pub mod surface;
+mod verify;
 
+pub use document::Document;
+pub use labelled::{Labelling, PlyForm, write_labelled, write_labelled_to};
+pub use open::{Opened, open, open_reader};
+pub use seg::{read_seg, write_seg, write_seg_to};
 pub use surface::{Faces, Mesh, Positions};

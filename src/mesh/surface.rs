@@ -158,6 +158,38 @@ impl Faces {
         }
     }
 
+    /// The corners of face `f` as a range of corner numbers: corners are numbered through all faces.
+    #[inline]
+    pub fn corner_range(&self, face: usize) -> Range<usize> {
+        match self {
+            Self::Triangles { .. } => 3 * face..3 * face + 3,
+            Self::Polygons { starts, .. } => starts[face] as usize..starts[face + 1] as usize,
+        }
+    }
+
+    /// The face that corner number `corner` belongs to. Constant for triangles and where all
+    /// faces have equally many corners, else a search from a good guess.
+    #[inline]
+    pub fn face_of_corner(&self, corner: usize) -> usize {
+        match self {
+            Self::Triangles { .. } => corner / 3,
+            Self::Polygons { starts, corners } => {
+                let n = starts.len() - 1;
+                let guess = (corner as u128 * n as u128 / corners.len().max(1) as u128) as usize;
+                let (mut low, mut high) = (guess.min(n - 1), guess.min(n - 1) + 1);
+                let mut step = 1;
+                while starts[low] as usize > corner {
+                    (low, step) = (low.saturating_sub(step), step * 2);
+                }
+                step = 1;
+                while starts[high] as usize <= corner {
+                    (high, step) = ((high + step).min(n), step * 2);
+                }
+                low + starts[low..high].partition_point(|&start| start as usize <= corner) - 1
+            }
+        }
+    }
+
     /// Calls `visit(face, its corners)` for every face of `range`, in order.
     #[inline]
     pub fn for_each(&self, range: Range<usize>, mut visit: impl FnMut(usize, &[u32])) {
@@ -257,6 +289,7 @@ mod tests {
         mesh.faces.for_each(0..2, |f, corners| seen.push((f, corners.to_vec())));
         assert_eq!(seen, [(0, vec![0, 1, 2, 3]), (1, vec![0, 2, 1])]);
         assert_eq!(mesh.positions.get(2), [1., 1., 0.]);
+        assert_eq!((0..7).map(|c| mesh.faces.face_of_corner(c)).collect::<Vec<_>>(), [0, 0, 0, 0, 1, 1, 1]);
         assert!(mesh.positions.get(9)[0].is_nan());
         assert!(Mesh::from_arrays(dir.path(), &[[0.; 3]], &[[0u32, 0, 1]]).is_err());
     }

@@ -90,7 +90,7 @@ impl MappedBytes {
     /// [`Error::Malformed`] naming `path` when the file is too short or the offset misaligned.
     pub fn slice<T: Pod>(&self, path: &Path, offset: usize, len: usize) -> Result<MappedSlice<T>> {
         let end = len.checked_mul(size_of::<T>()).and_then(|bytes| bytes.checked_add(offset));
-        if end.is_none_or(|end| end > self.len()) || offset % align_of::<T>() != 0 {
+        if end.is_none_or(|end| end > self.len()) || !offset.is_multiple_of(align_of::<T>()) {
             return Err(Error::malformed(
                 path,
                 format!("byte {offset}"),

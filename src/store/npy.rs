@@ -17,8 +17,10 @@ pub const HEADER: usize = 128;
 
 /// Item types that NumPy knows by a name.
 pub trait Item: Pod + Send + Sync {
-    /// NumPy's type string, little-endian.
+    /// NumPy's type string of a scalar, little-endian.
     const DESCR: &'static str;
+    /// Scalars an item: the length of the array's last axis where items are records.
+    const WIDTH: usize = 1;
 }
 
 impl Item for u8 {
@@ -99,12 +101,12 @@ pub struct ArrayMut<T> {
 }
 
 impl<T: Item> ArrayMut<T> {
-    /// Creates `path.partial` for an array of `shape`.
+    /// Creates `path.partial` for an array of `shape`, counted in scalars.
     ///
     /// # Errors
     /// [`Error::Io`].
     pub fn create(path: &Path, shape: &[usize]) -> Result<Self> {
-        let len: usize = shape.iter().product();
+        let len = shape.iter().product::<usize>() / T::WIDTH;
         let partial = partial_name(path);
         let mut file = reserve_file(&partial, (HEADER + len * size_of::<T>()) as u64)?;
         file.write_all(&header(T::DESCR, shape)).map_err(Error::io(&partial, "write"))?;
@@ -148,7 +150,7 @@ pub struct ArrayWriter<T> {
 }
 
 impl<T: Item> ArrayWriter<T> {
-    /// Starts `path.partial`; rows have `row` items (1: a plain vector).
+    /// Starts `path.partial`; rows have `row` scalars (1: a plain vector).
     ///
     /// # Errors
     /// [`Error::Io`].
@@ -184,7 +186,7 @@ impl<T: Item> ArrayWriter<T> {
     /// [`Error::Io`].
     pub fn finish(mut self, durable: bool) -> Result<MappedSlice<T>> {
         let partial = partial_name(&self.path);
-        let shape = if self.row == 1 { vec![self.items] } else { vec![self.items / self.row, self.row] };
+        let shape = if self.row == 1 { vec![self.items] } else { vec![self.items * T::WIDTH / self.row, self.row] };
         let mut end = || -> std::io::Result<()> {
             self.out.seek(SeekFrom::Start(0))?;
             self.out.write_all(&header(T::DESCR, &shape))?;
@@ -228,7 +230,10 @@ pub fn open_shaped<T: Item>(path: &Path) -> Result<(MappedSlice<T>, Vec<u64>)> {
     let (shape, offset) = parse_header::<T>(path, &bytes)?;
     let len = shape.iter().try_fold(1u64, |product, &dim| product.checked_mul(dim));
     let len = len.and_then(|len| usize::try_from(len).ok()).unwrap_or(usize::MAX);
-    Ok((bytes.slice(path, offset, len)?, shape))
+    if len % T::WIDTH != 0 {
+        return Err(Error::malformed(path, "header", format!("shape {shape:?}"), "make the file again"));
+    }
+    Ok((bytes.slice(path, offset, len / T::WIDTH)?, shape))
 }
 
 /// Writes a whole array from memory, by rename.

@@ -1,1 +1,248 @@
-//! todo
+//! A shuffle: fixed-size records scattered by key into buckets, in memory while a limit allows,
+//! else in one file of the work directory.
+//!
+//! This is the external sort of the program. Producers on several threads push records with a
+//! bucket number; later each bucket, small enough for memory, is read whole, sorted by its
+//! consumer and handed on. Buckets cover ascending key ranges, so the sequence of sorted
+//! buckets is the sorted whole.
+//!
+//! Memory: the limit, plus a staging block of [`BLOCK_BYTES`] a bucket and producer, plus the
+//! bucket being read. Disk: what does not fit, written once in large blocks, read once. The order
+//! of records inside a bucket depends on timing; a consumer that wants repeatable results sorts
+//! by a total order (tested against an in-memory sort).
+
+use crate::base::{Error, Result};
+use bytemuck::Pod;
+use std::fs::File;
+use std::path::{Path, PathBuf};
+use std::sync::atomic::{AtomicU64, Ordering};
+use std::sync::{Mutex, MutexGuard, OnceLock};
+
+/// Bytes gathered by a producer before a bucket sees them.
+pub const BLOCK_BYTES: usize = 1 << 14;
+
+/// Records of type `T` on their way into buckets.
+#[derive(Debug)]
+pub struct Shuffle<T> {
+    path: PathBuf,
+    file: OnceLock<File>,
+    end: AtomicU64,
+    buckets: Vec<Mutex<Bucket<T>>>,
+    held: AtomicU64,
+    limit: u64,
+    /// Serialises the creation of the file.
+    creation: Mutex<()>,
+}
+
+#[derive(Debug)]
+struct Bucket<T> {
+    blocks: Vec<Vec<T>>,
+    extents: Vec<(u64, usize)>,
+    records: usize,
+}
+
+/// One producer's staging blocks.
+#[derive(Debug)]
+pub struct Producer<'a, T: Pod> {
+    shuffle: &'a Shuffle<T>,
+    staged: Vec<Vec<T>>,
+}
+
+impl<T: Pod + Send> Shuffle<T> {
+    /// A shuffle into `buckets` buckets that keeps up to `limit` bytes in memory and writes the
+    /// rest to `path`.
+    pub fn new(path: &Path, buckets: usize, limit: u64) -> Self {
+        let bucket = || Mutex::new(Bucket { blocks: Vec::new(), extents: Vec::new(), records: 0 });
+        Self {
+            path: path.to_path_buf(),
+            file: OnceLock::new(),
+            end: AtomicU64::new(0),
+            buckets: (0..buckets.max(1)).map(|_| bucket()).collect(),
+            held: AtomicU64::new(0),
+            limit,
+            creation: Mutex::new(()),
+        }
+    }
+
+    /// A good number of buckets for `records` records: each fits `bucket_bytes`.
+    pub fn bucket_count(records: u64, bucket_bytes: u64) -> usize {
+        let total = records.saturating_mul(size_of::<T>() as u64);
+        total.div_ceil(bucket_bytes.max(1)).clamp(1, 1 << 14) as usize
+    }
+
+    /// Number of buckets.
+    pub fn buckets(&self) -> usize {
+        self.buckets.len()
+    }
+
+    /// Records in all buckets.
+    pub fn len(&self) -> u64 {
+        (0..self.buckets.len()).map(|b| self.lock(b).records as u64).sum()
+    }
+
+    /// Whether no record was pushed.
+    pub fn is_empty(&self) -> bool {
+        self.len() == 0
+    }
+
+    /// Bytes written to the file.
+    pub fn spilled(&self) -> u64 {
+        self.end.load(Ordering::Relaxed)
+    }
+
+    /// A producer; one a thread. Call [`Producer::finish`] at its end.
+    pub fn producer(&self) -> Producer<'_, T> {
+        Producer { shuffle: self, staged: (0..self.buckets.len()).map(|_| Vec::new()).collect() }
+    }
+
+    fn lock(&self, bucket: usize) -> MutexGuard<'_, Bucket<T>> {
+        self.buckets[bucket].lock().unwrap_or_else(|poison| poison.into_inner())
+    }
+
+    /// The spill file, created at first use.
+    fn spill_file(&self) -> Result<&File> {
+        if let Some(file) = self.file.get() {
+            return Ok(file);
+        }
+        let _guard = self.creation.lock().unwrap_or_else(|poison| poison.into_inner());
+        if self.file.get().is_none() {
+            let file = File::options()
+                .read(true)
+                .write(true)
+                .create(true)
+                .truncate(true)
+                .open(&self.path)
+                .map_err(Error::io(&self.path, "create"))?;
+            let _ = self.file.set(file);
+        }
+        Ok(self.file.get_or_init(|| unreachable!("set above under the lock")))
+    }
+
+    fn accept(&self, bucket: usize, block: Vec<T>) -> Result<()> {
+        use std::os::unix::fs::FileExt;
+        let bytes = size_of_val(&block[..]) as u64;
+        if self.held.fetch_add(bytes, Ordering::Relaxed) + bytes <= self.limit {
+            let mut bucket = self.lock(bucket);
+            bucket.records += block.len();
+            bucket.blocks.push(block);
+            return Ok(());
+        }
+        self.held.fetch_sub(bytes, Ordering::Relaxed);
+        let file = self.spill_file()?;
+        let offset = self.end.fetch_add(bytes, Ordering::Relaxed);
+        file.write_all_at(bytemuck::cast_slice(&block), offset).map_err(Error::io(&self.path, "write"))?;
+        let mut bucket = self.lock(bucket);
+        bucket.records += block.len();
+        match bucket.extents.last_mut() {
+            Some((start, len)) if *start + (*len * size_of::<T>()) as u64 == offset => *len += block.len(),
+            _ => bucket.extents.push((offset, block.len())),
+        }
+        Ok(())
+    }
+
+    /// Takes all records of a bucket out, in no particular order.
+    ///
+    /// # Errors
+    /// [`Error::Io`] when the spill file cannot be read.
+    pub fn take(&self, bucket: usize) -> Result<Vec<T>> {
+        use std::os::unix::fs::FileExt;
+        let (blocks, extents, records) = {
+            let mut bucket = self.lock(bucket);
+            (std::mem::take(&mut bucket.blocks), std::mem::take(&mut bucket.extents), bucket.records)
+        };
+        let mut all = Vec::with_capacity(records);
+        for block in blocks {
+            self.held.fetch_sub(size_of_val(&block[..]) as u64, Ordering::Relaxed);
+            all.extend_from_slice(&block);
+        }
+        for (offset, len) in extents {
+            let start = all.len();
+            all.resize(start + len, T::zeroed());
+            let file = self.spill_file()?;
+            file.read_exact_at(bytemuck::cast_slice_mut(&mut all[start..]), offset)
+                .map_err(Error::io(&self.path, "read"))?;
+        }
+        Ok(all)
+    }
+}
+
+impl<T> Drop for Shuffle<T> {
+    fn drop(&mut self) {
+        if self.file.get().is_some() {
+            let _ = std::fs::remove_file(&self.path);
+        }
+    }
+}
+
+impl<T: Pod + Send> Producer<'_, T> {
+    /// Adds a record to a bucket.
+    ///
+    /// # Errors
+    /// [`Error::Io`] when it has to be spilled and cannot.
+    #[inline]
+    pub fn push(&mut self, bucket: usize, record: T) -> Result<()> {
+        let block = BLOCK_BYTES / size_of::<T>();
+        let staged = &mut self.staged[bucket];
+        if staged.len() == staged.capacity() && staged.capacity() == 0 {
+            staged.reserve_exact(block);
+        }
+        staged.push(record);
+        if staged.len() >= block {
+            let full = std::mem::take(staged);
+            return self.shuffle.accept(bucket, full);
+        }
+        Ok(())
+    }
+
+    /// Hands over what is staged.
+    ///
+    /// # Errors
+    /// As [`Producer::push`].
+    pub fn finish(mut self) -> Result<()> {
+        for (bucket, staged) in std::mem::take(&mut self.staged).into_iter().enumerate() {
+            if !staged.is_empty() {
+                self.shuffle.accept(bucket, staged)?;
+            }
+        }
+        Ok(())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn sorted_buckets_are_the_sorted_whole_in_memory_and_spilled() {
+        let dir = tempfile::tempdir().unwrap();
+        for limit in [u64::MAX, 100_000, 0] {
+            let shuffle = Shuffle::<u64>::new(&dir.path().join("s"), 13, limit);
+            let n = 100_000u64;
+            std::thread::scope(|scope| {
+                for half in 0..2 {
+                    let shuffle = &shuffle;
+                    scope.spawn(move || {
+                        let mut producer = shuffle.producer();
+                        for i in (half * n / 2)..((half + 1) * n / 2) {
+                            let key = i.wrapping_mul(0x9e37_79b9_7f4a_7c15) % n;
+                            producer.push((key * 13 / n) as usize, key).unwrap();
+                        }
+                        producer.finish().unwrap();
+                    });
+                }
+            });
+            assert_eq!(shuffle.len(), n);
+            assert_eq!(shuffle.spilled() > 0, limit < u64::MAX);
+            let mut whole = Vec::new();
+            for bucket in 0..13 {
+                let mut records = shuffle.take(bucket).unwrap();
+                records.sort_unstable();
+                whole.extend(records);
+            }
+            let mut expected: Vec<u64> = (0..n).map(|i| i.wrapping_mul(0x9e37_79b9_7f4a_7c15) % n).collect();
+            expected.sort_unstable();
+            assert_eq!(whole, expected);
+        }
+        assert_eq!(std::fs::read_dir(dir.path()).unwrap().count(), 0, "the spill file is removed");
+    }
+}

@@ -1,3 +1,368 @@
-//! todo
-/// w
-pub struct WorkDir;
+//! The work directory: the arrays of a run, and a manifest that says what they are.
+//!
+//! Ownership rules. A stage owns the arrays it stamps; it writes them under temporary names,
+//! renames them when whole, and stamps the manifest last. A stage whose *key* (a hash of its options
+//! and of the keys it builds on) equals the stamped one is reused; any other key makes it
+//! anew, and everything downstream with it, since their keys contain this one. The directory is
+//! locked by an advisory lock that dies with its process, so a stale lock cannot exist.
+//!
+//! A temporary directory is removed when dropped; one that a killed run left behind is removed by
+//! the next run that makes one beside it.
+
+use super::npy::{self, ArrayMut, ArrayWriter, Item};
+use super::MappedSlice;
+use crate::base::{Error, Result};
+use serde::de::DeserializeOwned;
+use serde::{Deserialize, Serialize};
+use std::collections::BTreeMap;
+use std::fs::File;
+use std::io::{Read, Write};
+use std::path::{Path, PathBuf};
+use std::sync::{Mutex, MutexGuard};
+use xxhash_rust::xxh3::{Xxh3, xxh3_64};
+
+/// Version of the layout of a work directory; another one is refused.
+pub const FORMAT: u32 = 1;
+const MANIFEST: &str = "manifest.json";
+const LOCK: &str = "lock";
+const TEMPORARY: &str = ".nystrom-stream-";
+
+/// What the manifest says.
+#[derive(Clone, Debug, Serialize, Deserialize)]
+pub struct Manifest {
+    /// Layout version.
+    pub format: u32,
+    /// Program and version that wrote it last.
+    pub program: String,
+    /// Finished stages by name.
+    pub stages: BTreeMap<String, Stage>,
+}
+
+/// A finished stage.
+#[derive(Clone, Debug, Serialize, Deserialize)]
+pub struct Stage {
+    /// Hash of options and inputs.
+    pub key: String,
+    /// The options behind the key, for the reader.
+    pub options: serde_json::Value,
+    /// Its files by name.
+    pub files: BTreeMap<String, FileRecord>,
+    /// Numbers that later stages and reports need.
+    pub facts: serde_json::Value,
+    /// How long it took.
+    pub seconds: f64,
+}
+
+/// Size and checksum of a stage's file.
+#[derive(Clone, Debug, Serialize, Deserialize)]
+pub struct FileRecord {
+    /// Bytes.
+    pub bytes: u64,
+    /// XXH3 of all bytes, in hexadecimal; empty in a temporary directory.
+    pub xxh3: String,
+}
+
+/// An open, locked work directory.
+#[derive(Debug)]
+pub struct WorkDir {
+    path: PathBuf,
+    manifest: Mutex<Manifest>,
+    _lock: File,
+    temporary: bool,
+}
+
+/// The key of a stage: a hash of its options (with the keys of what it builds on among them).
+pub fn key_of(options: &serde_json::Value) -> String {
+    format!("{:016x}", xxh3_64(options.to_string().as_bytes()))
+}
+
+fn lock(path: &Path) -> Result<Option<File>> {
+    let file = File::options()
+        .create(true)
+        .truncate(false)
+        .read(true)
+        .write(true)
+        .open(path.join(LOCK))
+        .map_err(Error::io(path.join(LOCK), "create"))?;
+    match fs4::FileExt::try_lock(&file) {
+        Ok(()) => Ok(Some(file)),
+        Err(fs4::TryLockError::WouldBlock) => Ok(None),
+        Err(fs4::TryLockError::Error(error)) => Err(Error::io(path.join(LOCK), "lock")(error)),
+    }
+}
+
+impl WorkDir {
+    /// Opens (or creates) the work directory at `path` and locks it.
+    ///
+    /// # Errors
+    /// [`Error::WorkDir`] when it is in use, of another format, or not a work directory;
+    /// [`Error::Io`].
+    pub fn open(path: &Path) -> Result<Self> {
+        std::fs::create_dir_all(path).map_err(Error::io(path, "create"))?;
+        let manifest_path = path.join(MANIFEST);
+        let known = manifest_path.exists() || path.join(LOCK).exists();
+        let foreign = std::fs::read_dir(path).map_err(Error::io(path, "list"))?.next().is_some() && !known;
+        if foreign {
+            return Err(Error::work_dir(
+                path,
+                "is not empty and not a work directory of this program",
+                "name an empty or new folder",
+            ));
+        }
+        let Some(lock) = lock(path)? else {
+            return Err(Error::work_dir(path, "is in use by another process", "wait for it, or name another folder"));
+        };
+        let manifest = match std::fs::read_to_string(&manifest_path) {
+            Ok(text) => serde_json::from_str::<Manifest>(&text).map_err(|error| {
+                Error::work_dir(&manifest_path, format!("cannot be read: {error}"), "delete the work directory")
+            })?,
+            Err(error) if error.kind() == std::io::ErrorKind::NotFound => Manifest::new(),
+            Err(error) => return Err(Error::io(&manifest_path, "read")(error)),
+        };
+        if manifest.format != FORMAT {
+            return Err(Error::work_dir(
+                path,
+                format!("has format {}, this program writes {FORMAT}", manifest.format),
+                "delete it or use the program that wrote it",
+            ));
+        }
+        Ok(Self { path: path.to_path_buf(), manifest: Mutex::new(manifest), _lock: lock, temporary: false })
+    }
+
+    /// A temporary work directory inside `parent`, removed when dropped. Also removes those
+    /// that killed runs left there.
+    ///
+    /// # Errors
+    /// [`Error::Io`].
+    pub fn temporary(parent: &Path) -> Result<Self> {
+        remove_abandoned(parent);
+        let dir = tempfile::Builder::new()
+            .prefix(TEMPORARY)
+            .tempdir_in(parent)
+            .map_err(Error::io(parent, "create a temporary folder in"))?;
+        let path = dir.keep();
+        match lock(&path)? {
+            Some(lock) => Ok(Self { path, manifest: Mutex::new(Manifest::new()), _lock: lock, temporary: true }),
+            None => Err(Error::work_dir(path, "was taken by another process", "try again")),
+        }
+    }
+
+    /// Its folder.
+    pub fn path(&self) -> &Path {
+        &self.path
+    }
+
+    /// Whether it will be removed when dropped.
+    pub fn is_temporary(&self) -> bool {
+        self.temporary
+    }
+
+    /// Whether files must reach the disk before they are stamped.
+    pub fn durable(&self) -> bool {
+        !self.temporary
+    }
+
+    /// The path of a file in it.
+    pub fn file(&self, name: &str) -> PathBuf {
+        self.path.join(name)
+    }
+
+    /// Starts an array of known shape.
+    ///
+    /// # Errors
+    /// [`Error::Io`].
+    pub fn array<T: Item>(&self, name: &str, shape: &[usize]) -> Result<ArrayMut<T>> {
+        ArrayMut::create(&self.file(name), shape)
+    }
+
+    /// Starts an array written front to back.
+    ///
+    /// # Errors
+    /// [`Error::Io`].
+    pub fn writer<T: Item>(&self, name: &str, row: usize) -> Result<ArrayWriter<T>> {
+        ArrayWriter::create(&self.file(name), row)
+    }
+
+    /// Opens a finished array.
+    ///
+    /// # Errors
+    /// [`Error::Io`], [`Error::Malformed`].
+    pub fn open_array<T: Item>(&self, name: &str) -> Result<MappedSlice<T>> {
+        npy::open(&self.file(name))
+    }
+
+    /// Removes a file that is no longer needed; whether it was there does not matter.
+    pub fn remove(&self, name: &str) {
+        let _ = std::fs::remove_file(self.file(name));
+    }
+
+    fn manifest_lock(&self) -> MutexGuard<'_, Manifest> {
+        self.manifest.lock().unwrap_or_else(|poison| poison.into_inner())
+    }
+
+    /// A copy of the manifest.
+    pub fn manifest(&self) -> Manifest {
+        self.manifest_lock().clone()
+    }
+
+    /// The facts of a finished stage, where its key is `key` and its files are whole in size.
+    /// Otherwise `Err` with the reason, in words, why it has to be made (anew).
+    pub fn reuse<T: DeserializeOwned>(&self, stage: &str, key: &str) -> Result<T, String> {
+        let manifest = self.manifest_lock();
+        let record = manifest.stages.get(stage).ok_or_else(|| "not made yet".to_string())?;
+        if record.key != key {
+            return Err("its options or inputs changed".to_string());
+        }
+        for (name, file) in &record.files {
+            match std::fs::metadata(self.file(name)) {
+                Ok(metadata) if metadata.len() == file.bytes => {}
+                Ok(metadata) => return Err(format!("{name} has {} bytes instead of {}", metadata.len(), file.bytes)),
+                Err(_) => return Err(format!("{name} is missing")),
+            }
+        }
+        serde_json::from_value(record.facts.clone()).map_err(|error| format!("its facts are unreadable: {error}"))
+    }
+
+    /// Stamps a stage as finished.
+    ///
+    /// # Errors
+    /// [`Error::Io`].
+    pub fn stamp(
+        &self,
+        stage: &str,
+        key: &str,
+        options: &serde_json::Value,
+        files: &[&str],
+        facts: &impl Serialize,
+        seconds: f64,
+    ) -> Result<()> {
+        let mut records = BTreeMap::new();
+        for &name in files {
+            let path = self.file(name);
+            let bytes = std::fs::metadata(&path).map_err(Error::io(&path, "look at"))?.len();
+            let xxh3 = if self.temporary {
+                String::new()
+            } else {
+                // On the disk before the manifest says so.
+                File::open(&path).and_then(|file| file.sync_all()).map_err(Error::io(&path, "sync"))?;
+                checksum(&path)?
+            };
+            records.insert(name.to_string(), FileRecord { bytes, xxh3 });
+        }
+        let facts = serde_json::to_value(facts)
+            .map_err(|error| Error::work_dir(&self.path, format!("facts of {stage}: {error}"), "report this"))?;
+        let record = Stage { key: key.to_string(), options: options.clone(), files: records, facts, seconds };
+        let mut manifest = self.manifest_lock();
+        manifest.stages.insert(stage.to_string(), record);
+        self.save(&manifest)
+    }
+
+    fn save(&self, manifest: &Manifest) -> Result<()> {
+        let path = self.file(MANIFEST);
+        let partial = npy::partial_name(&path);
+        let text = serde_json::to_string_pretty(manifest)
+            .map_err(|error| Error::work_dir(&path, error.to_string(), "report this"))?;
+        let mut file = File::create(&partial).map_err(Error::io(&partial, "create"))?;
+        file.write_all(text.as_bytes()).map_err(Error::io(&partial, "write"))?;
+        if self.durable() {
+            file.sync_all().map_err(Error::io(&partial, "sync"))?;
+        }
+        std::fs::rename(&partial, &path).map_err(Error::io(&partial, "rename"))
+    }
+
+    /// Bytes of all files in it now.
+    pub fn bytes(&self) -> u64 {
+        let Ok(entries) = std::fs::read_dir(&self.path) else { return 0 };
+        entries.flatten().filter_map(|entry| entry.metadata().ok()).map(|metadata| metadata.len()).sum()
+    }
+}
+
+impl Drop for WorkDir {
+    fn drop(&mut self) {
+        if self.temporary {
+            let _ = std::fs::remove_dir_all(&self.path);
+        }
+    }
+}
+
+impl Manifest {
+    fn new() -> Self {
+        let program = concat!(env!("CARGO_PKG_NAME"), " ", env!("CARGO_PKG_VERSION")).to_string();
+        Self { format: FORMAT, program, stages: BTreeMap::new() }
+    }
+}
+
+/// XXH3 of a file's bytes, in hexadecimal, read in blocks.
+///
+/// # Errors
+/// [`Error::Io`].
+pub fn checksum(path: &Path) -> Result<String> {
+    let mut file = File::open(path).map_err(Error::io(path, "open"))?;
+    let mut hash = Xxh3::new();
+    let mut block = vec![0; 1 << 18];
+    loop {
+        let len = file.read(&mut block).map_err(Error::io(path, "read"))?;
+        if len == 0 {
+            return Ok(format!("{:016x}", hash.digest()));
+        }
+        hash.update(&block[..len]);
+    }
+}
+
+/// Removes temporary work directories in `parent` whose process is gone.
+fn remove_abandoned(parent: &Path) {
+    let Ok(entries) = std::fs::read_dir(parent) else { return };
+    for entry in entries.flatten() {
+        let ours = entry.file_name().to_string_lossy().starts_with(TEMPORARY);
+        if ours && entry.path().join(LOCK).exists() && matches!(lock(&entry.path()), Ok(Some(_))) {
+            let _ = std::fs::remove_dir_all(entry.path());
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use serde_json::json;
+
+    #[test]
+    fn a_stage_is_reused_only_with_the_same_key_and_whole_files() {
+        let dir = tempfile::tempdir().unwrap();
+        let path = dir.path().join("w");
+        let options = json!({"a": 1});
+        let key = key_of(&options);
+        {
+            let work = WorkDir::open(&path).unwrap();
+            assert!(WorkDir::open(&path).is_err(), "locked");
+            npy::write(&work.file("x.npy"), &[1u32, 2], 1, true).unwrap();
+            work.stamp("s", &key, &options, &["x.npy"], &7, 0.5).unwrap();
+        }
+        let work = WorkDir::open(&path).unwrap();
+        assert_eq!(work.reuse::<i32>("s", &key), Ok(7));
+        assert!(work.reuse::<i32>("s", "other").is_err());
+        assert!(work.reuse::<i32>("t", &key).is_err());
+        std::fs::write(work.file("x.npy"), [0]).unwrap();
+        assert!(work.reuse::<i32>("s", &key).unwrap_err().contains("bytes"));
+    }
+
+    #[test]
+    fn temporary_directories_vanish_even_after_a_crash() {
+        let dir = tempfile::tempdir().unwrap();
+        let first = WorkDir::temporary(dir.path()).unwrap();
+        let abandoned = dir.path().join(".nystrom-stream-dead");
+        std::fs::create_dir(&abandoned).unwrap();
+        std::fs::write(abandoned.join(LOCK), []).unwrap();
+        let second = WorkDir::temporary(dir.path()).unwrap();
+        assert!(!abandoned.exists());
+        assert!(first.path().exists(), "a live one stays");
+        drop((first, second));
+        assert_eq!(std::fs::read_dir(dir.path()).unwrap().count(), 0);
+    }
+
+    #[test]
+    fn foreign_folders_are_refused() {
+        let dir = tempfile::tempdir().unwrap();
+        std::fs::write(dir.path().join("thesis.doc"), []).unwrap();
+        assert!(matches!(WorkDir::open(dir.path()), Err(Error::WorkDir { .. })));
+    }
+}

@@ -1,0 +1,158 @@
+//! Bridges between components, so that every face is within reach of every landmark.
+//!
+//! The rule: components in descending order of area; each is joined to the nearest face among all
+//! larger ones by one edge as long as the gap, with no turning. So a speck of scanning dust takes part in the
+//! part it floats beside, and separate objects stand as far apart in the embedding as in space.
+//! (Leaving components unreachable instead makes landmarks sit on dust and σ meaningless;
+//! both alternatives are recorded in `docs/decisions.md`.)
+//!
+//! Nearest means nearest among samples: up to [`PER_COMPONENT`] evenly spread faces of a
+//! component are looked up in an R*-tree of up to [`TREE_SAMPLES`] faces of the larger ones. Above
+//! [`MOST_IN_TREE`] components the rest are joined without joining the tree. Memory: 64 MB at the
+//! most; nothing where there is one component.
+
+use super::assemble::{Entry, Rows, RowsWriter};
+use super::components::Components;
+use super::nodes::Node;
+use crate::base::Result;
+use crate::store::{Run, WorkDir};
+use rstar::RTree;
+use rstar::primitives::GeomWithData;
+use std::collections::HashMap;
+
+/// Faces of a component that look for a partner.
+pub const PER_COMPONENT: u64 = 64;
+/// Faces that can be found as partners.
+pub const TREE_SAMPLES: u64 = 400_000;
+/// Components whose faces can be found as partners.
+pub const MOST_IN_TREE: usize = 100_000;
+
+type Point = GeomWithData<[f32; 3], u32>;
+
+/// An edge to add: two nodes and the gap between their centroids in the frame.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Bridge {
+    /// The nodes, ascending.
+    pub nodes: [u32; 2],
+    /// Distance of the centroids.
+    pub gap: f32,
+}
+
+/// The bridges that join all components.
+///
+/// # Errors
+/// [`crate::base::Error::Cancelled`].
+pub fn find_bridges(components: &Components, nodes: &[Node], run: &Run) -> Result<Vec<Bridge>> {
+    let mut order: Vec<(u32, f64, u64)> = components.list.iter().map(|(&root, c)| (root, c.area, c.nodes)).collect();
+    if order.len() < 2 {
+        return Ok(Vec::new());
+    }
+    order.sort_by(|a, b| b.1.total_cmp(&a.1).then(b.2.cmp(&a.2)).then(a.0.cmp(&b.0)));
+    let rank: HashMap<u32, usize> = order.iter().enumerate().map(|(rank, c)| (c.0, rank)).collect();
+    let samples = sample(components, &rank, &order, nodes, run)?;
+    let mut tree: RTree<Point> = RTree::new();
+    let mut bridges = Vec::with_capacity(order.len() - 1);
+    for (place, mine) in samples.into_iter().enumerate() {
+        if place % 1024 == 0 {
+            run.cancel.check()?;
+        }
+        if place > 0 {
+            let step = (mine.len() as u64).div_ceil(PER_COMPONENT).max(1) as usize;
+            let nearest = mine
+                .iter()
+                .step_by(step)
+                .filter_map(|&node| {
+                    let at = nodes[node as usize].centroid;
+                    let (other, square) = tree.nearest_neighbor_iter_with_distance_2(at).next()?;
+                    Some((square, node, other.data))
+                })
+                .min_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)).then(a.2.cmp(&b.2)));
+            if let Some((square, a, b)) = nearest {
+                bridges.push(Bridge { nodes: [a.min(b), a.max(b)], gap: square.sqrt() });
+            }
+        }
+        let points = mine.iter().map(|&node| Point::new(nodes[node as usize].centroid, node));
+        if place == 0 {
+            tree = RTree::bulk_load(points.collect());
+        } else if place < MOST_IN_TREE {
+            points.for_each(|point| tree.insert(point));
+        }
+    }
+    Ok(bridges)
+}
+
+/// Evenly spread nodes of every component, by rank; at least one each.
+fn sample(
+    components: &Components,
+    rank: &HashMap<u32, usize>,
+    order: &[(u32, f64, u64)],
+    nodes: &[Node],
+    run: &Run,
+) -> Result<Vec<Vec<u32>>> {
+    let stride = (nodes.len() as u64).div_ceil(TREE_SAMPLES).max(1);
+    // Small components keep up to PER_COMPONENT faces, so that dust is placed exactly.
+    let steps: Vec<u64> = order.iter().map(|c| stride.min(c.2.div_ceil(PER_COMPONENT)).max(1)).collect();
+    let mut seen = vec![0u64; order.len()];
+    let mut samples = vec![Vec::new(); order.len()];
+    let (mut last_root, mut last_rank) = (u32::MAX, 0);
+    for (node, &root) in components.root.iter().enumerate() {
+        if node % (1 << 20) == 0 {
+            run.cancel.check()?;
+        }
+        if root != last_root {
+            (last_root, last_rank) = (root, rank.get(&root).copied().unwrap_or(0));
+        }
+        if seen[last_rank].is_multiple_of(steps[last_rank]) {
+            samples[last_rank].push(node as u32);
+        }
+        seen[last_rank] += 1;
+    }
+    Ok(samples)
+}
+
+/// Rewrites the rows with the bridges in their places; one sequential pass.
+///
+/// # Errors
+/// [`crate::base::Error::Io`], [`crate::base::Error::Cancelled`].
+pub fn insert(rows: &Rows, bridges: &[Bridge], work: &WorkDir, run: &Run) -> Result<Rows> {
+    let mut extra: Vec<(usize, Entry)> = Vec::with_capacity(2 * bridges.len());
+    for bridge in bridges {
+        let [a, b] = bridge.nodes;
+        extra.push((a as usize, Entry { node: b, gd: bridge.gap, edge: 0. }));
+        extra.push((b as usize, Entry { node: a, gd: bridge.gap, edge: 0. }));
+    }
+    extra.sort_unstable_by_key(|(row, entry)| (*row, entry.node));
+    let mut writer = RowsWriter::create(work)?;
+    let mut done = 0;
+    for group in extra.chunk_by(|a, b| a.0 == b.0) {
+        let row = group[0].0;
+        copy(rows, done..row, &mut writer, run)?;
+        let span = rows.indptr[row] as usize..rows.indptr[row + 1] as usize;
+        let old = span.map(|e| Entry { node: rows.indices[e], gd: rows.gd[e], edge: rows.edge[e] });
+        let mut entries: Vec<Entry> = old.chain(group.iter().map(|(_, entry)| *entry)).collect();
+        entries.sort_unstable_by_key(|entry| entry.node);
+        let (mut indices, mut gd, mut edges) = (Vec::new(), Vec::new(), Vec::new());
+        for entry in &entries {
+            indices.push(entry.node);
+            gd.push(entry.gd);
+            edges.push(entry.edge);
+        }
+        writer.push(&[entries.len() as u32], &indices, &gd, &edges)?;
+        done = row + 1;
+    }
+    copy(rows, done..rows.indptr.len() - 1, &mut writer, run)?;
+    writer.finish()
+}
+
+/// Copies whole rows in blocks.
+fn copy(rows: &Rows, range: std::ops::Range<usize>, writer: &mut RowsWriter, run: &Run) -> Result<()> {
+    const BLOCK: usize = 1 << 16;
+    for start in range.clone().step_by(BLOCK) {
+        run.cancel.check()?;
+        let end = (start + BLOCK).min(range.end);
+        let degrees: Vec<u32> = rows.indptr[start..=end].windows(2).map(|w| (w[1] - w[0]) as u32).collect();
+        let span = rows.indptr[start] as usize..rows.indptr[end] as usize;
+        writer.push(&degrees, &rows.indices[span.clone()], &rows.gd[span.clone()], &rows.edge[span])?;
+    }
+    Ok(())
+}

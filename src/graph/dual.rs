@@ -1,0 +1,195 @@
+//! The dual graph as a stage: built once into the work directory, opened as mapped arrays after.
+
+use super::assemble::{Rows, assemble};
+use super::bridge;
+use super::components::find_components;
+use super::nodes::{self, Frame, Node};
+use super::weights::{self, Metric};
+use super::adjacency;
+use crate::base::{Error, Result};
+use crate::mesh::Mesh;
+use crate::store::mapped::{MappedCsr, csr_of_mapped};
+use crate::store::workdir::key_of;
+use crate::store::{MappedSlice, Run, WorkDir};
+use serde::{Deserialize, Serialize};
+use serde_json::json;
+use std::path::Path;
+
+/// What building the graph learned about the mesh.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct GraphFacts {
+    /// Nodes (= faces).
+    pub nodes: u64,
+    /// Undirected edges, bridges included.
+    pub edges: u64,
+    /// Mesh edges with one face, after welding.
+    pub boundary_edges: u64,
+    /// Mesh edges with three faces or more.
+    pub nonmanifold_edges: u64,
+    /// Open edges joined to others at exactly the same position.
+    pub welded_edges: u64,
+    /// Faces without area or with a coordinate that is no number.
+    pub degenerate_faces: u64,
+    /// Connected components, before bridging.
+    pub components: u64,
+    /// Edges added to join components.
+    pub bridges: u64,
+    /// Sum of face areas in the frame.
+    pub area: f64,
+    /// The frame.
+    pub frame: Frame,
+}
+
+/// A dual graph in a work directory.
+#[derive(Clone, Debug)]
+pub struct DualGraph {
+    /// Rows without weights.
+    pub rows: Rows,
+    /// Geometry of the nodes.
+    pub nodes: MappedSlice<Node>,
+    /// First node of each node's component, before bridging; `None` where there is one.
+    pub components: Option<MappedSlice<u32>>,
+    /// Counts and sums.
+    pub facts: GraphFacts,
+    /// Key of the stage, for stages built on it.
+    pub key: String,
+}
+
+const FILES: [&str; 5] =
+    [nodes::FILE, "graph_indptr.npy", "graph_indices.npy", "graph_gd.npy", "graph_edges.npy"];
+
+impl DualGraph {
+    /// Builds the graph of `mesh` (from the file `path`, whose identity is `input`) in `work`, or
+    /// opens it where that was done before.
+    ///
+    /// # Errors
+    /// [`Error::Unusable`] for more than 2³² − 1 corners, [`Error::Io`], [`Error::Memory`],
+    /// [`Error::Cancelled`].
+    pub fn build(mesh: &Mesh, path: &Path, input: &serde_json::Value, work: &WorkDir, run: &Run) -> Result<Self> {
+        let options = json!({"stage": "graph", "input": input});
+        let key = key_of(&options);
+        if let Ok(facts) = work.reuse::<GraphFacts>("graph", &key) {
+            run.progress.note("graph: reused");
+            return Self::open(work, facts, key);
+        }
+        let (graph, seconds) =
+            run.stage("graph", "faces", mesh.faces.len() as u64, || Self::make(mesh, path, work, run, key.clone()))?;
+        let mut files = FILES.to_vec();
+        if graph.components.is_some() {
+            files.push("components.npy");
+        }
+        work.stamp("graph", &key, &options, &files, &graph.facts, seconds)?;
+        Ok(graph)
+    }
+
+    fn make(mesh: &Mesh, path: &Path, work: &WorkDir, run: &Run, key: String) -> Result<Self> {
+        let frame = Frame::of(&mesh.positions, run)?;
+        let (nodes, sums) = nodes::build(mesh, &frame, work, run)?;
+        let (links, counts) = adjacency::matched(mesh, path, work, run)?;
+        let mut rows = assemble(mesh, &frame, &nodes, &links, work, run)?;
+        drop(links);
+        let components = find_components(&rows, &nodes, work, run)?;
+        let bridges = bridge::find_bridges(&components, &nodes, run)?;
+        if !bridges.is_empty() {
+            rows = bridge::insert(&rows, &bridges, work, run)?;
+        }
+        let facts = GraphFacts {
+            nodes: nodes.len() as u64,
+            edges: rows.indices.len() as u64 / 2,
+            boundary_edges: counts.boundary,
+            nonmanifold_edges: counts.nonmanifold,
+            welded_edges: counts.welded,
+            degenerate_faces: sums.degenerate,
+            components: components.list.len() as u64,
+            bridges: bridges.len() as u64,
+            area: sums.area,
+            frame,
+        };
+        let components = if facts.components > 1 {
+            Some(components.root)
+        } else {
+            drop(components);
+            work.remove("components.npy");
+            None
+        };
+        Ok(Self { rows, nodes, components, facts, key })
+    }
+
+    /// Opens the arrays of a finished graph stage.
+    fn open(work: &WorkDir, facts: GraphFacts, key: String) -> Result<Self> {
+        let rows = Rows {
+            indptr: work.open_array("graph_indptr.npy")?,
+            indices: work.open_array("graph_indices.npy")?,
+            gd: work.open_array("graph_gd.npy")?,
+            edge: work.open_array("graph_edges.npy")?,
+        };
+        let components = if facts.components > 1 { Some(work.open_array("components.npy")?) } else { None };
+        let nodes: MappedSlice<Node> = work.open_array(nodes::FILE)?;
+        if nodes.len() as u64 != facts.nodes || rows.indptr.len() != nodes.len() + 1 {
+            return Err(Error::work_dir(work.path(), "the graph's arrays contradict each other", "delete it"));
+        }
+        Ok(Self { rows, nodes, components, facts, key })
+    }
+
+    /// The graph as a sparse matrix under `metric`: weights computed, or reused.
+    ///
+    /// # Errors
+    /// [`Error::Parameter`], [`Error::Io`], [`Error::Cancelled`].
+    pub fn weighted(&self, metric: Metric, work: &WorkDir, run: &Run) -> Result<Weighted> {
+        let options = json!({"stage": "weights", "graph": self.key, "metric": metric});
+        let key = key_of(&options);
+        let weights = if work.reuse::<()>("weights", &key).is_ok() {
+            run.progress.note("weights: reused");
+            work.open_array("graph_weights.npy")?
+        } else {
+            let (weights, seconds) = run.stage("weights", "faces", self.facts.nodes, || {
+                weights::build(&self.rows, &self.nodes, self.facts.area, metric, work, run)
+            })?;
+            work.stamp("weights", &key, &options, &["graph_weights.npy"], &(), seconds)?;
+            weights
+        };
+        let matrix = csr_of_mapped(work.path(), self.rows.indptr.clone(), self.rows.indices.clone(), weights)?;
+        Ok(Weighted { matrix, indptr: self.rows.indptr.clone(), key })
+    }
+}
+
+/// A weighted graph as a sparse matrix over mapped files.
+#[derive(Clone, Debug)]
+pub struct Weighted {
+    /// Row i: the neighbours of node i and the weights of the steps.
+    pub matrix: MappedCsr,
+    /// The matrix's row starts: its own are behind a view that cannot be borrowed for long.
+    indptr: MappedSlice<u64>,
+    /// Key of the stage, for stages built on it.
+    pub key: String,
+}
+
+impl Weighted {
+    /// The matrix as raw slices for hot loops.
+    pub fn csr(&self) -> Csr<'_> {
+        Csr { indptr: &self.indptr, indices: self.matrix.indices(), weights: self.matrix.data() }
+    }
+}
+
+/// A graph as raw slices.
+#[derive(Clone, Copy, Debug)]
+pub struct Csr<'a> {
+    /// Row starts (n + 1).
+    pub indptr: &'a [u64],
+    /// Neighbours (nnz), all below n.
+    pub indices: &'a [u32],
+    /// Weights (nnz), positive.
+    pub weights: &'a [f32],
+}
+
+impl Csr<'_> {
+    /// Number of nodes.
+    pub fn len(&self) -> usize {
+        self.indptr.len() - 1
+    }
+
+    /// Whether there are no nodes.
+    pub fn is_empty(&self) -> bool {
+        self.len() == 0
+    }
+}

@@ -1,0 +1,201 @@
+//! Colours of parts: told apart by everyone, unlike between neighbours.
+//!
+//! The first [`BASE`] colours are Okabe and Ito's (without black) and darker and lighter ones between
+//! them; more are picked from a grid of sRGB, each as far as can be from all before it. Distances
+//! are those of OKLab, the least over normal sight, protanopia and deuteranopia (simulated after
+//! Machado et al. 2009). Cost: milliseconds at most; nothing of the size of the mesh is touched.
+
+/// Colours fixed by hand.
+pub const BASE: usize = 12;
+/// Distinct colours at most; more parts than that share colours, neighbours excepted.
+pub const MOST: usize = 256;
+/// Distance from which two colours are plainly different; more is no better.
+const PLAIN: f32 = 0.2;
+
+const HAND_PICKED: [[u8; 3]; BASE] = [
+    [0xe6, 0x9f, 0x00],
+    [0x56, 0xb4, 0xe9],
+    [0x00, 0x9e, 0x73],
+    [0xf0, 0xe4, 0x42],
+    [0x00, 0x72, 0xb2],
+    [0xd5, 0x5e, 0x00],
+    [0xcc, 0x79, 0xa7],
+    [0x33, 0x22, 0x88],
+    [0xdd, 0xdd, 0xdd],
+    [0x88, 0x22, 0x55],
+    [0x0b, 0x4f, 0x2c],
+    [0xb5, 0xf0, 0xd0],
+];
+
+type Row = [f32; 3];
+
+/// What protanopia and deuteranopia make of linear RGB.
+const SIGHTS: [[Row; 3]; 3] = [
+    [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]],
+    [[0.152286, 1.052583, -0.204868], [0.114503, 0.786281, 0.099216], [-0.003882, -0.048116, 1.051998]],
+    [[0.367322, 0.860646, -0.227968], [0.280085, 0.672501, 0.047413], [-0.011820, 0.042940, 0.968881]],
+];
+
+/// A colour as the three sights see it, in OKLab.
+type Seen = [Row; 3];
+
+fn times(matrix: &[Row; 3], v: Row) -> Row {
+    matrix.map(|row| row[0] * v[0] + row[1] * v[1] + row[2] * v[2])
+}
+
+fn seen(colour: [u8; 3]) -> Seen {
+    let linear = colour.map(|part| {
+        let part = f32::from(part) / 255.0;
+        if part <= 0.04045 { part / 12.92 } else { ((part + 0.055) / 1.055).powf(2.4) }
+    });
+    SIGHTS.map(|sight| {
+        let cones = times(
+            &[
+                [0.412_221_46, 0.536_332_55, 0.051_445_995],
+                [0.211_903_5, 0.680_699_5, 0.107_396_96],
+                [0.088_302_46, 0.281_718_85, 0.629_978_7],
+            ],
+            times(&sight, linear).map(|part| part.clamp(0.0, 1.0)),
+        );
+        times(
+            &[
+                [0.210_454_26, 0.793_617_8, -0.004_072_047],
+                [1.977_998_5, -2.428_592_2, 0.450_593_7],
+                [0.025_904_037, 0.782_771_77, -0.808_675_77],
+            ],
+            cones.map(f32::cbrt),
+        )
+    })
+}
+
+/// The distance of two colours in OKLab for the sight that tells them apart worst.
+fn distance(a: &Seen, b: &Seen) -> f32 {
+    let apart = |(a, b): (&Row, &Row)| (0..3).map(|k| (a[k] - b[k]).powi(2)).sum::<f32>().sqrt();
+    a.iter().zip(b).map(apart).fold(f32::INFINITY, f32::min)
+}
+
+/// The first `count` colours, at most [`MOST`], all distinct.
+pub fn palette(count: usize) -> Vec<[u8; 3]> {
+    let mut colours = HAND_PICKED.to_vec();
+    if count > BASE {
+        const STEPS: [u8; 9] = [0, 32, 64, 96, 128, 160, 192, 224, 255];
+        let grid = STEPS.iter().flat_map(|&r| STEPS.iter().flat_map(move |&g| STEPS.iter().map(move |&b| [r, g, b])));
+        let mut candidates: Vec<([u8; 3], Seen, f32)> = grid
+            .map(|colour| (colour, seen(colour)))
+            // Shading is lost on what is nearly black or white.
+            .filter(|(_, seen)| (0.3..0.95).contains(&seen[0][0]))
+            .map(|(colour, seen)| (colour, seen, f32::INFINITY))
+            .collect();
+        let mut taken = 0;
+        while colours.len() < count.min(MOST) {
+            for new in colours[taken..].iter().map(|&colour| seen(colour)) {
+                candidates.iter_mut().for_each(|(_, seen, far)| *far = far.min(distance(seen, &new)));
+            }
+            taken = colours.len();
+            let best = candidates.iter().reduce(|best, one| if one.2 > best.2 { one } else { best });
+            let Some(&(colour, ..)) = best else { break };
+            colours.push(colour);
+        }
+    }
+    colours.truncate(count);
+    colours
+}
+
+/// A colour a part such that parts that touch are unlike. `touching` lists pairs of parts and the
+/// length of their contact, each pair once or twice; pairs beyond `parts` are ignored.
+///
+/// Parts choose in the order of their contact, the longest first, among the colours used least:
+/// so all [`MOST`] colours are used before one is used twice.
+pub fn assign(parts: usize, touching: &[(u32, u32, f64)]) -> Vec<[u8; 3]> {
+    let colours = palette(parts.clamp(BASE, MOST));
+    let seen: Vec<Seen> = colours.iter().map(|&colour| seen(colour)).collect();
+    let mut neighbours: Vec<Vec<usize>> = vec![Vec::new(); parts];
+    let mut contact = vec![0.0f64; parts];
+    for &(a, b, length) in touching {
+        let (a, b) = (a as usize, b as usize);
+        if a < parts && b < parts && a != b {
+            neighbours[a].push(b);
+            neighbours[b].push(a);
+            contact[a] += length;
+            contact[b] += length;
+        }
+    }
+    let mut order: Vec<usize> = (0..parts).collect();
+    order.sort_by(|&a, &b| contact[b].total_cmp(&contact[a]).then(a.cmp(&b)));
+    let mut chosen: Vec<Option<usize>> = vec![None; parts];
+    let mut uses = vec![0usize; colours.len()];
+    for part in order {
+        let near: Vec<usize> = neighbours[part].iter().filter_map(|&other| chosen[other]).collect();
+        // The least-used colours first, but never a neighbour's while there is another.
+        let unlike =
+            |colour: usize| near.iter().map(|&other| distance(&seen[colour], &seen[other])).fold(PLAIN, f32::min);
+        let score = |colour: usize| {
+            let apart = unlike(colour);
+            (apart > 0.0, std::cmp::Reverse(uses[colour]), apart)
+        };
+        let better = |best: (usize, (bool, std::cmp::Reverse<usize>, f32)), colour: usize| {
+            let score = score(colour);
+            if score.partial_cmp(&best.1).is_some_and(std::cmp::Ordering::is_gt) { (colour, score) } else { best }
+        };
+        let (colour, _) = (1..colours.len()).fold((0, score(0)), better);
+        chosen[part] = Some(colour);
+        uses[colour] += 1;
+    }
+    chosen.into_iter().map(|colour| colours[colour.unwrap_or(0)]).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::base::random::{below, stream};
+    use std::collections::HashSet;
+
+    fn least_contrast(colours: &[[u8; 3]], touching: &[(u32, u32, f64)]) -> f32 {
+        let apart = |&(a, b, _): &(u32, u32, f64)| distance(&seen(colours[a as usize]), &seen(colours[b as usize]));
+        touching.iter().filter(|(a, b, _)| a != b).map(apart).fold(f32::INFINITY, f32::min)
+    }
+
+    #[test]
+    fn the_palette_is_distinct_and_always_the_same() {
+        let all = palette(MOST);
+        assert_eq!(all.iter().collect::<HashSet<_>>().len(), MOST);
+        assert_eq!(palette(40), all[..40]);
+        assert_eq!(palette(5), HAND_PICKED[..5]);
+        for k in 0..BASE {
+            for other in &all[..k] {
+                let apart = distance(&seen(all[k]), &seen(*other));
+                assert!(apart > 0.05, "{:?} {other:?} {apart}", all[k]);
+            }
+        }
+    }
+
+    #[test]
+    fn neighbours_are_unlike_for_every_sight() {
+        // A limb tree, a ring, a body touching all, and random contacts of six a part.
+        let tree: Vec<_> = (1..12).map(|k| (k / 2, k, 1.0)).collect();
+        let ring: Vec<_> = (0..12).map(|k| (k, (k + 1) % 12, 1.0)).collect();
+        let star: Vec<_> = (1..12).map(|k| (0, k, f64::from(k))).collect();
+        for touching in [tree, ring, star] {
+            let colours = assign(12, &touching);
+            assert_eq!(colours.iter().collect::<HashSet<_>>().len(), 12);
+            let least = least_contrast(&colours, &touching);
+            assert!(least > 0.1, "{least}");
+        }
+        let mut random = stream(1, "contacts");
+        for parts in [30usize, 200, 1000] {
+            let touching: Vec<_> = (0..3 * parts)
+                .map(|_| (below(&mut random, parts) as u32, below(&mut random, parts) as u32, 1.0))
+                .collect();
+            let colours = assign(parts, &touching);
+            assert_eq!(colours.iter().collect::<HashSet<_>>().len(), parts.min(MOST));
+            let least = least_contrast(&colours, &touching);
+            assert!(least > 0.03, "{parts} parts: {least}");
+        }
+    }
+
+    #[test]
+    fn odd_contacts_do_no_harm() {
+        assert_eq!(assign(0, &[]), Vec::<[u8; 3]>::new());
+        assert_eq!(assign(2, &[(0, 9, 1.0), (1, 1, f64::NAN)]), HAND_PICKED[..2]);
+    }
+}

@@ -1,0 +1,163 @@
+//! Opening a mesh file of any PLY flavour.
+//!
+//! The header is checked against the size of the file before anything is allocated or looped over.
+//! A binary little-endian file of triangles is used where it lies (one verifying pass, no copy);
+//! anything else is decoded once into arrays of the scratch folder; a compressed or streamed file
+//! is spooled there first.
+
+use super::decode::{self, Task, can_be_numbered, too_many};
+use super::document::Document;
+use super::header::{self, CUT_SHORT, Header};
+use super::model::{Element, Encoding, Kind, Scalar};
+use super::spool;
+use super::surface::Mesh;
+use crate::base::{Error, Result};
+use crate::store::mapped::Access;
+use crate::store::{MappedBytes, Run};
+use std::io::Read;
+use std::path::Path;
+
+/// An opened mesh file.
+#[derive(Debug)]
+pub struct Opened {
+    /// Its vertices and faces.
+    pub mesh: Mesh,
+    /// What the labelled output needs of the file.
+    pub document: Document,
+    /// Oddities worth a line each: trailing bytes, expanded strips.
+    pub notes: Vec<String>,
+}
+
+/// Opens the PLY file at `path`, compressed with gzip or not. Arrays that have to be decoded, and
+/// the uncompressed file, go to the folder `scratch`, which must outlive the result. Progress
+/// is told as stage `read`, in faces.
+///
+/// # Errors
+/// [`Error::Malformed`] or [`Error::Unusable`], in one line, for everything that is no mesh with
+/// faces; [`Error::Io`]; [`Error::Cancelled`].
+pub fn open(path: &Path, scratch: &Path, run: &Run) -> Result<Opened> {
+    let bytes = MappedBytes::open(path)?;
+    let bytes = if spool::is_compressed(&bytes) { spool::decompress(path, &bytes, scratch, run)? } else { bytes };
+    open_bytes(path, bytes, scratch, run)
+}
+
+/// Opens a PLY file that comes as a stream, which is spooled to `scratch` first. `name` stands
+/// for the path in messages.
+///
+/// # Errors
+/// As [`open`].
+pub fn open_reader(mut source: impl Read, name: &str, scratch: &Path, run: &Run) -> Result<Opened> {
+    let path = Path::new(name);
+    let bytes = spool::spool(path, &mut source, &scratch.join("input"), run)?;
+    let bytes = if spool::is_compressed(&bytes) { spool::decompress(path, &bytes, scratch, run)? } else { bytes };
+    open_bytes(path, bytes, scratch, run)
+}
+
+fn open_bytes(path: &Path, bytes: MappedBytes, scratch: &Path, run: &Run) -> Result<Opened> {
+    if bytes.is_empty() {
+        return Err(Error::unusable(path, "is empty (0 bytes)", "get the file again"));
+    }
+    let header = header::parse(path, &bytes)?;
+    let (face, list, strips) = find_faces(path, &header)?;
+    let (vertex, axes) = find_vertices(path, &header)?;
+    check_counts(path, &header, bytes.len())?;
+    let task = Task { path, scratch, run, header: &header, bytes: &bytes, vertex, axes, face, list, strips };
+    let decoded = decode::decode(&task)?;
+    if decoded.faces.is_empty() {
+        return Err(no_faces(path));
+    }
+    let mut notes = Vec::new();
+    if strips {
+        notes.push(format!("{}: triangle strips were expanded to {} faces", path.display(), decoded.faces.len()));
+    }
+    let end = decoded.ranges.last().map_or(header.payload, |range| range.end);
+    let rest = bytes[end..].iter().take(1 << 16).any(|byte| !byte.is_ascii_whitespace());
+    if rest {
+        notes.push(format!("{}: {} bytes after the last element were ignored", path.display(), bytes.len() - end));
+    }
+    bytes.advise(Access::Local);
+    let mesh = Mesh::new(decoded.positions, decoded.faces);
+    let (ranges, face_bytes) = (decoded.ranges, decoded.face_bytes);
+    let document = Document { path: path.to_path_buf(), header, bytes, ranges, face, list, strips, face_bytes };
+    Ok(Opened { mesh, document, notes })
+}
+
+fn no_faces(path: &Path) -> Error {
+    Error::unusable(
+        path,
+        "has no faces; a point cloud cannot be segmented",
+        "reconstruct a surface from it first, or export the mesh with its faces",
+    )
+}
+
+/// The vertex element and its x, y, z.
+fn find_vertices(path: &Path, header: &Header) -> Result<(usize, [usize; 3])> {
+    let wrong = |problem: &str| Error::malformed(path, "header", problem, "export the mesh again");
+    let number = header.elements.iter().position(|element| element.is("vertex"));
+    let number = number.ok_or_else(|| wrong("there is no vertex element"))?;
+    let element = &header.elements[number];
+    if u32::try_from(element.count).is_err() {
+        return Err(Error::unusable(path, "has more than 2^32 vertices", "cut it into several meshes"));
+    }
+    let axis = |name: &str| {
+        let found = element.find(name).or_else(|| element.find(&name.to_ascii_uppercase()));
+        found.filter(|&number| matches!(element.properties[number].kind, Kind::One(_)))
+    };
+    match (axis("x"), axis("y"), axis("z")) {
+        (Some(x), Some(y), Some(z)) => Ok((number, [x, y, z])),
+        _ => Err(wrong("the vertices have no x, y and z")),
+    }
+}
+
+/// The property that lists a face's vertices.
+fn vertex_list(element: &Element) -> Option<usize> {
+    let is_list = |number: &usize| matches!(element.properties[*number].kind, Kind::List { item, .. } if !matches!(item, Scalar::F32 | Scalar::F64));
+    let named = ["vertex_indices", "vertex_index"].iter().find_map(|name| element.find(name).filter(is_list));
+    // A sole list of integers can mean nothing else, whatever its name.
+    let mut lists = (0..element.properties.len()).filter(is_list);
+    named.or_else(|| lists.next().filter(|_| lists.next().is_none()))
+}
+
+/// The element that holds the faces, its vertex list, and whether it holds triangle strips.
+fn find_faces(path: &Path, header: &Header) -> Result<(usize, usize, bool)> {
+    for (name, strips) in [("face", false), ("tristrips", true)] {
+        let of_name = |element: &Element| element.is(name) && element.count > 0;
+        let Some(number) = header.elements.iter().position(of_name) else { continue };
+        let element = &header.elements[number];
+        if !strips && !can_be_numbered(element.count) {
+            return Err(too_many(path, element.count as u64));
+        }
+        let list = vertex_list(element).ok_or_else(|| {
+            let problem = format!("the {name} element has no list vertex_indices or vertex_index of integers");
+            Error::malformed(path, "header", problem, "export the mesh again")
+        })?;
+        return Ok((number, list, strips));
+    }
+    if header.elements.iter().any(|element| element.is("vertex")) {
+        return Err(no_faces(path));
+    }
+    Err(Error::malformed(path, "header", "there is no vertex element and no face element", "export the mesh again"))
+}
+
+/// Refuses counts that the file cannot hold, before anything relies on them.
+fn check_counts(path: &Path, header: &Header, len: usize) -> Result<()> {
+    let mut left = (len - header.payload) as u128;
+    for element in &header.elements {
+        let least = match header.encoding {
+            // A digit and a blank each, though the last blank may be missing.
+            Encoding::Ascii => (2 * element.properties.len() as u128 * element.count as u128).saturating_sub(1),
+            _ => element.least_size() as u128 * element.count as u128,
+        };
+        if least > left {
+            let (name, count) = (element.name.escape_debug(), element.count);
+            return Err(Error::malformed(
+                path,
+                format!("header, element {name}"),
+                format!("{count} records need at least {least} bytes, but only {left} are left in the file"),
+                CUT_SHORT,
+            ));
+        }
+        left -= least;
+    }
+    Ok(())
+}

@@ -1,0 +1,80 @@
+//! Output files appear whole or not at all: written as `NAME.partial`, then renamed.
+
+use crate::base::{Error, Result};
+use crate::store::npy::{partial_name, reserve_file};
+use std::fs::File;
+use std::io::Write;
+use std::path::Path;
+
+/// Bytes gathered before they are written.
+const FLUSH: usize = 1 << 20;
+
+/// Has `write` fill `path.partial`, with `bytes` reserved, and renames it to `path`, after syncing
+/// where `durable`. Nothing is left behind when it fails.
+///
+/// # Errors
+/// Those of `write`; [`Error::Io`].
+pub(super) fn by_rename(
+    path: &Path,
+    bytes: u64,
+    durable: bool,
+    write: impl FnOnce(&mut File) -> Result<()>,
+) -> Result<()> {
+    let partial = partial_name(path);
+    let fill = || {
+        let mut file = reserve_file(&partial, bytes)?;
+        write(&mut file)?;
+        if durable {
+            file.sync_all().map_err(Error::io(path, "sync"))?;
+        }
+        std::fs::rename(&partial, path).map_err(Error::io(path, "rename"))
+    };
+    fill().inspect_err(|_| {
+        let _ = std::fs::remove_file(&partial);
+    })
+}
+
+/// A writer with a buffer that can be appended to without a call a number.
+pub(super) struct Gather<'a> {
+    path: &'a Path,
+    writer: &'a mut dyn Write,
+    /// What is not written yet.
+    pub buffer: Vec<u8>,
+}
+
+impl<'a> Gather<'a> {
+    /// A gatherer before `writer`; `path` names it in errors.
+    pub(super) fn new(path: &'a Path, writer: &'a mut dyn Write) -> Self {
+        Self { path, writer, buffer: Vec::with_capacity(FLUSH + FLUSH / 8) }
+    }
+
+    /// Writes when enough is gathered; call it once a record or so.
+    #[inline]
+    pub(super) fn settle(&mut self) -> Result<()> {
+        if self.buffer.len() < FLUSH { Ok(()) } else { self.write_out() }
+    }
+
+    fn write_out(&mut self) -> Result<()> {
+        self.writer.write_all(&self.buffer).map_err(Error::io(self.path, "write"))?;
+        self.buffer.clear();
+        Ok(())
+    }
+
+    /// Writes bytes past the buffer.
+    pub(super) fn pass(&mut self, bytes: &[u8]) -> Result<()> {
+        self.write_out()?;
+        self.writer.write_all(bytes).map_err(Error::io(self.path, "write"))
+    }
+
+    /// Writes all that is left.
+    pub(super) fn finish(mut self) -> Result<()> {
+        self.write_out()?;
+        self.writer.flush().map_err(Error::io(self.path, "write"))
+    }
+
+    /// Appends an integer as text.
+    #[inline]
+    pub(super) fn decimal(&mut self, value: impl itoa::Integer) {
+        self.buffer.extend_from_slice(itoa::Buffer::new().format(value).as_bytes());
+    }
+}

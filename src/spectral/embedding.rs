@@ -1,0 +1,359 @@
+//! The embedding: fitted on the sample, extrapolated to any face from its own column.
+//!
+//! Three normalisations, one form. With k the l affinities of a face, every variant is
+//! y = (Mᵀk + m₀)/s with s = 1 or linear in k (or its root), then optionally brought to unit length; only the fit
+//! of M, m₀, s differs:
+//! - [`Normalisation::None`], eq. 1–2: A = UΛUᵀ, M = UΛ⁻¹ on the kept eigenpairs.
+//! - [`Normalisation::Degree`]: D^-½ W D^-½ with the degrees of the Nyström approximation,
+//!   d = kᵀA⁺(W's row sums); rows are A's and the sample's.
+//! - [`Normalisation::Anchor`] (default): landmarks as anchors of a bipartite graph, z = v∘k + ε v (v: share
+//!   of area nearest to each), columns divided by their sums, G = Φ diag(a) Φᵀ. Positive by construction, so
+//!   the indefiniteness of the Gaussian cannot hurt; A itself is not inverted.
+//!
+//! Cost of extrapolation: l exponentials and l·d multiply-adds a face, vectorised over faces.
+
+use super::columns::Columns;
+use super::eigen;
+use super::kernel::Kernel;
+use crate::base::{Error, Result};
+use crate::distance::DistanceRows;
+use nalgebra::DMatrix;
+use serde::{Deserialize, Serialize};
+
+/// How affinities are normalised before the eigenproblem.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Normalisation {
+    /// The affinities as they are (the paper's eq. 1).
+    None,
+    /// By the roots of both degrees.
+    Degree,
+    /// Anchor graph: by the anchors' sums, positive by construction.
+    #[default]
+    Anchor,
+}
+
+/// What σ is.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case", tag = "rule", content = "value")]
+pub enum Width {
+    /// This many times the mean of all computed distances; 1 is the paper's rule.
+    Mean(f64),
+    /// This distance.
+    Fixed(f64),
+}
+
+/// How to embed.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct EmbeddingParams {
+    /// From distance to affinity.
+    pub kernel: Kernel,
+    /// The kernel's width.
+    pub width: Width,
+    /// Normalisation of the affinities.
+    pub normalisation: Normalisation,
+    /// Number of coordinates wanted.
+    pub dimensions: usize,
+    /// Whether each face's coordinates are brought to unit length.
+    pub unit_rows: bool,
+}
+
+impl EmbeddingParams {
+    /// The measured default for `parts` clusters: anchor graph, σ a quarter of the mean distance, unit rows.
+    pub fn for_parts(parts: usize) -> Self {
+        Self {
+            kernel: Kernel::Gaussian,
+            width: Width::Mean(0.25),
+            normalisation: Normalisation::Anchor,
+            dimensions: parts.max(2),
+            unit_rows: true,
+        }
+    }
+}
+
+/// How s of y = (Mᵀk + m₀)/s follows from k.
+#[derive(Clone, Debug)]
+enum Divisor {
+    One,
+    /// kᵀc + c₀.
+    Linear(Vec<f32>, f32),
+    /// √max(kᵀc, floor).
+    Root(Vec<f32>, f32),
+}
+
+/// A fitted embedding.
+#[derive(Clone, Debug)]
+pub struct Embedding {
+    kernel: Kernel,
+    /// The kernel's width in distance units.
+    pub sigma: f64,
+    /// Landmarks l.
+    landmarks: usize,
+    /// Coordinates d.
+    pub dimensions: usize,
+    /// M, d rows of l.
+    map: Vec<f32>,
+    /// m₀ (d).
+    offset: Vec<f32>,
+    divisor: Divisor,
+    unit_rows: bool,
+    /// Eigenvalues, descending: of A (or its normalised form), or of G.
+    pub eigenvalues: Vec<f64>,
+    /// Eigenpairs of A that were dropped (λ ≤ ε λ_max).
+    pub dropped: usize,
+    /// Σ|λ < 0| / Σ|λ| of A.
+    pub negative_mass: f64,
+}
+
+/// The affinities among the landmarks, A (l × l), symmetric in `f64`.
+pub fn landmark_affinities(rows: &DistanceRows, kernel: Kernel, sigma: f64) -> DMatrix<f64> {
+    let l = rows.len();
+    let d = |i: usize, j: usize| f64::from(rows.row(i)[rows.landmarks[j] as usize]);
+    DMatrix::from_fn(l, l, |i, j| kernel.of(sigma, 0.5 * (d(i, j) + d(j, i))))
+}
+
+impl Embedding {
+    /// Fits the embedding on `columns` of `rows`.
+    ///
+    /// # Errors
+    /// [`Error::Parameter`] for a width or kernel out of range.
+    pub fn fit(rows: &DistanceRows, columns: &Columns, params: EmbeddingParams) -> Result<Self> {
+        params.kernel.check()?;
+        let sigma = match params.width {
+            Width::Mean(factor) => factor * rows.mean(),
+            Width::Fixed(sigma) => sigma,
+        };
+        if !sigma.is_finite() || sigma < 0. {
+            return Err(Error::parameter("--sigma", format!("{sigma} is no width"), "choose a positive number"));
+        }
+        let a = landmark_affinities(rows, params.kernel, sigma);
+        let fit = Fit { rows, columns, params, sigma };
+        match params.normalisation {
+            Normalisation::None => Ok(fit.plain(a)),
+            Normalisation::Degree => Ok(fit.degree(a)),
+            Normalisation::Anchor => Ok(fit.anchor(a)),
+        }
+    }
+
+    /// Embeds a chunk of `m` faces. `distances(k)` gives their distances from landmark k (m); `affinities`
+    /// is scratch (m); `out` gets d rows of m.
+    pub fn chunk<'a>(&self, m: usize, distances: impl Fn(usize) -> &'a [f32], affinities: &mut [f32], out: &mut [f32]) {
+        for (y, &start) in out.chunks_exact_mut(m).zip(&self.offset) {
+            y.fill(start);
+        }
+        let mut divisor = match &self.divisor {
+            Divisor::One => Vec::new(),
+            Divisor::Linear(_, start) => vec![*start; m],
+            Divisor::Root(..) => vec![0.; m],
+        };
+        for k in 0..self.landmarks {
+            self.kernel.apply(self.sigma as f32, distances(k), affinities);
+            for (y, map) in out.chunks_exact_mut(m).zip(self.map.chunks_exact(self.landmarks)) {
+                add_scaled(y, map[k], affinities);
+            }
+            if let Divisor::Linear(c, _) | Divisor::Root(c, _) = &self.divisor {
+                add_scaled(&mut divisor, c[k], affinities);
+            }
+        }
+        if self.unit_rows {
+            unit_columns(m, out, &mut divisor);
+            return;
+        }
+        match self.divisor {
+            Divisor::One => {}
+            Divisor::Linear(..) => divide(m, out, divisor.iter().map(|&s| s)),
+            Divisor::Root(_, floor) => divide(m, out, divisor.iter().map(|&s| s.max(floor).sqrt())),
+        }
+    }
+
+    /// Embeds the sampled columns: d rows of s.
+    pub fn columns(&self, columns: &Columns) -> Vec<f32> {
+        let s = columns.len();
+        let mut out = vec![0.; self.dimensions * s];
+        self.chunk(s, |k| columns.row(k), &mut vec![0.; s], &mut out);
+        out
+    }
+}
+
+#[inline]
+fn add_scaled(y: &mut [f32], factor: f32, x: &[f32]) {
+    for (y, &x) in y.iter_mut().zip(x) {
+        *y += factor * x;
+    }
+}
+
+fn divide(m: usize, out: &mut [f32], by: impl Iterator<Item = f32> + Clone) {
+    for y in out.chunks_exact_mut(m) {
+        for (y, s) in y.iter_mut().zip(by.clone()) {
+            *y /= s;
+        }
+    }
+}
+
+/// Brings each face's coordinates to unit length; `scratch` is resized to m.
+fn unit_columns(m: usize, out: &mut [f32], scratch: &mut Vec<f32>) {
+    scratch.clear();
+    scratch.resize(m, 1e-30);
+    for y in out.chunks_exact(m) {
+        for (s, &y) in scratch.iter_mut().zip(y) {
+            *s += y * y;
+        }
+    }
+    scratch.iter_mut().for_each(|s| *s = 1. / s.sqrt());
+    for y in out.chunks_exact_mut(m) {
+        for (y, &s) in y.iter_mut().zip(scratch.iter()) {
+            *y *= s;
+        }
+    }
+}
+
+/// What the fits share.
+struct Fit<'a> {
+    rows: &'a DistanceRows,
+    columns: &'a Columns,
+    params: EmbeddingParams,
+    sigma: f64,
+}
+
+impl Fit<'_> {
+    /// The kept eigenpairs of `a`, and the bookkeeping about the dropped ones.
+    fn kept(&self, a: DMatrix<f64>) -> (Vec<f64>, DMatrix<f64>, usize, f64) {
+        let l = a.nrows();
+        let (values, vectors) = eigen::symmetric(a);
+        let cut = self.params.kernel.tolerance(l) * values.first().copied().unwrap_or(0.);
+        let kept = values.iter().take_while(|&&v| v > cut.max(0.)).count().max(1);
+        let negative: f64 = values.iter().filter(|v| **v < 0.).map(|v| -v).sum();
+        let mass: f64 = values.iter().map(|v| v.abs()).sum();
+        (values, vectors, kept, if mass > 0. { negative / mass } else { 0. })
+    }
+
+    fn embedding(
+        &self,
+        map: Vec<f32>,
+        offset: Vec<f32>,
+        divisor: Divisor,
+        eigenvalues: Vec<f64>,
+        dropped: usize,
+        negative_mass: f64,
+    ) -> Embedding {
+        Embedding {
+            kernel: self.params.kernel,
+            sigma: self.sigma,
+            landmarks: self.rows.len(),
+            dimensions: offset.len(),
+            map,
+            offset,
+            divisor,
+            unit_rows: self.params.unit_rows,
+            eigenvalues,
+            dropped,
+            negative_mass,
+        }
+    }
+
+    /// The affinities of the sampled columns with landmark `k` (s).
+    fn affinities(&self, k: usize) -> Vec<f32> {
+        let mut out = vec![0.; self.columns.len()];
+        self.params.kernel.apply(self.sigma as f32, self.columns.row(k), &mut out);
+        out
+    }
+
+    fn plain(&self, a: DMatrix<f64>) -> Embedding {
+        let l = a.nrows();
+        let (values, vectors, kept, negative) = self.kept(a);
+        let d = self.params.dimensions.min(kept);
+        let map = (0..d).flat_map(|c| (0..l).map(move |k| (c, k))).map(|(c, k)| (vectors[(k, c)] / values[c]) as f32);
+        self.embedding(map.collect(), vec![0.; d], Divisor::One, values, l - kept, negative)
+    }
+
+    fn degree(&self, a: DMatrix<f64>) -> Embedding {
+        let l = a.nrows();
+        let n = self.rows.nodes as f64;
+        let (values, vectors, kept, negative) = self.kept(a.clone());
+        // Row sums of W over all faces, estimated on the sample: n times the area mean.
+        let sums: Vec<f64> = (0..l)
+            .map(|k| {
+                let row = self.affinities(k);
+                n * row.iter().zip(&self.columns.shares).map(|(&w, &share)| f64::from(w) * share).sum::<f64>()
+            })
+            .collect();
+        // c = A⁺ sums, so that a face's degree is kᵀc.
+        let mut c = vec![0f64; l];
+        for e in 0..kept {
+            let dot: f64 = (0..l).map(|k| vectors[(k, e)] * sums[k]).sum::<f64>() / values[e];
+            (0..l).for_each(|k| c[k] += dot * vectors[(k, e)]);
+        }
+        let floor = 1e-3 * sums.iter().sum::<f64>() / l as f64;
+        let roots: Vec<f64> = sums.iter().map(|&s| s.max(floor).sqrt()).collect();
+        let normalised = DMatrix::from_fn(l, l, |i, j| a[(i, j)] / (roots[i] * roots[j]));
+        let (values, vectors, kept, _) = self.kept(normalised);
+        let d = self.params.dimensions.min(kept);
+        let mut map = Vec::with_capacity(d * l);
+        for e in 0..d {
+            map.extend((0..l).map(|k| (vectors[(k, e)] / (values[e] * roots[k])) as f32));
+        }
+        let divisor = Divisor::Root(c.iter().map(|&c| c as f32).collect(), floor as f32);
+        self.embedding(map, vec![0.; d], divisor, values, l - kept, negative)
+    }
+
+    fn anchor(&self, a: DMatrix<f64>) -> Embedding {
+        let l = a.nrows();
+        let (_, _, kept, negative) = self.kept(a);
+        let s = self.columns.len();
+        let shares = &self.columns.shares;
+        let k: Vec<Vec<f32>> = (0..l).map(|row| self.affinities(row)).collect();
+        let v = self.nearest_shares();
+        // ε: a hundredth of the mean weight, so that a face far from all anchors stays defined.
+        let mean: f64 = (0..s).map(|j| shares[j] * (0..l).map(|i| v[i] * f64::from(k[i][j])).sum::<f64>()).sum();
+        let epsilon = 0.01 * mean.max(1e-30);
+        let mut z = DMatrix::<f64>::zeros(l, s);
+        for j in 0..s {
+            let mut sum = 0.;
+            for i in 0..l {
+                z[(i, j)] = v[i] * (f64::from(k[i][j]) + epsilon);
+                sum += z[(i, j)];
+            }
+            for i in 0..l {
+                z[(i, j)] /= sum;
+            }
+        }
+        let c: Vec<f64> = (0..l).map(|i| (0..s).map(|j| z[(i, j)] * shares[j]).sum::<f64>().max(1e-30)).collect();
+        for j in 0..s {
+            let root = shares[j].sqrt();
+            for i in 0..l {
+                z[(i, j)] *= root / c[i].sqrt();
+            }
+        }
+        let (values, vectors) = eigen::symmetric(&z * z.transpose());
+        let d = self.params.dimensions.min(l);
+        let top = values.first().copied().unwrap_or(1.).max(1e-30);
+        // X = Φᵀ Q / √g · √(g/g₀) = Φᵀ Q / √g₀, Φ = Z/√c, Z = (v∘k + ε v)/sum.
+        let mut map = Vec::with_capacity(d * l);
+        let mut offset = Vec::with_capacity(d);
+        for e in 0..d {
+            let row: Vec<f64> = (0..l).map(|i| vectors[(i, e)] * v[i] / (c[i].sqrt() * top.sqrt())).collect();
+            offset.push((epsilon * row.iter().sum::<f64>()) as f32);
+            map.extend(row.iter().map(|&x| x as f32));
+        }
+        let divisor = Divisor::Linear(v.iter().map(|&v| v as f32).collect(), epsilon as f32);
+        self.embedding(map, offset, divisor, values, l - kept, negative)
+    }
+
+    /// The share of area nearest to each landmark, at least 1e-4, summing to 1.
+    fn nearest_shares(&self) -> Vec<f64> {
+        let l = self.rows.len();
+        let mut v = vec![0f64; l];
+        for (j, &share) in self.columns.shares.iter().enumerate() {
+            let mut best = 0;
+            for k in 1..l {
+                if self.columns.row(k)[j] < self.columns.row(best)[j] {
+                    best = k;
+                }
+            }
+            v[best] += share;
+        }
+        v.iter_mut().for_each(|v| *v = v.max(1e-4));
+        let sum: f64 = v.iter().sum();
+        v.iter().map(|v| v / sum).collect()
+    }
+}

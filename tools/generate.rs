@@ -1,0 +1,85 @@
+//! Generates a creature with known parts, of any size up to billions of faces.
+//!
+//! `cargo run --release --example generate -- --faces 1.3e6 --truth creature.seg creature.ply`
+
+use clap::Parser;
+use nystrom_stream::apps::creature::{Creature, Options};
+use nystrom_stream::base::{Error, Result};
+use nystrom_stream::store::Run;
+use std::path::PathBuf;
+use std::process::ExitCode;
+use std::time::Instant;
+
+/// Generate a four-legged creature with known parts, as a binary PLY.
+#[derive(Parser)]
+struct Arguments {
+    /// Where to write the mesh.
+    output: PathBuf,
+    /// Faces at least; 1.3e6 is understood too.
+    #[arg(long, short = 'n', default_value = "1e5", value_parser = count)]
+    faces: u64,
+    /// Displace vertices along their normals by at most this share of the mean edge length.
+    #[arg(long, default_value_t = 0.0)]
+    noise: f64,
+    /// Cut this many round holes.
+    #[arg(long, default_value_t = 0)]
+    holes: usize,
+    /// Put faces and vertices in random order.
+    #[arg(long)]
+    shuffle: bool,
+    /// Seed of noise, holes and order.
+    #[arg(long, default_value_t = 0)]
+    seed: u64,
+    /// Also write the true part of every face: `.npy`, or text, a number a line.
+    #[arg(long, value_name = "FILE")]
+    truth: Option<PathBuf>,
+    /// Threads; all cores by default.
+    #[arg(long)]
+    threads: Option<usize>,
+}
+
+/// A whole number, also as 1.3e6.
+fn count(text: &str) -> Result<u64, String> {
+    if let Ok(whole) = text.parse::<u64>() {
+        return Ok(whole);
+    }
+    match text.parse::<f64>() {
+        Ok(number) if number >= 0.0 && number < 1e18 => Ok(number.round() as u64),
+        _ => Err("not a number of faces".to_string()),
+    }
+}
+
+fn generate(arguments: &Arguments) -> Result<()> {
+    let Arguments { faces, noise, holes, shuffle, seed, .. } = *arguments;
+    let creature = Creature::new(&Options { faces, noise, holes, shuffle, seed })?;
+    let mut run = Run::new(&());
+    run.seed = seed;
+    run.threads = arguments.threads.unwrap_or(run.threads).max(1);
+    let start = Instant::now();
+    creature.write_ply(&arguments.output, &run)?;
+    let seconds = start.elapsed().as_secs_f64();
+    let faces = creature.face_count();
+    eprintln!(
+        "{}: {} vertices, {faces} faces, {} parts, {seconds:.2} s ({:.2} million faces/s on {} threads)",
+        arguments.output.display(),
+        creature.vertex_count(),
+        Creature::part_names().len(),
+        faces as f64 / seconds / 1e6,
+        run.threads,
+    );
+    match &arguments.truth {
+        Some(path) if path.extension().is_some_and(|end| end == "npy") => creature.write_truth_npy(path, &run),
+        Some(path) => creature.write_truth_seg(path, &run),
+        None => Ok(()),
+    }
+}
+
+fn main() -> ExitCode {
+    match generate(&Arguments::parse()) {
+        Ok(()) => ExitCode::SUCCESS,
+        Err(error) => {
+            eprintln!("generate: {error}");
+            if matches!(error, Error::Parameter { .. }) { ExitCode::from(2) } else { ExitCode::FAILURE }
+        }
+    }
+}
