@@ -8,9 +8,8 @@
 use clap::Parser;
 use nystrom_stream::apps::evaluate::{ModelScores, Surface, Table};
 use nystrom_stream::base::{Cancel, Error, Result, parallel};
-use nystrom_stream::mesh::Mesh;
-use ply_rs_bw::parser;
-use ply_rs_bw::ply::{PropertyAccess, PropertyAccessResult};
+use nystrom_stream::mesh::{self, read_seg};
+use nystrom_stream::store::Run;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 use std::time::Instant;
@@ -99,7 +98,9 @@ fn models(benchmark: &Path) -> Result<Vec<(String, String)>> {
 /// Judges one model.
 fn judge(options: &Options, model: &str, category: &str) -> Result<Outcome> {
     let folder = &options.benchmark;
-    let mesh = read_mesh(&folder.join(format!("{model}.ply")))?;
+    let scratch = tempfile::tempdir().map_err(Error::io(std::env::temp_dir(), "create a folder in"))?;
+    let run = Run { threads: 1, ..Run::new(&()) };
+    let mesh = mesh::open(&folder.join(format!("{model}.ply")), scratch.path(), &run)?.mesh;
     let surface = if options.no_cuts { Surface::without_edges(&mesh) } else { Surface::of(&mesh)? };
     let truths = truths(folder, model)?;
     let truths = surface.segmentations(&truths)?;
@@ -109,7 +110,7 @@ fn judge(options: &Options, model: &str, category: &str) -> Result<Outcome> {
     let path = options.labels.as_ref().map(|labels| labels.join(format!("{model}.seg")));
     let labels = match path.filter(|path| path.exists()) {
         Some(path) => {
-            let labels = read_labels(&path)?;
+            let labels = read_seg(&path)?;
             let labels = surface.segmentation(&path.display().to_string(), &labels)?;
             Some(scored(surface.compare_many(&labels, &truths)?, labels.parts() as f64))
         }
@@ -121,78 +122,5 @@ fn judge(options: &Options, model: &str, category: &str) -> Result<Outcome> {
 /// People's labels `MODEL_0.seg`, `MODEL_1.seg`, … as far as they go; numbers may be left out.
 fn truths(folder: &Path, model: &str) -> Result<Vec<Vec<u32>>> {
     let paths = (0..100).map(|j| folder.join(format!("{model}_{j}.seg"))).filter(|path| path.exists());
-    paths.map(|path| read_labels(&path)).collect()
-}
-
-/// A label a line.
-fn read_labels(path: &Path) -> Result<Vec<u32>> {
-    let text = std::fs::read_to_string(path).map_err(Error::io(path, "read"))?;
-    let lines = (1..).zip(text.lines()).filter(|(_, line)| !line.trim().is_empty());
-    let parse = |(number, line): (usize, &str)| {
-        let wrong = |_| Error::malformed(path, format!("line {number}"), "not a label", "write one integer a line");
-        line.trim().parse().map_err(wrong)
-    };
-    lines.map(parse).collect()
-}
-
-/// The only place that knows how meshes are read.
-fn read_mesh(path: &Path) -> Result<Mesh> {
-    let wrong = |error: parser::ParseError| Error::malformed(path, "content", error.to_string(), "get the file again");
-    let file = std::fs::File::open(path).map_err(Error::io(path, "open"))?;
-    let mut reader = parser::Reader::new(std::io::BufReader::new(file));
-    let vertex_parser = parser::Parser::<Vertex>::new();
-    let header = vertex_parser.read_header(&mut reader).map_err(wrong)?;
-    let element = |name: &str| {
-        let problem = || Error::malformed(path, "header", format!("no element {name}"), "get the file again");
-        header.elements.get(name).ok_or_else(problem)
-    };
-    let vertices = vertex_parser.read_payload_for_element(&mut reader, element("vertex")?, &header).map_err(wrong)?;
-    let faces = parser::Parser::<Face>::new()
-        .read_payload_for_element(&mut reader, element("face")?, &header)
-        .map_err(wrong)?;
-    let positions: Vec<[f64; 3]> = vertices.iter().map(|vertex| vertex.0).collect();
-    let corners: Vec<&[u32]> = faces.iter().map(|face| face.0.as_slice()).collect();
-    let folder = tempfile::tempdir().map_err(Error::io(std::env::temp_dir(), "create a folder in"))?;
-    Mesh::from_arrays(folder.path(), &positions, &corners)
-}
-
-struct Vertex([f64; 3]);
-
-impl PropertyAccess for Vertex {
-    fn new() -> Self {
-        Self([0.; 3])
-    }
-
-    fn set_double(&mut self, name: &str, value: f64) -> PropertyAccessResult {
-        match ["x", "y", "z"].iter().position(|axis| *axis == name) {
-            Some(axis) => self.0[axis] = value,
-            None => return PropertyAccessResult::Ignored,
-        }
-        PropertyAccessResult::Set
-    }
-
-    fn set_float(&mut self, name: &str, value: f32) -> PropertyAccessResult {
-        self.set_double(name, value.into())
-    }
-}
-
-struct Face(Vec<u32>);
-
-impl PropertyAccess for Face {
-    fn new() -> Self {
-        Self(Vec::new())
-    }
-
-    fn set_list_uint(&mut self, name: &str, value: Vec<u32>) -> PropertyAccessResult {
-        if !["vertex_indices", "vertex_index"].contains(&name) {
-            return PropertyAccessResult::Ignored;
-        }
-        self.0 = value;
-        PropertyAccessResult::Set
-    }
-
-    fn set_list_int(&mut self, name: &str, value: Vec<i32>) -> PropertyAccessResult {
-        // A negative index becomes one that no mesh has, and is refused with the rest.
-        self.set_list_uint(name, value.into_iter().map(|index| index as u32).collect())
-    }
+    paths.map(|path| read_seg(&path)).collect()
 }

@@ -97,8 +97,8 @@ fn distances(edges: &Edges, sources: &[(u32, f64)]) -> Vec<f64> {
             continue;
         }
         let row = edges.rows[v as usize] as usize..edges.rows[v as usize + 1] as usize;
-        for &(to, length) in &edges.neighbours[row] {
-            let through = distance + length;
+        for &to in &edges.neighbours[row] {
+            let through = distance + edges.length([v, to]);
             if through < field[to as usize] {
                 field[to as usize] = through;
                 heap.push(Reverse((through.to_bits(), to)));
