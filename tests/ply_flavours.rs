@@ -180,3 +180,28 @@ fn trailing_bytes_are_noted() {
     let opened = open(&data.join("flavour/synth_le_trailing_garbage.ply"), scratch.path()).unwrap();
     assert!(opened.notes[0].ends_with("1000 bytes after the last element were ignored"), "{:?}", opened.notes);
 }
+
+#[cfg(unix)]
+#[test]
+fn a_named_pipe_opens_like_the_file() {
+    let Some(data) = common::data() else { return };
+    let scratch = tempfile::tempdir().unwrap();
+    let pipe = scratch.path().join("pipe");
+    assert!(std::process::Command::new("mkfifo").arg(&pipe).status().unwrap().success());
+    let opened = std::thread::scope(|scope| {
+        scope.spawn(|| std::fs::copy(data.join("flavour/synth_plain.ply.gz"), &pipe).unwrap());
+        open(&pipe, scratch.path()).unwrap()
+    });
+    assert_eq!(opened.mesh.faces.len(), 4000);
+}
+
+#[test]
+fn a_stop_is_heeded_while_reading() {
+    let Some(data) = common::data() else { return };
+    for name in ["real/horse_4k.ply", "flavour/synth_ascii_crlf_tabs.ply", "flavour/synth_plain.ply.gz"] {
+        let scratch = tempfile::tempdir().unwrap();
+        let run = Run::new(&());
+        run.cancel.cancel();
+        assert!(matches!(mesh::open(&data.join(name), scratch.path(), &run), Err(Error::Cancelled)), "{name}");
+    }
+}

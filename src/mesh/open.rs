@@ -28,7 +28,7 @@ pub struct Opened {
     pub notes: Vec<String>,
 }
 
-/// Opens the PLY file at `path`, compressed with gzip or not. Arrays that have to be decoded, and
+/// Opens the PLY file at `path`, compressed with gzip or not, or a named pipe. Arrays that have to be decoded, and
 /// the uncompressed file, go to the folder `scratch`, which must outlive the result. Progress
 /// is told as stage `read`, in faces.
 ///
@@ -36,6 +36,12 @@ pub struct Opened {
 /// [`Error::Malformed`] or [`Error::Unusable`], in one line, for everything that is no mesh with
 /// faces; [`Error::Io`]; [`Error::Cancelled`].
 pub fn open(path: &Path, scratch: &Path, run: &Run) -> Result<Opened> {
+    let metadata = std::fs::metadata(path).map_err(Error::io(path, "open"))?;
+    if !metadata.is_file() && !metadata.is_dir() {
+        // A named pipe, as of a shell's <(…), cannot be mapped.
+        let pipe = std::fs::File::open(path).map_err(Error::io(path, "open"))?;
+        return open_stream(pipe, path, scratch, run);
+    }
     let bytes = MappedBytes::open(path)?;
     let bytes = if spool::is_compressed(&bytes) { spool::decompress(path, &bytes, scratch, run)? } else { bytes };
     open_bytes(path, bytes, scratch, run)
@@ -46,8 +52,11 @@ pub fn open(path: &Path, scratch: &Path, run: &Run) -> Result<Opened> {
 ///
 /// # Errors
 /// As [`open`].
-pub fn open_reader(mut source: impl Read, name: &str, scratch: &Path, run: &Run) -> Result<Opened> {
-    let path = Path::new(name);
+pub fn open_reader(source: impl Read, name: &str, scratch: &Path, run: &Run) -> Result<Opened> {
+    open_stream(source, Path::new(name), scratch, run)
+}
+
+fn open_stream(mut source: impl Read, path: &Path, scratch: &Path, run: &Run) -> Result<Opened> {
     let bytes = spool::spool(path, &mut source, &scratch.join("input"), run)?;
     let bytes = if spool::is_compressed(&bytes) { spool::decompress(path, &bytes, scratch, run)? } else { bytes };
     open_bytes(path, bytes, scratch, run)

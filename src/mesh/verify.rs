@@ -95,7 +95,10 @@ fn first_odd(run: &Run, records: &[u8], layout: Layout, limit: u32) -> Result<Op
                 (2, stride) => scan::<2>(piece, stride, layout.at, limit),
                 (_, stride) => scan::<4>(piece, stride, layout.at, limit),
             };
-            run.progress.advance("read", range.len() as u64);
+            // Faces that the decoder will read again are told then.
+            if odd.is_none() {
+                run.progress.advance("read", range.len() as u64);
+            }
             Ok(odd.map(|odd| range.start + odd))
         },
     )?;
