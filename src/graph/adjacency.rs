@@ -23,14 +23,43 @@ const CHUNK: usize = 1 << 14;
 const BUCKET_BYTES: u64 = 1 << 20;
 const MOST_BUCKETS: usize = 512;
 
-/// A half-edge: `low < high` are vertices, `corner` the corner it leaves from.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Pod, Zeroable)]
+/// A half-edge: its vertices in the direction of its face's winding, and the corner it leaves from.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Pod, Zeroable)]
 #[repr(C)]
 struct HalfEdge {
-    low: u32,
-    high: u32,
+    from: u32,
+    to: u32,
     corner: u32,
 }
+
+impl HalfEdge {
+    #[inline]
+    fn low(&self) -> u32 {
+        self.from.min(self.to)
+    }
+
+    /// Equal edges compare equal in the first two, whatever their direction.
+    #[inline]
+    fn key(&self) -> (u32, u32, u32) {
+        (self.low(), self.from.max(self.to), self.corner)
+    }
+
+    #[inline]
+    fn side(&self) -> Side {
+        Side { corner: self.corner, ascending: self.from < self.to }
+    }
+}
+
+/// A face's side of an edge: the corner it leaves from, and its direction there.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Side {
+    pub corner: u32,
+    pub ascending: bool,
+}
+
+/// The bit of [`Link::node`] that says that both faces run along the edge in the same direction: they are wound
+/// against each other. Nodes have 31 bits to spare: there are at most 2³² corners.
+pub const AGAINST: u32 = 1 << 31;
 
 /// One direction of a match: across the edge that leaves `corner` lies `node`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Pod, Zeroable)]
@@ -38,8 +67,22 @@ struct HalfEdge {
 pub struct Link {
     /// Corner number in the mesh; its face is the link's origin.
     pub corner: u32,
-    /// The node on the other side.
+    /// The node on the other side, with [`AGAINST`] where its winding contradicts.
     pub node: u32,
+}
+
+impl Link {
+    /// The node on the other side.
+    #[inline]
+    pub fn to(&self) -> u32 {
+        self.node & !AGAINST
+    }
+
+    /// Whether the two faces are wound against each other.
+    #[inline]
+    pub fn against(&self) -> bool {
+        self.node & AGAINST != 0
+    }
 }
 
 /// What matching found.
@@ -81,8 +124,8 @@ impl Links {
         first(bucket)..first(bucket + 1)
     }
 
-    pub(super) fn push(&self, out: &mut Producer<'_, Link>, corner: u32, face: usize, node: usize) -> Result<()> {
-        out.push(self.bucket(face), Link { corner, node: node as u32 })
+    fn push(&self, out: &mut Producer<'_, Link>, corner: u32, face: usize, node: usize, against: bool) -> Result<()> {
+        out.push(self.bucket(face), Link { corner, node: node as u32 | if against { AGAINST } else { 0 } })
     }
 }
 
@@ -93,10 +136,10 @@ pub(super) fn buckets_for(bytes: u64) -> usize {
 
 /// Refuses meshes whose corners cannot be numbered in 32 bits.
 fn check_size(mesh: &Mesh, path: &Path) -> Result<()> {
-    if mesh.faces.corner_count() as u64 > u64::from(u32::MAX) {
+    if mesh.faces.corner_count() as u64 > u64::from(u32::MAX) || mesh.faces.len() >= AGAINST as usize {
         return Err(Error::unusable(
             path,
-            format!("has {} face corners, more than 4,294,967,295", mesh.faces.corner_count()),
+            format!("has {} corners of {} faces, more than 2^32 of 2^31", mesh.faces.corner_count(), mesh.faces.len()),
             "split the mesh",
         ));
     }
@@ -162,10 +205,10 @@ fn scatter(mesh: &Mesh, half_edges: &Shuffle<HalfEdge>, run: &Run) -> Result<()>
                 let first = mesh.faces.corner_range(face).start;
                 for (slot, &a) in corners.iter().enumerate() {
                     let b = corners[if slot + 1 == corners.len() { 0 } else { slot + 1 }];
-                    let (low, high) = (a.min(b), a.max(b));
-                    if low < high && result.is_ok() {
-                        let bucket = (u64::from(low) * scale / vertices).min(scale - 1);
-                        result = out.push(bucket as usize, HalfEdge { low, high, corner: (first + slot) as u32 });
+                    if a != b && result.is_ok() {
+                        let bucket = (u64::from(a.min(b)) * scale / vertices).min(scale - 1);
+                        let half_edge = HalfEdge { from: a, to: b, corner: (first + slot) as u32 };
+                        result = out.push(bucket as usize, half_edge);
                     }
                 }
             });
@@ -186,7 +229,7 @@ struct Sorter {
 impl Sorter {
     fn sort(&mut self, records: Vec<HalfEdge>) {
         self.sorted.clear();
-        let bounds = records.iter().fold((u32::MAX, 0), |(low, high), r| (low.min(r.low), high.max(r.low)));
+        let bounds = records.iter().fold((u32::MAX, 0), |(low, high), r| (low.min(r.low()), high.max(r.low())));
         if records.is_empty() {
             return;
         }
@@ -194,26 +237,26 @@ impl Sorter {
         if width > 4 * records.len() + 1024 {
             // Vertices far apart: counting them would cost more than sorting.
             self.sorted = records;
-            self.sorted.sort_unstable();
+            self.sorted.sort_unstable_by_key(HalfEdge::key);
             return;
         }
         self.counts.clear();
         self.counts.resize(width + 1, 0);
         for r in &records {
-            self.counts[(r.low - bounds.0) as usize + 1] += 1;
+            self.counts[(r.low() - bounds.0) as usize + 1] += 1;
         }
         for i in 0..width {
             self.counts[i + 1] += self.counts[i];
         }
         self.sorted.resize(records.len(), HalfEdge::zeroed());
         for r in &records {
-            let slot = &mut self.counts[(r.low - bounds.0) as usize];
+            let slot = &mut self.counts[(r.low() - bounds.0) as usize];
             self.sorted[*slot as usize] = *r;
             *slot += 1;
         }
         let mut start = 0;
         for &end in &self.counts[..width] {
-            self.sorted[start..end as usize].sort_unstable();
+            self.sorted[start..end as usize].sort_unstable_by_key(HalfEdge::key);
             start = end as usize;
         }
     }
@@ -228,36 +271,37 @@ fn match_sorted(
     counters: &Counters,
     mut border: impl FnMut(u32) -> Result<()>,
 ) -> Result<()> {
-    for edge in sorted.chunk_by(|a, b| a.low == b.low && a.high == b.high) {
+    for edge in sorted.chunk_by(|a, b| (a.key().0, a.key().1) == (b.key().0, b.key().1)) {
         match edge {
             [single] => border(single.corner)?,
-            several => chain(mesh, several.iter().map(|r| r.corner), links, out, counters)?,
+            several => chain(mesh, several.iter().map(HalfEdge::side), links, out, counters)?,
         }
     }
     Ok(())
 }
 
-/// Links consecutive corners' faces both ways, in ascending corner order.
+/// Links consecutive sides' faces both ways, in ascending corner order.
 pub(super) fn chain(
     mesh: &Mesh,
-    corners: impl ExactSizeIterator<Item = u32>,
+    sides: impl ExactSizeIterator<Item = Side>,
     links: &Links,
     out: &mut Producer<'_, Link>,
     counters: &Counters,
 ) -> Result<()> {
-    if corners.len() > 2 {
+    if sides.len() > 2 {
         counters.nonmanifold.fetch_add(1, Relaxed);
     }
-    let mut last: Option<(u32, usize)> = None;
-    for corner in corners {
-        let face = mesh.faces.face_of_corner(corner as usize);
+    let mut last: Option<(Side, usize)> = None;
+    for side in sides {
+        let face = mesh.faces.face_of_corner(side.corner as usize);
         if let Some((before, other)) = last
             && face != other
         {
-            links.push(out, before, other, face)?;
-            links.push(out, corner, face, other)?;
+            let against = before.ascending == side.ascending;
+            links.push(out, before.corner, other, face, against)?;
+            links.push(out, side.corner, face, other, against)?;
         }
-        last = Some((corner, face));
+        last = Some((side, face));
     }
     Ok(())
 }
@@ -273,11 +317,11 @@ mod tests {
             let records: Vec<HalfEdge> = (0..5000u32)
                 .map(|i| {
                     let x = i.wrapping_mul(2_654_435_761);
-                    HalfEdge { low: 7 + x % spread, high: x >> 20, corner: i }
+                    HalfEdge { from: 7 + x % spread, to: u32::MAX - (x >> 20), corner: i }
                 })
                 .collect();
             let mut expected = records.clone();
-            expected.sort_unstable();
+            expected.sort_unstable_by_key(HalfEdge::key);
             sorter.sort(records);
             assert_eq!(sorter.sorted, expected);
         }

@@ -29,7 +29,8 @@ pub struct Rows {
     pub indices: MappedSlice<u32>,
     /// Step lengths in the frame (nnz), or [`UNKNOWN`].
     pub gd: MappedSlice<f32>,
-    /// Lengths of the shared edges in the frame (nnz).
+    /// Lengths of the shared edges in the frame (nnz); negative where the two faces are wound against
+    /// each other and could not be turned (see [`super::orient`]); 0 for bridges.
     pub edge: MappedSlice<f32>,
 }
 
@@ -143,7 +144,11 @@ fn assemble_bucket(
             let slot = link.corner as usize - span.start;
             let end = if slot + 1 == corners.len() { 0 } else { slot + 1 };
             let ends = [corners[slot], corners[end]].map(|v| frame.place(mesh.positions.get(v)));
-            step(&nodes[face], &nodes[link.node as usize], link.node, ends)
+            let mut entry = step(&nodes[face], &nodes[link.to() as usize], link.to(), ends);
+            if link.against() {
+                entry.edge = -entry.edge;
+            }
+            entry
         }));
         // Ties of neighbour are resolved by value, so the order of links does not matter.
         row.sort_unstable_by(|a, b| a.node.cmp(&b.node).then(a.gd.total_cmp(&b.gd)).then(a.edge.total_cmp(&b.edge)));
@@ -168,7 +173,7 @@ fn merge(part: &mut Part, entry: &Entry) {
         if *gd == UNKNOWN {
             *gd = entry.gd;
         }
-        *edge += entry.edge;
+        *edge = (edge.abs() + entry.edge.abs()).copysign(*edge);
     }
 }
 

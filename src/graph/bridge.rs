@@ -11,6 +11,7 @@
 //! [`MOST_IN_TREE`] components the rest are joined without joining the tree. Memory: 64 MB at the
 //! most; nothing where there is one component.
 
+use super::adjacency::AGAINST;
 use super::assemble::{Entry, Rows, RowsWriter};
 use super::components::Components;
 use super::nodes::Node;
@@ -95,7 +96,7 @@ fn sample(
     let mut seen = vec![0u64; order.len()];
     let mut samples = vec![Vec::new(); order.len()];
     let (mut last_root, mut last_rank) = (u32::MAX, 0);
-    for (node, &root) in components.root.iter().enumerate() {
+    for (node, root) in components.root.iter().map(|link| link & !AGAINST).enumerate() {
         if node % (1 << 20) == 0 {
             run.cancel.check()?;
         }

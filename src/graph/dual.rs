@@ -5,6 +5,7 @@ use super::assemble::{Rows, assemble};
 use super::bridge;
 use super::components::find_components;
 use super::nodes::{self, Frame, Node};
+use super::orient::orient;
 use super::weights::{self, Metric};
 use crate::base::{Error, Result};
 use crate::mesh::Mesh;
@@ -30,6 +31,10 @@ pub struct GraphFacts {
     pub welded_edges: u64,
     /// Faces without area or with a coordinate that is no number.
     pub degenerate_faces: u64,
+    /// Faces whose normals were turned, because their winding contradicts their component's or points inwards.
+    pub turned_faces: u64,
+    /// Edges between faces that no turning makes agree (Möbius strips, some non-manifold edges).
+    pub unoriented_edges: u64,
     /// Connected components, before bridging.
     pub components: u64,
     /// Edges added to join components.
@@ -47,7 +52,8 @@ pub struct DualGraph {
     pub rows: Rows,
     /// Geometry of the nodes.
     pub nodes: MappedSlice<Node>,
-    /// First node of each node's component, before bridging; `None` where there is one.
+    /// First node of each node's component before bridging, with the top bit where it was wound against it;
+    /// `None` where there is one component.
     pub components: Option<MappedSlice<u32>>,
     /// Counts and sums.
     pub facts: GraphFacts,
@@ -85,9 +91,10 @@ impl DualGraph {
         let frame = Frame::of(&mesh.positions, run)?;
         let (nodes, sums) = nodes::build(mesh, &frame, work, run)?;
         let (links, counts) = adjacency::matched(mesh, path, work, run)?;
-        let mut rows = assemble(mesh, &frame, &nodes, &links, work, run)?;
+        let rows = assemble(mesh, &frame, &nodes, &links, work, run)?;
         drop(links);
         let components = find_components(&rows, &nodes, work, run)?;
+        let (mut rows, nodes, turned) = orient(rows, nodes, &components, work, run)?;
         let bridges = bridge::find_bridges(&components, &nodes, run)?;
         if !bridges.is_empty() {
             rows = bridge::insert(&rows, &bridges, work, run)?;
@@ -99,6 +106,8 @@ impl DualGraph {
             nonmanifold_edges: counts.nonmanifold,
             welded_edges: counts.welded,
             degenerate_faces: sums.degenerate,
+            turned_faces: turned.faces,
+            unoriented_edges: turned.unsatisfied / 2,
             components: components.list.len() as u64,
             bridges: bridges.len() as u64,
             area: sums.area,

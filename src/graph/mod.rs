@@ -12,6 +12,7 @@ pub mod bridge;
 pub mod components;
 pub mod dual;
 pub mod nodes;
+pub mod orient;
 pub mod weights;
 pub mod weld;
 

@@ -99,7 +99,9 @@ struct Scale {
 }
 
 #[inline]
-fn weight(metric: Metric, scale: Scale, a: &Node, b: &Node, gd: f32) -> f32 {
+fn weight(metric: Metric, scale: Scale, a: &Node, b: &Node, gd: f32, edge: f32) -> f32 {
+    // Where no orientation exists, turning counts as concave.
+    let concave = |a: &Node, b: &Node| edge < 0. || concave(a, b);
     let known = gd != UNKNOWN;
     let length = if known { gd } else { scale.unknown } * scale.gd;
     let w = match metric {
@@ -108,16 +110,16 @@ fn weight(metric: Metric, scale: Scale, a: &Node, b: &Node, gd: f32) -> f32 {
         Metric::ScaleFree { eta, .. } => {
             length + scale.angle * between(a.normal, b.normal) * if concave(a, b) { 1. } else { eta }
         }
-        Metric::Paper { eta, .. } => length + scale.angle * turning(a, b, eta),
+        Metric::Paper { eta, .. } => length + scale.angle * turning(a, b, eta, edge),
     };
     w.max(LEAST)
 }
 
 /// η (1 − cos θ), 0 beside a degenerate face.
 #[inline]
-fn turning(a: &Node, b: &Node, eta: f32) -> f32 {
+fn turning(a: &Node, b: &Node, eta: f32, edge: f32) -> f32 {
     if a.area > 0. && b.area > 0. {
-        0.5 * chord2(a.normal, b.normal) * if concave(a, b) { 1. } else { eta }
+        0.5 * chord2(a.normal, b.normal) * if edge < 0. || concave(a, b) { 1. } else { eta }
     } else {
         0.
     }
@@ -136,7 +138,7 @@ pub fn build(
     run: &Run,
 ) -> Result<MappedSlice<f32>> {
     metric.check()?;
-    let (indptr, indices, gd) = (&rows.indptr[..], &rows.indices[..], &rows.gd[..]);
+    let (indptr, indices, gd, edge) = (&rows.indptr[..], &rows.indices[..], &rows.gd[..], &rows.edge[..]);
     let scale = scale(rows, nodes, area, metric, run)?;
     let mut array = work.array::<f32>("graph_weights.npy", &[gd.len()])?;
     fill_chunks(
@@ -153,7 +155,7 @@ pub fn build(
                 while indptr[row + 1] as usize <= e {
                     row += 1;
                 }
-                *w = weight(metric, scale, &nodes[row], &nodes[indices[e] as usize], gd[e]);
+                *w = weight(metric, scale, &nodes[row], &nodes[indices[e] as usize], gd[e], edge[e]);
             }
             Ok(())
         },
@@ -163,7 +165,7 @@ pub fn build(
 
 /// The scale of a metric on this mesh: from the area alone, or from means over all edges.
 fn scale(rows: &Rows, nodes: &[Node], area: f64, metric: Metric, run: &Run) -> Result<Scale> {
-    let (indptr, indices, gd) = (&rows.indptr[..], &rows.indices[..], &rows.gd[..]);
+    let (indptr, indices, gd, edge) = (&rows.indptr[..], &rows.indices[..], &rows.gd[..], &rows.edge[..]);
     let n = nodes.len();
     let eta = if let Metric::Paper { eta, .. } = metric { eta } else { 0. };
     let needs_angle = matches!(metric, Metric::Paper { .. });
@@ -181,7 +183,7 @@ fn scale(rows: &Rows, nodes: &[Node], area: f64, metric: Metric, run: &Run) -> R
                         length += f64::from(gd[e]);
                         count += 1;
                         if needs_angle {
-                            angle += f64::from(turning(&nodes[i], &nodes[indices[e] as usize], eta));
+                            angle += f64::from(turning(&nodes[i], &nodes[indices[e] as usize], eta, edge[e]));
                         }
                     }
                 }

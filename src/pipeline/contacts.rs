@@ -27,7 +27,7 @@ pub fn between(graph: &DualGraph, labels: &[u32], run: &Run) -> Result<Vec<(u32,
                     let j = indices[e] as usize;
                     if j > i && labels[i] != labels[j] {
                         let pair = (labels[i].min(labels[j]), labels[i].max(labels[j]));
-                        *pairs.entry(pair).or_default() += f64::from(edge[e]);
+                        *pairs.entry(pair).or_default() += f64::from(edge[e].abs());
                     }
                 }
             }

@@ -79,6 +79,10 @@ pub struct Input {
     pub nonmanifold_edges: u64,
     /// Faces without area or with a coordinate that is no number.
     pub degenerate_faces: u64,
+    /// Faces treated as wound the other way: against their component, or inwards.
+    pub turned_faces: u64,
+    /// Edges where no consistent winding exists.
+    pub unoriented_edges: u64,
     /// Open edges joined to others at exactly the same position.
     pub welded_edges: u64,
 }
@@ -136,6 +140,8 @@ impl Report {
                 boundary_edges: graph.boundary_edges,
                 nonmanifold_edges: graph.nonmanifold_edges,
                 degenerate_faces: graph.degenerate_faces,
+                turned_faces: graph.turned_faces,
+                unoriented_edges: graph.unoriented_edges,
                 welded_edges: graph.welded_edges,
             },
             options,

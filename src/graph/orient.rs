@@ -1,0 +1,146 @@
+//! Winding made consistent before any sign of turning is used.
+//!
+//! Published meshes are not always wound consistently. In each component the faces wound against its first
+//! face are known from the union-find's parities ([`super::components`]); the smaller group by area is turned. Then a component
+//! that encloses a volume is turned as a whole where the volume is negative (normals point inwards); one that does
+//! not (a range scan, a relief) keeps the direction of its file. Turning changes the normals in the node
+//! geometry only; faces are written as they came. Edges that still join faces wound against each other keep
+//! their negative length: no orientation exists there.
+//!
+//! One sequential pass over nodes; the rest only where something has to be turned.
+
+use super::adjacency::AGAINST;
+use super::assemble::Rows;
+use super::components::Components;
+use super::nodes::{self, Node};
+use crate::base::Result;
+use crate::base::parallel::{chunk_range, fill_chunks};
+use crate::store::{MappedSlice, Run, WorkDir};
+use std::collections::HashMap;
+
+/// Share of a sphere's volume (at equal area) from which on a component counts as enclosing one.
+const ENCLOSES: f64 = 0.02;
+
+/// What orienting found.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Turned {
+    /// Faces whose normals were turned.
+    pub faces: u64,
+    /// Directed entries that still join faces wound against each other.
+    pub unsatisfied: u64,
+}
+
+/// Sums of a component.
+#[derive(Clone, Copy, Debug, Default)]
+struct Sums {
+    /// Area with the first face's winding, and against it.
+    area: [f64; 2],
+    /// Σ a n over the faces, turned to the first face's winding.
+    vector: [f64; 3],
+    /// Σ a c·n and Σ a c, to take the volume about the centroid.
+    flux: f64,
+    moment: [f64; 3],
+}
+
+impl Sums {
+    fn add(&mut self, node: &Node, against: bool) {
+        let sign = if against { -1. } else { 1. };
+        let area = f64::from(node.area);
+        self.area[usize::from(against)] += area;
+        for axis in 0..3 {
+            let (c, n) = (f64::from(node.centroid[axis]), sign * f64::from(node.normal[axis]));
+            self.vector[axis] += area * n;
+            self.flux += area * c * n;
+            self.moment[axis] += area * c;
+        }
+    }
+
+    /// Whether to turn the faces that go with the first one, and those against it.
+    fn turn(&self) -> [bool; 2] {
+        let area = self.area[0] + self.area[1];
+        let majority = self.area[1] > self.area[0];
+        if area <= 0. {
+            return [majority, !majority];
+        }
+        let volume =
+            (self.flux - (0..3).map(|axis| self.vector[axis] * self.moment[axis] / area).sum::<f64>()) / 3.;
+        // A sphere of this area has the volume A^1.5 / (6 √π).
+        let sphere = area.powf(1.5) / (6. * std::f64::consts::PI.sqrt());
+        let inward = volume < 0.;
+        let with_first = if volume.abs() > ENCLOSES * sphere { inward } else { majority };
+        [with_first, !with_first]
+    }
+}
+
+/// Turns normals where that makes winding consistent and outward; returns the rows and nodes to use from now on.
+///
+/// # Errors
+/// [`crate::base::Error::Io`], [`crate::base::Error::Cancelled`].
+pub fn orient(
+    rows: Rows,
+    nodes: MappedSlice<Node>,
+    components: &Components,
+    work: &WorkDir,
+    run: &Run,
+) -> Result<(Rows, MappedSlice<Node>, Turned)> {
+    let mut sums: HashMap<u32, Sums> = HashMap::new();
+    let (mut root, mut current) = (0u32, Sums::default());
+    for (k, (node, &link)) in nodes.iter().zip(components.root.iter()).enumerate() {
+        if k % (1 << 18) == 0 {
+            run.cancel.check()?;
+        }
+        if link & !AGAINST != root {
+            sums.insert(root, current);
+            root = link & !AGAINST;
+            current = sums.get(&root).copied().unwrap_or_default();
+        }
+        current.add(node, link & AGAINST != 0);
+    }
+    sums.insert(root, current);
+    let turn: HashMap<u32, [bool; 2]> = sums.into_iter().map(|(root, sums)| (root, sums.turn())).collect();
+    if !components.mixed && turn.values().all(|turn| !turn[0]) {
+        return Ok((rows, nodes, Turned::default()));
+    }
+    let turned_node = |node: usize| {
+        let link = components.root[node];
+        turn.get(&(link & !AGAINST)).is_some_and(|turn| turn[usize::from(link & AGAINST != 0)])
+    };
+    let mut turned = Turned::default();
+    let mut out = work.array::<Node>(nodes::FILE, &[nodes.len(), 7])?;
+    let counts = fill_chunks(run.threads, &run.cancel, out.data(), nodes::CHUNK, || (), |k, out, ()| {
+        let mut count = 0u64;
+        for (slot, i) in out.iter_mut().zip(chunk_range(nodes.len(), nodes::CHUNK, k)) {
+            *slot = nodes[i];
+            if turned_node(i) {
+                slot.normal = slot.normal.map(|x| 0. - x);
+                count += 1;
+            }
+        }
+        Ok(count)
+    })?;
+    turned.faces = counts.into_iter().sum();
+    let nodes = out.finish(false)?;
+    if !components.mixed {
+        return Ok((rows, nodes, turned));
+    }
+    // Edge by edge: turning one of two faces changes whether they are against each other.
+    let mut edges = work.array::<f32>("graph_edges.npy", &[rows.edge.len()])?;
+    let counts = fill_chunks(run.threads, &run.cancel, edges.data(), nodes::CHUNK, || (), |k, out, ()| {
+        let mut count = 0u64;
+        let first = k * nodes::CHUNK;
+        let mut row = rows.indptr.partition_point(|&start| start as usize <= first) - 1;
+        for (i, slot) in out.iter_mut().enumerate() {
+            let e = first + i;
+            while rows.indptr[row + 1] as usize <= e {
+                row += 1;
+            }
+            let edge = rows.edge[e];
+            let flip = turned_node(row) != turned_node(rows.indices[e] as usize);
+            *slot = if flip { -edge } else { edge };
+            count += u64::from(*slot < 0.);
+        }
+        Ok(count)
+    })?;
+    turned.unsatisfied = counts.into_iter().sum();
+    Ok((Rows { edge: edges.finish(false)?, ..rows }, nodes, turned))
+}
