@@ -26,7 +26,7 @@ const STRIDE: f64 = 0.5;
 const LIFT: f64 = 0.5;
 
 /// By how much a point inside a part is kept nearer to it than to others, with one square a side.
-const MARGIN: f64 = 0.08;
+const MARGIN: f64 = 0.16;
 
 /// The creature's skin at any resolution.
 #[derive(Debug)]
@@ -286,31 +286,6 @@ mod tests {
                     }
                 }
             }
-        }
-    }
-
-    #[test]
-    fn debug_slack() {
-        let relief = relief();
-        for m in [8, 37, 200u64] {
-            let mut worst = std::collections::BTreeMap::new();
-            for (p, patch) in relief.patches.iter().enumerate() {
-                for row in 0..=m {
-                    for column in 0..=m {
-                        let (x, _) = relief.place(p, row, column, m);
-                        let own = relief.shape.part(patch.part, &x).value;
-                        for part in 0..NAMES.len() {
-                            let slack = own - relief.shape.part(part, &x).value;
-                            if slack > 1e-6 {
-                                let e = worst.entry((p, part)).or_insert((0.0, 0, 0, 0));
-                                e.3 += 1;
-                                if slack > e.0 { *e = (slack, row, column, e.3); }
-                            }
-                        }
-                    }
-                }
-            }
-            for ((p, part), w) in worst { eprintln!("m {m} patch {p} ({}) vs {part}: {w:?} valleys {:?}", relief.patches[p].part, relief.sheets[p].valley); }
         }
     }
 }
