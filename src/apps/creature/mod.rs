@@ -6,9 +6,9 @@
 //! follows from its number alone, so that a mesh of any size streams to disk in bounded memory,
 //! in parallel, in scan order (neighbours have nearby numbers) or in random order.
 //!
-//! The way: cubes give the topology ([`cage`]), an implicit surface the form ([`shape`]), a small
-//! relaxed grid the points ([`relief`]), closed forms the numbers ([`numbering`], [`holes`],
-//! [`permutation`]). Cost: 0.1 s once; some 5 million faces a second and core, 19 bytes a face
+//! The way: cubes give the topology (`cage`), an implicit surface the form (`shape`), a small
+//! relaxed grid the points (`relief`), closed forms the numbers (`numbering`, `holes`,
+//! `permutation`). Cost: 0.1 s once; some 5 million faces a second and core, 19 bytes a face
 //! on the disk, half a megabyte of memory a thread.
 
 mod cage;
