@@ -44,7 +44,7 @@ fn count(text: &str) -> Result<u64, String> {
         return Ok(whole);
     }
     match text.parse::<f64>() {
-        Ok(number) if number >= 0.0 && number < 1e18 => Ok(number.round() as u64),
+        Ok(number) if (0.0..1e18).contains(&number) => Ok(number.round() as u64),
         _ => Err("not a number of faces".to_string()),
     }
 }

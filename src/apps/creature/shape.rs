@@ -87,6 +87,7 @@ impl Spine {
 pub(super) type PartSet = u16;
 
 /// Every part.
+#[cfg(test)]
 pub(super) const ALL: PartSet = (1 << NAMES.len()) - 1;
 
 /// The creature as an implicit surface.

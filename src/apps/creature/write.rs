@@ -22,7 +22,7 @@ const STAGE: &str = "generate";
 impl Creature {
     /// Writes the mesh to `path`: binary little-endian PLY with float x, y, z and a list of three
     /// indices a face (`int`, or `uint` beyond 2^31 vertices), 19 bytes a face in all. Uses
-    /// `run.threads`, a chunk of about 1 MB each out of `run.budget`; the bytes do not depend on
+    /// `run.threads`, a chunk of under half a megabyte each out of `run.budget`; the bytes do not depend on
     /// either. Progress counts faces and vertices.
     ///
     /// # Errors
