@@ -8,7 +8,7 @@
 //!
 //! Nearest means nearest among samples: up to [`PER_COMPONENT`] evenly spread faces of a
 //! component are looked up in an R*-tree of up to [`TREE_SAMPLES`] faces of the larger ones. Above
-//! [`MOST_IN_TREE`] components the rest are joined without joining the tree. Memory: 64 MB at the
+//! [`MOST_IN_TREE`] components the rest are joined without joining the tree. Memory: 16 MB at the
 //! most; nothing where there is one component.
 
 use super::adjacency::AGAINST;
@@ -22,9 +22,9 @@ use rstar::primitives::GeomWithData;
 use std::collections::HashMap;
 
 /// Faces of a component that look for a partner.
-pub const PER_COMPONENT: u64 = 64;
+pub const PER_COMPONENT: u64 = 16;
 /// Faces that can be found as partners.
-pub const TREE_SAMPLES: u64 = 400_000;
+pub const TREE_SAMPLES: u64 = 100_000;
 /// Components whose faces can be found as partners.
 pub const MOST_IN_TREE: usize = 100_000;
 

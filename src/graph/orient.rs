@@ -62,8 +62,7 @@ impl Sums {
         if area <= 0. {
             return [majority, !majority];
         }
-        let volume =
-            (self.flux - (0..3).map(|axis| self.vector[axis] * self.moment[axis] / area).sum::<f64>()) / 3.;
+        let volume = (self.flux - (0..3).map(|axis| self.vector[axis] * self.moment[axis] / area).sum::<f64>()) / 3.;
         // A sphere of this area has the volume A^1.5 / (6 √π).
         let sphere = area.powf(1.5) / (6. * std::f64::consts::PI.sqrt());
         let inward = volume < 0.;
@@ -107,17 +106,24 @@ pub fn orient(
     };
     let mut turned = Turned::default();
     let mut out = work.array::<Node>(nodes::FILE, &[nodes.len(), 7])?;
-    let counts = fill_chunks(run.threads, &run.cancel, out.data(), nodes::CHUNK, || (), |k, out, ()| {
-        let mut count = 0u64;
-        for (slot, i) in out.iter_mut().zip(chunk_range(nodes.len(), nodes::CHUNK, k)) {
-            *slot = nodes[i];
-            if turned_node(i) {
-                slot.normal = slot.normal.map(|x| 0. - x);
-                count += 1;
+    let counts = fill_chunks(
+        run.threads,
+        &run.cancel,
+        out.data(),
+        nodes::CHUNK,
+        || (),
+        |k, out, ()| {
+            let mut count = 0u64;
+            for (slot, i) in out.iter_mut().zip(chunk_range(nodes.len(), nodes::CHUNK, k)) {
+                *slot = nodes[i];
+                if turned_node(i) {
+                    slot.normal = slot.normal.map(|x| 0. - x);
+                    count += 1;
+                }
             }
-        }
-        Ok(count)
-    })?;
+            Ok(count)
+        },
+    )?;
     turned.faces = counts.into_iter().sum();
     let nodes = out.finish(false)?;
     if !components.mixed {
@@ -125,22 +131,29 @@ pub fn orient(
     }
     // Edge by edge: turning one of two faces changes whether they are against each other.
     let mut edges = work.array::<f32>("graph_edges.npy", &[rows.edge.len()])?;
-    let counts = fill_chunks(run.threads, &run.cancel, edges.data(), nodes::CHUNK, || (), |k, out, ()| {
-        let mut count = 0u64;
-        let first = k * nodes::CHUNK;
-        let mut row = rows.indptr.partition_point(|&start| start as usize <= first) - 1;
-        for (i, slot) in out.iter_mut().enumerate() {
-            let e = first + i;
-            while rows.indptr[row + 1] as usize <= e {
-                row += 1;
+    let counts = fill_chunks(
+        run.threads,
+        &run.cancel,
+        edges.data(),
+        nodes::CHUNK,
+        || (),
+        |k, out, ()| {
+            let mut count = 0u64;
+            let first = k * nodes::CHUNK;
+            let mut row = rows.indptr.partition_point(|&start| start as usize <= first) - 1;
+            for (i, slot) in out.iter_mut().enumerate() {
+                let e = first + i;
+                while rows.indptr[row + 1] as usize <= e {
+                    row += 1;
+                }
+                let edge = rows.edge[e];
+                let flip = turned_node(row) != turned_node(rows.indices[e] as usize);
+                *slot = if flip { -edge } else { edge };
+                count += u64::from(*slot < 0.);
             }
-            let edge = rows.edge[e];
-            let flip = turned_node(row) != turned_node(rows.indices[e] as usize);
-            *slot = if flip { -edge } else { edge };
-            count += u64::from(*slot < 0.);
-        }
-        Ok(count)
-    })?;
+            Ok(count)
+        },
+    )?;
     turned.unsatisfied = counts.into_iter().sum();
     Ok((Rows { edge: edges.finish(false)?, ..rows }, nodes, turned))
 }
