@@ -1,1 +1,3 @@
 //! Floor `cluster`.
+
+pub mod parts;
