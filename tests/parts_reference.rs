@@ -5,11 +5,15 @@
 //! ship.
 
 use nystrom_stream::cluster::parts::anchor::{Embedding, Rows, anchor_embedding};
-use nystrom_stream::cluster::parts::cells::class_sums;
+use nystrom_stream::base::random::stream;
+use nystrom_stream::cluster::parts::cells::{connected_pieces, join_small};
 use nystrom_stream::cluster::parts::convexity::{PairSums, convexity};
 use nystrom_stream::cluster::parts::cost::log_cost;
 use nystrom_stream::cluster::parts::labelling::{HALF, Pull};
 use nystrom_stream::cluster::parts::matrix::Square;
+use nystrom_stream::cluster::parts::members::{Atoms, co_association, draw_members};
+use nystrom_stream::cluster::parts::over_segment::{self, Recipe};
+use nystrom_stream::cluster::parts::refinement::soft_hierarchy;
 use nystrom_stream::cluster::parts::regions::{EMBEDDED, Regions, cell_columns};
 use nystrom_stream::cluster::parts::tree::{meeting_probability, merges};
 use nystrom_stream::cluster::parts::{CellGraph, Decision, PartCount, PartsParams, parts};
@@ -192,6 +196,68 @@ fn decide_the_dumped_models() -> Anything<()> {
     }
     let runs = (folders.len() as u64 * seeds).max(1) as f64;
     eprintln!("mean ms: soft {:.1}, single {:.1}, consensus {:.1}", seconds[0] / runs * 1e3, seconds[1] / runs * 1e3, seconds[2] / runs * 1e3);
+    Ok(())
+}
+
+/// Processor milliseconds of this thread so far: what others do on the machine does not count.
+fn clock() -> f64 {
+    let text = fs::read_to_string("/proc/thread-self/schedstat").unwrap_or_default();
+    text.split(' ').next().and_then(|x| x.parse::<f64>().ok()).unwrap_or(0.0) / 1e6
+}
+
+/// Not a test but the measurement of the stages, in processor time on one thread.
+#[test]
+#[ignore = "a measurement: run it in release with PARTS_DUMP set"]
+fn time_the_stages() -> Anything<()> {
+    let mut table: Vec<(&str, f64)> = Vec::new();
+    let folders: Vec<PathBuf> = dumps().into_iter().step_by(8).collect();
+    for folder in &folders {
+        let (graph, rows) = cells(folder)?;
+        let run = Run { threads: 1, ..Run::new(&()) };
+        let mut last = clock();
+        let mut lap = |name: &'static str| {
+            let now = clock();
+            match table.iter_mut().find(|t| t.0 == name) {
+                Some(t) => t.1 += now - last,
+                None => table.push((name, now - last)),
+            }
+            last = clock();
+        };
+        let shares = graph.area_shares();
+        let mut random = stream(0, "time");
+        for _ in 0..12 {
+            let recipe = Recipe::draw(rows.count, &mut random);
+            lap("draw");
+            let x = anchor_embedding(&rows, &recipe.rows, &shares, recipe.clusters, recipe.scale);
+            lap("embedding");
+            let label = over_segment::kmeans(recipe.clusters).run(&x.values, &shares, &mut random);
+            lap("k-means");
+            let (piece, _) = connected_pieces(&graph.pairs, &label);
+            std::hint::black_box(join_small(&graph.pairs, &graph.length, &shares, &piece, 0.001, 0));
+            lap("pieces");
+        }
+        let members = draw_members(&graph, &rows, 12, "parts member", &run)?;
+        lap("members");
+        let atoms = Atoms::of(&graph, &rows, &members, &run)?;
+        lap("atoms");
+        std::hint::black_box(convexity(&graph, &atoms.of_cell, atoms.len(), &run)?);
+        lap("of which convexity");
+        let together = co_association(&graph, &atoms, &members, &run)?;
+        lap("trees and C");
+        let pull = Pull { area: &atoms.area, together: &together };
+        std::hint::black_box(pull.best(&(0..atoms.len() as u32).collect::<Vec<_>>(), HALF));
+        lap("labelling");
+        let tree = soft_hierarchy(&graph, &atoms, &together, 0.003);
+        lap("hierarchy with labelling");
+        std::hint::black_box(tree.cut_k(9)?);
+        lap("cut");
+        let result = parts(&graph, &rows.values, rows.count, &PartsParams::default(), &run)?;
+        lap("all");
+        std::hint::black_box(result);
+    }
+    for (name, ms) in table {
+        eprintln!("{name:<26} {:8.2} ms", ms / folders.len().max(1) as f64);
+    }
     Ok(())
 }
 

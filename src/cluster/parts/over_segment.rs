@@ -48,12 +48,16 @@ impl Recipe {
     }
 }
 
+/// The K-means of an over-segmentation: it need not be the best, members average its chances out.
+pub fn kmeans(clusters: usize) -> KMeans {
+    KMeans { clusters, restarts: 2, rounds: 20, candidates: 3, tolerance: 1e-6 }
+}
+
 /// Region of each cell (S), numbered 0, 1, …, each region connected; and how many.
 pub fn over_segment(cells: &CellGraph, rows: &Rows, recipe: &Recipe, random: &mut Random) -> (Vec<u32>, usize) {
     let shares = cells.area_shares();
     let x = anchor_embedding(rows, &recipe.rows, &shares, recipe.clusters, recipe.scale);
-    let kmeans = KMeans { clusters: recipe.clusters, restarts: 2, rounds: 20, candidates: 3, tolerance: 1e-6 };
-    let label = kmeans.run(&x.values, &shares, random);
+    let label = kmeans(recipe.clusters).run(&x.values, &shares, random);
     let (piece, _) = connected_pieces(&cells.pairs, &label);
     join_small(&cells.pairs, &cells.length, &shares, &piece, ISLAND, 0)
 }
