@@ -4,8 +4,8 @@
 //! these. Without it the tests say so and pass: the dumps are made of meshes that are not ours to
 //! ship.
 
-use nystrom_stream::cluster::parts::anchor::{Embedding, Rows, anchor_embedding};
 use nystrom_stream::base::random::stream;
+use nystrom_stream::cluster::parts::anchor::{Embedding, Rows, anchor_embedding};
 use nystrom_stream::cluster::parts::cells::{connected_pieces, join_small};
 use nystrom_stream::cluster::parts::convexity::{PairSums, convexity};
 use nystrom_stream::cluster::parts::cost::log_cost;
@@ -195,7 +195,12 @@ fn decide_the_dumped_models() -> Anything<()> {
         }
     }
     let runs = (folders.len() as u64 * seeds).max(1) as f64;
-    eprintln!("mean ms: soft {:.1}, single {:.1}, consensus {:.1}", seconds[0] / runs * 1e3, seconds[1] / runs * 1e3, seconds[2] / runs * 1e3);
+    eprintln!(
+        "mean ms: soft {:.1}, single {:.1}, consensus {:.1}",
+        seconds[0] / runs * 1e3,
+        seconds[1] / runs * 1e3,
+        seconds[2] / runs * 1e3
+    );
     Ok(())
 }
 

@@ -227,7 +227,8 @@ pub fn join_small(
             }
         }
         open[q] = false;
-        let Some(to) = (0..n).rev().max_by(|&a, &b| shared[a].total_cmp(&shared[b])).filter(|&k| shared[k] > 0.0) else {
+        let Some(to) = (0..n).rev().max_by(|&a, &b| shared[a].total_cmp(&shared[b])).filter(|&k| shared[k] > 0.0)
+        else {
             continue;
         };
         size[to] += size[q];

@@ -7,7 +7,7 @@
 
 use super::anchor::Rows;
 use super::cells::{CellGraph, class_sums, compact};
-use super::hierarchy::PartTree;
+use super::hierarchy::{PartTree, Union};
 use super::labelling::between;
 use super::linkage::{Linkage, Rank};
 use super::matrix::Square;
@@ -61,7 +61,12 @@ pub fn single_run(cells: &CellGraph, rows: &Rows, small_part: f64, run: &Run) ->
     let atoms = Atoms::of(cells, rows, std::slice::from_ref(&member), run)?;
     let list = merges(atoms.regions(cells, &atoms.of_cell, atoms.len(), MIDDLE_WIDTH), |_, _| false);
     let first = &atoms.first;
-    let unions = list.iter().map(|m| (level(m.log_cost, SINGLE_STOP), first[m.i], first[m.j]));
+    let unions = list.iter().zip(1i32..).map(|(m, k)| Union {
+        level: level(m.log_cost, SINGLE_STOP),
+        rank: f64::from(-k),
+        a: first[m.i],
+        b: first[m.j],
+    });
     let tree = PartTree::new(cells, within(cells, &atoms.of_cell).into_iter().chain(unions), small_part);
     Ok(Decided { together: meeting_probability(atoms.len(), &list), atoms, tree })
 }
@@ -121,7 +126,8 @@ fn grouped(cells: &CellGraph, atoms: &Atoms, together: &Square, groups: usize, s
     for join in &joins {
         into.iter_mut().filter(|k| **k == join.j as u32).for_each(|k| *k = join.i as u32);
         let level = GROUP_LEVEL + (1.0 - GROUP_LEVEL) * join.mean;
-        unions.push((level, atoms.first[join.i], atoms.first[join.j]));
+        let rank = f64::from(-(unions.len() as i32));
+        unions.push(Union { level, rank, a: atoms.first[join.i], b: atoms.first[join.j] });
     }
     let (group, count) = compact(&into);
     let of_cell: Vec<u32> = atoms.of_cell.iter().map(|&a| group[a as usize]).collect();
@@ -131,7 +137,9 @@ fn grouped(cells: &CellGraph, atoms: &Atoms, together: &Square, groups: usize, s
     }
     let regions = atoms.regions(cells, &of_cell, count, MIDDLE_WIDTH);
     for m in merges(regions, |_, _| false) {
-        unions.push((level(m.log_cost, CONSENSUS_STOP).min(GROUP_LEVEL), first[m.i], first[m.j]));
+        let level = level(m.log_cost, CONSENSUS_STOP).min(GROUP_LEVEL);
+        let rank = f64::from(-(unions.len() as i32));
+        unions.push(Union { level, rank, a: first[m.i], b: first[m.j] });
     }
     PartTree::new(cells, unions, small_part)
 }

@@ -1,9 +1,10 @@
 //! The hierarchy of parts: all answers to "how many?" at once, small enough to keep.
 //!
-//! A binary tree from single cells to one part, stored as the unions in the order in which they
-//! are made, each with a level in \[0, 1\] that never rises: a cut at threshold t makes the unions
-//! of level ≥ t. The cut at ½ is the number of parts found; another number of parts, or another
-//! detail, is another cut and costs a pass over the cells.
+//! A binary tree from single cells to one part, stored as its unions. Their order is that in
+//! which they are made until a given number of parts is left; their levels, in \[0, 1\] and never
+//! above those of the unions they rest on, say which of them a threshold makes. The cut at ½ is
+//! the parts found; any other is a pass over the cells. Numbers are kept in single precision,
+//! which decimal text returns to the bit.
 
 use super::cells::{CellGraph, Sets, compact};
 use super::labelling::HALF;
@@ -19,18 +20,31 @@ const VERSION: u32 = 1;
 pub struct PartTree {
     /// Version of this form.
     pub version: u32,
-    /// The S − 1 unions, finest first; a set of cells is named by its least cell.
+    /// The S − 1 unions in their order, finest first; a set of cells is named by its least cell.
     pub unions: Vec<[u32; 2]>,
-    /// Level of each union, never rising: the probability, or its like, that the two belong together.
-    pub level: Vec<f64>,
+    /// Threshold up to which each union is made: how probably, or the like, the two belong together.
+    pub level: Vec<f32>,
     /// Area share of each cell (S).
-    pub area: Vec<f64>,
+    pub area: Vec<f32>,
     /// Neighbouring cells (m).
     pub pairs: Vec<[u32; 2]>,
     /// Length of their common boundary, in units of √(total area) (m).
-    pub length: Vec<f64>,
+    pub length: Vec<f32>,
     /// Connected pieces below this share of the area join a neighbour.
-    pub small_part: f64,
+    pub small_part: f32,
+}
+
+/// A union of two sets of cells, each named by any of its cells.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Union {
+    /// Threshold up to which a cut makes it, in \[0, 1\].
+    pub level: f64,
+    /// Unions of greater rank come first where a number of parts is given.
+    pub rank: f64,
+    /// A cell of the one set.
+    pub a: u32,
+    /// A cell of the other set.
+    pub b: u32,
 }
 
 /// A cut of a [`PartTree`].
@@ -49,29 +63,39 @@ pub fn detail_threshold(detail: f64) -> f64 {
 }
 
 impl PartTree {
-    /// The tree of unions given as (level, a cell of one set, a cell of the other), finest first.
-    /// Unions of one set with itself are skipped; sets left over are joined at level 0.
-    pub fn new(cells: &CellGraph, unions: impl IntoIterator<Item = (f64, u32, u32)>, small_part: f64) -> PartTree {
+    /// The tree of some unions, made in the order given. Levels and ranks are lowered to those of
+    /// the unions that a union rests on; unions of a set with itself are skipped; sets left over
+    /// are united at last, at level 0.
+    pub fn new(cells: &CellGraph, unions: impl IntoIterator<Item = Union>, small_part: f64) -> PartTree {
         let n = cells.len();
         let mut tree = PartTree {
             version: VERSION,
-            area: cells.area_shares(),
+            area: cells.area_shares().iter().map(|&a| a as f32).collect(),
             pairs: cells.pairs.clone(),
-            length: cells.length.clone(),
-            small_part,
+            length: cells.length.iter().map(|&x| x as f32).collect(),
+            small_part: small_part as f32,
             ..PartTree::default()
         };
         let mut sets = Sets::new(n);
-        let mut least = 1.0f64;
-        let leftover = (1..n as u32).map(|i| (0.0, 0, i));
-        for (level, a, b) in unions.into_iter().chain(leftover) {
-            let (a, b) = (sets.find(a), sets.find(b));
-            if sets.join(a, b) {
-                least = least.min(level.max(0.0));
-                tree.unions.push([a.min(b), a.max(b)]);
-                tree.level.push(least);
+        // Level and rank of the union that made each set.
+        let mut made = vec![(1.0f64, f64::INFINITY); n];
+        let mut all = Vec::with_capacity(n.saturating_sub(1));
+        let leftover = (1..n as u32).map(|b| Union { level: 0.0, rank: f64::NEG_INFINITY, a: 0, b });
+        for union in unions.into_iter().chain(leftover) {
+            let (a, b) = (sets.find(union.a), sets.find(union.b));
+            if !sets.join(a, b) {
+                continue;
             }
+            let (one, two) = (made[a as usize], made[b as usize]);
+            let level = union.level.max(0.0).min(one.0).min(two.0);
+            let rank = union.rank.min(one.1).min(two.1);
+            made[a.min(b) as usize] = (level, rank);
+            all.push(Union { level, rank, a: a.min(b), b: a.max(b) });
         }
+        // Stable: a union stays behind those that it rests on.
+        all.sort_by(|x, y| y.rank.total_cmp(&x.rank));
+        tree.unions = all.iter().map(|u| [u.a, u.b]).collect();
+        tree.level = all.iter().map(|u| u.level as f32).collect();
         tree
     }
 
@@ -85,11 +109,9 @@ impl PartTree {
         let sizes = self.unions.len() == n.saturating_sub(1)
             && self.level.len() == self.unions.len()
             && self.pairs.len() == self.length.len();
-        let falling = self.level.windows(2).all(|w| w[0] >= w[1]);
         let mut sets = Sets::new(n);
         let sound = self.unions.iter().chain(&self.pairs).all(known)
             && sizes
-            && falling
             && self.unions.iter().all(|&[i, j]| sets.join(i, j));
         if self.version == VERSION && sound && n > 0 {
             return Ok(());
@@ -106,10 +128,10 @@ impl PartTree {
         self.area.len()
     }
 
-    /// The parts after the first `unions` unions, as they are.
-    fn raw(&self, unions: usize) -> Vec<u32> {
+    /// The parts that some unions make, as they are.
+    fn raw<'a>(&self, unions: impl IntoIterator<Item = &'a [u32; 2]>) -> Vec<u32> {
         let mut sets = Sets::new(self.cells());
-        for &[i, j] in self.unions.iter().take(unions) {
+        for &[i, j] in unions {
             sets.join(i, j);
         }
         compact(&sets.labels()).0
@@ -117,14 +139,16 @@ impl PartTree {
 
     /// Cleans a labelling of small pieces; `whole_too` also of small parts.
     fn clean(&self, label: &[u32], whole_too: bool) -> Cut {
-        let (label, parts) =
-            small_parts(&self.pairs, &self.length, &self.area, label, self.small_part, whole_too);
+        let double = |x: &[f32]| x.iter().map(|&x| f64::from(x)).collect::<Vec<_>>();
+        let (length, area, limit) = (double(&self.length), double(&self.area), f64::from(self.small_part));
+        let (label, parts) = small_parts(&self.pairs, &length, &area, label, limit, whole_too);
         Cut { label, parts }
     }
 
     /// The parts at a threshold in \[0, 1\], without small ones. O(S + m).
     pub fn cut(&self, threshold: f64) -> Cut {
-        self.clean(&self.raw(self.level.partition_point(|&l| l >= threshold)), true)
+        let made = self.unions.iter().zip(&self.level).filter(|(_, l)| f64::from(**l) >= threshold).map(|(u, _)| u);
+        self.clean(&self.raw(made), true)
     }
 
     /// The parts at a detail in −1..1, 0 being the default ([`detail_threshold`]).
@@ -149,7 +173,7 @@ impl PartTree {
             ));
         }
         for parts in k..=n.min(2 * k + 8) {
-            let cut = self.clean(&self.raw(n - parts), true);
+            let cut = self.clean(&self.raw(&self.unions[..n - parts]), true);
             if cut.parts == k {
                 return Ok(cut);
             }
@@ -157,7 +181,7 @@ impl PartTree {
                 break;
             }
         }
-        Ok(self.clean(&self.raw(n - k), false))
+        Ok(self.clean(&self.raw(&self.unions[..n - k]), false))
     }
 
     /// The parts at a detail if they are `least` to `most`, else the nearest number allowed.
@@ -195,7 +219,8 @@ mod tests {
     #[test]
     fn every_number_of_parts_is_had_exactly() {
         let cells = strip(40);
-        let unions = (0..20).map(|i| (0.9 - 0.03 * f64::from(i), 2 * i, 2 * i + 1));
+        let unions =
+            (0..20).map(|i| Union { level: 0.9 - 0.03 * f64::from(i), rank: -f64::from(i), a: 2 * i, b: 2 * i + 1 });
         let tree = PartTree::new(&cells, unions, 0.003);
         tree.check().unwrap();
         for k in 1..=40 {
@@ -210,7 +235,7 @@ mod tests {
     #[test]
     fn more_detail_is_finer_and_json_keeps_the_tree() {
         let cells = strip(30);
-        let unions = (0..29).map(|i| (1.0 - f64::from(i) / 29.0, i, i + 1));
+        let unions = (0..29).map(|i| Union { level: 1.0 - f64::from(i) / 29.0, rank: -f64::from(i), a: i, b: i + 1 });
         let tree = PartTree::new(&cells, unions, 0.0);
         let counts: Vec<usize> = (-10..=10).map(|d| tree.cut_detail(f64::from(d) / 10.0).parts).collect();
         assert!(counts.windows(2).all(|w| w[0] <= w[1]) && counts[0] == 1 && counts[20] > 25);

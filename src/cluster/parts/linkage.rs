@@ -1,5 +1,6 @@
 //! Agglomeration of a few hundred classes by what pulls them together, all the way to one.
 
+use super::labelling::HALF;
 use super::matrix::Square;
 
 /// What is greatest is joined first.
@@ -20,6 +21,8 @@ pub struct Join {
     pub j: usize,
     /// Mean of C between the two, by area.
     pub mean: f64,
+    /// What the join adds to the expected Rand index: Σ A A (C − ½) over the pairs it joins.
+    pub gain: f64,
 }
 
 /// Classes to agglomerate.
@@ -41,11 +44,15 @@ impl Linkage {
         self.sums[(i, j)] / (self.area[i] * self.area[j]).max(1e-300)
     }
 
-    fn value(&self, i: usize, j: usize, rank: Rank) -> f64 {
-        let value = match rank {
+    fn value_of(&self, i: usize, j: usize, rank: Rank) -> f64 {
+        match rank {
             Rank::Mean => self.mean(i, j),
-            Rank::Gain => self.sums[(i, j)] - 0.5 * self.area[i] * self.area[j],
-        };
+            Rank::Gain => self.sums[(i, j)] - HALF * self.area[i] * self.area[j],
+        }
+    }
+
+    fn value(&self, i: usize, j: usize, rank: Rank) -> f64 {
+        let value = self.value_of(i, j, rank);
         if self.touch.as_ref().is_some_and(|t| t[(i, j)] <= 0.0) { value - APART } else { value }
     }
 
@@ -76,7 +83,8 @@ impl Linkage {
             if j == n {
                 break;
             }
-            out.push(Join { i, j, mean: self.mean(i, j) });
+            let gain = self.value_of(i, j, Rank::Gain);
+            out.push(Join { i, j, mean: self.mean(i, j), gain });
             alive[j] = false;
             self.sums.fold(i, j);
             if let Some(touch) = &mut self.touch {

@@ -197,7 +197,7 @@ fn checked(cells: &CellGraph, rows: &[f64], l: usize, params: &PartsParams) -> R
         let problem = format!("{most} parts cannot be made of {n} cells");
         return Err(Error::parameter("parts", problem, format!("ask for 1 to {n}")));
     }
-    if !(params.detail.abs() <= 1.0) {
+    if !(-1.0..=1.0).contains(&params.detail) {
         let problem = format!("{} is not within −1 to 1", params.detail);
         return Err(Error::parameter("detail", problem, "0 is the default, above it finer, below it coarser"));
     }
