@@ -151,7 +151,8 @@ impl DualGraph {
             work.open_array("graph_weights.npy")?
         } else {
             let (weights, seconds) = run.stage("weights", "faces", self.facts.nodes, || {
-                weights::build(&self.rows, &self.nodes, self.facts.area, metric, work, run)
+                let place = (work, "graph_weights.npy");
+                weights::build(&self.rows, &self.nodes, None, self.facts.area, metric, place, run)
             })?;
             work.stamp("weights", &key, &options, &["graph_weights.npy"], &(), seconds)?;
             weights
