@@ -180,8 +180,8 @@ fn scale(rows: &Rows, nodes: &[Node], area: f64, metric: Metric, run: &Run) -> R
             let (mut length, mut angle, mut count) = (0f64, 0f64, 0u64);
             for i in chunk_range(n, CHUNK, k) {
                 for e in indptr[i] as usize..indptr[i + 1] as usize {
-                    // Each edge once, and edges of unknown length not at all.
-                    if indices[e] as usize > i && gd[e] != UNKNOWN {
+                    // Each edge once.
+                    if indices[e] as usize > i {
                         length += f64::from(gd[e]);
                         count += 1;
                         if needs_angle {
