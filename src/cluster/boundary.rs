@@ -41,12 +41,19 @@ pub fn refine(
     let n = cell.len();
     let parts = label_of_cell.iter().max().map_or(0, |top| *top as usize + 1);
     let mut labels = work.array::<u32>("node_labels.npy", &[n])?;
-    fill_chunks(run.threads, &run.cancel, labels.data(), CHUNK, || (), |k, out, ()| {
-        for (slot, i) in out.iter_mut().zip(chunk_range(n, CHUNK, k)) {
-            *slot = label_of_cell[cell[i] as usize];
-        }
-        Ok(())
-    })?;
+    fill_chunks(
+        run.threads,
+        &run.cancel,
+        labels.data(),
+        CHUNK,
+        || (),
+        |k, out, ()| {
+            for (slot, i) in out.iter_mut().zip(chunk_range(n, CHUNK, k)) {
+                *slot = label_of_cell[cell[i] as usize];
+            }
+            Ok(())
+        },
+    )?;
     let rim = rim(steps, labels.data(), run)?;
     if rim.is_empty() {
         return labels.finish(false);
@@ -59,12 +66,19 @@ pub fn refine(
     let limits = core_limits(labels.data(), field.data(), parts, band, run)?;
     // Cores are where the second front starts, at distance 0; the bands are open.
     let owners: &[u32] = labels.data();
-    fill_chunks(run.threads, &run.cancel, field.data(), CHUNK, || (), |k, out, ()| {
-        for (slot, i) in out.iter_mut().zip(chunk_range(n, CHUNK, k)) {
-            *slot = if *slot >= limits[owners[i] as usize] { 0. } else { f32::INFINITY };
-        }
-        Ok(())
-    })?;
+    fill_chunks(
+        run.threads,
+        &run.cancel,
+        field.data(),
+        CHUNK,
+        || (),
+        |k, out, ()| {
+            for (slot, i) in out.iter_mut().zip(chunk_range(n, CHUNK, k)) {
+                *slot = if *slot >= limits[owners[i] as usize] { 0. } else { f32::INFINITY };
+            }
+            Ok(())
+        },
+    )?;
     let edge_of_core = core_rim(steps, field.data(), run)?;
     Front::new(mean_weight(steps)).spread_owners(steps, &edge_of_core, field.data(), labels.data(), &run.cancel)?;
     drop(field);
@@ -85,16 +99,22 @@ fn core_rim(graph: Csr<'_>, field: &[f32], run: &Run) -> Result<Vec<u32>> {
 /// Nodes i with a neighbour j for which `wanted(i, j)`.
 fn collect(graph: Csr<'_>, run: &Run, wanted: impl Fn(usize, usize) -> bool + Sync) -> Result<Vec<u32>> {
     let n = graph.len();
-    let parts = map_chunks(run.threads, &run.cancel, chunk_count(n, CHUNK), || (), |k, ()| {
-        let range = chunk_range(n, CHUNK, k);
-        Ok(range
-            .filter(|&i| {
-                let span = graph.indptr[i] as usize..graph.indptr[i + 1] as usize;
-                graph.indices[span].iter().any(|&j| wanted(i, j as usize))
-            })
-            .map(|i| i as u32)
-            .collect::<Vec<u32>>())
-    })?;
+    let parts = map_chunks(
+        run.threads,
+        &run.cancel,
+        chunk_count(n, CHUNK),
+        || (),
+        |k, ()| {
+            let range = chunk_range(n, CHUNK, k);
+            Ok(range
+                .filter(|&i| {
+                    let span = graph.indptr[i] as usize..graph.indptr[i + 1] as usize;
+                    graph.indices[span].iter().any(|&j| wanted(i, j as usize))
+                })
+                .map(|i| i as u32)
+                .collect::<Vec<u32>>())
+        },
+    )?;
     Ok(parts.concat())
 }
 
@@ -103,14 +123,20 @@ fn collect(graph: Csr<'_>, run: &Run, wanted: impl Fn(usize, usize) -> bool + Sy
 fn core_limits(labels: &[u32], depth: &[f32], parts: usize, band: f32, run: &Run) -> Result<Vec<f32>> {
     let n = labels.len();
     let block = n.div_ceil(8).max(1);
-    let blocks = map_chunks(run.threads, &run.cancel, chunk_count(n, block), || (), |k, ()| {
-        let mut counts = vec![0u64; parts * (BINS + 1)];
-        for i in chunk_range(n, block, k) {
-            let bin = if depth[i] < band { (depth[i] / band * BINS as f32) as usize } else { BINS };
-            counts[labels[i] as usize * (BINS + 1) + bin.min(BINS)] += 1;
-        }
-        Ok(counts)
-    })?;
+    let blocks = map_chunks(
+        run.threads,
+        &run.cancel,
+        chunk_count(n, block),
+        || (),
+        |k, ()| {
+            let mut counts = vec![0u64; parts * (BINS + 1)];
+            for i in chunk_range(n, block, k) {
+                let bin = if depth[i] < band { (depth[i] / band * BINS as f32) as usize } else { BINS };
+                counts[labels[i] as usize * (BINS + 1) + bin.min(BINS)] += 1;
+            }
+            Ok(counts)
+        },
+    )?;
     let mut counts = vec![0u64; parts * (BINS + 1)];
     for block in blocks {
         counts.iter_mut().zip(block).for_each(|(a, b)| *a += b);

@@ -22,13 +22,19 @@ pub fn average(rows: &DistanceRows, cells: &Cells, shares: &Shares, run: &Run) -
     for (&c, &share) in cell.iter().zip(shares.share.iter()) {
         mass[c as usize] += f64::from(share).max(1e-18);
     }
-    let averaged = map_chunks(run.threads, &run.cancel, rows.len(), || (), |k, ()| {
-        let mut sums = vec![0f64; s];
-        for ((&c, &share), &d) in cell.iter().zip(shares.share.iter()).zip(rows.row(k)) {
-            sums[c as usize] += f64::from(share).max(1e-18) * f64::from(d);
-        }
-        run.progress.advance("cell rows", 1);
-        Ok(sums.iter().zip(&mass).map(|(sum, mass)| sum / mass).collect::<Vec<f64>>())
-    })?;
+    let averaged = map_chunks(
+        run.threads,
+        &run.cancel,
+        rows.len(),
+        || (),
+        |k, ()| {
+            let mut sums = vec![0f64; s];
+            for ((&c, &share), &d) in cell.iter().zip(shares.share.iter()).zip(rows.row(k)) {
+                sums[c as usize] += f64::from(share).max(1e-18) * f64::from(d);
+            }
+            run.progress.advance("cell rows", 1);
+            Ok(sums.iter().zip(&mass).map(|(sum, mass)| sum / mass).collect::<Vec<f64>>())
+        },
+    )?;
     Ok(averaged.into_iter().flatten().collect())
 }

@@ -121,22 +121,28 @@ type Interiors = (Vec<f64>, Vec<[f64; 3]>, Vec<[f64; 3]>);
 fn interiors(graph: &DualGraph, shares: &Shares, cell: &[u32], cells: usize, run: &Run) -> Result<Interiors> {
     let n = cell.len();
     let block = n.div_ceil(BLOCKS).max(1);
-    let parts = map_chunks(run.threads, &run.cancel, chunk_count(n, block), || (), |k, ()| {
-        let mut sums = vec![[0f64; 8]; cells];
-        for i in chunk_range(n, block, k) {
-            let Some(sum) = sums.get_mut(cell[i] as usize) else { continue };
-            let (node, share) = (&graph.nodes[i], f64::from(shares.share[i]));
-            // A cell of dust alone still needs a place: a weight too small to matter elsewhere.
-            let weight = share.max(1e-18);
-            sum[0] += share;
-            sum[7] += weight;
-            for axis in 0..3 {
-                sum[1 + axis] += weight * f64::from(node.centroid[axis]);
-                sum[4 + axis] += weight * f64::from(node.normal[axis]);
+    let parts = map_chunks(
+        run.threads,
+        &run.cancel,
+        chunk_count(n, block),
+        || (),
+        |k, ()| {
+            let mut sums = vec![[0f64; 8]; cells];
+            for i in chunk_range(n, block, k) {
+                let Some(sum) = sums.get_mut(cell[i] as usize) else { continue };
+                let (node, share) = (&graph.nodes[i], f64::from(shares.share[i]));
+                // A cell of dust alone still needs a place: a weight too small to matter elsewhere.
+                let weight = share.max(1e-18);
+                sum[0] += share;
+                sum[7] += weight;
+                for axis in 0..3 {
+                    sum[1 + axis] += weight * f64::from(node.centroid[axis]);
+                    sum[4 + axis] += weight * f64::from(node.normal[axis]);
+                }
             }
-        }
-        Ok(sums)
-    })?;
+            Ok(sums)
+        },
+    )?;
     let mut total = vec![[0f64; 8]; cells];
     for part in parts {
         for (sum, part) in total.iter_mut().zip(part) {
@@ -165,29 +171,35 @@ fn borders(
 ) -> Result<BTreeMap<(u32, u32), Border>> {
     let n = cell.len();
     let (indptr, indices, edge) = (&graph.rows.indptr[..], &graph.rows.indices[..], &graph.rows.edge[..]);
-    let parts = map_chunks(run.threads, &run.cancel, chunk_count(n, CHUNK), || (), |k, ()| {
-        let mut sums: BTreeMap<(u32, u32), Border> = BTreeMap::new();
-        for i in chunk_range(n, CHUNK, k) {
-            for e in indptr[i] as usize..indptr[i + 1] as usize {
-                let j = indices[e] as usize;
-                if j <= i || cell[i] == cell[j] || edge[e] == 0. {
-                    continue;
+    let parts = map_chunks(
+        run.threads,
+        &run.cancel,
+        chunk_count(n, CHUNK),
+        || (),
+        |k, ()| {
+            let mut sums: BTreeMap<(u32, u32), Border> = BTreeMap::new();
+            for i in chunk_range(n, CHUNK, k) {
+                for e in indptr[i] as usize..indptr[i + 1] as usize {
+                    let j = indices[e] as usize;
+                    if j <= i || cell[i] == cell[j] || edge[e] == 0. {
+                        continue;
+                    }
+                    let length = f64::from(edge[e].abs() * shares.unit);
+                    let angle = |normals: &Normals| {
+                        let node = |i: usize| Node { normal: normals[i], ..graph.nodes[i] };
+                        f64::from(turning(&node(i), &node(j), edge[e]))
+                    };
+                    let (medium, coarse) = (angle(smooth.medium), angle(smooth.coarse));
+                    let border = sums.entry((cell[i].min(cell[j]), cell[i].max(cell[j]))).or_default();
+                    border.length += length;
+                    border.concave += length * medium.max(0.);
+                    border.convex += length * (-medium).max(0.);
+                    border.convex04 += length * (-coarse).max(0.);
                 }
-                let length = f64::from(edge[e].abs() * shares.unit);
-                let angle = |normals: &Normals| {
-                    let node = |i: usize| Node { normal: normals[i], ..graph.nodes[i] };
-                    f64::from(turning(&node(i), &node(j), edge[e]))
-                };
-                let (medium, coarse) = (angle(smooth.medium), angle(smooth.coarse));
-                let border = sums.entry((cell[i].min(cell[j]), cell[i].max(cell[j]))).or_default();
-                border.length += length;
-                border.concave += length * medium.max(0.);
-                border.convex += length * (-medium).max(0.);
-                border.convex04 += length * (-coarse).max(0.);
             }
-        }
-        Ok(sums)
-    })?;
+            Ok(sums)
+        },
+    )?;
     let mut total: BTreeMap<(u32, u32), Border> = BTreeMap::new();
     for (pair, part) in parts.into_iter().flatten() {
         let border = total.entry(pair).or_default();

@@ -87,30 +87,37 @@ fn from_cells(
     let spreadness = 0.54 * r / shares.unit;
     let factor = -0.5 / (spreadness * spreadness);
     let mut array = work.array::<[f32; 3]>(file, &[n, 3])?;
-    fill_chunks(run.threads, &run.cancel, array.data(), CHUNK, || (), |chunk, out, ()| {
-        for (slot, i) in out.iter_mut().zip(chunk_range(n, CHUNK, chunk)) {
-            let node = &graph.nodes[i];
-            let mut sum = [0f32; 3];
-            let own = owner_data[i];
-            if own != u32::MAX {
-                let list = &near.list[near.start[own as usize]..near.start[own as usize + 1]];
-                for &c in std::iter::once(&own).chain(list) {
-                    let (centre, normal) = &cells[c as usize];
-                    let mut square = 0.;
-                    for axis in 0..3 {
-                        let d = node.centroid[axis] - centre[axis];
-                        square += d * d;
-                    }
-                    let weight = exp(square * factor);
-                    for axis in 0..3 {
-                        sum[axis] += weight * normal[axis];
+    fill_chunks(
+        run.threads,
+        &run.cancel,
+        array.data(),
+        CHUNK,
+        || (),
+        |chunk, out, ()| {
+            for (slot, i) in out.iter_mut().zip(chunk_range(n, CHUNK, chunk)) {
+                let node = &graph.nodes[i];
+                let mut sum = [0f32; 3];
+                let own = owner_data[i];
+                if own != u32::MAX {
+                    let list = &near.list[near.start[own as usize]..near.start[own as usize + 1]];
+                    for &c in std::iter::once(&own).chain(list) {
+                        let (centre, normal) = &cells[c as usize];
+                        let mut square = 0.;
+                        for axis in 0..3 {
+                            let d = node.centroid[axis] - centre[axis];
+                            square += d * d;
+                        }
+                        let weight = exp(square * factor);
+                        for axis in 0..3 {
+                            sum[axis] += weight * normal[axis];
+                        }
                     }
                 }
+                *slot = unit(sum).unwrap_or(node.normal);
             }
-            *slot = unit(sum).unwrap_or(node.normal);
-        }
-        Ok(())
-    })?;
+            Ok(())
+        },
+    )?;
     drop(owner);
     work.remove(&format!("{owner_file}.partial"));
     array.finish(false)
@@ -126,20 +133,26 @@ fn cell_sums(
 ) -> Result<Vec<([f32; 3], [f32; 3])>> {
     let n = owner.len();
     let block = n.div_ceil(BLOCKS).max(1);
-    let blocks = map_chunks(run.threads, &run.cancel, chunk_count(n, block), || (), |k, ()| {
-        let mut sums = vec![Cell::default(); cells];
-        for i in chunk_range(n, block, k) {
-            let share = f64::from(shares.share[i]);
-            let Some(cell) = sums.get_mut(owner[i] as usize).filter(|_| share > 0.) else { continue };
-            let node = &graph.nodes[i];
-            cell.area += share;
-            for axis in 0..3 {
-                cell.centre[axis] += share * f64::from(node.centroid[axis]);
-                cell.normal[axis] += share * f64::from(node.normal[axis]);
+    let blocks = map_chunks(
+        run.threads,
+        &run.cancel,
+        chunk_count(n, block),
+        || (),
+        |k, ()| {
+            let mut sums = vec![Cell::default(); cells];
+            for i in chunk_range(n, block, k) {
+                let share = f64::from(shares.share[i]);
+                let Some(cell) = sums.get_mut(owner[i] as usize).filter(|_| share > 0.) else { continue };
+                let node = &graph.nodes[i];
+                cell.area += share;
+                for axis in 0..3 {
+                    cell.centre[axis] += share * f64::from(node.centroid[axis]);
+                    cell.normal[axis] += share * f64::from(node.normal[axis]);
+                }
             }
-        }
-        Ok(sums)
-    })?;
+            Ok(sums)
+        },
+    )?;
     let mut total = vec![Cell::default(); cells];
     for block in blocks {
         for (sum, part) in total.iter_mut().zip(block) {
@@ -166,21 +179,27 @@ struct Near {
 fn neighbours(graph: &DualGraph, owner: &[u32], cells: usize, run: &Run) -> Result<Near> {
     let n = owner.len();
     let (indptr, indices, edge) = (&graph.rows.indptr[..], &graph.rows.indices[..], &graph.rows.edge[..]);
-    let parts = map_chunks(run.threads, &run.cancel, chunk_count(n, CHUNK), || (), |k, ()| {
-        let mut pairs = Vec::new();
-        for i in chunk_range(n, CHUNK, k) {
-            for e in indptr[i] as usize..indptr[i + 1] as usize {
-                let (a, b) = (owner[i], owner[indices[e] as usize]);
-                // Bridges have no length and join nothing here.
-                if a != b && a != u32::MAX && b != u32::MAX && edge[e] != 0. {
-                    pairs.push((a, b));
+    let parts = map_chunks(
+        run.threads,
+        &run.cancel,
+        chunk_count(n, CHUNK),
+        || (),
+        |k, ()| {
+            let mut pairs = Vec::new();
+            for i in chunk_range(n, CHUNK, k) {
+                for e in indptr[i] as usize..indptr[i + 1] as usize {
+                    let (a, b) = (owner[i], owner[indices[e] as usize]);
+                    // Bridges have no length and join nothing here.
+                    if a != b && a != u32::MAX && b != u32::MAX && edge[e] != 0. {
+                        pairs.push((a, b));
+                    }
                 }
             }
-        }
-        pairs.sort_unstable();
-        pairs.dedup();
-        Ok(pairs)
-    })?;
+            pairs.sort_unstable();
+            pairs.dedup();
+            Ok(pairs)
+        },
+    )?;
     let mut pairs: Vec<(u32, u32)> = parts.into_iter().flatten().collect();
     pairs.sort_unstable();
     pairs.dedup();
@@ -203,19 +222,26 @@ fn averaged(graph: &DualGraph, shares: &Shares, r: f32, file: &str, work: &WorkD
     let mut normals: Vec<[f32; 3]> = graph.nodes.iter().map(|node| node.normal).collect();
     let mut next = normals.clone();
     for _ in 0..rounds {
-        fill_chunks(run.threads, &run.cancel, &mut next, CHUNK, || (), |k, out, ()| {
-            for (slot, i) in out.iter_mut().zip(chunk_range(n, CHUNK, k)) {
-                let mut sum = normals[i].map(|x| x * shares.share[i]);
-                for e in indptr[i] as usize..indptr[i + 1] as usize {
-                    let j = indices[e] as usize;
-                    if edge[e] != 0. {
-                        (0..3).for_each(|axis| sum[axis] += normals[j][axis] * shares.share[j]);
+        fill_chunks(
+            run.threads,
+            &run.cancel,
+            &mut next,
+            CHUNK,
+            || (),
+            |k, out, ()| {
+                for (slot, i) in out.iter_mut().zip(chunk_range(n, CHUNK, k)) {
+                    let mut sum = normals[i].map(|x| x * shares.share[i]);
+                    for e in indptr[i] as usize..indptr[i + 1] as usize {
+                        let j = indices[e] as usize;
+                        if edge[e] != 0. {
+                            (0..3).for_each(|axis| sum[axis] += normals[j][axis] * shares.share[j]);
+                        }
                     }
+                    *slot = unit(sum).unwrap_or(normals[i]);
                 }
-                *slot = unit(sum).unwrap_or(normals[i]);
-            }
-            Ok(())
-        })?;
+                Ok(())
+            },
+        )?;
         std::mem::swap(&mut normals, &mut next);
     }
     let mut array = work.array::<[f32; 3]>(file, &[n, 3])?;
@@ -237,22 +263,28 @@ pub fn turning(a: &Node, b: &Node, edge: f32) -> f32 {
 pub fn total_turning(graph: &DualGraph, shares: &Shares, smoothed: &[&Normals], run: &Run) -> Result<Vec<f64>> {
     let n = graph.nodes.len();
     let (indptr, indices, edge) = (&graph.rows.indptr[..], &graph.rows.indices[..], &graph.rows.edge[..]);
-    let parts = map_chunks(run.threads, &run.cancel, chunk_count(n, CHUNK), || (), |k, ()| {
-        let mut sums = vec![0f64; smoothed.len() + 1];
-        for i in chunk_range(n, CHUNK, k) {
-            for e in indptr[i] as usize..indptr[i + 1] as usize {
-                let j = indices[e] as usize;
-                if j > i {
-                    let length = f64::from(edge[e].abs() * shares.unit);
-                    sums[0] += length * f64::from(between(graph.nodes[i].normal, graph.nodes[j].normal));
-                    for (sum, normals) in sums[1..].iter_mut().zip(smoothed) {
-                        *sum += length * f64::from(between(normals[i], normals[j]));
+    let parts = map_chunks(
+        run.threads,
+        &run.cancel,
+        chunk_count(n, CHUNK),
+        || (),
+        |k, ()| {
+            let mut sums = vec![0f64; smoothed.len() + 1];
+            for i in chunk_range(n, CHUNK, k) {
+                for e in indptr[i] as usize..indptr[i + 1] as usize {
+                    let j = indices[e] as usize;
+                    if j > i {
+                        let length = f64::from(edge[e].abs() * shares.unit);
+                        sums[0] += length * f64::from(between(graph.nodes[i].normal, graph.nodes[j].normal));
+                        for (sum, normals) in sums[1..].iter_mut().zip(smoothed) {
+                            *sum += length * f64::from(between(normals[i], normals[j]));
+                        }
                     }
                 }
             }
-        }
-        Ok(sums)
-    })?;
+            Ok(sums)
+        },
+    )?;
     let mut total = vec![0f64; smoothed.len() + 1];
     for part in parts {
         total.iter_mut().zip(part).for_each(|(a, b)| *a += b);

@@ -43,14 +43,21 @@ impl Shares {
         let scale = if even { 0. } else { 1. / total };
         let floor = if even { 1. / real.max(1) as f64 } else { FLOOR / real.max(1) as f64 };
         let mut array = work.array::<f32>("surface_shares.npy", &[n])?;
-        fill_chunks(run.threads, &run.cancel, array.data(), CHUNK, || (), |k, out, ()| {
-            for (slot, i) in out.iter_mut().zip(chunk_range(n, CHUNK, k)) {
-                let is_dust = !dusty.is_empty()
-                    && graph.components.as_ref().is_some_and(|link| dusty.contains(&(link[i] & !AGAINST)));
-                *slot = if is_dust { 0. } else { (f64::from(graph.nodes[i].area) * scale).max(floor) as f32 };
-            }
-            Ok(())
-        })?;
+        fill_chunks(
+            run.threads,
+            &run.cancel,
+            array.data(),
+            CHUNK,
+            || (),
+            |k, out, ()| {
+                for (slot, i) in out.iter_mut().zip(chunk_range(n, CHUNK, k)) {
+                    let is_dust = !dusty.is_empty()
+                        && graph.components.as_ref().is_some_and(|link| dusty.contains(&(link[i] & !AGAINST)));
+                    *slot = if is_dust { 0. } else { (f64::from(graph.nodes[i].area) * scale).max(floor) as f32 };
+                }
+                Ok(())
+            },
+        )?;
         let unit = if even { 1. } else { (1. / total.sqrt()) as f32 };
         Ok(Self { share: array.finish(false)?, unit, dust })
     }
@@ -61,15 +68,21 @@ fn dusty_roots(graph: &DualGraph, run: &Run) -> Result<(HashSet<u32>, f64, u64)>
     let total = graph.facts.area;
     let Some(links) = &graph.components else { return Ok((HashSet::new(), total, 0)) };
     let n = links.len();
-    let parts = map_chunks(run.threads, &run.cancel, chunk_count(n, CHUNK), || (), |k, ()| {
-        let mut sums: HashMap<u32, (f64, u64)> = HashMap::new();
-        for i in chunk_range(n, CHUNK, k) {
-            let sum = sums.entry(links[i] & !AGAINST).or_default();
-            sum.0 += f64::from(graph.nodes[i].area);
-            sum.1 += 1;
-        }
-        Ok(sums)
-    })?;
+    let parts = map_chunks(
+        run.threads,
+        &run.cancel,
+        chunk_count(n, CHUNK),
+        || (),
+        |k, ()| {
+            let mut sums: HashMap<u32, (f64, u64)> = HashMap::new();
+            for i in chunk_range(n, CHUNK, k) {
+                let sum = sums.entry(links[i] & !AGAINST).or_default();
+                sum.0 += f64::from(graph.nodes[i].area);
+                sum.1 += 1;
+            }
+            Ok(sums)
+        },
+    )?;
     let mut sums: HashMap<u32, (f64, u64)> = HashMap::new();
     for (root, (area, count)) in parts.into_iter().flatten() {
         let sum = sums.entry(root).or_default();
