@@ -11,6 +11,7 @@ pub mod input;
 mod k_means;
 mod parts;
 pub mod report;
+mod surface;
 
 use crate::base::{Error, Result};
 use crate::cluster::parts::{PartCount, PartsParams};

@@ -5,67 +5,55 @@
 //! one more front moves their boundaries onto creases. Another number of parts needs only the last step.
 
 use super::report::Numbers;
+use super::surface::Surface;
 use super::{Clustered, SegmentParams, landmarks_for_parts, rows};
 use crate::base::Result;
 use crate::base::parallel::{chunk_count, chunk_range, fill_chunks, map_chunks};
-use crate::cluster::cells::{Cells, Smooth};
-use crate::cluster::normals::{self, Normals, RADII};
+use crate::cluster::cells::Cells;
 use crate::cluster::parts::{self, PartTree, PartsReport};
-use crate::cluster::shares::Shares;
 use crate::cluster::{boundary, cell_rows};
 use crate::distance::DistanceRows;
 use crate::graph::DualGraph;
-use crate::store::{MappedSlice, Run, WorkDir};
+use crate::store::workdir::key_of;
+use crate::store::{MappedSlice, Run, WorkDir, npy};
+use serde_json::json;
 
 const CHUNK: usize = 1 << 15;
 
 /// Cuts the mesh of `graph`.
 pub(super) fn parts(graph: &DualGraph, params: &SegmentParams, work: &WorkDir, run: &Run) -> Result<Clustered> {
     let n = graph.nodes.len();
-    let shares = Shares::of(graph, work, run)?;
-    let ([fine, medium, coarse], _) = run.stage("normals", "faces", n as u64, || smooth(graph, &shares, work, run))?;
-    let turning = normals::total_turning(graph, &shares, &[&fine, &medium], run)?;
-    let radius = normals::choose_radius(&turning);
-    let chosen = radius.map(|k| [&fine, &medium][k]);
+    let surface = Surface::build(graph, work, run)?;
+    let Surface { shares, cells, radius, .. } = &surface;
     let area = 1. / f64::from(shares.unit).powi(2);
-    let radius = radius.map_or(0., |k| RADII[k]);
-    let weighted = graph.weighted_with(params.metric, chosen, radius, area, work, run)?;
-    let smooth = Smooth { fine: &fine, medium: &medium, coarse: &coarse };
-    let (cells, _) = run.stage("cells", "faces", n as u64, || Cells::cut(graph, &shares, smooth, work, run))?;
+    let weighted = graph.weighted_with(params.metric, surface.normals.as_ref(), *radius, area, work, run)?;
     let l = params.landmarks.unwrap_or(landmarks_for_parts(n));
     let rows = rows(graph, &weighted, l, params, work, run)?;
-    let average = || cell_rows::average(&rows, &cells, &shares, run);
-    let (b, _) = run.stage("cell rows", "rows", rows.len() as u64, average)?;
+    let b = cell_rows(&rows, &surface, work, run)?;
     let decided = parts::parts(&cells.graph, &b, rows.len(), &params.parts, run)?;
     keep_tree(&decided.tree, work)?;
     let (labels, _) = run.stage("boundaries", "faces", n as u64, || {
-        boundary::refine(graph, weighted.csr(), &shares, &cells.of_node, &decided.label, work, run)
+        boundary::refine(graph, weighted.csr(), shares, &cells.of_node, &decided.label, work, run)
     })?;
-    let quality = confidence(&cells, &decided.confidence, work, run)?;
+    let quality = confidence(cells, &decided.confidence, work, run)?;
     let (faces, area) = totals(graph, &labels, decided.parts, run)?;
-    let numbers = Numbers {
-        radius,
-        dust: shares.dust,
-        faces,
-        area,
-        ..numbers(&rows, decided.report)
-    };
+    let numbers = Numbers { radius: *radius, dust: shares.dust, faces, area, ..numbers(&rows, decided.report) };
     Ok(Clustered { labels, quality, numbers })
 }
 
-/// Normals at the three radii; with two threads, two fronts at a time.
-fn smooth(graph: &DualGraph, shares: &Shares, work: &WorkDir, run: &Run) -> Result<[Normals; 3]> {
-    let names = ["normals_01.npy", "normals_02.npy", "normals_04.npy"];
-    let made = map_chunks(
-        run.threads.min(3),
-        &run.cancel,
-        3,
-        || (),
-        |k, ()| normals::smoothed(graph, shares, RADII[k], names[k], work, run),
-    )?;
-    let mut made = made.into_iter();
-    let mut next = || made.next().unwrap_or_else(MappedSlice::empty);
-    Ok([next(), next(), next()])
+/// The rows averaged over cells: made, or reused.
+fn cell_rows(rows: &DistanceRows, surface: &Surface, work: &WorkDir, run: &Run) -> Result<Vec<f64>> {
+    const FILE: &str = "cell_rows.npy";
+    let options = json!({"stage": "cell rows", "rows": rows.key, "surface": surface.key});
+    let key = key_of(&options);
+    if work.reuse::<()>("cell rows", &key).is_ok() {
+        return Ok(work.open_array::<f64>(FILE)?.to_vec());
+    }
+    let average = || cell_rows::average(rows, &surface.cells, &surface.shares, run);
+    let (b, seconds) = run.stage("cell rows", "rows", rows.len() as u64, average)?;
+    npy::write(&work.file(FILE), &b, surface.cells.len(), false)?;
+    work.stamp("cell rows", &key, &options, &[FILE], &(), seconds)?;
+    Ok(b)
 }
 
 /// Keeps the tree of answers in the work directory, as JSON.

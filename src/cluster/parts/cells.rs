@@ -6,7 +6,7 @@ use crate::base::{Error, Result};
 ///
 /// Lengths are in units of √(total area), so areas sum to 1; angles in radians. `S` cells,
 /// `m` pairs of neighbouring cells, each pair once.
-#[derive(Clone, Debug, Default, PartialEq)]
+#[derive(Clone, Debug, Default, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct CellGraph {
     /// Area of each cell (S).
     pub area: Vec<f64>,
