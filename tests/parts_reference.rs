@@ -12,7 +12,7 @@ use nystrom_stream::cluster::parts::cost::log_cost;
 use nystrom_stream::cluster::parts::labelling::{HALF, Pull};
 use nystrom_stream::cluster::parts::matrix::Square;
 use nystrom_stream::cluster::parts::members::{Atoms, co_association, draw_members};
-use nystrom_stream::cluster::parts::over_segment::{self, Recipe};
+use nystrom_stream::cluster::parts::over_segment::Recipe;
 use nystrom_stream::cluster::parts::refinement::soft_hierarchy;
 use nystrom_stream::cluster::parts::regions::{EMBEDDED, Regions, cell_columns};
 use nystrom_stream::cluster::parts::tree::{meeting_probability, merges};
@@ -233,9 +233,9 @@ fn time_the_stages() -> Anything<()> {
         for _ in 0..12 {
             let recipe = Recipe::draw(rows.count, &mut random);
             lap("draw");
-            let x = anchor_embedding(&rows, &recipe.rows, &shares, recipe.clusters, recipe.scale);
+            let x = anchor_embedding(&rows, &recipe.rows, &shares, recipe.kmeans.clusters, recipe.scale);
             lap("embedding");
-            let label = over_segment::kmeans(recipe.clusters).run(&x.values, &shares, &mut random);
+            let label = recipe.kmeans.run(&x.values, &shares, &mut random);
             lap("k-means");
             let (piece, _) = connected_pieces(&graph.pairs, &label);
             std::hint::black_box(join_small(&graph.pairs, &graph.length, &shares, &piece, 0.001, 0));
