@@ -15,6 +15,7 @@ use crate::cluster::kmeans::{KMeans, KMeansParams, Points};
 use crate::distance::DistanceRows;
 use crate::distance::landmarks::Sampling;
 use crate::distance::rows::RowParams;
+use crate::graph::order::{Order, OrderFacts, Ordered};
 use crate::graph::{DualGraph, GraphFacts, Metric};
 use crate::mesh::{Opened, colours};
 use crate::spectral::quality::Gamma;
@@ -44,6 +45,8 @@ pub struct SegmentParams {
     pub sampling: Sampling,
     /// Form of the edge weights.
     pub metric: Metric,
+    /// In which order faces become nodes.
+    pub order: Order,
     /// How faces become parts.
     pub cluster: Cluster,
     /// How rows become coordinates; by default [`EmbeddingParams::for_parts`].
@@ -57,6 +60,7 @@ impl Default for SegmentParams {
             landmarks: None,
             sampling: Sampling::default(),
             metric: Metric::default(),
+            order: Order::default(),
             cluster: Cluster::KMeans,
             embedding: None,
         }
@@ -77,6 +81,8 @@ pub struct Segmentation {
     pub quality: MappedSlice<f32>,
     /// A colour a part; neighbours differ.
     pub colours: Vec<[u8; 3]>,
+    /// How good the file's order was, and whether it was kept.
+    pub order: OrderFacts,
     /// What the graph learned of the mesh.
     pub graph: GraphFacts,
     /// The numbers behind the report.
@@ -99,7 +105,8 @@ pub fn segment(
     let parts = check(params, path, opened.mesh.faces.len())?;
     let l = params.landmarks.unwrap_or(default_landmarks(parts));
 
-    let graph = DualGraph::build(&opened.mesh, path, identity, work, run)?;
+    let ordered = Ordered::build(&opened.mesh, params.order, identity, work, run)?;
+    let graph = DualGraph::build(&ordered.mesh, path, &ordered.identity, work, run)?;
     let weighted = graph.weighted(params.metric, work, run)?;
     let row_params = RowParams { l, sampling: params.sampling };
     let rows = DistanceRows::build(&weighted, &graph.nodes, row_params, work, run)?;
@@ -109,12 +116,18 @@ pub fn segment(
 
     let touching = contacts::between(&graph, &clustered.labels, run)?;
     let mut numbers = clustered.numbers;
-    numbers.landmarks = rows.landmarks.clone();
+    numbers.landmarks = rows.landmarks.iter().map(|&node| ordered.face(node)).collect();
     numbers.seconds_assign = seconds;
+    let labels = ordered.restore("labels.npy", clustered.labels, work, run)?;
+    let quality = ordered.restore("quality.npy", clustered.quality, work, run)?;
+    let options = &clustered.options;
+    let key = crate::store::workdir::key_of(options);
+    work.stamp("labels", &key, options, &["labels.npy", "quality.npy"], &numbers.faces, seconds)?;
     Ok(Segmentation {
-        labels: clustered.labels,
-        quality: clustered.quality,
+        labels,
+        quality,
         colours: colours::assign(parts, &touching),
+        order: ordered.facts,
         graph: graph.facts,
         numbers,
     })
@@ -143,6 +156,8 @@ struct Clustered {
     labels: MappedSlice<u32>,
     quality: MappedSlice<f32>,
     numbers: Numbers,
+    /// What the labels depend on.
+    options: serde_json::Value,
 }
 
 /// The paper's way: K-means on sampled columns of the embedding, then one pass over all of them.
@@ -170,12 +185,11 @@ fn k_means(
     exactly(&mut totals, &graph.nodes, label_data, quality_data);
     let options = json!({"stage": "labels", "rows": rows.key, "embedding": params, "parts": parts, "seed": run.seed});
     let (labels, quality) = (labels.finish(false)?, quality.finish(false)?);
-    let key = crate::store::workdir::key_of(&options);
-    work.stamp("labels", &key, &options, &["labels.npy", "quality.npy"], &totals.faces, 0.)?;
     let gamma = gamma.of_sum(totals.gamma);
     Ok(Clustered {
         labels,
         quality,
+        options,
         numbers: Numbers {
             landmarks: Vec::new(),
             sigma: embedding.sigma,
