@@ -41,7 +41,7 @@ fn a_shuffled_creature_has_the_same_graph_in_any_budget() {
     creature.write_ply(&path, &run).unwrap();
     let opened = mesh::open(&path, dir.path(), &run).unwrap();
     let kept = edges(&opened.mesh, Order::Keep, &run, dir.path());
-    for budget in [1 << 30, 3 << 20, 1 << 20] {
+    for budget in [1 << 30, 4 << 20, 2 << 20] {
         let curve = edges(&opened.mesh, Order::Hilbert, &quiet(budget), dir.path());
         assert!(kept == curve, "budget {budget}");
     }
@@ -58,7 +58,7 @@ fn random_polygons_have_the_same_graph() {
             .map(|_| (0..below(&mut draw, 7)).map(|_| below(&mut draw, vertices.len()) as u32).collect())
             .collect();
         let mesh = Mesh::from_arrays(dir.path(), &vertices, &faces).unwrap();
-        for budget in [1 << 30, 1 << 20, 200_000] {
+        for budget in [1 << 30, 2 << 20, 500_000] {
             let work = WorkDir::temporary(dir.path()).unwrap();
             let ordered = Ordered::build(&mesh, Order::Hilbert, &json!(1), &work, &quiet(budget)).unwrap();
             let mut seen = vec![false; faces.len()];
