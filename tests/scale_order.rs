@@ -5,7 +5,8 @@ use nystrom_stream::apps::evaluate::{contingency, rand};
 use nystrom_stream::base::random::{below, stream};
 use nystrom_stream::graph::{DualGraph, Order, Ordered};
 use nystrom_stream::mesh::{self, Mesh};
-use nystrom_stream::pipeline::{SegmentParams, segment};
+use nystrom_stream::cluster::parts::{PartCount, PartsParams};
+use nystrom_stream::pipeline::{Cluster, SegmentParams, segment};
 use nystrom_stream::store::{Budget, Run, WorkDir};
 use serde_json::json;
 use std::collections::BTreeMap;
@@ -83,7 +84,12 @@ fn labels_come_back_in_the_order_of_the_file() {
     let opened = mesh::open(&path, dir.path(), &run).unwrap();
     let labels = |order: Order, budget: u64| {
         let work = WorkDir::temporary(dir.path()).unwrap();
-        let params = SegmentParams { parts: Some(6), order, ..SegmentParams::default() };
+        let params = SegmentParams {
+            parts: PartsParams { count: PartCount::Exactly(6), ..PartsParams::default() },
+            cluster: Cluster::KMeans,
+            order,
+            ..SegmentParams::default()
+        };
         let result = segment(&opened, &json!(1), &params, &work, &quiet(budget)).unwrap();
         (result.labels.to_vec(), result.quality.to_vec(), result.numbers.landmarks)
     };
