@@ -55,6 +55,8 @@ pub struct SegmentParams {
     pub cluster: Cluster,
     /// How many parts, and how [`Cluster::Parts`] decides on them.
     pub parts: PartsParams,
+    /// Whether [`Cluster::Parts`] may contract the mesh first: a preview.
+    pub coarse: bool,
     /// How rows become coordinates, for [`Cluster::KMeans`]; by default [`EmbeddingParams::for_parts`].
     pub embedding: Option<EmbeddingParams>,
 }
@@ -67,6 +69,7 @@ impl Default for SegmentParams {
             metric: Metric::default(),
             cluster: Cluster::default(),
             parts: PartsParams::default(),
+            coarse: false,
             order: Order::default(),
             embedding: None,
         }

@@ -192,6 +192,11 @@ pub struct Weighted {
 }
 
 impl Weighted {
+    /// A matrix whose row starts are also given by themselves.
+    pub fn new(matrix: MappedCsr, indptr: MappedSlice<u64>, key: String) -> Self {
+        Self { matrix, indptr, key }
+    }
+
     /// The matrix as raw slices for hot loops.
     pub fn csr(&self) -> Csr<'_> {
         Csr { indptr: &self.indptr, indices: self.matrix.indices(), weights: self.matrix.data() }
