@@ -108,7 +108,10 @@ fn smooth(graph: &DualGraph, kind: Kind, shares: &Shares, work: &WorkDir, run: &
         &run.cancel,
         3,
         || (),
-        |k, ()| normals::smoothed(graph, shares, RADII[k], NORMALS[k], work, run),
+        |k, ()| match kind {
+            Kind::Faces => normals::smoothed(graph, shares, RADII[k], NORMALS[k], work, run),
+            Kind::Contracted => normals::averaged(graph, shares, RADII[k], NORMALS[k], work, run),
+        },
     )?;
     let mut made = made.into_iter();
     let mut next = || made.next().unwrap_or_else(MappedSlice::empty);
