@@ -9,7 +9,7 @@ use nystrom_stream::base::{Error, Result};
 use nystrom_stream::mesh;
 use nystrom_stream::mesh::labelled::PlyForm;
 use nystrom_stream::pipeline::report::Report;
-use nystrom_stream::pipeline::{SegmentParams, input, segment};
+use nystrom_stream::pipeline::{Cluster, SegmentParams, input, segment};
 use nystrom_stream::store::{Run, WorkDir, workdir};
 use std::io::Write;
 use std::path::{Path, PathBuf};
@@ -62,8 +62,10 @@ impl FormArg {
 /// Refuses combinations of options before any work.
 fn check(args: &Args) -> Result<(SegmentParams, Vec<Output>), Failure> {
     let params = args.method.params()?;
-    if params.parts.is_none() {
-        return Err(Failure::Misused("-k: the number of parts is missing; give it, as in -k 6".into()));
+    if params.cluster == Cluster::KMeans && args.method.parts.is_none() {
+        return Err(Failure::Misused(
+            "-k: K-means needs the number of parts; give it, as in -k 6, or leave out --cluster kmeans".into(),
+        ));
     }
     let outputs = args.output.iter().map(|path| Output::of(path)).collect::<Result<Vec<_>, _>>()?;
     if args.meshes.len() > 1 {
