@@ -495,7 +495,8 @@ fn steps_and_weights_equal_a_formula_in_double_precision() {
             let (told, formula) = (weights[0][&pair].2, |_: f64| scaled.max(1e-9));
             assert!(agrees(told, 1e-8 + 2e-6 / area.sqrt(), &formula, 1., 1.), "{name}: {pair:?}: {told} {scaled}");
             let (told, formula) = (weights[1][&pair].2, |factor: f64| scaled + 5. * factor * angle);
-            let slack = 2e-5 + 2e-6 / area.sqrt();
+            // Near a full turn the arc sine is steep: rounding of the normals costs half the digits there.
+            let slack = 2e-5 + 2e-6 / area.sqrt() + if angle > 3.1 { 5e-3 } else { 0. };
             assert!(agrees(told, slack, &formula, 0.05, lean), "{name}: {pair:?}: {told}, {scaled} and {angle}");
             checked += 1;
         }
