@@ -19,9 +19,11 @@ use crate::distance::DistanceRows;
 use crate::distance::landmarks::Sampling;
 use crate::distance::rows::RowParams;
 use crate::graph::dual::Weighted;
+use crate::graph::order::{Order, OrderFacts, Ordered};
 use crate::graph::{DualGraph, GraphFacts, Metric};
 use crate::mesh::{Opened, colours};
 use crate::spectral::EmbeddingParams;
+use crate::store::workdir::key_of;
 use crate::store::{MappedSlice, Run, WorkDir};
 use report::Numbers;
 use serde::Serialize;
@@ -47,6 +49,8 @@ pub struct SegmentParams {
     pub sampling: Sampling,
     /// Form of the edge weights.
     pub metric: Metric,
+    /// In which order faces become nodes.
+    pub order: Order,
     /// How faces become parts.
     pub cluster: Cluster,
     /// How many parts, and how [`Cluster::Parts`] decides on them.
@@ -63,6 +67,7 @@ impl Default for SegmentParams {
             metric: Metric::default(),
             cluster: Cluster::default(),
             parts: PartsParams::default(),
+            order: Order::default(),
             embedding: None,
         }
     }
@@ -93,6 +98,8 @@ pub struct Segmentation {
     pub quality: MappedSlice<f32>,
     /// A colour a part; neighbours differ.
     pub colours: Vec<[u8; 3]>,
+    /// How good the file's order was, and whether it was kept.
+    pub order: OrderFacts,
     /// What the graph learned of the mesh.
     pub graph: GraphFacts,
     /// The numbers behind the report.
@@ -113,25 +120,33 @@ pub fn segment(
 ) -> Result<Segmentation> {
     let path = opened.document.path();
     check(params, path, opened.mesh.faces.len())?;
-    let graph = DualGraph::build(&opened.mesh, path, identity, work, run)?;
-    let clustered = match (params.cluster, params.parts.count) {
+    let ordered = Ordered::build(&opened.mesh, params.order, identity, work, run)?;
+    let graph = DualGraph::build(&ordered.mesh, path, &ordered.identity, work, run)?;
+    let (clustered, seconds) = match (params.cluster, params.parts.count) {
         (Cluster::KMeans, PartCount::Exactly(parts)) => {
             let weighted = graph.weighted(params.metric, work, run)?;
             let l = params.landmarks.unwrap_or(default_landmarks(parts));
             let rows = rows(&graph, &weighted, l, params, work, run)?;
             let embedding = params.embedding.unwrap_or(EmbeddingParams::for_parts(parts));
             let assign = || k_means::k_means(&graph, &rows, embedding, parts, work, run);
-            run.stage("assign", "faces", rows.nodes as u64, assign)?.0
+            run.stage("assign", "faces", rows.nodes as u64, assign)?
         }
-        _ => parts::parts(&graph, params, work, run)?,
+        _ => (parts::parts(&graph, params, work, run)?, 0.),
     };
     let touching = contacts::between(&graph, &clustered.labels, run)?;
+    let mut numbers = clustered.numbers;
+    numbers.landmarks = numbers.landmarks.into_iter().map(|node| ordered.face(node)).collect();
+    let labels = ordered.restore("labels.npy", clustered.labels, work, run)?;
+    let quality = ordered.restore("quality.npy", clustered.quality, work, run)?;
+    let options = &clustered.options;
+    work.stamp("labels", &key_of(options), options, &["labels.npy", "quality.npy"], &numbers.faces, seconds)?;
     Ok(Segmentation {
-        colours: colours::assign(clustered.numbers.faces.len(), &touching),
-        labels: clustered.labels,
-        quality: clustered.quality,
+        colours: colours::assign(numbers.faces.len(), &touching),
+        labels,
+        quality,
+        order: ordered.facts,
         graph: graph.facts,
-        numbers: clustered.numbers,
+        numbers,
     })
 }
 
@@ -186,4 +201,6 @@ struct Clustered {
     labels: MappedSlice<u32>,
     quality: MappedSlice<f32>,
     numbers: Numbers,
+    /// What the labels depend on.
+    options: serde_json::Value,
 }

@@ -149,7 +149,7 @@ fn every_step_equals_the_prototype() -> Anything<()> {
         let costs = i.iter().zip(&j).map(|(&i, &j)| log_cost(&r, i as usize, j as usize));
         near("costs", costs, &reals(folder, "cost")?, 1e-9, 1.0);
         let tree = meeting_probability(count, &merges(r, |_, _| false));
-        near("probabilities at merges", all(&tree), &reals(folder, "tree")?, 1e-6, 1.0);
+        near("probabilities at merges", all(&tree), &reals(folder, "tree")?, 1e-9, 1.0);
         let worst = all(&tree).zip(&reals(folder, "tree")?).map(|(a, b)| (a - b).abs()).fold(0.0, f64::max);
 
         // The labelling that the same C leads to.
@@ -160,7 +160,7 @@ fn every_step_equals_the_prototype() -> Anything<()> {
         let theirs = pull.objective(&labels(folder, "found")?, HALF);
         assert!((theirs - info(folder, "objective")?).abs() < 1e-9, "the objective itself");
         eprintln!("{}: probabilities within {worst:.1e}, objective {ours:.9} against {theirs:.9}", folder.display());
-        assert!(ours >= theirs - 2e-5, "labelling: {ours} against {theirs}");
+        assert!(ours >= theirs - 1e-8, "labelling: {ours} against {theirs}");
         compared += 1;
     }
     eprintln!("{compared} models compared");

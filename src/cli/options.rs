@@ -5,7 +5,7 @@ use clap::ValueEnum;
 use nystrom_stream::base::Progress;
 use nystrom_stream::cluster::parts::{Decision, PartCount, PartsParams};
 use nystrom_stream::distance::landmarks::Sampling;
-use nystrom_stream::graph::Metric;
+use nystrom_stream::graph::{Metric, Order};
 use nystrom_stream::pipeline::{Cluster, SegmentParams};
 use nystrom_stream::spectral::embedding::Width;
 use nystrom_stream::spectral::{EmbeddingParams, Kernel, Normalisation};
@@ -114,6 +114,17 @@ pub enum NormaliseArg {
     Anchor,
 }
 
+/// In which order faces are worked on.
+#[derive(Clone, Copy, Debug, ValueEnum)]
+pub enum OrderArg {
+    /// As in the file
+    Keep,
+    /// Sorted along Hilbert's curve
+    Hilbert,
+    /// Sorted where the mesh is large and the file's order poor
+    Auto,
+}
+
 /// How faces become parts.
 #[derive(Clone, Copy, Debug, ValueEnum)]
 pub enum ClusterArg {
@@ -163,6 +174,9 @@ pub struct MethodArgs {
     /// How landmarks are chosen
     #[arg(long, value_enum, default_value = "farthest")]
     pub sampling: SamplingArg,
+    /// In which order faces are worked on; labels always come in the file's
+    #[arg(long, value_enum, default_value = "auto")]
+    pub order: OrderArg,
     /// How faces become parts
     #[arg(long, value_enum, default_value = "parts")]
     pub cluster: ClusterArg,
@@ -256,6 +270,11 @@ impl MethodArgs {
                 SamplingArg::Random => Sampling::Random,
             },
             metric,
+            order: match self.order {
+                OrderArg::Keep => Order::Keep,
+                OrderArg::Hilbert => Order::Hilbert,
+                OrderArg::Auto => Order::Auto,
+            },
             cluster: match self.cluster {
                 ClusterArg::Parts => Cluster::Parts,
                 ClusterArg::Kmeans => Cluster::KMeans,

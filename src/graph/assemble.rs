@@ -96,9 +96,9 @@ pub fn assemble(mesh: &Mesh, frame: &Frame, nodes: &[Node], links: &Links, work:
     in_order(
         run.threads,
         &run.cancel,
-        links.shuffle.buckets(),
+        links.shuffle().buckets(),
         || (),
-        |bucket, ()| Ok(assemble_bucket(mesh, frame, nodes, links.nodes_of(bucket), links.shuffle.take(bucket)?)),
+        |bucket, ()| Ok(assemble_bucket(mesh, frame, nodes, links.nodes_of(bucket), links.shuffle().take(bucket)?)),
         |_, part| {
             run.progress.advance("graph", part.degrees.len() as u64);
             writer.push(&part.degrees, &part.indices, &part.gd, &part.edges)

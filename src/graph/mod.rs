@@ -12,10 +12,12 @@ pub mod bridge;
 pub mod components;
 pub mod dual;
 pub mod nodes;
+pub mod order;
 pub mod orient;
 pub mod weights;
 pub mod weld;
 
 pub use dual::{DualGraph, GraphFacts};
 pub use nodes::{Frame, Node};
+pub use order::{Order, Ordered};
 pub use weights::Metric;

@@ -63,6 +63,11 @@ impl Positions {
         self.len == 0
     }
 
+    /// Whether coordinates have 64 bits.
+    pub fn is_double(&self) -> bool {
+        self.double
+    }
+
     /// The position of vertex `v`; NaN where there is no such vertex.
     #[inline]
     pub fn get(&self, v: u32) -> [f64; 3] {

@@ -9,7 +9,6 @@ use crate::distance::DistanceRows;
 use crate::graph::DualGraph;
 use crate::spectral::quality::Gamma;
 use crate::spectral::{Columns, Embedding, EmbeddingParams};
-use crate::store::workdir::key_of;
 use crate::store::{Run, WorkDir};
 use serde_json::json;
 
@@ -38,12 +37,11 @@ pub(super) fn k_means(
     exactly(&mut totals, &graph.nodes, label_data, quality_data);
     let options = json!({"stage": "labels", "rows": rows.key, "embedding": params, "parts": parts, "seed": run.seed});
     let (labels, quality) = (labels.finish(false)?, quality.finish(false)?);
-    let key = key_of(&options);
-    work.stamp("labels", &key, &options, &["labels.npy", "quality.npy"], &totals.faces, 0.)?;
     let gamma = gamma.of_sum(totals.gamma);
     Ok(Clustered {
         labels,
         quality,
+        options,
         numbers: Numbers {
             landmarks: rows.landmarks.clone(),
             sigma: embedding.sigma,

@@ -38,7 +38,8 @@ pub(super) fn parts(graph: &DualGraph, params: &SegmentParams, work: &WorkDir, r
     let quality = confidence(cells, &decided.confidence, work, run)?;
     let (faces, area) = totals(graph, &labels, decided.parts, run)?;
     let numbers = Numbers { radius: *radius, dust: shares.dust, faces, area, ..numbers(&rows, decided.report) };
-    Ok(Clustered { labels, quality, numbers })
+    let options = json!({"stage": "labels", "rows": rows.key, "surface": surface.key, "parts": params.parts});
+    Ok(Clustered { labels, quality, numbers, options })
 }
 
 /// The rows averaged over cells: made, or reused.

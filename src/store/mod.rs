@@ -8,6 +8,7 @@ pub mod mapped;
 pub mod npy;
 pub mod run;
 pub mod shuffle;
+pub mod sizing;
 pub mod workdir;
 
 pub use budget::Budget;

@@ -175,6 +175,15 @@ impl<T: Item> ArrayWriter<T> {
         self.out.write_all(bytemuck::cast_slice(items)).map_err(Error::io(&self.path, "write"))
     }
 
+    /// Appends items given as their bytes, whatever their alignment.
+    ///
+    /// # Errors
+    /// [`Error::Io`].
+    pub fn push_bytes(&mut self, bytes: &[u8]) -> Result<()> {
+        self.items += bytes.len() / size_of::<T>();
+        self.out.write_all(bytes).map_err(Error::io(&self.path, "write"))
+    }
+
     /// Items so far.
     pub fn len(&self) -> usize {
         self.items

@@ -23,6 +23,8 @@ use xxhash_rust::xxh3::{Xxh3, xxh3_64};
 
 /// Version of the layout of a work directory; another one is refused.
 pub const FORMAT: u32 = 1;
+/// The reason for making a stage for the first time.
+pub const NOT_MADE: &str = "it was not made yet";
 const MANIFEST: &str = "manifest.json";
 const LOCK: &str = "lock";
 const TEMPORARY: &str = ".nystrom-stream-";
@@ -209,7 +211,7 @@ impl WorkDir {
     /// Otherwise `Err` with the reason, in words, why it has to be made (anew).
     pub fn reuse<T: DeserializeOwned>(&self, stage: &str, key: &str) -> Result<T, String> {
         let manifest = self.manifest_lock();
-        let record = manifest.stages.get(stage).ok_or_else(|| "not made yet".to_string())?;
+        let record = manifest.stages.get(stage).ok_or_else(|| NOT_MADE.to_string())?;
         if record.key != key {
             return Err("its options or inputs changed".to_string());
         }
