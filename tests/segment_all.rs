@@ -76,7 +76,7 @@ fn areas(mesh: &Mesh) -> Vec<f64> {
 fn labelled(path: &Path) -> Option<Vec<(u32, [u8; 3], f32)>> {
     let mut file = std::io::BufReader::new(std::fs::File::open(path).ok()?);
     let mut ply = Parser::<DefaultElement>::new().read_ply(&mut file).ok()?;
-    let faces = ply.payload.remove("face")?;
+    let faces = ply.payload.swap_remove("face")?;
     let byte = |property: &Property| if let Property::UChar(x) = property { *x } else { panic!("{property:?}") };
     let read = |face: &DefaultElement| {
         let (Property::Int(label), Property::Float(quality)) = (&face["label"], &face["quality"]) else {
@@ -91,9 +91,9 @@ fn numbers(value: &Value) -> Vec<f64> {
     value.as_array().unwrap().iter().map(|x| x.as_f64().unwrap()).collect()
 }
 
-/// Segments one mesh of the list and checks all that comes out.
-fn check(path: &Path, listed: &Listed) {
-    let name = &listed.name;
+/// Segments one mesh of the list, `how` being what else is asked for, and checks all that comes out.
+fn check(path: &Path, listed: &Listed, how: &[&str]) {
+    let name = &format!("{} {how:?}", listed.name);
     let dir = tempfile::tempdir().unwrap();
     let file = |name: &str| dir.path().join(name);
     let run = Run::new(&());
@@ -109,7 +109,8 @@ fn check(path: &Path, listed: &Listed) {
     let json = format!("--json={}", report.display());
     let outputs = ["-o", common::word(&ply), "-o", common::word(&seg), &json, "--work-dir", common::word(&work)];
     let k = parts.to_string();
-    let output = common::segment(path, &[&["-q", "-k", &k, "-l", l][..], &outputs[..]].concat());
+    let kmeans = how.contains(&"kmeans");
+    let output = common::segment(path, &[&["-q", "-k", &k, "-l", l][..], how, &outputs[..]].concat());
     assert!(output.stdout.is_empty() && output.stderr.is_empty(), "{name}: {}", common::errors(&output));
 
     // Labels: exactly K parts, a label a face, the same everywhere.
@@ -135,13 +136,14 @@ fn check(path: &Path, listed: &Listed) {
     for key in ["version", "options", "landmarks", "sigma", "dropped_eigenpairs", "negative_mass", "notes"] {
         assert!(!report[key].is_null(), "{name}: {key}");
     }
-    assert!(report["gamma"].as_f64().unwrap() > 0. || n <= 9, "{name}: {}", report["gamma"]);
+    assert!(!kmeans || report["gamma"].as_f64().unwrap() > 0. || n <= 9, "{name}: {}", report["gamma"]);
     let per_face = report["gamma_per_face"].as_f64().unwrap() * n as f64;
     assert!((per_face - report["gamma"].as_f64().unwrap()).abs() < 1e-6 * per_face.abs() + 1e-9, "{name}");
     let landmarks = numbers(&report["landmarks"]);
     assert!(landmarks.len() == n.min(l.parse().unwrap()) && landmarks.iter().all(|&f| f < n as f64), "{name}");
     assert_eq!(numbers(&report["eigenvalues"]).len(), landmarks.len(), "{name}");
-    for key in ["read", "graph", "weights", "rows", "assign", "write", "total"] {
+    let last = if kmeans { "assign" } else { "boundaries" };
+    for key in ["read", "graph", "weights", "rows", last, "write", "total"] {
         assert!(report["seconds"][key].as_f64().unwrap() >= 0., "{name}: {key}");
     }
     for key in ["peak_allocated", "budget", "work_dir"] {
@@ -226,7 +228,8 @@ fn check_folder(folder: &str, expected: usize) {
     let all: Vec<(PathBuf, Listed)> = listed(folder).into_iter().map(|one| (data.join(&one.name), one)).collect();
     assert!(all.len() >= expected, "{folder}: {} meshes", all.len());
     for (path, listed) in all {
-        check(&path, &listed);
+        check(&path, &listed, &[]);
+        check(&path, &listed, &["--cluster", "kmeans"]);
     }
 }
 

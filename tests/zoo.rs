@@ -3,14 +3,20 @@
 mod common;
 
 use common::zoo::{self, Shape};
+use nystrom_stream::cluster::parts::{PartCount, PartsParams};
 use nystrom_stream::distance::landmarks::Sampling;
 use nystrom_stream::graph::Metric;
 use nystrom_stream::mesh;
-use nystrom_stream::pipeline::{SegmentParams, input, segment};
+use nystrom_stream::pipeline::{Cluster, SegmentParams, input, segment};
 use nystrom_stream::spectral::embedding::Width;
 use nystrom_stream::spectral::{EmbeddingParams, Kernel, Normalisation};
 use nystrom_stream::store::{Run, WorkDir};
 use std::path::Path;
+
+/// Exactly `parts` parts.
+fn exactly(parts: usize) -> PartsParams {
+    PartsParams { count: PartCount::Exactly(parts), ..PartsParams::default() }
+}
 
 /// Segments by the library; everything that comes out is checked.
 fn check(shape: &Shape, path: &Path, params: SegmentParams) {
@@ -21,7 +27,12 @@ fn check(shape: &Shape, path: &Path, params: SegmentParams) {
     let told = format!("{} {params:?}", shape.name);
     let result = segment(&opened, &input::identity(path).unwrap(), &params, &work, &run)
         .unwrap_or_else(|error| panic!("{told}: {error}"));
-    let (n, parts) = (shape.faces.len(), params.parts.unwrap());
+    let (n, found) = (shape.faces.len(), result.numbers.faces.len());
+    let parts = match params.parts.count {
+        PartCount::Exactly(parts) => parts,
+        PartCount::Between(least, most) => found.clamp(least.min(n), most),
+        PartCount::Found => found,
+    };
     assert_eq!((result.labels.len(), result.quality.len()), (n, n), "{told}");
     let mut faces = vec![0u64; parts];
     result.labels.iter().for_each(|&label| faces[label as usize] += 1);
@@ -48,8 +59,14 @@ fn every_beast_falls_into_exactly_k_parts() {
         let n = shape.faces.len();
         for parts in [1, 2, 3, 7, n.min(40)] {
             if parts <= n {
-                check(&shape, &path, SegmentParams { parts: Some(parts), ..SegmentParams::default() });
+                let cluster = Cluster::KMeans;
+                check(&shape, &path, SegmentParams { parts: exactly(parts), cluster, ..SegmentParams::default() });
             }
+        }
+        check(&shape, &path, SegmentParams::default());
+        for count in [PartCount::Exactly(n.min(5)), PartCount::Exactly(n.min(40)), PartCount::Between(1, 3)] {
+            let parts = PartsParams { count, ..PartsParams::default() };
+            check(&shape, &path, SegmentParams { parts, ..SegmentParams::default() });
         }
     }
 }
@@ -74,7 +91,8 @@ fn every_option_survives_every_beast() {
                     ..EmbeddingParams::for_parts(parts)
                 };
                 let params = SegmentParams {
-                    parts: Some(parts),
+                    parts: exactly(parts),
+                    cluster: Cluster::KMeans,
                     landmarks: Some([1, 4, 100][(j + turn) % 3]),
                     sampling: if (k + turn) % 2 == 0 { Sampling::Random } else { Sampling::Farthest },
                     metric: metrics[(k + j + turn) % 3],
