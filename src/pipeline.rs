@@ -1,25 +1,29 @@
 //! The recipe of `segment`: from an opened mesh to a label a face.
 //!
 //! ```text
-//! mesh ─▶ dual graph ─▶ weights ─▶ landmarks ─▶ rows [A B] ─▶ embedding ─▶ clusters ─▶ labels ─▶ colours
+//! mesh ─▶ dual graph ─▶ weights ─▶ landmarks ─▶ rows [A B] ─┬▶ embedding ─▶ K-means ─▶ labels ─▶ colours
+//!                                                            └▶ cells ─▶ parts ─▶ boundaries ─┘
 //! ```
 //! Every arrow is a stage in the work directory: reused where its inputs and options are the same.
 
 pub mod contacts;
 pub mod input;
+mod k_means;
+mod parts;
 pub mod report;
+mod surface;
 
 use crate::base::{Error, Result};
-use crate::cluster::assign::{Totals, assign, exactly};
-use crate::cluster::kmeans::{KMeans, KMeansParams, Points};
+use crate::cluster::parts::{PartCount, PartsParams};
 use crate::distance::DistanceRows;
 use crate::distance::landmarks::Sampling;
 use crate::distance::rows::RowParams;
+use crate::graph::dual::Weighted;
 use crate::graph::order::{Order, OrderFacts, Ordered};
 use crate::graph::{DualGraph, GraphFacts, Metric};
 use crate::mesh::{Opened, colours};
-use crate::spectral::quality::Gamma;
-use crate::spectral::{Columns, Embedding, EmbeddingParams};
+use crate::spectral::EmbeddingParams;
+use crate::store::workdir::key_of;
 use crate::store::{MappedSlice, Run, WorkDir};
 use report::Numbers;
 use serde::Serialize;
@@ -27,19 +31,20 @@ use serde_json::json;
 use std::path::Path;
 
 /// How faces become parts.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Cluster {
-    /// K-means in the embedding.
+    /// Parts as people would cut them: over-segmented, merged by concavity and convexity, refined.
+    #[default]
+    Parts,
+    /// The paper's: K-means in the embedding.
     KMeans,
 }
 
 /// What `segment` is asked to do.
-#[derive(Clone, Copy, Debug, Serialize)]
+#[derive(Clone, Debug, Serialize)]
 pub struct SegmentParams {
-    /// Number of parts K.
-    pub parts: Option<usize>,
-    /// Number of landmarks l; by default [`default_landmarks`].
+    /// Number of landmarks l; by default [`default_landmarks`] or [`landmarks_for_parts`].
     pub landmarks: Option<usize>,
     /// How landmarks are chosen.
     pub sampling: Sampling,
@@ -49,27 +54,40 @@ pub struct SegmentParams {
     pub order: Order,
     /// How faces become parts.
     pub cluster: Cluster,
-    /// How rows become coordinates; by default [`EmbeddingParams::for_parts`].
+    /// How many parts, and how [`Cluster::Parts`] decides on them.
+    pub parts: PartsParams,
+    /// How rows become coordinates, for [`Cluster::KMeans`]; by default [`EmbeddingParams::for_parts`].
     pub embedding: Option<EmbeddingParams>,
 }
 
 impl Default for SegmentParams {
     fn default() -> Self {
         Self {
-            parts: None,
             landmarks: None,
             sampling: Sampling::default(),
             metric: Metric::default(),
             order: Order::default(),
-            cluster: Cluster::KMeans,
+            cluster: Cluster::default(),
+            parts: PartsParams::default(),
             embedding: None,
         }
     }
 }
 
-/// Landmarks for `parts` parts: twice as many, so that every part can hold two, at least 10, at most 60.
+/// Landmarks for K-means into `parts` parts: twice as many, so that every part can hold two, at least 10, at most 60.
 pub fn default_landmarks(parts: usize) -> usize {
     (2 * parts).clamp(10, 60).max(parts + 1)
+}
+
+/// Landmarks for deciding parts on a mesh of `faces` faces: 60 where fronts are cheap; fewer, at little loss (1 − Rand
+/// .103, .097, .096, .093 with 20, 30, 40, 60), where each costs.
+pub fn landmarks_for_parts(faces: usize) -> usize {
+    match faces {
+        0..=300_000 => 60,
+        300_001..=1_000_000 => 40,
+        1_000_001..=20_000_000 => 30,
+        _ => 20,
+    }
 }
 
 /// A segmented mesh.
@@ -92,8 +110,8 @@ pub struct Segmentation {
 /// Cuts the mesh of `opened` into parts. `identity` says which input it is (see [`input::identity`]).
 ///
 /// # Errors
-/// [`Error::Parameter`] without a number of parts or with one out of range, [`Error::Unusable`] for more parts
-/// than faces, [`Error::Io`], [`Error::Memory`], [`Error::Cancelled`].
+/// [`Error::Parameter`] for K-means without a number of parts or with options out of range, [`Error::Unusable`] for more
+/// parts than faces, [`Error::Io`], [`Error::Memory`], [`Error::Cancelled`].
 pub fn segment(
     opened: &Opened,
     identity: &serde_json::Value,
@@ -102,53 +120,81 @@ pub fn segment(
     run: &Run,
 ) -> Result<Segmentation> {
     let path = opened.document.path();
-    let parts = check(params, path, opened.mesh.faces.len())?;
-    let l = params.landmarks.unwrap_or(default_landmarks(parts));
-
+    check(params, path, opened.mesh.faces.len())?;
     let ordered = Ordered::build(&opened.mesh, params.order, identity, work, run)?;
     let graph = DualGraph::build(&ordered.mesh, path, &ordered.identity, work, run)?;
-    let weighted = graph.weighted(params.metric, work, run)?;
-    let row_params = RowParams { l, sampling: params.sampling };
-    let rows = DistanceRows::build(&weighted, &graph.nodes, row_params, work, run)?;
-    let embedding_params = params.embedding.unwrap_or(EmbeddingParams::for_parts(parts));
-    let (clustered, seconds) =
-        run.stage("assign", "faces", rows.nodes as u64, || k_means(&graph, &rows, embedding_params, parts, work, run))?;
-
+    let clustered = match (params.cluster, params.parts.count) {
+        (Cluster::KMeans, PartCount::Exactly(parts)) => {
+            let weighted = graph.weighted(params.metric, work, run)?;
+            let l = params.landmarks.unwrap_or(default_landmarks(parts));
+            let rows = rows(&graph, &weighted, l, params, work, run)?;
+            let embedding = params.embedding.unwrap_or(EmbeddingParams::for_parts(parts));
+            let assign = || k_means::k_means(&graph, &rows, embedding, parts, work, run);
+            run.stage("assign", "faces", rows.nodes as u64, assign)?.0
+        }
+        _ => parts::parts(&graph, params, work, run)?,
+    };
     let touching = contacts::between(&graph, &clustered.labels, run)?;
     let mut numbers = clustered.numbers;
-    numbers.landmarks = rows.landmarks.iter().map(|&node| ordered.face(node)).collect();
-    numbers.seconds_assign = seconds;
+    numbers.landmarks.iter_mut().for_each(|node| *node = ordered.face(*node));
     let labels = ordered.restore("labels.npy", clustered.labels, work, run)?;
     let quality = ordered.restore("quality.npy", clustered.quality, work, run)?;
-    let options = &clustered.options;
-    let key = crate::store::workdir::key_of(options);
-    work.stamp("labels", &key, options, &["labels.npy", "quality.npy"], &numbers.faces, seconds)?;
+    let options = json!({"stage": "labels", "graph": graph.key, "params": params, "seed": run.seed});
+    work.stamp("labels", &key_of(&options), &options, &["labels.npy", "quality.npy"], &numbers.faces, 0.)?;
     Ok(Segmentation {
+        colours: colours::assign(numbers.faces.len(), &touching),
         labels,
         quality,
-        colours: colours::assign(parts, &touching),
         order: ordered.facts,
         graph: graph.facts,
         numbers,
     })
 }
 
-/// The number of parts, where it makes sense for this mesh.
-fn check(params: &SegmentParams, path: &Path, faces: usize) -> Result<usize> {
-    let Some(parts) = params.parts else {
-        return Err(Error::parameter("-k", "the number of parts is missing", "give it, as in -k 6"));
+/// The rows `[A B]` that `params` asks for.
+fn rows(
+    graph: &DualGraph,
+    weighted: &Weighted,
+    l: usize,
+    params: &SegmentParams,
+    work: &WorkDir,
+    run: &Run,
+) -> Result<DistanceRows> {
+    DistanceRows::build(weighted, &graph.nodes, RowParams { l, sampling: params.sampling }, work, run)
+}
+
+/// Refuses numbers of parts that make no sense for this mesh.
+fn check(params: &SegmentParams, path: &Path, faces: usize) -> Result<()> {
+    let wanted = match params.parts.count {
+        PartCount::Found if params.cluster == Cluster::KMeans => {
+            let remedy = "give it, as in -k 6, or leave out --cluster kmeans";
+            return Err(Error::parameter("-k", "K-means needs the number of parts", remedy));
+        }
+        PartCount::Between(..) if params.cluster == Cluster::KMeans => {
+            return Err(Error::parameter("--parts-range", "K-means needs an exact number of parts", "give -k"));
+        }
+        PartCount::Found => 1,
+        PartCount::Exactly(parts) => parts,
+        PartCount::Between(least, most) if least > most => {
+            return Err(Error::parameter(
+                "--parts-range",
+                format!("{least}..{most} is empty"),
+                "put the smaller first",
+            ));
+        }
+        PartCount::Between(least, _) => least,
     };
-    if parts == 0 {
+    if wanted == 0 {
         return Err(Error::parameter("-k", "0 parts", "choose at least 1"));
     }
-    if parts > faces {
+    if wanted > faces {
         return Err(Error::unusable(
             path,
-            format!("has {faces} faces, fewer than the {parts} parts asked for"),
+            format!("has {faces} faces, fewer than the {wanted} parts asked for"),
             "choose a smaller -k",
         ));
     }
-    Ok(parts)
+    Ok(())
 }
 
 /// Labels and the numbers learned on the way to them.
@@ -156,50 +202,4 @@ struct Clustered {
     labels: MappedSlice<u32>,
     quality: MappedSlice<f32>,
     numbers: Numbers,
-    /// What the labels depend on.
-    options: serde_json::Value,
-}
-
-/// The paper's way: K-means on sampled columns of the embedding, then one pass over all of them.
-fn k_means(
-    graph: &DualGraph,
-    rows: &DistanceRows,
-    params: EmbeddingParams,
-    parts: usize,
-    work: &WorkDir,
-    run: &Run,
-) -> Result<Clustered> {
-    let n = rows.nodes;
-    let columns = Columns::sample(rows, &graph.nodes, run.seed);
-    let embedding = Embedding::fit(rows, &columns, params)?;
-    let coordinates = embedding.columns(&columns);
-    let points = Points { coordinates: &coordinates, weights: &columns.shares };
-    let centres = KMeans::fit(points, embedding.dimensions, KMeansParams::new(parts), run)?;
-    let gamma = Gamma::new(rows, params.kernel, embedding.sigma);
-
-    let mut labels = work.array::<u32>("labels.npy", &[n])?;
-    let mut quality = work.array::<f32>("quality.npy", &[n])?;
-    let (label_data, quality_data) = (labels.data(), quality.data());
-    let mut totals: Totals =
-        assign(rows, &graph.nodes, &embedding, &centres, Some(&gamma), label_data, quality_data, run)?;
-    exactly(&mut totals, &graph.nodes, label_data, quality_data);
-    let options = json!({"stage": "labels", "rows": rows.key, "embedding": params, "parts": parts, "seed": run.seed});
-    let (labels, quality) = (labels.finish(false)?, quality.finish(false)?);
-    let gamma = gamma.of_sum(totals.gamma);
-    Ok(Clustered {
-        labels,
-        quality,
-        options,
-        numbers: Numbers {
-            landmarks: Vec::new(),
-            sigma: embedding.sigma,
-            eigenvalues: embedding.eigenvalues,
-            dropped_eigenpairs: embedding.dropped,
-            negative_mass: embedding.negative_mass,
-            gamma,
-            faces: totals.faces,
-            area: totals.area,
-            seconds_assign: 0.,
-        },
-    })
 }

@@ -40,7 +40,7 @@ pub fn run(args: &Args, surroundings: &Surroundings) -> Result<(), Failure> {
     bars.take_seconds();
 
     let (ply, labels_file) = (args.folder.join("creature.segmented.ply"), args.folder.join("creature.labels.seg"));
-    let mut words = vec!["segment".into(), mesh.clone().into_os_string(), "-k".into(), names.len().to_string().into()];
+    let mut words = vec!["segment".into(), mesh.clone().into_os_string()];
     for output in [&ply, &labels_file] {
         words.extend(["-o".into(), output.clone().into_os_string()]);
     }

@@ -3,6 +3,7 @@
 use super::{Failure, Surroundings};
 use clap::ValueEnum;
 use nystrom_stream::base::Progress;
+use nystrom_stream::cluster::parts::{Decision, PartCount, PartsParams};
 use nystrom_stream::distance::landmarks::Sampling;
 use nystrom_stream::graph::{Metric, Order};
 use nystrom_stream::pipeline::{Cluster, SegmentParams};
@@ -127,18 +128,47 @@ pub enum OrderArg {
 /// How faces become parts.
 #[derive(Clone, Copy, Debug, ValueEnum)]
 pub enum ClusterArg {
-    /// K-means in the embedding
+    /// Parts as people would cut them; their number is found
+    Parts,
+    /// K-means in the embedding, as the paper
     Kmeans,
+}
+
+/// How parts are decided.
+#[derive(Clone, Copy, Debug, ValueEnum)]
+pub enum DecisionArg {
+    /// Twelve merge trees with probabilities, the labelling of the greatest expected Rand index
+    SoftTrees,
+    /// Merging stopped by a constant, agreed on by average linkage
+    Consensus,
+    /// One over-segmentation, merged until a constant
+    Single,
+}
+
+/// Bounds from "4..12".
+fn parse_range(text: &str) -> Result<(usize, usize), String> {
+    let wrong = || format!("{text:?} is no range; write 4..12");
+    let (low, high) = text.split_once("..").ok_or_else(wrong)?;
+    match (low.trim().parse(), high.trim_start_matches('=').trim().parse()) {
+        (Ok(low), Ok(high)) if 0 < low && low <= high => Ok((low, high)),
+        _ => Err(wrong()),
+    }
 }
 
 /// Options of the method.
 #[derive(Clone, Debug, clap::Args)]
 #[command(next_help_heading = "Method")]
 pub struct MethodArgs {
-    /// Number of parts, exactly
-    #[arg(short = 'k', long = "parts", value_name = "K")]
+    /// Number of parts, exactly [default: found]
+    #[arg(short = 'k', long = "parts", value_name = "K", conflicts_with_all = ["parts_range", "detail"])]
     pub parts: Option<usize>,
-    /// Number of landmarks [default: twice the parts, 10 to 60]
+    /// Bounds for the number of parts found
+    #[arg(long, value_name = "A..B", value_parser = parse_range)]
+    pub parts_range: Option<(usize, usize)>,
+    /// Coarser (to -1) or finer (to 1) than the parts found
+    #[arg(long, value_name = "D", allow_negative_numbers = true)]
+    pub detail: Option<f64>,
+    /// Number of landmarks [default: 60 to 20 by size; with kmeans twice the parts, 10 to 60]
     #[arg(short = 'l', long, value_name = "L", value_parser = clap::value_parser!(u32).range(1..=4096))]
     pub landmarks: Option<u32>,
     /// How landmarks are chosen
@@ -148,8 +178,11 @@ pub struct MethodArgs {
     #[arg(long, value_enum, default_value = "auto")]
     pub order: OrderArg,
     /// How faces become parts
-    #[arg(long, value_enum, default_value = "kmeans")]
+    #[arg(long, value_enum, default_value = "parts")]
     pub cluster: ClusterArg,
+    /// How parts are decided (with --cluster parts)
+    #[arg(long, value_enum, default_value = "soft-trees")]
+    pub decision: DecisionArg,
     /// Form of the edge weights
     #[arg(long, value_enum, default_value = "scale-free")]
     pub metric: MetricArg,
@@ -212,8 +245,25 @@ impl MethodArgs {
             unit_rows: !self.no_unit_rows,
             ..EmbeddingParams::for_parts(self.parts.unwrap_or(2))
         };
+        let detail = self.detail.unwrap_or(0.);
+        if !(-1. ..=1.).contains(&detail) {
+            return Err(Failure::Misused(format!("--detail: {detail} is out of range; choose from -1 to 1")));
+        }
         Ok(SegmentParams {
-            parts: self.parts,
+            parts: PartsParams {
+                decision: match self.decision {
+                    DecisionArg::SoftTrees => Decision::SoftTrees,
+                    DecisionArg::Consensus => Decision::Consensus,
+                    DecisionArg::Single => Decision::Single,
+                },
+                count: match (self.parts, self.parts_range) {
+                    (Some(parts), _) => PartCount::Exactly(parts),
+                    (None, Some((least, most))) => PartCount::Between(least, most),
+                    (None, None) => PartCount::Found,
+                },
+                detail,
+                ..PartsParams::default()
+            },
             landmarks: self.landmarks.map(|l| l as usize),
             sampling: match self.sampling {
                 SamplingArg::Farthest => Sampling::Farthest,
@@ -226,6 +276,7 @@ impl MethodArgs {
                 OrderArg::Auto => Order::Auto,
             },
             cluster: match self.cluster {
+                ClusterArg::Parts => Cluster::Parts,
                 ClusterArg::Kmeans => Cluster::KMeans,
             },
             embedding: Some(embedding),

@@ -45,6 +45,11 @@ pub struct Visits {
 
 /// What is carried along with distances; the plain front carries nothing.
 trait Carry {
+    /// Whether a node at this distance is to be visited.
+    #[inline(always)]
+    fn admits(&self, _distance: f32) -> bool {
+        true
+    }
     /// Whether `from`'s value should pass to `to` at an equal distance.
     fn wins_tie(&self, from: u32, to: u32) -> bool;
     /// Passes the value on.
@@ -52,6 +57,22 @@ trait Carry {
 }
 
 impl Carry for () {
+    #[inline(always)]
+    fn wins_tie(&self, _: u32, _: u32) -> bool {
+        false
+    }
+    #[inline(always)]
+    fn pass(&mut self, _: u32, _: u32) {}
+}
+
+/// Nothing is carried; nodes at the limit or beyond stay as they are.
+struct Within(f32);
+
+impl Carry for Within {
+    #[inline(always)]
+    fn admits(&self, distance: f32) -> bool {
+        distance < self.0
+    }
     #[inline(always)]
     fn wins_tie(&self, _: u32, _: u32) -> bool {
         false
@@ -138,6 +159,39 @@ impl Front {
         self.spread(graph, field, &mut Owners(owner), cancel)
     }
 
+    /// Like [`Front::lower`], but nodes at `limit` or beyond are not visited: they keep what they had.
+    ///
+    /// # Errors
+    /// [`crate::base::Error::Cancelled`].
+    pub fn within(
+        &mut self,
+        graph: Csr<'_>,
+        sources: &[u32],
+        limit: f32,
+        field: &mut [f32],
+        cancel: &Cancel,
+    ) -> Result<Visits> {
+        self.start(sources, field);
+        self.spread(graph, field, &mut Within(limit), cancel)
+    }
+
+    /// Spreads the owners of `sources` (at distance 0) over the nodes that `field` holds farther away; at equal
+    /// distances the smaller owner wins. Owners of nodes that are not lowered stay.
+    ///
+    /// # Errors
+    /// [`crate::base::Error::Cancelled`].
+    pub fn spread_owners(
+        &mut self,
+        graph: Csr<'_>,
+        sources: &[u32],
+        field: &mut [f32],
+        owner: &mut [u32],
+        cancel: &Cancel,
+    ) -> Result<Visits> {
+        self.start(sources, field);
+        self.spread(graph, field, &mut Owners(owner), cancel)
+    }
+
     fn start(&mut self, sources: &[u32], field: &mut [f32]) {
         self.queue.restart(0.);
         for &node in sources {
@@ -185,7 +239,7 @@ impl Front {
                 for (&next, &weight) in indices[span.clone()].iter().zip(&weights[span]) {
                     let there = distance + weight;
                     let known = &mut field[next as usize];
-                    if there < *known {
+                    if there < *known && carry.admits(there) {
                         *known = there;
                         carry.pass(node, next);
                         queue.push(Entry { node: next, distance: there });

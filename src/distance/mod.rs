@@ -4,6 +4,7 @@
 //! [`rows`] runs one full front a landmark on the other threads and writes `[A B]`'s distances.
 
 pub mod front;
+pub mod journal;
 pub mod landmarks;
 pub mod oracle;
 pub mod queue;

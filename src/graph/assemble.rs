@@ -2,7 +2,8 @@
 //!
 //! Buckets of links come in node order; a counting sort by corner groups them by node, and each row is
 //! sorted by neighbour. The length of a step is |c_i − mid| + |c_j − mid| over the midpoint of
-//! the shared edge (`graph_gd`, in the frame), the edge's own length is kept beside it. Two
+//! the shared edge (`graph_gd`, in the frame; |c_i − c_j| where the midpoint is no number), the edge's own
+//! length is kept beside it. Two
 //! faces that share several edges get one entry: the shortest step, the summed edge length. Both
 //! directions are computed from the same numbers in a symmetric formula, so they agree to the bit.
 //!
@@ -17,9 +18,6 @@ use crate::mesh::Mesh;
 use crate::store::npy::ArrayWriter;
 use crate::store::{MappedSlice, Run, WorkDir};
 
-/// Step of an entry whose edge has no finite midpoint; [`super::weights`] gives it the mean.
-pub const UNKNOWN: f32 = -1.;
-
 /// The arrays of a graph before its weights.
 #[derive(Clone, Debug)]
 pub struct Rows {
@@ -27,7 +25,7 @@ pub struct Rows {
     pub indptr: MappedSlice<u64>,
     /// Neighbours, ascending in a row (nnz).
     pub indices: MappedSlice<u32>,
-    /// Step lengths in the frame (nnz), or [`UNKNOWN`].
+    /// Step lengths in the frame (nnz), finite.
     pub gd: MappedSlice<f32>,
     /// Lengths of the shared edges in the frame (nnz); negative where the two faces are wound against
     /// each other and could not be turned (see [`super::orient`]); 0 for bridges.
@@ -170,9 +168,7 @@ fn assemble_bucket(
 /// Adds a second edge to the entry pushed last: the shorter known step, the summed edge length.
 fn merge(part: &mut Part, entry: &Entry) {
     if let (Some(gd), Some(edge)) = (part.gd.last_mut(), part.edges.last_mut()) {
-        if *gd == UNKNOWN {
-            *gd = entry.gd;
-        }
+        *gd = gd.min(entry.gd);
         *edge = (edge.abs() + entry.edge.abs()).copysign(*edge);
     }
 }
@@ -181,14 +177,14 @@ fn merge(part: &mut Part, entry: &Entry) {
 #[inline]
 fn step(from: &Node, to: &Node, node: u32, ends: [[f64; 3]; 2]) -> Entry {
     let mid = [0, 1, 2].map(|axis| (ends[0][axis] + ends[1][axis]) * 0.5);
-    let far = |p: [f32; 3]| {
-        let d = [0, 1, 2].map(|axis| f64::from(p[axis]) - mid[axis]);
+    let distance = |a: [f64; 3], b: [f64; 3]| {
+        let d = [0, 1, 2].map(|axis| a[axis] - b[axis]);
         (d[0] * d[0] + d[1] * d[1] + d[2] * d[2]).sqrt()
     };
-    let along = [0, 1, 2].map(|axis| (ends[0][axis] - ends[1][axis]).powi(2));
-    let gd = (far(from.centroid) + far(to.centroid)) as f32;
-    let edge = (along[0] + along[1] + along[2]).sqrt() as f32;
-    if gd.is_finite() { Entry { node, gd, edge } } else { Entry { node, gd: UNKNOWN, edge: 0. } }
+    let (from, to) = (from.centroid.map(f64::from), to.centroid.map(f64::from));
+    let gd = (distance(from, mid) + distance(to, mid)) as f32;
+    let edge = distance(ends[0], ends[1]) as f32;
+    if gd.is_finite() { Entry { node, gd, edge } } else { Entry { node, gd: distance(from, to) as f32, edge: 0. } }
 }
 
 /// Groups links by face with a counting sort; in a face they stay ordered by corner where the

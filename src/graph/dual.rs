@@ -144,14 +144,33 @@ impl DualGraph {
     /// # Errors
     /// [`Error::Parameter`], [`Error::Io`], [`Error::Cancelled`].
     pub fn weighted(&self, metric: Metric, work: &WorkDir, run: &Run) -> Result<Weighted> {
-        let options = json!({"stage": "weights", "graph": self.key, "metric": metric});
+        self.weighted_with(metric, None, 0., self.facts.area, work, run)
+    }
+
+    /// The same with turning taken from `normals` (n), which are those at `radius`, instead of the faces' own, and
+    /// lengths in units of the root of `area` (in the frame).
+    ///
+    /// # Errors
+    /// As [`DualGraph::weighted`].
+    pub fn weighted_with(
+        &self,
+        metric: Metric,
+        normals: Option<&MappedSlice<[f32; 3]>>,
+        radius: f32,
+        area: f64,
+        work: &WorkDir,
+        run: &Run,
+    ) -> Result<Weighted> {
+        let options = json!({"stage": "weights", "graph": self.key, "metric": metric, "radius": radius, "area": area, "seed": run.seed});
         let key = key_of(&options);
         let weights = if work.reuse::<()>("weights", &key).is_ok() {
             run.progress.note("weights: reused");
             work.open_array("graph_weights.npy")?
         } else {
             let (weights, seconds) = run.stage("weights", "faces", self.facts.nodes, || {
-                weights::build(&self.rows, &self.nodes, self.facts.area, metric, work, run)
+                let place = (work, "graph_weights.npy");
+                let normals = normals.map(|normals| &normals[..]);
+                weights::build(&self.rows, &self.nodes, normals, area, metric, place, run)
             })?;
             work.stamp("weights", &key, &options, &["graph_weights.npy"], &(), seconds)?;
             weights

@@ -84,7 +84,8 @@ impl Frame {
         let widest = half.into_iter().fold(0., f64::max);
         let scale =
             if widest > 0. { 2. * widest * half.map(|h| (h / widest).powi(2)).iter().sum::<f64>().sqrt() } else { 1. };
-        Ok(Self { origin, scale: if scale.is_finite() && scale > 0. { scale } else { 1. } })
+        // A diagonal beyond the doubles is the greatest double; one below them counts as none.
+        Ok(Self { origin, scale: if scale > 0. { scale.min(f64::MAX) } else { 1. } })
     }
 
     /// A point of the file in the frame.

@@ -11,7 +11,7 @@
 //! 32 bytes read and 4 written an entry, about 5 ns an entry and thread.
 
 use super::angle::{between, chord2};
-use super::assemble::{Rows, UNKNOWN};
+use super::assemble::Rows;
 use super::nodes::Node;
 use crate::base::parallel::{chunk_count, chunk_range, fill_chunks, map_chunks};
 use crate::base::{Error, Result};
@@ -94,18 +94,14 @@ struct Scale {
     gd: f32,
     /// Factor on an angular distance.
     angle: f32,
-    /// What an unknown step counts, before the factor.
-    unknown: f32,
 }
 
 #[inline]
 fn weight(metric: Metric, scale: Scale, a: &Node, b: &Node, gd: f32, edge: f32) -> f32 {
     // Where no orientation exists, turning counts as concave.
     let concave = |a: &Node, b: &Node| edge < 0. || concave(a, b);
-    let known = gd != UNKNOWN;
-    let length = if known { gd } else { scale.unknown } * scale.gd;
+    let length = gd * scale.gd;
     let w = match metric {
-        _ if !known => length,
         Metric::Geodesic => length,
         Metric::ScaleFree { eta, .. } => {
             length + scale.angle * between(a.normal, b.normal) * if concave(a, b) { 1. } else { eta }
@@ -125,22 +121,28 @@ fn turning(a: &Node, b: &Node, eta: f32, edge: f32) -> f32 {
     }
 }
 
-/// Writes `graph_weights.npy` (nnz) for `rows`; `area` is the sum of the nodes' areas.
+/// Writes `file` (nnz), the weights of `rows`. `area` is the sum of the nodes' areas; `normals` (n), where given,
+/// take the place of the nodes' own.
 ///
 /// # Errors
 /// [`Error::Parameter`], [`Error::Io`], [`Error::Cancelled`].
 pub fn build(
     rows: &Rows,
     nodes: &[Node],
+    normals: Option<&[[f32; 3]]>,
     area: f64,
     metric: Metric,
-    work: &WorkDir,
+    (work, file): (&WorkDir, &str),
     run: &Run,
 ) -> Result<MappedSlice<f32>> {
     metric.check()?;
     let (indptr, indices, gd, edge) = (&rows.indptr[..], &rows.indices[..], &rows.gd[..], &rows.edge[..]);
     let scale = scale(rows, nodes, area, metric, run)?;
-    let mut array = work.array::<f32>("graph_weights.npy", &[gd.len()])?;
+    let mut array = work.array::<f32>(file, &[gd.len()])?;
+    let node = |i: usize| match normals {
+        Some(normals) => Node { normal: normals[i], ..nodes[i] },
+        None => nodes[i],
+    };
     fill_chunks(
         run.threads,
         &run.cancel,
@@ -155,7 +157,7 @@ pub fn build(
                 while indptr[row + 1] as usize <= e {
                     row += 1;
                 }
-                *w = weight(metric, scale, &nodes[row], &nodes[indices[e] as usize], gd[e], edge[e]);
+                *w = weight(metric, scale, &node(row), &node(indices[e] as usize), gd[e], edge[e]);
             }
             Ok(())
         },
@@ -178,8 +180,8 @@ fn scale(rows: &Rows, nodes: &[Node], area: f64, metric: Metric, run: &Run) -> R
             let (mut length, mut angle, mut count) = (0f64, 0f64, 0u64);
             for i in chunk_range(n, CHUNK, k) {
                 for e in indptr[i] as usize..indptr[i + 1] as usize {
-                    // Each edge once, and edges of unknown length not at all.
-                    if indices[e] as usize > i && gd[e] != UNKNOWN {
+                    // Each edge once.
+                    if indices[e] as usize > i {
                         length += f64::from(gd[e]);
                         count += 1;
                         if needs_angle {
@@ -197,10 +199,10 @@ fn scale(rows: &Rows, nodes: &[Node], area: f64, metric: Metric, run: &Run) -> R
     let inverse = |x: f64| if x > 0. { (1. / x) as f32 } else { 0. };
     let unit = if area > 0. { (1. / area.sqrt()) as f32 } else { 1. };
     Ok(match metric {
-        Metric::ScaleFree { beta, .. } => Scale { gd: unit, angle: beta, unknown: mean_gd as f32 },
-        Metric::Geodesic => Scale { gd: unit, angle: 0., unknown: mean_gd as f32 },
+        Metric::ScaleFree { beta, .. } => Scale { gd: unit, angle: beta },
+        Metric::Geodesic => Scale { gd: unit, angle: 0. },
         Metric::Paper { delta, .. } => {
-            Scale { gd: delta * inverse(mean_gd), angle: (1. - delta) * inverse(mean_angle), unknown: mean_gd as f32 }
+            Scale { gd: delta * inverse(mean_gd), angle: (1. - delta) * inverse(mean_angle) }
         }
     })
 }

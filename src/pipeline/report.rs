@@ -1,6 +1,7 @@
 //! The report of a run: one JSON object.
 
 use super::{SegmentParams, Segmentation};
+use crate::cluster::parts::PartsReport;
 use crate::mesh::Opened;
 use crate::store::{Run, WorkDir};
 use serde::Serialize;
@@ -25,8 +26,12 @@ pub struct Numbers {
     pub faces: Vec<u64>,
     /// Area a part, in the frame.
     pub area: Vec<f64>,
-    /// Seconds of the last stage.
-    pub seconds_assign: f64,
+    /// What deciding parts has to tell.
+    pub decision: Option<PartsReport>,
+    /// Radius of the normals that turning is measured with; 0: the faces' own.
+    pub radius: f32,
+    /// Faces of components too small to be parts.
+    pub dust: u64,
 }
 
 /// The report.
@@ -52,6 +57,13 @@ pub struct Report {
     pub gamma: f64,
     /// Γ over the number of faces.
     pub gamma_per_face: f64,
+    /// Radius, in units of √(area), of the normals that turning is measured with; 0: the faces' own.
+    pub normal_radius: f32,
+    /// Faces of components too small to be parts of their own.
+    pub dust_faces: u64,
+    /// How parts were decided on; absent for K-means.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub decision: Option<PartsReport>,
     /// The parts.
     pub parts: Vec<Part>,
     /// Seconds a stage, and in total.
@@ -158,6 +170,9 @@ impl Report {
             negative_mass: numbers.negative_mass,
             gamma: numbers.gamma,
             gamma_per_face: numbers.gamma / graph.nodes.max(1) as f64,
+            normal_radius: numbers.radius,
+            dust_faces: numbers.dust,
+            decision: numbers.decision.clone(),
             parts: parts
                 .map(|(label, ((&faces, &area), &colour))| Part {
                     label: label as u32,

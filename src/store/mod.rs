@@ -6,6 +6,7 @@
 pub mod budget;
 pub mod mapped;
 pub mod npy;
+pub mod rows_file;
 pub mod run;
 pub mod shuffle;
 pub mod sizing;

@@ -1,0 +1,157 @@
+//! Boundaries of parts, moved from the edges of cells onto creases.
+//!
+//! Faces deeper in a part than [`BAND`] (at least the deepest 40 % of it) keep their label; one front under the
+//! edge weights, from the rim of these cores into the bands between them, labels the rest: it is held up where the
+//! surface turns, so it meets there. Boundaries come out a fifth shorter, without islands. Both fronts visit the
+//! bands only. Memory: two mapped arrays of 4 bytes a face.
+
+use crate::base::Result;
+use crate::base::parallel::{chunk_count, chunk_range, fill_chunks, map_chunks};
+use crate::distance::Front;
+use crate::distance::front::mean_weight;
+use crate::graph::DualGraph;
+use crate::graph::dual::Csr;
+use crate::store::{MappedSlice, Run, WorkDir};
+
+use super::normals::lengths;
+use super::shares::Shares;
+
+/// Half the width of the band around a boundary that is labelled anew, in units of √(area).
+pub const BAND: f32 = 0.04;
+/// Share of a part's faces that at least keeps its label.
+const CORE: f64 = 0.4;
+/// Bins of the depths' histogram.
+const BINS: usize = 1024;
+const CHUNK: usize = 1 << 15;
+
+/// Labels every face from the labels of cells: `cell` (n) and `label_of_cell` (S). Writes `node_labels.npy`.
+/// `steps` is the graph under the weights that fronts use.
+///
+/// # Errors
+/// [`crate::base::Error::Io`], [`crate::base::Error::Cancelled`].
+pub fn refine(
+    graph: &DualGraph,
+    steps: Csr<'_>,
+    shares: &Shares,
+    cell: &[u32],
+    label_of_cell: &[u32],
+    work: &WorkDir,
+    run: &Run,
+) -> Result<MappedSlice<u32>> {
+    let n = cell.len();
+    let parts = label_of_cell.iter().max().map_or(0, |top| *top as usize + 1);
+    let mut labels = work.array::<u32>("node_labels.npy", &[n])?;
+    fill_chunks(
+        run.threads,
+        &run.cancel,
+        labels.data(),
+        CHUNK,
+        || (),
+        |k, out, ()| {
+            for (slot, i) in out.iter_mut().zip(chunk_range(n, CHUNK, k)) {
+                *slot = label_of_cell[cell[i] as usize];
+            }
+            Ok(())
+        },
+    )?;
+    let rim = rim(steps, labels.data(), run)?;
+    if rim.is_empty() {
+        return labels.finish(false);
+    }
+    let band = BAND / shares.unit;
+    let mut field = work.array::<f32>("depth.tmp", &[n])?;
+    let lengths = lengths(graph);
+    field.data().fill(f32::INFINITY);
+    Front::new(mean_weight(lengths)).within(lengths, &rim, band, field.data(), &run.cancel)?;
+    let limits = core_limits(labels.data(), field.data(), parts, band, run)?;
+    // Cores are where the second front starts, at distance 0; the bands are open.
+    let owners: &[u32] = labels.data();
+    fill_chunks(
+        run.threads,
+        &run.cancel,
+        field.data(),
+        CHUNK,
+        || (),
+        |k, out, ()| {
+            for (slot, i) in out.iter_mut().zip(chunk_range(n, CHUNK, k)) {
+                *slot = if *slot >= limits[owners[i] as usize] { 0. } else { f32::INFINITY };
+            }
+            Ok(())
+        },
+    )?;
+    let edge_of_core = core_rim(steps, field.data(), run)?;
+    Front::new(mean_weight(steps)).spread_owners(steps, &edge_of_core, field.data(), labels.data(), &run.cancel)?;
+    drop(field);
+    work.remove("depth.tmp.partial");
+    labels.finish(false)
+}
+
+/// Nodes with a neighbour of another label, ascending.
+fn rim(graph: Csr<'_>, labels: &[u32], run: &Run) -> Result<Vec<u32>> {
+    collect(graph, run, |i, j| labels[i] != labels[j])
+}
+
+/// Nodes at distance 0 with a neighbour that is not, ascending.
+fn core_rim(graph: Csr<'_>, field: &[f32], run: &Run) -> Result<Vec<u32>> {
+    collect(graph, run, |i, j| field[i] == 0. && field[j] != 0.)
+}
+
+/// Nodes i with a neighbour j for which `wanted(i, j)`.
+fn collect(graph: Csr<'_>, run: &Run, wanted: impl Fn(usize, usize) -> bool + Sync) -> Result<Vec<u32>> {
+    let n = graph.len();
+    let parts = map_chunks(
+        run.threads,
+        &run.cancel,
+        chunk_count(n, CHUNK),
+        || (),
+        |k, ()| {
+            let range = chunk_range(n, CHUNK, k);
+            Ok(range
+                .filter(|&i| {
+                    let span = graph.indptr[i] as usize..graph.indptr[i + 1] as usize;
+                    graph.indices[span].iter().any(|&j| wanted(i, j as usize))
+                })
+                .map(|i| i as u32)
+                .collect::<Vec<u32>>())
+        },
+    )?;
+    Ok(parts.concat())
+}
+
+/// The depth from which on each part's faces keep their label: the band's half width, or less where more
+/// than 60 % of the part lies in it. From histograms; depths beyond the band are infinite.
+fn core_limits(labels: &[u32], depth: &[f32], parts: usize, band: f32, run: &Run) -> Result<Vec<f32>> {
+    let n = labels.len();
+    let block = n.div_ceil(8).max(1);
+    let blocks = map_chunks(
+        run.threads,
+        &run.cancel,
+        chunk_count(n, block),
+        || (),
+        |k, ()| {
+            let mut counts = vec![0u64; parts * (BINS + 1)];
+            for i in chunk_range(n, block, k) {
+                let bin = if depth[i] < band { (depth[i] / band * BINS as f32) as usize } else { BINS };
+                counts[labels[i] as usize * (BINS + 1) + bin.min(BINS)] += 1;
+            }
+            Ok(counts)
+        },
+    )?;
+    let mut counts = vec![0u64; parts * (BINS + 1)];
+    for block in blocks {
+        counts.iter_mut().zip(block).for_each(|(a, b)| *a += b);
+    }
+    Ok(counts
+        .chunks_exact(BINS + 1)
+        .map(|bins| {
+            let core = (CORE * bins.iter().sum::<u64>() as f64).ceil() as u64;
+            let mut kept = bins[BINS];
+            let mut bin = BINS;
+            while kept < core && bin > 0 {
+                bin -= 1;
+                kept += bins[bin];
+            }
+            band * bin as f32 / BINS as f32
+        })
+        .collect())
+}

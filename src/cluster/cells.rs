@@ -1,0 +1,212 @@
+//! Some two thousand geodesic Voronoi cells, and the graph of cells that parts are decided on.
+//!
+//! One front from area-stratified seeds under length + .1 |turning| (.05 convex) cuts the surface into cells that follow
+//! creases; people's segmentations projected on them lose .002 of the Rand index. One pass sums up areas, centroids,
+//! normals, and for touching cells the length and mean turning of their common boundary.
+//! Cost: one front, 4 + 4 bytes a face, and one pass over the graph.
+
+use super::normals::{Normals, turning};
+use super::parts::CellGraph;
+use super::seeds::spread;
+use super::shares::Shares;
+use crate::base::Result;
+use crate::base::parallel::{chunk_count, chunk_range, map_chunks};
+use crate::distance::Front;
+use crate::distance::front::mean_weight;
+use crate::graph::dual::Csr;
+use crate::graph::weights::{self, Metric};
+use crate::graph::{DualGraph, Node};
+use crate::store::{MappedSlice, Run, WorkDir};
+use std::collections::BTreeMap;
+
+/// Cells of a surface.
+pub const CELLS: usize = 2000;
+const CHUNK: usize = 1 << 14;
+const BLOCKS: usize = 8;
+
+/// Cells of the faces and the graph of the cells.
+#[derive(Clone, Debug)]
+pub struct Cells {
+    /// Cell of each node (n).
+    pub of_node: MappedSlice<u32>,
+    /// The cells' graph, lengths in units of √(area).
+    pub graph: CellGraph,
+}
+
+/// Sums over a pair of touching cells.
+#[derive(Clone, Copy, Debug, Default)]
+struct Border {
+    length: f64,
+    concave: f64,
+    convex: f64,
+    convex04: f64,
+}
+
+/// The normals at .01, .02 and .04 that cells need.
+#[derive(Clone, Copy, Debug)]
+pub struct Smooth<'a> {
+    /// At .01: for the front.
+    pub fine: &'a Normals,
+    /// At .02: for the turning of boundaries.
+    pub medium: &'a Normals,
+    /// At .04: for their convexity.
+    pub coarse: &'a Normals,
+}
+
+impl Cells {
+    /// Cuts the surface into cells; `cells.npy`.
+    ///
+    /// # Errors
+    /// [`crate::base::Error::Io`], [`crate::base::Error::Cancelled`].
+    pub fn cut(graph: &DualGraph, shares: &Shares, smooth: Smooth<'_>, work: &WorkDir, run: &Run) -> Result<Self> {
+        let n = graph.nodes.len();
+        // A small mesh is its own cells, dust and all, so that any number of parts up to n can be had.
+        let seeds: Vec<u32> =
+            if n <= CELLS { (0..n as u32).collect() } else { spread(&shares.share, CELLS, run.seed, "cells") };
+        let metric = Metric::ScaleFree { beta: 0.1, eta: 0.5 };
+        let area = 1. / f64::from(shares.unit).powi(2);
+        let place = (work, "cell_weights.npy");
+        let steps = weights::build(&graph.rows, &graph.nodes, Some(smooth.fine), area, metric, place, run)?;
+        let csr = Csr { indptr: &graph.rows.indptr, indices: &graph.rows.indices, weights: &steps };
+        let mut owner = work.array::<u32>("cells.npy", &[n])?;
+        {
+            let mut field = work.array::<f32>("cell_field.tmp", &[n])?;
+            Front::new(mean_weight(csr)).owned(csr, &seeds, field.data(), owner.data(), &run.cancel)?;
+        }
+        work.remove("cell_field.tmp.partial");
+        work.remove("cell_weights.npy");
+        let of_node = owner.finish(false)?;
+        let graph = cell_graph(graph, shares, smooth, &of_node, seeds.len(), run)?;
+        Ok(Self { of_node, graph })
+    }
+
+    /// Number of cells.
+    pub fn len(&self) -> usize {
+        self.graph.area.len()
+    }
+
+    /// Whether there are none.
+    pub fn is_empty(&self) -> bool {
+        self.len() == 0
+    }
+}
+
+fn cell_graph(
+    graph: &DualGraph,
+    shares: &Shares,
+    smooth: Smooth<'_>,
+    cell: &[u32],
+    cells: usize,
+    run: &Run,
+) -> Result<CellGraph> {
+    let unit = f64::from(shares.unit);
+    let (area, centre, normal) = interiors(graph, shares, cell, cells, run)?;
+    let borders = borders(graph, shares, smooth, cell, run)?;
+    let mean = |sum: f64, border: &Border| if border.length > 0. { sum / border.length } else { 0. };
+    Ok(CellGraph {
+        area,
+        centre: centre.into_iter().map(|c| c.map(|x| x * unit)).collect(),
+        normal,
+        pairs: borders.iter().map(|(&(a, b), _)| [a, b]).collect(),
+        length: borders.values().map(|b| b.length).collect(),
+        concave: borders.values().map(|b| mean(b.concave, b)).collect(),
+        convex: borders.values().map(|b| mean(b.convex, b)).collect(),
+        convex04: borders.values().map(|b| mean(b.convex04, b)).collect(),
+    })
+}
+
+type Interiors = (Vec<f64>, Vec<[f64; 3]>, Vec<[f64; 3]>);
+
+/// Area share, centroid (in the frame) and mean direction of each cell.
+fn interiors(graph: &DualGraph, shares: &Shares, cell: &[u32], cells: usize, run: &Run) -> Result<Interiors> {
+    let n = cell.len();
+    let block = n.div_ceil(BLOCKS).max(1);
+    let parts = map_chunks(
+        run.threads,
+        &run.cancel,
+        chunk_count(n, block),
+        || (),
+        |k, ()| {
+            let mut sums = vec![[0f64; 8]; cells];
+            for i in chunk_range(n, block, k) {
+                let Some(sum) = sums.get_mut(cell[i] as usize) else { continue };
+                let (node, share) = (&graph.nodes[i], f64::from(shares.share[i]));
+                // A cell of dust alone still needs a place: a weight too small to matter elsewhere.
+                let weight = share.max(1e-18);
+                sum[0] += share;
+                sum[7] += weight;
+                for axis in 0..3 {
+                    sum[1 + axis] += weight * f64::from(node.centroid[axis]);
+                    sum[4 + axis] += weight * f64::from(node.normal[axis]);
+                }
+            }
+            Ok(sums)
+        },
+    )?;
+    let mut total = vec![[0f64; 8]; cells];
+    for part in parts {
+        for (sum, part) in total.iter_mut().zip(part) {
+            sum.iter_mut().zip(part).for_each(|(a, b)| *a += b);
+        }
+    }
+    let area = total.iter().map(|s| s[0]).collect();
+    let centre = total.iter().map(|s| [1, 2, 3].map(|k| s[k] / s[7].max(1e-300))).collect();
+    let normal = total
+        .iter()
+        .map(|s| {
+            let length = (s[4] * s[4] + s[5] * s[5] + s[6] * s[6]).sqrt();
+            if length > 0. { [4, 5, 6].map(|k| s[k] / length) } else { [0.; 3] }
+        })
+        .collect();
+    Ok((area, centre, normal))
+}
+
+/// Length and turning of the common boundary of each pair of touching cells. Bridges are no boundary.
+fn borders(
+    graph: &DualGraph,
+    shares: &Shares,
+    smooth: Smooth<'_>,
+    cell: &[u32],
+    run: &Run,
+) -> Result<BTreeMap<(u32, u32), Border>> {
+    let n = cell.len();
+    let (indptr, indices, edge) = (&graph.rows.indptr[..], &graph.rows.indices[..], &graph.rows.edge[..]);
+    let parts = map_chunks(
+        run.threads,
+        &run.cancel,
+        chunk_count(n, CHUNK),
+        || (),
+        |k, ()| {
+            let mut sums: BTreeMap<(u32, u32), Border> = BTreeMap::new();
+            for i in chunk_range(n, CHUNK, k) {
+                for e in indptr[i] as usize..indptr[i + 1] as usize {
+                    let j = indices[e] as usize;
+                    if j <= i || cell[i] == cell[j] || edge[e] == 0. {
+                        continue;
+                    }
+                    let length = f64::from(edge[e].abs() * shares.unit);
+                    let angle = |normals: &Normals| {
+                        let node = |i: usize| Node { normal: normals[i], ..graph.nodes[i] };
+                        f64::from(turning(&node(i), &node(j), edge[e]))
+                    };
+                    let (medium, coarse) = (angle(smooth.medium), angle(smooth.coarse));
+                    let border = sums.entry((cell[i].min(cell[j]), cell[i].max(cell[j]))).or_default();
+                    border.length += length;
+                    border.concave += length * medium.max(0.);
+                    border.convex += length * (-medium).max(0.);
+                    border.convex04 += length * (-coarse).max(0.);
+                }
+            }
+            Ok(sums)
+        },
+    )?;
+    let mut total: BTreeMap<(u32, u32), Border> = BTreeMap::new();
+    for (pair, part) in parts.into_iter().flatten() {
+        let border = total.entry(pair).or_default();
+        border.length += part.length;
+        border.concave += part.concave;
+        border.convex += part.convex;
+        border.convex04 += part.convex04;
+    }
+    Ok(total)
+}

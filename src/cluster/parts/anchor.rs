@@ -1,0 +1,217 @@
+//! The anchor embedding: cells as mixtures of the landmarks they are near to.
+//!
+//! With B the l × S distances of cells from landmarks, K = exp(−B²/2s²) with s a fixed share of
+//! the area mean of B, and v_j the share of the area that is nearest to landmark j, a cell's
+//! affinities v_j K_ji (plus one hundredth of their mean) are divided by their sum: the column is
+//! a distribution over landmarks. The S × S affinity Zᵀ diag(Za)⁻¹ Z ("anchor graph"; W. Liu, He,
+//! Chang, ICML 2010) is positive semi-definite and doubly normalised by construction, which the
+//! degree normalisation of an indefinite Gaussian is not. Its leading eigenvectors come from an
+//! l × l problem: they are Φᵀ Q/√g, Φ = Z/√(Za), (Q, g) the eigenpairs of Φ diag(a) Φᵀ. Scaled by
+//! √(g/g₀) and brought to unit rows the factors of g cancel, and Φᵀ Q is left.
+
+use nalgebra::{DMatrix, SymmetricEigen};
+
+/// Share of the mean affinity that every landmark gives to every cell: far cells stay distributions.
+const BACKGROUND: f64 = 0.01;
+/// Least share of the area that a landmark stands for.
+const ANCHOR_FLOOR: f64 = 1e-4;
+/// Lanes of the hand-blocked inner products.
+const LANES: usize = 8;
+
+/// The distances of `cells` cells from `count` landmarks, row-major, finite and ≥ 0.
+#[derive(Clone, Debug)]
+pub struct Rows {
+    /// Distances, `count` × `cells`.
+    pub values: Vec<f64>,
+    /// Landmarks l.
+    pub count: usize,
+    /// Cells S.
+    pub cells: usize,
+}
+
+impl Rows {
+    /// Takes rows as they come; what was not reached counts as twice the row's greatest distance.
+    pub fn new(values: &[f64], count: usize, cells: usize) -> Rows {
+        let mut values = values.to_vec();
+        for row in values.chunks_mut(cells.max(1)) {
+            let far = row.iter().filter(|x| x.is_finite()).fold(0.0f64, |m, &x| m.max(x));
+            for x in row {
+                *x = if x.is_finite() { x.clamp(0.0, 1e100) } else { (2.0 * far).min(1e100) };
+            }
+        }
+        Rows { values, count, cells }
+    }
+
+    /// Distances of all cells from landmark `j`.
+    pub fn row(&self, j: usize) -> &[f64] {
+        &self.values[j * self.cells..(j + 1) * self.cells]
+    }
+}
+
+/// Points of unit length (or zero), row-major.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Embedding {
+    /// Coordinates, S × `width`.
+    pub values: Vec<f64>,
+    /// Coordinates a cell.
+    pub width: usize,
+}
+
+impl Embedding {
+    /// Coordinates of cell `i`.
+    pub fn point(&self, i: usize) -> &[f64] {
+        &self.values[i * self.width..(i + 1) * self.width]
+    }
+}
+
+/// Embeds the cells in min(`width`, landmarks) dimensions from the rows of `chosen` landmarks.
+///
+/// `shares`: area shares (S). `scale`: s over the area mean of the chosen rows (.2 to .3 serve).
+pub fn anchor_embedding(rows: &Rows, chosen: &[usize], shares: &[f64], width: usize, scale: f64) -> Embedding {
+    let (l, n) = (chosen.len(), rows.cells);
+    let width = width.min(l);
+    if l == 0 || n == 0 {
+        return Embedding { values: Vec::new(), width: 0 };
+    }
+    let mean = chosen.iter().map(|&j| dot(rows.row(j), shares)).sum::<f64>() / l as f64;
+    let s = (scale * mean).max(1e-30);
+    let weight = anchor_shares(rows, chosen, shares);
+    let factor = -1.0 / (2.0 * s * s);
+    let mut z = Vec::with_capacity(l * n);
+    let mut column = vec![0.0; n];
+    for (&j, v) in chosen.iter().zip(&weight) {
+        z.extend(rows.row(j).iter().zip(&mut column).map(|(b, c)| {
+            let k = v * (b * b * factor).exp();
+            *c += k;
+            k
+        }));
+    }
+    let lift = BACKGROUND * dot(&column, shares);
+    let total: f64 = weight.iter().sum();
+    column.iter_mut().for_each(|c| *c = 1.0 / (*c + lift * total).max(1e-300));
+    for (row, v) in z.chunks_exact_mut(n).zip(&weight) {
+        let mut mass = 0.0;
+        for ((x, c), a) in row.iter_mut().zip(&column).zip(shares) {
+            *x = (*x + lift * v) * c;
+            mass += *x * a;
+        }
+        let scale = 1.0 / mass.max(1e-300).sqrt();
+        row.iter_mut().for_each(|x| *x *= scale);
+    }
+    project(&z, &leading_eigenvectors(&z, l, n, shares, width), l, n, width)
+}
+
+/// Share of the area nearest to each chosen landmark, floored, summing to 1.
+fn anchor_shares(rows: &Rows, chosen: &[usize], shares: &[f64]) -> Vec<f64> {
+    let mut nearest = vec![0u32; rows.cells];
+    let mut least = rows.row(chosen[0]).to_vec();
+    for (k, &j) in chosen.iter().enumerate().skip(1) {
+        for ((b, low), near) in rows.row(j).iter().zip(&mut least).zip(&mut nearest) {
+            if b < low {
+                (*low, *near) = (*b, k as u32);
+            }
+        }
+    }
+    let mut share = vec![0.0; chosen.len()];
+    for (&k, a) in nearest.iter().zip(shares) {
+        share[k as usize] += a;
+    }
+    let total: f64 = share.iter_mut().map(|v| std::mem::replace(v, v.max(ANCHOR_FLOOR)).max(ANCHOR_FLOOR)).sum();
+    share.iter_mut().for_each(|v| *v /= total);
+    share
+}
+
+/// The `width` leading eigenvectors of Φ diag(a) Φᵀ, row-major l × width.
+fn leading_eigenvectors(phi: &[f64], l: usize, n: usize, shares: &[f64], width: usize) -> Vec<f64> {
+    let root: Vec<f64> = shares.iter().map(|a| a.max(0.0).sqrt()).collect();
+    let mut scaled = phi.to_vec();
+    for row in scaled.chunks_exact_mut(n) {
+        row.iter_mut().zip(&root).for_each(|(x, r)| *x *= r);
+    }
+    let mut gram = DMatrix::zeros(l, l);
+    for i in 0..l {
+        for j in 0..=i {
+            let g = dot(&scaled[i * n..(i + 1) * n], &scaled[j * n..(j + 1) * n]);
+            gram[(i, j)] = g;
+            gram[(j, i)] = g;
+        }
+    }
+    let mut q = vec![0.0; l * width];
+    match SymmetricEigen::try_new(gram, f64::EPSILON, 100_000) {
+        Some(eigen) => {
+            let mut order: Vec<usize> = (0..l).collect();
+            order.sort_by(|&a, &b| eigen.eigenvalues[b].total_cmp(&eigen.eigenvalues[a]));
+            for (c, &e) in order.iter().take(width).enumerate() {
+                for j in 0..l {
+                    q[j * width + c] = eigen.eigenvectors[(j, e)];
+                }
+            }
+        }
+        // Finite symmetric input converges; the landmarks' own axes are a usable stand-in.
+        None => (0..width).for_each(|c| q[c * width + c] = 1.0),
+    }
+    q
+}
+
+/// Φᵀ Q with rows brought to unit length.
+fn project(phi: &[f64], q: &[f64], l: usize, n: usize, width: usize) -> Embedding {
+    let mut values = vec![0.0; n * width];
+    for start in (0..n).step_by(LANES) {
+        let lanes = LANES.min(n - start);
+        let mut block = [0.0; LANES];
+        let mut sums = vec![[0.0; LANES]; width];
+        for j in 0..l {
+            block[..lanes].copy_from_slice(&phi[j * n + start..][..lanes]);
+            for (sum, q) in sums.iter_mut().zip(&q[j * width..(j + 1) * width]) {
+                for (s, b) in sum.iter_mut().zip(&block) {
+                    *s += q * b;
+                }
+            }
+        }
+        for i in 0..lanes {
+            let norm = sums.iter().map(|s| s[i] * s[i]).sum::<f64>().sqrt().max(1e-30);
+            for (x, s) in values[(start + i) * width..].iter_mut().zip(&sums) {
+                *x = s[i] / norm;
+            }
+        }
+    }
+    Embedding { values, width }
+}
+
+/// Inner product in a fixed order of additions that vectorises.
+pub(super) fn dot(a: &[f64], b: &[f64]) -> f64 {
+    let mut lanes = [0.0; LANES];
+    let (ca, cb) = (a.chunks_exact(LANES), b.chunks_exact(LANES));
+    let rest: f64 = ca.remainder().iter().zip(cb.remainder()).map(|(x, y)| x * y).sum();
+    for (x, y) in ca.zip(cb) {
+        for k in 0..LANES {
+            lanes[k] += x[k] * y[k];
+        }
+    }
+    lanes.iter().sum::<f64>() + rest
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn two_far_clumps_embed_apart_and_each_together() {
+        let place = [0.0, 0.1, 0.2, 5.0, 5.1, 5.2];
+        let values: Vec<f64> = [0, 2, 3, 5].iter().flat_map(|&j| place.map(|x: f64| (x - place[j]).abs())).collect();
+        let rows = Rows::new(&values, 4, 6);
+        let x = anchor_embedding(&rows, &[0, 1, 2, 3], &[1.0 / 6.0; 6], 2, 0.2);
+        let cosine = |i, j| dot(x.point(i), x.point(j));
+        assert!(cosine(0, 2) > 0.95 && cosine(3, 5) > 0.95 && cosine(1, 4) < 0.3);
+    }
+
+    #[test]
+    fn one_cell_one_row_and_unreached_cells_stay_finite() {
+        let one = anchor_embedding(&Rows::new(&[0.0], 1, 1), &[0], &[1.0], 12, 0.2);
+        assert_eq!((one.width, one.values.len()), (1, 1));
+        let rows = Rows::new(&[0.0, f64::INFINITY, 1.0, f64::NAN, 0.0, f64::INFINITY], 2, 3);
+        assert_eq!(rows.row(0), [0.0, 2.0, 1.0]);
+        let x = anchor_embedding(&rows, &[0, 1], &[0.5, 0.25, 0.25], 2, 0.25);
+        assert!(x.values.iter().all(|v| v.is_finite()));
+    }
+}

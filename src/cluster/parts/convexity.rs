@@ -1,0 +1,233 @@
+//! How much of two regions see each other as convex: sums over pairs of cells.
+//!
+//! Cells p and q see each other as convex if n_p·(x_q − x_p) < .05 |d| and n_q·(x_p − x_q) <
+//! .05 |d|: across a convex body they do, across a notch they do not. A pair weighs
+//! a_p a_q exp(−|d|²/2w²), cut at |d| = 4w, for three widths w at once, so that one pass over the
+//! pairs serves all members. Sums are kept between atoms and add up when atoms are united.
+
+use super::cells::CellGraph;
+use crate::base::Result;
+use crate::base::parallel::{chunk_count, chunk_range, map_chunks};
+use crate::store::run::Run;
+
+/// Widths w of the pair weight, in units of √(total area).
+pub const WIDTHS: [f64; 3] = [0.08, 0.1, 0.12];
+/// Sine of the angle below which a cell counts as not in front of another.
+const TOLERANCE: f64 = 0.05;
+/// The weight is cut at so many widths.
+const CUT: f64 = 4.0;
+/// Atoms a chunk of the parallel pass.
+const CHUNK: usize = 8;
+/// Nodes of the table of exponentials; between nodes a cubic, good to 2e-11.
+const TABLE: usize = 2048;
+
+/// The sums between two atoms, for each of [`WIDTHS`].
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct PairSums {
+    /// First atom.
+    pub a: u32,
+    /// Second atom, ≥ the first.
+    pub b: u32,
+    /// Pairs that see each other as convex; where a = b each pair counts twice.
+    pub seen: [f64; 3],
+    /// All pairs.
+    pub all: [f64; 3],
+}
+
+/// exp(−x/2w²) for the three widths and x up to the widest cut.
+struct Table {
+    nodes: Vec<[f64; 3]>,
+    scale: f64,
+    rate: [f64; 3],
+    cut: [f64; 3],
+}
+
+impl Table {
+    fn new() -> Table {
+        let rate = WIDTHS.map(|w| 0.5 / (w * w));
+        let cut = WIDTHS.map(|w| CUT * CUT * w * w);
+        let scale = TABLE as f64 / cut[2];
+        let nodes = (0..TABLE + 2).map(|k| rate.map(|r| (-r * k as f64 / scale).exp())).collect();
+        Table { nodes, scale, rate, cut }
+    }
+
+    /// The three weights at squared distance `x` ≤ the widest cut.
+    #[inline]
+    fn weights(&self, x: f64) -> [f64; 3] {
+        let k = (x * self.scale + 0.5) as usize;
+        let rest = k as f64 / self.scale - x;
+        let node = &self.nodes[k.min(TABLE + 1)];
+        std::array::from_fn(|w| {
+            let t = rest * self.rate[w];
+            let e = node[w] * (1.0 + t * (1.0 + t * (0.5 + t * (1.0 / 6.0))));
+            if x <= self.cut[w] { e } else { 0.0 }
+        })
+    }
+}
+
+/// A cell as the inner loop wants it.
+#[derive(Clone, Copy)]
+struct Point {
+    x: [f64; 3],
+    n: [f64; 3],
+    area: f64,
+}
+
+/// A ball around an atom's centres, and where its cells begin.
+struct Ball {
+    x: [f64; 3],
+    radius: f64,
+    start: usize,
+    end: usize,
+}
+
+/// Sums between all pairs of atoms that have any, ordered by (a, b).
+///
+/// `atom`: an atom below `atoms` for each cell.
+///
+/// # Errors
+/// Cancellation.
+pub fn convexity(cells: &CellGraph, atom: &[u32], atoms: usize, run: &Run) -> Result<Vec<PairSums>> {
+    let (points, balls) = gather(cells, atom, atoms);
+    let table = Table::new();
+    let chunks = map_chunks(
+        run.threads,
+        &run.cancel,
+        chunk_count(atoms, CHUNK),
+        || (),
+        |k, ()| {
+            let mut out = Vec::new();
+            for a in chunk_range(atoms, CHUNK, k) {
+                for b in a..atoms {
+                    out.extend(between(&points, &balls, a, b, &table));
+                }
+            }
+            Ok(out)
+        },
+    )?;
+    Ok(chunks.concat())
+}
+
+/// Cells ordered by atom, and the atoms' balls.
+fn gather(cells: &CellGraph, atom: &[u32], atoms: usize) -> (Vec<Point>, Vec<Ball>) {
+    let mut order: Vec<usize> = (0..cells.len()).collect();
+    order.sort_by_key(|&i| atom[i]);
+    let points: Vec<Point> =
+        order.iter().map(|&i| Point { x: cells.centre[i], n: cells.normal[i], area: cells.area[i] }).collect();
+    let mut end = 0;
+    let balls = (0..atoms as u32)
+        .map(|a| {
+            let start = end;
+            end += order[start..].partition_point(|&i| atom[i] == a);
+            let inside = &points[start..end];
+            let x = std::array::from_fn(|c| inside.iter().map(|p| p.x[c]).sum::<f64>() / inside.len().max(1) as f64);
+            let radius = inside.iter().map(|p| square(p.x, x).sqrt()).fold(0.0, f64::max);
+            Ball { x, radius, start, end }
+        })
+        .collect();
+    (points, balls)
+}
+
+fn square(a: [f64; 3], b: [f64; 3]) -> f64 {
+    (0..3).map(|c| (a[c] - b[c]) * (a[c] - b[c])).sum()
+}
+
+/// Sums between atoms `a` and `b` ≥ `a`, unless all pairs lie beyond the cut.
+fn between(points: &[Point], balls: &[Ball], a: usize, b: usize, table: &Table) -> Option<PairSums> {
+    let (one, two) = (&balls[a], &balls[b]);
+    let reach = CUT * WIDTHS[2] * (1.0 + 1e-9);
+    if square(one.x, two.x) > (reach + one.radius + two.radius).powi(2) {
+        return None;
+    }
+    let near = (reach + two.radius).powi(2);
+    let (mut seen, mut all) = ([0.0; 3], [0.0; 3]);
+    for (i, p) in points[one.start..one.end].iter().enumerate() {
+        if square(p.x, two.x) > near {
+            continue;
+        }
+        let first = if a == b { one.start + i + 1 } else { two.start };
+        let (mut row_seen, mut row_all) = ([0.0; 3], [0.0; 3]);
+        for q in &points[first..two.end] {
+            let d = [q.x[0] - p.x[0], q.x[1] - p.x[1], q.x[2] - p.x[2]];
+            let d2 = d[0] * d[0] + d[1] * d[1] + d[2] * d[2];
+            if d2 > table.cut[2] {
+                continue;
+            }
+            let ahead = p.n[0] * d[0] + p.n[1] * d[1] + p.n[2] * d[2];
+            let back = -(q.n[0] * d[0] + q.n[1] * d[1] + q.n[2] * d[2]);
+            let limit = TOLERANCE * TOLERANCE * d2;
+            let sees = |out: f64| out < 0.0 || out * out < limit;
+            let convex = if sees(ahead) && sees(back) { q.area } else { 0.0 };
+            let weight = table.weights(d2);
+            for w in 0..3 {
+                row_all[w] += q.area * weight[w];
+                row_seen[w] += convex * weight[w];
+            }
+        }
+        for w in 0..3 {
+            all[w] += p.area * row_all[w];
+            seen[w] += p.area * row_seen[w];
+        }
+    }
+    if a == b {
+        (seen, all) = (seen.map(|x| 2.0 * x), all.map(|x| 2.0 * x));
+    }
+    (all[2] > 0.0).then_some(PairSums { a: a as u32, b: b as u32, seen, all })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Cells on a bumpy sphere of area about 1, and what the definition gives for them.
+    fn bumpy(n: usize) -> CellGraph {
+        let mut g = CellGraph::default();
+        for i in 0..n {
+            let z = 1.0 - (2.0 * i as f64 + 1.0) / n as f64;
+            let t = 2.399963 * i as f64;
+            let s = (1.0 - z * z).sqrt();
+            let r = 0.28 * (1.0 + 0.2 * (5.0 * z).sin());
+            g.centre.push([r * s * t.cos(), r * s * t.sin(), r * z]);
+            g.normal.push([s * t.cos(), s * t.sin(), z]);
+            g.area.push((1.0 + 0.3 * (i as f64).sin()) / n as f64);
+        }
+        g
+    }
+
+    #[test]
+    fn sums_equal_the_definition() {
+        let g = bumpy(150);
+        let atom: Vec<u32> = (0..150).map(|i| i * 7 / 150).collect();
+        let found = convexity(&g, &atom, 7, &Run::new(&())).unwrap();
+        for pair in &found {
+            let (mut seen, mut all) = ([0.0; 3], [0.0; 3]);
+            for p in (0..150).filter(|&p| atom[p] == pair.a) {
+                for q in (0..150).filter(|&q| atom[q] == pair.b && q != p) {
+                    let d2 = square(g.centre[p], g.centre[q]);
+                    let out = |p: usize, q: usize| -> f64 {
+                        (0..3).map(|c| g.normal[p][c] * (g.centre[q][c] - g.centre[p][c])).sum()
+                    };
+                    let sees = out(p, q) < 0.05 * d2.sqrt() && out(q, p) < 0.05 * d2.sqrt();
+                    for (w, width) in WIDTHS.iter().enumerate().filter(|(_, w)| d2 <= 16.0 * *w * *w) {
+                        let m = g.area[p] * g.area[q] * (-d2 / (2.0 * width * width)).exp();
+                        all[w] += m;
+                        seen[w] += if sees { m } else { 0.0 };
+                    }
+                }
+            }
+            for w in 0..3 {
+                assert!((pair.all[w] - all[w]).abs() <= 1e-9 * all[w], "{pair:?} {all:?}");
+                assert!((pair.seen[w] - seen[w]).abs() <= 1e-9 * all[w]);
+            }
+        }
+        assert!(found.len() > 7 && found.iter().any(|p| p.seen[1] < p.all[1]));
+    }
+
+    #[test]
+    fn threads_change_nothing() {
+        let g = bumpy(300);
+        let atom: Vec<u32> = (0..300).map(|i| i % 40).collect();
+        let with = |threads| convexity(&g, &atom, 40, &Run { threads, ..Run::new(&()) }).unwrap();
+        assert_eq!(with(1), with(3));
+    }
+}

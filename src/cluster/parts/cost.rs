@@ -1,0 +1,91 @@
+//! What speaks for uniting two neighbouring regions: a cost that orders merges and a probability.
+//!
+//! The order: cost = W / min(A)^.75 · conv³ with W the strength of the common boundary, A the
+//! areas and conv the share of cell pairs across it that see each other as convex, relative to
+//! the regions' own shares, so that the inside of a cup stays whole. The probability that people
+//! keep the two in one part is a logistic function of that cost and six other measures, its eight
+//! constants fitted to the human segmentations of half of the Princeton benchmark (Chen,
+//! Golovinskiy, Funkhouser, SIGGRAPH 2009); refitted on part of the categories they move little.
+
+use super::matrix::eigenvalues3;
+use super::regions::{Columns, EMBEDDED, Regions};
+
+/// Exponent of the smaller area.
+const AREA_POWER: f64 = 0.75;
+/// Exponent of the relative convexity.
+const CONVEXITY_POWER: f64 = 3.0;
+/// The logarithm of the cost is clipped to ± this before it enters the probability.
+const COST_CLIP: f64 = 6.0;
+/// Least thickness, in units of √(total area).
+const THICKNESS_FLOOR: f64 = 0.005;
+/// Constant term of the log odds, then the weights of: ln cost; cosine of the mean embeddings;
+/// length of the smaller's mean normal (open patch 1, closed limb 0); |ln| of the ratio of widths;
+/// ln of the larger's length; ln of boundary over the smaller's thickness; mean convex angle of
+/// the boundary.
+pub const NODE: [f64; 8] = [-4.0917, 0.66275, 1.44176, 1.40437, -0.62801, -0.81710, 0.36277, 4.27797];
+
+fn log(x: f64) -> f64 {
+    x.max(1e-6).ln()
+}
+
+/// Natural logarithm of the cost of uniting regions `i` and `j`: the greater the sooner.
+pub fn log_cost(r: &Regions, i: usize, j: usize) -> f64 {
+    let share = |a: usize, b: usize, e: f64| (r.seen[(a, b)] + e) / (r.all[(a, b)] + e);
+    let own = share(i, i, 1e-9) * share(j, j, 1e-9);
+    let conv = (share(i, j, 1e-12) / own.sqrt().max(1e-12)).min(1.0);
+    log(r.strength[(i, j)]) - AREA_POWER * log(r.area(i).min(r.area(j))) + CONVEXITY_POWER * log(conv)
+}
+
+/// The measures of one region that the probability uses.
+struct Shape {
+    length: f64,
+    width: f64,
+    normal: f64,
+    thickness: f64,
+    embedding: [f64; EMBEDDED],
+}
+
+impl Shape {
+    fn of(q: &Columns) -> Shape {
+        let a = q[0].max(1e-300);
+        let x: [f64; 3] = std::array::from_fn(|c| q[1 + c] / a);
+        let n: [f64; 3] = std::array::from_fn(|c| q[10 + c] / a);
+        let product = [(0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2)];
+        let e = eigenvalues3(std::array::from_fn(|k| q[4 + k] / a - x[product[k].0] * x[product[k].1]));
+        let root = |v: f64| v.max(1e-8).sqrt();
+        Shape {
+            length: root(e[0]),
+            width: root(e[1]),
+            normal: (n[0] * n[0] + n[1] * n[1] + n[2] * n[2]).sqrt(),
+            thickness: q[13] / a - (n[0] * x[0] + n[1] * x[1] + n[2] * x[2]),
+            embedding: std::array::from_fn(|k| q[14 + k] / a),
+        }
+    }
+}
+
+/// The seven measures of uniting region `a` (the smaller) with its neighbour `b`, in the order
+/// of [`NODE`], from their columns, common boundary length, its convex angle times length, and
+/// the logarithm of the cost.
+pub fn measures(a: &Columns, b: &Columns, length: f64, convex: f64, log_cost: f64) -> [f64; 7] {
+    let (a, b) = (Shape::of(a), Shape::of(b));
+    let inner = |x: &[f64; EMBEDDED], y: &[f64; EMBEDDED]| x.iter().zip(y).map(|(x, y)| x * y).sum::<f64>();
+    let norm = inner(&a.embedding, &a.embedding).sqrt() * inner(&b.embedding, &b.embedding).sqrt();
+    [
+        log_cost.clamp(-COST_CLIP, COST_CLIP),
+        inner(&a.embedding, &b.embedding) / norm.max(1e-9),
+        a.normal,
+        (a.width / b.width).ln().abs(),
+        b.length.ln(),
+        (length.max(1e-6) / a.thickness.max(THICKNESS_FLOOR)).ln(),
+        convex / length.max(1e-300),
+    ]
+}
+
+/// Probability that people keep `i` and `j`, neighbours with the given logarithm of the cost, in
+/// one part.
+pub fn probability(r: &Regions, i: usize, j: usize, log_cost: f64) -> f64 {
+    let (a, b) = if r.area(i) <= r.area(j) { (i, j) } else { (j, i) };
+    let m = measures(&r.columns[a], &r.columns[b], r.length[(a, b)], r.convex[(a, b)], log_cost);
+    let z = NODE[0] + m.iter().zip(&NODE[1..]).map(|(x, w)| x * w).sum::<f64>();
+    1.0 / (1.0 + (-z).exp())
+}

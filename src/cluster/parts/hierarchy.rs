@@ -1,0 +1,248 @@
+//! The hierarchy of parts: all answers to "how many?" at once, small enough to keep.
+//!
+//! A binary tree from single cells to one part, stored as its unions. Their order is that in
+//! which they are made until a given number of parts is left; their levels, in \[0, 1\] and never
+//! above those of the unions they rest on, say which of them a threshold makes. The cut at ½ is
+//! the parts found; any other is a pass over the cells. Numbers are kept in single precision,
+//! which decimal text returns to the bit.
+
+use super::cells::{CellGraph, Sets, compact};
+use super::labelling::HALF;
+use super::small_parts::small_parts;
+use crate::base::{Error, Result};
+use serde::{Deserialize, Serialize};
+
+/// Version of the stored form.
+const VERSION: u32 = 1;
+
+/// A merge hierarchy of the cells of a surface, with what is needed to clean a cut.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct PartTree {
+    /// Version of this form.
+    pub version: u32,
+    /// The S − 1 unions in their order, finest first; a set of cells is named by its least cell.
+    pub unions: Vec<[u32; 2]>,
+    /// Threshold up to which each union is made: how probably, or the like, the two belong together.
+    pub level: Vec<f32>,
+    /// Area share of each cell (S).
+    pub area: Vec<f32>,
+    /// Neighbouring cells (m).
+    pub pairs: Vec<[u32; 2]>,
+    /// Length of their common boundary, in units of √(total area) (m).
+    pub length: Vec<f32>,
+    /// Connected pieces below this share of the area join a neighbour.
+    pub small_part: f32,
+}
+
+/// A union of two sets of cells, each named by any of its cells.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Union {
+    /// Threshold up to which a cut makes it, in \[0, 1\].
+    pub level: f64,
+    /// Unions of greater rank come first where a number of parts is given.
+    pub rank: f64,
+    /// A cell of the one set.
+    pub a: u32,
+    /// A cell of the other set.
+    pub b: u32,
+}
+
+/// A cut of a [`PartTree`].
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct Cut {
+    /// Part of each cell (S), numbered by first appearance.
+    pub label: Vec<u32>,
+    /// Number of parts.
+    pub parts: usize,
+}
+
+/// The threshold that a detail stands for: 0 is ½, the parts found; towards 1 finer (only what
+/// belongs together with near certainty stays together), towards −1 coarser.
+pub fn detail_threshold(detail: f64) -> f64 {
+    if detail.is_finite() { (HALF + HALF * detail).clamp(0.0, 1.0) } else { HALF }
+}
+
+impl PartTree {
+    /// The tree of some unions, made in the order given. Levels and ranks are lowered to those of
+    /// the unions that a union rests on; unions of a set with itself are skipped; sets left over
+    /// are united at last, at level 0.
+    pub fn new(cells: &CellGraph, unions: impl IntoIterator<Item = Union>, small_part: f64) -> PartTree {
+        let n = cells.len();
+        let mut tree = PartTree {
+            version: VERSION,
+            area: cells.area_shares().iter().map(|&a| a as f32).collect(),
+            pairs: cells.pairs.clone(),
+            length: cells.length.iter().map(|&x| x as f32).collect(),
+            small_part: small_part as f32,
+            ..PartTree::default()
+        };
+        let mut sets = Sets::new(n);
+        // Level and rank of the union that made each set.
+        let mut made = vec![(1.0f64, f64::INFINITY); n];
+        let mut all = Vec::with_capacity(n.saturating_sub(1));
+        let leftover = (1..n as u32).map(|b| Union { level: 0.0, rank: f64::NEG_INFINITY, a: 0, b });
+        for union in unions.into_iter().chain(leftover) {
+            let (a, b) = (sets.find(union.a), sets.find(union.b));
+            if !sets.join(a, b) {
+                continue;
+            }
+            let (one, two) = (made[a as usize], made[b as usize]);
+            let level = union.level.max(0.0).min(one.0).min(two.0);
+            let rank = union.rank.min(one.1).min(two.1);
+            made[a.min(b) as usize] = (level, rank);
+            all.push(Union { level, rank, a: a.min(b), b: a.max(b) });
+        }
+        // Stable: a union stays behind those that it rests on.
+        all.sort_by(|x, y| y.rank.total_cmp(&x.rank));
+        tree.unions = all.iter().map(|u| [u.a, u.b]).collect();
+        tree.level = all.iter().map(|u| u.level as f32).collect();
+        tree
+    }
+
+    /// Checks a tree that was read from a file.
+    ///
+    /// # Errors
+    /// If it is of another version or not a tree of its cells.
+    pub fn check(&self) -> Result<()> {
+        let n = self.area.len();
+        let known = |&[i, j]: &[u32; 2]| (i as usize) < n && (j as usize) < n;
+        let sizes = self.unions.len() == n.saturating_sub(1)
+            && self.level.len() == self.unions.len()
+            && self.pairs.len() == self.length.len();
+        let mut sets = Sets::new(n);
+        let sound = self.unions.iter().chain(&self.pairs).all(known)
+            && sizes
+            && self.unions.iter().all(|&[i, j]| sets.join(i, j));
+        if self.version == VERSION && sound && n > 0 {
+            return Ok(());
+        }
+        Err(Error::parameter(
+            "tree",
+            format!("not a hierarchy of parts of version {VERSION}"),
+            "make it again with the stage that wrote it",
+        ))
+    }
+
+    /// Number of cells S.
+    pub fn cells(&self) -> usize {
+        self.area.len()
+    }
+
+    /// The parts that some unions make, as they are.
+    fn raw<'a>(&self, unions: impl IntoIterator<Item = &'a [u32; 2]>) -> Vec<u32> {
+        let mut sets = Sets::new(self.cells());
+        for &[i, j] in unions {
+            sets.join(i, j);
+        }
+        compact(&sets.labels()).0
+    }
+
+    /// Cleans a labelling of small pieces; `whole_too` also of small parts.
+    fn clean(&self, label: &[u32], whole_too: bool) -> Cut {
+        let double = |x: &[f32]| x.iter().map(|&x| f64::from(x)).collect::<Vec<_>>();
+        let (length, area, limit) = (double(&self.length), double(&self.area), f64::from(self.small_part));
+        let (label, parts) = small_parts(&self.pairs, &length, &area, label, limit, whole_too);
+        Cut { label, parts }
+    }
+
+    /// The parts at a threshold in \[0, 1\], without small ones. O(S + m).
+    pub fn cut(&self, threshold: f64) -> Cut {
+        let made = self.unions.iter().zip(&self.level).filter(|(_, l)| f64::from(**l) >= threshold).map(|(u, _)| u);
+        self.clean(&self.raw(made), true)
+    }
+
+    /// The parts at a detail in −1..1, 0 being the default ([`detail_threshold`]).
+    pub fn cut_detail(&self, detail: f64) -> Cut {
+        self.cut(detail_threshold(detail))
+    }
+
+    /// Exactly `k` parts.
+    ///
+    /// Small parts do not count as long as the number can be had without them: the coarsest cut
+    /// that has `k` parts after cleaning is taken, else the `k` parts of the tree as they are.
+    ///
+    /// # Errors
+    /// If `k` is 0 or more than there are cells.
+    pub fn cut_k(&self, k: usize) -> Result<Cut> {
+        let n = self.cells();
+        if k == 0 || k > n {
+            return Err(Error::parameter(
+                "parts",
+                format!("{k} parts cannot be made of {n} cells"),
+                format!("ask for 1 to {n}"),
+            ));
+        }
+        for parts in k..=n.min(2 * k + 8) {
+            let cut = self.clean(&self.raw(&self.unions[..n - parts]), true);
+            if cut.parts == k {
+                return Ok(cut);
+            }
+            if cut.parts > k {
+                break;
+            }
+        }
+        Ok(self.clean(&self.raw(&self.unions[..n - k]), false))
+    }
+
+    /// The parts at a detail if they are `least` to `most`, else the nearest number allowed.
+    ///
+    /// # Errors
+    /// If the range is empty or begins beyond the number of cells.
+    pub fn cut_range(&self, least: usize, most: usize, detail: f64) -> Result<Cut> {
+        if least > most {
+            return Err(Error::parameter(
+                "parts range",
+                format!("{least} to {most} is empty"),
+                "give the smaller number first",
+            ));
+        }
+        let cut = self.cut_detail(detail);
+        if cut.parts < least.max(1) {
+            self.cut_k(least.max(1))
+        } else if cut.parts > most {
+            self.cut_k(most)
+        } else {
+            Ok(cut)
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn strip(n: u32) -> CellGraph {
+        let pairs: Vec<[u32; 2]> = (1..n).map(|i| [i - 1, i]).collect();
+        CellGraph { area: vec![1.0; n as usize], length: vec![1.0; pairs.len()], pairs, ..CellGraph::default() }
+    }
+
+    #[test]
+    fn every_number_of_parts_is_had_exactly() {
+        let cells = strip(40);
+        let unions =
+            (0..20).map(|i| Union { level: 0.9 - 0.03 * f64::from(i), rank: -f64::from(i), a: 2 * i, b: 2 * i + 1 });
+        let tree = PartTree::new(&cells, unions, 0.003);
+        tree.check().unwrap();
+        for k in 1..=40 {
+            let cut = tree.cut_k(k).unwrap();
+            assert_eq!((cut.parts, *cut.label.iter().max().unwrap() as usize + 1), (k, k));
+        }
+        assert!(tree.cut_k(0).is_err() && tree.cut_k(41).is_err() && tree.cut_range(3, 2, 0.0).is_err());
+        assert_eq!(tree.cut_range(1, 5, 0.0).unwrap().parts, 5);
+        assert_eq!(tree.cut_range(39, 40, 0.0).unwrap().parts, 39);
+    }
+
+    #[test]
+    fn more_detail_is_finer_and_json_keeps_the_tree() {
+        let cells = strip(30);
+        let unions = (0..29).map(|i| Union { level: 1.0 - f64::from(i) / 29.0, rank: -f64::from(i), a: i, b: i + 1 });
+        let tree = PartTree::new(&cells, unions, 0.0);
+        let counts: Vec<usize> = (-10..=10).map(|d| tree.cut_detail(f64::from(d) / 10.0).parts).collect();
+        assert!(counts.windows(2).all(|w| w[0] <= w[1]) && counts[0] == 1 && counts[20] > 25);
+        let text = serde_json::to_string(&tree).unwrap();
+        assert_eq!(serde_json::from_str::<PartTree>(&text).unwrap(), tree);
+        let mut broken = tree;
+        broken.unions[3] = broken.unions[2];
+        assert!(broken.check().is_err());
+    }
+}

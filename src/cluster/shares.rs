@@ -1,0 +1,104 @@
+//! What each face counts: its share of the surface, nothing for dust.
+//!
+//! Components below [`DUST`] of the area are dust: scanning specks that must not become seeds, cells or parts.
+//! Their faces count nothing here; being bridged to the rest, they take the label of what they float beside.
+//! Lengths scale with it: in units of √(area without dust), the same shape has the same size at every resolution.
+//! One pass, 4 bytes a node written.
+
+use crate::base::Result;
+use crate::base::parallel::{chunk_count, chunk_range, fill_chunks, map_chunks};
+use crate::graph::DualGraph;
+use crate::graph::adjacency::AGAINST;
+use crate::store::{MappedSlice, Run, WorkDir};
+use std::collections::{HashMap, HashSet};
+
+/// Components below this share of the area are dust; the largest never is.
+pub const DUST: f64 = 0.005;
+/// Least share of a face, in mean shares: no face is so small that it counts nothing.
+const FLOOR: f64 = 1e-4;
+const CHUNK: usize = 1 << 15;
+
+/// Shares of the faces, and the shape's unit.
+#[derive(Clone, Debug)]
+pub struct Shares {
+    /// Share of each node (n), 0 for dust; they sum to 1 but for floored ones.
+    pub share: MappedSlice<f32>,
+    /// From the frame's lengths to units of √(area).
+    pub unit: f32,
+    /// Nodes that are dust.
+    pub dust: u64,
+}
+
+impl Shares {
+    /// Computes the shares; `surface_shares.npy`.
+    ///
+    /// # Errors
+    /// [`crate::base::Error::Io`], [`crate::base::Error::Cancelled`].
+    pub fn of(graph: &DualGraph, work: &WorkDir, run: &Run) -> Result<Self> {
+        let n = graph.nodes.len();
+        let (dusty, total, dust) = dusty_roots(graph, run)?;
+        let real = n as u64 - dust;
+        // All faces degenerate: each counts the same.
+        let even = total <= 0.;
+        let scale = if even { 0. } else { 1. / total };
+        let floor = if even { 1. / real.max(1) as f64 } else { FLOOR / real.max(1) as f64 };
+        let mut array = work.array::<f32>("surface_shares.npy", &[n])?;
+        fill_chunks(
+            run.threads,
+            &run.cancel,
+            array.data(),
+            CHUNK,
+            || (),
+            |k, out, ()| {
+                for (slot, i) in out.iter_mut().zip(chunk_range(n, CHUNK, k)) {
+                    let is_dust = !dusty.is_empty()
+                        && graph.components.as_ref().is_some_and(|link| dusty.contains(&(link[i] & !AGAINST)));
+                    *slot = if is_dust { 0. } else { (f64::from(graph.nodes[i].area) * scale).max(floor) as f32 };
+                }
+                Ok(())
+            },
+        )?;
+        let unit = if even { 1. } else { (1. / total.sqrt()) as f32 };
+        Ok(Self { share: array.finish(false)?, unit, dust })
+    }
+}
+
+/// First nodes of the components that are dust, the area of the rest, and the number of dusty nodes.
+fn dusty_roots(graph: &DualGraph, run: &Run) -> Result<(HashSet<u32>, f64, u64)> {
+    let total = graph.facts.area;
+    let Some(links) = &graph.components else { return Ok((HashSet::new(), total, 0)) };
+    let n = links.len();
+    let parts = map_chunks(
+        run.threads,
+        &run.cancel,
+        chunk_count(n, CHUNK),
+        || (),
+        |k, ()| {
+            let mut sums: HashMap<u32, (f64, u64)> = HashMap::new();
+            for i in chunk_range(n, CHUNK, k) {
+                let sum = sums.entry(links[i] & !AGAINST).or_default();
+                sum.0 += f64::from(graph.nodes[i].area);
+                sum.1 += 1;
+            }
+            Ok(sums)
+        },
+    )?;
+    let mut sums: HashMap<u32, (f64, u64)> = HashMap::new();
+    for (root, (area, count)) in parts.into_iter().flatten() {
+        let sum = sums.entry(root).or_default();
+        sum.0 += area;
+        sum.1 += count;
+    }
+    let mut list: Vec<(u32, f64, u64)> = sums.into_iter().map(|(root, (area, count))| (root, area, count)).collect();
+    list.sort_unstable_by(|a, b| b.1.total_cmp(&a.1).then(b.2.cmp(&a.2)).then(a.0.cmp(&b.0)));
+    let (mut dusty, mut area, mut dust) = (HashSet::new(), 0., 0);
+    for (rank, &(root, share, count)) in list.iter().enumerate() {
+        if rank > 0 && share < DUST * total {
+            dusty.insert(root);
+            dust += count;
+        } else {
+            area += share;
+        }
+    }
+    Ok((dusty, area, dust))
+}

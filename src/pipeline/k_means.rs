@@ -1,0 +1,54 @@
+//! The paper's way: K-means on sampled columns of the embedding, then one pass over all of them.
+
+use super::Clustered;
+use super::report::Numbers;
+use crate::base::Result;
+use crate::cluster::assign::{Totals, assign, exactly};
+use crate::cluster::kmeans::{KMeans, KMeansParams, Points};
+use crate::distance::DistanceRows;
+use crate::graph::DualGraph;
+use crate::spectral::quality::Gamma;
+use crate::spectral::{Columns, Embedding, EmbeddingParams};
+use crate::store::{Run, WorkDir};
+
+/// Embeds, fits `parts` centres and labels every face.
+pub(super) fn k_means(
+    graph: &DualGraph,
+    rows: &DistanceRows,
+    params: EmbeddingParams,
+    parts: usize,
+    work: &WorkDir,
+    run: &Run,
+) -> Result<Clustered> {
+    let n = rows.nodes;
+    let columns = Columns::sample(rows, &graph.nodes, run.seed);
+    let embedding = Embedding::fit(rows, &columns, params)?;
+    let coordinates = embedding.columns(&columns);
+    let points = Points { coordinates: &coordinates, weights: &columns.shares };
+    let centres = KMeans::fit(points, embedding.dimensions, KMeansParams::new(parts), run)?;
+    let gamma = Gamma::new(rows, params.kernel, embedding.sigma);
+
+    let mut labels = work.array::<u32>("labels.npy", &[n])?;
+    let mut quality = work.array::<f32>("quality.npy", &[n])?;
+    let (label_data, quality_data) = (labels.data(), quality.data());
+    let mut totals: Totals =
+        assign(rows, &graph.nodes, &embedding, &centres, Some(&gamma), label_data, quality_data, run)?;
+    exactly(&mut totals, &graph.nodes, label_data, quality_data);
+    let (labels, quality) = (labels.finish(false)?, quality.finish(false)?);
+    let gamma = gamma.of_sum(totals.gamma);
+    Ok(Clustered {
+        labels,
+        quality,
+        numbers: Numbers {
+            landmarks: rows.landmarks.clone(),
+            sigma: embedding.sigma,
+            eigenvalues: embedding.eigenvalues,
+            dropped_eigenpairs: embedding.dropped,
+            negative_mass: embedding.negative_mass,
+            gamma,
+            faces: totals.faces,
+            area: totals.area,
+            ..Numbers::default()
+        },
+    })
+}

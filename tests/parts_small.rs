@@ -1,0 +1,187 @@
+//! Parts of surfaces that are small, broken or odd: always an answer, always the same.
+
+use nystrom_stream::cluster::parts::{CellGraph, Decision, PartCount, PartTree, PartsParams, PartsResult, parts};
+use nystrom_stream::store::run::Run;
+
+const DECISIONS: [Decision; 3] = [Decision::SoftTrees, Decision::Consensus, Decision::Single];
+
+/// Cells on a chain of balls: `balls` spheres side by side, `each` cells a sphere, boundaries
+/// concave where spheres meet. Areas sum to 1.
+fn chain(balls: usize, each: usize) -> CellGraph {
+    let mut g = CellGraph::default();
+    let r = (1.0 / (4.0 * std::f64::consts::PI * balls as f64)).sqrt();
+    for b in 0..balls {
+        for i in 0..each {
+            let x = 1.0 - (2.0 * i as f64 + 1.0) / each as f64;
+            let (t, s) = (2.399963 * i as f64, (1.0 - x * x).sqrt());
+            let n = [x, s * t.cos(), s * t.sin()];
+            g.centre.push([r * n[0] - 1.9 * r * b as f64, r * n[1], r * n[2]]);
+            g.normal.push(n);
+            g.area.push(1.0 / (balls * each) as f64);
+        }
+    }
+    let size = (1.0 / (balls * each) as f64).sqrt();
+    for i in 0..g.len() {
+        for j in i + 1..g.len() {
+            let gap: f64 = (0..3).map(|c| (g.centre[i][c] - g.centre[j][c]).powi(2)).sum::<f64>().sqrt();
+            let same = i / each == j / each;
+            if gap < if same { 1.6 } else { 1.2 } * size {
+                g.pairs.push([i as u32, j as u32]);
+                g.length.push(size);
+                g.concave.push(if same { 0.0 } else { 1.5 });
+                g.convex.push(if same { 0.3 } else { 0.0 });
+                g.convex04.push(if same { 0.3 } else { 0.0 });
+            }
+        }
+    }
+    g
+}
+
+/// Shortest paths over the cells from `l` of them under length + 5 × concave angle.
+fn rows(g: &CellGraph, l: usize) -> Vec<f64> {
+    let gap = |k: usize| {
+        let [i, j] = g.pairs[k].map(|i| i as usize);
+        let d: f64 = (0..3).map(|c| (g.centre[i][c] - g.centre[j][c]).powi(2)).sum::<f64>().sqrt();
+        d + 5.0 * g.concave[k] + 0.25 * g.convex[k]
+    };
+    let mut out = Vec::new();
+    for s in 0..l {
+        let mut d = vec![f64::INFINITY; g.len()];
+        d[s * g.len() / l] = 0.0;
+        loop {
+            let mut changed = false;
+            for (k, p) in g.pairs.iter().enumerate() {
+                for [i, j] in [*p, [p[1], p[0]]].map(|p| p.map(|i| i as usize)) {
+                    if d[i] + gap(k) < d[j] {
+                        (d[j], changed) = (d[i] + gap(k), true);
+                    }
+                }
+            }
+            if !changed {
+                break;
+            }
+        }
+        out.extend(d);
+    }
+    out
+}
+
+fn decide(g: &CellGraph, l: usize, params: &PartsParams, threads: usize, seed: u64) -> PartsResult {
+    parts(g, &rows(g, l), l, params, &Run { threads, seed, ..Run::new(&()) }).unwrap()
+}
+
+/// What every answer has to be.
+fn sound(g: &CellGraph, r: &PartsResult) {
+    assert_eq!((r.label.len(), r.confidence.len(), r.tree.cells()), (g.len(), g.len(), g.len()));
+    let mut seen = vec![false; r.parts];
+    r.label.iter().for_each(|&k| seen[k as usize] = true);
+    assert!(seen.iter().all(|x| *x), "an empty part");
+    assert!(r.confidence.iter().all(|c| (0.0..=1.0).contains(c)));
+    assert!(r.report.expected_disagreement.is_finite() && (r.report.area.iter().sum::<f64>() - 1.0).abs() < 1e-9);
+    r.tree.check().unwrap();
+}
+
+#[test]
+fn balls_of_a_chain_are_its_parts() {
+    let g = chain(4, 60);
+    for decision in DECISIONS {
+        let params = PartsParams { decision, ..PartsParams::default() };
+        let r = decide(&g, 24, &params, 2, 0);
+        sound(&g, &r);
+        let four = r.tree.cut_k(4).unwrap();
+        let astray = (0..g.len()).filter(|&i| four.label[i] != four.label[i / 60 * 60 + 30]).count();
+        assert!(astray <= 12, "{decision:?}: {astray} cells astray");
+    }
+}
+
+#[test]
+fn threads_change_nothing_and_seeds_little() {
+    let g = chain(3, 80);
+    for decision in DECISIONS {
+        let params = PartsParams { decision, ..PartsParams::default() };
+        let one = decide(&g, 20, &params, 1, 7);
+        let many = decide(&g, 20, &params, 5, 7);
+        assert_eq!((&one.label, &one.tree, &one.confidence), (&many.label, &many.tree, &many.confidence));
+    }
+}
+
+#[test]
+fn any_number_of_parts_is_reached_on_any_surface() {
+    let mut torn = chain(3, 20);
+    let keep: Vec<usize> = (0..torn.pairs.len()).filter(|&k| torn.concave[k] == 0.0).collect();
+    torn.pairs = keep.iter().map(|&k| torn.pairs[k]).collect();
+    torn.length.truncate(keep.len());
+    torn.concave = vec![0.0; keep.len()];
+    torn.convex.truncate(keep.len());
+    torn.convex04 = vec![0.0; keep.len()];
+    let mut flat = chain(1, 12);
+    flat.area = vec![0.0; 12];
+    flat.normal = vec![[0.0; 3]; 12];
+    flat.centre = vec![[1.0; 3]; 12];
+    let mut dust = chain(2, 9);
+    dust.pairs.clear();
+    dust.length.clear();
+    (dust.concave, dust.convex, dust.convex04) = (vec![], vec![], vec![]);
+    let small = [1, 2, 3, 5].map(|n| chain(1, n));
+    for g in small.iter().chain([&torn, &flat, &dust]) {
+        for decision in DECISIONS {
+            for l in [1, 2, 3, 40] {
+                let params = PartsParams { decision, members: 3, ..PartsParams::default() };
+                let found = decide(g, l, &params, 1, 0);
+                sound(g, &found);
+                for k in 1..=g.len() {
+                    assert_eq!(found.tree.cut_k(k).unwrap().parts, k);
+                }
+                let params = PartsParams { count: PartCount::Exactly(g.len()), ..params };
+                assert_eq!(decide(g, l, &params, 1, 0).parts, g.len());
+            }
+        }
+    }
+}
+
+#[test]
+fn numbers_that_are_none_and_sizes_that_disagree() {
+    let mut g = chain(2, 30);
+    let l = 6;
+    let mut b = rows(&g, l);
+    b[5] = f64::NAN;
+    b[40..60].fill(f64::INFINITY);
+    g.area[3] = f64::NAN;
+    g.centre[4] = [f64::INFINITY; 3];
+    g.normal[5] = [f64::NAN; 3];
+    g.concave[6] = f64::NAN;
+    g.length[7] = -1.0;
+    for decision in DECISIONS {
+        let params = PartsParams { decision, ..PartsParams::default() };
+        let r = parts(&g, &b, l, &params, &Run::new(&())).unwrap();
+        sound(&g, &r);
+        assert!(r.tree.level.iter().all(|x| x.is_finite()));
+    }
+    let run = Run::new(&());
+    let plain = PartsParams::default();
+    assert!(parts(&g, &b[1..], l, &plain, &run).is_err());
+    assert!(parts(&CellGraph::default(), &[], 0, &plain, &run).is_err());
+    for count in [PartCount::Exactly(0), PartCount::Exactly(61), PartCount::Between(5, 3), PartCount::Between(61, 70)] {
+        assert!(parts(&g, &b, l, &PartsParams { count, ..plain.clone() }, &run).is_err(), "{count:?}");
+    }
+    for detail in [f64::NAN, 1.5] {
+        assert!(parts(&g, &b, l, &PartsParams { detail, ..plain.clone() }, &run).is_err());
+    }
+    let range = PartsParams { count: PartCount::Between(5, 9), ..plain };
+    assert!((5..=9).contains(&parts(&g, &b, l, &range, &run).unwrap().parts));
+}
+
+#[test]
+fn a_stored_tree_answers_like_a_fresh_one() {
+    let g = chain(3, 50);
+    let r = decide(&g, 16, &PartsParams::default(), 2, 1);
+    let text = serde_json::to_string(&r.tree).unwrap();
+    let read: PartTree = serde_json::from_str(&text).unwrap();
+    read.check().unwrap();
+    assert_eq!(read.cut_detail(0.0).label, r.label);
+    for k in [1, 2, 5, 11, 150] {
+        assert_eq!(read.cut_k(k).unwrap(), r.tree.cut_k(k).unwrap());
+    }
+    let parts: Vec<usize> = [-0.9, -0.4, 0.0, 0.4, 0.9].map(|d| read.cut_detail(d).parts).into();
+    assert!(parts.windows(2).all(|w| w[0] <= w[1]), "{parts:?}");
+}
