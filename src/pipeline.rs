@@ -11,6 +11,8 @@ pub mod input;
 mod k_means;
 mod parts;
 pub mod report;
+pub mod sharding;
+mod stages;
 mod surface;
 
 use crate::base::{Error, Result};
@@ -19,7 +21,7 @@ use crate::distance::DistanceRows;
 use crate::distance::landmarks::Sampling;
 use crate::distance::rows::RowParams;
 use crate::graph::dual::Weighted;
-use crate::graph::order::{Order, OrderFacts, Ordered};
+use crate::graph::order::{Order, OrderFacts};
 use crate::graph::{DualGraph, GraphFacts, Metric};
 use crate::mesh::{Opened, colours};
 use crate::spectral::EmbeddingParams;
@@ -29,6 +31,9 @@ use report::Numbers;
 use serde::Serialize;
 use serde_json::json;
 use std::path::Path;
+
+/// Labels in the order of the nodes, until they are put in the file's.
+const NODE_LABELS: &str = "node_labels.npy";
 
 /// How faces become parts.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
@@ -121,8 +126,7 @@ pub fn segment(
 ) -> Result<Segmentation> {
     let path = opened.document.path();
     check(params, path, opened.mesh.faces.len())?;
-    let ordered = Ordered::build(&opened.mesh, params.order, identity, work, run)?;
-    let graph = DualGraph::build(&ordered.mesh, path, &ordered.identity, work, run)?;
+    let (ordered, graph) = stages::graph(opened, identity, params, work, run)?;
     let clustered = match (params.cluster, params.parts.count) {
         (Cluster::KMeans, PartCount::Exactly(parts)) => {
             let weighted = graph.weighted(params.metric, work, run)?;
@@ -137,8 +141,8 @@ pub fn segment(
     let touching = contacts::between(&graph, &clustered.labels, run)?;
     let mut numbers = clustered.numbers;
     numbers.landmarks.iter_mut().for_each(|node| *node = ordered.face(*node));
-    let labels = ordered.restore("labels.npy", clustered.labels, work, run)?;
-    let quality = ordered.restore("quality.npy", clustered.quality, work, run)?;
+    let labels = ordered.restore(NODE_LABELS, "labels.npy", clustered.labels, work, run)?;
+    let quality = ordered.restore("quality.npy", "quality.npy", clustered.quality, work, run)?;
     let options = json!({"stage": "labels", "graph": graph.key, "params": params, "seed": run.seed});
     work.stamp("labels", &key_of(&options), &options, &["labels.npy", "quality.npy"], &numbers.faces, 0.)?;
     Ok(Segmentation {

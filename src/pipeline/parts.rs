@@ -14,6 +14,7 @@ use crate::cluster::parts::{self, PartTree, PartsReport};
 use crate::cluster::{boundary, cell_rows};
 use crate::distance::DistanceRows;
 use crate::graph::DualGraph;
+use crate::graph::dual::Weighted;
 use crate::store::workdir::key_of;
 use crate::store::{MappedSlice, Run, WorkDir, npy};
 use serde_json::json;
@@ -23,10 +24,8 @@ const CHUNK: usize = 1 << 15;
 /// Cuts the mesh of `graph`.
 pub(super) fn parts(graph: &DualGraph, params: &SegmentParams, work: &WorkDir, run: &Run) -> Result<Clustered> {
     let n = graph.nodes.len();
-    let surface = Surface::build(graph, work, run)?;
+    let (surface, weighted) = weighted(graph, params, work, run)?;
     let Surface { shares, cells, radius, .. } = &surface;
-    let area = 1. / f64::from(shares.unit).powi(2);
-    let weighted = graph.weighted_with(params.metric, surface.normals.as_ref(), *radius, area, work, run)?;
     let l = params.landmarks.unwrap_or(landmarks_for_parts(n));
     let rows = rows(graph, &weighted, l, params, work, run)?;
     let b = cell_rows(&rows, &surface, work, run)?;
@@ -39,6 +38,20 @@ pub(super) fn parts(graph: &DualGraph, params: &SegmentParams, work: &WorkDir, r
     let (faces, area) = totals(graph, &labels, decided.parts, run)?;
     let numbers = Numbers { radius: *radius, dust: shares.dust, faces, area, ..numbers(&rows, decided.report) };
     Ok(Clustered { labels, quality, numbers })
+}
+
+/// The surface of `graph`, and the graph weighted with its normals and unit.
+pub(super) fn weighted(
+    graph: &DualGraph,
+    params: &SegmentParams,
+    work: &WorkDir,
+    run: &Run,
+) -> Result<(Surface, Weighted)> {
+    let surface = Surface::build(graph, work, run)?;
+    let area = 1. / f64::from(surface.shares.unit).powi(2);
+    let (normals, radius) = (surface.normals.as_ref(), surface.radius);
+    let weighted = graph.weighted_with(params.metric, normals, radius, area, work, run)?;
+    Ok((surface, weighted))
 }
 
 /// The rows averaged over cells: made, or reused.

@@ -4,6 +4,7 @@
 //! take its pages back at any time; only what a [`Budget`] grants is allocated.
 
 pub mod budget;
+pub mod check;
 pub mod mapped;
 pub mod npy;
 pub mod rows_file;

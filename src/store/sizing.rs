@@ -45,7 +45,13 @@ impl Sizing {
         let share = room / 2 / (threads.max(1) as u64 * buckets);
         let block = share.clamp(LEAST_BLOCK, BLOCK_BYTES as u64).max(size as u64);
         let staging = (threads as u64 * buckets * block).min(bytes + threads as u64 * block);
-        Self { buckets: buckets as usize, block: block as usize, staging, reading: copies * bytes.div_ceil(buckets), bytes }
+        Self {
+            buckets: buckets as usize,
+            block: block as usize,
+            staging,
+            reading: copies * bytes.div_ceil(buckets),
+            bytes,
+        }
     }
 
     /// Bytes needed besides the records that are kept in memory.

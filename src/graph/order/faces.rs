@@ -124,7 +124,11 @@ impl Task<'_> {
             let bucket = splitters.bucket([key, face as u32]);
             push(key, face as u32, corners, &mut |record| out.push(bucket, record))
         };
-        if self.in_memory { self.look_up(&sorting, &send)? } else { self.join(&sorting, &send)? }
+        if self.in_memory {
+            self.look_up(&sorting, &send)?
+        } else {
+            self.join(&sorting, &send)?
+        }
         let mut order: ArrayWriter<u32> = work.writer(super::ORDER, 1)?;
         let mut block = Vec::with_capacity(CHUNK);
         in_order(

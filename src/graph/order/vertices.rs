@@ -21,15 +21,7 @@ const CHUNK: usize = 1 << 14;
 pub(super) fn open(work: &WorkDir, double: bool, len: usize) -> Result<Positions> {
     let path = work.file(super::VERTICES);
     let size = if double { 8 } else { 4 };
-    Positions::strided(
-        &path,
-        MappedBytes::open(&path)?,
-        npy::HEADER,
-        3 * size,
-        [0, size, 2 * size],
-        double,
-        len,
-    )
+    Positions::strided(&path, MappedBytes::open(&path)?, npy::HEADER, 3 * size, [0, size, 2 * size], double, len)
 }
 
 /// Sorts the vertices along the curve; returns the new number of each old one. Where these fit memory (`in_memory`)
