@@ -3,9 +3,9 @@
 use nystrom_stream::apps::creature::{Creature, Options};
 use nystrom_stream::apps::evaluate::{contingency, rand};
 use nystrom_stream::base::random::{below, stream};
+use nystrom_stream::cluster::parts::{PartCount, PartsParams};
 use nystrom_stream::graph::{DualGraph, Order, Ordered};
 use nystrom_stream::mesh::{self, Mesh};
-use nystrom_stream::cluster::parts::{PartCount, PartsParams};
 use nystrom_stream::pipeline::{Cluster, SegmentParams, segment};
 use nystrom_stream::store::{Budget, Run, WorkDir};
 use serde_json::json;
@@ -96,6 +96,6 @@ fn labels_come_back_in_the_order_of_the_file() {
     let kept = labels(Order::Keep, 1 << 30);
     let curve = labels(Order::Hilbert, 1 << 30);
     let agreement = 1. - rand(&contingency(&kept.0, &curve.0, None).unwrap());
-    assert!(agreement > 0.9, "{agreement}");
+    assert!(agreement > 0.99, "{agreement}");
     assert!(labels(Order::Hilbert, 6 << 20) == curve, "the budget changes nothing");
 }

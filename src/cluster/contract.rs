@@ -88,20 +88,26 @@ pub fn contract(
 fn interiors(graph: &DualGraph, shares: &Shares, owner: &[u32], count: usize, run: &Run) -> Result<Vec<Node>> {
     let n = owner.len();
     let block = n.div_ceil(BLOCKS).max(1);
-    let parts = map_chunks(run.threads, &run.cancel, chunk_count(n, block), || (), |k, ()| {
-        let mut sums = vec![[0f64; 7]; count];
-        for i in chunk_range(n, block, k) {
-            let share = f64::from(shares.share[i]);
-            let Some(sum) = sums.get_mut(owner[i] as usize).filter(|_| share > 0.) else { continue };
-            let node = &graph.nodes[i];
-            sum[6] += share;
-            for axis in 0..3 {
-                sum[axis] += share * f64::from(node.centroid[axis]);
-                sum[3 + axis] += share * f64::from(node.normal[axis]);
+    let parts = map_chunks(
+        run.threads,
+        &run.cancel,
+        chunk_count(n, block),
+        || (),
+        |k, ()| {
+            let mut sums = vec![[0f64; 7]; count];
+            for i in chunk_range(n, block, k) {
+                let share = f64::from(shares.share[i]);
+                let Some(sum) = sums.get_mut(owner[i] as usize).filter(|_| share > 0.) else { continue };
+                let node = &graph.nodes[i];
+                sum[6] += share;
+                for axis in 0..3 {
+                    sum[axis] += share * f64::from(node.centroid[axis]);
+                    sum[3 + axis] += share * f64::from(node.normal[axis]);
+                }
             }
-        }
-        Ok(sums)
-    })?;
+            Ok(sums)
+        },
+    )?;
     let mut total = vec![[0f64; 7]; count];
     for part in parts {
         for (sum, part) in total.iter_mut().zip(part) {
@@ -128,26 +134,32 @@ type Borders = BTreeMap<(u32, u32), Border>;
 fn borders(graph: &DualGraph, csr: Csr<'_>, owner: &[u32], field: &[f32], run: &Run) -> Result<Borders> {
     let n = owner.len();
     let edge = &graph.rows.edge[..];
-    let parts = map_chunks(run.threads, &run.cancel, chunk_count(n, CHUNK), || (), |k, ()| {
-        let mut sums: Borders = BTreeMap::new();
-        for i in chunk_range(n, CHUNK, k) {
-            for e in csr.indptr[i] as usize..csr.indptr[i + 1] as usize {
-                let j = csr.indices[e] as usize;
-                let (a, b) = (owner[i], owner[j]);
-                if j <= i || a == b || a == u32::MAX || b == u32::MAX {
-                    continue;
+    let parts = map_chunks(
+        run.threads,
+        &run.cancel,
+        chunk_count(n, CHUNK),
+        || (),
+        |k, ()| {
+            let mut sums: Borders = BTreeMap::new();
+            for i in chunk_range(n, CHUNK, k) {
+                for e in csr.indptr[i] as usize..csr.indptr[i + 1] as usize {
+                    let j = csr.indices[e] as usize;
+                    let (a, b) = (owner[i], owner[j]);
+                    if j <= i || a == b || a == u32::MAX || b == u32::MAX {
+                        continue;
+                    }
+                    let (from, to) = if a < b { (i, j) } else { (j, i) };
+                    let border = Border {
+                        weight: field[i] + csr.weights[e] + field[j],
+                        length: f64::from(edge[e].abs()),
+                        chord: along(&graph.nodes[from], &graph.nodes[to], f64::from(edge[e].abs())),
+                    };
+                    sums.entry((a.min(b), a.max(b))).and_modify(|sum| sum.add(&border)).or_insert(border);
                 }
-                let (from, to) = if a < b { (i, j) } else { (j, i) };
-                let border = Border {
-                    weight: field[i] + csr.weights[e] + field[j],
-                    length: f64::from(edge[e].abs()),
-                    chord: along(&graph.nodes[from], &graph.nodes[to], f64::from(edge[e].abs())),
-                };
-                sums.entry((a.min(b), a.max(b))).and_modify(|sum| sum.add(&border)).or_insert(border);
             }
-        }
-        Ok(sums)
-    })?;
+            Ok(sums)
+        },
+    )?;
     let mut total: Borders = BTreeMap::new();
     for (pair, border) in parts.into_iter().flatten() {
         total.entry(pair).and_modify(|sum| sum.add(&border)).or_insert(border);

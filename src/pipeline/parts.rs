@@ -23,10 +23,8 @@ const CHUNK: usize = 1 << 15;
 /// Cuts the mesh of `graph`.
 pub(super) fn parts(graph: &DualGraph, params: &SegmentParams, work: &WorkDir, run: &Run) -> Result<Clustered> {
     let n = graph.nodes.len();
-    let surface = Surface::build(graph, Kind::Faces, work, run)?;
+    let (surface, weighted) = weighted(graph, params, work, run)?;
     let Surface { shares, radius, .. } = &surface;
-    let area = 1. / f64::from(shares.unit).powi(2);
-    let weighted = graph.weighted_with(params.metric, surface.normals.as_ref(), *radius, area, work, run)?;
     let decided = if params.coarse && n > contract::NODES {
         decide_coarsely(graph, &weighted, &surface, params, work, run)?
     } else {
@@ -41,8 +39,7 @@ pub(super) fn parts(graph: &DualGraph, params: &SegmentParams, work: &WorkDir, r
     keep_tree(&result.tree, work)?;
     let (faces, area) = totals(graph, &labels, result.parts, run)?;
     let numbers = Numbers { radius: *radius, dust: shares.dust, faces, area, ..decided.numbers };
-    let options = json!({"stage": "labels", "rows": decided.rows_key, "surface": surface.key, "parts": params.parts});
-    Ok(Clustered { labels, quality, numbers, options })
+    Ok(Clustered { labels, quality, numbers })
 }
 
 /// Parts decided on cells, and how they reach the faces.
@@ -55,7 +52,6 @@ struct Decided {
     /// How sure it is.
     confidence: Vec<f64>,
     numbers: Numbers,
-    rows_key: String,
 }
 
 /// Rows over all nodes of `graph`, averaged to cells; parts decided on these.
@@ -74,7 +70,7 @@ fn decide(
     let result = parts::parts(&surface.cells.graph, &b, rows.len(), &params.parts, run)?;
     let numbers = numbers(&rows, result.report.clone());
     let (label, confidence) = (result.label.clone(), result.confidence.clone());
-    Ok(Decided { label, confidence, unit_of_node, numbers, rows_key: rows.key, result })
+    Ok(Decided { label, confidence, unit_of_node, numbers, result })
 }
 
 /// The same on the contracted graph: constant time after one front.
@@ -102,6 +98,20 @@ fn decide_coarsely(
         numbers: Numbers { landmarks: Vec::new(), ..decided.numbers },
         ..decided
     })
+}
+
+/// The surface of `graph`, and the graph weighted with its normals and unit.
+pub(super) fn weighted(
+    graph: &DualGraph,
+    params: &SegmentParams,
+    work: &WorkDir,
+    run: &Run,
+) -> Result<(Surface, Weighted)> {
+    let surface = Surface::build(graph, Kind::Faces, work, run)?;
+    let area = 1. / f64::from(surface.shares.unit).powi(2);
+    let (normals, radius) = (surface.normals.as_ref(), surface.radius);
+    let weighted = graph.weighted_with(params.metric, normals, radius, area, work, run)?;
+    Ok((surface, weighted))
 }
 
 /// The rows averaged over cells: made, or reused.

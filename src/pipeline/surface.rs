@@ -62,7 +62,8 @@ impl Surface {
         }
         let n = graph.nodes.len() as u64;
         let shares = Shares::of(graph, work, run)?;
-        let ([fine, medium, coarse], spent) = run.stage("normals", "faces", n, || smooth(graph, kind, &shares, work, run))?;
+        let ([fine, medium, coarse], spent) =
+            run.stage("normals", "faces", n, || smooth(graph, kind, &shares, work, run))?;
         let turning = normals::total_turning(graph, &shares, &[&fine, &medium], run)?;
         let radius = normals::choose_radius(&turning);
         let smooth = Smooth { fine: &fine, medium: &medium, coarse: &coarse };
