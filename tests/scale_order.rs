@@ -3,9 +3,9 @@
 use nystrom_stream::apps::creature::{Creature, Options};
 use nystrom_stream::apps::evaluate::{contingency, rand};
 use nystrom_stream::base::random::{below, stream};
+use nystrom_stream::cluster::parts::{PartCount, PartsParams};
 use nystrom_stream::graph::{DualGraph, Order, Ordered};
 use nystrom_stream::mesh::{self, Mesh};
-use nystrom_stream::cluster::parts::{PartCount, PartsParams};
 use nystrom_stream::pipeline::{Cluster, SegmentParams, segment};
 use nystrom_stream::store::{Budget, Run, WorkDir};
 use serde_json::json;
