@@ -11,6 +11,8 @@ pub mod input;
 mod k_means;
 mod parts;
 pub mod report;
+pub mod sharding;
+mod stages;
 mod surface;
 
 use crate::base::{Error, Result};
@@ -19,7 +21,7 @@ use crate::distance::DistanceRows;
 use crate::distance::landmarks::Sampling;
 use crate::distance::rows::RowParams;
 use crate::graph::dual::Weighted;
-use crate::graph::order::{Order, OrderFacts, Ordered};
+use crate::graph::order::{Order, OrderFacts};
 use crate::graph::{DualGraph, GraphFacts, Metric};
 use crate::mesh::{Opened, colours};
 use crate::spectral::EmbeddingParams;
@@ -27,7 +29,11 @@ use crate::store::workdir::key_of;
 use crate::store::{MappedSlice, Run, WorkDir};
 use report::Numbers;
 use serde::Serialize;
+use serde_json::json;
 use std::path::Path;
+
+/// Labels in the order of the nodes, until they are put in the file's.
+const NODE_LABELS: &str = "node_labels.npy";
 
 /// How faces become parts.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
@@ -55,6 +61,8 @@ pub struct SegmentParams {
     pub cluster: Cluster,
     /// How many parts, and how [`Cluster::Parts`] decides on them.
     pub parts: PartsParams,
+    /// Whether [`Cluster::Parts`] may contract the mesh first: a preview.
+    pub coarse: bool,
     /// How rows become coordinates, for [`Cluster::KMeans`]; by default [`EmbeddingParams::for_parts`].
     pub embedding: Option<EmbeddingParams>,
 }
@@ -65,9 +73,10 @@ impl Default for SegmentParams {
             landmarks: None,
             sampling: Sampling::default(),
             metric: Metric::default(),
+            order: Order::default(),
             cluster: Cluster::default(),
             parts: PartsParams::default(),
-            order: Order::default(),
+            coarse: false,
             embedding: None,
         }
     }
@@ -120,26 +129,25 @@ pub fn segment(
 ) -> Result<Segmentation> {
     let path = opened.document.path();
     check(params, path, opened.mesh.faces.len())?;
-    let ordered = Ordered::build(&opened.mesh, params.order, identity, work, run)?;
-    let graph = DualGraph::build(&ordered.mesh, path, &ordered.identity, work, run)?;
-    let (clustered, seconds) = match (params.cluster, params.parts.count) {
+    let (ordered, graph) = stages::graph(opened, identity, params, work, run)?;
+    let clustered = match (params.cluster, params.parts.count) {
         (Cluster::KMeans, PartCount::Exactly(parts)) => {
             let weighted = graph.weighted(params.metric, work, run)?;
             let l = params.landmarks.unwrap_or(default_landmarks(parts));
             let rows = rows(&graph, &weighted, l, params, work, run)?;
             let embedding = params.embedding.unwrap_or(EmbeddingParams::for_parts(parts));
             let assign = || k_means::k_means(&graph, &rows, embedding, parts, work, run);
-            run.stage("assign", "faces", rows.nodes as u64, assign)?
+            run.stage("assign", "faces", rows.nodes as u64, assign)?.0
         }
-        _ => (parts::parts(&graph, params, work, run)?, 0.),
+        _ => parts::parts(&graph, params, work, run)?,
     };
     let touching = contacts::between(&graph, &clustered.labels, run)?;
     let mut numbers = clustered.numbers;
-    numbers.landmarks = numbers.landmarks.into_iter().map(|node| ordered.face(node)).collect();
-    let labels = ordered.restore("labels.npy", clustered.labels, work, run)?;
-    let quality = ordered.restore("quality.npy", clustered.quality, work, run)?;
-    let options = &clustered.options;
-    work.stamp("labels", &key_of(options), options, &["labels.npy", "quality.npy"], &numbers.faces, seconds)?;
+    numbers.landmarks.iter_mut().for_each(|node| *node = ordered.face(*node));
+    let labels = ordered.restore(NODE_LABELS, "labels.npy", clustered.labels, work, run)?;
+    let quality = ordered.restore("quality.npy", "quality.npy", clustered.quality, work, run)?;
+    let options = json!({"stage": "labels", "graph": graph.key, "params": params, "seed": run.seed});
+    work.stamp("labels", &key_of(&options), &options, &["labels.npy", "quality.npy"], &numbers.faces, 0.)?;
     Ok(Segmentation {
         colours: colours::assign(numbers.faces.len(), &touching),
         labels,
@@ -201,6 +209,4 @@ struct Clustered {
     labels: MappedSlice<u32>,
     quality: MappedSlice<f32>,
     numbers: Numbers,
-    /// What the labels depend on.
-    options: serde_json::Value,
 }

@@ -254,6 +254,7 @@ fn landmarks_and_rows_equal_the_plain_algorithm() {
                 &mut field,
                 mean,
                 &built.run.cancel,
+                &(),
                 |x, _| {
                     found.push(x);
                     Ok(())

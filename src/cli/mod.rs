@@ -2,8 +2,10 @@
 
 mod bars;
 mod demo;
+mod info;
 mod options;
 mod output;
+mod rows;
 mod segment;
 
 use clap::{Parser, Subcommand};
@@ -23,6 +25,14 @@ struct Cli {
 enum Command {
     /// Cut meshes into parts and write them with labels and colours
     Segment(segment::Args),
+    /// Compute the distances from all landmarks, alone or as one of several processes
+    Rows(rows::Args),
+    /// Put the rows of several processes together
+    Merge(rows::MergeArgs),
+    /// Tell what a work directory holds
+    Info(info::Args),
+    /// Test every file of a work directory against its checksum
+    Verify(info::Args),
     /// Make a mesh of a million faces with known parts, cut it, and compare
     Demo(demo::Args),
 }
@@ -73,6 +83,10 @@ pub fn main(peak: fn() -> u64) -> ExitCode {
     });
     let result = match cli.command {
         Command::Segment(args) => segment::run(&args, &surroundings),
+        Command::Rows(args) => rows::run(&args, &surroundings),
+        Command::Merge(args) => rows::merge(&args, &surroundings),
+        Command::Info(args) => info::run(&args),
+        Command::Verify(args) => info::verify(&args, &surroundings),
         Command::Demo(args) => demo::run(&args, &surroundings),
     };
     match result {

@@ -183,6 +183,9 @@ pub struct MethodArgs {
     /// How parts are decided (with --cluster parts)
     #[arg(long, value_enum, default_value = "soft-trees")]
     pub decision: DecisionArg,
+    /// Preview: decide on a contraction of the mesh; the rows over all faces are left out
+    #[arg(long)]
+    pub coarse: bool,
     /// Form of the edge weights
     #[arg(long, value_enum, default_value = "scale-free")]
     pub metric: MetricArg,
@@ -245,6 +248,9 @@ impl MethodArgs {
             unit_rows: !self.no_unit_rows,
             ..EmbeddingParams::for_parts(self.parts.unwrap_or(2))
         };
+        if self.coarse && matches!(self.cluster, ClusterArg::Kmeans) {
+            return Err(misfit("--coarse", "--cluster parts"));
+        }
         let detail = self.detail.unwrap_or(0.);
         if !(-1. ..=1.).contains(&detail) {
             return Err(Failure::Misused(format!("--detail: {detail} is out of range; choose from -1 to 1")));
@@ -279,6 +285,7 @@ impl MethodArgs {
                 ClusterArg::Parts => Cluster::Parts,
                 ClusterArg::Kmeans => Cluster::KMeans,
             },
+            coarse: self.coarse,
             embedding: Some(embedding),
         })
     }

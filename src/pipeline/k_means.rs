@@ -10,7 +10,6 @@ use crate::graph::DualGraph;
 use crate::spectral::quality::Gamma;
 use crate::spectral::{Columns, Embedding, EmbeddingParams};
 use crate::store::{Run, WorkDir};
-use serde_json::json;
 
 /// Embeds, fits `parts` centres and labels every face.
 pub(super) fn k_means(
@@ -29,19 +28,17 @@ pub(super) fn k_means(
     let centres = KMeans::fit(points, embedding.dimensions, KMeansParams::new(parts), run)?;
     let gamma = Gamma::new(rows, params.kernel, embedding.sigma);
 
-    let mut labels = work.array::<u32>("labels.npy", &[n])?;
+    let mut labels = work.array::<u32>(super::NODE_LABELS, &[n])?;
     let mut quality = work.array::<f32>("quality.npy", &[n])?;
     let (label_data, quality_data) = (labels.data(), quality.data());
     let mut totals: Totals =
         assign(rows, &graph.nodes, &embedding, &centres, Some(&gamma), label_data, quality_data, run)?;
     exactly(&mut totals, &graph.nodes, label_data, quality_data);
-    let options = json!({"stage": "labels", "rows": rows.key, "embedding": params, "parts": parts, "seed": run.seed});
     let (labels, quality) = (labels.finish(false)?, quality.finish(false)?);
     let gamma = gamma.of_sum(totals.gamma);
     Ok(Clustered {
         labels,
         quality,
-        options,
         numbers: Numbers {
             landmarks: rows.landmarks.clone(),
             sigma: embedding.sigma,

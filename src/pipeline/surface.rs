@@ -16,6 +16,15 @@ use serde_json::json;
 const NORMALS: [&str; 3] = ["normals_01.npy", "normals_02.npy", "normals_04.npy"];
 const CELL_GRAPH: &str = "cell_graph.json";
 
+/// What the nodes of a graph are.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Kind {
+    /// Faces of a mesh.
+    Faces,
+    /// Cells of a contracted one.
+    Contracted,
+}
+
 /// The surface: what faces count, how they are oriented, and which cell they belong to.
 pub(super) struct Surface {
     pub shares: Shares,
@@ -44,7 +53,7 @@ impl Surface {
     ///
     /// # Errors
     /// [`Error::Io`], [`Error::Cancelled`].
-    pub fn build(graph: &DualGraph, work: &WorkDir, run: &Run) -> Result<Self> {
+    pub fn build(graph: &DualGraph, kind: Kind, work: &WorkDir, run: &Run) -> Result<Self> {
         let options = json!({"stage": "surface", "graph": graph.key, "seed": run.seed});
         let key = key_of(&options);
         if let Ok(facts) = work.reuse::<Facts>("surface", &key) {
@@ -53,7 +62,8 @@ impl Surface {
         }
         let n = graph.nodes.len() as u64;
         let shares = Shares::of(graph, work, run)?;
-        let ([fine, medium, coarse], spent) = run.stage("normals", "faces", n, || smooth(graph, &shares, work, run))?;
+        let ([fine, medium, coarse], spent) =
+            run.stage("normals", "faces", n, || smooth(graph, kind, &shares, work, run))?;
         let turning = normals::total_turning(graph, &shares, &[&fine, &medium], run)?;
         let radius = normals::choose_radius(&turning);
         let smooth = Smooth { fine: &fine, medium: &medium, coarse: &coarse };
@@ -93,13 +103,16 @@ impl Surface {
 }
 
 /// Normals at the three radii; with two threads, two fronts at a time.
-fn smooth(graph: &DualGraph, shares: &Shares, work: &WorkDir, run: &Run) -> Result<[Normals; 3]> {
+fn smooth(graph: &DualGraph, kind: Kind, shares: &Shares, work: &WorkDir, run: &Run) -> Result<[Normals; 3]> {
     let made = map_chunks(
         run.threads.min(3),
         &run.cancel,
         3,
         || (),
-        |k, ()| normals::smoothed(graph, shares, RADII[k], NORMALS[k], work, run),
+        |k, ()| match kind {
+            Kind::Faces => normals::smoothed(graph, shares, RADII[k], NORMALS[k], work, run),
+            Kind::Contracted => normals::averaged(graph, shares, RADII[k], NORMALS[k], work, run),
+        },
     )?;
     let mut made = made.into_iter();
     let mut next = || made.next().unwrap_or_else(MappedSlice::empty);

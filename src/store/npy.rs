@@ -48,7 +48,7 @@ impl Item for [f32; 3] {
 }
 
 /// The header of a C-ordered array of type `descr` and `shape`, padded to [`HEADER`] bytes.
-fn header(descr: &str, shape: &[usize]) -> Vec<u8> {
+pub(super) fn header(descr: &str, shape: &[usize]) -> Vec<u8> {
     let dims: Vec<String> = shape.iter().map(ToString::to_string).collect();
     let tuple = if dims.len() == 1 { format!("({},)", dims[0]) } else { format!("({})", dims.join(", ")) };
     let mut text = format!("{{'descr': '{descr}', 'fortran_order': False, 'shape': {tuple}, }}");
