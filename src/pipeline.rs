@@ -47,7 +47,7 @@ pub enum Cluster {
 }
 
 /// What `segment` is asked to do.
-#[derive(Clone, Debug, Serialize)]
+#[derive(Clone, Debug, Default, Serialize)]
 pub struct SegmentParams {
     /// Number of landmarks l; by default [`default_landmarks`] or [`landmarks_for_parts`].
     pub landmarks: Option<usize>,
@@ -67,24 +67,10 @@ pub struct SegmentParams {
     pub embedding: Option<EmbeddingParams>,
 }
 
-impl Default for SegmentParams {
-    fn default() -> Self {
-        Self {
-            landmarks: None,
-            sampling: Sampling::default(),
-            metric: Metric::default(),
-            order: Order::default(),
-            cluster: Cluster::default(),
-            parts: PartsParams::default(),
-            coarse: false,
-            embedding: None,
-        }
-    }
-}
-
-/// Landmarks for K-means into `parts` parts: twice as many, so that every part can hold two, at least 10, at most 60.
+/// Landmarks for K-means into `parts` parts: twice as many, so that every part can hold two, at least 10 and at most
+/// 60, but more than parts up to 512: beyond, eigenvectors would cost more than they tell apart.
 pub fn default_landmarks(parts: usize) -> usize {
-    (2 * parts).clamp(10, 60).max(parts + 1)
+    (2 * parts).clamp(10, 60).max((parts + 1).min(512))
 }
 
 /// Landmarks for deciding parts on a mesh of `faces` faces: 60 where fronts are cheap; fewer, at little loss (1 − Rand
