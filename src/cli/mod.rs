@@ -2,6 +2,7 @@
 
 mod bars;
 mod demo;
+mod evaluate;
 mod info;
 mod options;
 mod output;
@@ -33,6 +34,8 @@ enum Command {
     Info(info::Args),
     /// Test every file of a work directory against its checksum
     Verify(info::Args),
+    /// Score labels against people's: a mesh, or a whole benchmark
+    Evaluate(evaluate::Args),
     /// Make a mesh of a million faces with known parts, cut it, and compare
     Demo(demo::Args),
 }
@@ -87,6 +90,7 @@ pub fn main(peak: fn() -> u64) -> ExitCode {
         Command::Merge(args) => rows::merge(&args, &surroundings),
         Command::Info(args) => info::run(&args),
         Command::Verify(args) => info::verify(&args, &surroundings),
+        Command::Evaluate(args) => evaluate::run(&args, &surroundings),
         Command::Demo(args) => demo::run(&args, &surroundings),
     };
     match result {
