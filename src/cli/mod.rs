@@ -4,6 +4,7 @@ mod bars;
 mod demo;
 mod options;
 mod output;
+mod picture;
 mod segment;
 
 use clap::{Parser, Subcommand};
@@ -23,6 +24,8 @@ struct Cli {
 enum Command {
     /// Cut meshes into parts and write them with labels and colours
     Segment(segment::Args),
+    /// Draw a mesh and its parts as a picture
+    Picture(picture::Args),
     /// Make a mesh of a million faces with known parts, cut it, and compare
     Demo(demo::Args),
 }
@@ -73,6 +76,7 @@ pub fn main(peak: fn() -> u64) -> ExitCode {
     });
     let result = match cli.command {
         Command::Segment(args) => segment::run(&args, &surroundings),
+        Command::Picture(args) => picture::run(&args, &surroundings),
         Command::Demo(args) => demo::run(&args, &surroundings),
     };
     match result {

@@ -161,8 +161,7 @@ impl DualGraph {
         work: &WorkDir,
         run: &Run,
     ) -> Result<Weighted> {
-        let options =
-            json!({"stage": "weights", "graph": self.key, "metric": metric, "radius": radius, "area": area, "seed": run.seed});
+        let options = json!({"stage": "weights", "graph": self.key, "metric": metric, "radius": radius, "area": area, "seed": run.seed});
         let key = key_of(&options);
         let weights = if work.reuse::<()>("weights", &key).is_ok() {
             run.progress.note("weights: reused");

@@ -43,13 +43,7 @@ pub(super) fn parts(graph: &DualGraph, params: &SegmentParams, work: &WorkDir, r
     })?;
     let quality = confidence(&cells, &decided.confidence, work, run)?;
     let (faces, area) = totals(graph, &labels, decided.parts, run)?;
-    let numbers = Numbers {
-        radius,
-        dust: shares.dust,
-        faces,
-        area,
-        ..numbers(&rows, decided.report)
-    };
+    let numbers = Numbers { radius, dust: shares.dust, faces, area, ..numbers(&rows, decided.report) };
     Ok(Clustered { labels, quality, numbers })
 }
 
