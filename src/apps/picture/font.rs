@@ -2,6 +2,9 @@
 
 use super::image::Image;
 
+/// Half a stroke's width in dots.
+const STROKE: f64 = 0.46;
+
 /// Rows of each glyph from the top, the leftmost dot in the highest of five bits.
 const GLYPHS: [(char, [u8; 7]); 17] = [
     ('0', [0b01110, 0b10001, 0b10001, 0b10001, 0b10001, 0b10001, 0b01110]),
@@ -15,7 +18,7 @@ const GLYPHS: [(char, [u8; 7]); 17] = [
     ('8', [0b01110, 0b10001, 0b10001, 0b01110, 0b10001, 0b10001, 0b01110]),
     ('9', [0b01110, 0b10001, 0b10001, 0b01111, 0b00001, 0b00001, 0b01110]),
     ('.', [0b00000, 0b00000, 0b00000, 0b00000, 0b00000, 0b00100, 0b00100]),
-    ('%', [0b11000, 0b11001, 0b00010, 0b00100, 0b01000, 0b10011, 0b00011]),
+    ('%', [0b11001, 0b11001, 0b00010, 0b00100, 0b01000, 0b10011, 0b10011]),
     ('+', [0b00000, 0b00100, 0b00100, 0b11111, 0b00100, 0b00100, 0b00000]),
     ('m', [0b00000, 0b00000, 0b11010, 0b10101, 0b10101, 0b10101, 0b10101]),
     ('o', [0b00000, 0b00000, 0b01110, 0b10001, 0b10001, 0b10001, 0b01110]),
@@ -49,20 +52,41 @@ pub(super) fn write(image: &mut Image, text: &str, x: f64, y: f64, dot: f64, col
     }
 }
 
+/// Strokes between neighbouring dots, in dots; diagonal ones only where no others join the two.
+fn strokes(rows: &[u8; 7]) -> Vec<[f64; 4]> {
+    let lit = |i: i64, j: i64| (0..5).contains(&i) && (0..7).contains(&j) && rows[j as usize] >> (4 - i) & 1 == 1;
+    let mut strokes = Vec::new();
+    for (i, j) in (0..7).flat_map(|j| (0..5).map(move |i| (i, j))).filter(|&(i, j)| lit(i, j)) {
+        let mut to = |k: i64, l: i64| strokes.push([i as f64, j as f64, k as f64, l as f64]);
+        to(i, j);
+        for (k, l) in [(i + 1, j), (i, j + 1)] {
+            if lit(k, l) {
+                to(k, l);
+            }
+        }
+        for k in [i - 1, i + 1] {
+            if lit(k, j + 1) && !lit(k, j) && !lit(i, j + 1) {
+                to(k, j + 1);
+            }
+        }
+    }
+    strokes
+}
+
+/// Draws one glyph as strokes with round ends.
 fn glyph(image: &mut Image, rows: &[u8; 7], left: f64, top: f64, dot: f64, colour: [f32; 3]) {
-    let lit = |i: i64, j: i64| {
-        f64::from(u8::from((0..5).contains(&i) && (0..7).contains(&j) && rows[j as usize] >> (4 - i) & 1 == 1))
-    };
+    let strokes = strokes(rows);
     for y in (top - dot).floor().max(0.0) as usize..(top + 8.0 * dot).ceil().max(0.0) as usize {
         for x in (left - dot).floor().max(0.0) as usize..(left + 6.0 * dot).ceil().max(0.0) as usize {
             let (u, v) = ((x as f64 + 0.5 - left) / dot - 0.5, (y as f64 + 0.5 - top) / dot - 0.5);
-            let (i, j) = (u.floor(), v.floor());
-            let (a, b) = (u - i, v - j);
-            let (i, j) = (i as i64, j as i64);
-            let value = (lit(i, j) * (1.0 - a) + lit(i + 1, j) * a) * (1.0 - b)
-                + (lit(i, j + 1) * (1.0 - a) + lit(i + 1, j + 1) * a) * b;
-            // The dots' blurred outline, cut where it is half: round corners, no steps.
-            let opacity = ((value - 0.45) * dot.max(1.0) * 0.9 + 0.5).clamp(0.0, 1.0) as f32;
+            let away = |&[a, b, c, d]: &[f64; 4]| {
+                let length = (c - a) * (c - a) + (d - b) * (d - b);
+                let along =
+                    if length > 0.0 { (((u - a) * (c - a) + (v - b) * (d - b)) / length).clamp(0.0, 1.0) } else { 0.0 };
+                (u - a - along * (c - a)).hypot(v - b - along * (d - b))
+            };
+            let away = strokes.iter().map(away).fold(f64::INFINITY, f64::min);
+            let opacity = ((STROKE - away) * dot + 0.5).clamp(0.0, 1.0) as f32;
             image.blend(x, y, [colour[0] * opacity, colour[1] * opacity, colour[2] * opacity, opacity]);
         }
     }

@@ -80,10 +80,10 @@ fn light(colour: [f32; 3], normal: [f32; 3], open: f32) -> [f32; 3] {
     let fill = along(FILL).max(0.0);
     let sky = 0.65 + 0.35 * normal[1];
     let open = open * open;
-    let diffuse = 0.34 * sky * open + (0.80 * key + 0.14 * fill) * (0.35 + 0.65 * open);
+    let diffuse = 0.36 * sky * open + (0.86 * key + 0.16 * fill) * (0.35 + 0.65 * open);
     // A faint gloss, between the key light and the viewer.
     let half = [KEY[0] / 1.822, KEY[1] / 1.822, (KEY[2] + 1.0) / 1.822];
-    let gloss = 0.05 * along(half).max(0.0).powi(24) * open;
+    let gloss = 0.06 * along(half).max(0.0).powi(24) * open;
     colour.map(|c| c * diffuse + gloss)
 }
 

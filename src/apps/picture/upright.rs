@@ -19,11 +19,11 @@ pub(super) fn upright(pieces: &[Piece]) -> Vec3 {
     let symmetry = [0, 1, 2].map(|axis| symmetry(pieces, &extent, axis));
     let mut best = ([0.0, 1.0, 0.0], f64::NEG_INFINITY);
     for (axis, sign, custom) in
-        [(1, 1.0, 0.3), (2, 1.0, 0.25), (1, -1.0, -0.15), (2, -1.0, -0.15), (0, 1.0, -0.25), (0, -1.0, -0.35)]
+        [(1, 1.0, 0.45), (2, 1.0, 0.25), (1, -1.0, -0.4), (2, -1.0, -0.45), (0, 1.0, -0.3), (0, -1.0, -0.5)]
     {
         let (stands, flat) = standing(pieces, &extent, axis, sign);
         let others = symmetry[(axis + 1) % 3].max(symmetry[(axis + 2) % 3]);
-        let score = custom + 0.5 * stands + 0.5 * flat + 0.8 * (others - symmetry[axis]);
+        let score = custom + 0.3 * stands + 0.5 * flat + 0.8 * (others - symmetry[axis]);
         tracing::debug!(axis, sign, score, stands, flat, symmetry = symmetry[axis], "up?");
         if score > best.1 {
             let mut up = [0.0; 3];

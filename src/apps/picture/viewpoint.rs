@@ -2,7 +2,8 @@
 //!
 //! Sixty views around the upright axis, from eye level to well above, are drawn small from a sample of the mesh. A view
 //! counts for how much of each part it shows against the view that shows it best (small parts weigh more than their
-//! area), for its area, for the relief on it, and for its depth; views from slightly above are preferred. Some 0.1 s.
+//! area), for its area, for the relief on it, and for its depth; views from slightly above and from what is the front by custom
+//! are preferred. Some 0.1 s.
 
 use super::camera::{Camera, Extent, Frame};
 use super::raster::Canvas;
@@ -47,6 +48,8 @@ pub(super) fn best(pieces: &[Piece], parts: usize, up: Vec3, run: &Run) -> Resul
     let best: Vec<f64> = (0..=parts).map(|part| most(&|s| s.parts[part])).collect();
     let weight: Vec<f64> = best.iter().map(|&cells| if cells < 4.0 { 0.0 } else { cells.sqrt() }).collect();
     let total = weight.iter().sum::<f64>().max(f64::MIN_POSITIVE);
+    // Shapes with y up look along z by custom, those with z up along y, as in anatomy.
+    let front = if up[1] != 0.0 { [0.0, 0.0, 1.0] } else { [0.0, 1.0, 0.0] };
     let mut chosen = (0, f64::NEG_INFINITY);
     for (k, (seen, view)) in seen.iter().zip(&views).enumerate() {
         let shown: f64 = (0..=parts).map(|p| weight[p] * (seen.parts[p] / best[p] / 0.7).min(1.0).sqrt()).sum();
@@ -54,7 +57,8 @@ pub(super) fn best(pieces: &[Piece], parts: usize, up: Vec3, run: &Run) -> Resul
             + 0.6 * seen.area / area
             + 0.35 * seen.relief / relief
             + 0.15 * (seen.depth / depth).min(0.7)
-            + view.2;
+            + view.2
+            + 0.1 * dot(Frame::turned(up, view.0, 0.0).toward, front);
         if score > chosen.1 + 1e-9 {
             chosen = (k, score);
         }
