@@ -6,6 +6,7 @@ mod evaluate;
 mod info;
 mod options;
 mod output;
+mod picture;
 mod rows;
 mod segment;
 
@@ -36,6 +37,8 @@ enum Command {
     Verify(info::Args),
     /// Score labels against people's: a mesh, or a whole benchmark
     Evaluate(evaluate::Args),
+    /// Draw a mesh and its parts as a picture
+    Picture(picture::Args),
     /// Make a mesh of a million faces with known parts, cut it, and compare
     Demo(demo::Args),
 }
@@ -91,6 +94,7 @@ pub fn main(peak: fn() -> u64) -> ExitCode {
         Command::Info(args) => info::run(&args),
         Command::Verify(args) => info::verify(&args, &surroundings),
         Command::Evaluate(args) => evaluate::run(&args, &surroundings),
+        Command::Picture(args) => picture::run(&args, &surroundings),
         Command::Demo(args) => demo::run(&args, &surroundings),
     };
     match result {
