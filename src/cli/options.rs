@@ -6,7 +6,7 @@ use nystrom_stream::base::Progress;
 use nystrom_stream::cluster::parts::{Decision, PartCount, PartsParams};
 use nystrom_stream::cluster::two_means;
 use nystrom_stream::distance::landmarks::Sampling;
-use nystrom_stream::graph::Metric;
+use nystrom_stream::graph::{Metric, Order};
 use nystrom_stream::pipeline::{Cluster, SegmentParams};
 use nystrom_stream::spectral::embedding::Width;
 use nystrom_stream::spectral::{EmbeddingParams, Kernel, Normalisation};
@@ -115,6 +115,17 @@ pub enum NormaliseArg {
     Anchor,
 }
 
+/// In which order faces are worked on.
+#[derive(Clone, Copy, Debug, ValueEnum)]
+pub enum OrderArg {
+    /// As in the file
+    Keep,
+    /// Sorted along Hilbert's curve
+    Hilbert,
+    /// Sorted where the mesh is large and the file's order poor
+    Auto,
+}
+
 /// How faces become parts.
 #[derive(Clone, Copy, Debug, ValueEnum)]
 pub enum ClusterArg {
@@ -166,12 +177,18 @@ pub struct MethodArgs {
     /// How landmarks are chosen
     #[arg(long, value_enum, default_value = "farthest")]
     pub sampling: SamplingArg,
+    /// In which order faces are worked on; labels always come in the file's
+    #[arg(long, value_enum, default_value = "auto")]
+    pub order: OrderArg,
     /// How faces become parts
     #[arg(long, value_enum, default_value = "parts")]
     pub cluster: ClusterArg,
     /// How parts are decided (with --cluster parts)
     #[arg(long, value_enum, default_value = "soft-trees")]
     pub decision: DecisionArg,
+    /// Preview: decide on a contraction of the mesh; the rows over all faces are left out
+    #[arg(long)]
+    pub coarse: bool,
     /// Form of the edge weights
     #[arg(long, value_enum, default_value = "scale-free")]
     pub metric: MetricArg,
@@ -234,6 +251,9 @@ impl MethodArgs {
             unit_rows: !self.no_unit_rows,
             ..EmbeddingParams::for_parts(self.parts.unwrap_or(two_means::DIMENSIONS))
         };
+        if self.coarse && matches!(self.cluster, ClusterArg::Kmeans) {
+            return Err(misfit("--coarse", "--cluster parts"));
+        }
         let detail = self.detail.unwrap_or(0.);
         if !(-1. ..=1.).contains(&detail) {
             return Err(Failure::Misused(format!("--detail: {detail} is out of range; choose from -1 to 1")));
@@ -259,11 +279,17 @@ impl MethodArgs {
                 SamplingArg::Random => Sampling::Random,
             },
             metric,
+            order: match self.order {
+                OrderArg::Keep => Order::Keep,
+                OrderArg::Hilbert => Order::Hilbert,
+                OrderArg::Auto => Order::Auto,
+            },
             cluster: match self.cluster {
                 ClusterArg::Parts => Cluster::Parts,
                 ClusterArg::Kmeans => Cluster::KMeans,
                 ClusterArg::TwoMeans => Cluster::TwoMeans,
             },
+            coarse: self.coarse,
             embedding: Some(embedding),
         })
     }

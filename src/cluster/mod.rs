@@ -8,6 +8,7 @@ pub mod assign;
 pub mod boundary;
 pub mod cell_rows;
 pub mod cells;
+pub mod contract;
 pub mod kmeans;
 pub mod normals;
 pub mod parts;

@@ -11,10 +11,8 @@ use crate::distance::DistanceRows;
 use crate::graph::DualGraph;
 use crate::spectral::quality::Gamma;
 use crate::spectral::{Columns, Embedding, EmbeddingParams};
-use crate::store::workdir::key_of;
 use crate::store::{Run, WorkDir};
 use serde::Serialize;
-use serde_json::json;
 
 /// How centres are found.
 #[derive(Clone, Copy, Debug, Serialize)]
@@ -46,16 +44,13 @@ pub(super) fn k_means(
     };
     let gamma = Gamma::new(rows, params.kernel, embedding.sigma);
 
-    let mut labels = work.array::<u32>("labels.npy", &[n])?;
+    let mut labels = work.array::<u32>(super::NODE_LABELS, &[n])?;
     let mut quality = work.array::<f32>("quality.npy", &[n])?;
     let (label_data, quality_data) = (labels.data(), quality.data());
     let mut totals: Totals =
         assign(rows, &graph.nodes, &embedding, &centres, Some(&gamma), label_data, quality_data, run)?;
     exactly(&mut totals, &graph.nodes, label_data, quality_data);
-    let options = json!({"stage": "labels", "rows": rows.key, "embedding": params, "fit": fit, "seed": run.seed});
     let (labels, quality) = (labels.finish(false)?, quality.finish(false)?);
-    let key = key_of(&options);
-    work.stamp("labels", &key, &options, &["labels.npy", "quality.npy"], &totals.faces, 0.)?;
     let gamma = gamma.of_sum(totals.gamma);
     Ok(Clustered {
         labels,
