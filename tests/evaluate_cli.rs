@@ -113,9 +113,10 @@ fn a_benchmark_gives_a_table_json_and_charts() {
     assert_eq!(json.trim_end(), expected.table.to_json().unwrap());
     let chart = std::fs::read_to_string(dir.path().join("t.svg")).unwrap();
     assert!(chart.contains("<svg") && chart.contains("hump") && chart.contains("people"));
-    let (people, _, code) = outcome(dir.path(), "evaluate --benchmark . --plot t.png -q --no-cuts");
+    let (people, _, code) = outcome(dir.path(), "evaluate --benchmark . -q --no-cuts");
     assert_eq!(code, 0);
     assert!(people.contains("hill") && !people.contains("\npeople"));
+    assert_eq!(outcome(dir.path(), "evaluate --benchmark . ours --plot t.png -q").2, 0);
     assert!(std::fs::read(dir.path().join("t.png")).unwrap().starts_with(b"\x89PNG"));
 }
 
@@ -148,7 +149,12 @@ fn what_is_wrong_is_said_in_one_line() {
         assert_eq!(code, expected, "{arguments}: {err}");
         assert!(err.contains(part) && err.trim_end().lines().count() == 1 && out.is_empty(), "{arguments}: {err}{out}");
     }
-    for arguments in ["evaluate", "evaluate ours/1.seg", "evaluate --benchmark . ours --truth 1_0.seg"] {
+    for arguments in [
+        "evaluate",
+        "evaluate ours/1.seg",
+        "evaluate --benchmark . ours --truth 1_0.seg",
+        "evaluate --benchmark . --plot x.svg",
+    ] {
         assert_eq!(outcome(dir.path(), arguments).2, 2, "{arguments}");
     }
 }
