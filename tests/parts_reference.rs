@@ -12,7 +12,7 @@ use nystrom_stream::cluster::parts::cost::log_cost;
 use nystrom_stream::cluster::parts::labelling::{HALF, Pull};
 use nystrom_stream::cluster::parts::matrix::Square;
 use nystrom_stream::cluster::parts::members::{Atoms, co_association, draw_members};
-use nystrom_stream::cluster::parts::over_segment::{self, Recipe};
+use nystrom_stream::cluster::parts::over_segment::Recipe;
 use nystrom_stream::cluster::parts::refinement::soft_hierarchy;
 use nystrom_stream::cluster::parts::regions::{EMBEDDED, Regions, cell_columns};
 use nystrom_stream::cluster::parts::tree::{meeting_probability, merges};
@@ -149,7 +149,7 @@ fn every_step_equals_the_prototype() -> Anything<()> {
         let costs = i.iter().zip(&j).map(|(&i, &j)| log_cost(&r, i as usize, j as usize));
         near("costs", costs, &reals(folder, "cost")?, 1e-9, 1.0);
         let tree = meeting_probability(count, &merges(r, |_, _| false));
-        near("probabilities at merges", all(&tree), &reals(folder, "tree")?, 1e-6, 1.0);
+        near("probabilities at merges", all(&tree), &reals(folder, "tree")?, 1e-9, 1.0);
         let worst = all(&tree).zip(&reals(folder, "tree")?).map(|(a, b)| (a - b).abs()).fold(0.0, f64::max);
 
         // The labelling that the same C leads to.
@@ -160,7 +160,7 @@ fn every_step_equals_the_prototype() -> Anything<()> {
         let theirs = pull.objective(&labels(folder, "found")?, HALF);
         assert!((theirs - info(folder, "objective")?).abs() < 1e-9, "the objective itself");
         eprintln!("{}: probabilities within {worst:.1e}, objective {ours:.9} against {theirs:.9}", folder.display());
-        assert!(ours >= theirs - 2e-5, "labelling: {ours} against {theirs}");
+        assert!(ours >= theirs - 1e-8, "labelling: {ours} against {theirs}");
         compared += 1;
     }
     eprintln!("{compared} models compared");
@@ -233,9 +233,9 @@ fn time_the_stages() -> Anything<()> {
         for _ in 0..12 {
             let recipe = Recipe::draw(rows.count, &mut random);
             lap("draw");
-            let x = anchor_embedding(&rows, &recipe.rows, &shares, recipe.clusters, recipe.scale);
+            let x = anchor_embedding(&rows, &recipe.rows, &shares, recipe.kmeans.clusters, recipe.scale);
             lap("embedding");
-            let label = over_segment::kmeans(recipe.clusters).run(&x.values, &shares, &mut random);
+            let label = recipe.kmeans.run(&x.values, &shares, &mut random);
             lap("k-means");
             let (piece, _) = connected_pieces(&graph.pairs, &label);
             std::hint::black_box(join_small(&graph.pairs, &graph.length, &shares, &piece, 0.001, 0));

@@ -2,9 +2,12 @@
 
 mod bars;
 mod demo;
+mod evaluate;
+mod info;
 mod options;
 mod output;
 mod picture;
+mod rows;
 mod segment;
 
 use clap::{Parser, Subcommand};
@@ -26,6 +29,16 @@ enum Command {
     Segment(segment::Args),
     /// Draw a mesh and its parts as a picture
     Picture(picture::Args),
+    /// Compute the distances from all landmarks, alone or as one of several processes
+    Rows(rows::Args),
+    /// Put the rows of several processes together
+    Merge(rows::MergeArgs),
+    /// Tell what a work directory holds
+    Info(info::Args),
+    /// Test every file of a work directory against its checksum
+    Verify(info::Args),
+    /// Score labels against people's: a mesh, or a whole benchmark
+    Evaluate(evaluate::Args),
     /// Make a mesh of a million faces with known parts, cut it, and compare
     Demo(demo::Args),
 }
@@ -77,6 +90,11 @@ pub fn main(peak: fn() -> u64) -> ExitCode {
     let result = match cli.command {
         Command::Segment(args) => segment::run(&args, &surroundings),
         Command::Picture(args) => picture::run(&args, &surroundings),
+        Command::Rows(args) => rows::run(&args, &surroundings),
+        Command::Merge(args) => rows::merge(&args, &surroundings),
+        Command::Info(args) => info::run(&args),
+        Command::Verify(args) => info::verify(&args, &surroundings),
+        Command::Evaluate(args) => evaluate::run(&args, &surroundings),
         Command::Demo(args) => demo::run(&args, &surroundings),
     };
     match result {

@@ -4,8 +4,9 @@ use super::{Failure, Surroundings};
 use clap::ValueEnum;
 use nystrom_stream::base::Progress;
 use nystrom_stream::cluster::parts::{Decision, PartCount, PartsParams};
+use nystrom_stream::cluster::two_means;
 use nystrom_stream::distance::landmarks::Sampling;
-use nystrom_stream::graph::Metric;
+use nystrom_stream::graph::{Metric, Order};
 use nystrom_stream::pipeline::{Cluster, SegmentParams};
 use nystrom_stream::spectral::embedding::Width;
 use nystrom_stream::spectral::{EmbeddingParams, Kernel, Normalisation};
@@ -114,6 +115,17 @@ pub enum NormaliseArg {
     Anchor,
 }
 
+/// In which order faces are worked on.
+#[derive(Clone, Copy, Debug, ValueEnum)]
+pub enum OrderArg {
+    /// As in the file
+    Keep,
+    /// Sorted along Hilbert's curve
+    Hilbert,
+    /// Sorted where the mesh is large and the file's order poor
+    Auto,
+}
+
 /// How faces become parts.
 #[derive(Clone, Copy, Debug, ValueEnum)]
 pub enum ClusterArg {
@@ -121,6 +133,8 @@ pub enum ClusterArg {
     Parts,
     /// K-means in the embedding, as the paper
     Kmeans,
+    /// Iterative 2-means in the embedding, as the paper; without -k until no split gains much
+    TwoMeans,
 }
 
 /// How parts are decided.
@@ -157,18 +171,24 @@ pub struct MethodArgs {
     /// Coarser (to -1) or finer (to 1) than the parts found
     #[arg(long, value_name = "D", allow_negative_numbers = true)]
     pub detail: Option<f64>,
-    /// Number of landmarks [default: 60 to 20 by size; with kmeans twice the parts, 10 to 60]
+    /// Number of landmarks [default: 60 to 20 by size; otherwise twice the parts, 10 to 60]
     #[arg(short = 'l', long, value_name = "L", value_parser = clap::value_parser!(u32).range(1..=4096))]
     pub landmarks: Option<u32>,
     /// How landmarks are chosen
     #[arg(long, value_enum, default_value = "farthest")]
     pub sampling: SamplingArg,
+    /// In which order faces are worked on; labels always come in the file's
+    #[arg(long, value_enum, default_value = "auto")]
+    pub order: OrderArg,
     /// How faces become parts
     #[arg(long, value_enum, default_value = "parts")]
     pub cluster: ClusterArg,
     /// How parts are decided (with --cluster parts)
     #[arg(long, value_enum, default_value = "soft-trees")]
     pub decision: DecisionArg,
+    /// Preview: decide on a contraction of the mesh; the rows over all faces are left out
+    #[arg(long)]
+    pub coarse: bool,
     /// Form of the edge weights
     #[arg(long, value_enum, default_value = "scale-free")]
     pub metric: MetricArg,
@@ -229,8 +249,11 @@ impl MethodArgs {
             width: Width::Mean(width),
             normalisation,
             unit_rows: !self.no_unit_rows,
-            ..EmbeddingParams::for_parts(self.parts.unwrap_or(2))
+            ..EmbeddingParams::for_parts(self.parts.unwrap_or(two_means::DIMENSIONS))
         };
+        if self.coarse && matches!(self.cluster, ClusterArg::Kmeans) {
+            return Err(misfit("--coarse", "--cluster parts"));
+        }
         let detail = self.detail.unwrap_or(0.);
         if !(-1. ..=1.).contains(&detail) {
             return Err(Failure::Misused(format!("--detail: {detail} is out of range; choose from -1 to 1")));
@@ -256,10 +279,17 @@ impl MethodArgs {
                 SamplingArg::Random => Sampling::Random,
             },
             metric,
+            order: match self.order {
+                OrderArg::Keep => Order::Keep,
+                OrderArg::Hilbert => Order::Hilbert,
+                OrderArg::Auto => Order::Auto,
+            },
             cluster: match self.cluster {
                 ClusterArg::Parts => Cluster::Parts,
                 ClusterArg::Kmeans => Cluster::KMeans,
+                ClusterArg::TwoMeans => Cluster::TwoMeans,
             },
+            coarse: self.coarse,
             embedding: Some(embedding),
         })
     }

@@ -26,7 +26,7 @@ pub struct Args {
     /// Form of PLY outputs
     #[arg(long, value_enum, default_value = "same", value_name = "FORM")]
     pub ply_form: FormArg,
-    /// Write a report as JSON, to FILE or to standard output
+    /// Write a report as JSON, to FILE or to standard output; of several meshes, a list
     #[arg(long, value_name = "FILE", num_args = 0..=1, default_missing_value = "-", require_equals = true)]
     pub json: Option<PathBuf>,
     /// Keep intermediate results here and reuse them [default: a temporary folder]
@@ -93,10 +93,11 @@ pub fn run(args: &Args, surroundings: &Surroundings) -> Result<(), Failure> {
     let (params, outputs) = check(args)?;
     let bars = Bars::new(args.run.quiet);
     let run = args.run.run(&bars, surroundings);
-    let mut failed = 0;
+    let (mut failed, mut reports) = (0, Vec::new());
     for mesh in &args.meshes {
         match one(mesh, args, &params, &outputs, &bars, &run, surroundings) {
-            Ok(report) => publish(args, &report)?,
+            Ok(report) if args.meshes.len() == 1 => publish(args, &report)?,
+            Ok(report) => reports.push(report),
             Err(error) if args.meshes.len() == 1 || matches!(error, Error::Cancelled) => {
                 if matches!(error, Error::Cancelled) && args.work_dir.is_some() {
                     let _ =
@@ -111,6 +112,9 @@ pub fn run(args: &Args, surroundings: &Surroundings) -> Result<(), Failure> {
             }
         }
     }
+    if args.meshes.len() > 1 {
+        publish(args, &reports)?;
+    }
     if failed > 0 {
         let _ = writeln!(std::io::stderr(), "nystrom-stream: {failed} of {} meshes failed", args.meshes.len());
         return Err(Failure::Reported);
@@ -118,8 +122,8 @@ pub fn run(args: &Args, surroundings: &Surroundings) -> Result<(), Failure> {
     Ok(())
 }
 
-/// Writes the report where it was asked for.
-fn publish(args: &Args, report: &Report) -> Result<(), Failure> {
+/// Writes the report, or the list of them, where it was asked for.
+fn publish(args: &Args, report: &impl serde::Serialize) -> Result<(), Failure> {
     let Some(target) = &args.json else { return Ok(()) };
     let text = serde_json::to_string_pretty(report).unwrap_or_default();
     if target == Path::new("-") {

@@ -213,8 +213,12 @@ fn neighbours(graph: &DualGraph, owner: &[u32], cells: usize, run: &Run) -> Resu
     Ok(Near { start, list: pairs.into_iter().map(|(_, b)| b).collect() })
 }
 
-/// (r/h)² rounds of area-weighted averaging over neighbours, for meshes coarse against the radius.
-fn averaged(graph: &DualGraph, shares: &Shares, r: f32, file: &str, work: &WorkDir, run: &Run) -> Result<Normals> {
+/// Normals at radius `r` by (r/h)² rounds of area-weighted averaging over neighbours: for meshes coarse against the radius,
+/// and for contracted ones, which are made of cells already. In memory.
+///
+/// # Errors
+/// As [`smoothed`].
+pub fn averaged(graph: &DualGraph, shares: &Shares, r: f32, file: &str, work: &WorkDir, run: &Run) -> Result<Normals> {
     let n = graph.nodes.len();
     let (indptr, indices, edge) = (&graph.rows.indptr[..], &graph.rows.indices[..], &graph.rows.edge[..]);
     let mean = f64::from(mean_weight(lengths(graph)) * shares.unit);

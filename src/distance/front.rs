@@ -51,14 +51,14 @@ trait Carry {
         true
     }
     /// Whether `from`'s value should pass to `to` at an equal distance.
-    fn wins_tie(&self, from: u32, to: u32) -> bool;
+    fn wins_tie(&mut self, from: u32, to: u32) -> bool;
     /// Passes the value on.
     fn pass(&mut self, from: u32, to: u32);
 }
 
 impl Carry for () {
     #[inline(always)]
-    fn wins_tie(&self, _: u32, _: u32) -> bool {
+    fn wins_tie(&mut self, _: u32, _: u32) -> bool {
         false
     }
     #[inline(always)]
@@ -74,25 +74,32 @@ impl Carry for Within {
         distance < self.0
     }
     #[inline(always)]
-    fn wins_tie(&self, _: u32, _: u32) -> bool {
+    fn wins_tie(&mut self, _: u32, _: u32) -> bool {
         false
     }
     #[inline(always)]
     fn pass(&mut self, _: u32, _: u32) {}
 }
 
-/// The source a node belongs to; at equal distances the smaller number wins, so the owners are a
-/// unique fixed point too.
-struct Owners<'a>(&'a mut [u32]);
+/// The source a node belongs to; at equal distances the smaller number wins, so the owners over final
+/// distances are a unique fixed point too.
+struct Owners<'a> {
+    owner: &'a mut [u32],
+    /// Whether a tie was met that the node reached had won before. Its owner may be stale then: passed on by a
+    /// node that was lowered since, by so little that rounding hides it here.
+    doubtful: bool,
+}
 
 impl Carry for Owners<'_> {
     #[inline(always)]
-    fn wins_tie(&self, from: u32, to: u32) -> bool {
-        self.0[from as usize] < self.0[to as usize]
+    fn wins_tie(&mut self, from: u32, to: u32) -> bool {
+        let (from, to) = (self.owner[from as usize], self.owner[to as usize]);
+        self.doubtful |= from > to;
+        from < to
     }
     #[inline(always)]
     fn pass(&mut self, from: u32, to: u32) {
-        self.0[to as usize] = self.0[from as usize];
+        self.owner[to as usize] = self.owner[from as usize];
     }
 }
 
@@ -151,12 +158,32 @@ impl Front {
         cancel: &Cancel,
     ) -> Result<Visits> {
         field.fill(f32::INFINITY);
+        let (visits, doubtful) = self.own(graph, sources, field, owner, cancel)?;
+        if !doubtful {
+            return Ok(visits);
+        }
+        // Once more over the final distances: owners alone move, and nothing can be stale.
+        let (again, _) = self.own(graph, sources, field, owner, cancel)?;
+        Ok(Visits { popped: visits.popped + again.popped, expanded: visits.expanded + again.expanded })
+    }
+
+    /// Owners from the start; also whether some may be stale.
+    fn own(
+        &mut self,
+        graph: Csr<'_>,
+        sources: &[u32],
+        field: &mut [f32],
+        owner: &mut [u32],
+        cancel: &Cancel,
+    ) -> Result<(Visits, bool)> {
         owner.fill(u32::MAX);
         for (k, &source) in sources.iter().enumerate().rev() {
             owner[source as usize] = k as u32;
         }
         self.start(sources, field);
-        self.spread(graph, field, &mut Owners(owner), cancel)
+        let mut owners = Owners { owner, doubtful: false };
+        let visits = self.spread(graph, field, &mut owners, cancel)?;
+        Ok((visits, owners.doubtful))
     }
 
     /// Like [`Front::lower`], but nodes at `limit` or beyond are not visited: they keep what they had.
@@ -189,7 +216,7 @@ impl Front {
         cancel: &Cancel,
     ) -> Result<Visits> {
         self.start(sources, field);
-        self.spread(graph, field, &mut Owners(owner), cancel)
+        self.spread(graph, field, &mut Owners { owner, doubtful: false }, cancel)
     }
 
     fn start(&mut self, sources: &[u32], field: &mut [f32]) {

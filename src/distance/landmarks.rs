@@ -27,12 +27,29 @@ pub enum Sampling {
     Random,
 }
 
+/// Rows that an earlier run finished: their landmarks are known, and their distances spare the search its fronts.
+pub trait Finished {
+    /// The landmark of row `k`, where that row is finished.
+    fn landmark(&self, k: usize) -> Option<u32>;
+    /// Lowers `field` to the distances of the finished row `k` where those are smaller.
+    fn lower(&self, k: usize, field: &mut [f32]);
+}
+
+impl Finished for () {
+    fn landmark(&self, _: usize) -> Option<u32> {
+        None
+    }
+    fn lower(&self, _: usize, _: &mut [f32]) {}
+}
+
 /// Rounds of "farthest from the last" before the first landmark is taken.
-pub const SEEDING_ROUNDS: usize = 2;
+pub const SEEDING_ROUNDS: usize = 1;
 
 /// Sends up to `l` distinct landmarks to `found` (fewer only where there are fewer nodes). With
 /// farthest points, `field` (n) ends as the distance to the nearest of all but the last landmark, and
-/// `found` sees it right after the first landmark's own full front, as that landmark's row.
+/// `found` sees it right after the first landmark's own full front, as that landmark's row. Rows in `finished` are
+/// taken over: the field is the minimum of the rows so far, however these were computed, so the landmarks are
+/// the same as without.
 ///
 /// # Errors
 /// [`crate::base::Error::Cancelled`], or an error of `found`.
@@ -45,11 +62,12 @@ pub fn choose(
     field: &mut [f32],
     mean_weight: f32,
     cancel: &Cancel,
+    finished: &impl Finished,
     mut found: impl FnMut(u32, Option<&[f32]>) -> Result<()>,
 ) -> Result<()> {
     let l = l.min(graph.len());
     match sampling {
-        Sampling::Farthest => farthest(l, graph, seed, field, mean_weight, cancel, found),
+        Sampling::Farthest => farthest(l, graph, seed, field, mean_weight, cancel, finished, found),
         Sampling::Random => random(l, nodes, seed).into_iter().try_for_each(|landmark| found(landmark, None)),
     }
 }
@@ -61,24 +79,37 @@ fn farthest(
     field: &mut [f32],
     mean_weight: f32,
     cancel: &Cancel,
+    finished: &impl Finished,
     mut found: impl FnMut(u32, Option<&[f32]>) -> Result<()>,
 ) -> Result<()> {
     let mut front = Front::new(mean_weight);
-    let mut landmark = below(&mut stream(seed, "first landmark"), graph.len()) as u32;
-    for _ in 0..SEEDING_ROUNDS {
+    if let Some(first) = finished.landmark(0) {
+        field.fill(f32::INFINITY);
+        finished.lower(0, field);
+        found(first, None)?;
+    } else {
+        let mut landmark = below(&mut stream(seed, "first landmark"), graph.len()) as u32;
+        for _ in 0..SEEDING_ROUNDS {
+            front.full(graph, landmark, field, cancel)?;
+            let next = farthest_reached(field);
+            if next == landmark {
+                break;
+            }
+            landmark = next;
+        }
         front.full(graph, landmark, field, cancel)?;
-        let next = farthest_reached(field);
-        if next == landmark {
+        found(landmark, Some(field))?;
+    }
+    for k in 1..l {
+        cancel.check()?;
+        let landmark = farthest_node(field);
+        found(landmark, None)?;
+        if k + 1 == l {
             break;
         }
-        landmark = next;
-    }
-    front.full(graph, landmark, field, cancel)?;
-    found(landmark, Some(field))?;
-    for k in 1..l {
-        landmark = farthest_node(field);
-        found(landmark, None)?;
-        if k + 1 < l {
+        if finished.landmark(k) == Some(landmark) {
+            finished.lower(k, field);
+        } else {
             front.lower(graph, &[landmark], field, cancel)?;
         }
     }

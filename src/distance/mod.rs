@@ -3,11 +3,14 @@
 //! [`front`] is the engine; [`landmarks`] picks sample faces farthest first with pruned fronts while
 //! [`rows`] runs one full front a landmark on the other threads and writes `[A B]`'s distances.
 
+mod compute;
 pub mod front;
+pub mod journal;
 pub mod landmarks;
 pub mod oracle;
 pub mod queue;
 pub mod rows;
+pub mod shard;
 
 pub use front::Front;
 pub use rows::{DistanceRows, RowFacts};

@@ -1,27 +1,23 @@
 //! The rows of `[A B]`: one front a landmark, written straight into the mapped file.
 //!
-//! One thread searches landmarks and sends each down a channel as soon as it is known; the others take
-//! them and run full fronts meanwhile; the searcher joins them when it is done. A finished row goes
-//! down a second channel with its sums to the calling thread, which hands it to a listener (cells
-//! average it there) and keeps the books. The first landmark's row falls out of the search and is not
-//! computed twice.
+//! How they are computed is in [`super::compute`], by several processes in [`super::shard`].
 //!
 //! *Distances* are stored, not affinities: σ, kernel and K can change without a new front. A row is
 //! a slice of the mapped array, so the kernel may write it back and reclaim it at any time:
 //! allocated are only the fronts' queues. Cost: a row is ~40 ns a face and thread, 4 bytes a face on disk.
 
-use super::front::{Front, mean_weight};
-use super::landmarks::{Sampling, choose};
+use super::compute::Task;
+use super::journal::{Head, Line};
+use super::landmarks::Sampling;
 use crate::base::parallel::chunk_range;
 use crate::base::{Error, Result};
 use crate::graph::Node;
 use crate::graph::dual::{Csr, Weighted};
-use crate::store::npy::ArrayMut;
+use crate::store::rows_file::RowsFile;
 use crate::store::workdir::key_of;
 use crate::store::{MappedSlice, Run, WorkDir};
 use serde::{Deserialize, Serialize};
 use serde_json::json;
-use std::sync::Mutex;
 
 /// Sums of a finished row.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
@@ -86,11 +82,13 @@ pub struct RowParams {
     pub sampling: Sampling,
 }
 
-/// A finished row on its way to the caller.
-struct Finished {
-    row: usize,
-    landmark: u32,
-    facts: RowFacts,
+/// The journal of rows under way.
+const JOURNAL: &str = "rows.journal";
+
+/// What rows of `params` over `nodes` nodes, weighted under the key `weights`, are of: one shard of one.
+pub(super) fn head(weights: &str, nodes: usize, params: RowParams, run: &Run) -> Head {
+    let options = json!({"stage": "rows", "weights": weights, "params": params, "seed": run.seed});
+    Head { key: key_of(&options), options, rows: params.l.min(nodes), nodes, shard: 0, of: 1 }
 }
 
 impl DistanceRows {
@@ -123,120 +121,46 @@ impl DistanceRows {
         if params.l == 0 {
             return Err(Error::parameter("-l", "0 landmarks", "choose at least 1"));
         }
-        let options = json!({"stage": "rows", "weights": graph.key, "params": params, "seed": run.seed});
-        let key = key_of(&options);
         let n = nodes.len();
-        if let Ok(facts) = work.reuse::<Facts>("rows", &key) {
-            run.progress.note("rows: reused");
-            let landmarks = work.open_array::<u32>("landmarks.npy")?.to_vec();
-            return Ok(Self {
-                landmarks,
-                distances: work.open_array("distances.npy")?,
-                facts: facts.rows,
-                nodes: n,
-                key,
-            });
+        let head = head(&graph.key, n, params, run);
+        match work.reuse::<Facts>("rows", &head.key) {
+            Ok(facts) => {
+                run.progress.note("rows: reused");
+                let landmarks = work.open_array::<u32>("landmarks.npy")?.to_vec();
+                let distances = work.open_array("distances.npy")?;
+                return Ok(Self { landmarks, distances, facts: facts.rows, nodes: n, key: head.key });
+            }
+            Err(reason) => run.note_remake("rows", &reason),
         }
-        let l = params.l.min(n);
-        let (rows, seconds) =
-            run.stage("rows", "rows", l as u64, || Self::make(graph.csr(), nodes, l, params, work, run, key))?;
-        let facts = Facts { rows: rows.facts.clone() };
-        work.stamp("rows", &rows.key, &options, &["landmarks.npy", "distances.npy"], &facts, seconds)?;
+        let make = || Self::make(graph.csr(), nodes, &head, params, work, run);
+        let (rows, seconds) = run.stage("rows", "rows", head.rows as u64, make)?;
+        rows.stamp(&head, seconds, work)?;
         Ok(rows)
     }
 
-    fn make(
-        graph: Csr<'_>,
-        nodes: &[Node],
-        l: usize,
-        params: RowParams,
-        work: &WorkDir,
-        run: &Run,
-        key: String,
-    ) -> Result<Self> {
-        let n = nodes.len();
-        let mean = mean_weight(graph);
-        let mut array: ArrayMut<f32> = work.array("distances.npy", &[l, n])?;
-        let mut field: ArrayMut<f32> = work.array("nearest.tmp", &[n])?;
-        let mut landmarks = vec![0u32; l];
-        let mut facts = vec![RowFacts::default(); l];
-        {
-            let slots: Vec<Mutex<&mut [f32]>> = array.data().chunks_mut(n).map(Mutex::new).collect();
-            let field = &mut field.data()[..];
-            let (send, receive) = crossbeam_channel::unbounded::<(usize, u32)>();
-            let (done, finished) = crossbeam_channel::unbounded::<Result<Finished>>();
-            let take = |row: usize| slots[row].lock().unwrap_or_else(|poison| poison.into_inner());
-            let report = |row: usize, landmark: u32, distances: &[f32]| {
-                let _ = done.send(Ok(Finished { row, landmark, facts: RowFacts::of(distances) }));
-            };
-            let work_rows = |receive: crossbeam_channel::Receiver<(usize, u32)>| {
-                let mut front = Front::new(mean);
-                for (row, landmark) in receive {
-                    let mut slot = take(row);
-                    match front.full(graph, landmark, &mut slot, &run.cancel) {
-                        Ok(_) => report(row, landmark, &slot),
-                        Err(error) => {
-                            let _ = done.send(Err(error));
-                            return;
-                        }
-                    }
-                }
-            };
-            std::thread::scope(|scope| -> Result<()> {
-                let search = {
-                    let (receive, report, take, work_rows, done) = (receive.clone(), &report, &take, &work_rows, &done);
-                    move || {
-                        let mut row = 0;
-                        let result = choose(
-                            params.sampling,
-                            l,
-                            graph,
-                            nodes,
-                            run.seed,
-                            field,
-                            mean,
-                            &run.cancel,
-                            |landmark, known| {
-                                if let Some(known) = known {
-                                    let mut slot = take(row);
-                                    slot.copy_from_slice(known);
-                                    report(row, landmark, &slot);
-                                } else {
-                                    let _ = send.send((row, landmark));
-                                }
-                                row += 1;
-                                Ok(())
-                            },
-                        );
-                        drop(send);
-                        match result {
-                            Ok(()) => work_rows(receive),
-                            Err(error) => {
-                                let _ = done.send(Err(error));
-                            }
-                        }
-                    }
-                };
-                scope.spawn(search);
-                for _ in 1..run.threads.min(l) {
-                    let (receive, work_rows) = (receive.clone(), &work_rows);
-                    scope.spawn(move || work_rows(receive));
-                }
-                drop(receive);
-                for _ in 0..l {
-                    let row = finished.recv().unwrap_or(Err(Error::Cancelled))?;
-                    landmarks[row.row] = row.landmark;
-                    facts[row.row] = row.facts;
-                    run.progress.advance("rows", 1);
-                }
-                Ok(())
-            })?;
-        }
-        drop(field);
-        work.remove("nearest.tmp.partial");
+    /// Computes the rows into `distances.npy`; in a work directory that lasts, row by row with a journal.
+    fn make(graph: Csr<'_>, nodes: &[Node], head: &Head, params: RowParams, work: &WorkDir, run: &Run) -> Result<Self> {
+        let task = Task { graph, nodes, params: RowParams { l: head.rows, ..params }, head };
+        let (file, lines) = task.compute("distances.npy", JOURNAL, work, run)?;
+        let lines: Vec<Line> = lines.into_values().collect();
+        Self::finish(file, &lines, head, work)
+    }
+
+    /// Gives finished rows their final names.
+    pub(super) fn finish(file: RowsFile<f32>, lines: &[Line], head: &Head, work: &WorkDir) -> Result<Self> {
+        let landmarks: Vec<u32> = lines.iter().map(|line| line.landmark).collect();
+        let facts = lines.iter().map(|line| line.facts).collect();
         crate::store::npy::write(&work.file("landmarks.npy"), &landmarks, 1, false)?;
-        let distances = array.finish(false)?;
-        Ok(Self { landmarks, distances, facts, nodes: n, key })
+        let distances = file.finish(work.durable())?;
+        Ok(Self { landmarks, distances, facts, nodes: head.nodes, key: head.key.clone() })
+    }
+
+    /// Stamps the stage as finished.
+    pub(super) fn stamp(&self, head: &Head, seconds: f64, work: &WorkDir) -> Result<()> {
+        let facts = Facts { rows: self.facts.clone() };
+        work.stamp("rows", &self.key, &head.options, &["landmarks.npy", "distances.npy"], &facts, seconds)?;
+        work.remove(JOURNAL);
+        Ok(())
     }
 
     /// The columns of a chunk: calls `visit(row, its part)` for each row over `range` of the nodes.

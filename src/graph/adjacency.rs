@@ -13,15 +13,14 @@ use super::weld;
 use crate::base::parallel::{chunk_count, chunk_range, each_chunk};
 use crate::base::{Error, Result};
 use crate::mesh::Mesh;
-use crate::store::shuffle::{BLOCK_BYTES, Producer, Shuffle};
+use crate::store::shuffle::{Producer, Shuffle};
+use crate::store::sizing::Sized;
 use crate::store::{Run, WorkDir};
 use bytemuck::{Pod, Zeroable};
 use std::path::Path;
 use std::sync::atomic::{AtomicU64, Ordering::Relaxed};
 
 const CHUNK: usize = 1 << 14;
-const BUCKET_BYTES: u64 = 1 << 20;
-const MOST_BUCKETS: usize = 512;
 
 /// A half-edge: its vertices in the direction of its face's winding, and the corner it leaves from.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Pod, Zeroable)]
@@ -105,33 +104,32 @@ pub(super) struct Counters {
 /// The shuffle of links by node, and how nodes map to its buckets.
 #[derive(Debug)]
 pub struct Links {
-    /// The records.
-    pub shuffle: Shuffle<Link>,
+    sized: Sized<Link>,
     /// Number of nodes.
     pub nodes: usize,
 }
 
 impl Links {
+    /// The records.
+    pub fn shuffle(&self) -> &Shuffle<Link> {
+        &self.sized.shuffle
+    }
+
     /// The bucket of a node.
     #[inline]
     pub fn bucket(&self, node: usize) -> usize {
-        (node as u128 * self.shuffle.buckets() as u128 / self.nodes as u128) as usize
+        (node as u128 * self.shuffle().buckets() as u128 / self.nodes as u128) as usize
     }
 
     /// The nodes of a bucket.
     pub fn nodes_of(&self, bucket: usize) -> std::ops::Range<usize> {
-        let first = |b: usize| (b as u128 * self.nodes as u128).div_ceil(self.shuffle.buckets() as u128) as usize;
+        let first = |b: usize| (b as u128 * self.nodes as u128).div_ceil(self.shuffle().buckets() as u128) as usize;
         first(bucket)..first(bucket + 1)
     }
 
     fn push(&self, out: &mut Producer<'_, Link>, corner: u32, face: usize, node: usize, against: bool) -> Result<()> {
         out.push(self.bucket(face), Link { corner, node: node as u32 | if against { AGAINST } else { 0 } })
     }
-}
-
-/// Buckets for `bytes` of records: of cache size, few enough that staging blocks stay small.
-pub(super) fn buckets_for(bytes: u64) -> usize {
-    (bytes.div_ceil(BUCKET_BYTES) as usize).clamp(1, MOST_BUCKETS)
 }
 
 /// Refuses meshes whose corners cannot be numbered in 32 bits.
@@ -154,27 +152,23 @@ fn check_size(mesh: &Mesh, path: &Path) -> Result<()> {
 pub fn matched(mesh: &Mesh, path: &Path, work: &WorkDir, run: &Run) -> Result<(Links, EdgeCounts)> {
     check_size(mesh, path)?;
     let (nodes, corners) = (mesh.faces.len(), mesh.faces.corner_count() as u64);
-    let half_edge_bytes = corners * size_of::<HalfEdge>() as u64;
-    let link_bytes = corners * size_of::<Link>() as u64;
-    let (edge_buckets, link_buckets) = (buckets_for(half_edge_bytes), buckets_for(link_bytes));
-    let staging = (run.threads * (edge_buckets + 2 * link_buckets) * BLOCK_BYTES) as u64;
-    let sorting = 3 * run.threads as u64 * half_edge_bytes.div_ceil(edge_buckets as u64);
-    let fixed = (staging + sorting).min(half_edge_bytes + link_bytes + staging / 8);
-    let grant = run.budget.take("matching edges", fixed, fixed + half_edge_bytes + link_bytes)?;
-    let room = grant.bytes() - fixed;
-    let edge_room = (room * 3 / 5).min(half_edge_bytes);
-
-    let half_edges = Shuffle::<HalfEdge>::new(&work.file("half_edges.tmp"), edge_buckets, edge_room);
-    scatter(mesh, &half_edges, run)?;
-    let links = Links { shuffle: Shuffle::new(&work.file("links.tmp"), link_buckets, room - edge_room), nodes };
-    let boundary = Shuffle::<u32>::new(&work.file("boundary.tmp"), link_buckets, room / 16);
-    let border_bucket = |corner: u32| (u64::from(corner) * link_buckets as u64 / corners.max(1)) as usize;
+    let threads = run.threads as u64;
+    // A bucket of half-edges is there raw, sorted, and as counts; one of links waits as finished rows besides.
+    let (file, what) = (|name| work.file(name), "matching edges");
+    let sized = Sized::<HalfEdge>::new(&file("half_edges.tmp"), what, corners, 3 * threads, 3, run)?;
+    let half_edges = &sized.shuffle;
+    let links = Links { sized: Sized::new(&file("links.tmp"), what, corners, 12 * threads, 2, run)?, nodes };
+    let border = Sized::<u32>::new(&file("boundary.tmp"), what, corners, threads, 4, run)?;
+    let boundary = &border.shuffle;
+    let (edge_buckets, border_buckets) = (half_edges.buckets(), boundary.buckets() as u64);
+    scatter(mesh, half_edges, run)?;
+    let border_bucket = |corner: u32| (u64::from(corner) * border_buckets / corners.max(1)) as usize;
     let counters = Counters::default();
     each_chunk(
         run.threads,
         &run.cancel,
         edge_buckets,
-        || (links.shuffle.producer(), boundary.producer(), Sorter::default()),
+        || (links.shuffle().producer(), boundary.producer(), Sorter::default()),
         |bucket, (out, border, sorter)| {
             sorter.sort(half_edges.take(bucket)?);
             match_sorted(mesh, &sorter.sorted, &links, out, &counters, |corner| {
@@ -184,7 +178,8 @@ pub fn matched(mesh: &Mesh, path: &Path, work: &WorkDir, run: &Run) -> Result<(L
         |(out, border, _)| out.finish().and_then(|()| border.finish()),
     )?;
     let open = boundary.len();
-    let welded = if open > 0 { weld::weld(mesh, &boundary, &links, &counters, work, run)? } else { 0 };
+    drop(sized);
+    let welded = if open > 0 { weld::weld(mesh, boundary, &links, &counters, work, run)? } else { 0 };
     let counts = EdgeCounts { boundary: open - welded, nonmanifold: counters.nonmanifold.load(Relaxed), welded };
     Ok((links, counts))
 }

@@ -73,9 +73,12 @@ impl DualGraph {
     pub fn build(mesh: &Mesh, path: &Path, input: &serde_json::Value, work: &WorkDir, run: &Run) -> Result<Self> {
         let options = json!({"stage": "graph", "input": input});
         let key = key_of(&options);
-        if let Ok(facts) = work.reuse::<GraphFacts>("graph", &key) {
-            run.progress.note("graph: reused");
-            return Self::open(work, facts, key);
+        match work.reuse::<GraphFacts>("graph", &key) {
+            Ok(facts) => {
+                run.progress.note("graph: reused");
+                return Self::open(work, facts, key);
+            }
+            Err(reason) => run.note_remake("graph", &reason),
         }
         let (graph, seconds) =
             run.stage("graph", "faces", mesh.faces.len() as u64, || Self::make(mesh, path, work, run, key.clone()))?;
@@ -163,10 +166,9 @@ impl DualGraph {
     ) -> Result<Weighted> {
         let options = json!({"stage": "weights", "graph": self.key, "metric": metric, "radius": radius, "area": area, "seed": run.seed});
         let key = key_of(&options);
-        let weights = if work.reuse::<()>("weights", &key).is_ok() {
-            run.progress.note("weights: reused");
-            work.open_array("graph_weights.npy")?
-        } else {
+        let known = work.reuse::<()>("weights", &key);
+        let weights = if let Err(reason) = known {
+            run.note_remake("weights", &reason);
             let (weights, seconds) = run.stage("weights", "faces", self.facts.nodes, || {
                 let place = (work, "graph_weights.npy");
                 let normals = normals.map(|normals| &normals[..]);
@@ -174,6 +176,9 @@ impl DualGraph {
             })?;
             work.stamp("weights", &key, &options, &["graph_weights.npy"], &(), seconds)?;
             weights
+        } else {
+            run.progress.note("weights: reused");
+            work.open_array("graph_weights.npy")?
         };
         let matrix = csr_of_mapped(work.path(), self.rows.indptr.clone(), self.rows.indices.clone(), weights)?;
         Ok(Weighted { matrix, indptr: self.rows.indptr.clone(), key })
@@ -192,6 +197,22 @@ pub struct Weighted {
 }
 
 impl Weighted {
+    /// A matrix whose row starts are also given by themselves.
+    pub fn new(matrix: MappedCsr, indptr: MappedSlice<u64>, key: String) -> Self {
+        Self { matrix, indptr, key }
+    }
+
+    /// Opens the weighted graph that another process left in `work`, its weights under `key`.
+    ///
+    /// # Errors
+    /// [`Error::Io`], [`Error::Malformed`], [`Error::WorkDir`].
+    pub fn open(key: String, work: &WorkDir) -> Result<Self> {
+        let indptr: MappedSlice<u64> = work.open_array("graph_indptr.npy")?;
+        let (indices, weights) = (work.open_array("graph_indices.npy")?, work.open_array("graph_weights.npy")?);
+        let matrix = csr_of_mapped(work.path(), indptr.clone(), indices, weights)?;
+        Ok(Self { matrix, indptr, key })
+    }
+
     /// The matrix as raw slices for hot loops.
     pub fn csr(&self) -> Csr<'_> {
         Csr { indptr: &self.indptr, indices: self.matrix.indices(), weights: self.matrix.data() }

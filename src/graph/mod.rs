@@ -1,6 +1,6 @@
 //! The dual graph: a node a face, an edge a shared mesh edge, weighted by distance and turning.
 //!
-//! Built out of core in three shuffles and a few sequential passes ([`dual::build`]): node
+//! Built out of core in three shuffles and a few sequential passes ([`DualGraph::build`]): node
 //! geometry, half-edges matched by vertex ([`adjacency`]) or by position ([`weld`]), rows
 //! assembled in node order ([`assemble`]), components bridged ([`components`], [`bridge`]), and
 //! weights ([`weights`]) as a pure function of the undirected edge.
@@ -12,10 +12,12 @@ pub mod bridge;
 pub mod components;
 pub mod dual;
 pub mod nodes;
+pub mod order;
 pub mod orient;
 pub mod weights;
 pub mod weld;
 
 pub use dual::{DualGraph, GraphFacts};
 pub use nodes::{Frame, Node};
+pub use order::{Order, Ordered};
 pub use weights::Metric;

@@ -8,11 +8,12 @@
 //!
 //! Memory and disk: 16 B an open half-edge, in memory where the budget allows.
 
-use super::adjacency::{Counters, Links, Side, buckets_for, chain};
+use super::adjacency::{Counters, Links, Side, chain};
 use crate::base::Result;
 use crate::base::parallel::each_chunk;
 use crate::mesh::Mesh;
-use crate::store::shuffle::{BLOCK_BYTES, Producer, Shuffle};
+use crate::store::shuffle::{Producer, Shuffle};
+use crate::store::sizing::Sized;
 use crate::store::{Run, WorkDir};
 use bytemuck::{Pod, Zeroable};
 use std::sync::atomic::{AtomicU64, Ordering::Relaxed};
@@ -49,11 +50,9 @@ pub(super) fn weld(
     work: &WorkDir,
     run: &Run,
 ) -> Result<u64> {
-    let bytes = boundary.len() * size_of::<Place>() as u64;
-    let buckets = buckets_for(bytes);
-    let fixed = (run.threads * buckets * BLOCK_BYTES) as u64 + 2 * run.threads as u64 * bytes.div_ceil(buckets as u64);
-    let grant = run.budget.take("welding", fixed.min(2 * bytes), fixed.min(2 * bytes) + bytes)?;
-    let places = Shuffle::<Place>::new(&work.file("places.tmp"), buckets, grant.bytes() - fixed.min(2 * bytes));
+    let copies = 2 * run.threads as u64;
+    let sized = Sized::<Place>::new(&work.file("places.tmp"), "welding", boundary.len(), copies, 2, run)?;
+    let (places, buckets) = (&sized.shuffle, sized.shuffle.buckets());
     each_chunk(
         run.threads,
         &run.cancel,
@@ -72,7 +71,7 @@ pub(super) fn weld(
         run.threads,
         &run.cancel,
         buckets,
-        || links.shuffle.producer(),
+        || links.shuffle().producer(),
         |bucket, out| {
             let mut sorted = places.take(bucket)?;
             sorted.sort_unstable_by_key(|place| (place.edge(), place.corner));

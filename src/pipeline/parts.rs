@@ -5,61 +5,128 @@
 //! one more front moves their boundaries onto creases. Another number of parts needs only the last step.
 
 use super::report::Numbers;
+use super::surface::{Kind, Surface};
 use super::{Clustered, SegmentParams, landmarks_for_parts, rows};
 use crate::base::Result;
 use crate::base::parallel::{chunk_count, chunk_range, fill_chunks, map_chunks};
-use crate::cluster::cells::{Cells, Smooth};
-use crate::cluster::normals::{self, Normals, RADII};
-use crate::cluster::parts::{self, PartTree, PartsReport};
-use crate::cluster::shares::Shares;
-use crate::cluster::{boundary, cell_rows};
+use crate::cluster::parts::{self, PartTree, PartsReport, PartsResult};
+use crate::cluster::{boundary, cell_rows, contract};
 use crate::distance::DistanceRows;
 use crate::graph::DualGraph;
-use crate::store::{MappedSlice, Run, WorkDir};
+use crate::graph::dual::Weighted;
+use crate::store::workdir::key_of;
+use crate::store::{MappedSlice, Run, WorkDir, npy};
+use serde_json::json;
 
 const CHUNK: usize = 1 << 15;
 
 /// Cuts the mesh of `graph`.
 pub(super) fn parts(graph: &DualGraph, params: &SegmentParams, work: &WorkDir, run: &Run) -> Result<Clustered> {
     let n = graph.nodes.len();
-    let shares = Shares::of(graph, work, run)?;
-    let ([fine, medium, coarse], _) = run.stage("normals", "faces", n as u64, || smooth(graph, &shares, work, run))?;
-    let turning = normals::total_turning(graph, &shares, &[&fine, &medium], run)?;
-    let radius = normals::choose_radius(&turning);
-    let chosen = radius.map(|k| [&fine, &medium][k]);
-    let area = 1. / f64::from(shares.unit).powi(2);
-    let radius = radius.map_or(0., |k| RADII[k]);
-    let weighted = graph.weighted_with(params.metric, chosen, radius, area, work, run)?;
-    let smooth = Smooth { fine: &fine, medium: &medium, coarse: &coarse };
-    let (cells, _) = run.stage("cells", "faces", n as u64, || Cells::cut(graph, &shares, smooth, work, run))?;
-    let l = params.landmarks.unwrap_or(landmarks_for_parts(n));
-    let rows = rows(graph, &weighted, l, params, work, run)?;
-    let average = || cell_rows::average(&rows, &cells, &shares, run);
-    let (b, _) = run.stage("cell rows", "rows", rows.len() as u64, average)?;
-    let decided = parts::parts(&cells.graph, &b, rows.len(), &params.parts, run)?;
-    keep_tree(&decided.tree, work)?;
+    let (surface, weighted) = weighted(graph, params, work, run)?;
+    let Surface { shares, radius, .. } = &surface;
+    let decided = if params.coarse && n > contract::NODES {
+        decide_coarsely(graph, &weighted, &surface, params, work, run)?
+    } else {
+        let of_node = surface.cells.of_node.clone();
+        decide(graph, &weighted, &surface, of_node, params, work, run)?
+    };
+    let Decided { result, unit_of_node, .. } = &decided;
     let (labels, _) = run.stage("boundaries", "faces", n as u64, || {
-        boundary::refine(graph, weighted.csr(), &shares, &cells.of_node, &decided.label, work, run)
+        boundary::refine(graph, weighted.csr(), shares, unit_of_node, &decided.label, work, run)
     })?;
-    let quality = confidence(&cells, &decided.confidence, work, run)?;
-    let (faces, area) = totals(graph, &labels, decided.parts, run)?;
-    let numbers = Numbers { radius, dust: shares.dust, faces, area, ..numbers(&rows, decided.report) };
+    let quality = confidence(unit_of_node, &decided.confidence, work, run)?;
+    keep_tree(&result.tree, work)?;
+    let (faces, area) = totals(graph, &labels, result.parts, run)?;
+    let numbers = Numbers { radius: *radius, dust: shares.dust, faces, area, ..decided.numbers };
     Ok(Clustered { labels, quality, numbers })
 }
 
-/// Normals at the three radii; with two threads, two fronts at a time.
-fn smooth(graph: &DualGraph, shares: &Shares, work: &WorkDir, run: &Run) -> Result<[Normals; 3]> {
-    let names = ["normals_01.npy", "normals_02.npy", "normals_04.npy"];
-    let made = map_chunks(
-        run.threads.min(3),
-        &run.cancel,
-        3,
-        || (),
-        |k, ()| normals::smoothed(graph, shares, RADII[k], names[k], work, run),
-    )?;
-    let mut made = made.into_iter();
-    let mut next = || made.next().unwrap_or_else(MappedSlice::empty);
-    Ok([next(), next(), next()])
+/// Parts decided on cells, and how they reach the faces.
+struct Decided {
+    result: PartsResult,
+    /// Cell, or contracted node, of each node (n).
+    unit_of_node: MappedSlice<u32>,
+    /// Label of each of those.
+    label: Vec<u32>,
+    /// How sure it is.
+    confidence: Vec<f64>,
+    numbers: Numbers,
+}
+
+/// Rows over all nodes of `graph`, averaged to cells; parts decided on these.
+fn decide(
+    graph: &DualGraph,
+    weighted: &Weighted,
+    surface: &Surface,
+    unit_of_node: MappedSlice<u32>,
+    params: &SegmentParams,
+    work: &WorkDir,
+    run: &Run,
+) -> Result<Decided> {
+    let l = params.landmarks.unwrap_or(landmarks_for_parts(graph.nodes.len()));
+    let rows = rows(graph, weighted, l, params, work, run)?;
+    let b = cell_rows(&rows, surface, work, run)?;
+    let result = parts::parts(&surface.cells.graph, &b, rows.len(), &params.parts, run)?;
+    let numbers = numbers(&rows, result.report.clone());
+    let (label, confidence) = (result.label.clone(), result.confidence.clone());
+    Ok(Decided { label, confidence, unit_of_node, numbers, result })
+}
+
+/// The same on the contracted graph: constant time after one front.
+fn decide_coarsely(
+    graph: &DualGraph,
+    weighted: &Weighted,
+    surface: &Surface,
+    params: &SegmentParams,
+    work: &WorkDir,
+    run: &Run,
+) -> Result<Decided> {
+    run.progress.note("preview: rows over a contracted mesh instead of all faces (--coarse)");
+    let inner = WorkDir::open(&work.file("coarse"))?;
+    let contract = || contract::contract(graph, weighted, &surface.shares, work, &inner, run);
+    let (small, _) = run.stage("contraction", "faces", graph.nodes.len() as u64, contract)?;
+    let coarse = Surface::build(&small.graph, Kind::Contracted, &inner, run)?;
+    let of_node = coarse.cells.of_node.clone();
+    let decided = decide(&small.graph, &small.weighted, &coarse, of_node, params, &inner, run)?;
+    let of_small = &decided.unit_of_node;
+    Ok(Decided {
+        label: of_small.iter().map(|&cell| decided.label[cell as usize]).collect(),
+        confidence: of_small.iter().map(|&cell| decided.confidence[cell as usize]).collect(),
+        unit_of_node: small.of_node,
+        // Landmarks are contracted nodes here; no face is one.
+        numbers: Numbers { landmarks: Vec::new(), ..decided.numbers },
+        ..decided
+    })
+}
+
+/// The surface of `graph`, and the graph weighted with its normals and unit.
+pub(super) fn weighted(
+    graph: &DualGraph,
+    params: &SegmentParams,
+    work: &WorkDir,
+    run: &Run,
+) -> Result<(Surface, Weighted)> {
+    let surface = Surface::build(graph, Kind::Faces, work, run)?;
+    let area = 1. / f64::from(surface.shares.unit).powi(2);
+    let (normals, radius) = (surface.normals.as_ref(), surface.radius);
+    let weighted = graph.weighted_with(params.metric, normals, radius, area, work, run)?;
+    Ok((surface, weighted))
+}
+
+/// The rows averaged over cells: made, or reused.
+fn cell_rows(rows: &DistanceRows, surface: &Surface, work: &WorkDir, run: &Run) -> Result<Vec<f64>> {
+    const FILE: &str = "cell_rows.npy";
+    let options = json!({"stage": "cell rows", "rows": rows.key, "surface": surface.key});
+    let key = key_of(&options);
+    if work.reuse::<()>("cell rows", &key).is_ok() {
+        return Ok(work.open_array::<f64>(FILE)?.to_vec());
+    }
+    let average = || cell_rows::average(rows, &surface.cells, &surface.shares, run);
+    let (b, seconds) = run.stage("cell rows", "rows", rows.len() as u64, average)?;
+    npy::write(&work.file(FILE), &b, surface.cells.len(), false)?;
+    work.stamp("cell rows", &key, &options, &[FILE], &(), seconds)?;
+    Ok(b)
 }
 
 /// Keeps the tree of answers in the work directory, as JSON.
@@ -70,8 +137,8 @@ fn keep_tree(tree: &PartTree, work: &WorkDir) -> Result<()> {
 }
 
 /// How sure each face's label is: its cell's.
-fn confidence(cells: &Cells, confidence: &[f64], work: &WorkDir, run: &Run) -> Result<MappedSlice<f32>> {
-    let n = cells.of_node.len();
+fn confidence(unit_of_node: &[u32], confidence: &[f64], work: &WorkDir, run: &Run) -> Result<MappedSlice<f32>> {
+    let n = unit_of_node.len();
     let mut quality = work.array::<f32>("quality.npy", &[n])?;
     fill_chunks(
         run.threads,
@@ -81,7 +148,7 @@ fn confidence(cells: &Cells, confidence: &[f64], work: &WorkDir, run: &Run) -> R
         || (),
         |k, out, ()| {
             for (slot, i) in out.iter_mut().zip(chunk_range(n, CHUNK, k)) {
-                *slot = confidence[cells.of_node[i] as usize] as f32;
+                *slot = confidence[unit_of_node[i] as usize] as f32;
             }
             Ok(())
         },

@@ -95,6 +95,10 @@ pub struct Input {
     pub turned_faces: u64,
     /// Edges where no consistent winding exists.
     pub unoriented_edges: u64,
+    /// Share of steps from face to face that lead far away in the file's order, 0 to 1.
+    pub far_steps: f64,
+    /// Whether faces were sorted along a curve for the work.
+    pub reordered: bool,
     /// Open edges joined to others at exactly the same position.
     pub welded_edges: u64,
 }
@@ -154,6 +158,8 @@ impl Report {
                 degenerate_faces: graph.degenerate_faces,
                 turned_faces: graph.turned_faces,
                 unoriented_edges: graph.unoriented_edges,
+                far_steps: result.order.far_steps,
+                reordered: result.order.reordered,
                 welded_edges: graph.welded_edges,
             },
             options,

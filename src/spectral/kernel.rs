@@ -39,12 +39,13 @@ impl Kernel {
 
     /// Turns distances into affinities, item by item; an infinite distance becomes 0.
     pub fn apply(&self, sigma: f32, distances: &[f32], out: &mut [f32]) {
-        let inverse = if sigma > 0. { 1. / sigma } else { 0. };
+        // Finite whatever σ, so that a distance of 0 never meets an infinite factor.
+        let inverse = if sigma > 0. { (1. / sigma).min(f32::MAX) } else { 0. };
         match *self {
             Self::Gaussian => {
-                let factor = -0.5 * inverse * inverse;
                 for (k, &d) in out.iter_mut().zip(distances) {
-                    *k = exp(d * d * factor);
+                    let r = d * inverse;
+                    *k = exp(-0.5 * r * r);
                 }
             }
             Self::Exponential => {

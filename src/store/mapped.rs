@@ -172,6 +172,20 @@ impl<T: Pod> MappedSliceMut<T> {
         Ok(Self { map: Some(map), offset, len, item: PhantomData })
     }
 
+    /// Maps `len` items from byte `offset` of `file` alone, whose blocks exist already.
+    ///
+    /// # Errors
+    /// [`Error::Io`] naming `path` when the mapping fails.
+    pub fn map_at(file: &File, path: &Path, offset: usize, len: usize) -> Result<Self> {
+        if len == 0 {
+            return Ok(Self { map: None, offset: 0, len: 0, item: PhantomData });
+        }
+        let bytes = len * size_of::<T>();
+        // SAFETY: as for `map`.
+        let map = unsafe { memmap2::MmapOptions::new().offset(offset as u64).len(bytes).map_mut(file) };
+        Ok(Self { map: Some(map.map_err(Error::io(path, "map"))?), offset: 0, len, item: PhantomData })
+    }
+
     /// Writes changed pages to the disk and waits.
     ///
     /// # Errors

@@ -4,10 +4,13 @@
 //! take its pages back at any time; only what a [`Budget`] grants is allocated.
 
 pub mod budget;
+pub mod check;
 pub mod mapped;
 pub mod npy;
+pub mod rows_file;
 pub mod run;
 pub mod shuffle;
+pub mod sizing;
 pub mod workdir;
 
 pub use budget::Budget;

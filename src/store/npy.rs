@@ -48,7 +48,7 @@ impl Item for [f32; 3] {
 }
 
 /// The header of a C-ordered array of type `descr` and `shape`, padded to [`HEADER`] bytes.
-fn header(descr: &str, shape: &[usize]) -> Vec<u8> {
+pub(super) fn header(descr: &str, shape: &[usize]) -> Vec<u8> {
     let dims: Vec<String> = shape.iter().map(ToString::to_string).collect();
     let tuple = if dims.len() == 1 { format!("({},)", dims[0]) } else { format!("({})", dims.join(", ")) };
     let mut text = format!("{{'descr': '{descr}', 'fortran_order': False, 'shape': {tuple}, }}");
@@ -173,6 +173,15 @@ impl<T: Item> ArrayWriter<T> {
     pub fn push(&mut self, items: &[T]) -> Result<()> {
         self.items += items.len();
         self.out.write_all(bytemuck::cast_slice(items)).map_err(Error::io(&self.path, "write"))
+    }
+
+    /// Appends items given as their bytes, whatever their alignment.
+    ///
+    /// # Errors
+    /// [`Error::Io`].
+    pub fn push_bytes(&mut self, bytes: &[u8]) -> Result<()> {
+        self.items += bytes.len() / size_of::<T>();
+        self.out.write_all(bytes).map_err(Error::io(&self.path, "write"))
     }
 
     /// Items so far.

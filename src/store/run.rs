@@ -1,6 +1,7 @@
 //! What every stage of a run shares: threads, budget, progress, cancellation, seed.
 
 use super::Budget;
+use super::workdir::NOT_MADE;
 use crate::base::{Cancel, Progress};
 use std::time::Instant;
 
@@ -43,5 +44,12 @@ impl<'a> Run<'a> {
         let seconds = start.elapsed().as_secs_f64();
         self.progress.end(name, seconds);
         Ok((result, seconds))
+    }
+
+    /// Tells why a stage that was made before is made anew; silent where it was not made yet.
+    pub fn note_remake(&self, stage: &str, reason: &str) {
+        if reason != NOT_MADE {
+            self.progress.note(&format!("{stage}: made anew, {reason}"));
+        }
     }
 }

@@ -6,8 +6,8 @@
 //! consumer and handed on. Buckets cover ascending key ranges, so the sequence of sorted
 //! buckets is the sorted whole.
 //!
-//! Memory: the limit, plus a staging block of [`BLOCK_BYTES`] a bucket and producer, plus the
-//! bucket being read. Disk: what does not fit, written once in large blocks, read once. The order
+//! Memory: the limit, plus a staging block of [`BLOCK_BYTES`] (or less) a bucket and producer, plus the
+//! bucket being read; [`super::sizing`] fits all that into a share of the budget. Disk: what does not fit, written once in large blocks, read once. The order
 //! of records inside a bucket depends on timing; a consumer that wants repeatable results sorts
 //! by a total order (tested against an in-memory sort).
 
@@ -30,6 +30,8 @@ pub struct Shuffle<T> {
     buckets: Vec<Mutex<Bucket<T>>>,
     held: AtomicU64,
     limit: u64,
+    /// Records a staging block.
+    block: usize,
     /// Serialises the creation of the file.
     creation: Mutex<()>,
 }
@@ -52,6 +54,11 @@ impl<T: Pod + Send> Shuffle<T> {
     /// A shuffle into `buckets` buckets that keeps up to `limit` bytes in memory and writes the
     /// rest to `path`.
     pub fn new(path: &Path, buckets: usize, limit: u64) -> Self {
+        Self::with_block(path, buckets, BLOCK_BYTES, limit)
+    }
+
+    /// Like [`Shuffle::new`] with staging blocks of `block` bytes.
+    pub fn with_block(path: &Path, buckets: usize, block: usize, limit: u64) -> Self {
         let bucket = || Mutex::new(Bucket { blocks: Vec::new(), extents: Vec::new(), records: 0 });
         Self {
             path: path.to_path_buf(),
@@ -60,6 +67,7 @@ impl<T: Pod + Send> Shuffle<T> {
             buckets: (0..buckets.max(1)).map(|_| bucket()).collect(),
             held: AtomicU64::new(0),
             limit,
+            block: (block / size_of::<T>()).max(1),
             creation: Mutex::new(()),
         }
     }
@@ -78,6 +86,11 @@ impl<T: Pod + Send> Shuffle<T> {
     /// Records in all buckets.
     pub fn len(&self) -> u64 {
         (0..self.buckets.len()).map(|b| self.lock(b).records as u64).sum()
+    }
+
+    /// Records in a bucket so far, taken out or not.
+    pub fn bucket_len(&self, bucket: usize) -> usize {
+        self.lock(bucket).records
     }
 
     /// Whether no record was pushed.
@@ -181,7 +194,7 @@ impl<T: Pod + Send> Producer<'_, T> {
     /// [`Error::Io`] when it has to be spilled and cannot.
     #[inline]
     pub fn push(&mut self, bucket: usize, record: T) -> Result<()> {
-        let block = BLOCK_BYTES / size_of::<T>();
+        let block = self.shuffle.block;
         let staged = &mut self.staged[bucket];
         if staged.len() == staged.capacity() && staged.capacity() == 0 {
             staged.reserve_exact(block);

@@ -23,6 +23,8 @@ use xxhash_rust::xxh3::{Xxh3, xxh3_64};
 
 /// Version of the layout of a work directory; another one is refused.
 pub const FORMAT: u32 = 1;
+/// The reason for making a stage for the first time.
+pub const NOT_MADE: &str = "it was not made yet";
 const MANIFEST: &str = "manifest.json";
 const LOCK: &str = "lock";
 const TEMPORARY: &str = ".nystrom-stream-";
@@ -69,6 +71,8 @@ pub struct WorkDir {
     manifest: Mutex<Manifest>,
     _lock: File,
     temporary: bool,
+    /// Whether other processes may read it too; nothing is stamped then.
+    shared: bool,
 }
 
 /// The key of a stage: a hash of its options (with the keys of what it builds on among them).
@@ -76,7 +80,8 @@ pub fn key_of(options: &serde_json::Value) -> String {
     format!("{:016x}", xxh3_64(options.to_string().as_bytes()))
 }
 
-fn lock(path: &Path) -> Result<Option<File>> {
+/// Locks the folder, alone or shared with other readers; `None` where another process is in the way.
+fn lock(path: &Path, shared: bool) -> Result<Option<File>> {
     let file = File::options()
         .create(true)
         .truncate(false)
@@ -84,7 +89,8 @@ fn lock(path: &Path) -> Result<Option<File>> {
         .write(true)
         .open(path.join(LOCK))
         .map_err(Error::io(path.join(LOCK), "create"))?;
-    match fs4::FileExt::try_lock(&file) {
+    let tried = if shared { fs4::FileExt::try_lock_shared(&file) } else { fs4::FileExt::try_lock(&file) };
+    match tried {
         Ok(()) => Ok(Some(file)),
         Err(fs4::TryLockError::WouldBlock) => Ok(None),
         Err(fs4::TryLockError::Error(error)) => Err(Error::io(path.join(LOCK), "lock")(error)),
@@ -98,6 +104,16 @@ impl WorkDir {
     /// [`Error::WorkDir`] when it is in use, of another format, or not a work directory;
     /// [`Error::Io`].
     pub fn open(path: &Path) -> Result<Self> {
+        Self::try_open(path, false)?
+            .ok_or_else(|| Error::work_dir(path, "is in use by another process", "wait for it, or name another folder"))
+    }
+
+    /// The same, `None` where another process is in the way. `shared`: beside other processes that open it so too;
+    /// nothing can be stamped then, and files may be added under names of one's own only.
+    ///
+    /// # Errors
+    /// As [`WorkDir::open`], but for directories in use.
+    pub fn try_open(path: &Path, shared: bool) -> Result<Option<Self>> {
         std::fs::create_dir_all(path).map_err(Error::io(path, "create"))?;
         let manifest_path = path.join(MANIFEST);
         let known = manifest_path.exists() || path.join(LOCK).exists();
@@ -109,9 +125,7 @@ impl WorkDir {
                 "name an empty or new folder",
             ));
         }
-        let Some(lock) = lock(path)? else {
-            return Err(Error::work_dir(path, "is in use by another process", "wait for it, or name another folder"));
-        };
+        let Some(lock) = lock(path, shared)? else { return Ok(None) };
         let manifest = match std::fs::read_to_string(&manifest_path) {
             Ok(text) => serde_json::from_str::<Manifest>(&text).map_err(|error| {
                 Error::work_dir(&manifest_path, format!("cannot be read: {error}"), "delete the work directory")
@@ -126,7 +140,37 @@ impl WorkDir {
                 "delete it or use the program that wrote it",
             ));
         }
-        Ok(Self { path: path.to_path_buf(), manifest: Mutex::new(manifest), _lock: lock, temporary: false })
+        let manifest = Mutex::new(manifest);
+        let work = Self { path: path.to_path_buf(), manifest, _lock: lock, temporary: false, shared };
+        if !shared {
+            work.sweep();
+        }
+        Ok(Some(work))
+    }
+
+    /// Opens an existing work directory for looking at it, beside any other reader.
+    ///
+    /// # Errors
+    /// [`Error::WorkDir`] when there is none, or when it is in use; [`Error::Io`].
+    pub fn open_existing(path: &Path) -> Result<Self> {
+        if !path.join(MANIFEST).exists() {
+            return Err(Error::work_dir(path, "is no work directory, or an empty one", "check the path"));
+        }
+        Self::try_open(path, true)?
+            .ok_or_else(|| Error::work_dir(path, "is in use by another process", "wait for it to end"))
+    }
+
+    /// Removes temporary files that a killed run left.
+    fn sweep(&self) {
+        let Ok(entries) = std::fs::read_dir(&self.path) else { return };
+        for entry in entries.flatten() {
+            let name = entry.file_name().to_string_lossy().into_owned();
+            // Half-filled rows stay: their journal knows which of them are whole.
+            let rows = name == "distances.npy.partial" || name.contains("-of-");
+            if name.ends_with(".tmp") || (name.ends_with(".partial") && !rows) {
+                self.remove(&name);
+            }
+        }
     }
 
     /// A temporary work directory inside `parent`, removed when dropped. Also removes those
@@ -141,8 +185,10 @@ impl WorkDir {
             .tempdir_in(parent)
             .map_err(Error::io(parent, "create a temporary folder in"))?;
         let path = dir.keep();
-        match lock(&path)? {
-            Some(lock) => Ok(Self { path, manifest: Mutex::new(Manifest::new()), _lock: lock, temporary: true }),
+        match lock(&path, false)? {
+            Some(lock) => {
+                Ok(Self { path, manifest: Mutex::new(Manifest::new()), _lock: lock, temporary: true, shared: false })
+            }
             None => Err(Error::work_dir(path, "was taken by another process", "try again")),
         }
     }
@@ -206,10 +252,24 @@ impl WorkDir {
     }
 
     /// The facts of a finished stage, where its key is `key` and its files are whole in size.
-    /// Otherwise `Err` with the reason, in words, why it has to be made (anew).
+    /// Otherwise `Err` with the reason, in words, why it has to be made (anew); the manifest forgets the stage then, so
+    /// that a run killed while making it anew leaves no record of files that are no longer those.
     pub fn reuse<T: DeserializeOwned>(&self, stage: &str, key: &str) -> Result<T, String> {
+        let found = self.look_up(stage, key);
+        if found.is_err() && !self.shared {
+            let mut manifest = self.manifest_lock();
+            if manifest.stages.remove(stage).is_some()
+                && let Err(error) = self.save(&manifest)
+            {
+                return Err(error.to_string());
+            }
+        }
+        found
+    }
+
+    fn look_up<T: DeserializeOwned>(&self, stage: &str, key: &str) -> Result<T, String> {
         let manifest = self.manifest_lock();
-        let record = manifest.stages.get(stage).ok_or_else(|| "not made yet".to_string())?;
+        let record = manifest.stages.get(stage).ok_or_else(|| NOT_MADE.to_string())?;
         if record.key != key {
             return Err("its options or inputs changed".to_string());
         }
@@ -314,7 +374,7 @@ fn remove_abandoned(parent: &Path) {
     let Ok(entries) = std::fs::read_dir(parent) else { return };
     for entry in entries.flatten() {
         let ours = entry.file_name().to_string_lossy().starts_with(TEMPORARY);
-        if ours && entry.path().join(LOCK).exists() && matches!(lock(&entry.path()), Ok(Some(_))) {
+        if ours && entry.path().join(LOCK).exists() && matches!(lock(&entry.path(), false), Ok(Some(_))) {
             let _ = std::fs::remove_dir_all(entry.path());
         }
     }

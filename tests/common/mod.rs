@@ -1,15 +1,21 @@
-//! Where the test meshes are, shared by the integration tests.
+//! What the integration tests share: the test meshes, small meshes made in code, and running the program.
 #![allow(dead_code)]
 
+pub mod zoo;
+
+use nystrom_stream::apps::creature::{Creature, Options};
+use nystrom_stream::store::Run;
 use std::path::{Path, PathBuf};
-use std::process::Command;
+use std::process::{Command, Output};
 
 /// The folder of unpacked test meshes (`real/`, `flavour/`, `nasty/`, …), or `None`, saying so,
-/// where they are missing. `NYSTROM_STREAM_DATA` names the packed folder if it is elsewhere.
+/// where they are missing. `NYSTROM_STREAM_DATA` names the packed folder if it is elsewhere;
+/// with `NYSTROM_STREAM_REQUIRE_DATA` set, missing meshes are a failure.
 pub fn data() -> Option<PathBuf> {
     static DATA: std::sync::OnceLock<Option<PathBuf>> = std::sync::OnceLock::new();
     let found = DATA.get_or_init(unpack);
     if found.is_none() {
+        assert!(std::env::var_os("NYSTROM_STREAM_REQUIRE_DATA").is_none(), "no test meshes in {:?}", packed());
         eprintln!("skipped: no test meshes");
     }
     found.clone()
@@ -35,4 +41,39 @@ fn unpack() -> Option<PathBuf> {
     lock.lock().ok()?;
     let done = Command::new("bash").arg(script).arg(&folder).status().ok()?.success();
     done.then_some(folder)
+}
+
+/// The program, ready for arguments.
+pub fn program() -> Command {
+    Command::new(env!("CARGO_BIN_EXE_nystrom-stream"))
+}
+
+/// Runs the program with `words`.
+pub fn run(words: &[&str]) -> Output {
+    program().args(words).output().expect("the program starts")
+}
+
+/// Standard error as text.
+pub fn errors(output: &Output) -> String {
+    String::from_utf8_lossy(&output.stderr).into_owned()
+}
+
+/// Runs `segment MESH` with `words`, which must succeed and say nothing on standard error but notes.
+pub fn segment(mesh: &Path, words: &[&str]) -> Output {
+    let output = program().arg("segment").arg(mesh).args(words).output().expect("the program starts");
+    assert!(output.status.success(), "segment {} {words:?}: {}", mesh.display(), errors(&output));
+    output
+}
+
+/// Writes a creature of at least `faces` faces to `folder` and returns its path.
+pub fn creature(folder: &Path, faces: u64, shuffle: bool) -> PathBuf {
+    let path = folder.join(format!("creature_{faces}.ply"));
+    let creature = Creature::new(&Options { faces, shuffle, ..Options::default() }).unwrap();
+    creature.write_ply(&path, &Run::new(&())).unwrap();
+    path
+}
+
+/// The words of a path.
+pub fn word(path: &Path) -> &str {
+    path.to_str().expect("a path in Unicode")
 }

@@ -6,8 +6,9 @@
 //! the parts found; any other is a pass over the cells. Numbers are kept in single precision,
 //! which decimal text returns to the bit.
 
-use super::cells::{CellGraph, Sets, compact};
+use super::cells::{CellGraph, compact};
 use super::labelling::HALF;
+use super::labels::Sets;
 use super::small_parts::small_parts;
 use crate::base::{Error, Result};
 use serde::{Deserialize, Serialize};
@@ -56,10 +57,15 @@ pub struct Cut {
     pub parts: usize,
 }
 
-/// The threshold that a detail stands for: 0 is ½, the parts found; towards 1 finer (only what
-/// belongs together with near certainty stays together), towards −1 coarser.
+/// The threshold that a detail stands for: 0 is ½, the parts found; towards 1 finer, ½ + d/2 (only
+/// what belongs together with near certainty stays together); towards −1 coarser, ½ (1 + d)²,
+/// since what people part rarely belongs together by much.
 pub fn detail_threshold(detail: f64) -> f64 {
-    if detail.is_finite() { (HALF + HALF * detail).clamp(0.0, 1.0) } else { HALF }
+    if !detail.is_finite() {
+        return HALF;
+    }
+    let detail = detail.clamp(-1.0, 1.0);
+    if detail < 0.0 { HALF * (1.0 + detail) * (1.0 + detail) } else { HALF + HALF * detail }
 }
 
 impl PartTree {

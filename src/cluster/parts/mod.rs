@@ -18,6 +18,7 @@ pub mod convexity;
 pub mod cost;
 pub mod hierarchy;
 pub mod labelling;
+pub mod labels;
 pub mod linkage;
 pub mod matrix;
 pub mod members;

@@ -33,15 +33,22 @@ pub fn small_parts(
         }
     }
     // Loose small pieces become classes of their own, numbered after the parts.
-    let apart: Vec<u32> = piece
-        .iter()
-        .zip(&label)
-        .map(|(&p, &k)| {
-            let p = p as usize;
-            if area[p] < limit && largest[k as usize] != p { (parts + p) as u32 } else { k }
-        })
-        .collect();
-    join_small(pairs, length, shares, &apart, limit, if whole_too { 0 } else { parts })
+    let loose: Vec<bool> = (0..pieces).map(|p| area[p] < limit && largest[part[p] as usize] != p).collect();
+    let apart: Vec<u32> =
+        piece.iter().zip(&label).map(|(&p, &k)| if loose[p as usize] { parts as u32 + p } else { k }).collect();
+    let (mut joined, classes) = join_small(pairs, length, shares, &apart, limit, if whole_too { 0 } else { parts });
+    // Those that found no part beside them, on components of their own, stay with the part they
+    // were of: no class may be made of loose pieces alone.
+    let mut firm = vec![false; classes];
+    let mut of_piece = vec![0u32; pieces];
+    for (&k, &p) in joined.iter().zip(&piece) {
+        firm[k as usize] |= !loose[p as usize];
+        of_piece[p as usize] = k;
+    }
+    for (k, &p) in joined.iter_mut().zip(&piece).filter(|(k, _)| !firm[**k as usize]) {
+        *k = of_piece[largest[part[p as usize] as usize]];
+    }
+    compact(&joined)
 }
 
 #[cfg(test)]
@@ -60,5 +67,13 @@ mod tests {
         let kept = small_parts(&pairs, &[1.0; 9], &[0.1; 10], &loose, 0.15, false);
         assert_eq!(kept.1, 3);
         assert_eq!(kept.0[3], 0);
+        // Two loose cells on a component of their own: back to their parts.
+        let mut pairs = pairs;
+        pairs.retain(|p| *p != [7, 8]);
+        let torn = [0, 0, 0, 0, 1, 1, 1, 1, 0, 1];
+        for whole_too in [false, true] {
+            let kept = small_parts(&pairs, &[1.0; 8], &[0.1; 10], &torn, 0.15, whole_too);
+            assert_eq!(kept, (torn.to_vec(), 2));
+        }
     }
 }

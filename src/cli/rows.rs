@@ -1,0 +1,86 @@
+//! `rows` and `merge`: the distances from all landmarks, by one process or by several.
+
+use super::bars::Bars;
+use super::options::{MethodArgs, RunArgs};
+use super::{Failure, Surroundings};
+use nystrom_stream::base::Error;
+use nystrom_stream::distance::shard;
+use nystrom_stream::mesh;
+use nystrom_stream::pipeline::{input, sharding};
+use nystrom_stream::store::WorkDir;
+use std::path::PathBuf;
+
+/// Arguments of `rows`.
+#[derive(Clone, Debug, clap::Args)]
+pub struct Args {
+    /// A PLY file (.ply, .ply.gz)
+    #[arg(value_name = "MESH")]
+    pub mesh: PathBuf,
+    /// Where everything is kept, for later commands
+    #[arg(long, value_name = "DIR")]
+    pub work_dir: PathBuf,
+    /// Only the i-th of n shares of the rows, counted from 0; processes may share the work directory
+    #[arg(long, value_name = "I/N", value_parser = parse_shard)]
+    pub shard: Option<(usize, usize)>,
+    #[command(flatten)]
+    pub method: MethodArgs,
+    #[command(flatten)]
+    pub run: RunArgs,
+}
+
+/// Arguments of `merge`.
+#[derive(Clone, Debug, clap::Args)]
+pub struct MergeArgs {
+    /// The work directory that the shards were computed in
+    #[arg(value_name = "WORK")]
+    pub work_dir: PathBuf,
+    #[command(flatten)]
+    pub run: RunArgs,
+}
+
+/// Shard and number of shards from "0/3".
+fn parse_shard(text: &str) -> Result<(usize, usize), String> {
+    let wrong = || format!("{text:?} is no shard; write 0/3, 1/3 and 2/3");
+    let (shard, of) = text.split_once('/').ok_or_else(wrong)?;
+    match (shard.trim().parse(), of.trim().parse()) {
+        (Ok(shard), Ok(of)) if shard < of => Ok((shard, of)),
+        _ => Err(wrong()),
+    }
+}
+
+pub fn run(args: &Args, surroundings: &Surroundings) -> Result<(), Failure> {
+    let bars = Bars::new(args.run.quiet);
+    let run = args.run.run(&bars, surroundings);
+    let params = args.method.params()?;
+    let open = |work: &WorkDir| -> Result<mesh::Opened, Error> {
+        run.stage("read", "bytes", 0, || mesh::open(&args.mesh, work.path(), &run)).map(|(opened, _)| opened)
+    };
+    let identity = input::identity(&args.mesh)?;
+    if let Some(shard) = args.shard {
+        return Ok(sharding::one(&args.work_dir, &identity, &params, shard, open, &run)?);
+    }
+    let work = WorkDir::open(&args.work_dir)?;
+    sharding::all(&open(&work)?, &identity, &params, &work, &run)?;
+    Ok(())
+}
+
+pub fn merge(args: &MergeArgs, surroundings: &Surroundings) -> Result<(), Failure> {
+    let bars = Bars::new(args.run.quiet);
+    let run = args.run.run(&bars, surroundings);
+    let work = WorkDir::open(&args.work_dir)?;
+    shard::merge(&work, &run)?;
+    Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::parse_shard;
+
+    #[test]
+    fn shards() {
+        assert_eq!(parse_shard("2/3"), Ok((2, 3)));
+        for bad in ["3/3", "1", "0/0", "a/b", "-1/2"] {
+            assert!(parse_shard(bad).is_err(), "{bad}");
+        }
+    }
+}

@@ -1,0 +1,227 @@
+//! Contraction: the surface as a graph of some thirty thousand nodes, for a preview at any size.
+//!
+//! One front over all faces under the final weights, from area-stratified seeds; two nodes are as far apart as the
+//! shortest path between their seeds across their common boundary, min (d_i + w_ij + d_j). Rows, cells and all the rest
+//! run on that graph as they would on the faces (it is a [`DualGraph`]), in constant time. On clean meshes the result is as
+//! good as with rows over all faces (−.001 ± .005 in 1 − Rand); contracting by length alone is worse.
+//!
+//! The length of a common boundary is that of its chord, |Σ oriented edges|, so that zigzag does not count; an edge's
+//! direction is taken across the step between its faces. Cost: one front, 8 bytes a face, one pass over the graph.
+
+use super::seeds::spread;
+use super::shares::Shares;
+use crate::base::Result;
+use crate::base::parallel::{chunk_count, chunk_range, map_chunks};
+use crate::base::vector::{cross, length as norm, minus, wide};
+use crate::distance::Front;
+use crate::distance::front::mean_weight;
+use crate::graph::assemble::Rows;
+use crate::graph::dual::{Csr, Weighted};
+use crate::graph::{DualGraph, GraphFacts, Node};
+use crate::store::mapped::csr_of_mapped;
+use crate::store::workdir::key_of;
+use crate::store::{MappedSlice, Run, WorkDir, npy};
+use serde_json::json;
+use std::collections::BTreeMap;
+
+/// Nodes of the contracted graph.
+pub const NODES: usize = 30_000;
+const CHUNK: usize = 1 << 14;
+const BLOCKS: usize = 8;
+/// Length of a step between centroids, in gaps: what the way over a midpoint adds.
+const DETOUR: f64 = 1.15;
+
+/// The contracted surface.
+#[derive(Debug)]
+pub struct Contracted {
+    /// Its graph; lengths in the frame of the original.
+    pub graph: DualGraph,
+    /// Its weights.
+    pub weighted: Weighted,
+    /// Contracted node of each node of the original (n).
+    pub of_node: MappedSlice<u32>,
+}
+
+/// Sums over the common boundary of two contracted nodes.
+#[derive(Clone, Copy, Debug)]
+struct Border {
+    weight: f32,
+    length: f64,
+    chord: [f64; 3],
+}
+
+impl Border {
+    fn add(&mut self, other: &Self) {
+        self.weight = self.weight.min(other.weight);
+        self.length += other.length;
+        (0..3).for_each(|axis| self.chord[axis] += other.chord[axis]);
+    }
+}
+
+/// Contracts `graph` under the weights of `fine`; files go to `work` (the map) and `inner` (the graph).
+///
+/// # Errors
+/// [`crate::base::Error::Io`], [`crate::base::Error::Cancelled`].
+pub fn contract(
+    graph: &DualGraph,
+    fine: &Weighted,
+    shares: &Shares,
+    work: &WorkDir,
+    inner: &WorkDir,
+    run: &Run,
+) -> Result<Contracted> {
+    let n = graph.nodes.len();
+    let seeds = spread(&shares.share, NODES, run.seed, "contraction");
+    let mut owner = work.array::<u32>("contracted.npy", &[n])?;
+    let mut field = work.array::<f32>("contracted_field.tmp", &[n])?;
+    let csr = fine.csr();
+    Front::new(mean_weight(csr)).owned(csr, &seeds, field.data(), owner.data(), &run.cancel)?;
+    let of_node = owner.finish(false)?;
+    let nodes = interiors(graph, shares, &of_node, seeds.len(), run)?;
+    let borders = borders(graph, csr, &of_node, field.data(), run)?;
+    drop(field);
+    work.remove("contracted_field.tmp.partial");
+    let key = key_of(&json!({"stage": "contraction", "weights": fine.key, "seed": run.seed}));
+    assemble(graph, nodes, &borders, of_node, key, inner)
+}
+
+/// Centroid, direction and area of each contracted node; dust counts nothing.
+fn interiors(graph: &DualGraph, shares: &Shares, owner: &[u32], count: usize, run: &Run) -> Result<Vec<Node>> {
+    let n = owner.len();
+    let block = n.div_ceil(BLOCKS).max(1);
+    let parts = map_chunks(
+        run.threads,
+        &run.cancel,
+        chunk_count(n, block),
+        || (),
+        |k, ()| {
+            let mut sums = vec![[0f64; 7]; count];
+            for i in chunk_range(n, block, k) {
+                let share = f64::from(shares.share[i]);
+                let Some(sum) = sums.get_mut(owner[i] as usize).filter(|_| share > 0.) else { continue };
+                let node = &graph.nodes[i];
+                sum[6] += share;
+                for axis in 0..3 {
+                    sum[axis] += share * f64::from(node.centroid[axis]);
+                    sum[3 + axis] += share * f64::from(node.normal[axis]);
+                }
+            }
+            Ok(sums)
+        },
+    )?;
+    let mut total = vec![[0f64; 7]; count];
+    for part in parts {
+        for (sum, part) in total.iter_mut().zip(part) {
+            sum.iter_mut().zip(part).for_each(|(a, b)| *a += b);
+        }
+    }
+    let area = 1. / f64::from(shares.unit).powi(2);
+    Ok(total
+        .iter()
+        .map(|s| {
+            let length = (s[3] * s[3] + s[4] * s[4] + s[5] * s[5]).sqrt();
+            let direction = if length > 0. { 1. / length } else { 0. };
+            Node {
+                centroid: [0, 1, 2].map(|axis| (s[axis] / s[6].max(1e-300)) as f32),
+                normal: [3, 4, 5].map(|axis| (s[axis] * direction) as f32),
+                area: (s[6] * area) as f32,
+            }
+        })
+        .collect())
+}
+
+type Borders = BTreeMap<(u32, u32), Border>;
+
+fn borders(graph: &DualGraph, csr: Csr<'_>, owner: &[u32], field: &[f32], run: &Run) -> Result<Borders> {
+    let n = owner.len();
+    let edge = &graph.rows.edge[..];
+    let parts = map_chunks(
+        run.threads,
+        &run.cancel,
+        chunk_count(n, CHUNK),
+        || (),
+        |k, ()| {
+            let mut sums: Borders = BTreeMap::new();
+            for i in chunk_range(n, CHUNK, k) {
+                for e in csr.indptr[i] as usize..csr.indptr[i + 1] as usize {
+                    let j = csr.indices[e] as usize;
+                    let (a, b) = (owner[i], owner[j]);
+                    if j <= i || a == b || a == u32::MAX || b == u32::MAX {
+                        continue;
+                    }
+                    let (from, to) = if a < b { (i, j) } else { (j, i) };
+                    let border = Border {
+                        weight: field[i] + csr.weights[e] + field[j],
+                        length: f64::from(edge[e].abs()),
+                        chord: along(&graph.nodes[from], &graph.nodes[to], f64::from(edge[e].abs())),
+                    };
+                    sums.entry((a.min(b), a.max(b))).and_modify(|sum| sum.add(&border)).or_insert(border);
+                }
+            }
+            Ok(sums)
+        },
+    )?;
+    let mut total: Borders = BTreeMap::new();
+    for (pair, border) in parts.into_iter().flatten() {
+        total.entry(pair).and_modify(|sum| sum.add(&border)).or_insert(border);
+    }
+    Ok(total)
+}
+
+/// The edge between two faces as a vector: `length` across the step from one to the other, in the surface.
+fn along(from: &Node, to: &Node, length: f64) -> [f64; 3] {
+    let (n, m) = (wide(from.normal), wide(to.normal));
+    let across = minus(wide(to.centroid), wide(from.centroid));
+    let along = cross([n[0] + m[0], n[1] + m[1], n[2] + m[2]], across);
+    let norm = norm(along);
+    let factor = if norm > 0. { length / norm } else { 0. };
+    [along[0] * factor, along[1] * factor, along[2] * factor]
+}
+
+/// Writes the contracted graph as arrays of `inner`.
+fn assemble(
+    graph: &DualGraph,
+    nodes: Vec<Node>,
+    borders: &Borders,
+    of_node: MappedSlice<u32>,
+    key: String,
+    inner: &WorkDir,
+) -> Result<Contracted> {
+    let mut entries: Vec<(u32, u32, f32, f32, f32)> = Vec::with_capacity(2 * borders.len());
+    for (&(a, b), border) in borders {
+        let (from, to) = (&nodes[a as usize].centroid, &nodes[b as usize].centroid);
+        let gap = (0..3).map(|axis| f64::from(from[axis] - to[axis]).powi(2)).sum::<f64>().sqrt();
+        let chord = border.chord.iter().map(|x| x * x).sum::<f64>().sqrt();
+        // Bridges have no boundary, and stay without.
+        let length = chord.max(0.1 * border.length) as f32;
+        let gd = (DETOUR * gap.max(1e-9)) as f32;
+        entries.push((a, b, border.weight, gd, length));
+        entries.push((b, a, border.weight, gd, length));
+    }
+    entries.sort_unstable_by_key(|e| (e.0, e.1));
+    let mut indptr = vec![0u64; nodes.len() + 1];
+    entries.iter().for_each(|e| indptr[e.0 as usize + 1] += 1);
+    (0..nodes.len()).for_each(|i| indptr[i + 1] += indptr[i]);
+    let column = |pick: fn(&(u32, u32, f32, f32, f32)) -> f32| entries.iter().map(pick).collect::<Vec<f32>>();
+    let write = |name: &str, items: Vec<f32>| npy::write(&inner.file(name), &items, 1, false);
+    let indices: Vec<u32> = entries.iter().map(|e| e.1).collect();
+    let rows = Rows {
+        indptr: npy::write(&inner.file("graph_indptr.npy"), &indptr, 1, false)?,
+        indices: npy::write(&inner.file("graph_indices.npy"), &indices, 1, false)?,
+        gd: write("graph_gd.npy", column(|e| e.3))?,
+        edge: write("graph_edges.npy", column(|e| e.4))?,
+    };
+    let weights = write("graph_weights.npy", column(|e| e.2.max(crate::graph::weights::LEAST)))?;
+    let matrix = csr_of_mapped(inner.path(), rows.indptr.clone(), rows.indices.clone(), weights)?;
+    let facts = GraphFacts {
+        nodes: nodes.len() as u64,
+        edges: borders.len() as u64,
+        components: 1,
+        bridges: 0,
+        area: nodes.iter().map(|node| f64::from(node.area)).sum(),
+        ..graph.facts.clone()
+    };
+    let nodes = npy::write(&inner.file("node_geometry.npy"), &nodes, 7, false)?;
+    let weighted = Weighted::new(matrix, rows.indptr.clone(), key.clone());
+    Ok(Contracted { graph: DualGraph { rows, nodes, components: None, facts, key }, weighted, of_node })
+}

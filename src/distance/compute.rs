@@ -1,0 +1,204 @@
+//! Computing rows: a thread that searches landmarks, and threads that run a full front each.
+//!
+//! The searcher sends each landmark down a channel as soon as it is known; the others take them and run full
+//! fronts meanwhile; the searcher joins them when it is done. A finished row is brought to the disk, entered in the
+//! journal, and goes down a second channel with its sums to the calling thread, which keeps the books. The
+//! first landmark's row falls out of the search and is not computed twice.
+//!
+//! Rows that the journal knows from an earlier run are checked (one pass over them) and taken over. In a
+//! temporary directory there is no journal and nothing is synced.
+
+use super::front::{Front, mean_weight};
+use super::journal::{Head, Journal, Line, checksum};
+use super::landmarks::{Finished, choose};
+use super::rows::{RowFacts, RowParams};
+use crate::base::{Error, Result};
+use crate::graph::Node;
+use crate::graph::dual::Csr;
+use crate::store::mapped::Access;
+use crate::store::npy::ArrayMut;
+use crate::store::rows_file::RowsFile;
+use crate::store::{MappedSliceMut, Run, WorkDir};
+use crossbeam_channel::{Receiver, Sender};
+use std::collections::BTreeMap;
+use std::sync::{Mutex, MutexGuard};
+
+/// Rows to be computed.
+pub(super) struct Task<'a> {
+    pub graph: Csr<'a>,
+    pub nodes: &'a [Node],
+    pub params: RowParams,
+    /// What they are of, and which of them are wanted.
+    pub head: &'a Head,
+}
+
+/// Rows while they are computed; row k of all is slot k / of.
+struct Slots<'a> {
+    head: &'a Head,
+    rows: Vec<Mutex<MappedSliceMut<f32>>>,
+    /// Rows taken over from an earlier run.
+    done: BTreeMap<usize, Line>,
+    journal: Option<Journal>,
+    path: std::path::PathBuf,
+}
+
+impl Slots<'_> {
+    fn take(&self, row: usize) -> MutexGuard<'_, MappedSliceMut<f32>> {
+        self.rows[row / self.head.of].lock().unwrap_or_else(|poison| poison.into_inner())
+    }
+
+    /// Sums up a row, brings it to the disk and enters it in the journal.
+    fn close(&self, row: usize, landmark: u32, distances: &MappedSliceMut<f32>) -> Result<Line> {
+        let facts = RowFacts::of(distances);
+        let Some(journal) = &self.journal else { return Ok(Line { row, landmark, facts, xxh3: 0 }) };
+        distances.sync().map_err(Error::io(&self.path, "sync"))?;
+        let line = Line { row, landmark, facts, xxh3: checksum(distances) };
+        journal.append(&line)?;
+        Ok(line)
+    }
+}
+
+impl Finished for Slots<'_> {
+    fn landmark(&self, k: usize) -> Option<u32> {
+        self.done.get(&k).map(|line| line.landmark)
+    }
+
+    fn lower(&self, k: usize, field: &mut [f32]) {
+        let row = self.take(k);
+        for (known, &d) in field.iter_mut().zip(row.iter()) {
+            *known = if d < *known { d } else { *known };
+        }
+    }
+}
+
+impl Head {
+    /// Whether row `k` is wanted.
+    fn wants(&self, k: usize) -> bool {
+        k % self.of == self.shard
+    }
+
+    /// How many rows are wanted.
+    pub(super) fn wanted(&self) -> usize {
+        (0..self.rows).filter(|&k| self.wants(k)).count()
+    }
+}
+
+impl Task<'_> {
+    /// Computes the rows that the head wants into the file `name` (still under its temporary name when this returns),
+    /// going on where the journal `journal` says that an earlier run was.
+    pub fn compute(
+        &self,
+        name: &str,
+        journal: &str,
+        work: &WorkDir,
+        run: &Run,
+    ) -> Result<(RowsFile<f32>, BTreeMap<usize, Line>)> {
+        let (head, n) = (self.head, self.head.nodes);
+        let (path, journal_path) = (work.file(name), work.file(journal));
+        let earlier = Journal::read(&journal_path).filter(|(of, _)| work.durable() && of == head);
+        let taken = earlier.and_then(|(_, lines)| Some((RowsFile::reopen(&path, head.wanted(), n)?, lines)));
+        let (file, mut done) = match taken {
+            Some(taken) => taken,
+            None => (RowsFile::create(&path, head.wanted(), n)?, BTreeMap::new()),
+        };
+        let rows = (0..head.wanted()).map(|slot| Ok(Mutex::new(file.row(slot)?))).collect::<Result<Vec<_>>>()?;
+        let mut slots = Slots { head, rows, done: BTreeMap::new(), journal: None, path };
+        done.retain(|&row, line| head.wants(row) && checksum(&slots.take(row)) == line.xxh3);
+        if !done.is_empty() {
+            run.progress.note(&format!("rows: {} of {} taken over from an earlier run", done.len(), head.wanted()));
+            run.progress.advance("rows", done.len() as u64);
+        }
+        if work.durable() {
+            let anew = done.is_empty();
+            slots.journal =
+                Some(if anew { Journal::create(&journal_path, head) } else { Journal::reopen(&journal_path) }?);
+        }
+        let mut lines = done.clone();
+        slots.done = done;
+        if lines.len() < head.wanted() {
+            let temporary = format!("nearest-{}.tmp", head.shard);
+            let mut field: ArrayMut<f32> = work.array(&temporary, &[n])?;
+            field.data().advise(Access::Local);
+            let result = self.fronts(&slots, &mut field.data()[..], &mut lines, run);
+            drop(field);
+            work.remove(&format!("{temporary}.partial"));
+            result?;
+        }
+        drop(slots);
+        Ok((file, lines))
+    }
+
+    /// Runs search and fronts until every wanted row is in `lines`.
+    fn fronts(&self, slots: &Slots<'_>, field: &mut [f32], lines: &mut BTreeMap<usize, Line>, run: &Run) -> Result<()> {
+        let mean = mean_weight(self.graph);
+        let (send, receive) = crossbeam_channel::unbounded::<(usize, u32)>();
+        let (done, finished) = crossbeam_channel::unbounded::<Result<Line>>();
+        let missing = self.head.wanted() - lines.len();
+        std::thread::scope(|scope| -> Result<()> {
+            let (jobs, out) = (receive.clone(), done.clone());
+            scope.spawn(move || match self.search(slots, field, mean, &send, &out, run) {
+                Ok(()) => {
+                    drop(send);
+                    self.rows(slots, mean, jobs, &out, run);
+                }
+                Err(error) => {
+                    let _ = out.send(Err(error));
+                }
+            });
+            for _ in 1..run.threads.min(missing) {
+                let (jobs, out) = (receive.clone(), done.clone());
+                scope.spawn(move || self.rows(slots, mean, jobs, &out, run));
+            }
+            drop((receive, done));
+            for _ in 0..missing {
+                let line = finished.recv().unwrap_or(Err(Error::Cancelled))?;
+                lines.insert(line.row, line);
+                run.progress.advance("rows", 1);
+            }
+            Ok(())
+        })
+    }
+
+    /// Sends the landmarks whose rows are wanted and not there yet.
+    fn search(
+        &self,
+        slots: &Slots<'_>,
+        field: &mut [f32],
+        mean: f32,
+        jobs: &Sender<(usize, u32)>,
+        done: &Sender<Result<Line>>,
+        run: &Run,
+    ) -> Result<()> {
+        let mut row = 0;
+        let RowParams { l, sampling } = self.params;
+        choose(sampling, l, self.graph, self.nodes, run.seed, field, mean, &run.cancel, slots, |landmark, known| {
+            let k = row;
+            row += 1;
+            if !self.head.wants(k) || slots.landmark(k) == Some(landmark) {
+                return Ok(());
+            }
+            if let Some(known) = known {
+                let mut slot = slots.take(k);
+                slot.copy_from_slice(known);
+                let _ = done.send(slots.close(k, landmark, &slot));
+            } else {
+                let _ = jobs.send((k, landmark));
+            }
+            Ok(())
+        })
+    }
+
+    /// Computes rows until there are no more.
+    fn rows(&self, slots: &Slots<'_>, mean: f32, jobs: Receiver<(usize, u32)>, done: &Sender<Result<Line>>, run: &Run) {
+        let mut front = Front::new(mean);
+        for (row, landmark) in jobs {
+            let mut slot = slots.take(row);
+            let full = front.full(self.graph, landmark, &mut slot, &run.cancel);
+            let line = full.and_then(|_| slots.close(row, landmark, &slot));
+            let failed = line.is_err();
+            if done.send(line).is_err() || failed {
+                return;
+            }
+        }
+    }
+}

@@ -1,0 +1,153 @@
+//! Which rows are finished: a line a row, appended once the row is on the disk.
+//!
+//! The first line says what the rows are of; any other first line, and the journal starts anew. A line that a
+//! killed run left unfinished, or whose check does not fit, is skipped: its row is computed again. Checksums of
+//! the rows are kept, so that a row torn or flipped on the disk is not taken over.
+
+use super::rows::RowFacts;
+use crate::base::{Error, Result};
+use serde::{Deserialize, Serialize};
+use std::collections::BTreeMap;
+use std::fs::File;
+use std::io::{Read, Seek, SeekFrom, Write};
+use std::path::{Path, PathBuf};
+use std::sync::Mutex;
+use xxhash_rust::xxh3::xxh3_64;
+
+/// What the rows of a journal are of.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Head {
+    /// Key of the stage.
+    pub key: String,
+    /// The options behind it.
+    pub options: serde_json::Value,
+    /// Rows in all.
+    pub rows: usize,
+    /// Nodes, the items of a row.
+    pub nodes: usize,
+    /// Which of the rows are here: those k with k mod `of` = `shard`.
+    pub shard: usize,
+    /// Number of shards.
+    pub of: usize,
+}
+
+/// A finished row.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Line {
+    /// Its number.
+    pub row: usize,
+    /// Its landmark.
+    pub landmark: u32,
+    /// Sums of the row, bits and all.
+    pub facts: RowFacts,
+    /// XXH3 of its bytes.
+    pub xxh3: u64,
+}
+
+/// The checksum of a row.
+pub fn checksum(row: &[f32]) -> u64 {
+    xxh3_64(bytemuck::cast_slice(row))
+}
+
+/// A journal being written.
+#[derive(Debug)]
+pub struct Journal {
+    path: PathBuf,
+    file: Mutex<File>,
+}
+
+impl Journal {
+    /// Reads the journal at `path`: its head and the rows it tells of. `None` where there is no readable head.
+    pub fn read(path: &Path) -> Option<(Head, BTreeMap<usize, Line>)> {
+        let mut text = Vec::new();
+        File::open(path).ok()?.read_to_end(&mut text).ok()?;
+        let text = String::from_utf8_lossy(&text);
+        let mut lines = text.lines().map(|line| {
+            let (check, body) = line.split_once(' ')?;
+            (u64::from_str_radix(check, 16).ok()? == xxh3_64(body.as_bytes())).then_some(body)
+        });
+        let head: Head = serde_json::from_str(lines.next()??).ok()?;
+        let rows = lines.flatten().filter_map(|body| serde_json::from_str::<Line>(body).ok());
+        let rows = rows.filter(|line| line.row < head.rows).map(|line| (line.row, line)).collect();
+        Some((head, rows))
+    }
+
+    /// Starts a journal anew.
+    ///
+    /// # Errors
+    /// [`Error::Io`].
+    pub fn create(path: &Path, head: &Head) -> Result<Self> {
+        let file = File::create(path).map_err(Error::io(path, "create"))?;
+        let journal = Self { path: path.to_path_buf(), file: Mutex::new(file) };
+        journal.append(head)?;
+        Ok(journal)
+    }
+
+    /// Goes on with a journal that was [`Journal::read`].
+    ///
+    /// # Errors
+    /// [`Error::Io`].
+    pub fn reopen(path: &Path) -> Result<Self> {
+        let mut file = File::options().read(true).write(true).open(path).map_err(Error::io(path, "open"))?;
+        let end = file.seek(SeekFrom::End(0)).map_err(Error::io(path, "read"))?;
+        let mut last = [b'\n'];
+        if end > 0 {
+            file.seek(SeekFrom::Start(end - 1)).map_err(Error::io(path, "read"))?;
+            file.read_exact(&mut last).map_err(Error::io(path, "read"))?;
+        }
+        if last != [b'\n'] {
+            // An unfinished line is closed, so that it spoils no other.
+            file.write_all(b"\n").map_err(Error::io(path, "write"))?;
+        }
+        Ok(Self { path: path.to_path_buf(), file: Mutex::new(file) })
+    }
+
+    /// Appends a line and brings it to the disk.
+    ///
+    /// # Errors
+    /// [`Error::Io`].
+    pub fn append(&self, item: &impl Serialize) -> Result<()> {
+        let body = serde_json::to_string(item)
+            .map_err(|error| Error::work_dir(&self.path, error.to_string(), "report this"))?;
+        let line = format!("{:016x} {body}\n", xxh3_64(body.as_bytes()));
+        let mut file = self.file.lock().unwrap_or_else(|poison| poison.into_inner());
+        file.write_all(line.as_bytes()).map_err(Error::io(&self.path, "write"))?;
+        file.sync_data().map_err(Error::io(&self.path, "sync"))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn torn_and_flipped_lines_are_skipped() {
+        let dir = tempfile::tempdir().unwrap();
+        let path = dir.path().join("rows.journal");
+        let head = Head { key: "k".into(), options: serde_json::json!({}), rows: 4, nodes: 9, shard: 0, of: 1 };
+        let line = |row| Line {
+            row,
+            landmark: 7,
+            facts: RowFacts { sum: 0.1 + 0.2, reached: 3, farthest: 0.3 },
+            xxh3: u64::MAX - 1,
+        };
+        assert!(Journal::read(&path).is_none());
+        let journal = Journal::create(&path, &head).unwrap();
+        (0..3).for_each(|row| journal.append(&line(row)).unwrap());
+        drop(journal);
+        let whole = std::fs::read(&path).unwrap();
+        let (read, rows) = Journal::read(&path).unwrap();
+        assert_eq!((read, rows.len(), rows[&2]), (head, 3, line(2)));
+        // Torn at any byte after the head, and gone on with.
+        for cut in whole.len() - 60..whole.len() {
+            std::fs::write(&path, &whole[..cut]).unwrap();
+            Journal::reopen(&path).unwrap().append(&line(3)).unwrap();
+            let rows = Journal::read(&path).unwrap().1;
+            assert!(rows.contains_key(&3) && rows.contains_key(&1) && rows.values().all(|l| *l == line(l.row)));
+        }
+        let mut flipped = whole.clone();
+        flipped[whole.len() - 20] ^= 1;
+        std::fs::write(&path, &flipped).unwrap();
+        assert_eq!(Journal::read(&path).unwrap().1.len(), 2);
+    }
+}

@@ -1,0 +1,139 @@
+//! Rows by several processes, on one machine or on several that share a folder.
+//!
+//! Shard i of n computes the rows k with k mod n = i into a file of its own, with a journal of its own; the search
+//! for landmarks is deterministic and cheap beside the rows (2–5 fronts), so each shard makes it alone. [`merge`]
+//! puts the rows together into the file that one process would have written, byte for byte, and stamps the
+//! stage under the same key, so that every later command reuses it.
+
+use super::compute::Task;
+use super::journal::{Head, Journal, Line, checksum};
+use super::rows::{DistanceRows, RowParams, head};
+use crate::base::{Error, Result};
+use crate::graph::Node;
+use crate::graph::dual::Weighted;
+use crate::store::rows_file::RowsFile;
+use crate::store::{MappedSlice, Run, WorkDir};
+use std::collections::BTreeMap;
+
+/// The name of a shard's files, without ending.
+fn stem(shard: usize, of: usize) -> String {
+    format!("rows-{shard}-of-{of}")
+}
+
+/// Computes shard `shard` of `of` in `work`, or finds it done.
+///
+/// # Errors
+/// [`Error::Parameter`] for a shard that does not exist, [`Error::Io`], [`Error::Cancelled`].
+pub fn compute(
+    graph: &Weighted,
+    nodes: &[Node],
+    params: RowParams,
+    (shard, of): (usize, usize),
+    work: &WorkDir,
+    run: &Run,
+) -> Result<()> {
+    let whole = head(&graph.key, nodes.len(), params, run);
+    if shard >= of || of > whole.rows {
+        let problem = format!("{shard}/{of} is no shard of {} rows", whole.rows);
+        return Err(Error::parameter("--shard", problem, "count shards from 0, and make no more than rows"));
+    }
+    let head = Head { shard, of, ..whole };
+    let stem = stem(shard, of);
+    let (array, journal) = (format!("{stem}.npy"), format!("{stem}.journal"));
+    let wanted = head.wanted();
+    let done = Journal::read(&work.file(&journal)).is_some_and(|(found, lines)| found == head && lines.len() >= wanted);
+    if done && work.file(&array).exists() {
+        run.progress.note(&format!("rows: shard {shard}/{of} is done already"));
+        return Ok(());
+    }
+    let task = Task { graph: graph.csr(), nodes, params: RowParams { l: head.rows, ..params }, head: &head };
+    run.stage("rows", "rows", wanted as u64, || task.compute(&array, &journal, work, run)?.0.finish(true).map(drop))?;
+    Ok(())
+}
+
+/// A finished shard.
+struct Shard {
+    head: Head,
+    lines: BTreeMap<usize, Line>,
+    rows: MappedSlice<f32>,
+}
+
+/// Puts the shards in `work` together and removes their files. Every row's checksum is tested on the way.
+///
+/// # Errors
+/// [`Error::WorkDir`] where shards are missing, unfinished, damaged, or of different options; [`Error::Io`].
+pub fn merge(work: &WorkDir, run: &Run) -> Result<DistanceRows> {
+    let shards = find(work)?;
+    let head = Head { shard: 0, of: 1, ..shards[0].head.clone() };
+    let make = || {
+        let file = RowsFile::<f32>::create(&work.file("distances.npy"), head.rows, head.nodes)?;
+        let mut lines = Vec::with_capacity(head.rows);
+        for k in 0..head.rows {
+            run.cancel.check()?;
+            let shard = &shards[k % shards.len()];
+            let start = k / shards.len() * head.nodes;
+            let row = &shard.rows[start..start + head.nodes];
+            let line = shard.lines.get(&k).filter(|line| line.xxh3 == checksum(row));
+            let Some(line) = line else {
+                return Err(damaged(work, shard.head.shard, shard.head.of, &format!("row {k} is damaged")));
+            };
+            file.row(k)?.copy_from_slice(row);
+            lines.push(*line);
+            run.progress.advance("merge", 1);
+        }
+        DistanceRows::finish(file, &lines, &head, work)
+    };
+    let (rows, seconds) = run.stage("merge", "rows", head.rows as u64, make)?;
+    rows.stamp(&head, seconds, work)?;
+    for shard in &shards {
+        let stem = stem(shard.head.shard, shard.head.of);
+        work.remove(&format!("{stem}.npy"));
+        work.remove(&format!("{stem}.journal"));
+    }
+    Ok(rows)
+}
+
+fn damaged(work: &WorkDir, shard: usize, of: usize, problem: &str) -> Error {
+    let name = stem(shard, of);
+    let remedy = format!("delete {name}.npy and {name}.journal and run rows --shard {shard}/{of} again");
+    Error::work_dir(work.file(&format!("{name}.npy")), problem, remedy)
+}
+
+/// The shards in `work`, all there and of the same rows.
+fn find(work: &WorkDir) -> Result<Vec<Shard>> {
+    let entries = std::fs::read_dir(work.path()).map_err(Error::io(work.path(), "list"))?;
+    let journals = entries.flatten().map(|entry| entry.path()).filter(|path| {
+        path.extension().is_some_and(|end| end == "journal")
+            && path.file_stem().is_some_and(|stem| stem.to_string_lossy().contains("-of-"))
+    });
+    let mut found: Vec<(Head, BTreeMap<usize, Line>)> = journals.filter_map(|path| Journal::read(&path)).collect();
+    found.sort_by_key(|(head, _)| head.shard);
+    let Some(first) = found.first().map(|(head, _)| head.clone()) else {
+        return Err(Error::work_dir(work.path(), "holds no shards of rows", "compute them with rows --shard i/n"));
+    };
+    for shard in 0..first.of {
+        let same = |head: &Head| *head == Head { shard, ..first.clone() };
+        match found.get(shard) {
+            Some((head, lines)) if same(head) && lines.len() == head.wanted() => {}
+            Some((head, lines)) if same(head) => {
+                let problem = format!("only {} of {} rows are finished", lines.len(), head.wanted());
+                return Err(damaged(work, shard, first.of, &problem));
+            }
+            Some((head, _)) if head.key != first.key => {
+                return Err(damaged(work, head.shard, head.of, "it was computed with other options than shard 0"));
+            }
+            _ => return Err(damaged(work, shard, first.of, "this shard is missing")),
+        }
+    }
+    if found.len() > first.of {
+        return Err(damaged(work, found[first.of].0.shard, found[first.of].0.of, "it belongs to another division"));
+    }
+    let open = |(head, lines): (Head, _)| {
+        let rows = work.open_array::<f32>(&format!("{}.npy", stem(head.shard, head.of)))?;
+        if rows.len() != head.wanted() * head.nodes {
+            return Err(damaged(work, head.shard, head.of, "it has another size than it should"));
+        }
+        Ok(Shard { head, lines, rows })
+    };
+    found.into_iter().map(open).collect()
+}

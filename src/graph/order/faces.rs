@@ -1,0 +1,253 @@
+//! Faces along the curve: each under the least of its corners' new numbers.
+//!
+//! New vertex numbers reach the faces by random access where the ranks fit memory, else by two shuffles: corners go
+//! to their vertices' buckets, learn the new numbers there, and come back to their faces. An external
+//! sort by (least number, old face) then leaves faces in curve order with renumbered corners, and the
+//! order itself. Disk: 20 B a triangle (16 B a corner of other polygons), 40 B more without random
+//! access; written and read once, and only what memory does not hold.
+
+use crate::base::Result;
+use crate::base::parallel::{chunk_count, chunk_range, each_chunk, in_order};
+use crate::mesh::Faces;
+use crate::store::npy::{self, ArrayWriter};
+use crate::store::shuffle::Producer;
+use crate::store::sizing::{Sized, Splitters};
+use crate::store::{MappedBytes, MappedSlice, Run, WorkDir};
+use std::ops::Range;
+
+const CHUNK: usize = 1 << 14;
+const TRIANGLES: &str = "curve_triangles.npy";
+const STARTS: &str = "curve_starts.npy";
+const CORNERS: &str = "curve_corners.npy";
+
+/// The files that [`sort`] leaves for faces like `faces`.
+pub(super) fn files(faces: &Faces) -> &'static [&'static str] {
+    match faces {
+        Faces::Triangles { .. } => &[TRIANGLES],
+        Faces::Polygons { .. } => &[STARTS, CORNERS],
+    }
+}
+
+/// Opens the sorted faces of an earlier run over `faces`.
+pub(super) fn open(faces: &Faces, work: &WorkDir) -> Result<Faces> {
+    match faces {
+        Faces::Triangles { len, .. } => {
+            let path = work.file(TRIANGLES);
+            Faces::triangles(&path, MappedBytes::open(&path)?, npy::HEADER, 12, *len)
+        }
+        Faces::Polygons { .. } => {
+            Ok(Faces::Polygons { starts: work.open_array(STARTS)?, corners: work.open_array(CORNERS)? })
+        }
+    }
+}
+
+/// Sorts `faces`, whose vertex v has become `rank[v]`.
+pub(super) fn sort(faces: &Faces, rank: &MappedSlice<u32>, in_memory: bool, work: &WorkDir, run: &Run) -> Result<()> {
+    let task = Task { faces, rank, in_memory, work, run };
+    match faces {
+        Faces::Triangles { len, .. } => {
+            let push = |key: u32, face: u32, corners: &[u32], push: &mut dyn FnMut([u32; 5]) -> Result<()>| {
+                push([key, face, corners[0], corners[1], corners[2]])
+            };
+            let mut out: ArrayWriter<u32> = work.writer(TRIANGLES, 3)?;
+            task.sort(*len as u64, push, |records, order| {
+                order.extend(records.iter().map(|record| record[1]));
+                records.iter().try_for_each(|record| out.push(&record[2..]))
+            })?;
+            out.finish(false)?;
+        }
+        Faces::Polygons { corners, .. } => {
+            // A record a corner, and one that stands for a face without corners.
+            let push = |key: u32, face: u32, corners: &[u32], push: &mut dyn FnMut([u32; 4]) -> Result<()>| {
+                if corners.is_empty() {
+                    return push([key, face, u32::MAX, 0]);
+                }
+                corners.iter().enumerate().try_for_each(|(slot, &corner)| push([key, face, slot as u32, corner]))
+            };
+            let (mut starts, mut out) = (work.writer::<u64>(STARTS, 1)?, work.writer::<u32>(CORNERS, 1)?);
+            let mut end = 0u64;
+            starts.push(&[0])?;
+            task.sort((faces.len() + corners.len()) as u64, push, |records, order| {
+                for face in records.chunk_by(|a, b| a[1] == b[1]) {
+                    order.push(face[0][1]);
+                    for record in face.iter().filter(|record| record[2] != u32::MAX) {
+                        out.push(&record[3..])?;
+                        end += 1;
+                    }
+                    starts.push(&[end])?;
+                }
+                Ok(())
+            })?;
+            starts.finish(false)?;
+            out.finish(false)?;
+        }
+    }
+    Ok(())
+}
+
+struct Task<'a> {
+    faces: &'a Faces,
+    rank: &'a MappedSlice<u32>,
+    in_memory: bool,
+    work: &'a WorkDir,
+    run: &'a Run<'a>,
+}
+
+/// What faces are sorted by, from their corners' new numbers.
+fn key(corners: &[u32]) -> u32 {
+    corners.iter().copied().min().unwrap_or(u32::MAX)
+}
+
+impl Task<'_> {
+    /// Sorts records of W words, which begin with key and face. `push(key, face, corners, out)` makes a face's
+    /// records; `write(records, order)` gets them sorted, whole faces, and appends the faces to `order`.
+    fn sort<const W: usize>(
+        &self,
+        records: u64,
+        push: impl Fn(u32, u32, &[u32], &mut dyn FnMut([u32; W]) -> Result<()>) -> Result<()> + Sync,
+        mut write: impl FnMut(&[[u32; W]], &mut Vec<u32>) -> Result<()>,
+    ) -> Result<()> {
+        let (work, run, n) = (self.work, self.run, self.faces.len());
+        let copies = 6 * run.threads as u64;
+        let sorting = Sized::<[u32; W]>::new(&work.file("faces.tmp"), "sorting faces", records, copies, 3, run)?;
+        let shuffle = &sorting.shuffle;
+        let step = (n / (shuffle.buckets() * Splitters::<[u32; 2]>::SAMPLES)).max(1);
+        let sample = (0..n).step_by(step).map(|face| {
+            self.faces.with(face, |corners| {
+                let least = corners.iter().map(|&v| self.rank[v as usize]).min();
+                [least.unwrap_or(u32::MAX), face as u32]
+            })
+        });
+        let splitters = Splitters::new(sample.collect(), shuffle.buckets());
+        let send = |face: usize, corners: &[u32], out: &mut Producer<'_, [u32; W]>| {
+            let key = key(corners);
+            let bucket = splitters.bucket([key, face as u32]);
+            push(key, face as u32, corners, &mut |record| out.push(bucket, record))
+        };
+        if self.in_memory {
+            self.look_up(&sorting, &send)?
+        } else {
+            self.join(&sorting, &send)?
+        }
+        let mut order: ArrayWriter<u32> = work.writer(super::ORDER, 1)?;
+        let mut block = Vec::with_capacity(CHUNK);
+        in_order(
+            run.threads,
+            &run.cancel,
+            shuffle.buckets(),
+            || (),
+            |bucket, ()| {
+                let mut records = shuffle.take(bucket)?;
+                records.sort_unstable();
+                Ok(records)
+            },
+            |_, records| {
+                block.clear();
+                write(&records, &mut block)?;
+                run.progress.advance("order", block.len() as u64);
+                order.push(&block)
+            },
+        )?;
+        order.finish(false).map(drop)
+    }
+
+    /// Ranks by random access.
+    fn look_up<const W: usize>(
+        &self,
+        sorting: &Sized<[u32; W]>,
+        send: &(impl Fn(usize, &[u32], &mut Producer<'_, [u32; W]>) -> Result<()> + Sync),
+    ) -> Result<()> {
+        let (rank, n) = (&self.rank[..], self.faces.len());
+        each_chunk(
+            self.run.threads,
+            &self.run.cancel,
+            chunk_count(n, CHUNK),
+            || (sorting.shuffle.producer(), Vec::new()),
+            |k, (out, new)| {
+                let mut result = Ok(());
+                self.faces.for_each(chunk_range(n, CHUNK, k), |face, corners| {
+                    new.clear();
+                    new.extend(corners.iter().map(|&v| rank[v as usize]));
+                    if result.is_ok() {
+                        result = send(face, new, out);
+                    }
+                });
+                result
+            },
+            |(out, _)| out.finish(),
+        )
+    }
+
+    /// Ranks by two shuffles: to the vertices, and back to the faces.
+    fn join<const W: usize>(
+        &self,
+        sorting: &Sized<[u32; W]>,
+        send: &(impl Fn(usize, &[u32], &mut Producer<'_, [u32; W]>) -> Result<()> + Sync),
+    ) -> Result<()> {
+        let (run, n, vertices) = (self.run, self.faces.len(), self.rank.len().max(1));
+        let (threads, total) = (run.threads as u64, self.faces.corner_count() as u64);
+        let ranked = Sized::<[u32; 2]>::new(&self.work.file("ranked.tmp"), "ranking corners", total, threads, 2, run)?;
+        let back = ranked.shuffle.buckets();
+        let first = |bucket: usize| (bucket as u128 * n as u128).div_ceil(back as u128) as usize;
+        {
+            let path = self.work.file("corners.tmp");
+            let corners = Sized::<[u32; 2]>::new(&path, "sorting corners", total, threads, 1, run)?;
+            let buckets = corners.shuffle.buckets();
+            each_chunk(
+                run.threads,
+                &run.cancel,
+                chunk_count(n, CHUNK),
+                || corners.shuffle.producer(),
+                |k, out| {
+                    let mut result = Ok(());
+                    self.faces.for_each(chunk_range(n, CHUNK, k), |face, corners| {
+                        let start = self.faces.corner_range(face).start;
+                        for (slot, &v) in corners.iter().enumerate() {
+                            if result.is_ok() {
+                                let bucket = (v as usize * buckets / vertices).min(buckets - 1);
+                                result = out.push(bucket, [v, (start + slot) as u32]);
+                            }
+                        }
+                    });
+                    result
+                },
+                Producer::finish,
+            )?;
+            each_chunk(
+                run.threads,
+                &run.cancel,
+                buckets,
+                || ranked.shuffle.producer(),
+                |bucket, out| {
+                    corners.shuffle.take(bucket)?.into_iter().try_for_each(|[v, corner]| {
+                        let face = self.faces.face_of_corner(corner as usize);
+                        let home = (face as u128 * back as u128 / n as u128) as usize;
+                        out.push(home, [corner, self.rank[v as usize]])
+                    })
+                },
+                Producer::finish,
+            )?;
+        }
+        each_chunk(
+            run.threads,
+            &run.cancel,
+            back,
+            || (sorting.shuffle.producer(), Vec::new()),
+            |bucket, (out, new)| {
+                let range: Range<usize> = first(bucket)..first(bucket + 1);
+                if range.is_empty() {
+                    return Ok(());
+                }
+                let start = self.faces.corner_range(range.start).start;
+                new.clear();
+                new.resize(self.faces.corner_range(range.end - 1).end - start, 0u32);
+                ranked.shuffle.take(bucket)?.into_iter().for_each(|[corner, rank]| new[corner as usize - start] = rank);
+                range.into_iter().try_for_each(|face| {
+                    let span = self.faces.corner_range(face);
+                    send(face, &new[span.start - start..span.end - start], out)
+                })
+            },
+            |(out, _)| out.finish(),
+        )
+    }
+}

@@ -1,0 +1,77 @@
+//! From the order of the nodes back to the file's.
+//!
+//! Values are scattered into the mapped output where that fits memory, else shuffled by face, a bucket at a
+//! time. Cost: one pass over the nodes; 8 B a value on disk where memory does not hold them.
+
+use super::Ordered;
+use crate::base::parallel::{chunk_count, chunk_range, each_chunk};
+use crate::base::{Error, Result};
+use crate::store::npy::Item;
+use crate::store::shuffle::Producer;
+use crate::store::sizing::Sized;
+use crate::store::{MappedSlice, Run, WorkDir};
+
+const CHUNK: usize = 1 << 16;
+
+impl Ordered {
+    /// Puts `values` (n, one a node, 4 bytes each), which are the array `from` of `work`, in the order of the file's faces
+    /// as the array `name`; where the file's order was kept the array is only renamed.
+    ///
+    /// # Errors
+    /// [`crate::base::Error::Io`], [`crate::base::Error::Memory`], [`crate::base::Error::Cancelled`].
+    pub fn restore<T: Item>(
+        &self,
+        from: &str,
+        name: &str,
+        values: MappedSlice<T>,
+        work: &WorkDir,
+        run: &Run,
+    ) -> Result<MappedSlice<T>> {
+        let Some(order) = &self.order else {
+            if from != name {
+                std::fs::rename(work.file(from), work.file(name)).map_err(Error::io(work.file(from), "rename"))?;
+            }
+            return Ok(values);
+        };
+        let n = values.len();
+        let words: &[u32] = bytemuck::cast_slice(&values);
+        let mut array = work.array::<T>(name, &[n])?;
+        let out: &mut [u32] = bytemuck::cast_slice_mut(&mut array.data()[..]);
+        let bytes = 4 * n as u64;
+        let resident = run.budget.take("ordering results", 0, bytes)?;
+        if resident.bytes() >= bytes {
+            for (k, (&face, &word)) in order.iter().zip(words).enumerate() {
+                if k % CHUNK == 0 {
+                    run.cancel.check()?;
+                }
+                out[face as usize] = word;
+            }
+        } else {
+            drop(resident);
+            let pairs = Sized::<[u32; 2]>::new(&work.file("restore.tmp"), "ordering results", n as u64, 1, 1, run)?;
+            let buckets = pairs.shuffle.buckets();
+            each_chunk(
+                run.threads,
+                &run.cancel,
+                chunk_count(n, CHUNK),
+                || pairs.shuffle.producer(),
+                |k, producer| {
+                    chunk_range(n, CHUNK, k).try_for_each(|i| {
+                        let face = order[i];
+                        producer.push((u64::from(face) * buckets as u64 / n as u64) as usize, [face, words[i]])
+                    })
+                },
+                Producer::finish,
+            )?;
+            for bucket in 0..buckets {
+                run.cancel.check()?;
+                pairs.shuffle.take(bucket)?.into_iter().for_each(|[face, word]| out[face as usize] = word);
+            }
+        }
+        let restored = array.finish(false)?;
+        if from != name {
+            work.remove(from);
+        }
+        Ok(restored)
+    }
+}

@@ -1,0 +1,137 @@
+//! Vertices along the curve: an external sort that carries the positions with it.
+//!
+//! A record is an array of 32-bit words (place on the curve, old number, coordinates' bits), so its own
+//! order is the order wanted, total even where vertices coincide. Leaves the positions in curve order
+//! (`curve_vertices.npy`) and each old vertex's new number (`vertex_rank.tmp`). Disk: 24 B a vertex of
+//! 32-bit coordinates (36 B of 64-bit ones), written and read once where memory does not hold them.
+
+use super::hilbert::place_of;
+use crate::base::Result;
+use crate::base::parallel::{chunk_count, chunk_range, each_chunk, in_order};
+use crate::graph::Frame;
+use crate::mesh::Positions;
+use crate::store::npy::{self, ArrayMut, ArrayWriter, Item};
+use crate::store::shuffle::Producer;
+use crate::store::sizing::{Sized, Splitters};
+use crate::store::{MappedBytes, MappedSlice, Run, WorkDir};
+
+const CHUNK: usize = 1 << 14;
+
+/// Opens the sorted positions of an earlier run, `double` as the input's were.
+pub(super) fn open(work: &WorkDir, double: bool, len: usize) -> Result<Positions> {
+    let path = work.file(super::VERTICES);
+    let size = if double { 8 } else { 4 };
+    Positions::strided(&path, MappedBytes::open(&path)?, npy::HEADER, 3 * size, [0, size, 2 * size], double, len)
+}
+
+/// Sorts the vertices along the curve; returns the new number of each old one. Where these fit memory (`in_memory`)
+/// they are scattered, else shuffled.
+pub(super) fn sort(
+    positions: &Positions,
+    frame: &Frame,
+    in_memory: bool,
+    work: &WorkDir,
+    run: &Run,
+) -> Result<MappedSlice<u32>> {
+    let task = Task { positions, frame, in_memory, work, run };
+    if positions.is_double() {
+        task.sort::<f64, 9>(|x, words| {
+            words.copy_from_slice(&[x.to_bits() as u32, (x.to_bits() >> 32) as u32]);
+        })
+    } else {
+        task.sort::<f32, 6>(|x, words| words[0] = (x as f32).to_bits())
+    }
+}
+
+struct Task<'a> {
+    positions: &'a Positions,
+    frame: &'a Frame,
+    in_memory: bool,
+    work: &'a WorkDir,
+    run: &'a Run<'a>,
+}
+
+impl Task<'_> {
+    fn key(&self, vertex: usize) -> ([u32; 3], [f64; 3]) {
+        let position = self.positions.get(vertex as u32);
+        let place = place_of(self.frame.place(position));
+        ([(place >> 32) as u32, place as u32, vertex as u32], position)
+    }
+
+    /// Sorts records of W words, coordinates of type `T` among them as `words` puts them; returns the ranks.
+    fn sort<T: Item, const W: usize>(&self, words: impl Fn(f64, &mut [u32]) + Sync) -> Result<MappedSlice<u32>> {
+        let (n, work, run) = (self.positions.len(), self.work, self.run);
+        // Sorted buckets wait their turn for the writer: `in_order` holds four a thread, and one is being sorted.
+        let copies = 6 * run.threads as u64;
+        let sorting = Sized::<[u32; W]>::new(&work.file("vertices.tmp"), "sorting vertices", n as u64, copies, 2, run)?;
+        let shuffle = &sorting.shuffle;
+        let step = (n / (shuffle.buckets() * Splitters::<[u32; 3]>::SAMPLES)).max(1);
+        let splitters = Splitters::new((0..n).step_by(step).map(|v| self.key(v).0).collect(), shuffle.buckets());
+        each_chunk(
+            run.threads,
+            &run.cancel,
+            chunk_count(n, CHUNK),
+            || shuffle.producer(),
+            |k, out| {
+                for v in chunk_range(n, CHUNK, k) {
+                    let (key, at) = self.key(v);
+                    let mut record = [0u32; W];
+                    record[..3].copy_from_slice(&key);
+                    for (coordinate, slot) in at.into_iter().zip(record[3..].chunks_exact_mut((W - 3) / 3)) {
+                        words(coordinate, slot);
+                    }
+                    out.push(splitters.bucket(key), record)?;
+                }
+                Ok(())
+            },
+            Producer::finish,
+        )?;
+        let mut writer: ArrayWriter<T> = work.writer(super::VERTICES, 3)?;
+        let mut array: ArrayMut<u32> = work.array("vertex_rank.tmp", &[n])?;
+        let ranks = &mut array.data()[..];
+        let pairs = match self.in_memory {
+            true => None,
+            false => Some(Sized::<[u32; 2]>::new(&work.file("ranks.tmp"), "ranking vertices", n as u64, 1, 2, run)?),
+        };
+        let mut out = pairs.as_ref().map(|pairs| pairs.shuffle.producer());
+        let buckets = pairs.as_ref().map_or(1, |pairs| pairs.shuffle.buckets());
+        let mut block: Vec<u32> = Vec::with_capacity(CHUNK * (W - 3));
+        let mut next = 0u32;
+        in_order(
+            run.threads,
+            &run.cancel,
+            shuffle.buckets(),
+            || (),
+            |bucket, ()| {
+                let mut records = shuffle.take(bucket)?;
+                records.sort_unstable();
+                Ok(records)
+            },
+            |_, records| {
+                for part in records.chunks(CHUNK) {
+                    block.clear();
+                    part.iter().for_each(|record| block.extend_from_slice(&record[3..]));
+                    writer.push_bytes(bytemuck::cast_slice(&block))?;
+                    for record in part {
+                        let old = record[2];
+                        match &mut out {
+                            Some(out) => out.push((old as usize * buckets) / n, [old, next])?,
+                            None => ranks[old as usize] = next,
+                        }
+                        next += 1;
+                    }
+                }
+                Ok(())
+            },
+        )?;
+        writer.finish(false)?;
+        if let (Some(out), Some(pairs)) = (out, &pairs) {
+            out.finish()?;
+            for bucket in 0..buckets {
+                run.cancel.check()?;
+                pairs.shuffle.take(bucket)?.into_iter().for_each(|[old, new]| ranks[old as usize] = new);
+            }
+        }
+        array.finish(false)
+    }
+}

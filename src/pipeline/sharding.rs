@@ -1,0 +1,119 @@
+//! Rows by several processes over one work directory: who makes the graph, and how the others find it.
+//!
+//! The first process takes the directory for itself and makes all stages up to the weights; it stamps a stage
+//! `sharding` that names them, and lets go. Rows are then computed under a shared lock, each shard into files of
+//! its own. A process that finds the stage stamped needs neither mesh nor lock of its own.
+
+use super::{Cluster, SegmentParams, default_landmarks, fit, landmarks_for_parts, parts, stages};
+use crate::base::{Error, Result};
+use crate::distance::landmarks::Sampling;
+use crate::distance::rows::RowParams;
+use crate::distance::{DistanceRows, shard};
+use crate::graph::dual::Weighted;
+use crate::graph::{Node, nodes};
+use crate::mesh::Opened;
+use crate::store::workdir::key_of;
+use crate::store::{MappedSlice, Run, WorkDir};
+use serde::{Deserialize, Serialize};
+use serde_json::{Value, json};
+use std::path::Path;
+use std::time::Duration;
+
+/// What the stage keeps.
+#[derive(Debug, Serialize, Deserialize)]
+struct Facts {
+    /// Key of the weights.
+    weights: String,
+    /// Number of landmarks.
+    l: usize,
+    sampling: Sampling,
+}
+
+fn options(identity: &Value, params: &SegmentParams, run: &Run) -> Value {
+    let rows = json!({
+        "landmarks": params.landmarks, "sampling": params.sampling, "metric": params.metric, "order": params.order,
+        "cluster": params.cluster, "count": params.parts.count,
+    });
+    json!({"stage": "sharding", "input": identity, "rows": rows, "seed": run.seed})
+}
+
+/// Landmarks that `params` asks for on a mesh of `faces` faces.
+///
+/// # Errors
+/// [`Error::Parameter`] for K-means without a number of parts and of landmarks.
+fn landmarks(params: &SegmentParams, faces: usize) -> Result<usize> {
+    match (params.landmarks, fit(params, faces)) {
+        (Some(l), _) => Ok(l),
+        (None, Some((_, parts))) => Ok(default_landmarks(parts)),
+        (None, None) if params.cluster == Cluster::Parts => Ok(landmarks_for_parts(faces)),
+        (None, None) => Err(Error::parameter("-l", "the number of landmarks is missing", "give it, or -k")),
+    }
+}
+
+/// Makes everything up to the weights in `work`.
+fn prepare(opened: &Opened, identity: &Value, params: &SegmentParams, work: &WorkDir, run: &Run) -> Result<Weighted> {
+    let l = landmarks(params, opened.mesh.faces.len())?;
+    let graph = stages::graph(opened, identity, params, work, run)?.1;
+    let weighted = match params.cluster {
+        Cluster::KMeans | Cluster::TwoMeans => graph.weighted(params.metric, work, run)?,
+        Cluster::Parts => parts::weighted(&graph, params, work, run)?.1,
+    };
+    let options = options(identity, params, run);
+    let facts = Facts { weights: weighted.key.clone(), l, sampling: params.sampling };
+    work.stamp("sharding", &key_of(&options), &options, &[], &facts, 0.)?;
+    Ok(weighted)
+}
+
+/// Computes all rows, as `segment` would.
+///
+/// # Errors
+/// As [`super::segment`].
+pub fn all(
+    opened: &Opened,
+    identity: &Value,
+    params: &SegmentParams,
+    work: &WorkDir,
+    run: &Run,
+) -> Result<DistanceRows> {
+    let weighted = prepare(opened, identity, params, work, run)?;
+    let rows = RowParams { l: landmarks(params, opened.mesh.faces.len())?, sampling: params.sampling };
+    let nodes: MappedSlice<Node> = work.open_array(nodes::FILE)?;
+    DistanceRows::build(&weighted, &nodes, rows, work, run)
+}
+
+/// Computes one shard of the rows in the work directory `path`, making what comes before where no other process did.
+/// `open` reads the mesh, with decoded arrays going to the work directory; it is called only where needed.
+///
+/// # Errors
+/// As [`super::segment`], and [`Error::Parameter`] for a shard that does not exist.
+pub fn one(
+    path: &Path,
+    identity: &Value,
+    params: &SegmentParams,
+    shard: (usize, usize),
+    open: impl Fn(&WorkDir) -> Result<Opened>,
+    run: &Run,
+) -> Result<()> {
+    let key = key_of(&options(identity, params, run));
+    let mut told = false;
+    loop {
+        run.cancel.check()?;
+        if let Some(work) = WorkDir::try_open(path, true)?
+            && let Ok(facts) = work.reuse::<Facts>("sharding", &key)
+        {
+            let weighted = Weighted::open(facts.weights, &work)?;
+            let nodes: MappedSlice<Node> = work.open_array(nodes::FILE)?;
+            let rows = RowParams { l: facts.l, sampling: facts.sampling };
+            return shard::compute(&weighted, &nodes, rows, shard, &work, run);
+        }
+        if let Some(work) = WorkDir::try_open(path, false)? {
+            prepare(&open(&work)?, identity, params, &work, run)?;
+            continue;
+        }
+        if !told {
+            run.progress.note(&format!("waiting for another process that uses {}", path.display()));
+            told = true;
+        }
+        std::thread::sleep(Duration::from_millis(200));
+    }
+}

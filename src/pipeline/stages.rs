@@ -1,0 +1,24 @@
+//! The first stages, common to all commands: the mesh in the order of its nodes, and its dual graph.
+
+use super::SegmentParams;
+use crate::base::Result;
+use crate::graph::{DualGraph, Ordered};
+use crate::mesh::Opened;
+use crate::store::{Run, WorkDir};
+
+/// Orders the mesh and builds its graph, or opens both.
+///
+/// # Errors
+/// [`crate::base::Error::Unusable`] for too large meshes, [`crate::base::Error::Io`], [`crate::base::Error::Memory`],
+/// [`crate::base::Error::Cancelled`].
+pub fn graph(
+    opened: &Opened,
+    identity: &serde_json::Value,
+    params: &SegmentParams,
+    work: &WorkDir,
+    run: &Run,
+) -> Result<(Ordered, DualGraph)> {
+    let ordered = Ordered::build(&opened.mesh, params.order, identity, work, run)?;
+    let graph = DualGraph::build(&ordered.mesh, opened.document.path(), &ordered.identity, work, run)?;
+    Ok((ordered, graph))
+}

@@ -1,0 +1,120 @@
+//! The surface as deciding parts needs it: shares of area, normals at a radius, cells. A stage of its own, independent
+//! of landmarks, weights and numbers of parts.
+
+use crate::base::parallel::map_chunks;
+use crate::base::{Error, Result};
+use crate::cluster::cells::{Cells, Smooth};
+use crate::cluster::normals::{self, Normals, RADII};
+use crate::cluster::parts::CellGraph;
+use crate::cluster::shares::Shares;
+use crate::graph::DualGraph;
+use crate::store::workdir::key_of;
+use crate::store::{MappedSlice, Run, WorkDir};
+use serde::{Deserialize, Serialize};
+use serde_json::json;
+
+const NORMALS: [&str; 3] = ["normals_01.npy", "normals_02.npy", "normals_04.npy"];
+const CELL_GRAPH: &str = "cell_graph.json";
+
+/// What the nodes of a graph are.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Kind {
+    /// Faces of a mesh.
+    Faces,
+    /// Cells of a contracted one.
+    Contracted,
+}
+
+/// The surface: what faces count, how they are oriented, and which cell they belong to.
+pub(super) struct Surface {
+    pub shares: Shares,
+    pub cells: Cells,
+    /// The smoothed normals that turning is measured with, where the faces' own are too rough.
+    pub normals: Option<Normals>,
+    /// Their radius, in units of √(area); 0: the faces' own.
+    pub radius: f32,
+    /// Key of the stage.
+    pub key: String,
+}
+
+/// What the manifest keeps.
+#[derive(Debug, Serialize, Deserialize)]
+struct Facts {
+    unit: f32,
+    dust: u64,
+    /// Index into [`RADII`] of the normals in use.
+    radius: Option<usize>,
+    /// Σ length · |θ| with the faces' own normals and those at .01 and .02.
+    turning: Vec<f64>,
+}
+
+impl Surface {
+    /// Makes the surface of `graph`, or opens it where that was done.
+    ///
+    /// # Errors
+    /// [`Error::Io`], [`Error::Cancelled`].
+    pub fn build(graph: &DualGraph, kind: Kind, work: &WorkDir, run: &Run) -> Result<Self> {
+        let options = json!({"stage": "surface", "graph": graph.key, "seed": run.seed});
+        let key = key_of(&options);
+        if let Ok(facts) = work.reuse::<Facts>("surface", &key) {
+            run.progress.note("surface: reused");
+            return Self::open(facts, work, key);
+        }
+        let n = graph.nodes.len() as u64;
+        let shares = Shares::of(graph, work, run)?;
+        let ([fine, medium, coarse], spent) =
+            run.stage("normals", "faces", n, || smooth(graph, kind, &shares, work, run))?;
+        let turning = normals::total_turning(graph, &shares, &[&fine, &medium], run)?;
+        let radius = normals::choose_radius(&turning);
+        let smooth = Smooth { fine: &fine, medium: &medium, coarse: &coarse };
+        let (cells, seconds) = run.stage("cells", "faces", n, || Cells::cut(graph, &shares, smooth, work, run))?;
+        drop(coarse);
+        let normals = radius.map(|k| [fine, medium][k].clone());
+        let mut files = vec!["surface_shares.npy", "cells.npy", CELL_GRAPH];
+        for (k, name) in NORMALS.into_iter().enumerate() {
+            if radius == Some(k) {
+                files.push(name);
+            } else {
+                work.remove(name);
+            }
+        }
+        let path = work.file(CELL_GRAPH);
+        let text = serde_json::to_vec(&cells.graph).unwrap_or_default();
+        std::fs::write(&path, text).map_err(Error::io(&path, "write"))?;
+        let facts = Facts { unit: shares.unit, dust: shares.dust, radius, turning };
+        work.stamp("surface", &key, &options, &files, &facts, spent + seconds)?;
+        Ok(Self { shares, cells, normals, radius: radius.map_or(0., |k| RADII[k]), key })
+    }
+
+    fn open(facts: Facts, work: &WorkDir, key: String) -> Result<Self> {
+        let path = work.file(CELL_GRAPH);
+        let text = std::fs::read(&path).map_err(Error::io(&path, "read"))?;
+        let graph: CellGraph = serde_json::from_slice(&text)
+            .map_err(|error| Error::work_dir(&path, error.to_string(), "delete the work directory"))?;
+        let share = work.open_array("surface_shares.npy")?;
+        Ok(Self {
+            shares: Shares { share, unit: facts.unit, dust: facts.dust },
+            cells: Cells { of_node: work.open_array("cells.npy")?, graph },
+            normals: facts.radius.and_then(|k| NORMALS.get(k)).map(|name| work.open_array(name)).transpose()?,
+            radius: facts.radius.and_then(|k| RADII.get(k)).copied().unwrap_or(0.),
+            key,
+        })
+    }
+}
+
+/// Normals at the three radii; with two threads, two fronts at a time.
+fn smooth(graph: &DualGraph, kind: Kind, shares: &Shares, work: &WorkDir, run: &Run) -> Result<[Normals; 3]> {
+    let made = map_chunks(
+        run.threads.min(3),
+        &run.cancel,
+        3,
+        || (),
+        |k, ()| match kind {
+            Kind::Faces => normals::smoothed(graph, shares, RADII[k], NORMALS[k], work, run),
+            Kind::Contracted => normals::averaged(graph, shares, RADII[k], NORMALS[k], work, run),
+        },
+    )?;
+    let mut made = made.into_iter();
+    let mut next = || made.next().unwrap_or_else(MappedSlice::empty);
+    Ok([next(), next(), next()])
+}

@@ -1,0 +1,77 @@
+//! Whether the files of a work directory are what was written: every byte against its checksum.
+//!
+//! Cost: one pass over all files, at the speed of the disk.
+
+use super::workdir::{WorkDir, checksum};
+use super::{Run, npy};
+use crate::base::Result;
+use serde::Serialize;
+
+/// A file that was checked.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize)]
+pub struct Checked {
+    /// Its stage.
+    pub stage: String,
+    /// Its name in the work directory.
+    pub file: String,
+    /// Its size in bytes, by the manifest.
+    pub bytes: u64,
+    /// What is wrong with it, if anything.
+    pub problem: Option<String>,
+}
+
+/// Checks every file of every stage in the manifest of `work`, in the manifest's order.
+///
+/// # Errors
+/// [`crate::base::Error::Cancelled`]; a file that cannot be read is a problem of that file.
+pub fn verify(work: &WorkDir, run: &Run) -> Result<Vec<Checked>> {
+    let mut all = Vec::new();
+    for (stage, record) in work.manifest().stages {
+        for (name, file) in record.files {
+            run.cancel.check()?;
+            let path = work.file(&name);
+            let problem = match std::fs::metadata(&path) {
+                Err(_) if npy::partial_name(&path).exists() => Some("is being made anew".to_string()),
+                Err(error) => Some(format!("cannot be looked at: {error}")),
+                Ok(found) if found.len() != file.bytes => Some(format!("has {} bytes", found.len())),
+                Ok(_) => match checksum(&path) {
+                    Err(error) => Some(error.to_string()),
+                    Ok(sum) if sum != file.xxh3 => Some(format!("has checksum {sum} instead of {}", file.xxh3)),
+                    Ok(_) => None,
+                },
+            };
+            run.progress.advance("verify", file.bytes);
+            all.push(Checked { stage: stage.clone(), file: name, bytes: file.bytes, problem });
+        }
+    }
+    Ok(all)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::store::workdir::key_of;
+    use serde_json::json;
+
+    #[test]
+    fn any_flipped_byte_is_found() {
+        let dir = tempfile::tempdir().unwrap();
+        let work = WorkDir::open(&dir.path().join("w")).unwrap();
+        npy::write(&work.file("a.npy"), &[1u32; 100], 1, true).unwrap();
+        npy::write(&work.file("b.npy"), &[2f32; 10], 1, true).unwrap();
+        let options = json!({});
+        work.stamp("s", &key_of(&options), &options, &["a.npy", "b.npy"], &(), 0.).unwrap();
+        let run = Run::new(&());
+        assert!(verify(&work, &run).unwrap().iter().all(|file| file.problem.is_none()));
+        let whole = std::fs::read(work.file("a.npy")).unwrap();
+        for k in 0..whole.len() {
+            let mut flipped = whole.clone();
+            flipped[k] ^= 1 << (k % 8);
+            std::fs::write(work.file("a.npy"), flipped).unwrap();
+            let found = verify(&work, &run).unwrap();
+            assert!(found[0].problem.is_some() && found[1].problem.is_none(), "byte {k}");
+        }
+        std::fs::remove_file(work.file("b.npy")).unwrap();
+        assert!(verify(&work, &run).unwrap()[1].problem.is_some());
+    }
+}

@@ -1,0 +1,380 @@
+//! The command line end to end: where results go, what is refused and how, and that the same bytes come out
+//! whatever the threads, the memory and the way in.
+
+mod common;
+
+use common::{errors, program, run, segment, word, zoo};
+use serde_json::Value;
+use std::io::Write;
+use std::path::Path;
+use std::process::{Output, Stdio};
+
+/// Runs the program with `input` on standard input.
+fn with_input(words: &[&str], input: &[u8]) -> Output {
+    let mut child =
+        program().args(words).stdin(Stdio::piped()).stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().unwrap();
+    let mut pipe = child.stdin.take().unwrap();
+    std::thread::scope(|scope| {
+        // A program that ends early closes the pipe: no failure of this test.
+        scope.spawn(move || drop(pipe.write_all(input)));
+        child.wait_with_output().unwrap()
+    })
+}
+
+fn names(folder: &Path) -> Vec<String> {
+    let entries = std::fs::read_dir(folder).unwrap();
+    let mut names: Vec<_> = entries.map(|entry| entry.unwrap().file_name().to_string_lossy().into_owned()).collect();
+    names.sort();
+    names
+}
+
+#[test]
+fn without_an_output_the_labelled_mesh_lies_beside_the_input_and_nothing_else() {
+    let dir = tempfile::tempdir().unwrap();
+    let mesh = zoo::dumbbell().write(dir.path());
+    let output = segment(&mesh, &["-k", "3"]);
+    assert!(output.stdout.is_empty());
+    assert_eq!(names(dir.path()), ["dumbbell.ply", "dumbbell.segmented.ply"]);
+    // Off a terminal: a plain line a stage, no control characters.
+    let told = errors(&output);
+    for stage in ["read", "graph", "weights", "rows", "boundaries", "write"] {
+        assert_eq!(told.lines().filter(|line| line.starts_with(stage)).count(), 1, "{told}");
+    }
+    assert!(!told.contains(['\r', '\u{1b}']), "{told}");
+    assert!(segment(&mesh, &["-k", "3", "--quiet"]).stderr.is_empty());
+}
+
+#[test]
+fn every_output_form_holds_the_same_labels() {
+    let dir = tempfile::tempdir().unwrap();
+    let mesh = zoo::dumbbell().write(dir.path());
+    let file = |name: &str| dir.path().join(name);
+    let (ply, seg, npy, report) = (file("a.ply"), file("b.SEG"), file("c.npy"), file("d.json"));
+    let json = format!("--json={}", word(&report));
+    segment(&mesh, &["-k", "3", "-o", word(&ply), "-o", word(&seg), "--output", word(&npy), &json]);
+    let labels = nystrom_stream::mesh::read_seg(&seg).unwrap();
+    let bytes = std::fs::read(npy).unwrap();
+    let array = npyz::NpyFile::new(&bytes[..]).unwrap();
+    assert_eq!(array.shape(), [labels.len() as u64]);
+    assert_eq!(array.into_vec::<u32>().unwrap(), labels);
+    let text = std::fs::read_to_string(&ply).unwrap();
+    let first_face = text.lines().skip_while(|line| *line != "end_header").nth(1 + zoo::dumbbell().vertices.len());
+    let words: Vec<&str> = first_face.unwrap().split(' ').collect();
+    assert_eq!((words.len(), words[4]), (9, &labels[0].to_string()[..]));
+    let report: Value = serde_json::from_str(&std::fs::read_to_string(report).unwrap()).unwrap();
+    assert_eq!(report["parts"].as_array().unwrap().len(), 3);
+    assert_eq!(report["options"]["parts"]["count"]["exactly"], 3);
+    // Binary and text are the same mesh.
+    for form in ["binary", "ascii", "same"] {
+        segment(&mesh, &["-q", "-k", "3", "-o", word(&ply), "--ply-form", form]);
+        let head = std::fs::read(&ply).unwrap();
+        let expected = if form == "binary" { "ply\nformat binary_little" } else { "ply\nformat ascii" };
+        assert!(head.starts_with(expected.as_bytes()), "{form}");
+        let again = file("again.seg");
+        segment(&ply, &["-q", "-k", "3", "-o", word(&again)]);
+        assert_eq!(nystrom_stream::mesh::read_seg(&again).unwrap(), labels, "{form}");
+    }
+}
+
+#[test]
+fn standard_input_and_output_carry_the_same_mesh_as_files() {
+    let dir = tempfile::tempdir().unwrap();
+    let mesh = common::creature(dir.path(), 5_000, false);
+    let labelled = dir.path().join("labelled.ply");
+    segment(&mesh, &["-q", "-k", "5", "-o", word(&labelled)]);
+    let (input, expected) = (std::fs::read(&mesh).unwrap(), std::fs::read(&labelled).unwrap());
+    for words in [&["segment", "-", "-k", "5"][..], &["segment", "-", "-k", "5", "-o", "-", "-q"]] {
+        let output = with_input(words, &input);
+        assert!(output.status.success(), "{}", errors(&output));
+        assert!(output.stdout == expected, "{words:?}");
+    }
+    assert!(segment(&mesh, &["-k", "5", "-o", "-"]).stdout == expected);
+    let output = with_input(&["segment", "-", "-k", "5", "-o", word(&dir.path().join("x.seg")), "--json"], &input);
+    let report: Value = serde_json::from_slice(&output.stdout).unwrap();
+    assert_eq!(report["input"]["path"], "<stdin>");
+    assert_eq!(names(dir.path()), ["creature_5000.ply", "labelled.ply", "x.seg"]);
+    let output = with_input(&["segment", "-", "-k", "5"], b"not a mesh");
+    assert_eq!(output.status.code(), Some(1));
+    assert!(errors(&output).starts_with("nystrom-stream: <stdin>: header line 1: "), "{}", errors(&output));
+}
+
+#[test]
+fn several_meshes_go_on_when_one_fails() {
+    let dir = tempfile::tempdir().unwrap();
+    let (a, b) = (zoo::dumbbell().write(dir.path()), zoo::moebius(30).write(dir.path()));
+    let (bad, json) = (dir.path().join("bad.ply"), dir.path().join("reports.json"));
+    std::fs::write(&bad, "ply\n").unwrap();
+    let output = run(&["segment", word(&a), word(&bad), word(&b), "-q", "-k", "2", &format!("--json={}", word(&json))]);
+    assert_eq!(output.status.code(), Some(1));
+    let told = errors(&output);
+    assert_eq!(told.lines().count(), 2, "{told}");
+    assert!(told.contains("bad.ply: ") && told.ends_with("nystrom-stream: 1 of 3 meshes failed\n"), "{told}");
+    let expected =
+        ["bad.ply", "dumbbell.ply", "dumbbell.segmented.ply", "moebius.ply", "moebius.segmented.ply", "reports.json"];
+    assert_eq!(names(dir.path()), expected);
+    let reports: Value = serde_json::from_str(&std::fs::read_to_string(json).unwrap()).unwrap();
+    let faces: Vec<_> = reports.as_array().unwrap().iter().map(|report| &report["input"]["faces"]).collect();
+    assert_eq!(faces, [zoo::dumbbell().faces.len(), 60]);
+}
+
+#[test]
+fn refusals_are_one_line_with_file_and_remedy_and_code_1() {
+    let dir = tempfile::tempdir().unwrap();
+    let mesh = zoo::tetrahedron().write(dir.path());
+    let file = |name: &str, content: &[u8]| {
+        let path = dir.path().join(name);
+        std::fs::write(&path, content).unwrap();
+        path
+    };
+    let text = std::fs::read_to_string(&mesh).unwrap();
+    let foreign = dir.path().join("foreign");
+    std::fs::create_dir(&foreign).unwrap();
+    std::fs::write(foreign.join("thesis.doc"), []).unwrap();
+    let (no_folder, foreign) = (dir.path().join("none/x.ply"), word(&foreign).to_owned());
+    let cut = file("cut.ply", &text.as_bytes()[..text.len() - 9]);
+    let far = file("far.ply", text.replace("3 0 2 1", "3 0 2 4").as_bytes());
+    let promises = file("promises.ply", text.replace("face 4", "face 4000000000").as_bytes());
+    let points = file("points.ply", text.replace("face 4", "face 0").as_bytes());
+    let (empty, other) = (file("empty.ply", b""), file("other.ply", b"solid cube\nfacet normal 0 0 1\n"));
+    let gz = file("cut.ply.gz", &[0x1f, 0x8b, 8, 0, 0, 0]);
+    for (words, start, remedy) in [
+        (vec![word(&cut)], "cut.ply: face 3: ", "cut short"),
+        (vec![word(&far)], "far.ply: face 0: names vertex 4, but there are 4", "export"),
+        (vec![word(&promises)], "promises.ply: header, element face: 4000000000 records need", "cut short"),
+        (vec![word(&points)], "points.ply: has no faces; a point cloud cannot be segmented", "reconstruct"),
+        (vec![word(&empty)], "empty.ply: is empty", "get the file again"),
+        (vec![word(&other)], "other.ply: header line 1: is \"solid cube\", not \"ply\"", "PLY"),
+        (vec![word(&gz)], "cut.ply.gz: ", "; "),
+        (vec![word(&mesh), "-k", "5"], "tetrahedron.ply: has 4 faces, fewer than the 5 parts", "choose a smaller -k"),
+        (vec!["absent.ply"], "absent.ply: cannot open: ", "check the path"),
+        (vec![word(dir.path())], ": ", "; "),
+        (vec![word(&mesh), "-o", word(&no_folder)], "none/x.ply: its folder ", "make it first"),
+        (vec![word(&mesh), "--work-dir", &foreign], "foreign: is not empty and not a work directory", "empty or new"),
+        (vec![word(&mesh), "--tmp", "/nonexistent"], "/nonexistent: cannot create", "check the path"),
+        (vec![word(&mesh), "-o", "/dev/full/x.ply"], "/dev/full", "; "),
+    ] {
+        let mut all = vec!["segment", "-q"];
+        all.extend(&words);
+        if !words.contains(&"-k") {
+            all.extend(["-k", "2"]);
+        }
+        let output = run(&all);
+        let message = errors(&output);
+        assert_eq!(output.status.code(), Some(1), "{words:?}: {message}");
+        assert_eq!(message.lines().count(), 1, "{words:?}: {message}");
+        assert!(message.starts_with("nystrom-stream: ") && output.stdout.is_empty(), "{words:?}: {message}");
+        assert!(message.contains(start), "{words:?}: {message}");
+        let after = &message[message.find(start).unwrap()..];
+        assert!(after.contains(remedy), "{words:?}: {message}");
+    }
+    // Nothing is left of all that.
+    assert!(names(dir.path()).iter().all(|name| !name.contains("segmented") && !name.starts_with('.')));
+}
+
+#[test]
+fn misuse_ends_with_code_2_and_says_what_is_right() {
+    let dir = tempfile::tempdir().unwrap();
+    let mesh = zoo::tetrahedron().write(dir.path());
+    let mesh = word(&mesh);
+    for (words, part) in [
+        (&["segment", mesh, "--cluster", "kmeans"][..], "-k: K-means needs the number of parts; give it, as in -k 6"),
+        (&["segment", mesh, "-k", "2", "--parts-range", "2..3"], "cannot be used with"),
+        (&["segment", mesh, "--parts-range", "5..2"], "is no range; write 4..12"),
+        (&["segment", mesh, "--detail", "2"], "choose from -1 to 1"),
+        (&["segment"], "<MESH>"),
+        (&["segment", mesh, "-k", "0"], "0"),
+        (&["segment", mesh, "-k", "two"], "invalid value 'two'"),
+        (&["segment", mesh, "-k", "2", "-l", "0"], "0 is not in 1..=4096"),
+        (&["segment", mesh, "-k", "2", "-o", "x.obj"], "end it with .ply, .seg or .npy"),
+        (&["segment", mesh, mesh, "-k", "2", "-o", "x.ply"], "-o goes with one mesh"),
+        (&["segment", mesh, mesh, "-k", "2", "--work-dir", "w"], "--work-dir goes with one mesh"),
+        (&["segment", "-", mesh, "-k", "2"], "standard input is one mesh"),
+        (&["segment", "-", "-k", "2", "--json"], "cannot both go to standard output"),
+        (&["segment", mesh, "-k", "2", "-o", "-", "--json"], "cannot both go to standard output"),
+        (&["segment", mesh, "-k", "2", "--delta", "0.1"], "--delta goes with --metric paper only"),
+        (&["segment", mesh, "-k", "2", "--metric", "paper", "--beta", "1"], "--beta goes with"),
+        (&["segment", mesh, "-k", "2", "--metric", "geodesic", "--eta", "1"], "--metric geodesic takes no"),
+        (&["segment", mesh, "-k", "2", "--eta=-1"], "choose from 0 to 1"),
+        (&["segment", mesh, "-k", "2", "--eta=nan"], "out of range"),
+        (&["segment", mesh, "-k", "2", "--beta=inf"], "out of range"),
+        (&["segment", mesh, "-k", "2", "--sigma", "0"], "choose a positive number"),
+        (&["segment", mesh, "-k", "2", "--sigma=nan"], "choose a positive number"),
+        (&["segment", mesh, "-k", "2", "--threads", "0"], "0 is not in 1.."),
+        (&["segment", mesh, "-k", "2", "--max-memory", "12"], "at least 1MB"),
+        (&["segment", mesh, "-k", "2", "--max-memory", "2 parsecs"], "is no unit; write MiB or GiB"),
+        (&["segment", mesh, "-k", "2", "--no-such"], "--no-such"),
+        (&["demo", "--faces", "9999999999"], "--faces"),
+        (&["demo", "--noise", "2"], "--noise"),
+        (&["frobnicate"], "frobnicate"),
+        (&[], "Usage"),
+    ] {
+        let output = program().args(words).current_dir(dir.path()).output().unwrap();
+        let message = errors(&output);
+        assert_eq!(output.status.code(), Some(2), "{words:?}: {message}");
+        assert!(message.contains(part) && output.stdout.is_empty(), "{words:?}: {message}");
+    }
+    for words in [&["--help"][..], &["--version"], &["segment", "--help"], &["demo", "-h"]] {
+        let output = run(words);
+        assert!(output.status.success() && output.stderr.is_empty() && !output.stdout.is_empty(), "{words:?}");
+    }
+}
+
+#[test]
+fn threads_memory_and_order_of_work_change_no_byte() {
+    let dir = tempfile::tempdir().unwrap();
+    // Large enough that 8 MiB spill the half-edges to disk, and in random order.
+    let mesh = common::creature(dir.path(), 150_000, true);
+    let mut first: Option<Vec<Vec<u8>>> = None;
+    let mut reports = Vec::new();
+    for options in [
+        &["--threads", "1"][..],
+        &["--threads", "2"],
+        &["--threads", "7"],
+        &["--threads", "1", "--max-memory", "8MiB"],
+        &["--threads", "2", "--max-memory", "10MiB"],
+        &["--threads", "2", "--max-memory", "4GiB"],
+    ] {
+        let file = |name: &str| dir.path().join(name);
+        let (ply, npy, report) = (file("x.ply"), file("x.npy"), file("x.json"));
+        let json = format!("--json={}", word(&report));
+        let words = [&["-q", "-k", "9", "-o", word(&ply), "-o", word(&npy), &json], options].concat();
+        segment(&mesh, &words);
+        let mut report: Value = serde_json::from_str(&std::fs::read_to_string(report).unwrap()).unwrap();
+        for key in ["seconds", "bytes", "options"] {
+            report.as_object_mut().unwrap().remove(key);
+        }
+        report["decision"].as_object_mut().unwrap().remove("seconds");
+        reports.push(report);
+        let bytes = vec![std::fs::read(ply).unwrap(), std::fs::read(npy).unwrap()];
+        let expected = first.get_or_insert_with(|| bytes.clone());
+        assert!(*expected == bytes, "{options:?}");
+        assert_eq!(reports[0], reports[reports.len() - 1], "{options:?}");
+    }
+}
+
+#[test]
+fn a_seed_decides_and_nothing_else() {
+    let dir = tempfile::tempdir().unwrap();
+    let mesh = common::creature(dir.path(), 3_000, false);
+    let labels = |seed: &str| {
+        let out = dir.path().join("x.seg");
+        segment(
+            &mesh,
+            &["-q", "-k", "6", "--cluster", "kmeans", "--sampling", "random", "--seed", seed, "-o", word(&out)],
+        );
+        std::fs::read(out).unwrap()
+    };
+    assert!(labels("5") == labels("5"), "seed 5 cuts in two ways");
+    assert!(labels("5") != labels("6"), "seeds 5 and 6 cut alike");
+}
+
+#[test]
+fn a_work_directory_is_filled_with_arrays_and_used_again() {
+    let dir = tempfile::tempdir().unwrap();
+    let mesh = common::creature(dir.path(), 3_000, false);
+    let (work, out) = (dir.path().join("work"), dir.path().join("x.seg"));
+    let cut = |words: &[&str]| {
+        let all = [&["-o", word(&out), "--work-dir", word(&work)], words].concat();
+        let told = errors(&segment(&mesh, &all));
+        (std::fs::read(&out).unwrap(), told)
+    };
+    let (first, told) = cut(&["-k", "4", "-l", "12"]);
+    assert!(!told.contains("reused"), "{told}");
+
+    // Every array opens elsewhere with the shape that it should have.
+    let shape = |name: &str| {
+        let bytes = std::fs::read(work.join(name)).unwrap();
+        let file = npyz::NpyFile::new(&bytes[..]).unwrap();
+        (file.dtype().descr(), file.shape().to_vec())
+    };
+    let n = nystrom_stream::mesh::read_seg(&out).unwrap().len() as u64;
+    let (u4, f4) = ("'<u4'".to_string(), "'<f4'".to_string());
+    assert_eq!(shape("labels.npy"), (u4.clone(), vec![n]));
+    assert_eq!(shape("quality.npy"), (f4.clone(), vec![n]));
+    assert_eq!(shape("landmarks.npy"), (u4.clone(), vec![12]));
+    assert_eq!(shape("distances.npy"), (f4.clone(), vec![12, n]));
+    assert_eq!(shape("node_geometry.npy"), (f4.clone(), vec![n, 7]));
+    assert_eq!(shape("graph_indptr.npy"), ("'<u8'".to_string(), vec![n + 1]));
+    // Closed: three neighbours a triangle.
+    assert_eq!(shape("graph_indices.npy"), (u4, vec![3 * n]));
+    for name in ["graph_weights.npy", "graph_gd.npy", "graph_edges.npy"] {
+        assert_eq!(shape(name), (f4.clone(), vec![3 * n]), "{name}");
+    }
+    // Nothing half-made or temporary stays.
+    let known = |name: &String| name == "lock" || name.ends_with(".npy") || name.ends_with(".json");
+    assert!(names(&work).iter().all(known), "{:?}", names(&work));
+
+    // The same again: every stage but the last is there, and the bytes are the same.
+    let (again, told) = cut(&["-k", "4", "-l", "12"]);
+    assert!(again == first);
+    for stage in ["graph", "weights", "rows"] {
+        assert!(told.contains(&format!("{stage}: reused")), "{told}");
+    }
+    // Another K needs no new row; another metric needs new weights and rows, but no new graph.
+    let (_, told) = cut(&["-k", "7", "-l", "12"]);
+    assert!(told.contains("rows: reused"), "{told}");
+    let (_, told) = cut(&["-k", "7", "-l", "12", "--metric", "paper"]);
+    assert!(told.contains("graph: reused") && !told.contains("weights: reused"), "{told}");
+    assert!(!told.contains("rows: reused"), "{told}");
+    // And back: as if nothing had happened.
+    let (back, told) = cut(&["-k", "4", "-l", "12"]);
+    assert!(back == first && !told.contains("weights: reused"), "{told}");
+    // A changed input is not mistaken for the old one.
+    let dumbbell = zoo::dumbbell().write(dir.path());
+    std::fs::copy(&dumbbell, &mesh).unwrap();
+    let (changed, told) = cut(&["-k", "4", "-l", "12"]);
+    assert!(!told.contains("reused"), "{told}");
+    segment(&dumbbell, &["-q", "-k", "4", "-l", "12", "-o", word(&out)]);
+    assert!(changed == std::fs::read(&out).unwrap());
+    // A damaged array is made again.
+    std::fs::write(work.join("distances.npy"), b"short").unwrap();
+    let (mended, told) = cut(&["-k", "4", "-l", "12"]);
+    assert!(mended == changed && told.contains("graph: reused") && !told.contains("rows: reused"), "{told}");
+}
+
+#[cfg(unix)]
+#[test]
+fn an_interrupt_leaves_nothing_behind_or_a_work_directory_that_goes_on() {
+    use std::io::{BufRead, BufReader};
+    let dir = tempfile::tempdir().unwrap();
+    let mesh = common::creature(dir.path(), 60_000, false);
+    let (work, tmp) = (dir.path().join("work"), dir.path().join("tmp"));
+    std::fs::create_dir(&tmp).unwrap();
+    let place = ["--work-dir", word(&work), "--tmp", word(&tmp)];
+    for (place, kept) in [(&place[2..], false), (&place[..], true)] {
+        let mut child = program()
+            .args(["segment", word(&mesh), "-k", "5", "-l", "2000", "--threads", "1"])
+            .args(place)
+            .stderr(Stdio::piped())
+            .spawn()
+            .unwrap();
+        let mut lines = BufReader::new(child.stderr.take().unwrap()).lines().map(Result::unwrap);
+        assert!(lines.any(|line| line.starts_with("weights")), "weights are told");
+        let id = child.id().to_string();
+        assert!(std::process::Command::new("kill").args(["-INT", &id]).status().unwrap().success());
+        let rest: Vec<String> = lines.collect();
+        assert_eq!(child.wait().unwrap().code(), Some(1), "{rest:?}");
+        assert!(rest.last().unwrap().starts_with("nystrom-stream: interrupted"), "{rest:?}");
+        assert_eq!(names(&tmp), [""; 0]);
+        assert!(names(dir.path()).iter().all(|name| !name.contains("segmented")));
+        assert_eq!(work.exists(), kept);
+    }
+    let output = segment(&mesh, &["-k", "5", "--work-dir", word(&work)]);
+    assert!(errors(&output).contains("weights: reused"), "{}", errors(&output));
+}
+
+#[test]
+fn the_demo_finds_the_parts_it_made() {
+    let dir = tempfile::tempdir().unwrap();
+    let folder = dir.path().join("demo");
+    let output = run(&["demo", "-q", "--faces", "20000", "--folder", word(&folder)]);
+    assert!(output.status.success() && output.stderr.is_empty(), "{}", errors(&output));
+    let table = String::from_utf8(output.stdout).unwrap();
+    let number = |key: &str| -> f64 {
+        let line = table.lines().find(|line| line.contains(key)).unwrap_or_else(|| panic!("{key} in {table}"));
+        line.split_whitespace().find_map(|word| word.parse().ok()).unwrap()
+    };
+    assert!(number("Rand index") > 0.8 && number("matching parts") > 50., "{table}");
+    let expected = ["creature.labels.seg", "creature.ply", "creature.seg", "creature.segmented.ply"];
+    assert_eq!(names(&folder), expected);
+}

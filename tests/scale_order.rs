@@ -1,0 +1,101 @@
+//! Reordering along the curve: the same graph under other numbers, the same labels, in any budget.
+
+use nystrom_stream::apps::creature::{Creature, Options};
+use nystrom_stream::apps::evaluate::{contingency, rand};
+use nystrom_stream::base::random::{below, stream};
+use nystrom_stream::cluster::parts::{PartCount, PartsParams};
+use nystrom_stream::graph::{DualGraph, Order, Ordered};
+use nystrom_stream::mesh::{self, Mesh};
+use nystrom_stream::pipeline::{Cluster, SegmentParams, segment};
+use nystrom_stream::store::{Budget, Run, WorkDir};
+use serde_json::json;
+use std::collections::BTreeMap;
+use std::path::Path;
+
+fn quiet(budget: u64) -> Run<'static> {
+    Run { threads: 3, budget: Budget::new(budget), ..Run::new(&()) }
+}
+
+/// Edges of a graph between faces of the file, with their step and edge lengths.
+fn edges(mesh: &Mesh, order: Order, run: &Run, folder: &Path) -> BTreeMap<(u32, u32), [u32; 2]> {
+    let work = WorkDir::temporary(folder).unwrap();
+    let ordered = Ordered::build(mesh, order, &json!(1), &work, run).unwrap();
+    assert_eq!(ordered.order.is_some(), order == Order::Hilbert);
+    let graph = DualGraph::build(&ordered.mesh, Path::new("mesh"), &ordered.identity, &work, run).unwrap();
+    let rows = &graph.rows;
+    let mut edges = BTreeMap::new();
+    for i in 0..graph.nodes.len() {
+        for e in rows.indptr[i] as usize..rows.indptr[i + 1] as usize {
+            let pair = (ordered.face(i as u32), ordered.face(rows.indices[e]));
+            edges.insert(pair, [rows.gd[e].to_bits(), rows.edge[e].to_bits()]);
+        }
+    }
+    edges
+}
+
+#[test]
+fn a_shuffled_creature_has_the_same_graph_in_any_budget() {
+    let dir = tempfile::tempdir().unwrap();
+    let path = dir.path().join("creature.ply");
+    let run = quiet(1 << 30);
+    let creature = Creature::new(&Options { faces: 60_000, shuffle: true, ..Options::default() }).unwrap();
+    creature.write_ply(&path, &run).unwrap();
+    let opened = mesh::open(&path, dir.path(), &run).unwrap();
+    let kept = edges(&opened.mesh, Order::Keep, &run, dir.path());
+    for budget in [1 << 30, 4 << 20, 2 << 20] {
+        let curve = edges(&opened.mesh, Order::Hilbert, &quiet(budget), dir.path());
+        assert!(kept == curve, "budget {budget}");
+    }
+}
+
+#[test]
+fn random_polygons_have_the_same_graph() {
+    let mut draw = stream(7, "polygons");
+    for round in 0..12 {
+        let dir = tempfile::tempdir().unwrap();
+        let vertices: Vec<[f64; 3]> =
+            (0..40 + 300 * round).map(|_| [0; 3].map(|_| below(&mut draw, 1000) as f64)).collect();
+        let faces: Vec<Vec<u32>> = (0..20 + 900 * round)
+            .map(|_| (0..below(&mut draw, 7)).map(|_| below(&mut draw, vertices.len()) as u32).collect())
+            .collect();
+        let mesh = Mesh::from_arrays(dir.path(), &vertices, &faces).unwrap();
+        for budget in [1 << 30, 2 << 20, 500_000] {
+            let work = WorkDir::temporary(dir.path()).unwrap();
+            let ordered = Ordered::build(&mesh, Order::Hilbert, &json!(1), &work, &quiet(budget)).unwrap();
+            let mut seen = vec![false; faces.len()];
+            ordered.mesh.faces.for_each(0..faces.len(), |node, corners| {
+                let face = ordered.face(node as u32) as usize;
+                assert!(!std::mem::replace(&mut seen[face], true));
+                let old = faces[face].iter().map(|&v| mesh.positions.get(v));
+                assert!(old.eq(corners.iter().map(|&v| ordered.mesh.positions.get(v))), "face {face}");
+            });
+            assert!(seen.iter().all(|&seen| seen));
+        }
+    }
+}
+
+#[test]
+fn labels_come_back_in_the_order_of_the_file() {
+    let dir = tempfile::tempdir().unwrap();
+    let path = dir.path().join("creature.ply");
+    let run = quiet(1 << 30);
+    let creature = Creature::new(&Options { faces: 40_000, shuffle: true, ..Options::default() }).unwrap();
+    creature.write_ply(&path, &run).unwrap();
+    let opened = mesh::open(&path, dir.path(), &run).unwrap();
+    let labels = |order: Order, budget: u64| {
+        let work = WorkDir::temporary(dir.path()).unwrap();
+        let params = SegmentParams {
+            parts: PartsParams { count: PartCount::Exactly(6), ..PartsParams::default() },
+            cluster: Cluster::KMeans,
+            order,
+            ..SegmentParams::default()
+        };
+        let result = segment(&opened, &json!(1), &params, &work, &quiet(budget)).unwrap();
+        (result.labels.to_vec(), result.quality.to_vec(), result.numbers.landmarks)
+    };
+    let kept = labels(Order::Keep, 1 << 30);
+    let curve = labels(Order::Hilbert, 1 << 30);
+    let agreement = 1. - rand(&contingency(&kept.0, &curve.0, None).unwrap());
+    assert!(agreement > 0.99, "{agreement}");
+    assert!(labels(Order::Hilbert, 6 << 20) == curve, "the budget changes nothing");
+}

@@ -1,0 +1,193 @@
+//! Runs that are killed, resumed, shared out, damaged: the same bytes or a clear error, never a wrong label.
+
+use nystrom_stream::apps::creature::{Creature, Options};
+use nystrom_stream::base::random::{below, stream};
+use nystrom_stream::store::Run;
+use std::path::{Path, PathBuf};
+use std::process::{Command, Output, Stdio};
+use std::time::{Duration, Instant};
+
+fn creature(folder: &Path, faces: u64) -> PathBuf {
+    let path = folder.join("creature.ply");
+    Creature::new(&Options { faces, ..Options::default() }).unwrap().write_ply(&path, &Run::new(&())).unwrap();
+    path
+}
+
+fn program(arguments: &[&str]) -> Command {
+    let mut command = Command::new(env!("CARGO_BIN_EXE_nystrom-stream"));
+    command.args(arguments).stdin(Stdio::null());
+    command
+}
+
+fn ok(arguments: &[&str]) -> Output {
+    let output = program(arguments).output().unwrap();
+    assert!(output.status.success(), "{arguments:?}: {}", String::from_utf8_lossy(&output.stderr));
+    output
+}
+
+fn text(path: &Path) -> &str {
+    path.to_str().unwrap()
+}
+
+#[test]
+fn killed_at_any_moment_and_resumed_gives_the_same_bytes() {
+    let dir = tempfile::tempdir().unwrap();
+    let mesh = creature(dir.path(), 60_000);
+    let (out, work) = (dir.path().join("labels.npy"), dir.path().join("work"));
+    let arguments = [
+        "segment",
+        text(&mesh),
+        "-k",
+        "6",
+        "-l",
+        "10",
+        "--cluster",
+        "kmeans",
+        "--work-dir",
+        text(&work),
+        "-o",
+        text(&out),
+    ];
+    let start = Instant::now();
+    ok(&arguments);
+    let whole = start.elapsed();
+    let expected = std::fs::read(&out).unwrap();
+    let rows = std::fs::read(work.join("distances.npy")).unwrap();
+    let mut draw = stream(std::process::id().into(), "kills");
+    for _ in 0..5 {
+        std::fs::remove_dir_all(&work).unwrap();
+        std::fs::remove_file(&out).unwrap();
+        for _ in 0..3 {
+            let mut child = program(&arguments).stderr(Stdio::null()).spawn().unwrap();
+            let wait = below(&mut draw, whole.as_millis() as usize + 1) as u64;
+            std::thread::sleep(Duration::from_millis(wait));
+            child.kill().unwrap();
+            child.wait().unwrap();
+        }
+        ok(&arguments);
+        assert!(std::fs::read(&out).unwrap() == expected);
+        assert!(std::fs::read(work.join("distances.npy")).unwrap() == rows);
+        ok(&["verify", text(&work)]);
+        let left: Vec<String> = std::fs::read_dir(&work)
+            .unwrap()
+            .map(|entry| entry.unwrap().file_name().into_string().unwrap())
+            .filter(|name| [".partial", ".tmp", ".journal"].iter().any(|end| name.ends_with(end)))
+            .collect();
+        assert!(left.is_empty(), "{left:?}");
+    }
+}
+
+#[test]
+fn rows_are_taken_over_one_by_one_and_torn_ones_are_not() {
+    let dir = tempfile::tempdir().unwrap();
+    let mesh = creature(dir.path(), 20_000);
+    let work = dir.path().join("work");
+    let arguments = ["rows", text(&mesh), "-k", "6", "-l", "8", "--cluster", "kmeans", "--work-dir", text(&work)];
+    ok(&arguments);
+    let rows = std::fs::read(work.join("distances.npy")).unwrap();
+    // As a killed run would have left it: made from a shard that is the whole.
+    let shard = ["rows", text(&mesh), "-k", "6", "-l", "8", "--cluster", "kmeans", "--work-dir", text(&work)];
+    ok(&[&shard[..], &["--shard", "0/1"]].concat());
+    let journal = std::fs::read_to_string(work.join("rows-0-of-1.journal")).unwrap();
+    let lines: Vec<&str> = journal.lines().collect();
+    std::fs::write(work.join("rows.journal"), lines[..6].join("\n") + "\n").unwrap();
+    let mut partial = rows.clone();
+    let nodes = (rows.len() - 128) / 4 / 8;
+    partial[128 + nodes * 4 * 2 + 1000] ^= 1;
+    std::fs::write(work.join("distances.npy.partial"), partial).unwrap();
+    std::fs::remove_file(work.join("distances.npy")).unwrap();
+    let output = ok(&arguments);
+    let said = String::from_utf8_lossy(&output.stderr);
+    assert!(said.contains("distances.npy is missing"), "{said}");
+    assert!(said.contains(" of 8 taken over"), "{said}");
+    assert!(std::fs::read(work.join("distances.npy")).unwrap() == rows);
+}
+
+#[test]
+fn shards_and_merge_are_one_process_byte_for_byte() {
+    let dir = tempfile::tempdir().unwrap();
+    let mesh = creature(dir.path(), 20_000);
+    for method in ["kmeans", "parts"] {
+        let (one, many) = (dir.path().join(format!("one-{method}")), dir.path().join(format!("many-{method}")));
+        let rows = |work: &Path, more: &[&str]| {
+            let arguments =
+                ["rows", text(&mesh), "-k", "6", "-l", "7", "--cluster", method, "-q", "--work-dir", text(work)];
+            program(&[&arguments[..], more].concat())
+        };
+        assert!(rows(&one, &[]).status().unwrap().success());
+        let children: Vec<_> =
+            ["0/3", "1/3", "2/3"].map(|shard| rows(&many, &["--shard", shard]).spawn().unwrap()).into();
+        assert!(children.into_iter().all(|mut child| child.wait().unwrap().success()));
+        ok(&["merge", text(&many)]);
+        for file in ["distances.npy", "landmarks.npy"] {
+            assert!(std::fs::read(one.join(file)).unwrap() == std::fs::read(many.join(file)).unwrap(), "{file}");
+        }
+        let out = dir.path().join("labels.npy");
+        let output = ok(&[
+            "segment",
+            text(&mesh),
+            "-k",
+            "6",
+            "-l",
+            "7",
+            "--cluster",
+            method,
+            "--work-dir",
+            text(&many),
+            "-o",
+            text(&out),
+        ]);
+        assert!(String::from_utf8_lossy(&output.stderr).contains("rows: reused"));
+        let again = program(&["merge", text(&many)]).output().unwrap();
+        assert!(!again.status.success() && String::from_utf8_lossy(&again.stderr).contains("holds no shards"));
+    }
+    let work = dir.path().join("half");
+    let half = ["rows", text(&mesh), "-k", "6", "--cluster", "kmeans", "--work-dir", text(&work), "--shard", "1/3"];
+    ok(&half);
+    let merged = program(&["merge", text(&work)]).output().unwrap();
+    let said = String::from_utf8_lossy(&merged.stderr);
+    assert!(!merged.status.success() && said.contains("rows-0-of-3.npy") && said.lines().count() == 1, "{said}");
+}
+
+#[test]
+fn damaged_and_busy_directories_are_told_apart() {
+    let dir = tempfile::tempdir().unwrap();
+    let mesh = creature(dir.path(), 5_000);
+    let (out, work) = (dir.path().join("labels.npy"), dir.path().join("work"));
+    let arguments =
+        ["segment", text(&mesh), "-k", "4", "--cluster", "kmeans", "--work-dir", text(&work), "-o", text(&out)];
+    ok(&arguments);
+    let expected = std::fs::read(&out).unwrap();
+    let info = ok(&["info", text(&work)]);
+    assert!(String::from_utf8_lossy(&info.stdout).contains("graph_indices.npy"));
+
+    let path = work.join("graph_weights.npy");
+    let whole = std::fs::read(&path).unwrap();
+    let mut flipped = whole.clone();
+    flipped[whole.len() / 2] ^= 4;
+    std::fs::write(&path, flipped).unwrap();
+    let output = program(&["verify", text(&work)]).output().unwrap();
+    let said = String::from_utf8_lossy(&output.stderr);
+    assert_eq!(output.status.code(), Some(1));
+    assert!(said.contains("graph_weights.npy") && said.contains("checksum"), "{said}");
+
+    // Truncated and missing files are made anew; no wrong label comes out.
+    for damage in [&whole[..whole.len() / 2], &[]] {
+        std::fs::write(&path, damage).unwrap();
+        ok(&arguments);
+        assert!(std::fs::read(&out).unwrap() == expected && std::fs::read(&path).unwrap() == whole);
+    }
+    std::fs::write(work.join("manifest.json"), "{").unwrap();
+    let output = program(&arguments).output().unwrap();
+    let said = String::from_utf8_lossy(&output.stderr);
+    assert!(!output.status.success() && said.contains("manifest.json"), "{said}");
+
+    std::fs::remove_dir_all(&work).unwrap();
+    let held = nystrom_stream::store::WorkDir::open(&work).unwrap();
+    let output = program(&arguments).output().unwrap();
+    let said = String::from_utf8_lossy(&output.stderr);
+    assert!(!output.status.success() && said.contains("in use by another process"), "{said}");
+    drop(held);
+    ok(&arguments);
+    assert!(std::fs::read(&out).unwrap() == expected);
+}

@@ -1,0 +1,186 @@
+//! The zoo of nasty little meshes: exactly K parts and finite numbers, by the library and by the program.
+
+mod common;
+
+use common::zoo::{self, Shape};
+use nystrom_stream::cluster::parts::{PartCount, PartsParams};
+use nystrom_stream::distance::landmarks::Sampling;
+use nystrom_stream::graph::Metric;
+use nystrom_stream::mesh;
+use nystrom_stream::pipeline::{Cluster, SegmentParams, input, segment};
+use nystrom_stream::spectral::embedding::Width;
+use nystrom_stream::spectral::{EmbeddingParams, Kernel, Normalisation};
+use nystrom_stream::store::{Run, WorkDir};
+use std::path::Path;
+
+/// Exactly `parts` parts.
+fn exactly(parts: usize) -> PartsParams {
+    PartsParams { count: PartCount::Exactly(parts), ..PartsParams::default() }
+}
+
+/// Segments by the library; everything that comes out is checked.
+fn check(shape: &Shape, path: &Path, params: SegmentParams) {
+    let dir = tempfile::tempdir().unwrap();
+    let run = Run { threads: 2, ..Run::new(&()) };
+    let work = WorkDir::temporary(dir.path()).unwrap();
+    let opened = mesh::open(path, work.path(), &run).unwrap();
+    let told = format!("{} {params:?}", shape.name);
+    let result = segment(&opened, &input::identity(path).unwrap(), &params, &work, &run)
+        .unwrap_or_else(|error| panic!("{told}: {error}"));
+    let (n, found) = (shape.faces.len(), result.numbers.faces.len());
+    let parts = match params.parts.count {
+        PartCount::Exactly(parts) => parts,
+        PartCount::Between(least, most) => found.clamp(least.min(n), most),
+        PartCount::Found => found,
+    };
+    assert_eq!((result.labels.len(), result.quality.len()), (n, n), "{told}");
+    let mut faces = vec![0u64; parts];
+    result.labels.iter().for_each(|&label| faces[label as usize] += 1);
+    assert!(faces.iter().all(|&count| count > 0), "{told}: {faces:?}");
+    assert_eq!(faces, result.numbers.faces, "{told}");
+    assert!(result.quality.iter().all(|q| (0. ..=1.).contains(q)), "{told}");
+    assert!(result.numbers.area.iter().all(|a| a.is_finite() && *a >= 0.), "{told}: {:?}", result.numbers.area);
+    let numbers = &result.numbers;
+    assert!(numbers.eigenvalues.iter().all(|x| x.is_finite()), "{told}: {:?}", numbers.eigenvalues);
+    assert!(numbers.sigma.is_finite() && numbers.gamma.is_finite(), "{told}: {} {}", numbers.sigma, numbers.gamma);
+    let distinct: std::collections::BTreeSet<_> = numbers.landmarks.iter().collect();
+    assert_eq!(distinct.len(), numbers.landmarks.len(), "{told}: landmarks twice");
+    for name in ["distances.npy", "graph_weights.npy"] {
+        let values = work.open_array::<f32>(name).unwrap();
+        assert!(values.iter().all(|x| x.is_finite() && *x >= 0.), "{told}: {name}");
+    }
+}
+
+#[test]
+fn every_beast_falls_into_exactly_k_parts() {
+    let dir = tempfile::tempdir().unwrap();
+    for shape in zoo::all() {
+        let path = shape.write(dir.path());
+        let n = shape.faces.len();
+        for parts in [1, 2, 3, 7, n.min(40)] {
+            if parts <= n {
+                let cluster = Cluster::KMeans;
+                check(&shape, &path, SegmentParams { parts: exactly(parts), cluster, ..SegmentParams::default() });
+            }
+        }
+        check(&shape, &path, SegmentParams::default());
+        for count in [PartCount::Exactly(n.min(5)), PartCount::Exactly(n.min(40)), PartCount::Between(1, 3)] {
+            let parts = PartsParams { count, ..PartsParams::default() };
+            check(&shape, &path, SegmentParams { parts, ..SegmentParams::default() });
+        }
+    }
+}
+
+#[test]
+fn every_option_survives_every_beast() {
+    let dir = tempfile::tempdir().unwrap();
+    let kernels =
+        [Kernel::Gaussian, Kernel::Exponential, Kernel::Polynomial { degree: 3 }, Kernel::InverseMultiquadric];
+    let normalisations = [Normalisation::None, Normalisation::Degree, Normalisation::Anchor];
+    let metrics = [Metric::default(), Metric::paper(), Metric::Geodesic];
+    for (turn, shape) in zoo::all().iter().enumerate() {
+        let path = shape.write(dir.path());
+        let parts = 3.min(shape.faces.len());
+        for (k, kernel) in kernels.into_iter().enumerate() {
+            for (j, normalisation) in normalisations.into_iter().enumerate() {
+                let embedding = EmbeddingParams {
+                    kernel,
+                    normalisation,
+                    width: Width::Mean([0.25, 1., 1e-18, 1e5][(k + j) % 4]),
+                    unit_rows: (k + j + turn) % 2 == 0,
+                    ..EmbeddingParams::for_parts(parts)
+                };
+                let params = SegmentParams {
+                    parts: exactly(parts),
+                    cluster: Cluster::KMeans,
+                    landmarks: Some([1, 4, 100][(j + turn) % 3]),
+                    sampling: if (k + turn) % 2 == 0 { Sampling::Random } else { Sampling::Farthest },
+                    metric: metrics[(k + j + turn) % 3],
+                    embedding: Some(embedding),
+                    ..SegmentParams::default()
+                };
+                check(shape, &path, params);
+            }
+        }
+    }
+}
+
+#[test]
+fn the_program_agrees() {
+    let dir = tempfile::tempdir().unwrap();
+    for shape in zoo::all() {
+        let path = shape.write(dir.path());
+        let parts = 4.min(shape.faces.len());
+        let output = common::segment(&path, &["-q", "-k", &parts.to_string(), "--json"]);
+        let told = shape.name;
+        assert!(output.stderr.is_empty(), "{told}: {}", common::errors(&output));
+        let report: serde_json::Value = serde_json::from_slice(&output.stdout).unwrap();
+        let listed = report["parts"].as_array().unwrap();
+        assert_eq!(listed.len(), parts, "{told}");
+        let faces: u64 = listed.iter().map(|part| part["faces"].as_u64().unwrap()).sum();
+        assert_eq!(faces, shape.faces.len() as u64, "{told}");
+        assert_eq!(report["input"]["faces"], shape.faces.len(), "{told}");
+        assert_eq!(report["input"]["vertices"], shape.vertices.len(), "{told}");
+        // The labelled mesh opens again with the same faces.
+        let labelled = dir.path().join(format!("{told}.segmented.ply"));
+        let run = Run::new(&());
+        let opened = mesh::open(&labelled, dir.path(), &run).unwrap();
+        assert_eq!(opened.mesh.faces.len(), shape.faces.len(), "{told}");
+    }
+}
+
+#[test]
+fn the_report_counts_what_is_there() {
+    let dir = tempfile::tempdir().unwrap();
+    let report = |shape: &Shape| -> serde_json::Value {
+        let path = shape.write(dir.path());
+        let output = common::segment(&path, &["-q", "-k", "1", "--json"]);
+        serde_json::from_slice::<serde_json::Value>(&output.stdout).unwrap()["input"].take()
+    };
+    let of = |name: &str| zoo::all().into_iter().find(|shape| shape.name == name).unwrap();
+    let columns = ["components", "boundary_edges", "nonmanifold_edges", "degenerate_faces", "welded_edges"];
+    for (name, expected) in [
+        ("tetrahedron", [1, 0, 0, 0, 0]),
+        ("grid", [1, 32, 0, 0, 0]),
+        ("single", [1, 3, 0, 0, 0]),
+        ("pillow", [1, 0, 0, 0, 0]),
+        ("duplicates", [1, 0, 3, 0, 0]),
+        ("three_on_an_edge", [1, 6, 1, 0, 0]),
+        ("two_components", [2, 16, 0, 0, 0]),
+        ("moebius", [1, 48, 0, 0, 0]),
+        ("soup", [1, 0, 0, 0, 3 * of("soup").faces.len()]),
+        ("all_nan", [1, 12, 0, 18, 0]),
+        ("book", [1, 200, 1, 0, 0]),
+        ("unreferenced", [1, 0, 0, 0, 0]),
+        ("dust", [1000, 3000, 0, 0, 0]),
+        ("a_speck", [2, 0, 0, 0, 0]),
+        ("huge", [1, 0, 0, 0, 0]),
+        ("beyond_float", [1, 0, 0, 0, 0]),
+        ("as_far_as_doubles_go", [1, 0, 0, 0, 0]),
+        ("tiny", [1, 0, 0, 0, 0]),
+        ("subnormal", [1, 0, 0, 0, 0]),
+        ("far_off", [1, 0, 0, 0, 0]),
+    ] {
+        let input = report(&of(name));
+        for (column, expected) in columns.iter().zip(expected) {
+            assert_eq!(input[column], expected, "{name}: {column} in {input}");
+        }
+    }
+}
+
+#[test]
+fn the_unit_of_length_does_not_matter() {
+    let dir = tempfile::tempdir().unwrap();
+    let labels = |shape: &Shape| {
+        let (path, labels) = (shape.write(dir.path()), dir.path().join("labels.seg"));
+        common::segment(&path, &["-q", "-k", "3", "-o", common::word(&labels)]);
+        std::fs::read(labels).unwrap()
+    };
+    let expected = labels(&zoo::dumbbell());
+    for exponent in [-1000, -100, 1, 100, 1020] {
+        // A power of two changes no digit.
+        let mut shape = zoo::dumbbell();
+        shape.vertices.iter_mut().flatten().for_each(|x| *x *= 2f64.powi(exponent));
+        assert_eq!(labels(&shape), expected, "2^{exponent}");
+    }
+}
