@@ -6,7 +6,7 @@ use super::output::folder_of;
 use super::{Failure, Surroundings};
 use nystrom_stream::apps::picture::{PictureParams, Up, colours_for, render};
 use nystrom_stream::base::{Error, Result};
-use nystrom_stream::mesh::{self, Document, face_property, seg};
+use nystrom_stream::mesh::{self, Document, face_columns, seg};
 use nystrom_stream::store::{MappedSlice, Run, WorkDir, npy};
 use std::ffi::OsStr;
 use std::path::{Path, PathBuf};
@@ -105,7 +105,7 @@ pub fn run(args: &Args, surroundings: &Surroundings) -> Result<(), Failure> {
     let faces = opened.mesh.faces.len();
     let (labels, known) = match &args.labels {
         Some(path) => (Some(labels_of_file(path, &work)?), None),
-        None if face_property::has(&opened.document, "label") => {
+        None if face_columns::has(&opened.document, "label") => {
             let (labels, colours) = labels_of_mesh(&opened.document, &work, &run)?;
             (Some(labels), colours)
         }
@@ -144,19 +144,16 @@ fn labels_of_file(path: &Path, work: &WorkDir) -> Result<MappedSlice<u32>, Failu
 fn labels_of_mesh(document: &Document, work: &WorkDir, run: &Run) -> Result<(MappedSlice<u32>, Option<Vec<[u8; 3]>>)> {
     /// Parts above this number get colours of ours.
     const MOST: usize = 1 << 20;
-    let coloured = ["red", "green", "blue"].iter().all(|name| face_property::has(document, name));
+    let coloured = ["red", "green", "blue"].iter().all(|name| face_columns::has(document, name));
     let mut writer = npy::ArrayWriter::create(&work.file("labels.npy"), 1)?;
-    let mut wrote = Ok(());
     let mut colours: Vec<Option<[u8; 3]>> = Vec::new();
     let mut uniform = coloured;
-    face_property::for_each(document, ["label", "red", "green", "blue"], run, |_, [label, colour @ ..]| {
+    face_columns::for_each(document, ["label", "red", "green", "blue"], run, |_, [label, colour @ ..]| {
         // What is no label, like -1, is drawn grey.
         let label = u32::try_from(label).unwrap_or(u32::MAX);
-        if wrote.is_ok() {
-            wrote = writer.push(&[label]);
-        }
+        writer.push(&[label])?;
         if !uniform || label == u32::MAX {
-            return;
+            return Ok(());
         }
         let place = label as usize;
         uniform = place < MOST;
@@ -167,8 +164,8 @@ fn labels_of_mesh(document: &Document, work: &WorkDir, run: &Run) -> Result<(Map
             }
             uniform = *colours[place].get_or_insert(colour) == colour;
         }
+        Ok(())
     })?;
-    wrote?;
     let colours = colours.into_iter().map(|colour| colour.unwrap_or([128; 3])).collect();
     Ok((writer.finish(false)?, uniform.then_some(colours)))
 }

@@ -19,11 +19,11 @@ pub(super) fn upright(pieces: &[Piece]) -> Vec3 {
     let symmetry = [0, 1, 2].map(|axis| symmetry(pieces, &extent, axis));
     let mut best = ([0.0, 1.0, 0.0], f64::NEG_INFINITY);
     for (axis, sign, custom) in
-        [(1, 1.0, 0.45), (2, 1.0, 0.25), (1, -1.0, -0.4), (2, -1.0, -0.45), (0, 1.0, -0.3), (0, -1.0, -0.5)]
+        [(1, 1.0, 0.4), (2, 1.0, 0.25), (1, -1.0, -0.4), (2, -1.0, -0.45), (0, 1.0, -0.3), (0, -1.0, -0.5)]
     {
         let (stands, flat) = standing(pieces, &extent, axis, sign);
         let others = symmetry[(axis + 1) % 3].max(symmetry[(axis + 2) % 3]);
-        let score = custom + 0.3 * stands + 0.5 * flat + 0.8 * (others - symmetry[axis]);
+        let score = custom + 0.5 * stands + 0.5 * flat + 0.8 * (others - symmetry[axis]);
         tracing::debug!(axis, sign, score, stands, flat, symmetry = symmetry[axis], "up?");
         if score > best.1 {
             let mut up = [0.0; 3];
@@ -61,7 +61,9 @@ fn standing(pieces: &[Piece], extent: &Extent, axis: usize, sign: f64) -> (f64, 
         let margin = (under - foot.low[k]).min(foot.high[k] - under);
         (2.0 * margin / extent.length(k).max(f64::MIN_POSITIVE)).clamp(-0.2, 0.5) / 0.5
     };
-    ((reach(a).min(reach(b))).clamp(0.0, 1.0), (flat / mass * 12.0).min(1.0))
+    // Only a foot that reaches well beyond the centre to all sides counts.
+    let stands = 2.0 * reach(a).min(reach(b)) - 1.0;
+    (stands.clamp(0.0, 1.0), (flat / mass * 12.0).min(1.0))
 }
 
 /// How alike the shape and its mirror image along `axis` are: 0 to 1.
