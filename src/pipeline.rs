@@ -6,10 +6,12 @@
 //! ```
 //! Every arrow is a stage in the work directory: reused where its inputs and options are the same.
 
+pub mod calibrate;
 pub mod contacts;
 pub mod input;
 mod k_means;
 mod parts;
+pub mod plan;
 pub mod report;
 pub mod sharding;
 mod stages;
