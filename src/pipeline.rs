@@ -1,7 +1,7 @@
 //! The recipe of `segment`: from an opened mesh to a label a face.
 //!
 //! ```text
-//! mesh ─▶ dual graph ─▶ weights ─▶ landmarks ─▶ rows [A B] ─┬▶ embedding ─▶ K-means ─▶ labels ─▶ colours
+//! mesh ─▶ dual graph ─▶ weights ─▶ landmarks ─▶ rows [A B] ─┬▶ embedding ─▶ centres ─▶ labels ─▶ colours
 //!                                                            └▶ cells ─▶ parts ─▶ boundaries ─┘
 //! ```
 //! Every arrow is a stage in the work directory: reused where its inputs and options are the same.
@@ -19,6 +19,7 @@ mod surface;
 
 use crate::base::{Error, Result};
 use crate::cluster::parts::{PartCount, PartsParams};
+use crate::cluster::two_means::{self, TwoMeansParams};
 use crate::distance::DistanceRows;
 use crate::distance::landmarks::Sampling;
 use crate::distance::rows::RowParams;
@@ -29,13 +30,11 @@ use crate::mesh::{Opened, colours};
 use crate::spectral::EmbeddingParams;
 use crate::store::workdir::key_of;
 use crate::store::{MappedSlice, Run, WorkDir};
+use k_means::Fit;
 use report::Numbers;
 use serde::Serialize;
 use serde_json::json;
 use std::path::Path;
-
-/// Labels in the order of the nodes, until they are put in the file's.
-const NODE_LABELS: &str = "node_labels.npy";
 
 /// How faces become parts.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
@@ -46,10 +45,12 @@ pub enum Cluster {
     Parts,
     /// The paper's: K-means in the embedding.
     KMeans,
+    /// The paper's other: parts halved by 2-means in the embedding, the one that gains most first.
+    TwoMeans,
 }
 
 /// What `segment` is asked to do.
-#[derive(Clone, Debug, Serialize)]
+#[derive(Clone, Debug, Default, Serialize)]
 pub struct SegmentParams {
     /// Number of landmarks l; by default [`default_landmarks`] or [`landmarks_for_parts`].
     pub landmarks: Option<usize>,
@@ -65,28 +66,15 @@ pub struct SegmentParams {
     pub parts: PartsParams,
     /// Whether [`Cluster::Parts`] may contract the mesh first: a preview.
     pub coarse: bool,
-    /// How rows become coordinates, for [`Cluster::KMeans`]; by default [`EmbeddingParams::for_parts`].
+    /// How rows become coordinates, for [`Cluster::KMeans`] and [`Cluster::TwoMeans`];
+    /// by default [`EmbeddingParams::for_parts`].
     pub embedding: Option<EmbeddingParams>,
 }
 
-impl Default for SegmentParams {
-    fn default() -> Self {
-        Self {
-            landmarks: None,
-            sampling: Sampling::default(),
-            metric: Metric::default(),
-            order: Order::default(),
-            cluster: Cluster::default(),
-            parts: PartsParams::default(),
-            coarse: false,
-            embedding: None,
-        }
-    }
-}
-
-/// Landmarks for K-means into `parts` parts: twice as many, so that every part can hold two, at least 10, at most 60.
+/// Landmarks for K-means into `parts` parts: twice as many, so that every part can hold two, at least 10 and at most
+/// 60, but more than parts up to 512: beyond, eigenvectors would cost more than they tell apart.
 pub fn default_landmarks(parts: usize) -> usize {
-    (2 * parts).clamp(10, 60).max(parts + 1)
+    (2 * parts).clamp(10, 60).max((parts + 1).min(512))
 }
 
 /// Landmarks for deciding parts on a mesh of `faces` faces: 60 where fronts are cheap; fewer, at little loss (1 − Rand
@@ -132,22 +120,23 @@ pub fn segment(
     let path = opened.document.path();
     check(params, path, opened.mesh.faces.len())?;
     let (ordered, graph) = stages::graph(opened, identity, params, work, run)?;
-    let clustered = match (params.cluster, params.parts.count) {
-        (Cluster::KMeans, PartCount::Exactly(parts)) => {
+    let clustered = match fit(params, opened.mesh.faces.len()) {
+        Some((fit, parts)) => {
+            let dimensions = if let PartCount::Exactly(k) = params.parts.count { k } else { two_means::DIMENSIONS };
             let weighted = graph.weighted(params.metric, work, run)?;
             let l = params.landmarks.unwrap_or(default_landmarks(parts));
             let rows = rows(&graph, &weighted, l, params, work, run)?;
-            let embedding = params.embedding.unwrap_or(EmbeddingParams::for_parts(parts));
-            let assign = || k_means::k_means(&graph, &rows, embedding, parts, work, run);
+            let embedding = params.embedding.unwrap_or(EmbeddingParams::for_parts(dimensions));
+            let assign = || k_means::k_means(&graph, &rows, embedding, fit, work, run);
             run.stage("assign", "faces", rows.nodes as u64, assign)?.0
         }
-        _ => parts::parts(&graph, params, work, run)?,
+        None => parts::parts(&graph, params, work, run)?,
     };
     let touching = contacts::between(&graph, &clustered.labels, run)?;
     let mut numbers = clustered.numbers;
     numbers.landmarks.iter_mut().for_each(|node| *node = ordered.face(*node));
-    let labels = ordered.restore(NODE_LABELS, "labels.npy", clustered.labels, work, run)?;
-    let quality = ordered.restore("quality.npy", "quality.npy", clustered.quality, work, run)?;
+    let labels = ordered.restore("labels.npy", clustered.labels, work, run)?;
+    let quality = ordered.restore("quality.npy", clustered.quality, work, run)?;
     let options = json!({"stage": "labels", "graph": graph.key, "params": params, "seed": run.seed});
     work.stamp("labels", &key_of(&options), &options, &["labels.npy", "quality.npy"], &numbers.faces, 0.)?;
     Ok(Segmentation {
@@ -158,6 +147,19 @@ pub fn segment(
         graph: graph.facts,
         numbers,
     })
+}
+
+/// How centres in the embedding are found, and how many parts to provide landmarks for; nothing where parts are
+/// decided on cells.
+fn fit(params: &SegmentParams, faces: usize) -> Option<(Fit, usize)> {
+    let bounds = |least, most: usize| Fit::TwoMeans(TwoMeansParams::between(least, most.min(faces)));
+    match (params.cluster, params.parts.count) {
+        (Cluster::KMeans, PartCount::Exactly(k)) => Some((Fit::KMeans(k), k)),
+        (Cluster::TwoMeans, PartCount::Exactly(k)) => Some((bounds(k, k), k)),
+        (Cluster::TwoMeans, PartCount::Found) => Some((bounds(1, two_means::MOST), two_means::MOST)),
+        (Cluster::TwoMeans, PartCount::Between(least, most)) => Some((bounds(least, most), most)),
+        _ => None,
+    }
 }
 
 /// The rows `[A B]` that `params` asks for.

@@ -2,3 +2,4 @@
 
 pub mod creature;
 pub mod evaluate;
+pub mod picture;

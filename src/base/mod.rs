@@ -7,6 +7,7 @@ pub mod error;
 pub mod parallel;
 pub mod progress;
 pub mod random;
+pub mod vector;
 
 pub use cancel::Cancel;
 pub use error::{Error, Result};

@@ -2,9 +2,11 @@
 
 mod bars;
 mod demo;
+mod evaluate;
 mod info;
 mod options;
 mod output;
+mod picture;
 mod plan;
 mod rows;
 mod segment;
@@ -36,6 +38,10 @@ enum Command {
     Info(info::Args),
     /// Test every file of a work directory against its checksum
     Verify(info::Args),
+    /// Score labels against people's: a mesh, or a whole benchmark
+    Evaluate(evaluate::Args),
+    /// Draw a mesh and its parts as a picture
+    Picture(picture::Args),
     /// Make a mesh of a million faces with known parts, cut it, and compare
     Demo(demo::Args),
 }
@@ -91,6 +97,8 @@ pub fn main(peak: fn() -> u64) -> ExitCode {
         Command::Plan(args) => plan::run(&args, &surroundings),
         Command::Info(args) => info::run(&args),
         Command::Verify(args) => info::verify(&args, &surroundings),
+        Command::Evaluate(args) => evaluate::run(&args, &surroundings),
+        Command::Picture(args) => picture::run(&args, &surroundings),
         Command::Demo(args) => demo::run(&args, &surroundings),
     };
     match result {

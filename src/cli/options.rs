@@ -4,6 +4,7 @@ use super::{Failure, Surroundings};
 use clap::ValueEnum;
 use nystrom_stream::base::Progress;
 use nystrom_stream::cluster::parts::{Decision, PartCount, PartsParams};
+use nystrom_stream::cluster::two_means;
 use nystrom_stream::distance::landmarks::Sampling;
 use nystrom_stream::graph::{Metric, Order};
 use nystrom_stream::pipeline::{Cluster, SegmentParams};
@@ -135,6 +136,8 @@ pub enum ClusterArg {
     Parts,
     /// K-means in the embedding, as the paper
     Kmeans,
+    /// Iterative 2-means in the embedding, as the paper; without -k until no split gains much
+    TwoMeans,
 }
 
 /// How parts are decided.
@@ -171,7 +174,7 @@ pub struct MethodArgs {
     /// Coarser (to -1) or finer (to 1) than the parts found
     #[arg(long, value_name = "D", allow_negative_numbers = true)]
     pub detail: Option<f64>,
-    /// Number of landmarks [default: 60 to 20 by size; with kmeans twice the parts, 10 to 60]
+    /// Number of landmarks [default: 60 to 20 by size; otherwise twice the parts, 10 to 60]
     #[arg(short = 'l', long, value_name = "L", value_parser = clap::value_parser!(u32).range(1..=4096))]
     pub landmarks: Option<u32>,
     /// How landmarks are chosen
@@ -249,7 +252,7 @@ impl MethodArgs {
             width: Width::Mean(width),
             normalisation,
             unit_rows: !self.no_unit_rows,
-            ..EmbeddingParams::for_parts(self.parts.unwrap_or(2))
+            ..EmbeddingParams::for_parts(self.parts.unwrap_or(two_means::DIMENSIONS))
         };
         if self.coarse && matches!(self.cluster, ClusterArg::Kmeans) {
             return Err(misfit("--coarse", "--cluster parts"));
@@ -287,6 +290,7 @@ impl MethodArgs {
             cluster: match self.cluster {
                 ClusterArg::Parts => Cluster::Parts,
                 ClusterArg::Kmeans => Cluster::KMeans,
+                ClusterArg::TwoMeans => Cluster::TwoMeans,
             },
             coarse: self.coarse,
             embedding: Some(embedding),

@@ -1,6 +1,7 @@
 //! Where results go: the ending of an output's name chooses its form.
 
 use super::Failure;
+use nystrom_stream::apps::picture::{self, PictureParams};
 use nystrom_stream::base::{Error, Result};
 use nystrom_stream::mesh::labelled::{Labelling, PlyForm, write_labelled, write_labelled_to};
 use nystrom_stream::mesh::{Opened, seg};
@@ -18,6 +19,8 @@ pub enum Output {
     Seg(PathBuf),
     /// Labels as a NumPy array.
     Npy(PathBuf),
+    /// A picture.
+    Png(PathBuf),
     /// A labelled PLY on standard output.
     Stdout,
 }
@@ -32,8 +35,9 @@ impl Output {
             Some("ply") => Ok(Self::Ply(path.into())),
             Some("seg") => Ok(Self::Seg(path.into())),
             Some("npy") => Ok(Self::Npy(path.into())),
+            Some("png") => Ok(Self::Png(path.into())),
             _ => Err(Failure::Misused(format!(
-                "-o {}: its ending says no known form; end it with .ply, .seg or .npy",
+                "-o {}: its ending says no known form; end it with .ply, .seg, .npy or .png",
                 path.display()
             ))),
         }
@@ -53,7 +57,7 @@ impl Output {
     /// The file, if it is one.
     pub fn path(&self) -> Option<&Path> {
         match self {
-            Self::Ply(path) | Self::Seg(path) | Self::Npy(path) => Some(path),
+            Self::Ply(path) | Self::Seg(path) | Self::Npy(path) | Self::Png(path) => Some(path),
             Self::Stdout => None,
         }
     }
@@ -76,6 +80,10 @@ impl Output {
             Self::Ply(path) => write_labelled(&opened.document, &opened.mesh, path, &labelling, form, true, run),
             Self::Seg(path) => seg::write_seg(path, &result.labels, true, run),
             Self::Npy(path) => npy::write(path, &result.labels, 1, true).map(drop),
+            Self::Png(path) => {
+                let params = PictureParams::default();
+                picture::render(&opened.mesh, Some(&result.labels), &result.colours, &params, run)?.write_png(path)
+            }
             Self::Stdout => {
                 let mut out = std::io::stdout().lock();
                 write_labelled_to(&opened.document, &opened.mesh, "<stdout>", &mut out, &labelling, form, run)

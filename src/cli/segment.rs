@@ -20,7 +20,7 @@ pub struct Args {
     /// PLY files (.ply, .ply.gz); `-` reads standard input
     #[arg(required = true, value_name = "MESH")]
     pub meshes: Vec<PathBuf>,
-    /// Output, once or more: .ply, .seg or .npy, `-` for standard output [default: MESH.segmented.ply]
+    /// Output, once or more: .ply, .seg, .npy or .png, `-` for standard output [default: MESH.segmented.ply]
     #[arg(short, long, value_name = "OUT")]
     pub output: Vec<PathBuf>,
     /// Form of PLY outputs

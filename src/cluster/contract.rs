@@ -12,6 +12,7 @@ use super::seeds::spread;
 use super::shares::Shares;
 use crate::base::Result;
 use crate::base::parallel::{chunk_count, chunk_range, map_chunks};
+use crate::base::vector::{cross, length as norm, minus, wide};
 use crate::distance::Front;
 use crate::distance::front::mean_weight;
 use crate::graph::assemble::Rows;
@@ -169,11 +170,12 @@ fn borders(graph: &DualGraph, csr: Csr<'_>, owner: &[u32], field: &[f32], run: &
 
 /// The edge between two faces as a vector: `length` across the step from one to the other, in the surface.
 fn along(from: &Node, to: &Node, length: f64) -> [f64; 3] {
-    let n = [0, 1, 2].map(|axis| f64::from(from.normal[axis] + to.normal[axis]));
-    let d = [0, 1, 2].map(|axis| f64::from(to.centroid[axis] - from.centroid[axis]));
-    let cross = [n[1] * d[2] - n[2] * d[1], n[2] * d[0] - n[0] * d[2], n[0] * d[1] - n[1] * d[0]];
-    let norm = cross.iter().map(|x| x * x).sum::<f64>().sqrt();
-    cross.map(|x| if norm > 0. { x / norm * length } else { 0. })
+    let (n, m) = (wide(from.normal), wide(to.normal));
+    let across = minus(wide(to.centroid), wide(from.centroid));
+    let along = cross([n[0] + m[0], n[1] + m[1], n[2] + m[2]], across);
+    let norm = norm(along);
+    let factor = if norm > 0. { length / norm } else { 0. };
+    [along[0] * factor, along[1] * factor, along[2] * factor]
 }
 
 /// Writes the contracted graph as arrays of `inner`.

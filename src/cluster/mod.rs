@@ -1,8 +1,8 @@
 //! From coordinates to labels.
 //!
-//! The paper's way: [`kmeans`] on sampled columns, [`assign`] for every face. The default way cuts as people do: the
-//! surface in cells ([`cells`], with [`normals`] at a radius of the shape), the cells into [`parts`], and the
-//! parts' [`boundary`] onto creases.
+//! The paper's ways: [`kmeans`] or [`two_means`] on sampled columns, [`assign`] for every face. The default way cuts
+//! as people do: the surface in cells ([`cells`], with [`normals`] at a radius of the shape), the cells into
+//! [`parts`], and the parts' [`boundary`] onto creases.
 
 pub mod assign;
 pub mod boundary;
@@ -14,5 +14,6 @@ pub mod normals;
 pub mod parts;
 pub mod seeds;
 pub mod shares;
+pub mod two_means;
 
 pub use kmeans::{KMeans, KMeansParams};

@@ -43,7 +43,7 @@ impl Finished for () {
 }
 
 /// Rounds of "farthest from the last" before the first landmark is taken.
-pub const SEEDING_ROUNDS: usize = 2;
+pub const SEEDING_ROUNDS: usize = 1;
 
 /// Sends up to `l` distinct landmarks to `found` (fewer only where there are fewer nodes). With
 /// farthest points, `field` (n) ends as the distance to the nearest of all but the last landmark, and

@@ -14,6 +14,7 @@ use super::adjacency::{Link, Links};
 use super::nodes::{Frame, Node};
 use crate::base::Result;
 use crate::base::parallel::in_order;
+use crate::base::vector::{distance, middle, wide};
 use crate::mesh::Mesh;
 use crate::store::npy::ArrayWriter;
 use crate::store::{MappedSlice, Run, WorkDir};
@@ -141,7 +142,8 @@ fn assemble_bucket(
         row.extend(mine.iter().map(|link| {
             let slot = link.corner as usize - span.start;
             let end = if slot + 1 == corners.len() { 0 } else { slot + 1 };
-            let ends = [corners[slot], corners[end]].map(|v| frame.place(mesh.positions.get(v)));
+            let point = |v: u32| frame.place(mesh.positions.get(v));
+            let ends = [point(corners[slot]), point(corners[end])];
             let mut entry = step(&nodes[face], &nodes[link.to() as usize], link.to(), ends);
             if link.against() {
                 entry.edge = -entry.edge;
@@ -176,12 +178,8 @@ fn merge(part: &mut Part, entry: &Entry) {
 /// The entry for the step from `from` to `to` over the edge between `ends` (in the frame).
 #[inline]
 fn step(from: &Node, to: &Node, node: u32, ends: [[f64; 3]; 2]) -> Entry {
-    let mid = [0, 1, 2].map(|axis| (ends[0][axis] + ends[1][axis]) * 0.5);
-    let distance = |a: [f64; 3], b: [f64; 3]| {
-        let d = [0, 1, 2].map(|axis| a[axis] - b[axis]);
-        (d[0] * d[0] + d[1] * d[1] + d[2] * d[2]).sqrt()
-    };
-    let (from, to) = (from.centroid.map(f64::from), to.centroid.map(f64::from));
+    let mid = middle(ends[0], ends[1]);
+    let (from, to) = (wide(from.centroid), wide(to.centroid));
     let gd = (distance(from, mid) + distance(to, mid)) as f32;
     let edge = distance(ends[0], ends[1]) as f32;
     if gd.is_finite() { Entry { node, gd, edge } } else { Entry { node, gd: distance(from, to) as f32, edge: 0. } }

@@ -1,6 +1,6 @@
 //! The dual graph: a node a face, an edge a shared mesh edge, weighted by distance and turning.
 //!
-//! Built out of core in three shuffles and a few sequential passes ([`dual::build`]): node
+//! Built out of core in three shuffles and a few sequential passes ([`DualGraph::build`]): node
 //! geometry, half-edges matched by vertex ([`adjacency`]) or by position ([`weld`]), rows
 //! assembled in node order ([`assemble`]), components bridged ([`components`], [`bridge`]), and
 //! weights ([`weights`]) as a pure function of the undirected edge.

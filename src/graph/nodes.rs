@@ -7,6 +7,7 @@
 
 use crate::base::Result;
 use crate::base::parallel::{chunk_count, chunk_range, fill_chunks, map_chunks};
+use crate::base::vector::{cross, finite, length, minus, narrow};
 use crate::mesh::{Mesh, Positions};
 use crate::store::npy::Item;
 use crate::store::{MappedSlice, Run, WorkDir};
@@ -91,46 +92,44 @@ impl Frame {
     /// A point of the file in the frame.
     #[inline]
     pub fn place(&self, p: [f64; 3]) -> [f64; 3] {
-        [0, 1, 2].map(|axis| (p[axis] - self.origin[axis]) / self.scale)
+        let inverse = 1. / self.scale;
+        let [x, y, z] = self.origin;
+        [(p[0] - x) * inverse, (p[1] - y) * inverse, (p[2] - z) * inverse]
     }
 }
 
 impl Node {
     /// The node of a face with the given corners (in the frame); also whether it is degenerate.
+    #[inline]
     pub fn of_corners(corners: impl Iterator<Item = [f64; 3]> + Clone) -> (Self, bool) {
-        let finite = |p: &[f64; 3]| p.iter().all(|x| x.is_finite());
         let (mut sum, mut count, mut all) = ([0f64; 3], 0u32, 0u32);
         for p in corners.clone() {
             all += 1;
-            if finite(&p) {
+            if finite(p) {
                 count += 1;
-                for axis in 0..3 {
-                    sum[axis] += p[axis];
-                }
+                sum = [sum[0] + p[0], sum[1] + p[1], sum[2] + p[2]];
             }
         }
-        let centroid = sum.map(|s| (s / f64::from(count.max(1))) as f32);
+        let centroid = narrow(sum, 1. / f64::from(count.max(1)));
         let degenerate = Self { centroid, normal: [0.; 3], area: 0. };
         if all < 3 || count < all {
             return (degenerate, true);
         }
         let mut corners = corners;
         let (Some(first), Some(second)) = (corners.next(), corners.next()) else { return (degenerate, true) };
-        let minus = |a: [f64; 3]| [a[0] - first[0], a[1] - first[1], a[2] - first[2]];
-        let (mut normal, mut last) = ([0f64; 3], minus(second));
+        let (mut normal, mut last) = ([0f64; 3], minus(second, first));
         for p in corners {
-            let next = minus(p);
-            normal[0] += last[1] * next[2] - last[2] * next[1];
-            normal[1] += last[2] * next[0] - last[0] * next[2];
-            normal[2] += last[0] * next[1] - last[1] * next[0];
+            let next = minus(p, first);
+            let part = cross(last, next);
+            normal = [normal[0] + part[0], normal[1] + part[1], normal[2] + part[2]];
             last = next;
         }
-        let length = (normal[0] * normal[0] + normal[1] * normal[1] + normal[2] * normal[2]).sqrt();
+        let length = length(normal);
         let area = (length / 2.) as f32;
         if !(area > 0. && length.is_finite()) {
             return (degenerate, true);
         }
-        (Self { centroid, normal: normal.map(|x| (x / length) as f32), area }, false)
+        (Self { centroid, normal: narrow(normal, 1. / length), area }, false)
     }
 }
 
@@ -159,8 +158,11 @@ pub fn build(mesh: &Mesh, frame: &Frame, work: &WorkDir, run: &Run) -> Result<(M
         |k, out, ()| {
             let (mut area, mut degenerate) = (0f64, 0u64);
             mesh.faces.for_each(chunk_range(n, CHUNK, k), |face, corners| {
-                let points = corners.iter().map(|&v| frame.place(mesh.positions.get(v)));
-                let (node, flat) = Node::of_corners(points);
+                let point = |v: u32| frame.place(mesh.positions.get(v));
+                let (node, flat) = match *corners {
+                    [a, b, c] => Node::of_corners([point(a), point(b), point(c)].into_iter()),
+                    _ => Node::of_corners(corners.iter().map(|&v| point(v))),
+                };
                 area += f64::from(node.area);
                 degenerate += u64::from(flat);
                 out[face - k * CHUNK] = node;

@@ -8,6 +8,7 @@ pub mod colours;
 mod cursor;
 mod decode;
 pub mod document;
+pub mod face_property;
 mod fixed;
 pub mod header;
 pub mod labelled;

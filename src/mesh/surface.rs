@@ -75,10 +75,14 @@ impl Positions {
         let Some(record) = self.bytes.get(start..start + self.stride).filter(|_| (v as usize) < self.len) else {
             return [f64::NAN; 3];
         };
+        // Written out: mapping over the array is not always inlined, and this is every pass's inner loop.
+        let [x, y, z] = self.at;
         if self.double {
-            self.at.map(|at| f64::from_le_bytes(eight(&record[at..at + 8])))
+            let get = |at: usize| f64::from_le_bytes(eight(&record[at..at + 8]));
+            [get(x), get(y), get(z)]
         } else {
-            self.at.map(|at| f64::from(f32::from_le_bytes(four(&record[at..at + 4]))))
+            let get = |at: usize| f64::from(f32::from_le_bytes(four(&record[at..at + 4])));
+            [get(x), get(y), get(z)]
         }
     }
 }

@@ -1,22 +1,35 @@
-//! The paper's way: K-means on sampled columns of the embedding, then one pass over all of them.
+//! The paper's ways: centres by K-means or iterative 2-means on sampled columns of the embedding, then one pass over
+//! all of them.
 
 use super::Clustered;
 use super::report::Numbers;
 use crate::base::Result;
 use crate::cluster::assign::{Totals, assign, exactly};
 use crate::cluster::kmeans::{KMeans, KMeansParams, Points};
+use crate::cluster::two_means::{self, TwoMeansParams};
 use crate::distance::DistanceRows;
 use crate::graph::DualGraph;
 use crate::spectral::quality::Gamma;
 use crate::spectral::{Columns, Embedding, EmbeddingParams};
 use crate::store::{Run, WorkDir};
+use serde::Serialize;
 
-/// Embeds, fits `parts` centres and labels every face.
+/// How centres are found.
+#[derive(Clone, Copy, Debug, Serialize)]
+#[serde(rename_all = "kebab-case")]
+pub(super) enum Fit {
+    /// K of them by K-means.
+    KMeans(usize),
+    /// By halving parts.
+    TwoMeans(TwoMeansParams),
+}
+
+/// Embeds, fits centres and labels every face.
 pub(super) fn k_means(
     graph: &DualGraph,
     rows: &DistanceRows,
     params: EmbeddingParams,
-    parts: usize,
+    fit: Fit,
     work: &WorkDir,
     run: &Run,
 ) -> Result<Clustered> {
@@ -25,10 +38,13 @@ pub(super) fn k_means(
     let embedding = Embedding::fit(rows, &columns, params)?;
     let coordinates = embedding.columns(&columns);
     let points = Points { coordinates: &coordinates, weights: &columns.shares };
-    let centres = KMeans::fit(points, embedding.dimensions, KMeansParams::new(parts), run)?;
+    let centres = match fit {
+        Fit::KMeans(parts) => KMeans::fit(points, embedding.dimensions, KMeansParams::new(parts), run)?,
+        Fit::TwoMeans(params) => two_means::fit(points, embedding.dimensions, params, run)?,
+    };
     let gamma = Gamma::new(rows, params.kernel, embedding.sigma);
 
-    let mut labels = work.array::<u32>(super::NODE_LABELS, &[n])?;
+    let mut labels = work.array::<u32>("labels.npy", &[n])?;
     let mut quality = work.array::<f32>("quality.npy", &[n])?;
     let (label_data, quality_data) = (labels.data(), quality.data());
     let mut totals: Totals =

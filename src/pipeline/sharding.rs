@@ -4,9 +4,8 @@
 //! `sharding` that names them, and lets go. Rows are then computed under a shared lock, each shard into files of
 //! its own. A process that finds the stage stamped needs neither mesh nor lock of its own.
 
-use super::{Cluster, SegmentParams, default_landmarks, landmarks_for_parts, parts, stages};
+use super::{Cluster, SegmentParams, default_landmarks, fit, landmarks_for_parts, parts, stages};
 use crate::base::{Error, Result};
-use crate::cluster::parts::PartCount;
 use crate::distance::landmarks::Sampling;
 use crate::distance::rows::RowParams;
 use crate::distance::{DistanceRows, shard};
@@ -43,13 +42,11 @@ fn options(identity: &Value, params: &SegmentParams, run: &Run) -> Value {
 /// # Errors
 /// [`Error::Parameter`] for K-means without a number of parts and of landmarks.
 fn landmarks(params: &SegmentParams, faces: usize) -> Result<usize> {
-    match (params.landmarks, params.cluster, params.parts.count) {
-        (Some(l), ..) => Ok(l),
-        (None, Cluster::KMeans, PartCount::Exactly(parts)) => Ok(default_landmarks(parts)),
-        (None, Cluster::KMeans, _) => {
-            Err(Error::parameter("-l", "the number of landmarks is missing", "give it, or -k"))
-        }
-        (None, Cluster::Parts, _) => Ok(landmarks_for_parts(faces)),
+    match (params.landmarks, fit(params, faces)) {
+        (Some(l), _) => Ok(l),
+        (None, Some((_, parts))) => Ok(default_landmarks(parts)),
+        (None, None) if params.cluster == Cluster::Parts => Ok(landmarks_for_parts(faces)),
+        (None, None) => Err(Error::parameter("-l", "the number of landmarks is missing", "give it, or -k")),
     }
 }
 
@@ -58,7 +55,7 @@ fn prepare(opened: &Opened, identity: &Value, params: &SegmentParams, work: &Wor
     let l = landmarks(params, opened.mesh.faces.len())?;
     let graph = stages::graph(opened, identity, params, work, run)?.1;
     let weighted = match params.cluster {
-        Cluster::KMeans => graph.weighted(params.metric, work, run)?,
+        Cluster::KMeans | Cluster::TwoMeans => graph.weighted(params.metric, work, run)?,
         Cluster::Parts => parts::weighted(&graph, params, work, run)?.1,
     };
     let options = options(identity, params, run);

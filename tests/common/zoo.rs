@@ -181,7 +181,8 @@ pub fn all() -> Vec<Shape> {
     let mut odd = grid(3);
     odd.faces.extend([vec![], vec![4], vec![1, 2], vec![3, 3, 3], vec![5, 6, 5, 6]]);
     zoo.push(Shape { name: "faces_of_any_size", ..odd });
-    let rim: Vec<[f64; 3]> = (0..50).map(|k| f64::from(k) / 50. * 6.28).map(|a| [a.cos(), a.sin(), 0.]).collect();
+    let rim: Vec<[f64; 3]> =
+        (0..50).map(|k| f64::from(k) / 50. * std::f64::consts::TAU).map(|a| [a.cos(), a.sin(), 0.]).collect();
     let mut lid = Shape { name: "fifty_corners", vertices: rim, faces: vec![(0..50).collect()] };
     lid.vertices.push([0., 0., 1.]);
     lid.faces.extend((0..50).map(|k| vec![(k + 1) % 50, k, 50]));

@@ -76,10 +76,15 @@ impl Table {
 
     /// Aligned text, a line a row, numbers to four places, `-` where a metric is undefined.
     pub fn to_text(&self) -> String {
+        self.to_text_under("category", "models")
+    }
+
+    /// The same under other titles of the first two columns.
+    pub fn to_text_under(&self, name: &str, count: &str) -> String {
         let sums = self.overall.iter().chain(&self.people);
         let rows: Vec<&Row> = self.categories.iter().chain(sums).collect();
-        let width = rows.iter().map(|row| row.name.chars().count()).max().unwrap_or(0).max("category".len());
-        let mut text = format!("{:width$} {:>6}", "category", "models");
+        let width = rows.iter().map(|row| row.name.chars().count()).max().unwrap_or(0).max(name.len());
+        let mut text = format!("{name:width$} {count:>6}");
         // Writing to a string does not fail.
         for (title, _, _) in COLUMNS {
             let _ = write!(text, " {title:>8}");

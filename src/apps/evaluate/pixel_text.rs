@@ -1,0 +1,75 @@
+//! A bitmap to draw on, with text of a built-in font of 8 × 8 pixels: no font of the machine is needed.
+
+use plotters::prelude::{BitMapBackend, DrawingBackend};
+use plotters_backend::text_anchor::{HPos, VPos};
+use plotters_backend::{BackendColor, BackendCoord, BackendStyle, BackendTextStyle, DrawingErrorKind};
+
+/// Pixels of a character's side.
+const SIDE: i32 = 8;
+
+/// A bitmap whose text is drawn pixel by pixel; what the font lacks stays blank.
+pub(super) struct PixelText<'a>(pub(super) BitMapBackend<'a>);
+
+type Done<B> = Result<(), DrawingErrorKind<<B as DrawingBackend>::ErrorType>>;
+
+impl<'a> DrawingBackend for PixelText<'a> {
+    type ErrorType = <BitMapBackend<'a> as DrawingBackend>::ErrorType;
+
+    fn get_size(&self) -> (u32, u32) {
+        self.0.get_size()
+    }
+
+    fn ensure_prepared(&mut self) -> Done<Self> {
+        self.0.ensure_prepared()
+    }
+
+    fn present(&mut self) -> Done<Self> {
+        self.0.present()
+    }
+
+    fn draw_pixel(&mut self, point: BackendCoord, colour: BackendColor) -> Done<Self> {
+        self.0.draw_pixel(point, colour)
+    }
+
+    fn draw_rect<S: BackendStyle>(&mut self, a: BackendCoord, b: BackendCoord, style: &S, fill: bool) -> Done<Self> {
+        self.0.draw_rect(a, b, style, fill)
+    }
+
+    fn estimate_text_size<S: BackendTextStyle>(
+        &self,
+        text: &str,
+        _: &S,
+    ) -> Result<(u32, u32), DrawingErrorKind<Self::ErrorType>> {
+        Ok((text.chars().count() as u32 * SIDE as u32, SIDE as u32))
+    }
+
+    fn draw_text<S: BackendTextStyle>(&mut self, text: &str, style: &S, at: BackendCoord) -> Done<Self> {
+        let width = text.chars().count() as i32 * SIDE;
+        let anchor = style.anchor();
+        let left = at.0
+            - match anchor.h_pos {
+                HPos::Left => 0,
+                HPos::Center => width / 2,
+                HPos::Right => width,
+            };
+        let top = at.1
+            - match anchor.v_pos {
+                VPos::Top => 0,
+                VPos::Center => SIDE / 2,
+                VPos::Bottom => SIDE,
+            };
+        let (right, bottom) = (self.get_size().0 as i32, self.get_size().1 as i32);
+        for (k, character) in (0..).zip(text.chars()) {
+            let glyph = font8x8::legacy::BASIC_LEGACY.get(character as usize).copied().unwrap_or_default();
+            for (row, bits) in (0..).zip(glyph) {
+                for column in 0..SIDE {
+                    let (x, y) = (left + k * SIDE + column, top + row);
+                    if bits >> column & 1 == 1 && (0..right).contains(&x) && (0..bottom).contains(&y) {
+                        self.draw_pixel((x, y), style.color())?;
+                    }
+                }
+            }
+        }
+        Ok(())
+    }
+}

@@ -1,0 +1,115 @@
+//! Pictures of meshes and their parts, drawn in memory: no window, no graphics card.
+//!
+//! A mesh of any size is streamed through a z-buffer of two samples a pixel and side; normals, light, ambient
+//! occlusion and lines follow from what is seen. The view is found ([`Up`] and the direction from which most parts show
+//! most of themselves), and the result does not depend on the number of threads. Cost: 70 bytes a pixel whatever the
+//! mesh, 12 more a vertex where these are few; a million faces in about a second on two cores, of which half goes with
+//! the pixels.
+
+mod camera;
+mod contacts;
+mod font;
+mod image;
+mod legend;
+mod lines;
+mod normals;
+mod occlusion;
+mod params;
+mod raster;
+mod shade;
+mod sheet;
+mod survey;
+mod triangles;
+mod upright;
+mod vector;
+mod vertex_normals;
+mod viewpoint;
+
+pub use contacts::colours_for;
+pub use image::Image;
+pub use params::{PictureParams, Up};
+
+use crate::base::{Error, Result};
+use crate::mesh::Mesh;
+use crate::store::Run;
+use camera::Frame;
+use legend::Legend;
+use shade::{CLAY, linear};
+use sheet::Sheet;
+use vertex_normals::VertexNormals;
+
+/// Vertices at most that get smooth normals; a mesh of more shows faces no larger than a sample.
+const SMOOTH: usize = 3_000_000;
+/// Parts that the choice of the view and the legend tell apart.
+const TOLD_APART: usize = 4096;
+
+/// Draws `mesh`, its parts in the colours of their labels (grey beyond the last colour), or in one colour without labels.
+///
+/// # Errors
+/// [`Error::Parameter`] for sizes or numbers of views out of range or labels that do not fit the faces;
+/// [`Error::Memory`]; [`Error::Cancelled`].
+pub fn render(
+    mesh: &Mesh,
+    labels: Option<&[u32]>,
+    colours: &[[u8; 3]],
+    params: &PictureParams,
+    run: &Run,
+) -> Result<Image> {
+    params.check()?;
+    if let Some(labels) = labels.filter(|labels| labels.len() != mesh.faces.len()) {
+        let problem = format!("{} for {} faces", labels.len(), mesh.faces.len());
+        return Err(Error::parameter("labels", problem, "give one for every face of the mesh"));
+    }
+    let parts = if labels.is_some() { colours.len().min(TOLD_APART) } else { 0 };
+    let legend = match labels.filter(|_| params.legend) {
+        Some(labels) => {
+            Legend::of(&survey::areas(mesh, labels, parts, run)?, &colours[..parts], params.width, params.height)
+        }
+        None => None,
+    };
+    let frames = frames(mesh, labels, parts, params, run)?;
+    let extents = raster::extents(mesh, &frames, run)?;
+    let room = params.width - legend.as_ref().map_or(0, Legend::width).min(params.width / 2);
+    let sheet = Sheet::of(&extents, room, params.height);
+    let smooth = mesh.positions.len() <= SMOOTH;
+    let bytes = sheet.bytes(params.samples) + if smooth { 12 * mesh.positions.len() as u64 } else { 0 };
+    let _grant = run.budget.take("the picture", bytes, bytes)?;
+    let vertex_normals = if smooth { Some(VertexNormals::of(mesh, run)?) } else { None };
+    let tints: Vec<[f32; 3]> = match labels {
+        Some(_) => colours.iter().map(|colour| colour.map(linear)).collect(),
+        None => vec![CLAY.map(linear)],
+    };
+    let white = if params.transparent { [255, 255, 255, 0] } else { [255; 4] };
+    let mut image = Image::filled(params.width, params.height, white);
+    for (view, (frame, extent)) in frames.iter().zip(&extents).enumerate() {
+        let scene = sheet::Scene { mesh, labels, vertex_normals: vertex_normals.as_ref(), tints: &tints };
+        let pixels = sheet.view(&scene, frame, extent, params, run)?;
+        let (x, y) = sheet.place(view);
+        image.lay(x, y, sheet.cell.0, &pixels);
+    }
+    if let Some(legend) = legend {
+        legend.draw(&mut image);
+    }
+    Ok(image)
+}
+
+/// The views: the best one, and others around the same axis.
+fn frames(mesh: &Mesh, labels: Option<&[u32]>, parts: usize, params: &PictureParams, run: &Run) -> Result<Vec<Frame>> {
+    let pieces = survey::sample(mesh, labels, run)?;
+    if pieces.is_empty() {
+        let faces = mesh.faces.len();
+        return Err(Error::parameter(
+            "mesh",
+            format!("none of its {faces} faces has a place in space"),
+            "give another",
+        ));
+    }
+    let up = params.up.map_or_else(|| upright::upright(&pieces), Up::direction);
+    let (azimuth, elevation) = viewpoint::best(&pieces, parts, up, run)?;
+    let azimuth = azimuth + params.turn.to_radians();
+    let elevation = (elevation + params.tilt.to_radians()).clamp(-1.55, 1.55);
+    let around = std::f64::consts::TAU / params.views as f64;
+    // The opposite side comes second, where there is one: it shows what the first view hides.
+    let order = |k: usize| if params.views % 2 == 0 { k / 2 + k % 2 * (params.views / 2) } else { k };
+    Ok((0..params.views).map(|k| Frame::turned(up, azimuth + order(k) as f64 * around, elevation)).collect())
+}

@@ -1,0 +1,160 @@
+//! The z-buffer: which face is seen at each sample.
+//!
+//! A cell is one atomic word, depth above and face below, and a triangle lowers the words it covers to the least; so
+//! threads share one canvas and the result does not depend on their order. Corners are snapped to 1/256 of a sample and
+//! edges evaluated in integers, so that neighbours leave neither gap nor overlap. 8 bytes a sample; 30–60 ns a small
+//! triangle.
+
+use super::camera::{Camera, Extent};
+use super::triangles::{self, CHUNK};
+use super::vector::Vec3;
+use crate::base::Result;
+use crate::base::parallel::{chunk_count, chunk_range, map_chunks};
+use crate::mesh::Mesh;
+use crate::store::Run;
+use std::sync::atomic::{AtomicU64, Ordering};
+
+/// A cell that nothing covers.
+const EMPTY: u64 = u64::MAX;
+/// Steps of a sample that corners are snapped to.
+const STEPS: i64 = 256;
+
+/// Samples with the depth and the face (later: the label) seen there.
+pub(super) struct Canvas {
+    pub width: usize,
+    pub height: usize,
+    cells: Vec<AtomicU64>,
+    depth: f64,
+}
+
+/// What a sample shows.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) struct Hit {
+    /// In samples from the nearest point.
+    pub depth: f64,
+    /// The face, or what [`Canvas::replace`] put for it.
+    pub item: u32,
+}
+
+impl Canvas {
+    /// An empty canvas for depths of `camera`.
+    pub(super) fn new(width: usize, height: usize, camera: &Camera) -> Self {
+        let cells = (0..width * height).map(|_| AtomicU64::new(EMPTY)).collect();
+        Self { width, height, cells, depth: camera.depth }
+    }
+
+    /// What the sample of this number shows.
+    #[inline]
+    pub(super) fn get(&self, cell: usize) -> Option<Hit> {
+        let word = self.cells[cell].load(Ordering::Relaxed);
+        let depth = (word >> 32) as f64 / f64::from(u32::MAX) * self.depth;
+        (word != EMPTY).then_some(Hit { depth, item: word as u32 })
+    }
+
+    /// Puts `item` in the place of a covered sample's.
+    #[inline]
+    pub(super) fn replace(&self, cell: usize, item: u32) {
+        let word = self.cells[cell].load(Ordering::Relaxed);
+        self.cells[cell].store(word & !u64::from(u32::MAX) | u64::from(item), Ordering::Relaxed);
+    }
+
+    /// Draws all faces of `mesh`.
+    pub(super) fn draw(&self, mesh: &Mesh, camera: &Camera, run: &Run) -> Result<()> {
+        let n = mesh.faces.len();
+        let chunk = |k, (): &mut ()| {
+            triangles::for_each(mesh, chunk_range(n, CHUNK, k), |face, _, at| {
+                self.triangle(at.map(|p| camera.project(p)), face as u32);
+            });
+            Ok(())
+        };
+        map_chunks(run.threads, &run.cancel, chunk_count(n, CHUNK), || (), chunk).map(drop)
+    }
+
+    /// Draws a triangle given in samples.
+    #[inline]
+    pub(super) fn triangle(&self, mut at: [Vec3; 3], item: u32) {
+        let snap = |x: f64| (x * STEPS as f64).round() as i64;
+        let mut p = at.map(|p| [snap(p[0]), snap(p[1])]);
+        let side =
+            |a: [i64; 2], b: [i64; 2], c: [i64; 2]| (b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0]);
+        let mut area = side(p[0], p[1], p[2]);
+        if area == 0 {
+            return;
+        }
+        if area < 0 {
+            p.swap(1, 2);
+            at.swap(1, 2);
+            area = -area;
+        }
+        // The samples whose centres lie in the triangle's box.
+        let range = |k: usize, size: usize| {
+            let low = p[0][k].min(p[1][k]).min(p[2][k]);
+            let high = p[0][k].max(p[1][k]).max(p[2][k]);
+            let first = (low + STEPS / 2 - 1).div_euclid(STEPS).max(0);
+            let last = (high - STEPS / 2).div_euclid(STEPS).min(size as i64 - 1);
+            first..last + 1
+        };
+        let (columns, rows) = (range(0, self.width), range(1, self.height));
+        if columns.is_empty() || rows.is_empty() {
+            return;
+        }
+        let start = [columns.start * STEPS + STEPS / 2, rows.start * STEPS + STEPS / 2];
+        // A sample on an edge belongs to the triangle whose top or left edge it is.
+        let edge = |a: [i64; 2], b: [i64; 2]| {
+            let top_left = b[1] < a[1] || (b[1] == a[1] && b[0] > a[0]);
+            let right = -(b[1] - a[1]) * STEPS;
+            let down = (b[0] - a[0]) * STEPS;
+            (side(a, b, start) - i64::from(!top_left), right, down)
+        };
+        let edges = [edge(p[1], p[2]), edge(p[2], p[0]), edge(p[0], p[1])];
+        let mut row = edges.map(|(value, ..)| value);
+        let unit = 1.0 / area as f64;
+        let (lowest, highest) = (at[0][2].min(at[1][2]).min(at[2][2]), at[0][2].max(at[1][2]).max(at[2][2]));
+        for y in rows {
+            let mut inside = row;
+            let line = y as usize * self.width;
+            for x in columns.clone() {
+                if inside[0] | inside[1] | inside[2] >= 0 {
+                    let share = |k: usize| inside[k] as f64 * unit;
+                    let depth = at[2][2] + share(0) * (at[0][2] - at[2][2]) + share(1) * (at[1][2] - at[2][2]);
+                    self.lower(line + x as usize, depth.clamp(lowest, highest), item);
+                }
+                for k in 0..3 {
+                    inside[k] += edges[k].1;
+                }
+            }
+            for k in 0..3 {
+                row[k] += edges[k].2;
+            }
+        }
+    }
+
+    #[inline]
+    fn lower(&self, cell: usize, depth: f64, item: u32) {
+        let depth = (depth / self.depth * f64::from(u32::MAX)).clamp(0.0, f64::from(u32::MAX - 1)) as u64;
+        let word = depth << 32 | u64::from(item);
+        let cell = &self.cells[cell];
+        if word < cell.load(Ordering::Relaxed) {
+            cell.fetch_min(word, Ordering::Relaxed);
+        }
+    }
+}
+
+/// The boxes that the faces of `mesh` fill in each frame.
+pub(super) fn extents(mesh: &Mesh, frames: &[super::camera::Frame], run: &Run) -> Result<Vec<Extent>> {
+    let n = mesh.faces.len();
+    let chunk = |k, (): &mut ()| {
+        let mut found = vec![Extent::EMPTY; frames.len()];
+        triangles::for_each(mesh, chunk_range(n, CHUNK, k), |_, _, at| {
+            for (frame, extent) in frames.iter().zip(&mut found) {
+                at.iter().for_each(|&p| extent.hold(frame.of(p)));
+            }
+        });
+        Ok(found)
+    };
+    let mut all = vec![Extent::EMPTY; frames.len()];
+    for found in map_chunks(run.threads, &run.cancel, chunk_count(n, CHUNK), || (), chunk)? {
+        all.iter_mut().zip(&found).for_each(|(all, found)| all.join(found));
+    }
+    Ok(all)
+}

@@ -1,0 +1,50 @@
+//! Points and directions as plain arrays. Written out axis by axis: mapping over an array is not always inlined,
+//! and these are inner loops.
+
+/// a − b.
+#[inline(always)]
+pub fn minus(a: [f64; 3], b: [f64; 3]) -> [f64; 3] {
+    [a[0] - b[0], a[1] - b[1], a[2] - b[2]]
+}
+
+/// (a + b) / 2, the same for (b, a) to the bit.
+#[inline(always)]
+pub fn middle(a: [f64; 3], b: [f64; 3]) -> [f64; 3] {
+    [(a[0] + b[0]) * 0.5, (a[1] + b[1]) * 0.5, (a[2] + b[2]) * 0.5]
+}
+
+/// a × b.
+#[inline(always)]
+pub fn cross(a: [f64; 3], b: [f64; 3]) -> [f64; 3] {
+    [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]]
+}
+
+/// |a|.
+#[inline(always)]
+pub fn length(a: [f64; 3]) -> f64 {
+    (a[0] * a[0] + a[1] * a[1] + a[2] * a[2]).sqrt()
+}
+
+/// |a − b|, the same for (b, a) to the bit.
+#[inline(always)]
+pub fn distance(a: [f64; 3], b: [f64; 3]) -> f64 {
+    length(minus(a, b))
+}
+
+/// In double precision.
+#[inline(always)]
+pub fn wide(a: [f32; 3]) -> [f64; 3] {
+    [f64::from(a[0]), f64::from(a[1]), f64::from(a[2])]
+}
+
+/// `factor` times a, in single precision.
+#[inline(always)]
+pub fn narrow(a: [f64; 3], factor: f64) -> [f32; 3] {
+    [(a[0] * factor) as f32, (a[1] * factor) as f32, (a[2] * factor) as f32]
+}
+
+/// Whether all coordinates are finite.
+#[inline(always)]
+pub fn finite(a: [f64; 3]) -> bool {
+    a[0].is_finite() && a[1].is_finite() && a[2].is_finite()
+}

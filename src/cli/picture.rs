@@ -1,0 +1,174 @@
+//! `picture`: a mesh and its parts as a PNG.
+
+use super::bars::Bars;
+use super::options::RunArgs;
+use super::output::folder_of;
+use super::{Failure, Surroundings};
+use nystrom_stream::apps::picture::{PictureParams, Up, colours_for, render};
+use nystrom_stream::base::{Error, Result};
+use nystrom_stream::mesh::{self, Document, face_property, seg};
+use nystrom_stream::store::{MappedSlice, Run, WorkDir, npy};
+use std::ffi::OsStr;
+use std::path::{Path, PathBuf};
+
+#[derive(Clone, Debug, clap::Args)]
+pub struct Args {
+    /// PLY file (.ply, .ply.gz), labelled or not; `-` reads standard input
+    #[arg(value_name = "MESH")]
+    pub mesh: PathBuf,
+    /// Labels, .seg or .npy [default: the property `label` of the mesh's faces]
+    #[arg(long, value_name = "LABELS")]
+    pub labels: Option<PathBuf>,
+    /// The picture, .png [default: MESH.png]
+    #[arg(short, long, value_name = "OUT")]
+    pub output: Option<PathBuf>,
+    /// Views on one sheet, around the mesh; the second is from the opposite side
+    #[arg(long, value_name = "N", default_value_t = 1)]
+    pub views: usize,
+    /// Size of the sheet in pixels
+    #[arg(long, value_name = "WxH", default_value = "1600x1200", value_parser = parse_dimensions)]
+    pub size: (usize, usize),
+    /// Leave the background transparent
+    #[arg(long)]
+    pub transparent: bool,
+    /// Do not list the parts' shares of the surface
+    #[arg(long)]
+    pub no_legend: bool,
+    /// Draw no lines between parts and at edges
+    #[arg(long)]
+    pub no_lines: bool,
+    /// Which axis points up: x, y, z, -x, -y, -z [default: found]
+    #[arg(long, value_name = "AXIS", allow_hyphen_values = true)]
+    pub up: Option<Up>,
+    /// Turn around that axis from the view found, in degrees
+    #[arg(long, value_name = "DEG", default_value_t = 0., allow_negative_numbers = true)]
+    pub turn: f64,
+    /// Look from higher than found, in degrees
+    #[arg(long, value_name = "DEG", default_value_t = 0., allow_negative_numbers = true)]
+    pub tilt: f64,
+    #[command(flatten)]
+    pub run: RunArgs,
+}
+
+/// Width and height from "1600x1200".
+fn parse_dimensions(text: &str) -> Result<(usize, usize), String> {
+    let numbers = text.split_once(['x', 'X', '×']).map(|(width, height)| (width.trim().parse(), height.trim().parse()));
+    match numbers {
+        Some((Ok(width), Ok(height))) => Ok((width, height)),
+        _ => Err(format!("{text:?} is no size; write 1600x1200")),
+    }
+}
+
+impl Args {
+    fn params(&self) -> PictureParams {
+        let (width, height) = self.size;
+        PictureParams {
+            width,
+            height,
+            views: self.views,
+            transparent: self.transparent,
+            legend: !self.no_legend,
+            lines: !self.no_lines,
+            up: self.up,
+            turn: self.turn,
+            tilt: self.tilt,
+            ..PictureParams::default()
+        }
+    }
+
+    fn target(&self) -> Result<PathBuf, Failure> {
+        let stdin = self.mesh.as_os_str() == "-";
+        match &self.output {
+            Some(path) if path.extension().is_some_and(|end| end.eq_ignore_ascii_case("png")) => Ok(path.clone()),
+            Some(path) => Err(Failure::Misused(format!("-o {}: a picture is a PNG; end it with .png", path.display()))),
+            None if stdin => Err(Failure::Misused("-o: standard input has no name; say where the picture goes".into())),
+            None => Ok(self.mesh.with_extension("png")),
+        }
+    }
+}
+
+pub fn run(args: &Args, surroundings: &Surroundings) -> Result<(), Failure> {
+    let params = args.params();
+    params.check()?;
+    let target = args.target()?;
+    let bars = Bars::new(args.run.quiet);
+    let run = args.run.run(&bars, surroundings);
+    let work = WorkDir::temporary(args.run.tmp.as_deref().unwrap_or(&folder_of(&target)))?;
+    let (opened, _) = run.stage("read", "bytes", 0, || {
+        if args.mesh.as_os_str() == "-" {
+            mesh::open_reader(std::io::stdin().lock(), "<stdin>", work.path(), &run)
+        } else {
+            mesh::open(&args.mesh, work.path(), &run)
+        }
+    })?;
+    opened.notes.iter().for_each(|note| run.progress.note(note));
+    let faces = opened.mesh.faces.len();
+    let (labels, known) = match &args.labels {
+        Some(path) => (Some(labels_of_file(path, &work)?), None),
+        None if face_property::has(&opened.document, "label") => {
+            let (labels, colours) = labels_of_mesh(&opened.document, &work, &run)?;
+            (Some(labels), colours)
+        }
+        None => (None, None),
+    };
+    if let (Some(path), Some(labels)) = (&args.labels, &labels)
+        && labels.len() != faces
+    {
+        let problem = format!("has {} labels for {faces} faces", labels.len());
+        return Err(Error::unusable(path, problem, "give the labels of this mesh").into());
+    }
+    let colours = match (known, &labels) {
+        (Some(colours), _) => colours,
+        (None, Some(labels)) => colours_for(&opened.mesh, labels, &run)?,
+        (None, None) => Vec::new(),
+    };
+    let draw = || render(&opened.mesh, labels.as_deref(), &colours, &params, &run);
+    let (image, _) = run.stage("draw", "faces", (faces * params.views) as u64, draw)?;
+    run.stage("write", "pixels", (image.width * image.height) as u64, || image.write_png(&target))?;
+    Ok(())
+}
+
+/// Labels of a .seg or .npy file.
+fn labels_of_file(path: &Path, work: &WorkDir) -> Result<MappedSlice<u32>, Failure> {
+    match path.extension().and_then(OsStr::to_str).map(str::to_ascii_lowercase).as_deref() {
+        Some("seg") => Ok(npy::write(&work.file("labels.npy"), &seg::read_seg(path)?, 1, false)?),
+        Some("npy") => Ok(npy::open(path)?),
+        _ => Err(Failure::Misused(format!(
+            "--labels {}: its ending says no known form; give a .seg or .npy file",
+            path.display()
+        ))),
+    }
+}
+
+/// Labels of a labelled mesh, and the parts' colours where every part has one.
+fn labels_of_mesh(document: &Document, work: &WorkDir, run: &Run) -> Result<(MappedSlice<u32>, Option<Vec<[u8; 3]>>)> {
+    /// Parts above this number get colours of ours.
+    const MOST: usize = 1 << 20;
+    let coloured = ["red", "green", "blue"].iter().all(|name| face_property::has(document, name));
+    let mut writer = npy::ArrayWriter::create(&work.file("labels.npy"), 1)?;
+    let mut wrote = Ok(());
+    let mut colours: Vec<Option<[u8; 3]>> = Vec::new();
+    let mut uniform = coloured;
+    face_property::for_each(document, ["label", "red", "green", "blue"], run, |_, [label, colour @ ..]| {
+        // What is no label, like -1, is drawn grey.
+        let label = u32::try_from(label).unwrap_or(u32::MAX);
+        if wrote.is_ok() {
+            wrote = writer.push(&[label]);
+        }
+        if !uniform || label == u32::MAX {
+            return;
+        }
+        let place = label as usize;
+        uniform = place < MOST;
+        if uniform {
+            let colour = colour.map(|part| part.clamp(0, 255) as u8);
+            if colours.len() <= place {
+                colours.resize(place + 1, None);
+            }
+            uniform = *colours[place].get_or_insert(colour) == colour;
+        }
+    })?;
+    wrote?;
+    let colours = colours.into_iter().map(|colour| colour.unwrap_or([128; 3])).collect();
+    Ok((writer.finish(false)?, uniform.then_some(colours)))
+}

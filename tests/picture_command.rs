@@ -1,0 +1,91 @@
+//! `picture` and `segment -o x.png` from the command line.
+
+use assert_cmd::Command;
+use std::path::Path;
+
+fn command() -> Command {
+    Command::cargo_bin("nystrom-stream").unwrap()
+}
+
+/// A tetrahedron with labels and colours on its faces.
+fn labelled(path: &Path) {
+    let text = "ply\nformat ascii 1.0\nelement vertex 4\nproperty float x\nproperty float y\nproperty float z\n\
+        element face 4\nproperty list uchar int vertex_indices\nproperty int label\nproperty uchar red\n\
+        property uchar green\nproperty uchar blue\nend_header\n0 0 0\n1 0 0\n0 1 0\n0 0 1\n\
+        3 0 2 1 0 200 0 0\n3 0 1 3 0 200 0 0\n3 0 3 2 1 0 200 0\n3 1 2 3 -1 0 0 200\n";
+    std::fs::write(path, text).unwrap();
+}
+
+/// Width, height and bytes a pixel of a PNG.
+fn facts(path: &Path) -> (u32, u32, usize) {
+    let decoder = png::Decoder::new(std::io::BufReader::new(std::fs::File::open(path).unwrap()));
+    let mut reader = decoder.read_info().unwrap();
+    let mut pixels = vec![0; reader.output_buffer_size().unwrap()];
+    let info = reader.next_frame(&mut pixels).unwrap();
+    assert!(pixels.iter().any(|&byte| byte != pixels[0]));
+    (info.width, info.height, info.color_type.samples())
+}
+
+#[test]
+fn labelled_meshes_become_pictures() {
+    let dir = tempfile::tempdir().unwrap();
+    let mesh = dir.path().join("m.ply");
+    labelled(&mesh);
+    command().args(["picture", "-q"]).arg(&mesh).assert().success();
+    assert_eq!(facts(&dir.path().join("m.png")), (1600, 1200, 3));
+    let out = dir.path().join("o.png");
+    command()
+        .arg("picture")
+        .arg(&mesh)
+        .args(["--size", "320x200", "--views", "4", "--transparent", "--up", "-z", "-o"])
+        .arg(&out)
+        .assert()
+        .success();
+    assert_eq!(facts(&out), (320, 200, 4));
+    let labels = dir.path().join("l.seg");
+    std::fs::write(&labels, "0\n1\n2\n3\n").unwrap();
+    command()
+        .arg("picture")
+        .arg(&mesh)
+        .args(["--size=64x64", "-o"])
+        .arg(&out)
+        .arg("--labels")
+        .arg(&labels)
+        .assert()
+        .success();
+    assert_eq!(facts(&out), (64, 64, 3));
+    // Nothing temporary stays behind.
+    assert_eq!(std::fs::read_dir(dir.path()).unwrap().count(), 4);
+}
+
+#[test]
+fn what_is_wrong_is_said_in_a_line() {
+    let dir = tempfile::tempdir().unwrap();
+    let mesh = dir.path().join("m.ply");
+    labelled(&mesh);
+    let labels = dir.path().join("l.seg");
+    std::fs::write(&labels, "0\n1\n").unwrap();
+    for (args, code, part) in [
+        (vec!["-o", "x.jpg"], 2, "end it with .png"),
+        (vec!["--size", "7"], 2, "write 1600x1200"),
+        (vec!["--size", "1x1"], 2, "choose 16 to 16384"),
+        (vec!["--views", "0"], 2, "choose 1 to 64"),
+        (vec!["--up", "q"], 2, "is no axis"),
+        (vec!["--labels", "x.txt"], 2, ".seg or .npy"),
+        (vec!["--labels", "l.seg"], 1, "2 labels for 4 faces"),
+    ] {
+        let run = command().current_dir(dir.path()).arg("picture").arg(&mesh).args(&args).assert().code(code);
+        let text = String::from_utf8(run.get_output().stderr.clone()).unwrap();
+        assert!(text.contains(part), "{args:?}: {text}");
+    }
+}
+
+#[test]
+fn segment_writes_a_picture() {
+    let dir = tempfile::tempdir().unwrap();
+    let mesh = dir.path().join("m.ply");
+    labelled(&mesh);
+    let out = dir.path().join("o.png");
+    command().args(["segment", "-q", "-k", "2"]).arg(&mesh).arg("-o").arg(&out).assert().success();
+    assert_eq!(facts(&out), (1600, 1200, 3));
+}

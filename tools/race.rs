@@ -1,0 +1,98 @@
+//! Races the front against a binary-heap Dijkstra on the same graph, and rows on one thread against two.
+//!
+//! `cargo run --release --example race -- MESH [-l 10] [--repeat 5]`: prints medians, one line each, for
+//! the records in `benches/records`. Both sides run in the same process, one after another.
+
+use clap::Parser;
+use nystrom_stream::base::Result;
+use nystrom_stream::distance::front::mean_weight;
+use nystrom_stream::distance::rows::RowParams;
+use nystrom_stream::distance::{DistanceRows, Front, oracle};
+use nystrom_stream::graph::{DualGraph, Metric};
+use nystrom_stream::mesh;
+use nystrom_stream::store::{Run, WorkDir};
+use std::path::PathBuf;
+use std::process::ExitCode;
+use std::time::Instant;
+
+/// Race the front against a binary heap, and two threads against one.
+#[derive(Parser)]
+struct Arguments {
+    /// A mesh.
+    mesh: PathBuf,
+    /// Rows.
+    #[arg(short, default_value_t = 10)]
+    l: usize,
+    /// Runs, of which the median counts.
+    #[arg(long, default_value_t = 5)]
+    repeat: usize,
+}
+
+/// The median of the seconds that `work` takes.
+fn median(repeat: usize, mut work: impl FnMut() -> Result<()>) -> Result<f64> {
+    let mut seconds = Vec::new();
+    for _ in 0..repeat.max(1) {
+        let start = Instant::now();
+        work()?;
+        seconds.push(start.elapsed().as_secs_f64());
+    }
+    seconds.sort_by(f64::total_cmp);
+    Ok(seconds[seconds.len() / 2])
+}
+
+fn race(arguments: &Arguments) -> Result<()> {
+    let mut run = Run::new(&());
+    let work = WorkDir::temporary(&std::env::temp_dir())?;
+    let opened = mesh::open(&arguments.mesh, work.path(), &run)?;
+    let graph = DualGraph::build(&opened.mesh, &arguments.mesh, &serde_json::Value::Null, &work, &run)?;
+    let n = graph.nodes.len();
+    for (name, metric) in [("scale-free", Metric::default()), ("paper", Metric::paper())] {
+        let weighted = graph.weighted(metric, &work, &run)?;
+        let csr = weighted.csr();
+        let mut front = Front::new(mean_weight(csr));
+        let mut field = vec![0f32; n];
+        let source = (n / 3) as u32;
+        let ours = median(arguments.repeat, || front.full(csr, source, &mut field, &run.cancel).map(drop))?;
+        let mut slow = Vec::new();
+        let heap = median(arguments.repeat, || {
+            slow = oracle::dijkstra(csr, source);
+            Ok(())
+        })?;
+        println!(
+            "{name:10} {n} faces: front {:.1} ms ({:.1} ns a face), binary heap {:.1} ms, {:.2} x; same bits: {}",
+            ours * 1e3,
+            ours * 1e9 / n as f64,
+            heap * 1e3,
+            heap / ours,
+            slow == field
+        );
+        let mut seconds = [0f64; 2];
+        for threads in [1, 2] {
+            run.threads = threads;
+            seconds[threads - 1] = median(arguments.repeat, || {
+                // A work directory of its own, or the rows would be reused.
+                let scratch = WorkDir::temporary(&std::env::temp_dir())?;
+                let params = RowParams { l: arguments.l, sampling: Default::default() };
+                DistanceRows::build(&weighted, &graph.nodes, params, &scratch, &run).map(drop)
+            })?;
+        }
+        println!(
+            "{name:10} {} rows: one thread {:.0} ms, two {:.0} ms, {:.2} x",
+            arguments.l,
+            seconds[0] * 1e3,
+            seconds[1] * 1e3,
+            seconds[0] / seconds[1]
+        );
+    }
+    Ok(())
+}
+
+fn main() -> ExitCode {
+    match race(&Arguments::parse()) {
+        Ok(()) => ExitCode::SUCCESS,
+        Err(error) => {
+            eprintln!("race: {error}");
+            ExitCode::FAILURE
+        }
+    }
+}
