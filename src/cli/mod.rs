@@ -7,6 +7,7 @@ mod info;
 mod options;
 mod output;
 mod picture;
+mod plan;
 mod rows;
 mod segment;
 
@@ -31,6 +32,8 @@ enum Command {
     Rows(rows::Args),
     /// Put the rows of several processes together
     Merge(rows::MergeArgs),
+    /// Tell memory, disk and time of a run before it starts
+    Plan(plan::Args),
     /// Tell what a work directory holds
     Info(info::Args),
     /// Test every file of a work directory against its checksum
@@ -91,6 +94,7 @@ pub fn main(peak: fn() -> u64) -> ExitCode {
         Command::Segment(args) => segment::run(&args, &surroundings),
         Command::Rows(args) => rows::run(&args, &surroundings),
         Command::Merge(args) => rows::merge(&args, &surroundings),
+        Command::Plan(args) => plan::run(&args, &surroundings),
         Command::Info(args) => info::run(&args),
         Command::Verify(args) => info::verify(&args, &surroundings),
         Command::Evaluate(args) => evaluate::run(&args, &surroundings),
