@@ -59,8 +59,9 @@ fn every_beast_falls_into_exactly_k_parts() {
         let n = shape.faces.len();
         for parts in [1, 2, 3, 7, n.min(40)] {
             if parts <= n {
-                let cluster = Cluster::KMeans;
-                check(&shape, &path, SegmentParams { parts: exactly(parts), cluster, ..SegmentParams::default() });
+                for cluster in [Cluster::KMeans, Cluster::TwoMeans] {
+                    check(&shape, &path, SegmentParams { parts: exactly(parts), cluster, ..SegmentParams::default() });
+                }
             }
         }
         check(&shape, &path, SegmentParams::default());
