@@ -6,10 +6,12 @@
 //! ```
 //! Every arrow is a stage in the work directory: reused where its inputs and options are the same.
 
+pub mod calibrate;
 pub mod contacts;
 pub mod input;
 mod k_means;
 mod parts;
+pub mod plan;
 pub mod report;
 pub mod sharding;
 mod stages;
@@ -33,9 +35,6 @@ use report::Numbers;
 use serde::Serialize;
 use serde_json::json;
 use std::path::Path;
-
-/// Labels in the order of the nodes, until they are put in the file's.
-const NODE_LABELS: &str = "node_labels.npy";
 
 /// How faces become parts.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
@@ -136,8 +135,8 @@ pub fn segment(
     let touching = contacts::between(&graph, &clustered.labels, run)?;
     let mut numbers = clustered.numbers;
     numbers.landmarks.iter_mut().for_each(|node| *node = ordered.face(*node));
-    let labels = ordered.restore(NODE_LABELS, "labels.npy", clustered.labels, work, run)?;
-    let quality = ordered.restore("quality.npy", "quality.npy", clustered.quality, work, run)?;
+    let labels = ordered.restore("labels.npy", clustered.labels, work, run)?;
+    let quality = ordered.restore("quality.npy", clustered.quality, work, run)?;
     let options = json!({"stage": "labels", "graph": graph.key, "params": params, "seed": run.seed});
     work.stamp("labels", &key_of(&options), &options, &["labels.npy", "quality.npy"], &numbers.faces, 0.)?;
     Ok(Segmentation {

@@ -31,7 +31,7 @@ pub struct Args {
     #[arg(long, value_name = "FILE")]
     pub json: Option<PathBuf>,
     /// Draw 1 - Rand by category beside people's, .svg or .png
-    #[arg(long, value_name = "FILE", requires = "benchmark")]
+    #[arg(long, value_name = "FILE", requires = "benchmark", requires = "labels")]
     pub plot: Option<PathBuf>,
     /// Leave out the cut discrepancy, which costs most
     #[arg(long)]

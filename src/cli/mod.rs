@@ -7,6 +7,7 @@ mod info;
 mod options;
 mod output;
 mod picture;
+mod plan;
 mod rows;
 mod segment;
 
@@ -27,18 +28,20 @@ struct Cli {
 enum Command {
     /// Cut meshes into parts and write them with labels and colours
     Segment(segment::Args),
-    /// Draw a mesh and its parts as a picture
-    Picture(picture::Args),
     /// Compute the distances from all landmarks, alone or as one of several processes
     Rows(rows::Args),
     /// Put the rows of several processes together
     Merge(rows::MergeArgs),
+    /// Tell memory, disk and time of a run before it starts
+    Plan(plan::Args),
     /// Tell what a work directory holds
     Info(info::Args),
     /// Test every file of a work directory against its checksum
     Verify(info::Args),
     /// Score labels against people's: a mesh, or a whole benchmark
     Evaluate(evaluate::Args),
+    /// Draw a mesh and its parts as a picture
+    Picture(picture::Args),
     /// Make a mesh of a million faces with known parts, cut it, and compare
     Demo(demo::Args),
 }
@@ -89,12 +92,13 @@ pub fn main(peak: fn() -> u64) -> ExitCode {
     });
     let result = match cli.command {
         Command::Segment(args) => segment::run(&args, &surroundings),
-        Command::Picture(args) => picture::run(&args, &surroundings),
         Command::Rows(args) => rows::run(&args, &surroundings),
         Command::Merge(args) => rows::merge(&args, &surroundings),
+        Command::Plan(args) => plan::run(&args, &surroundings),
         Command::Info(args) => info::run(&args),
         Command::Verify(args) => info::verify(&args, &surroundings),
         Command::Evaluate(args) => evaluate::run(&args, &surroundings),
+        Command::Picture(args) => picture::run(&args, &surroundings),
         Command::Demo(args) => demo::run(&args, &surroundings),
     };
     match result {

@@ -29,6 +29,9 @@ pub struct RunArgs {
     /// Where temporary files go [default: beside the output]
     #[arg(long, value_name = "DIR")]
     pub tmp: Option<PathBuf>,
+    /// Start without testing whether the disk will do
+    #[arg(long)]
+    pub no_plan: bool,
     /// Say nothing but errors
     #[arg(short, long)]
     pub quiet: bool,

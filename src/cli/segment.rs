@@ -156,6 +156,9 @@ pub fn one(
             WorkDir::temporary(args.run.tmp.as_deref().unwrap_or(&beside))?
         }
     };
+    if !stdin && !args.run.no_plan {
+        super::plan::check(path, params, &work, run)?;
+    }
     let (opened, _) = run.stage("read", "bytes", 0, || {
         if stdin {
             mesh::open_reader(std::io::stdin().lock(), "<stdin>", work.path(), run)

@@ -2,8 +2,8 @@
 //!
 //! Faces deeper in a part than [`BAND`] (at least the deepest 40 % of it) keep their label; one front under the
 //! edge weights, from the rim of these cores into the bands between them, labels the rest: it is held up where the
-//! surface turns, so it meets there. Boundaries come out a fifth shorter, without islands. Both fronts visit the
-//! bands only. Memory: two mapped arrays of 4 bytes a face.
+//! surface turns, so it meets there. Boundaries come out a fifth shorter, without islands, and are then
+//! straightened ([`smooth`]). All fronts visit the bands only. Memory: two mapped arrays of 4 bytes a face.
 
 use crate::base::Result;
 use crate::base::parallel::{chunk_count, chunk_range, fill_chunks, map_chunks};
@@ -15,6 +15,7 @@ use crate::store::{MappedSlice, Run, WorkDir};
 
 use super::normals::lengths;
 use super::shares::Shares;
+use super::smooth;
 
 /// Half the width of the band around a boundary that is labelled anew, in units of √(area).
 pub const BAND: f32 = 0.04;
@@ -24,7 +25,7 @@ const CORE: f64 = 0.4;
 const BINS: usize = 1024;
 const CHUNK: usize = 1 << 15;
 
-/// Labels every face from the labels of cells: `cell` (n) and `label_of_cell` (S). Writes `labels.npy`.
+/// Labels every face from the labels of cells: `cell` (n) and `label_of_cell` (S). Writes `node_labels.npy`.
 /// `steps` is the graph under the weights that fronts use.
 ///
 /// # Errors
@@ -40,7 +41,7 @@ pub fn refine(
 ) -> Result<MappedSlice<u32>> {
     let n = cell.len();
     let parts = label_of_cell.iter().max().map_or(0, |top| *top as usize + 1);
-    let mut labels = work.array::<u32>("labels.npy", &[n])?;
+    let mut labels = work.array::<u32>("node_labels.npy", &[n])?;
     fill_chunks(
         run.threads,
         &run.cancel,
@@ -81,9 +82,53 @@ pub fn refine(
     )?;
     let edge_of_core = core_rim(steps, field.data(), run)?;
     Front::new(mean_weight(steps)).spread_owners(steps, &edge_of_core, field.data(), labels.data(), &run.cancel)?;
+    straighten(graph, steps, shares, field.data(), labels.data(), run)?;
     drop(field);
     work.remove("depth.tmp.partial");
     labels.finish(false)
+}
+
+/// Smooths the new boundaries; `field` (n) is 0 in the cores and is used up.
+fn straighten(
+    graph: &DualGraph,
+    steps: Csr<'_>,
+    shares: &Shares,
+    field: &mut [f32],
+    labels: &mut [u32],
+    run: &Run,
+) -> Result<()> {
+    let lengths = lengths(graph);
+    let mean = mean_weight(lengths);
+    let rim = rim(steps, labels, run)?;
+    // Cores cannot be lowered below 0, so they stay outside the band.
+    fill_chunks(
+        run.threads,
+        &run.cancel,
+        field,
+        CHUNK,
+        || (),
+        |_, out, ()| {
+            out.iter_mut().for_each(|d| *d = if *d == 0. { -1. } else { f32::INFINITY });
+            Ok(())
+        },
+    )?;
+    let open: Vec<u32> = rim.into_iter().filter(|&node| field[node as usize] > 0.).collect();
+    let reach = (smooth::REACH / shares.unit).min(smooth::FACES * mean);
+    Front::new(mean).within(lengths, &open, reach, field, &run.cancel)?;
+    let field = &*field;
+    let band = map_chunks(
+        run.threads,
+        &run.cancel,
+        chunk_count(field.len(), CHUNK),
+        || (),
+        |k, ()| {
+            let inside = |i: &usize| field[*i] >= 0. && field[*i] < f32::INFINITY;
+            Ok(chunk_range(field.len(), CHUNK, k).filter(inside).map(|i| i as u32).collect::<Vec<u32>>())
+        },
+    )?
+    .concat();
+    let sizes = (&graph.rows.gd[..], &graph.rows.edge[..]);
+    smooth::smooth(steps, sizes, (shares.unit, mean * shares.unit), &band, labels, run)
 }
 
 /// Nodes with a neighbour of another label, ascending.

@@ -14,6 +14,7 @@ pub mod normals;
 pub mod parts;
 pub mod seeds;
 pub mod shares;
+pub mod smooth;
 pub mod two_means;
 
 pub use kmeans::{KMeans, KMeansParams};

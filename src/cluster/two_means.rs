@@ -29,9 +29,10 @@ pub struct TwoMeansParams {
 }
 
 impl TwoMeansParams {
-    /// Between `least` and `most` parts, by the measured share.
+    /// Between `least` and `most` parts, by the measured share: on half of the benchmark's even models, 1 − Rand is
+    /// .189, .171, .165, .193, .251 with shares of .015, .03, .06, .1, .15.
     pub fn between(least: usize, most: usize) -> Self {
-        Self { least, most, share: 0.03 }
+        Self { least, most, share: 0.06 }
     }
 
     /// Exactly `k` parts.

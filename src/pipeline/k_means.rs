@@ -44,7 +44,7 @@ pub(super) fn k_means(
     };
     let gamma = Gamma::new(rows, params.kernel, embedding.sigma);
 
-    let mut labels = work.array::<u32>(super::NODE_LABELS, &[n])?;
+    let mut labels = work.array::<u32>("labels.npy", &[n])?;
     let mut quality = work.array::<f32>("quality.npy", &[n])?;
     let (label_data, quality_data) = (labels.data(), quality.data());
     let mut totals: Totals =

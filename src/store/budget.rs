@@ -31,8 +31,12 @@ impl Budget {
     /// Half of what this process may use: of the machine's free memory or of its control
     /// group's limit, whichever is less; 1 GiB where neither can be read.
     pub fn of_machine() -> Self {
-        let limit = [available_memory(), control_group_limit()].into_iter().flatten().min();
-        Self::new(limit.map_or(1 << 30, |bytes| bytes / 2))
+        Self::new(Self::machine_limit().map_or(1 << 30, |bytes| bytes / 2))
+    }
+
+    /// What this process may use: the machine's free memory or the control group's limit, whichever is less.
+    pub fn machine_limit() -> Option<u64> {
+        [available_memory(), control_group_limit()].into_iter().flatten().min()
     }
 
     /// All of it.

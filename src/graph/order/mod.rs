@@ -18,6 +18,7 @@ use crate::base::Result;
 use crate::mesh::Mesh;
 use crate::store::workdir::key_of;
 use crate::store::{MappedSlice, Run, WorkDir};
+use locality::Locality;
 use serde::{Deserialize, Serialize};
 use serde_json::{Value, json};
 
@@ -27,6 +28,11 @@ const VERTICES: &str = "curve_vertices.npy";
 pub const LARGE: usize = 2_000_000;
 /// Share of far steps above which [`Order::Auto`] reorders.
 pub const POOR: f64 = 0.25;
+/// Faces above which [`Order::Auto`] reorders stretched orders too: the pages under a front across the rows of a grid
+/// (six arrays, 4 KiB a face of the front) come to half a gigabyte at 100 M faces, those along the curve to 30 MB.
+pub const HUGE: usize = 40_000_000;
+/// Stretch above which an order counts as stretched.
+pub const STRETCHED: f64 = 4.;
 
 /// In which order faces become nodes.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
@@ -36,7 +42,8 @@ pub enum Order {
     Keep,
     /// Along Hilbert's curve.
     Hilbert,
-    /// Along the curve where the mesh has more than [`LARGE`] faces and more than [`POOR`] of the file's steps are far.
+    /// Along the curve where the mesh has more than [`LARGE`] faces and more than [`POOR`] of the file's steps are far,
+    /// or more than [`HUGE`] faces and an order stretched by more than [`STRETCHED`].
     #[default]
     Auto,
 }
@@ -44,8 +51,10 @@ pub enum Order {
 /// What was found and done.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct OrderFacts {
-    /// Share of far steps in the file's order, 0 to 1.
+    /// Share of far steps in the file's order, 0 to 1; 0 where it was not looked at.
     pub far_steps: f64,
+    /// How stretched runs of faces are in the file's order; 1 is a round patch.
+    pub stretch: f64,
     /// Whether faces were sorted along the curve.
     pub reordered: bool,
 }
@@ -70,14 +79,14 @@ impl Ordered {
     /// [`crate::base::Error::Io`], [`crate::base::Error::Memory`], [`crate::base::Error::Cancelled`].
     pub fn build(mesh: &Mesh, order: Order, input: &Value, work: &WorkDir, run: &Run) -> Result<Self> {
         let n = mesh.faces.len();
-        let kept = |far_steps| Self {
+        let kept = |Locality { far_steps, stretch }| Self {
             mesh: mesh.clone(),
             order: None,
-            facts: OrderFacts { far_steps, reordered: false },
+            facts: OrderFacts { far_steps, stretch, reordered: false },
             identity: input.clone(),
         };
         if order == Order::Keep || (order == Order::Auto && n <= LARGE) {
-            return Ok(kept(0.));
+            return Ok(kept(Locality::default()));
         }
         let options = json!({"stage": "order", "input": input, "order": "hilbert"});
         let key = key_of(&options);
@@ -88,13 +97,14 @@ impl Ordered {
             }
             Err(reason) => {
                 let frame = Frame::of(&mesh.positions, run)?;
-                let far_steps = locality::far_steps(mesh, frame.scale);
-                if order == Order::Auto && far_steps <= POOR {
-                    return Ok(kept(far_steps));
+                let found = locality::measure(mesh, frame.scale);
+                let poor = found.far_steps > POOR || (n > HUGE && found.stretch > STRETCHED);
+                if order == Order::Auto && !poor {
+                    return Ok(kept(found));
                 }
                 run.note_remake("order", &reason);
                 let ((), seconds) = run.stage("order", "faces", n as u64, || sort(mesh, &frame, work, run))?;
-                let facts = OrderFacts { far_steps, reordered: true };
+                let facts = OrderFacts { far_steps: found.far_steps, stretch: found.stretch, reordered: true };
                 let mut files = vec![ORDER, VERTICES];
                 files.extend(faces::files(&mesh.faces));
                 work.stamp("order", &key, &options, &files, &facts, seconds)?;

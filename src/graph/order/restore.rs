@@ -4,8 +4,8 @@
 //! time. Cost: one pass over the nodes; 8 B a value on disk where memory does not hold them.
 
 use super::Ordered;
+use crate::base::Result;
 use crate::base::parallel::{chunk_count, chunk_range, each_chunk};
-use crate::base::{Error, Result};
 use crate::store::npy::Item;
 use crate::store::shuffle::Producer;
 use crate::store::sizing::Sized;
@@ -14,25 +14,19 @@ use crate::store::{MappedSlice, Run, WorkDir};
 const CHUNK: usize = 1 << 16;
 
 impl Ordered {
-    /// Puts `values` (n, one a node, 4 bytes each), which are the array `from` of `work`, in the order of the file's faces
-    /// as the array `name`; where the file's order was kept the array is only renamed.
+    /// Puts `values` (n, one a node, 4 bytes each), which are the array `name` of `work`, in the order of the file's faces,
+    /// under the same name; where the file's order was kept they stay as they are.
     ///
     /// # Errors
     /// [`crate::base::Error::Io`], [`crate::base::Error::Memory`], [`crate::base::Error::Cancelled`].
     pub fn restore<T: Item>(
         &self,
-        from: &str,
         name: &str,
         values: MappedSlice<T>,
         work: &WorkDir,
         run: &Run,
     ) -> Result<MappedSlice<T>> {
-        let Some(order) = &self.order else {
-            if from != name {
-                std::fs::rename(work.file(from), work.file(name)).map_err(Error::io(work.file(from), "rename"))?;
-            }
-            return Ok(values);
-        };
+        let Some(order) = &self.order else { return Ok(values) };
         let n = values.len();
         let words: &[u32] = bytemuck::cast_slice(&values);
         let mut array = work.array::<T>(name, &[n])?;
@@ -68,10 +62,7 @@ impl Ordered {
                 pairs.shuffle.take(bucket)?.into_iter().for_each(|[face, word]| out[face as usize] = word);
             }
         }
-        let restored = array.finish(false)?;
-        if from != name {
-            work.remove(from);
-        }
-        Ok(restored)
+        // By rename: `values` stay mapped until they are dropped.
+        array.finish(false)
     }
 }

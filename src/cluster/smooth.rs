@@ -1,0 +1,160 @@
+//! Boundaries smoothed: labels diffused over a narrow band, then the strongest taken.
+//!
+//! Where the surface turns, the front that labels the bands meets on the crease; where it does not, it meets where
+//! noise decides, and the boundary is ragged. A few sweeps of diffusion (Merriman, Bence and Osher's way of moving a
+//! curve by its curvature) straighten it within [`REACH`] of where it was. Links across a crease carry little, so
+//! a boundary on one stays there. Nodes outside the band, and cores of parts, are fixed: no part vanishes.
+//!
+//! Cost: at most [`SWEEPS`] sweeps over the band's nodes and links; 90 bytes a node of the band, which
+//! is at most [`FACES`] faces wide, so a fraction of a per cent of a large mesh.
+
+use crate::base::Result;
+use crate::base::parallel::{chunk_count, chunk_range, fill_chunks, map_chunks};
+use crate::graph::dual::Csr;
+use crate::spectral::exp::exp;
+use crate::store::Run;
+
+/// Half the width of the band at the most, in units of √(area).
+pub const REACH: f32 = 0.01;
+/// … and in mean steps from face to face.
+pub const FACES: f32 = 12.;
+/// Sweeps at the most.
+const SWEEPS: usize = 40;
+/// Turning cost (β|θ|) at which a link carries 1/e of what a flat one does.
+const CREASE: f32 = 0.5;
+const CHUNK: usize = 1 << 12;
+const NONE: u32 = u32::MAX;
+
+/// A node's strongest labels and their strengths, descending; a fixed node has one of strength 1.
+#[derive(Clone, Copy, Debug)]
+struct Mix {
+    label: [u32; 3],
+    strength: [f32; 3],
+}
+
+impl Mix {
+    fn pure(label: u32) -> Self {
+        Self { label: [label, NONE, NONE], strength: [1., 0., 0.] }
+    }
+}
+
+/// A small tally of labels; the first three of most strength are kept.
+#[derive(Default)]
+struct Tally(Vec<(u32, f32)>);
+
+impl Tally {
+    fn add(&mut self, mix: &Mix, weight: f32) {
+        for (&label, &strength) in mix.label.iter().zip(&mix.strength) {
+            if label == NONE {
+                break;
+            }
+            match self.0.iter_mut().find(|entry| entry.0 == label) {
+                Some(entry) => entry.1 += weight * strength,
+                None => self.0.push((label, weight * strength)),
+            }
+        }
+    }
+
+    /// The mix of unit strength; the lower label wins a tie.
+    fn take(&mut self) -> Option<Mix> {
+        self.0.sort_unstable_by(|a, b| b.1.total_cmp(&a.1).then(a.0.cmp(&b.0)));
+        self.0.truncate(3);
+        let sum: f32 = self.0.iter().map(|entry| entry.1).sum();
+        let mut mix = Mix { label: [NONE; 3], strength: [0.; 3] };
+        for (k, (label, strength)) in self.0.drain(..).enumerate() {
+            (mix.label[k], mix.strength[k]) = (label, strength / sum);
+        }
+        (sum > 0.).then_some(mix)
+    }
+}
+
+/// A link of a band's node: to a place in the band, or to a fixed node, of which only the label matters.
+#[derive(Clone, Copy, Debug)]
+struct Link {
+    /// Place in the band, or label.
+    to: u32,
+    inside: bool,
+    weight: f32,
+}
+
+/// The links of all nodes of a band.
+struct Links {
+    start: Vec<u32>,
+    list: Vec<Link>,
+}
+
+impl Links {
+    fn of(steps: Csr<'_>, gd: &[f32], edge: &[f32], unit: f32, band: &[u32], labels: &[u32]) -> Self {
+        let mut links = Self { start: vec![0], list: Vec::with_capacity(3 * band.len()) };
+        for &node in band {
+            for e in steps.indptr[node as usize] as usize..steps.indptr[node as usize + 1] as usize {
+                let turning = (steps.weights[e] - gd[e] * unit).max(0.);
+                let weight = edge[e].abs() * exp(-turning / CREASE);
+                let other = steps.indices[e];
+                links.list.push(match band.binary_search(&other) {
+                    Ok(place) => Link { to: place as u32, inside: true, weight },
+                    Err(_) => Link { to: labels[other as usize], inside: false, weight },
+                });
+            }
+            links.start.push(links.list.len() as u32);
+        }
+        links
+    }
+}
+
+/// Smooths `labels` (n) over the nodes of `band` (ascending). `steps` is the graph under the fronts' weights, `gd` and
+/// `edge` (nnz) its steps and edge lengths in the frame, `unit` from the frame to units of √(area), `mean` the mean step
+/// in those units.
+///
+/// # Errors
+/// [`crate::base::Error::Cancelled`].
+pub fn smooth(
+    steps: Csr<'_>,
+    (gd, edge): (&[f32], &[f32]),
+    (unit, mean): (f32, f32),
+    band: &[u32],
+    labels: &mut [u32],
+    run: &Run,
+) -> Result<()> {
+    let reach = REACH.min(FACES * mean);
+    let sweeps = if mean > 0. { (0.5 * (reach / mean).powi(2)).round() as usize } else { 0 };
+    let chunks = chunk_count(band.len(), CHUNK);
+    if band.is_empty() || sweeps == 0 {
+        return Ok(());
+    }
+    let links = Links::of(steps, gd, edge, unit, band, labels);
+    let mut now: Vec<Mix> = band.iter().map(|&node| Mix::pure(labels[node as usize])).collect();
+    let mut next = now.clone();
+    for _ in 0..sweeps.min(SWEEPS) {
+        let before = &now[..];
+        fill_chunks(run.threads, &run.cancel, &mut next, CHUNK, Tally::default, |k, out, tally| {
+            for (slot, b) in out.iter_mut().zip(chunk_range(band.len(), CHUNK, k)) {
+                let mut all = 0.;
+                for link in &links.list[links.start[b] as usize..links.start[b + 1] as usize] {
+                    if link.inside {
+                        tally.add(&before[link.to as usize], link.weight);
+                    } else {
+                        tally.add(&Mix::pure(link.to), link.weight);
+                    }
+                    all += link.weight;
+                }
+                // As much of its own: without it, opposite labels of a regular mesh would swap each sweep.
+                tally.add(&before[b], all);
+                *slot = tally.take().unwrap_or(before[b]);
+            }
+            Ok(())
+        })?;
+        std::mem::swap(&mut now, &mut next);
+    }
+    let strongest = map_chunks(
+        run.threads,
+        &run.cancel,
+        chunks,
+        || (),
+        |k, ()| Ok(now[chunk_range(band.len(), CHUNK, k)].iter().map(|mix| mix.label[0]).collect::<Vec<u32>>()),
+    )?;
+    for (&node, label) in band.iter().zip(strongest.into_iter().flatten()) {
+        labels[node as usize] = label;
+    }
+    Ok(())
+}

@@ -1,0 +1,98 @@
+//! A short calibration: the recipe on a small creature, timed by stage.
+//!
+//! Costs about a second and some 20 MB of disk for as long.
+
+use super::plan::{CALIBRATION, MeshSize};
+use super::{SegmentParams, segment};
+use crate::apps::creature::{Creature, Options};
+use crate::base::{Error, Progress, Result};
+use crate::mesh;
+use crate::mesh::header;
+use crate::mesh::model::{Encoding, Kind};
+use crate::store::{MappedBytes, Run, WorkDir};
+use std::collections::BTreeMap;
+use std::path::Path;
+use std::sync::Mutex;
+
+/// Caches hold the creature and not the mesh: stages take this much longer a face on large meshes (measured).
+const BEYOND_CACHES: f64 = 1.2;
+
+/// Listens to nothing but the seconds of stages.
+#[derive(Default)]
+struct Clock(Mutex<BTreeMap<String, f64>>);
+
+impl Progress for Clock {
+    fn end(&self, stage: &str, seconds: f64) {
+        *self.0.lock().unwrap_or_else(|poison| poison.into_inner()).entry(stage.to_string()).or_default() += seconds;
+    }
+}
+
+/// Seconds a face by stage of [`super::plan::Plan`], measured in a temporary folder inside `folder`.
+///
+/// # Errors
+/// As [`segment`].
+pub fn calibrate(params: &SegmentParams, landmarks: usize, folder: &Path, run: &Run) -> Result<BTreeMap<String, f64>> {
+    let clock = Clock::default();
+    let quiet = Run {
+        threads: run.threads,
+        budget: run.budget.clone(),
+        progress: &(),
+        cancel: run.cancel.clone(),
+        seed: run.seed,
+    };
+    let timed = Run { progress: &clock, ..quiet };
+    let work = WorkDir::temporary(folder)?;
+    let path = work.file("calibration.ply");
+    let creature = Creature::new(&Options { faces: CALIBRATION, ..Options::default() })?;
+    creature.write_ply(&path, &timed)?;
+    let (opened, _) = timed.stage("read", "faces", CALIBRATION, || mesh::open(&path, work.path(), &timed))?;
+    let params = SegmentParams { landmarks: Some(landmarks), ..params.clone() };
+    segment(&opened, &serde_json::json!("calibration"), &params, &work, &timed)?;
+    let seconds = clock.0.into_inner().unwrap_or_else(|poison| poison.into_inner());
+    let mut per_face: BTreeMap<String, f64> = BTreeMap::new();
+    for (stage, seconds) in seconds {
+        let name = match stage.as_str() {
+            // Deciding parts on cells takes the same time for any mesh.
+            "generate" | "parts" => continue,
+            "normals" | "cells" => "surface",
+            "assign" | "boundaries" | "cell rows" => "labels",
+            other => other,
+        };
+        *per_face.entry(name.to_string()).or_default() += BEYOND_CACHES * seconds / creature.face_count() as f64;
+    }
+    Ok(per_face)
+}
+
+/// The size of the mesh in the file `path`, from its header and the file's size.
+///
+/// # Errors
+/// [`Error::Io`], [`Error::Malformed`], [`Error::Unusable`].
+pub fn size_of_mesh(path: &Path) -> Result<MeshSize> {
+    let bytes = MappedBytes::open(path)?;
+    let compressed = bytes.starts_with(&[0x1f, 0x8b]);
+    let mut head = Vec::new();
+    if compressed {
+        use std::io::Read;
+        let mut plain = flate2::bufread::MultiGzDecoder::new(&bytes[..]).take(1 << 16);
+        plain.read_to_end(&mut head).map_err(Error::io(path, "decompress"))?;
+    }
+    let header = header::parse(path, if compressed { &head } else { &bytes })?;
+    let count =
+        |name: &str| header.elements.iter().find(|element| element.is(name)).map(|element| element.count as u64);
+    let (Some(vertices), Some(faces)) = (count("vertex"), count("face").or_else(|| count("tristrips"))) else {
+        return Err(Error::unusable(path, "has no vertices or no faces", "name a mesh"));
+    };
+    let corners = 3 * faces;
+    let in_place = header.encoding == Encoding::Little
+        && header.elements.iter().filter(|element| element.is("face")).all(|element| {
+            let lists = element.properties.iter().filter_map(|property| match property.kind {
+                Kind::List { item, .. } => Some(item.size()),
+                Kind::One(_) => None,
+            });
+            lists.eq([4])
+        });
+    let plain: u64 = header.elements.iter().map(|element| (element.count * element.least_size()) as u64).sum();
+    let spooled = if compressed { plain + 4 * corners } else { 0 };
+    let decoded = if in_place { 0 } else { 12 * vertices + 4 * corners };
+    Ok(MeshSize { faces, vertices, corners, decoded: spooled + decoded })
+}

@@ -1,0 +1,178 @@
+//! What a run will need, told before it starts: memory, disk and time a stage.
+//!
+//! Disk follows from the sizes of the arrays alone, memory from the same arithmetic that cuts shuffles to the budget,
+//! time from a short calibration: the same recipe on a small creature ([`CALIBRATION`] faces), scaled by the
+//! number of faces. The input's header is read, nothing else.
+
+use super::{Cluster, SegmentParams, default_landmarks, landmarks_for_parts};
+use crate::base::{Error, Result};
+use crate::cluster::parts::PartCount;
+use crate::graph::Order;
+use crate::graph::order::LARGE;
+use crate::store::Run;
+use crate::store::sizing::Sizing;
+use serde::Serialize;
+use std::path::Path;
+
+/// Faces of the calibration's creature.
+pub const CALIBRATION: u64 = 100_000;
+/// Bytes allocated besides what is computed below: queues of fronts, buffers of writers.
+const BASE: u64 = 2 << 20;
+
+/// The size of a mesh, and how its file has to be read.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
+pub struct MeshSize {
+    /// Faces n.
+    pub faces: u64,
+    /// Vertices.
+    pub vertices: u64,
+    /// Corners of all faces; three a face where the header does not tell.
+    pub corners: u64,
+    /// Bytes that decoding (and decompressing) writes; 0 where the file is read where it lies.
+    pub decoded: u64,
+}
+
+/// A stage's needs.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+pub struct StagePlan {
+    /// The stage.
+    pub name: &'static str,
+    /// Bytes allocated at the most.
+    pub memory: u64,
+    /// Bytes that it leaves in the work directory.
+    pub keeps: u64,
+    /// Bytes that it needs there besides while it runs.
+    pub passing: u64,
+    /// Seconds, where calibrated.
+    pub seconds: Option<f64>,
+}
+
+/// A run's needs.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Plan {
+    /// The mesh.
+    pub mesh: MeshSize,
+    /// Landmarks l.
+    pub landmarks: usize,
+    /// Its stages in order.
+    pub stages: Vec<StagePlan>,
+    /// Bytes allocated at the most.
+    pub memory: u64,
+    /// Bytes in the work directory at the end.
+    pub disk: u64,
+    /// Bytes in the work directory at the most, while it runs.
+    pub disk_peak: u64,
+    /// Mapped bytes that fronts walk all over: what the page cache should hold for full speed.
+    pub walked: u64,
+    /// Seconds in all, where calibrated.
+    pub seconds: Option<f64>,
+}
+
+/// Most bytes of a shuffle that are in memory, staged ones included, when it may use the `part`-th part of `left`.
+fn held(records: u64, size: usize, copies: u64, part: u64, left: u64, threads: usize) -> u64 {
+    let room = left / part;
+    let sizing = Sizing::new(records, size, copies, threads, room / 2);
+    sizing.bytes.min(room.saturating_sub(sizing.fixed())) + sizing.staging
+}
+
+impl Plan {
+    /// The plan for a mesh of size `mesh` under `params`. Where [`Order::Auto`] has to look at the mesh to decide, the
+    /// file's order is taken to be good; `reordered` says otherwise.
+    pub fn new(mesh: MeshSize, params: &SegmentParams, reordered: bool, run: &Run) -> Self {
+        let MeshSize { faces: n, vertices, corners, .. } = mesh;
+        let (budget, threads) = (run.budget.total(), run.threads);
+        let t = threads as u64;
+        let l = params.landmarks.unwrap_or(match (params.cluster, params.parts.count) {
+            (Cluster::KMeans, PartCount::Exactly(parts)) => default_landmarks(parts),
+            _ => landmarks_for_parts(n as usize),
+        });
+        let l = l.min(n as usize) as u64;
+        let stage = |name, memory: u64, keeps, passing| StagePlan {
+            name,
+            memory: (BASE + memory).min(budget.max(BASE)),
+            keeps,
+            passing,
+            seconds: None,
+        };
+        let mut stages = vec![stage("read", 0, mesh.decoded, 0)];
+        if reordered || params.order == Order::Hilbert {
+            let joined = budget < 8 * vertices;
+            let left = if joined { budget } else { budget - 4 * vertices };
+            let sorting = held(vertices, 24, 6 * t, 2, left, threads).max(held(n, 20, 6 * t, 3, left, threads));
+            let memory = if joined { budget } else { sorting };
+            let passing = 4 * vertices + (24 * vertices).max(20 * n + if joined { 16 * corners } else { 0 });
+            stages.push(stage("order", memory, 12 * vertices + 4 * corners + 4 * n, passing.saturating_sub(memory)));
+        }
+        let edges = held(corners, 12, 3 * t, 3, budget, threads);
+        let links = held(corners, 8, 12 * t, 2, budget - edges, threads);
+        let spilled = (20 * corners).saturating_sub(edges + links);
+        stages.push(stage("graph", edges.max(links), 36 * n + 12 * corners, spilled + 4 * n));
+        if params.cluster == Cluster::Parts {
+            stages.push(stage("surface", 24 << 20, 20 * n, 4 * corners + 36 * n));
+        }
+        stages.push(stage("weights", 0, 4 * corners, 0));
+        stages.push(stage("rows", 0, 4 * l * n, 4 * n));
+        // The sample of columns and their coordinates.
+        let dimensions = match params.parts.count {
+            PartCount::Exactly(parts) => parts.max(2) as u64,
+            _ => 0,
+        };
+        stages.push(stage("labels", 12 * (1 << 15).min(n) * (l + dimensions), 8 * n, 8 * n));
+        let (mut disk, mut disk_peak) = (0, 0);
+        for stage in &stages {
+            disk_peak = disk_peak.max(disk + stage.keeps + stage.passing);
+            disk += stage.keeps;
+        }
+        Self {
+            mesh,
+            landmarks: l as usize,
+            memory: stages.iter().map(|stage| stage.memory).max().unwrap_or(0),
+            disk,
+            disk_peak,
+            // Row starts, neighbours, weights, a row and the field.
+            walked: 16 * n + 8 * corners,
+            stages,
+            seconds: None,
+        }
+    }
+
+    /// Fills in the times from `measured(stage)`, seconds a face.
+    pub fn with_times(mut self, measured: impl Fn(&str) -> f64) -> Self {
+        for stage in &mut self.stages {
+            stage.seconds = Some(measured(stage.name) * self.mesh.faces as f64);
+        }
+        self.seconds = self.stages.iter().map(|stage| stage.seconds).sum();
+        self
+    }
+
+    /// Refuses a run whose files the disk under `folder` cannot hold. Bytes that are there already count as free.
+    ///
+    /// # Errors
+    /// [`Error::Disk`].
+    pub fn check_disk(&self, folder: &Path, there: u64) -> Result<()> {
+        let Ok(available) = fs4::available_space(folder) else { return Ok(()) };
+        if self.disk_peak > available.saturating_add(there) {
+            let needed = self.disk_peak.saturating_sub(there);
+            return Err(Error::Disk { path: folder.to_path_buf(), needed, available });
+        }
+        Ok(())
+    }
+
+    /// What would make the run slow under the memory that is there, in a line; `cache`: bytes that the page cache may
+    /// use.
+    pub fn warning(&self, cache: u64) -> Option<String> {
+        (self.walked > cache).then(|| {
+            format!(
+                "fronts walk over {:.1} GB of mapped files, and {:.1} GB of memory are left for them: expect them to wait \
+                 for the disk",
+                self.walked as f64 / 1e9,
+                cache as f64 / 1e9
+            )
+        })
+    }
+}
+
+/// Whether the order of a mesh of `faces` faces is decided by a look at it.
+pub fn order_is_open(params: &SegmentParams, faces: u64) -> bool {
+    params.order == Order::Auto && faces > LARGE as u64
+}

@@ -1,0 +1,104 @@
+//! Predictions of memory and disk against what runs used; refusals of disks that are too small.
+
+use nystrom_stream::apps::creature::{Creature, Options};
+use nystrom_stream::store::Run;
+use serde_json::Value;
+use std::path::Path;
+use std::process::{Command, Output};
+
+fn program(arguments: &[&str]) -> Output {
+    Command::new(env!("CARGO_BIN_EXE_nystrom-stream")).args(arguments).output().unwrap()
+}
+
+fn creature(folder: &Path, faces: u64) -> String {
+    let path = folder.join("creature.ply");
+    Creature::new(&Options { faces, ..Options::default() }).unwrap().write_ply(&path, &Run::new(&())).unwrap();
+    path.to_str().unwrap().to_string()
+}
+
+#[test]
+fn disk_and_memory_are_what_was_planned() {
+    let dir = tempfile::tempdir().unwrap();
+    let mesh = creature(dir.path(), 1_000_000);
+    let out = dir.path().join("labels.npy");
+    for (cluster, budget) in [("kmeans", "256MiB"), ("kmeans", "32MiB"), ("parts", "256MiB")] {
+        let options = ["-k", "6", "-l", "10", "--cluster", cluster, "--max-memory", budget];
+        let plan = program(&[&["plan", &mesh, "--json"], &options[..]].concat());
+        let plan: Value = serde_json::from_slice(&plan.stdout).unwrap();
+        let run = program(&[&["segment", &mesh, "-q", "--json", "-o", out.to_str().unwrap()], &options[..]].concat());
+        let report: Value = serde_json::from_slice(&run.stdout).unwrap();
+        let ratio =
+            |planned: &str, used: &str| plan[planned].as_f64().unwrap() / report["bytes"][used].as_f64().unwrap();
+        let (disk, memory) = (ratio("disk", "work_dir"), ratio("memory", "peak_allocated"));
+        let time = plan["seconds"].as_f64().unwrap() / report["seconds"]["total"].as_f64().unwrap();
+        eprintln!("{cluster} {budget}: planned/used: disk {disk:.2}, memory {memory:.2}, time {time:.2}");
+        assert!((0.8..1.2).contains(&disk), "{cluster} {budget}: disk {disk}");
+        assert!((0.8..1.25).contains(&memory), "{cluster} {budget}: memory {memory}");
+    }
+}
+
+/// Mounts a file system of `size` in memory at `at`; whether that is allowed here.
+fn mount(at: &Path, size: &str) -> bool {
+    let option = format!("size={size}");
+    Command::new("mount")
+        .args(["-t", "tmpfs", "-o", &option, "tmpfs", at.to_str().unwrap()])
+        .output()
+        .is_ok_and(|output| output.status.success())
+}
+
+#[test]
+fn a_small_disk_is_refused_at_once_and_a_full_one_is_an_error_that_resumes() {
+    let dir = tempfile::tempdir().unwrap();
+    let mesh = creature(dir.path(), 100_000);
+    let disk = dir.path().join("disk");
+    std::fs::create_dir(&disk).unwrap();
+    if !mount(&disk, "8m") {
+        eprintln!("skipped: no right to mount");
+        return;
+    }
+    let work = disk.join("work");
+    let out = dir.path().join("labels.npy");
+    let (work, out) = (work.to_str().unwrap(), out.to_str().unwrap());
+    let arguments = ["segment", &mesh, "-k", "6", "--cluster", "kmeans", "--work-dir", work, "-o", out];
+    let refused = program(&arguments);
+    let said = String::from_utf8_lossy(&refused.stderr).into_owned();
+    // Room for the plan, taken away by a file of another program.
+    let remount = |size: &str| {
+        let option = format!("remount,size={size}");
+        Command::new("mount").args(["-o", &option, disk.to_str().unwrap()]).status().unwrap();
+    };
+    remount("40m");
+    let mut full = Vec::new();
+    for filler in [38, 34, 31, 28] {
+        std::fs::write(disk.join("filler"), vec![1u8; filler << 20]).unwrap();
+        full.push(program(&[&arguments[..], &["--no-plan"]].concat()));
+    }
+    std::fs::remove_file(disk.join("filler")).unwrap();
+    let resumed = program(&arguments);
+    Command::new("umount").arg(&disk).status().unwrap();
+    assert_eq!(refused.status.code(), Some(1));
+    assert!(said.contains("bytes of disk") && said.lines().count() == 1, "{said}");
+    assert!(!full[0].status.success(), "two megabytes cannot do");
+    for output in full.iter().filter(|output| !output.status.success()) {
+        let said = String::from_utf8_lossy(&output.stderr);
+        let last = said.lines().last().unwrap_or_default();
+        assert_eq!(output.status.code(), Some(1), "{said}");
+        assert!(last.contains("free some disk space"), "{said}");
+    }
+    assert!(resumed.status.success(), "{}", String::from_utf8_lossy(&resumed.stderr));
+}
+
+#[test]
+fn a_vanished_input_and_a_folder_that_cannot_be_written_are_clear_errors() {
+    let dir = tempfile::tempdir().unwrap();
+    let gone = dir.path().join("gone.ply");
+    for command in ["plan", "segment"] {
+        let output = program(&[command, gone.to_str().unwrap(), "-k", "2"]);
+        let said = String::from_utf8_lossy(&output.stderr).into_owned();
+        assert!(output.status.code() == Some(1) && said.contains("gone.ply") && said.lines().count() == 1, "{said}");
+    }
+    let mesh = creature(dir.path(), 5_000);
+    let output = program(&["segment", &mesh, "-k", "2", "--work-dir", "/proc/work", "-o", "/dev/null.npy"]);
+    let said = String::from_utf8_lossy(&output.stderr).into_owned();
+    assert!(output.status.code() == Some(1) && said.lines().count() == 1, "{said}");
+}
