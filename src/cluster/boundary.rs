@@ -25,7 +25,7 @@ const CORE: f64 = 0.4;
 const BINS: usize = 1024;
 const CHUNK: usize = 1 << 15;
 
-/// Labels every face from the labels of cells: `cell` (n) and `label_of_cell` (S). Writes `node_labels.npy`.
+/// Labels every face from the labels of cells: `cell` (n) and `label_of_cell` (S). Writes `labels.npy`.
 /// `steps` is the graph under the weights that fronts use.
 ///
 /// # Errors
@@ -41,7 +41,7 @@ pub fn refine(
 ) -> Result<MappedSlice<u32>> {
     let n = cell.len();
     let parts = label_of_cell.iter().max().map_or(0, |top| *top as usize + 1);
-    let mut labels = work.array::<u32>("node_labels.npy", &[n])?;
+    let mut labels = work.array::<u32>("labels.npy", &[n])?;
     fill_chunks(
         run.threads,
         &run.cancel,
