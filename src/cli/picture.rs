@@ -140,8 +140,11 @@ fn labels_of_file(path: &Path, work: &WorkDir) -> Result<MappedSlice<u32>, Failu
     }
 }
 
+/// Labels, and colours by label where they are known.
+type Labelled = (MappedSlice<u32>, Option<Vec<[u8; 3]>>);
+
 /// Labels of a labelled mesh, and the parts' colours where every part has one.
-fn labels_of_mesh(document: &Document, work: &WorkDir, run: &Run) -> Result<(MappedSlice<u32>, Option<Vec<[u8; 3]>>)> {
+fn labels_of_mesh(document: &Document, work: &WorkDir, run: &Run) -> Result<Labelled> {
     /// Parts above this number get colours of ours.
     const MOST: usize = 1 << 20;
     let coloured = ["red", "green", "blue"].iter().all(|name| face_columns::has(document, name));

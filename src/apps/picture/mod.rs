@@ -110,6 +110,6 @@ fn frames(mesh: &Mesh, labels: Option<&[u32]>, parts: usize, params: &PicturePar
     let elevation = (elevation + params.tilt.to_radians()).clamp(-1.55, 1.55);
     let around = std::f64::consts::TAU / params.views as f64;
     // The opposite side comes second, where there is one: it shows what the first view hides.
-    let order = |k: usize| if params.views % 2 == 0 { k / 2 + k % 2 * (params.views / 2) } else { k };
+    let order = |k: usize| if params.views.is_multiple_of(2) { k / 2 + k % 2 * (params.views / 2) } else { k };
     Ok((0..params.views).map(|k| Frame::turned(up, azimuth + order(k) as f64 * around, elevation)).collect())
 }
