@@ -152,38 +152,23 @@ impl<T: Pod> Deref for MappedSlice<T> {
 #[derive(Debug)]
 pub struct MappedSliceMut<T> {
     map: Option<MmapMut>,
-    offset: usize,
     len: usize,
     item: PhantomData<T>,
 }
 
 impl<T: Pod> MappedSliceMut<T> {
-    /// Maps `len` items from byte `offset` of `file`, whose blocks exist already.
+    /// Maps `len` items from byte `offset` of `file`, whose blocks exist already; no more than them.
     ///
     /// # Errors
     /// [`Error::Io`] naming `path` when the mapping fails.
     pub fn map(file: &File, path: &Path, offset: usize, len: usize) -> Result<Self> {
         if len == 0 {
-            return Ok(Self { map: None, offset: 0, len: 0, item: PhantomData });
-        }
-        let bytes = offset + len * size_of::<T>();
-        // SAFETY: see the module's text: the file is ours alone until it is renamed.
-        let map = unsafe { memmap2::MmapOptions::new().len(bytes).map_mut(file) }.map_err(Error::io(path, "map"))?;
-        Ok(Self { map: Some(map), offset, len, item: PhantomData })
-    }
-
-    /// Maps `len` items from byte `offset` of `file` alone, whose blocks exist already.
-    ///
-    /// # Errors
-    /// [`Error::Io`] naming `path` when the mapping fails.
-    pub fn map_at(file: &File, path: &Path, offset: usize, len: usize) -> Result<Self> {
-        if len == 0 {
-            return Ok(Self { map: None, offset: 0, len: 0, item: PhantomData });
+            return Ok(Self { map: None, len: 0, item: PhantomData });
         }
         let bytes = len * size_of::<T>();
-        // SAFETY: as for `map`.
+        // SAFETY: see the module's text: the file is ours alone until it is renamed.
         let map = unsafe { memmap2::MmapOptions::new().offset(offset as u64).len(bytes).map_mut(file) };
-        Ok(Self { map: Some(map.map_err(Error::io(path, "map"))?), offset: 0, len, item: PhantomData })
+        Ok(Self { map: Some(map.map_err(Error::io(path, "map"))?), len, item: PhantomData })
     }
 
     /// Writes changed pages to the disk and waits.
@@ -212,7 +197,7 @@ impl<T: Pod> Deref for MappedSliceMut<T> {
     fn deref(&self) -> &[T] {
         match &self.map {
             None => &[],
-            Some(map) => bytemuck::cast_slice(&map[self.offset..self.offset + self.len * size_of::<T>()]),
+            Some(map) => bytemuck::cast_slice(&map[..self.len * size_of::<T>()]),
         }
     }
 }
@@ -222,7 +207,7 @@ impl<T: Pod> DerefMut for MappedSliceMut<T> {
     fn deref_mut(&mut self) -> &mut [T] {
         match &mut self.map {
             None => &mut [],
-            Some(map) => bytemuck::cast_slice_mut(&mut map[self.offset..self.offset + self.len * size_of::<T>()]),
+            Some(map) => bytemuck::cast_slice_mut(&mut map[..self.len * size_of::<T>()]),
         }
     }
 }

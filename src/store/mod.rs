@@ -5,12 +5,14 @@
 
 pub mod budget;
 pub mod check;
+pub mod manifest;
 pub mod mapped;
 pub mod npy;
 pub mod rows_file;
 pub mod run;
 pub mod shuffle;
 pub mod sizing;
+mod stages;
 pub mod workdir;
 
 pub use budget::Budget;

@@ -55,7 +55,7 @@ impl<T: Item> RowsFile<T> {
     /// [`Error::Io`].
     pub fn row(&self, k: usize) -> Result<MappedSliceMut<T>> {
         let offset = HEADER + k.min(self.rows) * self.len * size_of::<T>();
-        MappedSliceMut::map_at(&self.file, &npy::partial_name(&self.path), offset, self.len)
+        MappedSliceMut::map(&self.file, &npy::partial_name(&self.path), offset, self.len)
     }
 
     /// Renames the file to its final name, after syncing it where `durable`, and maps it for reading.

@@ -10,59 +10,16 @@
 //! the next run that makes one beside it.
 
 use super::MappedSlice;
+use super::manifest::MANIFEST;
+pub use super::manifest::{FORMAT, FileRecord, Manifest, NOT_MADE, Stage, checksum, key_of};
 use super::npy::{self, ArrayMut, ArrayWriter, Item};
 use crate::base::{Error, Result};
-use serde::de::DeserializeOwned;
-use serde::{Deserialize, Serialize};
-use std::collections::BTreeMap;
 use std::fs::File;
-use std::io::{Read, Write};
 use std::path::{Path, PathBuf};
 use std::sync::{Mutex, MutexGuard};
-use xxhash_rust::xxh3::{Xxh3, xxh3_64};
 
-/// Version of the layout of a work directory; another one is refused.
-pub const FORMAT: u32 = 1;
-/// The reason for making a stage for the first time.
-pub const NOT_MADE: &str = "it was not made yet";
-const MANIFEST: &str = "manifest.json";
 const LOCK: &str = "lock";
 const TEMPORARY: &str = ".nystrom-stream-";
-
-/// What the manifest says.
-#[derive(Clone, Debug, Serialize, Deserialize)]
-pub struct Manifest {
-    /// Layout version.
-    pub format: u32,
-    /// Program and version that wrote it last.
-    pub program: String,
-    /// Finished stages by name.
-    pub stages: BTreeMap<String, Stage>,
-}
-
-/// A finished stage.
-#[derive(Clone, Debug, Serialize, Deserialize)]
-pub struct Stage {
-    /// Hash of options and inputs.
-    pub key: String,
-    /// The options behind the key, for the reader.
-    pub options: serde_json::Value,
-    /// Its files by name.
-    pub files: BTreeMap<String, FileRecord>,
-    /// Numbers that later stages and reports need.
-    pub facts: serde_json::Value,
-    /// How long it took.
-    pub seconds: f64,
-}
-
-/// Size and checksum of a stage's file.
-#[derive(Clone, Debug, Serialize, Deserialize)]
-pub struct FileRecord {
-    /// Bytes.
-    pub bytes: u64,
-    /// XXH3 of all bytes, in hexadecimal; empty in a temporary directory.
-    pub xxh3: String,
-}
 
 /// An open, locked work directory.
 #[derive(Debug)]
@@ -72,12 +29,7 @@ pub struct WorkDir {
     _lock: File,
     temporary: bool,
     /// Whether other processes may read it too; nothing is stamped then.
-    shared: bool,
-}
-
-/// The key of a stage: a hash of its options (with the keys of what it builds on among them).
-pub fn key_of(options: &serde_json::Value) -> String {
-    format!("{:016x}", xxh3_64(options.to_string().as_bytes()))
+    pub(super) shared: bool,
 }
 
 /// Locks the folder, alone or shared with other readers; `None` where another process is in the way.
@@ -242,92 +194,13 @@ impl WorkDir {
         let _ = std::fs::remove_file(self.file(name));
     }
 
-    fn manifest_lock(&self) -> MutexGuard<'_, Manifest> {
+    pub(super) fn manifest_lock(&self) -> MutexGuard<'_, Manifest> {
         self.manifest.lock().unwrap_or_else(|poison| poison.into_inner())
     }
 
     /// A copy of the manifest.
     pub fn manifest(&self) -> Manifest {
         self.manifest_lock().clone()
-    }
-
-    /// The facts of a finished stage, where its key is `key` and its files are whole in size.
-    /// Otherwise `Err` with the reason, in words, why it has to be made (anew); the manifest forgets the stage then, so
-    /// that a run killed while making it anew leaves no record of files that are no longer those.
-    pub fn reuse<T: DeserializeOwned>(&self, stage: &str, key: &str) -> Result<T, String> {
-        let found = self.look_up(stage, key);
-        if found.is_err() && !self.shared {
-            let mut manifest = self.manifest_lock();
-            if manifest.stages.remove(stage).is_some()
-                && let Err(error) = self.save(&manifest)
-            {
-                return Err(error.to_string());
-            }
-        }
-        found
-    }
-
-    fn look_up<T: DeserializeOwned>(&self, stage: &str, key: &str) -> Result<T, String> {
-        let manifest = self.manifest_lock();
-        let record = manifest.stages.get(stage).ok_or_else(|| NOT_MADE.to_string())?;
-        if record.key != key {
-            return Err("its options or inputs changed".to_string());
-        }
-        for (name, file) in &record.files {
-            match std::fs::metadata(self.file(name)) {
-                Ok(metadata) if metadata.len() == file.bytes => {}
-                Ok(metadata) => return Err(format!("{name} has {} bytes instead of {}", metadata.len(), file.bytes)),
-                Err(_) => return Err(format!("{name} is missing")),
-            }
-        }
-        serde_json::from_value(record.facts.clone()).map_err(|error| format!("its facts are unreadable: {error}"))
-    }
-
-    /// Stamps a stage as finished.
-    ///
-    /// # Errors
-    /// [`Error::Io`].
-    pub fn stamp(
-        &self,
-        stage: &str,
-        key: &str,
-        options: &serde_json::Value,
-        files: &[&str],
-        facts: &impl Serialize,
-        seconds: f64,
-    ) -> Result<()> {
-        let mut records = BTreeMap::new();
-        for &name in files {
-            let path = self.file(name);
-            let bytes = std::fs::metadata(&path).map_err(Error::io(&path, "look at"))?.len();
-            let xxh3 = if self.temporary {
-                String::new()
-            } else {
-                // On the disk before the manifest says so.
-                File::open(&path).and_then(|file| file.sync_all()).map_err(Error::io(&path, "sync"))?;
-                checksum(&path)?
-            };
-            records.insert(name.to_string(), FileRecord { bytes, xxh3 });
-        }
-        let facts = serde_json::to_value(facts)
-            .map_err(|error| Error::work_dir(&self.path, format!("facts of {stage}: {error}"), "report this"))?;
-        let record = Stage { key: key.to_string(), options: options.clone(), files: records, facts, seconds };
-        let mut manifest = self.manifest_lock();
-        manifest.stages.insert(stage.to_string(), record);
-        self.save(&manifest)
-    }
-
-    fn save(&self, manifest: &Manifest) -> Result<()> {
-        let path = self.file(MANIFEST);
-        let partial = npy::partial_name(&path);
-        let text = serde_json::to_string_pretty(manifest)
-            .map_err(|error| Error::work_dir(&path, error.to_string(), "report this"))?;
-        let mut file = File::create(&partial).map_err(Error::io(&partial, "create"))?;
-        file.write_all(text.as_bytes()).map_err(Error::io(&partial, "write"))?;
-        if self.durable() {
-            file.sync_all().map_err(Error::io(&partial, "sync"))?;
-        }
-        std::fs::rename(&partial, &path).map_err(Error::io(&partial, "rename"))
     }
 
     /// Bytes of all files in it now.
@@ -342,30 +215,6 @@ impl Drop for WorkDir {
         if self.temporary {
             let _ = std::fs::remove_dir_all(&self.path);
         }
-    }
-}
-
-impl Manifest {
-    fn new() -> Self {
-        let program = concat!(env!("CARGO_PKG_NAME"), " ", env!("CARGO_PKG_VERSION")).to_string();
-        Self { format: FORMAT, program, stages: BTreeMap::new() }
-    }
-}
-
-/// XXH3 of a file's bytes, in hexadecimal, read in blocks.
-///
-/// # Errors
-/// [`Error::Io`].
-pub fn checksum(path: &Path) -> Result<String> {
-    let mut file = File::open(path).map_err(Error::io(path, "open"))?;
-    let mut hash = Xxh3::new();
-    let mut block = vec![0; 1 << 18];
-    loop {
-        let len = file.read(&mut block).map_err(Error::io(path, "read"))?;
-        if len == 0 {
-            return Ok(format!("{:016x}", hash.digest()));
-        }
-        hash.update(&block[..len]);
     }
 }
 

@@ -1,0 +1,92 @@
+//! Stages of a work directory: reused where their keys say so, stamped when they are finished.
+
+use super::manifest::{FileRecord, MANIFEST, Manifest, NOT_MADE, Stage, checksum};
+use super::npy;
+use super::workdir::WorkDir;
+use crate::base::{Error, Result};
+use serde::Serialize;
+use serde::de::DeserializeOwned;
+use std::collections::BTreeMap;
+use std::fs::File;
+use std::io::Write;
+
+impl WorkDir {
+    /// The facts of a finished stage, where its key is `key` and its files are whole in size.
+    /// Otherwise `Err` with the reason, in words, why it has to be made (anew); the manifest forgets the stage then, so
+    /// that a run killed while making it anew leaves no record of files that are no longer those.
+    pub fn reuse<T: DeserializeOwned>(&self, stage: &str, key: &str) -> Result<T, String> {
+        let found = self.look_up(stage, key);
+        if found.is_err() && !self.shared {
+            let mut manifest = self.manifest_lock();
+            if manifest.stages.remove(stage).is_some()
+                && let Err(error) = self.save(&manifest)
+            {
+                return Err(error.to_string());
+            }
+        }
+        found
+    }
+
+    fn look_up<T: DeserializeOwned>(&self, stage: &str, key: &str) -> Result<T, String> {
+        let manifest = self.manifest_lock();
+        let record = manifest.stages.get(stage).ok_or_else(|| NOT_MADE.to_string())?;
+        if record.key != key {
+            return Err("its options or inputs changed".to_string());
+        }
+        for (name, file) in &record.files {
+            match std::fs::metadata(self.file(name)) {
+                Ok(metadata) if metadata.len() == file.bytes => {}
+                Ok(metadata) => return Err(format!("{name} has {} bytes instead of {}", metadata.len(), file.bytes)),
+                Err(_) => return Err(format!("{name} is missing")),
+            }
+        }
+        serde_json::from_value(record.facts.clone()).map_err(|error| format!("its facts are unreadable: {error}"))
+    }
+
+    /// Stamps a stage as finished.
+    ///
+    /// # Errors
+    /// [`Error::Io`].
+    pub fn stamp(
+        &self,
+        stage: &str,
+        key: &str,
+        options: &serde_json::Value,
+        files: &[&str],
+        facts: &impl Serialize,
+        seconds: f64,
+    ) -> Result<()> {
+        let mut records = BTreeMap::new();
+        for &name in files {
+            let path = self.file(name);
+            let bytes = std::fs::metadata(&path).map_err(Error::io(&path, "look at"))?.len();
+            let xxh3 = if self.is_temporary() {
+                String::new()
+            } else {
+                // On the disk before the manifest says so.
+                File::open(&path).and_then(|file| file.sync_all()).map_err(Error::io(&path, "sync"))?;
+                checksum(&path)?
+            };
+            records.insert(name.to_string(), FileRecord { bytes, xxh3 });
+        }
+        let facts = serde_json::to_value(facts)
+            .map_err(|error| Error::work_dir(self.path(), format!("facts of {stage}: {error}"), "report this"))?;
+        let record = Stage { key: key.to_string(), options: options.clone(), files: records, facts, seconds };
+        let mut manifest = self.manifest_lock();
+        manifest.stages.insert(stage.to_string(), record);
+        self.save(&manifest)
+    }
+
+    fn save(&self, manifest: &Manifest) -> Result<()> {
+        let path = self.file(MANIFEST);
+        let partial = npy::partial_name(&path);
+        let text = serde_json::to_string_pretty(manifest)
+            .map_err(|error| Error::work_dir(&path, error.to_string(), "report this"))?;
+        let mut file = File::create(&partial).map_err(Error::io(&partial, "create"))?;
+        file.write_all(text.as_bytes()).map_err(Error::io(&partial, "write"))?;
+        if self.durable() {
+            file.sync_all().map_err(Error::io(&partial, "sync"))?;
+        }
+        std::fs::rename(&partial, &path).map_err(Error::io(&partial, "rename"))
+    }
+}
