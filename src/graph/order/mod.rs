@@ -29,7 +29,8 @@ pub const LARGE: usize = 2_000_000;
 /// Share of far steps above which [`Order::Auto`] reorders.
 pub const POOR: f64 = 0.25;
 /// Faces above which [`Order::Auto`] reorders stretched orders too: the pages under a front across the rows of a grid
-/// (six arrays, 4 KiB a face of the front) come to half a gigabyte at 100 M faces, those along the curve to 30 MB.
+/// (six arrays, 4 KiB a face of the front) come to half a gigabyte at 100 M faces, those along the curve to 30 MB:
+/// an estimate, not yet measured.
 pub const HUGE: usize = 40_000_000;
 /// Stretch above which an order counts as stretched.
 pub const STRETCHED: f64 = 4.;
