@@ -168,14 +168,14 @@ fn random(l: usize, nodes: &[Node], seed: u64) -> Vec<u32> {
             }
         }
     }
-    // Hardly any area: fill up evenly.
-    let mut node = 0;
-    while chosen.len() < l {
-        if !chosen.contains(&node) {
-            chosen.push(node);
-        }
-        node += 1;
-    }
+    // Nearly all drawn, or hardly any area: fill up in order, faces with area first.
+    let (with, without): (Vec<u32>, Vec<u32>) = match l - chosen.len() {
+        0 => Default::default(),
+        _ => (0..nodes.len() as u32)
+            .filter(|node| !chosen.contains(node))
+            .partition(|&node| nodes[node as usize].area > 0.),
+    };
+    chosen.extend(with.into_iter().chain(without).take(l - chosen.len()));
     chosen
 }
 

@@ -92,9 +92,15 @@ impl Frame {
     /// A point of the file in the frame.
     #[inline]
     pub fn place(&self, p: [f64; 3]) -> [f64; 3] {
-        let inverse = 1. / self.scale;
         let [x, y, z] = self.origin;
-        [(p[0] - x) * inverse, (p[1] - y) * inverse, (p[2] - z) * inverse]
+        let moved = [p[0] - x, p[1] - y, p[2] - z];
+        // A product is three divisions cheaper, but the inverse of the smallest scales is infinite.
+        let inverse = 1. / self.scale;
+        if inverse < f64::INFINITY {
+            [moved[0] * inverse, moved[1] * inverse, moved[2] * inverse]
+        } else {
+            [moved[0] / self.scale, moved[1] / self.scale, moved[2] / self.scale]
+        }
     }
 }
 

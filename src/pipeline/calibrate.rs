@@ -82,6 +82,12 @@ pub fn size_of_mesh(path: &Path) -> Result<MeshSize> {
     let (Some(vertices), Some(faces)) = (count("vertex"), count("face").or_else(|| count("tristrips"))) else {
         return Err(Error::unusable(path, "has no vertices or no faces", "name a mesh"));
     };
+    let least =
+        header.elements.iter().map(|element| element.count as u128 * element.least_size().max(1) as u128).sum::<u128>();
+    if !compressed && least > bytes.len() as u128 {
+        let problem = format!("promises {least} bytes at the least, the file has {}", bytes.len());
+        return Err(Error::malformed(path, "header", problem, "the file is cut short; get it again"));
+    }
     let corners = 3 * faces;
     let in_place = header.encoding == Encoding::Little
         && header.elements.iter().filter(|element| element.is("face")).all(|element| {
@@ -91,7 +97,7 @@ pub fn size_of_mesh(path: &Path) -> Result<MeshSize> {
             });
             lists.eq([4])
         });
-    let plain: u64 = header.elements.iter().map(|element| (element.count * element.least_size()) as u64).sum();
+    let plain = u64::try_from(least).unwrap_or(u64::MAX / 4);
     let spooled = if compressed { plain + 4 * corners } else { 0 };
     let decoded = if in_place { 0 } else { 12 * vertices + 4 * corners };
     Ok(MeshSize { faces, vertices, corners, decoded: spooled + decoded })

@@ -248,10 +248,19 @@ mod tests {
         }
         let work = WorkDir::open(&path).unwrap();
         assert_eq!(work.reuse::<i32>("s", &key), Ok(7));
-        assert!(work.reuse::<i32>("s", "other").is_err());
         assert!(work.reuse::<i32>("t", &key).is_err());
-        std::fs::write(work.file("x.npy"), [0]).unwrap();
-        assert!(work.reuse::<i32>("s", &key).unwrap_err().contains("bytes"));
+        let whole = std::fs::read(work.file("x.npy")).unwrap();
+        let mut flipped = whole.clone();
+        *flipped.last_mut().unwrap() ^= 1;
+        for (bytes, reason) in [(&whole[..1], "bytes"), (&flipped[..], "damaged")] {
+            std::fs::write(work.file("x.npy"), bytes).unwrap();
+            assert!(work.reuse::<i32>("s", &key).unwrap_err().contains(reason));
+            // A stage that has to be made anew is forgotten at once.
+            std::fs::write(work.file("x.npy"), &whole).unwrap();
+            assert!(work.reuse::<i32>("s", &key).is_err());
+            work.stamp("s", &key, &options, &["x.npy"], &7, 0.5).unwrap();
+        }
+        assert!(work.reuse::<i32>("s", "other").unwrap_err().contains("changed"));
     }
 
     #[test]
