@@ -7,7 +7,7 @@ use nalgebra::{DMatrix, DVector};
 use nystrom_stream::base::Cancel;
 use nystrom_stream::base::random::{below, stream, unit};
 use nystrom_stream::distance::front::mean_weight;
-use nystrom_stream::distance::landmarks::{SEEDING_ROUNDS, Sampling, choose};
+use nystrom_stream::distance::landmarks::{Sampling, choose, extremity};
 use nystrom_stream::distance::rows::RowParams;
 use nystrom_stream::distance::{DistanceRows, Front, oracle};
 use nystrom_stream::graph::dual::{Csr, Weighted};
@@ -236,11 +236,8 @@ fn landmarks_and_rows_equal_the_plain_algorithm() {
         let graph = weighted.csr();
         let l = 20.min(graph.len());
         for seed in [0, 1] {
-            // Back and forth, then farthest first.
-            let mut first = below(&mut stream(seed, "first landmark"), graph.len()) as u32;
-            for _ in 0..SEEDING_ROUNDS {
-                first = oracle::farthest(&oracle::dijkstra(graph, first));
-            }
+            // From an extremity, farthest first.
+            let first = extremity(&built.graph.nodes, seed);
             let expected = oracle::farthest_points(graph, first, l);
             let mut field = vec![0f32; graph.len()];
             let mut found = Vec::new();

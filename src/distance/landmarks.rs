@@ -1,7 +1,7 @@
 //! Landmarks: which faces are sampled (§6 of the paper).
 //!
 //! [`Sampling::Farthest`], §6.2: a random face q, the face p farthest from it, and back and forth for a few
-//! rounds put the first landmark at an extremity; each next one is the face farthest from those
+//! rounds put the first landmark at an extremity ([`extremity`]); each next one is the face farthest from those
 //! before it. The field "distance to the nearest landmark so far" is lowered by a pruned front a
 //! landmark: exact, and the i-th costs about 1/i of a full front (50 landmarks at 1.3 M
 //! faces: 4.5 fronts). [`Sampling::Random`] draws faces by area.
@@ -43,7 +43,27 @@ impl Finished for () {
 }
 
 /// Rounds of "farthest from the last" before the first landmark is taken.
-pub const SEEDING_ROUNDS: usize = 1;
+pub const SEEDING_ROUNDS: usize = 2;
+
+/// An extremity of the shape: from a random face to the face farthest from it in space, and on from there for
+/// [`SEEDING_ROUNDS`] rounds; the first of equally far ones. In space instead of along the surface: as
+/// much of an extremity, for two passes over centroids instead of full fronts that nothing can run beside.
+pub fn extremity(nodes: &[Node], seed: u64) -> u32 {
+    let mut at = below(&mut stream(seed, "first landmark"), nodes.len());
+    for _ in 0..SEEDING_ROUNDS {
+        let from = nodes[at].centroid;
+        let mut most = -1.;
+        for (k, node) in nodes.iter().enumerate() {
+            let to = node.centroid;
+            let (x, y, z) = (to[0] - from[0], to[1] - from[1], to[2] - from[2]);
+            let square = x * x + y * y + z * z;
+            if square > most {
+                (most, at) = (square, k);
+            }
+        }
+    }
+    at as u32
+}
 
 /// Sends up to `l` distinct landmarks to `found` (fewer only where there are fewer nodes). With
 /// farthest points, `field` (n) ends as the distance to the nearest of all but the last landmark, and
@@ -67,7 +87,7 @@ pub fn choose(
 ) -> Result<()> {
     let l = l.min(graph.len());
     match sampling {
-        Sampling::Farthest => farthest(l, graph, seed, field, mean_weight, cancel, finished, found),
+        Sampling::Farthest => farthest(l, graph, nodes, seed, field, mean_weight, cancel, finished, found),
         Sampling::Random => random(l, nodes, seed).into_iter().try_for_each(|landmark| found(landmark, None)),
     }
 }
@@ -75,6 +95,7 @@ pub fn choose(
 fn farthest(
     l: usize,
     graph: Csr<'_>,
+    nodes: &[Node],
     seed: u64,
     field: &mut [f32],
     mean_weight: f32,
@@ -88,15 +109,7 @@ fn farthest(
         finished.lower(0, field);
         found(first, None)?;
     } else {
-        let mut landmark = below(&mut stream(seed, "first landmark"), graph.len()) as u32;
-        for _ in 0..SEEDING_ROUNDS {
-            front.full(graph, landmark, field, cancel)?;
-            let next = farthest_reached(field);
-            if next == landmark {
-                break;
-            }
-            landmark = next;
-        }
+        let landmark = extremity(nodes, seed);
         front.full(graph, landmark, field, cancel)?;
         found(landmark, Some(field))?;
     }
@@ -129,17 +142,6 @@ pub fn farthest_node(field: &[f32]) -> u32 {
     }
     let block = &field[at * BLOCK..field.len().min((at + 1) * BLOCK)];
     (at * BLOCK + block.iter().position(|&d| d == best).unwrap_or(0)) as u32
-}
-
-/// The first node of greatest finite distance.
-fn farthest_reached(field: &[f32]) -> u32 {
-    let (mut best, mut at) = (f32::NEG_INFINITY, 0);
-    for (node, &d) in field.iter().enumerate() {
-        if d > best && d < f32::INFINITY {
-            (best, at) = (d, node);
-        }
-    }
-    at as u32
 }
 
 /// `l` distinct nodes at random by area (evenly where there is none), by two passes over the nodes.

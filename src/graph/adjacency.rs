@@ -107,6 +107,8 @@ pub struct Links {
     sized: Sized<Link>,
     /// Number of nodes.
     pub nodes: usize,
+    /// Buckets a node, in units of 2^-32, rounded down: see [`Links::bucket`].
+    scale: u64,
 }
 
 impl Links {
@@ -118,13 +120,14 @@ impl Links {
     /// The bucket of a node.
     #[inline]
     pub fn bucket(&self, node: usize) -> usize {
-        (node as u128 * self.shuffle().buckets() as u128 / self.nodes as u128) as usize
+        // Nodes and buckets are few enough for 64 bits, and a product with the inverse is no division.
+        ((node as u64 * self.scale) >> 32) as usize
     }
 
     /// The nodes of a bucket.
     pub fn nodes_of(&self, bucket: usize) -> std::ops::Range<usize> {
-        let first = |b: usize| (b as u128 * self.nodes as u128).div_ceil(self.shuffle().buckets() as u128) as usize;
-        first(bucket)..first(bucket + 1)
+        let first = |b: usize| (((b as u64) << 32).div_ceil(self.scale) as usize).min(self.nodes);
+        first(bucket)..if bucket + 1 == self.shuffle().buckets() { self.nodes } else { first(bucket + 1) }
     }
 
     fn push(&self, out: &mut Producer<'_, Link>, corner: u32, face: usize, node: usize, against: bool) -> Result<()> {
@@ -157,7 +160,9 @@ pub fn matched(mesh: &Mesh, path: &Path, work: &WorkDir, run: &Run) -> Result<(L
     let (file, what) = (|name| work.file(name), "matching edges");
     let sized = Sized::<HalfEdge>::new(&file("half_edges.tmp"), what, corners, 3 * threads, 3, run)?;
     let half_edges = &sized.shuffle;
-    let links = Links { sized: Sized::new(&file("links.tmp"), what, corners, 12 * threads, 2, run)?, nodes };
+    let link_records: Sized<Link> = Sized::new(&file("links.tmp"), what, corners, 12 * threads, 2, run)?;
+    let scale = ((link_records.shuffle.buckets() as u64) << 32) / nodes.max(1) as u64;
+    let links = Links { sized: link_records, nodes, scale };
     let border = Sized::<u32>::new(&file("boundary.tmp"), what, corners, threads, 4, run)?;
     let boundary = &border.shuffle;
     let (edge_buckets, border_buckets) = (half_edges.buckets(), boundary.buckets() as u64);
@@ -187,8 +192,8 @@ pub fn matched(mesh: &Mesh, path: &Path, work: &WorkDir, run: &Run) -> Result<(L
 /// Pushes the half-edges of every face into the buckets of their low vertices.
 fn scatter(mesh: &Mesh, half_edges: &Shuffle<HalfEdge>, run: &Run) -> Result<()> {
     let n = mesh.faces.len();
-    let scale = half_edges.buckets() as u64;
-    let vertices = mesh.positions.len().max(1) as u64;
+    // Buckets a vertex, in units of 2^-32, rounded down, so that the last vertex stays inside.
+    let scale = ((half_edges.buckets() as u64) << 32) / mesh.positions.len().max(1) as u64;
     each_chunk(
         run.threads,
         &run.cancel,
@@ -201,7 +206,7 @@ fn scatter(mesh: &Mesh, half_edges: &Shuffle<HalfEdge>, run: &Run) -> Result<()>
                 for (slot, &a) in corners.iter().enumerate() {
                     let b = corners[if slot + 1 == corners.len() { 0 } else { slot + 1 }];
                     if a != b && result.is_ok() {
-                        let bucket = (u64::from(a.min(b)) * scale / vertices).min(scale - 1);
+                        let bucket = (u64::from(a.min(b)) * scale) >> 32;
                         let half_edge = HalfEdge { from: a, to: b, corner: (first + slot) as u32 };
                         result = out.push(bucket as usize, half_edge);
                     }

@@ -133,7 +133,10 @@ fn assemble_bucket(
     drop(links);
     let mut rest = &sorted[..];
     let mut row: Vec<Entry> = Vec::new();
+    let mut points: Vec<[f64; 3]> = Vec::new();
     mesh.faces.for_each(range, |face, corners| {
+        points.clear();
+        points.extend(corners.iter().map(|&v| frame.place(mesh.positions.get(v))));
         let span = mesh.faces.corner_range(face);
         let count = rest.iter().take_while(|link| (link.corner as usize) < span.end).count();
         let (mine, after) = rest.split_at(count);
@@ -141,9 +144,8 @@ fn assemble_bucket(
         row.clear();
         row.extend(mine.iter().map(|link| {
             let slot = link.corner as usize - span.start;
-            let end = if slot + 1 == corners.len() { 0 } else { slot + 1 };
-            let point = |v: u32| frame.place(mesh.positions.get(v));
-            let ends = [point(corners[slot]), point(corners[end])];
+            let end = if slot + 1 == points.len() { 0 } else { slot + 1 };
+            let ends = [points[slot], points[end]];
             let mut entry = step(&nodes[face], &nodes[link.to() as usize], link.to(), ends);
             if link.against() {
                 entry.edge = -entry.edge;

@@ -105,6 +105,20 @@ impl Frame {
 }
 
 impl Node {
+    /// [`Node::of_corners`] of a triangle, with less ado: the usual case and an inner loop.
+    #[inline]
+    pub fn of_triangle(a: [f64; 3], b: [f64; 3], c: [f64; 3]) -> (Self, bool) {
+        let normal = cross(minus(b, a), minus(c, a));
+        let length = length(normal);
+        let area = (length / 2.) as f32;
+        // A coordinate that is no number makes the length none.
+        if !(area > 0. && length.is_finite()) {
+            return Self::of_corners([a, b, c].into_iter());
+        }
+        let sum = [a[0] + b[0] + c[0], a[1] + b[1] + c[1], a[2] + b[2] + c[2]];
+        (Self { centroid: narrow(sum, 1. / 3.), normal: narrow(normal, 1. / length), area }, false)
+    }
+
     /// The node of a face with the given corners (in the frame); also whether it is degenerate.
     #[inline]
     pub fn of_corners(corners: impl Iterator<Item = [f64; 3]> + Clone) -> (Self, bool) {
@@ -166,7 +180,7 @@ pub fn build(mesh: &Mesh, frame: &Frame, work: &WorkDir, run: &Run) -> Result<(M
             mesh.faces.for_each(chunk_range(n, CHUNK, k), |face, corners| {
                 let point = |v: u32| frame.place(mesh.positions.get(v));
                 let (node, flat) = match *corners {
-                    [a, b, c] => Node::of_corners([point(a), point(b), point(c)].into_iter()),
+                    [a, b, c] => Node::of_triangle(point(a), point(b), point(c)),
                     _ => Node::of_corners(corners.iter().map(|&v| point(v))),
                 };
                 area += f64::from(node.area);

@@ -10,7 +10,7 @@ use crate::distance::DistanceRows;
 use crate::graph::Node;
 
 /// Columns at the most.
-pub const MOST: usize = 1 << 15;
+pub const MOST: usize = 1 << 14;
 
 /// A sample of columns.
 #[derive(Clone, Debug)]
