@@ -174,7 +174,7 @@ pub struct MethodArgs {
     /// Coarser (to -1) or finer (to 1) than the parts found
     #[arg(long, value_name = "D", allow_negative_numbers = true)]
     pub detail: Option<f64>,
-    /// Number of landmarks [default: 30, above a million faces 20; otherwise twice the parts, 10 to 60]
+    /// Number of landmarks [default: 60 to 20 by size; otherwise twice the parts, 10 to 60]
     #[arg(short = 'l', long, value_name = "L", value_parser = clap::value_parser!(u32).range(1..=4096))]
     pub landmarks: Option<u32>,
     /// How landmarks are chosen
