@@ -192,6 +192,25 @@ pub fn fill_chunks<T: Send, S, R: Send>(
     })
 }
 
+/// Sets every item of `out` to what `value` makes of its number and its old value.
+///
+/// # Errors
+/// [`super::Error::Cancelled`].
+pub fn fill_each<T: Copy + Send>(
+    threads: usize,
+    cancel: &Cancel,
+    out: &mut [T],
+    size: usize,
+    value: impl Fn(usize, T) -> T + Sync,
+) -> Result<()> {
+    let n = out.len();
+    let fill = |k: usize, piece: &mut [T], (): &mut ()| {
+        piece.iter_mut().zip(chunk_range(n, size.max(1), k)).for_each(|(item, i)| *item = value(i, *item));
+        Ok(())
+    };
+    fill_chunks(threads, cancel, out, size, || (), fill).map(drop)
+}
+
 /// Like [`fill_chunks`] over equal chunks of two slices of one length.
 ///
 /// # Errors

@@ -6,7 +6,7 @@
 //! straightened ([`smooth`]). All fronts visit the bands only. Memory: two mapped arrays of 4 bytes a face.
 
 use crate::base::Result;
-use crate::base::parallel::{chunk_count, chunk_range, fill_chunks, map_chunks};
+use crate::base::parallel::{chunk_count, chunk_range, fill_each, map_chunks};
 use crate::distance::Front;
 use crate::distance::front::mean_weight;
 use crate::graph::DualGraph;
@@ -42,19 +42,7 @@ pub fn refine(
     let n = cell.len();
     let parts = label_of_cell.iter().max().map_or(0, |top| *top as usize + 1);
     let mut labels = work.array::<u32>("labels.npy", &[n])?;
-    fill_chunks(
-        run.threads,
-        &run.cancel,
-        labels.data(),
-        CHUNK,
-        || (),
-        |k, out, ()| {
-            for (slot, i) in out.iter_mut().zip(chunk_range(n, CHUNK, k)) {
-                *slot = label_of_cell[cell[i] as usize];
-            }
-            Ok(())
-        },
-    )?;
+    fill_each(run.threads, &run.cancel, labels.data(), CHUNK, |i, _| label_of_cell[cell[i] as usize])?;
     let rim = rim(steps, labels.data(), run)?;
     if rim.is_empty() {
         return labels.finish(false);
@@ -67,19 +55,8 @@ pub fn refine(
     let limits = core_limits(labels.data(), field.data(), parts, band, run)?;
     // Cores are where the second front starts, at distance 0; the bands are open.
     let owners: &[u32] = labels.data();
-    fill_chunks(
-        run.threads,
-        &run.cancel,
-        field.data(),
-        CHUNK,
-        || (),
-        |k, out, ()| {
-            for (slot, i) in out.iter_mut().zip(chunk_range(n, CHUNK, k)) {
-                *slot = if *slot >= limits[owners[i] as usize] { 0. } else { f32::INFINITY };
-            }
-            Ok(())
-        },
-    )?;
+    let core = |i: usize, depth: f32| if depth >= limits[owners[i] as usize] { 0. } else { f32::INFINITY };
+    fill_each(run.threads, &run.cancel, field.data(), CHUNK, core)?;
     let edge_of_core = core_rim(steps, field.data(), run)?;
     Front::new(mean_weight(steps)).spread_owners(steps, &edge_of_core, field.data(), labels.data(), &run.cancel)?;
     straighten(graph, steps, shares, field.data(), labels.data(), run)?;
@@ -101,17 +78,7 @@ fn straighten(
     let mean = mean_weight(lengths);
     let rim = rim(steps, labels, run)?;
     // Cores cannot be lowered below 0, so they stay outside the band.
-    fill_chunks(
-        run.threads,
-        &run.cancel,
-        field,
-        CHUNK,
-        || (),
-        |_, out, ()| {
-            out.iter_mut().for_each(|d| *d = if *d == 0. { -1. } else { f32::INFINITY });
-            Ok(())
-        },
-    )?;
+    fill_each(run.threads, &run.cancel, field, CHUNK, |_, d| if d == 0. { -1. } else { f32::INFINITY })?;
     let open: Vec<u32> = rim.into_iter().filter(|&node| field[node as usize] > 0.).collect();
     let reach = (smooth::REACH / shares.unit).min(smooth::FACES * mean);
     Front::new(mean).within(lengths, &open, reach, field, &run.cancel)?;

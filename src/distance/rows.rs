@@ -9,7 +9,6 @@
 use super::compute::Task;
 use super::journal::{Head, Line};
 use super::landmarks::Sampling;
-use crate::base::parallel::chunk_range;
 use crate::base::{Error, Result};
 use crate::graph::Node;
 use crate::graph::dual::{Csr, Weighted};
@@ -161,13 +160,5 @@ impl DistanceRows {
         work.stamp("rows", &self.key, &head.options, &["landmarks.npy", "distances.npy"], &facts, seconds)?;
         work.remove(JOURNAL);
         Ok(())
-    }
-
-    /// The columns of a chunk: calls `visit(row, its part)` for each row over `range` of the nodes.
-    pub fn for_columns(&self, chunk: usize, size: usize, mut visit: impl FnMut(usize, &[f32])) {
-        let range = chunk_range(self.nodes, size, chunk);
-        for k in 0..self.len() {
-            visit(k, &self.row(k)[range.clone()]);
-        }
     }
 }

@@ -8,7 +8,7 @@ use super::report::Numbers;
 use super::surface::{Kind, Surface};
 use super::{Clustered, SegmentParams, landmarks_for_parts, rows};
 use crate::base::Result;
-use crate::base::parallel::{chunk_count, chunk_range, fill_chunks, map_chunks};
+use crate::base::parallel::{chunk_count, chunk_range, fill_each, map_chunks};
 use crate::cluster::parts::{self, PartTree, PartsReport, PartsResult};
 use crate::cluster::{boundary, cell_rows, contract};
 use crate::distance::DistanceRows;
@@ -140,19 +140,7 @@ fn keep_tree(tree: &PartTree, work: &WorkDir) -> Result<()> {
 fn confidence(unit_of_node: &[u32], confidence: &[f64], work: &WorkDir, run: &Run) -> Result<MappedSlice<f32>> {
     let n = unit_of_node.len();
     let mut quality = work.array::<f32>("quality.npy", &[n])?;
-    fill_chunks(
-        run.threads,
-        &run.cancel,
-        quality.data(),
-        CHUNK,
-        || (),
-        |k, out, ()| {
-            for (slot, i) in out.iter_mut().zip(chunk_range(n, CHUNK, k)) {
-                *slot = confidence[unit_of_node[i] as usize] as f32;
-            }
-            Ok(())
-        },
-    )?;
+    fill_each(run.threads, &run.cancel, quality.data(), CHUNK, |i, _| confidence[unit_of_node[i] as usize] as f32)?;
     quality.finish(false)
 }
 

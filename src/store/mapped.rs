@@ -17,10 +17,10 @@
 
 use crate::base::{Error, Result};
 use bytemuck::Pod;
-use memmap2::{Advice, Mmap, MmapMut, UncheckedAdvice};
+use memmap2::{Advice, Mmap, MmapMut};
 use std::fs::File;
 use std::marker::PhantomData;
-use std::ops::{Deref, DerefMut, Range};
+use std::ops::{Deref, DerefMut};
 use std::path::Path;
 use std::sync::Arc;
 
@@ -71,19 +71,6 @@ impl MappedBytes {
         }
     }
 
-    /// Lets the kernel take back the whole pages inside `range` (bytes); they are read again
-    /// from the file at the next touch.
-    pub fn release(&self, range: Range<usize>) {
-        let Some(map) = &self.map else { return };
-        let page = 4096;
-        let start = range.start.div_ceil(page) * page;
-        let end = range.end.min(map.len()) / page * page;
-        if start < end {
-            // SAFETY: the mapping is of a file, shared and never written through: dropped pages come back unchanged.
-            let _ = unsafe { map.unchecked_advise_range(UncheckedAdvice::DontNeed, start, end - start) };
-        }
-    }
-
     /// A typed view of `len` items from byte `offset` on.
     ///
     /// # Errors
@@ -128,12 +115,6 @@ impl<T: Pod> MappedSlice<T> {
     /// Tells the kernel how the array will be read.
     pub fn advise(&self, access: Access) {
         self.bytes.advise(access);
-    }
-
-    /// Lets the kernel take back the pages of `items`.
-    pub fn release(&self, items: Range<usize>) {
-        let size = size_of::<T>();
-        self.bytes.release(self.offset + items.start * size..self.offset + items.end * size);
     }
 }
 

@@ -72,12 +72,6 @@ impl<T: Pod + Send> Shuffle<T> {
         }
     }
 
-    /// A good number of buckets for `records` records: each fits `bucket_bytes`.
-    pub fn bucket_count(records: u64, bucket_bytes: u64) -> usize {
-        let total = records.saturating_mul(size_of::<T>() as u64);
-        total.div_ceil(bucket_bytes.max(1)).clamp(1, 1 << 14) as usize
-    }
-
     /// Number of buckets.
     pub fn buckets(&self) -> usize {
         self.buckets.len()
