@@ -241,7 +241,7 @@ fn landmarks_and_rows_equal_the_plain_algorithm() {
             let expected = oracle::farthest_points(graph, first, l);
             let mut field = vec![0f32; graph.len()];
             let mut found = Vec::new();
-            let mean = mean_weight(graph);
+            let mut front = Front::new(mean_weight(graph));
             choose(
                 Sampling::Farthest,
                 l,
@@ -249,7 +249,7 @@ fn landmarks_and_rows_equal_the_plain_algorithm() {
                 &built.graph.nodes,
                 seed,
                 &mut field,
-                mean,
+                &mut front,
                 &built.run.cancel,
                 &(),
                 |x, _| {
@@ -274,16 +274,22 @@ fn landmarks_and_rows_equal_the_plain_algorithm() {
 
 #[test]
 fn rows_are_the_same_whatever_the_threads_and_the_memory() {
-    let shape = zoo::grid(60);
+    // Three blocks of pages and a bit.
+    let shape = zoo::grid(160);
     let make = |folder: &Path| Mesh::from_arrays(folder, &shape.vertices, &shape.faces).unwrap();
     let mut first: Option<(Vec<u32>, Vec<u32>, Vec<u32>)> = None;
-    for (threads, megabytes) in [(1, 1000), (2, 1000), (7, 1000), (1, 1), (3, 1)] {
-        let run = Run { threads, budget: Budget::new(megabytes << 20), ..Run::new(&()) };
+    for (threads, megabytes, resident) in
+        [(1, 1000, u64::MAX), (2, 1000, 0), (7, 1000, u64::MAX), (1, 1, 0), (3, 1, 10), (2, 1, u64::MAX)]
+    {
+        let run = Run { threads, budget: Budget::new(megabytes << 20), resident, ..Run::new(&()) };
         let built = build_in(run, make);
         let rows = built.rows(12);
         let indices = built.graph.rows.indices.to_vec();
         let result = (indices, rows.landmarks.clone(), bits(&rows.distances));
-        assert!(*first.get_or_insert_with(|| result.clone()) == result, "{threads} threads, {megabytes} MiB");
+        assert!(
+            *first.get_or_insert_with(|| result.clone()) == result,
+            "{threads} threads, {megabytes} MiB, {resident} resident"
+        );
     }
 }
 

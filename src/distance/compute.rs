@@ -11,6 +11,7 @@
 use super::front::{Front, mean_weight};
 use super::journal::{Head, Journal, Line, checksum};
 use super::landmarks::{Finished, choose};
+use super::paging::Pages;
 use super::rows::{RowFacts, RowParams};
 use crate::base::{Error, Result};
 use crate::graph::Node;
@@ -118,8 +119,13 @@ impl Task<'_> {
         if lines.len() < head.wanted() {
             let temporary = format!("nearest-{}.tmp", head.shard);
             let mut field: ArrayMut<f32> = work.array(&temporary, &[n])?;
-            field.data().advise(Access::Local);
-            let result = self.fronts(&slots, &mut field.data()[..], &mut lines, run);
+            let pages = self.pages(run);
+            if pages.is_some() {
+                Pages::advise(self.graph, Access::Random);
+                field.data().advise(Access::Random);
+            }
+            let result = self.fronts(&slots, field.data(), pages, &mut lines, run);
+            Pages::advise(self.graph, Access::Local);
             drop(field);
             work.remove(&format!("{temporary}.partial"));
             result?;
@@ -128,18 +134,35 @@ impl Task<'_> {
         Ok((file, lines))
     }
 
+    /// The graph's pages where graph and fields are more than the kernel can keep.
+    fn pages(&self, run: &Run) -> Option<Pages> {
+        let Csr { indptr, indices, weights } = self.graph;
+        let graph = size_of_val(indptr) + size_of_val(indices) + size_of_val(weights);
+        let fields = (run.threads + 1) * self.head.nodes * size_of::<f32>();
+        ((graph + fields) as u64 > run.resident).then(|| Pages::of(self.graph))
+    }
+
     /// Runs search and fronts until every wanted row is in `lines`.
-    fn fronts(&self, slots: &Slots<'_>, field: &mut [f32], lines: &mut BTreeMap<usize, Line>, run: &Run) -> Result<()> {
+    fn fronts(
+        &self,
+        slots: &Slots<'_>,
+        field: &mut MappedSliceMut<f32>,
+        pages: Option<Pages>,
+        lines: &mut BTreeMap<usize, Line>,
+        run: &Run,
+    ) -> Result<()> {
         let mean = mean_weight(self.graph);
+        let front = || Front::new(mean).paged(pages.clone());
         let (send, receive) = crossbeam_channel::unbounded::<(usize, u32)>();
         let (done, finished) = crossbeam_channel::unbounded::<Result<Line>>();
         let missing = self.head.wanted() - lines.len();
         std::thread::scope(|scope| -> Result<()> {
             let (jobs, out) = (receive.clone(), done.clone());
-            scope.spawn(move || match self.search(slots, field, mean, &send, &out, run) {
+            let mut searching = front();
+            scope.spawn(move || match self.search(slots, field, &mut searching, &send, &out, run) {
                 Ok(()) => {
                     drop(send);
-                    self.rows(slots, mean, jobs, &out, run);
+                    self.rows(slots, &mut searching, jobs, &out, run);
                 }
                 Err(error) => {
                     let _ = out.send(Err(error));
@@ -147,7 +170,8 @@ impl Task<'_> {
             });
             for _ in 1..run.threads.min(missing) {
                 let (jobs, out) = (receive.clone(), done.clone());
-                scope.spawn(move || self.rows(slots, mean, jobs, &out, run));
+                let mut front = front();
+                scope.spawn(move || self.rows(slots, &mut front, jobs, &out, run));
             }
             drop((receive, done));
             for _ in 0..missing {
@@ -163,15 +187,16 @@ impl Task<'_> {
     fn search(
         &self,
         slots: &Slots<'_>,
-        field: &mut [f32],
-        mean: f32,
+        field: &mut MappedSliceMut<f32>,
+        front: &mut Front,
         jobs: &Sender<(usize, u32)>,
         done: &Sender<Result<Line>>,
         run: &Run,
     ) -> Result<()> {
         let mut row = 0;
+        front.values(field.writeback());
         let RowParams { l, sampling } = self.params;
-        choose(sampling, l, self.graph, self.nodes, run.seed, field, mean, &run.cancel, slots, |landmark, known| {
+        choose(sampling, l, self.graph, self.nodes, run.seed, field, front, &run.cancel, slots, |landmark, known| {
             let k = row;
             row += 1;
             if !self.head.wants(k) || slots.landmark(k) == Some(landmark) {
@@ -189,11 +214,20 @@ impl Task<'_> {
     }
 
     /// Computes rows until there are no more.
-    fn rows(&self, slots: &Slots<'_>, mean: f32, jobs: Receiver<(usize, u32)>, done: &Sender<Result<Line>>, run: &Run) {
-        let mut front = Front::new(mean);
+    fn rows(
+        &self,
+        slots: &Slots<'_>,
+        front: &mut Front,
+        jobs: Receiver<(usize, u32)>,
+        done: &Sender<Result<Line>>,
+        run: &Run,
+    ) {
         for (row, landmark) in jobs {
             let mut slot = slots.take(row);
+            front.values(slot.writeback());
+            slot.advise(if front.is_paged() { Access::Random } else { Access::Local });
             let full = front.full(self.graph, landmark, &mut slot, &run.cancel);
+            slot.advise(Access::Sequential);
             let line = full.and_then(|_| slots.close(row, landmark, &slot));
             let failed = line.is_err();
             if done.send(line).is_err() || failed {

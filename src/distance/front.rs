@@ -11,10 +11,11 @@
 //! in `benches/`: near 40 ns a face on scans, against a floor of 15 ns a face for touching each
 //! cache line of graph and distances once.
 
+use super::paging::{Pager, Pages};
 use super::queue::{Entry, Queue};
 use crate::base::{Cancel, Result};
 use crate::graph::dual::Csr;
-use crate::store::mapped::prefetch;
+use crate::store::mapped::{Access, Writeback, advise, prefetch, will_need};
 
 /// Entries ahead at which row start and distance are fetched.
 pub const FAR: usize = 20;
@@ -25,13 +26,14 @@ pub const NEAR: usize = 6;
 /// Bucket width in mean weights.
 pub const WIDTH: f32 = 0.125;
 /// Visits between looks at the stop flag.
-const PATIENCE: usize = 1 << 20;
+const PATIENCE: usize = 1 << 16;
 
 /// A reusable front. Scratch memory is O(front), kept between runs.
 #[derive(Debug)]
 pub struct Front {
     queue: Queue,
     batch: Vec<Entry>,
+    pages: Option<Pages>,
 }
 
 /// What a front did.
@@ -122,7 +124,33 @@ impl Front {
 
     /// A front with buckets of the given width.
     pub fn with_width(width: f32) -> Self {
-        Self { queue: Queue::new(width), batch: Vec::new() }
+        Self { queue: Queue::new(width), batch: Vec::new(), pages: None }
+    }
+
+    /// The same for a graph larger than memory: [`Front::full`] and [`Front::lower`] tell the kernel by `pages` what
+    /// they need next.
+    #[must_use]
+    pub fn paged(self, pages: Option<Pages>) -> Self {
+        Self { pages, ..self }
+    }
+
+    /// Whether the front has pages.
+    pub fn is_paged(&self) -> bool {
+        self.pages.is_some()
+    }
+
+    /// Tells the kernel how `field` will be used from now on, for fronts with pages.
+    pub fn advise(&self, field: &[f32], access: Access) {
+        if self.is_paged() {
+            advise(field, access);
+        }
+    }
+
+    /// Tells in which file the next fields lie, for fronts with pages.
+    pub fn values(&mut self, values: Option<Writeback>) {
+        if let Some(pages) = &mut self.pages {
+            pages.values(values);
+        }
     }
 
     /// Distances from one node: `field` (n) is overwritten, infinite where unreached.
@@ -130,8 +158,25 @@ impl Front {
     /// # Errors
     /// [`crate::base::Error::Cancelled`].
     pub fn full(&mut self, graph: Csr<'_>, source: u32, field: &mut [f32], cancel: &Cancel) -> Result<Visits> {
-        field.fill(f32::INFINITY);
-        self.lower(graph, &[source], field, cancel)
+        let Some(mut pages) = self.pages.take() else {
+            field.fill(f32::INFINITY);
+            return self.lower(graph, &[source], field, cancel);
+        };
+        pages.restart();
+        let empty = |block: &mut [f32]| {
+            // All pages at once: a fault each for pages never written costs more than the front.
+            will_need(block);
+            block.fill(f32::INFINITY);
+        };
+        if let Some(block) = pages.enter(graph, source) {
+            empty(&mut field[block]);
+        }
+        self.start(&[source], field);
+        let result = self.spread_paged(graph, field, &mut (), &mut pages, empty, cancel);
+        pages.unmet().for_each(|block| empty(&mut field[block]));
+        pages.send_all();
+        self.pages = Some(pages);
+        result
     }
 
     /// Lowers `field` (n) to the distances from `sources` where those are smaller; only nodes that are
@@ -141,7 +186,13 @@ impl Front {
     /// [`crate::base::Error::Cancelled`].
     pub fn lower(&mut self, graph: Csr<'_>, sources: &[u32], field: &mut [f32], cancel: &Cancel) -> Result<Visits> {
         self.start(sources, field);
-        self.spread(graph, field, &mut (), cancel)
+        let Some(mut pages) = self.pages.take() else { return self.spread(graph, field, &mut (), cancel) };
+        pages.restart();
+        sources.iter().for_each(|&source| drop(pages.enter(graph, source)));
+        let result = self.spread_paged(graph, field, &mut (), &mut pages, |block| will_need(block), cancel);
+        pages.send_all();
+        self.pages = Some(pages);
+        result
     }
 
     /// Distances to the nearest of many sources, and which it is: `owner` (n) gets the index into
@@ -227,15 +278,23 @@ impl Front {
         }
     }
 
-    fn spread<C: Carry>(
+    fn spread(&mut self, graph: Csr<'_>, field: &mut [f32], carry: &mut impl Carry, cancel: &Cancel) -> Result<Visits> {
+        self.spread_paged(graph, field, carry, &mut (), |_| (), cancel)
+    }
+
+    /// The loop itself. `met` sees the part of the field that lies in a block of `pages` met for the first time,
+    /// before it is read.
+    fn spread_paged(
         &mut self,
         graph: Csr<'_>,
         field: &mut [f32],
-        carry: &mut C,
+        carry: &mut impl Carry,
+        pages: &mut impl Pager,
+        met: impl Fn(&mut [f32]),
         cancel: &Cancel,
     ) -> Result<Visits> {
         let Csr { indptr, indices, weights } = graph;
-        let Self { queue, batch } = self;
+        let Self { queue, batch, .. } = self;
         let mut visits = Visits::default();
         let mut patience = PATIENCE;
         batch.clear();
@@ -265,6 +324,9 @@ impl Front {
                 let span = indptr[node as usize] as usize..indptr[node as usize + 1] as usize;
                 for (&next, &weight) in indices[span.clone()].iter().zip(&weights[span]) {
                     let there = distance + weight;
+                    if let Some(block) = pages.meet(graph, node, next) {
+                        met(&mut field[block]);
+                    }
                     let known = &mut field[next as usize];
                     if there < *known && carry.admits(there) {
                         *known = there;

@@ -14,6 +14,7 @@ use crate::base::random::{below, stream, unit};
 use crate::base::{Cancel, Result};
 use crate::graph::Node;
 use crate::graph::dual::Csr;
+use crate::store::mapped::Access;
 use serde::{Deserialize, Serialize};
 
 /// How landmarks are chosen.
@@ -69,7 +70,7 @@ pub fn extremity(nodes: &[Node], seed: u64) -> u32 {
 /// farthest points, `field` (n) ends as the distance to the nearest of all but the last landmark, and
 /// `found` sees it right after the first landmark's own full front, as that landmark's row. Rows in `finished` are
 /// taken over: the field is the minimum of the rows so far, however these were computed, so the landmarks are
-/// the same as without.
+/// the same as without. `front` is one for this graph.
 ///
 /// # Errors
 /// [`crate::base::Error::Cancelled`], or an error of `found`.
@@ -80,14 +81,14 @@ pub fn choose(
     nodes: &[Node],
     seed: u64,
     field: &mut [f32],
-    mean_weight: f32,
+    front: &mut Front,
     cancel: &Cancel,
     finished: &impl Finished,
     mut found: impl FnMut(u32, Option<&[f32]>) -> Result<()>,
 ) -> Result<()> {
     let l = l.min(graph.len());
     match sampling {
-        Sampling::Farthest => farthest(l, graph, nodes, seed, field, mean_weight, cancel, finished, found),
+        Sampling::Farthest => farthest(l, graph, nodes, seed, field, front, cancel, finished, found),
         Sampling::Random => random(l, nodes, seed).into_iter().try_for_each(|landmark| found(landmark, None)),
     }
 }
@@ -98,12 +99,11 @@ fn farthest(
     nodes: &[Node],
     seed: u64,
     field: &mut [f32],
-    mean_weight: f32,
+    front: &mut Front,
     cancel: &Cancel,
     finished: &impl Finished,
     mut found: impl FnMut(u32, Option<&[f32]>) -> Result<()>,
 ) -> Result<()> {
-    let mut front = Front::new(mean_weight);
     if let Some(first) = finished.landmark(0) {
         field.fill(f32::INFINITY);
         finished.lower(0, field);
@@ -111,11 +111,15 @@ fn farthest(
     } else {
         let landmark = extremity(nodes, seed);
         front.full(graph, landmark, field, cancel)?;
+        front.advise(field, Access::Sequential);
         found(landmark, Some(field))?;
     }
     for k in 1..l {
         cancel.check()?;
+        // Pages are waited for one by one otherwise.
+        front.advise(field, Access::Sequential);
         let landmark = farthest_node(field);
+        front.advise(field, Access::Random);
         found(landmark, None)?;
         if k + 1 == l {
             break;

@@ -8,6 +8,7 @@ pub mod front;
 pub mod journal;
 pub mod landmarks;
 pub mod oracle;
+pub mod paging;
 pub mod queue;
 pub mod rows;
 pub mod shard;

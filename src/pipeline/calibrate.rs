@@ -36,6 +36,7 @@ pub fn calibrate(params: &SegmentParams, landmarks: usize, folder: &Path, run: &
     let quiet = Run {
         threads: run.threads,
         budget: run.budget.clone(),
+        resident: run.resident,
         progress: &(),
         cancel: run.cancel.clone(),
         seed: run.seed,

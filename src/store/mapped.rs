@@ -133,6 +133,9 @@ impl<T: Pod> Deref for MappedSlice<T> {
 #[derive(Debug)]
 pub struct MappedSliceMut<T> {
     map: Option<MmapMut>,
+    file: Option<Arc<File>>,
+    /// Byte of the file at which the array starts.
+    offset: usize,
     len: usize,
     item: PhantomData<T>,
 }
@@ -144,12 +147,19 @@ impl<T: Pod> MappedSliceMut<T> {
     /// [`Error::Io`] naming `path` when the mapping fails.
     pub fn map(file: &File, path: &Path, offset: usize, len: usize) -> Result<Self> {
         if len == 0 {
-            return Ok(Self { map: None, len: 0, item: PhantomData });
+            return Ok(Self { map: None, file: None, offset, len: 0, item: PhantomData });
         }
         let bytes = len * size_of::<T>();
         // SAFETY: see the module's text: the file is ours alone until it is renamed.
         let map = unsafe { memmap2::MmapOptions::new().offset(offset as u64).len(bytes).map_mut(file) };
-        Ok(Self { map: Some(map.map_err(Error::io(path, "map"))?), len, item: PhantomData })
+        let map = map.map_err(Error::io(path, "map"))?;
+        Ok(Self { map: Some(map), file: file.try_clone().ok().map(Arc::new), offset, len, item: PhantomData })
+    }
+
+    /// A handle for sending parts of the array to the disk while it is written.
+    pub fn writeback(&self) -> Option<Writeback> {
+        let file = self.file.clone()?;
+        Some(Writeback { file, offset: self.offset, item: size_of::<T>() })
     }
 
     /// Writes changed pages to the disk and waits.
@@ -190,6 +200,71 @@ impl<T: Pod> DerefMut for MappedSliceMut<T> {
             None => &mut [],
             Some(map) => bytemuck::cast_slice_mut(&mut map[..self.len * size_of::<T>()]),
         }
+    }
+}
+
+/// Sends parts of a mapped array to the disk early, without waiting. See [`MappedSliceMut::writeback`].
+#[derive(Clone, Debug)]
+pub struct Writeback {
+    file: Arc<File>,
+    offset: usize,
+    item: usize,
+}
+
+impl Writeback {
+    /// Starts writing the changed pages of `items`. Advice only: failures are ignored.
+    pub fn start(&self, items: std::ops::Range<usize>) {
+        #[cfg(target_os = "linux")]
+        {
+            use std::os::fd::AsRawFd;
+            let (from, bytes) = (self.offset + items.start * self.item, items.len() * self.item);
+            // SAFETY: the descriptor is open; the call starts I/O and touches no memory.
+            unsafe {
+                libc::sync_file_range(
+                    self.file.as_raw_fd(),
+                    from as libc::off64_t,
+                    bytes as libc::off64_t,
+                    libc::SYNC_FILE_RANGE_WRITE,
+                );
+            }
+        }
+        #[cfg(not(target_os = "linux"))]
+        let _ = (&self.file, self.offset, self.item, items);
+    }
+}
+
+/// Asks the kernel to read the pages of `slice` soon, without waiting. Advice only.
+pub fn will_need<T>(slice: &[T]) {
+    #[cfg(unix)]
+    advise_pages(slice, libc::MADV_WILLNEED);
+    #[cfg(not(unix))]
+    let _ = slice;
+}
+
+/// Tells the kernel how the pages of `slice` will be used. Advice only.
+pub fn advise<T>(slice: &[T], access: Access) {
+    #[cfg(unix)]
+    advise_pages(
+        slice,
+        match access {
+            Access::Local => libc::MADV_NORMAL,
+            Access::Sequential => libc::MADV_SEQUENTIAL,
+            Access::Random => libc::MADV_RANDOM,
+        },
+    );
+    #[cfg(not(unix))]
+    let _ = (slice, access);
+}
+
+/// Gives advice that is about reading only.
+#[cfg(unix)]
+fn advise_pages<T>(slice: &[T], advice: libc::c_int) {
+    const PAGE: usize = 4096;
+    let start = slice.as_ptr() as usize / PAGE * PAGE;
+    let bytes = slice.as_ptr() as usize + size_of_val(slice) - start;
+    // SAFETY: such advice changes no memory, whatever lies in the pages; a bad range is an error that is ignored.
+    unsafe {
+        libc::madvise(start as *mut libc::c_void, bytes, advice);
     }
 }
 

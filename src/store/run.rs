@@ -11,6 +11,8 @@ pub struct Run<'a> {
     pub threads: usize,
     /// What may be allocated. Results do not depend on it.
     pub budget: Budget,
+    /// Bytes of mapped files that the kernel can be trusted to keep in memory. Results do not depend on it.
+    pub resident: u64,
     /// Who listens.
     pub progress: &'a dyn Progress,
     /// The stop flag.
@@ -23,7 +25,14 @@ impl<'a> Run<'a> {
     /// A run on all cores with the machine's budget, seed 0.
     pub fn new(progress: &'a dyn Progress) -> Self {
         let threads = std::thread::available_parallelism().map_or(1, |n| n.get());
-        Self { threads, budget: Budget::of_machine(), progress, cancel: Cancel::default(), seed: 0 }
+        Self {
+            threads,
+            budget: Budget::of_machine(),
+            resident: Budget::machine_limit().unwrap_or(1 << 30),
+            progress,
+            cancel: Cancel::default(),
+            seed: 0,
+        }
     }
 
     /// Runs `work` as a stage: announced, timed, ended. Returns its result and its seconds.
