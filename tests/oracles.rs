@@ -8,8 +8,9 @@ use nystrom_stream::base::Cancel;
 use nystrom_stream::base::random::{below, stream, unit};
 use nystrom_stream::distance::front::mean_weight;
 use nystrom_stream::distance::landmarks::{Sampling, choose, extremity};
+use nystrom_stream::distance::paging::Pages;
 use nystrom_stream::distance::rows::RowParams;
-use nystrom_stream::distance::{DistanceRows, Front, oracle};
+use nystrom_stream::distance::{DistanceRows, Front, oracle, voronoi};
 use nystrom_stream::graph::dual::{Csr, Weighted};
 use nystrom_stream::graph::{DualGraph, Metric};
 use nystrom_stream::mesh::{self, Mesh};
@@ -139,8 +140,8 @@ fn check_fronts(graph: Csr<'_>, sources: &[u32], told: &str) {
     let mut nearest = vec![f32::INFINITY; n];
     exact.iter().for_each(|row| nearest.iter_mut().zip(row).for_each(|(a, b)| *a = a.min(*b)));
     let owned = owners(graph, sources, &nearest);
-    for front in [Front::new(mean), Front::with_width(mean * 3.), Front::with_width(mean * 1e-5)] {
-        let mut front = front;
+    let paged = Front::new(mean).paged(Some(Pages::of(graph)));
+    for mut front in [Front::new(mean), Front::with_width(mean * 3.), Front::with_width(mean * 1e-5), paged] {
         let mut field = vec![0f32; n];
         for (source, row) in sources.iter().zip(&exact) {
             front.full(graph, *source, &mut field, &cancel).unwrap();
@@ -156,6 +157,12 @@ fn check_fronts(graph: Csr<'_>, sources: &[u32], told: &str) {
         front.owned(graph, sources, &mut field, &mut owner, &cancel).unwrap();
         assert_eq!(bits(&field), bits(&nearest), "{told}: owned");
         assert_eq!(owner, owned, "{told}: owners");
+        // Small blocks make many rounds.
+        for (block, threads) in [(1 + n / 50, 3), (1 + n / 7, 2), (voronoi::BLOCK, 1)] {
+            voronoi::cells(graph, sources, (&mut field, &mut owner), block, threads, &cancel).unwrap();
+            assert_eq!(bits(&field), bits(&nearest), "{told}: cells by blocks of {block}");
+            assert_eq!(owner, owned, "{told}: owners by blocks of {block}");
+        }
     }
 }
 

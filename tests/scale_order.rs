@@ -99,3 +99,24 @@ fn labels_come_back_in_the_order_of_the_file() {
     assert!(agreement > 0.99, "{agreement}");
     assert!(labels(Order::Hilbert, 6 << 20) == curve, "the budget changes nothing");
 }
+
+#[test]
+fn labels_are_the_same_when_the_kernel_can_keep_nothing_in_memory() {
+    // A few blocks of pages; fronts tell what they need, cells are made block by block.
+    let dir = tempfile::tempdir().unwrap();
+    let path = dir.path().join("creature.ply");
+    let creature = Creature::new(&Options { faces: 200_000, ..Options::default() }).unwrap();
+    creature.write_ply(&path, &quiet(1 << 30)).unwrap();
+    let opened = mesh::open(&path, dir.path(), &quiet(1 << 30)).unwrap();
+    for cluster in [Cluster::Parts, Cluster::KMeans] {
+        let labels = |resident: u64| {
+            let work = WorkDir::temporary(dir.path()).unwrap();
+            let parts = PartsParams { count: PartCount::Exactly(6), ..PartsParams::default() };
+            let params = SegmentParams { parts, cluster, landmarks: Some(10), ..SegmentParams::default() };
+            let run = Run { resident, ..quiet(1 << 30) };
+            let result = segment(&opened, &json!(1), &params, &work, &run).unwrap();
+            (result.labels.to_vec(), result.quality.to_vec(), result.numbers.landmarks)
+        };
+        assert!(labels(u64::MAX) == labels(0), "{cluster:?}");
+    }
+}

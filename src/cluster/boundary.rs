@@ -51,14 +51,17 @@ pub fn refine(
     let mut field = work.array::<f32>("depth.tmp", &[n])?;
     let lengths = lengths(graph);
     field.data().fill(f32::INFINITY);
-    Front::new(mean_weight(lengths)).within(lengths, &rim, band, field.data(), &run.cancel)?;
+    let bytes = n * (size_of::<f32>() + size_of::<u32>());
+    Front::over(lengths, bytes, run, |front| front.within(lengths, &rim, band, field.data(), &run.cancel))?;
     let limits = core_limits(labels.data(), field.data(), parts, band, run)?;
     // Cores are where the second front starts, at distance 0; the bands are open.
     let owners: &[u32] = labels.data();
     let core = |i: usize, depth: f32| if depth >= limits[owners[i] as usize] { 0. } else { f32::INFINITY };
     fill_each(run.threads, &run.cancel, field.data(), CHUNK, core)?;
     let edge_of_core = core_rim(steps, field.data(), run)?;
-    Front::new(mean_weight(steps)).spread_owners(steps, &edge_of_core, field.data(), labels.data(), &run.cancel)?;
+    Front::over(steps, bytes, run, |front| {
+        front.spread_owners(steps, &edge_of_core, field.data(), labels.data(), &run.cancel)
+    })?;
     straighten(graph, steps, shares, field.data(), labels.data(), run)?;
     drop(field);
     work.remove("depth.tmp.partial");
@@ -81,7 +84,7 @@ fn straighten(
     fill_each(run.threads, &run.cancel, field, CHUNK, |_, d| if d == 0. { -1. } else { f32::INFINITY })?;
     let open: Vec<u32> = rim.into_iter().filter(|&node| field[node as usize] > 0.).collect();
     let reach = (smooth::REACH / shares.unit).min(smooth::FACES * mean);
-    Front::new(mean).within(lengths, &open, reach, field, &run.cancel)?;
+    Front::over(lengths, 2 * size_of_val(field), run, |front| front.within(lengths, &open, reach, field, &run.cancel))?;
     let field = &*field;
     let band = map_chunks(
         run.threads,

@@ -11,8 +11,7 @@ use super::seeds::spread;
 use super::shares::Shares;
 use crate::base::Result;
 use crate::base::parallel::{chunk_count, chunk_range, map_chunks};
-use crate::distance::Front;
-use crate::distance::front::mean_weight;
+use crate::distance::voronoi;
 use crate::graph::dual::Csr;
 use crate::graph::weights::{self, Metric};
 use crate::graph::{DualGraph, Node};
@@ -71,7 +70,7 @@ impl Cells {
         let mut owner = work.array::<u32>("cells.npy", &[n])?;
         {
             let mut field = work.array::<f32>("cell_field.tmp", &[n])?;
-            Front::new(mean_weight(csr)).owned(csr, &seeds, field.data(), owner.data(), &run.cancel)?;
+            voronoi::spread(csr, &seeds, field.data(), owner.data(), run)?;
         }
         work.remove("cell_field.tmp.partial");
         work.remove("cell_weights.npy");

@@ -13,8 +13,7 @@ use super::shares::Shares;
 use crate::base::Result;
 use crate::base::parallel::{chunk_count, chunk_range, map_chunks};
 use crate::base::vector::{cross, length as norm, minus, wide};
-use crate::distance::Front;
-use crate::distance::front::mean_weight;
+use crate::distance::voronoi;
 use crate::graph::assemble::Rows;
 use crate::graph::dual::{Csr, Weighted};
 use crate::graph::{DualGraph, GraphFacts, Node};
@@ -75,7 +74,7 @@ pub fn contract(
     let mut owner = work.array::<u32>("contracted.npy", &[n])?;
     let mut field = work.array::<f32>("contracted_field.tmp", &[n])?;
     let csr = fine.csr();
-    Front::new(mean_weight(csr)).owned(csr, &seeds, field.data(), owner.data(), &run.cancel)?;
+    voronoi::spread(csr, &seeds, field.data(), owner.data(), run)?;
     let of_node = owner.finish(false)?;
     let nodes = interiors(graph, shares, &of_node, seeds.len(), run)?;
     let borders = borders(graph, csr, &of_node, field.data(), run)?;

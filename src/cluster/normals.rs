@@ -13,8 +13,8 @@ use super::seeds::spread;
 use super::shares::Shares;
 use crate::base::Result;
 use crate::base::parallel::{chunk_count, chunk_range, fill_chunks, map_chunks};
-use crate::distance::Front;
 use crate::distance::front::mean_weight;
+use crate::distance::voronoi;
 use crate::graph::angle::between;
 use crate::graph::dual::Csr;
 use crate::graph::{DualGraph, Node};
@@ -78,7 +78,7 @@ fn from_cells(
     {
         let mut field = work.array::<f32>(&field_file, &[n])?;
         let csr = lengths(graph);
-        Front::new(mean_weight(csr)).owned(csr, &seeds, field.data(), owner.data(), &run.cancel)?;
+        voronoi::spread(csr, &seeds, field.data(), owner.data(), run)?;
     }
     work.remove(&format!("{field_file}.partial"));
     let owner_data: &[u32] = owner.data();

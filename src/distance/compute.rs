@@ -119,7 +119,8 @@ impl Task<'_> {
         if lines.len() < head.wanted() {
             let temporary = format!("nearest-{}.tmp", head.shard);
             let mut field: ArrayMut<f32> = work.array(&temporary, &[n])?;
-            let pages = self.pages(run);
+            let fields = (run.threads + 1) * n * size_of::<f32>();
+            let pages = Pages::where_needed(self.graph, fields, run);
             if pages.is_some() {
                 Pages::advise(self.graph, Access::Random);
                 field.data().advise(Access::Random);
@@ -132,14 +133,6 @@ impl Task<'_> {
         }
         drop(slots);
         Ok((file, lines))
-    }
-
-    /// The graph's pages where graph and fields are more than the kernel can keep.
-    fn pages(&self, run: &Run) -> Option<Pages> {
-        let Csr { indptr, indices, weights } = self.graph;
-        let graph = size_of_val(indptr) + size_of_val(indices) + size_of_val(weights);
-        let fields = (run.threads + 1) * self.head.nodes * size_of::<f32>();
-        ((graph + fields) as u64 > run.resident).then(|| Pages::of(self.graph))
     }
 
     /// Runs search and fronts until every wanted row is in `lines`.

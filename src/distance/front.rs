@@ -11,10 +11,12 @@
 //! in `benches/`: near 40 ns a face on scans, against a floor of 15 ns a face for touching each
 //! cache line of graph and distances once.
 
+use super::carry::{Carry, Owners, Within};
 use super::paging::{Pager, Pages};
 use super::queue::{Entry, Queue};
 use crate::base::{Cancel, Result};
 use crate::graph::dual::Csr;
+use crate::store::Run;
 use crate::store::mapped::{Access, Writeback, advise, prefetch, will_need};
 
 /// Entries ahead at which row start and distance are fetched.
@@ -45,66 +47,6 @@ pub struct Visits {
     pub expanded: u64,
 }
 
-/// What is carried along with distances; the plain front carries nothing.
-trait Carry {
-    /// Whether a node at this distance is to be visited.
-    #[inline(always)]
-    fn admits(&self, _distance: f32) -> bool {
-        true
-    }
-    /// Whether `from`'s value should pass to `to` at an equal distance.
-    fn wins_tie(&mut self, from: u32, to: u32) -> bool;
-    /// Passes the value on.
-    fn pass(&mut self, from: u32, to: u32);
-}
-
-impl Carry for () {
-    #[inline(always)]
-    fn wins_tie(&mut self, _: u32, _: u32) -> bool {
-        false
-    }
-    #[inline(always)]
-    fn pass(&mut self, _: u32, _: u32) {}
-}
-
-/// Nothing is carried; nodes at the limit or beyond stay as they are.
-struct Within(f32);
-
-impl Carry for Within {
-    #[inline(always)]
-    fn admits(&self, distance: f32) -> bool {
-        distance < self.0
-    }
-    #[inline(always)]
-    fn wins_tie(&mut self, _: u32, _: u32) -> bool {
-        false
-    }
-    #[inline(always)]
-    fn pass(&mut self, _: u32, _: u32) {}
-}
-
-/// The source a node belongs to; at equal distances the smaller number wins, so the owners over final
-/// distances are a unique fixed point too.
-struct Owners<'a> {
-    owner: &'a mut [u32],
-    /// Whether a tie was met that the node reached had won before. Its owner may be stale then: passed on by a
-    /// node that was lowered since, by so little that rounding hides it here.
-    doubtful: bool,
-}
-
-impl Carry for Owners<'_> {
-    #[inline(always)]
-    fn wins_tie(&mut self, from: u32, to: u32) -> bool {
-        let (from, to) = (self.owner[from as usize], self.owner[to as usize]);
-        self.doubtful |= from > to;
-        from < to
-    }
-    #[inline(always)]
-    fn pass(&mut self, from: u32, to: u32) {
-        self.owner[to as usize] = self.owner[from as usize];
-    }
-}
-
 /// The mean weight of a graph, from up to 65,536 evenly spread entries: a bucket width needs no more.
 pub fn mean_weight(graph: Csr<'_>) -> f32 {
     let step = (graph.weights.len() / 65_536).max(1);
@@ -127,8 +69,22 @@ impl Front {
         Self { queue: Queue::new(width), batch: Vec::new(), pages: None }
     }
 
-    /// The same for a graph larger than memory: [`Front::full`] and [`Front::lower`] tell the kernel by `pages` what
-    /// they need next.
+    /// Lends a front over `graph`, whose values take `bytes` more, to `work`; with [`Pages`] where that is more than
+    /// the kernel can keep in memory.
+    pub fn over<R>(graph: Csr<'_>, bytes: usize, run: &Run, work: impl FnOnce(&mut Self) -> R) -> R {
+        let pages = Pages::where_needed(graph, bytes, run);
+        let paged = pages.is_some();
+        if paged {
+            Pages::advise(graph, Access::Random);
+        }
+        let result = work(&mut Self::new(mean_weight(graph)).paged(pages));
+        if paged {
+            Pages::advise(graph, Access::Local);
+        }
+        result
+    }
+
+    /// The same for a graph larger than memory: it tells the kernel by `pages` what it needs next.
     #[must_use]
     pub fn paged(self, pages: Option<Pages>) -> Self {
         Self { pages, ..self }
@@ -185,14 +141,7 @@ impl Front {
     /// # Errors
     /// [`crate::base::Error::Cancelled`].
     pub fn lower(&mut self, graph: Csr<'_>, sources: &[u32], field: &mut [f32], cancel: &Cancel) -> Result<Visits> {
-        self.start(sources, field);
-        let Some(mut pages) = self.pages.take() else { return self.spread(graph, field, &mut (), cancel) };
-        pages.restart();
-        sources.iter().for_each(|&source| drop(pages.enter(graph, source)));
-        let result = self.spread_paged(graph, field, &mut (), &mut pages, |block| will_need(block), cancel);
-        pages.send_all();
-        self.pages = Some(pages);
-        result
+        self.lowered(graph, sources, field, &mut (), cancel)
     }
 
     /// Distances to the nearest of many sources, and which it is: `owner` (n) gets the index into
@@ -232,7 +181,7 @@ impl Front {
             owner[source as usize] = k as u32;
         }
         self.start(sources, field);
-        let mut owners = Owners { owner, doubtful: false };
+        let mut owners = Owners::new(owner);
         let visits = self.spread(graph, field, &mut owners, cancel)?;
         Ok((visits, owners.doubtful))
     }
@@ -249,8 +198,7 @@ impl Front {
         field: &mut [f32],
         cancel: &Cancel,
     ) -> Result<Visits> {
-        self.start(sources, field);
-        self.spread(graph, field, &mut Within(limit), cancel)
+        self.lowered(graph, sources, field, &mut Within(limit), cancel)
     }
 
     /// Spreads the owners of `sources` (at distance 0) over the nodes that `field` holds farther away; at equal
@@ -266,8 +214,32 @@ impl Front {
         owner: &mut [u32],
         cancel: &Cancel,
     ) -> Result<Visits> {
+        self.lowered(graph, sources, field, &mut Owners::new(owner), cancel)
+    }
+
+    /// A front over what `field` holds.
+    fn lowered(
+        &mut self,
+        graph: Csr<'_>,
+        sources: &[u32],
+        field: &mut [f32],
+        carry: &mut impl Carry,
+        cancel: &Cancel,
+    ) -> Result<Visits> {
+        let Some(mut pages) = self.pages.take() else {
+            self.start(sources, field);
+            return self.spread(graph, field, carry, cancel);
+        };
+        pages.restart();
+        for block in sources.iter().filter_map(|&source| pages.enter(graph, source)) {
+            carry.need(block.clone());
+            will_need(&field[block]);
+        }
         self.start(sources, field);
-        self.spread(graph, field, &mut Owners { owner, doubtful: false }, cancel)
+        let result = self.spread_paged(graph, field, carry, &mut pages, |block| will_need(block), cancel);
+        pages.send_all();
+        self.pages = Some(pages);
+        result
     }
 
     fn start(&mut self, sources: &[u32], field: &mut [f32]) {
@@ -325,6 +297,7 @@ impl Front {
                 for (&next, &weight) in indices[span.clone()].iter().zip(&weights[span]) {
                     let there = distance + weight;
                     if let Some(block) = pages.meet(graph, node, next) {
+                        carry.need(block.clone());
                         met(&mut field[block]);
                     }
                     let known = &mut field[next as usize];

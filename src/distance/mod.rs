@@ -3,6 +3,7 @@
 //! [`front`] is the engine; [`landmarks`] picks sample faces farthest first with pruned fronts while
 //! [`rows`] runs one full front a landmark on the other threads and writes `[A B]`'s distances.
 
+mod carry;
 mod compute;
 pub mod front;
 pub mod journal;
@@ -12,6 +13,7 @@ pub mod paging;
 pub mod queue;
 pub mod rows;
 pub mod shard;
+pub mod voronoi;
 
 pub use front::Front;
 pub use rows::{DistanceRows, RowFacts};

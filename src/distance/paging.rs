@@ -11,6 +11,7 @@
 //! block. The values are the same as without (tested); where everything fits, fronts run without [`Pages`].
 
 use crate::graph::dual::Csr;
+use crate::store::Run;
 use crate::store::mapped::{Access, Writeback, advise, will_need};
 use std::collections::VecDeque;
 use std::ops::Range;
@@ -53,6 +54,11 @@ impl Pages {
         let blocks = graph.len().div_ceil(BLOCK);
         let starts = (0..=blocks).map(|block| graph.indptr[(block * BLOCK).min(graph.len())]).collect();
         Self { nodes: graph.len(), starts, met: vec![false; blocks], unsent: VecDeque::new(), values: None }
+    }
+
+    /// The same where `graph` and `bytes` of values are more than the kernel can keep.
+    pub fn where_needed(graph: Csr<'_>, bytes: usize, run: &Run) -> Option<Self> {
+        (graph.bytes() + bytes as u64 > run.resident).then(|| Self::of(graph))
     }
 
     /// Has the kernel read nothing ahead by itself, or as usual again.

@@ -240,4 +240,9 @@ impl Csr<'_> {
     pub fn is_empty(&self) -> bool {
         self.len() == 0
     }
+
+    /// Bytes of the three arrays.
+    pub fn bytes(&self) -> u64 {
+        (size_of_val(self.indptr) + size_of_val(self.indices) + size_of_val(self.weights)) as u64
+    }
 }
