@@ -191,3 +191,68 @@ fn damaged_and_busy_directories_are_told_apart() {
     ok(&arguments);
     assert!(std::fs::read(&out).unwrap() == expected);
 }
+
+#[cfg(target_os = "linux")]
+#[test]
+fn an_input_that_shrinks_while_it_is_read_is_told_and_the_work_can_be_taken_up() {
+    let dir = tempfile::tempdir().unwrap();
+    let mesh = creature(dir.path(), 300_000);
+    let whole = std::fs::read(&mesh).unwrap();
+    let (out, work) = (dir.path().join("labels.npy"), dir.path().join("work"));
+    let arguments = [
+        "segment",
+        text(&mesh),
+        "-k",
+        "4",
+        "-l",
+        "6",
+        "--cluster",
+        "kmeans",
+        "--work-dir",
+        text(&work),
+        "-o",
+        text(&out),
+    ];
+    ok(&arguments);
+    let expected = std::fs::read(&out).unwrap();
+    let mut told = 0;
+    for wait in [0, 5, 10, 20, 40, 80] {
+        std::fs::remove_dir_all(&work).unwrap();
+        let child = program(&arguments).stderr(Stdio::piped()).spawn().unwrap();
+        std::thread::sleep(Duration::from_millis(wait));
+        std::fs::File::options().write(true).open(&mesh).unwrap().set_len(4096).unwrap();
+        let output = child.wait_with_output().unwrap();
+        let said = String::from_utf8_lossy(&output.stderr);
+        // Done before, or an error; never a signal.
+        assert!(matches!(output.status.code(), Some(0 | 1)), "after {wait} ms: {:?} {said}", output.status);
+        if output.status.code() == Some(1) {
+            assert!(said.contains("creature.ply") || said.contains("shrank"), "after {wait} ms: {said}");
+            told += 1;
+        }
+        std::fs::write(&mesh, &whole).unwrap();
+        ok(&arguments);
+        assert!(std::fs::read(&out).unwrap() == expected, "after {wait} ms");
+    }
+    assert!(told > 0);
+}
+
+#[cfg(unix)]
+#[test]
+fn a_disk_that_fills_up_is_an_error_and_no_signal() {
+    let dir = tempfile::tempdir().unwrap();
+    let mesh = creature(dir.path(), 100_000);
+    let (out, work) = (dir.path().join("labels.npy"), dir.path().join("work"));
+    let line = format!(
+        "ulimit -f 1500; exec '{}' segment '{}' -k 4 --cluster kmeans --work-dir '{}' -o '{}'",
+        env!("CARGO_BIN_EXE_nystrom-stream"),
+        text(&mesh),
+        text(&work),
+        text(&out)
+    );
+    let output = Command::new("sh").args(["-c", &line]).output().unwrap();
+    let said = String::from_utf8_lossy(&output.stderr);
+    assert_eq!(output.status.code(), Some(1), "{said}");
+    assert!(said.contains(text(&work)), "{said}");
+    assert!(!out.exists());
+    ok(&["segment", text(&mesh), "-k", "4", "--cluster", "kmeans", "--work-dir", text(&work), "-o", text(&out)]);
+}

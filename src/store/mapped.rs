@@ -306,7 +306,8 @@ pub fn prefetch<T>(slice: &[T], index: usize) {
 }
 
 /// Turns the `SIGBUS` of a mapped file that shrank or whose disk failed into a message on standard
-/// error and exit code 1, leaving the work directory as it is. Call once at start.
+/// error and exit code 1, leaving the work directory as it is; and has writing beyond a limit on file sizes
+/// (`ulimit -f`) end as an error like a full disk's instead of in `SIGXFSZ`. Call once at start.
 pub fn report_vanishing_files() {
     #[cfg(unix)]
     {
@@ -319,9 +320,10 @@ pub fn report_vanishing_files() {
             }
         }
         let handler: extern "C" fn(libc::c_int) = on_sigbus;
-        // SAFETY: installing a handler that calls only async-signal-safe functions.
+        // SAFETY: installing a handler that calls only async-signal-safe functions, and ignoring a signal.
         unsafe {
             libc::signal(libc::SIGBUS, handler as libc::sighandler_t);
+            libc::signal(libc::SIGXFSZ, libc::SIG_IGN);
         }
     }
 }
