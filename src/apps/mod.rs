@@ -2,4 +2,5 @@
 
 pub mod creature;
 pub mod evaluate;
+pub mod page;
 pub mod picture;

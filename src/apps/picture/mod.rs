@@ -93,6 +93,16 @@ pub fn render(
     Ok(image)
 }
 
+/// The best view, as axes in space: to the right, up, and towards the viewer.
+///
+/// # Errors
+/// [`Error::Parameter`] where no face has a place in space; [`Error::Cancelled`].
+pub fn best_view(mesh: &Mesh, labels: Option<&[u32]>, parts: usize, run: &Run) -> Result<[[f64; 3]; 3]> {
+    let found =
+        frames(mesh, labels, parts.min(TOLD_APART), &PictureParams { views: 1, ..PictureParams::default() }, run)?;
+    Ok([found[0].right, found[0].up, found[0].toward])
+}
+
 /// The views: the best one, and others around the same axis.
 fn frames(mesh: &Mesh, labels: Option<&[u32]>, parts: usize, params: &PictureParams, run: &Run) -> Result<Vec<Frame>> {
     let pieces = survey::sample(mesh, labels, run)?;

@@ -1,0 +1,161 @@
+//! A page to turn a cut mesh on: one HTML file that needs no network.
+//!
+//! The mesh is thinned to [`TRIANGLES`] ([`thin`]), quantised to 16 bits a coordinate, and embedded with its labels, the
+//! cuts of the merge tree into other numbers of parts, and the run's report; `viewer.js` draws it with WebGL. Cost:
+//! three passes over the mesh and 30 MB; the file has 3–4 MB.
+
+pub mod thin;
+
+use super::picture;
+use crate::base::{Error, Result};
+use crate::mesh::Mesh;
+use crate::store::Run;
+use base64::Engine;
+use base64::engine::general_purpose::STANDARD;
+use serde_json::json;
+use std::io::Write;
+use std::path::Path;
+use thin::Thin;
+
+/// Triangles of the page's mesh at about the most.
+pub const TRIANGLES: usize = 120_000;
+
+const TEMPLATE: &str = include_str!("page.html");
+const SCRIPT: &str = include_str!("viewer.js");
+const STYLE: &str = include_str!("page.css");
+
+/// What a page shows.
+#[derive(Clone, Copy, Debug)]
+pub struct Page<'a> {
+    /// Its title.
+    pub title: &'a str,
+    /// The mesh (n faces).
+    pub mesh: &'a Mesh,
+    /// Part of each face (n).
+    pub labels: &'a [u32],
+    /// Colour of each part.
+    pub colours: &'a [[u8; 3]],
+    /// Other numbers of parts, where a merge tree is there.
+    pub cuts: Option<Cuts<'a>>,
+    /// The run's report; what is missing in it is not shown.
+    pub report: &'a serde_json::Value,
+}
+
+/// The mesh in other numbers of parts.
+#[derive(Clone, Copy, Debug)]
+pub struct Cuts<'a> {
+    /// Cell of each face (n).
+    pub cells: &'a [u32],
+    /// For each number of parts the part of each cell.
+    pub parts: &'a [Vec<u32>],
+}
+
+/// Little-endian bytes as base64.
+fn packed<T: bytemuck::NoUninit>(items: &[T]) -> String {
+    STANDARD.encode(bytemuck::cast_slice(items))
+}
+
+/// `count` labels as bytes: two each.
+fn short(labels: impl Iterator<Item = u32>) -> String {
+    packed(&labels.map(|label| label.min(0xffff) as u16).collect::<Vec<_>>())
+}
+
+impl Page<'_> {
+    /// Writes the page to `path`, under a temporary name first.
+    ///
+    /// # Errors
+    /// [`Error::Parameter`] for labels that do not fit the faces or a mesh without any in space; [`Error::Memory`];
+    /// [`Error::Io`]; [`Error::Cancelled`].
+    pub fn write(&self, path: &Path, run: &Run) -> Result<()> {
+        let text = self.html(run)?;
+        let failed = Error::io(path, "write");
+        let folder = path.parent().filter(|folder| *folder != Path::new("")).unwrap_or(Path::new("."));
+        let write = || -> std::io::Result<()> {
+            let mut file = tempfile::Builder::new().prefix(".page-").tempfile_in(folder)?;
+            file.write_all(text.as_bytes())?;
+            file.as_file().sync_all()?;
+            #[cfg(unix)]
+            {
+                use std::os::unix::fs::PermissionsExt;
+                file.as_file().set_permissions(std::fs::Permissions::from_mode(0o644))?;
+            }
+            file.persist(path).map(drop).map_err(|error| error.error)
+        };
+        write().map_err(failed)
+    }
+
+    /// The page's text.
+    ///
+    /// # Errors
+    /// As [`Page::write`], but for [`Error::Io`].
+    pub fn html(&self, run: &Run) -> Result<String> {
+        let n = self.mesh.faces.len();
+        for (name, len) in [("labels", self.labels.len()), ("cells", self.cuts.map_or(n, |cuts| cuts.cells.len()))] {
+            if len != n {
+                let problem = format!("{len} for {n} faces");
+                return Err(Error::parameter(name, problem, "give one for every face of the mesh"));
+            }
+        }
+        let axes = picture::best_view(self.mesh, Some(self.labels), self.colours.len(), run)?;
+        let bytes = thin::BYTES * TRIANGLES as u64;
+        let _grant = run.budget.take("the page's mesh", bytes / 4, bytes)?;
+        let thin = Thin::of(self.mesh, TRIANGLES, run)?;
+        let data = self.data(&thin, axes).to_string().replace("</", "<\\/");
+        let title = self.title.replace('&', "&amp;").replace('<', "&lt;");
+        Ok(TEMPLATE
+            .replace("/*STYLE*/", STYLE)
+            .replace("{{TITLE}}", &title)
+            .replace("/*SCRIPT*/", SCRIPT)
+            .replace("\"DATA\"", &data))
+    }
+
+    /// What the script is given.
+    fn data(&self, thin: &Thin, axes: [[f64; 3]; 3]) -> serde_json::Value {
+        let (mut low, mut high) = ([f64::INFINITY; 3], [f64::NEG_INFINITY; 3]);
+        for p in &thin.positions {
+            (0..3).for_each(|k| (low[k], high[k]) = (low[k].min(p[k]), high[k].max(p[k])));
+        }
+        let side = (0..3).map(|k| high[k] - low[k]).fold(0., f64::max).max(f64::MIN_POSITIVE);
+        let quantised = |p: [f64; 3]| [0, 1, 2].map(|k| ((p[k] - low[k]) / side * 65535.).round() as u16);
+        let positions: Vec<[u16; 3]> = thin.positions.iter().map(|&p| quantised(p)).collect();
+        let of_faces = |values: &[u32]| short(thin.faces.iter().map(|&face| values[face as usize]));
+        let cuts = self.cuts.map(|cuts| {
+            json!({
+                "cells": of_faces(cuts.cells),
+                "parts": cuts.parts.iter().map(|part| short(part.iter().copied())).collect::<Vec<_>>(),
+            })
+        });
+        let extent = [0, 1, 2].map(|k| (high[k] - low[k]) / side);
+        let landmarks: Vec<[u16; 3]> = self.landmarks().into_iter().map(quantised).collect();
+        json!({
+            "title": self.title,
+            "axes": axes,
+            "faces": self.mesh.faces.len(),
+            "extent": extent,
+            "positions": packed(&positions),
+            "triangles": packed(&thin.triangles),
+            "labels": of_faces(self.labels),
+            "colours": self.colours,
+            "cuts": cuts,
+            "landmarks": packed(&landmarks),
+            "report": self.report,
+        })
+    }
+
+    /// Centres of the landmark faces that the report tells of.
+    fn landmarks(&self) -> Vec<[f64; 3]> {
+        let faces = self.report["landmarks"].as_array().map_or(&[][..], Vec::as_slice);
+        let numbers = faces.iter().filter_map(serde_json::Value::as_u64);
+        let centre = |face: u64| {
+            self.mesh.faces.with(face as usize, |corners| {
+                let mut sum = [0.; 3];
+                for &v in corners {
+                    let p = self.mesh.positions.get(v);
+                    (0..3).for_each(|k| sum[k] += p[k] / corners.len() as f64);
+                }
+                sum
+            })
+        };
+        numbers.filter(|&face| (face as usize) < self.mesh.faces.len()).map(centre).collect()
+    }
+}

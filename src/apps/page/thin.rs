@@ -1,0 +1,126 @@
+//! A mesh thinned to what a browser likes, by merging the vertices of each cell of a grid.
+//!
+//! One pass over the positions gives the box, one over the faces the area and with it the size of the cells, a third
+//! merges: vertices of a cell become their mean, faces that still have three different corners stay, once each.
+//! No more is kept than the thinned mesh, so any size goes through. A mesh that is small enough is taken as it is.
+
+use crate::base::Result;
+use crate::mesh::Mesh;
+use crate::store::Run;
+use std::collections::{HashMap, HashSet};
+
+/// Cells of the grid along the longest side at the most, so that a cell's number fits 64 bits.
+const FINEST: f64 = 2_000_000.;
+/// Bytes a triangle that merging holds: vertices, triangles and what finds them again.
+pub const BYTES: u64 = 160;
+
+/// A thinned mesh.
+#[derive(Clone, Debug, Default)]
+pub struct Thin {
+    /// Positions in the file's units.
+    pub positions: Vec<[f64; 3]>,
+    /// Corners.
+    pub triangles: Vec<[u32; 3]>,
+    /// For each triangle a face of the mesh that it stands for.
+    pub faces: Vec<u32>,
+}
+
+impl Thin {
+    /// Thins `mesh` to about `target` triangles.
+    ///
+    /// # Errors
+    /// [`crate::base::Error::Cancelled`].
+    pub fn of(mesh: &Mesh, target: usize, run: &Run) -> Result<Self> {
+        let triangles = mesh.faces.corner_count().saturating_sub(2 * mesh.faces.len());
+        let (low, side, area) = measure(mesh, run)?;
+        // A surface of area A meets some 2 A / h² triangles' worth of cells of size h.
+        let size = match triangles <= target {
+            true => 0.,
+            false => (2.2 * area / target as f64).sqrt().max(side / FINEST),
+        };
+        let mut merged = Merged { low, size, ..Merged::default() };
+        let mut seen: HashSet<[u32; 3]> = HashSet::new();
+        let mut thin = Self::default();
+        for_faces(mesh, run, |face, corners, positions| {
+            let at: Vec<u32> = corners.iter().zip(positions).map(|(&v, &p)| merged.vertex(v, p)).collect();
+            for k in 1..at.len().saturating_sub(1) {
+                let triangle = [at[0], at[k], at[k + 1]];
+                let mut sorted = triangle;
+                sorted.sort_unstable();
+                let flat = sorted[0] == sorted[1] || sorted[1] == sorted[2];
+                if !flat && (size == 0. || seen.insert(sorted)) {
+                    thin.triangles.push(triangle);
+                    thin.faces.push(face as u32);
+                }
+            }
+        })?;
+        thin.positions = merged.sums.iter().map(|sum| [0, 1, 2].map(|k| sum[k] / sum[3])).collect();
+        Ok(thin)
+    }
+}
+
+/// Vertices by cell.
+#[derive(Debug, Default)]
+struct Merged {
+    low: [f64; 3],
+    size: f64,
+    number: HashMap<u64, u32>,
+    /// Sums of positions, and how many.
+    sums: Vec<[f64; 4]>,
+}
+
+impl Merged {
+    fn vertex(&mut self, v: u32, position: [f64; 3]) -> u32 {
+        let key = if self.size > 0. {
+            (0..3).fold(0, |key, k| key << 21 | ((position[k] - self.low[k]) / self.size) as u64 & 0x1f_ffff)
+        } else {
+            u64::from(v)
+        };
+        let new = self.sums.len() as u32;
+        let number = *self.number.entry(key).or_insert(new);
+        if number == new {
+            self.sums.push([0.; 4]);
+        }
+        let sum = &mut self.sums[number as usize];
+        (0..3).for_each(|k| sum[k] += position[k]);
+        sum[3] += 1.;
+        number
+    }
+}
+
+/// Calls `visit` with every face whose corners have finite positions.
+fn for_faces(mesh: &Mesh, run: &Run, mut visit: impl FnMut(usize, &[u32], &[[f64; 3]])) -> Result<()> {
+    let mut positions = Vec::new();
+    for start in (0..mesh.faces.len()).step_by(1 << 16) {
+        run.cancel.check()?;
+        mesh.faces.for_each(start..mesh.faces.len().min(start + (1 << 16)), |face, corners| {
+            positions.clear();
+            positions.extend(corners.iter().map(|&v| mesh.positions.get(v)));
+            if positions.iter().flatten().all(|x| x.is_finite()) {
+                visit(face, corners, &positions);
+            }
+        });
+    }
+    Ok(())
+}
+
+/// Least corner of the box around the faces, its longest side, and their area.
+fn measure(mesh: &Mesh, run: &Run) -> Result<([f64; 3], f64, f64)> {
+    let (mut low, mut high, mut area) = ([f64::INFINITY; 3], [f64::NEG_INFINITY; 3], 0.);
+    for_faces(mesh, run, |_, _, at| {
+        for p in at {
+            for k in 0..3 {
+                low[k] = p[k].min(low[k]);
+                high[k] = p[k].max(high[k]);
+            }
+        }
+        for k in 1..at.len().saturating_sub(1) {
+            let edge = |to: [f64; 3]| [0, 1, 2].map(|axis| to[axis] - at[0][axis]);
+            let (a, b) = (edge(at[k]), edge(at[k + 1]));
+            let cross = [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]];
+            area += cross.iter().map(|x| x * x).sum::<f64>().sqrt() / 2.;
+        }
+    })?;
+    let side = (0..3).map(|k| high[k] - low[k]).fold(0., f64::max);
+    Ok((low.map(|x| if x.is_finite() { x } else { 0. }), side, area))
+}

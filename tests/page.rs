@@ -1,0 +1,80 @@
+//! Pages: what they hold, whatever the mesh; that they work in a browser is for `tools/check-page` to say.
+
+mod common;
+
+use base64::Engine;
+use nystrom_stream::apps::page::thin::Thin;
+use nystrom_stream::apps::page::{Cuts, Page, TRIANGLES};
+use nystrom_stream::mesh::{self, Mesh};
+use nystrom_stream::store::Run;
+use serde_json::{Value, json};
+
+fn run() -> Run<'static> {
+    Run { threads: 2, ..Run::new(&()) }
+}
+
+fn numbers(data: &Value) -> Vec<u16> {
+    let bytes = base64::engine::general_purpose::STANDARD.decode(data.as_str().unwrap()).unwrap();
+    bytes.chunks(2).map(|pair| u16::from_le_bytes([pair[0], pair[1]])).collect()
+}
+
+/// What the page's script is given.
+fn data(html: &str) -> Value {
+    let start = html.find("type=\"application/json\">").unwrap() + 24;
+    serde_json::from_str(&html[start..start + html[start..].find("</script>").unwrap()]).unwrap()
+}
+
+#[test]
+fn a_small_mesh_is_shown_as_it_is_with_its_labels_and_cuts() {
+    let dir = tempfile::tempdir().unwrap();
+    let path = common::creature(dir.path(), 5_000, false);
+    let mesh = mesh::open(&path, dir.path(), &run()).unwrap().mesh;
+    let n = mesh.faces.len();
+    let labels: Vec<u32> = (0..n as u32).map(|face| face * 3 / n as u32).collect();
+    let cells: Vec<u32> = (0..n as u32).map(|face| face % 7).collect();
+    let colours = [[255, 0, 0], [0, 255, 0], [0, 0, 255]];
+    let parts = [vec![0; 7], vec![0, 1, 0, 1, 0, 1, 0]];
+    let report = json!({ "landmarks": [0, n - 1, 10 * n], "note": "</script>" });
+    let title = "a <b> & c";
+    let cuts = Some(Cuts { cells: &cells, parts: &parts });
+    let page = Page { title, mesh: &mesh, labels: &labels, colours: &colours, cuts, report: &report };
+    let html = page.html(&run()).unwrap();
+    assert!(html.contains("<title>a &lt;b> &amp; c</title>") && !html.contains("http"), "nothing from outside");
+    let data = data(&html);
+    assert_eq!(numbers(&data["labels"]), labels.iter().map(|&x| x as u16).collect::<Vec<_>>());
+    assert_eq!(numbers(&data["cuts"]["cells"]), cells.iter().map(|&x| x as u16).collect::<Vec<_>>());
+    assert_eq!(numbers(&data["cuts"]["parts"][1]), [0, 1, 0, 1, 0, 1, 0]);
+    assert_eq!(numbers(&data["landmarks"]).len(), 6, "a landmark that does not exist is left out");
+    assert_eq!(numbers(&data["triangles"]).len(), 6 * n);
+    assert_eq!((&data["report"]["note"], &data["faces"]), (&json!("</script>"), &json!(n)));
+
+    let target = dir.path().join("page.html");
+    page.write(&target, &run()).unwrap();
+    assert_eq!(std::fs::read_to_string(&target).unwrap(), html);
+    let wrong = Page { labels: &labels[1..], ..page };
+    assert!(wrong.html(&run()).unwrap_err().to_string().contains("labels"));
+    let nowhere = Mesh::from_arrays(dir.path(), &[[f64::NAN; 3]; 3], &[[0, 1, 2]]).unwrap();
+    assert!(Page { mesh: &nowhere, labels: &[0], cuts: None, ..page }.html(&run()).is_err());
+}
+
+#[test]
+fn a_large_mesh_is_thinned_and_keeps_its_shape() {
+    let dir = tempfile::tempdir().unwrap();
+    let path = common::creature(dir.path(), 400_000, false);
+    let mesh = mesh::open(&path, dir.path(), &run()).unwrap().mesh;
+    let thin = Thin::of(&mesh, TRIANGLES, &run()).unwrap();
+    let count = thin.triangles.len();
+    assert!((TRIANGLES / 3..TRIANGLES * 3 / 2).contains(&count), "{count}");
+    assert!(thin.triangles.iter().flatten().all(|&v| (v as usize) < thin.positions.len()));
+    // Every triangle lies near the face that it stands for.
+    let side = 4.;
+    for (triangle, &face) in thin.triangles.iter().zip(&thin.faces) {
+        mesh.faces.with(face as usize, |corners| {
+            let (a, b) = (thin.positions[triangle[0] as usize], mesh.positions.get(corners[0]));
+            let apart = (0..3).map(|k| (a[k] - b[k]).powi(2)).sum::<f64>().sqrt();
+            assert!(apart < 0.05 * side, "{apart}");
+        });
+    }
+    let again = Thin::of(&mesh, TRIANGLES, &run()).unwrap();
+    assert!(again.positions == thin.positions && again.triangles == thin.triangles);
+}
