@@ -132,17 +132,23 @@ impl WorkDir {
     /// [`Error::Io`].
     pub fn temporary(parent: &Path) -> Result<Self> {
         remove_abandoned(parent);
-        let dir = tempfile::Builder::new()
-            .prefix(TEMPORARY)
-            .tempdir_in(parent)
-            .map_err(Error::io(parent, "create a temporary folder in"))?;
-        let path = dir.keep();
-        match lock(&path, false)? {
-            Some(lock) => {
-                Ok(Self { path, manifest: Mutex::new(Manifest::new()), _lock: lock, temporary: true, shared: false })
+        // Another process that clears up may take a folder in the moment before it is locked: then once more.
+        for _ in 0..16 {
+            let dir = tempfile::Builder::new()
+                .prefix(TEMPORARY)
+                .tempdir_in(parent)
+                .map_err(Error::io(parent, "create a temporary folder in"))?;
+            let path = dir.keep();
+            let locked = lock(&path, false);
+            if !path.join(LOCK).exists() {
+                continue;
             }
-            None => Err(Error::work_dir(path, "was taken by another process", "try again")),
+            if let Some(lock) = locked? {
+                let manifest = Mutex::new(Manifest::new());
+                return Ok(Self { path, manifest, _lock: lock, temporary: true, shared: false });
+            }
         }
+        Err(Error::work_dir(parent, "temporary folders are taken away by another process", "name another --tmp"))
     }
 
     /// Its folder.
