@@ -68,6 +68,48 @@ impl Tally {
     }
 }
 
+/// The mix of `own` and of what `links` lead to, where no more than two labels meet: the same numbers as by a [`Tally`], a few
+/// times faster. Most of a band has one boundary within reach.
+fn of_two(own: &Mix, links: &[Link], before: &[Mix]) -> Option<Mix> {
+    let mut label = [own.label[0], own.label[1]];
+    let (mut strength, mut all) = ([0f32; 2], 0f32);
+    let mut add = |of: u32, much: f32| {
+        if of == label[0] {
+            strength[0] += much;
+        } else if label[1] == NONE || of == label[1] {
+            label[1] = of;
+            strength[1] += much;
+        } else {
+            return None;
+        }
+        Some(())
+    };
+    let mut add_all = |mix: &Mix, weight: f32| {
+        for k in 0..2 {
+            if mix.label[k] == NONE {
+                return Some(());
+            }
+            add(mix.label[k], weight * mix.strength[k])?;
+        }
+        (mix.label[2] == NONE).then_some(())
+    };
+    for link in links {
+        let fixed = Mix::pure(link.to);
+        add_all(if link.inside { &before[link.to as usize] } else { &fixed }, link.weight)?;
+        all += link.weight;
+    }
+    add_all(own, all)?;
+    let [a, b] = strength;
+    if label[1] == NONE {
+        return (a > 0.).then(|| Mix::pure(label[0]));
+    }
+    let order = if b > a || (b == a && label[1] < label[0]) { [1, 0] } else { [0, 1] };
+    let sum = strength[order[0]] + strength[order[1]];
+    let [first, second] = order.map(|k| (label[k], strength[k] / sum));
+    let mix = Mix { label: [first.0, second.0, NONE], strength: [first.1, second.1, 0.] };
+    (sum > 0. && sum < f32::INFINITY).then_some(mix)
+}
+
 /// A link of a band's node: to a place in the band, or to a fixed node, of which only the label matters.
 #[derive(Clone, Copy, Debug)]
 struct Link {
@@ -129,8 +171,13 @@ pub fn smooth(
         let before = &now[..];
         fill_chunks(run.threads, &run.cancel, &mut next, CHUNK, Tally::default, |k, out, tally| {
             for (slot, b) in out.iter_mut().zip(chunk_range(band.len(), CHUNK, k)) {
+                let around = &links.list[links.start[b] as usize..links.start[b + 1] as usize];
+                if let Some(mix) = of_two(&before[b], around, before) {
+                    *slot = mix;
+                    continue;
+                }
                 let mut all = 0.;
-                for link in &links.list[links.start[b] as usize..links.start[b + 1] as usize] {
+                for link in around {
                     if link.inside {
                         tally.add(&before[link.to as usize], link.weight);
                     } else {
@@ -157,4 +204,45 @@ pub fn smooth(
         labels[node as usize] = label;
     }
     Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::base::random::{below, stream, unit};
+
+    #[test]
+    fn two_labels_are_tallied_as_any_number_is() {
+        let mut random = stream(1, "mixes");
+        let mut mixed = 0;
+        for _ in 0..2000 {
+            let mut draw = || {
+                let (a, b, s) = (below(&mut random, 3) as u32, below(&mut random, 3) as u32, unit(&mut random) as f32);
+                if a == b {
+                    Mix::pure(a)
+                } else {
+                    Mix { label: [a, b, NONE], strength: [s.max(1. - s), s.min(1. - s), 0.] }
+                }
+            };
+            let before: Vec<Mix> = (0..4).map(|_| draw()).collect();
+            let links: Vec<Link> = (1..4)
+                .map(|k| Link { to: k % 3, inside: below(&mut random, 2) == 0, weight: unit(&mut random) as f32 })
+                .collect();
+            let (mut tally, mut all) = (Tally::default(), 0.);
+            for link in &links {
+                let fixed = Mix::pure(link.to);
+                tally.add(if link.inside { &before[link.to as usize] } else { &fixed }, link.weight);
+                all += link.weight;
+            }
+            tally.add(&before[0], all);
+            let labels = tally.0.len();
+            let expected = tally.take().unwrap();
+            match of_two(&before[0], &links, &before) {
+                Some(mix) => assert_eq!((mix.label, mix.strength), (expected.label, expected.strength)),
+                None => assert_eq!(labels, 3),
+            }
+            mixed += usize::from(labels == 2);
+        }
+        assert!(mixed > 200, "{mixed}");
+    }
 }
