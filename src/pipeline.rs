@@ -8,13 +8,16 @@
 
 pub mod calibrate;
 pub mod contacts;
+pub mod decision;
+pub mod embed;
 pub mod input;
 mod k_means;
+pub mod kept;
 mod parts;
 pub mod plan;
 pub mod report;
 pub mod sharding;
-mod stages;
+pub mod stages;
 mod surface;
 
 use crate::base::{Error, Result};
@@ -25,19 +28,19 @@ use crate::distance::landmarks::Sampling;
 use crate::distance::rows::RowParams;
 use crate::graph::dual::Weighted;
 use crate::graph::order::{Order, OrderFacts};
-use crate::graph::{DualGraph, GraphFacts, Metric};
+use crate::graph::{DualGraph, GraphFacts, Metric, NodeOrder};
 use crate::mesh::{Opened, colours};
 use crate::spectral::EmbeddingParams;
 use crate::store::workdir::key_of;
 use crate::store::{MappedSlice, Run, WorkDir};
 use k_means::Fit;
 use report::Numbers;
-use serde::Serialize;
+use serde::{Deserialize, Serialize};
 use serde_json::json;
 use std::path::Path;
 
 /// How faces become parts.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Cluster {
     /// Parts as people would cut them: over-segmented, merged by concavity and convexity, refined.
@@ -49,8 +52,19 @@ pub enum Cluster {
     TwoMeans,
 }
 
+/// What becomes of components too small to be parts.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Dust {
+    /// Each joins the part that it floats beside.
+    #[default]
+    Join,
+    /// All of them together are a part of their own, besides those that are found or asked for.
+    Own,
+}
+
 /// What `segment` is asked to do.
-#[derive(Clone, Debug, Default, Serialize)]
+#[derive(Clone, Debug, Default, Serialize, Deserialize)]
 pub struct SegmentParams {
     /// Number of landmarks l; by default [`default_landmarks`] or [`landmarks_for_parts`].
     pub landmarks: Option<usize>,
@@ -66,6 +80,9 @@ pub struct SegmentParams {
     pub parts: PartsParams,
     /// Whether [`Cluster::Parts`] may contract the mesh first: a preview.
     pub coarse: bool,
+    /// What becomes of dust, with [`Cluster::Parts`].
+    #[serde(default)]
+    pub dust: Dust,
     /// How rows become coordinates, for [`Cluster::KMeans`] and [`Cluster::TwoMeans`];
     /// by default [`EmbeddingParams::for_parts`].
     pub embedding: Option<EmbeddingParams>,
@@ -87,6 +104,9 @@ pub fn landmarks_for_parts(faces: usize) -> usize {
         _ => 20,
     }
 }
+
+/// The colour of dust that is a part of its own.
+const DUST_COLOUR: [u8; 3] = [128; 3];
 
 /// A segmented mesh.
 #[derive(Clone, Debug)]
@@ -117,36 +137,60 @@ pub fn segment(
     work: &WorkDir,
     run: &Run,
 ) -> Result<Segmentation> {
-    let path = opened.document.path();
-    check(params, path, opened.mesh.faces.len())?;
+    check(params, opened.document.path(), opened.mesh.faces.len())?;
     let (ordered, graph) = stages::graph(opened, identity, params, work, run)?;
     let clustered = match fit(params, opened.mesh.faces.len()) {
         Some((fit, parts)) => {
-            let dimensions = if let PartCount::Exactly(k) = params.parts.count { k } else { two_means::DIMENSIONS };
-            let weighted = graph.weighted(params.metric, work, run)?;
-            let l = params.landmarks.unwrap_or(default_landmarks(parts));
-            let rows = rows(&graph, &weighted, l, params, work, run)?;
-            let embedding = params.embedding.unwrap_or(EmbeddingParams::for_parts(dimensions));
+            let rows = rows_for_means(&graph, parts, params, work, run)?;
+            let embedding = params.embedding.unwrap_or(EmbeddingParams::for_parts(dimensions(params)));
             let assign = || k_means::k_means(&graph, &rows, embedding, fit, work, run);
             run.stage("assign", "faces", rows.nodes as u64, assign)?.0
         }
-        None => parts::parts(&graph, params, work, run)?,
+        None => parts::parts(&graph, params, None, work, run)?,
     };
-    let touching = contacts::between(&graph, &clustered.labels, run)?;
+    label(&graph, ordered.nodes(), clustered, params, work, run)
+}
+
+/// Brings labels into the order of the file, colours the parts and stamps the result.
+fn label(
+    graph: &DualGraph,
+    order: NodeOrder,
+    clustered: Clustered,
+    params: &SegmentParams,
+    work: &WorkDir,
+    run: &Run,
+) -> Result<Segmentation> {
+    let touching = contacts::between(graph, &clustered.labels, run)?;
     let mut numbers = clustered.numbers;
-    numbers.landmarks.iter_mut().for_each(|node| *node = ordered.face(*node));
-    let labels = ordered.restore("labels.npy", clustered.labels, work, run)?;
-    let quality = ordered.restore("quality.npy", clustered.quality, work, run)?;
+    numbers.landmarks.iter_mut().for_each(|node| *node = order.face(*node));
+    let labels = order.restore("labels.npy", clustered.labels, work, run)?;
+    let quality = order.restore("quality.npy", clustered.quality, work, run)?;
+    let mut colours = colours::assign(numbers.faces.len(), &touching);
+    if let Some(dust) = numbers.dust_label {
+        colours[dust as usize] = DUST_COLOUR;
+    }
     let options = json!({"stage": "labels", "graph": graph.key, "params": params, "seed": run.seed});
-    work.stamp("labels", &key_of(&options), &options, &["labels.npy", "quality.npy"], &numbers.faces, 0.)?;
-    Ok(Segmentation {
-        colours: colours::assign(numbers.faces.len(), &touching),
-        labels,
-        quality,
-        order: ordered.facts,
-        graph: graph.facts,
-        numbers,
-    })
+    let facts = kept::LabelFacts { faces: numbers.faces.clone(), colours: colours.clone() };
+    work.stamp("labels", &key_of(&options), &options, &["labels.npy", "quality.npy"], &facts, 0.)?;
+    Ok(Segmentation { colours, labels, quality, order: order.facts, graph: graph.facts.clone(), numbers })
+}
+
+/// Coordinates wanted for the paper's ways.
+fn dimensions(params: &SegmentParams) -> usize {
+    if let PartCount::Exactly(k) = params.parts.count { k } else { two_means::DIMENSIONS }
+}
+
+/// The rows for the paper's ways, under the metric as it is.
+fn rows_for_means(
+    graph: &DualGraph,
+    parts: usize,
+    params: &SegmentParams,
+    work: &WorkDir,
+    run: &Run,
+) -> Result<DistanceRows> {
+    let weighted = graph.weighted(params.metric, work, run)?;
+    let l = params.landmarks.unwrap_or(default_landmarks(parts));
+    rows(graph, &weighted, l, params, work, run)
 }
 
 /// How centres in the embedding are found, and how many parts to provide landmarks for; nothing where parts are

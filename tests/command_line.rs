@@ -147,7 +147,7 @@ fn refusals_are_one_line_with_file_and_remedy_and_code_1() {
         (vec![word(&gz)], "cut.ply.gz: ", "; "),
         (vec![word(&mesh), "-k", "5"], "tetrahedron.ply: has 4 faces, fewer than the 5 parts", "choose a smaller -k"),
         (vec!["absent.ply"], "absent.ply: cannot open: ", "check the path"),
-        (vec![word(dir.path())], ": ", "; "),
+        (vec![&foreign], "foreign: holds no mesh", "name another folder"),
         (vec![word(&mesh), "-o", word(&no_folder)], "none/x.ply: its folder ", "make it first"),
         (vec![word(&mesh), "--work-dir", &foreign], "foreign: is not empty and not a work directory", "empty or new"),
         (vec![word(&mesh), "--tmp", "/nonexistent"], "/nonexistent: cannot create", "check the path"),
@@ -197,8 +197,8 @@ fn misuse_ends_with_code_2_and_says_what_is_right() {
         (&["segment", mesh, "-k", "2", "--eta=-1"], "choose from 0 to 1"),
         (&["segment", mesh, "-k", "2", "--eta=nan"], "out of range"),
         (&["segment", mesh, "-k", "2", "--beta=inf"], "out of range"),
-        (&["segment", mesh, "-k", "2", "--sigma", "0"], "choose a positive number"),
-        (&["segment", mesh, "-k", "2", "--sigma=nan"], "choose a positive number"),
+        (&["segment", mesh, "-k", "2", "--cluster", "kmeans", "--sigma", "0"], "choose a positive number"),
+        (&["segment", mesh, "-k", "2", "--cluster", "kmeans", "--sigma=nan"], "choose a positive number"),
         (&["segment", mesh, "-k", "2", "--threads", "0"], "0 is not in 1.."),
         (&["segment", mesh, "-k", "2", "--max-memory", "12"], "at least 1MB"),
         (&["segment", mesh, "-k", "2", "--max-memory", "2 parsecs"], "is no unit; write MiB or GiB"),
@@ -307,11 +307,13 @@ fn a_work_directory_is_filled_with_arrays_and_used_again() {
     // The same again: every stage but the last is there, and the bytes are the same.
     let (again, told) = cut(&["-k", "4", "-l", "12"]);
     assert!(again == first);
-    for stage in ["graph", "weights", "rows"] {
+    for stage in ["graph", "weights", "decision"] {
         assert!(told.contains(&format!("{stage}: reused")), "{told}");
     }
     // Another K needs no new row; another metric needs new weights and rows, but no new graph.
     let (_, told) = cut(&["-k", "7", "-l", "12"]);
+    assert!(told.contains("decision: reused") && !told.contains("\nrows"), "{told}");
+    let (_, told) = cut(&["-k", "7", "-l", "12", "--decision", "single"]);
     assert!(told.contains("rows: reused"), "{told}");
     let (_, told) = cut(&["-k", "7", "-l", "12", "--metric", "paper"]);
     assert!(told.contains("graph: reused") && !told.contains("weights: reused"), "{told}");
@@ -328,6 +330,7 @@ fn a_work_directory_is_filled_with_arrays_and_used_again() {
     assert!(changed == std::fs::read(&out).unwrap());
     // A damaged array is made again.
     std::fs::write(work.join("distances.npy"), b"short").unwrap();
+    std::fs::write(work.join("tree.json"), b"{}").unwrap();
     let (mended, told) = cut(&["-k", "4", "-l", "12"]);
     assert!(mended == changed && told.contains("graph: reused") && !told.contains("rows: reused"), "{told}");
 }
@@ -354,7 +357,9 @@ fn an_interrupt_leaves_nothing_behind_or_a_work_directory_that_goes_on() {
         assert!(std::process::Command::new("kill").args(["-INT", &id]).status().unwrap().success());
         let rest: Vec<String> = lines.collect();
         assert_eq!(child.wait().unwrap().code(), Some(1), "{rest:?}");
-        assert!(rest.last().unwrap().starts_with("nystrom-stream: interrupted"), "{rest:?}");
+        let last = rest.last().unwrap();
+        assert!(last.starts_with("nystrom-stream: interrupted"), "{rest:?}");
+        assert_eq!(last.contains("; the same command goes on from "), kept, "{last}");
         assert_eq!(names(&tmp), [""; 0]);
         assert!(names(dir.path()).iter().all(|name| !name.contains("segmented")));
         assert_eq!(work.exists(), kept);

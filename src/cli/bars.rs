@@ -1,40 +1,59 @@
-//! Progress on standard error: a bar a stage on a terminal, a line a stage otherwise, nothing when quiet.
+//! Progress on standard error: a bar a stage on a terminal, a line a stage otherwise, JSON events or nothing on
+//! request. Of a batch: one bar in all and one a running mesh, or a line a mesh. No colours, so `NO_COLOR` holds.
 
-use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
+use indicatif::{MultiProgress, ProgressBar, ProgressDrawTarget, ProgressStyle};
 use nystrom_stream::base::Progress;
+use serde_json::{Value, json};
 use std::collections::BTreeMap;
 use std::io::{IsTerminal, Write};
 use std::sync::Mutex;
+use std::time::{Duration, Instant};
+
+/// Least time between two JSON events of a stage.
+const EVENT: Duration = Duration::from_millis(100);
+
+/// How progress is told.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Style {
+    /// A bar a stage.
+    Terminal,
+    /// A line a stage.
+    Lines,
+    /// A JSON object a line.
+    Json,
+    /// Nothing.
+    Quiet,
+}
+
+impl Style {
+    /// Bars on a terminal, lines elsewhere.
+    pub fn of_terminal() -> Self {
+        if std::io::stderr().is_terminal() { Self::Terminal } else { Self::Lines }
+    }
+}
 
 /// The listener of a run.
 pub struct Bars {
-    quiet: bool,
-    terminal: bool,
+    style: Style,
+    /// The mesh of a batch that this listener is of, with its bar.
+    mesh: Option<(String, ProgressBar)>,
     state: Mutex<State>,
 }
 
 #[derive(Default)]
 struct State {
     bars: BTreeMap<String, ProgressBar>,
-    totals: BTreeMap<String, (u64, &'static str)>,
+    stages: BTreeMap<String, Stage>,
     seconds: BTreeMap<String, f64>,
 }
 
-impl Bars {
-    /// A listener; silent where `quiet`.
-    pub fn new(quiet: bool) -> Self {
-        let terminal = std::io::stderr().is_terminal();
-        Self { quiet, terminal, state: Mutex::default() }
-    }
-
-    fn state(&self) -> std::sync::MutexGuard<'_, State> {
-        self.state.lock().unwrap_or_else(|poison| poison.into_inner())
-    }
-
-    /// Seconds by stage so far; emptied.
-    pub fn take_seconds(&self) -> BTreeMap<String, f64> {
-        std::mem::take(&mut self.state().seconds)
-    }
+/// A stage under way.
+struct Stage {
+    unit: &'static str,
+    total: u64,
+    done: u64,
+    start: Instant,
+    told: Instant,
 }
 
 /// 1234567 as 1.23 M.
@@ -47,26 +66,97 @@ pub fn human(x: f64) -> String {
     }
 }
 
+/// A bar of `total` units (0: unknown) in the look of `template`.
+fn bar(target: ProgressDrawTarget, total: u64, template: &str) -> ProgressBar {
+    let bar = ProgressBar::with_draw_target((total > 0).then_some(total), target);
+    if let Ok(style) = ProgressStyle::with_template(template) {
+        bar.set_style(style);
+    }
+    bar
+}
+
+/// A line on standard error; one that nobody reads is no failure.
+pub fn tell(text: &str) {
+    let _ = writeln!(std::io::stderr(), "{text}");
+}
+
+impl Bars {
+    /// A listener.
+    pub fn new(style: Style) -> Self {
+        Self { style, mesh: None, state: Mutex::default() }
+    }
+
+    /// How it tells.
+    pub fn style(&self) -> Style {
+        self.style
+    }
+
+    fn state(&self) -> std::sync::MutexGuard<'_, State> {
+        self.state.lock().unwrap_or_else(|poison| poison.into_inner())
+    }
+
+    /// Seconds by stage so far; emptied.
+    pub fn take_seconds(&self) -> BTreeMap<String, f64> {
+        std::mem::take(&mut self.state().seconds)
+    }
+
+    /// A line of its own among the bars.
+    fn say(&self, text: &str) {
+        match (&self.mesh, self.state().bars.values().next()) {
+            (Some((_, bar)), _) | (None, Some(bar)) => bar.suspend(|| tell(text)),
+            _ => tell(text),
+        }
+    }
+
+    /// Prints a JSON event.
+    fn event(&self, mut event: Value) {
+        if let (Some((mesh, _)), Some(fields)) = (&self.mesh, event.as_object_mut()) {
+            fields.insert("mesh".into(), mesh.as_str().into());
+        }
+        tell(&event.to_string());
+    }
+}
+
 impl Progress for Bars {
     fn begin(&self, stage: &str, unit: &'static str, total: u64) {
+        let now = Instant::now();
         let mut state = self.state();
-        state.totals.insert(stage.to_string(), (total, unit));
-        if self.quiet || !self.terminal {
-            return;
+        state.stages.insert(stage.to_string(), Stage { unit, total, done: 0, start: now, told: now });
+        match (self.style, &self.mesh) {
+            (Style::Terminal, Some((_, bar))) => {
+                bar.set_length(total);
+                bar.set_position(0);
+                bar.set_message(stage.to_string());
+            }
+            (Style::Terminal, None) => {
+                let template =
+                    format!("{{msg:10}} {{bar:32}} {{human_pos}}/{{human_len}} {unit}  {{per_sec}}  {{eta}} left");
+                let bar = bar(ProgressDrawTarget::stderr(), total, &template);
+                bar.set_message(stage.to_string());
+                bar.enable_steady_tick(Duration::from_millis(200));
+                state.bars.insert(stage.to_string(), bar);
+            }
+            (Style::Json, _) => {
+                self.event(json!({"stage": stage, "unit": unit, "done": 0, "total": total, "seconds": 0.}));
+            }
+            _ => {}
         }
-        let bar = ProgressBar::with_draw_target((total > 0).then_some(total), ProgressDrawTarget::stderr());
-        let template = format!("{{msg:10}} {{bar:32}} {{human_pos}}/{{human_len}} {unit}  {{per_sec}}  {{eta}} left");
-        if let Ok(style) = ProgressStyle::with_template(&template) {
-            bar.set_style(style);
-        }
-        bar.set_message(stage.to_string());
-        bar.enable_steady_tick(std::time::Duration::from_millis(200));
-        state.bars.insert(stage.to_string(), bar);
     }
 
     fn advance(&self, stage: &str, done: u64) {
-        if let Some(bar) = self.state().bars.get(stage) {
+        let mut state = self.state();
+        if let Some((_, bar)) = &self.mesh {
             bar.inc(done);
+        } else if let Some(bar) = state.bars.get(stage) {
+            bar.inc(done);
+        }
+        let Some(known) = state.stages.get_mut(stage) else { return };
+        known.done += done;
+        if self.style == Style::Json && known.told.elapsed() >= EVENT {
+            known.told = Instant::now();
+            let (done, seconds) = (known.done, known.start.elapsed().as_secs_f64());
+            let (unit, total) = (known.unit, known.total);
+            self.event(json!({"stage": stage, "unit": unit, "done": done, "total": total, "seconds": seconds}));
         }
     }
 
@@ -76,20 +166,91 @@ impl Progress for Bars {
         if let Some(bar) = state.bars.remove(stage) {
             bar.finish_and_clear();
         }
-        if !self.quiet {
-            let (total, unit) = state.totals.remove(stage).unwrap_or((0, ""));
-            let rate = if total > 0 && seconds > 0. {
-                format!(", {}{unit}/s", human(total as f64 / seconds))
-            } else {
-                String::new()
-            };
-            let _ = writeln!(std::io::stderr(), "{stage:10} {seconds:8.3} s  {} {unit}{rate}", human(total as f64));
+        let (total, unit) = state.stages.remove(stage).map_or((0, ""), |known| (known.total, known.unit));
+        match self.style {
+            Style::Json => {
+                self.event(json!({"stage": stage, "unit": unit, "done": total, "total": total, "seconds": seconds}));
+            }
+            Style::Terminal | Style::Lines if self.mesh.is_none() => {
+                let rate = if total > 0 && seconds > 0. {
+                    format!(", {}{unit}/s", human(total as f64 / seconds))
+                } else {
+                    String::new()
+                };
+                tell(&format!("{stage:10} {seconds:8.3} s  {} {unit}{rate}", human(total as f64)));
+            }
+            _ => {}
         }
     }
 
     fn note(&self, text: &str) {
-        if !self.quiet {
-            let _ = writeln!(std::io::stderr(), "{text}");
+        match (self.style, &self.mesh) {
+            (Style::Quiet, _) => {}
+            (Style::Json, _) => self.event(json!({"note": text})),
+            // Of a batch, what is reused goes without saying.
+            (_, Some(_)) if text.ends_with(": reused") => {}
+            (_, Some((mesh, _))) => self.say(&format!("{mesh}: {text}")),
+            (_, None) => self.say(text),
         }
+    }
+}
+
+/// The listener of a batch: one bar in all; its meshes have listeners of their own.
+pub struct BatchBars {
+    style: Style,
+    multi: MultiProgress,
+    all: ProgressBar,
+    start: Instant,
+    total: u64,
+}
+
+impl BatchBars {
+    /// A listener to `total` meshes.
+    pub fn new(style: Style, total: u64) -> Self {
+        let terminal = style == Style::Terminal;
+        let target = if terminal { ProgressDrawTarget::stderr() } else { ProgressDrawTarget::hidden() };
+        let multi = MultiProgress::with_draw_target(target);
+        let all = bar(ProgressDrawTarget::hidden(), total, "meshes     {bar:32} {pos}/{len}  {elapsed}, {eta} left");
+        let all = multi.add(all);
+        all.tick();
+        Self { style, multi, all, start: Instant::now(), total }
+    }
+
+    /// The listener of one mesh.
+    pub fn of_mesh(&self, name: &str) -> Bars {
+        let file = std::path::Path::new(name).file_name().map_or(name.into(), |name| name.to_string_lossy());
+        let mesh = bar(ProgressDrawTarget::hidden(), 0, "  {prefix:20.20} {msg:10} {bar:24} {human_pos}/{human_len}");
+        let mesh = self.multi.add(mesh);
+        mesh.set_prefix(file.into_owned());
+        Bars { style: self.style, mesh: Some((name.to_string(), mesh)), state: Mutex::default() }
+    }
+
+    /// A mesh is done: `line` says how it went.
+    pub fn end(&self, bars: &Bars, line: &str) {
+        if let Some((_, bar)) = &bars.mesh {
+            bar.finish_and_clear();
+            self.multi.remove(bar);
+        }
+        self.all.inc(1);
+        match self.style {
+            Style::Terminal | Style::Lines if !line.is_empty() => self.multi.suspend(|| tell(line)),
+            Style::Json => {
+                let (done, seconds) = (self.all.position(), self.start.elapsed().as_secs_f64());
+                let event =
+                    json!({"stage": "meshes", "unit": "meshes", "done": done, "total": self.total, "seconds": seconds});
+                tell(&event.to_string());
+            }
+            _ => {}
+        }
+    }
+
+    /// Says `text` whatever the style: an error.
+    pub fn complain(&self, text: &str) {
+        self.multi.suspend(|| tell(text));
+    }
+
+    /// Takes the bar away.
+    pub fn finish(&self) {
+        self.all.finish_and_clear();
     }
 }

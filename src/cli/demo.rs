@@ -1,6 +1,6 @@
 //! `demo`: a mesh with known parts, cut and compared. The first thing a newcomer runs.
 
-use super::bars::{Bars, human};
+use super::bars::human;
 use super::options::RunArgs;
 use super::{Failure, Surroundings, segment};
 use clap::Parser;
@@ -27,11 +27,15 @@ pub struct Args {
 }
 
 pub fn run(args: &Args, surroundings: &Surroundings) -> Result<(), Failure> {
-    let bars = Bars::new(args.run.quiet);
+    let bars = args.run.bars();
     let run = args.run.run(&bars, surroundings);
     std::fs::create_dir_all(&args.folder).map_err(Error::io(&args.folder, "create"))?;
-    let creature =
-        Creature::new(&Options { faces: args.faces, noise: args.noise, seed: args.run.seed, ..Options::default() })?;
+    let creature = Creature::new(&Options {
+        faces: args.faces,
+        noise: args.noise,
+        seed: args.run.seed.unwrap_or(0),
+        ..Options::default()
+    })?;
     let mesh = args.folder.join("creature.ply");
     creature.write_ply(&mesh, &run)?;
     let truth_file = args.folder.join("creature.seg");

@@ -1,6 +1,6 @@
 //! `evaluate`: labels against people's, for one mesh or over the folder of a benchmark.
 
-use super::bars::Bars;
+use super::bars::{Bars, Style};
 use super::{Failure, Surroundings};
 use nystrom_stream::apps::evaluate::{
     Benchmark, Row, Scores, Segmentation, Surface, Table, fitting, plot, read_labels,
@@ -56,7 +56,7 @@ pub fn run(args: &Args, surroundings: &Surroundings) -> std::result::Result<(), 
     if let Some(path) = args.plot.as_deref().filter(|path| !charted(path)) {
         return Err(Failure::Misused(format!("--plot {}: no chart; end it with .svg or .png", path.display())));
     }
-    let bars = Bars::new(args.quiet);
+    let bars = Bars::new(if args.quiet { Style::Quiet } else { Style::of_terminal() });
     let mut run = Run::new(&bars);
     if let Some(threads) = args.threads {
         run.threads = threads.into();

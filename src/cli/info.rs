@@ -1,6 +1,6 @@
 //! `info` and `verify`: what a work directory holds, and whether it still does.
 
-use super::bars::{Bars, human};
+use super::bars::human;
 use super::options::RunArgs;
 use super::{Failure, Surroundings};
 use nystrom_stream::store::check::verify as check;
@@ -50,7 +50,7 @@ pub fn run(args: &Args) -> Result<(), Failure> {
 }
 
 pub fn verify(args: &Args, surroundings: &Surroundings) -> Result<(), Failure> {
-    let bars = Bars::new(args.run.quiet);
+    let bars = args.run.bars();
     let run: Run = args.run.run(&bars, surroundings);
     let work = WorkDir::open_existing(&args.work_dir)?;
     let bytes = work.manifest().stages.values().flat_map(|stage| stage.files.values()).map(|file| file.bytes).sum();

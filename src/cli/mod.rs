@@ -1,24 +1,29 @@
 //! The command line: parsed once into the library's parameter structs. The only user of clap and indicatif.
 
 mod bars;
+mod batch;
 mod demo;
 mod evaluate;
+mod help;
 mod info;
+mod method;
 mod options;
 mod output;
 mod picture;
 mod plan;
 mod rows;
 mod segment;
+mod stages;
 
 use clap::{Parser, Subcommand};
 use nystrom_stream::base::{Cancel, Error};
-use std::io::Write;
+use std::io::{ErrorKind, Write};
 use std::process::ExitCode;
 
 /// Cut meshes of a million to a billion triangles into their meaningful parts, out of core.
 #[derive(Debug, Parser)]
 #[command(name = "nystrom-stream", version, propagate_version = true, arg_required_else_help = true)]
+#[command(after_long_help = help::PROGRAM)]
 struct Cli {
     #[command(subcommand)]
     command: Command,
@@ -27,11 +32,25 @@ struct Cli {
 #[derive(Debug, Subcommand)]
 enum Command {
     /// Cut meshes into parts and write them with labels and colours
+    #[command(after_long_help = help::SEGMENT)]
     Segment(segment::Args),
-    /// Compute the distances from all landmarks, alone or as one of several processes
+    /// First stage: the dual graph of a mesh, in a work directory
+    #[command(after_long_help = help::STAGES)]
+    Graph(stages::GraphArgs),
+    /// Second stage: the distances from all landmarks, by one process or as one of several
+    #[command(after_long_help = help::STAGES)]
     Rows(rows::Args),
     /// Put the rows of several processes together
     Merge(rows::MergeArgs),
+    /// Third stage, for other programs: coordinates of every face in the spectral embedding
+    #[command(after_long_help = help::STAGES)]
+    Embed(stages::EmbedArgs),
+    /// Fourth stage: parts, again and again in a moment
+    #[command(after_long_help = help::STAGES)]
+    Cluster(stages::ClusterArgs),
+    /// Last stage: write the parts of a work directory in any form
+    #[command(after_long_help = help::STAGES)]
+    Export(stages::ExportArgs),
     /// Tell memory, disk and time of a run before it starts
     Plan(plan::Args),
     /// Tell what a work directory holds
@@ -44,6 +63,32 @@ enum Command {
     Picture(picture::Args),
     /// Make a mesh of a million faces with known parts, cut it, and compare
     Demo(demo::Args),
+    /// Print completions for a shell
+    Completions(help::CompletionArgs),
+    /// Write man pages, one a subcommand
+    Man(help::ManArgs),
+}
+
+impl Command {
+    /// How to go on after an interrupt, in words, where that is possible.
+    fn goes_on(&self) -> Option<String> {
+        let dir = match self {
+            Self::Segment(args) if args.work_dir.is_none() => {
+                let rest = "the same command goes on with the rest";
+                let some = args.meshes.len() > 1;
+                return if args.resume { Some(rest.into()) } else { some.then(|| format!("with --resume {rest}")) };
+            }
+            Self::Segment(args) => args.work_dir.as_ref(),
+            Self::Graph(args) => Some(&args.place.work_dir),
+            Self::Rows(args) => Some(&args.work_dir),
+            Self::Merge(args) => Some(&args.work_dir),
+            Self::Embed(args) => Some(&args.place.work_dir),
+            Self::Cluster(args) => Some(&args.place.work_dir),
+            Self::Export(args) => Some(&args.place.work_dir),
+            _ => None,
+        };
+        dir.map(|dir| format!("the same command goes on from {}", dir.display()))
+    }
 }
 
 /// What every subcommand gets.
@@ -90,27 +135,38 @@ pub fn main(peak: fn() -> u64) -> ExitCode {
         }
         cancel.cancel();
     });
+    let goes_on = cli.command.goes_on();
     let result = match cli.command {
         Command::Segment(args) => segment::run(&args, &surroundings),
+        Command::Graph(args) => stages::graph(&args, &surroundings),
         Command::Rows(args) => rows::run(&args, &surroundings),
         Command::Merge(args) => rows::merge(&args, &surroundings),
+        Command::Embed(args) => stages::embed(&args, &surroundings),
+        Command::Cluster(args) => stages::cluster(&args, &surroundings),
+        Command::Export(args) => stages::export(&args, &surroundings),
         Command::Plan(args) => plan::run(&args, &surroundings),
         Command::Info(args) => info::run(&args),
         Command::Verify(args) => info::verify(&args, &surroundings),
         Command::Evaluate(args) => evaluate::run(&args, &surroundings),
         Command::Picture(args) => picture::run(&args, &surroundings),
         Command::Demo(args) => demo::run(&args, &surroundings),
+        Command::Completions(args) => help::completions(&args),
+        Command::Man(args) => help::man(&args),
     };
-    match result {
-        Ok(()) => ExitCode::SUCCESS,
-        Err(Failure::Reported) => ExitCode::from(1),
-        Err(Failure::Failed(error)) => {
-            let _ = writeln!(std::io::stderr(), "nystrom-stream: {error}");
-            ExitCode::from(1)
+    let (text, code) = match result {
+        Ok(()) => return ExitCode::SUCCESS,
+        Err(Failure::Reported) => return ExitCode::from(1),
+        // Who reads our output has had enough: that needs no words.
+        Err(Failure::Failed(Error::Io { source, .. })) if source.kind() == ErrorKind::BrokenPipe => {
+            return ExitCode::from(1);
         }
-        Err(Failure::Misused(text)) => {
-            let _ = writeln!(std::io::stderr(), "nystrom-stream: {text}");
-            ExitCode::from(2)
-        }
-    }
+        Err(Failure::Failed(Error::Cancelled)) => match goes_on {
+            Some(how) => (format!("interrupted; {how}"), 1),
+            None => ("interrupted".to_string(), 1),
+        },
+        Err(Failure::Failed(error)) => (error.to_string(), 1),
+        Err(Failure::Misused(text)) => (text, 2),
+    };
+    let _ = writeln!(std::io::stderr(), "nystrom-stream: {text}");
+    ExitCode::from(code)
 }

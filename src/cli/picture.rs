@@ -1,6 +1,5 @@
 //! `picture`: a mesh and its parts as a PNG.
 
-use super::bars::Bars;
 use super::options::RunArgs;
 use super::output::folder_of;
 use super::{Failure, Surroundings};
@@ -91,7 +90,7 @@ pub fn run(args: &Args, surroundings: &Surroundings) -> Result<(), Failure> {
     let params = args.params();
     params.check()?;
     let target = args.target()?;
-    let bars = Bars::new(args.run.quiet);
+    let bars = args.run.bars();
     let run = args.run.run(&bars, surroundings);
     let work = WorkDir::temporary(args.run.tmp.as_deref().unwrap_or(&folder_of(&target)))?;
     let (opened, _) = run.stage("read", "bytes", 0, || {

@@ -1,7 +1,8 @@
 //! `plan`: memory, disk and time of a run, before it starts.
 
 use super::bars::human;
-use super::options::{MethodArgs, RunArgs};
+use super::method::MethodArgs;
+use super::options::RunArgs;
 use super::output::folder_of;
 use super::{Failure, Surroundings};
 use nystrom_stream::base::Result;

@@ -1,11 +1,11 @@
 //! `rows` and `merge`: the distances from all landmarks, by one process or by several.
 
-use super::bars::Bars;
-use super::options::{MethodArgs, RunArgs};
+use super::method::MethodArgs;
+use super::options::RunArgs;
+use super::stages::read;
 use super::{Failure, Surroundings};
-use nystrom_stream::base::Error;
 use nystrom_stream::distance::shard;
-use nystrom_stream::mesh;
+use nystrom_stream::pipeline::kept::Record;
 use nystrom_stream::pipeline::{input, sharding};
 use nystrom_stream::store::WorkDir;
 use std::path::PathBuf;
@@ -13,9 +13,9 @@ use std::path::PathBuf;
 /// Arguments of `rows`.
 #[derive(Clone, Debug, clap::Args)]
 pub struct Args {
-    /// A PLY file (.ply, .ply.gz)
+    /// A PLY file (.ply, .ply.gz) [default: the mesh that the work directory is of]
     #[arg(value_name = "MESH")]
-    pub mesh: PathBuf,
+    pub mesh: Option<PathBuf>,
     /// Where everything is kept, for later commands
     #[arg(long, value_name = "DIR")]
     pub work_dir: PathBuf,
@@ -49,23 +49,29 @@ fn parse_shard(text: &str) -> Result<(usize, usize), String> {
 }
 
 pub fn run(args: &Args, surroundings: &Surroundings) -> Result<(), Failure> {
-    let bars = Bars::new(args.run.quiet);
+    let bars = args.run.bars();
     let run = args.run.run(&bars, surroundings);
-    let params = args.method.params()?;
-    let open = |work: &WorkDir| -> Result<mesh::Opened, Error> {
-        run.stage("read", "bytes", 0, || mesh::open(&args.mesh, work.path(), &run)).map(|(opened, _)| opened)
+    let mut params = args.method.params()?;
+    let path = match &args.mesh {
+        Some(path) => path.clone(),
+        None => {
+            let record = Record::read(&WorkDir::open_existing(&args.work_dir)?)?;
+            params.order = args.method.order.or(record.params.order);
+            record.mesh
+        }
     };
-    let identity = input::identity(&args.mesh)?;
     if let Some(shard) = args.shard {
-        return Ok(sharding::one(&args.work_dir, &identity, &params, shard, open, &run)?);
+        let open = |work: &WorkDir| read(&path, work, &run).map(|(opened, _)| opened);
+        return Ok(sharding::one(&args.work_dir, &input::identity(&path)?, &params, shard, open, &run)?);
     }
     let work = WorkDir::open(&args.work_dir)?;
-    sharding::all(&open(&work)?, &identity, &params, &work, &run)?;
+    let (opened, identity) = read(&path, &work, &run)?;
+    sharding::all(&opened, &identity, &params, &work, &run)?;
     Ok(())
 }
 
 pub fn merge(args: &MergeArgs, surroundings: &Surroundings) -> Result<(), Failure> {
-    let bars = Bars::new(args.run.quiet);
+    let bars = args.run.bars();
     let run = args.run.run(&bars, surroundings);
     let work = WorkDir::open(&args.work_dir)?;
     shard::merge(&work, &run)?;

@@ -1,26 +1,27 @@
 //! `segment`: cut meshes into parts.
 
 use super::bars::Bars;
-use super::options::{MethodArgs, RunArgs};
-use super::output::{Output, folder_of};
-use super::{Failure, Surroundings};
+use super::method::{MethodArgs, check_count};
+use super::options::RunArgs;
+use super::output::{Output, folder_of, publish};
+use super::stages::read;
+use super::{Failure, Surroundings, batch};
 use clap::ValueEnum;
-use nystrom_stream::base::{Error, Result};
-use nystrom_stream::mesh;
-use nystrom_stream::mesh::labelled::PlyForm;
+use nystrom_stream::base::Result;
+use nystrom_stream::mesh::labelled::{Labelling, PlyForm};
 use nystrom_stream::pipeline::report::Report;
-use nystrom_stream::pipeline::{Cluster, SegmentParams, input, segment};
-use nystrom_stream::store::{Run, WorkDir, workdir};
-use std::io::Write;
+use nystrom_stream::pipeline::{SegmentParams, segment};
+use nystrom_stream::store::{Run, WorkDir};
 use std::path::{Path, PathBuf};
 use std::time::Instant;
 
 #[derive(Clone, Debug, clap::Args)]
 pub struct Args {
-    /// PLY files (.ply, .ply.gz); `-` reads standard input
+    /// PLY files (.ply, .ply.gz), folders of them, or patterns; `-` reads standard input
     #[arg(required = true, value_name = "MESH")]
     pub meshes: Vec<PathBuf>,
-    /// Output, once or more: .ply, .seg, .npy or .png, `-` for standard output [default: MESH.segmented.ply]
+    /// Output, once or more: .ply, .seg, .npy or .png, `-` for standard output; of several meshes with `{}` for the
+    /// mesh's name, like out/{}.seg [default: MESH.segmented.ply]
     #[arg(short, long, value_name = "OUT")]
     pub output: Vec<PathBuf>,
     /// Form of PLY outputs
@@ -32,6 +33,28 @@ pub struct Args {
     /// Keep intermediate results here and reuse them [default: a temporary folder]
     #[arg(long, value_name = "DIR")]
     pub work_dir: Option<PathBuf>,
+    /// Write a line of JSON a mesh as it is done, to FILE or to standard output
+    #[arg(
+        long,
+        value_name = "FILE",
+        num_args = 0..=1,
+        default_missing_value = "-",
+        require_equals = true,
+        help_heading = "Many meshes"
+    )]
+    pub json_lines: Option<PathBuf>,
+    /// Meshes at a time; they share threads and memory evenly
+    #[arg(
+        long,
+        value_name = "N",
+        default_value_t = 1,
+        value_parser = clap::value_parser!(u16).range(1..),
+        help_heading = "Many meshes"
+    )]
+    pub jobs: u16,
+    /// Skip meshes whose outputs are all there and newer than the mesh
+    #[arg(long, help_heading = "Many meshes")]
+    pub resume: bool,
     #[command(flatten)]
     pub method: MethodArgs,
     #[command(flatten)]
@@ -50,7 +73,8 @@ pub enum FormArg {
 }
 
 impl FormArg {
-    fn form(self) -> PlyForm {
+    /// The library's.
+    pub fn form(self) -> PlyForm {
         match self {
             Self::Same => PlyForm::Same,
             Self::Binary => PlyForm::Binary,
@@ -60,77 +84,57 @@ impl FormArg {
 }
 
 /// Refuses combinations of options before any work.
-fn check(args: &Args) -> Result<(SegmentParams, Vec<Output>), Failure> {
+fn check(args: &Args, meshes: &[PathBuf], many: bool) -> Result<(SegmentParams, Vec<Output>), Failure> {
     let params = args.method.params()?;
-    if params.cluster == Cluster::KMeans && args.method.parts.is_none() {
-        return Err(Failure::Misused(
-            "-k: K-means needs the number of parts; give it, as in -k 6, or leave out --cluster kmeans".into(),
-        ));
-    }
+    check_count(&params)?;
+    let misused = |text: &str| Err(Failure::Misused(text.into()));
     let outputs = args.output.iter().map(|path| Output::of(path)).collect::<Result<Vec<_>, _>>()?;
-    if args.meshes.len() > 1 {
-        if !outputs.is_empty() {
-            return Err(Failure::Misused(
-                "-o goes with one mesh; without it, each of several gets MESH.segmented.ply".into(),
-            ));
+    let stdin = meshes.iter().filter(|mesh| mesh.as_os_str() == "-").count();
+    if stdin > 0 && many {
+        return misused("standard input is one mesh; give it alone");
+    }
+    if many {
+        let fixed = args.output.iter().any(|path| !path.to_string_lossy().contains("{}"));
+        if fixed {
+            return misused(
+                "-o goes with one mesh; of several, write {} for the mesh's name, as in -o 'out/{}.seg', or leave it \
+                 out: each gets MESH.segmented.ply",
+            );
         }
         if args.work_dir.is_some() {
-            return Err(Failure::Misused("--work-dir goes with one mesh".into()));
+            return misused("--work-dir goes with one mesh");
+        }
+    } else {
+        let alone = [(args.jobs > 1, "--jobs"), (args.resume, "--resume"), (args.json_lines.is_some(), "--json-lines")];
+        if let Some((_, option)) = alone.into_iter().find(|(given, _)| *given) {
+            return Err(Failure::Misused(format!("{option} goes with several meshes, a folder or a pattern")));
         }
     }
-    let stdin = args.meshes.iter().filter(|mesh| mesh.as_os_str() == "-").count();
+    let is_stdout = |target: &Option<PathBuf>| target.as_deref() == Some(Path::new("-"));
     let to_stdout = outputs.contains(&Output::Stdout) || (stdin > 0 && outputs.is_empty());
-    if stdin > 1 || (stdin == 1 && args.meshes.len() > 1) {
-        return Err(Failure::Misused("standard input is one mesh; give it alone".into()));
+    if to_stdout && is_stdout(&args.json) {
+        return misused("mesh and report cannot both go to standard output; give --json=FILE");
     }
-    if to_stdout && args.json.as_deref() == Some(Path::new("-")) {
-        return Err(Failure::Misused("mesh and report cannot both go to standard output; give --json=FILE".into()));
+    if is_stdout(&args.json) && is_stdout(&args.json_lines) {
+        return misused("--json and --json-lines cannot both go to standard output; give one of them a file");
     }
     Ok((params, outputs))
 }
 
 pub fn run(args: &Args, surroundings: &Surroundings) -> Result<(), Failure> {
-    let (params, outputs) = check(args)?;
-    let bars = Bars::new(args.run.quiet);
+    // A wrong option is told before a missing folder.
+    args.method.params()?;
+    let (meshes, many) = batch::meshes(&args.meshes)?;
+    let (params, outputs) = check(args, &meshes, many)?;
+    if many {
+        return batch::run(meshes, args, &params, surroundings);
+    }
+    let bars = args.run.bars();
     let run = args.run.run(&bars, surroundings);
-    let (mut failed, mut reports) = (0, Vec::new());
-    for mesh in &args.meshes {
-        match one(mesh, args, &params, &outputs, &bars, &run, surroundings) {
-            Ok(report) if args.meshes.len() == 1 => publish(args, &report)?,
-            Ok(report) => reports.push(report),
-            Err(error) if args.meshes.len() == 1 || matches!(error, Error::Cancelled) => {
-                if matches!(error, Error::Cancelled) && args.work_dir.is_some() {
-                    let _ =
-                        writeln!(std::io::stderr(), "nystrom-stream: interrupted; the same command goes on from here");
-                    return Err(Failure::Reported);
-                }
-                return Err(error.into());
-            }
-            Err(error) => {
-                failed += 1;
-                let _ = writeln!(std::io::stderr(), "nystrom-stream: {error}");
-            }
-        }
+    let report = one(&meshes[0], args, &params, &outputs, &bars, &run, surroundings)?;
+    if let Some(target) = &args.json {
+        publish(target, &report)?;
     }
-    if args.meshes.len() > 1 {
-        publish(args, &reports)?;
-    }
-    if failed > 0 {
-        let _ = writeln!(std::io::stderr(), "nystrom-stream: {failed} of {} meshes failed", args.meshes.len());
-        return Err(Failure::Reported);
-    }
-    Ok(())
-}
-
-/// Writes the report, or the list of them, where it was asked for.
-fn publish(args: &Args, report: &impl serde::Serialize) -> Result<(), Failure> {
-    let Some(target) = &args.json else { return Ok(()) };
-    let text = serde_json::to_string_pretty(report).unwrap_or_default();
-    if target == Path::new("-") {
-        let _ = writeln!(std::io::stdout(), "{text}");
-        return Ok(());
-    }
-    std::fs::write(target, text + "\n").map_err(Error::io(target, "write"))?;
     Ok(())
 }
 
@@ -159,22 +163,12 @@ pub fn one(
     if !stdin && !args.run.no_plan {
         super::plan::check(path, params, &work, run)?;
     }
-    let (opened, _) = run.stage("read", "bytes", 0, || {
-        if stdin {
-            mesh::open_reader(std::io::stdin().lock(), "<stdin>", work.path(), run)
-        } else {
-            mesh::open(path, work.path(), run)
-        }
-    })?;
+    let (opened, identity) = read(path, &work, run)?;
     opened.notes.iter().for_each(|note| run.progress.note(note));
-    let identity = if stdin {
-        serde_json::json!({"stdin": workdir::checksum(&work.file("input"))?})
-    } else {
-        input::identity(path)?
-    };
     let result = segment(&opened, &identity, params, &work, run)?;
+    let labelling = Labelling { labels: &result.labels, colours: &result.colours, quality: Some(&result.quality) };
     run.stage("write", "faces", result.labels.len() as u64, || {
-        outputs.iter().try_for_each(|output| output.write(&opened, &result, args.ply_form.form(), run))
+        outputs.iter().try_for_each(|output| output.write(Some(&opened), &labelling, args.ply_form.form(), run))
     })?;
     let mut seconds = bars.take_seconds();
     seconds.insert("total".into(), start.elapsed().as_secs_f64());

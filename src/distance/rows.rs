@@ -112,6 +112,42 @@ impl DistanceRows {
         sum / (count.max(1)) as f64
     }
 
+    /// The key that rows of `params` over a graph of `nodes` nodes have.
+    pub fn key(graph: &Weighted, nodes: usize, params: RowParams, run: &Run) -> String {
+        head(&graph.key, nodes, params, run).key
+    }
+
+    /// Opens the finished rows of `work`, whatever their options, over the graph stage `graph` of `nodes` nodes.
+    ///
+    /// # Errors
+    /// [`Error::WorkDir`] where there are none, or those of another graph.
+    pub fn kept(graph: &str, nodes: usize, work: &WorkDir) -> Result<Self> {
+        let manifest = work.manifest();
+        let none =
+            || Error::work_dir(work.path(), "holds no rows", "make them first: nystrom-stream rows --work-dir …");
+        let (rows, weights) = match (manifest.stages.get("rows"), manifest.stages.get("weights")) {
+            (Some(rows), Some(weights)) => (rows, weights),
+            _ => return Err(none()),
+        };
+        if rows.options["weights"] != weights.key || weights.options["graph"] != graph {
+            return Err(none());
+        }
+        let facts = work.reuse::<Facts>("rows", &rows.key).map_err(|problem| {
+            Error::work_dir(work.path(), problem, "make the rows again: nystrom-stream rows --work-dir …")
+        })?;
+        let rows = Self::open(facts, nodes, rows.key.clone(), work)?;
+        if rows.distances.len() != rows.len() * nodes || rows.landmarks.iter().any(|&node| node as usize >= nodes) {
+            return Err(none());
+        }
+        Ok(rows)
+    }
+
+    fn open(facts: Facts, nodes: usize, key: String, work: &WorkDir) -> Result<Self> {
+        let landmarks = work.open_array::<u32>("landmarks.npy")?.to_vec();
+        let distances = work.open_array("distances.npy")?;
+        Ok(Self { landmarks, distances, facts: facts.rows, nodes, key })
+    }
+
     /// Computes the rows in `work`, or opens them where that was done.
     ///
     /// # Errors
@@ -125,9 +161,7 @@ impl DistanceRows {
         match work.reuse::<Facts>("rows", &head.key) {
             Ok(facts) => {
                 run.progress.note("rows: reused");
-                let landmarks = work.open_array::<u32>("landmarks.npy")?.to_vec();
-                let distances = work.open_array("distances.npy")?;
-                return Ok(Self { landmarks, distances, facts: facts.rows, nodes: n, key: head.key });
+                return Self::open(facts, n, head.key, work);
             }
             Err(reason) => run.note_remake("rows", &reason),
         }

@@ -90,6 +90,20 @@ impl DualGraph {
         Ok(graph)
     }
 
+    /// Opens the finished graph of `work`, whatever mesh it is of, and tells the identity of what it was built from.
+    ///
+    /// # Errors
+    /// [`Error::WorkDir`] where there is none or its files are gone or damaged.
+    pub fn kept(work: &WorkDir) -> Result<(Self, serde_json::Value)> {
+        let remedy = "make it first: nystrom-stream graph MESH --work-dir …";
+        let stage = work.manifest().stages.remove("graph");
+        let stage = stage.ok_or_else(|| Error::work_dir(work.path(), "holds no graph", remedy))?;
+        let facts = work
+            .reuse::<GraphFacts>("graph", &stage.key)
+            .map_err(|problem| Error::work_dir(work.path(), format!("graph: {problem}"), remedy))?;
+        Ok((Self::open(work, facts, stage.key)?, stage.options["input"].clone()))
+    }
+
     fn make(mesh: &Mesh, path: &Path, work: &WorkDir, run: &Run, key: String) -> Result<Self> {
         let frame = Frame::of(&mesh.positions, run)?;
         let (nodes, sums) = nodes::build(mesh, &frame, work, run)?;

@@ -19,5 +19,5 @@ pub mod weld;
 
 pub use dual::{DualGraph, GraphFacts};
 pub use nodes::{Frame, Node};
-pub use order::{Order, Ordered};
+pub use order::{NodeOrder, Order, Ordered};
 pub use weights::Metric;

@@ -6,40 +6,56 @@
 
 use super::report::Numbers;
 use super::surface::{Kind, Surface};
-use super::{Clustered, SegmentParams, landmarks_for_parts, rows};
-use crate::base::Result;
+use super::{Clustered, Dust, SegmentParams, decision};
 use crate::base::parallel::{chunk_count, chunk_range, fill_each, map_chunks};
-use crate::cluster::parts::{self, PartTree, PartsReport, PartsResult};
-use crate::cluster::{boundary, cell_rows, contract};
-use crate::distance::DistanceRows;
+use crate::base::{Error, Result};
+use crate::cluster::parts::{self, PartTree, PartsResult};
+use crate::cluster::{boundary, contract};
 use crate::graph::DualGraph;
 use crate::graph::dual::Weighted;
-use crate::store::workdir::key_of;
-use crate::store::{MappedSlice, Run, WorkDir, npy};
-use serde_json::json;
+use crate::store::{MappedSlice, Run, WorkDir};
 
 const CHUNK: usize = 1 << 15;
 
-/// Cuts the mesh of `graph`.
-pub(super) fn parts(graph: &DualGraph, params: &SegmentParams, work: &WorkDir, run: &Run) -> Result<Clustered> {
+/// Cuts the mesh of `graph`; by the hierarchy `tree`, where one is given, instead of the one that is found.
+pub(super) fn parts(
+    graph: &DualGraph,
+    params: &SegmentParams,
+    tree: Option<&PartTree>,
+    work: &WorkDir,
+    run: &Run,
+) -> Result<Clustered> {
     let n = graph.nodes.len();
     let (surface, weighted) = weighted(graph, params, work, run)?;
     let Surface { shares, radius, .. } = &surface;
     let decided = if params.coarse && n > contract::NODES {
-        decide_coarsely(graph, &weighted, &surface, params, work, run)?
+        decide_coarsely(graph, &weighted, &surface, params, tree, work, run)?
     } else {
         let of_node = surface.cells.of_node.clone();
-        decide(graph, &weighted, &surface, of_node, params, work, run)?
+        decide(graph, &weighted, &surface, of_node, params, tree, work, run)?
     };
     let Decided { result, unit_of_node, .. } = &decided;
-    let (labels, _) = run.stage("boundaries", "faces", n as u64, || {
+    let (mut labels, _) = run.stage("boundaries", "faces", n as u64, || {
         boundary::refine(graph, weighted.csr(), shares, unit_of_node, &decided.label, work, run)
     })?;
+    let (mut parts, mut dust_label) = (result.parts, None);
+    if params.dust == Dust::Own && shares.dust > 0 {
+        dust_label = Some(parts as u32);
+        labels = apart(&labels, &shares.share, parts as u32, work, run)?;
+        parts += 1;
+    }
     let quality = confidence(unit_of_node, &decided.confidence, work, run)?;
-    keep_tree(&result.tree, work)?;
-    let (faces, area) = totals(graph, &labels, result.parts, run)?;
-    let numbers = Numbers { radius: *radius, dust: shares.dust, faces, area, ..decided.numbers };
+    let (faces, area) = totals(graph, &labels, parts, run)?;
+    let numbers = Numbers { radius: *radius, dust: shares.dust, dust_label, faces, area, ..decided.numbers };
     Ok(Clustered { labels, quality, numbers })
+}
+
+/// Gives the dust, which counts nothing in `share` (n), a label of its own.
+fn apart(labels: &[u32], share: &[f32], label: u32, work: &WorkDir, run: &Run) -> Result<MappedSlice<u32>> {
+    let mut own = work.array::<u32>("labels.npy", &[labels.len()])?;
+    let of = |i: usize, _| if share[i] == 0. { label } else { labels[i] };
+    fill_each(run.threads, &run.cancel, own.data(), CHUNK, of)?;
+    own.finish(false)
 }
 
 /// Parts decided on cells, and how they reach the faces.
@@ -61,14 +77,21 @@ fn decide(
     surface: &Surface,
     unit_of_node: MappedSlice<u32>,
     params: &SegmentParams,
+    tree: Option<&PartTree>,
     work: &WorkDir,
     run: &Run,
 ) -> Result<Decided> {
-    let l = params.landmarks.unwrap_or(landmarks_for_parts(graph.nodes.len()));
-    let rows = rows(graph, weighted, l, params, work, run)?;
-    let b = cell_rows(&rows, surface, work, run)?;
-    let result = parts::parts(&surface.cells.graph, &b, rows.len(), &params.parts, run)?;
-    let numbers = numbers(&rows, result.report.clone());
+    let (mut all, facts) = decision::decide(graph, weighted, surface, params, work, run)?;
+    if let Some(tree) = tree {
+        if tree.cells() != all.tree.cells() {
+            let problem =
+                format!("a hierarchy of {} cells, the work directory's has {}", tree.cells(), all.tree.cells());
+            return Err(Error::parameter("--tree", problem, "use one that was made in this work directory"));
+        }
+        all.tree = tree.clone();
+    }
+    let result = parts::cut(&all, facts.l, facts.seconds, &params.parts)?;
+    let numbers = Numbers { decision: Some(result.report.clone()), ..facts.numbers };
     let (label, confidence) = (result.label.clone(), result.confidence.clone());
     Ok(Decided { label, confidence, unit_of_node, numbers, result })
 }
@@ -79,6 +102,7 @@ fn decide_coarsely(
     weighted: &Weighted,
     surface: &Surface,
     params: &SegmentParams,
+    tree: Option<&PartTree>,
     work: &WorkDir,
     run: &Run,
 ) -> Result<Decided> {
@@ -88,7 +112,7 @@ fn decide_coarsely(
     let (small, _) = run.stage("contraction", "faces", graph.nodes.len() as u64, contract)?;
     let coarse = Surface::build(&small.graph, Kind::Contracted, &inner, run)?;
     let of_node = coarse.cells.of_node.clone();
-    let decided = decide(&small.graph, &small.weighted, &coarse, of_node, params, &inner, run)?;
+    let decided = decide(&small.graph, &small.weighted, &coarse, of_node, params, tree, &inner, run)?;
     let of_small = &decided.unit_of_node;
     Ok(Decided {
         label: of_small.iter().map(|&cell| decided.label[cell as usize]).collect(),
@@ -112,28 +136,6 @@ pub(super) fn weighted(
     let (normals, radius) = (surface.normals.as_ref(), surface.radius);
     let weighted = graph.weighted_with(params.metric, normals, radius, area, work, run)?;
     Ok((surface, weighted))
-}
-
-/// The rows averaged over cells: made, or reused.
-fn cell_rows(rows: &DistanceRows, surface: &Surface, work: &WorkDir, run: &Run) -> Result<Vec<f64>> {
-    const FILE: &str = "cell_rows.npy";
-    let options = json!({"stage": "cell rows", "rows": rows.key, "surface": surface.key});
-    let key = key_of(&options);
-    if work.reuse::<()>("cell rows", &key).is_ok() {
-        return Ok(work.open_array::<f64>(FILE)?.to_vec());
-    }
-    let average = || cell_rows::average(rows, &surface.cells, &surface.shares, run);
-    let (b, seconds) = run.stage("cell rows", "rows", rows.len() as u64, average)?;
-    npy::write(&work.file(FILE), &b, surface.cells.len(), false)?;
-    work.stamp("cell rows", &key, &options, &[FILE], &(), seconds)?;
-    Ok(b)
-}
-
-/// Keeps the tree of answers in the work directory, as JSON.
-fn keep_tree(tree: &PartTree, work: &WorkDir) -> Result<()> {
-    let path = work.file("tree.json");
-    let text = serde_json::to_vec(tree).unwrap_or_default();
-    std::fs::write(&path, text).map_err(crate::base::Error::io(&path, "write"))
 }
 
 /// How sure each face's label is: its cell's.
@@ -169,26 +171,4 @@ fn totals(graph: &DualGraph, labels: &[u32], parts: usize, run: &Run) -> Result<
         }
     }
     Ok((faces, area))
-}
-
-/// The spectral numbers of the report, which deciding parts does not need itself.
-fn numbers(rows: &DistanceRows, decision: PartsReport) -> Numbers {
-    use crate::spectral::kernel::Kernel;
-    use crate::spectral::{eigen, embedding};
-    // Γ and eigenvalues under the kernel of the members' middle width.
-    let sigma = 0.25 * rows.mean();
-    let kernel = Kernel::Gaussian;
-    let (eigenvalues, _) = eigen::symmetric(embedding::landmark_affinities(rows, kernel, sigma));
-    let cut = kernel.tolerance(rows.len()) * eigenvalues.first().copied().unwrap_or(0.);
-    let negative: f64 = eigenvalues.iter().filter(|v| **v < 0.).map(|v| -v).sum();
-    let mass: f64 = eigenvalues.iter().map(|v| v.abs()).sum();
-    Numbers {
-        landmarks: rows.landmarks.clone(),
-        sigma,
-        dropped_eigenpairs: eigenvalues.iter().filter(|v| **v <= cut.max(0.)).count(),
-        negative_mass: if mass > 0. { negative / mass } else { 0. },
-        eigenvalues,
-        decision: Some(decision),
-        ..Numbers::default()
-    }
 }

@@ -4,11 +4,11 @@ use super::{SegmentParams, Segmentation};
 use crate::cluster::parts::PartsReport;
 use crate::mesh::Opened;
 use crate::store::{Run, WorkDir};
-use serde::Serialize;
+use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 
 /// Numbers that the stages leave for the report.
-#[derive(Clone, Debug, Default, PartialEq)]
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Numbers {
     /// Landmark faces (l).
     pub landmarks: Vec<u32>,
@@ -32,6 +32,8 @@ pub struct Numbers {
     pub radius: f32,
     /// Faces of components too small to be parts.
     pub dust: u64,
+    /// The label that they have in common, where they are not to join parts.
+    pub dust_label: Option<u32>,
 }
 
 /// The report.
@@ -61,6 +63,9 @@ pub struct Report {
     pub normal_radius: f32,
     /// Faces of components too small to be parts of their own.
     pub dust_faces: u64,
+    /// The part that is all dust (`--dust own`).
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub dust_label: Option<u32>,
     /// How parts were decided on; absent for K-means.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub decision: Option<PartsReport>,
@@ -172,6 +177,7 @@ impl Report {
             gamma_per_face: numbers.gamma / graph.nodes.max(1) as f64,
             normal_radius: numbers.radius,
             dust_faces: numbers.dust,
+            dust_label: numbers.dust_label,
             decision: numbers.decision.clone(),
             parts: parts
                 .map(|(label, ((&faces, &area), &colour))| Part {

@@ -1,12 +1,13 @@
 //! The first stages, common to all commands: the mesh in the order of its nodes, and its dual graph.
 
 use super::SegmentParams;
+use super::kept::Record;
 use crate::base::Result;
 use crate::graph::{DualGraph, Ordered};
 use crate::mesh::Opened;
 use crate::store::{Run, WorkDir};
 
-/// Orders the mesh and builds its graph, or opens both.
+/// Orders the mesh and builds its graph, or opens both; leaves a record of mesh and options for later commands.
 ///
 /// # Errors
 /// [`crate::base::Error::Unusable`] for too large meshes, [`crate::base::Error::Io`], [`crate::base::Error::Memory`],
@@ -20,5 +21,6 @@ pub fn graph(
 ) -> Result<(Ordered, DualGraph)> {
     let ordered = Ordered::build(&opened.mesh, params.order, identity, work, run)?;
     let graph = DualGraph::build(&ordered.mesh, opened.document.path(), &ordered.identity, work, run)?;
+    Record::of(opened, identity, params, work).stamp(work, run)?;
     Ok((ordered, graph))
 }

@@ -21,6 +21,11 @@ impl Square {
         Square { n, values }
     }
 
+    /// All values, row-major (n²).
+    pub fn values(&self) -> &[f64] {
+        &self.values
+    }
+
     /// Rows (and columns).
     pub fn len(&self) -> usize {
         self.n

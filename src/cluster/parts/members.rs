@@ -96,6 +96,17 @@ impl Atoms {
         })
     }
 
+    /// Atoms as they were kept: which each cell belongs to (S), and their areas (R). Enough for cutting a hierarchy, not
+    /// for making one. `None` where a number names no atom, or an atom no cell.
+    pub fn kept(of_cell: Vec<u32>, area: Vec<f64>) -> Option<Atoms> {
+        let mut first = vec![u32::MAX; area.len()];
+        for (cell, &atom) in of_cell.iter().enumerate().rev() {
+            *first.get_mut(atom as usize)? = cell as u32;
+        }
+        let whole = !first.contains(&u32::MAX);
+        whole.then(|| Atoms { of_cell, first, area, columns: Vec::new(), sums: Vec::new() })
+    }
+
     /// Number of atoms R.
     pub fn len(&self) -> usize {
         self.first.len()

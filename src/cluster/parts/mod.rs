@@ -29,12 +29,13 @@ pub mod small_parts;
 pub mod tree;
 
 pub use cells::CellGraph;
+pub use consensus::Decided;
 pub use hierarchy::{Cut, PartTree, detail_threshold};
+pub use members::Atoms;
 
 use crate::base::{Error, Result};
 use crate::store::run::Run;
 use anchor::Rows;
-use consensus::Decided;
 use serde::{Deserialize, Serialize};
 
 /// How the parts are decided.
@@ -149,40 +150,57 @@ impl PartTree {
 /// Sizes that disagree, no cell, no row, options out of range, more parts than cells, or
 /// cancellation.
 pub fn parts(cells: &CellGraph, rows: &[f64], l: usize, params: &PartsParams, run: &Run) -> Result<PartsResult> {
+    let (decided, seconds) = decide(cells, rows, l, params, run)?;
+    cut(&decided, l, seconds, params)
+}
+
+/// All answers at once, and the seconds that took: of `params` the number of parts and the detail do not matter.
+///
+/// # Errors
+/// As [`parts`].
+pub fn decide(cells: &CellGraph, rows: &[f64], l: usize, params: &PartsParams, run: &Run) -> Result<(Decided, f64)> {
     let (cells, rows) = checked(cells, rows, l, params)?;
-    let work = || decide(&cells, &rows, params, run);
-    let (Decided { atoms, together, tree }, seconds) = run.stage("parts", "members", params.members as u64, work)?;
+    let work = || -> Result<Decided> {
+        match params.decision {
+            Decision::SoftTrees => {
+                let members = members::draw_members(&cells, &rows, params.members, "parts member", run)?;
+                let atoms = Atoms::of(&cells, &rows, &members, run)?;
+                let together = members::co_association(&cells, &atoms, &members, run)?;
+                let tree = refinement::soft_hierarchy(&cells, &atoms, &together, params.small_part);
+                Ok(Decided { atoms, together, tree })
+            }
+            Decision::Consensus => consensus::consensus(&cells, &rows, params.small_part, run),
+            Decision::Single => consensus::single_run(&cells, &rows, params.small_part, run),
+        }
+    };
+    run.stage("parts", "members", params.members as u64, work)
+}
+
+/// The answer of `decided`, from `l` rows in `seconds`, that `params` asks for. Milliseconds.
+///
+/// # Errors
+/// More parts than cells, or an empty range.
+pub fn cut(decided: &Decided, l: usize, seconds: f64, params: &PartsParams) -> Result<PartsResult> {
+    let Decided { atoms, together, tree } = decided;
     let cut = tree.cut_for(params.count, params.detail)?;
-    let shares = cells.area_shares();
+    // Kept in single precision, they sum to nearly 1.
+    let total: f64 = tree.area.iter().map(|&share| f64::from(share)).sum();
+    let shares: Vec<f64> = tree.area.iter().map(|&share| f64::from(share) / total).collect();
     // A cut may divide atoms, or move a loose piece of one: an atom's label is its first cell's.
     let label = atoms.labels(&cut.label);
-    let sure = consensus::confidence(&atoms, &together, &label, cut.parts);
+    let sure = consensus::confidence(atoms, together, &label, cut.parts);
     let confidence: Vec<f64> = atoms.of_cell.iter().map(|&a| sure[a as usize]).collect();
     let report = PartsReport {
-        cells: cells.len(),
+        cells: tree.cells(),
         rows: l,
         atoms: atoms.len(),
         parts_found: tree.cut_detail(0.0).parts,
-        expected_disagreement: consensus::expected_disagreement(&atoms, &together, &label),
+        expected_disagreement: consensus::expected_disagreement(atoms, together, &label),
         mean_confidence: confidence.iter().zip(&shares).map(|(c, a)| c * a).sum(),
         area: cells::class_sums(&cut.label, &shares, cut.parts),
         seconds,
     };
-    Ok(PartsResult { label: cut.label, parts: cut.parts, tree, confidence, report })
-}
-
-fn decide(cells: &CellGraph, rows: &Rows, params: &PartsParams, run: &Run) -> Result<Decided> {
-    match params.decision {
-        Decision::SoftTrees => {
-            let members = members::draw_members(cells, rows, params.members, "parts member", run)?;
-            let atoms = members::Atoms::of(cells, rows, &members, run)?;
-            let together = members::co_association(cells, &atoms, &members, run)?;
-            let tree = refinement::soft_hierarchy(cells, &atoms, &together, params.small_part);
-            Ok(Decided { atoms, together, tree })
-        }
-        Decision::Consensus => consensus::consensus(cells, rows, params.small_part, run),
-        Decision::Single => consensus::single_run(cells, rows, params.small_part, run),
-    }
+    Ok(PartsResult { label: cut.label, parts: cut.parts, tree: tree.clone(), confidence, report })
 }
 
 /// Input that is safe to compute with.

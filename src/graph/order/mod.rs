@@ -3,7 +3,7 @@
 //! Out of core, order is everything: a front over scattered faces touches a page a face. So the locality of the
 //! file is measured ([`locality`]), and where it is poor and the mesh large, vertices and faces are sorted
 //! along the curve by external sorts ([`vertices`], [`faces`]) into a mesh of their own, which all stages work on
-//! as if it had been the file; `face_order` leads back, and [`Ordered::restore`] puts results in the
+//! as if it had been the file; `face_order` leads back, and [`NodeOrder::restore`] puts results in the
 //! file's order. Which order is chosen is a pure function of mesh and options. Cost of a reordering: about
 //! 0.3 µs a face and thread in memory; 22 B a face kept on disk.
 
@@ -14,7 +14,7 @@ mod restore;
 mod vertices;
 
 use super::Frame;
-use crate::base::Result;
+use crate::base::{Error, Result};
 use crate::mesh::Mesh;
 use crate::store::workdir::key_of;
 use crate::store::{MappedSlice, Run, WorkDir};
@@ -58,6 +58,38 @@ pub struct OrderFacts {
     pub stretch: f64,
     /// Whether faces were sorted along the curve.
     pub reordered: bool,
+}
+
+/// Which face of the file each node is.
+#[derive(Clone, Debug)]
+pub struct NodeOrder {
+    /// The face of the file that each node is (n); `None` where the file's order was kept.
+    pub order: Option<MappedSlice<u32>>,
+    /// What was found and done.
+    pub facts: OrderFacts,
+}
+
+impl NodeOrder {
+    /// The order of nodes that the graph in `work` was built in, `input` being the identity that it was built from: the
+    /// order's stage where faces were sorted, the file's otherwise.
+    ///
+    /// # Errors
+    /// [`Error::WorkDir`] where the files of the stage are gone or damaged.
+    pub fn kept(input: &Value, work: &WorkDir) -> Result<Self> {
+        if input["stage"] != "order" {
+            let facts = OrderFacts { far_steps: 0., stretch: 0., reordered: false };
+            return Ok(Self { order: None, facts });
+        }
+        let facts = work.reuse::<OrderFacts>("order", &key_of(input)).map_err(|problem| {
+            Error::work_dir(work.path(), format!("order: {problem}"), "make it again: nystrom-stream graph MESH …")
+        })?;
+        Ok(Self { order: Some(work.open_array(ORDER)?), facts })
+    }
+
+    /// The face of the file that `node` is.
+    pub fn face(&self, node: u32) -> u32 {
+        self.order.as_ref().map_or(node, |order| order[node as usize])
+    }
 }
 
 /// A mesh in the order of its nodes.
@@ -124,6 +156,11 @@ impl Ordered {
     /// The face of the file that `node` is.
     pub fn face(&self, node: u32) -> u32 {
         self.order.as_ref().map_or(node, |order| order[node as usize])
+    }
+
+    /// The way back to the file's order.
+    pub fn nodes(&self) -> NodeOrder {
+        NodeOrder { order: self.order.clone(), facts: self.facts }
     }
 }
 

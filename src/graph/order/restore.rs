@@ -3,7 +3,7 @@
 //! Values are scattered into the mapped output where that fits memory, else shuffled by face, a bucket at a
 //! time. Cost: one pass over the nodes; 8 B a value on disk where memory does not hold them.
 
-use super::Ordered;
+use super::NodeOrder;
 use crate::base::Result;
 use crate::base::parallel::{chunk_count, chunk_range, each_chunk};
 use crate::store::npy::Item;
@@ -13,7 +13,7 @@ use crate::store::{MappedSlice, Run, WorkDir};
 
 const CHUNK: usize = 1 << 16;
 
-impl Ordered {
+impl NodeOrder {
     /// Puts `values` (n, one a node, 4 bytes each), which are the array `name` of `work`, in the order of the file's faces,
     /// under the same name; where the file's order was kept they stay as they are.
     ///

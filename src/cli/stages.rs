@@ -1,0 +1,236 @@
+//! `graph`, `embed`, `cluster` and `export`: the stages of `segment` one by one, over a work directory.
+//!
+//! `graph` needs the mesh; the others know from the work directory which it was, and make what is missing before them.
+
+use super::method::{KernelArgs, OrderArgs, PartsArgs, check_count, misfit};
+use super::options::RunArgs;
+use super::output::{Output, publish};
+use super::segment::FormArg;
+use super::{Failure, Surroundings};
+use nystrom_stream::base::Error;
+use nystrom_stream::cluster::two_means;
+use nystrom_stream::graph::Order;
+use nystrom_stream::mesh;
+use nystrom_stream::mesh::labelled::Labelling;
+use nystrom_stream::pipeline::kept::{self, Labels, Record};
+use nystrom_stream::pipeline::{Cluster, SegmentParams, decision, embed, input, stages};
+use nystrom_stream::spectral::EmbeddingParams;
+use nystrom_stream::store::{Run, WorkDir, workdir};
+use serde_json::json;
+use std::io::Write;
+use std::path::{Path, PathBuf};
+use std::time::Instant;
+
+/// Where a stage works.
+#[derive(Clone, Debug, clap::Args)]
+pub struct Place {
+    /// The work directory
+    #[arg(long, value_name = "DIR")]
+    pub work_dir: PathBuf,
+}
+
+/// Arguments of `graph`.
+#[derive(Clone, Debug, clap::Args)]
+pub struct GraphArgs {
+    /// A PLY file (.ply, .ply.gz); `-` reads standard input
+    #[arg(value_name = "MESH")]
+    pub mesh: PathBuf,
+    #[command(flatten)]
+    pub place: Place,
+    #[command(flatten)]
+    pub order: OrderArgs,
+    #[command(flatten)]
+    pub run: RunArgs,
+}
+
+/// Arguments of `embed`.
+#[derive(Clone, Debug, clap::Args)]
+pub struct EmbedArgs {
+    #[command(flatten)]
+    pub place: Place,
+    /// Coordinates a face, at the most [default: 10]
+    #[arg(short, long, value_name = "D", value_parser = clap::value_parser!(u16).range(1..=512))]
+    pub dimensions: Option<u16>,
+    #[command(flatten)]
+    pub kernel: KernelArgs,
+    #[command(flatten)]
+    pub run: RunArgs,
+}
+
+/// Arguments of `cluster`.
+#[derive(Clone, Debug, clap::Args)]
+pub struct ClusterArgs {
+    #[command(flatten)]
+    pub place: Place,
+    /// Output, once or more, as of `segment` [default: the work directory's labels.npy and quality.npy alone]
+    #[arg(short, long, value_name = "OUT")]
+    pub output: Vec<PathBuf>,
+    /// Cut this hierarchy of parts instead of the one that was found
+    #[arg(long, value_name = "FILE")]
+    pub tree: Option<PathBuf>,
+    /// Tell the parts as JSON, to FILE or to standard output
+    #[arg(long, value_name = "FILE", num_args = 0..=1, default_missing_value = "-", require_equals = true)]
+    pub json: Option<PathBuf>,
+    #[command(flatten)]
+    pub parts: PartsArgs,
+    #[command(flatten)]
+    pub kernel: KernelArgs,
+    #[command(flatten)]
+    pub run: RunArgs,
+}
+
+/// Arguments of `export`.
+#[derive(Clone, Debug, clap::Args)]
+pub struct ExportArgs {
+    /// The mesh, where it is no longer where it was
+    #[arg(value_name = "MESH")]
+    pub mesh: Option<PathBuf>,
+    #[command(flatten)]
+    pub place: Place,
+    /// Output, once or more, as of `segment`
+    #[arg(short, long, value_name = "OUT", required_unless_present = "tree")]
+    pub output: Vec<PathBuf>,
+    /// Form of PLY outputs
+    #[arg(long, value_enum, default_value = "same", value_name = "FORM")]
+    pub ply_form: FormArg,
+    /// Write the hierarchy of parts as JSON
+    #[arg(long, value_name = "FILE")]
+    pub tree: Option<PathBuf>,
+    #[command(flatten)]
+    pub run: RunArgs,
+}
+
+/// Opens a work directory that must be there; the run gets its seed.
+fn reopen<'a>(place: &Place, args: &RunArgs, run: Run<'a>) -> Result<(WorkDir, Record, Run<'a>), Failure> {
+    drop(WorkDir::open_existing(&place.work_dir)?);
+    let work = WorkDir::open(&place.work_dir)?;
+    let record = Record::read(&work)?;
+    let seed = args.seed.unwrap_or(record.seed);
+    Ok((work, record, Run { seed, ..run }))
+}
+
+pub fn graph(args: &GraphArgs, surroundings: &Surroundings) -> Result<(), Failure> {
+    let bars = args.run.bars();
+    let run = args.run.run(&bars, surroundings);
+    let params = SegmentParams { order: args.order.or(Order::default()), ..SegmentParams::default() };
+    let work = WorkDir::open(&args.place.work_dir)?;
+    let (opened, identity) = read(&args.mesh, &work, &run)?;
+    opened.notes.iter().for_each(|note| run.progress.note(note));
+    stages::graph(&opened, &identity, &params, &work, &run)?;
+    Ok(())
+}
+
+/// Opens the mesh at `path`, or that on standard input, and tells which it is.
+pub fn read(path: &Path, work: &WorkDir, run: &Run) -> Result<(mesh::Opened, serde_json::Value), Error> {
+    let stdin = path.as_os_str() == "-";
+    let open = || {
+        if stdin {
+            mesh::open_reader(std::io::stdin().lock(), "<stdin>", work.path(), run)
+        } else {
+            mesh::open(path, work.path(), run)
+        }
+    };
+    let (opened, _) = run.stage("read", "bytes", 0, open)?;
+    let identity =
+        if stdin { json!({"stdin": workdir::checksum(&work.file("input"))?}) } else { input::identity(path)? };
+    Ok((opened, identity))
+}
+
+pub fn embed(args: &EmbedArgs, surroundings: &Surroundings) -> Result<(), Failure> {
+    let bars = args.run.bars();
+    let dimensions = args.dimensions.map_or(two_means::DIMENSIONS, usize::from);
+    let params = args.kernel.params(dimensions)?.unwrap_or(EmbeddingParams::for_parts(dimensions));
+    let params = EmbeddingParams { dimensions, ..params };
+    let (work, record, run) = reopen(&args.place, &args.run, args.run.run(&bars, surroundings))?;
+    embed::embed(params, &record.params, &work, &run)?;
+    Ok(())
+}
+
+pub fn cluster(args: &ClusterArgs, surroundings: &Surroundings) -> Result<(), Failure> {
+    let start = Instant::now();
+    let bars = args.run.bars();
+    let outputs = args.output.iter().map(|path| Output::of(path)).collect::<Result<Vec<_>, _>>()?;
+    outputs.iter().try_for_each(Output::check)?;
+    if outputs.contains(&Output::Stdout) && args.json.as_deref() == Some(Path::new("-")) {
+        return Err(Failure::Misused("mesh and report cannot both go to standard output; give --json=FILE".into()));
+    }
+    let (work, record, run) = reopen(&args.place, &args.run, args.run.run(&bars, surroundings))?;
+    let mut params = record.params.clone();
+    args.parts.apply(&args.kernel, &mut params)?;
+    check_count(&params)?;
+    if args.tree.is_some() && params.cluster != Cluster::Parts {
+        return Err(misfit("--tree", "--cluster parts"));
+    }
+    let tree = args.tree.as_deref().map(decision::read_tree).transpose()?;
+    let result = kept::cluster(&kept::continued(&record, &params), tree.as_ref(), &work, &run)?;
+    let labelling = Labelling { labels: &result.labels, colours: &result.colours, quality: Some(&result.quality) };
+    write(&outputs, None, &record, &labelling, FormArg::Same, &work, &run)?;
+    if let Some(target) = &args.json {
+        let part =
+            |(label, &faces): (usize, &u64)| json!({"label": label, "faces": faces, "colour": result.colours[label]});
+        let mut seconds = bars.take_seconds();
+        seconds.insert("total".into(), start.elapsed().as_secs_f64());
+        let report = json!({
+            "mesh": record.mesh, "options": params, "seed": run.seed, "decision": result.numbers.decision,
+            "parts": result.numbers.faces.iter().enumerate().map(part).collect::<Vec<_>>(), "seconds": seconds,
+        });
+        publish(target, &report)?;
+    }
+    if outputs.is_empty() && args.json.is_none() {
+        let (parts, faces) = (result.numbers.faces.len(), result.labels.len());
+        let _ = writeln!(std::io::stdout(), "{faces} faces in {parts} parts: {}", work.file("labels.npy").display());
+    }
+    Ok(())
+}
+
+pub fn export(args: &ExportArgs, surroundings: &Surroundings) -> Result<(), Failure> {
+    let bars = args.run.bars();
+    let outputs = args.output.iter().map(|path| Output::of(path)).collect::<Result<Vec<_>, _>>()?;
+    outputs.iter().try_for_each(Output::check)?;
+    let (work, record, run) = reopen(&args.place, &args.run, args.run.run(&bars, surroundings))?;
+    if let Some(path) = &args.tree {
+        let tree = decision::read_tree(&work.file("tree.json"))?;
+        decision::write_tree(&tree, path)?;
+    }
+    if !outputs.is_empty() {
+        let Labels { labels, quality, colours } = Labels::read(&work)?;
+        let labelling = Labelling { labels: &labels, colours: &colours, quality: Some(&quality) };
+        write(&outputs, args.mesh.as_deref(), &record, &labelling, args.ply_form, &work, &run)?;
+    }
+    Ok(())
+}
+
+/// Writes `outputs`; the mesh is opened where one of them needs it.
+fn write(
+    outputs: &[Output],
+    mesh: Option<&Path>,
+    record: &Record,
+    labelling: &Labelling,
+    form: FormArg,
+    work: &WorkDir,
+    run: &Run,
+) -> Result<(), Error> {
+    if outputs.is_empty() {
+        return Ok(());
+    }
+    let opened = if outputs.iter().any(Output::needs_mesh) {
+        let path = mesh.unwrap_or(&record.mesh);
+        let same = match record.identity.get("stdin") {
+            Some(sum) => mesh.is_some() || *sum == workdir::checksum(path)?,
+            None => input::same(&input::identity(path)?, &record.identity),
+        };
+        if !same {
+            return Err(Error::unusable(path, "is not the mesh that the work directory is of", "name that mesh"));
+        }
+        let opened = run.stage("read", "bytes", 0, || mesh::open(path, work.path(), run))?.0;
+        if opened.mesh.faces.len() != labelling.labels.len() {
+            return Err(Error::unusable(path, "has another number of faces than labels", "name the right mesh"));
+        }
+        Some(opened)
+    } else {
+        None
+    };
+    let faces = labelling.labels.len() as u64;
+    let each = || outputs.iter().try_for_each(|output| output.write(opened.as_ref(), labelling, form.form(), run));
+    run.stage("write", "faces", faces, each).map(drop)
+}

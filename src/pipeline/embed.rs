@@ -1,0 +1,122 @@
+//! The embedding of all faces as an array, for other programs: `embedding.npy` (faces × d), in the order of the file.
+//!
+//! `segment` never needs it whole: it extrapolates a chunk at a time. Cost: one pass over `[A B]`, 4 d bytes a face.
+
+use super::{SegmentParams, parts, rows, rows_for_means};
+use crate::base::Result;
+use crate::base::parallel::{chunk_count, chunk_range, in_order};
+use crate::distance::DistanceRows;
+use crate::graph::{DualGraph, NodeOrder};
+use crate::spectral::{Columns, Embedding, EmbeddingParams};
+use crate::store::workdir::key_of;
+use crate::store::{Run, WorkDir};
+use serde::{Deserialize, Serialize};
+use serde_json::json;
+
+const FILE: &str = "embedding.npy";
+const CHUNK: usize = 2048;
+
+/// What an embedding was made with and what it tells.
+#[derive(Clone, Debug, Serialize, Deserialize)]
+pub struct EmbeddingFacts {
+    /// Its options.
+    pub params: EmbeddingParams,
+    /// Coordinates d: what was asked for, or as many as there are.
+    pub dimensions: usize,
+    /// The kernel's width in distance units.
+    pub sigma: f64,
+    /// Eigenvalues, descending.
+    pub eigenvalues: Vec<f64>,
+    /// Key of the rows behind it.
+    rows: String,
+}
+
+/// Options of the embedding in `work`, where it is of the rows `rows`.
+pub(super) fn kept_params(rows: &str, work: &WorkDir) -> Option<EmbeddingParams> {
+    let stage = work.manifest().stages.remove("embedding")?;
+    let facts: EmbeddingFacts = serde_json::from_value(stage.facts).ok()?;
+    (facts.rows == rows).then_some(facts.params)
+}
+
+/// Embeds all faces of the mesh in `work` from the rows that are there, or that `method` asks for where there are none.
+///
+/// # Errors
+/// [`crate::base::Error::WorkDir`] where the graph is missing, [`crate::base::Error::Parameter`],
+/// [`crate::base::Error::Io`], [`crate::base::Error::Cancelled`].
+pub fn embed(params: EmbeddingParams, method: &SegmentParams, work: &WorkDir, run: &Run) -> Result<EmbeddingFacts> {
+    let (graph, input) = DualGraph::kept(work)?;
+    let order = NodeOrder::kept(&input, work)?;
+    let rows = some_rows(&graph, params.dimensions, method, work, run)?;
+    let options = json!({"stage": "embedding", "rows": rows.key, "params": params, "seed": run.seed});
+    let key = key_of(&options);
+    match work.reuse::<EmbeddingFacts>("embedding", &key) {
+        Ok(facts) => {
+            run.progress.note("embedding: reused");
+            return Ok(facts);
+        }
+        Err(reason) => run.note_remake("embedding", &reason),
+    }
+    let make = || -> Result<EmbeddingFacts> {
+        let columns = Columns::sample(&rows, &graph.nodes, run.seed);
+        let embedding = Embedding::fit(&rows, &columns, params)?;
+        write(&rows, &embedding, &order, work, run)?;
+        Ok(EmbeddingFacts {
+            params,
+            dimensions: embedding.dimensions,
+            sigma: embedding.sigma,
+            eigenvalues: embedding.eigenvalues,
+            rows: rows.key.clone(),
+        })
+    };
+    let (facts, seconds) = run.stage("embedding", "faces", rows.nodes as u64, make)?;
+    work.stamp("embedding", &key, &options, &[FILE], &facts, seconds)?;
+    Ok(facts)
+}
+
+/// The rows that are there, or new ones.
+fn some_rows(
+    graph: &DualGraph,
+    parts: usize,
+    method: &SegmentParams,
+    work: &WorkDir,
+    run: &Run,
+) -> Result<DistanceRows> {
+    let n = graph.nodes.len();
+    if let Ok(rows) = DistanceRows::kept(&graph.key, n, work) {
+        run.progress.note("rows: reused");
+        return Ok(rows);
+    }
+    if method.cluster == super::Cluster::Parts {
+        let weighted = parts::weighted(graph, method, work, run)?.1;
+        let l = method.landmarks.unwrap_or(super::landmarks_for_parts(n));
+        return rows(graph, &weighted, l, method, work, run);
+    }
+    rows_for_means(graph, parts, method, work, run)
+}
+
+/// Extrapolates every face, a chunk at a time.
+fn write(rows: &DistanceRows, embedding: &Embedding, order: &NodeOrder, work: &WorkDir, run: &Run) -> Result<()> {
+    let (n, d) = (rows.nodes, embedding.dimensions);
+    let mut array = work.array::<f32>(FILE, &[n, d])?;
+    let out = array.data();
+    let work_chunk = |k: usize, affinities: &mut Vec<f32>| {
+        let range = chunk_range(n, CHUNK, k);
+        let m = range.len();
+        let mut coordinates = vec![0.; m * d];
+        embedding.chunk(m, |row| &rows.row(row)[range.clone()], &mut affinities[..m], &mut coordinates);
+        run.progress.advance("embedding", m as u64);
+        Ok(coordinates)
+    };
+    let consume = |k: usize, coordinates: Vec<f32>| {
+        let range = chunk_range(n, CHUNK, k);
+        for (i, node) in range.clone().enumerate() {
+            let face = order.face(node as u32) as usize;
+            for e in 0..d {
+                out[face * d + e] = coordinates[e * range.len() + i];
+            }
+        }
+        Ok(())
+    };
+    in_order(run.threads, &run.cancel, chunk_count(n, CHUNK), || vec![0.; CHUNK], work_chunk, consume)?;
+    array.finish(work.durable()).map(drop)
+}

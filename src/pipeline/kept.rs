@@ -1,0 +1,147 @@
+//! A work directory opened by itself, without its mesh: what `cluster`, `embed` and `export` start from.
+//!
+//! The first stages leave a record of the mesh and of the options, so that a later command needs to be told only what
+//! is to change. Another number of parts then costs what it costs to check and map the stages, a cut of the
+//! kept hierarchy, and the bands at the parts' boundaries.
+
+use super::{Cluster, SegmentParams, Segmentation, k_means, label, parts};
+use crate::base::{Error, Result};
+use crate::cluster::parts::PartTree;
+use crate::distance::DistanceRows;
+use crate::graph::{DualGraph, NodeOrder};
+use crate::mesh::Opened;
+use crate::spectral::EmbeddingParams;
+use crate::store::workdir::key_of;
+use crate::store::{MappedSlice, Run, WorkDir};
+use serde::{Deserialize, Serialize};
+use serde_json::{Value, json};
+use std::path::PathBuf;
+
+/// Which mesh a work directory is of, and under which options it was made.
+#[derive(Clone, Debug, Serialize, Deserialize)]
+pub struct Record {
+    /// Where the mesh lies.
+    pub mesh: PathBuf,
+    /// Which input it is ([`super::input::identity`]).
+    pub identity: Value,
+    /// The options.
+    pub params: SegmentParams,
+    /// The seed.
+    pub seed: u64,
+}
+
+impl Record {
+    /// The record of a run; the seed is filled in by [`Record::stamp`].
+    pub(super) fn of(opened: &Opened, identity: &Value, params: &SegmentParams, work: &WorkDir) -> Self {
+        let path = opened.document.path();
+        // Standard input lies in the work directory, where it was spooled to.
+        let path = if identity.get("stdin").is_some() { work.file("input") } else { path.to_path_buf() };
+        let mesh = std::path::absolute(&path).unwrap_or(path);
+        Self { mesh, identity: identity.clone(), params: params.clone(), seed: 0 }
+    }
+
+    /// Leaves the record in `work`.
+    ///
+    /// # Errors
+    /// [`Error::Io`].
+    pub(super) fn stamp(mut self, work: &WorkDir, run: &Run) -> Result<()> {
+        if work.is_temporary() {
+            return Ok(());
+        }
+        self.seed = run.seed;
+        let options = json!({"stage": "record", "input": self.identity, "params": self.params, "seed": self.seed});
+        work.stamp("record", &key_of(&options), &options, &[], &self, 0.)
+    }
+
+    /// The record in `work`.
+    ///
+    /// # Errors
+    /// [`Error::WorkDir`] where there is none.
+    pub fn read(work: &WorkDir) -> Result<Self> {
+        let remedy = "start it: nystrom-stream graph MESH --work-dir …";
+        let stage = work.manifest().stages.remove("record");
+        let stage = stage.ok_or_else(|| Error::work_dir(work.path(), "does not say which mesh it is of", remedy))?;
+        serde_json::from_value(stage.facts)
+            .map_err(|error| Error::work_dir(work.path(), format!("its record cannot be read: {error}"), remedy))
+    }
+}
+
+/// Labels of a work directory, as `cluster` left them.
+#[derive(Clone, Debug)]
+pub struct Labels {
+    /// A part a face, in the order of the file (n).
+    pub labels: MappedSlice<u32>,
+    /// How sure each label is, 0 to 1 (n).
+    pub quality: MappedSlice<f32>,
+    /// A colour a part.
+    pub colours: Vec<[u8; 3]>,
+}
+
+/// What the manifest keeps of labels.
+#[derive(Clone, Debug, Serialize, Deserialize)]
+pub(super) struct LabelFacts {
+    /// Faces a part.
+    pub faces: Vec<u64>,
+    /// A colour a part.
+    pub colours: Vec<[u8; 3]>,
+}
+
+impl Labels {
+    /// The labels in `work`.
+    ///
+    /// # Errors
+    /// [`Error::WorkDir`] where there are none.
+    pub fn read(work: &WorkDir) -> Result<Self> {
+        let remedy = "make them first: nystrom-stream cluster --work-dir …";
+        let stage = work.manifest().stages.remove("labels");
+        let stage = stage.ok_or_else(|| Error::work_dir(work.path(), "holds no labels", remedy))?;
+        let facts = work
+            .reuse::<LabelFacts>("labels", &stage.key)
+            .map_err(|problem| Error::work_dir(work.path(), format!("labels: {problem}"), remedy))?;
+        let (labels, quality) = (work.open_array("labels.npy")?, work.open_array("quality.npy")?);
+        Ok(Self { labels, quality, colours: facts.colours })
+    }
+}
+
+/// Clusters the faces of the mesh in `work` (again) under `params`; what is missing between its graph and the labels is
+/// made. By the hierarchy `tree`, where one is given. K-means and two-means take the rows that are there, of whatever
+/// metric, and the embedding's options of the stage `embedding` where `params` has none.
+///
+/// # Errors
+/// As [`super::segment`], and [`Error::WorkDir`] where the graph is missing.
+pub fn cluster(params: &SegmentParams, tree: Option<&PartTree>, work: &WorkDir, run: &Run) -> Result<Segmentation> {
+    let (graph, input) = DualGraph::kept(work)?;
+    super::check(params, work.path(), graph.nodes.len())?;
+    let order = NodeOrder::kept(&input, work)?;
+    let clustered = match super::fit(params, graph.nodes.len()) {
+        Some((fit, parts)) => {
+            let rows = match DistanceRows::kept(&graph.key, graph.nodes.len(), work) {
+                Ok(rows) => rows,
+                Err(Error::WorkDir { .. }) => super::rows_for_means(&graph, parts, params, work, run)?,
+                Err(error) => return Err(error),
+            };
+            run.progress.note(&format!("rows: {} of them", rows.len()));
+            let kept = || super::embed::kept_params(&rows.key, work);
+            let embedding = params.embedding.or_else(kept).unwrap_or(EmbeddingParams::for_parts(parts));
+            let embedding = EmbeddingParams { dimensions: super::dimensions(params), ..embedding };
+            let assign = || k_means::k_means(&graph, &rows, embedding, fit, work, run);
+            run.stage("assign", "faces", rows.nodes as u64, assign)?.0
+        }
+        None => parts::parts(&graph, params, tree, work, run)?,
+    };
+    label(&graph, order, clustered, params, work, run)
+}
+
+/// What `params` would have to be for [`cluster`] to make nothing anew that `record` made: its options but for those
+/// of clustering.
+pub fn continued(record: &Record, params: &SegmentParams) -> SegmentParams {
+    let own = &record.params;
+    SegmentParams {
+        landmarks: own.landmarks,
+        sampling: own.sampling,
+        metric: own.metric,
+        order: own.order,
+        coarse: own.coarse && params.cluster == Cluster::Parts,
+        ..params.clone()
+    }
+}

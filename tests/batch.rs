@@ -1,0 +1,156 @@
+//! `segment` of many meshes: files, folders and patterns; jobs, a table, JSON lines, going on and taking up again.
+
+mod common;
+
+use common::{errors, program, run, word, zoo};
+use serde_json::Value;
+use std::path::{Path, PathBuf};
+use std::process::Output;
+
+/// A folder with four meshes, a result, another file, and a file that is no mesh.
+fn folder() -> (tempfile::TempDir, PathBuf) {
+    let dir = tempfile::tempdir().unwrap();
+    let meshes = dir.path().join("meshes");
+    std::fs::create_dir(&meshes).unwrap();
+    zoo::dumbbell().write(&meshes);
+    zoo::moebius(30).write(&meshes);
+    zoo::grid(9).write(&meshes);
+    common::creature(&meshes, 4_000, false);
+    zoo::grid(5).write(dir.path());
+    std::fs::copy(dir.path().join("grid.ply"), meshes.join("old.segmented.ply")).unwrap();
+    std::fs::write(meshes.join("notes.txt"), "no mesh").unwrap();
+    std::fs::write(meshes.join("bad.ply"), "ply\n").unwrap();
+    (dir, meshes)
+}
+
+const GOOD: [&str; 4] = ["creature_4000", "dumbbell", "grid", "moebius"];
+
+fn lines(text: &[u8]) -> Vec<Value> {
+    String::from_utf8_lossy(text).lines().map(|line| serde_json::from_str(line).unwrap()).collect()
+}
+
+fn names(folder: &Path) -> Vec<String> {
+    let entries = std::fs::read_dir(folder).unwrap();
+    let mut names: Vec<_> = entries.map(|entry| entry.unwrap().file_name().to_string_lossy().into_owned()).collect();
+    names.sort();
+    names
+}
+
+fn batch(meshes: &Path, out: &Path, words: &[&str]) -> Output {
+    std::fs::create_dir_all(out).unwrap();
+    let pattern = out.join("{}.seg");
+    let output =
+        program().arg("segment").arg(meshes).args(["-k", "3", "-o", word(&pattern)]).args(words).output().unwrap();
+    assert_eq!(output.status.code(), Some(1), "{}", errors(&output));
+    output
+}
+
+#[test]
+fn a_folder_gives_a_table_and_json_lines_and_goes_on_after_a_failure() {
+    let (dir, meshes) = folder();
+    let out = dir.path().join("out");
+    let output = batch(&meshes, &out, &["--json-lines"]);
+    assert_eq!(names(&out), GOOD.map(|name| format!("{name}.seg")));
+    let told = errors(&output);
+    for name in GOOD {
+        let path = meshes.join(format!("{name}.ply"));
+        let row: Vec<&str> =
+            told.lines().find(|line| line.starts_with(word(&path))).unwrap().split_whitespace().collect();
+        assert_eq!((row.len(), row[2], row[3]), (5, "3", "-"), "{told}");
+    }
+    assert!(told.contains("4 of 5 meshes done in "), "{told}");
+    assert!(told.contains(&format!("failed: {}", word(&meshes.join("bad.ply")))), "{told}");
+    assert!(told.ends_with("nystrom-stream: 1 of 5 meshes failed\n"), "{told}");
+    let lines = lines(&output.stdout);
+    assert_eq!(lines.len(), 5);
+    let of = |name: &str| lines.iter().find(|line| line["mesh"].as_str().unwrap().ends_with(name)).unwrap();
+    assert_eq!((&of("grid.ply")["faces"], &of("grid.ply")["parts"]), (&162.into(), &3.into()));
+    assert!(of("grid.ply")["gamma_per_face"].is_null() && of("grid.ply")["seconds"].as_f64().unwrap() > 0.);
+    assert_eq!(of("grid.ply")["outputs"][0], word(&out.join("grid.seg")));
+    assert!(of("bad.ply")["error"].as_str().unwrap().contains("header"), "{lines:?}");
+    // The paper's quality is told where there is one.
+    let means = batch(&meshes, &out, &["--cluster", "kmeans", "--json-lines", "-q"]);
+    assert!(
+        self::lines(&means.stdout).iter().any(|line| line["gamma_per_face"].as_f64().is_some_and(|gamma| gamma > 0.))
+    );
+}
+
+#[test]
+fn jobs_change_nothing_but_the_time() {
+    let (dir, meshes) = folder();
+    let (one, two) = (dir.path().join("one"), dir.path().join("two"));
+    batch(&meshes, &one, &["-q"]);
+    let report = format!("--json={}", word(&dir.path().join("reports.json")));
+    batch(&meshes, &two, &["--jobs", "3", "--max-memory", "300MB", "-q", &report]);
+    for name in names(&one) {
+        assert!(std::fs::read(one.join(&name)).unwrap() == std::fs::read(two.join(&name)).unwrap(), "{name}");
+    }
+    assert_eq!(names(&two).len(), 4, "no temporary folder stays");
+    let reports: Value =
+        serde_json::from_str(&std::fs::read_to_string(dir.path().join("reports.json")).unwrap()).unwrap();
+    let reports = reports.as_array().unwrap();
+    // In the order of the meshes, each within its share.
+    let paths: Vec<_> = reports.iter().map(|report| report["input"]["path"].as_str().unwrap()).collect();
+    assert_eq!(paths, GOOD.map(|name| word(&meshes.join(format!("{name}.ply"))).to_string()));
+    assert!(reports.iter().all(|report| report["bytes"]["budget"] == 100_000_000), "{}", reports[0]["bytes"]);
+}
+
+#[test]
+fn finished_outputs_are_skipped_on_request() {
+    let (dir, meshes) = folder();
+    let out = dir.path().join("out");
+    batch(&meshes, &out, &["-q"]);
+    std::fs::remove_file(out.join("grid.seg")).unwrap();
+    let output = batch(&meshes, &out, &["--resume", "--json-lines"]);
+    let done: Vec<Value> = lines(&output.stdout);
+    assert_eq!(done.len(), 2, "the one that failed and the one that was missing: {done:?}");
+    assert!(errors(&output).contains("1 of 5 meshes done in ") && errors(&output).contains("3 were there already"));
+    // A mesh that changed since is done again.
+    std::thread::sleep(std::time::Duration::from_millis(20));
+    zoo::moebius(40).write(&meshes);
+    let output = batch(&meshes, &out, &["--resume", "--json-lines", "-q"]);
+    assert_eq!(lines(&output.stdout).len(), 2);
+    assert_eq!(nystrom_stream::mesh::read_seg(&out.join("moebius.seg")).unwrap().len(), 80);
+}
+
+#[test]
+fn patterns_and_events() {
+    let (dir, meshes) = folder();
+    let (pattern, out) = (meshes.join("[dm]*.ply"), dir.path().join("{}.npy"));
+    let output = run(&["segment", word(&pattern), "-o", word(&out), "-k", "2", "--progress", "json"]);
+    assert!(output.status.success(), "{}", errors(&output));
+    assert_eq!(names(dir.path()), ["dumbbell.npy", "grid.ply", "meshes", "moebius.npy"]);
+    let events = lines(&output.stderr);
+    let meshes_done = events.iter().filter(|event| event["stage"] == "meshes");
+    assert_eq!(meshes_done.map(|event| event["done"].as_u64().unwrap()).collect::<Vec<_>>(), [1, 2]);
+    assert!(events.iter().any(|event| event["mesh"].as_str().is_some_and(|mesh| mesh.ends_with("dumbbell.ply"))));
+}
+
+#[test]
+fn what_makes_no_sense_is_refused_before_any_work() {
+    let (dir, meshes) = folder();
+    let (grid, dumbbell) = (meshes.join("grid.ply"), meshes.join("dumbbell.ply"));
+    let other = dir.path().join("grid.ply");
+    let (grid, dumbbell, other, folder) = (word(&grid), word(&dumbbell), word(&other), word(&meshes));
+    for (words, told) in [
+        (&["segment", grid, dumbbell, "-o", "x.ply"][..], "write {} for the mesh's name"),
+        (&["segment", folder, "-o", "x.ply"], "write {} for the mesh's name"),
+        (&["segment", grid, other, "-o", "{}.seg"], "would both be written to grid.seg"),
+        (&["segment", grid, "--jobs", "2"], "--jobs goes with several meshes"),
+        (&["segment", grid, "--resume"], "--resume goes with several meshes"),
+        (&["segment", folder, "--work-dir", "w"], "--work-dir goes with one mesh"),
+        (&["segment", folder, "-"], "standard input is one mesh"),
+        (&["segment", folder, "--json", "--json-lines"], "cannot both go to standard output"),
+    ] {
+        let output = run(words);
+        assert_eq!(output.status.code(), Some(2), "{words:?}: {}", errors(&output));
+        assert!(errors(&output).contains(told), "{words:?}: {}", errors(&output));
+    }
+    for (word, told) in [("none*.ply", "matches no file"), (word(&dir.path().join("empty")), "holds no mesh")] {
+        let _ = std::fs::create_dir(dir.path().join("empty"));
+        let output = run(&["segment", word]);
+        assert_eq!(output.status.code(), Some(1));
+        assert!(errors(&output).contains(told), "{}", errors(&output));
+    }
+    assert!(!names(&meshes).contains(&"grid.segmented.ply".to_string()));
+}

@@ -1,0 +1,107 @@
+//! Every command of the README and of the guide, run as it stands there, on real meshes.
+//!
+//! Blocks fenced as `sh` are run line by line, in order, by one shell a file in a folder of its own. The meshes are
+//! those of the collection; without it a creature stands in.
+
+mod common;
+
+use std::path::{Path, PathBuf};
+use std::process::{Command, Stdio};
+
+/// The commands in the blocks fenced as `sh`, with their lines.
+fn commands(name: &str) -> Vec<(usize, String)> {
+    let text = std::fs::read_to_string(Path::new(env!("CARGO_MANIFEST_DIR")).join(name)).unwrap();
+    let (mut found, mut inside) = (Vec::new(), false);
+    for (number, line) in text.lines().enumerate() {
+        if line.starts_with("```") {
+            inside = line == "```sh";
+        } else if inside && !line.trim().is_empty() {
+            found.push((number + 1, line.to_string()));
+        }
+    }
+    assert!(found.len() > 8, "{name}");
+    found
+}
+
+/// The folder that the commands find themselves in: `scan.ply`, `scans/`, `psb/`.
+fn scene() -> tempfile::TempDir {
+    let dir = tempfile::tempdir().unwrap();
+    let (scans, psb) = (dir.path().join("scans"), dir.path().join("psb"));
+    std::fs::create_dir(&scans).unwrap();
+    std::fs::create_dir(&psb).unwrap();
+    if let Some(data) = common::data() {
+        // Two models of two categories with what people said of them.
+        let table = std::fs::read_to_string(data.join("psb/models.tsv")).unwrap();
+        let chosen = |line: &&str| ["model", "2", "50"].contains(&line.split('\t').next().unwrap());
+        let lines: Vec<&str> = table.lines().filter(chosen).collect();
+        assert_eq!(lines.len(), 3, "{table}");
+        std::fs::write(psb.join("models.tsv"), lines.join("\n") + "\n").unwrap();
+        for entry in std::fs::read_dir(data.join("psb")).unwrap().flatten() {
+            let name = entry.file_name().into_string().unwrap();
+            if ["2.ply", "50.ply"].contains(&&name[..]) || name.starts_with("2_") || name.starts_with("50_") {
+                std::fs::copy(entry.path(), psb.join(&name)).unwrap();
+            }
+        }
+        std::fs::copy(psb.join("2.ply"), dir.path().join("scan.ply")).unwrap();
+        for (truth, name) in [("2_0.seg", "a.seg"), ("2_1.seg", "b.seg")] {
+            std::fs::copy(psb.join(truth), dir.path().join(name)).unwrap();
+        }
+        for name in ["2.ply", "50.ply"] {
+            std::fs::copy(psb.join(name), scans.join(name)).unwrap();
+        }
+    } else {
+        let scan = dir.path().join("scan.ply");
+        std::fs::rename(common::creature(dir.path(), 12_000, false), &scan).unwrap();
+        for (name, parts) in [("a.seg", "4"), ("b.seg", "6")] {
+            common::segment(&scan, &["-q", "-k", parts, "-o", common::word(&dir.path().join(name))]);
+        }
+        for faces in [4_000, 6_000] {
+            common::creature(&scans, faces, false);
+            let path = common::creature(&psb, faces, false);
+            let number = faces / 1000;
+            std::fs::rename(path, psb.join(format!("{number}.ply"))).unwrap();
+            let mesh = psb.join(format!("{number}.ply"));
+            for person in 0..2 {
+                let truth = psb.join(format!("{number}_{person}.seg"));
+                common::segment(&mesh, &["-q", "-k", "5", "-o", common::word(&truth)]);
+            }
+        }
+        let table = "model\tcategory\n4\tcreature\n6\tcreature\n";
+        std::fs::write(psb.join("models.tsv"), table).unwrap();
+    }
+    dir
+}
+
+/// Runs the commands of `name`; those that begin as one of `left_out` are not for a test.
+fn all_run(name: &str, left_out: &[&str]) {
+    let dir = scene();
+    let program = PathBuf::from(env!("CARGO_BIN_EXE_nystrom-stream"));
+    let path = format!("{}:{}", program.parent().unwrap().display(), std::env::var("PATH").unwrap_or_default());
+    for (line, command) in commands(name) {
+        if left_out.iter().any(|start| command.starts_with(start)) {
+            continue;
+        }
+        let output = Command::new("bash")
+            .args(["-euc", &command])
+            .current_dir(dir.path())
+            .env("PATH", &path)
+            .stdin(Stdio::null())
+            .output()
+            .unwrap();
+        let told = String::from_utf8_lossy(&output.stderr);
+        assert!(output.status.success(), "{name}, line {line}: {command}\n{told}");
+    }
+}
+
+#[cfg(unix)]
+#[test]
+fn the_guides_commands_run() {
+    all_run("docs/guide.md", &[]);
+}
+
+#[cfg(unix)]
+#[test]
+fn the_readmes_commands_run() {
+    // What builds and tests the program itself is run by continuous integration.
+    all_run("README.md", &["cargo "]);
+}

@@ -1,0 +1,139 @@
+//! In other people's pipelines: progress for programs, readers that go away, help, completions, man pages, and option
+//! combinations that are refused.
+
+mod common;
+
+use common::{errors, program, run, word, zoo};
+use serde_json::Value;
+use std::io::Read;
+use std::process::Stdio;
+
+#[test]
+fn progress_for_programs_is_an_event_a_line() {
+    let dir = tempfile::tempdir().unwrap();
+    let mesh = common::creature(dir.path(), 20_000, false);
+    let output = run(&["segment", word(&mesh), "--progress", "json", "-k", "4"]);
+    assert!(output.status.success());
+    let events: Vec<Value> = errors(&output).lines().map(|line| serde_json::from_str(line).unwrap()).collect();
+    for (stage, total) in [("graph", None), ("rows", Some(60)), ("boundaries", None)] {
+        let of: Vec<&Value> = events.iter().filter(|event| event["stage"] == stage).collect();
+        let (first, last) = (of[0], of[of.len() - 1]);
+        assert!(of.len() >= 2 && first["done"] == 0 && last["done"] == last["total"], "{of:?}");
+        assert!(of.windows(2).all(|w| w[0]["done"].as_u64() <= w[1]["done"].as_u64()), "{of:?}");
+        assert!(last["seconds"].as_f64().unwrap() > 0. && total.is_none_or(|total| last["total"] == total));
+    }
+    for (words, lines) in [(&["--progress", "none"][..], 0), (&["--progress", "lines"], 10)] {
+        let output = run(&[&["segment", word(&mesh)], words].concat());
+        assert_eq!(errors(&output).lines().count().min(lines), lines, "{}", errors(&output));
+    }
+    assert!(run(&["segment", word(&mesh), "--progress", "none"]).stderr.is_empty());
+    assert_eq!(run(&["segment", word(&mesh), "--progress", "json", "-q"]).status.code(), Some(2));
+}
+
+#[test]
+fn a_reader_that_goes_away_is_no_matter_for_words() {
+    let dir = tempfile::tempdir().unwrap();
+    let mesh = common::creature(dir.path(), 20_000, false);
+    for words in [&["segment", word(&mesh), "-q", "-o", "-"][..], &["completions", "bash"]] {
+        let mut child = program().args(words).stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().unwrap();
+        let mut out = child.stdout.take().unwrap();
+        if words[0] == "segment" {
+            out.read_exact(&mut [0; 3]).unwrap();
+        }
+        drop(out);
+        let output = child.wait_with_output().unwrap();
+        assert!(output.stderr.is_empty(), "{}", errors(&output));
+        assert!(matches!(output.status.code(), Some(0 | 1)), "{:?}", output.status);
+    }
+    let left: Vec<_> = std::fs::read_dir(dir.path()).unwrap().map(|entry| entry.unwrap().file_name()).collect();
+    assert_eq!(left, ["creature_20000.ply"]);
+}
+
+#[test]
+fn help_is_short_or_long_and_without_colours_on_request() {
+    let text = |words: &[&str]| {
+        let output = program().args(words).env("NO_COLOR", "1").env("CLICOLOR_FORCE", "1").output().unwrap();
+        assert!(output.status.success() && output.stderr.is_empty(), "{words:?}");
+        let text = String::from_utf8(output.stdout).unwrap();
+        assert!(!text.contains('\u{1b}'), "{words:?}");
+        text
+    };
+    let commands = ["segment", "graph", "rows", "embed", "cluster", "export"];
+    for command in commands {
+        let (short, long) = (text(&[command, "-h"]), text(&[command, "--help"]));
+        assert!(short.len() < long.len() && long.contains("Examples"), "{command}");
+        assert!(!short.contains("Examples"), "{command}");
+    }
+    let long = text(&["segment", "--help"]);
+    for heading in ["Many meshes:", "Parts:", "Distances:", "Embedding (kmeans and two-means):", "Running:"] {
+        assert!(long.contains(&format!("\n{heading}\n")), "{heading}");
+    }
+    assert!(!text(&["segment", "-h"]).contains("--kernel"), "what few need is in the long help");
+    assert!(text(&["--help"]).contains("Exit codes"));
+}
+
+#[test]
+fn misspelt_options_are_suggested() {
+    for (words, meant) in [
+        (&["segment", "x.ply", "--landmark", "3"][..], "--landmarks"),
+        (&["segment", "x.ply", "--ouput", "y.ply"], "--output"),
+        (&["segment", "x.ply", "--cluster", "kmean"], "kmeans"),
+        (&["sgment", "x.ply"], "segment"),
+    ] {
+        let output = run(words);
+        assert_eq!(output.status.code(), Some(2));
+        assert!(errors(&output).contains(meant), "{words:?}: {}", errors(&output));
+    }
+}
+
+#[test]
+fn combinations_that_would_be_ignored_are_refused() {
+    let dir = tempfile::tempdir().unwrap();
+    let mesh = zoo::dumbbell().write(dir.path());
+    let mesh = word(&mesh);
+    for (words, told) in [
+        (&["--kernel", "gaussian"][..], "--kernel goes with --cluster kmeans or two-means only"),
+        (&["--sigma", "1"], "--sigma goes with --cluster kmeans or two-means only"),
+        (&["--normalise", "none"], "--normalise goes with --cluster kmeans or two-means only"),
+        (&["--no-unit-rows"], "--no-unit-rows goes with --cluster kmeans or two-means only"),
+        (&["--cluster", "kmeans", "-k", "3", "--decision", "single"], "--decision goes with --cluster parts only"),
+        (&["--cluster", "two-means", "--detail", "0.5"], "--detail goes with --cluster parts only"),
+        (&["--cluster", "two-means", "--coarse"], "--coarse goes with --cluster parts only"),
+        (
+            &["--cluster", "kmeans", "--parts-range", "3..4"],
+            "--parts-range goes with --cluster parts or two-means only",
+        ),
+        (&["-k", "0"], "-k: 0 parts; choose at least 1"),
+        (&["-k", "3", "--detail", "0.5"], "cannot be used with"),
+        (&["--quiet", "--progress", "json"], "cannot be used with"),
+        (&["--delta", "0.1"], "--delta goes with --metric paper only"),
+    ] {
+        let output = run(&[&["segment", mesh], words].concat());
+        assert_eq!(output.status.code(), Some(2), "{words:?}: {}", errors(&output));
+        assert!(errors(&output).contains(told), "{words:?}: {}", errors(&output));
+    }
+    assert_eq!(std::fs::read_dir(dir.path()).unwrap().count(), 1, "no work was done");
+}
+
+#[test]
+fn completions_and_man_pages_know_every_option() {
+    let dir = tempfile::tempdir().unwrap();
+    let output = run(&["man", word(&dir.path().join("man"))]);
+    assert!(output.status.success(), "{}", errors(&output));
+    for command in ["segment", "graph", "rows", "embed", "cluster", "export", "evaluate", "picture", "demo"] {
+        let help = String::from_utf8(run(&[command, "--help"]).stdout).unwrap();
+        let page = std::fs::read_to_string(dir.path().join(format!("man/nystrom-stream-{command}.1"))).unwrap();
+        let page = page.replace("\\-", "-");
+        let options: Vec<&str> = help
+            .split_whitespace()
+            .filter(|word| word.starts_with("--") && word[2..].chars().all(|c| c.is_ascii_lowercase() || c == '-'))
+            .filter(|word| word.len() > 4)
+            .collect();
+        assert!(options.len() > 5 && options.iter().all(|option| page.contains(option)), "{command}: {options:?}");
+    }
+    for shell in ["bash", "zsh", "fish", "elvish", "powershell"] {
+        let output = run(&["completions", shell]);
+        let text = String::from_utf8(output.stdout).unwrap();
+        assert!(output.status.success() && text.contains("parts-range") && text.contains("work-dir"), "{shell}");
+    }
+}

@@ -1,0 +1,263 @@
+//! The stages of `segment` as commands of their own over a work directory: the same results as in one run, and another
+//! number of parts without mesh, rows or members.
+
+mod common;
+
+use common::{creature, errors, run, segment, word, zoo};
+use nystrom_stream::mesh::read_seg;
+use std::path::{Path, PathBuf};
+use std::process::Output;
+
+/// Runs a subcommand on `work`, which must succeed; returns what it told.
+fn stage(words: &[&str], work: &Path) -> String {
+    let output = run(&[words, &["--work-dir", word(work)]].concat());
+    assert!(output.status.success(), "{words:?}: {}", errors(&output));
+    errors(&output)
+}
+
+fn refused(words: &[&str], work: &Path, code: i32) -> String {
+    let output = run(&[words, &["--work-dir", word(work)]].concat());
+    assert_eq!(output.status.code(), Some(code), "{words:?}: {}", errors(&output));
+    errors(&output)
+}
+
+/// The labels that `segment MESH` with `words` writes.
+fn direct(mesh: &Path, words: &[&str]) -> Vec<u32> {
+    let out = mesh.with_extension("direct.seg");
+    segment(mesh, &[words, &["-q", "-o", word(&out)]].concat());
+    read_seg(&out).unwrap()
+}
+
+fn labels(path: &Path) -> Vec<u32> {
+    let bytes = std::fs::read(path).unwrap();
+    npyz::NpyFile::new(&bytes[..]).unwrap().into_vec::<u32>().unwrap()
+}
+
+struct Scene {
+    _dir: tempfile::TempDir,
+    mesh: PathBuf,
+    work: PathBuf,
+    out: PathBuf,
+}
+
+fn scene(faces: u64, shuffle: bool) -> Scene {
+    let dir = tempfile::tempdir().unwrap();
+    let mesh = creature(dir.path(), faces, shuffle);
+    let (work, out) = (dir.path().join("work"), dir.path().join("out.seg"));
+    Scene { _dir: dir, mesh, work, out }
+}
+
+#[test]
+fn stages_one_by_one_give_what_segment_gives() {
+    let Scene { mesh, work, out, .. } = &scene(12_000, false);
+    stage(&["graph", word(mesh)], work);
+    let told = stage(&["rows", "-l", "20"], work);
+    assert!(told.contains("graph: reused"), "{told}");
+    let told = stage(&["cluster", "-o", word(out)], work);
+    assert!(told.contains("weights: reused") && told.contains("rows: reused"), "{told}");
+    let expected = direct(mesh, &["-l", "20"]);
+    assert_eq!(read_seg(out).unwrap(), expected);
+    assert_eq!(labels(&work.join("labels.npy")), expected);
+    // Every form that `segment` writes, later.
+    let (ply, ours) = (mesh.with_extension("a.ply"), mesh.with_extension("b.ply"));
+    segment(mesh, &["-q", "-l", "20", "-o", word(&ply)]);
+    stage(&["export", "-o", word(&ours), "-o", word(out)], work);
+    assert!(std::fs::read(&ply).unwrap() == std::fs::read(&ours).unwrap());
+    assert_eq!(read_seg(out).unwrap(), expected);
+    // Everything is stamped: a flipped bit would be found.
+    assert!(run(&["verify", word(work)]).status.success());
+}
+
+#[test]
+fn another_number_of_parts_needs_neither_mesh_nor_rows() {
+    let Scene { mesh, work, out, .. } = &scene(12_000, false);
+    let ways: [&[&str]; 4] = [&["-k", "9"], &["--detail", "0.6"], &["--parts-range", "3..4"], &["-k", "2"]];
+    let expected = ways.map(|way| direct(mesh, way));
+    segment(mesh, &["-q", "--work-dir", word(work), "-o", word(out)]);
+    std::fs::remove_file(mesh).unwrap();
+    std::fs::remove_file(work.join("distances.npy")).unwrap();
+    for (way, expected) in ways.iter().zip(expected) {
+        let told = stage(&[&["cluster", "-o", word(out)], *way].concat(), work);
+        assert!(told.contains("decision: reused") && !told.contains("rows"), "{told}");
+        assert_eq!(read_seg(out).unwrap(), expected, "{way:?}");
+    }
+    let told = refused(&["export", "-o", word(&out.with_extension("ply"))], work, 1);
+    assert!(told.contains("check the path"), "{told}");
+    // `segment` itself takes the same short cut.
+    let again = creature(mesh.parent().unwrap(), 12_000, false);
+    let told = refused(&["cluster", "-k", "100000"], work, 1);
+    assert!(told.contains("faces, fewer than"), "{told}");
+    let told = errors(&segment(&again, &["-k", "3", "--work-dir", word(work), "-o", word(out)]));
+    assert!(told.contains("graph: ") && read_seg(out).unwrap() == direct(&again, &["-k", "3"]), "{told}");
+}
+
+#[test]
+fn a_hierarchy_can_be_taken_out_and_put_in() {
+    let Scene { mesh, work, out, .. } = &scene(8_000, false);
+    let tree = mesh.with_extension("json");
+    segment(mesh, &["-q", "--work-dir", word(work), "-k", "5", "-o", word(out)]);
+    let expected = read_seg(out).unwrap();
+    stage(&["export", "--tree", word(&tree)], work);
+    stage(&["cluster", "--tree", word(&tree), "-k", "5", "-o", word(out)], work);
+    assert_eq!(read_seg(out).unwrap(), expected);
+    // Without its last union's level the two halves of the finest cut stay: any other tree gives other parts.
+    let text = std::fs::read_to_string(&tree).unwrap();
+    let mut json: serde_json::Value = serde_json::from_str(&text).unwrap();
+    json["level"].as_array_mut().unwrap().fill(1.0.into());
+    std::fs::write(&tree, json.to_string()).unwrap();
+    stage(&["cluster", "--tree", word(&tree), "-o", word(out)], work);
+    assert!(read_seg(out).unwrap().iter().all(|&label| label == 0));
+    for (text, code) in [("{", 1), (&text[..100], 1), ("{\"version\":1}", 1)] {
+        std::fs::write(&tree, text).unwrap();
+        refused(&["cluster", "--tree", word(&tree)], work, code);
+    }
+    let other = zoo::dumbbell().write(mesh.parent().unwrap());
+    let small = work.with_extension("small");
+    segment(&other, &["-q", "--work-dir", word(&small), "-o", word(out)]);
+    stage(&["export", "--tree", word(&tree)], &small);
+    let told = refused(&["cluster", "--tree", word(&tree)], work, 2);
+    assert!(told.contains("--tree: a hierarchy of"), "{told}");
+    refused(&["cluster", "--tree", word(&tree), "--cluster", "two-means"], work, 2);
+}
+
+#[test]
+fn the_papers_ways_work_on_the_rows_that_are_there() {
+    let Scene { mesh, work, out, .. } = &scene(8_000, false);
+    let way = ["--cluster", "kmeans", "-k", "6", "-l", "12"];
+    stage(&[&["rows", word(mesh)], &way[..]].concat(), work);
+    let told = stage(&["cluster", "-k", "6", "-o", word(out)], work);
+    assert!(!told.contains("weights") && told.contains("rows: 12 of them"), "{told}");
+    assert_eq!(read_seg(out).unwrap(), direct(mesh, &way));
+    stage(&["cluster", "--cluster", "two-means", "-k", "4", "-o", word(out)], work);
+    // What `embed` was told holds for `cluster`.
+    stage(&["embed", "--normalise", "none", "-d", "5"], work);
+    let bytes = std::fs::read(work.join("embedding.npy")).unwrap();
+    let array = npyz::NpyFile::new(&bytes[..]).unwrap();
+    let n = read_seg(out).unwrap().len();
+    assert_eq!(array.shape(), [n as u64, 5]);
+    // Rows of unit length.
+    let values = array.into_vec::<f32>().unwrap();
+    assert!(values.chunks(5).all(|y| (y.iter().map(|x| x * x).sum::<f32>() - 1.).abs() < 1e-3));
+    assert!(stage(&["embed", "--normalise", "none", "-d", "5"], work).contains("embedding: reused"));
+    stage(&["cluster", "-k", "6", "-o", word(out)], work);
+    let plain = direct(mesh, &[&way[..], &["--normalise", "none", "--sigma", "1"]].concat());
+    assert_eq!(read_seg(out).unwrap(), plain);
+    // Rows made for parts serve K-means too.
+    let parts = work.with_extension("parts");
+    segment(mesh, &["-q", "--work-dir", word(&parts), "-o", word(out)]);
+    let told = stage(&["cluster", "--cluster", "kmeans", "-k", "4", "-o", word(out)], &parts);
+    assert!(told.contains("rows: 60 of them"), "{told}");
+    assert_eq!(read_seg(out).unwrap().iter().max(), Some(&3));
+    let told = stage(&["cluster"], &parts);
+    assert!(told.contains("decision: reused"), "{told}");
+}
+
+#[test]
+fn results_come_in_the_order_of_the_file_where_faces_were_sorted() {
+    let Scene { mesh, work, out, .. } = &scene(8_000, true);
+    stage(&["graph", word(mesh), "--order", "hilbert"], work);
+    let told = stage(&["rows"], work);
+    assert!(told.contains("order: reused") && told.contains("graph: reused"), "{told}");
+    stage(&["cluster", "-k", "4", "-o", word(out)], work);
+    assert_eq!(read_seg(out).unwrap(), direct(mesh, &["-k", "4", "--order", "hilbert"]));
+    stage(&["embed", "-d", "3"], work);
+    let kept = work.with_extension("kept");
+    stage(&["graph", word(mesh), "--order", "keep"], &kept);
+    stage(&["embed", "-d", "3"], &kept);
+    let read = |folder: &Path| {
+        let bytes = std::fs::read(folder.join("embedding.npy")).unwrap();
+        npyz::NpyFile::new(&bytes[..]).unwrap().into_vec::<f32>().unwrap()
+    };
+    // Eigenvectors are known up to sign: products of rows are not.
+    let (a, b) = (read(work), read(&kept));
+    let far = |i: usize, j: usize| {
+        let dot = |x: &[f32]| (0..3).map(|e| x[3 * i + e] * x[3 * j + e]).sum::<f32>();
+        (dot(&a) - dot(&b)).abs() > 0.1
+    };
+    let n = a.len() / 3;
+    let apart = (0..1000).filter(|k| far(k * 7919 % n, k * 104_729 % n)).count();
+    assert!(apart < 100, "{apart} of 1000");
+}
+
+#[test]
+fn a_preview_can_be_cut_again() {
+    let Scene { mesh, work, out, .. } = &scene(40_000, false);
+    segment(mesh, &["-q", "--coarse", "--work-dir", word(work), "-o", word(out)]);
+    stage(&["cluster", "-k", "3", "-o", word(out)], work);
+    assert_eq!(read_seg(out).unwrap(), direct(mesh, &["--coarse", "-k", "3"]));
+}
+
+#[test]
+fn a_mesh_from_standard_input_stays_in_the_work_directory() {
+    let Scene { mesh, work, out, .. } = &scene(2_000, false);
+    let input = std::fs::File::open(mesh).unwrap();
+    let words = ["segment", "-", "-q", "--work-dir", word(work), "-o", word(out)];
+    assert!(common::program().args(words).stdin(input).status().unwrap().success());
+    let (ply, direct) = (out.with_extension("ply"), out.with_extension("direct.ply"));
+    stage(&["cluster", "-k", "3", "-o", word(&ply)], work);
+    segment(mesh, &["-q", "-k", "3", "-o", word(&direct)]);
+    assert!(std::fs::read(ply).unwrap() == std::fs::read(direct).unwrap());
+}
+
+#[test]
+fn what_is_missing_is_said() {
+    let dir = tempfile::tempdir().unwrap();
+    let none = dir.path().join("none");
+    for words in [&["cluster"][..], &["embed"], &["export", "-o", "x.seg"], &["rows"]] {
+        assert!(refused(words, &none, 1).contains("is no work directory"), "{words:?}");
+    }
+    let mesh = zoo::dumbbell().write(dir.path());
+    let work = dir.path().join("work");
+    stage(&["graph", word(&mesh)], &work);
+    assert!(refused(&["export", "-o", word(&dir.path().join("x.seg"))], &work, 1).contains("holds no labels"));
+    assert!(refused(&["cluster", "--cluster", "kmeans"], &work, 2).starts_with("nystrom-stream: -k: K-means needs"));
+    assert!(refused(&["cluster", "--sigma", "2"], &work, 2).contains("--sigma goes with --cluster kmeans"));
+    // A mesh that was changed since is not written with labels of the old one.
+    stage(&["cluster", "-k", "2"], &work);
+    std::fs::write(&mesh, std::fs::read_to_string(zoo::moebius(9).write(dir.path())).unwrap()).unwrap();
+    let told = refused(&["export", "-o", word(&dir.path().join("x.ply"))], &work, 1);
+    assert!(told.contains("is not the mesh that the work directory is of"), "{told}");
+    // Nor are rows of the old one taken for rows of the new.
+    let told = stage(&["rows"], &work);
+    assert!(told.contains("graph: made anew"), "{told}");
+}
+
+/// A dumbbell with specks around it.
+fn dusty(folder: &Path) -> (PathBuf, usize) {
+    let mut shape = zoo::dumbbell();
+    let body = shape.faces.len();
+    for k in 0..6 {
+        let speck = zoo::Shape {
+            vertices: zoo::tetrahedron().vertices.iter().map(|v| v.map(|x| 0.004 * x)).collect(),
+            ..zoo::tetrahedron()
+        };
+        shape = zoo::beside("dusty", &shape, &speck, [-1. + 0.4 * f64::from(k), 0.6, 0.]);
+    }
+    (shape.write(folder), body)
+}
+
+#[test]
+fn dust_joins_parts_or_is_one_of_its_own() {
+    let dir = tempfile::tempdir().unwrap();
+    let (mesh, body) = dusty(dir.path());
+    let work = dir.path().join("work");
+    let joined = direct(&mesh, &["-k", "3"]);
+    assert_eq!(joined.iter().max(), Some(&2));
+    let own = direct(&mesh, &["-k", "3", "--dust", "own"]);
+    assert!(own[body..].iter().all(|&label| label == 3) && own[..body] == joined[..body]);
+    let report = dir.path().join("report.json");
+    let json = format!("--json={}", word(&report));
+    segment(&mesh, &["-q", "-k", "3", "--dust", "own", "--work-dir", word(&work), &json]);
+    let report: serde_json::Value = serde_json::from_str(&std::fs::read_to_string(report).unwrap()).unwrap();
+    assert_eq!((&report["dust_label"], &report["dust_faces"]), (&3.into(), &24.into()));
+    assert_eq!(report["parts"][3]["colour"], serde_json::json!([128, 128, 128]));
+    let out = dir.path().join("out.seg");
+    stage(&["cluster", "-k", "2", "--dust", "own", "-o", word(&out)], &work);
+    assert!(read_seg(&out).unwrap()[body..].iter().all(|&label| label == 2));
+    // Without dust nothing changes, and the paper's ways do not know of it.
+    let clean = zoo::dumbbell().write(dir.path());
+    assert_eq!(direct(&clean, &["-k", "3", "--dust", "own"]), direct(&clean, &["-k", "3"]));
+    let output: Output = run(&["segment", word(&clean), "--cluster", "kmeans", "-k", "3", "--dust", "own"]);
+    assert_eq!(output.status.code(), Some(2));
+    assert!(errors(&output).contains("--dust goes with --cluster parts only"));
+}
