@@ -154,3 +154,25 @@ fn what_makes_no_sense_is_refused_before_any_work() {
     }
     assert!(!names(&meshes).contains(&"grid.segmented.ply".to_string()));
 }
+
+#[cfg(unix)]
+#[test]
+fn an_interrupt_says_how_to_go_on() {
+    use std::io::{BufRead, BufReader};
+    let dir = tempfile::tempdir().unwrap();
+    let meshes = [40_000, 50_000].map(|faces| common::creature(dir.path(), faces, false));
+    let mut child = program()
+        .args(["segment", word(&meshes[0]), word(&meshes[1]), "-l", "2000", "--threads", "1"])
+        .stderr(std::process::Stdio::piped())
+        .spawn()
+        .unwrap();
+    let mut lines = BufReader::new(child.stderr.take().unwrap()).lines().map(Result::unwrap);
+    assert!(lines.next().unwrap().starts_with("mesh "));
+    let id = child.id().to_string();
+    assert!(std::process::Command::new("kill").args(["-INT", &id]).status().unwrap().success());
+    let told: Vec<String> = lines.collect();
+    assert_eq!(child.wait().unwrap().code(), Some(1), "{told:?}");
+    let how = "nystrom-stream: interrupted; with --resume the same command goes on with the rest";
+    assert_eq!(told, [how]);
+    assert_eq!(names(dir.path()), ["creature_40000.ply", "creature_50000.ply"]);
+}

@@ -124,7 +124,11 @@ impl Progress for Bars {
         state.stages.insert(stage.to_string(), Stage { unit, total, done: 0, start: now, told: now });
         match (self.style, &self.mesh) {
             (Style::Terminal, Some((_, bar))) => {
-                bar.set_length(total);
+                if total > 0 {
+                    bar.set_length(total)
+                } else {
+                    bar.unset_length()
+                }
                 bar.set_position(0);
                 bar.set_message(stage.to_string());
             }
@@ -219,7 +223,7 @@ impl BatchBars {
     /// The listener of one mesh.
     pub fn of_mesh(&self, name: &str) -> Bars {
         let file = std::path::Path::new(name).file_name().map_or(name.into(), |name| name.to_string_lossy());
-        let mesh = bar(ProgressDrawTarget::hidden(), 0, "  {prefix:20.20} {msg:10} {bar:24} {human_pos}/{human_len}");
+        let mesh = bar(ProgressDrawTarget::hidden(), 0, "  {prefix:20!} {msg:10} {bar:24} {human_pos}/{human_len}");
         let mesh = self.multi.add(mesh);
         mesh.set_prefix(file.into_owned());
         Bars { style: self.style, mesh: Some((name.to_string(), mesh)), state: Mutex::default() }

@@ -37,6 +37,9 @@ pub fn run(args: &Args) -> Result<(), Failure> {
     let faces = faces(&manifest);
     let per_face = |bytes: u64| faces.map_or(String::new(), |n| format!("{:8.2} B/face", bytes as f64 / n));
     let _ = writeln!(out, "{}, format {}, by {}", args.work_dir.display(), manifest.format, manifest.program);
+    if let Some(mesh) = manifest.stages.get("record").and_then(|stage| stage.facts["mesh"].as_str()) {
+        let _ = writeln!(out, "of {mesh}");
+    }
     let mut total = 0;
     for (name, stage) in &manifest.stages {
         let _ = writeln!(out, "{name}  key {}  {:.3} s", stage.key, stage.seconds);

@@ -176,7 +176,7 @@ pub fn cluster(args: &ClusterArgs, surroundings: &Surroundings) -> Result<(), Fa
         });
         publish(target, &report)?;
     }
-    if outputs.is_empty() && args.json.is_none() {
+    if outputs.is_empty() && args.json.is_none() && !args.run.quiet {
         let (parts, faces) = (result.numbers.faces.len(), result.labels.len());
         let _ = writeln!(std::io::stdout(), "{faces} faces in {parts} parts: {}", work.file("labels.npy").display());
     }
