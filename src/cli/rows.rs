@@ -50,12 +50,13 @@ fn parse_shard(text: &str) -> Result<(usize, usize), String> {
 
 pub fn run(args: &Args, surroundings: &Surroundings) -> Result<(), Failure> {
     let bars = args.run.bars();
-    let run = args.run.run(&bars, surroundings);
+    let mut run = args.run.run(&bars, surroundings);
     let mut params = args.method.params()?;
     let path = match &args.mesh {
         Some(path) => path.clone(),
         None => {
             let record = Record::read(&WorkDir::open_existing(&args.work_dir)?)?;
+            run.seed = args.run.seed.unwrap_or(record.seed);
             params.order = args.method.order.or(record.params.order);
             record.mesh
         }
