@@ -184,7 +184,12 @@ fn a_preview_can_be_cut_again() {
     let Scene { mesh, work, out, .. } = &scene(40_000, false);
     segment(mesh, &["-q", "--coarse", "--work-dir", word(work), "-o", word(out)]);
     stage(&["cluster", "-k", "3", "-o", word(out)], work);
-    assert_eq!(read_seg(out).unwrap(), direct(mesh, &["--coarse", "-k", "3"]));
+    let expected = direct(mesh, &["--coarse", "-k", "3"]);
+    assert_eq!(read_seg(out).unwrap(), expected);
+    let tree = out.with_extension("json");
+    stage(&["export", "--tree", word(&tree)], work);
+    stage(&["cluster", "-k", "3", "--tree", word(&tree), "-o", word(out)], work);
+    assert_eq!(read_seg(out).unwrap(), expected);
 }
 
 #[test]
@@ -210,6 +215,8 @@ fn what_is_missing_is_said() {
     let work = dir.path().join("work");
     stage(&["graph", word(&mesh)], &work);
     assert!(refused(&["export", "-o", word(&dir.path().join("x.seg"))], &work, 1).contains("holds no labels"));
+    let tree = dir.path().join("tree.json");
+    assert!(refused(&["export", "--tree", word(&tree)], &work, 1).contains("holds no hierarchy of parts"));
     assert!(refused(&["cluster", "--cluster", "kmeans"], &work, 2).starts_with("nystrom-stream: -k: K-means needs"));
     assert!(refused(&["cluster", "--sigma", "2"], &work, 2).contains("--sigma goes with --cluster kmeans"));
     // A mesh that was changed since is not written with labels of the old one.

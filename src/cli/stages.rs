@@ -189,7 +189,7 @@ pub fn export(args: &ExportArgs, surroundings: &Surroundings) -> Result<(), Fail
     outputs.iter().try_for_each(Output::check)?;
     let (work, record, run) = reopen(&args.place, &args.run, args.run.run(&bars, surroundings))?;
     if let Some(path) = &args.tree {
-        let tree = decision::read_tree(&work.file("tree.json"))?;
+        let tree = decision::tree_of(&work, record.params.coarse)?;
         decision::write_tree(&tree, path)?;
     }
     if !outputs.is_empty() {

@@ -97,6 +97,22 @@ fn open(cells: usize, work: &WorkDir) -> Result<Decided> {
     }
 }
 
+/// The hierarchy of parts in `work`; of a preview, `coarse`, that of the contracted mesh.
+///
+/// # Errors
+/// [`Error::WorkDir`] where there is none; [`Error::Io`], [`Error::Malformed`].
+pub fn tree_of(work: &WorkDir, coarse: bool) -> Result<PartTree> {
+    let (whole, contracted) = (work.file(TREE), work.file("coarse").join(TREE));
+    let places = if coarse { [contracted, whole] } else { [whole, contracted] };
+    match places.iter().find(|path| path.exists()) {
+        Some(path) => read_tree(path),
+        None => {
+            let remedy = "make one: nystrom-stream cluster --work-dir …";
+            Err(Error::work_dir(work.path(), "holds no hierarchy of parts", remedy))
+        }
+    }
+}
+
 /// Reads a hierarchy of parts as [`write_tree`] writes it.
 ///
 /// # Errors
