@@ -1,0 +1,14 @@
+"""Cuts triangle meshes of any size into their meaningful parts.
+
+>>> import nystrom_stream
+>>> cut = nystrom_stream.segment_file("mesh.ply")
+>>> cut.labels          # a part a face
+>>> cut.report["parts"] # faces, area and colour a part
+
+`segment` takes NumPy arrays, `segment_file` a file; both give up Python's lock while they work, tell a callback how far
+they are, and stop at Ctrl-C.
+"""
+
+from ._native import Segmentation, __version__, read_mesh, segment, segment_file
+
+__all__ = ["Segmentation", "__version__", "read_mesh", "segment", "segment_file"]

@@ -1,0 +1,82 @@
+import os
+from typing import Any, Callable, Dict, Optional, Tuple, Union
+
+import numpy as np
+import numpy.typing as npt
+
+__version__: str
+
+_Path = Union[str, "os.PathLike[str]"]
+
+class Segmentation:
+    """A mesh cut into parts."""
+
+    @property
+    def labels(self) -> npt.NDArray[np.uint32]:
+        """Part of each face: (faces,), from 0."""
+    @property
+    def quality(self) -> npt.NDArray[np.float32]:
+        """How sure each label is, 0 to 1: (faces,)."""
+    @property
+    def colours(self) -> npt.NDArray[np.uint8]:
+        """A colour a part, neighbours unlike, safe for the colour-blind: (parts, 3)."""
+    @property
+    def tree(self) -> Optional[Dict[str, Any]]:
+        """The hierarchy of parts over some two thousand cells; None for K-means and two-means."""
+    @property
+    def report(self) -> Dict[str, Any]:
+        """The run's report: parts with their areas, landmarks, eigenvalues, Γ, seconds a stage."""
+
+def segment(
+    vertices: npt.NDArray[Any],
+    faces: npt.NDArray[Any],
+    parts: Optional[int] = None,
+    *,
+    parts_range: Optional[Tuple[int, int]] = None,
+    detail: float = 0.0,
+    cluster: str = "parts",
+    landmarks: Optional[int] = None,
+    coarse: bool = False,
+    seed: int = 0,
+    threads: Optional[int] = None,
+    max_memory: Optional[int] = None,
+    work_dir: Optional[_Path] = None,
+    tmp: Optional[_Path] = None,
+    progress: Optional[Callable[[str, int, int], object]] = None,
+) -> Segmentation:
+    """Cuts the mesh of `vertices` (v, 3), float32 or float64, and `faces` (n, corners), integers from 0, into parts.
+
+    parts: exactly so many; without, the number is found, within `parts_range` if given.
+    detail: -1 (coarse) to 1 (fine); moves how many are found.
+    cluster: "parts" (as people would cut), or the paper's "kmeans" (needs `parts`) or "two-means".
+    landmarks: sampled faces l; by default enough.
+    coarse: a preview by a contracted mesh.
+    max_memory: bytes that may be allocated; what is mapped does not count.
+    work_dir: keep intermediate results here and reuse them; temporary files lie under `tmp` otherwise.
+    progress: called as progress(stage, done, total), at most ten times a second and at the ends of stages;
+        what it raises stops the work.
+
+    Raises ValueError for arrays or options that make no sense, OSError where the disk fails, KeyboardInterrupt.
+    """
+
+def segment_file(
+    path: _Path,
+    parts: Optional[int] = None,
+    *,
+    parts_range: Optional[Tuple[int, int]] = None,
+    detail: float = 0.0,
+    cluster: str = "parts",
+    landmarks: Optional[int] = None,
+    coarse: bool = False,
+    seed: int = 0,
+    threads: Optional[int] = None,
+    max_memory: Optional[int] = None,
+    work_dir: Optional[_Path] = None,
+    tmp: Optional[_Path] = None,
+    progress: Optional[Callable[[str, int, int], object]] = None,
+) -> Segmentation:
+    """Cuts the mesh in the file `path` into parts. Arguments as of `segment`; the mesh need not fit into memory, its
+    labels do."""
+
+def read_mesh(path: _Path) -> Tuple[npt.NDArray[np.float64], npt.NDArray[np.uint32]]:
+    """Reads a mesh file: vertices (v, 3) and triangles (n, 3); polygons are cut into fans."""

@@ -1,0 +1,152 @@
+"""The bindings against the file way, NumPy's types, errors, progress, threads, and other tools' meshes."""
+
+import threading
+
+import numpy as np
+import pytest
+
+import nystrom_stream
+
+
+def dumbbell(n=40):
+    """Two balls on a bar: a surface of revolution with three obvious parts."""
+    t = np.linspace(0.02, np.pi - 0.02, 6 * n)
+    profile = 0.25 + 0.75 * np.abs(np.cos(t)) ** 3
+    radius = profile * np.sin(t) ** 0.5
+    x = -4 * np.cos(t)
+    a = np.linspace(0, 2 * np.pi, n, endpoint=False)
+    vertices = np.stack(
+        [np.repeat(x, n), np.outer(radius, np.cos(a)).ravel(), np.outer(radius, np.sin(a)).ravel()], axis=1
+    )
+    i, j = np.meshgrid(np.arange(6 * n - 1), np.arange(n), indexing="ij")
+    p, q = (i * n + j).ravel(), (i * n + (j + 1) % n).ravel()
+    faces = np.concatenate([np.stack([p, p + n, q], 1), np.stack([q, p + n, q + n], 1)])
+    return vertices, faces
+
+
+@pytest.fixture(scope="module")
+def mesh():
+    return dumbbell()
+
+
+def test_parts_found_and_given(mesh):
+    vertices, faces = mesh
+    cut = nystrom_stream.segment(vertices, faces)
+    assert cut.labels.shape == (len(faces),) and cut.labels.dtype == np.uint32
+    assert cut.quality.shape == (len(faces),) and 0 <= cut.quality.min() <= cut.quality.max() <= 1
+    found = len(cut.report["parts"])
+    assert set(np.unique(cut.labels)) == set(range(found)) and cut.colours.shape == (found, 3)
+    assert cut.tree is not None and "unions" in cut.tree
+    assert f"{found} parts" in repr(cut)
+    for parts in (2, 3, 5):
+        assert len(np.unique(nystrom_stream.segment(vertices, faces, parts).labels)) == parts
+    means = nystrom_stream.segment(vertices, faces, 3, cluster="kmeans", landmarks=12)
+    assert len(np.unique(means.labels)) == 3 and means.tree is None
+
+
+def test_types_and_views_change_nothing(mesh):
+    vertices, faces = mesh
+    vertices = vertices.astype(np.float32)
+    expected = nystrom_stream.segment(vertices, faces, 3).labels
+    for kind in (np.int32, np.int64, np.uint32, np.uint64):
+        assert (nystrom_stream.segment(vertices, faces.astype(kind), 3).labels == expected).all()
+    assert (nystrom_stream.segment(vertices.astype(np.float64), faces, 3).labels == expected).all()
+    fortran, strided = np.asfortranarray(vertices), np.repeat(faces, 2, axis=0)[::2]
+    assert (nystrom_stream.segment(fortran, strided, 3).labels == expected).all()
+    assert (nystrom_stream.segment(vertices, faces, 3, threads=1).labels == expected).all()
+
+
+def test_files_and_arrays_agree(mesh, tmp_path):
+    vertices, faces = mesh
+    path = tmp_path / "mesh.ply"
+    with open(path, "wb") as out:
+        out.write(
+            f"ply\nformat binary_little_endian 1.0\nelement vertex {len(vertices)}\nproperty float x\n"
+            f"property float y\nproperty float z\nelement face {len(faces)}\n"
+            "property list uchar int vertex_indices\nend_header\n".encode()
+        )
+        out.write(vertices.astype("<f4").tobytes())
+        record = np.zeros(len(faces), dtype=[("count", "u1"), ("at", "<i4", 3)])
+        record["count"], record["at"] = 3, faces
+        out.write(record.tobytes())
+    by_file = nystrom_stream.segment_file(path, 4)
+    by_arrays = nystrom_stream.segment(vertices.astype(np.float32), faces, 4)
+    assert (by_file.labels == by_arrays.labels).all()
+    read_vertices, read_faces = nystrom_stream.read_mesh(path)
+    assert (read_vertices == vertices.astype(np.float32)).all() and (read_faces == faces).all()
+
+
+def test_work_dir_is_reused(mesh, tmp_path):
+    vertices, faces = mesh
+    first = nystrom_stream.segment(vertices, faces, 4, work_dir=tmp_path / "work")
+    again = nystrom_stream.segment(vertices, faces, 3, work_dir=tmp_path / "work")
+    assert "rows" in first.report["seconds"] and "rows" not in again.report["seconds"]
+    assert (again.labels == nystrom_stream.segment(vertices, faces, 3).labels).all()
+
+
+def test_errors_say_what_is_wrong(mesh, tmp_path):
+    vertices, faces = mesh
+    wrong = faces.copy()
+    wrong[7, 1] = len(vertices)
+    with pytest.raises(ValueError, match="face 7 names vertex"):
+        nystrom_stream.segment(vertices, wrong)
+    wrong[7, 1] = -1
+    with pytest.raises(ValueError, match="face 7 names vertex -1"):
+        nystrom_stream.segment(vertices, wrong)
+    with pytest.raises(ValueError, match="columns"):
+        nystrom_stream.segment(vertices[:, :2], faces)
+    with pytest.raises(TypeError, match="NumPy"):
+        nystrom_stream.segment(vertices.tolist(), faces)
+    with pytest.raises(ValueError, match="no faces"):
+        nystrom_stream.segment(vertices, faces[:0])
+    with pytest.raises(TypeError, match="unexpected"):
+        nystrom_stream.segment(vertices, faces, colour="red")
+    with pytest.raises(ValueError, match="exclude"):
+        nystrom_stream.segment(vertices, faces, 3, parts_range=(2, 4))
+    with pytest.raises(OSError, match="missing.ply"):
+        nystrom_stream.segment_file(tmp_path / "missing.ply")
+
+
+def test_progress_is_told_and_may_stop(mesh):
+    vertices, faces = mesh
+    heard = []
+    nystrom_stream.segment(vertices, faces, progress=lambda *event: heard.append(event))
+    assert {"graph", "rows"} <= {stage for stage, _, _ in heard}
+    assert all(0 <= done for _, done, _ in heard)
+
+    def stop(stage, done, total):
+        if stage == "rows":
+            raise RuntimeError("enough")
+
+    with pytest.raises(RuntimeError, match="enough"):
+        nystrom_stream.segment(vertices, faces, progress=stop)
+
+
+def test_python_goes_on_meanwhile(mesh):
+    vertices, faces = dumbbell(120)
+    ticks = []
+    done = threading.Event()
+
+    def work():
+        nystrom_stream.segment(vertices, faces)
+        done.set()
+
+    thread = threading.Thread(target=work)
+    thread.start()
+    while not done.wait(0.002):
+        ticks.append(1)
+    thread.join()
+    assert len(ticks) > 3, "Python's lock was held"
+
+
+def test_trimesh_and_pyvista_meshes():
+    trimesh = pytest.importorskip("trimesh")
+    ball = trimesh.creation.icosphere(subdivisions=4)
+    cut = nystrom_stream.segment(ball.vertices.view(np.ndarray), ball.faces.view(np.ndarray), 4)
+    ball.visual.face_colors = cut.colours[cut.labels]
+    assert len(np.unique(cut.labels)) == 4
+    pyvista = pytest.importorskip("pyvista")
+    surface = pyvista.Sphere(theta_resolution=60, phi_resolution=60).triangulate()
+    cut = nystrom_stream.segment(np.asarray(surface.points), surface.faces.reshape(-1, 4)[:, 1:], 4)
+    surface.cell_data["part"] = cut.labels
+    assert surface.n_cells == len(cut.labels)
