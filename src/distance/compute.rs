@@ -217,21 +217,22 @@ impl Task<'_> {
         front.values(field.writeback());
         let RowParams { l, sampling } = self.params;
         let graphs = (self.graph, lengths);
-        let cost = choose(sampling, l, graphs, self.nodes, run.seed, field, front, &run.cancel, slots, |landmark, known| {
-            let k = row;
-            row += 1;
-            if !self.head.wants(k) || slots.landmark(k) == Some(landmark) {
-                return Ok(());
-            }
-            if let Some(known) = known {
-                let mut slot = slots.take(k);
-                slot.copy_from_slice(known);
-                let _ = done.send(slots.close(k, landmark, &slot));
-            } else {
-                let _ = jobs.send((k, landmark));
-            }
-            Ok(())
-        })?;
+        let cost =
+            choose(sampling, l, graphs, self.nodes, run.seed, field, front, &run.cancel, slots, |landmark, known| {
+                let k = row;
+                row += 1;
+                if !self.head.wants(k) || slots.landmark(k) == Some(landmark) {
+                    return Ok(());
+                }
+                if let Some(known) = known {
+                    let mut slot = slots.take(k);
+                    slot.copy_from_slice(known);
+                    let _ = done.send(slots.close(k, landmark, &slot));
+                } else {
+                    let _ = jobs.send((k, landmark));
+                }
+                Ok(())
+            })?;
         if !matches!(sampling, Sampling::Farthest | Sampling::Random | Sampling::Uniform) {
             run.progress.note(&format!("landmarks: the search cost {cost:.1} fronts besides the {l} rows"));
         }

@@ -109,10 +109,12 @@ impl Kernel {
     }
 
     /// Eigenvalues up to this share of the greatest are dropped from A: what rounding and
-    /// indefiniteness leave there is noise (measured in `f32` data).
+    /// indefiniteness leave there is noise (measured in `f32` data). With 1e-6 instead of 1e-3 for the exponential, samples
+    /// of 40 and more had residuals of up to 17 times as much: small eigenvalues that A's indefiniteness leaves
+    /// positive are no better than negative ones.
     pub fn tolerance(&self, l: usize) -> f64 {
         match self {
-            Self::Exponential => 1e-6,
+            Self::Exponential => 1e-3,
             _ => (0.1 / l.max(1) as f64).clamp(1e-3, 1e-2),
         }
     }

@@ -48,7 +48,8 @@ impl Kept {
     pub fn negative_mass(&self) -> f64 {
         let mass: f64 = self.all.iter().map(|value| value.abs()).sum();
         let negative: f64 = self.all.iter().filter(|value| **value < 0.).map(|value| -value).sum();
-        if mass > 0. { negative / mass } else { 0. }
+        // An empty sum is −0.
+        if mass > 0. { (negative / mass).max(0.) } else { 0. }
     }
 
     /// A⁺ b.

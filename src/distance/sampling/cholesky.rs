@@ -41,7 +41,7 @@ impl Sampler for Cholesky {
 
 /// The column at the share `at` of the residuals' sum; the first free one where all is explained.
 fn pivot(residual: &[f64], chosen: &[bool], at: f64) -> usize {
-    let weight = |j: usize| if chosen[j] { 0. } else { residual[j] };
+    let weight = |j: usize| if chosen[j] { 0. } else { residual[j].max(0.) };
     let target = at * (0..residual.len()).map(weight).sum::<f64>();
     let mut sum = 0.;
     for j in 0..residual.len() {

@@ -1,14 +1,15 @@
 //! A partial Cholesky factorisation on a sample of columns: what greedy sampling and pivoted Cholesky share.
 //!
 //! With the columns C (s) and landmarks among them, K ≈ GGᵀ on C; a new landmark c has the residual column
-//! r = k_c − G G_cᵀ, and Γ grows by Σ r_j²/r_c. O(s i) a candidate. Memory: 8 s l bytes.
+//! r = k_c − G G_cᵀ, and Γ grows by Σ r_j²/r_c ([`Factor::gain`]). O(s i) a candidate. Memory: 8 s l bytes.
 
 use super::{PILOTS, SamplingParams, Space, distinct};
 use crate::base::Result;
 use crate::distance::kernel::Kernel;
 
-/// Pivots below this share of an affinity's greatest value, 1, are rounding.
-pub const LEAST_PIVOT: f64 = 1e-6;
+/// Least pivot, as a share of an affinity's greatest value, 1: where less is left unexplained there is nothing to gain,
+/// and what is divided by is the indefiniteness of geodesic affinities.
+pub const LEAST_PIVOT: f64 = 1e-2;
 
 /// The factor so far.
 pub struct Factor {
@@ -16,7 +17,7 @@ pub struct Factor {
     pub columns: Vec<u32>,
     /// Rows of G (i × s).
     rows: Vec<Vec<f64>>,
-    /// Diagonal of K − GGᵀ (s).
+    /// Diagonal of K − GGᵀ (s); below 0 only where the kernel is not positive.
     pub residual: Vec<f64>,
     kernel: Kernel,
     /// The kernel's width, known once rows are.
@@ -65,10 +66,15 @@ impl Factor {
         affinities
     }
 
-    /// What landmark `c` with this residual column adds to Γ over the columns; nothing below [`LEAST_PIVOT`].
-    pub fn gain(c: usize, residual: &[f64]) -> Option<f64> {
+    /// What landmark `c` with this residual column adds to Γ* over the columns; nothing below [`LEAST_PIVOT`].
+    ///
+    /// For a positive kernel that is what it adds to Γ, Σ r_j²/r_c. Even the exponential of geodesic distances has a few
+    /// negative eigenvalues; a pivot near 0 then raises Γ without bound (to 9.8 n, measured), and choosing the
+    /// greatest Γ would look for just that. Γ* counts overshoot against the candidate.
+    pub fn gain(&self, c: usize, residual: &[f64]) -> Option<f64> {
         let pivot = residual[c];
-        (pivot > LEAST_PIVOT).then(|| residual.iter().map(|r| r * r).sum::<f64>() / pivot)
+        let added = |(d, r): (&f64, &f64)| d.abs() - (d - r * r / pivot).abs();
+        (pivot > LEAST_PIVOT).then(|| self.residual.iter().zip(residual).map(added).sum::<f64>())
     }
 
     /// Adds column `c` with its residual column to the factor; one within rounding of the others adds nothing.
@@ -78,7 +84,7 @@ impl Factor {
             let inverse = 1. / pivot.sqrt();
             residual.iter_mut().for_each(|r| *r *= inverse);
             for (d, g) in self.residual.iter_mut().zip(&residual) {
-                *d = (*d - g * g).max(0.);
+                *d -= g * g;
             }
             self.rows.push(residual);
         }

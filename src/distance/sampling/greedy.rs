@@ -5,8 +5,9 @@
 //! ([`KEPT`] rows are kept), and, *pooled*, all of them: the 90 stay from landmark to landmark, the chosen one is
 //! replaced. That is 90 + l fronts instead of 90 l.
 //!
-//! Γ grows by the residual column of the candidate ([`Factor::gain`]) where the kernel is positive; where it is not, a
-//! factorisation would overflow, and Γ is computed anew from the kept eigenpairs of each candidate's A.
+//! Where the kernel is positive, or nearly so, what a candidate adds follows from its residual column
+//! ([`Factor::gain`]); where it is not, a factorisation would overflow, and Γ is computed anew from the kept eigenpairs
+//! of each candidate's A.
 
 use super::factor::{Factor, LEAST_PIVOT, mean};
 use super::{Found, Sampler, SamplingParams, Space};
@@ -118,7 +119,7 @@ impl Search {
         for (place, &c) in candidates.iter().enumerate() {
             let value = if self.params.kernel.nearly_positive() {
                 let residual = self.factor.residual_of(c, self.factor.affinities(&self.rows[&c]));
-                Factor::gain(c, &residual).unwrap_or(-1.)
+                self.factor.gain(c, &residual).unwrap_or(f64::MIN)
             } else {
                 self.gamma(c)
             };

@@ -104,8 +104,8 @@ pub const PILOTS: usize = 4;
 /// What samplers that look at affinities need to know.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct SamplingParams {
-    /// The kernel of Γ. The exponential, because that of the Gaussian of geodesic distances is no measure: raw Γ/n ran
-    /// from −182 to 4.7 in experiments.
+    /// The kernel of Γ. The exponential, because Γ of the Gaussian of geodesic distances is no measure: its rank
+    /// correlation with the residual was .26 (`docs/sampling-and-kernels.md`).
     pub kernel: Kernel,
     /// Its width in units of distance; by default the mean of the first rows computed.
     pub sigma: Option<f64>,
