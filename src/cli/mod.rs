@@ -62,9 +62,9 @@ enum Command {
     Verify(info::Args),
     /// Score labels against people's: a mesh, or a whole benchmark
     Evaluate(evaluate::Args),
-    /// Tell how good samples of a mesh are: Γ, residuals, exact norms; or compare samplings
+    /// Tell how good samples of a mesh are, or compare samplings
     Quality(quality::Args),
-    /// Test on points in the plane whether Γ ranks samples as the Schur complement does (the paper's Fig. 1)
+    /// Test whether Γ ranks samples rightly (the paper's Fig. 1)
     Study(study::Args),
     /// Draw a mesh and its parts as a picture
     Picture(picture::Args),
