@@ -128,7 +128,11 @@ impl Ground {
     pub fn weights(&self) -> Vec<f64> {
         let total: f64 = self.nodes.iter().map(|node| f64::from(node.area)).sum();
         let n = self.len() as f64;
-        self.nodes.iter().map(|node| f64::from(node.area).max(1e-9 * total / n) * n / total.max(1e-300)).collect()
+        // Faces without area weigh next to nothing, unless all are such.
+        if total <= 0. {
+            return vec![1.; self.len()];
+        }
+        self.nodes.iter().map(|node| f64::from(node.area).max(1e-9 * total / n) * n / total).collect()
     }
 }
 
