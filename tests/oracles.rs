@@ -252,7 +252,7 @@ fn landmarks_and_rows_equal_the_plain_algorithm() {
             choose(
                 Sampling::Farthest,
                 l,
-                graph,
+                (graph, None),
                 &built.graph.nodes,
                 seed,
                 &mut field,

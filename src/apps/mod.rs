@@ -4,3 +4,5 @@ pub mod creature;
 pub mod evaluate;
 pub mod page;
 pub mod picture;
+mod pixel_text;
+pub mod study;

@@ -1,8 +1,9 @@
-//! The lowest floor: errors, progress, cancellation and deterministic parallel loops.
+//! The lowest floor: errors, progress, cancellation, deterministic parallel loops and small eigenproblems.
 //!
 //! Nothing here knows of meshes, files or command lines. Cost: none worth naming.
 
 pub mod cancel;
+pub mod eigen;
 pub mod error;
 pub mod parallel;
 pub mod progress;

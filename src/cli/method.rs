@@ -3,26 +3,55 @@
 //! What only one way of clustering uses is refused with another, before any work.
 
 use super::Failure;
+use super::metric::MetricArgs;
 use clap::ValueEnum;
 use nystrom_stream::cluster::parts::{Decision, PartCount, PartsParams};
 use nystrom_stream::cluster::two_means;
 use nystrom_stream::distance::landmarks::Sampling;
-use nystrom_stream::graph::{Metric, Order};
+use nystrom_stream::graph::Order;
 use nystrom_stream::pipeline::{Cluster, Dust, SegmentParams};
 use nystrom_stream::spectral::embedding::Width;
 use nystrom_stream::spectral::{EmbeddingParams, Kernel, Normalisation};
 
 /// How landmarks are sampled.
-#[derive(Clone, Copy, Debug, ValueEnum)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
 pub enum SamplingArg {
     /// Max–min farthest points from an extremity (the paper's §6.2)
     Farthest,
     /// At random, by area
     Random,
+    /// At random, each face alike (the paper's random sampling)
+    Uniform,
+    /// Farthest points in length alone, whatever the metric
+    GeodesicFarthest,
+    /// Farthest points moved to the middle of their cells
+    Centroids,
+    /// Randomly pivoted Cholesky
+    Cholesky,
+    /// The best of 90 random candidates by Γ (the paper's §6.1): 90 fronts a landmark
+    Greedy,
+    /// The same, with candidates kept: 90 fronts, and one a landmark
+    PooledGreedy,
+}
+
+impl SamplingArg {
+    /// The library's.
+    pub fn sampling(self) -> Sampling {
+        match self {
+            Self::Farthest => Sampling::Farthest,
+            Self::Random => Sampling::Random,
+            Self::Uniform => Sampling::Uniform,
+            Self::GeodesicFarthest => Sampling::GeodesicFarthest,
+            Self::Centroids => Sampling::Centroids,
+            Self::Cholesky => Sampling::Cholesky,
+            Self::Greedy => Sampling::Greedy,
+            Self::PooledGreedy => Sampling::PooledGreedy,
+        }
+    }
 }
 
 /// The kernel.
-#[derive(Clone, Copy, Debug, ValueEnum)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
 pub enum KernelArg {
     /// exp(−d²/2σ²)
     Gaussian,
@@ -32,17 +61,24 @@ pub enum KernelArg {
     Polynomial,
     /// 1/√(1 + d²/σ²)
     InverseMultiquadric,
+    /// (1 + √3 d/σ) exp(−√3 d/σ)
+    Matern,
+    /// 1/(1 + d²/σ²)
+    Cauchy,
 }
 
-/// The edge weights.
-#[derive(Clone, Copy, Debug, ValueEnum)]
-pub enum MetricArg {
-    /// Length + β·turning, in units of the shape's size
-    ScaleFree,
-    /// δ·length/mean + (1−δ)·(1−cos)/mean, as the paper
-    Paper,
-    /// Length alone
-    Geodesic,
+impl KernelArg {
+    /// The library's.
+    pub fn kernel(self) -> Kernel {
+        match self {
+            Self::Gaussian => Kernel::Gaussian,
+            Self::Exponential => Kernel::Exponential,
+            Self::Polynomial => Kernel::Polynomial { degree: 3 },
+            Self::InverseMultiquadric => Kernel::InverseMultiquadric,
+            Self::Matern => Kernel::Matern,
+            Self::Cauchy => Kernel::Cauchy,
+        }
+    }
 }
 
 /// How affinities are normalised.
@@ -177,18 +213,8 @@ pub struct DistanceArgs {
     /// Preview: decide on a contraction of the mesh; the rows over all faces are left out
     #[arg(long)]
     pub coarse: bool,
-    /// Form of the edge weights
-    #[arg(long, hide_short_help = true, value_enum, default_value = "scale-free")]
-    pub metric: MetricArg,
-    /// Length that a turn of a radian is worth (scale-free metric) [default: 5]
-    #[arg(long, hide_short_help = true, value_name = "B")]
-    pub beta: Option<f32>,
-    /// Factor of convex turning [default: 0.05, or 0.1 with the paper's metric]
-    #[arg(long, hide_short_help = true, value_name = "E")]
-    pub eta: Option<f32>,
-    /// Share of length in the paper's metric [default: 0.03]
-    #[arg(long, hide_short_help = true, value_name = "D")]
-    pub delta: Option<f32>,
+    #[command(flatten)]
+    pub metric: MetricArgs,
 }
 
 /// Options of the whole method.
@@ -239,12 +265,7 @@ impl KernelArgs {
             return Err(Failure::Misused(format!("--sigma: {width} is no width; choose a positive number")));
         }
         Ok(Some(EmbeddingParams {
-            kernel: match self.kernel.unwrap_or(KernelArg::Gaussian) {
-                KernelArg::Gaussian => Kernel::Gaussian,
-                KernelArg::Exponential => Kernel::Exponential,
-                KernelArg::Polynomial => Kernel::Polynomial { degree: 3 },
-                KernelArg::InverseMultiquadric => Kernel::InverseMultiquadric,
-            },
+            kernel: self.kernel.unwrap_or(KernelArg::Gaussian).kernel(),
             width: Width::Mean(width),
             normalisation,
             unit_rows: !self.no_unit_rows,
@@ -315,22 +336,9 @@ pub fn check_count(params: &SegmentParams) -> Result<(), Failure> {
 impl DistanceArgs {
     /// Sets what concerns distances in `params`.
     pub fn apply(&self, params: &mut SegmentParams) -> Result<(), Failure> {
-        params.metric = match self.metric {
-            MetricArg::ScaleFree if self.delta.is_some() => return Err(misfit("--delta", "--metric paper")),
-            MetricArg::ScaleFree => Metric::ScaleFree { beta: self.beta.unwrap_or(5.), eta: self.eta.unwrap_or(0.05) },
-            MetricArg::Paper if self.beta.is_some() => return Err(misfit("--beta", "--metric scale-free")),
-            MetricArg::Paper => Metric::Paper { delta: self.delta.unwrap_or(0.03), eta: self.eta.unwrap_or(0.1) },
-            MetricArg::Geodesic if self.beta.or(self.eta).or(self.delta).is_some() => {
-                return Err(Failure::Misused("--metric geodesic takes no --beta, --eta or --delta".into()));
-            }
-            MetricArg::Geodesic => Metric::Geodesic,
-        };
-        params.metric.check()?;
+        params.metric = self.metric.metric()?;
         params.landmarks = self.landmarks.map(|l| l as usize);
-        params.sampling = match self.sampling {
-            SamplingArg::Farthest => Sampling::Farthest,
-            SamplingArg::Random => Sampling::Random,
-        };
+        params.sampling = self.sampling.sampling();
         if self.coarse && params.cluster != Cluster::Parts {
             return Err(misfit("--coarse", "--cluster parts"));
         }

@@ -7,13 +7,16 @@ mod evaluate;
 mod help;
 mod info;
 mod method;
+mod metric;
 mod options;
 mod output;
 mod picture;
 mod plan;
+mod quality;
 mod rows;
 mod segment;
 mod stages;
+mod study;
 
 use clap::{Parser, Subcommand};
 use nystrom_stream::base::{Cancel, Error};
@@ -59,6 +62,10 @@ enum Command {
     Verify(info::Args),
     /// Score labels against people's: a mesh, or a whole benchmark
     Evaluate(evaluate::Args),
+    /// Tell how good samples of a mesh are, or compare samplings
+    Quality(quality::Args),
+    /// Test whether Γ ranks samples rightly (the paper's Fig. 1)
+    Study(study::Args),
     /// Draw a mesh and its parts as a picture
     Picture(picture::Args),
     /// Make a mesh of a million faces with known parts, cut it, and compare
@@ -148,6 +155,8 @@ pub fn main(peak: fn() -> u64) -> ExitCode {
         Command::Info(args) => info::run(&args),
         Command::Verify(args) => info::verify(&args, &surroundings),
         Command::Evaluate(args) => evaluate::run(&args, &surroundings),
+        Command::Quality(args) => quality::run(&args, &surroundings),
+        Command::Study(args) => study::run(&args, &surroundings),
         Command::Picture(args) => picture::run(&args, &surroundings),
         Command::Demo(args) => demo::run(&args, &surroundings),
         Command::Completions(args) => help::completions(&args),

@@ -10,9 +10,10 @@
 
 use super::front::{Front, mean_weight};
 use super::journal::{Head, Journal, Line, checksum};
-use super::landmarks::{Finished, choose};
+use super::landmarks::{Finished, Sampling, choose};
 use super::paging::Pages;
 use super::rows::{RowFacts, RowParams};
+use super::sampling::geodesic::fill_lengths;
 use crate::base::{Error, Result};
 use crate::graph::Node;
 use crate::graph::dual::Csr;
@@ -125,7 +126,11 @@ impl Task<'_> {
                 Pages::advise(self.graph, Access::Random);
                 field.data().advise(Access::Random);
             }
-            let result = self.fronts(&slots, field.data(), pages, &mut lines, run);
+            let result = if self.params.sampling.needs_lengths() {
+                self.with_lengths(&slots, field.data(), pages, &mut lines, work, run)
+            } else {
+                self.fronts(&slots, None, field.data(), pages, &mut lines, run)
+            };
             Pages::advise(self.graph, Access::Local);
             drop(field);
             work.remove(&format!("{temporary}.partial"));
@@ -135,10 +140,31 @@ impl Task<'_> {
         Ok((file, lines))
     }
 
+    /// [`Task::fronts`] with the graph of lengths beside: 4 bytes an entry in a mapped file, removed at the end.
+    fn with_lengths(
+        &self,
+        slots: &Slots<'_>,
+        field: &mut MappedSliceMut<f32>,
+        pages: Option<Pages>,
+        lines: &mut BTreeMap<usize, Line>,
+        work: &WorkDir,
+        run: &Run,
+    ) -> Result<()> {
+        let name = format!("lengths-{}.tmp", self.head.shard);
+        let mut array: ArrayMut<f32> = work.array(&name, &[self.graph.weights.len()])?;
+        fill_lengths(self.graph, self.nodes, array.data(), run)?;
+        let lengths = Csr { weights: &array.data()[..], ..self.graph };
+        let result = self.fronts(slots, Some(lengths), field, pages, lines, run);
+        drop(array);
+        work.remove(&format!("{name}.partial"));
+        result
+    }
+
     /// Runs search and fronts until every wanted row is in `lines`.
     fn fronts(
         &self,
         slots: &Slots<'_>,
+        lengths: Option<Csr<'_>>,
         field: &mut MappedSliceMut<f32>,
         pages: Option<Pages>,
         lines: &mut BTreeMap<usize, Line>,
@@ -152,7 +178,7 @@ impl Task<'_> {
         std::thread::scope(|scope| -> Result<()> {
             let (jobs, out) = (receive.clone(), done.clone());
             let mut searching = front();
-            scope.spawn(move || match self.search(slots, field, &mut searching, &send, &out, run) {
+            scope.spawn(move || match self.search(slots, lengths, field, &mut searching, &send, &out, run) {
                 Ok(()) => {
                     drop(send);
                     self.rows(slots, &mut searching, jobs, &out, run);
@@ -180,6 +206,7 @@ impl Task<'_> {
     fn search(
         &self,
         slots: &Slots<'_>,
+        lengths: Option<Csr<'_>>,
         field: &mut MappedSliceMut<f32>,
         front: &mut Front,
         jobs: &Sender<(usize, u32)>,
@@ -189,21 +216,27 @@ impl Task<'_> {
         let mut row = 0;
         front.values(field.writeback());
         let RowParams { l, sampling } = self.params;
-        choose(sampling, l, self.graph, self.nodes, run.seed, field, front, &run.cancel, slots, |landmark, known| {
-            let k = row;
-            row += 1;
-            if !self.head.wants(k) || slots.landmark(k) == Some(landmark) {
-                return Ok(());
-            }
-            if let Some(known) = known {
-                let mut slot = slots.take(k);
-                slot.copy_from_slice(known);
-                let _ = done.send(slots.close(k, landmark, &slot));
-            } else {
-                let _ = jobs.send((k, landmark));
-            }
-            Ok(())
-        })
+        let graphs = (self.graph, lengths);
+        let cost =
+            choose(sampling, l, graphs, self.nodes, run.seed, field, front, &run.cancel, slots, |landmark, known| {
+                let k = row;
+                row += 1;
+                if !self.head.wants(k) || slots.landmark(k) == Some(landmark) {
+                    return Ok(());
+                }
+                if let Some(known) = known {
+                    let mut slot = slots.take(k);
+                    slot.copy_from_slice(known);
+                    let _ = done.send(slots.close(k, landmark, &slot));
+                } else {
+                    let _ = jobs.send((k, landmark));
+                }
+                Ok(())
+            })?;
+        if !matches!(sampling, Sampling::Farthest | Sampling::Random | Sampling::Uniform) {
+            run.progress.note(&format!("landmarks: the search cost {cost:.1} fronts besides the {l} rows"));
+        }
+        Ok(())
     }
 
     /// Computes rows until there are no more.

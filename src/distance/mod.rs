@@ -1,17 +1,20 @@
 //! Distances over the graph: fronts, landmarks, rows.
 //!
-//! [`front`] is the engine; [`landmarks`] picks sample faces farthest first with pruned fronts while
+//! [`front`] is the engine; [`landmarks`] picks sample faces by one of several [`sampling`]s while
 //! [`rows`] runs one full front a landmark on the other threads and writes `[A B]`'s distances.
 
 mod carry;
 mod compute;
+pub mod exp;
 pub mod front;
 pub mod journal;
+pub mod kernel;
 pub mod landmarks;
 pub mod oracle;
 pub mod paging;
 pub mod queue;
 pub mod rows;
+pub mod sampling;
 pub mod shard;
 pub mod voronoi;
 

@@ -4,13 +4,17 @@
 //! Fits run on a constant number of columns ([`columns`]); what covers every face streams over
 //! chunks of columns ([`Embedding::chunk`]).
 
+pub mod block;
 pub mod columns;
-pub mod eigen;
 pub mod embedding;
-pub mod exp;
-pub mod kernel;
+pub mod exact;
+pub mod measures;
+pub mod nystrom;
+pub mod preprocess;
 pub mod quality;
 
+pub use crate::base::eigen;
+pub use crate::distance::{exp, kernel};
 pub use columns::Columns;
 pub use embedding::{Embedding, EmbeddingParams, Normalisation};
 pub use kernel::Kernel;

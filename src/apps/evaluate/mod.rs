@@ -11,7 +11,6 @@ mod contingency;
 mod cuts;
 mod labels;
 mod matching;
-mod pixel_text;
 mod plot;
 mod regions;
 mod scores;

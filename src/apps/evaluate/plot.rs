@@ -3,7 +3,7 @@
 //! Text in a PNG is of a built-in bitmap font, so that a chart needs no font of the machine. Cost: milliseconds.
 
 use super::Table;
-use super::pixel_text::PixelText;
+use crate::apps::pixel_text::{PixelText, write_png};
 use crate::base::{Error, Result};
 use plotters::coord::Shift;
 use plotters::prelude::{
@@ -65,16 +65,6 @@ pub fn plot(path: &Path, table: &Table, people: &Table) -> Result<()> {
         }
         _ => Err(Error::parameter("--plot", format!("{} is no chart", path.display()), "end it with .svg or .png")),
     }
-}
-
-/// Writes RGB pixels.
-fn write_png(path: &Path, pixels: &[u8], size: (u32, u32)) -> std::io::Result<()> {
-    let file = std::io::BufWriter::new(std::fs::File::create(path)?);
-    let mut encoder = png::Encoder::new(file, size.0, size.1);
-    encoder.set_color(png::ColorType::Rgb);
-    encoder.set_depth(png::BitDepth::Eight);
-    encoder.write_header()?.write_image_data(pixels)?;
-    Ok(())
 }
 
 type Drawn<B> = std::result::Result<(), plotters::drawing::DrawingAreaErrorKind<<B as DrawingBackend>::ErrorType>>;

@@ -3,12 +3,13 @@
 use plotters::prelude::{BitMapBackend, DrawingBackend};
 use plotters_backend::text_anchor::{HPos, VPos};
 use plotters_backend::{BackendColor, BackendCoord, BackendStyle, BackendTextStyle, DrawingErrorKind};
+use std::path::Path;
 
 /// Pixels of a character's side.
 const SIDE: i32 = 8;
 
 /// A bitmap whose text is drawn pixel by pixel; what the font lacks stays blank.
-pub(super) struct PixelText<'a>(pub(super) BitMapBackend<'a>);
+pub(in crate::apps) struct PixelText<'a>(pub(in crate::apps) BitMapBackend<'a>);
 
 type Done<B> = Result<(), DrawingErrorKind<<B as DrawingBackend>::ErrorType>>;
 
@@ -72,4 +73,14 @@ impl<'a> DrawingBackend for PixelText<'a> {
         }
         Ok(())
     }
+}
+
+/// Writes RGB pixels.
+pub(in crate::apps) fn write_png(path: &Path, pixels: &[u8], size: (u32, u32)) -> std::io::Result<()> {
+    let file = std::io::BufWriter::new(std::fs::File::create(path)?);
+    let mut encoder = png::Encoder::new(file, size.0, size.1);
+    encoder.set_color(png::ColorType::Rgb);
+    encoder.set_depth(png::BitDepth::Eight);
+    encoder.write_header()?.write_image_data(pixels)?;
+    Ok(())
 }

@@ -4,6 +4,8 @@ use super::exp::exp;
 use crate::base::{Error, Result};
 use serde::{Deserialize, Serialize};
 
+const ROOT_3: f64 = 1.732_050_807_568_877_2;
+
 /// How a distance d becomes an affinity, given the width σ.
 ///
 /// The Gaussian of geodesic distances is not positive semi-definite (30–48 of 100 eigenvalues of A
@@ -23,6 +25,10 @@ pub enum Kernel {
     },
     /// 1/√(1 + d²/σ²).
     InverseMultiquadric,
+    /// (1 + √3 d/σ) exp(−√3 d/σ), Matérn's of order 3/2: smooth at 0, with a tail as the exponential's.
+    Matern,
+    /// 1/(1 + d²/σ²).
+    Cauchy,
 }
 
 impl Kernel {
@@ -64,6 +70,19 @@ impl Kernel {
                     *k = 1. / (1. + r * r).sqrt();
                 }
             }
+            Self::Matern => {
+                for (k, &d) in out.iter_mut().zip(distances) {
+                    // Beyond 87 the exponential is 0; the bound keeps infinity from meeting it.
+                    let r = (d * inverse * ROOT_3 as f32).min(100.);
+                    *k = (1. + r) * exp(-r);
+                }
+            }
+            Self::Cauchy => {
+                for (k, &d) in out.iter_mut().zip(distances) {
+                    let r = d * inverse;
+                    *k = 1. / (1. + r * r);
+                }
+            }
         }
     }
 
@@ -78,14 +97,24 @@ impl Kernel {
             Self::Exponential => (-r).exp(),
             Self::Polynomial { degree } => (1. - r * 0.25).max(0.).powi(degree as i32),
             Self::InverseMultiquadric => 1. / (1. + r * r).sqrt(),
+            Self::Matern => (1. + ROOT_3 * r) * (-ROOT_3 * r).exp(),
+            Self::Cauchy => 1. / (1. + r * r),
         }
     }
 
+    /// Whether A of geodesic distances is positive but for rounding and a few eigenvalues, so that a Cholesky
+    /// factorisation of it means something.
+    pub fn nearly_positive(&self) -> bool {
+        matches!(self, Self::Exponential)
+    }
+
     /// Eigenvalues up to this share of the greatest are dropped from A: what rounding and
-    /// indefiniteness leave there is noise (measured in `f32` data).
+    /// indefiniteness leave there is noise (measured in `f32` data). With 1e-6 instead of 1e-3 for the exponential, samples
+    /// of 40 and more had residuals of up to 17 times as much: small eigenvalues that A's indefiniteness leaves
+    /// positive are no better than negative ones.
     pub fn tolerance(&self, l: usize) -> f64 {
         match self {
-            Self::Exponential => 1e-6,
+            Self::Exponential => 1e-3,
             _ => (0.1 / l.max(1) as f64).clamp(1e-3, 1e-2),
         }
     }
@@ -98,9 +127,14 @@ mod tests {
     #[test]
     fn the_chunked_kernel_equals_the_exact_one() {
         let distances: Vec<f32> = (0..1000).map(|i| i as f32 * 0.02).chain([f32::INFINITY]).collect();
-        for kernel in
-            [Kernel::Gaussian, Kernel::Exponential, Kernel::Polynomial { degree: 3 }, Kernel::InverseMultiquadric]
-        {
+        for kernel in [
+            Kernel::Gaussian,
+            Kernel::Exponential,
+            Kernel::Polynomial { degree: 3 },
+            Kernel::InverseMultiquadric,
+            Kernel::Matern,
+            Kernel::Cauchy,
+        ] {
             let mut out = vec![0.; distances.len()];
             kernel.apply(1.5, &distances, &mut out);
             for (&d, &k) in distances.iter().zip(&out) {

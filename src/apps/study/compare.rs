@@ -1,0 +1,268 @@
+//! Samplings × numbers of landmarks × seeds on one mesh, under one σ: Fig. 5 of the paper, in numbers.
+//!
+//! Samplings are nested (l landmarks are the first of those of a greater l), so each is run once a seed, at the
+//! greatest l; [`Sampling::Centroids`] is not, and is run for every l. Runs go over threads. Memory: a field of 4 n
+//! bytes a thread from the budget; rows are in the matrix of all distances, or in mapped files that go with the run.
+
+use super::ground::Ground;
+use crate::base::Result;
+use crate::base::parallel::map_chunks;
+use crate::distance::front::{Front, mean_weight};
+use crate::distance::kernel::Kernel;
+use crate::distance::sampling::space::Visits;
+use crate::distance::sampling::{GraphSpace, MatrixSpace, Sampling, SamplingParams, Space};
+use crate::spectral::block::{Affinities, Bandwidth, Block};
+use crate::spectral::exact::{Exact, exact};
+use crate::spectral::measures::{Measures, measure};
+use crate::store::{MappedSlice, Run, WorkDir};
+use nalgebra::DMatrix;
+use serde::Serialize;
+
+/// What is compared.
+#[derive(Clone, Debug)]
+pub struct CompareParams {
+    /// Samplings.
+    pub samplings: Vec<Sampling>,
+    /// Numbers of landmarks.
+    pub landmarks: Vec<usize>,
+    /// Seeds.
+    pub seeds: Vec<u64>,
+    /// Kernel of the measures.
+    pub kernel: Kernel,
+    /// Its width in means of the distance, or with `local` the number q of the neighbour.
+    pub width: f64,
+    /// Whether widths are local ([`Bandwidth::Local`]).
+    pub local: bool,
+    /// Eigenvalues of A up to this share of the greatest are dropped; by default [`Kernel::tolerance`].
+    pub tolerance: Option<f64>,
+    /// Kernel of Γ that greedy sampling and pivoted Cholesky go by; its width is a mean of the distance.
+    pub gamma_kernel: Kernel,
+    /// Whether the residual of all of W is computed, where all distances are.
+    pub residual: bool,
+    /// Whether the Schur complement and the eigenvectors are looked at too: O(n³).
+    pub schur: bool,
+}
+
+impl Default for CompareParams {
+    fn default() -> Self {
+        Self {
+            samplings: vec![Sampling::default()],
+            landmarks: vec![10],
+            seeds: vec![0],
+            kernel: Kernel::Exponential,
+            width: 1.,
+            local: false,
+            tolerance: None,
+            gamma_kernel: Kernel::Exponential,
+            residual: false,
+            schur: false,
+        }
+    }
+}
+
+/// One sample and how good it is.
+#[derive(Clone, Debug, Serialize)]
+pub struct Record {
+    /// The mesh.
+    pub mesh: String,
+    /// The sampling.
+    pub sampling: Sampling,
+    /// Number of landmarks l.
+    pub l: usize,
+    /// Seed.
+    pub seed: u64,
+    /// Number of nodes n.
+    pub nodes: usize,
+    /// σ, in units of distance; absent where local.
+    pub sigma: Option<f64>,
+    /// What the search cost, in fronts (Dijkstra's algorithm over all nodes), besides the l rows.
+    pub search: f64,
+    /// The measures.
+    #[serde(flatten)]
+    pub measures: Measures,
+    /// ‖W − W̄‖ / ‖W‖, Frobenius, where asked for and possible.
+    pub residual: Option<f64>,
+    /// What only all of W tells, where asked for and possible.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub exact: Option<Exact>,
+    /// Landmarks, in the order found.
+    #[serde(skip)]
+    pub landmarks: Vec<u32>,
+}
+
+/// Eigenvectors that [`Record::exact`] compares, at the most.
+pub const VECTORS: usize = 6;
+
+/// Runs all of it on `ground`, the mesh called `mesh`.
+///
+/// # Errors
+/// [`crate::base::Error::Memory`], [`crate::base::Error::Io`], [`crate::base::Error::Cancelled`].
+pub fn compare(ground: &Ground, mesh: &str, params: &CompareParams, work: &WorkDir, run: &Run) -> Result<Vec<Record>> {
+    let most = params.landmarks.iter().copied().max().unwrap_or(0).min(ground.len());
+    let mut jobs = Vec::new();
+    for &sampling in &params.samplings {
+        let sizes: Vec<usize> = if sampling == Sampling::Centroids { params.landmarks.clone() } else { vec![most] };
+        for &seed in &params.seeds {
+            jobs.extend(sizes.iter().map(|&l| (sampling, seed, l.min(ground.len()))));
+        }
+    }
+    let bytes = 4 * (ground.len() * run.threads) as u64;
+    let _grant = run.budget.take("fields of samplings", bytes, bytes)?;
+    let one = Run {
+        threads: 1,
+        budget: run.budget.clone(),
+        resident: run.resident,
+        progress: &(),
+        cancel: run.cancel.clone(),
+        seed: run.seed,
+    };
+    let compute = || {
+        map_chunks(
+            run.threads,
+            &run.cancel,
+            jobs.len(),
+            || (),
+            |k, ()| {
+                let (sampling, seed, l) = jobs[k];
+                let (landmarks, search) = landmarks(ground, sampling, l, seed, params, &one)?;
+                let name = format!("rows-{k}.tmp");
+                let rows = Rows::of(ground, &landmarks, &name, work, &one)?;
+                let sizes = params.landmarks.iter().map(|&size| size.min(ground.len()));
+                let wanted = sizes.filter(|&size| sampling != Sampling::Centroids || size == l);
+                let records: Result<Vec<Record>> = wanted
+                    .map(|l| {
+                        record(ground, mesh, sampling, seed, (&landmarks[..l], search[l - 1]), &rows, params, &one)
+                    })
+                    .collect();
+                drop(rows);
+                work.remove(&name);
+                run.progress.advance("compare", 1);
+                records
+            },
+        )
+    };
+    let (records, _) = run.stage("compare", "samples", jobs.len() as u64, compute)?;
+    Ok(records.into_iter().flatten().collect())
+}
+
+/// Landmarks of a sampling, and for each the fronts that the search had cost when it was found, those aside whose
+/// rows are the result's.
+pub fn landmarks(
+    ground: &Ground,
+    sampling: Sampling,
+    l: usize,
+    seed: u64,
+    params: &CompareParams,
+    run: &Run,
+) -> Result<(Vec<u32>, Vec<f64>)> {
+    let graph = ground.graph();
+    // Small sets are looked at whole.
+    let columns = if ground.matrix.is_some() { ground.len() } else { SamplingParams::default().columns };
+    let how = SamplingParams { kernel: params.gamma_kernel, sigma: Some(ground.mean), columns, ..Default::default() };
+    let sampler = sampling.sampler(how);
+    let mut field = vec![0f32; ground.len()];
+    let (mut found, mut search) = (Vec::with_capacity(l), Vec::with_capacity(l));
+    let mut choose = |space: &mut dyn Space, visits: Visits| {
+        let mut spared = 0.;
+        sampler.choose(l, seed, space, &mut field, &mut |node, row| {
+            spared += if row.is_some() { 1. } else { 0. };
+            found.push(node);
+            search.push(visits.get() as f64 / graph.len() as f64 - spared);
+            Ok(())
+        })
+    };
+    if let Some(matrix) = &ground.matrix {
+        let mut space = MatrixSpace::new(matrix, &ground.nodes, ground.lengths());
+        let visits = space.visits();
+        choose(&mut space, visits)?;
+    } else {
+        let mut front = Front::new(mean_weight(graph));
+        let mut space = GraphSpace::new(graph, &ground.nodes, ground.lengths(), &mut front, &(), &run.cancel);
+        let visits = space.visits();
+        choose(&mut space, visits)?;
+    }
+    Ok((found, search))
+}
+
+/// The rows of landmarks: in the matrix of all, or in a file of their own.
+enum Rows<'a> {
+    Matrix(Vec<&'a [f32]>),
+    File(MappedSlice<f32>, usize),
+}
+
+impl<'a> Rows<'a> {
+    fn of(ground: &'a Ground, landmarks: &[u32], name: &str, work: &WorkDir, run: &Run) -> Result<Self> {
+        let n = ground.len();
+        Ok(match &ground.matrix {
+            Some(matrix) => Self::Matrix(
+                landmarks.iter().map(|&node| &matrix[node as usize * n..(node as usize + 1) * n]).collect(),
+            ),
+            None => Self::File(ground.rows(landmarks, name, work, run)?, n),
+        })
+    }
+
+    fn first(&self, l: usize) -> Vec<&[f32]> {
+        match self {
+            Self::Matrix(rows) => rows[..l].to_vec(),
+            Self::File(rows, n) => rows.chunks_exact(*n).take(l).collect(),
+        }
+    }
+}
+
+/// Measures the sample `landmarks`, the first of those that `rows` are of.
+fn record(
+    ground: &Ground,
+    mesh: &str,
+    sampling: Sampling,
+    seed: u64,
+    (landmarks, search): (&[u32], f64),
+    rows: &Rows,
+    params: &CompareParams,
+    run: &Run,
+) -> Result<Record> {
+    let (l, n) = (landmarks.len(), ground.len());
+    let sigma = params.width * ground.mean;
+    let bandwidth =
+        if params.local { Bandwidth::Local(params.width.round().max(1.) as usize) } else { Bandwidth::Global(sigma) };
+    let tolerance = params.tolerance.unwrap_or(params.kernel.tolerance(l));
+    let block = Affinities::new(landmarks, rows.first(l), params.kernel, bandwidth);
+    // Under local widths a pair's affinity is known only between landmarks and others.
+    let held = Affinities::new(&ground.held_out, ground.held_rows(), params.kernel, bandwidth);
+    let measures = measure(&block, (!params.local).then_some(&held as &dyn Block), tolerance, run)?;
+    let all: Vec<u32> = (0..n as u32).collect();
+    let matrix = ground.matrix.as_ref().filter(|_| !params.local);
+    let residual = match matrix.filter(|_| params.residual) {
+        Some(matrix) => {
+            let truth = Affinities::new(&all, matrix.chunks_exact(n).collect(), params.kernel, bandwidth);
+            residual(&block, &truth, tolerance, run)?
+        }
+        None => None,
+    };
+    let exact = match matrix.filter(|_| params.schur) {
+        Some(matrix) => {
+            let bytes = 6 * 8 * (n * n) as u64;
+            let _grant = run.budget.take("the exact comparison", bytes, bytes)?;
+            let w = DMatrix::from_fn(n, n, |i, j| params.kernel.of(sigma, f64::from(matrix[j * n + i])));
+            Some(exact(&(0.5 * (&w + w.transpose())), &block, tolerance, VECTORS, run)?)
+        }
+        None => None,
+    };
+    Ok(Record {
+        mesh: mesh.into(),
+        sampling,
+        l,
+        seed,
+        nodes: n,
+        sigma: (!params.local).then_some(sigma),
+        search,
+        measures,
+        residual,
+        exact,
+        landmarks: landmarks.to_vec(),
+    })
+}
+
+/// The residual of all of W: as if every column had been held out.
+fn residual(block: &Affinities, truth: &Affinities, tolerance: f64, run: &Run) -> Result<Option<f64>> {
+    Ok(measure(block, Some(truth), tolerance, run)?.held_out)
+}

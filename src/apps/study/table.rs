@@ -1,0 +1,193 @@
+//! Records summed up over meshes and seeds: a table to read, CSV and JSON of everything.
+
+use super::compare::Record;
+use crate::distance::sampling::Sampling;
+use serde::Serialize;
+use std::fmt::Write;
+
+/// Mean and standard deviation over samples.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
+pub struct Spread {
+    /// Mean.
+    pub mean: f64,
+    /// Standard deviation (with n − 1).
+    pub deviation: f64,
+}
+
+impl Spread {
+    /// Of the given numbers; nothing where there are none.
+    pub fn of(values: &[f64]) -> Option<Self> {
+        let n = values.len() as f64;
+        let mean = values.iter().sum::<f64>() / n;
+        let square: f64 = values.iter().map(|x| (x - mean).powi(2)).sum();
+        (!values.is_empty()).then(|| Self { mean, deviation: (square / (n - 1.).max(1.)).sqrt() })
+    }
+}
+
+/// A sampling at a number of landmarks, over all meshes and seeds.
+#[derive(Clone, Debug, Serialize)]
+pub struct Line {
+    /// The sampling.
+    pub sampling: Sampling,
+    /// Number of landmarks l.
+    pub l: usize,
+    /// Samples.
+    pub samples: usize,
+    /// Γ/n.
+    pub gamma_per_node: Spread,
+    /// Γ*/n.
+    pub gamma_star_per_node: Spread,
+    /// Held-out residual.
+    pub held_out: Option<Spread>,
+    /// Residual of all of W.
+    pub residual: Option<Spread>,
+    /// Negative mass of A.
+    pub negative_mass: Spread,
+    /// Dropped eigenpairs.
+    pub dropped: Spread,
+    /// Fronts of the search.
+    pub search: Spread,
+    /// Share of pairs (same mesh, seed and l) with a greater Γ than random sampling had; the paper's Fig. 5.
+    pub beats_random: Option<f64>,
+}
+
+/// Sums up `records`, in the order in which samplings and sizes first come.
+pub fn summary(records: &[Record]) -> Vec<Line> {
+    let mut keys: Vec<(Sampling, usize)> = Vec::new();
+    for record in records {
+        if !keys.contains(&(record.sampling, record.l)) {
+            keys.push((record.sampling, record.l));
+        }
+    }
+    let random = [Sampling::Uniform, Sampling::Random].into_iter().find(|s| records.iter().any(|r| r.sampling == *s));
+    keys.iter().map(|&key| line(key, records, random)).collect()
+}
+
+fn line((sampling, l): (Sampling, usize), records: &[Record], random: Option<Sampling>) -> Line {
+    let own: Vec<&Record> = records.iter().filter(|r| r.sampling == sampling && r.l == l).collect();
+    let spread = |value: &dyn Fn(&Record) -> Option<f64>| {
+        Spread::of(&own.iter().filter_map(|record| value(record)).collect::<Vec<_>>())
+    };
+    let certain = |value: &dyn Fn(&Record) -> f64| spread(&|record| Some(value(record))).unwrap_or_default();
+    let pairs: Vec<bool> = own
+        .iter()
+        .filter_map(|record| {
+            let same = |other: &&Record| {
+                Some(other.sampling) == random
+                    && (&other.mesh, other.seed, other.l) == (&record.mesh, record.seed, record.l)
+            };
+            records.iter().find(same).map(|other| record.measures.gamma > other.measures.gamma)
+        })
+        .collect();
+    let beats = pairs.iter().filter(|beats| **beats).count() as f64 / pairs.len().max(1) as f64;
+    Line {
+        sampling,
+        l,
+        samples: own.len(),
+        gamma_per_node: certain(&|r| r.measures.gamma_per_node),
+        gamma_star_per_node: certain(&|r| r.measures.gamma_star / r.nodes.max(1) as f64),
+        held_out: spread(&|r| r.measures.held_out),
+        residual: spread(&|r| r.residual),
+        negative_mass: certain(&|r| r.measures.negative_mass),
+        dropped: certain(&|r| r.measures.dropped as f64),
+        search: certain(&|r| r.search),
+        beats_random: (!pairs.is_empty() && Some(sampling) != random).then_some(beats),
+    }
+}
+
+/// Aligned text, a line a sampling and l.
+pub fn to_text(lines: &[Line]) -> String {
+    let mut text = format!(
+        "{:18} {:>4} {:>7} {:>14} {:>7} {:>14} {:>14} {:>8} {:>7} {:>7} {:>6}\n",
+        "sampling", "l", "samples", "Γ/n", "Γ*/n", "held out", "residual", "negative", "dropped", "search", "beats"
+    );
+    for line in lines {
+        let spread = |spread: Option<Spread>| match spread {
+            Some(spread) if line.samples > 1 => format!("{:.3} ± {:.3}", spread.mean, spread.deviation),
+            Some(spread) => format!("{:.4}", spread.mean),
+            None => "-".into(),
+        };
+        let beats = line.beats_random.map_or("-".into(), |share| format!("{:.0} %", 100. * share));
+        let _ = writeln!(
+            text,
+            "{:18} {:>4} {:>7} {:>14} {:>7.3} {:>14} {:>14} {:>8.3} {:>7.1} {:>7.1} {:>6}",
+            line.sampling.name(),
+            line.l,
+            line.samples,
+            spread(Some(line.gamma_per_node)),
+            line.gamma_star_per_node.mean,
+            spread(line.held_out),
+            spread(line.residual),
+            line.negative_mass.mean,
+            line.dropped.mean,
+            line.search.mean,
+            beats
+        );
+    }
+    text
+}
+
+/// One record, number by number.
+pub fn one_to_text(record: &Record) -> String {
+    let m = &record.measures;
+    let mut text = String::new();
+    let mut tell = |name: &str, value: String| {
+        let _ = writeln!(text, "{name:28} {value}");
+    };
+    tell("sampling", format!("{}, {} landmarks of {} faces", record.sampling.name(), record.l, record.nodes));
+    tell("search", format!("{:.1} fronts besides the {} rows", record.search, record.l));
+    tell("σ", record.sigma.map_or("local".into(), |sigma| format!("{sigma:.6}")));
+    tell("Γ", format!("{:.6}", m.gamma));
+    tell("Γ/n", format!("{:.6}", m.gamma_per_node));
+    tell("Γ*", format!("{:.6}", m.gamma_star));
+    tell("greatest w̃", format!("{:.6}", m.greatest));
+    if let Some(held_out) = m.held_out {
+        tell("held-out residual", format!("{held_out:.6}"));
+    }
+    tell("negative mass of A", format!("{:.6} in {} eigenvalues", m.negative_mass, m.negative));
+    tell("dropped eigenpairs", m.dropped.to_string());
+    if let Some(residual) = record.residual {
+        tell("residual", format!("{residual:.6}"));
+    }
+    if let Some(exact) = &record.exact {
+        tell("Schur complement, Frobenius", format!("{:.6}", exact.frobenius));
+        tell("Schur complement, spectral", format!("{:.6}", exact.spectral));
+        tell("Schur complement, nuclear", format!("{:.6}", exact.nuclear));
+        let angles: Vec<String> = exact.angles.iter().map(|angle| format!("{angle:.2}")).collect();
+        tell("principal angles, degrees", angles.join(" "));
+    }
+    text
+}
+
+/// Every record as a line of comma-separated values, under a line of names. Commas in names of meshes become
+/// underscores.
+pub fn to_csv(records: &[Record]) -> String {
+    let mut text = "mesh,sampling,l,seed,nodes,sigma,search,gamma,gamma_per_node,gamma_star,greatest,held_out,\
+                    negative_mass,negative,dropped,residual\n"
+        .to_owned();
+    let maybe = |value: Option<f64>| value.map_or(String::new(), |value| value.to_string());
+    for record in records {
+        let m = &record.measures;
+        let _ = writeln!(
+            text,
+            "{},{},{},{},{},{},{},{},{},{},{},{},{},{},{},{}",
+            record.mesh.replace([',', '\n', '"'], "_"),
+            record.sampling.name(),
+            record.l,
+            record.seed,
+            record.nodes,
+            maybe(record.sigma),
+            record.search,
+            m.gamma,
+            m.gamma_per_node,
+            m.gamma_star,
+            m.greatest,
+            maybe(m.held_out),
+            m.negative_mass,
+            m.negative,
+            m.dropped,
+            maybe(record.residual)
+        );
+    }
+    text
+}

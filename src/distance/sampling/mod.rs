@@ -1,0 +1,179 @@
+//! Samplings: which nodes become landmarks (§6 of the paper). One file each behind [`Sampler`], all fed by the same
+//! rows through [`Space`].
+//!
+//! | | search, in fronts over all n nodes | |
+//! | --- | --- | --- |
+//! | [`random`] | 0 | by area, or each node alike |
+//! | [`farthest`] | about Σ 1/i | max–min from an extremity, §6.2 |
+//! | [`geodesic`] | about Σ 1/i | the same in length alone, whatever metric the rows have |
+//! | [`centroid`] | l + Σ 1/i | farthest points, each moved to the middle of its cell |
+//! | [`cholesky`] | l + [`PILOTS`] | randomly pivoted Cholesky |
+//! | [`greedy`] | 90 l, pooled 90 + l | best of 90 candidates by Γ, §6.1 |
+//!
+//! The last three look at affinities on a random sample of columns ([`SamplingParams::columns`]), from which they pick
+//! too: memory and arithmetic do not grow with n, and where n is smaller they are exact.
+
+pub mod centroid;
+pub mod cholesky;
+mod factor;
+pub mod farthest;
+pub mod geodesic;
+pub mod greedy;
+pub mod random;
+pub mod space;
+
+use super::kernel::Kernel;
+use crate::base::Result;
+use crate::base::random::{below, stream};
+use serde::{Deserialize, Serialize};
+pub use space::{GraphSpace, MatrixSpace, Space};
+
+/// How landmarks are chosen.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Sampling {
+    /// Max–min farthest points from an extremity.
+    #[default]
+    Farthest,
+    /// Nodes at random, a node's chance in proportion to its area.
+    Random,
+    /// Nodes at random, each alike: the paper's random sampling.
+    Uniform,
+    /// Max–min farthest points in length alone, whatever metric the rows have.
+    GeodesicFarthest,
+    /// Farthest points, each moved to the middle of its cell.
+    Centroids,
+    /// Randomly pivoted Cholesky.
+    Cholesky,
+    /// The best of 90 fresh candidates by Γ, one landmark after the other (§6.1).
+    Greedy,
+    /// The same, the 90 kept from landmark to landmark.
+    PooledGreedy,
+}
+
+impl Sampling {
+    /// All of them.
+    pub const ALL: [Self; 8] = [
+        Self::Uniform,
+        Self::Random,
+        Self::Cholesky,
+        Self::Farthest,
+        Self::GeodesicFarthest,
+        Self::Centroids,
+        Self::PooledGreedy,
+        Self::Greedy,
+    ];
+
+    /// Its name on the command line.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Farthest => "farthest",
+            Self::Random => "random",
+            Self::Uniform => "uniform",
+            Self::GeodesicFarthest => "geodesic-farthest",
+            Self::Centroids => "centroids",
+            Self::Cholesky => "cholesky",
+            Self::Greedy => "greedy",
+            Self::PooledGreedy => "pooled-greedy",
+        }
+    }
+
+    /// Whether the search runs in length alone and not in the metric of the rows.
+    pub fn needs_lengths(self) -> bool {
+        self == Self::GeodesicFarthest
+    }
+
+    /// The sampler.
+    pub fn sampler(self, params: SamplingParams) -> Box<dyn Sampler> {
+        match self {
+            Self::Farthest => Box::new(farthest::Farthest),
+            Self::Random => Box::new(random::ByArea),
+            Self::Uniform => Box::new(random::Uniform),
+            Self::GeodesicFarthest => Box::new(geodesic::GeodesicFarthest),
+            Self::Centroids => Box::new(centroid::Centroids(params)),
+            Self::Cholesky => Box::new(cholesky::Cholesky(params)),
+            Self::Greedy => Box::new(greedy::Greedy { params, pooled: false }),
+            Self::PooledGreedy => Box::new(greedy::Greedy { params, pooled: true }),
+        }
+    }
+}
+
+/// Rows that tell samplers the mean distance where they are not given σ.
+pub const PILOTS: usize = 4;
+
+/// What samplers that look at affinities need to know.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct SamplingParams {
+    /// The kernel of Γ. The exponential, because Γ of the Gaussian of geodesic distances is no measure: its rank
+    /// correlation with the residual was .26 (`docs/sampling-and-kernels.md`).
+    pub kernel: Kernel,
+    /// Its width in units of distance; by default the mean of the first rows computed.
+    pub sigma: Option<f64>,
+    /// Candidates a landmark: 90 hold one of the best 5 % with a chance of 99 %.
+    pub candidates: usize,
+    /// Columns looked at, at the most.
+    pub columns: usize,
+}
+
+impl Default for SamplingParams {
+    fn default() -> Self {
+        Self { kernel: Kernel::Exponential, sigma: None, candidates: 90, columns: 4096 }
+    }
+}
+
+/// Where landmarks go as soon as they are known: the node, and its row where the search has it at hand.
+pub type Found<'a> = dyn FnMut(u32, Option<&[f32]>) -> Result<()> + 'a;
+
+/// A way of choosing landmarks.
+pub trait Sampler {
+    /// Sends `l` distinct nodes of `space` (l at most its size) to `found`. `field` (n) is scratch.
+    ///
+    /// # Errors
+    /// [`crate::base::Error::Cancelled`], or an error of `found`.
+    fn choose(
+        &self,
+        l: usize,
+        seed: u64,
+        space: &mut dyn Space,
+        field: &mut [f32],
+        found: &mut Found<'_>,
+    ) -> Result<()>;
+}
+
+/// `count` distinct numbers below `n`, in the order drawn (Floyd's way would sort them; this shuffles the first).
+fn distinct(n: usize, count: usize, seed: u64, purpose: &str) -> Vec<u32> {
+    let mut draw = stream(seed, purpose);
+    if count >= n {
+        return (0..n as u32).collect();
+    }
+    // A sparse Fisher–Yates: only displaced places are remembered.
+    let mut displaced = std::collections::HashMap::with_capacity(2 * count);
+    let place = |displaced: &std::collections::HashMap<usize, usize>, k: usize| displaced.get(&k).copied().unwrap_or(k);
+    (0..count)
+        .map(|k| {
+            let other = k + below(&mut draw, n - k);
+            let (here, there) = (place(&displaced, k), place(&displaced, other));
+            displaced.insert(other, here);
+            there as u32
+        })
+        .collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::distinct;
+
+    #[test]
+    fn distinct_numbers_are_distinct_and_evenly_spread() {
+        let mut hits = [0u32; 20];
+        for seed in 0..4000 {
+            let mut drawn = distinct(20, 5, seed, "test");
+            drawn.iter().for_each(|&k| hits[k as usize] += 1);
+            drawn.sort_unstable();
+            drawn.dedup();
+            assert_eq!(drawn.len(), 5);
+        }
+        assert!(hits.iter().all(|&h| (850..1150).contains(&h)), "{hits:?}");
+        assert_eq!(distinct(3, 7, 0, "test"), [0, 1, 2]);
+    }
+}

@@ -1,0 +1,79 @@
+//! Random landmarks: by area, or each node alike. No distances are needed.
+
+use super::{Found, Sampler, Space, distinct};
+use crate::base::Result;
+use crate::base::random::{stream, unit};
+use crate::graph::Node;
+
+/// A node's chance is in proportion to its area, so that the sampling of a mesh does not follow its density.
+pub struct ByArea;
+
+/// Every node has the same chance.
+pub struct Uniform;
+
+impl Sampler for ByArea {
+    fn choose(&self, l: usize, seed: u64, space: &mut dyn Space, _: &mut [f32], found: &mut Found<'_>) -> Result<()> {
+        by_area(l, space.nodes(), seed).into_iter().try_for_each(|landmark| found(landmark, None))
+    }
+}
+
+impl Sampler for Uniform {
+    fn choose(&self, l: usize, seed: u64, space: &mut dyn Space, _: &mut [f32], found: &mut Found<'_>) -> Result<()> {
+        let drawn = distinct(space.nodes().len(), l, seed, "uniform landmarks");
+        drawn.into_iter().try_for_each(|landmark| found(landmark, None))
+    }
+}
+
+/// `l` distinct nodes at random by area (evenly where there is none), by two passes over the nodes.
+fn by_area(l: usize, nodes: &[Node], seed: u64) -> Vec<u32> {
+    let mut draw = stream(seed, "random landmarks");
+    let total: f64 = nodes.iter().map(|node| f64::from(node.area)).sum();
+    let mut chosen: Vec<u32> = Vec::with_capacity(l);
+    let mut rounds = 0;
+    while chosen.len() < l && rounds < 64 && total > 0. {
+        rounds += 1;
+        let mut targets: Vec<(f64, usize)> = (chosen.len()..l).map(|k| (unit(&mut draw) * total, k)).collect();
+        targets.sort_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
+        let (mut sum, mut next) = (0f64, 0);
+        let mut picks = Vec::with_capacity(targets.len());
+        for (node, geometry) in nodes.iter().enumerate() {
+            sum += f64::from(geometry.area);
+            while next < targets.len() && targets[next].0 < sum {
+                picks.push((targets[next].1, node as u32));
+                next += 1;
+            }
+        }
+        picks.sort_unstable();
+        for (_, node) in picks {
+            if !chosen.contains(&node) {
+                chosen.push(node);
+            }
+        }
+    }
+    // Nearly all drawn, or hardly any area: fill up in order, faces with area first.
+    let (with, without): (Vec<u32>, Vec<u32>) = match l - chosen.len() {
+        0 => Default::default(),
+        _ => (0..nodes.len() as u32)
+            .filter(|node| !chosen.contains(node))
+            .partition(|&node| nodes[node as usize].area > 0.),
+    };
+    chosen.extend(with.into_iter().chain(without).take(l - chosen.len()));
+    chosen
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn random_landmarks_are_distinct_and_avoid_faces_without_area() {
+        let mut nodes = vec![Node::default(); 100];
+        for (k, node) in nodes.iter_mut().enumerate() {
+            node.area = if k % 2 == 0 { 1. } else { 0. };
+        }
+        let mut chosen = by_area(50, &nodes, 3);
+        chosen.sort_unstable();
+        assert_eq!(chosen, (0..50).map(|k| 2 * k).collect::<Vec<_>>());
+        assert_eq!(by_area(3, &[Node::default(); 3], 0).len(), 3);
+    }
+}
