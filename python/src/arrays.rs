@@ -119,9 +119,9 @@ fn each<T: Element + Copy>(
 ) -> std::io::Result<()> {
     debug_assert!(array.ndim() == 2);
     match array.as_slice() {
-        Ok(slice) => slice.iter().try_for_each(|&x| with(x)),
-        // Not contiguous: a view, walked as it is.
-        Err(_) => array.as_array().iter().try_for_each(|&x| with(x)),
+        Ok(slice) if array.is_c_contiguous() => slice.iter().try_for_each(|&x| with(x)),
+        // A view, or columns one after another: walked in rows.
+        _ => array.as_array().iter().try_for_each(|&x| with(x)),
     }
 }
 
