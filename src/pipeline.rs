@@ -10,6 +10,7 @@ pub mod calibrate;
 pub mod contacts;
 pub mod decision;
 pub mod embed;
+pub mod correspond;
 pub mod input;
 mod k_means;
 pub mod kept;

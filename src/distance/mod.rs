@@ -10,6 +10,7 @@ pub mod front;
 pub mod journal;
 pub mod kernel;
 pub mod landmarks;
+pub mod march;
 pub mod oracle;
 pub mod paging;
 pub mod queue;
@@ -17,6 +18,8 @@ pub mod rows;
 pub mod sampling;
 pub mod shard;
 pub mod voronoi;
+pub mod vertex_rows;
 
 pub use front::Front;
+pub use march::March;
 pub use rows::{DistanceRows, RowFacts};

@@ -11,6 +11,9 @@ pub mod exact;
 pub mod measures;
 pub mod nystrom;
 pub mod preprocess;
+pub mod exp;
+pub mod kernel;
+pub mod orthogonal;
 pub mod quality;
 
 pub use crate::base::eigen;
@@ -18,3 +21,4 @@ pub use crate::distance::{exp, kernel};
 pub use columns::Columns;
 pub use embedding::{Embedding, EmbeddingParams, Normalisation};
 pub use kernel::Kernel;
+pub use orthogonal::Orthogonal;
