@@ -7,7 +7,7 @@
 //!
 //! Label-correcting on [`super::front`]'s buckets: a vertex that is lowered sees its triangles again. Each update is
 //! monotone, so values only fall, from above, to the fixed point; gains below [`GAIN`] of a value are left. Cost: 0.3 to 0.5 µs a
-//! vertex, of which a vertex is visited about twice; scratch is that of the front.
+//! vertex, most of which are visited once; scratch is that of the front.
 
 use super::front::WIDTH;
 use super::queue::{Entry, Queue};
@@ -77,7 +77,7 @@ pub fn through(x: [f32; 3], p: [f32; 3], q: [f32; 3], dp: f32, dq: f32) -> f32 {
 impl March {
     /// A march over surfaces whose edges have the given mean length.
     pub fn new(mean_edge: f32) -> Self {
-        Self { queue: Queue::new(2. * WIDTH * mean_edge), batch: Vec::new() }
+        Self { queue: Queue::new(4. * WIDTH * mean_edge), batch: Vec::new() }
     }
 
     /// Distances from one vertex: `field` (n) is overwritten, infinite where unreached.

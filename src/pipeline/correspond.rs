@@ -176,8 +176,8 @@ pub fn match_sides(
             let dimensions = alignment.transform.nrows();
             let in_b = Nearest::new(points_b, b.graph.csr(), dimensions, &b.work, run)?;
             let in_a = Nearest::new(&a.points, a.graph.csr(), dimensions, &a.work, run)?;
-            let scale = spacing(a) + spacing(b);
-            let pair = Pair { a: &a.points, b: points_b, alignment, in_b: &in_b, in_a: &in_a, scale };
+            let (graph_a, graph_b, in_a, in_b) = (&a.graph, &b.graph, &in_a, &in_b);
+            let pair = Pair { a: &a.points, b: points_b, graph_a, graph_b, alignment, in_b, in_a };
             matches(pair, matching, name, work, run)
         };
         run.stage("match", "vertices", a.points.len() as u64, make).map(|(matches, _)| matches)
@@ -188,12 +188,6 @@ pub fn match_sides(
         found = pass(&points_b, &alignment, params.matching, "matches.npy")?;
     }
     Ok(Correspondence { matches: found, alignments, sides: [a.facts(), b.facts()] })
-}
-
-/// How far apart in the embedding equal shares of the surface are: what a match can be wrong by at least is less.
-fn spacing(side: &Side<'_>) -> f32 {
-    let spread: f64 = side.fit.variance.iter().skip(1).sum();
-    (0.1 * spread.sqrt()) as f32
 }
 
 /// B embedded by the images of A's landmarks and A's own map: nothing is left to align but what the images are wrong by.

@@ -6,9 +6,12 @@
 //! order of requests. 16 bytes a vertex on disk; some µs a vertex.
 
 use super::align::{Alignment, apply};
+use super::confidence;
 use super::nearest::Nearest;
 use crate::base::Result;
-use crate::base::parallel::fill_chunks;
+use crate::base::parallel::fill_two;
+use crate::base::vector::{distance, wide};
+use crate::graph::VertexGraph;
 use crate::spectral::orthogonal::Point;
 use crate::store::npy::Item;
 use crate::store::{MappedSlice, Run, WorkDir};
@@ -19,6 +22,9 @@ use serde::{Deserialize, Serialize};
 const CHUNK: usize = 1 << 12;
 /// Vertices that one may ask for, one to one.
 pub const CHOICES: usize = 24;
+
+/// Vertices at the most from whose matches one comes back, to see how sure they are.
+const RETURNS: usize = 1 << 18;
 
 /// A vertex's match: what `matches.npy` holds of each.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Pod, Zeroable)]
@@ -68,20 +74,16 @@ pub struct Pair<'a> {
     pub a: &'a [Point],
     /// Embedded vertices of B.
     pub b: &'a [Point],
+    /// The surface of A.
+    pub graph_a: &'a VertexGraph,
+    /// The surface of B.
+    pub graph_b: &'a VertexGraph,
     /// From A's coordinates to B's.
     pub alignment: &'a Alignment,
     /// Searches B.
     pub in_b: &'a Nearest<'a>,
     /// Searches A.
     pub in_a: &'a Nearest<'a>,
-    /// Distance in the embedding at which a match or its return is half sure.
-    pub scale: f32,
-}
-
-/// How sure a match is whose distance squares to `there`, and from which one comes back `back` (squared) from where one
-/// left, in units of `scale`.
-fn confidence(there: f32, back: f32, scale: f32) -> f32 {
-    if scale > 0. { 1. / (1. + (there + back) / (scale * scale)) } else { 1. }
 }
 
 /// Matches every vertex of A, into the file `name` of `work`. Progress is told as stage `match`.
@@ -90,28 +92,39 @@ fn confidence(there: f32, back: f32, scale: f32) -> f32 {
 /// [`crate::base::Error::Io`], [`crate::base::Error::Cancelled`].
 pub fn matches(pair: Pair<'_>, matching: Matching, name: &str, work: &WorkDir, run: &Run) -> Result<MappedSlice<Match>> {
     let back = pair.alignment.transform.transpose();
-    let mut array = work.array::<Match>(name, &[pair.a.len()])?;
-    let fill = |k: usize, out: &mut [Match], (): &mut ()| {
-        for (i, out) in out.iter_mut().enumerate() {
+    let n = pair.a.len();
+    let mut array = work.array::<Match>(name, &[n])?;
+    let mut doubt = work.array::<f32>("doubt.tmp", &[n])?;
+    // Enough of a large mesh to tell where matches come back to; all for mutual ones.
+    let step = if matching == Matching::Mutual { 1 } else { n.div_ceil(RETURNS) };
+    let unit = 1. / pair.graph_a.facts.area.sqrt().max(1e-300);
+    let fill = |k: usize, out: &mut [Match], doubt: &mut [f32], (): &mut ()| {
+        for (i, (out, doubt)) in out.iter_mut().zip(doubt).enumerate() {
             let v = k * CHUNK + i;
             let found = pair.in_b.nearest(&pair.alignment.apply(&pair.a[v]));
-            let home = pair.in_a.nearest(&apply(&back, &pair.b[found.vertex as usize]));
-            let returned = super::nearest::square(&pair.a[v], &pair.a[home.vertex as usize]);
-            let sure = confidence(found.square, returned, pair.scale);
-            let target = i64::from(found.vertex);
-            *out = match matching {
-                // At the same place in the embedding is as good as the same.
-                Matching::Mutual if home.vertex as usize != v && returned > 0. => Match::NONE,
-                _ => Match { target, distance: found.square.sqrt(), confidence: sure },
-            };
+            *out = Match { target: i64::from(found.vertex), distance: found.square.sqrt(), confidence: 0. };
+            *doubt = f32::NAN;
+            if v % step > 0 {
+                continue;
+            }
+            let home = pair.in_a.nearest(&apply(&back, &pair.b[found.vertex as usize])).vertex as usize;
+            let [from, to] = [v, home].map(|v| wide(pair.graph_a.nodes[v].centroid));
+            *doubt = (unit * distance(from, to)) as f32;
+            // At the same place in the embedding is as good as the same.
+            if matching == Matching::Mutual && home != v && pair.a[v] != pair.a[home] {
+                *out = Match::NONE;
+            }
         }
         run.progress.advance("match", out.len() as u64);
         Ok(())
     };
-    fill_chunks(run.threads, &run.cancel, array.data(), CHUNK, || (), fill)?;
+    fill_two(run.threads, &run.cancel, (array.data(), doubt.data()), CHUNK, || (), fill)?;
     if matching == Matching::OneToOne {
         one_to_one(&pair, array.data(), work, run)?;
     }
+    confidence::fill(&pair, array.data(), doubt.data(), work, run)?;
+    drop(doubt);
+    work.remove("doubt.tmp.partial");
     array.finish(false)
 }
 
@@ -147,7 +160,7 @@ fn one_to_one(pair: &Pair<'_>, matches: &mut [Match], work: &WorkDir, run: &Run)
                 Some(next) => Match {
                     target: i64::from(next.vertex),
                     distance: next.square.sqrt(),
-                    confidence: confidence(next.square, 0., pair.scale).min(matches[loser as usize].confidence),
+                    confidence: 0.,
                 },
                 None => Match::NONE,
             };

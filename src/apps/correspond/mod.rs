@@ -6,6 +6,7 @@
 
 pub mod align;
 pub mod candidates;
+mod confidence;
 pub mod error;
 pub mod files;
 pub mod matches;
