@@ -124,6 +124,7 @@ struct Embedded {
     points: Vec<Point>,
     variance: Vec<f64>,
     tensor: Tensor,
+    rows: Option<DistanceRows>,
 }
 
 impl Member {
@@ -147,10 +148,11 @@ impl Member {
 
     fn embed(&self, way: Way, options: &Options, run: &Run) -> Result<Embedded> {
         let k = options.vectors;
-        let (points, variance) = match way {
+        let (points, variance, rows) = match way {
             Way::Full { by_area } => {
                 let rows = self.rows_from((0..self.graph.len() as u32).collect(), options, run)?;
-                full::embed(&rows, &self.graph.nodes, by_area, k, run)?
+                let (points, variance) = full::embed(&rows, &self.graph.nodes, by_area, k, run)?;
+                (points, variance, None)
             }
             Way::Landmarks { l, sampling, style } => {
                 // Random landmarks are other vertices on every mesh.
@@ -160,17 +162,24 @@ impl Member {
                 let params = OrthogonalParams { kernel: Kernel::Gaussian, width: 1., dimensions: k, style };
                 let fit = Orthogonal::fit(&rows, &self.graph.nodes, params, &run)?;
                 let points = fit.embed(&rows, fit.sigma, "embedding.npy", &self.work, &run)?;
-                (points.to_vec(), fit.variance)
+                (points.to_vec(), fit.variance, Some(rows))
             }
         };
         let tensor = Tensor::of(&self.opened.mesh, &points, variance.len(), run)?;
-        Ok(Embedded { points, variance, tensor })
+        Ok(Embedded { points, variance, tensor, rows })
     }
 }
 
 /// As alignment sees it.
 fn shape<'a>(embedded: &'a Embedded, graph: &'a VertexGraph) -> Shape<'a> {
-    Shape { points: &embedded.points, nodes: &graph.nodes, variance: &embedded.variance, tensor: &embedded.tensor }
+    Shape {
+        points: &embedded.points,
+        nodes: &graph.nodes,
+        variance: &embedded.variance,
+        tensor: &embedded.tensor,
+        rows: embedded.rows.as_ref(),
+        unit: 1. / graph.facts.area.sqrt(),
+    }
 }
 
 /// The mean error of matching all vertices of `a` to `base` under `alignment`.
@@ -218,7 +227,7 @@ fn series(folder: &Path, options: &Options, run: &Run) -> Result<Vec<Trial>> {
             let part = member.embed(way, options, run)?;
             let k = part.variance.len().min(whole.variance.len());
             let pairs = truth.iter().enumerate().filter_map(|(v, real)| Some((part.points[v], whole.points[(*real)? as usize])));
-            let known = Alignment { transform: procrustes(pairs, k), cost: 0., orientation: 1. };
+            let known = Alignment { transform: procrustes(pairs, k), cost: 0., distortion: None, orientation: 1. };
             let aligned = mean_error(&part, &whole, &base, &known, &truth, run)?;
             let trial = Trial {
                 mesh: name.clone(),

@@ -5,14 +5,18 @@ use super::options::RunArgs;
 use super::output::folder_of;
 use super::{Failure, Surroundings};
 use clap::ValueEnum;
-use nystrom_stream::apps::correspond::{Matching, files};
+use nystrom_stream::apps::correspond::carry::{Colours, Property};
+use nystrom_stream::apps::correspond::show::side_by_side;
+use nystrom_stream::apps::correspond::{Match, Matching, files};
+use nystrom_stream::apps::picture::PictureParams;
 use nystrom_stream::base::{Error, Result};
 use nystrom_stream::distance::landmarks::Sampling;
 use nystrom_stream::distance::vertex_rows::Distance;
-use nystrom_stream::mesh;
-use nystrom_stream::pipeline::correspond::{CorrespondParams, Correspondence, correspond};
+use nystrom_stream::mesh::columns::Of;
+use nystrom_stream::mesh::{self, Opened, annotated};
+use nystrom_stream::pipeline::correspond::{CorrespondParams, Correspondence, correspond, default_landmarks};
 use nystrom_stream::spectral::orthogonal::OrthogonalParams;
-use nystrom_stream::store::WorkDir;
+use nystrom_stream::store::{Run, WorkDir};
 use serde_json::json;
 use std::io::Write;
 use std::path::{Path, PathBuf};
@@ -32,10 +36,34 @@ pub struct Args {
     /// Write a report as JSON, to FILE or to standard output
     #[arg(long, value_name = "FILE", num_args = 0..=1, default_missing_value = "-", require_equals = true)]
     pub json: Option<PathBuf>,
+    /// Write A and B with coloured vertices, matched ones alike: two PLY files
+    #[arg(long, value_names = ["A_OUT", "B_OUT"], num_args = 2)]
+    pub colours: Vec<PathBuf>,
+    /// What colours on B follow
+    #[arg(long, value_enum, default_value = "position")]
+    pub colour_by: ColourArg,
+    /// Draw A and B side by side in these colours, .png
+    #[arg(long, value_name = "FILE")]
+    pub picture: Option<PathBuf>,
+    /// Carry properties of B's vertices or faces over to A, like label,quality; written to --carried
+    #[arg(long, value_name = "NAMES", value_delimiter = ',', requires = "carried")]
+    pub carry: Vec<String>,
+    /// A with what is carried, a PLY file
+    #[arg(long, value_name = "FILE", requires = "carry")]
+    pub carried: Option<PathBuf>,
     #[command(flatten)]
     pub method: MethodArgs,
     #[command(flatten)]
     pub run: RunArgs,
+}
+
+/// What colours follow.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub enum ColourArg {
+    /// Position in the box of B
+    Position,
+    /// The labels of B's faces
+    Parts,
 }
 
 /// How far apart vertices are.
@@ -51,9 +79,9 @@ pub enum DistanceArg {
 #[derive(Clone, Debug, clap::Args)]
 #[command(next_help_heading = "Method")]
 pub struct MethodArgs {
-    /// Number of landmarks on each mesh
-    #[arg(short = 'l', long, value_name = "L", default_value_t = 50, value_parser = clap::value_parser!(u32).range(2..=4096))]
-    pub landmarks: u32,
+    /// Number of landmarks on each mesh [default: 50, or 20 beyond 300,000 vertices]
+    #[arg(short = 'l', long, value_name = "L", value_parser = clap::value_parser!(u32).range(2..=4096))]
+    pub landmarks: Option<u32>,
     /// How landmarks are chosen
     #[arg(long, value_enum, default_value = "farthest")]
     pub sampling: SamplingArg,
@@ -83,7 +111,7 @@ pub struct MethodArgs {
 impl MethodArgs {
     fn params(&self) -> CorrespondParams {
         CorrespondParams {
-            landmarks: self.landmarks as usize,
+            landmarks: self.landmarks.map_or(0, |l| l as usize),
             sampling: match self.sampling {
                 SamplingArg::Farthest => Sampling::Farthest,
                 SamplingArg::Random => Sampling::Random,
@@ -106,7 +134,7 @@ impl MethodArgs {
 
 pub fn run(args: &Args, surroundings: &Surroundings) -> Result<(), Failure> {
     let start = Instant::now();
-    let params = args.method.params();
+    let mut params = args.method.params();
     params.embedding.check()?;
     if let Some(path) = args.output.iter().find(|path| !files::is_known(path)) {
         return Err(Failure::Misused(format!(
@@ -114,10 +142,11 @@ pub fn run(args: &Args, surroundings: &Surroundings) -> Result<(), Failure> {
             path.display()
         )));
     }
-    if args.output.is_empty() && args.json.is_none() {
+    let outputs = || args.output.iter().chain(&args.colours).chain(&args.picture).chain(&args.carried);
+    if outputs().next().is_none() && args.json.is_none() {
         return Err(Failure::Misused("nothing to write; give -o matches.npy or another output".into()));
     }
-    for path in &args.output {
+    for path in outputs() {
         let folder = folder_of(path);
         if !folder.is_dir() {
             let problem = format!("its folder {} does not exist", folder.display());
@@ -126,9 +155,9 @@ pub fn run(args: &Args, surroundings: &Surroundings) -> Result<(), Failure> {
     }
     let bars = args.run.bars();
     let run = args.run.run(&bars, surroundings);
-    let beside = args.output.first().map_or_else(std::env::temp_dir, |path| folder_of(path));
+    let beside = outputs().next().map_or_else(std::env::temp_dir, |path| folder_of(path));
     let work = WorkDir::temporary(args.run.tmp.as_deref().unwrap_or(&beside))?;
-    let open = |path: &Path, name: &str| -> Result<mesh::Opened> {
+    let open = |path: &Path, name: &str| -> Result<Opened> {
         let scratch = work.file(name);
         std::fs::create_dir_all(&scratch).map_err(Error::io(&scratch, "create"))?;
         let (opened, _) = run.stage("read", "bytes", 0, || mesh::open(path, &scratch, &run))?;
@@ -136,10 +165,14 @@ pub fn run(args: &Args, surroundings: &Surroundings) -> Result<(), Failure> {
         Ok(opened)
     };
     let (a, b) = (open(&args.a, "mesh-a")?, open(&args.b, "mesh-b")?);
+    if args.method.landmarks.is_none() {
+        params.landmarks = default_landmarks(a.mesh.positions.len().max(b.mesh.positions.len()));
+    }
     let result = correspond(&a, &b, &params, &work, &run)?;
     tell(&result, args.method.alternative, &run);
     let write = || args.output.iter().try_for_each(|path| files::write(path, &result.matches, &run));
     run.stage("write", "vertices", result.matches.len() as u64, write)?;
+    show(args, &a, &b, &result.matches, &work, &run)?;
     let Some(target) = &args.json else { return Ok(()) };
     let mut seconds = bars.take_seconds();
     seconds.insert("total".into(), start.elapsed().as_secs_f64());
@@ -168,8 +201,34 @@ pub fn run(args: &Args, surroundings: &Surroundings) -> Result<(), Failure> {
     Ok(())
 }
 
+/// Writes colours, picture and what is carried, where asked for.
+fn show(args: &Args, a: &Opened, b: &Opened, matches: &[Match], work: &WorkDir, run: &Run) -> Result<()> {
+    if !args.colours.is_empty() || args.picture.is_some() {
+        let colours = match args.colour_by {
+            ColourArg::Position => Colours::by_position(&b.mesh, work, run)?,
+            ColourArg::Parts => Colours::by_parts(b, work, run)?,
+        };
+        if let [to_a, to_b] = &args.colours[..] {
+            let (of_a, of_b) = (|v: usize| colours.of_match(&matches[v]), |v| colours.of_b(v));
+            annotated::write_annotated(to_a, &a.mesh, &annotated::colours(&of_a), &[], run)?;
+            annotated::write_annotated(to_b, &b.mesh, &annotated::colours(&of_b), &[], run)?;
+        }
+        if let Some(path) = &args.picture {
+            let params = PictureParams { height: 800, ..PictureParams::default() };
+            side_by_side(&a.mesh, &b.mesh, matches, &colours, &params, work, run)?.write_png(path)?;
+        }
+    }
+    let Some(path) = &args.carried else { return Ok(()) };
+    let read = |name: &String| Property::read(b, name, work, run);
+    let properties = args.carry.iter().map(read).collect::<Result<Vec<_>>>()?;
+    let columns = |of: Of| -> Vec<_> {
+        properties.iter().filter(|one| one.of == of).map(|one| one.column(&a.mesh, matches)).collect()
+    };
+    annotated::write_annotated(path, &a.mesh, &columns(Of::Vertices), &columns(Of::Faces), run)
+}
+
 /// Says where the shape leaves a choice.
-fn tell(result: &Correspondence, chosen: usize, run: &nystrom_stream::store::Run) {
+fn tell(result: &Correspondence, chosen: usize, run: &Run) {
     let found = &result.alignments.found;
     if found.len() > 1 {
         let others = found.len() - 1;

@@ -53,6 +53,12 @@ impl Default for CorrespondParams {
     }
 }
 
+/// Landmarks for meshes of up to `vertices` vertices: fewer where a row costs a third of a second. On twelve decimated series 20
+/// instead of 50 took the mean error from .007 to .012.
+pub fn default_landmarks(vertices: usize) -> usize {
+    if vertices <= 300_000 { 50 } else { 20 }
+}
+
 /// A mesh made ready.
 pub struct Side<'a> {
     /// The mesh.
@@ -125,7 +131,14 @@ impl<'a> Side<'a> {
 
     /// As alignment sees it.
     fn shape(&self) -> Shape<'_> {
-        Shape { points: &self.points, nodes: &self.graph.nodes, variance: &self.fit.variance, tensor: &self.tensor }
+        Shape {
+            points: &self.points,
+            nodes: &self.graph.nodes,
+            variance: &self.fit.variance,
+            tensor: &self.tensor,
+            rows: Some(&self.rows),
+            unit: 1. / self.graph.facts.area.sqrt().max(1e-300),
+        }
     }
 
     fn facts(&self) -> SideFacts {
@@ -208,5 +221,5 @@ fn transferred(
     let pairs = sample(&a.graph.nodes, 8 * FINE, run.seed, "transferred points");
     let pairs = pairs.iter().filter_map(|&v| Some((a.points[v as usize], points[found[v as usize].vertex()? as usize])));
     let transform = procrustes(pairs, k);
-    Ok((points, Alignment { transform, cost: 0., orientation: 1. }))
+    Ok((points, Alignment { transform, cost: 0., distortion: None, orientation: 1. }))
 }

@@ -42,6 +42,10 @@ impl Item for f64 {
     const DESCR: &'static str = "<f8";
 }
 
+impl Item for [u8; 3] {
+    const DESCR: &'static str = "|u1";
+    const WIDTH: usize = 3;
+}
 impl Item for [f32; 3] {
     const DESCR: &'static str = "<f4";
     const WIDTH: usize = 3;

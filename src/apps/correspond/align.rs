@@ -2,8 +2,10 @@
 //!
 //! Guesses ([`super::candidates`]) are ranked by how near they bring [`COARSE`] points of one mesh to those of the other; the
 //! best [`KEPT`] are refined by alternating nearest points and the orthogonal matrix that fits these best
-//! (Procrustes), ranked again both ways, tested for being mirror images ([`super::orientation`]) and refined on
-//! [`FINE`] points. What is left and fits about as well, but maps the shape elsewhere, is an alternative: a symmetry that no
+//! (Procrustes), ranked again, tested for being mirror images ([`super::orientation`]) and refined on [`FINE`] points. How near
+//! points come does not always tell head from tail, since the leading axes know the coarse shape alone; so the rows are
+//! asked too: how far it is from a landmark of A to where one of B comes to lie on A, and on B from that one to where the first
+//! comes to lie. Product of both measures ranks maps (either alone was wrong more often). What is left and fits about as well, but maps the shape elsewhere, is an alternative: a symmetry that no
 //! measurement along the surface resolves.
 //!
 //! Points stand for equal shares of area, so that densities of vertices do not matter. Cost: constant, about
@@ -14,6 +16,7 @@ use super::orientation::Tensor;
 use crate::base::random::{stream, unit};
 use crate::base::Result;
 use crate::base::parallel::map_chunks;
+use crate::distance::DistanceRows;
 use crate::graph::Node;
 use crate::spectral::orthogonal::{MOST, Point};
 use crate::store::Run;
@@ -23,15 +26,17 @@ use serde::Serialize;
 /// Points that rank guesses.
 pub const COARSE: usize = 120;
 /// Points of the last refinement.
-pub const FINE: usize = 500;
-/// Guesses that are refined.
-pub const KEPT: usize = 12;
+pub const FINE: usize = 1000;
+/// Guesses that are refined; of those that fit then, and differ, [`LAST`] are refined finely.
+pub const KEPT: usize = 40;
+/// Maps that are refined on [`FINE`] points.
+const LAST: usize = 8;
 /// Steps of a refinement.
 const STEPS: usize = 8;
 /// Costs, in least costs, up to which the better oriented guess wins.
 const TOLERATED: f64 = 3.;
-/// Costs, in least costs, up to which another map is an alternative.
-const RIVAL: f64 = 1.3;
+/// Distortions or costs, in those of the best, up to which another map is an alternative.
+const RIVAL: f64 = 1.15;
 /// Mean square between two maps, in variances, from which they are different.
 const APART: f64 = 0.1;
 /// Agreement below which orientation decides nothing.
@@ -48,6 +53,10 @@ pub struct Shape<'a> {
     pub variance: &'a [f64],
     /// How the mesh lies in its embedding.
     pub tensor: &'a Tensor,
+    /// Distances from its landmarks, in units of √area after multiplication by `unit`; without them maps are ranked by cost.
+    pub rows: Option<&'a DistanceRows>,
+    /// 1/√area.
+    pub unit: f64,
 }
 
 /// A change of coordinates from one embedding to the other.
@@ -58,6 +67,8 @@ pub struct Alignment {
     pub transform: DMatrix<f64>,
     /// Mean square from points to the nearest of the other mesh, both ways, in variances.
     pub cost: f64,
+    /// Mean difference between distances from landmark to landmark on either mesh, over √area.
+    pub distortion: Option<f64>,
     /// Agreement of orientation: near 1 right, near −1 mirrored, in between the shape hardly tells.
     pub orientation: f64,
 }
@@ -72,6 +83,17 @@ pub struct Alignments {
 }
 
 impl Alignment {
+    /// What maps are ranked by, the least first.
+    fn rank(&self) -> f64 {
+        self.cost * self.distortion.unwrap_or(1.)
+    }
+
+    /// Whether nothing plain speaks against this map beside the best.
+    fn rivals(&self, best: &Self) -> bool {
+        let distorts = self.distortion.zip(best.distortion).is_some_and(|(mine, least)| mine <= RIVAL * least);
+        distorts || self.cost <= RIVAL * best.cost
+    }
+
     /// The point of A in the coordinates of B.
     #[inline]
     pub fn apply(&self, point: &Point) -> Point {
@@ -179,23 +201,22 @@ fn two_way(transform: &DMatrix<f64>, a: &[Point], b: &[Point]) -> f64 {
 pub fn align(a: Shape<'_>, b: Shape<'_>, run: &Run) -> Result<Alignments> {
     let dimensions = a.variance.len().min(b.variance.len());
     let first = |point: &Point| -> Point { std::array::from_fn(|i| if i < dimensions { point[i] } else { 0. }) };
-    let take = |shape: Shape<'_>, count: usize, purpose: &str| -> Vec<Point> {
-        sample(shape.nodes, count, run.seed, purpose).iter().map(|&v| first(&shape.points[v as usize])).collect()
+    let embedded = |shape: Shape<'_>, chosen: &[u32]| -> Vec<Point> {
+        chosen.iter().map(|&v| first(&shape.points[v as usize])).collect()
     };
+    let coarse_points = |shape: Shape<'_>| embedded(shape, &sample(shape.nodes, COARSE, run.seed, "coarse points"));
     let (tensor_a, tensor_b) = (a.tensor.of_first(dimensions), b.tensor.of_first(dimensions));
-    let (coarse_a, coarse_b) = (take(a, COARSE, "coarse points"), take(b, COARSE, "coarse points"));
+    let (coarse_a, coarse_b) = (coarse_points(a), coarse_points(b));
     let spread: f64 = (1..dimensions).map(|i| a.variance[i] + b.variance[i]).sum();
     let unit = 1. / spread.max(1e-300);
     let measure = |transform: DMatrix<f64>, a_points: &[Point], b_points: &[Point]| Alignment {
         cost: unit * two_way(&transform, a_points, b_points),
+        distortion: None,
         orientation: tensor_a.turned(&transform).agreement(&tensor_b),
         transform,
     };
     let guesses = candidates(a.variance, b.variance);
-    let rank = |k: usize, (): &mut ()| {
-        let moved: Vec<Point> = coarse_a.iter().map(|point| apply(&guesses[k], point)).collect();
-        Ok((one_way(&moved, &coarse_b), k))
-    };
+    let rank = |k: usize, (): &mut ()| Ok((two_way(&guesses[k], &coarse_a, &coarse_b), k));
     let mut ranks = map_chunks(run.threads, &run.cancel, guesses.len(), || (), rank)?;
     ranks.sort_by(|x, y| x.0.total_cmp(&y.0).then(x.1.cmp(&y.1)));
     ranks.truncate(KEPT);
@@ -204,15 +225,33 @@ pub fn align(a: Shape<'_>, b: Shape<'_>, run: &Run) -> Result<Alignments> {
         Ok(measure(transform, &coarse_a, &coarse_b))
     };
     let refined = map_chunks(run.threads, &run.cancel, ranks.len(), || (), coarse)?;
-    let refined = plausible(refined);
-    let (fine_a, fine_b) = (take(a, FINE, "fine points"), take(b, FINE, "fine points"));
+    let mut refined = plausible(refined);
+    refined.sort_by(|x, y| x.cost.total_cmp(&y.cost));
+    let refined = different(refined, &coarse_a, 0.1 * APART * spread);
+    let [chosen_a, chosen_b] = [a, b].map(|shape| sample(shape.nodes, FINE, run.seed, "fine points"));
+    let (fine_a, fine_b) = (embedded(a, &chosen_a), embedded(b, &chosen_b));
+    let landmarks = a.rows.zip(b.rows).map(|rows| (rows, embedded(a, &rows.0.landmarks), embedded(b, &rows.1.landmarks)));
     let fine = |k: usize, (): &mut ()| {
         let transform = refine(refined[k].transform.clone(), &fine_a, &fine_b);
-        Ok(measure(transform, &fine_a, &fine_b))
+        let distortion = landmarks.as_ref().map(|((rows_a, rows_b), in_a, in_b)| {
+            // Where landmarks of either mesh come to lie on the other.
+            let back = transform.transpose();
+            let to_b: Vec<u32> = in_a.iter().map(|p| chosen_b[nearest(&apply(&transform, p), &fine_b).0]).collect();
+            let to_a: Vec<u32> = in_b.iter().map(|p| chosen_a[nearest(&apply(&back, p), &fine_a).0]).collect();
+            let mut sum = 0f64;
+            for (i, &image_b) in to_b.iter().enumerate() {
+                for (j, &image_a) in to_a.iter().enumerate() {
+                    let (d_a, d_b) = (rows_a.row(i)[image_a as usize], rows_b.row(j)[image_b as usize]);
+                    sum += (a.unit * f64::from(d_a) - b.unit * f64::from(d_b)).abs();
+                }
+            }
+            sum / (to_a.len() * to_b.len()).max(1) as f64
+        });
+        Ok(Alignment { distortion, ..measure(transform, &fine_a, &fine_b) })
     };
     let mut refined = map_chunks(run.threads, &run.cancel, refined.len(), || (), fine)?;
-    refined.sort_by(|x, y| x.cost.total_cmp(&y.cost));
-    Ok(told_apart(refined, &fine_a, unit))
+    refined.sort_by(|x, y| x.rank().total_cmp(&y.rank()));
+    Ok(told_apart(refined, &fine_a, APART * spread))
 }
 
 /// Those that fit well and are not mirrored, if one can tell.
@@ -224,19 +263,27 @@ fn plausible(mut all: Vec<Alignment>) -> Vec<Alignment> {
     all
 }
 
-/// The first, and those of the others that map the shape elsewhere at about the same cost.
-fn told_apart(sorted: Vec<Alignment>, points: &[Point], unit: f64) -> Alignments {
+/// Those that map the points elsewhere than the ones before them: by more than `apart`, in the mean of squares.
+fn different(sorted: Vec<Alignment>, points: &[Point], apart: f64) -> Vec<Alignment> {
     let mut found: Vec<Alignment> = Vec::new();
     for one in sorted {
-        let rival = found.first().is_none_or(|best| one.cost <= RIVAL * best.cost);
-        let apart = |other: &Alignment| {
+        let elsewhere = |other: &Alignment| {
             let squares = points.iter().map(|p| f64::from(square(&one.apply(p), &other.apply(p))));
-            2. * unit * squares.sum::<f64>() / points.len().max(1) as f64 > APART
+            2. * squares.sum::<f64>() / points.len().max(1) as f64 > apart
         };
-        if rival && found.iter().all(apart) {
+        if found.len() < LAST && found.iter().all(elsewhere) {
             found.push(one);
         }
     }
+    found
+}
+
+/// The first, and those of the others that map the shape elsewhere at about the same cost.
+fn told_apart(mut sorted: Vec<Alignment>, points: &[Point], apart: f64) -> Alignments {
+    if let Some(best) = sorted.first().cloned() {
+        sorted.retain(|one| one.rivals(&best));
+    }
+    let found = different(sorted, points, apart);
     let telling = found.first().is_some_and(|best| best.orientation >= TELLING);
     Alignments { ambiguous: found.len() > 1 || !telling, found }
 }

@@ -10,7 +10,7 @@ use nalgebra::DMatrix;
 /// Least ratio of the variances of axes that may be turned into each other.
 pub const NEAR: f64 = 0.7;
 /// Turns tried at the most; the likeliest pairs come first.
-pub const MOST_TURNS: usize = 64;
+pub const MOST_TURNS: usize = 32;
 
 /// Guesses for axes of these variances on either mesh (k each).
 pub fn candidates(a: &[f64], b: &[f64]) -> Vec<DMatrix<f64>> {

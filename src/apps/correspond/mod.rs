@@ -6,12 +6,14 @@
 
 pub mod align;
 pub mod candidates;
+pub mod carry;
 mod confidence;
 pub mod error;
 pub mod files;
 pub mod matches;
 pub mod nearest;
 pub mod orientation;
+pub mod show;
 
 pub use align::{Alignment, Alignments, Shape, align};
 pub use error::Errors;
