@@ -8,7 +8,7 @@
 use super::align::{Alignment, apply};
 use super::confidence;
 use super::nearest::Nearest;
-use crate::base::Result;
+use crate::base::{Error, Result};
 use crate::base::parallel::fill_two;
 use crate::base::vector::{distance, wide};
 use crate::graph::VertexGraph;
@@ -89,10 +89,14 @@ pub struct Pair<'a> {
 /// Matches every vertex of A, into the file `name` of `work`. Progress is told as stage `match`.
 ///
 /// # Errors
-/// [`crate::base::Error::Io`], [`crate::base::Error::Cancelled`].
+/// [`Error::Parameter`] for more vertices than the header of the array has digits for (10⁹), [`Error::Io`],
+/// [`Error::Cancelled`].
 pub fn matches(pair: Pair<'_>, matching: Matching, name: &str, work: &WorkDir, run: &Run) -> Result<MappedSlice<Match>> {
     let back = pair.alignment.transform.transpose();
     let n = pair.a.len();
+    if n >= 1_000_000_000 {
+        return Err(Error::parameter("A", format!("{n} vertices are too many to match"), "match a decimated mesh"));
+    }
     let mut array = work.array::<Match>(name, &[n])?;
     let mut doubt = work.array::<f32>("doubt.tmp", &[n])?;
     // Enough of a large mesh to tell where matches come back to; all for mutual ones.
