@@ -8,9 +8,9 @@
 
 pub mod calibrate;
 pub mod contacts;
+pub mod correspond;
 pub mod decision;
 pub mod embed;
-pub mod correspond;
 pub mod input;
 mod k_means;
 pub mod kept;

@@ -74,7 +74,18 @@ fn a_turned_permuted_copy_is_recognised_and_its_properties_come_back() {
     npy::write(&map, &truth, 1, false).unwrap();
     let json = file("e.json");
     for form in [&out, &csv] {
-        let words = ["evaluate", "-q", "--matches", word(form), "--mesh", word(&b), "--truth", word(&map), "--json", word(&json)];
+        let words = [
+            "evaluate",
+            "-q",
+            "--matches",
+            word(form),
+            "--mesh",
+            word(&b),
+            "--truth",
+            word(&map),
+            "--json",
+            word(&json),
+        ];
         let run = program().args(words).output().unwrap();
         assert!(run.status.success(), "{}", errors(&run));
         let told: serde_json::Value = serde_json::from_slice(&std::fs::read(&json).unwrap()).unwrap();
@@ -118,7 +129,8 @@ fn the_same_bytes_whatever_threads_and_memory_in_every_manner() {
             assert!(seen.as_ref().is_none_or(|seen| *seen == bytes), "{manner:?}");
             let targets: Vec<i64> = read(&out).iter().map(|one| one.target).filter(|&t| t >= 0).collect();
             let mut single = targets.clone();
-            (single.sort_unstable(), single.dedup());
+            single.sort_unstable();
+            single.dedup();
             assert!(manner != ["--one-to-one"] || single.len() == targets.len());
             assert!(targets.len() > 1000);
             seen = Some(bytes);

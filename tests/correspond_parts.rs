@@ -9,9 +9,9 @@ use nystrom_stream::base::random::{stream, unit};
 use nystrom_stream::distance::front::mean_weight;
 use nystrom_stream::distance::landmarks::Sampling;
 use nystrom_stream::distance::march::{March, Surface, through};
+use nystrom_stream::distance::oracle;
 use nystrom_stream::distance::rows::RowParams;
 use nystrom_stream::distance::vertex_rows::{self, Distance};
-use nystrom_stream::distance::oracle;
 use nystrom_stream::graph::VertexGraph;
 use nystrom_stream::mesh::{self, Mesh};
 use nystrom_stream::spectral::orthogonal::{Orthogonal, OrthogonalParams, Point, Style};
@@ -65,12 +65,14 @@ fn rows_and_rings_are_those_of_the_faces_whatever_threads_and_memory() {
         let graph = graph(mesh, &work, &run);
         assert_eq!(graph.facts.components, 1);
         for (v, pairs) in around.iter().enumerate() {
-            let mut ring: Vec<[u32; 2]> = graph.ring[2 * graph.ring_starts[v] as usize..2 * graph.ring_starts[v + 1] as usize]
+            let mut ring: Vec<[u32; 2]> = graph.ring
+                [2 * graph.ring_starts[v] as usize..2 * graph.ring_starts[v + 1] as usize]
                 .chunks(2)
                 .map(|pair| [pair[0], pair[1]])
                 .collect();
             let mut pairs = pairs.clone();
-            (ring.sort_unstable(), pairs.sort_unstable());
+            ring.sort_unstable();
+            pairs.sort_unstable();
             assert_eq!(ring, pairs, "vertex {v}");
             let neighbours: BTreeMap<u32, ()> = pairs.iter().flatten().map(|&u| (u, ())).collect();
             let span = graph.rows.indptr[v] as usize..graph.rows.indptr[v + 1] as usize;
@@ -90,8 +92,16 @@ fn seams_are_closed_and_pieces_bridged() {
     let run = Run::new(&());
     // Two triangles that share two positions but no vertex, and one apart; a vertex that nothing uses.
     let points = [
-        [0., 0., 0.], [1., 0., 0.], [0., 1., 0.], [1., 0., 0.], [0., 1., 0.], [1., 1., 0.],
-        [5., 0., 0.], [6., 0., 0.], [5., 1., 0.], [9., 9., 0.],
+        [0., 0., 0.],
+        [1., 0., 0.],
+        [0., 1., 0.],
+        [1., 0., 0.],
+        [0., 1., 0.],
+        [1., 1., 0.],
+        [5., 0., 0.],
+        [6., 0., 0.],
+        [5., 1., 0.],
+        [9., 9., 0.],
     ];
     let mesh = Mesh::from_arrays(dir.path(), &points, &[[0u32, 1, 2], [3, 5, 4], [6, 7, 8]]).unwrap();
     let work = WorkDir::temporary(dir.path()).unwrap();
@@ -138,7 +148,9 @@ fn marching_is_the_fixed_point_and_nearer_the_truth_than_edges() {
         loop {
             let mut changed = false;
             for v in 0..graph.len() {
-                for pair in graph.ring[2 * graph.ring_starts[v] as usize..2 * graph.ring_starts[v + 1] as usize].chunks(2) {
+                for pair in
+                    graph.ring[2 * graph.ring_starts[v] as usize..2 * graph.ring_starts[v + 1] as usize].chunks(2)
+                {
                     let [p, q] = [pair[0], pair[1]].map(|u| u as usize);
                     let at = |u: usize| graph.nodes[u].centroid;
                     let there = through(at(v), at(p), at(q), slow[p], slow[q]);
@@ -288,7 +300,10 @@ fn mutual_matches_are_mutual_and_one_to_one_ones_stable() {
     let graph = graph(&mesh, &work, &run);
     let b = points_on(&graph, 3);
     let mut draw = stream(2, "shift");
-    let a: Vec<Point> = b.iter().map(|p| std::array::from_fn(|i| if i < 3 { p[i] + 0.05 * unit(&mut draw) as f32 } else { 0. })).collect();
+    let a: Vec<Point> = b
+        .iter()
+        .map(|p| std::array::from_fn(|i| if i < 3 { p[i] + 0.05 * unit(&mut draw) as f32 } else { 0. }))
+        .collect();
     let alignment = Alignment { transform: DMatrix::identity(3, 3), cost: 0., distortion: None, orientation: 1. };
     let in_a = Nearest::new(&a, graph.csr(), 3, &work, &run).unwrap();
     let in_b = Nearest::new(&b, graph.csr(), 3, &work, &run).unwrap();
@@ -327,7 +342,8 @@ fn mutual_matches_are_mutual_and_one_to_one_ones_stable() {
 fn procrustes_finds_the_rotation() {
     let mut draw = stream(3, "rotation");
     let turn = DMatrix::from_fn(5, 5, |_, _| unit(&mut draw) - 0.5).qr().q();
-    let points: Vec<Point> = (0..40).map(|_| std::array::from_fn(|i| if i < 5 { unit(&mut draw) as f32 } else { 0. })).collect();
+    let points: Vec<Point> =
+        (0..40).map(|_| std::array::from_fn(|i| if i < 5 { unit(&mut draw) as f32 } else { 0. })).collect();
     let found = procrustes(points.iter().map(|p| (*p, apply(&turn, p))), 5);
     assert!((found - turn).norm() < 1e-5);
 }

@@ -89,7 +89,8 @@ impl Way {
             ways.push(Self::Landmarks { l, sampling: Sampling::Farthest, style: Style::Orthogonal });
         }
         if !options.automatic {
-            for (l, sampling) in [10, 20, 50].into_iter().flat_map(|l| [(l, Sampling::Farthest), (l, Sampling::Random)]) {
+            for (l, sampling) in [10, 20, 50].into_iter().flat_map(|l| [(l, Sampling::Farthest), (l, Sampling::Random)])
+            {
                 ways.push(Self::Landmarks { l, sampling, style: Style::Plain });
             }
         }
@@ -226,7 +227,10 @@ fn series(folder: &Path, options: &Options, run: &Run) -> Result<Vec<Trial>> {
                 .collect();
             let part = member.embed(way, options, run)?;
             let k = part.variance.len().min(whole.variance.len());
-            let pairs = truth.iter().enumerate().filter_map(|(v, real)| Some((part.points[v], whole.points[(*real)? as usize])));
+            let pairs = truth
+                .iter()
+                .enumerate()
+                .filter_map(|(v, real)| Some((part.points[v], whole.points[(*real)? as usize])));
             let known = Alignment { transform: procrustes(pairs, k), cost: 0., distortion: None, orientation: 1. };
             let aligned = mean_error(&part, &whole, &base, &known, &truth, run)?;
             let trial = Trial {
@@ -275,7 +279,10 @@ fn tell(trials: &[Trial], ways: &[Way]) {
     for alignment in ["truth", "automatic"] {
         let table = means(trials, ways, alignment);
         let sizes: Vec<usize> = table.first().map(|(_, row)| row.keys().copied().collect()).unwrap_or_default();
-        println!("\naligned by {alignment}\n| |{} mean | failures |", sizes.iter().map(|s| format!(" {s} |")).collect::<String>());
+        println!(
+            "\naligned by {alignment}\n| |{} mean | failures |",
+            sizes.iter().map(|s| format!(" {s} |")).collect::<String>()
+        );
         println!("| --- |{}", " --- |".repeat(sizes.len() + 2));
         for (name, row) in &table {
             let cells: String = row.values().map(|error| format!(" {error:.4} |")).collect();
@@ -284,7 +291,10 @@ fn tell(trials: &[Trial], ways: &[Way]) {
             // Mapped elsewhere, not merely inexactly.
             let failed = mine().filter(|t| t.mean > (2. * t.aligned).max(t.aligned + 0.05)).count();
             let known = mine().filter(|t| t.mean > (2. * t.aligned).max(t.aligned + 0.05) && t.ambiguous).count();
-            println!("| {name} |{cells} {mean:.4} | {failed} of {}, {known} of them said to be ambiguous |", mine().count());
+            println!(
+                "| {name} |{cells} {mean:.4} | {failed} of {}, {known} of them said to be ambiguous |",
+                mine().count()
+            );
         }
     }
 }
@@ -292,8 +302,16 @@ fn tell(trials: &[Trial], ways: &[Way]) {
 /// Draws error against size.
 fn draw(trials: &[Trial], ways: &[Way], path: &Path) -> std::result::Result<(), Box<dyn std::error::Error>> {
     const COLOURS: [RGBColor; 11] = [
-        RGBColor(0, 0, 0), RGBColor(120, 120, 120), RGBColor(86, 180, 233), RGBColor(0, 114, 178), RGBColor(0, 50, 110),
-        RGBColor(230, 159, 0), RGBColor(213, 94, 0), RGBColor(0, 158, 115), RGBColor(204, 121, 167), RGBColor(11, 79, 44),
+        RGBColor(0, 0, 0),
+        RGBColor(120, 120, 120),
+        RGBColor(86, 180, 233),
+        RGBColor(0, 114, 178),
+        RGBColor(0, 50, 110),
+        RGBColor(230, 159, 0),
+        RGBColor(213, 94, 0),
+        RGBColor(0, 158, 115),
+        RGBColor(204, 121, 167),
+        RGBColor(11, 79, 44),
         RGBColor(136, 34, 85),
     ];
     let table = means(trials, ways, "truth");
@@ -318,7 +336,11 @@ fn draw(trials: &[Trial], ways: &[Way], path: &Path) -> std::result::Result<(), 
             .label(name)
             .legend(move |(x, y)| PathElement::new(vec![(x, y), (x + 18, y)], colour));
     }
-    chart.configure_series_labels().position(SeriesLabelPosition::UpperRight).border_style(RGBColor(200, 200, 200)).draw()?;
+    chart
+        .configure_series_labels()
+        .position(SeriesLabelPosition::UpperRight)
+        .border_style(RGBColor(200, 200, 200))
+        .draw()?;
     area.present()?;
     Ok(())
 }

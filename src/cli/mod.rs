@@ -10,6 +10,7 @@ mod info;
 mod method;
 mod metric;
 mod judge;
+mod method;
 mod options;
 mod output;
 mod picture;

@@ -17,8 +17,8 @@ pub mod queue;
 pub mod rows;
 pub mod sampling;
 pub mod shard;
-pub mod voronoi;
 pub mod vertex_rows;
+pub mod voronoi;
 
 pub use front::Front;
 pub use march::March;

@@ -98,8 +98,14 @@ impl VertexGraph {
         let (n, faces) = (mesh.positions.len(), mesh.faces.len());
         let frame = Frame::of(&mesh.positions, run)?;
         let records = 3 * (mesh.faces.corner_count() as u64).saturating_sub(2 * faces as u64);
-        let sized =
-            Sized::<Corner>::new(&work.file("corners.tmp"), "the vertex graph", records, 6 * run.threads as u64, 2, run)?;
+        let sized = Sized::<Corner>::new(
+            &work.file("corners.tmp"),
+            "the vertex graph",
+            records,
+            6 * run.threads as u64,
+            2,
+            run,
+        )?;
         let shuffle = &sized.shuffle;
         let buckets = shuffle.buckets();
         let scatter = |k: usize, out: &mut crate::store::shuffle::Producer<'_, Corner>| {

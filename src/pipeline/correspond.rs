@@ -177,8 +177,7 @@ pub fn match_sides(
     work: &WorkDir,
     run: &Run,
 ) -> Result<Correspondence> {
-    let (alignments, _) =
-        run.stage("alignment", "guesses", 0, || align(a.shape(), b.shape(), run))?;
+    let (alignments, _) = run.stage("alignment", "guesses", 0, || align(a.shape(), b.shape(), run))?;
     let Some(alignment) = alignments.found.get(params.alternative) else {
         let problem = format!("{} of {}", params.alternative, alignments.found.len());
         return Err(Error::parameter("--alternative", problem, "count from 0; the report lists them"));
@@ -219,7 +218,8 @@ fn transferred(
     let points = a.fit.embed(&rows, sigma, "transferred_embedding.npy", &b.work, run)?;
     let k = a.fit.dimensions;
     let pairs = sample(&a.graph.nodes, 8 * FINE, run.seed, "transferred points");
-    let pairs = pairs.iter().filter_map(|&v| Some((a.points[v as usize], points[found[v as usize].vertex()? as usize])));
+    let pairs =
+        pairs.iter().filter_map(|&v| Some((a.points[v as usize], points[found[v as usize].vertex()? as usize])));
     let transform = procrustes(pairs, k);
     Ok((points, Alignment { transform, cost: 0., distortion: None, orientation: 1. }))
 }

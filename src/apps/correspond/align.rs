@@ -13,9 +13,9 @@
 
 use super::candidates::candidates;
 use super::orientation::Tensor;
-use crate::base::random::{stream, unit};
 use crate::base::Result;
 use crate::base::parallel::map_chunks;
+use crate::base::random::{stream, unit};
 use crate::distance::DistanceRows;
 use crate::graph::Node;
 use crate::spectral::orthogonal::{MOST, Point};
@@ -230,7 +230,8 @@ pub fn align(a: Shape<'_>, b: Shape<'_>, run: &Run) -> Result<Alignments> {
     let refined = different(refined, &coarse_a, 0.1 * APART * spread);
     let [chosen_a, chosen_b] = [a, b].map(|shape| sample(shape.nodes, FINE, run.seed, "fine points"));
     let (fine_a, fine_b) = (embedded(a, &chosen_a), embedded(b, &chosen_b));
-    let landmarks = a.rows.zip(b.rows).map(|rows| (rows, embedded(a, &rows.0.landmarks), embedded(b, &rows.1.landmarks)));
+    let landmarks =
+        a.rows.zip(b.rows).map(|rows| (rows, embedded(a, &rows.0.landmarks), embedded(b, &rows.1.landmarks)));
     let fine = |k: usize, (): &mut ()| {
         let transform = refine(refined[k].transform.clone(), &fine_a, &fine_b);
         let distortion = landmarks.as_ref().map(|((rows_a, rows_b), in_a, in_b)| {

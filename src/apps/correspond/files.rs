@@ -17,7 +17,7 @@ fn ending(path: &Path) -> Option<String> {
     path.extension().and_then(OsStr::to_str).map(str::to_ascii_lowercase)
 }
 
-/// Whether [`write`] knows the form of this name.
+/// Whether [`write()`] knows the form of this name.
 pub fn is_known(path: &Path) -> bool {
     matches!(ending(path).as_deref(), Some("npy" | "csv"))
 }
@@ -97,8 +97,13 @@ fn integers<T: Deserialize + TryInto<i128>>(bytes: &[u8]) -> std::result::Result
     let file = NpyFile::new(bytes).map_err(|error| error.to_string())?;
     let items = file.data::<T>().map_err(|error| error.to_string())?;
     let vertex = |(k, item): (usize, std::io::Result<T>)| {
-        let item: i128 = item.map_err(|error| error.to_string())?.try_into().map_err(|_| format!("item {k} is no number"))?;
-        if item < 0 { Ok(None) } else { u32::try_from(item).map(Some).map_err(|_| format!("item {k} is beyond 32 bits")) }
+        let item: i128 =
+            item.map_err(|error| error.to_string())?.try_into().map_err(|_| format!("item {k} is no number"))?;
+        if item < 0 {
+            Ok(None)
+        } else {
+            u32::try_from(item).map(Some).map_err(|_| format!("item {k} is beyond 32 bits"))
+        }
     };
     items.enumerate().map(vertex).collect()
 }

@@ -8,9 +8,9 @@
 use super::align::{Alignment, apply};
 use super::confidence;
 use super::nearest::Nearest;
-use crate::base::{Error, Result};
 use crate::base::parallel::fill_two;
 use crate::base::vector::{distance, wide};
+use crate::base::{Error, Result};
 use crate::graph::VertexGraph;
 use crate::spectral::orthogonal::Point;
 use crate::store::npy::Item;
@@ -91,7 +91,13 @@ pub struct Pair<'a> {
 /// # Errors
 /// [`Error::Parameter`] for more vertices than the header of the array has digits for (10⁹), [`Error::Io`],
 /// [`Error::Cancelled`].
-pub fn matches(pair: Pair<'_>, matching: Matching, name: &str, work: &WorkDir, run: &Run) -> Result<MappedSlice<Match>> {
+pub fn matches(
+    pair: Pair<'_>,
+    matching: Matching,
+    name: &str,
+    work: &WorkDir,
+    run: &Run,
+) -> Result<MappedSlice<Match>> {
     let back = pair.alignment.transform.transpose();
     let n = pair.a.len();
     if n >= 1_000_000_000 {
@@ -108,7 +114,7 @@ pub fn matches(pair: Pair<'_>, matching: Matching, name: &str, work: &WorkDir, r
             let found = pair.in_b.nearest(&pair.alignment.apply(&pair.a[v]));
             *out = Match { target: i64::from(found.vertex), distance: found.square.sqrt(), confidence: 0. };
             *doubt = f32::NAN;
-            if v % step > 0 {
+            if !v.is_multiple_of(step) {
                 continue;
             }
             let home = pair.in_a.nearest(&apply(&back, &pair.b[found.vertex as usize])).vertex as usize;
@@ -161,11 +167,7 @@ fn one_to_one(pair: &Pair<'_>, matches: &mut [Match], work: &WorkDir, run: &Run)
             // The nearest search may have met another vertex at the same place first.
             let next = choices.get(place.map_or(0, |place| place + 1));
             matches[loser as usize] = match next.filter(|_| place.is_some()) {
-                Some(next) => Match {
-                    target: i64::from(next.vertex),
-                    distance: next.square.sqrt(),
-                    confidence: 0.,
-                },
+                Some(next) => Match { target: i64::from(next.vertex), distance: next.square.sqrt(), confidence: 0. },
                 None => Match::NONE,
             };
             asking = loser;

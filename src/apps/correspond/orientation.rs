@@ -61,10 +61,17 @@ impl Tensor {
             });
             Ok(sum)
         };
-        in_order(run.threads, &run.cancel, chunk_count(n, CHUNK), || (), chunk, |_, part| {
-            values.iter_mut().zip(part).for_each(|(sum, part)| *sum += part);
-            Ok(())
-        })?;
+        in_order(
+            run.threads,
+            &run.cancel,
+            chunk_count(n, CHUNK),
+            || (),
+            chunk,
+            |_, part| {
+                values.iter_mut().zip(part).for_each(|(sum, part)| *sum += part);
+                Ok(())
+            },
+        )?;
         Ok(Self { dimensions, values })
     }
 
@@ -77,7 +84,8 @@ impl Tensor {
     /// The tensor after the change of coordinates `transform` (k × k).
     pub fn turned(&self, transform: &DMatrix<f64>) -> Self {
         let triples = triples(self.dimensions);
-        let minor = |rows: [usize; 3], columns: [usize; 3]| determinant(rows.map(|i| columns.map(|j| transform[(i, j)])));
+        let minor =
+            |rows: [usize; 3], columns: [usize; 3]| determinant(rows.map(|i| columns.map(|j| transform[(i, j)])));
         let value = |rows: &[usize; 3]| -> f64 {
             triples.iter().zip(&self.values).map(|(columns, value)| minor(*rows, *columns) * value).sum()
         };
@@ -101,7 +109,8 @@ mod tests {
         let dir = tempfile::tempdir().unwrap();
         let corners = [[0., 0., 0.], [1., 0., 0.], [0., 1., 0.], [0., 0., 1.]];
         let mesh = Mesh::from_arrays(dir.path(), &corners, &[[0u32, 2, 1], [0, 1, 3], [0, 3, 2], [1, 2, 3]]).unwrap();
-        let points: Vec<Point> = corners.iter().map(|p| [p[0] as f32, p[1] as f32, p[2] as f32, 1., 0., 0., 0., 0.]).collect();
+        let points: Vec<Point> =
+            corners.iter().map(|p| [p[0] as f32, p[1] as f32, p[2] as f32, 1., 0., 0., 0., 0.]).collect();
         let tensor = Tensor::of(&mesh, &points, 4, &Run::new(&())).unwrap();
         assert!((tensor.values[0] - 1. / 6.).abs() < 1e-12, "{:?}", tensor.values);
         // A closed surface casts no shadow.
@@ -112,7 +121,8 @@ mod tests {
         assert_eq!(tensor.of_first(3).values, tensor.values[..1]);
         // Turning by minors equals turning the points.
         let (sin, cos) = 0.7f64.sin_cos();
-        let turn = DMatrix::from_row_slice(4, 4, &[cos, -sin, 0., 0., sin, cos, 0., 0., 0., 0., 1., 0., 0., 0., 0., 1.]);
+        let turn =
+            DMatrix::from_row_slice(4, 4, &[cos, -sin, 0., 0., sin, cos, 0., 0., 0., 0., 1., 0., 0., 0., 0., 1.]);
         let turned: Vec<Point> = points
             .iter()
             .map(|p| {

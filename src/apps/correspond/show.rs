@@ -55,9 +55,8 @@ fn draw(
     };
     fill_each(run.threads, &run.cancel, labels.data(), 1 << 14, label)?;
     let shade = |level: u32| ((2 * level + 1) * 128 / LEVELS) as u8;
-    let palette: Vec<[u8; 3]> = (0..LEVELS.pow(3))
-        .map(|k| [k / (LEVELS * LEVELS), k / LEVELS % LEVELS, k % LEVELS].map(shade))
-        .collect();
+    let palette: Vec<[u8; 3]> =
+        (0..LEVELS.pow(3)).map(|k| [k / (LEVELS * LEVELS), k / LEVELS % LEVELS, k % LEVELS].map(shade)).collect();
     let image = render(mesh, Some(&labels.data()[..]), &palette, params, run);
     drop(labels);
     work.remove("picture.tmp.partial");
