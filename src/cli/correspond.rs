@@ -210,8 +210,8 @@ fn show(args: &Args, a: &Opened, b: &Opened, matches: &[Match], work: &WorkDir, 
         };
         if let [to_a, to_b] = &args.colours[..] {
             let (of_a, of_b) = (|v: usize| colours.of_match(&matches[v]), |v| colours.of_b(v));
-            annotated::write_annotated(to_a, &a.mesh, &annotated::colours(&of_a), &[], run)?;
-            annotated::write_annotated(to_b, &b.mesh, &annotated::colours(&of_b), &[], run)?;
+            annotated::write_annotated(to_a, &a.mesh, &annotated::colours(of_a), &[], run)?;
+            annotated::write_annotated(to_b, &b.mesh, &annotated::colours(of_b), &[], run)?;
         }
         if let Some(path) = &args.picture {
             let params = PictureParams { height: 800, ..PictureParams::default() };

@@ -63,7 +63,7 @@ enum Command {
     Info(info::Args),
     /// Test every file of a work directory against its checksum
     Verify(info::Args),
-    /// Score labels against people's, a mesh or a whole benchmark, or matches against true ones
+    /// Score labels against people's, or matches against true ones
     Evaluate(evaluate::Args),
     /// Tell how good samples of a mesh are, or compare samplings
     Quality(quality::Args),
