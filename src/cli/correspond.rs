@@ -10,7 +10,6 @@ use nystrom_stream::apps::correspond::show::side_by_side;
 use nystrom_stream::apps::correspond::{Match, Matching, files};
 use nystrom_stream::apps::picture::PictureParams;
 use nystrom_stream::base::{Error, Result};
-use nystrom_stream::distance::landmarks::Sampling;
 use nystrom_stream::distance::vertex_rows::Distance;
 use nystrom_stream::mesh::columns::Of;
 use nystrom_stream::mesh::{self, Opened, annotated};
@@ -112,10 +111,7 @@ impl MethodArgs {
     fn params(&self) -> CorrespondParams {
         CorrespondParams {
             landmarks: self.landmarks.map_or(0, |l| l as usize),
-            sampling: match self.sampling {
-                SamplingArg::Farthest => Sampling::Farthest,
-                SamplingArg::Random => Sampling::Random,
-            },
+            sampling: self.sampling.sampling(),
             distance: match self.distance {
                 DistanceArg::Edges => Distance::Edges,
                 DistanceArg::March => Distance::March,

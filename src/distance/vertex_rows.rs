@@ -40,7 +40,7 @@ pub fn landmarks(surface: Surface<'_>, params: RowParams, work: &WorkDir, run: &
     let result = choose(
         params.sampling,
         params.l,
-        graph,
+        (graph, None),
         nodes,
         run.seed,
         field.data(),
@@ -54,7 +54,7 @@ pub fn landmarks(surface: Surface<'_>, params: RowParams, work: &WorkDir, run: &
     );
     drop(field);
     work.remove("nearest.tmp.partial");
-    result.map(|()| found)
+    result.map(|_| found)
 }
 
 /// The distances from `landmarks` to all vertices, in the file `name` of `work`. Progress is told as stage `rows`.

@@ -10,10 +10,8 @@ pub mod embedding;
 pub mod exact;
 pub mod measures;
 pub mod nystrom;
-pub mod preprocess;
-pub mod exp;
-pub mod kernel;
 pub mod orthogonal;
+pub mod preprocess;
 pub mod quality;
 
 pub use crate::base::eigen;
