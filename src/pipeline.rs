@@ -8,6 +8,7 @@
 
 pub mod calibrate;
 pub mod contacts;
+pub mod correspond;
 pub mod decision;
 pub mod embed;
 pub mod input;

@@ -1,5 +1,6 @@
 //! What one does with a mesh besides cutting it, and with labels once they are there.
 
+pub mod correspond;
 pub mod creature;
 pub mod evaluate;
 pub mod page;

@@ -1,6 +1,7 @@
 //! `evaluate`: labels against people's, for one mesh or over the folder of a benchmark.
 
 use super::bars::{Bars, Style};
+use super::judge::judge;
 use super::{Failure, Surroundings};
 use nystrom_stream::apps::evaluate::{
     Benchmark, Row, Scores, Segmentation, Surface, Table, fitting, plot, read_labels,
@@ -16,17 +17,29 @@ use std::path::{Path, PathBuf};
 pub struct Args {
     /// Labels to judge: .seg, .npy, or .ply with a face property `label`; with --benchmark a folder of them, named
     /// after the models, without which people are judged
-    #[arg(value_name = "LABELS", required_unless_present = "benchmark")]
+    #[arg(value_name = "LABELS", required_unless_present_any = ["benchmark", "matches"])]
     pub labels: Option<PathBuf>,
     /// The mesh of the labels [default: LABELS if it is a .ply; without a mesh all faces weigh the same]
     #[arg(long, value_name = "MESH", conflicts_with = "benchmark")]
     pub mesh: Option<PathBuf>,
-    /// Labels to judge by, once or more, in the same forms
-    #[arg(long, value_name = "LABELS", required_unless_present = "benchmark", conflicts_with = "benchmark")]
+    /// Labels to judge by, once or more, in the same forms; with --matches a map of vertices, .npy or .csv [default there:
+    /// each vertex is the one of its own number]
+    #[arg(
+        long,
+        value_name = "LABELS",
+        required_unless_present_any = ["benchmark", "matches"],
+        conflicts_with = "benchmark"
+    )]
     pub truth: Vec<PathBuf>,
     /// Folder of N.ply, people's N_0.seg, N_1.seg, … and models.tsv (columns model and category)
     #[arg(long, value_name = "DIR")]
     pub benchmark: Option<PathBuf>,
+    /// Judge the matches of `correspond` instead, .npy or .csv; --mesh is the mesh they point to
+    #[arg(long, value_name = "FILE", requires = "mesh", conflicts_with_all = ["labels", "benchmark", "plot"])]
+    pub matches: Option<PathBuf>,
+    /// Matches judged at the most, spread evenly
+    #[arg(long, value_name = "N", default_value_t = 10_000, requires = "matches")]
+    pub samples: usize,
     /// Write the scores as JSON; `-` for standard output, instead of the table
     #[arg(long, value_name = "FILE")]
     pub json: Option<PathBuf>,
@@ -45,9 +58,9 @@ pub struct Args {
 }
 
 /// What comes out: a table to read and the same as JSON.
-struct Outcome {
-    text: String,
-    json: String,
+pub struct Outcome {
+    pub text: String,
+    pub json: String,
 }
 
 pub fn run(args: &Args, surroundings: &Surroundings) -> std::result::Result<(), Failure> {
@@ -63,6 +76,7 @@ pub fn run(args: &Args, surroundings: &Surroundings) -> std::result::Result<(), 
     }
     run.cancel = surroundings.cancel.clone();
     let outcome = match (&args.benchmark, &args.labels) {
+        _ if args.matches.is_some() => matches(args, &run)?,
         (Some(folder), _) => folder_of_models(folder, args, &run)?,
         (None, Some(labels)) => one(labels, args, &run)?,
         (None, None) => return Err(Failure::Misused("give labels, or --benchmark".into())),
@@ -74,6 +88,16 @@ pub fn run(args: &Args, surroundings: &Surroundings) -> std::result::Result<(), 
         std::fs::write(path, outcome.json + "\n").map_err(Error::io(path, "write"))?;
     }
     Ok(())
+}
+
+/// Matches.
+fn matches(args: &Args, run: &Run) -> std::result::Result<Outcome, Failure> {
+    match (&args.matches, &args.mesh, &args.truth[..]) {
+        (Some(matches), Some(mesh), [] | [_]) => {
+            Ok(judge(matches, mesh, args.truth.first().map(PathBuf::as_path), args.samples, run)?)
+        }
+        _ => Err(Failure::Misused("--matches: give one --mesh, and one --truth at the most".into())),
+    }
 }
 
 /// A whole benchmark.

@@ -2,10 +2,12 @@
 
 mod bars;
 mod batch;
+mod correspond;
 mod demo;
 mod evaluate;
 mod help;
 mod info;
+mod judge;
 mod method;
 mod metric;
 mod options;
@@ -60,12 +62,14 @@ enum Command {
     Info(info::Args),
     /// Test every file of a work directory against its checksum
     Verify(info::Args),
-    /// Score labels against people's: a mesh, or a whole benchmark
+    /// Score labels against people's, or matches against true ones
     Evaluate(evaluate::Args),
     /// Tell how good samples of a mesh are, or compare samplings
     Quality(quality::Args),
     /// Test whether Γ ranks samples rightly (the paper's Fig. 1)
     Study(study::Args),
+    /// Find which vertex of one mesh is which of another
+    Correspond(correspond::Args),
     /// Draw a mesh and its parts as a picture
     Picture(picture::Args),
     /// Make a mesh of a million faces with known parts, cut it, and compare
@@ -157,6 +161,7 @@ pub fn main(peak: fn() -> u64) -> ExitCode {
         Command::Evaluate(args) => evaluate::run(&args, &surroundings),
         Command::Quality(args) => quality::run(&args, &surroundings),
         Command::Study(args) => study::run(&args, &surroundings),
+        Command::Correspond(args) => correspond::run(&args, &surroundings),
         Command::Picture(args) => picture::run(&args, &surroundings),
         Command::Demo(args) => demo::run(&args, &surroundings),
         Command::Completions(args) => help::completions(&args),

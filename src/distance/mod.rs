@@ -10,13 +10,16 @@ pub mod front;
 pub mod journal;
 pub mod kernel;
 pub mod landmarks;
+pub mod march;
 pub mod oracle;
 pub mod paging;
 pub mod queue;
 pub mod rows;
 pub mod sampling;
 pub mod shard;
+pub mod vertex_rows;
 pub mod voronoi;
 
 pub use front::Front;
+pub use march::March;
 pub use rows::{DistanceRows, RowFacts};

@@ -79,7 +79,17 @@ impl Queue {
     /// Adds an entry; its distance must not lie below the bucket being emptied.
     #[inline]
     pub fn push(&mut self, entry: Entry) {
-        let bucket = self.bucket(entry.distance);
+        self.push_at(self.bucket(entry.distance), entry);
+    }
+
+    /// Adds an entry whose distance may lie below the bucket being emptied: it comes next then.
+    #[inline]
+    pub fn push_late(&mut self, entry: Entry) {
+        self.push_at(self.bucket(entry.distance).max(self.current), entry);
+    }
+
+    #[inline(always)]
+    fn push_at(&mut self, bucket: u64, entry: Entry) {
         if bucket >= self.current + RING as u64 {
             self.far.push(Reverse((entry.distance.to_bits(), entry.node)));
             return;

@@ -3,7 +3,7 @@
 //! Built out of core in three shuffles and a few sequential passes ([`DualGraph::build`]): node
 //! geometry, half-edges matched by vertex ([`adjacency`]) or by position ([`weld`]), rows
 //! assembled in node order ([`assemble`]), components bridged ([`components`], [`bridge`]), and
-//! weights ([`weights`]) as a pure function of the undirected edge.
+//! weights ([`weights`]) as a pure function of the undirected edge. Correspondence walks over [`vertices`] instead.
 
 pub mod adjacency;
 pub mod angle;
@@ -14,10 +14,13 @@ pub mod dual;
 pub mod nodes;
 pub mod order;
 pub mod orient;
+pub mod seams;
+pub mod vertices;
 pub mod weights;
 pub mod weld;
 
 pub use dual::{DualGraph, GraphFacts};
 pub use nodes::{Frame, Node};
 pub use order::{NodeOrder, Order, Ordered};
+pub use vertices::VertexGraph;
 pub use weights::Metric;

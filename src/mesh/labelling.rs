@@ -91,19 +91,6 @@ pub(super) fn kept(document: &Document, labelling: &Labelling) -> Vec<bool> {
         .collect()
 }
 
-fn word(scalar: Scalar) -> &'static str {
-    match scalar {
-        Scalar::I8 => "char",
-        Scalar::U8 => "uchar",
-        Scalar::I16 => "short",
-        Scalar::U16 => "ushort",
-        Scalar::I32 => "int",
-        Scalar::U32 => "uint",
-        Scalar::F32 => "float",
-        Scalar::F64 => "double",
-    }
-}
-
 /// The header of the labelled file, with `faces` faces.
 pub(super) fn header(document: &Document, labelling: &Labelling, target: Encoding, faces: usize) -> Vec<u8> {
     let header = &document.header;
@@ -112,7 +99,7 @@ pub(super) fn header(document: &Document, labelling: &Labelling, target: Encodin
     let close = |out: &mut Vec<u8>, element: Option<usize>| {
         if element == Some(document.face) {
             for (name, scalar) in labelling.added() {
-                out.extend_from_slice(format!("property {} {name}\n", word(*scalar)).as_bytes());
+                out.extend_from_slice(format!("property {} {name}\n", scalar.word()).as_bytes());
             }
         }
     };
@@ -144,8 +131,8 @@ pub(super) fn header(document: &Document, labelling: &Labelling, target: Encodin
                     _ if document.strips && *element == document.face => {
                         "property list uchar int vertex_indices\n".to_owned()
                     }
-                    Kind::One(scalar) => format!("property {} {name}\n", word(scalar)),
-                    Kind::List { count, item } => format!("property list {} {} {name}\n", word(count), word(item)),
+                    Kind::One(scalar) => format!("property {} {name}\n", scalar.word()),
+                    Kind::List { count, item } => format!("property list {} {} {name}\n", count.word(), item.word()),
                 };
                 out.extend_from_slice(text.as_bytes());
             }

@@ -4,7 +4,9 @@
 //! file looked like. [`open()`] makes one of every PLY flavour: most are used where they lie, the
 //! rest are decoded once, in one pass through small buffers.
 
+pub mod annotated;
 pub mod colours;
+pub mod columns;
 mod cursor;
 mod decode;
 pub mod document;

@@ -46,6 +46,20 @@ pub enum Scalar {
 }
 
 impl Scalar {
+    /// Its word in a header.
+    pub fn word(self) -> &'static str {
+        match self {
+            Self::I8 => "char",
+            Self::U8 => "uchar",
+            Self::I16 => "short",
+            Self::U16 => "ushort",
+            Self::I32 => "int",
+            Self::U32 => "uint",
+            Self::F32 => "float",
+            Self::F64 => "double",
+        }
+    }
+
     /// Bytes in a binary payload.
     pub fn size(self) -> usize {
         match self {

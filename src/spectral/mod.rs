@@ -10,6 +10,7 @@ pub mod embedding;
 pub mod exact;
 pub mod measures;
 pub mod nystrom;
+pub mod orthogonal;
 pub mod preprocess;
 pub mod quality;
 
@@ -18,3 +19,4 @@ pub use crate::distance::{exp, kernel};
 pub use columns::Columns;
 pub use embedding::{Embedding, EmbeddingParams, Normalisation};
 pub use kernel::Kernel;
+pub use orthogonal::Orthogonal;

@@ -42,16 +42,26 @@ impl Item for f64 {
     const DESCR: &'static str = "<f8";
 }
 
+impl Item for [u8; 3] {
+    const DESCR: &'static str = "|u1";
+    const WIDTH: usize = 3;
+}
 impl Item for [f32; 3] {
     const DESCR: &'static str = "<f4";
     const WIDTH: usize = 3;
+}
+impl Item for [f32; 8] {
+    const DESCR: &'static str = "<f4";
+    const WIDTH: usize = 8;
 }
 
 /// The header of a C-ordered array of type `descr` and `shape`, padded to [`HEADER`] bytes.
 pub(super) fn header(descr: &str, shape: &[usize]) -> Vec<u8> {
     let dims: Vec<String> = shape.iter().map(ToString::to_string).collect();
     let tuple = if dims.len() == 1 { format!("({},)", dims[0]) } else { format!("({})", dims.join(", ")) };
-    let mut text = format!("{{'descr': '{descr}', 'fortran_order': False, 'shape': {tuple}, }}");
+    // Records are told as a list of names and types.
+    let quote = if descr.starts_with('[') { "" } else { "'" };
+    let mut text = format!("{{'descr': {quote}{descr}{quote}, 'fortran_order': False, 'shape': {tuple}, }}");
     let room = HEADER - 10;
     while text.len() < room - 1 {
         text.push(' ');
@@ -220,7 +230,7 @@ fn parse_header<T: Item>(path: &Path, bytes: &[u8]) -> Result<(Vec<u64>, usize)>
         Error::malformed(path, "header", problem, "it is not an array of this program; make it again")
     };
     let header = npyz::NpyHeader::from_reader(&mut rest).map_err(|error| wrong(error.to_string()))?;
-    let descr = header.dtype().descr();
+    let descr = header.dtype().descr().replace(' ', "").replace(",]", "]");
     if descr.trim_matches('\'') != T::DESCR || header.order() != npyz::Order::C {
         return Err(wrong(format!("items are {descr}, expected '{}' in C order", T::DESCR)));
     }

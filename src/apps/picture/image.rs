@@ -23,6 +23,18 @@ impl Image {
         Self { width, height, pixels: vec![colour; width * height] }
     }
 
+    /// Two pictures side by side, at the height of the higher one.
+    pub fn beside(left: &Self, right: &Self) -> Self {
+        let mut both = Self::filled(left.width + right.width, left.height.max(right.height), [255, 255, 255, 255]);
+        for (image, start) in [(left, 0), (right, left.width)] {
+            for (y, row) in image.pixels.chunks(image.width.max(1)).enumerate() {
+                let at = y * both.width + start;
+                both.pixels[at..at + row.len()].copy_from_slice(row);
+            }
+        }
+        both
+    }
+
     /// Lays pixels (in rows of `width`) over the picture with their first at (`x`, `y`).
     pub(super) fn lay(&mut self, x: usize, y: usize, width: usize, pixels: &[Pixel]) {
         for (j, row) in pixels.chunks(width.max(1)).enumerate() {

@@ -1,0 +1,290 @@
+//! Aligning two embeddings without knowing a single match.
+//!
+//! Guesses ([`super::candidates`]) are ranked by how near they bring [`COARSE`] points of one mesh to those of the other; the
+//! best [`KEPT`] are refined by alternating nearest points and the orthogonal matrix that fits these best
+//! (Procrustes), ranked again, tested for being mirror images ([`super::orientation`]) and refined on [`FINE`] points. How near
+//! points come does not always tell head from tail, since the leading axes know the coarse shape alone; so the rows are
+//! asked too: how far it is from a landmark of A to where one of B comes to lie on A, and on B from that one to where the first
+//! comes to lie. Product of both measures ranks maps (either alone was wrong more often). What is left and fits about as well, but maps the shape elsewhere, is an alternative: a symmetry that no
+//! measurement along the surface resolves.
+//!
+//! Points stand for equal shares of area, so that densities of vertices do not matter. Cost: constant, about
+//! a second at most on one thread.
+
+use super::candidates::candidates;
+use super::orientation::Tensor;
+use crate::base::Result;
+use crate::base::parallel::map_chunks;
+use crate::base::random::{stream, unit};
+use crate::distance::DistanceRows;
+use crate::graph::Node;
+use crate::spectral::orthogonal::{MOST, Point};
+use crate::store::Run;
+use nalgebra::DMatrix;
+use serde::Serialize;
+
+/// Points that rank guesses.
+pub const COARSE: usize = 120;
+/// Points of the last refinement.
+pub const FINE: usize = 1000;
+/// Guesses that are refined; of those that fit then, and differ, [`LAST`] are refined finely.
+pub const KEPT: usize = 40;
+/// Maps that are refined on [`FINE`] points.
+const LAST: usize = 8;
+/// Steps of a refinement.
+const STEPS: usize = 8;
+/// Costs, in least costs, up to which the better oriented guess wins.
+const TOLERATED: f64 = 3.;
+/// Distortions or costs, in those of the best, up to which another map is an alternative.
+const RIVAL: f64 = 1.15;
+/// Mean square between two maps, in variances, from which they are different.
+const APART: f64 = 0.1;
+/// Agreement below which orientation decides nothing.
+pub const TELLING: f64 = 0.5;
+
+/// An embedded mesh, as alignment sees it. Of two with different numbers of coordinates the first common ones count.
+#[derive(Clone, Copy, Debug)]
+pub struct Shape<'a> {
+    /// Embedded vertices (n).
+    pub points: &'a [Point],
+    /// Areas of vertices (n).
+    pub nodes: &'a [Node],
+    /// Variance of each coordinate (k).
+    pub variance: &'a [f64],
+    /// How the mesh lies in its embedding.
+    pub tensor: &'a Tensor,
+    /// Distances from its landmarks, in units of √area after multiplication by `unit`; without them maps are ranked by cost.
+    pub rows: Option<&'a DistanceRows>,
+    /// 1/√area.
+    pub unit: f64,
+}
+
+/// A change of coordinates from one embedding to the other.
+#[derive(Clone, Debug, Serialize)]
+pub struct Alignment {
+    /// Orthogonal, k × k: e_B ≈ transform · e_A.
+    #[serde(skip)]
+    pub transform: DMatrix<f64>,
+    /// Mean square from points to the nearest of the other mesh, both ways, in variances.
+    pub cost: f64,
+    /// Mean difference between distances from landmark to landmark on either mesh, over √area.
+    pub distortion: Option<f64>,
+    /// Agreement of orientation: near 1 right, near −1 mirrored, in between the shape hardly tells.
+    pub orientation: f64,
+}
+
+/// What aligning found.
+#[derive(Clone, Debug, Serialize)]
+pub struct Alignments {
+    /// The best first; more only where others do about as well.
+    pub found: Vec<Alignment>,
+    /// Whether there is more than one, or orientation could not be told.
+    pub ambiguous: bool,
+}
+
+impl Alignment {
+    /// What maps are ranked by, the least first.
+    fn rank(&self) -> f64 {
+        self.cost * self.distortion.unwrap_or(1.)
+    }
+
+    /// Whether nothing plain speaks against this map beside the best.
+    fn rivals(&self, best: &Self) -> bool {
+        let distorts = self.distortion.zip(best.distortion).is_some_and(|(mine, least)| mine <= RIVAL * least);
+        distorts || self.cost <= RIVAL * best.cost
+    }
+
+    /// The point of A in the coordinates of B.
+    #[inline]
+    pub fn apply(&self, point: &Point) -> Point {
+        apply(&self.transform, point)
+    }
+}
+
+/// `transform` times `point`.
+pub fn apply(transform: &DMatrix<f64>, point: &Point) -> Point {
+    let k = transform.nrows();
+    std::array::from_fn(|i| {
+        if i < k { (0..k).map(|j| transform[(i, j)] * f64::from(point[j])).sum::<f64>() as f32 } else { 0. }
+    })
+}
+
+/// About `count` vertices that stand for equal shares of area, in ascending order.
+pub fn sample(nodes: &[Node], count: usize, seed: u64, purpose: &str) -> Vec<u32> {
+    let total: f64 = nodes.iter().map(|node| f64::from(node.area)).sum();
+    let mut draw = stream(seed, purpose);
+    let mut chosen = Vec::with_capacity(count);
+    let (mut sum, mut k) = (0f64, 0usize);
+    let mut target = unit(&mut draw) * total / count as f64;
+    for (v, node) in nodes.iter().enumerate() {
+        sum += f64::from(node.area);
+        let before = k;
+        while k < count && target < sum {
+            k += 1;
+            target = (k as f64 + unit(&mut draw)) * total / count as f64;
+        }
+        if k > before {
+            chosen.push(v as u32);
+        }
+    }
+    if chosen.is_empty() { (0..nodes.len().min(count) as u32).collect() } else { chosen }
+}
+
+/// The orthogonal matrix that brings `from` nearest to `to`, by the singular value decomposition of Σ to fromᵀ.
+pub fn procrustes(pairs: impl Iterator<Item = (Point, Point)>, k: usize) -> DMatrix<f64> {
+    let mut sum = DMatrix::<f64>::zeros(k, k);
+    for (from, to) in pairs {
+        for i in 0..k {
+            for j in 0..k {
+                sum[(i, j)] += f64::from(to[i]) * f64::from(from[j]);
+            }
+        }
+    }
+    let svd = nalgebra::SVD::new(sum, true, true);
+    match (svd.u, svd.v_t) {
+        (Some(u), Some(v_t)) => u * v_t,
+        _ => DMatrix::identity(k, k),
+    }
+}
+
+#[inline]
+fn square(a: &Point, b: &Point) -> f32 {
+    let mut sum = 0.;
+    for i in 0..MOST {
+        sum += (a[i] - b[i]) * (a[i] - b[i]);
+    }
+    sum
+}
+
+/// The nearest of `among` to `point`: its number and the square.
+fn nearest(point: &Point, among: &[Point]) -> (usize, f32) {
+    let mut best = (0, f32::INFINITY);
+    for (k, other) in among.iter().enumerate() {
+        let there = square(point, other);
+        if there < best.1 {
+            best = (k, there);
+        }
+    }
+    best
+}
+
+/// Mean square of the nearest, one way.
+fn one_way(from: &[Point], to: &[Point]) -> f64 {
+    from.iter().map(|point| f64::from(nearest(point, to).1)).sum::<f64>() / from.len().max(1) as f64
+}
+
+/// Alternates nearest points, both ways, and the best orthogonal matrix.
+fn refine(mut transform: DMatrix<f64>, a: &[Point], b: &[Point]) -> DMatrix<f64> {
+    let k = transform.nrows();
+    for _ in 0..STEPS {
+        let moved: Vec<Point> = a.iter().map(|point| apply(&transform, point)).collect();
+        let there = moved.iter().zip(a).map(|(moved, point)| (*point, b[nearest(moved, b).0]));
+        let back = b.iter().map(|point| (a[nearest(point, &moved).0], *point));
+        let next = procrustes(there.chain(back), k);
+        if (&next - &transform).norm() < 1e-9 {
+            return next;
+        }
+        transform = next;
+    }
+    transform
+}
+
+fn two_way(transform: &DMatrix<f64>, a: &[Point], b: &[Point]) -> f64 {
+    let moved: Vec<Point> = a.iter().map(|point| apply(transform, point)).collect();
+    one_way(&moved, b) + one_way(b, &moved)
+}
+
+/// Aligns the embedding of `a` with that of `b`.
+///
+/// # Errors
+/// [`crate::base::Error::Cancelled`].
+pub fn align(a: Shape<'_>, b: Shape<'_>, run: &Run) -> Result<Alignments> {
+    let dimensions = a.variance.len().min(b.variance.len());
+    let first = |point: &Point| -> Point { std::array::from_fn(|i| if i < dimensions { point[i] } else { 0. }) };
+    let embedded = |shape: Shape<'_>, chosen: &[u32]| -> Vec<Point> {
+        chosen.iter().map(|&v| first(&shape.points[v as usize])).collect()
+    };
+    let coarse_points = |shape: Shape<'_>| embedded(shape, &sample(shape.nodes, COARSE, run.seed, "coarse points"));
+    let (tensor_a, tensor_b) = (a.tensor.of_first(dimensions), b.tensor.of_first(dimensions));
+    let (coarse_a, coarse_b) = (coarse_points(a), coarse_points(b));
+    let spread: f64 = (1..dimensions).map(|i| a.variance[i] + b.variance[i]).sum();
+    let unit = 1. / spread.max(1e-300);
+    let measure = |transform: DMatrix<f64>, a_points: &[Point], b_points: &[Point]| Alignment {
+        cost: unit * two_way(&transform, a_points, b_points),
+        distortion: None,
+        orientation: tensor_a.turned(&transform).agreement(&tensor_b),
+        transform,
+    };
+    let guesses = candidates(a.variance, b.variance);
+    let rank = |k: usize, (): &mut ()| Ok((two_way(&guesses[k], &coarse_a, &coarse_b), k));
+    let mut ranks = map_chunks(run.threads, &run.cancel, guesses.len(), || (), rank)?;
+    ranks.sort_by(|x, y| x.0.total_cmp(&y.0).then(x.1.cmp(&y.1)));
+    ranks.truncate(KEPT);
+    let coarse = |k: usize, (): &mut ()| {
+        let transform = refine(guesses[ranks[k].1].clone(), &coarse_a, &coarse_b);
+        Ok(measure(transform, &coarse_a, &coarse_b))
+    };
+    let refined = map_chunks(run.threads, &run.cancel, ranks.len(), || (), coarse)?;
+    let mut refined = plausible(refined);
+    refined.sort_by(|x, y| x.cost.total_cmp(&y.cost));
+    let refined = different(refined, &coarse_a, 0.1 * APART * spread);
+    let [chosen_a, chosen_b] = [a, b].map(|shape| sample(shape.nodes, FINE, run.seed, "fine points"));
+    let (fine_a, fine_b) = (embedded(a, &chosen_a), embedded(b, &chosen_b));
+    let landmarks =
+        a.rows.zip(b.rows).map(|rows| (rows, embedded(a, &rows.0.landmarks), embedded(b, &rows.1.landmarks)));
+    let fine = |k: usize, (): &mut ()| {
+        let transform = refine(refined[k].transform.clone(), &fine_a, &fine_b);
+        let distortion = landmarks.as_ref().map(|((rows_a, rows_b), in_a, in_b)| {
+            // Where landmarks of either mesh come to lie on the other.
+            let back = transform.transpose();
+            let to_b: Vec<u32> = in_a.iter().map(|p| chosen_b[nearest(&apply(&transform, p), &fine_b).0]).collect();
+            let to_a: Vec<u32> = in_b.iter().map(|p| chosen_a[nearest(&apply(&back, p), &fine_a).0]).collect();
+            let mut sum = 0f64;
+            for (i, &image_b) in to_b.iter().enumerate() {
+                for (j, &image_a) in to_a.iter().enumerate() {
+                    let (d_a, d_b) = (rows_a.row(i)[image_a as usize], rows_b.row(j)[image_b as usize]);
+                    sum += (a.unit * f64::from(d_a) - b.unit * f64::from(d_b)).abs();
+                }
+            }
+            sum / (to_a.len() * to_b.len()).max(1) as f64
+        });
+        Ok(Alignment { distortion, ..measure(transform, &fine_a, &fine_b) })
+    };
+    let mut refined = map_chunks(run.threads, &run.cancel, refined.len(), || (), fine)?;
+    refined.sort_by(|x, y| x.rank().total_cmp(&y.rank()));
+    Ok(told_apart(refined, &fine_a, APART * spread))
+}
+
+/// Those that fit well and are not mirrored, if one can tell.
+fn plausible(mut all: Vec<Alignment>) -> Vec<Alignment> {
+    let least = all.iter().map(|one| one.cost).fold(f64::INFINITY, f64::min);
+    all.retain(|one| one.cost <= TOLERATED * least);
+    let best = all.iter().map(|one| one.orientation).fold(f64::NEG_INFINITY, f64::max);
+    all.retain(|one| one.orientation >= best.min(0.5 * best));
+    all
+}
+
+/// Those that map the points elsewhere than the ones before them: by more than `apart`, in the mean of squares.
+fn different(sorted: Vec<Alignment>, points: &[Point], apart: f64) -> Vec<Alignment> {
+    let mut found: Vec<Alignment> = Vec::new();
+    for one in sorted {
+        let elsewhere = |other: &Alignment| {
+            let squares = points.iter().map(|p| f64::from(square(&one.apply(p), &other.apply(p))));
+            2. * squares.sum::<f64>() / points.len().max(1) as f64 > apart
+        };
+        if found.len() < LAST && found.iter().all(elsewhere) {
+            found.push(one);
+        }
+    }
+    found
+}
+
+/// The first, and those of the others that map the shape elsewhere at about the same cost.
+fn told_apart(mut sorted: Vec<Alignment>, points: &[Point], apart: f64) -> Alignments {
+    if let Some(best) = sorted.first().cloned() {
+        sorted.retain(|one| one.rivals(&best));
+    }
+    let found = different(sorted, points, apart);
+    let telling = found.first().is_some_and(|best| best.orientation >= TELLING);
+    Alignments { ambiguous: found.len() > 1 || !telling, found }
+}

@@ -1,0 +1,178 @@
+//! Carrying what is known of B over to A by matches: properties of vertices, properties of faces, colours (§7.1).
+//!
+//! A vertex takes what its match has. A face takes what most of its corners' matches have, where a vertex of B stands for
+//! the first face around it; so borders of labels are right to an edge. Unmatched, it is 0, in a floating-point column no number, in
+//! colours grey. One column is 8 bytes a vertex of B on disk.
+
+use super::matches::Match;
+use crate::base::{Error, Result};
+use crate::mesh::annotated::Column;
+use crate::mesh::columns::{self, Of};
+use crate::mesh::{Mesh, Opened};
+use crate::store::{MappedSlice, Run, WorkDir};
+
+/// The colour of what has no match.
+pub const GREY: [u8; 3] = [128; 3];
+
+/// A property of B on its vertices, ready to be carried.
+#[derive(Clone, Debug)]
+pub struct Property {
+    name: String,
+    place: columns::Place,
+    /// Whose it is.
+    pub of: Of,
+    /// A number a vertex of B.
+    values: MappedSlice<f64>,
+}
+
+/// For each vertex of `mesh` the first face around it, `u32::MAX` without one, as the file `name` of `work`.
+fn first_faces(mesh: &Mesh, name: &str, work: &WorkDir, run: &Run) -> Result<MappedSlice<u32>> {
+    let mut array = work.array::<u32>(name, &[mesh.positions.len()])?;
+    let of = &mut array.data()[..];
+    of.fill(u32::MAX);
+    run.cancel.check()?;
+    mesh.faces.for_each(0..mesh.faces.len(), |face, corners| {
+        corners.iter().for_each(|&v| of[v as usize] = of[v as usize].min(face as u32));
+    });
+    array.finish(false)
+}
+
+impl Property {
+    /// Reads the property `name` of the vertices of `b`, or else of its faces.
+    ///
+    /// # Errors
+    /// [`Error::Unusable`] where neither have it, [`Error::Io`], [`Error::Cancelled`].
+    pub fn read(b: &Opened, name: &str, work: &WorkDir, run: &Run) -> Result<Self> {
+        let found = [Of::Vertices, Of::Faces]
+            .into_iter()
+            .find_map(|of| columns::find(&b.document, of, name).map(|place| (of, place)));
+        let Some((of, place)) = found else {
+            let problem = format!("neither its vertices nor its faces have a number {name:?}");
+            return Err(Error::unusable(b.document.path(), problem, "name a property of its header"));
+        };
+        // Names come from the user and are no names of files.
+        let mut writer = work.writer::<f64>("property.npy", 1)?;
+        columns::for_each(&b.document, place, run, |_, number| writer.push(&[number]))?;
+        let mut values = writer.finish(false)?;
+        if of == Of::Faces {
+            let faces = first_faces(&b.mesh, "first_faces.npy", work, run)?;
+            let mut writer = work.writer::<f64>("property.npy", 1)?;
+            let missing = if place.scalar.is_real() { f64::NAN } else { 0. };
+            for (k, &face) in faces.iter().enumerate() {
+                if k % (1 << 16) == 0 {
+                    run.cancel.check()?;
+                }
+                writer.push(&[values.get(face as usize).copied().unwrap_or(missing)])?;
+            }
+            values = writer.finish(false)?;
+        }
+        Ok(Self { name: name.to_owned(), place, of, values })
+    }
+
+    /// The value of B's vertex that `one` points to.
+    fn value(&self, one: &Match) -> f64 {
+        let missing = if self.place.scalar.is_real() { f64::NAN } else { 0. };
+        one.vertex().and_then(|v| self.values.get(v as usize)).copied().unwrap_or(missing)
+    }
+
+    /// The column of A, by `matches`: on its vertices or on its faces, as it was on B.
+    pub fn column<'a>(&'a self, a: &'a Mesh, matches: &'a [Match]) -> Column<'a> {
+        let value: Box<dyn Fn(usize) -> f64 + 'a> = match self.of {
+            Of::Vertices => Box::new(|v| self.value(&matches[v])),
+            Of::Faces => Box::new(|face| {
+                a.faces.with(face, |corners| most(corners.iter().map(|&v| self.value(&matches[v as usize]))))
+            }),
+        };
+        Column { name: self.name.clone(), scalar: self.place.scalar, value }
+    }
+}
+
+/// The value that is there most often, the first of several.
+fn most(values: impl Iterator<Item = f64> + Clone) -> f64 {
+    let mut best = (0, f64::NAN);
+    for value in values.clone() {
+        let count = values.clone().filter(|other| other.to_bits() == value.to_bits()).count();
+        if count > best.0 {
+            best = (count, value);
+        }
+    }
+    best.1
+}
+
+/// Colours of B's vertices.
+#[derive(Clone, Debug)]
+pub struct Colours(MappedSlice<[u8; 3]>);
+
+impl Colours {
+    /// By position: red, green and blue along the sides of the box.
+    ///
+    /// # Errors
+    /// [`Error::Io`], [`Error::Cancelled`].
+    pub fn by_position(b: &Mesh, work: &WorkDir, run: &Run) -> Result<Self> {
+        let n = b.positions.len();
+        let mut bounds = [[f64::INFINITY, f64::NEG_INFINITY]; 3];
+        let all = || (0..n as u32).map(|v| b.positions.get(v));
+        for p in all().filter(|p| p.iter().all(|x| x.is_finite())) {
+            for (bound, x) in bounds.iter_mut().zip(p) {
+                *bound = [bound[0].min(x), bound[1].max(x)];
+            }
+        }
+        run.cancel.check()?;
+        let most = bounds.iter().map(|b| b[1] - b[0]).fold(0., f64::max);
+        let channel = |axis: usize, x: f64| {
+            let [low, high] = bounds[axis];
+            // A flat side would show noise in full colour.
+            let share = (x - low) / (high - low).max(0.05 * most);
+            if share.is_finite() { (40. + 215. * share.clamp(0., 1.)) as u8 } else { GREY[axis] }
+        };
+        Self::of(all().map(|p| std::array::from_fn(|axis| channel(axis, p[axis]))), work)
+    }
+
+    /// By parts: the labels of B's faces, in the colours that the program gives to parts.
+    ///
+    /// # Errors
+    /// [`Error::Unusable`] where B's faces have no labels, [`Error::Io`], [`Error::Cancelled`].
+    pub fn by_parts(b: &Opened, work: &WorkDir, run: &Run) -> Result<Self> {
+        let labels = b.document.face_property("label", run)?;
+        let palette = crate::apps::picture::colours_for(&b.mesh, &labels, run)?;
+        let faces = first_faces(&b.mesh, "first_faces.npy", work, run)?;
+        let label = |face: u32| labels.get(face as usize).and_then(|&label| palette.get(label as usize));
+        Self::of(faces.iter().map(|&face| label(face).copied().unwrap_or(GREY)), work)
+    }
+
+    fn of(colours: impl Iterator<Item = [u8; 3]>, work: &WorkDir) -> Result<Self> {
+        let mut writer = work.writer::<[u8; 3]>("colours.npy", 3)?;
+        let mut buffer = Vec::with_capacity(1 << 16);
+        for colour in colours {
+            buffer.push(colour);
+            if buffer.len() == 1 << 16 {
+                writer.push(&buffer)?;
+                buffer.clear();
+            }
+        }
+        writer.push(&buffer)?;
+        Ok(Self(writer.finish(false)?))
+    }
+
+    /// The colour of a vertex of B.
+    pub fn of_b(&self, vertex: usize) -> [u8; 3] {
+        self.0.get(vertex).copied().unwrap_or(GREY)
+    }
+
+    /// The colour that a match brings to A.
+    pub fn of_match(&self, one: &Match) -> [u8; 3] {
+        one.vertex().map_or(GREY, |vertex| self.of_b(vertex as usize))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_most_frequent_value_wins_and_the_first_of_equals() {
+        assert_eq!(most([1., 2., 2.].into_iter()), 2.);
+        assert_eq!(most([3., 1., 2.].into_iter()), 3.);
+        assert!(most([].into_iter()).is_nan());
+    }
+}

@@ -1,0 +1,115 @@
+//! How wrong matches are: the distance along the surface from the vertex found to the true one, over √area.
+//!
+//! Fast marching from each true vertex until the found one is reached, so cost follows the error: a match that is right costs
+//! nothing. Scratch is one field a thread, 4 bytes a vertex. [`Errors`] sums up: mean, median, and the share of
+//! vertices below each of a hundred errors, as benchmarks of correspondence plot it.
+
+use crate::base::parallel::map_chunks;
+use crate::base::{Error, Result};
+use crate::distance::front::mean_weight;
+use crate::distance::march::{March, Surface};
+use crate::graph::VertexGraph;
+use crate::store::Run;
+use serde::Serialize;
+
+/// Pairs a chunk.
+const CHUNK: usize = 64;
+/// Steps of the curve, to [`Errors::END`].
+const STEPS: usize = 50;
+
+/// Errors of many matches, in units of √area.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Errors {
+    /// Vertices judged.
+    pub judged: u64,
+    /// Vertices with a true match but none found, left out of the rest.
+    pub unmatched: u64,
+    /// Mean.
+    pub mean: f64,
+    /// Half are below.
+    pub median: f64,
+    /// Nine in ten are below.
+    pub ninth_decile: f64,
+    /// Greatest.
+    pub most: f64,
+    /// Share of the judged whose error is at most [`Errors::END`] · i / 50 (51).
+    pub curve: Vec<f64>,
+}
+
+impl Errors {
+    /// The error at which the curve ends.
+    pub const END: f64 = 0.25;
+
+    /// Sums up errors (in units of √area) in any order.
+    pub fn of(mut errors: Vec<f64>, unmatched: u64) -> Self {
+        errors.sort_by(f64::total_cmp);
+        let at = |share: f64| errors.get(((errors.len() as f64 - 1.) * share).round() as usize).copied().unwrap_or(0.);
+        let count = errors.len().max(1) as f64;
+        let below = |end: f64| errors.partition_point(|&error| error <= end) as f64 / count;
+        Self {
+            judged: errors.len() as u64,
+            unmatched,
+            mean: errors.iter().sum::<f64>() / count,
+            median: at(0.5),
+            ninth_decile: at(0.9),
+            most: at(1.),
+            curve: (0..=STEPS).map(|i| below(Self::END * i as f64 / STEPS as f64)).collect(),
+        }
+    }
+}
+
+/// The distances between the pairs of vertices (found, true) on `graph`, in units of √area, in the order of `pairs`.
+///
+/// # Errors
+/// [`Error::Parameter`] for a vertex that is not there, [`Error::Memory`], [`Error::Cancelled`].
+pub fn distances(graph: &VertexGraph, pairs: &[(u32, u32)], run: &Run) -> Result<Vec<f64>> {
+    let n = graph.len();
+    if let Some((found, real)) = pairs.iter().find(|(found, real)| *found as usize >= n || *real as usize >= n) {
+        let problem = format!("vertex {} of a mesh of {n}", found.max(real));
+        return Err(Error::parameter("--matches", problem, "give the mesh that the matches point to"));
+    }
+    let mut order: Vec<u32> = (0..pairs.len() as u32).collect();
+    order.sort_unstable_by_key(|&k| (pairs[k as usize].1, k));
+    // One march a true vertex, however many were matched to it.
+    let groups: Vec<&[u32]> = order.chunk_by(|&a, &b| pairs[a as usize].1 == pairs[b as usize].1).collect();
+    let bytes = (4 * n * run.threads) as u64;
+    let _grant = run.budget.take("marching", bytes, bytes)?;
+    let surface = Surface::of(graph);
+    let mean = mean_weight(surface.graph);
+    let unit = 1. / graph.facts.area.sqrt().max(1e-300);
+    let chunk = |k: usize, (march, field): &mut (March, Vec<f32>)| {
+        let mut out = Vec::new();
+        for group in groups.iter().skip(k * CHUNK).take(CHUNK) {
+            let source = pairs[group[0] as usize].1;
+            let targets: Vec<u32> = group.iter().map(|&p| pairs[p as usize].0).collect();
+            if targets.iter().all(|&target| target == source) {
+                out.extend(group.iter().map(|&p| (p, 0.)));
+                continue;
+            }
+            let found = march.between(surface, source, &targets, field, &run.cancel)?;
+            out.extend(group.iter().zip(found).map(|(&p, d)| (p, unit * f64::from(d))));
+        }
+        Ok(out)
+    };
+    let state = || (March::new(mean), vec![f32::INFINITY; n]);
+    let mut all = vec![0.; pairs.len()];
+    let chunks = groups.len().div_ceil(CHUNK);
+    for (pair, error) in map_chunks(run.threads, &run.cancel, chunks, state, chunk)?.into_iter().flatten() {
+        all[pair as usize] = error;
+    }
+    Ok(all)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn sums_are_those_of_the_errors() {
+        let errors = Errors::of(vec![0.2, 0., 0.1, 0.5], 3);
+        assert_eq!((errors.judged, errors.unmatched, errors.most), (4, 3, 0.5));
+        assert!((errors.mean - 0.2).abs() < 1e-12);
+        assert_eq!((errors.curve[0], errors.curve[20], errors.curve[STEPS]), (0.25, 0.5, 0.75));
+        assert_eq!(Errors::of(Vec::new(), 0).mean, 0.);
+    }
+}

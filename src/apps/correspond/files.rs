@@ -1,0 +1,157 @@
+//! Matches in files: `.npy` (records of match, distance, confidence), `.csv` (the same in columns), and any vector of
+//! integers as a map of vertices to be judged by.
+
+use super::matches::Match;
+use crate::base::{Error, Result};
+use crate::store::npy::{self, partial_name};
+use crate::store::{MappedBytes, Run};
+use npyz::{Deserialize, NpyFile};
+use std::ffi::OsStr;
+use std::io::{BufWriter, Write};
+use std::path::Path;
+
+const TITLES: &str = "vertex,match,distance,confidence";
+
+/// The ending of a file's name, in lower case.
+fn ending(path: &Path) -> Option<String> {
+    path.extension().and_then(OsStr::to_str).map(str::to_ascii_lowercase)
+}
+
+/// Whether [`write()`] knows the form of this name.
+pub fn is_known(path: &Path) -> bool {
+    matches!(ending(path).as_deref(), Some("npy" | "csv"))
+}
+
+/// Writes matches to `path`, `.npy` or `.csv`, by rename.
+///
+/// # Errors
+/// [`Error::Parameter`] for another ending; [`Error::Io`].
+pub fn write(path: &Path, matches: &[Match], run: &Run) -> Result<()> {
+    match ending(path).as_deref() {
+        Some("npy") => npy::write(path, matches, 1, true).map(drop),
+        Some("csv") => {
+            let partial = partial_name(path);
+            let written = write_csv(&partial, matches, run)
+                .and_then(|()| std::fs::rename(&partial, path).map_err(Error::io(path, "rename")));
+            written.inspect_err(|_| {
+                let _ = std::fs::remove_file(&partial);
+            })
+        }
+        _ => {
+            let problem = format!("{}: its ending says no known form", path.display());
+            Err(Error::parameter("-o", problem, "end it with .npy or .csv"))
+        }
+    }
+}
+
+fn write_csv(path: &Path, matches: &[Match], run: &Run) -> Result<()> {
+    let failed = || Error::io(path, "write");
+    let mut out = BufWriter::with_capacity(1 << 18, std::fs::File::create(path).map_err(Error::io(path, "create"))?);
+    writeln!(out, "{TITLES}").map_err(failed())?;
+    for (v, one) in matches.iter().enumerate() {
+        if v % (1 << 16) == 0 {
+            run.cancel.check()?;
+        }
+        let Match { target, distance, confidence } = one;
+        writeln!(out, "{v},{target},{distance},{confidence}").map_err(failed())?;
+    }
+    let file = out.into_inner().map_err(|error| error.into_error()).map_err(failed())?;
+    file.sync_all().map_err(Error::io(path, "sync"))
+}
+
+/// Reads the vertex that each vertex is matched to, `None` for none: from matches as written here, or from a vector of
+/// integers (`.npy`; negative for none).
+///
+/// # Errors
+/// [`Error::Unusable`] for another ending, [`Error::Malformed`] naming the item or line, [`Error::Io`].
+pub fn read(path: &Path) -> Result<Vec<Option<u32>>> {
+    match ending(path).as_deref() {
+        Some("npy") => read_npy(path),
+        Some("csv") => read_csv(path),
+        _ => Err(Error::unusable(path, "its ending says no known form of matches", "give a .npy or .csv file")),
+    }
+}
+
+fn read_npy(path: &Path) -> Result<Vec<Option<u32>>> {
+    if let Ok(matches) = npy::open::<Match>(path) {
+        return Ok(matches.iter().map(Match::vertex).collect());
+    }
+    let bytes = MappedBytes::open(path)?;
+    let wrong = |problem: String| Error::malformed(path, "array", problem, "give matches, or a vector of integers");
+    let header = npyz::NpyHeader::from_reader(&bytes[..]).map_err(|error| wrong(error.to_string()))?;
+    if header.shape().len() != 1 {
+        return Err(wrong(format!("has {} dimensions", header.shape().len())));
+    }
+    let descr = header.dtype().descr();
+    match descr.trim_matches('\'').get(1..) {
+        Some("u4") => integers::<u32>(&bytes),
+        Some("u8") => integers::<u64>(&bytes),
+        Some("i4") => integers::<i32>(&bytes),
+        Some("i8") => integers::<i64>(&bytes),
+        _ => Err(format!("has items {descr}")),
+    }
+    .map_err(wrong)
+}
+
+fn integers<T: Deserialize + TryInto<i128>>(bytes: &[u8]) -> std::result::Result<Vec<Option<u32>>, String> {
+    let file = NpyFile::new(bytes).map_err(|error| error.to_string())?;
+    let items = file.data::<T>().map_err(|error| error.to_string())?;
+    let vertex = |(k, item): (usize, std::io::Result<T>)| {
+        let item: i128 =
+            item.map_err(|error| error.to_string())?.try_into().map_err(|_| format!("item {k} is no number"))?;
+        if item < 0 {
+            Ok(None)
+        } else {
+            u32::try_from(item).map(Some).map_err(|_| format!("item {k} is beyond 32 bits"))
+        }
+    };
+    items.enumerate().map(vertex).collect()
+}
+
+fn read_csv(path: &Path) -> Result<Vec<Option<u32>>> {
+    let bytes = MappedBytes::open(path)?;
+    let text = std::str::from_utf8(&bytes)
+        .map_err(|error| Error::malformed(path, "text", error.to_string(), "give a file of matches"))?;
+    let mut lines = text.lines();
+    if lines.next().map(str::trim) != Some(TITLES) {
+        let problem = format!("does not begin with {TITLES}");
+        return Err(Error::malformed(path, "line 1", problem, "give a file that correspond wrote"));
+    }
+    let row = |(k, line): (usize, &str)| {
+        let mut fields = line.split(',').map(|field| field.trim().parse::<i64>().ok());
+        match (fields.next().flatten(), fields.next().flatten()) {
+            (Some(vertex), Some(target)) if vertex == k as i64 => Ok(u32::try_from(target).ok()),
+            _ => Err(Error::malformed(
+                path,
+                format!("line {}", k + 2),
+                format!("is not vertex {k} and its match"),
+                "give a file that correspond wrote",
+            )),
+        }
+    };
+    lines.enumerate().map(row).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn matches_come_back_from_both_forms_and_maps_from_integers() {
+        let dir = tempfile::tempdir().unwrap();
+        let matches = [Match { target: 7, distance: 0.25, confidence: 0.5 }, Match::NONE];
+        for name in ["m.npy", "m.csv"] {
+            let path = dir.path().join(name);
+            write(&path, &matches, &Run::new(&())).unwrap();
+            assert_eq!(read(&path).unwrap(), [Some(7), None]);
+        }
+        let path = dir.path().join("i.npy");
+        npy::write::<u32>(&path, &[3, 1], 1, false).unwrap();
+        assert_eq!(read(&path).unwrap(), [Some(3), Some(1)]);
+        npy::write::<f32>(&path, &[3.], 1, false).unwrap();
+        assert!(read(&path).unwrap_err().to_string().contains("has items"));
+        std::fs::write(dir.path().join("x.csv"), "vertex,match,distance,confidence\n1,2,0,0\n").unwrap();
+        assert!(read(&dir.path().join("x.csv")).unwrap_err().to_string().contains("line 2"));
+        assert!(write(&dir.path().join("m.txt"), &matches, &Run::new(&())).is_err());
+    }
+}

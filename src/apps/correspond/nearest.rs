@@ -1,0 +1,169 @@
+//! The vertex whose embedding is nearest to a point: a k-d tree over the mesh, or over a sample of a large one.
+//!
+//! Up to [`EXACT`] vertices are all in the tree. Of a larger mesh every s-th is, and from the nearest of these a search
+//! over the vertex graph looks around the nearest vertices known until that gains nothing: bounded memory at any size, and the
+//! same answer whatever the budget. Memory: 12 + 4 k bytes a vertex in the tree; 1 to 3 µs a query.
+
+use crate::base::Result;
+use crate::graph::dual::Csr;
+use crate::spectral::orthogonal::Point;
+use crate::store::budget::Grant;
+use crate::store::{Run, WorkDir};
+use kiddo::SquaredEuclidean;
+use kiddo::immutable::float::kdtree::ImmutableKdTree;
+use std::num::NonZero;
+
+/// Vertices of a mesh that are all in the tree.
+pub const EXACT: usize = 1 << 21;
+
+/// Vertices looked around in vain before a search ends.
+const PATIENCE: usize = 24;
+
+/// A vertex found, and the squared distance in the embedding.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Found {
+    /// The vertex.
+    pub vertex: u32,
+    /// Squared distance.
+    pub square: f32,
+}
+
+/// A tree of one number of dimensions.
+trait Search: Send + Sync {
+    fn nearest(&self, point: &Point) -> Found;
+    fn several(&self, point: &Point, count: usize) -> Vec<Found>;
+}
+
+struct Tree<const K: usize>(ImmutableKdTree<f32, u32, K, 32>);
+
+impl<const K: usize> Search for Tree<K> {
+    fn nearest(&self, point: &Point) -> Found {
+        let found = self.0.nearest_one::<SquaredEuclidean>(&first(point));
+        Found { vertex: found.item, square: found.distance }
+    }
+
+    fn several(&self, point: &Point, count: usize) -> Vec<Found> {
+        let count = NonZero::new(count).unwrap_or(NonZero::<usize>::MIN);
+        let found = self.0.nearest_n::<SquaredEuclidean>(&first(point), count);
+        let mut found: Vec<Found> = found.iter().map(|f| Found { vertex: f.item, square: f.distance }).collect();
+        found.sort_by(|a, b| a.square.total_cmp(&b.square).then(a.vertex.cmp(&b.vertex)));
+        found
+    }
+}
+
+fn first<const K: usize>(point: &Point) -> [f32; K] {
+    std::array::from_fn(|i| point[i])
+}
+
+/// Embedded vertices that can be searched.
+pub struct Nearest<'a> {
+    points: &'a [Point],
+    graph: Csr<'a>,
+    /// Vertices from one in the tree to the next.
+    step: usize,
+    tree: Box<dyn Search>,
+    _grant: Grant,
+}
+
+/// Squared distance.
+#[inline]
+pub fn square(a: &Point, b: &Point) -> f32 {
+    a.iter().zip(b).map(|(x, y)| (x - y) * (x - y)).sum()
+}
+
+impl<'a> Nearest<'a> {
+    /// Makes the tree over `points` (n, of which the first `dimensions` coordinates count), vertices of `graph`.
+    ///
+    /// # Errors
+    /// [`crate::base::Error::Memory`], [`crate::base::Error::Io`].
+    pub fn new(points: &'a [Point], graph: Csr<'a>, dimensions: usize, work: &WorkDir, run: &Run) -> Result<Self> {
+        Self::with_limit(points, graph, dimensions, EXACT, work, run)
+    }
+
+    /// The same with at most `limit` vertices in the tree.
+    ///
+    /// # Errors
+    /// As [`Nearest::new`].
+    pub fn with_limit(
+        points: &'a [Point],
+        graph: Csr<'a>,
+        dimensions: usize,
+        limit: usize,
+        work: &WorkDir,
+        run: &Run,
+    ) -> Result<Self> {
+        let step = points.len().div_ceil(limit.max(1)).max(1);
+        let bytes = (points.len().div_ceil(step) * (16 + 4 * dimensions)) as u64;
+        let grant = run.budget.take("the search tree", bytes, bytes)?;
+        let tree: Box<dyn Search> = match dimensions {
+            0 | 1 => build::<1>(points, step, work)?,
+            2 => build::<2>(points, step, work)?,
+            3 => build::<3>(points, step, work)?,
+            4 => build::<4>(points, step, work)?,
+            5 => build::<5>(points, step, work)?,
+            6 => build::<6>(points, step, work)?,
+            7 => build::<7>(points, step, work)?,
+            _ => build::<8>(points, step, work)?,
+        };
+        Ok(Self { points, graph, step, tree, _grant: grant })
+    }
+
+    /// The nearest vertex; of vertices at the same place any, but always the same.
+    pub fn nearest(&self, point: &Point) -> Found {
+        if self.step == 1 {
+            return self.tree.nearest(point);
+        }
+        self.explored(point, 1)[0]
+    }
+
+    /// Up to `count` of the nearest, in ascending order.
+    pub fn several(&self, point: &Point, count: usize) -> Vec<Found> {
+        if self.step == 1 { self.tree.several(point, count) } else { self.explored(point, count) }
+    }
+
+    /// Looks around the nearest vertices known, from the nearest of the tree on, until [`PATIENCE`] of them have shown none
+    /// that would be among the nearest `count`.
+    fn explored(&self, point: &Point, count: usize) -> Vec<Found> {
+        let mut start = self.tree.nearest(point);
+        start.vertex *= self.step as u32;
+        let order = |a: &Found, b: &Found| a.square.total_cmp(&b.square).then(a.vertex.cmp(&b.vertex));
+        let (mut known, mut seen, mut idle) = (vec![(start, false)], vec![start.vertex], 0);
+        while let Some(at) = known.iter().position(|(_, looked)| !looked).filter(|_| idle < PATIENCE) {
+            known[at].1 = true;
+            idle += 1;
+            for &vertex in self.around(known[at].0.vertex) {
+                if seen.contains(&vertex) {
+                    continue;
+                }
+                seen.push(vertex);
+                let found = Found { vertex, square: square(point, &self.points[vertex as usize]) };
+                let place = known.partition_point(|(other, _)| order(other, &found).is_lt());
+                known.insert(place, (found, false));
+                if place < count {
+                    idle = 0;
+                }
+            }
+        }
+        known.truncate(count);
+        known.into_iter().map(|(found, _)| found).collect()
+    }
+
+    fn around(&self, vertex: u32) -> &[u32] {
+        let span = self.graph.indptr[vertex as usize] as usize..self.graph.indptr[vertex as usize + 1] as usize;
+        &self.graph.indices[span]
+    }
+}
+
+/// A tree over every `step`-th point.
+fn build<const K: usize>(points: &[Point], step: usize, work: &WorkDir) -> Result<Box<dyn Search>> {
+    const NAME: &str = "tree.tmp";
+    // Mapped, so that only the tree itself is allocated.
+    let mut array = work.array::<f32>(NAME, &[points.len().div_ceil(step), K])?;
+    for (row, point) in array.data().chunks_exact_mut(K).zip(points.iter().step_by(step)) {
+        row.copy_from_slice(&point[..K]);
+    }
+    let tree = ImmutableKdTree::new_from_slice(bytemuck::cast_slice::<f32, [f32; K]>(array.data()));
+    drop(array);
+    work.remove("tree.tmp.partial");
+    Ok(Box::new(Tree::<K>(tree)))
+}

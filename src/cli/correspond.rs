@@ -1,0 +1,240 @@
+//! `correspond`: which vertex of one mesh is which of another.
+
+use super::method::SamplingArg;
+use super::options::RunArgs;
+use super::output::folder_of;
+use super::{Failure, Surroundings};
+use clap::ValueEnum;
+use nystrom_stream::apps::correspond::carry::{Colours, Property};
+use nystrom_stream::apps::correspond::show::side_by_side;
+use nystrom_stream::apps::correspond::{Match, Matching, files};
+use nystrom_stream::apps::picture::PictureParams;
+use nystrom_stream::base::{Error, Result};
+use nystrom_stream::distance::vertex_rows::Distance;
+use nystrom_stream::mesh::columns::Of;
+use nystrom_stream::mesh::{self, Opened, annotated};
+use nystrom_stream::pipeline::correspond::{CorrespondParams, Correspondence, correspond, default_landmarks};
+use nystrom_stream::spectral::orthogonal::OrthogonalParams;
+use nystrom_stream::store::{Run, WorkDir};
+use serde_json::json;
+use std::io::Write;
+use std::path::{Path, PathBuf};
+use std::time::Instant;
+
+#[derive(Clone, Debug, clap::Args)]
+pub struct Args {
+    /// The mesh whose vertices get matches, PLY (.ply, .ply.gz)
+    #[arg(value_name = "A")]
+    pub a: PathBuf,
+    /// The mesh that they are matched to
+    #[arg(value_name = "B")]
+    pub b: PathBuf,
+    /// Matches, once or more: .npy (records of match, distance, confidence) or .csv
+    #[arg(short, long, value_name = "OUT")]
+    pub output: Vec<PathBuf>,
+    /// Write a report as JSON, to FILE or to standard output
+    #[arg(long, value_name = "FILE", num_args = 0..=1, default_missing_value = "-", require_equals = true)]
+    pub json: Option<PathBuf>,
+    /// Write A and B with coloured vertices, matched ones alike: two PLY files
+    #[arg(long, value_names = ["A_OUT", "B_OUT"], num_args = 2)]
+    pub colours: Vec<PathBuf>,
+    /// What colours on B follow
+    #[arg(long, value_enum, default_value = "position")]
+    pub colour_by: ColourArg,
+    /// Draw A and B side by side in these colours, .png
+    #[arg(long, value_name = "FILE")]
+    pub picture: Option<PathBuf>,
+    /// Carry properties of B's vertices or faces over to A, like label,quality; written to --carried
+    #[arg(long, value_name = "NAMES", value_delimiter = ',', requires = "carried")]
+    pub carry: Vec<String>,
+    /// A with what is carried, a PLY file
+    #[arg(long, value_name = "FILE", requires = "carry")]
+    pub carried: Option<PathBuf>,
+    #[command(flatten)]
+    pub method: MethodArgs,
+    #[command(flatten)]
+    pub run: RunArgs,
+}
+
+/// What colours follow.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub enum ColourArg {
+    /// Position in the box of B
+    Position,
+    /// The labels of B's faces
+    Parts,
+}
+
+/// How far apart vertices are.
+#[derive(Clone, Copy, Debug, ValueEnum)]
+pub enum DistanceArg {
+    /// Along edges
+    Edges,
+    /// Through triangles, by fast marching
+    March,
+}
+
+/// Options of the method.
+#[derive(Clone, Debug, clap::Args)]
+#[command(next_help_heading = "Method")]
+pub struct MethodArgs {
+    /// Number of landmarks on each mesh [default: 50, or 20 beyond 300,000 vertices]
+    #[arg(short = 'l', long, value_name = "L", value_parser = clap::value_parser!(u32).range(2..=4096))]
+    pub landmarks: Option<u32>,
+    /// How landmarks are chosen
+    #[arg(long, value_enum, default_value = "farthest")]
+    pub sampling: SamplingArg,
+    /// How far apart vertices are
+    #[arg(long, value_enum, default_value = "march")]
+    pub distance: DistanceArg,
+    /// Number of leading eigenvectors, 2 to 8
+    #[arg(long, value_name = "K", default_value_t = OrthogonalParams::default().dimensions)]
+    pub vectors: usize,
+    /// The kernel's width in mean distances
+    #[arg(long, value_name = "X", default_value_t = 1.)]
+    pub sigma: f64,
+    /// Keep matches that are each other's nearest only
+    #[arg(long, conflicts_with = "one_to_one")]
+    pub mutual: bool,
+    /// Use no vertex of B twice
+    #[arg(long)]
+    pub one_to_one: bool,
+    /// Carry the landmarks of A to B by the first matches, and match again with these
+    #[arg(long)]
+    pub transfer: bool,
+    /// Which of several alignments to take where the shape is symmetric, from 0; the report lists them
+    #[arg(long, value_name = "N", default_value_t = 0)]
+    pub alternative: usize,
+}
+
+impl MethodArgs {
+    fn params(&self) -> CorrespondParams {
+        CorrespondParams {
+            landmarks: self.landmarks.map_or(0, |l| l as usize),
+            sampling: self.sampling.sampling(),
+            distance: match self.distance {
+                DistanceArg::Edges => Distance::Edges,
+                DistanceArg::March => Distance::March,
+            },
+            embedding: OrthogonalParams { dimensions: self.vectors, width: self.sigma, ..OrthogonalParams::default() },
+            matching: match (self.mutual, self.one_to_one) {
+                (true, _) => Matching::Mutual,
+                (_, true) => Matching::OneToOne,
+                _ => Matching::All,
+            },
+            transfer: self.transfer,
+            alternative: self.alternative,
+        }
+    }
+}
+
+pub fn run(args: &Args, surroundings: &Surroundings) -> Result<(), Failure> {
+    let start = Instant::now();
+    let mut params = args.method.params();
+    params.embedding.check()?;
+    if let Some(path) = args.output.iter().find(|path| !files::is_known(path)) {
+        return Err(Failure::Misused(format!(
+            "-o {}: its ending says no known form; end it with .npy or .csv",
+            path.display()
+        )));
+    }
+    let outputs = || args.output.iter().chain(&args.colours).chain(&args.picture).chain(&args.carried);
+    if outputs().next().is_none() && args.json.is_none() {
+        return Err(Failure::Misused("nothing to write; give -o matches.npy or another output".into()));
+    }
+    for path in outputs() {
+        let folder = folder_of(path);
+        if !folder.is_dir() {
+            let problem = format!("its folder {} does not exist", folder.display());
+            return Err(Error::unusable(path, problem, "make it first").into());
+        }
+    }
+    let bars = args.run.bars();
+    let run = args.run.run(&bars, surroundings);
+    let beside = outputs().next().map_or_else(std::env::temp_dir, |path| folder_of(path));
+    let work = WorkDir::temporary(args.run.tmp.as_deref().unwrap_or(&beside))?;
+    let open = |path: &Path, name: &str| -> Result<Opened> {
+        let scratch = work.file(name);
+        std::fs::create_dir_all(&scratch).map_err(Error::io(&scratch, "create"))?;
+        let (opened, _) = run.stage("read", "bytes", 0, || mesh::open(path, &scratch, &run))?;
+        opened.notes.iter().for_each(|note| run.progress.note(note));
+        Ok(opened)
+    };
+    let (a, b) = (open(&args.a, "mesh-a")?, open(&args.b, "mesh-b")?);
+    if args.method.landmarks.is_none() {
+        params.landmarks = default_landmarks(a.mesh.positions.len().max(b.mesh.positions.len()));
+    }
+    let result = correspond(&a, &b, &params, &work, &run)?;
+    tell(&result, args.method.alternative, &run);
+    let write = || args.output.iter().try_for_each(|path| files::write(path, &result.matches, &run));
+    run.stage("write", "vertices", result.matches.len() as u64, write)?;
+    show(args, &a, &b, &result.matches, &work, &run)?;
+    let Some(target) = &args.json else { return Ok(()) };
+    let mut seconds = bars.take_seconds();
+    seconds.insert("total".into(), start.elapsed().as_secs_f64());
+    let matched = result.matches.iter().filter(|one| one.target >= 0);
+    let (count, sum) = matched.fold((0u64, 0f64), |(n, sum), one| (n + 1, sum + f64::from(one.confidence)));
+    let report = json!({
+        "a": args.a.display().to_string(),
+        "b": args.b.display().to_string(),
+        "options": params,
+        "seed": run.seed,
+        "meshes": result.sides,
+        "ambiguous": result.alignments.ambiguous,
+        "alignments": result.alignments.found,
+        "alternative": args.method.alternative,
+        "matched": count,
+        "mean_confidence": if count > 0 { sum / count as f64 } else { 0. },
+        "seconds": seconds,
+        "peak_bytes": (surroundings.peak)(),
+    });
+    let text = serde_json::to_string_pretty(&report).unwrap_or_default();
+    if target == Path::new("-") {
+        let _ = writeln!(std::io::stdout(), "{text}");
+    } else {
+        std::fs::write(target, text + "\n").map_err(Error::io(target, "write"))?;
+    }
+    Ok(())
+}
+
+/// Writes colours, picture and what is carried, where asked for.
+fn show(args: &Args, a: &Opened, b: &Opened, matches: &[Match], work: &WorkDir, run: &Run) -> Result<()> {
+    if !args.colours.is_empty() || args.picture.is_some() {
+        let colours = match args.colour_by {
+            ColourArg::Position => Colours::by_position(&b.mesh, work, run)?,
+            ColourArg::Parts => Colours::by_parts(b, work, run)?,
+        };
+        if let [to_a, to_b] = &args.colours[..] {
+            let (of_a, of_b) = (|v: usize| colours.of_match(&matches[v]), |v| colours.of_b(v));
+            annotated::write_annotated(to_a, &a.mesh, &annotated::colours(of_a), &[], run)?;
+            annotated::write_annotated(to_b, &b.mesh, &annotated::colours(of_b), &[], run)?;
+        }
+        if let Some(path) = &args.picture {
+            let params = PictureParams { height: 800, ..PictureParams::default() };
+            side_by_side(&a.mesh, &b.mesh, matches, &colours, &params, work, run)?.write_png(path)?;
+        }
+    }
+    let Some(path) = &args.carried else { return Ok(()) };
+    let read = |name: &String| Property::read(b, name, work, run);
+    let properties = args.carry.iter().map(read).collect::<Result<Vec<_>>>()?;
+    let columns = |of: Of| -> Vec<_> {
+        properties.iter().filter(|one| one.of == of).map(|one| one.column(&a.mesh, matches)).collect()
+    };
+    annotated::write_annotated(path, &a.mesh, &columns(Of::Vertices), &columns(Of::Faces), run)
+}
+
+/// Says where the shape leaves a choice.
+fn tell(result: &Correspondence, chosen: usize, run: &Run) {
+    let found = &result.alignments.found;
+    if found.len() > 1 {
+        let others = found.len() - 1;
+        run.progress.note(&format!(
+            "ambiguous: the shape maps onto itself, {others} other alignment{} fit{} about as well; took {chosen}, see \
+             --alternative and the report",
+            if others == 1 { "" } else { "s" },
+            if others == 1 { "s" } else { "" },
+        ));
+    } else if result.alignments.ambiguous {
+        run.progress.note("ambiguous: the shape hardly tells left from right; matches may be mirrored");
+    }
+}

@@ -1,0 +1,183 @@
+//! `correspond` and `evaluate --matches` as a user runs them.
+
+mod common;
+
+use common::{errors, program, word};
+use nystrom_stream::apps::correspond::Match;
+use nystrom_stream::base::random::{below, stream};
+use nystrom_stream::mesh;
+use nystrom_stream::store::{Run, npy};
+use std::fmt::Write;
+use std::path::{Path, PathBuf};
+
+/// The mesh at `path` with vertices in random order, turned and rescaled; `mirrored` on request. Also the map from old to new.
+fn permuted(path: &Path, out: &Path, mirrored: bool) -> Vec<u32> {
+    let dir = tempfile::tempdir().unwrap();
+    let opened = mesh::open(path, dir.path(), &Run::new(&())).unwrap();
+    let n = opened.mesh.positions.len();
+    let mut draw = stream(9, "permutation");
+    let mut place: Vec<u32> = (0..n as u32).collect();
+    (1..n).rev().for_each(|k| place.swap(k, below(&mut draw, k + 1)));
+    let mut old = vec![0u32; n];
+    place.iter().enumerate().for_each(|(from, &to)| old[to as usize] = from as u32);
+    let faces = opened.mesh.faces.len();
+    let mut text = format!(
+        "ply\nformat ascii 1.0\nelement vertex {n}\nproperty float x\nproperty float y\nproperty float z\n\
+         property float heat\nelement face {faces}\nproperty list uchar int vertex_indices\nproperty int label\nend_header\n"
+    );
+    for v in old {
+        let [x, y, z] = opened.mesh.positions.get(v);
+        let x = if mirrored { -x } else { x };
+        writeln!(text, "{} {} {} {v}", 3. * y, 3. * z, 3. * x).unwrap();
+    }
+    opened.mesh.faces.for_each(0..faces, |face, c| {
+        let mut c = [c[0], c[1], c[2]].map(|v| place[v as usize]);
+        if mirrored {
+            c.swap(1, 2);
+        }
+        writeln!(text, "3 {} {} {} {}", c[0], c[1], c[2], face % 7).unwrap();
+    });
+    std::fs::write(out, text).unwrap();
+    place
+}
+
+fn correspond(a: &Path, b: &Path, words: &[&str]) -> std::process::Output {
+    program().args(["correspond", word(a), word(b)]).args(words).output().unwrap()
+}
+
+fn read(path: &Path) -> Vec<Match> {
+    npy::open::<Match>(path).unwrap().to_vec()
+}
+
+fn files() -> (tempfile::TempDir, PathBuf, PathBuf) {
+    let dir = tempfile::tempdir().unwrap();
+    let a = common::creature(dir.path(), 6_000, false);
+    let b = dir.path().join("b.ply");
+    (dir, a, b)
+}
+
+#[test]
+fn a_turned_permuted_copy_is_recognised_and_its_properties_come_back() {
+    let (dir, a, b) = files();
+    let truth = permuted(&a, &b, false);
+    let file = |name: &str| dir.path().join(name);
+    let (out, csv, report) = (file("m.npy"), file("m.csv"), format!("--json={}", file("r.json").display()));
+    let (ca, cb, picture, carried) = (file("ca.ply"), file("cb.ply"), file("p.png"), file("carried.ply"));
+    let words = ["-q", "-o", word(&out), "-o", word(&csv), &report, "--colours", word(&ca), word(&cb)];
+    let more = ["--picture", word(&picture), "--carry", "heat,label", "--carried", word(&carried)];
+    let run = correspond(&a, &b, &[&words[..], &more].concat());
+    assert!(run.status.success(), "{}", errors(&run));
+    let matches = read(&out);
+    let right = matches.iter().zip(&truth).filter(|(one, real)| one.target == i64::from(**real)).count();
+    // The samples of both start at other vertices, so it is not exact.
+    let map = file("truth.npy");
+    npy::write(&map, &truth, 1, false).unwrap();
+    let json = file("e.json");
+    for form in [&out, &csv] {
+        let words = [
+            "evaluate",
+            "-q",
+            "--matches",
+            word(form),
+            "--mesh",
+            word(&b),
+            "--truth",
+            word(&map),
+            "--json",
+            word(&json),
+        ];
+        let run = program().args(words).output().unwrap();
+        assert!(run.status.success(), "{}", errors(&run));
+        let told: serde_json::Value = serde_json::from_slice(&std::fs::read(&json).unwrap()).unwrap();
+        let mean = told["errors"]["mean"].as_f64().unwrap();
+        assert!(mean < 0.02 && told["errors"]["judged"] == truth.len(), "{mean}, {right} of {} exact", truth.len());
+    }
+    let told: serde_json::Value = serde_json::from_slice(&std::fs::read(file("r.json")).unwrap()).unwrap();
+    assert!(told["alignments"][0]["orientation"].as_f64().unwrap() > 0.5, "{told}");
+    // Carried: heat was the number of the vertex in A.
+    let opened = mesh::open(&carried, dir.path(), &Run::new(&())).unwrap();
+    assert_eq!(opened.document.face_property("label", &Run::new(&())).unwrap().len(), opened.mesh.faces.len());
+    let mut heat = Vec::new();
+    let place = mesh::columns::find(&opened.document, mesh::columns::Of::Vertices, "heat").unwrap();
+    mesh::columns::for_each(&opened.document, place, &Run::new(&()), |_, x| {
+        heat.push(x);
+        Ok(())
+    })
+    .unwrap();
+    let back = heat.iter().enumerate().filter(|(v, x)| **x == *v as f64).count();
+    assert_eq!(back, right);
+    for path in [&ca, &cb] {
+        let opened = mesh::open(path, dir.path(), &Run::new(&())).unwrap();
+        assert!(mesh::columns::find(&opened.document, mesh::columns::Of::Vertices, "red").is_some());
+        assert_eq!(opened.mesh.positions.len(), truth.len());
+    }
+    assert!(std::fs::read(&picture).unwrap().starts_with(b"\x89PNG"));
+}
+
+#[test]
+fn the_same_bytes_whatever_threads_and_memory_in_every_manner() {
+    let (dir, a, b) = files();
+    permuted(&a, &b, false);
+    for manner in [&[][..], &["--mutual"], &["--one-to-one"], &["--transfer"], &["--distance", "edges", "-l", "20"]] {
+        let mut seen: Option<Vec<u8>> = None;
+        for (threads, memory) in [("1", "512MiB"), ("3", "16MiB")] {
+            let out = dir.path().join("m.npy");
+            let words = ["-q", "-o", word(&out), "--threads", threads, "--max-memory", memory];
+            let run = correspond(&a, &b, &[&words[..], manner].concat());
+            assert!(run.status.success(), "{}", errors(&run));
+            let bytes = std::fs::read(&out).unwrap();
+            assert!(seen.as_ref().is_none_or(|seen| *seen == bytes), "{manner:?}");
+            let targets: Vec<i64> = read(&out).iter().map(|one| one.target).filter(|&t| t >= 0).collect();
+            let mut single = targets.clone();
+            single.sort_unstable();
+            single.dedup();
+            assert!(manner != ["--one-to-one"] || single.len() == targets.len());
+            assert!(targets.len() > 1000);
+            seen = Some(bytes);
+        }
+    }
+}
+
+#[test]
+fn a_mirror_image_is_matched_with_its_own_side_turned() {
+    let (dir, a, b) = files();
+    permuted(&a, &b, true);
+    let (out, report) = (dir.path().join("m.npy"), format!("--json={}", dir.path().join("r.json").display()));
+    let run = correspond(&a, &b, &["-q", "-o", word(&out), &report]);
+    assert!(run.status.success(), "{}", errors(&run));
+    // Its winding was turned too: seen from outside it is a creature like the first, left and right exchanged.
+    let told: serde_json::Value = serde_json::from_slice(&std::fs::read(dir.path().join("r.json")).unwrap()).unwrap();
+    assert!(told["alignments"][0]["orientation"].as_f64().unwrap() > 0.3, "{told}");
+}
+
+#[test]
+fn what_makes_no_sense_is_refused_in_a_line() {
+    let (dir, a, b) = files();
+    permuted(&a, &b, false);
+    let out = dir.path().join("m.npy");
+    let out = word(&out);
+    let nowhere = dir.path().join("no/m.npy");
+    for (words, code, part) in [
+        (vec!["-q"], 2, "nothing to write"),
+        (vec!["-o", "m.txt"], 2, ".npy or .csv"),
+        (vec!["-o", word(&nowhere)], 1, "does not exist"),
+        (vec!["-o", out, "--vectors", "9"], 2, "from 2 to 8"),
+        (vec!["-o", out, "--sigma", "0"], 2, "positive"),
+        (vec!["-o", out, "--mutual", "--one-to-one"], 2, "cannot be used"),
+        (vec!["-o", out, "--alternative", "40"], 2, "count from 0"),
+        (vec!["-o", out, "--carry", "x"], 2, "--carried"),
+        (vec!["-q", "-o", out, "--carry", "nothing", "--carried", out], 1, "nothing"),
+    ] {
+        let run = correspond(&a, &b, &words);
+        assert_eq!(run.status.code(), Some(code), "{words:?}: {}", errors(&run));
+        assert!(errors(&run).contains(part), "{words:?}: {}", errors(&run));
+    }
+    for (words, code, part) in [
+        (vec!["--matches", "x.npy"], 2, "--mesh"),
+        (vec!["--matches", word(&a), "--mesh", word(&a)], 1, "no known form"),
+    ] {
+        let run = program().arg("evaluate").args(&words).output().unwrap();
+        assert_eq!(run.status.code(), Some(code), "{words:?}: {}", errors(&run));
+        assert!(errors(&run).contains(part), "{words:?}: {}", errors(&run));
+    }
+}
