@@ -23,7 +23,7 @@ fn commands(name: &str) -> Vec<(usize, String)> {
     found
 }
 
-/// The folder that the commands find themselves in: `scan.ply`, `scans/`, `psb/`.
+/// The folder that the commands find themselves in: `scan.ply`, `a.ply`, `b.ply`, `scans/`, `psb/`.
 fn scene() -> tempfile::TempDir {
     let dir = tempfile::tempdir().unwrap();
     let (scans, psb) = (dir.path().join("scans"), dir.path().join("psb"));
@@ -68,6 +68,9 @@ fn scene() -> tempfile::TempDir {
         }
         let table = "model\tcategory\n4\tcreature\n6\tcreature\n";
         std::fs::write(psb.join("models.tsv"), table).unwrap();
+    }
+    for name in ["a.ply", "b.ply"] {
+        std::fs::copy(dir.path().join("scan.ply"), dir.path().join(name)).unwrap();
     }
     dir
 }
