@@ -9,6 +9,7 @@ use super::normals::{Normals, turning};
 use super::parts::CellGraph;
 use super::seeds::spread;
 use super::shares::Shares;
+use super::sums::{ClassSum, class_sums};
 use crate::base::Result;
 use crate::base::parallel::{chunk_count, chunk_range, map_chunks};
 use crate::distance::voronoi;
@@ -21,7 +22,6 @@ use std::collections::BTreeMap;
 /// Cells of a surface.
 pub const CELLS: usize = 2000;
 const CHUNK: usize = 1 << 14;
-const BLOCKS: usize = 8;
 
 /// Cells of the faces and the graph of the cells.
 #[derive(Clone, Debug)]
@@ -99,65 +99,20 @@ fn cell_graph(
     run: &Run,
 ) -> Result<CellGraph> {
     let unit = f64::from(shares.unit);
-    let (area, centre, normal) = interiors(graph, shares, cell, cells, run)?;
+    // A cell of dust alone still needs a place: a weight too small to matter elsewhere.
+    let sums = class_sums(graph, shares, cell, cells, 1e-18, run)?;
     let borders = borders(graph, shares, smooth, cell, run)?;
     let mean = |sum: f64, border: &Border| if border.length > 0. { sum / border.length } else { 0. };
     Ok(CellGraph {
-        area,
-        centre: centre.into_iter().map(|c| c.map(|x| x * unit)).collect(),
-        normal,
+        area: sums.iter().map(|sum| sum.share).collect(),
+        centre: sums.iter().map(|sum| sum.centroid().map(|x| x * unit)).collect(),
+        normal: sums.iter().map(ClassSum::direction).collect(),
         pairs: borders.iter().map(|(&(a, b), _)| [a, b]).collect(),
         length: borders.values().map(|b| b.length).collect(),
         concave: borders.values().map(|b| mean(b.concave, b)).collect(),
         convex: borders.values().map(|b| mean(b.convex, b)).collect(),
         convex04: borders.values().map(|b| mean(b.convex04, b)).collect(),
     })
-}
-
-type Interiors = (Vec<f64>, Vec<[f64; 3]>, Vec<[f64; 3]>);
-
-/// Area share, centroid (in the frame) and mean direction of each cell.
-fn interiors(graph: &DualGraph, shares: &Shares, cell: &[u32], cells: usize, run: &Run) -> Result<Interiors> {
-    let n = cell.len();
-    let block = n.div_ceil(BLOCKS).max(1);
-    let parts = map_chunks(
-        run.threads,
-        &run.cancel,
-        chunk_count(n, block),
-        || (),
-        |k, ()| {
-            let mut sums = vec![[0f64; 8]; cells];
-            for i in chunk_range(n, block, k) {
-                let Some(sum) = sums.get_mut(cell[i] as usize) else { continue };
-                let (node, share) = (&graph.nodes[i], f64::from(shares.share[i]));
-                // A cell of dust alone still needs a place: a weight too small to matter elsewhere.
-                let weight = share.max(1e-18);
-                sum[0] += share;
-                sum[7] += weight;
-                for axis in 0..3 {
-                    sum[1 + axis] += weight * f64::from(node.centroid[axis]);
-                    sum[4 + axis] += weight * f64::from(node.normal[axis]);
-                }
-            }
-            Ok(sums)
-        },
-    )?;
-    let mut total = vec![[0f64; 8]; cells];
-    for part in parts {
-        for (sum, part) in total.iter_mut().zip(part) {
-            sum.iter_mut().zip(part).for_each(|(a, b)| *a += b);
-        }
-    }
-    let area = total.iter().map(|s| s[0]).collect();
-    let centre = total.iter().map(|s| [1, 2, 3].map(|k| s[k] / s[7].max(1e-300))).collect();
-    let normal = total
-        .iter()
-        .map(|s| {
-            let length = (s[4] * s[4] + s[5] * s[5] + s[6] * s[6]).sqrt();
-            if length > 0. { [4, 5, 6].map(|k| s[k] / length) } else { [0.; 3] }
-        })
-        .collect();
-    Ok((area, centre, normal))
 }
 
 /// Length and turning of the common boundary of each pair of touching cells. Bridges are no boundary.

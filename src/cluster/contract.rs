@@ -10,6 +10,7 @@
 
 use super::seeds::spread;
 use super::shares::Shares;
+use super::sums::{ClassSum, class_sums};
 use crate::base::Result;
 use crate::base::parallel::{chunk_count, chunk_range, map_chunks};
 use crate::base::vector::{cross, length as norm, minus, wide};
@@ -26,7 +27,6 @@ use std::collections::BTreeMap;
 /// Nodes of the contracted graph.
 pub const NODES: usize = 30_000;
 const CHUNK: usize = 1 << 14;
-const BLOCKS: usize = 8;
 /// Length of a step between centroids, in gaps: what the way over a midpoint adds.
 const DETOUR: f64 = 1.15;
 
@@ -86,47 +86,13 @@ pub fn contract(
 
 /// Centroid, direction and area of each contracted node; dust counts nothing.
 fn interiors(graph: &DualGraph, shares: &Shares, owner: &[u32], count: usize, run: &Run) -> Result<Vec<Node>> {
-    let n = owner.len();
-    let block = n.div_ceil(BLOCKS).max(1);
-    let parts = map_chunks(
-        run.threads,
-        &run.cancel,
-        chunk_count(n, block),
-        || (),
-        |k, ()| {
-            let mut sums = vec![[0f64; 7]; count];
-            for i in chunk_range(n, block, k) {
-                let share = f64::from(shares.share[i]);
-                let Some(sum) = sums.get_mut(owner[i] as usize).filter(|_| share > 0.) else { continue };
-                let node = &graph.nodes[i];
-                sum[6] += share;
-                for axis in 0..3 {
-                    sum[axis] += share * f64::from(node.centroid[axis]);
-                    sum[3 + axis] += share * f64::from(node.normal[axis]);
-                }
-            }
-            Ok(sums)
-        },
-    )?;
-    let mut total = vec![[0f64; 7]; count];
-    for part in parts {
-        for (sum, part) in total.iter_mut().zip(part) {
-            sum.iter_mut().zip(part).for_each(|(a, b)| *a += b);
-        }
-    }
     let area = 1. / f64::from(shares.unit).powi(2);
-    Ok(total
-        .iter()
-        .map(|s| {
-            let length = (s[3] * s[3] + s[4] * s[4] + s[5] * s[5]).sqrt();
-            let direction = if length > 0. { 1. / length } else { 0. };
-            Node {
-                centroid: [0, 1, 2].map(|axis| (s[axis] / s[6].max(1e-300)) as f32),
-                normal: [3, 4, 5].map(|axis| (s[axis] * direction) as f32),
-                area: (s[6] * area) as f32,
-            }
-        })
-        .collect())
+    let node = |sum: &ClassSum| Node {
+        centroid: sum.centroid().map(|x| x as f32),
+        normal: sum.direction().map(|x| x as f32),
+        area: (sum.share * area) as f32,
+    };
+    Ok(class_sums(graph, shares, owner, count, 0., run)?.iter().map(node).collect())
 }
 
 type Borders = BTreeMap<(u32, u32), Border>;

@@ -15,6 +15,7 @@ pub mod parts;
 pub mod seeds;
 pub mod shares;
 pub mod smooth;
+pub mod sums;
 pub mod two_means;
 
 pub use kmeans::{KMeans, KMeansParams};

@@ -11,6 +11,7 @@
 
 use super::seeds::spread;
 use super::shares::Shares;
+use super::sums::{ClassSum, class_sums};
 use crate::base::Result;
 use crate::base::parallel::{chunk_count, chunk_range, fill_chunks, map_chunks};
 use crate::distance::front::mean_weight;
@@ -25,8 +26,6 @@ use crate::store::{MappedSlice, Run, WorkDir};
 pub const RADII: [f32; 3] = [0.01, 0.02, 0.04];
 
 const CHUNK: usize = 1 << 14;
-/// Blocks of nodes whose cell sums are kept apart: few, since each holds all cells.
-const BLOCKS: usize = 8;
 
 /// Normals of the nodes (n).
 pub type Normals = MappedSlice<[f32; 3]>;
@@ -54,14 +53,6 @@ fn unit(v: [f32; 3]) -> Option<[f32; 3]> {
     (length > 1e-20).then(|| v.map(|x| x / length))
 }
 
-/// Sums of a micro-cell.
-#[derive(Clone, Copy, Debug, Default)]
-struct Cell {
-    area: f64,
-    centre: [f64; 3],
-    normal: [f64; 3],
-}
-
 fn from_cells(
     graph: &DualGraph,
     shares: &Shares,
@@ -82,7 +73,11 @@ fn from_cells(
     }
     work.remove(&format!("{field_file}.partial"));
     let owner_data: &[u32] = owner.data();
-    let cells = cell_sums(graph, shares, owner_data, seeds.len(), run)?;
+    // Sums of normals are scaled to be near 1.
+    let scale = seeds.len() as f64;
+    let cell = |sum: &ClassSum| (sum.centroid().map(|x| x as f32), sum.normal.map(|x| (x * scale) as f32));
+    let cells: Vec<([f32; 3], [f32; 3])> =
+        class_sums(graph, shares, owner_data, seeds.len(), 0., run)?.iter().map(cell).collect();
     let near = neighbours(graph, owner_data, seeds.len(), run)?;
     let spreadness = 0.54 * r / shares.unit;
     let factor = -0.5 / (spreadness * spreadness);
@@ -121,53 +116,6 @@ fn from_cells(
     drop(owner);
     work.remove(&format!("{owner_file}.partial"));
     array.finish(false)
-}
-
-/// Centroid and area-weighted normal sum of each cell, in the frame, scaled so that sums are near 1.
-fn cell_sums(
-    graph: &DualGraph,
-    shares: &Shares,
-    owner: &[u32],
-    cells: usize,
-    run: &Run,
-) -> Result<Vec<([f32; 3], [f32; 3])>> {
-    let n = owner.len();
-    let block = n.div_ceil(BLOCKS).max(1);
-    let blocks = map_chunks(
-        run.threads,
-        &run.cancel,
-        chunk_count(n, block),
-        || (),
-        |k, ()| {
-            let mut sums = vec![Cell::default(); cells];
-            for i in chunk_range(n, block, k) {
-                let share = f64::from(shares.share[i]);
-                let Some(cell) = sums.get_mut(owner[i] as usize).filter(|_| share > 0.) else { continue };
-                let node = &graph.nodes[i];
-                cell.area += share;
-                for axis in 0..3 {
-                    cell.centre[axis] += share * f64::from(node.centroid[axis]);
-                    cell.normal[axis] += share * f64::from(node.normal[axis]);
-                }
-            }
-            Ok(sums)
-        },
-    )?;
-    let mut total = vec![Cell::default(); cells];
-    for block in blocks {
-        for (sum, part) in total.iter_mut().zip(block) {
-            sum.area += part.area;
-            for axis in 0..3 {
-                sum.centre[axis] += part.centre[axis];
-                sum.normal[axis] += part.normal[axis];
-            }
-        }
-    }
-    let scale = cells as f64;
-    Ok(total
-        .into_iter()
-        .map(|c| (c.centre.map(|x| (x / c.area.max(1e-300)) as f32), c.normal.map(|x| (x * scale) as f32)))
-        .collect())
 }
 
 /// Which cells touch across an edge.

@@ -10,6 +10,11 @@ pub(super) trait Carry {
     fn admits(&self, _distance: f32) -> bool {
         true
     }
+    /// Whether ties matter.
+    #[inline(always)]
+    fn ties(&self) -> bool {
+        false
+    }
     /// Whether `from`'s value should pass to `to` at an equal distance.
     fn wins_tie(&mut self, from: u32, to: u32) -> bool;
     /// Passes the value on.
@@ -59,6 +64,10 @@ impl<'a> Owners<'a> {
 }
 
 impl Carry for Owners<'_> {
+    #[inline(always)]
+    fn ties(&self) -> bool {
+        true
+    }
     #[inline(always)]
     fn wins_tie(&mut self, from: u32, to: u32) -> bool {
         let (from, to) = (self.owner[from as usize], self.owner[to as usize]);

@@ -65,10 +65,10 @@ impl Queue {
         }
     }
 
-    /// The number of the bucket of a distance; monotone, saturating.
+    /// The number of the bucket of a distance; monotone, saturating. Through `i32`, which processors convert to.
     #[inline]
     fn bucket(&self, distance: f32) -> u64 {
-        (distance * self.inverse_width) as u64
+        (distance * self.inverse_width) as i32 as u64
     }
 
     /// Starts anew for a front whose least source distance is `distance`. The queue must be empty.
