@@ -17,6 +17,7 @@ pub mod kept;
 mod parts;
 pub mod plan;
 pub mod report;
+pub mod sequence;
 pub mod sharding;
 pub mod stages;
 mod surface;

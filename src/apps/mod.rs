@@ -6,4 +6,5 @@ pub mod evaluate;
 pub mod page;
 pub mod picture;
 mod pixel_text;
+pub mod sequence;
 pub mod study;

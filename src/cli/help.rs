@@ -36,6 +36,14 @@ Examples, the stages of `segment` one by one:
   nystrom-stream export --work-dir work -o parts.ply --tree tree.json
   nystrom-stream embed --work-dir work -d 8            embedding.npy, for other programs";
 
+/// After the help of `sequence`.
+pub const SEQUENCE: &str = "\
+Examples:
+  nystrom-stream sequence scan.ply                     scan.sequenced.ply, few vertices live at a time
+  nystrom-stream sequence scan.ply -o out.ply -o order.png --smooth 20 --original
+  nystrom-stream sequence scan.ply --order bfs -o out.ply
+  nystrom-stream sequence scan.ply --compare           a table of all orders, nothing written";
+
 /// Arguments of `completions`.
 #[derive(Clone, Debug, clap::Args)]
 pub struct CompletionArgs {

@@ -17,6 +17,7 @@ mod plan;
 mod quality;
 mod rows;
 mod segment;
+mod sequence;
 mod stages;
 mod study;
 
@@ -70,6 +71,9 @@ enum Command {
     Study(study::Args),
     /// Find which vertex of one mesh is which of another
     Correspond(correspond::Args),
+    /// Put a mesh in an order to stream it in, or compare orders
+    #[command(after_long_help = help::SEQUENCE)]
+    Sequence(sequence::Args),
     /// Draw a mesh and its parts as a picture
     Picture(picture::Args),
     /// Make a mesh of a million faces with known parts, cut it, and compare
@@ -92,6 +96,7 @@ impl Command {
             Self::Segment(args) => args.work_dir.as_ref(),
             Self::Graph(args) => Some(&args.place.work_dir),
             Self::Rows(args) => Some(&args.work_dir),
+            Self::Sequence(args) => args.work_dir.as_ref(),
             Self::Merge(args) => Some(&args.work_dir),
             Self::Embed(args) => Some(&args.place.work_dir),
             Self::Cluster(args) => Some(&args.place.work_dir),
@@ -162,6 +167,7 @@ pub fn main(peak: fn() -> u64) -> ExitCode {
         Command::Quality(args) => quality::run(&args, &surroundings),
         Command::Study(args) => study::run(&args, &surroundings),
         Command::Correspond(args) => correspond::run(&args, &surroundings),
+        Command::Sequence(args) => sequence::run(&args, &surroundings),
         Command::Picture(args) => picture::run(&args, &surroundings),
         Command::Demo(args) => demo::run(&args, &surroundings),
         Command::Completions(args) => help::completions(&args),

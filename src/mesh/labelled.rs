@@ -34,7 +34,7 @@ pub enum PlyForm {
 }
 
 impl PlyForm {
-    fn encoding(self, document: &Document) -> Encoding {
+    pub(super) fn encoding(self, document: &Document) -> Encoding {
         match self {
             Self::Same => document.header.encoding,
             Self::Binary => Encoding::Little,

@@ -6,14 +6,14 @@
 
 use super::cursor::{Binary, Cursor, Fault, Text};
 use super::document::Document;
+use super::encode::Encoder;
 use super::header::CUT_SHORT;
 use super::labelling::{Labelling, kept};
-use super::model::{Encoding, Kind, Scalar};
+use super::model::{Encoding, Scalar};
 use super::output::Gather;
 use super::surface::Mesh;
 use crate::base::{Error, Result};
 use crate::store::Run;
-use std::io::Write as _;
 
 /// Records between two looks at the stop flag; bytes copied at a time.
 const CHUNK: usize = 1 << 14;
@@ -72,12 +72,13 @@ impl Task<'_> {
     /// The faces that strips became.
     fn triangles(&self, out: &mut Gather) -> Result<()> {
         let faces = self.mesh.faces.len();
+        let encoder = Encoder { target: self.target };
         for start in (0..faces).step_by(CHUNK) {
             self.run.cancel.check()?;
             self.mesh.faces.for_each(start..faces.min(start + CHUNK), |face, corners| {
-                self.integer(Scalar::U8, corners.len() as i64, out);
+                encoder.integer(Scalar::U8, corners.len() as i64, &mut out.buffer);
                 for &corner in corners {
-                    self.integer(Scalar::I32, corner.into(), out);
+                    encoder.integer(Scalar::I32, corner.into(), &mut out.buffer);
                 }
                 self.labelling.append(face, self.target, out);
                 if self.target == Encoding::Ascii {
@@ -101,6 +102,7 @@ impl Task<'_> {
         let bytes = &document.bytes[..document.ranges[number].end];
         let mut cursor = C::new(bytes, document.ranges[number].start);
         let verbatim = self.target == document.header.encoding;
+        let encoder = Encoder { target: self.target };
         for record in 0..element.count {
             if record % CHUNK == 0 {
                 self.run.cancel.check()?;
@@ -108,7 +110,7 @@ impl Task<'_> {
             for (property, &kept) in element.properties.iter().zip(&kept) {
                 let start = cursor.seek();
                 let moved = if kept && !verbatim {
-                    self.value(&mut cursor, property.kind, out)
+                    encoder.value(&mut cursor, property.kind, &mut out.buffer)
                 } else {
                     cursor.skip_value(property.kind)
                 };
@@ -143,71 +145,6 @@ impl Task<'_> {
                 "write the labels in the input's own encoding",
             ),
             _ => Error::malformed(&self.document.path, place, "the file changed while it was in use", CUT_SHORT),
-        }
-    }
-
-    /// Reads a value and writes it in the target's encoding.
-    fn value<'b, C: Cursor<'b>>(&self, cursor: &mut C, kind: Kind, out: &mut Gather) -> std::result::Result<(), Fault> {
-        match kind {
-            Kind::One(scalar) => self.number(cursor, scalar, out),
-            Kind::List { count, item } => {
-                let length = cursor.length(count)?;
-                if length > count.greatest() && self.target != Encoding::Ascii {
-                    return Err(Fault::Length(length as i64));
-                }
-                self.integer(count, length as i64, out);
-                for _ in 0..length {
-                    self.number(cursor, item, out)?;
-                }
-                Ok(())
-            }
-        }
-    }
-
-    #[inline]
-    fn number<'b, C: Cursor<'b>>(
-        &self,
-        cursor: &mut C,
-        of: Scalar,
-        out: &mut Gather,
-    ) -> std::result::Result<(), Fault> {
-        if of.is_real() {
-            self.real(of, cursor.real(of)?, out);
-        } else {
-            self.integer(of, cursor.integer(of)?, out);
-        }
-        Ok(())
-    }
-
-    /// Appends an integer in the target's encoding.
-    #[inline]
-    fn integer(&self, scalar: Scalar, value: i64, out: &mut Gather) {
-        if self.target == Encoding::Ascii {
-            out.decimal(value);
-            out.buffer.push(b' ');
-            return;
-        }
-        // Text may hold a number beyond its type; it keeps its low bits, as in C.
-        let (all, size) = (value.to_le_bytes(), scalar.size());
-        let start = out.buffer.len();
-        out.buffer.extend_from_slice(&all[..size]);
-        if self.target == Encoding::Big {
-            out.buffer[start..].reverse();
-        }
-    }
-
-    /// Appends a floating-point number in the target's encoding.
-    fn real(&self, scalar: Scalar, value: f64, out: &mut Gather) {
-        let start = out.buffer.len();
-        // Writing into a Vec cannot fail.
-        let _ = match (self.target, scalar) {
-            (Encoding::Ascii, Scalar::F32) => write!(out.buffer, "{:?} ", value as f32),
-            (Encoding::Ascii, _) => write!(out.buffer, "{value:?} "),
-            (_, Scalar::F32) => out.buffer.write_all(&(value as f32).to_le_bytes()),
-            _ => out.buffer.write_all(&value.to_le_bytes()),
-        };
-        if self.target == Encoding::Big {
-            out.buffer[start..].reverse();
         }
     }
 }

@@ -8,7 +8,7 @@
 //! 0.3 µs a face and thread in memory; 22 B a face kept on disk.
 
 mod faces;
-mod hilbert;
+pub mod hilbert;
 mod locality;
 mod restore;
 mod vertices;

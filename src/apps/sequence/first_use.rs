@@ -1,0 +1,123 @@
+//! From places of faces to numbers of vertices: each vertex gets its number when a face first uses it.
+//!
+//! Two external sorts: uses by vertex, whose first and last matter, then vertices by first use. Vertices of no face come
+//! last, in the order of the file. 12 B a corner and a vertex through the sorts, 12 B a vertex kept for a while.
+
+use super::sorting::{Push, Scatter, sorted};
+use crate::base::Result;
+use crate::mesh::Mesh;
+use crate::store::npy::ArrayWriter;
+use crate::store::{MappedSlice, Run, WorkDir};
+use std::ops::Range;
+
+/// When vertices are used, and what numbers that gives them. All by the numbers of the mesh's file.
+#[derive(Clone, Debug)]
+pub struct VertexUse {
+    /// Place of the first face that uses a vertex (v); `u32::MAX` where none does.
+    pub first: MappedSlice<u32>,
+    /// Place of the last one (v).
+    pub last: MappedSlice<u32>,
+    /// New number of each vertex (v).
+    pub rank: MappedSlice<u32>,
+}
+
+/// The temporary files behind a [`VertexUse`].
+const FILES: [&str; 4] = ["first_use.tmp", "first_slot.tmp", "last_use.tmp", "vertex_number.tmp"];
+
+impl VertexUse {
+    /// Uses of the vertices of `mesh` whose face f has the place `place[f]`.
+    ///
+    /// # Errors
+    /// [`crate::base::Error::Io`], [`crate::base::Error::Memory`], [`crate::base::Error::Cancelled`].
+    pub fn of(mesh: &Mesh, place: &[u32], work: &WorkDir, run: &Run) -> Result<Self> {
+        let n = mesh.positions.len();
+        let (first, slot, last) = uses(mesh, place, work, run)?;
+        let scatter = Scatter::new(FILES[3], n, work, run)?;
+        let mut out = scatter.producer();
+        let mut next = 0;
+        let fill = |range: Range<usize>, push: Push<'_, 3>| {
+            range.into_iter().try_for_each(|v| push([first[v], slot[v], v as u32]))
+        };
+        sorted("numbering vertices", (n, n as u64), fill, work, run, |records| {
+            records.iter().try_for_each(|record| {
+                next += 1;
+                scatter.put(&mut out, record[2], next - 1)
+            })
+        })?;
+        out.finish()?;
+        drop(slot);
+        work.remove(FILES[1]);
+        Ok(Self { first, last, rank: scatter.finish()? })
+    }
+
+    /// Removes its files.
+    pub fn remove(work: &WorkDir) {
+        FILES.iter().for_each(|name| work.remove(name));
+    }
+}
+
+/// A use of a vertex that is being gathered: vertex, first place and slot, last place.
+struct Gathered {
+    writers: [ArrayWriter<u32>; 3],
+    current: Option<[u32; 4]>,
+    done: usize,
+}
+
+impl Gathered {
+    /// Writes the gathered vertex, and those before `next` that no face uses.
+    fn close(&mut self, next: usize) -> Result<()> {
+        if let Some([v, first, slot, last]) = self.current.take() {
+            self.unused(v as usize)?;
+            self.push([first, slot, last])?;
+        }
+        self.unused(next)
+    }
+
+    fn unused(&mut self, next: usize) -> Result<()> {
+        while self.done < next {
+            self.push([u32::MAX; 3])?;
+        }
+        Ok(())
+    }
+
+    fn push(&mut self, values: [u32; 3]) -> Result<()> {
+        self.done += 1;
+        self.writers.iter_mut().zip(values).try_for_each(|(writer, value)| writer.push(&[value]))
+    }
+}
+
+type Three = (MappedSlice<u32>, MappedSlice<u32>, MappedSlice<u32>);
+
+/// First places, the slots there, and last places, by vertex.
+fn uses(mesh: &Mesh, place: &[u32], work: &WorkDir, run: &Run) -> Result<Three> {
+    let writers = [work.writer(FILES[0], 1)?, work.writer(FILES[1], 1)?, work.writer(FILES[2], 1)?];
+    let mut gathered = Gathered { writers, current: None, done: 0 };
+    let fill = |range: Range<usize>, push: Push<'_, 3>| {
+        let mut result = Ok(());
+        mesh.faces.for_each(range, |face, corners| {
+            for (slot, &v) in corners.iter().enumerate() {
+                if result.is_ok() {
+                    result = push([v, place[face], slot as u32]);
+                }
+            }
+        });
+        result
+    };
+    let counts = (mesh.faces.len(), mesh.faces.corner_count() as u64);
+    // A vertex's uses may lie in two buckets, so what is gathered of it outlives them.
+    sorted("uses of vertices", counts, fill, work, run, |records| {
+        for &[v, place, slot] in records {
+            match &mut gathered.current {
+                Some(current) if current[0] == v => current[3] = place,
+                _ => {
+                    gathered.close(0)?;
+                    gathered.current = Some([v, place, slot, place]);
+                }
+            }
+        }
+        Ok(())
+    })?;
+    gathered.close(mesh.positions.len())?;
+    let [first, slot, last] = gathered.writers;
+    Ok((first.finish(false)?, slot.finish(false)?, last.finish(false)?))
+}

@@ -1,0 +1,245 @@
+//! `sequence`: an order to stream a mesh in.
+
+use super::options::RunArgs;
+use super::output::{folder_of, print, publish};
+use super::segment::FormArg;
+use super::stages::read;
+use super::{Failure, Surroundings};
+use clap::ValueEnum;
+use nystrom_stream::apps::picture::{PictureParams, render};
+use nystrom_stream::apps::sequence::table::{Compared, table};
+use nystrom_stream::apps::sequence::{Way, gradient};
+use nystrom_stream::mesh::Opened;
+use nystrom_stream::mesh::rearranged::{self, Rearrangement};
+use nystrom_stream::pipeline::sequence::{Sequence, SequenceParams, Sequencer};
+use nystrom_stream::store::{Run, WorkDir, npy};
+use serde_json::json;
+use std::ffi::OsStr;
+use std::path::{Path, PathBuf};
+use std::time::Instant;
+
+#[derive(Clone, Debug, clap::Args)]
+pub struct Args {
+    /// A PLY file (.ply, .ply.gz); `-` reads standard input
+    #[arg(value_name = "MESH")]
+    pub mesh: PathBuf,
+    /// Output, once or more: .ply, the mesh in its new order; .npy, the place of each face; .png, the mesh coloured by
+    /// place; `-` for the mesh on standard output [default: MESH.sequenced.ply, with --compare none]
+    #[arg(short, long, value_name = "OUT")]
+    pub output: Vec<PathBuf>,
+    /// What to order by
+    #[arg(long, value_enum, default_value = "spectral")]
+    pub order: WayArg,
+    /// Improve spectral coordinates by N sweeps over the graph
+    #[arg(long, value_name = "N", default_value_t = 0, value_parser = clap::value_parser!(u32).range(..=100_000))]
+    pub smooth: u32,
+    /// Landmarks of spectral orders [default: those in the work directory, or 10]
+    #[arg(short = 'l', long, value_name = "L", value_parser = clap::value_parser!(u32).range(3..=4096))]
+    pub landmarks: Option<u32>,
+    /// Tell where faces and vertices were: properties original_face and original_vertex
+    #[arg(long)]
+    pub original: bool,
+    /// Form of PLY outputs
+    #[arg(long, value_enum, default_value = "same", value_name = "FORM")]
+    pub ply_form: FormArg,
+    /// Measure all orders and the file's own, of small meshes the exact Fiedler order too, in a table
+    #[arg(long)]
+    pub compare: bool,
+    /// Write measures and options as JSON, to FILE or to standard output
+    #[arg(long, value_name = "FILE", num_args = 0..=1, default_missing_value = "-", require_equals = true)]
+    pub json: Option<PathBuf>,
+    /// Keep graph and rows here and reuse them [default: a temporary folder]
+    #[arg(long, value_name = "DIR")]
+    pub work_dir: Option<PathBuf>,
+    #[command(flatten)]
+    pub run: RunArgs,
+}
+
+/// What to order by.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub enum WayArg {
+    /// The second vector of the degree-normalised Nyström embedding
+    Spectral,
+    /// The longest principal axis
+    Pca,
+    /// Breadth-first search from a vertex far out
+    Bfs,
+    /// Reverse Cuthill–McKee
+    Rcm,
+    /// Hilbert's curve
+    Hilbert,
+    /// Chance
+    Random,
+    /// Faces as in the file, vertices as faces use them
+    Keep,
+}
+
+impl WayArg {
+    fn way(self) -> Way {
+        match self {
+            Self::Spectral => Way::Spectral,
+            Self::Pca => Way::Pca,
+            Self::Bfs => Way::Bfs,
+            Self::Rcm => Way::Rcm,
+            Self::Hilbert => Way::Hilbert,
+            Self::Random => Way::Random,
+            Self::Keep => Way::Keep,
+        }
+    }
+}
+
+/// A form of output.
+enum Target {
+    Ply(PathBuf),
+    Npy(PathBuf),
+    Png(PathBuf),
+    Stdout,
+}
+
+impl Target {
+    fn of(path: &Path) -> Result<Self, Failure> {
+        if path == Path::new("-") {
+            return Ok(Self::Stdout);
+        }
+        match path.extension().and_then(OsStr::to_str).map(str::to_ascii_lowercase).as_deref() {
+            Some("ply") => Ok(Self::Ply(path.into())),
+            Some("npy") => Ok(Self::Npy(path.into())),
+            Some("png") => Ok(Self::Png(path.into())),
+            _ => Err(Failure::Misused(format!(
+                "-o {}: its ending says no known form; end it with .ply, .npy or .png",
+                path.display()
+            ))),
+        }
+    }
+}
+
+/// Refuses combinations that make no sense, before any work.
+fn check(args: &Args) -> Result<Vec<Target>, Failure> {
+    let misused = |text: &str| Err(Failure::Misused(text.into()));
+    let spectral = args.order == WayArg::Spectral || args.compare;
+    if args.smooth > 0 && !spectral {
+        return misused("--smooth goes with --order spectral");
+    }
+    if args.landmarks.is_some() && !spectral {
+        return misused("-l goes with --order spectral");
+    }
+    let mut targets = args.output.iter().map(|path| Target::of(path)).collect::<Result<Vec<_>, _>>()?;
+    let stdin = args.mesh.as_os_str() == "-";
+    if targets.is_empty() && !args.compare {
+        targets.push(if stdin { Target::Stdout } else { Target::Ply(beside(&args.mesh)) });
+    }
+    let mesh = targets.iter().any(|target| matches!(target, Target::Stdout));
+    let report = args.json.as_deref() == Some(Path::new("-"));
+    if mesh && (report || args.compare) {
+        return misused("mesh and measures cannot both go to standard output; give -o FILE");
+    }
+    if args.original && !targets.iter().any(|target| matches!(target, Target::Ply(_) | Target::Stdout)) {
+        return misused("--original goes with a .ply as output");
+    }
+    Ok(targets)
+}
+
+/// `MESH.sequenced.ply` beside `mesh`.
+fn beside(mesh: &Path) -> PathBuf {
+    mesh.with_file_name(format!("{}.sequenced.ply", super::output::Output::stem(mesh)))
+}
+
+pub fn run(args: &Args, surroundings: &Surroundings) -> Result<(), Failure> {
+    let start = Instant::now();
+    let targets = check(args)?;
+    let bars = args.run.bars();
+    let run = args.run.run(&bars, surroundings);
+    let work = match &args.work_dir {
+        Some(dir) => WorkDir::open(dir)?,
+        None => {
+            let path = targets.iter().find_map(|target| match target {
+                Target::Ply(path) | Target::Npy(path) | Target::Png(path) => Some(folder_of(path)),
+                Target::Stdout => None,
+            });
+            WorkDir::temporary(args.run.tmp.as_deref().unwrap_or(&path.unwrap_or_else(std::env::temp_dir)))?
+        }
+    };
+    let (opened, identity) = read(&args.mesh, &work, &run)?;
+    opened.notes.iter().for_each(|note| run.progress.note(note));
+    let sequencer = Sequencer::new(&opened, &identity, &work, &run)?;
+    let landmarks = args.landmarks.map(|l| l as usize);
+    let params = SequenceParams { order: args.order.way(), sweeps: args.smooth as usize, landmarks };
+    let mut measured = None;
+    if !targets.is_empty() || !args.compare {
+        let sequence = sequencer.sequence(&params)?;
+        targets.iter().try_for_each(|target| write(target, args, &opened, &sequence, &work, &run))?;
+        if args.json.is_some() && !args.compare {
+            measured = Some(sequencer.measures(&sequence)?);
+        }
+    }
+    let compared = if args.compare { compare(&sequencer, &params)? } else { Vec::new() };
+    if args.compare && args.json.as_deref() != Some(Path::new("-")) {
+        print(table(&compared).as_bytes())?;
+    }
+    if let Some(target) = &args.json {
+        let mut seconds = bars.take_seconds();
+        seconds.insert("total".into(), start.elapsed().as_secs_f64());
+        let mesh =
+            json!({"path": args.mesh, "vertices": opened.mesh.positions.len(), "faces": opened.mesh.faces.len()});
+        let mut report = json!({"mesh": mesh, "options": params, "seed": run.seed});
+        if args.compare {
+            report["orders"] = json!(compared);
+        }
+        if let Some(measures) = measured {
+            report["measures"] = json!(measures);
+        }
+        report["seconds"] = json!(seconds);
+        report["peak_allocated"] = json!((surroundings.peak)());
+        publish(target, &report)?;
+    }
+    Ok(())
+}
+
+/// Measures every order, those of sweeps too where there are any, and the exact one of a small mesh.
+fn compare(sequencer: &Sequencer, params: &SequenceParams) -> Result<Vec<Compared>, Failure> {
+    let mut compared = Vec::new();
+    if let Some(exact) = sequencer.exact(params)? {
+        compared.push(Compared { order: "fiedler".into(), measures: sequencer.measures(&exact)? });
+    }
+    for order in Way::ALL {
+        let each = if order == Way::Spectral && params.sweeps > 0 { vec![0, params.sweeps] } else { vec![0] };
+        for sweeps in each {
+            let sequence = sequencer.sequence(&SequenceParams { order, sweeps, ..*params })?;
+            let name = match sweeps {
+                0 => order.name().to_string(),
+                _ => format!("{} --smooth {sweeps}", order.name()),
+            };
+            compared.push(Compared { order: name, measures: sequencer.measures(&sequence)? });
+        }
+    }
+    Ok(compared)
+}
+
+fn write(
+    target: &Target,
+    args: &Args,
+    opened: &Opened,
+    sequence: &Sequence,
+    work: &WorkDir,
+    run: &Run,
+) -> Result<(), Failure> {
+    let (document, mesh) = (&opened.document, &opened.mesh);
+    let order = Rearrangement { places: &sequence.places, numbers: &sequence.uses.rank, original: args.original };
+    let form = args.ply_form.form();
+    let faces = mesh.faces.len() as u64;
+    let each = || match target {
+        Target::Ply(path) => rearranged::write(document, mesh, path, &order, form, work, run),
+        Target::Stdout => {
+            let mut out = std::io::stdout().lock();
+            rearranged::write_to(document, mesh, "<stdout>", &mut out, &order, form, work, run)
+        }
+        Target::Npy(path) => npy::write(path, &sequence.places, 1, false).map(drop),
+        Target::Png(path) => {
+            let (labels, colours) = gradient(&sequence.places, work)?;
+            let params = PictureParams { legend: false, lines: false, ..PictureParams::default() };
+            render(mesh, Some(&labels), &colours, &params, run)?.write_png(path)
+        }
+    };
+    run.stage("write", "faces", faces, each)?;
+    Ok(())
+}

@@ -1,0 +1,143 @@
+//! Which vertices share a side of a face: the graph of orders, without weights, seams or bridges, polygons uncut.
+//!
+//! Orders that look at vertices (breadth-first, Cuthill–McKee, sweeps, the exact Fiedler vector) need it; the dual graph
+//! does not hold it. One shuffle of both directions of every side, sorted a bucket at a time and written in order: 16 B
+//! a corner through the shuffle, 8 B a vertex and 4 B a direction kept (about 16 B a triangle).
+
+use crate::base::Result;
+use crate::base::parallel::{chunk_count, chunk_range, each_chunk, in_order};
+use crate::mesh::Mesh;
+use crate::store::npy::ArrayWriter;
+use crate::store::shuffle::Producer;
+use crate::store::sizing::Sized;
+use crate::store::{MappedSlice, Run, WorkDir};
+
+const CHUNK: usize = 1 << 14;
+const FILES: [&str; 2] = ["sides_indptr.tmp", "sides_indices.tmp"];
+
+/// Which vertices share an edge.
+#[derive(Clone, Debug)]
+pub struct Sides {
+    /// Row starts (vertices + 1).
+    pub indptr: MappedSlice<u64>,
+    /// Neighbours, ascending in a row, without repetition.
+    pub indices: MappedSlice<u32>,
+}
+
+impl Sides {
+    /// The graph of `mesh`, in temporary files of `work`; see [`Sides::remove`].
+    ///
+    /// # Errors
+    /// [`crate::base::Error::Io`], [`crate::base::Error::Memory`], [`crate::base::Error::Cancelled`].
+    pub fn build(mesh: &Mesh, work: &WorkDir, run: &Run) -> Result<Self> {
+        let (n, faces, corners) = (mesh.positions.len(), mesh.faces.len(), mesh.faces.corner_count() as u64);
+        let copies = 8 * run.threads as u64;
+        let path = work.file("side_links.tmp");
+        let sized = Sized::<[u32; 2]>::new(&path, "the graph of vertices", 2 * corners, copies, 1, run)?;
+        let shuffle = &sized.shuffle;
+        let buckets = shuffle.buckets();
+        let first = |bucket: usize| (bucket as u128 * n as u128).div_ceil(buckets as u128) as usize;
+        let bucket = |v: u32| (u64::from(v) as u128 * buckets as u128 / n.max(1) as u128) as usize;
+        each_chunk(
+            run.threads,
+            &run.cancel,
+            chunk_count(faces, CHUNK),
+            || shuffle.producer(),
+            |k, out| {
+                let mut result = Ok(());
+                mesh.faces.for_each(chunk_range(faces, CHUNK, k), |_, corners| {
+                    for (slot, &a) in corners.iter().enumerate() {
+                        let b = corners[(slot + 1) % corners.len()];
+                        if a != b && result.is_ok() {
+                            result = out.push(bucket(a), [a, b]).and_then(|()| out.push(bucket(b), [b, a]));
+                        }
+                    }
+                });
+                result
+            },
+            Producer::finish,
+        )?;
+        let mut starts: ArrayWriter<u64> = work.writer(FILES[0], 1)?;
+        let mut indices: ArrayWriter<u32> = work.writer(FILES[1], 1)?;
+        let mut end = 0;
+        starts.push(&[0])?;
+        in_order(
+            run.threads,
+            &run.cancel,
+            buckets,
+            || (),
+            |bucket, ()| {
+                let mut links = shuffle.take(bucket)?;
+                links.sort_unstable();
+                links.dedup();
+                let range = first(bucket)..first(bucket + 1);
+                let mut degrees = vec![0u64; range.len()];
+                links.iter().for_each(|link| degrees[link[0] as usize - range.start] += 1);
+                Ok((degrees, links.into_iter().map(|link| link[1]).collect::<Vec<u32>>()))
+            },
+            |_, (mut degrees, neighbours)| {
+                for degree in &mut degrees {
+                    end += *degree;
+                    *degree = end;
+                }
+                starts.push(&degrees)?;
+                indices.push(&neighbours)
+            },
+        )?;
+        Ok(Self { indptr: starts.finish(false)?, indices: indices.finish(false)? })
+    }
+
+    /// Removes its files.
+    pub fn remove(work: &WorkDir) {
+        FILES.iter().for_each(|name| work.remove(name));
+    }
+
+    /// Number of vertices.
+    pub fn len(&self) -> usize {
+        self.indptr.len() - 1
+    }
+
+    /// Whether there are none.
+    pub fn is_empty(&self) -> bool {
+        self.len() == 0
+    }
+
+    /// The neighbours of vertex `v`, ascending.
+    #[inline]
+    pub fn neighbours(&self, v: u32) -> &[u32] {
+        &self.indices[self.indptr[v as usize] as usize..self.indptr[v as usize + 1] as usize]
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::collections::BTreeSet;
+
+    #[test]
+    fn neighbours_are_those_of_the_sides_whatever_the_memory() {
+        let dir = tempfile::tempdir().unwrap();
+        let faces: Vec<Vec<u32>> = vec![vec![0, 1, 2, 3], vec![2, 1, 4], vec![4, 4, 1], vec![], vec![6, 7, 4]];
+        let mesh = Mesh::from_arrays(dir.path(), &[[0.; 3]; 9], &faces).unwrap();
+        let mut expected = vec![BTreeSet::new(); 9];
+        for face in &faces {
+            for k in 0..face.len() {
+                let (a, b) = (face[k], face[(k + 1) % face.len()]);
+                if a != b {
+                    expected[a as usize].insert(b);
+                    expected[b as usize].insert(a);
+                }
+            }
+        }
+        let work = WorkDir::temporary(dir.path()).unwrap();
+        for memory in [1 << 20, 1 << 30] {
+            let run = Run { budget: crate::store::Budget::new(memory), ..Run::new(&()) };
+            let graph = Sides::build(&mesh, &work, &run).unwrap();
+            assert_eq!(graph.len(), 9);
+            for v in 0..9 {
+                let found: Vec<u32> = graph.neighbours(v).to_vec();
+                assert_eq!(found, expected[v as usize].iter().copied().collect::<Vec<_>>());
+            }
+        }
+    }
+}

@@ -1,0 +1,222 @@
+//! Coordinates of vertices to sequence them by: from the rows over faces, by the degree-normalised Nyström embedding.
+//!
+//! A vertex gets the mean of its faces' coordinates. In a mesh of one component these are the second vector and, for
+//! ties, the third. With several components the leading vectors may only tell components apart; each that has its
+//! share of the surface then gets the Fiedler vector that the embedding can express: the direction that varies most
+//! over its faces for how it varies along its edges (Rayleigh and Ritz; edges inside chunks of faces stand for
+//! all). Cost: one or two passes over the rows; 12 B a vertex mapped.
+
+use crate::base::Result;
+use crate::base::parallel::{chunk_count, chunk_range, in_order};
+use crate::distance::DistanceRows;
+use crate::graph::DualGraph;
+use crate::graph::adjacency::AGAINST;
+use crate::mesh::Mesh;
+use crate::spectral::{Columns, Embedding, eigen};
+use crate::store::npy::ArrayMut;
+use crate::store::{MappedSlice, Run, WorkDir};
+use nalgebra::DMatrix;
+use std::collections::BTreeMap;
+
+const CHUNK: usize = 2048;
+/// Share of the faces from which a component gets a direction of its own; the others take the mesh's.
+const SHARE: f64 = 1e-3;
+/// Components remembered before those of no more than [`SPECK`] faces are forgotten.
+const MOST: usize = 1 << 16;
+const SPECK: u64 = 64;
+/// Vectors that a mesh of one component needs, and those that directions are looked for among.
+const FEW: usize = 3;
+const MANY: usize = 10;
+
+/// Coordinates of vertices.
+pub(super) struct Coordinates {
+    /// The first coordinate, to sweep and to sort by (v); NaN for vertices of no face.
+    pub first: ArrayMut<f64>,
+    /// Sums of both coordinates over faces, and the number of faces (v).
+    pub sums: MappedSlice<[f32; 3]>,
+    /// First node of the component of each vertex (v), where there are several.
+    pub component: Option<MappedSlice<u32>>,
+}
+
+/// Along which directions of the embedding components are ordered: d weights for the first coordinate, d for the second.
+struct Directions {
+    usual: [Vec<f32>; 2],
+    own: BTreeMap<u32, [Vec<f32>; 2]>,
+}
+
+impl Directions {
+    fn of(&self, root: u32) -> &[Vec<f32>; 2] {
+        self.own.get(&root).unwrap_or(&self.usual)
+    }
+}
+
+/// How the coordinates of a component spread, and how they change from face to face.
+struct Spread {
+    d: usize,
+    count: f64,
+    sum: Vec<f64>,
+    /// Sums of products of coordinates, and of their differences along edges (d × d).
+    products: DMatrix<f64>,
+    energy: DMatrix<f64>,
+}
+
+impl Spread {
+    fn new(d: usize) -> Self {
+        Self { d, count: 0., sum: vec![0.; d], products: DMatrix::zeros(d, d), energy: DMatrix::zeros(d, d) }
+    }
+
+    fn add(&mut self, at: &[f64]) {
+        self.count += 1.;
+        for e in 0..self.d {
+            self.sum[e] += at[e];
+            (0..self.d).for_each(|f| self.products[(e, f)] += at[e] * at[f]);
+        }
+    }
+
+    fn step(&mut self, by: &[f64]) {
+        for e in 0..self.d {
+            (0..self.d).for_each(|f| self.energy[(e, f)] += by[e] * by[f]);
+        }
+    }
+
+    /// The two directions that vary most for their energy; none where there are no edges to tell.
+    fn directions(self) -> Option<[Vec<f32>; 2]> {
+        let Self { d, count, sum, products, mut energy } = self;
+        let spread = DMatrix::from_fn(d, d, |e, f| products[(e, f)] - sum[e] * sum[f] / count);
+        // Directions that rounding alone moves in must not look smooth.
+        let ridge = 1e-6 * energy.trace() / d as f64 + 1e-12 * spread.trace();
+        (0..d).for_each(|e| energy[(e, e)] += ridge);
+        let root = energy.cholesky()?.l();
+        let half = root.solve_lower_triangular(&spread)?;
+        let whole = root.solve_lower_triangular(&half.transpose())?;
+        let axes = root.transpose().solve_upper_triangular(&eigen::symmetric(whole).1)?;
+        let along = |k: usize| {
+            let axis = axes.column(k.min(d - 1));
+            axis.iter().map(|x| (x / axis.norm()) as f32).collect()
+        };
+        Some([along(0), along(1)])
+    }
+}
+
+/// What is shared by the passes over the rows.
+pub(super) struct Task<'a> {
+    pub mesh: &'a Mesh,
+    pub graph: &'a DualGraph,
+    pub rows: &'a DistanceRows,
+    pub embedding: &'a Embedding,
+    pub work: &'a WorkDir,
+    pub run: &'a Run<'a>,
+}
+
+impl Task<'_> {
+    /// First node of the component of `node`.
+    fn root(&self, node: usize) -> u32 {
+        self.graph.components.as_ref().map_or(0, |roots| roots[node] & !AGAINST)
+    }
+
+    /// Embeds chunks of faces, in parallel; `consume` gets them in order: nodes, and d rows of their coordinates.
+    fn embed(&self, mut consume: impl FnMut(std::ops::Range<usize>, &[f32]) -> Result<()>) -> Result<()> {
+        let (n, d) = (self.rows.nodes, self.embedding.dimensions);
+        let chunk = |k: usize, affinities: &mut Vec<f32>| {
+            let range = chunk_range(n, CHUNK, k);
+            let mut out = vec![0.; range.len() * d];
+            let rows = |row: usize| &self.rows.row(row)[range.clone()];
+            self.embedding.chunk(range.len(), rows, &mut affinities[..range.len()], &mut out);
+            self.run.progress.advance("coordinates", range.len() as u64);
+            Ok(out)
+        };
+        let consume = |k: usize, out: Vec<f32>| consume(chunk_range(n, CHUNK, k), &out);
+        in_order(self.run.threads, &self.run.cancel, chunk_count(n, CHUNK), || vec![0.; CHUNK], chunk, consume)
+    }
+
+    fn directions(&self) -> Result<Directions> {
+        let d = self.embedding.dimensions;
+        let unit = |axis: usize| (0..d).map(|e| if e == axis.min(d - 1) { 1. } else { 0. }).collect();
+        let mut directions = Directions { usual: [unit(1), unit(2)], own: BTreeMap::new() };
+        let Some(roots) = &self.graph.components else { return Ok(directions) };
+        let mut sizes: BTreeMap<u32, u64> = BTreeMap::new();
+        for run in roots.chunk_by(|a, b| a & !AGAINST == b & !AGAINST) {
+            *sizes.entry(run[0] & !AGAINST).or_default() += run.len() as u64;
+            // Specks by the million are forgotten as they come.
+            if sizes.len() > MOST {
+                self.run.cancel.check()?;
+                sizes.retain(|_, size| *size > SPECK);
+            }
+        }
+        let least = (SHARE * roots.len() as f64).max(3.);
+        sizes.retain(|_, size| *size as f64 >= least);
+        let mut spreads: BTreeMap<u32, Spread> = sizes.keys().map(|&root| (root, Spread::new(d))).collect();
+        let (indptr, indices) = (&self.graph.rows.indptr[..], &self.graph.rows.indices[..]);
+        let (mut here, mut step) = (vec![0.; d], vec![0.; d]);
+        self.embed(|range, out| {
+            let m = range.len();
+            for (i, node) in range.clone().enumerate() {
+                let root = self.root(node);
+                let Some(spread) = spreads.get_mut(&root) else { continue };
+                (0..d).for_each(|e| here[e] = f64::from(out[e * m + i]));
+                spread.add(&here);
+                for &near in &indices[indptr[node] as usize..indptr[node + 1] as usize] {
+                    let near = near as usize;
+                    if near > node && near < range.end && self.root(near) == root {
+                        (0..d).for_each(|e| step[e] = f64::from(out[e * m + near - range.start]) - here[e]);
+                        spread.step(&step);
+                    }
+                }
+            }
+            Ok(())
+        })?;
+        directions.own = spreads.into_iter().filter_map(|(root, spread)| Some((root, spread.directions()?))).collect();
+        Ok(directions)
+    }
+
+    /// Coordinates of all vertices, in temporary files.
+    pub fn coordinates(&self) -> Result<Coordinates> {
+        let (n, d) = (self.mesh.positions.len(), self.embedding.dimensions);
+        let directions = self.directions()?;
+        let mut sums = self.work.array::<[f32; 3]>("vertex_sums.tmp", &[n, 3])?;
+        let several = self.graph.components.is_some();
+        let mut component = several.then(|| self.work.array::<u32>("vertex_component.tmp", &[n])).transpose()?;
+        if let Some(component) = &mut component {
+            component.data().fill(u32::MAX);
+        }
+        self.embed(|range, out| {
+            let m = range.len();
+            let start = range.start;
+            self.mesh.faces.for_each(range, |node, corners| {
+                let root = self.root(node);
+                let [first, second] = directions.of(root);
+                let along = |w: &[f32]| (0..d).map(|e| w[e] * out[e * m + node - start]).sum::<f32>();
+                let (x, y) = (along(first), along(second));
+                for &v in corners {
+                    let sum = &mut sums.data()[v as usize];
+                    *sum = [sum[0] + x, sum[1] + y, sum[2] + 1.];
+                    if let Some(component) = &mut component {
+                        let own = &mut component.data()[v as usize];
+                        *own = root.min(*own);
+                    }
+                }
+            });
+            Ok(())
+        })?;
+        let mut first = self.work.array::<f64>("vertex_first.tmp", &[n])?;
+        let sums = sums.finish(false)?;
+        for (x, sum) in first.data().iter_mut().zip(sums.iter()) {
+            *x = f64::from(sum[0]) / f64::from(sum[2]);
+        }
+        Ok(Coordinates { first, sums, component: component.map(|array| array.finish(false)).transpose()? })
+    }
+}
+
+/// Removes the files behind [`Coordinates`].
+pub(super) fn remove(work: &WorkDir) {
+    ["vertex_sums.tmp", "vertex_component.tmp", "vertex_first.tmp", "sweep.tmp"]
+        .iter()
+        .for_each(|name| work.remove(name));
+}
+
+/// The fit that coordinates come from.
+pub(super) fn fit(rows: &DistanceRows, graph: &DualGraph, run: &Run) -> Result<Embedding> {
+    let columns = Columns::sample(rows, &graph.nodes, run.seed);
+    let dimensions = if graph.components.is_some() { MANY } else { FEW };
+    Embedding::fit(rows, &columns, super::embedding_params(dimensions))
+}

@@ -1,0 +1,248 @@
+//! The recipe of `sequence`: from an opened mesh to the place of each face and the number of each vertex.
+//!
+//! ```text
+//! mesh ─▶ dual graph ─▶ rows [A B] ─▶ coordinates of vertices (─▶ sweeps) ─┐
+//! mesh ─▶ vertex graph ─▶ searches ────────────────────────────────────────┼▶ ranks ─▶ places of faces ─▶ first uses
+//! mesh ─▶ positions ───────────────────────────────────────────────────────┘
+//! ```
+//! The graph is the stage of `segment`, and so are the rows, but of geodesic distances alone: along rows that turn at
+//! creases, mean fronts were 1.68 times as wide as the exact order's, not 1.15 (12 models, `docs/sequencing.md`).
+//! What there is of them is reused; the rest is made anew and leaves nothing.
+//! Everything up to the places works on the mesh as [`Ordered`] has it, so that a scattered file is sorted once.
+
+mod coordinates;
+
+use crate::apps::sequence::{self, Measures, VertexUse, Way};
+use crate::base::Result;
+use crate::distance::DistanceRows;
+use crate::distance::landmarks::Sampling;
+use crate::distance::rows::RowParams;
+use crate::graph::{DualGraph, Metric, Order, Ordered, Sides};
+use crate::mesh::{Mesh, Opened};
+use crate::pipeline::SegmentParams;
+use crate::pipeline::kept::Record;
+use crate::spectral::embedding::Width;
+use crate::spectral::{EmbeddingParams, Kernel, Normalisation};
+use crate::store::{MappedSlice, Run, WorkDir};
+use coordinates::{Coordinates, Task};
+use serde::Serialize;
+use serde_json::json;
+use std::cell::OnceCell;
+
+/// Landmarks where rows have to be made: more gain nothing without sweeps.
+pub const LANDMARKS: usize = 10;
+
+/// What `sequence` is asked to do.
+#[derive(Clone, Copy, Debug, Default, Serialize)]
+pub struct SequenceParams {
+    /// What to order by.
+    pub order: Way,
+    /// Jacobi sweeps over spectral coordinates.
+    pub sweeps: usize,
+    /// Landmarks; by default those of the rows that are there, or [`LANDMARKS`].
+    pub landmarks: Option<usize>,
+}
+
+/// The embedding that coordinates come from.
+fn embedding_params(dimensions: usize) -> EmbeddingParams {
+    EmbeddingParams {
+        kernel: Kernel::Gaussian,
+        width: Width::Mean(1.),
+        normalisation: Normalisation::Degree,
+        dimensions,
+        unit_rows: false,
+    }
+}
+
+/// An order, by the numbers of the file.
+#[derive(Clone, Debug)]
+pub struct Sequence {
+    /// The place of each face (n).
+    pub places: MappedSlice<u32>,
+    /// First and last uses of the vertices and their new numbers.
+    pub uses: VertexUse,
+}
+
+/// A mesh about to be sequenced, in one way or in several: what they share is made once.
+pub struct Sequencer<'a> {
+    opened: &'a Opened,
+    identity: &'a serde_json::Value,
+    ordered: Ordered,
+    vertices: OnceCell<Sides>,
+    work: &'a WorkDir,
+    run: &'a Run<'a>,
+}
+
+/// Where rows go in a work directory that has those of another metric.
+const FOLDER: &str = "sequence";
+/// Temporary arrays.
+const RANKS: &str = "vertex_rank.tmp";
+const EXACT: &str = "exact_rank.tmp";
+const NODE_PLACES: &str = "places.tmp";
+
+impl<'a> Sequencer<'a> {
+    /// Makes the mesh ready, whose `identity` says which it is (see [`super::input::identity`]).
+    ///
+    /// # Errors
+    /// [`crate::base::Error::Io`], [`crate::base::Error::Memory`], [`crate::base::Error::Cancelled`].
+    pub fn new(
+        opened: &'a Opened,
+        identity: &'a serde_json::Value,
+        work: &'a WorkDir,
+        run: &'a Run<'a>,
+    ) -> Result<Self> {
+        // A work directory made by `segment` keeps the order that its rows are in.
+        let order = match Record::read(work) {
+            Ok(record) if record.identity == *identity => record.params.order,
+            _ => Order::Auto,
+        };
+        let ordered = Ordered::build(&opened.mesh, order, identity, work, run)?;
+        Ok(Self { opened, identity, ordered, vertices: OnceCell::new(), work, run })
+    }
+
+    /// The mesh that all but the file's order is found on.
+    fn mesh(&self) -> &Mesh {
+        &self.ordered.mesh
+    }
+
+    /// The graph of vertices, made at first use.
+    fn vertices(&self) -> Result<&Sides> {
+        if let Some(graph) = self.vertices.get() {
+            return Ok(graph);
+        }
+        let faces = self.mesh().faces.len() as u64;
+        let make = || Sides::build(self.mesh(), self.work, self.run);
+        let (graph, _) = self.run.stage("vertex graph", "faces", faces, make)?;
+        Ok(self.vertices.get_or_init(|| graph))
+    }
+
+    /// The dual graph and rows of geodesic distances over it: those that are there, where no number of landmarks is asked
+    /// for. Beside rows of another metric they lie in a folder of their own.
+    fn rows(&self, landmarks: Option<usize>) -> Result<(DualGraph, DistanceRows)> {
+        let (work, run) = (self.work, self.run);
+        let graph =
+            DualGraph::build(&self.ordered.mesh, self.opened.document.path(), &self.ordered.identity, work, run)?;
+        let other = |record: Record| record.identity != *self.identity;
+        if Record::read(work).map_or(true, other) {
+            Record::of(self.opened, self.identity, &SegmentParams::default(), work).stamp(work, run)?;
+        }
+        // Rows that turn at creases, as `segment` has them, make jagged fronts; they are left alone.
+        let geodesic = json!(Metric::Geodesic);
+        let other = work.manifest().stages.get("weights").is_some_and(|stage| stage.options["metric"] != geodesic);
+        let own = other.then(|| WorkDir::open(&work.file(FOLDER))).transpose()?;
+        let work = own.as_ref().unwrap_or(work);
+        if landmarks.is_none()
+            && let Ok(rows) = DistanceRows::kept(&graph.key, graph.nodes.len(), work)
+        {
+            run.progress.note(&format!("rows: {} of them reused", rows.len()));
+            return Ok((graph, rows));
+        }
+        let weighted = graph.weighted(Metric::Geodesic, work, run)?;
+        let params = RowParams { l: landmarks.unwrap_or(LANDMARKS), sampling: Sampling::default() };
+        let rows = DistanceRows::build(&weighted, &graph.nodes, params, work, run)?;
+        Ok((graph, rows))
+    }
+
+    fn spectral(&self, sweeps: usize, landmarks: Option<usize>) -> Result<MappedSlice<u32>> {
+        let (work, run) = (self.work, self.run);
+        let (graph, rows) = self.rows(landmarks)?;
+        let n = self.mesh().positions.len();
+        let make = || {
+            let embedding = coordinates::fit(&rows, &graph, run)?;
+            let task = Task { mesh: self.mesh(), graph: &graph, rows: &rows, embedding: &embedding, work, run };
+            task.coordinates()
+        };
+        let (Coordinates { mut first, sums, component }, _) =
+            run.stage("coordinates", "faces", graph.nodes.len() as u64, make)?;
+        if sweeps > 0 {
+            let vertices = self.vertices()?;
+            let all = (sweeps * n) as u64;
+            first = run.stage("sweeps", "vertices", all, || sequence::sweep(vertices, first, sweeps, work, run))?.0;
+        }
+        let along = &first.data()[..];
+        let center = |v: usize| {
+            let own = component.as_ref().map_or(0, |component| component[v]);
+            (own, along[v], sums[v][1] / sums[v][2])
+        };
+        let ranks = sequence::ranks_along(RANKS, n, center, work, run)?;
+        coordinates::remove(work);
+        Ok(ranks)
+    }
+
+    /// Ranks of the vertices of [`Self::mesh`].
+    fn ranks(&self, params: &SequenceParams) -> Result<MappedSlice<u32>> {
+        let (work, run, positions) = (self.work, self.run, &self.mesh().positions);
+        match params.order {
+            Way::Spectral => self.spectral(params.sweeps, params.landmarks),
+            Way::Pca => sequence::pca_ranks(RANKS, positions, work, run),
+            Way::Bfs => sequence::bfs_ranks(RANKS, self.vertices()?, work, run),
+            Way::Rcm => sequence::rcm_ranks(RANKS, self.vertices()?, work, run),
+            Way::Hilbert => sequence::hilbert_ranks(RANKS, positions, work, run),
+            Way::Random | Way::Keep => sequence::random_ranks(RANKS, positions.len(), work, run),
+        }
+    }
+
+    /// Orders the mesh.
+    ///
+    /// # Errors
+    /// As [`Sequencer::new`]; [`crate::base::Error::Parameter`] for no landmarks.
+    pub fn sequence(&self, params: &SequenceParams) -> Result<Sequence> {
+        if params.order == Way::Keep {
+            let mut array = self.work.array::<u32>(NODE_PLACES, &[self.opened.mesh.faces.len()])?;
+            array.data().iter_mut().zip(0..).for_each(|(place, face)| *place = face);
+            return self.used(array.finish(false)?);
+        }
+        let ranks = self.ranks(params)?;
+        let sequence = self.placed(&ranks);
+        drop(ranks);
+        self.work.remove(RANKS);
+        sequence
+    }
+
+    /// The exact Fiedler order, where the mesh is small enough for the budget.
+    ///
+    /// # Errors
+    /// As [`Sequencer::sequence`].
+    pub fn exact(&self, params: &SequenceParams) -> Result<Option<Sequence>> {
+        let good = self.ranks(&SequenceParams { order: Way::Spectral, sweeps: 0, ..*params })?;
+        let vertices = self.vertices()?;
+        let make = || sequence::exact::ranks(EXACT, vertices, &good, self.work, self.run);
+        let (ranks, _) = self.run.stage("exact order", "vertices", 0, make)?;
+        let sequence = ranks.map(|ranks| self.placed(&ranks)).transpose();
+        drop(good);
+        [RANKS, EXACT].iter().for_each(|name| self.work.remove(name));
+        sequence
+    }
+
+    fn placed(&self, ranks: &[u32]) -> Result<Sequence> {
+        let (work, run) = (self.work, self.run);
+        let faces = self.mesh().faces.len() as u64;
+        let places = || sequence::places(NODE_PLACES, self.mesh(), ranks, work, run);
+        let (places, _) = run.stage("sequence", "faces", faces, places)?;
+        self.used(self.ordered.nodes().restore(NODE_PLACES, places, work, run)?)
+    }
+
+    fn used(&self, places: MappedSlice<u32>) -> Result<Sequence> {
+        let (mesh, run) = (&self.opened.mesh, self.run);
+        let vertices = mesh.positions.len() as u64;
+        let uses = || VertexUse::of(mesh, &places, self.work, run);
+        let (uses, _) = run.stage("vertices", "vertices", vertices, uses)?;
+        Ok(Sequence { places, uses })
+    }
+
+    /// How well `sequence` streams.
+    ///
+    /// # Errors
+    /// As [`Sequencer::new`].
+    pub fn measures(&self, sequence: &Sequence) -> Result<Measures> {
+        Measures::of(&self.opened.mesh, &sequence.uses, self.work, self.run)
+    }
+}
+
+impl Drop for Sequencer<'_> {
+    fn drop(&mut self) {
+        Sides::remove(self.work);
+        VertexUse::remove(self.work);
+        self.work.remove(NODE_PLACES);
+    }
+}
