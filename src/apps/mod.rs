@@ -3,6 +3,7 @@
 pub mod correspond;
 pub mod creature;
 pub mod evaluate;
+pub mod export;
 pub mod page;
 pub mod picture;
 mod pixel_text;
