@@ -39,7 +39,12 @@ pub fn meshes(words: &[PathBuf]) -> Result<(Vec<PathBuf>, bool), Failure> {
             let mut found: Vec<PathBuf> = entries.flatten().map(|entry| entry.path()).collect();
             found.retain(|path| named(path, &ENDINGS) && !named(path, &[RESULT]) && !path.is_dir());
             if found.is_empty() {
-                return Err(Error::unusable(word, "holds no mesh (.ply, .ply.gz)", "name another folder").into());
+                return Err(Error::unusable(
+                    word,
+                    "holds no mesh (.ply, .obj, .off, .stl, or these with .gz)",
+                    "name another folder",
+                )
+                .into());
             }
             found.sort();
             all.extend(found);

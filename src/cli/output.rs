@@ -17,7 +17,7 @@ use std::io::Write;
 use std::path::{Path, PathBuf};
 
 /// Endings of meshes, longer before shorter.
-pub const ENDINGS: [&str; 2] = [".ply.gz", ".ply"];
+pub const ENDINGS: [&str; 8] = [".ply.gz", ".obj.gz", ".off.gz", ".stl.gz", ".ply", ".obj", ".off", ".stl"];
 
 /// Options of outputs.
 #[derive(Clone, Copy, Debug, clap::Args)]

@@ -2,7 +2,7 @@
 //!
 //! [`Mesh`] is what the floors above see: positions and faces behind mapped files, whatever the
 //! file looked like. [`open()`] makes one of every PLY flavour: most are used where they lie, the
-//! rest are decoded once, in one pass through small buffers.
+//! rest are decoded once, in one pass through small buffers. OBJ, OFF and STL become PLY first.
 
 pub mod annotated;
 pub mod colours;
@@ -14,6 +14,7 @@ pub mod face_columns;
 mod face_property;
 mod fixed;
 pub mod header;
+pub mod import;
 pub mod labelled;
 mod labelling;
 pub mod model;
