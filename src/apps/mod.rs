@@ -8,3 +8,4 @@ pub mod page;
 pub mod picture;
 mod pixel_text;
 pub mod study;
+pub mod transfer;

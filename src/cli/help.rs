@@ -36,6 +36,12 @@ Examples, the stages of `segment` one by one:
   nystrom-stream export --work-dir work -o parts.ply --tree tree.json
   nystrom-stream embed --work-dir work -d 8            embedding.npy, for other programs";
 
+/// After the help of `transfer-labels`.
+pub const TRANSFER: &str = "\
+Examples:
+  nystrom-stream transfer-labels scan.segmented.ply decimated.ply -o decimated.segmented.ply
+  nystrom-stream transfer-labels scan.ply remeshed.obj --labels scan.seg -o remeshed.seg --json";
+
 /// Arguments of `completions`.
 #[derive(Clone, Debug, clap::Args)]
 pub struct CompletionArgs {

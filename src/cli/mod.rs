@@ -19,6 +19,7 @@ mod rows;
 mod segment;
 mod stages;
 mod study;
+mod transfer;
 
 use clap::{Parser, Subcommand};
 use nystrom_stream::base::{Cancel, Error};
@@ -72,6 +73,9 @@ enum Command {
     Correspond(correspond::Args),
     /// Draw a mesh and its parts as a picture
     Picture(picture::Args),
+    /// Carry labels over to another mesh of the same shape
+    #[command(after_long_help = help::TRANSFER)]
+    TransferLabels(transfer::Args),
     /// Make a mesh of a million faces with known parts, cut it, and compare
     Demo(demo::Args),
     /// Print completions for a shell
@@ -163,6 +167,7 @@ pub fn main(peak: fn() -> u64) -> ExitCode {
         Command::Study(args) => study::run(&args, &surroundings),
         Command::Correspond(args) => correspond::run(&args, &surroundings),
         Command::Picture(args) => picture::run(&args, &surroundings),
+        Command::TransferLabels(args) => transfer::run(&args, &surroundings),
         Command::Demo(args) => demo::run(&args, &surroundings),
         Command::Completions(args) => help::completions(&args),
         Command::Man(args) => help::man(&args),

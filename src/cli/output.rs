@@ -19,15 +19,22 @@ use std::path::{Path, PathBuf};
 /// Endings of meshes, longer before shorter.
 pub const ENDINGS: [&str; 8] = [".ply.gz", ".obj.gz", ".off.gz", ".stl.gz", ".ply", ".obj", ".off", ".stl"];
 
-/// Options of outputs.
+/// Options of PLY outputs.
 #[derive(Clone, Copy, Debug, clap::Args)]
-pub struct FormArgs {
+pub struct PlyArgs {
     /// Form of PLY outputs
     #[arg(long, value_enum, default_value = "same", value_name = "FORM")]
     pub ply_form: FormArg,
     /// Give vertices of PLY outputs a label too, as scalar_label: what CloudCompare shows
     #[arg(long)]
     pub vertex_labels: bool,
+}
+
+/// Options of outputs.
+#[derive(Clone, Copy, Debug, clap::Args)]
+pub struct FormArgs {
+    #[command(flatten)]
+    pub ply: PlyArgs,
     /// Give .parquet outputs the coordinates of the spectral embedding too
     #[arg(long)]
     pub embedding_columns: bool,
@@ -44,7 +51,7 @@ pub enum FormArg {
     Ascii,
 }
 
-impl FormArgs {
+impl PlyArgs {
     /// The library's.
     pub fn options(self) -> PlyOptions {
         let form = match self.ply_form {
@@ -57,10 +64,18 @@ impl FormArgs {
 
     /// Refuses options that none of `outputs` would follow.
     pub fn check(self, outputs: &[Output]) -> Result<(), Failure> {
-        let any = |wanted: fn(&Output) -> bool| outputs.is_empty() || outputs.iter().any(wanted);
-        if self.vertex_labels && !any(|output| matches!(output, Output::Ply(_) | Output::Stdout)) {
+        let is_ply = |output: &Output| matches!(output, Output::Ply(_) | Output::Stdout);
+        if self.vertex_labels && !outputs.is_empty() && !outputs.iter().any(is_ply) {
             return Err(Failure::Misused("--vertex-labels goes with a .ply output".into()));
         }
+        Ok(())
+    }
+}
+
+impl FormArgs {
+    /// Refuses options that none of `outputs` would follow.
+    pub fn check(self, outputs: &[Output]) -> Result<(), Failure> {
+        self.ply.check(outputs)?;
         if self.embedding_columns && !outputs.iter().any(|output| matches!(output, Output::Parquet(_))) {
             return Err(Failure::Misused("--embedding-columns goes with a .parquet output".into()));
         }

@@ -157,7 +157,7 @@ pub fn one(
     };
     let results = Results {
         labelling: Labelling { labels: &result.labels, colours: &result.colours, quality: Some(&result.quality) },
-        options: args.form.options(),
+        options: args.form.ply.options(),
         embedding: coordinates.as_ref().map(KeptEmbedding::coordinates),
         report: if pages { serde_json::to_value(report(seconds.clone())).unwrap_or_default() } else { Value::Null },
         cuts: cuts.as_ref(),

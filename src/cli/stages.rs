@@ -279,7 +279,7 @@ impl Export<'_> {
         let cuts = if cut { cuts::kept(params.coarse, tree, work, run)? } else { None };
         let results = Results {
             labelling,
-            options: self.form.options(),
+            options: self.form.ply.options(),
             embedding: coordinates.as_ref().map(KeptEmbedding::coordinates),
             report: if pages { report() } else { Value::Null },
             cuts: cuts.as_ref(),
