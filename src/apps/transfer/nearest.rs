@@ -1,20 +1,23 @@
 //! Faces of one mesh nearest to points on another, in blocks that fit the budget.
 //!
-//! Each block of faces becomes an R-tree of triangles; every point keeps, over all blocks, the nearest face
-//! and the nearest whose normal agrees. Both are the least of (distance, face), so that the answer is the same whatever
-//! the blocks. Some 2 µs a point and block; [`BYTES`] a triangle of a block, 16 bytes a point on disk.
+//! Each block of faces becomes a tree of boxes over its triangles along a curve; every point keeps, over all blocks, the
+//! nearest face and the nearest whose normal agrees. Both are the least of (distance, face), so that the answer is the
+//! same whatever the blocks. One walk answers both, and begins where the last point ended; a tree from a library walks
+//! twice and from the root, ten times as long. [`BYTES`] a triangle of a block, 16 bytes a point on disk.
 
 use crate::base::Result;
 use crate::base::parallel::fill_chunks;
 use crate::base::vector::{cross, length, minus};
 use crate::mesh::Mesh;
 use crate::store::Run;
-use rstar::{AABB, PointDistance, RTree, RTreeObject};
+use std::ops::Range;
 
 /// Bytes that a triangle takes in a tree: its corners, its number, and its share of the nodes above.
-pub const BYTES: u64 = 128;
+pub const BYTES: u64 = 96;
 /// Cosine of the angle up to which normals agree.
 const AGREE: f32 = 0.5;
+/// Triangles of a group.
+const GROUP: usize = 4;
 /// Points that a thread takes at a time.
 const CHUNK: usize = 1 << 12;
 /// No face.
@@ -49,7 +52,7 @@ impl Frame {
     }
 
     /// Calls `visit(face, triangle)` with the triangles, in the frame, of the faces of `range` that lie in space.
-    pub fn triangles(&self, mesh: &Mesh, range: std::ops::Range<usize>, mut visit: impl FnMut(u32, [[f32; 3]; 3])) {
+    pub fn triangles(&self, mesh: &Mesh, range: Range<usize>, mut visit: impl FnMut(u32, [[f32; 3]; 3])) {
         let place = |v: u32| {
             let p = mesh.positions.get(v);
             [0, 1, 2].map(|k| ((p[k] - self.middle[k]) / self.scale) as f32)
@@ -83,23 +86,32 @@ fn dot(a: [f32; 3], b: [f32; 3]) -> f32 {
 
 /// A triangle and the face it is of.
 #[derive(Clone, Copy, Debug)]
-pub struct Leaf {
+struct Leaf {
     corners: [[f32; 3]; 3],
     face: u32,
+    /// Its place on a space-filling curve.
+    key: u32,
 }
 
-impl RTreeObject for Leaf {
-    type Envelope = AABB<[f32; 3]>;
-
-    fn envelope(&self) -> Self::Envelope {
-        AABB::from_points(&self.corners)
+impl Leaf {
+    fn new(corners: [[f32; 3]; 3], face: u32) -> Self {
+        let spread = |x: f32| (0..10).fold(0u32, |bits, k| bits | ((x as u32 >> k) & 1) << (3 * k));
+        let cell = |axis: usize| spread(((corners[0][axis] + 1.) * 512.).clamp(0., 1023.));
+        Self { corners, face, key: cell(0) | cell(1) << 1 | cell(2) << 2 }
     }
 }
 
-impl PointDistance for Leaf {
-    fn distance_2(&self, point: &[f32; 3]) -> f32 {
-        distance_2(&self.corners, *point)
-    }
+/// Least and greatest coordinates.
+type Bounds = [[f32; 3]; 2];
+const EMPTY: Bounds = [[f32::INFINITY; 3], [f32::NEG_INFINITY; 3]];
+
+fn united(a: &Bounds, b: &Bounds) -> Bounds {
+    [[0, 1, 2].map(|k| a[0][k].min(b[0][k])), [0, 1, 2].map(|k| a[1][k].max(b[1][k]))]
+}
+
+/// The squared distance of `p` from a box; infinite from an empty one.
+fn from_box([low, high]: &Bounds, p: [f32; 3]) -> f32 {
+    (0..3).map(|k| (low[k] - p[k]).max(p[k] - high[k]).max(0.).powi(2)).sum()
 }
 
 /// The squared distance of `p` from a triangle: from its plane inside, from its edges outside.
@@ -149,55 +161,107 @@ pub fn window(d: f32, slack: f32) -> f32 {
     2. * d + slack
 }
 
-/// A tree of all triangles of some faces.
-pub struct Tree(RTree<Leaf>);
+/// A tree of all triangles of some faces: groups of neighbours along a curve, and boxes over pairs of boxes.
+pub struct Tree {
+    /// Along the curve, [`GROUP`] a group.
+    leaves: Vec<Leaf>,
+    /// Box of each node; node k has the children 2k and 2k + 1, the last half are groups.
+    boxes: Vec<Bounds>,
+}
 
 impl Tree {
     /// Of the faces of `range` for which `wanted`.
-    pub fn of(mesh: &Mesh, frame: &Frame, range: std::ops::Range<usize>, wanted: impl Fn(u32) -> bool) -> Self {
+    pub fn of(mesh: &Mesh, frame: &Frame, range: Range<usize>, wanted: impl Fn(u32) -> bool) -> Self {
         let faces = &mesh.faces;
-        let corners = range
-            .clone()
-            .next_back()
-            .map_or(0, |last| faces.corner_range(last).end - faces.corner_range(range.start).start);
+        let corners = range.clone().next_back().map_or(0, |last| {
+            faces.corner_range(last).end - faces.corner_range(range.start).start
+        });
         let mut leaves = Vec::with_capacity(corners.saturating_sub(2 * range.len()));
         frame.triangles(mesh, range, |face, corners| {
             if wanted(face) {
-                leaves.push(Leaf { corners, face });
+                leaves.push(Leaf::new(corners, face));
             }
         });
-        Self(RTree::bulk_load(leaves))
+        leaves.sort_unstable_by_key(|leaf| (leaf.key, leaf.face));
+        let half = leaves.len().div_ceil(GROUP).next_power_of_two();
+        let mut boxes = vec![EMPTY; 2 * half];
+        for (group, bounds) in leaves.chunks(GROUP).zip(&mut boxes[half..]) {
+            let points = group.iter().flat_map(|leaf| &leaf.corners);
+            *bounds = points.fold(EMPTY, |bounds, &p| united(&bounds, &[p, p]));
+        }
+        for node in (1..half).rev() {
+            boxes[node] = united(&boxes[2 * node], &boxes[2 * node + 1]);
+        }
+        Self { leaves, boxes }
     }
 
     /// The normal of the triangle nearest to `place`.
     pub fn normal_near(&self, place: [f32; 3]) -> Option<[f32; 3]> {
-        self.0.nearest_neighbor(place).map(|leaf| unit(normal(&leaf.corners)))
+        let mut found = [NONE; 2];
+        let group = self.improve(&Probe { place, normal: [0.; 3] }, 1., 0., 0, &mut found);
+        let face = unpack(found[0])?.1;
+        let leaves = self.leaves.iter().skip(group * GROUP).take(GROUP);
+        leaves.filter(|leaf| leaf.face == face).map(|leaf| unit(normal(&leaf.corners))).next()
     }
 
-    /// Improves `found` by what is near `probe`; normals agree where `sign` times theirs is much like its own.
-    pub fn improve(&self, probe: &Probe, sign: f32, slack: f32, found: &mut Found) {
-        if !probe.place.iter().all(|x| x.is_finite()) {
-            return;
+    /// Improves `found` by what is near `probe`; normals agree where `sign` times theirs is much like its own. `near` is
+    /// a group to begin with, better the nearer; the answer is the group that the nearest triangle was found in.
+    pub fn improve(&self, probe: &Probe, sign: f32, slack: f32, near: usize, found: &mut Found) -> usize {
+        let half = self.boxes.len() / 2;
+        if self.leaves.is_empty() || !probe.place.iter().all(|x| x.is_finite()) {
+            return near;
         }
-        let mut reach = f32::INFINITY;
-        for (leaf, distance_2) in self.0.nearest_neighbor_iter_with_distance_2(probe.place) {
+        let near = near.min(half - 1);
+        let mut best = near;
+        let mut limit = self.look(near, probe, sign, slack, found, &mut best);
+        // A path down and the other child at each step: no deeper than 64.
+        let mut stack = [(0f32, 0usize); 64];
+        let mut height = 1;
+        stack[0] = (0., 1);
+        while height > 0 {
+            height -= 1;
+            let (distance_2, node) = stack[height];
+            if distance_2 > limit {
+                continue;
+            }
+            if node >= half {
+                if node - half != near {
+                    limit = self.look(node - half, probe, sign, slack, found, &mut best);
+                }
+                continue;
+            }
+            let mut pair = [2 * node, 2 * node + 1].map(|child| (from_box(&self.boxes[child], probe.place), child));
+            if pair[0].0 < pair[1].0 {
+                pair.swap(0, 1);
+            }
+            for (distance_2, child) in pair {
+                if distance_2 <= limit && distance_2 < f32::INFINITY {
+                    stack[height] = (distance_2, child);
+                    height += 1;
+                }
+            }
+        }
+        best
+    }
+
+    /// Improves `found` by the triangles of a group; answers how far boxes matter now.
+    fn look(&self, group: usize, probe: &Probe, sign: f32, slack: f32, found: &mut Found, best: &mut usize) -> f32 {
+        let least = |packed: u64| unpack(packed).map_or(f32::INFINITY, |(distance_2, _)| distance_2);
+        for leaf in self.leaves.iter().skip(group * GROUP).take(GROUP) {
+            let distance_2 = distance_2(&leaf.corners, probe.place);
             let packed = pack(distance_2, leaf.face);
-            if distance_2 > reach {
-                break;
+            if packed < found[0] {
+                (found[0], *best) = (packed, group);
             }
-            found[0] = found[0].min(packed);
-            if reach == f32::INFINITY {
-                reach = window(distance_2.sqrt(), slack).powi(2);
-            }
-            if unpack(found[1]).is_some_and(|(best, _)| distance_2 > best) {
-                break;
-            }
-            if sign * dot(unit(normal(&leaf.corners)), probe.normal) >= AGREE {
-                found[1] = found[1].min(packed);
-                // Only those that are as near can still be better.
-                reach = distance_2;
+            let agrees = || sign * dot(unit(normal(&leaf.corners)), probe.normal) >= AGREE;
+            if packed < found[1] && agrees() {
+                found[1] = packed;
             }
         }
+        let any = least(found[0]);
+        let limit = any.max(least(found[1]).min(window(any.sqrt(), slack).powi(2)));
+        // Boxes and triangles are rounded differently; what could be as near must be looked at.
+        limit + 1e-6 * limit.sqrt() + 1e-12
     }
 
     /// [`Tree::improve`] for many points.
@@ -213,8 +277,9 @@ impl Tree {
         run: &Run,
     ) -> Result<()> {
         let work = |k: usize, piece: &mut [Found], (): &mut ()| {
+            let mut near = 0;
             for (i, found) in piece.iter_mut().enumerate() {
-                self.improve(&probe(k * CHUNK + i), sign, slack, found);
+                near = self.improve(&probe(k * CHUNK + i), sign, slack, near, found);
             }
             Ok(())
         };
