@@ -12,7 +12,7 @@ use std::path::{Path, PathBuf};
 
 #[derive(Clone, Debug, clap::Args)]
 pub struct Args {
-    /// PLY file (.ply, .ply.gz), labelled or not; `-` reads standard input
+    /// PLY, OBJ, OFF or STL file, .gz or not, labelled or not; `-` reads standard input
     #[arg(value_name = "MESH")]
     pub mesh: PathBuf,
     /// Labels, .seg or .npy [default: the property `label` of the mesh's faces]

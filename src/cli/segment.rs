@@ -18,7 +18,7 @@ use std::time::Instant;
 
 #[derive(Clone, Debug, clap::Args)]
 pub struct Args {
-    /// PLY files (.ply, .ply.gz), folders of them, or patterns; `-` reads standard input
+    /// PLY, OBJ, OFF and STL files, .gz or not, folders of them, or patterns; `-` reads standard input
     #[arg(required = true, value_name = "MESH")]
     pub meshes: Vec<PathBuf>,
     /// Output, once or more: .ply, .seg, .npy, .parquet, .glb, .html or .png, a folder with / at its end for a PLY a part,

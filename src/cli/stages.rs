@@ -33,7 +33,7 @@ pub struct Place {
 /// Arguments of `graph`.
 #[derive(Clone, Debug, clap::Args)]
 pub struct GraphArgs {
-    /// A PLY file (.ply, .ply.gz); `-` reads standard input
+    /// A PLY, OBJ, OFF or STL file, .gz or not; `-` reads standard input
     #[arg(value_name = "MESH")]
     pub mesh: PathBuf,
     #[command(flatten)]

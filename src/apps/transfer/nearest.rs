@@ -3,11 +3,11 @@
 //! Each block of faces becomes a tree of boxes over its triangles along a curve; every point keeps, over all blocks, the
 //! nearest face and the nearest whose normal agrees. Both are the least of (distance, face), so that the answer is the
 //! same whatever the blocks. One walk answers both, and begins where the last point ended; a tree from a library walks
-//! twice and from the root, ten times as long. [`BYTES`] a triangle of a block, 16 bytes a point on disk.
+//! twice and from the root, several times as long. [`BYTES`] a triangle of a block, 16 bytes a point on disk.
 
 use crate::base::Result;
 use crate::base::parallel::fill_chunks;
-use crate::base::vector::{cross, length, minus};
+use crate::base::vector::{cross, length, minus, wide};
 use crate::mesh::Mesh;
 use crate::store::Run;
 use std::ops::Range;
@@ -55,11 +55,12 @@ impl Frame {
     pub fn triangles(&self, mesh: &Mesh, range: Range<usize>, mut visit: impl FnMut(u32, [[f32; 3]; 3])) {
         let place = |v: u32| {
             let p = mesh.positions.get(v);
-            [0, 1, 2].map(|k| ((p[k] - self.middle[k]) / self.scale) as f32)
+            let at = |k: usize| ((p[k] - self.middle[k]) / self.scale) as f32;
+            [at(0), at(1), at(2)]
         };
         mesh.faces.for_each(range, |face, corners| {
             for k in 1..corners.len().saturating_sub(1) {
-                let triangle = [corners[0], corners[k], corners[k + 1]].map(place);
+                let triangle = [place(corners[0]), place(corners[k]), place(corners[k + 1])];
                 if triangle.iter().flatten().all(|x| x.is_finite()) {
                     visit(face as u32, triangle);
                 }
@@ -70,16 +71,18 @@ impl Frame {
 
 /// Twice the area of a triangle times its normal.
 pub fn normal(triangle: &[[f32; 3]; 3]) -> [f64; 3] {
-    let [a, b, c] = triangle.map(|p| p.map(f64::from));
+    let [a, b, c] = [wide(triangle[0]), wide(triangle[1]), wide(triangle[2])];
     cross(minus(b, a), minus(c, a))
 }
 
 /// `v` of length 1; zero where it has none.
 pub fn unit(v: [f64; 3]) -> [f32; 3] {
     let norm = length(v);
-    v.map(|x| if norm > 0. { (x / norm) as f32 } else { 0. })
+    let part = |x: f64| if norm > 0. { (x / norm) as f32 } else { 0. };
+    [part(v[0]), part(v[1]), part(v[2])]
 }
 
+#[inline(always)]
 fn dot(a: [f32; 3], b: [f32; 3]) -> f32 {
     a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
 }
@@ -106,12 +109,16 @@ type Bounds = [[f32; 3]; 2];
 const EMPTY: Bounds = [[f32::INFINITY; 3], [f32::NEG_INFINITY; 3]];
 
 fn united(a: &Bounds, b: &Bounds) -> Bounds {
-    [[0, 1, 2].map(|k| a[0][k].min(b[0][k])), [0, 1, 2].map(|k| a[1][k].max(b[1][k]))]
+    let (low, high) = (|k: usize| a[0][k].min(b[0][k]), |k: usize| a[1][k].max(b[1][k]));
+    [[low(0), low(1), low(2)], [high(0), high(1), high(2)]]
 }
 
 /// The squared distance of `p` from a box; infinite from an empty one.
+#[inline(always)]
 fn from_box([low, high]: &Bounds, p: [f32; 3]) -> f32 {
-    (0..3).map(|k| (low[k] - p[k]).max(p[k] - high[k]).max(0.).powi(2)).sum()
+    let out = |k: usize| (low[k] - p[k]).max(p[k] - high[k]).max(0.);
+    let (x, y, z) = (out(0), out(1), out(2));
+    x * x + y * y + z * z
 }
 
 /// The squared distance of `p` from a triangle: from its plane inside, from its edges outside.
@@ -121,7 +128,7 @@ pub fn distance_2([a, b, c]: &[[f32; 3]; 3], p: [f32; 3]) -> f32 {
         let (along, out) = (sub(to, from), sub(p, from));
         let size = dot(along, along);
         let t = if size > 0. { (dot(along, out) / size).clamp(0., 1.) } else { 0. };
-        let rest = [0, 1, 2].map(|k| out[k] - t * along[k]);
+        let rest = [out[0] - t * along[0], out[1] - t * along[1], out[2] - t * along[2]];
         dot(rest, rest)
     };
     let (u, v, w) = (sub(*b, *a), sub(*c, *a), sub(p, *a));
@@ -129,7 +136,8 @@ pub fn distance_2([a, b, c]: &[[f32; 3]; 3], p: [f32; 3]) -> f32 {
     let area = uu * vv - uv * uv;
     let (s, t) = (vv * wu - uv * wv, uu * wv - uv * wu);
     if area > 0. && s >= 0. && t >= 0. && s + t <= area {
-        let rest = [0, 1, 2].map(|k| w[k] - (s * u[k] + t * v[k]) / area);
+        let rest = |k: usize| w[k] - (s * u[k] + t * v[k]) / area;
+        let rest = [rest(0), rest(1), rest(2)];
         return dot(rest, rest);
     }
     to_edge(*a, *b).min(to_edge(*b, *c)).min(to_edge(*c, *a))
@@ -173,9 +181,10 @@ impl Tree {
     /// Of the faces of `range` for which `wanted`.
     pub fn of(mesh: &Mesh, frame: &Frame, range: Range<usize>, wanted: impl Fn(u32) -> bool) -> Self {
         let faces = &mesh.faces;
-        let corners = range.clone().next_back().map_or(0, |last| {
-            faces.corner_range(last).end - faces.corner_range(range.start).start
-        });
+        let corners = range
+            .clone()
+            .next_back()
+            .map_or(0, |last| faces.corner_range(last).end - faces.corner_range(range.start).start);
         let mut leaves = Vec::with_capacity(corners.saturating_sub(2 * range.len()));
         frame.triangles(mesh, range, |face, corners| {
             if wanted(face) {
@@ -183,7 +192,7 @@ impl Tree {
             }
         });
         leaves.sort_unstable_by_key(|leaf| (leaf.key, leaf.face));
-        let half = leaves.len().div_ceil(GROUP).next_power_of_two();
+        let half = leaves.len().div_ceil(GROUP).max(1).next_power_of_two();
         let mut boxes = vec![EMPTY; 2 * half];
         for (group, bounds) in leaves.chunks(GROUP).zip(&mut boxes[half..]) {
             let points = group.iter().flat_map(|leaf| &leaf.corners);
@@ -230,7 +239,8 @@ impl Tree {
                 }
                 continue;
             }
-            let mut pair = [2 * node, 2 * node + 1].map(|child| (from_box(&self.boxes[child], probe.place), child));
+            let child = |child: usize| (from_box(&self.boxes[child], probe.place), child);
+            let mut pair = [child(2 * node), child(2 * node + 1)];
             if pair[0].0 < pair[1].0 {
                 pair.swap(0, 1);
             }
