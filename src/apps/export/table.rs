@@ -71,6 +71,9 @@ pub fn write(
             return Err(Error::parameter(name, format!("{len} rows for {n} faces"), "give one for every face"));
         }
     }
+    // Four measures and a column of a group, and what the writer holds of it.
+    let bytes = 56 * GROUP.min(n) as u64;
+    let _grant = run.budget.take("a group of rows", bytes, bytes)?;
     by_rename(path, 0, durable, |file| Table { path, mesh, labelling, embedding, run }.write(file))
 }
 
