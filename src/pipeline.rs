@@ -9,6 +9,7 @@
 pub mod calibrate;
 pub mod contacts;
 pub mod correspond;
+pub mod cuts;
 pub mod decision;
 pub mod embed;
 pub mod input;

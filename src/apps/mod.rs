@@ -3,8 +3,10 @@
 pub mod correspond;
 pub mod creature;
 pub mod evaluate;
+pub mod export;
 pub mod page;
 pub mod picture;
 mod pixel_text;
 pub mod sequence;
 pub mod study;
+pub mod transfer;

@@ -4,7 +4,7 @@
 //! starve another. A mesh that fails is told and the rest goes on.
 
 use super::bars::{BatchBars, Style, tell};
-use super::output::{Output, publish};
+use super::output::{ENDINGS, Output, publish};
 use super::segment::{self, Args};
 use super::{Failure, Surroundings};
 use nystrom_stream::base::{Error, Result};
@@ -19,8 +19,6 @@ use std::sync::Mutex;
 use std::sync::atomic::{AtomicUsize, Ordering};
 use std::time::Instant;
 
-/// Endings of meshes in folders.
-const ENDINGS: [&str; 2] = [".ply", ".ply.gz"];
 /// Endings of results, which no folder offers as meshes.
 const RESULT: &str = ".segmented.ply";
 
@@ -41,7 +39,12 @@ pub fn meshes(words: &[PathBuf]) -> Result<(Vec<PathBuf>, bool), Failure> {
             let mut found: Vec<PathBuf> = entries.flatten().map(|entry| entry.path()).collect();
             found.retain(|path| named(path, &ENDINGS) && !named(path, &[RESULT]) && !path.is_dir());
             if found.is_empty() {
-                return Err(Error::unusable(word, "holds no mesh (.ply, .ply.gz)", "name another folder").into());
+                return Err(Error::unusable(
+                    word,
+                    "holds no mesh (.ply, .obj, .off, .stl, or these with .gz)",
+                    "name another folder",
+                )
+                .into());
             }
             found.sort();
             all.extend(found);
@@ -99,9 +102,9 @@ fn jobs(meshes: Vec<PathBuf>, patterns: &[PathBuf]) -> Result<Vec<Job>, Failure>
 impl Job {
     /// Whether all outputs are there and newer than the mesh.
     fn is_done(&self) -> bool {
-        let changed = |path: &Path| std::fs::metadata(path).and_then(|data| data.modified()).ok();
-        let Some(mesh) = changed(&self.mesh) else { return false };
-        self.outputs.iter().all(|output| output.path().and_then(changed).is_some_and(|time| time >= mesh))
+        let changed = |path: PathBuf| std::fs::metadata(path).and_then(|data| data.modified()).ok();
+        let Some(mesh) = changed(self.mesh.clone()) else { return false };
+        self.outputs.iter().all(|output| output.last_file().and_then(changed).is_some_and(|time| time >= mesh))
     }
 }
 

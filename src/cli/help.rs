@@ -44,6 +44,12 @@ Examples:
   nystrom-stream sequence scan.ply --order bfs -o out.ply
   nystrom-stream sequence scan.ply --compare           a table of all orders, nothing written";
 
+/// After the help of `transfer-labels`.
+pub const TRANSFER: &str = "\
+Examples:
+  nystrom-stream transfer-labels scan.segmented.ply decimated.ply -o decimated.segmented.ply
+  nystrom-stream transfer-labels scan.ply remeshed.obj --labels scan.seg -o remeshed.seg --json";
+
 /// Arguments of `completions`.
 #[derive(Clone, Debug, clap::Args)]
 pub struct CompletionArgs {

@@ -20,6 +20,7 @@ mod segment;
 mod sequence;
 mod stages;
 mod study;
+mod transfer;
 
 use clap::{Parser, Subcommand};
 use nystrom_stream::base::{Cancel, Error};
@@ -76,6 +77,9 @@ enum Command {
     Sequence(sequence::Args),
     /// Draw a mesh and its parts as a picture
     Picture(picture::Args),
+    /// Carry labels over to another mesh of the same shape
+    #[command(after_long_help = help::TRANSFER)]
+    TransferLabels(transfer::Args),
     /// Make a mesh of a million faces with known parts, cut it, and compare
     Demo(demo::Args),
     /// Print completions for a shell
@@ -169,6 +173,7 @@ pub fn main(peak: fn() -> u64) -> ExitCode {
         Command::Correspond(args) => correspond::run(&args, &surroundings),
         Command::Sequence(args) => sequence::run(&args, &surroundings),
         Command::Picture(args) => picture::run(&args, &surroundings),
+        Command::TransferLabels(args) => transfer::run(&args, &surroundings),
         Command::Demo(args) => demo::run(&args, &surroundings),
         Command::Completions(args) => help::completions(&args),
         Command::Man(args) => help::man(&args),

@@ -12,7 +12,7 @@ use std::path::{Path, PathBuf};
 
 #[derive(Clone, Debug, clap::Args)]
 pub struct Args {
-    /// PLY file (.ply, .ply.gz), labelled or not; `-` reads standard input
+    /// PLY, OBJ, OFF or STL file, .gz or not, labelled or not; `-` reads standard input
     #[arg(value_name = "MESH")]
     pub mesh: PathBuf,
     /// Labels, .seg or .npy [default: the property `label` of the mesh's faces]
@@ -128,7 +128,7 @@ pub fn run(args: &Args, surroundings: &Surroundings) -> Result<(), Failure> {
 }
 
 /// Labels of a .seg or .npy file.
-fn labels_of_file(path: &Path, work: &WorkDir) -> Result<MappedSlice<u32>, Failure> {
+pub(super) fn labels_of_file(path: &Path, work: &WorkDir) -> Result<MappedSlice<u32>, Failure> {
     match path.extension().and_then(OsStr::to_str).map(str::to_ascii_lowercase).as_deref() {
         Some("seg") => Ok(npy::write(&work.file("labels.npy"), &seg::read_seg(path)?, 1, false)?),
         Some("npy") => Ok(npy::open(path)?),
@@ -140,10 +140,10 @@ fn labels_of_file(path: &Path, work: &WorkDir) -> Result<MappedSlice<u32>, Failu
 }
 
 /// Labels, and colours by label where they are known.
-type Labelled = (MappedSlice<u32>, Option<Vec<[u8; 3]>>);
+pub(super) type Labelled = (MappedSlice<u32>, Option<Vec<[u8; 3]>>);
 
 /// Labels of a labelled mesh, and the parts' colours where every part has one.
-fn labels_of_mesh(document: &Document, work: &WorkDir, run: &Run) -> Result<Labelled> {
+pub(super) fn labels_of_mesh(document: &Document, work: &WorkDir, run: &Run) -> Result<Labelled> {
     /// Parts above this number get colours of ours.
     const MOST: usize = 1 << 20;
     let coloured = ["red", "green", "blue"].iter().all(|name| face_columns::has(document, name));

@@ -16,7 +16,7 @@ use std::path::{Path, PathBuf};
 /// Arguments of `plan`.
 #[derive(Clone, Debug, clap::Args)]
 pub struct Args {
-    /// A PLY file (.ply, .ply.gz)
+    /// A PLY, OBJ, OFF or STL file, .gz or not
     #[arg(value_name = "MESH")]
     pub mesh: PathBuf,
     /// Where intermediate results would be kept [default: --tmp, or beside the mesh]

@@ -13,7 +13,7 @@ use std::path::PathBuf;
 /// Arguments of `rows`.
 #[derive(Clone, Debug, clap::Args)]
 pub struct Args {
-    /// A PLY file (.ply, .ply.gz) [default: the mesh that the work directory is of]
+    /// A PLY, OBJ, OFF or STL file, .gz or not [default: the mesh that the work directory is of]
     #[arg(value_name = "MESH")]
     pub mesh: Option<PathBuf>,
     /// Where everything is kept, for later commands

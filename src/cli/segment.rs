@@ -3,30 +3,31 @@
 use super::bars::Bars;
 use super::method::{MethodArgs, check_count};
 use super::options::RunArgs;
-use super::output::{Output, folder_of, publish};
-use super::stages::read;
+use super::output::{FormArgs, Output, Results, folder_of, publish};
+use super::stages::{KeptEmbedding, embedding, read};
 use super::{Failure, Surroundings, batch};
-use clap::ValueEnum;
 use nystrom_stream::base::Result;
-use nystrom_stream::mesh::labelled::{Labelling, PlyForm};
+use nystrom_stream::mesh::labelled::Labelling;
 use nystrom_stream::pipeline::report::Report;
-use nystrom_stream::pipeline::{SegmentParams, segment};
+use nystrom_stream::pipeline::{Cluster, SegmentParams, cuts, segment};
 use nystrom_stream::store::{Run, WorkDir};
+use serde_json::Value;
+use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use std::time::Instant;
 
 #[derive(Clone, Debug, clap::Args)]
 pub struct Args {
-    /// PLY files (.ply, .ply.gz), folders of them, or patterns; `-` reads standard input
+    /// PLY, OBJ, OFF and STL files, .gz or not, folders of them, or patterns; `-` reads standard input
     #[arg(required = true, value_name = "MESH")]
     pub meshes: Vec<PathBuf>,
-    /// Output, once or more: .ply, .seg, .npy or .png, `-` for standard output; of several meshes with `{}` for the
-    /// mesh's name, like out/{}.seg [default: MESH.segmented.ply]
+    /// Output, once or more: .ply, .seg, .npy, .parquet, .glb, .html or .png, a folder with / at its end for a PLY a part,
+    /// `-` for standard output; of several meshes with `{}` for the mesh's name, like out/{}.seg
+    /// [default: MESH.segmented.ply]
     #[arg(short, long, value_name = "OUT")]
     pub output: Vec<PathBuf>,
-    /// Form of PLY outputs
-    #[arg(long, value_enum, default_value = "same", value_name = "FORM")]
-    pub ply_form: FormArg,
+    #[command(flatten)]
+    pub form: FormArgs,
     /// Write a report as JSON, to FILE or to standard output; of several meshes, a list
     #[arg(long, value_name = "FILE", num_args = 0..=1, default_missing_value = "-", require_equals = true)]
     pub json: Option<PathBuf>,
@@ -61,34 +62,13 @@ pub struct Args {
     pub run: RunArgs,
 }
 
-/// Encoding of PLY outputs.
-#[derive(Clone, Copy, Debug, ValueEnum)]
-pub enum FormArg {
-    /// As the input
-    Same,
-    /// Little-endian
-    Binary,
-    /// Text
-    Ascii,
-}
-
-impl FormArg {
-    /// The library's.
-    pub fn form(self) -> PlyForm {
-        match self {
-            Self::Same => PlyForm::Same,
-            Self::Binary => PlyForm::Binary,
-            Self::Ascii => PlyForm::Ascii,
-        }
-    }
-}
-
 /// Refuses combinations of options before any work.
 fn check(args: &Args, meshes: &[PathBuf], many: bool) -> Result<(SegmentParams, Vec<Output>), Failure> {
     let params = args.method.params()?;
     check_count(&params)?;
     let misused = |text: &str| Err(Failure::Misused(text.into()));
     let outputs = args.output.iter().map(|path| Output::of(path)).collect::<Result<Vec<_>, _>>()?;
+    args.form.check(&outputs)?;
     let stdin = meshes.iter().filter(|mesh| mesh.as_os_str() == "-").count();
     if stdin > 0 && many {
         return misused("standard input is one mesh; give it alone");
@@ -166,11 +146,25 @@ pub fn one(
     let (opened, identity) = read(path, &work, run)?;
     opened.notes.iter().for_each(|note| run.progress.note(note));
     let result = segment(&opened, &identity, params, &work, run)?;
-    let labelling = Labelling { labels: &result.labels, colours: &result.colours, quality: Some(&result.quality) };
-    run.stage("write", "faces", result.labels.len() as u64, || {
-        outputs.iter().try_for_each(|output| output.write(Some(&opened), &labelling, args.ply_form.form(), run))
-    })?;
+    let coordinates = if args.form.embedding_columns { Some(embedding(params, &work, run)?) } else { None };
+    let pages = outputs.iter().any(Output::is_page);
+    let cut = pages && params.cluster == Cluster::Parts;
+    let cuts = if cut { cuts::kept(params.coarse, None, &work, run)? } else { None };
     let mut seconds = bars.take_seconds();
-    seconds.insert("total".into(), start.elapsed().as_secs_f64());
-    Ok(Report::new(&opened, params, &result, &work, run, seconds, Some((surroundings.peak)())))
+    let report = |mut seconds: BTreeMap<String, f64>| {
+        seconds.insert("total".into(), start.elapsed().as_secs_f64());
+        Report::new(&opened, params, &result, &work, run, seconds, Some((surroundings.peak)()))
+    };
+    let results = Results {
+        labelling: Labelling { labels: &result.labels, colours: &result.colours, quality: Some(&result.quality) },
+        options: args.form.ply.options(),
+        embedding: coordinates.as_ref().map(KeptEmbedding::coordinates),
+        report: if pages { serde_json::to_value(report(seconds.clone())).unwrap_or_default() } else { Value::Null },
+        cuts: cuts.as_ref(),
+    };
+    run.stage("write", "faces", result.labels.len() as u64, || {
+        outputs.iter().try_for_each(|output| output.write(Some(&opened), &results, run))
+    })?;
+    seconds.extend(bars.take_seconds());
+    Ok(report(seconds))
 }

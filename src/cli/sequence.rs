@@ -1,8 +1,7 @@
 //! `sequence`: an order to stream a mesh in.
 
 use super::options::RunArgs;
-use super::output::{folder_of, print, publish};
-use super::segment::FormArg;
+use super::output::{FormArg, folder_of, print, publish};
 use super::stages::read;
 use super::{Failure, Surroundings};
 use clap::ValueEnum;
@@ -20,7 +19,7 @@ use std::time::Instant;
 
 #[derive(Clone, Debug, clap::Args)]
 pub struct Args {
-    /// A PLY file (.ply, .ply.gz); `-` reads standard input
+    /// A PLY, OBJ, OFF or STL file, .gz or not; `-` reads standard input
     #[arg(value_name = "MESH")]
     pub mesh: PathBuf,
     /// Output, once or more: .ply, the mesh in its new order; .npy, the place of each face; .png, the mesh coloured by

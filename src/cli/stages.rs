@@ -4,19 +4,20 @@
 
 use super::method::{KernelArgs, OrderArgs, PartsArgs, check_count, misfit};
 use super::options::RunArgs;
-use super::output::{Output, publish};
-use super::segment::FormArg;
+use super::output::{FormArgs, Output, Results, publish};
 use super::{Failure, Surroundings};
+use nystrom_stream::apps::export::table::Coordinates;
 use nystrom_stream::base::Error;
+use nystrom_stream::cluster::parts::PartTree;
 use nystrom_stream::cluster::two_means;
 use nystrom_stream::graph::Order;
 use nystrom_stream::mesh;
 use nystrom_stream::mesh::labelled::Labelling;
 use nystrom_stream::pipeline::kept::{self, Labels, Record};
-use nystrom_stream::pipeline::{Cluster, SegmentParams, decision, embed, input, stages};
+use nystrom_stream::pipeline::{Cluster, SegmentParams, cuts, decision, embed, input, stages};
 use nystrom_stream::spectral::EmbeddingParams;
-use nystrom_stream::store::{Run, WorkDir, workdir};
-use serde_json::json;
+use nystrom_stream::store::{MappedSlice, Run, WorkDir, workdir};
+use serde_json::{Value, json};
 use std::io::Write;
 use std::path::{Path, PathBuf};
 use std::time::Instant;
@@ -32,7 +33,7 @@ pub struct Place {
 /// Arguments of `graph`.
 #[derive(Clone, Debug, clap::Args)]
 pub struct GraphArgs {
-    /// A PLY file (.ply, .ply.gz); `-` reads standard input
+    /// A PLY, OBJ, OFF or STL file, .gz or not; `-` reads standard input
     #[arg(value_name = "MESH")]
     pub mesh: PathBuf,
     #[command(flatten)]
@@ -68,6 +69,8 @@ pub struct ClusterArgs {
     /// Cut this hierarchy of parts instead of the one that was found
     #[arg(long, value_name = "FILE")]
     pub tree: Option<PathBuf>,
+    #[command(flatten)]
+    pub form: FormArgs,
     /// Tell the parts as JSON, to FILE or to standard output
     #[arg(long, value_name = "FILE", num_args = 0..=1, default_missing_value = "-", require_equals = true)]
     pub json: Option<PathBuf>,
@@ -90,9 +93,8 @@ pub struct ExportArgs {
     /// Output, once or more, as of `segment`
     #[arg(short, long, value_name = "OUT", required_unless_present = "tree")]
     pub output: Vec<PathBuf>,
-    /// Form of PLY outputs
-    #[arg(long, value_enum, default_value = "same", value_name = "FORM")]
-    pub ply_form: FormArg,
+    #[command(flatten)]
+    pub form: FormArgs,
     /// Write the hierarchy of parts as JSON
     #[arg(long, value_name = "FILE")]
     pub tree: Option<PathBuf>,
@@ -121,7 +123,7 @@ pub fn graph(args: &GraphArgs, surroundings: &Surroundings) -> Result<(), Failur
 }
 
 /// Opens the mesh at `path`, or that on standard input, and tells which it is.
-pub fn read(path: &Path, work: &WorkDir, run: &Run) -> Result<(mesh::Opened, serde_json::Value), Error> {
+pub fn read(path: &Path, work: &WorkDir, run: &Run) -> Result<(mesh::Opened, Value), Error> {
     let stdin = path.as_os_str() == "-";
     let open = || {
         if stdin {
@@ -150,6 +152,7 @@ pub fn cluster(args: &ClusterArgs, surroundings: &Surroundings) -> Result<(), Fa
     let start = Instant::now();
     let bars = args.run.bars();
     let outputs = args.output.iter().map(|path| Output::of(path)).collect::<Result<Vec<_>, _>>()?;
+    args.form.check(&outputs)?;
     outputs.iter().try_for_each(Output::check)?;
     if outputs.contains(&Output::Stdout) && args.json.as_deref() == Some(Path::new("-")) {
         return Err(Failure::Misused("mesh and report cannot both go to standard output; give --json=FILE".into()));
@@ -162,19 +165,30 @@ pub fn cluster(args: &ClusterArgs, surroundings: &Surroundings) -> Result<(), Fa
         return Err(misfit("--tree", "--cluster parts"));
     }
     let tree = args.tree.as_deref().map(decision::read_tree).transpose()?;
-    let result = kept::cluster(&kept::continued(&record, &params), tree.as_ref(), &work, &run)?;
-    let labelling = Labelling { labels: &result.labels, colours: &result.colours, quality: Some(&result.quality) };
-    write(&outputs, None, &record, &labelling, FormArg::Same, &work, &run)?;
-    if let Some(target) = &args.json {
-        let part =
-            |(label, &faces): (usize, &u64)| json!({"label": label, "faces": faces, "colour": result.colours[label]});
+    let params = kept::continued(&record, &params);
+    let result = kept::cluster(&params, tree.as_ref(), &work, &run)?;
+    let report = || {
+        let part = |(label, &faces): (usize, &u64)| {
+            let area = result.numbers.area.get(label).map(|area| area * result.graph.frame.scale.powi(2));
+            json!({"label": label, "faces": faces, "area": area, "colour": result.colours[label]})
+        };
         let mut seconds = bars.take_seconds();
         seconds.insert("total".into(), start.elapsed().as_secs_f64());
-        let report = json!({
+        json!({
             "mesh": record.mesh, "options": params, "seed": run.seed, "decision": result.numbers.decision,
             "parts": result.numbers.faces.iter().enumerate().map(part).collect::<Vec<_>>(), "seconds": seconds,
-        });
-        publish(target, &report)?;
+        })
+    };
+    let labelling = Labelling { labels: &result.labels, colours: &result.colours, quality: Some(&result.quality) };
+    let export = Export { outputs: &outputs, mesh: None, record: &record, form: args.form, work: &work, run: &run };
+    let mut told = export.write(&params, tree.as_ref(), labelling, &report)?;
+    if let Some(target) = &args.json {
+        let mut all = report();
+        if let (Some(earlier), Some(seconds)) = (told["seconds"].as_object_mut(), all["seconds"].as_object_mut()) {
+            earlier.remove("total");
+            seconds.extend(std::mem::take(earlier));
+        }
+        publish(target, &all)?;
     }
     if outputs.is_empty() && args.json.is_none() && !args.run.quiet {
         let (parts, faces) = (result.numbers.faces.len(), result.labels.len());
@@ -186,6 +200,7 @@ pub fn cluster(args: &ClusterArgs, surroundings: &Surroundings) -> Result<(), Fa
 pub fn export(args: &ExportArgs, surroundings: &Surroundings) -> Result<(), Failure> {
     let bars = args.run.bars();
     let outputs = args.output.iter().map(|path| Output::of(path)).collect::<Result<Vec<_>, _>>()?;
+    args.form.check(&outputs)?;
     outputs.iter().try_for_each(Output::check)?;
     let (work, record, run) = reopen(&args.place, &args.run, args.run.run(&bars, surroundings))?;
     if let Some(path) = &args.tree {
@@ -195,42 +210,100 @@ pub fn export(args: &ExportArgs, surroundings: &Surroundings) -> Result<(), Fail
     if !outputs.is_empty() {
         let Labels { labels, quality, colours } = Labels::read(&work)?;
         let labelling = Labelling { labels: &labels, colours: &colours, quality: Some(&quality) };
-        write(&outputs, args.mesh.as_deref(), &record, &labelling, args.ply_form, &work, &run)?;
+        let report = || {
+            let mut faces = vec![0u64; colours.len()];
+            for &label in labels.iter() {
+                if let Some(count) = faces.get_mut(label as usize) {
+                    *count += 1;
+                }
+            }
+            let part = |(label, faces)| json!({"label": label, "faces": faces, "colour": colours[label]});
+            let parts = faces.into_iter().enumerate().map(part).collect::<Vec<_>>();
+            json!({"mesh": record.mesh, "options": record.params, "seed": run.seed, "parts": parts})
+        };
+        let mesh = args.mesh.as_deref();
+        let export = Export { outputs: &outputs, mesh, record: &record, form: args.form, work: &work, run: &run };
+        export.write(&record.params, None, labelling, &report)?;
     }
     Ok(())
 }
 
-/// Writes `outputs`; the mesh is opened where one of them needs it.
-fn write(
-    outputs: &[Output],
-    mesh: Option<&Path>,
-    record: &Record,
-    labelling: &Labelling,
-    form: FormArg,
-    work: &WorkDir,
-    run: &Run,
-) -> Result<(), Error> {
-    if outputs.is_empty() {
-        return Ok(());
+/// An embedding of all faces in a work directory.
+pub struct KeptEmbedding(MappedSlice<f32>, usize);
+
+impl KeptEmbedding {
+    /// Its coordinates.
+    pub fn coordinates(&self) -> Coordinates<'_> {
+        Coordinates { values: &self.0, dimensions: self.1 }
     }
-    let opened = if outputs.iter().any(Output::needs_mesh) {
-        let path = mesh.unwrap_or(&record.mesh);
+}
+
+/// The embedding in `work`, as `embed` made it; one of its default, made now, where there is none.
+pub fn embedding(method: &SegmentParams, work: &WorkDir, run: &Run) -> Result<KeptEmbedding, Error> {
+    let params = EmbeddingParams::for_parts(two_means::DIMENSIONS);
+    let facts = match embed::kept(work) {
+        Some(facts) => facts,
+        None => embed::embed(params, method, work, run)?,
+    };
+    Ok(KeptEmbedding(work.open_array(embed::FILE)?, facts.dimensions))
+}
+
+/// Writing the labels of a work directory.
+struct Export<'a> {
+    outputs: &'a [Output],
+    mesh: Option<&'a Path>,
+    record: &'a Record,
+    form: FormArgs,
+    work: &'a WorkDir,
+    run: &'a Run<'a>,
+}
+
+impl Export<'_> {
+    /// Writes all outputs; what pages tell is the answer. The mesh is opened where one of them needs it.
+    fn write(
+        &self,
+        params: &SegmentParams,
+        tree: Option<&PartTree>,
+        labelling: Labelling,
+        report: &dyn Fn() -> Value,
+    ) -> Result<Value, Error> {
+        let Self { outputs, work, run, .. } = *self;
+        if outputs.is_empty() {
+            return Ok(Value::Null);
+        }
+        let opened =
+            if outputs.iter().any(Output::needs_mesh) { Some(self.open(labelling.labels.len())?) } else { None };
+        let coordinates = if self.form.embedding_columns { Some(embedding(params, work, run)?) } else { None };
+        let pages = outputs.iter().any(Output::is_page);
+        let cut = pages && params.cluster == Cluster::Parts;
+        let cuts = if cut { cuts::kept(params.coarse, tree, work, run)? } else { None };
+        let results = Results {
+            labelling,
+            options: self.form.ply.options(),
+            embedding: coordinates.as_ref().map(KeptEmbedding::coordinates),
+            report: if pages { report() } else { Value::Null },
+            cuts: cuts.as_ref(),
+        };
+        let each = || outputs.iter().try_for_each(|output| output.write(opened.as_ref(), &results, run));
+        run.stage("write", "faces", labelling.labels.len() as u64, each)?;
+        Ok(results.report)
+    }
+
+    /// The mesh of the work directory, which has `faces` faces.
+    fn open(&self, faces: usize) -> Result<mesh::Opened, Error> {
+        let (record, work, run) = (self.record, self.work, self.run);
+        let path = self.mesh.unwrap_or(&record.mesh);
         let same = match record.identity.get("stdin") {
-            Some(sum) => mesh.is_some() || *sum == workdir::checksum(path)?,
+            Some(sum) => self.mesh.is_some() || *sum == workdir::checksum(path)?,
             None => input::same(&input::identity(path)?, &record.identity),
         };
         if !same {
             return Err(Error::unusable(path, "is not the mesh that the work directory is of", "name that mesh"));
         }
         let opened = run.stage("read", "bytes", 0, || mesh::open(path, work.path(), run))?.0;
-        if opened.mesh.faces.len() != labelling.labels.len() {
+        if opened.mesh.faces.len() != faces {
             return Err(Error::unusable(path, "has another number of faces than labels", "name the right mesh"));
         }
-        Some(opened)
-    } else {
-        None
-    };
-    let faces = labelling.labels.len() as u64;
-    let each = || outputs.iter().try_for_each(|output| output.write(opened.as_ref(), labelling, form.form(), run));
-    run.stage("write", "faces", faces, each).map(drop)
+        Ok(opened)
+    }
 }

@@ -68,7 +68,7 @@ impl<'a> Text<'a> {
 }
 
 /// A floating-point number as any program may have written it.
-fn real_of(token: &[u8], of: Scalar) -> Option<f64> {
+pub(super) fn real_of(token: &[u8], of: Scalar) -> Option<f64> {
     let text = std::str::from_utf8(token).ok()?;
     let parsed = match of {
         // Parsed as what it is: rounding to f64 first could end one unit off.
@@ -90,7 +90,7 @@ fn real_of(token: &[u8], of: Scalar) -> Option<f64> {
 
 /// An integer; also one written as `3.0` or `3e0`.
 #[inline]
-fn integer_of(token: &[u8]) -> Option<i64> {
+pub(super) fn integer_of(token: &[u8]) -> Option<i64> {
     let (negative, digits) = match token {
         [b'-', digits @ ..] => (true, digits),
         [b'+', digits @ ..] => (false, digits),

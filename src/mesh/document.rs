@@ -4,6 +4,7 @@
 //! copies what it does not change. It holds the header and a few numbers an element.
 
 use super::header::Header;
+use super::model::Encoding;
 use crate::store::MappedBytes;
 use std::ops::Range;
 use std::path::{Path, PathBuf};
@@ -37,6 +38,16 @@ impl Document {
     /// The header.
     pub fn header(&self) -> &Header {
         &self.header
+    }
+
+    /// Number of the element that holds the vertices.
+    pub(super) fn vertex(&self) -> Option<usize> {
+        self.header.elements.iter().position(|element| element.is("vertex"))
+    }
+
+    /// Whether its numbers are text.
+    pub fn is_text(&self) -> bool {
+        self.header.encoding == Encoding::Ascii
     }
 
     /// Bytes of the uncompressed file.

@@ -65,7 +65,7 @@ impl Encoder {
     }
 
     /// Appends a floating-point number.
-    fn real(self, scalar: Scalar, value: f64, out: &mut Vec<u8>) {
+    pub fn real(self, scalar: Scalar, value: f64, out: &mut Vec<u8>) {
         let start = out.len();
         // Writing into a Vec cannot fail.
         let _ = match (self.target, scalar) {

@@ -70,7 +70,7 @@ pub fn parse(path: &Path, bytes: &[u8]) -> Result<Header> {
             path,
             "header line 1",
             format!("is {}, not \"ply\"", shown(first)),
-            "only PLY meshes are read; convert the file to PLY",
+            "PLY, OBJ, OFF and STL are read; convert the file to one of them",
         )
     };
     let bom = if bytes.starts_with(b"\xef\xbb\xbf") { 3 } else { 0 };

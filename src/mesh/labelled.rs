@@ -14,9 +14,11 @@ use super::model::Encoding;
 use super::output::{Gather, by_rename};
 use super::records::Task;
 use super::surface::Mesh;
+use super::vertex_labels::VertexLabels;
 use crate::base::parallel::map_chunks;
 use crate::base::{Error, Result};
 use crate::store::Run;
+use std::cell::RefCell;
 use std::fs::File;
 use std::io::Write;
 use std::path::Path;
@@ -31,6 +33,22 @@ pub enum PlyForm {
     Binary,
     /// Text; floating-point numbers as short as they come back exactly.
     Ascii,
+}
+
+/// What a labelled file is to be, besides labelled.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct PlyOptions {
+    /// Its encoding.
+    pub form: PlyForm,
+    /// Whether each vertex gets the label that most faces around it have, as `float scalar_label` (-1 without faces):
+    /// a scalar field in CloudCompare, which knows none of faces.
+    pub vertex_labels: bool,
+}
+
+impl From<PlyForm> for PlyOptions {
+    fn from(form: PlyForm) -> Self {
+        Self { form, vertex_labels: false }
+    }
 }
 
 impl PlyForm {
@@ -54,14 +72,16 @@ pub fn write_labelled(
     mesh: &Mesh,
     out: &Path,
     labelling: &Labelling,
-    form: PlyForm,
+    options: impl Into<PlyOptions>,
     durable: bool,
     run: &Run,
 ) -> Result<()> {
     check(labelling, mesh)?;
-    let target = form.encoding(document);
-    let header = header(document, labelling, target, mesh.faces.len());
+    let options = options.into();
+    let target = options.form.encoding(document);
+    let header = header(document, labelling, target, mesh.faces.len(), options.vertex_labels);
     if cfg!(unix)
+        && !options.vertex_labels
         && target == document.header.encoding
         && let Some(plan) = Fixed::plan(document, labelling, header.len())?
     {
@@ -74,7 +94,7 @@ pub fn write_labelled(
             map_chunks(run.threads, &run.cancel, plan.jobs(), Vec::new, write).map(drop)
         });
     }
-    by_rename(out, 0, durable, |file| stream(document, mesh, out, file, labelling, target, run))
+    by_rename(out, 0, durable, |file| stream(document, mesh, out, file, labelling, options, run))
 }
 
 /// Writes the labelled file to a stream, `name` in messages: standard output, a socket.
@@ -87,11 +107,11 @@ pub fn write_labelled_to(
     name: &str,
     writer: &mut dyn Write,
     labelling: &Labelling,
-    form: PlyForm,
+    options: impl Into<PlyOptions>,
     run: &Run,
 ) -> Result<()> {
     check(labelling, mesh)?;
-    stream(document, mesh, Path::new(name), writer, labelling, form.encoding(document), run)
+    stream(document, mesh, Path::new(name), writer, labelling, options.into(), run)
 }
 
 fn stream(
@@ -100,13 +120,15 @@ fn stream(
     path: &Path,
     writer: &mut dyn Write,
     labelling: &Labelling,
-    target: Encoding,
+    options: PlyOptions,
     run: &Run,
 ) -> Result<()> {
-    let header = header(document, labelling, target, mesh.faces.len());
+    let target = options.form.encoding(document);
+    let header = header(document, labelling, target, mesh.faces.len(), options.vertex_labels);
     let mut out = Gather::new(path, writer);
     out.pass(&header)?;
     if target == document.header.encoding
+        && !options.vertex_labels
         && let Some(plan) = Fixed::plan(document, labelling, header.len())?
     {
         let mut buffer = Vec::new();
@@ -115,7 +137,8 @@ fn stream(
             out.pass(plan.part(k, &mut buffer).1)?;
         }
     } else {
-        Task { document, mesh, labelling, target, run }.elements(&mut out)?;
+        let votes = options.vertex_labels.then(|| VertexLabels::new(mesh, labelling.labels, run)).transpose()?;
+        Task { document, mesh, labelling, target, votes: votes.map(RefCell::new), run }.elements(&mut out)?;
     }
     out.finish()
 }

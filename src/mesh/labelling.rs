@@ -91,9 +91,19 @@ pub(super) fn kept(document: &Document, labelling: &Labelling) -> Vec<bool> {
         .collect()
 }
 
-/// The header of the labelled file, with `faces` faces.
-pub(super) fn header(document: &Document, labelling: &Labelling, target: Encoding, faces: usize) -> Vec<u8> {
+/// The vertex property that CloudCompare shows as a scalar field called `label`.
+pub(super) const VERTEX_LABEL: &str = "scalar_label";
+
+/// The header of the labelled file, with `faces` faces, and with labels of vertices where `vertex_labels`.
+pub(super) fn header(
+    document: &Document,
+    labelling: &Labelling,
+    target: Encoding,
+    faces: usize,
+    vertex_labels: bool,
+) -> Vec<u8> {
     let header = &document.header;
+    let vertex = document.vertex().filter(|_| vertex_labels);
     let kept = kept(document, labelling);
     let mut out = format!("ply\nformat {} 1.0\n", target.word()).into_bytes();
     let close = |out: &mut Vec<u8>, element: Option<usize>| {
@@ -101,6 +111,8 @@ pub(super) fn header(document: &Document, labelling: &Labelling, target: Encodin
             for (name, scalar) in labelling.added() {
                 out.extend_from_slice(format!("property {} {name}\n", scalar.word()).as_bytes());
             }
+        } else if element.is_some() && element == vertex {
+            out.extend_from_slice(format!("property float {VERTEX_LABEL}\n").as_bytes());
         }
     };
     let mut open = None;
@@ -127,6 +139,9 @@ pub(super) fn header(document: &Document, labelling: &Labelling, target: Encodin
             Line::Property(element, number) if *element != document.face || kept[*number] => {
                 let property = &header.elements[*element].properties[*number];
                 let name = &property.name;
+                if vertex == Some(*element) && name == VERTEX_LABEL {
+                    continue;
+                }
                 let text = match property.kind {
                     _ if document.strips && *element == document.face => {
                         "property list uchar int vertex_indices\n".to_owned()

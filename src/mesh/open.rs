@@ -1,4 +1,4 @@
-//! Opening a mesh file of any PLY flavour.
+//! Opening a mesh file: PLY of any flavour, or OBJ, OFF, STL, which become PLY first (`import`).
 //!
 //! The header is checked against the size of the file before anything is allocated or looped over.
 //! A binary little-endian file of triangles is used where it lies (one verifying pass, no copy);
@@ -8,6 +8,7 @@
 use super::decode::{self, Task, can_be_numbered, too_many};
 use super::document::Document;
 use super::header::{self, CUT_SHORT, Header};
+use super::import::{self, Format};
 use super::model::{Element, Encoding, Kind, Scalar};
 use super::spool;
 use super::surface::Mesh;
@@ -28,7 +29,7 @@ pub struct Opened {
     pub notes: Vec<String>,
 }
 
-/// Opens the PLY file at `path`, compressed with gzip or not, or a named pipe. Arrays that have to be decoded, and
+/// Opens the PLY, OBJ, OFF or STL file at `path`, compressed with gzip or not, or a named pipe. Arrays that have to be decoded, and
 /// the uncompressed file, go to the folder `scratch`, which must outlive the result. Progress
 /// is told as stage `read`, in faces.
 ///
@@ -47,7 +48,7 @@ pub fn open(path: &Path, scratch: &Path, run: &Run) -> Result<Opened> {
     open_bytes(path, bytes, scratch, run)
 }
 
-/// Opens a PLY file that comes as a stream, which is spooled to `scratch` first. `name` stands
+/// Opens a mesh file that comes as a stream, which is spooled to `scratch` first. `name` stands
 /// for the path in messages.
 ///
 /// # Errors
@@ -66,6 +67,11 @@ fn open_bytes(path: &Path, bytes: MappedBytes, scratch: &Path, run: &Run) -> Res
     if bytes.is_empty() {
         return Err(Error::unusable(path, "is empty (0 bytes)", "get the file again"));
     }
+    let mut notes = Vec::new();
+    let bytes = match import::recognise(path, &bytes)? {
+        Format::Ply => bytes,
+        format => import::convert(format, path, &bytes, scratch, &mut notes, run)?,
+    };
     let header = header::parse(path, &bytes)?;
     let (face, list, strips) = find_faces(path, &header)?;
     let (vertex, axes) = find_vertices(path, &header)?;
@@ -75,7 +81,6 @@ fn open_bytes(path: &Path, bytes: MappedBytes, scratch: &Path, run: &Run) -> Res
     if decoded.faces.is_empty() {
         return Err(no_faces(path));
     }
-    let mut notes = Vec::new();
     if strips {
         notes.push(format!("{}: triangle strips were expanded to {} faces", path.display(), decoded.faces.len()));
     }

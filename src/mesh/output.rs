@@ -14,7 +14,7 @@ const FLUSH: usize = 1 << 20;
 ///
 /// # Errors
 /// Those of `write`; [`Error::Io`].
-pub(super) fn by_rename(
+pub(crate) fn by_rename(
     path: &Path,
     bytes: u64,
     durable: bool,
@@ -35,7 +35,7 @@ pub(super) fn by_rename(
 }
 
 /// A writer with a buffer that can be appended to without a call a number.
-pub(super) struct Gather<'a> {
+pub(crate) struct Gather<'a> {
     path: &'a Path,
     writer: &'a mut dyn Write,
     /// What is not written yet.
@@ -44,13 +44,13 @@ pub(super) struct Gather<'a> {
 
 impl<'a> Gather<'a> {
     /// A gatherer before `writer`; `path` names it in errors.
-    pub(super) fn new(path: &'a Path, writer: &'a mut dyn Write) -> Self {
+    pub(crate) fn new(path: &'a Path, writer: &'a mut dyn Write) -> Self {
         Self { path, writer, buffer: Vec::with_capacity(FLUSH + FLUSH / 8) }
     }
 
     /// Writes when enough is gathered; call it once a record or so.
     #[inline]
-    pub(super) fn settle(&mut self) -> Result<()> {
+    pub(crate) fn settle(&mut self) -> Result<()> {
         if self.buffer.len() < FLUSH { Ok(()) } else { self.write_out() }
     }
 
@@ -61,20 +61,20 @@ impl<'a> Gather<'a> {
     }
 
     /// Writes bytes past the buffer.
-    pub(super) fn pass(&mut self, bytes: &[u8]) -> Result<()> {
+    pub(crate) fn pass(&mut self, bytes: &[u8]) -> Result<()> {
         self.write_out()?;
         self.writer.write_all(bytes).map_err(Error::io(self.path, "write"))
     }
 
     /// Writes all that is left.
-    pub(super) fn finish(mut self) -> Result<()> {
+    pub(crate) fn finish(mut self) -> Result<()> {
         self.write_out()?;
         self.writer.flush().map_err(Error::io(self.path, "write"))
     }
 
     /// Appends an integer as text.
     #[inline]
-    pub(super) fn decimal(&mut self, value: impl itoa::Integer) {
+    pub(crate) fn decimal(&mut self, value: impl itoa::Integer) {
         self.buffer.extend_from_slice(itoa::Buffer::new().format(value).as_bytes());
     }
 }

@@ -8,12 +8,14 @@ use super::cursor::{Binary, Cursor, Fault, Text};
 use super::document::Document;
 use super::encode::Encoder;
 use super::header::CUT_SHORT;
-use super::labelling::{Labelling, kept};
+use super::labelling::{Labelling, VERTEX_LABEL, kept};
 use super::model::{Encoding, Scalar};
 use super::output::Gather;
 use super::surface::Mesh;
+use super::vertex_labels::VertexLabels;
 use crate::base::{Error, Result};
 use crate::store::Run;
+use std::cell::RefCell;
 
 /// Records between two looks at the stop flag; bytes copied at a time.
 const CHUNK: usize = 1 << 14;
@@ -25,6 +27,8 @@ pub(super) struct Task<'a> {
     pub mesh: &'a Mesh,
     pub labelling: &'a Labelling<'a>,
     pub target: Encoding,
+    /// Labels of vertices, where they are wanted.
+    pub votes: Option<RefCell<VertexLabels<'a>>>,
     pub run: &'a Run<'a>,
 }
 
@@ -44,10 +48,11 @@ impl Task<'_> {
 
     fn all<'b, C: Cursor<'b>>(&'b self, out: &mut Gather) -> Result<()> {
         let document = self.document;
+        let voted = document.vertex().filter(|_| self.votes.is_some());
         for number in 0..document.header.elements.len() {
             if number == document.face && document.strips {
                 self.triangles(out)?;
-            } else if number != document.face && self.target == document.header.encoding {
+            } else if number != document.face && voted != Some(number) && self.target == document.header.encoding {
                 self.copy(number, out)?;
             } else {
                 self.rewrite::<C>(number, out)?;
@@ -95,7 +100,12 @@ impl Task<'_> {
         let document = self.document;
         let element = &document.header.elements[number];
         let is_face = number == document.face;
-        let kept = if is_face { kept(document, self.labelling) } else { vec![true; element.properties.len()] };
+        let votes = self.votes.as_ref().filter(|_| document.vertex() == Some(number));
+        let kept = match votes {
+            _ if is_face => kept(document, self.labelling),
+            Some(_) => element.properties.iter().map(|property| property.name != VERTEX_LABEL).collect(),
+            None => vec![true; element.properties.len()],
+        };
         if element.properties.is_empty() {
             return Ok(());
         }
@@ -124,7 +134,11 @@ impl Task<'_> {
             }
             if is_face {
                 self.labelling.append(record, self.target, out);
-            } else if self.target == Encoding::Ascii {
+            } else if let Some(votes) = votes {
+                let label = votes.borrow_mut().get(record)?.map_or(-1., f64::from);
+                encoder.real(Scalar::F32, label, &mut out.buffer);
+            }
+            if !is_face && self.target == Encoding::Ascii {
                 out.buffer.pop_if(|last| *last == b' ');
             }
             if self.target == Encoding::Ascii {

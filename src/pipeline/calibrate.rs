@@ -7,8 +7,8 @@ use super::{SegmentParams, segment};
 use crate::apps::creature::{Creature, Options};
 use crate::base::{Error, Progress, Result};
 use crate::mesh;
-use crate::mesh::header;
 use crate::mesh::model::{Encoding, Kind};
+use crate::mesh::{header, import};
 use crate::store::{MappedBytes, Run, WorkDir};
 use std::collections::BTreeMap;
 use std::path::Path;
@@ -76,6 +76,16 @@ pub fn size_of_mesh(path: &Path) -> Result<MeshSize> {
         use std::io::Read;
         let mut plain = flate2::bufread::MultiGzDecoder::new(&bytes[..]).take(1 << 16);
         plain.read_to_end(&mut head).map_err(Error::io(path, "decompress"))?;
+    }
+    if !import::is_ply(path, if compressed { &head } else { &bytes[..] }) {
+        if compressed {
+            let problem = "is compressed and no PLY, so its size shows only when it is read";
+            return Err(Error::unusable(path, problem, "uncompress it first"));
+        }
+        if let Some(counts) = import::count(path, &bytes)? {
+            let import::Counts { vertices, faces, corners, .. } = counts;
+            return Ok(MeshSize { faces, vertices, corners, decoded: counts.bytes() });
+        }
     }
     let header = header::parse(path, if compressed { &head } else { &bytes })?;
     let count =

@@ -13,7 +13,8 @@ use crate::store::{Run, WorkDir};
 use serde::{Deserialize, Serialize};
 use serde_json::json;
 
-const FILE: &str = "embedding.npy";
+/// The array of all faces.
+pub const FILE: &str = "embedding.npy";
 const CHUNK: usize = 2048;
 
 /// What an embedding was made with and what it tells.
@@ -29,6 +30,12 @@ pub struct EmbeddingFacts {
     pub eigenvalues: Vec<f64>,
     /// Key of the rows behind it.
     rows: String,
+}
+
+/// What the embedding in `work` was made with, where there is one that is whole.
+pub fn kept(work: &WorkDir) -> Option<EmbeddingFacts> {
+    let stage = work.manifest().stages.remove("embedding")?;
+    work.reuse("embedding", &stage.key).ok()
 }
 
 /// Options of the embedding in `work`, where it is of the rows `rows`.

@@ -1,0 +1,38 @@
+//! Results in other programs' forms: a table ([`table`], Parquet), a scene ([`glb`]), a mesh a part ([`split`]).
+//!
+//! All stream: what is held does not grow with the mesh, but for a bit a vertex in [`split`], which the budget grants.
+//! Files appear whole or not at all.
+
+pub mod glb;
+pub mod split;
+pub mod table;
+
+use crate::base::{Error, Result};
+use crate::mesh::{Labelling, Mesh};
+
+/// Faces between two looks at the stop flag.
+const CHUNK: usize = 1 << 16;
+
+/// Parts that get a file or a primitive each, at the most.
+const PARTS: usize = 1 << 16;
+
+/// Refuses labels that do not fit the faces.
+pub(super) fn fit(mesh: &Mesh, labelling: &Labelling) -> Result<()> {
+    let (faces, labels) = (mesh.faces.len(), labelling.labels.len());
+    if faces != labels {
+        let problem = format!("{labels} values for {faces} faces");
+        return Err(Error::parameter("labels", problem, "give one for every face of the mesh"));
+    }
+    Ok(())
+}
+
+/// How many parts there are: a colour each, or as the labels say; refuses labels that do not fit the faces.
+fn parts(mesh: &Mesh, labelling: &Labelling) -> Result<usize> {
+    fit(mesh, labelling)?;
+    let most = labelling.labels.iter().max().map_or(0, |&label| label as usize + 1);
+    if most > PARTS {
+        let problem = format!("{} is too great a label for something of its own each", most - 1);
+        return Err(Error::parameter("labels", problem, "number the parts from 0"));
+    }
+    Ok(most.max(labelling.colours.len()))
+}

@@ -1,0 +1,185 @@
+//! A mesh a part: `part_000.ply` … in a folder, each with the vertices it uses and its open borders where it was cut off.
+//!
+//! Faces keep their corners' order and winding and get `int original_face`, their number in the input, `int label`,
+//! colour and quality; positions keep their precision. `parts.json`, written last, lists the files. A bit a vertex and a
+//! count every [`BLOCK`] of them tell which vertices a part uses and their new numbers; a pass a part over the labels.
+
+use super::{CHUNK, parts};
+use crate::base::{Error, Result};
+use crate::mesh::output::{Gather, by_rename};
+use crate::mesh::{Labelling, Mesh};
+use crate::store::Run;
+use serde_json::json;
+use std::io::Write as _;
+use std::path::Path;
+
+/// The list of the parts' files.
+pub const LIST: &str = "parts.json";
+/// Vertices of a word.
+const BLOCK: usize = 64;
+
+/// The name of a part's file.
+pub fn file_name(part: usize) -> String {
+    format!("part_{part:03}.ply")
+}
+
+/// Writes all parts that have faces to `folder`, which is made where it is not there; text where `text`, else
+/// little-endian. Files of an earlier, finer cut stay there and are told.
+///
+/// # Errors
+/// [`Error::Parameter`] for labels that do not fit the faces; [`Error::Memory`] where the budget has no room for a bit
+/// a vertex; [`Error::Io`]; [`Error::Cancelled`].
+pub fn write(folder: &Path, mesh: &Mesh, labelling: &Labelling, text: bool, durable: bool, run: &Run) -> Result<()> {
+    let parts = parts(mesh, labelling)?;
+    let words = mesh.positions.len().div_ceil(BLOCK);
+    let _grant = run.budget.take("vertices of a part", 12 * words as u64, 12 * words as u64)?;
+    std::fs::create_dir_all(folder).map_err(Error::io(folder, "create"))?;
+    let list = folder.join(LIST);
+    // Without the list the folder is not whole.
+    if list.exists() {
+        std::fs::remove_file(&list).map_err(Error::io(&list, "remove"))?;
+    }
+    let mut writer = Splitter { mesh, labelling, text, run, used: vec![0; words], before: vec![0; words] };
+    let mut listed = Vec::new();
+    for part in 0..parts {
+        let name = file_name(part);
+        let (faces, vertices, most) = writer.mark(part as u32)?;
+        if faces == 0 {
+            continue;
+        }
+        let path = folder.join(&name);
+        by_rename(&path, 0, durable, |file| {
+            let mut out = Gather::new(&path, file);
+            writer.part(part as u32, faces, vertices, most, &mut out)?;
+            out.finish()
+        })?;
+        let colour = labelling.colours.get(part);
+        listed.push(json!({"file": name, "label": part, "faces": faces, "vertices": vertices, "colour": colour}));
+    }
+    let text = serde_json::to_string_pretty(&json!({"faces": mesh.faces.len(), "parts": listed})).unwrap_or_default();
+    by_rename(&list, 0, durable, |file| writeln!(file, "{text}").map_err(Error::io(&list, "write")))?;
+    if folder.join(file_name(parts)).exists() {
+        let text = format!("{}: holds parts of an earlier cut too; {LIST} says which are of this", folder.display());
+        run.progress.note(&text);
+    }
+    Ok(())
+}
+
+struct Splitter<'a> {
+    mesh: &'a Mesh,
+    labelling: &'a Labelling<'a>,
+    text: bool,
+    run: &'a Run<'a>,
+    /// A bit a vertex: whether the part uses it.
+    used: Vec<u64>,
+    /// Vertices used before each word.
+    before: Vec<u32>,
+}
+
+impl Splitter<'_> {
+    /// Calls `visit` with the faces of `part`.
+    fn each(&self, part: u32, mut visit: impl FnMut(usize, &[u32]) -> Result<()>) -> Result<()> {
+        for (chunk, labels) in self.labelling.labels.chunks(CHUNK).enumerate() {
+            self.run.cancel.check()?;
+            for at in (0..labels.len()).filter(|&at| labels[at] == part) {
+                let face = chunk * CHUNK + at;
+                self.mesh.faces.with(face, |corners| visit(face, corners))?;
+            }
+        }
+        Ok(())
+    }
+
+    /// Marks the vertices of `part`; counts its faces, its vertices, and the corners of its largest face.
+    fn mark(&mut self, part: u32) -> Result<(u64, u64, usize)> {
+        let mut used = std::mem::take(&mut self.used);
+        used.fill(0);
+        let (mut faces, mut most) = (0, 0);
+        let marked = self.each(part, |_, corners| {
+            (faces, most) = (faces + 1, corners.len().max(most));
+            corners.iter().for_each(|&v| used[v as usize / BLOCK] |= 1 << (v as usize % BLOCK));
+            Ok(())
+        });
+        self.used = used;
+        let mut sum = 0u64;
+        for (before, word) in self.before.iter_mut().zip(&self.used) {
+            *before = sum as u32;
+            sum += u64::from(word.count_ones());
+        }
+        marked.map(|()| (faces, sum, most))
+    }
+
+    /// The number of vertex `v` in the part.
+    fn number(&self, v: u32) -> u32 {
+        let (word, bit) = (v as usize / BLOCK, v as usize % BLOCK);
+        self.before[word] + (self.used[word] & ((1 << bit) - 1)).count_ones()
+    }
+
+    fn part(&self, part: u32, faces: u64, vertices: u64, most: usize, out: &mut Gather) -> Result<()> {
+        let real = if self.mesh.positions.is_double() { "double" } else { "float" };
+        let count = if most <= 255 { "uchar" } else { "uint" };
+        let format = if self.text { "ascii" } else { "binary_little_endian" };
+        let original = if self.mesh.faces.len() <= i32::MAX as usize { "int" } else { "uint" };
+        let quality = if self.labelling.quality.is_some() { "property float quality\n" } else { "" };
+        let header = format!(
+            "ply\nformat {format} 1.0\ncomment part {part}, cut by nystrom-stream\nelement vertex {vertices}\n\
+             property {real} x\nproperty {real} y\nproperty {real} z\nelement face {faces}\n\
+             property list {count} int vertex_indices\nproperty {original} original_face\nproperty int label\n\
+             property uchar red\nproperty uchar green\nproperty uchar blue\n{quality}end_header\n"
+        );
+        out.buffer.extend_from_slice(header.as_bytes());
+        for (word, &bits) in self.used.iter().enumerate() {
+            let mut left = bits;
+            while left != 0 {
+                self.vertex((word * BLOCK) as u32 + left.trailing_zeros(), out);
+                left &= left - 1;
+            }
+            out.settle()?;
+        }
+        self.each(part, |face, corners| {
+            self.face(face, corners, most <= 255, out);
+            out.settle()
+        })
+    }
+
+    fn vertex(&self, v: u32, out: &mut Gather) {
+        let p = self.mesh.positions.get(v);
+        let double = self.mesh.positions.is_double();
+        for (k, x) in p.into_iter().enumerate() {
+            let end = if k == 2 { '\n' } else { ' ' };
+            // Writing into a Vec cannot fail.
+            let _ = match (self.text, double) {
+                (true, true) => write!(out.buffer, "{x:?}{end}"),
+                (true, false) => write!(out.buffer, "{:?}{end}", x as f32),
+                (false, true) => out.buffer.write_all(&x.to_le_bytes()),
+                (false, false) => out.buffer.write_all(&(x as f32).to_le_bytes()),
+            };
+        }
+    }
+
+    fn face(&self, face: usize, corners: &[u32], short: bool, out: &mut Gather) {
+        let label = self.labelling.labels[face];
+        let colour = self.labelling.colours.get(label as usize).copied().unwrap_or([128; 3]);
+        let quality = self.labelling.quality.map(|quality| quality[face]);
+        if !self.text {
+            match short {
+                true => out.buffer.push(corners.len() as u8),
+                false => out.buffer.extend_from_slice(&(corners.len() as u32).to_le_bytes()),
+            }
+            let numbers = corners.iter().map(|&v| self.number(v)).chain([face as u32, label]);
+            numbers.for_each(|number| out.buffer.extend_from_slice(&number.to_le_bytes()));
+            out.buffer.extend_from_slice(&colour);
+            out.buffer.extend(quality.into_iter().flat_map(f32::to_le_bytes));
+            return;
+        }
+        out.decimal(corners.len());
+        let numbers = corners.iter().map(|&v| self.number(v)).chain([face as u32, label]);
+        for number in numbers.chain(colour.map(u32::from)) {
+            out.buffer.push(b' ');
+            out.decimal(number);
+        }
+        if let Some(quality) = quality {
+            let _ = write!(out.buffer, " {quality:?}");
+        }
+        out.buffer.push(b'\n');
+    }
+}

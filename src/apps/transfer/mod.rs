@@ -1,0 +1,203 @@
+//! Labels carried from one mesh to another of the same shape: another resolution, decimated, re-meshed.
+//!
+//! Every face looks from its centroid, or where its mesh is the coarser one from four points on it, for the nearest
+//! face whose normal agrees within 60° ([`nearest`]), so that thin walls keep their sides; normals that point the other
+//! way throughout are turned. Faces with nothing near, and small islands of uncertain ones, get the label around them
+//! ([`clean`]). Memory: a block of the first mesh as the budget allows; 16 bytes a point in the work directory.
+
+pub mod clean;
+pub mod nearest;
+
+use crate::base::parallel::fill_two;
+use crate::base::{Error, Result};
+use crate::graph::DualGraph;
+use crate::mesh::{Labelling, Opened};
+use crate::store::{MappedSlice, Run, WorkDir};
+use clean::NONE;
+use nearest::{BYTES, Found, Frame, Probe, Tree, normal, unit, unpack, window};
+use serde::Serialize;
+use serde_json::json;
+
+/// Faces that a thread takes at a time.
+const CHUNK: usize = 1 << 12;
+/// Faces of either mesh that are looked at to learn which way its normals point.
+const TRIAL: usize = 20_000;
+/// Edges beyond which nothing is near.
+const FAR: f32 = 8.;
+/// Share of the faces of the mesh below which a piece is an island.
+const ISLAND: f64 = 2e-4;
+
+/// Labels carried over, and how well that went.
+#[derive(Clone, Debug)]
+pub struct Transferred {
+    /// A label a face (n).
+    pub labels: MappedSlice<u32>,
+    /// How sure each is, 0 to 1 (n).
+    pub quality: MappedSlice<f32>,
+    /// The counts.
+    pub facts: Facts,
+}
+
+/// How well labels were carried over.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
+pub struct Facts {
+    /// Faces of the mesh.
+    pub faces: u64,
+    /// Faces whose label is not sure: no normal near agrees, it lies more than an edge away, its points disagree, or
+    /// one of the next two.
+    pub uncertain: u64,
+    /// Faces with nothing near, or with an unlabelled face nearest, labelled by their neighbours.
+    pub filled: u64,
+    /// Faces of islands, labelled by what is around them.
+    pub islands: u64,
+    /// Points looked from on a face.
+    pub points: usize,
+    /// Whether normals point the other way.
+    pub turned: bool,
+}
+
+/// The mean edge of `opened`'s triangles in `frame`, as if they were equilateral.
+fn mean_edge(opened: &Opened, frame: &Frame, run: &Run) -> Result<f32> {
+    let n = opened.mesh.faces.len();
+    let (mut area, mut count) = (0f64, 0u64);
+    for start in (0..n).step_by(1 << 18) {
+        run.cancel.check()?;
+        frame.triangles(&opened.mesh, start..n.min(start + (1 << 18)), |_, triangle| {
+            area += crate::base::vector::length(normal(&triangle)) / 2.;
+            count += 1;
+        });
+    }
+    Ok((area / count.max(1) as f64 * 4. / 3f64.sqrt()).sqrt() as f32)
+}
+
+/// The points that `face` looks from: its centroid, then points half-way to its first three corners.
+fn probe(opened: &Opened, frame: &Frame, face: usize, point: usize) -> Probe {
+    let (mut sum, mut mean, mut count, mut first) = ([0f64; 3], [0f32; 3], 0f32, [[0f32; 3]; 3]);
+    frame.triangles(&opened.mesh, face..face + 1, |_, triangle| {
+        let own = normal(&triangle);
+        (0..3).for_each(|k| sum[k] += own[k]);
+        (0..3).for_each(|k| mean[k] += (triangle[0][k] + triangle[1][k] + triangle[2][k]) / 3.);
+        if count == 0. {
+            first = triangle;
+        }
+        count += 1.;
+    });
+    if count == 0. {
+        return Probe { place: [f32::NAN; 3], normal: [0.; 3] };
+    }
+    let centroid = mean.map(|x| x / count);
+    let place = match point {
+        0 => centroid,
+        k => [0, 1, 2].map(|axis| (centroid[axis] + first[(k - 1) % 3][axis]) / 2.),
+    };
+    Probe { place, normal: unit(sum) }
+}
+
+/// Whether the normals of `to` point against those of `from` on the whole.
+fn is_turned(from: &Opened, to: &Opened, frame: &Frame) -> bool {
+    let (m, n) = (from.mesh.faces.len(), to.mesh.faces.len());
+    let step = m.div_ceil(TRIAL);
+    let tree = Tree::of(&from.mesh, frame, 0..m, |face| (face as usize).is_multiple_of(step));
+    let mut sum = 0.;
+    for face in (0..n).step_by(n.div_ceil(TRIAL / 10)) {
+        let own = probe(to, frame, face, 0);
+        if own.place[0].is_finite()
+            && let Some(other) = tree.normal_near(own.place)
+        {
+            sum += (0..3).map(|k| f64::from(own.normal[k] * other[k])).sum::<f64>();
+        }
+    }
+    sum < 0.
+}
+
+/// Carries `labels` of the faces of `from` ([`clean::NONE`]: none) to those of `to`; arrays go to `work`.
+///
+/// # Errors
+/// [`Error::Parameter`] for labels that do not fit `from`; [`Error::Unusable`] where most of `to` lies far from `from`;
+/// [`Error::Memory`], [`Error::Io`], [`Error::Cancelled`].
+pub fn transfer(from: &Opened, labels: &[u32], to: &Opened, work: &WorkDir, run: &Run) -> Result<Transferred> {
+    super::export::fit(&from.mesh, &Labelling { labels, colours: &[], quality: None })?;
+    let (m, n) = (from.mesh.faces.len(), to.mesh.faces.len());
+    let frame = Frame::of(&from.mesh, run)?;
+    let (fine, coarse) = (mean_edge(from, &frame, run)?, mean_edge(to, &frame, run)?);
+    let points = if coarse > 1.5 * fine { 4 } else { 1 };
+    let turned = is_turned(from, to, &frame);
+    let sign = if turned { -1. } else { 1. };
+
+    let mut array = work.array::<u64>("nearest.npy", &[n * points, 2])?;
+    let found: &mut [Found] = bytemuck::cast_slice_mut(&mut array.data()[..]);
+    found.fill([u64::MAX; 2]);
+    // Triangles a face, so that polygons find room too.
+    let triangles = (from.mesh.faces.corner_count() as u64).div_ceil(m.max(1) as u64).saturating_sub(2).max(1);
+    let grant =
+        run.budget.take("nearest faces", BYTES * triangles * m.min(1 << 12) as u64, BYTES * triangles * m as u64)?;
+    let block = (grant.bytes() / (BYTES * triangles)).max(1) as usize;
+    let look = || {
+        for start in (0..m).step_by(block) {
+            let tree = Tree::of(&from.mesh, &frame, start..m.min(start + block), |_| true);
+            let at = |i: usize| probe(to, &frame, i / points, i % points);
+            tree.improve_all(at, sign, fine, found, run)?;
+        }
+        Ok(())
+    };
+    run.stage("nearest faces", "faces", n as u64, look)?;
+    drop(grant);
+
+    let found: &[Found] = found;
+    let mut own = work.array::<u32>("labels.npy", &[n])?;
+    let mut quality = work.array::<f32>("quality.npy", &[n])?;
+    let choose = |k: usize, own: &mut [u32], quality: &mut [f32], (): &mut ()| {
+        for i in 0..own.len() {
+            let face = k * CHUNK + i;
+            let found = &found[face * points..(face + 1) * points];
+            (own[i], quality[i]) = elect(found, labels, fine, fine.max(coarse));
+        }
+        Ok(())
+    };
+    fill_two(run.threads, &run.cancel, (own.data(), quality.data()), CHUNK, || (), choose)?;
+
+    let near = own.data().iter().filter(|&&label| label != NONE).count();
+    if near * 2 < n {
+        let path = to.document.path();
+        let problem = format!("{near} of {n} faces have a labelled face of {} near", from.document.path().display());
+        return Err(Error::unusable(path, problem, "both meshes must lie in the same place, in the same unit"));
+    }
+    let graph = DualGraph::build(&to.mesh, to.document.path(), &json!("transfer"), work, run)?;
+    let filled = clean::fill(&graph, own.data(), run)?;
+    let least = ((n as f64 * ISLAND) as usize).max(4);
+    let islands = clean::islands(&graph, own.data(), quality.data(), least, work, run)?;
+    for (label, quality) in own.data().iter().zip(quality.data().iter_mut()) {
+        *quality = if *label == NONE { 0. } else { *quality };
+    }
+    clean::fill(&graph, own.data(), run)?;
+    let uncertain = quality.data().iter().filter(|&&quality| quality < 1.).count() as u64;
+    let facts = Facts { faces: n as u64, uncertain, filled, islands, points, turned };
+    work.remove("nearest.npy.partial");
+    Ok(Transferred { labels: own.finish(false)?, quality: quality.finish(false)?, facts })
+}
+
+/// The label of a face by what its points found, and how sure it is; `slack` and `edge` are edges of the first mesh and of
+/// the coarser one.
+fn elect(found: &[Found], labels: &[u32], slack: f32, edge: f32) -> (u32, f32) {
+    let mut votes = [(NONE, 0f32, 0f32); 4];
+    for (found, vote) in found.iter().zip(&mut votes) {
+        let Some((nearest, any)) = unpack(found[0]) else { continue };
+        let agreeing = unpack(found[1]).filter(|(d, _)| d.sqrt() <= window(nearest.sqrt(), slack));
+        let (distance, face) = agreeing.unwrap_or((nearest, any));
+        if distance.sqrt() <= FAR * edge {
+            let sure = if agreeing.is_some() && distance.sqrt() <= edge { 1. } else { 0.5 };
+            *vote = (labels[face as usize], 1., sure);
+        }
+    }
+    let votes = &votes[..found.len()];
+    let tally = |label: u32| votes.iter().filter(|vote| vote.0 == label).fold((0., 0.), |a, v| (a.0 + v.1, a.1 + v.2));
+    // The first of several: the centroid's, where it is one of them.
+    let mut best = (NONE, (0., 0.));
+    for &(label, ..) in votes.iter().filter(|vote| vote.0 != NONE) {
+        let own = tally(label);
+        if own.0 > best.1.0 {
+            best = (label, own);
+        }
+    }
+    (best.0, best.1.1 / found.len() as f32)
+}

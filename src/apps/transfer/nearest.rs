@@ -1,0 +1,298 @@
+//! Faces of one mesh nearest to points on another, in blocks that fit the budget.
+//!
+//! Each block of faces becomes a tree of boxes over its triangles along a curve; every point keeps, over all blocks, the
+//! nearest face and the nearest whose normal agrees. Both are the least of (distance, face), so that the answer is the
+//! same whatever the blocks. One walk answers both, and begins where the last point ended; a tree from a library walks
+//! twice and from the root, several times as long. [`BYTES`] a triangle of a block, 16 bytes a point on disk.
+
+use crate::base::Result;
+use crate::base::parallel::fill_chunks;
+use crate::base::vector::{cross, length, minus, wide};
+use crate::mesh::Mesh;
+use crate::store::Run;
+use std::ops::Range;
+
+/// Bytes that a triangle takes in a tree: its corners, its number, and its share of the nodes above.
+pub const BYTES: u64 = 96;
+/// Cosine of the angle up to which normals agree.
+const AGREE: f32 = 0.5;
+/// Triangles of a group.
+const GROUP: usize = 4;
+/// Points that a thread takes at a time.
+const CHUNK: usize = 1 << 12;
+/// No face.
+pub const NONE: u64 = u64::MAX;
+
+/// A unit of length and an origin that suit both meshes.
+#[derive(Clone, Copy, Debug)]
+pub struct Frame {
+    middle: [f64; 3],
+    scale: f64,
+}
+
+impl Frame {
+    /// The frame of `mesh`: its middle, and half its longest side.
+    ///
+    /// # Errors
+    /// [`crate::base::Error::Cancelled`].
+    pub fn of(mesh: &Mesh, run: &Run) -> Result<Self> {
+        let (mut low, mut high) = ([f64::INFINITY; 3], [f64::NEG_INFINITY; 3]);
+        for v in 0..mesh.positions.len() as u32 {
+            if v % (1 << 20) == 0 {
+                run.cancel.check()?;
+            }
+            let p = mesh.positions.get(v);
+            if p.iter().all(|x| x.is_finite()) {
+                (0..3).for_each(|k| (low[k], high[k]) = (low[k].min(p[k]), high[k].max(p[k])));
+            }
+        }
+        let side = (0..3).map(|k| high[k] / 2. - low[k] / 2.).fold(0., f64::max);
+        let scale = if side.is_finite() && side > 0. { side } else { 1. };
+        Ok(Self { middle: [0, 1, 2].map(|k| if low[k] <= high[k] { low[k] / 2. + high[k] / 2. } else { 0. }), scale })
+    }
+
+    /// Calls `visit(face, triangle)` with the triangles, in the frame, of the faces of `range` that lie in space.
+    pub fn triangles(&self, mesh: &Mesh, range: Range<usize>, mut visit: impl FnMut(u32, [[f32; 3]; 3])) {
+        let place = |v: u32| {
+            let p = mesh.positions.get(v);
+            let at = |k: usize| ((p[k] - self.middle[k]) / self.scale) as f32;
+            [at(0), at(1), at(2)]
+        };
+        mesh.faces.for_each(range, |face, corners| {
+            for k in 1..corners.len().saturating_sub(1) {
+                let triangle = [place(corners[0]), place(corners[k]), place(corners[k + 1])];
+                if triangle.iter().flatten().all(|x| x.is_finite()) {
+                    visit(face as u32, triangle);
+                }
+            }
+        });
+    }
+}
+
+/// Twice the area of a triangle times its normal.
+pub fn normal(triangle: &[[f32; 3]; 3]) -> [f64; 3] {
+    let [a, b, c] = [wide(triangle[0]), wide(triangle[1]), wide(triangle[2])];
+    cross(minus(b, a), minus(c, a))
+}
+
+/// `v` of length 1; zero where it has none.
+pub fn unit(v: [f64; 3]) -> [f32; 3] {
+    let norm = length(v);
+    let part = |x: f64| if norm > 0. { (x / norm) as f32 } else { 0. };
+    [part(v[0]), part(v[1]), part(v[2])]
+}
+
+#[inline(always)]
+fn dot(a: [f32; 3], b: [f32; 3]) -> f32 {
+    a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
+}
+
+/// A triangle and the face it is of.
+#[derive(Clone, Copy, Debug)]
+struct Leaf {
+    corners: [[f32; 3]; 3],
+    face: u32,
+    /// Its place on a space-filling curve.
+    key: u32,
+}
+
+impl Leaf {
+    fn new(corners: [[f32; 3]; 3], face: u32) -> Self {
+        let spread = |x: f32| (0..10).fold(0u32, |bits, k| bits | ((x as u32 >> k) & 1) << (3 * k));
+        let cell = |axis: usize| spread(((corners[0][axis] + 1.) * 512.).clamp(0., 1023.));
+        Self { corners, face, key: cell(0) | cell(1) << 1 | cell(2) << 2 }
+    }
+}
+
+/// Least and greatest coordinates.
+type Bounds = [[f32; 3]; 2];
+const EMPTY: Bounds = [[f32::INFINITY; 3], [f32::NEG_INFINITY; 3]];
+
+fn united(a: &Bounds, b: &Bounds) -> Bounds {
+    let (low, high) = (|k: usize| a[0][k].min(b[0][k]), |k: usize| a[1][k].max(b[1][k]));
+    [[low(0), low(1), low(2)], [high(0), high(1), high(2)]]
+}
+
+/// The squared distance of `p` from a box; infinite from an empty one.
+#[inline(always)]
+fn from_box([low, high]: &Bounds, p: [f32; 3]) -> f32 {
+    let out = |k: usize| (low[k] - p[k]).max(p[k] - high[k]).max(0.);
+    let (x, y, z) = (out(0), out(1), out(2));
+    x * x + y * y + z * z
+}
+
+/// The squared distance of `p` from a triangle: from its plane inside, from its edges outside.
+pub fn distance_2([a, b, c]: &[[f32; 3]; 3], p: [f32; 3]) -> f32 {
+    let sub = |a: [f32; 3], b: [f32; 3]| [a[0] - b[0], a[1] - b[1], a[2] - b[2]];
+    let to_edge = |from: [f32; 3], to: [f32; 3]| {
+        let (along, out) = (sub(to, from), sub(p, from));
+        let size = dot(along, along);
+        let t = if size > 0. { (dot(along, out) / size).clamp(0., 1.) } else { 0. };
+        let rest = [out[0] - t * along[0], out[1] - t * along[1], out[2] - t * along[2]];
+        dot(rest, rest)
+    };
+    let (u, v, w) = (sub(*b, *a), sub(*c, *a), sub(p, *a));
+    let (uu, uv, vv, wu, wv) = (dot(u, u), dot(u, v), dot(v, v), dot(w, u), dot(w, v));
+    let area = uu * vv - uv * uv;
+    let (s, t) = (vv * wu - uv * wv, uu * wv - uv * wu);
+    if area > 0. && s >= 0. && t >= 0. && s + t <= area {
+        let rest = |k: usize| w[k] - (s * u[k] + t * v[k]) / area;
+        let rest = [rest(0), rest(1), rest(2)];
+        return dot(rest, rest);
+    }
+    to_edge(*a, *b).min(to_edge(*b, *c)).min(to_edge(*c, *a))
+}
+
+/// A point to look from, and the normal there.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Probe {
+    /// Where.
+    pub place: [f32; 3],
+    /// The normal there, of length 1 or 0.
+    pub normal: [f32; 3],
+}
+
+/// What a point found: the nearest face, and the nearest that agrees; each (squared distance, face) or [`NONE`].
+pub type Found = [u64; 2];
+
+fn pack(distance_2: f32, face: u32) -> u64 {
+    u64::from(distance_2.to_bits()) << 32 | u64::from(face)
+}
+
+/// The squared distance and the face behind a number of [`Found`].
+pub fn unpack(packed: u64) -> Option<(f32, u32)> {
+    (packed != NONE).then_some((f32::from_bits((packed >> 32) as u32), packed as u32))
+}
+
+/// The distance up to which a face that agrees is better than one at distance `d` that does not; `slack` is an edge.
+pub fn window(d: f32, slack: f32) -> f32 {
+    2. * d + slack
+}
+
+/// A tree of all triangles of some faces: groups of neighbours along a curve, and boxes over pairs of boxes.
+pub struct Tree {
+    /// Along the curve, [`GROUP`] a group.
+    leaves: Vec<Leaf>,
+    /// Box of each node; node k has the children 2k and 2k + 1, the last half are groups.
+    boxes: Vec<Bounds>,
+}
+
+impl Tree {
+    /// Of the faces of `range` for which `wanted`.
+    pub fn of(mesh: &Mesh, frame: &Frame, range: Range<usize>, wanted: impl Fn(u32) -> bool) -> Self {
+        let faces = &mesh.faces;
+        let corners = range
+            .clone()
+            .next_back()
+            .map_or(0, |last| faces.corner_range(last).end - faces.corner_range(range.start).start);
+        let mut leaves = Vec::with_capacity(corners.saturating_sub(2 * range.len()));
+        frame.triangles(mesh, range, |face, corners| {
+            if wanted(face) {
+                leaves.push(Leaf::new(corners, face));
+            }
+        });
+        leaves.sort_unstable_by_key(|leaf| (leaf.key, leaf.face));
+        let half = leaves.len().div_ceil(GROUP).max(1).next_power_of_two();
+        let mut boxes = vec![EMPTY; 2 * half];
+        for (group, bounds) in leaves.chunks(GROUP).zip(&mut boxes[half..]) {
+            let points = group.iter().flat_map(|leaf| &leaf.corners);
+            *bounds = points.fold(EMPTY, |bounds, &p| united(&bounds, &[p, p]));
+        }
+        for node in (1..half).rev() {
+            boxes[node] = united(&boxes[2 * node], &boxes[2 * node + 1]);
+        }
+        Self { leaves, boxes }
+    }
+
+    /// The normal of the triangle nearest to `place`.
+    pub fn normal_near(&self, place: [f32; 3]) -> Option<[f32; 3]> {
+        let mut found = [NONE; 2];
+        let group = self.improve(&Probe { place, normal: [0.; 3] }, 1., 0., 0, &mut found);
+        let face = unpack(found[0])?.1;
+        let leaves = self.leaves.iter().skip(group * GROUP).take(GROUP);
+        leaves.filter(|leaf| leaf.face == face).map(|leaf| unit(normal(&leaf.corners))).next()
+    }
+
+    /// Improves `found` by what is near `probe`; normals agree where `sign` times theirs is much like its own. `near` is
+    /// a group to begin with, better the nearer; the answer is the group that the nearest triangle was found in.
+    pub fn improve(&self, probe: &Probe, sign: f32, slack: f32, near: usize, found: &mut Found) -> usize {
+        let half = self.boxes.len() / 2;
+        if self.leaves.is_empty() || !probe.place.iter().all(|x| x.is_finite()) {
+            return near;
+        }
+        let near = near.min(half - 1);
+        let mut best = near;
+        let mut limit = self.look(near, probe, sign, slack, found, &mut best);
+        // A path down and the other child at each step: no deeper than 64.
+        let mut stack = [(0f32, 0usize); 64];
+        let mut height = 1;
+        stack[0] = (0., 1);
+        while height > 0 {
+            height -= 1;
+            let (distance_2, node) = stack[height];
+            if distance_2 > limit {
+                continue;
+            }
+            if node >= half {
+                if node - half != near {
+                    limit = self.look(node - half, probe, sign, slack, found, &mut best);
+                }
+                continue;
+            }
+            let child = |child: usize| (from_box(&self.boxes[child], probe.place), child);
+            let mut pair = [child(2 * node), child(2 * node + 1)];
+            if pair[0].0 < pair[1].0 {
+                pair.swap(0, 1);
+            }
+            for (distance_2, child) in pair {
+                if distance_2 <= limit && distance_2 < f32::INFINITY {
+                    stack[height] = (distance_2, child);
+                    height += 1;
+                }
+            }
+        }
+        best
+    }
+
+    /// Improves `found` by the triangles of a group; answers how far boxes matter now.
+    fn look(&self, group: usize, probe: &Probe, sign: f32, slack: f32, found: &mut Found, best: &mut usize) -> f32 {
+        let least = |packed: u64| unpack(packed).map_or(f32::INFINITY, |(distance_2, _)| distance_2);
+        for leaf in self.leaves.iter().skip(group * GROUP).take(GROUP) {
+            let distance_2 = distance_2(&leaf.corners, probe.place);
+            let packed = pack(distance_2, leaf.face);
+            if packed < found[0] {
+                (found[0], *best) = (packed, group);
+            }
+            let agrees = || sign * dot(unit(normal(&leaf.corners)), probe.normal) >= AGREE;
+            if packed < found[1] && agrees() {
+                found[1] = packed;
+            }
+        }
+        let any = least(found[0]);
+        let limit = any.max(least(found[1]).min(window(any.sqrt(), slack).powi(2)));
+        // Boxes and triangles are rounded differently; what could be as near must be looked at.
+        limit + 1e-6 * limit.sqrt() + 1e-12
+    }
+
+    /// [`Tree::improve`] for many points.
+    ///
+    /// # Errors
+    /// [`crate::base::Error::Cancelled`].
+    pub fn improve_all(
+        &self,
+        probe: impl Fn(usize) -> Probe + Sync,
+        sign: f32,
+        slack: f32,
+        found: &mut [Found],
+        run: &Run,
+    ) -> Result<()> {
+        let work = |k: usize, piece: &mut [Found], (): &mut ()| {
+            let mut near = 0;
+            for (i, found) in piece.iter_mut().enumerate() {
+                near = self.improve(&probe(k * CHUNK + i), sign, slack, near, found);
+            }
+            Ok(())
+        };
+        fill_chunks(run.threads, &run.cancel, found, CHUNK, || (), work).map(drop)
+    }
+}

@@ -1,0 +1,106 @@
+//! `transfer-labels`: labels carried over to another mesh of the same shape.
+
+use super::options::RunArgs;
+use super::output::{Output, PlyArgs, Results, folder_of, publish};
+use super::picture::{labels_of_file, labels_of_mesh};
+use super::{Failure, Surroundings};
+use nystrom_stream::apps::picture::colours_for;
+use nystrom_stream::apps::transfer::transfer;
+use nystrom_stream::base::Error;
+use nystrom_stream::mesh::labelled::Labelling;
+use nystrom_stream::mesh::{self, face_columns};
+use nystrom_stream::store::WorkDir;
+use serde_json::json;
+use std::path::{Path, PathBuf};
+use std::time::Instant;
+
+/// Arguments of `transfer-labels`.
+#[derive(Clone, Debug, clap::Args)]
+pub struct Args {
+    /// The labelled mesh
+    #[arg(value_name = "FROM")]
+    pub from: PathBuf,
+    /// The mesh to label, in the same place and unit
+    #[arg(value_name = "TO")]
+    pub to: PathBuf,
+    /// Output, once or more, as of `segment`
+    #[arg(short, long, value_name = "OUT", required = true)]
+    pub output: Vec<PathBuf>,
+    /// Labels of FROM, .seg or .npy [default: the property `label` of its faces]
+    #[arg(long, value_name = "LABELS")]
+    pub labels: Option<PathBuf>,
+    /// Tell how well it went as JSON, to FILE or to standard output
+    #[arg(long, value_name = "FILE", num_args = 0..=1, default_missing_value = "-", require_equals = true)]
+    pub json: Option<PathBuf>,
+    #[command(flatten)]
+    pub ply: PlyArgs,
+    #[command(flatten)]
+    pub run: RunArgs,
+}
+
+pub fn run(args: &Args, surroundings: &Surroundings) -> Result<(), Failure> {
+    let start = Instant::now();
+    let outputs = args.output.iter().map(|path| Output::of(path)).collect::<Result<Vec<_>, _>>()?;
+    args.ply.check(&outputs)?;
+    if outputs.contains(&Output::Stdout) && args.json.as_deref() == Some(Path::new("-")) {
+        return Err(Failure::Misused("mesh and report cannot both go to standard output; give --json=FILE".into()));
+    }
+    outputs.iter().try_for_each(Output::check)?;
+    let bars = args.run.bars();
+    let run = args.run.run(&bars, surroundings);
+    let beside = outputs.iter().find_map(Output::path).map_or_else(std::env::temp_dir, folder_of);
+    let tmp = args.run.tmp.as_deref().unwrap_or(&beside);
+    // Both meshes may have to be decoded, each into a folder of its own.
+    let (work, source) = (WorkDir::temporary(tmp)?, WorkDir::temporary(tmp)?);
+    let read = |path: &Path, work: &WorkDir| run.stage("read", "bytes", 0, || mesh::open(path, work.path(), &run));
+    let from = read(&args.from, &source)?.0;
+    let (labels, known) = match &args.labels {
+        Some(path) => (labels_of_file(path, &source)?, None),
+        None if face_columns::has(&from.document, "label") => labels_of_mesh(&from.document, &source, &run)?,
+        None => {
+            let remedy = "segment it first, or give --labels";
+            return Err(Error::unusable(&args.from, "has no face property `label`", remedy).into());
+        }
+    };
+    if labels.len() != from.mesh.faces.len() {
+        let path = args.labels.as_deref().unwrap_or(&args.from);
+        let problem = format!("has {} labels for {} faces", labels.len(), from.mesh.faces.len());
+        return Err(Error::unusable(path, problem, "give the labels of FROM").into());
+    }
+    let to = read(&args.to, &work)?.0;
+    from.notes.iter().chain(&to.notes).for_each(|note| run.progress.note(note));
+    let result = transfer(&from, &labels, &to, &work, &run)?;
+    let facts = result.facts;
+    let share = facts.uncertain as f64 / facts.faces.max(1) as f64;
+    run.progress.note(&format!(
+        "{} faces, {:.2} % of them uncertain; {} filled in, {} in islands",
+        facts.faces,
+        100. * share,
+        facts.filled,
+        facts.islands
+    ));
+    let colours = match known {
+        Some(colours) => colours,
+        None => colours_for(&to.mesh, &result.labels, &run)?,
+    };
+    let mut report = json!({
+        "from": args.from, "mesh": args.to, "uncertain_share": share, "transfer": facts,
+        "input": {"path": args.to, "faces": facts.faces, "vertices": to.mesh.positions.len()},
+    });
+    let results = Results {
+        labelling: Labelling { labels: &result.labels, colours: &colours, quality: Some(&result.quality) },
+        options: args.ply.options(),
+        embedding: None,
+        report: report.clone(),
+        cuts: None,
+    };
+    let each = || outputs.iter().try_for_each(|output| output.write(Some(&to), &results, &run));
+    run.stage("write", "faces", facts.faces, each)?;
+    if let Some(target) = &args.json {
+        let mut seconds = bars.take_seconds();
+        seconds.insert("total".into(), start.elapsed().as_secs_f64());
+        report["seconds"] = json!(seconds);
+        publish(target, &report)?;
+    }
+    Ok(())
+}

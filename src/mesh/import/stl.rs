@@ -1,0 +1,105 @@
+//! STL, text or binary: three vertices of its own for every triangle. The graph joins what lies at the same place.
+//!
+//! Normals and attributes are passed over. Binary files may begin with `solid` too; their size gives them away.
+
+use super::lines::Lines;
+use super::{Counts, Target, check};
+use crate::base::{Error, Result};
+use crate::mesh::header::CUT_SHORT;
+use crate::mesh::model::Scalar;
+use std::path::Path;
+
+/// Bytes before the triangles of a binary file, and of each.
+const FRONT: usize = 84;
+const RECORD: usize = 50;
+
+/// The triangles that a binary file promises.
+fn promised(bytes: &[u8]) -> Option<u64> {
+    let count = bytes.get(80..FRONT)?.first_chunk::<4>()?;
+    Some(u64::from(u32::from_le_bytes(*count)))
+}
+
+/// Whether `bytes` have the size that a binary file says it has.
+pub(super) fn has_binary_size(bytes: &[u8]) -> bool {
+    promised(bytes).is_some_and(|count| count > 0 && FRONT as u64 + RECORD as u64 * count == bytes.len() as u64)
+}
+
+/// Whether `bytes` are a file of text.
+pub(super) fn is_text(bytes: &[u8]) -> bool {
+    let start = bytes.trim_ascii_start();
+    let solid = start.get(..5).is_some_and(|word| word.eq_ignore_ascii_case(b"solid"));
+    solid && !has_binary_size(bytes) && !bytes[..bytes.len().min(1 << 12)].contains(&0)
+}
+
+/// What the mesh has.
+pub(super) fn count(path: &Path, bytes: &[u8]) -> Result<Counts> {
+    let vertices = if is_text(bytes) { corners_of_text(path, bytes)?.0 } else { 3 * triangles_of_binary(path, bytes)? };
+    let counts = Counts { vertices, faces: vertices / 3, corners: vertices, most: 3, double: false };
+    check(path, counts)?;
+    Ok(counts)
+}
+
+fn triangles_of_binary(path: &Path, bytes: &[u8]) -> Result<u64> {
+    let short = |problem: String| Error::malformed(path, "byte 80", problem, CUT_SHORT);
+    let count = promised(bytes)
+        .ok_or_else(|| short(format!("the number of triangles is missing, the file has {} bytes", bytes.len())))?;
+    let size = FRONT as u64 + RECORD as u64 * count;
+    if size > bytes.len() as u64 {
+        return Err(short(format!("{count} triangles take {size} bytes, the file has {}", bytes.len())));
+    }
+    Ok(count)
+}
+
+/// Vertices of a file of text, and whether it ends as it should.
+fn corners_of_text(path: &Path, bytes: &[u8]) -> Result<(u64, bool)> {
+    let (mut vertices, mut ended) = (0u64, false);
+    for line in Lines::new(bytes, false) {
+        let word = line.words().next().unwrap_or_default();
+        if word.eq_ignore_ascii_case(b"vertex") {
+            vertices += 1;
+        } else if (word.eq_ignore_ascii_case(b"endloop") || word.eq_ignore_ascii_case(b"endfacet")) && vertices % 3 != 0
+        {
+            return Err(line.wrong(path, "a facet has other than three vertices"));
+        }
+        ended = word.eq_ignore_ascii_case(b"endsolid");
+    }
+    if vertices % 3 != 0 {
+        return Err(Error::malformed(path, "end", "the file ends within a facet", CUT_SHORT));
+    }
+    Ok((vertices, ended))
+}
+
+/// Writes the mesh.
+pub(super) fn convert(bytes: &[u8], target: &mut Target, notes: &mut Vec<String>) -> Result<()> {
+    let path = target.path;
+    target.counts = count(path, bytes)?;
+    target.header();
+    let faces = target.counts.faces;
+    if is_text(bytes) {
+        for line in Lines::new(bytes, false) {
+            let mut words = line.words();
+            if words.next().is_some_and(|word| word.eq_ignore_ascii_case(b"vertex")) {
+                let place = line.place(words, Scalar::F32, path)?;
+                place.iter().for_each(|&x| target.out.buffer.extend_from_slice(&(x as f32).to_le_bytes()));
+                target.settle()?;
+            }
+        }
+        if !corners_of_text(path, bytes)?.1 {
+            notes.push(format!("{}: has no endsolid at its end; it may be cut short", path.display()));
+        }
+    } else {
+        for record in bytes[FRONT..].chunks_exact(RECORD).take(faces as usize) {
+            target.out.buffer.extend_from_slice(&record[12..48]);
+            target.settle()?;
+        }
+        let rest = bytes.len() as u64 - FRONT as u64 - RECORD as u64 * faces;
+        if rest > 0 {
+            notes.push(format!("{}: {rest} bytes after the last triangle were ignored", path.display()));
+        }
+    }
+    for face in 0..faces {
+        target.face(3)?;
+        (0..3).for_each(|k| target.out.buffer.extend_from_slice(&((3 * face + k) as u32).to_le_bytes()));
+    }
+    Ok(())
+}

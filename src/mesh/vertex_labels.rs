@@ -1,0 +1,120 @@
+//! A label a vertex: the one that most faces around it have.
+//!
+//! Labels are tallied in bands of vertices as wide as the budget allows, each with a pass over the faces. A vertex has
+//! room for [`KINDS`] labels, so its answer is exact where no more meet there; 20 bytes a vertex.
+
+use super::surface::Mesh;
+use crate::base::Result;
+use crate::store::Run;
+use crate::store::budget::Grant;
+
+/// Labels tallied a vertex.
+const KINDS: usize = 3;
+/// Vertices of a band at the least, where there are as many.
+const LEAST: usize = 1 << 12;
+/// Faces between two looks at the stop flag.
+const CHUNK: usize = 1 << 16;
+
+/// The labels met at a vertex and how often.
+#[derive(Clone, Copy, Debug, Default)]
+struct Tally {
+    labels: [u32; KINDS],
+    counts: [u16; KINDS],
+}
+
+impl Tally {
+    fn add(&mut self, label: u32) {
+        let known = (0..KINDS).find(|&k| self.counts[k] > 0 && self.labels[k] == label);
+        match known.or_else(|| (0..KINDS).find(|&k| self.counts[k] == 0)) {
+            Some(k) => {
+                self.labels[k] = label;
+                self.counts[k] = self.counts[k].saturating_add(1);
+            }
+            // A label too many takes one off each, so that what most faces have stays.
+            None => self.counts.iter_mut().for_each(|count| *count -= 1),
+        }
+    }
+
+    /// The label met most; the smallest of several.
+    fn most(&self) -> Option<u32> {
+        let met = (0..KINDS).filter(|&k| self.counts[k] > 0);
+        met.max_by_key(|&k| (self.counts[k], std::cmp::Reverse(self.labels[k]))).map(|k| self.labels[k])
+    }
+}
+
+/// The labels of all vertices, asked for in ascending order.
+pub(super) struct VertexLabels<'a> {
+    mesh: &'a Mesh,
+    labels: &'a [u32],
+    run: &'a Run<'a>,
+    start: usize,
+    band: Vec<Tally>,
+    width: usize,
+    _grant: Grant,
+}
+
+impl<'a> VertexLabels<'a> {
+    /// Of the vertices of `mesh`, whose faces have `labels`.
+    ///
+    /// # Errors
+    /// [`crate::base::Error::Memory`].
+    pub(super) fn new(mesh: &'a Mesh, labels: &'a [u32], run: &'a Run<'a>) -> Result<Self> {
+        let (vertices, size) = (mesh.positions.len().max(1), size_of::<Tally>() as u64);
+        let least = size * vertices.min(LEAST) as u64;
+        let grant = run.budget.take("labels of vertices", least, size * vertices as u64)?;
+        let width = (grant.bytes() / size) as usize;
+        Ok(Self { mesh, labels, run, start: 0, band: Vec::new(), width, _grant: grant })
+    }
+
+    /// The label of `vertex`; none where it has no face.
+    ///
+    /// # Errors
+    /// [`crate::base::Error::Cancelled`].
+    pub(super) fn get(&mut self, vertex: usize) -> Result<Option<u32>> {
+        if vertex < self.start || vertex >= self.start + self.band.len() {
+            self.fill(vertex)?;
+        }
+        Ok(self.band.get(vertex - self.start).and_then(Tally::most))
+    }
+
+    /// Tallies the band that begins with `start`.
+    fn fill(&mut self, start: usize) -> Result<()> {
+        self.start = start;
+        self.band.clear();
+        self.band.resize(self.width.min(self.mesh.positions.len() - start), Tally::default());
+        let faces = self.mesh.faces.len();
+        for first in (0..faces).step_by(CHUNK) {
+            self.run.cancel.check()?;
+            self.mesh.faces.for_each(first..faces.min(first + CHUNK), |face, corners| {
+                for &corner in corners {
+                    if let Some(tally) = (corner as usize).checked_sub(start).and_then(|at| self.band.get_mut(at)) {
+                        tally.add(self.labels[face]);
+                    }
+                }
+            });
+        }
+        Ok(())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::store::Budget;
+
+    #[test]
+    fn the_most_frequent_label_wins_whatever_the_bands() {
+        let dir = tempfile::tempdir().unwrap();
+        // A fan around vertex 0, and many vertices of no face.
+        let faces: Vec<[u32; 3]> = (1..7).map(|k| [0, k, k % 6 + 1]).collect();
+        let mesh = Mesh::from_arrays(dir.path(), &vec![[0.; 3]; 3 * LEAST], &faces).unwrap();
+        let labels = [5, 5, 7, 9, 7, 7];
+        let narrow = Run { budget: Budget::new((size_of::<Tally>() * LEAST) as u64), ..Run::new(&()) };
+        for run in [Run::new(&()), narrow] {
+            let mut votes = VertexLabels::new(&mesh, &labels, &run).unwrap();
+            let all: Vec<_> = (0..3 * LEAST).map(|v| votes.get(v).unwrap()).collect();
+            assert_eq!(all[..7], [7, 5, 5, 5, 7, 7, 7].map(Some));
+            assert!(all[7..].iter().all(Option::is_none));
+        }
+    }
+}

@@ -1,0 +1,50 @@
+//! The mesh in every small number of parts, from the hierarchy that a work directory keeps: what a page's slider shows.
+
+use super::decision;
+use crate::base::Result;
+use crate::base::parallel::fill_each;
+use crate::cluster::parts::PartTree;
+use crate::graph::{DualGraph, NodeOrder};
+use crate::store::{MappedSlice, Run, WorkDir};
+
+/// Numbers of parts at the most.
+pub const MOST: usize = 30;
+const CHUNK: usize = 1 << 16;
+const FILE: &str = "file_cells.npy";
+
+/// Cells of the faces, and the part of each cell for every number of parts.
+#[derive(Clone, Debug)]
+pub struct KeptCuts {
+    /// Cell of each face, in the order of the file (n).
+    pub cells: MappedSlice<u32>,
+    /// For 1, 2, … parts the part of each cell.
+    pub parts: Vec<Vec<u32>>,
+}
+
+/// The cuts into up to [`MOST`] parts of the mesh in `work`, which was cut into parts, of a preview where `coarse`; by the
+/// hierarchy `tree`, where one is given. None where cells and hierarchy do not fit.
+///
+/// # Errors
+/// [`crate::base::Error::WorkDir`], [`crate::base::Error::Io`], [`crate::base::Error::Cancelled`].
+pub fn kept(coarse: bool, tree: Option<&PartTree>, work: &WorkDir, run: &Run) -> Result<Option<KeptCuts>> {
+    let (_, input) = DualGraph::kept(work)?;
+    let order = NodeOrder::kept(&input, work)?;
+    let tree = tree.cloned().map_or_else(|| decision::tree_of(work, coarse), Ok)?;
+    let inner = work.file("coarse").join("cells.npy");
+    let cells = if coarse && inner.exists() {
+        let of_small = crate::store::npy::open::<u32>(&inner)?;
+        let of_node = work.open_array::<u32>("contracted.npy")?;
+        let mut cells = work.array::<u32>(FILE, &[of_node.len()])?;
+        let value = |i: usize, _| of_small.get(of_node[i] as usize).copied().unwrap_or(u32::MAX);
+        fill_each(run.threads, &run.cancel, cells.data(), CHUNK, value)?;
+        cells.finish(false)?
+    } else {
+        work.open_array::<u32>("cells.npy")?
+    };
+    if cells.iter().any(|&cell| cell as usize >= tree.cells()) {
+        return Ok(None);
+    }
+    let cells = order.restore(FILE, cells, work, run)?;
+    let parts = (1..=MOST.min(tree.cells())).map(|k| Ok(tree.cut_k(k)?.label)).collect::<Result<_>>()?;
+    Ok(Some(KeptCuts { cells, parts }))
+}

@@ -1,0 +1,207 @@
+//! Outputs in other programs' forms: read back here, and opened with the programs themselves where those are there.
+
+mod common;
+
+use common::{errors, word};
+use nystrom_stream::mesh::{self, Mesh, Opened};
+use nystrom_stream::store::Run;
+use std::path::{Path, PathBuf};
+use std::process::Command;
+
+fn run() -> Run<'static> {
+    Run { threads: 2, ..Run::new(&()) }
+}
+
+fn open(path: &Path) -> Opened {
+    let scratch = path.parent().unwrap().join("scratch");
+    std::fs::create_dir_all(&scratch).unwrap();
+    mesh::open(path, &scratch, &run()).unwrap()
+}
+
+fn property(path: &Path, name: &str) -> Vec<u32> {
+    open(path).document.face_property(name, &run()).unwrap()
+}
+
+fn faces(mesh: &Mesh) -> Vec<Vec<[f64; 3]>> {
+    let mut all = Vec::new();
+    let places = |corners: &[u32]| corners.iter().map(|&v| mesh.positions.get(v)).collect();
+    mesh.faces.for_each(0..mesh.faces.len(), |_, corners| all.push(places(corners)));
+    all
+}
+
+/// Whether python has `modules`; a failure where the variable `required` is set and it has not.
+fn has_python(modules: &str, required: &str) -> bool {
+    let found = Command::new("python3").args(["-c", &format!("import {modules}")]).output();
+    let found = found.is_ok_and(|output| output.status.success());
+    assert!(found || std::env::var_os(required).is_none(), "no python3 with {modules}");
+    if !found {
+        eprintln!("skipped: python3 with {modules} is not there");
+    }
+    found
+}
+
+/// A script of `tools` on `words`, which must succeed.
+fn tool(name: &str, words: &[&Path]) {
+    let script = Path::new(env!("CARGO_MANIFEST_DIR")).join("tools").join(name);
+    let output = Command::new("python3").arg(script).args(words).output().unwrap();
+    let told = String::from_utf8_lossy(&output.stdout).into_owned();
+    assert!(output.status.success(), "{name} {words:?}: {told}{}", errors(&output));
+    eprint!("{told}");
+}
+
+#[test]
+fn every_form_opens_in_the_programs_people_use() {
+    let modules = "numpy, plyfile, trimesh, pyarrow, pygltflib, pymeshlab";
+    if !has_python(modules, "NYSTROM_STREAM_REQUIRE_FORMATS") {
+        return;
+    }
+    let dir = tempfile::tempdir().unwrap();
+    // Enough for two row groups, and a real mesh.
+    let mut meshes = vec![common::creature(dir.path(), 270_000, false)];
+    meshes.extend(common::data().map(|data| data.join("real/kitten_25k.ply")));
+    for (k, mesh) in meshes.iter().enumerate() {
+        let folder = dir.path().join(format!("out{k}"));
+        std::fs::create_dir(&folder).unwrap();
+        let work = folder.join("work");
+        let mut words = vec!["-q", "-k", "6", "--vertex-labels", "--embedding-columns", "--work-dir", word(&work)];
+        let names = ["out.npy", "out.seg", "out.ply", "out.parquet", "out.glb", "parts/"];
+        let outputs: Vec<String> = names.iter().map(|name| format!("{}/{name}", folder.display())).collect();
+        outputs.iter().for_each(|output| words.extend(["-o", output]));
+        common::segment(mesh, &words);
+        let ascii = folder.join("ascii.ply");
+        let words = ["export", "-q", "--work-dir", word(&work), "--ply-form", "ascii", "-o", word(&ascii)];
+        assert!(common::run(&words).status.success());
+        tool("check_formats.py", &[mesh, &folder, Path::new("10")]);
+    }
+}
+
+#[test]
+fn a_page_of_a_real_mesh_works_in_a_browser() {
+    let required = "NYSTROM_STREAM_REQUIRE_BROWSER";
+    let chromium = Command::new("chromium").arg("--version").output().is_ok_and(|output| output.status.success());
+    assert!(chromium || std::env::var_os(required).is_none(), "no chromium");
+    if !chromium {
+        eprintln!("skipped: chromium is not there");
+        return;
+    }
+    let Some(data) = common::data().filter(|_| has_python("selenium", required)) else { return };
+    let dir = tempfile::tempdir().unwrap();
+    let page = dir.path().join("kitten.html");
+    common::segment(&data.join("real/kitten_25k.ply"), &["-q", "-o", word(&page)]);
+    tool("check-page", &[&page]);
+}
+
+#[test]
+fn parts_are_meshes_with_their_faces_and_open_borders() {
+    let dir = tempfile::tempdir().unwrap();
+    let quads = "OFF\n8 6 0\n0 0 0\n1 0 0\n1 1 0\n0 1 0\n0 0 1\n1 0 1\n1 1 1\n0 1 1\n\
+                 4 0 3 2 1\n4 4 5 6 7\n4 0 1 5 4\n4 1 2 6 5\n4 2 3 7 6\n4 3 0 4 7\n";
+    let cube = dir.path().join("cube.off");
+    std::fs::write(&cube, quads).unwrap();
+    let creature = common::creature(dir.path(), 5_000, true);
+    for (k, (path, form)) in [(&cube, "ascii"), (&creature, "binary"), (&creature, "ascii")].into_iter().enumerate() {
+        let (folder, seg) = (dir.path().join(format!("parts{k}/")), dir.path().join("all.seg"));
+        let with_slash = format!("{}/", folder.display());
+        common::segment(path, &["-q", "-k", "3", "--ply-form", form, "-o", &with_slash, "-o", word(&seg)]);
+        let labels = mesh::read_seg(&seg).unwrap();
+        let whole = faces(&open(path).mesh);
+        let text = std::fs::read_to_string(folder.join("parts.json")).unwrap();
+        let list: serde_json::Value = serde_json::from_str(&text).unwrap();
+        let mut seen = vec![u32::MAX; labels.len()];
+        for part in list["parts"].as_array().unwrap() {
+            let file = folder.join(part["file"].as_str().unwrap());
+            let opened = open(&file);
+            assert_eq!(opened.document.is_text(), form == "ascii");
+            let (original, label) = (property(&file, "original_face"), property(&file, "label"));
+            for ((corners, &face), &label) in faces(&opened.mesh).iter().zip(&original).zip(&label) {
+                assert!(*corners == whole[face as usize]);
+                seen[face as usize] = label;
+            }
+            assert_eq!(opened.mesh.positions.len() as u64, part["vertices"].as_u64().unwrap());
+        }
+        assert!(seen == labels, "{form}");
+        // Again, in fewer parts: the list tells what is of this cut.
+        let again = common::segment(path, &["-k", "2", "-o", &with_slash]);
+        assert!(errors(&again).contains("parts of an earlier cut"), "{}", errors(&again));
+        let text = std::fs::read_to_string(folder.join("parts.json")).unwrap();
+        assert_eq!(text.matches("\"file\"").count(), 2);
+    }
+}
+
+#[test]
+fn vertices_get_labels_in_every_encoding_and_only_once() {
+    let dir = tempfile::tempdir().unwrap();
+    let mesh = common::creature(dir.path(), 3_000, false);
+    let vertex_labels = |path: &Path| -> Vec<f64> {
+        let text = std::fs::read_to_string(path).unwrap();
+        let body = text.split("end_header\n").nth(1).unwrap();
+        let count = open(path).mesh.positions.len();
+        body.lines().take(count).map(|line| line.split(' ').nth(3).unwrap().parse().unwrap()).collect()
+    };
+    let ply = |name: &str| dir.path().join(name);
+    common::segment(&mesh, &["-q", "-k", "4", "--vertex-labels", "-o", word(&ply("a.ply"))]);
+    let words = ["-q", "-k", "4", "--vertex-labels", "--ply-form", "ascii", "-o"];
+    common::segment(&mesh, &[&words[..], &[word(&ply("b.ply"))]].concat());
+    common::segment(&ply("a.ply"), &[&words[..], &[word(&ply("c.ply"))]].concat());
+    let (b, c) = (vertex_labels(&ply("b.ply")), vertex_labels(&ply("c.ply")));
+    assert!(b == c && b.iter().all(|label| (0. ..4.).contains(label)));
+    let text = std::fs::read_to_string(ply("c.ply")).unwrap();
+    assert_eq!(text.matches("scalar_label").count(), 1);
+    // Every vertex has a label of one of its faces.
+    let (labels, opened) = (property(&ply("b.ply"), "label"), open(&ply("b.ply")));
+    let mut met = vec![0u32; b.len()];
+    opened.mesh.faces.for_each(0..labels.len(), |face, corners| {
+        corners.iter().for_each(|&v| met[v as usize] |= 1 << labels[face]);
+    });
+    assert!(met.iter().zip(&b).all(|(met, &label)| met >> label as u32 & 1 == 1));
+}
+
+#[test]
+fn the_same_run_writes_the_same_bytes() {
+    let dir = tempfile::tempdir().unwrap();
+    let mesh = common::creature(dir.path(), 20_000, true);
+    let write = |threads: &str, memory: &str| -> Vec<Vec<u8>> {
+        let files: Vec<PathBuf> = ["x.parquet", "x.glb", "x.ply"].iter().map(|name| dir.path().join(name)).collect();
+        let mut words = vec!["-q", "-k", "5", "--vertex-labels", "--threads", threads, "--max-memory", memory];
+        files.iter().for_each(|file| words.extend(["-o", word(file)]));
+        common::segment(&mesh, &words);
+        files.iter().map(|file| std::fs::read(file).unwrap()).collect()
+    };
+    assert!(write("1", "1GiB") == write("2", "16MiB"));
+}
+
+#[test]
+fn pages_have_cuts_from_every_command() {
+    let dir = tempfile::tempdir().unwrap();
+    let mesh = common::creature(dir.path(), 9_000, true);
+    let (work, page) = (dir.path().join("work"), dir.path().join("x.html"));
+    let cuts = || std::fs::read_to_string(&page).unwrap().contains("\"cuts\":{");
+    common::segment(&mesh, &["-q", "-k", "4", "--work-dir", word(&work), "-o", word(&page)]);
+    assert!(cuts());
+    let run = |words: &[&str]| {
+        let output = common::run(&[words, &["-q", "--work-dir", word(&work), "-o", word(&page)]].concat());
+        assert!(output.status.success(), "{}", errors(&output));
+    };
+    run(&["cluster", "-k", "5"]);
+    assert!(cuts());
+    run(&["export"]);
+    assert!(cuts());
+    run(&["cluster", "-k", "5", "--cluster", "kmeans"]);
+    assert!(!cuts());
+}
+
+#[test]
+fn what_makes_no_sense_is_refused_before_any_work() {
+    let dir = tempfile::tempdir().unwrap();
+    let mesh = common::creature(dir.path(), 1_000, false);
+    let out = |name: &str| dir.path().join(name).display().to_string();
+    for (words, part) in [
+        (vec!["-o".to_string(), out("parts")], "or with / for a PLY a part"),
+        (vec!["-o".into(), out("x.seg"), "--vertex-labels".into()], "--vertex-labels goes with a .ply"),
+        (vec!["--embedding-columns".into()], "--embedding-columns goes with a .parquet"),
+    ] {
+        let output = common::program().arg("segment").arg(&mesh).args(&words).output().unwrap();
+        assert_eq!(output.status.code(), Some(2));
+        assert!(errors(&output).contains(part), "{}", errors(&output));
+    }
+}
