@@ -7,4 +7,5 @@ pub mod page;
 pub mod picture;
 mod pixel_text;
 pub mod sequence;
+pub mod plots;
 pub mod study;
