@@ -32,11 +32,11 @@ fn work_directories_reports_and_hierarchies_are_plotted() {
     let told: serde_json::Value = serde_json::from_str(&text(dir.path(), "report.json")).unwrap();
     let parts = told["parts"].as_array().unwrap();
     // Every part has its row, in the colour that the labels have.
-    let tree = text(dir.path(), "t.svg");
-    assert!(tree.contains(&format!("{} parts, cut at 0.50", parts.len())), "{tree}");
+    let drawn = text(dir.path(), "t.svg");
+    assert!(drawn.contains(&format!("{} parts, cut at 0.50", parts.len())), "{drawn}");
     for part in parts {
         let colour: String = (0..3).map(|k| format!("{:02X}", part["colour"][k].as_u64().unwrap())).collect();
-        assert!(tree.contains(&format!("#{colour}")), "{part}");
+        assert!(drawn.contains(&format!("#{colour}")), "{part}");
     }
     // As many points as landmarks, and three in the legend.
     let eigenvalues = told["eigenvalues"].as_array().unwrap().len();
@@ -45,7 +45,8 @@ fn work_directories_reports_and_hierarchies_are_plotted() {
     // The report gives the same chart; the hierarchy taken out gives the same tree.
     assert_eq!(plot(dir.path(), "report.json --eigenvalues r.svg").0, 0);
     assert_eq!(text(dir.path(), "r.svg"), text(dir.path(), "e.svg"));
-    let words = ["export", "-q", "--work-dir", word(&work), "--tree", word(&dir.path().join("tree.json"))];
+    let tree = dir.path().join("tree.json");
+    let words = ["export", "-q", "--work-dir", word(&work), "--tree", word(&tree)];
     assert!(common::run(&words).status.success());
     assert_eq!(plot(dir.path(), "tree.json --tree again.svg -k 3").0, 0);
     assert!(text(dir.path(), "again.svg").contains("tree: 3 parts, as asked for"));
@@ -65,7 +66,7 @@ fn work_directories_reports_and_hierarchies_are_plotted() {
         ("work --tree x.svg --detail 3", 2, "-1 to 1"),
         ("report.json --tree x.svg", 1, "holds no hierarchy"),
         ("tree.json --eigenvalues x.svg", 1, "holds no eigenvalues"),
-        ("x.seg --tree x.svg", 1, "has neither"),
+        ("x.seg --tree x.svg", 1, "neither a folder nor JSON"),
         ("nothing --tree x.svg", 1, "nothing"),
         ("work --tree nowhere/x.svg", 1, "nowhere"),
     ] {
