@@ -68,7 +68,7 @@ impl Drawing for TreePlot<'_> {
             area.draw(&PathElement::new(vec![(x(level), TOP - 6), (x(level), bottom)], RULE))?;
             area.draw(&Text::new(format!("{level:.1}"), (x(level), bottom + 12), text(HPos::Center)))?;
         }
-        let axis = "level up to which a cut unites: 0 one part, 1 single cells";
+        let axis = "level up to which a cut unites: 0 one part, 1 single cells; small branches left out";
         area.draw(&Text::new(axis, (LEFT, bottom + 34), text(HPos::Left)))?;
         for branch in &self.plot.branches {
             let style = |branch: &Branch| match branch.part {
