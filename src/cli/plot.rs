@@ -1,7 +1,6 @@
 //! `plot`: charts of what a run found, from its work directory, its report, or a hierarchy of parts.
 
 use super::Failure;
-use super::options::RunArgs;
 use super::quality::check_plots;
 use nystrom_stream::apps::plots::{Dendrogram, Spectrum, TreePlot};
 use nystrom_stream::base::{Error, Result};
@@ -32,8 +31,6 @@ pub struct Args {
     #[arg(long, value_name = "D", allow_negative_numbers = true, conflicts_with = "parts", requires = "tree",
           value_parser = parse_detail)]
     pub detail: Option<f64>,
-    #[command(flatten)]
-    pub run: RunArgs,
 }
 
 fn parse_detail(text: &str) -> Result<f64, String> {
