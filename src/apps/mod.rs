@@ -6,6 +6,6 @@ pub mod evaluate;
 pub mod page;
 pub mod picture;
 mod pixel_text;
-pub mod sequence;
 pub mod plots;
+pub mod sequence;
 pub mod study;
