@@ -1,4 +1,4 @@
-//! Every command of the README and of the guide, run as it stands there, on real meshes.
+//! Every command of the README, the guide and the tour, run as it stands there, on real meshes.
 //!
 //! Blocks fenced as `sh` are run line by line, in order, by one shell a file in a folder of its own. The meshes are
 //! those of the collection; without it a creature stands in.
@@ -75,9 +75,29 @@ fn scene() -> tempfile::TempDir {
     dir
 }
 
-/// Runs the commands of `name`; those that begin as one of `left_out` are not for a test.
-fn all_run(name: &str, left_out: &[&str]) {
-    let dir = scene();
+/// The folder of the tour: the scans that it names.
+fn gallery() -> tempfile::TempDir {
+    let dir = tempfile::tempdir().unwrap();
+    let scans = [
+        ("horse", "horse_97k_orig_BE.ply"),
+        ("bunny", "bun_zipper_orig_ascii.ply"),
+        ("lucy", "lucy_100k_orig.ply"),
+        ("igea", "igea.ply"),
+        ("dragon", "dragon_vrip_orig_ascii.ply"),
+        ("head", "mri_ch2_head_h.ply"),
+    ];
+    for (faces, (name, file)) in (4_000..).step_by(1_000).zip(scans) {
+        let target = dir.path().join(name).with_extension("ply");
+        match common::data() {
+            Some(data) => drop(std::fs::copy(data.join("real").join(file), target).unwrap()),
+            None => std::fs::rename(common::creature(dir.path(), faces, false), target).unwrap(),
+        }
+    }
+    dir
+}
+
+/// Runs the commands of `name` in `dir`; those that begin as one of `left_out` are not for a test.
+fn all_run(name: &str, dir: &tempfile::TempDir, left_out: &[&str]) {
     let program = PathBuf::from(env!("CARGO_BIN_EXE_nystrom-stream"));
     let path = format!("{}:{}", program.parent().unwrap().display(), std::env::var("PATH").unwrap_or_default());
     for (line, command) in commands(name) {
@@ -99,12 +119,18 @@ fn all_run(name: &str, left_out: &[&str]) {
 #[cfg(unix)]
 #[test]
 fn the_guides_commands_run() {
-    all_run("docs/guide.md", &[]);
+    all_run("docs/guide.md", &scene(), &[]);
 }
 
 #[cfg(unix)]
 #[test]
 fn the_readmes_commands_run() {
     // What builds and tests the program itself is run by continuous integration.
-    all_run("README.md", &["cargo "]);
+    all_run("README.md", &scene(), &["cargo "]);
+}
+
+#[cfg(unix)]
+#[test]
+fn the_tours_commands_run() {
+    all_run("docs/tour.md", &gallery(), &[]);
 }

@@ -1,10 +1,11 @@
-//! Python bindings: NumPy arrays or a file in, labels, merge tree and report out.
+//! Python bindings: NumPy arrays or a file in, labels, merge tree and report out; two meshes in, matches out.
 //!
 //! Arrays are read where they lie and written once, as a mesh file in the temporary work directory, which the program
 //! maps like any other; nothing of the mesh is copied in memory. Python's lock is given up meanwhile, and taken
 //! now and then for the progress callback and for Ctrl-C.
 
 mod arrays;
+mod correspond;
 mod listener;
 mod options;
 
@@ -224,6 +225,8 @@ fn read_mesh(py: Python<'_>, path: PathBuf) -> PyResult<(Py<PyArray2<f64>>, Py<P
 fn _native(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add("__version__", env!("CARGO_PKG_VERSION"))?;
     module.add_class::<Segmentation>()?;
+    module.add_class::<correspond::Correspondence>()?;
+    module.add_function(wrap_pyfunction!(correspond::correspond, module)?)?;
     module.add_function(wrap_pyfunction!(segment, module)?)?;
     module.add_function(wrap_pyfunction!(segment_file, module)?)?;
     module.add_function(wrap_pyfunction!(read_mesh, module)?)

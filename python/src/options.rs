@@ -14,7 +14,7 @@ pub struct Options {
     parts_range: Option<(usize, usize)>,
     detail: f64,
     cluster: Option<String>,
-    landmarks: Option<usize>,
+    pub landmarks: Option<usize>,
     coarse: bool,
     pub seed: u64,
     pub threads: Option<usize>,
@@ -46,6 +46,16 @@ impl Options {
             }
         }
         Ok(options)
+    }
+
+    /// The same without what only cutting takes.
+    pub fn of_run(given: Option<&Bound<'_, PyDict>>) -> PyResult<Self> {
+        for name in ["parts_range", "detail", "cluster", "coarse", "work_dir"] {
+            if given.is_some_and(|given| given.contains(name).unwrap_or(false)) {
+                return Err(PyTypeError::new_err(format!("unexpected keyword argument '{name}'")));
+            }
+        }
+        Self::of(None, given)
     }
 
     pub fn params(&self) -> PyResult<SegmentParams> {

@@ -150,3 +150,25 @@ def test_trimesh_and_pyvista_meshes():
     cut = nystrom_stream.segment(np.asarray(surface.points), surface.faces.reshape(-1, 4)[:, 1:], 4)
     surface.cell_data["part"] = cut.labels
     assert surface.n_cells == len(cut.labels)
+
+
+def test_a_mesh_is_matched_with_itself_moved(mesh):
+    vertices, faces = mesh
+    # Three unlike ends, so that there is one answer.
+    bent = vertices * np.where(vertices[:, :1] > 0, 1.0, 0.6)
+    turn = np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
+    found = nystrom_stream.correspond(bent, faces, 3.0 * bent @ turn + 5.0, faces)
+    assert found.matches.shape == (len(bent),) and found.matches.dtype == np.int64
+    apart = np.linalg.norm(bent[found.matches] - bent, axis=1)
+    assert np.median(np.abs(bent[found.matches, 0] - bent[:, 0])) < 0.1, np.median(apart)
+    assert found.distances.shape == found.confidence.shape == found.matches.shape
+    assert 0 <= found.confidence.min() <= found.confidence.max() <= 1
+    assert isinstance(found.report["ambiguous"], bool) and len(found.report["meshes"]) == 2
+    assert repr(found) == f"Correspondence({len(bent)} vertices)"
+    once = nystrom_stream.correspond(bent, faces, bent, faces, matching="one-to-one", landmarks=20)
+    kept = once.matches[once.matches >= 0]
+    assert len(np.unique(kept)) == len(kept)
+    with pytest.raises(ValueError, match="matching"):
+        nystrom_stream.correspond(bent, faces, bent, faces, matching="some")
+    with pytest.raises(TypeError, match="detail"):
+        nystrom_stream.correspond(bent, faces, bent, faces, detail=0.5)

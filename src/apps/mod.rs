@@ -7,6 +7,7 @@ pub mod export;
 pub mod page;
 pub mod picture;
 mod pixel_text;
+pub mod plots;
 pub mod sequence;
 pub mod study;
 pub mod transfer;

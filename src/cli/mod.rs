@@ -14,6 +14,7 @@ mod options;
 mod output;
 mod picture;
 mod plan;
+mod plot;
 mod quality;
 mod rows;
 mod segment;
@@ -80,6 +81,8 @@ enum Command {
     /// Carry labels over to another mesh of the same shape
     #[command(after_long_help = help::TRANSFER)]
     TransferLabels(transfer::Args),
+    /// Plot how eigenvalues fall, and the hierarchy of parts with its cut
+    Plot(plot::Args),
     /// Make a mesh of a million faces with known parts, cut it, and compare
     Demo(demo::Args),
     /// Print completions for a shell
@@ -174,6 +177,7 @@ pub fn main(peak: fn() -> u64) -> ExitCode {
         Command::Sequence(args) => sequence::run(&args, &surroundings),
         Command::Picture(args) => picture::run(&args, &surroundings),
         Command::TransferLabels(args) => transfer::run(&args, &surroundings),
+        Command::Plot(args) => plot::run(&args),
         Command::Demo(args) => demo::run(&args, &surroundings),
         Command::Completions(args) => help::completions(&args),
         Command::Man(args) => help::man(&args),

@@ -77,11 +77,11 @@ pub struct Args {
 }
 
 /// Refuses charts of unknown form before any work.
-pub fn check_plots(paths: &[PathBuf]) -> Result<(), Failure> {
+pub fn check_plots(option: &str, paths: &[PathBuf]) -> Result<(), Failure> {
     let charted =
         |path: &Path| path.extension().is_some_and(|end| ["svg", "png"].iter().any(|e| end.eq_ignore_ascii_case(e)));
     match paths.iter().find(|path| !charted(path)) {
-        Some(path) => Err(Failure::Misused(format!("--plot {}: no chart; end it with .svg or .png", path.display()))),
+        Some(path) => Err(Failure::Misused(format!("{option} {}: no chart; end it with .svg or .png", path.display()))),
         None => Ok(()),
     }
 }
@@ -99,7 +99,7 @@ pub fn publish(text: &str, json: &serde_json::Value, to: Option<&Path>) -> Resul
 
 /// What is asked for, checked.
 fn params(args: &Args) -> Result<CompareParams, Failure> {
-    check_plots(&args.plot)?;
+    check_plots("--plot", &args.plot)?;
     if !(args.sigma > 0. && args.sigma < 1e6) {
         return Err(Failure::Misused(format!("--sigma: {} is no width; choose a positive number", args.sigma)));
     }

@@ -34,7 +34,7 @@ pub struct Args {
 }
 
 pub fn run(args: &Args, surroundings: &Surroundings) -> Result<(), Failure> {
-    check_plots(&args.plot)?;
+    check_plots("--plot", &args.plot)?;
     if args.landmarks > args.points {
         return Err(Failure::Misused(format!("-l: {} of {} points; choose fewer", args.landmarks, args.points)));
     }

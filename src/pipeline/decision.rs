@@ -97,6 +97,12 @@ fn open(cells: usize, work: &WorkDir) -> Result<Decided> {
     }
 }
 
+/// The spectral numbers of the decision in `work`, where there is one.
+pub(super) fn kept_numbers(work: &WorkDir) -> Option<Numbers> {
+    let facts = work.manifest().stages.remove("decision")?.facts;
+    serde_json::from_value::<Facts>(facts).ok().map(|facts| facts.numbers)
+}
+
 /// The hierarchy of parts in `work`; of a preview, `coarse`, that of the contracted mesh.
 ///
 /// # Errors

@@ -40,9 +40,13 @@ pub fn kept(work: &WorkDir) -> Option<EmbeddingFacts> {
 
 /// Options of the embedding in `work`, where it is of the rows `rows`.
 pub(super) fn kept_params(rows: &str, work: &WorkDir) -> Option<EmbeddingParams> {
+    kept_facts(work).filter(|facts| facts.rows == rows).map(|facts| facts.params)
+}
+
+/// What the embedding in `work` tells, where there is one.
+pub(super) fn kept_facts(work: &WorkDir) -> Option<EmbeddingFacts> {
     let stage = work.manifest().stages.remove("embedding")?;
-    let facts: EmbeddingFacts = serde_json::from_value(stage.facts).ok()?;
-    (facts.rows == rows).then_some(facts.params)
+    serde_json::from_value(stage.facts).ok()
 }
 
 /// Embeds all faces of the mesh in `work` from the rows that are there, or that `method` asks for where there are none.

@@ -6,7 +6,7 @@
 
 use super::{Cluster, SegmentParams, Segmentation, k_means, label, parts};
 use crate::base::{Error, Result};
-use crate::cluster::parts::PartTree;
+use crate::cluster::parts::{PartTree, PartsParams};
 use crate::distance::DistanceRows;
 use crate::graph::{DualGraph, NodeOrder};
 use crate::mesh::Opened;
@@ -101,6 +101,39 @@ impl Labels {
         let (labels, quality) = (work.open_array("labels.npy")?, work.open_array("quality.npy")?);
         Ok(Self { labels, quality, colours: facts.colours })
     }
+}
+
+/// Eigenvalues that a work directory keeps.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Eigenvalues {
+    /// All of them, descending.
+    pub values: Vec<f64>,
+    /// How many, from the end, are dropped as negative or too small.
+    pub dropped: usize,
+}
+
+/// The eigenvalues in `work`: of the decision about parts (of a preview, `coarse`, on the contracted mesh), else of the
+/// embedding, which only tells the negative ones apart.
+///
+/// # Errors
+/// [`Error::WorkDir`] where there are none.
+pub fn eigenvalues(work: &WorkDir, coarse: bool) -> Result<Eigenvalues> {
+    let inner = if coarse { Some(WorkDir::open_existing(&work.file("coarse"))?) } else { None };
+    let decided = super::decision::kept_numbers(inner.as_ref().unwrap_or(work));
+    let kept = decided.map(|numbers| Eigenvalues { values: numbers.eigenvalues, dropped: numbers.dropped_eigenpairs });
+    let embedded = || {
+        let values = super::embed::kept_facts(work)?.eigenvalues;
+        Some(Eigenvalues { dropped: values.iter().filter(|value| **value <= 0.).count(), values })
+    };
+    let remedy = "make them: nystrom-stream embed --work-dir …, or plot the report of `segment --json`";
+    kept.or_else(embedded).ok_or_else(|| Error::work_dir(work.path(), "keeps no eigenvalues", remedy))
+}
+
+/// The number of parts that the labels in `work` were asked for, where they are a cut of a hierarchy.
+pub fn cut(work: &WorkDir) -> Option<PartsParams> {
+    let stage = work.manifest().stages.remove("labels")?;
+    let params: SegmentParams = serde_json::from_value(stage.options.get("params")?.clone()).ok()?;
+    (params.cluster == Cluster::Parts).then_some(params.parts)
 }
 
 /// Clusters the faces of the mesh in `work` (again) under `params`; what is missing between its graph and the labels is

@@ -5,10 +5,10 @@
 >>> cut.labels          # a part a face
 >>> cut.report["parts"] # faces, area and colour a part
 
-`segment` takes NumPy arrays, `segment_file` a file; both give up Python's lock while they work, tell a callback how far
+`segment` takes NumPy arrays, `segment_file` a file, `correspond` matches two meshes; all give up Python's lock while they work, tell a callback how far
 they are, and stop at Ctrl-C.
 """
 
-from ._native import Segmentation, __version__, read_mesh, segment, segment_file
+from ._native import Correspondence, Segmentation, __version__, correspond, read_mesh, segment, segment_file
 
-__all__ = ["Segmentation", "__version__", "read_mesh", "segment", "segment_file"]
+__all__ = ["Correspondence", "Segmentation", "__version__", "correspond", "read_mesh", "segment", "segment_file"]

@@ -78,5 +78,47 @@ def segment_file(
     """Cuts the mesh in the file `path` into parts. Arguments as of `segment`; the mesh need not fit into memory, its
     labels do."""
 
+class Correspondence:
+    """Matches of the vertices of a mesh A in a mesh B."""
+
+    @property
+    def matches(self) -> npt.NDArray[np.int64]:
+        """The vertex of B for each vertex of A, -1 without one: (vertices of A,)."""
+    @property
+    def distances(self) -> npt.NDArray[np.float32]:
+        """Distances in the embedding, infinite without a match: (vertices of A,)."""
+    @property
+    def confidence(self) -> npt.NDArray[np.float32]:
+        """How sure each match is, 0 to 1: (vertices of A,)."""
+    @property
+    def report(self) -> Dict[str, Any]:
+        """The alignments that fit, whether the shape leaves a choice (`ambiguous`), and facts of both meshes."""
+
+def correspond(
+    vertices_a: npt.NDArray[Any],
+    faces_a: npt.NDArray[Any],
+    vertices_b: npt.NDArray[Any],
+    faces_b: npt.NDArray[Any],
+    *,
+    matching: str = "all",
+    transfer: bool = False,
+    alternative: int = 0,
+    vectors: Optional[int] = None,
+    landmarks: Optional[int] = None,
+    seed: int = 0,
+    threads: Optional[int] = None,
+    max_memory: Optional[int] = None,
+    tmp: Optional[_Path] = None,
+    progress: Optional[Callable[[str, int, int], object]] = None,
+) -> Correspondence:
+    """Finds for every vertex of mesh A its match in mesh B, by their spectral embeddings. Arrays as of `segment`.
+
+    matching: "all", "mutual" (each other's nearest only), or "one-to-one" (no vertex of B twice).
+    transfer: carry the landmarks of A to B by the first matches, and match again.
+    alternative: another of the alignments that the report lists, where the shape is symmetric.
+    vectors: leading eigenvectors, 2 to 8.
+    landmarks: sampled vertices a mesh; by default enough.
+    """
+
 def read_mesh(path: _Path) -> Tuple[npt.NDArray[np.float64], npt.NDArray[np.uint32]]:
     """Reads a mesh file: vertices (v, 3) and triangles (n, 3); polygons are cut into fans."""

@@ -4,18 +4,16 @@
 
 use super::points::Pair;
 use super::table::{Line, Spread};
-use crate::apps::pixel_text::PixelText;
-use crate::base::{Error, Result};
+use crate::apps::plots::canvas::{Drawing, Drawn, INK, RULE, save};
+use crate::base::Result;
 use crate::distance::sampling::Sampling;
 use plotters::coord::Shift;
 use plotters::prelude::{
-    BitMapBackend, ChartBuilder, Circle, Color, DrawingArea, DrawingAreaErrorKind, DrawingBackend, ErrorBar,
-    IntoDrawingArea, IntoFont, LineSeries, PathElement, RGBColor, SVGBackend, Text, WHITE,
+    ChartBuilder, Circle, Color, DrawingArea, DrawingBackend, ErrorBar, IntoFont, LineSeries, PathElement, RGBColor,
+    Text, WHITE,
 };
 use std::path::Path;
 
-const INK: RGBColor = RGBColor(60, 60, 60);
-const RULE: RGBColor = RGBColor(225, 225, 225);
 const RED: RGBColor = RGBColor(204, 51, 51);
 /// Told apart by everyone (after Okabe and Ito).
 const COLOURS: [RGBColor; 8] = [
@@ -29,38 +27,10 @@ const COLOURS: [RGBColor; 8] = [
     RGBColor(204, 121, 167),
 ];
 
-type Drawn<B> = std::result::Result<(), DrawingAreaErrorKind<<B as DrawingBackend>::ErrorType>>;
-
-/// Something drawn on any backend.
-trait Drawing {
-    fn draw<B: DrawingBackend>(&self, area: &DrawingArea<B, Shift>) -> Drawn<B>;
-}
-
-/// Draws to `path`, by its ending.
-fn save(path: &Path, size: (u32, u32), drawing: &impl Drawing) -> Result<()> {
-    let failed = |problem: String| Error::unusable(path, format!("cannot be drawn ({problem})"), "check the folder");
-    match path.extension().map(|ending| ending.to_ascii_lowercase()) {
-        Some(ending) if ending == "svg" => {
-            let mut text = String::new();
-            drawing
-                .draw(&SVGBackend::with_string(&mut text, size).into_drawing_area())
-                .map_err(|error| failed(error.to_string()))?;
-            std::fs::write(path, text).map_err(Error::io(path, "write"))
-        }
-        Some(ending) if ending == "png" => {
-            let mut pixels = vec![255; 3 * size.0 as usize * size.1 as usize];
-            let backend = PixelText(BitMapBackend::with_buffer(&mut pixels, size));
-            drawing.draw(&backend.into_drawing_area()).map_err(|error| failed(error.to_string()))?;
-            crate::apps::pixel_text::write_png(path, &pixels, size).map_err(Error::io(path, "write"))
-        }
-        _ => Err(Error::parameter("--plot", format!("{} is no chart", path.display()), "end it with .svg or .png")),
-    }
-}
-
 /// Γ/n and the held-out residual over the number of landmarks, a line a sampling, bars of one standard deviation.
 ///
 /// # Errors
-/// [`Error::Parameter`] for another ending, [`Error::Unusable`] where the file cannot be drawn.
+/// [`crate::base::Error::Parameter`] for another ending, [`crate::base::Error::Unusable`] where the file cannot be drawn.
 pub fn comparison(path: &Path, lines: &[Line], title: &str) -> Result<()> {
     save(path, (960, 440), &Comparison { lines, title })
 }

@@ -1,0 +1,124 @@
+//! `plot`: charts of what a run found, from its work directory, its report, or a hierarchy of parts.
+
+use super::Failure;
+use super::quality::check_plots;
+use nystrom_stream::apps::plots::{Dendrogram, Spectrum, TreePlot};
+use nystrom_stream::base::{Error, Result};
+use nystrom_stream::cluster::parts::{Cut, PartCount, PartTree, PartsParams, detail_threshold};
+use nystrom_stream::mesh::colours;
+use nystrom_stream::pipeline::decision::{read_tree, tree_of};
+use nystrom_stream::pipeline::kept::{self, Eigenvalues, Labels, Record};
+use nystrom_stream::store::WorkDir;
+use serde_json::Value;
+use std::path::{Path, PathBuf};
+
+/// Arguments of `plot`.
+#[derive(Clone, Debug, clap::Args)]
+pub struct Args {
+    /// A work directory; or a report, or a hierarchy of parts, .json
+    #[arg(value_name = "FROM")]
+    pub from: PathBuf,
+    /// Draw how the eigenvalues fall, .svg or .png, once or more
+    #[arg(long, value_name = "FILE", required_unless_present = "tree")]
+    pub eigenvalues: Vec<PathBuf>,
+    /// Draw the hierarchy of parts and its cut, .svg or .png, once or more
+    #[arg(long, value_name = "FILE")]
+    pub tree: Vec<PathBuf>,
+    /// Cut it into so many parts [default: as in the work directory, else as found]
+    #[arg(short = 'k', long = "parts", value_name = "K", value_parser = clap::value_parser!(u32).range(1..), requires = "tree")]
+    pub parts: Option<u32>,
+    /// Cut it coarser (to -1) or finer (to 1) than the parts found
+    #[arg(long, value_name = "D", allow_negative_numbers = true, conflicts_with = "parts", requires = "tree",
+          value_parser = parse_detail)]
+    pub detail: Option<f64>,
+}
+
+fn parse_detail(text: &str) -> Result<f64, String> {
+    let detail: f64 = text.parse().map_err(|_| format!("{text:?} is no number"))?;
+    if (-1. ..=1.).contains(&detail) { Ok(detail) } else { Err("choose from -1 to 1".into()) }
+}
+
+/// What there is to draw.
+struct Found {
+    name: String,
+    eigenvalues: Result<Eigenvalues>,
+    tree: Result<PartTree>,
+    /// The cut that was made, and its colours.
+    made: Option<(PartsParams, Vec<[u8; 3]>)>,
+}
+
+impl Found {
+    fn in_work_dir(path: &Path) -> Result<Self> {
+        let work = WorkDir::open_existing(path)?;
+        let record = Record::read(&work)?;
+        let made = match (kept::cut(&work), Labels::read(&work)) {
+            (Some(params), Ok(labels)) => Some((params, labels.colours)),
+            _ => None,
+        };
+        let coarse = record.params.coarse;
+        let name = record.mesh.file_stem().unwrap_or_default().to_string_lossy().into_owned();
+        Ok(Self { name, eigenvalues: kept::eigenvalues(&work, coarse), tree: tree_of(&work, coarse), made })
+    }
+
+    fn in_file(path: &Path) -> Result<Self> {
+        let text = std::fs::read(path).map_err(Error::io(path, "read"))?;
+        let wrong = |problem: &str| {
+            let remedy = "give a work directory, a report of `segment --json`, or a hierarchy of `export --tree`";
+            Error::unusable(path, problem, remedy)
+        };
+        let value: Value = serde_json::from_slice(&text).map_err(|_| wrong("is neither a folder nor JSON"))?;
+        let numbers = |name: &str| value[name].as_array()?.iter().map(Value::as_f64).collect::<Option<Vec<_>>>();
+        let eigenvalues = numbers("eigenvalues").filter(|values| !values.is_empty()).map(|values| {
+            let dropped = value["dropped_eigenpairs"].as_u64().unwrap_or(0);
+            Eigenvalues { dropped: (dropped as usize).min(values.len()), values }
+        });
+        let tree = if value.get("unions").is_some() { read_tree(path) } else { Err(wrong("holds no hierarchy")) };
+        if eigenvalues.is_none() && value.get("unions").is_none() {
+            return Err(wrong("has neither eigenvalues nor a hierarchy of parts"));
+        }
+        let input = value["input"]["path"].as_str().map_or(path, Path::new);
+        let name = input.file_stem().unwrap_or_default().to_string_lossy().into_owned();
+        Ok(Self { name, eigenvalues: eigenvalues.ok_or_else(|| wrong("holds no eigenvalues")), tree, made: None })
+    }
+}
+
+/// Colours of the parts of a cut, unlike where they touch.
+fn colours_of(tree: &PartTree, cut: &Cut) -> Vec<[u8; 3]> {
+    let of = |cell: u32| cut.label[cell as usize];
+    let touching = tree.pairs.iter().zip(&tree.length).filter(|(pair, _)| of(pair[0]) != of(pair[1]));
+    let touching: Vec<(u32, u32, f64)> = touching.map(|(&[a, b], &length)| (of(a), of(b), f64::from(length))).collect();
+    colours::assign(cut.parts, &touching)
+}
+
+pub fn run(args: &Args) -> Result<(), Failure> {
+    check_plots("--eigenvalues", &args.eigenvalues)?;
+    check_plots("--tree", &args.tree)?;
+    let found = if args.from.is_dir() { Found::in_work_dir(&args.from) } else { Found::in_file(&args.from) }?;
+    if !args.eigenvalues.is_empty() {
+        let Eigenvalues { values, dropped } = &found.eigenvalues?;
+        let title = format!("{}: eigenvalues of the landmarks' affinities, greatest = 1", found.name);
+        let spectrum = Spectrum { title: &title, values, dropped: *dropped };
+        args.eigenvalues.iter().try_for_each(|path| spectrum.plot(path))?;
+    }
+    if !args.tree.is_empty() {
+        let tree = found.tree?;
+        let (params, known) = match (args.parts, args.detail, found.made) {
+            (Some(k), ..) => (PartsParams { count: PartCount::Exactly(k as usize), ..PartsParams::default() }, None),
+            (_, Some(detail), _) => (PartsParams { detail, ..PartsParams::default() }, None),
+            (_, _, Some((params, colours))) => (params, Some(colours)),
+            _ => (PartsParams::default(), None),
+        };
+        let cut = tree.cut_for(params.count, params.detail)?;
+        // Colours of labels that came of another hierarchy are those of other parts.
+        let known = known.filter(|colours| colours.len() >= cut.parts);
+        let colours = known.unwrap_or_else(|| colours_of(&tree, &cut));
+        let threshold = detail_threshold(params.detail);
+        let threshold = (params.count == PartCount::Found).then_some(threshold);
+        let how = threshold.map_or("as asked for".to_string(), |level| format!("cut at {level:.2}, dashed"));
+        let title = format!("{}: {} parts, {how}", found.name, cut.parts);
+        let plot = Dendrogram::of(&tree, &cut);
+        let plot = TreePlot { title: &title, plot: &plot, colours: &colours, threshold };
+        args.tree.iter().try_for_each(|path| plot.plot(path))?;
+    }
+    Ok(())
+}
