@@ -10,7 +10,7 @@
 //! shorter: 9–13 % less time on scans. And the next entries of a bucket are prefetched in three steps: row start
 //! and distance [`FAR`] entries ahead, the row's neighbours and weights [`MID`] ahead, the neighbours'
 //! distances [`NEAR`] ahead. The sparse matrix itself is walked; no packed copy. Measured numbers are
-//! in `benches/`: near 40 ns a face on scans, against a floor of 15 ns a face for touching each
+//! in `benches/`: 28–35 ns a face on scans, against a floor of 15 ns a face for touching each
 //! cache line of graph and distances once.
 
 use super::carry::{Carry, Owners, Within};
