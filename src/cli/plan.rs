@@ -59,7 +59,7 @@ pub fn run(args: &Args, surroundings: &Surroundings) -> Result<(), Failure> {
     // A work directory may not be there yet; its disk is that of the nearest folder that is.
     let folder = folder.ancestors().find(|folder| folder.is_dir()).unwrap_or(Path::new(".")).to_path_buf();
     let measured = calibrate(&params, plan.landmarks, &folder, &run)?;
-    let plan = plan.with_times(|stage| measured.get(stage).copied().unwrap_or(0.));
+    let plan = plan.with_times(|stage| measured.get(stage).copied().unwrap_or_default());
     let mut out = std::io::stdout().lock();
     if args.json {
         let _ = writeln!(out, "{}", serde_json::to_string_pretty(&plan).unwrap_or_default());

@@ -1,4 +1,4 @@
-//! A short calibration: the recipe on a small creature, timed by stage.
+//! A short calibration: the recipe on two small creatures, timed by stage.
 //!
 //! Costs about a second and some 20 MB of disk for as long.
 
@@ -27,11 +27,47 @@ impl Progress for Clock {
     }
 }
 
-/// Seconds a face by stage of [`super::plan::Plan`], measured in a temporary folder inside `folder`.
+/// What a stage takes: so much at any size, and so much a face.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Pace {
+    /// Seconds.
+    pub fixed: f64,
+    /// Seconds a face.
+    pub per_face: f64,
+}
+
+impl Pace {
+    /// Seconds for `faces` faces.
+    pub fn of(&self, faces: u64) -> f64 {
+        self.fixed + self.per_face * faces as f64
+    }
+
+    /// The line through two measurements of (faces, seconds).
+    fn through((few, short): (f64, f64), (many, long): (f64, f64)) -> Self {
+        let slope = ((long - short) / (many - few)).clamp(0., long / many);
+        Self { fixed: (long - slope * many).max(0.), per_face: BEYOND_CACHES * slope }
+    }
+}
+
+/// The pace of each stage of [`super::plan::Plan`], measured in a temporary folder inside `folder` on creatures of two
+/// sizes, since some stages take a while whatever the size.
 ///
 /// # Errors
 /// As [`segment`].
-pub fn calibrate(params: &SegmentParams, landmarks: usize, folder: &Path, run: &Run) -> Result<BTreeMap<String, f64>> {
+pub fn calibrate(params: &SegmentParams, landmarks: usize, folder: &Path, run: &Run) -> Result<BTreeMap<String, Pace>> {
+    let params = SegmentParams { landmarks: Some(landmarks), ..params.clone() };
+    // The first run of all pays for pages and caches of the program itself.
+    let few = seconds(&params, CALIBRATION / 4, folder, run)?;
+    let many = seconds(&params, CALIBRATION, folder, run)?;
+    let pace = |(name, &long): (&String, &f64)| {
+        let short = few.1.get(name).copied().unwrap_or(0.);
+        (name.clone(), Pace::through((few.0, short), (many.0, long)))
+    };
+    Ok(many.1.iter().map(pace).collect())
+}
+
+/// Faces of a creature of about `faces`, and the seconds of each stage on it.
+fn seconds(params: &SegmentParams, faces: u64, folder: &Path, run: &Run) -> Result<(f64, BTreeMap<String, f64>)> {
     let clock = Clock::default();
     let quiet = Run {
         threads: run.threads,
@@ -44,24 +80,22 @@ pub fn calibrate(params: &SegmentParams, landmarks: usize, folder: &Path, run: &
     let timed = Run { progress: &clock, ..quiet };
     let work = WorkDir::temporary(folder)?;
     let path = work.file("calibration.ply");
-    let creature = Creature::new(&Options { faces: CALIBRATION, ..Options::default() })?;
+    let creature = Creature::new(&Options { faces, ..Options::default() })?;
     creature.write_ply(&path, &timed)?;
-    let (opened, _) = timed.stage("read", "faces", CALIBRATION, || mesh::open(&path, work.path(), &timed))?;
-    let params = SegmentParams { landmarks: Some(landmarks), ..params.clone() };
-    segment(&opened, &serde_json::json!("calibration"), &params, &work, &timed)?;
+    let (opened, _) = timed.stage("read", "faces", faces, || mesh::open(&path, work.path(), &timed))?;
+    segment(&opened, &serde_json::json!("calibration"), params, &work, &timed)?;
     let seconds = clock.0.into_inner().unwrap_or_else(|poison| poison.into_inner());
-    let mut per_face: BTreeMap<String, f64> = BTreeMap::new();
+    let mut by_stage: BTreeMap<String, f64> = BTreeMap::new();
     for (stage, seconds) in seconds {
         let name = match stage.as_str() {
-            // Deciding parts on cells takes the same time for any mesh.
-            "generate" | "parts" => continue,
+            "generate" => continue,
             "normals" | "cells" => "surface",
-            "assign" | "boundaries" | "cell rows" => "labels",
+            "assign" | "boundaries" | "cell rows" | "parts" => "labels",
             other => other,
         };
-        *per_face.entry(name.to_string()).or_default() += BEYOND_CACHES * seconds / creature.face_count() as f64;
+        *by_stage.entry(name.to_string()).or_default() += seconds;
     }
-    Ok(per_face)
+    Ok((creature.face_count() as f64, by_stage))
 }
 
 /// The size of the mesh in the file `path`, from its header and the file's size.

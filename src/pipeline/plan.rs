@@ -1,9 +1,10 @@
 //! What a run will need, told before it starts: memory, disk and time a stage.
 //!
 //! Disk follows from the sizes of the arrays alone, memory from the same arithmetic that cuts shuffles to the budget,
-//! time from a short calibration: the same recipe on a small creature ([`CALIBRATION`] faces), scaled by the
-//! number of faces. The input's header is read, nothing else.
+//! time from a short calibration: the same recipe on two small creatures ([`CALIBRATION`] faces and a quarter), drawn
+//! out along the line through both. The input's header is read, nothing else.
 
+use super::calibrate::Pace;
 use super::{Cluster, SegmentParams, default_landmarks, landmarks_for_parts};
 use crate::base::{Error, Result};
 use crate::cluster::parts::PartCount;
@@ -15,7 +16,7 @@ use serde::Serialize;
 use std::path::Path;
 
 /// Faces of the calibration's creature.
-pub const CALIBRATION: u64 = 100_000;
+pub const CALIBRATION: u64 = 200_000;
 /// Bytes allocated besides what is computed below: queues of fronts, buffers of writers.
 const BASE: u64 = 2 << 20;
 
@@ -136,10 +137,10 @@ impl Plan {
         }
     }
 
-    /// Fills in the times from `measured(stage)`, seconds a face.
-    pub fn with_times(mut self, measured: impl Fn(&str) -> f64) -> Self {
+    /// Fills in the times from `measured`, the pace of each stage.
+    pub fn with_times(mut self, measured: impl Fn(&str) -> Pace) -> Self {
         for stage in &mut self.stages {
-            stage.seconds = Some(measured(stage.name) * self.mesh.faces as f64);
+            stage.seconds = Some(measured(stage.name).of(self.mesh.faces));
         }
         self.seconds = self.stages.iter().map(|stage| stage.seconds).sum();
         self
