@@ -140,12 +140,12 @@ def test_python_goes_on_meanwhile(mesh):
 
 
 def test_trimesh_and_pyvista_meshes():
-    trimesh = pytest.importorskip("trimesh")
+    trimesh = pytest.importorskip("trimesh", exc_type=ImportError)
     ball = trimesh.creation.icosphere(subdivisions=4)
     cut = nystrom_stream.segment(ball.vertices.view(np.ndarray), ball.faces.view(np.ndarray), 4)
     ball.visual.face_colors = cut.colours[cut.labels]
     assert len(np.unique(cut.labels)) == 4
-    pyvista = pytest.importorskip("pyvista")
+    pyvista = pytest.importorskip("pyvista", exc_type=ImportError)
     surface = pyvista.Sphere(theta_resolution=60, phi_resolution=60).triangulate()
     cut = nystrom_stream.segment(np.asarray(surface.points), surface.faces.reshape(-1, 4)[:, 1:], 4)
     surface.cell_data["part"] = cut.labels
