@@ -12,7 +12,7 @@ mod options;
 use listener::Listener;
 use numpy::{PyArray1, PyArray2, ToPyArray};
 use nystrom_stream::base::{Cancel, Error};
-use nystrom_stream::mesh::{self, Opened};
+use nystrom_stream::mesh;
 use nystrom_stream::pipeline::report::Report;
 use nystrom_stream::pipeline::{SegmentParams, input, segment as segment_mesh};
 use nystrom_stream::store::{Budget, Run, WorkDir};
@@ -96,14 +96,16 @@ struct Outcome {
 }
 
 impl Outcome {
+    /// Of the mesh in the file `path`, cut.
     fn of(
-        opened: &Opened,
+        path: &Path,
         identity: &serde_json::Value,
         params: &SegmentParams,
         work: &WorkDir,
         run: &Run,
         listener: &Listener,
     ) -> Result<Self, Error> {
+        let opened = &mesh::open(path, work.path(), run)?;
         let result = segment_mesh(opened, identity, params, work, run)?;
         let seconds: BTreeMap<String, f64> = listener.seconds();
         let report = Report::new(opened, params, &result, work, run, seconds, None);
@@ -173,10 +175,8 @@ fn segment(
     let path = work.file("input.ply");
     // The arrays belong to Python: the lock is kept while they are read.
     let identity = arrays.write(&path).map_err(raised)?;
-    let outcome = with_run(py, &options, progress, |run, listener| {
-        let opened = mesh::open(&path, work.path(), run)?;
-        Outcome::of(&opened, &identity, &params, &work, run, listener)
-    })?;
+    let outcome =
+        with_run(py, &options, progress, |run, listener| Outcome::of(&path, &identity, &params, &work, run, listener))?;
     outcome.into_python(py)
 }
 
@@ -195,8 +195,7 @@ fn segment_file(
     let outcome = with_run(py, &options, progress, |run, listener| {
         let work = work_dir(&options)?;
         let identity = input::identity(&path)?;
-        let opened = mesh::open(&path, work.path(), run)?;
-        Outcome::of(&opened, &identity, &params, &work, run, listener)
+        Outcome::of(&path, &identity, &params, &work, run, listener)
     })?;
     outcome.into_python(py)
 }

@@ -121,17 +121,16 @@ impl Task<'_> {
             let temporary = format!("nearest-{}.tmp", head.shard);
             let mut field: ArrayMut<f32> = work.array(&temporary, &[n])?;
             let fields = (run.threads + 1) * n * size_of::<f32>();
-            let pages = Pages::where_needed(self.graph, fields, run);
-            if pages.is_some() {
-                Pages::advise(self.graph, Access::Random);
-                field.data().advise(Access::Random);
-            }
-            let result = if self.params.sampling.needs_lengths() {
-                self.with_lengths(&slots, field.data(), pages, &mut lines, work, run)
-            } else {
-                self.fronts(&slots, None, field.data(), pages, &mut lines, run)
-            };
-            Pages::advise(self.graph, Access::Local);
+            let result = Pages::lend(self.graph, fields, run, |pages| {
+                if pages.is_some() {
+                    field.data().advise(Access::Random);
+                }
+                if self.params.sampling.needs_lengths() {
+                    self.with_lengths(&slots, field.data(), pages, &mut lines, work, run)
+                } else {
+                    self.fronts(&slots, None, field.data(), pages, &mut lines, run)
+                }
+            });
             drop(field);
             work.remove(&format!("{temporary}.partial"));
             result?;

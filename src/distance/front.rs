@@ -84,16 +84,8 @@ impl Front {
     /// Lends a front over `graph`, whose values take `bytes` more, to `work`; with [`Pages`] where that is more than
     /// the kernel can keep in memory.
     pub fn over<R>(graph: Csr<'_>, bytes: usize, run: &Run, work: impl FnOnce(&mut Self) -> R) -> R {
-        let pages = Pages::where_needed(graph, bytes, run);
-        let paged = pages.is_some();
-        if paged {
-            Pages::advise(graph, Access::Random);
-        }
-        let result = work(&mut Self::new(mean_weight(graph)).paged(pages));
-        if paged {
-            Pages::advise(graph, Access::Local);
-        }
-        result
+        let mean = mean_weight(graph);
+        Pages::lend(graph, bytes, run, |pages| work(&mut Self::new(mean).paged(pages)))
     }
 
     /// The same for a graph larger than memory: it tells the kernel by `pages` what it needs next.

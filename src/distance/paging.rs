@@ -56,13 +56,24 @@ impl Pages {
         Self { nodes: graph.len(), starts, met: vec![false; blocks], unsent: VecDeque::new(), values: None }
     }
 
-    /// The same where `graph` and `bytes` of values are more than the kernel can keep.
-    pub fn where_needed(graph: Csr<'_>, bytes: usize, run: &Run) -> Option<Self> {
-        (graph.bytes() + bytes as u64 > run.resident).then(|| Self::of(graph))
+    /// Whether `graph` and `bytes` of values are more than the kernel can keep in memory.
+    pub(super) fn needed(graph: Csr<'_>, bytes: usize, run: &Run) -> bool {
+        graph.bytes() + bytes as u64 > run.resident
     }
 
-    /// Has the kernel read nothing ahead by itself, or as usual again.
-    pub fn advise(graph: Csr<'_>, access: Access) {
+    /// Lends the blocks of `graph` to `work` where they are [needed](Pages::needed); the kernel then reads nothing ahead by
+    /// itself meanwhile.
+    pub(super) fn lend<R>(graph: Csr<'_>, bytes: usize, run: &Run, work: impl FnOnce(Option<Self>) -> R) -> R {
+        if !Self::needed(graph, bytes, run) {
+            return work(None);
+        }
+        Self::advise(graph, Access::Random);
+        let result = work(Some(Self::of(graph)));
+        Self::advise(graph, Access::Local);
+        result
+    }
+
+    fn advise(graph: Csr<'_>, access: Access) {
         advise(graph.indptr, access);
         advise(graph.indices, access);
         advise(graph.weights, access);

@@ -12,6 +12,7 @@
 //! the budget is small for the mesh.
 
 use super::front::{Front, mean_weight};
+use super::paging::Pages;
 use super::queue::{Entry, Queue};
 use crate::base::parallel::fill_two;
 use crate::base::{Cancel, Result};
@@ -45,7 +46,7 @@ struct Outcome {
 /// # Errors
 /// [`crate::base::Error::Cancelled`].
 pub fn spread(graph: Csr<'_>, sources: &[u32], field: &mut [f32], owner: &mut [u32], run: &Run) -> Result<()> {
-    if graph.bytes() + 2 * size_of_val(field) as u64 <= run.resident {
+    if !Pages::needed(graph, 2 * size_of_val(field), run) {
         return Front::new(mean_weight(graph)).owned(graph, sources, field, owner, &run.cancel).map(drop);
     }
     // The rim of a block of B nodes is some 4 √B edges; mail is held twice while it is sorted out.

@@ -64,17 +64,11 @@ pub struct VertexFacts {
 
 /// Calls `visit(corners, positions)` for the triangles of one face that have three different vertices with positions.
 pub fn triangles(mesh: &Mesh, corners: &[u32], mut visit: impl FnMut([u32; 3], [[f64; 3]; 3])) {
-    let [first, second, rest @ ..] = corners else { return };
-    let origin = mesh.positions.get(*first);
-    let (mut before, mut at) = (*second, mesh.positions.get(*second));
-    for &corner in rest {
-        let position = mesh.positions.get(corner);
-        let distinct = *first != before && before != corner && corner != *first;
-        if distinct && finite(origin) && finite(at) && finite(position) {
-            visit([*first, before, corner], [origin, at, position]);
+    mesh.fan(corners, |[a, b, c], at| {
+        if a != b && b != c && c != a {
+            visit([a, b, c], at);
         }
-        (before, at) = (corner, position);
-    }
+    });
 }
 
 /// The rows of some consecutive vertices.

@@ -5,6 +5,7 @@
 //! directory, which are records at a fixed stride too, or, for polygons, corner lists. Nothing is
 //! allocated here; a face costs 13 bytes of mapped file read, a position 12 or more.
 
+use crate::base::vector::finite;
 use crate::base::{Error, Result};
 use crate::store::npy;
 use crate::store::{MappedBytes, MappedSlice};
@@ -249,6 +250,22 @@ impl Mesh {
     /// floor do, while decoding); [`Positions::get`] answers NaN to a wrong one all the same.
     pub fn new(positions: Positions, faces: Faces) -> Self {
         Self { positions, faces }
+    }
+
+    /// Calls `visit(corners, positions)` for the triangles of the fan of a face's `corners`; those without a place in
+    /// space are left out.
+    #[inline]
+    pub fn fan(&self, corners: &[u32], mut visit: impl FnMut([u32; 3], [[f64; 3]; 3])) {
+        let [first, second, rest @ ..] = corners else { return };
+        let origin = self.positions.get(*first);
+        let (mut before, mut at) = (*second, self.positions.get(*second));
+        for &corner in rest {
+            let position = self.positions.get(corner);
+            if finite(origin) && finite(at) && finite(position) {
+                visit([*first, before, corner], [origin, at, position]);
+            }
+            (before, at) = (corner, position);
+        }
     }
 
     /// A mesh from arrays in memory, written to `folder` (`vertices.npy`, `face_starts.npy`,

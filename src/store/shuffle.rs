@@ -11,6 +11,8 @@
 //! of records inside a bucket depends on timing; a consumer that wants repeatable results sorts
 //! by a total order (tested against an in-memory sort).
 
+use super::Run;
+use crate::base::parallel::in_order;
 use crate::base::{Error, Result};
 use bytemuck::Pod;
 use std::fs::File;
@@ -170,6 +172,22 @@ impl<T: Pod + Send> Shuffle<T> {
                 .map_err(Error::io(&self.path, "read"))?;
         }
         Ok(all)
+    }
+}
+
+impl<T: Pod + Send + Ord> Shuffle<T> {
+    /// Takes every bucket, sorts it, on the run's threads, and hands the records to `each` bucket by bucket in order; at
+    /// most `4 * threads` sorted buckets wait at a time.
+    ///
+    /// # Errors
+    /// Those of `each`; [`Error::Io`], [`Error::Cancelled`].
+    pub fn sorted(&self, run: &Run, mut each: impl FnMut(Vec<T>) -> Result<()>) -> Result<()> {
+        let take = |bucket, (): &mut ()| {
+            let mut records = self.take(bucket)?;
+            records.sort_unstable();
+            Ok(records)
+        };
+        in_order(run.threads, &run.cancel, self.buckets(), || (), take, |_, records| each(records))
     }
 }
 

@@ -9,6 +9,7 @@ pub mod thin;
 use super::picture;
 use crate::base::{Error, Result};
 use crate::mesh::Mesh;
+use crate::mesh::output::by_rename;
 use crate::store::Run;
 use base64::Engine;
 use base64::engine::general_purpose::STANDARD;
@@ -68,20 +69,9 @@ impl Page<'_> {
     /// [`Error::Io`]; [`Error::Cancelled`].
     pub fn write(&self, path: &Path, run: &Run) -> Result<()> {
         let text = self.html(run)?;
-        let failed = Error::io(path, "write");
-        let folder = path.parent().filter(|folder| *folder != Path::new("")).unwrap_or(Path::new("."));
-        let write = || -> std::io::Result<()> {
-            let mut file = tempfile::Builder::new().prefix(".page-").tempfile_in(folder)?;
-            file.write_all(text.as_bytes())?;
-            file.as_file().sync_all()?;
-            #[cfg(unix)]
-            {
-                use std::os::unix::fs::PermissionsExt;
-                file.as_file().set_permissions(std::fs::Permissions::from_mode(0o644))?;
-            }
-            file.persist(path).map(drop).map_err(|error| error.error)
-        };
-        write().map_err(failed)
+        by_rename(path, text.len() as u64, true, |file| {
+            file.write_all(text.as_bytes()).map_err(Error::io(path, "write"))
+        })
     }
 
     /// The page's text.

@@ -5,6 +5,7 @@
 //! No more is kept than the thinned mesh, so any size goes through. A mesh that is small enough is taken as it is.
 
 use crate::base::Result;
+use crate::base::vector::{cross, finite, length, minus};
 use crate::mesh::Mesh;
 use crate::store::Run;
 use std::collections::{HashMap, HashSet};
@@ -96,7 +97,7 @@ fn for_faces(mesh: &Mesh, run: &Run, mut visit: impl FnMut(usize, &[u32], &[[f64
         mesh.faces.for_each(start..mesh.faces.len().min(start + (1 << 16)), |face, corners| {
             positions.clear();
             positions.extend(corners.iter().map(|&v| mesh.positions.get(v)));
-            if positions.iter().flatten().all(|x| x.is_finite()) {
+            if positions.iter().all(|&p| finite(p)) {
                 visit(face, corners, &positions);
             }
         });
@@ -115,10 +116,7 @@ fn measure(mesh: &Mesh, run: &Run) -> Result<([f64; 3], f64, f64)> {
             }
         }
         for k in 1..at.len().saturating_sub(1) {
-            let edge = |to: [f64; 3]| [0, 1, 2].map(|axis| to[axis] - at[0][axis]);
-            let (a, b) = (edge(at[k]), edge(at[k + 1]));
-            let cross = [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]];
-            area += cross.iter().map(|x| x * x).sum::<f64>().sqrt() / 2.;
+            area += length(cross(minus(at[k], at[0]), minus(at[k + 1], at[0]))) / 2.;
         }
     })?;
     let side = (0..3).map(|k| high[k] - low[k]).fold(0., f64::max);

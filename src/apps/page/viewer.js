@@ -49,18 +49,21 @@
 
   // ---- cuts: the labels as found, and the tree's other numbers of parts
   const cells = data.cuts && new Uint16Array(bytes(data.cuts.cells));
-  const tables = data.cuts ? data.cuts.parts.map((text) => new Uint16Array(bytes(text))) : [];
+  const tables = new Map();
+  for (const text of data.cuts ? data.cuts.parts : []) {
+    const table = new Uint16Array(bytes(text));
+    const number = table.reduce((top, x) => Math.max(top, x), 0) + 1;
+    if (!tables.has(number)) tables.set(number, table);
+  }
   const found = data.colours.length;
   const palette = data.colours.concat([[230, 159, 0], [86, 180, 233], [0, 158, 115], [240, 228, 66], [0, 114, 178],
     [213, 94, 0], [204, 121, 167], [136, 34, 85], [17, 119, 51], [136, 204, 238], [221, 204, 119], [102, 102, 102]]);
   const cuts = new Map([[found, { part: labels, colours: data.colours }]]);
-  const numbers = new Set([found]);
-  tables.forEach((table) => numbers.add(table.reduce((top, x) => Math.max(top, x), 0) + 1));
-  const order = [...numbers].sort((a, b) => a - b);
+  const order = [...new Set([found, ...tables.keys()])].sort((a, b) => a - b);
 
   function cutInto(number) {
     if (!cuts.has(number)) {
-      const table = tables.find((t) => t.reduce((top, x) => Math.max(top, x), 0) + 1 === number);
+      const table = tables.get(number);
       const part = new Uint16Array(count);
       for (let t = 0; t < count; t++) part[t] = table[cells[t]];
       cuts.set(number, { part, colours: colour(part, number) });
@@ -144,6 +147,7 @@
   let hidden = new Set();
   const shown = (part) => (alone < 0 || part === alone) && !hidden.has(part);
 
+  const inColour = (part) => cut.colours[part] || [128, 128, 128];
   function paint(content) {
     const out = new Uint8Array(12 * count);
     for (let t = 0; t < count; t++) {
@@ -169,7 +173,7 @@
     gl.bufferData(gl.ARRAY_BUFFER, new Float32Array(out), gl.DYNAMIC_DRAW);
   }
   function refresh() {
-    paint((part) => cut.colours[part] || [128, 128, 128]);
+    paint(inColour);
     outline();
     legend();
     draw();
@@ -245,7 +249,7 @@
     const pixel = new Uint8Array(4);
     const ratio = canvas.width / canvas.clientWidth;
     gl.readPixels(Math.round(x * ratio), canvas.height - 1 - Math.round(y * ratio), 1, 1, gl.RGBA, gl.UNSIGNED_BYTE, pixel);
-    paint((part) => cut.colours[part] || [128, 128, 128]);
+    paint(inColour);
     draw();
     return pixel[3] ? pixel[0] + 256 * pixel[1] - 1 : -1;
   }

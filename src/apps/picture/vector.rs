@@ -1,5 +1,7 @@
 //! The little linear algebra that pictures need.
 
+pub(super) use crate::base::vector::{cross, minus as sub};
+
 /// A point or a direction.
 pub(super) type Vec3 = [f64; 3];
 
@@ -7,18 +9,6 @@ pub(super) type Vec3 = [f64; 3];
 #[inline]
 pub(super) fn dot(a: Vec3, b: Vec3) -> f64 {
     a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
-}
-
-/// a − b
-#[inline]
-pub(super) fn sub(a: Vec3, b: Vec3) -> Vec3 {
-    [a[0] - b[0], a[1] - b[1], a[2] - b[2]]
-}
-
-/// a × b
-#[inline]
-pub(super) fn cross(a: Vec3, b: Vec3) -> Vec3 {
-    [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]]
 }
 
 /// a + s·b

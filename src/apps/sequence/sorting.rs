@@ -1,7 +1,7 @@
 //! External sorts of small records, and values brought to their places: what every order is made of.
 
 use crate::base::Result;
-use crate::base::parallel::{chunk_count, chunk_range, each_chunk, in_order};
+use crate::base::parallel::{chunk_count, chunk_range, each_chunk};
 use crate::store::npy::ArrayMut;
 use crate::store::shuffle::Producer;
 use crate::store::sizing::{Sized, Splitters};
@@ -44,18 +44,7 @@ pub(super) fn sorted<const W: usize>(
         |k, out| fill(chunk_range(items, CHUNK, k), &mut |record| out.push(splitters.bucket(record), record)),
         Producer::finish,
     )?;
-    in_order(
-        run.threads,
-        &run.cancel,
-        shuffle.buckets(),
-        || (),
-        |bucket, ()| {
-            let mut records = shuffle.take(bucket)?;
-            records.sort_unstable();
-            Ok(records)
-        },
-        |_, records| each(&records),
-    )
+    shuffle.sorted(run, |records| each(&records))
 }
 
 /// Values on their way to places of an array, through a shuffle, so that the array is written from front to back.

@@ -7,7 +7,7 @@
 //! access; written and read once, and only what memory does not hold.
 
 use crate::base::Result;
-use crate::base::parallel::{chunk_count, chunk_range, each_chunk, in_order};
+use crate::base::parallel::{chunk_count, chunk_range, each_chunk};
 use crate::mesh::Faces;
 use crate::store::npy::{self, ArrayWriter};
 use crate::store::shuffle::Producer;
@@ -131,23 +131,12 @@ impl Task<'_> {
         }
         let mut order: ArrayWriter<u32> = work.writer(super::ORDER, 1)?;
         let mut block = Vec::with_capacity(CHUNK);
-        in_order(
-            run.threads,
-            &run.cancel,
-            shuffle.buckets(),
-            || (),
-            |bucket, ()| {
-                let mut records = shuffle.take(bucket)?;
-                records.sort_unstable();
-                Ok(records)
-            },
-            |_, records| {
-                block.clear();
-                write(&records, &mut block)?;
-                run.progress.advance("order", block.len() as u64);
-                order.push(&block)
-            },
-        )?;
+        shuffle.sorted(run, |records| {
+            block.clear();
+            write(&records, &mut block)?;
+            run.progress.advance("order", block.len() as u64);
+            order.push(&block)
+        })?;
         order.finish(false).map(drop)
     }
 

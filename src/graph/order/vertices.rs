@@ -7,7 +7,7 @@
 
 use super::hilbert::place_of;
 use crate::base::Result;
-use crate::base::parallel::{chunk_count, chunk_range, each_chunk, in_order};
+use crate::base::parallel::{chunk_count, chunk_range, each_chunk};
 use crate::graph::Frame;
 use crate::mesh::Positions;
 use crate::store::npy::{self, ArrayMut, ArrayWriter, Item};
@@ -97,33 +97,22 @@ impl Task<'_> {
         let buckets = pairs.as_ref().map_or(1, |pairs| pairs.shuffle.buckets());
         let mut block: Vec<u32> = Vec::with_capacity(CHUNK * (W - 3));
         let mut next = 0u32;
-        in_order(
-            run.threads,
-            &run.cancel,
-            shuffle.buckets(),
-            || (),
-            |bucket, ()| {
-                let mut records = shuffle.take(bucket)?;
-                records.sort_unstable();
-                Ok(records)
-            },
-            |_, records| {
-                for part in records.chunks(CHUNK) {
-                    block.clear();
-                    part.iter().for_each(|record| block.extend_from_slice(&record[3..]));
-                    writer.push_bytes(bytemuck::cast_slice(&block))?;
-                    for record in part {
-                        let old = record[2];
-                        match &mut out {
-                            Some(out) => out.push((old as usize * buckets) / n, [old, next])?,
-                            None => ranks[old as usize] = next,
-                        }
-                        next += 1;
+        shuffle.sorted(run, |records| {
+            for part in records.chunks(CHUNK) {
+                block.clear();
+                part.iter().for_each(|record| block.extend_from_slice(&record[3..]));
+                writer.push_bytes(bytemuck::cast_slice(&block))?;
+                for record in part {
+                    let old = record[2];
+                    match &mut out {
+                        Some(out) => out.push((old as usize * buckets) / n, [old, next])?,
+                        None => ranks[old as usize] = next,
                     }
+                    next += 1;
                 }
-                Ok(())
-            },
-        )?;
+            }
+            Ok(())
+        })?;
         writer.finish(false)?;
         if let (Some(out), Some(pairs)) = (out, &pairs) {
             out.finish()?;
