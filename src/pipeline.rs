@@ -141,17 +141,21 @@ pub fn segment(
     run: &Run,
 ) -> Result<Segmentation> {
     check(params, opened.document.path(), opened.mesh.faces.len())?;
-    let (ordered, graph) = stages::graph(opened, identity, params, work, run)?;
+    let (ordered, mut graph) = stages::graph(opened, identity, params, work, run)?;
+    let order = ordered.into_nodes(work)?;
     let clustered = match fit(params, opened.mesh.faces.len()) {
         Some((fit, parts)) => {
-            let rows = rows_for_means(&graph, parts, params, work, run)?;
+            let weighted = graph.weighted(params.metric, work, run)?;
+            graph.release_lengths(work)?;
+            let rows = rows_for_means(&graph, &weighted, parts, params, work, run)?;
+            weighted.release(work)?;
             let embedding = params.embedding.unwrap_or(EmbeddingParams::for_parts(dimensions(params)));
             let assign = || k_means::k_means(&graph, &rows, embedding, fit, work, run);
             run.stage("assign", "faces", rows.nodes as u64, assign)?.0
         }
         None => parts::parts(&graph, params, None, work, run)?,
     };
-    label(&graph, ordered.nodes(), clustered, params, work, run)
+    label(&graph, order, clustered, params, work, run)
 }
 
 /// Brings labels into the order of the file, colours the parts and stamps the result.
@@ -183,17 +187,17 @@ fn dimensions(params: &SegmentParams) -> usize {
     if let PartCount::Exactly(k) = params.parts.count { k } else { two_means::DIMENSIONS }
 }
 
-/// The rows for the paper's ways, under the metric as it is.
+/// The rows for the paper's ways.
 fn rows_for_means(
     graph: &DualGraph,
+    weighted: &Weighted,
     parts: usize,
     params: &SegmentParams,
     work: &WorkDir,
     run: &Run,
 ) -> Result<DistanceRows> {
-    let weighted = graph.weighted(params.metric, work, run)?;
     let l = params.landmarks.unwrap_or(default_landmarks(parts));
-    rows(graph, &weighted, l, params, work, run)
+    rows(graph, weighted, l, params, work, run)
 }
 
 /// How centres in the embedding are found, and how many parts to provide landmarks for; nothing where parts are

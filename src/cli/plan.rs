@@ -42,7 +42,7 @@ pub fn check(path: &Path, params: &SegmentParams, work: &WorkDir, run: &Run) -> 
         // Reading the mesh will say what is wrong with it.
         return Ok(());
     };
-    let plan = Plan::new(size, params, false, run);
+    let plan = Plan::new(size, params, false, work.durable(), run);
     plan.check_disk(work.path(), work.bytes())?;
     if let Some(text) = warning(&plan) {
         run.progress.note(&text);
@@ -54,7 +54,8 @@ pub fn run(args: &Args, surroundings: &Surroundings) -> Result<(), Failure> {
     let params = args.method.params()?;
     let run = args.run.run(&(), surroundings);
     let size = size_of_mesh(&args.mesh)?;
-    let plan = Plan::new(size, &params, false, &run);
+    let lasting = args.work_dir.is_some();
+    let plan = Plan::new(size, &params, false, lasting, &run);
     let folder = args.work_dir.clone().or(args.run.tmp.clone()).unwrap_or_else(|| folder_of(&args.mesh));
     // A work directory may not be there yet; its disk is that of the nearest folder that is.
     let folder = folder.ancestors().find(|folder| folder.is_dir()).unwrap_or(Path::new(".")).to_path_buf();
@@ -66,8 +67,8 @@ pub fn run(args: &Args, surroundings: &Surroundings) -> Result<(), Failure> {
     } else {
         print(&plan, &mut out);
         if order_is_open(&params, size.faces) {
-            let sorted = Plan::new(size, &params, true, &run);
-            let more = (sorted.disk - plan.disk) as f64;
+            let sorted = Plan::new(size, &params, true, lasting, &run);
+            let more = (sorted.disk_peak - plan.disk_peak) as f64;
             let _ =
                 writeln!(out, "were the file's order poor: {}B of disk more, to sort faces along a curve", human(more));
         }
@@ -83,14 +84,19 @@ fn print(plan: &Plan, out: &mut impl Write) {
     let size = plan.mesh;
     let (faces, vertices) = (human(size.faces as f64), human(size.vertices as f64));
     let _ = writeln!(out, "{faces} faces, {vertices} vertices, {} landmarks", plan.landmarks);
-    let _ = writeln!(out, "{:10} {:>10} {:>10} {:>10} {:>9}", "stage", "memory", "disk kept", "passing", "seconds");
+    let _ = writeln!(
+        out,
+        "{:10} {:>10} {:>10} {:>10} {:>10} {:>9}",
+        "stage", "memory", "disk kept", "passing", "given up", "seconds"
+    );
     let bytes = |x: u64| format!("{}B", human(x as f64));
     let seconds = |x: Option<f64>| x.map_or(String::new(), |x| format!("{x:.1}"));
     for stage in &plan.stages {
-        let (memory, keeps, passing) = (bytes(stage.memory), bytes(stage.keeps), bytes(stage.passing));
-        let _ = writeln!(out, "{:10} {memory:>10} {keeps:>10} {passing:>10} {:>9}", stage.name, seconds(stage.seconds));
+        let [memory, keeps, passing, frees] = [stage.memory, stage.keeps, stage.passing, stage.frees].map(bytes);
+        let time = seconds(stage.seconds);
+        let _ = writeln!(out, "{:10} {memory:>10} {keeps:>10} {passing:>10} {frees:>10} {time:>9}", stage.name);
     }
     let (memory, disk, peak) = (bytes(plan.memory), bytes(plan.disk), bytes(plan.disk_peak));
-    let _ = writeln!(out, "{:10} {memory:>10} {disk:>10} {:>10} {:>9}", "in all", "", seconds(plan.seconds));
+    let _ = writeln!(out, "{:10} {memory:>10} {disk:>10} {:>21} {:>9}", "in all", "", seconds(plan.seconds));
     let _ = writeln!(out, "the disk holds {peak} at the most, besides the output");
 }

@@ -156,6 +156,18 @@ impl DualGraph {
         Ok(Self { rows, nodes, components, facts, key })
     }
 
+    /// Gives up the step lengths, which the weights are made of, in a temporary `work`: 12 B a triangle of disk.
+    ///
+    /// # Errors
+    /// [`Error::Io`].
+    pub fn release_lengths(&mut self, work: &WorkDir) -> Result<()> {
+        if work.is_temporary() {
+            self.rows.gd = MappedSlice::empty();
+            work.release("graph", &["graph_gd.npy"])?;
+        }
+        Ok(())
+    }
+
     /// The graph as a sparse matrix under `metric`: weights computed, or reused.
     ///
     /// # Errors
@@ -225,6 +237,15 @@ impl Weighted {
         let (indices, weights) = (work.open_array("graph_indices.npy")?, work.open_array("graph_weights.npy")?);
         let matrix = csr_of_mapped(work.path(), indptr.clone(), indices, weights)?;
         Ok(Self { matrix, indptr, key })
+    }
+
+    /// Gives up the weights, which the rows are made of, in a temporary `work`: 12 B a triangle of disk.
+    ///
+    /// # Errors
+    /// [`Error::Io`].
+    pub fn release(self, work: &WorkDir) -> Result<()> {
+        drop(self);
+        work.release("weights", &["graph_weights.npy"])
     }
 
     /// The matrix as raw slices for hot loops.

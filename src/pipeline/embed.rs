@@ -102,7 +102,8 @@ fn some_rows(
         let l = method.landmarks.unwrap_or(super::landmarks_for_parts(n));
         return rows(graph, &weighted, l, method, work, run);
     }
-    rows_for_means(graph, parts, method, work, run)
+    let weighted = graph.weighted(method.metric, work, run)?;
+    rows_for_means(graph, &weighted, parts, method, work, run)
 }
 
 /// Extrapolates every face, a chunk at a time.

@@ -150,7 +150,10 @@ pub fn cluster(params: &SegmentParams, tree: Option<&PartTree>, work: &WorkDir, 
         Some((fit, parts)) => {
             let rows = match DistanceRows::kept(&graph.key, graph.nodes.len(), work) {
                 Ok(rows) => rows,
-                Err(Error::WorkDir { .. }) => super::rows_for_means(&graph, parts, params, work, run)?,
+                Err(Error::WorkDir { .. }) => {
+                    let weighted = graph.weighted(params.metric, work, run)?;
+                    super::rows_for_means(&graph, &weighted, parts, params, work, run)?
+                }
                 Err(error) => return Err(error),
             };
             run.progress.note(&format!("rows: {} of them", rows.len()));

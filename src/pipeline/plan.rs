@@ -44,6 +44,8 @@ pub struct StagePlan {
     pub keeps: u64,
     /// Bytes that it needs there besides while it runs.
     pub passing: u64,
+    /// Bytes of it and of stages before it that it gives up at its end.
+    pub frees: u64,
     /// Seconds, where calibrated.
     pub seconds: Option<f64>,
 }
@@ -77,9 +79,10 @@ fn held(records: u64, size: usize, copies: u64, part: u64, left: u64, threads: u
 }
 
 impl Plan {
-    /// The plan for a mesh of size `mesh` under `params`. Where [`Order::Auto`] has to look at the mesh to decide, the
-    /// file's order is taken to be good; `reordered` says otherwise.
-    pub fn new(mesh: MeshSize, params: &SegmentParams, reordered: bool, run: &Run) -> Self {
+    /// The plan for a mesh of size `mesh` under `params`, in a work directory that is `lasting` or temporary. Where
+    /// [`Order::Auto`] has to look at the mesh to decide, the file's order is taken to be good; `reordered` says
+    /// otherwise.
+    pub fn new(mesh: MeshSize, params: &SegmentParams, reordered: bool, lasting: bool, run: &Run) -> Self {
         let MeshSize { faces: n, vertices, corners, .. } = mesh;
         let (budget, threads) = (run.budget.total(), run.threads);
         let t = threads as u64;
@@ -93,10 +96,12 @@ impl Plan {
             memory: (BASE + memory).min(budget.max(BASE)),
             keeps,
             passing,
+            frees: 0,
             seconds: None,
         };
         let mut stages = vec![stage("read", 0, mesh.decoded, 0)];
-        if reordered || params.order == Order::Hilbert {
+        let reordered = reordered || params.order == Order::Hilbert;
+        if reordered {
             let joined = budget < 8 * vertices;
             let left = if joined { budget } else { budget - 4 * vertices };
             let sorting = held(vertices, 24, 6 * t, 2, left, threads).max(held(n, 20, 6 * t, 3, left, threads));
@@ -106,13 +111,20 @@ impl Plan {
         }
         let edges = held(corners, 12, 3 * t, 3, budget, threads);
         let links = held(corners, 8, 12 * t, 2, budget - edges, threads);
-        let spilled = (20 * corners).saturating_sub(edges + links);
-        stages.push(stage("graph", edges.max(links), 36 * n + 12 * corners, spilled + 4 * n));
+        // Half-edges and links beside the nodes; then links beside all that is kept; then the components' roots.
+        let kept = 36 * n + 12 * corners;
+        let matching = (28 * n + 20 * corners).saturating_sub(edges + links + kept);
+        let passing = matching.max((8 * corners).saturating_sub(links)).max(4 * n);
+        let sorted = if reordered && !lasting { 12 * vertices + 4 * corners } else { 0 };
+        let graph = stage("graph", edges.max(links), kept, passing);
+        stages.push(StagePlan { frees: sorted, ..graph });
         if params.cluster == Cluster::Parts {
             stages.push(stage("surface", 24 << 20, 20 * n, 4 * corners + 36 * n));
         }
-        stages.push(stage("weights", 0, 4 * corners, 0));
-        stages.push(stage("rows", 0, 4 * l * n, 4 * n));
+        // Lengths go when weights are made of them, weights when rows are.
+        let frees = if params.cluster == Cluster::Parts || lasting { 0 } else { 4 * corners };
+        stages.push(StagePlan { frees, ..stage("weights", 0, 4 * corners, 0) });
+        stages.push(StagePlan { frees, ..stage("rows", 0, 4 * l * n, 4 * n) });
         // The sample of columns and their coordinates.
         let dimensions = match params.parts.count {
             PartCount::Exactly(parts) => parts.max(2) as u64,
@@ -122,7 +134,7 @@ impl Plan {
         let (mut disk, mut disk_peak) = (0, 0);
         for stage in &stages {
             disk_peak = disk_peak.max(disk + stage.keeps + stage.passing);
-            disk += stage.keeps;
+            disk = disk + stage.keeps - stage.frees;
         }
         Self {
             mesh,

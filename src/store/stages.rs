@@ -74,25 +74,50 @@ impl WorkDir {
         facts: &impl Serialize,
         seconds: f64,
     ) -> Result<()> {
-        let mut records = BTreeMap::new();
-        for &name in files {
-            let path = self.file(name);
-            let bytes = std::fs::metadata(&path).map_err(Error::io(&path, "look at"))?.len();
-            let xxh3 = if self.is_temporary() {
-                String::new()
-            } else {
-                // On the disk before the manifest says so.
-                File::open(&path).and_then(|file| file.sync_all()).map_err(Error::io(&path, "sync"))?;
-                checksum(&path)?
-            };
-            records.insert(name.to_string(), FileRecord { bytes, xxh3 });
-        }
+        // Side by side: each waits for the disk.
+        let records = std::thread::scope(|scope| {
+            let started: Vec<_> = files.iter().map(|&name| (name, scope.spawn(move || self.sealed(name)))).collect();
+            let ended = started.into_iter().map(|(name, sealing)| {
+                let lost = || Error::io(self.file(name), "sync")(std::io::Error::other("a thread failed"));
+                Ok((name.to_string(), sealing.join().map_err(|_| lost())??))
+            });
+            ended.collect::<Result<BTreeMap<_, _>>>()
+        })?;
         let facts = serde_json::to_value(facts)
             .map_err(|error| Error::work_dir(self.path(), format!("facts of {stage}: {error}"), "report this"))?;
         let record = Stage { key: key.to_string(), options: options.clone(), files: records, facts, seconds };
         let mut manifest = self.manifest_lock();
         manifest.stages.insert(stage.to_string(), record);
         self.save(&manifest)
+    }
+
+    /// The record of the finished file `name`, which is on the disk before the manifest says so.
+    fn sealed(&self, name: &str) -> Result<FileRecord> {
+        let path = self.file(name);
+        let bytes = std::fs::metadata(&path).map_err(Error::io(&path, "look at"))?.len();
+        if self.is_temporary() {
+            return Ok(FileRecord { bytes, xxh3: String::new() });
+        }
+        File::open(&path).and_then(|file| file.sync_all()).map_err(Error::io(&path, "sync"))?;
+        Ok(FileRecord { bytes, xxh3: checksum(&path)? })
+    }
+
+    /// Gives up files of a finished stage that nothing will read again, in a temporary directory: its disk can hold a
+    /// larger mesh then, and the page cache more of the rest. Elsewhere they stay, for the next run.
+    ///
+    /// # Errors
+    /// [`Error::Io`].
+    pub fn release(&self, stage: &str, files: &[&str]) -> Result<()> {
+        if !self.is_temporary() {
+            return Ok(());
+        }
+        let mut manifest = self.manifest_lock();
+        if let Some(record) = manifest.stages.get_mut(stage) {
+            record.files.retain(|name, _| !files.contains(&name.as_str()));
+            self.save(&manifest)?;
+        }
+        files.iter().for_each(|file| self.remove(file));
+        Ok(())
     }
 
     fn save(&self, manifest: &Manifest) -> Result<()> {
