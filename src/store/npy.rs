@@ -113,6 +113,7 @@ pub struct ArrayMut<T> {
     path: PathBuf,
     file: File,
     data: MappedSliceMut<T>,
+    early: bool,
 }
 
 impl<T: Item> ArrayMut<T> {
@@ -126,7 +127,14 @@ impl<T: Item> ArrayMut<T> {
         let mut file = reserve_file(&partial, (HEADER + len * size_of::<T>()) as u64)?;
         file.write_all(&header(T::DESCR, shape)).map_err(Error::io(&partial, "write"))?;
         let data = MappedSliceMut::map(&file, &partial, HEADER, len)?;
-        Ok(Self { path: path.to_path_buf(), file, data })
+        Ok(Self { path: path.to_path_buf(), file, data, early: false })
+    }
+
+    /// The same, but where `early`, finishing starts to write it to the disk, without waiting: for arrays that somebody
+    /// will sync a while later.
+    #[must_use]
+    pub fn written_early(self, early: bool) -> Self {
+        Self { early, ..self }
     }
 
     /// The mapped items.
@@ -148,6 +156,8 @@ impl<T: Item> ArrayMut<T> {
         let partial = partial_name(&self.path);
         if durable {
             self.data.sync().and_then(|()| self.file.sync_all()).map_err(Error::io(&partial, "sync"))?;
+        } else if let (true, Some(writeback)) = (self.early, self.data.writeback()) {
+            writeback.start(0..self.data.len());
         }
         std::fs::rename(&partial, &self.path).map_err(Error::io(&partial, "rename"))?;
         open(&self.path)

@@ -171,12 +171,13 @@ impl WorkDir {
         self.path.join(name)
     }
 
-    /// Starts an array of known shape.
+    /// Starts an array of known shape. Where it lasts it is on its way to the disk when it is finished: stamping its stage
+    /// waits for that.
     ///
     /// # Errors
     /// [`Error::Io`].
     pub fn array<T: Item>(&self, name: &str, shape: &[usize]) -> Result<ArrayMut<T>> {
-        ArrayMut::create(&self.file(name), shape)
+        Ok(ArrayMut::create(&self.file(name), shape)?.written_early(self.durable()))
     }
 
     /// Starts an array written front to back.
