@@ -25,7 +25,8 @@ const CREASE: f32 = 0.5;
 const CHUNK: usize = 1 << 12;
 const NONE: u32 = u32::MAX;
 
-/// A node's strongest labels and their strengths, descending; a fixed node has one of strength 1.
+/// A node's strongest labels and their strengths; a fixed node has one of strength 1. Two are in ascending order, so that
+/// neighbours between the same parts have the same ones in the same places; three with the strongest first.
 #[derive(Clone, Copy, Debug)]
 struct Mix {
     label: [u32; 3],
@@ -35,6 +36,16 @@ struct Mix {
 impl Mix {
     fn pure(label: u32) -> Self {
         Self { label: [label, NONE, NONE], strength: [1., 0., 0.] }
+    }
+
+    fn two(label: [u32; 2], strength: [f32; 2]) -> Self {
+        let [a, b] = if label[0] < label[1] { [0, 1] } else { [1, 0] };
+        Self { label: [label[a], label[b], NONE], strength: [strength[a], strength[b], 0.] }
+    }
+
+    /// The strongest label; the lower one at a tie.
+    fn strongest(&self) -> u32 {
+        self.label[usize::from(self.strength[1] > self.strength[0])]
     }
 }
 
@@ -64,6 +75,9 @@ impl Tally {
         for (k, (label, strength)) in self.0.drain(..).enumerate() {
             (mix.label[k], mix.strength[k]) = (label, strength / sum);
         }
+        if let Mix { label: [a, b, NONE], strength: [x, y, _] } = mix {
+            mix = Mix::two([a, b], [x, y]);
+        }
         (sum > 0.).then_some(mix)
     }
 }
@@ -73,23 +87,25 @@ impl Tally {
 fn of_two(own: &Mix, links: &[Link], before: &[Mix]) -> Option<Mix> {
     let mut label = [own.label[0], own.label[1]];
     let (mut strength, mut all) = ([0f32; 2], 0f32);
-    let mut add = |of: u32, much: f32| {
-        if of == label[0] {
-            strength[0] += much;
-        } else if label[1] == NONE || of == label[1] {
-            label[1] = of;
-            strength[1] += much;
-        } else {
-            return None;
-        }
-        Some(())
-    };
     let mut add_all = |mix: &Mix, weight: f32| {
+        if mix.label == [label[0], label[1], NONE] {
+            strength[0] += weight * mix.strength[0];
+            strength[1] += weight * mix.strength[1];
+            return Some(());
+        }
         for k in 0..2 {
-            if mix.label[k] == NONE {
+            let (of, much) = (mix.label[k], weight * mix.strength[k]);
+            if of == NONE {
                 return Some(());
             }
-            add(mix.label[k], weight * mix.strength[k])?;
+            if of == label[0] {
+                strength[0] += much;
+            } else if label[1] == NONE || of == label[1] {
+                label[1] = of;
+                strength[1] += much;
+            } else {
+                return None;
+            }
         }
         (mix.label[2] == NONE).then_some(())
     };
@@ -103,11 +119,8 @@ fn of_two(own: &Mix, links: &[Link], before: &[Mix]) -> Option<Mix> {
     if label[1] == NONE {
         return (a > 0.).then(|| Mix::pure(label[0]));
     }
-    let order = if b > a || (b == a && label[1] < label[0]) { [1, 0] } else { [0, 1] };
-    let sum = strength[order[0]] + strength[order[1]];
-    let [first, second] = order.map(|k| (label[k], strength[k] / sum));
-    let mix = Mix { label: [first.0, second.0, NONE], strength: [first.1, second.1, 0.] };
-    (sum > 0. && sum < f32::INFINITY).then_some(mix)
+    let sum = a + b;
+    (sum > 0. && sum < f32::INFINITY).then(|| Mix::two(label, [a / sum, b / sum]))
 }
 
 /// A link of a band's node: to a place in the band, or to a fixed node, of which only the label matters.
@@ -198,7 +211,7 @@ pub fn smooth(
         &run.cancel,
         chunks,
         || (),
-        |k, ()| Ok(now[chunk_range(band.len(), CHUNK, k)].iter().map(|mix| mix.label[0]).collect::<Vec<u32>>()),
+        |k, ()| Ok(now[chunk_range(band.len(), CHUNK, k)].iter().map(Mix::strongest).collect::<Vec<u32>>()),
     )?;
     for (&node, label) in band.iter().zip(strongest.into_iter().flatten()) {
         labels[node as usize] = label;
@@ -218,11 +231,7 @@ mod tests {
         for _ in 0..2000 {
             let mut draw = || {
                 let (a, b, s) = (below(&mut random, 3) as u32, below(&mut random, 3) as u32, unit(&mut random) as f32);
-                if a == b {
-                    Mix::pure(a)
-                } else {
-                    Mix { label: [a, b, NONE], strength: [s.max(1. - s), s.min(1. - s), 0.] }
-                }
+                if a == b { Mix::pure(a) } else { Mix::two([a, b], [s, 1. - s]) }
             };
             let before: Vec<Mix> = (0..4).map(|_| draw()).collect();
             let links: Vec<Link> = (1..4)
