@@ -159,10 +159,57 @@ fn check_fronts(graph: Csr<'_>, sources: &[u32], told: &str) {
         assert_eq!(owner, owned, "{told}: owners");
         // Small blocks make many rounds.
         for (block, threads) in [(1 + n / 50, 3), (1 + n / 7, 2), (voronoi::BLOCK, 1)] {
-            voronoi::cells(graph, sources, (&mut field, &mut owner), block, threads, &cancel).unwrap();
+            let rounds = voronoi::Rounds::new(graph, block, threads, &cancel);
+            rounds.cells(sources, &mut field, &mut owner).unwrap();
             assert_eq!(bits(&field), bits(&nearest), "{told}: cells by blocks of {block}");
             assert_eq!(owner, owned, "{told}: owners by blocks of {block}");
         }
+        check_bands(graph, &mut front, (&nearest, &owned), told);
+    }
+}
+
+/// Bands around the cells of `owned` (n), whose seeds lie at the distances `nearest` (n): what is nearer than a limit, and
+/// three labels grown from cores.
+fn check_bands(graph: Csr<'_>, front: &mut Front, (nearest, owned): (&[f32], &[u32]), told: &str) {
+    let cancel = Cancel::default();
+    let n = graph.len();
+    let limit = nearest.iter().filter(|d| d.is_finite()).fold(0f32, |most, d| most.max(*d)) / 3.;
+    let core: Vec<bool> = nearest.iter().map(|&d| d <= limit).collect();
+    let rim: Vec<u32> = (0..n as u32)
+        .filter(|&i| {
+            let span = graph.indptr[i as usize] as usize..graph.indptr[i as usize + 1] as usize;
+            core[i as usize] && graph.indices[span].iter().any(|&j| !core[j as usize])
+        })
+        .collect();
+    let label = |i: usize| if core[i] { owned[i] % 3 } else { 7 };
+    // By label, so that the smaller of two sources has the smaller label.
+    let mut sources = rim.clone();
+    sources.sort_by_key(|&i| label(i as usize));
+    let (mut depth, mut owner) = (vec![0f32; n], vec![0u32; n]);
+    front.owned(graph, &sources, &mut depth, &mut owner, &cancel).unwrap();
+    let expected: Vec<u32> = (0..n)
+        .map(|i| if core[i] || owner[i] == u32::MAX { label(i) } else { label(sources[owner[i] as usize] as usize) })
+        .collect();
+    let inside: Vec<f32> = depth.iter().map(|&d| if d < limit { d } else { f32::INFINITY }).collect();
+    let band: Vec<f32> = (0..n).map(|i| if core[i] { 0. } else { depth[i] }).collect();
+    let start = || {
+        let field: Vec<f32> = core.iter().map(|&core| if core { 0. } else { f32::INFINITY }).collect();
+        (field, (0..n).map(label).collect::<Vec<u32>>())
+    };
+    let mut field = vec![f32::INFINITY; n];
+    front.within(graph, &rim, limit, &mut field, &cancel).unwrap();
+    assert_eq!(bits(&field), bits(&inside), "{told}: within a limit");
+    let (mut field, mut labels) = start();
+    front.spread_owners(graph, &rim, &mut field, &mut labels, &cancel).unwrap();
+    assert_eq!((bits(&field), &labels), (bits(&band), &expected), "{told}: labels grown");
+    for (block, threads) in [(1 + n / 50, 3), (1 + n / 7, 2), (voronoi::BLOCK, 1)] {
+        let rounds = voronoi::Rounds::new(graph, block, threads, &cancel);
+        let mut field = vec![f32::INFINITY; n];
+        rounds.within(&rim, limit, &mut field).unwrap();
+        assert_eq!(bits(&field), bits(&inside), "{told}: within a limit by blocks of {block}");
+        let (mut field, mut labels) = start();
+        rounds.spread_owners(&rim, &mut field, &mut labels).unwrap();
+        assert_eq!((bits(&field), &labels), (bits(&band), &expected), "{told}: labels grown by blocks of {block}");
     }
 }
 

@@ -7,8 +7,8 @@
 
 use crate::base::Result;
 use crate::base::parallel::{chunk_count, chunk_range, fill_each, map_chunks};
-use crate::distance::Front;
 use crate::distance::front::mean_weight;
+use crate::distance::voronoi;
 use crate::graph::DualGraph;
 use crate::graph::dual::Csr;
 use crate::store::{MappedSlice, Run, WorkDir};
@@ -51,17 +51,14 @@ pub fn refine(
     let mut field = work.array::<f32>("depth.tmp", &[n])?;
     let lengths = lengths(graph);
     field.data().fill(f32::INFINITY);
-    let bytes = n * (size_of::<f32>() + size_of::<u32>());
-    Front::over(lengths, bytes, run, |front| front.within(lengths, &rim, band, field.data(), &run.cancel))?;
+    voronoi::within(lengths, &rim, band, field.data(), run)?;
     let limits = core_limits(labels.data(), field.data(), parts, band, run)?;
     // Cores are where the second front starts, at distance 0; the bands are open.
     let owners: &[u32] = labels.data();
     let core = |i: usize, depth: f32| if depth >= limits[owners[i] as usize] { 0. } else { f32::INFINITY };
     fill_each(run.threads, &run.cancel, field.data(), CHUNK, core)?;
     let edge_of_core = core_rim(steps, field.data(), run)?;
-    Front::over(steps, bytes, run, |front| {
-        front.spread_owners(steps, &edge_of_core, field.data(), labels.data(), &run.cancel)
-    })?;
+    voronoi::spread_owners(steps, &edge_of_core, field.data(), labels.data(), run)?;
     straighten(graph, steps, shares, field.data(), labels.data(), run)?;
     drop(field);
     work.remove("depth.tmp.partial");
@@ -84,7 +81,7 @@ fn straighten(
     fill_each(run.threads, &run.cancel, field, CHUNK, |_, d| if d == 0. { -1. } else { f32::INFINITY })?;
     let open: Vec<u32> = rim.into_iter().filter(|&node| field[node as usize] > 0.).collect();
     let reach = (smooth::REACH / shares.unit).min(smooth::FACES * mean);
-    Front::over(lengths, 2 * size_of_val(field), run, |front| front.within(lengths, &open, reach, field, &run.cancel))?;
+    voronoi::within(lengths, &open, reach, field, run)?;
     let field = &*field;
     let band = map_chunks(
         run.threads,

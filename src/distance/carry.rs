@@ -1,8 +1,5 @@
 //! What a front carries along with distances: nothing, a limit, or the owners of nodes.
 
-use crate::store::mapped::will_need;
-use std::ops::Range;
-
 /// What is carried along with distances; the plain front carries nothing.
 pub(super) trait Carry {
     /// Whether a node at this distance is to be visited.
@@ -19,8 +16,6 @@ pub(super) trait Carry {
     fn wins_tie(&mut self, from: u32, to: u32) -> bool;
     /// Passes the value on.
     fn pass(&mut self, from: u32, to: u32);
-    /// Asks for the values of the nodes of a block.
-    fn need(&self, _block: Range<usize>) {}
 }
 
 impl Carry for () {
@@ -78,7 +73,14 @@ impl Carry for Owners<'_> {
     fn pass(&mut self, from: u32, to: u32) {
         self.owner[to as usize] = self.owner[from as usize];
     }
-    fn need(&self, block: Range<usize>) {
-        will_need(&self.owner[block]);
+}
+
+/// Takes the owners of all nodes that a front reached (`field` (n) is neither 0 nor infinite there), so that another over
+/// the same distances finds them for certain.
+pub(super) fn disown(field: &[f32], owner: &mut [u32]) {
+    for (owner, &distance) in owner.iter_mut().zip(field) {
+        if distance > 0. && distance < f32::INFINITY {
+            *owner = u32::MAX;
+        }
     }
 }

@@ -13,12 +13,11 @@
 //! in `benches/`: 28–35 ns a face on scans, against a floor of 15 ns a face for touching each
 //! cache line of graph and distances once.
 
-use super::carry::{Carry, Owners, Within};
+use super::carry::{Carry, Owners, Within, disown};
 use super::paging::{Pager, Pages};
 use super::queue::{Entry, Queue};
 use crate::base::{Cancel, Result};
 use crate::graph::dual::Csr;
-use crate::store::Run;
 use crate::store::mapped::{Access, Writeback, advise, prefetch, will_need};
 
 /// Entries ahead at which row start and distance are fetched.
@@ -79,13 +78,6 @@ impl Front {
     /// A front with buckets of the given width.
     pub fn with_width(width: f32) -> Self {
         Self { queue: Queue::new(width), batch: Vec::new(), ways: Vec::new(), pages: None }
-    }
-
-    /// Lends a front over `graph`, whose values take `bytes` more, to `work`; with [`Pages`] where that is more than
-    /// the kernel can keep in memory.
-    pub fn over<R>(graph: Csr<'_>, bytes: usize, run: &Run, work: impl FnOnce(&mut Self) -> R) -> R {
-        let mean = mean_weight(graph);
-        Pages::lend(graph, bytes, run, |pages| work(&mut Self::new(mean).paged(pages)))
     }
 
     /// The same for a graph larger than memory: it tells the kernel by `pages` what it needs next.
@@ -205,8 +197,8 @@ impl Front {
         self.lowered(graph, sources, field, &mut Within(limit), cancel)
     }
 
-    /// Spreads the owners of `sources` (at distance 0) over the nodes that `field` holds farther away; at equal
-    /// distances the smaller owner wins. Owners of nodes that are not lowered stay.
+    /// Spreads the owners of `sources` over the nodes that `field` (n) holds infinite; it is 0 at all others, of which
+    /// the sources are the rim. At equal distances the smaller owner wins. Owners of nodes that are not reached stay.
     ///
     /// # Errors
     /// [`crate::base::Error::Cancelled`].
@@ -218,7 +210,16 @@ impl Front {
         owner: &mut [u32],
         cancel: &Cancel,
     ) -> Result<Visits> {
-        self.lowered(graph, sources, field, &mut Owners::new(owner), cancel)
+        let mut owners = Owners::new(owner);
+        let mut visits = self.lowered(graph, sources, field, &mut owners, cancel)?;
+        if owners.doubtful {
+            // As in `owned`.
+            disown(field, owner);
+            let again = self.lowered(graph, sources, field, &mut Owners::new(owner), cancel)?;
+            visits.popped += again.popped;
+            visits.expanded += again.expanded;
+        }
+        Ok(visits)
     }
 
     /// A front over what `field` holds.
@@ -236,7 +237,6 @@ impl Front {
         };
         pages.restart();
         for block in sources.iter().filter_map(|&source| pages.enter(graph, source)) {
-            carry.need(block.clone());
             will_need(&field[block]);
         }
         self.start(sources, field);
@@ -304,7 +304,6 @@ impl Front {
                     for (&next, &weight) in indices[span.clone()].iter().zip(&weights[span]) {
                         let there = distance + weight;
                         if let Some(block) = pages.meet(graph, node, next) {
-                            carry.need(block.clone());
                             met(&mut field[block]);
                         }
                         ways[count] = Way { to: Entry { node: next, distance: there }, from: node };

@@ -14,6 +14,7 @@ pub mod march;
 pub mod oracle;
 pub mod paging;
 pub mod queue;
+mod rounds;
 pub mod rows;
 pub mod sampling;
 pub mod shard;

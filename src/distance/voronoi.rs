@@ -1,44 +1,20 @@
-//! Voronoi cells of many seeds on the graph: distance to the nearest seed, and which it is.
+//! Fronts from many sources: whose territory each node is, and how deep in it.
 //!
-//! Seeds lie everywhere, so one front from all of them is everywhere at once: fine in memory, hopeless where the graph
-//! is larger. There, nodes are taken in blocks. A round runs a front of its own inside every block that has mail, on all
-//! threads; what would leave the block is mail for the next round. Half a dozen rounds, all but the first at the rims
-//! of blocks only, reach the same fixed point: the least d(v) = min fl(d(u) + w), and the smallest seed at equal
-//! distances. Both are unique, so neither blocks nor threads show in the result (tested against a binary heap).
-//! In memory the single front is quicker, what blocks correct outweighs their second thread (1.75 s against 1.55 s
-//! of processor time for a default run at 1.3 M faces), so it is what runs there.
-//!
-//! Memory: the mail, 12 bytes for every edge between blocks: a quarter byte a node, or less, since blocks grow where
-//! the budget is small for the mesh.
+//! In memory one front from all sources; where graph and values are larger than memory the same by [`Rounds`], with the
+//! same bytes.
 
+use super::carry::disown;
 use super::front::{Front, mean_weight};
 use super::paging::Pages;
-use super::queue::{Entry, Queue};
-use crate::base::parallel::fill_two;
-use crate::base::{Cancel, Result};
+use super::rounds::Letter;
+pub use super::rounds::{BLOCK, Rounds};
+use crate::base::Result;
 use crate::graph::dual::Csr;
 use crate::store::Run;
 
-/// Nodes a block, at least: with rows and values 2.5 MB, a good read.
-pub const BLOCK: usize = 1 << 16;
-/// Bucket width in mean weights.
-const WIDTH: f32 = 0.5;
-
-/// A shorter way to `node`, from a neighbour in another block.
-#[derive(Clone, Copy, Debug)]
-struct Letter {
-    node: u32,
-    distance: f32,
-    owner: u32,
-}
-
-/// What a block's front left.
-#[derive(Debug, Default)]
-struct Outcome {
-    letters: Vec<Letter>,
-    /// Whether a tie was met that the node reached had won before. Its owner may be stale then: passed on by a
-    /// node that was lowered since, by so little that rounding hides it here.
-    doubtful: bool,
+/// The rounds for `graph` and `bytes` of values, where they are more than the kernel can keep in memory.
+fn rounds<'a>(graph: Csr<'a>, bytes: usize, run: &Run) -> Option<Rounds<'a>> {
+    Pages::needed(graph, bytes, run).then(|| Rounds::within_budget(graph, run))
 }
 
 /// What [`Front::owned`] gives, by whichever way suits the memory.
@@ -46,134 +22,80 @@ struct Outcome {
 /// # Errors
 /// [`crate::base::Error::Cancelled`].
 pub fn spread(graph: Csr<'_>, sources: &[u32], field: &mut [f32], owner: &mut [u32], run: &Run) -> Result<()> {
-    if !Pages::needed(graph, 2 * size_of_val(field), run) {
-        return Front::new(mean_weight(graph)).owned(graph, sources, field, owner, &run.cancel).map(drop);
+    match rounds(graph, 2 * size_of_val(field), run) {
+        None => Front::new(mean_weight(graph)).owned(graph, sources, field, owner, &run.cancel).map(drop),
+        Some(rounds) => rounds.cells(sources, field, owner),
     }
-    // The rim of a block of B nodes is some 4 √B edges; mail is held twice while it is sorted out.
-    let mail_for = |block: usize| 100. * graph.len() as f64 / (block as f64).sqrt();
-    let mut block = BLOCK;
-    while block < graph.len() && mail_for(block) > run.budget.left() as f64 / 4. {
-        block *= 2;
-    }
-    cells(graph, sources, (field, owner), block, run.threads, &run.cancel)
 }
 
-/// Distances from the nearest of `sources` into `field` (n), infinite where none is reached, and its number among
-/// `sources` (the smallest at a tie) into `owner` (n), `u32::MAX` where none is. Blocks of `block` nodes.
+/// What [`Front::within`] gives, by whichever way suits the memory.
 ///
 /// # Errors
 /// [`crate::base::Error::Cancelled`].
-pub fn cells(
-    graph: Csr<'_>,
-    sources: &[u32],
-    (field, owner): (&mut [f32], &mut [u32]),
-    block: usize,
-    threads: usize,
-    cancel: &Cancel,
-) -> Result<()> {
-    let seeds = || {
-        let letter = |(owner, &node)| Letter { node, distance: 0., owner: owner as u32 };
-        sources.iter().enumerate().map(letter).collect::<Vec<_>>()
-    };
-    let rounds = Rounds { graph, block, threads, cancel, width: mean_weight(graph) * WIDTH };
-    field.fill(f32::INFINITY);
-    owner.fill(u32::MAX);
-    if rounds.run(seeds(), field, owner)? {
-        // Once more over the final distances: owners alone move, and nothing can be stale.
-        owner.fill(u32::MAX);
-        rounds.run(seeds(), field, owner)?;
+pub fn within(graph: Csr<'_>, sources: &[u32], limit: f32, field: &mut [f32], run: &Run) -> Result<()> {
+    match rounds(graph, 2 * size_of_val(field), run) {
+        None => Front::new(mean_weight(graph)).within(graph, sources, limit, field, &run.cancel).map(drop),
+        Some(rounds) => rounds.within(sources, limit, field),
     }
-    Ok(())
 }
 
-/// What all rounds share.
-struct Rounds<'a> {
-    graph: Csr<'a>,
-    block: usize,
-    threads: usize,
-    cancel: &'a Cancel,
-    width: f32,
+/// What [`Front::spread_owners`] gives, by whichever way suits the memory.
+///
+/// # Errors
+/// [`crate::base::Error::Cancelled`].
+pub fn spread_owners(graph: Csr<'_>, sources: &[u32], field: &mut [f32], owner: &mut [u32], run: &Run) -> Result<()> {
+    match rounds(graph, 2 * size_of_val(field), run) {
+        None => Front::new(mean_weight(graph)).spread_owners(graph, sources, field, owner, &run.cancel).map(drop),
+        Some(rounds) => rounds.spread_owners(sources, field, owner),
+    }
 }
 
 impl Rounds<'_> {
-    /// Delivers `letters` and what follows from them until there is no more mail; whether owners may be stale.
-    fn run(&self, mut letters: Vec<Letter>, field: &mut [f32], owner: &mut [u32]) -> Result<bool> {
-        let mut doubtful = false;
-        while !letters.is_empty() {
-            // The nearest first, so that a block's front starts where it should.
-            letters.sort_unstable_by_key(|letter| (letter.node as usize / self.block, letter.distance.to_bits()));
-            let mail = &letters[..];
-            let queue = || (Queue::new(self.width), Vec::new());
-            let outcomes = fill_two(self.threads, self.cancel, (&mut *field, &mut *owner), self.block, queue, {
-                |k, field: &mut [f32], owner: &mut [u32], (queue, batch): &mut (Queue, Vec<Entry>)| {
-                    let start = mail.partition_point(|letter| (letter.node as usize) / self.block < k);
-                    let end = start + mail[start..].partition_point(|letter| (letter.node as usize) / self.block == k);
-                    Ok(self.front(k * self.block, field, owner, &mail[start..end], queue, batch))
-                }
-            })?;
-            letters = Vec::with_capacity(outcomes.iter().map(|outcome| outcome.letters.len()).sum());
-            for outcome in outcomes {
-                doubtful |= outcome.doubtful;
-                letters.extend(outcome.letters);
-            }
+    /// What [`Front::owned`] gives.
+    ///
+    /// # Errors
+    /// [`crate::base::Error::Cancelled`].
+    pub fn cells(&self, sources: &[u32], field: &mut [f32], owner: &mut [u32]) -> Result<()> {
+        let seeds = || {
+            let letter = |(owner, &node)| Letter { node, distance: 0., owner: owner as u32 };
+            sources.iter().enumerate().map(letter).collect::<Vec<_>>()
+        };
+        field.fill(f32::INFINITY);
+        owner.fill(u32::MAX);
+        if self.deliver(seeds(), f32::INFINITY, field, owner)? {
+            // Once more over the final distances: owners alone move, and nothing can be stale.
+            owner.fill(u32::MAX);
+            self.deliver(seeds(), f32::INFINITY, field, owner)?;
         }
-        Ok(doubtful)
+        Ok(())
     }
 
-    /// The front inside the block of nodes from `first` on, whose values `field` and `owner` are.
-    fn front(
-        &self,
-        first: usize,
-        field: &mut [f32],
-        owner: &mut [u32],
-        mail: &[Letter],
-        queue: &mut Queue,
-        batch: &mut Vec<Entry>,
-    ) -> Outcome {
-        let mut outcome = Outcome::default();
-        let Some(nearest) = mail.first() else { return outcome };
-        let Csr { indptr, indices, weights } = self.graph;
-        let starts = &indptr[first..=first + field.len()];
-        queue.restart(nearest.distance);
-        for letter in mail {
-            let to = letter.node as usize - first;
-            if reach(field, owner, to, letter.distance, letter.owner, &mut outcome.doubtful) {
-                queue.push(Entry { node: to as u32, distance: letter.distance });
-            }
-        }
-        while queue.pop_bucket(batch) {
-            for &Entry { node, distance } in batch.iter() {
-                let node = node as usize;
-                if field[node] < distance {
-                    continue;
-                }
-                let own = owner[node];
-                let span = starts[node] as usize..starts[node + 1] as usize;
-                for (&next, &weight) in indices[span.clone()].iter().zip(&weights[span]) {
-                    let there = distance + weight;
-                    let to = (next as usize).wrapping_sub(first);
-                    if to >= field.len() {
-                        outcome.letters.push(Letter { node: next, distance: there, owner: own });
-                    } else if reach(field, owner, to, there, own, &mut outcome.doubtful) {
-                        queue.push(Entry { node: to as u32, distance: there });
-                    }
-                }
-            }
-            batch.clear();
-        }
-        outcome
+    /// What [`Front::within`] gives.
+    ///
+    /// # Errors
+    /// [`crate::base::Error::Cancelled`].
+    pub fn within(&self, sources: &[u32], limit: f32, field: &mut [f32]) -> Result<()> {
+        let letters = sources.iter().map(|&node| Letter { node, distance: 0., owner: () }).collect();
+        sources.iter().for_each(|&node| field[node as usize] = f32::INFINITY);
+        // Owners that take no room.
+        self.deliver(letters, limit, field, &mut vec![(); self.graph().len()]).map(drop)
     }
-}
 
-/// Whether the node `to` is nearer this way, or as near and won by a smaller owner; if so, it is entered.
-#[inline(always)]
-fn reach(field: &mut [f32], owner: &mut [u32], to: usize, distance: f32, own: u32, doubtful: &mut bool) -> bool {
-    let nearer = distance < field[to];
-    if nearer || (distance == field[to] && own < owner[to]) {
-        field[to] = distance;
-        owner[to] = own;
-        return true;
+    /// What [`Front::spread_owners`] gives.
+    ///
+    /// # Errors
+    /// [`crate::base::Error::Cancelled`].
+    pub fn spread_owners(&self, sources: &[u32], field: &mut [f32], owner: &mut [u32]) -> Result<()> {
+        let once = |field: &mut [f32], owner: &mut [u32]| {
+            let letter = |&node: &u32| Letter { node, distance: 0., owner: owner[node as usize] };
+            let letters = sources.iter().map(letter).collect();
+            sources.iter().for_each(|&node| field[node as usize] = f32::INFINITY);
+            self.deliver(letters, f32::INFINITY, field, owner)
+        };
+        if once(field, owner)? {
+            disown(field, owner);
+            once(field, owner)?;
+        }
+        Ok(())
     }
-    *doubtful |= distance == field[to] && own > owner[to];
-    false
 }
