@@ -372,7 +372,7 @@ fn an_interrupt_leaves_nothing_behind_or_a_work_directory_that_goes_on() {
 fn the_demo_finds_the_parts_it_made() {
     let dir = tempfile::tempdir().unwrap();
     let folder = dir.path().join("demo");
-    let output = run(&["demo", "-q", "--faces", "20000", "--folder", word(&folder)]);
+    let output = run(&["demo", "-q", "--faces", "2e4", "--folder", word(&folder)]);
     assert!(output.status.success() && output.stderr.is_empty(), "{}", errors(&output));
     let table = String::from_utf8(output.stdout).unwrap();
     let number = |key: &str| -> f64 {

@@ -3,7 +3,7 @@
 //! `cargo run --release --example generate -- --faces 1.3e6 --truth creature.seg creature.ply`
 
 use clap::Parser;
-use nystrom_stream::apps::creature::{Creature, Options};
+use nystrom_stream::apps::creature::{Creature, Options, parse_faces};
 use nystrom_stream::base::{Error, Result};
 use nystrom_stream::store::Run;
 use std::path::PathBuf;
@@ -16,7 +16,7 @@ struct Arguments {
     /// Where to write the mesh.
     output: PathBuf,
     /// Faces at least; 1.3e6 is understood too.
-    #[arg(long, short = 'n', default_value = "1e5", value_parser = count)]
+    #[arg(long, short = 'n', default_value = "1e5", value_parser = parse_faces)]
     faces: u64,
     /// Displace vertices along their normals by at most this share of the mean edge length.
     #[arg(long, default_value_t = 0.0)]
@@ -36,17 +36,6 @@ struct Arguments {
     /// Threads; all cores by default.
     #[arg(long)]
     threads: Option<usize>,
-}
-
-/// A whole number, also as 1.3e6.
-fn count(text: &str) -> Result<u64, String> {
-    if let Ok(whole) = text.parse::<u64>() {
-        return Ok(whole);
-    }
-    match text.parse::<f64>() {
-        Ok(number) if (0.0..1e18).contains(&number) => Ok(number.round() as u64),
-        _ => Err("not a number of faces".to_string()),
-    }
 }
 
 fn generate(arguments: &Arguments) -> Result<()> {

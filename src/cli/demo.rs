@@ -4,7 +4,7 @@ use super::bars::human;
 use super::options::RunArgs;
 use super::{Failure, Surroundings, segment};
 use clap::Parser;
-use nystrom_stream::apps::creature::{Creature, Options};
+use nystrom_stream::apps::creature::{Creature, Options, parse_faces};
 use nystrom_stream::apps::evaluate::{contingency, matches, rand};
 use nystrom_stream::base::Error;
 use nystrom_stream::mesh::seg;
@@ -13,8 +13,8 @@ use std::path::PathBuf;
 
 #[derive(Clone, Debug, clap::Args)]
 pub struct Args {
-    /// Faces of the creature, at least
-    #[arg(long, value_name = "N", default_value_t = 1_300_000)]
+    /// Faces of the creature, at least; 1.3e6 is understood too
+    #[arg(long, value_name = "N", default_value = "1.3e6", value_parser = parse_faces)]
     pub faces: u64,
     /// Noise, as a share of an edge
     #[arg(long, value_name = "X", default_value_t = 0.)]

@@ -42,6 +42,20 @@ pub struct Options {
     pub seed: u64,
 }
 
+/// A number of faces as people write it: 1300000 or 1.3e6.
+///
+/// # Errors
+/// What is wrong with it, in words.
+pub fn parse_faces(text: &str) -> std::result::Result<u64, String> {
+    if let Ok(whole) = text.parse::<u64>() {
+        return Ok(whole);
+    }
+    match text.parse::<f64>() {
+        Ok(number) if (0.0..1e18).contains(&number) => Ok(number.round() as u64),
+        _ => Err("not a number of faces".to_string()),
+    }
+}
+
 impl Default for Options {
     /// A smooth whole creature of a hundred thousand faces, in scan order.
     fn default() -> Self {
