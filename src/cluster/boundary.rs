@@ -76,10 +76,9 @@ fn straighten(
 ) -> Result<()> {
     let lengths = lengths(graph);
     let mean = mean_weight(lengths);
-    let rim = rim(steps, labels, run)?;
+    let open = collect(steps, run, |i| field[i] > 0., |i, j| labels[i] != labels[j])?;
     // Cores cannot be lowered below 0, so they stay outside the band.
     fill_each(run.threads, &run.cancel, field, CHUNK, |_, d| if d == 0. { -1. } else { f32::INFINITY })?;
-    let open: Vec<u32> = rim.into_iter().filter(|&node| field[node as usize] > 0.).collect();
     let reach = (smooth::REACH / shares.unit).min(smooth::FACES * mean);
     voronoi::within(lengths, &open, reach, field, run)?;
     let field = &*field;
@@ -100,16 +99,21 @@ fn straighten(
 
 /// Nodes with a neighbour of another label, ascending.
 fn rim(graph: Csr<'_>, labels: &[u32], run: &Run) -> Result<Vec<u32>> {
-    collect(graph, run, |i, j| labels[i] != labels[j])
+    collect(graph, run, |_| true, |i, j| labels[i] != labels[j])
 }
 
 /// Nodes at distance 0 with a neighbour that is not, ascending.
 fn core_rim(graph: Csr<'_>, field: &[f32], run: &Run) -> Result<Vec<u32>> {
-    collect(graph, run, |i, j| field[i] == 0. && field[j] != 0.)
+    collect(graph, run, |i| field[i] == 0., |_, j| field[j] != 0.)
 }
 
-/// Nodes i with a neighbour j for which `wanted(i, j)`.
-fn collect(graph: Csr<'_>, run: &Run, wanted: impl Fn(usize, usize) -> bool + Sync) -> Result<Vec<u32>> {
+/// Nodes i, ascending, with `own(i)` and a neighbour j for which `beside(i, j)`.
+fn collect(
+    graph: Csr<'_>,
+    run: &Run,
+    own: impl Fn(usize) -> bool + Sync,
+    beside: impl Fn(usize, usize) -> bool + Sync,
+) -> Result<Vec<u32>> {
     let n = graph.len();
     let parts = map_chunks(
         run.threads,
@@ -120,8 +124,8 @@ fn collect(graph: Csr<'_>, run: &Run, wanted: impl Fn(usize, usize) -> bool + Sy
             let range = chunk_range(n, CHUNK, k);
             Ok(range
                 .filter(|&i| {
-                    let span = graph.indptr[i] as usize..graph.indptr[i + 1] as usize;
-                    graph.indices[span].iter().any(|&j| wanted(i, j as usize))
+                    let span = || graph.indptr[i] as usize..graph.indptr[i + 1] as usize;
+                    own(i) && graph.indices[span()].iter().any(|&j| beside(i, j as usize))
                 })
                 .map(|i| i as u32)
                 .collect::<Vec<u32>>())

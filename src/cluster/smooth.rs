@@ -5,7 +5,7 @@
 //! curve by its curvature) straighten it within [`REACH`] of where it was. Links across a crease carry little, so
 //! a boundary on one stays there. Nodes outside the band, and cores of parts, are fixed: no part vanishes.
 //!
-//! Cost: at most [`SWEEPS`] sweeps over the band's nodes and links; 90 bytes a node of the band, which
+//! Cost: at most [`SWEEPS`] sweeps over the band's nodes and links; 130 bytes a node of the band, which
 //! is at most [`FACES`] faces wide, so a fraction of a per cent of a large mesh.
 
 use crate::base::Result;
@@ -139,33 +139,60 @@ struct Links {
 }
 
 impl Links {
-    fn of(steps: Csr<'_>, gd: &[f32], edge: &[f32], unit: f32, band: &[u32], labels: &[u32]) -> Self {
-        let mut links = Self { start: vec![0], list: Vec::with_capacity(3 * band.len()) };
-        for &node in band {
-            for e in steps.indptr[node as usize] as usize..steps.indptr[node as usize + 1] as usize {
-                let turning = (steps.weights[e] - gd[e] * unit).max(0.);
-                let weight = edge[e].abs() * exp(-turning / CREASE);
-                let other = steps.indices[e];
-                links.list.push(match band.binary_search(&other) {
-                    Ok(place) => Link { to: place as u32, inside: true, weight },
-                    Err(_) => Link { to: labels[other as usize], inside: false, weight },
-                });
-            }
-            links.start.push(links.list.len() as u32);
+    fn of(
+        steps: Csr<'_>,
+        (gd, edge): (&[f32], &[f32]),
+        unit: f32,
+        band: &[u32],
+        labels: &[u32],
+        run: &Run,
+    ) -> Result<Self> {
+        let chunks = map_chunks(
+            run.threads,
+            &run.cancel,
+            chunk_count(band.len(), CHUNK),
+            || (),
+            |k, ()| {
+                let range = chunk_range(band.len(), CHUNK, k);
+                let (mut counts, mut list) = (Vec::with_capacity(range.len()), Vec::with_capacity(3 * range.len()));
+                for &node in &band[range] {
+                    let span = steps.indptr[node as usize] as usize..steps.indptr[node as usize + 1] as usize;
+                    counts.push(span.len() as u32);
+                    for e in span {
+                        let turning = (steps.weights[e] - gd[e] * unit).max(0.);
+                        let weight = edge[e].abs() * exp(-turning / CREASE);
+                        let other = steps.indices[e];
+                        list.push(match band.binary_search(&other) {
+                            Ok(place) => Link { to: place as u32, inside: true, weight },
+                            Err(_) => Link { to: labels[other as usize], inside: false, weight },
+                        });
+                    }
+                }
+                Ok((counts, list))
+            },
+        )?;
+        let mut links = Self { start: vec![0], list: Vec::with_capacity(chunks.iter().map(|c| c.1.len()).sum()) };
+        let mut end = 0;
+        for (counts, list) in chunks {
+            links.start.extend(counts.iter().map(|&count| {
+                end += count;
+                end
+            }));
+            links.list.extend(list);
         }
-        links
+        Ok(links)
     }
 }
 
-/// Smooths `labels` (n) over the nodes of `band` (ascending). `steps` is the graph under the fronts' weights, `gd` and
-/// `edge` (nnz) its steps and edge lengths in the frame, `unit` from the frame to units of √(area), `mean` the mean step
+/// Smooths `labels` (n) over the nodes of `band` (ascending). `steps` is the graph under the fronts' weights, `sizes` (nnz
+/// each) its steps and edge lengths in the frame, `unit` from the frame to units of √(area), `mean` the mean step
 /// in those units.
 ///
 /// # Errors
 /// [`crate::base::Error::Cancelled`].
 pub fn smooth(
     steps: Csr<'_>,
-    (gd, edge): (&[f32], &[f32]),
+    sizes: (&[f32], &[f32]),
     (unit, mean): (f32, f32),
     band: &[u32],
     labels: &mut [u32],
@@ -177,7 +204,7 @@ pub fn smooth(
     if band.is_empty() || sweeps == 0 {
         return Ok(());
     }
-    let links = Links::of(steps, gd, edge, unit, band, labels);
+    let links = Links::of(steps, sizes, unit, band, labels, run)?;
     let mut now: Vec<Mix> = band.iter().map(|&node| Mix::pure(labels[node as usize])).collect();
     let mut next = now.clone();
     for _ in 0..sweeps.min(SWEEPS) {
