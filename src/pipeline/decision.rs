@@ -9,10 +9,12 @@ use super::report::Numbers;
 use super::surface::Surface;
 use super::{SegmentParams, landmarks_for_parts, rows};
 use crate::base::{Error, Result};
-use crate::cluster::cell_rows;
+use crate::cluster::cell_rows::{self, greatest_share};
+
 use crate::cluster::parts::matrix::Square;
 use crate::cluster::parts::{self, Atoms, Decided, PartTree};
 use crate::distance::DistanceRows;
+use crate::distance::landmarks::Sampling;
 use crate::distance::rows::RowParams;
 use crate::graph::DualGraph;
 use crate::graph::dual::Weighted;
@@ -28,6 +30,11 @@ const TREE: &str = "tree.json";
 const ATOMS: &str = "atoms.npy";
 const AREAS: &str = "atom_areas.npy";
 const TOGETHER: &str = "together.npy";
+
+/// Greatest share of the surface that may be nearest to a single landmark.
+const OUTLIERS: f64 = 0.6;
+/// So few landmarks tell nothing about outliers.
+const FEW: usize = 10;
 
 /// What is kept besides the files.
 #[derive(Clone, Debug, Serialize, Deserialize)]
@@ -72,16 +79,48 @@ pub(super) fn decide(
         }
         Err(reason) => run.note_remake("decision", &reason),
     }
-    let rows = rows(graph, weighted, l, params, work, run)?;
-    let b = cell_rows(&rows, surface, work, run)?;
+    let (rows, b, sampling) = representative_rows(graph, weighted, surface, l, params, work, run)?;
     let (decided, seconds) = parts::decide(&surface.cells.graph, &b, rows.len(), &params.parts, run)?;
     write_tree(&decided.tree, &work.file(TREE))?;
     npy::write(&work.file(ATOMS), &decided.atoms.of_cell, 1, false)?;
     npy::write(&work.file(AREAS), &decided.atoms.area, 1, false)?;
     npy::write(&work.file(TOGETHER), decided.together.values(), decided.together.len(), false)?;
-    let facts = Facts { l: rows.len(), seconds, numbers: numbers(&rows) };
+    let facts = Facts { l: rows.len(), seconds, numbers: numbers(&rows, sampling) };
     work.stamp("decision", &key, &options, &[TREE, ATOMS, AREAS, TOGETHER], &facts, seconds)?;
     Ok((decided, facts))
+}
+
+/// The rows that `params` asks for and their means over cells; where they are of farthest points that turned out to be
+/// outliers, those of landmarks drawn by area instead.
+///
+/// Farthest points are corners that few paths lead out of: mostly tips of limbs, which is what parts are told apart by. A
+/// surface full of pockets, like an isosurface of a scanned body, has pockets for all of them. Then all the rest is
+/// equally far from every landmark, one cluster of the embedding, and one part.
+fn representative_rows(
+    graph: &DualGraph,
+    weighted: &Weighted,
+    surface: &Surface,
+    l: usize,
+    params: &SegmentParams,
+    work: &WorkDir,
+    run: &Run,
+) -> Result<(DistanceRows, Vec<f64>, Sampling)> {
+    let first = rows(graph, weighted, l, params, work, run)?;
+    let b = cell_rows(&first, surface, work, run)?;
+    let share = greatest_share(&b, &surface.cells.graph.area);
+    if params.sampling != Sampling::Farthest || l < FEW || share <= OUTLIERS {
+        return Ok((first, b, params.sampling));
+    }
+    run.progress.note(&format!(
+        "landmarks: {:.0} % of the surface is nearest to one of {l}, the others are outliers; drawn by area instead",
+        100. * share
+    ));
+    drop(first);
+    work.remove("distances.npy");
+    let params = SegmentParams { sampling: Sampling::Random, ..params.clone() };
+    let rows = rows(graph, weighted, l, &params, work, run)?;
+    let b = cell_rows(&rows, surface, work, run)?;
+    Ok((rows, b, params.sampling))
 }
 
 /// Reads a kept decision on `cells` cells.
@@ -157,7 +196,7 @@ fn cell_rows(rows: &DistanceRows, surface: &Surface, work: &WorkDir, run: &Run) 
 
 /// The spectral numbers of the report, which deciding parts does not need itself: Γ's kernel and eigenvalues under the
 /// members' middle width.
-fn numbers(rows: &DistanceRows) -> Numbers {
+fn numbers(rows: &DistanceRows, sampling: Sampling) -> Numbers {
     let sigma = 0.25 * rows.mean();
     let kernel = Kernel::Gaussian;
     let (eigenvalues, _) = eigen::symmetric(embedding::landmark_affinities(rows, kernel, sigma));
@@ -166,6 +205,7 @@ fn numbers(rows: &DistanceRows) -> Numbers {
     let mass: f64 = eigenvalues.iter().map(|v| v.abs()).sum();
     Numbers {
         landmarks: rows.landmarks.clone(),
+        sampling: Some(sampling),
         sigma,
         dropped_eigenpairs: eigenvalues.iter().filter(|v| **v <= cut.max(0.)).count(),
         negative_mass: if mass > 0. { negative / mass } else { 0. },

@@ -2,6 +2,7 @@
 
 use super::{SegmentParams, Segmentation};
 use crate::cluster::parts::PartsReport;
+use crate::distance::landmarks::Sampling;
 use crate::mesh::Opened;
 use crate::store::{Run, WorkDir};
 use serde::{Deserialize, Serialize};
@@ -12,6 +13,9 @@ use std::collections::BTreeMap;
 pub struct Numbers {
     /// Landmark faces (l).
     pub landmarks: Vec<u32>,
+    /// How they were chosen, where that is decided on the way.
+    #[serde(default)]
+    pub sampling: Option<Sampling>,
     /// The kernel's width.
     pub sigma: f64,
     /// Eigenvalues of the l × l problem, descending.
@@ -47,6 +51,9 @@ pub struct Report {
     pub options: serde_json::Value,
     /// Landmark faces, numbers in the file.
     pub landmarks: Vec<u32>,
+    /// How they were chosen in the end: farthest points that turn out to be outliers are given up. Absent for K-means.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub sampling: Option<Sampling>,
     /// The kernel's width, in the units of the distances.
     pub sigma: f64,
     /// Eigenvalues of the l × l problem, descending.
@@ -169,6 +176,7 @@ impl Report {
             },
             options,
             landmarks: numbers.landmarks.clone(),
+            sampling: numbers.sampling,
             sigma: numbers.sigma,
             eigenvalues: numbers.eigenvalues.clone(),
             dropped_eigenpairs: numbers.dropped_eigenpairs,
