@@ -32,7 +32,7 @@ const AREAS: &str = "atom_areas.npy";
 const TOGETHER: &str = "together.npy";
 
 /// Greatest share of the surface that may be nearest to a single landmark.
-const OUTLIERS: f64 = 0.6;
+const OUTLIERS: f64 = 0.8;
 /// So few landmarks tell nothing about outliers.
 const FEW: usize = 10;
 
@@ -69,6 +69,7 @@ pub(super) fn decide(
         "decision": params.parts.decision,
         "members": params.parts.members,
         "small_part": params.parts.small_part,
+        "hierarchy": 2,
         "seed": run.seed,
     });
     let key = key_of(&options);

@@ -143,10 +143,10 @@ impl PartTree {
         compact(&sets.labels()).0
     }
 
-    /// Cleans a labelling of small pieces; `whole_too` also of small parts.
-    fn clean(&self, label: &[u32], whole_too: bool) -> Cut {
+    /// Cleans a labelling of pieces below `limit`; `whole_too` also of parts.
+    fn clean(&self, label: &[u32], limit: f64, whole_too: bool) -> Cut {
         let double = |x: &[f32]| x.iter().map(|&x| f64::from(x)).collect::<Vec<_>>();
-        let (length, area, limit) = (double(&self.length), double(&self.area), f64::from(self.small_part));
+        let (length, area) = (double(&self.length), double(&self.area));
         let (label, parts) = small_parts(&self.pairs, &length, &area, label, limit, whole_too);
         Cut { label, parts }
     }
@@ -154,7 +154,7 @@ impl PartTree {
     /// The parts at a threshold in \[0, 1\], without small ones. O(S + m).
     pub fn cut(&self, threshold: f64) -> Cut {
         let made = self.unions.iter().zip(&self.level).filter(|(_, l)| f64::from(**l) >= threshold).map(|(u, _)| u);
-        self.clean(&self.raw(made), true)
+        self.clean(&self.raw(made), f64::from(self.small_part), true)
     }
 
     /// The parts at a detail in −1..1, 0 being the default ([`detail_threshold`]).
@@ -164,8 +164,9 @@ impl PartTree {
 
     /// Exactly `k` parts.
     ///
-    /// Small parts do not count as long as the number can be had without them: the coarsest cut
-    /// that has `k` parts after cleaning is taken, else the `k` parts of the tree as they are.
+    /// Small parts do not count as long as the number can be had without them: the coarsest cut that has `k` parts after
+    /// cleaning is taken, small being less than a quarter of the mean part at the most; else the `k` parts of the tree
+    /// as they are.
     ///
     /// # Errors
     /// If `k` is 0 or more than there are cells.
@@ -178,16 +179,36 @@ impl PartTree {
                 format!("ask for 1 to {n}"),
             ));
         }
-        for parts in k..=n.min(2 * k + 8) {
-            let cut = self.clean(&self.raw(&self.unions[..n - parts]), true);
-            if cut.parts == k {
-                return Ok(cut);
+        let limit = f64::from(self.small_part).min(0.25 / k as f64);
+        // The number of clean parts may skip k: two come at once, one of them just large enough.
+        let found = [1., 0.7, 0.5, 0.3].iter().find_map(|share| self.coarsest(k, share * limit));
+        Ok(found.unwrap_or_else(|| self.clean(&self.raw(&self.unions[..n - k]), limit, false)))
+    }
+
+    /// The coarsest cut of `k` parts that are not below `limit`, by bisection: undoing a union makes one part more, or
+    /// none, as a rule.
+    fn coarsest(&self, k: usize, limit: f64) -> Option<Cut> {
+        let n = self.cells();
+        let at = |depth: usize| self.clean(&self.raw(&self.unions[..n - depth]), limit, true);
+        // `low` has fewer parts, `high` enough.
+        let (mut low, mut high, mut cut) = (k - 1, k, at(k));
+        while cut.parts < k {
+            if high == n {
+                return None;
             }
-            if cut.parts > k {
-                break;
+            low = high;
+            high = (2 * high + 8).min(n);
+            cut = at(high);
+        }
+        while high - low > 1 {
+            let middle = at(low.midpoint(high));
+            if middle.parts < k {
+                low = low.midpoint(high);
+            } else {
+                (high, cut) = (low.midpoint(high), middle);
             }
         }
-        Ok(self.clean(&self.raw(&self.unions[..n - k]), false))
+        (cut.parts == k).then_some(cut)
     }
 
     /// The parts at a detail if they are `least` to `most`, else the nearest number allowed.
@@ -236,6 +257,29 @@ mod tests {
         assert!(tree.cut_k(0).is_err() && tree.cut_k(41).is_err() && tree.cut_range(3, 2, 0.0).is_err());
         assert_eq!(tree.cut_range(1, 5, 0.0).unwrap().parts, 5);
         assert_eq!(tree.cut_range(39, 40, 0.0).unwrap().parts, 39);
+    }
+
+    /// Fifty blocks of forty cells; the last cell of each joins it after the blocks have joined each other.
+    fn crumbs_last() -> PartTree {
+        let cells = strip(2000);
+        let union = |rank: f64, a, b| Union { level: 0.9, rank, a, b };
+        let inside = (0..2000).filter(|i| i % 40 < 38).map(|i| union(3., i, i + 1));
+        let blocks = (1..50).map(|k| union(2. - f64::from(k) / 50., 0, 40 * k));
+        let crumbs = (0..50).map(|k| union(0.5 - f64::from(k) / 200., 40 * k, 40 * k + 39));
+        PartTree::new(&cells, inside.chain(blocks).chain(crumbs), 0.003)
+    }
+
+    #[test]
+    fn a_number_of_parts_is_not_made_up_by_crumbs() {
+        let tree = crumbs_last();
+        for k in [2, 10, 30, 50] {
+            let cut = tree.cut_k(k).unwrap();
+            let mut sizes = vec![0; k];
+            cut.label.iter().for_each(|&part| sizes[part as usize] += 1);
+            assert!(cut.parts == k && sizes.iter().all(|size| *size >= 39), "{k}: {sizes:?}");
+        }
+        // More than there are without: crumbs, but as many as were asked for.
+        assert_eq!(tree.cut_k(90).unwrap().parts, 90);
     }
 
     #[test]

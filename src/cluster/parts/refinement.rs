@@ -3,8 +3,8 @@
 //! The labelling at ½ comes first, as the expected Rand index wants it. Below it each part is
 //! labelled again at rising thresholds, so that cuts nest; above it parts are joined. A join's
 //! level is the mean of C between the joined: the threshold from which on it loses. Where a number
-//! of parts is given, joins rank by what they add to the expected Rand index at ½, so the parts
-//! are those of the greatest expected index that the hierarchy has for that number.
+//! of parts is given that is less than found, joins rank by what they add to the expected Rand index at ½, so the parts are
+//! those of the greatest expected index that the hierarchy has for that number; where it is more, by their level.
 
 use super::cells::{CellGraph, class_sums, compact};
 use super::hierarchy::PartTree;
@@ -127,11 +127,12 @@ impl Context<'_> {
         }
         let linkage = Linkage { sums: between(&local, sub, n), area: class_sums(sub, &size, n), touch: Some(touch) };
         linkage
-            .joins(Rank::Gain, 1)
+            .joins(if low < HALF { Rank::Gain } else { Rank::Mean }, 1)
             .iter()
             .map(|join| {
-                // Above the labelling at ½ joins lose, below it they gain; rounding may say else.
-                let rank = if low < HALF { join.gain.min(0.0) } else { join.gain.max(f64::MIN_POSITIVE) };
+                // Below the labelling at ½ what people would least miss goes first. Above it all joins gain, a crumb's
+                // the least, whether it is one or not: there the surest come first.
+                let rank = if low < HALF { join.gain.min(0.0) } else { join.mean.max(f64::MIN_POSITIVE) };
                 Union { level: join.mean.clamp(low, high), rank, a: first[join.i], b: first[join.j] }
             })
             .collect()
