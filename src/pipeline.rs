@@ -66,6 +66,17 @@ pub enum Dust {
     Own,
 }
 
+/// How faces near the boundaries of [`Cluster::Parts`] get their labels.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Boundaries {
+    /// By one front between the parts' cores, which is held up on creases.
+    #[default]
+    Front,
+    /// By Nyström's extrapolation: each face goes to the part nearest to it in the embedding.
+    Embedding,
+}
+
 /// What `segment` is asked to do.
 #[derive(Clone, Debug, Default, Serialize, Deserialize)]
 pub struct SegmentParams {
@@ -86,6 +97,9 @@ pub struct SegmentParams {
     /// What becomes of dust, with [`Cluster::Parts`].
     #[serde(default)]
     pub dust: Dust,
+    /// How faces near boundaries get their labels, with [`Cluster::Parts`].
+    #[serde(default)]
+    pub boundaries: Boundaries,
     /// How rows become coordinates, for [`Cluster::KMeans`] and [`Cluster::TwoMeans`];
     /// by default [`EmbeddingParams::for_parts`].
     pub embedding: Option<EmbeddingParams>,

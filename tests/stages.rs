@@ -268,3 +268,44 @@ fn dust_joins_parts_or_is_one_of_its_own() {
     assert_eq!(output.status.code(), Some(2));
     assert!(errors(&output).contains("--dust goes with --cluster parts only"));
 }
+
+#[test]
+fn boundaries_by_the_embedding_are_near_those_by_the_front_and_the_same_from_a_work_directory() {
+    let Scene { mesh, work, out, .. } = &scene(40_000, false);
+    let front = direct(mesh, &["-k", "6"]);
+    let one = direct(mesh, &["-k", "6", "--boundaries", "embedding", "--threads", "1"]);
+    let capped = direct(mesh, &["-k", "6", "--boundaries", "embedding", "--threads", "2", "--max-memory", "48MiB"]);
+    assert_eq!(one, capped);
+    let alike = front.iter().zip(&one).filter(|(a, b)| a == b).count();
+    assert!(alike * 100 > front.len() * 97 && alike < front.len(), "{alike} of {}", front.len());
+    stage(&["graph", word(mesh)], work);
+    stage(&["cluster"], work);
+    let told = stage(&["cluster", "-k", "6", "--boundaries", "embedding", "-o", word(out)], work);
+    assert!(told.contains("decision: reused") && told.contains("rows: reused"), "{told}");
+    assert_eq!(read_seg(out).unwrap(), one);
+    for words in [&["--cluster", "kmeans", "-k", "6"][..], &["--coarse"]] {
+        let words = [&["segment", word(mesh), "--boundaries", "embedding"], words].concat();
+        let output = run(&words);
+        assert!(output.status.code() == Some(2) && errors(&output).contains("--boundaries"), "{}", errors(&output));
+    }
+}
+
+#[test]
+fn an_isosurface_full_of_pockets_is_not_one_part() {
+    let Some(data) = common::data() else {
+        eprintln!("skipped: the test meshes are missing");
+        return;
+    };
+    let dir = tempfile::tempdir().unwrap();
+    let (report, out) = (dir.path().join("report.json"), dir.path().join("out.npy"));
+    let json = format!("--json={}", word(&report));
+    let told = segment(&data.join("real/mri_ch2_head_h.ply"), &["--progress", "lines", &json, "-o", word(&out)]);
+    assert!(errors(&told).contains("outliers; drawn by area instead"), "{}", errors(&told));
+    let report: serde_json::Value = serde_json::from_slice(&std::fs::read(report).unwrap()).unwrap();
+    assert_eq!((&report["options"]["sampling"], &report["sampling"]), (&"farthest".into(), &"random".into()));
+    // Head and brain, and little else.
+    let mut area: Vec<f64> = report["parts"].as_array().unwrap().iter().map(|p| p["area"].as_f64().unwrap()).collect();
+    area.sort_by(|a, b| b.total_cmp(a));
+    let total: f64 = area.iter().sum();
+    assert!(area.len() < 6 && area[0] < 0.7 * total && area[1] > 0.3 * total, "{area:?}");
+}

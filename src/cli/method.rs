@@ -9,7 +9,7 @@ use nystrom_stream::cluster::parts::{Decision, PartCount, PartsParams};
 use nystrom_stream::cluster::two_means;
 use nystrom_stream::distance::landmarks::Sampling;
 use nystrom_stream::graph::Order;
-use nystrom_stream::pipeline::{Cluster, Dust, SegmentParams};
+use nystrom_stream::pipeline::{Boundaries, Cluster, Dust, SegmentParams};
 use nystrom_stream::spectral::embedding::Width;
 use nystrom_stream::spectral::{EmbeddingParams, Kernel, Normalisation};
 
@@ -134,6 +134,15 @@ pub enum DustArg {
     Own,
 }
 
+/// How faces near boundaries get their labels.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub enum BoundariesArg {
+    /// By a front between the parts' cores, which meets on creases
+    Front,
+    /// By each face's place in the embedding (Nyström's extrapolation)
+    Embedding,
+}
+
 /// Bounds from "4..12".
 fn parse_range(text: &str) -> Result<(usize, usize), String> {
     let wrong = || format!("{text:?} is no range; write 4..12");
@@ -171,6 +180,9 @@ pub struct PartsArgs {
     /// What becomes of components too small to be parts [default: join] (with --cluster parts)
     #[arg(long, value_enum)]
     pub dust: Option<DustArg>,
+    /// How faces near boundaries get their labels [default: front] (with --cluster parts)
+    #[arg(long, value_enum, hide_short_help = true)]
+    pub boundaries: Option<BoundariesArg>,
 }
 
 /// How distances become coordinates.
@@ -293,7 +305,8 @@ impl PartsArgs {
             }
         } else {
             let decision = self.decision.map(|_| "--decision").or(self.dust.map(|_| "--dust"));
-            if let Some(option) = decision.or(self.detail.map(|_| "--detail")) {
+            let boundaries = self.boundaries.map(|_| "--boundaries");
+            if let Some(option) = decision.or(self.detail.map(|_| "--detail")).or(boundaries) {
                 return Err(misfit(option, "--cluster parts"));
             }
         }
@@ -315,6 +328,10 @@ impl PartsArgs {
         params.dust = match self.dust.unwrap_or(DustArg::Join) {
             DustArg::Join => Dust::Join,
             DustArg::Own => Dust::Own,
+        };
+        params.boundaries = match self.boundaries.unwrap_or(BoundariesArg::Front) {
+            BoundariesArg::Front => Boundaries::Front,
+            BoundariesArg::Embedding => Boundaries::Embedding,
         };
         params.embedding = kernel.params(self.parts.unwrap_or(two_means::DIMENSIONS))?;
         Ok(())
@@ -341,6 +358,9 @@ impl DistanceArgs {
         params.sampling = self.sampling.sampling();
         if self.coarse && params.cluster != Cluster::Parts {
             return Err(misfit("--coarse", "--cluster parts"));
+        }
+        if self.coarse && params.boundaries == Boundaries::Embedding {
+            return Err(misfit("--boundaries embedding", "rows over all faces, not with --coarse,"));
         }
         params.coarse = self.coarse;
         Ok(())

@@ -2,17 +2,21 @@
 //!
 //! Faces deeper in a part than [`BAND`] (at least the deepest 40 % of it) keep their label; one front under the
 //! edge weights, from the rim of these cores into the bands between them, labels the rest: it is held up where the
-//! surface turns, so it meets there. Boundaries come out a fifth shorter, without islands, and are then
-//! straightened ([`smooth`]). All fronts visit the bands only. Memory: two mapped arrays of 4 bytes a face.
+//! surface turns, so it meets there. Boundaries come out a fifth shorter, without islands. The other way labels each face
+//! of the bands by its own place in the embedding ([`super::extrapolate`]) and dissolves islands ([`super::islands`]).
+//! Either way boundaries are then straightened ([`smooth`]). Only the bands are visited. Memory: two mapped arrays of 4 bytes
+//! a face.
 
 use crate::base::Result;
 use crate::base::parallel::{chunk_count, chunk_range, fill_each, map_chunks};
 use crate::distance::front::mean_weight;
-use crate::distance::voronoi;
+use crate::distance::{DistanceRows, voronoi};
 use crate::graph::DualGraph;
 use crate::graph::dual::Csr;
 use crate::store::{MappedSlice, Run, WorkDir};
 
+use super::extrapolate::Places;
+use super::islands;
 use super::normals::lengths;
 use super::shares::Shares;
 use super::smooth;
@@ -25,6 +29,15 @@ const CORE: f64 = 0.4;
 const BINS: usize = 1024;
 const CHUNK: usize = 1 << 15;
 
+/// How the faces of the bands get their labels.
+#[derive(Clone, Copy, Debug)]
+pub enum Way<'a> {
+    /// By one front from the cores.
+    Front,
+    /// By the places of the parts in the embedding, and each face's column of the rows.
+    Embedding(&'a Places, &'a DistanceRows),
+}
+
 /// Labels every face from the labels of cells: `cell` (n) and `label_of_cell` (S). Writes `labels.npy`.
 /// `steps` is the graph under the weights that fronts use.
 ///
@@ -36,6 +49,7 @@ pub fn refine(
     shares: &Shares,
     cell: &[u32],
     label_of_cell: &[u32],
+    way: Way<'_>,
     work: &WorkDir,
     run: &Run,
 ) -> Result<MappedSlice<u32>> {
@@ -58,7 +72,14 @@ pub fn refine(
     let core = |i: usize, depth: f32| if depth >= limits[owners[i] as usize] { 0. } else { f32::INFINITY };
     fill_each(run.threads, &run.cancel, field.data(), CHUNK, core)?;
     let edge_of_core = core_rim(steps, field.data(), run)?;
-    voronoi::spread_owners(steps, &edge_of_core, field.data(), labels.data(), run)?;
+    match way {
+        Way::Front => voronoi::spread_owners(steps, &edge_of_core, field.data(), labels.data(), run)?,
+        Way::Embedding(places, rows) => {
+            let field = field.data();
+            places.relabel(rows, cell, |i| field[i] != 0., labels.data(), run)?;
+            islands::dissolve(steps, &edge_of_core, field, labels.data(), run)?;
+        }
+    }
     straighten(graph, steps, shares, field.data(), labels.data(), run)?;
     drop(field);
     work.remove("depth.tmp.partial");

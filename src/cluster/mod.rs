@@ -9,6 +9,8 @@ pub mod boundary;
 pub mod cell_rows;
 pub mod cells;
 pub mod contract;
+pub mod extrapolate;
+pub mod islands;
 pub mod kmeans;
 pub mod normals;
 pub mod parts;

@@ -124,6 +124,23 @@ fn representative_rows(
     Ok((rows, b, params.sampling))
 }
 
+/// The rows behind a decision that left `numbers`, and their means over cells: as a rule they are still there.
+pub(super) fn rows_used(
+    graph: &DualGraph,
+    weighted: &Weighted,
+    surface: &Surface,
+    numbers: &Numbers,
+    params: &SegmentParams,
+    work: &WorkDir,
+    run: &Run,
+) -> Result<(DistanceRows, Vec<f64>)> {
+    let params = SegmentParams { sampling: numbers.sampling.unwrap_or(params.sampling), ..params.clone() };
+    let l = params.landmarks.unwrap_or(landmarks_for_parts(graph.nodes.len()));
+    let rows = rows(graph, weighted, l, &params, work, run)?;
+    let b = cell_rows(&rows, surface, work, run)?;
+    Ok((rows, b))
+}
+
 /// Reads a kept decision on `cells` cells.
 fn open(cells: usize, work: &WorkDir) -> Result<Decided> {
     let tree = read_tree(&work.file(TREE))?;

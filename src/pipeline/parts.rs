@@ -6,11 +6,14 @@
 
 use super::report::Numbers;
 use super::surface::{Kind, Surface};
-use super::{Clustered, Dust, SegmentParams, decision};
+use super::{Boundaries, Clustered, Dust, SegmentParams, decision};
 use crate::base::parallel::{chunk_count, chunk_range, fill_each, map_chunks};
 use crate::base::{Error, Result};
+use crate::cluster::boundary::{self, Way};
+use crate::cluster::contract;
+use crate::cluster::extrapolate::Places;
 use crate::cluster::parts::{self, PartTree, PartsResult};
-use crate::cluster::{boundary, contract};
+use crate::distance::DistanceRows;
 use crate::graph::DualGraph;
 use crate::graph::dual::Weighted;
 use crate::store::{MappedSlice, Run, WorkDir};
@@ -35,8 +38,13 @@ pub(super) fn parts(
         decide(graph, &weighted, &surface, of_node, params, tree, work, run)?
     };
     let Decided { result, unit_of_node, .. } = &decided;
+    let extrapolated = match params.boundaries {
+        Boundaries::Front => None,
+        Boundaries::Embedding => Some(places(graph, &weighted, &surface, &decided, params, work, run)?),
+    };
+    let way = extrapolated.as_ref().map_or(Way::Front, |(places, rows)| Way::Embedding(places, rows));
     let (mut labels, _) = run.stage("boundaries", "faces", n as u64, || {
-        boundary::refine(graph, weighted.csr(), shares, unit_of_node, &decided.label, work, run)
+        boundary::refine(graph, weighted.csr(), shares, unit_of_node, &decided.label, way, work, run)
     })?;
     let (mut parts, mut dust_label) = (result.parts, None);
     if params.dust == Dust::Own && shares.dust > 0 {
@@ -48,6 +56,24 @@ pub(super) fn parts(
     let (faces, area) = totals(graph, &labels, parts, run)?;
     let numbers = Numbers { radius: *radius, dust: shares.dust, dust_label, faces, area, ..decided.numbers };
     Ok(Clustered { labels, quality, numbers })
+}
+
+/// The rows over all faces that the parts were decided with, and where these parts lie in their embedding.
+fn places(
+    graph: &DualGraph,
+    weighted: &Weighted,
+    surface: &Surface,
+    decided: &Decided,
+    params: &SegmentParams,
+    work: &WorkDir,
+    run: &Run,
+) -> Result<(Places, DistanceRows)> {
+    if params.coarse {
+        let remedy = "leave out --coarse, or use --boundaries front";
+        return Err(Error::parameter("--boundaries", "a preview has no rows over all faces", remedy));
+    }
+    let (rows, b) = decision::rows_used(graph, weighted, surface, &decided.numbers, params, work, run)?;
+    Ok((Places::new(&surface.cells.graph, &b, &decided.label), rows))
 }
 
 /// Gives the dust, which counts nothing in `share` (n), a label of its own.

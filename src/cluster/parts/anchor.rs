@@ -64,14 +64,37 @@ impl Embedding {
     }
 }
 
+/// What the anchor embedding of the cells was made with: enough to embed any other column of distances.
+#[derive(Clone, Debug)]
+pub struct Anchors {
+    /// Share of the area that each landmark stands for (l).
+    pub weight: Vec<f64>,
+    /// −1/2s².
+    pub factor: f64,
+    /// What every landmark gives to every point, over its weight.
+    pub lift: f64,
+    /// 1/√(Za)_j (l).
+    pub root: Vec<f64>,
+    /// Leading eigenvectors, row-major l × width.
+    pub vectors: Vec<f64>,
+    /// Coordinates a point.
+    pub width: usize,
+}
+
 /// Embeds the cells in min(`width`, landmarks) dimensions from the rows of `chosen` landmarks.
 ///
 /// `shares`: area shares (S). `scale`: s over the area mean of the chosen rows (.2 to .3 serve).
 pub fn anchor_embedding(rows: &Rows, chosen: &[usize], shares: &[f64], width: usize, scale: f64) -> Embedding {
+    anchored(rows, chosen, shares, width, scale).0
+}
+
+/// The same, and what it was made with.
+pub fn anchored(rows: &Rows, chosen: &[usize], shares: &[f64], width: usize, scale: f64) -> (Embedding, Anchors) {
     let (l, n) = (chosen.len(), rows.cells);
     let width = width.min(l);
     if l == 0 || n == 0 {
-        return Embedding { values: Vec::new(), width: 0 };
+        let none = Anchors { weight: vec![], factor: 0., lift: 0., root: vec![], vectors: vec![], width: 0 };
+        return (Embedding { values: Vec::new(), width: 0 }, none);
     }
     let mean = chosen.iter().map(|&j| dot(rows.row(j), shares)).sum::<f64>() / l as f64;
     let s = (scale * mean).max(1e-30);
@@ -89,6 +112,7 @@ pub fn anchor_embedding(rows: &Rows, chosen: &[usize], shares: &[f64], width: us
     let lift = BACKGROUND * dot(&column, shares);
     let total: f64 = weight.iter().sum();
     column.iter_mut().for_each(|c| *c = 1.0 / (*c + lift * total).max(1e-300));
+    let mut root = Vec::with_capacity(l);
     for (row, v) in z.chunks_exact_mut(n).zip(&weight) {
         let mut mass = 0.0;
         for ((x, c), a) in row.iter_mut().zip(&column).zip(shares) {
@@ -97,8 +121,26 @@ pub fn anchor_embedding(rows: &Rows, chosen: &[usize], shares: &[f64], width: us
         }
         let scale = 1.0 / mass.max(1e-300).sqrt();
         row.iter_mut().for_each(|x| *x *= scale);
+        root.push(scale);
     }
-    project(&z, &leading_eigenvectors(&z, l, n, shares, width), l, n, width)
+    let vectors = leading_eigenvectors(&z, l, n, shares, width);
+    (project(&z, &vectors, l, n, width), Anchors { weight, factor, lift, root, vectors, width })
+}
+
+impl Anchors {
+    /// Embeds a point by its distances from the landmarks (l, finite) into `out` (width): Nyström's extrapolation for this
+    /// embedding, the cells' own formula for one column. A constant factor of the column falls out.
+    pub fn embed(&self, distances: &[f32], out: &mut [f64]) {
+        out.fill(0.);
+        for (j, &d) in distances.iter().enumerate() {
+            let d = f64::from(d);
+            let z = self.weight[j] * ((d * d * self.factor).exp() + self.lift) * self.root[j];
+            let vector = &self.vectors[j * self.width..(j + 1) * self.width];
+            out.iter_mut().zip(vector).for_each(|(x, q)| *x += z * q);
+        }
+        let norm = out.iter().map(|x| x * x).sum::<f64>().sqrt().max(1e-300);
+        out.iter_mut().for_each(|x| *x /= norm);
+    }
 }
 
 /// Share of the area nearest to each chosen landmark, floored, summing to 1.
@@ -203,6 +245,21 @@ mod tests {
         let x = anchor_embedding(&rows, &[0, 1, 2, 3], &[1.0 / 6.0; 6], 2, 0.2);
         let cosine = |i, j| dot(x.point(i), x.point(j));
         assert!(cosine(0, 2) > 0.95 && cosine(3, 5) > 0.95 && cosine(1, 4) < 0.3);
+    }
+
+    #[test]
+    fn a_column_of_a_cell_is_extrapolated_to_the_cell() {
+        let mut random = crate::base::random::stream(3, "columns");
+        let (l, n) = (9, 40);
+        let values: Vec<f64> =
+            (0..l * n).map(|_| f64::from(4. * crate::base::random::unit(&mut random) as f32)).collect();
+        let rows = Rows::new(&values, l, n);
+        let (x, anchors) = anchored(&rows, &[0, 2, 3, 5, 6, 8], &vec![1. / n as f64; n], 4, 0.2);
+        let mut point = vec![0.; 4];
+        for i in 0..n {
+            anchors.embed(&[0, 2, 3, 5, 6, 8].map(|j| rows.row(j)[i] as f32), &mut point);
+            assert!(point.iter().zip(x.point(i)).all(|(a, b)| (a - b).abs() < 1e-9), "{i}: {point:?} {:?}", x.point(i));
+        }
     }
 
     #[test]

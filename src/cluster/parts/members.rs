@@ -14,7 +14,7 @@ use crate::base::random::{below, stream};
 use crate::store::run::Run;
 
 /// s over the mean distance in the embedding whose means regions are compared by.
-const COMPARE_SCALE: f64 = 0.2;
+pub const COMPARE_SCALE: f64 = 0.2;
 /// Atoms a chunk when members are averaged.
 const CHUNK: usize = 32;
 
