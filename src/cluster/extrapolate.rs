@@ -118,17 +118,25 @@ mod tests {
     use crate::cluster::parts::anchor::anchor_embedding;
     use crate::store::WorkDir;
 
-    /// A strip of cells, six landmarks, and faces of random columns.
-    fn scene(n: usize) -> (CellGraph, Vec<f64>, Vec<u32>, Vec<Vec<f32>>, Vec<u32>) {
+    /// A strip of cells with labels, their distances from six landmarks, and faces of random columns in random cells.
+    struct Scene {
+        cells: CellGraph,
+        b: Vec<f64>,
+        label: Vec<u32>,
+        columns: Vec<Vec<f32>>,
+        cell: Vec<u32>,
+    }
+
+    fn scene(n: usize) -> Scene {
         let (s, l, mut random) = (30usize, 6usize, stream(5, "extrapolation"));
         let pairs: Vec<[u32; 2]> = (1..s as u32).map(|i| [i - 1, i]).collect();
         let area: Vec<f64> = (0..s).map(|_| 0.5 + unit(&mut random)).collect();
         let cells = CellGraph { area, length: vec![1.; pairs.len()], pairs, ..CellGraph::default() };
         let b: Vec<f64> = (0..l * s).map(|k| ((k % s) as f64 - (k / s * 5) as f64).abs() + unit(&mut random)).collect();
         let label: Vec<u32> = (0..s as u32).map(|i| i / 7).collect();
-        let rows = (0..l).map(|_| (0..n).map(|_| (30. * unit(&mut random)) as f32).collect()).collect();
+        let columns = (0..l).map(|_| (0..n).map(|_| (30. * unit(&mut random)) as f32).collect()).collect();
         let cell = (0..n).map(|_| below(&mut random, s) as u32).collect();
-        (cells, b, label, rows, cell)
+        Scene { cells, b, label, columns, cell }
     }
 
     /// The face as one more cell without area, embedded with all others.
@@ -152,7 +160,7 @@ mod tests {
     #[test]
     fn each_face_gets_what_one_more_cell_would() {
         let n = 20_000;
-        let (cells, b, label, columns, cell) = scene(n);
+        let Scene { cells, b, label, columns, cell } = scene(n);
         let folder = tempfile::tempdir().unwrap();
         let work = WorkDir::open(&folder.path().join("work")).unwrap();
         let mut array = work.array::<f32>("distances.npy", &[columns.len(), n]).unwrap();
