@@ -25,7 +25,7 @@ VARIANTS = {
     "original": [],
     "seed": None,
     "quartered twice": ["--times", "2"],
-    "quartered, noise 15 %": ["--times", "2", "--noise", "0.15"],
+    "quartered and noise 15 %": ["--times", "2", "--noise", "0.15"],
     "noise 5 %": ["--noise", "0.05"],
     "noise 15 %": ["--noise", "0.15"],
     "turned, rescaled": ["--turn", "40", "--scale", "37"],
