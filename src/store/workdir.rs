@@ -68,9 +68,9 @@ impl WorkDir {
     pub fn try_open(path: &Path, shared: bool) -> Result<Option<Self>> {
         std::fs::create_dir_all(path).map_err(Error::io(path, "create"))?;
         let manifest_path = path.join(MANIFEST);
-        let known = manifest_path.exists() || path.join(LOCK).exists();
-        let foreign = std::fs::read_dir(path).map_err(Error::io(path, "list"))?.next().is_some() && !known;
-        if foreign {
+        // Looked into first: another process that begins here right now leaves its lock before anything else.
+        let occupied = std::fs::read_dir(path).map_err(Error::io(path, "list"))?.next().is_some();
+        if occupied && !manifest_path.exists() && !path.join(LOCK).exists() {
             return Err(Error::work_dir(
                 path,
                 "is not empty and not a work directory of this program",
