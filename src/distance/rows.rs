@@ -161,6 +161,8 @@ impl DistanceRows {
         match work.reuse::<Facts>("rows", &head.key) {
             Ok(facts) => {
                 run.progress.note("rows: reused");
+                // Left by a run that was killed right after its stamp.
+                work.remove(JOURNAL);
                 return Self::open(facts, n, head.key, work);
             }
             Err(reason) => run.note_remake("rows", &reason),
