@@ -70,6 +70,20 @@ pub fn map_chunks<S, R: Send>(
     all.into_iter().map(|(_, result)| result).collect()
 }
 
+/// [`map_chunks`] over the chunks of `size` of `0..n`, without states.
+///
+/// # Errors
+/// As [`map_chunks`].
+pub fn map_ranges<R: Send>(
+    threads: usize,
+    cancel: &Cancel,
+    n: usize,
+    size: usize,
+    work: impl Fn(Range<usize>) -> Result<R> + Sync,
+) -> Result<Vec<R>> {
+    map_chunks(threads, cancel, chunk_count(n, size), || (), |k, ()| work(chunk_range(n, size, k)))
+}
+
 /// Like [`map_chunks`] for chunks whose thread states must be closed by `finish`, such as producers
 /// of a shuffle; chunk results are dropped.
 ///

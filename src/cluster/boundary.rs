@@ -8,7 +8,7 @@
 //! a face.
 
 use crate::base::Result;
-use crate::base::parallel::{chunk_count, chunk_range, fill_each, map_chunks};
+use crate::base::parallel::{fill_each, map_ranges};
 use crate::distance::front::mean_weight;
 use crate::distance::{DistanceRows, voronoi};
 use crate::graph::DualGraph;
@@ -103,16 +103,10 @@ fn straighten(
     let reach = (smooth::REACH / shares.unit).min(smooth::FACES * mean);
     voronoi::within(lengths, &open, reach, field, run)?;
     let field = &*field;
-    let band = map_chunks(
-        run.threads,
-        &run.cancel,
-        chunk_count(field.len(), CHUNK),
-        || (),
-        |k, ()| {
-            let inside = |i: &usize| field[*i] >= 0. && field[*i] < f32::INFINITY;
-            Ok(chunk_range(field.len(), CHUNK, k).filter(inside).map(|i| i as u32).collect::<Vec<u32>>())
-        },
-    )?
+    let band = map_ranges(run.threads, &run.cancel, field.len(), CHUNK, |range| {
+        let inside = |i: &usize| field[*i] >= 0. && field[*i] < f32::INFINITY;
+        Ok(range.filter(inside).map(|i| i as u32).collect::<Vec<u32>>())
+    })?
     .concat();
     let sizes = (&graph.rows.gd[..], &graph.rows.edge[..]);
     smooth::smooth(steps, sizes, (shares.unit, mean * shares.unit), &band, labels, run)
@@ -136,22 +130,15 @@ fn collect(
     beside: impl Fn(usize, usize) -> bool + Sync,
 ) -> Result<Vec<u32>> {
     let n = graph.len();
-    let parts = map_chunks(
-        run.threads,
-        &run.cancel,
-        chunk_count(n, CHUNK),
-        || (),
-        |k, ()| {
-            let range = chunk_range(n, CHUNK, k);
-            Ok(range
-                .filter(|&i| {
-                    let span = || graph.indptr[i] as usize..graph.indptr[i + 1] as usize;
-                    own(i) && graph.indices[span()].iter().any(|&j| beside(i, j as usize))
-                })
-                .map(|i| i as u32)
-                .collect::<Vec<u32>>())
-        },
-    )?;
+    let parts = map_ranges(run.threads, &run.cancel, n, CHUNK, |range| {
+        Ok(range
+            .filter(|&i| {
+                let span = || graph.indptr[i] as usize..graph.indptr[i + 1] as usize;
+                own(i) && graph.indices[span()].iter().any(|&j| beside(i, j as usize))
+            })
+            .map(|i| i as u32)
+            .collect::<Vec<u32>>())
+    })?;
     Ok(parts.concat())
 }
 
@@ -160,20 +147,14 @@ fn collect(
 fn core_limits(labels: &[u32], depth: &[f32], parts: usize, band: f32, run: &Run) -> Result<Vec<f32>> {
     let n = labels.len();
     let block = n.div_ceil(8).max(1);
-    let blocks = map_chunks(
-        run.threads,
-        &run.cancel,
-        chunk_count(n, block),
-        || (),
-        |k, ()| {
-            let mut counts = vec![0u64; parts * (BINS + 1)];
-            for i in chunk_range(n, block, k) {
-                let bin = if depth[i] < band { (depth[i] / band * BINS as f32) as usize } else { BINS };
-                counts[labels[i] as usize * (BINS + 1) + bin.min(BINS)] += 1;
-            }
-            Ok(counts)
-        },
-    )?;
+    let blocks = map_ranges(run.threads, &run.cancel, n, block, |range| {
+        let mut counts = vec![0u64; parts * (BINS + 1)];
+        for i in range {
+            let bin = if depth[i] < band { (depth[i] / band * BINS as f32) as usize } else { BINS };
+            counts[labels[i] as usize * (BINS + 1) + bin.min(BINS)] += 1;
+        }
+        Ok(counts)
+    })?;
     let mut counts = vec![0u64; parts * (BINS + 1)];
     for block in blocks {
         counts.iter_mut().zip(block).for_each(|(a, b)| *a += b);

@@ -11,7 +11,7 @@ use super::seeds::spread;
 use super::shares::Shares;
 use super::sums::{ClassSum, class_sums};
 use crate::base::Result;
-use crate::base::parallel::{chunk_count, chunk_range, map_chunks};
+use crate::base::parallel::map_ranges;
 use crate::distance::voronoi;
 use crate::graph::dual::Csr;
 use crate::graph::weights::{self, Metric};
@@ -125,35 +125,29 @@ fn borders(
 ) -> Result<BTreeMap<(u32, u32), Border>> {
     let n = cell.len();
     let (indptr, indices, edge) = (&graph.rows.indptr[..], &graph.rows.indices[..], &graph.rows.edge[..]);
-    let parts = map_chunks(
-        run.threads,
-        &run.cancel,
-        chunk_count(n, CHUNK),
-        || (),
-        |k, ()| {
-            let mut sums: BTreeMap<(u32, u32), Border> = BTreeMap::new();
-            for i in chunk_range(n, CHUNK, k) {
-                for e in indptr[i] as usize..indptr[i + 1] as usize {
-                    let j = indices[e] as usize;
-                    if j <= i || cell[i] == cell[j] || edge[e] == 0. {
-                        continue;
-                    }
-                    let length = f64::from(edge[e].abs() * shares.unit);
-                    let angle = |normals: &Normals| {
-                        let node = |i: usize| Node { normal: normals[i], ..graph.nodes[i] };
-                        f64::from(turning(&node(i), &node(j), edge[e]))
-                    };
-                    let (medium, coarse) = (angle(smooth.medium), angle(smooth.coarse));
-                    let border = sums.entry((cell[i].min(cell[j]), cell[i].max(cell[j]))).or_default();
-                    border.length += length;
-                    border.concave += length * medium.max(0.);
-                    border.convex += length * (-medium).max(0.);
-                    border.convex04 += length * (-coarse).max(0.);
+    let parts = map_ranges(run.threads, &run.cancel, n, CHUNK, |range| {
+        let mut sums: BTreeMap<(u32, u32), Border> = BTreeMap::new();
+        for i in range {
+            for e in indptr[i] as usize..indptr[i + 1] as usize {
+                let j = indices[e] as usize;
+                if j <= i || cell[i] == cell[j] || edge[e] == 0. {
+                    continue;
                 }
+                let length = f64::from(edge[e].abs() * shares.unit);
+                let angle = |normals: &Normals| {
+                    let node = |i: usize| Node { normal: normals[i], ..graph.nodes[i] };
+                    f64::from(turning(&node(i), &node(j), edge[e]))
+                };
+                let (medium, coarse) = (angle(smooth.medium), angle(smooth.coarse));
+                let border = sums.entry((cell[i].min(cell[j]), cell[i].max(cell[j]))).or_default();
+                border.length += length;
+                border.concave += length * medium.max(0.);
+                border.convex += length * (-medium).max(0.);
+                border.convex04 += length * (-coarse).max(0.);
             }
-            Ok(sums)
-        },
-    )?;
+        }
+        Ok(sums)
+    })?;
     let mut total: BTreeMap<(u32, u32), Border> = BTreeMap::new();
     for (pair, part) in parts.into_iter().flatten() {
         let border = total.entry(pair).or_default();

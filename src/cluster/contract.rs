@@ -12,7 +12,7 @@ use super::seeds::spread;
 use super::shares::Shares;
 use super::sums::{ClassSum, class_sums};
 use crate::base::Result;
-use crate::base::parallel::{chunk_count, chunk_range, map_chunks};
+use crate::base::parallel::map_ranges;
 use crate::base::vector::{cross, length as norm, minus, wide};
 use crate::distance::voronoi;
 use crate::graph::assemble::Rows;
@@ -100,32 +100,26 @@ type Borders = BTreeMap<(u32, u32), Border>;
 fn borders(graph: &DualGraph, csr: Csr<'_>, owner: &[u32], field: &[f32], run: &Run) -> Result<Borders> {
     let n = owner.len();
     let edge = &graph.rows.edge[..];
-    let parts = map_chunks(
-        run.threads,
-        &run.cancel,
-        chunk_count(n, CHUNK),
-        || (),
-        |k, ()| {
-            let mut sums: Borders = BTreeMap::new();
-            for i in chunk_range(n, CHUNK, k) {
-                for e in csr.indptr[i] as usize..csr.indptr[i + 1] as usize {
-                    let j = csr.indices[e] as usize;
-                    let (a, b) = (owner[i], owner[j]);
-                    if j <= i || a == b || a == u32::MAX || b == u32::MAX {
-                        continue;
-                    }
-                    let (from, to) = if a < b { (i, j) } else { (j, i) };
-                    let border = Border {
-                        weight: field[i] + csr.weights[e] + field[j],
-                        length: f64::from(edge[e].abs()),
-                        chord: along(&graph.nodes[from], &graph.nodes[to], f64::from(edge[e].abs())),
-                    };
-                    sums.entry((a.min(b), a.max(b))).and_modify(|sum| sum.add(&border)).or_insert(border);
+    let parts = map_ranges(run.threads, &run.cancel, n, CHUNK, |range| {
+        let mut sums: Borders = BTreeMap::new();
+        for i in range {
+            for e in csr.indptr[i] as usize..csr.indptr[i + 1] as usize {
+                let j = csr.indices[e] as usize;
+                let (a, b) = (owner[i], owner[j]);
+                if j <= i || a == b || a == u32::MAX || b == u32::MAX {
+                    continue;
                 }
+                let (from, to) = if a < b { (i, j) } else { (j, i) };
+                let border = Border {
+                    weight: field[i] + csr.weights[e] + field[j],
+                    length: f64::from(edge[e].abs()),
+                    chord: along(&graph.nodes[from], &graph.nodes[to], f64::from(edge[e].abs())),
+                };
+                sums.entry((a.min(b), a.max(b))).and_modify(|sum| sum.add(&border)).or_insert(border);
             }
-            Ok(sums)
-        },
-    )?;
+        }
+        Ok(sums)
+    })?;
     let mut total: Borders = BTreeMap::new();
     for (pair, border) in parts.into_iter().flatten() {
         total.entry(pair).and_modify(|sum| sum.add(&border)).or_insert(border);

@@ -5,7 +5,7 @@
 //! ends empty while there are K distinct points.
 
 use crate::base::Result;
-use crate::base::parallel::{chunk_count, chunk_range, map_chunks};
+use crate::base::parallel::map_ranges;
 use crate::base::random::{stream, unit};
 use crate::store::Run;
 use serde::{Deserialize, Serialize};
@@ -184,13 +184,8 @@ fn lloyd(points: Points<'_>, d: usize, mut centres: Vec<f32>, rounds: usize, run
     let mut last = f64::INFINITY;
     let mut cost = 0.;
     for _ in 0..rounds.max(1) {
-        let chunks = map_chunks(
-            run.threads,
-            &run.cancel,
-            chunk_count(s, CHUNK),
-            || (),
-            |chunk, ()| Ok(chunk_sums(points, chunk_range(s, CHUNK, chunk), d, &centres)),
-        )?;
+        let chunks =
+            map_ranges(run.threads, &run.cancel, s, CHUNK, |range| Ok(chunk_sums(points, range, d, &centres)))?;
         let (mut mass, mut sums, mut worst) = (vec![0f64; k], vec![0f64; k * d], (-1., 0));
         cost = 0.;
         for part in chunks {

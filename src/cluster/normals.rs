@@ -13,7 +13,7 @@ use super::seeds::spread;
 use super::shares::Shares;
 use super::sums::{ClassSum, class_sums};
 use crate::base::Result;
-use crate::base::parallel::{chunk_count, chunk_range, fill_chunks, map_chunks};
+use crate::base::parallel::{chunk_range, fill_chunks, map_ranges};
 use crate::distance::front::mean_weight;
 use crate::distance::voronoi;
 use crate::graph::angle::between;
@@ -127,27 +127,21 @@ struct Near {
 fn neighbours(graph: &DualGraph, owner: &[u32], cells: usize, run: &Run) -> Result<Near> {
     let n = owner.len();
     let (indptr, indices, edge) = (&graph.rows.indptr[..], &graph.rows.indices[..], &graph.rows.edge[..]);
-    let parts = map_chunks(
-        run.threads,
-        &run.cancel,
-        chunk_count(n, CHUNK),
-        || (),
-        |k, ()| {
-            let mut pairs = Vec::new();
-            for i in chunk_range(n, CHUNK, k) {
-                for e in indptr[i] as usize..indptr[i + 1] as usize {
-                    let (a, b) = (owner[i], owner[indices[e] as usize]);
-                    // Bridges have no length and join nothing here.
-                    if a != b && a != u32::MAX && b != u32::MAX && edge[e] != 0. {
-                        pairs.push((a, b));
-                    }
+    let parts = map_ranges(run.threads, &run.cancel, n, CHUNK, |range| {
+        let mut pairs = Vec::new();
+        for i in range {
+            for e in indptr[i] as usize..indptr[i + 1] as usize {
+                let (a, b) = (owner[i], owner[indices[e] as usize]);
+                // Bridges have no length and join nothing here.
+                if a != b && a != u32::MAX && b != u32::MAX && edge[e] != 0. {
+                    pairs.push((a, b));
                 }
             }
-            pairs.sort_unstable();
-            pairs.dedup();
-            Ok(pairs)
-        },
-    )?;
+        }
+        pairs.sort_unstable();
+        pairs.dedup();
+        Ok(pairs)
+    })?;
     let mut pairs: Vec<(u32, u32)> = parts.into_iter().flatten().collect();
     pairs.sort_unstable();
     pairs.dedup();
@@ -215,28 +209,22 @@ pub fn turning(a: &Node, b: &Node, edge: f32) -> f32 {
 pub fn total_turning(graph: &DualGraph, shares: &Shares, smoothed: &[&Normals], run: &Run) -> Result<Vec<f64>> {
     let n = graph.nodes.len();
     let (indptr, indices, edge) = (&graph.rows.indptr[..], &graph.rows.indices[..], &graph.rows.edge[..]);
-    let parts = map_chunks(
-        run.threads,
-        &run.cancel,
-        chunk_count(n, CHUNK),
-        || (),
-        |k, ()| {
-            let mut sums = vec![0f64; smoothed.len() + 1];
-            for i in chunk_range(n, CHUNK, k) {
-                for e in indptr[i] as usize..indptr[i + 1] as usize {
-                    let j = indices[e] as usize;
-                    if j > i {
-                        let length = f64::from(edge[e].abs() * shares.unit);
-                        sums[0] += length * f64::from(between(graph.nodes[i].normal, graph.nodes[j].normal));
-                        for (sum, normals) in sums[1..].iter_mut().zip(smoothed) {
-                            *sum += length * f64::from(between(normals[i], normals[j]));
-                        }
+    let parts = map_ranges(run.threads, &run.cancel, n, CHUNK, |range| {
+        let mut sums = vec![0f64; smoothed.len() + 1];
+        for i in range {
+            for e in indptr[i] as usize..indptr[i + 1] as usize {
+                let j = indices[e] as usize;
+                if j > i {
+                    let length = f64::from(edge[e].abs() * shares.unit);
+                    sums[0] += length * f64::from(between(graph.nodes[i].normal, graph.nodes[j].normal));
+                    for (sum, normals) in sums[1..].iter_mut().zip(smoothed) {
+                        *sum += length * f64::from(between(normals[i], normals[j]));
                     }
                 }
             }
-            Ok(sums)
-        },
-    )?;
+        }
+        Ok(sums)
+    })?;
     let mut total = vec![0f64; smoothed.len() + 1];
     for part in parts {
         total.iter_mut().zip(part).for_each(|(a, b)| *a += b);

@@ -6,7 +6,7 @@
 //! One pass, 4 bytes a node written.
 
 use crate::base::Result;
-use crate::base::parallel::{chunk_count, chunk_range, fill_chunks, map_chunks};
+use crate::base::parallel::{chunk_range, fill_chunks, map_ranges};
 use crate::graph::DualGraph;
 use crate::graph::adjacency::AGAINST;
 use crate::store::{MappedSlice, Run, WorkDir};
@@ -68,21 +68,15 @@ fn dusty_roots(graph: &DualGraph, run: &Run) -> Result<(HashSet<u32>, f64, u64)>
     let total = graph.facts.area;
     let Some(links) = &graph.components else { return Ok((HashSet::new(), total, 0)) };
     let n = links.len();
-    let parts = map_chunks(
-        run.threads,
-        &run.cancel,
-        chunk_count(n, CHUNK),
-        || (),
-        |k, ()| {
-            let mut sums: HashMap<u32, (f64, u64)> = HashMap::new();
-            for i in chunk_range(n, CHUNK, k) {
-                let sum = sums.entry(links[i] & !AGAINST).or_default();
-                sum.0 += f64::from(graph.nodes[i].area);
-                sum.1 += 1;
-            }
-            Ok(sums)
-        },
-    )?;
+    let parts = map_ranges(run.threads, &run.cancel, n, CHUNK, |range| {
+        let mut sums: HashMap<u32, (f64, u64)> = HashMap::new();
+        for i in range {
+            let sum = sums.entry(links[i] & !AGAINST).or_default();
+            sum.0 += f64::from(graph.nodes[i].area);
+            sum.1 += 1;
+        }
+        Ok(sums)
+    })?;
     let mut sums: HashMap<u32, (f64, u64)> = HashMap::new();
     for (root, (area, count)) in parts.into_iter().flatten() {
         let sum = sums.entry(root).or_default();

@@ -9,7 +9,7 @@
 //! is at most [`FACES`] faces wide, so a fraction of a per cent of a large mesh.
 
 use crate::base::Result;
-use crate::base::parallel::{chunk_count, chunk_range, fill_chunks, map_chunks};
+use crate::base::parallel::{chunk_count, chunk_range, fill_chunks, map_chunks, map_ranges};
 use crate::graph::dual::Csr;
 use crate::spectral::exp::exp;
 use crate::store::Run;
@@ -147,30 +147,23 @@ impl Links {
         labels: &[u32],
         run: &Run,
     ) -> Result<Self> {
-        let chunks = map_chunks(
-            run.threads,
-            &run.cancel,
-            chunk_count(band.len(), CHUNK),
-            || (),
-            |k, ()| {
-                let range = chunk_range(band.len(), CHUNK, k);
-                let (mut counts, mut list) = (Vec::with_capacity(range.len()), Vec::with_capacity(3 * range.len()));
-                for &node in &band[range] {
-                    let span = steps.indptr[node as usize] as usize..steps.indptr[node as usize + 1] as usize;
-                    counts.push(span.len() as u32);
-                    for e in span {
-                        let turning = (steps.weights[e] - gd[e] * unit).max(0.);
-                        let weight = edge[e].abs() * exp(-turning / CREASE);
-                        let other = steps.indices[e];
-                        list.push(match band.binary_search(&other) {
-                            Ok(place) => Link { to: place as u32, inside: true, weight },
-                            Err(_) => Link { to: labels[other as usize], inside: false, weight },
-                        });
-                    }
+        let chunks = map_ranges(run.threads, &run.cancel, band.len(), CHUNK, |range| {
+            let (mut counts, mut list) = (Vec::with_capacity(range.len()), Vec::with_capacity(3 * range.len()));
+            for &node in &band[range] {
+                let span = steps.indptr[node as usize] as usize..steps.indptr[node as usize + 1] as usize;
+                counts.push(span.len() as u32);
+                for e in span {
+                    let turning = (steps.weights[e] - gd[e] * unit).max(0.);
+                    let weight = edge[e].abs() * exp(-turning / CREASE);
+                    let other = steps.indices[e];
+                    list.push(match band.binary_search(&other) {
+                        Ok(place) => Link { to: place as u32, inside: true, weight },
+                        Err(_) => Link { to: labels[other as usize], inside: false, weight },
+                    });
                 }
-                Ok((counts, list))
-            },
-        )?;
+            }
+            Ok((counts, list))
+        })?;
         let mut links = Self { start: vec![0], list: Vec::with_capacity(chunks.iter().map(|c| c.1.len()).sum()) };
         let mut end = 0;
         for (counts, list) in chunks {

@@ -6,7 +6,7 @@
 //! 10–20 ns a face, sequential writes.
 
 use crate::base::Result;
-use crate::base::parallel::{chunk_count, chunk_range, fill_chunks, map_chunks};
+use crate::base::parallel::{chunk_range, fill_chunks, map_ranges};
 use crate::base::vector::{cross, finite, length, minus, narrow};
 use crate::mesh::{Mesh, Positions};
 use crate::store::npy::Item;
@@ -50,25 +50,19 @@ impl Frame {
     /// [`crate::base::Error::Cancelled`].
     pub fn of(positions: &Positions, run: &Run) -> Result<Self> {
         let n = positions.len();
-        let boxes = map_chunks(
-            run.threads,
-            &run.cancel,
-            chunk_count(n, 1 << 16),
-            || (),
-            |k, ()| {
-                let mut bounds = [[f64::INFINITY; 3], [f64::NEG_INFINITY; 3]];
-                for v in chunk_range(n, 1 << 16, k) {
-                    let p = positions.get(v as u32);
-                    if p.iter().all(|x| x.is_finite()) {
-                        for axis in 0..3 {
-                            bounds[0][axis] = bounds[0][axis].min(p[axis]);
-                            bounds[1][axis] = bounds[1][axis].max(p[axis]);
-                        }
+        let boxes = map_ranges(run.threads, &run.cancel, n, 1 << 16, |range| {
+            let mut bounds = [[f64::INFINITY; 3], [f64::NEG_INFINITY; 3]];
+            for v in range {
+                let p = positions.get(v as u32);
+                if p.iter().all(|x| x.is_finite()) {
+                    for axis in 0..3 {
+                        bounds[0][axis] = bounds[0][axis].min(p[axis]);
+                        bounds[1][axis] = bounds[1][axis].max(p[axis]);
                     }
                 }
-                Ok(bounds)
-            },
-        )?;
+            }
+            Ok(bounds)
+        })?;
         let mut bounds = [[f64::INFINITY; 3], [f64::NEG_INFINITY; 3]];
         for next in boxes {
             for axis in 0..3 {

@@ -13,7 +13,7 @@
 use super::angle::{between, chord2};
 use super::assemble::Rows;
 use super::nodes::Node;
-use crate::base::parallel::{chunk_count, chunk_range, fill_chunks, map_chunks};
+use crate::base::parallel::{fill_chunks, map_ranges};
 use crate::base::{Error, Result};
 use crate::store::{MappedSlice, Run, WorkDir};
 use serde::{Deserialize, Serialize};
@@ -171,28 +171,22 @@ fn scale(rows: &Rows, nodes: &[Node], area: f64, metric: Metric, run: &Run) -> R
     let n = nodes.len();
     let eta = if let Metric::Paper { eta, .. } = metric { eta } else { 0. };
     let needs_angle = matches!(metric, Metric::Paper { .. });
-    let sums = map_chunks(
-        run.threads,
-        &run.cancel,
-        chunk_count(n, CHUNK),
-        || (),
-        |k, ()| {
-            let (mut length, mut angle, mut count) = (0f64, 0f64, 0u64);
-            for i in chunk_range(n, CHUNK, k) {
-                for e in indptr[i] as usize..indptr[i + 1] as usize {
-                    // Each edge once.
-                    if indices[e] as usize > i {
-                        length += f64::from(gd[e]);
-                        count += 1;
-                        if needs_angle {
-                            angle += f64::from(turning(&nodes[i], &nodes[indices[e] as usize], eta, edge[e]));
-                        }
+    let sums = map_ranges(run.threads, &run.cancel, n, CHUNK, |range| {
+        let (mut length, mut angle, mut count) = (0f64, 0f64, 0u64);
+        for i in range {
+            for e in indptr[i] as usize..indptr[i + 1] as usize {
+                // Each edge once.
+                if indices[e] as usize > i {
+                    length += f64::from(gd[e]);
+                    count += 1;
+                    if needs_angle {
+                        angle += f64::from(turning(&nodes[i], &nodes[indices[e] as usize], eta, edge[e]));
                     }
                 }
             }
-            Ok((length, angle, count))
-        },
-    )?;
+        }
+        Ok((length, angle, count))
+    })?;
     let total = sums.iter().fold((0., 0., 0u64), |t, s| (t.0 + s.0, t.1 + s.1, t.2 + s.2));
     let count = total.2.max(1) as f64;
     let (mean_gd, mean_angle) = (total.0 / count, total.1 / count);

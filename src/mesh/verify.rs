@@ -8,7 +8,7 @@ use super::decode::Task;
 use super::model::{Element, Encoding, Kind, Scalar};
 use super::surface::Faces;
 use crate::base::Result;
-use crate::base::parallel::{chunk_count, chunk_range, map_chunks};
+use crate::base::parallel::map_ranges;
 use crate::store::Run;
 
 /// Faces that a thread takes at a time.
@@ -80,28 +80,21 @@ struct Layout {
 /// [`crate::base::Error::Cancelled`].
 fn first_odd(run: &Run, records: &[u8], layout: Layout, limit: u32) -> Result<Option<usize>> {
     let faces = records.len() / layout.stride.max(1);
-    let found = map_chunks(
-        run.threads,
-        &run.cancel,
-        chunk_count(faces, CHUNK),
-        || (),
-        |k, ()| {
-            let range = chunk_range(faces, CHUNK, k);
-            let piece = &records[range.start * layout.stride..range.end * layout.stride];
-            let odd = match (layout.count, layout.stride) {
-                // The layout of nearly all files gets a loop of its own.
-                (1, 13) => scan::<1>(piece, 13, 0, limit),
-                (1, stride) => scan::<1>(piece, stride, layout.at, limit),
-                (2, stride) => scan::<2>(piece, stride, layout.at, limit),
-                (_, stride) => scan::<4>(piece, stride, layout.at, limit),
-            };
-            // Faces that the decoder will read again are told then.
-            if odd.is_none() {
-                run.progress.advance("read", range.len() as u64);
-            }
-            Ok(odd.map(|odd| range.start + odd))
-        },
-    )?;
+    let found = map_ranges(run.threads, &run.cancel, faces, CHUNK, |range| {
+        let piece = &records[range.start * layout.stride..range.end * layout.stride];
+        let odd = match (layout.count, layout.stride) {
+            // The layout of nearly all files gets a loop of its own.
+            (1, 13) => scan::<1>(piece, 13, 0, limit),
+            (1, stride) => scan::<1>(piece, stride, layout.at, limit),
+            (2, stride) => scan::<2>(piece, stride, layout.at, limit),
+            (_, stride) => scan::<4>(piece, stride, layout.at, limit),
+        };
+        // Faces that the decoder will read again are told then.
+        if odd.is_none() {
+            run.progress.advance("read", range.len() as u64);
+        }
+        Ok(odd.map(|odd| range.start + odd))
+    })?;
     Ok(found.into_iter().flatten().next())
 }
 

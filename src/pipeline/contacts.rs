@@ -1,7 +1,7 @@
 //! Which parts touch, and along what length: for colours and reports. One parallel pass over the graph.
 
 use crate::base::Result;
-use crate::base::parallel::{chunk_count, chunk_range, map_chunks};
+use crate::base::parallel::map_ranges;
 use crate::graph::DualGraph;
 use crate::store::Run;
 use std::collections::BTreeMap;
@@ -15,25 +15,19 @@ const CHUNK: usize = 1 << 15;
 pub fn between(graph: &DualGraph, labels: &[u32], run: &Run) -> Result<Vec<(u32, u32, f64)>> {
     let n = labels.len();
     let (indptr, indices, edge) = (&graph.rows.indptr[..], &graph.rows.indices[..], &graph.rows.edge[..]);
-    let chunks = map_chunks(
-        run.threads,
-        &run.cancel,
-        chunk_count(n, CHUNK),
-        || (),
-        |k, ()| {
-            let mut pairs: BTreeMap<(u32, u32), f64> = BTreeMap::new();
-            for i in chunk_range(n, CHUNK, k) {
-                for e in indptr[i] as usize..indptr[i + 1] as usize {
-                    let j = indices[e] as usize;
-                    if j > i && labels[i] != labels[j] {
-                        let pair = (labels[i].min(labels[j]), labels[i].max(labels[j]));
-                        *pairs.entry(pair).or_default() += f64::from(edge[e].abs());
-                    }
+    let chunks = map_ranges(run.threads, &run.cancel, n, CHUNK, |range| {
+        let mut pairs: BTreeMap<(u32, u32), f64> = BTreeMap::new();
+        for i in range {
+            for e in indptr[i] as usize..indptr[i + 1] as usize {
+                let j = indices[e] as usize;
+                if j > i && labels[i] != labels[j] {
+                    let pair = (labels[i].min(labels[j]), labels[i].max(labels[j]));
+                    *pairs.entry(pair).or_default() += f64::from(edge[e].abs());
                 }
             }
-            Ok(pairs)
-        },
-    )?;
+        }
+        Ok(pairs)
+    })?;
     let mut all: BTreeMap<(u32, u32), f64> = BTreeMap::new();
     for (pair, length) in chunks.into_iter().flatten() {
         *all.entry(pair).or_default() += length;

@@ -7,7 +7,7 @@
 use super::report::Numbers;
 use super::surface::{Kind, Surface};
 use super::{Boundaries, Clustered, Dust, SegmentParams, decision};
-use crate::base::parallel::{chunk_count, chunk_range, fill_each, map_chunks};
+use crate::base::parallel::{fill_each, map_ranges};
 use crate::base::{Error, Result};
 use crate::cluster::boundary::{self, Way};
 use crate::cluster::contract;
@@ -175,20 +175,14 @@ fn confidence(unit_of_node: &[u32], confidence: &[f64], work: &WorkDir, run: &Ru
 /// Faces and area (in the frame) of each part.
 fn totals(graph: &DualGraph, labels: &[u32], parts: usize, run: &Run) -> Result<(Vec<u64>, Vec<f64>)> {
     let n = labels.len();
-    let chunks = map_chunks(
-        run.threads,
-        &run.cancel,
-        chunk_count(n, CHUNK),
-        || (),
-        |k, ()| {
-            let mut sums = vec![(0u64, 0f64); parts];
-            for i in chunk_range(n, CHUNK, k) {
-                sums[labels[i] as usize].0 += 1;
-                sums[labels[i] as usize].1 += f64::from(graph.nodes[i].area);
-            }
-            Ok(sums)
-        },
-    )?;
+    let chunks = map_ranges(run.threads, &run.cancel, n, CHUNK, |range| {
+        let mut sums = vec![(0u64, 0f64); parts];
+        for i in range {
+            sums[labels[i] as usize].0 += 1;
+            sums[labels[i] as usize].1 += f64::from(graph.nodes[i].area);
+        }
+        Ok(sums)
+    })?;
     let (mut faces, mut area) = (vec![0; parts], vec![0.; parts]);
     for chunk in chunks {
         for (part, (count, sum)) in chunk.into_iter().enumerate() {

@@ -2,7 +2,7 @@
 
 use super::sorting;
 use crate::base::Result;
-use crate::base::parallel::{chunk_count, chunk_range, map_chunks};
+use crate::base::parallel::map_ranges;
 use crate::graph::Frame;
 use crate::graph::order::hilbert;
 use crate::mesh::Positions;
@@ -19,26 +19,20 @@ const CHUNK: usize = 1 << 15;
 pub fn pca_ranks(name: &str, positions: &Positions, work: &WorkDir, run: &Run) -> Result<MappedSlice<u32>> {
     let frame = Frame::of(positions, run)?;
     let n = positions.len();
-    let sums = map_chunks(
-        run.threads,
-        &run.cancel,
-        chunk_count(n, CHUNK),
-        || (),
-        |k, ()| {
-            let (mut sum, mut products, mut count) = ([0f64; 3], [[0f64; 3]; 3], 0u64);
-            for v in chunk_range(n, CHUNK, k) {
-                let p = frame.place(positions.get(v as u32));
-                if p.iter().all(|x| x.is_finite()) {
-                    count += 1;
-                    for i in 0..3 {
-                        sum[i] += p[i];
-                        (0..3).for_each(|j| products[i][j] += p[i] * p[j]);
-                    }
+    let sums = map_ranges(run.threads, &run.cancel, n, CHUNK, |range| {
+        let (mut sum, mut products, mut count) = ([0f64; 3], [[0f64; 3]; 3], 0u64);
+        for v in range {
+            let p = frame.place(positions.get(v as u32));
+            if p.iter().all(|x| x.is_finite()) {
+                count += 1;
+                for i in 0..3 {
+                    sum[i] += p[i];
+                    (0..3).for_each(|j| products[i][j] += p[i] * p[j]);
                 }
             }
-            Ok((sum, products, count))
-        },
-    )?;
+        }
+        Ok((sum, products, count))
+    })?;
     let (mut sum, mut products, mut count) = ([0f64; 3], [[0f64; 3]; 3], 0u64);
     for (s, p, c) in sums {
         count += c;

@@ -7,7 +7,7 @@
 
 use super::cells::CellGraph;
 use crate::base::Result;
-use crate::base::parallel::{chunk_count, chunk_range, map_chunks};
+use crate::base::parallel::map_ranges;
 use crate::store::run::Run;
 
 /// Widths w of the pair weight, in units of √(total area).
@@ -90,21 +90,15 @@ struct Ball {
 pub fn convexity(cells: &CellGraph, atom: &[u32], atoms: usize, run: &Run) -> Result<Vec<PairSums>> {
     let (points, balls) = gather(cells, atom, atoms);
     let table = Table::new();
-    let chunks = map_chunks(
-        run.threads,
-        &run.cancel,
-        chunk_count(atoms, CHUNK),
-        || (),
-        |k, ()| {
-            let mut out = Vec::new();
-            for a in chunk_range(atoms, CHUNK, k) {
-                for b in a..atoms {
-                    out.extend(between(&points, &balls, a, b, &table));
-                }
+    let chunks = map_ranges(run.threads, &run.cancel, atoms, CHUNK, |range| {
+        let mut out = Vec::new();
+        for a in range {
+            for b in a..atoms {
+                out.extend(between(&points, &balls, a, b, &table));
             }
-            Ok(out)
-        },
-    )?;
+        }
+        Ok(out)
+    })?;
     Ok(chunks.concat())
 }
 

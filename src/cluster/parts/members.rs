@@ -9,7 +9,7 @@ use super::over_segment::{Recipe, over_segment};
 use super::regions::{Columns, EMBEDDED, Regions, cell_columns};
 use super::tree::{meeting_probability, merges};
 use crate::base::Result;
-use crate::base::parallel::{chunk_count, chunk_range, map_chunks};
+use crate::base::parallel::{map_chunks, map_ranges};
 use crate::base::random::{below, stream};
 use crate::store::run::Run;
 
@@ -154,23 +154,16 @@ pub fn co_association(cells: &CellGraph, atoms: &Atoms, members: &[Member], run:
     )?;
     let n = atoms.len();
     let share = 1.0 / members.len().max(1) as f64;
-    let rows = map_chunks(
-        run.threads,
-        &run.cancel,
-        chunk_count(n, CHUNK),
-        || (),
-        |k, ()| {
-            let range = chunk_range(n, CHUNK, k);
-            let mut out = vec![0.0; range.len() * n];
-            for (label, p) in &trees {
-                for (a, row) in range.clone().zip(out.chunks_exact_mut(n)) {
-                    let p = p.row(label[a] as usize);
-                    row.iter_mut().zip(label).for_each(|(sum, &b)| *sum += p[b as usize]);
-                }
+    let rows = map_ranges(run.threads, &run.cancel, n, CHUNK, |range| {
+        let mut out = vec![0.0; range.len() * n];
+        for (label, p) in &trees {
+            for (a, row) in range.clone().zip(out.chunks_exact_mut(n)) {
+                let p = p.row(label[a] as usize);
+                row.iter_mut().zip(label).for_each(|(sum, &b)| *sum += p[b as usize]);
             }
-            out.iter_mut().for_each(|x| *x *= share);
-            Ok(out)
-        },
-    )?;
+        }
+        out.iter_mut().for_each(|x| *x *= share);
+        Ok(out)
+    })?;
     Ok(Square::from_values(n, rows.concat()))
 }
