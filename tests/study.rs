@@ -97,9 +97,17 @@ fn orthogonalised_vectors_are_the_eigenvectors_of_the_approximation() {
     let w = affinities(&points);
     let (block, run) = (dense(&w, &landmarks), Run::new(&()));
     let weights: Vec<f64> = (0..500).map(|i| 0.5 + (i % 7) as f64 / 6.).collect();
-    let approximation = nystrom_stream::spectral::exact::approximation(&block, 1e-6);
+    let damped = |tolerance| {
+        let f = block.rows.transpose() * Kept::damped(block.sampled(), tolerance);
+        &f * f.transpose()
+    };
+    let approximation = damped(1e-6);
+    // Far below the least eigenvalue damping is no cut, and takes nothing away.
+    assert!(near(&damped(1e-12), &nystrom_stream::spectral::exact::approximation(&block, 1e-12), 1e-6));
     for weights in [None, Some(&weights[..])] {
-        let fit = Extension::fit(&block, Extrapolation::Orthogonal, Scaling::None, 5, weights, 1e-6, &run).unwrap();
+        let weigh = weights.map(|w| move |i: usize| w[i]);
+        let weigh = weigh.as_ref().map(|weigh| weigh as &(dyn Fn(usize) -> f64 + Sync));
+        let fit = Extension::fit(&block, Extrapolation::Orthogonal, Scaling::None, 5, weigh, 1e-6, &run).unwrap();
         let u = fit.embed(&block);
         let m = DMatrix::from_fn(500, 500, |i, j| if i == j { weights.map_or(1., |w| w[i]) } else { 0. });
         assert!(near(&(u.transpose() * &m * &u), &DMatrix::identity(5, 5), 1e-8));

@@ -25,6 +25,7 @@ use plotters::prelude::{
     ChartBuilder, IntoDrawingArea, IntoLogRange, PathElement, RGBColor, SVGBackend, SeriesLabelPosition, WHITE,
 };
 use serde::Serialize;
+use std::cell::OnceCell;
 use std::collections::{BTreeMap, HashMap};
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
@@ -118,6 +119,8 @@ struct Member {
     opened: Opened,
     graph: VertexGraph,
     work: WorkDir,
+    /// All distances, once the un-sampled case asked for them.
+    distances: OnceCell<Vec<f32>>,
 }
 
 /// An embedded mesh.
@@ -133,7 +136,7 @@ impl Member {
         let work = WorkDir::temporary(&std::env::temp_dir())?;
         let opened = mesh::open(path, work.path(), run)?;
         let graph = VertexGraph::build(&opened.mesh, path, &work, run)?;
-        Ok(Self { opened, graph, work })
+        Ok(Self { opened, graph, work, distances: OnceCell::new() })
     }
 
     fn rows(&self, l: usize, sampling: Sampling, options: &Options, run: &Run) -> Result<DistanceRows> {
@@ -151,8 +154,12 @@ impl Member {
         let k = options.vectors;
         let (points, variance, rows) = match way {
             Way::Full { by_area } => {
-                let rows = self.rows_from((0..self.graph.len() as u32).collect(), options, run)?;
-                let (points, variance) = full::embed(&rows, &self.graph.nodes, by_area, k, run)?;
+                if self.distances.get().is_none() {
+                    let rows = self.rows_from((0..self.graph.len() as u32).collect(), options, run)?;
+                    let _ = self.distances.set(full::symmetric(&rows));
+                }
+                let distances = self.distances.get().map_or(&[][..], Vec::as_slice);
+                let (points, variance) = full::embed(distances, &self.graph.nodes, by_area, k, run)?;
                 (points, variance, None)
             }
             Way::Landmarks { l, sampling, style } => {

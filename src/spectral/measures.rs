@@ -34,6 +34,20 @@ impl Kept {
         Self { values: all[..count].to_vec(), vectors: vectors.columns(0, count).into_owned(), all }
     }
 
+    /// Columns uᵉ·√(λ_e/(λ_e² + ε²)) of all positive eigenvalues of `a` (l × r), ε `tolerance` times the greatest: their
+    /// product with its transpose is A⁺ with Tikhonov's damping for a cut. A cut keeps a pair here and drops it on a
+    /// mesh that differs by its triangles alone; this depends on A continuously.
+    pub fn damped(a: DMatrix<f64>, tolerance: f64) -> DMatrix<f64> {
+        let (all, mut vectors) = eigen::symmetric(a);
+        let epsilon = tolerance * all.first().copied().unwrap_or(0.);
+        let count = all.iter().take_while(|&&value| value > 0.).count().max(1).min(all.len());
+        for (mut column, &value) in vectors.column_iter_mut().zip(&all[..count]) {
+            let value = value.max(1e-300);
+            column *= (value / (value * value + epsilon * epsilon)).sqrt();
+        }
+        vectors.columns(0, count).into_owned()
+    }
+
     /// Eigenpairs dropped.
     pub fn dropped(&self) -> usize {
         self.all.len() - self.values.len()

@@ -5,16 +5,16 @@
 //! - [`Extrapolation::Orthogonal`]: one-shot orthogonalisation. With F = WᵣᵀUΛ^-½ over all nodes and node weights m
 //!   (areas, or 1), M = Fᵀ diag(m) F = QμQᵀ, E = FQ: μ and E are the exact eigenpairs of the approximated W̄ = FFᵀ in
 //!   the inner product of m. Plain vectors are not orthogonal beyond the sample, and stop converging near l = 50.
-//!   Needs the cut of small eigenvalues: without it, it is worse than plain.
+//!   Needs small eigenvalues damped ([`Kept::damped`]): with all of them it is worse than plain.
 //!
 //! Cost: a pass over the columns for [`Extrapolation::Orthogonal`], O(n l r); O(l d) a node to embed.
 
 use super::block::{Block, CHUNK};
 use super::measures::Kept;
-use crate::base::parallel::{chunk_count, chunk_range, map_chunks};
+use crate::base::parallel::{chunk_count, chunk_range, in_order};
 use crate::base::{Result, eigen};
 use crate::store::Run;
-use nalgebra::DMatrix;
+use nalgebra::{DMatrix, DMatrixView};
 
 /// How coordinates are extended from the sample.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -58,13 +58,16 @@ pub struct Extension {
     pub map: DMatrix<f64>,
     /// The eigenvalues of the d coordinates, descending: of A, or of the approximated W̄.
     pub values: Vec<f64>,
-    /// Eigenpairs of A that were dropped.
+    /// Eigenpairs of A that were dropped, or damped to less than half.
     pub dropped: usize,
 }
 
+/// The weight of a node, by its number.
+pub type Weigh<'a> = &'a (dyn Fn(usize) -> f64 + Sync);
+
 impl Extension {
-    /// Fits at most `d` coordinates on `block`. `weights` (n) are the nodes' for [`Extrapolation::Orthogonal`], 1 where
-    /// not given; `tolerance`: see [`Kept::of`].
+    /// Fits at most `d` coordinates on `block`. `weights` are the nodes' for [`Extrapolation::Orthogonal`], 1 where
+    /// not given; `tolerance`: see [`Kept::of`] and [`Kept::damped`].
     ///
     /// # Errors
     /// [`crate::base::Error::Cancelled`].
@@ -73,21 +76,22 @@ impl Extension {
         how: Extrapolation,
         scaling: Scaling,
         d: usize,
-        weights: Option<&[f64]>,
+        weights: Option<Weigh<'_>>,
         tolerance: f64,
         run: &Run,
     ) -> Result<Self> {
         let kept = Kept::of(block.sampled(), tolerance);
         let dropped = kept.dropped();
-        let d = d.min(kept.values.len());
         let (mut map, values) = match how {
-            Extrapolation::Plain | Extrapolation::Kpca => (kept.roots().columns(0, d).into_owned(), kept.values),
+            Extrapolation::Plain | Extrapolation::Kpca => (kept.roots(), kept.values),
             Extrapolation::Orthogonal => {
-                let roots = kept.roots();
+                let roots = Kept::damped(block.sampled(), tolerance);
                 let (values, q) = eigen::symmetric(moments(block, &roots, weights, run)?);
-                (roots * q.columns(0, d), values)
+                (roots * q, values)
             }
         };
+        let d = d.min(values.len());
+        map = map.columns(0, d).into_owned();
         for (mut column, &value) in map.column_iter_mut().zip(&values) {
             let value = value.max(1e-300);
             // The map so far is that of coordinates times λ^½.
@@ -122,27 +126,29 @@ impl Extension {
     }
 }
 
-/// M = Fᵀ diag(m) F, F = Wᵣᵀ `roots` (r × r).
-fn moments(block: &dyn Block, roots: &DMatrix<f64>, weights: Option<&[f64]>, run: &Run) -> Result<DMatrix<f64>> {
-    let (l, n, r) = (block.len(), block.nodes(), roots.ncols());
-    let parts = map_chunks(
-        run.threads,
-        &run.cancel,
-        chunk_count(n, CHUNK),
-        || (),
-        |k, ()| {
-            let range = chunk_range(n, CHUNK, k);
-            let mut columns = vec![0.; l * range.len()];
-            block.columns(range.clone(), &mut columns);
-            let f = DMatrix::from_vec(range.len(), l, columns) * roots;
-            let mut weighted = f.clone();
-            if let Some(weights) = weights {
-                for (mut row, &weight) in weighted.row_iter_mut().zip(&weights[range]) {
-                    row *= weight;
-                }
+/// M = Fᵀ diag(m) F, F = Wᵣᵀ `map` (r × r), for a map of l × r.
+///
+/// # Errors
+/// [`crate::base::Error::Cancelled`].
+pub fn moments(block: &dyn Block, map: &DMatrix<f64>, weights: Option<Weigh<'_>>, run: &Run) -> Result<DMatrix<f64>> {
+    let (l, n, r) = (block.len(), block.nodes(), map.ncols());
+    let chunk = |k: usize, columns: &mut Vec<f64>| {
+        let range = chunk_range(n, CHUNK, k);
+        columns.resize(l * range.len(), 0.);
+        block.columns(range.clone(), columns);
+        let f = DMatrixView::from_slice(columns, range.len(), l) * map;
+        let mut weighted = f.clone();
+        if let Some(weight) = weights {
+            for (mut row, node) in weighted.row_iter_mut().zip(range) {
+                row *= weight(node);
             }
-            Ok(f.tr_mul(&weighted))
-        },
-    )?;
-    Ok(parts.iter().fold(DMatrix::zeros(r, r), |sum, part| sum + part))
+        }
+        Ok(f.tr_mul(&weighted))
+    };
+    let mut sum = DMatrix::zeros(r, r);
+    in_order(run.threads, &run.cancel, chunk_count(n, CHUNK), Vec::new, chunk, |_, part| {
+        sum += part;
+        Ok(())
+    })?;
+    Ok(sum)
 }

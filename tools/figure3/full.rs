@@ -1,4 +1,6 @@
 //! The un-sampled case: leading eigenvectors of the whole affinity matrix, by block iteration.
+//!
+//! Marched distances depend a little on the direction, so they are averaged over both.
 
 use nalgebra::DMatrix;
 use nystrom_stream::base::Result;
@@ -14,22 +16,36 @@ use nystrom_stream::store::Run;
 const EXTRA: usize = 8;
 const STEPS: usize = 30;
 
+/// All distances of `rows`, a row a vertex (n × n), averaged over both directions.
+pub fn symmetric(rows: &DistanceRows) -> Vec<f32> {
+    let n = rows.nodes;
+    let mut all = rows.distances.to_vec();
+    for i in 0..n {
+        for j in 0..i {
+            let mean = 0.5 * (all[i * n + j] + all[j * n + i]);
+            (all[i * n + j], all[j * n + i]) = (mean, mean);
+        }
+    }
+    all
+}
+
 /// Every vertex embedded by the `k` leading eigenvectors, times √λ, of W (n × n, a row a vertex), or `by_area` of
 /// m^½ W m^½ with m the shares of area, divided by m^½ again; also the variances.
 pub fn embed(
-    rows: &DistanceRows,
+    distances: &[f32],
     nodes: &[Node],
     by_area: bool,
     k: usize,
     run: &Run,
 ) -> Result<(Vec<Point>, Vec<f64>)> {
-    let n = rows.nodes;
+    let n = nodes.len();
+    let row = |v: usize| &distances[v * n..(v + 1) * n];
     let total: f64 = nodes.iter().map(|node| f64::from(node.area)).sum();
     let share: Vec<f64> = nodes
         .iter()
         .map(|node| if by_area { (f64::from(node.area) / total).max(1e-12) } else { 1. / n as f64 })
         .collect();
-    let mean = |v: usize| -> f64 { rows.row(v).iter().zip(&share).map(|(&d, m)| f64::from(d) * m).sum() };
+    let mean = |v: usize| -> f64 { row(v).iter().zip(&share).map(|(&d, m)| f64::from(d) * m).sum() };
     let sigma: f64 = (0..n).map(|v| mean(v) * share[v]).sum();
     let p = (k + EXTRA).min(n);
     let mut x =
@@ -51,7 +67,7 @@ pub fn embed(
             |c, w| {
                 let mut out = Vec::new();
                 for i in chunk_range(n, 256, c) {
-                    Kernel::Gaussian.apply(sigma as f32, rows.row(i), w);
+                    Kernel::Gaussian.apply(sigma as f32, row(i), w);
                     out.extend(scaled.iter().map(|column| {
                         column
                             .chunks(1024)

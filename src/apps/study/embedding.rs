@@ -10,7 +10,7 @@ use crate::distance::kernel::Kernel;
 use crate::distance::sampling::Sampling;
 use crate::spectral::block::{Affinities, Bandwidth};
 use crate::spectral::exact::{aligned_error, leading};
-use crate::spectral::nystrom::{Extension, Extrapolation, Scaling};
+use crate::spectral::nystrom::{Extension, Extrapolation, Scaling, Weigh};
 use crate::store::Run;
 use nalgebra::DMatrix;
 use serde::Serialize;
@@ -73,7 +73,9 @@ pub fn errors(
         let block = Affinities::new(&found[..l], rows, kernel, Bandwidth::Global(sigma));
         let tolerance = kernel.tolerance(l);
         let error = |how, weights: Option<&[f64]>, truth: &DMatrix<f64>| -> Result<f64> {
-            let y = Extension::fit(&block, how, Scaling::Root, d, weights, tolerance, run)?.embed(&block);
+            let weigh = weights.map(|weights| move |node: usize| weights[node]);
+            let weigh = weigh.as_ref().map(|weigh| weigh as Weigh<'_>);
+            let y = Extension::fit(&block, how, Scaling::Root, d, weigh, tolerance, run)?.embed(&block);
             let mut padded = DMatrix::zeros(n, truth.ncols());
             padded.columns_mut(0, y.ncols()).copy_from(&y);
             Ok(aligned_error(truth, &padded, weights.unwrap_or(&ones)))
