@@ -139,6 +139,37 @@ fn the_same_bytes_whatever_threads_and_memory_in_every_manner() {
 }
 
 #[test]
+fn a_work_directory_keeps_graphs_and_rows_for_the_next_question() {
+    let (dir, a, b) = files();
+    permuted(&a, &b, false);
+    let (out, work) = (dir.path().join("m.npy"), dir.path().join("work"));
+    let run = |words: &[&str], kept: bool| {
+        let place = ["--work-dir", word(&work)];
+        let all = [&["-o", word(&out), "-l", "20"][..], words, if kept { &place } else { &[] }].concat();
+        let run = correspond(&a, &b, &all);
+        assert!(run.status.success(), "{}", errors(&run));
+        (std::fs::read(&out).unwrap(), errors(&run).matches("rows: reused").count())
+    };
+    assert_eq!(run(&[], true), run(&[], false));
+    for words in [&["--vectors", "5"][..], &["--mutual"], &["--sigma", "0.8", "--transfer"]] {
+        let ((bytes, reused), (fresh, _)) = (run(words, true), run(words, false));
+        assert!(bytes == fresh && reused == 2, "{words:?}: {reused}");
+    }
+    for words in [&["-l", "21"][..], &["-l", "21", "--distance", "edges"], &["-l", "21", "--seed", "4"]] {
+        let words = [&["-o", word(&out), "--work-dir", word(&work)][..], words].concat();
+        let run = correspond(&a, &b, &words);
+        let told = errors(&run);
+        assert!(run.status.success() && told.matches("graph: reused").count() == 2, "{told}");
+        assert!(told.matches("rows: made anew").count() == 2, "{told}");
+    }
+    // Of another mesh nothing is reused.
+    let (_, reused) = run(&[], true);
+    assert_eq!(reused, 0);
+    permuted(&a, &b, true);
+    assert_eq!(run(&[], true).1, 1);
+}
+
+#[test]
 fn a_mirror_image_is_matched_with_its_own_side_turned() {
     let (dir, a, b) = files();
     permuted(&a, &b, true);
@@ -159,7 +190,7 @@ fn what_makes_no_sense_is_refused_in_a_line() {
     let nowhere = dir.path().join("no/m.npy");
     for (words, code, part) in [
         (vec!["-q"], 2, "nothing to write"),
-        (vec!["-o", "m.txt"], 2, ".npy or .csv"),
+        (vec!["-o", "m.txt"], 2, ".npy, .csv or .parquet"),
         (vec!["-o", word(&nowhere)], 1, "does not exist"),
         (vec!["-o", out, "--vectors", "9"], 2, "from 2 to 8"),
         (vec!["-o", out, "--sigma", "0"], 2, "positive"),

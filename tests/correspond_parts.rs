@@ -6,6 +6,7 @@ use nalgebra::DMatrix;
 use nystrom_stream::apps::correspond::align::{apply, procrustes};
 use nystrom_stream::apps::correspond::{Alignment, Matching, Nearest, Pair, error, matches};
 use nystrom_stream::base::random::{stream, unit};
+use nystrom_stream::base::{Cancel, Progress};
 use nystrom_stream::distance::front::mean_weight;
 use nystrom_stream::distance::landmarks::Sampling;
 use nystrom_stream::distance::march::{March, Surface, through};
@@ -19,6 +20,7 @@ use nystrom_stream::spectral::{Kernel, eigen};
 use nystrom_stream::store::{Budget, Run, WorkDir};
 use std::collections::BTreeMap;
 use std::path::Path;
+use std::sync::atomic::{AtomicU64, Ordering};
 
 /// A square of n × n vertices in the plane, its diagonals in random directions, slightly bent by `bend`.
 fn sheet(folder: &Path, n: usize, bend: f64) -> Mesh {
@@ -216,6 +218,50 @@ fn rows_along_edges_are_dijkstras() {
         assert_eq!(rows.row(k), oracle::dijkstra(surface.graph, landmark));
     }
     assert!(vertex_rows::landmarks(surface, RowParams { l: 0, ..params }, &work, &run).is_err());
+}
+
+/// Stops everything after some rows.
+struct Stop(Cancel, AtomicU64);
+
+impl Progress for Stop {
+    fn advance(&self, stage: &str, done: u64) {
+        if stage == "rows" && self.1.fetch_sub(done, Ordering::Relaxed) <= 1 {
+            self.0.cancel();
+        }
+    }
+}
+
+#[test]
+fn rows_that_were_stopped_go_on_where_they_were() {
+    let dir = tempfile::tempdir().unwrap();
+    let free = Run::new(&());
+    let mesh = sheet(dir.path(), 20, 1.);
+    let params = RowParams { l: 9, sampling: Sampling::Farthest };
+    let work = WorkDir::open(&dir.path().join("work")).unwrap();
+    let rows = |run: &Run<'_>, key: &str, distance| {
+        let graph = VertexGraph::build(&mesh, Path::new("m"), &work, run)?;
+        vertex_rows::kept(Surface::of(&graph), params, distance, key, &work, run)
+    };
+    let whole = rows(&free, "1", Distance::March).unwrap();
+    let all = whole.distances.to_vec();
+    drop(whole);
+    let cancel = Cancel::default();
+    let stop = Stop(cancel.clone(), AtomicU64::new(4));
+    let run = Run { cancel, threads: 1, ..Run::new(&stop) };
+    assert!(rows(&run, "2", Distance::March).is_err());
+    // A row that was torn is made again with those that were not reached.
+    let partial = work.file("distances.npy.partial");
+    let mut bytes = std::fs::read(&partial).unwrap();
+    let at = bytes.len() - 9 * 400 * 4 + 400 * 4;
+    bytes[at] ^= 1;
+    std::fs::write(&partial, bytes).unwrap();
+    let counted = Stop(Cancel::default(), AtomicU64::new(1000));
+    let again = rows(&Run::new(&counted), "2", Distance::March).unwrap();
+    assert_eq!(again.distances[..], all[..]);
+    // Three are told as taken over, six are made.
+    assert_eq!(counted.1.load(Ordering::Relaxed), 1000 - 9);
+    assert_eq!(rows(&free, "2", Distance::March).unwrap().facts, again.facts);
+    assert_ne!(rows(&free, "2", Distance::Edges).unwrap().distances[..], all[..]);
 }
 
 #[test]

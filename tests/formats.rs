@@ -76,6 +76,30 @@ fn every_form_opens_in_the_programs_people_use() {
 }
 
 #[test]
+fn matches_open_in_pyarrow() {
+    if !has_python("numpy, pyarrow", "NYSTROM_STREAM_REQUIRE_FORMATS") {
+        return;
+    }
+    let dir = tempfile::tempdir().unwrap();
+    let mesh = common::creature(dir.path(), 3_000, false);
+    let [table, array] = ["m.parquet", "m.npy"].map(|name| dir.path().join(name));
+    // Mutual, so that some have none.
+    let words =
+        ["correspond", "-q", word(&mesh), word(&mesh), "-l", "9", "--mutual", "-o", word(&table), "-o", word(&array)];
+    let output = common::run(&words);
+    assert!(output.status.success(), "{}", errors(&output));
+    let script = "import sys, numpy, pyarrow.parquet\n\
+                  table = pyarrow.parquet.read_table(sys.argv[1])\n\
+                  array = numpy.load(sys.argv[2])\n\
+                  assert table.column_names == ['vertex', 'match', 'distance', 'confidence'], table.schema\n\
+                  assert str(table.schema.field('vertex').type) == 'uint32'\n\
+                  assert (table['vertex'].to_numpy() == numpy.arange(len(array))).all()\n\
+                  for name in array.dtype.names:\n    assert (table[name].to_numpy() == array[name]).all(), name\n";
+    let output = Command::new("python3").args(["-c", script, word(&table), word(&array)]).output().unwrap();
+    assert!(output.status.success(), "{}", errors(&output));
+}
+
+#[test]
 fn a_page_of_a_real_mesh_works_in_a_browser() {
     let required = "NYSTROM_STREAM_REQUIRE_BROWSER";
     let chromium = Command::new("chromium").arg("--version").output().is_ok_and(|output| output.status.success());

@@ -14,6 +14,7 @@ use nystrom_stream::distance::vertex_rows::Distance;
 use nystrom_stream::mesh::columns::Of;
 use nystrom_stream::mesh::{self, Opened, annotated};
 use nystrom_stream::pipeline::correspond::{CorrespondParams, Correspondence, correspond, default_landmarks};
+use nystrom_stream::pipeline::input;
 use nystrom_stream::spectral::orthogonal::OrthogonalParams;
 use nystrom_stream::store::{Run, WorkDir};
 use serde_json::json;
@@ -29,7 +30,7 @@ pub struct Args {
     /// The mesh that they are matched to
     #[arg(value_name = "B")]
     pub b: PathBuf,
-    /// Matches, once or more: .npy (records of match, distance, confidence) or .csv
+    /// Matches, once or more: .npy (records of match, distance, confidence), .csv or .parquet (columns)
     #[arg(short, long, value_name = "OUT")]
     pub output: Vec<PathBuf>,
     /// Write a report as JSON, to FILE or to standard output
@@ -50,6 +51,9 @@ pub struct Args {
     /// A with what is carried, a PLY file
     #[arg(long, value_name = "FILE", requires = "carry")]
     pub carried: Option<PathBuf>,
+    /// Keep graphs and rows of both meshes here and reuse them [default: a temporary folder]
+    #[arg(long, value_name = "DIR")]
+    pub work_dir: Option<PathBuf>,
     #[command(flatten)]
     pub method: MethodArgs,
     #[command(flatten)]
@@ -134,8 +138,9 @@ pub fn run(args: &Args, surroundings: &Surroundings) -> Result<(), Failure> {
     params.embedding.check()?;
     if let Some(path) = args.output.iter().find(|path| !files::is_known(path)) {
         return Err(Failure::Misused(format!(
-            "-o {}: its ending says no known form; end it with .npy or .csv",
-            path.display()
+            "-o {}: its ending says no known form; end it with {}",
+            path.display(),
+            files::ENDINGS
         )));
     }
     let outputs = || args.output.iter().chain(&args.colours).chain(&args.picture).chain(&args.carried);
@@ -151,8 +156,13 @@ pub fn run(args: &Args, surroundings: &Surroundings) -> Result<(), Failure> {
     }
     let bars = args.run.bars();
     let run = args.run.run(&bars, surroundings);
-    let beside = outputs().next().map_or_else(std::env::temp_dir, |path| folder_of(path));
-    let work = WorkDir::temporary(args.run.tmp.as_deref().unwrap_or(&beside))?;
+    let work = match &args.work_dir {
+        Some(dir) => WorkDir::open(dir)?,
+        None => {
+            let beside = outputs().next().map_or_else(std::env::temp_dir, |path| folder_of(path));
+            WorkDir::temporary(args.run.tmp.as_deref().unwrap_or(&beside))?
+        }
+    };
     let open = |path: &Path, name: &str| -> Result<Opened> {
         let scratch = work.file(name);
         std::fs::create_dir_all(&scratch).map_err(Error::io(&scratch, "create"))?;
@@ -164,7 +174,8 @@ pub fn run(args: &Args, surroundings: &Surroundings) -> Result<(), Failure> {
     if args.method.landmarks.is_none() {
         params.landmarks = default_landmarks(a.mesh.positions.len().max(b.mesh.positions.len()));
     }
-    let result = correspond(&a, &b, &params, &work, &run)?;
+    let inputs = args.work_dir.as_ref().map(|_| Ok::<_, Error>([input::identity(&args.a)?, input::identity(&args.b)?]));
+    let result = correspond(&a, &b, inputs.transpose()?.as_ref(), &params, &work, &run)?;
     tell(&result, args.method.alternative, &run);
     let write = || args.output.iter().try_for_each(|path| files::write(path, &result.matches, &run));
     run.stage("write", "vertices", result.matches.len() as u64, write)?;

@@ -104,6 +104,7 @@ impl Command {
             Self::Graph(args) => Some(&args.place.work_dir),
             Self::Rows(args) => Some(&args.work_dir),
             Self::Sequence(args) => args.work_dir.as_ref(),
+            Self::Correspond(args) => args.work_dir.as_ref(),
             Self::Merge(args) => Some(&args.work_dir),
             Self::Embed(args) => Some(&args.place.work_dir),
             Self::Cluster(args) => Some(&args.place.work_dir),

@@ -2,8 +2,12 @@
 //!
 //! Landmarks are chosen along edges whatever the rows (the search needs to know who is far, not how far). A row is a mapped
 //! slice; threads take rows in turn. Edges cost about 40 ns a vertex and row, marching ten times as much.
+//!
+//! In a work directory that lasts ([`kept`]) each finished row is brought to the disk and entered in a journal, from which a run that was stopped
+//! goes on, and finished rows are a stage that later runs with the same landmarks open.
 
 use super::front::mean_weight;
+use super::journal::{Head, Journal, Line, checksum};
 use super::landmarks::choose;
 use super::march::{March, Surface};
 use super::rows::{RowFacts, RowParams};
@@ -11,8 +15,11 @@ use super::{DistanceRows, Front};
 use crate::base::parallel::map_chunks;
 use crate::base::{Error, Result};
 use crate::store::rows_file::RowsFile;
+use crate::store::workdir::key_of;
 use crate::store::{MappedSlice, Run, WorkDir};
 use serde::{Deserialize, Serialize};
+use serde_json::json;
+use std::collections::BTreeMap;
 
 /// How far apart vertices are.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
@@ -69,24 +76,100 @@ pub fn rows(
     work: &WorkDir,
     run: &Run,
 ) -> Result<DistanceRows> {
+    let file = RowsFile::create(&work.file(name), landmarks.len(), surface.nodes.len())?;
+    fill(surface, landmarks, distance, file, &BTreeMap::new(), None, run)
+}
+
+const FILE: &str = "distances.npy";
+const LANDMARKS: &str = "landmarks.npy";
+const JOURNAL: &str = "rows.journal";
+const STAGE: &str = "vertex rows";
+
+/// Landmarks and their rows over the graph of the stage `graph` in `work`, which lasts: those that are there, else made,
+/// going on where an earlier run was stopped.
+///
+/// # Errors
+/// As [`landmarks`] and [`rows`].
+pub fn kept(
+    surface: Surface<'_>,
+    params: RowParams,
+    distance: Distance,
+    graph: &str,
+    work: &WorkDir,
+    run: &Run,
+) -> Result<DistanceRows> {
     let n = surface.nodes.len();
-    let file: RowsFile<f32> = RowsFile::create(&work.file(name), landmarks.len(), n)?;
-    let mean = mean_weight(surface.graph);
-    let facts = map_chunks(
-        run.threads,
-        &run.cancel,
-        landmarks.len(),
-        || (Front::new(mean), March::new(mean)),
-        |k, (front, march)| {
-            let mut row = file.row(k)?;
-            match distance {
-                Distance::Edges => front.full(surface.graph, landmarks[k], &mut row, &run.cancel).map(drop)?,
-                Distance::March => march.full(surface, landmarks[k], &mut row, &run.cancel)?,
+    let options = json!({"stage": STAGE, "graph": graph, "params": params, "distance": distance, "seed": run.seed});
+    let head = Head { key: key_of(&options), options, rows: params.l, nodes: n, shard: 0, of: 1 };
+    match work.reuse::<Vec<RowFacts>>(STAGE, &head.key) {
+        Ok(facts) => {
+            run.progress.note("rows: reused");
+            let landmarks = work.open_array::<u32>(LANDMARKS)?.to_vec();
+            let distances: MappedSlice<f32> = work.open_array(FILE)?;
+            if distances.len() != landmarks.len() * n || facts.len() != landmarks.len() {
+                return Err(Error::work_dir(work.path(), "holds rows of another shape", "delete it"));
             }
-            run.progress.advance("rows", 1);
-            Ok(RowFacts::of(&row))
-        },
-    )?;
-    let distances: MappedSlice<f32> = file.finish(false)?;
-    Ok(DistanceRows { landmarks, distances, facts, nodes: n, key: String::new() })
+            return Ok(DistanceRows { landmarks, distances, facts, nodes: n, key: head.key });
+        }
+        Err(reason) => run.note_remake("rows", &reason),
+    }
+    let (landmarks, _) = run.stage("landmarks", "vertices", n as u64, || landmarks(surface, params, work, run))?;
+    let journal = work.file(JOURNAL);
+    let earlier = Journal::read(&journal).filter(|(of, _)| *of == head);
+    let taken = earlier.and_then(|(_, lines)| Some((RowsFile::reopen(&work.file(FILE), landmarks.len(), n)?, lines)));
+    let (file, mut done) = match taken {
+        Some(taken) => taken,
+        None => (RowsFile::create(&work.file(FILE), landmarks.len(), n)?, BTreeMap::new()),
+    };
+    let sound = |row: &[f32], line: &Line| checksum(row) == line.xxh3;
+    done.retain(|&k, line| landmarks[k] == line.landmark && file.row(k).is_ok_and(|row| sound(&row, line)));
+    if !done.is_empty() {
+        run.progress.note(&format!("rows: {} of {} taken over from an earlier run", done.len(), landmarks.len()));
+    }
+    let journal = if done.is_empty() { Journal::create(&journal, &head) } else { Journal::reopen(&journal) }?;
+    let fill = || {
+        run.progress.advance("rows", done.len() as u64);
+        fill(surface, landmarks, distance, file, &done, Some(&journal), run)
+    };
+    let (mut rows, seconds) = run.stage("rows", "rows", params.l as u64, fill)?;
+    crate::store::npy::write(&work.file(LANDMARKS), &rows.landmarks, 1, true)?;
+    work.stamp(STAGE, &head.key, &head.options, &[LANDMARKS, FILE], &rows.facts, seconds)?;
+    drop(journal);
+    work.remove(JOURNAL);
+    rows.key = head.key;
+    Ok(rows)
+}
+
+/// Computes the rows of `file` that are not `done`.
+fn fill(
+    surface: Surface<'_>,
+    landmarks: Vec<u32>,
+    distance: Distance,
+    file: RowsFile<f32>,
+    done: &BTreeMap<usize, Line>,
+    journal: Option<&Journal>,
+    run: &Run,
+) -> Result<DistanceRows> {
+    let mean = mean_weight(surface.graph);
+    let row = |k: usize, (front, march): &mut (Front, March)| {
+        if let Some(line) = done.get(&k) {
+            return Ok(line.facts);
+        }
+        let mut row = file.row(k)?;
+        match distance {
+            Distance::Edges => front.full(surface.graph, landmarks[k], &mut row, &run.cancel).map(drop)?,
+            Distance::March => march.full(surface, landmarks[k], &mut row, &run.cancel)?,
+        }
+        let facts = RowFacts::of(&row);
+        if let Some(journal) = journal {
+            row.sync().map_err(Error::io(FILE, "sync"))?;
+            journal.append(&Line { row: k, landmark: landmarks[k], facts, xxh3: checksum(&row) })?;
+        }
+        run.progress.advance("rows", 1);
+        Ok(facts)
+    };
+    let state = || (Front::new(mean), March::new(mean));
+    let facts = map_chunks(run.threads, &run.cancel, landmarks.len(), state, row)?;
+    let distances: MappedSlice<f32> = file.finish(journal.is_some())?;
+    Ok(DistanceRows { landmarks, distances, facts, nodes: surface.nodes.len(), key: String::new() })
 }

@@ -21,10 +21,24 @@ use crate::base::vector::{cross, distance, finite, length, minus, narrow, wide};
 use crate::base::{Error, Result};
 use crate::mesh::Mesh;
 use crate::store::sizing::Sized;
+use crate::store::workdir::key_of;
 use crate::store::{MappedSlice, Run, WorkDir};
+use serde::{Deserialize, Serialize};
+use serde_json::json;
 use std::path::Path;
 
 const CHUNK: usize = 1 << 14;
+
+/// The files of the stage.
+const FILES: [&str; 7] = [
+    "vertex_geometry.npy",
+    "ring_starts.npy",
+    "ring.npy",
+    "graph_indptr.npy",
+    "graph_indices.npy",
+    "graph_gd.npy",
+    "graph_edges.npy",
+];
 
 /// Two other corners of a triangle, seen from its first: vertex, next, previous.
 type Corner = [u32; 3];
@@ -48,7 +62,7 @@ pub struct VertexGraph {
 }
 
 /// Counts of a vertex graph.
-#[derive(Clone, Copy, Debug, Default, PartialEq, serde::Serialize)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct VertexFacts {
     /// Vertices n.
     pub vertices: u64,
@@ -173,6 +187,49 @@ impl VertexGraph {
             rows = bridge::insert(&rows, &bridges, work, run)?;
         }
         Ok(Self { rows, nodes, ring_starts: starts.finish(false)?, ring: ring.finish(false)?, frame, facts })
+    }
+
+    /// The same in a work directory that lasts, or what was built there from the same `input` before; also the key
+    /// of the stage.
+    ///
+    /// # Errors
+    /// As [`VertexGraph::build`].
+    pub fn kept(
+        mesh: &Mesh,
+        path: &Path,
+        input: &serde_json::Value,
+        work: &WorkDir,
+        run: &Run,
+    ) -> Result<(Self, String)> {
+        let options = json!({"stage": "vertex graph", "input": input});
+        let key = key_of(&options);
+        match work.reuse::<(VertexFacts, Frame)>("vertex graph", &key) {
+            Ok((facts, frame)) => {
+                run.progress.note("vertex graph: reused");
+                return Ok((Self::open(facts, frame, work)?, key));
+            }
+            Err(reason) => run.note_remake("vertex graph", &reason),
+        }
+        let graph = Self::build(mesh, path, work, run)?;
+        work.stamp("vertex graph", &key, &options, &FILES, &(graph.facts, graph.frame), 0.)?;
+        Ok((graph, key))
+    }
+
+    fn open(facts: VertexFacts, frame: Frame, work: &WorkDir) -> Result<Self> {
+        let [nodes, starts, ring, indptr, indices, gd, edge] = FILES;
+        Ok(Self {
+            rows: Rows {
+                indptr: work.open_array(indptr)?,
+                indices: work.open_array(indices)?,
+                gd: work.open_array(gd)?,
+                edge: work.open_array(edge)?,
+            },
+            nodes: work.open_array(nodes)?,
+            ring_starts: work.open_array(starts)?,
+            ring: work.open_array(ring)?,
+            frame,
+            facts,
+        })
     }
 
     /// The graph as raw slices.

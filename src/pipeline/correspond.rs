@@ -19,6 +19,7 @@ use crate::mesh::Opened;
 use crate::spectral::orthogonal::{Orthogonal, OrthogonalParams, Point};
 use crate::store::{MappedSlice, Run, WorkDir};
 use serde::Serialize;
+use serde_json::Value;
 
 /// What `correspond` is asked to do.
 #[derive(Clone, Copy, Debug, Serialize)]
@@ -102,23 +103,39 @@ pub struct Correspondence {
 }
 
 impl<'a> Side<'a> {
-    /// Makes a mesh ready in the folder `name` of `work`.
+    /// Makes a mesh ready in the folder `name` of `work`. With `input`, which says what the mesh is
+    /// ([`super::input::identity`]), graph and rows are kept there, or taken from there where they are of the same.
     ///
     /// # Errors
     /// [`Error::Parameter`], [`Error::Unusable`] for a mesh without triangles, [`Error::Io`], [`Error::Memory`],
     /// [`Error::Cancelled`].
-    pub fn build(opened: &'a Opened, params: &CorrespondParams, name: &str, work: &WorkDir, run: &Run) -> Result<Self> {
+    pub fn build(
+        opened: &'a Opened,
+        input: Option<&Value>,
+        params: &CorrespondParams,
+        name: &str,
+        work: &WorkDir,
+        run: &Run,
+    ) -> Result<Self> {
         params.embedding.check()?;
         let work = WorkDir::open(&work.file(name))?;
         let n = opened.mesh.positions.len() as u64;
-        let build = || VertexGraph::build(&opened.mesh, opened.document.path(), &work, run);
-        let (graph, _) = run.stage("graph", "vertices", n, build)?;
+        let path = opened.document.path();
+        let build = || match input {
+            Some(input) => VertexGraph::kept(&opened.mesh, path, input, &work, run),
+            None => Ok((VertexGraph::build(&opened.mesh, path, &work, run)?, String::new())),
+        };
+        let ((graph, key), _) = run.stage("graph", "vertices", n, build)?;
         let surface = Surface::of(&graph);
         let row_params = RowParams { l: params.landmarks.min(graph.len()), sampling: params.sampling };
-        let (landmarks, _) =
-            run.stage("landmarks", "vertices", n, || vertex_rows::landmarks(surface, row_params, &work, run))?;
-        let rows = || vertex_rows::rows(surface, landmarks, params.distance, "distances.npy", &work, run);
-        let (rows, _) = run.stage("rows", "rows", row_params.l as u64, rows)?;
+        let rows = if input.is_some() {
+            vertex_rows::kept(surface, row_params, params.distance, &key, &work, run)?
+        } else {
+            let (landmarks, _) =
+                run.stage("landmarks", "vertices", n, || vertex_rows::landmarks(surface, row_params, &work, run))?;
+            let rows = || vertex_rows::rows(surface, landmarks, params.distance, "distances.npy", &work, run);
+            run.stage("rows", "rows", row_params.l as u64, rows)?.0
+        };
         let embed = || {
             let fit = Orthogonal::fit(&rows, &graph.nodes, params.embedding, run)?;
             let points = fit.embed(&rows, fit.sigma, "embedding.npy", &work, run)?;
@@ -151,18 +168,20 @@ impl<'a> Side<'a> {
     }
 }
 
-/// Matches the vertices of `a` with those of `b`.
+/// Matches the vertices of `a` with those of `b`; `inputs` as in [`Side::build`].
 ///
 /// # Errors
 /// As [`Side::build`].
 pub fn correspond(
     a: &Opened,
     b: &Opened,
+    inputs: Option<&[Value; 2]>,
     params: &CorrespondParams,
     work: &WorkDir,
     run: &Run,
 ) -> Result<Correspondence> {
-    let (a, b) = (Side::build(a, params, "a", work, run)?, Side::build(b, params, "b", work, run)?);
+    let side = |opened, k: usize, name| Side::build(opened, inputs.map(|inputs| &inputs[k]), params, name, work, run);
+    let (a, b) = (side(a, 0, "a")?, side(b, 1, "b")?);
     match_sides(&a, &b, params, work, run)
 }
 

@@ -31,13 +31,7 @@ pub fn symmetric(rows: &DistanceRows) -> Vec<f32> {
 
 /// Every vertex embedded by the `k` leading eigenvectors, times √λ, of W (n × n, a row a vertex), or `by_area` of
 /// m^½ W m^½ with m the shares of area, divided by m^½ again; also the variances.
-pub fn embed(
-    distances: &[f32],
-    nodes: &[Node],
-    by_area: bool,
-    k: usize,
-    run: &Run,
-) -> Result<(Vec<Point>, Vec<f64>)> {
+pub fn embed(distances: &[f32], nodes: &[Node], by_area: bool, k: usize, run: &Run) -> Result<(Vec<Point>, Vec<f64>)> {
     let n = nodes.len();
     let row = |v: usize| &distances[v * n..(v + 1) * n];
     let total: f64 = nodes.iter().map(|node| f64::from(node.area)).sum();

@@ -1,14 +1,24 @@
-//! Matches in files: `.npy` (records of match, distance, confidence), `.csv` (the same in columns), and any vector of
-//! integers as a map of vertices to be judged by.
+//! Matches in files: `.npy` (records of match, distance, confidence), `.csv` and `.parquet` (the same in columns, after the
+//! vertex), and any vector of integers as a map of vertices to be judged by.
 
 use super::matches::Match;
+use crate::apps::export::parquet::{GROUP, Writer};
 use crate::base::{Error, Result};
+use crate::mesh::output::by_rename;
 use crate::store::npy::{self, partial_name};
 use crate::store::{MappedBytes, Run};
 use npyz::{Deserialize, NpyFile};
+use parquet::basic::Encoding;
+use parquet::data_type::{FloatType, Int32Type, Int64Type};
+use parquet::file::properties::WriterProperties;
+use parquet::schema::types::ColumnPath;
 use std::ffi::OsStr;
+use std::fs::File;
 use std::io::{BufWriter, Write};
 use std::path::Path;
+
+/// What endings are known, for messages.
+pub const ENDINGS: &str = ".npy, .csv or .parquet";
 
 const TITLES: &str = "vertex,match,distance,confidence";
 
@@ -19,13 +29,13 @@ fn ending(path: &Path) -> Option<String> {
 
 /// Whether [`write()`] knows the form of this name.
 pub fn is_known(path: &Path) -> bool {
-    matches!(ending(path).as_deref(), Some("npy" | "csv"))
+    matches!(ending(path).as_deref(), Some("npy" | "csv" | "parquet"))
 }
 
-/// Writes matches to `path`, `.npy` or `.csv`, by rename.
+/// Writes matches to `path`, `.npy`, `.csv` or `.parquet`, by rename.
 ///
 /// # Errors
-/// [`Error::Parameter`] for another ending; [`Error::Io`].
+/// [`Error::Parameter`] for another ending; [`Error::Io`], [`Error::Memory`], [`Error::Cancelled`].
 pub fn write(path: &Path, matches: &[Match], run: &Run) -> Result<()> {
     match ending(path).as_deref() {
         Some("npy") => npy::write(path, matches, 1, true).map(drop),
@@ -37,16 +47,42 @@ pub fn write(path: &Path, matches: &[Match], run: &Run) -> Result<()> {
                 let _ = std::fs::remove_file(&partial);
             })
         }
+        Some("parquet") => {
+            // A column of a group, and what the writer holds of all.
+            let bytes = 48 * GROUP.min(matches.len()) as u64;
+            let _grant = run.budget.take("a group of rows", bytes, bytes)?;
+            by_rename(path, 0, true, |file| write_parquet(path, file, matches, run))
+        }
         _ => {
             let problem = format!("{}: its ending says no known form", path.display());
-            Err(Error::parameter("-o", problem, "end it with .npy or .csv"))
+            Err(Error::parameter("-o", problem, format!("end it with {ENDINGS}")))
         }
     }
 }
 
+fn write_parquet(path: &Path, file: &mut File, matches: &[Match], run: &Run) -> Result<()> {
+    let schema = "message matches { required int32 vertex (INTEGER(32, false)); required int64 match; \
+                  required float distance; required float confidence; }";
+    let properties = WriterProperties::builder()
+        .set_dictionary_enabled(false)
+        .set_column_encoding(ColumnPath::from("vertex"), Encoding::DELTA_BINARY_PACKED);
+    let mut writer = Writer::new(path, file, schema, properties)?;
+    for (k, rows) in matches.chunks(GROUP).enumerate() {
+        run.cancel.check()?;
+        writer.group(|group| {
+            let first = k * GROUP;
+            group.column::<Int32Type>((first..first + rows.len()).map(|v| v as u32 as i32))?;
+            group.column::<Int64Type>(rows.iter().map(|one| one.target))?;
+            group.column::<FloatType>(rows.iter().map(|one| one.distance))?;
+            group.column::<FloatType>(rows.iter().map(|one| one.confidence))
+        })?;
+    }
+    writer.finish()
+}
+
 fn write_csv(path: &Path, matches: &[Match], run: &Run) -> Result<()> {
     let failed = || Error::io(path, "write");
-    let mut out = BufWriter::with_capacity(1 << 18, std::fs::File::create(path).map_err(Error::io(path, "create"))?);
+    let mut out = BufWriter::with_capacity(1 << 18, File::create(path).map_err(Error::io(path, "create"))?);
     writeln!(out, "{TITLES}").map_err(failed())?;
     for (v, one) in matches.iter().enumerate() {
         if v % (1 << 16) == 0 {
@@ -135,6 +171,7 @@ fn read_csv(path: &Path) -> Result<Vec<Option<u32>>> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use parquet::file::reader::{FileReader, SerializedFileReader};
 
     #[test]
     fn matches_come_back_from_both_forms_and_maps_from_integers() {
@@ -145,6 +182,12 @@ mod tests {
             write(&path, &matches, &Run::new(&())).unwrap();
             assert_eq!(read(&path).unwrap(), [Some(7), None]);
         }
+        let path = dir.path().join("m.parquet");
+        write(&path, &matches, &Run::new(&())).unwrap();
+        let table = SerializedFileReader::new(File::open(&path).unwrap()).unwrap();
+        let rows: Vec<String> = table.get_row_iter(None).unwrap().map(|row| row.unwrap().to_string()).collect();
+        assert_eq!(rows[0], "{vertex: 0, match: 7, distance: 0.25, confidence: 0.5}");
+        assert!(rows.len() == 2 && rows[1].starts_with("{vertex: 1, match: -1, distance: inf"), "{rows:?}");
         let path = dir.path().join("i.npy");
         npy::write::<u32>(&path, &[3, 1], 1, false).unwrap();
         assert_eq!(read(&path).unwrap(), [Some(3), Some(1)]);

@@ -4,6 +4,7 @@
 //! Files appear whole or not at all.
 
 pub mod glb;
+pub mod parquet;
 pub mod split;
 pub mod table;
 

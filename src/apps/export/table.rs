@@ -5,25 +5,18 @@
 //! of [`GROUP`] rows, each column of a group at a time: some 40 bytes a row of a group are held. About 45 bytes a face on disk.
 
 use super::fit;
+use super::parquet::{GROUP, Group, Writer};
 use crate::base::vector::{cross, length, minus};
 use crate::base::{Error, Result};
 use crate::mesh::output::by_rename;
 use crate::mesh::{Labelling, Mesh};
 use crate::store::Run;
 use parquet::basic::Encoding;
-use parquet::data_type::{DataType, DoubleType, FloatType, Int32Type};
-use parquet::errors::ParquetError;
+use parquet::data_type::{DoubleType, FloatType, Int32Type};
 use parquet::file::properties::WriterProperties;
-use parquet::file::writer::{SerializedFileWriter, SerializedRowGroupWriter};
-use parquet::schema::parser::parse_message_type;
 use parquet::schema::types::ColumnPath;
 use std::fs::File;
-use std::io::Write;
 use std::path::Path;
-use std::sync::Arc;
-
-/// Rows of a group: enough for readers to skip and share out, few enough to hold.
-pub const GROUP: usize = 1 << 18;
 
 /// Coordinates a face in some embedding.
 #[derive(Clone, Copy, Debug)]
@@ -87,17 +80,6 @@ struct Table<'a> {
 }
 
 impl Table<'_> {
-    fn wrong(&self, error: ParquetError) -> Error {
-        let error = match error {
-            ParquetError::External(source) => match source.downcast::<std::io::Error>() {
-                Ok(source) => *source,
-                Err(source) => std::io::Error::other(source.to_string()),
-            },
-            other => std::io::Error::other(other.to_string()),
-        };
-        Error::io(self.path, "write")(error)
-    }
-
     fn schema(&self) -> String {
         let mut text = String::from("message faces { required int32 face (INTEGER(32, false));");
         text += " required int32 label (INTEGER(32, false)); required double area;";
@@ -111,32 +93,26 @@ impl Table<'_> {
     }
 
     fn write(&self, file: &mut File) -> Result<()> {
-        let schema = parse_message_type(&self.schema()).map_err(|error| self.wrong(error))?;
         let properties = WriterProperties::builder()
-            .set_created_by(format!("nystrom-stream {}", env!("CARGO_PKG_VERSION")))
             // Numbers that hardly repeat make no dictionary; labels do, and faces are counted up.
             .set_dictionary_enabled(false)
             .set_column_dictionary_enabled(ColumnPath::from("label"), true)
-            .set_column_encoding(ColumnPath::from("face"), Encoding::DELTA_BINARY_PACKED)
-            .build();
-        let out = std::io::BufWriter::with_capacity(1 << 20, file);
-        let mut writer = SerializedFileWriter::new(out, Arc::new(schema), Arc::new(properties))
-            .map_err(|error| self.wrong(error))?;
+            .set_column_encoding(ColumnPath::from("face"), Encoding::DELTA_BINARY_PACKED);
+        let schema = self.schema();
+        let mut writer = Writer::new(self.path, file, &schema, properties)?;
         let n = self.mesh.faces.len();
         for start in (0..n).step_by(GROUP) {
             self.run.cancel.check()?;
-            let mut group = writer.next_row_group().map_err(|error| self.wrong(error))?;
-            self.group(start, n.min(start + GROUP), &mut group)?;
-            group.close().map_err(|error| self.wrong(error))?;
+            writer.group(|group| self.group(start, n.min(start + GROUP), group))?;
         }
-        writer.into_inner().map_err(|error| self.wrong(error))?.flush().map_err(Error::io(self.path, "write"))
+        writer.finish()
     }
 
     /// The rows `start..end`.
-    fn group<W: Write + Send>(&self, start: usize, end: usize, group: &mut SerializedRowGroupWriter<W>) -> Result<()> {
+    fn group(&self, start: usize, end: usize, group: &mut Group<'_, '_>) -> Result<()> {
         let labels = &self.labelling.labels[start..end];
-        self.column::<Int32Type, _>(group, (start..end).map(|face| face as u32 as i32))?;
-        self.column::<Int32Type, _>(group, labels.iter().map(|&label| label as i32))?;
+        group.column::<Int32Type>((start..end).map(|face| face as u32 as i32))?;
+        group.column::<Int32Type>(labels.iter().map(|&label| label as i32))?;
         let mut measures: Vec<[f64; 4]> = Vec::with_capacity(end - start);
         let mut corners = Vec::new();
         self.mesh.faces.for_each(start..end, |_, vertices| {
@@ -146,27 +122,16 @@ impl Table<'_> {
             measures.push([area, x, y, z]);
         });
         for k in 0..4 {
-            self.column::<DoubleType, _>(group, measures.iter().map(|row| row[k]))?;
+            group.column::<DoubleType>(measures.iter().map(|row| row[k]))?;
         }
         if let Some(quality) = self.labelling.quality {
-            self.column::<FloatType, _>(group, quality[start..end].iter().copied())?;
+            group.column::<FloatType>(quality[start..end].iter().copied())?;
         }
         if let Some(Coordinates { values, dimensions }) = self.embedding {
             for k in 0..dimensions {
-                self.column::<FloatType, _>(group, (start..end).map(|face| values[face * dimensions + k]))?;
+                group.column::<FloatType>((start..end).map(|face| values[face * dimensions + k]))?;
             }
         }
         Ok(())
-    }
-
-    fn column<T: DataType, W: Write + Send>(
-        &self,
-        group: &mut SerializedRowGroupWriter<W>,
-        values: impl Iterator<Item = T::T>,
-    ) -> Result<()> {
-        let values: Vec<T::T> = values.collect();
-        let Some(mut column) = group.next_column().map_err(|error| self.wrong(error))? else { return Ok(()) };
-        column.typed::<T>().write_batch(&values, None, None).map_err(|error| self.wrong(error))?;
-        column.close().map_err(|error| self.wrong(error))
     }
 }
