@@ -351,7 +351,8 @@ fn mutual_matches_are_mutual_and_one_to_one_ones_stable() {
         .iter()
         .map(|p| std::array::from_fn(|i| if i < 3 { p[i] + 0.05 * unit(&mut draw) as f32 } else { 0. }))
         .collect();
-    let alignment = Alignment { transform: DMatrix::identity(3, 3), cost: 0., distortion: None, orientation: 1. };
+    let alignment =
+        Alignment { transform: DMatrix::identity(3, 3), cost: 0., transport: None, distortion: None, orientation: 1. };
     let in_a = Nearest::new(&a, graph.csr(), 3, &work, &run).unwrap();
     let in_b = Nearest::new(&b, graph.csr(), 3, &work, &run).unwrap();
     let pair = Pair { a: &a, b: &b, graph_a: &graph, graph_b: &graph, alignment: &alignment, in_b: &in_b, in_a: &in_a };

@@ -238,7 +238,13 @@ fn series(folder: &Path, options: &Options, run: &Run) -> Result<Vec<Trial>> {
                 .iter()
                 .enumerate()
                 .filter_map(|(v, real)| Some((part.points[v], whole.points[(*real)? as usize])));
-            let known = Alignment { transform: procrustes(pairs, k), cost: 0., distortion: None, orientation: 1. };
+            let known = Alignment {
+                transform: procrustes(pairs, k),
+                cost: 0.,
+                transport: None,
+                distortion: None,
+                orientation: 1.,
+            };
             let aligned = mean_error(&part, &whole, &base, &known, &truth, run)?;
             let trial = Trial {
                 mesh: name.clone(),

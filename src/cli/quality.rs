@@ -4,10 +4,11 @@ use super::method::{KernelArg, SamplingArg};
 use super::metric::MetricArgs;
 use super::options::RunArgs;
 use super::{Failure, Surroundings};
+use clap::ValueEnum;
 use nystrom_stream::apps::study::chart;
 use nystrom_stream::apps::study::embedding::{self, EmbeddingError};
 use nystrom_stream::apps::study::table::{Spread, one_to_text, summary, to_csv, to_text};
-use nystrom_stream::apps::study::{CompareParams, Ground, GroundParams, Record, compare};
+use nystrom_stream::apps::study::{CompareParams, Ground, GroundParams, Over, Record, compare};
 use nystrom_stream::base::{Error, Result};
 use nystrom_stream::distance::sampling::Sampling;
 use nystrom_stream::mesh;
@@ -61,6 +62,9 @@ pub struct Args {
     /// principal angles to the true eigenvectors, in time cubic in the faces
     #[arg(long)]
     pub exact: bool,
+    /// What is sampled: faces, by the metric, or vertices, by distances through triangles
+    #[arg(long, value_enum, default_value = "faces")]
+    pub nodes: NodesArg,
     #[command(flatten)]
     pub metric: MetricArgs,
     /// Write everything as JSON; `-` for standard output, instead of the table
@@ -74,6 +78,15 @@ pub struct Args {
     pub plot: Vec<PathBuf>,
     #[command(flatten)]
     pub run: RunArgs,
+}
+
+/// What nodes are.
+#[derive(Clone, Copy, Debug, ValueEnum)]
+pub enum NodesArg {
+    /// Faces, by the metric
+    Faces,
+    /// Vertices, by distances through triangles
+    Vertices,
 }
 
 /// Refuses charts of unknown form before any work.
@@ -138,6 +151,10 @@ pub fn run(args: &Args, surroundings: &Surroundings) -> Result<(), Failure> {
     let bars = args.run.bars();
     let run = args.run.run(&bars, surroundings);
     let grounds = GroundParams {
+        over: match args.nodes {
+            NodesArg::Faces => Over::Faces,
+            NodesArg::Vertices => Over::Vertices,
+        },
         metric: args.metric.metric()?,
         matrix: if args.exact || args.compare || args.embedding { MOST } else { 0 },
         lengths: params.samplings.iter().any(|sampling| sampling.needs_lengths()),
@@ -149,7 +166,7 @@ pub fn run(args: &Args, surroundings: &Surroundings) -> Result<(), Failure> {
         let (opened, _) = run.stage("read", "bytes", 0, || mesh::open(path, work.path(), &run))?;
         let ground = Ground::of(&opened, &input::identity(path)?, grounds, &work, &run)?;
         if args.exact && ground.matrix.is_none() {
-            let problem = format!("has {} faces, too many for --exact", ground.len());
+            let problem = format!("has {} nodes, too many for --exact", ground.len());
             return Err(Error::unusable(path, problem, "decimate it to 5,000, or leave out --exact").into());
         }
         if args.embedding {

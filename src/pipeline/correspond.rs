@@ -240,5 +240,5 @@ fn transferred(
     let pairs =
         pairs.iter().filter_map(|&v| Some((a.points[v as usize], points[found[v as usize].vertex()? as usize])));
     let transform = procrustes(pairs, k);
-    Ok((points, Alignment { transform, cost: 0., distortion: None, orientation: 1. }))
+    Ok((points, Alignment { transform, cost: 0., transport: None, distortion: None, orientation: 1. }))
 }

@@ -59,7 +59,7 @@ pub struct OrthogonalParams {
 
 impl Default for OrthogonalParams {
     fn default() -> Self {
-        Self { kernel: Kernel::Gaussian, width: 1., dimensions: 7, style: Style::Orthogonal }
+        Self { kernel: Kernel::Gaussian, width: 1., dimensions: 8, style: Style::Orthogonal }
     }
 }
 

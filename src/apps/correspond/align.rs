@@ -3,16 +3,17 @@
 //! Guesses ([`super::candidates`]) are ranked by how near they bring [`COARSE`] points of one mesh to those of the other; the
 //! best [`KEPT`] are refined by alternating nearest points and the orthogonal matrix that fits these best
 //! (Procrustes), ranked again, tested for being mirror images ([`super::orientation`]) and refined on [`FINE`] points. How near
-//! points come does not always tell head from tail, since the leading axes know the coarse shape alone; so the rows are
-//! asked too: how far it is from a landmark of A to where one of B comes to lie on A, and on B from that one to where the first
-//! comes to lie. Product of both measures ranks maps (either alone was wrong more often). What is left and fits about as well, but maps the shape elsewhere, is an alternative: a symmetry that no
-//! measurement along the surface resolves.
+//! points come does not always tell head from tail: all of a head may lie near a tail. So the maps that are left are ranked by the product of this,
+//! of what it costs to carry equal shares of area onto each other one to one ([`super::transport`]), and of how much they distort:
+//! how far it is from a landmark of A to where one of B comes to lie on A, and on B from that one to where the first comes to lie.
+//! What fits about as well, but maps the shape elsewhere, is an alternative: a symmetry that no measurement along the surface resolves.
 //!
 //! Points stand for equal shares of area, so that densities of vertices do not matter. Cost: constant, about
 //! a second at most on one thread.
 
 use super::candidates::candidates;
 use super::orientation::Tensor;
+use super::transport::least_assignment;
 use crate::base::Result;
 use crate::base::parallel::map_chunks;
 use crate::base::random::{stream, unit};
@@ -29,6 +30,8 @@ pub const COARSE: usize = 120;
 pub const FINE: usize = 1000;
 /// Guesses that are refined; of those that fit then, and differ, [`LAST`] are refined finely.
 pub const KEPT: usize = 40;
+/// Points, for equal shares of area, that are carried onto each other.
+const CARRIED: usize = 400;
 /// Maps that are refined on [`FINE`] points.
 const LAST: usize = 8;
 /// Steps of a refinement.
@@ -67,6 +70,8 @@ pub struct Alignment {
     pub transform: DMatrix<f64>,
     /// Mean square from points to the nearest of the other mesh, both ways, in variances.
     pub cost: f64,
+    /// Mean square when equal shares of area are carried one to one ([`super::transport`]), in variances.
+    pub transport: Option<f64>,
     /// Mean difference between distances from landmark to landmark on either mesh, over √area.
     pub distortion: Option<f64>,
     /// Agreement of orientation: near 1 right, near −1 mirrored, in between the shape hardly tells.
@@ -85,7 +90,7 @@ pub struct Alignments {
 impl Alignment {
     /// What maps are ranked by, the least first.
     fn rank(&self) -> f64 {
-        self.cost * self.distortion.unwrap_or(1.)
+        self.cost * self.transport.unwrap_or(1.) * self.distortion.unwrap_or(1.)
     }
 
     /// Whether nothing plain speaks against this map beside the best.
@@ -109,25 +114,32 @@ pub fn apply(transform: &DMatrix<f64>, point: &Point) -> Point {
     })
 }
 
-/// About `count` vertices that stand for equal shares of area, in ascending order.
-pub fn sample(nodes: &[Node], count: usize, seed: u64, purpose: &str) -> Vec<u32> {
+/// `count` vertices that stand for equal shares of area, in ascending order; one with several shares comes several times.
+pub fn shares(nodes: &[Node], count: usize, seed: u64, purpose: &str) -> Vec<u32> {
     let total: f64 = nodes.iter().map(|node| f64::from(node.area)).sum();
+    if total <= 0. {
+        return (0..count).map(|k| (k * nodes.len() / count) as u32).collect();
+    }
     let mut draw = stream(seed, purpose);
     let mut chosen = Vec::with_capacity(count);
-    let (mut sum, mut k) = (0f64, 0usize);
+    let mut sum = 0f64;
     let mut target = unit(&mut draw) * total / count as f64;
     for (v, node) in nodes.iter().enumerate() {
         sum += f64::from(node.area);
-        let before = k;
-        while k < count && target < sum {
-            k += 1;
-            target = (k as f64 + unit(&mut draw)) * total / count as f64;
-        }
-        if k > before {
+        while chosen.len() < count && target < sum {
             chosen.push(v as u32);
+            target = (chosen.len() as f64 + unit(&mut draw)) * total / count as f64;
         }
     }
-    if chosen.is_empty() { (0..nodes.len().min(count) as u32).collect() } else { chosen }
+    chosen.resize(count, nodes.len().saturating_sub(1) as u32);
+    chosen
+}
+
+/// The same, each once.
+pub fn sample(nodes: &[Node], count: usize, seed: u64, purpose: &str) -> Vec<u32> {
+    let mut chosen = shares(nodes, count, seed, purpose);
+    chosen.dedup();
+    chosen
 }
 
 /// The orthogonal matrix that brings `from` nearest to `to`, by the singular value decomposition of Σ to fromᵀ.
@@ -211,6 +223,7 @@ pub fn align(a: Shape<'_>, b: Shape<'_>, run: &Run) -> Result<Alignments> {
     let unit = 1. / spread.max(1e-300);
     let measure = |transform: DMatrix<f64>, a_points: &[Point], b_points: &[Point]| Alignment {
         cost: unit * two_way(&transform, a_points, b_points),
+        transport: None,
         distortion: None,
         orientation: tensor_a.turned(&transform).agreement(&tensor_b),
         transform,
@@ -230,6 +243,8 @@ pub fn align(a: Shape<'_>, b: Shape<'_>, run: &Run) -> Result<Alignments> {
     let refined = different(refined, &coarse_a, 0.1 * APART * spread);
     let [chosen_a, chosen_b] = [a, b].map(|shape| sample(shape.nodes, FINE, run.seed, "fine points"));
     let (fine_a, fine_b) = (embedded(a, &chosen_a), embedded(b, &chosen_b));
+    let [equal_a, equal_b] =
+        [a, b].map(|shape| embedded(shape, &shares(shape.nodes, CARRIED, run.seed, "equal shares")));
     let landmarks =
         a.rows.zip(b.rows).map(|rows| (rows, embedded(a, &rows.0.landmarks), embedded(b, &rows.1.landmarks)));
     let fine = |k: usize, (): &mut ()| {
@@ -248,7 +263,10 @@ pub fn align(a: Shape<'_>, b: Shape<'_>, run: &Run) -> Result<Alignments> {
             }
             sum / (to_a.len() * to_b.len()).max(1) as f64
         });
-        Ok(Alignment { distortion, ..measure(transform, &fine_a, &fine_b) })
+        let moved: Vec<Point> = equal_a.iter().map(|point| apply(&transform, point)).collect();
+        let carried = least_assignment(CARRIED, |i, k| f64::from(square(&moved[i], &equal_b[k])));
+        let transport = Some(unit * carried / CARRIED as f64);
+        Ok(Alignment { transport, distortion, ..measure(transform, &fine_a, &fine_b) })
     };
     let mut refined = map_chunks(run.threads, &run.cancel, refined.len(), || (), fine)?;
     refined.sort_by(|x, y| x.rank().total_cmp(&y.rank()));

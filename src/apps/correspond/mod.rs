@@ -14,6 +14,7 @@ pub mod matches;
 pub mod nearest;
 pub mod orientation;
 pub mod show;
+pub mod transport;
 
 pub use align::{Alignment, Alignments, Shape, align};
 pub use error::Errors;

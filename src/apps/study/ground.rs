@@ -2,25 +2,41 @@
 //!
 //! σ is the same for all samplings: the mean over all pairs, or over the held-out rows. A σ from each sampling's own
 //! rows would favour the farthest points, which inflate it by 1.1 to 1.9. All distances of up to
-//! [`GroundParams::matrix`] faces lie in a mapped file of 4 n² bytes; a front a face, 0.2 ms each at 4,000 faces.
+//! [`GroundParams::matrix`] nodes lie in a mapped file of 4 n² bytes; a front a node, 0.2 ms each at 4,000 faces.
+//!
+//! Nodes are faces, as segmentation has them, or vertices with distances through triangles, as correspondence has them:
+//! paths from centroid to centroid zigzag, and what they are wrong by no small sample represents.
 
 use crate::base::Result;
 use crate::base::parallel::fill_chunks;
 use crate::base::random::{below, stream};
 use crate::distance::front::{Front, mean_weight};
+use crate::distance::march::{March, Surface};
 use crate::distance::rows::RowFacts;
 use crate::distance::sampling::geodesic::fill_lengths;
 use crate::graph::dual::{Csr, Weighted};
-use crate::graph::{DualGraph, Metric, Node};
+use crate::graph::{DualGraph, Metric, Node, VertexGraph};
 use crate::mesh::Opened;
 use crate::store::{MappedSlice, Run, WorkDir};
+
+/// What nodes are.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Over {
+    /// Faces; distances by a metric over the dual graph.
+    #[default]
+    Faces,
+    /// Vertices; distances by fast marching.
+    Vertices,
+}
 
 /// What a ground is to hold.
 #[derive(Clone, Copy, Debug)]
 pub struct GroundParams {
-    /// Form of the edge weights.
+    /// What nodes are.
+    pub over: Over,
+    /// Form of the edge weights between faces.
     pub metric: Metric,
-    /// Faces up to which all distances are computed.
+    /// Nodes up to which all distances are computed.
     pub matrix: usize,
     /// Columns held out.
     pub held_out: usize,
@@ -30,7 +46,22 @@ pub struct GroundParams {
 
 impl Default for GroundParams {
     fn default() -> Self {
-        Self { metric: Metric::default(), matrix: 5000, held_out: 20, lengths: false }
+        Self { over: Over::Faces, metric: Metric::default(), matrix: 5000, held_out: 20, lengths: false }
+    }
+}
+
+#[derive(Clone, Debug)]
+enum Graph {
+    Faces(Weighted),
+    Vertices(VertexGraph),
+}
+
+impl Graph {
+    fn csr(&self) -> Csr<'_> {
+        match self {
+            Self::Faces(graph) => graph.csr(),
+            Self::Vertices(graph) => graph.csr(),
+        }
     }
 }
 
@@ -39,7 +70,7 @@ impl Default for GroundParams {
 pub struct Ground {
     /// Geometry of the nodes (n).
     pub nodes: MappedSlice<Node>,
-    graph: Weighted,
+    graph: Graph,
     lengths: Option<MappedSlice<f32>>,
     /// All distances, row i at `i * n` (n × n), where there are few.
     pub matrix: Option<MappedSlice<f32>>,
@@ -62,12 +93,22 @@ impl Ground {
         work: &WorkDir,
         run: &Run,
     ) -> Result<Self> {
-        let built = DualGraph::build(&opened.mesh, opened.document.path(), identity, work, run)?;
-        let graph = built.weighted(params.metric, work, run)?;
-        let n = built.nodes.len();
+        let path = opened.document.path();
+        let (graph, nodes) = match params.over {
+            Over::Faces => {
+                let built = DualGraph::build(&opened.mesh, path, identity, work, run)?;
+                (Graph::Faces(built.weighted(params.metric, work, run)?), built.nodes)
+            }
+            Over::Vertices => {
+                let built = VertexGraph::build(&opened.mesh, path, work, run)?;
+                let nodes = built.nodes.clone();
+                (Graph::Vertices(built), nodes)
+            }
+        };
+        let n = nodes.len();
         let lengths = if params.lengths {
             let mut array = work.array::<f32>("lengths.npy", &[graph.csr().weights.len()])?;
-            fill_lengths(graph.csr(), &built.nodes, array.data(), run)?;
+            fill_lengths(graph.csr(), &nodes, array.data(), run)?;
             Some(array.finish(false)?)
         } else {
             None
@@ -88,7 +129,7 @@ impl Ground {
         // The distances of nodes from themselves are not of pairs.
         let own = matrix.as_ref().map_or(held_out.len(), |_| n) as u64;
         let mean = facts.sum / (facts.reached - own).max(1) as f64;
-        Ok(Self { nodes: built.nodes, graph, lengths, matrix, held_out, held_rows, mean })
+        Ok(Self { nodes, graph, lengths, matrix, held_out, held_rows, mean })
     }
 
     /// Number of nodes n.
@@ -136,7 +177,7 @@ impl Ground {
     }
 }
 
-fn rows(graph: &Weighted, of: &[u32], name: &str, work: &WorkDir, run: &Run) -> Result<MappedSlice<f32>> {
+fn rows(graph: &Graph, of: &[u32], name: &str, work: &WorkDir, run: &Run) -> Result<MappedSlice<f32>> {
     let csr = graph.csr();
     let mut array = work.array::<f32>(name, &[of.len(), csr.len()])?;
     let mean = mean_weight(csr);
@@ -146,9 +187,12 @@ fn rows(graph: &Weighted, of: &[u32], name: &str, work: &WorkDir, run: &Run) -> 
             &run.cancel,
             array.data(),
             csr.len(),
-            || Front::new(mean),
-            |k, row, front| {
-                front.full(csr, of[k], row, &run.cancel)?;
+            || (Front::new(mean), March::new(mean)),
+            |k, row, (front, march)| {
+                match graph {
+                    Graph::Faces(_) => front.full(csr, of[k], row, &run.cancel).map(drop)?,
+                    Graph::Vertices(graph) => march.full(Surface::of(graph), of[k], row, &run.cancel)?,
+                }
                 run.progress.advance("distances", 1);
                 Ok(())
             },
