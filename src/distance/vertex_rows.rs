@@ -104,6 +104,8 @@ pub fn kept(
     match work.reuse::<Vec<RowFacts>>(STAGE, &head.key) {
         Ok(facts) => {
             run.progress.note("rows: reused");
+            // Left where a run ended right after its stamp.
+            work.remove(JOURNAL);
             let landmarks = work.open_array::<u32>(LANDMARKS)?.to_vec();
             let distances: MappedSlice<f32> = work.open_array(FILE)?;
             if distances.len() != landmarks.len() * n || facts.len() != landmarks.len() {
