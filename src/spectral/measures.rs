@@ -8,7 +8,7 @@
 //! One pass over the columns each, O(n l²); C is never formed.
 
 use super::block::{Block, CHUNK};
-use crate::base::parallel::{chunk_count, chunk_range, map_chunks};
+use crate::base::parallel::map_ranges;
 use crate::base::{Result, eigen};
 use crate::store::Run;
 use nalgebra::{DMatrix, DVector};
@@ -118,41 +118,34 @@ pub fn measure(block: &dyn Block, held_out: Option<&dyn Block>, tolerance: f64, 
     // A⁺ B_h as rows (h × l).
     let toward: Option<DMatrix<f64>> =
         held_out.map(|held| (roots.tr_mul(&(&roots * block.columns_of(held.landmarks())))).transpose());
-    let parts = map_chunks(
-        run.threads,
-        &run.cancel,
-        chunk_count(n, CHUNK),
-        || (),
-        |k, ()| {
-            let range = chunk_range(n, CHUNK, k);
-            let m = range.len();
-            let mut out = vec![0.; l * m];
-            block.columns(range.clone(), &mut out);
-            // Rows of `out` are columns of this matrix: m × l.
-            let columns = DMatrix::from_vec(m, l, out);
-            let dots = &columns * roots.transpose();
-            let (mut gamma, mut star, mut greatest) = (0., 0., 0f64);
-            for j in 0..m {
-                if is_landmark.binary_search(&((range.start + j) as u32)).is_ok() {
-                    continue;
-                }
-                let w: f64 = dots.row(j).norm_squared();
-                gamma += w;
-                star += 1. - (1. - w).abs();
-                greatest = greatest.max(w);
+    let parts = map_ranges(run.threads, &run.cancel, n, CHUNK, |range| {
+        let m = range.len();
+        let mut out = vec![0.; l * m];
+        block.columns(range.clone(), &mut out);
+        // Rows of `out` are columns of this matrix: m × l.
+        let columns = DMatrix::from_vec(m, l, out);
+        let dots = &columns * roots.transpose();
+        let (mut gamma, mut star, mut greatest) = (0., 0., 0f64);
+        for j in 0..m {
+            if is_landmark.binary_search(&((range.start + j) as u32)).is_ok() {
+                continue;
             }
-            let (mut error, mut norm) = (0., 0.);
-            if let (Some(held), Some(toward)) = (held_out, &toward) {
-                let h = held.len();
-                let mut truth = vec![0.; h * m];
-                held.columns(range, &mut truth);
-                let truth = DMatrix::from_vec(m, h, truth);
-                error = (&truth - &columns * toward.transpose()).norm_squared();
-                norm = truth.norm_squared();
-            }
-            Ok([gamma, star, greatest, error, norm])
-        },
-    )?;
+            let w: f64 = dots.row(j).norm_squared();
+            gamma += w;
+            star += 1. - (1. - w).abs();
+            greatest = greatest.max(w);
+        }
+        let (mut error, mut norm) = (0., 0.);
+        if let (Some(held), Some(toward)) = (held_out, &toward) {
+            let h = held.len();
+            let mut truth = vec![0.; h * m];
+            held.columns(range, &mut truth);
+            let truth = DMatrix::from_vec(m, h, truth);
+            error = (&truth - &columns * toward.transpose()).norm_squared();
+            norm = truth.norm_squared();
+        }
+        Ok([gamma, star, greatest, error, norm])
+    })?;
     let sum = |i: usize| parts.iter().map(|part| part[i]).sum::<f64>();
     Ok(Measures {
         gamma: sum(0),
