@@ -66,7 +66,7 @@ impl Manifest {
 /// XXH3 of a file's bytes, in hexadecimal. Read where they are mapped: copying them would cost as much as hashing.
 ///
 /// # Errors
-/// [`Error::Io`].
+/// [`crate::base::Error::Io`].
 pub fn checksum(path: &Path) -> Result<String> {
     let bytes = MappedBytes::open(path)?;
     bytes.advise(Access::Sequential);
