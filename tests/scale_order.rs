@@ -120,3 +120,30 @@ fn labels_are_the_same_when_the_kernel_can_keep_nothing_in_memory() {
         assert!(labels(u64::MAX) == labels(0), "{cluster:?}");
     }
 }
+
+#[test]
+fn a_temporary_directory_that_gave_up_files_cuts_again() {
+    let dir = tempfile::tempdir().unwrap();
+    let path = dir.path().join("creature.ply");
+    let run = quiet(1 << 30);
+    let creature = Creature::new(&Options { faces: 30_000, shuffle: true, ..Options::default() }).unwrap();
+    creature.write_ply(&path, &run).unwrap();
+    let opened = mesh::open(&path, dir.path(), &run).unwrap();
+    for cluster in [Cluster::Parts, Cluster::KMeans] {
+        let labels = |work: &WorkDir, parts: usize| {
+            let parts = PartsParams { count: PartCount::Exactly(parts), ..PartsParams::default() };
+            let order = Order::Hilbert;
+            let params = SegmentParams { parts, cluster, order, landmarks: Some(10), ..SegmentParams::default() };
+            segment(&opened, &json!(1), &params, work, &run).unwrap().labels.to_vec()
+        };
+        let temporary = WorkDir::temporary(dir.path()).unwrap();
+        let lasting = WorkDir::open(&dir.path().join(format!("{cluster:?}"))).unwrap();
+        for parts in [6, 4, 4] {
+            assert!(labels(&temporary, parts) == labels(&lasting, parts), "{cluster:?} {parts}");
+        }
+        assert!(lasting.file("curve_vertices.npy").exists() && !temporary.file("curve_vertices.npy").exists());
+        let given_up = cluster == Cluster::KMeans;
+        assert_eq!(temporary.file("graph_weights.npy").exists(), !given_up);
+        assert!(lasting.file("graph_weights.npy").exists());
+    }
+}

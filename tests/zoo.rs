@@ -22,7 +22,8 @@ fn exactly(parts: usize) -> PartsParams {
 fn check(shape: &Shape, path: &Path, params: SegmentParams) {
     let dir = tempfile::tempdir().unwrap();
     let run = Run { threads: 2, ..Run::new(&()) };
-    let work = WorkDir::temporary(dir.path()).unwrap();
+    // One that lasts: a temporary one gives up the weights, which are looked at below.
+    let work = WorkDir::open(&dir.path().join("work")).unwrap();
     let opened = mesh::open(path, work.path(), &run).unwrap();
     let told = format!("{} {params:?}", shape.name);
     let result = segment(&opened, &input::identity(path).unwrap(), &params, &work, &run)

@@ -22,6 +22,8 @@ use locality::Locality;
 use serde::{Deserialize, Serialize};
 use serde_json::{Value, json};
 
+/// The stage of the sorted mesh; its order, which outlives it in a temporary directory, is the stage `order`.
+const CURVE: &str = "curve";
 const ORDER: &str = "face_order.npy";
 const VERTICES: &str = "curve_vertices.npy";
 /// Faces above which [`Order::Auto`] may reorder: below, all pages are at hand in any order.
@@ -123,7 +125,8 @@ impl Ordered {
         }
         let options = json!({"stage": "order", "input": input, "order": "hilbert"});
         let key = key_of(&options);
-        let facts = match work.reuse::<OrderFacts>("order", &key) {
+        let whole = |facts| work.reuse::<()>(CURVE, &key).map(|()| facts);
+        let facts = match work.reuse::<OrderFacts>("order", &key).and_then(whole) {
             Ok(facts) => {
                 run.progress.note("order: reused");
                 facts
@@ -138,9 +141,9 @@ impl Ordered {
                 run.note_remake("order", &reason);
                 let ((), seconds) = run.stage("order", "faces", n as u64, || sort(mesh, &frame, work, run))?;
                 let facts = OrderFacts { far_steps: found.far_steps, stretch: found.stretch, reordered: true };
-                let mut files = vec![ORDER, VERTICES];
-                files.extend(faces::files(&mesh.faces));
-                work.stamp("order", &key, &options, &files, &facts, seconds)?;
+                let sorted = [&[VERTICES], faces::files(&mesh.faces)].concat();
+                work.stamp(CURVE, &key, &options, &sorted, &(), 0.)?;
+                work.stamp("order", &key, &options, &[ORDER], &facts, seconds)?;
                 facts
             }
         };
@@ -172,7 +175,7 @@ impl Ordered {
         if nodes.order.is_some() {
             let files = [&[VERTICES], faces::files(&self.mesh.faces)].concat();
             drop(self);
-            work.release("order", &files)?;
+            work.release(CURVE, &files)?;
         }
         Ok(nodes)
     }
