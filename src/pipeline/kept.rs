@@ -143,7 +143,6 @@ pub fn cut(work: &WorkDir) -> Option<PartsParams> {
 /// # Errors
 /// As [`super::segment`], and [`Error::WorkDir`] where the graph is missing.
 pub fn cluster(params: &SegmentParams, tree: Option<&PartTree>, work: &WorkDir, run: &Run) -> Result<Segmentation> {
-    work.check_ahead(&["graph", "order", "surface", "weights", "decision"]);
     let (graph, input) = DualGraph::kept(work)?;
     super::check(params, work.path(), graph.nodes.len())?;
     let order = NodeOrder::kept(&input, work)?;

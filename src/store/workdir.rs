@@ -14,7 +14,6 @@ use super::manifest::MANIFEST;
 pub use super::manifest::{FORMAT, FileRecord, Manifest, NOT_MADE, Stage, checksum, key_of};
 use super::npy::{self, ArrayMut, ArrayWriter, Item};
 use crate::base::{Error, Result};
-use std::collections::BTreeSet;
 use std::fs::File;
 use std::path::{Path, PathBuf};
 use std::sync::{Mutex, MutexGuard};
@@ -31,8 +30,6 @@ pub struct WorkDir {
     temporary: bool,
     /// Whether other processes may read it too; nothing is stamped then.
     pub(super) shared: bool,
-    /// Names and checksums of files that were checked ahead.
-    pub(super) ahead: Mutex<BTreeSet<(String, String)>>,
 }
 
 /// Locks the folder, alone or shared with other readers; `None` where another process is in the way.
@@ -96,8 +93,7 @@ impl WorkDir {
             ));
         }
         let manifest = Mutex::new(manifest);
-        let ahead = Mutex::default();
-        let work = Self { path: path.to_path_buf(), manifest, _lock: lock, temporary: false, shared, ahead };
+        let work = Self { path: path.to_path_buf(), manifest, _lock: lock, temporary: false, shared };
         if !shared {
             work.sweep();
         }
@@ -149,8 +145,7 @@ impl WorkDir {
             }
             if let Some(lock) = locked? {
                 let manifest = Mutex::new(Manifest::new());
-                let ahead = Mutex::default();
-                return Ok(Self { path, manifest, _lock: lock, temporary: true, shared: false, ahead });
+                return Ok(Self { path, manifest, _lock: lock, temporary: true, shared: false });
             }
         }
         Err(Error::work_dir(parent, "temporary folders are taken away by another process", "name another --tmp"))
