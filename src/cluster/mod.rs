@@ -13,7 +13,6 @@ pub mod extrapolate;
 pub mod islands;
 pub mod kmeans;
 pub mod normals;
-mod pairs;
 pub mod parts;
 pub mod seeds;
 pub mod shares;

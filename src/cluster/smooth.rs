@@ -5,16 +5,14 @@
 //! curve by its curvature) straighten it within [`REACH`] of where it was. Links across a crease carry little, so
 //! a boundary on one stays there. Nodes outside the band, and cores of parts, are fixed: no part vanishes.
 //!
-//! Cost: at most [`SWEEPS`] sweeps over the band's nodes and links; 190 bytes a node of the band, which
+//! Cost: at most [`SWEEPS`] sweeps over the band's nodes and links; 130 bytes a node of the band, which
 //! is at most [`FACES`] faces wide, so a fraction of a per cent of a large mesh.
 
-use super::pairs::Pairs;
 use crate::base::Result;
-use crate::base::parallel::{chunk_range, fill_chunks, map_ranges};
+use crate::base::parallel::{chunk_count, chunk_range, fill_chunks, map_chunks, map_ranges};
 use crate::graph::dual::Csr;
 use crate::spectral::exp::exp;
 use crate::store::Run;
-use std::ops::Range;
 
 /// Half the width of the band at the most, in units of √(area).
 pub const REACH: f32 = 0.01;
@@ -127,32 +125,20 @@ fn of_two(own: &Mix, links: &[Link], before: &[Mix]) -> Option<Mix> {
 
 /// A link of a band's node: to a place in the band, or to a fixed node, of which only the label matters.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Link {
+struct Link {
     /// Place in the band, or label.
-    pub to: u32,
-    pub inside: bool,
-    pub weight: f32,
+    to: u32,
+    inside: bool,
+    weight: f32,
 }
 
 /// The links of all nodes of a band.
-pub(super) struct Links {
+struct Links {
     start: Vec<u32>,
     list: Vec<Link>,
 }
 
 impl Links {
-    /// Where the links of the place `b` are among all.
-    #[inline]
-    pub fn span(&self, b: usize) -> Range<usize> {
-        self.start[b] as usize..self.start[b + 1] as usize
-    }
-
-    /// The links of the place `b`.
-    #[inline]
-    pub fn around(&self, b: usize) -> &[Link] {
-        &self.list[self.span(b)]
-    }
-
     fn of(
         steps: Csr<'_>,
         (gd, edge): (&[f32], &[f32]),
@@ -207,43 +193,18 @@ pub fn smooth(
 ) -> Result<()> {
     let reach = REACH.min(FACES * mean);
     let sweeps = if mean > 0. { (0.5 * (reach / mean).powi(2)).round() as usize } else { 0 };
+    let chunks = chunk_count(band.len(), CHUNK);
     if band.is_empty() || sweeps == 0 {
         return Ok(());
     }
-    let sweeps = sweeps.min(SWEEPS);
     let links = Links::of(steps, sizes, unit, band, labels, run)?;
-    let own: Vec<u32> = band.iter().map(|&node| labels[node as usize]).collect();
-    let pairs = Pairs::of(&links, &own);
-    let mut smoothed = pairs.diffused(&links, &own, sweeps, run)?;
-    if pairs.have_junctions() {
-        let of_any = diffused(&links, &own, |b| pairs.is_junction(b), sweeps, run)?;
-        for (b, (label, mix)) in smoothed.iter_mut().zip(of_any).enumerate() {
-            if pairs.is_junction(b) {
-                *label = mix.strongest();
-            }
-        }
-    }
-    for (&node, label) in band.iter().zip(smoothed) {
-        labels[node as usize] = label;
-    }
-    Ok(())
-}
-
-/// The mixes after `sweeps` sweeps from the labels `own`, for places for which `wanted` holds, which are not linked to others.
-fn diffused(
-    links: &Links,
-    own: &[u32],
-    wanted: impl Fn(usize) -> bool + Sync,
-    sweeps: usize,
-    run: &Run,
-) -> Result<Vec<Mix>> {
-    let mut now: Vec<Mix> = own.iter().map(|&label| Mix::pure(label)).collect();
+    let mut now: Vec<Mix> = band.iter().map(|&node| Mix::pure(labels[node as usize])).collect();
     let mut next = now.clone();
-    for _ in 0..sweeps {
+    for _ in 0..sweeps.min(SWEEPS) {
         let before = &now[..];
         fill_chunks(run.threads, &run.cancel, &mut next, CHUNK, Tally::default, |k, out, tally| {
-            for (slot, b) in out.iter_mut().zip(chunk_range(own.len(), CHUNK, k)).filter(|(_, b)| wanted(*b)) {
-                let around = links.around(b);
+            for (slot, b) in out.iter_mut().zip(chunk_range(band.len(), CHUNK, k)) {
+                let around = &links.list[links.start[b] as usize..links.start[b + 1] as usize];
                 if let Some(mix) = of_two(&before[b], around, before) {
                     *slot = mix;
                     continue;
@@ -265,7 +226,17 @@ fn diffused(
         })?;
         std::mem::swap(&mut now, &mut next);
     }
-    Ok(now)
+    let strongest = map_chunks(
+        run.threads,
+        &run.cancel,
+        chunks,
+        || (),
+        |k, ()| Ok(now[chunk_range(band.len(), CHUNK, k)].iter().map(Mix::strongest).collect::<Vec<u32>>()),
+    )?;
+    for (&node, label) in band.iter().zip(strongest.into_iter().flatten()) {
+        labels[node as usize] = label;
+    }
+    Ok(())
 }
 
 #[cfg(test)]
@@ -302,52 +273,5 @@ mod tests {
             mixed += usize::from(labels == 2);
         }
         assert!(mixed > 200, "{mixed}");
-    }
-
-    /// Links of `m` places, most to near ones, some to fixed nodes of labels below 4.
-    fn draw_links(random: &mut rand_xoshiro::Xoshiro256PlusPlus, m: usize) -> Links {
-        let mut beside = vec![Vec::new(); m];
-        for a in 0..m {
-            let weight = unit(random) as f32;
-            let b = a + 1 + below(random, 4);
-            // Gaps leave short pieces, of two labels, and long ones.
-            let piece = if a < m / 2 { 40 } else { 200 };
-            if b < m && a % piece < piece - 4 {
-                beside[a].push(Link { to: b as u32, inside: true, weight });
-                beside[b].push(Link { to: a as u32, inside: true, weight });
-            } else {
-                beside[a].push(Link { to: (a / 120 + below(random, 2)) as u32 % 4, inside: false, weight });
-            }
-        }
-        let mut links = Links { start: vec![0], list: Vec::new() };
-        for list in beside {
-            links.list.extend(list);
-            links.start.push(links.list.len() as u32);
-        }
-        links
-    }
-
-    #[test]
-    fn pieces_with_two_labels_come_out_as_any_do() {
-        let mut random = stream(2, "pairs");
-        let run = Run::new(&());
-        let (mut pairs_seen, mut junctions_seen) = (0, 0);
-        for _ in 0..20 {
-            let m = 600;
-            let links = draw_links(&mut random, m);
-            let own: Vec<u32> = (0..m).map(|b| ((b / 120 + below(&mut random, 2)) % 4) as u32).collect();
-            let pairs = Pairs::of(&links, &own);
-            let quick = pairs.diffused(&links, &own, 12, &run).unwrap();
-            let slow = diffused(&links, &own, |_| true, 12, &run).unwrap();
-            for b in 0..m {
-                if pairs.is_junction(b) {
-                    junctions_seen += 1;
-                } else {
-                    pairs_seen += 1;
-                    assert_eq!(quick[b], slow[b].strongest(), "place {b}");
-                }
-            }
-        }
-        assert!(pairs_seen > 1000 && junctions_seen > 100, "{pairs_seen} {junctions_seen}");
     }
 }
