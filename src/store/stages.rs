@@ -6,10 +6,9 @@ use super::workdir::WorkDir;
 use crate::base::{Error, Result};
 use serde::Serialize;
 use serde::de::DeserializeOwned;
-use std::collections::{BTreeMap, BTreeSet};
+use std::collections::BTreeMap;
 use std::fs::File;
 use std::io::Write;
-use std::sync::MutexGuard;
 
 impl WorkDir {
     /// The facts of a finished stage, where its key is `key` and its files have the stamped sizes and checksums.
@@ -34,35 +33,15 @@ impl WorkDir {
         if record.key != key {
             return Err("its options or inputs changed".to_string());
         }
-        let mut ahead = self.ahead();
-        let open = record.files.iter().filter(|(name, file)| !ahead.remove(&((*name).clone(), file.xxh3.clone())));
-        self.all_unharmed(&open.collect::<Vec<_>>())?;
-        serde_json::from_value(record.facts.clone()).map_err(|error| format!("its facts are unreadable: {error}"))
-    }
-
-    /// Checks the files of the finished `stages` all at once, so that the next [`WorkDir::reuse`] of each need not, one after
-    /// another. What is wrong with them, that will tell.
-    pub fn check_ahead(&self, stages: &[&str]) {
-        let manifest = self.manifest_lock();
-        let files = stages.iter().filter_map(|stage| manifest.stages.get(*stage)).flat_map(|stage| &stage.files);
-        let files: Vec<_> = files.collect();
-        if self.all_unharmed(&files).is_ok() {
-            self.ahead().extend(files.into_iter().map(|(name, file)| (name.clone(), file.xxh3.clone())));
-        }
-    }
-
-    fn ahead(&self) -> MutexGuard<'_, BTreeSet<(String, String)>> {
-        self.ahead.lock().unwrap_or_else(|poison| poison.into_inner())
-    }
-
-    /// Whether all `files` still have the bytes that were stamped. Side by side: reading is what another number of parts
-    /// waits for.
-    fn all_unharmed(&self, files: &[(&String, &FileRecord)]) -> Result<(), String> {
+        // Side by side: reading is what another number of parts waits for most.
         std::thread::scope(|scope| {
-            let checks: Vec<_> =
-                files.iter().map(|&(name, file)| scope.spawn(move || self.unharmed(name, file))).collect();
+            let mut checks = Vec::new();
+            for (name, file) in &record.files {
+                checks.push(scope.spawn(|| self.unharmed(name, file)));
+            }
             checks.into_iter().try_for_each(|check| check.join().unwrap_or_else(|_| Err("it cannot be read".into())))
-        })
+        })?;
+        serde_json::from_value(record.facts.clone()).map_err(|error| format!("its facts are unreadable: {error}"))
     }
 
     /// Whether a file still has the bytes that were stamped: one sequential read, far cheaper than a wrong label.
