@@ -239,8 +239,13 @@ fn rows(
     DistanceRows::build(weighted, &graph.nodes, RowParams { l, sampling: params.sampling }, work, run)
 }
 
-/// Refuses numbers of parts that make no sense for this mesh.
+/// Refuses numbers of parts that make no sense for this mesh, and ways that exclude each other.
 fn check(params: &SegmentParams, path: &Path, faces: usize) -> Result<()> {
+    let preview = params.cluster == Cluster::Parts && params.coarse;
+    if preview && params.boundaries == Boundaries::Embedding {
+        let remedy = "leave out --coarse, or use --boundaries front";
+        return Err(Error::parameter("--boundaries", "a preview has no rows over all faces", remedy));
+    }
     let wanted = match params.parts.count {
         PartCount::Found if params.cluster == Cluster::KMeans => {
             let remedy = "give it, as in -k 6, or leave out --cluster kmeans";

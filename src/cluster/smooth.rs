@@ -9,7 +9,7 @@
 //! is at most [`FACES`] faces wide, so a fraction of a per cent of a large mesh.
 
 use crate::base::Result;
-use crate::base::parallel::{chunk_count, chunk_range, fill_chunks, map_chunks, map_ranges};
+use crate::base::parallel::{chunk_range, fill_chunks, map_ranges};
 use crate::graph::dual::Csr;
 use crate::spectral::exp::exp;
 use crate::store::Run;
@@ -193,7 +193,6 @@ pub fn smooth(
 ) -> Result<()> {
     let reach = REACH.min(FACES * mean);
     let sweeps = if mean > 0. { (0.5 * (reach / mean).powi(2)).round() as usize } else { 0 };
-    let chunks = chunk_count(band.len(), CHUNK);
     if band.is_empty() || sweeps == 0 {
         return Ok(());
     }
@@ -226,15 +225,8 @@ pub fn smooth(
         })?;
         std::mem::swap(&mut now, &mut next);
     }
-    let strongest = map_chunks(
-        run.threads,
-        &run.cancel,
-        chunks,
-        || (),
-        |k, ()| Ok(now[chunk_range(band.len(), CHUNK, k)].iter().map(Mix::strongest).collect::<Vec<u32>>()),
-    )?;
-    for (&node, label) in band.iter().zip(strongest.into_iter().flatten()) {
-        labels[node as usize] = label;
+    for (&node, mix) in band.iter().zip(&now) {
+        labels[node as usize] = mix.strongest();
     }
     Ok(())
 }

@@ -8,6 +8,7 @@
 //! Rows that the journal knows from an earlier run are checked (one pass over them) and taken over. In a
 //! temporary directory there is no journal and nothing is synced.
 
+use super::begun::Begun;
 use super::front::{Front, mean_weight};
 use super::journal::{Head, Journal, Line, checksum};
 use super::landmarks::{Finished, Sampling, choose};
@@ -73,18 +74,6 @@ impl Finished for Slots<'_> {
     }
 }
 
-impl Head {
-    /// Whether row `k` is wanted.
-    fn wants(&self, k: usize) -> bool {
-        k % self.of == self.shard
-    }
-
-    /// How many rows are wanted.
-    pub(super) fn wanted(&self) -> usize {
-        (0..self.rows).filter(|&k| self.wants(k)).count()
-    }
-}
-
 impl Task<'_> {
     /// Computes the rows that the head wants into the file `name` (still under its temporary name when this returns),
     /// going on where the journal `journal` says that an earlier run was.
@@ -96,27 +85,13 @@ impl Task<'_> {
         run: &Run,
     ) -> Result<(RowsFile<f32>, BTreeMap<usize, Line>)> {
         let (head, n) = (self.head, self.head.nodes);
-        let (path, journal_path) = (work.file(name), work.file(journal));
-        let earlier = Journal::read(&journal_path).filter(|(of, _)| work.durable() && of == head);
-        let taken = earlier.and_then(|(_, lines)| Some((RowsFile::reopen(&path, head.wanted(), n)?, lines)));
-        let (file, mut done) = match taken {
-            Some(taken) => taken,
-            None => (RowsFile::create(&path, head.wanted(), n)?, BTreeMap::new()),
-        };
-        let rows = (0..head.wanted()).map(|slot| Ok(Mutex::new(file.row(slot)?))).collect::<Result<Vec<_>>>()?;
-        let mut slots = Slots { head, rows, done: BTreeMap::new(), journal: None, path };
-        done.retain(|&row, line| head.wants(row) && checksum(&slots.take(row)) == line.xxh3);
+        let Begun { file, done, journal } = Begun::new(head, (name, journal), |_| true, work, run)?;
         if !done.is_empty() {
-            run.progress.note(&format!("rows: {} of {} taken over from an earlier run", done.len(), head.wanted()));
             run.progress.advance("rows", done.len() as u64);
         }
-        if work.durable() {
-            let anew = done.is_empty();
-            slots.journal =
-                Some(if anew { Journal::create(&journal_path, head) } else { Journal::reopen(&journal_path) }?);
-        }
+        let rows = (0..head.wanted()).map(|slot| Ok(Mutex::new(file.row(slot)?))).collect::<Result<Vec<_>>>()?;
         let mut lines = done.clone();
-        slots.done = done;
+        let slots = Slots { head, rows, done, journal, path: work.file(name) };
         if lines.len() < head.wanted() {
             let temporary = format!("nearest-{}.tmp", head.shard);
             let mut field: ArrayMut<f32> = work.array(&temporary, &[n])?;

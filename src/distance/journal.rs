@@ -31,6 +31,18 @@ pub struct Head {
     pub of: usize,
 }
 
+impl Head {
+    /// Whether row `k` is wanted.
+    pub(super) fn wants(&self, k: usize) -> bool {
+        k % self.of == self.shard
+    }
+
+    /// How many rows are wanted.
+    pub(super) fn wanted(&self) -> usize {
+        (0..self.rows).filter(|&k| self.wants(k)).count()
+    }
+}
+
 /// A finished row.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Line {

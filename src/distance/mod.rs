@@ -3,6 +3,7 @@
 //! [`front`] is the engine; [`landmarks`] picks sample faces by one of several [`sampling`]s while
 //! [`rows`] runs one full front a landmark on the other threads and writes `[A B]`'s distances.
 
+mod begun;
 mod carry;
 mod compute;
 pub mod exp;

@@ -6,6 +6,7 @@
 //! In a work directory that lasts ([`kept`]) each finished row is brought to the disk and entered in a journal, from which a run that was stopped
 //! goes on, and finished rows are a stage that later runs with the same landmarks open.
 
+use super::begun::Begun;
 use super::front::mean_weight;
 use super::journal::{Head, Journal, Line, checksum};
 use super::landmarks::choose;
@@ -116,22 +117,11 @@ pub fn kept(
         Err(reason) => run.note_remake("rows", &reason),
     }
     let (landmarks, _) = run.stage("landmarks", "vertices", n as u64, || landmarks(surface, params, work, run))?;
-    let journal = work.file(JOURNAL);
-    let earlier = Journal::read(&journal).filter(|(of, _)| *of == head);
-    let taken = earlier.and_then(|(_, lines)| Some((RowsFile::reopen(&work.file(FILE), landmarks.len(), n)?, lines)));
-    let (file, mut done) = match taken {
-        Some(taken) => taken,
-        None => (RowsFile::create(&work.file(FILE), landmarks.len(), n)?, BTreeMap::new()),
-    };
-    let sound = |row: &[f32], line: &Line| checksum(row) == line.xxh3;
-    done.retain(|&k, line| landmarks[k] == line.landmark && file.row(k).is_ok_and(|row| sound(&row, line)));
-    if !done.is_empty() {
-        run.progress.note(&format!("rows: {} of {} taken over from an earlier run", done.len(), landmarks.len()));
-    }
-    let journal = if done.is_empty() { Journal::create(&journal, &head) } else { Journal::reopen(&journal) }?;
+    let sound = |line: &Line| landmarks.get(line.row) == Some(&line.landmark);
+    let Begun { file, done, journal } = Begun::new(&head, (FILE, JOURNAL), sound, work, run)?;
     let fill = || {
         run.progress.advance("rows", done.len() as u64);
-        fill(surface, landmarks, distance, file, &done, Some(&journal), run)
+        fill(surface, landmarks, distance, file, &done, journal.as_ref(), run)
     };
     let (mut rows, seconds) = run.stage("rows", "rows", params.l as u64, fill)?;
     crate::store::npy::write(&work.file(LANDMARKS), &rows.landmarks, 1, true)?;

@@ -68,10 +68,6 @@ fn places(
     work: &WorkDir,
     run: &Run,
 ) -> Result<(Places, DistanceRows)> {
-    if params.coarse {
-        let remedy = "leave out --coarse, or use --boundaries front";
-        return Err(Error::parameter("--boundaries", "a preview has no rows over all faces", remedy));
-    }
     let (rows, b) = decision::rows_used(graph, weighted, surface, &decided.numbers, params, work, run)?;
     Ok((Places::new(&surface.cells.graph, &b, &decided.label), rows))
 }
