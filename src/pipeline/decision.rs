@@ -69,7 +69,7 @@ pub(super) fn decide(
         "decision": params.parts.decision,
         "members": params.parts.members,
         "small_part": params.parts.small_part,
-        "hierarchy": 2,
+        "hierarchy": 3,
         "seed": run.seed,
     });
     let key = key_of(&options);

@@ -3,7 +3,8 @@
 //! Cells p and q see each other as convex if n_p·(x_q − x_p) < .05 |d| and n_q·(x_p − x_q) <
 //! .05 |d|: across a convex body they do, across a notch they do not. A pair weighs
 //! a_p a_q exp(−|d|²/2w²), cut at |d| = 4w, for three widths w at once, so that one pass over the
-//! pairs serves all members. Sums are kept between atoms and add up when atoms are united.
+//! pairs serves all members. With the same weights, how much the thickness of the body differs between the cells of a
+//! pair ([`super::thickness`]). Sums are kept between atoms and add up when atoms are united.
 
 use super::cells::CellGraph;
 use crate::base::Result;
@@ -32,6 +33,8 @@ pub struct PairSums {
     pub seen: [f64; 3],
     /// All pairs.
     pub all: [f64; 3],
+    /// |difference| of the logarithms of thickness over all pairs.
+    pub step: [f64; 3],
 }
 
 /// exp(−x/2w²) for the three widths and x up to the widest cut.
@@ -71,6 +74,7 @@ struct Point {
     x: [f64; 3],
     n: [f64; 3],
     area: f64,
+    thickness: f64,
 }
 
 /// A ball around an atom's centres, and where its cells begin.
@@ -83,12 +87,12 @@ struct Ball {
 
 /// Sums between all pairs of atoms that have any, ordered by (a, b).
 ///
-/// `atom`: an atom below `atoms` for each cell.
+/// `atom`: an atom below `atoms` for each cell; `thickness`: the logarithm of a length (S).
 ///
 /// # Errors
 /// Cancellation.
-pub fn convexity(cells: &CellGraph, atom: &[u32], atoms: usize, run: &Run) -> Result<Vec<PairSums>> {
-    let (points, balls) = gather(cells, atom, atoms);
+pub fn convexity(cells: &CellGraph, thickness: &[f64], atom: &[u32], atoms: usize, run: &Run) -> Result<Vec<PairSums>> {
+    let (points, balls) = gather(cells, thickness, atom, atoms);
     let table = Table::new();
     let chunks = map_ranges(run.threads, &run.cancel, atoms, CHUNK, |range| {
         let mut out = Vec::new();
@@ -103,11 +107,12 @@ pub fn convexity(cells: &CellGraph, atom: &[u32], atoms: usize, run: &Run) -> Re
 }
 
 /// Cells ordered by atom, and the atoms' balls.
-fn gather(cells: &CellGraph, atom: &[u32], atoms: usize) -> (Vec<Point>, Vec<Ball>) {
+fn gather(cells: &CellGraph, thickness: &[f64], atom: &[u32], atoms: usize) -> (Vec<Point>, Vec<Ball>) {
     let mut order: Vec<usize> = (0..cells.len()).collect();
     order.sort_by_key(|&i| atom[i]);
-    let points: Vec<Point> =
-        order.iter().map(|&i| Point { x: cells.centre[i], n: cells.normal[i], area: cells.area[i] }).collect();
+    let point =
+        |&i: &usize| Point { x: cells.centre[i], n: cells.normal[i], area: cells.area[i], thickness: thickness[i] };
+    let points: Vec<Point> = order.iter().map(point).collect();
     let mut end = 0;
     let balls = (0..atoms as u32)
         .map(|a| {
@@ -134,13 +139,13 @@ fn between(points: &[Point], balls: &[Ball], a: usize, b: usize, table: &Table) 
         return None;
     }
     let near = (reach + two.radius).powi(2);
-    let (mut seen, mut all) = ([0.0; 3], [0.0; 3]);
+    let (mut seen, mut all, mut step) = ([0.0; 3], [0.0; 3], [0.0; 3]);
     for (i, p) in points[one.start..one.end].iter().enumerate() {
         if square(p.x, two.x) > near {
             continue;
         }
         let first = if a == b { one.start + i + 1 } else { two.start };
-        let (mut row_seen, mut row_all) = ([0.0; 3], [0.0; 3]);
+        let (mut row_seen, mut row_all, mut row_step) = ([0.0; 3], [0.0; 3], [0.0; 3]);
         for q in &points[first..two.end] {
             let d = [q.x[0] - p.x[0], q.x[1] - p.x[1], q.x[2] - p.x[2]];
             let d2 = d[0] * d[0] + d[1] * d[1] + d[2] * d[2];
@@ -152,21 +157,24 @@ fn between(points: &[Point], balls: &[Ball], a: usize, b: usize, table: &Table) 
             let limit = TOLERANCE * TOLERANCE * d2;
             let sees = |out: f64| out < 0.0 || out * out < limit;
             let convex = if sees(ahead) && sees(back) { q.area } else { 0.0 };
+            let differs = (p.thickness - q.thickness).abs() * q.area;
             let weight = table.weights(d2);
             for w in 0..3 {
                 row_all[w] += q.area * weight[w];
                 row_seen[w] += convex * weight[w];
+                row_step[w] += differs * weight[w];
             }
         }
         for w in 0..3 {
             all[w] += p.area * row_all[w];
             seen[w] += p.area * row_seen[w];
+            step[w] += p.area * row_step[w];
         }
     }
     if a == b {
-        (seen, all) = (seen.map(|x| 2.0 * x), all.map(|x| 2.0 * x));
+        [seen, all, step] = [seen, all, step].map(|sums| sums.map(|x| 2.0 * x));
     }
-    (all[2] > 0.0).then_some(PairSums { a: a as u32, b: b as u32, seen, all })
+    (all[2] > 0.0).then_some(PairSums { a: a as u32, b: b as u32, seen, all, step })
 }
 
 #[cfg(test)]
@@ -192,9 +200,10 @@ mod tests {
     fn sums_equal_the_definition() {
         let g = bumpy(150);
         let atom: Vec<u32> = (0..150).map(|i| i * 7 / 150).collect();
-        let found = convexity(&g, &atom, 7, &Run::new(&())).unwrap();
+        let thickness: Vec<f64> = (0..150).map(|i| (0.7 * f64::from(i)).sin()).collect();
+        let found = convexity(&g, &thickness, &atom, 7, &Run::new(&())).unwrap();
         for pair in &found {
-            let (mut seen, mut all) = ([0.0; 3], [0.0; 3]);
+            let (mut seen, mut all, mut step) = ([0.0; 3], [0.0; 3], [0.0; 3]);
             for p in (0..150).filter(|&p| atom[p] == pair.a) {
                 for q in (0..150).filter(|&q| atom[q] == pair.b && q != p) {
                     let d2 = square(g.centre[p], g.centre[q]);
@@ -206,12 +215,14 @@ mod tests {
                         let m = g.area[p] * g.area[q] * (-d2 / (2.0 * width * width)).exp();
                         all[w] += m;
                         seen[w] += if sees { m } else { 0.0 };
+                        step[w] += m * (thickness[p] - thickness[q]).abs();
                     }
                 }
             }
             for w in 0..3 {
                 assert!((pair.all[w] - all[w]).abs() <= 1e-9 * all[w], "{pair:?} {all:?}");
                 assert!((pair.seen[w] - seen[w]).abs() <= 1e-9 * all[w]);
+                assert!((pair.step[w] - step[w]).abs() <= 1e-9 * all[w]);
             }
         }
         assert!(found.len() > 7 && found.iter().any(|p| p.seen[1] < p.all[1]));
@@ -221,7 +232,7 @@ mod tests {
     fn threads_change_nothing() {
         let g = bumpy(300);
         let atom: Vec<u32> = (0..300).map(|i| i % 40).collect();
-        let with = |threads| convexity(&g, &atom, 40, &Run { threads, ..Run::new(&()) }).unwrap();
+        let with = |threads| convexity(&g, &[0.5; 300], &atom, 40, &Run { threads, ..Run::new(&()) }).unwrap();
         assert_eq!(with(1), with(3));
     }
 }

@@ -7,6 +7,7 @@ use super::convexity::{PairSums, WIDTHS, convexity};
 use super::matrix::Square;
 use super::over_segment::{Recipe, over_segment};
 use super::regions::{Columns, EMBEDDED, Regions, cell_columns};
+use super::thickness::log_thickness;
 use super::tree::{meeting_probability, merges};
 use crate::base::Result;
 use crate::base::parallel::{map_chunks, map_ranges};
@@ -87,10 +88,11 @@ impl Atoms {
         }
         let all: Vec<usize> = (0..rows.count).collect();
         let embedding = anchor_embedding(rows, &all, &cells.area_shares(), EMBEDDED, COMPARE_SCALE);
+        let thickness = log_thickness(cells, run)?;
         Ok(Atoms {
             area: class_sums(&of_cell, &cells.area, n),
-            sums: convexity(cells, &of_cell, n, run)?,
-            columns: cell_columns(cells, &embedding),
+            sums: convexity(cells, &thickness, &of_cell, n, run)?,
+            columns: cell_columns(cells, &embedding, &thickness),
             of_cell,
             first,
         })

@@ -26,6 +26,7 @@ pub mod over_segment;
 pub mod refinement;
 pub mod regions;
 pub mod small_parts;
+pub mod thickness;
 pub mod tree;
 
 pub use cells::CellGraph;

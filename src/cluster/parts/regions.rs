@@ -7,19 +7,19 @@ use super::matrix::Square;
 
 /// Coordinates of the mean embedding kept a region.
 pub const EMBEDDED: usize = 12;
-/// Numbers kept a region: area, then area times x, xxᵀ, n, n·x and the embedding.
-pub const COLUMNS: usize = 14 + EMBEDDED;
+/// Numbers kept a region: area, then area times x, xxᵀ, n, n·x, the embedding and the logarithm of the thickness.
+pub const COLUMNS: usize = 15 + EMBEDDED;
 /// A boundary's strength is length · exp(−(concave + this · convex angle)/[`FADE`]).
 const CONVEX_SHARE: f64 = 0.1;
 /// Radians of turning over which a boundary loses a factor e of its strength.
 const FADE: f64 = 0.5;
 
 /// Per region, area-weighted sums: \[A, A·x (3), A·(xx, yy, zz, xy, xz, yz), A·n (3), A·n·x,
-/// A·embedding (12, zeros where there are fewer coordinates)\].
+/// A·embedding (12, zeros where there are fewer coordinates), A·ln thickness\].
 pub type Columns = [f64; COLUMNS];
 
-/// The columns of each cell (S): what region sums are made of.
-pub fn cell_columns(cells: &CellGraph, embedding: &Embedding) -> Vec<Columns> {
+/// The columns of each cell (S): what region sums are made of. `thickness`: its logarithm (S).
+pub fn cell_columns(cells: &CellGraph, embedding: &Embedding, thickness: &[f64]) -> Vec<Columns> {
     (0..cells.len())
         .map(|i| {
             let (a, x, n) = (cells.area[i], cells.centre[i], cells.normal[i]);
@@ -33,6 +33,7 @@ pub fn cell_columns(cells: &CellGraph, embedding: &Embedding) -> Vec<Columns> {
             if width > 0 {
                 q[14..14 + width].copy_from_slice(&embedding.point(i)[..width]);
             }
+            q[COLUMNS - 1] = thickness[i];
             q.map(|v| v * a)
         })
         .collect()
@@ -49,10 +50,16 @@ pub struct Regions {
     pub length: Square,
     /// Σ length · convex angle at radius .04.
     pub convex: Square,
+    /// Σ length · concave angle.
+    pub concave: Square,
+    /// Σ length · mean logarithm of the thickness on both sides.
+    pub neck: Square,
     /// Pairs of cells that see each other as convex, at one width (diagonal: each pair twice).
     pub seen: Square,
     /// All pairs of cells within the cut of that width.
     pub all: Square,
+    /// |difference| of the logarithms of thickness over all those pairs.
+    pub step: Square,
 }
 
 impl Regions {
@@ -75,8 +82,11 @@ impl Regions {
             strength: zeros(),
             length: zeros(),
             convex: zeros(),
+            concave: zeros(),
+            neck: zeros(),
             seen: zeros(),
             all: zeros(),
+            step: zeros(),
         };
         for (&r, q) in region.iter().zip(columns) {
             out.columns[r as usize].iter_mut().zip(q).for_each(|(sum, x)| *sum += x);
@@ -89,6 +99,9 @@ impl Regions {
                 out.strength.add_both(a, b, length * (-turning / FADE).exp());
                 out.length.add_both(a, b, length);
                 out.convex.add_both(a, b, length * cells.convex04[k]);
+                out.concave.add_both(a, b, length * cells.concave[k]);
+                let thickness = |i: u32| columns[i as usize][COLUMNS - 1] / columns[i as usize][0];
+                out.neck.add_both(a, b, length * 0.5 * (thickness(i) + thickness(j)));
             }
         }
         for s in sums {
@@ -96,6 +109,7 @@ impl Regions {
             let twice = if a == b && s.a != s.b { 2.0 } else { 1.0 };
             out.seen.add_both(a, b, twice * s.seen[width]);
             out.all.add_both(a, b, twice * s.all[width]);
+            out.step.add_both(a, b, twice * s.step[width]);
         }
         out
     }
@@ -119,11 +133,13 @@ impl Regions {
     pub fn merge(&mut self, i: usize, j: usize) {
         let other = self.columns[j];
         self.columns[i].iter_mut().zip(other).for_each(|(sum, x)| *sum += x);
-        for m in [&mut self.strength, &mut self.length, &mut self.convex, &mut self.seen, &mut self.all] {
-            m.fold(i, j);
+        let Regions { strength, length, convex, concave, neck, seen, all, step, .. } = self;
+        for sums in [seen, all, step] {
+            sums.fold(i, j);
         }
-        for m in [&mut self.strength, &mut self.length, &mut self.convex] {
-            m[(i, i)] = 0.0;
+        for boundary in [strength, length, convex, concave, neck] {
+            boundary.fold(i, j);
+            boundary[(i, i)] = 0.0;
         }
     }
 }
