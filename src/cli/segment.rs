@@ -137,7 +137,7 @@ pub fn one(
         Some(dir) => WorkDir::open(dir)?,
         None => {
             let beside = outputs.iter().find_map(Output::path).map_or_else(std::env::temp_dir, folder_of);
-            WorkDir::temporary(args.run.tmp.as_deref().unwrap_or(&beside))?
+            WorkDir::temporary(args.run.tmp.as_deref().unwrap_or(&beside))?.holding(&run.budget)
         }
     };
     if !stdin && !args.run.no_plan {

@@ -11,9 +11,9 @@
 //! [`MOST_IN_TREE`] components the rest are joined without joining the tree. Memory: 16 MB at the
 //! most; nothing where there is one component.
 
-use super::adjacency::AGAINST;
 use super::assemble::{Entry, Rows, RowsWriter};
 use super::components::Components;
+use super::links::AGAINST;
 use super::nodes::Node;
 use crate::base::Result;
 use crate::store::{Run, WorkDir};
@@ -123,7 +123,7 @@ pub fn insert(rows: &Rows, bridges: &[Bridge], work: &WorkDir, run: &Run) -> Res
         extra.push((b as usize, Entry { node: a, gd: bridge.gap, edge: 0. }));
     }
     extra.sort_unstable_by_key(|(row, entry)| (*row, entry.node));
-    let mut writer = RowsWriter::create(work)?;
+    let mut writer = RowsWriter::create(rows.indptr.len() - 1, rows.indices.len() + extra.len(), work)?;
     let mut done = 0;
     for group in extra.chunk_by(|a, b| a.0 == b.0) {
         let row = group[0].0;

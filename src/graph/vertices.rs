@@ -142,7 +142,7 @@ impl VertexGraph {
             let problem = "has no triangle of three different vertices with positions";
             return Err(Error::unusable(path, problem, "give another mesh"));
         }
-        let mut rows = RowsWriter::create(work)?;
+        let mut rows = RowsWriter::create(n, 2 * records as usize, work)?;
         let mut nodes = work.writer::<Node>("vertex_geometry.npy", 7)?;
         let (mut starts, mut ring) = (work.writer::<u64>("ring_starts.npy", 1)?, work.writer::<u32>("ring.npy", 2)?);
         starts.push(&[0])?;
@@ -234,7 +234,7 @@ impl VertexGraph {
 
     /// The graph as raw slices.
     pub fn csr(&self) -> Csr<'_> {
-        Csr { indptr: &self.rows.indptr, indices: &self.rows.indices, weights: &self.rows.gd }
+        Csr::new(&self.rows.indptr, &self.rows.indices, &self.rows.gd)
     }
 
     /// Number of vertices.

@@ -15,6 +15,7 @@
 //! 4 KiB page that is cached, measured) and may be dropped by the kernel at any time.
 #![allow(unsafe_code)]
 
+use super::words::Words;
 use crate::base::{Error, Result};
 use bytemuck::Pod;
 use memmap2::{Advice, Mmap, MmapMut};
@@ -35,10 +36,24 @@ pub enum Access {
     Random,
 }
 
-/// The bytes of a whole file, mapped read-only. Clones share the mapping.
+/// The bytes of a whole file, mapped read-only, or of an array that is held in memory in its place. Clones share them.
 #[derive(Clone, Debug)]
 pub struct MappedBytes {
-    map: Option<Arc<Mmap>>,
+    map: Option<Arc<Bytes>>,
+}
+
+/// Where bytes lie.
+#[derive(Debug)]
+enum Bytes {
+    File(Mmap),
+    Held(Words),
+}
+
+/// Where bytes lie that are being written.
+#[derive(Debug)]
+enum BytesMut {
+    File(MmapMut),
+    Held(Words),
 }
 
 impl MappedBytes {
@@ -57,12 +72,12 @@ impl MappedBytes {
         }
         // SAFETY: see the module's text: the mapping is read-only and every use of its content is checked.
         let map = unsafe { Mmap::map(&file) }.map_err(Error::io(path, "map"))?;
-        Ok(Self { map: Some(Arc::new(map)) })
+        Ok(Self { map: Some(Arc::new(Bytes::File(map))) })
     }
 
     /// Tells the kernel how the bytes will be read. Advice only: failures are ignored.
     pub fn advise(&self, access: Access) {
-        if let Some(map) = &self.map {
+        if let Some(Bytes::File(map)) = self.map.as_deref() {
             let _ = map.advise(match access {
                 Access::Local => Advice::Normal,
                 Access::Sequential => Advice::Sequential,
@@ -93,7 +108,11 @@ impl Deref for MappedBytes {
     type Target = [u8];
     #[inline]
     fn deref(&self) -> &[u8] {
-        self.map.as_ref().map_or(&[], |map| map)
+        match self.map.as_deref() {
+            None => &[],
+            Some(Bytes::File(map)) => map,
+            Some(Bytes::Held(words)) => words.bytes(),
+        }
     }
 }
 
@@ -129,10 +148,10 @@ impl<T: Pod> Deref for MappedSlice<T> {
     }
 }
 
-/// A writable array in a mapped file of ours; derefs to a mutable slice.
+/// A writable array in a mapped file of ours, or in memory; derefs to a mutable slice.
 #[derive(Debug)]
 pub struct MappedSliceMut<T> {
-    map: Option<MmapMut>,
+    map: Option<BytesMut>,
     file: Option<Arc<File>>,
     /// Byte of the file at which the array starts.
     offset: usize,
@@ -153,7 +172,22 @@ impl<T: Pod> MappedSliceMut<T> {
         // SAFETY: see the module's text: the file is ours alone until it is renamed.
         let map = unsafe { memmap2::MmapOptions::new().offset(offset as u64).len(bytes).map_mut(file) };
         let map = map.map_err(Error::io(path, "map"))?;
-        Ok(Self { map: Some(map), file: file.try_clone().ok().map(Arc::new), offset, len, item: PhantomData })
+        let file = file.try_clone().ok().map(Arc::new);
+        Ok(Self { map: Some(BytesMut::File(map)), file, offset, len, item: PhantomData })
+    }
+
+    /// The first `len` items of `words`, as far as those go, in memory.
+    pub fn held(words: Words, len: usize) -> Self {
+        let len = len.min(words.bytes().len() / size_of::<T>().max(1));
+        Self { map: Some(BytesMut::Held(words)), file: None, offset: 0, len, item: PhantomData }
+    }
+
+    /// The bytes of an array in memory, from now on only read; `None` for one in a file.
+    pub fn freeze(self) -> Option<MappedBytes> {
+        match self.map {
+            Some(BytesMut::Held(words)) => Some(MappedBytes { map: Some(Arc::new(Bytes::Held(words))) }),
+            _ => None,
+        }
     }
 
     /// A handle for sending parts of the array to the disk while it is written.
@@ -167,12 +201,12 @@ impl<T: Pod> MappedSliceMut<T> {
     /// # Errors
     /// The operating system's.
     pub fn sync(&self) -> std::io::Result<()> {
-        self.map.as_ref().map_or(Ok(()), MmapMut::flush)
+        if let Some(BytesMut::File(map)) = &self.map { map.flush() } else { Ok(()) }
     }
 
     /// Tells the kernel how the array will be used.
     pub fn advise(&self, access: Access) {
-        if let Some(map) = &self.map {
+        if let Some(BytesMut::File(map)) = &self.map {
             let _ = map.advise(match access {
                 Access::Local => Advice::Normal,
                 Access::Sequential => Advice::Sequential,
@@ -188,7 +222,8 @@ impl<T: Pod> Deref for MappedSliceMut<T> {
     fn deref(&self) -> &[T] {
         match &self.map {
             None => &[],
-            Some(map) => bytemuck::cast_slice(&map[..self.len * size_of::<T>()]),
+            Some(BytesMut::File(map)) => bytemuck::cast_slice(&map[..self.len * size_of::<T>()]),
+            Some(BytesMut::Held(words)) => bytemuck::cast_slice(&words.bytes()[..self.len * size_of::<T>()]),
         }
     }
 }
@@ -198,7 +233,10 @@ impl<T: Pod> DerefMut for MappedSliceMut<T> {
     fn deref_mut(&mut self) -> &mut [T] {
         match &mut self.map {
             None => &mut [],
-            Some(map) => bytemuck::cast_slice_mut(&mut map[..self.len * size_of::<T>()]),
+            Some(BytesMut::File(map)) => bytemuck::cast_slice_mut(&mut map[..self.len * size_of::<T>()]),
+            Some(BytesMut::Held(words)) => {
+                bytemuck::cast_slice_mut(&mut words.bytes_mut()[..self.len * size_of::<T>()])
+            }
         }
     }
 }
@@ -233,6 +271,14 @@ impl Writeback {
     }
 }
 
+/// Asks the kernel for pages of 2 MiB under `slice`, in memory not touched yet: one fault instead of 512. Advice only.
+pub fn huge_pages<T>(slice: &[T]) {
+    #[cfg(target_os = "linux")]
+    advise_pages(slice, libc::MADV_HUGEPAGE);
+    #[cfg(not(target_os = "linux"))]
+    let _ = slice;
+}
+
 /// Asks the kernel to read the pages of `slice` soon, without waiting. Advice only.
 pub fn will_need<T>(slice: &[T]) {
     #[cfg(unix)]
@@ -256,7 +302,7 @@ pub fn advise<T>(slice: &[T], access: Access) {
     let _ = (slice, access);
 }
 
-/// Gives advice that is about reading only.
+/// Gives advice that is about how pages are kept and read only.
 #[cfg(unix)]
 fn advise_pages<T>(slice: &[T], advice: libc::c_int) {
     const PAGE: usize = 4096;

@@ -1,10 +1,12 @@
 //! Where arrays live: mapped files, work directories, shuffles to disk, the memory budget.
 //!
 //! Everything of the size of the mesh is a file here, mapped on demand, so that the kernel may
-//! take its pages back at any time; only what a [`Budget`] grants is allocated.
+//! take its pages back at any time; only what a [`Budget`] grants is allocated. Where it grants enough, arrays of temporary
+//! directories are [held](held) in memory instead.
 
 pub mod budget;
 pub mod check;
+pub mod held;
 pub mod manifest;
 pub mod mapped;
 pub mod npy;
@@ -13,6 +15,7 @@ pub mod run;
 pub mod shuffle;
 pub mod sizing;
 mod stages;
+pub mod words;
 pub mod workdir;
 
 pub use budget::Budget;

@@ -5,12 +5,15 @@
 //! [`HEADER`] bytes, a multiple of 64, so that the data are aligned here and in NumPy, and so that
 //! a streamed array can fill in its length at the end.
 
+use super::held::Held;
 use super::mapped::{MappedBytes, MappedSlice, MappedSliceMut};
+use super::words::Words;
 use crate::base::{Error, Result};
 use bytemuck::Pod;
 use std::fs::{File, OpenOptions};
 use std::io::{BufWriter, Seek, SeekFrom, Write};
 use std::path::{Path, PathBuf};
+use std::sync::Arc;
 
 /// Bytes before the data in every file written here.
 pub const HEADER: usize = 128;
@@ -107,11 +110,27 @@ pub fn reserve_file(path: &Path, bytes: u64) -> Result<File> {
     Ok(file)
 }
 
+/// Where an array is made.
+#[derive(Debug)]
+enum Place {
+    /// In a file under its temporary name, renamed when whole.
+    File(File),
+    /// In memory, handed over when whole.
+    Held(Arc<Held>),
+}
+
+/// Hands the array for `path` over to those that are held, and gives its first `len` items.
+fn hand_over<T: Item>(path: &Path, held: &Held, bytes: Option<MappedBytes>, len: usize) -> Result<MappedSlice<T>> {
+    let Some(bytes) = bytes else { return Ok(MappedSlice::empty()) };
+    held.keep(&path.file_name().unwrap_or_default().to_string_lossy(), bytes.clone());
+    bytes.slice(path, 0, len)
+}
+
 /// An array of known shape being filled through a mapping; [`ArrayMut::finish`] makes it a file.
 #[derive(Debug)]
 pub struct ArrayMut<T> {
     path: PathBuf,
-    file: File,
+    place: Place,
     data: MappedSliceMut<T>,
     early: bool,
 }
@@ -127,7 +146,7 @@ impl<T: Item> ArrayMut<T> {
         let mut file = reserve_file(&partial, (HEADER + len * size_of::<T>()) as u64)?;
         file.write_all(&header(T::DESCR, shape)).map_err(Error::io(&partial, "write"))?;
         let data = MappedSliceMut::map(&file, &partial, HEADER, len)?;
-        Ok(Self { path: path.to_path_buf(), file, data, early: false })
+        Ok(Self { path: path.to_path_buf(), place: Place::File(file), data, early: false })
     }
 
     /// The same, but where `early`, finishing starts to write it to the disk, without waiting: for arrays that somebody
@@ -137,14 +156,15 @@ impl<T: Item> ArrayMut<T> {
         Self { early, ..self }
     }
 
+    /// An array of `shape` in `words`, which `held` will have under the name of `path`.
+    pub fn held(path: &Path, shape: &[usize], words: Words, held: Arc<Held>) -> Self {
+        let data = MappedSliceMut::held(words, shape.iter().product::<usize>() / T::WIDTH);
+        Self { path: path.to_path_buf(), place: Place::Held(held), data, early: false }
+    }
+
     /// The mapped items.
     pub fn data(&mut self) -> &mut MappedSliceMut<T> {
         &mut self.data
-    }
-
-    /// The file under the mapping, for positioned writes beside it (data begin at [`HEADER`]).
-    pub fn file(&self) -> &File {
-        &self.file
     }
 
     /// Renames the file to its final name, after syncing it to the disk where `durable`, and
@@ -153,9 +173,16 @@ impl<T: Item> ArrayMut<T> {
     /// # Errors
     /// [`Error::Io`].
     pub fn finish(self, durable: bool) -> Result<MappedSlice<T>> {
+        let file = match self.place {
+            Place::File(file) => file,
+            Place::Held(held) => {
+                let len = self.data.len();
+                return hand_over(&self.path, &held, self.data.freeze(), len);
+            }
+        };
         let partial = partial_name(&self.path);
         if durable {
-            self.data.sync().and_then(|()| self.file.sync_all()).map_err(Error::io(&partial, "sync"))?;
+            self.data.sync().and_then(|()| file.sync_all()).map_err(Error::io(&partial, "sync"))?;
         } else if let (true, Some(writeback)) = (self.early, self.data.writeback()) {
             writeback.start(0..self.data.len());
         }
@@ -164,11 +191,18 @@ impl<T: Item> ArrayMut<T> {
     }
 }
 
+/// Where an array written from front to back goes.
+#[derive(Debug)]
+enum Out {
+    File(BufWriter<File>),
+    Held(MappedSliceMut<u8>, Arc<Held>),
+}
+
 /// A one- or two-dimensional array written from front to back, its length known at the end.
 #[derive(Debug)]
 pub struct ArrayWriter<T> {
     path: PathBuf,
-    out: BufWriter<File>,
+    out: Out,
     items: usize,
     row: usize,
     item: std::marker::PhantomData<T>,
@@ -183,7 +217,17 @@ impl<T: Item> ArrayWriter<T> {
         let partial = partial_name(path);
         let mut out = BufWriter::with_capacity(1 << 18, create_file(&partial)?);
         out.write_all(&[0; HEADER]).map_err(Error::io(&partial, "write"))?;
-        Ok(Self { path: path.to_path_buf(), out, items: 0, row: row.max(1), item: std::marker::PhantomData })
+        Ok(Self::of(path, Out::File(out), row))
+    }
+
+    /// An array in `words`, which `held` will have under the name of `path`; no longer than fits in there.
+    pub fn held(path: &Path, row: usize, words: Words, held: Arc<Held>) -> Self {
+        let bytes = words.bytes().len();
+        Self::of(path, Out::Held(MappedSliceMut::held(words, bytes), held), row)
+    }
+
+    fn of(path: &Path, out: Out, row: usize) -> Self {
+        Self { path: path.to_path_buf(), out, items: 0, row: row.max(1), item: std::marker::PhantomData }
     }
 
     /// Appends items.
@@ -191,8 +235,7 @@ impl<T: Item> ArrayWriter<T> {
     /// # Errors
     /// [`Error::Io`].
     pub fn push(&mut self, items: &[T]) -> Result<()> {
-        self.items += items.len();
-        self.out.write_all(bytemuck::cast_slice(items)).map_err(Error::io(&self.path, "write"))
+        self.push_bytes(bytemuck::cast_slice(items))
     }
 
     /// Appends items given as their bytes, whatever their alignment.
@@ -200,8 +243,18 @@ impl<T: Item> ArrayWriter<T> {
     /// # Errors
     /// [`Error::Io`].
     pub fn push_bytes(&mut self, bytes: &[u8]) -> Result<()> {
+        let start = self.items * size_of::<T>();
         self.items += bytes.len() / size_of::<T>();
-        self.out.write_all(bytes).map_err(Error::io(&self.path, "write"))
+        match &mut self.out {
+            Out::File(file) => file.write_all(bytes).map_err(Error::io(&self.path, "write")),
+            Out::Held(data, _) => match data.get_mut(start..start + bytes.len()) {
+                Some(room) => {
+                    room.copy_from_slice(bytes);
+                    Ok(())
+                }
+                None => Err(Error::io(&self.path, "write")(std::io::Error::other("more items than there is room for"))),
+            },
+        }
     }
 
     /// Items so far.
@@ -218,14 +271,18 @@ impl<T: Item> ArrayWriter<T> {
     ///
     /// # Errors
     /// [`Error::Io`].
-    pub fn finish(mut self, durable: bool) -> Result<MappedSlice<T>> {
+    pub fn finish(self, durable: bool) -> Result<MappedSlice<T>> {
+        let mut out = match self.out {
+            Out::File(out) => out,
+            Out::Held(data, held) => return hand_over(&self.path, &held, data.freeze(), self.items),
+        };
         let partial = partial_name(&self.path);
         let shape = if self.row == 1 { vec![self.items] } else { vec![self.items * T::WIDTH / self.row, self.row] };
         let mut end = || -> std::io::Result<()> {
-            self.out.seek(SeekFrom::Start(0))?;
-            self.out.write_all(&header(T::DESCR, &shape))?;
-            self.out.flush()?;
-            if durable { self.out.get_ref().sync_all() } else { Ok(()) }
+            out.seek(SeekFrom::Start(0))?;
+            out.write_all(&header(T::DESCR, &shape))?;
+            out.flush()?;
+            if durable { out.get_ref().sync_all() } else { Ok(()) }
         };
         end().map_err(Error::io(&partial, "write"))?;
         std::fs::rename(&partial, &self.path).map_err(Error::io(&partial, "rename"))?;

@@ -58,6 +58,17 @@ impl<T: Item> RowsFile<T> {
         MappedSliceMut::map(&self.file, &npy::partial_name(&self.path), offset, self.len)
     }
 
+    /// Writes row `k` as a whole, without a mapping: a fault a page costs more than copying the row.
+    ///
+    /// # Errors
+    /// [`Error::Io`].
+    pub fn write_row(&self, k: usize, row: &[T]) -> Result<()> {
+        use std::os::unix::fs::FileExt;
+        let offset = HEADER + k.min(self.rows) * self.len * size_of::<T>();
+        let bytes = bytemuck::cast_slice(row);
+        self.file.write_all_at(bytes, offset as u64).map_err(Error::io(npy::partial_name(&self.path), "write"))
+    }
+
     /// Renames the file to its final name, after syncing it where `durable`, and maps it for reading.
     ///
     /// # Errors

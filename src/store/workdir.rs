@@ -10,13 +10,16 @@
 //! the next run that makes one beside it.
 
 use super::MappedSlice;
+use super::budget::Budget;
+use super::held::Held;
 use super::manifest::MANIFEST;
 pub use super::manifest::{FORMAT, FileRecord, Manifest, NOT_MADE, Stage, checksum, key_of};
 use super::npy::{self, ArrayMut, ArrayWriter, Item};
+use super::words::Words;
 use crate::base::{Error, Result};
 use std::fs::File;
 use std::path::{Path, PathBuf};
-use std::sync::{Mutex, MutexGuard};
+use std::sync::{Arc, Mutex, MutexGuard};
 
 const LOCK: &str = "lock";
 const TEMPORARY: &str = ".nystrom-stream-";
@@ -30,6 +33,8 @@ pub struct WorkDir {
     temporary: bool,
     /// Whether other processes may read it too; nothing is stamped then.
     pub(super) shared: bool,
+    /// Arrays in memory instead of in files.
+    held: Option<Arc<Held>>,
 }
 
 /// Locks the folder, alone or shared with other readers; `None` where another process is in the way.
@@ -93,7 +98,7 @@ impl WorkDir {
             ));
         }
         let manifest = Mutex::new(manifest);
-        let work = Self { path: path.to_path_buf(), manifest, _lock: lock, temporary: false, shared };
+        let work = Self { path: path.to_path_buf(), manifest, _lock: lock, temporary: false, shared, held: None };
         if !shared {
             work.sweep();
         }
@@ -145,10 +150,17 @@ impl WorkDir {
             }
             if let Some(lock) = locked? {
                 let manifest = Mutex::new(Manifest::new());
-                return Ok(Self { path, manifest, _lock: lock, temporary: true, shared: false });
+                return Ok(Self { path, manifest, _lock: lock, temporary: true, shared: false, held: None });
             }
         }
         Err(Error::work_dir(parent, "temporary folders are taken away by another process", "name another --tmp"))
+    }
+
+    /// The same, but a temporary directory holds arrays in memory where they leave half of `budget` to others.
+    #[must_use]
+    pub fn holding(mut self, budget: &Budget) -> Self {
+        self.held = self.temporary.then(|| Arc::new(Held::new(budget)));
+        self
     }
 
     /// Its folder.
@@ -177,7 +189,29 @@ impl WorkDir {
     /// # Errors
     /// [`Error::Io`].
     pub fn array<T: Item>(&self, name: &str, shape: &[usize]) -> Result<ArrayMut<T>> {
-        Ok(ArrayMut::create(&self.file(name), shape)?.written_early(self.durable()))
+        let path = self.file(name);
+        let bytes = shape.iter().product::<usize>() / T::WIDTH * size_of::<T>();
+        Ok(match self.room(bytes) {
+            Some((words, held)) => ArrayMut::held(&path, shape, words, held),
+            None => ArrayMut::create(&path, shape)?.written_early(self.durable()),
+        })
+    }
+
+    /// Memory for an array of `bytes`, where arrays are held and there is room.
+    fn room(&self, bytes: usize) -> Option<(Words, Arc<Held>)> {
+        let held = self.held.as_ref()?;
+        (bytes > 0).then(|| held.take(bytes)).flatten().map(|words| (words, held.clone()))
+    }
+
+    /// Starts an array written front to back of at most `items` items.
+    ///
+    /// # Errors
+    /// [`Error::Io`].
+    pub fn writer_of<T: Item>(&self, name: &str, row: usize, items: usize) -> Result<ArrayWriter<T>> {
+        match self.room(items * size_of::<T>()) {
+            Some((words, held)) => Ok(ArrayWriter::held(&self.file(name), row, words, held)),
+            None => self.writer(name, row),
+        }
     }
 
     /// Starts an array written front to back.
@@ -193,11 +227,23 @@ impl WorkDir {
     /// # Errors
     /// [`Error::Io`], [`Error::Malformed`].
     pub fn open_array<T: Item>(&self, name: &str) -> Result<MappedSlice<T>> {
-        npy::open(&self.file(name))
+        let path = self.file(name);
+        match self.held.as_ref().and_then(|held| held.get(name)) {
+            Some(bytes) => bytes.slice(&path, 0, bytes.len() / size_of::<T>()),
+            None => npy::open(&path),
+        }
+    }
+
+    /// Bytes of the array `name` where it is held in memory.
+    pub(super) fn held_bytes(&self, name: &str) -> Option<u64> {
+        Some(self.held.as_ref()?.get(name)?.len() as u64)
     }
 
     /// Removes a file that is no longer needed; whether it was there does not matter.
     pub fn remove(&self, name: &str) {
+        if let Some(held) = &self.held {
+            held.remove(name);
+        }
         let _ = std::fs::remove_file(self.file(name));
     }
 
