@@ -8,7 +8,7 @@
 use crate::base::Result;
 use crate::base::parallel::{chunk_range, fill_chunks, map_ranges};
 use crate::graph::DualGraph;
-use crate::graph::adjacency::AGAINST;
+use crate::graph::links::AGAINST;
 use crate::store::{MappedSlice, Run, WorkDir};
 use std::collections::{HashMap, HashSet};
 

@@ -2,13 +2,14 @@
 //!
 //! A face of c corners has c half-edges (low vertex, high vertex, corner). They are shuffled by
 //! low vertex into buckets that fit the cache; in a bucket a counting sort by low vertex and small
-//! sorts by high vertex bring equal edges together. Every match becomes two [`Link`]s, shuffled
-//! by node for [`super::assemble`]. An edge of k > 2 faces links them as a chain in the order of
+//! sorts by high vertex bring equal edges together. Every match becomes two [links](super::links)
+//! for [`super::assemble`]. An edge of k > 2 faces links them as a chain in the order of
 //! the file: k − 1 links keep the graph sparse where a soup hangs a million faces on one edge.
 //!
-//! Memory and disk: 12 B a half-edge and 8 B a link (together 60 B a triangle), in memory
-//! where the budget allows, else on disk once out and once in. About 25 ns a triangle and thread.
+//! Memory and disk: 12 B a half-edge and 4 or 8 B a link (together 48 or 60 B a triangle), in memory
+//! where the budget allows, else on disk once out and once in. About 50 ns a triangle and thread, of 1.3 million.
 
+use super::links::{AGAINST, Adding, Links};
 use super::weld;
 use crate::base::parallel::{chunk_count, chunk_range, each_chunk};
 use crate::base::{Error, Result};
@@ -43,6 +44,12 @@ impl HalfEdge {
         (self.low(), self.from.max(self.to), self.corner)
     }
 
+    /// The rest of the key behind the low vertex.
+    #[inline]
+    fn rest(&self) -> u64 {
+        u64::from(self.from.max(self.to)) << 32 | u64::from(self.corner)
+    }
+
     #[inline]
     fn side(&self) -> Side {
         Side { corner: self.corner, ascending: self.from < self.to }
@@ -54,34 +61,6 @@ impl HalfEdge {
 pub(super) struct Side {
     pub corner: u32,
     pub ascending: bool,
-}
-
-/// The bit of [`Link::node`] that says that both faces run along the edge in the same direction: they are wound
-/// against each other. Nodes have 31 bits to spare: there are at most 2³² corners.
-pub const AGAINST: u32 = 1 << 31;
-
-/// One direction of a match: across the edge that leaves `corner` lies `node`.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Pod, Zeroable)]
-#[repr(C)]
-pub struct Link {
-    /// Corner number in the mesh; its face is the link's origin.
-    pub corner: u32,
-    /// The node on the other side, with [`AGAINST`] where its winding contradicts.
-    pub node: u32,
-}
-
-impl Link {
-    /// The node on the other side.
-    #[inline]
-    pub fn to(&self) -> u32 {
-        self.node & !AGAINST
-    }
-
-    /// Whether the two faces are wound against each other.
-    #[inline]
-    pub fn against(&self) -> bool {
-        self.node & AGAINST != 0
-    }
 }
 
 /// What matching found.
@@ -99,40 +78,6 @@ pub struct EdgeCounts {
 #[derive(Debug, Default)]
 pub(super) struct Counters {
     pub nonmanifold: AtomicU64,
-}
-
-/// The shuffle of links by node, and how nodes map to its buckets.
-#[derive(Debug)]
-pub struct Links {
-    sized: Sized<Link>,
-    /// Number of nodes.
-    pub nodes: usize,
-    /// Buckets a node, in units of 2^-32, rounded down: see [`Links::bucket`].
-    scale: u64,
-}
-
-impl Links {
-    /// The records.
-    pub fn shuffle(&self) -> &Shuffle<Link> {
-        &self.sized.shuffle
-    }
-
-    /// The bucket of a node.
-    #[inline]
-    pub fn bucket(&self, node: usize) -> usize {
-        // Nodes and buckets are few enough for 64 bits, and a product with the inverse is no division.
-        ((node as u64 * self.scale) >> 32) as usize
-    }
-
-    /// The nodes of a bucket.
-    pub fn nodes_of(&self, bucket: usize) -> std::ops::Range<usize> {
-        let first = |b: usize| (((b as u64) << 32).div_ceil(self.scale) as usize).min(self.nodes);
-        first(bucket)..if bucket + 1 == self.shuffle().buckets() { self.nodes } else { first(bucket + 1) }
-    }
-
-    fn push(&self, out: &mut Producer<'_, Link>, corner: u32, face: usize, node: usize, against: bool) -> Result<()> {
-        out.push(self.bucket(face), Link { corner, node: node as u32 | if against { AGAINST } else { 0 } })
-    }
 }
 
 /// Refuses meshes whose corners cannot be numbered in 32 bits.
@@ -156,13 +101,11 @@ pub fn matched(mesh: &Mesh, path: &Path, work: &WorkDir, run: &Run) -> Result<(L
     check_size(mesh, path)?;
     let (nodes, corners) = (mesh.faces.len(), mesh.faces.corner_count() as u64);
     let threads = run.threads as u64;
-    // A bucket of half-edges is there raw, sorted, and as counts; one of links waits as finished rows besides.
+    // A bucket of half-edges is there raw, sorted, and as counts.
     let (file, what) = (|name| work.file(name), "matching edges");
     let sized = Sized::<HalfEdge>::new(&file("half_edges.tmp"), what, corners, 3 * threads, 3, run)?;
     let half_edges = &sized.shuffle;
-    let link_records: Sized<Link> = Sized::new(&file("links.tmp"), what, corners, 12 * threads, 2, run)?;
-    let scale = ((link_records.shuffle.buckets() as u64) << 32) / nodes.max(1) as u64;
-    let links = Links { sized: link_records, nodes, scale };
+    let mut links = Links::new(nodes, corners as usize, work, run)?;
     let border = Sized::<u32>::new(&file("boundary.tmp"), what, corners, threads, 4, run)?;
     let boundary = &border.shuffle;
     let (edge_buckets, border_buckets) = (half_edges.buckets(), boundary.buckets() as u64);
@@ -173,18 +116,17 @@ pub fn matched(mesh: &Mesh, path: &Path, work: &WorkDir, run: &Run) -> Result<(L
         run.threads,
         &run.cancel,
         edge_buckets,
-        || (links.shuffle().producer(), boundary.producer(), Sorter::default()),
+        || (links.adding(), boundary.producer(), Sorter::default()),
         |bucket, (out, border, sorter)| {
             sorter.sort(half_edges.take(bucket)?);
-            match_sorted(mesh, &sorter.sorted, &links, out, &counters, |corner| {
-                border.push(border_bucket(corner), corner)
-            })
+            match_sorted(mesh, &sorter.sorted, out, &counters, |corner| border.push(border_bucket(corner), corner))
         },
         |(out, border, _)| out.finish().and_then(|()| border.finish()),
     )?;
     let open = boundary.len();
     drop(sized);
     let welded = if open > 0 { weld::weld(mesh, boundary, &links, &counters, work, run)? } else { 0 };
+    links.seal();
     let counts = EdgeCounts { boundary: open - welded, nonmanifold: counters.nonmanifold.load(Relaxed), welded };
     Ok((links, counts))
 }
@@ -256,7 +198,8 @@ impl Sorter {
         }
         let mut start = 0;
         for &end in &self.counts[..width] {
-            self.sorted[start..end as usize].sort_unstable_by_key(HalfEdge::key);
+            // All of one low vertex: what is left to compare fits one word.
+            self.sorted[start..end as usize].sort_unstable_by_key(HalfEdge::rest);
             start = end as usize;
         }
     }
@@ -266,15 +209,14 @@ impl Sorter {
 fn match_sorted(
     mesh: &Mesh,
     sorted: &[HalfEdge],
-    links: &Links,
-    out: &mut Producer<'_, Link>,
+    out: &mut Adding<'_>,
     counters: &Counters,
     mut border: impl FnMut(u32) -> Result<()>,
 ) -> Result<()> {
     for edge in sorted.chunk_by(|a, b| (a.key().0, a.key().1) == (b.key().0, b.key().1)) {
         match edge {
             [single] => border(single.corner)?,
-            several => chain(mesh, several.iter().map(HalfEdge::side), links, out, counters)?,
+            several => chain(mesh, several.iter().map(HalfEdge::side), out, counters)?,
         }
     }
     Ok(())
@@ -284,8 +226,7 @@ fn match_sorted(
 pub(super) fn chain(
     mesh: &Mesh,
     sides: impl ExactSizeIterator<Item = Side>,
-    links: &Links,
-    out: &mut Producer<'_, Link>,
+    out: &mut Adding<'_>,
     counters: &Counters,
 ) -> Result<()> {
     if sides.len() > 2 {
@@ -298,8 +239,8 @@ pub(super) fn chain(
             && face != other
         {
             let against = before.ascending == side.ascending;
-            links.push(out, before.corner, other, face, against)?;
-            links.push(out, side.corner, face, other, against)?;
+            out.push(before.corner, other, face, against)?;
+            out.push(side.corner, face, other, against)?;
         }
         last = Some((side, face));
     }

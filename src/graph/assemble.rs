@@ -10,7 +10,7 @@
 //! Workers assemble buckets, one thread appends them in order: 8 + 12 + 12 + 12 bytes a triangle
 //! written, sequentially.
 
-use super::adjacency::{Link, Links};
+use super::links::{Link, Links};
 use super::nodes::{Frame, Node};
 use crate::base::Result;
 use crate::base::parallel::in_order;
@@ -52,12 +52,13 @@ pub(super) struct RowsWriter {
 }
 
 impl RowsWriter {
-    pub fn create(work: &WorkDir) -> Result<Self> {
-        let mut indptr = work.writer("graph_indptr.npy", 1)?;
+    /// For `nodes` rows of at most `entries` entries in all.
+    pub fn create(nodes: usize, entries: usize, work: &WorkDir) -> Result<Self> {
+        let mut indptr = work.writer_of("graph_indptr.npy", 1, nodes + 1)?;
         indptr.push(&[0])?;
         Ok(Self {
             indptr,
-            indices: work.writer("graph_indices.npy", 1)?,
+            indices: work.writer_of("graph_indices.npy", 1, entries)?,
             gd: work.writer("graph_gd.npy", 1)?,
             edge: work.writer("graph_edges.npy", 1)?,
             starts: Vec::new(),
@@ -93,13 +94,13 @@ impl RowsWriter {
 /// # Errors
 /// [`crate::base::Error::Io`], [`crate::base::Error::Cancelled`].
 pub fn assemble(mesh: &Mesh, frame: &Frame, nodes: &[Node], links: &Links, work: &WorkDir, run: &Run) -> Result<Rows> {
-    let mut writer = RowsWriter::create(work)?;
+    let mut writer = RowsWriter::create(nodes.len(), links.bound(), work)?;
     in_order(
         run.threads,
         &run.cancel,
-        links.shuffle().buckets(),
+        links.parts(),
         || (),
-        |bucket, ()| Ok(assemble_bucket(mesh, frame, nodes, links.nodes_of(bucket), links.shuffle().take(bucket)?)),
+        |part, ()| Ok(assemble_part(mesh, frame, nodes, links.nodes_of(part), &links.take(part, mesh)?)),
         |_, part| {
             run.progress.advance("graph", part.degrees.len() as u64);
             writer.push(&part.degrees, &part.indices, &part.gd, &part.edges)
@@ -108,7 +109,7 @@ pub fn assemble(mesh: &Mesh, frame: &Frame, nodes: &[Node], links: &Links, work:
     writer.finish()
 }
 
-/// The rows of one bucket.
+/// The rows of one part.
 struct Part {
     degrees: Vec<u32>,
     indices: Vec<u32>,
@@ -116,22 +117,15 @@ struct Part {
     edges: Vec<f32>,
 }
 
-fn assemble_bucket(
-    mesh: &Mesh,
-    frame: &Frame,
-    nodes: &[Node],
-    range: std::ops::Range<usize>,
-    links: Vec<Link>,
-) -> Part {
-    let sorted = sort_by_face(mesh, &range, &links);
+/// Assembles the rows of the nodes of `range`, whose `links` come in the order of their corners.
+fn assemble_part(mesh: &Mesh, frame: &Frame, nodes: &[Node], range: std::ops::Range<usize>, links: &[Link]) -> Part {
     let mut part = Part {
         degrees: Vec::with_capacity(range.len()),
         indices: Vec::with_capacity(links.len()),
         gd: Vec::with_capacity(links.len()),
         edges: Vec::with_capacity(links.len()),
     };
-    drop(links);
-    let mut rest = &sorted[..];
+    let mut rest = links;
     let mut row: Vec<Entry> = Vec::new();
     let mut points: Vec<[f64; 3]> = Vec::new();
     mesh.faces.for_each(range, |face, corners| {
@@ -153,8 +147,25 @@ fn assemble_bucket(
             entry
         }));
         // Ties of neighbour are resolved by value, so the order of links does not matter.
-        row.sort_unstable_by(|a, b| a.node.cmp(&b.node).then(a.gd.total_cmp(&b.gd)).then(a.edge.total_cmp(&b.edge)));
         let before = part.indices.len();
+        if let [a, b, c] = &mut row[..]
+            && a.node != b.node
+            && b.node != c.node
+            && a.node != c.node
+        {
+            // Nearly every row: three different neighbours.
+            for (x, y) in [(0, 1), (1, 2), (0, 1)] {
+                if row[x].node > row[y].node {
+                    row.swap(x, y);
+                }
+            }
+            part.indices.extend([row[0].node, row[1].node, row[2].node]);
+            part.gd.extend([row[0].gd, row[1].gd, row[2].gd]);
+            part.edges.extend([row[0].edge, row[1].edge, row[2].edge]);
+            part.degrees.push(3);
+            return;
+        }
+        row.sort_unstable_by(|a, b| a.node.cmp(&b.node).then(a.gd.total_cmp(&b.gd)).then(a.edge.total_cmp(&b.edge)));
         for entry in &row {
             if part.indices.len() > before && part.indices.last() == Some(&entry.node) {
                 merge(&mut part, entry);
@@ -185,28 +196,4 @@ fn step(from: &Node, to: &Node, node: u32, ends: [[f64; 3]; 2]) -> Entry {
     let gd = (distance(from, mid) + distance(to, mid)) as f32;
     let edge = distance(ends[0], ends[1]) as f32;
     if gd.is_finite() { Entry { node, gd, edge } } else { Entry { node, gd: distance(from, to) as f32, edge: 0. } }
-}
-
-/// Groups links by face with a counting sort; in a face they stay ordered by corner where the
-/// input was, and the row's sort takes care of the rest.
-fn sort_by_face(mesh: &Mesh, range: &std::ops::Range<usize>, links: &[Link]) -> Vec<Link> {
-    if range.is_empty() {
-        return Vec::new();
-    }
-    let first = mesh.faces.corner_range(range.start).start;
-    let width = mesh.faces.corner_range(range.end - 1).end - first;
-    let mut starts = vec![0u32; width + 1];
-    for link in links {
-        starts[link.corner as usize - first + 1] += 1;
-    }
-    for i in 0..width {
-        starts[i + 1] += starts[i];
-    }
-    let mut sorted = vec![Link { corner: 0, node: 0 }; links.len()];
-    for link in links {
-        let slot = &mut starts[link.corner as usize - first];
-        sorted[*slot as usize] = *link;
-        *slot += 1;
-    }
-    sorted
 }

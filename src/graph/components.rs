@@ -8,8 +8,8 @@
 //! are as local as the graph's. A parent always has the smaller number, so the root of a
 //! component is its first node, whatever the order of unions. About 10 ns a face.
 
-use super::adjacency::AGAINST;
 use super::assemble::Rows;
+use super::links::AGAINST;
 use super::nodes::Node;
 use crate::base::Result;
 use crate::store::npy::ArrayMut;

@@ -9,9 +9,9 @@
 //!
 //! One sequential pass over nodes; the rest only where something has to be turned.
 
-use super::adjacency::AGAINST;
 use super::assemble::Rows;
 use super::components::Components;
+use super::links::AGAINST;
 use super::nodes::{self, Node};
 use crate::base::Result;
 use crate::base::parallel::{chunk_range, fill_chunks};

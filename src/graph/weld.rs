@@ -8,7 +8,8 @@
 //!
 //! Memory and disk: 16 B an open half-edge, in memory where the budget allows.
 
-use super::adjacency::{Counters, Links, Side, chain};
+use super::adjacency::{Counters, Side, chain};
+use super::links::{Adding, Links};
 use crate::base::Result;
 use crate::base::parallel::each_chunk;
 use crate::mesh::Mesh;
@@ -71,19 +72,19 @@ pub(super) fn weld(
         run.threads,
         &run.cancel,
         buckets,
-        || links.shuffle().producer(),
+        || links.adding(),
         |bucket, out| {
             let mut sorted = places.take(bucket)?;
             sorted.sort_unstable_by_key(|place| (place.edge(), place.corner));
             for same in sorted.chunk_by(|a, b| a.edge() == b.edge()) {
                 if same.len() > 1 {
                     welded.fetch_add(same.len() as u64, Relaxed);
-                    chain(mesh, same.iter().map(Place::side), links, out, counters)?;
+                    chain(mesh, same.iter().map(Place::side), out, counters)?;
                 }
             }
             Ok(())
         },
-        Producer::finish,
+        Adding::finish,
     )?;
     Ok(welded.into_inner())
 }

@@ -69,8 +69,9 @@ impl Positions {
         self.double
     }
 
-    /// The position of vertex `v`; NaN where there is no such vertex.
-    #[inline]
+    /// The position of vertex `v`; NaN where there is no such vertex. Handed over in registers: through memory, two numbers
+    /// at a time are waited for after one at a time was written, a third of a pass over all corners.
+    #[inline(always)]
     pub fn get(&self, v: u32) -> [f64; 3] {
         let start = self.offset + v as usize * self.stride;
         let Some(record) = self.bytes.get(start..start + self.stride).filter(|_| (v as usize) < self.len) else {
