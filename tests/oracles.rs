@@ -106,7 +106,7 @@ impl Arrays {
     }
 
     fn csr(&self) -> Csr<'_> {
-        Csr { indptr: &self.indptr, indices: &self.indices, weights: &self.weights }
+        Csr::new(&self.indptr, &self.indices, &self.weights)
     }
 }
 

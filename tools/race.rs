@@ -8,6 +8,8 @@ use nystrom_stream::base::Result;
 use nystrom_stream::distance::front::mean_weight;
 use nystrom_stream::distance::rows::RowParams;
 use nystrom_stream::distance::{DistanceRows, Front, oracle};
+use nystrom_stream::graph::dual::Csr;
+use nystrom_stream::graph::triples::Triples;
 use nystrom_stream::graph::{DualGraph, Metric};
 use nystrom_stream::mesh;
 use nystrom_stream::store::{Run, WorkDir};
@@ -42,13 +44,14 @@ fn median(repeat: usize, mut work: impl FnMut() -> Result<()>) -> Result<f64> {
 
 fn race(arguments: &Arguments) -> Result<()> {
     let mut run = Run::new(&());
-    let work = WorkDir::temporary(&std::env::temp_dir())?;
+    let work = WorkDir::temporary(&std::env::temp_dir())?.holding(&run.budget);
     let opened = mesh::open(&arguments.mesh, work.path(), &run)?;
     let graph = DualGraph::build(&opened.mesh, &arguments.mesh, &serde_json::Value::Null, &work, &run)?;
     let n = graph.nodes.len();
     for (name, metric) in [("scale-free", Metric::default()), ("paper", Metric::paper())] {
         let weighted = graph.weighted(metric, &work, &run)?;
-        let csr = weighted.csr();
+        let triples = Triples::of(weighted.csr(), &run)?;
+        let csr = Csr { triples: triples.as_ref().map_or(&[], Triples::all), ..weighted.csr() };
         let mut front = Front::new(mean_weight(csr));
         let mut field = vec![0f32; n];
         let source = (n / 3) as u32;

@@ -66,7 +66,7 @@ impl Cells {
         let area = 1. / f64::from(shares.unit).powi(2);
         let place = (work, "cell_weights.npy");
         let steps = weights::build(&graph.rows, &graph.nodes, Some(smooth.fine), area, metric, place, run)?;
-        let csr = Csr { indptr: &graph.rows.indptr, indices: &graph.rows.indices, weights: &steps };
+        let csr = Csr::new(&graph.rows.indptr, &graph.rows.indices, &steps);
         let mut owner = work.array::<u32>("cells.npy", &[n])?;
         {
             let mut field = work.array::<f32>("cell_field.tmp", &[n])?;

@@ -111,7 +111,7 @@ mod tests {
         let (w, h) = (23, 17);
         let (indptr, indices) = grid(w, h);
         let weights = vec![1f32; indices.len()];
-        let graph = Csr { indptr: &indptr, indices: &indices, weights: &weights };
+        let graph = Csr::new(&indptr, &indices, &weights);
         for seed in 0..60 {
             let mut random = stream(seed, "islands");
             let field: Vec<f32> =

@@ -32,7 +32,7 @@ pub type Normals = MappedSlice<[f32; 3]>;
 
 /// Steps of length only.
 pub fn lengths(graph: &DualGraph) -> Csr<'_> {
-    Csr { indptr: &graph.rows.indptr, indices: &graph.rows.indices, weights: &graph.rows.gd }
+    Csr::new(&graph.rows.indptr, &graph.rows.indices, &graph.rows.gd)
 }
 
 /// Normals at radius `r` (in units of √(area)), written to `file`.

@@ -18,15 +18,18 @@ use super::sampling::geodesic::fill_lengths;
 use crate::base::{Error, Result};
 use crate::graph::Node;
 use crate::graph::dual::Csr;
+use crate::graph::triples::Triples;
 use crate::store::mapped::Access;
 use crate::store::npy::ArrayMut;
 use crate::store::rows_file::RowsFile;
+use crate::store::words::Words;
 use crate::store::{MappedSliceMut, Run, WorkDir};
 use crossbeam_channel::{Receiver, Sender};
 use std::collections::BTreeMap;
 use std::sync::{Mutex, MutexGuard};
 
 /// Rows to be computed.
+#[derive(Clone, Copy)]
 pub(super) struct Task<'a> {
     pub graph: Csr<'a>,
     pub nodes: &'a [Node],
@@ -38,6 +41,7 @@ pub(super) struct Task<'a> {
 /// Rows while they are computed; row k of all is slot k / of.
 struct Slots<'a> {
     head: &'a Head,
+    file: &'a RowsFile<f32>,
     rows: Vec<Mutex<MappedSliceMut<f32>>>,
     /// Rows taken over from an earlier run.
     done: BTreeMap<usize, Line>,
@@ -50,11 +54,17 @@ impl Slots<'_> {
         self.rows[row / self.head.of].lock().unwrap_or_else(|poison| poison.into_inner())
     }
 
-    /// Sums up a row, brings it to the disk and enters it in the journal.
-    fn close(&self, row: usize, landmark: u32, distances: &MappedSliceMut<f32>) -> Result<Line> {
+    /// Writes a row that was computed elsewhere.
+    fn put(&self, row: usize, landmark: u32, distances: &[f32]) -> Result<Line> {
+        self.file.write_row(row / self.head.of, distances)?;
+        self.close(row, landmark, distances, &self.take(row))
+    }
+
+    /// Sums up the row that `slot` holds, brings it to the disk and enters it in the journal.
+    fn close(&self, row: usize, landmark: u32, distances: &[f32], slot: &MappedSliceMut<f32>) -> Result<Line> {
         let facts = RowFacts::of(distances);
         let Some(journal) = &self.journal else { return Ok(Line { row, landmark, facts, xxh3: 0 }) };
-        distances.sync().map_err(Error::io(&self.path, "sync"))?;
+        slot.sync().map_err(Error::io(&self.path, "sync"))?;
         let line = Line { row, landmark, facts, xxh3: checksum(distances) };
         journal.append(&line)?;
         Ok(line)
@@ -91,19 +101,22 @@ impl Task<'_> {
         }
         let rows = (0..head.wanted()).map(|slot| Ok(Mutex::new(file.row(slot)?))).collect::<Result<Vec<_>>>()?;
         let mut lines = done.clone();
-        let slots = Slots { head, rows, done, journal, path: work.file(name) };
+        let slots = Slots { head, file: &file, rows, done, journal, path: work.file(name) };
         if lines.len() < head.wanted() {
             let temporary = format!("nearest-{}.tmp", head.shard);
             let mut field: ArrayMut<f32> = work.array(&temporary, &[n])?;
             let fields = (run.threads + 1) * n * size_of::<f32>();
+            let triples = if Pages::needed(self.graph, fields, run) { None } else { Triples::of(self.graph, run)? };
+            let graph = Csr { triples: triples.as_ref().map_or(&[], Triples::all), ..self.graph };
+            let task = Task { graph, ..*self };
             let result = Pages::lend(self.graph, fields, run, |pages| {
                 if pages.is_some() {
                     field.data().advise(Access::Random);
                 }
                 if self.params.sampling.needs_lengths() {
-                    self.with_lengths(&slots, field.data(), pages, &mut lines, work, run)
+                    task.with_lengths(&slots, field.data(), pages, &mut lines, work, run)
                 } else {
-                    self.fronts(&slots, None, field.data(), pages, &mut lines, run)
+                    task.fronts(&slots, None, field.data(), pages, &mut lines, run)
                 }
             });
             drop(field);
@@ -127,7 +140,7 @@ impl Task<'_> {
         let name = format!("lengths-{}.tmp", self.head.shard);
         let mut array: ArrayMut<f32> = work.array(&name, &[self.graph.weights.len()])?;
         fill_lengths(self.graph, self.nodes, array.data(), run)?;
-        let lengths = Csr { weights: &array.data()[..], ..self.graph };
+        let lengths = Csr { weights: &array.data()[..], triples: &[], ..self.graph };
         let result = self.fronts(slots, Some(lengths), field, pages, lines, run);
         drop(array);
         work.remove(&format!("{name}.partial"));
@@ -199,9 +212,7 @@ impl Task<'_> {
                     return Ok(());
                 }
                 if let Some(known) = known {
-                    let mut slot = slots.take(k);
-                    slot.copy_from_slice(known);
-                    let _ = done.send(slots.close(k, landmark, &slot));
+                    let _ = done.send(slots.put(k, landmark, known));
                 } else {
                     let _ = jobs.send((k, landmark));
                 }
@@ -213,7 +224,8 @@ impl Task<'_> {
         Ok(())
     }
 
-    /// Computes rows until there are no more.
+    /// Computes rows until there are no more: in memory and written as a whole where the budget has room for that, else
+    /// in the mapped file.
     fn rows(
         &self,
         slots: &Slots<'_>,
@@ -222,17 +234,30 @@ impl Task<'_> {
         done: &Sender<Result<Line>>,
         run: &Run,
     ) {
+        let mut memory = if front.is_paged() { None } else { Words::spare(&run.budget, 4 * self.head.nodes) };
         for (row, landmark) in jobs {
-            let mut slot = slots.take(row);
-            front.values(slot.writeback());
-            slot.advise(if front.is_paged() { Access::Random } else { Access::Local });
-            let full = front.full(self.graph, landmark, &mut slot, &run.cancel);
-            slot.advise(Access::Sequential);
-            let line = full.and_then(|_| slots.close(row, landmark, &slot));
+            let line = match &mut memory {
+                Some(words) => {
+                    let distances = words.items_mut::<f32>(self.head.nodes);
+                    let full = front.full(self.graph, landmark, distances, &run.cancel);
+                    full.and_then(|_| slots.put(row, landmark, distances))
+                }
+                None => self.row(slots, row, landmark, front, run),
+            };
             let failed = line.is_err();
             if done.send(line).is_err() || failed {
                 return;
             }
         }
+    }
+
+    /// Computes a row in the mapped file.
+    fn row(&self, slots: &Slots<'_>, row: usize, landmark: u32, front: &mut Front, run: &Run) -> Result<Line> {
+        let mut slot = slots.take(row);
+        front.values(slot.writeback());
+        slot.advise(if front.is_paged() { Access::Random } else { Access::Local });
+        let full = front.full(self.graph, landmark, &mut slot, &run.cancel);
+        slot.advise(Access::Sequential);
+        full.and_then(|_| slots.close(row, landmark, &slot, &slot))
     }
 }

@@ -7,25 +7,19 @@
 //!
 //! What it costs is branches that cannot be foretold, and cache misses. Whether a step shortens a way is as good as
 //! random, so the ways of [`GATHER`] entries are first gathered without a branch, and then taken, where nearly all are
-//! shorter: 9–13 % less time on scans. And the next entries of a bucket are prefetched in three steps: row start
-//! and distance [`FAR`] entries ahead, the row's neighbours and weights [`MID`] ahead, the neighbours'
-//! distances [`NEAR`] ahead. The sparse matrix itself is walked; no packed copy. Measured numbers are
-//! in `benches/`: 28–35 ns a face on scans, against a floor of 15 ns a face for touching each
-//! cache line of graph and distances once.
+//! shorter: 9–13 % less time on scans. And what entries need is fetched in steps, the farthest [`FAR`] entries ahead
+//! ([`super::steps`]), across the end of a bucket too. Where the graph has [triples](crate::graph::triples) they are
+//! walked instead of the matrix. Measured (`benches/records`): 14–17 ns a face on scans over triples on large pages, 27–31
+//! over the matrix, against a floor of some 6 ns for reading each byte of graph and distances once.
 
 use super::carry::{Carry, Owners, Within, disown};
 use super::paging::{Pager, Pages};
 use super::queue::{Entry, Queue};
+use super::steps::{FAR, Packed, Steps, look_ahead, warm_up};
 use crate::base::{Cancel, Result};
 use crate::graph::dual::Csr;
-use crate::store::mapped::{Access, Writeback, advise, prefetch, will_need};
+use crate::store::mapped::{Access, Writeback, advise, will_need};
 
-/// Entries ahead at which row start and distance are fetched.
-pub const FAR: usize = 20;
-/// Entries ahead at which neighbours and weights are fetched.
-pub const MID: usize = 12;
-/// Entries ahead at which the neighbours' distances are fetched.
-pub const NEAR: usize = 6;
 /// Entries whose shorter ways are gathered before any is taken.
 const GATHER: usize = 32;
 /// Bucket width in mean weights.
@@ -255,11 +249,13 @@ impl Front {
     }
 
     fn spread(&mut self, graph: Csr<'_>, field: &mut [f32], carry: &mut impl Carry, cancel: &Cancel) -> Result<Visits> {
-        self.spread_paged(graph, field, carry, &mut (), |_| (), cancel)
+        if graph.triples.is_empty() {
+            return self.walk(graph, graph, field, carry, &mut (), |_| (), cancel);
+        }
+        let packed = Packed { csr: graph, triples: graph.triples };
+        self.walk(graph, packed, field, carry, &mut (), |_| (), cancel)
     }
 
-    /// The loop itself. `met` sees the part of the field that lies in a block of `pages` met for the first time,
-    /// before it is read.
     fn spread_paged(
         &mut self,
         graph: Csr<'_>,
@@ -269,11 +265,27 @@ impl Front {
         met: impl Fn(&mut [f32]),
         cancel: &Cancel,
     ) -> Result<Visits> {
-        let Csr { indptr, indices, weights } = graph;
+        self.walk(graph, graph, field, carry, pages, met, cancel)
+    }
+
+    /// The loop itself, over `graph` as `steps` walks it. `met` sees the part of the field that lies in a block of
+    /// `pages` met for the first time, before it is read.
+    fn walk(
+        &mut self,
+        graph: Csr<'_>,
+        steps: impl Steps,
+        field: &mut [f32],
+        carry: &mut impl Carry,
+        pages: &mut impl Pager,
+        met: impl Fn(&mut [f32]),
+        cancel: &Cancel,
+    ) -> Result<Visits> {
         let Self { queue, batch, ways, .. } = self;
         let mut visits = Visits::default();
         let mut patience = PATIENCE;
         batch.clear();
+        // The entry that is first in line behind the batch, so far as what it needs was fetched already.
+        let mut fetched = None;
         while queue.pop_bucket(batch) {
             if patience <= batch.len() {
                 patience = PATIENCE;
@@ -288,20 +300,26 @@ impl Front {
                 patience -= batch.len();
             }
             visits.popped += batch.len() as u64;
-            warm_up(batch, graph, field);
-            for start in (0..batch.len()).step_by(GATHER) {
+            if fetched != Some(batch[0].node) {
+                warm_up(batch, steps, field);
+            }
+            // What comes next is fetched behind the end of the batch, too.
+            let len = batch.len();
+            queue.peek(FAR, batch);
+            fetched = batch.get(len).map(|entry| entry.node);
+            for start in (0..len).step_by(GATHER) {
                 let mut count = 0;
-                for k in start..batch.len().min(start + GATHER) {
-                    look_ahead(batch, k, graph, field);
+                for k in start..len.min(start + GATHER) {
+                    look_ahead(batch, k, steps, field);
                     let Entry { node, distance } = batch[k];
                     // Lowered since it was pushed, it is of no use: a later entry does the work.
                     let useful = field[node as usize] >= distance;
                     visits.expanded += u64::from(useful);
-                    let span = indptr[node as usize] as usize..indptr[node as usize + 1] as usize;
-                    if count + span.len() > ways.len() {
-                        ways.resize(count + span.len() + 4 * GATHER, Way::default());
+                    let most = count + steps.count(node);
+                    if most > ways.len() {
+                        ways.resize(most + 4 * GATHER, Way::default());
                     }
-                    for (&next, &weight) in indices[span.clone()].iter().zip(&weights[span]) {
+                    steps.each(node, |next, weight| {
                         let there = distance + weight;
                         if let Some(block) = pages.meet(graph, node, next) {
                             met(&mut field[block]);
@@ -310,7 +328,7 @@ impl Front {
                         let known = field[next as usize];
                         let shorter = (there < known) | (carry.ties() & (there == known));
                         count += usize::from(useful & shorter & carry.admits(there));
-                    }
+                    });
                 }
                 for &Way { to, from } in &ways[..count] {
                     let known = &mut field[to.node as usize];
@@ -332,40 +350,5 @@ impl Front {
     /// Bytes of scratch memory held.
     pub fn bytes(&self) -> usize {
         self.queue.bytes() + self.batch.capacity() * size_of::<Entry>() + self.ways.capacity() * size_of::<Way>()
-    }
-}
-
-/// Fetches for the first entries of a batch what [`look_ahead`] would have fetched before them.
-#[inline(always)]
-fn warm_up(batch: &[Entry], graph: Csr<'_>, field: &[f32]) {
-    for entry in batch.iter().take(FAR) {
-        prefetch(graph.indptr, entry.node as usize);
-        prefetch(field, entry.node as usize);
-    }
-    for entry in batch.iter().take(MID) {
-        let start = graph.indptr[entry.node as usize] as usize;
-        prefetch(graph.indices, start);
-        prefetch(graph.weights, start);
-    }
-}
-
-/// The three steps of prefetching, for the entries after the `k`-th.
-#[inline(always)]
-fn look_ahead(batch: &[Entry], k: usize, graph: Csr<'_>, field: &[f32]) {
-    if let Some(entry) = batch.get(k + FAR) {
-        prefetch(graph.indptr, entry.node as usize);
-        prefetch(field, entry.node as usize);
-    }
-    if let Some(entry) = batch.get(k + MID) {
-        let start = graph.indptr[entry.node as usize] as usize;
-        prefetch(graph.indices, start);
-        prefetch(graph.weights, start);
-        prefetch(graph.weights, start + 2);
-    }
-    if let Some(entry) = batch.get(k + NEAR) {
-        let span = graph.indptr[entry.node as usize] as usize..graph.indptr[entry.node as usize + 1] as usize;
-        for &next in &graph.indices[span] {
-            prefetch(field, next as usize);
-        }
     }
 }

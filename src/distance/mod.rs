@@ -19,6 +19,7 @@ mod rounds;
 pub mod rows;
 pub mod sampling;
 pub mod shard;
+mod steps;
 pub mod vertex_rows;
 pub mod voronoi;
 

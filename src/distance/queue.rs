@@ -185,6 +185,14 @@ impl Queue {
         None
     }
 
+    /// Copies up to `most` of the entries that are first in line now to the end of `out`; none of those beyond the ring.
+    pub fn peek(&self, most: usize, out: &mut Vec<Entry>) {
+        if let Some(near) = self.next_busy() {
+            let block = &self.pool[self.heads[near as usize % RING] as usize];
+            out.extend_from_slice(&block.entries[..(block.len as usize).min(most)]);
+        }
+    }
+
     fn take(&mut self, slot: usize, out: &mut Vec<Entry>) {
         let mut id = self.heads[slot];
         self.heads[slot] = NONE;

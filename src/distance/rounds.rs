@@ -120,7 +120,7 @@ impl<'a> Rounds<'a> {
     ) -> Outcome<O> {
         let mut outcome = Outcome { letters: Vec::new(), doubtful: false };
         let Some(nearest) = mail.first() else { return outcome };
-        let Csr { indptr, indices, weights } = self.graph;
+        let Csr { indptr, indices, weights, .. } = self.graph;
         let starts = &indptr[first..=first + field.len()];
         queue.restart(nearest.distance);
         for letter in mail {

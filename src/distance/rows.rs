@@ -34,18 +34,26 @@ impl RowFacts {
     pub fn of(row: &[f32]) -> Self {
         let mut facts = Self::default();
         for block in row.chunks(4096) {
-            let mut sum = [0f64; 8];
-            for lanes in block.chunks(8) {
-                for (s, &d) in sum.iter_mut().zip(lanes) {
-                    if d < f32::INFINITY {
-                        *s += f64::from(d);
-                    }
+            // Without branches and in lanes, which vectorise; infinite distances count as none.
+            let (mut sum, mut top, mut reached) = ([0f64; 8], [0f32; 8], [0u32; 8]);
+            let (lanes, rest) = block.as_chunks::<8>();
+            for lanes in lanes {
+                for k in 0..8 {
+                    let finite = lanes[k] < f32::INFINITY;
+                    let d = if finite { lanes[k] } else { 0. };
+                    sum[k] += f64::from(d);
+                    top[k] = if d > top[k] { d } else { top[k] };
+                    reached[k] += u32::from(finite);
                 }
             }
+            for (k, &d) in rest.iter().enumerate().filter(|(_, d)| **d < f32::INFINITY) {
+                sum[k] += f64::from(d);
+                top[k] = top[k].max(d);
+                reached[k] += 1;
+            }
             facts.sum += sum.iter().sum::<f64>();
-            facts.reached += block.iter().filter(|d| **d < f32::INFINITY).count() as u64;
-            facts.farthest =
-                block.iter().fold(facts.farthest, |top, &d| if d > top && d < f32::INFINITY { d } else { top });
+            facts.reached += u64::from(reached.iter().sum::<u32>());
+            facts.farthest = top.iter().fold(facts.farthest, |a, &b| if b > a { b } else { a });
         }
         facts
     }

@@ -6,6 +6,7 @@ use super::bridge;
 use super::components::find_components;
 use super::nodes::{self, Frame, Node};
 use super::orient::orient;
+use super::triples::Triple;
 use super::weights::{self, Metric};
 use crate::base::{Error, Result};
 use crate::mesh::Mesh;
@@ -250,7 +251,7 @@ impl Weighted {
 
     /// The matrix as raw slices for hot loops.
     pub fn csr(&self) -> Csr<'_> {
-        Csr { indptr: &self.indptr, indices: self.matrix.indices(), weights: self.matrix.data() }
+        Csr::new(&self.indptr, self.matrix.indices(), self.matrix.data())
     }
 }
 
@@ -263,9 +264,16 @@ pub struct Csr<'a> {
     pub indices: &'a [u32],
     /// Weights (nnz), positive.
     pub weights: &'a [f32],
+    /// The same steps in records of three (n), for fronts; empty where they were not made.
+    pub triples: &'a [Triple],
 }
 
-impl Csr<'_> {
+impl<'a> Csr<'a> {
+    /// A graph of these arrays alone.
+    pub fn new(indptr: &'a [u64], indices: &'a [u32], weights: &'a [f32]) -> Self {
+        Self { indptr, indices, weights, triples: &[] }
+    }
+
     /// Number of nodes.
     pub fn len(&self) -> usize {
         self.indptr.len() - 1

@@ -149,7 +149,7 @@ impl Ground {
 
     /// The same graph weighted by length alone, where that was asked for.
     pub fn lengths(&self) -> Option<Csr<'_>> {
-        self.lengths.as_ref().map(|weights| Csr { weights, ..self.graph.csr() })
+        self.lengths.as_ref().map(|weights| Csr { weights, triples: &[], ..self.graph.csr() })
     }
 
     /// Rows of the held-out columns.
