@@ -9,6 +9,7 @@ use super::{Cluster, SegmentParams, default_landmarks, landmarks_for_parts};
 use crate::base::{Error, Result};
 use crate::cluster::parts::PartCount;
 use crate::graph::Order;
+use crate::graph::links;
 use crate::graph::order::LARGE;
 use crate::store::Run;
 use crate::store::sizing::Sizing;
@@ -78,6 +79,42 @@ fn held(records: u64, size: usize, copies: u64, part: u64, left: u64, threads: u
     sizing.bytes.min(room.saturating_sub(sizing.fixed())) + sizing.staging
 }
 
+/// The budget as work arrays take it that are held in memory: while half of it stays for others.
+struct Room {
+    total: u64,
+    used: u64,
+    holding: bool,
+}
+
+impl Room {
+    fn left(&self) -> u64 {
+        self.total.saturating_sub(self.used)
+    }
+
+    /// What of `bytes` is held where any array may be: all or nothing.
+    fn spare(&mut self, bytes: u64) -> u64 {
+        let held = if self.left() >= bytes + self.total / 2 { bytes } else { 0 };
+        self.used += held;
+        held
+    }
+
+    /// What of an array of the work directory is held.
+    fn take(&mut self, bytes: u64) -> u64 {
+        if self.holding { self.spare(bytes) } else { 0 }
+    }
+
+    fn give_back(&mut self, bytes: u64) {
+        self.used -= bytes;
+    }
+}
+
+/// What such a shuffle takes from the budget.
+fn granted(records: u64, size: usize, copies: u64, part: u64, left: u64, threads: usize) -> u64 {
+    let room = left / part;
+    let sizing = Sizing::new(records, size, copies, threads, room / 2);
+    (sizing.fixed() + sizing.bytes).min(room)
+}
+
 impl Plan {
     /// The plan for a mesh of size `mesh` under `params`, in a work directory that is `lasting` or temporary. Where
     /// [`Order::Auto`] has to look at the mesh to decide, the file's order is taken to be good; `reordered` says
@@ -99,38 +136,73 @@ impl Plan {
             frees: 0,
             seconds: None,
         };
+        let mut room = Room { total: budget, used: 0, holding: !lasting };
         let mut stages = vec![stage("read", 0, mesh.decoded, 0)];
         let reordered = reordered || params.order == Order::Hilbert;
         if reordered {
+            let ranks = room.take(4 * vertices);
             let joined = budget < 8 * vertices;
             let left = if joined { budget } else { budget - 4 * vertices };
             let sorting = held(vertices, 24, 6 * t, 2, left, threads).max(held(n, 20, 6 * t, 3, left, threads));
             let memory = if joined { budget } else { sorting };
             let passing = 4 * vertices + (24 * vertices).max(20 * n + if joined { 16 * corners } else { 0 });
-            stages.push(stage("order", memory, 12 * vertices + 4 * corners + 4 * n, passing.saturating_sub(memory)));
+            let passing = passing.saturating_sub(memory + ranks);
+            stages.push(stage("order", memory + ranks, 12 * vertices + 4 * corners + 4 * n, passing));
+            room.give_back(ranks);
         }
-        let edges = held(corners, 12, 3 * t, 3, budget, threads);
-        let links = held(corners, 8, 12 * t, 2, budget - edges, threads);
         // Half-edges and links beside the nodes; then links beside all that is kept; then the components' roots.
-        let kept = 36 * n + 12 * corners;
-        let matching = (28 * n + 20 * corners).saturating_sub(edges + links + kept);
-        let passing = matching.max((8 * corners).saturating_sub(links)).max(4 * n);
+        let nodes = room.take(28 * n);
+        let edges = held(corners, 12, 3 * t, 3, room.left(), threads);
+        let left = room.left() - granted(corners, 12, 3 * t, 3, room.left(), threads);
+        let table = links::fit(corners, left);
+        let (links, taken) = if table {
+            (4 * corners, 4 * corners)
+        } else {
+            (held(corners, 8, 12 * t, 2, left, threads), granted(corners, 8, 12 * t, 2, left, threads))
+        };
+        room.used += taken;
+        let matrix = room.take(8 * n) + room.take(4 * corners);
+        room.give_back(taken);
+        let roots = room.take(4 * n);
+        room.give_back(roots);
+        let kept = 36 * n + 12 * corners - nodes - matrix;
+        let spilled = if table { 0 } else { (8 * corners).saturating_sub(links) };
+        let matching = (28 * n - nodes + spilled + (12 * corners).saturating_sub(edges)).saturating_sub(kept);
+        let passing = matching.max(spilled).max(4 * n - roots);
         let sorted = if reordered && !lasting { 12 * vertices + 4 * corners } else { 0 };
-        let graph = stage("graph", edges.max(links), kept, passing);
+        let matched = if table { edges + links } else { edges.max(links) };
+        let graph = stage("graph", nodes + matched.max(links + matrix).max(matrix + roots), kept, passing);
         stages.push(StagePlan { frees: sorted, ..graph });
         if params.cluster == Cluster::Parts {
-            stages.push(stage("surface", 24 << 20, 20 * n, 4 * corners + 36 * n));
+            let surface = room.take(20 * n);
+            let passing = room.take(36 * n + 4 * corners);
+            room.give_back(passing);
+            // Not all of what passes is there at a time.
+            let memory = (24 << 20) + room.used + passing / 2;
+            stages.push(stage("surface", memory, 20 * n - surface, 36 * n + 4 * corners - passing));
         }
         // Lengths go when weights are made of them, weights when rows are.
-        let frees = if params.cluster == Cluster::Parts || lasting { 0 } else { 4 * corners };
-        stages.push(StagePlan { frees, ..stage("weights", 0, 4 * corners, 0) });
-        stages.push(StagePlan { frees, ..stage("rows", 0, 4 * l * n, 4 * n) });
+        let frees = |held: u64| if params.cluster == Cluster::Parts || lasting { 0 } else { 4 * corners - held };
+        let weights = room.take(4 * corners);
+        stages.push(StagePlan { frees: frees(0), ..stage("weights", room.used, 4 * corners - weights, 0) });
+        // The field of the search, the graph once more for fronts, and a row a thread.
+        let field = room.take(4 * n);
+        let fronts = room.spare(24 * n) + (0..t).map(|_| room.spare(4 * n)).sum::<u64>();
+        let rows = stage("rows", room.used, 4 * l * n, 4 * n - field);
+        room.give_back(field + fronts);
+        stages.push(StagePlan { frees: frees(weights), ..rows });
+        if frees(0) > 0 {
+            room.give_back(weights);
+        }
         // The sample of columns and their coordinates.
         let dimensions = match params.parts.count {
             PartCount::Exactly(parts) => parts.max(2) as u64,
             _ => 0,
         };
-        stages.push(stage("labels", 12 * (1 << 15).min(n) * (l + dimensions), 8 * n, 8 * n));
+        let labels = room.take(8 * n);
+        let restored = if reordered { room.take(8 * n) } else { 0 };
+        let sample = 12 * (1 << 15).min(n) * (l + dimensions);
+        stages.push(stage("labels", sample + room.used, 8 * n - labels, 8 * n - restored));
         let (mut disk, mut disk_peak) = (0, 0);
         for stage in &stages {
             disk_peak = disk_peak.max(disk + stage.keeps + stage.passing);

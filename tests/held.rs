@@ -1,0 +1,110 @@
+//! Where arrays lie changes nothing: held in memory, or in files; a table of links, or a shuffle; triples, or the matrix.
+
+use nystrom_stream::apps::creature::{Creature, Options};
+use nystrom_stream::distance::front::mean_weight;
+use nystrom_stream::distance::{Front, oracle};
+use nystrom_stream::graph::dual::Csr;
+use nystrom_stream::graph::triples::Triples;
+use nystrom_stream::graph::{DualGraph, Metric};
+use nystrom_stream::mesh;
+use nystrom_stream::store::{Budget, Run, WorkDir};
+use serde_json::Value;
+use std::path::{Path, PathBuf};
+
+fn creature(folder: &Path) -> PathBuf {
+    let path = folder.join("creature.ply");
+    Creature::new(&Options { faces: 60_000, noise: 0.2, ..Options::default() })
+        .unwrap()
+        .write_ply(&path, &Run::new(&()))
+        .unwrap();
+    path
+}
+
+/// A fan of seven triangles on one edge, a lone triangle, and a strip: rows of no, few and many steps.
+fn tangled(folder: &Path) -> PathBuf {
+    let mut text = String::from("OFF\n30 16 0\n0 0 0\n0 0 1\n");
+    for k in 0..28 {
+        let turn = k as f64 * 0.7;
+        text += &format!("{} {} {}\n", turn.cos(), turn.sin(), 0.1 * k as f64);
+    }
+    (0..7).for_each(|k| text += &format!("3 0 1 {}\n", k + 2));
+    text += "3 10 11 12\n";
+    (0..8).for_each(|k| text += &format!("3 {} {} {}\n", 14 + k, 15 + k, 16 + k));
+    let path = folder.join("tangled.off");
+    std::fs::write(&path, text).unwrap();
+    path
+}
+
+/// The graph of `path` under a budget: row starts, neighbours, lengths and weights.
+fn graph(path: &Path, budget: u64, holding: bool, folder: &Path) -> (Vec<u64>, Vec<u32>, Vec<f32>, Vec<f32>) {
+    let run = Run { budget: Budget::new(budget), ..Run::new(&()) };
+    let mut work = WorkDir::temporary(folder).unwrap();
+    if holding {
+        work = work.holding(&run.budget);
+    }
+    let opened = mesh::open(path, work.path(), &run).unwrap();
+    let graph = DualGraph::build(&opened.mesh, path, &Value::Null, &work, &run).unwrap();
+    let weighted = graph.weighted(Metric::default(), &work, &run).unwrap();
+    let csr = weighted.csr();
+    assert_eq!(work.file("graph_indices.npy").exists(), !holding);
+    (csr.indptr.to_vec(), csr.indices.to_vec(), graph.rows.gd.to_vec(), csr.weights.to_vec())
+}
+
+#[test]
+fn graphs_are_the_same_in_memory_and_in_files() {
+    let dir = tempfile::tempdir().unwrap();
+    for path in [creature(dir.path()), tangled(dir.path())] {
+        // 4 MiB leave no room for a table of links of the creature.
+        let shuffled = graph(&path, 4 << 20, false, dir.path());
+        assert!(shuffled == graph(&path, 1 << 30, false, dir.path()), "{}", path.display());
+        assert!(shuffled == graph(&path, 1 << 30, true, dir.path()), "{}", path.display());
+    }
+}
+
+#[test]
+fn an_array_that_does_not_fit_becomes_a_file_and_is_given_up_alike() {
+    let dir = tempfile::tempdir().unwrap();
+    let budget = Budget::new(10_000);
+    let work = WorkDir::temporary(dir.path()).unwrap().holding(&budget);
+    for (name, items, held) in [("small.npy", 1000usize, true), ("large.npy", 2000, false)] {
+        let mut array = work.array::<u32>(name, &[items]).unwrap();
+        array.data().fill(7);
+        let finished = array.finish(false).unwrap();
+        assert_eq!((finished.len(), finished[items - 1], work.file(name).exists()), (items, 7, !held));
+        assert_eq!(work.open_array::<u32>(name).unwrap()[..], finished[..]);
+    }
+    let left = budget.left();
+    work.remove("small.npy");
+    assert_eq!(budget.left(), left + 4000, "the budget has its bytes back");
+    assert!(work.open_array::<u32>("small.npy").is_err());
+    let mut writer = work.writer_of::<f32>("rows.npy", 1, 4).unwrap();
+    writer.push(&[1., 2., 3.]).unwrap();
+    assert!(writer.push(&[4., 5.]).is_err(), "no more than was announced");
+}
+
+#[test]
+fn fronts_over_triples_go_the_same_ways() {
+    let dir = tempfile::tempdir().unwrap();
+    let run = Run::new(&());
+    for path in [creature(dir.path()), tangled(dir.path())] {
+        let work = WorkDir::temporary(dir.path()).unwrap();
+        let opened = mesh::open(&path, work.path(), &run).unwrap();
+        let graph = DualGraph::build(&opened.mesh, &path, &Value::Null, &work, &run).unwrap();
+        let weighted = graph.weighted(Metric::default(), &work, &run).unwrap();
+        let triples = Triples::of(weighted.csr(), &run).unwrap().unwrap();
+        let csr = Csr { triples: triples.all(), ..weighted.csr() };
+        let mut front = Front::new(mean_weight(csr));
+        for source in [0, csr.len() as u32 / 2, csr.len() as u32 - 1] {
+            let mut field = vec![0.; csr.len()];
+            front.full(csr, source, &mut field, &run.cancel).unwrap();
+            assert!(field == oracle::dijkstra(weighted.csr(), source), "{} from {source}", path.display());
+        }
+    }
+    let none = Run { budget: Budget::new(1 << 10), ..Run::new(&()) };
+    let work = WorkDir::temporary(dir.path()).unwrap();
+    let path = creature(dir.path());
+    let opened = mesh::open(&path, work.path(), &run).unwrap();
+    let graph = DualGraph::build(&opened.mesh, &path, &Value::Null, &work, &run).unwrap();
+    let weighted = graph.weighted(Metric::default(), &work, &run).unwrap();
+    assert!(Triples::of(weighted.csr(), &none).unwrap().is_none());
+}
