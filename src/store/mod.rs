@@ -2,7 +2,7 @@
 //!
 //! Everything of the size of the mesh is a file here, mapped on demand, so that the kernel may
 //! take its pages back at any time; only what a [`Budget`] grants is allocated. Where it grants enough, arrays of temporary
-//! directories are [held](held) in memory instead.
+//! directories are [held] in memory instead.
 
 pub mod budget;
 pub mod check;
