@@ -120,7 +120,8 @@ pub struct PartsReport {
     pub atoms: usize,
     /// Number of parts found when none is given.
     pub parts_found: usize,
-    /// Share of pairs of points, by area, on which a person is expected to differ.
+    /// Share of pairs of points, by area, on which a person is expected to differ: too small a share, since the
+    /// probability is fitted to what most people decide and not to how many do.
     pub expected_disagreement: f64,
     /// Mean confidence by area.
     pub mean_confidence: f64,
