@@ -119,7 +119,7 @@ impl Front {
             empty(&mut field[block]);
         }
         self.start(&[source], field);
-        let result = self.spread_paged(graph, field, &mut (), &mut pages, empty, cancel);
+        let result = self.walk(graph, graph, field, &mut (), &mut pages, empty, cancel);
         pages.unmet().for_each(|block| empty(&mut field[block]));
         pages.send_all();
         self.pages = Some(pages);
@@ -235,7 +235,7 @@ impl Front {
             will_need(&field[block]);
         }
         self.start(sources, field);
-        let result = self.spread_paged(graph, field, carry, &mut pages, |block| will_need(block), cancel);
+        let result = self.walk(graph, graph, field, carry, &mut pages, |block| will_need(block), cancel);
         pages.send_all();
         self.pages = Some(pages);
         result
@@ -255,18 +255,6 @@ impl Front {
         }
         let packed = Packed { csr: graph, triples: graph.triples };
         self.walk(graph, packed, field, carry, &mut (), |_| (), cancel)
-    }
-
-    fn spread_paged(
-        &mut self,
-        graph: Csr<'_>,
-        field: &mut [f32],
-        carry: &mut impl Carry,
-        pages: &mut impl Pager,
-        met: impl Fn(&mut [f32]),
-        cancel: &Cancel,
-    ) -> Result<Visits> {
-        self.walk(graph, graph, field, carry, pages, met, cancel)
     }
 
     /// The loop itself, over `graph` as `steps` walks it. `met` sees the part of the field that lies in a block of

@@ -1,8 +1,8 @@
 //! The graph of a closed triangle mesh in records of three steps, for fronts.
 //!
 //! Nearly every face has three neighbours. With their numbers and the weights of the steps in one record a front needs
-//! one cache line a node instead of three and no row start, and its inner loop has a fixed length: some 15 % less time a
-//! row (`benches/records`). It is a copy, 24 bytes a node beside the sparse matrix, so it is made only where many rows
+//! one cache line a node instead of three and no row start, and its inner loop has a fixed length: with
+//! large pages a row takes about half the time (`benches/records`). It is a copy, 24 bytes a node beside the sparse matrix, so it is made only where many rows
 //! will be computed and half of the budget stays free; without it fronts walk the matrix, with the same result.
 
 use super::dual::Csr;
