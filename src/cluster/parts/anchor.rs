@@ -9,6 +9,8 @@
 //! l × l problem: they are Φᵀ Q/√g, Φ = Z/√(Za), (Q, g) the eigenpairs of Φ diag(a) Φᵀ. Scaled by
 //! √(g/g₀) and brought to unit rows the factors of g cancel, and Φᵀ Q is left.
 
+use crate::base::wide::{Work, wide};
+use crate::distance::exp::exp64;
 use nalgebra::{DMatrix, SymmetricEigen};
 
 /// Share of the mean affinity that every landmark gives to every cell: far cells stay distributions.
@@ -90,41 +92,56 @@ pub fn anchor_embedding(rows: &Rows, chosen: &[usize], shares: &[f64], width: us
 
 /// The same, and what it was made with.
 pub fn anchored(rows: &Rows, chosen: &[usize], shares: &[f64], width: usize, scale: f64) -> (Embedding, Anchors) {
-    let (l, n) = (chosen.len(), rows.cells);
-    let width = width.min(l);
-    if l == 0 || n == 0 {
-        let none = Anchors { weight: vec![], factor: 0., lift: 0., root: vec![], vectors: vec![], width: 0 };
-        return (Embedding { values: Vec::new(), width: 0 }, none);
-    }
-    let mean = chosen.iter().map(|&j| dot(rows.row(j), shares)).sum::<f64>() / l as f64;
-    let s = (scale * mean).max(1e-30);
-    let weight = anchor_shares(rows, chosen, shares);
-    let factor = -1.0 / (2.0 * s * s);
-    let mut z = Vec::with_capacity(l * n);
-    let mut column = vec![0.0; n];
-    for (&j, v) in chosen.iter().zip(&weight) {
-        z.extend(rows.row(j).iter().zip(&mut column).map(|(b, c)| {
-            let k = v * (b * b * factor).exp();
-            *c += k;
-            k
-        }));
-    }
-    let lift = BACKGROUND * dot(&column, shares);
-    let total: f64 = weight.iter().sum();
-    column.iter_mut().for_each(|c| *c = 1.0 / (*c + lift * total).max(1e-300));
-    let mut root = Vec::with_capacity(l);
-    for (row, v) in z.chunks_exact_mut(n).zip(&weight) {
-        let mut mass = 0.0;
-        for ((x, c), a) in row.iter_mut().zip(&column).zip(shares) {
-            *x = (*x + lift * v) * c;
-            mass += *x * a;
+    wide(Anchoring { rows, chosen, shares, width, scale })
+}
+
+/// [`anchored`] on wide vectors.
+struct Anchoring<'a> {
+    rows: &'a Rows,
+    chosen: &'a [usize],
+    shares: &'a [f64],
+    width: usize,
+    scale: f64,
+}
+
+impl Work for Anchoring<'_> {
+    type Output = (Embedding, Anchors);
+
+    #[inline(always)]
+    fn run(self) -> (Embedding, Anchors) {
+        let Anchoring { rows, chosen, shares, width, scale } = self;
+        let (l, n) = (chosen.len(), rows.cells);
+        let width = width.min(l);
+        if l == 0 || n == 0 {
+            let none = Anchors { weight: vec![], factor: 0., lift: 0., root: vec![], vectors: vec![], width: 0 };
+            return (Embedding { values: Vec::new(), width: 0 }, none);
         }
-        let scale = 1.0 / mass.max(1e-300).sqrt();
-        row.iter_mut().for_each(|x| *x *= scale);
-        root.push(scale);
+        let mean = chosen.iter().map(|&j| dot(rows.row(j), shares)).sum::<f64>() / l as f64;
+        let s = (scale * mean).max(1e-30);
+        let weight = anchor_shares(rows, chosen, shares);
+        let factor = -1.0 / (2.0 * s * s);
+        let mut z = vec![0.0; l * n];
+        let mut column = vec![0.0; n];
+        for ((row, &j), v) in z.chunks_exact_mut(n).zip(chosen).zip(&weight) {
+            for ((x, c), b) in row.iter_mut().zip(&mut column).zip(rows.row(j)) {
+                let k = v * exp64(b * b * factor);
+                *c += k;
+                *x = k;
+            }
+        }
+        let lift = BACKGROUND * dot(&column, shares);
+        let total: f64 = weight.iter().sum();
+        column.iter_mut().for_each(|c| *c = 1.0 / (*c + lift * total).max(1e-300));
+        let mut root = Vec::with_capacity(l);
+        for (row, v) in z.chunks_exact_mut(n).zip(&weight) {
+            row.iter_mut().zip(&column).for_each(|(x, c)| *x = (*x + lift * v) * c);
+            let scale = 1.0 / dot(row, shares).max(1e-300).sqrt();
+            row.iter_mut().for_each(|x| *x *= scale);
+            root.push(scale);
+        }
+        let vectors = leading_eigenvectors(&z, l, n, shares, width);
+        (project(&z, &vectors, l, n, width), Anchors { weight, factor, lift, root, vectors, width })
     }
-    let vectors = leading_eigenvectors(&z, l, n, shares, width);
-    (project(&z, &vectors, l, n, width), Anchors { weight, factor, lift, root, vectors, width })
 }
 
 impl Anchors {
@@ -134,7 +151,7 @@ impl Anchors {
         out.fill(0.);
         for (j, &d) in distances.iter().enumerate() {
             let d = f64::from(d);
-            let z = self.weight[j] * ((d * d * self.factor).exp() + self.lift) * self.root[j];
+            let z = self.weight[j] * (exp64(d * d * self.factor) + self.lift) * self.root[j];
             let vector = &self.vectors[j * self.width..(j + 1) * self.width];
             out.iter_mut().zip(vector).for_each(|(x, q)| *x += z * q);
         }
@@ -144,14 +161,15 @@ impl Anchors {
 }
 
 /// Share of the area nearest to each chosen landmark, floored, summing to 1.
+#[inline(always)]
 fn anchor_shares(rows: &Rows, chosen: &[usize], shares: &[f64]) -> Vec<f64> {
     let mut nearest = vec![0u32; rows.cells];
     let mut least = rows.row(chosen[0]).to_vec();
     for (k, &j) in chosen.iter().enumerate().skip(1) {
         for ((b, low), near) in rows.row(j).iter().zip(&mut least).zip(&mut nearest) {
-            if b < low {
-                (*low, *near) = (*b, k as u32);
-            }
+            let nearer = b < low;
+            *near = if nearer { k as u32 } else { *near };
+            *low = if nearer { *b } else { *low };
         }
     }
     let mut share = vec![0.0; chosen.len()];
@@ -164,20 +182,14 @@ fn anchor_shares(rows: &Rows, chosen: &[usize], shares: &[f64]) -> Vec<f64> {
 }
 
 /// The `width` leading eigenvectors of Φ diag(a) Φᵀ, row-major l × width.
+#[inline(always)]
 fn leading_eigenvectors(phi: &[f64], l: usize, n: usize, shares: &[f64], width: usize) -> Vec<f64> {
     let root: Vec<f64> = shares.iter().map(|a| a.max(0.0).sqrt()).collect();
     let mut scaled = phi.to_vec();
     for row in scaled.chunks_exact_mut(n) {
         row.iter_mut().zip(&root).for_each(|(x, r)| *x *= r);
     }
-    let mut gram = DMatrix::zeros(l, l);
-    for i in 0..l {
-        for j in 0..=i {
-            let g = dot(&scaled[i * n..(i + 1) * n], &scaled[j * n..(j + 1) * n]);
-            gram[(i, j)] = g;
-            gram[(j, i)] = g;
-        }
-    }
+    let gram = gram(&scaled, l, n);
     let mut q = vec![0.0; l * width];
     match SymmetricEigen::try_new(gram, f64::EPSILON, 100_000) {
         Some(eigen) => {
@@ -195,25 +207,101 @@ fn leading_eigenvectors(phi: &[f64], l: usize, n: usize, shares: &[f64], width: 
     q
 }
 
-/// Φᵀ Q with rows brought to unit length.
-fn project(phi: &[f64], q: &[f64], l: usize, n: usize, width: usize) -> Embedding {
-    let mut values = vec![0.0; n * width];
-    for start in (0..n).step_by(LANES) {
-        let lanes = LANES.min(n - start);
-        let mut block = [0.0; LANES];
-        let mut sums = vec![[0.0; LANES]; width];
-        for j in 0..l {
-            block[..lanes].copy_from_slice(&phi[j * n + start..][..lanes]);
-            for (sum, q) in sums.iter_mut().zip(&q[j * width..(j + 1) * width]) {
-                for (s, b) in sum.iter_mut().zip(&block) {
-                    *s += q * b;
+/// Inner products of `l` rows of `n` numbers with each other, each as [`dot`] has it, in tiles, so that a number
+/// that is loaded serves several of them.
+#[inline(always)]
+fn gram(rows: &[f64], l: usize, n: usize) -> DMatrix<f64> {
+    let mut gram = DMatrix::zeros(l, l);
+    let mut enter = |i: usize, j: usize, g: f64| {
+        gram[(i, j)] = g;
+        gram[(j, i)] = g;
+    };
+    let row = |i: usize| &rows[i * n..(i + 1) * n];
+    let full = l - l % TILE[1];
+    for i in (0..full).step_by(TILE[0]) {
+        for j in (0..=i).step_by(TILE[1]) {
+            let tile = dots(std::array::from_fn(|k| row(i + k)), std::array::from_fn(|k| row(j + k)));
+            for (a, line) in tile.iter().enumerate() {
+                line.iter().enumerate().for_each(|(b, g)| enter(i + a, j + b, *g));
+            }
+        }
+    }
+    for i in full..l {
+        (0..=i).for_each(|j| enter(i, j, dot(row(i), row(j))));
+    }
+    gram
+}
+
+/// Rows either way of a tile of [`gram`]; the one a multiple of the other.
+const TILE: [usize; 2] = [2, 4];
+
+/// [`dot`] of each of `a` with each of `b`.
+#[inline(always)]
+fn dots(a: [&[f64]; TILE[0]], b: [&[f64]; TILE[1]]) -> [[f64; TILE[1]]; TILE[0]] {
+    let mut lanes = [[[0.0; LANES]; TILE[1]]; TILE[0]];
+    let (a, b) = (a.map(|a| a.as_chunks::<LANES>()), b.map(|b| b.as_chunks::<LANES>()));
+    let blocks = a[0].0.len();
+    let (xs, ys) = (a.map(|a| &a.0[..blocks]), b.map(|b| &b.0[..blocks]));
+    for k in 0..blocks {
+        for (lanes, x) in lanes.iter_mut().zip(xs) {
+            for (lanes, y) in lanes.iter_mut().zip(ys) {
+                for lane in 0..LANES {
+                    lanes[lane] += x[k][lane] * y[k][lane];
                 }
             }
         }
-        for i in 0..lanes {
-            let norm = sums.iter().map(|s| s[i] * s[i]).sum::<f64>().sqrt().max(1e-30);
-            for (x, s) in values[(start + i) * width..].iter_mut().zip(&sums) {
-                *x = s[i] / norm;
+    }
+    std::array::from_fn(|i| {
+        std::array::from_fn(|j| {
+            let rest: f64 = a[i].1.iter().zip(b[j].1).map(|(x, y)| x * y).sum();
+            lanes[i][j].iter().sum::<f64>() + rest
+        })
+    })
+}
+
+/// Coordinates that [`project`] sums at a time.
+const TOGETHER: usize = 4;
+
+/// Φᵀ Q with rows brought to unit length.
+#[inline(always)]
+fn project(phi: &[f64], q: &[f64], l: usize, n: usize, width: usize) -> Embedding {
+    // Q in groups of coordinates, row after row.
+    let groups = width.div_ceil(TOGETHER);
+    let mut vectors = vec![[0.0; TOGETHER]; groups * l];
+    for j in 0..l {
+        for (c, x) in q[j * width..(j + 1) * width].iter().enumerate() {
+            vectors[c / TOGETHER * l + j][c % TOGETHER] = *x;
+        }
+    }
+    let mut values = vec![0.0; n * width];
+    let mut block = vec![[0.0; LANES]; l];
+    let mut sums = vec![[0.0; LANES]; groups * TOGETHER];
+    for (start, values) in (0..n).step_by(LANES).zip(values.chunks_mut(LANES * width)) {
+        let lanes = LANES.min(n - start);
+        for (block, phi) in block.iter_mut().zip(phi.chunks_exact(n)) {
+            block[..lanes].copy_from_slice(&phi[start..start + lanes]);
+        }
+        for (out, vectors) in sums.as_chunks_mut::<TOGETHER>().0.iter_mut().zip(vectors.chunks_exact(l)) {
+            let mut sums = [[0.0; LANES]; TOGETHER];
+            for (block, q) in block.iter().zip(vectors) {
+                for (sum, q) in sums.iter_mut().zip(q) {
+                    for k in 0..LANES {
+                        sum[k] += q * block[k];
+                    }
+                }
+            }
+            *out = sums;
+        }
+        let mut norm = [0.0f64; LANES];
+        for s in &sums[..width] {
+            for k in 0..LANES {
+                norm[k] += s[k] * s[k];
+            }
+        }
+        let norm = norm.map(|square| square.sqrt().max(1e-30));
+        for (i, row) in values.chunks_exact_mut(width).enumerate() {
+            for (x, s) in row.iter_mut().zip(&sums) {
+                *x = s[i] / norm[i];
             }
         }
     }
@@ -221,11 +309,12 @@ fn project(phi: &[f64], q: &[f64], l: usize, n: usize, width: usize) -> Embeddin
 }
 
 /// Inner product in a fixed order of additions that vectorises.
+#[inline(always)]
 pub(super) fn dot(a: &[f64], b: &[f64]) -> f64 {
     let mut lanes = [0.0; LANES];
-    let (ca, cb) = (a.chunks_exact(LANES), b.chunks_exact(LANES));
-    let rest: f64 = ca.remainder().iter().zip(cb.remainder()).map(|(x, y)| x * y).sum();
-    for (x, y) in ca.zip(cb) {
+    let ((xs, x_rest), (ys, y_rest)) = (a.as_chunks::<LANES>(), b.as_chunks::<LANES>());
+    let rest: f64 = x_rest.iter().zip(y_rest).map(|(x, y)| x * y).sum();
+    for (x, y) in xs.iter().zip(ys) {
         for k in 0..LANES {
             lanes[k] += x[k] * y[k];
         }
