@@ -291,7 +291,9 @@ fn landmarks_and_rows_equal_the_plain_algorithm() {
         let l = 20.min(graph.len());
         for seed in [0, 1] {
             // From an extremity, farthest first.
-            let first = extremity(&built.graph.nodes, seed);
+            let run = Run { seed, ..Run::new(&()) };
+            let first = extremity(&built.graph.nodes, seed, 1);
+            assert_eq!(extremity(&built.graph.nodes, seed, 3), first);
             let expected = oracle::farthest_points(graph, first, l);
             let mut field = vec![0f32; graph.len()];
             let mut found = Vec::new();
@@ -301,11 +303,10 @@ fn landmarks_and_rows_equal_the_plain_algorithm() {
                 l,
                 (graph, None),
                 &built.graph.nodes,
-                seed,
                 &mut field,
                 &mut front,
-                &built.run.cancel,
                 &(),
+                &run,
                 |x, _| {
                     found.push(x);
                     Ok(())

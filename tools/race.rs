@@ -1,7 +1,7 @@
 //! Races the front against a binary-heap Dijkstra on the same graph, and rows on one thread against two.
 //!
 //! `cargo run --release --example race -- MESH [-l 10] [--repeat 5]`: prints medians, one line each, for
-//! the records in `benches/records`. Both sides run in the same process, one after another.
+//! the records in `benches/records`. Both sides run in the same process, by turns, since a machine's speed wanders.
 
 use clap::Parser;
 use nystrom_stream::base::Result;
@@ -30,16 +30,16 @@ struct Arguments {
     repeat: usize,
 }
 
-/// The median of the seconds that `work` takes.
-fn median(repeat: usize, mut work: impl FnMut() -> Result<()>) -> Result<f64> {
-    let mut seconds = Vec::new();
-    for _ in 0..repeat.max(1) {
-        let start = Instant::now();
-        work()?;
-        seconds.push(start.elapsed().as_secs_f64());
-    }
-    seconds.sort_by(f64::total_cmp);
-    Ok(seconds[seconds.len() / 2])
+/// The seconds that `work` takes.
+fn seconds(work: impl FnOnce() -> Result<()>) -> Result<f64> {
+    let start = Instant::now();
+    work()?;
+    Ok(start.elapsed().as_secs_f64())
+}
+
+fn median(mut of: Vec<f64>) -> f64 {
+    of.sort_by(f64::total_cmp);
+    of[of.len() / 2]
 }
 
 fn race(arguments: &Arguments) -> Result<()> {
@@ -55,12 +55,15 @@ fn race(arguments: &Arguments) -> Result<()> {
         let mut front = Front::new(mean_weight(csr));
         let mut field = vec![0f32; n];
         let source = (n / 3) as u32;
-        let ours = median(arguments.repeat, || front.full(csr, source, &mut field, &run.cancel).map(drop))?;
-        let mut slow = Vec::new();
-        let heap = median(arguments.repeat, || {
-            slow = oracle::dijkstra(csr, source);
-            Ok(())
-        })?;
+        let (mut front_times, mut heap_times, mut slow) = (Vec::new(), Vec::new(), Vec::new());
+        for _ in 0..arguments.repeat.max(1) {
+            front_times.push(seconds(|| front.full(csr, source, &mut field, &run.cancel).map(drop))?);
+            heap_times.push(seconds(|| {
+                slow = oracle::dijkstra(csr, source);
+                Ok(())
+            })?);
+        }
+        let (ours, heap) = (median(front_times), median(heap_times));
         println!(
             "{name:10} {n} faces: front {:.1} ms ({:.1} ns a face), binary heap {:.1} ms, {:.2} x; same bits: {}",
             ours * 1e3,
@@ -69,22 +72,24 @@ fn race(arguments: &Arguments) -> Result<()> {
             heap / ours,
             slow == field
         );
-        let mut seconds = [0f64; 2];
-        for threads in [1, 2] {
-            run.threads = threads;
-            seconds[threads - 1] = median(arguments.repeat, || {
-                // A work directory of its own, or the rows would be reused.
-                let scratch = WorkDir::temporary(&std::env::temp_dir())?;
+        let mut times = [Vec::new(), Vec::new()];
+        for _ in 0..arguments.repeat.max(1) {
+            for threads in [1, 2] {
+                run.threads = threads;
+                // A work directory of its own, or the rows would be reused; arrays in memory, as `segment` has them.
+                let scratch = WorkDir::temporary(&std::env::temp_dir())?.holding(&run.budget);
                 let params = RowParams { l: arguments.l, sampling: Default::default() };
-                DistanceRows::build(&weighted, &graph.nodes, params, &scratch, &run).map(drop)
-            })?;
+                let rows = || DistanceRows::build(&weighted, &graph.nodes, params, &scratch, &run).map(drop);
+                times[threads - 1].push(seconds(rows)?);
+            }
         }
+        let [one, two] = times.map(median);
         println!(
             "{name:10} {} rows: one thread {:.0} ms, two {:.0} ms, {:.2} x",
             arguments.l,
-            seconds[0] * 1e3,
-            seconds[1] * 1e3,
-            seconds[0] / seconds[1]
+            one * 1e3,
+            two * 1e3,
+            one / two
         );
     }
     Ok(())

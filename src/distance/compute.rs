@@ -3,7 +3,10 @@
 //! The searcher sends each landmark down a channel as soon as it is known; the others take them and run full
 //! fronts meanwhile; the searcher joins them when it is done. A finished row is brought to the disk, entered in the
 //! journal, and goes down a second channel with its sums to the calling thread, which keeps the books. The
-//! first landmark's row falls out of the search and is not computed twice.
+//! first landmark's row falls out of the search and is not computed twice: where the budget has room for a copy, a thread
+//! that has nothing to do yet writes it.
+//!
+//! Nothing can run beside the first front: 23 of the 126 ms that ten rows over 1.3 M faces take on two threads.
 //!
 //! Rows that the journal knows from an earlier run are checked (one pass over them) and taken over. In a
 //! temporary directory there is no journal and nothing is synced.
@@ -36,6 +39,14 @@ pub(super) struct Task<'a> {
     pub params: RowParams,
     /// What they are of, and which of them are wanted.
     pub head: &'a Head,
+}
+
+/// A landmark whose row is wanted.
+struct Job {
+    row: usize,
+    landmark: u32,
+    /// The row, where it is known and has only to be written.
+    known: Option<Words>,
 }
 
 /// Rows while they are computed; row k of all is slot k / of.
@@ -167,7 +178,7 @@ impl Task<'_> {
     ) -> Result<()> {
         let mean = mean_weight(self.graph);
         let front = || Front::new(mean).paged(pages.clone());
-        let (send, receive) = crossbeam_channel::unbounded::<(usize, u32)>();
+        let (send, receive) = crossbeam_channel::unbounded::<Job>();
         let (done, finished) = crossbeam_channel::unbounded::<Result<Line>>();
         let missing = self.head.wanted() - lines.len();
         std::thread::scope(|scope| -> Result<()> {
@@ -204,7 +215,7 @@ impl Task<'_> {
         lengths: Option<Csr<'_>>,
         field: &mut MappedSliceMut<f32>,
         front: &mut Front,
-        jobs: &Sender<(usize, u32)>,
+        jobs: &Sender<Job>,
         done: &Sender<Result<Line>>,
         run: &Run,
     ) -> Result<()> {
@@ -212,20 +223,20 @@ impl Task<'_> {
         front.values(field.writeback());
         let RowParams { l, sampling } = self.params;
         let graphs = (self.graph, lengths);
-        let cost =
-            choose(sampling, l, graphs, self.nodes, run.seed, field, front, &run.cancel, slots, |landmark, known| {
-                let k = row;
-                row += 1;
-                if !self.head.wants(k) || slots.landmark(k) == Some(landmark) {
-                    return Ok(());
-                }
-                if let Some(known) = known {
-                    let _ = done.send(slots.put(k, landmark, known));
-                } else {
-                    let _ = jobs.send((k, landmark));
-                }
-                Ok(())
-            })?;
+        let others = run.threads > 1 && self.head.wanted() > 1;
+        let cost = choose(sampling, l, graphs, self.nodes, field, front, slots, run, |landmark, known| {
+            let k = row;
+            row += 1;
+            if !self.head.wants(k) || slots.landmark(k) == Some(landmark) {
+                return Ok(());
+            }
+            let copy = known.filter(|_| others).and_then(|known| Words::copy_of(&run.budget, known));
+            match known {
+                Some(known) if copy.is_none() => drop(done.send(slots.put(k, landmark, known))),
+                _ => drop(jobs.send(Job { row: k, landmark, known: copy })),
+            }
+            Ok(())
+        })?;
         if !matches!(sampling, Sampling::Farthest | Sampling::Random | Sampling::Uniform) {
             run.progress.note(&format!("landmarks: the search cost {cost:.1} fronts besides the {l} rows"));
         }
@@ -234,26 +245,20 @@ impl Task<'_> {
 
     /// Computes rows until there are no more: in memory and written as a whole where the budget has room for that, else
     /// in the mapped file.
-    fn rows(
-        &self,
-        slots: &Slots<'_>,
-        front: &mut Front,
-        jobs: Receiver<(usize, u32)>,
-        done: &Sender<Result<Line>>,
-        run: &Run,
-    ) {
+    fn rows(&self, slots: &Slots<'_>, front: &mut Front, jobs: Receiver<Job>, done: &Sender<Result<Line>>, run: &Run) {
         let mut memory = if front.is_paged() { None } else { Words::spare(&run.budget, 4 * self.head.nodes) };
         // What is held has no mapping to compute in.
         let plain = memory.is_none() && slots.file.is_held();
         let mut plain = vec![0.; if plain { self.head.nodes } else { 0 }];
-        for (row, landmark) in jobs {
+        for Job { row, landmark, known } in jobs {
             let words = memory.as_mut().map(|words| words.items_mut::<f32>(self.head.nodes));
-            let line = match words.or((!plain.is_empty()).then_some(&mut plain[..])) {
-                Some(distances) => {
+            let line = match (words.or((!plain.is_empty()).then_some(&mut plain[..])), known) {
+                (_, Some(known)) => slots.put(row, landmark, known.items(self.head.nodes)),
+                (Some(distances), None) => {
                     let full = front.full(self.graph, landmark, distances, &run.cancel);
                     full.and_then(|_| slots.put(row, landmark, distances))
                 }
-                None => self.row(slots, row, landmark, front, run),
+                (None, None) => self.row(slots, row, landmark, front, run),
             };
             let failed = line.is_err();
             if done.send(line).is_err() || failed {

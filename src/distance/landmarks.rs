@@ -8,9 +8,10 @@ pub use super::sampling::{Sampling, SamplingParams};
 
 use super::front::Front;
 use super::sampling::GraphSpace;
-use crate::base::{Cancel, Result};
+use crate::base::Result;
 use crate::graph::Node;
 use crate::graph::dual::Csr;
+use crate::store::Run;
 
 /// Rows that an earlier run finished: their landmarks are known, and their distances spare the search its fronts.
 pub trait Finished {
@@ -38,16 +39,15 @@ pub fn choose(
     l: usize,
     (graph, lengths): (Csr<'_>, Option<Csr<'_>>),
     nodes: &[Node],
-    seed: u64,
     field: &mut [f32],
     front: &mut Front,
-    cancel: &Cancel,
     finished: &impl Finished,
+    run: &Run,
     mut found: impl FnMut(u32, Option<&[f32]>) -> Result<()>,
 ) -> Result<f64> {
-    let mut space = GraphSpace::new(graph, nodes, lengths, front, finished, cancel);
+    let mut space = GraphSpace::new(graph, nodes, lengths, front, finished, run);
     let visits = space.visits();
     let sampler = sampling.sampler(SamplingParams::default());
-    sampler.choose(l.min(graph.len()), seed, &mut space, field, &mut found)?;
+    sampler.choose(l.min(graph.len()), run.seed, &mut space, field, &mut found)?;
     Ok(visits.get() as f64 / graph.len().max(1) as f64)
 }

@@ -45,21 +45,11 @@ pub fn landmarks(surface: Surface<'_>, params: RowParams, work: &WorkDir, run: &
     let mut field = work.array::<f32>("nearest.tmp", &[nodes.len()])?;
     let mut found = Vec::with_capacity(params.l);
     let mut front = Front::new(mean_weight(graph));
-    let result = choose(
-        params.sampling,
-        params.l,
-        (graph, None),
-        nodes,
-        run.seed,
-        field.data(),
-        &mut front,
-        &run.cancel,
-        &(),
-        |landmark, _| {
+    let result =
+        choose(params.sampling, params.l, (graph, None), nodes, field.data(), &mut front, &(), run, |landmark, _| {
             found.push(landmark);
             Ok(())
-        },
-    );
+        });
     drop(field);
     work.remove("nearest.tmp.partial");
     result.map(|_| found)

@@ -26,6 +26,13 @@ impl Words {
         Some(Self { words, _grant: grant })
     }
 
+    /// A copy of `items`, where `budget` can spare the memory.
+    pub fn copy_of<T: Pod>(budget: &Budget, items: &[T]) -> Option<Self> {
+        let mut words = Self::spare(budget, size_of_val(items))?;
+        words.items_mut(items.len()).copy_from_slice(items);
+        Some(words)
+    }
+
     /// Its bytes.
     #[inline]
     pub fn bytes(&self) -> &[u8] {

@@ -177,7 +177,7 @@ pub fn landmarks(
         choose(&mut space, visits)?;
     } else {
         let mut front = Front::new(mean_weight(graph));
-        let mut space = GraphSpace::new(graph, &ground.nodes, ground.lengths(), &mut front, &(), &run.cancel);
+        let mut space = GraphSpace::new(graph, &ground.nodes, ground.lengths(), &mut front, &(), run);
         let visits = space.visits();
         choose(&mut space, visits)?;
     }

@@ -4,8 +4,9 @@
 //! i-th costs about 1/i of a full front (50 landmarks at 1.3 M faces: 4.5 fronts).
 
 use super::{Found, Sampler, Space};
-use crate::base::Result;
+use crate::base::parallel::map_ranges;
 use crate::base::random::{below, stream};
+use crate::base::{Cancel, Result};
 use crate::graph::Node;
 use crate::store::mapped::Access;
 
@@ -25,7 +26,7 @@ impl Sampler for Farthest {
         field: &mut [f32],
         found: &mut Found<'_>,
     ) -> Result<()> {
-        let mut landmark = space.finished(0).unwrap_or_else(|| extremity(space.nodes(), seed));
+        let mut landmark = space.finished(0).unwrap_or_else(|| extremity(space.nodes(), seed, space.threads()));
         field.fill(f32::INFINITY);
         for k in 0..l {
             if k > 0 {
@@ -52,22 +53,31 @@ impl Sampler for Farthest {
 
 /// An extremity of the shape: from a random face to the face farthest from it in space, and on from there for
 /// [`SEEDING_ROUNDS`] rounds; the first of equally far ones. In space instead of along the surface: as
-/// much of an extremity, for two passes over centroids instead of full fronts that nothing can run beside.
-pub fn extremity(nodes: &[Node], seed: u64) -> u32 {
+/// much of an extremity, for two passes over centroids on all `threads` instead of full fronts that nothing can run beside.
+pub fn extremity(nodes: &[Node], seed: u64, threads: usize) -> u32 {
     let mut at = below(&mut stream(seed, "first landmark"), nodes.len());
     for _ in 0..SEEDING_ROUNDS {
-        let from = nodes[at].centroid;
-        let mut most = -1.;
-        for (k, node) in nodes.iter().enumerate() {
-            let to = node.centroid;
-            let (x, y, z) = (to[0] - from[0], to[1] - from[1], to[2] - from[2]);
-            let square = x * x + y * y + z * z;
-            if square > most {
-                (most, at) = (square, k);
-            }
-        }
+        at = farthest_in_space(nodes, at, threads);
     }
     at as u32
+}
+
+/// The first of the nodes that are farthest in space from node `from`.
+fn farthest_in_space(nodes: &[Node], from: usize, threads: usize) -> usize {
+    const CHUNK: usize = 1 << 16;
+    let from = nodes[from].centroid;
+    let square = |node: &Node| {
+        let (x, y, z) = (node.centroid[0] - from[0], node.centroid[1] - from[1], node.centroid[2] - from[2]);
+        x * x + y * y + z * z
+    };
+    // A fraction of a row: nobody waits for it to be stopped.
+    let farthest = map_ranges(threads, &Cancel::default(), nodes.len(), CHUNK, |range| {
+        let chunk = &nodes[range.clone()];
+        let most = chunk.iter().fold(-1f32, |a, node| if square(node) > a { square(node) } else { a });
+        Ok((most, range.start + chunk.iter().position(|node| square(node) == most).unwrap_or(0)))
+    });
+    let first = |best: (f32, usize), next: (f32, usize)| if next.0 > best.0 { next } else { best };
+    farthest.into_iter().flatten().fold((-1., 0), first).1
 }
 
 /// The first node of greatest distance; infinite counts as the greatest.

@@ -26,7 +26,7 @@ impl Sampler for GeodesicFarthest {
     ) -> Result<()> {
         field.fill(f32::INFINITY);
         for k in 0..l {
-            let landmark = if k == 0 { extremity(space.nodes(), seed) } else { farthest_node(field) };
+            let landmark = if k == 0 { extremity(space.nodes(), seed, space.threads()) } else { farthest_node(field) };
             found(landmark, None)?;
             if k + 1 < l {
                 space.lower_by_length(landmark, field)?;

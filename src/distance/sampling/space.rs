@@ -8,6 +8,7 @@ use crate::distance::front::{Front, mean_weight};
 use crate::distance::landmarks::Finished;
 use crate::graph::Node;
 use crate::graph::dual::Csr;
+use crate::store::Run;
 use crate::store::mapped::Access;
 use std::cell::Cell;
 use std::rc::Rc;
@@ -35,6 +36,11 @@ pub trait Space {
     /// [`Error::Cancelled`]; [`Error::Parameter`] where the space has no lengths.
     fn lower_by_length(&mut self, node: u32, field: &mut [f32]) -> Result<()>;
 
+    /// Threads that a sampler may use besides fronts.
+    fn threads(&self) -> usize {
+        1
+    }
+
     /// Tells the kernel how the space's fields will be used from now on, where that matters.
     fn advise(&self, _field: &[f32], _access: Access) {}
 
@@ -61,7 +67,7 @@ pub struct GraphSpace<'a, F> {
     front: &'a mut Front,
     straight: Option<Front>,
     visits: Visits,
-    cancel: &'a Cancel,
+    run: &'a Run<'a>,
 }
 
 impl<'a, F: Finished> GraphSpace<'a, F> {
@@ -72,10 +78,10 @@ impl<'a, F: Finished> GraphSpace<'a, F> {
         lengths: Option<Csr<'a>>,
         front: &'a mut Front,
         finished: &'a F,
-        cancel: &'a Cancel,
+        run: &'a Run<'a>,
     ) -> Self {
         let straight = lengths.map(|lengths| Front::new(mean_weight(lengths)));
-        Self { graph, nodes, lengths, finished, front, straight, visits: Visits::default(), cancel }
+        Self { graph, nodes, lengths, finished, front, straight, visits: Visits::default(), run }
     }
 
     /// The count of visits so far; n of them are a front.
@@ -94,17 +100,17 @@ impl<F: Finished> Space for GraphSpace<'_, F> {
     }
 
     fn row(&mut self, node: u32, field: &mut [f32]) -> Result<()> {
-        let visits = self.front.full(self.graph, node, field, self.cancel)?;
+        let visits = self.front.full(self.graph, node, field, &self.run.cancel)?;
         self.count(visits.expanded);
         Ok(())
     }
 
     fn lower(&mut self, k: usize, node: u32, field: &mut [f32]) -> Result<()> {
-        self.cancel.check()?;
+        self.run.cancel.check()?;
         if self.finished.landmark(k) == Some(node) {
             self.finished.lower(k, field);
         } else {
-            let visits = self.front.lower(self.graph, &[node], field, self.cancel)?;
+            let visits = self.front.lower(self.graph, &[node], field, &self.run.cancel)?;
             self.count(visits.expanded);
         }
         Ok(())
@@ -112,9 +118,13 @@ impl<F: Finished> Space for GraphSpace<'_, F> {
 
     fn lower_by_length(&mut self, node: u32, field: &mut [f32]) -> Result<()> {
         let (Some(lengths), Some(front)) = (self.lengths, &mut self.straight) else { return Err(no_lengths()) };
-        let visits = front.lower(lengths, &[node], field, self.cancel)?;
+        let visits = front.lower(lengths, &[node], field, &self.run.cancel)?;
         self.count(visits.expanded);
         Ok(())
+    }
+
+    fn threads(&self) -> usize {
+        self.run.threads
     }
 
     fn advise(&self, field: &[f32], access: Access) {
