@@ -207,56 +207,52 @@ fn leading_eigenvectors(phi: &[f64], l: usize, n: usize, shares: &[f64], width: 
     q
 }
 
-/// Inner products of `l` rows of `n` numbers with each other, each as [`dot`] has it, in tiles, so that a number
-/// that is loaded serves several of them.
+/// Inner products of `l` rows of `n` numbers with each other, each as [`dot`] has it: four at a time, so that a number
+/// that is loaded serves all of them.
 #[inline(always)]
 fn gram(rows: &[f64], l: usize, n: usize) -> DMatrix<f64> {
     let mut gram = DMatrix::zeros(l, l);
-    let mut enter = |i: usize, j: usize, g: f64| {
-        gram[(i, j)] = g;
-        gram[(j, i)] = g;
-    };
     let row = |i: usize| &rows[i * n..(i + 1) * n];
-    let full = l - l % TILE[1];
-    for i in (0..full).step_by(TILE[0]) {
-        for j in (0..=i).step_by(TILE[1]) {
-            let tile = dots(std::array::from_fn(|k| row(i + k)), std::array::from_fn(|k| row(j + k)));
-            for (a, line) in tile.iter().enumerate() {
-                line.iter().enumerate().for_each(|(b, g)| enter(i + a, j + b, *g));
+    for i in 0..l {
+        for j in (0..=i).step_by(4) {
+            let last = |k: usize| row((j + k).min(i));
+            for (k, g) in four_dots(row(i), [last(0), last(1), last(2), last(3)]).into_iter().enumerate() {
+                let j = (j + k).min(i);
+                gram[(i, j)] = g;
+                gram[(j, i)] = g;
             }
         }
-    }
-    for i in full..l {
-        (0..=i).for_each(|j| enter(i, j, dot(row(i), row(j))));
     }
     gram
 }
 
-/// Rows either way of a tile of [`gram`]; the one a multiple of the other.
-const TILE: [usize; 2] = [2, 4];
-
-/// [`dot`] of each of `a` with each of `b`.
+/// [`dot`] of `a` with each of `b`.
 #[inline(always)]
-fn dots(a: [&[f64]; TILE[0]], b: [&[f64]; TILE[1]]) -> [[f64; TILE[1]]; TILE[0]] {
-    let mut lanes = [[[0.0; LANES]; TILE[1]]; TILE[0]];
-    let (a, b) = (a.map(|a| a.as_chunks::<LANES>()), b.map(|b| b.as_chunks::<LANES>()));
-    let blocks = a[0].0.len();
-    let (xs, ys) = (a.map(|a| &a.0[..blocks]), b.map(|b| &b.0[..blocks]));
-    for k in 0..blocks {
-        for (lanes, x) in lanes.iter_mut().zip(xs) {
-            for (lanes, y) in lanes.iter_mut().zip(ys) {
-                for lane in 0..LANES {
-                    lanes[lane] += x[k][lane] * y[k][lane];
-                }
-            }
-        }
+fn four_dots(a: &[f64], b: [&[f64]; 4]) -> [f64; 4] {
+    let (xs, x_rest) = a.as_chunks::<LANES>();
+    let (ys, y_rest) = (b.map(|b| &b.as_chunks::<LANES>().0[..xs.len()]), b.map(|b| b.as_chunks::<LANES>().1));
+    // One by one: a loop over them would be turned into vectors the wrong way round.
+    let [mut p, mut q, mut r, mut s] = [[0.0; LANES]; 4];
+    for (k, x) in xs.iter().enumerate() {
+        add_product(&mut p, x, &ys[0][k]);
+        add_product(&mut q, x, &ys[1][k]);
+        add_product(&mut r, x, &ys[2][k]);
+        add_product(&mut s, x, &ys[3][k]);
     }
-    std::array::from_fn(|i| {
-        std::array::from_fn(|j| {
-            let rest: f64 = a[i].1.iter().zip(b[j].1).map(|(x, y)| x * y).sum();
-            lanes[i][j].iter().sum::<f64>() + rest
-        })
-    })
+    let rest = y_rest.map(|y| x_rest.iter().zip(y).map(|(x, y)| x * y).sum::<f64>());
+    [sum_of(p) + rest[0], sum_of(q) + rest[1], sum_of(r) + rest[2], sum_of(s) + rest[3]]
+}
+
+#[inline(always)]
+fn add_product(sum: &mut [f64; LANES], x: &[f64; LANES], y: &[f64; LANES]) {
+    for k in 0..LANES {
+        sum[k] += x[k] * y[k];
+    }
+}
+
+#[inline(always)]
+fn sum_of(lanes: [f64; LANES]) -> f64 {
+    lanes.iter().sum()
 }
 
 /// Coordinates that [`project`] sums at a time.
@@ -334,6 +330,18 @@ mod tests {
         let x = anchor_embedding(&rows, &[0, 1, 2, 3], &[1.0 / 6.0; 6], 2, 0.2);
         let cosine = |i, j| dot(x.point(i), x.point(j));
         assert!(cosine(0, 2) > 0.95 && cosine(3, 5) > 0.95 && cosine(1, 4) < 0.3);
+    }
+
+    #[test]
+    fn inner_products_by_four_are_those_by_one() {
+        let mut random = crate::base::random::stream(5, "rows");
+        for (l, n) in [(1, 3), (4, 8), (7, 21), (9, 40)] {
+            let rows: Vec<f64> = (0..l * n).map(|_| crate::base::random::unit(&mut random)).collect();
+            let gram = gram(&rows, l, n);
+            for (i, j) in (0..l).flat_map(|i| (0..l).map(move |j| (i, j))) {
+                assert_eq!(gram[(i, j)], dot(&rows[i * n..(i + 1) * n], &rows[j * n..(j + 1) * n]));
+            }
+        }
     }
 
     #[test]
