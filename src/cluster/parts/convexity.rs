@@ -74,11 +74,13 @@ impl Table {
         let k = (x * self.scale + 0.5) as u32 as usize;
         let node = &self.nodes[k.min(TABLE + 1)];
         let rest = node[3] - x;
-        std::array::from_fn(|w| {
+        let mut out = [0.0; 4];
+        for w in 0..4 {
             let t = rest * self.rate[w];
             let e = node[w] * (1.0 + t * (1.0 + t * (0.5 + t * (1.0 / 6.0))));
-            if x <= self.cut[w] { e } else { 0.0 }
-        })
+            out[w] = if x <= self.cut[w] { e } else { 0.0 };
+        }
+        out
     }
 }
 

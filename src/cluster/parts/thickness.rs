@@ -185,15 +185,17 @@ impl Balls {
     #[inline(always)]
     fn near(&self, x: [f64; 3], n: [f64; 3]) -> [bool; LANES] {
         let (x, n, reach) = (x.map(|c| c as f32), n.map(|c| c as f32), RINGS[2].1 as f32);
-        std::array::from_fn(|k| {
+        let mut out = [false; LANES];
+        for k in 0..LANES {
             let d = [self.x[0][k] - x[0], self.x[1][k] - x[1], self.x[2][k] - x[2]];
             let square = d[0] * d[0] + d[1] * d[1] + d[2] * d[2];
             let depth = -(d[0] * n[0] + d[1] * n[1] + d[2] * n[2]);
             let deepest = depth + self.radius[k];
             let limit = reach * deepest + self.rim[k];
             let slack = SLACK * (1.0 + square);
-            (deepest > -slack) & (square - depth * depth < limit * limit + slack)
-        })
+            out[k] = (deepest > -slack) & (square - depth * depth < limit * limit + slack);
+        }
+        out
     }
 }
 
@@ -219,15 +221,17 @@ impl Block {
     #[inline(always)]
     fn seen(&self, x: [f64; 3], n: [f64; 3]) -> [bool; LANES] {
         let (x, n, reach) = (x.map(|c| c as f32), n.map(|c| c as f32), RINGS[2].1 as f32);
-        std::array::from_fn(|k| {
+        let mut out = [false; LANES];
+        for k in 0..LANES {
             let d = [self.x[0][k] - x[0], self.x[1][k] - x[1], self.x[2][k] - x[2]];
             let square = d[0] * d[0] + d[1] * d[1] + d[2] * d[2];
             let depth = -(d[0] * n[0] + d[1] * n[1] + d[2] * n[2]);
             let facing = d[0] * self.n[0][k] + d[1] * self.n[1][k] + d[2] * self.n[2][k];
             let limit = reach * depth + self.radius[k];
             let slack = SLACK * (1.0 + square);
-            (depth > -slack) & (facing > -slack) & (square - depth * depth < limit * limit + slack)
-        })
+            out[k] = (depth > -slack) & (facing > -slack) & (square - depth * depth < limit * limit + slack);
+        }
+        out
     }
 }
 
