@@ -171,13 +171,12 @@ fn balls(cells: &CellGraph, radius: &[f64]) -> Vec<Balls> {
 
 /// Up to [`LANES`] balls: centres, radii, rims.
 fn several(balls: &[([f64; 3], f64, f64)]) -> Balls {
-    let number = |k: usize, get: fn(&([f64; 3], f64, f64)) -> f64| balls.get(k).map_or(f32::NAN, |b| get(b) as f32);
-    let axes: [fn(&([f64; 3], f64, f64)) -> f64; 3] = [|b| b.0[0], |b| b.0[1], |b| b.0[2]];
-    Balls {
-        x: axes.map(|axis| std::array::from_fn(|k| number(k, axis))),
-        radius: std::array::from_fn(|k| number(k, |b| b.1)),
-        rim: std::array::from_fn(|k| number(k, |b| b.2)),
+    let mut out = Balls { x: [[f32::NAN; LANES]; 3], radius: [f32::NAN; LANES], rim: [f32::NAN; LANES] };
+    for (k, &(x, radius, rim)) in balls.iter().enumerate() {
+        (0..3).for_each(|c| out.x[c][k] = x[c] as f32);
+        (out.radius[k], out.rim[k]) = (radius as f32, rim as f32);
     }
+    out
 }
 
 impl Balls {
