@@ -251,7 +251,7 @@ fn time_the_stages() -> Anything<()> {
         let pull = Pull { area: &atoms.area, together: &together };
         std::hint::black_box(pull.best(&(0..atoms.len() as u32).collect::<Vec<_>>(), HALF));
         lap("labelling");
-        let tree = soft_hierarchy(&graph, &atoms, &together, 0.003);
+        let tree = soft_hierarchy(&graph, &atoms, &together, 0.003, &run)?;
         lap("hierarchy with labelling");
         std::hint::black_box(tree.cut_k(9)?);
         lap("cut");

@@ -1,4 +1,4 @@
-//! The lowest floor: errors, progress, cancellation, deterministic parallel loops and small eigenproblems.
+//! The lowest floor: errors, progress, cancellation, deterministic parallel loops, wide vectors and small eigenproblems.
 //!
 //! Nothing here knows of meshes, files or command lines. Cost: none worth naming.
 
@@ -9,6 +9,7 @@ pub mod parallel;
 pub mod progress;
 pub mod random;
 pub mod vector;
+pub mod wide;
 
 pub use cancel::Cancel;
 pub use error::{Error, Result};

@@ -127,6 +127,7 @@ struct Near {
 fn neighbours(graph: &DualGraph, owner: &[u32], cells: usize, run: &Run) -> Result<Near> {
     let n = owner.len();
     let (indptr, indices, edge) = (&graph.rows.indptr[..], &graph.rows.indices[..], &graph.rows.edge[..]);
+    // Both numbers in one: sorted in half the time.
     let parts = map_ranges(run.threads, &run.cancel, n, CHUNK, |range| {
         let mut pairs = Vec::new();
         for i in range {
@@ -134,7 +135,7 @@ fn neighbours(graph: &DualGraph, owner: &[u32], cells: usize, run: &Run) -> Resu
                 let (a, b) = (owner[i], owner[indices[e] as usize]);
                 // Bridges have no length and join nothing here.
                 if a != b && a != u32::MAX && b != u32::MAX && edge[e] != 0. {
-                    pairs.push((a, b));
+                    pairs.push(u64::from(a) << 32 | u64::from(b));
                 }
             }
         }
@@ -142,17 +143,18 @@ fn neighbours(graph: &DualGraph, owner: &[u32], cells: usize, run: &Run) -> Resu
         pairs.dedup();
         Ok(pairs)
     })?;
-    let mut pairs: Vec<(u32, u32)> = parts.into_iter().flatten().collect();
-    pairs.sort_unstable();
+    let mut pairs: Vec<u64> = parts.concat();
+    // Runs that are sorted by themselves, which a stable sort merges.
+    pairs.sort();
     pairs.dedup();
     let mut start = vec![0; cells + 1];
-    for &(a, _) in &pairs {
-        start[a as usize + 1] += 1;
+    for pair in &pairs {
+        start[(pair >> 32) as usize + 1] += 1;
     }
     for c in 0..cells {
         start[c + 1] += start[c];
     }
-    Ok(Near { start, list: pairs.into_iter().map(|(_, b)| b).collect() })
+    Ok(Near { start, list: pairs.into_iter().map(|pair| pair as u32).collect() })
 }
 
 /// Normals at radius `r` by (r/h)² rounds of area-weighted averaging over neighbours: for meshes coarse against the radius,

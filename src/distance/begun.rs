@@ -36,7 +36,7 @@ impl Begun {
         let taken = earlier.and_then(|(_, lines)| Some((RowsFile::reopen(&path, head.wanted(), head.nodes)?, lines)));
         let (file, mut done) = match taken {
             Some(taken) => taken,
-            None => (RowsFile::create(&path, head.wanted(), head.nodes)?, BTreeMap::new()),
+            None => (work.rows(name, head.wanted(), head.nodes)?, BTreeMap::new()),
         };
         let whole = |k: usize, line: &Line| file.row(k / head.of).is_ok_and(|row| checksum(&row) == line.xxh3);
         done.retain(|&k, line| head.wants(k) && sound(line) && whole(k, line));

@@ -53,6 +53,7 @@ struct Job {
 struct Slots<'a> {
     head: &'a Head,
     file: &'a RowsFile<f32>,
+    /// Their mappings; none where they are held in memory.
     rows: Vec<Mutex<MappedSliceMut<f32>>>,
     /// Rows taken over from an earlier run.
     done: BTreeMap<usize, Line>,
@@ -68,14 +69,20 @@ impl Slots<'_> {
     /// Writes a row that was computed elsewhere.
     fn put(&self, row: usize, landmark: u32, distances: &[f32]) -> Result<Line> {
         self.file.write_row(row / self.head.of, distances)?;
-        self.close(row, landmark, distances, &self.take(row))
+        self.close(row, landmark, distances, || self.take(row).sync())
     }
 
-    /// Sums up the row that `slot` holds, brings it to the disk and enters it in the journal.
-    fn close(&self, row: usize, landmark: u32, distances: &[f32], slot: &MappedSliceMut<f32>) -> Result<Line> {
+    /// Sums up a row that was written; where there is a journal, brings it to the disk by `sync` and enters it.
+    fn close(
+        &self,
+        row: usize,
+        landmark: u32,
+        distances: &[f32],
+        sync: impl FnOnce() -> std::io::Result<()>,
+    ) -> Result<Line> {
         let facts = RowFacts::of(distances);
         let Some(journal) = &self.journal else { return Ok(Line { row, landmark, facts, xxh3: 0 }) };
-        slot.sync().map_err(Error::io(&self.path, "sync"))?;
+        sync().map_err(Error::io(&self.path, "sync"))?;
         let line = Line { row, landmark, facts, xxh3: checksum(distances) };
         journal.append(&line)?;
         Ok(line)
@@ -110,7 +117,8 @@ impl Task<'_> {
         if !done.is_empty() {
             run.progress.advance("rows", done.len() as u64);
         }
-        let rows = (0..head.wanted()).map(|slot| Ok(Mutex::new(file.row(slot)?))).collect::<Result<Vec<_>>>()?;
+        let mapped = if file.is_held() { 0 } else { head.wanted() };
+        let rows = (0..mapped).map(|slot| Ok(Mutex::new(file.row(slot)?))).collect::<Result<Vec<_>>>()?;
         let mut lines = done.clone();
         let slots = Slots { head, file: &file, rows, done, journal, path: work.file(name) };
         if lines.len() < head.wanted() {
@@ -239,11 +247,14 @@ impl Task<'_> {
     /// in the mapped file.
     fn rows(&self, slots: &Slots<'_>, front: &mut Front, jobs: Receiver<Job>, done: &Sender<Result<Line>>, run: &Run) {
         let mut memory = if front.is_paged() { None } else { Words::spare(&run.budget, 4 * self.head.nodes) };
+        // What is held has no mapping to compute in.
+        let plain = memory.is_none() && slots.file.is_held();
+        let mut plain = vec![0.; if plain { self.head.nodes } else { 0 }];
         for Job { row, landmark, known } in jobs {
-            let line = match (&mut memory, known) {
+            let words = memory.as_mut().map(|words| words.items_mut::<f32>(self.head.nodes));
+            let line = match (words.or((!plain.is_empty()).then_some(&mut plain[..])), known) {
                 (_, Some(known)) => slots.put(row, landmark, known.items(self.head.nodes)),
-                (Some(words), None) => {
-                    let distances = words.items_mut::<f32>(self.head.nodes);
+                (Some(distances), None) => {
                     let full = front.full(self.graph, landmark, distances, &run.cancel);
                     full.and_then(|_| slots.put(row, landmark, distances))
                 }
@@ -263,6 +274,6 @@ impl Task<'_> {
         slot.advise(if front.is_paged() { Access::Random } else { Access::Local });
         let full = front.full(self.graph, landmark, &mut slot, &run.cancel);
         slot.advise(Access::Sequential);
-        full.and_then(|_| slots.close(row, landmark, &slot, &slot))
+        full.and_then(|_| slots.close(row, landmark, &slot, || slot.sync()))
     }
 }

@@ -21,7 +21,7 @@ use crate::graph::dual::Weighted;
 use crate::spectral::kernel::Kernel;
 use crate::spectral::{eigen, embedding};
 use crate::store::workdir::key_of;
-use crate::store::{Run, WorkDir, npy};
+use crate::store::{Run, WorkDir};
 use serde::{Deserialize, Serialize};
 use serde_json::json;
 use std::path::Path;
@@ -83,9 +83,9 @@ pub(super) fn decide(
     let (rows, b, sampling) = representative_rows(graph, weighted, surface, l, params, work, run)?;
     let (decided, seconds) = parts::decide(&surface.cells.graph, &b, rows.len(), &params.parts, run)?;
     write_tree(&decided.tree, &work.file(TREE))?;
-    npy::write(&work.file(ATOMS), &decided.atoms.of_cell, 1, false)?;
-    npy::write(&work.file(AREAS), &decided.atoms.area, 1, false)?;
-    npy::write(&work.file(TOGETHER), decided.together.values(), decided.together.len(), false)?;
+    work.write(ATOMS, &decided.atoms.of_cell, 1)?;
+    work.write(AREAS, &decided.atoms.area, 1)?;
+    work.write(TOGETHER, decided.together.values(), decided.together.len())?;
     let facts = Facts { l: rows.len(), seconds, numbers: numbers(&rows, sampling) };
     work.stamp("decision", &key, &options, &[TREE, ATOMS, AREAS, TOGETHER], &facts, seconds)?;
     Ok((decided, facts))
@@ -207,7 +207,7 @@ fn cell_rows(rows: &DistanceRows, surface: &Surface, work: &WorkDir, run: &Run) 
     }
     let average = || cell_rows::average(rows, &surface.cells, &surface.shares, run);
     let (b, seconds) = run.stage("cell rows", "rows", rows.len() as u64, average)?;
-    npy::write(&work.file(FILE), &b, surface.cells.len(), false)?;
+    work.write(FILE, &b, surface.cells.len())?;
     work.stamp("cell rows", &key, &options, &[FILE], &(), seconds)?;
     Ok(b)
 }

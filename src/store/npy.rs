@@ -120,7 +120,12 @@ enum Place {
 }
 
 /// Hands the array for `path` over to those that are held, and gives its first `len` items.
-fn hand_over<T: Item>(path: &Path, held: &Held, bytes: Option<MappedBytes>, len: usize) -> Result<MappedSlice<T>> {
+pub(super) fn hand_over<T: Item>(
+    path: &Path,
+    held: &Held,
+    bytes: Option<MappedBytes>,
+    len: usize,
+) -> Result<MappedSlice<T>> {
     let Some(bytes) = bytes else { return Ok(MappedSlice::empty()) };
     held.keep(&path.file_name().unwrap_or_default().to_string_lossy(), bytes.clone());
     bytes.slice(path, 0, len)

@@ -1,23 +1,39 @@
 //! A two-dimensional `.npy` whose rows are written one by one, each through a mapping of its own.
 //!
 //! So a finished row can be brought to the disk alone, whatever the others are doing, and a file that a killed run
-//! left half-filled can be taken up again: which of its rows are whole is for a journal to say.
+//! left half-filled can be taken up again: which of its rows are whole is for a journal to say. A small one in a
+//! temporary directory is held in memory instead ([`super::held`]).
 
+use super::held::Held;
 use super::mapped::{MappedSlice, MappedSliceMut};
 use super::npy::{self, HEADER, Item};
+use super::words::Words;
 use crate::base::{Error, Result};
 use std::fs::File;
 use std::io::{Read, Write};
 use std::path::{Path, PathBuf};
+use std::sync::{Arc, Mutex};
 
-/// A file of rows under its temporary name.
+/// Rows of more bytes are not held in memory: copying them into a file is little beside computing them, and what is in a
+/// file the kernel can reclaim.
+pub(super) const MOST_HELD: usize = 64 << 20;
+
+/// Where the rows are.
+#[derive(Debug)]
+enum Place<T> {
+    /// In a file under its temporary name.
+    File(File),
+    /// In memory, handed over when all are whole.
+    Held(Mutex<MappedSliceMut<T>>, Arc<Held>),
+}
+
+/// A file of rows under way.
 #[derive(Debug)]
 pub struct RowsFile<T> {
     path: PathBuf,
-    file: File,
+    place: Place<T>,
     rows: usize,
     len: usize,
-    item: std::marker::PhantomData<T>,
 }
 
 impl<T: Item> RowsFile<T> {
@@ -26,7 +42,18 @@ impl<T: Item> RowsFile<T> {
     }
 
     fn of(path: &Path, file: File, rows: usize, len: usize) -> Self {
-        Self { path: path.to_path_buf(), file, rows, len, item: std::marker::PhantomData }
+        Self { path: path.to_path_buf(), place: Place::File(file), rows, len }
+    }
+
+    /// Rows in `words`, which `held` will have under the name of `path`.
+    pub(super) fn held(path: &Path, rows: usize, len: usize, words: Words, held: Arc<Held>) -> Self {
+        let data = MappedSliceMut::held(words, rows * len);
+        Self { path: path.to_path_buf(), place: Place::Held(Mutex::new(data), held), rows, len }
+    }
+
+    /// Whether rows are held in memory: they are written as a whole then, and cannot be mapped.
+    pub fn is_held(&self) -> bool {
+        matches!(self.place, Place::Held(..))
     }
 
     /// Creates `path.partial` for `rows` rows of `len` items, its blocks reserved.
@@ -54,8 +81,12 @@ impl<T: Item> RowsFile<T> {
     /// # Errors
     /// [`Error::Io`].
     pub fn row(&self, k: usize) -> Result<MappedSliceMut<T>> {
+        let Place::File(file) = &self.place else {
+            let problem = "rows held in memory are written as a whole";
+            return Err(Error::io(&self.path, "map")(std::io::Error::other(problem)));
+        };
         let offset = HEADER + k.min(self.rows) * self.len * size_of::<T>();
-        MappedSliceMut::map(&self.file, &npy::partial_name(&self.path), offset, self.len)
+        MappedSliceMut::map(file, &npy::partial_name(&self.path), offset, self.len)
     }
 
     /// Writes row `k` as a whole, without a mapping: a fault a page costs more than copying the row.
@@ -64,9 +95,22 @@ impl<T: Item> RowsFile<T> {
     /// [`Error::Io`].
     pub fn write_row(&self, k: usize, row: &[T]) -> Result<()> {
         use std::os::unix::fs::FileExt;
-        let offset = HEADER + k.min(self.rows) * self.len * size_of::<T>();
-        let bytes = bytemuck::cast_slice(row);
-        self.file.write_all_at(bytes, offset as u64).map_err(Error::io(npy::partial_name(&self.path), "write"))
+        let first = k.min(self.rows) * self.len;
+        match &self.place {
+            Place::File(file) => {
+                let offset = HEADER + first * size_of::<T>();
+                let bytes = bytemuck::cast_slice(row);
+                file.write_all_at(bytes, offset as u64).map_err(Error::io(npy::partial_name(&self.path), "write"))
+            }
+            Place::Held(data, _) => {
+                let mut data = data.lock().unwrap_or_else(|poison| poison.into_inner());
+                match data.get_mut(first..first + row.len()) {
+                    Some(room) => room.copy_from_slice(row),
+                    None => return Err(Error::io(&self.path, "write")(std::io::Error::other("no such row"))),
+                }
+                Ok(())
+            }
+        }
     }
 
     /// Renames the file to its final name, after syncing it where `durable`, and maps it for reading.
@@ -74,9 +118,16 @@ impl<T: Item> RowsFile<T> {
     /// # Errors
     /// [`Error::Io`].
     pub fn finish(self, durable: bool) -> Result<MappedSlice<T>> {
+        let file = match self.place {
+            Place::File(file) => file,
+            Place::Held(data, held) => {
+                let data = data.into_inner().unwrap_or_else(|poison| poison.into_inner());
+                return npy::hand_over(&self.path, &held, data.freeze(), self.rows * self.len);
+            }
+        };
         let partial = npy::partial_name(&self.path);
         if durable {
-            self.file.sync_all().map_err(Error::io(&partial, "sync"))?;
+            file.sync_all().map_err(Error::io(&partial, "sync"))?;
         }
         std::fs::rename(&partial, &self.path).map_err(Error::io(&partial, "rename"))?;
         npy::open(&self.path)
@@ -86,6 +137,22 @@ impl<T: Item> RowsFile<T> {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn small_rows_of_a_temporary_directory_are_held() {
+        let dir = tempfile::tempdir().unwrap();
+        let budget = crate::store::Budget::new(1 << 30);
+        let work = crate::store::WorkDir::temporary(dir.path()).unwrap().holding(&budget);
+        let file = work.rows::<f32>("rows.npy", 3, 1000).unwrap();
+        assert!(file.is_held() && file.row(0).is_err() && file.write_row(3, &[1.; 1000]).is_err());
+        for k in [2, 0, 1] {
+            file.write_row(k, &[k as f32; 1000]).unwrap();
+        }
+        let all = file.finish(false).unwrap();
+        assert_eq!((all.len(), all[999], all[1000], all[2999]), (3000, 0., 1., 2.));
+        assert_eq!(*work.open_array::<f32>("rows.npy").unwrap(), *all);
+        assert!(!work.rows::<f32>("large.npy", 2, MOST_HELD / 4).unwrap().is_held());
+    }
 
     #[test]
     fn rows_survive_being_left() {

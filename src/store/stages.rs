@@ -33,14 +33,20 @@ impl WorkDir {
         if record.key != key {
             return Err("its options or inputs changed".to_string());
         }
-        // Side by side: reading is what another number of parts waits for most.
-        std::thread::scope(|scope| {
-            let mut checks = Vec::new();
-            for (name, file) in &record.files {
-                checks.push(scope.spawn(|| self.unharmed(name, file)));
-            }
-            checks.into_iter().try_for_each(|check| check.join().unwrap_or_else(|_| Err("it cannot be read".into())))
-        })?;
+        if self.is_temporary() {
+            record.files.iter().try_for_each(|(name, file)| self.unharmed(name, file))?;
+        } else {
+            // Side by side: reading is what another number of parts waits for most.
+            std::thread::scope(|scope| {
+                let mut checks = Vec::new();
+                for (name, file) in &record.files {
+                    checks.push(scope.spawn(|| self.unharmed(name, file)));
+                }
+                checks
+                    .into_iter()
+                    .try_for_each(|check| check.join().unwrap_or_else(|_| Err("it cannot be read".into())))
+            })?;
+        }
         serde_json::from_value(record.facts.clone()).map_err(|error| format!("its facts are unreadable: {error}"))
     }
 
@@ -77,21 +83,30 @@ impl WorkDir {
         facts: &impl Serialize,
         seconds: f64,
     ) -> Result<()> {
-        // Side by side: each waits for the disk.
-        let records = std::thread::scope(|scope| {
-            let started: Vec<_> = files.iter().map(|&name| (name, scope.spawn(move || self.sealed(name)))).collect();
-            let ended = started.into_iter().map(|(name, sealing)| {
-                let lost = || Error::io(self.file(name), "sync")(std::io::Error::other("a thread failed"));
-                Ok((name.to_string(), sealing.join().map_err(|_| lost())??))
-            });
-            ended.collect::<Result<BTreeMap<_, _>>>()
-        })?;
+        let records = if self.is_temporary() {
+            // Nothing to wait for.
+            files.iter().map(|&name| Ok((name.to_string(), self.sealed(name)?))).collect::<Result<BTreeMap<_, _>>>()?
+        } else {
+            self.sealed_all(files)?
+        };
         let facts = serde_json::to_value(facts)
             .map_err(|error| Error::work_dir(self.path(), format!("facts of {stage}: {error}"), "report this"))?;
         let record = Stage { key: key.to_string(), options: options.clone(), files: records, facts, seconds };
         let mut manifest = self.manifest_lock();
         manifest.stages.insert(stage.to_string(), record);
         self.save(&manifest)
+    }
+
+    /// The records of finished files, side by side: each waits for the disk.
+    fn sealed_all(&self, files: &[&str]) -> Result<BTreeMap<String, FileRecord>> {
+        std::thread::scope(|scope| {
+            let started: Vec<_> = files.iter().map(|&name| (name, scope.spawn(move || self.sealed(name)))).collect();
+            let ended = started.into_iter().map(|(name, sealing)| {
+                let lost = || Error::io(self.file(name), "sync")(std::io::Error::other("a thread failed"));
+                Ok((name.to_string(), sealing.join().map_err(|_| lost())??))
+            });
+            ended.collect::<Result<BTreeMap<_, _>>>()
+        })
     }
 
     /// The record of the finished file `name`, which is on the disk before the manifest says so.
@@ -125,16 +140,18 @@ impl WorkDir {
         Ok(())
     }
 
+    /// Brings the manifest to the disk, where it will outlast this process.
     fn save(&self, manifest: &Manifest) -> Result<()> {
+        if self.is_temporary() {
+            return Ok(());
+        }
         let path = self.file(MANIFEST);
         let partial = npy::partial_name(&path);
         let text = serde_json::to_string_pretty(manifest)
             .map_err(|error| Error::work_dir(&path, error.to_string(), "report this"))?;
         let mut file = File::create(&partial).map_err(Error::io(&partial, "create"))?;
         file.write_all(text.as_bytes()).map_err(Error::io(&partial, "write"))?;
-        if self.durable() {
-            file.sync_all().map_err(Error::io(&partial, "sync"))?;
-        }
+        file.sync_all().map_err(Error::io(&partial, "sync"))?;
         std::fs::rename(&partial, &path).map_err(Error::io(&partial, "rename"))
     }
 }

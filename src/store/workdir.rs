@@ -15,6 +15,7 @@ use super::held::Held;
 use super::manifest::MANIFEST;
 pub use super::manifest::{FORMAT, FileRecord, Manifest, NOT_MADE, Stage, checksum, key_of};
 use super::npy::{self, ArrayMut, ArrayWriter, Item};
+use super::rows_file::{MOST_HELD, RowsFile};
 use super::words::Words;
 use crate::base::{Error, Result};
 use std::fs::File;
@@ -220,6 +221,29 @@ impl WorkDir {
     /// [`Error::Io`].
     pub fn writer<T: Item>(&self, name: &str, row: usize) -> Result<ArrayWriter<T>> {
         ArrayWriter::create(&self.file(name), row)
+    }
+
+    /// Starts a two-dimensional array whose rows are written one by one.
+    ///
+    /// # Errors
+    /// [`Error::Io`].
+    pub fn rows<T: Item>(&self, name: &str, rows: usize, len: usize) -> Result<RowsFile<T>> {
+        let (path, bytes) = (self.file(name), rows * len * size_of::<T>());
+        let room = if bytes <= MOST_HELD { self.room(bytes) } else { None };
+        match room {
+            Some((words, held)) => Ok(RowsFile::held(&path, rows, len, words, held)),
+            None => RowsFile::create(&path, rows, len),
+        }
+    }
+
+    /// Writes a whole array: into memory, where arrays are held and there is room.
+    ///
+    /// # Errors
+    /// [`Error::Io`].
+    pub fn write<T: Item>(&self, name: &str, items: &[T], row: usize) -> Result<MappedSlice<T>> {
+        let mut writer = self.writer_of(name, row, items.len())?;
+        writer.push(items)?;
+        writer.finish(false)
     }
 
     /// Opens a finished array.

@@ -9,6 +9,8 @@
 //! l × l problem: they are Φᵀ Q/√g, Φ = Z/√(Za), (Q, g) the eigenpairs of Φ diag(a) Φᵀ. Scaled by
 //! √(g/g₀) and brought to unit rows the factors of g cancel, and Φᵀ Q is left.
 
+use crate::base::wide::{Work, wide};
+use crate::distance::exp::exp64;
 use nalgebra::{DMatrix, SymmetricEigen};
 
 /// Share of the mean affinity that every landmark gives to every cell: far cells stay distributions.
@@ -90,41 +92,56 @@ pub fn anchor_embedding(rows: &Rows, chosen: &[usize], shares: &[f64], width: us
 
 /// The same, and what it was made with.
 pub fn anchored(rows: &Rows, chosen: &[usize], shares: &[f64], width: usize, scale: f64) -> (Embedding, Anchors) {
-    let (l, n) = (chosen.len(), rows.cells);
-    let width = width.min(l);
-    if l == 0 || n == 0 {
-        let none = Anchors { weight: vec![], factor: 0., lift: 0., root: vec![], vectors: vec![], width: 0 };
-        return (Embedding { values: Vec::new(), width: 0 }, none);
-    }
-    let mean = chosen.iter().map(|&j| dot(rows.row(j), shares)).sum::<f64>() / l as f64;
-    let s = (scale * mean).max(1e-30);
-    let weight = anchor_shares(rows, chosen, shares);
-    let factor = -1.0 / (2.0 * s * s);
-    let mut z = Vec::with_capacity(l * n);
-    let mut column = vec![0.0; n];
-    for (&j, v) in chosen.iter().zip(&weight) {
-        z.extend(rows.row(j).iter().zip(&mut column).map(|(b, c)| {
-            let k = v * (b * b * factor).exp();
-            *c += k;
-            k
-        }));
-    }
-    let lift = BACKGROUND * dot(&column, shares);
-    let total: f64 = weight.iter().sum();
-    column.iter_mut().for_each(|c| *c = 1.0 / (*c + lift * total).max(1e-300));
-    let mut root = Vec::with_capacity(l);
-    for (row, v) in z.chunks_exact_mut(n).zip(&weight) {
-        let mut mass = 0.0;
-        for ((x, c), a) in row.iter_mut().zip(&column).zip(shares) {
-            *x = (*x + lift * v) * c;
-            mass += *x * a;
+    wide(Anchoring { rows, chosen, shares, width, scale })
+}
+
+/// [`anchored`] on wide vectors.
+struct Anchoring<'a> {
+    rows: &'a Rows,
+    chosen: &'a [usize],
+    shares: &'a [f64],
+    width: usize,
+    scale: f64,
+}
+
+impl Work for Anchoring<'_> {
+    type Output = (Embedding, Anchors);
+
+    #[inline(always)]
+    fn run(self) -> (Embedding, Anchors) {
+        let Anchoring { rows, chosen, shares, width, scale } = self;
+        let (l, n) = (chosen.len(), rows.cells);
+        let width = width.min(l);
+        if l == 0 || n == 0 {
+            let none = Anchors { weight: vec![], factor: 0., lift: 0., root: vec![], vectors: vec![], width: 0 };
+            return (Embedding { values: Vec::new(), width: 0 }, none);
         }
-        let scale = 1.0 / mass.max(1e-300).sqrt();
-        row.iter_mut().for_each(|x| *x *= scale);
-        root.push(scale);
+        let mean = chosen.iter().map(|&j| dot(rows.row(j), shares)).sum::<f64>() / l as f64;
+        let s = (scale * mean).max(1e-30);
+        let weight = anchor_shares(rows, chosen, shares);
+        let factor = -1.0 / (2.0 * s * s);
+        let mut z = vec![0.0; l * n];
+        let mut column = vec![0.0; n];
+        for ((row, &j), v) in z.chunks_exact_mut(n).zip(chosen).zip(&weight) {
+            for ((x, c), b) in row.iter_mut().zip(&mut column).zip(rows.row(j)) {
+                let k = v * exp64(b * b * factor);
+                *c += k;
+                *x = k;
+            }
+        }
+        let lift = BACKGROUND * dot(&column, shares);
+        let total: f64 = weight.iter().sum();
+        column.iter_mut().for_each(|c| *c = 1.0 / (*c + lift * total).max(1e-300));
+        let mut root = Vec::with_capacity(l);
+        for (row, v) in z.chunks_exact_mut(n).zip(&weight) {
+            row.iter_mut().zip(&column).for_each(|(x, c)| *x = (*x + lift * v) * c);
+            let scale = 1.0 / dot(row, shares).max(1e-300).sqrt();
+            row.iter_mut().for_each(|x| *x *= scale);
+            root.push(scale);
+        }
+        let vectors = leading_eigenvectors(&z, l, n, shares, width);
+        (project(&z, &vectors, l, n, width), Anchors { weight, factor, lift, root, vectors, width })
     }
-    let vectors = leading_eigenvectors(&z, l, n, shares, width);
-    (project(&z, &vectors, l, n, width), Anchors { weight, factor, lift, root, vectors, width })
 }
 
 impl Anchors {
@@ -134,7 +151,7 @@ impl Anchors {
         out.fill(0.);
         for (j, &d) in distances.iter().enumerate() {
             let d = f64::from(d);
-            let z = self.weight[j] * ((d * d * self.factor).exp() + self.lift) * self.root[j];
+            let z = self.weight[j] * (exp64(d * d * self.factor) + self.lift) * self.root[j];
             let vector = &self.vectors[j * self.width..(j + 1) * self.width];
             out.iter_mut().zip(vector).for_each(|(x, q)| *x += z * q);
         }
@@ -144,14 +161,15 @@ impl Anchors {
 }
 
 /// Share of the area nearest to each chosen landmark, floored, summing to 1.
+#[inline(always)]
 fn anchor_shares(rows: &Rows, chosen: &[usize], shares: &[f64]) -> Vec<f64> {
     let mut nearest = vec![0u32; rows.cells];
     let mut least = rows.row(chosen[0]).to_vec();
     for (k, &j) in chosen.iter().enumerate().skip(1) {
         for ((b, low), near) in rows.row(j).iter().zip(&mut least).zip(&mut nearest) {
-            if b < low {
-                (*low, *near) = (*b, k as u32);
-            }
+            let nearer = b < low;
+            *near = if nearer { k as u32 } else { *near };
+            *low = if nearer { *b } else { *low };
         }
     }
     let mut share = vec![0.0; chosen.len()];
@@ -164,20 +182,14 @@ fn anchor_shares(rows: &Rows, chosen: &[usize], shares: &[f64]) -> Vec<f64> {
 }
 
 /// The `width` leading eigenvectors of Φ diag(a) Φᵀ, row-major l × width.
+#[inline(always)]
 fn leading_eigenvectors(phi: &[f64], l: usize, n: usize, shares: &[f64], width: usize) -> Vec<f64> {
     let root: Vec<f64> = shares.iter().map(|a| a.max(0.0).sqrt()).collect();
     let mut scaled = phi.to_vec();
     for row in scaled.chunks_exact_mut(n) {
         row.iter_mut().zip(&root).for_each(|(x, r)| *x *= r);
     }
-    let mut gram = DMatrix::zeros(l, l);
-    for i in 0..l {
-        for j in 0..=i {
-            let g = dot(&scaled[i * n..(i + 1) * n], &scaled[j * n..(j + 1) * n]);
-            gram[(i, j)] = g;
-            gram[(j, i)] = g;
-        }
-    }
+    let gram = gram(&scaled, l, n);
     let mut q = vec![0.0; l * width];
     match SymmetricEigen::try_new(gram, f64::EPSILON, 100_000) {
         Some(eigen) => {
@@ -195,25 +207,97 @@ fn leading_eigenvectors(phi: &[f64], l: usize, n: usize, shares: &[f64], width: 
     q
 }
 
-/// Φᵀ Q with rows brought to unit length.
-fn project(phi: &[f64], q: &[f64], l: usize, n: usize, width: usize) -> Embedding {
-    let mut values = vec![0.0; n * width];
-    for start in (0..n).step_by(LANES) {
-        let lanes = LANES.min(n - start);
-        let mut block = [0.0; LANES];
-        let mut sums = vec![[0.0; LANES]; width];
-        for j in 0..l {
-            block[..lanes].copy_from_slice(&phi[j * n + start..][..lanes]);
-            for (sum, q) in sums.iter_mut().zip(&q[j * width..(j + 1) * width]) {
-                for (s, b) in sum.iter_mut().zip(&block) {
-                    *s += q * b;
-                }
+/// Inner products of `l` rows of `n` numbers with each other, each as [`dot`] has it: four at a time, so that a number
+/// that is loaded serves all of them.
+#[inline(always)]
+fn gram(rows: &[f64], l: usize, n: usize) -> DMatrix<f64> {
+    let mut gram = DMatrix::zeros(l, l);
+    let row = |i: usize| &rows[i * n..(i + 1) * n];
+    for i in 0..l {
+        for j in (0..=i).step_by(4) {
+            let last = |k: usize| row((j + k).min(i));
+            for (k, g) in four_dots(row(i), [last(0), last(1), last(2), last(3)]).into_iter().enumerate() {
+                let j = (j + k).min(i);
+                gram[(i, j)] = g;
+                gram[(j, i)] = g;
             }
         }
-        for i in 0..lanes {
-            let norm = sums.iter().map(|s| s[i] * s[i]).sum::<f64>().sqrt().max(1e-30);
-            for (x, s) in values[(start + i) * width..].iter_mut().zip(&sums) {
-                *x = s[i] / norm;
+    }
+    gram
+}
+
+/// [`dot`] of `a` with each of `b`.
+#[inline(always)]
+fn four_dots(a: &[f64], b: [&[f64]; 4]) -> [f64; 4] {
+    let (xs, x_rest) = a.as_chunks::<LANES>();
+    let (ys, y_rest) = (b.map(|b| &b.as_chunks::<LANES>().0[..xs.len()]), b.map(|b| b.as_chunks::<LANES>().1));
+    // One by one: a loop over them would be turned into vectors the wrong way round.
+    let [mut p, mut q, mut r, mut s] = [[0.0; LANES]; 4];
+    for (k, x) in xs.iter().enumerate() {
+        add_product(&mut p, x, &ys[0][k]);
+        add_product(&mut q, x, &ys[1][k]);
+        add_product(&mut r, x, &ys[2][k]);
+        add_product(&mut s, x, &ys[3][k]);
+    }
+    let rest = y_rest.map(|y| x_rest.iter().zip(y).map(|(x, y)| x * y).sum::<f64>());
+    [sum_of(p) + rest[0], sum_of(q) + rest[1], sum_of(r) + rest[2], sum_of(s) + rest[3]]
+}
+
+#[inline(always)]
+fn add_product(sum: &mut [f64; LANES], x: &[f64; LANES], y: &[f64; LANES]) {
+    for k in 0..LANES {
+        sum[k] += x[k] * y[k];
+    }
+}
+
+#[inline(always)]
+fn sum_of(lanes: [f64; LANES]) -> f64 {
+    lanes.iter().sum()
+}
+
+/// Coordinates that [`project`] sums at a time.
+const TOGETHER: usize = 4;
+
+/// Φᵀ Q with rows brought to unit length.
+#[inline(always)]
+fn project(phi: &[f64], q: &[f64], l: usize, n: usize, width: usize) -> Embedding {
+    // Q in groups of coordinates, row after row.
+    let groups = width.div_ceil(TOGETHER);
+    let mut vectors = vec![[0.0; TOGETHER]; groups * l];
+    for j in 0..l {
+        for (c, x) in q[j * width..(j + 1) * width].iter().enumerate() {
+            vectors[c / TOGETHER * l + j][c % TOGETHER] = *x;
+        }
+    }
+    let mut values = vec![0.0; n * width];
+    let mut block = vec![[0.0; LANES]; l];
+    let mut sums = vec![[0.0; LANES]; groups * TOGETHER];
+    for (start, values) in (0..n).step_by(LANES).zip(values.chunks_mut(LANES * width)) {
+        let lanes = LANES.min(n - start);
+        for (block, phi) in block.iter_mut().zip(phi.chunks_exact(n)) {
+            block[..lanes].copy_from_slice(&phi[start..start + lanes]);
+        }
+        for (out, vectors) in sums.as_chunks_mut::<TOGETHER>().0.iter_mut().zip(vectors.chunks_exact(l)) {
+            let mut sums = [[0.0; LANES]; TOGETHER];
+            for (block, q) in block.iter().zip(vectors) {
+                for (sum, q) in sums.iter_mut().zip(q) {
+                    for k in 0..LANES {
+                        sum[k] += q * block[k];
+                    }
+                }
+            }
+            *out = sums;
+        }
+        let mut norm = [0.0f64; LANES];
+        for s in &sums[..width] {
+            for k in 0..LANES {
+                norm[k] += s[k] * s[k];
+            }
+        }
+        let norm = norm.map(|square| square.sqrt().max(1e-30));
+        for (i, row) in values.chunks_exact_mut(width).enumerate() {
+            for (x, s) in row.iter_mut().zip(&sums) {
+                *x = s[i] / norm[i];
             }
         }
     }
@@ -221,11 +305,12 @@ fn project(phi: &[f64], q: &[f64], l: usize, n: usize, width: usize) -> Embeddin
 }
 
 /// Inner product in a fixed order of additions that vectorises.
+#[inline(always)]
 pub(super) fn dot(a: &[f64], b: &[f64]) -> f64 {
     let mut lanes = [0.0; LANES];
-    let (ca, cb) = (a.chunks_exact(LANES), b.chunks_exact(LANES));
-    let rest: f64 = ca.remainder().iter().zip(cb.remainder()).map(|(x, y)| x * y).sum();
-    for (x, y) in ca.zip(cb) {
+    let ((xs, x_rest), (ys, y_rest)) = (a.as_chunks::<LANES>(), b.as_chunks::<LANES>());
+    let rest: f64 = x_rest.iter().zip(y_rest).map(|(x, y)| x * y).sum();
+    for (x, y) in xs.iter().zip(ys) {
         for k in 0..LANES {
             lanes[k] += x[k] * y[k];
         }
@@ -245,6 +330,18 @@ mod tests {
         let x = anchor_embedding(&rows, &[0, 1, 2, 3], &[1.0 / 6.0; 6], 2, 0.2);
         let cosine = |i, j| dot(x.point(i), x.point(j));
         assert!(cosine(0, 2) > 0.95 && cosine(3, 5) > 0.95 && cosine(1, 4) < 0.3);
+    }
+
+    #[test]
+    fn inner_products_by_four_are_those_by_one() {
+        let mut random = crate::base::random::stream(5, "rows");
+        for (l, n) in [(1, 3), (4, 8), (7, 21), (9, 40)] {
+            let rows: Vec<f64> = (0..l * n).map(|_| crate::base::random::unit(&mut random)).collect();
+            let gram = gram(&rows, l, n);
+            for (i, j) in (0..l).flat_map(|i| (0..l).map(move |j| (i, j))) {
+                assert_eq!(gram[(i, j)], dot(&rows[i * n..(i + 1) * n], &rows[j * n..(j + 1) * n]));
+            }
+        }
     }
 
     #[test]

@@ -1,13 +1,16 @@
 //! Weighted K-means for a few thousand points, seeded by greedy k-means++.
 //!
-//! Points lie in blocks of sixteen, one coordinate after the other, so that distances to a centre
+//! Points lie in blocks of sixteen, one coordinate after the other, so that distances to a few centres at a time
 //! are plain vector arithmetic in single precision; centres are summed in double precision and in
 //! point order. The result depends on the points, the weights and the random stream alone.
 
 use crate::base::random::{Random, unit};
+use crate::base::wide::{Work, wide};
 
 /// Points a block.
 const LANES: usize = 16;
+/// Centres that a block is compared with at a time: what is loaded of it serves all of them.
+const GROUP: usize = 4;
 
 /// How to run a K-means.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -28,43 +31,82 @@ pub struct KMeans {
 struct Blocks {
     values: Vec<[f32; LANES]>,
     norm: Vec<[f32; LANES]>,
+    /// The same row by row (n × d).
+    rows: Vec<f32>,
     n: usize,
     d: usize,
 }
 
+/// Centres in groups of [`GROUP`], coordinate by coordinate; where the last group is not full, infinitely far ones.
+#[derive(Default)]
+struct Groups {
+    values: Vec<[f32; GROUP]>,
+    square: Vec<[f32; GROUP]>,
+}
+
+impl Groups {
+    /// Takes centres, row-major k × d, in place of those it had.
+    fn set(&mut self, centres: &[f32], d: usize) {
+        let count = centres.len().div_ceil(d * GROUP);
+        self.values.clear();
+        self.values.resize(count * d, [0.0; GROUP]);
+        self.square.clear();
+        self.square.resize(count, [f32::INFINITY; GROUP]);
+        for (k, centre) in centres.chunks_exact(d).enumerate() {
+            let (g, lane) = (k / GROUP, k % GROUP);
+            for (slot, x) in self.values[g * d..].iter_mut().zip(centre) {
+                slot[lane] = *x;
+            }
+            self.square[g][lane] = centre.iter().map(|x| x * x).sum();
+        }
+    }
+}
+
+/// Inner products of a block's points with a group of centres.
+#[inline(always)]
+fn products(block: &[[f32; LANES]], group: &[[f32; GROUP]]) -> [[f32; LANES]; GROUP] {
+    // One by one: a loop over them would be turned into vectors the wrong way round.
+    let [mut a, mut b, mut c, mut d] = [[0.0f32; LANES]; GROUP];
+    for (x, centre) in block.iter().zip(group) {
+        add_product(&mut a, x, centre[0]);
+        add_product(&mut b, x, centre[1]);
+        add_product(&mut c, x, centre[2]);
+        add_product(&mut d, x, centre[3]);
+    }
+    [a, b, c, d]
+}
+
+#[inline(always)]
+fn add_product(sum: &mut [f32; LANES], x: &[f32; LANES], c: f32) {
+    for k in 0..LANES {
+        sum[k] += x[k] * c;
+    }
+}
+
 impl Blocks {
+    #[inline(always)]
     fn new(points: &[f64], n: usize, d: usize) -> Blocks {
         let count = n.div_ceil(LANES);
         let mut values = vec![[0.0; LANES]; count * d];
         let mut norm = vec![[0.0; LANES]; count];
-        for i in 0..n {
-            for c in 0..d {
-                let x = points[i * d + c] as f32;
-                values[i / LANES * d + c][i % LANES] = x;
-                norm[i / LANES][i % LANES] += x * x;
+        let rows: Vec<f32> = points.iter().map(|x| *x as f32).collect();
+        for ((rows, values), norm) in rows.chunks(LANES * d).zip(values.chunks_exact_mut(d)).zip(&mut norm) {
+            for (lane, row) in rows.chunks_exact(d).enumerate() {
+                for (slot, x) in values.iter_mut().zip(row) {
+                    slot[lane] = *x;
+                }
+            }
+            for x in values {
+                for k in 0..LANES {
+                    norm[k] += x[k] * x[k];
+                }
             }
         }
-        Blocks { values, norm, n, d }
+        Blocks { values, norm, rows, n, d }
     }
 
-    fn block(&self, b: usize) -> &[[f32; LANES]] {
-        &self.values[b * self.d..(b + 1) * self.d]
-    }
-
-    fn point(&self, i: usize) -> impl Iterator<Item = f32> + '_ {
-        self.block(i / LANES).iter().map(move |x| x[i % LANES])
-    }
-
-    /// Squared distances of block `b`'s points from a centre, up to rounding ≥ 0.
-    fn squares(&self, b: usize, centre: &[f32], square: f32) -> [f32; LANES] {
-        let mut sum = [0.0f32; LANES];
-        for (x, c) in self.block(b).iter().zip(centre) {
-            for k in 0..LANES {
-                sum[k] += x[k] * c;
-            }
-        }
-        let norm = &self.norm[b];
-        std::array::from_fn(|k| (norm[k] + square - 2.0 * sum[k]).max(0.0))
+    fn point(&self, i: usize) -> &[f32] {
+        &self.rows[i * self.d..(i + 1) * self.d]
     }
 }
 
@@ -72,80 +114,68 @@ impl KMeans {
     /// Clusters `points` (row-major n × d) under `weight` (n, > 0): a label below
     /// min(clusters, n) a point. Not every label need occur where points coincide.
     pub fn run(&self, points: &[f64], weight: &[f64], random: &mut Random) -> Vec<u32> {
-        let n = weight.len();
-        let k = self.clusters.clamp(1, n.max(1));
-        let d = points.len().checked_div(n).unwrap_or(0);
-        if k == 1 || d == 0 {
-            return vec![0; n];
-        }
-        let blocks = Blocks::new(points, n, d);
-        let mut best: Option<(f64, Vec<u32>)> = None;
-        for _ in 0..self.restarts.max(1) {
-            let mut centres = self.seeds(&blocks, weight, k, random);
-            let (cost, label) = self.rounds(&blocks, weight, &mut centres);
-            if best.as_ref().is_none_or(|(least, _)| cost < *least) {
-                best = Some((cost, label));
-            }
-        }
-        best.map_or_else(|| vec![0; n], |(_, label)| label)
+        wide(Clustering { how: self, points, weight, random })
     }
 
     /// Greedy k-means++: each seed is the best of a few drawn by weight × squared distance.
+    #[inline(always)]
     fn seeds(&self, x: &Blocks, weight: &[f64], k: usize, random: &mut Random) -> Vec<f32> {
-        let mut centres = Vec::with_capacity(k * x.d);
+        let mut centres: Vec<f32> = Vec::with_capacity(k * x.d);
         let mut near = vec![[f32::MAX; LANES]; x.norm.len()];
         let mut sums: Vec<f64> = Vec::with_capacity(x.n);
+        let (mut drawn, mut groups) = (Vec::new(), Groups::default());
         for made in 0..k {
             let mut total = 0.0;
             sums.clear();
-            sums.extend((0..x.n).map(|i| {
-                let square = if made == 0 { 1.0 } else { f64::from(near[i / LANES][i % LANES]) + 1e-30 };
-                total += weight[i] * square;
-                total
-            }));
-            let mut best: Option<(f64, usize, Vec<[f32; LANES]>)> = None;
-            for _ in 0..if made == 0 { 1 } else { self.candidates.max(1) } {
-                let target = unit(random) * total;
-                let pick = sums.partition_point(|&s| s <= target).min(x.n - 1);
-                let centre: Vec<f32> = x.point(pick).collect();
-                let square = x.norm[pick / LANES][pick % LANES];
-                let mut cost = 0.0;
-                let trial: Vec<[f32; LANES]> = (0..near.len())
-                    .map(|b| {
-                        let d = x.squares(b, &centre, square);
-                        let low: [f32; LANES] = std::array::from_fn(|i| d[i].min(near[b][i]));
-                        let part = &weight[b * LANES..x.n.min((b + 1) * LANES)];
-                        cost += part.iter().zip(&low).map(|(w, l)| w * f64::from(*l)).sum::<f64>();
-                        low
-                    })
-                    .collect();
-                if best.as_ref().is_none_or(|(least, ..)| cost < *least) {
-                    best = Some((cost, pick, trial));
+            for (near, part) in near.iter().zip(weight.chunks(LANES)) {
+                for (near, w) in near.iter().zip(part) {
+                    total += w * if made == 0 { 1.0 } else { f64::from(*near) + 1e-30 };
+                    sums.push(total);
                 }
             }
-            if let Some((_, pick, trial)) = best {
-                centres.extend(x.point(pick));
-                near = trial;
+            drawn.clear();
+            for _ in 0..if made == 0 { 1 } else { self.candidates.max(1) } {
+                let target = unit(random) * total;
+                drawn.push(sums.partition_point(|&s| s <= target).min(x.n - 1));
+            }
+            let candidates: Vec<f32> = drawn.iter().flat_map(|&pick| x.point(pick)).copied().collect();
+            groups.set(&candidates, x.d);
+            let mut best = (f64::INFINITY, drawn[0], 0);
+            for (g, picks) in drawn.chunks(GROUP).enumerate() {
+                let cost = costs(x, weight, &near, &groups, g);
+                for (lane, (&pick, cost)) in picks.iter().zip(cost).enumerate() {
+                    if cost < best.0 {
+                        best = (cost, pick, g * GROUP + lane);
+                    }
+                }
+            }
+            let (_, pick, candidate) = best;
+            centres.extend(x.point(pick));
+            let (g, lane) = (candidate / GROUP, candidate % GROUP);
+            for (b, near) in near.iter_mut().enumerate() {
+                *near = lowered(x, b, near, &groups, g)[lane];
             }
         }
         centres
     }
 
     /// Lloyd's rounds: the last assignment and its cost.
+    #[inline(always)]
     fn rounds(&self, x: &Blocks, weight: &[f64], centres: &mut [f32]) -> (f64, Vec<u32>) {
         let (d, k) = (x.d, centres.len() / x.d);
-        let mut label = vec![0u32; x.norm.len() * LANES];
+        let mut label = vec![[0u32; LANES]; x.norm.len()];
         let mut sums = vec![0.0f64; k * d];
         let mut mass = vec![0.0f64; k];
         let mut last = f64::INFINITY;
+        let mut groups = Groups::default();
         for round in 1.. {
-            let squares: Vec<f32> = centres.chunks_exact(d).map(|c| c.iter().map(|x| x * x).sum()).collect();
+            groups.set(centres, d);
             let mut cost = 0.0;
-            for b in 0..x.norm.len() {
-                let (nearest, least) = assign(x.block(b), centres, &squares);
-                label[b * LANES..(b + 1) * LANES].copy_from_slice(&nearest);
-                let part = &weight[b * LANES..x.n.min((b + 1) * LANES)];
-                for ((w, low), norm) in part.iter().zip(&least).zip(&x.norm[b]) {
+            let blocks = x.values.chunks_exact(d).zip(&x.norm).zip(weight.chunks(LANES));
+            for (label, ((block, norm), part)) in label.iter_mut().zip(blocks) {
+                let (nearest, least) = assign(block, &groups);
+                *label = nearest;
+                for ((w, low), norm) in part.iter().zip(&least).zip(norm) {
                     cost += w * f64::from((low + norm).max(0.0));
                 }
             }
@@ -156,11 +186,11 @@ impl KMeans {
             last = cost;
             sums.fill(0.0);
             mass.fill(0.0);
-            for (i, w) in weight.iter().enumerate() {
-                let c = label[i] as usize;
+            for ((w, point), &c) in weight.iter().zip(x.rows.chunks_exact(d)).zip(label.as_flattened()) {
+                let c = c as usize;
                 mass[c] += w;
-                for (s, v) in sums[c * d..(c + 1) * d].iter_mut().zip(x.point(i)) {
-                    *s += w * f64::from(v);
+                for (s, v) in sums[c * d..(c + 1) * d].iter_mut().zip(point) {
+                    *s += w * f64::from(*v);
                 }
             }
             for c in (0..k).filter(|&c| mass[c] > 1e-30) {
@@ -169,27 +199,86 @@ impl KMeans {
                 }
             }
         }
-        label.truncate(x.n);
-        (last, label)
+        (last, label.as_flattened()[..x.n].to_vec())
     }
 }
 
-/// For each point of a block the nearest centre and its |c|² − 2 x·c, two centres at a time.
-fn assign(block: &[[f32; LANES]], centres: &[f32], squares: &[f32]) -> ([u32; LANES], [f32; LANES]) {
-    let d = block.len();
-    let (mut nearest, mut least) = ([0u32; LANES], [f32::MAX; LANES]);
-    for (c, (centre, square)) in centres.chunks_exact(d).zip(squares).enumerate() {
-        let mut sum = [0.0f32; LANES];
-        for (x, c) in block.iter().zip(centre) {
-            for k in 0..LANES {
-                sum[k] += x[k] * c;
+/// [`KMeans::run`] on wide vectors.
+struct Clustering<'a> {
+    how: &'a KMeans,
+    points: &'a [f64],
+    weight: &'a [f64],
+    random: &'a mut Random,
+}
+
+impl Work for Clustering<'_> {
+    type Output = Vec<u32>;
+
+    #[inline(always)]
+    fn run(self) -> Vec<u32> {
+        let Clustering { how, points, weight, random } = self;
+        let n = weight.len();
+        let k = how.clusters.clamp(1, n.max(1));
+        let d = points.len().checked_div(n).unwrap_or(0);
+        if k == 1 || d == 0 {
+            return vec![0; n];
+        }
+        let blocks = Blocks::new(points, n, d);
+        let mut best: Option<(f64, Vec<u32>)> = None;
+        for _ in 0..how.restarts.max(1) {
+            let mut centres = how.seeds(&blocks, weight, k, random);
+            let (cost, label) = how.rounds(&blocks, weight, &mut centres);
+            if best.as_ref().is_none_or(|(least, _)| cost < *least) {
+                best = Some((cost, label));
             }
         }
+        best.map_or_else(|| vec![0; n], |(_, label)| label)
+    }
+}
+
+/// Squared distances of block `b`'s points to the nearest centre, `near` up to now, with each centre of group `g` besides.
+#[inline(always)]
+fn lowered(x: &Blocks, b: usize, near: &[f32; LANES], groups: &Groups, g: usize) -> [[f32; LANES]; GROUP] {
+    let d = x.d;
+    let (mut sum, norm) = (products(&x.values[b * d..(b + 1) * d], &groups.values[g * d..(g + 1) * d]), &x.norm[b]);
+    for (sum, square) in sum.iter_mut().zip(&groups.square[g]) {
         for k in 0..LANES {
-            let value = square - 2.0 * sum[k];
-            let closer = value < least[k];
-            least[k] = if closer { value } else { least[k] };
-            nearest[k] = if closer { c as u32 } else { nearest[k] };
+            sum[k] = (norm[k] + square - 2.0 * sum[k]).max(0.0).min(near[k]);
+        }
+    }
+    sum
+}
+
+/// What all points cost with each centre of group `g` besides.
+#[inline(always)]
+fn costs(x: &Blocks, weight: &[f64], near: &[[f32; LANES]], groups: &Groups, g: usize) -> [f64; GROUP] {
+    let mut cost = [0.0; GROUP];
+    for (b, (near, part)) in near.iter().zip(weight.chunks(LANES)).enumerate() {
+        let low = lowered(x, b, near, groups, g);
+        let mut sum = [0.0; GROUP];
+        for (k, w) in part.iter().enumerate() {
+            for c in 0..GROUP {
+                sum[c] += w * f64::from(low[c][k]);
+            }
+        }
+        (0..GROUP).for_each(|c| cost[c] += sum[c]);
+    }
+    cost
+}
+
+/// For each point of a block the nearest centre and its |c|² − 2 x·c.
+#[inline(always)]
+fn assign(block: &[[f32; LANES]], groups: &Groups) -> ([u32; LANES], [f32; LANES]) {
+    let (mut nearest, mut least) = ([0u32; LANES], [f32::MAX; LANES]);
+    for (g, (group, square)) in groups.values.chunks_exact(block.len()).zip(&groups.square).enumerate() {
+        let sum = products(block, group);
+        for c in 0..GROUP {
+            for k in 0..LANES {
+                let value = square[c] - 2.0 * sum[c][k];
+                let closer = value < least[k];
+                least[k] = if closer { value } else { least[k] };
+                nearest[k] = if closer { (g * GROUP + c) as u32 } else { nearest[k] };
+            }
         }
     }
     (nearest, least)

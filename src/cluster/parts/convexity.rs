@@ -9,7 +9,9 @@
 use super::cells::CellGraph;
 use crate::base::Result;
 use crate::base::parallel::map_ranges;
+use crate::base::wide::{Work, wide};
 use crate::store::run::Run;
+use std::ops::Range;
 
 /// Widths w of the pair weight, in units of √(total area).
 pub const WIDTHS: [f64; 3] = [0.08, 0.1, 0.12];
@@ -37,34 +39,48 @@ pub struct PairSums {
     pub step: [f64; 3],
 }
 
+/// One number a width, and a fourth of no meaning: four fill a vector.
+type Lanes = [f64; 4];
+
 /// exp(−x/2w²) for the three widths and x up to the widest cut.
 struct Table {
-    nodes: Vec<[f64; 3]>,
+    /// The values at each node, and where it is.
+    nodes: Vec<Lanes>,
     scale: f64,
-    rate: [f64; 3],
-    cut: [f64; 3],
+    rate: Lanes,
+    cut: Lanes,
 }
 
 impl Table {
     fn new() -> Table {
-        let rate = WIDTHS.map(|w| 0.5 / (w * w));
+        let [a, b, c] = WIDTHS.map(|w| 0.5 / (w * w));
         let cut = WIDTHS.map(|w| CUT * CUT * w * w);
         let scale = TABLE as f64 / cut[2];
-        let nodes = (0..TABLE + 2).map(|k| rate.map(|r| (-r * k as f64 / scale).exp())).collect();
-        Table { nodes, scale, rate, cut }
+        let node = |k: usize| {
+            let at = |r: f64| (-r * k as f64 / scale).exp();
+            [at(a), at(b), at(c), k as f64 / scale]
+        };
+        Table {
+            nodes: (0..TABLE + 2).map(node).collect(),
+            scale,
+            rate: [a, b, c, 0.0],
+            cut: [cut[0], cut[1], cut[2], 0.0],
+        }
     }
 
     /// The three weights at squared distance `x` ≤ the widest cut.
-    #[inline]
-    fn weights(&self, x: f64) -> [f64; 3] {
-        let k = (x * self.scale + 0.5) as usize;
-        let rest = k as f64 / self.scale - x;
+    #[inline(always)]
+    fn weights(&self, x: f64) -> Lanes {
+        let k = (x * self.scale + 0.5) as u32 as usize;
         let node = &self.nodes[k.min(TABLE + 1)];
-        std::array::from_fn(|w| {
+        let rest = node[3] - x;
+        let mut out = [0.0; 4];
+        for w in 0..4 {
             let t = rest * self.rate[w];
             let e = node[w] * (1.0 + t * (1.0 + t * (0.5 + t * (1.0 / 6.0))));
-            if x <= self.cut[w] { e } else { 0.0 }
-        })
+            out[w] = if x <= self.cut[w] { e } else { 0.0 };
+        }
+        out
     }
 }
 
@@ -95,13 +111,7 @@ pub fn convexity(cells: &CellGraph, thickness: &[f64], atom: &[u32], atoms: usiz
     let (points, balls) = gather(cells, thickness, atom, atoms);
     let table = Table::new();
     let chunks = map_ranges(run.threads, &run.cancel, atoms, CHUNK, |range| {
-        let mut out = Vec::new();
-        for a in range {
-            for b in a..atoms {
-                out.extend(between(&points, &balls, a, b, &table));
-            }
-        }
-        Ok(out)
+        Ok(wide(FromAtoms { range, points: &points, balls: &balls, table: &table }))
     })?;
     Ok(chunks.concat())
 }
@@ -127,11 +137,38 @@ fn gather(cells: &CellGraph, thickness: &[f64], atom: &[u32], atoms: usize) -> (
     (points, balls)
 }
 
+#[inline(always)]
 fn square(a: [f64; 3], b: [f64; 3]) -> f64 {
     (0..3).map(|c| (a[c] - b[c]) * (a[c] - b[c])).sum()
 }
 
+/// Sums between the atoms of a range and those from each on.
+struct FromAtoms<'a> {
+    range: Range<usize>,
+    points: &'a [Point],
+    balls: &'a [Ball],
+    table: &'a Table,
+}
+
+impl Work for FromAtoms<'_> {
+    type Output = Vec<PairSums>;
+
+    #[inline(always)]
+    fn run(self) -> Vec<PairSums> {
+        let mut out = Vec::new();
+        for a in self.range {
+            for b in a..self.balls.len() {
+                if let Some(sums) = between(self.points, self.balls, a, b, self.table) {
+                    out.push(sums);
+                }
+            }
+        }
+        out
+    }
+}
+
 /// Sums between atoms `a` and `b` ≥ `a`, unless all pairs lie beyond the cut.
+#[inline(always)]
 fn between(points: &[Point], balls: &[Ball], a: usize, b: usize, table: &Table) -> Option<PairSums> {
     let (one, two) = (&balls[a], &balls[b]);
     let reach = CUT * WIDTHS[2] * (1.0 + 1e-9);
@@ -139,13 +176,13 @@ fn between(points: &[Point], balls: &[Ball], a: usize, b: usize, table: &Table) 
         return None;
     }
     let near = (reach + two.radius).powi(2);
-    let (mut seen, mut all, mut step) = ([0.0; 3], [0.0; 3], [0.0; 3]);
+    let (mut seen, mut all, mut step): (Lanes, Lanes, Lanes) = Default::default();
     for (i, p) in points[one.start..one.end].iter().enumerate() {
         if square(p.x, two.x) > near {
             continue;
         }
         let first = if a == b { one.start + i + 1 } else { two.start };
-        let (mut row_seen, mut row_all, mut row_step) = ([0.0; 3], [0.0; 3], [0.0; 3]);
+        let (mut row_seen, mut row_all, mut row_step): (Lanes, Lanes, Lanes) = Default::default();
         for q in &points[first..two.end] {
             let d = [q.x[0] - p.x[0], q.x[1] - p.x[1], q.x[2] - p.x[2]];
             let d2 = d[0] * d[0] + d[1] * d[1] + d[2] * d[2];
@@ -159,21 +196,20 @@ fn between(points: &[Point], balls: &[Ball], a: usize, b: usize, table: &Table) 
             let convex = if sees(ahead) && sees(back) { q.area } else { 0.0 };
             let differs = (p.thickness - q.thickness).abs() * q.area;
             let weight = table.weights(d2);
-            for w in 0..3 {
+            for w in 0..4 {
                 row_all[w] += q.area * weight[w];
                 row_seen[w] += convex * weight[w];
                 row_step[w] += differs * weight[w];
             }
         }
-        for w in 0..3 {
+        for w in 0..4 {
             all[w] += p.area * row_all[w];
             seen[w] += p.area * row_seen[w];
             step[w] += p.area * row_step[w];
         }
     }
-    if a == b {
-        [seen, all, step] = [seen, all, step].map(|sums| sums.map(|x| 2.0 * x));
-    }
+    let twice = if a == b { 2.0 } else { 1.0 };
+    let [seen, all, step] = [seen, all, step].map(|sums| [0, 1, 2].map(|w| twice * sums[w]));
     (all[2] > 0.0).then_some(PairSums { a: a as u32, b: b as u32, seen, all, step })
 }
 

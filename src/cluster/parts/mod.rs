@@ -168,7 +168,7 @@ pub fn decide(cells: &CellGraph, rows: &[f64], l: usize, params: &PartsParams, r
                 let members = members::draw_members(&cells, &rows, params.members, "parts member", run)?;
                 let atoms = Atoms::of(&cells, &rows, &members, run)?;
                 let together = members::co_association(&cells, &atoms, &members, run)?;
-                let tree = refinement::soft_hierarchy(&cells, &atoms, &together, params.small_part);
+                let tree = refinement::soft_hierarchy(&cells, &atoms, &together, params.small_part, run)?;
                 Ok(Decided { atoms, together, tree })
             }
             Decision::Consensus => consensus::consensus(&cells, &rows, params.small_part, run),

@@ -12,6 +12,9 @@ use super::labelling::{HALF, Pull, between};
 use super::linkage::{Linkage, Rank};
 use super::matrix::Square;
 use super::members::Atoms;
+use crate::base::Result;
+use crate::base::parallel::map_chunks;
+use crate::store::run::Run;
 
 /// Thresholds above ½ at which parts are labelled again.
 const LADDER: [f64; 10] = [0.55, 0.6, 0.65, 0.7, 0.75, 0.8, 0.85, 0.9, 0.95, 0.99];
@@ -23,34 +26,76 @@ const BELOW_HALF: f64 = 0.4999;
 type Union = super::hierarchy::Union;
 
 /// The hierarchy of cells whose atoms belong together with probabilities C.
-pub fn soft_hierarchy(cells: &CellGraph, atoms: &Atoms, together: &Square, small_part: f64) -> PartTree {
+///
+/// # Errors
+/// Cancellation.
+pub fn soft_hierarchy(
+    cells: &CellGraph,
+    atoms: &Atoms,
+    together: &Square,
+    small_part: f64,
+    run: &Run,
+) -> Result<PartTree> {
     let n = atoms.len();
     let pull = Pull { area: &atoms.area, together };
     let everything: Vec<u32> = (0..n as u32).collect();
-    let mut label = pull.best(&everything, HALF);
+    let label = pull.best(&everything, HALF);
     let context = Context { touch: atoms.touch(cells), pull };
-    // Coarsest stage first; reversed at the end.
-    let mut stages = vec![context.stage(&vec![0; n], &label, 0.0, BELOW_HALF)];
-    let mut low = HALF;
-    for high in LADDER {
-        let mut finer = vec![0; n];
-        let mut next = 0;
-        for part in members(&label) {
-            let sub = pull.best(&part, high);
-            for (&x, k) in part.iter().zip(&sub) {
+    // What becomes of a part above ½ is its own affair.
+    let parts = members(&label);
+    let ladders =
+        map_chunks(run.threads, &run.cancel, parts.len(), || (), |k, ()| Ok(ladder(context.pull, &parts[k])))?;
+    // Coarsest first; reversed at the end.
+    let mut levels = vec![vec![0; n], label];
+    for step in 0..LADDER.len() {
+        let (mut finer, mut next) = (vec![0; n], 0);
+        for (part, ladder) in parts.iter().zip(&ladders) {
+            for (&x, k) in part.iter().zip(&ladder[step]) {
                 finer[x as usize] = next + k;
             }
-            next += sub.iter().max().map_or(0, |m| m + 1);
+            next += ladder[step].iter().max().map_or(0, |m| m + 1);
         }
-        let (finer, _) = compact(&finer);
-        stages.push(context.stage(&label, &finer, low, high));
-        (label, low) = (finer, high);
+        levels.push(compact(&finer).0);
     }
-    stages.push(context.stage(&label, &everything, low, 1.0));
+    levels.push(everything);
+    let stages = map_chunks(
+        run.threads,
+        &run.cancel,
+        levels.len() - 1,
+        || (),
+        |k, ()| {
+            let (low, high) = match k {
+                0 => (0.0, BELOW_HALF),
+                1 => (HALF, LADDER[0]),
+                _ => (LADDER[k - 2], LADDER.get(k - 1).copied().unwrap_or(1.0)),
+            };
+            Ok(context.stage(&levels[k], &levels[k + 1], low, high))
+        },
+    )?;
     let coarse = stages.into_iter().rev().flatten();
     let cell = |atom: u32| atoms.first[atom as usize];
     let unions = coarse.map(|u| Union { a: cell(u.a), b: cell(u.b), ..u });
-    PartTree::new(cells, within(cells, &atoms.of_cell).into_iter().chain(unions), small_part)
+    Ok(PartTree::new(cells, within(cells, &atoms.of_cell).into_iter().chain(unions), small_part))
+}
+
+/// The labels of the atoms of one part at each threshold of [`LADDER`], each within those of the one before.
+fn ladder(pull: Pull<'_>, part: &[u32]) -> Vec<Vec<u32>> {
+    let mut label = vec![0; part.len()];
+    let mut out = Vec::with_capacity(LADDER.len());
+    for high in LADDER {
+        let (mut finer, mut next) = (vec![0; part.len()], 0);
+        for class in members(&label) {
+            let atoms: Vec<u32> = class.iter().map(|&i| part[i as usize]).collect();
+            let sub = pull.best(&atoms, high);
+            for (&i, k) in class.iter().zip(&sub) {
+                finer[i as usize] = next + k;
+            }
+            next += sub.iter().max().map_or(0, |m| m + 1);
+        }
+        label = compact(&finer).0;
+        out.push(label.clone());
+    }
+    out
 }
 
 /// Unions of level 1 that make the atoms of their cells: strongest boundaries first, then, where

@@ -104,12 +104,24 @@ impl Regions {
                 out.neck.add_both(a, b, length * 0.5 * (thickness(i) + thickness(j)));
             }
         }
+        // Both halves of the three matrices sum the same numbers in the same order: one half of all three at a time.
+        let mut half = vec![[0.0; 3]; n * n];
         for s in sums {
             let (a, b) = (of_atom[s.a as usize] as usize, of_atom[s.b as usize] as usize);
             let twice = if a == b && s.a != s.b { 2.0 } else { 1.0 };
-            out.seen.add_both(a, b, twice * s.seen[width]);
-            out.all.add_both(a, b, twice * s.all[width]);
-            out.step.add_both(a, b, twice * s.step[width]);
+            let sum = &mut half[a.min(b) * n + a.max(b)];
+            for (sum, x) in sum.iter_mut().zip([s.seen[width], s.all[width], s.step[width]]) {
+                *sum += twice * x;
+            }
+        }
+        for a in 0..n {
+            for b in a..n {
+                let [seen, all, step] = half[a * n + b];
+                for (square, x) in [(&mut out.seen, seen), (&mut out.all, all), (&mut out.step, step)] {
+                    square[(a, b)] = x;
+                    square[(b, a)] = x;
+                }
+            }
         }
         out
     }
