@@ -59,8 +59,8 @@ impl RowsWriter {
         Ok(Self {
             indptr,
             indices: work.writer_of("graph_indices.npy", 1, entries)?,
-            gd: work.writer_of("graph_gd.npy", 1, entries)?,
-            edge: work.writer_of("graph_edges.npy", 1, entries)?,
+            gd: work.writer("graph_gd.npy", 1)?,
+            edge: work.writer("graph_edges.npy", 1)?,
             starts: Vec::new(),
             end: 0,
         })

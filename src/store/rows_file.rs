@@ -16,7 +16,7 @@ use std::sync::{Arc, Mutex};
 
 /// Rows of more bytes are not held in memory: copying them into a file is little beside computing them, and what is in a
 /// file the kernel can reclaim.
-pub(super) const MOST_HELD: usize = 64 << 20;
+pub(super) const MOST_HELD: usize = 32 << 20;
 
 /// Where the rows are.
 #[derive(Debug)]
