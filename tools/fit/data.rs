@@ -1,7 +1,7 @@
 //! What a fit needs of a model: its cells, their rows, and what people made of each cell.
 //!
 //! All of it comes from the library's own pipeline, run once a model and seed in a work directory, and is kept as one
-//! JSON file a model in the cache (some 3 MB): members, trees and scores are made from it again at each run.
+//! JSON file a model in the cache (some 4 MB): members, trees and scores are made from it again at each run.
 
 use nystrom_stream::base::parallel::map_chunks;
 use nystrom_stream::base::{Error, Result};

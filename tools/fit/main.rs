@@ -1,12 +1,13 @@
 //! Fits the constants of the probability that people keep two regions together to a benchmark, and tells how good they
 //! are on models that they were not fitted to.
 //!
-//! `cargo run --release --example fit -- BENCHMARK [--cache FOLDER]`, where BENCHMARK holds `N.ply`, people's `N_j.seg` and
-//! `models.tsv`. Target of a merge of a member is what most people do (t > ½), its weight |2t − 1| times the pairs of
-//! area that it joins to a power, t being the share of people who join them. Prints the constants and the mean
-//! 1 − Rand index of the parts on cells, without the last front: of constants fitted to all models, to the other half of
-//! them (odd or even places in the category), and to four fifths of the categories, judged on the last fifth. The first
-//! run takes about half a second a model and core; with the cache it filled, a tenth of that.
+//! `cargo run --release --example fit -- BENCHMARK [--cache FOLDER]`, where BENCHMARK holds `N.ply`, people's `N_j.seg`
+//! and `models.tsv` with the columns model, category and parts. Target of a merge of a member is what most people do
+//! (t > ½), its weight |2t − 1| times the pairs of area that it joins to a power, t being the share of people who join
+//! them. Prints the constants and the mean 1 − Rand index of the parts on cells, without the last front: of constants
+//! fitted to all models, to the other half of them (odd or even places in the category), and to the other four fifths of
+//! the categories. Half a second of one core a model, half of that with the cache that the first run filled (4 MB a model
+//! and seed).
 
 mod data;
 mod logistic;
@@ -44,7 +45,7 @@ struct Arguments {
     #[arg(long, default_value_t = 0.6)]
     power: f64,
     /// Penalty of large constants.
-    #[arg(long, default_value_t = 1e-4)]
+    #[arg(long, default_value_t = 1e-6)]
     ridge: f64,
     /// Exponent of the smaller area in the order of merges.
     #[arg(long, default_value_t = Model::default().area_power)]

@@ -8,6 +8,7 @@
 //! Golovinskiy, Funkhouser, SIGGRAPH 2009). Target of the fit is what most people do at a merge of a
 //! member, its weight how much that matters to the Rand index: |2t − 1| times the pairs it joins (to the
 //! power .6, so that few large merges do not decide), t being the share of people who join them.
+//! `tools/fit` fits them again.
 
 use super::matrix::eigenvalues3;
 use super::regions::{COLUMNS, Columns, EMBEDDED, Regions};
@@ -99,11 +100,11 @@ impl Border {
     }
 }
 
-/// The ten measures of uniting neighbours `i` and `j` with the given logarithm of the cost: that, clipped; cosine of the
-/// mean embeddings; length of the smaller's mean normal (open patch 1, closed limb 0); |ln| of the ratio of widths; ln of
-/// the larger's length; ln of boundary over the smaller's height; mean convex angle of the boundary; root of the mean
-/// |difference| of ln thickness between cells on either side of it; its mean concave angle; ln of how much thinner the
-/// body is along it than in the thinner of the two (≤ 0).
+/// The ten measures of uniting neighbours `i` and `j` with the given logarithm of the cost: that, clipped; cosine of
+/// the mean embeddings; length of the smaller's mean normal (open patch 1, closed limb 0); |ln| of the ratio of widths;
+/// ln of the larger's length; ln of boundary over the smaller's height; mean convex angle of the boundary; root of the
+/// mean |difference| of ln thickness between cells on either side of it; its mean concave angle; ln of how much thinner
+/// the body is along it than in the thinner of the two (≤ 0).
 pub fn measures(r: &Regions, i: usize, j: usize, log_cost: f64) -> [f64; MEASURES] {
     let (i, j) = if r.area(i) <= r.area(j) { (i, j) } else { (j, i) };
     let border = Border::of(r, i, j);
