@@ -8,7 +8,7 @@ use nystrom_stream::base::random::stream;
 use nystrom_stream::cluster::parts::anchor::{Embedding, Rows, anchor_embedding};
 use nystrom_stream::cluster::parts::cells::{connected_pieces, join_small};
 use nystrom_stream::cluster::parts::convexity::{PairSums, convexity};
-use nystrom_stream::cluster::parts::cost::log_cost;
+use nystrom_stream::cluster::parts::cost::Model;
 use nystrom_stream::cluster::parts::labelling::{HALF, Pull};
 use nystrom_stream::cluster::parts::matrix::Square;
 use nystrom_stream::cluster::parts::members::{Atoms, co_association, draw_members};
@@ -149,7 +149,7 @@ fn every_step_equals_the_prototype() -> Anything<()> {
         near("convex pairs of regions", all(&r.seen), &reals(folder, "vr")?, 1e-9, 1e-12);
         near("pairs of regions", all(&r.all), &reals(folder, "tr")?, 1e-9, 1e-12);
         let (i, j) = (labels(folder, "cost_i")?, labels(folder, "cost_j")?);
-        let costs = i.iter().zip(&j).map(|(&i, &j)| log_cost(&r, i as usize, j as usize));
+        let costs = i.iter().zip(&j).map(|(&i, &j)| Model::default().log_cost(&r, i as usize, j as usize));
         near("costs", costs, &reals(folder, "cost")?, 1e-9, 1.0);
         // The labelling that the same C leads to.
         let (area, together) = (reals(folder, "atom_area")?, square(folder, "c")?);
@@ -246,7 +246,7 @@ fn time_the_stages() -> Anything<()> {
         lap("atoms");
         std::hint::black_box(convexity(&graph, &log_thickness(&graph, &run)?, &atoms.of_cell, atoms.len(), &run)?);
         lap("of which convexity");
-        let together = co_association(&graph, &atoms, &members, &run)?;
+        let together = co_association(&graph, &atoms, &members, &Model::default(), &run)?;
         lap("trees and C");
         let pull = Pull { area: &atoms.area, together: &together };
         std::hint::black_box(pull.best(&(0..atoms.len() as u32).collect::<Vec<_>>(), HALF));

@@ -7,6 +7,7 @@
 
 use super::anchor::Rows;
 use super::cells::{CellGraph, class_sums, compact};
+use super::cost::Model;
 use super::hierarchy::{PartTree, Union};
 use super::labelling::between;
 use super::linkage::{Linkage, Rank};
@@ -59,7 +60,7 @@ pub fn single_run(cells: &CellGraph, rows: &Rows, small_part: f64, run: &Run) ->
     let recipe = Recipe::single(rows.count);
     let member = Member::new(cells, rows, &recipe, MIDDLE_WIDTH, run.seed, "parts single clusters");
     let atoms = Atoms::of(cells, rows, std::slice::from_ref(&member), run)?;
-    let list = merges(atoms.regions(cells, &atoms.of_cell, atoms.len(), MIDDLE_WIDTH), |_, _| false);
+    let list = merges(atoms.regions(cells, &atoms.of_cell, atoms.len(), MIDDLE_WIDTH), &Model::default(), |_, _| false);
     let first = &atoms.first;
     let unions = list.iter().zip(1i32..).map(|(m, k)| Union {
         level: level(m.log_cost, SINGLE_STOP),
@@ -88,7 +89,7 @@ pub fn consensus(cells: &CellGraph, rows: &Rows, small_part: f64, run: &Run) -> 
             let factor = STOP_FACTOR[0] + (STOP_FACTOR[1] - STOP_FACTOR[0]) * unit(&mut random);
             let stop = (CONSENSUS_STOP * factor).ln();
             let regions = atoms.regions(cells, &m.region, m.regions, m.width);
-            let into = classes(m.regions, &merges(regions, |cost, _| cost < stop));
+            let into = classes(m.regions, &merges(regions, &Model::default(), |cost, _| cost < stop));
             let label: Vec<u32> = atoms.labels(&m.region).iter().map(|&r| into[r as usize]).collect();
             Ok(compact(&label))
         },
@@ -136,7 +137,7 @@ fn grouped(cells: &CellGraph, atoms: &Atoms, together: &Square, groups: usize, s
         first[k as usize] = first[k as usize].min(cell);
     }
     let regions = atoms.regions(cells, &of_cell, count, MIDDLE_WIDTH);
-    for m in merges(regions, |_, _| false) {
+    for m in merges(regions, &Model::default(), |_, _| false) {
         let level = level(m.log_cost, CONSENSUS_STOP).min(GROUP_LEVEL);
         let rank = f64::from(-(unions.len() as i32));
         unions.push(Union { level, rank, a: first[m.i], b: first[m.j] });

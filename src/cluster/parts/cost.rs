@@ -8,35 +8,44 @@
 //! Golovinskiy, Funkhouser, SIGGRAPH 2009). Target of the fit is what most people do at a merge of a
 //! member, its weight how much that matters to the Rand index: |2t − 1| times the pairs it joins (to the
 //! power .6, so that few large merges do not decide), t being the share of people who join them.
+//! `tools/fit` fits them again.
 
 use super::matrix::eigenvalues3;
 use super::regions::{COLUMNS, Columns, EMBEDDED, Regions};
 
-/// Exponent of the smaller area.
-const AREA_POWER: f64 = 0.75;
-/// Exponent of the relative convexity.
-const CONVEXITY_POWER: f64 = 3.0;
 /// The logarithm of the cost is clipped to ± this before it enters the probability.
 const COST_CLIP: f64 = 6.0;
 /// Least height of a region over its own centroid, in units of √(total area).
 const HEIGHT_FLOOR: f64 = 0.005;
-/// Constant term of the log odds, then the weights of: ln cost; cosine of the mean embeddings;
-/// length of the smaller's mean normal (open patch 1, closed limb 0); |ln| of the ratio of widths;
-/// ln of the larger's length; ln of boundary over the smaller's height; mean convex angle of
-/// the boundary; root of the mean |difference| of ln thickness between cells on either side of it; its mean
-/// concave angle; ln of how much thinner the body is along it than in the thinner of the two (≤ 0).
-pub const NODE: [f64; 11] = [-6.581, 2.041, 1.444, 0.830, -0.544, -1.553, 1.541, 7.587, -5.470, -6.812, -8.383];
+/// Number of measures that the probability is made from.
+pub const MEASURES: usize = 10;
+
+/// The constants. The default ones are those of all decisions; others are for fitting them (`tools/fit`).
+#[derive(Clone, Debug, PartialEq)]
+pub struct Model {
+    /// Exponent of the smaller area in the cost.
+    pub area_power: f64,
+    /// Exponent of the relative convexity in the cost.
+    pub convexity_power: f64,
+    /// Constant term of the log odds.
+    pub constant: f64,
+    /// Weights of the [`measures`] in the log odds.
+    pub weights: [f64; MEASURES],
+}
+
+impl Default for Model {
+    fn default() -> Self {
+        Model {
+            area_power: 0.75,
+            convexity_power: 3.0,
+            constant: -6.581,
+            weights: [2.041, 1.444, 0.830, -0.544, -1.553, 1.541, 7.587, -5.470, -6.812, -8.383],
+        }
+    }
+}
 
 fn log(x: f64) -> f64 {
     x.max(1e-6).ln()
-}
-
-/// Natural logarithm of the cost of uniting regions `i` and `j`: the greater the sooner.
-pub fn log_cost(r: &Regions, i: usize, j: usize) -> f64 {
-    let share = |a: usize, b: usize, e: f64| (r.seen[(a, b)] + e) / (r.all[(a, b)] + e);
-    let own = share(i, i, 1e-9) * share(j, j, 1e-9);
-    let conv = (share(i, j, 1e-12) / own.sqrt().max(1e-12)).min(1.0);
-    log(r.strength[(i, j)]) - AREA_POWER * log(r.area(i).min(r.area(j))) + CONVEXITY_POWER * log(conv)
 }
 
 /// The measures of one region that the probability uses.
@@ -69,23 +78,16 @@ impl Shape {
 }
 
 /// What the probability uses of the common boundary of two regions: means along it.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Border {
-    /// Its length.
-    pub length: f64,
-    /// Convex angle at radius .04.
-    pub convex: f64,
-    /// Concave angle.
-    pub concave: f64,
-    /// Logarithm of the thickness.
-    pub log_thickness: f64,
-    /// |difference| of the logarithms of thickness between nearby cells on either side.
-    pub step: f64,
+struct Border {
+    length: f64,
+    convex: f64,
+    concave: f64,
+    log_thickness: f64,
+    step: f64,
 }
 
 impl Border {
-    /// That of neighbours `i` and `j`.
-    pub fn of(r: &Regions, i: usize, j: usize) -> Border {
+    fn of(r: &Regions, i: usize, j: usize) -> Border {
         let length = r.length[(i, j)];
         let mean = |sum: f64| sum / length.max(1e-300);
         Border {
@@ -98,10 +100,15 @@ impl Border {
     }
 }
 
-/// The ten measures of uniting region `a` (the smaller) with its neighbour `b`, in the order of [`NODE`], from their
-/// columns, their common boundary and the logarithm of the cost.
-pub fn measures(a: &Columns, b: &Columns, border: &Border, log_cost: f64) -> [f64; 10] {
-    let (a, b) = (Shape::of(a), Shape::of(b));
+/// The ten measures of uniting neighbours `i` and `j` with the given logarithm of the cost: that, clipped; cosine of
+/// the mean embeddings; length of the smaller's mean normal (open patch 1, closed limb 0); |ln| of the ratio of widths;
+/// ln of the larger's length; ln of boundary over the smaller's height; mean convex angle of the boundary; root of the
+/// mean |difference| of ln thickness between cells on either side of it; its mean concave angle; ln of how much thinner
+/// the body is along it than in the thinner of the two (≤ 0).
+pub fn measures(r: &Regions, i: usize, j: usize, log_cost: f64) -> [f64; MEASURES] {
+    let (i, j) = if r.area(i) <= r.area(j) { (i, j) } else { (j, i) };
+    let border = Border::of(r, i, j);
+    let (a, b) = (Shape::of(&r.columns[i]), Shape::of(&r.columns[j]));
     let inner = |x: &[f64; EMBEDDED], y: &[f64; EMBEDDED]| x.iter().zip(y).map(|(x, y)| x * y).sum::<f64>();
     let norm = inner(&a.embedding, &a.embedding).sqrt() * inner(&b.embedding, &b.embedding).sqrt();
     [
@@ -118,11 +125,18 @@ pub fn measures(a: &Columns, b: &Columns, border: &Border, log_cost: f64) -> [f6
     ]
 }
 
-/// Probability that people keep `i` and `j`, neighbours with the given logarithm of the cost, in
-/// one part.
-pub fn probability(r: &Regions, i: usize, j: usize, log_cost: f64) -> f64 {
-    let (a, b) = if r.area(i) <= r.area(j) { (i, j) } else { (j, i) };
-    let m = measures(&r.columns[a], &r.columns[b], &Border::of(r, a, b), log_cost);
-    let z = NODE[0] + m.iter().zip(&NODE[1..]).map(|(x, w)| x * w).sum::<f64>();
-    1.0 / (1.0 + (-z).exp())
+impl Model {
+    /// Natural logarithm of the cost of uniting regions `i` and `j`: the greater the sooner.
+    pub fn log_cost(&self, r: &Regions, i: usize, j: usize) -> f64 {
+        let share = |a: usize, b: usize, e: f64| (r.seen[(a, b)] + e) / (r.all[(a, b)] + e);
+        let own = share(i, i, 1e-9) * share(j, j, 1e-9);
+        let conv = (share(i, j, 1e-12) / own.sqrt().max(1e-12)).min(1.0);
+        log(r.strength[(i, j)]) - self.area_power * log(r.area(i).min(r.area(j))) + self.convexity_power * log(conv)
+    }
+
+    /// Probability that people keep two regions with such [`measures`] in one part.
+    pub fn probability(&self, measures: &[f64; MEASURES]) -> f64 {
+        let z = self.constant + measures.iter().zip(&self.weights).map(|(x, w)| x * w).sum::<f64>();
+        1.0 / (1.0 + (-z).exp())
+    }
 }

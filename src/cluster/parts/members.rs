@@ -4,6 +4,7 @@
 use super::anchor::{Rows, anchor_embedding};
 use super::cells::{CellGraph, class_sums, intersect};
 use super::convexity::{PairSums, WIDTHS, convexity};
+use super::cost::Model;
 use super::matrix::Square;
 use super::over_segment::{Recipe, over_segment};
 use super::regions::{Columns, EMBEDDED, Regions, cell_columns};
@@ -142,7 +143,13 @@ impl Atoms {
 ///
 /// # Errors
 /// Cancellation.
-pub fn co_association(cells: &CellGraph, atoms: &Atoms, members: &[Member], run: &Run) -> Result<Square> {
+pub fn co_association(
+    cells: &CellGraph,
+    atoms: &Atoms,
+    members: &[Member],
+    model: &Model,
+    run: &Run,
+) -> Result<Square> {
     let trees = map_chunks(
         run.threads,
         &run.cancel,
@@ -151,14 +158,21 @@ pub fn co_association(cells: &CellGraph, atoms: &Atoms, members: &[Member], run:
         |k, ()| {
             let m = &members[k];
             let regions = atoms.regions(cells, &m.region, m.regions, m.width);
-            Ok((atoms.labels(&m.region), meeting_probability(m.regions, &merges(regions, |_, _| false))))
+            Ok((atoms.labels(&m.region), meeting_probability(m.regions, &merges(regions, model, |_, _| false))))
         },
     )?;
-    let n = atoms.len();
-    let share = 1.0 / members.len().max(1) as f64;
+    average(atoms.len(), &trees, run)
+}
+
+/// C of `n` atoms from members' regions of the atoms and the probabilities that two of these belong together.
+///
+/// # Errors
+/// Cancellation.
+pub fn average(n: usize, trees: &[(Vec<u32>, Square)], run: &Run) -> Result<Square> {
+    let share = 1.0 / trees.len().max(1) as f64;
     let rows = map_ranges(run.threads, &run.cancel, n, CHUNK, |range| {
         let mut out = vec![0.0; range.len() * n];
-        for (label, p) in &trees {
+        for (label, p) in trees {
             for (a, row) in range.clone().zip(out.chunks_exact_mut(n)) {
                 let p = p.row(label[a] as usize);
                 row.iter_mut().zip(label).for_each(|(sum, &b)| *sum += p[b as usize]);

@@ -167,7 +167,7 @@ pub fn decide(cells: &CellGraph, rows: &[f64], l: usize, params: &PartsParams, r
             Decision::SoftTrees => {
                 let members = members::draw_members(&cells, &rows, params.members, "parts member", run)?;
                 let atoms = Atoms::of(&cells, &rows, &members, run)?;
-                let together = members::co_association(&cells, &atoms, &members, run)?;
+                let together = members::co_association(&cells, &atoms, &members, &cost::Model::default(), run)?;
                 let tree = refinement::soft_hierarchy(&cells, &atoms, &together, params.small_part, run)?;
                 Ok(Decided { atoms, together, tree })
             }

@@ -1,6 +1,6 @@
 //! Merging neighbouring regions, greatest cost first, down to one a connected component.
 
-use super::cost::{log_cost, probability};
+use super::cost::{MEASURES, Model, measures};
 use super::matrix::Square;
 use super::regions::Regions;
 
@@ -13,18 +13,20 @@ pub struct Merge {
     pub j: usize,
     /// Natural logarithm of the cost at which they merged.
     pub log_cost: f64,
+    /// What the probability is made from.
+    pub measures: [f64; MEASURES],
     /// Probability that people keep them in one part.
     pub probability: f64,
 }
 
 /// All merges in order, until no two regions touch or `stop(ln cost, regions left)` says so.
-pub fn merges(mut r: Regions, mut stop: impl FnMut(f64, usize) -> bool) -> Vec<Merge> {
+pub fn merges(mut r: Regions, model: &Model, mut stop: impl FnMut(f64, usize) -> bool) -> Vec<Merge> {
     let n = r.len();
     let mut alive = vec![true; n];
     let mut cost = Square::from_values(n, vec![f64::NEG_INFINITY; n * n]);
     for i in 0..n {
         for j in (i + 1..n).filter(|&j| r.length[(i, j)] > 0.0) {
-            cost[(i, j)] = log_cost(&r, i, j);
+            cost[(i, j)] = model.log_cost(&r, i, j);
         }
     }
     // The greatest of each row right of the diagonal; rows are rescanned only when theirs changes.
@@ -50,7 +52,8 @@ pub fn merges(mut r: Regions, mut stop: impl FnMut(f64, usize) -> bool) -> Vec<M
         if j == n || stop(c, n - out.len()) {
             return out;
         }
-        out.push(Merge { i, j, log_cost: c, probability: probability(&r, i, j, c) });
+        let measures = measures(&r, i, j, c);
+        out.push(Merge { i, j, log_cost: c, measures, probability: model.probability(&measures) });
         r.merge(i, j);
         alive[j] = false;
         for k in 0..n {
@@ -59,7 +62,7 @@ pub fn merges(mut r: Regions, mut stop: impl FnMut(f64, usize) -> bool) -> Vec<M
             }
         }
         for k in (0..n).filter(|&k| k != i && alive[k] && r.length[(i, k)] > 0.0) {
-            cost[(i.min(k), i.max(k))] = log_cost(&r, i, k);
+            cost[(i.min(k), i.max(k))] = model.log_cost(&r, i, k);
         }
         best[j] = (f64::NEG_INFINITY, n);
         best[i] = scan(&cost, i);

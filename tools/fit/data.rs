@@ -1,0 +1,136 @@
+//! What a fit needs of a model: its cells, their rows, and what people made of each cell.
+//!
+//! All of it comes from the library's own pipeline, run once a model and seed in a work directory, and is kept as one
+//! JSON file a model in the cache (some 4 MB): members, trees and scores are made from it again at each run.
+
+use nystrom_stream::base::parallel::map_chunks;
+use nystrom_stream::base::{Error, Result};
+use nystrom_stream::cluster::parts::CellGraph;
+use nystrom_stream::cluster::parts::anchor::Rows;
+use nystrom_stream::graph::{DualGraph, NodeOrder};
+use nystrom_stream::mesh::{self, read_seg};
+use nystrom_stream::pipeline::{SegmentParams, input, segment};
+use nystrom_stream::store::{Run, WorkDir};
+use serde::{Deserialize, Serialize};
+use std::collections::{BTreeMap, HashMap};
+use std::fs;
+use std::path::Path;
+
+/// Numbers after a model's name that are tried for people's labels; some may be left out.
+const PEOPLE: usize = 100;
+
+/// The part of a cell that a person gave one label.
+#[derive(Clone, Copy, Debug, Serialize, Deserialize)]
+pub struct Overlap {
+    pub cell: u32,
+    /// The person's label, numbered from 0.
+    pub label: u32,
+    pub faces: u32,
+    pub area: f64,
+}
+
+/// A model under one seed.
+#[derive(Debug, Serialize, Deserialize)]
+pub struct Data {
+    pub cells: CellGraph,
+    /// Distances of the cells from the landmarks, row-major.
+    pub rows: Vec<f64>,
+    pub landmarks: usize,
+    /// All overlaps of each person's labels with the cells.
+    pub people: Vec<Vec<Overlap>>,
+}
+
+/// A model of the benchmark.
+pub struct Model {
+    pub name: String,
+    /// Number of its category, in order of first appearance.
+    pub category: usize,
+    /// Number within the category.
+    pub position: usize,
+    /// People's most common number of parts.
+    pub parts: usize,
+}
+
+/// The models of `models.tsv`, by its columns `model`, `category` and `parts`.
+pub fn models(folder: &Path) -> Result<Vec<Model>> {
+    let path = folder.join("models.tsv");
+    let text = fs::read_to_string(&path).map_err(Error::io(&path, "read"))?;
+    let mut lines = text.lines().map(|line| line.split('\t').collect::<Vec<_>>());
+    let head = lines.next().unwrap_or_default();
+    let mut sizes: Vec<(String, usize)> = Vec::new();
+    let mut model = |line: &[&str]| {
+        let field = |name| line.get(head.iter().position(|title| *title == name)?).copied();
+        let (name, parts) = (field("model")?.to_owned(), field("parts")?.parse().ok()?);
+        let title = field("category")?;
+        let category = sizes.iter().position(|(name, _)| name == title).unwrap_or(sizes.len());
+        if category == sizes.len() {
+            sizes.push((title.to_owned(), 0));
+        }
+        sizes[category].1 += 1;
+        Some(Model { name, category, position: sizes[category].1 - 1, parts })
+    };
+    let models = lines.map(|line| model(&line)).collect::<Option<Vec<_>>>().filter(|models| !models.is_empty());
+    let remedy = "list the models under the titles model, category and parts, separated by tabs";
+    models.ok_or_else(|| Error::unusable(&path, "does not name category and parts of each model", remedy))
+}
+
+/// Reads each model from the cache, where `seed` has a folder; makes what is missing.
+pub fn collect(benchmark: &Path, models: &[Model], cache: &Path, seed: u64, run: &Run) -> Result<Vec<Data>> {
+    let folder = cache.join(format!("seed-{seed}"));
+    fs::create_dir_all(&folder).map_err(Error::io(&folder, "create"))?;
+    let one = |k: usize, (): &mut ()| {
+        let path = folder.join(format!("{}.json", models[k].name));
+        if let Some(data) = fs::read(&path).ok().and_then(|text| serde_json::from_slice(&text).ok()) {
+            return Ok(data);
+        }
+        let data = make(benchmark, &models[k].name, &folder, seed)?;
+        let text = serde_json::to_vec(&data).unwrap_or_default();
+        fs::write(&path, text).map_err(Error::io(&path, "write"))?;
+        Ok(data)
+    };
+    map_chunks(run.threads, &run.cancel, models.len(), || (), one)
+}
+
+/// Runs the pipeline with its defaults.
+fn make(benchmark: &Path, name: &str, scratch: &Path, seed: u64) -> Result<Data> {
+    let run = Run { threads: 1, seed, ..Run::new(&()) };
+    let kept = tempfile::tempdir_in(scratch).map_err(Error::io(scratch, "create a folder in"))?;
+    let work = WorkDir::open(&kept.path().join("work"))?;
+    let path = benchmark.join(format!("{name}.ply"));
+    let opened = mesh::open(&path, work.path(), &run)?;
+    segment(&opened, &input::identity(&path)?, &SegmentParams::default(), &work, &run)?;
+    let file = work.file("cell_graph.json");
+    let text = fs::read(&file).map_err(Error::io(&file, "read"))?;
+    let wrong = |error: serde_json::Error| Error::malformed(&file, "cell graph", error.to_string(), "report this");
+    let cells = serde_json::from_slice::<CellGraph>(&text).map_err(wrong)?.cleaned()?;
+    let rows = work.open_array::<f64>("cell_rows.npy")?;
+    let landmarks = rows.len() / cells.len().max(1);
+    let rows = Rows::new(&rows, landmarks, cells.len()).values;
+    let people = people(benchmark, name, &work)?;
+    Ok(Data { cells, rows, landmarks, people })
+}
+
+/// People's labels of the faces of each cell.
+fn people(benchmark: &Path, name: &str, work: &WorkDir) -> Result<Vec<Vec<Overlap>>> {
+    let (graph, input) = DualGraph::kept(work)?;
+    let order = NodeOrder::kept(&input, work)?;
+    let cell = work.open_array::<u32>("cells.npy")?;
+    let paths = (0..PEOPLE).map(|j| benchmark.join(format!("{name}_{j}.seg"))).filter(|path| path.exists());
+    let person = |path: std::path::PathBuf| {
+        let labels = read_seg(&path)?;
+        if labels.len() != cell.len() {
+            return Err(Error::unusable(path, "is not of this mesh", "give one label a face"));
+        }
+        let mut numbers = HashMap::new();
+        let mut found: BTreeMap<(u32, u32), (u32, f64)> = BTreeMap::new();
+        for (node, &cell) in (0..).zip(cell.iter()) {
+            let next = numbers.len() as u32;
+            let label = *numbers.entry(labels[order.face(node) as usize]).or_insert(next);
+            let sums = found.entry((cell, label)).or_default();
+            sums.0 += 1;
+            sums.1 += f64::from(graph.nodes[node as usize].area);
+        }
+        Ok(found.into_iter().map(|((cell, label), (faces, area))| Overlap { cell, label, faces, area }).collect())
+    };
+    paths.map(person).collect()
+}
