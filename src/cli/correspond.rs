@@ -160,7 +160,7 @@ pub fn run(args: &Args, surroundings: &Surroundings) -> Result<(), Failure> {
         Some(dir) => WorkDir::open(dir)?,
         None => {
             let beside = outputs().next().map_or_else(std::env::temp_dir, |path| folder_of(path));
-            WorkDir::temporary(args.run.tmp.as_deref().unwrap_or(&beside))?
+            WorkDir::temporary(args.run.tmp.as_deref().unwrap_or(&beside))?.holding(&run.budget)
         }
     };
     let open = |path: &Path, name: &str| -> Result<Opened> {

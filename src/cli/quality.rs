@@ -162,7 +162,8 @@ pub fn run(args: &Args, surroundings: &Surroundings) -> Result<(), Failure> {
     };
     let (mut records, mut errors) = (Vec::new(), Vec::new());
     for path in &args.meshes {
-        let work = WorkDir::temporary(&args.run.tmp.clone().unwrap_or_else(std::env::temp_dir))?;
+        let tmp = args.run.tmp.clone().unwrap_or_else(std::env::temp_dir);
+        let work = WorkDir::temporary(&tmp)?.holding(&run.budget);
         let (opened, _) = run.stage("read", "bytes", 0, || mesh::open(path, work.path(), &run))?;
         let ground = Ground::of(&opened, &input::identity(path)?, grounds, &work, &run)?;
         if args.exact && ground.matrix.is_none() {

@@ -156,6 +156,7 @@ pub fn run(args: &Args, surroundings: &Surroundings) -> Result<(), Failure> {
                 Target::Stdout => None,
             });
             WorkDir::temporary(args.run.tmp.as_deref().unwrap_or(&path.unwrap_or_else(std::env::temp_dir)))?
+                .holding(&run.budget)
         }
     };
     let (opened, identity) = read(&args.mesh, &work, &run)?;
