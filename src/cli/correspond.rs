@@ -156,13 +156,8 @@ pub fn run(args: &Args, surroundings: &Surroundings) -> Result<(), Failure> {
     }
     let bars = args.run.bars();
     let run = args.run.run(&bars, surroundings);
-    let work = match &args.work_dir {
-        Some(dir) => WorkDir::open(dir)?,
-        None => {
-            let beside = outputs().next().map_or_else(std::env::temp_dir, |path| folder_of(path));
-            WorkDir::temporary(args.run.tmp.as_deref().unwrap_or(&beside))?.holding(&run.budget)
-        }
-    };
+    let beside = || outputs().next().map_or_else(std::env::temp_dir, |path| folder_of(path));
+    let work = args.run.work(args.work_dir.as_deref(), beside, &run)?;
     let open = |path: &Path, name: &str| -> Result<Opened> {
         let scratch = work.file(name);
         std::fs::create_dir_all(&scratch).map_err(Error::io(&scratch, "create"))?;

@@ -3,9 +3,9 @@
 use super::Surroundings;
 use super::bars::{Bars, Style};
 use clap::ValueEnum;
-use nystrom_stream::base::Progress;
-use nystrom_stream::store::{Budget, Run};
-use std::path::PathBuf;
+use nystrom_stream::base::{Progress, Result};
+use nystrom_stream::store::{Budget, Run, WorkDir};
+use std::path::{Path, PathBuf};
 
 /// How progress is told on standard error.
 #[derive(Clone, Copy, Debug, ValueEnum)]
@@ -71,6 +71,15 @@ impl RunArgs {
         run.seed = self.seed.unwrap_or(0);
         run.cancel = surroundings.cancel.clone();
         run
+    }
+
+    /// The work directory `kept`; without one a temporary one, under `--tmp` or else `beside`, which holds arrays in memory
+    /// as far as the budget of `run` allows.
+    pub fn work(&self, kept: Option<&Path>, beside: impl FnOnce() -> PathBuf, run: &Run) -> Result<WorkDir> {
+        match kept {
+            Some(dir) => WorkDir::open(dir),
+            None => Ok(WorkDir::temporary(&self.tmp.clone().unwrap_or_else(beside))?.holding(&run.budget)),
+        }
     }
 }
 

@@ -13,7 +13,7 @@ use nystrom_stream::base::{Error, Result};
 use nystrom_stream::distance::sampling::Sampling;
 use nystrom_stream::mesh;
 use nystrom_stream::pipeline::input;
-use nystrom_stream::store::{Run, WorkDir};
+use nystrom_stream::store::Run;
 use serde_json::json;
 use std::io::Write;
 use std::path::{Path, PathBuf};
@@ -162,8 +162,7 @@ pub fn run(args: &Args, surroundings: &Surroundings) -> Result<(), Failure> {
     };
     let (mut records, mut errors) = (Vec::new(), Vec::new());
     for path in &args.meshes {
-        let tmp = args.run.tmp.clone().unwrap_or_else(std::env::temp_dir);
-        let work = WorkDir::temporary(&tmp)?.holding(&run.budget);
+        let work = args.run.work(None, std::env::temp_dir, &run)?;
         let (opened, _) = run.stage("read", "bytes", 0, || mesh::open(path, work.path(), &run))?;
         let ground = Ground::of(&opened, &input::identity(path)?, grounds, &work, &run)?;
         if args.exact && ground.matrix.is_none() {

@@ -10,7 +10,7 @@ use nystrom_stream::base::Result;
 use nystrom_stream::mesh::labelled::Labelling;
 use nystrom_stream::pipeline::report::Report;
 use nystrom_stream::pipeline::{Cluster, SegmentParams, cuts, segment};
-use nystrom_stream::store::{Run, WorkDir};
+use nystrom_stream::store::Run;
 use serde_json::Value;
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
@@ -133,13 +133,8 @@ pub fn one(
     let default = if stdin { Output::Stdout } else { Output::beside(path) };
     let outputs = if outputs.is_empty() { std::slice::from_ref(&default) } else { outputs };
     outputs.iter().try_for_each(Output::check)?;
-    let work = match &args.work_dir {
-        Some(dir) => WorkDir::open(dir)?,
-        None => {
-            let beside = outputs.iter().find_map(Output::path).map_or_else(std::env::temp_dir, folder_of);
-            WorkDir::temporary(args.run.tmp.as_deref().unwrap_or(&beside))?.holding(&run.budget)
-        }
-    };
+    let beside = || outputs.iter().find_map(Output::path).map_or_else(std::env::temp_dir, folder_of);
+    let work = args.run.work(args.work_dir.as_deref(), beside, run)?;
     if !stdin && !args.run.no_plan {
         super::plan::check(path, params, &work, run)?;
     }

@@ -148,17 +148,12 @@ pub fn run(args: &Args, surroundings: &Surroundings) -> Result<(), Failure> {
     let targets = check(args)?;
     let bars = args.run.bars();
     let run = args.run.run(&bars, surroundings);
-    let work = match &args.work_dir {
-        Some(dir) => WorkDir::open(dir)?,
-        None => {
-            let path = targets.iter().find_map(|target| match target {
-                Target::Ply(path) | Target::Npy(path) | Target::Png(path) => Some(folder_of(path)),
-                Target::Stdout => None,
-            });
-            WorkDir::temporary(args.run.tmp.as_deref().unwrap_or(&path.unwrap_or_else(std::env::temp_dir)))?
-                .holding(&run.budget)
-        }
+    let folder = |target: &Target| match target {
+        Target::Ply(path) | Target::Npy(path) | Target::Png(path) => Some(folder_of(path)),
+        Target::Stdout => None,
     };
+    let beside = || targets.iter().find_map(folder).unwrap_or_else(std::env::temp_dir);
+    let work = args.run.work(args.work_dir.as_deref(), beside, &run)?;
     let (opened, identity) = read(&args.mesh, &work, &run)?;
     opened.notes.iter().for_each(|note| run.progress.note(note));
     let sequencer = Sequencer::new(&opened, &identity, &work, &run)?;

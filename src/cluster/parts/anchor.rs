@@ -310,12 +310,8 @@ pub(super) fn dot(a: &[f64], b: &[f64]) -> f64 {
     let mut lanes = [0.0; LANES];
     let ((xs, x_rest), (ys, y_rest)) = (a.as_chunks::<LANES>(), b.as_chunks::<LANES>());
     let rest: f64 = x_rest.iter().zip(y_rest).map(|(x, y)| x * y).sum();
-    for (x, y) in xs.iter().zip(ys) {
-        for k in 0..LANES {
-            lanes[k] += x[k] * y[k];
-        }
-    }
-    lanes.iter().sum::<f64>() + rest
+    xs.iter().zip(ys).for_each(|(x, y)| add_product(&mut lanes, x, y));
+    sum_of(lanes) + rest
 }
 
 #[cfg(test)]

@@ -66,15 +66,15 @@ pub fn log_thickness(cells: &CellGraph, run: &Run) -> Result<Vec<f64>> {
 
 /// The rays' places in the plane one unit of length behind a cell, axis by axis.
 fn rays() -> [[f64; RAYS]; 2] {
-    let mut all = RINGS.iter().flat_map(|&(count, tangent)| {
+    let all = RINGS.iter().flat_map(|&(count, tangent)| {
         (0..count).map(move |k| {
             let angle = k as f64 * TAU / count as f64;
             [tangent * angle.cos(), tangent * angle.sin()]
         })
     });
     let mut rays = [[f64::INFINITY; RAYS]; 2];
-    for k in 0..RAYS {
-        [rays[0][k], rays[1][k]] = all.next().unwrap_or([f64::INFINITY; 2]);
+    for (k, [p, q]) in all.enumerate() {
+        (rays[0][k], rays[1][k]) = (p, q);
     }
     rays
 }
@@ -114,12 +114,13 @@ fn behind(bodies: Bodies<'_>, i: usize) -> Option<f64> {
     let Bodies { cells, radius, blocks, balls, rays } = bodies;
     let (x, n) = (cells.centre[i], cells.normal[i]);
     let [u, v] = tangents(n);
+    let cone = Cone::behind(x, n);
     let reach = RINGS[2].1;
     let mut depths = [f64::INFINITY; RAYS];
     for (at, balls) in (0..).step_by(LANES).zip(balls) {
-        let near = balls.near(x, n);
+        let near = balls.near(cone);
         for b in (0..LANES).filter(|&k| near[k]).map(|k| at + k) {
-            let seen = blocks[b].seen(x, n);
+            let seen = blocks[b].seen(cone);
             for j in (0..LANES).filter(|&k| seen[k]).map(|k| b * LANES + k) {
                 let d = std::array::from_fn(|c| cells.centre[j][c] - x[c]);
                 let depth = -dot(d, n);
@@ -180,19 +181,12 @@ fn several(balls: &[([f64; 3], f64, f64)]) -> Balls {
 }
 
 impl Balls {
-    /// Which of the balls reach into the cone behind `x` with normal `n`, or nearly.
+    /// Which of the balls reach into `cone`, or nearly.
     #[inline(always)]
-    fn near(&self, x: [f64; 3], n: [f64; 3]) -> [bool; LANES] {
-        let (x, n, reach) = (x.map(|c| c as f32), n.map(|c| c as f32), RINGS[2].1 as f32);
+    fn near(&self, cone: Cone) -> [bool; LANES] {
         let mut out = [false; LANES];
         for k in 0..LANES {
-            let d = [self.x[0][k] - x[0], self.x[1][k] - x[1], self.x[2][k] - x[2]];
-            let square = d[0] * d[0] + d[1] * d[1] + d[2] * d[2];
-            let depth = -(d[0] * n[0] + d[1] * n[1] + d[2] * n[2]);
-            let deepest = depth + self.radius[k];
-            let limit = reach * deepest + self.rim[k];
-            let slack = SLACK * (1.0 + square);
-            out[k] = (deepest > -slack) & (square - depth * depth < limit * limit + slack);
+            out[k] = cone.meets(cone.to(&self.x, k), self.radius[k], self.rim[k]);
         }
         out
     }
@@ -216,22 +210,58 @@ fn blocks(cells: &CellGraph, radius: &[f64]) -> Vec<Block> {
 }
 
 impl Block {
-    /// Which of the cells lie in or near the cone behind `x` with normal `n` and face away, or nearly: most do not.
+    /// Which of the cells lie in or near `cone` and face away, or nearly: most do not.
     #[inline(always)]
-    fn seen(&self, x: [f64; 3], n: [f64; 3]) -> [bool; LANES] {
-        let (x, n, reach) = (x.map(|c| c as f32), n.map(|c| c as f32), RINGS[2].1 as f32);
+    fn seen(&self, cone: Cone) -> [bool; LANES] {
         let mut out = [false; LANES];
         for k in 0..LANES {
-            let d = [self.x[0][k] - x[0], self.x[1][k] - x[1], self.x[2][k] - x[2]];
-            let square = d[0] * d[0] + d[1] * d[1] + d[2] * d[2];
-            let depth = -(d[0] * n[0] + d[1] * n[1] + d[2] * n[2]);
+            let d = cone.to(&self.x, k);
             let facing = d[0] * self.n[0][k] + d[1] * self.n[1][k] + d[2] * self.n[2][k];
-            let limit = reach * depth + self.radius[k];
-            let slack = SLACK * (1.0 + square);
-            out[k] = (depth > -slack) & (facing > -slack) & (square - depth * depth < limit * limit + slack);
+            out[k] = cone.meets(d, 0.0, self.radius[k]) & (facing > -slack(d));
         }
         out
     }
+}
+
+/// The cone of the rays behind `x` with normal `n`, in single precision: what does not meet it is left out.
+#[derive(Clone, Copy)]
+struct Cone {
+    x: [f32; 3],
+    n: [f32; 3],
+}
+
+impl Cone {
+    #[inline(always)]
+    fn behind(x: [f64; 3], n: [f64; 3]) -> Self {
+        Self { x: x.map(|c| c as f32), n: n.map(|c| c as f32) }
+    }
+
+    /// The way to the `k`-th of several points.
+    #[inline(always)]
+    fn to(self, points: &[[f32; LANES]; 3], k: usize) -> [f32; 3] {
+        [points[0][k] - self.x[0], points[1][k] - self.x[1], points[2][k] - self.x[2]]
+    }
+
+    /// Whether what lies `d` away, reaching `deeper` into the cone and `rim` beyond its side, meets it or nearly.
+    #[inline(always)]
+    fn meets(self, d: [f32; 3], deeper: f32, rim: f32) -> bool {
+        let (n, reach) = (self.n, RINGS[2].1 as f32);
+        let depth = -(d[0] * n[0] + d[1] * n[1] + d[2] * n[2]);
+        let deepest = depth + deeper;
+        let limit = reach * deepest + rim;
+        (deepest > -slack(d)) & (square(d) - depth * depth < limit * limit + slack(d))
+    }
+}
+
+#[inline(always)]
+fn square(d: [f32; 3]) -> f32 {
+    d[0] * d[0] + d[1] * d[1] + d[2] * d[2]
+}
+
+/// What single precision may be wrong by, `d` away.
+#[inline(always)]
+fn slack(d: [f32; 3]) -> f32 {
+    SLACK * (1.0 + square(d))
 }
 
 /// Two unit vectors across `n`.
@@ -306,7 +336,8 @@ mod tests {
         // Balls around everything.
         let all = |b: &Balls| Balls { x: b.x, radius: [9.0; LANES], rim: [9.0; LANES] };
         let all: Vec<Balls> = balls.iter().map(all).collect();
-        let near = |i| balls.iter().flat_map(|b| b.near(g.centre[i], g.normal[i])).filter(|x| *x).count();
+        let cone = |i: usize| Cone::behind(g.centre[i], g.normal[i]);
+        let near = |i| balls.iter().flat_map(|b| b.near(cone(i))).filter(|x| *x).count();
         for i in 0..g.len() {
             let bodies = Bodies { cells: &g, radius: &radius, blocks: &blocks, balls: &balls, rays: &rays };
             assert_eq!(behind(bodies, i), behind(Bodies { balls: &all, ..bodies }, i));
