@@ -61,8 +61,8 @@ enum Command {
     Export(stages::ExportArgs),
     /// Tell memory, disk and time of a run before it starts
     Plan(plan::Args),
-    /// Tell what a work directory holds
-    Info(info::Args),
+    /// Tell what a work directory or a mesh file holds
+    Info(info::InfoArgs),
     /// Test every file of a work directory against its checksum
     Verify(info::Args),
     /// Score labels against people's, or matches against true ones

@@ -96,7 +96,8 @@ fn open_bytes(path: &Path, bytes: MappedBytes, scratch: &Path, run: &Run) -> Res
     Ok(Opened { mesh, document, notes })
 }
 
-fn no_faces(path: &Path) -> Error {
+/// The error for a file without faces.
+pub fn no_faces(path: &Path) -> Error {
     Error::unusable(
         path,
         "has no faces; a point cloud cannot be segmented",

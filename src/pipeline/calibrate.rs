@@ -8,6 +8,7 @@ use crate::apps::creature::{Creature, Options};
 use crate::base::{Error, Progress, Result};
 use crate::mesh;
 use crate::mesh::model::{Encoding, Kind};
+use crate::mesh::open::no_faces;
 use crate::mesh::{header, import};
 use crate::store::{MappedBytes, Run, WorkDir};
 use std::collections::BTreeMap;
@@ -117,6 +118,9 @@ pub fn size_of_mesh(path: &Path) -> Result<MeshSize> {
             return Err(Error::unusable(path, problem, "uncompress it first"));
         }
         if let Some(counts) = import::count(path, &bytes)? {
+            if counts.faces == 0 {
+                return Err(no_faces(path));
+            }
             let import::Counts { vertices, faces, corners, .. } = counts;
             return Ok(MeshSize { faces, vertices, corners, decoded: counts.bytes() });
         }
@@ -125,8 +129,11 @@ pub fn size_of_mesh(path: &Path) -> Result<MeshSize> {
     let count =
         |name: &str| header.elements.iter().find(|element| element.is(name)).map(|element| element.count as u64);
     let (Some(vertices), Some(faces)) = (count("vertex"), count("face").or_else(|| count("tristrips"))) else {
-        return Err(Error::unusable(path, "has no vertices or no faces", "name a mesh"));
+        return Err(no_faces(path));
     };
+    if faces == 0 {
+        return Err(no_faces(path));
+    }
     let least =
         header.elements.iter().map(|element| element.count as u128 * element.least_size().max(1) as u128).sum::<u128>();
     if !compressed && least > bytes.len() as u128 {
