@@ -18,6 +18,7 @@ pub mod kept;
 mod parts;
 pub mod plan;
 pub mod report;
+mod sample;
 pub mod sequence;
 pub mod sharding;
 pub mod stages;

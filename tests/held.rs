@@ -2,7 +2,9 @@
 
 use nystrom_stream::apps::creature::{Creature, Options};
 use nystrom_stream::distance::front::mean_weight;
-use nystrom_stream::distance::{Front, oracle};
+use nystrom_stream::distance::landmarks::Sampling;
+use nystrom_stream::distance::rows::RowParams;
+use nystrom_stream::distance::{DistanceRows, Front, oracle};
 use nystrom_stream::graph::dual::Csr;
 use nystrom_stream::graph::triples::Triples;
 use nystrom_stream::graph::{DualGraph, Metric};
@@ -10,6 +12,7 @@ use nystrom_stream::mesh;
 use nystrom_stream::store::{Budget, Run, WorkDir};
 use serde_json::Value;
 use std::path::{Path, PathBuf};
+use std::sync::Mutex;
 
 fn creature(folder: &Path) -> PathBuf {
     let path = folder.join("creature.ply");
@@ -59,6 +62,60 @@ fn graphs_are_the_same_in_memory_and_in_files() {
         assert!(shuffled == graph(&path, 1 << 30, false, dir.path()), "{}", path.display());
         assert!(shuffled == graph(&path, 1 << 30, true, dir.path()), "{}", path.display());
     }
+}
+
+#[test]
+fn rows_that_pass_are_the_rows_that_are_kept() {
+    let dir = tempfile::tempdir().unwrap();
+    let path = creature(dir.path());
+    let kept_run = Run::new(&());
+    let work = WorkDir::open(&dir.path().join("work")).unwrap();
+    let opened = mesh::open(&path, work.path(), &kept_run).unwrap();
+    let graph = DualGraph::build(&opened.mesh, &path, &Value::Null, &work, &kept_run).unwrap();
+    let weighted = graph.weighted(Metric::default(), &work, &kept_run).unwrap();
+    let n = graph.nodes.len();
+    for sampling in [Sampling::Farthest, Sampling::Random, Sampling::GeodesicFarthest] {
+        let params = RowParams { l: 7, sampling };
+        let kept = DistanceRows::build(&weighted, &graph.nodes, params, &work, &kept_run).unwrap();
+        // In memory; in a file of each thread's own; the same with pages, where the graph does not fit either.
+        for (threads, budget, holding) in [(1, 1 << 30, true), (2, 1 << 30, true), (2, 1 << 20, false), (3, 1, false)] {
+            let run = Run { threads, budget: Budget::new(budget), ..Run::new(&()) };
+            let mut passing = WorkDir::temporary(dir.path()).unwrap();
+            if holding {
+                passing = passing.holding(&run.budget);
+            }
+            let seen = Mutex::new(vec![Vec::new(); params.l]);
+            let look = |row: nystrom_stream::distance::slots::Row<'_>| {
+                assert_eq!(*row.earlier, kept.landmarks[..row.number], "who came before is known");
+                let known = std::mem::replace(&mut seen.lock().unwrap()[row.number], row.distances.to_vec());
+                assert!(known.is_empty(), "each row passes once");
+                Ok(())
+            };
+            let landmarks = DistanceRows::pass(&weighted, &graph.nodes, params, &look, &passing, &run).unwrap();
+            assert_eq!((&landmarks.nodes, &landmarks.facts), (&kept.landmarks, &kept.facts));
+            assert!((0..params.l).all(|k| seen.lock().unwrap()[k] == kept.row(k)), "{sampling:?}, {budget} bytes");
+            let left = std::fs::read_dir(passing.path()).unwrap().count();
+            assert_eq!(left, 1, "nothing but the lock is left of {n} nodes");
+        }
+    }
+}
+
+#[test]
+fn what_a_look_at_a_row_fails_with_ends_the_rows() {
+    let dir = tempfile::tempdir().unwrap();
+    let path = creature(dir.path());
+    let run = Run { threads: 2, ..Run::new(&()) };
+    let work = WorkDir::temporary(dir.path()).unwrap();
+    let opened = mesh::open(&path, work.path(), &run).unwrap();
+    let graph = DualGraph::build(&opened.mesh, &path, &Value::Null, &work, &run).unwrap();
+    let weighted = graph.weighted(Metric::default(), &work, &run).unwrap();
+    let params = RowParams { l: 9, sampling: Sampling::Farthest };
+    let look = |row: nystrom_stream::distance::slots::Row<'_>| match row.number {
+        3 => Err(nystrom_stream::base::Error::parameter("--look", "seen enough", "look away")),
+        _ => Ok(()),
+    };
+    let error = DistanceRows::pass(&weighted, &graph.nodes, params, &look, &work, &run).unwrap_err();
+    assert!(error.to_string().contains("seen enough"), "{error}");
 }
 
 #[test]

@@ -13,11 +13,12 @@
 
 use super::begun::Begun;
 use super::front::{Front, mean_weight};
-use super::journal::{Head, Journal, Line, checksum};
+use super::journal::{Head, Line};
 use super::landmarks::{Finished, Sampling, choose};
 use super::paging::Pages;
-use super::rows::{RowFacts, RowParams};
+use super::rows::RowParams;
 use super::sampling::geodesic::fill_lengths;
+use super::slots::{Look, Slots, Target};
 use crate::base::{Error, Result};
 use crate::graph::Node;
 use crate::graph::dual::Csr;
@@ -29,7 +30,7 @@ use crate::store::words::Words;
 use crate::store::{MappedSliceMut, Run, WorkDir};
 use crossbeam_channel::{Receiver, Sender};
 use std::collections::BTreeMap;
-use std::sync::{Mutex, MutexGuard};
+use std::sync::Mutex;
 
 /// Rows to be computed.
 #[derive(Clone, Copy)]
@@ -49,57 +50,13 @@ struct Job {
     known: Option<Words>,
 }
 
-/// Rows while they are computed; row k of all is slot k / of.
-struct Slots<'a> {
-    head: &'a Head,
-    file: &'a RowsFile<f32>,
-    /// Their mappings; none where they are held in memory.
-    rows: Vec<Mutex<MappedSliceMut<f32>>>,
-    /// Rows taken over from an earlier run.
-    done: BTreeMap<usize, Line>,
-    journal: Option<Journal>,
-    path: std::path::PathBuf,
-}
-
-impl Slots<'_> {
-    fn take(&self, row: usize) -> MutexGuard<'_, MappedSliceMut<f32>> {
-        self.rows[row / self.head.of].lock().unwrap_or_else(|poison| poison.into_inner())
-    }
-
-    /// Writes a row that was computed elsewhere.
-    fn put(&self, row: usize, landmark: u32, distances: &[f32]) -> Result<Line> {
-        self.file.write_row(row / self.head.of, distances)?;
-        self.close(row, landmark, distances, || self.take(row).sync())
-    }
-
-    /// Sums up a row that was written; where there is a journal, brings it to the disk by `sync` and enters it.
-    fn close(
-        &self,
-        row: usize,
-        landmark: u32,
-        distances: &[f32],
-        sync: impl FnOnce() -> std::io::Result<()>,
-    ) -> Result<Line> {
-        let facts = RowFacts::of(distances);
-        let Some(journal) = &self.journal else { return Ok(Line { row, landmark, facts, xxh3: 0 }) };
-        sync().map_err(Error::io(&self.path, "sync"))?;
-        let line = Line { row, landmark, facts, xxh3: checksum(distances) };
-        journal.append(&line)?;
-        Ok(line)
-    }
-}
-
-impl Finished for Slots<'_> {
-    fn landmark(&self, k: usize) -> Option<u32> {
-        self.done.get(&k).map(|line| line.landmark)
-    }
-
-    fn lower(&self, k: usize, field: &mut [f32]) {
-        let row = self.take(k);
-        for (known, &d) in field.iter_mut().zip(row.iter()) {
-            *known = if d < *known { d } else { *known };
-        }
-    }
+/// Memory that a thread computes rows in, one after the other.
+enum Scratch {
+    Granted(Words),
+    Plain(Vec<f32>),
+    Mapped(ArrayMut<f32>),
+    /// None: rows are computed where they lie in the file.
+    InPlace,
 }
 
 impl Task<'_> {
@@ -112,15 +69,27 @@ impl Task<'_> {
         work: &WorkDir,
         run: &Run,
     ) -> Result<(RowsFile<f32>, BTreeMap<usize, Line>)> {
-        let (head, n) = (self.head, self.head.nodes);
+        let head = self.head;
         let Begun { file, done, journal } = Begun::new(head, (name, journal), |_| true, work, run)?;
         if !done.is_empty() {
             run.progress.advance("rows", done.len() as u64);
         }
         let mapped = if file.is_held() { 0 } else { head.wanted() };
         let rows = (0..mapped).map(|slot| Ok(Mutex::new(file.row(slot)?))).collect::<Result<Vec<_>>>()?;
-        let mut lines = done.clone();
-        let slots = Slots { head, file: &file, rows, done, journal, path: work.file(name) };
+        let target = Target::File { file: &file, rows, journal, path: work.file(name) };
+        let lines = self.fill(&Slots::new(head, target, done), work, run)?;
+        Ok((file, lines))
+    }
+
+    /// Computes the rows that the head wants, and lets `look` see each. None is kept.
+    pub fn pass(&self, look: Look<'_>, work: &WorkDir, run: &Run) -> Result<BTreeMap<usize, Line>> {
+        self.fill(&Slots::new(self.head, Target::Look(look), BTreeMap::new()), work, run)
+    }
+
+    /// Computes the rows that `slots` does not have yet.
+    fn fill(&self, slots: &Slots<'_>, work: &WorkDir, run: &Run) -> Result<BTreeMap<usize, Line>> {
+        let (head, n) = (self.head, self.head.nodes);
+        let mut lines = slots.done.clone();
         if lines.len() < head.wanted() {
             let temporary = format!("nearest-{}.tmp", head.shard);
             let mut field: ArrayMut<f32> = work.array(&temporary, &[n])?;
@@ -133,17 +102,16 @@ impl Task<'_> {
                     field.data().advise(Access::Random);
                 }
                 if self.params.sampling.needs_lengths() {
-                    task.with_lengths(&slots, field.data(), pages, &mut lines, work, run)
+                    task.with_lengths(slots, field.data(), pages, &mut lines, work, run)
                 } else {
-                    task.fronts(&slots, None, field.data(), pages, &mut lines, run)
+                    task.fronts(slots, None, field.data(), pages, &mut lines, work, run)
                 }
             });
             drop(field);
             work.remove(&format!("{temporary}.partial"));
             result?;
         }
-        drop(slots);
-        Ok((file, lines))
+        Ok(lines)
     }
 
     /// [`Task::fronts`] with the graph of lengths beside: 4 bytes an entry in a mapped file, removed at the end.
@@ -160,7 +128,7 @@ impl Task<'_> {
         let mut array: ArrayMut<f32> = work.array(&name, &[self.graph.weights.len()])?;
         fill_lengths(self.graph, self.nodes, array.data(), run)?;
         let lengths = Csr { weights: &array.data()[..], triples: &[], ..self.graph };
-        let result = self.fronts(slots, Some(lengths), field, pages, lines, run);
+        let result = self.fronts(slots, Some(lengths), field, pages, lines, work, run);
         drop(array);
         work.remove(&format!("{name}.partial"));
         result
@@ -174,6 +142,7 @@ impl Task<'_> {
         field: &mut MappedSliceMut<f32>,
         pages: Option<Pages>,
         lines: &mut BTreeMap<usize, Line>,
+        work: &WorkDir,
         run: &Run,
     ) -> Result<()> {
         let mean = mean_weight(self.graph);
@@ -187,16 +156,16 @@ impl Task<'_> {
             scope.spawn(move || match self.search(slots, lengths, field, &mut searching, &send, &out, run) {
                 Ok(()) => {
                     drop(send);
-                    self.rows(slots, &mut searching, jobs, &out, run);
+                    self.rows(slots, 0, &mut searching, jobs, &out, work, run);
                 }
                 Err(error) => {
                     let _ = out.send(Err(error));
                 }
             });
-            for _ in 1..run.threads.min(missing) {
+            for thread in 1..run.threads.min(missing) {
                 let (jobs, out) = (receive.clone(), done.clone());
                 let mut front = front();
-                scope.spawn(move || self.rows(slots, &mut front, jobs, &out, run));
+                scope.spawn(move || self.rows(slots, thread, &mut front, jobs, &out, work, run));
             }
             drop((receive, done));
             for _ in 0..missing {
@@ -227,6 +196,7 @@ impl Task<'_> {
         let cost = choose(sampling, l, graphs, self.nodes, field, front, slots, run, |landmark, known| {
             let k = row;
             row += 1;
+            slots.enter(landmark);
             if !self.head.wants(k) || slots.landmark(k) == Some(landmark) {
                 return Ok(());
             }
@@ -243,37 +213,91 @@ impl Task<'_> {
         Ok(())
     }
 
-    /// Computes rows until there are no more: in memory and written as a whole where the budget has room for that, else
-    /// in the mapped file.
-    fn rows(&self, slots: &Slots<'_>, front: &mut Front, jobs: Receiver<Job>, done: &Sender<Result<Line>>, run: &Run) {
-        let mut memory = if front.is_paged() { None } else { Words::spare(&run.budget, 4 * self.head.nodes) };
-        // What is held has no mapping to compute in.
-        let plain = memory.is_none() && slots.file.is_held();
-        let mut plain = vec![0.; if plain { self.head.nodes } else { 0 }];
+    /// Computes rows until there are no more: in memory and handed on as a whole where the budget has room for that, else
+    /// where they lie in the mapped file, or in a mapped file of the thread's own.
+    fn rows(
+        &self,
+        slots: &Slots<'_>,
+        thread: usize,
+        front: &mut Front,
+        jobs: Receiver<Job>,
+        done: &Sender<Result<Line>>,
+        work: &WorkDir,
+        run: &Run,
+    ) {
+        let name = format!("row-{}-{thread}.tmp", self.head.shard);
+        let mut scratch = None;
         for Job { row, landmark, known } in jobs {
-            let words = memory.as_mut().map(|words| words.items_mut::<f32>(self.head.nodes));
-            let line = match (words.or((!plain.is_empty()).then_some(&mut plain[..])), known) {
-                (_, Some(known)) => slots.put(row, landmark, known.items(self.head.nodes)),
-                (Some(distances), None) => {
-                    let full = front.full(self.graph, landmark, distances, &run.cancel);
-                    full.and_then(|_| slots.put(row, landmark, distances))
+            let line = match known {
+                Some(known) => slots.put(row, landmark, known.items(self.head.nodes)),
+                None => {
+                    let made = match scratch.take() {
+                        None => self.scratch(slots, front, &name, work, run),
+                        Some(scratch) => Ok(scratch),
+                    };
+                    made.and_then(|made| self.row(slots, row, landmark, front, scratch.insert(made), run))
                 }
-                (None, None) => self.row(slots, row, landmark, front, run),
             };
             let failed = line.is_err();
             if done.send(line).is_err() || failed {
-                return;
+                break;
             }
+        }
+        if let Some(Scratch::Mapped(array)) = scratch {
+            drop(array);
+            work.remove(&format!("{name}.partial"));
         }
     }
 
-    /// Computes a row in the mapped file.
-    fn row(&self, slots: &Slots<'_>, row: usize, landmark: u32, front: &mut Front, run: &Run) -> Result<Line> {
-        let mut slot = slots.take(row);
+    /// Memory for a thread's rows.
+    fn scratch(&self, slots: &Slots<'_>, front: &Front, name: &str, work: &WorkDir, run: &Run) -> Result<Scratch> {
+        let n = self.head.nodes;
+        if !front.is_paged()
+            && let Some(words) = Words::spare(&run.budget, 4 * n)
+        {
+            return Ok(Scratch::Granted(words));
+        }
+        Ok(match &slots.target {
+            // What is held has no mapping to compute in.
+            Target::File { file, .. } if file.is_held() => Scratch::Plain(vec![0.; n]),
+            Target::File { .. } => Scratch::InPlace,
+            Target::Look(_) => Scratch::Mapped(work.array(name, &[n])?),
+        })
+    }
+
+    /// Computes a row.
+    fn row(
+        &self,
+        slots: &Slots<'_>,
+        row: usize,
+        landmark: u32,
+        front: &mut Front,
+        scratch: &mut Scratch,
+        run: &Run,
+    ) -> Result<Line> {
+        let distances = match scratch {
+            Scratch::Granted(words) => words.items_mut::<f32>(self.head.nodes),
+            Scratch::Plain(row) => row,
+            Scratch::Mapped(array) => {
+                self.mapped_row(array.data(), landmark, front, run)?;
+                return slots.put(row, landmark, array.data());
+            }
+            Scratch::InPlace => {
+                let Some(mut slot) = slots.take(row) else { return Err(Error::Cancelled) };
+                self.mapped_row(&mut slot, landmark, front, run)?;
+                return slots.close(row, landmark, &slot, || slot.sync());
+            }
+        };
+        front.full(self.graph, landmark, distances, &run.cancel)?;
+        slots.put(row, landmark, distances)
+    }
+
+    /// Computes a row in a mapped file.
+    fn mapped_row(&self, slot: &mut MappedSliceMut<f32>, landmark: u32, front: &mut Front, run: &Run) -> Result<()> {
         front.values(slot.writeback());
         slot.advise(if front.is_paged() { Access::Random } else { Access::Local });
-        let full = front.full(self.graph, landmark, &mut slot, &run.cancel);
+        let full = front.full(self.graph, landmark, slot, &run.cancel);
         slot.advise(Access::Sequential);
-        full.and_then(|_| slots.close(row, landmark, &slot, || slot.sync()))
+        full.map(drop)
     }
 }

@@ -1,7 +1,8 @@
 //! Distances over the graph: fronts, landmarks, rows.
 //!
 //! [`front`] is the engine; [`landmarks`] picks sample faces by one of several [`sampling`]s while
-//! [`rows`] runs one full front a landmark on the other threads and writes `[A B]`'s distances.
+//! [`rows`] runs one full front a landmark on the other threads and writes `[A B]`'s distances, or hands each to somebody who
+//! looks at it ([`slots`]).
 
 mod begun;
 mod carry;
@@ -19,6 +20,7 @@ mod rounds;
 pub mod rows;
 pub mod sampling;
 pub mod shard;
+pub mod slots;
 mod steps;
 pub mod vertex_rows;
 pub mod voronoi;

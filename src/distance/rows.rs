@@ -1,4 +1,5 @@
-//! The rows of `[A B]`: one front a landmark, written straight into the mapped file.
+//! The rows of `[A B]`: one front a landmark, written into a mapped file, or passing by somebody who needs each once
+//! ([`DistanceRows::pass`]).
 //!
 //! How they are computed is in [`super::compute`], by several processes in [`super::shard`].
 //!
@@ -9,6 +10,7 @@
 use super::compute::Task;
 use super::journal::{Head, Line};
 use super::landmarks::Sampling;
+use super::slots::Look;
 use crate::base::{Error, Result};
 use crate::graph::Node;
 use crate::graph::dual::{Csr, Weighted};
@@ -74,6 +76,27 @@ pub struct DistanceRows {
     pub key: String,
 }
 
+/// Landmarks, and the sums of their rows.
+#[derive(Clone, Debug, Default)]
+pub struct Landmarks {
+    /// The landmark nodes (l).
+    pub nodes: Vec<u32>,
+    /// Sums of each row (l).
+    pub facts: Vec<RowFacts>,
+}
+
+impl Landmarks {
+    /// Mean of all finite distances: the paper's σ.
+    pub fn mean(&self) -> f64 {
+        mean(&self.facts)
+    }
+}
+
+fn mean(facts: &[RowFacts]) -> f64 {
+    let (sum, count) = facts.iter().fold((0., 0), |(s, c), row| (s + row.sum, c + row.reached));
+    sum / (count.max(1)) as f64
+}
+
 /// What the manifest keeps of the stage.
 #[derive(Debug, Serialize, Deserialize)]
 struct Facts {
@@ -116,8 +139,7 @@ impl DistanceRows {
 
     /// Mean of all finite distances: the paper's σ.
     pub fn mean(&self) -> f64 {
-        let (sum, count) = self.facts.iter().fold((0., 0), |(s, c), row| (s + row.sum, c + row.reached));
-        sum / (count.max(1)) as f64
+        mean(&self.facts)
     }
 
     /// The key that rows of `params` over a graph of `nodes` nodes have.
@@ -156,16 +178,20 @@ impl DistanceRows {
         Ok(Self { landmarks, distances, facts: facts.rows, nodes, key })
     }
 
+    fn head(graph: &Weighted, nodes: usize, params: RowParams, run: &Run) -> Result<Head> {
+        if params.l == 0 {
+            return Err(Error::parameter("-l", "0 landmarks", "choose at least 1"));
+        }
+        Ok(head(&graph.key, nodes, params, run))
+    }
+
     /// Computes the rows in `work`, or opens them where that was done.
     ///
     /// # Errors
     /// [`Error::Parameter`] for l = 0, [`Error::Io`], [`Error::Cancelled`].
     pub fn build(graph: &Weighted, nodes: &[Node], params: RowParams, work: &WorkDir, run: &Run) -> Result<Self> {
-        if params.l == 0 {
-            return Err(Error::parameter("-l", "0 landmarks", "choose at least 1"));
-        }
         let n = nodes.len();
-        let head = head(&graph.key, n, params, run);
+        let head = Self::head(graph, n, params, run)?;
         match work.reuse::<Facts>("rows", &head.key) {
             Ok(facts) => {
                 run.progress.note("rows: reused");
@@ -187,6 +213,26 @@ impl DistanceRows {
         let (file, lines) = task.compute("distances.npy", JOURNAL, work, run)?;
         let lines: Vec<Line> = lines.into_values().collect();
         Self::finish(file, &lines, head, work)
+    }
+
+    /// Computes rows that nobody keeps: `look` sees each once, on any thread and in any order. Landmarks and sums as
+    /// [`DistanceRows::build`] has them. Progress is told as stage `rows`; nothing is stamped.
+    ///
+    /// # Errors
+    /// As [`DistanceRows::build`], and those of `look`.
+    pub fn pass(
+        graph: &Weighted,
+        nodes: &[Node],
+        params: RowParams,
+        look: Look<'_>,
+        work: &WorkDir,
+        run: &Run,
+    ) -> Result<Landmarks> {
+        let head = Self::head(graph, nodes.len(), params, run)?;
+        let task = Task { graph: graph.csr(), nodes, params: RowParams { l: head.rows, ..params }, head: &head };
+        let (lines, _) = run.stage("rows", "rows", head.rows as u64, || task.pass(look, work, run))?;
+        let (nodes, facts) = lines.into_values().map(|line| (line.landmark, line.facts)).unzip();
+        Ok(Landmarks { nodes, facts })
     }
 
     /// Gives finished rows their final names.

@@ -6,22 +6,21 @@
 //! confidences come from.
 
 use super::report::Numbers;
+use super::sample::Sample;
 use super::surface::Surface;
-use super::{SegmentParams, landmarks_for_parts, rows};
+use super::{SegmentParams, landmarks_for_parts};
 use crate::base::{Error, Result};
-use crate::cluster::cell_rows::{self, greatest_share};
-
 use crate::cluster::parts::matrix::Square;
 use crate::cluster::parts::{self, Atoms, Decided, PartTree};
 use crate::distance::DistanceRows;
-use crate::distance::landmarks::Sampling;
 use crate::distance::rows::RowParams;
 use crate::graph::DualGraph;
 use crate::graph::dual::Weighted;
+use crate::spectral::eigen;
 use crate::spectral::kernel::Kernel;
-use crate::spectral::{eigen, embedding};
 use crate::store::workdir::key_of;
 use crate::store::{Run, WorkDir};
+use nalgebra::DMatrix;
 use serde::{Deserialize, Serialize};
 use serde_json::json;
 use std::path::Path;
@@ -30,11 +29,6 @@ const TREE: &str = "tree.json";
 const ATOMS: &str = "atoms.npy";
 const AREAS: &str = "atom_areas.npy";
 const TOGETHER: &str = "together.npy";
-
-/// Greatest share of the surface that may be nearest to a single landmark.
-const OUTLIERS: f64 = 0.8;
-/// So few landmarks tell nothing about outliers.
-const FEW: usize = 10;
 
 /// What is kept besides the files.
 #[derive(Clone, Debug, Serialize, Deserialize)]
@@ -80,65 +74,15 @@ pub(super) fn decide(
         }
         Err(reason) => run.note_remake("decision", &reason),
     }
-    let (rows, b, sampling) = representative_rows(graph, weighted, surface, l, params, work, run)?;
-    let (decided, seconds) = parts::decide(&surface.cells.graph, &b, rows.len(), &params.parts, run)?;
+    let sample = Sample::representative(graph, weighted, surface, l, params, work, run)?;
+    let (decided, seconds) = parts::decide(&surface.cells.graph, &sample.b, sample.len(), &params.parts, run)?;
     write_tree(&decided.tree, &work.file(TREE))?;
     work.write(ATOMS, &decided.atoms.of_cell, 1)?;
     work.write(AREAS, &decided.atoms.area, 1)?;
     work.write(TOGETHER, decided.together.values(), decided.together.len())?;
-    let facts = Facts { l: rows.len(), seconds, numbers: numbers(&rows, sampling) };
+    let facts = Facts { l: sample.len(), seconds, numbers: numbers(&sample) };
     work.stamp("decision", &key, &options, &[TREE, ATOMS, AREAS, TOGETHER], &facts, seconds)?;
     Ok((decided, facts))
-}
-
-/// The rows that `params` asks for and their means over cells; where they are of farthest points that turned out to be
-/// outliers, those of landmarks drawn by area instead.
-///
-/// Farthest points are corners that few paths lead out of: mostly tips of limbs, which is what parts are told apart by. A
-/// surface full of pockets, like an isosurface of a scanned body, has pockets for all of them. Then all the rest is
-/// equally far from every landmark, one cluster of the embedding, and one part.
-fn representative_rows(
-    graph: &DualGraph,
-    weighted: &Weighted,
-    surface: &Surface,
-    l: usize,
-    params: &SegmentParams,
-    work: &WorkDir,
-    run: &Run,
-) -> Result<(DistanceRows, Vec<f64>, Sampling)> {
-    let first = rows(graph, weighted, l, params, work, run)?;
-    let b = cell_rows(&first, surface, work, run)?;
-    let share = greatest_share(&b, &surface.cells.graph.area);
-    if params.sampling != Sampling::Farthest || l < FEW || share <= OUTLIERS {
-        return Ok((first, b, params.sampling));
-    }
-    run.progress.note(&format!(
-        "landmarks: {:.0} % of the surface is nearest to one of {l}, the others are outliers; drawn by area instead",
-        100. * share
-    ));
-    drop(first);
-    work.remove("distances.npy");
-    let params = SegmentParams { sampling: Sampling::Random, ..params.clone() };
-    let rows = rows(graph, weighted, l, &params, work, run)?;
-    let b = cell_rows(&rows, surface, work, run)?;
-    Ok((rows, b, params.sampling))
-}
-
-/// The rows behind a decision that left `numbers`, and their means over cells: as a rule they are still there.
-pub(super) fn rows_used(
-    graph: &DualGraph,
-    weighted: &Weighted,
-    surface: &Surface,
-    numbers: &Numbers,
-    params: &SegmentParams,
-    work: &WorkDir,
-    run: &Run,
-) -> Result<(DistanceRows, Vec<f64>)> {
-    let params = SegmentParams { sampling: numbers.sampling.unwrap_or(params.sampling), ..params.clone() };
-    let l = params.landmarks.unwrap_or(landmarks_for_parts(graph.nodes.len()));
-    let rows = rows(graph, weighted, l, &params, work, run)?;
-    let b = cell_rows(&rows, surface, work, run)?;
-    Ok((rows, b))
 }
 
 /// Reads a kept decision on `cells` cells.
@@ -197,33 +141,21 @@ pub fn write_tree(tree: &PartTree, path: &Path) -> Result<()> {
     std::fs::write(path, text).map_err(Error::io(path, "write"))
 }
 
-/// The rows averaged over cells: made, or reused.
-fn cell_rows(rows: &DistanceRows, surface: &Surface, work: &WorkDir, run: &Run) -> Result<Vec<f64>> {
-    const FILE: &str = "cell_rows.npy";
-    let options = json!({"stage": "cell rows", "rows": rows.key, "surface": surface.key});
-    let key = key_of(&options);
-    if work.reuse::<()>("cell rows", &key).is_ok() {
-        return Ok(work.open_array::<f64>(FILE)?.to_vec());
-    }
-    let average = || cell_rows::average(rows, &surface.cells, &surface.shares, run);
-    let (b, seconds) = run.stage("cell rows", "rows", rows.len() as u64, average)?;
-    work.write(FILE, &b, surface.cells.len())?;
-    work.stamp("cell rows", &key, &options, &[FILE], &(), seconds)?;
-    Ok(b)
-}
-
-/// The spectral numbers of the report, which deciding parts does not need itself: Γ's kernel and eigenvalues under the
-/// members' middle width.
-fn numbers(rows: &DistanceRows, sampling: Sampling) -> Numbers {
-    let sigma = 0.25 * rows.mean();
+/// The spectral numbers of the report, which deciding parts does not need itself: eigenvalues of the landmarks' affinities
+/// under the members' middle width.
+fn numbers(sample: &Sample) -> Numbers {
+    let sigma = 0.25 * sample.landmarks.mean();
     let kernel = Kernel::Gaussian;
-    let (eigenvalues, _) = eigen::symmetric(embedding::landmark_affinities(rows, kernel, sigma));
-    let cut = kernel.tolerance(rows.len()) * eigenvalues.first().copied().unwrap_or(0.);
+    let l = sample.len();
+    let distance = |i: usize, j: usize| if i == j { 0. } else { f64::from(sample.between[i.max(j)][i.min(j)]) };
+    let affinities = DMatrix::from_fn(l, l, |i, j| kernel.of(sigma, distance(i, j)));
+    let (eigenvalues, _) = eigen::symmetric(affinities);
+    let cut = kernel.tolerance(l) * eigenvalues.first().copied().unwrap_or(0.);
     let negative: f64 = eigenvalues.iter().filter(|v| **v < 0.).map(|v| -v).sum();
     let mass: f64 = eigenvalues.iter().map(|v| v.abs()).sum();
     Numbers {
-        landmarks: rows.landmarks.clone(),
-        sampling: Some(sampling),
+        landmarks: sample.landmarks.nodes.clone(),
+        sampling: Some(sample.sampling),
         sigma,
         dropped_eigenpairs: eigenvalues.iter().filter(|v| **v <= cut.max(0.)).count(),
         negative_mass: if mass > 0. { negative / mass } else { 0. },

@@ -6,7 +6,7 @@
 
 use super::report::Numbers;
 use super::surface::{Kind, Surface};
-use super::{Boundaries, Clustered, Dust, SegmentParams, decision};
+use super::{Boundaries, Clustered, Dust, SegmentParams, decision, sample};
 use crate::base::parallel::{fill_each, map_ranges};
 use crate::base::{Error, Result};
 use crate::cluster::boundary::{self, Way};
@@ -68,7 +68,7 @@ fn places(
     work: &WorkDir,
     run: &Run,
 ) -> Result<(Places, DistanceRows)> {
-    let (rows, b) = decision::rows_used(graph, weighted, surface, &decided.numbers, params, work, run)?;
+    let (rows, b) = sample::rows_used(graph, weighted, surface, &decided.numbers, params, work, run)?;
     Ok((Places::new(&surface.cells.graph, &b, &decided.label), rows))
 }
 
@@ -129,7 +129,7 @@ fn decide_coarsely(
     run: &Run,
 ) -> Result<Decided> {
     run.progress.note("preview: rows over a contracted mesh instead of all faces (--coarse)");
-    let inner = WorkDir::open(&work.file("coarse"))?;
+    let inner = work.inner("coarse")?;
     let contract = || contract::contract(graph, weighted, &surface.shares, work, &inner, run);
     let (small, _) = run.stage("contraction", "faces", graph.nodes.len() as u64, contract)?;
     let coarse = Surface::build(&small.graph, Kind::Contracted, &inner, run)?;

@@ -5,7 +5,7 @@
 //! out along the line through both. The input's header is read, nothing else.
 
 use super::calibrate::Pace;
-use super::{Cluster, SegmentParams, default_landmarks, landmarks_for_parts};
+use super::{Boundaries, Cluster, SegmentParams, default_landmarks, landmarks_for_parts};
 use crate::base::{Error, Result};
 use crate::cluster::parts::PartCount;
 use crate::graph::Order;
@@ -187,8 +187,13 @@ impl Plan {
         stages.push(StagePlan { frees: frees(0), ..stage("weights", room.used, 4 * corners - weights, 0) });
         // The field of the search, the graph once more for fronts, and a row a thread.
         let field = room.take(4 * n);
-        let fronts = room.spare(24 * n) + (0..t).map(|_| room.spare(4 * n)).sum::<u64>();
-        let rows = stage("rows", room.used, 4 * l * n, 4 * n - field);
+        let triples = room.spare(24 * n);
+        let own: u64 = (0..t).map(|_| room.spare(4 * n)).sum();
+        let fronts = triples + own;
+        // Where nobody keeps them, a thread without memory for a row has a file for it.
+        let pass = params.cluster == Cluster::Parts && params.boundaries == Boundaries::Front && !lasting;
+        let (kept, scratch) = if pass { (0, 4 * n * t - own) } else { (4 * l * n, 0) };
+        let rows = stage("rows", room.used, kept, 4 * n - field + scratch);
         room.give_back(field + fronts);
         stages.push(StagePlan { frees: frees(weights), ..rows });
         if frees(0) > 0 {

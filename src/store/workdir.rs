@@ -32,6 +32,8 @@ pub struct WorkDir {
     manifest: Mutex<Manifest>,
     _lock: File,
     temporary: bool,
+    /// Whether it lies in another, which it is removed with.
+    inside: bool,
     /// Whether other processes may read it too; nothing is stamped then.
     pub(super) shared: bool,
     /// Arrays in memory instead of in files.
@@ -99,7 +101,15 @@ impl WorkDir {
             ));
         }
         let manifest = Mutex::new(manifest);
-        let work = Self { path: path.to_path_buf(), manifest, _lock: lock, temporary: false, shared, held: None };
+        let work = Self {
+            path: path.to_path_buf(),
+            manifest,
+            _lock: lock,
+            temporary: false,
+            inside: false,
+            shared,
+            held: None,
+        };
         if !shared {
             work.sweep();
         }
@@ -151,7 +161,15 @@ impl WorkDir {
             }
             if let Some(lock) = locked? {
                 let manifest = Mutex::new(Manifest::new());
-                return Ok(Self { path, manifest, _lock: lock, temporary: true, shared: false, held: None });
+                return Ok(Self {
+                    path,
+                    manifest,
+                    _lock: lock,
+                    temporary: true,
+                    inside: false,
+                    shared: false,
+                    held: None,
+                });
             }
         }
         Err(Error::work_dir(parent, "temporary folders are taken away by another process", "name another --tmp"))
@@ -164,12 +182,22 @@ impl WorkDir {
         self
     }
 
+    /// A work directory in the folder `name` of this one, which lasts as long. Its arrays are files, which others may find there.
+    ///
+    /// # Errors
+    /// As [`WorkDir::open`].
+    pub fn inner(&self, name: &str) -> Result<Self> {
+        let mut inner = Self::open(&self.file(name))?;
+        (inner.temporary, inner.inside) = (self.temporary, true);
+        Ok(inner)
+    }
+
     /// Its folder.
     pub fn path(&self) -> &Path {
         &self.path
     }
 
-    /// Whether it will be removed when dropped.
+    /// Whether it will be removed when dropped, or with the one it lies in.
     pub fn is_temporary(&self) -> bool {
         self.temporary
     }
@@ -289,7 +317,7 @@ impl WorkDir {
 
 impl Drop for WorkDir {
     fn drop(&mut self) {
-        if self.temporary {
+        if self.temporary && !self.inside {
             let _ = std::fs::remove_dir_all(&self.path);
         }
     }

@@ -1,0 +1,164 @@
+//! The sample that parts are decided with: rows of distances over all faces, averaged over cells.
+//!
+//! Deciding needs the averages alone. In a work directory that lasts, rows are kept all the same, since other options, another
+//! number of landmarks' embedding, a run that was killed can use them; in a temporary one each row is averaged as it
+//! comes from its front and forgotten, which saves 4 l bytes of disk a face, 80 to 240, and writing and reading them.
+//! Averages are the same numbers both ways.
+
+use super::report::Numbers;
+use super::rows;
+use super::surface::Surface;
+use super::{Boundaries, SegmentParams, landmarks_for_parts};
+use crate::base::Result;
+use crate::cluster::cell_rows::{self, Average, greatest_share};
+use crate::distance::DistanceRows;
+use crate::distance::landmarks::Sampling;
+use crate::distance::rows::{Landmarks, RowParams};
+use crate::graph::DualGraph;
+use crate::graph::dual::Weighted;
+use crate::store::workdir::key_of;
+use crate::store::{Run, WorkDir};
+use serde_json::json;
+use std::sync::{Mutex, PoisonError};
+
+/// Greatest share of the surface that may be nearest to a single landmark.
+const OUTLIERS: f64 = 0.8;
+/// So few landmarks tell nothing about outliers.
+const FEW: usize = 10;
+/// The averages.
+const FILE: &str = "cell_rows.npy";
+
+/// Landmarks, and their distances averaged over cells.
+pub(super) struct Sample {
+    pub landmarks: Landmarks,
+    /// Distances of each landmark from those before it (l, then 0, 1, … l − 1).
+    pub between: Vec<Vec<f32>>,
+    /// Mean distances of cells, row-major l × S.
+    pub b: Vec<f64>,
+    /// How landmarks were chosen.
+    pub sampling: Sampling,
+}
+
+impl Sample {
+    /// Number of landmarks.
+    pub fn len(&self) -> usize {
+        self.landmarks.nodes.len()
+    }
+
+    /// The sample that `params` asks for, of `l` landmarks; where they are farthest points that turned out to be
+    /// outliers, one of landmarks drawn by area instead.
+    ///
+    /// Farthest points are corners that few paths lead out of: mostly tips of limbs, which is what parts are told apart by. A
+    /// surface full of pockets, like an isosurface of a scanned body, has pockets for all of them. Then all the rest is
+    /// equally far from every landmark, one cluster of the embedding, and one part.
+    pub fn representative(
+        graph: &DualGraph,
+        weighted: &Weighted,
+        surface: &Surface,
+        l: usize,
+        params: &SegmentParams,
+        work: &WorkDir,
+        run: &Run,
+    ) -> Result<Sample> {
+        let first = Self::of(graph, weighted, surface, l, params, work, run)?;
+        let share = greatest_share(&first.b, &surface.cells.graph.area);
+        if params.sampling != Sampling::Farthest || l < FEW || share <= OUTLIERS {
+            return Ok(first);
+        }
+        run.progress.note(&format!(
+            "landmarks: {:.0} % of the surface is nearest to one of {l}, the others are outliers; drawn by area instead",
+            100. * share
+        ));
+        work.remove("distances.npy");
+        let params = SegmentParams { sampling: Sampling::Random, ..params.clone() };
+        Self::of(graph, weighted, surface, l, &params, work, run)
+    }
+
+    fn of(
+        graph: &DualGraph,
+        weighted: &Weighted,
+        surface: &Surface,
+        l: usize,
+        params: &SegmentParams,
+        work: &WorkDir,
+        run: &Run,
+    ) -> Result<Sample> {
+        if !work.durable() && params.boundaries == Boundaries::Front {
+            return Self::passing(graph, weighted, surface, l, params, work, run);
+        }
+        let rows = rows(graph, weighted, l, params, work, run)?;
+        let before = |k: usize| rows.landmarks[..k].iter().map(|&node| rows.row(k)[node as usize]).collect();
+        Ok(Sample {
+            landmarks: Landmarks { nodes: rows.landmarks.clone(), facts: rows.facts.clone() },
+            between: (0..rows.len()).map(before).collect(),
+            b: cell_rows(&rows, surface, work, run)?,
+            sampling: params.sampling,
+        })
+    }
+
+    /// Rows averaged as they come, and forgotten.
+    fn passing(
+        graph: &DualGraph,
+        weighted: &Weighted,
+        surface: &Surface,
+        l: usize,
+        params: &SegmentParams,
+        work: &WorkDir,
+        run: &Run,
+    ) -> Result<Sample> {
+        let average = Average::new(&surface.cells, &surface.shares);
+        let seen = Mutex::new(vec![(Vec::new(), Vec::new()); l.min(graph.nodes.len())]);
+        let params_of_rows = RowParams { l, sampling: params.sampling };
+        let landmarks = DistanceRows::pass(
+            weighted,
+            &graph.nodes,
+            params_of_rows,
+            &|row| {
+                let before = row.earlier.iter().map(|&node| row.distances[node as usize]).collect();
+                let mean = average.of(row.distances);
+                if let Some(slot) = seen.lock().unwrap_or_else(PoisonError::into_inner).get_mut(row.number) {
+                    *slot = (before, mean);
+                }
+                Ok(())
+            },
+            work,
+            run,
+        )?;
+        let (between, b): (Vec<_>, Vec<_>) =
+            seen.into_inner().unwrap_or_else(PoisonError::into_inner).into_iter().unzip();
+        let b = b.concat();
+        work.write(FILE, &b, surface.cells.len())?;
+        Ok(Sample { landmarks, between, b, sampling: params.sampling })
+    }
+}
+
+/// The rows behind a decision that left `numbers`, and their means over cells: as a rule they are still there.
+pub(super) fn rows_used(
+    graph: &DualGraph,
+    weighted: &Weighted,
+    surface: &Surface,
+    numbers: &Numbers,
+    params: &SegmentParams,
+    work: &WorkDir,
+    run: &Run,
+) -> Result<(DistanceRows, Vec<f64>)> {
+    let params = SegmentParams { sampling: numbers.sampling.unwrap_or(params.sampling), ..params.clone() };
+    let l = params.landmarks.unwrap_or(landmarks_for_parts(graph.nodes.len()));
+    let rows = rows(graph, weighted, l, &params, work, run)?;
+    let b = cell_rows(&rows, surface, work, run)?;
+    Ok((rows, b))
+}
+
+/// The rows averaged over cells: made, or reused.
+fn cell_rows(rows: &DistanceRows, surface: &Surface, work: &WorkDir, run: &Run) -> Result<Vec<f64>> {
+    let options = json!({"stage": "cell rows", "rows": rows.key, "surface": surface.key});
+    let key = key_of(&options);
+    if work.reuse::<()>("cell rows", &key).is_ok() {
+        return Ok(work.open_array::<f64>(FILE)?.to_vec());
+    }
+    let average = || cell_rows::average(rows, &surface.cells, &surface.shares, run);
+    let (b, seconds) = run.stage("cell rows", "rows", rows.len() as u64, average)?;
+    work.write(FILE, &b, surface.cells.len())?;
+    work.stamp("cell rows", &key, &options, &[FILE], &(), seconds)?;
+    Ok(b)
+}
