@@ -6,7 +6,7 @@
 //! confidences come from.
 
 use super::report::Numbers;
-use super::sample::Sample;
+use super::sample::{Ground, Sample};
 use super::surface::Surface;
 use super::{SegmentParams, landmarks_for_parts};
 use crate::base::{Error, Result};
@@ -74,7 +74,7 @@ pub(super) fn decide(
         }
         Err(reason) => run.note_remake("decision", &reason),
     }
-    let sample = Sample::representative(graph, weighted, surface, l, params, work, run)?;
+    let sample = Ground { graph, weighted, surface, work, run }.representative(l, params)?;
     let (decided, seconds) = parts::decide(&surface.cells.graph, &sample.b, sample.len(), &params.parts, run)?;
     write_tree(&decided.tree, &work.file(TREE))?;
     work.write(ATOMS, &decided.atoms.of_cell, 1)?;

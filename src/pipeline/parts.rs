@@ -5,8 +5,9 @@
 //! one more front moves their boundaries onto creases. Another number of parts needs only the last step.
 
 use super::report::Numbers;
+use super::sample::Ground;
 use super::surface::{Kind, Surface};
-use super::{Boundaries, Clustered, Dust, SegmentParams, decision, sample};
+use super::{Boundaries, Clustered, Dust, SegmentParams, decision};
 use crate::base::parallel::{fill_each, map_ranges};
 use crate::base::{Error, Result};
 use crate::cluster::boundary::{self, Way};
@@ -68,7 +69,7 @@ fn places(
     work: &WorkDir,
     run: &Run,
 ) -> Result<(Places, DistanceRows)> {
-    let (rows, b) = sample::rows_used(graph, weighted, surface, &decided.numbers, params, work, run)?;
+    let (rows, b) = Ground { graph, weighted, surface, work, run }.rows_used(&decided.numbers, params)?;
     Ok((Places::new(&surface.cells.graph, &b, &decided.label), rows))
 }
 

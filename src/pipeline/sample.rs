@@ -14,6 +14,7 @@ use crate::cluster::cell_rows::{self, Average, greatest_share};
 use crate::distance::DistanceRows;
 use crate::distance::landmarks::Sampling;
 use crate::distance::rows::{Landmarks, RowParams};
+use crate::distance::slots::Row;
 use crate::graph::DualGraph;
 use crate::graph::dual::Weighted;
 use crate::store::workdir::key_of;
@@ -27,6 +28,16 @@ const OUTLIERS: f64 = 0.8;
 const FEW: usize = 10;
 /// The averages.
 const FILE: &str = "cell_rows.npy";
+
+/// What rows run over, and where they are made.
+#[derive(Clone, Copy)]
+pub(super) struct Ground<'a> {
+    pub graph: &'a DualGraph,
+    pub weighted: &'a Weighted,
+    pub surface: &'a Surface,
+    pub work: &'a WorkDir,
+    pub run: &'a Run<'a>,
+}
 
 /// Landmarks, and their distances averaged over cells.
 pub(super) struct Sample {
@@ -44,121 +55,83 @@ impl Sample {
     pub fn len(&self) -> usize {
         self.landmarks.nodes.len()
     }
+}
 
+impl Ground<'_> {
     /// The sample that `params` asks for, of `l` landmarks; where they are farthest points that turned out to be
     /// outliers, one of landmarks drawn by area instead.
     ///
     /// Farthest points are corners that few paths lead out of: mostly tips of limbs, which is what parts are told apart by. A
     /// surface full of pockets, like an isosurface of a scanned body, has pockets for all of them. Then all the rest is
     /// equally far from every landmark, one cluster of the embedding, and one part.
-    pub fn representative(
-        graph: &DualGraph,
-        weighted: &Weighted,
-        surface: &Surface,
-        l: usize,
-        params: &SegmentParams,
-        work: &WorkDir,
-        run: &Run,
-    ) -> Result<Sample> {
-        let first = Self::of(graph, weighted, surface, l, params, work, run)?;
-        let share = greatest_share(&first.b, &surface.cells.graph.area);
+    pub fn representative(self, l: usize, params: &SegmentParams) -> Result<Sample> {
+        let first = self.sample(l, params)?;
+        let share = greatest_share(&first.b, &self.surface.cells.graph.area);
         if params.sampling != Sampling::Farthest || l < FEW || share <= OUTLIERS {
             return Ok(first);
         }
-        run.progress.note(&format!(
+        self.run.progress.note(&format!(
             "landmarks: {:.0} % of the surface is nearest to one of {l}, the others are outliers; drawn by area instead",
             100. * share
         ));
-        work.remove("distances.npy");
-        let params = SegmentParams { sampling: Sampling::Random, ..params.clone() };
-        Self::of(graph, weighted, surface, l, &params, work, run)
+        self.work.remove("distances.npy");
+        self.sample(l, &SegmentParams { sampling: Sampling::Random, ..params.clone() })
     }
 
-    fn of(
-        graph: &DualGraph,
-        weighted: &Weighted,
-        surface: &Surface,
-        l: usize,
-        params: &SegmentParams,
-        work: &WorkDir,
-        run: &Run,
-    ) -> Result<Sample> {
-        if !work.durable() && params.boundaries == Boundaries::Front {
-            return Self::passing(graph, weighted, surface, l, params, work, run);
+    fn sample(self, l: usize, params: &SegmentParams) -> Result<Sample> {
+        if !self.work.durable() && params.boundaries == Boundaries::Front {
+            return self.passing(RowParams { l, sampling: params.sampling });
         }
-        let rows = rows(graph, weighted, l, params, work, run)?;
+        let rows = rows(self.graph, self.weighted, l, params, self.work, self.run)?;
         let before = |k: usize| rows.landmarks[..k].iter().map(|&node| rows.row(k)[node as usize]).collect();
         Ok(Sample {
             landmarks: Landmarks { nodes: rows.landmarks.clone(), facts: rows.facts.clone() },
             between: (0..rows.len()).map(before).collect(),
-            b: cell_rows(&rows, surface, work, run)?,
+            b: self.averages(&rows)?,
             sampling: params.sampling,
         })
     }
 
     /// Rows averaged as they come, and forgotten.
-    fn passing(
-        graph: &DualGraph,
-        weighted: &Weighted,
-        surface: &Surface,
-        l: usize,
-        params: &SegmentParams,
-        work: &WorkDir,
-        run: &Run,
-    ) -> Result<Sample> {
+    fn passing(self, params: RowParams) -> Result<Sample> {
+        let Ground { graph, weighted, surface, work, run } = self;
         let average = Average::new(&surface.cells, &surface.shares);
-        let seen = Mutex::new(vec![(Vec::new(), Vec::new()); l.min(graph.nodes.len())]);
-        let params_of_rows = RowParams { l, sampling: params.sampling };
-        let landmarks = DistanceRows::pass(
-            weighted,
-            &graph.nodes,
-            params_of_rows,
-            &|row| {
-                let before = row.earlier.iter().map(|&node| row.distances[node as usize]).collect();
-                let mean = average.of(row.distances);
-                if let Some(slot) = seen.lock().unwrap_or_else(PoisonError::into_inner).get_mut(row.number) {
-                    *slot = (before, mean);
-                }
-                Ok(())
-            },
-            work,
-            run,
-        )?;
-        let (between, b): (Vec<_>, Vec<_>) =
-            seen.into_inner().unwrap_or_else(PoisonError::into_inner).into_iter().unzip();
-        let b = b.concat();
+        let seen = Mutex::new(vec![(Vec::new(), Vec::new()); params.l.min(graph.nodes.len())]);
+        let look = |row: Row<'_>| {
+            let before = row.earlier.iter().map(|&node| row.distances[node as usize]).collect();
+            let mean = average.of(row.distances);
+            if let Some(slot) = seen.lock().unwrap_or_else(PoisonError::into_inner).get_mut(row.number) {
+                *slot = (before, mean);
+            }
+            Ok(())
+        };
+        let landmarks = DistanceRows::pass(weighted, &graph.nodes, params, &look, work, run)?;
+        let seen = seen.into_inner().unwrap_or_else(PoisonError::into_inner);
+        let (between, b): (Vec<_>, Vec<_>) = seen.into_iter().unzip();
+        Ok(Sample { landmarks, between, b: b.concat(), sampling: params.sampling })
+    }
+
+    /// The rows behind a decision that left `numbers`, and their means over cells: as a rule they are still there.
+    pub fn rows_used(self, numbers: &Numbers, params: &SegmentParams) -> Result<(DistanceRows, Vec<f64>)> {
+        let params = SegmentParams { sampling: numbers.sampling.unwrap_or(params.sampling), ..params.clone() };
+        let l = params.landmarks.unwrap_or(landmarks_for_parts(self.graph.nodes.len()));
+        let rows = rows(self.graph, self.weighted, l, &params, self.work, self.run)?;
+        let b = self.averages(&rows)?;
+        Ok((rows, b))
+    }
+
+    /// The rows averaged over cells: made, or reused.
+    fn averages(self, rows: &DistanceRows) -> Result<Vec<f64>> {
+        let Ground { surface, work, run, .. } = self;
+        let options = json!({"stage": "cell rows", "rows": rows.key, "surface": surface.key});
+        let key = key_of(&options);
+        if work.reuse::<()>("cell rows", &key).is_ok() {
+            return Ok(work.open_array::<f64>(FILE)?.to_vec());
+        }
+        let average = || cell_rows::average(rows, &surface.cells, &surface.shares, run);
+        let (b, seconds) = run.stage("cell rows", "rows", rows.len() as u64, average)?;
         work.write(FILE, &b, surface.cells.len())?;
-        Ok(Sample { landmarks, between, b, sampling: params.sampling })
+        work.stamp("cell rows", &key, &options, &[FILE], &(), seconds)?;
+        Ok(b)
     }
-}
-
-/// The rows behind a decision that left `numbers`, and their means over cells: as a rule they are still there.
-pub(super) fn rows_used(
-    graph: &DualGraph,
-    weighted: &Weighted,
-    surface: &Surface,
-    numbers: &Numbers,
-    params: &SegmentParams,
-    work: &WorkDir,
-    run: &Run,
-) -> Result<(DistanceRows, Vec<f64>)> {
-    let params = SegmentParams { sampling: numbers.sampling.unwrap_or(params.sampling), ..params.clone() };
-    let l = params.landmarks.unwrap_or(landmarks_for_parts(graph.nodes.len()));
-    let rows = rows(graph, weighted, l, &params, work, run)?;
-    let b = cell_rows(&rows, surface, work, run)?;
-    Ok((rows, b))
-}
-
-/// The rows averaged over cells: made, or reused.
-fn cell_rows(rows: &DistanceRows, surface: &Surface, work: &WorkDir, run: &Run) -> Result<Vec<f64>> {
-    let options = json!({"stage": "cell rows", "rows": rows.key, "surface": surface.key});
-    let key = key_of(&options);
-    if work.reuse::<()>("cell rows", &key).is_ok() {
-        return Ok(work.open_array::<f64>(FILE)?.to_vec());
-    }
-    let average = || cell_rows::average(rows, &surface.cells, &surface.shares, run);
-    let (b, seconds) = run.stage("cell rows", "rows", rows.len() as u64, average)?;
-    work.write(FILE, &b, surface.cells.len())?;
-    work.stamp("cell rows", &key, &options, &[FILE], &(), seconds)?;
-    Ok(b)
 }
