@@ -22,7 +22,7 @@ fn progress_for_programs_is_an_event_a_line() {
         assert!(of.windows(2).all(|w| w[0]["done"].as_u64() <= w[1]["done"].as_u64()), "{of:?}");
         assert!(last["seconds"].as_f64().unwrap() > 0. && total.is_none_or(|total| last["total"] == total));
     }
-    for (words, lines) in [(&["--progress", "none"][..], 0), (&["--progress", "lines"], 10)] {
+    for (words, lines) in [(&["--progress", "none"][..], 0), (&["--progress", "lines"], 9)] {
         let output = run(&[&["segment", word(&mesh)], words].concat());
         assert_eq!(errors(&output).lines().count().min(lines), lines, "{}", errors(&output));
     }

@@ -265,7 +265,7 @@ impl Task<'_> {
         })
     }
 
-    /// Computes a row.
+    /// Computes a row and hands it on.
     fn row(
         &self,
         slots: &Slots<'_>,
@@ -283,6 +283,7 @@ impl Task<'_> {
                 return slots.put(row, landmark, array.data());
             }
             Scratch::InPlace => {
+                // Nothing but a file has rows in place, and a file that is not held has a mapping of each.
                 let Some(mut slot) = slots.take(row) else { return Err(Error::Cancelled) };
                 self.mapped_row(&mut slot, landmark, front, run)?;
                 return slots.close(row, landmark, &slot, || slot.sync());
