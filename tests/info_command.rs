@@ -1,12 +1,9 @@
 //! `info` and `plan` of mesh files: what a header promises, and what is said of files without faces.
 
-use std::path::{Path, PathBuf};
-use std::process::{Command, Output, Stdio};
+mod common;
 
-fn program(arguments: &[&str]) -> Output {
-    let mut command = Command::new(env!("CARGO_BIN_EXE_nystrom-stream"));
-    command.args(arguments).stdin(Stdio::null()).output().unwrap()
-}
+use common::{errors, run, word};
+use std::path::{Path, PathBuf};
 
 fn write(folder: &Path, name: &str, text: &str) -> PathBuf {
     let path = folder.join(name);
@@ -22,13 +19,13 @@ const TETRAHEDRON: &str = "ply\nformat ascii 1.0\nelement vertex 4\nproperty flo
 fn info_of_a_ply_tells_its_header() {
     let dir = tempfile::tempdir().unwrap();
     let mesh = write(dir.path(), "tetrahedron.ply", TETRAHEDRON);
-    let output = program(&["info", mesh.to_str().unwrap()]);
+    let output = run(&["info", word(&mesh)]);
     let text = String::from_utf8(output.stdout).unwrap();
     assert_eq!(output.status.code(), Some(0));
     for line in ["4 faces, 4 vertices", "PLY, ascii", "vertex  4", "list uchar int", "double", "red"] {
         assert!(text.contains(line), "{line} in {text}");
     }
-    let output = program(&["info", "--json", mesh.to_str().unwrap()]);
+    let output = run(&["info", "--json", word(&mesh)]);
     let json: serde_json::Value = serde_json::from_slice(&output.stdout).unwrap();
     assert_eq!(json["faces"], 4);
     assert_eq!(json["elements"][0]["properties"][1], serde_json::json!({"name": "y", "type": "double"}));
@@ -39,7 +36,7 @@ fn info_of_a_ply_tells_its_header() {
 fn info_of_another_format_tells_its_counts() {
     let dir = tempfile::tempdir().unwrap();
     let mesh = write(dir.path(), "square.obj", "v 0 0 0\nv 1 0 0\nv 1 1 0\nv 0 1 0\nf 1 2 3 4\n");
-    let output = program(&["info", mesh.to_str().unwrap()]);
+    let output = run(&["info", word(&mesh)]);
     let text = String::from_utf8(output.stdout).unwrap();
     assert!(output.status.success() && text.contains("1 faces, 4 vertices") && !text.contains("PLY"), "{text}");
 }
@@ -57,10 +54,30 @@ fn a_mesh_without_faces_is_named_as_such() {
     let objects = write(dir.path(), "points.obj", "v 0 0 0\nv 1 0 0\n");
     for mesh in [&points, &objects] {
         for command in ["plan", "info"] {
-            let output = program(&[command, mesh.to_str().unwrap()]);
-            let text = String::from_utf8(output.stderr).unwrap();
+            let output = run(&[command, word(mesh)]);
+            let text = errors(&output);
             assert_eq!(output.status.code(), Some(1), "{command}: {text}");
             assert!(text.contains("has no faces") && text.lines().count() == 1, "{command}: {text}");
         }
+    }
+}
+
+/// A file without vertices was then said to be a point cloud, and one whose faces are strips behind an empty element of
+/// faces to have none.
+#[test]
+fn what_else_a_header_lacks_is_told_apart() {
+    let dir = tempfile::tempdir().unwrap();
+    let faces = "element face 1\nproperty list uchar int vertex_indices\n";
+    let text = format!("ply\nformat ascii 1.0\n{faces}end_header\n3 0 1 2\n");
+    let output = run(&["plan", word(&write(dir.path(), "faces.ply", &text))]);
+    assert_eq!(output.status.code(), Some(1));
+    assert!(errors(&output).contains("there is no vertex element"), "{}", errors(&output));
+    let strips = TETRAHEDRON.split("element face").next().unwrap().to_string()
+        + "element face 0\nproperty list uchar int vertex_indices\nelement tristrips 1\n\
+           property list int int vertex_indices\nend_header\n0 0 0\n1 0 0\n0 1 0\n0 0 1\n4 0 1 2 3\n";
+    let mesh = write(dir.path(), "strips.ply", &strips);
+    for command in ["info", "plan"] {
+        let output = run(&[command, word(&mesh)]);
+        assert!(output.status.success(), "{command}: {}", errors(&output));
     }
 }

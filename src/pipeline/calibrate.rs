@@ -128,12 +128,12 @@ pub fn size_of_mesh(path: &Path) -> Result<MeshSize> {
     let header = header::parse(path, if compressed { &head } else { &bytes })?;
     let count =
         |name: &str| header.elements.iter().find(|element| element.is(name)).map(|element| element.count as u64);
-    let (Some(vertices), Some(faces)) = (count("vertex"), count("face").or_else(|| count("tristrips"))) else {
-        return Err(no_faces(path));
+    let Some(vertices) = count("vertex") else {
+        return Err(Error::malformed(path, "header", "there is no vertex element", "export the mesh again"));
     };
-    if faces == 0 {
-        return Err(no_faces(path));
-    }
+    // An empty element of faces may stand before one of strips.
+    let some = |name: &str| count(name).filter(|&faces| faces > 0);
+    let Some(faces) = some("face").or_else(|| some("tristrips")) else { return Err(no_faces(path)) };
     let least =
         header.elements.iter().map(|element| element.count as u128 * element.least_size().max(1) as u128).sum::<u128>();
     if !compressed && least > bytes.len() as u128 {
