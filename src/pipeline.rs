@@ -106,6 +106,14 @@ pub struct SegmentParams {
     pub embedding: Option<EmbeddingParams>,
 }
 
+impl SegmentParams {
+    /// Whether rows of distances are kept, in a work directory that is `lasting` or temporary: in one that lasts always, else
+    /// where their columns are read again, by K-means, 2-means, and boundaries by the embedding.
+    pub fn keeps_rows(&self, lasting: bool) -> bool {
+        lasting || self.cluster != Cluster::Parts || self.boundaries == Boundaries::Embedding
+    }
+}
+
 /// Landmarks for K-means into `parts` parts: twice as many, so that every part can hold two, at least 10 and at most
 /// 60, but more than parts up to 512: beyond, eigenvectors would cost more than they tell apart.
 pub fn default_landmarks(parts: usize) -> usize {
@@ -113,7 +121,7 @@ pub fn default_landmarks(parts: usize) -> usize {
 }
 
 /// Landmarks for deciding parts on a mesh of `faces` faces: 60 where fronts are cheap, fewer where each costs. On the 190
-/// models of the benchmark 1 − Rand was .101, .097, .095, .093, .092, .093 with 20, 30, 40, 60, 80, 120.
+/// models of the benchmark 1 − Rand was .094, .093, .089, .087, .087, .086 with 20, 30, 40, 60, 80, 120.
 pub fn landmarks_for_parts(faces: usize) -> usize {
     match faces {
         0..=300_000 => 60,

@@ -230,13 +230,12 @@ impl Task<'_> {
         for Job { row, landmark, known } in jobs {
             let line = match known {
                 Some(known) => slots.put(row, landmark, known.items(self.head.nodes)),
-                None => {
-                    let made = match scratch.take() {
-                        None => self.scratch(slots, front, &name, work, run),
-                        Some(scratch) => Ok(scratch),
-                    };
-                    made.and_then(|made| self.row(slots, row, landmark, front, scratch.insert(made), run))
-                }
+                None => match &mut scratch {
+                    Some(scratch) => self.row(slots, row, landmark, front, scratch, run),
+                    None => self
+                        .scratch(slots, front, &name, work, run)
+                        .and_then(|made| self.row(slots, row, landmark, front, scratch.insert(made), run)),
+                },
             };
             let failed = line.is_err();
             if done.send(line).is_err() || failed {

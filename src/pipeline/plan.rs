@@ -5,7 +5,7 @@
 //! out along the line through both. The input's header is read, nothing else.
 
 use super::calibrate::Pace;
-use super::{Boundaries, Cluster, SegmentParams, default_landmarks, landmarks_for_parts};
+use super::{Cluster, SegmentParams, default_landmarks, landmarks_for_parts};
 use crate::base::{Error, Result};
 use crate::cluster::parts::PartCount;
 use crate::graph::Order;
@@ -191,8 +191,7 @@ impl Plan {
         let own: u64 = (0..t).map(|_| room.spare(4 * n)).sum();
         let fronts = triples + own;
         // Where nobody keeps them, a thread without memory for a row has a file for it.
-        let pass = params.cluster == Cluster::Parts && params.boundaries == Boundaries::Front && !lasting;
-        let (kept, scratch) = if pass { (0, 4 * n * t - own) } else { (4 * l * n, 0) };
+        let (kept, scratch) = if params.keeps_rows(lasting) { (4 * l * n, 0) } else { (0, 4 * n * t - own) };
         let rows = stage("rows", room.used, kept, 4 * n - field + scratch);
         room.give_back(field + fronts);
         stages.push(StagePlan { frees: frees(weights), ..rows });

@@ -8,7 +8,7 @@
 use super::report::Numbers;
 use super::rows;
 use super::surface::Surface;
-use super::{Boundaries, SegmentParams, landmarks_for_parts};
+use super::{SegmentParams, landmarks_for_parts};
 use crate::base::Result;
 use crate::cluster::cell_rows::{self, Average, greatest_share};
 use crate::distance::DistanceRows;
@@ -79,7 +79,7 @@ impl Ground<'_> {
     }
 
     fn sample(self, l: usize, params: &SegmentParams) -> Result<Sample> {
-        if !self.work.durable() && params.boundaries == Boundaries::Front {
+        if !params.keeps_rows(self.work.durable()) {
             return self.passing(RowParams { l, sampling: params.sampling });
         }
         let rows = rows(self.graph, self.weighted, l, params, self.work, self.run)?;
