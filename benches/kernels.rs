@@ -17,6 +17,7 @@ use nystrom_stream::graph::{DualGraph, Metric};
 use nystrom_stream::mesh::{self, Opened};
 use nystrom_stream::spectral::quality::Gamma;
 use nystrom_stream::spectral::{Columns, Embedding, EmbeddingParams, exp::exp};
+use nystrom_stream::store::Context;
 use nystrom_stream::store::{Run, WorkDir};
 use serde_json::json;
 use std::hint::black_box;
@@ -41,8 +42,8 @@ fn prepare(shuffle: bool) -> Prepared {
     creature.write_ply(&path, &run).expect("room for a mesh");
     let opened = mesh::open(&path, folder.path(), &run).expect("a mesh");
     let work = WorkDir::temporary(folder.path()).expect("a work directory");
-    let graph = DualGraph::build(&opened.mesh, &path, &json!(1), &work, &run).expect("a graph");
-    let weighted = graph.weighted(Metric::default(), &work, &run).expect("weights");
+    let graph = DualGraph::build(&opened.mesh, &path, &json!(1), Context::new(&work, &run)).expect("a graph");
+    let weighted = graph.weighted(Metric::default(), Context::new(&work, &run)).expect("weights");
     Prepared { opened, graph, weighted, work, folder }
 }
 
@@ -87,7 +88,7 @@ fn assigning(criterion: &mut Criterion) {
     let run = Run::new(&());
     let (graph, work) = (&prepared.graph, &prepared.work);
     let params = RowParams { l: 12, sampling: Sampling::Farthest };
-    let rows = DistanceRows::build(&prepared.weighted, &graph.nodes, params, work, &run).expect("rows");
+    let rows = DistanceRows::build(&prepared.weighted, &graph.nodes, params, Context::new(work, &run)).expect("rows");
     let columns = Columns::sample(&rows, &graph.nodes, 0);
     let embedding_params = EmbeddingParams::for_parts(6);
     let embedding = Embedding::fit(&rows, &columns, embedding_params).expect("an embedding");
@@ -120,7 +121,8 @@ fn building(criterion: &mut Criterion) {
         group.bench_function(order, |bencher| {
             bencher.iter(|| {
                 let work = WorkDir::temporary(prepared.folder.path()).expect("a work directory");
-                DualGraph::build(&prepared.opened.mesh, Path::new("creature"), &json!(1), &work, &run).map(drop)
+                DualGraph::build(&prepared.opened.mesh, Path::new("creature"), &json!(1), Context::new(&work, &run))
+                    .map(drop)
             });
         });
     }

@@ -6,7 +6,7 @@ use nystrom_stream::base::Result;
 use nystrom_stream::cluster::parts::{PartCount, PartsParams};
 use nystrom_stream::mesh;
 use nystrom_stream::pipeline::{SegmentParams, input, segment};
-use nystrom_stream::store::{Run, WorkDir};
+use nystrom_stream::store::{Context, Run, WorkDir};
 use std::path::Path;
 
 fn cut(path: &Path, parts: Option<usize>) -> Result<()> {
@@ -17,7 +17,7 @@ fn cut(path: &Path, parts: Option<usize>) -> Result<()> {
     let opened = mesh::open(path, work.path(), &run)?;
     let count = parts.map_or(PartCount::Found, PartCount::Exactly);
     let params = SegmentParams { parts: PartsParams { count, ..PartsParams::default() }, ..SegmentParams::default() };
-    let cut = segment(&opened, &input::identity(path)?, &params, &work, &run)?;
+    let cut = segment(&opened, &input::identity(path)?, &params, Context::new(&work, &run))?;
     let whole: f64 = cut.numbers.area.iter().sum();
     for (part, (faces, area)) in cut.numbers.faces.iter().zip(&cut.numbers.area).enumerate() {
         println!("part {part:3}: {faces:10} faces, {:5.1} % of the area", 100. * area / whole);

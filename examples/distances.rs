@@ -10,19 +10,23 @@ use nystrom_stream::distance::rows::RowParams;
 use nystrom_stream::graph::{DualGraph, Metric};
 use nystrom_stream::mesh;
 use nystrom_stream::pipeline::input;
-use nystrom_stream::store::{Run, WorkDir};
+use nystrom_stream::store::{Context, Run, WorkDir};
 use std::path::Path;
 
 fn distances(path: &Path, l: usize) -> Result<()> {
     let run = Run::new(&());
     let work = WorkDir::temporary(&std::env::temp_dir())?;
     let opened = mesh::open(path, work.path(), &run)?;
-    let graph = DualGraph::build(&opened.mesh, path, &input::identity(path)?, &work, &run)?;
+    let graph = DualGraph::build(&opened.mesh, path, &input::identity(path)?, Context::new(&work, &run))?;
     println!("{} faces, {} edges, {} components", graph.nodes.len(), graph.facts.edges, graph.facts.components);
 
-    let weighted = graph.weighted(Metric::Geodesic, &work, &run)?;
-    let rows =
-        DistanceRows::build(&weighted, &graph.nodes, RowParams { l, sampling: Sampling::Farthest }, &work, &run)?;
+    let weighted = graph.weighted(Metric::Geodesic, Context::new(&work, &run))?;
+    let rows = DistanceRows::build(
+        &weighted,
+        &graph.nodes,
+        RowParams { l, sampling: Sampling::Farthest },
+        Context::new(&work, &run),
+    )?;
     println!("landmarks: {:?}, mean distance {:.4}", rows.landmarks, rows.mean());
     // Row k is a mapped slice: any face's distance from landmark k.
     for (k, facts) in rows.facts.iter().enumerate() {

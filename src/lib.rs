@@ -8,7 +8,7 @@
 //! ```
 //! use nystrom_stream::apps::creature::{Creature, Options};
 //! use nystrom_stream::pipeline::{SegmentParams, input, segment};
-//! use nystrom_stream::store::{Run, WorkDir};
+//! use nystrom_stream::store::{Context, Run, WorkDir};
 //!
 //! # fn main() -> nystrom_stream::base::Result<()> {
 //! let run = Run::new(&()); // all cores, half of the free memory, no progress
@@ -17,7 +17,7 @@
 //! Creature::new(&Options { faces: 5_000, ..Options::default() })?.write_ply(&path, &run)?;
 //!
 //! let opened = nystrom_stream::mesh::open(&path, work.path(), &run)?;
-//! let cut = segment(&opened, &input::identity(&path)?, &SegmentParams::default(), &work, &run)?;
+//! let cut = segment(&opened, &input::identity(&path)?, &SegmentParams::default(), Context::new(&work, &run))?;
 //! assert_eq!(cut.labels.len(), opened.mesh.faces.len());
 //! println!("{} parts", cut.numbers.faces.len());
 //! # Ok(())

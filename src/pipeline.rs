@@ -36,7 +36,7 @@ use crate::graph::{DualGraph, GraphFacts, Metric, NodeOrder};
 use crate::mesh::{Opened, colours};
 use crate::spectral::EmbeddingParams;
 use crate::store::workdir::key_of;
-use crate::store::{MappedSlice, Run, WorkDir};
+use crate::store::{Context, MappedSlice};
 use k_means::Fit;
 use report::Numbers;
 use serde::{Deserialize, Serialize};
@@ -160,25 +160,24 @@ pub fn segment(
     opened: &Opened,
     identity: &serde_json::Value,
     params: &SegmentParams,
-    work: &WorkDir,
-    run: &Run,
+    context: Context<'_>,
 ) -> Result<Segmentation> {
     check(params, opened.document.path(), opened.mesh.faces.len())?;
-    let (ordered, mut graph) = stages::graph(opened, identity, params, work, run)?;
-    let order = ordered.into_nodes(work)?;
+    let (ordered, mut graph) = stages::graph(opened, identity, params, context)?;
+    let order = ordered.into_nodes(context.work)?;
     let clustered = match fit(params, opened.mesh.faces.len()) {
         Some((fit, parts)) => {
-            let weighted = graph.weighted(params.metric, work, run)?;
-            graph.release_lengths(work)?;
-            let rows = rows_for_means(&graph, &weighted, parts, params, work, run)?;
-            weighted.release(work)?;
+            let weighted = graph.weighted(params.metric, context)?;
+            graph.release_lengths(context.work)?;
+            let rows = rows_for_means(&graph, &weighted, parts, params, context)?;
+            weighted.release(context.work)?;
             let embedding = params.embedding.unwrap_or(EmbeddingParams::for_parts(dimensions(params)));
-            let assign = || k_means::k_means(&graph, &rows, embedding, fit, work, run);
-            run.stage("assign", "faces", rows.nodes as u64, assign)?.0
+            let assign = || k_means::k_means(&graph, &rows, embedding, fit, context);
+            context.run.stage("assign", "faces", rows.nodes as u64, assign)?.0
         }
-        None => parts::parts(&graph, params, None, work, run)?,
+        None => parts::parts(&graph, params, None, context)?,
     };
-    label(&graph, order, clustered, params, work, run)
+    label(&graph, order, clustered, params, context)
 }
 
 /// Brings labels into the order of the file, colours the parts and stamps the result.
@@ -187,21 +186,20 @@ fn label(
     order: NodeOrder,
     clustered: Clustered,
     params: &SegmentParams,
-    work: &WorkDir,
-    run: &Run,
+    context: Context<'_>,
 ) -> Result<Segmentation> {
-    let touching = contacts::between(graph, &clustered.labels, run)?;
+    let touching = contacts::between(graph, &clustered.labels, context.run)?;
     let mut numbers = clustered.numbers;
     numbers.landmarks.iter_mut().for_each(|node| *node = order.face(*node));
-    let labels = order.restore("labels.npy", clustered.labels, work, run)?;
-    let quality = order.restore("quality.npy", clustered.quality, work, run)?;
+    let labels = order.restore("labels.npy", clustered.labels, context)?;
+    let quality = order.restore("quality.npy", clustered.quality, context)?;
     let mut colours = colours::assign(numbers.faces.len(), &touching);
     if let Some(dust) = numbers.dust_label {
         colours[dust as usize] = DUST_COLOUR;
     }
-    let options = json!({"stage": "labels", "graph": graph.key, "params": params, "seed": run.seed});
+    let options = json!({"stage": "labels", "graph": graph.key, "params": params, "seed": context.run.seed});
     let facts = kept::LabelFacts { faces: numbers.faces.clone(), colours: colours.clone() };
-    work.stamp("labels", &key_of(&options), &options, &["labels.npy", "quality.npy"], &facts, 0.)?;
+    context.work.stamp("labels", &key_of(&options), &options, &["labels.npy", "quality.npy"], &facts, 0.)?;
     Ok(Segmentation { colours, labels, quality, order: order.facts, graph: graph.facts.clone(), numbers })
 }
 
@@ -216,11 +214,10 @@ fn rows_for_means(
     weighted: &Weighted,
     parts: usize,
     params: &SegmentParams,
-    work: &WorkDir,
-    run: &Run,
+    context: Context<'_>,
 ) -> Result<DistanceRows> {
     let l = params.landmarks.unwrap_or(default_landmarks(parts));
-    rows(graph, weighted, l, params, work, run)
+    rows(graph, weighted, l, params, context)
 }
 
 /// How centres in the embedding are found, and how many parts to provide landmarks for; nothing where parts are
@@ -242,10 +239,9 @@ fn rows(
     weighted: &Weighted,
     l: usize,
     params: &SegmentParams,
-    work: &WorkDir,
-    run: &Run,
+    context: Context<'_>,
 ) -> Result<DistanceRows> {
-    DistanceRows::build(weighted, &graph.nodes, RowParams { l, sampling: params.sampling }, work, run)
+    DistanceRows::build(weighted, &graph.nodes, RowParams { l, sampling: params.sampling }, context)
 }
 
 /// Refuses numbers of parts that make no sense for this mesh, and ways that exclude each other.

@@ -17,6 +17,7 @@ use nystrom_stream::graph::VertexGraph;
 use nystrom_stream::mesh::{self, Mesh};
 use nystrom_stream::spectral::orthogonal::{Orthogonal, OrthogonalParams, Point, Style};
 use nystrom_stream::spectral::{Kernel, eigen};
+use nystrom_stream::store::Context;
 use nystrom_stream::store::{Budget, Run, WorkDir};
 use std::collections::BTreeMap;
 use std::path::Path;
@@ -45,8 +46,8 @@ fn sheet(folder: &Path, n: usize, bend: f64) -> Mesh {
     Mesh::from_arrays(folder, &points, &faces).unwrap()
 }
 
-fn graph(mesh: &Mesh, work: &WorkDir, run: &Run) -> VertexGraph {
-    VertexGraph::build(mesh, Path::new("m"), work, run).unwrap()
+fn graph(mesh: &Mesh, context: Context<'_>) -> VertexGraph {
+    VertexGraph::build(mesh, Path::new("m"), context).unwrap()
 }
 
 #[test]
@@ -64,7 +65,7 @@ fn rows_and_rings_are_those_of_the_faces_whatever_threads_and_memory() {
     for (threads, bytes) in [(1, 1 << 30), (3, 3 << 20)] {
         let work = WorkDir::temporary(dir.path()).unwrap();
         let run = Run { threads, budget: Budget::new(bytes), ..Run::new(&()) };
-        let graph = graph(mesh, &work, &run);
+        let graph = graph(mesh, Context::new(&work, &run));
         assert_eq!(graph.facts.components, 1);
         for (v, pairs) in around.iter().enumerate() {
             let mut ring: Vec<[u32; 2]> = graph.ring
@@ -107,13 +108,13 @@ fn seams_are_closed_and_pieces_bridged() {
     ];
     let mesh = Mesh::from_arrays(dir.path(), &points, &[[0u32, 1, 2], [3, 5, 4], [6, 7, 8]]).unwrap();
     let work = WorkDir::temporary(dir.path()).unwrap();
-    let graph = graph(&mesh, &work, &run);
+    let graph = graph(&mesh, Context::new(&work, &run));
     assert_eq!((graph.facts.seams, graph.facts.components, graph.facts.open), (2, 3, 9));
     let field = oracle::dijkstra(graph.csr(), 0);
     assert!(field.iter().all(|d| d.is_finite()), "{field:?}");
     assert!((field[5] * graph.frame.scale as f32 - 2.).abs() < 1e-5);
     let flat = Mesh::from_arrays(dir.path(), &points[..3], &[[0u32, 0, 1]]).unwrap();
-    assert!(VertexGraph::build(&flat, Path::new("m"), &work, &run).is_err());
+    assert!(VertexGraph::build(&flat, Path::new("m"), Context::new(&work, &run)).is_err());
 }
 
 #[test]
@@ -139,7 +140,7 @@ fn marching_is_the_fixed_point_and_nearer_the_truth_than_edges() {
     for bend in [0., 1.] {
         let mesh = sheet(dir.path(), 24, bend);
         let work = WorkDir::temporary(dir.path()).unwrap();
-        let graph = graph(&mesh, &work, &run);
+        let graph = graph(&mesh, Context::new(&work, &run));
         let surface = Surface::of(&graph);
         let mut march = March::new(mean_weight(surface.graph));
         let mut field = vec![0.; graph.len()];
@@ -208,16 +209,17 @@ fn rows_along_edges_are_dijkstras() {
     let run = Run::new(&());
     let mesh = sheet(dir.path(), 20, 1.);
     let work = WorkDir::temporary(dir.path()).unwrap();
-    let graph = graph(&mesh, &work, &run);
+    let graph = graph(&mesh, Context::new(&work, &run));
     let surface = Surface::of(&graph);
     let params = RowParams { l: 6, sampling: Sampling::Farthest };
-    let landmarks = vertex_rows::landmarks(surface, params, &work, &run).unwrap();
+    let landmarks = vertex_rows::landmarks(surface, params, Context::new(&work, &run)).unwrap();
     assert_eq!(landmarks, oracle::farthest_points(surface.graph, landmarks[0], 6));
-    let rows = vertex_rows::rows(surface, landmarks.clone(), Distance::Edges, "r.npy", &work, &run).unwrap();
+    let rows =
+        vertex_rows::rows(surface, landmarks.clone(), Distance::Edges, "r.npy", Context::new(&work, &run)).unwrap();
     for (k, &landmark) in landmarks.iter().enumerate() {
         assert_eq!(rows.row(k), oracle::dijkstra(surface.graph, landmark));
     }
-    assert!(vertex_rows::landmarks(surface, RowParams { l: 0, ..params }, &work, &run).is_err());
+    assert!(vertex_rows::landmarks(surface, RowParams { l: 0, ..params }, Context::new(&work, &run)).is_err());
 }
 
 /// Stops everything after some rows.
@@ -239,8 +241,8 @@ fn rows_that_were_stopped_go_on_where_they_were() {
     let params = RowParams { l: 9, sampling: Sampling::Farthest };
     let work = WorkDir::open(&dir.path().join("work")).unwrap();
     let rows = |run: &Run<'_>, key: &str, distance| {
-        let graph = VertexGraph::build(&mesh, Path::new("m"), &work, run)?;
-        vertex_rows::kept(Surface::of(&graph), params, distance, key, &work, run)
+        let graph = VertexGraph::build(&mesh, Path::new("m"), Context::new(&work, run))?;
+        vertex_rows::kept(Surface::of(&graph), params, distance, key, Context::new(&work, run))
     };
     let whole = rows(&free, "1", Distance::March).unwrap();
     let all = whole.distances.to_vec();
@@ -270,14 +272,15 @@ fn with_every_vertex_a_landmark_the_embedding_is_that_of_the_whole_matrix() {
     let run = Run::new(&());
     let mesh = sheet(dir.path(), 9, 1.);
     let work = WorkDir::temporary(dir.path()).unwrap();
-    let graph = graph(&mesh, &work, &run);
+    let graph = graph(&mesh, Context::new(&work, &run));
     let n = graph.len();
     let all = (0..n as u32).collect();
-    let rows = vertex_rows::rows(Surface::of(&graph), all, Distance::Edges, "r.npy", &work, &run).unwrap();
+    let rows =
+        vertex_rows::rows(Surface::of(&graph), all, Distance::Edges, "r.npy", Context::new(&work, &run)).unwrap();
     let kernel = Kernel::Exponential;
     let params = OrthogonalParams { kernel, width: 1., dimensions: 5, style: Style::Orthogonal };
     let fit = Orthogonal::fit(&rows, &graph.nodes, params, &run).unwrap();
-    let points = fit.embed(&rows, fit.sigma, "e.npy", &work, &run).unwrap();
+    let points = fit.embed(&rows, fit.sigma, "e.npy", Context::new(&work, &run)).unwrap();
     let total: f64 = graph.nodes.iter().map(|node| f64::from(node.area)).sum();
     let root: Vec<f64> = graph.nodes.iter().map(|node| (f64::from(node.area) / total).sqrt()).collect();
     let w = DMatrix::from_fn(n, n, |i, j| root[i] * root[j] * kernel.of(fit.sigma, f64::from(rows.row(i)[j])));
@@ -313,11 +316,11 @@ fn the_nearest_is_the_nearest() {
     let run = Run::new(&());
     let mesh = sheet(dir.path(), 40, 1.);
     let work = WorkDir::temporary(dir.path()).unwrap();
-    let graph = graph(&mesh, &work, &run);
+    let graph = graph(&mesh, Context::new(&work, &run));
     for k in 2..=8 {
         let points = points_on(&graph, k);
-        let whole = Nearest::new(&points, graph.csr(), k, &work, &run).unwrap();
-        let part = Nearest::with_limit(&points, graph.csr(), k, 200, &work, &run).unwrap();
+        let whole = Nearest::new(&points, graph.csr(), k, Context::new(&work, &run)).unwrap();
+        let part = Nearest::with_limit(&points, graph.csr(), k, 200, Context::new(&work, &run)).unwrap();
         let mut right = 0;
         for v in (0..graph.len()).step_by(7) {
             let query: Point = std::array::from_fn(|i| if i < k { points[v][i] + 0.01 * i as f32 } else { 0. });
@@ -332,10 +335,10 @@ fn the_nearest_is_the_nearest() {
     }
     // Many vertices at one place do no harm, and a budget too small is said.
     let same = vec![[0.5f32; 8]; graph.len()];
-    let found = Nearest::new(&same, graph.csr(), 8, &work, &run).unwrap().nearest(&[0.5; 8]);
+    let found = Nearest::new(&same, graph.csr(), 8, Context::new(&work, &run)).unwrap().nearest(&[0.5; 8]);
     assert_eq!(found.square, 0.);
     let poor = Run { budget: Budget::new(1000), ..Run::new(&()) };
-    assert!(Nearest::new(&same, graph.csr(), 8, &work, &poor).is_err());
+    assert!(Nearest::new(&same, graph.csr(), 8, Context::new(&work, &poor)).is_err());
 }
 
 #[test]
@@ -344,7 +347,7 @@ fn mutual_matches_are_mutual_and_one_to_one_ones_stable() {
     let run = Run::new(&());
     let mesh = sheet(dir.path(), 20, 1.);
     let work = WorkDir::temporary(dir.path()).unwrap();
-    let graph = graph(&mesh, &work, &run);
+    let graph = graph(&mesh, Context::new(&work, &run));
     let b = points_on(&graph, 3);
     let mut draw = stream(2, "shift");
     let a: Vec<Point> = b
@@ -353,10 +356,10 @@ fn mutual_matches_are_mutual_and_one_to_one_ones_stable() {
         .collect();
     let alignment =
         Alignment { transform: DMatrix::identity(3, 3), cost: 0., transport: None, distortion: None, orientation: 1. };
-    let in_a = Nearest::new(&a, graph.csr(), 3, &work, &run).unwrap();
-    let in_b = Nearest::new(&b, graph.csr(), 3, &work, &run).unwrap();
+    let in_a = Nearest::new(&a, graph.csr(), 3, Context::new(&work, &run)).unwrap();
+    let in_b = Nearest::new(&b, graph.csr(), 3, Context::new(&work, &run)).unwrap();
     let pair = Pair { a: &a, b: &b, graph_a: &graph, graph_b: &graph, alignment: &alignment, in_b: &in_b, in_a: &in_a };
-    let of = |matching| matches(pair, matching, "m.npy", &work, &run).unwrap().to_vec();
+    let of = |matching| matches(pair, matching, "m.npy", Context::new(&work, &run)).unwrap().to_vec();
     let square = |p: &Point, q: &Point| p.iter().zip(q).map(|(x, y)| (x - y) * (x - y)).sum::<f32>();
     let all = of(Matching::All);
     for (v, one) in all.iter().enumerate() {

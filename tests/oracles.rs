@@ -17,6 +17,7 @@ use nystrom_stream::mesh::{self, Mesh};
 use nystrom_stream::spectral::embedding::Width;
 use nystrom_stream::spectral::quality::Gamma;
 use nystrom_stream::spectral::{Columns, Embedding, EmbeddingParams, Kernel, Normalisation};
+use nystrom_stream::store::Context;
 use nystrom_stream::store::{Budget, Run, WorkDir};
 use proptest::prelude::*;
 use std::collections::{BTreeMap, BTreeSet, HashMap};
@@ -35,7 +36,8 @@ fn build_in(run: Run<'static>, make: impl FnOnce(&Path) -> Mesh) -> Built {
     let dir = tempfile::tempdir().unwrap();
     let mesh = make(dir.path());
     let work = WorkDir::temporary(dir.path()).unwrap();
-    let graph = DualGraph::build(&mesh, Path::new("made in code"), &serde_json::json!(1), &work, &run).unwrap();
+    let graph =
+        DualGraph::build(&mesh, Path::new("made in code"), &serde_json::json!(1), Context::new(&work, &run)).unwrap();
     Built { graph, mesh, work, run, _dir: dir }
 }
 
@@ -49,13 +51,18 @@ fn build(shape: &Shape) -> Built {
 
 impl Built {
     fn weighted(&self, metric: Metric) -> Weighted {
-        self.graph.weighted(metric, &self.work, &self.run).unwrap()
+        self.graph.weighted(metric, Context::new(&self.work, &self.run)).unwrap()
     }
 
     fn rows(&self, l: usize) -> DistanceRows {
         let params = RowParams { l, sampling: Sampling::Farthest };
-        DistanceRows::build(&self.weighted(Metric::default()), &self.graph.nodes, params, &self.work, &self.run)
-            .unwrap()
+        DistanceRows::build(
+            &self.weighted(Metric::default()),
+            &self.graph.nodes,
+            params,
+            Context::new(&self.work, &self.run),
+        )
+        .unwrap()
     }
 }
 

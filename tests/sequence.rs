@@ -8,6 +8,7 @@ use nystrom_stream::apps::sequence::{Measures, VertexUse, Way, places};
 use nystrom_stream::mesh::rearranged::{self, Rearrangement};
 use nystrom_stream::mesh::{self, Opened, PlyForm};
 use nystrom_stream::pipeline::sequence::{SequenceParams, Sequencer};
+use nystrom_stream::store::Context;
 use nystrom_stream::store::{Budget, Run, WorkDir};
 use ply_rs_bw::parser::Parser;
 use ply_rs_bw::ply::{DefaultElement, Ply, Property};
@@ -91,11 +92,11 @@ fn survives(name: &str, path: &Path) {
     ] {
         let run = Run { threads, budget: Budget::new(memory), ..Run::new(&()) };
         let out = dir.path().join("out.ply");
-        rearranged::write(&before.document, &before.mesh, &out, &order, form, &work, &run).unwrap();
+        rearranged::write(&before.document, &before.mesh, &out, &order, form, Context::new(&work, &run)).unwrap();
         outputs.push(std::fs::read(&out).unwrap());
         let scratch = dir.path().join("scratch");
         std::fs::create_dir_all(&scratch).unwrap();
-        let after = mesh::open(&out, &scratch, &run).unwrap();
+        let after = mesh::open(&out, Context::new(&scratch, &run)).unwrap();
         assert_rearranged(name, &before, &after, &places, &numbers);
         if form == PlyForm::Same && !strips {
             assert_kept(name, path, &out, "face", &places, &numbers);
@@ -135,15 +136,32 @@ fn edges_name_the_vertices_they_named() {
     let opened = mesh::open(&path, work.path(), &run).unwrap();
     let mut out = Vec::new();
     let order = Rearrangement { places: &[1, 0], numbers: &[3, 1, 0, 2], original: false };
-    rearranged::write_to(&opened.document, &opened.mesh, "x", &mut out, &order, PlyForm::Same, &work, &run).unwrap();
+    rearranged::write_to(
+        &opened.document,
+        &opened.mesh,
+        "x",
+        &mut out,
+        &order,
+        PlyForm::Same,
+        Context::new(&work, &run),
+    )
+    .unwrap();
     let out = String::from_utf8(out).unwrap();
     let (head, body) = out.split_once("end_header\n").unwrap();
     assert!(head.contains("comment kept"));
     assert_eq!(body, "1 1 0\n1 0 0\n0 1 0\n0 0 0\n3 0 7\n2 3 9\n3 3 0 2\n3 3 1 0\n");
     let wrong = Rearrangement { places: &[0], ..order };
     assert!(
-        rearranged::write_to(&opened.document, &opened.mesh, "x", &mut Vec::new(), &wrong, PlyForm::Same, &work, &run)
-            .is_err()
+        rearranged::write_to(
+            &opened.document,
+            &opened.mesh,
+            "x",
+            &mut Vec::new(),
+            &wrong,
+            PlyForm::Same,
+            Context::new(&work, &run)
+        )
+        .is_err()
     );
 }
 
@@ -198,8 +216,8 @@ fn measures_are_their_definitions() {
         let run = Run { threads: 2, budget: Budget::new(4 << 20), ..Run::new(&()) };
         let opened = mesh::open(&shape.write(dir.path()), work.path(), &run).unwrap();
         let places = permutation(shape.faces.len(), 271);
-        let uses = VertexUse::of(&opened.mesh, &places, &work, &run).unwrap();
-        let found = Measures::of(&opened.mesh, &uses, &work, &run).unwrap();
+        let uses = VertexUse::of(&opened.mesh, &places, Context::new(&work, &run)).unwrap();
+        let found = Measures::of(&opened.mesh, &uses, Context::new(&work, &run)).unwrap();
         assert_eq!(found, by_definition(&shape.faces, shape.vertices.len(), &places), "{}", shape.name);
         let numbers: BTreeSet<u32> = uses.rank.iter().copied().collect();
         assert_eq!(numbers.len(), shape.vertices.len(), "{}", shape.name);
@@ -214,7 +232,7 @@ fn faces_come_by_their_corners_greatest_first() {
         let run = Run::new(&());
         let opened = mesh::open(&shape.write(dir.path()), work.path(), &run).unwrap();
         let rank = permutation(shape.vertices.len(), 577);
-        let found = places("p.tmp", &opened.mesh, &rank, &work, &run).unwrap();
+        let found = places("p.tmp", &opened.mesh, &rank, Context::new(&work, &run)).unwrap();
         let key = |f: usize| {
             let mut ranks: Vec<u32> = shape.faces[f].iter().map(|&v| rank[v as usize]).collect();
             ranks.sort_unstable_by(|a, b| b.cmp(a));
@@ -280,7 +298,7 @@ fn components_come_one_after_another_and_each_is_ordered_along_itself() {
     let run = Run::new(&());
     let opened = mesh::open(&both.write(dir.path()), work.path(), &run).unwrap();
     let identity = json!({});
-    let sequencer = Sequencer::new(&opened, &identity, &work, &run).unwrap();
+    let sequencer = Sequencer::new(&opened, &identity, Context::new(&work, &run)).unwrap();
     for (order, sweeps) in [(Way::Spectral, 0), (Way::Spectral, 9), (Way::Bfs, 0), (Way::Rcm, 0)] {
         let sequence = sequencer.sequence(&SequenceParams { order, sweeps, ..SequenceParams::default() }).unwrap();
         let first =

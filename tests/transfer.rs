@@ -7,6 +7,7 @@ use nystrom_stream::apps::transfer::clean::NONE;
 use nystrom_stream::apps::transfer::nearest::{Frame, Probe, Tree, distance_2, normal, unit, unpack, window};
 use nystrom_stream::apps::transfer::transfer;
 use nystrom_stream::mesh::{self, Mesh, Opened};
+use nystrom_stream::store::Context;
 use nystrom_stream::store::{Budget, Run, WorkDir};
 use std::path::Path;
 
@@ -106,7 +107,7 @@ fn a_mesh_gets_its_own_labels_back_and_another_resolution_nearly() {
             let (from, to) = (open(from, scratch.path()), open(to, work.path()));
             for (labels, wanted) in [(truths[a].clone(), truths[b].clone()), (octants(&from.mesh), octants(&to.mesh))] {
                 let work = WorkDir::temporary(dir.path()).unwrap();
-                let result = transfer(&from, &labels, &to, &work, &run()).unwrap();
+                let result = transfer(&from, &labels, &to, Context::new(&work, &run())).unwrap();
                 let share = agreement(&result.labels, &wanted);
                 let facts = result.facts;
                 if a == b {
@@ -131,7 +132,7 @@ fn threads_and_memory_change_nothing() {
     for (threads, memory) in [(2, 1 << 30), (1, 1 << 30), (2, 2 << 20)] {
         let run = Run { threads, budget: Budget::new(memory), ..Run::new(&()) };
         let work = WorkDir::temporary(dir.path()).unwrap();
-        let result = transfer(&from, &labels, &to, &work, &run).unwrap();
+        let result = transfer(&from, &labels, &to, Context::new(&work, &run)).unwrap();
         let now = (result.labels.to_vec(), result.quality.to_vec());
         assert!(*first.get_or_insert_with(|| now.clone()) == now, "{threads} {memory}");
     }
@@ -177,7 +178,7 @@ fn thin_walls_keep_their_sides_even_wound_the_other_way() {
         let to = sheets(dir.path(), 33, turned);
         // Bent towards each other, so that the nearest face of all is often the wrong one.
         let work = WorkDir::temporary(dir.path()).unwrap();
-        let result = transfer(&from, &labels, &to, &work, &run()).unwrap();
+        let result = transfer(&from, &labels, &to, Context::new(&work, &run())).unwrap();
         let half = result.labels.len() / 2;
         assert!(result.labels[..half].iter().all(|&label| label == 0), "{turned}");
         assert!(result.labels[half..].iter().all(|&label| label == 1), "{turned}");
@@ -193,15 +194,15 @@ fn unlabelled_faces_are_filled_in_and_strangers_refused() {
     labels[100..200].fill(NONE);
     let to = sheets(dir.path(), 25, false);
     let work = WorkDir::temporary(dir.path()).unwrap();
-    let result = transfer(&from, &labels, &to, &work, &run()).unwrap();
+    let result = transfer(&from, &labels, &to, Context::new(&work, &run())).unwrap();
     assert!(result.facts.filled > 20 && result.facts.uncertain >= result.facts.filled, "{:?}", result.facts);
     assert!(result.labels.iter().enumerate().all(|(face, &label)| label == 5 + u32::from(face >= 1250)));
-    assert!(transfer(&from, &labels[1..], &to, &work, &run()).is_err());
+    assert!(transfer(&from, &labels[1..], &to, Context::new(&work, &run())).is_err());
 
     let path = dir.path().join("far.off");
     std::fs::write(&path, "OFF\n3 1 0\n9 9 9\n9.1 9 9\n9 9.1 9\n3 0 1 2\n").unwrap();
     let far = open(&path, work.path());
-    let message = transfer(&from, &labels, &far, &work, &run()).unwrap_err().to_string();
+    let message = transfer(&from, &labels, &far, Context::new(&work, &run())).unwrap_err().to_string();
     assert!(message.contains("same place, in the same unit") && !message.contains('\n'), "{message}");
 }
 

@@ -96,7 +96,7 @@ pub fn correspond(
         let (a, b) = (open(0)?, open(1)?);
         let vertices = a.mesh.positions.len().max(b.mesh.positions.len());
         params.landmarks = options.landmarks.unwrap_or(default_landmarks(vertices));
-        let result = match_meshes(&a, &b, None, &params, &work, run)?;
+        let result = match_meshes(&a, &b, None, &params, Context::new(&work, run))?;
         let report = json!({
             "options": params,
             "seed": run.seed,

@@ -15,7 +15,7 @@ use nystrom_stream::base::{Cancel, Error};
 use nystrom_stream::mesh;
 use nystrom_stream::pipeline::report::Report;
 use nystrom_stream::pipeline::{SegmentParams, input, segment as segment_mesh};
-use nystrom_stream::store::{Budget, Run, WorkDir};
+use nystrom_stream::store::{Context, Budget, Run, WorkDir};
 use options::Options;
 use pyo3::exceptions::{PyKeyboardInterrupt, PyMemoryError, PyOSError, PyRuntimeError, PyValueError};
 use pyo3::prelude::*;
@@ -101,19 +101,18 @@ impl Outcome {
         path: &Path,
         identity: &serde_json::Value,
         params: &SegmentParams,
-        work: &WorkDir,
-        run: &Run,
+        context: Context<'_>,
         listener: &Listener,
     ) -> Result<Self, Error> {
-        let opened = &mesh::open(path, work.path(), run)?;
-        let result = segment_mesh(opened, identity, params, work, run)?;
+        let opened = &mesh::open(path, context.work.path(), context.run)?;
+        let result = segment_mesh(opened, identity, params, context)?;
         let seconds: BTreeMap<String, f64> = listener.seconds();
-        let report = Report::new(opened, params, &result, work, run, seconds, None);
+        let report = Report::new(opened, params, &result, context, seconds, None);
         Ok(Self {
             labels: result.labels.to_vec(),
             quality: result.quality.to_vec(),
             colours: result.colours,
-            tree: std::fs::read_to_string(work.file("tree.json")).ok(),
+            tree: std::fs::read_to_string(context.work.file("tree.json")).ok(),
             report: serde_json::to_string(&report).unwrap_or_default(),
         })
     }
@@ -176,7 +175,7 @@ fn segment(
     // The arrays belong to Python: the lock is kept while they are read.
     let identity = arrays.write(&path).map_err(raised)?;
     let outcome =
-        with_run(py, &options, progress, |run, listener| Outcome::of(&path, &identity, &params, &work, run, listener))?;
+        with_run(py, &options, progress, |run, listener| Outcome::of(&path, &identity, &params, Context::new(&work, run), listener))?;
     outcome.into_python(py)
 }
 
@@ -195,7 +194,7 @@ fn segment_file(
     let outcome = with_run(py, &options, progress, |run, listener| {
         let work = work_dir(&options)?;
         let identity = input::identity(&path)?;
-        Outcome::of(&path, &identity, &params, &work, run, listener)
+        Outcome::of(&path, &identity, &params, Context::new(&work, run), listener)
     })?;
     outcome.into_python(py)
 }

@@ -4,6 +4,7 @@ use super::method::SamplingArg;
 use super::options::RunArgs;
 use super::output::folder_of;
 use super::{Failure, Surroundings};
+use crate::store::Context;
 use clap::ValueEnum;
 use nystrom_stream::apps::correspond::carry::{Colours, Property};
 use nystrom_stream::apps::correspond::show::side_by_side;
@@ -161,7 +162,7 @@ pub fn run(args: &Args, surroundings: &Surroundings) -> Result<(), Failure> {
     let open = |path: &Path, name: &str| -> Result<Opened> {
         let scratch = work.file(name);
         std::fs::create_dir_all(&scratch).map_err(Error::io(&scratch, "create"))?;
-        let (opened, _) = run.stage("read", "bytes", 0, || mesh::open(path, &scratch, &run))?;
+        let (opened, _) = run.stage("read", "bytes", 0, || mesh::open(path, Context::new(&scratch, &run)))?;
         opened.notes.iter().for_each(|note| run.progress.note(note));
         Ok(opened)
     };
@@ -170,11 +171,11 @@ pub fn run(args: &Args, surroundings: &Surroundings) -> Result<(), Failure> {
         params.landmarks = default_landmarks(a.mesh.positions.len().max(b.mesh.positions.len()));
     }
     let inputs = args.work_dir.as_ref().map(|_| Ok::<_, Error>([input::identity(&args.a)?, input::identity(&args.b)?]));
-    let result = correspond(&a, &b, inputs.transpose()?.as_ref(), &params, &work, &run)?;
+    let result = correspond(&a, &b, inputs.transpose()?.as_ref(), &params, Context::new(&work, &run))?;
     tell(&result, args.method.alternative, &run);
     let write = || args.output.iter().try_for_each(|path| files::write(path, &result.matches, &run));
     run.stage("write", "vertices", result.matches.len() as u64, write)?;
-    show(args, &a, &b, &result.matches, &work, &run)?;
+    show(args, &a, &b, &result.matches, Context::new(&work, &run))?;
     let Some(target) = &args.json else { return Ok(()) };
     let mut seconds = bars.take_seconds();
     seconds.insert("total".into(), start.elapsed().as_secs_f64());
@@ -204,29 +205,29 @@ pub fn run(args: &Args, surroundings: &Surroundings) -> Result<(), Failure> {
 }
 
 /// Writes colours, picture and what is carried, where asked for.
-fn show(args: &Args, a: &Opened, b: &Opened, matches: &[Match], work: &WorkDir, run: &Run) -> Result<()> {
+fn show(args: &Args, a: &Opened, b: &Opened, matches: &[Match], context: Context<'_>) -> Result<()> {
     if !args.colours.is_empty() || args.picture.is_some() {
         let colours = match args.colour_by {
-            ColourArg::Position => Colours::by_position(&b.mesh, work, run)?,
-            ColourArg::Parts => Colours::by_parts(b, work, run)?,
+            ColourArg::Position => Colours::by_position(&b.mesh, context)?,
+            ColourArg::Parts => Colours::by_parts(b, context)?,
         };
         if let [to_a, to_b] = &args.colours[..] {
             let (of_a, of_b) = (|v: usize| colours.of_match(&matches[v]), |v| colours.of_b(v));
-            annotated::write_annotated(to_a, &a.mesh, &annotated::colours(of_a), &[], run)?;
-            annotated::write_annotated(to_b, &b.mesh, &annotated::colours(of_b), &[], run)?;
+            annotated::write_annotated(to_a, &a.mesh, &annotated::colours(of_a), &[], context.run)?;
+            annotated::write_annotated(to_b, &b.mesh, &annotated::colours(of_b), &[], context.run)?;
         }
         if let Some(path) = &args.picture {
             let params = PictureParams { height: 800, ..PictureParams::default() };
-            side_by_side(&a.mesh, &b.mesh, matches, &colours, &params, work, run)?.write_png(path)?;
+            side_by_side(&a.mesh, &b.mesh, matches, &colours, &params, context)?.write_png(path)?;
         }
     }
     let Some(path) = &args.carried else { return Ok(()) };
-    let read = |name: &String| Property::read(b, name, work, run);
+    let read = |name: &String| Property::read(b, name, context);
     let properties = args.carry.iter().map(read).collect::<Result<Vec<_>>>()?;
     let columns = |of: Of| -> Vec<_> {
         properties.iter().filter(|one| one.of == of).map(|one| one.column(&a.mesh, matches)).collect()
     };
-    annotated::write_annotated(path, &a.mesh, &columns(Of::Vertices), &columns(Of::Faces), run)
+    annotated::write_annotated(path, &a.mesh, &columns(Of::Vertices), &columns(Of::Faces), context.run)
 }
 
 /// Says where the shape leaves a choice.

@@ -6,6 +6,7 @@ use super::{Failure, Surroundings};
 use nystrom_stream::mesh::header;
 use nystrom_stream::mesh::model::{Element, Kind, Property};
 use nystrom_stream::pipeline::calibrate::size_of_mesh;
+use nystrom_stream::store::Context;
 use nystrom_stream::store::check::verify as check;
 use nystrom_stream::store::workdir::Manifest;
 use nystrom_stream::store::{MappedBytes, Run, WorkDir};
@@ -121,7 +122,7 @@ pub fn verify(args: &Args, surroundings: &Surroundings) -> Result<(), Failure> {
     let run: Run = args.run.run(&bars, surroundings);
     let work = WorkDir::open_existing(&args.work_dir)?;
     let bytes = work.manifest().stages.values().flat_map(|stage| stage.files.values()).map(|file| file.bytes).sum();
-    let (all, _) = run.stage("verify", "bytes", bytes, || check(&work, &run))?;
+    let (all, _) = run.stage("verify", "bytes", bytes, || check(Context::new(&work, &run)))?;
     let mut out = std::io::stdout().lock();
     if args.json {
         let _ = writeln!(out, "{}", serde_json::to_string_pretty(&all).unwrap_or_default());

@@ -5,6 +5,7 @@ use nystrom_stream::apps::correspond::{Errors, error, files};
 use nystrom_stream::base::{Error, Result};
 use nystrom_stream::graph::VertexGraph;
 use nystrom_stream::mesh;
+use nystrom_stream::store::Context;
 use nystrom_stream::store::{Run, WorkDir};
 use serde_json::json;
 use std::path::Path;
@@ -20,7 +21,7 @@ pub fn judge(matches: &Path, mesh: &Path, truth: Option<&Path>, samples: usize, 
     }
     let work = WorkDir::temporary(&std::env::temp_dir())?;
     let opened = mesh::open(mesh, work.path(), run)?;
-    let graph = VertexGraph::build(&opened.mesh, mesh, &work, run)?;
+    let graph = VertexGraph::build(&opened.mesh, mesh, Context::new(&work, run))?;
     let real = |v: usize| real.as_ref().map_or(Some(v as u32), |real| real[v]);
     let step = found.len().div_ceil(samples.max(1)).max(1);
     let (mut pairs, mut unmatched) = (Vec::new(), 0);

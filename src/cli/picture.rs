@@ -3,6 +3,7 @@
 use super::options::RunArgs;
 use super::output::folder_of;
 use super::{Failure, Surroundings};
+use crate::store::Context;
 use nystrom_stream::apps::picture::{PictureParams, Up, colours_for, render};
 use nystrom_stream::base::{Error, Result};
 use nystrom_stream::mesh::{self, Document, face_columns, seg};
@@ -105,7 +106,7 @@ pub fn run(args: &Args, surroundings: &Surroundings) -> Result<(), Failure> {
     let (labels, known) = match &args.labels {
         Some(path) => (Some(labels_of_file(path, &work)?), None),
         None if face_columns::has(&opened.document, "label") => {
-            let (labels, colours) = labels_of_mesh(&opened.document, &work, &run)?;
+            let (labels, colours) = labels_of_mesh(&opened.document, Context::new(&work, &run))?;
             (Some(labels), colours)
         }
         None => (None, None),
@@ -143,14 +144,14 @@ pub(super) fn labels_of_file(path: &Path, work: &WorkDir) -> Result<MappedSlice<
 pub(super) type Labelled = (MappedSlice<u32>, Option<Vec<[u8; 3]>>);
 
 /// Labels of a labelled mesh, and the parts' colours where every part has one.
-pub(super) fn labels_of_mesh(document: &Document, work: &WorkDir, run: &Run) -> Result<Labelled> {
+pub(super) fn labels_of_mesh(document: &Document, context: Context<'_>) -> Result<Labelled> {
     /// Parts above this number get colours of ours.
     const MOST: usize = 1 << 20;
     let coloured = ["red", "green", "blue"].iter().all(|name| face_columns::has(document, name));
-    let mut writer = npy::ArrayWriter::create(&work.file("labels.npy"), 1)?;
+    let mut writer = npy::ArrayWriter::create(&context.work.file("labels.npy"), 1)?;
     let mut colours: Vec<Option<[u8; 3]>> = Vec::new();
     let mut uniform = coloured;
-    face_columns::for_each(document, ["label", "red", "green", "blue"], run, |_, [label, colour @ ..]| {
+    face_columns::for_each(document, ["label", "red", "green", "blue"], context.run, |_, [label, colour @ ..]| {
         // What is no label, like -1, is drawn grey.
         let label = u32::try_from(label).unwrap_or(u32::MAX);
         writer.push(&[label])?;

@@ -5,6 +5,7 @@ use super::method::MethodArgs;
 use super::options::RunArgs;
 use super::output::folder_of;
 use super::{Failure, Surroundings};
+use crate::store::Context;
 use nystrom_stream::base::Result;
 use nystrom_stream::pipeline::SegmentParams;
 use nystrom_stream::pipeline::calibrate::{calibrate, size_of_mesh};
@@ -37,15 +38,15 @@ fn warning(plan: &Plan) -> Option<String> {
 }
 
 /// Refuses a run that the disk under `work` cannot hold and warns of one that will be slow.
-pub fn check(path: &Path, params: &SegmentParams, work: &WorkDir, run: &Run) -> Result<()> {
+pub fn check(path: &Path, params: &SegmentParams, context: Context<'_>) -> Result<()> {
     let Ok(size) = size_of_mesh(path) else {
         // Reading the mesh will say what is wrong with it.
         return Ok(());
     };
-    let plan = Plan::new(size, params, false, work.durable(), run);
-    plan.check_disk(work.path(), work.bytes())?;
+    let plan = Plan::new(size, params, false, context.work.durable(), context.run);
+    plan.check_disk(context.work.path(), context.work.bytes())?;
     if let Some(text) = warning(&plan) {
-        run.progress.note(&text);
+        context.run.progress.note(&text);
     }
     Ok(())
 }

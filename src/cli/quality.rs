@@ -13,6 +13,7 @@ use nystrom_stream::base::{Error, Result};
 use nystrom_stream::distance::sampling::Sampling;
 use nystrom_stream::mesh;
 use nystrom_stream::pipeline::input;
+use nystrom_stream::store::Context;
 use nystrom_stream::store::Run;
 use serde_json::json;
 use std::io::Write;
@@ -164,7 +165,7 @@ pub fn run(args: &Args, surroundings: &Surroundings) -> Result<(), Failure> {
     for path in &args.meshes {
         let work = args.run.work(None, std::env::temp_dir, &run)?;
         let (opened, _) = run.stage("read", "bytes", 0, || mesh::open(path, work.path(), &run))?;
-        let ground = Ground::of(&opened, &input::identity(path)?, grounds, &work, &run)?;
+        let ground = Ground::of(&opened, &input::identity(path)?, grounds, Context::new(&work, &run))?;
         if args.exact && ground.matrix.is_none() {
             let problem = format!("has {} nodes, too many for --exact", ground.len());
             return Err(Error::unusable(path, problem, "decimate it to 5,000, or leave out --exact").into());
@@ -182,7 +183,7 @@ pub fn run(args: &Args, surroundings: &Surroundings) -> Result<(), Failure> {
             )?);
         } else {
             let name = path.file_stem().unwrap_or_default().to_string_lossy();
-            records.extend(compare(&ground, &name, &params, &work, &run)?);
+            records.extend(compare(&ground, &name, &params, Context::new(&work, &run))?);
         }
     }
     if args.embedding {

@@ -7,6 +7,7 @@ use super::{Failure, Surroundings};
 use nystrom_stream::distance::shard;
 use nystrom_stream::pipeline::kept::Record;
 use nystrom_stream::pipeline::{input, sharding};
+use nystrom_stream::store::Context;
 use nystrom_stream::store::WorkDir;
 use std::path::PathBuf;
 
@@ -62,12 +63,12 @@ pub fn run(args: &Args, surroundings: &Surroundings) -> Result<(), Failure> {
         }
     };
     if let Some(shard) = args.shard {
-        let open = |work: &WorkDir| read(&path, work, &run).map(|(opened, _)| opened);
+        let open = |work: &WorkDir| read(&path, Context::new(work, &run)).map(|(opened, _)| opened);
         return Ok(sharding::one(&args.work_dir, &input::identity(&path)?, &params, shard, open, &run)?);
     }
     let work = WorkDir::open(&args.work_dir)?;
-    let (opened, identity) = read(&path, &work, &run)?;
-    sharding::all(&opened, &identity, &params, &work, &run)?;
+    let (opened, identity) = read(&path, Context::new(&work, &run))?;
+    sharding::all(&opened, &identity, &params, Context::new(&work, &run))?;
     Ok(())
 }
 
@@ -75,7 +76,7 @@ pub fn merge(args: &MergeArgs, surroundings: &Surroundings) -> Result<(), Failur
     let bars = args.run.bars();
     let run = args.run.run(&bars, surroundings);
     let work = WorkDir::open(&args.work_dir)?;
-    shard::merge(&work, &run)?;
+    shard::merge(Context::new(&work, &run))?;
     Ok(())
 }
 

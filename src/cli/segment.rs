@@ -10,6 +10,7 @@ use nystrom_stream::base::Result;
 use nystrom_stream::mesh::labelled::Labelling;
 use nystrom_stream::pipeline::report::Report;
 use nystrom_stream::pipeline::{Cluster, SegmentParams, cuts, segment};
+use nystrom_stream::store::Context;
 use nystrom_stream::store::Run;
 use serde_json::Value;
 use std::collections::BTreeMap;
@@ -136,19 +137,20 @@ pub fn one(
     let beside = || outputs.iter().find_map(Output::path).map_or_else(std::env::temp_dir, folder_of);
     let work = args.run.work(args.work_dir.as_deref(), beside, run)?;
     if !stdin && !args.run.no_plan {
-        super::plan::check(path, params, &work, run)?;
+        super::plan::check(path, params, Context::new(&work, run))?;
     }
-    let (opened, identity) = read(path, &work, run)?;
+    let (opened, identity) = read(path, Context::new(&work, run))?;
     opened.notes.iter().for_each(|note| run.progress.note(note));
-    let result = segment(&opened, &identity, params, &work, run)?;
-    let coordinates = if args.form.embedding_columns { Some(embedding(params, &work, run)?) } else { None };
+    let result = segment(&opened, &identity, params, Context::new(&work, run))?;
+    let coordinates =
+        if args.form.embedding_columns { Some(embedding(params, Context::new(&work, run))?) } else { None };
     let pages = outputs.iter().any(Output::is_page);
     let cut = pages && params.cluster == Cluster::Parts;
-    let cuts = if cut { cuts::kept(params.coarse, None, &work, run)? } else { None };
+    let cuts = if cut { cuts::kept(params.coarse, None, Context::new(&work, run))? } else { None };
     let mut seconds = bars.take_seconds();
     let report = |mut seconds: BTreeMap<String, f64>| {
         seconds.insert("total".into(), start.elapsed().as_secs_f64());
-        Report::new(&opened, params, &result, &work, run, seconds, Some((surroundings.peak)()))
+        Report::new(&opened, params, &result, Context::new(&work, run), seconds, Some((surroundings.peak)()))
     };
     let results = Results {
         labelling: Labelling { labels: &result.labels, colours: &result.colours, quality: Some(&result.quality) },

@@ -4,6 +4,7 @@ use super::options::RunArgs;
 use super::output::{FormArg, folder_of, print, publish};
 use super::stages::read;
 use super::{Failure, Surroundings};
+use crate::store::Context;
 use clap::ValueEnum;
 use nystrom_stream::apps::picture::{PictureParams, render};
 use nystrom_stream::apps::sequence::table::{Compared, table};
@@ -154,15 +155,15 @@ pub fn run(args: &Args, surroundings: &Surroundings) -> Result<(), Failure> {
     };
     let beside = || targets.iter().find_map(folder).unwrap_or_else(std::env::temp_dir);
     let work = args.run.work(args.work_dir.as_deref(), beside, &run)?;
-    let (opened, identity) = read(&args.mesh, &work, &run)?;
+    let (opened, identity) = read(&args.mesh, Context::new(&work, &run))?;
     opened.notes.iter().for_each(|note| run.progress.note(note));
-    let sequencer = Sequencer::new(&opened, &identity, &work, &run)?;
+    let sequencer = Sequencer::new(&opened, &identity, Context::new(&work, &run))?;
     let landmarks = args.landmarks.map(|l| l as usize);
     let params = SequenceParams { order: args.order.way(), sweeps: args.smooth as usize, landmarks };
     let mut measured = None;
     if !targets.is_empty() || !args.compare {
         let sequence = sequencer.sequence(&params)?;
-        targets.iter().try_for_each(|target| write(target, args, &opened, &sequence, &work, &run))?;
+        targets.iter().try_for_each(|target| write(target, args, &opened, &sequence, Context::new(&work, &run)))?;
         if args.json.is_some() && !args.compare {
             measured = Some(sequencer.measures(&sequence)?);
         }
@@ -215,26 +216,25 @@ fn write(
     args: &Args,
     opened: &Opened,
     sequence: &Sequence,
-    work: &WorkDir,
-    run: &Run,
+    context: Context<'_>,
 ) -> Result<(), Failure> {
     let (document, mesh) = (&opened.document, &opened.mesh);
     let order = Rearrangement { places: &sequence.places, numbers: &sequence.uses.rank, original: args.original };
     let form = args.ply_form.form();
     let faces = mesh.faces.len() as u64;
     let each = || match target {
-        Target::Ply(path) => rearranged::write(document, mesh, path, &order, form, work, run),
+        Target::Ply(path) => rearranged::write(document, mesh, path, &order, form, context),
         Target::Stdout => {
             let mut out = std::io::stdout().lock();
-            rearranged::write_to(document, mesh, "<stdout>", &mut out, &order, form, work, run)
+            rearranged::write_to(document, mesh, "<stdout>", &mut out, &order, form, context)
         }
         Target::Npy(path) => npy::write(path, &sequence.places, 1, false).map(drop),
         Target::Png(path) => {
-            let (labels, colours) = gradient(&sequence.places, work)?;
+            let (labels, colours) = gradient(&sequence.places, context.work)?;
             let params = PictureParams { legend: false, lines: false, ..PictureParams::default() };
-            render(mesh, Some(&labels), &colours, &params, run)?.write_png(path)
+            render(mesh, Some(&labels), &colours, &params, context.run)?.write_png(path)
         }
     };
-    run.stage("write", "faces", faces, each)?;
+    context.run.stage("write", "faces", faces, each)?;
     Ok(())
 }

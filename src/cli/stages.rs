@@ -6,6 +6,7 @@ use super::method::{KernelArgs, OrderArgs, PartsArgs, check_count, misfit};
 use super::options::RunArgs;
 use super::output::{FormArgs, Output, Results, publish};
 use super::{Failure, Surroundings};
+use crate::store::Context;
 use nystrom_stream::apps::export::table::Coordinates;
 use nystrom_stream::base::Error;
 use nystrom_stream::cluster::parts::PartTree;
@@ -116,25 +117,25 @@ pub fn graph(args: &GraphArgs, surroundings: &Surroundings) -> Result<(), Failur
     let run = args.run.run(&bars, surroundings);
     let params = SegmentParams { order: args.order.or(Order::default()), ..SegmentParams::default() };
     let work = WorkDir::open(&args.place.work_dir)?;
-    let (opened, identity) = read(&args.mesh, &work, &run)?;
+    let (opened, identity) = read(&args.mesh, Context::new(&work, &run))?;
     opened.notes.iter().for_each(|note| run.progress.note(note));
-    stages::graph(&opened, &identity, &params, &work, &run)?;
+    stages::graph(&opened, &identity, &params, Context::new(&work, &run))?;
     Ok(())
 }
 
 /// Opens the mesh at `path`, or that on standard input, and tells which it is.
-pub fn read(path: &Path, work: &WorkDir, run: &Run) -> Result<(mesh::Opened, Value), Error> {
+pub fn read(path: &Path, context: Context<'_>) -> Result<(mesh::Opened, Value), Error> {
     let stdin = path.as_os_str() == "-";
     let open = || {
         if stdin {
-            mesh::open_reader(std::io::stdin().lock(), "<stdin>", work.path(), run)
+            mesh::open_reader(std::io::stdin().lock(), "<stdin>", context.work.path(), context.run)
         } else {
-            mesh::open(path, work.path(), run)
+            mesh::open(path, context.work.path(), context.run)
         }
     };
-    let (opened, _) = run.stage("read", "bytes", 0, open)?;
+    let (opened, _) = context.run.stage("read", "bytes", 0, open)?;
     let identity =
-        if stdin { json!({"stdin": workdir::checksum(&work.file("input"))?}) } else { input::identity(path)? };
+        if stdin { json!({"stdin": workdir::checksum(&context.work.file("input"))?}) } else { input::identity(path)? };
     Ok((opened, identity))
 }
 
@@ -144,7 +145,7 @@ pub fn embed(args: &EmbedArgs, surroundings: &Surroundings) -> Result<(), Failur
     let params = args.kernel.params(dimensions)?.unwrap_or(EmbeddingParams::for_parts(dimensions));
     let params = EmbeddingParams { dimensions, ..params };
     let (work, record, run) = reopen(&args.place, &args.run, args.run.run(&bars, surroundings))?;
-    embed::embed(params, &record.params, &work, &run)?;
+    embed::embed(params, &record.params, Context::new(&work, &run))?;
     Ok(())
 }
 
@@ -166,7 +167,7 @@ pub fn cluster(args: &ClusterArgs, surroundings: &Surroundings) -> Result<(), Fa
     }
     let tree = args.tree.as_deref().map(decision::read_tree).transpose()?;
     let params = kept::continued(&record, &params);
-    let result = kept::cluster(&params, tree.as_ref(), &work, &run)?;
+    let result = kept::cluster(&params, tree.as_ref(), Context::new(&work, &run))?;
     let report = || {
         let part = |(label, &faces): (usize, &u64)| {
             let area = result.numbers.area.get(label).map(|area| area * result.graph.frame.scale.powi(2));
@@ -239,13 +240,13 @@ impl KeptEmbedding {
 }
 
 /// The embedding in `work`, as `embed` made it; one of its default, made now, where there is none.
-pub fn embedding(method: &SegmentParams, work: &WorkDir, run: &Run) -> Result<KeptEmbedding, Error> {
+pub fn embedding(method: &SegmentParams, context: Context<'_>) -> Result<KeptEmbedding, Error> {
     let params = EmbeddingParams::for_parts(two_means::DIMENSIONS);
-    let facts = match embed::kept(work) {
+    let facts = match embed::kept(context.work) {
         Some(facts) => facts,
-        None => embed::embed(params, method, work, run)?,
+        None => embed::embed(params, method, context)?,
     };
-    Ok(KeptEmbedding(work.open_array(embed::FILE)?, facts.dimensions))
+    Ok(KeptEmbedding(context.work.open_array(embed::FILE)?, facts.dimensions))
 }
 
 /// Writing the labels of a work directory.
@@ -254,8 +255,7 @@ struct Export<'a> {
     mesh: Option<&'a Path>,
     record: &'a Record,
     form: FormArgs,
-    work: &'a WorkDir,
-    run: &'a Run<'a>,
+    context: Context<'a>,
 }
 
 impl Export<'_> {
@@ -273,10 +273,11 @@ impl Export<'_> {
         }
         let opened =
             if outputs.iter().any(Output::needs_mesh) { Some(self.open(labelling.labels.len())?) } else { None };
-        let coordinates = if self.form.embedding_columns { Some(embedding(params, work, run)?) } else { None };
+        let coordinates =
+            if self.form.embedding_columns { Some(embedding(params, Context::new(work, run))?) } else { None };
         let pages = outputs.iter().any(Output::is_page);
         let cut = pages && params.cluster == Cluster::Parts;
-        let cuts = if cut { cuts::kept(params.coarse, tree, work, run)? } else { None };
+        let cuts = if cut { cuts::kept(params.coarse, tree, Context::new(work, run))? } else { None };
         let results = Results {
             labelling,
             options: self.form.ply.options(),
@@ -291,7 +292,7 @@ impl Export<'_> {
 
     /// The mesh of the work directory, which has `faces` faces.
     fn open(&self, faces: usize) -> Result<mesh::Opened, Error> {
-        let (record, work, run) = (self.record, self.work, self.run);
+        let (record, work, run) = (self.record, self.context);
         let path = self.mesh.unwrap_or(&record.mesh);
         let same = match record.identity.get("stdin") {
             Some(sum) => self.mesh.is_some() || *sum == workdir::checksum(path)?,

@@ -9,6 +9,7 @@ use nystrom_stream::apps::transfer::transfer;
 use nystrom_stream::base::Error;
 use nystrom_stream::mesh::labelled::Labelling;
 use nystrom_stream::mesh::{self, face_columns};
+use nystrom_stream::store::Context;
 use nystrom_stream::store::WorkDir;
 use serde_json::json;
 use std::path::{Path, PathBuf};
@@ -69,7 +70,7 @@ pub fn run(args: &Args, surroundings: &Surroundings) -> Result<(), Failure> {
     }
     let to = read(&args.to, &work)?.0;
     from.notes.iter().chain(&to.notes).for_each(|note| run.progress.note(note));
-    let result = transfer(&from, &labels, &to, &work, &run)?;
+    let result = transfer(&from, &labels, &to, Context::new(&work, &run))?;
     let facts = result.facts;
     let share = facts.uncertain as f64 / facts.faces.max(1) as f64;
     run.progress.note(&format!(

@@ -13,7 +13,7 @@ use crate::distance::front::mean_weight;
 use crate::distance::{DistanceRows, voronoi};
 use crate::graph::DualGraph;
 use crate::graph::dual::Csr;
-use crate::store::{MappedSlice, Run, WorkDir};
+use crate::store::{Context, MappedSlice, Run};
 
 use super::extrapolate::Places;
 use super::islands;
@@ -50,39 +50,38 @@ pub fn refine(
     cell: &[u32],
     label_of_cell: &[u32],
     way: Way<'_>,
-    work: &WorkDir,
-    run: &Run,
+    context: Context<'_>,
 ) -> Result<MappedSlice<u32>> {
     let n = cell.len();
     let parts = label_of_cell.iter().max().map_or(0, |top| *top as usize + 1);
-    let mut labels = work.array::<u32>("labels.npy", &[n])?;
-    fill_each(run.threads, &run.cancel, labels.data(), CHUNK, |i, _| label_of_cell[cell[i] as usize])?;
-    let rim = rim(steps, labels.data(), run)?;
+    let mut labels = context.work.array::<u32>("labels.npy", &[n])?;
+    fill_each(context.run.threads, &context.run.cancel, labels.data(), CHUNK, |i, _| label_of_cell[cell[i] as usize])?;
+    let rim = rim(steps, labels.data(), context.run)?;
     if rim.is_empty() {
         return labels.finish(false);
     }
     let band = BAND / shares.unit;
-    let mut field = work.array::<f32>("depth.tmp", &[n])?;
+    let mut field = context.work.array::<f32>("depth.tmp", &[n])?;
     let lengths = lengths(graph);
     field.data().fill(f32::INFINITY);
-    voronoi::within(lengths, &rim, band, field.data(), run)?;
-    let limits = core_limits(labels.data(), field.data(), parts, band, run)?;
+    voronoi::within(lengths, &rim, band, field.data(), context.run)?;
+    let limits = core_limits(labels.data(), field.data(), parts, band, context.run)?;
     // Cores are where the second front starts, at distance 0; the bands are open.
     let owners: &[u32] = labels.data();
     let core = |i: usize, depth: f32| if depth >= limits[owners[i] as usize] { 0. } else { f32::INFINITY };
-    fill_each(run.threads, &run.cancel, field.data(), CHUNK, core)?;
-    let edge_of_core = core_rim(steps, field.data(), run)?;
+    fill_each(context.run.threads, &context.run.cancel, field.data(), CHUNK, core)?;
+    let edge_of_core = core_rim(steps, field.data(), context.run)?;
     match way {
-        Way::Front => voronoi::spread_owners(steps, &edge_of_core, field.data(), labels.data(), run)?,
+        Way::Front => voronoi::spread_owners(steps, &edge_of_core, field.data(), labels.data(), context.run)?,
         Way::Embedding(places, rows) => {
             let field = field.data();
-            places.relabel(rows, cell, |i| field[i] != 0., labels.data(), run)?;
-            islands::dissolve(steps, &edge_of_core, field, labels.data(), run)?;
+            places.relabel(rows, cell, |i| field[i] != 0., labels.data(), context.run)?;
+            islands::dissolve(steps, &edge_of_core, field, labels.data(), context.run)?;
         }
     }
-    straighten(graph, steps, shares, field.data(), labels.data(), run)?;
+    straighten(graph, steps, shares, field.data(), labels.data(), context.run)?;
     drop(field);
-    work.remove("depth.tmp.partial");
+    context.work.remove("depth.tmp.partial");
     labels.finish(false)
 }
 

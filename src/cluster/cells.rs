@@ -16,7 +16,7 @@ use crate::distance::voronoi;
 use crate::graph::dual::Csr;
 use crate::graph::weights::{self, Metric};
 use crate::graph::{DualGraph, Node};
-use crate::store::{MappedSlice, Run, WorkDir};
+use crate::store::{Context, MappedSlice, Run};
 use std::collections::BTreeMap;
 
 /// Cells of a surface.
@@ -57,25 +57,25 @@ impl Cells {
     ///
     /// # Errors
     /// [`crate::base::Error::Io`], [`crate::base::Error::Cancelled`].
-    pub fn cut(graph: &DualGraph, shares: &Shares, smooth: Smooth<'_>, work: &WorkDir, run: &Run) -> Result<Self> {
+    pub fn cut(graph: &DualGraph, shares: &Shares, smooth: Smooth<'_>, context: Context<'_>) -> Result<Self> {
         let n = graph.nodes.len();
         // A small mesh is its own cells, dust and all, so that any number of parts up to n can be had.
         let seeds: Vec<u32> =
-            if n <= CELLS { (0..n as u32).collect() } else { spread(&shares.share, CELLS, run.seed, "cells") };
+            if n <= CELLS { (0..n as u32).collect() } else { spread(&shares.share, CELLS, context.run.seed, "cells") };
         let metric = Metric::ScaleFree { beta: 0.1, eta: 0.5 };
         let area = 1. / f64::from(shares.unit).powi(2);
-        let place = (work, "cell_weights.npy");
-        let steps = weights::build(&graph.rows, &graph.nodes, Some(smooth.fine), area, metric, place, run)?;
+        let place = (context.work, "cell_weights.npy");
+        let steps = weights::build(&graph.rows, &graph.nodes, Some(smooth.fine), area, metric, place, context.run)?;
         let csr = Csr::new(&graph.rows.indptr, &graph.rows.indices, &steps);
-        let mut owner = work.array::<u32>("cells.npy", &[n])?;
+        let mut owner = context.work.array::<u32>("cells.npy", &[n])?;
         {
-            let mut field = work.array::<f32>("cell_field.tmp", &[n])?;
-            voronoi::spread(csr, &seeds, field.data(), owner.data(), run)?;
+            let mut field = context.work.array::<f32>("cell_field.tmp", &[n])?;
+            voronoi::spread(csr, &seeds, field.data(), owner.data(), context.run)?;
         }
-        work.remove("cell_field.tmp.partial");
-        work.remove("cell_weights.npy");
+        context.work.remove("cell_field.tmp.partial");
+        context.work.remove("cell_weights.npy");
         let of_node = owner.finish(false)?;
-        let graph = cell_graph(graph, shares, smooth, &of_node, seeds.len(), run)?;
+        let graph = cell_graph(graph, shares, smooth, &of_node, seeds.len(), context.run)?;
         Ok(Self { of_node, graph })
     }
 

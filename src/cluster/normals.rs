@@ -20,7 +20,7 @@ use crate::graph::angle::between;
 use crate::graph::dual::Csr;
 use crate::graph::{DualGraph, Node};
 use crate::spectral::exp::exp;
-use crate::store::{MappedSlice, Run, WorkDir};
+use crate::store::{Context, MappedSlice, Run};
 
 /// The radii in use, in units of √(area): for turning between faces, cells, and convexity.
 pub const RADII: [f32; 3] = [0.01, 0.02, 0.04];
@@ -39,12 +39,12 @@ pub fn lengths(graph: &DualGraph) -> Csr<'_> {
 ///
 /// # Errors
 /// [`crate::base::Error::Io`], [`crate::base::Error::Cancelled`].
-pub fn smoothed(graph: &DualGraph, shares: &Shares, r: f32, file: &str, work: &WorkDir, run: &Run) -> Result<Normals> {
+pub fn smoothed(graph: &DualGraph, shares: &Shares, r: f32, file: &str, context: Context<'_>) -> Result<Normals> {
     let k = (1. / (r * r)).round() as usize;
     if graph.nodes.len() < 2 * k {
-        averaged(graph, shares, r, file, work, run)
+        averaged(graph, shares, r, file, context)
     } else {
-        from_cells(graph, shares, r, k, file, work, run)
+        from_cells(graph, shares, r, k, file, context)
     }
 }
 
@@ -59,32 +59,31 @@ fn from_cells(
     r: f32,
     k: usize,
     file: &str,
-    work: &WorkDir,
-    run: &Run,
+    context: Context<'_>,
 ) -> Result<Normals> {
     let n = graph.nodes.len();
-    let seeds = spread(&shares.share, k, run.seed, file);
+    let seeds = spread(&shares.share, k, context.run.seed, file);
     let (field_file, owner_file) = (format!("{file}.field.tmp"), format!("{file}.owner.tmp"));
-    let mut owner = work.array::<u32>(&owner_file, &[n])?;
+    let mut owner = context.work.array::<u32>(&owner_file, &[n])?;
     {
-        let mut field = work.array::<f32>(&field_file, &[n])?;
+        let mut field = context.work.array::<f32>(&field_file, &[n])?;
         let csr = lengths(graph);
-        voronoi::spread(csr, &seeds, field.data(), owner.data(), run)?;
+        voronoi::spread(csr, &seeds, field.data(), owner.data(), context.run)?;
     }
-    work.remove(&format!("{field_file}.partial"));
+    context.work.remove(&format!("{field_file}.partial"));
     let owner_data: &[u32] = owner.data();
     // Sums of normals are scaled to be near 1.
     let scale = seeds.len() as f64;
     let cell = |sum: &ClassSum| (sum.centroid().map(|x| x as f32), sum.normal.map(|x| (x * scale) as f32));
     let cells: Vec<([f32; 3], [f32; 3])> =
-        class_sums(graph, shares, owner_data, seeds.len(), 0., run)?.iter().map(cell).collect();
-    let near = neighbours(graph, owner_data, seeds.len(), run)?;
+        class_sums(graph, shares, owner_data, seeds.len(), 0., context.run)?.iter().map(cell).collect();
+    let near = neighbours(graph, owner_data, seeds.len(), context.run)?;
     let spreadness = 0.54 * r / shares.unit;
     let factor = -0.5 / (spreadness * spreadness);
-    let mut array = work.array::<[f32; 3]>(file, &[n, 3])?;
+    let mut array = context.work.array::<[f32; 3]>(file, &[n, 3])?;
     fill_chunks(
-        run.threads,
-        &run.cancel,
+        context.run.threads,
+        &context.run.cancel,
         array.data(),
         CHUNK,
         || (),
@@ -114,7 +113,7 @@ fn from_cells(
         },
     )?;
     drop(owner);
-    work.remove(&format!("{owner_file}.partial"));
+    context.work.remove(&format!("{owner_file}.partial"));
     array.finish(false)
 }
 
@@ -162,7 +161,7 @@ fn neighbours(graph: &DualGraph, owner: &[u32], cells: usize, run: &Run) -> Resu
 ///
 /// # Errors
 /// As [`smoothed`].
-pub fn averaged(graph: &DualGraph, shares: &Shares, r: f32, file: &str, work: &WorkDir, run: &Run) -> Result<Normals> {
+pub fn averaged(graph: &DualGraph, shares: &Shares, r: f32, file: &str, context: Context<'_>) -> Result<Normals> {
     let n = graph.nodes.len();
     let (indptr, indices, edge) = (&graph.rows.indptr[..], &graph.rows.indices[..], &graph.rows.edge[..]);
     let mean = f64::from(mean_weight(lengths(graph)) * shares.unit);
@@ -171,8 +170,8 @@ pub fn averaged(graph: &DualGraph, shares: &Shares, r: f32, file: &str, work: &W
     let mut next = normals.clone();
     for _ in 0..rounds {
         fill_chunks(
-            run.threads,
-            &run.cancel,
+            context.run.threads,
+            &context.run.cancel,
             &mut next,
             CHUNK,
             || (),
@@ -192,7 +191,7 @@ pub fn averaged(graph: &DualGraph, shares: &Shares, r: f32, file: &str, work: &W
         )?;
         std::mem::swap(&mut normals, &mut next);
     }
-    let mut array = work.array::<[f32; 3]>(file, &[n, 3])?;
+    let mut array = context.work.array::<[f32; 3]>(file, &[n, 3])?;
     array.data().copy_from_slice(&normals);
     array.finish(false)
 }

@@ -9,7 +9,7 @@ use crate::base::Result;
 use crate::base::parallel::{chunk_range, fill_chunks, map_ranges};
 use crate::graph::DualGraph;
 use crate::graph::links::AGAINST;
-use crate::store::{MappedSlice, Run, WorkDir};
+use crate::store::{Context, MappedSlice, Run};
 use std::collections::{HashMap, HashSet};
 
 /// Components below this share of the area are dust; the largest never is.
@@ -34,18 +34,18 @@ impl Shares {
     ///
     /// # Errors
     /// [`crate::base::Error::Io`], [`crate::base::Error::Cancelled`].
-    pub fn of(graph: &DualGraph, work: &WorkDir, run: &Run) -> Result<Self> {
+    pub fn of(graph: &DualGraph, context: Context<'_>) -> Result<Self> {
         let n = graph.nodes.len();
-        let (dusty, total, dust) = dusty_roots(graph, run)?;
+        let (dusty, total, dust) = dusty_roots(graph, context.run)?;
         let real = n as u64 - dust;
         // All faces degenerate: each counts the same.
         let even = total <= 0.;
         let scale = if even { 0. } else { 1. / total };
         let floor = if even { 1. / real.max(1) as f64 } else { FLOOR / real.max(1) as f64 };
-        let mut array = work.array::<f32>("surface_shares.npy", &[n])?;
+        let mut array = context.work.array::<f32>("surface_shares.npy", &[n])?;
         fill_chunks(
-            run.threads,
-            &run.cancel,
+            context.run.threads,
+            &context.run.cancel,
             array.data(),
             CHUNK,
             || (),

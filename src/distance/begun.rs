@@ -4,8 +4,8 @@
 
 use super::journal::{Head, Journal, Line, checksum};
 use crate::base::Result;
+use crate::store::Context;
 use crate::store::rows_file::RowsFile;
-use crate::store::{Run, WorkDir};
 use std::collections::BTreeMap;
 
 /// A file of rows, and which of them are there.
@@ -28,22 +28,25 @@ impl Begun {
         head: &Head,
         (name, journal): (&str, &str),
         sound: impl Fn(&Line) -> bool,
-        work: &WorkDir,
-        run: &Run,
+        context: Context<'_>,
     ) -> Result<Self> {
-        let (path, journal) = (work.file(name), work.file(journal));
-        let earlier = Journal::read(&journal).filter(|(of, _)| work.durable() && of == head);
+        let (path, journal) = (&context.work.file(name), &context.work.file(journal));
+        let earlier = Journal::read(&journal).filter(|(of, _)| context.work.durable() && of == head);
         let taken = earlier.and_then(|(_, lines)| Some((RowsFile::reopen(&path, head.wanted(), head.nodes)?, lines)));
         let (file, mut done) = match taken {
             Some(taken) => taken,
-            None => (work.rows(name, head.wanted(), head.nodes)?, BTreeMap::new()),
+            None => (context.work.rows(name, head.wanted(), head.nodes)?, BTreeMap::new()),
         };
         let whole = |k: usize, line: &Line| file.row(k / head.of).is_ok_and(|row| checksum(&row) == line.xxh3);
         done.retain(|&k, line| head.wants(k) && sound(line) && whole(k, line));
         if !done.is_empty() {
-            run.progress.note(&format!("rows: {} of {} taken over from an earlier run", done.len(), head.wanted()));
+            context.run.progress.note(&format!(
+                "rows: {} of {} taken over from an earlier run",
+                done.len(),
+                head.wanted()
+            ));
         }
-        let journal = match (work.durable(), done.is_empty()) {
+        let journal = match (context.work.durable(), done.is_empty()) {
             (false, _) => None,
             (true, true) => Some(Journal::create(&journal, head)?),
             (true, false) => Some(Journal::reopen(&journal)?),

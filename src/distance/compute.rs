@@ -27,7 +27,7 @@ use crate::store::mapped::Access;
 use crate::store::npy::ArrayMut;
 use crate::store::rows_file::RowsFile;
 use crate::store::words::Words;
-use crate::store::{MappedSliceMut, Run, WorkDir};
+use crate::store::{Context, MappedSliceMut, Run};
 use crossbeam_channel::{Receiver, Sender};
 use std::collections::BTreeMap;
 use std::sync::Mutex;
@@ -66,49 +66,52 @@ impl Task<'_> {
         &self,
         name: &str,
         journal: &str,
-        work: &WorkDir,
-        run: &Run,
+        context: Context<'_>,
     ) -> Result<(RowsFile<f32>, BTreeMap<usize, Line>)> {
         let head = self.head;
-        let Begun { file, done, journal } = Begun::new(head, (name, journal), |_| true, work, run)?;
+        let Begun { file, done, journal } = Begun::new(head, (name, journal), |_| true, context)?;
         if !done.is_empty() {
-            run.progress.advance("rows", done.len() as u64);
+            context.run.progress.advance("rows", done.len() as u64);
         }
         let mapped = if file.is_held() { 0 } else { head.wanted() };
         let rows = (0..mapped).map(|slot| Ok(Mutex::new(file.row(slot)?))).collect::<Result<Vec<_>>>()?;
-        let target = Target::File { file: &file, rows, journal, path: work.file(name) };
-        let lines = self.fill(&Slots::new(head, target, done), work, run)?;
+        let target = Target::File { file: &file, rows, journal, path: context.work.file(name) };
+        let lines = self.fill(&Slots::new(head, target, done), context)?;
         Ok((file, lines))
     }
 
     /// Computes the rows that the head wants, and lets `look` see each. None is kept.
-    pub fn pass(&self, look: Look<'_>, work: &WorkDir, run: &Run) -> Result<BTreeMap<usize, Line>> {
-        self.fill(&Slots::new(self.head, Target::Look(look), BTreeMap::new()), work, run)
+    pub fn pass(&self, look: Look<'_>, context: Context<'_>) -> Result<BTreeMap<usize, Line>> {
+        self.fill(&Slots::new(self.head, Target::Look(look), BTreeMap::new()), context)
     }
 
     /// Computes the rows that `slots` does not have yet.
-    fn fill(&self, slots: &Slots<'_>, work: &WorkDir, run: &Run) -> Result<BTreeMap<usize, Line>> {
+    fn fill(&self, slots: &Slots<'_>, context: Context<'_>) -> Result<BTreeMap<usize, Line>> {
         let (head, n) = (self.head, self.head.nodes);
         let mut lines = slots.done.clone();
         if lines.len() < head.wanted() {
             let temporary = format!("nearest-{}.tmp", head.shard);
-            let mut field: ArrayMut<f32> = work.array(&temporary, &[n])?;
-            let fields = (run.threads + 1) * n * size_of::<f32>();
-            let triples = if Pages::needed(self.graph, fields, run) { None } else { Triples::of(self.graph, run)? };
+            let mut field: ArrayMut<f32> = context.work.array(&temporary, &[n])?;
+            let fields = (context.run.threads + 1) * n * size_of::<f32>();
+            let triples = if Pages::needed(self.graph, fields, context.run) {
+                None
+            } else {
+                Triples::of(self.graph, context.run)?
+            };
             let graph = Csr { triples: triples.as_ref().map_or(&[], Triples::all), ..self.graph };
             let task = Task { graph, ..*self };
-            let result = Pages::lend(self.graph, fields, run, |pages| {
+            let result = Pages::lend(self.graph, fields, context.run, |pages| {
                 if pages.is_some() {
                     field.data().advise(Access::Random);
                 }
                 if self.params.sampling.needs_lengths() {
-                    task.with_lengths(slots, field.data(), pages, &mut lines, work, run)
+                    task.with_lengths(slots, field.data(), pages, &mut lines, context)
                 } else {
-                    task.fronts(slots, None, field.data(), pages, &mut lines, work, run)
+                    task.fronts(slots, None, field.data(), pages, &mut lines, context)
                 }
             });
             drop(field);
-            work.remove(&format!("{temporary}.partial"));
+            context.work.remove(&format!("{temporary}.partial"));
             result?;
         }
         Ok(lines)
@@ -121,16 +124,15 @@ impl Task<'_> {
         field: &mut MappedSliceMut<f32>,
         pages: Option<Pages>,
         lines: &mut BTreeMap<usize, Line>,
-        work: &WorkDir,
-        run: &Run,
+        context: Context<'_>,
     ) -> Result<()> {
         let name = format!("lengths-{}.tmp", self.head.shard);
-        let mut array: ArrayMut<f32> = work.array(&name, &[self.graph.weights.len()])?;
-        fill_lengths(self.graph, self.nodes, array.data(), run)?;
+        let mut array: ArrayMut<f32> = context.work.array(&name, &[self.graph.weights.len()])?;
+        fill_lengths(self.graph, self.nodes, array.data(), context.run)?;
         let lengths = Csr { weights: &array.data()[..], triples: &[], ..self.graph };
-        let result = self.fronts(slots, Some(lengths), field, pages, lines, work, run);
+        let result = self.fronts(slots, Some(lengths), field, pages, lines, context);
         drop(array);
-        work.remove(&format!("{name}.partial"));
+        context.work.remove(&format!("{name}.partial"));
         result
     }
 
@@ -142,8 +144,7 @@ impl Task<'_> {
         field: &mut MappedSliceMut<f32>,
         pages: Option<Pages>,
         lines: &mut BTreeMap<usize, Line>,
-        work: &WorkDir,
-        run: &Run,
+        context: Context<'_>,
     ) -> Result<()> {
         let mean = mean_weight(self.graph);
         let front = || Front::new(mean).paged(pages.clone());
@@ -153,25 +154,25 @@ impl Task<'_> {
         std::thread::scope(|scope| -> Result<()> {
             let (jobs, out) = (receive.clone(), done.clone());
             let mut searching = front();
-            scope.spawn(move || match self.search(slots, lengths, field, &mut searching, &send, &out, run) {
+            scope.spawn(move || match self.search(slots, lengths, field, &mut searching, &send, &out, context.run) {
                 Ok(()) => {
                     drop(send);
-                    self.rows(slots, 0, &mut searching, jobs, &out, work, run);
+                    self.rows(slots, 0, &mut searching, jobs, &out, context);
                 }
                 Err(error) => {
                     let _ = out.send(Err(error));
                 }
             });
-            for thread in 1..run.threads.min(missing) {
+            for thread in 1..context.run.threads.min(missing) {
                 let (jobs, out) = (receive.clone(), done.clone());
                 let mut front = front();
-                scope.spawn(move || self.rows(slots, thread, &mut front, jobs, &out, work, run));
+                scope.spawn(move || self.rows(slots, thread, &mut front, jobs, &out, context));
             }
             drop((receive, done));
             for _ in 0..missing {
                 let line = finished.recv().unwrap_or(Err(Error::Cancelled))?;
                 lines.insert(line.row, line);
-                run.progress.advance("rows", 1);
+                context.run.progress.advance("rows", 1);
             }
             Ok(())
         })
@@ -222,8 +223,7 @@ impl Task<'_> {
         front: &mut Front,
         jobs: Receiver<Job>,
         done: &Sender<Result<Line>>,
-        work: &WorkDir,
-        run: &Run,
+        context: Context<'_>,
     ) {
         let name = format!("row-{}-{thread}.tmp", self.head.shard);
         let mut scratch = None;
@@ -231,10 +231,10 @@ impl Task<'_> {
             let line = match known {
                 Some(known) => slots.put(row, landmark, known.items(self.head.nodes)),
                 None => match &mut scratch {
-                    Some(scratch) => self.row(slots, row, landmark, front, scratch, run),
+                    Some(scratch) => self.row(slots, row, landmark, front, scratch, context.run),
                     None => self
-                        .scratch(slots, front, &name, work, run)
-                        .and_then(|made| self.row(slots, row, landmark, front, scratch.insert(made), run)),
+                        .scratch(slots, front, &name, context)
+                        .and_then(|made| self.row(slots, row, landmark, front, scratch.insert(made), context.run)),
                 },
             };
             let failed = line.is_err();
@@ -244,15 +244,15 @@ impl Task<'_> {
         }
         if let Some(Scratch::Mapped(array)) = scratch {
             drop(array);
-            work.remove(&format!("{name}.partial"));
+            context.work.remove(&format!("{name}.partial"));
         }
     }
 
     /// Memory for a thread's rows.
-    fn scratch(&self, slots: &Slots<'_>, front: &Front, name: &str, work: &WorkDir, run: &Run) -> Result<Scratch> {
+    fn scratch(&self, slots: &Slots<'_>, front: &Front, name: &str, context: Context<'_>) -> Result<Scratch> {
         let n = self.head.nodes;
         if !front.is_paged()
-            && let Some(words) = Words::spare(&run.budget, 4 * n)
+            && let Some(words) = Words::spare(&context.run.budget, 4 * n)
         {
             return Ok(Scratch::Granted(words));
         }
@@ -260,7 +260,7 @@ impl Task<'_> {
             // What is held has no mapping to compute in.
             Target::File { file, .. } if file.is_held() => Scratch::Plain(vec![0.; n]),
             Target::File { .. } => Scratch::InPlace,
-            Target::Look(_) => Scratch::Mapped(work.array(name, &[n])?),
+            Target::Look(_) => Scratch::Mapped(context.work.array(name, &[n])?),
         })
     }
 

@@ -16,7 +16,7 @@ use crate::graph::Node;
 use crate::graph::dual::{Csr, Weighted};
 use crate::store::rows_file::RowsFile;
 use crate::store::workdir::key_of;
-use crate::store::{MappedSlice, Run, WorkDir};
+use crate::store::{Context, MappedSlice, Run, WorkDir};
 use serde::{Deserialize, Serialize};
 use serde_json::json;
 
@@ -189,30 +189,30 @@ impl DistanceRows {
     ///
     /// # Errors
     /// [`Error::Parameter`] for l = 0, [`Error::Io`], [`Error::Cancelled`].
-    pub fn build(graph: &Weighted, nodes: &[Node], params: RowParams, work: &WorkDir, run: &Run) -> Result<Self> {
+    pub fn build(graph: &Weighted, nodes: &[Node], params: RowParams, context: Context<'_>) -> Result<Self> {
         let n = nodes.len();
-        let head = Self::head(graph, n, params, run)?;
-        match work.reuse::<Facts>("rows", &head.key) {
+        let head = Self::head(graph, n, params, context.run)?;
+        match context.work.reuse::<Facts>("rows", &head.key) {
             Ok(facts) => {
-                run.progress.note("rows: reused");
+                context.run.progress.note("rows: reused");
                 // Left by a run that was killed right after its stamp.
-                work.remove(JOURNAL);
-                return Self::open(facts, n, head.key, work);
+                context.work.remove(JOURNAL);
+                return Self::open(facts, n, head.key, context.work);
             }
-            Err(reason) => run.note_remake("rows", &reason),
+            Err(reason) => context.run.note_remake("rows", &reason),
         }
-        let make = || Self::make(graph.csr(), nodes, &head, params, work, run);
-        let (rows, seconds) = run.stage("rows", "rows", head.rows as u64, make)?;
-        rows.stamp(&head, seconds, work)?;
+        let make = || Self::make(graph.csr(), nodes, &head, params, context);
+        let (rows, seconds) = context.run.stage("rows", "rows", head.rows as u64, make)?;
+        rows.stamp(&head, seconds, context.work)?;
         Ok(rows)
     }
 
     /// Computes the rows into `distances.npy`; in a work directory that lasts, row by row with a journal.
-    fn make(graph: Csr<'_>, nodes: &[Node], head: &Head, params: RowParams, work: &WorkDir, run: &Run) -> Result<Self> {
+    fn make(graph: Csr<'_>, nodes: &[Node], head: &Head, params: RowParams, context: Context<'_>) -> Result<Self> {
         let task = Task { graph, nodes, params: RowParams { l: head.rows, ..params }, head };
-        let (file, lines) = task.compute("distances.npy", JOURNAL, work, run)?;
+        let (file, lines) = task.compute("distances.npy", JOURNAL, context)?;
         let lines: Vec<Line> = lines.into_values().collect();
-        Self::finish(file, &lines, head, work)
+        Self::finish(file, &lines, head, context.work)
     }
 
     /// Computes rows that nobody keeps: `look` sees each once, on any thread and in any order. Landmarks and sums as
@@ -225,12 +225,11 @@ impl DistanceRows {
         nodes: &[Node],
         params: RowParams,
         look: Look<'_>,
-        work: &WorkDir,
-        run: &Run,
+        context: Context<'_>,
     ) -> Result<Landmarks> {
-        let head = Self::head(graph, nodes.len(), params, run)?;
+        let head = Self::head(graph, nodes.len(), params, context.run)?;
         let task = Task { graph: graph.csr(), nodes, params: RowParams { l: head.rows, ..params }, head: &head };
-        let (lines, _) = run.stage("rows", "rows", head.rows as u64, || task.pass(look, work, run))?;
+        let (lines, _) = context.run.stage("rows", "rows", head.rows as u64, || task.pass(look, context))?;
         let (nodes, facts) = lines.into_values().map(|line| (line.landmark, line.facts)).unzip();
         Ok(Landmarks { nodes, facts })
     }

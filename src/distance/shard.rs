@@ -12,7 +12,7 @@ use crate::base::{Error, Result};
 use crate::graph::Node;
 use crate::graph::dual::Weighted;
 use crate::store::rows_file::RowsFile;
-use crate::store::{MappedSlice, Run, WorkDir};
+use crate::store::{Context, MappedSlice, WorkDir};
 use std::collections::BTreeMap;
 
 /// The name of a shard's files, without ending.
@@ -29,10 +29,9 @@ pub fn compute(
     nodes: &[Node],
     params: RowParams,
     (shard, of): (usize, usize),
-    work: &WorkDir,
-    run: &Run,
+    context: Context<'_>,
 ) -> Result<()> {
-    let whole = head(&graph.key, nodes.len(), params, run);
+    let whole = head(&graph.key, nodes.len(), params, context.run);
     if shard >= of || of > whole.rows {
         let problem = format!("{shard}/{of} is no shard of {} rows", whole.rows);
         return Err(Error::parameter("--shard", problem, "count shards from 0, and make no more than rows"));
@@ -41,13 +40,16 @@ pub fn compute(
     let stem = stem(shard, of);
     let (array, journal) = (format!("{stem}.npy"), format!("{stem}.journal"));
     let wanted = head.wanted();
-    let done = Journal::read(&work.file(&journal)).is_some_and(|(found, lines)| found == head && lines.len() >= wanted);
-    if done && work.file(&array).exists() {
-        run.progress.note(&format!("rows: shard {shard}/{of} is done already"));
+    let done = Journal::read(&context.work.file(&journal))
+        .is_some_and(|(found, lines)| found == head && lines.len() >= wanted);
+    if done && context.work.file(&array).exists() {
+        context.run.progress.note(&format!("rows: shard {shard}/{of} is done already"));
         return Ok(());
     }
     let task = Task { graph: graph.csr(), nodes, params: RowParams { l: head.rows, ..params }, head: &head };
-    run.stage("rows", "rows", wanted as u64, || task.compute(&array, &journal, work, run)?.0.finish(true).map(drop))?;
+    context
+        .run
+        .stage("rows", "rows", wanted as u64, || task.compute(&array, &journal, context)?.0.finish(true).map(drop))?;
     Ok(())
 }
 
@@ -62,33 +64,33 @@ struct Shard {
 ///
 /// # Errors
 /// [`Error::WorkDir`] where shards are missing, unfinished, damaged, or of different options; [`Error::Io`].
-pub fn merge(work: &WorkDir, run: &Run) -> Result<DistanceRows> {
-    let shards = find(work)?;
+pub fn merge(context: Context<'_>) -> Result<DistanceRows> {
+    let shards = find(context.work)?;
     let head = Head { shard: 0, of: 1, ..shards[0].head.clone() };
     let make = || {
-        let file = RowsFile::<f32>::create(&work.file("distances.npy"), head.rows, head.nodes)?;
+        let file = RowsFile::<f32>::create(&context.work.file("distances.npy"), head.rows, head.nodes)?;
         let mut lines = Vec::with_capacity(head.rows);
         for k in 0..head.rows {
-            run.cancel.check()?;
+            context.run.cancel.check()?;
             let shard = &shards[k % shards.len()];
             let start = k / shards.len() * head.nodes;
             let row = &shard.rows[start..start + head.nodes];
             let line = shard.lines.get(&k).filter(|line| line.xxh3 == checksum(row));
             let Some(line) = line else {
-                return Err(damaged(work, shard.head.shard, shard.head.of, &format!("row {k} is damaged")));
+                return Err(damaged(context.work, shard.head.shard, shard.head.of, &format!("row {k} is damaged")));
             };
             file.row(k)?.copy_from_slice(row);
             lines.push(*line);
-            run.progress.advance("merge", 1);
+            context.run.progress.advance("merge", 1);
         }
-        DistanceRows::finish(file, &lines, &head, work)
+        DistanceRows::finish(file, &lines, &head, context.work)
     };
-    let (rows, seconds) = run.stage("merge", "rows", head.rows as u64, make)?;
-    rows.stamp(&head, seconds, work)?;
+    let (rows, seconds) = context.run.stage("merge", "rows", head.rows as u64, make)?;
+    rows.stamp(&head, seconds, context.work)?;
     for shard in &shards {
         let stem = stem(shard.head.shard, shard.head.of);
-        work.remove(&format!("{stem}.npy"));
-        work.remove(&format!("{stem}.journal"));
+        context.work.remove(&format!("{stem}.npy"));
+        context.work.remove(&format!("{stem}.journal"));
     }
     Ok(rows)
 }

@@ -17,7 +17,7 @@ use crate::base::parallel::map_chunks;
 use crate::base::{Error, Result};
 use crate::store::rows_file::RowsFile;
 use crate::store::workdir::key_of;
-use crate::store::{MappedSlice, Run, WorkDir};
+use crate::store::{Context, MappedSlice, Run};
 use serde::{Deserialize, Serialize};
 use serde_json::json;
 use std::collections::BTreeMap;
@@ -37,21 +37,30 @@ pub enum Distance {
 ///
 /// # Errors
 /// [`Error::Parameter`] for none at all, [`Error::Io`], [`Error::Cancelled`].
-pub fn landmarks(surface: Surface<'_>, params: RowParams, work: &WorkDir, run: &Run) -> Result<Vec<u32>> {
+pub fn landmarks(surface: Surface<'_>, params: RowParams, context: Context<'_>) -> Result<Vec<u32>> {
     if params.l == 0 {
         return Err(Error::parameter("-l", "0 landmarks", "choose at least 1"));
     }
     let Surface { graph, nodes, .. } = surface;
-    let mut field = work.array::<f32>("nearest.tmp", &[nodes.len()])?;
+    let mut field = context.work.array::<f32>("nearest.tmp", &[nodes.len()])?;
     let mut found = Vec::with_capacity(params.l);
     let mut front = Front::new(mean_weight(graph));
-    let result =
-        choose(params.sampling, params.l, (graph, None), nodes, field.data(), &mut front, &(), run, |landmark, _| {
+    let result = choose(
+        params.sampling,
+        params.l,
+        (graph, None),
+        nodes,
+        field.data(),
+        &mut front,
+        &(),
+        context.run,
+        |landmark, _| {
             found.push(landmark);
             Ok(())
-        });
+        },
+    );
     drop(field);
-    work.remove("nearest.tmp.partial");
+    context.work.remove("nearest.tmp.partial");
     result.map(|_| found)
 }
 
@@ -64,11 +73,10 @@ pub fn rows(
     landmarks: Vec<u32>,
     distance: Distance,
     name: &str,
-    work: &WorkDir,
-    run: &Run,
+    context: Context<'_>,
 ) -> Result<DistanceRows> {
-    let file = RowsFile::create(&work.file(name), landmarks.len(), surface.nodes.len())?;
-    fill(surface, landmarks, distance, file, &BTreeMap::new(), None, run)
+    let file = RowsFile::create(&context.work.file(name), landmarks.len(), surface.nodes.len())?;
+    fill(surface, landmarks, distance, file, &BTreeMap::new(), None, context.run)
 }
 
 const FILE: &str = "distances.npy";
@@ -86,38 +94,39 @@ pub fn kept(
     params: RowParams,
     distance: Distance,
     graph: &str,
-    work: &WorkDir,
-    run: &Run,
+    context: Context<'_>,
 ) -> Result<DistanceRows> {
     let n = surface.nodes.len();
-    let options = json!({"stage": STAGE, "graph": graph, "params": params, "distance": distance, "seed": run.seed});
+    let options =
+        json!({"stage": STAGE, "graph": graph, "params": params, "distance": distance, "seed": context.run.seed});
     let head = Head { key: key_of(&options), options, rows: params.l, nodes: n, shard: 0, of: 1 };
-    match work.reuse::<Vec<RowFacts>>(STAGE, &head.key) {
+    match context.work.reuse::<Vec<RowFacts>>(STAGE, &head.key) {
         Ok(facts) => {
-            run.progress.note("rows: reused");
+            context.run.progress.note("rows: reused");
             // Left where a run ended right after its stamp.
-            work.remove(JOURNAL);
-            let landmarks = work.open_array::<u32>(LANDMARKS)?.to_vec();
-            let distances: MappedSlice<f32> = work.open_array(FILE)?;
+            context.work.remove(JOURNAL);
+            let landmarks = context.work.open_array::<u32>(LANDMARKS)?.to_vec();
+            let distances: MappedSlice<f32> = context.work.open_array(FILE)?;
             if distances.len() != landmarks.len() * n || facts.len() != landmarks.len() {
-                return Err(Error::work_dir(work.path(), "holds rows of another shape", "delete it"));
+                return Err(Error::work_dir(context.work.path(), "holds rows of another shape", "delete it"));
             }
             return Ok(DistanceRows { landmarks, distances, facts, nodes: n, key: head.key });
         }
-        Err(reason) => run.note_remake("rows", &reason),
+        Err(reason) => context.run.note_remake("rows", &reason),
     }
-    let (landmarks, _) = run.stage("landmarks", "vertices", n as u64, || landmarks(surface, params, work, run))?;
+    let (landmarks, _) =
+        context.run.stage("landmarks", "vertices", n as u64, || landmarks(surface, params, context))?;
     let sound = |line: &Line| landmarks.get(line.row) == Some(&line.landmark);
-    let Begun { file, done, journal } = Begun::new(&head, (FILE, JOURNAL), sound, work, run)?;
+    let Begun { file, done, journal } = Begun::new(&head, (FILE, JOURNAL), sound, context)?;
     let fill = || {
-        run.progress.advance("rows", done.len() as u64);
-        fill(surface, landmarks, distance, file, &done, journal.as_ref(), run)
+        context.run.progress.advance("rows", done.len() as u64);
+        fill(surface, landmarks, distance, file, &done, journal.as_ref(), context.run)
     };
-    let (mut rows, seconds) = run.stage("rows", "rows", params.l as u64, fill)?;
-    crate::store::npy::write(&work.file(LANDMARKS), &rows.landmarks, 1, true)?;
-    work.stamp(STAGE, &head.key, &head.options, &[LANDMARKS, FILE], &rows.facts, seconds)?;
+    let (mut rows, seconds) = context.run.stage("rows", "rows", params.l as u64, fill)?;
+    crate::store::npy::write(&context.work.file(LANDMARKS), &rows.landmarks, 1, true)?;
+    context.work.stamp(STAGE, &head.key, &head.options, &[LANDMARKS, FILE], &rows.facts, seconds)?;
     drop(journal);
-    work.remove(JOURNAL);
+    context.work.remove(JOURNAL);
     rows.key = head.key;
     Ok(rows)
 }

@@ -16,7 +16,7 @@ use crate::base::{Error, Result};
 use crate::mesh::Mesh;
 use crate::store::shuffle::{Producer, Shuffle};
 use crate::store::sizing::Sized;
-use crate::store::{Run, WorkDir};
+use crate::store::{Context, Run};
 use bytemuck::{Pod, Zeroable};
 use std::path::Path;
 use std::sync::atomic::{AtomicU64, Ordering::Relaxed};
@@ -97,24 +97,24 @@ fn check_size(mesh: &Mesh, path: &Path) -> Result<()> {
 /// # Errors
 /// [`Error::Unusable`] above 2³² − 1 corners, [`Error::Io`], [`Error::Memory`],
 /// [`Error::Cancelled`].
-pub fn matched(mesh: &Mesh, path: &Path, work: &WorkDir, run: &Run) -> Result<(Links, EdgeCounts)> {
+pub fn matched(mesh: &Mesh, path: &Path, context: Context<'_>) -> Result<(Links, EdgeCounts)> {
     check_size(mesh, path)?;
     let (nodes, corners) = (mesh.faces.len(), mesh.faces.corner_count() as u64);
-    let threads = run.threads as u64;
+    let threads = context.run.threads as u64;
     // A bucket of half-edges is there raw, sorted, and as counts.
-    let (file, what) = (|name| work.file(name), "matching edges");
-    let sized = Sized::<HalfEdge>::new(&file("half_edges.tmp"), what, corners, 3 * threads, 3, run)?;
+    let (file, what) = (|name| context.work.file(name), "matching edges");
+    let sized = Sized::<HalfEdge>::new(&file("half_edges.tmp"), what, corners, 3 * threads, 3, context.run)?;
     let half_edges = &sized.shuffle;
-    let mut links = Links::new(nodes, corners as usize, work, run)?;
-    let border = Sized::<u32>::new(&file("boundary.tmp"), what, corners, threads, 4, run)?;
+    let mut links = Links::new(nodes, corners as usize, context)?;
+    let border = Sized::<u32>::new(&file("boundary.tmp"), what, corners, threads, 4, context.run)?;
     let boundary = &border.shuffle;
     let (edge_buckets, border_buckets) = (half_edges.buckets(), boundary.buckets() as u64);
-    scatter(mesh, half_edges, run)?;
+    scatter(mesh, half_edges, context.run)?;
     let border_bucket = |corner: u32| (u64::from(corner) * border_buckets / corners.max(1)) as usize;
     let counters = Counters::default();
     each_chunk(
-        run.threads,
-        &run.cancel,
+        context.run.threads,
+        &context.run.cancel,
         edge_buckets,
         || (links.adding(), boundary.producer(), Sorter::default()),
         |bucket, (out, border, sorter)| {
@@ -125,7 +125,7 @@ pub fn matched(mesh: &Mesh, path: &Path, work: &WorkDir, run: &Run) -> Result<(L
     )?;
     let open = boundary.len();
     drop(sized);
-    let welded = if open > 0 { weld::weld(mesh, boundary, &links, &counters, work, run)? } else { 0 };
+    let welded = if open > 0 { weld::weld(mesh, boundary, &links, &counters, context)? } else { 0 };
     links.seal();
     let counts = EdgeCounts { boundary: open - welded, nonmanifold: counters.nonmanifold.load(Relaxed), welded };
     Ok((links, counts))

@@ -17,7 +17,7 @@ use crate::base::parallel::in_order;
 use crate::base::vector::{distance, middle, wide};
 use crate::mesh::Mesh;
 use crate::store::npy::ArrayWriter;
-use crate::store::{MappedSlice, Run, WorkDir};
+use crate::store::{Context, MappedSlice, WorkDir};
 
 /// The arrays of a graph before its weights.
 #[derive(Clone, Debug)]
@@ -93,16 +93,16 @@ impl RowsWriter {
 ///
 /// # Errors
 /// [`crate::base::Error::Io`], [`crate::base::Error::Cancelled`].
-pub fn assemble(mesh: &Mesh, frame: &Frame, nodes: &[Node], links: &Links, work: &WorkDir, run: &Run) -> Result<Rows> {
-    let mut writer = RowsWriter::create(nodes.len(), links.bound(), work)?;
+pub fn assemble(mesh: &Mesh, frame: &Frame, nodes: &[Node], links: &Links, context: Context<'_>) -> Result<Rows> {
+    let mut writer = RowsWriter::create(nodes.len(), links.bound(), context.work)?;
     in_order(
-        run.threads,
-        &run.cancel,
+        context.run.threads,
+        &context.run.cancel,
         links.parts(),
         || (),
         |part, ()| Ok(assemble_part(mesh, frame, nodes, links.nodes_of(part), &links.take(part, mesh)?)),
         |_, part| {
-            run.progress.advance("graph", part.degrees.len() as u64);
+            context.run.progress.advance("graph", part.degrees.len() as u64);
             writer.push(&part.degrees, &part.indices, &part.gd, &part.edges)
         },
     )?;

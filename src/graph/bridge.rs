@@ -16,7 +16,7 @@ use super::components::Components;
 use super::links::AGAINST;
 use super::nodes::Node;
 use crate::base::Result;
-use crate::store::{Run, WorkDir};
+use crate::store::{Context, Run};
 use rstar::RTree;
 use rstar::primitives::GeomWithData;
 use std::collections::HashMap;
@@ -115,7 +115,7 @@ fn sample(
 ///
 /// # Errors
 /// [`crate::base::Error::Io`], [`crate::base::Error::Cancelled`].
-pub fn insert(rows: &Rows, bridges: &[Bridge], work: &WorkDir, run: &Run) -> Result<Rows> {
+pub fn insert(rows: &Rows, bridges: &[Bridge], context: Context<'_>) -> Result<Rows> {
     let mut extra: Vec<(usize, Entry)> = Vec::with_capacity(2 * bridges.len());
     for bridge in bridges {
         let [a, b] = bridge.nodes;
@@ -123,11 +123,11 @@ pub fn insert(rows: &Rows, bridges: &[Bridge], work: &WorkDir, run: &Run) -> Res
         extra.push((b as usize, Entry { node: a, gd: bridge.gap, edge: 0. }));
     }
     extra.sort_unstable_by_key(|(row, entry)| (*row, entry.node));
-    let mut writer = RowsWriter::create(rows.indptr.len() - 1, rows.indices.len() + extra.len(), work)?;
+    let mut writer = RowsWriter::create(rows.indptr.len() - 1, rows.indices.len() + extra.len(), context.work)?;
     let mut done = 0;
     for group in extra.chunk_by(|a, b| a.0 == b.0) {
         let row = group[0].0;
-        copy(rows, done..row, &mut writer, run)?;
+        copy(rows, done..row, &mut writer, context.run)?;
         let span = rows.indptr[row] as usize..rows.indptr[row + 1] as usize;
         let old = span.map(|e| Entry { node: rows.indices[e], gd: rows.gd[e], edge: rows.edge[e] });
         let mut entries: Vec<Entry> = old.chain(group.iter().map(|(_, entry)| *entry)).collect();
@@ -141,7 +141,7 @@ pub fn insert(rows: &Rows, bridges: &[Bridge], work: &WorkDir, run: &Run) -> Res
         writer.push(&[entries.len() as u32], &indices, &gd, &edges)?;
         done = row + 1;
     }
-    copy(rows, done..rows.indptr.len() - 1, &mut writer, run)?;
+    copy(rows, done..rows.indptr.len() - 1, &mut writer, context.run)?;
     writer.finish()
 }
 

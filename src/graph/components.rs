@@ -13,7 +13,7 @@ use super::links::AGAINST;
 use super::nodes::Node;
 use crate::base::Result;
 use crate::store::npy::ArrayMut;
-use crate::store::{MappedSlice, Run, WorkDir};
+use crate::store::{Context, MappedSlice};
 use std::collections::BTreeMap;
 
 /// Nodes between looks at the stop flag.
@@ -66,9 +66,9 @@ fn find(parent: &mut [u32], mut node: u32) -> (u32, u32) {
 ///
 /// # Errors
 /// [`crate::base::Error::Io`], [`crate::base::Error::Cancelled`].
-pub fn find_components(rows: &Rows, nodes: &[Node], work: &WorkDir, run: &Run) -> Result<Components> {
+pub fn find_components(rows: &Rows, nodes: &[Node], context: Context<'_>) -> Result<Components> {
     let n = nodes.len();
-    let mut array: ArrayMut<u32> = work.array("components.npy", &[n])?;
+    let mut array: ArrayMut<u32> = context.work.array("components.npy", &[n])?;
     let mut list: BTreeMap<u32, Component> = BTreeMap::new();
     let mut mixed = false;
     {
@@ -76,7 +76,7 @@ pub fn find_components(rows: &Rows, nodes: &[Node], work: &WorkDir, run: &Run) -
         let (indptr, indices, edge) = (&rows.indptr[..], &rows.indices[..], &rows.edge[..]);
         for i in 0..n {
             if i % CHUNK == 0 {
-                run.cancel.check()?;
+                context.run.cancel.check()?;
             }
             parent[i] = i as u32;
             let (mut mine, mut my_parity) = (i as u32, 0);
@@ -102,7 +102,7 @@ pub fn find_components(rows: &Rows, nodes: &[Node], work: &WorkDir, run: &Run) -
         let (mut current, mut sum) = (0u32, Component::default());
         for i in 0..n {
             if i % CHUNK == 0 {
-                run.cancel.check()?;
+                context.run.cancel.check()?;
             }
             let link = parent[i];
             let flat = parent[(link & !AGAINST) as usize] ^ (link & AGAINST);

@@ -12,7 +12,7 @@ use crate::base::{Error, Result};
 use crate::mesh::Mesh;
 use crate::store::mapped::{MappedCsr, csr_of_mapped};
 use crate::store::workdir::key_of;
-use crate::store::{MappedSlice, Run, WorkDir};
+use crate::store::{Context, MappedSlice, WorkDir};
 use serde::{Deserialize, Serialize};
 use serde_json::json;
 use std::path::Path;
@@ -71,23 +71,24 @@ impl DualGraph {
     /// # Errors
     /// [`Error::Unusable`] for more than 2³² − 1 corners, [`Error::Io`], [`Error::Memory`],
     /// [`Error::Cancelled`].
-    pub fn build(mesh: &Mesh, path: &Path, input: &serde_json::Value, work: &WorkDir, run: &Run) -> Result<Self> {
+    pub fn build(mesh: &Mesh, path: &Path, input: &serde_json::Value, context: Context<'_>) -> Result<Self> {
         let options = json!({"stage": "graph", "input": input});
         let key = key_of(&options);
-        match work.reuse::<GraphFacts>("graph", &key) {
+        match context.work.reuse::<GraphFacts>("graph", &key) {
             Ok(facts) => {
-                run.progress.note("graph: reused");
-                return Self::open(work, facts, key);
+                context.run.progress.note("graph: reused");
+                return Self::open(context.work, facts, key);
             }
-            Err(reason) => run.note_remake("graph", &reason),
+            Err(reason) => context.run.note_remake("graph", &reason),
         }
-        let (graph, seconds) =
-            run.stage("graph", "faces", mesh.faces.len() as u64, || Self::make(mesh, path, work, run, key.clone()))?;
+        let (graph, seconds) = context
+            .run
+            .stage("graph", "faces", mesh.faces.len() as u64, || Self::make(mesh, path, context, key.clone()))?;
         let mut files = FILES.to_vec();
         if graph.components.is_some() {
             files.push("components.npy");
         }
-        work.stamp("graph", &key, &options, &files, &graph.facts, seconds)?;
+        context.work.stamp("graph", &key, &options, &files, &graph.facts, seconds)?;
         Ok(graph)
     }
 
@@ -105,17 +106,17 @@ impl DualGraph {
         Ok((Self::open(work, facts, stage.key)?, stage.options["input"].clone()))
     }
 
-    fn make(mesh: &Mesh, path: &Path, work: &WorkDir, run: &Run, key: String) -> Result<Self> {
-        let frame = Frame::of(&mesh.positions, run)?;
-        let (nodes, sums) = nodes::build(mesh, &frame, work, run)?;
-        let (links, counts) = adjacency::matched(mesh, path, work, run)?;
-        let rows = assemble(mesh, &frame, &nodes, &links, work, run)?;
+    fn make(mesh: &Mesh, path: &Path, context: Context<'_>, key: String) -> Result<Self> {
+        let frame = Frame::of(&mesh.positions, context.run)?;
+        let (nodes, sums) = nodes::build(mesh, &frame, context)?;
+        let (links, counts) = adjacency::matched(mesh, path, context)?;
+        let rows = assemble(mesh, &frame, &nodes, &links, context)?;
         drop(links);
-        let components = find_components(&rows, &nodes, work, run)?;
-        let (mut rows, nodes, turned) = orient(rows, nodes, &components, work, run)?;
-        let bridges = bridge::find_bridges(&components, &nodes, run)?;
+        let components = find_components(&rows, &nodes, context)?;
+        let (mut rows, nodes, turned) = orient(rows, nodes, &components, context)?;
+        let bridges = bridge::find_bridges(&components, &nodes, context.run)?;
         if !bridges.is_empty() {
-            rows = bridge::insert(&rows, &bridges, work, run)?;
+            rows = bridge::insert(&rows, &bridges, context)?;
         }
         let facts = GraphFacts {
             nodes: nodes.len() as u64,
@@ -135,7 +136,7 @@ impl DualGraph {
             Some(components.root)
         } else {
             drop(components);
-            work.remove("components.npy");
+            context.work.remove("components.npy");
             None
         };
         Ok(Self { rows, nodes, components, facts, key })
@@ -173,8 +174,8 @@ impl DualGraph {
     ///
     /// # Errors
     /// [`Error::Parameter`], [`Error::Io`], [`Error::Cancelled`].
-    pub fn weighted(&self, metric: Metric, work: &WorkDir, run: &Run) -> Result<Weighted> {
-        self.weighted_with(metric, None, 0., self.facts.area, work, run)
+    pub fn weighted(&self, metric: Metric, context: Context<'_>) -> Result<Weighted> {
+        self.weighted_with(metric, None, 0., self.facts.area, context)
     }
 
     /// The same with turning taken from `normals` (n), which are those at `radius`, instead of the faces' own, and
@@ -188,26 +189,25 @@ impl DualGraph {
         normals: Option<&MappedSlice<[f32; 3]>>,
         radius: f32,
         area: f64,
-        work: &WorkDir,
-        run: &Run,
+        context: Context<'_>,
     ) -> Result<Weighted> {
-        let options = json!({"stage": "weights", "graph": self.key, "metric": metric, "radius": radius, "area": area, "seed": run.seed});
+        let options = json!({"stage": "weights", "graph": self.key, "metric": metric, "radius": radius, "area": area, "seed": context.run.seed});
         let key = key_of(&options);
-        let known = work.reuse::<()>("weights", &key);
+        let known = context.work.reuse::<()>("weights", &key);
         let weights = if let Err(reason) = known {
-            run.note_remake("weights", &reason);
-            let (weights, seconds) = run.stage("weights", "faces", self.facts.nodes, || {
-                let place = (work, "graph_weights.npy");
+            context.run.note_remake("weights", &reason);
+            let (weights, seconds) = context.run.stage("weights", "faces", self.facts.nodes, || {
+                let place = (context.work, "graph_weights.npy");
                 let normals = normals.map(|normals| &normals[..]);
-                weights::build(&self.rows, &self.nodes, normals, area, metric, place, run)
+                weights::build(&self.rows, &self.nodes, normals, area, metric, place, context.run)
             })?;
-            work.stamp("weights", &key, &options, &["graph_weights.npy"], &(), seconds)?;
+            context.work.stamp("weights", &key, &options, &["graph_weights.npy"], &(), seconds)?;
             weights
         } else {
-            run.progress.note("weights: reused");
-            work.open_array("graph_weights.npy")?
+            context.run.progress.note("weights: reused");
+            context.work.open_array("graph_weights.npy")?
         };
-        let matrix = csr_of_mapped(work.path(), self.rows.indptr.clone(), self.rows.indices.clone(), weights)?;
+        let matrix = csr_of_mapped(context.work.path(), self.rows.indptr.clone(), self.rows.indices.clone(), weights)?;
         Ok(Weighted { matrix, indptr: self.rows.indptr.clone(), key })
     }
 }

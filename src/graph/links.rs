@@ -7,10 +7,10 @@
 
 use crate::base::Result;
 use crate::mesh::Mesh;
+use crate::store::Context;
 use crate::store::budget::Grant;
 use crate::store::shuffle::Producer;
 use crate::store::sizing::Sized;
-use crate::store::{Run, WorkDir};
 use bytemuck::{Pod, Zeroable};
 use std::ops::Range;
 use std::sync::Mutex;
@@ -80,16 +80,23 @@ impl Links {
     ///
     /// # Errors
     /// [`crate::base::Error::Memory`].
-    pub(super) fn new(nodes: usize, corners: usize, work: &WorkDir, run: &Run) -> Result<Self> {
+    pub(super) fn new(nodes: usize, corners: usize, context: Context<'_>) -> Result<Self> {
         let bytes = 4 * corners as u64;
-        if fit(corners as u64, run.budget.left()) {
-            let grant = run.budget.take("matching edges", bytes, bytes)?;
+        if fit(corners as u64, context.run.budget.left()) {
+            let grant = context.run.budget.take("matching edges", bytes, bytes)?;
             let across = (0..corners).map(|_| AtomicU32::new(NONE)).collect();
             return Ok(Self { nodes, kind: Kind::Table { across, more: Mutex::default(), _grant: grant } });
         }
         // A bucket waits as finished rows besides.
-        let copies = 12 * run.threads as u64;
-        let sized = Sized::<Link>::new(&work.file("links.tmp"), "matching edges", corners as u64, copies, 2, run)?;
+        let copies = 12 * context.run.threads as u64;
+        let sized = Sized::<Link>::new(
+            &context.work.file("links.tmp"),
+            "matching edges",
+            corners as u64,
+            copies,
+            2,
+            context.run,
+        )?;
         let scale = ((sized.shuffle.buckets() as u64) << 32) / nodes.max(1) as u64;
         Ok(Self { nodes, kind: Kind::Shuffled { sized, scale } })
     }

@@ -10,7 +10,7 @@ use crate::base::parallel::{chunk_range, fill_chunks, map_ranges};
 use crate::base::vector::{cross, finite, length, minus, narrow};
 use crate::mesh::{Mesh, Positions};
 use crate::store::npy::Item;
-use crate::store::{MappedSlice, Run, WorkDir};
+use crate::store::{Context, MappedSlice, Run};
 use bytemuck::{Pod, Zeroable};
 use serde::{Deserialize, Serialize};
 
@@ -160,12 +160,12 @@ pub struct NodeSums {
 ///
 /// # Errors
 /// [`crate::base::Error::Io`], [`crate::base::Error::Cancelled`].
-pub fn build(mesh: &Mesh, frame: &Frame, work: &WorkDir, run: &Run) -> Result<(MappedSlice<Node>, NodeSums)> {
+pub fn build(mesh: &Mesh, frame: &Frame, context: Context<'_>) -> Result<(MappedSlice<Node>, NodeSums)> {
     let n = mesh.faces.len();
-    let mut array = work.array::<Node>(FILE, &[n, 7])?;
+    let mut array = context.work.array::<Node>(FILE, &[n, 7])?;
     let sums = fill_chunks(
-        run.threads,
-        &run.cancel,
+        context.run.threads,
+        &context.run.cancel,
         array.data(),
         CHUNK,
         || (),

@@ -15,7 +15,7 @@ use super::links::AGAINST;
 use super::nodes::{self, Node};
 use crate::base::Result;
 use crate::base::parallel::{chunk_range, fill_chunks};
-use crate::store::{MappedSlice, Run, WorkDir};
+use crate::store::{Context, MappedSlice};
 use std::collections::HashMap;
 
 /// Share of a sphere's volume (at equal area) from which on a component counts as enclosing one.
@@ -79,14 +79,13 @@ pub fn orient(
     rows: Rows,
     nodes: MappedSlice<Node>,
     components: &Components,
-    work: &WorkDir,
-    run: &Run,
+    context: Context<'_>,
 ) -> Result<(Rows, MappedSlice<Node>, Turned)> {
     let mut sums: HashMap<u32, Sums> = HashMap::new();
     let (mut root, mut current) = (0u32, Sums::default());
     for (k, (node, &link)) in nodes.iter().zip(components.root.iter()).enumerate() {
         if k % (1 << 18) == 0 {
-            run.cancel.check()?;
+            context.run.cancel.check()?;
         }
         if link & !AGAINST != root {
             sums.insert(root, current);
@@ -105,10 +104,10 @@ pub fn orient(
         turn.get(&(link & !AGAINST)).is_some_and(|turn| turn[usize::from(link & AGAINST != 0)])
     };
     let mut turned = Turned::default();
-    let mut out = work.array::<Node>(nodes::FILE, &[nodes.len(), 7])?;
+    let mut out = context.work.array::<Node>(nodes::FILE, &[nodes.len(), 7])?;
     let counts = fill_chunks(
-        run.threads,
-        &run.cancel,
+        context.run.threads,
+        &context.run.cancel,
         out.data(),
         nodes::CHUNK,
         || (),
@@ -130,10 +129,10 @@ pub fn orient(
         return Ok((rows, nodes, turned));
     }
     // Edge by edge: turning one of two faces changes whether they are against each other.
-    let mut edges = work.array::<f32>("graph_edges.npy", &[rows.edge.len()])?;
+    let mut edges = context.work.array::<f32>("graph_edges.npy", &[rows.edge.len()])?;
     let counts = fill_chunks(
-        run.threads,
-        &run.cancel,
+        context.run.threads,
+        &context.run.cancel,
         edges.data(),
         nodes::CHUNK,
         || (),

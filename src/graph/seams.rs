@@ -10,7 +10,7 @@ use super::weights::LEAST;
 use crate::base::Result;
 use crate::store::shuffle::Shuffle;
 use crate::store::sizing::Sized;
-use crate::store::{Run, WorkDir};
+use crate::store::{Context, Run};
 use xxhash_rust::xxh3::xxh3_64;
 
 /// Position bits and vertex.
@@ -24,8 +24,8 @@ pub(super) struct Seams {
 
 impl Seams {
     /// Ready for up to `n` vertices.
-    pub(super) fn new(n: usize, work: &WorkDir, run: &Run) -> Result<Self> {
-        let sized = Sized::new(&work.file("seams.tmp"), "seams", n as u64, 2, 4, run)?;
+    pub(super) fn new(n: usize, context: Context<'_>) -> Result<Self> {
+        let sized = Sized::new(&context.work.file("seams.tmp"), "seams", n as u64, 2, 4, context.run)?;
         Ok(Self { sized, staged: Vec::new() })
     }
 

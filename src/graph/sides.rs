@@ -10,7 +10,7 @@ use crate::mesh::Mesh;
 use crate::store::npy::ArrayWriter;
 use crate::store::shuffle::Producer;
 use crate::store::sizing::Sized;
-use crate::store::{MappedSlice, Run, WorkDir};
+use crate::store::{Context, MappedSlice, WorkDir};
 
 const CHUNK: usize = 1 << 14;
 const FILES: [&str; 2] = ["sides_indptr.tmp", "sides_indices.tmp"];
@@ -29,18 +29,18 @@ impl Sides {
     ///
     /// # Errors
     /// [`crate::base::Error::Io`], [`crate::base::Error::Memory`], [`crate::base::Error::Cancelled`].
-    pub fn build(mesh: &Mesh, work: &WorkDir, run: &Run) -> Result<Self> {
+    pub fn build(mesh: &Mesh, context: Context<'_>) -> Result<Self> {
         let (n, faces, corners) = (mesh.positions.len(), mesh.faces.len(), mesh.faces.corner_count() as u64);
-        let copies = 8 * run.threads as u64;
-        let path = work.file("side_links.tmp");
-        let sized = Sized::<[u32; 2]>::new(&path, "the graph of vertices", 2 * corners, copies, 1, run)?;
+        let copies = 8 * context.run.threads as u64;
+        let path = context.work.file("side_links.tmp");
+        let sized = Sized::<[u32; 2]>::new(&path, "the graph of vertices", 2 * corners, copies, 1, context.run)?;
         let shuffle = &sized.shuffle;
         let buckets = shuffle.buckets();
         let first = |bucket: usize| (bucket as u128 * n as u128).div_ceil(buckets as u128) as usize;
         let bucket = |v: u32| (u64::from(v) as u128 * buckets as u128 / n.max(1) as u128) as usize;
         each_chunk(
-            run.threads,
-            &run.cancel,
+            context.run.threads,
+            &context.run.cancel,
             chunk_count(faces, CHUNK),
             || shuffle.producer(),
             |k, out| {
@@ -57,13 +57,13 @@ impl Sides {
             },
             Producer::finish,
         )?;
-        let mut starts: ArrayWriter<u64> = work.writer(FILES[0], 1)?;
-        let mut indices: ArrayWriter<u32> = work.writer(FILES[1], 1)?;
+        let mut starts: ArrayWriter<u64> = context.work.writer(FILES[0], 1)?;
+        let mut indices: ArrayWriter<u32> = context.work.writer(FILES[1], 1)?;
         let mut end = 0;
         starts.push(&[0])?;
         in_order(
-            run.threads,
-            &run.cancel,
+            context.run.threads,
+            &context.run.cancel,
             buckets,
             || (),
             |bucket, ()| {
@@ -112,6 +112,7 @@ impl Sides {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::store::Run;
     use std::collections::BTreeSet;
 
     #[test]
@@ -132,7 +133,7 @@ mod tests {
         let work = WorkDir::temporary(dir.path()).unwrap();
         for memory in [1 << 20, 1 << 30] {
             let run = Run { budget: crate::store::Budget::new(memory), ..Run::new(&()) };
-            let graph = Sides::build(&mesh, &work, &run).unwrap();
+            let graph = Sides::build(&mesh, Context::new(&work, &run)).unwrap();
             assert_eq!(graph.len(), 9);
             for v in 0..9 {
                 let found: Vec<u32> = graph.neighbours(v).to_vec();

@@ -22,7 +22,7 @@ use crate::base::{Error, Result};
 use crate::mesh::Mesh;
 use crate::store::sizing::Sized;
 use crate::store::workdir::key_of;
-use crate::store::{MappedSlice, Run, WorkDir};
+use crate::store::{Context, MappedSlice, WorkDir};
 use serde::{Deserialize, Serialize};
 use serde_json::json;
 use std::path::Path;
@@ -102,17 +102,17 @@ impl VertexGraph {
     ///
     /// # Errors
     /// [`Error::Unusable`] for a mesh without a single triangle, [`Error::Io`], [`Error::Memory`], [`Error::Cancelled`].
-    pub fn build(mesh: &Mesh, path: &Path, work: &WorkDir, run: &Run) -> Result<Self> {
+    pub fn build(mesh: &Mesh, path: &Path, context: Context<'_>) -> Result<Self> {
         let (n, faces) = (mesh.positions.len(), mesh.faces.len());
-        let frame = Frame::of(&mesh.positions, run)?;
+        let frame = Frame::of(&mesh.positions, context.run)?;
         let records = 3 * (mesh.faces.corner_count() as u64).saturating_sub(2 * faces as u64);
         let sized = Sized::<Corner>::new(
-            &work.file("corners.tmp"),
+            &context.work.file("corners.tmp"),
             "the vertex graph",
             records,
-            6 * run.threads as u64,
+            6 * context.run.threads as u64,
             2,
-            run,
+            context.run,
         )?;
         let shuffle = &sized.shuffle;
         let buckets = shuffle.buckets();
@@ -131,8 +131,8 @@ impl VertexGraph {
             result
         };
         each_chunk(
-            run.threads,
-            &run.cancel,
+            context.run.threads,
+            &context.run.cancel,
             chunk_count(faces, CHUNK),
             || shuffle.producer(),
             scatter,
@@ -142,16 +142,17 @@ impl VertexGraph {
             let problem = "has no triangle of three different vertices with positions";
             return Err(Error::unusable(path, problem, "give another mesh"));
         }
-        let mut rows = RowsWriter::create(n, 2 * records as usize, work)?;
-        let mut nodes = work.writer::<Node>("vertex_geometry.npy", 7)?;
-        let (mut starts, mut ring) = (work.writer::<u64>("ring_starts.npy", 1)?, work.writer::<u32>("ring.npy", 2)?);
+        let mut rows = RowsWriter::create(n, 2 * records as usize, context.work)?;
+        let mut nodes = context.work.writer::<Node>("vertex_geometry.npy", 7)?;
+        let (mut starts, mut ring) =
+            (context.work.writer::<u64>("ring_starts.npy", 1)?, context.work.writer::<u32>("ring.npy", 2)?);
         starts.push(&[0])?;
         let mut facts = VertexFacts { vertices: n as u64, ..VertexFacts::default() };
-        let mut seams = Seams::new(n, work, run)?;
+        let mut seams = Seams::new(n, context)?;
         let mut end = 0u64;
         in_order(
-            run.threads,
-            &run.cancel,
+            context.run.threads,
+            &context.run.cancel,
             buckets,
             || (),
             |bucket, ()| {
@@ -172,19 +173,19 @@ impl VertexGraph {
         )?;
         drop(sized);
         let (mut rows, nodes) = (rows.finish()?, nodes.finish(false)?);
-        let seams = seams.find(run)?;
+        let seams = seams.find(context.run)?;
         facts.seams = seams.len() as u64;
         if !seams.is_empty() {
-            rows = bridge::insert(&rows, &seams, work, run)?;
+            rows = bridge::insert(&rows, &seams, context)?;
         }
-        let components = find_components(&rows, &nodes, work, run)?;
+        let components = find_components(&rows, &nodes, context)?;
         facts.components = components.list.len() as u64;
-        let mut bridges = bridge::find_bridges(&components, &nodes, run)?;
+        let mut bridges = bridge::find_bridges(&components, &nodes, context.run)?;
         bridges.iter_mut().for_each(|bridge: &mut Bridge| bridge.gap = bridge.gap.max(LEAST));
         drop(components);
-        work.remove("components.npy");
+        context.work.remove("components.npy");
         if !bridges.is_empty() {
-            rows = bridge::insert(&rows, &bridges, work, run)?;
+            rows = bridge::insert(&rows, &bridges, context)?;
         }
         Ok(Self { rows, nodes, ring_starts: starts.finish(false)?, ring: ring.finish(false)?, frame, facts })
     }
@@ -194,24 +195,18 @@ impl VertexGraph {
     ///
     /// # Errors
     /// As [`VertexGraph::build`].
-    pub fn kept(
-        mesh: &Mesh,
-        path: &Path,
-        input: &serde_json::Value,
-        work: &WorkDir,
-        run: &Run,
-    ) -> Result<(Self, String)> {
+    pub fn kept(mesh: &Mesh, path: &Path, input: &serde_json::Value, context: Context<'_>) -> Result<(Self, String)> {
         let options = json!({"stage": "vertex graph", "input": input});
         let key = key_of(&options);
-        match work.reuse::<(VertexFacts, Frame)>("vertex graph", &key) {
+        match context.work.reuse::<(VertexFacts, Frame)>("vertex graph", &key) {
             Ok((facts, frame)) => {
-                run.progress.note("vertex graph: reused");
-                return Ok((Self::open(facts, frame, work)?, key));
+                context.run.progress.note("vertex graph: reused");
+                return Ok((Self::open(facts, frame, context.work)?, key));
             }
-            Err(reason) => run.note_remake("vertex graph", &reason),
+            Err(reason) => context.run.note_remake("vertex graph", &reason),
         }
-        let graph = Self::build(mesh, path, work, run)?;
-        work.stamp("vertex graph", &key, &options, &FILES, &(graph.facts, graph.frame), 0.)?;
+        let graph = Self::build(mesh, path, context)?;
+        context.work.stamp("vertex graph", &key, &options, &FILES, &(graph.facts, graph.frame), 0.)?;
         Ok((graph, key))
     }
 

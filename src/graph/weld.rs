@@ -13,9 +13,9 @@ use super::links::{Adding, Links};
 use crate::base::Result;
 use crate::base::parallel::each_chunk;
 use crate::mesh::Mesh;
+use crate::store::Context;
 use crate::store::shuffle::{Producer, Shuffle};
 use crate::store::sizing::Sized;
-use crate::store::{Run, WorkDir};
 use bytemuck::{Pod, Zeroable};
 use std::sync::atomic::{AtomicU64, Ordering::Relaxed};
 use xxhash_rust::xxh3::xxh3_128;
@@ -48,15 +48,15 @@ pub(super) fn weld(
     boundary: &Shuffle<u32>,
     links: &Links,
     counters: &Counters,
-    work: &WorkDir,
-    run: &Run,
+    context: Context<'_>,
 ) -> Result<u64> {
-    let copies = 2 * run.threads as u64;
-    let sized = Sized::<Place>::new(&work.file("places.tmp"), "welding", boundary.len(), copies, 2, run)?;
+    let copies = 2 * context.run.threads as u64;
+    let sized =
+        Sized::<Place>::new(&context.work.file("places.tmp"), "welding", boundary.len(), copies, 2, context.run)?;
     let (places, buckets) = (&sized.shuffle, sized.shuffle.buckets());
     each_chunk(
-        run.threads,
-        &run.cancel,
+        context.run.threads,
+        &context.run.cancel,
         boundary.buckets(),
         || places.producer(),
         |bucket, out| {
@@ -69,8 +69,8 @@ pub(super) fn weld(
     )?;
     let welded = AtomicU64::new(0);
     each_chunk(
-        run.threads,
-        &run.cancel,
+        context.run.threads,
+        &context.run.cancel,
         buckets,
         || links.adding(),
         |bucket, out| {

@@ -6,9 +6,9 @@
 use super::output::Gather;
 use crate::base::Result;
 use crate::base::parallel::in_order;
+use crate::store::Context;
 use crate::store::shuffle::Producer;
 use crate::store::sizing::Sized;
-use crate::store::{Run, WorkDir};
 
 /// Bytes of a record in a piece.
 const PIECE: usize = 16;
@@ -24,7 +24,7 @@ pub(super) fn sorted(
     places: &[u32],
     bytes: usize,
     out: &mut Gather,
-    (work, run): (&WorkDir, &Run),
+    Context { work, run }: Context<'_>,
     produce: impl FnOnce(Push<'_>) -> Result<()>,
 ) -> Result<()> {
     let n = places.len().max(1);

@@ -15,7 +15,7 @@ use super::output::{Gather, by_rename};
 use super::pieces;
 use super::surface::Mesh;
 use crate::base::{Error, Result};
-use crate::store::{Run, WorkDir};
+use crate::store::Context;
 use std::io::Write;
 use std::path::Path;
 
@@ -49,10 +49,9 @@ pub fn write(
     out: &Path,
     order: &Rearrangement,
     form: PlyForm,
-    work: &WorkDir,
-    run: &Run,
+    context: Context<'_>,
 ) -> Result<()> {
-    by_rename(out, 0, false, |file| stream(document, mesh, out, file, order, form, work, run))
+    by_rename(out, 0, false, |file| stream(document, mesh, out, file, order, form, context))
 }
 
 /// Writes the rearranged file to a stream, `name` in messages.
@@ -66,10 +65,9 @@ pub fn write_to(
     writer: &mut dyn Write,
     order: &Rearrangement,
     form: PlyForm,
-    work: &WorkDir,
-    run: &Run,
+    context: Context<'_>,
 ) -> Result<()> {
-    stream(document, mesh, Path::new(name), writer, order, form, work, run)
+    stream(document, mesh, Path::new(name), writer, order, form, context)
 }
 
 fn stream(
@@ -79,8 +77,7 @@ fn stream(
     writer: &mut dyn Write,
     order: &Rearrangement,
     form: PlyForm,
-    work: &WorkDir,
-    run: &Run,
+    context: Context<'_>,
 ) -> Result<()> {
     let fit = |name: &str, given: usize, needed: usize| {
         let problem = format!("{given} numbers for {needed}");
@@ -89,7 +86,7 @@ fn stream(
     fit("places", order.places.len(), mesh.faces.len())?;
     fit("numbers", order.numbers.len(), mesh.positions.len())?;
     let target = form.encoding(document);
-    let task = Task { document, mesh, order, encoder: Encoder { target }, work, run };
+    let task = Task { document, mesh, order, encoder: Encoder { target }, context };
     let mut out = Gather::new(path, writer);
     out.pass(&task.header())?;
     for number in 0..document.header.elements.len() {
@@ -117,8 +114,7 @@ struct Task<'a> {
     mesh: &'a Mesh,
     order: &'a Rearrangement<'a>,
     encoder: Encoder,
-    work: &'a WorkDir,
-    run: &'a Run<'a>,
+    context: Context<'a>,
 }
 
 impl<'a> Task<'a> {
@@ -207,7 +203,7 @@ impl<'a> Task<'a> {
         let element = &document.header.elements[number];
         if role == Role::Faces && document.strips {
             let bytes = 16 * self.mesh.faces.len();
-            return pieces::sorted(self.order.places, bytes, out, (self.work, self.run), |push| self.strips(push));
+            return pieces::sorted(self.order.places, bytes, out, self.context, |push| self.strips(push));
         }
         if element.properties.is_empty() {
             return Ok(());
@@ -226,14 +222,14 @@ impl<'a> Task<'a> {
         // Text of another encoding can be longer or shorter; only the number of buckets depends on it.
         let bytes = document.ranges[number].len().max(element.least_size() * element.count);
         let produce = |push: pieces::Push<'_>| self.records::<C>(number, |record, bytes| push(record, bytes));
-        pieces::sorted(places, bytes, out, (self.work, self.run), produce)
+        pieces::sorted(places, bytes, out, self.context, produce)
     }
 
     /// An element as it stands.
     fn copy(&self, number: usize, out: &mut Gather) -> Result<()> {
         let range = self.document.ranges[number].clone();
         for piece in self.document.bytes[range.clone()].chunks(COPY) {
-            self.run.cancel.check()?;
+            self.context.run.cancel.check()?;
             out.pass(piece)?;
         }
         if self.encoder.target == Encoding::Ascii && !range.is_empty() {
@@ -253,7 +249,7 @@ impl<'a> Task<'a> {
         let mut record_bytes = Vec::new();
         for record in 0..element.count {
             if record % CHUNK == 0 {
-                self.run.cancel.check()?;
+                self.context.run.cancel.check()?;
             }
             record_bytes.clear();
             let out = &mut record_bytes;
@@ -294,7 +290,7 @@ impl<'a> Task<'a> {
         let faces = self.mesh.faces.len();
         let (mut record, encoder) = (Vec::new(), self.encoder);
         for start in (0..faces).step_by(CHUNK) {
-            self.run.cancel.check()?;
+            self.context.run.cancel.check()?;
             let mut result = Ok(());
             self.mesh.faces.for_each(start..faces.min(start + CHUNK), |face, corners| {
                 record.clear();

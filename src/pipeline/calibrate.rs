@@ -10,7 +10,7 @@ use crate::mesh;
 use crate::mesh::model::{Encoding, Kind};
 use crate::mesh::open::no_faces;
 use crate::mesh::{header, import};
-use crate::store::{MappedBytes, Run, WorkDir};
+use crate::store::{Context, MappedBytes, Run, WorkDir};
 use std::collections::BTreeMap;
 use std::path::Path;
 use std::sync::Mutex;
@@ -84,7 +84,7 @@ fn seconds(params: &SegmentParams, faces: u64, folder: &Path, run: &Run) -> Resu
     let creature = Creature::new(&Options { faces, ..Options::default() })?;
     creature.write_ply(&path, &timed)?;
     let (opened, _) = timed.stage("read", "faces", faces, || mesh::open(&path, work.path(), &timed))?;
-    segment(&opened, &serde_json::json!("calibration"), params, &work, &timed)?;
+    segment(&opened, &serde_json::json!("calibration"), params, Context::new(&work, &timed))?;
     let seconds = clock.0.into_inner().unwrap_or_else(|poison| poison.into_inner());
     let mut by_stage: BTreeMap<String, f64> = BTreeMap::new();
     for (stage, seconds) in seconds {

@@ -17,7 +17,7 @@ use crate::graph::VertexGraph;
 use crate::graph::vertices::VertexFacts;
 use crate::mesh::Opened;
 use crate::spectral::orthogonal::{Orthogonal, OrthogonalParams, Point};
-use crate::store::{MappedSlice, Run, WorkDir};
+use crate::store::{Context, MappedSlice, Run, WorkDir};
 use serde::Serialize;
 use serde_json::Value;
 
@@ -114,35 +114,36 @@ impl<'a> Side<'a> {
         input: Option<&Value>,
         params: &CorrespondParams,
         name: &str,
-        work: &WorkDir,
-        run: &Run,
+        context: Context<'_>,
     ) -> Result<Self> {
         params.embedding.check()?;
-        let work = WorkDir::open(&work.file(name))?;
+        let work = WorkDir::open(&context.work.file(name))?;
+        let context = Context::new(&work, context.run);
         let n = opened.mesh.positions.len() as u64;
         let path = opened.document.path();
         let build = || match input {
-            Some(input) => VertexGraph::kept(&opened.mesh, path, input, &work, run),
-            None => Ok((VertexGraph::build(&opened.mesh, path, &work, run)?, String::new())),
+            Some(input) => VertexGraph::kept(&opened.mesh, path, input, context),
+            None => Ok((VertexGraph::build(&opened.mesh, path, context)?, String::new())),
         };
-        let ((graph, key), _) = run.stage("graph", "vertices", n, build)?;
+        let ((graph, key), _) = context.run.stage("graph", "vertices", n, build)?;
         let surface = Surface::of(&graph);
         let row_params = RowParams { l: params.landmarks.min(graph.len()), sampling: params.sampling };
         let rows = if input.is_some() {
-            vertex_rows::kept(surface, row_params, params.distance, &key, &work, run)?
+            vertex_rows::kept(surface, row_params, params.distance, &key, context)?
         } else {
-            let (landmarks, _) =
-                run.stage("landmarks", "vertices", n, || vertex_rows::landmarks(surface, row_params, &work, run))?;
-            let rows = || vertex_rows::rows(surface, landmarks, params.distance, "distances.npy", &work, run);
-            run.stage("rows", "rows", row_params.l as u64, rows)?.0
+            let (landmarks, _) = context
+                .run
+                .stage("landmarks", "vertices", n, || vertex_rows::landmarks(surface, row_params, context))?;
+            let rows = || vertex_rows::rows(surface, landmarks, params.distance, "distances.npy", context);
+            context.run.stage("rows", "rows", row_params.l as u64, rows)?.0
         };
         let embed = || {
-            let fit = Orthogonal::fit(&rows, &graph.nodes, params.embedding, run)?;
-            let points = fit.embed(&rows, fit.sigma, "embedding.npy", &work, run)?;
-            let tensor = Tensor::of(&opened.mesh, &points, fit.dimensions, run)?;
+            let fit = Orthogonal::fit(&rows, &graph.nodes, params.embedding, context.run)?;
+            let points = fit.embed(&rows, fit.sigma, "embedding.npy", context)?;
+            let tensor = Tensor::of(&opened.mesh, &points, fit.dimensions, context.run)?;
             Ok((fit, points, tensor))
         };
-        let ((fit, points, tensor), _) = run.stage("embedding", "vertices", n, embed)?;
+        let ((fit, points, tensor), _) = context.run.stage("embedding", "vertices", n, embed)?;
         Ok(Self { opened, graph, rows, fit, points, tensor, work })
     }
 
@@ -177,12 +178,11 @@ pub fn correspond(
     b: &Opened,
     inputs: Option<&[Value; 2]>,
     params: &CorrespondParams,
-    work: &WorkDir,
-    run: &Run,
+    context: Context<'_>,
 ) -> Result<Correspondence> {
-    let side = |opened, k: usize, name| Side::build(opened, inputs.map(|inputs| &inputs[k]), params, name, work, run);
+    let side = |opened, k: usize, name| Side::build(opened, inputs.map(|inputs| &inputs[k]), params, name, context);
     let (a, b) = (side(a, 0, "a")?, side(b, 1, "b")?);
-    match_sides(&a, &b, params, work, run)
+    match_sides(&a, &b, params, context)
 }
 
 /// Matches meshes made ready with the same parameters.
@@ -193,10 +193,9 @@ pub fn match_sides(
     a: &Side<'_>,
     b: &Side<'_>,
     params: &CorrespondParams,
-    work: &WorkDir,
-    run: &Run,
+    context: Context<'_>,
 ) -> Result<Correspondence> {
-    let (alignments, _) = run.stage("alignment", "guesses", 0, || align(a.shape(), b.shape(), run))?;
+    let (alignments, _) = context.run.stage("alignment", "guesses", 0, || align(a.shape(), b.shape(), context.run))?;
     let Some(alignment) = alignments.found.get(params.alternative) else {
         let problem = format!("{} of {}", params.alternative, alignments.found.len());
         return Err(Error::parameter("--alternative", problem, "count from 0; the report lists them"));
@@ -205,17 +204,17 @@ pub fn match_sides(
     let pass = |points_b: &[Point], alignment: &Alignment, matching, name: &str| {
         let make = || {
             let dimensions = alignment.transform.nrows();
-            let in_b = Nearest::new(points_b, b.graph.csr(), dimensions, &b.work, run)?;
-            let in_a = Nearest::new(&a.points, a.graph.csr(), dimensions, &a.work, run)?;
+            let in_b = Nearest::new(points_b, b.graph.csr(), dimensions, Context::new(&b.work, context.run))?;
+            let in_a = Nearest::new(&a.points, a.graph.csr(), dimensions, Context::new(&a.work, context.run))?;
             let (graph_a, graph_b, in_a, in_b) = (&a.graph, &b.graph, &in_a, &in_b);
             let pair = Pair { a: &a.points, b: points_b, graph_a, graph_b, alignment, in_b, in_a };
-            matches(pair, matching, name, work, run)
+            matches(pair, matching, name, context)
         };
-        run.stage("match", "vertices", a.points.len() as u64, make).map(|(matches, _)| matches)
+        context.run.stage("match", "vertices", a.points.len() as u64, make).map(|(matches, _)| matches)
     };
     let mut found = pass(&b.points, alignment, matching, "matches.npy")?;
     if params.transfer {
-        let (points_b, alignment) = transferred(a, b, &found, params, run)?;
+        let (points_b, alignment) = transferred(a, b, &found, params, context.run)?;
         found = pass(&points_b, &alignment, params.matching, "matches.npy")?;
     }
     Ok(Correspondence { matches: found, alignments, sides: [a.facts(), b.facts()] })
@@ -231,10 +230,10 @@ fn transferred(
 ) -> Result<(MappedSlice<Point>, Alignment)> {
     let landmarks = a.rows.landmarks.iter().map(|&v| found[v as usize].vertex().unwrap_or(0)).collect();
     let surface = Surface::of(&b.graph);
-    let rows = || vertex_rows::rows(surface, landmarks, params.distance, "transferred.npy", &b.work, run);
+    let rows = || vertex_rows::rows(surface, landmarks, params.distance, "transferred.npy", Context::new(&b.work, run));
     let (rows, _) = run.stage("rows", "rows", a.rows.len() as u64, rows)?;
     let sigma = Orthogonal::width_on(&rows, &b.graph.nodes, params.embedding.width);
-    let points = a.fit.embed(&rows, sigma, "transferred_embedding.npy", &b.work, run)?;
+    let points = a.fit.embed(&rows, sigma, "transferred_embedding.npy", Context::new(&b.work, run))?;
     let k = a.fit.dimensions;
     let pairs = sample(&a.graph.nodes, 8 * FINE, run.seed, "transferred points");
     let pairs =

@@ -5,7 +5,7 @@ use crate::base::Result;
 use crate::base::parallel::fill_each;
 use crate::cluster::parts::PartTree;
 use crate::graph::{DualGraph, NodeOrder};
-use crate::store::{MappedSlice, Run, WorkDir};
+use crate::store::{Context, MappedSlice};
 
 /// Numbers of parts at the most.
 pub const MOST: usize = 30;
@@ -26,25 +26,25 @@ pub struct KeptCuts {
 ///
 /// # Errors
 /// [`crate::base::Error::WorkDir`], [`crate::base::Error::Io`], [`crate::base::Error::Cancelled`].
-pub fn kept(coarse: bool, tree: Option<&PartTree>, work: &WorkDir, run: &Run) -> Result<Option<KeptCuts>> {
-    let (_, input) = DualGraph::kept(work)?;
-    let order = NodeOrder::kept(&input, work)?;
-    let tree = tree.cloned().map_or_else(|| decision::tree_of(work, coarse), Ok)?;
-    let inner = work.file("coarse").join("cells.npy");
+pub fn kept(coarse: bool, tree: Option<&PartTree>, context: Context<'_>) -> Result<Option<KeptCuts>> {
+    let (_, input) = DualGraph::kept(context.work)?;
+    let order = NodeOrder::kept(&input, context.work)?;
+    let tree = tree.cloned().map_or_else(|| decision::tree_of(context.work, coarse), Ok)?;
+    let inner = context.work.file("coarse").join("cells.npy");
     let cells = if coarse && inner.exists() {
         let of_small = crate::store::npy::open::<u32>(&inner)?;
-        let of_node = work.open_array::<u32>("contracted.npy")?;
-        let mut cells = work.array::<u32>(FILE, &[of_node.len()])?;
+        let of_node = context.work.open_array::<u32>("contracted.npy")?;
+        let mut cells = context.work.array::<u32>(FILE, &[of_node.len()])?;
         let value = |i: usize, _| of_small.get(of_node[i] as usize).copied().unwrap_or(u32::MAX);
-        fill_each(run.threads, &run.cancel, cells.data(), CHUNK, value)?;
+        fill_each(context.run.threads, &context.run.cancel, cells.data(), CHUNK, value)?;
         cells.finish(false)?
     } else {
-        work.open_array::<u32>("cells.npy")?
+        context.work.open_array::<u32>("cells.npy")?
     };
     if cells.iter().any(|&cell| cell as usize >= tree.cells()) {
         return Ok(None);
     }
-    let cells = order.restore(FILE, cells, work, run)?;
+    let cells = order.restore(FILE, cells, context)?;
     let parts = (1..=MOST.min(tree.cells())).map(|k| Ok(tree.cut_k(k)?.label)).collect::<Result<_>>()?;
     Ok(Some(KeptCuts { cells, parts }))
 }

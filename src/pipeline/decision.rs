@@ -19,7 +19,7 @@ use crate::graph::dual::Weighted;
 use crate::spectral::eigen;
 use crate::spectral::kernel::Kernel;
 use crate::store::workdir::key_of;
-use crate::store::{Run, WorkDir};
+use crate::store::{Context, WorkDir};
 use nalgebra::DMatrix;
 use serde::{Deserialize, Serialize};
 use serde_json::json;
@@ -50,38 +50,37 @@ pub(super) fn decide(
     weighted: &Weighted,
     surface: &Surface,
     params: &SegmentParams,
-    work: &WorkDir,
-    run: &Run,
+    context: Context<'_>,
 ) -> Result<(Decided, Facts)> {
     let n = graph.nodes.len();
     let l = params.landmarks.unwrap_or(landmarks_for_parts(n));
     let row_params = RowParams { l, sampling: params.sampling };
     let options = json!({
         "stage": "decision",
-        "rows": DistanceRows::key(weighted, n, row_params, run),
+        "rows": DistanceRows::key(weighted, n, row_params, context.run),
         "surface": surface.key,
         "decision": params.parts.decision,
         "members": params.parts.members,
         "small_part": params.parts.small_part,
         "hierarchy": 3,
-        "seed": run.seed,
+        "seed": context.run.seed,
     });
     let key = key_of(&options);
-    match work.reuse::<Facts>("decision", &key) {
+    match context.work.reuse::<Facts>("decision", &key) {
         Ok(facts) => {
-            run.progress.note("decision: reused");
-            return Ok((open(surface.cells.len(), work)?, facts));
+            context.run.progress.note("decision: reused");
+            return Ok((open(surface.cells.len(), context.work)?, facts));
         }
-        Err(reason) => run.note_remake("decision", &reason),
+        Err(reason) => context.run.note_remake("decision", &reason),
     }
-    let sample = Ground { graph, weighted, surface, work, run }.representative(l, params)?;
-    let (decided, seconds) = parts::decide(&surface.cells.graph, &sample.b, sample.len(), &params.parts, run)?;
-    write_tree(&decided.tree, &work.file(TREE))?;
-    work.write(ATOMS, &decided.atoms.of_cell, 1)?;
-    work.write(AREAS, &decided.atoms.area, 1)?;
-    work.write(TOGETHER, decided.together.values(), decided.together.len())?;
+    let sample = Ground { graph, weighted, surface, context }.representative(l, params)?;
+    let (decided, seconds) = parts::decide(&surface.cells.graph, &sample.b, sample.len(), &params.parts, context.run)?;
+    write_tree(&decided.tree, &context.work.file(TREE))?;
+    context.work.write(ATOMS, &decided.atoms.of_cell, 1)?;
+    context.work.write(AREAS, &decided.atoms.area, 1)?;
+    context.work.write(TOGETHER, decided.together.values(), decided.together.len())?;
     let facts = Facts { l: sample.len(), seconds, numbers: numbers(&sample) };
-    work.stamp("decision", &key, &options, &[TREE, ATOMS, AREAS, TOGETHER], &facts, seconds)?;
+    context.work.stamp("decision", &key, &options, &[TREE, ATOMS, AREAS, TOGETHER], &facts, seconds)?;
     Ok((decided, facts))
 }
 

@@ -9,7 +9,7 @@ use crate::distance::DistanceRows;
 use crate::graph::{DualGraph, NodeOrder};
 use crate::spectral::{Columns, Embedding, EmbeddingParams};
 use crate::store::workdir::key_of;
-use crate::store::{Run, WorkDir};
+use crate::store::{Context, WorkDir};
 use serde::{Deserialize, Serialize};
 use serde_json::json;
 
@@ -54,23 +54,23 @@ pub(super) fn kept_facts(work: &WorkDir) -> Option<EmbeddingFacts> {
 /// # Errors
 /// [`crate::base::Error::WorkDir`] where the graph is missing, [`crate::base::Error::Parameter`],
 /// [`crate::base::Error::Io`], [`crate::base::Error::Cancelled`].
-pub fn embed(params: EmbeddingParams, method: &SegmentParams, work: &WorkDir, run: &Run) -> Result<EmbeddingFacts> {
-    let (graph, input) = DualGraph::kept(work)?;
-    let order = NodeOrder::kept(&input, work)?;
-    let rows = some_rows(&graph, params.dimensions, method, work, run)?;
-    let options = json!({"stage": "embedding", "rows": rows.key, "params": params, "seed": run.seed});
+pub fn embed(params: EmbeddingParams, method: &SegmentParams, context: Context<'_>) -> Result<EmbeddingFacts> {
+    let (graph, input) = DualGraph::kept(context.work)?;
+    let order = NodeOrder::kept(&input, context.work)?;
+    let rows = some_rows(&graph, params.dimensions, method, context)?;
+    let options = json!({"stage": "embedding", "rows": rows.key, "params": params, "seed": context.run.seed});
     let key = key_of(&options);
-    match work.reuse::<EmbeddingFacts>("embedding", &key) {
+    match context.work.reuse::<EmbeddingFacts>("embedding", &key) {
         Ok(facts) => {
-            run.progress.note("embedding: reused");
+            context.run.progress.note("embedding: reused");
             return Ok(facts);
         }
-        Err(reason) => run.note_remake("embedding", &reason),
+        Err(reason) => context.run.note_remake("embedding", &reason),
     }
     let make = || -> Result<EmbeddingFacts> {
-        let columns = Columns::sample(&rows, &graph.nodes, run.seed);
+        let columns = Columns::sample(&rows, &graph.nodes, context.run.seed);
         let embedding = Embedding::fit(&rows, &columns, params)?;
-        write(&rows, &embedding, &order, work, run)?;
+        write(&rows, &embedding, &order, context)?;
         Ok(EmbeddingFacts {
             params,
             dimensions: embedding.dimensions,
@@ -79,44 +79,38 @@ pub fn embed(params: EmbeddingParams, method: &SegmentParams, work: &WorkDir, ru
             rows: rows.key.clone(),
         })
     };
-    let (facts, seconds) = run.stage("embedding", "faces", rows.nodes as u64, make)?;
-    work.stamp("embedding", &key, &options, &[FILE], &facts, seconds)?;
+    let (facts, seconds) = context.run.stage("embedding", "faces", rows.nodes as u64, make)?;
+    context.work.stamp("embedding", &key, &options, &[FILE], &facts, seconds)?;
     Ok(facts)
 }
 
 /// The rows that are there, or new ones.
-fn some_rows(
-    graph: &DualGraph,
-    parts: usize,
-    method: &SegmentParams,
-    work: &WorkDir,
-    run: &Run,
-) -> Result<DistanceRows> {
+fn some_rows(graph: &DualGraph, parts: usize, method: &SegmentParams, context: Context<'_>) -> Result<DistanceRows> {
     let n = graph.nodes.len();
-    if let Ok(rows) = DistanceRows::kept(&graph.key, n, work) {
-        run.progress.note("rows: reused");
+    if let Ok(rows) = DistanceRows::kept(&graph.key, n, context.work) {
+        context.run.progress.note("rows: reused");
         return Ok(rows);
     }
     if method.cluster == super::Cluster::Parts {
-        let weighted = parts::weighted(graph, method, work, run)?.1;
+        let weighted = parts::weighted(graph, method, context)?.1;
         let l = method.landmarks.unwrap_or(super::landmarks_for_parts(n));
-        return rows(graph, &weighted, l, method, work, run);
+        return rows(graph, &weighted, l, method, context);
     }
-    let weighted = graph.weighted(method.metric, work, run)?;
-    rows_for_means(graph, &weighted, parts, method, work, run)
+    let weighted = graph.weighted(method.metric, context)?;
+    rows_for_means(graph, &weighted, parts, method, context)
 }
 
 /// Extrapolates every face, a chunk at a time.
-fn write(rows: &DistanceRows, embedding: &Embedding, order: &NodeOrder, work: &WorkDir, run: &Run) -> Result<()> {
+fn write(rows: &DistanceRows, embedding: &Embedding, order: &NodeOrder, context: Context<'_>) -> Result<()> {
     let (n, d) = (rows.nodes, embedding.dimensions);
-    let mut array = work.array::<f32>(FILE, &[n, d])?;
+    let mut array = context.work.array::<f32>(FILE, &[n, d])?;
     let out = array.data();
     let work_chunk = |k: usize, affinities: &mut Vec<f32>| {
         let range = chunk_range(n, CHUNK, k);
         let m = range.len();
         let mut coordinates = vec![0.; m * d];
         embedding.chunk(m, |row| &rows.row(row)[range.clone()], &mut affinities[..m], &mut coordinates);
-        run.progress.advance("embedding", m as u64);
+        context.run.progress.advance("embedding", m as u64);
         Ok(coordinates)
     };
     let consume = |k: usize, coordinates: Vec<f32>| {
@@ -129,6 +123,6 @@ fn write(rows: &DistanceRows, embedding: &Embedding, order: &NodeOrder, work: &W
         }
         Ok(())
     };
-    in_order(run.threads, &run.cancel, chunk_count(n, CHUNK), || vec![0.; CHUNK], work_chunk, consume)?;
-    array.finish(work.durable()).map(drop)
+    in_order(context.run.threads, &context.run.cancel, chunk_count(n, CHUNK), || vec![0.; CHUNK], work_chunk, consume)?;
+    array.finish(context.work.durable()).map(drop)
 }

@@ -11,7 +11,7 @@ use crate::distance::DistanceRows;
 use crate::graph::DualGraph;
 use crate::spectral::quality::Gamma;
 use crate::spectral::{Columns, Embedding, EmbeddingParams};
-use crate::store::{Run, WorkDir};
+use crate::store::Context;
 use serde::Serialize;
 
 /// How centres are found.
@@ -30,25 +30,24 @@ pub(super) fn k_means(
     rows: &DistanceRows,
     params: EmbeddingParams,
     fit: Fit,
-    work: &WorkDir,
-    run: &Run,
+    context: Context<'_>,
 ) -> Result<Clustered> {
     let n = rows.nodes;
-    let columns = Columns::sample(rows, &graph.nodes, run.seed);
+    let columns = Columns::sample(rows, &graph.nodes, context.run.seed);
     let embedding = Embedding::fit(rows, &columns, params)?;
     let coordinates = embedding.columns(&columns);
     let points = Points { coordinates: &coordinates, weights: &columns.shares };
     let centres = match fit {
-        Fit::KMeans(parts) => KMeans::fit(points, embedding.dimensions, KMeansParams::new(parts), run)?,
-        Fit::TwoMeans(params) => two_means::fit(points, embedding.dimensions, params, run)?,
+        Fit::KMeans(parts) => KMeans::fit(points, embedding.dimensions, KMeansParams::new(parts), context.run)?,
+        Fit::TwoMeans(params) => two_means::fit(points, embedding.dimensions, params, context.run)?,
     };
     let gamma = Gamma::new(rows, params.kernel, embedding.sigma);
 
-    let mut labels = work.array::<u32>("labels.npy", &[n])?;
-    let mut quality = work.array::<f32>("quality.npy", &[n])?;
+    let mut labels = context.work.array::<u32>("labels.npy", &[n])?;
+    let mut quality = context.work.array::<f32>("quality.npy", &[n])?;
     let (label_data, quality_data) = (labels.data(), quality.data());
     let mut totals: Totals =
-        assign(rows, &graph.nodes, &embedding, &centres, Some(&gamma), label_data, quality_data, run)?;
+        assign(rows, &graph.nodes, &embedding, &centres, Some(&gamma), label_data, quality_data, context.run)?;
     exactly(&mut totals, &graph.nodes, label_data, quality_data);
     let (labels, quality) = (labels.finish(false)?, quality.finish(false)?);
     let gamma = gamma.of_sum(totals.gamma);

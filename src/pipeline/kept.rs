@@ -12,7 +12,7 @@ use crate::graph::{DualGraph, NodeOrder};
 use crate::mesh::Opened;
 use crate::spectral::EmbeddingParams;
 use crate::store::workdir::key_of;
-use crate::store::{MappedSlice, Run, WorkDir};
+use crate::store::{Context, MappedSlice, WorkDir};
 use serde::{Deserialize, Serialize};
 use serde_json::{Value, json};
 use std::path::PathBuf;
@@ -44,13 +44,13 @@ impl Record {
     ///
     /// # Errors
     /// [`Error::Io`].
-    pub(super) fn stamp(mut self, work: &WorkDir, run: &Run) -> Result<()> {
-        if work.is_temporary() {
+    pub(super) fn stamp(mut self, context: Context<'_>) -> Result<()> {
+        if context.work.is_temporary() {
             return Ok(());
         }
-        self.seed = run.seed;
+        self.seed = context.run.seed;
         let options = json!({"stage": "record", "input": self.identity, "params": self.params, "seed": self.seed});
-        work.stamp("record", &key_of(&options), &options, &[], &self, 0.)
+        context.work.stamp("record", &key_of(&options), &options, &[], &self, 0.)
     }
 
     /// The record in `work`.
@@ -142,30 +142,30 @@ pub fn cut(work: &WorkDir) -> Option<PartsParams> {
 ///
 /// # Errors
 /// As [`super::segment`], and [`Error::WorkDir`] where the graph is missing.
-pub fn cluster(params: &SegmentParams, tree: Option<&PartTree>, work: &WorkDir, run: &Run) -> Result<Segmentation> {
-    let (graph, input) = DualGraph::kept(work)?;
-    super::check(params, work.path(), graph.nodes.len())?;
-    let order = NodeOrder::kept(&input, work)?;
+pub fn cluster(params: &SegmentParams, tree: Option<&PartTree>, context: Context<'_>) -> Result<Segmentation> {
+    let (graph, input) = DualGraph::kept(context.work)?;
+    super::check(params, context.work.path(), graph.nodes.len())?;
+    let order = NodeOrder::kept(&input, context.work)?;
     let clustered = match super::fit(params, graph.nodes.len()) {
         Some((fit, parts)) => {
-            let rows = match DistanceRows::kept(&graph.key, graph.nodes.len(), work) {
+            let rows = match DistanceRows::kept(&graph.key, graph.nodes.len(), context.work) {
                 Ok(rows) => rows,
                 Err(Error::WorkDir { .. }) => {
-                    let weighted = graph.weighted(params.metric, work, run)?;
-                    super::rows_for_means(&graph, &weighted, parts, params, work, run)?
+                    let weighted = graph.weighted(params.metric, context)?;
+                    super::rows_for_means(&graph, &weighted, parts, params, context)?
                 }
                 Err(error) => return Err(error),
             };
-            run.progress.note(&format!("rows: {} of them", rows.len()));
-            let kept = || super::embed::kept_params(&rows.key, work);
+            context.run.progress.note(&format!("rows: {} of them", rows.len()));
+            let kept = || super::embed::kept_params(&rows.key, context.work);
             let embedding = params.embedding.or_else(kept).unwrap_or(EmbeddingParams::for_parts(parts));
             let embedding = EmbeddingParams { dimensions: super::dimensions(params), ..embedding };
-            let assign = || k_means::k_means(&graph, &rows, embedding, fit, work, run);
-            run.stage("assign", "faces", rows.nodes as u64, assign)?.0
+            let assign = || k_means::k_means(&graph, &rows, embedding, fit, context);
+            context.run.stage("assign", "faces", rows.nodes as u64, assign)?.0
         }
-        None => parts::parts(&graph, params, tree, work, run)?,
+        None => parts::parts(&graph, params, tree, context)?,
     };
-    label(&graph, order, clustered, params, work, run)
+    label(&graph, order, clustered, params, context)
 }
 
 /// What `params` would have to be for [`cluster`] to make nothing anew that `record` made: its options but for those

@@ -17,7 +17,7 @@ use crate::cluster::parts::{self, PartTree, PartsResult};
 use crate::distance::DistanceRows;
 use crate::graph::DualGraph;
 use crate::graph::dual::Weighted;
-use crate::store::{MappedSlice, Run, WorkDir};
+use crate::store::{Context, MappedSlice, Run};
 
 const CHUNK: usize = 1 << 15;
 
@@ -26,35 +26,34 @@ pub(super) fn parts(
     graph: &DualGraph,
     params: &SegmentParams,
     tree: Option<&PartTree>,
-    work: &WorkDir,
-    run: &Run,
+    context: Context<'_>,
 ) -> Result<Clustered> {
     let n = graph.nodes.len();
-    let (surface, weighted) = weighted(graph, params, work, run)?;
+    let (surface, weighted) = weighted(graph, params, context)?;
     let Surface { shares, radius, .. } = &surface;
     let decided = if params.coarse && n > contract::NODES {
-        decide_coarsely(graph, &weighted, &surface, params, tree, work, run)?
+        decide_coarsely(graph, &weighted, &surface, params, tree, context)?
     } else {
         let of_node = surface.cells.of_node.clone();
-        decide(graph, &weighted, &surface, of_node, params, tree, work, run)?
+        decide(graph, &weighted, &surface, of_node, params, tree, context)?
     };
     let Decided { result, unit_of_node, .. } = &decided;
     let extrapolated = match params.boundaries {
         Boundaries::Front => None,
-        Boundaries::Embedding => Some(places(graph, &weighted, &surface, &decided, params, work, run)?),
+        Boundaries::Embedding => Some(places(graph, &weighted, &surface, &decided, params, context)?),
     };
     let way = extrapolated.as_ref().map_or(Way::Front, |(places, rows)| Way::Embedding(places, rows));
-    let (mut labels, _) = run.stage("boundaries", "faces", n as u64, || {
-        boundary::refine(graph, weighted.csr(), shares, unit_of_node, &decided.label, way, work, run)
+    let (mut labels, _) = context.run.stage("boundaries", "faces", n as u64, || {
+        boundary::refine(graph, weighted.csr(), shares, unit_of_node, &decided.label, way, context)
     })?;
     let (mut parts, mut dust_label) = (result.parts, None);
     if params.dust == Dust::Own && shares.dust > 0 {
         dust_label = Some(parts as u32);
-        labels = apart(&labels, &shares.share, parts as u32, work, run)?;
+        labels = apart(&labels, &shares.share, parts as u32, context)?;
         parts += 1;
     }
-    let quality = confidence(unit_of_node, &decided.confidence, work, run)?;
-    let (faces, area) = totals(graph, &labels, parts, run)?;
+    let quality = confidence(unit_of_node, &decided.confidence, context)?;
+    let (faces, area) = totals(graph, &labels, parts, context.run)?;
     let numbers = Numbers { radius: *radius, dust: shares.dust, dust_label, faces, area, ..decided.numbers };
     Ok(Clustered { labels, quality, numbers })
 }
@@ -66,18 +65,17 @@ fn places(
     surface: &Surface,
     decided: &Decided,
     params: &SegmentParams,
-    work: &WorkDir,
-    run: &Run,
+    context: Context<'_>,
 ) -> Result<(Places, DistanceRows)> {
-    let (rows, b) = Ground { graph, weighted, surface, work, run }.rows_used(&decided.numbers, params)?;
+    let (rows, b) = Ground { graph, weighted, surface, context }.rows_used(&decided.numbers, params)?;
     Ok((Places::new(&surface.cells.graph, &b, &decided.label), rows))
 }
 
 /// Gives the dust, which counts nothing in `share` (n), a label of its own.
-fn apart(labels: &[u32], share: &[f32], label: u32, work: &WorkDir, run: &Run) -> Result<MappedSlice<u32>> {
-    let mut own = work.array::<u32>("labels.npy", &[labels.len()])?;
+fn apart(labels: &[u32], share: &[f32], label: u32, context: Context<'_>) -> Result<MappedSlice<u32>> {
+    let mut own = context.work.array::<u32>("labels.npy", &[labels.len()])?;
     let of = |i: usize, _| if share[i] == 0. { label } else { labels[i] };
-    fill_each(run.threads, &run.cancel, own.data(), CHUNK, of)?;
+    fill_each(context.run.threads, &context.run.cancel, own.data(), CHUNK, of)?;
     own.finish(false)
 }
 
@@ -101,10 +99,9 @@ fn decide(
     unit_of_node: MappedSlice<u32>,
     params: &SegmentParams,
     tree: Option<&PartTree>,
-    work: &WorkDir,
-    run: &Run,
+    context: Context<'_>,
 ) -> Result<Decided> {
-    let (mut all, facts) = decision::decide(graph, weighted, surface, params, work, run)?;
+    let (mut all, facts) = decision::decide(graph, weighted, surface, params, context)?;
     if let Some(tree) = tree {
         if tree.cells() != all.tree.cells() {
             let problem =
@@ -126,16 +123,16 @@ fn decide_coarsely(
     surface: &Surface,
     params: &SegmentParams,
     tree: Option<&PartTree>,
-    work: &WorkDir,
-    run: &Run,
+    context: Context<'_>,
 ) -> Result<Decided> {
-    run.progress.note("preview: rows over a contracted mesh instead of all faces (--coarse)");
-    let inner = work.inner("coarse")?;
-    let contract = || contract::contract(graph, weighted, &surface.shares, work, &inner, run);
-    let (small, _) = run.stage("contraction", "faces", graph.nodes.len() as u64, contract)?;
-    let coarse = Surface::build(&small.graph, Kind::Contracted, &inner, run)?;
+    context.run.progress.note("preview: rows over a contracted mesh instead of all faces (--coarse)");
+    let inner = context.work.inner("coarse")?;
+    let within = Context::new(&inner, context.run);
+    let contract = || contract::contract(graph, weighted, &surface.shares, context.work, &inner, context.run);
+    let (small, _) = context.run.stage("contraction", "faces", graph.nodes.len() as u64, contract)?;
+    let coarse = Surface::build(&small.graph, Kind::Contracted, within)?;
     let of_node = coarse.cells.of_node.clone();
-    let decided = decide(&small.graph, &small.weighted, &coarse, of_node, params, tree, &inner, run)?;
+    let decided = decide(&small.graph, &small.weighted, &coarse, of_node, params, tree, within)?;
     let of_small = &decided.unit_of_node;
     Ok(Decided {
         label: of_small.iter().map(|&cell| decided.label[cell as usize]).collect(),
@@ -148,24 +145,21 @@ fn decide_coarsely(
 }
 
 /// The surface of `graph`, and the graph weighted with its normals and unit.
-pub(super) fn weighted(
-    graph: &DualGraph,
-    params: &SegmentParams,
-    work: &WorkDir,
-    run: &Run,
-) -> Result<(Surface, Weighted)> {
-    let surface = Surface::build(graph, Kind::Faces, work, run)?;
+pub(super) fn weighted(graph: &DualGraph, params: &SegmentParams, context: Context<'_>) -> Result<(Surface, Weighted)> {
+    let surface = Surface::build(graph, Kind::Faces, context)?;
     let area = 1. / f64::from(surface.shares.unit).powi(2);
     let (normals, radius) = (surface.normals.as_ref(), surface.radius);
-    let weighted = graph.weighted_with(params.metric, normals, radius, area, work, run)?;
+    let weighted = graph.weighted_with(params.metric, normals, radius, area, context)?;
     Ok((surface, weighted))
 }
 
 /// How sure each face's label is: its cell's.
-fn confidence(unit_of_node: &[u32], confidence: &[f64], work: &WorkDir, run: &Run) -> Result<MappedSlice<f32>> {
+fn confidence(unit_of_node: &[u32], confidence: &[f64], context: Context<'_>) -> Result<MappedSlice<f32>> {
     let n = unit_of_node.len();
-    let mut quality = work.array::<f32>("quality.npy", &[n])?;
-    fill_each(run.threads, &run.cancel, quality.data(), CHUNK, |i, _| confidence[unit_of_node[i] as usize] as f32)?;
+    let mut quality = context.work.array::<f32>("quality.npy", &[n])?;
+    fill_each(context.run.threads, &context.run.cancel, quality.data(), CHUNK, |i, _| {
+        confidence[unit_of_node[i] as usize] as f32
+    })?;
     quality.finish(false)
 }
 

@@ -4,7 +4,7 @@ use super::{SegmentParams, Segmentation};
 use crate::cluster::parts::PartsReport;
 use crate::distance::landmarks::Sampling;
 use crate::mesh::Opened;
-use crate::store::{Run, WorkDir};
+use crate::store::Context;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 
@@ -145,8 +145,7 @@ impl Report {
         opened: &Opened,
         params: &SegmentParams,
         result: &Segmentation,
-        work: &WorkDir,
-        run: &Run,
+        context: Context<'_>,
         seconds: BTreeMap<String, f64>,
         peak: Option<u64>,
     ) -> Self {
@@ -154,8 +153,8 @@ impl Report {
         let unit = graph.frame.scale * graph.frame.scale;
         let mut options = serde_json::to_value(params).unwrap_or_default();
         if let Some(options) = options.as_object_mut() {
-            options.insert("seed".into(), run.seed.into());
-            options.insert("threads".into(), run.threads.into());
+            options.insert("seed".into(), context.run.seed.into());
+            options.insert("threads".into(), context.run.threads.into());
         }
         let parts = numbers.faces.iter().zip(&numbers.area).zip(&result.colours).enumerate();
         Self {
@@ -196,7 +195,7 @@ impl Report {
                 })
                 .collect(),
             seconds,
-            bytes: Bytes { peak_allocated: peak, budget: run.budget.total(), work_dir: work.bytes() },
+            bytes: Bytes { peak_allocated: peak, budget: context.run.budget.total(), work_dir: context.work.bytes() },
             notes: opened.notes.clone(),
         }
     }

@@ -17,8 +17,8 @@ use crate::distance::rows::{Landmarks, RowParams};
 use crate::distance::slots::Row;
 use crate::graph::DualGraph;
 use crate::graph::dual::Weighted;
+use crate::store::Context;
 use crate::store::workdir::key_of;
-use crate::store::{Run, WorkDir};
 use serde_json::json;
 use std::sync::{Mutex, PoisonError};
 
@@ -35,8 +35,7 @@ pub(super) struct Ground<'a> {
     pub graph: &'a DualGraph,
     pub weighted: &'a Weighted,
     pub surface: &'a Surface,
-    pub work: &'a WorkDir,
-    pub run: &'a Run<'a>,
+    pub context: Context<'a>,
 }
 
 /// Landmarks, and their distances averaged over cells.
@@ -70,19 +69,19 @@ impl Ground<'_> {
         if params.sampling != Sampling::Farthest || l < FEW || share <= OUTLIERS {
             return Ok(first);
         }
-        self.run.progress.note(&format!(
+        self.context.run.progress.note(&format!(
             "landmarks: {:.0} % of the surface is nearest to one of {l}, the others are outliers; drawn by area instead",
             100. * share
         ));
-        self.work.remove("distances.npy");
+        self.context.work.remove("distances.npy");
         self.sample(l, &SegmentParams { sampling: Sampling::Random, ..params.clone() })
     }
 
     fn sample(self, l: usize, params: &SegmentParams) -> Result<Sample> {
-        if !params.keeps_rows(self.work.durable()) {
+        if !params.keeps_rows(self.context.work.durable()) {
             return self.passing(RowParams { l, sampling: params.sampling });
         }
-        let rows = rows(self.graph, self.weighted, l, params, self.work, self.run)?;
+        let rows = rows(self.graph, self.weighted, l, params, self.context)?;
         let before = |k: usize| rows.landmarks[..k].iter().map(|&node| rows.row(k)[node as usize]).collect();
         Ok(Sample {
             landmarks: Landmarks { nodes: rows.landmarks.clone(), facts: rows.facts.clone() },
@@ -94,7 +93,7 @@ impl Ground<'_> {
 
     /// Rows averaged as they come, and forgotten.
     fn passing(self, params: RowParams) -> Result<Sample> {
-        let Ground { graph, weighted, surface, work, run } = self;
+        let Ground { graph, weighted, surface, context } = self;
         let average = Average::new(&surface.cells, &surface.shares);
         let seen = Mutex::new(vec![(Vec::new(), Vec::new()); params.l.min(graph.nodes.len())]);
         let look = |row: Row<'_>| {
@@ -105,7 +104,7 @@ impl Ground<'_> {
             }
             Ok(())
         };
-        let landmarks = DistanceRows::pass(weighted, &graph.nodes, params, &look, work, run)?;
+        let landmarks = DistanceRows::pass(weighted, &graph.nodes, params, &look, context)?;
         let seen = seen.into_inner().unwrap_or_else(PoisonError::into_inner);
         let (between, b): (Vec<_>, Vec<_>) = seen.into_iter().unzip();
         Ok(Sample { landmarks, between, b: b.concat(), sampling: params.sampling })
@@ -115,14 +114,15 @@ impl Ground<'_> {
     pub fn rows_used(self, numbers: &Numbers, params: &SegmentParams) -> Result<(DistanceRows, Vec<f64>)> {
         let params = SegmentParams { sampling: numbers.sampling.unwrap_or(params.sampling), ..params.clone() };
         let l = params.landmarks.unwrap_or(landmarks_for_parts(self.graph.nodes.len()));
-        let rows = rows(self.graph, self.weighted, l, &params, self.work, self.run)?;
+        let rows = rows(self.graph, self.weighted, l, &params, self.context)?;
         let b = self.averages(&rows)?;
         Ok((rows, b))
     }
 
     /// The rows averaged over cells: made, or reused.
     fn averages(self, rows: &DistanceRows) -> Result<Vec<f64>> {
-        let Ground { surface, work, run, .. } = self;
+        let Ground { surface, context, .. } = self;
+        let Context { work, run } = context;
         let options = json!({"stage": "cell rows", "rows": rows.key, "surface": surface.key});
         let key = key_of(&options);
         if work.reuse::<()>("cell rows", &key).is_ok() {

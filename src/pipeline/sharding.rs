@@ -13,7 +13,7 @@ use crate::graph::dual::Weighted;
 use crate::graph::{Node, nodes};
 use crate::mesh::Opened;
 use crate::store::workdir::key_of;
-use crate::store::{MappedSlice, Run, WorkDir};
+use crate::store::{Context, MappedSlice, Run, WorkDir};
 use serde::{Deserialize, Serialize};
 use serde_json::{Value, json};
 use std::path::Path;
@@ -51,16 +51,16 @@ fn landmarks(params: &SegmentParams, faces: usize) -> Result<usize> {
 }
 
 /// Makes everything up to the weights in `work`.
-fn prepare(opened: &Opened, identity: &Value, params: &SegmentParams, work: &WorkDir, run: &Run) -> Result<Weighted> {
+fn prepare(opened: &Opened, identity: &Value, params: &SegmentParams, context: Context<'_>) -> Result<Weighted> {
     let l = landmarks(params, opened.mesh.faces.len())?;
-    let graph = stages::graph(opened, identity, params, work, run)?.1;
+    let graph = stages::graph(opened, identity, params, context)?.1;
     let weighted = match params.cluster {
-        Cluster::KMeans | Cluster::TwoMeans => graph.weighted(params.metric, work, run)?,
-        Cluster::Parts => parts::weighted(&graph, params, work, run)?.1,
+        Cluster::KMeans | Cluster::TwoMeans => graph.weighted(params.metric, context)?,
+        Cluster::Parts => parts::weighted(&graph, params, context)?.1,
     };
-    let options = options(identity, params, run);
+    let options = options(identity, params, context.run);
     let facts = Facts { weights: weighted.key.clone(), l, sampling: params.sampling };
-    work.stamp("sharding", &key_of(&options), &options, &[], &facts, 0.)?;
+    context.work.stamp("sharding", &key_of(&options), &options, &[], &facts, 0.)?;
     Ok(weighted)
 }
 
@@ -68,17 +68,11 @@ fn prepare(opened: &Opened, identity: &Value, params: &SegmentParams, work: &Wor
 ///
 /// # Errors
 /// As [`super::segment`].
-pub fn all(
-    opened: &Opened,
-    identity: &Value,
-    params: &SegmentParams,
-    work: &WorkDir,
-    run: &Run,
-) -> Result<DistanceRows> {
-    let weighted = prepare(opened, identity, params, work, run)?;
+pub fn all(opened: &Opened, identity: &Value, params: &SegmentParams, context: Context<'_>) -> Result<DistanceRows> {
+    let weighted = prepare(opened, identity, params, context)?;
     let rows = RowParams { l: landmarks(params, opened.mesh.faces.len())?, sampling: params.sampling };
-    let nodes: MappedSlice<Node> = work.open_array(nodes::FILE)?;
-    DistanceRows::build(&weighted, &nodes, rows, work, run)
+    let nodes: MappedSlice<Node> = context.work.open_array(nodes::FILE)?;
+    DistanceRows::build(&weighted, &nodes, rows, context)
 }
 
 /// Computes one shard of the rows in the work directory `path`, making what comes before where no other process did.
@@ -104,10 +98,10 @@ pub fn one(
             let weighted = Weighted::open(facts.weights, &work)?;
             let nodes: MappedSlice<Node> = work.open_array(nodes::FILE)?;
             let rows = RowParams { l: facts.l, sampling: facts.sampling };
-            return shard::compute(&weighted, &nodes, rows, shard, &work, run);
+            return shard::compute(&weighted, &nodes, rows, shard, Context::new(&work, run));
         }
         if let Some(work) = WorkDir::try_open(path, false)? {
-            prepare(&open(&work)?, identity, params, &work, run)?;
+            prepare(&open(&work)?, identity, params, Context::new(&work, run))?;
             continue;
         }
         if !told {

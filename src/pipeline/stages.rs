@@ -5,7 +5,7 @@ use super::kept::Record;
 use crate::base::Result;
 use crate::graph::{DualGraph, Ordered};
 use crate::mesh::Opened;
-use crate::store::{Run, WorkDir};
+use crate::store::Context;
 
 /// Orders the mesh and builds its graph, or opens both; leaves a record of mesh and options for later commands.
 ///
@@ -16,11 +16,10 @@ pub fn graph(
     opened: &Opened,
     identity: &serde_json::Value,
     params: &SegmentParams,
-    work: &WorkDir,
-    run: &Run,
+    context: Context<'_>,
 ) -> Result<(Ordered, DualGraph)> {
-    let ordered = Ordered::build(&opened.mesh, params.order, identity, work, run)?;
-    let graph = DualGraph::build(&ordered.mesh, opened.document.path(), &ordered.identity, work, run)?;
-    Record::of(opened, identity, params, work).stamp(work, run)?;
+    let ordered = Ordered::build(&opened.mesh, params.order, identity, context)?;
+    let graph = DualGraph::build(&ordered.mesh, opened.document.path(), &ordered.identity, context)?;
+    Record::of(opened, identity, params, context.work).stamp(context)?;
     Ok((ordered, graph))
 }

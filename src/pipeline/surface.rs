@@ -9,7 +9,7 @@ use crate::cluster::parts::CellGraph;
 use crate::cluster::shares::Shares;
 use crate::graph::DualGraph;
 use crate::store::workdir::key_of;
-use crate::store::{MappedSlice, Run, WorkDir};
+use crate::store::{Context, MappedSlice, WorkDir};
 use serde::{Deserialize, Serialize};
 use serde_json::json;
 
@@ -53,21 +53,22 @@ impl Surface {
     ///
     /// # Errors
     /// [`Error::Io`], [`Error::Cancelled`].
-    pub fn build(graph: &DualGraph, kind: Kind, work: &WorkDir, run: &Run) -> Result<Self> {
-        let options = json!({"stage": "surface", "graph": graph.key, "seed": run.seed});
+    pub fn build(graph: &DualGraph, kind: Kind, context: Context<'_>) -> Result<Self> {
+        let options = json!({"stage": "surface", "graph": graph.key, "seed": context.run.seed});
         let key = key_of(&options);
-        if let Ok(facts) = work.reuse::<Facts>("surface", &key) {
-            run.progress.note("surface: reused");
-            return Self::open(facts, work, key);
+        if let Ok(facts) = context.work.reuse::<Facts>("surface", &key) {
+            context.run.progress.note("surface: reused");
+            return Self::open(facts, context.work, key);
         }
         let n = graph.nodes.len() as u64;
-        let shares = Shares::of(graph, work, run)?;
+        let shares = Shares::of(graph, context)?;
         let ([fine, medium, coarse], spent) =
-            run.stage("normals", "faces", n, || smooth(graph, kind, &shares, work, run))?;
-        let turning = normals::total_turning(graph, &shares, &[&fine, &medium], run)?;
+            context.run.stage("normals", "faces", n, || smooth(graph, kind, &shares, context))?;
+        let turning = normals::total_turning(graph, &shares, &[&fine, &medium], context.run)?;
         let radius = normals::choose_radius(&turning);
         let smooth = Smooth { fine: &fine, medium: &medium, coarse: &coarse };
-        let (cells, seconds) = run.stage("cells", "faces", n, || Cells::cut(graph, &shares, smooth, work, run))?;
+        let (cells, seconds) =
+            context.run.stage("cells", "faces", n, || Cells::cut(graph, &shares, smooth, context))?;
         drop(coarse);
         let normals = radius.map(|k| [fine, medium][k].clone());
         let mut files = vec!["surface_shares.npy", "cells.npy", CELL_GRAPH];
@@ -75,14 +76,14 @@ impl Surface {
             if radius == Some(k) {
                 files.push(name);
             } else {
-                work.remove(name);
+                context.work.remove(name);
             }
         }
-        let path = work.file(CELL_GRAPH);
+        let path = context.work.file(CELL_GRAPH);
         let text = serde_json::to_vec(&cells.graph).unwrap_or_default();
         std::fs::write(&path, text).map_err(Error::io(&path, "write"))?;
         let facts = Facts { unit: shares.unit, dust: shares.dust, radius, turning };
-        work.stamp("surface", &key, &options, &files, &facts, spent + seconds)?;
+        context.work.stamp("surface", &key, &options, &files, &facts, spent + seconds)?;
         Ok(Self { shares, cells, normals, radius: radius.map_or(0., |k| RADII[k]), key })
     }
 
@@ -103,15 +104,15 @@ impl Surface {
 }
 
 /// Normals at the three radii; with two threads, two fronts at a time.
-fn smooth(graph: &DualGraph, kind: Kind, shares: &Shares, work: &WorkDir, run: &Run) -> Result<[Normals; 3]> {
+fn smooth(graph: &DualGraph, kind: Kind, shares: &Shares, context: Context<'_>) -> Result<[Normals; 3]> {
     let made = map_chunks(
-        run.threads.min(3),
-        &run.cancel,
+        context.run.threads.min(3),
+        &context.run.cancel,
         3,
         || (),
         |k, ()| match kind {
-            Kind::Faces => normals::smoothed(graph, shares, RADII[k], NORMALS[k], work, run),
-            Kind::Contracted => normals::averaged(graph, shares, RADII[k], NORMALS[k], work, run),
+            Kind::Faces => normals::smoothed(graph, shares, RADII[k], NORMALS[k], context),
+            Kind::Contracted => normals::averaged(graph, shares, RADII[k], NORMALS[k], context),
         },
     )?;
     let mut made = made.into_iter();

@@ -20,7 +20,7 @@ use crate::base::parallel::{chunk_range, fill_chunks};
 use crate::base::{Error, Result};
 use crate::distance::DistanceRows;
 use crate::graph::Node;
-use crate::store::{MappedSlice, Run, WorkDir};
+use crate::store::{Context, MappedSlice, Run};
 use nalgebra::DMatrix;
 use serde::{Deserialize, Serialize};
 use std::ops::Range;
@@ -189,11 +189,10 @@ impl Orthogonal {
         rows: &DistanceRows,
         sigma: f64,
         name: &str,
-        work: &WorkDir,
-        run: &Run,
+        context: Context<'_>,
     ) -> Result<MappedSlice<Point>> {
         let n = rows.nodes;
-        let mut array = work.array::<Point>(name, &[n, MOST])?;
+        let mut array = context.work.array::<Point>(name, &[n, MOST])?;
         let fill = |chunk: usize, out: &mut [Point], affinities: &mut Vec<f32>| {
             let range = chunk_range(n, CHUNK, chunk);
             affinities.resize(range.len(), 0.);
@@ -210,7 +209,7 @@ impl Orthogonal {
             }
             Ok(())
         };
-        fill_chunks(run.threads, &run.cancel, array.data(), CHUNK, Vec::new, fill)?;
+        fill_chunks(context.run.threads, &context.run.cancel, array.data(), CHUNK, Vec::new, fill)?;
         array.finish(false)
     }
 

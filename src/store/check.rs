@@ -2,9 +2,10 @@
 //!
 //! Cost: one pass over all files, at the speed of the disk.
 
-use super::workdir::{WorkDir, checksum};
-use super::{Run, npy};
+use super::npy;
+use super::workdir::checksum;
 use crate::base::Result;
+use crate::store::Context;
 use serde::Serialize;
 
 /// A file that was checked.
@@ -24,12 +25,12 @@ pub struct Checked {
 ///
 /// # Errors
 /// [`crate::base::Error::Cancelled`]; a file that cannot be read is a problem of that file.
-pub fn verify(work: &WorkDir, run: &Run) -> Result<Vec<Checked>> {
+pub fn verify(context: Context<'_>) -> Result<Vec<Checked>> {
     let mut all = Vec::new();
-    for (stage, record) in work.manifest().stages {
+    for (stage, record) in context.work.manifest().stages {
         for (name, file) in record.files {
-            run.cancel.check()?;
-            let path = work.file(&name);
+            context.run.cancel.check()?;
+            let path = context.work.file(&name);
             let problem = match std::fs::metadata(&path) {
                 Err(_) if npy::partial_name(&path).exists() => Some("is being made anew".to_string()),
                 Err(error) => Some(format!("cannot be looked at: {error}")),
@@ -40,7 +41,7 @@ pub fn verify(work: &WorkDir, run: &Run) -> Result<Vec<Checked>> {
                     Ok(_) => None,
                 },
             };
-            run.progress.advance("verify", file.bytes);
+            context.run.progress.advance("verify", file.bytes);
             all.push(Checked { stage: stage.clone(), file: name, bytes: file.bytes, problem });
         }
     }
@@ -51,6 +52,7 @@ pub fn verify(work: &WorkDir, run: &Run) -> Result<Vec<Checked>> {
 mod tests {
     use super::*;
     use crate::store::workdir::key_of;
+    use crate::store::{Run, WorkDir};
     use serde_json::json;
 
     #[test]
@@ -62,16 +64,16 @@ mod tests {
         let options = json!({});
         work.stamp("s", &key_of(&options), &options, &["a.npy", "b.npy"], &(), 0.).unwrap();
         let run = Run::new(&());
-        assert!(verify(&work, &run).unwrap().iter().all(|file| file.problem.is_none()));
+        assert!(verify(Context::new(&work, &run)).unwrap().iter().all(|file| file.problem.is_none()));
         let whole = std::fs::read(work.file("a.npy")).unwrap();
         for k in 0..whole.len() {
             let mut flipped = whole.clone();
             flipped[k] ^= 1 << (k % 8);
             std::fs::write(work.file("a.npy"), flipped).unwrap();
-            let found = verify(&work, &run).unwrap();
+            let found = verify(Context::new(&work, &run)).unwrap();
             assert!(found[0].problem.is_some() && found[1].problem.is_none(), "byte {k}");
         }
         std::fs::remove_file(work.file("b.npy")).unwrap();
-        assert!(verify(&work, &run).unwrap()[1].problem.is_some());
+        assert!(verify(Context::new(&work, &run)).unwrap()[1].problem.is_some());
     }
 }

@@ -6,6 +6,7 @@
 
 pub mod budget;
 pub mod check;
+mod context;
 pub mod held;
 pub mod manifest;
 pub mod mapped;
@@ -19,6 +20,7 @@ pub mod words;
 pub mod workdir;
 
 pub use budget::Budget;
+pub use context::Context;
 pub use mapped::{MappedBytes, MappedSlice, MappedSliceMut};
 pub use run::Run;
 pub use workdir::WorkDir;

@@ -9,7 +9,7 @@ use crate::base::{Error, Result};
 use crate::mesh::annotated::Column;
 use crate::mesh::columns::{self, Of};
 use crate::mesh::{Mesh, Opened};
-use crate::store::{MappedSlice, Run, WorkDir};
+use crate::store::{Context, MappedSlice, WorkDir};
 
 /// The colour of what has no match.
 pub const GREY: [u8; 3] = [128; 3];
@@ -26,11 +26,11 @@ pub struct Property {
 }
 
 /// For each vertex of `mesh` the first face around it, `u32::MAX` without one, as the file `name` of `work`.
-fn first_faces(mesh: &Mesh, name: &str, work: &WorkDir, run: &Run) -> Result<MappedSlice<u32>> {
-    let mut array = work.array::<u32>(name, &[mesh.positions.len()])?;
+fn first_faces(mesh: &Mesh, name: &str, context: Context<'_>) -> Result<MappedSlice<u32>> {
+    let mut array = context.work.array::<u32>(name, &[mesh.positions.len()])?;
     let of = &mut array.data()[..];
     of.fill(u32::MAX);
-    run.cancel.check()?;
+    context.run.cancel.check()?;
     mesh.faces.for_each(0..mesh.faces.len(), |face, corners| {
         corners.iter().for_each(|&v| of[v as usize] = of[v as usize].min(face as u32));
     });
@@ -42,7 +42,7 @@ impl Property {
     ///
     /// # Errors
     /// [`Error::Unusable`] where neither have it, [`Error::Io`], [`Error::Cancelled`].
-    pub fn read(b: &Opened, name: &str, work: &WorkDir, run: &Run) -> Result<Self> {
+    pub fn read(b: &Opened, name: &str, context: Context<'_>) -> Result<Self> {
         let found = [Of::Vertices, Of::Faces]
             .into_iter()
             .find_map(|of| columns::find(&b.document, of, name).map(|place| (of, place)));
@@ -51,16 +51,16 @@ impl Property {
             return Err(Error::unusable(b.document.path(), problem, "name a property of its header"));
         };
         // Names come from the user and are no names of files.
-        let mut writer = work.writer::<f64>("property.npy", 1)?;
-        columns::for_each(&b.document, place, run, |_, number| writer.push(&[number]))?;
+        let mut writer = context.work.writer::<f64>("property.npy", 1)?;
+        columns::for_each(&b.document, place, context.run, |_, number| writer.push(&[number]))?;
         let mut values = writer.finish(false)?;
         if of == Of::Faces {
-            let faces = first_faces(&b.mesh, "first_faces.npy", work, run)?;
-            let mut writer = work.writer::<f64>("property.npy", 1)?;
+            let faces = first_faces(&b.mesh, "first_faces.npy", context)?;
+            let mut writer = context.work.writer::<f64>("property.npy", 1)?;
             let missing = if place.scalar.is_real() { f64::NAN } else { 0. };
             for (k, &face) in faces.iter().enumerate() {
                 if k % (1 << 16) == 0 {
-                    run.cancel.check()?;
+                    context.run.cancel.check()?;
                 }
                 writer.push(&[values.get(face as usize).copied().unwrap_or(missing)])?;
             }
@@ -108,7 +108,7 @@ impl Colours {
     ///
     /// # Errors
     /// [`Error::Io`], [`Error::Cancelled`].
-    pub fn by_position(b: &Mesh, work: &WorkDir, run: &Run) -> Result<Self> {
+    pub fn by_position(b: &Mesh, context: Context<'_>) -> Result<Self> {
         let n = b.positions.len();
         let mut bounds = [[f64::INFINITY, f64::NEG_INFINITY]; 3];
         let all = || (0..n as u32).map(|v| b.positions.get(v));
@@ -117,7 +117,7 @@ impl Colours {
                 *bound = [bound[0].min(x), bound[1].max(x)];
             }
         }
-        run.cancel.check()?;
+        context.run.cancel.check()?;
         let most = bounds.iter().map(|b| b[1] - b[0]).fold(0., f64::max);
         let channel = |axis: usize, x: f64| {
             let [low, high] = bounds[axis];
@@ -125,19 +125,19 @@ impl Colours {
             let share = (x - low) / (high - low).max(0.05 * most);
             if share.is_finite() { (40. + 215. * share.clamp(0., 1.)) as u8 } else { GREY[axis] }
         };
-        Self::of(all().map(|p| std::array::from_fn(|axis| channel(axis, p[axis]))), work)
+        Self::of(all().map(|p| std::array::from_fn(|axis| channel(axis, p[axis]))), context.work)
     }
 
     /// By parts: the labels of B's faces, in the colours that the program gives to parts.
     ///
     /// # Errors
     /// [`Error::Unusable`] where B's faces have no labels, [`Error::Io`], [`Error::Cancelled`].
-    pub fn by_parts(b: &Opened, work: &WorkDir, run: &Run) -> Result<Self> {
-        let labels = b.document.face_property("label", run)?;
-        let palette = crate::apps::picture::colours_for(&b.mesh, &labels, run)?;
-        let faces = first_faces(&b.mesh, "first_faces.npy", work, run)?;
+    pub fn by_parts(b: &Opened, context: Context<'_>) -> Result<Self> {
+        let labels = b.document.face_property("label", context.run)?;
+        let palette = crate::apps::picture::colours_for(&b.mesh, &labels, context.run)?;
+        let faces = first_faces(&b.mesh, "first_faces.npy", context)?;
         let label = |face: u32| labels.get(face as usize).and_then(|&label| palette.get(label as usize));
-        Self::of(faces.iter().map(|&face| label(face).copied().unwrap_or(GREY)), work)
+        Self::of(faces.iter().map(|&face| label(face).copied().unwrap_or(GREY)), context.work)
     }
 
     fn of(colours: impl Iterator<Item = [u8; 3]>, work: &WorkDir) -> Result<Self> {

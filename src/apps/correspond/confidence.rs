@@ -10,7 +10,7 @@ use super::matches::{Match, Pair};
 use crate::base::Result;
 use crate::base::parallel::{fill_chunks, fill_each};
 use crate::base::vector::{distance, wide};
-use crate::store::{Run, WorkDir};
+use crate::store::Context;
 
 /// The error, over √area, at which a match is half sure.
 pub const HALF: f32 = 0.05;
@@ -22,16 +22,16 @@ const CHUNK: usize = 1 << 14;
 type Doubt = [f32; 2];
 
 /// Sets the confidence of `matches` (n) from the ways missing on return in `returned` (n; NaN where not looked at).
-pub(super) fn fill(pair: &Pair<'_>, matches: &mut [Match], returned: &[f32], work: &WorkDir, run: &Run) -> Result<()> {
+pub(super) fn fill(pair: &Pair<'_>, matches: &mut [Match], returned: &[f32], context: Context<'_>) -> Result<()> {
     let n = matches.len();
     let names = ["doubt_a.tmp", "doubt_b.tmp"];
-    let mut fields = [work.array::<f32>(names[0], &[n, 2])?, work.array::<f32>(names[1], &[n, 2])?];
+    let mut fields = [context.work.array::<f32>(names[0], &[n, 2])?, context.work.array::<f32>(names[1], &[n, 2])?];
     let (units, csr) = ([pair.graph_a, pair.graph_b].map(|g| 1. / g.facts.area.sqrt().max(1e-300)), pair.graph_a.csr());
     let around = |v: usize| csr.indptr[v] as usize..csr.indptr[v + 1] as usize;
     let [now, next] = &mut fields;
     let (mut now, mut next): (&mut [Doubt], &mut [Doubt]) =
         (bytemuck::cast_slice_mut(now.data()), bytemuck::cast_slice_mut(next.data()));
-    fill_each(run.threads, &run.cancel, now, CHUNK, |v, _| {
+    fill_each(context.run.threads, &context.run.cancel, now, CHUNK, |v, _| {
         let Some(target) = matches[v].vertex() else { return [0.; 2] };
         let here = wide(pair.graph_b.nodes[target as usize].centroid);
         let (mut sum, mut count) = (0f64, 0f64);
@@ -60,7 +60,7 @@ pub(super) fn fill(pair: &Pair<'_>, matches: &mut [Match], returned: &[f32], wor
             }
             Ok(())
         };
-        fill_chunks(run.threads, &run.cancel, next, CHUNK, || (), average)?;
+        fill_chunks(context.run.threads, &context.run.cancel, next, CHUNK, || (), average)?;
         std::mem::swap(&mut now, &mut next);
     }
     let doubts = &*now;
@@ -69,8 +69,8 @@ pub(super) fn fill(pair: &Pair<'_>, matches: &mut [Match], returned: &[f32], wor
         let known = one.target >= 0 && weight > 0.;
         Match { confidence: if known { 1. / (1. + (sum / weight / HALF).powi(2)) } else { 0. }, ..one }
     };
-    fill_each(run.threads, &run.cancel, matches, CHUNK, sure)?;
+    fill_each(context.run.threads, &context.run.cancel, matches, CHUNK, sure)?;
     drop(fields);
-    names.iter().for_each(|name| work.remove(&format!("{name}.partial")));
+    names.iter().for_each(|name| context.work.remove(&format!("{name}.partial")));
     Ok(())
 }

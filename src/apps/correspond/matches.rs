@@ -14,7 +14,7 @@ use crate::base::{Error, Result};
 use crate::graph::VertexGraph;
 use crate::spectral::orthogonal::Point;
 use crate::store::npy::Item;
-use crate::store::{MappedSlice, Run, WorkDir};
+use crate::store::{Context, MappedSlice};
 use bytemuck::{Pod, Zeroable};
 use serde::{Deserialize, Serialize};
 
@@ -91,20 +91,14 @@ pub struct Pair<'a> {
 /// # Errors
 /// [`Error::Parameter`] for more vertices than the header of the array has digits for (10⁹), [`Error::Io`],
 /// [`Error::Cancelled`].
-pub fn matches(
-    pair: Pair<'_>,
-    matching: Matching,
-    name: &str,
-    work: &WorkDir,
-    run: &Run,
-) -> Result<MappedSlice<Match>> {
+pub fn matches(pair: Pair<'_>, matching: Matching, name: &str, context: Context<'_>) -> Result<MappedSlice<Match>> {
     let back = pair.alignment.transform.transpose();
     let n = pair.a.len();
     if n >= 1_000_000_000 {
         return Err(Error::parameter("A", format!("{n} vertices are too many to match"), "match a decimated mesh"));
     }
-    let mut array = work.array::<Match>(name, &[n])?;
-    let mut doubt = work.array::<f32>("doubt.tmp", &[n])?;
+    let mut array = context.work.array::<Match>(name, &[n])?;
+    let mut doubt = context.work.array::<f32>("doubt.tmp", &[n])?;
     // Enough of a large mesh to tell where matches come back to; all for mutual ones.
     let step = if matching == Matching::Mutual { 1 } else { n.div_ceil(RETURNS) };
     let unit = 1. / pair.graph_a.facts.area.sqrt().max(1e-300);
@@ -125,29 +119,29 @@ pub fn matches(
                 *out = Match::NONE;
             }
         }
-        run.progress.advance("match", out.len() as u64);
+        context.run.progress.advance("match", out.len() as u64);
         Ok(())
     };
-    fill_two(run.threads, &run.cancel, (array.data(), doubt.data()), CHUNK, || (), fill)?;
+    fill_two(context.run.threads, &context.run.cancel, (array.data(), doubt.data()), CHUNK, || (), fill)?;
     if matching == Matching::OneToOne {
-        one_to_one(&pair, array.data(), work, run)?;
+        one_to_one(&pair, array.data(), context)?;
     }
-    confidence::fill(&pair, array.data(), doubt.data(), work, run)?;
+    confidence::fill(&pair, array.data(), doubt.data(), context)?;
     drop(doubt);
-    work.remove("doubt.tmp.partial");
+    context.work.remove("doubt.tmp.partial");
     array.finish(false)
 }
 
 /// Makes `matches`, which are everyone's nearest, one to one.
-fn one_to_one(pair: &Pair<'_>, matches: &mut [Match], work: &WorkDir, run: &Run) -> Result<()> {
+fn one_to_one(pair: &Pair<'_>, matches: &mut [Match], context: Context<'_>) -> Result<()> {
     const FREE: u32 = u32::MAX;
     const NAME: &str = "holders.tmp";
-    let mut holders = work.array::<u32>(NAME, &[pair.b.len()])?;
+    let mut holders = context.work.array::<u32>(NAME, &[pair.b.len()])?;
     let holder = &mut holders.data()[..];
     holder.fill(FREE);
     for v in 0..matches.len() {
         if v % CHUNK == 0 {
-            run.cancel.check()?;
+            context.run.cancel.check()?;
         }
         let mut asking = v as u32;
         // Whoever loses a vertex asks for the next; who asks last for one that is free ends the chain.
@@ -174,6 +168,6 @@ fn one_to_one(pair: &Pair<'_>, matches: &mut [Match], work: &WorkDir, run: &Run)
         }
     }
     drop(holders);
-    work.remove("holders.tmp.partial");
+    context.work.remove("holders.tmp.partial");
     Ok(())
 }

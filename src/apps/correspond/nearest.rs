@@ -8,7 +8,7 @@ use crate::base::Result;
 use crate::graph::dual::Csr;
 use crate::spectral::orthogonal::Point;
 use crate::store::budget::Grant;
-use crate::store::{Run, WorkDir};
+use crate::store::{Context, WorkDir};
 use kiddo::SquaredEuclidean;
 use kiddo::immutable::float::kdtree::ImmutableKdTree;
 use std::num::NonZero;
@@ -76,8 +76,8 @@ impl<'a> Nearest<'a> {
     ///
     /// # Errors
     /// [`crate::base::Error::Memory`], [`crate::base::Error::Io`].
-    pub fn new(points: &'a [Point], graph: Csr<'a>, dimensions: usize, work: &WorkDir, run: &Run) -> Result<Self> {
-        Self::with_limit(points, graph, dimensions, EXACT, work, run)
+    pub fn new(points: &'a [Point], graph: Csr<'a>, dimensions: usize, context: Context<'_>) -> Result<Self> {
+        Self::with_limit(points, graph, dimensions, EXACT, context)
     }
 
     /// The same with at most `limit` vertices in the tree.
@@ -89,21 +89,20 @@ impl<'a> Nearest<'a> {
         graph: Csr<'a>,
         dimensions: usize,
         limit: usize,
-        work: &WorkDir,
-        run: &Run,
+        context: Context<'_>,
     ) -> Result<Self> {
         let step = points.len().div_ceil(limit.max(1)).max(1);
         let bytes = (points.len().div_ceil(step) * (16 + 4 * dimensions)) as u64;
-        let grant = run.budget.take("the search tree", bytes, bytes)?;
+        let grant = context.run.budget.take("the search tree", bytes, bytes)?;
         let tree: Box<dyn Search> = match dimensions {
-            0 | 1 => build::<1>(points, step, work)?,
-            2 => build::<2>(points, step, work)?,
-            3 => build::<3>(points, step, work)?,
-            4 => build::<4>(points, step, work)?,
-            5 => build::<5>(points, step, work)?,
-            6 => build::<6>(points, step, work)?,
-            7 => build::<7>(points, step, work)?,
-            _ => build::<8>(points, step, work)?,
+            0 | 1 => build::<1>(points, step, context.work)?,
+            2 => build::<2>(points, step, context.work)?,
+            3 => build::<3>(points, step, context.work)?,
+            4 => build::<4>(points, step, context.work)?,
+            5 => build::<5>(points, step, context.work)?,
+            6 => build::<6>(points, step, context.work)?,
+            7 => build::<7>(points, step, context.work)?,
+            _ => build::<8>(points, step, context.work)?,
         };
         Ok(Self { points, graph, step, tree, _grant: grant })
     }

@@ -9,7 +9,7 @@ use crate::apps::picture::{Image, PictureParams, render};
 use crate::base::Result;
 use crate::base::parallel::fill_each;
 use crate::mesh::Mesh;
-use crate::store::{Run, WorkDir};
+use crate::store::Context;
 
 /// Steps of a channel.
 const LEVELS: u32 = 24;
@@ -24,23 +24,21 @@ pub fn side_by_side(
     matches: &[Match],
     colours: &Colours,
     params: &PictureParams,
-    work: &WorkDir,
-    run: &Run,
+    context: Context<'_>,
 ) -> Result<Image> {
     let half = PictureParams { width: params.width / 2, legend: false, lines: false, ..*params };
     let of_a = |v: u32| colours.of_match(&matches[v as usize]);
-    let left = draw(a, of_a, &half, work, run)?;
-    Ok(Image::beside(&left, &draw(b, |v: u32| colours.of_b(v as usize), &half, work, run)?))
+    let left = draw(a, of_a, &half, context)?;
+    Ok(Image::beside(&left, &draw(b, |v: u32| colours.of_b(v as usize), &half, context)?))
 }
 
 fn draw(
     mesh: &Mesh,
     colour: impl Fn(u32) -> [u8; 3] + Sync,
     params: &PictureParams,
-    work: &WorkDir,
-    run: &Run,
+    context: Context<'_>,
 ) -> Result<Image> {
-    let mut labels = work.array::<u32>("picture.tmp", &[mesh.faces.len()])?;
+    let mut labels = context.work.array::<u32>("picture.tmp", &[mesh.faces.len()])?;
     let step = |sum: u32, count: u32| (sum * LEVELS / (256 * count.max(1))).min(LEVELS - 1);
     let label = |face: usize, _: u32| {
         mesh.faces.with(face, |corners| {
@@ -53,12 +51,12 @@ fn draw(
             (r * LEVELS + g) * LEVELS + b
         })
     };
-    fill_each(run.threads, &run.cancel, labels.data(), 1 << 14, label)?;
+    fill_each(context.run.threads, &context.run.cancel, labels.data(), 1 << 14, label)?;
     let shade = |level: u32| ((2 * level + 1) * 128 / LEVELS) as u8;
     let palette: Vec<[u8; 3]> =
         (0..LEVELS.pow(3)).map(|k| [k / (LEVELS * LEVELS), k / LEVELS % LEVELS, k % LEVELS].map(shade)).collect();
-    let image = render(mesh, Some(&labels.data()[..]), &palette, params, run);
+    let image = render(mesh, Some(&labels.data()[..]), &palette, params, context.run);
     drop(labels);
-    work.remove("picture.tmp.partial");
+    context.work.remove("picture.tmp.partial");
     image
 }

@@ -3,7 +3,7 @@
 use super::fiedler::{envelope, fiedler};
 use crate::base::Result;
 use crate::graph::Sides;
-use crate::store::{MappedSlice, Run, WorkDir};
+use crate::store::{Context, MappedSlice};
 
 /// Entries of all envelopes at the most: 256 MiB.
 const ENTRIES: usize = 1 << 25;
@@ -15,12 +15,14 @@ const VERTICES: usize = 200_000;
 ///
 /// # Errors
 /// [`crate::base::Error::Io`], [`crate::base::Error::Cancelled`].
-pub fn ranks(name: &str, graph: &Sides, good: &[u32], work: &WorkDir, run: &Run) -> Result<Option<MappedSlice<u32>>> {
+pub fn ranks(name: &str, graph: &Sides, good: &[u32], context: Context<'_>) -> Result<Option<MappedSlice<u32>>> {
     let n = graph.len();
     if n > VERTICES {
         return Ok(None);
     }
-    let Ok(_grant) = run.budget.take("the exact order", 200 * n as u64, 200 * n as u64) else { return Ok(None) };
+    let Ok(_grant) = context.run.budget.take("the exact order", 200 * n as u64, 200 * n as u64) else {
+        return Ok(None);
+    };
     let mut order = vec![0u32; n];
     good.iter().enumerate().for_each(|(v, &rank)| order[rank as usize] = v as u32);
     let mut local = vec![u32::MAX; n];
@@ -51,13 +53,13 @@ pub fn ranks(name: &str, graph: &Sides, good: &[u32], work: &WorkDir, run: &Run)
         }
         components.push((members, rows));
     }
-    let Ok(_grant) = run.budget.take("the exact order", 8 * entries as u64, 8 * entries as u64) else {
+    let Ok(_grant) = context.run.budget.take("the exact order", 8 * entries as u64, 8 * entries as u64) else {
         return Ok(None);
     };
-    let mut array = work.array::<u32>(name, &[n])?;
+    let mut array = context.work.array::<u32>(name, &[n])?;
     let mut next = 0;
     for (members, rows) in components {
-        let x = fiedler(&rows, &run.cancel)?;
+        let x = fiedler(&rows, &context.run.cancel)?;
         let mut along: Vec<usize> = (0..members.len()).collect();
         along.sort_by(|&a, &b| x[a].total_cmp(&x[b]).then(a.cmp(&b)));
         for k in along {

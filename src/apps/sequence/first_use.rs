@@ -7,7 +7,7 @@ use super::sorting::{Push, Scatter, sorted};
 use crate::base::Result;
 use crate::mesh::Mesh;
 use crate::store::npy::ArrayWriter;
-use crate::store::{MappedSlice, Run, WorkDir};
+use crate::store::{Context, MappedSlice, WorkDir};
 use std::ops::Range;
 
 /// When vertices are used, and what numbers that gives them. All by the numbers of the mesh's file.
@@ -29,16 +29,16 @@ impl VertexUse {
     ///
     /// # Errors
     /// [`crate::base::Error::Io`], [`crate::base::Error::Memory`], [`crate::base::Error::Cancelled`].
-    pub fn of(mesh: &Mesh, place: &[u32], work: &WorkDir, run: &Run) -> Result<Self> {
+    pub fn of(mesh: &Mesh, place: &[u32], context: Context<'_>) -> Result<Self> {
         let n = mesh.positions.len();
-        let (first, slot, last) = uses(mesh, place, work, run)?;
-        let scatter = Scatter::new(FILES[3], n, work, run)?;
+        let (first, slot, last) = uses(mesh, place, context)?;
+        let scatter = Scatter::new(FILES[3], n, context)?;
         let mut out = scatter.producer();
         let mut next = 0;
         let fill = |range: Range<usize>, push: Push<'_, 3>| {
             range.into_iter().try_for_each(|v| push([first[v], slot[v], v as u32]))
         };
-        sorted("numbering vertices", (n, n as u64), fill, work, run, |records| {
+        sorted("numbering vertices", (n, n as u64), fill, context, |records| {
             records.iter().try_for_each(|record| {
                 next += 1;
                 scatter.put(&mut out, record[2], next - 1)
@@ -46,7 +46,7 @@ impl VertexUse {
         })?;
         out.finish()?;
         drop(slot);
-        work.remove(FILES[1]);
+        context.work.remove(FILES[1]);
         Ok(Self { first, last, rank: scatter.finish()? })
     }
 
@@ -89,8 +89,9 @@ impl Gathered {
 type Three = (MappedSlice<u32>, MappedSlice<u32>, MappedSlice<u32>);
 
 /// First places, the slots there, and last places, by vertex.
-fn uses(mesh: &Mesh, place: &[u32], work: &WorkDir, run: &Run) -> Result<Three> {
-    let writers = [work.writer(FILES[0], 1)?, work.writer(FILES[1], 1)?, work.writer(FILES[2], 1)?];
+fn uses(mesh: &Mesh, place: &[u32], context: Context<'_>) -> Result<Three> {
+    let writers =
+        [context.work.writer(FILES[0], 1)?, context.work.writer(FILES[1], 1)?, context.work.writer(FILES[2], 1)?];
     let mut gathered = Gathered { writers, current: None, done: 0 };
     let fill = |range: Range<usize>, push: Push<'_, 3>| {
         let mut result = Ok(());
@@ -105,7 +106,7 @@ fn uses(mesh: &Mesh, place: &[u32], work: &WorkDir, run: &Run) -> Result<Three> 
     };
     let counts = (mesh.faces.len(), mesh.faces.corner_count() as u64);
     // A vertex's uses may lie in two buckets, so what is gathered of it outlives them.
-    sorted("uses of vertices", counts, fill, work, run, |records| {
+    sorted("uses of vertices", counts, fill, context, |records| {
         for &[v, place, slot] in records {
             match &mut gathered.current {
                 Some(current) if current[0] == v => current[3] = place,

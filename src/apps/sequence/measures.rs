@@ -13,7 +13,7 @@
 use super::first_use::VertexUse;
 use crate::base::Result;
 use crate::mesh::Mesh;
-use crate::store::{Run, WorkDir};
+use crate::store::{Context, Run};
 use serde::Serialize;
 
 /// Items between looks at the stop flag.
@@ -45,11 +45,11 @@ impl Measures {
     ///
     /// # Errors
     /// [`crate::base::Error::Io`], [`crate::base::Error::Cancelled`].
-    pub fn of(mesh: &Mesh, uses: &VertexUse, work: &WorkDir, run: &Run) -> Result<Self> {
+    pub fn of(mesh: &Mesh, uses: &VertexUse, context: Context<'_>) -> Result<Self> {
         let mut measures = Self::default();
-        measures.spans(uses, run)?;
-        measures.widths(mesh.faces.len(), uses, work, run)?;
-        measures.numbers(mesh, uses, work, run)?;
+        measures.spans(uses, context.run)?;
+        measures.widths(mesh.faces.len(), uses, context)?;
+        measures.numbers(mesh, uses, context)?;
         Ok(measures)
     }
 
@@ -69,13 +69,13 @@ impl Measures {
         Ok(())
     }
 
-    fn widths(&mut self, faces: usize, uses: &VertexUse, work: &WorkDir, run: &Run) -> Result<()> {
+    fn widths(&mut self, faces: usize, uses: &VertexUse, context: Context<'_>) -> Result<()> {
         // A face brings vertices in and lets others go: the difference to the width after it, and what it lets go.
-        let mut array = work.array::<u32>("front.tmp", &[2 * faces])?;
+        let mut array = context.work.array::<u32>("front.tmp", &[2 * faces])?;
         let events = &mut array.data()[..];
         for (v, (&first, &last)) in uses.first.iter().zip(uses.last.iter()).enumerate() {
             if v % CHUNK == 0 {
-                run.cancel.check()?;
+                context.run.cancel.check()?;
             }
             if first != u32::MAX {
                 events[2 * first as usize] += 1;
@@ -91,18 +91,18 @@ impl Measures {
         }
         self.mean_width = sum as f64 / faces.max(1) as f64;
         drop(array.finish(false)?);
-        work.remove("front.tmp");
+        context.work.remove("front.tmp");
         Ok(())
     }
 
-    fn numbers(&mut self, mesh: &Mesh, uses: &VertexUse, work: &WorkDir, run: &Run) -> Result<()> {
+    fn numbers(&mut self, mesh: &Mesh, uses: &VertexUse, context: Context<'_>) -> Result<()> {
         let (faces, rank) = (mesh.faces.len(), &uses.rank[..]);
-        let mut array = work.array::<u32>("least.tmp", &[rank.len()])?;
+        let mut array = context.work.array::<u32>("least.tmp", &[rank.len()])?;
         let least = &mut array.data()[..];
         least.copy_from_slice(rank);
         let mut sum = 0u64;
         for start in (0..faces).step_by(CHUNK) {
-            run.cancel.check()?;
+            context.run.cancel.check()?;
             mesh.faces.for_each(start..faces.min(start + CHUNK), |_, corners| {
                 let (mut low, mut high) = (u32::MAX, 0);
                 for (slot, &v) in corners.iter().enumerate() {
@@ -121,7 +121,7 @@ impl Measures {
         self.mean_face_span = sum as f64 / faces.max(1) as f64;
         self.profile = rank.iter().zip(least.iter()).map(|(&rank, &least)| u64::from(rank - least)).sum();
         drop(array.finish(false)?);
-        work.remove("least.tmp");
+        context.work.remove("least.tmp");
         Ok(())
     }
 }

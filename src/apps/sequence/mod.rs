@@ -29,7 +29,7 @@ pub use sweeps::sweep;
 use crate::base::Result;
 use crate::graph::Sides;
 use crate::mesh::Mesh;
-use crate::store::{MappedSlice, Run, WorkDir};
+use crate::store::{Context, MappedSlice};
 use serde::{Deserialize, Serialize};
 use sorting::{Push, Scatter, ordered, sorted};
 use std::ops::Range;
@@ -78,16 +78,16 @@ impl Way {
 ///
 /// # Errors
 /// [`crate::base::Error::Io`], [`crate::base::Error::Memory`], [`crate::base::Error::Cancelled`].
-pub fn bfs_ranks(name: &str, graph: &Sides, work: &WorkDir, run: &Run) -> Result<MappedSlice<u32>> {
-    traverse::ranks(name, graph, false, work, run)
+pub fn bfs_ranks(name: &str, graph: &Sides, context: Context<'_>) -> Result<MappedSlice<u32>> {
+    traverse::ranks(name, graph, false, context)
 }
 
 /// Reverse Cuthill–McKee ranks.
 ///
 /// # Errors
 /// As [`bfs_ranks`].
-pub fn rcm_ranks(name: &str, graph: &Sides, work: &WorkDir, run: &Run) -> Result<MappedSlice<u32>> {
-    traverse::ranks(name, graph, true, work, run)
+pub fn rcm_ranks(name: &str, graph: &Sides, context: Context<'_>) -> Result<MappedSlice<u32>> {
+    traverse::ranks(name, graph, true, context)
 }
 
 /// Ranks of `n` vertices by component, then coordinate, ties by a second one, then by number.
@@ -98,15 +98,14 @@ pub fn ranks_along(
     name: &str,
     n: usize,
     key: impl Fn(usize) -> (u32, f64, f32) + Sync,
-    work: &WorkDir,
-    run: &Run,
+    context: Context<'_>,
 ) -> Result<MappedSlice<u32>> {
     let words = |v: usize| {
         let (component, first, second) = key(v);
         let ([high, low], [next, _]) = (ordered(first), ordered(f64::from(second)));
         [component, high, low, next]
     };
-    sorting::ranks(name, n, words, work, run)
+    sorting::ranks(name, n, words, context)
 }
 
 /// The place of each face of `mesh`, whose vertices have the ranks `rank`: by the greatest rank of its corners, then by
@@ -114,9 +113,9 @@ pub fn ranks_along(
 ///
 /// # Errors
 /// As [`bfs_ranks`].
-pub fn places(name: &str, mesh: &Mesh, rank: &[u32], work: &WorkDir, run: &Run) -> Result<MappedSlice<u32>> {
+pub fn places(name: &str, mesh: &Mesh, rank: &[u32], context: Context<'_>) -> Result<MappedSlice<u32>> {
     let n = mesh.faces.len();
-    let scatter = Scatter::new(name, n, work, run)?;
+    let scatter = Scatter::new(name, n, context)?;
     let mut out = scatter.producer();
     let mut next = 0;
     let fill = |range: Range<usize>, push: Push<'_, 4>| {
@@ -138,8 +137,8 @@ pub fn places(name: &str, mesh: &Mesh, rank: &[u32], work: &WorkDir, run: &Run) 
         });
         result
     };
-    sorted("ordering faces", (n, n as u64), fill, work, run, |records| {
-        run.progress.advance("sequence", records.len() as u64);
+    sorted("ordering faces", (n, n as u64), fill, context, |records| {
+        context.run.progress.advance("sequence", records.len() as u64);
         records.iter().try_for_each(|record| {
             next += 1;
             scatter.put(&mut out, record[3], next - 1)

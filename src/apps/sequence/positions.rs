@@ -6,7 +6,7 @@ use crate::base::parallel::map_ranges;
 use crate::graph::Frame;
 use crate::graph::order::hilbert;
 use crate::mesh::Positions;
-use crate::store::{MappedSlice, Run, WorkDir};
+use crate::store::{Context, MappedSlice};
 use nalgebra::DMatrix;
 use xxhash_rust::xxh3::xxh3_64_with_seed;
 
@@ -16,10 +16,10 @@ const CHUNK: usize = 1 << 15;
 ///
 /// # Errors
 /// [`crate::base::Error::Io`], [`crate::base::Error::Memory`], [`crate::base::Error::Cancelled`].
-pub fn pca_ranks(name: &str, positions: &Positions, work: &WorkDir, run: &Run) -> Result<MappedSlice<u32>> {
-    let frame = Frame::of(positions, run)?;
+pub fn pca_ranks(name: &str, positions: &Positions, context: Context<'_>) -> Result<MappedSlice<u32>> {
+    let frame = Frame::of(positions, context.run)?;
     let n = positions.len();
-    let sums = map_ranges(run.threads, &run.cancel, n, CHUNK, |range| {
+    let sums = map_ranges(context.run.threads, &context.run.cancel, n, CHUNK, |range| {
         let (mut sum, mut products, mut count) = ([0f64; 3], [[0f64; 3]; 3], 0u64);
         for v in range {
             let p = frame.place(positions.get(v as u32));
@@ -49,30 +49,30 @@ pub fn pca_ranks(name: &str, positions: &Positions, work: &WorkDir, run: &Run) -
         let along = |axis: usize| (0..3).map(|i| axes[(i, axis)] * p[i]).sum::<f64>();
         (0, along(0), along(1) as f32)
     };
-    super::ranks_along(name, n, key, work, run)
+    super::ranks_along(name, n, key, context)
 }
 
 /// Ranks along Hilbert's curve.
 ///
 /// # Errors
 /// As [`pca_ranks`].
-pub fn hilbert_ranks(name: &str, positions: &Positions, work: &WorkDir, run: &Run) -> Result<MappedSlice<u32>> {
-    let frame = Frame::of(positions, run)?;
+pub fn hilbert_ranks(name: &str, positions: &Positions, context: Context<'_>) -> Result<MappedSlice<u32>> {
+    let frame = Frame::of(positions, context.run)?;
     let key = |v: usize| {
         let place = hilbert::place_of(frame.place(positions.get(v as u32)));
         [(place >> 32) as u32, place as u32, 0, 0]
     };
-    sorting::ranks(name, positions.len(), key, work, run)
+    sorting::ranks(name, positions.len(), key, context)
 }
 
 /// Ranks by chance, under the run's seed.
 ///
 /// # Errors
 /// As [`pca_ranks`].
-pub fn random_ranks(name: &str, vertices: usize, work: &WorkDir, run: &Run) -> Result<MappedSlice<u32>> {
+pub fn random_ranks(name: &str, vertices: usize, context: Context<'_>) -> Result<MappedSlice<u32>> {
     let key = |v: usize| {
-        let draw = xxh3_64_with_seed(&(v as u64).to_le_bytes(), run.seed);
+        let draw = xxh3_64_with_seed(&(v as u64).to_le_bytes(), context.run.seed);
         [(draw >> 32) as u32, draw as u32, 0, 0]
     };
-    sorting::ranks(name, vertices, key, work, run)
+    sorting::ranks(name, vertices, key, context)
 }

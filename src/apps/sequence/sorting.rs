@@ -5,7 +5,7 @@ use crate::base::parallel::{chunk_count, chunk_range, each_chunk};
 use crate::store::npy::ArrayMut;
 use crate::store::shuffle::Producer;
 use crate::store::sizing::{Sized, Splitters};
-use crate::store::{MappedSlice, Run, WorkDir};
+use crate::store::{Context, MappedSlice, Run};
 use std::ops::Range;
 
 const CHUNK: usize = 1 << 14;
@@ -19,13 +19,12 @@ pub(super) fn sorted<const W: usize>(
     what: &'static str,
     (items, records): (usize, u64),
     fill: impl Fn(Range<usize>, Push<'_, W>) -> Result<()> + Sync,
-    work: &WorkDir,
-    run: &Run,
+    context: Context<'_>,
     mut each: impl FnMut(&[[u32; W]]) -> Result<()>,
 ) -> Result<()> {
     // Sorted buckets wait their turn: `in_order` holds four a thread, and one is being sorted.
-    let copies = 6 * run.threads as u64;
-    let sized = Sized::<[u32; W]>::new(&work.file("sequence_sort.tmp"), what, records, copies, 2, run)?;
+    let copies = 6 * context.run.threads as u64;
+    let sized = Sized::<[u32; W]>::new(&context.work.file("sequence_sort.tmp"), what, records, copies, 2, context.run)?;
     let shuffle = &sized.shuffle;
     let step = (items / (shuffle.buckets() * Splitters::<[u32; W]>::SAMPLES)).max(1);
     let mut sample = Vec::new();
@@ -37,14 +36,14 @@ pub(super) fn sorted<const W: usize>(
     }
     let splitters = Splitters::new(sample, shuffle.buckets());
     each_chunk(
-        run.threads,
-        &run.cancel,
+        context.run.threads,
+        &context.run.cancel,
         chunk_count(items, CHUNK),
         || shuffle.producer(),
         |k, out| fill(chunk_range(items, CHUNK, k), &mut |record| out.push(splitters.bucket(record), record)),
         Producer::finish,
     )?;
-    shuffle.sorted(run, |records| each(&records))
+    shuffle.sorted(context.run, |records| each(&records))
 }
 
 /// Values on their way to places of an array, through a shuffle, so that the array is written from front to back.
@@ -57,7 +56,8 @@ pub(super) struct Scatter<'a> {
 
 impl<'a> Scatter<'a> {
     /// For an array `name` of `n` items in `work`.
-    pub fn new(name: &str, n: usize, work: &WorkDir, run: &'a Run) -> Result<Self> {
+    pub fn new(name: &str, n: usize, context: Context<'a>) -> Result<Self> {
+        let Context { work, run } = context;
         let path = work.file("sequence_scatter.tmp");
         let sized = Sized::new(&path, "bringing values to their places", n as u64, 1, 3, run)?;
         Ok(Self { sized, array: work.array(name, &[n])?, run, n })
@@ -90,10 +90,9 @@ pub(super) fn ranks(
     name: &str,
     n: usize,
     key: impl Fn(usize) -> [u32; 4] + Sync,
-    work: &WorkDir,
-    run: &Run,
+    context: Context<'_>,
 ) -> Result<MappedSlice<u32>> {
-    let scatter = Scatter::new(name, n, work, run)?;
+    let scatter = Scatter::new(name, n, context)?;
     let mut out = scatter.producer();
     let mut next = 0;
     let fill = |range: Range<usize>, push: Push<'_, 5>| {
@@ -102,7 +101,7 @@ pub(super) fn ranks(
             push([a, b, c, d, i as u32])
         })
     };
-    sorted("ranking vertices", (n, n as u64), fill, work, run, |records| {
+    sorted("ranking vertices", (n, n as u64), fill, context, |records| {
         records.iter().try_for_each(|record| {
             next += 1;
             scatter.put(&mut out, record[4], next - 1)
@@ -126,6 +125,7 @@ pub(super) fn ordered(x: f64) -> [u32; 2] {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::store::WorkDir;
 
     #[test]
     fn numbers_keep_their_order() {
@@ -144,7 +144,7 @@ mod tests {
         order.sort_by_key(|&i| (key(i), i));
         for (memory, threads) in [(3 << 20, 1), (3 << 20, 3), (1 << 30, 2)] {
             let run = Run { threads, budget: crate::store::Budget::new(memory), ..Run::new(&()) };
-            let ranks = ranks("r.tmp", n, key, &work, &run).unwrap();
+            let ranks = ranks("r.tmp", n, key, Context::new(&work, &run)).unwrap();
             assert!(order.iter().enumerate().all(|(rank, &i)| ranks[i] as usize == rank));
         }
     }

@@ -8,8 +8,8 @@
 use crate::base::Result;
 use crate::base::parallel::fill_chunks;
 use crate::graph::Sides;
+use crate::store::Context;
 use crate::store::npy::ArrayMut;
-use crate::store::{Run, WorkDir};
 
 const CHUNK: usize = 1 << 14;
 
@@ -18,11 +18,10 @@ pub fn sweep(
     graph: &Sides,
     mut coordinates: ArrayMut<f64>,
     times: usize,
-    work: &WorkDir,
-    run: &Run,
+    context: Context<'_>,
 ) -> Result<ArrayMut<f64>> {
     let n = graph.len();
-    let mut other = work.array::<f64>("sweep.tmp", &[n])?;
+    let mut other = context.work.array::<f64>("sweep.tmp", &[n])?;
     for _ in 0..times {
         let from = &coordinates.data()[..];
         let fill = |k: usize, out: &mut [f64], (): &mut ()| {
@@ -32,10 +31,10 @@ pub fn sweep(
                 let sum: f64 = near.iter().map(|&w| from[w as usize]).sum();
                 *x = (from[v] + sum) / (near.len() + 1) as f64;
             }
-            run.progress.advance("sweeps", out.len() as u64);
+            context.run.progress.advance("sweeps", out.len() as u64);
             Ok(())
         };
-        fill_chunks(run.threads, &run.cancel, &mut other.data()[..], CHUNK, || (), fill)?;
+        fill_chunks(context.run.threads, &context.run.cancel, &mut other.data()[..], CHUNK, || (), fill)?;
         std::mem::swap(&mut coordinates, &mut other);
     }
     Ok(coordinates)

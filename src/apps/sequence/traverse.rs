@@ -6,7 +6,7 @@
 
 use crate::base::Result;
 use crate::graph::Sides;
-use crate::store::{MappedSlice, Run, WorkDir};
+use crate::store::{Context, MappedSlice, Run};
 
 /// Vertices between looks at the stop flag.
 const CHUNK: usize = 1 << 16;
@@ -77,28 +77,23 @@ impl Search<'_> {
 }
 
 /// The rank of each vertex: breadth-first, or with `cuthill_mckee` by ascending degrees, and back to front.
-pub(super) fn ranks(
-    name: &str,
-    graph: &Sides,
-    cuthill_mckee: bool,
-    work: &WorkDir,
-    run: &Run,
-) -> Result<MappedSlice<u32>> {
+pub(super) fn ranks(name: &str, graph: &Sides, cuthill_mckee: bool, context: Context<'_>) -> Result<MappedSlice<u32>> {
     let n = graph.len();
-    let mut queue = work.array::<u32>("queue.tmp", &[n])?;
-    let mut met = work.array::<u32>("met.tmp", &[n])?;
+    let mut queue = context.work.array::<u32>("queue.tmp", &[n])?;
+    let mut met = context.work.array::<u32>("met.tmp", &[n])?;
     let (met_slice, queue_slice) = (&mut met.data()[..], &mut queue.data()[..]);
-    let mut search = Search { graph, met: met_slice, queue: queue_slice, searches: 0, by_degree: cuthill_mckee, run };
+    let mut search =
+        Search { graph, met: met_slice, queue: queue_slice, searches: 0, by_degree: cuthill_mckee, run: context.run };
     let mut end = 0;
     for v in 0..n {
         if v % CHUNK == 0 {
-            run.cancel.check()?;
+            context.run.cancel.check()?;
         }
         if search.met[v] == 0 {
             end = search.component(v as u32, end)?;
         }
     }
-    let scatter = super::sorting::Scatter::new(name, n, work, run)?;
+    let scatter = super::sorting::Scatter::new(name, n, context)?;
     let mut out = scatter.producer();
     for (place, &v) in search.queue[..end].iter().enumerate() {
         let rank = if cuthill_mckee { n - 1 - place } else { place };
@@ -106,7 +101,7 @@ pub(super) fn ranks(
     }
     out.finish()?;
     drop((met.finish(false)?, queue.finish(false)?));
-    ["queue.tmp", "met.tmp"].iter().for_each(|name| work.remove(name));
+    ["queue.tmp", "met.tmp"].iter().for_each(|name| context.work.remove(name));
     scatter.finish()
 }
 
@@ -114,6 +109,7 @@ pub(super) fn ranks(
 mod tests {
     use super::*;
     use crate::mesh::Mesh;
+    use crate::store::WorkDir;
 
     /// Cuthill–McKee as the textbook says it, quadratic.
     fn oracle(graph: &Sides, reverse: bool) -> Vec<u32> {
@@ -190,9 +186,9 @@ mod tests {
         faces.push([63, 64, 65]);
         let mesh = Mesh::from_arrays(dir.path(), &[[0.; 3]; 68], &faces).unwrap();
         let run = Run::new(&());
-        let graph = Sides::build(&mesh, &work, &run).unwrap();
+        let graph = Sides::build(&mesh, Context::new(&work, &run)).unwrap();
         for reverse in [false, true] {
-            let found = ranks("r.tmp", &graph, reverse, &work, &run).unwrap();
+            let found = ranks("r.tmp", &graph, reverse, Context::new(&work, &run)).unwrap();
             for (rank, &v) in oracle(&graph, reverse).iter().enumerate() {
                 assert_eq!(found[v as usize] as usize, rank, "{reverse}");
             }

@@ -14,7 +14,7 @@ use crate::distance::sampling::{GraphSpace, MatrixSpace, Sampling, SamplingParam
 use crate::spectral::block::{Affinities, Bandwidth, Block};
 use crate::spectral::exact::{Exact, exact};
 use crate::spectral::measures::{Measures, measure};
-use crate::store::{MappedSlice, Run, WorkDir};
+use crate::store::{Context, MappedSlice, Run};
 use nalgebra::DMatrix;
 use serde::Serialize;
 
@@ -97,7 +97,7 @@ pub const VECTORS: usize = 6;
 ///
 /// # Errors
 /// [`crate::base::Error::Memory`], [`crate::base::Error::Io`], [`crate::base::Error::Cancelled`].
-pub fn compare(ground: &Ground, mesh: &str, params: &CompareParams, work: &WorkDir, run: &Run) -> Result<Vec<Record>> {
+pub fn compare(ground: &Ground, mesh: &str, params: &CompareParams, context: Context<'_>) -> Result<Vec<Record>> {
     let most = params.landmarks.iter().copied().max().unwrap_or(0).min(ground.len());
     let mut jobs = Vec::new();
     for &sampling in &params.samplings {
@@ -106,27 +106,27 @@ pub fn compare(ground: &Ground, mesh: &str, params: &CompareParams, work: &WorkD
             jobs.extend(sizes.iter().map(|&l| (sampling, seed, l.min(ground.len()))));
         }
     }
-    let bytes = 4 * (ground.len() * run.threads) as u64;
-    let _grant = run.budget.take("fields of samplings", bytes, bytes)?;
+    let bytes = 4 * (ground.len() * context.run.threads) as u64;
+    let _grant = context.run.budget.take("fields of samplings", bytes, bytes)?;
     let one = Run {
         threads: 1,
-        budget: run.budget.clone(),
-        resident: run.resident,
+        budget: context.run.budget.clone(),
+        resident: context.run.resident,
         progress: &(),
-        cancel: run.cancel.clone(),
-        seed: run.seed,
+        cancel: context.run.cancel.clone(),
+        seed: context.run.seed,
     };
     let compute = || {
         map_chunks(
-            run.threads,
-            &run.cancel,
+            context.run.threads,
+            &context.run.cancel,
             jobs.len(),
             || (),
             |k, ()| {
                 let (sampling, seed, l) = jobs[k];
                 let (landmarks, search) = landmarks(ground, sampling, l, seed, params, &one)?;
                 let name = format!("rows-{k}.tmp");
-                let rows = Rows::of(ground, &landmarks, &name, work, &one)?;
+                let rows = Rows::of(ground, &landmarks, &name, Context::new(context.work, &one))?;
                 let sizes = params.landmarks.iter().map(|&size| size.min(ground.len()));
                 let wanted = sizes.filter(|&size| sampling != Sampling::Centroids || size == l);
                 let records: Result<Vec<Record>> = wanted
@@ -135,13 +135,13 @@ pub fn compare(ground: &Ground, mesh: &str, params: &CompareParams, work: &WorkD
                     })
                     .collect();
                 drop(rows);
-                work.remove(&name);
-                run.progress.advance("compare", 1);
+                context.work.remove(&name);
+                context.run.progress.advance("compare", 1);
                 records
             },
         )
     };
-    let (records, _) = run.stage("compare", "samples", jobs.len() as u64, compute)?;
+    let (records, _) = context.run.stage("compare", "samples", jobs.len() as u64, compute)?;
     Ok(records.into_iter().flatten().collect())
 }
 
@@ -191,13 +191,13 @@ enum Rows<'a> {
 }
 
 impl<'a> Rows<'a> {
-    fn of(ground: &'a Ground, landmarks: &[u32], name: &str, work: &WorkDir, run: &Run) -> Result<Self> {
+    fn of(ground: &'a Ground, landmarks: &[u32], name: &str, context: Context<'_>) -> Result<Self> {
         let n = ground.len();
         Ok(match &ground.matrix {
             Some(matrix) => Self::Matrix(
                 landmarks.iter().map(|&node| &matrix[node as usize * n..(node as usize + 1) * n]).collect(),
             ),
-            None => Self::File(ground.rows(landmarks, name, work, run)?, n),
+            None => Self::File(ground.rows(landmarks, name, context)?, n),
         })
     }
 

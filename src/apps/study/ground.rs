@@ -17,7 +17,7 @@ use crate::distance::sampling::geodesic::fill_lengths;
 use crate::graph::dual::{Csr, Weighted};
 use crate::graph::{DualGraph, Metric, Node, VertexGraph};
 use crate::mesh::Opened;
-use crate::store::{MappedSlice, Run, WorkDir};
+use crate::store::{Context, MappedSlice};
 
 /// What nodes are.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -90,34 +90,33 @@ impl Ground {
         opened: &Opened,
         identity: &serde_json::Value,
         params: GroundParams,
-        work: &WorkDir,
-        run: &Run,
+        context: Context<'_>,
     ) -> Result<Self> {
         let path = opened.document.path();
         let (graph, nodes) = match params.over {
             Over::Faces => {
-                let built = DualGraph::build(&opened.mesh, path, identity, work, run)?;
-                (Graph::Faces(built.weighted(params.metric, work, run)?), built.nodes)
+                let built = DualGraph::build(&opened.mesh, path, identity, context)?;
+                (Graph::Faces(built.weighted(params.metric, context)?), built.nodes)
             }
             Over::Vertices => {
-                let built = VertexGraph::build(&opened.mesh, path, work, run)?;
+                let built = VertexGraph::build(&opened.mesh, path, context)?;
                 let nodes = built.nodes.clone();
                 (Graph::Vertices(built), nodes)
             }
         };
         let n = nodes.len();
         let lengths = if params.lengths {
-            let mut array = work.array::<f32>("lengths.npy", &[graph.csr().weights.len()])?;
-            fill_lengths(graph.csr(), &nodes, array.data(), run)?;
+            let mut array = context.work.array::<f32>("lengths.npy", &[graph.csr().weights.len()])?;
+            fill_lengths(graph.csr(), &nodes, array.data(), context.run)?;
             Some(array.finish(false)?)
         } else {
             None
         };
-        let mut draw = stream(run.seed, "held out");
+        let mut draw = stream(context.run.seed, "held out");
         let mut held_out: Vec<u32> = (0..params.held_out).map(|_| below(&mut draw, n) as u32).collect();
         held_out.sort_unstable();
         held_out.dedup();
-        let rows = |name: &str, of: &[u32]| rows(&graph, of, name, work, run);
+        let rows = |name: &str, of: &[u32]| rows(&graph, of, name, context);
         let held_rows = rows("held_out_rows.npy", &held_out)?;
         let matrix = if n <= params.matrix {
             let all: Vec<u32> = (0..n as u32).collect();
@@ -161,8 +160,8 @@ impl Ground {
     ///
     /// # Errors
     /// [`crate::base::Error::Io`], [`crate::base::Error::Cancelled`].
-    pub fn rows(&self, of: &[u32], name: &str, work: &WorkDir, run: &Run) -> Result<MappedSlice<f32>> {
-        rows(&self.graph, of, name, work, run)
+    pub fn rows(&self, of: &[u32], name: &str, context: Context<'_>) -> Result<MappedSlice<f32>> {
+        rows(&self.graph, of, name, context)
     }
 
     /// Shares of the area, summing to n (n).
@@ -177,27 +176,27 @@ impl Ground {
     }
 }
 
-fn rows(graph: &Graph, of: &[u32], name: &str, work: &WorkDir, run: &Run) -> Result<MappedSlice<f32>> {
+fn rows(graph: &Graph, of: &[u32], name: &str, context: Context<'_>) -> Result<MappedSlice<f32>> {
     let csr = graph.csr();
-    let mut array = work.array::<f32>(name, &[of.len(), csr.len()])?;
+    let mut array = context.work.array::<f32>(name, &[of.len(), csr.len()])?;
     let mean = mean_weight(csr);
     let stage = || {
         fill_chunks(
-            run.threads,
-            &run.cancel,
+            context.run.threads,
+            &context.run.cancel,
             array.data(),
             csr.len(),
             || (Front::new(mean), March::new(mean)),
             |k, row, (front, march)| {
                 match graph {
-                    Graph::Faces(_) => front.full(csr, of[k], row, &run.cancel).map(drop)?,
-                    Graph::Vertices(graph) => march.full(Surface::of(graph), of[k], row, &run.cancel)?,
+                    Graph::Faces(_) => front.full(csr, of[k], row, &context.run.cancel).map(drop)?,
+                    Graph::Vertices(graph) => march.full(Surface::of(graph), of[k], row, &context.run.cancel)?,
                 }
-                run.progress.advance("distances", 1);
+                context.run.progress.advance("distances", 1);
                 Ok(())
             },
         )
     };
-    run.stage("distances", "rows", of.len() as u64, stage)?;
+    context.run.stage("distances", "rows", of.len() as u64, stage)?;
     array.finish(false)
 }

@@ -4,7 +4,7 @@
 
 use crate::base::{Error, Result};
 use crate::graph::DualGraph;
-use crate::store::{Run, WorkDir};
+use crate::store::{Context, Run};
 use std::collections::BTreeMap;
 
 /// No label.
@@ -77,21 +77,20 @@ pub fn islands(
     labels: &mut [u32],
     quality: &[f32],
     least: usize,
-    work: &WorkDir,
-    run: &Run,
+    context: Context<'_>,
 ) -> Result<u64> {
     let n = labels.len();
     if n >= UNCERTAIN as usize {
-        return Err(Error::unusable(work.path(), "more than 2^31 faces", "cut the mesh into several"));
+        return Err(Error::unusable(context.work.path(), "more than 2^31 faces", "cut the mesh into several"));
     }
-    let mut parents = work.array::<u32>("pieces.npy", &[n])?;
-    let mut sizes = work.array::<u32>("piece_sizes.npy", &[n])?;
+    let mut parents = context.work.array::<u32>("pieces.npy", &[n])?;
+    let mut sizes = context.work.array::<u32>("piece_sizes.npy", &[n])?;
     let (parent, size) = (&mut parents.data()[..], &mut sizes.data()[..]);
     let rows = &graph.rows;
     let mut all: BTreeMap<u32, u64> = BTreeMap::new();
     for i in 0..n {
         if i % CHUNK == 0 {
-            run.cancel.check()?;
+            context.run.cancel.check()?;
         }
         parent[i] = i as u32;
         *all.entry(labels[i]).or_default() += 1;

@@ -12,7 +12,7 @@ use crate::base::parallel::fill_two;
 use crate::base::{Error, Result};
 use crate::graph::DualGraph;
 use crate::mesh::{Labelling, Opened};
-use crate::store::{MappedSlice, Run, WorkDir};
+use crate::store::{Context, MappedSlice, Run};
 use clean::NONE;
 use nearest::{BYTES, Found, Frame, Probe, Tree, normal, unit, unpack, window};
 use serde::Serialize;
@@ -115,37 +115,40 @@ fn is_turned(from: &Opened, to: &Opened, frame: &Frame) -> bool {
 /// # Errors
 /// [`Error::Parameter`] for labels that do not fit `from`; [`Error::Unusable`] where most of `to` lies far from `from`;
 /// [`Error::Memory`], [`Error::Io`], [`Error::Cancelled`].
-pub fn transfer(from: &Opened, labels: &[u32], to: &Opened, work: &WorkDir, run: &Run) -> Result<Transferred> {
+pub fn transfer(from: &Opened, labels: &[u32], to: &Opened, context: Context<'_>) -> Result<Transferred> {
     super::export::fit(&from.mesh, &Labelling { labels, colours: &[], quality: None })?;
     let (m, n) = (from.mesh.faces.len(), to.mesh.faces.len());
-    let frame = Frame::of(&from.mesh, run)?;
-    let (fine, coarse) = (mean_edge(from, &frame, run)?, mean_edge(to, &frame, run)?);
+    let frame = Frame::of(&from.mesh, context.run)?;
+    let (fine, coarse) = (mean_edge(from, &frame, context.run)?, mean_edge(to, &frame, context.run)?);
     let points = if coarse > 1.5 * fine { 4 } else { 1 };
     let turned = is_turned(from, to, &frame);
     let sign = if turned { -1. } else { 1. };
 
-    let mut array = work.array::<u64>("nearest.npy", &[n * points, 2])?;
+    let mut array = context.work.array::<u64>("nearest.npy", &[n * points, 2])?;
     let found: &mut [Found] = bytemuck::cast_slice_mut(&mut array.data()[..]);
     found.fill([u64::MAX; 2]);
     // Triangles a face, so that polygons find room too.
     let triangles = (from.mesh.faces.corner_count() as u64).div_ceil(m.max(1) as u64).saturating_sub(2).max(1);
-    let grant =
-        run.budget.take("nearest faces", BYTES * triangles * m.min(1 << 12) as u64, BYTES * triangles * m as u64)?;
+    let grant = context.run.budget.take(
+        "nearest faces",
+        BYTES * triangles * m.min(1 << 12) as u64,
+        BYTES * triangles * m as u64,
+    )?;
     let block = (grant.bytes() / (BYTES * triangles)).max(1) as usize;
     let look = || {
         for start in (0..m).step_by(block) {
             let tree = Tree::of(&from.mesh, &frame, start..m.min(start + block), |_| true);
             let at = |i: usize| probe(to, &frame, i / points, i % points);
-            tree.improve_all(at, sign, fine, found, run)?;
+            tree.improve_all(at, sign, fine, found, context.run)?;
         }
         Ok(())
     };
-    run.stage("nearest faces", "faces", n as u64, look)?;
+    context.run.stage("nearest faces", "faces", n as u64, look)?;
     drop(grant);
 
     let found: &[Found] = found;
-    let mut own = work.array::<u32>("labels.npy", &[n])?;
-    let mut quality = work.array::<f32>("quality.npy", &[n])?;
+    let mut own = context.work.array::<u32>("labels.npy", &[n])?;
+    let mut quality = context.work.array::<f32>("quality.npy", &[n])?;
     let choose = |k: usize, own: &mut [u32], quality: &mut [f32], (): &mut ()| {
         for i in 0..own.len() {
             let face = k * CHUNK + i;
@@ -154,7 +157,7 @@ pub fn transfer(from: &Opened, labels: &[u32], to: &Opened, work: &WorkDir, run:
         }
         Ok(())
     };
-    fill_two(run.threads, &run.cancel, (own.data(), quality.data()), CHUNK, || (), choose)?;
+    fill_two(context.run.threads, &context.run.cancel, (own.data(), quality.data()), CHUNK, || (), choose)?;
 
     let near = own.data().iter().filter(|&&label| label != NONE).count();
     if near * 2 < n {
@@ -162,17 +165,17 @@ pub fn transfer(from: &Opened, labels: &[u32], to: &Opened, work: &WorkDir, run:
         let problem = format!("{near} of {n} faces have a labelled face of {} near", from.document.path().display());
         return Err(Error::unusable(path, problem, "both meshes must lie in the same place, in the same unit"));
     }
-    let graph = DualGraph::build(&to.mesh, to.document.path(), &json!("transfer"), work, run)?;
-    let filled = clean::fill(&graph, own.data(), run)?;
+    let graph = DualGraph::build(&to.mesh, to.document.path(), &json!("transfer"), context)?;
+    let filled = clean::fill(&graph, own.data(), context.run)?;
     let least = ((n as f64 * ISLAND) as usize).max(4);
-    let islands = clean::islands(&graph, own.data(), quality.data(), least, work, run)?;
+    let islands = clean::islands(&graph, own.data(), quality.data(), least, context)?;
     for (label, quality) in own.data().iter().zip(quality.data().iter_mut()) {
         *quality = if *label == NONE { 0. } else { *quality };
     }
-    clean::fill(&graph, own.data(), run)?;
+    clean::fill(&graph, own.data(), context.run)?;
     let uncertain = quality.data().iter().filter(|&&quality| quality < 1.).count() as u64;
     let facts = Facts { faces: n as u64, uncertain, filled, islands, points, turned };
-    work.remove("nearest.npy.partial");
+    context.work.remove("nearest.npy.partial");
     Ok(Transferred { labels: own.finish(false)?, quality: quality.finish(false)?, facts })
 }
 

@@ -12,7 +12,7 @@ use crate::mesh::Faces;
 use crate::store::npy::{self, ArrayWriter};
 use crate::store::shuffle::Producer;
 use crate::store::sizing::{Sized, Splitters};
-use crate::store::{MappedBytes, MappedSlice, Run, WorkDir};
+use crate::store::{Context, MappedBytes, MappedSlice, WorkDir};
 use std::ops::Range;
 
 const CHUNK: usize = 1 << 14;
@@ -42,14 +42,14 @@ pub(super) fn open(faces: &Faces, work: &WorkDir) -> Result<Faces> {
 }
 
 /// Sorts `faces`, whose vertex v has become `rank[v]`.
-pub(super) fn sort(faces: &Faces, rank: &MappedSlice<u32>, in_memory: bool, work: &WorkDir, run: &Run) -> Result<()> {
-    let task = Task { faces, rank, in_memory, work, run };
+pub(super) fn sort(faces: &Faces, rank: &MappedSlice<u32>, in_memory: bool, context: Context<'_>) -> Result<()> {
+    let task = Task { faces, rank, in_memory, context };
     match faces {
         Faces::Triangles { len, .. } => {
             let push = |key: u32, face: u32, corners: &[u32], push: &mut dyn FnMut([u32; 5]) -> Result<()>| {
                 push([key, face, corners[0], corners[1], corners[2]])
             };
-            let mut out: ArrayWriter<u32> = work.writer(TRIANGLES, 3)?;
+            let mut out: ArrayWriter<u32> = context.work.writer(TRIANGLES, 3)?;
             task.sort(*len as u64, push, |records, order| {
                 order.extend(records.iter().map(|record| record[1]));
                 records.iter().try_for_each(|record| out.push(&record[2..]))
@@ -64,7 +64,8 @@ pub(super) fn sort(faces: &Faces, rank: &MappedSlice<u32>, in_memory: bool, work
                 }
                 corners.iter().enumerate().try_for_each(|(slot, &corner)| push([key, face, slot as u32, corner]))
             };
-            let (mut starts, mut out) = (work.writer::<u64>(STARTS, 1)?, work.writer::<u32>(CORNERS, 1)?);
+            let (mut starts, mut out) =
+                (context.work.writer::<u64>(STARTS, 1)?, context.work.writer::<u32>(CORNERS, 1)?);
             let mut end = 0u64;
             starts.push(&[0])?;
             task.sort((faces.len() + corners.len()) as u64, push, |records, order| {
@@ -89,8 +90,7 @@ struct Task<'a> {
     faces: &'a Faces,
     rank: &'a MappedSlice<u32>,
     in_memory: bool,
-    work: &'a WorkDir,
-    run: &'a Run<'a>,
+    context: Context<'a>,
 }
 
 /// What faces are sorted by, from their corners' new numbers.
@@ -107,7 +107,7 @@ impl Task<'_> {
         push: impl Fn(u32, u32, &[u32], &mut dyn FnMut([u32; W]) -> Result<()>) -> Result<()> + Sync,
         mut write: impl FnMut(&[[u32; W]], &mut Vec<u32>) -> Result<()>,
     ) -> Result<()> {
-        let (work, run, n) = (self.work, self.run, self.faces.len());
+        let (Context { work, run }, n) = (self.context, self.faces.len());
         let copies = 6 * run.threads as u64;
         let sorting = Sized::<[u32; W]>::new(&work.file("faces.tmp"), "sorting faces", records, copies, 3, run)?;
         let shuffle = &sorting.shuffle;
@@ -148,8 +148,8 @@ impl Task<'_> {
     ) -> Result<()> {
         let (rank, n) = (&self.rank[..], self.faces.len());
         each_chunk(
-            self.run.threads,
-            &self.run.cancel,
+            self.context.run.threads,
+            &self.context.run.cancel,
             chunk_count(n, CHUNK),
             || (sorting.shuffle.producer(), Vec::new()),
             |k, (out, new)| {
@@ -173,13 +173,14 @@ impl Task<'_> {
         sorting: &Sized<[u32; W]>,
         send: &(impl Fn(usize, &[u32], &mut Producer<'_, [u32; W]>) -> Result<()> + Sync),
     ) -> Result<()> {
-        let (run, n, vertices) = (self.run, self.faces.len(), self.rank.len().max(1));
+        let (run, n, vertices) = (self.context.run, self.faces.len(), self.rank.len().max(1));
         let (threads, total) = (run.threads as u64, self.faces.corner_count() as u64);
-        let ranked = Sized::<[u32; 2]>::new(&self.work.file("ranked.tmp"), "ranking corners", total, threads, 2, run)?;
+        let ranked =
+            Sized::<[u32; 2]>::new(&self.context.work.file("ranked.tmp"), "ranking corners", total, threads, 2, run)?;
         let back = ranked.shuffle.buckets();
         let first = |bucket: usize| (bucket as u128 * n as u128).div_ceil(back as u128) as usize;
         {
-            let path = self.work.file("corners.tmp");
+            let path = self.context.work.file("corners.tmp");
             let corners = Sized::<[u32; 2]>::new(&path, "sorting corners", total, threads, 1, run)?;
             let buckets = corners.shuffle.buckets();
             each_chunk(

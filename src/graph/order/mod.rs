@@ -17,7 +17,7 @@ use super::Frame;
 use crate::base::{Error, Result};
 use crate::mesh::Mesh;
 use crate::store::workdir::key_of;
-use crate::store::{MappedSlice, Run, WorkDir};
+use crate::store::{Context, MappedSlice, WorkDir};
 use locality::Locality;
 use serde::{Deserialize, Serialize};
 use serde_json::{Value, json};
@@ -112,7 +112,7 @@ impl Ordered {
     ///
     /// # Errors
     /// [`crate::base::Error::Io`], [`crate::base::Error::Memory`], [`crate::base::Error::Cancelled`].
-    pub fn build(mesh: &Mesh, order: Order, input: &Value, work: &WorkDir, run: &Run) -> Result<Self> {
+    pub fn build(mesh: &Mesh, order: Order, input: &Value, context: Context<'_>) -> Result<Self> {
         let n = mesh.faces.len();
         let kept = |Locality { far_steps, stretch }| Self {
             mesh: mesh.clone(),
@@ -125,32 +125,32 @@ impl Ordered {
         }
         let options = json!({"stage": "order", "input": input, "order": "hilbert"});
         let key = key_of(&options);
-        let whole = |facts| work.reuse::<()>(CURVE, &key).map(|()| facts);
-        let facts = match work.reuse::<OrderFacts>("order", &key).and_then(whole) {
+        let whole = |facts| context.work.reuse::<()>(CURVE, &key).map(|()| facts);
+        let facts = match context.work.reuse::<OrderFacts>("order", &key).and_then(whole) {
             Ok(facts) => {
-                run.progress.note("order: reused");
+                context.run.progress.note("order: reused");
                 facts
             }
             Err(reason) => {
-                let frame = Frame::of(&mesh.positions, run)?;
+                let frame = Frame::of(&mesh.positions, context.run)?;
                 let found = locality::measure(mesh, frame.scale);
                 let poor = found.far_steps > POOR || (n > HUGE && found.stretch > STRETCHED);
                 if order == Order::Auto && !poor {
                     return Ok(kept(found));
                 }
-                run.note_remake("order", &reason);
-                let ((), seconds) = run.stage("order", "faces", n as u64, || sort(mesh, &frame, work, run))?;
+                context.run.note_remake("order", &reason);
+                let ((), seconds) = context.run.stage("order", "faces", n as u64, || sort(mesh, &frame, context))?;
                 let facts = OrderFacts { far_steps: found.far_steps, stretch: found.stretch, reordered: true };
                 let sorted = [&[VERTICES], faces::files(&mesh.faces)].concat();
-                work.stamp(CURVE, &key, &options, &sorted, &(), 0.)?;
-                work.stamp("order", &key, &options, &[ORDER], &facts, seconds)?;
+                context.work.stamp(CURVE, &key, &options, &sorted, &(), 0.)?;
+                context.work.stamp("order", &key, &options, &[ORDER], &facts, seconds)?;
                 facts
             }
         };
-        let positions = vertices::open(work, mesh.positions.is_double(), mesh.positions.len())?;
+        let positions = vertices::open(context.work, mesh.positions.is_double(), mesh.positions.len())?;
         Ok(Self {
-            mesh: Mesh::new(positions, faces::open(&mesh.faces, work)?),
-            order: Some(work.open_array(ORDER)?),
+            mesh: Mesh::new(positions, faces::open(&mesh.faces, context.work)?),
+            order: Some(context.work.open_array(ORDER)?),
             facts,
             identity: options,
         })
@@ -182,15 +182,15 @@ impl Ordered {
 }
 
 /// Sorts vertices, then faces.
-fn sort(mesh: &Mesh, frame: &Frame, work: &WorkDir, run: &Run) -> Result<()> {
+fn sort(mesh: &Mesh, frame: &Frame, context: Context<'_>) -> Result<()> {
     let bytes = 4 * mesh.positions.len() as u64;
     // The ranks stay mapped, but random access wants them resident: they count as if allocated.
-    let resident = run.budget.take("ranks of vertices", 0, bytes)?;
-    let in_memory = resident.bytes() >= bytes && run.budget.left() >= run.budget.total() / 2;
+    let resident = context.run.budget.take("ranks of vertices", 0, bytes)?;
+    let in_memory = resident.bytes() >= bytes && context.run.budget.left() >= context.run.budget.total() / 2;
     let resident = in_memory.then_some(resident);
-    let rank = vertices::sort(&mesh.positions, frame, in_memory, work, run)?;
-    faces::sort(&mesh.faces, &rank, in_memory, work, run)?;
+    let rank = vertices::sort(&mesh.positions, frame, in_memory, context)?;
+    faces::sort(&mesh.faces, &rank, in_memory, context)?;
     drop((resident, rank));
-    work.remove("vertex_rank.tmp");
+    context.work.remove("vertex_rank.tmp");
     Ok(())
 }

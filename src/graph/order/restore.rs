@@ -9,7 +9,7 @@ use crate::base::parallel::{chunk_count, chunk_range, each_chunk};
 use crate::store::npy::Item;
 use crate::store::shuffle::Producer;
 use crate::store::sizing::Sized;
-use crate::store::{MappedSlice, Run, WorkDir};
+use crate::store::{Context, MappedSlice};
 
 const CHUNK: usize = 1 << 16;
 
@@ -19,34 +19,35 @@ impl NodeOrder {
     ///
     /// # Errors
     /// [`crate::base::Error::Io`], [`crate::base::Error::Memory`], [`crate::base::Error::Cancelled`].
-    pub fn restore<T: Item>(
-        &self,
-        name: &str,
-        values: MappedSlice<T>,
-        work: &WorkDir,
-        run: &Run,
-    ) -> Result<MappedSlice<T>> {
+    pub fn restore<T: Item>(&self, name: &str, values: MappedSlice<T>, context: Context<'_>) -> Result<MappedSlice<T>> {
         let Some(order) = &self.order else { return Ok(values) };
         let n = values.len();
         let words: &[u32] = bytemuck::cast_slice(&values);
-        let mut array = work.array::<T>(name, &[n])?;
+        let mut array = context.work.array::<T>(name, &[n])?;
         let out: &mut [u32] = bytemuck::cast_slice_mut(&mut array.data()[..]);
         let bytes = 4 * n as u64;
-        let resident = run.budget.take("ordering results", 0, bytes)?;
+        let resident = context.run.budget.take("ordering results", 0, bytes)?;
         if resident.bytes() >= bytes {
             for (k, (&face, &word)) in order.iter().zip(words).enumerate() {
                 if k % CHUNK == 0 {
-                    run.cancel.check()?;
+                    context.run.cancel.check()?;
                 }
                 out[face as usize] = word;
             }
         } else {
             drop(resident);
-            let pairs = Sized::<[u32; 2]>::new(&work.file("restore.tmp"), "ordering results", n as u64, 1, 1, run)?;
+            let pairs = Sized::<[u32; 2]>::new(
+                &context.work.file("restore.tmp"),
+                "ordering results",
+                n as u64,
+                1,
+                1,
+                context.run,
+            )?;
             let buckets = pairs.shuffle.buckets();
             each_chunk(
-                run.threads,
-                &run.cancel,
+                context.run.threads,
+                &context.run.cancel,
                 chunk_count(n, CHUNK),
                 || pairs.shuffle.producer(),
                 |k, producer| {
@@ -58,7 +59,7 @@ impl NodeOrder {
                 Producer::finish,
             )?;
             for bucket in 0..buckets {
-                run.cancel.check()?;
+                context.run.cancel.check()?;
                 pairs.shuffle.take(bucket)?.into_iter().for_each(|[face, word]| out[face as usize] = word);
             }
         }

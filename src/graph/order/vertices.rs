@@ -13,7 +13,7 @@ use crate::mesh::Positions;
 use crate::store::npy::{self, ArrayMut, ArrayWriter, Item};
 use crate::store::shuffle::Producer;
 use crate::store::sizing::{Sized, Splitters};
-use crate::store::{MappedBytes, MappedSlice, Run, WorkDir};
+use crate::store::{Context, MappedBytes, MappedSlice, WorkDir};
 
 const CHUNK: usize = 1 << 14;
 
@@ -30,10 +30,9 @@ pub(super) fn sort(
     positions: &Positions,
     frame: &Frame,
     in_memory: bool,
-    work: &WorkDir,
-    run: &Run,
+    context: Context<'_>,
 ) -> Result<MappedSlice<u32>> {
-    let task = Task { positions, frame, in_memory, work, run };
+    let task = Task { positions, frame, in_memory, context };
     if positions.is_double() {
         task.sort::<f64, 9>(|x, words| {
             words.copy_from_slice(&[x.to_bits() as u32, (x.to_bits() >> 32) as u32]);
@@ -47,8 +46,7 @@ struct Task<'a> {
     positions: &'a Positions,
     frame: &'a Frame,
     in_memory: bool,
-    work: &'a WorkDir,
-    run: &'a Run<'a>,
+    context: Context<'a>,
 }
 
 impl Task<'_> {
@@ -60,7 +58,7 @@ impl Task<'_> {
 
     /// Sorts records of W words, coordinates of type `T` among them as `words` puts them; returns the ranks.
     fn sort<T: Item, const W: usize>(&self, words: impl Fn(f64, &mut [u32]) + Sync) -> Result<MappedSlice<u32>> {
-        let (n, work, run) = (self.positions.len(), self.work, self.run);
+        let (n, Context { work, run }) = (self.positions.len(), self.context);
         // Sorted buckets wait their turn for the writer: `in_order` holds four a thread, and one is being sorted.
         let copies = 6 * run.threads as u64;
         let sorting = Sized::<[u32; W]>::new(&work.file("vertices.tmp"), "sorting vertices", n as u64, copies, 2, run)?;

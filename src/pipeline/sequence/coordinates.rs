@@ -14,7 +14,7 @@ use crate::graph::links::AGAINST;
 use crate::mesh::Mesh;
 use crate::spectral::{Columns, Embedding, eigen};
 use crate::store::npy::ArrayMut;
-use crate::store::{MappedSlice, Run, WorkDir};
+use crate::store::{Context, MappedSlice, Run, WorkDir};
 use nalgebra::DMatrix;
 use std::collections::BTreeMap;
 
@@ -104,8 +104,7 @@ pub(super) struct Task<'a> {
     pub graph: &'a DualGraph,
     pub rows: &'a DistanceRows,
     pub embedding: &'a Embedding,
-    pub work: &'a WorkDir,
-    pub run: &'a Run<'a>,
+    pub context: Context<'a>,
 }
 
 impl Task<'_> {
@@ -122,11 +121,18 @@ impl Task<'_> {
             let mut out = vec![0.; range.len() * d];
             let rows = |row: usize| &self.rows.row(row)[range.clone()];
             self.embedding.chunk(range.len(), rows, &mut affinities[..range.len()], &mut out);
-            self.run.progress.advance("coordinates", range.len() as u64);
+            self.context.run.progress.advance("coordinates", range.len() as u64);
             Ok(out)
         };
         let consume = |k: usize, out: Vec<f32>| consume(chunk_range(n, CHUNK, k), &out);
-        in_order(self.run.threads, &self.run.cancel, chunk_count(n, CHUNK), || vec![0.; CHUNK], chunk, consume)
+        in_order(
+            self.context.run.threads,
+            &self.context.run.cancel,
+            chunk_count(n, CHUNK),
+            || vec![0.; CHUNK],
+            chunk,
+            consume,
+        )
     }
 
     fn directions(&self) -> Result<Directions> {
@@ -139,7 +145,7 @@ impl Task<'_> {
             *sizes.entry(run[0] & !AGAINST).or_default() += run.len() as u64;
             // Specks by the million are forgotten as they come.
             if sizes.len() > MOST {
-                self.run.cancel.check()?;
+                self.context.run.cancel.check()?;
                 sizes.retain(|_, size| *size > SPECK);
             }
         }
@@ -173,9 +179,10 @@ impl Task<'_> {
     pub fn coordinates(&self) -> Result<Coordinates> {
         let (n, d) = (self.mesh.positions.len(), self.embedding.dimensions);
         let directions = self.directions()?;
-        let mut sums = self.work.array::<[f32; 3]>("vertex_sums.tmp", &[n, 3])?;
+        let mut sums = self.context.work.array::<[f32; 3]>("vertex_sums.tmp", &[n, 3])?;
         let several = self.graph.components.is_some();
-        let mut component = several.then(|| self.work.array::<u32>("vertex_component.tmp", &[n])).transpose()?;
+        let mut component =
+            several.then(|| self.context.work.array::<u32>("vertex_component.tmp", &[n])).transpose()?;
         if let Some(component) = &mut component {
             component.data().fill(u32::MAX);
         }
@@ -198,7 +205,7 @@ impl Task<'_> {
             });
             Ok(())
         })?;
-        let mut first = self.work.array::<f64>("vertex_first.tmp", &[n])?;
+        let mut first = self.context.work.array::<f64>("vertex_first.tmp", &[n])?;
         let sums = sums.finish(false)?;
         for (x, sum) in first.data().iter_mut().zip(sums.iter()) {
             *x = f64::from(sum[0]) / f64::from(sum[2]);

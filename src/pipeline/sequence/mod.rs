@@ -23,7 +23,7 @@ use crate::pipeline::SegmentParams;
 use crate::pipeline::kept::Record;
 use crate::spectral::embedding::Width;
 use crate::spectral::{EmbeddingParams, Kernel, Normalisation};
-use crate::store::{MappedSlice, Run, WorkDir};
+use crate::store::{Context, MappedSlice, WorkDir};
 use coordinates::{Coordinates, Task};
 use serde::Serialize;
 use serde_json::json;
@@ -69,8 +69,7 @@ pub struct Sequencer<'a> {
     identity: &'a serde_json::Value,
     ordered: Ordered,
     vertices: OnceCell<Sides>,
-    work: &'a WorkDir,
-    run: &'a Run<'a>,
+    context: Context<'a>,
 }
 
 /// Where rows go in a work directory that has those of another metric.
@@ -85,19 +84,14 @@ impl<'a> Sequencer<'a> {
     ///
     /// # Errors
     /// [`crate::base::Error::Io`], [`crate::base::Error::Memory`], [`crate::base::Error::Cancelled`].
-    pub fn new(
-        opened: &'a Opened,
-        identity: &'a serde_json::Value,
-        work: &'a WorkDir,
-        run: &'a Run<'a>,
-    ) -> Result<Self> {
+    pub fn new(opened: &'a Opened, identity: &'a serde_json::Value, context: Context<'a>) -> Result<Self> {
         // A work directory made by `segment` keeps the order that its rows are in.
-        let order = match Record::read(work) {
+        let order = match Record::read(context.work) {
             Ok(record) if record.identity == *identity => record.params.order,
             _ => Order::Auto,
         };
-        let ordered = Ordered::build(&opened.mesh, order, identity, work, run)?;
-        Ok(Self { opened, identity, ordered, vertices: OnceCell::new(), work, run })
+        let ordered = Ordered::build(&opened.mesh, order, identity, context)?;
+        Ok(Self { opened, identity, ordered, vertices: OnceCell::new(), context })
     }
 
     /// The mesh that all but the file's order is found on.
@@ -111,45 +105,47 @@ impl<'a> Sequencer<'a> {
             return Ok(graph);
         }
         let faces = self.mesh().faces.len() as u64;
-        let make = || Sides::build(self.mesh(), self.work, self.run);
-        let (graph, _) = self.run.stage("vertex graph", "faces", faces, make)?;
+        let make = || Sides::build(self.mesh(), self.context);
+        let (graph, _) = self.context.run.stage("vertex graph", "faces", faces, make)?;
         Ok(self.vertices.get_or_init(|| graph))
     }
 
     /// The dual graph and rows of geodesic distances over it: those that are there, where no number of landmarks is asked
     /// for. Beside rows of another metric they lie in a folder of their own.
     fn rows(&self, landmarks: Option<usize>) -> Result<(DualGraph, DistanceRows)> {
-        let (work, run) = (self.work, self.run);
+        let Context { work, run } = self.context;
         let graph =
-            DualGraph::build(&self.ordered.mesh, self.opened.document.path(), &self.ordered.identity, work, run)?;
+            DualGraph::build(&self.ordered.mesh, self.opened.document.path(), &self.ordered.identity, self.context)?;
         let other = |record: Record| record.identity != *self.identity;
         if Record::read(work).map_or(true, other) {
-            Record::of(self.opened, self.identity, &SegmentParams::default(), work).stamp(work, run)?;
+            Record::of(self.opened, self.identity, &SegmentParams::default(), work).stamp(self.context)?;
         }
         // Rows that turn at creases, as `segment` has them, make jagged fronts; they are left alone.
         let geodesic = json!(Metric::Geodesic);
         let other = work.manifest().stages.get("weights").is_some_and(|stage| stage.options["metric"] != geodesic);
         let own = other.then(|| WorkDir::open(&work.file(FOLDER))).transpose()?;
         let work = own.as_ref().unwrap_or(work);
+        let context = Context::new(work, run);
         if landmarks.is_none()
             && let Ok(rows) = DistanceRows::kept(&graph.key, graph.nodes.len(), work)
         {
             run.progress.note(&format!("rows: {} of them reused", rows.len()));
             return Ok((graph, rows));
         }
-        let weighted = graph.weighted(Metric::Geodesic, work, run)?;
+        let weighted = graph.weighted(Metric::Geodesic, context)?;
         let params = RowParams { l: landmarks.unwrap_or(LANDMARKS), sampling: Sampling::default() };
-        let rows = DistanceRows::build(&weighted, &graph.nodes, params, work, run)?;
+        let rows = DistanceRows::build(&weighted, &graph.nodes, params, context)?;
         Ok((graph, rows))
     }
 
     fn spectral(&self, sweeps: usize, landmarks: Option<usize>) -> Result<MappedSlice<u32>> {
-        let (work, run) = (self.work, self.run);
+        let run = self.context.run;
         let (graph, rows) = self.rows(landmarks)?;
         let n = self.mesh().positions.len();
         let make = || {
             let embedding = coordinates::fit(&rows, &graph, run)?;
-            let task = Task { mesh: self.mesh(), graph: &graph, rows: &rows, embedding: &embedding, work, run };
+            let task =
+                Task { mesh: self.mesh(), graph: &graph, rows: &rows, embedding: &embedding, context: self.context };
             task.coordinates()
         };
         let (Coordinates { mut first, sums, component }, _) =
@@ -157,28 +153,28 @@ impl<'a> Sequencer<'a> {
         if sweeps > 0 {
             let vertices = self.vertices()?;
             let all = (sweeps * n) as u64;
-            first = run.stage("sweeps", "vertices", all, || sequence::sweep(vertices, first, sweeps, work, run))?.0;
+            first = run.stage("sweeps", "vertices", all, || sequence::sweep(vertices, first, sweeps, self.context))?.0;
         }
         let along = &first.data()[..];
         let center = |v: usize| {
             let own = component.as_ref().map_or(0, |component| component[v]);
             (own, along[v], sums[v][1] / sums[v][2])
         };
-        let ranks = sequence::ranks_along(RANKS, n, center, work, run)?;
-        coordinates::remove(work);
+        let ranks = sequence::ranks_along(RANKS, n, center, self.context)?;
+        coordinates::remove(self.context.work);
         Ok(ranks)
     }
 
     /// Ranks of the vertices of [`Self::mesh`].
     fn ranks(&self, params: &SequenceParams) -> Result<MappedSlice<u32>> {
-        let (work, run, positions) = (self.work, self.run, &self.mesh().positions);
+        let (context, positions) = (self.context, &self.mesh().positions);
         match params.order {
             Way::Spectral => self.spectral(params.sweeps, params.landmarks),
-            Way::Pca => sequence::pca_ranks(RANKS, positions, work, run),
-            Way::Bfs => sequence::bfs_ranks(RANKS, self.vertices()?, work, run),
-            Way::Rcm => sequence::rcm_ranks(RANKS, self.vertices()?, work, run),
-            Way::Hilbert => sequence::hilbert_ranks(RANKS, positions, work, run),
-            Way::Random | Way::Keep => sequence::random_ranks(RANKS, positions.len(), work, run),
+            Way::Pca => sequence::pca_ranks(RANKS, positions, context),
+            Way::Bfs => sequence::bfs_ranks(RANKS, self.vertices()?, context),
+            Way::Rcm => sequence::rcm_ranks(RANKS, self.vertices()?, context),
+            Way::Hilbert => sequence::hilbert_ranks(RANKS, positions, context),
+            Way::Random | Way::Keep => sequence::random_ranks(RANKS, positions.len(), context),
         }
     }
 
@@ -188,14 +184,14 @@ impl<'a> Sequencer<'a> {
     /// As [`Sequencer::new`]; [`crate::base::Error::Parameter`] for no landmarks.
     pub fn sequence(&self, params: &SequenceParams) -> Result<Sequence> {
         if params.order == Way::Keep {
-            let mut array = self.work.array::<u32>(NODE_PLACES, &[self.opened.mesh.faces.len()])?;
+            let mut array = self.context.work.array::<u32>(NODE_PLACES, &[self.opened.mesh.faces.len()])?;
             array.data().iter_mut().zip(0..).for_each(|(place, face)| *place = face);
             return self.used(array.finish(false)?);
         }
         let ranks = self.ranks(params)?;
         let sequence = self.placed(&ranks);
         drop(ranks);
-        self.work.remove(RANKS);
+        self.context.work.remove(RANKS);
         sequence
     }
 
@@ -206,26 +202,26 @@ impl<'a> Sequencer<'a> {
     pub fn exact(&self, params: &SequenceParams) -> Result<Option<Sequence>> {
         let good = self.ranks(&SequenceParams { order: Way::Spectral, sweeps: 0, ..*params })?;
         let vertices = self.vertices()?;
-        let make = || sequence::exact::ranks(EXACT, vertices, &good, self.work, self.run);
-        let (ranks, _) = self.run.stage("exact order", "vertices", 0, make)?;
+        let make = || sequence::exact::ranks(EXACT, vertices, &good, self.context);
+        let (ranks, _) = self.context.run.stage("exact order", "vertices", 0, make)?;
         let sequence = ranks.map(|ranks| self.placed(&ranks)).transpose();
         drop(good);
-        [RANKS, EXACT].iter().for_each(|name| self.work.remove(name));
+        [RANKS, EXACT].iter().for_each(|name| self.context.work.remove(name));
         sequence
     }
 
     fn placed(&self, ranks: &[u32]) -> Result<Sequence> {
-        let (work, run) = (self.work, self.run);
+        let context = self.context;
         let faces = self.mesh().faces.len() as u64;
-        let places = || sequence::places(NODE_PLACES, self.mesh(), ranks, work, run);
-        let (places, _) = run.stage("sequence", "faces", faces, places)?;
-        self.used(self.ordered.nodes().restore(NODE_PLACES, places, work, run)?)
+        let places = || sequence::places(NODE_PLACES, self.mesh(), ranks, context);
+        let (places, _) = context.run.stage("sequence", "faces", faces, places)?;
+        self.used(self.ordered.nodes().restore(NODE_PLACES, places, context)?)
     }
 
     fn used(&self, places: MappedSlice<u32>) -> Result<Sequence> {
-        let (mesh, run) = (&self.opened.mesh, self.run);
+        let (mesh, run) = (&self.opened.mesh, self.context.run);
         let vertices = mesh.positions.len() as u64;
-        let uses = || VertexUse::of(mesh, &places, self.work, run);
+        let uses = || VertexUse::of(mesh, &places, self.context);
         let (uses, _) = run.stage("vertices", "vertices", vertices, uses)?;
         Ok(Sequence { places, uses })
     }
@@ -235,14 +231,14 @@ impl<'a> Sequencer<'a> {
     /// # Errors
     /// As [`Sequencer::new`].
     pub fn measures(&self, sequence: &Sequence) -> Result<Measures> {
-        Measures::of(&self.opened.mesh, &sequence.uses, self.work, self.run)
+        Measures::of(&self.opened.mesh, &sequence.uses, self.context)
     }
 }
 
 impl Drop for Sequencer<'_> {
     fn drop(&mut self) {
-        Sides::remove(self.work);
-        VertexUse::remove(self.work);
-        self.work.remove(NODE_PLACES);
+        Sides::remove(self.context.work);
+        VertexUse::remove(self.context.work);
+        self.context.work.remove(NODE_PLACES);
     }
 }
