@@ -12,7 +12,7 @@ use nystrom_stream::distance::front::mean_weight;
 use nystrom_stream::distance::landmarks::Sampling;
 use nystrom_stream::distance::rows::RowParams;
 use nystrom_stream::distance::{DistanceRows, Front, oracle};
-use nystrom_stream::graph::dual::Weighted;
+use nystrom_stream::graph::dual::WeightedGraph;
 use nystrom_stream::graph::{DualGraph, Metric};
 use nystrom_stream::mesh::{self, Opened};
 use nystrom_stream::spectral::quality::Gamma;
@@ -27,7 +27,7 @@ use std::path::Path;
 struct Prepared {
     opened: Opened,
     graph: DualGraph,
-    weighted: Weighted,
+    weighted: WeightedGraph,
     work: WorkDir,
     folder: tempfile::TempDir,
 }

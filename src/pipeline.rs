@@ -30,7 +30,7 @@ use crate::cluster::two_means::{self, TwoMeansParams};
 use crate::distance::DistanceRows;
 use crate::distance::landmarks::Sampling;
 use crate::distance::rows::RowParams;
-use crate::graph::dual::Weighted;
+use crate::graph::dual::WeightedGraph;
 use crate::graph::order::{Order, OrderFacts};
 use crate::graph::{DualGraph, GraphFacts, Metric, NodeOrder};
 use crate::mesh::{Opened, colours};
@@ -38,7 +38,7 @@ use crate::spectral::EmbeddingParams;
 use crate::store::workdir::key_of;
 use crate::store::{Context, MappedSlice};
 use k_means::Fit;
-use report::Numbers;
+use report::SegmentStats;
 use serde::{Deserialize, Serialize};
 use serde_json::json;
 use std::path::Path;
@@ -59,7 +59,7 @@ pub enum Cluster {
 /// What becomes of components too small to be parts.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
-pub enum Dust {
+pub enum TinyComponents {
     /// Each joins the part that it floats beside.
     #[default]
     Join,
@@ -97,7 +97,7 @@ pub struct SegmentParams {
     pub coarse: bool,
     /// What becomes of dust, with [`Cluster::Parts`].
     #[serde(default)]
-    pub dust: Dust,
+    pub tiny_components: TinyComponents,
     /// How faces near boundaries get their labels, with [`Cluster::Parts`].
     #[serde(default)]
     pub boundaries: Boundaries,
@@ -132,7 +132,7 @@ pub fn landmarks_for_parts(faces: usize) -> usize {
 }
 
 /// The colour of dust that is a part of its own.
-const DUST_COLOUR: [u8; 3] = [128; 3];
+const TINY_COMPONENTS_COLOUR: [u8; 3] = [128; 3];
 
 /// A segmented mesh.
 #[derive(Clone, Debug)]
@@ -148,7 +148,7 @@ pub struct Segmentation {
     /// What the graph learned of the mesh.
     pub graph: GraphFacts,
     /// The numbers behind the report.
-    pub numbers: Numbers,
+    pub numbers: SegmentStats,
 }
 
 /// Cuts the mesh of `opened` into parts. `identity` says which input it is (see [`input::identity`]).
@@ -194,8 +194,8 @@ fn label(
     let labels = order.restore("labels.npy", clustered.labels, context)?;
     let quality = order.restore("quality.npy", clustered.quality, context)?;
     let mut colours = colours::assign(numbers.faces.len(), &touching);
-    if let Some(dust) = numbers.dust_label {
-        colours[dust as usize] = DUST_COLOUR;
+    if let Some(tiny_components) = numbers.tiny_components_label {
+        colours[tiny_components as usize] = TINY_COMPONENTS_COLOUR;
     }
     let options = json!({"stage": "labels", "graph": graph.key, "params": params, "seed": context.run.seed});
     let facts = kept::LabelFacts { faces: numbers.faces.clone(), colours: colours.clone() };
@@ -211,7 +211,7 @@ fn dimensions(params: &SegmentParams) -> usize {
 /// The rows for the paper's ways.
 fn rows_for_means(
     graph: &DualGraph,
-    weighted: &Weighted,
+    weighted: &WeightedGraph,
     parts: usize,
     params: &SegmentParams,
     context: Context<'_>,
@@ -236,7 +236,7 @@ fn fit(params: &SegmentParams, faces: usize) -> Option<(Fit, usize)> {
 /// The rows `[A B]` that `params` asks for.
 fn rows(
     graph: &DualGraph,
-    weighted: &Weighted,
+    weighted: &WeightedGraph,
     l: usize,
     params: &SegmentParams,
     context: Context<'_>,
@@ -287,5 +287,5 @@ fn check(params: &SegmentParams, path: &Path, faces: usize) -> Result<()> {
 struct Clustered {
     labels: MappedSlice<u32>,
     quality: MappedSlice<f32>,
-    numbers: Numbers,
+    numbers: SegmentStats,
 }

@@ -83,7 +83,7 @@ fn rows_and_rings_are_those_of_the_faces_whatever_threads_and_memory() {
             for e in span {
                 let [p, q] = [v as u32, graph.rows.indices[e]].map(|u| mesh.positions.get(u));
                 let length = (0..3).map(|k| (p[k] - q[k]).powi(2)).sum::<f64>().sqrt() / graph.frame.scale;
-                assert!((f64::from(graph.rows.gd[e]) - length).abs() < 1e-6);
+                assert!((f64::from(graph.rows.centroid_distance[e]) - length).abs() < 1e-6);
             }
         }
     }
@@ -162,7 +162,7 @@ fn marching_is_the_fixed_point_and_nearer_the_truth_than_edges() {
                     }
                 }
                 for e in graph.rows.indptr[v] as usize..graph.rows.indptr[v + 1] as usize {
-                    let there = slow[graph.rows.indices[e] as usize] + graph.rows.gd[e];
+                    let there = slow[graph.rows.indices[e] as usize] + graph.rows.centroid_distance[e];
                     if there < slow[v] {
                         (slow[v], changed) = (there, true);
                     }

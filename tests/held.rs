@@ -6,10 +6,10 @@ use nystrom_stream::distance::landmarks::Sampling;
 use nystrom_stream::distance::rows::RowParams;
 use nystrom_stream::distance::{DistanceRows, Front, oracle};
 use nystrom_stream::graph::dual::Csr;
-use nystrom_stream::graph::triples::Triples;
+use nystrom_stream::graph::triangle_adjacency::TriangleAdjacency;
 use nystrom_stream::graph::{DualGraph, Metric};
 use nystrom_stream::mesh;
-use nystrom_stream::store::{Budget, Run, WorkDir};
+use nystrom_stream::store::{Budget, Context, Run, WorkDir};
 use serde_json::Value;
 use std::path::{Path, PathBuf};
 use std::sync::Mutex;
@@ -46,11 +46,11 @@ fn graph(path: &Path, budget: u64, holding: bool, folder: &Path) -> (Vec<u64>, V
         work = work.holding(&run.budget);
     }
     let opened = mesh::open(path, work.path(), &run).unwrap();
-    let graph = DualGraph::build(&opened.mesh, path, &Value::Null, &work, &run).unwrap();
-    let weighted = graph.weighted(Metric::default(), &work, &run).unwrap();
+    let graph = DualGraph::build(&opened.mesh, path, &Value::Null, Context::new(&work, &run)).unwrap();
+    let weighted = graph.weighted(Metric::default(), Context::new(&work, &run)).unwrap();
     let csr = weighted.csr();
     assert_eq!(work.file("graph_indices.npy").exists(), !holding);
-    (csr.indptr.to_vec(), csr.indices.to_vec(), graph.rows.gd.to_vec(), csr.weights.to_vec())
+    (csr.indptr.to_vec(), csr.indices.to_vec(), graph.rows.centroid_distance.to_vec(), csr.weights.to_vec())
 }
 
 #[test]
@@ -71,12 +71,12 @@ fn rows_that_pass_are_the_rows_that_are_kept() {
     let kept_run = Run::new(&());
     let work = WorkDir::open(&dir.path().join("work")).unwrap();
     let opened = mesh::open(&path, work.path(), &kept_run).unwrap();
-    let graph = DualGraph::build(&opened.mesh, &path, &Value::Null, &work, &kept_run).unwrap();
-    let weighted = graph.weighted(Metric::default(), &work, &kept_run).unwrap();
+    let graph = DualGraph::build(&opened.mesh, &path, &Value::Null, Context::new(&work, &kept_run)).unwrap();
+    let weighted = graph.weighted(Metric::default(), Context::new(&work, &kept_run)).unwrap();
     let n = graph.nodes.len();
     for sampling in [Sampling::Farthest, Sampling::Random, Sampling::GeodesicFarthest] {
         let params = RowParams { l: 7, sampling };
-        let kept = DistanceRows::build(&weighted, &graph.nodes, params, &work, &kept_run).unwrap();
+        let kept = DistanceRows::build(&weighted, &graph.nodes, params, Context::new(&work, &kept_run)).unwrap();
         // In memory; in a file of each thread's own; the same with pages, where the graph does not fit either.
         for (threads, budget, holding) in [(1, 1 << 30, true), (2, 1 << 30, true), (2, 1 << 20, false), (3, 1, false)] {
             let run = Run { threads, budget: Budget::new(budget), ..Run::new(&()) };
@@ -91,7 +91,8 @@ fn rows_that_pass_are_the_rows_that_are_kept() {
                 assert!(known.is_empty(), "each row passes once");
                 Ok(())
             };
-            let landmarks = DistanceRows::pass(&weighted, &graph.nodes, params, &look, &passing, &run).unwrap();
+            let landmarks =
+                DistanceRows::pass(&weighted, &graph.nodes, params, &look, Context::new(&passing, &run)).unwrap();
             assert_eq!((&landmarks.nodes, &landmarks.facts), (&kept.landmarks, &kept.facts));
             assert!((0..params.l).all(|k| seen.lock().unwrap()[k] == kept.row(k)), "{sampling:?}, {budget} bytes");
             let left = std::fs::read_dir(passing.path()).unwrap().count();
@@ -107,14 +108,14 @@ fn what_a_look_at_a_row_fails_with_ends_the_rows() {
     let run = Run { threads: 2, ..Run::new(&()) };
     let work = WorkDir::temporary(dir.path()).unwrap();
     let opened = mesh::open(&path, work.path(), &run).unwrap();
-    let graph = DualGraph::build(&opened.mesh, &path, &Value::Null, &work, &run).unwrap();
-    let weighted = graph.weighted(Metric::default(), &work, &run).unwrap();
+    let graph = DualGraph::build(&opened.mesh, &path, &Value::Null, Context::new(&work, &run)).unwrap();
+    let weighted = graph.weighted(Metric::default(), Context::new(&work, &run)).unwrap();
     let params = RowParams { l: 9, sampling: Sampling::Farthest };
     let look = |row: nystrom_stream::distance::slots::Row<'_>| match row.number {
         3 => Err(nystrom_stream::base::Error::parameter("--look", "seen enough", "look away")),
         _ => Ok(()),
     };
-    let error = DistanceRows::pass(&weighted, &graph.nodes, params, &look, &work, &run).unwrap_err();
+    let error = DistanceRows::pass(&weighted, &graph.nodes, params, &look, Context::new(&work, &run)).unwrap_err();
     assert!(error.to_string().contains("seen enough"), "{error}");
 }
 
@@ -146,9 +147,9 @@ fn fronts_over_triples_go_the_same_ways() {
     for path in [creature(dir.path()), tangled(dir.path())] {
         let work = WorkDir::temporary(dir.path()).unwrap();
         let opened = mesh::open(&path, work.path(), &run).unwrap();
-        let graph = DualGraph::build(&opened.mesh, &path, &Value::Null, &work, &run).unwrap();
-        let weighted = graph.weighted(Metric::default(), &work, &run).unwrap();
-        let triples = Triples::of(weighted.csr(), &run).unwrap().unwrap();
+        let graph = DualGraph::build(&opened.mesh, &path, &Value::Null, Context::new(&work, &run)).unwrap();
+        let weighted = graph.weighted(Metric::default(), Context::new(&work, &run)).unwrap();
+        let triples = TriangleAdjacency::of(weighted.csr(), &run).unwrap().unwrap();
         let csr = Csr { triples: triples.all(), ..weighted.csr() };
         let mut front = Front::new(mean_weight(csr));
         for source in [0, csr.len() as u32 / 2, csr.len() as u32 - 1] {
@@ -161,7 +162,7 @@ fn fronts_over_triples_go_the_same_ways() {
     let work = WorkDir::temporary(dir.path()).unwrap();
     let path = creature(dir.path());
     let opened = mesh::open(&path, work.path(), &run).unwrap();
-    let graph = DualGraph::build(&opened.mesh, &path, &Value::Null, &work, &run).unwrap();
-    let weighted = graph.weighted(Metric::default(), &work, &run).unwrap();
-    assert!(Triples::of(weighted.csr(), &none).unwrap().is_none());
+    let graph = DualGraph::build(&opened.mesh, &path, &Value::Null, Context::new(&work, &run)).unwrap();
+    let weighted = graph.weighted(Metric::default(), Context::new(&work, &run)).unwrap();
+    assert!(TriangleAdjacency::of(weighted.csr(), &none).unwrap().is_none());
 }

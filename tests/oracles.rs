@@ -11,7 +11,7 @@ use nystrom_stream::distance::landmarks::{Sampling, choose, extremity};
 use nystrom_stream::distance::paging::Pages;
 use nystrom_stream::distance::rows::RowParams;
 use nystrom_stream::distance::{DistanceRows, Front, oracle, voronoi};
-use nystrom_stream::graph::dual::{Csr, Weighted};
+use nystrom_stream::graph::dual::{Csr, WeightedGraph};
 use nystrom_stream::graph::{DualGraph, Metric};
 use nystrom_stream::mesh::{self, Mesh};
 use nystrom_stream::spectral::embedding::Width;
@@ -50,7 +50,7 @@ fn build(shape: &Shape) -> Built {
 }
 
 impl Built {
-    fn weighted(&self, metric: Metric) -> Weighted {
+    fn weighted(&self, metric: Metric) -> WeightedGraph {
         self.graph.weighted(metric, Context::new(&self.work, &self.run)).unwrap()
     }
 
@@ -431,13 +431,13 @@ fn entries(built: &Built, weights: &[f32], told: &str) -> BTreeMap<(u32, u32), (
         assert!(rows.indices[span.clone()].windows(2).all(|w| w[0] < w[1]), "{told}: row {i} is not sorted");
         for e in span {
             assert_ne!(rows.indices[e] as usize, i, "{told}: loop");
-            all.insert((i as u32, rows.indices[e]), (rows.gd[e], rows.edge[e], weights[e]));
+            all.insert((i as u32, rows.indices[e]), (rows.centroid_distance[e], rows.edge[e], weights[e]));
         }
     }
-    for (&(a, b), &(gd, edge, w)) in &all {
+    for (&(a, b), &(centroid_distance, edge, w)) in &all {
         let back = all.get(&(b, a)).unwrap_or_else(|| panic!("{told}: {a} → {b} goes one way"));
-        let same = [gd, edge, w].map(f32::to_bits) == [back.0, back.1, back.2].map(f32::to_bits);
-        assert!(same, "{told}: {a} ↔ {b}: {:?} {back:?}", (gd, edge, w));
+        let same = [centroid_distance, edge, w].map(f32::to_bits) == [back.0, back.1, back.2].map(f32::to_bits);
+        assert!(same, "{told}: {a} ↔ {b}: {:?} {back:?}", (centroid_distance, edge, w));
         assert!(w > 0. && w.is_finite(), "{told}: {a} → {b}: {w}");
     }
     all
@@ -535,7 +535,7 @@ fn steps_and_weights_equal_a_formula_in_double_precision() {
         for (&(a, b), edges) in &pairs {
             let (f, g) = (a as usize, b as usize);
             let (Some(n), Some(m)) = (normals[f], normals[g]) else { continue };
-            let gd = edges
+            let centroid_distance = edges
                 .iter()
                 .map(|ends| {
                     let ends = ends.map(|p| frame.place(p));
@@ -546,9 +546,12 @@ fn steps_and_weights_equal_a_formula_in_double_precision() {
             let angle = length(cross(n, m)).atan2(dot(n, m));
             let lean = dot(minus(n, m), minus(centroids[g], centroids[f]));
             let (told_gd, told_edge, _) = weights[0][&(a, b)];
-            assert!((f64::from(told_gd) - gd).abs() < 1e-6 + 1e-5 * gd, "{name}: {a}–{b}: {told_gd} {gd}");
+            assert!(
+                (f64::from(told_gd) - centroid_distance).abs() < 1e-6 + 1e-5 * centroid_distance,
+                "{name}: {a}–{b}: {told_gd} {centroid_distance}"
+            );
             let unoriented = told_edge < 0.;
-            steps.push(((a, b), gd, angle, if unoriented { 1. } else { lean }));
+            steps.push(((a, b), centroid_distance, angle, if unoriented { 1. } else { lean }));
         }
         let agrees = |told: f32, slack: f64, formula: &dyn Fn(f64) -> f64, eta: f64, lean: f64| {
             let near = |w: f64| (f64::from(told) - w).abs() <= slack + 1e-4 * w;
@@ -559,8 +562,8 @@ fn steps_and_weights_equal_a_formula_in_double_precision() {
                 near(formula(if lean > 0. { 1. } else { eta }))
             }
         };
-        for &(pair, gd, angle, lean) in &steps {
-            let scaled = gd / area.sqrt();
+        for &(pair, centroid_distance, angle, lean) in &steps {
+            let scaled = centroid_distance / area.sqrt();
             let (told, formula) = (weights[0][&pair].2, |_: f64| scaled.max(1e-9));
             assert!(agrees(told, 1e-8 + 2e-6 / area.sqrt(), &formula, 1., 1.), "{name}: {pair:?}: {told} {scaled}");
             let (told, formula) = (weights[1][&pair].2, |factor: f64| scaled + 5. * factor * angle);

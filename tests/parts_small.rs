@@ -118,12 +118,12 @@ fn any_number_of_parts_is_reached_on_any_surface() {
     flat.area = vec![0.0; 12];
     flat.normal = vec![[0.0; 3]; 12];
     flat.centre = vec![[1.0; 3]; 12];
-    let mut dust = chain(2, 9);
-    dust.pairs.clear();
-    dust.length.clear();
-    (dust.concave, dust.convex, dust.convex04) = (vec![], vec![], vec![]);
+    let mut tiny_components = chain(2, 9);
+    tiny_components.pairs.clear();
+    tiny_components.length.clear();
+    (tiny_components.concave, tiny_components.convex, tiny_components.convex04) = (vec![], vec![], vec![]);
     let small = [1, 2, 3, 5].map(|n| chain(1, n));
-    for g in small.iter().chain([&torn, &flat, &dust]) {
+    for g in small.iter().chain([&torn, &flat, &tiny_components]) {
         for decision in DECISIONS {
             for l in [1, 2, 3, 40] {
                 let params = PartsParams { decision, members: 3, ..PartsParams::default() };

@@ -7,7 +7,7 @@ use nystrom_stream::cluster::parts::{PartCount, PartsParams};
 use nystrom_stream::graph::{DualGraph, Order, Ordered};
 use nystrom_stream::mesh::{self, Mesh};
 use nystrom_stream::pipeline::{Cluster, SegmentParams, segment};
-use nystrom_stream::store::{Budget, Run, WorkDir};
+use nystrom_stream::store::{Budget, Context, Run, WorkDir};
 use serde_json::json;
 use std::collections::BTreeMap;
 use std::path::Path;
@@ -19,15 +19,16 @@ fn quiet(budget: u64) -> Run<'static> {
 /// Edges of a graph between faces of the file, with their step and edge lengths.
 fn edges(mesh: &Mesh, order: Order, run: &Run, folder: &Path) -> BTreeMap<(u32, u32), [u32; 2]> {
     let work = WorkDir::temporary(folder).unwrap();
-    let ordered = Ordered::build(mesh, order, &json!(1), &work, run).unwrap();
+    let ordered = Ordered::build(mesh, order, &json!(1), Context::new(&work, run)).unwrap();
     assert_eq!(ordered.order.is_some(), order == Order::Hilbert);
-    let graph = DualGraph::build(&ordered.mesh, Path::new("mesh"), &ordered.identity, &work, run).unwrap();
+    let graph =
+        DualGraph::build(&ordered.mesh, Path::new("mesh"), &ordered.identity, Context::new(&work, run)).unwrap();
     let rows = &graph.rows;
     let mut edges = BTreeMap::new();
     for i in 0..graph.nodes.len() {
         for e in rows.indptr[i] as usize..rows.indptr[i + 1] as usize {
             let pair = (ordered.face(i as u32), ordered.face(rows.indices[e]));
-            edges.insert(pair, [rows.gd[e].to_bits(), rows.edge[e].to_bits()]);
+            edges.insert(pair, [rows.centroid_distance[e].to_bits(), rows.edge[e].to_bits()]);
         }
     }
     edges
@@ -61,7 +62,8 @@ fn random_polygons_have_the_same_graph() {
         let mesh = Mesh::from_arrays(dir.path(), &vertices, &faces).unwrap();
         for budget in [1 << 30, 2 << 20, 500_000] {
             let work = WorkDir::temporary(dir.path()).unwrap();
-            let ordered = Ordered::build(&mesh, Order::Hilbert, &json!(1), &work, &quiet(budget)).unwrap();
+            let ordered =
+                Ordered::build(&mesh, Order::Hilbert, &json!(1), Context::new(&work, &quiet(budget))).unwrap();
             let mut seen = vec![false; faces.len()];
             ordered.mesh.faces.for_each(0..faces.len(), |node, corners| {
                 let face = ordered.face(node as u32) as usize;
@@ -90,7 +92,7 @@ fn labels_come_back_in_the_order_of_the_file() {
             order,
             ..SegmentParams::default()
         };
-        let result = segment(&opened, &json!(1), &params, &work, &quiet(budget)).unwrap();
+        let result = segment(&opened, &json!(1), &params, Context::new(&work, &quiet(budget))).unwrap();
         (result.labels.to_vec(), result.quality.to_vec(), result.numbers.landmarks)
     };
     let kept = labels(Order::Keep, 1 << 30);
@@ -114,7 +116,7 @@ fn labels_are_the_same_when_the_kernel_can_keep_nothing_in_memory() {
             let parts = PartsParams { count: PartCount::Exactly(6), ..PartsParams::default() };
             let params = SegmentParams { parts, cluster, landmarks: Some(10), ..SegmentParams::default() };
             let run = Run { resident, ..quiet(1 << 30) };
-            let result = segment(&opened, &json!(1), &params, &work, &run).unwrap();
+            let result = segment(&opened, &json!(1), &params, Context::new(&work, &run)).unwrap();
             (result.labels.to_vec(), result.quality.to_vec(), result.numbers.landmarks)
         };
         assert!(labels(u64::MAX) == labels(0), "{cluster:?}");
@@ -134,7 +136,7 @@ fn a_temporary_directory_that_gave_up_files_cuts_again() {
             let parts = PartsParams { count: PartCount::Exactly(parts), ..PartsParams::default() };
             let order = Order::Hilbert;
             let params = SegmentParams { parts, cluster, order, landmarks: Some(10), ..SegmentParams::default() };
-            segment(&opened, &json!(1), &params, work, &run).unwrap().labels.to_vec()
+            segment(&opened, &json!(1), &params, Context::new(work, &run)).unwrap().labels.to_vec()
         };
         let temporary = WorkDir::temporary(dir.path()).unwrap();
         let lasting = WorkDir::open(&dir.path().join(format!("{cluster:?}"))).unwrap();

@@ -4,7 +4,7 @@
 mod common;
 
 use common::{creature, errors, program, run, word, zoo};
-use nystrom_stream::apps::sequence::{Measures, VertexUse, Way, places};
+use nystrom_stream::apps::sequence::{Measures, SequenceOrder, VertexUse, places};
 use nystrom_stream::mesh::rearranged::{self, Rearrangement};
 use nystrom_stream::mesh::{self, Opened, PlyForm};
 use nystrom_stream::pipeline::sequence::{SequenceParams, Sequencer};
@@ -96,7 +96,7 @@ fn survives(name: &str, path: &Path) {
         outputs.push(std::fs::read(&out).unwrap());
         let scratch = dir.path().join("scratch");
         std::fs::create_dir_all(&scratch).unwrap();
-        let after = mesh::open(&out, Context::new(&scratch, &run)).unwrap();
+        let after = mesh::open(&out, &scratch, &run).unwrap();
         assert_rearranged(name, &before, &after, &places, &numbers);
         if form == PlyForm::Same && !strips {
             assert_kept(name, path, &out, "face", &places, &numbers);
@@ -299,7 +299,9 @@ fn components_come_one_after_another_and_each_is_ordered_along_itself() {
     let opened = mesh::open(&both.write(dir.path()), work.path(), &run).unwrap();
     let identity = json!({});
     let sequencer = Sequencer::new(&opened, &identity, Context::new(&work, &run)).unwrap();
-    for (order, sweeps) in [(Way::Spectral, 0), (Way::Spectral, 9), (Way::Bfs, 0), (Way::Rcm, 0)] {
+    for (order, sweeps) in
+        [(SequenceOrder::Spectral, 0), (SequenceOrder::Spectral, 9), (SequenceOrder::Bfs, 0), (SequenceOrder::Rcm, 0)]
+    {
         let sequence = sequencer.sequence(&SequenceParams { order, sweeps, ..SequenceParams::default() }).unwrap();
         let first =
             sequence.places[..one.faces.len()].iter().filter(|&&place| (place as usize) < one.faces.len()).count();
@@ -311,14 +313,14 @@ fn components_come_one_after_another_and_each_is_ordered_along_itself() {
 fn the_same_bytes_whatever_the_threads_and_the_memory() {
     let dir = tempfile::tempdir().unwrap();
     let mesh = creature(dir.path(), 30_000, true);
-    for order in Way::ALL {
+    for order in SequenceOrder::ALL {
         let mut outputs = Vec::new();
         for (threads, memory) in [("1", "1GiB"), ("3", "24MiB")] {
             let out = dir.path().join(format!("{threads}.ply"));
             let mut words =
                 vec!["sequence", word(&mesh), "-q", "-o", word(&out), "--order", order.name(), "--original"];
             words.extend(["--threads", threads, "--max-memory", memory]);
-            if order == Way::Spectral {
+            if order == SequenceOrder::Spectral {
                 words.extend(["--smooth", "5"]);
             }
             let output = run(&words);

@@ -230,7 +230,7 @@ fn what_is_missing_is_said() {
 }
 
 /// A dumbbell with specks around it.
-fn dusty(folder: &Path) -> (PathBuf, usize) {
+fn tiny(folder: &Path) -> (PathBuf, usize) {
     let mut shape = zoo::dumbbell();
     let body = shape.faces.len();
     for k in 0..6 {
@@ -246,7 +246,7 @@ fn dusty(folder: &Path) -> (PathBuf, usize) {
 #[test]
 fn dust_joins_parts_or_is_one_of_its_own() {
     let dir = tempfile::tempdir().unwrap();
-    let (mesh, body) = dusty(dir.path());
+    let (mesh, body) = tiny(dir.path());
     let work = dir.path().join("work");
     let joined = direct(&mesh, &["-k", "3"]);
     assert_eq!(joined.iter().max(), Some(&2));

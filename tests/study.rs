@@ -3,7 +3,7 @@
 mod common;
 
 use nalgebra::DMatrix;
-use nystrom_stream::apps::study::ground::{Ground, GroundParams, Over};
+use nystrom_stream::apps::study::ground::{Over, StudyData, StudyParams};
 use nystrom_stream::apps::study::points::{self, PointsParams, TOLERANCE, affinities, agreement, judge};
 use nystrom_stream::apps::study::table::summary;
 use nystrom_stream::apps::study::{CompareParams, Record, compare, embedding};
@@ -15,6 +15,7 @@ use nystrom_stream::spectral::exact::{aligned_error, angles, exact, leading};
 use nystrom_stream::spectral::measures::{Kept, measure};
 use nystrom_stream::spectral::nystrom::{Extension, Extrapolation, Scaling};
 use nystrom_stream::spectral::preprocess::{Prepared, Preprocess};
+use nystrom_stream::store::Context;
 use nystrom_stream::store::{Run, WorkDir};
 use std::path::Path;
 
@@ -185,7 +186,7 @@ fn local_widths_are_symmetric_and_free_of_scale() {
 
 /// A small mesh with all its distances.
 struct Small {
-    ground: Ground,
+    ground: StudyData,
     work: WorkDir,
     run: Run<'static>,
     _dir: tempfile::TempDir,
@@ -197,14 +198,14 @@ fn small(metric: Metric, matrix: usize) -> Small {
     let path = common::zoo::dumbbell().write(dir.path());
     let work = WorkDir::temporary(dir.path()).unwrap();
     let opened = nystrom_stream::mesh::open(&path, work.path(), &run).unwrap();
-    let params = GroundParams { metric, matrix, held_out: 60, lengths: true, over: Over::Faces };
-    let ground = Ground::of(&opened, &serde_json::json!(1), params, &work, &run).unwrap();
+    let params = StudyParams { metric, matrix, held_out: 60, lengths: true, over: Over::Faces };
+    let ground = StudyData::of(&opened, &serde_json::json!(1), params, Context::new(&work, &run)).unwrap();
     Small { ground, work, run, _dir: dir }
 }
 
 impl Small {
     fn compare(&self, params: &CompareParams) -> Vec<Record> {
-        compare(&self.ground, "small", params, &self.work, &self.run).unwrap()
+        compare(&self.ground, "small", params, Context::new(&self.work, &self.run)).unwrap()
     }
 }
 
@@ -321,7 +322,7 @@ fn samplings_rank_as_in_the_paper() {
     assert!((held_out / residual - 1.).abs() < 0.15, "{held_out} {residual}");
     // The same whatever the threads.
     let run = Run { threads: 1, ..Run::new(&()) };
-    let again = compare(&small.ground, "small", &params, &small.work, &run).unwrap();
+    let again = compare(&small.ground, "small", &params, Context::new(&small.work, &run)).unwrap();
     assert!(records.iter().zip(&again).all(|(a, b)| a.landmarks == b.landmarks && a.measures == b.measures));
 }
 
@@ -366,8 +367,8 @@ fn the_orthogonalised_embedding_converges_where_the_plain_one_stalls() {
     let path = common::zoo::dumbbell().write(dir.path());
     let work = WorkDir::temporary(dir.path()).unwrap();
     let opened = nystrom_stream::mesh::open(&path, work.path(), &small.run).unwrap();
-    let params = GroundParams { over: Over::Vertices, ..GroundParams::default() };
-    let ground = Ground::of(&opened, &serde_json::json!(1), params, &work, &small.run).unwrap();
+    let params = StudyParams { over: Over::Vertices, ..StudyParams::default() };
+    let ground = StudyData::of(&opened, &serde_json::json!(1), params, Context::new(&work, &small.run)).unwrap();
     assert_eq!(ground.len(), opened.mesh.positions.len());
     let kernel = (Kernel::Gaussian, 1.);
     let marched = embedding::errors(&ground, kernel, Sampling::Farthest, &[20, 50], 6, 0, &small.run).unwrap();

@@ -10,7 +10,7 @@ use nystrom_stream::mesh;
 use nystrom_stream::pipeline::{Cluster, SegmentParams, input, segment};
 use nystrom_stream::spectral::embedding::Width;
 use nystrom_stream::spectral::{EmbeddingParams, Kernel, Normalisation};
-use nystrom_stream::store::{Run, WorkDir};
+use nystrom_stream::store::{Context, Run, WorkDir};
 use std::path::Path;
 
 /// Exactly `parts` parts.
@@ -26,7 +26,7 @@ fn check(shape: &Shape, path: &Path, params: SegmentParams) {
     let work = WorkDir::open(&dir.path().join("work")).unwrap();
     let opened = mesh::open(path, work.path(), &run).unwrap();
     let told = format!("{} {params:?}", shape.name);
-    let result = segment(&opened, &input::identity(path).unwrap(), &params, &work, &run)
+    let result = segment(&opened, &input::identity(path).unwrap(), &params, Context::new(&work, &run))
         .unwrap_or_else(|error| panic!("{told}: {error}"));
     let (n, found) = (shape.faces.len(), result.numbers.faces.len());
     let parts = match params.parts.count {

@@ -20,7 +20,7 @@ use nystrom_stream::graph::VertexGraph;
 use nystrom_stream::mesh::{self, Opened};
 use nystrom_stream::spectral::Kernel;
 use nystrom_stream::spectral::orthogonal::{Orthogonal, OrthogonalParams, Point, Style};
-use nystrom_stream::store::{Run, WorkDir};
+use nystrom_stream::store::{Context, Run, WorkDir};
 use plotters::prelude::{
     ChartBuilder, IntoDrawingArea, IntoLogRange, PathElement, RGBColor, SVGBackend, SeriesLabelPosition, WHITE,
 };
@@ -135,19 +135,19 @@ impl Member {
     fn open(path: &Path, run: &Run) -> Result<Self> {
         let work = WorkDir::temporary(&std::env::temp_dir())?;
         let opened = mesh::open(path, work.path(), run)?;
-        let graph = VertexGraph::build(&opened.mesh, path, &work, run)?;
+        let graph = VertexGraph::build(&opened.mesh, path, Context::new(&work, run))?;
         Ok(Self { opened, graph, work, distances: OnceCell::new() })
     }
 
     fn rows(&self, l: usize, sampling: Sampling, options: &Options, run: &Run) -> Result<DistanceRows> {
         let surface = Surface::of(&self.graph);
-        let landmarks = vertex_rows::landmarks(surface, RowParams { l, sampling }, &self.work, run)?;
+        let landmarks = vertex_rows::landmarks(surface, RowParams { l, sampling }, Context::new(&self.work, run))?;
         self.rows_from(landmarks, options, run)
     }
 
     fn rows_from(&self, landmarks: Vec<u32>, options: &Options, run: &Run) -> Result<DistanceRows> {
         let distance = if options.edges { Distance::Edges } else { Distance::March };
-        vertex_rows::rows(Surface::of(&self.graph), landmarks, distance, "rows.npy", &self.work, run)
+        vertex_rows::rows(Surface::of(&self.graph), landmarks, distance, "rows.npy", Context::new(&self.work, run))
     }
 
     fn embed(&self, way: Way, options: &Options, run: &Run) -> Result<Embedded> {
@@ -169,7 +169,7 @@ impl Member {
                 let rows = self.rows(l, sampling, options, &run)?;
                 let params = OrthogonalParams { kernel: Kernel::Gaussian, width: 1., dimensions: k, style };
                 let fit = Orthogonal::fit(&rows, &self.graph.nodes, params, &run)?;
-                let points = fit.embed(&rows, fit.sigma, "embedding.npy", &self.work, &run)?;
+                let points = fit.embed(&rows, fit.sigma, "embedding.npy", Context::new(&self.work, &run))?;
                 (points.to_vec(), fit.variance, Some(rows))
             }
         };
@@ -200,7 +200,7 @@ fn mean_error(
     run: &Run,
 ) -> Result<f64> {
     let k = alignment.transform.nrows();
-    let nearest = Nearest::new(&b.points, base.graph.csr(), k, &base.work, run)?;
+    let nearest = Nearest::new(&b.points, base.graph.csr(), k, Context::new(&base.work, run))?;
     let pairs: Vec<(u32, u32)> = truth
         .iter()
         .enumerate()

@@ -9,10 +9,10 @@ use nystrom_stream::distance::front::mean_weight;
 use nystrom_stream::distance::rows::RowParams;
 use nystrom_stream::distance::{DistanceRows, Front, oracle};
 use nystrom_stream::graph::dual::Csr;
-use nystrom_stream::graph::triples::Triples;
+use nystrom_stream::graph::triangle_adjacency::TriangleAdjacency;
 use nystrom_stream::graph::{DualGraph, Metric};
 use nystrom_stream::mesh;
-use nystrom_stream::store::{Run, WorkDir};
+use nystrom_stream::store::{Context, Run, WorkDir};
 use std::path::PathBuf;
 use std::process::ExitCode;
 use std::time::Instant;
@@ -46,12 +46,12 @@ fn race(arguments: &Arguments) -> Result<()> {
     let mut run = Run::new(&());
     let work = WorkDir::temporary(&std::env::temp_dir())?.holding(&run.budget);
     let opened = mesh::open(&arguments.mesh, work.path(), &run)?;
-    let graph = DualGraph::build(&opened.mesh, &arguments.mesh, &serde_json::Value::Null, &work, &run)?;
+    let graph = DualGraph::build(&opened.mesh, &arguments.mesh, &serde_json::Value::Null, Context::new(&work, &run))?;
     let n = graph.nodes.len();
     for (name, metric) in [("scale-free", Metric::default()), ("paper", Metric::paper())] {
-        let weighted = graph.weighted(metric, &work, &run)?;
-        let triples = Triples::of(weighted.csr(), &run)?;
-        let csr = Csr { triples: triples.as_ref().map_or(&[], Triples::all), ..weighted.csr() };
+        let weighted = graph.weighted(metric, Context::new(&work, &run))?;
+        let triples = TriangleAdjacency::of(weighted.csr(), &run)?;
+        let csr = Csr { triples: triples.as_ref().map_or(&[], TriangleAdjacency::all), ..weighted.csr() };
         let mut front = Front::new(mean_weight(csr));
         let mut field = vec![0f32; n];
         let source = (n / 3) as u32;
@@ -79,7 +79,8 @@ fn race(arguments: &Arguments) -> Result<()> {
                 // A work directory of its own, or the rows would be reused; arrays in memory, as `segment` has them.
                 let scratch = WorkDir::temporary(&std::env::temp_dir())?.holding(&run.budget);
                 let params = RowParams { l: arguments.l, sampling: Default::default() };
-                let rows = || DistanceRows::build(&weighted, &graph.nodes, params, &scratch, &run).map(drop);
+                let rows =
+                    || DistanceRows::build(&weighted, &graph.nodes, params, Context::new(&scratch, &run)).map(drop);
                 times[threads - 1].push(seconds(rows)?);
             }
         }

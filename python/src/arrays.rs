@@ -11,7 +11,7 @@ use std::io::{BufWriter, Write};
 use std::path::Path;
 
 /// An array of any of the usual types.
-enum Numbers<'py> {
+enum SegmentStats<'py> {
     F32(PyReadonlyArrayDyn<'py, f32>),
     F64(PyReadonlyArrayDyn<'py, f64>),
     I32(PyReadonlyArrayDyn<'py, i32>),
@@ -22,8 +22,8 @@ enum Numbers<'py> {
 
 /// Vertices (v, 3) and faces (n, corners).
 pub struct Arrays<'py> {
-    vertices: Numbers<'py>,
-    faces: Numbers<'py>,
+    vertices: SegmentStats<'py>,
+    faces: SegmentStats<'py>,
     counts: (usize, usize),
     corners: usize,
 }
@@ -52,13 +52,13 @@ impl<'py> Arrays<'py> {
             return Err(PyValueError::new_err(format!("faces: {corners} columns; a face has 3 corners or more")));
         }
         let kinds = "of float32 or float64";
-        let points = readonly(vertices).map(Numbers::F32).or_else(|| readonly(vertices).map(Numbers::F64));
+        let points = readonly(vertices).map(SegmentStats::F32).or_else(|| readonly(vertices).map(SegmentStats::F64));
         let points = points.ok_or_else(|| PyTypeError::new_err(format!("vertices: not a NumPy array {kinds}")))?;
         let indices = readonly(faces)
-            .map(Numbers::I32)
-            .or_else(|| readonly(faces).map(Numbers::I64))
-            .or_else(|| readonly(faces).map(Numbers::U32))
-            .or_else(|| readonly(faces).map(Numbers::U64));
+            .map(SegmentStats::I32)
+            .or_else(|| readonly(faces).map(SegmentStats::I64))
+            .or_else(|| readonly(faces).map(SegmentStats::U32))
+            .or_else(|| readonly(faces).map(SegmentStats::U64));
         let indices = indices.ok_or_else(|| PyTypeError::new_err("faces: not a NumPy array of integers"))?;
         Ok(Self { vertices: points, faces: indices, counts: (v, n), corners })
     }
@@ -67,7 +67,7 @@ impl<'py> Arrays<'py> {
     pub fn write(&self, path: &Path) -> Result<serde_json::Value, Error> {
         let file = File::create(path).map_err(Error::io(path, "create"))?;
         let mut out = BufWriter::with_capacity(1 << 18, Hashing { out: file, hash: DefaultHasher::new() });
-        let real = if matches!(self.vertices, Numbers::F64(_)) { "double" } else { "float" };
+        let real = if matches!(self.vertices, SegmentStats::F64(_)) { "double" } else { "float" };
         let (v, n) = self.counts;
         let header = format!(
             "ply\nformat binary_little_endian 1.0\nelement vertex {v}\nproperty {real} x\nproperty {real} y\nproperty \
@@ -76,8 +76,8 @@ impl<'py> Arrays<'py> {
         let mut write = || -> std::io::Result<Result<(), (usize, String)>> {
             out.write_all(header.as_bytes())?;
             match &self.vertices {
-                Numbers::F32(array) => each(array, |x| out.write_all(&x.to_le_bytes()))?,
-                Numbers::F64(array) => each(array, |x| out.write_all(&x.to_le_bytes()))?,
+                SegmentStats::F32(array) => each(array, |x| out.write_all(&x.to_le_bytes()))?,
+                SegmentStats::F64(array) => each(array, |x| out.write_all(&x.to_le_bytes()))?,
                 _ => {}
             }
             let mut bad = None;
@@ -93,12 +93,12 @@ impl<'py> Arrays<'py> {
                 out.write_all(&index.unwrap_or(0).to_le_bytes())
             };
             match &self.faces {
-                Numbers::I32(array) => each(array, |x| put((x >= 0).then_some(x), &|| x.to_string()))?,
-                Numbers::I64(array) => {
+                SegmentStats::I32(array) => each(array, |x| put((x >= 0).then_some(x), &|| x.to_string()))?,
+                SegmentStats::I64(array) => {
                     each(array, |x| put(i32::try_from(x).ok().filter(|x| *x >= 0), &|| x.to_string()))?
                 }
-                Numbers::U32(array) => each(array, |x| put(i32::try_from(x).ok(), &|| x.to_string()))?,
-                Numbers::U64(array) => each(array, |x| put(i32::try_from(x).ok(), &|| x.to_string()))?,
+                SegmentStats::U32(array) => each(array, |x| put(i32::try_from(x).ok(), &|| x.to_string()))?,
+                SegmentStats::U64(array) => each(array, |x| put(i32::try_from(x).ok(), &|| x.to_string()))?,
                 _ => {}
             }
             out.flush()?;

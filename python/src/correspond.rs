@@ -7,6 +7,7 @@ use numpy::PyArray1;
 use nystrom_stream::apps::correspond::Matching;
 use nystrom_stream::base::Error;
 use nystrom_stream::mesh;
+use nystrom_stream::store::Context;
 use nystrom_stream::pipeline::correspond::{CorrespondParams, correspond as match_meshes, default_landmarks};
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;

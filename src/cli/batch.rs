@@ -6,7 +6,7 @@
 use super::bars::{BatchBars, Style, tell};
 use super::output::{ENDINGS, Output, publish};
 use super::segment::{self, Args};
-use super::{Failure, Surroundings};
+use super::{AppContext, Failure};
 use nystrom_stream::base::{Error, Result};
 use nystrom_stream::pipeline::SegmentParams;
 use nystrom_stream::pipeline::report::Report;
@@ -164,12 +164,7 @@ struct Tally {
 }
 
 /// Segments all `meshes`.
-pub fn run(
-    meshes: Vec<PathBuf>,
-    args: &Args,
-    params: &SegmentParams,
-    surroundings: &Surroundings,
-) -> Result<(), Failure> {
+pub fn run(meshes: Vec<PathBuf>, args: &Args, params: &SegmentParams, app: &AppContext) -> Result<(), Failure> {
     let start = Instant::now();
     let jobs = jobs(meshes, &args.output)?;
     let style = args.run.bars().style();
@@ -183,7 +178,7 @@ pub fn run(
     let tally = Mutex::new(tally);
     let next = AtomicUsize::new(0);
     let workers = usize::from(args.jobs).min(jobs.len());
-    let whole = args.run.run(&(), surroundings);
+    let whole = args.run.run(&(), app);
     let (threads, memory) = ((whole.threads / workers).max(1), whole.budget.total() / workers as u64);
     std::thread::scope(|scope| {
         for _ in 0..workers {
@@ -202,9 +197,9 @@ pub fn run(
                         continue;
                     }
                     let begin = Instant::now();
-                    let mut run = args.run.run(&mine, surroundings);
+                    let mut run = args.run.run(&mine, app);
                     (run.threads, run.budget) = (threads, Budget::new(memory));
-                    let result = segment::one(&job.mesh, args, params, &job.outputs, &mine, &run, surroundings);
+                    let result = segment::one(&job.mesh, args, params, &job.outputs, &mine, &run, app);
                     let seconds = begin.elapsed().as_secs_f64();
                     let mut tally = lock();
                     settle(&mut tally, job, k, result, seconds, args, (&bars, &mine));

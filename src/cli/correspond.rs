@@ -3,8 +3,7 @@
 use super::method::SamplingArg;
 use super::options::RunArgs;
 use super::output::folder_of;
-use super::{Failure, Surroundings};
-use crate::store::Context;
+use super::{AppContext, Failure};
 use clap::ValueEnum;
 use nystrom_stream::apps::correspond::carry::{Colours, Property};
 use nystrom_stream::apps::correspond::show::side_by_side;
@@ -17,7 +16,8 @@ use nystrom_stream::mesh::{self, Opened, annotated};
 use nystrom_stream::pipeline::correspond::{CorrespondParams, Correspondence, correspond, default_landmarks};
 use nystrom_stream::pipeline::input;
 use nystrom_stream::spectral::orthogonal::OrthogonalParams;
-use nystrom_stream::store::{Run, WorkDir};
+use nystrom_stream::store::Context;
+use nystrom_stream::store::Run;
 use serde_json::json;
 use std::io::Write;
 use std::path::{Path, PathBuf};
@@ -133,7 +133,7 @@ impl MethodArgs {
     }
 }
 
-pub fn run(args: &Args, surroundings: &Surroundings) -> Result<(), Failure> {
+pub fn run(args: &Args, app: &AppContext) -> Result<(), Failure> {
     let start = Instant::now();
     let mut params = args.method.params();
     params.embedding.check()?;
@@ -156,13 +156,13 @@ pub fn run(args: &Args, surroundings: &Surroundings) -> Result<(), Failure> {
         }
     }
     let bars = args.run.bars();
-    let run = args.run.run(&bars, surroundings);
+    let run = args.run.run(&bars, app);
     let beside = || outputs().next().map_or_else(std::env::temp_dir, |path| folder_of(path));
     let work = args.run.work(args.work_dir.as_deref(), beside, &run)?;
     let open = |path: &Path, name: &str| -> Result<Opened> {
         let scratch = work.file(name);
         std::fs::create_dir_all(&scratch).map_err(Error::io(&scratch, "create"))?;
-        let (opened, _) = run.stage("read", "bytes", 0, || mesh::open(path, Context::new(&scratch, &run)))?;
+        let (opened, _) = run.stage("read", "bytes", 0, || mesh::open(path, &scratch, &run))?;
         opened.notes.iter().for_each(|note| run.progress.note(note));
         Ok(opened)
     };
@@ -193,7 +193,7 @@ pub fn run(args: &Args, surroundings: &Surroundings) -> Result<(), Failure> {
         "matched": count,
         "mean_confidence": if count > 0 { sum / count as f64 } else { 0. },
         "seconds": seconds,
-        "peak_bytes": (surroundings.peak)(),
+        "peak_bytes": (app.peak)(),
     });
     let text = serde_json::to_string_pretty(&report).unwrap_or_default();
     if target == Path::new("-") {

@@ -2,7 +2,7 @@
 
 use super::bars::human;
 use super::options::RunArgs;
-use super::{Failure, Surroundings, segment};
+use super::{AppContext, Failure, segment};
 use clap::Parser;
 use nystrom_stream::apps::creature::{Creature, Options, parse_faces};
 use nystrom_stream::apps::evaluate::{contingency, matches, rand};
@@ -26,9 +26,9 @@ pub struct Args {
     pub run: RunArgs,
 }
 
-pub fn run(args: &Args, surroundings: &Surroundings) -> Result<(), Failure> {
+pub fn run(args: &Args, app: &AppContext) -> Result<(), Failure> {
     let bars = args.run.bars();
-    let run = args.run.run(&bars, surroundings);
+    let run = args.run.run(&bars, app);
     std::fs::create_dir_all(&args.folder).map_err(Error::io(&args.folder, "create"))?;
     let creature = Creature::new(&Options {
         faces: args.faces,
@@ -51,7 +51,7 @@ pub fn run(args: &Args, surroundings: &Surroundings) -> Result<(), Failure> {
     let cut = CutArgs::try_parse_from(words).map_err(|error| Failure::Misused(error.to_string()))?.args;
     let cut = segment::Args { run: args.run.clone(), ..cut };
     let outputs = [super::output::Output::of(&ply)?, super::output::Output::of(&labels_file)?];
-    let report = segment::one(&mesh, &cut, &cut.method.params()?, &outputs, &bars, &run, surroundings)?;
+    let report = segment::one(&mesh, &cut, &cut.method.params()?, &outputs, &bars, &run, app)?;
 
     let table = contingency(&seg::read_seg(&labels_file)?, &seg::read_seg(&truth_file)?, None)?;
     let mut out = std::io::stdout().lock();

@@ -2,7 +2,7 @@
 
 use super::bars::{Bars, Style};
 use super::judge::judge;
-use super::{Failure, Surroundings};
+use super::{AppContext, Failure};
 use nystrom_stream::apps::evaluate::{
     Benchmark, Row, Scores, Segmentation, Surface, Table, fitting, plot, read_labels,
 };
@@ -63,7 +63,7 @@ pub struct Outcome {
     pub json: String,
 }
 
-pub fn run(args: &Args, surroundings: &Surroundings) -> std::result::Result<(), Failure> {
+pub fn run(args: &Args, app: &AppContext) -> std::result::Result<(), Failure> {
     let charted =
         |path: &Path| path.extension().is_some_and(|end| ["svg", "png"].iter().any(|e| end.eq_ignore_ascii_case(e)));
     if let Some(path) = args.plot.as_deref().filter(|path| !charted(path)) {
@@ -74,7 +74,7 @@ pub fn run(args: &Args, surroundings: &Surroundings) -> std::result::Result<(), 
     if let Some(threads) = args.threads {
         run.threads = threads.into();
     }
-    run.cancel = surroundings.cancel.clone();
+    run.cancel = app.cancel.clone();
     let outcome = match (&args.benchmark, &args.labels) {
         _ if args.matches.is_some() => matches(args, &run)?,
         (Some(folder), _) => folder_of_models(folder, args, &run)?,

@@ -2,7 +2,7 @@
 
 use super::bars::human;
 use super::options::RunArgs;
-use super::{Failure, Surroundings};
+use super::{AppContext, Failure};
 use nystrom_stream::mesh::header;
 use nystrom_stream::mesh::model::{Element, Kind, Property};
 use nystrom_stream::pipeline::calibrate::size_of_mesh;
@@ -117,9 +117,9 @@ pub fn run(args: &InfoArgs) -> Result<(), Failure> {
     Ok(())
 }
 
-pub fn verify(args: &Args, surroundings: &Surroundings) -> Result<(), Failure> {
+pub fn verify(args: &Args, app: &AppContext) -> Result<(), Failure> {
     let bars = args.run.bars();
-    let run: Run = args.run.run(&bars, surroundings);
+    let run: Run = args.run.run(&bars, app);
     let work = WorkDir::open_existing(&args.work_dir)?;
     let bytes = work.manifest().stages.values().flat_map(|stage| stage.files.values()).map(|file| file.bytes).sum();
     let (all, _) = run.stage("verify", "bytes", bytes, || check(Context::new(&work, &run)))?;

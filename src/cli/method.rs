@@ -9,7 +9,7 @@ use nystrom_stream::cluster::parts::{Decision, PartCount, PartsParams};
 use nystrom_stream::cluster::two_means;
 use nystrom_stream::distance::landmarks::Sampling;
 use nystrom_stream::graph::Order;
-use nystrom_stream::pipeline::{Boundaries, Cluster, Dust, SegmentParams};
+use nystrom_stream::pipeline::{Boundaries, Cluster, SegmentParams, TinyComponents};
 use nystrom_stream::spectral::embedding::Width;
 use nystrom_stream::spectral::{EmbeddingParams, Kernel, Normalisation};
 
@@ -127,7 +127,7 @@ pub enum DecisionArg {
 
 /// What becomes of dust.
 #[derive(Clone, Copy, Debug, ValueEnum)]
-pub enum DustArg {
+pub enum TinyComponentsArg {
     /// Each speck joins the part it floats beside
     Join,
     /// All specks are a part of their own, the last one, not counted by -k
@@ -179,7 +179,7 @@ pub struct PartsArgs {
     pub decision: Option<DecisionArg>,
     /// What becomes of components too small to be parts [default: join] (with --cluster parts)
     #[arg(long, value_enum)]
-    pub dust: Option<DustArg>,
+    pub tiny_components: Option<TinyComponentsArg>,
     /// How faces near boundaries get their labels [default: front] (with --cluster parts)
     #[arg(long, value_enum, hide_short_help = true)]
     pub boundaries: Option<BoundariesArg>,
@@ -304,7 +304,7 @@ impl PartsArgs {
                 return Err(misfit(option, "--cluster kmeans or two-means"));
             }
         } else {
-            let decision = self.decision.map(|_| "--decision").or(self.dust.map(|_| "--dust"));
+            let decision = self.decision.map(|_| "--decision").or(self.tiny_components.map(|_| "--dust"));
             let boundaries = self.boundaries.map(|_| "--boundaries");
             if let Some(option) = decision.or(self.detail.map(|_| "--detail")).or(boundaries) {
                 return Err(misfit(option, "--cluster parts"));
@@ -325,9 +325,9 @@ impl PartsArgs {
             detail,
             ..PartsParams::default()
         };
-        params.dust = match self.dust.unwrap_or(DustArg::Join) {
-            DustArg::Join => Dust::Join,
-            DustArg::Own => Dust::Own,
+        params.tiny_components = match self.tiny_components.unwrap_or(TinyComponentsArg::Join) {
+            TinyComponentsArg::Join => TinyComponents::Join,
+            TinyComponentsArg::Own => TinyComponents::Own,
         };
         params.boundaries = match self.boundaries.unwrap_or(BoundariesArg::Front) {
             BoundariesArg::Front => Boundaries::Front,

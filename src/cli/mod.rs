@@ -116,7 +116,7 @@ impl Command {
 }
 
 /// What every subcommand gets.
-struct Surroundings {
+struct AppContext {
     cancel: Cancel,
     peak: fn() -> u64,
 }
@@ -150,8 +150,8 @@ pub fn main(peak: fn() -> u64) -> ExitCode {
             return ExitCode::from(if error.use_stderr() { 2 } else { 0 });
         }
     };
-    let surroundings = Surroundings { cancel: Cancel::default(), peak };
-    let cancel = surroundings.cancel.clone();
+    let app = AppContext { cancel: Cancel::default(), peak };
+    let cancel = app.cancel.clone();
     // A second signal ends at once; the first lets files be closed and temporary folders go.
     let _ = ctrlc::set_handler(move || {
         if cancel.is_cancelled() {
@@ -161,25 +161,25 @@ pub fn main(peak: fn() -> u64) -> ExitCode {
     });
     let goes_on = cli.command.goes_on();
     let result = match cli.command {
-        Command::Segment(args) => segment::run(&args, &surroundings),
-        Command::Graph(args) => stages::graph(&args, &surroundings),
-        Command::Rows(args) => rows::run(&args, &surroundings),
-        Command::Merge(args) => rows::merge(&args, &surroundings),
-        Command::Embed(args) => stages::embed(&args, &surroundings),
-        Command::Cluster(args) => stages::cluster(&args, &surroundings),
-        Command::Export(args) => stages::export(&args, &surroundings),
-        Command::Plan(args) => plan::run(&args, &surroundings),
+        Command::Segment(args) => segment::run(&args, &app),
+        Command::Graph(args) => stages::graph(&args, &app),
+        Command::Rows(args) => rows::run(&args, &app),
+        Command::Merge(args) => rows::merge(&args, &app),
+        Command::Embed(args) => stages::embed(&args, &app),
+        Command::Cluster(args) => stages::cluster(&args, &app),
+        Command::Export(args) => stages::export(&args, &app),
+        Command::Plan(args) => plan::run(&args, &app),
         Command::Info(args) => info::run(&args),
-        Command::Verify(args) => info::verify(&args, &surroundings),
-        Command::Evaluate(args) => evaluate::run(&args, &surroundings),
-        Command::Quality(args) => quality::run(&args, &surroundings),
-        Command::Study(args) => study::run(&args, &surroundings),
-        Command::Correspond(args) => correspond::run(&args, &surroundings),
-        Command::Sequence(args) => sequence::run(&args, &surroundings),
-        Command::Picture(args) => picture::run(&args, &surroundings),
-        Command::TransferLabels(args) => transfer::run(&args, &surroundings),
+        Command::Verify(args) => info::verify(&args, &app),
+        Command::Evaluate(args) => evaluate::run(&args, &app),
+        Command::Quality(args) => quality::run(&args, &app),
+        Command::Study(args) => study::run(&args, &app),
+        Command::Correspond(args) => correspond::run(&args, &app),
+        Command::Sequence(args) => sequence::run(&args, &app),
+        Command::Picture(args) => picture::run(&args, &app),
+        Command::TransferLabels(args) => transfer::run(&args, &app),
         Command::Plot(args) => plot::run(&args),
-        Command::Demo(args) => demo::run(&args, &surroundings),
+        Command::Demo(args) => demo::run(&args, &app),
         Command::Completions(args) => help::completions(&args),
         Command::Man(args) => help::man(&args),
     };

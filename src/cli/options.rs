@@ -1,6 +1,6 @@
 //! Options that all runs share.
 
-use super::Surroundings;
+use super::AppContext;
 use super::bars::{Bars, Style};
 use clap::ValueEnum;
 use nystrom_stream::base::{Progress, Result};
@@ -60,7 +60,7 @@ impl RunArgs {
     }
 
     /// The run's surroundings.
-    pub fn run<'a>(&self, progress: &'a dyn Progress, surroundings: &Surroundings) -> Run<'a> {
+    pub fn run<'a>(&self, progress: &'a dyn Progress, app: &AppContext) -> Run<'a> {
         let mut run = Run::new(progress);
         if let Some(threads) = self.threads {
             run.threads = usize::from(threads);
@@ -69,7 +69,7 @@ impl RunArgs {
             run.budget = Budget::new(bytes);
         }
         run.seed = self.seed.unwrap_or(0);
-        run.cancel = surroundings.cancel.clone();
+        run.cancel = app.cancel.clone();
         run
     }
 

@@ -2,12 +2,12 @@
 
 use super::options::RunArgs;
 use super::output::folder_of;
-use super::{Failure, Surroundings};
-use crate::store::Context;
+use super::{AppContext, Failure};
 use nystrom_stream::apps::picture::{PictureParams, Up, colours_for, render};
 use nystrom_stream::base::{Error, Result};
 use nystrom_stream::mesh::{self, Document, face_columns, seg};
-use nystrom_stream::store::{MappedSlice, Run, WorkDir, npy};
+use nystrom_stream::store::Context;
+use nystrom_stream::store::{MappedSlice, WorkDir, npy};
 use std::ffi::OsStr;
 use std::path::{Path, PathBuf};
 
@@ -87,12 +87,12 @@ impl Args {
     }
 }
 
-pub fn run(args: &Args, surroundings: &Surroundings) -> Result<(), Failure> {
+pub fn run(args: &Args, app: &AppContext) -> Result<(), Failure> {
     let params = args.params();
     params.check()?;
     let target = args.target()?;
     let bars = args.run.bars();
-    let run = args.run.run(&bars, surroundings);
+    let run = args.run.run(&bars, app);
     let work = WorkDir::temporary(args.run.tmp.as_deref().unwrap_or(&folder_of(&target)))?;
     let (opened, _) = run.stage("read", "bytes", 0, || {
         if args.mesh.as_os_str() == "-" {

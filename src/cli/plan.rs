@@ -4,13 +4,13 @@ use super::bars::human;
 use super::method::MethodArgs;
 use super::options::RunArgs;
 use super::output::folder_of;
-use super::{Failure, Surroundings};
-use crate::store::Context;
+use super::{AppContext, Failure};
 use nystrom_stream::base::Result;
 use nystrom_stream::pipeline::SegmentParams;
 use nystrom_stream::pipeline::calibrate::{calibrate, size_of_mesh};
 use nystrom_stream::pipeline::plan::{Plan, order_is_open};
-use nystrom_stream::store::{Budget, Run, WorkDir};
+use nystrom_stream::store::Budget;
+use nystrom_stream::store::Context;
 use std::io::Write;
 use std::path::{Path, PathBuf};
 
@@ -51,9 +51,9 @@ pub fn check(path: &Path, params: &SegmentParams, context: Context<'_>) -> Resul
     Ok(())
 }
 
-pub fn run(args: &Args, surroundings: &Surroundings) -> Result<(), Failure> {
+pub fn run(args: &Args, app: &AppContext) -> Result<(), Failure> {
     let params = args.method.params()?;
-    let run = args.run.run(&(), surroundings);
+    let run = args.run.run(&(), app);
     let size = size_of_mesh(&args.mesh)?;
     let lasting = args.work_dir.is_some();
     let plan = Plan::new(size, &params, false, lasting, &run);

@@ -3,12 +3,12 @@
 use super::method::{KernelArg, SamplingArg};
 use super::metric::MetricArgs;
 use super::options::RunArgs;
-use super::{Failure, Surroundings};
+use super::{AppContext, Failure};
 use clap::ValueEnum;
 use nystrom_stream::apps::study::chart;
 use nystrom_stream::apps::study::embedding::{self, EmbeddingError};
 use nystrom_stream::apps::study::table::{Spread, one_to_text, summary, to_csv, to_text};
-use nystrom_stream::apps::study::{CompareParams, Ground, GroundParams, Over, Record, compare};
+use nystrom_stream::apps::study::{CompareParams, Over, Record, StudyData, StudyParams, compare};
 use nystrom_stream::base::{Error, Result};
 use nystrom_stream::distance::sampling::Sampling;
 use nystrom_stream::mesh;
@@ -147,11 +147,11 @@ fn params(args: &Args) -> Result<CompareParams, Failure> {
     })
 }
 
-pub fn run(args: &Args, surroundings: &Surroundings) -> Result<(), Failure> {
+pub fn run(args: &Args, app: &AppContext) -> Result<(), Failure> {
     let params = params(args)?;
     let bars = args.run.bars();
-    let run = args.run.run(&bars, surroundings);
-    let grounds = GroundParams {
+    let run = args.run.run(&bars, app);
+    let grounds = StudyParams {
         over: match args.nodes {
             NodesArg::Faces => Over::Faces,
             NodesArg::Vertices => Over::Vertices,
@@ -159,13 +159,13 @@ pub fn run(args: &Args, surroundings: &Surroundings) -> Result<(), Failure> {
         metric: args.metric.metric()?,
         matrix: if args.exact || args.compare || args.embedding { MOST } else { 0 },
         lengths: params.samplings.iter().any(|sampling| sampling.needs_lengths()),
-        ..GroundParams::default()
+        ..StudyParams::default()
     };
     let (mut records, mut errors) = (Vec::new(), Vec::new());
     for path in &args.meshes {
         let work = args.run.work(None, std::env::temp_dir, &run)?;
         let (opened, _) = run.stage("read", "bytes", 0, || mesh::open(path, work.path(), &run))?;
-        let ground = Ground::of(&opened, &input::identity(path)?, grounds, Context::new(&work, &run))?;
+        let ground = StudyData::of(&opened, &input::identity(path)?, grounds, Context::new(&work, &run))?;
         if args.exact && ground.matrix.is_none() {
             let problem = format!("has {} nodes, too many for --exact", ground.len());
             return Err(Error::unusable(path, problem, "decimate it to 5,000, or leave out --exact").into());

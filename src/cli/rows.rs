@@ -3,7 +3,7 @@
 use super::method::MethodArgs;
 use super::options::RunArgs;
 use super::stages::read;
-use super::{Failure, Surroundings};
+use super::{AppContext, Failure};
 use nystrom_stream::distance::shard;
 use nystrom_stream::pipeline::kept::Record;
 use nystrom_stream::pipeline::{input, sharding};
@@ -49,9 +49,9 @@ fn parse_shard(text: &str) -> Result<(usize, usize), String> {
     }
 }
 
-pub fn run(args: &Args, surroundings: &Surroundings) -> Result<(), Failure> {
+pub fn run(args: &Args, app: &AppContext) -> Result<(), Failure> {
     let bars = args.run.bars();
-    let mut run = args.run.run(&bars, surroundings);
+    let mut run = args.run.run(&bars, app);
     let mut params = args.method.params()?;
     let path = match &args.mesh {
         Some(path) => path.clone(),
@@ -72,9 +72,9 @@ pub fn run(args: &Args, surroundings: &Surroundings) -> Result<(), Failure> {
     Ok(())
 }
 
-pub fn merge(args: &MergeArgs, surroundings: &Surroundings) -> Result<(), Failure> {
+pub fn merge(args: &MergeArgs, app: &AppContext) -> Result<(), Failure> {
     let bars = args.run.bars();
-    let run = args.run.run(&bars, surroundings);
+    let run = args.run.run(&bars, app);
     let work = WorkDir::open(&args.work_dir)?;
     shard::merge(Context::new(&work, &run))?;
     Ok(())

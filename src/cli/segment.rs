@@ -5,7 +5,7 @@ use super::method::{MethodArgs, check_count};
 use super::options::RunArgs;
 use super::output::{FormArgs, Output, Results, folder_of, publish};
 use super::stages::{KeptEmbedding, embedding, read};
-use super::{Failure, Surroundings, batch};
+use super::{AppContext, Failure, batch};
 use nystrom_stream::base::Result;
 use nystrom_stream::mesh::labelled::Labelling;
 use nystrom_stream::pipeline::report::Report;
@@ -102,17 +102,17 @@ fn check(args: &Args, meshes: &[PathBuf], many: bool) -> Result<(SegmentParams, 
     Ok((params, outputs))
 }
 
-pub fn run(args: &Args, surroundings: &Surroundings) -> Result<(), Failure> {
+pub fn run(args: &Args, app: &AppContext) -> Result<(), Failure> {
     // A wrong option is told before a missing folder.
     args.method.params()?;
     let (meshes, many) = batch::meshes(&args.meshes)?;
     let (params, outputs) = check(args, &meshes, many)?;
     if many {
-        return batch::run(meshes, args, &params, surroundings);
+        return batch::run(meshes, args, &params, app);
     }
     let bars = args.run.bars();
-    let run = args.run.run(&bars, surroundings);
-    let report = one(&meshes[0], args, &params, &outputs, &bars, &run, surroundings)?;
+    let run = args.run.run(&bars, app);
+    let report = one(&meshes[0], args, &params, &outputs, &bars, &run, app)?;
     if let Some(target) = &args.json {
         publish(target, &report)?;
     }
@@ -127,7 +127,7 @@ pub fn one(
     outputs: &[Output],
     bars: &Bars,
     run: &Run,
-    surroundings: &Surroundings,
+    app: &AppContext,
 ) -> Result<Report> {
     let start = Instant::now();
     let stdin = path.as_os_str() == "-";
@@ -150,7 +150,7 @@ pub fn one(
     let mut seconds = bars.take_seconds();
     let report = |mut seconds: BTreeMap<String, f64>| {
         seconds.insert("total".into(), start.elapsed().as_secs_f64());
-        Report::new(&opened, params, &result, Context::new(&work, run), seconds, Some((surroundings.peak)()))
+        Report::new(&opened, params, &result, Context::new(&work, run), seconds, Some((app.peak)()))
     };
     let results = Results {
         labelling: Labelling { labels: &result.labels, colours: &result.colours, quality: Some(&result.quality) },

@@ -3,16 +3,16 @@
 use super::options::RunArgs;
 use super::output::{FormArg, folder_of, print, publish};
 use super::stages::read;
-use super::{Failure, Surroundings};
-use crate::store::Context;
+use super::{AppContext, Failure};
 use clap::ValueEnum;
 use nystrom_stream::apps::picture::{PictureParams, render};
 use nystrom_stream::apps::sequence::table::{Compared, table};
-use nystrom_stream::apps::sequence::{Way, gradient};
+use nystrom_stream::apps::sequence::{SequenceOrder, gradient};
 use nystrom_stream::mesh::Opened;
 use nystrom_stream::mesh::rearranged::{self, Rearrangement};
 use nystrom_stream::pipeline::sequence::{Sequence, SequenceParams, Sequencer};
-use nystrom_stream::store::{Run, WorkDir, npy};
+use nystrom_stream::store::Context;
+use nystrom_stream::store::npy;
 use serde_json::json;
 use std::ffi::OsStr;
 use std::path::{Path, PathBuf};
@@ -75,15 +75,15 @@ pub enum WayArg {
 }
 
 impl WayArg {
-    fn way(self) -> Way {
+    fn way(self) -> SequenceOrder {
         match self {
-            Self::Spectral => Way::Spectral,
-            Self::Pca => Way::Pca,
-            Self::Bfs => Way::Bfs,
-            Self::Rcm => Way::Rcm,
-            Self::Hilbert => Way::Hilbert,
-            Self::Random => Way::Random,
-            Self::Keep => Way::Keep,
+            Self::Spectral => SequenceOrder::Spectral,
+            Self::Pca => SequenceOrder::Pca,
+            Self::Bfs => SequenceOrder::Bfs,
+            Self::Rcm => SequenceOrder::Rcm,
+            Self::Hilbert => SequenceOrder::Hilbert,
+            Self::Random => SequenceOrder::Random,
+            Self::Keep => SequenceOrder::Keep,
         }
     }
 }
@@ -144,11 +144,11 @@ fn beside(mesh: &Path) -> PathBuf {
     mesh.with_file_name(format!("{}.sequenced.ply", super::output::Output::stem(mesh)))
 }
 
-pub fn run(args: &Args, surroundings: &Surroundings) -> Result<(), Failure> {
+pub fn run(args: &Args, app: &AppContext) -> Result<(), Failure> {
     let start = Instant::now();
     let targets = check(args)?;
     let bars = args.run.bars();
-    let run = args.run.run(&bars, surroundings);
+    let run = args.run.run(&bars, app);
     let folder = |target: &Target| match target {
         Target::Ply(path) | Target::Npy(path) | Target::Png(path) => Some(folder_of(path)),
         Target::Stdout => None,
@@ -185,7 +185,7 @@ pub fn run(args: &Args, surroundings: &Surroundings) -> Result<(), Failure> {
             report["measures"] = json!(measures);
         }
         report["seconds"] = json!(seconds);
-        report["peak_allocated"] = json!((surroundings.peak)());
+        report["peak_allocated"] = json!((app.peak)());
         publish(target, &report)?;
     }
     Ok(())
@@ -197,8 +197,8 @@ fn compare(sequencer: &Sequencer, params: &SequenceParams) -> Result<Vec<Compare
     if let Some(exact) = sequencer.exact(params)? {
         compared.push(Compared { order: "fiedler".into(), measures: sequencer.measures(&exact)? });
     }
-    for order in Way::ALL {
-        let each = if order == Way::Spectral && params.sweeps > 0 { vec![0, params.sweeps] } else { vec![0] };
+    for order in SequenceOrder::ALL {
+        let each = if order == SequenceOrder::Spectral && params.sweeps > 0 { vec![0, params.sweeps] } else { vec![0] };
         for sweeps in each {
             let sequence = sequencer.sequence(&SequenceParams { order, sweeps, ..*params })?;
             let name = match sweeps {

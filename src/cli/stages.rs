@@ -5,8 +5,7 @@
 use super::method::{KernelArgs, OrderArgs, PartsArgs, check_count, misfit};
 use super::options::RunArgs;
 use super::output::{FormArgs, Output, Results, publish};
-use super::{Failure, Surroundings};
-use crate::store::Context;
+use super::{AppContext, Failure};
 use nystrom_stream::apps::export::table::Coordinates;
 use nystrom_stream::base::Error;
 use nystrom_stream::cluster::parts::PartTree;
@@ -17,6 +16,7 @@ use nystrom_stream::mesh::labelled::Labelling;
 use nystrom_stream::pipeline::kept::{self, Labels, Record};
 use nystrom_stream::pipeline::{Cluster, SegmentParams, cuts, decision, embed, input, stages};
 use nystrom_stream::spectral::EmbeddingParams;
+use nystrom_stream::store::Context;
 use nystrom_stream::store::{MappedSlice, Run, WorkDir, workdir};
 use serde_json::{Value, json};
 use std::io::Write;
@@ -112,9 +112,9 @@ fn reopen<'a>(place: &Place, args: &RunArgs, run: Run<'a>) -> Result<(WorkDir, R
     Ok((work, record, Run { seed, ..run }))
 }
 
-pub fn graph(args: &GraphArgs, surroundings: &Surroundings) -> Result<(), Failure> {
+pub fn graph(args: &GraphArgs, app: &AppContext) -> Result<(), Failure> {
     let bars = args.run.bars();
-    let run = args.run.run(&bars, surroundings);
+    let run = args.run.run(&bars, app);
     let params = SegmentParams { order: args.order.or(Order::default()), ..SegmentParams::default() };
     let work = WorkDir::open(&args.place.work_dir)?;
     let (opened, identity) = read(&args.mesh, Context::new(&work, &run))?;
@@ -139,17 +139,17 @@ pub fn read(path: &Path, context: Context<'_>) -> Result<(mesh::Opened, Value), 
     Ok((opened, identity))
 }
 
-pub fn embed(args: &EmbedArgs, surroundings: &Surroundings) -> Result<(), Failure> {
+pub fn embed(args: &EmbedArgs, app: &AppContext) -> Result<(), Failure> {
     let bars = args.run.bars();
     let dimensions = args.dimensions.map_or(two_means::DIMENSIONS, usize::from);
     let params = args.kernel.params(dimensions)?.unwrap_or(EmbeddingParams::for_parts(dimensions));
     let params = EmbeddingParams { dimensions, ..params };
-    let (work, record, run) = reopen(&args.place, &args.run, args.run.run(&bars, surroundings))?;
+    let (work, record, run) = reopen(&args.place, &args.run, args.run.run(&bars, app))?;
     embed::embed(params, &record.params, Context::new(&work, &run))?;
     Ok(())
 }
 
-pub fn cluster(args: &ClusterArgs, surroundings: &Surroundings) -> Result<(), Failure> {
+pub fn cluster(args: &ClusterArgs, app: &AppContext) -> Result<(), Failure> {
     let start = Instant::now();
     let bars = args.run.bars();
     let outputs = args.output.iter().map(|path| Output::of(path)).collect::<Result<Vec<_>, _>>()?;
@@ -158,7 +158,7 @@ pub fn cluster(args: &ClusterArgs, surroundings: &Surroundings) -> Result<(), Fa
     if outputs.contains(&Output::Stdout) && args.json.as_deref() == Some(Path::new("-")) {
         return Err(Failure::Misused("mesh and report cannot both go to standard output; give --json=FILE".into()));
     }
-    let (work, record, run) = reopen(&args.place, &args.run, args.run.run(&bars, surroundings))?;
+    let (work, record, run) = reopen(&args.place, &args.run, args.run.run(&bars, app))?;
     let mut params = record.params.clone();
     args.parts.apply(&args.kernel, &mut params)?;
     check_count(&params)?;
@@ -181,7 +181,8 @@ pub fn cluster(args: &ClusterArgs, surroundings: &Surroundings) -> Result<(), Fa
         })
     };
     let labelling = Labelling { labels: &result.labels, colours: &result.colours, quality: Some(&result.quality) };
-    let export = Export { outputs: &outputs, mesh: None, record: &record, form: args.form, work: &work, run: &run };
+    let export =
+        Export { outputs: &outputs, mesh: None, record: &record, form: args.form, context: Context::new(&work, &run) };
     let mut told = export.write(&params, tree.as_ref(), labelling, &report)?;
     if let Some(target) = &args.json {
         let mut all = report();
@@ -198,12 +199,12 @@ pub fn cluster(args: &ClusterArgs, surroundings: &Surroundings) -> Result<(), Fa
     Ok(())
 }
 
-pub fn export(args: &ExportArgs, surroundings: &Surroundings) -> Result<(), Failure> {
+pub fn export(args: &ExportArgs, app: &AppContext) -> Result<(), Failure> {
     let bars = args.run.bars();
     let outputs = args.output.iter().map(|path| Output::of(path)).collect::<Result<Vec<_>, _>>()?;
     args.form.check(&outputs)?;
     outputs.iter().try_for_each(Output::check)?;
-    let (work, record, run) = reopen(&args.place, &args.run, args.run.run(&bars, surroundings))?;
+    let (work, record, run) = reopen(&args.place, &args.run, args.run.run(&bars, app))?;
     if let Some(path) = &args.tree {
         let tree = decision::tree_of(&work, record.params.coarse)?;
         decision::write_tree(&tree, path)?;
@@ -223,7 +224,8 @@ pub fn export(args: &ExportArgs, surroundings: &Surroundings) -> Result<(), Fail
             json!({"mesh": record.mesh, "options": record.params, "seed": run.seed, "parts": parts})
         };
         let mesh = args.mesh.as_deref();
-        let export = Export { outputs: &outputs, mesh, record: &record, form: args.form, work: &work, run: &run };
+        let export =
+            Export { outputs: &outputs, mesh, record: &record, form: args.form, context: Context::new(&work, &run) };
         export.write(&record.params, None, labelling, &report)?;
     }
     Ok(())
@@ -267,17 +269,16 @@ impl Export<'_> {
         labelling: Labelling,
         report: &dyn Fn() -> Value,
     ) -> Result<Value, Error> {
-        let Self { outputs, work, run, .. } = *self;
+        let Self { outputs, context, .. } = *self;
         if outputs.is_empty() {
             return Ok(Value::Null);
         }
         let opened =
             if outputs.iter().any(Output::needs_mesh) { Some(self.open(labelling.labels.len())?) } else { None };
-        let coordinates =
-            if self.form.embedding_columns { Some(embedding(params, Context::new(work, run))?) } else { None };
+        let coordinates = if self.form.embedding_columns { Some(embedding(params, context)?) } else { None };
         let pages = outputs.iter().any(Output::is_page);
         let cut = pages && params.cluster == Cluster::Parts;
-        let cuts = if cut { cuts::kept(params.coarse, tree, Context::new(work, run))? } else { None };
+        let cuts = if cut { cuts::kept(params.coarse, tree, context)? } else { None };
         let results = Results {
             labelling,
             options: self.form.ply.options(),
@@ -285,14 +286,14 @@ impl Export<'_> {
             report: if pages { report() } else { Value::Null },
             cuts: cuts.as_ref(),
         };
-        let each = || outputs.iter().try_for_each(|output| output.write(opened.as_ref(), &results, run));
-        run.stage("write", "faces", labelling.labels.len() as u64, each)?;
+        let each = || outputs.iter().try_for_each(|output| output.write(opened.as_ref(), &results, context.run));
+        context.run.stage("write", "faces", labelling.labels.len() as u64, each)?;
         Ok(results.report)
     }
 
     /// The mesh of the work directory, which has `faces` faces.
     fn open(&self, faces: usize) -> Result<mesh::Opened, Error> {
-        let (record, work, run) = (self.record, self.context);
+        let (record, Context { work, run }) = (self.record, self.context);
         let path = self.mesh.unwrap_or(&record.mesh);
         let same = match record.identity.get("stdin") {
             Some(sum) => self.mesh.is_some() || *sum == workdir::checksum(path)?,

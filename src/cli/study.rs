@@ -2,7 +2,7 @@
 
 use super::options::RunArgs;
 use super::quality::{check_plots, publish};
-use super::{Failure, Surroundings};
+use super::{AppContext, Failure};
 use nystrom_stream::apps::study::chart;
 use nystrom_stream::apps::study::points::{Judged, PointsParams, agreement, pairs};
 use serde_json::json;
@@ -33,13 +33,13 @@ pub struct Args {
     pub run: RunArgs,
 }
 
-pub fn run(args: &Args, surroundings: &Surroundings) -> Result<(), Failure> {
+pub fn run(args: &Args, app: &AppContext) -> Result<(), Failure> {
     check_plots("--plot", &args.plot)?;
     if args.landmarks > args.points {
         return Err(Failure::Misused(format!("-l: {} of {} points; choose fewer", args.landmarks, args.points)));
     }
     let bars = args.run.bars();
-    let run = args.run.run(&bars, surroundings);
+    let run = args.run.run(&bars, app);
     let params =
         PointsParams { points: args.points as usize, landmarks: args.landmarks as usize, runs: args.runs as usize };
     type Norm = (&'static str, fn(&Judged) -> f64);

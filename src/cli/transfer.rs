@@ -3,7 +3,7 @@
 use super::options::RunArgs;
 use super::output::{Output, PlyArgs, Results, folder_of, publish};
 use super::picture::{labels_of_file, labels_of_mesh};
-use super::{Failure, Surroundings};
+use super::{AppContext, Failure};
 use nystrom_stream::apps::picture::colours_for;
 use nystrom_stream::apps::transfer::transfer;
 use nystrom_stream::base::Error;
@@ -39,7 +39,7 @@ pub struct Args {
     pub run: RunArgs,
 }
 
-pub fn run(args: &Args, surroundings: &Surroundings) -> Result<(), Failure> {
+pub fn run(args: &Args, app: &AppContext) -> Result<(), Failure> {
     let start = Instant::now();
     let outputs = args.output.iter().map(|path| Output::of(path)).collect::<Result<Vec<_>, _>>()?;
     args.ply.check(&outputs)?;
@@ -48,7 +48,7 @@ pub fn run(args: &Args, surroundings: &Surroundings) -> Result<(), Failure> {
     }
     outputs.iter().try_for_each(Output::check)?;
     let bars = args.run.bars();
-    let run = args.run.run(&bars, surroundings);
+    let run = args.run.run(&bars, app);
     let beside = outputs.iter().find_map(Output::path).map_or_else(std::env::temp_dir, folder_of);
     let tmp = args.run.tmp.as_deref().unwrap_or(&beside);
     // Both meshes may have to be decoded, each into a folder of its own.
@@ -57,7 +57,9 @@ pub fn run(args: &Args, surroundings: &Surroundings) -> Result<(), Failure> {
     let from = read(&args.from, &source)?.0;
     let (labels, known) = match &args.labels {
         Some(path) => (labels_of_file(path, &source)?, None),
-        None if face_columns::has(&from.document, "label") => labels_of_mesh(&from.document, &source, &run)?,
+        None if face_columns::has(&from.document, "label") => {
+            labels_of_mesh(&from.document, Context::new(&source, &run))?
+        }
         None => {
             let remedy = "segment it first, or give --labels";
             return Err(Error::unusable(&args.from, "has no face property `label`", remedy).into());

@@ -15,10 +15,10 @@ use crate::graph::DualGraph;
 use crate::graph::dual::Csr;
 use crate::store::{Context, MappedSlice, Run};
 
+use super::area_shares::AreaShares;
 use super::extrapolate::Places;
 use super::islands;
 use super::normals::lengths;
-use super::shares::Shares;
 use super::smooth;
 
 /// Half the width of the band around a boundary that is labelled anew, in units of √(area).
@@ -31,7 +31,7 @@ const CHUNK: usize = 1 << 15;
 
 /// How the faces of the bands get their labels.
 #[derive(Clone, Copy, Debug)]
-pub enum Way<'a> {
+pub enum BoundaryMethod<'a> {
     /// By one front from the cores.
     Front,
     /// By the places of the parts in the embedding, and each face's column of the rows.
@@ -46,10 +46,10 @@ pub enum Way<'a> {
 pub fn refine(
     graph: &DualGraph,
     steps: Csr<'_>,
-    shares: &Shares,
+    shares: &AreaShares,
     cell: &[u32],
     label_of_cell: &[u32],
-    way: Way<'_>,
+    way: BoundaryMethod<'_>,
     context: Context<'_>,
 ) -> Result<MappedSlice<u32>> {
     let n = cell.len();
@@ -72,8 +72,10 @@ pub fn refine(
     fill_each(context.run.threads, &context.run.cancel, field.data(), CHUNK, core)?;
     let edge_of_core = core_rim(steps, field.data(), context.run)?;
     match way {
-        Way::Front => voronoi::spread_owners(steps, &edge_of_core, field.data(), labels.data(), context.run)?,
-        Way::Embedding(places, rows) => {
+        BoundaryMethod::Front => {
+            voronoi::spread_owners(steps, &edge_of_core, field.data(), labels.data(), context.run)?
+        }
+        BoundaryMethod::Embedding(places, rows) => {
             let field = field.data();
             places.relabel(rows, cell, |i| field[i] != 0., labels.data(), context.run)?;
             islands::dissolve(steps, &edge_of_core, field, labels.data(), context.run)?;
@@ -89,7 +91,7 @@ pub fn refine(
 fn straighten(
     graph: &DualGraph,
     steps: Csr<'_>,
-    shares: &Shares,
+    shares: &AreaShares,
     field: &mut [f32],
     labels: &mut [u32],
     run: &Run,
@@ -107,7 +109,7 @@ fn straighten(
         Ok(range.filter(inside).map(|i| i as u32).collect::<Vec<u32>>())
     })?
     .concat();
-    let sizes = (&graph.rows.gd[..], &graph.rows.edge[..]);
+    let sizes = (&graph.rows.centroid_distance[..], &graph.rows.edge[..]);
     smooth::smooth(steps, sizes, (shares.unit, mean * shares.unit), &band, labels, run)
 }
 

@@ -3,8 +3,8 @@
 //! Rows on the cell graph alone are much worse (.15–.22 against .10 in 1 − Rand); averages of rows over all faces are not.
 //! One sequential pass over each row, 12 bytes read a face, 4 of them of the row: as it comes from its front, or from where it is kept.
 
+use super::area_shares::AreaShares;
 use super::cells::Cells;
-use super::shares::Shares;
 use crate::base::Result;
 use crate::base::parallel::map_chunks;
 use crate::distance::DistanceRows;
@@ -21,7 +21,7 @@ pub struct Average<'a> {
 
 impl<'a> Average<'a> {
     /// Averages over `cells`; faces count by `shares`.
-    pub fn new(cells: &'a Cells, shares: &'a Shares) -> Self {
+    pub fn new(cells: &'a Cells, shares: &'a AreaShares) -> Self {
         let (cell, share) = (&cells.of_node[..], &shares.share[..]);
         let mut mass = vec![0f64; cells.len()];
         for (&c, &share) in cell.iter().zip(share) {
@@ -49,7 +49,7 @@ fn weight(share: f32) -> f64 {
 ///
 /// # Errors
 /// [`crate::base::Error::Cancelled`].
-pub fn average(rows: &DistanceRows, cells: &Cells, shares: &Shares, run: &Run) -> Result<Vec<f64>> {
+pub fn average(rows: &DistanceRows, cells: &Cells, shares: &AreaShares, run: &Run) -> Result<Vec<f64>> {
     let average = Average::new(cells, shares);
     let averaged = map_chunks(
         run.threads,

@@ -5,10 +5,10 @@
 //! normals, and for touching cells the length and mean turning of their common boundary.
 //! Cost: one front, 4 + 4 bytes a face, and one pass over the graph.
 
+use super::area_shares::AreaShares;
 use super::normals::{Normals, turning};
 use super::parts::CellGraph;
 use super::seeds::spread;
-use super::shares::Shares;
 use super::sums::{ClassSum, class_sums};
 use crate::base::Result;
 use crate::base::parallel::map_ranges;
@@ -57,7 +57,7 @@ impl Cells {
     ///
     /// # Errors
     /// [`crate::base::Error::Io`], [`crate::base::Error::Cancelled`].
-    pub fn cut(graph: &DualGraph, shares: &Shares, smooth: Smooth<'_>, context: Context<'_>) -> Result<Self> {
+    pub fn cut(graph: &DualGraph, shares: &AreaShares, smooth: Smooth<'_>, context: Context<'_>) -> Result<Self> {
         let n = graph.nodes.len();
         // A small mesh is its own cells, dust and all, so that any number of parts up to n can be had.
         let seeds: Vec<u32> =
@@ -92,7 +92,7 @@ impl Cells {
 
 fn cell_graph(
     graph: &DualGraph,
-    shares: &Shares,
+    shares: &AreaShares,
     smooth: Smooth<'_>,
     cell: &[u32],
     cells: usize,
@@ -118,7 +118,7 @@ fn cell_graph(
 /// Length and turning of the common boundary of each pair of touching cells. Bridges are no boundary.
 fn borders(
     graph: &DualGraph,
-    shares: &Shares,
+    shares: &AreaShares,
     smooth: Smooth<'_>,
     cell: &[u32],
     run: &Run,

@@ -8,15 +8,15 @@
 //! The length of a common boundary is that of its chord, |Σ oriented edges|, so that zigzag does not count; an edge's
 //! direction is taken across the step between its faces. Cost: one front, 8 bytes a face, one pass over the graph.
 
+use super::area_shares::AreaShares;
 use super::seeds::spread;
-use super::shares::Shares;
 use super::sums::{ClassSum, class_sums};
 use crate::base::Result;
 use crate::base::parallel::map_ranges;
 use crate::base::vector::{cross, length as norm, minus, wide};
 use crate::distance::voronoi;
 use crate::graph::assemble::Rows;
-use crate::graph::dual::{Csr, Weighted};
+use crate::graph::dual::{Csr, WeightedGraph};
 use crate::graph::{DualGraph, GraphFacts, Node};
 use crate::store::mapped::csr_of_mapped;
 use crate::store::workdir::key_of;
@@ -36,7 +36,7 @@ pub struct Contracted {
     /// Its graph; lengths in the frame of the original.
     pub graph: DualGraph,
     /// Its weights.
-    pub weighted: Weighted,
+    pub weighted: WeightedGraph,
     /// Contracted node of each node of the original (n).
     pub of_node: MappedSlice<u32>,
 }
@@ -63,8 +63,8 @@ impl Border {
 /// [`crate::base::Error::Io`], [`crate::base::Error::Cancelled`].
 pub fn contract(
     graph: &DualGraph,
-    fine: &Weighted,
-    shares: &Shares,
+    fine: &WeightedGraph,
+    shares: &AreaShares,
     work: &WorkDir,
     inner: &WorkDir,
     run: &Run,
@@ -85,7 +85,7 @@ pub fn contract(
 }
 
 /// Centroid, direction and area of each contracted node; dust counts nothing.
-fn interiors(graph: &DualGraph, shares: &Shares, owner: &[u32], count: usize, run: &Run) -> Result<Vec<Node>> {
+fn interiors(graph: &DualGraph, shares: &AreaShares, owner: &[u32], count: usize, run: &Run) -> Result<Vec<Node>> {
     let area = 1. / f64::from(shares.unit).powi(2);
     let node = |sum: &ClassSum| Node {
         centroid: sum.centroid().map(|x| x as f32),
@@ -153,9 +153,9 @@ fn assemble(
         let chord = border.chord.iter().map(|x| x * x).sum::<f64>().sqrt();
         // Bridges have no boundary, and stay without.
         let length = chord.max(0.1 * border.length) as f32;
-        let gd = (DETOUR * gap.max(1e-9)) as f32;
-        entries.push((a, b, border.weight, gd, length));
-        entries.push((b, a, border.weight, gd, length));
+        let centroid_distance = (DETOUR * gap.max(1e-9)) as f32;
+        entries.push((a, b, border.weight, centroid_distance, length));
+        entries.push((b, a, border.weight, centroid_distance, length));
     }
     entries.sort_unstable_by_key(|e| (e.0, e.1));
     let mut indptr = vec![0u64; nodes.len() + 1];
@@ -167,7 +167,7 @@ fn assemble(
     let rows = Rows {
         indptr: npy::write(&inner.file("graph_indptr.npy"), &indptr, 1, false)?,
         indices: npy::write(&inner.file("graph_indices.npy"), &indices, 1, false)?,
-        gd: write("graph_gd.npy", column(|e| e.3))?,
+        centroid_distance: write("graph_centroid_distances.npy", column(|e| e.3))?,
         edge: write("graph_edges.npy", column(|e| e.4))?,
     };
     let weights = write("graph_weights.npy", column(|e| e.2.max(crate::graph::weights::LEAST)))?;
@@ -181,6 +181,6 @@ fn assemble(
         ..graph.facts.clone()
     };
     let nodes = npy::write(&inner.file("node_geometry.npy"), &nodes, 7, false)?;
-    let weighted = Weighted::new(matrix, rows.indptr.clone(), key.clone());
+    let weighted = WeightedGraph::new(matrix, rows.indptr.clone(), key.clone());
     Ok(Contracted { graph: DualGraph { rows, nodes, components: None, facts, key }, weighted, of_node })
 }

@@ -4,6 +4,7 @@
 //! as people do: the surface in cells ([`cells`], with [`normals`] at a radius of the shape), the cells into
 //! [`parts`], and the parts' [`boundary`] onto creases.
 
+pub mod area_shares;
 pub mod assign;
 pub mod boundary;
 pub mod cell_rows;
@@ -15,7 +16,6 @@ pub mod kmeans;
 pub mod normals;
 pub mod parts;
 pub mod seeds;
-pub mod shares;
 pub mod smooth;
 pub mod sums;
 pub mod two_means;

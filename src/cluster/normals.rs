@@ -9,8 +9,8 @@
 //! The radius is chosen by the mesh's own turning P_r = Σ length · |θ_r|: clean meshes keep their own normals,
 //! scans and noisy meshes get .01 or .02. Cost: a front plus 50 ns a face and radius; 12 bytes a face each.
 
+use super::area_shares::AreaShares;
 use super::seeds::spread;
-use super::shares::Shares;
 use super::sums::{ClassSum, class_sums};
 use crate::base::Result;
 use crate::base::parallel::{chunk_range, fill_chunks, map_ranges};
@@ -32,14 +32,14 @@ pub type Normals = MappedSlice<[f32; 3]>;
 
 /// Steps of length only.
 pub fn lengths(graph: &DualGraph) -> Csr<'_> {
-    Csr::new(&graph.rows.indptr, &graph.rows.indices, &graph.rows.gd)
+    Csr::new(&graph.rows.indptr, &graph.rows.indices, &graph.rows.centroid_distance)
 }
 
 /// Normals at radius `r` (in units of √(area)), written to `file`.
 ///
 /// # Errors
 /// [`crate::base::Error::Io`], [`crate::base::Error::Cancelled`].
-pub fn smoothed(graph: &DualGraph, shares: &Shares, r: f32, file: &str, context: Context<'_>) -> Result<Normals> {
+pub fn smoothed(graph: &DualGraph, shares: &AreaShares, r: f32, file: &str, context: Context<'_>) -> Result<Normals> {
     let k = (1. / (r * r)).round() as usize;
     if graph.nodes.len() < 2 * k {
         averaged(graph, shares, r, file, context)
@@ -55,7 +55,7 @@ fn unit(v: [f32; 3]) -> Option<[f32; 3]> {
 
 fn from_cells(
     graph: &DualGraph,
-    shares: &Shares,
+    shares: &AreaShares,
     r: f32,
     k: usize,
     file: &str,
@@ -161,7 +161,7 @@ fn neighbours(graph: &DualGraph, owner: &[u32], cells: usize, run: &Run) -> Resu
 ///
 /// # Errors
 /// As [`smoothed`].
-pub fn averaged(graph: &DualGraph, shares: &Shares, r: f32, file: &str, context: Context<'_>) -> Result<Normals> {
+pub fn averaged(graph: &DualGraph, shares: &AreaShares, r: f32, file: &str, context: Context<'_>) -> Result<Normals> {
     let n = graph.nodes.len();
     let (indptr, indices, edge) = (&graph.rows.indptr[..], &graph.rows.indices[..], &graph.rows.edge[..]);
     let mean = f64::from(mean_weight(lengths(graph)) * shares.unit);
@@ -207,7 +207,7 @@ pub fn turning(a: &Node, b: &Node, edge: f32) -> f32 {
 ///
 /// # Errors
 /// [`crate::base::Error::Cancelled`].
-pub fn total_turning(graph: &DualGraph, shares: &Shares, smoothed: &[&Normals], run: &Run) -> Result<Vec<f64>> {
+pub fn total_turning(graph: &DualGraph, shares: &AreaShares, smoothed: &[&Normals], run: &Run) -> Result<Vec<f64>> {
     let n = graph.nodes.len();
     let (indptr, indices, edge) = (&graph.rows.indptr[..], &graph.rows.indices[..], &graph.rows.edge[..]);
     let parts = map_ranges(run.threads, &run.cancel, n, CHUNK, |range| {

@@ -3,7 +3,7 @@
 //! Few blocks of nodes are summed side by side, since each holds all classes (56 bytes a class and block), and added up
 //! in their order, so that threads do not show.
 
-use super::shares::Shares;
+use super::area_shares::AreaShares;
 use crate::base::Result;
 use crate::base::parallel::{chunk_count, chunk_range, map_chunks};
 use crate::graph::DualGraph;
@@ -53,7 +53,7 @@ impl ClassSum {
 /// [`crate::base::Error::Cancelled`].
 pub fn class_sums(
     graph: &DualGraph,
-    shares: &Shares,
+    shares: &AreaShares,
     class: &[u32],
     classes: usize,
     least: f64,

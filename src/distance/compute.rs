@@ -22,11 +22,11 @@ use super::slots::{Look, Slots, Target};
 use crate::base::{Error, Result};
 use crate::graph::Node;
 use crate::graph::dual::Csr;
-use crate::graph::triples::Triples;
+use crate::graph::triangle_adjacency::TriangleAdjacency;
+use crate::store::aligned_buffer::AlignedBuffer;
 use crate::store::mapped::Access;
 use crate::store::npy::ArrayMut;
 use crate::store::rows_file::RowsFile;
-use crate::store::words::Words;
 use crate::store::{Context, MappedSliceMut, Run};
 use crossbeam_channel::{Receiver, Sender};
 use std::collections::BTreeMap;
@@ -47,12 +47,12 @@ struct Job {
     row: usize,
     landmark: u32,
     /// The row, where it is known and has only to be written.
-    known: Option<Words>,
+    known: Option<AlignedBuffer>,
 }
 
 /// Memory that a thread computes rows in, one after the other.
 enum Scratch {
-    Granted(Words),
+    Granted(AlignedBuffer),
     Plain(Vec<f32>),
     Mapped(ArrayMut<f32>),
     /// None: rows are computed where they lie in the file.
@@ -96,9 +96,9 @@ impl Task<'_> {
             let triples = if Pages::needed(self.graph, fields, context.run) {
                 None
             } else {
-                Triples::of(self.graph, context.run)?
+                TriangleAdjacency::of(self.graph, context.run)?
             };
-            let graph = Csr { triples: triples.as_ref().map_or(&[], Triples::all), ..self.graph };
+            let graph = Csr { triples: triples.as_ref().map_or(&[], TriangleAdjacency::all), ..self.graph };
             let task = Task { graph, ..*self };
             let result = Pages::lend(self.graph, fields, context.run, |pages| {
                 if pages.is_some() {
@@ -201,7 +201,7 @@ impl Task<'_> {
             if !self.head.wants(k) || slots.landmark(k) == Some(landmark) {
                 return Ok(());
             }
-            let copy = known.filter(|_| others).and_then(|known| Words::copy_of(&run.budget, known));
+            let copy = known.filter(|_| others).and_then(|known| AlignedBuffer::copy_of(&run.budget, known));
             match known {
                 Some(known) if copy.is_none() => drop(done.send(slots.put(k, landmark, known))),
                 _ => drop(jobs.send(Job { row: k, landmark, known: copy })),
@@ -252,7 +252,7 @@ impl Task<'_> {
     fn scratch(&self, slots: &Slots<'_>, front: &Front, name: &str, context: Context<'_>) -> Result<Scratch> {
         let n = self.head.nodes;
         if !front.is_paged()
-            && let Some(words) = Words::spare(&context.run.budget, 4 * n)
+            && let Some(words) = AlignedBuffer::spare(&context.run.budget, 4 * n)
         {
             return Ok(Scratch::Granted(words));
         }

@@ -8,7 +8,7 @@
 //! What it costs is branches that cannot be foretold, and cache misses. Whether a step shortens a way is as good as
 //! random, so the ways of [`GATHER`] entries are first gathered without a branch, and then taken, where nearly all are
 //! shorter: 9–13 % less time on scans. And what entries need is fetched in steps, the farthest [`FAR`] entries ahead
-//! ([`super::steps`]), across the end of a bucket too. Where the graph has [triples](crate::graph::triples) they are
+//! ([`super::steps`]), across the end of a bucket too. Where the graph has [triples](crate::graph::triangle_adjacency) they are
 //! walked instead of the matrix. Measured (`benches/records`): 14–20 ns a face on scans over triples on large pages, 27–31
 //! over the matrix. Reading its 28 bytes once would take 1 ns a face at the 27 GB/s that a thread reads here (measured): what
 //! is left is arithmetic, the queue, and visits in no order of memory.

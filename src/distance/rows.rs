@@ -13,7 +13,7 @@ use super::landmarks::Sampling;
 use super::slots::Look;
 use crate::base::{Error, Result};
 use crate::graph::Node;
-use crate::graph::dual::{Csr, Weighted};
+use crate::graph::dual::{Csr, WeightedGraph};
 use crate::store::rows_file::RowsFile;
 use crate::store::workdir::key_of;
 use crate::store::{Context, MappedSlice, Run, WorkDir};
@@ -143,7 +143,7 @@ impl DistanceRows {
     }
 
     /// The key that rows of `params` over a graph of `nodes` nodes have.
-    pub fn key(graph: &Weighted, nodes: usize, params: RowParams, run: &Run) -> String {
+    pub fn key(graph: &WeightedGraph, nodes: usize, params: RowParams, run: &Run) -> String {
         head(&graph.key, nodes, params, run).key
     }
 
@@ -178,7 +178,7 @@ impl DistanceRows {
         Ok(Self { landmarks, distances, facts: facts.rows, nodes, key })
     }
 
-    fn head(graph: &Weighted, nodes: usize, params: RowParams, run: &Run) -> Result<Head> {
+    fn head(graph: &WeightedGraph, nodes: usize, params: RowParams, run: &Run) -> Result<Head> {
         if params.l == 0 {
             return Err(Error::parameter("-l", "0 landmarks", "choose at least 1"));
         }
@@ -189,7 +189,7 @@ impl DistanceRows {
     ///
     /// # Errors
     /// [`Error::Parameter`] for l = 0, [`Error::Io`], [`Error::Cancelled`].
-    pub fn build(graph: &Weighted, nodes: &[Node], params: RowParams, context: Context<'_>) -> Result<Self> {
+    pub fn build(graph: &WeightedGraph, nodes: &[Node], params: RowParams, context: Context<'_>) -> Result<Self> {
         let n = nodes.len();
         let head = Self::head(graph, n, params, context.run)?;
         match context.work.reuse::<Facts>("rows", &head.key) {
@@ -221,7 +221,7 @@ impl DistanceRows {
     /// # Errors
     /// As [`DistanceRows::build`], and those of `look`.
     pub fn pass(
-        graph: &Weighted,
+        graph: &WeightedGraph,
         nodes: &[Node],
         params: RowParams,
         look: Look<'_>,

@@ -10,7 +10,7 @@ use super::journal::{Head, Journal, Line, checksum};
 use super::rows::{DistanceRows, RowParams, head};
 use crate::base::{Error, Result};
 use crate::graph::Node;
-use crate::graph::dual::Weighted;
+use crate::graph::dual::WeightedGraph;
 use crate::store::rows_file::RowsFile;
 use crate::store::{Context, MappedSlice, WorkDir};
 use std::collections::BTreeMap;
@@ -25,7 +25,7 @@ fn stem(shard: usize, of: usize) -> String {
 /// # Errors
 /// [`Error::Parameter`] for a shard that does not exist, [`Error::Io`], [`Error::Cancelled`].
 pub fn compute(
-    graph: &Weighted,
+    graph: &WeightedGraph,
     nodes: &[Node],
     params: RowParams,
     (shard, of): (usize, usize),

@@ -2,7 +2,7 @@
 
 use super::queue::Entry;
 use crate::graph::dual::Csr;
-use crate::graph::triples::Triple;
+use crate::graph::triangle_adjacency::TriangleNeighbours;
 use crate::store::mapped::prefetch;
 
 /// Entries ahead at which row start and distance are fetched.
@@ -56,7 +56,7 @@ impl Steps for Csr<'_> {
 #[derive(Clone, Copy)]
 pub(super) struct Packed<'a> {
     pub csr: Csr<'a>,
-    pub triples: &'a [Triple],
+    pub triples: &'a [TriangleNeighbours],
 }
 
 impl Steps for Packed<'_> {

@@ -2,14 +2,14 @@
 //!
 //! A face of c corners has c half-edges (low vertex, high vertex, corner). They are shuffled by
 //! low vertex into buckets that fit the cache; in a bucket a counting sort by low vertex and small
-//! sorts by high vertex bring equal edges together. Every match becomes two [links](super::links)
+//! sorts by high vertex bring equal edges together. Every match becomes two [links](super::half_edge_pairs)
 //! for [`super::assemble`]. An edge of k > 2 faces links them as a chain in the order of
 //! the file: k − 1 links keep the graph sparse where a soup hangs a million faces on one edge.
 //!
 //! Memory and disk: 12 B a half-edge and 4 or 8 B a link (together 48 or 60 B a triangle), in memory
 //! where the budget allows, else on disk once out and once in. About 50 ns a triangle and thread, of 1.3 million.
 
-use super::links::{AGAINST, Adding, Links};
+use super::half_edge_pairs::{AGAINST, Adding, HalfEdgePairs};
 use super::weld;
 use crate::base::parallel::{chunk_count, chunk_range, each_chunk};
 use crate::base::{Error, Result};
@@ -97,7 +97,7 @@ fn check_size(mesh: &Mesh, path: &Path) -> Result<()> {
 /// # Errors
 /// [`Error::Unusable`] above 2³² − 1 corners, [`Error::Io`], [`Error::Memory`],
 /// [`Error::Cancelled`].
-pub fn matched(mesh: &Mesh, path: &Path, context: Context<'_>) -> Result<(Links, EdgeCounts)> {
+pub fn matched(mesh: &Mesh, path: &Path, context: Context<'_>) -> Result<(HalfEdgePairs, EdgeCounts)> {
     check_size(mesh, path)?;
     let (nodes, corners) = (mesh.faces.len(), mesh.faces.corner_count() as u64);
     let threads = context.run.threads as u64;
@@ -105,7 +105,7 @@ pub fn matched(mesh: &Mesh, path: &Path, context: Context<'_>) -> Result<(Links,
     let (file, what) = (|name| context.work.file(name), "matching edges");
     let sized = Sized::<HalfEdge>::new(&file("half_edges.tmp"), what, corners, 3 * threads, 3, context.run)?;
     let half_edges = &sized.shuffle;
-    let mut links = Links::new(nodes, corners as usize, context)?;
+    let mut links = HalfEdgePairs::new(nodes, corners as usize, context)?;
     let border = Sized::<u32>::new(&file("boundary.tmp"), what, corners, threads, 4, context.run)?;
     let boundary = &border.shuffle;
     let (edge_buckets, border_buckets) = (half_edges.buckets(), boundary.buckets() as u64);

@@ -2,7 +2,7 @@
 //!
 //! Buckets of links come in node order; a counting sort by corner groups them by node, and each row is
 //! sorted by neighbour. The length of a step is |c_i − mid| + |c_j − mid| over the midpoint of
-//! the shared edge (`graph_gd`, in the frame; |c_i − c_j| where the midpoint is no number), the edge's own
+//! the shared edge (`graph_centroid_distances`, in the frame; |c_i − c_j| where the midpoint is no number), the edge's own
 //! length is kept beside it. Two
 //! faces that share several edges get one entry: the shortest step, the summed edge length. Both
 //! directions are computed from the same numbers in a symmetric formula, so they agree to the bit.
@@ -10,7 +10,7 @@
 //! Workers assemble buckets, one thread appends them in order: 8 + 12 + 12 + 12 bytes a triangle
 //! written, sequentially.
 
-use super::links::{Link, Links};
+use super::half_edge_pairs::{HalfEdgePair, HalfEdgePairs};
 use super::nodes::{Frame, Node};
 use crate::base::Result;
 use crate::base::parallel::in_order;
@@ -27,7 +27,7 @@ pub struct Rows {
     /// Neighbours, ascending in a row (nnz).
     pub indices: MappedSlice<u32>,
     /// Step lengths in the frame (nnz), finite.
-    pub gd: MappedSlice<f32>,
+    pub centroid_distance: MappedSlice<f32>,
     /// Lengths of the shared edges in the frame (nnz); negative where the two faces are wound against
     /// each other and could not be turned (see [`super::orient`]); 0 for bridges.
     pub edge: MappedSlice<f32>,
@@ -37,7 +37,7 @@ pub struct Rows {
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Entry {
     pub node: u32,
-    pub gd: f32,
+    pub centroid_distance: f32,
     pub edge: f32,
 }
 
@@ -45,7 +45,7 @@ pub(super) struct Entry {
 pub(super) struct RowsWriter {
     indptr: ArrayWriter<u64>,
     indices: ArrayWriter<u32>,
-    gd: ArrayWriter<f32>,
+    centroid_distance: ArrayWriter<f32>,
     edge: ArrayWriter<f32>,
     starts: Vec<u64>,
     end: u64,
@@ -59,7 +59,7 @@ impl RowsWriter {
         Ok(Self {
             indptr,
             indices: work.writer_of("graph_indices.npy", 1, entries)?,
-            gd: work.writer("graph_gd.npy", 1)?,
+            centroid_distance: work.writer("graph_centroid_distances.npy", 1)?,
             edge: work.writer("graph_edges.npy", 1)?,
             starts: Vec::new(),
             end: 0,
@@ -67,7 +67,7 @@ impl RowsWriter {
     }
 
     /// Appends rows of the given degrees, whose entries lie one after another.
-    pub fn push(&mut self, degrees: &[u32], indices: &[u32], gd: &[f32], edge: &[f32]) -> Result<()> {
+    pub fn push(&mut self, degrees: &[u32], indices: &[u32], centroid_distance: &[f32], edge: &[f32]) -> Result<()> {
         self.starts.clear();
         for &degree in degrees {
             self.end += u64::from(degree);
@@ -75,7 +75,7 @@ impl RowsWriter {
         }
         self.indptr.push(&self.starts)?;
         self.indices.push(indices)?;
-        self.gd.push(gd)?;
+        self.centroid_distance.push(centroid_distance)?;
         self.edge.push(edge)
     }
 
@@ -83,17 +83,23 @@ impl RowsWriter {
         Ok(Rows {
             indptr: self.indptr.finish(false)?,
             indices: self.indices.finish(false)?,
-            gd: self.gd.finish(false)?,
+            centroid_distance: self.centroid_distance.finish(false)?,
             edge: self.edge.finish(false)?,
         })
     }
 }
 
-/// Assembles the rows and writes `graph_indptr`, `graph_indices`, `graph_gd`, `graph_edges`.
+/// Assembles the rows and writes `graph_indptr`, `graph_indices`, `graph_centroid_distances`, `graph_edges`.
 ///
 /// # Errors
 /// [`crate::base::Error::Io`], [`crate::base::Error::Cancelled`].
-pub fn assemble(mesh: &Mesh, frame: &Frame, nodes: &[Node], links: &Links, context: Context<'_>) -> Result<Rows> {
+pub fn assemble(
+    mesh: &Mesh,
+    frame: &Frame,
+    nodes: &[Node],
+    links: &HalfEdgePairs,
+    context: Context<'_>,
+) -> Result<Rows> {
     let mut writer = RowsWriter::create(nodes.len(), links.bound(), context.work)?;
     in_order(
         context.run.threads,
@@ -103,7 +109,7 @@ pub fn assemble(mesh: &Mesh, frame: &Frame, nodes: &[Node], links: &Links, conte
         |part, ()| Ok(assemble_part(mesh, frame, nodes, links.nodes_of(part), &links.take(part, mesh)?)),
         |_, part| {
             context.run.progress.advance("graph", part.degrees.len() as u64);
-            writer.push(&part.degrees, &part.indices, &part.gd, &part.edges)
+            writer.push(&part.degrees, &part.indices, &part.centroid_distance, &part.edges)
         },
     )?;
     writer.finish()
@@ -113,16 +119,22 @@ pub fn assemble(mesh: &Mesh, frame: &Frame, nodes: &[Node], links: &Links, conte
 struct Part {
     degrees: Vec<u32>,
     indices: Vec<u32>,
-    gd: Vec<f32>,
+    centroid_distance: Vec<f32>,
     edges: Vec<f32>,
 }
 
 /// Assembles the rows of the nodes of `range`, whose `links` come in the order of their corners.
-fn assemble_part(mesh: &Mesh, frame: &Frame, nodes: &[Node], range: std::ops::Range<usize>, links: &[Link]) -> Part {
+fn assemble_part(
+    mesh: &Mesh,
+    frame: &Frame,
+    nodes: &[Node],
+    range: std::ops::Range<usize>,
+    links: &[HalfEdgePair],
+) -> Part {
     let mut part = Part {
         degrees: Vec::with_capacity(range.len()),
         indices: Vec::with_capacity(links.len()),
-        gd: Vec::with_capacity(links.len()),
+        centroid_distance: Vec::with_capacity(links.len()),
         edges: Vec::with_capacity(links.len()),
     };
     let mut rest = links;
@@ -160,18 +172,27 @@ fn assemble_part(mesh: &Mesh, frame: &Frame, nodes: &[Node], range: std::ops::Ra
                 }
             }
             part.indices.extend([row[0].node, row[1].node, row[2].node]);
-            part.gd.extend([row[0].gd, row[1].gd, row[2].gd]);
+            part.centroid_distance.extend([
+                row[0].centroid_distance,
+                row[1].centroid_distance,
+                row[2].centroid_distance,
+            ]);
             part.edges.extend([row[0].edge, row[1].edge, row[2].edge]);
             part.degrees.push(3);
             return;
         }
-        row.sort_unstable_by(|a, b| a.node.cmp(&b.node).then(a.gd.total_cmp(&b.gd)).then(a.edge.total_cmp(&b.edge)));
+        row.sort_unstable_by(|a, b| {
+            a.node
+                .cmp(&b.node)
+                .then(a.centroid_distance.total_cmp(&b.centroid_distance))
+                .then(a.edge.total_cmp(&b.edge))
+        });
         for entry in &row {
             if part.indices.len() > before && part.indices.last() == Some(&entry.node) {
                 merge(&mut part, entry);
             } else {
                 part.indices.push(entry.node);
-                part.gd.push(entry.gd);
+                part.centroid_distance.push(entry.centroid_distance);
                 part.edges.push(entry.edge);
             }
         }
@@ -182,8 +203,8 @@ fn assemble_part(mesh: &Mesh, frame: &Frame, nodes: &[Node], range: std::ops::Ra
 
 /// Adds a second edge to the entry pushed last: the shorter known step, the summed edge length.
 fn merge(part: &mut Part, entry: &Entry) {
-    if let (Some(gd), Some(edge)) = (part.gd.last_mut(), part.edges.last_mut()) {
-        *gd = gd.min(entry.gd);
+    if let (Some(centroid_distance), Some(edge)) = (part.centroid_distance.last_mut(), part.edges.last_mut()) {
+        *centroid_distance = centroid_distance.min(entry.centroid_distance);
         *edge = (edge.abs() + entry.edge.abs()).copysign(*edge);
     }
 }
@@ -193,7 +214,11 @@ fn merge(part: &mut Part, entry: &Entry) {
 fn step(from: &Node, to: &Node, node: u32, ends: [[f64; 3]; 2]) -> Entry {
     let mid = middle(ends[0], ends[1]);
     let (from, to) = (wide(from.centroid), wide(to.centroid));
-    let gd = (distance(from, mid) + distance(to, mid)) as f32;
+    let centroid_distance = (distance(from, mid) + distance(to, mid)) as f32;
     let edge = distance(ends[0], ends[1]) as f32;
-    if gd.is_finite() { Entry { node, gd, edge } } else { Entry { node, gd: distance(from, to) as f32, edge: 0. } }
+    if centroid_distance.is_finite() {
+        Entry { node, centroid_distance, edge }
+    } else {
+        Entry { node, centroid_distance: distance(from, to) as f32, edge: 0. }
+    }
 }

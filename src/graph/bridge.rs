@@ -13,7 +13,7 @@
 
 use super::assemble::{Entry, Rows, RowsWriter};
 use super::components::Components;
-use super::links::AGAINST;
+use super::half_edge_pairs::AGAINST;
 use super::nodes::Node;
 use crate::base::Result;
 use crate::store::{Context, Run};
@@ -119,8 +119,8 @@ pub fn insert(rows: &Rows, bridges: &[Bridge], context: Context<'_>) -> Result<R
     let mut extra: Vec<(usize, Entry)> = Vec::with_capacity(2 * bridges.len());
     for bridge in bridges {
         let [a, b] = bridge.nodes;
-        extra.push((a as usize, Entry { node: b, gd: bridge.gap, edge: 0. }));
-        extra.push((b as usize, Entry { node: a, gd: bridge.gap, edge: 0. }));
+        extra.push((a as usize, Entry { node: b, centroid_distance: bridge.gap, edge: 0. }));
+        extra.push((b as usize, Entry { node: a, centroid_distance: bridge.gap, edge: 0. }));
     }
     extra.sort_unstable_by_key(|(row, entry)| (*row, entry.node));
     let mut writer = RowsWriter::create(rows.indptr.len() - 1, rows.indices.len() + extra.len(), context.work)?;
@@ -129,16 +129,20 @@ pub fn insert(rows: &Rows, bridges: &[Bridge], context: Context<'_>) -> Result<R
         let row = group[0].0;
         copy(rows, done..row, &mut writer, context.run)?;
         let span = rows.indptr[row] as usize..rows.indptr[row + 1] as usize;
-        let old = span.map(|e| Entry { node: rows.indices[e], gd: rows.gd[e], edge: rows.edge[e] });
+        let old = span.map(|e| Entry {
+            node: rows.indices[e],
+            centroid_distance: rows.centroid_distance[e],
+            edge: rows.edge[e],
+        });
         let mut entries: Vec<Entry> = old.chain(group.iter().map(|(_, entry)| *entry)).collect();
         entries.sort_unstable_by_key(|entry| entry.node);
-        let (mut indices, mut gd, mut edges) = (Vec::new(), Vec::new(), Vec::new());
+        let (mut indices, mut centroid_distance, mut edges) = (Vec::new(), Vec::new(), Vec::new());
         for entry in &entries {
             indices.push(entry.node);
-            gd.push(entry.gd);
+            centroid_distance.push(entry.centroid_distance);
             edges.push(entry.edge);
         }
-        writer.push(&[entries.len() as u32], &indices, &gd, &edges)?;
+        writer.push(&[entries.len() as u32], &indices, &centroid_distance, &edges)?;
         done = row + 1;
     }
     copy(rows, done..rows.indptr.len() - 1, &mut writer, context.run)?;
@@ -153,7 +157,7 @@ fn copy(rows: &Rows, range: std::ops::Range<usize>, writer: &mut RowsWriter, run
         let end = (start + BLOCK).min(range.end);
         let degrees: Vec<u32> = rows.indptr[start..=end].windows(2).map(|w| (w[1] - w[0]) as u32).collect();
         let span = rows.indptr[start] as usize..rows.indptr[end] as usize;
-        writer.push(&degrees, &rows.indices[span.clone()], &rows.gd[span.clone()], &rows.edge[span])?;
+        writer.push(&degrees, &rows.indices[span.clone()], &rows.centroid_distance[span.clone()], &rows.edge[span])?;
     }
     Ok(())
 }

@@ -9,7 +9,7 @@
 //! component is its first node, whatever the order of unions. About 10 ns a face.
 
 use super::assemble::Rows;
-use super::links::AGAINST;
+use super::half_edge_pairs::AGAINST;
 use super::nodes::Node;
 use crate::base::Result;
 use crate::store::npy::ArrayMut;

@@ -6,7 +6,7 @@ use super::bridge;
 use super::components::find_components;
 use super::nodes::{self, Frame, Node};
 use super::orient::orient;
-use super::triples::Triple;
+use super::triangle_adjacency::TriangleNeighbours;
 use super::weights::{self, Metric};
 use crate::base::{Error, Result};
 use crate::mesh::Mesh;
@@ -62,7 +62,8 @@ pub struct DualGraph {
     pub key: String,
 }
 
-const FILES: [&str; 5] = [nodes::FILE, "graph_indptr.npy", "graph_indices.npy", "graph_gd.npy", "graph_edges.npy"];
+const FILES: [&str; 5] =
+    [nodes::FILE, "graph_indptr.npy", "graph_indices.npy", "graph_centroid_distances.npy", "graph_edges.npy"];
 
 impl DualGraph {
     /// Builds the graph of `mesh` (from the file `path`, whose identity is `input`) in `work`, or
@@ -147,7 +148,7 @@ impl DualGraph {
         let rows = Rows {
             indptr: work.open_array("graph_indptr.npy")?,
             indices: work.open_array("graph_indices.npy")?,
-            gd: work.open_array("graph_gd.npy")?,
+            centroid_distance: work.open_array("graph_centroid_distances.npy")?,
             edge: work.open_array("graph_edges.npy")?,
         };
         let components = if facts.components > 1 { Some(work.open_array("components.npy")?) } else { None };
@@ -164,8 +165,8 @@ impl DualGraph {
     /// [`Error::Io`].
     pub fn release_lengths(&mut self, work: &WorkDir) -> Result<()> {
         if work.is_temporary() {
-            self.rows.gd = MappedSlice::empty();
-            work.release("graph", &["graph_gd.npy"])?;
+            self.rows.centroid_distance = MappedSlice::empty();
+            work.release("graph", &["graph_centroid_distances.npy"])?;
         }
         Ok(())
     }
@@ -174,7 +175,7 @@ impl DualGraph {
     ///
     /// # Errors
     /// [`Error::Parameter`], [`Error::Io`], [`Error::Cancelled`].
-    pub fn weighted(&self, metric: Metric, context: Context<'_>) -> Result<Weighted> {
+    pub fn weighted(&self, metric: Metric, context: Context<'_>) -> Result<WeightedGraph> {
         self.weighted_with(metric, None, 0., self.facts.area, context)
     }
 
@@ -190,7 +191,7 @@ impl DualGraph {
         radius: f32,
         area: f64,
         context: Context<'_>,
-    ) -> Result<Weighted> {
+    ) -> Result<WeightedGraph> {
         let options = json!({"stage": "weights", "graph": self.key, "metric": metric, "radius": radius, "area": area, "seed": context.run.seed});
         let key = key_of(&options);
         let known = context.work.reuse::<()>("weights", &key);
@@ -208,13 +209,13 @@ impl DualGraph {
             context.work.open_array("graph_weights.npy")?
         };
         let matrix = csr_of_mapped(context.work.path(), self.rows.indptr.clone(), self.rows.indices.clone(), weights)?;
-        Ok(Weighted { matrix, indptr: self.rows.indptr.clone(), key })
+        Ok(WeightedGraph { matrix, indptr: self.rows.indptr.clone(), key })
     }
 }
 
 /// A weighted graph as a sparse matrix over mapped files.
 #[derive(Clone, Debug)]
-pub struct Weighted {
+pub struct WeightedGraph {
     /// Row i: the neighbours of node i and the weights of the steps.
     pub matrix: MappedCsr,
     /// The matrix's row starts: its own are behind a view that cannot be borrowed for long.
@@ -223,7 +224,7 @@ pub struct Weighted {
     pub key: String,
 }
 
-impl Weighted {
+impl WeightedGraph {
     /// A matrix whose row starts are also given by themselves.
     pub fn new(matrix: MappedCsr, indptr: MappedSlice<u64>, key: String) -> Self {
         Self { matrix, indptr, key }
@@ -265,7 +266,7 @@ pub struct Csr<'a> {
     /// Weights (nnz), positive.
     pub weights: &'a [f32],
     /// The same steps in records of three (n), for fronts; empty where they were not made.
-    pub triples: &'a [Triple],
+    pub triples: &'a [TriangleNeighbours],
 }
 
 impl<'a> Csr<'a> {

@@ -11,7 +11,7 @@
 
 use super::assemble::Rows;
 use super::components::Components;
-use super::links::AGAINST;
+use super::half_edge_pairs::AGAINST;
 use super::nodes::{self, Node};
 use crate::base::Result;
 use crate::base::parallel::{chunk_range, fill_chunks};

@@ -3,7 +3,7 @@
 //! What correspondence walks over, where segmentation walks over faces. Built out of core in one shuffle: every
 //! triangle (polygons are cut into fans) gives each of its vertices the other two, and a sorted bucket of these gives
 //! rows, rings, areas and open edges of its vertices. Vertices of open edges at the same position are joined
-//! ([`super::seams`]), components bridged as those of faces are ([`super::bridge`]). Triangles with a coordinate that is no
+//! ([`super::duplicate_vertices`]), components bridged as those of faces are ([`super::bridge`]). Triangles with a coordinate that is no
 //! number, or with a vertex twice, are left out.
 //!
 //! Cost: 36 bytes a triangle through the shuffle; on disk 28 and 8 bytes a vertex, 12 an edge's end, 24 a triangle. About
@@ -13,8 +13,8 @@ use super::assemble::{Rows, RowsWriter};
 use super::bridge::{self, Bridge};
 use super::components::find_components;
 use super::dual::Csr;
+use super::duplicate_vertices::DuplicateVertices;
 use super::nodes::{Frame, Node};
-use super::seams::Seams;
 use super::weights::LEAST;
 use crate::base::parallel::{chunk_count, chunk_range, each_chunk, in_order};
 use crate::base::vector::{cross, distance, finite, length, minus, narrow, wide};
@@ -36,7 +36,7 @@ const FILES: [&str; 7] = [
     "ring.npy",
     "graph_indptr.npy",
     "graph_indices.npy",
-    "graph_gd.npy",
+    "graph_centroid_distances.npy",
     "graph_edges.npy",
 ];
 
@@ -148,7 +148,7 @@ impl VertexGraph {
             (context.work.writer::<u64>("ring_starts.npy", 1)?, context.work.writer::<u32>("ring.npy", 2)?);
         starts.push(&[0])?;
         let mut facts = VertexFacts { vertices: n as u64, ..VertexFacts::default() };
-        let mut seams = Seams::new(n, context)?;
+        let mut seams = DuplicateVertices::new(n, context)?;
         let mut end = 0u64;
         in_order(
             context.run.threads,
@@ -211,12 +211,12 @@ impl VertexGraph {
     }
 
     fn open(facts: VertexFacts, frame: Frame, work: &WorkDir) -> Result<Self> {
-        let [nodes, starts, ring, indptr, indices, gd, edge] = FILES;
+        let [nodes, starts, ring, indptr, indices, centroid_distance, edge] = FILES;
         Ok(Self {
             rows: Rows {
                 indptr: work.open_array(indptr)?,
                 indices: work.open_array(indices)?,
-                gd: work.open_array(gd)?,
+                centroid_distance: work.open_array(centroid_distance)?,
                 edge: work.open_array(edge)?,
             },
             nodes: work.open_array(nodes)?,
@@ -229,7 +229,7 @@ impl VertexGraph {
 
     /// The graph as raw slices.
     pub fn csr(&self) -> Csr<'_> {
-        Csr::new(&self.rows.indptr, &self.rows.indices, &self.rows.gd)
+        Csr::new(&self.rows.indptr, &self.rows.indices, &self.rows.centroid_distance)
     }
 
     /// Number of vertices.

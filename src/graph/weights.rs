@@ -91,16 +91,16 @@ pub fn concave(a: &Node, b: &Node) -> bool {
 #[derive(Clone, Copy, Debug)]
 struct Scale {
     /// Factor on a step's length.
-    gd: f32,
+    centroid_distance: f32,
     /// Factor on an angular distance.
     angle: f32,
 }
 
 #[inline]
-fn weight(metric: Metric, scale: Scale, a: &Node, b: &Node, gd: f32, edge: f32) -> f32 {
+fn weight(metric: Metric, scale: Scale, a: &Node, b: &Node, centroid_distance: f32, edge: f32) -> f32 {
     // Where no orientation exists, turning counts as concave.
     let concave = |a: &Node, b: &Node| edge < 0. || concave(a, b);
-    let length = gd * scale.gd;
+    let length = centroid_distance * scale.centroid_distance;
     let w = match metric {
         Metric::Geodesic => length,
         Metric::ScaleFree { eta, .. } => {
@@ -136,9 +136,10 @@ pub fn build(
     run: &Run,
 ) -> Result<MappedSlice<f32>> {
     metric.check()?;
-    let (indptr, indices, gd, edge) = (&rows.indptr[..], &rows.indices[..], &rows.gd[..], &rows.edge[..]);
+    let (indptr, indices, centroid_distance, edge) =
+        (&rows.indptr[..], &rows.indices[..], &rows.centroid_distance[..], &rows.edge[..]);
     let scale = scale(rows, nodes, area, metric, run)?;
-    let mut array = work.array::<f32>(file, &[gd.len()])?;
+    let mut array = work.array::<f32>(file, &[centroid_distance.len()])?;
     let node = |i: usize| match normals {
         Some(normals) => Node { normal: normals[i], ..nodes[i] },
         None => nodes[i],
@@ -157,7 +158,7 @@ pub fn build(
                 while indptr[row + 1] as usize <= e {
                     row += 1;
                 }
-                *w = weight(metric, scale, &node(row), &node(indices[e] as usize), gd[e], edge[e]);
+                *w = weight(metric, scale, &node(row), &node(indices[e] as usize), centroid_distance[e], edge[e]);
             }
             Ok(())
         },
@@ -167,7 +168,8 @@ pub fn build(
 
 /// The scale of a metric on this mesh: from the area alone, or from means over all edges.
 fn scale(rows: &Rows, nodes: &[Node], area: f64, metric: Metric, run: &Run) -> Result<Scale> {
-    let (indptr, indices, gd, edge) = (&rows.indptr[..], &rows.indices[..], &rows.gd[..], &rows.edge[..]);
+    let (indptr, indices, centroid_distance, edge) =
+        (&rows.indptr[..], &rows.indices[..], &rows.centroid_distance[..], &rows.edge[..]);
     let n = nodes.len();
     let eta = if let Metric::Paper { eta, .. } = metric { eta } else { 0. };
     let needs_angle = matches!(metric, Metric::Paper { .. });
@@ -177,7 +179,7 @@ fn scale(rows: &Rows, nodes: &[Node], area: f64, metric: Metric, run: &Run) -> R
             for e in indptr[i] as usize..indptr[i + 1] as usize {
                 // Each edge once.
                 if indices[e] as usize > i {
-                    length += f64::from(gd[e]);
+                    length += f64::from(centroid_distance[e]);
                     count += 1;
                     if needs_angle {
                         angle += f64::from(turning(&nodes[i], &nodes[indices[e] as usize], eta, edge[e]));
@@ -193,10 +195,10 @@ fn scale(rows: &Rows, nodes: &[Node], area: f64, metric: Metric, run: &Run) -> R
     let inverse = |x: f64| if x > 0. { (1. / x) as f32 } else { 0. };
     let unit = if area > 0. { (1. / area.sqrt()) as f32 } else { 1. };
     Ok(match metric {
-        Metric::ScaleFree { beta, .. } => Scale { gd: unit, angle: beta },
-        Metric::Geodesic => Scale { gd: unit, angle: 0. },
+        Metric::ScaleFree { beta, .. } => Scale { centroid_distance: unit, angle: beta },
+        Metric::Geodesic => Scale { centroid_distance: unit, angle: 0. },
         Metric::Paper { delta, .. } => {
-            Scale { gd: delta * inverse(mean_gd), angle: (1. - delta) * inverse(mean_angle) }
+            Scale { centroid_distance: delta * inverse(mean_gd), angle: (1. - delta) * inverse(mean_angle) }
         }
     })
 }

@@ -9,7 +9,7 @@
 //! Memory and disk: 16 B an open half-edge, in memory where the budget allows.
 
 use super::adjacency::{Counters, Side, chain};
-use super::links::{Adding, Links};
+use super::half_edge_pairs::{Adding, HalfEdgePairs};
 use crate::base::Result;
 use crate::base::parallel::each_chunk;
 use crate::mesh::Mesh;
@@ -46,7 +46,7 @@ impl Place {
 pub(super) fn weld(
     mesh: &Mesh,
     boundary: &Shuffle<u32>,
-    links: &Links,
+    links: &HalfEdgePairs,
     counters: &Counters,
     context: Context<'_>,
 ) -> Result<u64> {

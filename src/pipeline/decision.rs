@@ -5,8 +5,8 @@
 //! cells' intersections of members; `together.npy` (atoms × atoms), how far any two belong together, which
 //! confidences come from.
 
-use super::report::Numbers;
-use super::sample::{Ground, Sample};
+use super::report::SegmentStats;
+use super::sample::{Sample, SamplingContext};
 use super::surface::Surface;
 use super::{SegmentParams, landmarks_for_parts};
 use crate::base::{Error, Result};
@@ -15,7 +15,7 @@ use crate::cluster::parts::{self, Atoms, Decided, PartTree};
 use crate::distance::DistanceRows;
 use crate::distance::rows::RowParams;
 use crate::graph::DualGraph;
-use crate::graph::dual::Weighted;
+use crate::graph::dual::WeightedGraph;
 use crate::spectral::eigen;
 use crate::spectral::kernel::Kernel;
 use crate::store::workdir::key_of;
@@ -38,7 +38,7 @@ pub(super) struct Facts {
     /// Seconds that deciding took.
     pub seconds: f64,
     /// The spectral numbers of the report.
-    pub numbers: Numbers,
+    pub numbers: SegmentStats,
 }
 
 /// The decision on `surface`, made from the rows (which are made where needed), or reused.
@@ -47,7 +47,7 @@ pub(super) struct Facts {
 /// [`Error::Io`], [`Error::Parameter`], [`Error::Cancelled`].
 pub(super) fn decide(
     graph: &DualGraph,
-    weighted: &Weighted,
+    weighted: &WeightedGraph,
     surface: &Surface,
     params: &SegmentParams,
     context: Context<'_>,
@@ -73,7 +73,7 @@ pub(super) fn decide(
         }
         Err(reason) => context.run.note_remake("decision", &reason),
     }
-    let sample = Ground { graph, weighted, surface, context }.representative(l, params)?;
+    let sample = SamplingContext { graph, weighted, surface, context }.representative(l, params)?;
     let (decided, seconds) = parts::decide(&surface.cells.graph, &sample.b, sample.len(), &params.parts, context.run)?;
     write_tree(&decided.tree, &context.work.file(TREE))?;
     context.work.write(ATOMS, &decided.atoms.of_cell, 1)?;
@@ -98,7 +98,7 @@ fn open(cells: usize, work: &WorkDir) -> Result<Decided> {
 }
 
 /// The spectral numbers of the decision in `work`, where there is one.
-pub(super) fn kept_numbers(work: &WorkDir) -> Option<Numbers> {
+pub(super) fn kept_numbers(work: &WorkDir) -> Option<SegmentStats> {
     let facts = work.manifest().stages.remove("decision")?.facts;
     serde_json::from_value::<Facts>(facts).ok().map(|facts| facts.numbers)
 }
@@ -142,7 +142,7 @@ pub fn write_tree(tree: &PartTree, path: &Path) -> Result<()> {
 
 /// The spectral numbers of the report, which deciding parts does not need itself: eigenvalues of the landmarks' affinities
 /// under the members' middle width.
-fn numbers(sample: &Sample) -> Numbers {
+fn numbers(sample: &Sample) -> SegmentStats {
     let sigma = 0.25 * sample.landmarks.mean();
     let kernel = Kernel::Gaussian;
     let l = sample.len();
@@ -152,13 +152,13 @@ fn numbers(sample: &Sample) -> Numbers {
     let cut = kernel.tolerance(l) * eigenvalues.first().copied().unwrap_or(0.);
     let negative: f64 = eigenvalues.iter().filter(|v| **v < 0.).map(|v| -v).sum();
     let mass: f64 = eigenvalues.iter().map(|v| v.abs()).sum();
-    Numbers {
+    SegmentStats {
         landmarks: sample.landmarks.nodes.clone(),
         sampling: Some(sample.sampling),
         sigma,
         dropped_eigenpairs: eigenvalues.iter().filter(|v| **v <= cut.max(0.)).count(),
         negative_mass: if mass > 0. { negative / mass } else { 0. },
         eigenvalues,
-        ..Numbers::default()
+        ..SegmentStats::default()
     }
 }

@@ -2,7 +2,7 @@
 //! all of them.
 
 use super::Clustered;
-use super::report::Numbers;
+use super::report::SegmentStats;
 use crate::base::Result;
 use crate::cluster::assign::{Totals, assign, exactly};
 use crate::cluster::kmeans::{KMeans, KMeansParams, Points};
@@ -54,7 +54,7 @@ pub(super) fn k_means(
     Ok(Clustered {
         labels,
         quality,
-        numbers: Numbers {
+        numbers: SegmentStats {
             landmarks: rows.landmarks.clone(),
             sigma: embedding.sigma,
             eigenvalues: embedding.eigenvalues,
@@ -63,7 +63,7 @@ pub(super) fn k_means(
             gamma,
             faces: totals.faces,
             area: totals.area,
-            ..Numbers::default()
+            ..SegmentStats::default()
         },
     })
 }

@@ -4,19 +4,19 @@
 //! weights, rows, cells; then the parts are decided on cells, in constant time, as a whole tree of answers, and
 //! one more front moves their boundaries onto creases. Another number of parts needs only the last step.
 
-use super::report::Numbers;
-use super::sample::Ground;
+use super::report::SegmentStats;
+use super::sample::SamplingContext;
 use super::surface::{Kind, Surface};
-use super::{Boundaries, Clustered, Dust, SegmentParams, decision};
+use super::{Boundaries, Clustered, SegmentParams, TinyComponents, decision};
 use crate::base::parallel::{fill_each, map_ranges};
 use crate::base::{Error, Result};
-use crate::cluster::boundary::{self, Way};
+use crate::cluster::boundary::{self, BoundaryMethod};
 use crate::cluster::contract;
 use crate::cluster::extrapolate::Places;
 use crate::cluster::parts::{self, PartTree, PartsResult};
 use crate::distance::DistanceRows;
 use crate::graph::DualGraph;
-use crate::graph::dual::Weighted;
+use crate::graph::dual::WeightedGraph;
 use crate::store::{Context, MappedSlice, Run};
 
 const CHUNK: usize = 1 << 15;
@@ -42,32 +42,40 @@ pub(super) fn parts(
         Boundaries::Front => None,
         Boundaries::Embedding => Some(places(graph, &weighted, &surface, &decided, params, context)?),
     };
-    let way = extrapolated.as_ref().map_or(Way::Front, |(places, rows)| Way::Embedding(places, rows));
+    let way =
+        extrapolated.as_ref().map_or(BoundaryMethod::Front, |(places, rows)| BoundaryMethod::Embedding(places, rows));
     let (mut labels, _) = context.run.stage("boundaries", "faces", n as u64, || {
         boundary::refine(graph, weighted.csr(), shares, unit_of_node, &decided.label, way, context)
     })?;
-    let (mut parts, mut dust_label) = (result.parts, None);
-    if params.dust == Dust::Own && shares.dust > 0 {
-        dust_label = Some(parts as u32);
+    let (mut parts, mut tiny_components_label) = (result.parts, None);
+    if params.tiny_components == TinyComponents::Own && shares.tiny_components > 0 {
+        tiny_components_label = Some(parts as u32);
         labels = apart(&labels, &shares.share, parts as u32, context)?;
         parts += 1;
     }
     let quality = confidence(unit_of_node, &decided.confidence, context)?;
     let (faces, area) = totals(graph, &labels, parts, context.run)?;
-    let numbers = Numbers { radius: *radius, dust: shares.dust, dust_label, faces, area, ..decided.numbers };
+    let numbers = SegmentStats {
+        radius: *radius,
+        tiny_components: shares.tiny_components,
+        tiny_components_label,
+        faces,
+        area,
+        ..decided.numbers
+    };
     Ok(Clustered { labels, quality, numbers })
 }
 
 /// The rows over all faces that the parts were decided with, and where these parts lie in their embedding.
 fn places(
     graph: &DualGraph,
-    weighted: &Weighted,
+    weighted: &WeightedGraph,
     surface: &Surface,
     decided: &Decided,
     params: &SegmentParams,
     context: Context<'_>,
 ) -> Result<(Places, DistanceRows)> {
-    let (rows, b) = Ground { graph, weighted, surface, context }.rows_used(&decided.numbers, params)?;
+    let (rows, b) = SamplingContext { graph, weighted, surface, context }.rows_used(&decided.numbers, params)?;
     Ok((Places::new(&surface.cells.graph, &b, &decided.label), rows))
 }
 
@@ -88,13 +96,13 @@ struct Decided {
     label: Vec<u32>,
     /// How sure it is.
     confidence: Vec<f64>,
-    numbers: Numbers,
+    numbers: SegmentStats,
 }
 
 /// Rows over all nodes of `graph`, averaged to cells; parts decided on these.
 fn decide(
     graph: &DualGraph,
-    weighted: &Weighted,
+    weighted: &WeightedGraph,
     surface: &Surface,
     unit_of_node: MappedSlice<u32>,
     params: &SegmentParams,
@@ -111,7 +119,7 @@ fn decide(
         all.tree = tree.clone();
     }
     let result = parts::cut(&all, facts.l, facts.seconds, &params.parts)?;
-    let numbers = Numbers { decision: Some(result.report.clone()), ..facts.numbers };
+    let numbers = SegmentStats { decision: Some(result.report.clone()), ..facts.numbers };
     let (label, confidence) = (result.label.clone(), result.confidence.clone());
     Ok(Decided { label, confidence, unit_of_node, numbers, result })
 }
@@ -119,7 +127,7 @@ fn decide(
 /// The same on the contracted graph: constant time after one front.
 fn decide_coarsely(
     graph: &DualGraph,
-    weighted: &Weighted,
+    weighted: &WeightedGraph,
     surface: &Surface,
     params: &SegmentParams,
     tree: Option<&PartTree>,
@@ -139,13 +147,17 @@ fn decide_coarsely(
         confidence: of_small.iter().map(|&cell| decided.confidence[cell as usize]).collect(),
         unit_of_node: small.of_node,
         // Landmarks are contracted nodes here; no face is one.
-        numbers: Numbers { landmarks: Vec::new(), ..decided.numbers },
+        numbers: SegmentStats { landmarks: Vec::new(), ..decided.numbers },
         ..decided
     })
 }
 
 /// The surface of `graph`, and the graph weighted with its normals and unit.
-pub(super) fn weighted(graph: &DualGraph, params: &SegmentParams, context: Context<'_>) -> Result<(Surface, Weighted)> {
+pub(super) fn weighted(
+    graph: &DualGraph,
+    params: &SegmentParams,
+    context: Context<'_>,
+) -> Result<(Surface, WeightedGraph)> {
     let surface = Surface::build(graph, Kind::Faces, context)?;
     let area = 1. / f64::from(surface.shares.unit).powi(2);
     let (normals, radius) = (surface.normals.as_ref(), surface.radius);

@@ -9,7 +9,7 @@ use super::{Cluster, SegmentParams, default_landmarks, landmarks_for_parts};
 use crate::base::{Error, Result};
 use crate::cluster::parts::PartCount;
 use crate::graph::Order;
-use crate::graph::links;
+use crate::graph::half_edge_pairs;
 use crate::graph::order::LARGE;
 use crate::store::Run;
 use crate::store::sizing::Sizing;
@@ -154,7 +154,7 @@ impl Plan {
         let nodes = room.take(28 * n);
         let edges = held(corners, 12, 3 * t, 3, room.left(), threads);
         let left = room.left() - granted(corners, 12, 3 * t, 3, room.left(), threads);
-        let table = links::fit(corners, left);
+        let table = half_edge_pairs::fit(corners, left);
         let (links, taken) = if table {
             (4 * corners, 4 * corners)
         } else {

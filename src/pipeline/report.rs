@@ -10,7 +10,7 @@ use std::collections::BTreeMap;
 
 /// Numbers that the stages leave for the report.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
-pub struct Numbers {
+pub struct SegmentStats {
     /// Landmark faces (l).
     pub landmarks: Vec<u32>,
     /// How they were chosen, where that is decided on the way.
@@ -35,9 +35,9 @@ pub struct Numbers {
     /// Radius of the normals that turning is measured with; 0: the faces' own.
     pub radius: f32,
     /// Faces of components too small to be parts.
-    pub dust: u64,
+    pub tiny_components: u64,
     /// The label that they have in common, where they are not to join parts.
-    pub dust_label: Option<u32>,
+    pub tiny_components_label: Option<u32>,
 }
 
 /// The report.
@@ -69,10 +69,10 @@ pub struct Report {
     /// Radius, in units of √(area), of the normals that turning is measured with; 0: the faces' own.
     pub normal_radius: f32,
     /// Faces of components too small to be parts of their own.
-    pub dust_faces: u64,
-    /// The part that is all dust (`--dust own`).
+    pub tiny_component_faces: u64,
+    /// The part that is all dust (`--tiny_components own`).
     #[serde(skip_serializing_if = "Option::is_none")]
-    pub dust_label: Option<u32>,
+    pub tiny_components_label: Option<u32>,
     /// How parts were decided on; absent for K-means.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub decision: Option<PartsReport>,
@@ -183,8 +183,8 @@ impl Report {
             gamma: numbers.gamma,
             gamma_per_face: numbers.gamma / graph.nodes.max(1) as f64,
             normal_radius: numbers.radius,
-            dust_faces: numbers.dust,
-            dust_label: numbers.dust_label,
+            tiny_component_faces: numbers.tiny_components,
+            tiny_components_label: numbers.tiny_components_label,
             decision: numbers.decision.clone(),
             parts: parts
                 .map(|(label, ((&faces, &area), &colour))| Part {

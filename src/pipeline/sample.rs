@@ -5,7 +5,7 @@
 //! comes from its front and forgotten, which saves 4 l bytes of disk a face, 80 to 240, and writing and reading them.
 //! Averages are the same numbers both ways.
 
-use super::report::Numbers;
+use super::report::SegmentStats;
 use super::rows;
 use super::surface::Surface;
 use super::{SegmentParams, landmarks_for_parts};
@@ -16,7 +16,7 @@ use crate::distance::landmarks::Sampling;
 use crate::distance::rows::{Landmarks, RowParams};
 use crate::distance::slots::Row;
 use crate::graph::DualGraph;
-use crate::graph::dual::Weighted;
+use crate::graph::dual::WeightedGraph;
 use crate::store::Context;
 use crate::store::workdir::key_of;
 use serde_json::json;
@@ -31,9 +31,9 @@ const FILE: &str = "cell_rows.npy";
 
 /// What rows run over, and where they are made.
 #[derive(Clone, Copy)]
-pub(super) struct Ground<'a> {
+pub(super) struct SamplingContext<'a> {
     pub graph: &'a DualGraph,
-    pub weighted: &'a Weighted,
+    pub weighted: &'a WeightedGraph,
     pub surface: &'a Surface,
     pub context: Context<'a>,
 }
@@ -56,7 +56,7 @@ impl Sample {
     }
 }
 
-impl Ground<'_> {
+impl SamplingContext<'_> {
     /// The sample that `params` asks for, of `l` landmarks; where they are farthest points that turned out to be
     /// outliers, one of landmarks drawn by area instead.
     ///
@@ -93,7 +93,7 @@ impl Ground<'_> {
 
     /// Rows averaged as they come, and forgotten.
     fn passing(self, params: RowParams) -> Result<Sample> {
-        let Ground { graph, weighted, surface, context } = self;
+        let SamplingContext { graph, weighted, surface, context } = self;
         let average = Average::new(&surface.cells, &surface.shares);
         let seen = Mutex::new(vec![(Vec::new(), Vec::new()); params.l.min(graph.nodes.len())]);
         let look = |row: Row<'_>| {
@@ -111,7 +111,7 @@ impl Ground<'_> {
     }
 
     /// The rows behind a decision that left `numbers`, and their means over cells: as a rule they are still there.
-    pub fn rows_used(self, numbers: &Numbers, params: &SegmentParams) -> Result<(DistanceRows, Vec<f64>)> {
+    pub fn rows_used(self, numbers: &SegmentStats, params: &SegmentParams) -> Result<(DistanceRows, Vec<f64>)> {
         let params = SegmentParams { sampling: numbers.sampling.unwrap_or(params.sampling), ..params.clone() };
         let l = params.landmarks.unwrap_or(landmarks_for_parts(self.graph.nodes.len()));
         let rows = rows(self.graph, self.weighted, l, &params, self.context)?;
@@ -121,7 +121,7 @@ impl Ground<'_> {
 
     /// The rows averaged over cells: made, or reused.
     fn averages(self, rows: &DistanceRows) -> Result<Vec<f64>> {
-        let Ground { surface, context, .. } = self;
+        let SamplingContext { surface, context, .. } = self;
         let Context { work, run } = context;
         let options = json!({"stage": "cell rows", "rows": rows.key, "surface": surface.key});
         let key = key_of(&options);

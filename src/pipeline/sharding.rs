@@ -9,7 +9,7 @@ use crate::base::{Error, Result};
 use crate::distance::landmarks::Sampling;
 use crate::distance::rows::RowParams;
 use crate::distance::{DistanceRows, shard};
-use crate::graph::dual::Weighted;
+use crate::graph::dual::WeightedGraph;
 use crate::graph::{Node, nodes};
 use crate::mesh::Opened;
 use crate::store::workdir::key_of;
@@ -51,7 +51,7 @@ fn landmarks(params: &SegmentParams, faces: usize) -> Result<usize> {
 }
 
 /// Makes everything up to the weights in `work`.
-fn prepare(opened: &Opened, identity: &Value, params: &SegmentParams, context: Context<'_>) -> Result<Weighted> {
+fn prepare(opened: &Opened, identity: &Value, params: &SegmentParams, context: Context<'_>) -> Result<WeightedGraph> {
     let l = landmarks(params, opened.mesh.faces.len())?;
     let graph = stages::graph(opened, identity, params, context)?.1;
     let weighted = match params.cluster {
@@ -95,7 +95,7 @@ pub fn one(
         if let Some(work) = WorkDir::try_open(path, true)?
             && let Ok(facts) = work.reuse::<Facts>("sharding", &key)
         {
-            let weighted = Weighted::open(facts.weights, &work)?;
+            let weighted = WeightedGraph::open(facts.weights, &work)?;
             let nodes: MappedSlice<Node> = work.open_array(nodes::FILE)?;
             let rows = RowParams { l: facts.l, sampling: facts.sampling };
             return shard::compute(&weighted, &nodes, rows, shard, Context::new(&work, run));

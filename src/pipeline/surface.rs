@@ -3,10 +3,10 @@
 
 use crate::base::parallel::map_chunks;
 use crate::base::{Error, Result};
+use crate::cluster::area_shares::AreaShares;
 use crate::cluster::cells::{Cells, Smooth};
 use crate::cluster::normals::{self, Normals, RADII};
 use crate::cluster::parts::CellGraph;
-use crate::cluster::shares::Shares;
 use crate::graph::DualGraph;
 use crate::store::workdir::key_of;
 use crate::store::{Context, MappedSlice, WorkDir};
@@ -27,7 +27,7 @@ pub(super) enum Kind {
 
 /// The surface: what faces count, how they are oriented, and which cell they belong to.
 pub(super) struct Surface {
-    pub shares: Shares,
+    pub shares: AreaShares,
     pub cells: Cells,
     /// The smoothed normals that turning is measured with, where the faces' own are too rough.
     pub normals: Option<Normals>,
@@ -41,7 +41,7 @@ pub(super) struct Surface {
 #[derive(Debug, Serialize, Deserialize)]
 struct Facts {
     unit: f32,
-    dust: u64,
+    tiny_components: u64,
     /// Index into [`RADII`] of the normals in use.
     radius: Option<usize>,
     /// Σ length · |θ| with the faces' own normals and those at .01 and .02.
@@ -61,7 +61,7 @@ impl Surface {
             return Self::open(facts, context.work, key);
         }
         let n = graph.nodes.len() as u64;
-        let shares = Shares::of(graph, context)?;
+        let shares = AreaShares::of(graph, context)?;
         let ([fine, medium, coarse], spent) =
             context.run.stage("normals", "faces", n, || smooth(graph, kind, &shares, context))?;
         let turning = normals::total_turning(graph, &shares, &[&fine, &medium], context.run)?;
@@ -82,7 +82,7 @@ impl Surface {
         let path = context.work.file(CELL_GRAPH);
         let text = serde_json::to_vec(&cells.graph).unwrap_or_default();
         std::fs::write(&path, text).map_err(Error::io(&path, "write"))?;
-        let facts = Facts { unit: shares.unit, dust: shares.dust, radius, turning };
+        let facts = Facts { unit: shares.unit, tiny_components: shares.tiny_components, radius, turning };
         context.work.stamp("surface", &key, &options, &files, &facts, spent + seconds)?;
         Ok(Self { shares, cells, normals, radius: radius.map_or(0., |k| RADII[k]), key })
     }
@@ -94,7 +94,7 @@ impl Surface {
             .map_err(|error| Error::work_dir(&path, error.to_string(), "delete the work directory"))?;
         let share = work.open_array("surface_shares.npy")?;
         Ok(Self {
-            shares: Shares { share, unit: facts.unit, dust: facts.dust },
+            shares: AreaShares { share, unit: facts.unit, tiny_components: facts.tiny_components },
             cells: Cells { of_node: work.open_array("cells.npy")?, graph },
             normals: facts.radius.and_then(|k| NORMALS.get(k)).map(|name| work.open_array(name)).transpose()?,
             radius: facts.radius.and_then(|k| RADII.get(k)).copied().unwrap_or(0.),
@@ -104,7 +104,7 @@ impl Surface {
 }
 
 /// Normals at the three radii; with two threads, two fronts at a time.
-fn smooth(graph: &DualGraph, kind: Kind, shares: &Shares, context: Context<'_>) -> Result<[Normals; 3]> {
+fn smooth(graph: &DualGraph, kind: Kind, shares: &AreaShares, context: Context<'_>) -> Result<[Normals; 3]> {
     let made = map_chunks(
         context.run.threads.min(3),
         &context.run.cancel,

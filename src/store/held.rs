@@ -6,9 +6,9 @@
 //! be given a budget, and what fits into it is allocated instead: counted, and the budget's like every other allocation.
 //! What does not fit becomes a file, with the same values: where an array lies changes no byte of a result.
 
+use super::aligned_buffer::AlignedBuffer;
 use super::budget::Budget;
 use super::mapped::MappedBytes;
-use super::words::Words;
 use std::collections::BTreeMap;
 use std::sync::{Mutex, MutexGuard};
 
@@ -26,8 +26,8 @@ impl Held {
     }
 
     /// Zeroed memory for at least `bytes` bytes, where the budget can spare them.
-    pub fn take(&self, bytes: usize) -> Option<Words> {
-        Words::spare(&self.budget, bytes)
+    pub fn take(&self, bytes: usize) -> Option<AlignedBuffer> {
+        AlignedBuffer::spare(&self.budget, bytes)
     }
 
     fn arrays(&self) -> MutexGuard<'_, BTreeMap<String, MappedBytes>> {

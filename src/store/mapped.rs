@@ -15,7 +15,7 @@
 //! 4 KiB page that is cached, measured) and may be dropped by the kernel at any time.
 #![allow(unsafe_code)]
 
-use super::words::Words;
+use super::aligned_buffer::AlignedBuffer;
 use crate::base::{Error, Result};
 use bytemuck::Pod;
 use memmap2::{Advice, Mmap, MmapMut};
@@ -46,14 +46,14 @@ pub struct MappedBytes {
 #[derive(Debug)]
 enum Bytes {
     File(Mmap),
-    Held(Words),
+    Held(AlignedBuffer),
 }
 
 /// Where bytes lie that are being written.
 #[derive(Debug)]
 enum BytesMut {
     File(MmapMut),
-    Held(Words),
+    Held(AlignedBuffer),
 }
 
 impl MappedBytes {
@@ -177,7 +177,7 @@ impl<T: Pod> MappedSliceMut<T> {
     }
 
     /// The first `len` items of `words`, as far as those go, in memory.
-    pub fn held(words: Words, len: usize) -> Self {
+    pub fn held(words: AlignedBuffer, len: usize) -> Self {
         let len = len.min(words.bytes().len() / size_of::<T>().max(1));
         Self { map: Some(BytesMut::Held(words)), file: None, offset: 0, len, item: PhantomData }
     }

@@ -4,6 +4,7 @@
 //! take its pages back at any time; only what a [`Budget`] grants is allocated. Where it grants enough, arrays of temporary
 //! directories are [held] in memory instead.
 
+pub mod aligned_buffer;
 pub mod budget;
 pub mod check;
 mod context;
@@ -16,7 +17,6 @@ pub mod run;
 pub mod shuffle;
 pub mod sizing;
 mod stages;
-pub mod words;
 pub mod workdir;
 
 pub use budget::Budget;

@@ -5,9 +5,9 @@
 //! [`HEADER`] bytes, a multiple of 64, so that the data are aligned here and in NumPy, and so that
 //! a streamed array can fill in its length at the end.
 
+use super::aligned_buffer::AlignedBuffer;
 use super::held::Held;
 use super::mapped::{MappedBytes, MappedSlice, MappedSliceMut};
-use super::words::Words;
 use crate::base::{Error, Result};
 use bytemuck::Pod;
 use std::fs::{File, OpenOptions};
@@ -162,7 +162,7 @@ impl<T: Item> ArrayMut<T> {
     }
 
     /// An array of `shape` in `words`, which `held` will have under the name of `path`.
-    pub fn held(path: &Path, shape: &[usize], words: Words, held: Arc<Held>) -> Self {
+    pub fn held(path: &Path, shape: &[usize], words: AlignedBuffer, held: Arc<Held>) -> Self {
         let data = MappedSliceMut::held(words, shape.iter().product::<usize>() / T::WIDTH);
         Self { path: path.to_path_buf(), place: Place::Held(held), data, early: false }
     }
@@ -226,7 +226,7 @@ impl<T: Item> ArrayWriter<T> {
     }
 
     /// An array in `words`, which `held` will have under the name of `path`; no longer than fits in there.
-    pub fn held(path: &Path, row: usize, words: Words, held: Arc<Held>) -> Self {
+    pub fn held(path: &Path, row: usize, words: AlignedBuffer, held: Arc<Held>) -> Self {
         let bytes = words.bytes().len();
         Self::of(path, Out::Held(MappedSliceMut::held(words, bytes), held), row)
     }

@@ -4,10 +4,10 @@
 //! left half-filled can be taken up again: which of its rows are whole is for a journal to say. A small one in a
 //! temporary directory is held in memory instead ([`super::held`]).
 
+use super::aligned_buffer::AlignedBuffer;
 use super::held::Held;
 use super::mapped::{MappedSlice, MappedSliceMut};
 use super::npy::{self, HEADER, Item};
-use super::words::Words;
 use crate::base::{Error, Result};
 use std::fs::File;
 use std::io::{Read, Write};
@@ -46,7 +46,7 @@ impl<T: Item> RowsFile<T> {
     }
 
     /// Rows in `words`, which `held` will have under the name of `path`.
-    pub(super) fn held(path: &Path, rows: usize, len: usize, words: Words, held: Arc<Held>) -> Self {
+    pub(super) fn held(path: &Path, rows: usize, len: usize, words: AlignedBuffer, held: Arc<Held>) -> Self {
         let data = MappedSliceMut::held(words, rows * len);
         Self { path: path.to_path_buf(), place: Place::Held(Mutex::new(data), held), rows, len }
     }

@@ -10,13 +10,13 @@
 //! the next run that makes one beside it.
 
 use super::MappedSlice;
+use super::aligned_buffer::AlignedBuffer;
 use super::budget::Budget;
 use super::held::Held;
 use super::manifest::MANIFEST;
 pub use super::manifest::{FORMAT, FileRecord, Manifest, NOT_MADE, Stage, checksum, key_of};
 use super::npy::{self, ArrayMut, ArrayWriter, Item};
 use super::rows_file::{MOST_HELD, RowsFile};
-use super::words::Words;
 use crate::base::{Error, Result};
 use std::fs::File;
 use std::path::{Path, PathBuf};
@@ -227,7 +227,7 @@ impl WorkDir {
     }
 
     /// Memory for an array of `bytes`, where arrays are held and there is room.
-    fn room(&self, bytes: usize) -> Option<(Words, Arc<Held>)> {
+    fn room(&self, bytes: usize) -> Option<(AlignedBuffer, Arc<Held>)> {
         let held = self.held.as_ref()?;
         (bytes > 0).then(|| held.take(bytes)).flatten().map(|words| (words, held.clone()))
     }

@@ -191,9 +191,9 @@ pub fn all() -> Vec<Shape> {
     loose.vertices.extend([[nan; 3], [1e5, 0., 0.], [-3., 4., 5.]]);
     zoo.push(Shape { name: "unreferenced", ..loose });
     // A thousand faces that share nothing at all.
-    let dust = |k: u32| f64::from(k.wrapping_mul(2_654_435_761) >> 8) / 16_777_216.;
+    let tiny_components = |k: u32| f64::from(k.wrapping_mul(2_654_435_761) >> 8) / 16_777_216.;
     let corner = [[0., 0., 0.], [1e-3, 0., 0.], [0., 1e-3, 1e-4]];
-    let place = |k: u32| [dust(k), dust(k + 5000), 0.01 * dust(k + 9000)];
+    let place = |k: u32| [tiny_components(k), tiny_components(k + 5000), 0.01 * tiny_components(k + 9000)];
     let vertices: Vec<_> =
         (0..3000usize).map(|k| [0, 1, 2].map(|axis| place(k as u32 / 3)[axis] + corner[k % 3][axis])).collect();
     let faces: Vec<_> = (0..1000).map(|k| [3 * k, 3 * k + 1, 3 * k + 2]).collect();

@@ -10,7 +10,7 @@ use nystrom_stream::cluster::parts::anchor::Rows;
 use nystrom_stream::graph::{DualGraph, NodeOrder};
 use nystrom_stream::mesh::{self, read_seg};
 use nystrom_stream::pipeline::{SegmentParams, input, segment};
-use nystrom_stream::store::{Run, WorkDir};
+use nystrom_stream::store::{Context, Run, WorkDir};
 use serde::{Deserialize, Serialize};
 use std::collections::{BTreeMap, HashMap};
 use std::fs;
@@ -98,7 +98,7 @@ fn make(benchmark: &Path, name: &str, scratch: &Path, seed: u64) -> Result<Data>
     let work = WorkDir::open(&kept.path().join("work"))?;
     let path = benchmark.join(format!("{name}.ply"));
     let opened = mesh::open(&path, work.path(), &run)?;
-    segment(&opened, &input::identity(&path)?, &SegmentParams::default(), &work, &run)?;
+    segment(&opened, &input::identity(&path)?, &SegmentParams::default(), Context::new(&work, &run))?;
     let file = work.file("cell_graph.json");
     let text = fs::read(&file).map_err(Error::io(&file, "read"))?;
     let wrong = |error: serde_json::Error| Error::malformed(&file, "cell graph", error.to_string(), "report this");

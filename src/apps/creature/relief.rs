@@ -66,7 +66,7 @@ fn valleys(patches: &[Patch], p: usize) -> [Option<usize>; 4] {
 }
 
 /// A part and those it borders on.
-fn surroundings(patches: &[Patch]) -> Vec<PartSet> {
+fn app(patches: &[Patch]) -> Vec<PartSet> {
     let mut sets: Vec<PartSet> = (0..NAMES.len()).map(|part| 1 << part).collect();
     for p in 0..patches.len() {
         for other in valleys(patches, p).into_iter().flatten() {
@@ -84,7 +84,7 @@ type Hold = (usize, Option<usize>, f64);
 /// returns their normals.
 fn relax(shape: &Shape, patches: &[Patch], numbering: &Numbering, points: &mut [Vec3], rounds: usize) -> Vec<Vec3> {
     let m = numbering.m();
-    let sets = surroundings(patches);
+    let sets = app(patches);
     let mut holds: Vec<Hold> = vec![(0, None, 1.0); points.len()];
     let mut edges: Vec<(u32, u32)> = Vec::new();
     for (p, patch) in patches.iter().enumerate() {

@@ -2,7 +2,7 @@
 
 use super::fiedler::{envelope, fiedler};
 use crate::base::Result;
-use crate::graph::Sides;
+use crate::graph::VertexAdjacency;
 use crate::store::{Context, MappedSlice};
 
 /// Entries of all envelopes at the most: 256 MiB.
@@ -15,7 +15,12 @@ const VERTICES: usize = 200_000;
 ///
 /// # Errors
 /// [`crate::base::Error::Io`], [`crate::base::Error::Cancelled`].
-pub fn ranks(name: &str, graph: &Sides, good: &[u32], context: Context<'_>) -> Result<Option<MappedSlice<u32>>> {
+pub fn ranks(
+    name: &str,
+    graph: &VertexAdjacency,
+    good: &[u32],
+    context: Context<'_>,
+) -> Result<Option<MappedSlice<u32>>> {
     let n = graph.len();
     if n > VERTICES {
         return Ok(None);

@@ -27,7 +27,7 @@ pub use positions::{hilbert_ranks, pca_ranks, random_ranks};
 pub use sweeps::sweep;
 
 use crate::base::Result;
-use crate::graph::Sides;
+use crate::graph::VertexAdjacency;
 use crate::mesh::Mesh;
 use crate::store::{Context, MappedSlice};
 use serde::{Deserialize, Serialize};
@@ -37,7 +37,7 @@ use std::ops::Range;
 /// What to order by.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
-pub enum Way {
+pub enum SequenceOrder {
     /// The second vector of the degree-normalised Nyström embedding.
     #[default]
     Spectral,
@@ -55,7 +55,7 @@ pub enum Way {
     Keep,
 }
 
-impl Way {
+impl SequenceOrder {
     /// All of them.
     pub const ALL: [Self; 7] =
         [Self::Spectral, Self::Pca, Self::Bfs, Self::Rcm, Self::Hilbert, Self::Random, Self::Keep];
@@ -78,7 +78,7 @@ impl Way {
 ///
 /// # Errors
 /// [`crate::base::Error::Io`], [`crate::base::Error::Memory`], [`crate::base::Error::Cancelled`].
-pub fn bfs_ranks(name: &str, graph: &Sides, context: Context<'_>) -> Result<MappedSlice<u32>> {
+pub fn bfs_ranks(name: &str, graph: &VertexAdjacency, context: Context<'_>) -> Result<MappedSlice<u32>> {
     traverse::ranks(name, graph, false, context)
 }
 
@@ -86,7 +86,7 @@ pub fn bfs_ranks(name: &str, graph: &Sides, context: Context<'_>) -> Result<Mapp
 ///
 /// # Errors
 /// As [`bfs_ranks`].
-pub fn rcm_ranks(name: &str, graph: &Sides, context: Context<'_>) -> Result<MappedSlice<u32>> {
+pub fn rcm_ranks(name: &str, graph: &VertexAdjacency, context: Context<'_>) -> Result<MappedSlice<u32>> {
     traverse::ranks(name, graph, true, context)
 }
 

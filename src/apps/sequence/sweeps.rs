@@ -7,7 +7,7 @@
 
 use crate::base::Result;
 use crate::base::parallel::fill_chunks;
-use crate::graph::Sides;
+use crate::graph::VertexAdjacency;
 use crate::store::Context;
 use crate::store::npy::ArrayMut;
 
@@ -15,7 +15,7 @@ const CHUNK: usize = 1 << 14;
 
 /// Sweeps `times` times over `coordinates` (one a vertex of `graph`); returns them in one of two arrays.
 pub fn sweep(
-    graph: &Sides,
+    graph: &VertexAdjacency,
     mut coordinates: ArrayMut<f64>,
     times: usize,
     context: Context<'_>,

@@ -5,7 +5,7 @@
 //! mapped files, read and written as locally as the mesh is numbered. A search is a queue that is the order itself.
 
 use crate::base::Result;
-use crate::graph::Sides;
+use crate::graph::VertexAdjacency;
 use crate::store::{Context, MappedSlice, Run};
 
 /// Vertices between looks at the stop flag.
@@ -14,7 +14,7 @@ const CHUNK: usize = 1 << 16;
 const SEARCHES: usize = 8;
 
 struct Search<'a> {
-    graph: &'a Sides,
+    graph: &'a VertexAdjacency,
     /// The number of the search that met a vertex last.
     met: &'a mut [u32],
     /// Vertices in order of meeting, of all components.
@@ -77,7 +77,12 @@ impl Search<'_> {
 }
 
 /// The rank of each vertex: breadth-first, or with `cuthill_mckee` by ascending degrees, and back to front.
-pub(super) fn ranks(name: &str, graph: &Sides, cuthill_mckee: bool, context: Context<'_>) -> Result<MappedSlice<u32>> {
+pub(super) fn ranks(
+    name: &str,
+    graph: &VertexAdjacency,
+    cuthill_mckee: bool,
+    context: Context<'_>,
+) -> Result<MappedSlice<u32>> {
     let n = graph.len();
     let mut queue = context.work.array::<u32>("queue.tmp", &[n])?;
     let mut met = context.work.array::<u32>("met.tmp", &[n])?;
@@ -112,7 +117,7 @@ mod tests {
     use crate::store::WorkDir;
 
     /// Cuthill–McKee as the textbook says it, quadratic.
-    fn oracle(graph: &Sides, reverse: bool) -> Vec<u32> {
+    fn oracle(graph: &VertexAdjacency, reverse: bool) -> Vec<u32> {
         let n = graph.len();
         let levels = |start: u32| {
             let mut level = vec![usize::MAX; n];
@@ -186,7 +191,7 @@ mod tests {
         faces.push([63, 64, 65]);
         let mesh = Mesh::from_arrays(dir.path(), &[[0.; 3]; 68], &faces).unwrap();
         let run = Run::new(&());
-        let graph = Sides::build(&mesh, Context::new(&work, &run)).unwrap();
+        let graph = VertexAdjacency::build(&mesh, Context::new(&work, &run)).unwrap();
         for reverse in [false, true] {
             let found = ranks("r.tmp", &graph, reverse, Context::new(&work, &run)).unwrap();
             for (rank, &v) in oracle(&graph, reverse).iter().enumerate() {

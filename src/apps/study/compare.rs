@@ -4,7 +4,7 @@
 //! greatest l; [`Sampling::Centroids`] is not, and is run for every l. Runs go over threads. Memory: a field of 4 n
 //! bytes a thread from the budget; rows are in the matrix of all distances, or in mapped files that go with the run.
 
-use super::ground::Ground;
+use super::ground::StudyData;
 use crate::base::Result;
 use crate::base::parallel::map_chunks;
 use crate::distance::front::{Front, mean_weight};
@@ -97,7 +97,7 @@ pub const VECTORS: usize = 6;
 ///
 /// # Errors
 /// [`crate::base::Error::Memory`], [`crate::base::Error::Io`], [`crate::base::Error::Cancelled`].
-pub fn compare(ground: &Ground, mesh: &str, params: &CompareParams, context: Context<'_>) -> Result<Vec<Record>> {
+pub fn compare(ground: &StudyData, mesh: &str, params: &CompareParams, context: Context<'_>) -> Result<Vec<Record>> {
     let most = params.landmarks.iter().copied().max().unwrap_or(0).min(ground.len());
     let mut jobs = Vec::new();
     for &sampling in &params.samplings {
@@ -148,7 +148,7 @@ pub fn compare(ground: &Ground, mesh: &str, params: &CompareParams, context: Con
 /// Landmarks of a sampling, and for each the fronts that the search had cost when it was found, those aside whose
 /// rows are the result's.
 pub fn landmarks(
-    ground: &Ground,
+    ground: &StudyData,
     sampling: Sampling,
     l: usize,
     seed: u64,
@@ -191,7 +191,7 @@ enum Rows<'a> {
 }
 
 impl<'a> Rows<'a> {
-    fn of(ground: &'a Ground, landmarks: &[u32], name: &str, context: Context<'_>) -> Result<Self> {
+    fn of(ground: &'a StudyData, landmarks: &[u32], name: &str, context: Context<'_>) -> Result<Self> {
         let n = ground.len();
         Ok(match &ground.matrix {
             Some(matrix) => Self::Matrix(
@@ -211,7 +211,7 @@ impl<'a> Rows<'a> {
 
 /// Measures the sample `landmarks`, the first of those that `rows` are of.
 fn record(
-    ground: &Ground,
+    ground: &StudyData,
     mesh: &str,
     sampling: Sampling,
     seed: u64,

@@ -4,7 +4,7 @@
 //! of M^½WM^½, times M^-½. Coordinates are compared after the best rotation. Small sets only: all of W in `f64`.
 
 use super::compare::{CompareParams, landmarks};
-use super::ground::Ground;
+use super::ground::StudyData;
 use crate::base::{Error, Result};
 use crate::distance::kernel::Kernel;
 use crate::distance::sampling::Sampling;
@@ -35,7 +35,7 @@ pub struct EmbeddingError {
 /// # Errors
 /// [`Error::Parameter`] where `ground` does not hold all distances, [`Error::Cancelled`].
 pub fn errors(
-    ground: &Ground,
+    ground: &StudyData,
     (kernel, width): (Kernel, f64),
     sampling: Sampling,
     sizes: &[usize],

@@ -2,7 +2,7 @@
 //!
 //! σ is the same for all samplings: the mean over all pairs, or over the held-out rows. A σ from each sampling's own
 //! rows would favour the farthest points, which inflate it by 1.1 to 1.9. All distances of up to
-//! [`GroundParams::matrix`] nodes lie in a mapped file of 4 n² bytes; a front a node, 0.2 ms each at 4,000 faces.
+//! [`StudyParams::matrix`] nodes lie in a mapped file of 4 n² bytes; a front a node, 0.2 ms each at 4,000 faces.
 //!
 //! Nodes are faces, as segmentation has them, or vertices with distances through triangles, as correspondence has them:
 //! paths from centroid to centroid zigzag, and what they are wrong by no small sample represents.
@@ -14,7 +14,7 @@ use crate::distance::front::{Front, mean_weight};
 use crate::distance::march::{March, Surface};
 use crate::distance::rows::RowFacts;
 use crate::distance::sampling::geodesic::fill_lengths;
-use crate::graph::dual::{Csr, Weighted};
+use crate::graph::dual::{Csr, WeightedGraph};
 use crate::graph::{DualGraph, Metric, Node, VertexGraph};
 use crate::mesh::Opened;
 use crate::store::{Context, MappedSlice};
@@ -31,7 +31,7 @@ pub enum Over {
 
 /// What a ground is to hold.
 #[derive(Clone, Copy, Debug)]
-pub struct GroundParams {
+pub struct StudyParams {
     /// What nodes are.
     pub over: Over,
     /// Form of the edge weights between faces.
@@ -44,7 +44,7 @@ pub struct GroundParams {
     pub lengths: bool,
 }
 
-impl Default for GroundParams {
+impl Default for StudyParams {
     fn default() -> Self {
         Self { over: Over::Faces, metric: Metric::default(), matrix: 5000, held_out: 20, lengths: false }
     }
@@ -52,7 +52,7 @@ impl Default for GroundParams {
 
 #[derive(Clone, Debug)]
 enum Graph {
-    Faces(Weighted),
+    Faces(WeightedGraph),
     Vertices(VertexGraph),
 }
 
@@ -67,7 +67,7 @@ impl Graph {
 
 /// A mesh ready for the study.
 #[derive(Clone, Debug)]
-pub struct Ground {
+pub struct StudyData {
     /// Geometry of the nodes (n).
     pub nodes: MappedSlice<Node>,
     graph: Graph,
@@ -81,7 +81,7 @@ pub struct Ground {
     pub mean: f64,
 }
 
-impl Ground {
+impl StudyData {
     /// Builds everything in `work`; `identity` says which input it is.
     ///
     /// # Errors
@@ -89,7 +89,7 @@ impl Ground {
     pub fn of(
         opened: &Opened,
         identity: &serde_json::Value,
-        params: GroundParams,
+        params: StudyParams,
         context: Context<'_>,
     ) -> Result<Self> {
         let path = opened.document.path();

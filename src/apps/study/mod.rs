@@ -12,4 +12,4 @@ pub mod points;
 pub mod table;
 
 pub use compare::{CompareParams, Record, compare};
-pub use ground::{Ground, GroundParams, Over};
+pub use ground::{Over, StudyData, StudyParams};

@@ -10,7 +10,7 @@ use crate::base::Result;
 use crate::base::parallel::{chunk_count, chunk_range, in_order};
 use crate::distance::DistanceRows;
 use crate::graph::DualGraph;
-use crate::graph::links::AGAINST;
+use crate::graph::half_edge_pairs::AGAINST;
 use crate::mesh::Mesh;
 use crate::spectral::{Columns, Embedding, eigen};
 use crate::store::npy::ArrayMut;

@@ -12,12 +12,12 @@
 
 mod coordinates;
 
-use crate::apps::sequence::{self, Measures, VertexUse, Way};
+use crate::apps::sequence::{self, Measures, SequenceOrder, VertexUse};
 use crate::base::Result;
 use crate::distance::DistanceRows;
 use crate::distance::landmarks::Sampling;
 use crate::distance::rows::RowParams;
-use crate::graph::{DualGraph, Metric, Order, Ordered, Sides};
+use crate::graph::{DualGraph, Metric, Order, Ordered, VertexAdjacency};
 use crate::mesh::{Mesh, Opened};
 use crate::pipeline::SegmentParams;
 use crate::pipeline::kept::Record;
@@ -36,7 +36,7 @@ pub const LANDMARKS: usize = 10;
 #[derive(Clone, Copy, Debug, Default, Serialize)]
 pub struct SequenceParams {
     /// What to order by.
-    pub order: Way,
+    pub order: SequenceOrder,
     /// Jacobi sweeps over spectral coordinates.
     pub sweeps: usize,
     /// Landmarks; by default those of the rows that are there, or [`LANDMARKS`].
@@ -68,7 +68,7 @@ pub struct Sequencer<'a> {
     opened: &'a Opened,
     identity: &'a serde_json::Value,
     ordered: Ordered,
-    vertices: OnceCell<Sides>,
+    vertices: OnceCell<VertexAdjacency>,
     context: Context<'a>,
 }
 
@@ -100,12 +100,12 @@ impl<'a> Sequencer<'a> {
     }
 
     /// The graph of vertices, made at first use.
-    fn vertices(&self) -> Result<&Sides> {
+    fn vertices(&self) -> Result<&VertexAdjacency> {
         if let Some(graph) = self.vertices.get() {
             return Ok(graph);
         }
         let faces = self.mesh().faces.len() as u64;
-        let make = || Sides::build(self.mesh(), self.context);
+        let make = || VertexAdjacency::build(self.mesh(), self.context);
         let (graph, _) = self.context.run.stage("vertex graph", "faces", faces, make)?;
         Ok(self.vertices.get_or_init(|| graph))
     }
@@ -169,12 +169,12 @@ impl<'a> Sequencer<'a> {
     fn ranks(&self, params: &SequenceParams) -> Result<MappedSlice<u32>> {
         let (context, positions) = (self.context, &self.mesh().positions);
         match params.order {
-            Way::Spectral => self.spectral(params.sweeps, params.landmarks),
-            Way::Pca => sequence::pca_ranks(RANKS, positions, context),
-            Way::Bfs => sequence::bfs_ranks(RANKS, self.vertices()?, context),
-            Way::Rcm => sequence::rcm_ranks(RANKS, self.vertices()?, context),
-            Way::Hilbert => sequence::hilbert_ranks(RANKS, positions, context),
-            Way::Random | Way::Keep => sequence::random_ranks(RANKS, positions.len(), context),
+            SequenceOrder::Spectral => self.spectral(params.sweeps, params.landmarks),
+            SequenceOrder::Pca => sequence::pca_ranks(RANKS, positions, context),
+            SequenceOrder::Bfs => sequence::bfs_ranks(RANKS, self.vertices()?, context),
+            SequenceOrder::Rcm => sequence::rcm_ranks(RANKS, self.vertices()?, context),
+            SequenceOrder::Hilbert => sequence::hilbert_ranks(RANKS, positions, context),
+            SequenceOrder::Random | SequenceOrder::Keep => sequence::random_ranks(RANKS, positions.len(), context),
         }
     }
 
@@ -183,7 +183,7 @@ impl<'a> Sequencer<'a> {
     /// # Errors
     /// As [`Sequencer::new`]; [`crate::base::Error::Parameter`] for no landmarks.
     pub fn sequence(&self, params: &SequenceParams) -> Result<Sequence> {
-        if params.order == Way::Keep {
+        if params.order == SequenceOrder::Keep {
             let mut array = self.context.work.array::<u32>(NODE_PLACES, &[self.opened.mesh.faces.len()])?;
             array.data().iter_mut().zip(0..).for_each(|(place, face)| *place = face);
             return self.used(array.finish(false)?);
@@ -200,7 +200,7 @@ impl<'a> Sequencer<'a> {
     /// # Errors
     /// As [`Sequencer::sequence`].
     pub fn exact(&self, params: &SequenceParams) -> Result<Option<Sequence>> {
-        let good = self.ranks(&SequenceParams { order: Way::Spectral, sweeps: 0, ..*params })?;
+        let good = self.ranks(&SequenceParams { order: SequenceOrder::Spectral, sweeps: 0, ..*params })?;
         let vertices = self.vertices()?;
         let make = || sequence::exact::ranks(EXACT, vertices, &good, self.context);
         let (ranks, _) = self.context.run.stage("exact order", "vertices", 0, make)?;
@@ -237,7 +237,7 @@ impl<'a> Sequencer<'a> {
 
 impl Drop for Sequencer<'_> {
     fn drop(&mut self) {
-        Sides::remove(self.context.work);
+        VertexAdjacency::remove(self.context.work);
         VertexUse::remove(self.context.work);
         self.context.work.remove(NODE_PLACES);
     }

@@ -17,15 +17,15 @@ const FILES: [&str; 2] = ["sides_indptr.tmp", "sides_indices.tmp"];
 
 /// Which vertices share an edge.
 #[derive(Clone, Debug)]
-pub struct Sides {
+pub struct VertexAdjacency {
     /// Row starts (vertices + 1).
     pub indptr: MappedSlice<u64>,
     /// Neighbours, ascending in a row, without repetition.
     pub indices: MappedSlice<u32>,
 }
 
-impl Sides {
-    /// The graph of `mesh`, in temporary files of `work`; see [`Sides::remove`].
+impl VertexAdjacency {
+    /// The graph of `mesh`, in temporary files of `work`; see [`VertexAdjacency::remove`].
     ///
     /// # Errors
     /// [`crate::base::Error::Io`], [`crate::base::Error::Memory`], [`crate::base::Error::Cancelled`].
@@ -133,7 +133,7 @@ mod tests {
         let work = WorkDir::temporary(dir.path()).unwrap();
         for memory in [1 << 20, 1 << 30] {
             let run = Run { budget: crate::store::Budget::new(memory), ..Run::new(&()) };
-            let graph = Sides::build(&mesh, Context::new(&work, &run)).unwrap();
+            let graph = VertexAdjacency::build(&mesh, Context::new(&work, &run)).unwrap();
             assert_eq!(graph.len(), 9);
             for v in 0..9 {
                 let found: Vec<u32> = graph.neighbours(v).to_vec();

@@ -9,7 +9,7 @@ use super::dual::Csr;
 use crate::base::Result;
 use crate::base::parallel::fill_chunks;
 use crate::store::Run;
-use crate::store::words::Words;
+use crate::store::aligned_buffer::AlignedBuffer;
 use bytemuck::{Pod, Zeroable};
 
 /// Nodes a chunk of the pass that makes them.
@@ -20,12 +20,12 @@ const MORE: u32 = u32::MAX;
 /// The steps from a node; where there are fewer than three, infinite ones to itself besides.
 #[derive(Clone, Copy, Debug, Pod, Zeroable)]
 #[repr(C)]
-pub struct Triple {
+pub struct TriangleNeighbours {
     next: [u32; 3],
     weights: [f32; 3],
 }
 
-impl Triple {
+impl TriangleNeighbours {
     /// The steps, where there are no more than three.
     #[inline(always)]
     pub fn steps(&self) -> Option<(&[u32; 3], &[f32; 3])> {
@@ -35,19 +35,21 @@ impl Triple {
 
 /// A triple a node (n).
 #[derive(Debug)]
-pub struct Triples {
-    words: Words,
+pub struct TriangleAdjacency {
+    words: AlignedBuffer,
     nodes: usize,
 }
 
-impl Triples {
+impl TriangleAdjacency {
     /// The triples of `graph`; `None` where the budget has no room for them. One parallel pass.
     ///
     /// # Errors
     /// [`crate::base::Error::Cancelled`].
     pub fn of(graph: Csr<'_>, run: &Run) -> Result<Option<Self>> {
-        let Some(mut words) = Words::spare(&run.budget, graph.len() * size_of::<Triple>()) else { return Ok(None) };
-        let all: &mut [Triple] = words.items_mut(graph.len());
+        let Some(mut words) = AlignedBuffer::spare(&run.budget, graph.len() * size_of::<TriangleNeighbours>()) else {
+            return Ok(None);
+        };
+        let all: &mut [TriangleNeighbours] = words.items_mut(graph.len());
         fill_chunks(
             run.threads,
             &run.cancel,
@@ -58,7 +60,7 @@ impl Triples {
                 for (node, triple) in (k * CHUNK..).zip(out) {
                     let span = graph.indptr[node] as usize..graph.indptr[node + 1] as usize;
                     let (next, weights) = (&graph.indices[span.clone()], &graph.weights[span]);
-                    *triple = Triple { next: [node as u32; 3], weights: [f32::INFINITY; 3] };
+                    *triple = TriangleNeighbours { next: [node as u32; 3], weights: [f32::INFINITY; 3] };
                     if next.len() > 3 {
                         triple.next[0] = MORE;
                     } else {
@@ -73,7 +75,7 @@ impl Triples {
     }
 
     /// The triples (n).
-    pub fn all(&self) -> &[Triple] {
+    pub fn all(&self) -> &[TriangleNeighbours] {
         self.words.items(self.nodes)
     }
 }

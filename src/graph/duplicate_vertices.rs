@@ -17,12 +17,12 @@ use xxhash_rust::xxh3::xxh3_64;
 type Record = [u64; 4];
 
 /// Open vertices on their way to their equals.
-pub(super) struct Seams {
+pub(super) struct DuplicateVertices {
     sized: Sized<Record>,
     staged: Vec<Record>,
 }
 
-impl Seams {
+impl DuplicateVertices {
     /// Ready for up to `n` vertices.
     pub(super) fn new(n: usize, context: Context<'_>) -> Result<Self> {
         let sized = Sized::new(&context.work.file("seams.tmp"), "seams", n as u64, 2, 4, context.run)?;

@@ -16,7 +16,7 @@ use std::ops::Range;
 use std::sync::Mutex;
 use std::sync::atomic::{AtomicU32, Ordering::Relaxed};
 
-/// The bit of [`Link::node`] that says that both faces run along the edge in the same direction: they are wound
+/// The bit of [`HalfEdgePair::node`] that says that both faces run along the edge in the same direction: they are wound
 /// against each other. Nodes have 31 bits to spare: there are at most 2³² corners.
 pub const AGAINST: u32 = 1 << 31;
 /// No link, in the table; no node has this number.
@@ -27,14 +27,14 @@ const CHUNK: usize = 1 << 14;
 /// One direction of a match: across the edge that leaves `corner` lies `node`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Pod, Zeroable)]
 #[repr(C)]
-pub struct Link {
+pub struct HalfEdgePair {
     /// Corner number in the mesh; its face is the link's origin.
     pub corner: u32,
     /// The node on the other side, with [`AGAINST`] where its winding contradicts.
     pub node: u32,
 }
 
-impl Link {
+impl HalfEdgePair {
     /// The node on the other side.
     #[inline]
     pub fn to(&self) -> u32 {
@@ -50,7 +50,7 @@ impl Link {
 
 /// All links of a mesh, being collected or read.
 #[derive(Debug)]
-pub struct Links {
+pub struct HalfEdgePairs {
     nodes: usize,
     kind: Kind,
 }
@@ -58,15 +58,15 @@ pub struct Links {
 #[derive(Debug)]
 enum Kind {
     /// A node a corner, and what did not fit.
-    Table { across: Vec<AtomicU32>, more: Mutex<Vec<Link>>, _grant: Grant },
+    Table { across: Vec<AtomicU32>, more: Mutex<Vec<HalfEdgePair>>, _grant: Grant },
     /// By node, in buckets; buckets a node in units of 2^-32, rounded down.
-    Shuffled { sized: Sized<Link>, scale: u64 },
+    Shuffled { sized: Sized<HalfEdgePair>, scale: u64 },
 }
 
 /// One thread's way to add links; close it with [`Adding::finish`].
 pub(super) enum Adding<'a> {
-    Table(&'a [AtomicU32], &'a Mutex<Vec<Link>>),
-    Shuffled(Producer<'a, Link>, u64),
+    Table(&'a [AtomicU32], &'a Mutex<Vec<HalfEdgePair>>),
+    Shuffled(Producer<'a, HalfEdgePair>, u64),
 }
 
 /// Whether the table of `corners` corners is made where `left` bytes of the budget are left. No corner has more than two
@@ -75,7 +75,7 @@ pub fn fit(corners: u64, left: u64) -> bool {
     4 * corners <= left / 8
 }
 
-impl Links {
+impl HalfEdgePairs {
     /// None yet, of a mesh of `nodes` faces and `corners` corners.
     ///
     /// # Errors
@@ -89,7 +89,7 @@ impl Links {
         }
         // A bucket waits as finished rows besides.
         let copies = 12 * context.run.threads as u64;
-        let sized = Sized::<Link>::new(
+        let sized = Sized::<HalfEdgePair>::new(
             &context.work.file("links.tmp"),
             "matching edges",
             corners as u64,
@@ -149,7 +149,7 @@ impl Links {
     ///
     /// # Errors
     /// [`crate::base::Error::Io`].
-    pub(super) fn take(&self, part: usize, mesh: &Mesh) -> Result<Vec<Link>> {
+    pub(super) fn take(&self, part: usize, mesh: &Mesh) -> Result<Vec<HalfEdgePair>> {
         let range = self.nodes_of(part);
         if range.is_empty() {
             return Ok(Vec::new());
@@ -161,7 +161,7 @@ impl Links {
                 let mut links = Vec::with_capacity(corners.len());
                 links.extend(corners.clone().zip(&across[corners.clone()]).filter_map(|(corner, node)| {
                     let node = node.load(Relaxed);
-                    (node != NONE).then_some(Link { corner: corner as u32, node })
+                    (node != NONE).then_some(HalfEdgePair { corner: corner as u32, node })
                 }));
                 let more = more.lock().unwrap_or_else(|poison| poison.into_inner());
                 let place = |corner: usize| more.partition_point(|link| (link.corner as usize) < corner);
@@ -181,7 +181,7 @@ impl Adding<'_> {
     /// Adds the link from `corner` of `face` to `node`.
     #[inline]
     pub fn push(&mut self, corner: u32, face: usize, node: usize, against: bool) -> Result<()> {
-        let link = Link { corner, node: node as u32 | if against { AGAINST } else { 0 } };
+        let link = HalfEdgePair { corner, node: node as u32 | if against { AGAINST } else { 0 } };
         match self {
             Self::Table(across, more) => {
                 // All links of an edge come from one thread, so nobody else writes here.
@@ -211,7 +211,7 @@ impl Adding<'_> {
 }
 
 /// Groups links by corner with a counting sort.
-fn sorted(corners: Range<usize>, links: &[Link]) -> Vec<Link> {
+fn sorted(corners: Range<usize>, links: &[HalfEdgePair]) -> Vec<HalfEdgePair> {
     let mut starts = vec![0u32; corners.len() + 1];
     for link in links {
         starts[link.corner as usize - corners.start + 1] += 1;
@@ -219,7 +219,7 @@ fn sorted(corners: Range<usize>, links: &[Link]) -> Vec<Link> {
     for i in 0..corners.len() {
         starts[i + 1] += starts[i];
     }
-    let mut sorted = vec![Link { corner: 0, node: 0 }; links.len()];
+    let mut sorted = vec![HalfEdgePair { corner: 0, node: 0 }; links.len()];
     for link in links {
         let slot = &mut starts[link.corner as usize - corners.start];
         sorted[*slot as usize] = *link;

@@ -6,12 +6,12 @@ use bytemuck::Pod;
 
 /// Zeroed memory of a budget, aligned for every item type.
 #[derive(Debug)]
-pub struct Words {
+pub struct AlignedBuffer {
     words: Vec<u64>,
     _grant: Grant,
 }
 
-impl Words {
+impl AlignedBuffer {
     /// Memory for at least `bytes` bytes on large pages, where `budget` can spare them: half of it stays for others. It is
     /// not touched here: pages come to be with the threads that fill them.
     pub fn spare(budget: &Budget, bytes: usize) -> Option<Self> {
