@@ -5,9 +5,9 @@
 
 use nystrom_stream::base::Result;
 use nystrom_stream::distance::DistanceRows;
-use nystrom_stream::distance::landmarks::Sampling;
 use nystrom_stream::distance::rows::RowParams;
 use nystrom_stream::graph::{DualGraph, Metric};
+use nystrom_stream::landmarks::Sampling;
 use nystrom_stream::mesh;
 use nystrom_stream::pipeline::input;
 use nystrom_stream::store::{Context, Run, WorkDir};

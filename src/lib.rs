@@ -2,7 +2,7 @@
 //!
 //! An implementation of *Sub-sampling for Efficient Spectral Mesh Processing* (Liu, Jain, Zhang,
 //! CGI 2006) that streams: the folders follow the data, from the lowest floor ([`base`],
-//! [`store`]) over [`mesh`], [`graph`], [`distance`], [`spectral`] and [`cluster`] to the
+//! [`store`]) over [`mesh`], [`graph`], [`distance`], [`spectral`], [`landmarks`] and [`cluster`] to the
 //! applications.
 //!
 //! ```
@@ -30,6 +30,7 @@ pub mod base;
 pub mod cluster;
 pub mod distance;
 pub mod graph;
+pub mod landmarks;
 pub mod mesh;
 pub mod pipeline;
 pub mod spectral;

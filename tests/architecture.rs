@@ -3,13 +3,14 @@
 use std::path::{Path, PathBuf};
 
 /// The floors from the lowest; those of one line may not use each other.
-const FLOORS: [&[&str]; 10] = [
+const FLOORS: [&[&str]; 11] = [
     &["base"],
     &["store"],
     &["mesh"],
     &["graph"],
     &["distance"],
     &["spectral"],
+    &["landmarks"],
     &["cluster"],
     &["apps"],
     &["pipeline"],

@@ -8,12 +8,12 @@ use nystrom_stream::apps::correspond::{Alignment, Matching, Nearest, Pair, error
 use nystrom_stream::base::random::{stream, unit};
 use nystrom_stream::base::{Cancel, Progress};
 use nystrom_stream::distance::front::mean_weight;
-use nystrom_stream::distance::landmarks::Sampling;
 use nystrom_stream::distance::march::{March, Surface, through};
 use nystrom_stream::distance::oracle;
 use nystrom_stream::distance::rows::RowParams;
 use nystrom_stream::distance::vertex_rows::{self, Distance};
 use nystrom_stream::graph::VertexGraph;
+use nystrom_stream::landmarks::Sampling;
 use nystrom_stream::mesh::{self, Mesh};
 use nystrom_stream::spectral::orthogonal::{Orthogonal, OrthogonalParams, Point, Style};
 use nystrom_stream::spectral::{Kernel, eigen};

@@ -2,12 +2,12 @@
 
 use nystrom_stream::apps::creature::{Creature, Options};
 use nystrom_stream::distance::front::mean_weight;
-use nystrom_stream::distance::landmarks::Sampling;
 use nystrom_stream::distance::rows::RowParams;
 use nystrom_stream::distance::{DistanceRows, Front, oracle};
 use nystrom_stream::graph::dual::Csr;
 use nystrom_stream::graph::triangle_adjacency::TriangleAdjacency;
 use nystrom_stream::graph::{DualGraph, Metric};
+use nystrom_stream::landmarks::Sampling;
 use nystrom_stream::mesh;
 use nystrom_stream::store::{Budget, Context, Run, WorkDir};
 use serde_json::Value;

@@ -7,12 +7,13 @@ use nalgebra::{DMatrix, DVector};
 use nystrom_stream::base::Cancel;
 use nystrom_stream::base::random::{below, stream, unit};
 use nystrom_stream::distance::front::mean_weight;
-use nystrom_stream::distance::landmarks::{Sampling, choose, extremity};
 use nystrom_stream::distance::paging::Pages;
 use nystrom_stream::distance::rows::RowParams;
+use nystrom_stream::distance::sampler::{GraphSpace, SearchGraph};
 use nystrom_stream::distance::{DistanceRows, Front, oracle, voronoi};
 use nystrom_stream::graph::dual::{Csr, WeightedGraph};
 use nystrom_stream::graph::{DualGraph, Metric};
+use nystrom_stream::landmarks::{Sampling, farthest::extremity};
 use nystrom_stream::mesh::{self, Mesh};
 use nystrom_stream::spectral::embedding::Width;
 use nystrom_stream::spectral::quality::Gamma;
@@ -305,21 +306,13 @@ fn landmarks_and_rows_equal_the_plain_algorithm() {
             let mut field = vec![0f32; graph.len()];
             let mut found = Vec::new();
             let mut front = Front::new(mean_weight(graph));
-            choose(
-                Sampling::Farthest,
-                l,
-                (graph, None),
-                &built.graph.nodes,
-                &mut field,
-                &mut front,
-                &(),
-                &run,
-                |x, _| {
-                    found.push(x);
-                    Ok(())
-                },
-            )
-            .unwrap();
+            let search = SearchGraph { graph, nodes: &built.graph.nodes, lengths: None };
+            let mut space = GraphSpace::new(search, &mut front, &(), &run);
+            let keep = &mut |x, _: Option<&[f32]>| {
+                found.push(x);
+                Ok(())
+            };
+            space.sample(&Sampling::Farthest, l, &mut field, keep).unwrap();
             assert_eq!(found, expected, "{name}");
         }
         let rows = built.rows(l);

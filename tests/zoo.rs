@@ -4,8 +4,8 @@ mod common;
 
 use common::zoo::{self, Shape};
 use nystrom_stream::cluster::parts::{PartCount, PartsParams};
-use nystrom_stream::distance::landmarks::Sampling;
 use nystrom_stream::graph::Metric;
+use nystrom_stream::landmarks::Sampling;
 use nystrom_stream::mesh;
 use nystrom_stream::pipeline::{Cluster, SegmentParams, input, segment};
 use nystrom_stream::spectral::embedding::Width;

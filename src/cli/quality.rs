@@ -10,7 +10,7 @@ use nystrom_stream::apps::study::embedding::{self, EmbeddingError};
 use nystrom_stream::apps::study::table::{Spread, one_to_text, summary, to_csv, to_text};
 use nystrom_stream::apps::study::{CompareParams, Over, Record, StudyData, StudyParams, compare};
 use nystrom_stream::base::{Error, Result};
-use nystrom_stream::distance::sampling::Sampling;
+use nystrom_stream::landmarks::Sampling;
 use nystrom_stream::mesh;
 use nystrom_stream::pipeline::input;
 use nystrom_stream::store::Context;

@@ -14,10 +14,8 @@
 use super::begun::Begun;
 use super::front::{Front, mean_weight};
 use super::journal::{Head, Line};
-use super::landmarks::{Finished, Sampling, choose};
 use super::paging::Pages;
-use super::rows::RowParams;
-use super::sampling::geodesic::fill_lengths;
+use super::sampler::{FinishedRows, GraphSpace, Sampler, SearchGraph, fill_lengths};
 use super::slots::{Look, Slots, Target};
 use crate::base::{Error, Result};
 use crate::graph::Node;
@@ -37,7 +35,8 @@ use std::sync::Mutex;
 pub(super) struct Task<'a> {
     pub graph: Csr<'a>,
     pub nodes: &'a [Node],
-    pub params: RowParams,
+    /// Who chooses the landmarks.
+    pub sampler: &'a dyn Sampler,
     /// What they are of, and which of them are wanted.
     pub head: &'a Head,
 }
@@ -104,7 +103,7 @@ impl Task<'_> {
                 if pages.is_some() {
                     field.data().advise(Access::Random);
                 }
-                if self.params.sampling.needs_lengths() {
+                if self.sampler.needs_lengths() {
                     task.with_lengths(slots, field.data(), pages, &mut lines, context)
                 } else {
                     task.fronts(slots, None, field.data(), pages, &mut lines, context)
@@ -191,24 +190,25 @@ impl Task<'_> {
     ) -> Result<()> {
         let mut row = 0;
         front.values(field.writeback());
-        let RowParams { l, sampling } = self.params;
-        let graphs = (self.graph, lengths);
+        let l = self.head.rows;
+        let graph = SearchGraph { graph: self.graph, nodes: self.nodes, lengths };
         let others = run.threads > 1 && self.head.wanted() > 1;
-        let cost = choose(sampling, l, graphs, self.nodes, field, front, slots, run, |landmark, known| {
-            let k = row;
-            row += 1;
-            slots.enter(landmark);
-            if !self.head.wants(k) || slots.landmark(k) == Some(landmark) {
-                return Ok(());
-            }
-            let copy = known.filter(|_| others).and_then(|known| AlignedBuffer::copy_of(&run.budget, known));
-            match known {
-                Some(known) if copy.is_none() => drop(done.send(slots.put(k, landmark, known))),
-                _ => drop(jobs.send(Job { row: k, landmark, known: copy })),
-            }
-            Ok(())
-        })?;
-        if !matches!(sampling, Sampling::Farthest | Sampling::Random | Sampling::Uniform) {
+        let cost =
+            GraphSpace::new(graph, front, slots, run).sample(self.sampler, l, field, &mut |landmark, known| {
+                let k = row;
+                row += 1;
+                slots.enter(landmark);
+                if !self.head.wants(k) || slots.landmark(k) == Some(landmark) {
+                    return Ok(());
+                }
+                let copy = known.filter(|_| others).and_then(|known| AlignedBuffer::copy_of(&run.budget, known));
+                match known {
+                    Some(known) if copy.is_none() => drop(done.send(slots.put(k, landmark, known))),
+                    _ => drop(jobs.send(Job { row: k, landmark, known: copy })),
+                }
+                Ok(())
+            })?;
+        if self.sampler.is_costly() {
             run.progress.note(&format!("landmarks: the search cost {cost:.1} fronts besides the {l} rows"));
         }
         Ok(())

@@ -1,24 +1,20 @@
-//! Distances over the graph: fronts, landmarks, rows.
+//! Distances over the graph: fronts and rows.
 //!
-//! [`front`] is the engine; [`landmarks`] picks sample faces by one of several [`sampling`]s while
-//! [`rows`] runs one full front a landmark on the other threads and writes `[A B]`'s distances, or hands each to somebody who
+//! [`front`] is the engine; a [`sampler`] picks sample faces while [`rows`] runs one full front a landmark on the other threads and writes `[A B]`'s distances, or hands each to somebody who
 //! looks at it ([`slots`]).
 
 mod begun;
 mod carry;
 mod compute;
-pub mod exp;
 pub mod front;
 pub mod journal;
-pub mod kernel;
-pub mod landmarks;
 pub mod march;
 pub mod oracle;
 pub mod paging;
 pub mod queue;
 mod rounds;
 pub mod rows;
-pub mod sampling;
+pub mod sampler;
 pub mod shard;
 pub mod slots;
 mod steps;

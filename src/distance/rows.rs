@@ -9,11 +9,11 @@
 
 use super::compute::Task;
 use super::journal::{Head, Line};
-use super::landmarks::Sampling;
+use super::sampler::Sampler;
 use super::slots::Look;
 use crate::base::{Error, Result};
 use crate::graph::Node;
-use crate::graph::dual::{Csr, WeightedGraph};
+use crate::graph::dual::WeightedGraph;
 use crate::store::rows_file::RowsFile;
 use crate::store::workdir::key_of;
 use crate::store::{Context, MappedSlice, Run, WorkDir};
@@ -105,18 +105,18 @@ struct Facts {
 
 /// What to sample.
 #[derive(Clone, Copy, Debug, Serialize, Deserialize)]
-pub struct RowParams {
+pub struct RowParams<S> {
     /// Number of landmarks wanted; capped at the number of nodes.
     pub l: usize,
-    /// How they are chosen.
-    pub sampling: Sampling,
+    /// How they are chosen; as it is written, it is part of the key.
+    pub sampling: S,
 }
 
 /// The journal of rows under way.
 const JOURNAL: &str = "rows.journal";
 
 /// What rows of `params` over `nodes` nodes, weighted under the key `weights`, are of: one shard of one.
-pub(super) fn head(weights: &str, nodes: usize, params: RowParams, run: &Run) -> Head {
+pub(super) fn head(weights: &str, nodes: usize, params: &RowParams<impl Serialize>, run: &Run) -> Head {
     let options = json!({"stage": "rows", "weights": weights, "params": params, "seed": run.seed});
     Head { key: key_of(&options), options, rows: params.l.min(nodes), nodes, shard: 0, of: 1 }
 }
@@ -143,8 +143,8 @@ impl DistanceRows {
     }
 
     /// The key that rows of `params` over a graph of `nodes` nodes have.
-    pub fn key(graph: &WeightedGraph, nodes: usize, params: RowParams, run: &Run) -> String {
-        head(&graph.key, nodes, params, run).key
+    pub fn key(graph: &WeightedGraph, nodes: usize, params: RowParams<impl Serialize>, run: &Run) -> String {
+        head(&graph.key, nodes, &params, run).key
     }
 
     /// Opens the finished rows of `work`, whatever their options, over the graph stage `graph` of `nodes` nodes.
@@ -178,7 +178,7 @@ impl DistanceRows {
         Ok(Self { landmarks, distances, facts: facts.rows, nodes, key })
     }
 
-    fn head(graph: &WeightedGraph, nodes: usize, params: RowParams, run: &Run) -> Result<Head> {
+    fn head(graph: &WeightedGraph, nodes: usize, params: &RowParams<impl Serialize>, run: &Run) -> Result<Head> {
         if params.l == 0 {
             return Err(Error::parameter("-l", "0 landmarks", "choose at least 1"));
         }
@@ -189,9 +189,14 @@ impl DistanceRows {
     ///
     /// # Errors
     /// [`Error::Parameter`] for l = 0, [`Error::Io`], [`Error::Cancelled`].
-    pub fn build(graph: &WeightedGraph, nodes: &[Node], params: RowParams, context: Context<'_>) -> Result<Self> {
+    pub fn build(
+        graph: &WeightedGraph,
+        nodes: &[Node],
+        params: RowParams<impl Sampler + Serialize>,
+        context: Context<'_>,
+    ) -> Result<Self> {
         let n = nodes.len();
-        let head = Self::head(graph, n, params, context.run)?;
+        let head = Self::head(graph, n, &params, context.run)?;
         match context.work.reuse::<Facts>("rows", &head.key) {
             Ok(facts) => {
                 context.run.progress.note("rows: reused");
@@ -201,18 +206,17 @@ impl DistanceRows {
             }
             Err(reason) => context.run.note_remake("rows", &reason),
         }
-        let make = || Self::make(graph.csr(), nodes, &head, params, context);
+        let make = || Self::make(Task { graph: graph.csr(), nodes, sampler: &params.sampling, head: &head }, context);
         let (rows, seconds) = context.run.stage("rows", "rows", head.rows as u64, make)?;
         rows.stamp(&head, seconds, context.work)?;
         Ok(rows)
     }
 
     /// Computes the rows into `distances.npy`; in a work directory that lasts, row by row with a journal.
-    fn make(graph: Csr<'_>, nodes: &[Node], head: &Head, params: RowParams, context: Context<'_>) -> Result<Self> {
-        let task = Task { graph, nodes, params: RowParams { l: head.rows, ..params }, head };
+    fn make(task: Task<'_>, context: Context<'_>) -> Result<Self> {
         let (file, lines) = task.compute("distances.npy", JOURNAL, context)?;
         let lines: Vec<Line> = lines.into_values().collect();
-        Self::finish(file, &lines, head, context.work)
+        Self::finish(file, &lines, task.head, context.work)
     }
 
     /// Computes rows that nobody keeps: `look` sees each once, on any thread and in any order. Landmarks and sums as
@@ -223,12 +227,12 @@ impl DistanceRows {
     pub fn pass(
         graph: &WeightedGraph,
         nodes: &[Node],
-        params: RowParams,
+        params: RowParams<impl Sampler + Serialize>,
         look: Look<'_>,
         context: Context<'_>,
     ) -> Result<Landmarks> {
-        let head = Self::head(graph, nodes.len(), params, context.run)?;
-        let task = Task { graph: graph.csr(), nodes, params: RowParams { l: head.rows, ..params }, head: &head };
+        let head = Self::head(graph, nodes.len(), &params, context.run)?;
+        let task = Task { graph: graph.csr(), nodes, sampler: &params.sampling, head: &head };
         let (lines, _) = context.run.stage("rows", "rows", head.rows as u64, || task.pass(look, context))?;
         let (nodes, facts) = lines.into_values().map(|line| (line.landmark, line.facts)).unzip();
         Ok(Landmarks { nodes, facts })

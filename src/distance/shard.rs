@@ -8,11 +8,13 @@
 use super::compute::Task;
 use super::journal::{Head, Journal, Line, checksum};
 use super::rows::{DistanceRows, RowParams, head};
+use super::sampler::Sampler;
 use crate::base::{Error, Result};
 use crate::graph::Node;
 use crate::graph::dual::WeightedGraph;
 use crate::store::rows_file::RowsFile;
 use crate::store::{Context, MappedSlice, WorkDir};
+use serde::Serialize;
 use std::collections::BTreeMap;
 
 /// The name of a shard's files, without ending.
@@ -27,11 +29,11 @@ fn stem(shard: usize, of: usize) -> String {
 pub fn compute(
     graph: &WeightedGraph,
     nodes: &[Node],
-    params: RowParams,
+    params: RowParams<impl Sampler + Serialize>,
     (shard, of): (usize, usize),
     context: Context<'_>,
 ) -> Result<()> {
-    let whole = head(&graph.key, nodes.len(), params, context.run);
+    let whole = head(&graph.key, nodes.len(), &params, context.run);
     if shard >= of || of > whole.rows {
         let problem = format!("{shard}/{of} is no shard of {} rows", whole.rows);
         return Err(Error::parameter("--shard", problem, "count shards from 0, and make no more than rows"));
@@ -46,7 +48,7 @@ pub fn compute(
         context.run.progress.note(&format!("rows: shard {shard}/{of} is done already"));
         return Ok(());
     }
-    let task = Task { graph: graph.csr(), nodes, params: RowParams { l: head.rows, ..params }, head: &head };
+    let task = Task { graph: graph.csr(), nodes, sampler: &params.sampling, head: &head };
     context
         .run
         .stage("rows", "rows", wanted as u64, || task.compute(&array, &journal, context)?.0.finish(true).map(drop))?;

@@ -4,8 +4,8 @@
 //! ([`RowFacts::of`]), and what the one who looks does with it.
 
 use super::journal::{Head, Journal, Line, checksum};
-use super::landmarks::Finished;
 use super::rows::RowFacts;
+use super::sampler::FinishedRows;
 use crate::base::{Error, Result};
 use crate::store::MappedSliceMut;
 use crate::store::rows_file::RowsFile;
@@ -104,7 +104,7 @@ impl<'a> Slots<'a> {
     }
 }
 
-impl Finished for Slots<'_> {
+impl FinishedRows for Slots<'_> {
     fn landmark(&self, k: usize) -> Option<u32> {
         self.done.get(&k).map(|line| line.landmark)
     }

@@ -9,9 +9,9 @@
 use super::begun::Begun;
 use super::front::mean_weight;
 use super::journal::{Head, Journal, Line, checksum};
-use super::landmarks::choose;
 use super::march::{March, Surface};
 use super::rows::{RowFacts, RowParams};
+use super::sampler::{GraphSpace, Sampler, SearchGraph};
 use super::{DistanceRows, Front};
 use crate::base::parallel::map_chunks;
 use crate::base::{Error, Result};
@@ -37,7 +37,7 @@ pub enum Distance {
 ///
 /// # Errors
 /// [`Error::Parameter`] for none at all, [`Error::Io`], [`Error::Cancelled`].
-pub fn landmarks(surface: Surface<'_>, params: RowParams, context: Context<'_>) -> Result<Vec<u32>> {
+pub fn landmarks(surface: Surface<'_>, params: RowParams<impl Sampler>, context: Context<'_>) -> Result<Vec<u32>> {
     if params.l == 0 {
         return Err(Error::parameter("-l", "0 landmarks", "choose at least 1"));
     }
@@ -45,20 +45,11 @@ pub fn landmarks(surface: Surface<'_>, params: RowParams, context: Context<'_>) 
     let mut field = context.work.array::<f32>("nearest.tmp", &[nodes.len()])?;
     let mut found = Vec::with_capacity(params.l);
     let mut front = Front::new(mean_weight(graph));
-    let result = choose(
-        params.sampling,
-        params.l,
-        (graph, None),
-        nodes,
-        field.data(),
-        &mut front,
-        &(),
-        context.run,
-        |landmark, _| {
-            found.push(landmark);
-            Ok(())
-        },
-    );
+    let mut space = GraphSpace::new(SearchGraph { graph, nodes, lengths: None }, &mut front, &(), context.run);
+    let result = space.sample(&params.sampling, params.l, field.data(), &mut |landmark, _| {
+        found.push(landmark);
+        Ok(())
+    });
     drop(field);
     context.work.remove("nearest.tmp.partial");
     result.map(|_| found)
@@ -91,7 +82,7 @@ const STAGE: &str = "vertex rows";
 /// As [`landmarks`] and [`rows`].
 pub fn kept(
     surface: Surface<'_>,
-    params: RowParams,
+    params: RowParams<impl Sampler + Serialize>,
     distance: Distance,
     graph: &str,
     context: Context<'_>,
@@ -122,7 +113,7 @@ pub fn kept(
         context.run.progress.advance("rows", done.len() as u64);
         fill(surface, landmarks, distance, file, &done, journal.as_ref(), context.run)
     };
-    let (mut rows, seconds) = context.run.stage("rows", "rows", params.l as u64, fill)?;
+    let (mut rows, seconds) = context.run.stage("rows", "rows", head.rows as u64, fill)?;
     crate::store::npy::write(&context.work.file(LANDMARKS), &rows.landmarks, 1, true)?;
     context.work.stamp(STAGE, &head.key, &head.options, &[LANDMARKS, FILE], &rows.facts, seconds)?;
     drop(journal);

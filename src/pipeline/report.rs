@@ -2,7 +2,7 @@
 
 use super::{SegmentParams, Segmentation};
 use crate::cluster::parts::PartsReport;
-use crate::distance::landmarks::Sampling;
+use crate::landmarks::Sampling;
 use crate::mesh::Opened;
 use crate::store::Context;
 use serde::{Deserialize, Serialize};

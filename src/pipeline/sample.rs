@@ -12,11 +12,11 @@ use super::{SegmentParams, landmarks_for_parts};
 use crate::base::Result;
 use crate::cluster::cell_rows::{self, Average, greatest_share};
 use crate::distance::DistanceRows;
-use crate::distance::landmarks::Sampling;
 use crate::distance::rows::{Landmarks, RowParams};
 use crate::distance::slots::Row;
 use crate::graph::DualGraph;
 use crate::graph::dual::WeightedGraph;
+use crate::landmarks::Sampling;
 use crate::store::Context;
 use crate::store::workdir::key_of;
 use serde_json::json;
@@ -92,7 +92,7 @@ impl SamplingContext<'_> {
     }
 
     /// Rows averaged as they come, and forgotten.
-    fn passing(self, params: RowParams) -> Result<Sample> {
+    fn passing(self, params: RowParams<Sampling>) -> Result<Sample> {
         let SamplingContext { graph, weighted, surface, context } = self;
         let average = Average::new(&surface.cells, &surface.shares);
         let seen = Mutex::new(vec![(Vec::new(), Vec::new()); params.l.min(graph.nodes.len())]);

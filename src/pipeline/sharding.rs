@@ -6,11 +6,11 @@
 
 use super::{Cluster, SegmentParams, default_landmarks, fit, landmarks_for_parts, parts, stages};
 use crate::base::{Error, Result};
-use crate::distance::landmarks::Sampling;
 use crate::distance::rows::RowParams;
 use crate::distance::{DistanceRows, shard};
 use crate::graph::dual::WeightedGraph;
 use crate::graph::{Node, nodes};
+use crate::landmarks::Sampling;
 use crate::mesh::Opened;
 use crate::store::workdir::key_of;
 use crate::store::{Context, MappedSlice, Run, WorkDir};

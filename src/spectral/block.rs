@@ -3,7 +3,7 @@
 //! A block has l rows (landmarks) and n columns in node order, A's among them. Columns are made in chunks and
 //! forgotten; nothing of the size of the mesh is held. Cost of a pass: n·l affinities.
 
-use crate::distance::kernel::Kernel;
+use crate::spectral::kernel::Kernel;
 use nalgebra::DMatrix;
 use std::ops::Range;
 

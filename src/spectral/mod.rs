@@ -8,6 +8,8 @@ pub mod block;
 pub mod columns;
 pub mod embedding;
 pub mod exact;
+pub mod exp;
+pub mod kernel;
 pub mod measures;
 pub mod nystrom;
 pub mod orthogonal;
@@ -15,7 +17,6 @@ pub mod preprocess;
 pub mod quality;
 
 pub use crate::base::eigen;
-pub use crate::distance::{exp, kernel};
 pub use columns::Columns;
 pub use embedding::{Embedding, EmbeddingParams, Normalisation};
 pub use kernel::Kernel;

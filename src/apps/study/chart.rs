@@ -6,7 +6,7 @@ use super::points::Pair;
 use super::table::{Line, Spread};
 use crate::apps::plots::canvas::{Drawing, Drawn, INK, RULE, save};
 use crate::base::Result;
-use crate::distance::sampling::Sampling;
+use crate::landmarks::Sampling;
 use plotters::coord::Shift;
 use plotters::prelude::{
     ChartBuilder, Circle, Color, DrawingArea, DrawingBackend, ErrorBar, IntoFont, LineSeries, PathElement, RGBColor,

@@ -8,11 +8,11 @@ use super::ground::StudyData;
 use crate::base::Result;
 use crate::base::parallel::map_chunks;
 use crate::distance::front::{Front, mean_weight};
-use crate::distance::kernel::Kernel;
-use crate::distance::sampling::space::Visits;
-use crate::distance::sampling::{GraphSpace, MatrixSpace, Sampling, SamplingParams, Space};
+use crate::distance::sampler::Visits;
+use crate::landmarks::{GraphSpace, MatrixSpace, Sampling, SamplingParams, SearchGraph, Space};
 use crate::spectral::block::{Affinities, Bandwidth, Block};
 use crate::spectral::exact::{Exact, exact};
+use crate::spectral::kernel::Kernel;
 use crate::spectral::measures::{Measures, measure};
 use crate::store::{Context, MappedSlice, Run};
 use nalgebra::DMatrix;
@@ -177,7 +177,8 @@ pub fn landmarks(
         choose(&mut space, visits)?;
     } else {
         let mut front = Front::new(mean_weight(graph));
-        let mut space = GraphSpace::new(graph, &ground.nodes, ground.lengths(), &mut front, &(), run);
+        let search = SearchGraph { graph, nodes: &ground.nodes, lengths: ground.lengths() };
+        let mut space = GraphSpace::new(search, &mut front, &(), run);
         let visits = space.visits();
         choose(&mut space, visits)?;
     }

@@ -6,10 +6,10 @@
 use super::compare::{CompareParams, landmarks};
 use super::ground::StudyData;
 use crate::base::{Error, Result};
-use crate::distance::kernel::Kernel;
-use crate::distance::sampling::Sampling;
+use crate::landmarks::Sampling;
 use crate::spectral::block::{Affinities, Bandwidth};
 use crate::spectral::exact::{aligned_error, leading};
+use crate::spectral::kernel::Kernel;
 use crate::spectral::nystrom::{Extension, Extrapolation, Scaling, Weigh};
 use crate::store::Run;
 use nalgebra::DMatrix;

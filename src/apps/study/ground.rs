@@ -13,7 +13,7 @@ use crate::base::random::{below, stream};
 use crate::distance::front::{Front, mean_weight};
 use crate::distance::march::{March, Surface};
 use crate::distance::rows::RowFacts;
-use crate::distance::sampling::geodesic::fill_lengths;
+use crate::distance::sampler::fill_lengths;
 use crate::graph::dual::{Csr, WeightedGraph};
 use crate::graph::{DualGraph, Metric, Node, VertexGraph};
 use crate::mesh::Opened;

@@ -8,9 +8,9 @@
 use crate::base::Result;
 use crate::base::parallel::map_chunks;
 use crate::base::random::{below, stream, unit};
-use crate::distance::kernel::Kernel;
 use crate::spectral::block::Dense;
 use crate::spectral::exact::schur_norms;
+use crate::spectral::kernel::Kernel;
 use crate::spectral::measures::measure;
 use crate::store::Run;
 use nalgebra::DMatrix;

@@ -1,7 +1,7 @@
 //! Records summed up over meshes and seeds: a table to read, CSV and JSON of everything.
 
 use super::compare::Record;
-use crate::distance::sampling::Sampling;
+use crate::landmarks::Sampling;
 use serde::Serialize;
 use std::fmt::Write;
 

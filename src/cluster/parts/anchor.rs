@@ -10,7 +10,7 @@
 //! √(g/g₀) and brought to unit rows the factors of g cancel, and Φᵀ Q is left.
 
 use crate::base::wide::{Work, wide};
-use crate::distance::exp::exp64;
+use crate::spectral::exp::exp64;
 use nalgebra::{DMatrix, SymmetricEigen};
 
 /// Share of the mean affinity that every landmark gives to every cell: far cells stay distributions.

@@ -4,7 +4,7 @@
 //! taken, and the node whose place is nearest to it becomes the landmark. Farthest points lie at tips, which
 //! represent little but themselves. Cost: l rows besides those of the result. Memory: 4 l s bytes.
 
-use super::factor::Factor;
+use super::cholesky::Factor;
 use super::farthest::Farthest;
 use super::{Found, Sampler, SamplingParams, Space};
 use crate::base::Result;

@@ -1,11 +1,17 @@
-//! A partial Cholesky factorisation on a sample of columns: what greedy sampling and pivoted Cholesky share.
+//! Randomly pivoted Cholesky: each landmark drawn with a chance in proportion to what is not yet explained at it.
 //!
-//! With the columns C (s) and landmarks among them, K ≈ GGᵀ on C; a new landmark c has the residual column
-//! r = k_c − G G_cᵀ, and Γ grows by Σ r_j²/r_c ([`Factor::gain`]). O(s i) a candidate. Memory: 8 s l bytes.
+//! The residual diagonal of the affinities, d_j = k_jj − w̃_jj, is a distance in feature space; drawing by it is as
+//! D² seeding is for K-means. One row per landmark, no candidates: between random and farthest in cost and quality.
+//! After Chen, Epperly, Tropp and Webber, *Randomly pivoted Cholesky* (2023).
+//!
+//! [`Factor`], the factorisation on a sample of columns, is shared with greedy sampling: with the columns C (s) and
+//! landmarks among them, K ≈ GGᵀ on C; a new landmark c has the residual column r = k_c − G G_cᵀ, and Γ grows by
+//! Σ r_j²/r_c ([`Factor::gain`]). O(s i) per candidate. Memory: 8 s l bytes.
 
-use super::{PILOTS, SamplingParams, Space, distinct};
+use super::{Found, PILOTS, Sampler, SamplingParams, Space, distinct};
 use crate::base::Result;
-use crate::distance::kernel::Kernel;
+use crate::base::random::{stream, unit};
+use crate::spectral::Kernel;
 
 /// Least pivot, as a share of an affinity's greatest value, 1: where less is left unexplained there is nothing to gain,
 /// and what is divided by is the indefiniteness of geodesic affinities.
@@ -96,4 +102,48 @@ impl Factor {
 pub fn mean(rows: &[Vec<f32>]) -> f64 {
     let finite = || rows.iter().flatten().filter(|d| d.is_finite());
     finite().map(|&d| f64::from(d)).sum::<f64>() / finite().count().max(1) as f64
+}
+
+/// The sampler.
+pub struct Cholesky(pub SamplingParams);
+
+impl Sampler for Cholesky {
+    fn choose(
+        &self,
+        l: usize,
+        seed: u64,
+        space: &mut dyn Space,
+        field: &mut [f32],
+        found: &mut Found<'_>,
+    ) -> Result<()> {
+        let mut draw = stream(seed, "pivots");
+        let mut factor = Factor::new(field.len(), l, self.0, seed);
+        factor.find_width(space, field, seed)?;
+        let mut chosen = vec![false; factor.columns.len()];
+        for k in 0..l {
+            let c = pivot(&factor.residual, &chosen, unit(&mut draw));
+            chosen[c] = true;
+            found(factor.columns[c], None)?;
+            if k + 1 < l {
+                let affinities = factor.affinities(&factor.distances(c, space, field)?);
+                let residual = factor.residual_of(c, affinities);
+                factor.push(c, residual);
+            }
+        }
+        Ok(())
+    }
+}
+
+/// The column at the share `at` of the residuals' sum; the first free one where all is explained.
+fn pivot(residual: &[f64], chosen: &[bool], at: f64) -> usize {
+    let weight = |j: usize| if chosen[j] { 0. } else { residual[j].max(0.) };
+    let target = at * (0..residual.len()).map(weight).sum::<f64>();
+    let mut sum = 0.;
+    for j in 0..residual.len() {
+        sum += weight(j);
+        if sum > target {
+            return j;
+        }
+    }
+    chosen.iter().position(|chosen| !chosen).unwrap_or(0)
 }

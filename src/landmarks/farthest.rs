@@ -51,6 +51,33 @@ impl Sampler for Farthest {
     }
 }
 
+/// Farthest points in length alone, for rows in a metric that counts turning.
+///
+/// Max–min in a combined metric picks outliers: a lone face across a sharp crease is far from everything and
+/// represents nothing. In length alone the samples spread over the surface.
+pub struct GeodesicFarthest;
+
+impl Sampler for GeodesicFarthest {
+    fn choose(
+        &self,
+        l: usize,
+        seed: u64,
+        space: &mut dyn Space,
+        field: &mut [f32],
+        found: &mut Found<'_>,
+    ) -> Result<()> {
+        field.fill(f32::INFINITY);
+        for k in 0..l {
+            let landmark = if k == 0 { extremity(space.nodes(), seed, space.threads()) } else { farthest_node(field) };
+            found(landmark, None)?;
+            if k + 1 < l {
+                space.lower_by_length(landmark, field)?;
+            }
+        }
+        Ok(())
+    }
+}
+
 /// An extremity of the shape: from a random face to the face farthest from it in space, and on from there for
 /// [`SEEDING_ROUNDS`] rounds; the first of equally far ones. In space instead of along the surface: as
 /// much of an extremity, for two passes over centroids on all `threads` instead of full fronts that nothing can run beside.
@@ -99,10 +126,14 @@ pub fn farthest_node(field: &[f32]) -> u32 {
 mod tests {
     use super::*;
 
+    fn first_greatest(field: &[f32]) -> u32 {
+        (0..field.len()).rev().max_by(|&a, &b| field[a].total_cmp(&field[b])).unwrap() as u32
+    }
+
     #[test]
     fn the_farthest_node_is_the_first_of_the_greatest() {
         let mut field: Vec<f32> = (0..10_000).map(|i| ((i * 7919) % 10_007) as f32).collect();
-        assert_eq!(farthest_node(&field), crate::distance::oracle::farthest(&field));
+        assert_eq!(farthest_node(&field), first_greatest(&field));
         field[9_000] = f32::INFINITY;
         field[9_500] = f32::INFINITY;
         assert_eq!(farthest_node(&field), 9_000);

@@ -15,18 +15,18 @@
 
 pub mod centroid;
 pub mod cholesky;
-mod factor;
 pub mod farthest;
-pub mod geodesic;
 pub mod greedy;
+pub mod matrix_space;
 pub mod random;
-pub mod space;
 
-use super::kernel::Kernel;
+pub use crate::distance::sampler::{Found, GraphSpace, Sampler, SearchGraph, Space};
+pub use matrix_space::MatrixSpace;
+
 use crate::base::Result;
 use crate::base::random::{below, stream};
+use crate::spectral::Kernel;
 use serde::{Deserialize, Serialize};
-pub use space::{GraphSpace, MatrixSpace, Space};
 
 /// How landmarks are chosen.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, Serialize, Deserialize)]
@@ -83,18 +83,40 @@ impl Sampling {
         self == Self::GeodesicFarthest
     }
 
-    /// The sampler.
+    /// The sampler that goes by `params`.
     pub fn sampler(self, params: SamplingParams) -> Box<dyn Sampler> {
         match self {
             Self::Farthest => Box::new(farthest::Farthest),
             Self::Random => Box::new(random::ByArea),
             Self::Uniform => Box::new(random::Uniform),
-            Self::GeodesicFarthest => Box::new(geodesic::GeodesicFarthest),
+            Self::GeodesicFarthest => Box::new(farthest::GeodesicFarthest),
             Self::Centroids => Box::new(centroid::Centroids(params)),
             Self::Cholesky => Box::new(cholesky::Cholesky(params)),
             Self::Greedy => Box::new(greedy::Greedy { params, pooled: false }),
             Self::PooledGreedy => Box::new(greedy::Greedy { params, pooled: true }),
         }
+    }
+}
+
+/// The sampler of the default parameters.
+impl Sampler for Sampling {
+    fn choose(
+        &self,
+        l: usize,
+        seed: u64,
+        space: &mut dyn Space,
+        field: &mut [f32],
+        found: &mut Found<'_>,
+    ) -> Result<()> {
+        self.sampler(SamplingParams::default()).choose(l, seed, space, field, found)
+    }
+
+    fn needs_lengths(&self) -> bool {
+        (*self).needs_lengths()
+    }
+
+    fn is_costly(&self) -> bool {
+        !matches!(self, Self::Farthest | Self::Random | Self::Uniform)
     }
 }
 
@@ -119,25 +141,6 @@ impl Default for SamplingParams {
     fn default() -> Self {
         Self { kernel: Kernel::Exponential, sigma: None, candidates: 90, columns: 4096 }
     }
-}
-
-/// Where landmarks go as soon as they are known: the node, and its row where the search has it at hand.
-pub type Found<'a> = dyn FnMut(u32, Option<&[f32]>) -> Result<()> + 'a;
-
-/// A way of choosing landmarks.
-pub trait Sampler {
-    /// Sends `l` distinct nodes of `space` (l at most its size) to `found`. `field` (n) is scratch.
-    ///
-    /// # Errors
-    /// [`crate::base::Error::Cancelled`], or an error of `found`.
-    fn choose(
-        &self,
-        l: usize,
-        seed: u64,
-        space: &mut dyn Space,
-        field: &mut [f32],
-        found: &mut Found<'_>,
-    ) -> Result<()>;
 }
 
 /// `count` distinct numbers below `n`, in the order drawn (Floyd's way would sort them; this shuffles the first).

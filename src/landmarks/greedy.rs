@@ -9,7 +9,7 @@
 //! ([`Factor::gain`]); where it is not, a factorisation would overflow, and Γ is computed anew from the kept eigenpairs
 //! of each candidate's A.
 
-use super::factor::{Factor, LEAST_PIVOT, mean};
+use super::cholesky::{Factor, LEAST_PIVOT, mean};
 use super::{Found, Sampler, SamplingParams, Space};
 use crate::base::random::{Random, below, stream};
 use crate::base::{Result, eigen};

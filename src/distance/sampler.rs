@@ -1,0 +1,219 @@
+//! What rows need to know of landmarks: who chooses them, and where the choice gets its distances from.
+//!
+//! Rows are computed for landmarks while these are still searched for. So the search is handed to the row job as a
+//! [`Sampler`]; the samplings themselves live a layer above, in [`crate::landmarks`]. A sampler asks a [`Space`] for
+//! distances; [`GraphSpace`] answers by fronts over a graph and counts them in *full fronts*: visits divided by
+//! nodes, so that a pruned front counts for the part of the surface that it covers.
+//!
+//! Memory: the search field, 4 bytes a node in a mapped file, and what the sampler keeps.
+
+use super::front::{Front, mean_weight};
+use crate::base::parallel::fill_each;
+use crate::base::{Error, Result};
+use crate::graph::Node;
+use crate::graph::dual::Csr;
+use crate::graph::weights::LEAST;
+use crate::store::Run;
+use crate::store::mapped::Access;
+use std::cell::Cell;
+use std::rc::Rc;
+
+/// Where landmarks go as soon as they are known: the node, and its row where the search has it at hand.
+pub type Found<'a> = dyn FnMut(u32, Option<&[f32]>) -> Result<()> + 'a;
+
+/// A method of choosing landmarks.
+pub trait Sampler: Sync {
+    /// Sends `l` distinct nodes of `space` (l at most its size) to `found`. `field` (n) is scratch.
+    ///
+    /// # Errors
+    /// [`Error::Cancelled`], or an error of `found`.
+    fn choose(
+        &self,
+        l: usize,
+        seed: u64,
+        space: &mut dyn Space,
+        field: &mut [f32],
+        found: &mut Found<'_>,
+    ) -> Result<()>;
+
+    /// Whether the search runs in length alone and not in the metric of the rows.
+    fn needs_lengths(&self) -> bool {
+        false
+    }
+
+    /// Whether the search costs so much besides the rows that the user is told.
+    fn is_costly(&self) -> bool {
+        true
+    }
+}
+
+/// Distances on demand.
+pub trait Space {
+    /// Geometry of the nodes (n).
+    fn nodes(&self) -> &[Node];
+
+    /// Fills `field` (n) with the distances from `node`.
+    ///
+    /// # Errors
+    /// [`Error::Cancelled`].
+    fn row(&mut self, node: u32, field: &mut [f32]) -> Result<()>;
+
+    /// Lowers `field` (n) to the distances from `node`, landmark number `k`, where those are smaller.
+    ///
+    /// # Errors
+    /// [`Error::Cancelled`].
+    fn lower(&mut self, k: usize, node: u32, field: &mut [f32]) -> Result<()>;
+
+    /// The same by length alone.
+    ///
+    /// # Errors
+    /// [`Error::Cancelled`]; [`Error::Parameter`] where the space has no lengths.
+    fn lower_by_length(&mut self, node: u32, field: &mut [f32]) -> Result<()>;
+
+    /// Threads that a sampler may use besides fronts.
+    fn threads(&self) -> usize {
+        1
+    }
+
+    /// Tells the kernel how the space's fields will be used from now on, where that matters.
+    fn advise(&self, _field: &[f32], _access: Access) {}
+
+    /// Landmark number `k` where an earlier run found it and computed its row.
+    fn finished(&self, _k: usize) -> Option<u32> {
+        None
+    }
+}
+
+/// Rows that an earlier run finished: their landmarks are known, and their distances spare the search its fronts.
+pub trait FinishedRows {
+    /// The landmark of row `k`, where that row is finished.
+    fn landmark(&self, k: usize) -> Option<u32>;
+    /// Lowers `field` to the distances of the finished row `k` where those are smaller.
+    fn lower(&self, k: usize, field: &mut [f32]);
+}
+
+impl FinishedRows for () {
+    fn landmark(&self, _: usize) -> Option<u32> {
+        None
+    }
+    fn lower(&self, _: usize, _: &mut [f32]) {}
+}
+
+/// A count of visits, readable while a sampler holds the space.
+pub type Visits = Rc<Cell<u64>>;
+
+/// What a space without lengths answers to [`Space::lower_by_length`].
+pub(crate) fn no_lengths() -> Error {
+    Error::parameter("--sampling", "this space has no lengths", "choose another sampling")
+}
+
+/// What landmarks are searched on.
+#[derive(Clone, Copy, Debug)]
+pub struct SearchGraph<'a> {
+    /// The graph that rows run over.
+    pub graph: Csr<'a>,
+    /// Geometry of its nodes (n).
+    pub nodes: &'a [Node],
+    /// The same graph weighted by length alone, for samplers that need it ([`fill_lengths`]).
+    pub lengths: Option<Csr<'a>>,
+}
+
+/// Distances by fronts over a graph; scratch memory is the front's.
+pub struct GraphSpace<'a> {
+    search: SearchGraph<'a>,
+    finished: &'a dyn FinishedRows,
+    front: &'a mut Front,
+    length_front: Option<Front>,
+    visits: Visits,
+    run: &'a Run<'a>,
+}
+
+impl<'a> GraphSpace<'a> {
+    /// A space over `search`, for whose graph `front` is one; rows in `finished` are taken over.
+    pub fn new(
+        search: SearchGraph<'a>,
+        front: &'a mut Front,
+        finished: &'a dyn FinishedRows,
+        run: &'a Run<'a>,
+    ) -> Self {
+        let length_front = search.lengths.map(|lengths| Front::new(mean_weight(lengths)));
+        Self { search, finished, front, length_front, visits: Visits::default(), run }
+    }
+
+    /// The count of visits so far; n of them are a front.
+    pub fn visits(&self) -> Visits {
+        self.visits.clone()
+    }
+
+    /// Sends up to `l` distinct landmarks of `sampler` to `found` (fewer only where there are fewer nodes), and returns
+    /// what the search cost in full fronts. `field` (n) is scratch. Landmarks are the same whatever rows are finished.
+    ///
+    /// # Errors
+    /// [`Error::Cancelled`], or an error of `found`.
+    pub fn sample(&mut self, sampler: &dyn Sampler, l: usize, field: &mut [f32], found: &mut Found<'_>) -> Result<f64> {
+        let n = self.search.graph.len();
+        sampler.choose(l.min(n), self.run.seed, self, field, found)?;
+        Ok(self.visits.get() as f64 / n.max(1) as f64)
+    }
+
+    fn count(&self, visits: u64) {
+        self.visits.set(self.visits.get() + visits);
+    }
+}
+
+impl Space for GraphSpace<'_> {
+    fn nodes(&self) -> &[Node] {
+        self.search.nodes
+    }
+
+    fn row(&mut self, node: u32, field: &mut [f32]) -> Result<()> {
+        let visits = self.front.full(self.search.graph, node, field, &self.run.cancel)?;
+        self.count(visits.expanded);
+        Ok(())
+    }
+
+    fn lower(&mut self, k: usize, node: u32, field: &mut [f32]) -> Result<()> {
+        self.run.cancel.check()?;
+        if self.finished.landmark(k) == Some(node) {
+            self.finished.lower(k, field);
+        } else {
+            let visits = self.front.lower(self.search.graph, &[node], field, &self.run.cancel)?;
+            self.count(visits.expanded);
+        }
+        Ok(())
+    }
+
+    fn lower_by_length(&mut self, node: u32, field: &mut [f32]) -> Result<()> {
+        let (Some(lengths), Some(front)) = (self.search.lengths, &mut self.length_front) else {
+            return Err(no_lengths());
+        };
+        let visits = front.lower(lengths, &[node], field, &self.run.cancel)?;
+        self.count(visits.expanded);
+        Ok(())
+    }
+
+    fn threads(&self) -> usize {
+        self.run.threads
+    }
+
+    fn advise(&self, field: &[f32], access: Access) {
+        self.front.advise(field, access);
+    }
+
+    fn finished(&self, k: usize) -> Option<u32> {
+        self.finished.landmark(k)
+    }
+}
+
+/// Fills `out` (nnz) with the distances between the centroids of neighbours: `graph` weighted by length alone.
+///
+/// # Errors
+/// [`Error::Cancelled`].
+pub fn fill_lengths(graph: Csr<'_>, nodes: &[Node], out: &mut [f32], run: &Run) -> Result<()> {
+    let start = |e: usize| graph.indptr.partition_point(|&start| start as usize <= e) - 1;
+    fill_each(run.threads, &run.cancel, out, 1 << 15, |e, _| {
+        let (a, b) = (nodes[start(e)].centroid, nodes[graph.indices[e] as usize].centroid);
+        let (x, y, z) = (a[0] - b[0], a[1] - b[1], a[2] - b[2]);
+        (x * x + y * y + z * z).sqrt().max(LEAST)
+    })
+}

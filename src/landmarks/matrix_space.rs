@@ -1,0 +1,66 @@
+//! Distances on demand from a matrix of all of them: what studies of small sets sample on.
+
+use crate::base::{Cancel, Result};
+use crate::distance::front::{Front, mean_weight};
+use crate::distance::sampler::{Space, Visits, no_lengths};
+use crate::graph::Node;
+use crate::graph::dual::Csr;
+
+/// All distances of a small set, row i at `i * n`.
+pub struct MatrixSpace<'a> {
+    distances: &'a [f32],
+    nodes: &'a [Node],
+    lengths: Option<(Csr<'a>, Front)>,
+    visits: Visits,
+}
+
+impl<'a> MatrixSpace<'a> {
+    /// A space over `distances` (n × n), with the graph of lengths where it is asked for.
+    pub fn new(distances: &'a [f32], nodes: &'a [Node], lengths: Option<Csr<'a>>) -> Self {
+        let lengths = lengths.map(|lengths| (lengths, Front::new(mean_weight(lengths))));
+        Self { distances, nodes, lengths, visits: Visits::default() }
+    }
+
+    /// The count of visits so far; n of them are a front.
+    pub fn visits(&self) -> Visits {
+        self.visits.clone()
+    }
+
+    fn count(&self, visits: u64) {
+        self.visits.set(self.visits.get() + visits);
+    }
+}
+
+impl Space for MatrixSpace<'_> {
+    fn nodes(&self) -> &[Node] {
+        self.nodes
+    }
+
+    fn row(&mut self, node: u32, field: &mut [f32]) -> Result<()> {
+        let n = self.nodes.len();
+        field.copy_from_slice(&self.distances[node as usize * n..(node as usize + 1) * n]);
+        self.count(n as u64);
+        Ok(())
+    }
+
+    fn lower(&mut self, _: usize, node: u32, field: &mut [f32]) -> Result<()> {
+        let n = self.nodes.len();
+        let mut lowered = 0;
+        for (known, &d) in field.iter_mut().zip(&self.distances[node as usize * n..(node as usize + 1) * n]) {
+            // As many visits as a pruned front would make.
+            if d < *known {
+                *known = d;
+                lowered += 1;
+            }
+        }
+        self.count(lowered);
+        Ok(())
+    }
+
+    fn lower_by_length(&mut self, node: u32, field: &mut [f32]) -> Result<()> {
+        let (lengths, front) = self.lengths.as_mut().ok_or_else(no_lengths)?;
+        let visits = front.lower(*lengths, &[node], field, &Cancel::default())?;
+        self.count(visits.expanded);
+        Ok(())
+    }
+}
