@@ -24,7 +24,7 @@ use std::path::Path;
 use std::sync::atomic::{AtomicU64, Ordering};
 
 /// A square of n × n vertices in the plane, its diagonals in random directions, slightly bent by `bend`.
-fn sheet(folder: &Path, n: usize, bend: f64) -> Mesh {
+fn sheet(n: usize, bend: f64) -> Mesh {
     let mut draw = stream(5, "sheet");
     let at = |i: usize, j: usize| (i * n + j) as u32;
     let points: Vec<[f64; 3]> = (0..n * n)
@@ -43,7 +43,7 @@ fn sheet(folder: &Path, n: usize, bend: f64) -> Mesh {
             faces.extend(pair);
         }
     }
-    Mesh::from_arrays(folder, &points, &faces).unwrap()
+    Mesh::from_slices(&points, &faces).unwrap()
 }
 
 fn graph(mesh: &Mesh, context: Context<'_>) -> VertexGraph {
@@ -106,14 +106,14 @@ fn seams_are_closed_and_pieces_bridged() {
         [5., 1., 0.],
         [9., 9., 0.],
     ];
-    let mesh = Mesh::from_arrays(dir.path(), &points, &[[0u32, 1, 2], [3, 5, 4], [6, 7, 8]]).unwrap();
+    let mesh = Mesh::from_slices(&points, &[[0u32, 1, 2], [3, 5, 4], [6, 7, 8]]).unwrap();
     let work = WorkDir::temporary(dir.path()).unwrap();
     let graph = graph(&mesh, Context::new(&work, &run));
     assert_eq!((graph.facts.seams, graph.facts.components, graph.facts.open), (2, 3, 9));
     let field = oracle::dijkstra(graph.csr(), 0);
     assert!(field.iter().all(|d| d.is_finite()), "{field:?}");
     assert!((field[5] * graph.frame.scale as f32 - 2.).abs() < 1e-5);
-    let flat = Mesh::from_arrays(dir.path(), &points[..3], &[[0u32, 0, 1]]).unwrap();
+    let flat = Mesh::from_slices(&points[..3], &[[0u32, 0, 1]]).unwrap();
     assert!(VertexGraph::build(&flat, Path::new("m"), Context::new(&work, &run)).is_err());
 }
 
@@ -138,7 +138,7 @@ fn marching_is_the_fixed_point_and_nearer_the_truth_than_edges() {
     let dir = tempfile::tempdir().unwrap();
     let run = Run::new(&());
     for bend in [0., 1.] {
-        let mesh = sheet(dir.path(), 24, bend);
+        let mesh = sheet(24, bend);
         let work = WorkDir::temporary(dir.path()).unwrap();
         let graph = graph(&mesh, Context::new(&work, &run));
         let surface = Surface::of(&graph);
@@ -207,7 +207,7 @@ fn marching_is_the_fixed_point_and_nearer_the_truth_than_edges() {
 fn rows_along_edges_are_dijkstras() {
     let dir = tempfile::tempdir().unwrap();
     let run = Run::new(&());
-    let mesh = sheet(dir.path(), 20, 1.);
+    let mesh = sheet(20, 1.);
     let work = WorkDir::temporary(dir.path()).unwrap();
     let graph = graph(&mesh, Context::new(&work, &run));
     let surface = Surface::of(&graph);
@@ -237,7 +237,7 @@ impl Progress for Stop {
 fn rows_that_were_stopped_go_on_where_they_were() {
     let dir = tempfile::tempdir().unwrap();
     let free = Run::new(&());
-    let mesh = sheet(dir.path(), 20, 1.);
+    let mesh = sheet(20, 1.);
     let params = RowParams { l: 9, sampling: Sampling::Farthest };
     let work = WorkDir::open(&dir.path().join("work")).unwrap();
     let rows = |run: &Run<'_>, key: &str, distance| {
@@ -270,7 +270,7 @@ fn rows_that_were_stopped_go_on_where_they_were() {
 fn with_every_vertex_a_landmark_the_embedding_is_that_of_the_whole_matrix() {
     let dir = tempfile::tempdir().unwrap();
     let run = Run::new(&());
-    let mesh = sheet(dir.path(), 9, 1.);
+    let mesh = sheet(9, 1.);
     let work = WorkDir::temporary(dir.path()).unwrap();
     let graph = graph(&mesh, Context::new(&work, &run));
     let n = graph.len();
@@ -314,7 +314,7 @@ fn brute(point: &Point, among: &[Point]) -> f32 {
 fn the_nearest_is_the_nearest() {
     let dir = tempfile::tempdir().unwrap();
     let run = Run::new(&());
-    let mesh = sheet(dir.path(), 40, 1.);
+    let mesh = sheet(40, 1.);
     let work = WorkDir::temporary(dir.path()).unwrap();
     let graph = graph(&mesh, Context::new(&work, &run));
     for k in 2..=8 {
@@ -345,7 +345,7 @@ fn the_nearest_is_the_nearest() {
 fn mutual_matches_are_mutual_and_one_to_one_ones_stable() {
     let dir = tempfile::tempdir().unwrap();
     let run = Run::new(&());
-    let mesh = sheet(dir.path(), 20, 1.);
+    let mesh = sheet(20, 1.);
     let work = WorkDir::temporary(dir.path()).unwrap();
     let graph = graph(&mesh, Context::new(&work, &run));
     let b = points_on(&graph, 3);

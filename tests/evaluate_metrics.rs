@@ -15,14 +15,14 @@ fn random(seed: u32, n: usize, parts: u32) -> Vec<u32> {
 }
 
 /// An n × n grid of unit squares, cut into triangles, with a bump so that nothing is flat.
-fn grid(folder: &std::path::Path, n: u32) -> Mesh {
+fn grid(n: u32) -> Mesh {
     let height = |x: u32, y: u32| (f64::from(x) * 0.7).sin() * (f64::from(y) * 0.4).cos();
     let side = n + 1;
     let vertices: Vec<[f64; 3]> =
         (0..side * side).map(|v| (v % side, v / side)).map(|(x, y)| [x.into(), y.into(), height(x, y)]).collect();
     let corners = (0..n * n).map(|q| q / n * side + q % n);
     let faces: Vec<[u32; 3]> = corners.flat_map(|v| [[v, v + 1, v + side + 1], [v, v + side + 1, v + side]]).collect();
-    Mesh::from_arrays(folder, &vertices, &faces).unwrap()
+    Mesh::from_slices(&vertices, &faces).unwrap()
 }
 
 fn close(a: f64, b: f64) -> bool {
@@ -99,8 +99,7 @@ fn degenerate_labellings_have_scores() {
 
 #[test]
 fn counts_that_differ_are_named_in_one_line() {
-    let dir = tempfile::tempdir().unwrap();
-    let mesh = grid(dir.path(), 3);
+    let mesh = grid(3);
     let error = compare(Some(&mesh), &[0; 18], &[0; 17]).unwrap_err().to_string();
     assert_eq!(error, "truth: 17 labels for 18 faces; give one label a face, in the order of the mesh file");
     let surface = Surface::of(&mesh).unwrap();
@@ -113,8 +112,7 @@ fn counts_that_differ_are_named_in_one_line() {
 
 #[test]
 fn people_are_compared_with_each_other_person() {
-    let dir = tempfile::tempdir().unwrap();
-    let mesh = grid(dir.path(), 8);
+    let mesh = grid(8);
     let surface = Surface::of(&mesh).unwrap();
     let truths: Vec<Vec<u32>> = (1..5).map(|k| (0..128).map(|f| f / (16 * k)).collect()).collect();
     let ready = surface.segmentations(&truths).unwrap();
@@ -176,8 +174,7 @@ proptest! {
         truth in prop::collection::vec(0u32..4, 32),
         names in Just([90u32, 3, u32::MAX, 17, 4]).prop_shuffle(),
     ) {
-        let dir = tempfile::tempdir().unwrap();
-        let mesh = grid(dir.path(), 4);
+        let mesh = grid(4);
         let scores = compare(Some(&mesh), &labels, &truth).unwrap();
         let renamed: Vec<u32> = labels.iter().map(|&l| names[l as usize]).collect();
         prop_assert!(all_close(&compare(Some(&mesh), &renamed, &truth).unwrap(), &scores));

@@ -47,7 +47,7 @@ fn two_threads() -> Run<'static> {
 }
 
 fn build(shape: &Shape) -> Built {
-    build_in(two_threads(), |folder| Mesh::from_arrays(folder, &shape.vertices, &shape.faces).unwrap())
+    build_in(two_threads(), |_| Mesh::from_slices(&shape.vertices, &shape.faces).unwrap())
 }
 
 impl Built {
@@ -331,7 +331,7 @@ fn landmarks_and_rows_equal_the_plain_algorithm() {
 fn rows_are_the_same_whatever_the_threads_and_the_memory() {
     // Three blocks of pages and a bit.
     let shape = zoo::grid(160);
-    let make = |folder: &Path| Mesh::from_arrays(folder, &shape.vertices, &shape.faces).unwrap();
+    let make = |_: &Path| Mesh::from_slices(&shape.vertices, &shape.faces).unwrap();
     let mut first: Option<(Vec<u32>, Vec<u32>, Vec<u32>)> = None;
     for (threads, megabytes, resident) in
         [(1, 1000, u64::MAX), (2, 1000, 0), (7, 1000, u64::MAX), (1, 1, 0), (3, 1, 10), (2, 1, u64::MAX)]

@@ -53,7 +53,7 @@ fn a_small_mesh_is_shown_as_it_is_with_its_labels_and_cuts() {
     assert_eq!(std::fs::read_to_string(&target).unwrap(), html);
     let wrong = Page { labels: &labels[1..], ..page };
     assert!(wrong.html(&run()).unwrap_err().to_string().contains("labels"));
-    let nowhere = Mesh::from_arrays(dir.path(), &[[f64::NAN; 3]; 3], &[[0, 1, 2]]).unwrap();
+    let nowhere = Mesh::from_slices(&[[f64::NAN; 3]; 3], &[[0, 1, 2]]).unwrap();
     assert!(Page { mesh: &nowhere, labels: &[0], cuts: None, ..page }.html(&run()).is_err());
 }
 

@@ -3,18 +3,17 @@
 use nystrom_stream::apps::picture::{Image, PictureParams, Up, colours_for, render};
 use nystrom_stream::mesh::Mesh;
 use nystrom_stream::store::Run;
-use std::path::Path;
 
 const RED: [u8; 3] = [220, 0, 0];
 const GREEN: [u8; 3] = [0, 160, 0];
 const BLUE: [u8; 3] = [0, 0, 220];
 
 /// A cube of quadrangles, its faces in the order -z +z -y +y -x +x.
-fn cube(folder: &Path, high: f64) -> Mesh {
+fn cube(high: f64) -> Mesh {
     let vertices: Vec<[f64; 3]> =
         (0..8).map(|k| [f64::from(k & 1), f64::from(k >> 1 & 1) * high, f64::from(k >> 2)]).collect();
     let faces: [[u32; 4]; 6] = [[0, 2, 3, 1], [4, 5, 7, 6], [0, 1, 5, 4], [2, 6, 7, 3], [0, 4, 6, 2], [1, 3, 7, 5]];
-    Mesh::from_arrays(folder, &vertices, &faces).unwrap()
+    Mesh::from_slices(&vertices, &faces).unwrap()
 }
 
 fn small() -> PictureParams {
@@ -30,8 +29,7 @@ fn count(image: &Image, colour: [u8; 3]) -> usize {
 
 #[test]
 fn three_sides_of_a_cube_are_seen_and_the_hidden_ones_are_not() {
-    let dir = tempfile::tempdir().unwrap();
-    let mesh = cube(dir.path(), 1.0);
+    let mesh = cube(1.0);
     // Top green, bottom blue, sides red.
     let params = PictureParams { up: Some("y".parse().unwrap()), lines: false, ..small() };
     let image = render(&mesh, Some(&[0, 0, 2, 1, 0, 0]), &[RED, GREEN, BLUE], &params, &Run::new(&())).unwrap();
@@ -56,7 +54,6 @@ fn three_sides_of_a_cube_are_seen_and_the_hidden_ones_are_not() {
 
 #[test]
 fn the_picture_does_not_depend_on_the_threads() {
-    let dir = tempfile::tempdir().unwrap();
     let n = 60u32;
     let vertices: Vec<[f64; 3]> = (0..(n + 1) * (n + 1))
         .map(|v| {
@@ -73,7 +70,7 @@ fn the_picture_does_not_depend_on_the_threads() {
         })
         .collect();
     let labels: Vec<u32> = (0..faces.len() as u32).map(|f| f / 2 % n / 20).collect();
-    let mesh = Mesh::from_arrays(dir.path(), &vertices, &faces).unwrap();
+    let mesh = Mesh::from_slices(&vertices, &faces).unwrap();
     let draw = |threads| {
         let mut run = Run::new(&());
         run.threads = threads;
@@ -91,7 +88,6 @@ fn the_picture_does_not_depend_on_the_threads() {
 #[test]
 fn nothing_is_seen_between_neighbouring_faces() {
     // A disc of slivers around one vertex, looked at from above: no white inside.
-    let dir = tempfile::tempdir().unwrap();
     let n = 997u32;
     let mut vertices = vec![[0.0, 0.0, 0.0]];
     vertices.extend((0..n).map(|k| {
@@ -99,7 +95,7 @@ fn nothing_is_seen_between_neighbouring_faces() {
         [angle.cos(), 0.001 * f64::from(k % 2), angle.sin()]
     }));
     let faces: Vec<[u32; 3]> = (0..n).map(|k| [0, 1 + k, 1 + (k + 1) % n]).collect();
-    let mesh = Mesh::from_arrays(dir.path(), &vertices, &faces).unwrap();
+    let mesh = Mesh::from_slices(&vertices, &faces).unwrap();
     let params = PictureParams { up: Some("y".parse().unwrap()), tilt: 90.0, transparent: true, samples: 1, ..small() };
     let image = render(&mesh, None, &[], &params, &Run::new(&())).unwrap();
     for row in image.pixels.chunks(image.width) {
@@ -112,20 +108,19 @@ fn nothing_is_seen_between_neighbouring_faces() {
 
 #[test]
 fn odd_meshes_are_drawn_or_refused() {
-    let dir = tempfile::tempdir().unwrap();
     let run = Run::new(&());
     // A face without a place in space, one without area, and labels beyond the colours.
     let vertices = [[0.0; 3], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [f64::NAN, 0.0, 0.0], [2.0, 0.0, 0.0]];
-    let mesh = Mesh::from_arrays(dir.path(), &vertices, &[[0u32, 1, 2], [0, 1, 3], [0, 1, 4]]).unwrap();
+    let mesh = Mesh::from_slices(&vertices, &[[0u32, 1, 2], [0, 1, 3], [0, 1, 4]]).unwrap();
     let image = render(&mesh, Some(&[u32::MAX, 0, 7]), &[RED], &small(), &run).unwrap();
     assert!(image.pixels.iter().filter(|p| p[0] < 200).count() > 50);
     // A single point.
-    let mesh = Mesh::from_arrays(dir.path(), &vertices[..1], &[[0u32, 0, 0]]).unwrap();
+    let mesh = Mesh::from_slices(&vertices[..1], &[[0u32, 0, 0]]).unwrap();
     render(&mesh, None, &[], &small(), &run).unwrap();
     // Nothing in space.
-    let mesh = Mesh::from_arrays(dir.path(), &vertices, &[[0u32, 1, 3]]).unwrap();
+    let mesh = Mesh::from_slices(&vertices, &[[0u32, 1, 3]]).unwrap();
     assert!(render(&mesh, None, &[], &small(), &run).is_err());
-    let mesh = cube(dir.path(), 1.0);
+    let mesh = cube(1.0);
     assert!(render(&mesh, Some(&[0; 5]), &[RED], &small(), &run).is_err());
     for wrong in [
         PictureParams { width: 0, ..small() },
@@ -141,8 +136,7 @@ fn odd_meshes_are_drawn_or_refused() {
 
 #[test]
 fn neighbours_get_unlike_colours_and_gaps_in_the_numbers_do_no_harm() {
-    let dir = tempfile::tempdir().unwrap();
-    let mesh = cube(dir.path(), 2.0);
+    let mesh = cube(2.0);
     let colours = colours_for(&mesh, &[0, 5, 0, 5, 9, u32::MAX], &Run::new(&())).unwrap();
     assert_eq!(colours.len(), 10);
     assert!(colours[0] != colours[5] && colours[5] != colours[9] && colours[0] != colours[9]);

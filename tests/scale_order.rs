@@ -59,7 +59,7 @@ fn random_polygons_have_the_same_graph() {
         let faces: Vec<Vec<u32>> = (0..20 + 900 * round)
             .map(|_| (0..below(&mut draw, 7)).map(|_| below(&mut draw, vertices.len()) as u32).collect())
             .collect();
-        let mesh = Mesh::from_arrays(dir.path(), &vertices, &faces).unwrap();
+        let mesh = Mesh::from_slices(&vertices, &faces).unwrap();
         for budget in [1 << 30, 2 << 20, 500_000] {
             let work = WorkDir::temporary(dir.path()).unwrap();
             let ordered =

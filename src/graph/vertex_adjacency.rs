@@ -119,7 +119,7 @@ mod tests {
     fn neighbours_are_those_of_the_sides_whatever_the_memory() {
         let dir = tempfile::tempdir().unwrap();
         let faces: Vec<Vec<u32>> = vec![vec![0, 1, 2, 3], vec![2, 1, 4], vec![4, 4, 1], vec![], vec![6, 7, 4]];
-        let mesh = Mesh::from_arrays(dir.path(), &[[0.; 3]; 9], &faces).unwrap();
+        let mesh = Mesh::from_slices(&[[0.; 3]; 9], &faces).unwrap();
         let mut expected = vec![BTreeSet::new(); 9];
         for face in &faces {
             for k in 0..face.len() {

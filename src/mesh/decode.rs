@@ -9,7 +9,7 @@ use super::header::{CUT_SHORT, Header};
 use super::model::{Element, Encoding, Kind, Scalar};
 use super::sink::FaceSink;
 use super::strip::Strip;
-use super::surface::{Faces, Positions};
+use super::surface::{Faces, MOST_FACES, Positions, too_many_faces};
 use crate::base::{Error, Result};
 use crate::store::npy::{self, ArrayWriter, Item};
 use crate::store::{MappedBytes, Run};
@@ -18,8 +18,6 @@ use std::path::Path;
 
 /// Records between two looks at the stop flag.
 const CHUNK: usize = 1 << 14;
-/// Faces that can be numbered: two numbers are kept back as marks.
-const MOST_FACES: u64 = (1 << 32) - 2;
 
 /// What to look for in a file, and where to put it.
 pub(super) struct Task<'a> {
@@ -234,7 +232,7 @@ impl<'a> Task<'a> {
             Ok(())
         })?;
         if sink.faces() > MOST_FACES {
-            return Err(too_many(self.path, sink.faces()));
+            return Err(too_many_faces(self.path, sink.faces()));
         }
         let one_list =
             element.properties.iter().filter(|property| matches!(property.kind, Kind::List { .. })).count() == 1;
@@ -252,14 +250,4 @@ impl<'a> Task<'a> {
             "repair the mesh or export it again",
         )
     }
-}
-
-/// The refusal of a mesh with more faces than can be numbered.
-pub(super) fn too_many(path: &Path, faces: u64) -> Error {
-    Error::unusable(path, format!("has {faces} faces, more than {MOST_FACES}"), "cut it into several meshes")
-}
-
-/// Whether `faces` can be numbered.
-pub(super) fn can_be_numbered(faces: usize) -> bool {
-    faces as u64 <= MOST_FACES
 }

@@ -5,13 +5,13 @@
 //! anything else is decoded once into arrays of the scratch folder; a compressed or streamed file
 //! is spooled there first.
 
-use super::decode::{self, Task, can_be_numbered, too_many};
+use super::decode::{self, Task};
 use super::document::Document;
 use super::header::{self, CUT_SHORT, Header};
 use super::import::{self, Format};
 use super::model::{Element, Encoding, Kind, Scalar};
 use super::spool;
-use super::surface::Mesh;
+use super::surface::{MOST_FACES, Mesh, no_faces, too_many_faces, too_many_vertices};
 use crate::base::{Error, Result};
 use crate::store::mapped::Access;
 use crate::store::{MappedBytes, Run};
@@ -96,15 +96,6 @@ fn open_bytes(path: &Path, bytes: MappedBytes, scratch: &Path, run: &Run) -> Res
     Ok(Opened { mesh, document, notes })
 }
 
-/// The error for a file without faces.
-pub fn no_faces(path: &Path) -> Error {
-    Error::unusable(
-        path,
-        "has no faces; a point cloud cannot be segmented",
-        "reconstruct a surface from it first, or export the mesh with its faces",
-    )
-}
-
 /// The vertex element and its x, y, z.
 fn find_vertices(path: &Path, header: &Header) -> Result<(usize, [usize; 3])> {
     let wrong = |problem: &str| Error::malformed(path, "header", problem, "export the mesh again");
@@ -112,7 +103,7 @@ fn find_vertices(path: &Path, header: &Header) -> Result<(usize, [usize; 3])> {
     let number = number.ok_or_else(|| wrong("there is no vertex element"))?;
     let element = &header.elements[number];
     if u32::try_from(element.count).is_err() {
-        return Err(Error::unusable(path, "has more than 2^32 vertices", "cut it into several meshes"));
+        return Err(too_many_vertices(path));
     }
     let axis = |name: &str| {
         let found = element.find(name).or_else(|| element.find(&name.to_ascii_uppercase()));
@@ -139,8 +130,8 @@ fn find_faces(path: &Path, header: &Header) -> Result<(usize, usize, bool)> {
         let of_name = |element: &Element| element.is(name) && element.count > 0;
         let Some(number) = header.elements.iter().position(of_name) else { continue };
         let element = &header.elements[number];
-        if !strips && !can_be_numbered(element.count) {
-            return Err(too_many(path, element.count as u64));
+        if !strips && element.count as u64 > MOST_FACES {
+            return Err(too_many_faces(path, element.count as u64));
         }
         let list = vertex_list(element).ok_or_else(|| {
             let problem = format!("the {name} element has no list vertex_indices or vertex_index of integers");

@@ -7,10 +7,10 @@
 
 use crate::base::vector::finite;
 use crate::base::{Error, Result};
-use crate::store::npy;
 use crate::store::{MappedBytes, MappedSlice};
 use std::ops::Range;
 use std::path::Path;
+use xxhash_rust::xxh3::Xxh3;
 
 /// Vertex positions at a fixed stride in mapped bytes, `f32` or `f64`, little-endian.
 #[derive(Clone, Debug)]
@@ -237,20 +237,142 @@ impl Faces {
     }
 }
 
-/// A mesh: positions, and faces whose indices are all in range.
+/// A mesh: positions, and faces whose indices are all in range. Clones share all arrays.
 #[derive(Clone, Debug)]
 pub struct Mesh {
     /// Vertex positions.
     pub positions: Positions,
-    /// Faces, in the order of the file.
+    /// Faces, in the order of the file or of the array.
     pub faces: Faces,
 }
 
+/// What an error calls a mesh that comes from arrays.
+const ARRAYS: &str = "<arrays>";
+
 impl Mesh {
-    /// Puts positions and faces together. The caller has checked every index (the readers of this
-    /// floor do, while decoding); [`Positions::get`] answers NaN to a wrong one all the same.
+    /// Puts positions and faces together. The caller has checked every index (the readers do, while decoding);
+    /// [`Positions::get`] answers NaN to a wrong one all the same.
     pub fn new(positions: Positions, faces: Faces) -> Self {
         Self { positions, faces }
+    }
+
+    /// A mesh of copied arrays: `positions` (vertices × 3, `f32` or `f64`) and for each face the numbers of its corners
+    /// from 0, three or any other number of them. Coordinates need not be finite. Nothing is written to disk; it takes
+    /// 12 or 24 bytes per vertex, 4 per corner, and 8 per face where not all are triangles.
+    ///
+    /// ```
+    /// # fn main() -> nystrom_stream::base::Result<()> {
+    /// use nystrom_stream::mesh::Mesh;
+    /// let corners = [[0., 0., 0.], [1., 0., 0.], [1., 1., 0.], [0., 1., 0.]];
+    /// let mesh = Mesh::from_slices(&corners, &[[0, 1, 2], [0, 2, 3]])?;
+    /// assert_eq!((mesh.positions.len(), mesh.faces.len()), (4, 2));
+    /// let error = Mesh::from_slices(&corners, &[[0, 1, 4]]).unwrap_err();
+    /// assert!(error.to_string().starts_with("<arrays>: faces[0]: names vertex 4"));
+    /// # Ok(())
+    /// # }
+    /// ```
+    ///
+    /// # Errors
+    /// [`Error::Malformed`] naming the face that names no vertex; [`Error::Unusable`] without faces or with 2³² vertices
+    /// or faces.
+    pub fn from_slices<P: Coordinate, F: AsRef<[u32]>>(positions: &[[P; 3]], faces: &[F]) -> Result<Self> {
+        let sizes = || faces.iter().map(|face| face.as_ref().len() as u64);
+        let mut corners = Vec::with_capacity(sizes().sum::<u64>() as usize);
+        faces.iter().for_each(|face| corners.extend_from_slice(face.as_ref()));
+        let ends = sizes().scan(0, |end, size| {
+            *end += size;
+            Some(*end)
+        });
+        let starts = sizes().any(|size| size != 3).then(|| std::iter::once(0).chain(ends).collect());
+        Self::of_arrays(positions.to_vec(), starts, corners)
+    }
+
+    /// A mesh of triangles whose arrays are taken over without a copy: `positions` (vertices × 3) and the numbers of
+    /// each face's corners from 0 (faces × 3).
+    ///
+    /// # Errors
+    /// As [`Mesh::from_slices`].
+    pub fn from_vecs<P: Coordinate>(positions: Vec<[P; 3]>, faces: Vec<[u32; 3]>) -> Result<Self> {
+        Self::of_arrays(positions, None, faces.into_flattened())
+    }
+
+    /// A mesh of polygons whose arrays are taken over without a copy: face `f` has the corners
+    /// `corners[starts[f]..starts[f + 1]]`, so `starts` has one item more than there are faces.
+    ///
+    /// ```
+    /// # fn main() -> nystrom_stream::base::Result<()> {
+    /// use nystrom_stream::mesh::Mesh;
+    /// let positions = vec![[0f32, 0., 0.], [1., 0., 0.], [1., 1., 0.], [0., 1., 0.], [2., 0., 1.]];
+    /// let mesh = Mesh::from_polygons(positions, vec![0, 4, 7], vec![0, 1, 2, 3, 1, 4, 2])?;
+    /// assert_eq!(mesh.faces.with(1, |corners| corners.to_vec()), [1, 4, 2]);
+    /// # Ok(())
+    /// # }
+    /// ```
+    ///
+    /// # Errors
+    /// As [`Mesh::from_slices`]; [`Error::Malformed`] where `starts` does not ascend from 0 to the number of corners.
+    pub fn from_polygons<P: Coordinate>(positions: Vec<[P; 3]>, starts: Vec<u64>, corners: Vec<u32>) -> Result<Self> {
+        let fits = starts.first() == Some(&0) && starts.last() == Some(&(corners.len() as u64)) && starts.is_sorted();
+        if !fits {
+            let problem = format!("do not ascend from 0 to the {} corners", corners.len());
+            return Err(Error::malformed(ARRAYS, "starts", problem, "give where each face begins, and the end"));
+        }
+        Self::of_arrays(positions, Some(starts), corners)
+    }
+
+    fn of_arrays<P: Coordinate>(positions: Vec<[P; 3]>, starts: Option<Vec<u64>>, corners: Vec<u32>) -> Result<Self> {
+        let path = Path::new(ARRAYS);
+        let vertices = positions.len();
+        if u32::try_from(vertices).is_err() {
+            return Err(too_many_vertices(path));
+        }
+        if let Some(k) = corners.iter().position(|&v| v as usize >= vertices) {
+            let face = starts.as_ref().map_or(k / 3, |starts| starts.partition_point(|&start| start <= k as u64) - 1);
+            let problem = format!("names vertex {}, but there are {vertices}, counted from 0", corners[k]);
+            return Err(Error::malformed(path, format!("faces[{face}]"), problem, "correct the indices"));
+        }
+        let (size, double) = (size_of::<P>(), size_of::<P>() == 8);
+        let at = [0, size, 2 * size];
+        let positions = Positions::strided(path, P::into_bytes(positions), 0, 3 * size, at, double, vertices)?;
+        let faces = match starts {
+            Some(starts) => Faces::Polygons { starts: starts.into(), corners: corners.into() },
+            None => {
+                let len = corners.len() / 3;
+                Faces::triangles(path, corners.into(), 0, 12, len)?
+            }
+        };
+        if faces.is_empty() {
+            return Err(no_faces(path));
+        }
+        if faces.len() as u64 > MOST_FACES {
+            return Err(too_many_faces(path, faces.len() as u64));
+        }
+        Ok(Self::new(positions, faces))
+    }
+
+    /// A hash of all positions and faces: equal for equal meshes, whatever holds them. One pass, about 10 ns per face.
+    pub fn content_hash(&self) -> u64 {
+        const BLOCK: usize = 1 << 14;
+        let mut hash = Xxh3::new();
+        hash.update(bytemuck::bytes_of(&[self.positions.len() as u64, self.faces.len() as u64]));
+        let mut block: Vec<u64> = Vec::with_capacity(3 * BLOCK);
+        for start in (0..self.positions.len()).step_by(BLOCK) {
+            block.clear();
+            for v in start..self.positions.len().min(start + BLOCK) {
+                block.extend(self.positions.get(v as u32).map(f64::to_bits));
+            }
+            hash.update(bytemuck::cast_slice(&block));
+        }
+        let mut block: Vec<u32> = Vec::with_capacity(4 * BLOCK);
+        for start in (0..self.faces.len()).step_by(BLOCK) {
+            block.clear();
+            self.faces.for_each(start..self.faces.len().min(start + BLOCK), |_, corners| {
+                block.push(corners.len() as u32);
+                block.extend_from_slice(corners);
+            });
+            hash.update(bytemuck::cast_slice(&block));
+        }
+        hash.digest()
     }
 
     /// Calls `visit(corners, positions)` for the triangles of the fan of a face's `corners`; those without a place in
@@ -268,56 +390,120 @@ impl Mesh {
             (before, at) = (corner, position);
         }
     }
+}
 
-    /// A mesh from arrays in memory, written to `folder` (`vertices.npy`, `face_starts.npy`,
-    /// `face_vertices.npy`): for tests, generators and bindings.
-    ///
-    /// # Errors
-    /// [`Error::Io`], or [`Error::Malformed`] for an index out of range.
-    pub fn from_arrays<F: AsRef<[u32]>>(folder: &Path, vertices: &[[f64; 3]], faces: &[F]) -> Result<Self> {
-        let path = folder.join("vertices.npy");
-        npy::write(&path, vertices.as_flattened(), 3, false)?;
-        let positions =
-            Positions::strided(&path, MappedBytes::open(&path)?, npy::HEADER, 24, [0, 8, 16], true, vertices.len())?;
-        let mut starts = vec![0u64];
-        let mut corners = Vec::new();
-        for (f, face) in faces.iter().enumerate() {
-            if let Some(v) = face.as_ref().iter().find(|&&v| v as usize >= vertices.len()) {
-                return Err(Error::malformed(
-                    &path,
-                    format!("face {f}"),
-                    format!("names vertex {v} of {}", vertices.len()),
-                    "correct the indices",
-                ));
-            }
-            corners.extend_from_slice(face.as_ref());
-            starts.push(corners.len() as u64);
-        }
-        let starts = npy::write(&folder.join("face_starts.npy"), &starts, 1, false)?;
-        let corners = npy::write(&folder.join("face_vertices.npy"), &corners, 1, false)?;
-        Ok(Self::new(positions, Faces::Polygons { starts, corners }))
+mod sealed {
+    use crate::store::MappedBytes;
+
+    pub trait Sealed: bytemuck::Pod {
+        /// The bytes of an array, which is taken over without a copy.
+        fn into_bytes(positions: Vec<[Self; 3]>) -> MappedBytes;
     }
+
+    impl Sealed for f32 {
+        fn into_bytes(positions: Vec<[Self; 3]>) -> MappedBytes {
+            bytemuck::cast_vec::<Self, u32>(positions.into_flattened()).into()
+        }
+    }
+
+    impl Sealed for f64 {
+        fn into_bytes(positions: Vec<[Self; 3]>) -> MappedBytes {
+            bytemuck::cast_vec::<Self, u64>(positions.into_flattened()).into()
+        }
+    }
+}
+
+/// What coordinates may be: `f32` or `f64`.
+pub trait Coordinate: sealed::Sealed {}
+
+impl Coordinate for f32 {}
+impl Coordinate for f64 {}
+
+/// Faces at most: two numbers of 32 bits are kept back as marks.
+pub(super) const MOST_FACES: u64 = (1 << 32) - 2;
+
+/// The error for a mesh without faces.
+pub fn no_faces(path: &Path) -> Error {
+    Error::unusable(
+        path,
+        "has no faces; a point cloud cannot be segmented",
+        "reconstruct a surface from it first, or export the mesh with its faces",
+    )
+}
+
+/// The error for a mesh with more faces than can be numbered.
+pub(super) fn too_many_faces(path: &Path, faces: u64) -> Error {
+    Error::unusable(path, format!("has {faces} faces, more than {MOST_FACES}"), "cut it into several meshes")
+}
+
+/// The error for a mesh with more vertices than can be numbered.
+pub(super) fn too_many_vertices(path: &Path) -> Error {
+    Error::unusable(path, "has more than 2^32 vertices", "cut it into several meshes")
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
 
+    const SQUARE: [[f64; 3]; 4] = [[0., 0., 0.], [1., 0., 0.], [1., 1., 0.], [0., 1., 0.]];
+
+    fn faces_of(mesh: &Mesh) -> Vec<Vec<u32>> {
+        let mut seen = Vec::new();
+        mesh.faces.for_each(0..mesh.faces.len(), |f, corners| {
+            assert_eq!((f, mesh.faces.with(f, <[u32]>::to_vec)), (seen.len(), corners.to_vec()));
+            seen.push(corners.to_vec());
+        });
+        seen
+    }
+
     #[test]
     fn arrays_make_a_mesh() {
-        let dir = tempfile::tempdir().unwrap();
-        let mesh = Mesh::from_arrays(
-            dir.path(),
-            &[[0., 0., 0.], [1., 0., 0.], [1., 1., 0.], [0., 1., 0.]],
-            &[vec![0u32, 1, 2, 3], vec![0, 2, 1]],
-        )
-        .unwrap();
-        let mut seen = Vec::new();
-        mesh.faces.for_each(0..2, |f, corners| seen.push((f, corners.to_vec())));
-        assert_eq!(seen, [(0, vec![0, 1, 2, 3]), (1, vec![0, 2, 1])]);
+        let faces = [vec![0u32, 1, 2, 3], vec![0, 2, 1]];
+        let mesh = Mesh::from_slices(&SQUARE, &faces).unwrap();
+        assert_eq!(faces_of(&mesh), faces);
         assert_eq!(mesh.positions.get(2), [1., 1., 0.]);
         assert_eq!((0..7).map(|c| mesh.faces.face_of_corner(c)).collect::<Vec<_>>(), [0, 0, 0, 0, 1, 1, 1]);
         assert!(mesh.positions.get(9)[0].is_nan());
-        assert!(Mesh::from_arrays(dir.path(), &[[0.; 3]], &[[0u32, 0, 1]]).is_err());
+    }
+
+    #[test]
+    fn every_way_in_makes_the_same_mesh() {
+        let triangles = [[0u32, 1, 2], [0, 2, 3]];
+        let narrow = SQUARE.map(|position| position.map(|x| x as f32));
+        let same = [
+            Mesh::from_slices(&SQUARE, &triangles),
+            Mesh::from_slices(&narrow, &triangles),
+            Mesh::from_vecs(SQUARE.to_vec(), triangles.to_vec()),
+            Mesh::from_vecs(narrow.to_vec(), triangles.to_vec()),
+            Mesh::from_polygons(SQUARE.to_vec(), vec![0, 3, 6], triangles.as_flattened().to_vec()),
+        ]
+        .map(Result::unwrap);
+        for mesh in &same {
+            assert_eq!(faces_of(mesh), triangles);
+            assert_eq!(mesh.positions.get(3), [0., 1., 0.]);
+            assert_eq!(mesh.content_hash(), same[0].content_hash());
+        }
+        let others =
+            [Mesh::from_slices(&SQUARE, &[[0u32, 1, 2], [0, 3, 2]]), Mesh::from_slices(&SQUARE, &triangles[..1])];
+        for mesh in others {
+            assert_ne!(mesh.unwrap().content_hash(), same[0].content_hash());
+        }
+    }
+
+    #[test]
+    fn wrong_arrays_are_refused_and_odd_numbers_are_not() {
+        let wrong = |made: Result<Mesh>, part: &str| {
+            let message = made.unwrap_err().to_string();
+            assert!(message.contains(part), "{message}");
+        };
+        wrong(Mesh::from_slices(&SQUARE, &[vec![0u32, 1, 2, 3], vec![], vec![0, 4, 2]]), "faces[2]: names vertex 4");
+        wrong(Mesh::from_vecs(SQUARE.to_vec(), vec![[0, 1, 2], [0, 1, u32::MAX]]), "faces[1]: names vertex 4294967295");
+        wrong(Mesh::from_slices(&SQUARE, &[[0u32; 3]; 0]), "has no faces");
+        wrong(Mesh::from_polygons(SQUARE.to_vec(), vec![0], vec![]), "has no faces");
+        for starts in [vec![], vec![1, 3], vec![0, 2], vec![0, 4, 3], vec![0, 2, 1, 3]] {
+            wrong(Mesh::from_polygons(SQUARE.to_vec(), starts, vec![0, 1, 2]), "starts: do not ascend");
+        }
+        let odd = Mesh::from_slices(&[[f32::NAN, f32::INFINITY, 0.]; 3], &[[0u32, 1, 2]]).unwrap();
+        assert!(odd.positions.get(0)[0].is_nan());
     }
 }

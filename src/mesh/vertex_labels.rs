@@ -104,10 +104,9 @@ mod tests {
 
     #[test]
     fn the_most_frequent_label_wins_whatever_the_bands() {
-        let dir = tempfile::tempdir().unwrap();
         // A fan around vertex 0, and many vertices of no face.
         let faces: Vec<[u32; 3]> = (1..7).map(|k| [0, k, k % 6 + 1]).collect();
-        let mesh = Mesh::from_arrays(dir.path(), &vec![[0.; 3]; 3 * LEAST], &faces).unwrap();
+        let mesh = Mesh::from_slices(&vec![[0.; 3]; 3 * LEAST], &faces).unwrap();
         let labels = [5, 5, 7, 9, 7, 7];
         let narrow = Run { budget: Budget::new((size_of::<Tally>() * LEAST) as u64), ..Run::new(&()) };
         for run in [Run::new(&()), narrow] {

@@ -8,7 +8,7 @@ use crate::apps::creature::{Creature, Options};
 use crate::base::{Error, Progress, Result};
 use crate::mesh;
 use crate::mesh::model::{Encoding, Kind};
-use crate::mesh::open::no_faces;
+use crate::mesh::surface::no_faces;
 use crate::mesh::{header, import};
 use crate::store::{Context, MappedBytes, Run, WorkDir};
 use std::collections::BTreeMap;

@@ -36,7 +36,7 @@ pub enum Access {
     Random,
 }
 
-/// The bytes of a whole file, mapped read-only, or of an array that is held in memory in its place. Clones share them.
+/// The bytes of a whole file, mapped read-only, or of an array in memory in its place. Clones share them.
 #[derive(Clone, Debug)]
 pub struct MappedBytes {
     map: Option<Arc<Bytes>>,
@@ -47,6 +47,9 @@ pub struct MappedBytes {
 enum Bytes {
     File(Mmap),
     Held(AlignedBuffer),
+    /// A caller's vector of 4-byte or of 8-byte items, kept as what it is: so it is aligned and never copied.
+    Words(Vec<u32>),
+    DoubleWords(Vec<u64>),
 }
 
 /// Where bytes lie that are being written.
@@ -112,7 +115,23 @@ impl Deref for MappedBytes {
             None => &[],
             Some(Bytes::File(map)) => map,
             Some(Bytes::Held(words)) => words.bytes(),
+            Some(Bytes::Words(words)) => bytemuck::cast_slice(words),
+            Some(Bytes::DoubleWords(words)) => bytemuck::cast_slice(words),
         }
+    }
+}
+
+impl From<Vec<u32>> for MappedBytes {
+    /// The bytes of `words`, which are taken over without a copy.
+    fn from(words: Vec<u32>) -> Self {
+        Self { map: Some(Arc::new(Bytes::Words(words))) }
+    }
+}
+
+impl From<Vec<u64>> for MappedBytes {
+    /// The bytes of `words`, which are taken over without a copy.
+    fn from(words: Vec<u64>) -> Self {
+        Self { map: Some(Arc::new(Bytes::DoubleWords(words))) }
     }
 }
 
@@ -134,6 +153,17 @@ impl<T: Pod> MappedSlice<T> {
     /// Tells the kernel how the array will be read.
     pub fn advise(&self, access: Access) {
         self.bytes.advise(access);
+    }
+}
+
+impl<T: Pod> From<Vec<T>> for MappedSlice<T>
+where
+    MappedBytes: From<Vec<T>>,
+{
+    /// The array `items`, which is taken over without a copy.
+    fn from(items: Vec<T>) -> Self {
+        let len = items.len();
+        Self { bytes: items.into(), offset: 0, len, item: PhantomData }
     }
 }
 
@@ -388,6 +418,15 @@ mod tests {
         assert!(bytes.slice::<u32>(&path, 4, 4).is_err());
         assert!(bytes.slice::<u32>(&path, 2, 1).is_err());
         assert!(bytes.slice::<u32>(&path, 0, usize::MAX).is_err());
+    }
+
+    #[test]
+    fn vectors_are_viewed_without_a_copy() {
+        let (words, wide) = (vec![1u32, 2, 3], vec![4u64, 5]);
+        let at = words.as_ptr();
+        let (words, wide) = (MappedSlice::from(words), MappedSlice::from(wide));
+        assert_eq!((&words[..], words.as_ptr(), &wide[..]), (&[1, 2, 3][..], at, &[4, 5][..]));
+        assert!(MappedSlice::<u32>::from(Vec::new()).is_empty());
     }
 
     #[test]

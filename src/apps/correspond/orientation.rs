@@ -106,9 +106,8 @@ mod tests {
 
     #[test]
     fn the_unit_tetrahedron_encloses_a_sixth_and_a_reflection_negates_it() {
-        let dir = tempfile::tempdir().unwrap();
         let corners = [[0., 0., 0.], [1., 0., 0.], [0., 1., 0.], [0., 0., 1.]];
-        let mesh = Mesh::from_arrays(dir.path(), &corners, &[[0u32, 2, 1], [0, 1, 3], [0, 3, 2], [1, 2, 3]]).unwrap();
+        let mesh = Mesh::from_slices(&corners, &[[0u32, 2, 1], [0, 1, 3], [0, 3, 2], [1, 2, 3]]).unwrap();
         let points: Vec<Point> =
             corners.iter().map(|p| [p[0] as f32, p[1] as f32, p[2] as f32, 1., 0., 0., 0., 0.]).collect();
         let tensor = Tensor::of(&mesh, &points, 4, &Run::new(&())).unwrap();

@@ -115,7 +115,7 @@ mod tests {
     use crate::mesh::Mesh;
 
     /// A strip of unit squares along x, each two triangles, in as many components as `starts`.
-    fn strip(folder: &std::path::Path, starts: &[f64], squares: usize) -> Mesh {
+    fn strip(starts: &[f64], squares: usize) -> Mesh {
         let (mut vertices, mut faces) = (Vec::new(), Vec::new());
         for &x in starts {
             let first = vertices.len() as u32;
@@ -124,7 +124,7 @@ mod tests {
                 (0..squares as u32).map(|k| first + 2 * k).flat_map(|v| [[v, v + 2, v + 3], [v, v + 3, v + 1]]),
             );
         }
-        Mesh::from_arrays(folder, &vertices, &faces).unwrap()
+        Mesh::from_slices(&vertices, &faces).unwrap()
     }
 
     fn halves(faces: u32, at: u32) -> Vec<u32> {
@@ -133,8 +133,7 @@ mod tests {
 
     #[test]
     fn cuts_across_a_strip_lie_as_far_apart_as_they_do() {
-        let dir = tempfile::tempdir().unwrap();
-        let edges = Surface::of(&strip(dir.path(), &[0.], 10)).unwrap().edges.unwrap();
+        let edges = Surface::of(&strip(&[0.], 10)).unwrap().edges.unwrap();
         let cut = |at| Cut::of(&edges, &halves(20, at));
         assert_eq!(cut(3).points, [(6, 0.5), (7, 0.5)]);
         assert_eq!(discrepancy(&edges, &cut(3), &cut(3)), Some(0.));
@@ -147,8 +146,7 @@ mod tests {
 
     #[test]
     fn without_cuts_there_is_nothing_to_measure() {
-        let dir = tempfile::tempdir().unwrap();
-        let edges = Surface::of(&strip(dir.path(), &[0.], 4)).unwrap().edges.unwrap();
+        let edges = Surface::of(&strip(&[0.], 4)).unwrap().edges.unwrap();
         let (none, some) = (Cut::of(&edges, &[5; 8]), Cut::of(&edges, &halves(8, 2)));
         assert_eq!(discrepancy(&edges, &none, &none), Some(0.));
         assert_eq!(discrepancy(&edges, &none, &some), None);
@@ -157,8 +155,7 @@ mod tests {
 
     #[test]
     fn between_components_the_line_is_straight() {
-        let dir = tempfile::tempdir().unwrap();
-        let edges = Surface::of(&strip(dir.path(), &[0., 10.], 4)).unwrap().edges.unwrap();
+        let edges = Surface::of(&strip(&[0., 10.], 4)).unwrap().edges.unwrap();
         let cut = |at| Cut::of(&edges, &halves(16, at));
         // Cuts at x = 1 of the first strip and x = 12 of the second.
         assert_eq!(

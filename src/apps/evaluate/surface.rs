@@ -214,9 +214,8 @@ mod tests {
 
     #[test]
     fn a_unit_square_has_its_area_radius_and_one_inner_edge() {
-        let dir = tempfile::tempdir().unwrap();
         let corners = [[0., 0., 0.], [1., 0., 0.], [1., 1., 0.], [0., 1., 0.]];
-        let mesh = Mesh::from_arrays(dir.path(), &corners, &[[0u32, 1, 2], [0, 2, 3]]).unwrap();
+        let mesh = Mesh::from_slices(&corners, &[[0u32, 1, 2], [0, 2, 3]]).unwrap();
         let surface = Surface::of(&mesh).unwrap();
         assert_eq!(surface.areas.as_deref(), Some(&[0.5, 0.5][..]));
         let edges = surface.edges.unwrap();
@@ -228,13 +227,12 @@ mod tests {
 
     #[test]
     fn polygons_and_worthless_faces_have_areas() {
-        let dir = tempfile::tempdir().unwrap();
         let corners = [[0., 0., 0.], [2., 0., 0.], [2., 1., 0.], [0., 1., 0.], [f64::NAN, 0., 0.]];
         let faces = [vec![0u32, 1, 2, 3], vec![0, 1, 1], vec![0, 1, 4], vec![]];
-        let mesh = Mesh::from_arrays(dir.path(), &corners, &faces).unwrap();
+        let mesh = Mesh::from_slices(&corners, &faces).unwrap();
         let surface = Surface::of(&mesh).unwrap();
         assert_eq!(surface.areas.as_deref(), Some(&[2., 0., 0., 0.][..]));
-        let flat = Mesh::from_arrays(dir.path(), &corners, &faces[1..]).unwrap();
+        let flat = Mesh::from_slices(&corners, &faces[1..]).unwrap();
         assert_eq!(Surface::of(&flat).unwrap().areas, None);
     }
 }

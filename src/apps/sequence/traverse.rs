@@ -189,7 +189,7 @@ mod tests {
         }
         // A second component, and vertices 66, 67 of no face.
         faces.push([63, 64, 65]);
-        let mesh = Mesh::from_arrays(dir.path(), &[[0.; 3]; 68], &faces).unwrap();
+        let mesh = Mesh::from_slices(&[[0.; 3]; 68], &faces).unwrap();
         let run = Run::new(&());
         let graph = VertexAdjacency::build(&mesh, Context::new(&work, &run)).unwrap();
         for reverse in [false, true] {
