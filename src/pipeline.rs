@@ -8,6 +8,7 @@
 
 pub mod calibrate;
 pub mod contacts;
+#[cfg(feature = "correspondence")]
 pub mod correspond;
 pub mod cuts;
 pub mod decision;
@@ -24,6 +25,7 @@ pub mod sharding;
 pub mod stages;
 mod surface;
 
+use crate::apps::colours;
 use crate::base::{Error, Result};
 use crate::cluster::parts::{PartCount, PartsParams};
 use crate::cluster::two_means::{self, TwoMeansParams};
@@ -33,7 +35,7 @@ use crate::graph::dual::WeightedGraph;
 use crate::graph::order::{Order, OrderFacts};
 use crate::graph::{DualGraph, GraphFacts, Metric, NodeOrder};
 use crate::landmarks::Sampling;
-use crate::mesh::{Opened, colours};
+use crate::mesh::Opened;
 use crate::spectral::EmbeddingParams;
 use crate::store::workdir::key_of;
 use crate::store::{Context, MappedSlice};

@@ -4,7 +4,7 @@ mod common;
 
 use nalgebra::DMatrix;
 use nystrom_stream::apps::correspond::align::{apply, procrustes};
-use nystrom_stream::apps::correspond::{Alignment, Matching, Nearest, Pair, error, matches};
+use nystrom_stream::apps::correspond::{AlignedPair, Alignment, EmbeddingSearch, Matching, accuracy, matches};
 use nystrom_stream::base::random::{stream, unit};
 use nystrom_stream::base::{Cancel, Progress};
 use nystrom_stream::distance::front::mean_weight;
@@ -196,10 +196,10 @@ fn marching_is_the_fixed_point_and_nearer_the_truth_than_edges() {
         }
         assert!(free.iter().all(|d| *d == f32::INFINITY));
         let pairs = [(7u32, 0u32), (0, 0), (300, 0), (0, 575)];
-        let errors = error::distances(&graph, &pairs, &run).unwrap();
+        let errors = accuracy::distances(&graph, &pairs, &run).unwrap();
         let unit = graph.facts.area.sqrt();
         assert!(errors[1] == 0. && (errors[2] * unit - f64::from(field[300])).abs() < 1e-2, "{errors:?}");
-        assert!(error::distances(&graph, &[(0, 100_000)], &run).is_err());
+        assert!(accuracy::distances(&graph, &[(0, 100_000)], &run).is_err());
     }
 }
 
@@ -319,8 +319,8 @@ fn the_nearest_is_the_nearest() {
     let graph = graph(&mesh, Context::new(&work, &run));
     for k in 2..=8 {
         let points = points_on(&graph, k);
-        let whole = Nearest::new(&points, graph.csr(), k, Context::new(&work, &run)).unwrap();
-        let part = Nearest::with_limit(&points, graph.csr(), k, 200, Context::new(&work, &run)).unwrap();
+        let whole = EmbeddingSearch::new(&points, graph.csr(), k, Context::new(&work, &run)).unwrap();
+        let part = EmbeddingSearch::with_limit(&points, graph.csr(), k, 200, Context::new(&work, &run)).unwrap();
         let mut right = 0;
         for v in (0..graph.len()).step_by(7) {
             let query: Point = std::array::from_fn(|i| if i < k { points[v][i] + 0.01 * i as f32 } else { 0. });
@@ -335,10 +335,10 @@ fn the_nearest_is_the_nearest() {
     }
     // Many vertices at one place do no harm, and a budget too small is said.
     let same = vec![[0.5f32; 8]; graph.len()];
-    let found = Nearest::new(&same, graph.csr(), 8, Context::new(&work, &run)).unwrap().nearest(&[0.5; 8]);
+    let found = EmbeddingSearch::new(&same, graph.csr(), 8, Context::new(&work, &run)).unwrap().nearest(&[0.5; 8]);
     assert_eq!(found.square, 0.);
     let poor = Run { budget: Budget::new(1000), ..Run::new(&()) };
-    assert!(Nearest::new(&same, graph.csr(), 8, Context::new(&work, &poor)).is_err());
+    assert!(EmbeddingSearch::new(&same, graph.csr(), 8, Context::new(&work, &poor)).is_err());
 }
 
 #[test]
@@ -356,9 +356,10 @@ fn mutual_matches_are_mutual_and_one_to_one_ones_stable() {
         .collect();
     let alignment =
         Alignment { transform: DMatrix::identity(3, 3), cost: 0., transport: None, distortion: None, orientation: 1. };
-    let in_a = Nearest::new(&a, graph.csr(), 3, Context::new(&work, &run)).unwrap();
-    let in_b = Nearest::new(&b, graph.csr(), 3, Context::new(&work, &run)).unwrap();
-    let pair = Pair { a: &a, b: &b, graph_a: &graph, graph_b: &graph, alignment: &alignment, in_b: &in_b, in_a: &in_a };
+    let in_a = EmbeddingSearch::new(&a, graph.csr(), 3, Context::new(&work, &run)).unwrap();
+    let in_b = EmbeddingSearch::new(&b, graph.csr(), 3, Context::new(&work, &run)).unwrap();
+    let pair =
+        AlignedPair { a: &a, b: &b, graph_a: &graph, graph_b: &graph, alignment: &alignment, in_b: &in_b, in_a: &in_a };
     let of = |matching| matches(pair, matching, "m.npy", Context::new(&work, &run)).unwrap().to_vec();
     let square = |p: &Point, q: &Point| p.iter().zip(q).map(|(x, y)| (x - y) * (x - y)).sum::<f32>();
     let all = of(Matching::All);

@@ -1,6 +1,6 @@
 //! The benchmark's metrics against known values, oracles and identities.
 
-use nystrom_stream::apps::evaluate::{Scores, Surface, compare, contingency, matches, rand, rand_area};
+use nystrom_stream::apps::evaluate::{Evaluator, Scores, compare, contingency, matches, rand, rand_area};
 use nystrom_stream::mesh::Mesh;
 use proptest::prelude::*;
 
@@ -102,7 +102,7 @@ fn counts_that_differ_are_named_in_one_line() {
     let mesh = grid(3);
     let error = compare(Some(&mesh), &[0; 18], &[0; 17]).unwrap_err().to_string();
     assert_eq!(error, "truth: 17 labels for 18 faces; give one label a face, in the order of the mesh file");
-    let surface = Surface::of(&mesh).unwrap();
+    let surface = Evaluator::of(&mesh).unwrap();
     let error = surface.segmentations(&[vec![0; 18], vec![0; 3]]).unwrap_err().to_string();
     assert!(error.starts_with("truth 2: 3 labels for 18 faces") && !error.contains('\n'));
     let single = [vec![0u32; 18]];
@@ -113,7 +113,7 @@ fn counts_that_differ_are_named_in_one_line() {
 #[test]
 fn people_are_compared_with_each_other_person() {
     let mesh = grid(8);
-    let surface = Surface::of(&mesh).unwrap();
+    let surface = Evaluator::of(&mesh).unwrap();
     let truths: Vec<Vec<u32>> = (1..5).map(|k| (0..128).map(|f| f / (16 * k)).collect()).collect();
     let ready = surface.segmentations(&truths).unwrap();
     let left_out: Vec<Scores> = (0..4)

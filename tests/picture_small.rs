@@ -1,6 +1,7 @@
 //! Pictures of small shapes: what is seen where, whatever the threads.
 
-use nystrom_stream::apps::picture::{Image, PictureParams, Up, colours_for, render};
+use nystrom_stream::apps::colours::colours_for;
+use nystrom_stream::apps::picture::{Image, PictureParams, Up, render};
 use nystrom_stream::mesh::Mesh;
 use nystrom_stream::store::Run;
 

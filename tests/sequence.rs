@@ -4,7 +4,7 @@
 mod common;
 
 use common::{creature, errors, program, run, word, zoo};
-use nystrom_stream::apps::sequence::{Measures, SequenceOrder, VertexUse, places};
+use nystrom_stream::apps::sequence::{SequenceOrder, StreamMeasures, VertexUse, places};
 use nystrom_stream::mesh::rearranged::{self, Rearrangement};
 use nystrom_stream::mesh::{self, Opened, PlyForm};
 use nystrom_stream::pipeline::sequence::{SequenceParams, Sequencer};
@@ -166,7 +166,7 @@ fn edges_name_the_vertices_they_named() {
 }
 
 /// The measures by their definitions, a face at a time.
-fn by_definition(faces: &[Vec<u32>], vertices: usize, places: &[u32]) -> Measures {
+fn by_definition(faces: &[Vec<u32>], vertices: usize, places: &[u32]) -> StreamMeasures {
     let mut order: Vec<usize> = (0..faces.len()).collect();
     order.sort_by_key(|&f| places[f]);
     let mut number = vec![u32::MAX; vertices];
@@ -196,7 +196,7 @@ fn by_definition(faces: &[Vec<u32>], vertices: usize, places: &[u32]) -> Measure
         }
     }
     let down = |n: u32| edges.range((n, 0)..(n + 1, 0)).next().map_or(0, |(a, b)| u64::from(a - b));
-    Measures {
+    StreamMeasures {
         largest_width: widths.iter().copied().max().unwrap(),
         mean_width: widths.iter().sum::<u64>() as f64 / faces.len() as f64,
         largest_vertex_span: spans.iter().map(|(a, b)| (b - a) as u64).max().unwrap(),
@@ -217,7 +217,7 @@ fn measures_are_their_definitions() {
         let opened = mesh::open(&shape.write(dir.path()), work.path(), &run).unwrap();
         let places = permutation(shape.faces.len(), 271);
         let uses = VertexUse::of(&opened.mesh, &places, Context::new(&work, &run)).unwrap();
-        let found = Measures::of(&opened.mesh, &uses, Context::new(&work, &run)).unwrap();
+        let found = StreamMeasures::of(&opened.mesh, &uses, Context::new(&work, &run)).unwrap();
         assert_eq!(found, by_definition(&shape.faces, shape.vertices.len(), &places), "{}", shape.name);
         let numbers: BTreeSet<u32> = uses.rank.iter().copied().collect();
         assert_eq!(numbers.len(), shape.vertices.len(), "{}", shape.name);

@@ -3,10 +3,11 @@
 mod common;
 
 use nalgebra::DMatrix;
-use nystrom_stream::apps::study::ground::{Over, StudyData, StudyParams};
+use nystrom_stream::apps::study::compare::embedding_errors;
+use nystrom_stream::apps::study::data::{Over, StudyData, StudyParams};
 use nystrom_stream::apps::study::points::{self, PointsParams, TOLERANCE, affinities, agreement, judge};
-use nystrom_stream::apps::study::table::summary;
-use nystrom_stream::apps::study::{CompareParams, Record, compare, embedding};
+use nystrom_stream::apps::study::summary::summary;
+use nystrom_stream::apps::study::{CompareParams, SampleRecord, compare};
 use nystrom_stream::graph::Metric;
 use nystrom_stream::landmarks::{MatrixSpace, Sampling, SamplingParams};
 use nystrom_stream::spectral::block::{Affinities, Bandwidth, Block, Dense};
@@ -204,7 +205,7 @@ fn small(metric: Metric, matrix: usize) -> Small {
 }
 
 impl Small {
-    fn compare(&self, params: &CompareParams) -> Vec<Record> {
+    fn compare(&self, params: &CompareParams) -> Vec<SampleRecord> {
         compare(&self.ground, "small", params, Context::new(&self.work, &self.run)).unwrap()
     }
 }
@@ -317,7 +318,7 @@ fn samplings_rank_as_in_the_paper() {
         assert!(record.measures.gamma <= record.nodes as f64 && record.measures.greatest <= 1. + 1e-6);
         assert!((record.measures.gamma_star - record.measures.gamma).abs() < 1e-6);
     }
-    let means = |value: fn(&Record) -> f64| records.iter().map(value).sum::<f64>() / records.len() as f64;
+    let means = |value: fn(&SampleRecord) -> f64| records.iter().map(value).sum::<f64>() / records.len() as f64;
     let (held_out, residual) = (means(|r| r.measures.held_out.unwrap()), means(|r| r.residual.unwrap()));
     assert!((held_out / residual - 1.).abs() < 0.15, "{held_out} {residual}");
     // The same whatever the threads.
@@ -350,7 +351,7 @@ fn exact_norms_agree_with_gamma_and_with_all_of_w() {
 #[test]
 fn the_orthogonalised_embedding_converges_where_the_plain_one_stalls() {
     let small = small(Metric::Geodesic, 5000);
-    let errors = embedding::errors(
+    let errors = embedding_errors(
         &small.ground,
         (Kernel::Gaussian, 1.),
         Sampling::Farthest,
@@ -371,7 +372,7 @@ fn the_orthogonalised_embedding_converges_where_the_plain_one_stalls() {
     let ground = StudyData::of(&opened, &serde_json::json!(1), params, Context::new(&work, &small.run)).unwrap();
     assert_eq!(ground.len(), opened.mesh.positions.len());
     let kernel = (Kernel::Gaussian, 1.);
-    let marched = embedding::errors(&ground, kernel, Sampling::Farthest, &[20, 50], 6, 0, &small.run).unwrap();
+    let marched = embedding_errors(&ground, kernel, Sampling::Farthest, &[20, 50], 6, 0, &small.run).unwrap();
     assert!(marched[1].orthogonal < 0.02 && marched[1].by_area < 0.02, "{marched:?}");
     assert!(marched.iter().all(|e| e.by_area < e.plain && e.orthogonal < e.plain), "{marched:?}");
     assert!(errors.iter().zip(bounds).all(|(e, bound)| e.by_area < bound && e.orthogonal < bound), "{errors:?}");

@@ -3,9 +3,10 @@
 mod common;
 
 use nystrom_stream::apps::creature::{Creature, Options};
-use nystrom_stream::apps::transfer::clean::NONE;
-use nystrom_stream::apps::transfer::nearest::{Frame, Probe, Tree, distance_2, normal, unit, unpack, window};
-use nystrom_stream::apps::transfer::transfer;
+use nystrom_stream::apps::transfer::closest_faces::{
+    Probe, TriangleTree, UnitFrame, distance_2, normal, unit, unpack, window,
+};
+use nystrom_stream::apps::transfer::{NONE, transfer};
 use nystrom_stream::mesh::{self, Mesh, Opened};
 use nystrom_stream::store::Context;
 use nystrom_stream::store::{Budget, Run, WorkDir};
@@ -48,7 +49,7 @@ fn the_tree_finds_what_a_look_at_every_face_finds() {
     let dir = tempfile::tempdir().unwrap();
     let (fine, coarse) = (common::creature(dir.path(), 3_000, false), common::creature(dir.path(), 1_000, false));
     let (from, to) = (open(&fine, dir.path()), open(&coarse, dir.path()));
-    let frame = Frame::of(&from.mesh, &run()).unwrap();
+    let frame = UnitFrame::of(&from.mesh, &run()).unwrap();
     let mut triangles = Vec::new();
     frame.triangles(&from.mesh, 0..from.mesh.faces.len(), |face, triangle| triangles.push((face, triangle)));
     let mut probes = Vec::new();
@@ -61,7 +62,7 @@ fn the_tree_finds_what_a_look_at_every_face_finds() {
         let mut found = vec![[u64::MAX; 2]; probes.len()];
         for start in (0..from.mesh.faces.len()).step_by(block) {
             let range = start..from.mesh.faces.len().min(start + block);
-            let tree = Tree::of(&from.mesh, &frame, range, |_| true);
+            let tree = TriangleTree::of(&from.mesh, &frame, range, |_| true);
             tree.improve_all(|i| probes[i], 1., slack, &mut found, &run()).unwrap();
         }
         for (probe, found) in probes.iter().zip(&found) {

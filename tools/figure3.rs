@@ -9,7 +9,7 @@
 
 use clap::Parser;
 use nystrom_stream::apps::correspond::align::{apply, procrustes};
-use nystrom_stream::apps::correspond::{Alignment, Errors, Nearest, Shape, Tensor, align, error};
+use nystrom_stream::apps::correspond::{Alignment, EmbeddingSearch, Errors, Shape, Tensor, accuracy, align};
 use nystrom_stream::base::{Error, Result};
 use nystrom_stream::distance::DistanceRows;
 use nystrom_stream::distance::march::Surface;
@@ -200,13 +200,13 @@ fn mean_error(
     run: &Run,
 ) -> Result<f64> {
     let k = alignment.transform.nrows();
-    let nearest = Nearest::new(&b.points, base.graph.csr(), k, Context::new(&base.work, run))?;
+    let nearest = EmbeddingSearch::new(&b.points, base.graph.csr(), k, Context::new(&base.work, run))?;
     let pairs: Vec<(u32, u32)> = truth
         .iter()
         .enumerate()
         .filter_map(|(v, real)| Some((nearest.nearest(&apply(&alignment.transform, &a.points[v])).vertex, (*real)?)))
         .collect();
-    Ok(Errors::of(error::distances(&base.graph, &pairs, run)?, 0).mean)
+    Ok(Errors::of(accuracy::distances(&base.graph, &pairs, run)?, 0).mean)
 }
 
 /// All trials of one series.

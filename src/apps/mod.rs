@@ -1,12 +1,21 @@
 //! What one does with a mesh besides cutting it, and with labels once they are there.
+//!
+//! One folder per application; none knows the pipeline above. What draws or writes other programs' forms stands behind a
+//! feature of its own, so that a user of the core builds without it: `pictures`, `plots`, `pages`, `parquet`,
+//! `correspondence`.
 
+mod assignment;
+pub mod colours;
+#[cfg(feature = "correspondence")]
 pub mod correspond;
 pub mod creature;
 pub mod evaluate;
 pub mod export;
+#[cfg(feature = "pages")]
 pub mod page;
+#[cfg(feature = "pictures")]
 pub mod picture;
-mod pixel_text;
+#[cfg(feature = "plots")]
 pub mod plots;
 pub mod sequence;
 pub mod study;

@@ -4,8 +4,9 @@ use super::bars::{Bars, Style};
 use super::judge::judge;
 use super::{AppContext, Failure};
 use nystrom_stream::apps::evaluate::{
-    Benchmark, Row, Scores, Segmentation, Surface, Table, fitting, plot, read_labels,
+    Benchmark, Evaluator, MeanScores, ScoreTable, Scores, Segmentation, fitting, read_labels,
 };
+use nystrom_stream::apps::plots::charts;
 use nystrom_stream::base::{Error, Result};
 use nystrom_stream::mesh;
 use nystrom_stream::store::Run;
@@ -110,7 +111,7 @@ fn folder_of_models(folder: &Path, args: &Args, run: &Run) -> Result<Outcome> {
         run.progress.note(&format!("no labels for {} models, left out: {names}", evaluation.missing.len()));
     }
     if let Some(path) = &args.plot {
-        plot(path, &evaluation.table, &evaluation.people)?;
+        charts::scores_by_category(path, &evaluation.table, &evaluation.people)?;
     }
     Ok(Outcome { text: evaluation.table.to_text(), json: evaluation.table.to_json()? })
 }
@@ -124,9 +125,9 @@ fn one(labels: &Path, args: &Args, run: &Run) -> Result<Outcome> {
     let surface = match args.mesh.as_deref().or(is_ply.then_some(labels)) {
         Some(path) => {
             let mesh = mesh::open(path, scratch.path(), run)?.mesh;
-            if args.no_cuts { Surface::without_edges(&mesh) } else { Surface::of(&mesh)? }
+            if args.no_cuts { Evaluator::without_edges(&mesh) } else { Evaluator::of(&mesh)? }
         }
-        None => Surface::of_faces(own.len()),
+        None => Evaluator::of_faces(own.len()),
     };
     let judged = fitting(&surface, labels, &own)?;
     let truths: Vec<Vec<u32>> = args.truth.iter().map(|path| read(path)).collect::<Result<_>>()?;
@@ -136,9 +137,9 @@ fn one(labels: &Path, args: &Args, run: &Run) -> Result<Outcome> {
     let mean = surface.compare_many(&judged, &truths)?;
     let people = if truths.len() > 1 { Some(surface.people(&truths)?) } else { None };
     let parts = truths.iter().map(|truth| truth.parts() as f64).sum::<f64>() / truths.len() as f64;
-    let row = |name: String, models, parts, scores| Row { name, models, parts, scores };
+    let row = |name: String, models, parts, scores| MeanScores { name, models, parts, scores };
     let names = || args.truth.iter().map(|path| path.display().to_string());
-    let table = Table {
+    let table = ScoreTable {
         categories: names()
             .zip(&truths)
             .zip(&each)

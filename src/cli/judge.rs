@@ -1,7 +1,7 @@
 //! `evaluate --matches`: how far from the truth the matches of `correspond` are.
 
 use super::evaluate::Outcome;
-use nystrom_stream::apps::correspond::{Errors, error, files};
+use nystrom_stream::apps::correspond::{Errors, accuracy, files};
 use nystrom_stream::base::{Error, Result};
 use nystrom_stream::graph::VertexGraph;
 use nystrom_stream::mesh;
@@ -32,7 +32,7 @@ pub fn judge(matches: &Path, mesh: &Path, truth: Option<&Path>, samples: usize, 
             (_, None) => {}
         }
     }
-    let judge = || error::distances(&graph, &pairs, run);
+    let judge = || accuracy::distances(&graph, &pairs, run);
     let (errors, _) = run.stage("march", "vertices", pairs.len() as u64, judge)?;
     let errors = Errors::of(errors, unmatched);
     let mut text = format!(

@@ -2,8 +2,8 @@
 
 use super::Failure;
 use clap::ValueEnum;
-use nystrom_stream::apps::export::table::Coordinates;
-use nystrom_stream::apps::export::{glb, split, table};
+use nystrom_stream::apps::export::parquet::{self, Coordinates};
+use nystrom_stream::apps::export::{glb, split};
 use nystrom_stream::apps::page::{Cuts, Page};
 use nystrom_stream::apps::picture::{self, PictureParams};
 use nystrom_stream::base::{Error, Result};
@@ -222,7 +222,7 @@ impl Output {
                 let params = PictureParams::default();
                 picture::render(mesh, Some(labelling.labels), labelling.colours, &params, run)?.write_png(path)
             }
-            Self::Parquet(path) => table::write(path, mesh, labelling, *embedding, true, run),
+            Self::Parquet(path) => parquet::write(path, mesh, labelling, *embedding, true, run),
             Self::Glb(path) => glb::write(path, mesh, labelling, true, run),
             Self::Html(path) => {
                 let title = document.path().file_name().unwrap_or_default().to_string_lossy();

@@ -3,7 +3,8 @@
 use super::options::RunArgs;
 use super::output::folder_of;
 use super::{AppContext, Failure};
-use nystrom_stream::apps::picture::{PictureParams, Up, colours_for, render};
+use nystrom_stream::apps::colours::colours_for;
+use nystrom_stream::apps::picture::{PictureParams, Up, render};
 use nystrom_stream::base::{Error, Result};
 use nystrom_stream::mesh::{self, Document, face_columns, seg};
 use nystrom_stream::store::Context;

@@ -2,10 +2,10 @@
 
 use super::Failure;
 use super::quality::check_plots;
+use nystrom_stream::apps::colours;
 use nystrom_stream::apps::plots::{Dendrogram, Spectrum, TreePlot};
 use nystrom_stream::base::{Error, Result};
 use nystrom_stream::cluster::parts::{Cut, PartCount, PartTree, PartsParams, detail_threshold};
-use nystrom_stream::mesh::colours;
 use nystrom_stream::pipeline::decision::{read_tree, tree_of};
 use nystrom_stream::pipeline::kept::{self, Eigenvalues, Labels, Record};
 use nystrom_stream::store::WorkDir;

@@ -5,10 +5,10 @@ use super::metric::MetricArgs;
 use super::options::RunArgs;
 use super::{AppContext, Failure};
 use clap::ValueEnum;
-use nystrom_stream::apps::study::chart;
-use nystrom_stream::apps::study::embedding::{self, EmbeddingError};
-use nystrom_stream::apps::study::table::{Spread, one_to_text, summary, to_csv, to_text};
-use nystrom_stream::apps::study::{CompareParams, Over, Record, StudyData, StudyParams, compare};
+use nystrom_stream::apps::plots::charts;
+use nystrom_stream::apps::study::compare::{EmbeddingError, embedding_errors};
+use nystrom_stream::apps::study::summary::{Spread, one_to_text, summary, to_csv, to_text};
+use nystrom_stream::apps::study::{CompareParams, Over, SampleRecord, StudyData, StudyParams, compare};
 use nystrom_stream::base::{Error, Result};
 use nystrom_stream::landmarks::Sampling;
 use nystrom_stream::mesh;
@@ -172,7 +172,7 @@ pub fn run(args: &Args, app: &AppContext) -> Result<(), Failure> {
         }
         if args.embedding {
             let (sampling, seed) = (params.samplings[0], params.seeds[0]);
-            errors.push(embedding::errors(
+            errors.push(embedding_errors(
                 &ground,
                 (params.kernel, params.width),
                 sampling,
@@ -194,7 +194,7 @@ pub fn run(args: &Args, app: &AppContext) -> Result<(), Failure> {
 }
 
 /// Prints, writes and draws.
-fn tell(records: &[Record], args: &Args, run: &Run) -> Result<()> {
+fn tell(records: &[SampleRecord], args: &Args, run: &Run) -> Result<()> {
     let lines = summary(records);
     let text = match records {
         [record] if !args.compare => one_to_text(record),
@@ -207,7 +207,7 @@ fn tell(records: &[Record], args: &Args, run: &Run) -> Result<()> {
     let title = format!("{} meshes, {} seeds, {:?} kernel", args.meshes.len(), args.seeds, args.kernel);
     for path in &args.plot {
         run.cancel.check()?;
-        chart::comparison(path, &lines, &title)?;
+        charts::comparison(path, &lines, &title)?;
     }
     publish(&text, &json, args.json.as_deref())
 }

@@ -6,8 +6,7 @@ use super::stages::read;
 use super::{AppContext, Failure};
 use clap::ValueEnum;
 use nystrom_stream::apps::picture::{PictureParams, render};
-use nystrom_stream::apps::sequence::table::{Compared, table};
-use nystrom_stream::apps::sequence::{SequenceOrder, gradient};
+use nystrom_stream::apps::sequence::{ComparedOrder, SequenceOrder, gradient, table};
 use nystrom_stream::mesh::Opened;
 use nystrom_stream::mesh::rearranged::{self, Rearrangement};
 use nystrom_stream::pipeline::sequence::{Sequence, SequenceParams, Sequencer};
@@ -192,10 +191,10 @@ pub fn run(args: &Args, app: &AppContext) -> Result<(), Failure> {
 }
 
 /// Measures every order, those of sweeps too where there are any, and the exact one of a small mesh.
-fn compare(sequencer: &Sequencer, params: &SequenceParams) -> Result<Vec<Compared>, Failure> {
+fn compare(sequencer: &Sequencer, params: &SequenceParams) -> Result<Vec<ComparedOrder>, Failure> {
     let mut compared = Vec::new();
     if let Some(exact) = sequencer.exact(params)? {
-        compared.push(Compared { order: "fiedler".into(), measures: sequencer.measures(&exact)? });
+        compared.push(ComparedOrder { order: "fiedler".into(), measures: sequencer.measures(&exact)? });
     }
     for order in SequenceOrder::ALL {
         let each = if order == SequenceOrder::Spectral && params.sweeps > 0 { vec![0, params.sweeps] } else { vec![0] };
@@ -205,7 +204,7 @@ fn compare(sequencer: &Sequencer, params: &SequenceParams) -> Result<Vec<Compare
                 0 => order.name().to_string(),
                 _ => format!("{} --smooth {sweeps}", order.name()),
             };
-            compared.push(Compared { order: name, measures: sequencer.measures(&sequence)? });
+            compared.push(ComparedOrder { order: name, measures: sequencer.measures(&sequence)? });
         }
     }
     Ok(compared)

@@ -6,7 +6,7 @@ use super::method::{KernelArgs, OrderArgs, PartsArgs, check_count, misfit};
 use super::options::RunArgs;
 use super::output::{FormArgs, Output, Results, publish};
 use super::{AppContext, Failure};
-use nystrom_stream::apps::export::table::Coordinates;
+use nystrom_stream::apps::export::parquet::Coordinates;
 use nystrom_stream::base::Error;
 use nystrom_stream::cluster::parts::PartTree;
 use nystrom_stream::cluster::two_means;

@@ -3,7 +3,7 @@
 use super::options::RunArgs;
 use super::quality::{check_plots, publish};
 use super::{AppContext, Failure};
-use nystrom_stream::apps::study::chart;
+use nystrom_stream::apps::plots::charts;
 use nystrom_stream::apps::study::points::{Judged, PointsParams, agreement, pairs};
 use serde_json::json;
 use std::fmt::Write;
@@ -55,7 +55,7 @@ pub fn run(args: &Args, app: &AppContext) -> Result<(), Failure> {
         (0..3).for_each(|i| sums[i] += shares[i] / f64::from(args.seeds));
         if k == 0 {
             let title = format!("{:.0} % in the first and third quadrants", shares[0]);
-            args.plot.iter().try_for_each(|path| chart::scatter(path, &pairs, &title))?;
+            args.plot.iter().try_for_each(|path| charts::scatter(path, &pairs, &title))?;
         }
         all.push(
             json!({"seed": seed, "agreement": {"frobenius": shares[0], "spectral": shares[1], "nuclear": shares[2]},

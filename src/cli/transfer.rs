@@ -4,7 +4,7 @@ use super::options::RunArgs;
 use super::output::{Output, PlyArgs, Results, folder_of, publish};
 use super::picture::{labels_of_file, labels_of_mesh};
 use super::{AppContext, Failure};
-use nystrom_stream::apps::picture::colours_for;
+use nystrom_stream::apps::colours::colours_for;
 use nystrom_stream::apps::transfer::transfer;
 use nystrom_stream::base::Error;
 use nystrom_stream::mesh::labelled::Labelling;

@@ -5,7 +5,6 @@
 //! rest are decoded once, in one pass through small buffers. OBJ, OFF and STL become PLY first.
 
 pub mod annotated;
-pub mod colours;
 pub mod columns;
 mod cursor;
 mod decode;

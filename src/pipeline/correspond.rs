@@ -5,8 +5,8 @@
 //! search trees, 60 bytes a vertex together at the most and no more than 2²¹ vertices each.
 
 use crate::apps::correspond::align::{FINE, procrustes, sample};
-use crate::apps::correspond::matches::{Match, Matching, Pair, matches};
-use crate::apps::correspond::{Alignment, Alignments, Nearest, Shape, Tensor, align};
+use crate::apps::correspond::matches::{AlignedPair, Match, Matching, matches};
+use crate::apps::correspond::{Alignment, Alignments, EmbeddingSearch, Shape, Tensor, align};
 use crate::base::{Error, Result};
 use crate::distance::DistanceRows;
 use crate::distance::march::Surface;
@@ -204,10 +204,10 @@ pub fn match_sides(
     let pass = |points_b: &[Point], alignment: &Alignment, matching, name: &str| {
         let make = || {
             let dimensions = alignment.transform.nrows();
-            let in_b = Nearest::new(points_b, b.graph.csr(), dimensions, Context::new(&b.work, context.run))?;
-            let in_a = Nearest::new(&a.points, a.graph.csr(), dimensions, Context::new(&a.work, context.run))?;
+            let in_b = EmbeddingSearch::new(points_b, b.graph.csr(), dimensions, Context::new(&b.work, context.run))?;
+            let in_a = EmbeddingSearch::new(&a.points, a.graph.csr(), dimensions, Context::new(&a.work, context.run))?;
             let (graph_a, graph_b, in_a, in_b) = (&a.graph, &b.graph, &in_a, &in_b);
-            let pair = Pair { a: &a.points, b: points_b, graph_a, graph_b, alignment, in_b, in_a };
+            let pair = AlignedPair { a: &a.points, b: points_b, graph_a, graph_b, alignment, in_b, in_a };
             matches(pair, matching, name, context)
         };
         context.run.stage("match", "vertices", a.points.len() as u64, make).map(|(matches, _)| matches)

@@ -1,19 +1,20 @@
 //! Aligning two embeddings without knowing a single match.
 //!
-//! Guesses ([`super::candidates`]) are ranked by how near they bring [`COARSE`] points of one mesh to those of the other; the
-//! best [`KEPT`] are refined by alternating nearest points and the orthogonal matrix that fits these best
-//! (Procrustes), ranked again, tested for being mirror images ([`super::orientation`]) and refined on [`FINE`] points. How near
-//! points come does not always tell head from tail: all of a head may lie near a tail. So the maps that are left are ranked by the product of this,
-//! of what it costs to carry equal shares of area onto each other one to one ([`super::transport`]), and of how much they distort:
-//! how far it is from a landmark of A to where one of B comes to lie on A, and on B from that one to where the first comes to lie.
-//! What fits about as well, but maps the shape elsewhere, is an alternative: a symmetry that no measurement along the surface resolves.
+//! Guesses ([`candidates`]) are ranked by how near they bring [`COARSE`] points of one mesh to those of the other; the
+//! best [`KEPT`] are refined by alternating nearest points and the orthogonal matrix that fits these best (Procrustes),
+//! ranked again, tested for being mirror images ([`super::orientation`]) and refined on [`FINE`] points. How near points
+//! come does not always tell head from tail: all of a head may lie near a tail. So the maps that are left are ranked by
+//! the product of three terms: that distance; the least cost of carrying equal shares of area onto each other one to one
+//! (Wasserstein's distance between two distributions of area, so that a large part cannot hide in a small one); and how
+//! much they distort: how far it is from a landmark of A to where one of B comes to lie on A, and on B from that one to
+//! where the first comes to lie. A map that fits about as well, but takes the shape elsewhere, is an alternative: a
+//! symmetry that no measurement along the surface resolves.
 //!
-//! Points stand for equal shares of area, so that densities of vertices do not matter. Cost: constant, about
-//! a second at most on one thread.
+//! Points stand for equal shares of area, so that densities of vertices do not matter. Cost: constant, about a second at
+//! most on one thread.
 
-use super::candidates::candidates;
 use super::orientation::Tensor;
-use super::transport::least_assignment;
+use crate::apps::assignment::least_assignment;
 use crate::base::Result;
 use crate::base::parallel::map_chunks;
 use crate::base::random::{stream, unit};
@@ -23,6 +24,19 @@ use crate::spectral::orthogonal::{MOST, Point};
 use crate::store::Run;
 use nalgebra::DMatrix;
 use serde::Serialize;
+
+// --- Aligning two embeddings without knowing a single match.
+//
+// Guesses ([`candidates`]) are ranked by how near they bring [`COARSE`] points of one mesh to those of the other; the
+// best [`KEPT`] are refined by alternating nearest points and the orthogonal matrix that fits these best
+// (Procrustes), ranked again, tested for being mirror images ([`super::orientation`]) and refined on [`FINE`] points. How near
+// points come does not always tell head from tail: all of a head may lie near a tail. So the maps that are left are ranked by the product of this,
+// of what it costs to carry equal shares of area onto each other one to one ([`least_assignment`]), and of how much they distort:
+// how far it is from a landmark of A to where one of B comes to lie on A, and on B from that one to where the first comes to lie.
+// What fits about as well, but maps the shape elsewhere, is an alternative: a symmetry that no measurement along the surface resolves.
+//
+// Points stand for equal shares of area, so that densities of vertices do not matter. Cost: constant, about
+// a second at most on one thread.
 
 /// Points that rank guesses.
 pub const COARSE: usize = 120;
@@ -70,7 +84,7 @@ pub struct Alignment {
     pub transform: DMatrix<f64>,
     /// Mean square from points to the nearest of the other mesh, both ways, in variances.
     pub cost: f64,
-    /// Mean square when equal shares of area are carried one to one ([`super::transport`]), in variances.
+    /// Mean square when equal shares of area are carried one to one ([`least_assignment`]), in variances.
     pub transport: Option<f64>,
     /// Mean difference between distances from landmark to landmark on either mesh, over √area.
     pub distortion: Option<f64>,
@@ -264,7 +278,10 @@ pub fn align(a: Shape<'_>, b: Shape<'_>, run: &Run) -> Result<Alignments> {
             sum / (to_a.len() * to_b.len()).max(1) as f64
         });
         let moved: Vec<Point> = equal_a.iter().map(|point| apply(&transform, point)).collect();
-        let carried = least_assignment(CARRIED, |i, k| f64::from(square(&moved[i], &equal_b[k])));
+        let cost = |i: usize, k: usize| f64::from(square(&moved[i], &equal_b[k]));
+        let carried = least_assignment(CARRIED, CARRIED, cost).map_or(f64::INFINITY, |holders| {
+            holders.iter().enumerate().filter_map(|(k, holder)| holder.map(|i| cost(i, k))).sum()
+        });
         let transport = Some(unit * carried / CARRIED as f64);
         Ok(Alignment { transport, distortion, ..measure(transform, &fine_a, &fine_b) })
     };
@@ -305,4 +322,78 @@ fn told_apart(mut sorted: Vec<Alignment>, points: &[Point], apart: f64) -> Align
     let found = different(sorted, points, apart);
     let telling = found.first().is_some_and(|best| best.orientation >= TELLING);
     Alignments { ambiguous: found.len() > 1 || !telling, found }
+}
+
+// --- First guesses of the change of coordinates between two embeddings: signs, order, and turns of near-equal axes.
+//
+// An eigenvector is known up to its sign, and two whose eigenvalues are nearly equal up to a turn in their plane,
+// so that on another mesh they come in another order or mixed. The guesses are all signs of all axes but the first,
+// times turns by 0°, ±45° and 90° of disjoint neighbouring pairs whose variances are within [`NEAR`] of each
+// other. Some 2^(k−1) to [`MOST_TURNS`] 2^(k−1) matrices.
+
+/// Least ratio of the variances of axes that may be turned into each other.
+pub const NEAR: f64 = 0.7;
+/// Turns tried at the most; the likeliest pairs come first.
+pub const MOST_TURNS: usize = 32;
+
+/// Guesses for axes of these variances on either mesh (k each).
+pub fn candidates(a: &[f64], b: &[f64]) -> Vec<DMatrix<f64>> {
+    let k = a.len().min(b.len());
+    let ratio = |v: &[f64], i: usize| if v[i] > 0. { v[i + 1] / v[i] } else { 0. };
+    let mut pairs: Vec<(usize, f64)> = (1..k.saturating_sub(1))
+        .map(|i| (i, ratio(a, i).max(ratio(b, i))))
+        .filter(|(_, ratio)| *ratio > NEAR)
+        .collect();
+    pairs.sort_by(|x, y| y.1.total_cmp(&x.1).then(x.0.cmp(&y.0)));
+    let mut turns = vec![(DMatrix::<f64>::identity(k, k), vec![false; k])];
+    for (i, _) in pairs {
+        let known = turns.len();
+        for t in 0..known {
+            if turns[t].1[i] || turns[t].1[i + 1] || turns.len() + 3 > MOST_TURNS {
+                continue;
+            }
+            for degrees in [90f64, 45., -45.] {
+                let (sin, cos) = degrees.to_radians().sin_cos();
+                let mut turn = DMatrix::identity(k, k);
+                turn[(i, i)] = cos;
+                turn[(i + 1, i + 1)] = cos;
+                turn[(i, i + 1)] = -sin;
+                turn[(i + 1, i)] = sin;
+                let mut used = turns[t].1.clone();
+                (used[i], used[i + 1]) = (true, true);
+                turns.push((turn * &turns[t].0, used));
+            }
+        }
+    }
+    let mut all = Vec::with_capacity(turns.len() << k.saturating_sub(1));
+    for (turn, _) in turns {
+        for signs in 0..1usize << k.saturating_sub(1) {
+            let mut guess = turn.clone();
+            for i in (1..k).filter(|i| signs >> (i - 1) & 1 == 1) {
+                guess.column_mut(i).neg_mut();
+            }
+            all.push(guess);
+        }
+    }
+    all
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn guesses_are_orthogonal_and_cover_signs_swaps_and_turns() {
+        let apart = candidates(&[9., 4., 2., 1.], &[9., 4., 2., 1.]);
+        assert_eq!(apart.len(), 8);
+        let near = candidates(&[9., 4., 3.9, 1.], &[9., 4., 2., 1.]);
+        assert_eq!(near.len(), 32);
+        for guess in apart.iter().chain(&near) {
+            assert!((guess * guess.transpose() - DMatrix::identity(4, 4)).norm() < 1e-12);
+            assert_eq!(guess[(0, 0)], 1.);
+        }
+        let swap = DMatrix::from_row_slice(4, 4, &[1., 0., 0., 0., 0., 0., 1., 0., 0., 1., 0., 0., 0., 0., 0., 1.]);
+        assert!(near.iter().any(|guess| (guess - &swap).norm() < 1e-12));
+        assert!(candidates(&[1.; 8], &[1.; 8]).len() <= MOST_TURNS << 7);
+    }
 }

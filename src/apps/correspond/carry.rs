@@ -134,7 +134,7 @@ impl Colours {
     /// [`Error::Unusable`] where B's faces have no labels, [`Error::Io`], [`Error::Cancelled`].
     pub fn by_parts(b: &Opened, context: Context<'_>) -> Result<Self> {
         let labels = b.document.face_property("label", context.run)?;
-        let palette = crate::apps::picture::colours_for(&b.mesh, &labels, context.run)?;
+        let palette = crate::apps::colours::colours_for(&b.mesh, &labels, context.run)?;
         let faces = first_faces(&b.mesh, "first_faces.npy", context)?;
         let label = |face: u32| labels.get(face as usize).and_then(|&label| palette.get(label as usize));
         Self::of(faces.iter().map(|&face| label(face).copied().unwrap_or(GREY)), context.work)

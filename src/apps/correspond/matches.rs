@@ -1,14 +1,20 @@
-//! Matches: for every vertex of A the vertex of B whose embedding is nearest, in three manners.
+//! Matches: for every vertex of A the vertex of B whose embedding is nearest, under one of three rules; and how sure each
+//! match is.
 //!
 //! All: every vertex has its nearest, and several may share one. Mutual: only those whose match has them for its own
 //! nearest. One to one: the stable assignment in which vertices ask for their nearest first and each is held by the
 //! nearest that asks, over [`CHOICES`] choices each; what stays without is unmatched. None depends on threads, or on the
-//! order of requests. 16 bytes a vertex on disk; some µs a vertex.
+//! order of requests. 16 bytes per vertex on disk; some µs per vertex.
+//!
+//! Confidence: from a vertex to its match and from there to the nearest of A one should be back. The distance missing,
+//! and how much the matches of an edge's ends are farther apart or nearer than the ends, both over √area, are averaged
+//! over some rings of neighbours. That mean ε becomes the confidence 1/(1 + (ε/[`HALF`])²). Distance in the embedding
+//! itself says next to nothing. On scanned poses the rank correlation of confidence with the true error was −.37 to −.45.
+//! Two fields of 8 bytes per vertex on disk, [`ROUNDS`] passes over the edges.
 
 use super::align::{Alignment, apply};
-use super::confidence;
-use super::nearest::Nearest;
-use crate::base::parallel::fill_two;
+use super::search::EmbeddingSearch;
+use crate::base::parallel::{fill_chunks, fill_each, fill_two};
 use crate::base::vector::{distance, wide};
 use crate::base::{Error, Result};
 use crate::graph::VertexGraph;
@@ -69,7 +75,7 @@ pub enum Matching {
 
 /// What matching needs of both meshes.
 #[derive(Clone, Copy)]
-pub struct Pair<'a> {
+pub struct AlignedPair<'a> {
     /// Embedded vertices of A (n).
     pub a: &'a [Point],
     /// Embedded vertices of B.
@@ -81,9 +87,9 @@ pub struct Pair<'a> {
     /// From A's coordinates to B's.
     pub alignment: &'a Alignment,
     /// Searches B.
-    pub in_b: &'a Nearest<'a>,
+    pub in_b: &'a EmbeddingSearch<'a>,
     /// Searches A.
-    pub in_a: &'a Nearest<'a>,
+    pub in_a: &'a EmbeddingSearch<'a>,
 }
 
 /// Matches every vertex of A, into the file `name` of `work`. Progress is told as stage `match`.
@@ -91,7 +97,12 @@ pub struct Pair<'a> {
 /// # Errors
 /// [`Error::Parameter`] for more vertices than the header of the array has digits for (10⁹), [`Error::Io`],
 /// [`Error::Cancelled`].
-pub fn matches(pair: Pair<'_>, matching: Matching, name: &str, context: Context<'_>) -> Result<MappedSlice<Match>> {
+pub fn matches(
+    pair: AlignedPair<'_>,
+    matching: Matching,
+    name: &str,
+    context: Context<'_>,
+) -> Result<MappedSlice<Match>> {
     let back = pair.alignment.transform.transpose();
     let n = pair.a.len();
     if n >= 1_000_000_000 {
@@ -126,14 +137,14 @@ pub fn matches(pair: Pair<'_>, matching: Matching, name: &str, context: Context<
     if matching == Matching::OneToOne {
         one_to_one(&pair, array.data(), context)?;
     }
-    confidence::fill(&pair, array.data(), doubt.data(), context)?;
+    fill_confidence(&pair, array.data(), doubt.data(), context)?;
     drop(doubt);
     context.work.remove("doubt.tmp.partial");
     array.finish(false)
 }
 
 /// Makes `matches`, which are everyone's nearest, one to one.
-fn one_to_one(pair: &Pair<'_>, matches: &mut [Match], context: Context<'_>) -> Result<()> {
+fn one_to_one(pair: &AlignedPair<'_>, matches: &mut [Match], context: Context<'_>) -> Result<()> {
     const FREE: u32 = u32::MAX;
     const NAME: &str = "holders.tmp";
     let mut holders = context.work.array::<u32>(NAME, &[pair.b.len()])?;
@@ -169,5 +180,73 @@ fn one_to_one(pair: &Pair<'_>, matches: &mut [Match], context: Context<'_>) -> R
     }
     drop(holders);
     context.work.remove("holders.tmp.partial");
+    Ok(())
+}
+
+/// The error, over √area, at which a match is half sure.
+pub const HALF: f32 = 0.05;
+/// Passes of averaging.
+const ROUNDS: usize = 10;
+const CONFIDENCE_CHUNK: usize = 1 << 14;
+
+/// Sum and weight of doubt.
+type Doubt = [f32; 2];
+
+/// Sets the confidence of `matches` (n) from the ways missing on return in `returned` (n; NaN where not looked at).
+fn fill_confidence(
+    pair: &AlignedPair<'_>,
+    matches: &mut [Match],
+    returned: &[f32],
+    context: Context<'_>,
+) -> Result<()> {
+    let n = matches.len();
+    let names = ["doubt_a.tmp", "doubt_b.tmp"];
+    let mut fields = [context.work.array::<f32>(names[0], &[n, 2])?, context.work.array::<f32>(names[1], &[n, 2])?];
+    let (units, csr) = ([pair.graph_a, pair.graph_b].map(|g| 1. / g.facts.area.sqrt().max(1e-300)), pair.graph_a.csr());
+    let around = |v: usize| csr.indptr[v] as usize..csr.indptr[v + 1] as usize;
+    let [now, next] = &mut fields;
+    let (mut now, mut next): (&mut [Doubt], &mut [Doubt]) =
+        (bytemuck::cast_slice_mut(now.data()), bytemuck::cast_slice_mut(next.data()));
+    fill_each(context.run.threads, &context.run.cancel, now, CONFIDENCE_CHUNK, |v, _| {
+        let Some(target) = matches[v].vertex() else { return [0.; 2] };
+        let here = wide(pair.graph_b.nodes[target as usize].centroid);
+        let (mut sum, mut count) = (0f64, 0f64);
+        for e in around(v) {
+            if let Some(other) = matches[csr.indices[e] as usize].vertex() {
+                let there = distance(here, wide(pair.graph_b.nodes[other as usize].centroid));
+                sum += (units[1] * there - units[0] * f64::from(csr.weights[e])).abs();
+                count += 1.;
+            }
+        }
+        let stretch = if count > 0. { (sum / count) as f32 } else { 0. };
+        if returned[v].is_nan() { [0.; 2] } else { [returned[v] + stretch, 1.] }
+    })?;
+    for _ in 0..ROUNDS {
+        let before = &*now;
+        let average = |k: usize, out: &mut [Doubt], (): &mut ()| {
+            for (i, out) in out.iter_mut().enumerate() {
+                let v = k * CONFIDENCE_CHUNK + i;
+                let (mut sum, mut count) = (before[v], 1.);
+                for e in around(v) {
+                    let [doubt, weight] = before[csr.indices[e] as usize];
+                    sum = [sum[0] + doubt, sum[1] + weight];
+                    count += 1.;
+                }
+                *out = [sum[0] / count, sum[1] / count];
+            }
+            Ok(())
+        };
+        fill_chunks(context.run.threads, &context.run.cancel, next, CONFIDENCE_CHUNK, || (), average)?;
+        std::mem::swap(&mut now, &mut next);
+    }
+    let doubts = &*now;
+    let sure = |v: usize, one: Match| {
+        let [sum, weight] = doubts[v];
+        let known = one.target >= 0 && weight > 0.;
+        Match { confidence: if known { 1. / (1. + (sum / weight / HALF).powi(2)) } else { 0. }, ..one }
+    };
+    fill_each(context.run.threads, &context.run.cancel, matches, CONFIDENCE_CHUNK, sure)?;
+    drop(fields);
+    names.iter().for_each(|name| context.work.remove(&format!("{name}.partial")));
     Ok(())
 }

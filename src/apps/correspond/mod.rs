@@ -2,22 +2,20 @@
 //!
 //! Both meshes are embedded ([`crate::spectral::orthogonal`]), the embeddings aligned ([`mod@align`]), vertices matched to
 //! the nearest ([`mod@matches`]). Matches carry colours, labels and other properties over ([`carry`]) and are judged by
-//! true ones ([`error`]).
+//! true ones ([`accuracy`]).
 
+pub mod accuracy;
 pub mod align;
-pub mod candidates;
 pub mod carry;
-mod confidence;
-pub mod error;
 pub mod files;
 pub mod matches;
-pub mod nearest;
 pub mod orientation;
+pub mod search;
+#[cfg(feature = "pictures")]
 pub mod show;
-pub mod transport;
 
+pub use accuracy::Errors;
 pub use align::{Alignment, Alignments, Shape, align};
-pub use error::Errors;
-pub use matches::{Match, Matching, Pair, matches};
-pub use nearest::Nearest;
+pub use matches::{AlignedPair, Match, Matching, matches};
 pub use orientation::Tensor;
+pub use search::EmbeddingSearch;

@@ -12,7 +12,7 @@ use std::collections::BTreeMap;
 type Site = [i32; 3];
 
 /// A side or corner of a patch: its patch, and which of its four.
-pub(super) type Place = (usize, usize);
+pub(super) type PatchSide = (usize, usize);
 
 /// A patch. Corners run counter-clockwise seen from outside; side `s` goes from corner `s` to
 /// corner `s + 1`; `u` runs along side 0 and `v` against side 3.
@@ -21,9 +21,9 @@ pub(super) struct Patch {
     /// Its part.
     pub part: usize,
     /// The same side of the patch opposite to it, per side; it runs the other way there.
-    pub across: [Place; 4],
+    pub across: [PatchSide; 4],
     /// The corner's first appearance in patch order, per corner.
-    pub first: [Place; 4],
+    pub first: [PatchSide; 4],
     /// Rough places of the corners in space.
     pub rough: [Vec3; 4],
 }
@@ -140,8 +140,8 @@ pub(super) fn patches() -> Vec<Patch> {
 
 /// Finds who is across each side and who has each corner first.
 fn join_up(skin: &[(usize, [Site; 4])], part: impl Fn(usize) -> usize, rough: impl Fn(Site) -> Vec3) -> Vec<Patch> {
-    let mut sides: BTreeMap<(Site, Site), Place> = BTreeMap::new();
-    let mut first: BTreeMap<Site, Place> = BTreeMap::new();
+    let mut sides: BTreeMap<(Site, Site), PatchSide> = BTreeMap::new();
+    let mut first: BTreeMap<Site, PatchSide> = BTreeMap::new();
     for (p, (_, corners)) in skin.iter().enumerate() {
         for s in 0..4 {
             sides.insert((corners[s], corners[(s + 1) % 4]), (p, s));

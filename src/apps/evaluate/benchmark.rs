@@ -1,16 +1,18 @@
 //! A folder of meshes with people's labels, as the Princeton Segmentation Benchmark, and the scores of a folder of
-//! labels on it.
+//! labels on it; labels are read from whatever form they were kept in.
 //!
 //! The folder holds `N.ply`, people's labels `N_0.seg`, `N_1.seg`, … and `models.tsv`, whose tab-separated columns
-//! `model` and `category` say what to judge. Models are independent, one a thread. Cost: some 20 ms a model and thread
-//! (20 k faces, 11 people, all metrics), and the memory of as many models as threads.
+//! `model` and `category` say what to judge. Models are independent, one per thread. Cost: some 20 ms per model and
+//! thread (20 k faces, 11 people, all metrics), and the memory of as many models as threads. Labels are `.seg` (one per
+//! line), `.npy` (a vector of any integer type) or `.ply` (the faces' property `label`): one pass, 4 bytes per face.
 
-use super::labels::{ENDINGS, read_labels};
-use super::scores::Segmentation;
-use super::{ModelScores, Surface, Table};
+use super::boundaries::Evaluator;
+use super::scores::{ModelScores, ScoreTable, Segmentation};
 use crate::base::{Error, Result, parallel};
 use crate::mesh::{self, read_seg};
-use crate::store::Run;
+use crate::store::{MappedBytes, Run};
+use npyz::{Deserialize, NpyFile};
+use std::ffi::OsStr;
 use std::path::{Path, PathBuf};
 
 /// Numbers after a model's name that are tried for people's labels; some may be left out.
@@ -18,7 +20,7 @@ const PEOPLE: usize = 100;
 
 /// A model of a benchmark.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub struct Model {
+pub struct BenchmarkModel {
     /// Its name: `N` of `N.ply`.
     pub name: String,
     /// The category it belongs to.
@@ -30,16 +32,16 @@ pub struct Model {
 pub struct Benchmark {
     folder: PathBuf,
     /// The models of `models.tsv`, in its order.
-    pub models: Vec<Model>,
+    pub models: Vec<BenchmarkModel>,
 }
 
 /// What was found.
 #[derive(Clone, Debug)]
 pub struct Evaluation {
     /// Scores of the labels, with a row for people on the same models; scores of people where no labels were given.
-    pub table: Table,
+    pub table: ScoreTable,
     /// Scores of people against other people on the same models.
-    pub people: Table,
+    pub people: ScoreTable,
     /// Models without labels, left out of the table.
     pub missing: Vec<String>,
 }
@@ -67,8 +69,9 @@ impl Benchmark {
         };
         let (model, category) = (column("model")?, column("category")?);
         let field = |line: &[&str], at: usize| line.get(at).map(|field| (*field).to_owned());
-        let named = |line: Vec<&str>| Some(Model { name: field(&line, model)?, category: field(&line, category)? });
-        let models: Vec<Model> = lines.filter_map(named).collect();
+        let named =
+            |line: Vec<&str>| Some(BenchmarkModel { name: field(&line, model)?, category: field(&line, category)? });
+        let models: Vec<BenchmarkModel> = lines.filter_map(named).collect();
         if models.is_empty() {
             return Err(Error::unusable(path, "names no model", "add a line a model"));
         }
@@ -103,16 +106,17 @@ impl Benchmark {
             let remedy = format!("name them after the models, as {first}.seg");
             return Err(Error::unusable(folder, "has no labels of any model", remedy));
         }
-        let table = if labels.is_some() { Table::new(judged, &people) } else { Table::new(people.clone(), &[]) };
-        Ok(Evaluation { table, people: Table::new(people, &[]), missing })
+        let table =
+            if labels.is_some() { ScoreTable::new(judged, &people) } else { ScoreTable::new(people.clone(), &[]) };
+        Ok(Evaluation { table, people: ScoreTable::new(people, &[]), missing })
     }
 
-    fn judge(&self, model: &Model, labels: Option<&Path>, cuts: bool, run: &Run) -> Result<Outcome> {
+    fn judge(&self, model: &BenchmarkModel, labels: Option<&Path>, cuts: bool, run: &Run) -> Result<Outcome> {
         run.progress.advance("evaluate", 1);
         let scratch = tempfile::tempdir().map_err(Error::io(std::env::temp_dir(), "create a folder in"))?;
         let run = Run { threads: 1, cancel: run.cancel.clone(), ..Run::new(&()) };
         let mesh = mesh::open(&self.folder.join(format!("{}.ply", model.name)), scratch.path(), &run)?.mesh;
-        let surface = if cuts { Surface::of(&mesh)? } else { Surface::without_edges(&mesh) };
+        let surface = if cuts { Evaluator::of(&mesh)? } else { Evaluator::without_edges(&mesh) };
         let truths = self.truths(&model.name)?;
         let truths: Vec<Segmentation> =
             truths.iter().map(|(path, labels)| fitting(&surface, path, labels)).collect::<Result<_>>()?;
@@ -149,10 +153,92 @@ impl Benchmark {
 ///
 /// # Errors
 /// [`Error::Unusable`] naming `path` where they are not.
-pub fn fitting<'a>(surface: &Surface, path: &Path, labels: &'a [u32]) -> Result<Segmentation<'a>> {
+pub fn fitting<'a>(surface: &Evaluator, path: &Path, labels: &'a [u32]) -> Result<Segmentation<'a>> {
     if labels.len() != surface.faces() {
         let problem = format!("has {} labels for {} faces", labels.len(), surface.faces());
         return Err(Error::unusable(path, problem, "give labels of this very mesh"));
     }
     surface.segmentation(&path.display().to_string(), labels)
+}
+
+/// Endings of the forms that [`read_labels`] knows, in the order in which a folder is searched for them.
+pub const ENDINGS: [&str; 3] = ["seg", "npy", "ply"];
+
+/// Reads labels, one a face. `scratch` takes what has to be unpacked.
+///
+/// # Errors
+/// [`Error::Unusable`] for an unknown ending or a file without labels, and those of the readers.
+pub fn read_labels(path: &Path, scratch: &Path, run: &Run) -> Result<Vec<u32>> {
+    match path.extension().and_then(OsStr::to_str).map(str::to_ascii_lowercase).as_deref() {
+        Some("seg") => read_seg(path),
+        Some("npy") => read_npy(path),
+        Some("ply") => mesh::open(path, scratch, run)?.document.face_property("label", run),
+        _ => Err(Error::unusable(path, "its ending says no known form of labels", "give a .seg, .npy or .ply file")),
+    }
+}
+
+/// A vector of non-negative integers of any type, as NumPy keeps it.
+fn read_npy(path: &Path) -> Result<Vec<u32>> {
+    let bytes = MappedBytes::open(path)?;
+    let wrong = |problem: String| Error::malformed(path, "array", problem, "give a vector of integers from 0 on");
+    let header = npyz::NpyHeader::from_reader(&bytes[..]).map_err(|error| wrong(error.to_string()))?;
+    if header.shape().len() != 1 {
+        return Err(wrong(format!("has {} dimensions", header.shape().len())));
+    }
+    let descr = header.dtype().descr();
+    let labels = match descr.trim_matches('\'').get(1..) {
+        Some("u1") => integers::<u8>(&bytes),
+        Some("u2") => integers::<u16>(&bytes),
+        Some("u4") => integers::<u32>(&bytes),
+        Some("u8") => integers::<u64>(&bytes),
+        Some("i1") => integers::<i8>(&bytes),
+        Some("i2") => integers::<i16>(&bytes),
+        Some("i4") => integers::<i32>(&bytes),
+        Some("i8") => integers::<i64>(&bytes),
+        _ => Err(format!("has items {descr}")),
+    };
+    labels.map_err(wrong)
+}
+
+fn integers<T: Deserialize + TryInto<u32>>(bytes: &[u8]) -> std::result::Result<Vec<u32>, String> {
+    let file = NpyFile::new(bytes).map_err(|error| error.to_string())?;
+    let items = file.data::<T>().map_err(|error| error.to_string())?;
+    let label = |(k, item): (usize, std::io::Result<T>)| {
+        let item = item.map_err(|error| error.to_string())?;
+        item.try_into().map_err(|_| format!("item {k} is negative or beyond 32 bits"))
+    };
+    items.enumerate().map(label).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::store::npy;
+
+    #[test]
+    fn arrays_of_several_types_are_read_and_others_refused() {
+        let dir = tempfile::tempdir().unwrap();
+        let path = dir.path().join("x.npy");
+        let read = || read_labels(&path, dir.path(), &Run::new(&()));
+        npy::write::<u32>(&path, &[5, 0, u32::MAX], 1, false).unwrap();
+        assert_eq!(read().unwrap(), [5, 0, u32::MAX]);
+        npy::write::<u64>(&path, &[5, 1 << 40], 1, false).unwrap();
+        assert!(read().unwrap_err().to_string().contains("item 1 is negative or beyond"));
+        // NumPy's own type for integers: signed, 64 bits.
+        let mut bytes = std::fs::read(&path).unwrap();
+        let at = bytes.windows(3).position(|w| w == b"<u8").unwrap();
+        bytes[at + 1] = b'i';
+        std::fs::write(&path, &bytes).unwrap();
+        assert!(read().is_err());
+        npy::write::<u64>(&path, &[7, 3], 1, false).unwrap();
+        let mut bytes = std::fs::read(&path).unwrap();
+        bytes[at + 1] = b'i';
+        std::fs::write(&path, &bytes).unwrap();
+        assert_eq!(read().unwrap(), [7, 3]);
+        npy::write::<f32>(&path, &[1.], 1, false).unwrap();
+        assert!(read().unwrap_err().to_string().contains("has items"));
+        npy::write::<u32>(&path, &[1, 2], 2, false).unwrap();
+        assert!(read().unwrap_err().to_string().contains("dimensions"));
+        assert!(read_labels(Path::new("x.txt"), dir.path(), &Run::new(&())).is_err());
+    }
 }

@@ -1,28 +1,19 @@
 //! How well labels agree with those of people: the metrics of the Princeton Segmentation Benchmark.
 //!
-//! Rand index, cut discrepancy, Hamming distance and consistency errors as Chen, Golovinskiy and
-//! Funkhouser define them (*A Benchmark for 3D Mesh Segmentation*, 2009). A [`Surface`] is made
-//! once a mesh; [`compare`] is the short way for a single pair, [`Benchmark`] judges a folder. Labels are slices with one `u32` a
-//! face in the order of the mesh file; their values do not matter. Cost: O(n) a pair (10⁷ faces in
-//! under a second), and for cut discrepancy a sort of the edges a mesh and a Dijkstra a labelling.
+//! Rand index, cut discrepancy, Hamming distance and consistency errors as Chen, Golovinskiy and Funkhouser define them
+//! (*A Benchmark for 3D Mesh Segmentation*, 2009). An [`Evaluator`] is made once per mesh; [`compare`] is the short way
+//! for a single pair, [`Benchmark`] judges a folder. Labels are slices with one `u32` per face in the order of the mesh
+//! file; their values do not matter. Cost: O(n) per pair (10⁷ faces in under a second), and for cut discrepancy one sort
+//! of the edges per mesh and one Dijkstra per labelling.
 
 mod benchmark;
+mod boundaries;
 mod contingency;
-mod cuts;
-mod labels;
-mod matching;
-mod plot;
-mod regions;
 mod scores;
-mod surface;
-mod table;
 
-pub use benchmark::{Benchmark, Evaluation, Model, fitting};
-pub use contingency::{Cell, Contingency, Part, contingency};
-pub use labels::read_labels;
-pub use matching::matches;
-pub use plot::plot;
-pub use regions::{Consistency, Hamming, consistency, hamming, rand, rand_area};
-pub use scores::{Scores, Segmentation, compare};
-pub use surface::Surface;
-pub use table::{ModelScores, Row, Table};
+pub use benchmark::{Benchmark, BenchmarkModel, Evaluation, fitting, read_labels};
+pub use boundaries::Evaluator;
+pub use contingency::{
+    Consistency, Contingency, Hamming, Marginal, Overlap, consistency, contingency, hamming, matches, rand, rand_area,
+};
+pub use scores::{MeanScores, ModelScores, ScoreTable, Scores, Segmentation, compare};

@@ -1,12 +1,14 @@
-//! All metrics of a pair of labellings, of one against many, and of people against each other.
+//! All metrics of a pair of labellings, of one against many, and of people against each other; and tables of them by
+//! category, for reading and as JSON.
+//!
+//! Cost: a pass over the faces per pair; what the evaluator and the labellings made ready hold is shared.
 
-use super::contingency::{Contingency, Numbering, check_count, count};
-use super::cuts::{Cut, discrepancy};
-use super::regions::{consistency, hamming, rand, rand_area};
-use super::surface::Surface;
+use super::boundaries::{BoundaryField, Evaluator, discrepancy};
+use super::contingency::{Contingency, LabelIndex, check_count, consistency, count, hamming, rand, rand_area};
 use crate::base::{Error, Result};
 use crate::mesh::Mesh;
 use serde::Serialize;
+use std::fmt::Write;
 
 /// The metrics of labels against a truth; 0 is equal, lower is better, all but the cut
 /// discrepancy below 1.
@@ -77,8 +79,8 @@ impl Scores {
 #[derive(Clone, Debug)]
 pub struct Segmentation<'a> {
     labels: &'a [u32],
-    numbering: Numbering,
-    cut: Option<Cut>,
+    numbering: LabelIndex,
+    cut: Option<BoundaryField>,
 }
 
 impl Segmentation<'_> {
@@ -88,21 +90,21 @@ impl Segmentation<'_> {
     }
 }
 
-impl Surface {
+impl Evaluator {
     /// Makes labels ready; `name` is what an error calls them.
     ///
     /// # Errors
     /// [`Error::Parameter`] where they are not one a face.
     pub fn segmentation<'a>(&self, name: &str, labels: &'a [u32]) -> Result<Segmentation<'a>> {
         check_count(name, labels.len(), self.faces)?;
-        let cut = self.edges.as_ref().map(|edges| Cut::of(edges, labels));
-        Ok(Segmentation { labels, numbering: Numbering::of(labels), cut })
+        let cut = self.edges.as_ref().map(|edges| BoundaryField::of(edges, labels));
+        Ok(Segmentation { labels, numbering: LabelIndex::of(labels), cut })
     }
 
     /// Makes several people's labels ready; errors call them "truth 1" and so on.
     ///
     /// # Errors
-    /// As [`Surface::segmentation`].
+    /// As [`Evaluator::segmentation`].
     pub fn segmentations<'a, L: AsRef<[u32]>>(&self, truths: &'a [L]) -> Result<Vec<Segmentation<'a>>> {
         (1..).zip(truths).map(|(k, labels)| self.segmentation(&format!("truth {k}"), labels.as_ref())).collect()
     }
@@ -155,6 +157,175 @@ pub fn compare(mesh: Option<&Mesh>, labels: &[u32], truth: &[u32]) -> Result<Sco
     let faces = mesh.map_or(truth.len(), |mesh| mesh.faces.len());
     check_count("labels", labels.len(), faces)?;
     check_count("truth", truth.len(), faces)?;
-    let surface = mesh.map_or_else(|| Ok(Surface::of_faces(faces)), Surface::of)?;
+    let surface = mesh.map_or_else(|| Ok(Evaluator::of_faces(faces)), Evaluator::of)?;
     Ok(surface.compare(&surface.segmentation("labels", labels)?, &surface.segmentation("truth", truth)?))
+}
+
+/// The scores of one model of a collection.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct ModelScores {
+    /// The model's name.
+    pub model: String,
+    /// The category it belongs to.
+    pub category: String,
+    /// Its scores, a mean over truths.
+    #[serde(flatten)]
+    pub scores: Scores,
+    /// Number of parts; for people their mean.
+    pub parts: f64,
+}
+
+/// A line of the table: means over models.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct MeanScores {
+    /// The category, or what the line sums up.
+    pub name: String,
+    /// Number of models.
+    pub models: usize,
+    /// Mean number of parts.
+    pub parts: f64,
+    /// Mean scores.
+    #[serde(flatten)]
+    pub scores: Scores,
+}
+
+/// Scores by category, over all, and beside them those of people on the same models.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct ScoreTable {
+    /// A line a category, in the order of their first model.
+    pub categories: Vec<MeanScores>,
+    /// Mean over all models; absent where there are none.
+    pub overall: Option<MeanScores>,
+    /// People against other people, mean over models; absent where not asked for.
+    pub people: Option<MeanScores>,
+    /// Every model.
+    pub models: Vec<ModelScores>,
+}
+
+/// The columns behind name and number of models: title, decimals, value.
+type Column = (&'static str, usize, fn(&MeanScores) -> Option<f64>);
+const COLUMNS: [Column; 9] = [
+    ("parts", 1, |row| Some(row.parts)),
+    ("1-rand", 4, |row| Some(row.scores.rand)),
+    ("by area", 4, |row| Some(row.scores.rand_area)),
+    ("cut d.", 4, |row| row.scores.cut_discrepancy),
+    ("hamming", 4, |row| Some(row.scores.hamming)),
+    ("missing", 4, |row| Some(row.scores.missing)),
+    ("false a.", 4, |row| Some(row.scores.false_alarm)),
+    ("gce", 4, |row| Some(row.scores.gce)),
+    ("lce", 4, |row| Some(row.scores.lce)),
+];
+
+impl ScoreTable {
+    /// The table of `models`, with a line for `people`'s scores of the same models unless empty.
+    pub fn new(models: Vec<ModelScores>, people: &[ModelScores]) -> Self {
+        let mut names: Vec<&str> = Vec::new();
+        for model in &models {
+            if !names.contains(&model.category.as_str()) {
+                names.push(&model.category);
+            }
+        }
+        let of = |name: &&str| row(name, models.iter().filter(|model| model.category == **name));
+        let categories = names.iter().filter_map(of).collect();
+        Self { categories, overall: row("all models", &models), people: row("people", people), models }
+    }
+
+    /// Aligned text, a line a row, numbers to four places, `-` where a metric is undefined.
+    pub fn to_text(&self) -> String {
+        self.to_text_under("category", "models")
+    }
+
+    /// The same under other titles of the first two columns.
+    pub fn to_text_under(&self, name: &str, count: &str) -> String {
+        let sums = self.overall.iter().chain(&self.people);
+        let rows: Vec<&MeanScores> = self.categories.iter().chain(sums).collect();
+        let width = rows.iter().map(|row| row.name.chars().count()).max().unwrap_or(0).max(name.len());
+        let mut text = format!("{name:width$} {count:>6}");
+        // Writing to a string does not fail.
+        for (title, _, _) in COLUMNS {
+            let _ = write!(text, " {title:>8}");
+        }
+        for (k, row) in rows.iter().enumerate() {
+            if k == self.categories.len() {
+                let _ = write!(text, "\n{}", "-".repeat(width + 7 + 9 * COLUMNS.len()));
+            }
+            let _ = write!(text, "\n{:width$} {:>6}", row.name, row.models);
+            for (_, decimals, value) in COLUMNS {
+                let _ = match value(row) {
+                    Some(value) => write!(text, " {value:>8.decimals$}"),
+                    None => write!(text, " {:>8}", "-"),
+                };
+            }
+        }
+        text.push('\n');
+        text
+    }
+
+    /// The table as JSON: `categories`, `overall`, `people`, `models`.
+    ///
+    /// # Errors
+    /// [`Error::Parameter`] where the serialiser refuses it, which no finite table makes it do.
+    pub fn to_json(&self) -> Result<String> {
+        serde_json::to_string_pretty(self)
+            .map_err(|error| Error::parameter("table", error.to_string(), "report this as a fault"))
+    }
+}
+
+/// The mean of models under a name; `None` of nothing.
+fn row<'a>(name: &str, models: impl IntoIterator<Item = &'a ModelScores>) -> Option<MeanScores> {
+    let (scores, parts): (Vec<Scores>, Vec<f64>) =
+        models.into_iter().map(|model| (model.scores, model.parts)).collect();
+    let mean = Scores::mean(&scores)?;
+    let parts_mean = parts.iter().sum::<f64>() / parts.len() as f64;
+    Some(MeanScores { name: name.to_owned(), models: scores.len(), parts: parts_mean, scores: mean })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn model(name: &str, category: &str, rand: f64, cut_discrepancy: Option<f64>) -> ModelScores {
+        let scores = Scores {
+            rand,
+            rand_area: 0.,
+            cut_discrepancy,
+            hamming: 0.,
+            missing: 0.,
+            false_alarm: 0.,
+            gce: 0.,
+            lce: 0.,
+        };
+        ModelScores { model: name.into(), category: category.into(), scores, parts: 3. }
+    }
+
+    fn table() -> ScoreTable {
+        let cup = [model("1", "cup", 0.1, Some(2.)), model("3", "cup", 0.3, None)];
+        let models = vec![cup[0].clone(), model("2", "armadillo", 0.5, None), cup[1].clone()];
+        ScoreTable::new(models, &cup)
+    }
+
+    #[test]
+    fn rows_are_means_in_order_of_appearance() {
+        let table = table();
+        let names: Vec<_> = table.categories.iter().map(|row| (row.name.as_str(), row.models)).collect();
+        assert_eq!(names, [("cup", 2), ("armadillo", 1)]);
+        assert_eq!(table.categories[0].scores.rand, 0.2);
+        assert_eq!(table.categories[0].scores.cut_discrepancy, Some(2.));
+        assert!((table.overall.unwrap().scores.rand - 0.3).abs() < 1e-15);
+        let nothing = ScoreTable::new(Vec::new(), &[]);
+        assert!(nothing.overall.is_none() && nothing.to_text().lines().count() == 1);
+    }
+
+    #[test]
+    fn text_is_aligned_and_json_complete() {
+        let text = table().to_text();
+        let lines: Vec<&str> = text.lines().collect();
+        assert_eq!(lines.len(), 6);
+        assert!(lines.iter().all(|line| line.chars().count() == lines[0].chars().count()));
+        assert!(lines[1].split_whitespace().take(4).eq(["cup", "2", "3.0", "0.2000"]));
+        assert!(lines[2].contains('-') && lines[4].starts_with("all models"));
+        let json: serde_json::Value = serde_json::from_str(&table().to_json().unwrap()).unwrap();
+        assert_eq!(json["people"]["rand"], 0.2);
+        assert_eq!(json["models"][1]["cut_discrepancy"], serde_json::Value::Null);
+    }
 }

@@ -1,12 +1,12 @@
-//! Results in other programs' forms: a table ([`table`], Parquet), a scene ([`glb`]), a mesh a part ([`split`]).
+//! Results in other programs' forms: a table (`parquet`), a scene ([`glb`]), a mesh a part ([`split`]).
 //!
 //! All stream: what is held does not grow with the mesh, but for a bit a vertex in [`split`], which the budget grants.
 //! Files appear whole or not at all.
 
 pub mod glb;
+#[cfg(feature = "parquet")]
 pub mod parquet;
 pub mod split;
-pub mod table;
 
 use crate::base::{Error, Result};
 use crate::mesh::{Labelling, Mesh};

@@ -1,6 +1,8 @@
-//! Where the viewer stands: an orthographic camera, and the frame it looks from.
+//! The orthographic camera: the axes of a view, the box that the mesh fills in them, and the way from space to samples.
+//!
+//! A few multiplications per point.
 
-use super::vector::{Vec3, add_scaled, cross, dot, unit};
+pub(super) use crate::base::vector::{cross, minus as sub};
 
 /// Axes of a view in space.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -96,4 +98,32 @@ impl Camera {
         let [x, y, z] = self.frame.of(p);
         [self.offset[0] + x * self.scale, self.offset[1] - y * self.scale, self.offset[2] - z * self.scale]
     }
+}
+
+/// A point or a direction.
+pub(super) type Vec3 = [f64; 3];
+
+/// a·b
+#[inline]
+pub(super) fn dot(a: Vec3, b: Vec3) -> f64 {
+    a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
+}
+
+/// a + s·b
+#[inline]
+pub(super) fn add_scaled(a: Vec3, s: f64, b: Vec3) -> Vec3 {
+    [a[0] + s * b[0], a[1] + s * b[1], a[2] + s * b[2]]
+}
+
+/// a in length 1; 0 where it has no length.
+#[inline]
+pub(super) fn unit(a: Vec3) -> Vec3 {
+    let length = dot(a, a).sqrt();
+    if length > 0.0 { a.map(|x| x / length) } else { [0.0; 3] }
+}
+
+/// Twice the area times the normal of a triangle.
+#[inline]
+pub(super) fn double_area(triangle: [Vec3; 3]) -> Vec3 {
+    cross(sub(triangle[1], triangle[0]), sub(triangle[2], triangle[0]))
 }

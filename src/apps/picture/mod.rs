@@ -1,42 +1,27 @@
 //! Pictures of meshes and their parts, drawn in memory: no window, no graphics card.
 //!
-//! A mesh of any size is streamed through a z-buffer of two samples a pixel and side; normals, light, ambient
-//! occlusion and lines follow from what is seen. The view is found ([`Up`] and the direction from which most parts show
-//! most of themselves), and the result does not depend on the number of threads. Cost: 70 bytes a pixel whatever the
-//! mesh, 12 more a vertex where these are few; a million faces in about a second on two cores, of which half goes with
-//! the pixels.
+//! A mesh of any size is streamed through a z-buffer of two samples per pixel and side; normals, light, ambient
+//! occlusion and lines follow from what is seen. The view is found ([`Up`], and the direction from which most parts show
+//! most of themselves), and the result does not depend on the number of threads. Cost: 70 bytes per pixel whatever the
+//! mesh, 12 more per vertex where these are few; a million faces take about a second on two cores, of which half goes
+//! with the pixels.
 
 mod camera;
-mod contacts;
-mod font;
 mod image;
-mod legend;
-mod lines;
-mod normals;
-mod occlusion;
-mod params;
 mod raster;
-mod shade;
+mod shading;
 mod sheet;
-mod survey;
-mod triangles;
-mod upright;
-mod vector;
-mod vertex_normals;
 mod viewpoint;
 
-pub use contacts::colours_for;
-pub use image::Image;
-pub use params::{PictureParams, Up};
+pub use sheet::{PictureParams, Up};
 
 use crate::base::{Error, Result};
 use crate::mesh::Mesh;
 use crate::store::Run;
 use camera::Frame;
-use legend::Legend;
-use shade::{CLAY, linear};
-use sheet::Sheet;
-use vertex_normals::VertexNormals;
+pub use image::Image;
+use shading::{CLAY, VertexNormals, linear};
+use sheet::{Legend, Sheet};
 
 /// Vertices at most that get smooth normals; a mesh of more shows faces no larger than a sample.
 const SMOOTH: usize = 3_000_000;
@@ -63,7 +48,7 @@ pub fn render(
     let parts = if labels.is_some() { colours.len().min(TOLD_APART) } else { 0 };
     let legend = match labels.filter(|_| params.legend) {
         Some(labels) => {
-            Legend::of(&survey::areas(mesh, labels, parts, run)?, &colours[..parts], params.width, params.height)
+            Legend::of(&viewpoint::areas(mesh, labels, parts, run)?, &colours[..parts], params.width, params.height)
         }
         None => None,
     };
@@ -105,7 +90,7 @@ pub fn best_view(mesh: &Mesh, labels: Option<&[u32]>, parts: usize, run: &Run) -
 
 /// The views: the best one, and others around the same axis.
 fn frames(mesh: &Mesh, labels: Option<&[u32]>, parts: usize, params: &PictureParams, run: &Run) -> Result<Vec<Frame>> {
-    let pieces = survey::sample(mesh, labels, run)?;
+    let pieces = viewpoint::sample(mesh, labels, run)?;
     if pieces.is_empty() {
         let faces = mesh.faces.len();
         return Err(Error::parameter(
@@ -114,7 +99,7 @@ fn frames(mesh: &Mesh, labels: Option<&[u32]>, parts: usize, params: &PicturePar
             "give another",
         ));
     }
-    let up = params.up.map_or_else(|| upright::upright(&pieces), Up::direction);
+    let up = params.up.map_or_else(|| viewpoint::upright(&pieces), Up::direction);
     let (azimuth, elevation) = viewpoint::best(&pieces, parts, up, run)?;
     let azimuth = azimuth + params.turn.to_radians();
     let elevation = (elevation + params.tilt.to_radians()).clamp(-1.55, 1.55);

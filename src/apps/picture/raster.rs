@@ -2,17 +2,31 @@
 //!
 //! A cell is one atomic word, depth above and face below, and a triangle lowers the words it covers to the least; so
 //! threads share one canvas and the result does not depend on their order. Corners are snapped to 1/256 of a sample and
-//! edges evaluated in integers, so that neighbours leave neither gap nor overlap. 8 bytes a sample; 30–60 ns a small
+//! edges evaluated in integers, so that neighbours leave neither gap nor overlap. 8 bytes per sample; 30–60 ns per small
 //! triangle.
 
-use super::camera::{Camera, Extent};
-use super::triangles::{self, CHUNK};
-use super::vector::Vec3;
+use super::camera::{Camera, Extent, Vec3};
 use crate::base::Result;
 use crate::base::parallel::{chunk_count, chunk_range, map_chunks};
 use crate::mesh::Mesh;
 use crate::store::Run;
+use std::ops::Range;
 use std::sync::atomic::{AtomicU64, Ordering};
+
+/// Faces a thread takes at a time.
+pub(super) const CHUNK: usize = 1 << 13;
+
+/// Calls `visit(face, its corners, their positions)` for the triangles of `faces`, in order.
+#[inline]
+pub(super) fn each_triangle(mesh: &Mesh, faces: Range<usize>, mut visit: impl FnMut(usize, [u32; 3], [Vec3; 3])) {
+    mesh.faces.for_each(faces, |face, corners| mesh.fan(corners, |c, p| visit(face, c, p)));
+}
+
+/// Calls `visit(corners, positions)` for the triangles of one face.
+#[inline]
+pub(super) fn triangles_of(mesh: &Mesh, face: usize, visit: impl FnMut([u32; 3], [Vec3; 3])) {
+    mesh.faces.with(face, |corners| mesh.fan(corners, visit));
+}
 
 /// A cell that nothing covers.
 const EMPTY: u64 = u64::MAX;
@@ -62,7 +76,7 @@ impl Canvas {
     pub(super) fn draw(&self, mesh: &Mesh, camera: &Camera, run: &Run) -> Result<()> {
         let n = mesh.faces.len();
         let chunk = |k, (): &mut ()| {
-            triangles::for_each(mesh, chunk_range(n, CHUNK, k), |face, _, at| {
+            each_triangle(mesh, chunk_range(n, CHUNK, k), |face, _, at| {
                 self.triangle(at.map(|p| camera.project(p)), face as u32);
             });
             Ok(())
@@ -145,7 +159,7 @@ pub(super) fn extents(mesh: &Mesh, frames: &[super::camera::Frame], run: &Run) -
     let n = mesh.faces.len();
     let chunk = |k, (): &mut ()| {
         let mut found = vec![Extent::EMPTY; frames.len()];
-        triangles::for_each(mesh, chunk_range(n, CHUNK, k), |_, _, at| {
+        each_triangle(mesh, chunk_range(n, CHUNK, k), |_, _, at| {
             for (frame, extent) in frames.iter().zip(&mut found) {
                 at.iter().for_each(|&p| extent.hold(frame.of(p)));
             }

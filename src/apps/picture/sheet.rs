@@ -1,16 +1,109 @@
-//! The sheet: views in rows and columns at one scale, and the making of each.
+//! The sheet: what is asked of it, views in rows and columns at one scale, the making of each, and the legend beside them.
 
-use super::camera::{Camera, Extent, Frame};
-use super::lines::Lines;
-use super::normals;
-use super::occlusion;
-use super::params::PictureParams;
+use super::camera::{Camera, Extent, Frame, Vec3};
+use super::image::{Image, text_width, write_text};
 use super::raster::Canvas;
-use super::shade::{Pixel, View};
-use super::vertex_normals::VertexNormals;
-use crate::base::Result;
+use super::shading::{GREY, Lines, Pixel, VertexNormals, View, linear, normals, openness};
+use crate::base::{Error, Result};
 use crate::mesh::Mesh;
 use crate::store::Run;
+
+/// An axis of the file that points up.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Up {
+    /// 0, 1, 2: x, y, z.
+    pub axis: usize,
+    /// Whether its negative end is up.
+    pub negative: bool,
+}
+
+impl Up {
+    pub(super) fn direction(self) -> Vec3 {
+        let mut up = [0.0; 3];
+        up[self.axis.min(2)] = if self.negative { -1.0 } else { 1.0 };
+        up
+    }
+}
+
+impl std::str::FromStr for Up {
+    type Err = String;
+
+    fn from_str(text: &str) -> std::result::Result<Self, String> {
+        let (negative, axis) = match text.strip_prefix('-') {
+            Some(axis) => (true, axis),
+            None => (false, text.strip_prefix('+').unwrap_or(text)),
+        };
+        let axis = ["x", "y", "z"].iter().position(|known| axis.eq_ignore_ascii_case(known));
+        axis.map(|axis| Self { axis, negative })
+            .ok_or_else(|| format!("{text:?} is no axis; write x, y, z, -x, -y or -z"))
+    }
+}
+
+/// Size, views and manner of a picture.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct PictureParams {
+    /// Pixels in a row.
+    pub width: usize,
+    /// Rows.
+    pub height: usize,
+    /// Views on one sheet.
+    pub views: usize,
+    /// Whether the background is transparent instead of white.
+    pub transparent: bool,
+    /// Whether shares of the surface are listed.
+    pub legend: bool,
+    /// Whether lines are drawn between parts and at edges.
+    pub lines: bool,
+    /// Samples a side of a pixel, 1 to 4.
+    pub samples: usize,
+    /// The axis that points up; found where `None`.
+    pub up: Option<Up>,
+    /// Degrees to turn around that axis from the view found.
+    pub turn: f64,
+    /// Degrees to look from higher than found.
+    pub tilt: f64,
+}
+
+impl Default for PictureParams {
+    fn default() -> Self {
+        Self {
+            width: 1600,
+            height: 1200,
+            views: 1,
+            transparent: false,
+            legend: true,
+            lines: true,
+            samples: 2,
+            up: None,
+            turn: 0.0,
+            tilt: 0.0,
+        }
+    }
+}
+
+impl PictureParams {
+    /// Refuses what cannot be drawn.
+    ///
+    /// # Errors
+    /// [`Error::Parameter`].
+    pub fn check(&self) -> Result<()> {
+        let within = |name: &str, value: usize, least: usize, most: usize| {
+            if (least..=most).contains(&value) {
+                Ok(())
+            } else {
+                Err(Error::parameter(name, format!("{value} is out of range"), format!("choose {least} to {most}")))
+            }
+        };
+        within("--size", self.width, 16, 16384)?;
+        within("--size", self.height, 16, 16384)?;
+        within("--views", self.views, 1, 64)?;
+        within("--samples", self.samples, 1, 4)?;
+        if !self.turn.is_finite() || !self.tilt.is_finite() {
+            return Err(Error::parameter("--turn", "is no angle", "give degrees"));
+        }
+        Ok(())
+    }
+}
 
 /// Share of a cell that a shape fills at the most.
 const FILL: f64 = 0.92;
@@ -78,8 +171,8 @@ impl Sheet {
         let camera = Camera::fit(*frame, extent, self.scale * factor as f64, width, height);
         let canvas = Canvas::new(width, height, &camera);
         canvas.draw(scene.mesh, &camera, run)?;
-        let normals = normals::normals(scene.mesh, scene.labels, &canvas, &camera, scene.vertex_normals, run)?;
-        let openness = occlusion::openness(&canvas, &normals, factor, self.size, run)?;
+        let normals = normals(scene.mesh, scene.labels, &canvas, &camera, scene.vertex_normals, run)?;
+        let openness = openness(&canvas, &normals, factor, self.size, run)?;
         let short = self.cell.0.min(self.cell.1) as f64;
         let lines = Lines::new((short / 800.0).max(1.0) * 1.5 * factor as f64, self.size * factor as f64);
         let view = View {
@@ -92,5 +185,98 @@ impl Sheet {
             parts: scene.labels.is_some(),
         };
         view.pixels(run)
+    }
+}
+
+/// Colour of the shares, and of the labels.
+const DARK: [f32; 3] = [0.02; 3];
+const PALE: [f32; 3] = [0.30; 3];
+
+/// A line of the legend.
+#[derive(Clone, Debug, PartialEq)]
+struct Entry {
+    label: usize,
+    colour: [u8; 3],
+    share: f64,
+}
+
+/// A legend ready to be drawn.
+#[derive(Clone, Debug)]
+pub(super) struct Legend {
+    entries: Vec<Entry>,
+    /// Parts that found no room.
+    more: usize,
+    dot: f64,
+}
+
+impl Legend {
+    /// The legend for a picture of `width` × `height`; none where it is too small, or there is only one part.
+    pub(super) fn of(areas: &[f64], colours: &[[u8; 3]], width: usize, height: usize) -> Option<Self> {
+        let total: f64 = areas.iter().sum();
+        let mut entries: Vec<Entry> = areas
+            .iter()
+            .enumerate()
+            .filter(|(_, area)| **area > 0.0)
+            .map(|(label, area)| Entry {
+                label,
+                colour: colours.get(label).copied().unwrap_or(GREY),
+                share: area / total,
+            })
+            .collect();
+        entries.sort_by(|a, b| b.share.total_cmp(&a.share).then(a.label.cmp(&b.label)));
+        if entries.len() < 2 || height < 160 || width < 240 {
+            return None;
+        }
+        let dot = (height.min(width) as f64 / 520.0).clamp(1.0, 12.0);
+        let room = ((height as f64 - 20.0 * dot) / (13.0 * dot)) as usize;
+        let more = if entries.len() > room { entries.len() + 1 - room } else { 0 };
+        entries.truncate(entries.len() - more);
+        Some(Self { entries, more, dot })
+    }
+
+    /// Pixels the legend takes at the picture's right side.
+    pub(super) fn width(&self) -> usize {
+        (self
+            .texts()
+            .map(|(label, share)| text_width(&label, self.dot) + text_width(&share, self.dot))
+            .fold(0.0, f64::max)
+            + 36.0 * self.dot) as usize
+    }
+
+    fn texts(&self) -> impl Iterator<Item = (String, String)> + '_ {
+        self.entries.iter().map(|entry| (entry.label.to_string(), format!("{:.1} %", 100.0 * entry.share)))
+    }
+
+    /// Draws it at the right side, in the middle of the height.
+    pub(super) fn draw(&self, image: &mut Image) {
+        let dot = self.dot;
+        let line = 13.0 * dot;
+        let lines = self.entries.len() + usize::from(self.more > 0);
+        let mut top = (image.height as f64 - lines as f64 * line) / 2.0;
+        let left = (image.width - self.width().min(image.width)) as f64;
+        let right = image.width as f64 - 10.0 * dot;
+        for (entry, (label, share)) in self.entries.iter().zip(self.texts().collect::<Vec<_>>()) {
+            swatch(image, left + 2.0 * dot, top - dot, 9.0 * dot, entry.colour);
+            write_text(image, &label, left + 16.0 * dot, top, dot, PALE);
+            write_text(image, &share, right - text_width(&share, dot), top, dot, DARK);
+            top += line;
+        }
+        if self.more > 0 {
+            write_text(image, &format!("+ {} more", self.more), left + 2.0 * dot, top, dot, PALE);
+        }
+    }
+}
+
+/// A disc of a colour.
+fn swatch(image: &mut Image, left: f64, top: f64, size: f64, colour: [u8; 3]) {
+    let colour = colour.map(linear);
+    let radius = size / 2.0;
+    for y in top.max(0.0) as usize..(top + size + 1.0).max(0.0) as usize {
+        for x in left.max(0.0) as usize..(left + size + 1.0).max(0.0) as usize {
+            let away = (x as f64 + 0.5 - left - radius).hypot(y as f64 + 0.5 - top - radius);
+            let opacity = (radius - away + 0.5).clamp(0.0, 1.0) as f32;
+            let rim = if away > radius - (size / 12.0).max(1.0) { 0.5 } else { 1.0 } * opacity;
+            image.blend(x, y, [colour[0] * rim, colour[1] * rim, colour[2] * rim, opacity]);
+        }
     }
 }

@@ -1,23 +1,25 @@
-//! Something drawn with `plotters`, to the form that a file's ending names.
+//! Something drawn with `plotters`, to the form that a file's ending names; text in a PNG is of a built-in font of 8 × 8
+//! pixels, so that no font of the machine is needed.
 
-use crate::apps::pixel_text::{PixelText, write_png};
 use crate::base::{Error, Result};
 use plotters::coord::Shift;
 use plotters::prelude::{
     BitMapBackend, DrawingArea, DrawingAreaErrorKind, DrawingBackend, IntoDrawingArea, RGBColor, SVGBackend,
 };
+use plotters_backend::text_anchor::{HPos, VPos};
+use plotters_backend::{BackendColor, BackendCoord, BackendStyle, BackendTextStyle, DrawingErrorKind};
 use std::path::Path;
 
 /// Text and axes.
-pub(in crate::apps) const INK: RGBColor = RGBColor(60, 60, 60);
+pub(super) const INK: RGBColor = RGBColor(60, 60, 60);
 /// Lines behind the data.
-pub(in crate::apps) const RULE: RGBColor = RGBColor(225, 225, 225);
+pub(super) const RULE: RGBColor = RGBColor(225, 225, 225);
 
 /// What drawing gives.
-pub(in crate::apps) type Drawn<B> = std::result::Result<(), DrawingAreaErrorKind<<B as DrawingBackend>::ErrorType>>;
+pub(super) type Drawn<B> = std::result::Result<(), DrawingAreaErrorKind<<B as DrawingBackend>::ErrorType>>;
 
 /// Something drawn on any backend.
-pub(in crate::apps) trait Drawing {
+pub(super) trait Drawing {
     /// Draws all of it on `area`.
     fn draw<B: DrawingBackend>(&self, area: &DrawingArea<B, Shift>) -> Drawn<B>;
 }
@@ -26,7 +28,7 @@ pub(in crate::apps) trait Drawing {
 ///
 /// # Errors
 /// [`Error::Parameter`] for another ending, [`Error::Unusable`] where it cannot be drawn, [`Error::Io`].
-pub(in crate::apps) fn save(path: &Path, size: (u32, u32), drawing: &impl Drawing) -> Result<()> {
+pub(super) fn save(path: &Path, size: (u32, u32), drawing: &impl Drawing) -> Result<()> {
     let failed = |problem: String| Error::unusable(path, format!("cannot be drawn ({problem})"), "check the folder");
     match path.extension().map(|ending| ending.to_ascii_lowercase()) {
         Some(ending) if ending == "svg" => {
@@ -44,4 +46,84 @@ pub(in crate::apps) fn save(path: &Path, size: (u32, u32), drawing: &impl Drawin
         }
         _ => Err(Error::parameter("plot", format!("{} is no chart", path.display()), "end it with .svg or .png")),
     }
+}
+
+/// Pixels of a character's side.
+const SIDE: i32 = 8;
+
+/// A bitmap whose text is drawn pixel by pixel; what the font lacks stays blank.
+struct PixelText<'a>(BitMapBackend<'a>);
+
+type Done<B> = Result<(), DrawingErrorKind<<B as DrawingBackend>::ErrorType>>;
+
+impl<'a> DrawingBackend for PixelText<'a> {
+    type ErrorType = <BitMapBackend<'a> as DrawingBackend>::ErrorType;
+
+    fn get_size(&self) -> (u32, u32) {
+        self.0.get_size()
+    }
+
+    fn ensure_prepared(&mut self) -> Done<Self> {
+        self.0.ensure_prepared()
+    }
+
+    fn present(&mut self) -> Done<Self> {
+        self.0.present()
+    }
+
+    fn draw_pixel(&mut self, point: BackendCoord, colour: BackendColor) -> Done<Self> {
+        self.0.draw_pixel(point, colour)
+    }
+
+    fn draw_rect<S: BackendStyle>(&mut self, a: BackendCoord, b: BackendCoord, style: &S, fill: bool) -> Done<Self> {
+        self.0.draw_rect(a, b, style, fill)
+    }
+
+    fn estimate_text_size<S: BackendTextStyle>(
+        &self,
+        text: &str,
+        _: &S,
+    ) -> Result<(u32, u32), DrawingErrorKind<Self::ErrorType>> {
+        Ok((text.chars().count() as u32 * SIDE as u32, SIDE as u32))
+    }
+
+    fn draw_text<S: BackendTextStyle>(&mut self, text: &str, style: &S, at: BackendCoord) -> Done<Self> {
+        let width = text.chars().count() as i32 * SIDE;
+        let anchor = style.anchor();
+        let left = at.0
+            - match anchor.h_pos {
+                HPos::Left => 0,
+                HPos::Center => width / 2,
+                HPos::Right => width,
+            };
+        let top = at.1
+            - match anchor.v_pos {
+                VPos::Top => 0,
+                VPos::Center => SIDE / 2,
+                VPos::Bottom => SIDE,
+            };
+        let (right, bottom) = (self.get_size().0 as i32, self.get_size().1 as i32);
+        for (k, character) in (0..).zip(text.chars()) {
+            let glyph = font8x8::legacy::BASIC_LEGACY.get(character as usize).copied().unwrap_or_default();
+            for (row, bits) in (0..).zip(glyph) {
+                for column in 0..SIDE {
+                    let (x, y) = (left + k * SIDE + column, top + row);
+                    if bits >> column & 1 == 1 && (0..right).contains(&x) && (0..bottom).contains(&y) {
+                        self.draw_pixel((x, y), style.color())?;
+                    }
+                }
+            }
+        }
+        Ok(())
+    }
+}
+
+/// Writes RGB pixels.
+fn write_png(path: &Path, pixels: &[u8], size: (u32, u32)) -> std::io::Result<()> {
+    let file = std::io::BufWriter::new(std::fs::File::create(path)?);
+    let mut encoder = png::Encoder::new(file, size.0, size.1);
+    encoder.set_color(png::ColorType::Rgb);
+    encoder.set_depth(png::BitDepth::Eight);
+    encoder.write_header()?.write_image_data(pixels)?;
+    Ok(())
 }

@@ -1,17 +1,178 @@
 //! The hierarchy of parts as a dendrogram, with the cut drawn in.
 //!
-//! The root is at the left; a union stands at the level up to which cuts make it, so that a vertical line at a level
-//! crosses the parts of that cut. Branches within a part have its colour.
+//! A hierarchy has thousands of cells; what people look at are its last unions. Branches of less than a hundredth of the
+//! surface are left out, branches that lie across parts are opened, and then the coarsest ones until there are some
+//! thirty rows. The root is at the left; a union stands at the level up to which cuts make it, so that a vertical line
+//! at a level crosses the parts of that cut. Branches within a part have its colour. O(cells) per branch.
 
 use super::canvas::{Drawing, Drawn, INK, RULE, save};
-use super::dendrogram::{Branch, Dendrogram};
 use crate::base::Result;
+use crate::cluster::parts::{Cut, PartTree};
 use plotters::coord::Shift;
 use plotters::prelude::{
     Circle, Color, DrawingArea, DrawingBackend, IntoFont, PathElement, RGBColor, Rectangle, Text, WHITE,
 };
 use plotters::style::text_anchor::{HPos, Pos, VPos};
+use std::collections::BTreeMap;
 use std::path::Path;
+
+/// Rows that are filled even where there are fewer parts.
+const ROWS: usize = 30;
+/// Rows at the most.
+const MOST: usize = 200;
+/// Branches below this share of the surface are left out, unless parts are that small.
+const LEAST: f64 = 0.01;
+
+/// A branch: a set of cells that some union made, or a single cell.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Branch {
+    /// Level of the union of its two sides, 0 to 1; 1 for a cell.
+    pub level: f64,
+    /// Share of the surface.
+    pub area: f64,
+    /// Its row; between those of its children where it has any.
+    pub row: f64,
+    /// The part that it lies in, unless it lies across parts.
+    pub part: Option<u32>,
+    /// The two branches it is made of, numbers in [`Dendrogram::branches`]; `None` where it is not opened.
+    pub children: Option<[usize; 2]>,
+}
+
+/// Branches for drawing.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Dendrogram {
+    /// All of them, the root first, children after parents.
+    pub branches: Vec<Branch>,
+    /// Rows.
+    pub rows: usize,
+}
+
+/// The tree as nodes: cells first, then unions in their order.
+struct Nodes {
+    children: Vec<Option<[usize; 2]>>,
+    level: Vec<f64>,
+    area: Vec<f64>,
+}
+
+impl Nodes {
+    fn of(tree: &PartTree) -> Self {
+        let n = tree.cells();
+        let mut nodes = Self {
+            children: vec![None; n],
+            level: vec![1.; n],
+            area: tree.area.iter().map(|&share| f64::from(share)).collect(),
+        };
+        // The node that stands for a node's whole set; paths are halved as they are walked.
+        let mut above: Vec<usize> = (0..n).collect();
+        for (&[a, b], &level) in tree.unions.iter().zip(&tree.level) {
+            let [a, b] = [a, b].map(|cell| {
+                let mut node = cell as usize;
+                while above[node] != node {
+                    above[node] = above[above[node]];
+                    node = above[node];
+                }
+                node
+            });
+            let made = nodes.area.len();
+            (above[a], above[b]) = (made, made);
+            above.push(made);
+            nodes.children.push(Some([a, b]));
+            nodes.level.push(f64::from(level).clamp(0., nodes.level[a].min(nodes.level[b])));
+            nodes.area.push(nodes.area[a] + nodes.area[b]);
+        }
+        nodes
+    }
+
+    /// The first branch at or below `node` whose two sides are both at least `least`: its level and sides. Without one,
+    /// the level of `node`.
+    fn forked(&self, node: usize, least: f64) -> (f64, Option<[usize; 2]>) {
+        let mut at = node;
+        while let Some([a, b]) = self.children[at] {
+            let (small, large) = if self.area[a] < self.area[b] { (a, b) } else { (b, a) };
+            if self.area[small] >= least {
+                return (self.level[at], Some([large, small]));
+            }
+            at = large;
+        }
+        (self.level[node], None)
+    }
+
+    /// Shares of the surface below `node`, by part.
+    fn shares(&self, node: usize, cut: &Cut) -> BTreeMap<u32, f64> {
+        let (mut shares, mut open) = (BTreeMap::new(), vec![node]);
+        while let Some(node) = open.pop() {
+            match self.children[node] {
+                Some(children) => open.extend(children),
+                None => *shares.entry(cut.label[node]).or_insert(0.) += self.area[node],
+            }
+        }
+        shares
+    }
+
+    /// The part that all of `node` lies in but for pieces below `least`.
+    fn part(&self, node: usize, cut: &Cut, least: f64) -> Option<u32> {
+        let shares = self.shares(node, cut);
+        let (&part, _) = shares.iter().max_by(|a, b| a.1.total_cmp(b.1))?;
+        shares.iter().all(|(other, share)| *other == part || *share < least).then_some(part)
+    }
+}
+
+impl Dendrogram {
+    /// Lays out the branches of `tree`, which [`PartTree::check`] accepts, under its cut `cut`. O(S) a branch.
+    pub fn of(tree: &PartTree, cut: &Cut) -> Self {
+        let nodes = Nodes::of(tree);
+        let mut parts = vec![0.; cut.parts];
+        cut.label.iter().zip(&nodes.area).for_each(|(&part, area)| parts[part as usize] += area);
+        // A number of parts that is asked for may make them small.
+        let least = parts.iter().fold(LEAST, |least, part| least.min(part / 2.));
+        let mut plot = Self { branches: Vec::new(), rows: 1 };
+        // The sides of branches that could be opened.
+        let mut sides = Vec::new();
+        let add = |plot: &mut Self, sides: &mut Vec<Option<[usize; 2]>>, node: usize| {
+            let (level, fork) = nodes.forked(node, least);
+            let part = nodes.part(node, cut, least);
+            sides.push(fork);
+            plot.branches.push(Branch { level, area: nodes.area[node], row: 0., part, children: None });
+        };
+        add(&mut plot, &mut sides, nodes.area.len() - 1);
+        while plot.rows < MOST {
+            // Across parts first, then the coarsest.
+            let urgent = |branch: usize| plot.branches[branch].part.is_none();
+            let order = |&a: &usize, &b: &usize| {
+                let level = |branch: usize| plot.branches[branch].level;
+                urgent(a).cmp(&urgent(b)).then(level(b).total_cmp(&level(a))).then(b.cmp(&a))
+            };
+            let next = (0..sides.len()).filter(|&branch| sides[branch].is_some()).max_by(order);
+            let Some(next) = next.filter(|&branch| plot.rows < ROWS || urgent(branch)) else { break };
+            let first = plot.branches.len();
+            sides[next].take().into_iter().flatten().for_each(|node| add(&mut plot, &mut sides, node));
+            plot.branches[next].children = Some([first, first + 1]);
+            plot.rows += 1;
+        }
+        plot.place();
+        plot
+    }
+
+    /// Gives every branch its row.
+    fn place(&mut self) {
+        let (mut row, mut open) = (0., vec![0]);
+        while let Some(branch) = open.pop() {
+            match self.branches[branch].children {
+                Some([a, b]) => open.extend([b, a]),
+                None => {
+                    self.branches[branch].row = row;
+                    row += 1.;
+                }
+            }
+        }
+        // Children have greater numbers than their parents.
+        for branch in (0..self.branches.len()).rev() {
+            if let Some([a, b]) = self.branches[branch].children {
+                self.branches[branch].row = (self.branches[a].row + self.branches[b].row) / 2.;
+            }
+        }
+    }
+}
 
 const WIDTH: u32 = 800;
 const LEFT: i32 = 30;
@@ -107,5 +268,63 @@ impl Drawing for TreePlot<'_> {
             }
         }
         area.present()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::cluster::parts::CellGraph;
+    use crate::cluster::parts::hierarchy::Union;
+
+    /// Sixteen cells: neighbours in pairs, pairs in fours, and so on; the level falls with the step.
+    fn tree(area: Vec<f64>) -> PartTree {
+        let pairs: Vec<[u32; 2]> = (1..16).map(|i| [i - 1, i]).collect();
+        let cells = CellGraph { area, length: vec![1.; pairs.len()], pairs, ..CellGraph::default() };
+        let unions = [1u32, 2, 4, 8].into_iter().zip([0.9, 0.7, 0.4, 0.1]).flat_map(|(step, level)| {
+            (0..16 / (2 * step)).map(move |k| Union { level, rank: level, a: 2 * k * step, b: (2 * k + 1) * step })
+        });
+        PartTree::new(&cells, unions, 0.)
+    }
+
+    #[test]
+    fn every_part_is_a_branch_and_rows_are_counted() {
+        let tree = tree(vec![1.; 16]);
+        for k in 1..=16 {
+            let plot = Dendrogram::of(&tree, &tree.cut_k(k).unwrap());
+            assert_eq!(plot.rows, 16, "all cells of so small a tree");
+            let leaves = plot.branches.iter().filter(|branch| branch.children.is_none());
+            let mut rows: Vec<f64> = leaves.map(|branch| branch.row).collect();
+            rows.sort_by(f64::total_cmp);
+            assert_eq!(rows, (0..16).map(f64::from).collect::<Vec<_>>());
+            // As many greatest branches within one part as there are parts.
+            let across = plot.branches.iter().filter(|branch| branch.part.is_none());
+            let sides = across.flat_map(|branch| branch.children.unwrap());
+            assert_eq!(sides.filter(|&side| plot.branches[side].part.is_some()).count().max(1), k);
+            assert!((plot.branches[0].area - 1.).abs() < 1e-6 && plot.branches[0].level == f64::from(0.1f32));
+        }
+    }
+
+    #[test]
+    fn branches_too_small_to_see_are_left_out() {
+        // Of each pair, one cell is dust.
+        let tree = tree((0..16).map(|cell| if cell % 2 == 0 { 1. } else { 0.01 }).collect());
+        let plot = Dendrogram::of(&tree, &tree.cut(0.5));
+        assert_eq!(plot.rows, 8, "pairs");
+        let leaves: Vec<&Branch> = plot.branches.iter().filter(|branch| branch.children.is_none()).collect();
+        let whole: f64 = leaves.iter().map(|branch| branch.area).sum();
+        assert!((whole - 1.).abs() < 1e-6, "dust counts where it lies");
+        assert!(leaves.iter().all(|branch| branch.level == f64::from(0.9f32)), "{leaves:?}");
+        let parts: Vec<_> = leaves.iter().map(|branch| branch.part.unwrap()).collect();
+        assert_eq!(parts.len(), 8);
+        assert_eq!(parts.iter().collect::<std::collections::BTreeSet<_>>().len(), 4);
+    }
+
+    #[test]
+    fn one_cell_is_one_row() {
+        let cells = CellGraph { area: vec![1.], ..CellGraph::default() };
+        let tree = PartTree::new(&cells, [], 0.);
+        let plot = Dendrogram::of(&tree, &tree.cut(0.5));
+        assert_eq!((plot.rows, plot.branches[0].part), (1, Some(0)));
     }
 }

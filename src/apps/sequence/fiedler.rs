@@ -1,12 +1,22 @@
-//! The exact Fiedler vector of small meshes: what other orders are measured against.
+//! Fiedler vectors: the exact one of a small mesh, which other orders are measured against, and sweeps that better an
+//! extrapolated one of a mesh of any size.
 //!
-//! The Laplacian D − A of a component's vertex graph, numbered along a good order so that its rows are short, is factored
-//! by Cholesky in its envelope; inverse iteration on [`BLOCK`] vectors with Rayleigh–Ritz steps then finds the second
-//! eigenvector to a residual of [`RESIDUAL`]. Memory: 8 B an entry of the envelope (vertices × mean front); time: its
-//! vertices × front². Where the budget does not grant that there is none.
+//! Exact: the Laplacian D − A of a component's vertex graph, numbered along a good order so that its rows are short, is
+//! factored by Cholesky in its envelope; inverse iteration on [`BLOCK`] vectors with Rayleigh–Ritz steps then finds the
+//! second eigenvector to a residual of [`RESIDUAL`]. Memory: 8 bytes per entry of the envelope (vertices × mean front);
+//! time: its vertices × front². There is none where the budget does not grant that.
+//!
+//! Sweeps ([`sweep`], Jacobi's): every coordinate becomes the mean of itself and its neighbours'. A sweep damps what
+//! changes quickly over the mesh and leaves the Fiedler vector nearly alone. A component's mean tends to stay and its
+//! range to shrink: coordinates are `f64`, which bears a range of 1e-10. Streamed: a sweep reads graph and coordinates
+//! once, some 30 bytes per vertex and neighbours nearby, and writes another 8.
 
+use crate::base::parallel::fill_chunks;
 use crate::base::random::{stream, unit};
 use crate::base::{Cancel, Result};
+use crate::graph::VertexAdjacency;
+use crate::store::npy::ArrayMut;
+use crate::store::{Context, MappedSlice};
 use nalgebra::DMatrix;
 
 /// Vectors iterated together: more than eigenvalues ever lie close.
@@ -38,7 +48,7 @@ fn dot(a: &[f64], b: &[f64]) -> f64 {
 }
 
 /// Entries of the envelope of a graph whose vertices are numbered by their places in `rows`.
-pub fn envelope(rows: &[Vec<u32>]) -> usize {
+fn envelope(rows: &[Vec<u32>]) -> usize {
     rows.iter()
         .enumerate()
         .map(|(i, row)| i + 1 - row.iter().copied().min().map_or(i, |least| i.min(least as usize)))
@@ -130,7 +140,7 @@ fn orthonormal(vectors: &mut Vec<Vec<f64>>) {
 ///
 /// # Errors
 /// [`crate::base::Error::Cancelled`].
-pub fn fiedler(rows: &[Vec<u32>], cancel: &Cancel) -> Result<Vec<f64>> {
+fn fiedler(rows: &[Vec<u32>], cancel: &Cancel) -> Result<Vec<f64>> {
     let n = rows.len();
     if n < 3 {
         return Ok((0..n).map(|i| i as f64).collect());
@@ -161,6 +171,105 @@ pub fn fiedler(rows: &[Vec<u32>], cancel: &Cancel) -> Result<Vec<f64>> {
         }
     }
     Ok(block.swap_remove(0))
+}
+
+/// Entries of all envelopes at the most: 256 MiB.
+const ENTRIES: usize = 1 << 25;
+/// Vertices at the most.
+const VERTICES: usize = 200_000;
+
+/// Ranks of the vertices of `graph` along the Fiedler vectors of its components, which follow each other by their first
+/// vertices in the order `good`, the one that keeps envelopes small; `None` where the mesh is not small, or memory is.
+///
+/// # Errors
+/// [`crate::base::Error::Io`], [`crate::base::Error::Cancelled`].
+pub fn fiedler_ranks(
+    name: &str,
+    graph: &VertexAdjacency,
+    good: &[u32],
+    context: Context<'_>,
+) -> Result<Option<MappedSlice<u32>>> {
+    let n = graph.len();
+    if n > VERTICES {
+        return Ok(None);
+    }
+    let Ok(_grant) = context.run.budget.take("the exact order", 200 * n as u64, 200 * n as u64) else {
+        return Ok(None);
+    };
+    let mut order = vec![0u32; n];
+    good.iter().enumerate().for_each(|(v, &rank)| order[rank as usize] = v as u32);
+    let mut local = vec![u32::MAX; n];
+    let (mut components, mut entries) = (Vec::new(), 0);
+    for &seed in &order {
+        if local[seed as usize] != u32::MAX {
+            continue;
+        }
+        local[seed as usize] = 0;
+        let mut members = vec![seed];
+        let mut at = 0;
+        while at < members.len() {
+            for &w in graph.neighbours(members[at]) {
+                if local[w as usize] == u32::MAX {
+                    local[w as usize] = 0;
+                    members.push(w);
+                }
+            }
+            at += 1;
+        }
+        members.sort_unstable_by_key(|&v| good[v as usize]);
+        members.iter().enumerate().for_each(|(k, &v)| local[v as usize] = k as u32);
+        let near = |&v: &u32| graph.neighbours(v).iter().map(|&w| local[w as usize]).collect();
+        let rows: Vec<Vec<u32>> = members.iter().map(near).collect();
+        entries += envelope(&rows);
+        if entries > ENTRIES {
+            return Ok(None);
+        }
+        components.push((members, rows));
+    }
+    let Ok(_grant) = context.run.budget.take("the exact order", 8 * entries as u64, 8 * entries as u64) else {
+        return Ok(None);
+    };
+    let mut array = context.work.array::<u32>(name, &[n])?;
+    let mut next = 0;
+    for (members, rows) in components {
+        let x = fiedler(&rows, &context.run.cancel)?;
+        let mut along: Vec<usize> = (0..members.len()).collect();
+        along.sort_by(|&a, &b| x[a].total_cmp(&x[b]).then(a.cmp(&b)));
+        for k in along {
+            array.data()[members[k] as usize] = next;
+            next += 1;
+        }
+    }
+    array.finish(false).map(Some)
+}
+
+const CHUNK: usize = 1 << 14;
+
+/// Sweeps `times` times over `coordinates` (one a vertex of `graph`); returns them in one of two arrays.
+pub fn sweep(
+    graph: &VertexAdjacency,
+    mut coordinates: ArrayMut<f64>,
+    times: usize,
+    context: Context<'_>,
+) -> Result<ArrayMut<f64>> {
+    let n = graph.len();
+    let mut other = context.work.array::<f64>("sweep.tmp", &[n])?;
+    for _ in 0..times {
+        let from = &coordinates.data()[..];
+        let fill = |k: usize, out: &mut [f64], (): &mut ()| {
+            for (i, x) in out.iter_mut().enumerate() {
+                let v = k * CHUNK + i;
+                let near = graph.neighbours(v as u32);
+                let sum: f64 = near.iter().map(|&w| from[w as usize]).sum();
+                *x = (from[v] + sum) / (near.len() + 1) as f64;
+            }
+            context.run.progress.advance("sweeps", out.len() as u64);
+            Ok(())
+        };
+        fill_chunks(context.run.threads, &context.run.cancel, &mut other.data()[..], CHUNK, || (), fill)?;
+        std::mem::swap(&mut coordinates, &mut other);
+    }
+    Ok(coordinates)
 }
 
 #[cfg(test)]

@@ -1,38 +1,30 @@
 //! Orders to stream a mesh in: so that a reader that goes over the file once holds few vertices at a time.
 //!
 //! Every order is a rank of the vertices; faces follow by the ranks of their corners, the greatest first ([`places`]),
-//! so that a face comes as soon as all its vertices have; vertices are numbered as faces use them
-//! ([`VertexUse`]). Spectral ranks come from coordinates made by the pipeline ([`ranks_along`]); principal axes, Hilbert's
-//! curve, breadth-first search, reverse Cuthill–McKee and chance share all the rest. All of it is external sorts within
-//! the budget, but for searches and sweeps, which go over mapped files. How well an order streams: [`Measures`].
+//! so that a face comes as soon as all its vertices have; vertices are numbered as faces use them ([`VertexUse`]).
+//! Spectral ranks come from coordinates made by the pipeline ([`ranks_along`]); principal axes, Hilbert's curve,
+//! breadth-first search, reverse Cuthill–McKee and chance share all the rest. All of it is external sorts within the
+//! budget, but for searches and sweeps, which go over mapped files. How well an order streams: [`StreamMeasures`].
 //!
-//! Faces by the ranks of their corners, not by a rank of their own: on a grid along its length this is the optimum, while
-//! faces by centroids keep about one more row of vertices waiting.
+//! Faces go by the ranks of their corners, not by a rank of their own: on a grid along its length this is the optimum,
+//! while faces by centroids keep about one more row of vertices waiting.
 
-pub mod exact;
-mod fiedler;
-mod first_use;
-mod gradient;
-mod measures;
-mod positions;
+pub mod fiedler;
+mod ranks;
 mod sorting;
-mod sweeps;
-pub mod table;
-mod traverse;
-
-pub use first_use::VertexUse;
-pub use gradient::gradient;
-pub use measures::Measures;
-pub use positions::{hilbert_ranks, pca_ranks, random_ranks};
-pub use sweeps::sweep;
+mod stream_measures;
+mod vertex_use;
 
 use crate::base::Result;
-use crate::graph::VertexAdjacency;
 use crate::mesh::Mesh;
-use crate::store::{Context, MappedSlice};
+use crate::store::{Context, MappedSlice, WorkDir};
+pub use fiedler::sweep;
+pub use ranks::{bfs_ranks, hilbert_ranks, pca_ranks, random_ranks, ranks_along, rcm_ranks};
 use serde::{Deserialize, Serialize};
-use sorting::{Push, Scatter, ordered, sorted};
+use sorting::{Push, Scatter, sorted};
 use std::ops::Range;
+pub use stream_measures::{ComparedOrder, StreamMeasures, table};
+pub use vertex_use::VertexUse;
 
 /// What to order by.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
@@ -74,40 +66,6 @@ impl SequenceOrder {
     }
 }
 
-/// Breadth-first ranks of the vertices of `graph`, as the array `name` of `work`.
-///
-/// # Errors
-/// [`crate::base::Error::Io`], [`crate::base::Error::Memory`], [`crate::base::Error::Cancelled`].
-pub fn bfs_ranks(name: &str, graph: &VertexAdjacency, context: Context<'_>) -> Result<MappedSlice<u32>> {
-    traverse::ranks(name, graph, false, context)
-}
-
-/// Reverse Cuthill–McKee ranks.
-///
-/// # Errors
-/// As [`bfs_ranks`].
-pub fn rcm_ranks(name: &str, graph: &VertexAdjacency, context: Context<'_>) -> Result<MappedSlice<u32>> {
-    traverse::ranks(name, graph, true, context)
-}
-
-/// Ranks of `n` vertices by component, then coordinate, ties by a second one, then by number.
-///
-/// # Errors
-/// As [`bfs_ranks`].
-pub fn ranks_along(
-    name: &str,
-    n: usize,
-    key: impl Fn(usize) -> (u32, f64, f32) + Sync,
-    context: Context<'_>,
-) -> Result<MappedSlice<u32>> {
-    let words = |v: usize| {
-        let (component, first, second) = key(v);
-        let ([high, low], [next, _]) = (ordered(first), ordered(f64::from(second)));
-        [component, high, low, next]
-    };
-    sorting::ranks(name, n, words, context)
-}
-
 /// The place of each face of `mesh`, whose vertices have the ranks `rank`: by the greatest rank of its corners, then by
 /// the second, then by the least, then by number. Faces without corners come last.
 ///
@@ -146,4 +104,30 @@ pub fn places(name: &str, mesh: &Mesh, rank: &[u32], context: Context<'_>) -> Re
     })?;
     out.finish()?;
     scatter.finish()
+}
+
+/// Steps of the gradient; every other tenth is darker, so that the front's shape shows.
+const STEPS: usize = 240;
+/// Steps a band.
+const BAND: usize = 12;
+/// Colours on the way, evenly.
+const STOPS: [[f64; 3]; 5] =
+    [[38., 60., 140.], [40., 120., 170.], [60., 170., 130.], [150., 200., 80.], [250., 225., 70.]];
+
+/// Labels of faces by their place in steps, as a temporary array of `work`, and the steps' colours.
+///
+/// # Errors
+/// [`crate::base::Error::Io`].
+pub fn gradient(places: &[u32], work: &WorkDir) -> Result<(MappedSlice<u32>, Vec<[u8; 3]>)> {
+    let n = places.len().max(1) as u64;
+    let mut array = work.array::<u32>("gradient.tmp", &[places.len()])?;
+    let step = |place: u32| (u64::from(place) * STEPS as u64 / n).min(STEPS as u64 - 1) as u32;
+    array.data().iter_mut().zip(places).for_each(|(label, &place)| *label = step(place));
+    let colour = |k: usize| {
+        let at = k as f64 / (STEPS - 1) as f64 * (STOPS.len() - 1) as f64;
+        let (low, part) = ((at as usize).min(STOPS.len() - 2), at - (at as usize).min(STOPS.len() - 2) as f64);
+        let shade = if k / BAND % 2 == 1 { 0.8 } else { 1. };
+        [0, 1, 2].map(|c| (shade * ((1. - part) * STOPS[low][c] + part * STOPS[low + 1][c])) as u8)
+    };
+    Ok((array.finish(false)?, (0..STEPS).map(colour).collect()))
 }

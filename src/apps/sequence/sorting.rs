@@ -86,7 +86,7 @@ impl<'a> Scatter<'a> {
 }
 
 /// Ranks of `n` things by their `key`, ties by number: the array `name` of `work`.
-pub(super) fn ranks(
+pub(super) fn ranks_by_key(
     name: &str,
     n: usize,
     key: impl Fn(usize) -> [u32; 4] + Sync,
@@ -144,7 +144,7 @@ mod tests {
         order.sort_by_key(|&i| (key(i), i));
         for (memory, threads) in [(3 << 20, 1), (3 << 20, 3), (1 << 30, 2)] {
             let run = Run { threads, budget: crate::store::Budget::new(memory), ..Run::new(&()) };
-            let ranks = ranks("r.tmp", n, key, Context::new(&work, &run)).unwrap();
+            let ranks = ranks_by_key("r.tmp", n, key, Context::new(&work, &run)).unwrap();
             assert!(order.iter().enumerate().all(|(rank, &i)| ranks[i] as usize == rank));
         }
     }

@@ -1,19 +1,25 @@
-//! Samplings × numbers of landmarks × seeds on one mesh, under one σ: Fig. 5 of the paper, in numbers.
+//! Samplings × numbers of landmarks × seeds on one mesh, under one σ: Fig. 5 of the paper, in numbers; and how far the
+//! extrapolated embeddings are from the true one.
 //!
-//! Samplings are nested (l landmarks are the first of those of a greater l), so each is run once a seed, at the
-//! greatest l; [`Sampling::Centroids`] is not, and is run for every l. Runs go over threads. Memory: a field of 4 n
-//! bytes a thread from the budget; rows are in the matrix of all distances, or in mapped files that go with the run.
+//! Samplings are nested (l landmarks are the first of those of a greater l), so each is run once per seed, at the
+//! greatest l; [`Sampling::Centroids`] is not, and is run for every l. Runs go over threads. Memory: a field of 4 n bytes
+//! per thread from the budget; rows are in the matrix of all distances, or in mapped files that go with the run.
+//!
+//! The true embedding ([`embedding_errors`]) consists of the leading eigenvectors of all of W times the roots of their
+//! eigenvalues; area-weighted, those of M^½WM^½, times M^-½. Coordinates are compared after the best rotation. Small
+//! sets only: all of W in `f64`.
 
-use super::ground::StudyData;
-use crate::base::Result;
+use super::data::StudyData;
 use crate::base::parallel::map_chunks;
+use crate::base::{Error, Result};
 use crate::distance::front::{Front, mean_weight};
 use crate::distance::sampler::Visits;
 use crate::landmarks::{GraphSpace, MatrixSpace, Sampling, SamplingParams, SearchGraph, Space};
 use crate::spectral::block::{Affinities, Bandwidth, Block};
-use crate::spectral::exact::{Exact, exact};
+use crate::spectral::exact::{Exact, aligned_error, exact, leading};
 use crate::spectral::kernel::Kernel;
-use crate::spectral::measures::{Measures, measure};
+use crate::spectral::measures::{Kept, Measures, measure};
+use crate::spectral::nystrom::{Extension, Extrapolation, Scaling, Weigh};
 use crate::store::{Context, MappedSlice, Run};
 use nalgebra::DMatrix;
 use serde::Serialize;
@@ -62,7 +68,7 @@ impl Default for CompareParams {
 
 /// One sample and how good it is.
 #[derive(Clone, Debug, Serialize)]
-pub struct Record {
+pub struct SampleRecord {
     /// The mesh.
     pub mesh: String,
     /// The sampling.
@@ -90,14 +96,19 @@ pub struct Record {
     pub landmarks: Vec<u32>,
 }
 
-/// Eigenvectors that [`Record::exact`] compares, at the most.
+/// Eigenvectors that [`SampleRecord::exact`] compares, at the most.
 pub const VECTORS: usize = 6;
 
 /// Runs all of it on `ground`, the mesh called `mesh`.
 ///
 /// # Errors
 /// [`crate::base::Error::Memory`], [`crate::base::Error::Io`], [`crate::base::Error::Cancelled`].
-pub fn compare(ground: &StudyData, mesh: &str, params: &CompareParams, context: Context<'_>) -> Result<Vec<Record>> {
+pub fn compare(
+    ground: &StudyData,
+    mesh: &str,
+    params: &CompareParams,
+    context: Context<'_>,
+) -> Result<Vec<SampleRecord>> {
     let most = params.landmarks.iter().copied().max().unwrap_or(0).min(ground.len());
     let mut jobs = Vec::new();
     for &sampling in &params.samplings {
@@ -129,7 +140,7 @@ pub fn compare(ground: &StudyData, mesh: &str, params: &CompareParams, context: 
                 let rows = Rows::of(ground, &landmarks, &name, Context::new(context.work, &one))?;
                 let sizes = params.landmarks.iter().map(|&size| size.min(ground.len()));
                 let wanted = sizes.filter(|&size| sampling != Sampling::Centroids || size == l);
-                let records: Result<Vec<Record>> = wanted
+                let records: Result<Vec<SampleRecord>> = wanted
                     .map(|l| {
                         record(ground, mesh, sampling, seed, (&landmarks[..l], search[l - 1]), &rows, params, &one)
                     })
@@ -220,7 +231,7 @@ fn record(
     rows: &Rows,
     params: &CompareParams,
     run: &Run,
-) -> Result<Record> {
+) -> Result<SampleRecord> {
     let (l, n) = (landmarks.len(), ground.len());
     let sigma = params.width * ground.mean;
     let bandwidth =
@@ -248,7 +259,7 @@ fn record(
         }
         None => None,
     };
-    Ok(Record {
+    Ok(SampleRecord {
         mesh: mesh.into(),
         sampling,
         l,
@@ -266,4 +277,81 @@ fn record(
 /// The residual of all of W: as if every column had been held out.
 fn residual(block: &Affinities, truth: &Affinities, tolerance: f64, run: &Run) -> Result<Option<f64>> {
     Ok(measure(block, Some(truth), tolerance, run)?.held_out)
+}
+
+/// Errors of one sample.
+#[derive(Clone, Copy, Debug, Serialize)]
+pub struct EmbeddingError {
+    /// Number of landmarks l.
+    pub l: usize,
+    /// Of the plain extrapolation, eq. 1–2.
+    pub plain: f64,
+    /// Of the orthogonalised one.
+    pub orthogonal: f64,
+    /// Of the orthogonalised one with nodes weighted by area, against the area-weighted truth.
+    pub by_area: f64,
+    /// Negative eigenvalues of A, as a share.
+    pub negative: f64,
+}
+
+/// The errors of `d` coordinates for each number of landmarks in `sizes`, σ `width` times the mean distance.
+///
+/// # Errors
+/// [`Error::Parameter`] where `ground` does not hold all distances, [`Error::Cancelled`].
+pub fn embedding_errors(
+    ground: &StudyData,
+    (kernel, width): (Kernel, f64),
+    sampling: Sampling,
+    sizes: &[usize],
+    d: usize,
+    seed: u64,
+    run: &Run,
+) -> Result<Vec<EmbeddingError>> {
+    let n = ground.len();
+    let Some(matrix) = &ground.matrix else {
+        return Err(Error::parameter("--exact", format!("{n} faces are too many"), "decimate the mesh"));
+    };
+    let bytes = 8 * (n * n) as u64;
+    let _grant = run.budget.take("all affinities", bytes, bytes)?;
+    let sigma = width * ground.mean;
+    let affinity = |i: usize, j: usize| kernel.of(sigma, 0.5 * f64::from(matrix[i * n + j] + matrix[j * n + i]));
+    let weights = ground.weights();
+    let ones = vec![1.; n];
+    let truth = |weights: &[f64]| {
+        let w = DMatrix::from_fn(n, n, |i, j| affinity(i, j) * (weights[i] * weights[j]).sqrt());
+        let (values, mut vectors) = leading(&w, d);
+        for (mut column, value) in vectors.column_iter_mut().zip(&values) {
+            column *= value.max(0.).sqrt();
+        }
+        for (mut row, weight) in vectors.row_iter_mut().zip(weights) {
+            row /= weight.sqrt();
+        }
+        vectors
+    };
+    let (even, by_area) = (truth(&ones), truth(&weights));
+    let most = sizes.iter().copied().max().unwrap_or(0).min(n);
+    let (found, _) = landmarks(ground, sampling, most, seed, &CompareParams::default(), run)?;
+    let one = |&l: &usize| {
+        let l = l.min(n);
+        let rows: Vec<&[f32]> = found[..l].iter().map(|&i| &matrix[i as usize * n..(i as usize + 1) * n]).collect();
+        let block = Affinities::new(&found[..l], rows, kernel, Bandwidth::Global(sigma));
+        let tolerance = kernel.tolerance(l);
+        let error = |how, weights: Option<&[f64]>, truth: &DMatrix<f64>| -> Result<f64> {
+            let weigh = weights.map(|weights| move |node: usize| weights[node]);
+            let weigh = weigh.as_ref().map(|weigh| weigh as Weigh<'_>);
+            let y = Extension::fit(&block, how, Scaling::Root, d, weigh, tolerance, run)?.embed(&block);
+            let mut padded = DMatrix::zeros(n, truth.ncols());
+            padded.columns_mut(0, y.ncols()).copy_from(&y);
+            Ok(aligned_error(truth, &padded, weights.unwrap_or(&ones)))
+        };
+        let kept = Kept::of(block.sampled(), tolerance);
+        Ok(EmbeddingError {
+            l,
+            plain: error(Extrapolation::Plain, None, &even)?,
+            orthogonal: error(Extrapolation::Orthogonal, None, &even)?,
+            by_area: error(Extrapolation::Orthogonal, Some(&weights), &by_area)?,
+            negative: kept.negative() as f64 / l as f64,
+        })
+    };
+    sizes.iter().map(one).collect()
 }

@@ -51,12 +51,12 @@ pub struct Judged {
 
 /// A run: two samples of the same points.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
-pub struct Pair {
+pub struct SamplePair {
     /// The samples.
     pub samples: [Judged; 2],
 }
 
-impl Pair {
+impl SamplePair {
     /// The marker for a norm: (η(S₁) − η(S₂), γ(S₂) − γ(S₁)) with γ = Γ as a quality, so that agreement is a positive
     /// product.
     pub fn marker(&self, norm: impl Fn(&Judged) -> f64) -> (f64, f64) {
@@ -66,7 +66,7 @@ impl Pair {
 }
 
 /// Share of markers in the first and third quadrants, 0 to 1.
-pub fn agreement(pairs: &[Pair], norm: impl Fn(&Judged) -> f64) -> f64 {
+pub fn agreement(pairs: &[SamplePair], norm: impl Fn(&Judged) -> f64) -> f64 {
     let agree = pairs.iter().map(|pair| pair.marker(&norm)).filter(|(x, y)| x * y > 0.).count();
     agree as f64 / pairs.len().max(1) as f64
 }
@@ -100,7 +100,7 @@ pub fn judge(w: &DMatrix<f64>, landmarks: &[u32], run: &Run) -> Result<Judged> {
 ///
 /// # Errors
 /// [`crate::base::Error::Cancelled`].
-pub fn pairs(params: PointsParams, seed: u64, run: &Run) -> Result<Vec<Pair>> {
+pub fn pairs(params: PointsParams, seed: u64, run: &Run) -> Result<Vec<SamplePair>> {
     let inner = Run {
         threads: 1,
         budget: run.budget.clone(),
@@ -128,7 +128,7 @@ pub fn pairs(params: PointsParams, seed: u64, run: &Run) -> Result<Vec<Pair>> {
                 places
             };
             let samples = [sample(), sample()];
-            Ok(Pair { samples: [judge(&w, &samples[0], &inner)?, judge(&w, &samples[1], &inner)?] })
+            Ok(SamplePair { samples: [judge(&w, &samples[0], &inner)?, judge(&w, &samples[1], &inner)?] })
         },
     )
 }

@@ -1,22 +1,22 @@
 //! Labels carried from one mesh to another of the same shape: another resolution, decimated, re-meshed.
 //!
 //! Every face looks from its centroid, or where its mesh is the coarser one from four points on it, for the nearest
-//! face whose normal agrees within 60° ([`nearest`]), so that thin walls keep their sides; normals that point the other
-//! way throughout are turned. Faces with nothing near, and small islands of uncertain ones, get the label around them
-//! ([`clean`]). Memory: a block of the first mesh as the budget allows; 16 bytes a point in the work directory.
+//! face whose normal agrees within 60° ([`closest_faces`]), so that thin walls keep their sides; normals that point the
+//! other way throughout are turned. Faces with nothing near, and small islands of uncertain ones, get the label around
+//! them, ring by ring over the dual graph. Memory: a block of the first mesh as the budget allows; 16 bytes per point
+//! and 8 per face in the work directory.
 
-pub mod clean;
-pub mod nearest;
+pub mod closest_faces;
 
 use crate::base::parallel::fill_two;
 use crate::base::{Error, Result};
 use crate::graph::DualGraph;
 use crate::mesh::{Labelling, Opened};
 use crate::store::{Context, MappedSlice, Run};
-use clean::NONE;
-use nearest::{BYTES, Found, Frame, Probe, Tree, normal, unit, unpack, window};
+use closest_faces::{BYTES, Closest, Probe, TriangleTree, UnitFrame, normal, unit, unpack, window};
 use serde::Serialize;
 use serde_json::json;
+use std::collections::BTreeMap;
 
 /// Faces that a thread takes at a time.
 const CHUNK: usize = 1 << 12;
@@ -35,12 +35,12 @@ pub struct Transferred {
     /// How sure each is, 0 to 1 (n).
     pub quality: MappedSlice<f32>,
     /// The counts.
-    pub facts: Facts,
+    pub facts: TransferCounts,
 }
 
 /// How well labels were carried over.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
-pub struct Facts {
+pub struct TransferCounts {
     /// Faces of the mesh.
     pub faces: u64,
     /// Faces whose label is not sure: no normal near agrees, it lies more than an edge away, its points disagree, or
@@ -57,7 +57,7 @@ pub struct Facts {
 }
 
 /// The mean edge of `opened`'s triangles in `frame`, as if they were equilateral.
-fn mean_edge(opened: &Opened, frame: &Frame, run: &Run) -> Result<f32> {
+fn mean_edge(opened: &Opened, frame: &UnitFrame, run: &Run) -> Result<f32> {
     let n = opened.mesh.faces.len();
     let (mut area, mut count) = (0f64, 0u64);
     for start in (0..n).step_by(1 << 18) {
@@ -71,7 +71,7 @@ fn mean_edge(opened: &Opened, frame: &Frame, run: &Run) -> Result<f32> {
 }
 
 /// The points that `face` looks from: its centroid, then points half-way to its first three corners.
-fn probe(opened: &Opened, frame: &Frame, face: usize, point: usize) -> Probe {
+fn probe(opened: &Opened, frame: &UnitFrame, face: usize, point: usize) -> Probe {
     let (mut sum, mut mean, mut count, mut first) = ([0f64; 3], [0f32; 3], 0f32, [[0f32; 3]; 3]);
     frame.triangles(&opened.mesh, face..face + 1, |_, triangle| {
         let own = normal(&triangle);
@@ -94,10 +94,10 @@ fn probe(opened: &Opened, frame: &Frame, face: usize, point: usize) -> Probe {
 }
 
 /// Whether the normals of `to` point against those of `from` on the whole.
-fn is_turned(from: &Opened, to: &Opened, frame: &Frame) -> bool {
+fn is_turned(from: &Opened, to: &Opened, frame: &UnitFrame) -> bool {
     let (m, n) = (from.mesh.faces.len(), to.mesh.faces.len());
     let step = m.div_ceil(TRIAL);
-    let tree = Tree::of(&from.mesh, frame, 0..m, |face| (face as usize).is_multiple_of(step));
+    let tree = TriangleTree::of(&from.mesh, frame, 0..m, |face| (face as usize).is_multiple_of(step));
     let mut sum = 0.;
     for face in (0..n).step_by(n.div_ceil(TRIAL / 10)) {
         let own = probe(to, frame, face, 0);
@@ -110,7 +110,7 @@ fn is_turned(from: &Opened, to: &Opened, frame: &Frame) -> bool {
     sum < 0.
 }
 
-/// Carries `labels` of the faces of `from` ([`clean::NONE`]: none) to those of `to`; arrays go to `work`.
+/// Carries `labels` of the faces of `from` ([`NONE`]: none) to those of `to`; arrays go to `work`.
 ///
 /// # Errors
 /// [`Error::Parameter`] for labels that do not fit `from`; [`Error::Unusable`] where most of `to` lies far from `from`;
@@ -118,14 +118,14 @@ fn is_turned(from: &Opened, to: &Opened, frame: &Frame) -> bool {
 pub fn transfer(from: &Opened, labels: &[u32], to: &Opened, context: Context<'_>) -> Result<Transferred> {
     super::export::fit(&from.mesh, &Labelling { labels, colours: &[], quality: None })?;
     let (m, n) = (from.mesh.faces.len(), to.mesh.faces.len());
-    let frame = Frame::of(&from.mesh, context.run)?;
+    let frame = UnitFrame::of(&from.mesh, context.run)?;
     let (fine, coarse) = (mean_edge(from, &frame, context.run)?, mean_edge(to, &frame, context.run)?);
     let points = if coarse > 1.5 * fine { 4 } else { 1 };
     let turned = is_turned(from, to, &frame);
     let sign = if turned { -1. } else { 1. };
 
     let mut array = context.work.array::<u64>("nearest.npy", &[n * points, 2])?;
-    let found: &mut [Found] = bytemuck::cast_slice_mut(&mut array.data()[..]);
+    let found: &mut [Closest] = bytemuck::cast_slice_mut(&mut array.data()[..]);
     found.fill([u64::MAX; 2]);
     // Triangles a face, so that polygons find room too.
     let triangles = (from.mesh.faces.corner_count() as u64).div_ceil(m.max(1) as u64).saturating_sub(2).max(1);
@@ -137,7 +137,7 @@ pub fn transfer(from: &Opened, labels: &[u32], to: &Opened, context: Context<'_>
     let block = (grant.bytes() / (BYTES * triangles)).max(1) as usize;
     let look = || {
         for start in (0..m).step_by(block) {
-            let tree = Tree::of(&from.mesh, &frame, start..m.min(start + block), |_| true);
+            let tree = TriangleTree::of(&from.mesh, &frame, start..m.min(start + block), |_| true);
             let at = |i: usize| probe(to, &frame, i / points, i % points);
             tree.improve_all(at, sign, fine, found, context.run)?;
         }
@@ -146,7 +146,7 @@ pub fn transfer(from: &Opened, labels: &[u32], to: &Opened, context: Context<'_>
     context.run.stage("nearest faces", "faces", n as u64, look)?;
     drop(grant);
 
-    let found: &[Found] = found;
+    let found: &[Closest] = found;
     let mut own = context.work.array::<u32>("labels.npy", &[n])?;
     let mut quality = context.work.array::<f32>("quality.npy", &[n])?;
     let choose = |k: usize, own: &mut [u32], quality: &mut [f32], (): &mut ()| {
@@ -166,22 +166,22 @@ pub fn transfer(from: &Opened, labels: &[u32], to: &Opened, context: Context<'_>
         return Err(Error::unusable(path, problem, "both meshes must lie in the same place, in the same unit"));
     }
     let graph = DualGraph::build(&to.mesh, to.document.path(), &json!("transfer"), context)?;
-    let filled = clean::fill(&graph, own.data(), context.run)?;
+    let filled = label_from_neighbours(&graph, own.data(), context.run)?;
     let least = ((n as f64 * ISLAND) as usize).max(4);
-    let islands = clean::islands(&graph, own.data(), quality.data(), least, context)?;
+    let islands = unlabel_islands(&graph, own.data(), quality.data(), least, context)?;
     for (label, quality) in own.data().iter().zip(quality.data().iter_mut()) {
         *quality = if *label == NONE { 0. } else { *quality };
     }
-    clean::fill(&graph, own.data(), context.run)?;
+    label_from_neighbours(&graph, own.data(), context.run)?;
     let uncertain = quality.data().iter().filter(|&&quality| quality < 1.).count() as u64;
-    let facts = Facts { faces: n as u64, uncertain, filled, islands, points, turned };
+    let facts = TransferCounts { faces: n as u64, uncertain, filled, islands, points, turned };
     context.work.remove("nearest.npy.partial");
     Ok(Transferred { labels: own.finish(false)?, quality: quality.finish(false)?, facts })
 }
 
 /// The label of a face by what its points found, and how sure it is; `slack` and `edge` are edges of the first mesh and of
 /// the coarser one.
-fn elect(found: &[Found], labels: &[u32], slack: f32, edge: f32) -> (u32, f32) {
+fn elect(found: &[Closest], labels: &[u32], slack: f32, edge: f32) -> (u32, f32) {
     let mut votes = [(NONE, 0f32, 0f32); 4];
     for (found, vote) in found.iter().zip(&mut votes) {
         let Some((nearest, any)) = unpack(found[0]) else { continue };
@@ -203,4 +203,119 @@ fn elect(found: &[Found], labels: &[u32], slack: f32, edge: f32) -> (u32, f32) {
         }
     }
     (best.0, best.1.1 / found.len() as f32)
+}
+
+/// No label.
+pub const NONE: u32 = u32::MAX;
+/// Faces between two looks at the stop flag.
+const STOP_CHECK: usize = 1 << 18;
+/// Marks a component with an uncertain face.
+const UNCERTAIN: u32 = 1 << 31;
+
+/// The label with the longest contact among the neighbours of `face`; the smallest of several.
+fn neighbour(graph: &DualGraph, labels: &[u32], face: usize) -> Option<u32> {
+    let rows = &graph.rows;
+    let mut best: Option<(f32, u32)> = None;
+    let range = rows.indptr[face] as usize..rows.indptr[face + 1] as usize;
+    for e in range.clone() {
+        let label = labels[rows.indices[e] as usize];
+        if label == NONE {
+            continue;
+        }
+        let alike = range.clone().filter(|&other| labels[rows.indices[other] as usize] == label);
+        let contact: f32 = alike.map(|other| rows.edge[other].abs()).sum();
+        if best.is_none_or(|(most, least)| contact > most || contact == most && label < least) {
+            best = Some((contact, label));
+        }
+    }
+    best.map(|(_, label)| label)
+}
+
+/// Gives every face a label; how many had none.
+///
+/// # Errors
+/// [`Error::Memory`] where the budget cannot hold the list of those; [`Error::Cancelled`].
+fn label_from_neighbours(graph: &DualGraph, labels: &mut [u32], run: &Run) -> Result<u64> {
+    let count = labels.iter().filter(|&&label| label == NONE).count();
+    let _grant = run.budget.take("faces without label", 12 * count as u64, 12 * count as u64)?;
+    let mut open: Vec<u32> = Vec::with_capacity(count);
+    open.extend((0..labels.len() as u32).filter(|&face| labels[face as usize] == NONE));
+    let mut ring: Vec<(u32, u32)> = Vec::new();
+    while !open.is_empty() {
+        run.cancel.check()?;
+        ring.clear();
+        let given = |&face: &u32| neighbour(graph, labels, face as usize).map(|label| (face, label));
+        ring.extend(open.iter().filter_map(given));
+        if ring.is_empty() {
+            // No face has a label.
+            break;
+        }
+        ring.iter().for_each(|&(face, label)| labels[face as usize] = label);
+        open.retain(|&face| labels[face as usize] == NONE);
+    }
+    Ok(count as u64)
+}
+
+fn root(parent: &mut [u32], mut face: u32) -> u32 {
+    while parent[face as usize] != face {
+        let up = parent[face as usize];
+        parent[face as usize] = parent[up as usize];
+        face = up;
+    }
+    face
+}
+
+/// Takes the label off every connected piece of fewer than `least` faces of which one is uncertain (`quality` below 1),
+/// unless it is all there is of the label; how many faces that were.
+///
+/// # Errors
+/// [`Error::Io`], [`Error::Cancelled`].
+fn unlabel_islands(
+    graph: &DualGraph,
+    labels: &mut [u32],
+    quality: &[f32],
+    least: usize,
+    context: Context<'_>,
+) -> Result<u64> {
+    let n = labels.len();
+    if n >= UNCERTAIN as usize {
+        return Err(Error::unusable(context.work.path(), "more than 2^31 faces", "cut the mesh into several"));
+    }
+    let mut parents = context.work.array::<u32>("pieces.npy", &[n])?;
+    let mut sizes = context.work.array::<u32>("piece_sizes.npy", &[n])?;
+    let (parent, size) = (&mut parents.data()[..], &mut sizes.data()[..]);
+    let rows = &graph.rows;
+    let mut all: BTreeMap<u32, u64> = BTreeMap::new();
+    for i in 0..n {
+        if i % STOP_CHECK == 0 {
+            context.run.cancel.check()?;
+        }
+        parent[i] = i as u32;
+        *all.entry(labels[i]).or_default() += 1;
+        for e in rows.indptr[i] as usize..rows.indptr[i + 1] as usize {
+            let j = rows.indices[e];
+            if j as usize >= i {
+                break;
+            }
+            if labels[j as usize] == labels[i] {
+                let (a, b) = (root(parent, i as u32), root(parent, j));
+                parent[a.max(b) as usize] = a.min(b);
+            }
+        }
+    }
+    for i in 0..n {
+        let root = root(parent, i as u32) as usize;
+        let mark = if quality[i] < 1. { UNCERTAIN } else { 0 };
+        size[root] = (size[root] + 1) | mark;
+    }
+    let mut taken = 0;
+    for i in 0..n {
+        let size = size[root(parent, i as u32) as usize];
+        let count = size & !UNCERTAIN;
+        if size != count && (count as usize) < least && u64::from(count) < all[&labels[i]] {
+            taken += 1;
+            labels[i] |= NONE;
+        }
+    }
+    Ok(taken)
 }

@@ -12,7 +12,7 @@
 
 mod coordinates;
 
-use crate::apps::sequence::{self, Measures, SequenceOrder, VertexUse};
+use crate::apps::sequence::{self, SequenceOrder, StreamMeasures, VertexUse};
 use crate::base::Result;
 use crate::distance::DistanceRows;
 use crate::distance::rows::RowParams;
@@ -202,7 +202,7 @@ impl<'a> Sequencer<'a> {
     pub fn exact(&self, params: &SequenceParams) -> Result<Option<Sequence>> {
         let good = self.ranks(&SequenceParams { order: SequenceOrder::Spectral, sweeps: 0, ..*params })?;
         let vertices = self.vertices()?;
-        let make = || sequence::exact::ranks(EXACT, vertices, &good, self.context);
+        let make = || sequence::fiedler::fiedler_ranks(EXACT, vertices, &good, self.context);
         let (ranks, _) = self.context.run.stage("exact order", "vertices", 0, make)?;
         let sequence = ranks.map(|ranks| self.placed(&ranks)).transpose();
         drop(good);
@@ -230,8 +230,8 @@ impl<'a> Sequencer<'a> {
     ///
     /// # Errors
     /// As [`Sequencer::new`].
-    pub fn measures(&self, sequence: &Sequence) -> Result<Measures> {
-        Measures::of(&self.opened.mesh, &sequence.uses, self.context)
+    pub fn measures(&self, sequence: &Sequence) -> Result<StreamMeasures> {
+        StreamMeasures::of(&self.opened.mesh, &sequence.uses, self.context)
     }
 }
 

@@ -1,6 +1,6 @@
 //! Records summed up over meshes and seeds: a table to read, CSV and JSON of everything.
 
-use super::compare::Record;
+use super::compare::SampleRecord;
 use crate::landmarks::Sampling;
 use serde::Serialize;
 use std::fmt::Write;
@@ -26,7 +26,7 @@ impl Spread {
 
 /// A sampling at a number of landmarks, over all meshes and seeds.
 #[derive(Clone, Debug, Serialize)]
-pub struct Line {
+pub struct SamplingSummary {
     /// The sampling.
     pub sampling: Sampling,
     /// Number of landmarks l.
@@ -52,7 +52,7 @@ pub struct Line {
 }
 
 /// Sums up `records`, in the order in which samplings and sizes first come.
-pub fn summary(records: &[Record]) -> Vec<Line> {
+pub fn summary(records: &[SampleRecord]) -> Vec<SamplingSummary> {
     let mut keys: Vec<(Sampling, usize)> = Vec::new();
     for record in records {
         if !keys.contains(&(record.sampling, record.l)) {
@@ -63,16 +63,16 @@ pub fn summary(records: &[Record]) -> Vec<Line> {
     keys.iter().map(|&key| line(key, records, random)).collect()
 }
 
-fn line((sampling, l): (Sampling, usize), records: &[Record], random: Option<Sampling>) -> Line {
-    let own: Vec<&Record> = records.iter().filter(|r| r.sampling == sampling && r.l == l).collect();
-    let spread = |value: &dyn Fn(&Record) -> Option<f64>| {
+fn line((sampling, l): (Sampling, usize), records: &[SampleRecord], random: Option<Sampling>) -> SamplingSummary {
+    let own: Vec<&SampleRecord> = records.iter().filter(|r| r.sampling == sampling && r.l == l).collect();
+    let spread = |value: &dyn Fn(&SampleRecord) -> Option<f64>| {
         Spread::of(&own.iter().filter_map(|record| value(record)).collect::<Vec<_>>())
     };
-    let certain = |value: &dyn Fn(&Record) -> f64| spread(&|record| Some(value(record))).unwrap_or_default();
+    let certain = |value: &dyn Fn(&SampleRecord) -> f64| spread(&|record| Some(value(record))).unwrap_or_default();
     let pairs: Vec<bool> = own
         .iter()
         .filter_map(|record| {
-            let same = |other: &&Record| {
+            let same = |other: &&SampleRecord| {
                 Some(other.sampling) == random
                     && (&other.mesh, other.seed, other.l) == (&record.mesh, record.seed, record.l)
             };
@@ -80,7 +80,7 @@ fn line((sampling, l): (Sampling, usize), records: &[Record], random: Option<Sam
         })
         .collect();
     let beats = pairs.iter().filter(|beats| **beats).count() as f64 / pairs.len().max(1) as f64;
-    Line {
+    SamplingSummary {
         sampling,
         l,
         samples: own.len(),
@@ -96,7 +96,7 @@ fn line((sampling, l): (Sampling, usize), records: &[Record], random: Option<Sam
 }
 
 /// Aligned text, a line a sampling and l.
-pub fn to_text(lines: &[Line]) -> String {
+pub fn to_text(lines: &[SamplingSummary]) -> String {
     let mut text = format!(
         "{:18} {:>4} {:>7} {:>14} {:>7} {:>14} {:>14} {:>8} {:>7} {:>7} {:>6}\n",
         "sampling", "l", "samples", "Γ/n", "Γ*/n", "held out", "residual", "negative", "dropped", "search", "beats"
@@ -128,7 +128,7 @@ pub fn to_text(lines: &[Line]) -> String {
 }
 
 /// One record, number by number.
-pub fn one_to_text(record: &Record) -> String {
+pub fn one_to_text(record: &SampleRecord) -> String {
     let m = &record.measures;
     let mut text = String::new();
     let mut tell = |name: &str, value: String| {
@@ -161,7 +161,7 @@ pub fn one_to_text(record: &Record) -> String {
 
 /// Every record as a line of comma-separated values, under a line of names. Commas in names of meshes become
 /// underscores.
-pub fn to_csv(records: &[Record]) -> String {
+pub fn to_csv(records: &[SampleRecord]) -> String {
     let mut text = "mesh,sampling,l,seed,nodes,sigma,search,gamma,gamma_per_node,gamma_star,greatest,held_out,\
                     negative_mass,negative,dropped,residual\n"
         .to_owned();

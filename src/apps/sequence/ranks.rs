@@ -1,15 +1,23 @@
-//! Breadth-first and reverse Cuthill–McKee ranks of vertices (Cuthill, McKee 1969; George, Liu 1979).
+//! Ranks of vertices: breadth-first and reverse Cuthill–McKee searches, principal axes, Hilbert's curve, any coordinate,
+//! and chance.
 //!
-//! Each component is entered at a vertex as far out as repeated searches find (George and Liu's pseudo-peripheral
-//! vertex); components follow each other by their first vertices. Cost: about five searches, one thread; 8 B a vertex in
-//! mapped files, read and written as locally as the mesh is numbered. A search is a queue that is the order itself.
+//! Searches (Cuthill, McKee 1969; George, Liu 1979): each component is entered at a vertex as far out as repeated
+//! searches find (George and Liu's pseudo-peripheral vertex); components follow each other by their first vertices. Cost:
+//! about five searches, one thread; 8 bytes per vertex in mapped files, read and written as locally as the mesh is
+//! numbered. A search is a queue that is the order itself. All other ranks are external sorts within the budget.
 
+use super::sorting::{Scatter, ordered, ranks_by_key};
 use crate::base::Result;
-use crate::graph::VertexAdjacency;
+use crate::base::parallel::map_ranges;
+use crate::graph::order::hilbert;
+use crate::graph::{Frame, VertexAdjacency};
+use crate::mesh::Positions;
 use crate::store::{Context, MappedSlice, Run};
+use nalgebra::DMatrix;
+use xxhash_rust::xxh3::xxh3_64_with_seed;
 
 /// Vertices between looks at the stop flag.
-const CHUNK: usize = 1 << 16;
+const STOP_CHECK: usize = 1 << 16;
 /// Searches for a start, at the most.
 const SEARCHES: usize = 8;
 
@@ -38,7 +46,7 @@ impl Search<'_> {
         self.met[start as usize] = self.searches;
         let mut level_end = end;
         while head < end {
-            if head % CHUNK == 0 {
+            if head % STOP_CHECK == 0 {
                 self.run.cancel.check()?;
             }
             let v = self.queue[head];
@@ -77,7 +85,7 @@ impl Search<'_> {
 }
 
 /// The rank of each vertex: breadth-first, or with `cuthill_mckee` by ascending degrees, and back to front.
-pub(super) fn ranks(
+fn search_ranks(
     name: &str,
     graph: &VertexAdjacency,
     cuthill_mckee: bool,
@@ -91,14 +99,14 @@ pub(super) fn ranks(
         Search { graph, met: met_slice, queue: queue_slice, searches: 0, by_degree: cuthill_mckee, run: context.run };
     let mut end = 0;
     for v in 0..n {
-        if v % CHUNK == 0 {
+        if v % STOP_CHECK == 0 {
             context.run.cancel.check()?;
         }
         if search.met[v] == 0 {
             end = search.component(v as u32, end)?;
         }
     }
-    let scatter = super::sorting::Scatter::new(name, n, context)?;
+    let scatter = Scatter::new(name, n, context)?;
     let mut out = scatter.producer();
     for (place, &v) in search.queue[..end].iter().enumerate() {
         let rank = if cuthill_mckee { n - 1 - place } else { place };
@@ -108,6 +116,107 @@ pub(super) fn ranks(
     drop((met.finish(false)?, queue.finish(false)?));
     ["queue.tmp", "met.tmp"].iter().for_each(|name| context.work.remove(name));
     scatter.finish()
+}
+
+const CHUNK: usize = 1 << 15;
+
+/// Ranks along the longest principal axis of the vertices, ties along the second.
+///
+/// # Errors
+/// [`crate::base::Error::Io`], [`crate::base::Error::Memory`], [`crate::base::Error::Cancelled`].
+pub fn pca_ranks(name: &str, positions: &Positions, context: Context<'_>) -> Result<MappedSlice<u32>> {
+    let frame = Frame::of(positions, context.run)?;
+    let n = positions.len();
+    let sums = map_ranges(context.run.threads, &context.run.cancel, n, CHUNK, |range| {
+        let (mut sum, mut products, mut count) = ([0f64; 3], [[0f64; 3]; 3], 0u64);
+        for v in range {
+            let p = frame.place(positions.get(v as u32));
+            if p.iter().all(|x| x.is_finite()) {
+                count += 1;
+                for i in 0..3 {
+                    sum[i] += p[i];
+                    (0..3).for_each(|j| products[i][j] += p[i] * p[j]);
+                }
+            }
+        }
+        Ok((sum, products, count))
+    })?;
+    let (mut sum, mut products, mut count) = ([0f64; 3], [[0f64; 3]; 3], 0u64);
+    for (s, p, c) in sums {
+        count += c;
+        for i in 0..3 {
+            sum[i] += s[i];
+            (0..3).for_each(|j| products[i][j] += p[i][j]);
+        }
+    }
+    let m = count.max(1) as f64;
+    let covariance = DMatrix::from_fn(3, 3, |i, j| products[i][j] / m - sum[i] * sum[j] / (m * m));
+    let axes = crate::spectral::eigen::symmetric(covariance).1;
+    let key = |v: usize| {
+        let p = frame.place(positions.get(v as u32));
+        let along = |axis: usize| (0..3).map(|i| axes[(i, axis)] * p[i]).sum::<f64>();
+        (0, along(0), along(1) as f32)
+    };
+    ranks_along(name, n, key, context)
+}
+
+/// Ranks along Hilbert's curve.
+///
+/// # Errors
+/// As [`pca_ranks`].
+pub fn hilbert_ranks(name: &str, positions: &Positions, context: Context<'_>) -> Result<MappedSlice<u32>> {
+    let frame = Frame::of(positions, context.run)?;
+    let key = |v: usize| {
+        let place = hilbert::place_of(frame.place(positions.get(v as u32)));
+        [(place >> 32) as u32, place as u32, 0, 0]
+    };
+    ranks_by_key(name, positions.len(), key, context)
+}
+
+/// Ranks by chance, under the run's seed.
+///
+/// # Errors
+/// As [`pca_ranks`].
+pub fn random_ranks(name: &str, vertices: usize, context: Context<'_>) -> Result<MappedSlice<u32>> {
+    let key = |v: usize| {
+        let draw = xxh3_64_with_seed(&(v as u64).to_le_bytes(), context.run.seed);
+        [(draw >> 32) as u32, draw as u32, 0, 0]
+    };
+    ranks_by_key(name, vertices, key, context)
+}
+
+/// Breadth-first ranks of the vertices of `graph`, as the array `name` of `work`.
+///
+/// # Errors
+/// [`crate::base::Error::Io`], [`crate::base::Error::Memory`], [`crate::base::Error::Cancelled`].
+pub fn bfs_ranks(name: &str, graph: &VertexAdjacency, context: Context<'_>) -> Result<MappedSlice<u32>> {
+    search_ranks(name, graph, false, context)
+}
+
+/// Reverse Cuthill–McKee ranks.
+///
+/// # Errors
+/// As [`bfs_ranks`].
+pub fn rcm_ranks(name: &str, graph: &VertexAdjacency, context: Context<'_>) -> Result<MappedSlice<u32>> {
+    search_ranks(name, graph, true, context)
+}
+
+/// Ranks of `n` vertices by component, then coordinate, ties by a second one, then by number.
+///
+/// # Errors
+/// As [`bfs_ranks`].
+pub fn ranks_along(
+    name: &str,
+    n: usize,
+    key: impl Fn(usize) -> (u32, f64, f32) + Sync,
+    context: Context<'_>,
+) -> Result<MappedSlice<u32>> {
+    let words = |v: usize| {
+        let (component, first, second) = key(v);
+        let ([high, low], [next, _]) = (ordered(first), ordered(f64::from(second)));
+        [component, high, low, next]
+    };
+    ranks_by_key(name, n, words, context)
 }
 
 #[cfg(test)]
@@ -193,7 +302,7 @@ mod tests {
         let run = Run::new(&());
         let graph = VertexAdjacency::build(&mesh, Context::new(&work, &run)).unwrap();
         for reverse in [false, true] {
-            let found = ranks("r.tmp", &graph, reverse, Context::new(&work, &run)).unwrap();
+            let found = search_ranks("r.tmp", &graph, reverse, Context::new(&work, &run)).unwrap();
             for (rank, &v) in oracle(&graph, reverse).iter().enumerate() {
                 assert_eq!(found[v as usize] as usize, rank, "{reverse}");
             }

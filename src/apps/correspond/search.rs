@@ -21,7 +21,7 @@ const PATIENCE: usize = 24;
 
 /// A vertex found, and the squared distance in the embedding.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Found {
+pub struct Neighbour {
     /// The vertex.
     pub vertex: u32,
     /// Squared distance.
@@ -30,22 +30,23 @@ pub struct Found {
 
 /// A tree of one number of dimensions.
 trait Search: Send + Sync {
-    fn nearest(&self, point: &Point) -> Found;
-    fn several(&self, point: &Point, count: usize) -> Vec<Found>;
+    fn nearest(&self, point: &Point) -> Neighbour;
+    fn several(&self, point: &Point, count: usize) -> Vec<Neighbour>;
 }
 
 struct Tree<const K: usize>(ImmutableKdTree<f32, u32, K, 32>);
 
 impl<const K: usize> Search for Tree<K> {
-    fn nearest(&self, point: &Point) -> Found {
+    fn nearest(&self, point: &Point) -> Neighbour {
         let found = self.0.nearest_one::<SquaredEuclidean>(&first(point));
-        Found { vertex: found.item, square: found.distance }
+        Neighbour { vertex: found.item, square: found.distance }
     }
 
-    fn several(&self, point: &Point, count: usize) -> Vec<Found> {
+    fn several(&self, point: &Point, count: usize) -> Vec<Neighbour> {
         let count = NonZero::new(count).unwrap_or(NonZero::<usize>::MIN);
         let found = self.0.nearest_n::<SquaredEuclidean>(&first(point), count);
-        let mut found: Vec<Found> = found.iter().map(|f| Found { vertex: f.item, square: f.distance }).collect();
+        let mut found: Vec<Neighbour> =
+            found.iter().map(|f| Neighbour { vertex: f.item, square: f.distance }).collect();
         found.sort_by(|a, b| a.square.total_cmp(&b.square).then(a.vertex.cmp(&b.vertex)));
         found
     }
@@ -56,7 +57,7 @@ fn first<const K: usize>(point: &Point) -> [f32; K] {
 }
 
 /// Embedded vertices that can be searched.
-pub struct Nearest<'a> {
+pub struct EmbeddingSearch<'a> {
     points: &'a [Point],
     graph: Csr<'a>,
     /// Vertices from one in the tree to the next.
@@ -71,7 +72,7 @@ pub fn square(a: &Point, b: &Point) -> f32 {
     a.iter().zip(b).map(|(x, y)| (x - y) * (x - y)).sum()
 }
 
-impl<'a> Nearest<'a> {
+impl<'a> EmbeddingSearch<'a> {
     /// Makes the tree over `points` (n, of which the first `dimensions` coordinates count), vertices of `graph`.
     ///
     /// # Errors
@@ -83,7 +84,7 @@ impl<'a> Nearest<'a> {
     /// The same with at most `limit` vertices in the tree.
     ///
     /// # Errors
-    /// As [`Nearest::new`].
+    /// As [`EmbeddingSearch::new`].
     pub fn with_limit(
         points: &'a [Point],
         graph: Csr<'a>,
@@ -108,7 +109,7 @@ impl<'a> Nearest<'a> {
     }
 
     /// The nearest vertex; of vertices at the same place any, but always the same.
-    pub fn nearest(&self, point: &Point) -> Found {
+    pub fn nearest(&self, point: &Point) -> Neighbour {
         if self.step == 1 {
             return self.tree.nearest(point);
         }
@@ -116,16 +117,16 @@ impl<'a> Nearest<'a> {
     }
 
     /// Up to `count` of the nearest, in ascending order.
-    pub fn several(&self, point: &Point, count: usize) -> Vec<Found> {
+    pub fn several(&self, point: &Point, count: usize) -> Vec<Neighbour> {
         if self.step == 1 { self.tree.several(point, count) } else { self.explored(point, count) }
     }
 
     /// Looks around the nearest vertices known, from the nearest of the tree on, until [`PATIENCE`] of them have shown none
     /// that would be among the nearest `count`.
-    fn explored(&self, point: &Point, count: usize) -> Vec<Found> {
+    fn explored(&self, point: &Point, count: usize) -> Vec<Neighbour> {
         let mut start = self.tree.nearest(point);
         start.vertex *= self.step as u32;
-        let order = |a: &Found, b: &Found| a.square.total_cmp(&b.square).then(a.vertex.cmp(&b.vertex));
+        let order = |a: &Neighbour, b: &Neighbour| a.square.total_cmp(&b.square).then(a.vertex.cmp(&b.vertex));
         let (mut known, mut seen, mut idle) = (vec![(start, false)], vec![start.vertex], 0);
         while let Some(at) = known.iter().position(|(_, looked)| !looked).filter(|_| idle < PATIENCE) {
             known[at].1 = true;
@@ -135,7 +136,7 @@ impl<'a> Nearest<'a> {
                     continue;
                 }
                 seen.push(vertex);
-                let found = Found { vertex, square: square(point, &self.points[vertex as usize]) };
+                let found = Neighbour { vertex, square: square(point, &self.points[vertex as usize]) };
                 let place = known.partition_point(|(other, _)| order(other, &found).is_lt());
                 known.insert(place, (found, false));
                 if place < count {

@@ -1,9 +1,14 @@
 //! Colours of parts: told apart by everyone, unlike between neighbours.
 //!
-//! The first [`BASE`] colours are Okabe and Ito's (without black) and darker and lighter ones between
-//! them; more are picked from a grid of sRGB, each as far as can be from all before it. Distances
-//! are those of OKLab, the least over normal sight, protanopia and deuteranopia (simulated after
-//! Machado et al. 2009). Cost: milliseconds at most; nothing of the size of the mesh is touched.
+//! The first [`BASE`] colours are Okabe and Ito's (without black) and darker and lighter ones between them; more are
+//! picked from a grid of sRGB, each as far as can be from all before it. Distances are those of OKLab, the least over
+//! normal sight, protanopia and deuteranopia (simulated after Machado et al. 2009). Cost: milliseconds;
+//! [`colours_for`], which finds out which parts touch, makes one pass in file order and holds 4 bytes per vertex.
+
+use crate::base::Result;
+use crate::mesh::Mesh;
+use crate::store::Run;
+use std::collections::BTreeMap;
 
 /// Colours fixed by hand.
 pub const BASE: usize = 12;
@@ -142,6 +147,45 @@ pub fn assign(parts: usize, touching: &[(u32, u32, f64)]) -> Vec<[u8; 3]> {
         uses[colour] += 1;
     }
     chosen.into_iter().map(|colour| colours[colour.unwrap_or(0)]).collect()
+}
+
+/// Faces between two looks at the stop flag.
+const CHUNK: usize = 1 << 16;
+/// Parts above this number take colours in turn.
+const IN_TURN: usize = 2048;
+const NONE: u32 = u32::MAX;
+
+/// A colour-blind-safe colour a label, unlike between parts that touch.
+///
+/// # Errors
+/// [`crate::base::Error::Cancelled`], [`crate::base::Error::Memory`].
+pub fn colours_for(mesh: &Mesh, labels: &[u32], run: &Run) -> Result<Vec<[u8; 3]>> {
+    let parts = labels.iter().copied().filter(|&label| label != NONE).max().map_or(0, |most| most as usize + 1);
+    if parts > IN_TURN {
+        let some = palette(MOST);
+        return Ok((0..parts).map(|part| some[part % some.len()]).collect());
+    }
+    let bytes = 4 * mesh.positions.len() as u64;
+    let _grant = run.budget.take("the parts at vertices", bytes, bytes)?;
+    let mut first = vec![NONE; mesh.positions.len()];
+    let mut touching: BTreeMap<(u32, u32), f64> = BTreeMap::new();
+    let n = mesh.faces.len();
+    for start in (0..n).step_by(CHUNK) {
+        run.cancel.check()?;
+        mesh.faces.for_each(start..n.min(start + CHUNK), |face, corners| {
+            let label = labels.get(face).copied().unwrap_or(NONE);
+            for &corner in corners {
+                let Some(known) = first.get_mut(corner as usize) else { continue };
+                if *known == NONE {
+                    *known = label;
+                } else if *known != label && label != NONE {
+                    *touching.entry(((*known).min(label), (*known).max(label))).or_default() += 1.0;
+                }
+            }
+        });
+    }
+    let touching: Vec<_> = touching.into_iter().map(|((a, b), count)| (a, b, count)).collect();
+    Ok(assign(parts, &touching))
 }
 
 #[cfg(test)]

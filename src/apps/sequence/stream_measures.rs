@@ -8,20 +8,21 @@
 //! - *bandwidth*: the greatest difference along an edge; *profile*: the sum over vertices of the distance down to the
 //!   least neighbour, as of the sparse matrix with that numbering.
 //!
-//! Cost: three passes, one thread; 8 B a vertex and 4 B a face in mapped files.
+//! Cost: three passes, one thread; 8 bytes per vertex and 4 per face in mapped files.
 
-use super::first_use::VertexUse;
+use super::vertex_use::VertexUse;
 use crate::base::Result;
 use crate::mesh::Mesh;
 use crate::store::{Context, Run};
 use serde::Serialize;
+use std::fmt::Write;
 
 /// Items between looks at the stop flag.
 const CHUNK: usize = 1 << 16;
 
 /// The measures of an order; see the module's text.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
-pub struct Measures {
+pub struct StreamMeasures {
     /// Largest front width, in vertices.
     pub largest_width: u64,
     /// Mean front width over faces.
@@ -40,8 +41,8 @@ pub struct Measures {
     pub profile: u64,
 }
 
-impl Measures {
-    /// Measures the order of `mesh` whose vertices are used as `uses` says.
+impl StreamMeasures {
+    /// StreamMeasures the order of `mesh` whose vertices are used as `uses` says.
     ///
     /// # Errors
     /// [`crate::base::Error::Io`], [`crate::base::Error::Cancelled`].
@@ -124,4 +125,43 @@ impl Measures {
         context.work.remove("least.tmp");
         Ok(())
     }
+}
+
+/// An order and its measures.
+#[derive(Clone, Debug, Serialize)]
+pub struct ComparedOrder {
+    /// Its name.
+    pub order: String,
+    /// How well it streams.
+    #[serde(flatten)]
+    pub measures: StreamMeasures,
+}
+
+/// A table, a line an order.
+pub fn table(orders: &[ComparedOrder]) -> String {
+    let name = orders.iter().map(|one| one.order.chars().count()).max().unwrap_or(0).max(5);
+    let mut out = format!(
+        "{:name$}  {:>10} {:>10}  {:>10} {:>10}  {:>10} {:>10}  {:>10} {:>14}\n",
+        "", "width", "", "vertex", "span", "face", "span", "", ""
+    );
+    let _ = writeln!(
+        out,
+        "{:name$}  {:>10} {:>10}  {:>10} {:>10}  {:>10} {:>10}  {:>10} {:>14}",
+        "order", "largest", "mean", "largest", "mean", "largest", "mean", "bandwidth", "profile"
+    );
+    for ComparedOrder { order, measures: m } in orders {
+        let _ = writeln!(
+            out,
+            "{order:name$}  {:>10} {:>10.1}  {:>10} {:>10.1}  {:>10} {:>10.1}  {:>10} {:>14}",
+            m.largest_width,
+            m.mean_width,
+            m.largest_vertex_span,
+            m.mean_vertex_span,
+            m.largest_face_span,
+            m.mean_face_span,
+            m.bandwidth,
+            m.profile
+        );
+    }
+    out
 }

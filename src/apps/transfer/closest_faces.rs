@@ -25,12 +25,12 @@ pub const NONE: u64 = u64::MAX;
 
 /// A unit of length and an origin that suit both meshes.
 #[derive(Clone, Copy, Debug)]
-pub struct Frame {
+pub struct UnitFrame {
     middle: [f64; 3],
     scale: f64,
 }
 
-impl Frame {
+impl UnitFrame {
     /// The frame of `mesh`: its middle, and half its longest side.
     ///
     /// # Errors
@@ -153,13 +153,13 @@ pub struct Probe {
 }
 
 /// What a point found: the nearest face, and the nearest that agrees; each (squared distance, face) or [`NONE`].
-pub type Found = [u64; 2];
+pub type Closest = [u64; 2];
 
 fn pack(distance_2: f32, face: u32) -> u64 {
     u64::from(distance_2.to_bits()) << 32 | u64::from(face)
 }
 
-/// The squared distance and the face behind a number of [`Found`].
+/// The squared distance and the face behind a number of [`Closest`].
 pub fn unpack(packed: u64) -> Option<(f32, u32)> {
     (packed != NONE).then_some((f32::from_bits((packed >> 32) as u32), packed as u32))
 }
@@ -170,16 +170,16 @@ pub fn window(d: f32, slack: f32) -> f32 {
 }
 
 /// A tree of all triangles of some faces: groups of neighbours along a curve, and boxes over pairs of boxes.
-pub struct Tree {
+pub struct TriangleTree {
     /// Along the curve, [`GROUP`] a group.
     leaves: Vec<Leaf>,
     /// Box of each node; node k has the children 2k and 2k + 1, the last half are groups.
     boxes: Vec<Bounds>,
 }
 
-impl Tree {
+impl TriangleTree {
     /// Of the faces of `range` for which `wanted`.
-    pub fn of(mesh: &Mesh, frame: &Frame, range: Range<usize>, wanted: impl Fn(u32) -> bool) -> Self {
+    pub fn of(mesh: &Mesh, frame: &UnitFrame, range: Range<usize>, wanted: impl Fn(u32) -> bool) -> Self {
         let faces = &mesh.faces;
         let corners = range
             .clone()
@@ -215,7 +215,7 @@ impl Tree {
 
     /// Improves `found` by what is near `probe`; normals agree where `sign` times theirs is much like its own. `near` is
     /// a group to begin with, better the nearer; the answer is the group that the nearest triangle was found in.
-    pub fn improve(&self, probe: &Probe, sign: f32, slack: f32, near: usize, found: &mut Found) -> usize {
+    pub fn improve(&self, probe: &Probe, sign: f32, slack: f32, near: usize, found: &mut Closest) -> usize {
         let half = self.boxes.len() / 2;
         if self.leaves.is_empty() || !probe.place.iter().all(|x| x.is_finite()) {
             return near;
@@ -255,7 +255,7 @@ impl Tree {
     }
 
     /// Improves `found` by the triangles of a group; answers how far boxes matter now.
-    fn look(&self, group: usize, probe: &Probe, sign: f32, slack: f32, found: &mut Found, best: &mut usize) -> f32 {
+    fn look(&self, group: usize, probe: &Probe, sign: f32, slack: f32, found: &mut Closest, best: &mut usize) -> f32 {
         let least = |packed: u64| unpack(packed).map_or(f32::INFINITY, |(distance_2, _)| distance_2);
         for leaf in self.leaves.iter().skip(group * GROUP).take(GROUP) {
             let distance_2 = distance_2(&leaf.corners, probe.place);
@@ -274,7 +274,7 @@ impl Tree {
         limit + 1e-6 * limit.sqrt() + 1e-12
     }
 
-    /// [`Tree::improve`] for many points.
+    /// [`TriangleTree::improve`] for many points.
     ///
     /// # Errors
     /// [`crate::base::Error::Cancelled`].
@@ -283,10 +283,10 @@ impl Tree {
         probe: impl Fn(usize) -> Probe + Sync,
         sign: f32,
         slack: f32,
-        found: &mut [Found],
+        found: &mut [Closest],
         run: &Run,
     ) -> Result<()> {
-        let work = |k: usize, piece: &mut [Found], (): &mut ()| {
+        let work = |k: usize, piece: &mut [Closest], (): &mut ()| {
             let mut near = 0;
             for (i, found) in piece.iter_mut().enumerate() {
                 near = self.improve(&probe(k * CHUNK + i), sign, slack, near, found);

@@ -1,0 +1,473 @@
+//! From what each sample shows to pixels: normals, ambient occlusion, lines, light, and the filter over samples.
+//!
+//! Everything is computed for what is seen only, after drawing. Cost: 4 bytes per sample for normals (twice that while
+//! smoothing), 12 bytes per vertex where vertices get smooth normals, 12 bytes and some 100 ns per pixel for occlusion.
+
+use super::camera::{Camera, Vec3, add_scaled, dot, double_area, sub, unit};
+use super::raster::{CHUNK, Canvas, Hit, each_triangle, triangles_of};
+use crate::base::Result;
+use crate::base::parallel::{chunk_count, chunk_range, fill_chunks, map_chunks};
+use crate::mesh::Mesh;
+use crate::store::Run;
+use std::sync::atomic::{AtomicI32, Ordering};
+
+// --- Smooth normals at vertices, for meshes whose faces are larger than samples.
+//
+// The faces' normals are added up by the angle they have at the vertex, in integers, so that threads may add in any
+// order and the sum is always the same. 12 bytes a vertex.
+
+/// Steps of a unit normal.
+const STEPS: f64 = 16384.0;
+/// Beyond this cosine between a face and its vertex's normal, the edge is meant to be sharp.
+const SHARP: f64 = 0.65;
+
+/// A normal a vertex, as a sum that has no unit length yet.
+pub(super) struct VertexNormals {
+    sums: Vec<[AtomicI32; 3]>,
+}
+
+impl VertexNormals {
+    /// Adds up the normals of all faces.
+    pub(super) fn of(mesh: &Mesh, run: &Run) -> Result<Self> {
+        let sums: Vec<[AtomicI32; 3]> = (0..mesh.positions.len()).map(|_| Default::default()).collect();
+        let n = mesh.faces.len();
+        let chunk = |k, (): &mut ()| {
+            each_triangle(mesh, chunk_range(n, CHUNK, k), |_, corners, at| {
+                let normal = unit(double_area(at));
+                let edges = [0, 1, 2].map(|k| unit(sub(at[(k + 1) % 3], at[k])));
+                for k in 0..3 {
+                    let cosine = -dot(edges[k], edges[(k + 2) % 3]);
+                    // Near enough to the angle, without its cost.
+                    let weight = (1.0 - cosine) * STEPS;
+                    let Some(sum) = sums.get(corners[k] as usize) else { continue };
+                    for axis in 0..3 {
+                        sum[axis].fetch_add((normal[axis] * weight) as i32, Ordering::Relaxed);
+                    }
+                }
+            });
+            Ok(())
+        };
+        map_chunks(run.threads, &run.cancel, chunk_count(n, CHUNK), || (), chunk)?;
+        Ok(Self { sums })
+    }
+
+    /// The normal at a corner of a face whose own unit normal is `face`: the vertex's where the surface is smooth.
+    pub(super) fn at(&self, corner: u32, face: Vec3) -> Vec3 {
+        let Some(sum) = self.sums.get(corner as usize) else { return face };
+        let smooth = unit([0, 1, 2].map(|k| f64::from(sum[k].load(Ordering::Relaxed))));
+        if dot(smooth, face) < SHARP { face } else { smooth }
+    }
+}
+
+// --- The surface's normal at every sample of a view.
+//
+// Found after drawing, for what is seen only: from the vertices' normals where there are some, else from the faces',
+// smoothed over neighbouring samples of like depth (a mesh of a hundred million faces has many to a sample, and no
+// room for normals at vertices). 4 bytes a sample, twice that while smoothing.
+
+/// A unit normal towards the viewer: its parts to the right and up, in 1/32767.
+pub(super) type Packed = [i16; 2];
+
+/// Samples to each side that normals are smoothed over.
+const REACH: usize = 2;
+
+/// Packs a normal given in the frame, turned towards the viewer.
+fn pack(n: Vec3) -> Packed {
+    let sign = if n[2] < 0.0 { -32767.0 } else { 32767.0 };
+    [(n[0] * sign) as i16, (n[1] * sign) as i16]
+}
+
+/// To the right, up, towards the viewer.
+#[inline]
+pub(super) fn unpack(packed: Packed) -> [f32; 3] {
+    let [x, y] = packed.map(|x| f32::from(x) / 32767.0);
+    [x, y, (1.0 - x * x - y * y).max(0.0).sqrt()]
+}
+
+/// A triangle of the face last looked at.
+struct Corner {
+    at: [Vec3; 3],
+    normals: [Vec3; 3],
+}
+
+/// Normals of all samples; the canvas shows labels afterwards (0 where there are none).
+pub(super) fn normals(
+    mesh: &Mesh,
+    labels: Option<&[u32]>,
+    canvas: &Canvas,
+    camera: &Camera,
+    vertex_normals: Option<&VertexNormals>,
+    run: &Run,
+) -> Result<Vec<Packed>> {
+    let mut normals = vec![[0i16; 2]; canvas.width * canvas.height];
+    let width = canvas.width;
+    fill_chunks(run.threads, &run.cancel, &mut normals, width, Vec::new, |y, row, known: &mut Vec<Corner>| {
+        let mut last = None;
+        for (x, normal) in row.iter_mut().enumerate() {
+            let Some(hit) = canvas.get(y * width + x) else { continue };
+            if last != Some(hit.item) {
+                known.clear();
+                triangles_of(mesh, hit.item as usize, |corners, at| {
+                    let own = unit(double_area(at));
+                    let normals = corners.map(|corner| vertex_normals.map_or(own, |all| all.at(corner, own)));
+                    known.push(Corner {
+                        at: at.map(|p| camera.project(p)),
+                        normals: normals.map(|n| camera.frame.of(n)),
+                    });
+                });
+                last = Some(hit.item);
+            }
+            *normal = interpolate(known, x as f64 + 0.5, y as f64 + 0.5);
+            canvas.replace(y * width + x, labels.and_then(|labels| labels.get(hit.item as usize)).map_or(0, |&l| l));
+        }
+        Ok(())
+    })?;
+    if vertex_normals.is_some() {
+        return Ok(normals);
+    }
+    let across = smooth(&normals, canvas, 1, run)?;
+    drop(normals);
+    smooth(&across, canvas, width, run)
+}
+
+/// The normal at a point of a face's triangles: in the one that holds it best.
+fn interpolate(triangles: &[Corner], x: f64, y: f64) -> Packed {
+    let mut best = (f64::NEG_INFINITY, [0.0; 3]);
+    for triangle in triangles {
+        let side = |a: Vec3, b: Vec3| (b[0] - a[0]) * (y - a[1]) - (b[1] - a[1]) * (x - a[0]);
+        let [a, b, c] = triangle.at;
+        let areas = [side(b, c), side(c, a), side(a, b)];
+        let total: f64 = areas.iter().sum();
+        if total == 0.0 {
+            continue;
+        }
+        let shares = areas.map(|area| area / total);
+        let inside = shares.iter().copied().fold(f64::INFINITY, f64::min);
+        if inside > best.0 {
+            let mut sum = [0.0; 3];
+            for (share, normal) in shares.iter().zip(triangle.normals) {
+                sum = add_scaled(sum, share.max(0.0), normal);
+            }
+            best = (inside, sum);
+        }
+    }
+    pack(unit(best.1))
+}
+
+/// Means along one axis (samples `step` apart) over samples whose depth is near.
+fn smooth(normals: &[Packed], canvas: &Canvas, step: usize, run: &Run) -> Result<Vec<Packed>> {
+    let mut out = vec![[0i16; 2]; normals.len()];
+    let width = canvas.width;
+    fill_chunks(
+        run.threads,
+        &run.cancel,
+        &mut out,
+        width,
+        || (),
+        |y, row, ()| {
+            for (x, out) in row.iter_mut().enumerate() {
+                let cell = y * width + x;
+                let Some(hit) = canvas.get(cell) else { continue };
+                let (place, size) = if step == 1 { (x, width) } else { (y, canvas.height) };
+                let mut sum = [0.0f32; 3];
+                for k in place.saturating_sub(REACH)..(place + REACH + 1).min(size) {
+                    let other = cell + k * step - place * step;
+                    if canvas.get(other).is_some_and(|other| (other.depth - hit.depth).abs() < 2.0 * REACH as f64) {
+                        let normal = unpack(normals[other]);
+                        (0..3).for_each(|axis| sum[axis] += normal[axis]);
+                    }
+                }
+                *out = pack(unit(sum.map(f64::from)));
+            }
+            Ok(())
+        },
+    )?;
+    Ok(out)
+}
+
+// --- Ambient occlusion: how much of the sky each pixel sees, from the z-buffer.
+//
+// Around a pixel, points of the z-buffer at two scales (folds, and the space between limbs) count as far as they rise
+// above the pixel's tangent plane and are near. The points are turned from pixel to pixel in a pattern of 4 × 4, and
+// the mean over that pattern is smooth. 12 bytes a pixel, some 100 ns.
+
+/// Points looked at a pixel.
+const POINTS: usize = 18;
+/// Pixels a side of the pattern.
+const PATTERN: usize = 4;
+/// A pixel that shows nothing.
+const NOTHING: f32 = f32::INFINITY;
+
+/// Depth, in pixels, and normal at pixels that are `factor` samples wide.
+struct Pixels {
+    width: usize,
+    depth: Vec<f32>,
+    normal: Vec<Packed>,
+}
+
+impl Pixels {
+    fn of(canvas: &Canvas, normals: &[Packed], factor: usize, run: &Run) -> Result<Self> {
+        let (width, height) = (canvas.width / factor, canvas.height / factor);
+        let mut both = vec![(NOTHING, [0i16; 2]); width * height];
+        fill_chunks(
+            run.threads,
+            &run.cancel,
+            &mut both,
+            width,
+            || (),
+            |y, row, ()| {
+                for (x, pixel) in row.iter_mut().enumerate() {
+                    for sample in 0..factor * factor {
+                        let cell = (y * factor + sample / factor) * canvas.width + x * factor + sample % factor;
+                        if let Some(hit) = canvas.get(cell) {
+                            let depth = (hit.depth / factor as f64) as f32;
+                            if depth < pixel.0 {
+                                *pixel = (depth, normals[cell]);
+                            }
+                        }
+                    }
+                }
+                Ok(())
+            },
+        )?;
+        let (depth, normal) = both.into_iter().unzip();
+        Ok(Self { width, depth, normal })
+    }
+
+    fn height(&self) -> usize {
+        self.depth.len() / self.width.max(1)
+    }
+}
+
+/// Openness a pixel, 0 (shut in) to 1, for a shape of `size` pixels.
+pub(super) fn openness(canvas: &Canvas, normals: &[Packed], factor: usize, size: f64, run: &Run) -> Result<Vec<f32>> {
+    let pixels = Pixels::of(canvas, normals, factor, run)?;
+    let (width, height) = (pixels.width, pixels.height());
+    let turns: Vec<[[f32; 2]; POINTS]> = (0..PATTERN * PATTERN).map(|turn| points(turn, size)).collect();
+    let mut raw = vec![1.0f32; width * height];
+    fill_chunks(
+        run.threads,
+        &run.cancel,
+        &mut raw,
+        width,
+        || (),
+        |y, row, ()| {
+            for (x, open) in row.iter_mut().enumerate() {
+                // Neighbours of the pattern get turns far from one another.
+                let turn =
+                    (x % PATTERN * 5 + y % PATTERN * 7 + (x % PATTERN) * (y % PATTERN) * 3) % (PATTERN * PATTERN);
+                *open = one(&pixels, x, y, &turns[turn], size as f32);
+            }
+            Ok(())
+        },
+    )?;
+    let near = (size * 0.02).max(1.5) as f32;
+    let mut smooth = vec![1.0f32; width * height];
+    fill_chunks(
+        run.threads,
+        &run.cancel,
+        &mut smooth,
+        width,
+        || (),
+        |y, row, ()| {
+            for (x, out) in row.iter_mut().enumerate() {
+                let depth = pixels.depth[y * width + x];
+                if depth == NOTHING {
+                    continue;
+                }
+                let (mut sum, mut count) = (0.0, 0.0);
+                for j in y.saturating_sub(2)..(y + 2).min(height) {
+                    for i in x.saturating_sub(2)..(x + 2).min(width) {
+                        if (pixels.depth[j * width + i] - depth).abs() < near {
+                            sum += raw[j * width + i];
+                            count += 1.0;
+                        }
+                    }
+                }
+                *out = if count > 0.0 { sum / count } else { raw[y * width + x] };
+            }
+            Ok(())
+        },
+    )?;
+    Ok(smooth)
+}
+
+/// Offsets of the points: spirals, one turn of the pattern each, a third of them for folds.
+fn points(turn: usize, size: f64) -> [[f32; 2]; POINTS] {
+    std::array::from_fn(|k| {
+        let share = (k as f64 + (turn as f64 + 0.5) / (PATTERN * PATTERN) as f64) / POINTS as f64;
+        let radius = size * (0.004 + 0.11 * share * share);
+        let angle = 2.399_963 * k as f64 + std::f64::consts::TAU * turn as f64 / (PATTERN * PATTERN) as f64;
+        [(radius * angle.cos()) as f32, (radius * angle.sin()) as f32]
+    })
+}
+
+fn one(pixels: &Pixels, x: usize, y: usize, points: &[[f32; 2]; POINTS], size: f32) -> f32 {
+    let depth = pixels.depth[y * pixels.width + x];
+    if depth == NOTHING {
+        return 1.0;
+    }
+    let normal = unpack(pixels.normal[y * pixels.width + x]);
+    let mut shut = 0.0;
+    for &[dx, dy] in points {
+        let (dx, dy) = (dx.round(), dy.round());
+        let (i, j) = (x as f32 + dx, y as f32 + dy);
+        if i < 0.0 || j < 0.0 || i as usize >= pixels.width || j as usize >= pixels.height() {
+            continue;
+        }
+        let there = pixels.depth[j as usize * pixels.width + i as usize];
+        if there == NOTHING {
+            continue;
+        }
+        let rise = depth - there;
+        let square = dx * dx + dy * dy + rise * rise;
+        if square < 0.5 {
+            continue;
+        }
+        let above = (dx * normal[0] - dy * normal[1] + rise * normal[2]) / square.sqrt();
+        // What is far in front hides less of the sky than it seems to.
+        let near = 1.0 - (rise.abs() / (0.22 * size)).min(1.0).powi(2);
+        shut += (above - 0.12).max(0.0) * near;
+    }
+    (1.0 - 2.1 * shut / POINTS as f32).clamp(0.0, 1.0)
+}
+
+// --- Lines: between parts, and where the surface breaks off.
+//
+// Both are read off the drawn samples: a part ends where a neighbouring sample of like depth has another label, the
+// surface where the next sample lies far behind, more than its slope explains.
+
+/// How lines are drawn on a view.
+pub(super) struct Lines {
+    /// Offsets of the samples within half a line's width.
+    near: Vec<[isize; 2]>,
+    /// Depth, in samples, that counts as a break.
+    jump: f64,
+}
+
+impl Lines {
+    /// Lines `width` samples wide on a shape of `size` samples.
+    pub(super) fn new(width: f64, size: f64) -> Self {
+        let reach = (width / 2.0).max(1.0);
+        let whole = reach as isize;
+        let near = (-whole..=whole)
+            .flat_map(|y| (-whole..=whole).map(move |x| [x, y]))
+            .filter(|&[x, y]| (x, y) != (0, 0) && ((x * x + y * y) as f64) <= reach * reach)
+            .collect();
+        Self { near, jump: (0.012 * size).max(3.0) }
+    }
+
+    /// How much light lines leave at the sample (`x`, `y`), which shows `hit`: 1 away from all lines.
+    pub(super) fn light(&self, canvas: &Canvas, x: usize, y: usize, hit: Hit, parts: bool) -> f32 {
+        let at = |[dx, dy]: [isize; 2]| {
+            let (i, j) = (x.checked_add_signed(dx)?, y.checked_add_signed(dy)?);
+            if i < canvas.width && j < canvas.height { canvas.get(j * canvas.width + i) } else { None }
+        };
+        let unlike = |other: Hit| other.item != hit.item && (other.depth - hit.depth).abs() < 2.0 * self.jump;
+        if parts && self.near.iter().any(|&offset| at(offset).is_some_and(unlike)) {
+            return 0.16;
+        }
+        let mut break_off = 0.0f64;
+        for [dx, dy] in [[1, 0], [-1, 0], [0, 1], [0, -1]] {
+            let slope = at([-dx, -dy]).map_or(0.0, |behind| (behind.depth - hit.depth).abs());
+            let fall = at([dx, dy]).map_or(4.0 * self.jump, |other| other.depth - hit.depth);
+            break_off = break_off.max((fall - slope - self.jump) / (2.0 * self.jump));
+        }
+        1.0 - 0.62 * break_off.clamp(0.0, 1.0) as f32
+    }
+}
+
+// --- From what each sample shows to pixels: light, colours, lines, and the box filter over a pixel's samples.
+
+/// The colour of labels beyond the last colour.
+pub(super) const GREY: [u8; 3] = [128; 3];
+/// The colour of a mesh without labels.
+pub(super) const CLAY: [u8; 3] = [0xc9, 0xc3, 0xba];
+
+/// From the upper left, over the viewer's shoulder.
+const KEY: [f32; 3] = [-0.48, 0.58, 0.66];
+/// From the right, lower and softer.
+const FILL: [f32; 3] = [0.78, -0.10, 0.62];
+
+/// A drawn view with everything that colours it.
+pub(super) struct View<'a> {
+    pub canvas: &'a Canvas,
+    pub normals: &'a [Packed],
+    /// A value a pixel.
+    pub openness: &'a [f32],
+    /// Samples a side of a pixel.
+    pub factor: usize,
+    /// By label, in linear light.
+    pub colours: &'a [[f32; 3]],
+    pub lines: Option<&'a Lines>,
+    /// Whether there are labels.
+    pub parts: bool,
+}
+
+/// A pixel in linear light, times its opacity, and that.
+pub(super) type Pixel = [f32; 4];
+
+impl View<'_> {
+    /// All pixels, row by row.
+    pub(super) fn pixels(&self, run: &Run) -> Result<Vec<Pixel>> {
+        let width = self.canvas.width / self.factor;
+        let mut pixels = vec![[0.0; 4]; width * (self.canvas.height / self.factor)];
+        fill_chunks(
+            run.threads,
+            &run.cancel,
+            &mut pixels,
+            width.max(1),
+            || (),
+            |y, row, ()| {
+                for (x, pixel) in row.iter_mut().enumerate() {
+                    *pixel = self.pixel(x, y, self.openness[y * width + x]);
+                }
+                Ok(())
+            },
+        )?;
+        Ok(pixels)
+    }
+
+    fn pixel(&self, x: usize, y: usize, open: f32) -> Pixel {
+        let mut sum = [0.0; 4];
+        for sample in 0..self.factor * self.factor {
+            let (i, j) = (x * self.factor + sample % self.factor, y * self.factor + sample / self.factor);
+            let cell = j * self.canvas.width + i;
+            let Some(hit) = self.canvas.get(cell) else { continue };
+            let colour = self.colours.get(hit.item as usize).copied().unwrap_or_else(|| GREY.map(linear));
+            let line = self.lines.map_or(1.0, |lines| lines.light(self.canvas, i, j, hit, self.parts));
+            let lit = light(colour, unpack(self.normals[cell]), open);
+            (0..3).for_each(|k| sum[k] += lit[k] * line);
+            sum[3] += 1.0;
+        }
+        sum.map(|x| x / (self.factor * self.factor) as f32)
+    }
+}
+
+/// A surface's colour under the two lights and the sky.
+#[inline]
+fn light(colour: [f32; 3], normal: [f32; 3], open: f32) -> [f32; 3] {
+    let along = |l: [f32; 3]| normal[0] * l[0] + normal[1] * l[1] + normal[2] * l[2];
+    let key = ((along(KEY) + 0.15) / 1.15).max(0.0);
+    let fill = along(FILL).max(0.0);
+    let sky = 0.65 + 0.35 * normal[1];
+    let open = open * open;
+    let diffuse = 0.36 * sky * open + (0.86 * key + 0.16 * fill) * (0.35 + 0.65 * open);
+    // A faint gloss, between the key light and the viewer.
+    let half = [KEY[0] / 1.822, KEY[1] / 1.822, (KEY[2] + 1.0) / 1.822];
+    let gloss = 0.06 * along(half).max(0.0).powi(24) * open;
+    colour.map(|c| c * diffuse + gloss)
+}
+
+/// From a stored byte to linear light.
+pub(super) fn linear(byte: u8) -> f32 {
+    let x = f32::from(byte) / 255.0;
+    if x <= 0.04045 { x / 12.92 } else { ((x + 0.055) / 1.055).powf(2.4) }
+}
+
+/// From linear light to a byte to store.
+pub(super) fn stored(x: f32) -> u8 {
+    let x = x.clamp(0.0, 1.0);
+    let x = if x <= 0.003_130_8 { 12.92 * x } else { 1.055 * x.powf(1.0 / 2.4) - 0.055 };
+    (x * 255.0 + 0.5) as u8
+}
