@@ -6,7 +6,7 @@
 
 `dump` writes a folder a model: the cell graph and the rows averaged to cells (what the library's
 `cluster::parts` is given), the prototype's decisions, what is needed to carry labels of cells to
-faces, and for the models of --full every intermediate result that tests/parts_reference.rs
+faces, and for the models of --full every intermediate result that tests/library/parts_reference.rs
 compares. `score` reads `NAME.npy` (a label a cell) from each folder and prints the mean 1 - Rand
 against the human segmentations. PSB holds N.ply, N_j.seg and models.tsv.
 """

@@ -1,8 +1,7 @@
 //! The fast ways against slow, obvious ones: graph, weights, fronts, landmarks, embeddings, Γ.
 
-mod common;
-
-use common::zoo::{self, Shape};
+use crate::common;
+use crate::common::zoo::{self, Shape};
 use nalgebra::{DMatrix, DVector};
 use nystrom_stream::base::Cancel;
 use nystrom_stream::base::random::{below, stream, unit};

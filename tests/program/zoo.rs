@@ -1,8 +1,7 @@
 //! The zoo of nasty little meshes: exactly K parts and finite numbers, by the library and by the program.
 
-mod common;
-
-use common::zoo::{self, Shape};
+use crate::common;
+use crate::common::zoo::{self, Shape};
 use nystrom_stream::cluster::parts::{PartCount, PartsParams};
 use nystrom_stream::graph::Metric;
 use nystrom_stream::landmarks::Sampling;

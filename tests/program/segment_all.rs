@@ -1,7 +1,6 @@
 //! Every test mesh through the program: labels, colours and report come out right, or it is refused in one line.
 
-mod common;
-
+use crate::common;
 use nystrom_stream::mesh::{self, Mesh};
 use nystrom_stream::store::{Run, npy};
 use ply_rs_bw::parser::Parser;

@@ -1,7 +1,6 @@
 //! Meshes that are no PLY: the same labels as of the same mesh as PLY, one line for what is wrong, no panic.
 
-mod common;
-
+use crate::common;
 use nystrom_stream::mesh::{self, Mesh};
 use nystrom_stream::store::Run;
 use proptest::prelude::*;

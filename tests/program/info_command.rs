@@ -1,8 +1,6 @@
 //! `info` and `plan` of mesh files: what a header promises, and what is said of files without faces.
 
-mod common;
-
-use common::{errors, run, word};
+use crate::common::{errors, run, word};
 use std::path::{Path, PathBuf};
 
 fn write(folder: &Path, name: &str, text: &str) -> PathBuf {

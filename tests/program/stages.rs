@@ -1,9 +1,7 @@
 //! The stages of `segment` as commands of their own over a work directory: the same results as in one run, and another
 //! number of parts without mesh, rows or members.
 
-mod common;
-
-use common::{creature, errors, run, segment, word, zoo};
+use crate::common::{self, creature, errors, run, segment, word, zoo};
 use nystrom_stream::mesh::read_seg;
 use std::path::{Path, PathBuf};
 use std::process::Output;

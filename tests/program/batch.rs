@@ -1,8 +1,6 @@
 //! `segment` of many meshes: files, folders and patterns; jobs, a table, JSON lines, going on and taking up again.
 
-mod common;
-
-use common::{errors, program, run, word, zoo};
+use crate::common::{self, errors, program, run, word, zoo};
 use serde_json::Value;
 use std::path::{Path, PathBuf};
 use std::process::Output;

@@ -1,7 +1,6 @@
 //! Labelled output holds the labels, keeps everything else, and opens again as the same mesh.
 
-mod common;
-
+use crate::common;
 use nystrom_stream::mesh::{self, Labelling, Mesh, Opened, PlyForm};
 use nystrom_stream::store::Run;
 use ply_rs_bw::parser::Parser;

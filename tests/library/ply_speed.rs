@@ -1,8 +1,7 @@
 //! How long reading and writing take, to be run by hand:
-//! `cargo test --release --test ply_speed -- --ignored --nocapture`.
+//! `cargo test --release --test library ply_speed -- --ignored --nocapture`.
 
-mod common;
-
+use crate::common;
 use nystrom_stream::mesh::{self, Labelling, PlyForm};
 use nystrom_stream::store::Run;
 use std::time::Instant;

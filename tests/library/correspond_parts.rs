@@ -1,7 +1,6 @@
 //! The parts of correspondence against slow, obvious versions.
 
-mod common;
-
+use crate::common;
 use nalgebra::DMatrix;
 use nystrom_stream::apps::correspond::align::{apply, procrustes};
 use nystrom_stream::apps::correspond::{AlignedPair, Alignment, EmbeddingSearch, Matching, accuracy, matches};

@@ -1,9 +1,7 @@
 //! In other people's pipelines: progress for programs, readers that go away, help, completions, man pages, and option
 //! combinations that are refused.
 
-mod common;
-
-use common::{errors, program, run, word, zoo};
+use crate::common::{self, errors, program, run, word, zoo};
 use serde_json::Value;
 use std::io::Read;
 use std::process::Stdio;

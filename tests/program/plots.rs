@@ -1,8 +1,6 @@
 //! `plot`: charts from a work directory, a report, a hierarchy; and what it refuses.
 
-mod common;
-
-use common::{errors, word};
+use crate::common::{self, errors, word};
 use std::path::Path;
 
 fn plot(folder: &Path, words: &str) -> (i32, String) {

@@ -3,8 +3,7 @@
 //! Blocks fenced as `sh` are run line by line, in order, by one shell a file in a folder of its own. The meshes are
 //! those of the collection; without it a creature stands in.
 
-mod common;
-
+use crate::common;
 use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
 

@@ -1,7 +1,6 @@
 //! Pages: what they hold, whatever the mesh; that they work in a browser is for `tools/check-page` to say.
 
-mod common;
-
+use crate::common;
 use base64::Engine;
 use nystrom_stream::apps::page::thin::Thin;
 use nystrom_stream::apps::page::{Cuts, Page, TRIANGLES};

@@ -1,7 +1,6 @@
 //! The paper's study: its measures against exact ones, its identities, and its figures in small.
 
-mod common;
-
+use crate::common;
 use nalgebra::DMatrix;
 use nystrom_stream::apps::study::compare::embedding_errors;
 use nystrom_stream::apps::study::data::{Over, StudyData, StudyParams};
@@ -22,7 +21,7 @@ use std::path::Path;
 
 /// The points and samples of the reference values, drawn by NumPy.
 fn reference() -> (Vec<[f64; 2]>, [Vec<u32>; 2]) {
-    let lines: Vec<&str> = include_str!("fixtures/gaussian_points.txt").lines().skip(1).collect();
+    let lines: Vec<&str> = include_str!("gaussian_points.txt").lines().skip(1).collect();
     let sample = |line: &str| line.split(' ').map(|word| word.parse().unwrap()).collect();
     let point = |line: &&str| {
         let (x, y) = line.split_once(' ').unwrap();

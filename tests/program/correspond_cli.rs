@@ -1,8 +1,6 @@
 //! `correspond` and `evaluate --matches` as a user runs them.
 
-mod common;
-
-use common::{errors, program, word};
+use crate::common::{self, errors, program, word};
 use nystrom_stream::apps::correspond::Match;
 use nystrom_stream::base::random::{below, stream};
 use nystrom_stream::mesh;

@@ -1,9 +1,7 @@
 //! `sequence`: orders are permutations that the output carries out and nothing else, measures are what their definitions
 //! say, and spectral orders are as narrow as promised.
 
-mod common;
-
-use common::{creature, errors, program, run, word, zoo};
+use crate::common::{self, creature, errors, program, run, word, zoo};
 use nystrom_stream::apps::sequence::{SequenceOrder, StreamMeasures, VertexUse, places};
 use nystrom_stream::mesh::rearranged::{self, Rearrangement};
 use nystrom_stream::mesh::{self, Opened, PlyForm};

@@ -1,7 +1,6 @@
 //! Every PLY flavour opens with the right counts, or is refused in one line.
 
-mod common;
-
+use crate::common;
 use nystrom_stream::base::Error;
 use nystrom_stream::mesh::{self, Faces, Mesh, Opened};
 use nystrom_stream::store::Run;

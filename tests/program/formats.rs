@@ -1,8 +1,6 @@
 //! Outputs in other programs' forms: read back here, and opened with the programs themselves where those are there.
 
-mod common;
-
-use common::{errors, word};
+use crate::common::{self, errors, word};
 use nystrom_stream::mesh::{self, Mesh, Opened};
 use nystrom_stream::store::Run;
 use std::path::{Path, PathBuf};

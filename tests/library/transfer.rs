@@ -1,7 +1,6 @@
 //! Labels carried to other meshes of the same shape: exact against a slow search, right on known parts, bounded, steady.
 
-mod common;
-
+use crate::common;
 use nystrom_stream::apps::creature::{Creature, Options};
 use nystrom_stream::apps::transfer::closest_faces::{
     Probe, TriangleTree, UnitFrame, distance_2, normal, unit, unpack, window,

@@ -1,9 +1,7 @@
 //! The command line end to end: where results go, what is refused and how, and that the same bytes come out
 //! whatever the threads, the memory and the way in.
 
-mod common;
-
-use common::{errors, program, run, segment, word, zoo};
+use crate::common::{self, errors, program, run, segment, word, zoo};
 use serde_json::Value;
 use std::io::Write;
 use std::path::Path;

@@ -1,0 +1,25 @@
+//! The library's results against slow, obvious versions, known values and identities, one module per subject.
+//!
+//! One program for all of them, since every program of its own is linked with the whole library:
+//! `cargo test --test library oracles::` runs one module.
+
+#[path = "../common/mod.rs"]
+mod common;
+
+mod correspond_parts;
+mod creature_files;
+mod creature_mesh;
+mod evaluate_metrics;
+mod held;
+mod oracles;
+mod page;
+mod parts_reference;
+mod parts_small;
+mod picture_small;
+mod ply_flavours;
+mod ply_labelled;
+mod ply_mutations;
+mod ply_speed;
+mod scale_order;
+mod study;
+mod transfer;

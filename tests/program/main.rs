@@ -1,0 +1,25 @@
+//! The program as people run it, one module per subject: files, messages, exit codes, and the same bytes whatever the way.
+//!
+//! One program for all of them, since every program of its own is linked with the whole library:
+//! `cargo test --test program batch::` runs one module.
+
+#[path = "../common/mod.rs"]
+mod common;
+
+mod batch;
+mod command_line;
+mod correspond_cli;
+mod evaluate_cli;
+mod formats;
+mod formats_in;
+mod guide;
+mod info_command;
+mod picture_command;
+mod pipelines;
+mod plots;
+mod scale_plan;
+mod scale_resume;
+mod segment_all;
+mod sequence;
+mod stages;
+mod zoo;
