@@ -19,7 +19,7 @@ use nystrom_stream::graph::VertexGraph;
 use nystrom_stream::landmarks::Sampling;
 use nystrom_stream::mesh::{self, Opened};
 use nystrom_stream::spectral::Kernel;
-use nystrom_stream::spectral::orthogonal::{Orthogonal, OrthogonalParams, Point, Style};
+use nystrom_stream::spectral::nystrom::{Eigenvectors, OrthogonalEmbedding, OrthogonalParams, Point};
 use nystrom_stream::store::{Context, Run, WorkDir};
 use plotters::prelude::{
     ChartBuilder, IntoDrawingArea, IntoLogRange, PathElement, RGBColor, SVGBackend, SeriesLabelPosition, WHITE,
@@ -65,7 +65,7 @@ struct Options {
 #[derive(Clone, Copy, Debug, PartialEq)]
 enum Way {
     Full { by_area: bool },
-    Landmarks { l: usize, sampling: Sampling, style: Style },
+    Landmarks { l: usize, sampling: Sampling, eigenvectors: Eigenvectors },
 }
 
 impl Way {
@@ -73,9 +73,9 @@ impl Way {
         match self {
             Self::Full { by_area: false } => "un-sampled".into(),
             Self::Full { by_area: true } => "un-sampled, by area".into(),
-            Self::Landmarks { l, sampling, style } => {
+            Self::Landmarks { l, sampling, eigenvectors } => {
                 let kind = if sampling == Sampling::Farthest { "farthest" } else { "random" };
-                let style = if style == Style::Plain { " plain" } else { "" };
+                let eigenvectors = if eigenvectors == Eigenvectors::Plain { " plain" } else { "" };
                 format!("{kind}{style} {l}")
             }
         }
@@ -87,12 +87,12 @@ impl Way {
             ways.extend([Self::Full { by_area: false }, Self::Full { by_area: true }]);
         }
         for l in [10, 20, 50] {
-            ways.push(Self::Landmarks { l, sampling: Sampling::Farthest, style: Style::Orthogonal });
+            ways.push(Self::Landmarks { l, sampling: Sampling::Farthest, eigenvectors: Eigenvectors::Orthogonal });
         }
         if !options.automatic {
             for (l, sampling) in [10, 20, 50].into_iter().flat_map(|l| [(l, Sampling::Farthest), (l, Sampling::Random)])
             {
-                ways.push(Self::Landmarks { l, sampling, style: Style::Plain });
+                ways.push(Self::Landmarks { l, sampling, eigenvectors: Eigenvectors::Plain });
             }
         }
         ways
@@ -162,13 +162,13 @@ impl Member {
                 let (points, variance) = full::embed(distances, &self.graph.nodes, by_area, k, run)?;
                 (points, variance, None)
             }
-            Way::Landmarks { l, sampling, style } => {
+            Way::Landmarks { l, sampling, eigenvectors } => {
                 // Random landmarks are other vertices on every mesh.
                 let seed = run.seed + self.graph.len() as u64;
                 let run = Run { seed, budget: run.budget.clone(), cancel: run.cancel.clone(), ..*run };
                 let rows = self.rows(l, sampling, options, &run)?;
-                let params = OrthogonalParams { kernel: Kernel::Gaussian, width: 1., dimensions: k, style };
-                let fit = Orthogonal::fit(&rows, &self.graph.nodes, params, &run)?;
+                let params = OrthogonalParams { kernel: Kernel::Gaussian, width: 1., dimensions: k, eigenvectors };
+                let fit = OrthogonalEmbedding::fit(&rows, &self.graph.nodes, params, &run)?;
                 let points = fit.embed(&rows, fit.sigma, "embedding.npy", Context::new(&self.work, &run))?;
                 (points.to_vec(), fit.variance, Some(rows))
             }
@@ -257,7 +257,10 @@ fn series(folder: &Path, options: &Options, run: &Run) -> Result<Vec<Trial>> {
                 ambiguous: false,
                 aligned,
             };
-            let by_area = matches!(way, Way::Full { by_area: true } | Way::Landmarks { style: Style::Orthogonal, .. });
+            let by_area = matches!(
+                way,
+                Way::Full { by_area: true } | Way::Landmarks { eigenvectors: Eigenvectors::Orthogonal, .. }
+            );
             if by_area {
                 let found = align(shape(&part, &member.graph), shape(&whole, &base.graph), run)?;
                 let mean = mean_error(&part, &whole, &base, &found.found[0], &truth, run)?;

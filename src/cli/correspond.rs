@@ -15,7 +15,7 @@ use nystrom_stream::mesh::columns::Of;
 use nystrom_stream::mesh::{self, Opened, annotated};
 use nystrom_stream::pipeline::correspond::{CorrespondParams, Correspondence, correspond, default_landmarks};
 use nystrom_stream::pipeline::input;
-use nystrom_stream::spectral::orthogonal::OrthogonalParams;
+use nystrom_stream::spectral::nystrom::OrthogonalParams;
 use nystrom_stream::store::Context;
 use nystrom_stream::store::Run;
 use serde_json::json;

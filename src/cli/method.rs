@@ -10,7 +10,7 @@ use nystrom_stream::cluster::two_means;
 use nystrom_stream::graph::Order;
 use nystrom_stream::landmarks::Sampling;
 use nystrom_stream::pipeline::{Boundaries, Cluster, SegmentParams, TinyComponents};
-use nystrom_stream::spectral::embedding::Width;
+use nystrom_stream::spectral::embedding::KernelWidth;
 use nystrom_stream::spectral::{EmbeddingParams, Kernel, Normalisation};
 
 /// How landmarks are sampled.
@@ -278,7 +278,7 @@ impl KernelArgs {
         }
         Ok(Some(EmbeddingParams {
             kernel: self.kernel.unwrap_or(KernelArg::Gaussian).kernel(),
-            width: Width::Mean(width),
+            width: KernelWidth::Mean(width),
             normalisation,
             unit_rows: !self.no_unit_rows,
             ..EmbeddingParams::for_parts(dimensions)

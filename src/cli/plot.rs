@@ -5,7 +5,7 @@ use super::quality::check_plots;
 use nystrom_stream::apps::colours;
 use nystrom_stream::apps::plots::{Dendrogram, Spectrum, TreePlot};
 use nystrom_stream::base::{Error, Result};
-use nystrom_stream::cluster::parts::{Cut, PartCount, PartTree, PartsParams, detail_threshold};
+use nystrom_stream::cluster::parts::{PartCount, PartTree, PartsParams, TreeCut, detail_threshold};
 use nystrom_stream::pipeline::decision::{read_tree, tree_of};
 use nystrom_stream::pipeline::kept::{self, Eigenvalues, Labels, Record};
 use nystrom_stream::store::WorkDir;
@@ -83,7 +83,7 @@ impl Found {
 }
 
 /// Colours of the parts of a cut, unlike where they touch.
-fn colours_of(tree: &PartTree, cut: &Cut) -> Vec<[u8; 3]> {
+fn colours_of(tree: &PartTree, cut: &TreeCut) -> Vec<[u8; 3]> {
     let of = |cell: u32| cut.label[cell as usize];
     let touching = tree.pairs.iter().zip(&tree.length).filter(|(pair, _)| of(pair[0]) != of(pair[1]));
     let touching: Vec<(u32, u32, f64)> = touching.map(|(&[a, b], &length)| (of(a), of(b), f64::from(length))).collect();

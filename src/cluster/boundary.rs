@@ -1,12 +1,19 @@
 //! Boundaries of parts, moved from the edges of cells onto creases.
 //!
-//! Faces deeper in a part than [`BAND`] (at least the deepest 40 % of it) keep their label; one front under the
-//! edge weights, from the rim of these cores into the bands between them, labels the rest: it is held up where the
-//! surface turns, so it meets there. Boundaries come out a fifth shorter, without islands. The other way labels each face
-//! of the bands by its own place in the embedding ([`super::extrapolate`]) and dissolves islands ([`super::islands`]).
-//! Either way boundaries are then straightened ([`smooth`]). Only the bands are visited. Memory: two mapped arrays of 4 bytes
-//! a face.
+//! Faces deeper in a part than [`BAND`] (at least the deepest 40 % of it) are its interior and keep their label. One front
+//! under the edge weights runs from the interiors into the narrow band between them and labels the rest: it is held up
+//! where the surface turns, so fronts meet there. Boundaries come out a fifth shorter, without islands. The other method
+//! labels each face of the narrow band by its own point in the embedding ([`super::extrapolate`]) and then dissolves islands
+//! ([`dissolve`]): faces with their part's label but no path to its interior take the label around them. With both methods
+//! boundaries are then straightened ([`super::smooth`]).
+//!
+//! Only the narrow band is visited. Memory: two mapped arrays of 4 bytes per face; while islands are dissolved, 8 bytes
+//! per node of the ring that is visited.
 
+use super::area_shares::AreaShares;
+use super::extrapolate::LocalPartMeans;
+use super::normals::lengths;
+use super::smooth;
 use crate::base::Result;
 use crate::base::parallel::{fill_each, map_ranges};
 use crate::distance::front::mean_weight;
@@ -15,30 +22,33 @@ use crate::graph::DualGraph;
 use crate::graph::dual::Csr;
 use crate::store::{Context, MappedSlice, Run};
 
-use super::area_shares::AreaShares;
-use super::extrapolate::Places;
-use super::islands;
-use super::normals::lengths;
-use super::smooth;
-
-/// Half the width of the band around a boundary that is labelled anew, in units of √(area).
+/// Half the width of the narrow band around a boundary, which is labelled anew, in units of √(area).
 pub const BAND: f32 = 0.04;
 /// Share of a part's faces that at least keeps its label.
-const CORE: f64 = 0.4;
+const INTERIOR: f64 = 0.4;
 /// Bins of the depths' histogram.
 const BINS: usize = 1024;
 const CHUNK: usize = 1 << 15;
 
-/// How the faces of the bands get their labels.
+/// How the faces of the narrow band get their labels.
 #[derive(Clone, Copy, Debug)]
 pub enum BoundaryMethod<'a> {
-    /// By one front from the cores.
+    /// By one front from the interiors.
     Front,
-    /// By the places of the parts in the embedding, and each face's column of the rows.
-    Embedding(&'a Places, &'a DistanceRows),
+    /// By the means of the parts in the embedding, and each face's column of the rows.
+    Embedding(&'a LocalPartMeans, &'a DistanceRows),
 }
 
-/// Labels every face from the labels of cells: `cell` (n) and `label_of_cell` (S). Writes `labels.npy`.
+/// The cells (or contracted nodes) of the nodes, and their labels.
+#[derive(Clone, Copy, Debug)]
+pub struct CellLabels<'a> {
+    /// Cell of each node (n).
+    pub of_node: &'a [u32],
+    /// Label of each cell (S).
+    pub label: &'a [u32],
+}
+
+/// Labels every face from the labels of cells. Writes `labels.npy`.
 /// `steps` is the graph under the weights that fronts use.
 ///
 /// # Errors
@@ -47,38 +57,38 @@ pub fn refine(
     graph: &DualGraph,
     steps: Csr<'_>,
     shares: &AreaShares,
-    cell: &[u32],
-    label_of_cell: &[u32],
-    way: BoundaryMethod<'_>,
+    cells: CellLabels<'_>,
+    method: BoundaryMethod<'_>,
     context: Context<'_>,
 ) -> Result<MappedSlice<u32>> {
+    let CellLabels { of_node: cell, label: label_of_cell } = cells;
     let n = cell.len();
     let parts = label_of_cell.iter().max().map_or(0, |top| *top as usize + 1);
     let mut labels = context.work.array::<u32>("labels.npy", &[n])?;
     fill_each(context.run.threads, &context.run.cancel, labels.data(), CHUNK, |i, _| label_of_cell[cell[i] as usize])?;
-    let rim = rim(steps, labels.data(), context.run)?;
-    if rim.is_empty() {
+    let boundary_nodes = boundary_nodes(steps, labels.data(), context.run)?;
+    if boundary_nodes.is_empty() {
         return labels.finish(false);
     }
-    let band = BAND / shares.unit;
+    let half_width = BAND / shares.unit;
     let mut field = context.work.array::<f32>("depth.tmp", &[n])?;
     let lengths = lengths(graph);
     field.data().fill(f32::INFINITY);
-    voronoi::within(lengths, &rim, band, field.data(), context.run)?;
-    let limits = core_limits(labels.data(), field.data(), parts, band, context.run)?;
-    // Cores are where the second front starts, at distance 0; the bands are open.
-    let owners: &[u32] = labels.data();
-    let core = |i: usize, depth: f32| if depth >= limits[owners[i] as usize] { 0. } else { f32::INFINITY };
-    fill_each(context.run.threads, &context.run.cancel, field.data(), CHUNK, core)?;
-    let edge_of_core = core_rim(steps, field.data(), context.run)?;
-    match way {
+    voronoi::within(lengths, &boundary_nodes, half_width, field.data(), context.run)?;
+    let limits = interior_limits(labels.data(), field.data(), parts, half_width, context.run)?;
+    // The second front starts in the interiors, at distance 0; the narrow band is open.
+    let parts_of: &[u32] = labels.data();
+    let interior = |i: usize, depth: f32| if depth >= limits[parts_of[i] as usize] { 0. } else { f32::INFINITY };
+    fill_each(context.run.threads, &context.run.cancel, field.data(), CHUNK, interior)?;
+    let interior_edge = interior_ends(steps, field.data(), context.run)?;
+    match method {
         BoundaryMethod::Front => {
-            voronoi::spread_owners(steps, &edge_of_core, field.data(), labels.data(), context.run)?
+            voronoi::spread_owners(steps, &interior_edge, field.data(), labels.data(), context.run)?
         }
-        BoundaryMethod::Embedding(places, rows) => {
+        BoundaryMethod::Embedding(means, rows) => {
             let field = field.data();
-            places.relabel(rows, cell, |i| field[i] != 0., labels.data(), context.run)?;
-            islands::dissolve(steps, &edge_of_core, field, labels.data(), context.run)?;
+            means.relabel(rows, cell, |i| field[i] != 0., labels.data(), context.run)?;
+            dissolve(steps, &interior_edge, field, labels.data(), context.run)?;
         }
     }
     straighten(graph, steps, shares, field.data(), labels.data(), context.run)?;
@@ -87,7 +97,7 @@ pub fn refine(
     labels.finish(false)
 }
 
-/// Smooths the new boundaries; `field` (n) is 0 in the cores and is used up.
+/// Smooths the new boundaries; `field` (n) is 0 in the interiors and is used up.
 fn straighten(
     graph: &DualGraph,
     steps: Csr<'_>,
@@ -99,7 +109,7 @@ fn straighten(
     let lengths = lengths(graph);
     let mean = mean_weight(lengths);
     let open = collect(steps, run, |i| field[i] > 0., |i, j| labels[i] != labels[j])?;
-    // Cores cannot be lowered below 0, so they stay outside the band.
+    // Interiors cannot be lowered below 0, so they stay outside the band that is smoothed.
     fill_each(run.threads, &run.cancel, field, CHUNK, |_, d| if d == 0. { -1. } else { f32::INFINITY })?;
     let reach = (smooth::REACH / shares.unit).min(smooth::FACES * mean);
     voronoi::within(lengths, &open, reach, field, run)?;
@@ -114,12 +124,12 @@ fn straighten(
 }
 
 /// Nodes with a neighbour of another label, ascending.
-fn rim(graph: Csr<'_>, labels: &[u32], run: &Run) -> Result<Vec<u32>> {
+fn boundary_nodes(graph: Csr<'_>, labels: &[u32], run: &Run) -> Result<Vec<u32>> {
     collect(graph, run, |_| true, |i, j| labels[i] != labels[j])
 }
 
 /// Nodes at distance 0 with a neighbour that is not, ascending.
-fn core_rim(graph: Csr<'_>, field: &[f32], run: &Run) -> Result<Vec<u32>> {
+fn interior_ends(graph: Csr<'_>, field: &[f32], run: &Run) -> Result<Vec<u32>> {
     collect(graph, run, |i| field[i] == 0., |_, j| field[j] != 0.)
 }
 
@@ -143,15 +153,15 @@ fn collect(
     Ok(parts.concat())
 }
 
-/// The depth from which on each part's faces keep their label: the band's half width, or less where more
-/// than 60 % of the part lies in it. From histograms; depths beyond the band are infinite.
-fn core_limits(labels: &[u32], depth: &[f32], parts: usize, band: f32, run: &Run) -> Result<Vec<f32>> {
+/// The depth from which on each part's faces keep their label: the half width of the narrow band, or less where more
+/// than 60 % of the part lies in it. From histograms; depths beyond it are infinite.
+fn interior_limits(labels: &[u32], depth: &[f32], parts: usize, half_width: f32, run: &Run) -> Result<Vec<f32>> {
     let n = labels.len();
     let block = n.div_ceil(8).max(1);
     let blocks = map_ranges(run.threads, &run.cancel, n, block, |range| {
         let mut counts = vec![0u64; parts * (BINS + 1)];
         for i in range {
-            let bin = if depth[i] < band { (depth[i] / band * BINS as f32) as usize } else { BINS };
+            let bin = if depth[i] < half_width { (depth[i] / half_width * BINS as f32) as usize } else { BINS };
             counts[labels[i] as usize * (BINS + 1) + bin.min(BINS)] += 1;
         }
         Ok(counts)
@@ -163,14 +173,146 @@ fn core_limits(labels: &[u32], depth: &[f32], parts: usize, band: f32, run: &Run
     Ok(counts
         .chunks_exact(BINS + 1)
         .map(|bins| {
-            let core = (CORE * bins.iter().sum::<u64>() as f64).ceil() as u64;
+            let interior = (INTERIOR * bins.iter().sum::<u64>() as f64).ceil() as u64;
             let mut kept = bins[BINS];
             let mut bin = BINS;
-            while kept < core && bin > 0 {
+            while kept < interior && bin > 0 {
                 bin -= 1;
                 kept += bins[bin];
             }
-            band * bin as f32 / BINS as f32
+            half_width * bin as f32 / BINS as f32
         })
         .collect())
+}
+
+/// Steps between looks at the stop flag.
+const PATIENCE: usize = 1 << 10;
+/// What `field` holds at nodes that an interior has reached: more than in the interior itself, less than any path.
+const REACHED: f32 = f32::MIN_POSITIVE;
+
+/// Dissolves islands of `labels` (n) among the nodes where `field` (n) is infinite; interiors are 0 there, `boundary_nodes` is where they
+/// end. What an interior reaches ends up with a positive, finite field.
+///
+/// # Errors
+/// [`crate::base::Error::Cancelled`].
+pub fn dissolve(
+    graph: Csr<'_>,
+    boundary_nodes: &[u32],
+    field: &mut [f32],
+    labels: &mut [u32],
+    run: &Run,
+) -> Result<()> {
+    let neighbours = |i: u32| &graph.indices[graph.indptr[i as usize] as usize..graph.indptr[i as usize + 1] as usize];
+    // Nodes beside an island, and the label they would give it.
+    let mut island_boundary: Vec<(u32, u32)> = Vec::new();
+    let mut ring: Vec<u32> = boundary_nodes.to_vec();
+    for round in 0.. {
+        if round % PATIENCE == 0 {
+            run.cancel.check()?;
+        }
+        let mut next = Vec::new();
+        for &i in &ring {
+            for &j in neighbours(i) {
+                if field[j as usize] < f32::INFINITY {
+                    continue;
+                }
+                if labels[j as usize] == labels[i as usize] {
+                    field[j as usize] = REACHED;
+                    next.push(j);
+                } else {
+                    island_boundary.push((j, labels[i as usize]));
+                }
+            }
+        }
+        if next.is_empty() {
+            break;
+        }
+        ring = next;
+    }
+    while !island_boundary.is_empty() {
+        run.cancel.check()?;
+        island_boundary.retain(|&(j, _)| field[j as usize] == f32::INFINITY);
+        island_boundary.sort_unstable();
+        island_boundary.dedup_by_key(|entry| entry.0);
+        for &(j, label) in &island_boundary {
+            labels[j as usize] = label;
+            field[j as usize] = REACHED;
+        }
+        let mut next = Vec::new();
+        for &(i, label) in &island_boundary {
+            let open = neighbours(i).iter().filter(|&&j| field[j as usize] == f32::INFINITY);
+            next.extend(open.map(|&j| (j, label)));
+        }
+        island_boundary = next;
+    }
+    Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::base::random::{below, stream};
+
+    /// A grid of w × h nodes with four neighbours each.
+    fn grid(w: usize, h: usize) -> (Vec<u64>, Vec<u32>) {
+        let (mut indptr, mut indices) = (vec![0], Vec::new());
+        for i in 0..w * h {
+            let (x, y) = (i % w, i / w);
+            let sides =
+                [(y > 0, i.wrapping_sub(w)), (x > 0, i.wrapping_sub(1)), (x + 1 < w, i + 1), (y + 1 < h, i + w)];
+            indices.extend(sides.iter().filter(|side| side.0).map(|side| side.1 as u32));
+            indptr.push(indices.len() as u64);
+        }
+        (indptr, indices)
+    }
+
+    /// By the definition: reached within the label; else ring by ring the smallest label beside it.
+    fn oracle(graph: Csr<'_>, field: &[f32], labels: &[u32]) -> Vec<u32> {
+        let n = labels.len();
+        let of = |i: usize| {
+            graph.indices[graph.indptr[i] as usize..graph.indptr[i + 1] as usize].iter().map(|&j| j as usize)
+        };
+        let (mut out, mut done) = (labels.to_vec(), field.iter().map(|&d| d == 0.).collect::<Vec<_>>());
+        while let Some(i) = (0..n).find(|&i| !done[i] && of(i).any(|j| done[j] && labels[j] == labels[i])) {
+            done[i] = true;
+        }
+        loop {
+            let before = done.clone();
+            for i in (0..n).filter(|&i| !before[i]) {
+                if let Some(label) = of(i).filter(|&j| before[j]).map(|j| out[j]).min() {
+                    (out[i], done[i]) = (label, true);
+                }
+            }
+            if done == before {
+                return out;
+            }
+        }
+    }
+
+    #[test]
+    fn islands_take_the_label_they_lie_in() {
+        let (w, h) = (23, 17);
+        let (indptr, indices) = grid(w, h);
+        let weights = vec![1f32; indices.len()];
+        let graph = Csr::new(&indptr, &indices, &weights);
+        for seed in 0..60 {
+            let mut random = stream(seed, "islands");
+            let field: Vec<f32> =
+                (0..w * h).map(|i| if i % w < 4 || i % w > 18 { 0. } else { f32::INFINITY }).collect();
+            let labels: Vec<u32> = (0..w * h)
+                .map(|i| {
+                    if field[i] == 0. {
+                        u32::from(i % w > 4) + 2 * u32::from(i / w > 9)
+                    } else {
+                        below(&mut random, 4) as u32
+                    }
+                })
+                .collect();
+            let boundary_nodes: Vec<u32> = (0..(w * h) as u32).filter(|i| matches!(*i as usize % w, 3 | 19)).collect();
+            let (mut found, mut reached) = (labels.clone(), field.clone());
+            dissolve(graph, &boundary_nodes, &mut reached, &mut found, &Run::new(&())).unwrap();
+            assert_eq!(found, oracle(graph, &field, &labels), "{seed}");
+            assert!(reached.iter().all(|d| d.is_finite()));
+        }
+    }
 }

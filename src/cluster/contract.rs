@@ -6,11 +6,9 @@
 //! good as with rows over all faces (−.001 ± .005 in 1 − Rand); contracting by length alone is worse.
 //!
 //! The length of a common boundary is that of its chord, |Σ oriented edges|, so that zigzag does not count; an edge's
-//! direction is taken across the step between its faces. Cost: one front, 8 bytes a face, one pass over the graph.
+//! direction is taken across the line between its faces. Cost: one front, 8 bytes per face, one pass over the graph.
 
-use super::area_shares::AreaShares;
-use super::seeds::spread;
-use super::sums::{ClassSum, class_sums};
+use super::area_shares::{AreaShares, ClassSum, class_sums, spread};
 use crate::base::Result;
 use crate::base::parallel::map_ranges;
 use crate::base::vector::{cross, length as norm, minus, wide};
@@ -27,12 +25,12 @@ use std::collections::BTreeMap;
 /// Nodes of the contracted graph.
 pub const NODES: usize = 30_000;
 const CHUNK: usize = 1 << 14;
-/// Length of a step between centroids, in gaps: what the way over a midpoint adds.
+/// Length of a step between centroids, in gaps: what the path over a midpoint adds.
 const DETOUR: f64 = 1.15;
 
 /// The contracted surface.
 #[derive(Debug)]
-pub struct Contracted {
+pub struct ContractedSurface {
     /// Its graph; lengths in the frame of the original.
     pub graph: DualGraph,
     /// Its weights.
@@ -43,13 +41,13 @@ pub struct Contracted {
 
 /// Sums over the common boundary of two contracted nodes.
 #[derive(Clone, Copy, Debug)]
-struct Border {
+struct BoundarySums {
     weight: f32,
     length: f64,
     chord: [f64; 3],
 }
 
-impl Border {
+impl BoundarySums {
     fn add(&mut self, other: &Self) {
         self.weight = self.weight.min(other.weight);
         self.length += other.length;
@@ -68,7 +66,7 @@ pub fn contract(
     work: &WorkDir,
     inner: &WorkDir,
     run: &Run,
-) -> Result<Contracted> {
+) -> Result<ContractedSurface> {
     let n = graph.nodes.len();
     let seeds = spread(&shares.share, NODES, run.seed, "contraction");
     let mut owner = work.array::<u32>("contracted.npy", &[n])?;
@@ -84,7 +82,7 @@ pub fn contract(
     assemble(graph, nodes, &borders, of_node, key, inner)
 }
 
-/// Centroid, direction and area of each contracted node; dust counts nothing.
+/// Centroid, direction and area of each contracted node; tiny components count nothing.
 fn interiors(graph: &DualGraph, shares: &AreaShares, owner: &[u32], count: usize, run: &Run) -> Result<Vec<Node>> {
     let area = 1. / f64::from(shares.unit).powi(2);
     let node = |sum: &ClassSum| Node {
@@ -95,13 +93,13 @@ fn interiors(graph: &DualGraph, shares: &AreaShares, owner: &[u32], count: usize
     Ok(class_sums(graph, shares, owner, count, 0., run)?.iter().map(node).collect())
 }
 
-type Borders = BTreeMap<(u32, u32), Border>;
+type BoundaryMap = BTreeMap<(u32, u32), BoundarySums>;
 
-fn borders(graph: &DualGraph, csr: Csr<'_>, owner: &[u32], field: &[f32], run: &Run) -> Result<Borders> {
+fn borders(graph: &DualGraph, csr: Csr<'_>, owner: &[u32], field: &[f32], run: &Run) -> Result<BoundaryMap> {
     let n = owner.len();
     let edge = &graph.rows.edge[..];
     let parts = map_ranges(run.threads, &run.cancel, n, CHUNK, |range| {
-        let mut sums: Borders = BTreeMap::new();
+        let mut sums: BoundaryMap = BTreeMap::new();
         for i in range {
             for e in csr.indptr[i] as usize..csr.indptr[i + 1] as usize {
                 let j = csr.indices[e] as usize;
@@ -110,7 +108,7 @@ fn borders(graph: &DualGraph, csr: Csr<'_>, owner: &[u32], field: &[f32], run: &
                     continue;
                 }
                 let (from, to) = if a < b { (i, j) } else { (j, i) };
-                let border = Border {
+                let border = BoundarySums {
                     weight: field[i] + csr.weights[e] + field[j],
                     length: f64::from(edge[e].abs()),
                     chord: along(&graph.nodes[from], &graph.nodes[to], f64::from(edge[e].abs())),
@@ -120,7 +118,7 @@ fn borders(graph: &DualGraph, csr: Csr<'_>, owner: &[u32], field: &[f32], run: &
         }
         Ok(sums)
     })?;
-    let mut total: Borders = BTreeMap::new();
+    let mut total: BoundaryMap = BTreeMap::new();
     for (pair, border) in parts.into_iter().flatten() {
         total.entry(pair).and_modify(|sum| sum.add(&border)).or_insert(border);
     }
@@ -141,11 +139,11 @@ fn along(from: &Node, to: &Node, length: f64) -> [f64; 3] {
 fn assemble(
     graph: &DualGraph,
     nodes: Vec<Node>,
-    borders: &Borders,
+    borders: &BoundaryMap,
     of_node: MappedSlice<u32>,
     key: String,
     inner: &WorkDir,
-) -> Result<Contracted> {
+) -> Result<ContractedSurface> {
     let mut entries: Vec<(u32, u32, f32, f32, f32)> = Vec::with_capacity(2 * borders.len());
     for (&(a, b), border) in borders {
         let (from, to) = (&nodes[a as usize].centroid, &nodes[b as usize].centroid);
@@ -182,5 +180,5 @@ fn assemble(
     };
     let nodes = npy::write(&inner.file("node_geometry.npy"), &nodes, 7, false)?;
     let weighted = WeightedGraph::new(matrix, rows.indptr.clone(), key.clone());
-    Ok(Contracted { graph: DualGraph { rows, nodes, components: None, facts, key }, weighted, of_node })
+    Ok(ContractedSurface { graph: DualGraph { rows, nodes, components: None, facts, key }, weighted, of_node })
 }

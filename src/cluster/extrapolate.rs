@@ -1,40 +1,41 @@
 //! Labels of the faces near boundaries by Nyström's extrapolation: each gets the part whose cells around it lie nearest in
 //! the embedding.
 //!
-//! A face's column of `[A B]` is all that is needed ([`Anchors::embed`]); the candidates are the parts of the cells within
-//! two steps of its own, each at the mean place of its cells among these. Faces are independent of each other, so parts
-//! may come with islands, which [`super::boundary`] dissolves. Cost: a pass over `[A B]`, l width + l exponentials a face
-//! of the bands; memory: a chunk of columns a thread, and some means a cell.
+//! A face's column of `[A B]` is all that is needed ([`AnchorExtension::embed`]). The candidates are the parts of the cells
+//! within two steps of its own, each at the mean point of its cells among these. Faces are independent of each other, so parts
+//! may come with islands, which [`super::boundary`] dissolves. Cost: a pass over `[A B]`, l width multiply-adds and l exponentials per
+//! face of the narrow band. Memory: a chunk of columns per thread, and some means per cell.
 
 use super::parts::CellGraph;
-use super::parts::anchor::{Anchors, Rows, anchored};
-use super::parts::members::COMPARE_SCALE;
-use super::parts::regions::EMBEDDED;
+use super::parts::ensemble::COMPARE_SCALE;
+use super::parts::regions::EMBEDDING_DIMENSIONS;
 use crate::base::Result;
 use crate::base::parallel::{chunk_range, fill_chunks};
 use crate::distance::DistanceRows;
+use crate::spectral::anchor::{AnchorExtension, LandmarkDistances, fit_anchor_embedding};
 use crate::store::Run;
 
 const CHUNK: usize = 1 << 13;
 
-/// Where the parts around each cell lie in the embedding.
+/// The mean points in the embedding of the parts around each cell.
 #[derive(Debug)]
-pub struct Places {
-    anchors: Anchors,
+pub struct LocalPartMeans {
+    extension: AnchorExtension,
     /// Twice the greatest finite distance of each row (l): for faces that are not reached.
     far: Vec<f32>,
-    /// Parts around each cell and their mean places, where there is more than one (S).
+    /// Parts around each cell and their mean points, where there is more than one (S).
     around: Vec<Vec<(u32, Vec<f64>)>>,
 }
 
-impl Places {
-    /// Places of the parts `label` (S) from the rows averaged over cells, `b` (row-major l × S).
+impl LocalPartMeans {
+    /// Means of the parts `label` (S) from the rows averaged over cells, `b` (row-major l × S).
     pub fn new(cells: &CellGraph, b: &[f64], label: &[u32]) -> Self {
         let s = label.len();
         let l = b.len() / s.max(1);
-        let rows = Rows::new(b, l, s);
+        let rows = LandmarkDistances::new(b, l, s);
         let all: Vec<usize> = (0..l).collect();
-        let (embedding, anchors) = anchored(&rows, &all, &cells.area_shares(), EMBEDDED, COMPARE_SCALE);
+        let (embedding, extension) =
+            fit_anchor_embedding(&rows, &all, &cells.area_shares(), EMBEDDING_DIMENSIONS, COMPARE_SCALE);
         let far = all.iter().map(|&j| rows.row(j).iter().fold(0f64, |top, &d| top.max(d)) as f32 * 2.).collect();
         let mut beside = vec![Vec::new(); s];
         for &[i, j] in &cells.pairs {
@@ -63,7 +64,7 @@ impl Places {
                     .collect()
             })
             .collect();
-        Self { anchors, far, around }
+        Self { extension, far, around }
     }
 
     /// The part nearest to a face of `cell` at `point`; the first of equally near ones.
@@ -86,21 +87,21 @@ impl Places {
         run: &Run,
     ) -> Result<()> {
         let l = rows.len();
-        let scratch = || (Vec::new(), Vec::<f32>::new(), vec![0f64; self.anchors.width]);
-        fill_chunks(run.threads, &run.cancel, labels, CHUNK, scratch, |k, out, (band, columns, point)| {
+        let scratch = || (Vec::new(), Vec::<f32>::new(), vec![0f64; self.extension.width]);
+        fill_chunks(run.threads, &run.cancel, labels, CHUNK, scratch, |k, out, (open_faces, columns, point)| {
             let range = chunk_range(rows.nodes, CHUNK, k);
-            band.clear();
-            band.extend(range.clone().filter(|&i| open(i) && !self.around[cell[i] as usize].is_empty()));
-            columns.resize(band.len() * l, 0.);
+            open_faces.clear();
+            open_faces.extend(range.clone().filter(|&i| open(i) && !self.around[cell[i] as usize].is_empty()));
+            columns.resize(open_faces.len() * l, 0.);
             for j in 0..l {
                 let row = &rows.row(j)[range.clone()];
-                for (b, &i) in band.iter().enumerate() {
+                for (b, &i) in open_faces.iter().enumerate() {
                     let d = row[i - range.start];
                     columns[b * l + j] = if d.is_finite() { d } else { self.far[j] };
                 }
             }
-            for (column, &i) in columns.chunks_exact(l.max(1)).zip(band.iter()) {
-                self.anchors.embed(column, point);
+            for (column, &i) in columns.chunks_exact(l.max(1)).zip(open_faces.iter()) {
+                self.extension.embed(column, point);
                 if let Some(label) = self.nearest(cell[i], point) {
                     out[i - range.start] = label;
                 }
@@ -115,7 +116,7 @@ impl Places {
 mod tests {
     use super::*;
     use crate::base::random::{below, stream, unit};
-    use crate::cluster::parts::anchor::anchor_embedding;
+    use crate::spectral::anchor::anchor_embedding;
     use crate::store::WorkDir;
 
     /// A strip of cells with labels, their distances from six landmarks, and faces of random columns in random cells.
@@ -146,7 +147,13 @@ mod tests {
             (0..l).flat_map(|j| b[j * s..(j + 1) * s].iter().copied().chain([f64::from(column[j])])).collect();
         let shares: Vec<f64> = cells.area_shares().into_iter().chain([0.]).collect();
         let all: Vec<usize> = (0..l).collect();
-        let x = anchor_embedding(&Rows::new(&with, l, s + 1), &all, &shares, EMBEDDED, COMPARE_SCALE);
+        let x = anchor_embedding(
+            &LandmarkDistances::new(&with, l, s + 1),
+            &all,
+            &shares,
+            EMBEDDING_DIMENSIONS,
+            COMPARE_SCALE,
+        );
         let near = |part: u32| (0..s).filter(move |&i| label[i] == part && i.abs_diff(cell) <= 2);
         let away = |part: u32| {
             let area: f64 = near(part).map(|i| cells.area[i]).sum();
@@ -167,11 +174,11 @@ mod tests {
         array.data().copy_from_slice(&columns.concat());
         let distances = array.finish(false).unwrap();
         let rows = DistanceRows { landmarks: vec![0; 6], distances, facts: vec![], nodes: n, key: String::new() };
-        let places = Places::new(&cells, &b, &label);
+        let means = LocalPartMeans::new(&cells, &b, &label);
         let relabel = |threads| {
             let mut labels: Vec<u32> = cell.iter().map(|&c| label[c as usize]).collect();
             let run = Run { threads, ..Run::new(&()) };
-            places.relabel(&rows, &cell, |i| i % 3 > 0, &mut labels, &run).unwrap();
+            means.relabel(&rows, &cell, |i| i % 3 > 0, &mut labels, &run).unwrap();
             labels
         };
         let found = relabel(1);

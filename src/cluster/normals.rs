@@ -1,17 +1,15 @@
 //! Normals smoothed over a fixed radius of the shape, in O(n) whatever the radius, and the radius to use.
 //!
 //! Turning summed over the noise of a scan grows without bound as faces shrink; turning of normals averaged over a
-//! fixed share of the shape's size does not. 1/r² micro-cells (one seed a quantum of area, one front under lengths) gather
+//! fixed share of the shape's size does not. 1/r² micro-cells (one seed per quantum of area, one front under lengths) gather
 //! area-weighted normal sums; a face's normal is the sum over its cell and the cell's edge neighbours weighted by
 //! exp(−|c_f − x|²/(2 (.54 r)²)). Neighbours by connectivity, so the sheets of a thin part do not mix. Within 2–5°
 //! of diffusion, which costs (r/h)² sweeps. Where there are too few faces for cells, neighbour averaging.
 //!
 //! The radius is chosen by the mesh's own turning P_r = Σ length · |θ_r|: clean meshes keep their own normals,
-//! scans and noisy meshes get .01 or .02. Cost: a front plus 50 ns a face and radius; 12 bytes a face each.
+//! scans and noisy meshes get .01 or .02. Cost: a front plus 50 ns per face and radius; 12 bytes per face each.
 
-use super::area_shares::AreaShares;
-use super::seeds::spread;
-use super::sums::{ClassSum, class_sums};
+use super::area_shares::{AreaShares, ClassSum, class_sums, spread};
 use crate::base::Result;
 use crate::base::parallel::{chunk_range, fill_chunks, map_ranges};
 use crate::distance::front::mean_weight;
@@ -118,12 +116,12 @@ fn from_cells(
 }
 
 /// Which cells touch across an edge.
-struct Near {
+struct CellNeighbours {
     start: Vec<usize>,
     list: Vec<u32>,
 }
 
-fn neighbours(graph: &DualGraph, owner: &[u32], cells: usize, run: &Run) -> Result<Near> {
+fn neighbours(graph: &DualGraph, owner: &[u32], cells: usize, run: &Run) -> Result<CellNeighbours> {
     let n = owner.len();
     let (indptr, indices, edge) = (&graph.rows.indptr[..], &graph.rows.indices[..], &graph.rows.edge[..]);
     // Both numbers in one: sorted in half the time.
@@ -153,7 +151,7 @@ fn neighbours(graph: &DualGraph, owner: &[u32], cells: usize, run: &Run) -> Resu
     for c in 0..cells {
         start[c + 1] += start[c];
     }
-    Ok(Near { start, list: pairs.into_iter().map(|pair| pair as u32).collect() })
+    Ok(CellNeighbours { start, list: pairs.into_iter().map(|pair| pair as u32).collect() })
 }
 
 /// Normals at radius `r` by (r/h)² rounds of area-weighted averaging over neighbours: for meshes coarse against the radius,

@@ -1,11 +1,11 @@
 //! Boundaries smoothed: labels diffused over a narrow band, then the strongest taken.
 //!
-//! Where the surface turns, the front that labels the bands meets on the crease; where it does not, it meets where
-//! noise decides, and the boundary is ragged. A few sweeps of diffusion (Merriman, Bence and Osher's way of moving a
-//! curve by its curvature) straighten it within [`REACH`] of where it was. Links across a crease carry little, so
-//! a boundary on one stays there. Nodes outside the band, and cores of parts, are fixed: no part vanishes.
+//! Where the surface turns, the front that labels the narrow band meets on the crease; where it does not, it meets where
+//! noise decides, and the boundary is ragged. A few sweeps of diffusion (Merriman, Bence and Osher's method of moving a
+//! curve by its curvature) straighten it within [`REACH`] of where it was. Edges across a crease carry little, so
+//! a boundary on one stays there. Nodes outside the band, and interiors of parts, are fixed: no part vanishes.
 //!
-//! Cost: at most [`SWEEPS`] sweeps over the band's nodes and links; 130 bytes a node of the band, which
+//! Cost: at most [`SWEEPS`] sweeps over the band's nodes and edges; 130 bytes per node of the band, which
 //! is at most [`FACES`] faces wide, so a fraction of a per cent of a large mesh.
 
 use crate::base::Result;
@@ -28,12 +28,12 @@ const NONE: u32 = u32::MAX;
 /// A node's strongest labels and their strengths; a fixed node has one of strength 1. Two are in ascending order, so that
 /// neighbours between the same parts have the same ones in the same places; three with the strongest first.
 #[derive(Clone, Copy, Debug)]
-struct Mix {
+struct LabelMixture {
     label: [u32; 3],
     strength: [f32; 3],
 }
 
-impl Mix {
+impl LabelMixture {
     fn pure(label: u32) -> Self {
         Self { label: [label, NONE, NONE], strength: [1., 0., 0.] }
     }
@@ -51,11 +51,11 @@ impl Mix {
 
 /// A small tally of labels; the first three of most strength are kept.
 #[derive(Default)]
-struct Tally(Vec<(u32, f32)>);
+struct LabelTally(Vec<(u32, f32)>);
 
-impl Tally {
-    fn add(&mut self, mix: &Mix, weight: f32) {
-        for (&label, &strength) in mix.label.iter().zip(&mix.strength) {
+impl LabelTally {
+    fn add(&mut self, mixture: &LabelMixture, weight: f32) {
+        for (&label, &strength) in mixture.label.iter().zip(&mixture.strength) {
             if label == NONE {
                 break;
             }
@@ -67,34 +67,34 @@ impl Tally {
     }
 
     /// The mix of unit strength; the lower label wins a tie.
-    fn take(&mut self) -> Option<Mix> {
+    fn take(&mut self) -> Option<LabelMixture> {
         self.0.sort_unstable_by(|a, b| b.1.total_cmp(&a.1).then(a.0.cmp(&b.0)));
         self.0.truncate(3);
         let sum: f32 = self.0.iter().map(|entry| entry.1).sum();
-        let mut mix = Mix { label: [NONE; 3], strength: [0.; 3] };
+        let mut mixture = LabelMixture { label: [NONE; 3], strength: [0.; 3] };
         for (k, (label, strength)) in self.0.drain(..).enumerate() {
-            (mix.label[k], mix.strength[k]) = (label, strength / sum);
+            (mixture.label[k], mixture.strength[k]) = (label, strength / sum);
         }
-        if let Mix { label: [a, b, NONE], strength: [x, y, _] } = mix {
-            mix = Mix::two([a, b], [x, y]);
+        if let LabelMixture { label: [a, b, NONE], strength: [x, y, _] } = mixture {
+            mixture = LabelMixture::two([a, b], [x, y]);
         }
-        (sum > 0.).then_some(mix)
+        (sum > 0.).then_some(mixture)
     }
 }
 
-/// The mix of `own` and of what `links` lead to, where no more than two labels meet: the same numbers as by a [`Tally`], a few
+/// The mix of `own` and of what `edges` lead to, where no more than two labels meet: the same numbers as by a [`LabelTally`], a few
 /// times faster. Most of a band has one boundary within reach.
-fn of_two(own: &Mix, links: &[Link], before: &[Mix]) -> Option<Mix> {
+fn of_two(own: &LabelMixture, edges: &[DiffusionEdge], before: &[LabelMixture]) -> Option<LabelMixture> {
     let mut label = [own.label[0], own.label[1]];
     let (mut strength, mut all) = ([0f32; 2], 0f32);
-    let mut add_all = |mix: &Mix, weight: f32| {
-        if mix.label == [label[0], label[1], NONE] {
-            strength[0] += weight * mix.strength[0];
-            strength[1] += weight * mix.strength[1];
+    let mut add_all = |mixture: &LabelMixture, weight: f32| {
+        if mixture.label == [label[0], label[1], NONE] {
+            strength[0] += weight * mixture.strength[0];
+            strength[1] += weight * mixture.strength[1];
             return Some(());
         }
         for k in 0..2 {
-            let (of, much) = (mix.label[k], weight * mix.strength[k]);
+            let (of, much) = (mixture.label[k], weight * mixture.strength[k]);
             if of == NONE {
                 return Some(());
             }
@@ -107,41 +107,41 @@ fn of_two(own: &Mix, links: &[Link], before: &[Mix]) -> Option<Mix> {
                 return None;
             }
         }
-        (mix.label[2] == NONE).then_some(())
+        (mixture.label[2] == NONE).then_some(())
     };
-    for link in links {
-        let fixed = Mix::pure(link.to);
-        add_all(if link.inside { &before[link.to as usize] } else { &fixed }, link.weight)?;
-        all += link.weight;
+    for edge in edges {
+        let fixed = LabelMixture::pure(edge.to);
+        add_all(if edge.inside { &before[edge.to as usize] } else { &fixed }, edge.weight)?;
+        all += edge.weight;
     }
     add_all(own, all)?;
     let [a, b] = strength;
     if label[1] == NONE {
-        return (a > 0.).then(|| Mix::pure(label[0]));
+        return (a > 0.).then(|| LabelMixture::pure(label[0]));
     }
     let sum = a + b;
-    (sum > 0. && sum < f32::INFINITY).then(|| Mix::two(label, [a / sum, b / sum]))
+    (sum > 0. && sum < f32::INFINITY).then(|| LabelMixture::two(label, [a / sum, b / sum]))
 }
 
-/// A link of a band's node: to a place in the band, or to a fixed node, of which only the label matters.
+/// An edge of a node of the band: to a position in the band, or to a fixed node, of which only the label matters.
 #[derive(Clone, Copy, Debug)]
-struct Link {
-    /// Place in the band, or label.
+struct DiffusionEdge {
+    /// Position in the band, or label.
     to: u32,
     inside: bool,
     weight: f32,
 }
 
-/// The links of all nodes of a band.
-struct Links {
+/// The edges of all nodes of the band.
+struct DiffusionGraph {
     start: Vec<u32>,
-    list: Vec<Link>,
+    list: Vec<DiffusionEdge>,
 }
 
-impl Links {
+impl DiffusionGraph {
     fn of(
         steps: Csr<'_>,
-        (gd, edge): (&[f32], &[f32]),
+        (centroid_distance, edge): (&[f32], &[f32]),
         unit: f32,
         band: &[u32],
         labels: &[u32],
@@ -153,27 +153,27 @@ impl Links {
                 let span = steps.indptr[node as usize] as usize..steps.indptr[node as usize + 1] as usize;
                 counts.push(span.len() as u32);
                 for e in span {
-                    let turning = (steps.weights[e] - gd[e] * unit).max(0.);
+                    let turning = (steps.weights[e] - centroid_distance[e] * unit).max(0.);
                     let weight = edge[e].abs() * exp(-turning / CREASE);
                     let other = steps.indices[e];
                     list.push(match band.binary_search(&other) {
-                        Ok(place) => Link { to: place as u32, inside: true, weight },
-                        Err(_) => Link { to: labels[other as usize], inside: false, weight },
+                        Ok(place) => DiffusionEdge { to: place as u32, inside: true, weight },
+                        Err(_) => DiffusionEdge { to: labels[other as usize], inside: false, weight },
                     });
                 }
             }
             Ok((counts, list))
         })?;
-        let mut links = Self { start: vec![0], list: Vec::with_capacity(chunks.iter().map(|c| c.1.len()).sum()) };
+        let mut edges = Self { start: vec![0], list: Vec::with_capacity(chunks.iter().map(|c| c.1.len()).sum()) };
         let mut end = 0;
         for (counts, list) in chunks {
-            links.start.extend(counts.iter().map(|&count| {
+            edges.start.extend(counts.iter().map(|&count| {
                 end += count;
                 end
             }));
-            links.list.extend(list);
+            edges.list.extend(list);
         }
-        Ok(links)
+        Ok(edges)
     }
 }
 
@@ -196,26 +196,26 @@ pub fn smooth(
     if band.is_empty() || sweeps == 0 {
         return Ok(());
     }
-    let links = Links::of(steps, sizes, unit, band, labels, run)?;
-    let mut now: Vec<Mix> = band.iter().map(|&node| Mix::pure(labels[node as usize])).collect();
+    let edges = DiffusionGraph::of(steps, sizes, unit, band, labels, run)?;
+    let mut now: Vec<LabelMixture> = band.iter().map(|&node| LabelMixture::pure(labels[node as usize])).collect();
     let mut next = now.clone();
     for _ in 0..sweeps.min(SWEEPS) {
         let before = &now[..];
-        fill_chunks(run.threads, &run.cancel, &mut next, CHUNK, Tally::default, |k, out, tally| {
+        fill_chunks(run.threads, &run.cancel, &mut next, CHUNK, LabelTally::default, |k, out, tally| {
             for (slot, b) in out.iter_mut().zip(chunk_range(band.len(), CHUNK, k)) {
-                let around = &links.list[links.start[b] as usize..links.start[b + 1] as usize];
-                if let Some(mix) = of_two(&before[b], around, before) {
-                    *slot = mix;
+                let around = &edges.list[edges.start[b] as usize..edges.start[b + 1] as usize];
+                if let Some(mixture) = of_two(&before[b], around, before) {
+                    *slot = mixture;
                     continue;
                 }
                 let mut all = 0.;
-                for link in around {
-                    if link.inside {
-                        tally.add(&before[link.to as usize], link.weight);
+                for edge in around {
+                    if edge.inside {
+                        tally.add(&before[edge.to as usize], edge.weight);
                     } else {
-                        tally.add(&Mix::pure(link.to), link.weight);
+                        tally.add(&LabelMixture::pure(edge.to), edge.weight);
                     }
-                    all += link.weight;
+                    all += edge.weight;
                 }
                 // As much of its own: without it, opposite labels of a regular mesh would swap each sweep.
                 tally.add(&before[b], all);
@@ -225,8 +225,8 @@ pub fn smooth(
         })?;
         std::mem::swap(&mut now, &mut next);
     }
-    for (&node, mix) in band.iter().zip(&now) {
-        labels[node as usize] = mix.strongest();
+    for (&node, mixture) in band.iter().zip(&now) {
+        labels[node as usize] = mixture.strongest();
     }
     Ok(())
 }
@@ -243,23 +243,27 @@ mod tests {
         for _ in 0..2000 {
             let mut draw = || {
                 let (a, b, s) = (below(&mut random, 3) as u32, below(&mut random, 3) as u32, unit(&mut random) as f32);
-                if a == b { Mix::pure(a) } else { Mix::two([a, b], [s, 1. - s]) }
+                if a == b { LabelMixture::pure(a) } else { LabelMixture::two([a, b], [s, 1. - s]) }
             };
-            let before: Vec<Mix> = (0..4).map(|_| draw()).collect();
-            let links: Vec<Link> = (1..4)
-                .map(|k| Link { to: k % 3, inside: below(&mut random, 2) == 0, weight: unit(&mut random) as f32 })
+            let before: Vec<LabelMixture> = (0..4).map(|_| draw()).collect();
+            let edges: Vec<DiffusionEdge> = (1..4)
+                .map(|k| DiffusionEdge {
+                    to: k % 3,
+                    inside: below(&mut random, 2) == 0,
+                    weight: unit(&mut random) as f32,
+                })
                 .collect();
-            let (mut tally, mut all) = (Tally::default(), 0.);
-            for link in &links {
-                let fixed = Mix::pure(link.to);
-                tally.add(if link.inside { &before[link.to as usize] } else { &fixed }, link.weight);
-                all += link.weight;
+            let (mut tally, mut all) = (LabelTally::default(), 0.);
+            for edge in &edges {
+                let fixed = LabelMixture::pure(edge.to);
+                tally.add(if edge.inside { &before[edge.to as usize] } else { &fixed }, edge.weight);
+                all += edge.weight;
             }
             tally.add(&before[0], all);
             let labels = tally.0.len();
             let expected = tally.take().unwrap();
-            match of_two(&before[0], &links, &before) {
-                Some(mix) => assert_eq!((mix.label, mix.strength), (expected.label, expected.strength)),
+            match of_two(&before[0], &edges, &before) {
+                Some(mixture) => assert_eq!((mixture.label, mixture.strength), (expected.label, expected.strength)),
                 None => assert_eq!(labels, 3),
             }
             mixed += usize::from(labels == 2);

@@ -1,13 +1,13 @@
 //! Iterative 2-means: parts are halved, one at a time, the one that gains most first.
 //!
-//! The paper's other way to clusters. Each part knows its best split by 2-means and what that split takes off the
+//! The paper's other method (§7). Each part knows its best split by 2-means and what that split takes off the
 //! cost (the weighted sum of squared distances to the means); the greatest gain is taken until there are as many parts
 //! as asked for. Where only bounds are given, splitting goes on between them as long as a split takes
 //! [`TwoMeansParams::share`] off the cost of the whole. The means of the parts are then centres like those of K-means:
-//! every face goes to the nearest, in the same single pass. Cost: two 2-means a split, on the part's sampled columns
+//! every face goes to the nearest, in the same single pass. Cost: two 2-means per split, on the part's sampled columns
 //! only; about that of K-means in all.
 
-use super::kmeans::{KMeans, KMeansParams, Points, nearest_centres};
+use super::kmeans::{KMeans, KMeansParams, WeightedPoints, nearest_centres};
 use crate::base::Result;
 use crate::store::Run;
 use serde::{Deserialize, Serialize};
@@ -42,57 +42,57 @@ impl TwoMeansParams {
 }
 
 /// Some of the points, their mean, and their cost around it.
-struct Part {
-    members: Vec<u32>,
+struct PointSet {
+    points_of: Vec<u32>,
     mean: Vec<f32>,
     cost: f64,
 }
 
-impl Part {
-    fn of(points: Points<'_>, members: Vec<u32>) -> Self {
+impl PointSet {
+    fn of(points: WeightedPoints<'_>, points_of: Vec<u32>) -> Self {
         let s = points.weights.len();
-        let mass: f64 = members.iter().map(|&j| points.weights[j as usize]).sum();
+        let mass: f64 = points_of.iter().map(|&j| points.weights[j as usize]).sum();
         let (mut mean, mut cost) = (Vec::new(), 0.);
         for row in points.coordinates.chunks_exact(s.max(1)) {
-            let moment: f64 = members.iter().map(|&j| points.weights[j as usize] * f64::from(row[j as usize])).sum();
+            let moment: f64 = points_of.iter().map(|&j| points.weights[j as usize] * f64::from(row[j as usize])).sum();
             let centre = if mass > 0. { moment / mass } else { 0. };
             mean.push(centre as f32);
             let square = |&j: &u32| points.weights[j as usize] * (f64::from(row[j as usize]) - centre).powi(2);
-            cost += members.iter().map(square).sum::<f64>();
+            cost += points_of.iter().map(square).sum::<f64>();
         }
-        Self { members, mean, cost }
+        Self { points_of, mean, cost }
     }
 
     /// The best split found, unless all points are one.
-    fn split(&self, points: Points<'_>, dimensions: usize, run: &Run) -> Result<Option<Split>> {
-        let m = self.members.len();
+    fn split(&self, points: WeightedPoints<'_>, dimensions: usize, run: &Run) -> Result<Option<Halving>> {
+        let m = self.points_of.len();
         if m < 2 || self.cost <= 0. {
             return Ok(None);
         }
         let mut coordinates = Vec::with_capacity(dimensions * m);
         for row in points.coordinates.chunks_exact(points.weights.len()) {
-            coordinates.extend(self.members.iter().map(|&j| row[j as usize]));
+            coordinates.extend(self.points_of.iter().map(|&j| row[j as usize]));
         }
-        let weights: Vec<f64> = self.members.iter().map(|&j| points.weights[j as usize]).collect();
-        let own = Points { coordinates: &coordinates, weights: &weights };
+        let weights: Vec<f64> = self.points_of.iter().map(|&j| points.weights[j as usize]).collect();
+        let own = WeightedPoints { coordinates: &coordinates, weights: &weights };
         let fitted = KMeans::fit(own, dimensions, KMeansParams::new(2), run)?;
         let (mut label, mut first, mut second) = (vec![0; m], vec![0.; m], vec![0.; m]);
         let row = |e: usize| &coordinates[e * m..(e + 1) * m];
         nearest_centres(m, &fitted.centres, dimensions, row, &mut label, &mut first, &mut second);
-        let half = |side: u32| self.members.iter().zip(&label).filter(move |(_, l)| **l == side).map(|(&j, _)| j);
+        let half = |side: u32| self.points_of.iter().zip(&label).filter(move |(_, l)| **l == side).map(|(&j, _)| j);
         let (one, other): (Vec<u32>, Vec<u32>) = (half(0).collect(), half(1).collect());
         if one.is_empty() || other.is_empty() {
             return Ok(None);
         }
         let halves = [Self::of(points, one), Self::of(points, other)];
-        Ok(Some(Split { gain: self.cost - halves[0].cost - halves[1].cost, halves }))
+        Ok(Some(Halving { gain: self.cost - halves[0].cost - halves[1].cost, halves }))
     }
 }
 
 /// A part in two, and what that takes off the cost.
-struct Split {
+struct Halving {
     gain: f64,
-    halves: [Part; 2],
+    halves: [PointSet; 2],
 }
 
 /// Splits weighted points with `dimensions` coordinates; the means of the parts are the centres. There are always as
@@ -100,13 +100,13 @@ struct Split {
 ///
 /// # Errors
 /// [`crate::base::Error::Cancelled`].
-pub fn fit(points: Points<'_>, dimensions: usize, params: TwoMeansParams, run: &Run) -> Result<KMeans> {
-    let whole = Part::of(points, (0..points.weights.len() as u32).collect());
+pub fn fit(points: WeightedPoints<'_>, dimensions: usize, params: TwoMeansParams, run: &Run) -> Result<KMeans> {
+    let whole = PointSet::of(points, (0..points.weights.len() as u32).collect());
     let least_gain = params.share * whole.cost;
     let split = whole.split(points, dimensions, run)?;
     let mut parts = vec![(whole, split)];
     while parts.len() < params.most {
-        let gain = |part: &(Part, Option<Split>)| part.1.as_ref().map_or(f64::NEG_INFINITY, |split| split.gain);
+        let gain = |part: &(PointSet, Option<Halving>)| part.1.as_ref().map_or(f64::NEG_INFINITY, |split| split.gain);
         let mut best = 0;
         for k in 1..parts.len() {
             if gain(&parts[k]) > gain(&parts[best]) {
@@ -116,7 +116,7 @@ pub fn fit(points: Points<'_>, dimensions: usize, params: TwoMeansParams, run: &
         if parts.len() >= params.least && gain(&parts[best]) < least_gain {
             break;
         }
-        let Some(Split { halves: [one, other], .. }) = parts[best].1.take() else { break };
+        let Some(Halving { halves: [one, other], .. }) = parts[best].1.take() else { break };
         let splits = [one.split(points, dimensions, run)?, other.split(points, dimensions, run)?];
         let [first, second] = splits;
         parts[best] = (one, first);
@@ -147,7 +147,7 @@ mod tests {
     #[test]
     fn the_part_that_gains_most_is_split_first() {
         let (coordinates, weights) = blobs();
-        let points = Points { coordinates: &coordinates, weights: &weights };
+        let points = WeightedPoints { coordinates: &coordinates, weights: &weights };
         let expected: [&[f32]; 4] = [&[17.8], &[5.05, 30.55], &[0.05, 10.05, 30.55], &[0.05, 10.05, 30.05, 31.05]];
         for (k, expected) in (1..).zip(expected) {
             let fitted = fit(points, 1, TwoMeansParams::exactly(k), &Run::new(&())).unwrap();
@@ -160,7 +160,7 @@ mod tests {
     #[test]
     fn without_a_number_small_gains_end_it() {
         let (coordinates, weights) = blobs();
-        let points = Points { coordinates: &coordinates, weights: &weights };
+        let points = WeightedPoints { coordinates: &coordinates, weights: &weights };
         let fitted = fit(points, 1, TwoMeansParams::between(1, MOST), &Run::new(&())).unwrap();
         assert_eq!(fitted.centres.len(), 3);
         let bounded = fit(points, 1, TwoMeansParams::between(1, 2), &Run::new(&())).unwrap();
@@ -171,7 +171,7 @@ mod tests {
 
     #[test]
     fn fewer_places_than_parts_still_give_all_centres() {
-        let points = Points { coordinates: &[1., 1., 2.], weights: &[0.4, 0.3, 0.3] };
+        let points = WeightedPoints { coordinates: &[1., 1., 2.], weights: &[0.4, 0.3, 0.3] };
         let fitted = fit(points, 1, TwoMeansParams::exactly(3), &Run::new(&())).unwrap();
         assert_eq!(sorted(fitted.centres), [1., 2., 2.]);
     }

@@ -16,7 +16,7 @@ use crate::graph::VertexGraph;
 use crate::graph::vertices::VertexFacts;
 use crate::landmarks::Sampling;
 use crate::mesh::Opened;
-use crate::spectral::orthogonal::{Orthogonal, OrthogonalParams, Point};
+use crate::spectral::nystrom::{OrthogonalEmbedding, OrthogonalParams, Point};
 use crate::store::{Context, MappedSlice, Run, WorkDir};
 use serde::Serialize;
 use serde_json::Value;
@@ -69,7 +69,7 @@ pub struct Side<'a> {
     /// Distances from its landmarks.
     pub rows: DistanceRows,
     /// What embeds it.
-    pub fit: Orthogonal,
+    pub fit: OrthogonalEmbedding,
     /// Its embedded vertices (n).
     pub points: MappedSlice<Point>,
     /// How it lies there.
@@ -138,7 +138,7 @@ impl<'a> Side<'a> {
             context.run.stage("rows", "rows", row_params.l as u64, rows)?.0
         };
         let embed = || {
-            let fit = Orthogonal::fit(&rows, &graph.nodes, params.embedding, context.run)?;
+            let fit = OrthogonalEmbedding::fit(&rows, &graph.nodes, params.embedding, context.run)?;
             let points = fit.embed(&rows, fit.sigma, "embedding.npy", context)?;
             let tensor = Tensor::of(&opened.mesh, &points, fit.dimensions, context.run)?;
             Ok((fit, points, tensor))
@@ -232,7 +232,7 @@ fn transferred(
     let surface = Surface::of(&b.graph);
     let rows = || vertex_rows::rows(surface, landmarks, params.distance, "transferred.npy", Context::new(&b.work, run));
     let (rows, _) = run.stage("rows", "rows", a.rows.len() as u64, rows)?;
-    let sigma = Orthogonal::width_on(&rows, &b.graph.nodes, params.embedding.width);
+    let sigma = OrthogonalEmbedding::width_on(&rows, &b.graph.nodes, params.embedding.width);
     let points = a.fit.embed(&rows, sigma, "transferred_embedding.npy", Context::new(&b.work, run))?;
     let k = a.fit.dimensions;
     let pairs = sample(&a.graph.nodes, 8 * FINE, run.seed, "transferred points");

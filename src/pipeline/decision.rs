@@ -1,8 +1,8 @@
 //! The decision about parts as a stage: all answers at once, kept, so that another number of parts needs neither rows nor
 //! members.
 //!
-//! Files, constant in the mesh size: `tree.json`, the merge hierarchy of cells; `atoms.npy` and `atom_areas.npy`, the
-//! cells' intersections of members; `together.npy` (atoms × atoms), how far any two belong together, which
+//! Files, constant in the mesh size: `tree.json`, the merge hierarchy of cells; `superfaces.npy` and `atom_areas.npy`, the
+//! cells' intersections of members; `co_association.npy` (atoms × atoms), how far any two belong together, which
 //! confidences come from.
 
 use super::report::SegmentStats;
@@ -11,7 +11,7 @@ use super::surface::Surface;
 use super::{SegmentParams, landmarks_for_parts};
 use crate::base::{Error, Result};
 use crate::cluster::parts::matrix::Square;
-use crate::cluster::parts::{self, Atoms, Decided, PartTree};
+use crate::cluster::parts::{self, PartDecision, PartTree, Superfaces};
 use crate::distance::DistanceRows;
 use crate::distance::rows::RowParams;
 use crate::graph::DualGraph;
@@ -26,9 +26,9 @@ use serde_json::json;
 use std::path::Path;
 
 const TREE: &str = "tree.json";
-const ATOMS: &str = "atoms.npy";
-const AREAS: &str = "atom_areas.npy";
-const TOGETHER: &str = "together.npy";
+const SUPERFACES: &str = "superfaces.npy";
+const AREAS: &str = "superface_areas.npy";
+const CO_ASSOCIATION: &str = "co_association.npy";
 
 /// What is kept besides the files.
 #[derive(Clone, Debug, Serialize, Deserialize)]
@@ -51,7 +51,7 @@ pub(super) fn decide(
     surface: &Surface,
     params: &SegmentParams,
     context: Context<'_>,
-) -> Result<(Decided, Facts)> {
+) -> Result<(PartDecision, Facts)> {
     let n = graph.nodes.len();
     let l = params.landmarks.unwrap_or(landmarks_for_parts(n));
     let row_params = RowParams { l, sampling: params.sampling };
@@ -60,7 +60,7 @@ pub(super) fn decide(
         "rows": DistanceRows::key(weighted, n, row_params, context.run),
         "surface": surface.key,
         "decision": params.parts.decision,
-        "members": params.parts.members,
+        "ensemble_size": params.parts.ensemble_size,
         "small_part": params.parts.small_part,
         "hierarchy": 3,
         "seed": context.run.seed,
@@ -76,23 +76,27 @@ pub(super) fn decide(
     let sample = SamplingContext { graph, weighted, surface, context }.representative(l, params)?;
     let (decided, seconds) = parts::decide(&surface.cells.graph, &sample.b, sample.len(), &params.parts, context.run)?;
     write_tree(&decided.tree, &context.work.file(TREE))?;
-    context.work.write(ATOMS, &decided.atoms.of_cell, 1)?;
-    context.work.write(AREAS, &decided.atoms.area, 1)?;
-    context.work.write(TOGETHER, decided.together.values(), decided.together.len())?;
+    context.work.write(SUPERFACES, &decided.superfaces.of_cell, 1)?;
+    context.work.write(AREAS, &decided.superfaces.area, 1)?;
+    context.work.write(CO_ASSOCIATION, decided.co_association.values(), decided.co_association.len())?;
     let facts = Facts { l: sample.len(), seconds, numbers: numbers(&sample) };
-    context.work.stamp("decision", &key, &options, &[TREE, ATOMS, AREAS, TOGETHER], &facts, seconds)?;
+    context.work.stamp("decision", &key, &options, &[TREE, SUPERFACES, AREAS, CO_ASSOCIATION], &facts, seconds)?;
     Ok((decided, facts))
 }
 
 /// Reads a kept decision on `cells` cells.
-fn open(cells: usize, work: &WorkDir) -> Result<Decided> {
+fn open(cells: usize, work: &WorkDir) -> Result<PartDecision> {
     let tree = read_tree(&work.file(TREE))?;
     let area = work.open_array::<f64>(AREAS)?.to_vec();
-    let together = work.open_array::<f64>(TOGETHER)?;
+    let co_association = work.open_array::<f64>(CO_ASSOCIATION)?;
     let n = area.len();
-    let atoms = Atoms::kept(work.open_array::<u32>(ATOMS)?.to_vec(), area);
-    match atoms.filter(|atoms| atoms.of_cell.len() == cells && tree.cells() == cells && together.len() == n * n) {
-        Some(atoms) => Ok(Decided { atoms, together: Square::from_values(n, together.to_vec()), tree }),
+    let superfaces = Superfaces::kept(work.open_array::<u32>(SUPERFACES)?.to_vec(), area);
+    match superfaces.filter(|superfaces| {
+        superfaces.of_cell.len() == cells && tree.cells() == cells && co_association.len() == n * n
+    }) {
+        Some(superfaces) => {
+            Ok(PartDecision { superfaces, co_association: Square::from_values(n, co_association.to_vec()), tree })
+        }
         None => Err(Error::work_dir(work.path(), "the decision's arrays contradict each other", "delete tree.json")),
     }
 }

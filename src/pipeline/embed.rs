@@ -7,7 +7,7 @@ use crate::base::Result;
 use crate::base::parallel::{chunk_count, chunk_range, in_order};
 use crate::distance::DistanceRows;
 use crate::graph::{DualGraph, NodeOrder};
-use crate::spectral::{Columns, Embedding, EmbeddingParams};
+use crate::spectral::{Embedding, EmbeddingParams, SampledColumns};
 use crate::store::workdir::key_of;
 use crate::store::{Context, WorkDir};
 use serde::{Deserialize, Serialize};
@@ -68,7 +68,7 @@ pub fn embed(params: EmbeddingParams, method: &SegmentParams, context: Context<'
         Err(reason) => context.run.note_remake("embedding", &reason),
     }
     let make = || -> Result<EmbeddingFacts> {
-        let columns = Columns::sample(&rows, &graph.nodes, context.run.seed);
+        let columns = SampledColumns::sample(&rows, &graph.nodes, context.run.seed);
         let embedding = Embedding::fit(&rows, &columns, params)?;
         write(&rows, &embedding, &order, context)?;
         Ok(EmbeddingFacts {

@@ -4,13 +4,13 @@
 use super::Clustered;
 use super::report::SegmentStats;
 use crate::base::Result;
-use crate::cluster::assign::{Totals, assign, exactly};
-use crate::cluster::kmeans::{KMeans, KMeansParams, Points};
+use crate::cluster::kmeans::{ClusterTotals, assign, exactly};
+use crate::cluster::kmeans::{KMeans, KMeansParams, WeightedPoints};
 use crate::cluster::two_means::{self, TwoMeansParams};
 use crate::distance::DistanceRows;
 use crate::graph::DualGraph;
-use crate::spectral::quality::Gamma;
-use crate::spectral::{Columns, Embedding, EmbeddingParams};
+use crate::spectral::measures::Gamma;
+use crate::spectral::{Embedding, EmbeddingParams, SampledColumns};
 use crate::store::Context;
 use serde::Serialize;
 
@@ -33,10 +33,10 @@ pub(super) fn k_means(
     context: Context<'_>,
 ) -> Result<Clustered> {
     let n = rows.nodes;
-    let columns = Columns::sample(rows, &graph.nodes, context.run.seed);
+    let columns = SampledColumns::sample(rows, &graph.nodes, context.run.seed);
     let embedding = Embedding::fit(rows, &columns, params)?;
     let coordinates = embedding.columns(&columns);
-    let points = Points { coordinates: &coordinates, weights: &columns.shares };
+    let points = WeightedPoints { coordinates: &coordinates, weights: &columns.shares };
     let centres = match fit {
         Fit::KMeans(parts) => KMeans::fit(points, embedding.dimensions, KMeansParams::new(parts), context.run)?,
         Fit::TwoMeans(params) => two_means::fit(points, embedding.dimensions, params, context.run)?,
@@ -46,7 +46,7 @@ pub(super) fn k_means(
     let mut labels = context.work.array::<u32>("labels.npy", &[n])?;
     let mut quality = context.work.array::<f32>("quality.npy", &[n])?;
     let (label_data, quality_data) = (labels.data(), quality.data());
-    let mut totals: Totals =
+    let mut totals: ClusterTotals =
         assign(rows, &graph.nodes, &embedding, &centres, Some(&gamma), label_data, quality_data, context.run)?;
     exactly(&mut totals, &graph.nodes, label_data, quality_data);
     let (labels, quality) = (labels.finish(false)?, quality.finish(false)?);

@@ -10,9 +10,9 @@ use super::surface::{Kind, Surface};
 use super::{Boundaries, Clustered, SegmentParams, TinyComponents, decision};
 use crate::base::parallel::{fill_each, map_ranges};
 use crate::base::{Error, Result};
-use crate::cluster::boundary::{self, BoundaryMethod};
+use crate::cluster::boundary::{self, BoundaryMethod, CellLabels};
 use crate::cluster::contract;
-use crate::cluster::extrapolate::Places;
+use crate::cluster::extrapolate::LocalPartMeans;
 use crate::cluster::parts::{self, PartTree, PartsResult};
 use crate::distance::DistanceRows;
 use crate::graph::DualGraph;
@@ -45,7 +45,8 @@ pub(super) fn parts(
     let way =
         extrapolated.as_ref().map_or(BoundaryMethod::Front, |(places, rows)| BoundaryMethod::Embedding(places, rows));
     let (mut labels, _) = context.run.stage("boundaries", "faces", n as u64, || {
-        boundary::refine(graph, weighted.csr(), shares, unit_of_node, &decided.label, way, context)
+        let cells = CellLabels { of_node: unit_of_node, label: &decided.label };
+        boundary::refine(graph, weighted.csr(), shares, cells, way, context)
     })?;
     let (mut parts, mut tiny_components_label) = (result.parts, None);
     if params.tiny_components == TinyComponents::Own && shares.tiny_components > 0 {
@@ -74,9 +75,9 @@ fn places(
     decided: &Decided,
     params: &SegmentParams,
     context: Context<'_>,
-) -> Result<(Places, DistanceRows)> {
+) -> Result<(LocalPartMeans, DistanceRows)> {
     let (rows, b) = SamplingContext { graph, weighted, surface, context }.rows_used(&decided.numbers, params)?;
-    Ok((Places::new(&surface.cells.graph, &b, &decided.label), rows))
+    Ok((LocalPartMeans::new(&surface.cells.graph, &b, &decided.label), rows))
 }
 
 /// Gives the dust, which counts nothing in `share` (n), a label of its own.

@@ -10,7 +10,7 @@ use super::rows;
 use super::surface::Surface;
 use super::{SegmentParams, landmarks_for_parts};
 use crate::base::Result;
-use crate::cluster::cell_rows::{self, Average, greatest_share};
+use crate::cluster::cells::{self, CellAverages, greatest_share};
 use crate::distance::DistanceRows;
 use crate::distance::rows::{Landmarks, RowParams};
 use crate::distance::slots::Row;
@@ -94,7 +94,7 @@ impl SamplingContext<'_> {
     /// Rows averaged as they come, and forgotten.
     fn passing(self, params: RowParams<Sampling>) -> Result<Sample> {
         let SamplingContext { graph, weighted, surface, context } = self;
-        let average = Average::new(&surface.cells, &surface.shares);
+        let average = CellAverages::new(&surface.cells, &surface.shares);
         let seen = Mutex::new(vec![(Vec::new(), Vec::new()); params.l.min(graph.nodes.len())]);
         let look = |row: Row<'_>| {
             let before = row.earlier.iter().map(|&node| row.distances[node as usize]).collect();
@@ -128,7 +128,7 @@ impl SamplingContext<'_> {
         if work.reuse::<()>("cell rows", &key).is_ok() {
             return Ok(work.open_array::<f64>(FILE)?.to_vec());
         }
-        let average = || cell_rows::average(rows, &surface.cells, &surface.shares, run);
+        let average = || cells::average(rows, &surface.cells, &surface.shares, run);
         let (b, seconds) = run.stage("cell rows", "rows", rows.len() as u64, average)?;
         work.write(FILE, &b, surface.cells.len())?;
         work.stamp("cell rows", &key, &options, &[FILE], &(), seconds)?;

@@ -4,7 +4,7 @@
 use crate::base::parallel::map_chunks;
 use crate::base::{Error, Result};
 use crate::cluster::area_shares::AreaShares;
-use crate::cluster::cells::{Cells, Smooth};
+use crate::cluster::cells::{Cells, SmoothedNormals};
 use crate::cluster::normals::{self, Normals, RADII};
 use crate::cluster::parts::CellGraph;
 use crate::graph::DualGraph;
@@ -66,7 +66,7 @@ impl Surface {
             context.run.stage("normals", "faces", n, || smooth(graph, kind, &shares, context))?;
         let turning = normals::total_turning(graph, &shares, &[&fine, &medium], context.run)?;
         let radius = normals::choose_radius(&turning);
-        let smooth = Smooth { fine: &fine, medium: &medium, coarse: &coarse };
+        let smooth = SmoothedNormals { fine: &fine, medium: &medium, coarse: &coarse };
         let (cells, seconds) =
             context.run.stage("cells", "faces", n, || Cells::cut(graph, &shares, smooth, context))?;
         drop(coarse);

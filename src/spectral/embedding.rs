@@ -1,4 +1,9 @@
-//! The embedding: fitted on the sample, extrapolated to any face from its own column.
+//! The embedding of faces: fitted on sampled columns, extrapolated to any face from its own column.
+//!
+//! Fits (degrees, anchor shares, K-means) are averages over the surface, so they need a constant number of columns:
+//! [`MOST_COLUMNS`] faces, one per equal quantum of area in node order, stratified and seeded; every face of a small mesh. Only what
+//! must cover every face (labels, Γ) streams over all columns. Memory: 4 (l + d) [`MOST_COLUMNS`] bytes. Cost: one pass
+//! over areas, `MOST_COLUMNS · l` random reads.
 //!
 //! Three normalisations, one form. With k the l affinities of a face, every variant is
 //! y = (Mᵀk + m₀)/s with s = 1 or linear in k (or its root), then optionally brought to unit length; only the fit
@@ -8,17 +13,78 @@
 //!   d = kᵀA⁺(W's row sums); rows are A's and the sample's.
 //! - [`Normalisation::Anchor`] (default): landmarks as anchors of a bipartite graph, z = v∘k + ε v (v: share
 //!   of area nearest to each), columns divided by their sums, G = Φ diag(a) Φᵀ. Positive by construction, so
-//!   the indefiniteness of the Gaussian cannot hurt; A itself is not inverted.
+//!   the indefiniteness of the Gaussian cannot hurt; A itself is not inverted. ([`super::anchor`] has the same graph of
+//!   cells, in `f64` and without a map in `f32`; what they share is there.)
 //!
-//! Cost of extrapolation: l exponentials and l·d multiply-adds a face, vectorised over faces.
+//! Cost of extrapolation: l exponentials and l·d multiply-adds per face, vectorised over faces.
 
-use super::columns::Columns;
+use super::affinity::landmark_affinities;
+use super::anchor::nearest_shares;
 use super::eigen;
 use super::kernel::Kernel;
+use crate::base::random::{stratified, stream};
 use crate::base::{Error, Result};
 use crate::distance::DistanceRows;
+use crate::graph::Node;
 use nalgebra::DMatrix;
 use serde::{Deserialize, Serialize};
+
+/// Columns at the most.
+pub const MOST_COLUMNS: usize = 1 << 14;
+
+/// A sample of columns.
+#[derive(Clone, Debug)]
+pub struct SampledColumns {
+    /// Their nodes (s), ascending.
+    pub nodes: Vec<u32>,
+    /// Their shares of the area (s), summing to 1.
+    pub shares: Vec<f64>,
+    /// Their distances: row k at `k * s` (l × s).
+    pub distances: Vec<f32>,
+}
+
+impl SampledColumns {
+    /// Samples the columns of `rows`.
+    pub fn sample(rows: &DistanceRows, nodes: &[Node], seed: u64) -> Self {
+        let n = nodes.len();
+        let total: f64 = nodes.iter().map(|node| f64::from(node.area)).sum();
+        let (chosen, mut shares): (Vec<u32>, Vec<f64>) = if n <= MOST_COLUMNS {
+            // Areas are floored so that faces without area have a say where nothing else does.
+            let floor = 1e-6 * total.max(1e-30) / n as f64;
+            (0..n as u32).map(|i| (i, f64::from(nodes[i as usize].area).max(floor))).unzip()
+        } else if total > 0. {
+            // A face that several points fall into counts as often.
+            let areas = nodes.iter().map(|node| f64::from(node.area));
+            let points = stratified(areas, total, MOST_COLUMNS, &mut stream(seed, "columns"));
+            points.into_iter().map(|(node, hits)| (node, f64::from(hits))).unzip()
+        } else {
+            (0..MOST_COLUMNS).map(|k| ((k as u128 * n as u128 / MOST_COLUMNS as u128) as u32, 1.)).unzip()
+        };
+        let sum: f64 = shares.iter().sum();
+        shares.iter_mut().for_each(|share| *share /= sum);
+        let mut distances = Vec::with_capacity(rows.len() * chosen.len());
+        for k in 0..rows.len() {
+            let row = rows.row(k);
+            distances.extend(chosen.iter().map(|&node| row[node as usize]));
+        }
+        Self { nodes: chosen, shares, distances }
+    }
+
+    /// Number of columns s.
+    pub fn len(&self) -> usize {
+        self.nodes.len()
+    }
+
+    /// Whether there are none.
+    pub fn is_empty(&self) -> bool {
+        self.nodes.is_empty()
+    }
+
+    /// Row `k` of the distances (s).
+    pub fn row(&self, k: usize) -> &[f32] {
+        &self.distances[k * self.len()..(k + 1) * self.len()]
+    }
+}
 
 /// How affinities are normalised before the eigenproblem.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
@@ -36,7 +102,7 @@ pub enum Normalisation {
 /// What σ is.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case", tag = "rule", content = "value")]
-pub enum Width {
+pub enum KernelWidth {
     /// This many times the mean of all computed distances; 1 is the paper's rule.
     Mean(f64),
     /// This distance.
@@ -49,7 +115,7 @@ pub struct EmbeddingParams {
     /// From distance to affinity.
     pub kernel: Kernel,
     /// The kernel's width.
-    pub width: Width,
+    pub width: KernelWidth,
     /// Normalisation of the affinities.
     pub normalisation: Normalisation,
     /// Number of coordinates wanted.
@@ -63,7 +129,7 @@ impl EmbeddingParams {
     pub fn for_parts(parts: usize) -> Self {
         Self {
             kernel: Kernel::Gaussian,
-            width: Width::Mean(0.25),
+            width: KernelWidth::Mean(0.25),
             normalisation: Normalisation::Anchor,
             dimensions: parts.max(2),
             unit_rows: true,
@@ -105,29 +171,22 @@ pub struct Embedding {
     pub negative_mass: f64,
 }
 
-/// The affinities among the landmarks, A (l × l), symmetric in `f64`.
-pub fn landmark_affinities(rows: &DistanceRows, kernel: Kernel, sigma: f64) -> DMatrix<f64> {
-    let l = rows.len();
-    let d = |i: usize, j: usize| f64::from(rows.row(i)[rows.landmarks[j] as usize]);
-    DMatrix::from_fn(l, l, |i, j| kernel.of(sigma, 0.5 * (d(i, j) + d(j, i))))
-}
-
 impl Embedding {
     /// Fits the embedding on `columns` of `rows`.
     ///
     /// # Errors
     /// [`Error::Parameter`] for a width or kernel out of range.
-    pub fn fit(rows: &DistanceRows, columns: &Columns, params: EmbeddingParams) -> Result<Self> {
+    pub fn fit(rows: &DistanceRows, columns: &SampledColumns, params: EmbeddingParams) -> Result<Self> {
         params.kernel.check()?;
         let sigma = match params.width {
-            Width::Mean(factor) => factor * rows.mean(),
-            Width::Fixed(sigma) => sigma,
+            KernelWidth::Mean(factor) => factor * rows.mean(),
+            KernelWidth::Fixed(sigma) => sigma,
         };
         if !sigma.is_finite() || sigma < 0. {
             return Err(Error::parameter("--sigma", format!("{sigma} is no width"), "choose a positive number"));
         }
         let a = landmark_affinities(rows, params.kernel, sigma);
-        let fit = Fit { rows, columns, params, sigma };
+        let fit = EmbeddingFit { rows, columns, params, sigma };
         match params.normalisation {
             Normalisation::None => Ok(fit.plain(a)),
             Normalisation::Degree => Ok(fit.degree(a)),
@@ -167,7 +226,7 @@ impl Embedding {
     }
 
     /// Embeds the sampled columns: d rows of s.
-    pub fn columns(&self, columns: &Columns) -> Vec<f32> {
+    pub fn columns(&self, columns: &SampledColumns) -> Vec<f32> {
         let s = columns.len();
         let mut out = vec![0.; self.dimensions * s];
         self.chunk(s, |k| columns.row(k), &mut vec![0.; s], &mut out);
@@ -208,14 +267,14 @@ fn unit_columns(m: usize, out: &mut [f32], scratch: &mut Vec<f32>) {
 }
 
 /// What the fits share.
-struct Fit<'a> {
+struct EmbeddingFit<'a> {
     rows: &'a DistanceRows,
-    columns: &'a Columns,
+    columns: &'a SampledColumns,
     params: EmbeddingParams,
     sigma: f64,
 }
 
-impl Fit<'_> {
+impl EmbeddingFit<'_> {
     /// The kept eigenpairs of `a`, and the bookkeeping about the dropped ones.
     fn kept(&self, a: DMatrix<f64>) -> (Vec<f64>, DMatrix<f64>, usize, f64) {
         let l = a.nrows();
@@ -302,7 +361,7 @@ impl Fit<'_> {
         let s = self.columns.len();
         let shares = &self.columns.shares;
         let k: Vec<Vec<f32>> = (0..l).map(|row| self.affinities(row)).collect();
-        let v = self.nearest_shares();
+        let v = nearest_shares((0..l).map(|k| self.columns.row(k)), shares);
         // ε: a hundredth of the mean weight, so that a face far from all anchors stays defined.
         let mean: f64 = (0..s).map(|j| shares[j] * (0..l).map(|i| v[i] * f64::from(k[i][j])).sum::<f64>()).sum();
         let epsilon = 0.01 * mean.max(1e-30);
@@ -337,23 +396,5 @@ impl Fit<'_> {
         }
         let divisor = Divisor::Linear(v.iter().map(|&v| v as f32).collect(), epsilon as f32);
         self.embedding(map, offset, divisor, values, l - kept, negative)
-    }
-
-    /// The share of area nearest to each landmark, at least 1e-4, summing to 1.
-    fn nearest_shares(&self) -> Vec<f64> {
-        let l = self.rows.len();
-        let mut v = vec![0f64; l];
-        for (j, &share) in self.columns.shares.iter().enumerate() {
-            let mut best = 0;
-            for k in 1..l {
-                if self.columns.row(k)[j] < self.columns.row(best)[j] {
-                    best = k;
-                }
-            }
-            v[best] += share;
-        }
-        v.iter_mut().for_each(|v| *v = v.max(1e-4));
-        let sum: f64 = v.iter().sum();
-        v.iter().map(|v| v / sum).collect()
     }
 }

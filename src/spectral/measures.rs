@@ -1,87 +1,27 @@
-//! How good a sample is, from `[A B]` and a few columns more (§5 of the paper).
+//! How good a sample is: Γ and its relatives from `[A B]` (§5 of the paper), and true errors on small sets.
 //!
 //! With the kept eigenpairs (λ_e, u_e) of A and w̃_jj = Σ_e (u_eᵀB_j)²/λ_e, affinities of 1 on the diagonal:
-//! - Γ = Σ_j w̃_jj over the m = n − l nodes that are no landmarks (eq. 6 with the truncated pseudo-inverse);
+//! - Γ = tr(BᵀA⁻¹B) (eq. 6, with the truncated pseudo-inverse) = Σ_j w̃_jj over the m = n − l nodes that are no landmarks;
 //! - Γ* = Σ_j (1 − |1 − w̃_jj|): the same for positive kernels; for others overshoot counts against, not for;
 //! - held-out residual (Σ_h ‖w_h − w̃_h‖² / Σ_h ‖w_h‖²)^½ over random columns h whose affinities are known.
 //!
-//! One pass over the columns each, O(n l²); C is never formed.
+//! [`measure`] takes them all in `f64`; [`Gamma`] sums Γ in `f32` beside another pass over the columns. One pass,
+//! O(n l²), each; C is never formed.
+//!
+//! [`exact`] compares with all of W: the norms of the Schur complement C − BᵀA⁺B, the residual, the angles between
+//! approximated and true eigenvectors. Memory: a few n × n matrices in `f64`; O(n³): seconds at a thousand nodes, minutes
+//! at four thousand.
 
-use super::block::{Block, CHUNK};
+use super::affinity::{CHUNK, KeptEigenpairs, SampledBlock, landmark_affinities};
+use super::kernel::Kernel;
+use super::nystrom::{Extrapolation, NystromExtension, Scaling};
 use crate::base::parallel::map_ranges;
+use crate::base::random::{stream, unit};
 use crate::base::{Result, eigen};
+use crate::distance::DistanceRows;
 use crate::store::Run;
-use nalgebra::{DMatrix, DVector};
+use nalgebra::DMatrix;
 use serde::Serialize;
-
-/// The eigenpairs of A that are kept, and what is known of the others.
-#[derive(Clone, Debug)]
-pub struct Kept {
-    /// Kept eigenvalues, descending (r ≥ 1 unless l = 0).
-    pub values: Vec<f64>,
-    /// Their eigenvectors (l × r).
-    pub vectors: DMatrix<f64>,
-    /// All eigenvalues (l).
-    pub all: Vec<f64>,
-}
-
-impl Kept {
-    /// Keeps eigenvalues of `a` above `tolerance` times the greatest.
-    pub fn of(a: DMatrix<f64>, tolerance: f64) -> Self {
-        let (all, vectors) = eigen::symmetric(a);
-        let cut = (tolerance * all.first().copied().unwrap_or(0.)).max(0.);
-        let count = all.iter().take_while(|&&value| value > cut).count().max(1).min(all.len());
-        Self { values: all[..count].to_vec(), vectors: vectors.columns(0, count).into_owned(), all }
-    }
-
-    /// Columns uᵉ·√(λ_e/(λ_e² + ε²)) of all positive eigenvalues of `a` (l × r), ε `tolerance` times the greatest: their
-    /// product with its transpose is A⁺ with Tikhonov's damping for a cut. A cut keeps a pair here and drops it on a
-    /// mesh that differs by its triangles alone; this depends on A continuously.
-    pub fn damped(a: DMatrix<f64>, tolerance: f64) -> DMatrix<f64> {
-        let (all, mut vectors) = eigen::symmetric(a);
-        let epsilon = tolerance * all.first().copied().unwrap_or(0.);
-        let count = all.iter().take_while(|&&value| value > 0.).count().max(1).min(all.len());
-        for (mut column, &value) in vectors.column_iter_mut().zip(&all[..count]) {
-            let value = value.max(1e-300);
-            column *= (value / (value * value + epsilon * epsilon)).sqrt();
-        }
-        vectors.columns(0, count).into_owned()
-    }
-
-    /// Eigenpairs dropped.
-    pub fn dropped(&self) -> usize {
-        self.all.len() - self.values.len()
-    }
-
-    /// Number of negative eigenvalues.
-    pub fn negative(&self) -> usize {
-        self.all.iter().filter(|value| **value < 0.).count()
-    }
-
-    /// Σ|λ < 0| / Σ|λ|.
-    pub fn negative_mass(&self) -> f64 {
-        let mass: f64 = self.all.iter().map(|value| value.abs()).sum();
-        let negative: f64 = self.all.iter().filter(|value| **value < 0.).map(|value| -value).sum();
-        // An empty sum is −0.
-        if mass > 0. { (negative / mass).max(0.) } else { 0. }
-    }
-
-    /// A⁺ b.
-    pub fn solve(&self, b: &[f64]) -> Vec<f64> {
-        let mut in_basis = self.vectors.tr_mul(&DVector::from_column_slice(b));
-        in_basis.iter_mut().zip(&self.values).for_each(|(x, value)| *x /= value);
-        (&self.vectors * in_basis).iter().copied().collect()
-    }
-
-    /// uᵉ/√λ_e as columns (l × r): A⁺ is this times its transpose.
-    pub fn roots(&self) -> DMatrix<f64> {
-        let mut roots = self.vectors.clone();
-        for (mut column, value) in roots.column_iter_mut().zip(&self.values) {
-            column /= value.sqrt();
-        }
-        roots
-    }
-}
 
 /// Numbers that tell how good a sample is.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
@@ -105,13 +45,18 @@ pub struct Measures {
 }
 
 /// Measures `block`, of affinities that are 1 on the diagonal. `held_out`, where given, is a block of the held-out
-/// columns' own rows over the same nodes. `tolerance`: see [`Kept::of`].
+/// columns' own rows over the same nodes. `tolerance`: see [`KeptEigenpairs::of`].
 ///
 /// # Errors
 /// [`crate::base::Error::Cancelled`].
-pub fn measure(block: &dyn Block, held_out: Option<&dyn Block>, tolerance: f64, run: &Run) -> Result<Measures> {
+pub fn measure(
+    block: &dyn SampledBlock,
+    held_out: Option<&dyn SampledBlock>,
+    tolerance: f64,
+    run: &Run,
+) -> Result<Measures> {
     let (l, n) = (block.len(), block.nodes());
-    let kept = Kept::of(block.sampled(), tolerance);
+    let kept = KeptEigenpairs::of(block.sampled(), tolerance);
     let roots = kept.roots().transpose();
     let mut is_landmark: Vec<u32> = block.landmarks().to_vec();
     is_landmark.sort_unstable();
@@ -157,4 +102,181 @@ pub fn measure(block: &dyn Block, held_out: Option<&dyn Block>, tolerance: f64, 
         negative: kept.negative(),
         dropped: kept.dropped(),
     })
+}
+
+/// Γ's quadratic form, ready for columns.
+#[derive(Clone, Debug)]
+pub struct Gamma {
+    kernel: Kernel,
+    sigma: f32,
+    /// uᵉ/√λ_e of the kept eigenpairs: rows of l.
+    roots: Vec<f32>,
+    l: usize,
+    /// w̃ of the landmarks themselves, to be taken off the sum.
+    landmarks: f64,
+}
+
+impl Gamma {
+    /// The form for the affinities of `rows` under a kernel of width `sigma`.
+    pub fn new(rows: &DistanceRows, kernel: Kernel, sigma: f64) -> Self {
+        let l = rows.len();
+        let a = landmark_affinities(rows, kernel, sigma);
+        let (values, vectors) = eigen::symmetric(a.clone());
+        let cut = kernel.tolerance(l) * values.first().copied().unwrap_or(0.);
+        let kept: Vec<usize> = (0..l).filter(|&e| values[e] > cut && values[e] > 0.).collect();
+        let mut landmarks = 0.;
+        for &e in &kept {
+            // A's own columns: u_eᵀA_j = λ_e u_ej, so w̃ = Σ λ_e u_ej².
+            landmarks += values[e];
+        }
+        let roots = kept
+            .iter()
+            .flat_map(|&e| (0..l).map(move |k| (e, k)))
+            .map(|(e, k)| (vectors[(k, e)] / values[e].sqrt()) as f32);
+        Self { kernel, sigma: sigma as f32, roots: roots.collect(), l, landmarks }
+    }
+
+    /// Σ w̃_jj over a chunk of `m` columns; `distances(k)` as in [`super::Embedding::chunk`].
+    pub fn chunk<'a>(&self, m: usize, distances: impl Fn(usize) -> &'a [f32]) -> f64 {
+        let mut affinities = vec![0f32; self.l * m];
+        for (k, row) in affinities.chunks_exact_mut(m).enumerate() {
+            self.kernel.apply(self.sigma, distances(k), row);
+        }
+        let mut dot = vec![0f32; m];
+        let mut sum = 0f64;
+        for root in self.roots.chunks_exact(self.l.max(1)) {
+            dot.fill(0.);
+            for (row, &u) in affinities.chunks_exact(m).zip(root) {
+                for (d, &w) in dot.iter_mut().zip(row) {
+                    *d += u * w;
+                }
+            }
+            for block in dot.chunks(64) {
+                sum += f64::from(block.iter().map(|d| d * d).sum::<f32>());
+            }
+        }
+        sum
+    }
+
+    /// Γ from the sum over all columns, landmarks included.
+    pub fn of_sum(&self, sum: f64) -> f64 {
+        sum - self.landmarks
+    }
+}
+
+/// True measures of an approximation.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct TrueErrors {
+    /// Frobenius norm of the Schur complement.
+    pub frobenius: f64,
+    /// Its spectral norm.
+    pub spectral: f64,
+    /// Its nuclear norm: m − Γ where the kernel is positive and nothing was dropped.
+    pub nuclear: f64,
+    /// ‖W − W̄‖ / ‖W‖, Frobenius.
+    pub residual: f64,
+    /// Principal angles between the leading true eigenvectors and those of the plain extrapolation (eq. 1), in
+    /// degrees, ascending.
+    pub angles: Vec<f64>,
+}
+
+/// BᵀA⁺B over all nodes (n × n), in one piece.
+pub fn approximation(block: &dyn SampledBlock, tolerance: f64) -> DMatrix<f64> {
+    let n = block.nodes();
+    let mut columns = vec![0.; block.len() * n];
+    block.columns(0..n, &mut columns);
+    let f = DMatrix::from_vec(n, block.len(), columns) * KeptEigenpairs::of(block.sampled(), tolerance).roots();
+    &f * f.transpose()
+}
+
+/// The Schur complement's norms alone: Frobenius, spectral, nuclear. `w` (n × n) are all affinities.
+pub fn schur_norms(w: &DMatrix<f64>, block: &dyn SampledBlock, tolerance: f64) -> [f64; 3] {
+    let error = w - approximation(block, tolerance);
+    let others: Vec<usize> = (0..w.nrows()).filter(|&j| !block.landmarks().contains(&(j as u32))).collect();
+    if others.is_empty() {
+        return [0.; 3];
+    }
+    let schur = error.select_rows(&others).select_columns(&others);
+    let values = (0.5 * (&schur + schur.transpose())).symmetric_eigenvalues();
+    let spectral = values.iter().fold(0f64, |top, value| top.max(value.abs()));
+    [schur.norm(), spectral, values.iter().map(|value| value.abs()).sum()]
+}
+
+/// ‖W − W̄‖ / ‖W‖, Frobenius.
+pub fn residual(w: &DMatrix<f64>, block: &dyn SampledBlock, tolerance: f64) -> f64 {
+    (w - approximation(block, tolerance)).norm() / w.norm()
+}
+
+/// All of the measures; `vectors`: how many leading eigenvectors are compared.
+///
+/// # Errors
+/// [`crate::base::Error::Cancelled`].
+pub fn exact(
+    w: &DMatrix<f64>,
+    block: &dyn SampledBlock,
+    tolerance: f64,
+    vectors: usize,
+    run: &Run,
+) -> Result<TrueErrors> {
+    let [frobenius, spectral, nuclear] = schur_norms(w, block, tolerance);
+    let found =
+        NystromExtension::fit(block, Extrapolation::Plain, Scaling::None, vectors, None, tolerance, run)?.embed(block);
+    let truth = leading(w, found.ncols()).1;
+    Ok(TrueErrors {
+        frobenius,
+        spectral,
+        nuclear,
+        residual: residual(w, block, tolerance),
+        angles: angles(&truth, &found),
+    })
+}
+
+/// Principal angles between the spans of two sets of columns, in degrees, ascending.
+pub fn angles(a: &DMatrix<f64>, b: &DMatrix<f64>) -> Vec<f64> {
+    let basis = |x: &DMatrix<f64>| x.clone().qr().q();
+    let cosines = basis(a).tr_mul(&basis(b)).svd(false, false).singular_values;
+    let mut angles: Vec<f64> = cosines.iter().map(|c| c.clamp(-1., 1.).acos().to_degrees()).collect();
+    angles.sort_by(f64::total_cmp);
+    angles
+}
+
+/// The `k` eigenpairs of `w` of greatest absolute value, sorted by value, by subspace iteration: n² k a step.
+pub fn leading(w: &DMatrix<f64>, k: usize) -> (Vec<f64>, DMatrix<f64>) {
+    const MORE: usize = 10;
+    const STEPS: usize = 300;
+    let n = w.nrows();
+    let size = (k + MORE).min(n);
+    let mut draw = stream(0, "subspace");
+    let mut basis = DMatrix::from_fn(n, size, |_, _| unit(&mut draw) - 0.5).qr().q();
+    let mut before = f64::INFINITY;
+    for _ in 0..STEPS {
+        let next = w * &basis;
+        let ritz: f64 = basis.columns(0, k.min(size)).dot(&next.columns(0, k.min(size)));
+        basis = next.qr().q();
+        if (ritz - before).abs() <= 1e-13 * ritz.abs() {
+            break;
+        }
+        before = ritz;
+    }
+    let (values, q) = eigen::symmetric(basis.tr_mul(&(w * &basis)));
+    (values[..k.min(size)].to_vec(), basis * q.columns(0, k.min(size)))
+}
+
+/// Relative error of the coordinates `found` (n × d) against `truth` after the best rotation between them, nodes
+/// weighted by `weights` (n).
+pub fn aligned_error(truth: &DMatrix<f64>, found: &DMatrix<f64>, weights: &[f64]) -> f64 {
+    let weigh = |x: &DMatrix<f64>| {
+        let mut x = x.clone();
+        for (mut row, weight) in x.row_iter_mut().zip(weights) {
+            row *= weight.sqrt();
+        }
+        x
+    };
+    let (truth, found) = (weigh(truth), weigh(found));
+    let svd = found.tr_mul(&truth).svd(true, true);
+    let rotation = match (svd.u, svd.v_t) {
+        (Some(u), Some(v_t)) => u * v_t,
+        _ => DMatrix::identity(found.ncols(), truth.ncols()),
+    };
+    (&truth - found * rotation).norm() / truth.norm()
 }

@@ -1,23 +1,21 @@
-//! From rows of distances to an embedding: kernels, Nyström extrapolation, quality.
+//! From rows of distances to an embedding: kernels, Nyström's extension, how good a sample is.
 //!
 //! Everything here is a function of the sampled block `[A B]`; C, the block of all other pairs, is never formed.
-//! Fits run on a constant number of columns ([`columns`]); what covers every face streams over
-//! chunks of columns ([`Embedding::chunk`]).
+//! Fits run on a constant number of columns ([`SampledColumns`]); what covers every face streams over
+//! chunks of columns ([`Embedding::chunk`]). Which embedding serves whom:
+//! - [`embedding`]: the paper's segmentation and its sequences, over faces, in `f32`;
+//! - [`anchor`]: the decision about parts, over cells, in `f64`;
+//! - [`nystrom`]: correspondence, over vertices, and the study of sampling and kernels.
 
-pub mod block;
-pub mod columns;
+pub mod affinity;
+pub mod anchor;
 pub mod embedding;
-pub mod exact;
 pub mod exp;
 pub mod kernel;
 pub mod measures;
 pub mod nystrom;
-pub mod orthogonal;
-pub mod preprocess;
-pub mod quality;
 
 pub use crate::base::eigen;
-pub use columns::Columns;
-pub use embedding::{Embedding, EmbeddingParams, Normalisation};
+pub use embedding::{Embedding, EmbeddingParams, Normalisation, SampledColumns};
 pub use kernel::Kernel;
-pub use orthogonal::Orthogonal;
+pub use nystrom::OrthogonalEmbedding;

@@ -14,7 +14,7 @@ use nystrom_stream::distance::vertex_rows::{self, Distance};
 use nystrom_stream::graph::VertexGraph;
 use nystrom_stream::landmarks::Sampling;
 use nystrom_stream::mesh::{self, Mesh};
-use nystrom_stream::spectral::orthogonal::{Orthogonal, OrthogonalParams, Point, Style};
+use nystrom_stream::spectral::nystrom::{Eigenvectors, OrthogonalEmbedding, OrthogonalParams, Point};
 use nystrom_stream::spectral::{Kernel, eigen};
 use nystrom_stream::store::Context;
 use nystrom_stream::store::{Budget, Run, WorkDir};
@@ -277,8 +277,8 @@ fn with_every_vertex_a_landmark_the_embedding_is_that_of_the_whole_matrix() {
     let rows =
         vertex_rows::rows(Surface::of(&graph), all, Distance::Edges, "r.npy", Context::new(&work, &run)).unwrap();
     let kernel = Kernel::Exponential;
-    let params = OrthogonalParams { kernel, width: 1., dimensions: 5, style: Style::Orthogonal };
-    let fit = Orthogonal::fit(&rows, &graph.nodes, params, &run).unwrap();
+    let params = OrthogonalParams { kernel, width: 1., dimensions: 5, eigenvectors: Eigenvectors::Orthogonal };
+    let fit = OrthogonalEmbedding::fit(&rows, &graph.nodes, params, &run).unwrap();
     let points = fit.embed(&rows, fit.sigma, "e.npy", Context::new(&work, &run)).unwrap();
     let total: f64 = graph.nodes.iter().map(|node| f64::from(node.area)).sum();
     let root: Vec<f64> = graph.nodes.iter().map(|node| (f64::from(node.area) / total).sqrt()).collect();
@@ -292,8 +292,10 @@ fn with_every_vertex_a_landmark_the_embedding_is_that_of_the_whole_matrix() {
         assert!((dot.abs() / faded.sqrt() - 1.).abs() < 1e-3, "{k}: {dot}");
     }
     assert!(points.iter().all(|p| p[5..] == [0.; 3]));
-    assert!(Orthogonal::fit(&rows, &graph.nodes, OrthogonalParams { dimensions: 9, ..params }, &run).is_err());
-    assert!(Orthogonal::fit(&rows, &graph.nodes, OrthogonalParams { width: f64::NAN, ..params }, &run).is_err());
+    assert!(OrthogonalEmbedding::fit(&rows, &graph.nodes, OrthogonalParams { dimensions: 9, ..params }, &run).is_err());
+    assert!(
+        OrthogonalEmbedding::fit(&rows, &graph.nodes, OrthogonalParams { width: f64::NAN, ..params }, &run).is_err()
+    );
 }
 
 /// Points on a bent sheet in k dimensions, in the order of the sheet's vertices.

@@ -13,7 +13,6 @@ mod evaluate_metrics;
 mod held;
 mod oracles;
 mod page;
-mod parts_reference;
 mod parts_small;
 mod picture_small;
 mod ply_flavours;

@@ -14,9 +14,9 @@ use nystrom_stream::graph::dual::{Csr, WeightedGraph};
 use nystrom_stream::graph::{DualGraph, Metric};
 use nystrom_stream::landmarks::{Sampling, farthest::extremity};
 use nystrom_stream::mesh::{self, Mesh};
-use nystrom_stream::spectral::embedding::Width;
-use nystrom_stream::spectral::quality::Gamma;
-use nystrom_stream::spectral::{Columns, Embedding, EmbeddingParams, Kernel, Normalisation};
+use nystrom_stream::spectral::embedding::KernelWidth;
+use nystrom_stream::spectral::measures::Gamma;
+use nystrom_stream::spectral::{Embedding, EmbeddingParams, Kernel, Normalisation, SampledColumns};
 use nystrom_stream::store::Context;
 use nystrom_stream::store::{Budget, Run, WorkDir};
 use proptest::prelude::*;
@@ -657,10 +657,10 @@ fn fit(
     kernel: Kernel,
     normalisation: Normalisation,
     d: usize,
-) -> (Embedding, Columns, Vec<f32>) {
-    let columns = Columns::sample(rows, &built.graph.nodes, 0);
+) -> (Embedding, SampledColumns, Vec<f32>) {
+    let columns = SampledColumns::sample(rows, &built.graph.nodes, 0);
     assert_eq!(columns.len(), rows.nodes, "all columns of a small mesh");
-    let width = Width::Mean(if normalisation == Normalisation::Anchor { 0.25 } else { 1. });
+    let width = KernelWidth::Mean(if normalisation == Normalisation::Anchor { 0.25 } else { 1. });
     let params = EmbeddingParams { kernel, width, normalisation, dimensions: d, unit_rows: false };
     let embedding = Embedding::fit(rows, &columns, params).unwrap();
     let coordinates = embedding.columns(&columns);
@@ -758,7 +758,7 @@ fn anchor_graph_coordinates_equal_a_dense_computation() {
 fn chunks_of_any_size_embed_alike_and_unit_rows_have_length_one() {
     let (_, built) = lopsided().swap_remove(0);
     let rows = built.rows(12);
-    let columns = Columns::sample(&rows, &built.graph.nodes, 0);
+    let columns = SampledColumns::sample(&rows, &built.graph.nodes, 0);
     for normalisation in [Normalisation::None, Normalisation::Degree, Normalisation::Anchor] {
         for unit_rows in [false, true] {
             let params = EmbeddingParams { normalisation, unit_rows, ..EmbeddingParams::for_parts(5) };

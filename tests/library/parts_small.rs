@@ -126,7 +126,7 @@ fn any_number_of_parts_is_reached_on_any_surface() {
     for g in small.iter().chain([&torn, &flat, &tiny_components]) {
         for decision in DECISIONS {
             for l in [1, 2, 3, 40] {
-                let params = PartsParams { decision, members: 3, ..PartsParams::default() };
+                let params = PartsParams { decision, ensemble_size: 3, ..PartsParams::default() };
                 let found = decide(g, l, &params, 1, 0);
                 sound(g, &found);
                 for k in 1..=g.len() {

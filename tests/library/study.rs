@@ -9,12 +9,12 @@ use nystrom_stream::apps::study::summary::summary;
 use nystrom_stream::apps::study::{CompareParams, SampleRecord, compare};
 use nystrom_stream::graph::Metric;
 use nystrom_stream::landmarks::{MatrixSpace, Sampling, SamplingParams};
-use nystrom_stream::spectral::block::{Affinities, Bandwidth, Block, Dense};
-use nystrom_stream::spectral::exact::{aligned_error, angles, exact, leading};
+use nystrom_stream::spectral::affinity::{AffinityBlock, Bandwidth, DenseBlock, SampledBlock};
+use nystrom_stream::spectral::affinity::{KeptEigenpairs, Preprocess, PreprocessedBlock};
 use nystrom_stream::spectral::kernel::Kernel;
-use nystrom_stream::spectral::measures::{Kept, measure};
-use nystrom_stream::spectral::nystrom::{Extension, Extrapolation, Scaling};
-use nystrom_stream::spectral::preprocess::{Prepared, Preprocess};
+use nystrom_stream::spectral::measures::measure;
+use nystrom_stream::spectral::measures::{aligned_error, angles, exact, leading};
+use nystrom_stream::spectral::nystrom::{Extrapolation, NystromExtension, Scaling};
 use nystrom_stream::store::Context;
 use nystrom_stream::store::{Run, WorkDir};
 use std::path::Path;
@@ -30,9 +30,9 @@ fn reference() -> (Vec<[f64; 2]>, [Vec<u32>; 2]) {
     (lines[2..].iter().map(point).collect(), [sample(lines[0]), sample(lines[1])])
 }
 
-fn dense(w: &DMatrix<f64>, landmarks: &[u32]) -> Dense {
+fn dense(w: &DMatrix<f64>, landmarks: &[u32]) -> DenseBlock {
     let rows = DMatrix::from_fn(landmarks.len(), w.ncols(), |k, j| w[(landmarks[k] as usize, j)]);
-    Dense { landmarks: landmarks.to_vec(), rows }
+    DenseBlock { landmarks: landmarks.to_vec(), rows }
 }
 
 fn near(a: &DMatrix<f64>, b: &DMatrix<f64>, tolerance: f64) -> bool {
@@ -70,9 +70,9 @@ fn kernel_pca_is_nystrom_times_the_root_of_the_eigenvalues() {
     let (points, [landmarks, _]) = reference();
     let w = affinities(&points);
     let (block, run) = (dense(&w, &landmarks), Run::new(&()));
-    let fit = |how, scaling| Extension::fit(&block, how, scaling, 6, None, TOLERANCE, &run).unwrap();
+    let fit = |how, scaling| NystromExtension::fit(&block, how, scaling, 6, None, TOLERANCE, &run).unwrap();
     // Eq. 2 and eq. 4 written out.
-    let kept = Kept::of(block.sampled(), TOLERANCE);
+    let kept = KeptEigenpairs::of(block.sampled(), TOLERANCE);
     let sum = |power: f64| {
         DMatrix::from_fn(500, 6, |j, d| {
             let dot: f64 = (0..10).map(|i| kept.vectors[(i, d)] * block.rows[(i, j)]).sum();
@@ -99,16 +99,17 @@ fn orthogonalised_vectors_are_the_eigenvectors_of_the_approximation() {
     let (block, run) = (dense(&w, &landmarks), Run::new(&()));
     let weights: Vec<f64> = (0..500).map(|i| 0.5 + (i % 7) as f64 / 6.).collect();
     let damped = |tolerance| {
-        let f = block.rows.transpose() * Kept::damped(block.sampled(), tolerance);
+        let f = block.rows.transpose() * KeptEigenpairs::damped(block.sampled(), tolerance);
         &f * f.transpose()
     };
     let approximation = damped(1e-6);
     // Far below the least eigenvalue damping is no cut, and takes nothing away.
-    assert!(near(&damped(1e-12), &nystrom_stream::spectral::exact::approximation(&block, 1e-12), 1e-6));
+    assert!(near(&damped(1e-12), &nystrom_stream::spectral::measures::approximation(&block, 1e-12), 1e-6));
     for weights in [None, Some(&weights[..])] {
         let weigh = weights.map(|w| move |i: usize| w[i]);
         let weigh = weigh.as_ref().map(|weigh| weigh as &(dyn Fn(usize) -> f64 + Sync));
-        let fit = Extension::fit(&block, Extrapolation::Orthogonal, Scaling::None, 5, weigh, 1e-6, &run).unwrap();
+        let fit =
+            NystromExtension::fit(&block, Extrapolation::Orthogonal, Scaling::None, 5, weigh, 1e-6, &run).unwrap();
         let u = fit.embed(&block);
         let m = DMatrix::from_fn(500, 500, |i, j| if i == j { weights.map_or(1., |w| w[i]) } else { 0. });
         assert!(near(&(u.transpose() * &m * &u), &DMatrix::identity(5, 5), 1e-8));
@@ -121,7 +122,7 @@ fn orthogonalised_vectors_are_the_eigenvectors_of_the_approximation() {
     let (values, truth) = leading(&w, 5);
     let full = w.clone().symmetric_eigenvalues();
     assert!((values[0] - full.max()).abs() < 1e-8 * values[0]);
-    let found = |how| Extension::fit(&block, how, Scaling::None, 5, None, 1e-6, &run).unwrap().embed(&block);
+    let found = |how| NystromExtension::fit(&block, how, Scaling::None, 5, None, 1e-6, &run).unwrap().embed(&block);
     let (plain, better) =
         (angles(&truth, &found(Extrapolation::Plain)), angles(&truth, &found(Extrapolation::Orthogonal)));
     assert!(better[4] <= plain[4] + 1e-6, "{better:?} {plain:?}");
@@ -136,15 +137,15 @@ fn preprocessing_of_columns_equals_that_of_whole_matrices() {
     let w = affinities(&points[..300]);
     let landmarks: Vec<u32> = landmarks.into_iter().filter(|&i| i < 300).collect();
     let (block, run) = (dense(&w, &landmarks), Run::new(&()));
-    let whole = |block: &dyn Block| {
+    let whole = |block: &dyn SampledBlock| {
         let mut out = vec![0.; block.len() * block.nodes()];
         block.columns(0..block.nodes(), &mut out);
         DMatrix::from_vec(block.nodes(), block.len(), out).transpose()
     };
-    let prepared = |kind| Prepared::new(&block, kind, TOLERANCE, &run).unwrap();
+    let prepared = |kind| PreprocessedBlock::new(&block, kind, TOLERANCE, &run).unwrap();
     assert_eq!(whole(&prepared(Preprocess::None)), block.rows);
     // Degrees of the approximation, by forming it.
-    let approximation = nystrom_stream::spectral::exact::approximation(&block, TOLERANCE);
+    let approximation = nystrom_stream::spectral::measures::approximation(&block, TOLERANCE);
     let ones = nalgebra::DVector::from_element(300, 1.);
     let degrees = &approximation * &ones;
     let expected = DMatrix::from_fn(landmarks.len(), 300, |k, j| {
@@ -154,7 +155,8 @@ fn preprocessing_of_columns_equals_that_of_whole_matrices() {
     assert!(near(&whole(&prepared(Preprocess::Degree)), &expected, 1e-6));
     // Rows of D⁻¹W: its leading eigenvector is constant.
     let stochastic = prepared(Preprocess::RowStochastic);
-    let fit = Extension::fit(&stochastic, Extrapolation::Orthogonal, Scaling::None, 1, None, TOLERANCE, &run).unwrap();
+    let fit =
+        NystromExtension::fit(&stochastic, Extrapolation::Orthogonal, Scaling::None, 1, None, TOLERANCE, &run).unwrap();
     let y = fit.embed(&stochastic);
     assert!((y.max() - y.min()).abs() < 0.02 * y.amax(), "{} {}", y.min(), y.max());
     // Centring on the training set: features of the landmarks have no mean.
@@ -176,7 +178,7 @@ fn local_widths_are_symmetric_and_free_of_scale() {
     let block = |factor: f32| {
         let rows: Vec<Vec<f32>> =
             distances.iter().map(|row| row.iter().map(|d| d * factor).collect::<Vec<f32>>()).collect();
-        Affinities::new(&landmarks, rows.iter().map(|row| &row[..]).collect(), Kernel::Gaussian, Bandwidth::Local(2))
+        AffinityBlock::new(&landmarks, rows.iter().map(|row| &row[..]).collect(), Kernel::Gaussian, Bandwidth::Local(2))
             .columns_of(&(0..100).collect::<Vec<u32>>())
     };
     assert!(near(&block(1.), &block(8.), 1e-12));
@@ -279,7 +281,7 @@ fn greedy_sampling_takes_the_candidate_of_greatest_gamma() {
             .unwrap();
         let gamma = |landmarks: &[u32]| {
             let rows = landmarks.iter().map(|&i| row(i)).collect();
-            let block = Affinities::new(landmarks, rows, kernel, Bandwidth::Global(ground.mean));
+            let block = AffinityBlock::new(landmarks, rows, kernel, Bandwidth::Global(ground.mean));
             measure(&block, None, kernel.tolerance(landmarks.len()), &small.run).unwrap().gamma
         };
         for k in 0..3 {

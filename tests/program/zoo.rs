@@ -7,7 +7,7 @@ use nystrom_stream::graph::Metric;
 use nystrom_stream::landmarks::Sampling;
 use nystrom_stream::mesh;
 use nystrom_stream::pipeline::{Cluster, SegmentParams, input, segment};
-use nystrom_stream::spectral::embedding::Width;
+use nystrom_stream::spectral::embedding::KernelWidth;
 use nystrom_stream::spectral::{EmbeddingParams, Kernel, Normalisation};
 use nystrom_stream::store::{Context, Run, WorkDir};
 use std::path::Path;
@@ -87,7 +87,7 @@ fn every_option_survives_every_beast() {
                 let embedding = EmbeddingParams {
                     kernel,
                     normalisation,
-                    width: Width::Mean([0.25, 1., 1e-18, 1e5][(k + j) % 4]),
+                    width: KernelWidth::Mean([0.25, 1., 1e-18, 1e5][(k + j) % 4]),
                     unit_rows: (k + j + turn) % 2 == 0,
                     ..EmbeddingParams::for_parts(parts)
                 };

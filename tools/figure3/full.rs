@@ -9,7 +9,7 @@ use nystrom_stream::distance::DistanceRows;
 use nystrom_stream::graph::Node;
 use nystrom_stream::spectral::Kernel;
 use nystrom_stream::spectral::eigen;
-use nystrom_stream::spectral::orthogonal::Point;
+use nystrom_stream::spectral::nystrom::Point;
 use nystrom_stream::store::Run;
 
 /// Vectors iterated beyond those wanted, and iterations.

@@ -6,10 +6,10 @@
 use nystrom_stream::base::parallel::map_chunks;
 use nystrom_stream::base::{Error, Result};
 use nystrom_stream::cluster::parts::CellGraph;
-use nystrom_stream::cluster::parts::anchor::Rows;
 use nystrom_stream::graph::{DualGraph, NodeOrder};
 use nystrom_stream::mesh::{self, read_seg};
 use nystrom_stream::pipeline::{SegmentParams, input, segment};
+use nystrom_stream::spectral::anchor::LandmarkDistances;
 use nystrom_stream::store::{Context, Run, WorkDir};
 use serde::{Deserialize, Serialize};
 use std::collections::{BTreeMap, HashMap};
@@ -105,7 +105,7 @@ fn make(benchmark: &Path, name: &str, scratch: &Path, seed: u64) -> Result<Data>
     let cells = serde_json::from_slice::<CellGraph>(&text).map_err(wrong)?.cleaned()?;
     let rows = work.open_array::<f64>("cell_rows.npy")?;
     let landmarks = rows.len() / cells.len().max(1);
-    let rows = Rows::new(&rows, landmarks, cells.len()).values;
+    let rows = LandmarkDistances::new(&rows, landmarks, cells.len()).values;
     let people = people(benchmark, name, &work)?;
     Ok(Data { cells, rows, landmarks, people })
 }

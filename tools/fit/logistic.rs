@@ -1,4 +1,4 @@
-//! Weighted logistic regression by Newton's method, with a ridge on standardised measures.
+//! Weighted logistic regression by Newton's method, with a ridge on standardised features.
 
 use nalgebra::{DMatrix, DVector};
 
@@ -9,22 +9,22 @@ const SMALL: f64 = 1e-10;
 
 /// A case: what is known, what it should lead to (0 to 1), and how much it counts.
 pub struct Case {
-    pub measures: Vec<f64>,
+    pub features: Vec<f64>,
     pub target: f64,
     pub weight: f64,
 }
 
-/// Constant term and weights of the measures that minimise the mean loss (the weighted cross-entropy in nats) plus
-/// `ridge` / 2 times the sum of the squared weights of the measures divided by their deviations.
+/// Constant term and weights of the features that minimise the mean loss (the weighted cross-entropy in nats) plus
+/// `ridge` / 2 times the sum of the squared weights of the features divided by their deviations.
 pub fn fit(cases: &[Case], ridge: f64) -> Vec<f64> {
-    let width = cases.first().map_or(0, |case| case.measures.len());
+    let width = cases.first().map_or(0, |case| case.features.len());
     let total: f64 = cases.iter().map(|case| case.weight).sum();
     let mean = |of: &dyn Fn(&Case) -> f64| cases.iter().map(|case| case.weight * of(case)).sum::<f64>() / total;
-    let centre: Vec<f64> = (0..width).map(|k| mean(&|case| case.measures[k])).collect();
-    let deviation = |k: usize| mean(&|case| (case.measures[k] - centre[k]).powi(2)).sqrt().max(1e-12);
+    let centre: Vec<f64> = (0..width).map(|k| mean(&|case| case.features[k])).collect();
+    let deviation = |k: usize| mean(&|case| (case.features[k] - centre[k]).powi(2)).sqrt().max(1e-12);
     let deviation: Vec<f64> = (0..width).map(deviation).collect();
     let standard =
-        |case: &Case, k: usize| if k == 0 { 1. } else { (case.measures[k - 1] - centre[k - 1]) / deviation[k - 1] };
+        |case: &Case, k: usize| if k == 0 { 1. } else { (case.features[k - 1] - centre[k - 1]) / deviation[k - 1] };
     let rows: Vec<Vec<f64>> = cases.iter().map(|case| (0..=width).map(|k| standard(case, k)).collect()).collect();
     let mut beta = DVector::<f64>::zeros(width + 1);
     for _ in 0..ROUNDS {

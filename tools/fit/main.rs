@@ -18,7 +18,7 @@ use logistic::Case;
 use nystrom_stream::base::Result;
 use nystrom_stream::base::parallel::map_chunks;
 use nystrom_stream::cluster::parts::PartsParams;
-use nystrom_stream::cluster::parts::cost::{MEASURES, Model};
+use nystrom_stream::cluster::parts::regions::{FEATURES, MergeModel};
 use nystrom_stream::store::Run;
 use std::path::PathBuf;
 use std::process::ExitCode;
@@ -39,7 +39,7 @@ struct Arguments {
     #[arg(long, default_value_t = 1)]
     seeds: u64,
     /// Members of a model.
-    #[arg(long, default_value_t = PartsParams::default().members)]
+    #[arg(long, default_value_t = PartsParams::default().ensemble_size)]
     members: usize,
     /// Power of the pairs in the weight of a merge.
     #[arg(long, default_value_t = 0.6)]
@@ -48,10 +48,10 @@ struct Arguments {
     #[arg(long, default_value_t = 1e-6)]
     ridge: f64,
     /// Exponent of the smaller area in the order of merges.
-    #[arg(long, default_value_t = Model::default().area_power)]
+    #[arg(long, default_value_t = MergeModel::default().area_power)]
     area_power: f64,
     /// Exponent of the convexity in the order of merges.
-    #[arg(long, default_value_t = Model::default().convexity_power)]
+    #[arg(long, default_value_t = MergeModel::default().convexity_power)]
     convexity_power: f64,
 }
 
@@ -62,21 +62,21 @@ struct Grown {
 }
 
 /// Constants fitted to the models that `chosen` picks.
-fn fitted(all: &[Grown], chosen: impl Fn(usize) -> bool, arguments: &Arguments) -> Model {
+fn fitted(all: &[Grown], chosen: impl Fn(usize) -> bool, arguments: &Arguments) -> MergeModel {
     let examples = all.iter().filter(|grown| chosen(grown.model)).flat_map(|grown| &grown.trees.examples);
     let case = |e: &trees::Example| Case {
-        measures: e.measures.to_vec(),
+        features: e.features.to_vec(),
         target: f64::from(e.together > 0.5),
         weight: (2. * e.together - 1.).abs() * e.pairs.powf(arguments.power),
     };
     let found = logistic::fit(&examples.map(case).collect::<Vec<_>>(), arguments.ridge);
     let weights = std::array::from_fn(|k| found.get(k + 1).copied().unwrap_or(0.));
-    Model { constant: found.first().copied().unwrap_or(0.), weights, ..order(arguments) }
+    MergeModel { constant: found.first().copied().unwrap_or(0.), weights, ..order(arguments) }
 }
 
 /// The order of merges that was asked for.
-fn order(arguments: &Arguments) -> Model {
-    Model { area_power: arguments.area_power, convexity_power: arguments.convexity_power, ..Model::default() }
+fn order(arguments: &Arguments) -> MergeModel {
+    MergeModel { area_power: arguments.area_power, convexity_power: arguments.convexity_power, ..MergeModel::default() }
 }
 
 /// The mean over seeds and models, and over each half, of parts by the constants that `of` gives for a model.
@@ -84,12 +84,12 @@ fn judge<'a>(
     name: &str,
     all: &[Grown],
     models: &[data::Model],
-    of: impl Fn(usize) -> &'a Model + Sync,
+    of: impl Fn(usize) -> &'a MergeModel + Sync,
     run: &Run,
 ) -> Result<()> {
     let one = |k: usize, (): &mut ()| {
         let Grown { model, trees } = &all[k];
-        trees.score(&|m: &[f64; MEASURES]| of(*model).probability(m), models[*model].parts)
+        trees.score(&|m: &[f64; FEATURES]| of(*model).probability(m), models[*model].parts)
     };
     let scores = map_chunks(run.threads, &run.cancel, all.len(), || (), one)?;
     let mean = |chosen: &dyn Fn(&data::Model) -> bool| {
@@ -103,7 +103,7 @@ fn judge<'a>(
     Ok(())
 }
 
-fn print(name: &str, model: &Model) {
+fn print(name: &str, model: &MergeModel) {
     let weights: Vec<String> = model.weights.iter().map(|w| format!("{w:.3}")).collect();
     println!("{name:12} {:.3}, [{}]", model.constant, weights.join(", "));
 }
@@ -125,15 +125,15 @@ fn fit(arguments: &Arguments) -> Result<()> {
     }
     let whole = fitted(&all, |_| true, arguments);
     let halves = [0, 1].map(|half| fitted(&all, |k| models[k].position % 2 != half, arguments));
-    let folds: Vec<Model> =
+    let folds: Vec<MergeModel> =
         (0..FOLDS).map(|fold| fitted(&all, |k| models[k].category % FOLDS != fold, arguments)).collect();
-    print("in use", &Model::default());
+    print("in use", &MergeModel::default());
     print("all", &whole);
     print("half B", &halves[0]);
     print("half A", &halves[1]);
     folds.iter().enumerate().for_each(|(k, model)| print(&format!("not fold {}", k + 1), model));
     println!("\n1 - Rand, found / given       half A            half B            all");
-    let now = Model { ..Model::default() };
+    let now = MergeModel { ..MergeModel::default() };
     judge("in use", &all, &models, |_| &now, &run)?;
     judge("all", &all, &models, |_| &whole, &run)?;
     judge("the other half", &all, &models, |k| &halves[models[k].position % 2], &run)?;

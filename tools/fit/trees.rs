@@ -2,17 +2,17 @@
 
 use super::data::{Data, Overlap};
 use nystrom_stream::base::Result;
-use nystrom_stream::cluster::parts::anchor::Rows;
-use nystrom_stream::cluster::parts::cost::{MEASURES, Model};
-use nystrom_stream::cluster::parts::members::{Member, average, draw_members};
-use nystrom_stream::cluster::parts::refinement::soft_hierarchy;
-use nystrom_stream::cluster::parts::tree::{Merge, meeting_probability, merges};
-use nystrom_stream::cluster::parts::{Atoms, CellGraph, PartsParams};
+use nystrom_stream::cluster::parts::ensemble::{OverSegmentation, draw_ensemble, mean_over_ensemble};
+use nystrom_stream::cluster::parts::labelling::soft_hierarchy;
+use nystrom_stream::cluster::parts::regions::{FEATURES, MergeModel};
+use nystrom_stream::cluster::parts::regions::{RegionMerge, meeting_probability, merges};
+use nystrom_stream::cluster::parts::{CellGraph, PartsParams, Superfaces};
+use nystrom_stream::spectral::anchor::LandmarkDistances;
 use nystrom_stream::store::Run;
 
 /// A merge as the fit sees it.
 pub struct Example {
-    pub measures: [f64; MEASURES],
+    pub features: [f64; FEATURES],
     /// Share of people who keep the two regions in one part: the mean over people and pairs of points of either.
     pub together: f64,
     /// Product of the two areas, the whole being 1.
@@ -23,14 +23,14 @@ pub struct Example {
 struct Tree {
     region: Vec<u32>,
     regions: usize,
-    merges: Vec<Merge>,
+    merges: Vec<RegionMerge>,
 }
 
 /// A model with its members' trees.
 pub struct Trees {
     cells: CellGraph,
     people: Vec<Vec<Overlap>>,
-    atoms: Atoms,
+    superfaces: Superfaces,
     trees: Vec<Tree>,
     pub examples: Vec<Example>,
 }
@@ -44,34 +44,34 @@ pub struct Score {
 
 impl Trees {
     /// Draws the members as the library does and merges them in the order of `model`.
-    pub fn grow(data: Data, model: &Model, count: usize, seed: u64) -> Result<Trees> {
+    pub fn grow(data: Data, model: &MergeModel, count: usize, seed: u64) -> Result<Trees> {
         let run = Run { threads: 1, seed, ..Run::new(&()) };
-        let rows = Rows::new(&data.rows, data.landmarks, data.cells.len());
-        let members = draw_members(&data.cells, &rows, count, "parts member", &run)?;
-        let mut atoms = Atoms::of(&data.cells, &rows, &members, &run)?;
+        let rows = LandmarkDistances::new(&data.rows, data.landmarks, data.cells.len());
+        let ensemble = draw_ensemble(&data.cells, &rows, count, "parts member", &run)?;
+        let mut superfaces = Superfaces::of(&data.cells, &rows, &ensemble, &run)?;
         let mut examples = Vec::new();
-        let grow = |m: &Member| {
-            let merges = merges(atoms.regions(&data.cells, &m.region, m.regions, m.width), model, |_, _| false);
+        let grow = |m: &OverSegmentation| {
+            let merges = merges(superfaces.regions(&data.cells, &m.region, m.regions, m.width), model, |_, _| false);
             examples.extend(judged(m, &merges, &data.people));
-            Tree { region: atoms.labels(&m.region), regions: m.regions, merges }
+            Tree { region: superfaces.labels(&m.region), regions: m.regions, merges }
         };
-        let trees = members.iter().map(grow).collect();
+        let trees = ensemble.iter().map(grow).collect();
         // Only merging needs these, and they are most of the memory.
-        (atoms.columns, atoms.sums) = (Vec::new(), Vec::new());
-        Ok(Trees { cells: data.cells, people: data.people, atoms, trees, examples })
+        (superfaces.moments, superfaces.sums) = (Vec::new(), Vec::new());
+        Ok(Trees { cells: data.cells, people: data.people, superfaces, trees, examples })
     }
 
-    /// How good the parts are with `probability` of a merge's measures, as many as are found and as many as `parts`.
-    pub fn score(&self, probability: &dyn Fn(&[f64; MEASURES]) -> f64, parts: usize) -> Result<Score> {
+    /// How good the parts are with `probability` of a merge's features, as many as are found and as many as `parts`.
+    pub fn score(&self, probability: &dyn Fn(&[f64; FEATURES]) -> f64, parts: usize) -> Result<Score> {
         let run = Run { threads: 1, ..Run::new(&()) };
         let meet = |tree: &Tree| {
-            let judged = |m: &Merge| Merge { probability: probability(&m.measures), ..*m };
-            let merges: Vec<Merge> = tree.merges.iter().map(judged).collect();
+            let judged = |m: &RegionMerge| RegionMerge { probability: probability(&m.features), ..*m };
+            let merges: Vec<RegionMerge> = tree.merges.iter().map(judged).collect();
             (tree.region.clone(), meeting_probability(tree.regions, &merges))
         };
         let trees: Vec<_> = self.trees.iter().map(meet).collect();
-        let together = average(self.atoms.len(), &trees, &run)?;
-        let tree = soft_hierarchy(&self.cells, &self.atoms, &together, PartsParams::default().small_part, &run)?;
+        let together = mean_over_ensemble(self.superfaces.len(), &trees, &run)?;
+        let tree = soft_hierarchy(&self.cells, &self.superfaces, &together, PartsParams::default().small_part, &run)?;
         let (found, given) = (tree.cut_detail(0.), tree.cut_k(parts)?);
         Ok(Score { found: self.rand(&found.label), given: self.rand(&given.label) })
     }
@@ -99,9 +99,9 @@ fn disagreement(label: &[u32], person: &[Overlap]) -> f64 {
 }
 
 /// What people make of a member's merges.
-fn judged(member: &Member, merges: &[Merge], people: &[Vec<Overlap>]) -> Vec<Example> {
+fn judged(member: &OverSegmentation, merges: &[RegionMerge], people: &[Vec<Overlap>]) -> Vec<Example> {
     let mut examples: Vec<Example> =
-        merges.iter().map(|m| Example { measures: m.measures, together: 0., pairs: 0. }).collect();
+        merges.iter().map(|m| Example { features: m.features, together: 0., pairs: 0. }).collect();
     for person in people {
         let labels = person.iter().map(|o| o.label as usize + 1).max().unwrap_or(0);
         let mut sums = vec![vec![0f64; labels]; member.regions];

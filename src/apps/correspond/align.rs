@@ -20,7 +20,7 @@ use crate::base::parallel::map_chunks;
 use crate::base::random::{stream, unit};
 use crate::distance::DistanceRows;
 use crate::graph::Node;
-use crate::spectral::orthogonal::{MOST, Point};
+use crate::spectral::nystrom::{MOST_DIMENSIONS, Point};
 use crate::store::Run;
 use nalgebra::DMatrix;
 use serde::Serialize;
@@ -176,7 +176,7 @@ pub fn procrustes(pairs: impl Iterator<Item = (Point, Point)>, k: usize) -> DMat
 #[inline]
 fn square(a: &Point, b: &Point) -> f32 {
     let mut sum = 0.;
-    for i in 0..MOST {
+    for i in 0..MOST_DIMENSIONS {
         sum += (a[i] - b[i]) * (a[i] - b[i]);
     }
     sum

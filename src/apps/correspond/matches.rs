@@ -18,7 +18,7 @@ use crate::base::parallel::{fill_chunks, fill_each, fill_two};
 use crate::base::vector::{distance, wide};
 use crate::base::{Error, Result};
 use crate::graph::VertexGraph;
-use crate::spectral::orthogonal::Point;
+use crate::spectral::nystrom::Point;
 use crate::store::npy::Item;
 use crate::store::{Context, MappedSlice};
 use bytemuck::{Pod, Zeroable};

@@ -1,6 +1,6 @@
 //! Which vertex of one mesh is which of another: §7.1 of the paper, without known matches and at any size.
 //!
-//! Both meshes are embedded ([`crate::spectral::orthogonal`]), the embeddings aligned ([`mod@align`]), vertices matched to
+//! Both meshes are embedded ([`crate::spectral::nystrom`]), the embeddings aligned ([`mod@align`]), vertices matched to
 //! the nearest ([`mod@matches`]). Matches carry colours, labels and other properties over ([`carry`]) and are judged by
 //! true ones ([`accuracy`]).
 

@@ -10,7 +10,7 @@ use crate::base::Result;
 use crate::base::parallel::{chunk_count, chunk_range, in_order};
 use crate::graph::vertices::triangles;
 use crate::mesh::Mesh;
-use crate::spectral::orthogonal::Point;
+use crate::spectral::nystrom::Point;
 use crate::store::Run;
 use nalgebra::DMatrix;
 

@@ -6,7 +6,7 @@
 
 use crate::base::Result;
 use crate::graph::dual::Csr;
-use crate::spectral::orthogonal::Point;
+use crate::spectral::nystrom::Point;
 use crate::store::budget::Grant;
 use crate::store::{Context, WorkDir};
 use kiddo::SquaredEuclidean;

@@ -7,7 +7,7 @@
 
 use super::canvas::{Drawing, Drawn, INK, RULE, save};
 use crate::base::Result;
-use crate::cluster::parts::{Cut, PartTree};
+use crate::cluster::parts::{PartTree, TreeCut};
 use plotters::coord::Shift;
 use plotters::prelude::{
     Circle, Color, DrawingArea, DrawingBackend, IntoFont, PathElement, RGBColor, Rectangle, Text, WHITE,
@@ -98,7 +98,7 @@ impl Nodes {
     }
 
     /// Shares of the surface below `node`, by part.
-    fn shares(&self, node: usize, cut: &Cut) -> BTreeMap<u32, f64> {
+    fn shares(&self, node: usize, cut: &TreeCut) -> BTreeMap<u32, f64> {
         let (mut shares, mut open) = (BTreeMap::new(), vec![node]);
         while let Some(node) = open.pop() {
             match self.children[node] {
@@ -110,7 +110,7 @@ impl Nodes {
     }
 
     /// The part that all of `node` lies in but for pieces below `least`.
-    fn part(&self, node: usize, cut: &Cut, least: f64) -> Option<u32> {
+    fn part(&self, node: usize, cut: &TreeCut, least: f64) -> Option<u32> {
         let shares = self.shares(node, cut);
         let (&part, _) = shares.iter().max_by(|a, b| a.1.total_cmp(b.1))?;
         shares.iter().all(|(other, share)| *other == part || *share < least).then_some(part)
@@ -119,7 +119,7 @@ impl Nodes {
 
 impl Dendrogram {
     /// Lays out the branches of `tree`, which [`PartTree::check`] accepts, under its cut `cut`. O(S) a branch.
-    pub fn of(tree: &PartTree, cut: &Cut) -> Self {
+    pub fn of(tree: &PartTree, cut: &TreeCut) -> Self {
         let nodes = Nodes::of(tree);
         let mut parts = vec![0.; cut.parts];
         cut.label.iter().zip(&nodes.area).for_each(|(&part, area)| parts[part as usize] += area);
@@ -275,14 +275,14 @@ impl Drawing for TreePlot<'_> {
 mod tests {
     use super::*;
     use crate::cluster::parts::CellGraph;
-    use crate::cluster::parts::hierarchy::Union;
+    use crate::cluster::parts::hierarchy::CellUnion;
 
     /// Sixteen cells: neighbours in pairs, pairs in fours, and so on; the level falls with the step.
     fn tree(area: Vec<f64>) -> PartTree {
         let pairs: Vec<[u32; 2]> = (1..16).map(|i| [i - 1, i]).collect();
         let cells = CellGraph { area, length: vec![1.; pairs.len()], pairs, ..CellGraph::default() };
         let unions = [1u32, 2, 4, 8].into_iter().zip([0.9, 0.7, 0.4, 0.1]).flat_map(|(step, level)| {
-            (0..16 / (2 * step)).map(move |k| Union { level, rank: level, a: 2 * k * step, b: (2 * k + 1) * step })
+            (0..16 / (2 * step)).map(move |k| CellUnion { level, rank: level, a: 2 * k * step, b: (2 * k + 1) * step })
         });
         PartTree::new(&cells, unions, 0.)
     }

@@ -15,11 +15,10 @@ use crate::base::{Error, Result};
 use crate::distance::front::{Front, mean_weight};
 use crate::distance::sampler::Visits;
 use crate::landmarks::{GraphSpace, MatrixSpace, Sampling, SamplingParams, SearchGraph, Space};
-use crate::spectral::block::{Affinities, Bandwidth, Block};
-use crate::spectral::exact::{Exact, aligned_error, exact, leading};
+use crate::spectral::affinity::{AffinityBlock, Bandwidth, KeptEigenpairs, SampledBlock};
 use crate::spectral::kernel::Kernel;
-use crate::spectral::measures::{Kept, Measures, measure};
-use crate::spectral::nystrom::{Extension, Extrapolation, Scaling, Weigh};
+use crate::spectral::measures::{Measures, TrueErrors, aligned_error, exact, leading, measure};
+use crate::spectral::nystrom::{Extrapolation, NodeWeight, NystromExtension, Scaling};
 use crate::store::{Context, MappedSlice, Run};
 use nalgebra::DMatrix;
 use serde::Serialize;
@@ -90,7 +89,7 @@ pub struct SampleRecord {
     pub residual: Option<f64>,
     /// What only all of W tells, where asked for and possible.
     #[serde(skip_serializing_if = "Option::is_none")]
-    pub exact: Option<Exact>,
+    pub exact: Option<TrueErrors>,
     /// Landmarks, in the order found.
     #[serde(skip)]
     pub landmarks: Vec<u32>,
@@ -237,15 +236,15 @@ fn record(
     let bandwidth =
         if params.local { Bandwidth::Local(params.width.round().max(1.) as usize) } else { Bandwidth::Global(sigma) };
     let tolerance = params.tolerance.unwrap_or(params.kernel.tolerance(l));
-    let block = Affinities::new(landmarks, rows.first(l), params.kernel, bandwidth);
+    let block = AffinityBlock::new(landmarks, rows.first(l), params.kernel, bandwidth);
     // Under local widths a pair's affinity is known only between landmarks and others.
-    let held = Affinities::new(&ground.held_out, ground.held_rows(), params.kernel, bandwidth);
-    let measures = measure(&block, (!params.local).then_some(&held as &dyn Block), tolerance, run)?;
+    let held = AffinityBlock::new(&ground.held_out, ground.held_rows(), params.kernel, bandwidth);
+    let measures = measure(&block, (!params.local).then_some(&held as &dyn SampledBlock), tolerance, run)?;
     let all: Vec<u32> = (0..n as u32).collect();
     let matrix = ground.matrix.as_ref().filter(|_| !params.local);
     let residual = match matrix.filter(|_| params.residual) {
         Some(matrix) => {
-            let truth = Affinities::new(&all, matrix.chunks_exact(n).collect(), params.kernel, bandwidth);
+            let truth = AffinityBlock::new(&all, matrix.chunks_exact(n).collect(), params.kernel, bandwidth);
             residual(&block, &truth, tolerance, run)?
         }
         None => None,
@@ -275,7 +274,7 @@ fn record(
 }
 
 /// The residual of all of W: as if every column had been held out.
-fn residual(block: &Affinities, truth: &Affinities, tolerance: f64, run: &Run) -> Result<Option<f64>> {
+fn residual(block: &AffinityBlock, truth: &AffinityBlock, tolerance: f64, run: &Run) -> Result<Option<f64>> {
     Ok(measure(block, Some(truth), tolerance, run)?.held_out)
 }
 
@@ -334,17 +333,17 @@ pub fn embedding_errors(
     let one = |&l: &usize| {
         let l = l.min(n);
         let rows: Vec<&[f32]> = found[..l].iter().map(|&i| &matrix[i as usize * n..(i as usize + 1) * n]).collect();
-        let block = Affinities::new(&found[..l], rows, kernel, Bandwidth::Global(sigma));
+        let block = AffinityBlock::new(&found[..l], rows, kernel, Bandwidth::Global(sigma));
         let tolerance = kernel.tolerance(l);
         let error = |how, weights: Option<&[f64]>, truth: &DMatrix<f64>| -> Result<f64> {
             let weigh = weights.map(|weights| move |node: usize| weights[node]);
-            let weigh = weigh.as_ref().map(|weigh| weigh as Weigh<'_>);
-            let y = Extension::fit(&block, how, Scaling::Root, d, weigh, tolerance, run)?.embed(&block);
+            let weigh = weigh.as_ref().map(|weigh| weigh as NodeWeight<'_>);
+            let y = NystromExtension::fit(&block, how, Scaling::Root, d, weigh, tolerance, run)?.embed(&block);
             let mut padded = DMatrix::zeros(n, truth.ncols());
             padded.columns_mut(0, y.ncols()).copy_from(&y);
             Ok(aligned_error(truth, &padded, weights.unwrap_or(&ones)))
         };
-        let kept = Kept::of(block.sampled(), tolerance);
+        let kept = KeptEigenpairs::of(block.sampled(), tolerance);
         Ok(EmbeddingError {
             l,
             plain: error(Extrapolation::Plain, None, &even)?,

@@ -8,10 +8,9 @@
 use crate::base::Result;
 use crate::base::parallel::map_chunks;
 use crate::base::random::{below, stream, unit};
-use crate::spectral::block::Dense;
-use crate::spectral::exact::schur_norms;
+use crate::spectral::affinity::DenseBlock;
 use crate::spectral::kernel::Kernel;
-use crate::spectral::measures::measure;
+use crate::spectral::measures::{measure, schur_norms};
 use crate::store::Run;
 use nalgebra::DMatrix;
 use serde::Serialize;
@@ -91,7 +90,7 @@ pub fn affinities(points: &[[f64; 2]]) -> DMatrix<f64> {
 /// [`crate::base::Error::Cancelled`].
 pub fn judge(w: &DMatrix<f64>, landmarks: &[u32], run: &Run) -> Result<Judged> {
     let rows = DMatrix::from_fn(landmarks.len(), w.ncols(), |k, j| w[(landmarks[k] as usize, j)]);
-    let block = Dense { landmarks: landmarks.to_vec(), rows };
+    let block = DenseBlock { landmarks: landmarks.to_vec(), rows };
     let [frobenius, spectral, nuclear] = schur_norms(w, &block, TOLERANCE);
     Ok(Judged { gamma: measure(&block, None, TOLERANCE, run)?.gamma, frobenius, spectral, nuclear })
 }

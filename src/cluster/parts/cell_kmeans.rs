@@ -4,31 +4,31 @@
 //! are plain vector arithmetic in single precision; centres are summed in double precision and in
 //! point order. The result depends on the points, the weights and the random stream alone.
 
-use crate::base::random::{Random, unit};
+use crate::base::random::{Random, weighted};
 use crate::base::wide::{Work, wide};
 
-/// Points a block.
+/// Points per block.
 const LANES: usize = 16;
 /// Centres that a block is compared with at a time: what is loaded of it serves all of them.
 const GROUP: usize = 4;
 
 /// How to run a K-means.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct KMeans {
+pub struct CellKMeans {
     /// Clusters wanted; no more than there are points are made.
     pub clusters: usize,
     /// Independent starts, of which the cheapest is kept.
     pub restarts: usize,
     /// Rounds of assigning and averaging at most.
     pub rounds: usize,
-    /// Candidates a seed of the greedy k-means++, the best of which is taken.
+    /// Candidates per seed of the greedy k-means++, the best of which is taken.
     pub candidates: usize,
     /// A run ends when a round lowers its cost by less than this share.
     pub tolerance: f64,
 }
 
 /// Points in blocks: block b holds coordinate c of its points at `b·d·16 + c·16`.
-struct Blocks {
+struct PointBlocks {
     values: Vec<[f32; LANES]>,
     norm: Vec<[f32; LANES]>,
     /// The same row by row (n × d).
@@ -39,12 +39,12 @@ struct Blocks {
 
 /// Centres in groups of [`GROUP`], coordinate by coordinate; where the last group is not full, infinitely far ones.
 #[derive(Default)]
-struct Groups {
+struct CentreGroups {
     values: Vec<[f32; GROUP]>,
     square: Vec<[f32; GROUP]>,
 }
 
-impl Groups {
+impl CentreGroups {
     /// Takes centres, row-major k × d, in place of those it had.
     fn set(&mut self, centres: &[f32], d: usize) {
         let count = centres.len().div_ceil(d * GROUP);
@@ -83,9 +83,9 @@ fn add_product(sum: &mut [f32; LANES], x: &[f32; LANES], c: f32) {
     }
 }
 
-impl Blocks {
+impl PointBlocks {
     #[inline(always)]
-    fn new(points: &[f64], n: usize, d: usize) -> Blocks {
+    fn new(points: &[f64], n: usize, d: usize) -> PointBlocks {
         let count = n.div_ceil(LANES);
         let mut values = vec![[0.0; LANES]; count * d];
         let mut norm = vec![[0.0; LANES]; count];
@@ -102,7 +102,7 @@ impl Blocks {
                 }
             }
         }
-        Blocks { values, norm, rows, n, d }
+        PointBlocks { values, norm, rows, n, d }
     }
 
     fn point(&self, i: usize) -> &[f32] {
@@ -110,20 +110,20 @@ impl Blocks {
     }
 }
 
-impl KMeans {
+impl CellKMeans {
     /// Clusters `points` (row-major n × d) under `weight` (n, > 0): a label below
-    /// min(clusters, n) a point. Not every label need occur where points coincide.
+    /// min(clusters, n) per point. Not every label need occur where points coincide.
     pub fn run(&self, points: &[f64], weight: &[f64], random: &mut Random) -> Vec<u32> {
-        wide(Clustering { how: self, points, weight, random })
+        wide(CellKMeansJob { how: self, points, weight, random })
     }
 
     /// Greedy k-means++: each seed is the best of a few drawn by weight × squared distance.
     #[inline(always)]
-    fn seeds(&self, x: &Blocks, weight: &[f64], k: usize, random: &mut Random) -> Vec<f32> {
+    fn seeds(&self, x: &PointBlocks, weight: &[f64], k: usize, random: &mut Random) -> Vec<f32> {
         let mut centres: Vec<f32> = Vec::with_capacity(k * x.d);
         let mut near = vec![[f32::MAX; LANES]; x.norm.len()];
         let mut sums: Vec<f64> = Vec::with_capacity(x.n);
-        let (mut drawn, mut groups) = (Vec::new(), Groups::default());
+        let (mut drawn, mut groups) = (Vec::new(), CentreGroups::default());
         for made in 0..k {
             let mut total = 0.0;
             sums.clear();
@@ -135,8 +135,7 @@ impl KMeans {
             }
             drawn.clear();
             for _ in 0..if made == 0 { 1 } else { self.candidates.max(1) } {
-                let target = unit(random) * total;
-                drawn.push(sums.partition_point(|&s| s <= target).min(x.n - 1));
+                drawn.push(weighted(&sums, random));
             }
             let candidates: Vec<f32> = drawn.iter().flat_map(|&pick| x.point(pick)).copied().collect();
             groups.set(&candidates, x.d);
@@ -161,13 +160,13 @@ impl KMeans {
 
     /// Lloyd's rounds: the last assignment and its cost.
     #[inline(always)]
-    fn rounds(&self, x: &Blocks, weight: &[f64], centres: &mut [f32]) -> (f64, Vec<u32>) {
+    fn rounds(&self, x: &PointBlocks, weight: &[f64], centres: &mut [f32]) -> (f64, Vec<u32>) {
         let (d, k) = (x.d, centres.len() / x.d);
         let mut label = vec![[0u32; LANES]; x.norm.len()];
         let mut sums = vec![0.0f64; k * d];
         let mut mass = vec![0.0f64; k];
         let mut last = f64::INFINITY;
-        let mut groups = Groups::default();
+        let mut groups = CentreGroups::default();
         for round in 1.. {
             groups.set(centres, d);
             let mut cost = 0.0;
@@ -203,27 +202,27 @@ impl KMeans {
     }
 }
 
-/// [`KMeans::run`] on wide vectors.
-struct Clustering<'a> {
-    how: &'a KMeans,
+/// [`CellKMeans::run`] on wide vectors.
+struct CellKMeansJob<'a> {
+    how: &'a CellKMeans,
     points: &'a [f64],
     weight: &'a [f64],
     random: &'a mut Random,
 }
 
-impl Work for Clustering<'_> {
+impl Work for CellKMeansJob<'_> {
     type Output = Vec<u32>;
 
     #[inline(always)]
     fn run(self) -> Vec<u32> {
-        let Clustering { how, points, weight, random } = self;
+        let CellKMeansJob { how, points, weight, random } = self;
         let n = weight.len();
         let k = how.clusters.clamp(1, n.max(1));
         let d = points.len().checked_div(n).unwrap_or(0);
         if k == 1 || d == 0 {
             return vec![0; n];
         }
-        let blocks = Blocks::new(points, n, d);
+        let blocks = PointBlocks::new(points, n, d);
         let mut best: Option<(f64, Vec<u32>)> = None;
         for _ in 0..how.restarts.max(1) {
             let mut centres = how.seeds(&blocks, weight, k, random);
@@ -238,7 +237,7 @@ impl Work for Clustering<'_> {
 
 /// Squared distances of block `b`'s points to the nearest centre, `near` up to now, with each centre of group `g` besides.
 #[inline(always)]
-fn lowered(x: &Blocks, b: usize, near: &[f32; LANES], groups: &Groups, g: usize) -> [[f32; LANES]; GROUP] {
+fn lowered(x: &PointBlocks, b: usize, near: &[f32; LANES], groups: &CentreGroups, g: usize) -> [[f32; LANES]; GROUP] {
     let d = x.d;
     let (mut sum, norm) = (products(&x.values[b * d..(b + 1) * d], &groups.values[g * d..(g + 1) * d]), &x.norm[b]);
     for (sum, square) in sum.iter_mut().zip(&groups.square[g]) {
@@ -251,7 +250,7 @@ fn lowered(x: &Blocks, b: usize, near: &[f32; LANES], groups: &Groups, g: usize)
 
 /// What all points cost with each centre of group `g` besides.
 #[inline(always)]
-fn costs(x: &Blocks, weight: &[f64], near: &[[f32; LANES]], groups: &Groups, g: usize) -> [f64; GROUP] {
+fn costs(x: &PointBlocks, weight: &[f64], near: &[[f32; LANES]], groups: &CentreGroups, g: usize) -> [f64; GROUP] {
     let mut cost = [0.0; GROUP];
     for (b, (near, part)) in near.iter().zip(weight.chunks(LANES)).enumerate() {
         let low = lowered(x, b, near, groups, g);
@@ -268,7 +267,7 @@ fn costs(x: &Blocks, weight: &[f64], near: &[[f32; LANES]], groups: &Groups, g: 
 
 /// For each point of a block the nearest centre and its |c|² − 2 x·c.
 #[inline(always)]
-fn assign(block: &[[f32; LANES]], groups: &Groups) -> ([u32; LANES], [f32; LANES]) {
+fn assign(block: &[[f32; LANES]], groups: &CentreGroups) -> ([u32; LANES], [f32; LANES]) {
     let (mut nearest, mut least) = ([0u32; LANES], [f32::MAX; LANES]);
     for (g, (group, square)) in groups.values.chunks_exact(block.len()).zip(&groups.square).enumerate() {
         let sum = products(block, group);
@@ -289,7 +288,7 @@ mod tests {
     use super::*;
     use crate::base::random::stream;
 
-    const PLAIN: KMeans = KMeans { clusters: 3, restarts: 2, rounds: 20, candidates: 3, tolerance: 1e-6 };
+    const PLAIN: CellKMeans = CellKMeans { clusters: 3, restarts: 2, rounds: 20, candidates: 3, tolerance: 1e-6 };
 
     #[test]
     fn three_clumps_are_found() {

@@ -1,48 +1,44 @@
 //! The plainer decisions: one run with a stop constant, and a consensus of several.
 //!
 //! A single run merges one over-segmentation until the greatest cost falls below 1.5. The
-//! consensus lets eight random members stop at 1.6 times a factor within .8 to 1.25, groups the
-//! atoms by average linkage of how often they lie in one part, to 1.6 times the median number of
+//! consensus lets eight random over-segmentations stop at 1.6 times a factor within .8 to 1.25, groups the
+//! superfaces by average linkage of how often they lie in one part, to 1.6 times the median number of
 //! parts and one, and merges the groups once more by cost.
 
-use super::anchor::Rows;
-use super::cells::{CellGraph, class_sums, compact};
-use super::cost::Model;
-use super::hierarchy::{PartTree, Union};
-use super::labelling::between;
-use super::linkage::{Linkage, Rank};
+use super::cell_graph::{CellGraph, class_sums, compact};
+use super::ensemble::{OverSegmentation, OverSegmentationParams, Superfaces, draw_ensemble};
+use super::hierarchy::{CellUnion, PartTree};
+use super::labelling::{Linkage, LinkageRank, between, unions_within};
 use super::matrix::Square;
-use super::members::{Atoms, Member, draw_members};
-use super::over_segment::Recipe;
-use super::refinement::within;
-use super::tree::{classes, meeting_probability, merges};
+use super::regions::{MergeModel, classes_after, meeting_probability, merges};
 use crate::base::Result;
 use crate::base::parallel::map_chunks;
 use crate::base::random::{stream, unit};
+use crate::spectral::anchor::LandmarkDistances;
 use crate::store::run::Run;
 
 /// A single run stops when the greatest cost falls below this.
 const SINGLE_STOP: f64 = 1.5;
-/// The same for the members of a consensus and its last merge.
+/// The same for the ensemble of a consensus and its last merge.
 const CONSENSUS_STOP: f64 = 1.6;
 /// Members stop at this range of factors of it.
 const STOP_FACTOR: [f64; 2] = [0.8, 1.25];
 /// Members of a consensus.
-const MEMBERS: usize = 8;
-/// Groups a part of the median member, to which one is added.
+const ENSEMBLE: usize = 8;
+/// Groups per part of the median over-segmentation, to which one is added.
 const GROUPS: f64 = 1.6;
 /// Index of the pair width of .1, used where none is drawn.
 const MIDDLE_WIDTH: usize = 1;
 /// Levels of the groups' own joins begin here, those of the last merge end here.
 const GROUP_LEVEL: f64 = 0.9;
 
-/// A decision: the atoms it is made of, how far any two belong together, and the hierarchy.
+/// A decision: the superfaces it is made of, how far any two belong together, and the hierarchy.
 #[derive(Clone, Debug)]
-pub struct Decided {
-    /// The atoms.
-    pub atoms: Atoms,
-    /// How far any two atoms belong together, in \[0, 1\] (R × R).
-    pub together: Square,
+pub struct PartDecision {
+    /// The superfaces.
+    pub superfaces: Superfaces,
+    /// How far any two superfaces belong together, in \[0, 1\] (R × R).
+    pub co_association: Square,
     /// The hierarchy.
     pub tree: PartTree,
 }
@@ -56,112 +52,123 @@ fn level(log_cost: f64, stop: f64) -> f64 {
 ///
 /// # Errors
 /// Cancellation.
-pub fn single_run(cells: &CellGraph, rows: &Rows, small_part: f64, run: &Run) -> Result<Decided> {
-    let recipe = Recipe::single(rows.count);
-    let member = Member::new(cells, rows, &recipe, MIDDLE_WIDTH, run.seed, "parts single clusters");
-    let atoms = Atoms::of(cells, rows, std::slice::from_ref(&member), run)?;
-    let list = merges(atoms.regions(cells, &atoms.of_cell, atoms.len(), MIDDLE_WIDTH), &Model::default(), |_, _| false);
-    let first = &atoms.first;
-    let unions = list.iter().zip(1i32..).map(|(m, k)| Union {
+pub fn single_run(cells: &CellGraph, rows: &LandmarkDistances, small_part: f64, run: &Run) -> Result<PartDecision> {
+    let params = OverSegmentationParams::single(rows.count);
+    let over_segmentation =
+        OverSegmentation::new(cells, rows, &params, MIDDLE_WIDTH, run.seed, "parts single clusters");
+    let superfaces = Superfaces::of(cells, rows, std::slice::from_ref(&over_segmentation), run)?;
+    let list = merges(
+        superfaces.regions(cells, &superfaces.of_cell, superfaces.len(), MIDDLE_WIDTH),
+        &MergeModel::default(),
+        |_, _| false,
+    );
+    let first = &superfaces.first;
+    let unions = list.iter().zip(1i32..).map(|(m, k)| CellUnion {
         level: level(m.log_cost, SINGLE_STOP),
         rank: f64::from(-k),
         a: first[m.i],
         b: first[m.j],
     });
-    let tree = PartTree::new(cells, within(cells, &atoms.of_cell).into_iter().chain(unions), small_part);
-    Ok(Decided { together: meeting_probability(atoms.len(), &list), atoms, tree })
+    let tree = PartTree::new(cells, unions_within(cells, &superfaces.of_cell).into_iter().chain(unions), small_part);
+    Ok(PartDecision { co_association: meeting_probability(superfaces.len(), &list), superfaces, tree })
 }
 
-/// Eight stopped members, average linkage of their co-association, a last merge by cost.
+/// Eight stopped over-segmentations, average linkage of their co-association, a last merge by cost.
 ///
 /// # Errors
 /// Cancellation.
-pub fn consensus(cells: &CellGraph, rows: &Rows, small_part: f64, run: &Run) -> Result<Decided> {
-    let members = draw_members(cells, rows, MEMBERS, "parts consensus member", run)?;
-    let atoms = Atoms::of(cells, rows, &members, run)?;
+pub fn consensus(cells: &CellGraph, rows: &LandmarkDistances, small_part: f64, run: &Run) -> Result<PartDecision> {
+    let ensemble = draw_ensemble(cells, rows, ENSEMBLE, "parts consensus member", run)?;
+    let superfaces = Superfaces::of(cells, rows, &ensemble, run)?;
     let labels = map_chunks(
         run.threads,
         &run.cancel,
-        members.len(),
+        ensemble.len(),
         || (),
         |k, ()| {
-            let (m, mut random) = (&members[k], stream(run.seed, &format!("parts consensus stop {k}")));
+            let (m, mut random) = (&ensemble[k], stream(run.seed, &format!("parts consensus stop {k}")));
             let factor = STOP_FACTOR[0] + (STOP_FACTOR[1] - STOP_FACTOR[0]) * unit(&mut random);
             let stop = (CONSENSUS_STOP * factor).ln();
-            let regions = atoms.regions(cells, &m.region, m.regions, m.width);
-            let into = classes(m.regions, &merges(regions, &Model::default(), |cost, _| cost < stop));
-            let label: Vec<u32> = atoms.labels(&m.region).iter().map(|&r| into[r as usize]).collect();
+            let regions = superfaces.regions(cells, &m.region, m.regions, m.width);
+            let into = classes_after(m.regions, &merges(regions, &MergeModel::default(), |cost, _| cost < stop));
+            let label: Vec<u32> = superfaces.labels(&m.region).iter().map(|&r| into[r as usize]).collect();
             Ok(compact(&label))
         },
     )?;
-    let n = atoms.len();
-    let mut together = Square::zeros(n);
+    let n = superfaces.len();
+    let mut co_association = Square::zeros(n);
     for (label, _) in &labels {
         for i in 0..n {
-            for (x, &k) in together.row_mut(i).iter_mut().zip(label) {
-                *x += if k == label[i] { 1.0 / MEMBERS as f64 } else { 0.0 };
+            for (x, &k) in co_association.row_mut(i).iter_mut().zip(label) {
+                *x += if k == label[i] { 1.0 / ENSEMBLE as f64 } else { 0.0 };
             }
         }
     }
     let mut counts: Vec<usize> = labels.iter().map(|(_, k)| *k).collect();
     counts.sort_unstable();
-    let median = (counts[(MEMBERS - 1) / 2] + counts[MEMBERS / 2]) as f64 / 2.0;
+    let median = (counts[(ENSEMBLE - 1) / 2] + counts[ENSEMBLE / 2]) as f64 / 2.0;
     let groups = (GROUPS * median).round() as usize + 1;
-    let tree = grouped(cells, &atoms, &together, groups, small_part);
-    Ok(Decided { atoms, together, tree })
+    let tree = grouped(cells, &superfaces, &co_association, groups, small_part);
+    Ok(PartDecision { superfaces, co_association, tree })
 }
 
-/// Average linkage of atoms to `groups` groups, then merges by cost: the hierarchy.
-fn grouped(cells: &CellGraph, atoms: &Atoms, together: &Square, groups: usize, small_part: f64) -> PartTree {
-    let n = atoms.len();
-    let mut sums = together.clone();
+/// Average linkage of superfaces to `groups` groups, then merges by cost: the hierarchy.
+fn grouped(
+    cells: &CellGraph,
+    superfaces: &Superfaces,
+    co_association: &Square,
+    groups: usize,
+    small_part: f64,
+) -> PartTree {
+    let n = superfaces.len();
+    let mut sums = co_association.clone();
     for i in 0..n {
-        for (x, a) in sums.row_mut(i).iter_mut().zip(&atoms.area) {
-            *x *= a * atoms.area[i];
+        for (x, a) in sums.row_mut(i).iter_mut().zip(&superfaces.area) {
+            *x *= a * superfaces.area[i];
         }
     }
-    let linkage = Linkage { sums, area: atoms.area.clone(), touch: None };
-    let joins = linkage.joins(Rank::Mean, groups);
+    let linkage = Linkage { sums, area: superfaces.area.clone(), shared_boundary: None };
+    let joins = linkage.joins(LinkageRank::Mean, groups);
     let mut into: Vec<u32> = (0..n as u32).collect();
-    let mut unions = within(cells, &atoms.of_cell);
+    let mut unions = unions_within(cells, &superfaces.of_cell);
     for join in &joins {
         into.iter_mut().filter(|k| **k == join.j as u32).for_each(|k| *k = join.i as u32);
         let level = GROUP_LEVEL + (1.0 - GROUP_LEVEL) * join.mean;
         let rank = f64::from(-(unions.len() as i32));
-        unions.push(Union { level, rank, a: atoms.first[join.i], b: atoms.first[join.j] });
+        unions.push(CellUnion { level, rank, a: superfaces.first[join.i], b: superfaces.first[join.j] });
     }
     let (group, count) = compact(&into);
-    let of_cell: Vec<u32> = atoms.of_cell.iter().map(|&a| group[a as usize]).collect();
+    let of_cell: Vec<u32> = superfaces.of_cell.iter().map(|&a| group[a as usize]).collect();
     let mut first = vec![u32::MAX; count];
-    for (&k, &cell) in group.iter().zip(&atoms.first) {
+    for (&k, &cell) in group.iter().zip(&superfaces.first) {
         first[k as usize] = first[k as usize].min(cell);
     }
-    let regions = atoms.regions(cells, &of_cell, count, MIDDLE_WIDTH);
-    for m in merges(regions, &Model::default(), |_, _| false) {
+    let regions = superfaces.regions(cells, &of_cell, count, MIDDLE_WIDTH);
+    for m in merges(regions, &MergeModel::default(), |_, _| false) {
         let level = level(m.log_cost, CONSENSUS_STOP).min(GROUP_LEVEL);
         let rank = f64::from(-(unions.len() as i32));
-        unions.push(Union { level, rank, a: first[m.i], b: first[m.j] });
+        unions.push(CellUnion { level, rank, a: first[m.i], b: first[m.j] });
     }
     PartTree::new(cells, unions, small_part)
 }
 
-/// How sure each atom's part is: the mean of C to the rest of its own part less the greatest mean
+/// How sure each superface's part is: the mean of C to the rest of its own part less the greatest mean
 /// to another part, within \[0, 1\].
-pub fn confidence(atoms: &Atoms, together: &Square, label: &[u32], parts: usize) -> Vec<f64> {
-    let n = atoms.len();
+pub fn confidence(superfaces: &Superfaces, co_association: &Square, label: &[u32], parts: usize) -> Vec<f64> {
+    let n = superfaces.len();
     let mut weighted = Square::zeros(n);
     for i in 0..n {
-        for ((x, c), a) in weighted.row_mut(i).iter_mut().zip(together.row(i)).zip(&atoms.area) {
+        for ((x, c), a) in weighted.row_mut(i).iter_mut().zip(co_association.row(i)).zip(&superfaces.area) {
             *x = c * a;
         }
         weighted[(i, i)] = 0.0;
     }
-    let area = class_sums(label, &atoms.area, parts);
+    let area = class_sums(label, &superfaces.area, parts);
     (0..n)
         .map(|i| {
             let pull = class_sums(label, weighted.row(i), parts);
             let own = label[i] as usize;
-            let rest = area[own] - atoms.area[i];
+            let rest = area[own] - superfaces.area[i];
             let inside = if rest > 1e-12 * area[own] { pull[own] / rest } else { 1.0 };
             let outside = (0..parts).filter(|&k| k != own && area[k] > 0.0).map(|k| pull[k] / area[k]);
             (inside - outside.fold(0.0, f64::max)).clamp(0.0, 1.0)
@@ -169,17 +176,17 @@ pub fn confidence(atoms: &Atoms, together: &Square, label: &[u32], parts: usize)
         .collect()
 }
 
-/// Expected 1 − Rand index by area of a labelling of the atoms: the share of pairs on which a
-/// person drawn by C would differ; pairs inside an atom count as certain.
-pub fn expected_disagreement(atoms: &Atoms, together: &Square, label: &[u32]) -> f64 {
-    let total: f64 = atoms.area.iter().sum();
+/// Expected 1 − Rand index by area of a labelling of the superfaces: the share of pairs on which a
+/// person drawn by C would differ; pairs inside a superface count as certain.
+pub fn expected_disagreement(superfaces: &Superfaces, co_association: &Square, label: &[u32]) -> f64 {
+    let total: f64 = superfaces.area.iter().sum();
     let mut n = 0;
-    let apart: Vec<u32> = (0..atoms.len() as u32).collect();
-    let mut differ = Square::zeros(atoms.len());
-    for i in 0..atoms.len() {
-        for (j, (x, c)) in differ.row_mut(i).iter_mut().zip(together.row(i)).enumerate() {
+    let apart: Vec<u32> = (0..superfaces.len() as u32).collect();
+    let mut differ = Square::zeros(superfaces.len());
+    for i in 0..superfaces.len() {
+        for (j, (x, c)) in differ.row_mut(i).iter_mut().zip(co_association.row(i)).enumerate() {
             let wrong = if label[i] == label[j] { 1.0 - c } else { *c };
-            *x = if i == j { 0.0 } else { wrong * atoms.area[i] * atoms.area[j] };
+            *x = if i == j { 0.0 } else { wrong * superfaces.area[i] * superfaces.area[j] };
         }
         n += 1;
     }

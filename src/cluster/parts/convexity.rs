@@ -3,10 +3,10 @@
 //! Cells p and q see each other as convex if n_p·(x_q − x_p) < .05 |d| and n_q·(x_p − x_q) <
 //! .05 |d|: across a convex body they do, across a notch they do not. A pair weighs
 //! a_p a_q exp(−|d|²/2w²), cut at |d| = 4w, for three widths w at once, so that one pass over the
-//! pairs serves all members. With the same weights, how much the thickness of the body differs between the cells of a
-//! pair ([`super::thickness`]). Sums are kept between atoms and add up when atoms are united.
+//! pairs serves the whole ensemble. With the same weights, how much the thickness of the body differs between the cells of a
+//! pair ([`super::thickness`]). Sums are kept between superfaces and add up when superfaces are united.
 
-use super::cells::CellGraph;
+use super::cell_graph::CellGraph;
 use crate::base::Result;
 use crate::base::parallel::map_ranges;
 use crate::base::wide::{Work, wide};
@@ -17,51 +17,51 @@ use std::ops::Range;
 pub const WIDTHS: [f64; 3] = [0.08, 0.1, 0.12];
 /// Sine of the angle below which a cell counts as not in front of another.
 const TOLERANCE: f64 = 0.05;
-/// The weight is cut at so many widths.
+/// The weight is cut at this many widths.
 const CUT: f64 = 4.0;
-/// Atoms a chunk of the parallel pass.
+/// Superfaces per chunk of the parallel pass.
 const CHUNK: usize = 8;
 /// Nodes of the table of exponentials; between nodes a cubic, good to 2e-11.
-const TABLE: usize = 2048;
+const TABLE_NODES: usize = 2048;
 
-/// The sums between two atoms, for each of [`WIDTHS`].
+/// The sums between two superfaces, for each of [`WIDTHS`].
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct PairSums {
-    /// First atom.
+    /// First superface.
     pub a: u32,
-    /// Second atom, ≥ the first.
+    /// Second superface, ≥ the first.
     pub b: u32,
     /// Pairs that see each other as convex; where a = b each pair counts twice.
     pub seen: [f64; 3],
     /// All pairs.
     pub all: [f64; 3],
     /// |difference| of the logarithms of thickness over all pairs.
-    pub step: [f64; 3],
+    pub thickness_jump: [f64; 3],
 }
 
-/// One number a width, and a fourth of no meaning: four fill a vector.
-type Lanes = [f64; 4];
+/// One number per width, and a fourth without meaning: four fill a vector.
+type PerWidth = [f64; 4];
 
 /// exp(−x/2w²) for the three widths and x up to the widest cut.
-struct Table {
+struct ExpTable {
     /// The values at each node, and where it is.
-    nodes: Vec<Lanes>,
+    nodes: Vec<PerWidth>,
     scale: f64,
-    rate: Lanes,
-    cut: Lanes,
+    rate: PerWidth,
+    cut: PerWidth,
 }
 
-impl Table {
-    fn new() -> Table {
+impl ExpTable {
+    fn new() -> ExpTable {
         let [a, b, c] = WIDTHS.map(|w| 0.5 / (w * w));
         let cut = WIDTHS.map(|w| CUT * CUT * w * w);
-        let scale = TABLE as f64 / cut[2];
+        let scale = TABLE_NODES as f64 / cut[2];
         let node = |k: usize| {
             let at = |r: f64| (-r * k as f64 / scale).exp();
             [at(a), at(b), at(c), k as f64 / scale]
         };
-        Table {
-            nodes: (0..TABLE + 2).map(node).collect(),
+        ExpTable {
+            nodes: (0..TABLE_NODES + 2).map(node).collect(),
             scale,
             rate: [a, b, c, 0.0],
             cut: [cut[0], cut[1], cut[2], 0.0],
@@ -70,9 +70,9 @@ impl Table {
 
     /// The three weights at squared distance `x` ≤ the widest cut.
     #[inline(always)]
-    fn weights(&self, x: f64) -> Lanes {
+    fn weights(&self, x: f64) -> PerWidth {
         let k = (x * self.scale + 0.5) as u32 as usize;
-        let node = &self.nodes[k.min(TABLE + 1)];
+        let node = &self.nodes[k.min(TABLE_NODES + 1)];
         let rest = node[3] - x;
         let mut out = [0.0; 4];
         for w in 0..4 {
@@ -86,52 +86,63 @@ impl Table {
 
 /// A cell as the inner loop wants it.
 #[derive(Clone, Copy)]
-struct Point {
+struct CellPoint {
     x: [f64; 3],
     n: [f64; 3],
     area: f64,
     thickness: f64,
 }
 
-/// A ball around an atom's centres, and where its cells begin.
-struct Ball {
+/// A ball around a superface's centres, and where its cells begin.
+struct SuperfaceBall {
     x: [f64; 3],
     radius: f64,
     start: usize,
     end: usize,
 }
 
-/// Sums between all pairs of atoms that have any, ordered by (a, b).
+/// Sums between all pairs of superfaces that have any, ordered by (a, b).
 ///
-/// `atom`: an atom below `atoms` for each cell; `thickness`: the logarithm of a length (S).
+/// `superface`: a superface below `superfaces` for each cell; `thickness`: the logarithm of a length (S).
 ///
 /// # Errors
 /// Cancellation.
-pub fn convexity(cells: &CellGraph, thickness: &[f64], atom: &[u32], atoms: usize, run: &Run) -> Result<Vec<PairSums>> {
-    let (points, balls) = gather(cells, thickness, atom, atoms);
-    let table = Table::new();
-    let chunks = map_ranges(run.threads, &run.cancel, atoms, CHUNK, |range| {
-        Ok(wide(FromAtoms { range, points: &points, balls: &balls, table: &table }))
+pub fn convexity(
+    cells: &CellGraph,
+    thickness: &[f64],
+    superface: &[u32],
+    superfaces: usize,
+    run: &Run,
+) -> Result<Vec<PairSums>> {
+    let (points, balls) = gather(cells, thickness, superface, superfaces);
+    let table = ExpTable::new();
+    let chunks = map_ranges(run.threads, &run.cancel, superfaces, CHUNK, |range| {
+        Ok(wide(PairsFrom { range, points: &points, balls: &balls, table: &table }))
     })?;
     Ok(chunks.concat())
 }
 
-/// Cells ordered by atom, and the atoms' balls.
-fn gather(cells: &CellGraph, thickness: &[f64], atom: &[u32], atoms: usize) -> (Vec<Point>, Vec<Ball>) {
+/// Cells ordered by superface, and the superfaces' balls.
+fn gather(
+    cells: &CellGraph,
+    thickness: &[f64],
+    superface: &[u32],
+    superfaces: usize,
+) -> (Vec<CellPoint>, Vec<SuperfaceBall>) {
     let mut order: Vec<usize> = (0..cells.len()).collect();
-    order.sort_by_key(|&i| atom[i]);
+    order.sort_by_key(|&i| superface[i]);
     let point =
-        |&i: &usize| Point { x: cells.centre[i], n: cells.normal[i], area: cells.area[i], thickness: thickness[i] };
-    let points: Vec<Point> = order.iter().map(point).collect();
+        |&i: &usize| CellPoint { x: cells.centre[i], n: cells.normal[i], area: cells.area[i], thickness: thickness[i] };
+    let points: Vec<CellPoint> = order.iter().map(point).collect();
     let mut end = 0;
-    let balls = (0..atoms as u32)
+    let balls = (0..superfaces as u32)
         .map(|a| {
             let start = end;
-            end += order[start..].partition_point(|&i| atom[i] == a);
+            end += order[start..].partition_point(|&i| superface[i] == a);
             let inside = &points[start..end];
             let x = std::array::from_fn(|c| inside.iter().map(|p| p.x[c]).sum::<f64>() / inside.len().max(1) as f64);
             let radius = inside.iter().map(|p| square(p.x, x).sqrt()).fold(0.0, f64::max);
-            Ball { x, radius, start, end }
+            SuperfaceBall { x, radius, start, end }
         })
         .collect();
     (points, balls)
@@ -142,15 +153,15 @@ fn square(a: [f64; 3], b: [f64; 3]) -> f64 {
     (0..3).map(|c| (a[c] - b[c]) * (a[c] - b[c])).sum()
 }
 
-/// Sums between the atoms of a range and those from each on.
-struct FromAtoms<'a> {
+/// Sums between the superfaces of a range and those from each on.
+struct PairsFrom<'a> {
     range: Range<usize>,
-    points: &'a [Point],
-    balls: &'a [Ball],
-    table: &'a Table,
+    points: &'a [CellPoint],
+    balls: &'a [SuperfaceBall],
+    table: &'a ExpTable,
 }
 
-impl Work for FromAtoms<'_> {
+impl Work for PairsFrom<'_> {
     type Output = Vec<PairSums>;
 
     #[inline(always)]
@@ -167,22 +178,22 @@ impl Work for FromAtoms<'_> {
     }
 }
 
-/// Sums between atoms `a` and `b` ≥ `a`, unless all pairs lie beyond the cut.
+/// Sums between superfaces `a` and `b` ≥ `a`, unless all pairs lie beyond the cut.
 #[inline(always)]
-fn between(points: &[Point], balls: &[Ball], a: usize, b: usize, table: &Table) -> Option<PairSums> {
+fn between(points: &[CellPoint], balls: &[SuperfaceBall], a: usize, b: usize, table: &ExpTable) -> Option<PairSums> {
     let (one, two) = (&balls[a], &balls[b]);
     let reach = CUT * WIDTHS[2] * (1.0 + 1e-9);
     if square(one.x, two.x) > (reach + one.radius + two.radius).powi(2) {
         return None;
     }
     let near = (reach + two.radius).powi(2);
-    let (mut seen, mut all, mut step): (Lanes, Lanes, Lanes) = Default::default();
+    let (mut seen, mut all, mut thickness_jump): (PerWidth, PerWidth, PerWidth) = Default::default();
     for (i, p) in points[one.start..one.end].iter().enumerate() {
         if square(p.x, two.x) > near {
             continue;
         }
         let first = if a == b { one.start + i + 1 } else { two.start };
-        let (mut row_seen, mut row_all, mut row_step): (Lanes, Lanes, Lanes) = Default::default();
+        let (mut row_seen, mut row_all, mut row_jump): (PerWidth, PerWidth, PerWidth) = Default::default();
         for q in &points[first..two.end] {
             let d = [q.x[0] - p.x[0], q.x[1] - p.x[1], q.x[2] - p.x[2]];
             let d2 = d[0] * d[0] + d[1] * d[1] + d[2] * d[2];
@@ -199,18 +210,18 @@ fn between(points: &[Point], balls: &[Ball], a: usize, b: usize, table: &Table) 
             for w in 0..4 {
                 row_all[w] += q.area * weight[w];
                 row_seen[w] += convex * weight[w];
-                row_step[w] += differs * weight[w];
+                row_jump[w] += differs * weight[w];
             }
         }
         for w in 0..4 {
             all[w] += p.area * row_all[w];
             seen[w] += p.area * row_seen[w];
-            step[w] += p.area * row_step[w];
+            thickness_jump[w] += p.area * row_jump[w];
         }
     }
     let twice = if a == b { 2.0 } else { 1.0 };
-    let [seen, all, step] = [seen, all, step].map(|sums| [0, 1, 2].map(|w| twice * sums[w]));
-    (all[2] > 0.0).then_some(PairSums { a: a as u32, b: b as u32, seen, all, step })
+    let [seen, all, thickness_jump] = [seen, all, thickness_jump].map(|sums| [0, 1, 2].map(|w| twice * sums[w]));
+    (all[2] > 0.0).then_some(PairSums { a: a as u32, b: b as u32, seen, all, thickness_jump })
 }
 
 #[cfg(test)]
@@ -235,13 +246,13 @@ mod tests {
     #[test]
     fn sums_equal_the_definition() {
         let g = bumpy(150);
-        let atom: Vec<u32> = (0..150).map(|i| i * 7 / 150).collect();
+        let superface: Vec<u32> = (0..150).map(|i| i * 7 / 150).collect();
         let thickness: Vec<f64> = (0..150).map(|i| (0.7 * f64::from(i)).sin()).collect();
-        let found = convexity(&g, &thickness, &atom, 7, &Run::new(&())).unwrap();
+        let found = convexity(&g, &thickness, &superface, 7, &Run::new(&())).unwrap();
         for pair in &found {
-            let (mut seen, mut all, mut step) = ([0.0; 3], [0.0; 3], [0.0; 3]);
-            for p in (0..150).filter(|&p| atom[p] == pair.a) {
-                for q in (0..150).filter(|&q| atom[q] == pair.b && q != p) {
+            let (mut seen, mut all, mut thickness_jump) = ([0.0; 3], [0.0; 3], [0.0; 3]);
+            for p in (0..150).filter(|&p| superface[p] == pair.a) {
+                for q in (0..150).filter(|&q| superface[q] == pair.b && q != p) {
                     let d2 = square(g.centre[p], g.centre[q]);
                     let out = |p: usize, q: usize| -> f64 {
                         (0..3).map(|c| g.normal[p][c] * (g.centre[q][c] - g.centre[p][c])).sum()
@@ -251,14 +262,14 @@ mod tests {
                         let m = g.area[p] * g.area[q] * (-d2 / (2.0 * width * width)).exp();
                         all[w] += m;
                         seen[w] += if sees { m } else { 0.0 };
-                        step[w] += m * (thickness[p] - thickness[q]).abs();
+                        thickness_jump[w] += m * (thickness[p] - thickness[q]).abs();
                     }
                 }
             }
             for w in 0..3 {
                 assert!((pair.all[w] - all[w]).abs() <= 1e-9 * all[w], "{pair:?} {all:?}");
                 assert!((pair.seen[w] - seen[w]).abs() <= 1e-9 * all[w]);
-                assert!((pair.step[w] - step[w]).abs() <= 1e-9 * all[w]);
+                assert!((pair.thickness_jump[w] - thickness_jump[w]).abs() <= 1e-9 * all[w]);
             }
         }
         assert!(found.len() > 7 && found.iter().any(|p| p.seen[1] < p.all[1]));
@@ -267,8 +278,8 @@ mod tests {
     #[test]
     fn threads_change_nothing() {
         let g = bumpy(300);
-        let atom: Vec<u32> = (0..300).map(|i| i % 40).collect();
-        let with = |threads| convexity(&g, &[0.5; 300], &atom, 40, &Run { threads, ..Run::new(&()) }).unwrap();
+        let superface: Vec<u32> = (0..300).map(|i| i % 40).collect();
+        let with = |threads| convexity(&g, &[0.5; 300], &superface, 40, &Run { threads, ..Run::new(&()) }).unwrap();
         assert_eq!(with(1), with(3));
     }
 }

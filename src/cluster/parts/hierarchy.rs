@@ -6,13 +6,12 @@
 //! the parts found; any other is a pass over the cells. Numbers are kept in single precision,
 //! which decimal text returns to the bit.
 
-use super::cells::{CellGraph, compact};
-use super::labelling::HALF;
-use super::labels::Sets;
-use super::small_parts::small_parts;
+use super::cell_graph::{CellGraph, Sets, compact, small_parts};
 use crate::base::{Error, Result};
 use serde::{Deserialize, Serialize};
 
+/// The threshold of the Rand index: pairs more probably together than not belong together.
+pub const HALF: f64 = 0.5;
 /// Version of the stored form.
 const VERSION: u32 = 1;
 
@@ -37,7 +36,7 @@ pub struct PartTree {
 
 /// A union of two sets of cells, each named by any of its cells.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Union {
+pub struct CellUnion {
     /// Threshold up to which a cut makes it, in \[0, 1\].
     pub level: f64,
     /// Unions of greater rank come first where a number of parts is given.
@@ -50,7 +49,7 @@ pub struct Union {
 
 /// A cut of a [`PartTree`].
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
-pub struct Cut {
+pub struct TreeCut {
     /// Part of each cell (S), numbered by first appearance.
     pub label: Vec<u32>,
     /// Number of parts.
@@ -72,7 +71,7 @@ impl PartTree {
     /// The tree of some unions, made in the order given. Levels and ranks are lowered to those of
     /// the unions that a union rests on; unions of a set with itself are skipped; sets left over
     /// are united at last, at level 0.
-    pub fn new(cells: &CellGraph, unions: impl IntoIterator<Item = Union>, small_part: f64) -> PartTree {
+    pub fn new(cells: &CellGraph, unions: impl IntoIterator<Item = CellUnion>, small_part: f64) -> PartTree {
         let n = cells.len();
         let mut tree = PartTree {
             version: VERSION,
@@ -86,7 +85,7 @@ impl PartTree {
         // Level and rank of the union that made each set.
         let mut made = vec![(1.0f64, f64::INFINITY); n];
         let mut all = Vec::with_capacity(n.saturating_sub(1));
-        let leftover = (1..n as u32).map(|b| Union { level: 0.0, rank: f64::NEG_INFINITY, a: 0, b });
+        let leftover = (1..n as u32).map(|b| CellUnion { level: 0.0, rank: f64::NEG_INFINITY, a: 0, b });
         for union in unions.into_iter().chain(leftover) {
             let (a, b) = (sets.find(union.a), sets.find(union.b));
             if !sets.join(a, b) {
@@ -96,7 +95,7 @@ impl PartTree {
             let level = union.level.max(0.0).min(one.0).min(two.0);
             let rank = union.rank.min(one.1).min(two.1);
             made[a.min(b) as usize] = (level, rank);
-            all.push(Union { level, rank, a: a.min(b), b: a.max(b) });
+            all.push(CellUnion { level, rank, a: a.min(b), b: a.max(b) });
         }
         // Stable: a union stays behind those that it rests on.
         all.sort_by(|x, y| y.rank.total_cmp(&x.rank));
@@ -144,21 +143,21 @@ impl PartTree {
     }
 
     /// Cleans a labelling of pieces below `limit`; `whole_too` also of parts.
-    fn clean(&self, label: &[u32], limit: f64, whole_too: bool) -> Cut {
+    fn clean(&self, label: &[u32], limit: f64, whole_too: bool) -> TreeCut {
         let double = |x: &[f32]| x.iter().map(|&x| f64::from(x)).collect::<Vec<_>>();
         let (length, area) = (double(&self.length), double(&self.area));
         let (label, parts) = small_parts(&self.pairs, &length, &area, label, limit, whole_too);
-        Cut { label, parts }
+        TreeCut { label, parts }
     }
 
     /// The parts at a threshold in \[0, 1\], without small ones. O(S + m).
-    pub fn cut(&self, threshold: f64) -> Cut {
+    pub fn cut(&self, threshold: f64) -> TreeCut {
         let made = self.unions.iter().zip(&self.level).filter(|(_, l)| f64::from(**l) >= threshold).map(|(u, _)| u);
         self.clean(&self.raw(made), f64::from(self.small_part), true)
     }
 
     /// The parts at a detail in −1..1, 0 being the default ([`detail_threshold`]).
-    pub fn cut_detail(&self, detail: f64) -> Cut {
+    pub fn cut_detail(&self, detail: f64) -> TreeCut {
         self.cut(detail_threshold(detail))
     }
 
@@ -170,7 +169,7 @@ impl PartTree {
     ///
     /// # Errors
     /// If `k` is 0 or more than there are cells.
-    pub fn cut_k(&self, k: usize) -> Result<Cut> {
+    pub fn cut_k(&self, k: usize) -> Result<TreeCut> {
         let n = self.cells();
         if k == 0 || k > n {
             return Err(Error::parameter(
@@ -187,7 +186,7 @@ impl PartTree {
 
     /// The coarsest cut of `k` parts that are not below `limit`, by bisection: undoing a union makes one part more, or
     /// none, as a rule.
-    fn coarsest(&self, k: usize, limit: f64) -> Option<Cut> {
+    fn coarsest(&self, k: usize, limit: f64) -> Option<TreeCut> {
         let n = self.cells();
         let at = |depth: usize| self.clean(&self.raw(&self.unions[..n - depth]), limit, true);
         // `low` has fewer parts, `high` enough.
@@ -215,7 +214,7 @@ impl PartTree {
     ///
     /// # Errors
     /// If the range is empty or begins beyond the number of cells.
-    pub fn cut_range(&self, least: usize, most: usize, detail: f64) -> Result<Cut> {
+    pub fn cut_range(&self, least: usize, most: usize, detail: f64) -> Result<TreeCut> {
         if least > most {
             return Err(Error::parameter(
                 "parts range",
@@ -246,8 +245,12 @@ mod tests {
     #[test]
     fn every_number_of_parts_is_had_exactly() {
         let cells = strip(40);
-        let unions =
-            (0..20).map(|i| Union { level: 0.9 - 0.03 * f64::from(i), rank: -f64::from(i), a: 2 * i, b: 2 * i + 1 });
+        let unions = (0..20).map(|i| CellUnion {
+            level: 0.9 - 0.03 * f64::from(i),
+            rank: -f64::from(i),
+            a: 2 * i,
+            b: 2 * i + 1,
+        });
         let tree = PartTree::new(&cells, unions, 0.003);
         tree.check().unwrap();
         for k in 1..=40 {
@@ -260,32 +263,33 @@ mod tests {
     }
 
     /// Fifty blocks of forty cells; the last cell of each joins it after the blocks have joined each other.
-    fn crumbs_last() -> PartTree {
+    fn tiny_components_last() -> PartTree {
         let cells = strip(2000);
-        let union = |rank: f64, a, b| Union { level: 0.9, rank, a, b };
+        let union = |rank: f64, a, b| CellUnion { level: 0.9, rank, a, b };
         let inside = (0..2000).filter(|i| i % 40 < 38).map(|i| union(3., i, i + 1));
         let blocks = (1..50).map(|k| union(2. - f64::from(k) / 50., 0, 40 * k));
-        let crumbs = (0..50).map(|k| union(0.5 - f64::from(k) / 200., 40 * k, 40 * k + 39));
-        PartTree::new(&cells, inside.chain(blocks).chain(crumbs), 0.003)
+        let tiny = (0..50).map(|k| union(0.5 - f64::from(k) / 200., 40 * k, 40 * k + 39));
+        PartTree::new(&cells, inside.chain(blocks).chain(tiny), 0.003)
     }
 
     #[test]
-    fn a_number_of_parts_is_not_made_up_by_crumbs() {
-        let tree = crumbs_last();
+    fn a_number_of_parts_is_not_made_up_by_tiny_components() {
+        let tree = tiny_components_last();
         for k in [2, 10, 30, 50] {
             let cut = tree.cut_k(k).unwrap();
             let mut sizes = vec![0; k];
             cut.label.iter().for_each(|&part| sizes[part as usize] += 1);
             assert!(cut.parts == k && sizes.iter().all(|size| *size >= 39), "{k}: {sizes:?}");
         }
-        // More than there are without: crumbs, but as many as were asked for.
+        // More than there are without tiny components: those too, but as many as were asked for.
         assert_eq!(tree.cut_k(90).unwrap().parts, 90);
     }
 
     #[test]
     fn more_detail_is_finer_and_json_keeps_the_tree() {
         let cells = strip(30);
-        let unions = (0..29).map(|i| Union { level: 1.0 - f64::from(i) / 29.0, rank: -f64::from(i), a: i, b: i + 1 });
+        let unions =
+            (0..29).map(|i| CellUnion { level: 1.0 - f64::from(i) / 29.0, rank: -f64::from(i), a: i, b: i + 1 });
         let tree = PartTree::new(&cells, unions, 0.0);
         let counts: Vec<usize> = (-10..=10).map(|d| tree.cut_detail(f64::from(d) / 10.0).parts).collect();
         assert!(counts.windows(2).all(|w| w[0] <= w[1]) && counts[0] == 1 && counts[20] > 25);

@@ -7,7 +7,7 @@
 //! an order in which neighbours follow each other, so that whole runs of them lie outside of a cone: S²/8 balls are looked
 //! at, and those cells that lie in the rest. A few milliseconds.
 
-use super::cells::CellGraph;
+use super::cell_graph::CellGraph;
 use crate::base::Result;
 use crate::base::parallel::map_ranges;
 use crate::base::wide::{Work, wide};
@@ -29,7 +29,7 @@ const ROUNDS: usize = 2;
 const LANES: usize = 8;
 /// What that may be wrong by.
 const SLACK: f32 = 1e-5;
-/// Cells a chunk of the parallel pass.
+/// Cells per chunk of the parallel pass.
 const CHUNK: usize = 64;
 
 /// Natural logarithm of the thickness behind each cell, in units of √(total area) (S). Where a cell sees nothing behind
@@ -42,8 +42,8 @@ pub fn log_thickness(cells: &CellGraph, run: &Run) -> Result<Vec<f64>> {
     let radius: Vec<f64> = cells.area.iter().map(|a| (a / PI).sqrt()).collect();
     let blocks = blocks(cells, &radius);
     let balls = balls(cells, &radius);
-    let bodies = Bodies { cells, radius: &radius, blocks: &blocks, balls: &balls, rays: &rays };
-    let chunks = map_ranges(run.threads, &run.cancel, cells.len(), CHUNK, |range| Ok(wide(Behind { range, bodies })))?;
+    let scene = Scene { cells, radius: &radius, blocks: &blocks, balls: &balls, rays: &rays };
+    let chunks = map_ranges(run.threads, &run.cancel, cells.len(), CHUNK, |range| Ok(wide(CastRays { range, scene })))?;
     let found = chunks.concat();
     let usual = median(&mut found.iter().filter_map(|x| *x).collect::<Vec<_>>()).unwrap_or(UNKNOWN);
     let mut out: Vec<f64> = found.iter().map(|x| x.unwrap_or(usual).max(FLOOR).ln()).collect();
@@ -81,28 +81,28 @@ fn rays() -> [[f64; RAYS]; 2] {
 
 /// Cells, the radii of their discs (S), blocks and balls of them, and the rays.
 #[derive(Clone, Copy)]
-struct Bodies<'a> {
+struct Scene<'a> {
     cells: &'a CellGraph,
     radius: &'a [f64],
-    blocks: &'a [Block],
-    balls: &'a [Balls],
+    blocks: &'a [DiscBlock],
+    balls: &'a [BallBlock],
     rays: &'a [[f64; RAYS]; 2],
 }
 
-/// [`behind`] for a range of cells, on wide vectors.
-struct Behind<'a> {
+/// [`thickness_behind`] for a range of cells, on wide vectors.
+struct CastRays<'a> {
     range: Range<usize>,
-    bodies: Bodies<'a>,
+    scene: Scene<'a>,
 }
 
-impl Work for Behind<'_> {
+impl Work for CastRays<'_> {
     type Output = Vec<Option<f64>>;
 
     #[inline(always)]
     fn run(self) -> Vec<Option<f64>> {
         let mut out = Vec::with_capacity(self.range.len());
         for i in self.range {
-            out.push(behind(self.bodies, i));
+            out.push(thickness_behind(self.scene, i));
         }
         out
     }
@@ -110,11 +110,11 @@ impl Work for Behind<'_> {
 
 /// Median length of the rays from cell `i` that hit anything.
 #[inline(always)]
-fn behind(bodies: Bodies<'_>, i: usize) -> Option<f64> {
-    let Bodies { cells, radius, blocks, balls, rays } = bodies;
+fn thickness_behind(scene: Scene<'_>, i: usize) -> Option<f64> {
+    let Scene { cells, radius, blocks, balls, rays } = scene;
     let (x, n) = (cells.centre[i], cells.normal[i]);
     let [u, v] = tangents(n);
-    let cone = Cone::behind(x, n);
+    let cone = RayCone::thickness_behind(x, n);
     let reach = RINGS[2].1;
     let mut depths = [f64::INFINITY; RAYS];
     for (at, balls) in (0..).step_by(LANES).zip(balls) {
@@ -150,15 +150,15 @@ fn behind(bodies: Bodies<'_>, i: usize) -> Option<f64> {
 }
 
 /// Balls around the centres of blocks, several at once; no number after the last block.
-struct Balls {
+struct BallBlock {
     x: [[f32; LANES]; 3],
     radius: [f32; LANES],
     /// The radius, and that of the largest cell besides.
-    rim: [f32; LANES],
+    radius_and_disc: [f32; LANES],
 }
 
 /// Balls around the blocks of `cells`.
-fn balls(cells: &CellGraph, radius: &[f64]) -> Vec<Balls> {
+fn balls(cells: &CellGraph, radius: &[f64]) -> Vec<BallBlock> {
     let ball = |(at, inside): (usize, &[[f64; 3]])| {
         let x: [f64; 3] = std::array::from_fn(|c| inside.iter().map(|x| x[c]).sum::<f64>() / inside.len() as f64);
         let square = |p: &[f64; 3]| (0..3).map(|c| (p[c] - x[c]) * (p[c] - x[c])).sum::<f64>();
@@ -170,38 +170,39 @@ fn balls(cells: &CellGraph, radius: &[f64]) -> Vec<Balls> {
     all.chunks(LANES).map(several).collect()
 }
 
-/// Up to [`LANES`] balls: centres, radii, rims.
-fn several(balls: &[([f64; 3], f64, f64)]) -> Balls {
-    let mut out = Balls { x: [[f32::NAN; LANES]; 3], radius: [f32::NAN; LANES], rim: [f32::NAN; LANES] };
-    for (k, &(x, radius, rim)) in balls.iter().enumerate() {
+/// Up to [`LANES`] balls: centres, radii, radii with the largest disc.
+fn several(balls: &[([f64; 3], f64, f64)]) -> BallBlock {
+    let mut out =
+        BallBlock { x: [[f32::NAN; LANES]; 3], radius: [f32::NAN; LANES], radius_and_disc: [f32::NAN; LANES] };
+    for (k, &(x, radius, radius_and_disc)) in balls.iter().enumerate() {
         (0..3).for_each(|c| out.x[c][k] = x[c] as f32);
-        (out.radius[k], out.rim[k]) = (radius as f32, rim as f32);
+        (out.radius[k], out.radius_and_disc[k]) = (radius as f32, radius_and_disc as f32);
     }
     out
 }
 
-impl Balls {
+impl BallBlock {
     /// Which of the balls reach into `cone`, or nearly.
     #[inline(always)]
-    fn near(&self, cone: Cone) -> [bool; LANES] {
+    fn near(&self, cone: RayCone) -> [bool; LANES] {
         let mut out = [false; LANES];
         for k in 0..LANES {
-            out[k] = cone.meets(cone.to(&self.x, k), self.radius[k], self.rim[k]);
+            out[k] = cone.meets(cone.to(&self.x, k), self.radius[k], self.radius_and_disc[k]);
         }
         out
     }
 }
 
 /// Cells as arithmetic over several at once wants them: x, n, radius; no number after the last cell.
-struct Block {
+struct DiscBlock {
     x: [[f32; LANES]; 3],
     n: [[f32; LANES]; 3],
     radius: [f32; LANES],
 }
 
-fn blocks(cells: &CellGraph, radius: &[f64]) -> Vec<Block> {
+fn blocks(cells: &CellGraph, radius: &[f64]) -> Vec<DiscBlock> {
     let get = |values: &[[f64; 3]], i: usize, c: usize| values.get(i).map_or(f32::NAN, |x| x[c] as f32);
-    let block = |i: usize| Block {
+    let block = |i: usize| DiscBlock {
         x: std::array::from_fn(|c| std::array::from_fn(|k| get(&cells.centre, i + k, c))),
         n: std::array::from_fn(|c| std::array::from_fn(|k| get(&cells.normal, i + k, c))),
         radius: std::array::from_fn(|k| radius.get(i + k).map_or(f32::NAN, |r| *r as f32)),
@@ -209,10 +210,10 @@ fn blocks(cells: &CellGraph, radius: &[f64]) -> Vec<Block> {
     (0..cells.len()).step_by(LANES).map(block).collect()
 }
 
-impl Block {
+impl DiscBlock {
     /// Which of the cells lie in or near `cone` and face away, or nearly: most do not.
     #[inline(always)]
-    fn seen(&self, cone: Cone) -> [bool; LANES] {
+    fn seen(&self, cone: RayCone) -> [bool; LANES] {
         let mut out = [false; LANES];
         for k in 0..LANES {
             let d = cone.to(&self.x, k);
@@ -225,30 +226,30 @@ impl Block {
 
 /// The cone of the rays behind `x` with normal `n`, in single precision: what does not meet it is left out.
 #[derive(Clone, Copy)]
-struct Cone {
+struct RayCone {
     x: [f32; 3],
     n: [f32; 3],
 }
 
-impl Cone {
+impl RayCone {
     #[inline(always)]
-    fn behind(x: [f64; 3], n: [f64; 3]) -> Self {
+    fn thickness_behind(x: [f64; 3], n: [f64; 3]) -> Self {
         Self { x: x.map(|c| c as f32), n: n.map(|c| c as f32) }
     }
 
-    /// The way to the `k`-th of several points.
+    /// The vector to the `k`-th of several points.
     #[inline(always)]
     fn to(self, points: &[[f32; LANES]; 3], k: usize) -> [f32; 3] {
         [points[0][k] - self.x[0], points[1][k] - self.x[1], points[2][k] - self.x[2]]
     }
 
-    /// Whether what lies `d` away, reaching `deeper` into the cone and `rim` beyond its side, meets it or nearly.
+    /// Whether what lies `d` away, reaching `deeper` into the cone and `radius_and_disc` beyond its side, meets it or nearly.
     #[inline(always)]
-    fn meets(self, d: [f32; 3], deeper: f32, rim: f32) -> bool {
+    fn meets(self, d: [f32; 3], deeper: f32, radius_and_disc: f32) -> bool {
         let (n, reach) = (self.n, RINGS[2].1 as f32);
         let depth = -(d[0] * n[0] + d[1] * n[1] + d[2] * n[2]);
         let deepest = depth + deeper;
-        let limit = reach * deepest + rim;
+        let limit = reach * deepest + radius_and_disc;
         (deepest > -slack(d)) & (square(d) - depth * depth < limit * limit + slack(d))
     }
 }
@@ -334,13 +335,13 @@ mod tests {
         let radius: Vec<f64> = g.area.iter().map(|a| (a / PI).sqrt()).collect();
         let (blocks, balls, rays) = (blocks(&g, &radius), balls(&g, &radius), rays());
         // Balls around everything.
-        let all = |b: &Balls| Balls { x: b.x, radius: [9.0; LANES], rim: [9.0; LANES] };
-        let all: Vec<Balls> = balls.iter().map(all).collect();
-        let cone = |i: usize| Cone::behind(g.centre[i], g.normal[i]);
+        let all = |b: &BallBlock| BallBlock { x: b.x, radius: [9.0; LANES], radius_and_disc: [9.0; LANES] };
+        let all: Vec<BallBlock> = balls.iter().map(all).collect();
+        let cone = |i: usize| RayCone::thickness_behind(g.centre[i], g.normal[i]);
         let near = |i| balls.iter().flat_map(|b| b.near(cone(i))).filter(|x| *x).count();
         for i in 0..g.len() {
-            let bodies = Bodies { cells: &g, radius: &radius, blocks: &blocks, balls: &balls, rays: &rays };
-            assert_eq!(behind(bodies, i), behind(Bodies { balls: &all, ..bodies }, i));
+            let scene = Scene { cells: &g, radius: &radius, blocks: &blocks, balls: &balls, rays: &rays };
+            assert_eq!(thickness_behind(scene, i), thickness_behind(Scene { balls: &all, ..scene }, i));
         }
         assert!((0..g.len()).map(near).sum::<usize>() < g.len() * blocks.len() * 2 / 3);
     }

@@ -12,7 +12,7 @@ use crate::distance::DistanceRows;
 use crate::graph::DualGraph;
 use crate::graph::half_edge_pairs::AGAINST;
 use crate::mesh::Mesh;
-use crate::spectral::{Columns, Embedding, eigen};
+use crate::spectral::{Embedding, SampledColumns, eigen};
 use crate::store::npy::ArrayMut;
 use crate::store::{Context, MappedSlice, Run, WorkDir};
 use nalgebra::DMatrix;
@@ -223,7 +223,7 @@ pub(super) fn remove(work: &WorkDir) {
 
 /// The fit that coordinates come from.
 pub(super) fn fit(rows: &DistanceRows, graph: &DualGraph, run: &Run) -> Result<Embedding> {
-    let columns = Columns::sample(rows, &graph.nodes, run.seed);
+    let columns = SampledColumns::sample(rows, &graph.nodes, run.seed);
     let dimensions = if graph.components.is_some() { MANY } else { FEW };
     Embedding::fit(rows, &columns, super::embedding_params(dimensions))
 }

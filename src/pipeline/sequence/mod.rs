@@ -21,7 +21,7 @@ use crate::landmarks::Sampling;
 use crate::mesh::{Mesh, Opened};
 use crate::pipeline::SegmentParams;
 use crate::pipeline::kept::Record;
-use crate::spectral::embedding::Width;
+use crate::spectral::embedding::KernelWidth;
 use crate::spectral::{EmbeddingParams, Kernel, Normalisation};
 use crate::store::{Context, MappedSlice, WorkDir};
 use coordinates::{Coordinates, Task};
@@ -47,7 +47,7 @@ pub struct SequenceParams {
 fn embedding_params(dimensions: usize) -> EmbeddingParams {
     EmbeddingParams {
         kernel: Kernel::Gaussian,
-        width: Width::Mean(1.),
+        width: KernelWidth::Mean(1.),
         normalisation: Normalisation::Degree,
         dimensions,
         unit_rows: false,

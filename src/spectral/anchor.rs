@@ -9,8 +9,8 @@
 //! l × l problem: they are Φᵀ Q/√g, Φ = Z/√(Za), (Q, g) the eigenpairs of Φ diag(a) Φᵀ. Scaled by
 //! √(g/g₀) and brought to unit rows the factors of g cancel, and Φᵀ Q is left.
 
+use super::exp::exp64;
 use crate::base::wide::{Work, wide};
-use crate::spectral::exp::exp64;
 use nalgebra::{DMatrix, SymmetricEigen};
 
 /// Share of the mean affinity that every landmark gives to every cell: far cells stay distributions.
@@ -20,46 +20,46 @@ const ANCHOR_FLOOR: f64 = 1e-4;
 /// Lanes of the hand-blocked inner products.
 const LANES: usize = 8;
 
-/// The distances of `cells` cells from `count` landmarks, row-major, finite and ≥ 0.
+/// The distances of `points` cells from `count` landmarks, row-major, finite and ≥ 0.
 #[derive(Clone, Debug)]
-pub struct Rows {
-    /// Distances, `count` × `cells`.
+pub struct LandmarkDistances {
+    /// Distances, `count` × `points`.
     pub values: Vec<f64>,
     /// Landmarks l.
     pub count: usize,
     /// Cells S.
-    pub cells: usize,
+    pub points: usize,
 }
 
-impl Rows {
+impl LandmarkDistances {
     /// Takes rows as they come; what was not reached counts as twice the row's greatest distance.
-    pub fn new(values: &[f64], count: usize, cells: usize) -> Rows {
+    pub fn new(values: &[f64], count: usize, points: usize) -> LandmarkDistances {
         let mut values = values.to_vec();
-        for row in values.chunks_mut(cells.max(1)) {
+        for row in values.chunks_mut(points.max(1)) {
             let far = row.iter().filter(|x| x.is_finite()).fold(0.0f64, |m, &x| m.max(x));
             for x in row {
                 *x = if x.is_finite() { x.clamp(0.0, 1e100) } else { (2.0 * far).min(1e100) };
             }
         }
-        Rows { values, count, cells }
+        LandmarkDistances { values, count, points }
     }
 
     /// Distances of all cells from landmark `j`.
     pub fn row(&self, j: usize) -> &[f64] {
-        &self.values[j * self.cells..(j + 1) * self.cells]
+        &self.values[j * self.points..(j + 1) * self.points]
     }
 }
 
 /// Points of unit length (or zero), row-major.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Embedding {
+pub struct AnchorEmbedding {
     /// Coordinates, S × `width`.
     pub values: Vec<f64>,
-    /// Coordinates a cell.
+    /// Coordinates per cell.
     pub width: usize,
 }
 
-impl Embedding {
+impl AnchorEmbedding {
     /// Coordinates of cell `i`.
     pub fn point(&self, i: usize) -> &[f64] {
         &self.values[i * self.width..(i + 1) * self.width]
@@ -68,7 +68,7 @@ impl Embedding {
 
 /// What the anchor embedding of the cells was made with: enough to embed any other column of distances.
 #[derive(Clone, Debug)]
-pub struct Anchors {
+pub struct AnchorExtension {
     /// Share of the area that each landmark stands for (l).
     pub weight: Vec<f64>,
     /// −1/2s².
@@ -79,46 +79,59 @@ pub struct Anchors {
     pub root: Vec<f64>,
     /// Leading eigenvectors, row-major l × width.
     pub vectors: Vec<f64>,
-    /// Coordinates a point.
+    /// Coordinates per point.
     pub width: usize,
 }
 
 /// Embeds the cells in min(`width`, landmarks) dimensions from the rows of `chosen` landmarks.
 ///
 /// `shares`: area shares (S). `scale`: s over the area mean of the chosen rows (.2 to .3 serve).
-pub fn anchor_embedding(rows: &Rows, chosen: &[usize], shares: &[f64], width: usize, scale: f64) -> Embedding {
-    anchored(rows, chosen, shares, width, scale).0
+pub fn anchor_embedding(
+    rows: &LandmarkDistances,
+    chosen: &[usize],
+    shares: &[f64],
+    width: usize,
+    scale: f64,
+) -> AnchorEmbedding {
+    fit_anchor_embedding(rows, chosen, shares, width, scale).0
 }
 
 /// The same, and what it was made with.
-pub fn anchored(rows: &Rows, chosen: &[usize], shares: &[f64], width: usize, scale: f64) -> (Embedding, Anchors) {
-    wide(Anchoring { rows, chosen, shares, width, scale })
+pub fn fit_anchor_embedding(
+    rows: &LandmarkDistances,
+    chosen: &[usize],
+    shares: &[f64],
+    width: usize,
+    scale: f64,
+) -> (AnchorEmbedding, AnchorExtension) {
+    wide(AnchorFit { rows, chosen, shares, width, scale })
 }
 
-/// [`anchored`] on wide vectors.
-struct Anchoring<'a> {
-    rows: &'a Rows,
+/// [`fit_anchor_embedding`] on wide vectors.
+struct AnchorFit<'a> {
+    rows: &'a LandmarkDistances,
     chosen: &'a [usize],
     shares: &'a [f64],
     width: usize,
     scale: f64,
 }
 
-impl Work for Anchoring<'_> {
-    type Output = (Embedding, Anchors);
+impl Work for AnchorFit<'_> {
+    type Output = (AnchorEmbedding, AnchorExtension);
 
     #[inline(always)]
-    fn run(self) -> (Embedding, Anchors) {
-        let Anchoring { rows, chosen, shares, width, scale } = self;
-        let (l, n) = (chosen.len(), rows.cells);
+    fn run(self) -> (AnchorEmbedding, AnchorExtension) {
+        let AnchorFit { rows, chosen, shares, width, scale } = self;
+        let (l, n) = (chosen.len(), rows.points);
         let width = width.min(l);
         if l == 0 || n == 0 {
-            let none = Anchors { weight: vec![], factor: 0., lift: 0., root: vec![], vectors: vec![], width: 0 };
-            return (Embedding { values: Vec::new(), width: 0 }, none);
+            let none =
+                AnchorExtension { weight: vec![], factor: 0., lift: 0., root: vec![], vectors: vec![], width: 0 };
+            return (AnchorEmbedding { values: Vec::new(), width: 0 }, none);
         }
         let mean = chosen.iter().map(|&j| dot(rows.row(j), shares)).sum::<f64>() / l as f64;
         let s = (scale * mean).max(1e-30);
-        let weight = anchor_shares(rows, chosen, shares);
+        let weight = nearest_shares(chosen.iter().map(|&j| rows.row(j)), shares);
         let factor = -1.0 / (2.0 * s * s);
         let mut z = vec![0.0; l * n];
         let mut column = vec![0.0; n];
@@ -140,11 +153,11 @@ impl Work for Anchoring<'_> {
             root.push(scale);
         }
         let vectors = leading_eigenvectors(&z, l, n, shares, width);
-        (project(&z, &vectors, l, n, width), Anchors { weight, factor, lift, root, vectors, width })
+        (project(&z, &vectors, l, n, width), AnchorExtension { weight, factor, lift, root, vectors, width })
     }
 }
 
-impl Anchors {
+impl AnchorExtension {
     /// Embeds a point by its distances from the landmarks (l, finite) into `out` (width): Nyström's extrapolation for this
     /// embedding, the cells' own formula for one column. A constant factor of the column falls out.
     pub fn embed(&self, distances: &[f32], out: &mut [f64]) {
@@ -160,23 +173,30 @@ impl Anchors {
     }
 }
 
-/// Share of the area nearest to each chosen landmark, floored, summing to 1.
+/// Share of the area that is nearest to each landmark, floored, summing to 1. `rows`: distances of the points from one
+/// landmark after the other; `shares`: of the points.
 #[inline(always)]
-fn anchor_shares(rows: &Rows, chosen: &[usize], shares: &[f64]) -> Vec<f64> {
-    let mut nearest = vec![0u32; rows.cells];
-    let mut least = rows.row(chosen[0]).to_vec();
-    for (k, &j) in chosen.iter().enumerate().skip(1) {
-        for ((b, low), near) in rows.row(j).iter().zip(&mut least).zip(&mut nearest) {
+pub(super) fn nearest_shares<'a, T: Copy + PartialOrd + 'a>(
+    mut rows: impl Iterator<Item = &'a [T]>,
+    shares: &[f64],
+) -> Vec<f64> {
+    let mut least = rows.next().unwrap_or_default().to_vec();
+    let mut nearest = vec![0u32; least.len()];
+    let mut count = 1;
+    for row in rows {
+        for ((b, low), near) in row.iter().zip(&mut least).zip(&mut nearest) {
             let nearer = b < low;
-            *near = if nearer { k as u32 } else { *near };
+            *near = if nearer { count } else { *near };
             *low = if nearer { *b } else { *low };
         }
+        count += 1;
     }
-    let mut share = vec![0.0; chosen.len()];
+    let mut share = vec![0.0; count as usize];
     for (&k, a) in nearest.iter().zip(shares) {
         share[k as usize] += a;
     }
-    let total: f64 = share.iter_mut().map(|v| std::mem::replace(v, v.max(ANCHOR_FLOOR)).max(ANCHOR_FLOOR)).sum();
+    share.iter_mut().for_each(|v| *v = v.max(ANCHOR_FLOOR));
+    let total: f64 = share.iter().sum();
     share.iter_mut().for_each(|v| *v /= total);
     share
 }
@@ -256,29 +276,29 @@ fn sum_of(lanes: [f64; LANES]) -> f64 {
 }
 
 /// Coordinates that [`project`] sums at a time.
-const TOGETHER: usize = 4;
+const COORDINATES_AT_ONCE: usize = 4;
 
 /// Φᵀ Q with rows brought to unit length.
 #[inline(always)]
-fn project(phi: &[f64], q: &[f64], l: usize, n: usize, width: usize) -> Embedding {
+fn project(phi: &[f64], q: &[f64], l: usize, n: usize, width: usize) -> AnchorEmbedding {
     // Q in groups of coordinates, row after row.
-    let groups = width.div_ceil(TOGETHER);
-    let mut vectors = vec![[0.0; TOGETHER]; groups * l];
+    let groups = width.div_ceil(COORDINATES_AT_ONCE);
+    let mut vectors = vec![[0.0; COORDINATES_AT_ONCE]; groups * l];
     for j in 0..l {
         for (c, x) in q[j * width..(j + 1) * width].iter().enumerate() {
-            vectors[c / TOGETHER * l + j][c % TOGETHER] = *x;
+            vectors[c / COORDINATES_AT_ONCE * l + j][c % COORDINATES_AT_ONCE] = *x;
         }
     }
     let mut values = vec![0.0; n * width];
     let mut block = vec![[0.0; LANES]; l];
-    let mut sums = vec![[0.0; LANES]; groups * TOGETHER];
+    let mut sums = vec![[0.0; LANES]; groups * COORDINATES_AT_ONCE];
     for (start, values) in (0..n).step_by(LANES).zip(values.chunks_mut(LANES * width)) {
         let lanes = LANES.min(n - start);
         for (block, phi) in block.iter_mut().zip(phi.chunks_exact(n)) {
             block[..lanes].copy_from_slice(&phi[start..start + lanes]);
         }
-        for (out, vectors) in sums.as_chunks_mut::<TOGETHER>().0.iter_mut().zip(vectors.chunks_exact(l)) {
-            let mut sums = [[0.0; LANES]; TOGETHER];
+        for (out, vectors) in sums.as_chunks_mut::<COORDINATES_AT_ONCE>().0.iter_mut().zip(vectors.chunks_exact(l)) {
+            let mut sums = [[0.0; LANES]; COORDINATES_AT_ONCE];
             for (block, q) in block.iter().zip(vectors) {
                 for (sum, q) in sums.iter_mut().zip(q) {
                     for k in 0..LANES {
@@ -301,7 +321,7 @@ fn project(phi: &[f64], q: &[f64], l: usize, n: usize, width: usize) -> Embeddin
             }
         }
     }
-    Embedding { values, width }
+    AnchorEmbedding { values, width }
 }
 
 /// Inner product in a fixed order of additions that vectorises.
@@ -322,7 +342,7 @@ mod tests {
     fn two_far_clumps_embed_apart_and_each_together() {
         let place = [0.0, 0.1, 0.2, 5.0, 5.1, 5.2];
         let values: Vec<f64> = [0, 2, 3, 5].iter().flat_map(|&j| place.map(|x: f64| (x - place[j]).abs())).collect();
-        let rows = Rows::new(&values, 4, 6);
+        let rows = LandmarkDistances::new(&values, 4, 6);
         let x = anchor_embedding(&rows, &[0, 1, 2, 3], &[1.0 / 6.0; 6], 2, 0.2);
         let cosine = |i, j| dot(x.point(i), x.point(j));
         assert!(cosine(0, 2) > 0.95 && cosine(3, 5) > 0.95 && cosine(1, 4) < 0.3);
@@ -346,8 +366,8 @@ mod tests {
         let (l, n) = (9, 40);
         let values: Vec<f64> =
             (0..l * n).map(|_| f64::from(4. * crate::base::random::unit(&mut random) as f32)).collect();
-        let rows = Rows::new(&values, l, n);
-        let (x, anchors) = anchored(&rows, &[0, 2, 3, 5, 6, 8], &vec![1. / n as f64; n], 4, 0.2);
+        let rows = LandmarkDistances::new(&values, l, n);
+        let (x, anchors) = fit_anchor_embedding(&rows, &[0, 2, 3, 5, 6, 8], &vec![1. / n as f64; n], 4, 0.2);
         let mut point = vec![0.; 4];
         for i in 0..n {
             anchors.embed(&[0, 2, 3, 5, 6, 8].map(|j| rows.row(j)[i] as f32), &mut point);
@@ -357,9 +377,9 @@ mod tests {
 
     #[test]
     fn one_cell_one_row_and_unreached_cells_stay_finite() {
-        let one = anchor_embedding(&Rows::new(&[0.0], 1, 1), &[0], &[1.0], 12, 0.2);
+        let one = anchor_embedding(&LandmarkDistances::new(&[0.0], 1, 1), &[0], &[1.0], 12, 0.2);
         assert_eq!((one.width, one.values.len()), (1, 1));
-        let rows = Rows::new(&[0.0, f64::INFINITY, 1.0, f64::NAN, 0.0, f64::INFINITY], 2, 3);
+        let rows = LandmarkDistances::new(&[0.0, f64::INFINITY, 1.0, f64::NAN, 0.0, f64::INFINITY], 2, 3);
         assert_eq!(rows.row(0), [0.0, 2.0, 1.0]);
         let x = anchor_embedding(&rows, &[0, 1], &[0.5, 0.25, 0.25], 2, 0.25);
         assert!(x.values.iter().all(|v| v.is_finite()));

@@ -1,9 +1,10 @@
-//! The graph of cells, connected pieces of its labellings, and the joining of small classes.
+//! The graph of cells, which is all that the decisions see of a surface, and what labellings of it need.
+//!
+//! Numbering by first appearance, intersections, sums over classes, connected pieces, and the joining of pieces too small
+//! to be meant. Some two thousand cells and six thousand pairs: every function here takes far less than a millisecond,
+//! whatever the size of the mesh.
 
-use super::labels::Sets;
 use crate::base::{Error, Result};
-
-pub use super::labels::{class_sums, compact, intersect};
 
 /// A surface as a graph of some two thousand geodesic cells, all that the decisions see of it.
 ///
@@ -71,7 +72,7 @@ impl CellGraph {
             return Err(Error::parameter(
                 "cells",
                 format!("arrays of the cell graph disagree in size or name cells beyond {n}"),
-                "pass one entry a cell and one entry a pair",
+                "pass one entry per cell and one entry per pair",
             ));
         }
         let positive = |x: f64| if x.is_finite() && x > 0.0 { x } else { 0.0 };
@@ -133,15 +134,15 @@ pub fn join_small(
     if !open.contains(&true) {
         return compact(label);
     }
-    let mut rims: Vec<(u32, u32, f64)> = Vec::new();
+    let mut boundaries: Vec<(u32, u32, f64)> = Vec::new();
     for (&[i, j], &len) in pairs.iter().zip(length) {
         let (a, b) = (label[i as usize], label[j as usize]);
         if a != b {
-            rims.push((a.min(b), a.max(b), len));
+            boundaries.push((a.min(b), a.max(b), len));
         }
     }
-    rims.sort_by_key(|r| (r.0, r.1));
-    rims.dedup_by(|next, first| {
+    boundaries.sort_by_key(|r| (r.0, r.1));
+    boundaries.dedup_by(|next, first| {
         let same = (next.0, next.1) == (first.0, first.1);
         if same {
             first.2 += next.2;
@@ -152,7 +153,7 @@ pub fn join_small(
     let mut shared = vec![0.0; n];
     while let Some(q) = (0..n).filter(|&k| open[k]).min_by(|&a, &b| size[a].total_cmp(&size[b])) {
         shared.fill(0.0);
-        for &(a, b, len) in &rims {
+        for &(a, b, len) in &boundaries {
             if a as usize == q {
                 shared[b as usize] += len;
             } else if b as usize == q {
@@ -169,13 +170,132 @@ pub fn join_small(
         for slot in into.iter_mut().filter(|slot| **slot as usize == q) {
             *slot = to as u32;
         }
-        for r in &mut rims {
+        for r in &mut boundaries {
             let name = |k: u32| if k as usize == q { to as u32 } else { k };
             (r.0, r.1) = (name(r.0), name(r.1));
         }
-        rims.retain(|r| r.0 != r.1);
+        boundaries.retain(|r| r.0 != r.1);
     }
     compact(&label.iter().map(|&k| into[k as usize]).collect::<Vec<_>>())
+}
+
+/// Renumbers labels 0, 1, … in order of first appearance; also how many there are.
+pub fn compact(label: &[u32]) -> (Vec<u32>, usize) {
+    let mut number = vec![u32::MAX; label.iter().max().map_or(0, |&m| m as usize + 1)];
+    let mut next = 0;
+    let out = label
+        .iter()
+        .map(|&x| {
+            let slot = &mut number[x as usize];
+            if *slot == u32::MAX {
+                *slot = next;
+                next += 1;
+            }
+            *slot
+        })
+        .collect();
+    (out, next as usize)
+}
+
+/// The intersections of two labellings of the same things, numbered by first appearance.
+pub fn intersect(a: &[u32], b: &[u32]) -> (Vec<u32>, usize) {
+    let mut order: Vec<(u32, u32, u32)> = a.iter().zip(b).zip(0u32..).map(|((&a, &b), i)| (a, b, i)).collect();
+    order.sort_unstable();
+    let mut label = vec![0; a.len()];
+    for w in 0..order.len() {
+        let same = w > 0 && (order[w].0, order[w].1) == (order[w - 1].0, order[w - 1].1);
+        label[order[w].2 as usize] = if same { label[order[w - 1].2 as usize] } else { order[w].2 };
+    }
+    compact(&label)
+}
+
+/// Sum of `value` over each of `n` classes, in order.
+pub fn class_sums(label: &[u32], value: &[f64], n: usize) -> Vec<f64> {
+    let mut sum = vec![0.0; n];
+    for (&k, v) in label.iter().zip(value) {
+        sum[k as usize] += v;
+    }
+    sum
+}
+
+/// A forest of disjoint sets whose representative is always the least element.
+pub(super) struct Sets(Vec<u32>);
+
+impl Sets {
+    /// `n` sets of one.
+    pub(super) fn new(n: usize) -> Self {
+        Sets((0..n as u32).collect())
+    }
+
+    /// The least element of the set of `i`.
+    pub(super) fn find(&mut self, mut i: u32) -> u32 {
+        while self.0[i as usize] != i {
+            self.0[i as usize] = self.0[self.0[i as usize] as usize];
+            i = self.0[i as usize];
+        }
+        i
+    }
+
+    /// Joins two sets; whether they were two.
+    pub(super) fn join(&mut self, i: u32, j: u32) -> bool {
+        let (i, j) = (self.find(i), self.find(j));
+        self.0[i.max(j) as usize] = i.min(j);
+        i != j
+    }
+
+    /// The representative of each.
+    pub(super) fn labels(mut self) -> Vec<u32> {
+        (0..self.0.len() as u32).map(|i| self.find(i)).collect()
+    }
+}
+
+/// Pieces below this share of the area join the neighbour with the longest common boundary.
+pub const SMALL_PART: f64 = 0.003;
+
+/// Joins connected pieces with less than `limit` of the area to their neighbours, smallest first.
+///
+/// `label` is the part of each cell, `shares` area shares. With `whole_too` parts that are small as a
+/// whole go as well; without, the largest piece of every part stays, and so does their number.
+/// Returns labels numbered by first appearance, and how many.
+pub fn small_parts(
+    pairs: &[[u32; 2]],
+    length: &[f64],
+    shares: &[f64],
+    label: &[u32],
+    limit: f64,
+    whole_too: bool,
+) -> (Vec<u32>, usize) {
+    let (label, parts) = compact(label);
+    let (piece, pieces) = connected_pieces(pairs, &label);
+    let area = class_sums(&piece, shares, pieces);
+    let mut part = vec![0u32; pieces];
+    for (&p, &k) in piece.iter().zip(&label) {
+        part[p as usize] = k;
+    }
+    let mut largest = vec![usize::MAX; parts];
+    for (p, &k) in part.iter().enumerate() {
+        let best = &mut largest[k as usize];
+        if *best == usize::MAX || area[p] > area[*best] {
+            *best = p;
+        }
+    }
+    // Loose small pieces become classes of their own, numbered after the parts.
+    let loose: Vec<bool> = (0..pieces).map(|p| area[p] < limit && largest[part[p] as usize] != p).collect();
+    let apart: Vec<u32> =
+        piece.iter().zip(&label).map(|(&p, &k)| if loose[p as usize] { parts as u32 + p } else { k }).collect();
+    let (mut joined, classes) = join_small(pairs, length, shares, &apart, limit, if whole_too { 0 } else { parts });
+    // Those that found no part beside them, on components of their own, stay with the part they
+    // were of: no class may be made of loose pieces alone.
+    let mut firm = vec![false; classes];
+    let mut of_piece = vec![0u32; pieces];
+    for (&k, &p) in joined.iter().zip(&piece) {
+        firm[k as usize] |= !loose[p as usize];
+        of_piece[p as usize] = k;
+    }
+    for (k, &p) in joined.iter_mut().zip(&piece).filter(|(k, _)| !firm[**k as usize]) {
+        *k = of_piece[largest[part[p as usize] as usize]];
+    }
+    compact(&joined)
 }
 
 #[cfg(test)]
@@ -226,5 +346,32 @@ mod tests {
         let mut wrong = g;
         wrong.pairs[0] = [0, 2];
         assert!(wrong.cleaned().is_err());
+    }
+
+    #[test]
+    fn intersections_are_numbered_by_first_appearance() {
+        assert_eq!(intersect(&[3, 3, 1, 1, 3], &[0, 1, 1, 1, 0]), (vec![0, 1, 2, 2, 0], 3));
+    }
+
+    #[test]
+    fn islands_join_and_the_number_asked_for_stays() {
+        let pairs: Vec<[u32; 2]> = (1..10u32).map(|i| [i - 1, i]).collect();
+        let label = [0, 0, 0, 1, 0, 0, 2, 2, 2, 3];
+        let all = small_parts(&pairs, &[1.0; 9], &[0.1; 10], &label, 0.15, true);
+        assert_eq!(all.1, 2);
+        let kept = small_parts(&pairs, &[1.0; 9], &[0.1; 10], &label, 0.15, false);
+        assert_eq!(kept, (vec![0, 0, 0, 1, 0, 0, 2, 2, 2, 3], 4));
+        let loose = [0, 0, 0, 1, 0, 1, 1, 1, 2, 2];
+        let kept = small_parts(&pairs, &[1.0; 9], &[0.1; 10], &loose, 0.15, false);
+        assert_eq!(kept.1, 3);
+        assert_eq!(kept.0[3], 0);
+        // Two loose cells on a component of their own: back to their parts.
+        let mut pairs = pairs;
+        pairs.retain(|p| *p != [7, 8]);
+        let torn = [0, 0, 0, 0, 1, 1, 1, 1, 0, 1];
+        for whole_too in [false, true] {
+            let kept = small_parts(&pairs, &[1.0; 8], &[0.1; 10], &torn, 0.15, whole_too);
+            assert_eq!(kept, (torn.to_vec(), 2));
+        }
     }
 }

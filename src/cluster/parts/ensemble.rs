@@ -1,0 +1,298 @@
+//! The ensemble: over-segmentations of the cells, each from a random subset of the landmarks, and what they say together.
+//!
+//! One over-segmentation is an anchor embedding, K-means, connected pieces, and islands joined to their neighbours. The
+//! intersections of all of them are the superfaces, a few hundred. Each over-segmentation is merged down to one part
+//! ([`super::regions`]), which gives a probability for any two superfaces; the mean over the ensemble is the
+//! co-association, R × R. One run would decide by the chance of its own K-means; twelve agree far better with people.
+//!
+//! Cost: some milliseconds per over-segmentation, constant in the size of the mesh; 8 R² bytes.
+
+use super::cell_graph::{CellGraph, class_sums, connected_pieces, intersect, join_small};
+use super::cell_kmeans::CellKMeans;
+use super::convexity::{PairSums, WIDTHS, convexity};
+use super::matrix::Square;
+use super::regions::{
+    CellMoments, EMBEDDING_DIMENSIONS, MergeModel, RegionLabels, Regions, cell_moments, meeting_probability, merges,
+};
+use super::thickness::log_thickness;
+use crate::base::Result;
+use crate::base::parallel::{map_chunks, map_ranges};
+use crate::base::random::{Random, below, stream};
+use crate::spectral::anchor::{LandmarkDistances, anchor_embedding};
+use crate::store::run::Run;
+
+/// s over the mean distance in the embedding whose means regions are compared by.
+pub const COMPARE_SCALE: f64 = 0.2;
+/// Superfaces per chunk when the ensemble is averaged.
+const SUPERFACES_PER_CHUNK: usize = 32;
+
+/// One over-segmentation of the cells.
+#[derive(Clone, Debug, PartialEq)]
+pub struct OverSegmentation {
+    /// Region of each cell (S), numbered 0, 1, ….
+    pub region: Vec<u32>,
+    /// Number of regions.
+    pub regions: usize,
+    /// Its pair width, an index into [`WIDTHS`].
+    pub width: usize,
+}
+
+impl OverSegmentation {
+    /// Makes one as `params` say; random choices from the stream named by `purpose`.
+    pub fn new(
+        cells: &CellGraph,
+        rows: &LandmarkDistances,
+        params: &OverSegmentationParams,
+        width: usize,
+        seed: u64,
+        purpose: &str,
+    ) -> OverSegmentation {
+        let (region, regions) = over_segment(cells, rows, params, &mut stream(seed, purpose));
+        OverSegmentation { region, regions, width }
+    }
+}
+
+/// `count` random over-segmentations, each from a stream of its own.
+///
+/// # Errors
+/// Cancellation.
+pub fn draw_ensemble(
+    cells: &CellGraph,
+    rows: &LandmarkDistances,
+    count: usize,
+    purpose: &str,
+    run: &Run,
+) -> Result<Vec<OverSegmentation>> {
+    map_chunks(
+        run.threads,
+        &run.cancel,
+        count,
+        || (),
+        |k, ()| {
+            let mut random = stream(run.seed, &format!("{purpose} {k}"));
+            let params = OverSegmentationParams::draw(rows.count, &mut random);
+            let width = below(&mut random, WIDTHS.len());
+            Ok(OverSegmentation::new(cells, rows, &params, width, run.seed, &format!("{purpose} {k} clusters")))
+        },
+    )
+}
+
+/// Superfaces, the intersections of all regions of the ensemble, and what region sums are gathered from.
+#[derive(Clone, Debug)]
+pub struct Superfaces {
+    /// Superface of each cell (S), numbered by first appearance.
+    pub of_cell: Vec<u32>,
+    /// A cell of each superface: its first (R).
+    pub first: Vec<u32>,
+    /// Area of each superface (R).
+    pub area: Vec<f64>,
+    /// Sums over each cell (S).
+    pub moments: Vec<CellMoments>,
+    /// Convexity between superfaces.
+    pub sums: Vec<PairSums>,
+}
+
+impl Superfaces {
+    /// The superfaces of an ensemble.
+    ///
+    /// # Errors
+    /// Cancellation.
+    pub fn of(
+        cells: &CellGraph,
+        rows: &LandmarkDistances,
+        ensemble: &[OverSegmentation],
+        run: &Run,
+    ) -> Result<Superfaces> {
+        let (mut of_cell, mut n) = (vec![0; cells.len()], usize::from(!cells.is_empty()));
+        for m in ensemble {
+            (of_cell, n) = intersect(&of_cell, &m.region);
+        }
+        let mut first = vec![0; n];
+        for (i, &a) in of_cell.iter().enumerate().rev() {
+            first[a as usize] = i as u32;
+        }
+        let all: Vec<usize> = (0..rows.count).collect();
+        let embedding = anchor_embedding(rows, &all, &cells.area_shares(), EMBEDDING_DIMENSIONS, COMPARE_SCALE);
+        let thickness = log_thickness(cells, run)?;
+        Ok(Superfaces {
+            area: class_sums(&of_cell, &cells.area, n),
+            sums: convexity(cells, &thickness, &of_cell, n, run)?,
+            moments: cell_moments(cells, &embedding, &thickness),
+            of_cell,
+            first,
+        })
+    }
+
+    /// Superfaces as they were kept: which each cell belongs to (S), and their areas (R). Enough for cutting a hierarchy, not
+    /// for making one. `None` where a number names no superface, or a superface no cell.
+    pub fn kept(of_cell: Vec<u32>, area: Vec<f64>) -> Option<Superfaces> {
+        let mut first = vec![u32::MAX; area.len()];
+        for (cell, &superface) in of_cell.iter().enumerate().rev() {
+            *first.get_mut(superface as usize)? = cell as u32;
+        }
+        let whole = !first.contains(&u32::MAX);
+        whole.then(|| Superfaces { of_cell, first, area, moments: Vec::new(), sums: Vec::new() })
+    }
+
+    /// Number of superfaces R.
+    pub fn len(&self) -> usize {
+        self.first.len()
+    }
+
+    /// Whether there is no superface.
+    pub fn is_empty(&self) -> bool {
+        self.first.is_empty()
+    }
+
+    /// A labelling of cells that is constant on superfaces, as one of superfaces.
+    pub fn labels(&self, cells: &[u32]) -> Vec<u32> {
+        self.first.iter().map(|&i| cells[i as usize]).collect()
+    }
+
+    /// Region sums of a labelling of cells that is constant on superfaces.
+    pub fn regions(&self, cells: &CellGraph, region: &[u32], n: usize, width: usize) -> Regions {
+        let labels = RegionLabels { of_cell: region, of_superface: &self.labels(region), count: n };
+        Regions::gather(cells, &self.moments, &self.sums, labels, width)
+    }
+
+    /// Sums of the boundary lengths between superfaces, as a list of (superface, superface, length).
+    pub fn shared_boundaries(&self, cells: &CellGraph) -> Vec<(u32, u32, f64)> {
+        let name = |i: u32| self.of_cell[i as usize];
+        let apart = |(&[i, j], &length): (&[u32; 2], &f64)| (name(i), name(j), length);
+        cells.pairs.iter().zip(&cells.length).map(apart).filter(|(a, b, _)| a != b).collect()
+    }
+}
+
+/// C (R × R): for two superfaces the mean over the ensemble of the probability at their lowest common
+/// merge, 1 where an over-segmentation has them in one region, 0 where its tree never joins them.
+///
+/// # Errors
+/// Cancellation.
+pub fn co_association(
+    cells: &CellGraph,
+    superfaces: &Superfaces,
+    ensemble: &[OverSegmentation],
+    model: &MergeModel,
+    run: &Run,
+) -> Result<Square> {
+    let trees = map_chunks(
+        run.threads,
+        &run.cancel,
+        ensemble.len(),
+        || (),
+        |k, ()| {
+            let m = &ensemble[k];
+            let regions = superfaces.regions(cells, &m.region, m.regions, m.width);
+            Ok((superfaces.labels(&m.region), meeting_probability(m.regions, &merges(regions, model, |_, _| false))))
+        },
+    )?;
+    mean_over_ensemble(superfaces.len(), &trees, run)
+}
+
+/// C of `n` superfaces from the regions that each over-segmentation puts them in and the probabilities that two of these belong together.
+///
+/// # Errors
+/// Cancellation.
+pub fn mean_over_ensemble(n: usize, trees: &[(Vec<u32>, Square)], run: &Run) -> Result<Square> {
+    let share = 1.0 / trees.len().max(1) as f64;
+    let rows = map_ranges(run.threads, &run.cancel, n, SUPERFACES_PER_CHUNK, |range| {
+        let mut out = vec![0.0; range.len() * n];
+        for (label, p) in trees {
+            for (a, row) in range.clone().zip(out.chunks_exact_mut(n)) {
+                let p = p.row(label[a] as usize);
+                row.iter_mut().zip(label).for_each(|(sum, &b)| *sum += p[b as usize]);
+            }
+        }
+        out.iter_mut().for_each(|x| *x *= share);
+        Ok(out)
+    })?;
+    Ok(Square::from_values(n, rows.concat()))
+}
+
+/// Islands below this share of the area join the neighbour with the longest common boundary.
+const ISLAND: f64 = 0.001;
+/// s of the embedding over the mean distance: one is drawn each time; wider ones lose small parts.
+pub const SCALES: [f64; 3] = [0.2, 0.25, 0.3];
+/// Clusters of one over-segmentation, both ends included: more than any object has parts.
+const CLUSTERS: [usize; 2] = [22, 33];
+/// An over-segmentation uses at least this many landmarks, where there are as many.
+const FEWEST_ROWS: usize = 30;
+
+/// How one over-segmentation is made.
+#[derive(Clone, Debug, PartialEq)]
+pub struct OverSegmentationParams {
+    /// Landmarks used, ascending.
+    pub rows: Vec<usize>,
+    /// Width of the embedding's kernel over the mean distance.
+    pub scale: f64,
+    /// The K-means; its clusters are also the coordinates of the embedding, where rows suffice.
+    pub kmeans: CellKMeans,
+}
+
+/// The K-means of a single run: two starts, run to the end.
+const CAREFUL: CellKMeans = CellKMeans { clusters: 28, restarts: 2, rounds: 20, candidates: 3, tolerance: 1e-6 };
+/// The K-means of one run among many: one start, eight rounds. Measured on 190 models, the parts of twelve
+/// such runs are as good as with careful ones, in half the time.
+const BRISK: CellKMeans = CellKMeans { clusters: 28, restarts: 1, rounds: 8, candidates: 3, tolerance: 1e-3 };
+
+impl OverSegmentationParams {
+    /// All rows, the middle scale, 28 clusters (fewer where rows are few): the single run.
+    pub fn single(rows: usize) -> OverSegmentationParams {
+        let clusters = CAREFUL.clusters.min(rows.saturating_sub(1)).max(1);
+        OverSegmentationParams {
+            rows: (0..rows).collect(),
+            scale: SCALES[1],
+            kmeans: CellKMeans { clusters, ..CAREFUL },
+        }
+    }
+
+    /// Draws one at random: 30 to all of `rows` landmarks, a scale, 22 to 33 clusters.
+    pub fn draw(rows: usize, random: &mut Random) -> OverSegmentationParams {
+        let fewest = FEWEST_ROWS.min(rows.saturating_sub(1)).max(1);
+        let count = (fewest + below(random, (rows + 1).saturating_sub(fewest))).min(rows);
+        let mut all: Vec<usize> = (0..rows).collect();
+        for i in 0..count {
+            let j = i + below(random, rows - i);
+            all.swap(i, j);
+        }
+        all.truncate(count);
+        all.sort_unstable();
+        let scale = SCALES[below(random, SCALES.len())];
+        let clusters = CLUSTERS[0] + below(random, CLUSTERS[1] - CLUSTERS[0] + 1);
+        let clusters = clusters.min(count.saturating_sub(1)).max(1);
+        OverSegmentationParams { rows: all, scale, kmeans: CellKMeans { clusters, ..BRISK } }
+    }
+}
+
+/// Region of each cell (S), numbered 0, 1, …, each region connected; and how many.
+pub fn over_segment(
+    cells: &CellGraph,
+    rows: &LandmarkDistances,
+    params: &OverSegmentationParams,
+    random: &mut Random,
+) -> (Vec<u32>, usize) {
+    let shares = cells.area_shares();
+    let x = anchor_embedding(rows, &params.rows, &shares, params.kmeans.clusters, params.scale);
+    let label = params.kmeans.run(&x.values, &shares, random);
+    let (piece, _) = connected_pieces(&cells.pairs, &label);
+    join_small(&cells.pairs, &cells.length, &shares, &piece, ISLAND, 0)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::base::random::stream;
+
+    #[test]
+    fn parameters_stay_within_the_rows() {
+        let mut random = stream(0, "test");
+        for rows in [1, 2, 3, 30, 31, 60] {
+            for _ in 0..50 {
+                let r = OverSegmentationParams::draw(rows, &mut random);
+                assert!(!r.rows.is_empty() && r.rows.len() <= rows && r.rows.len() >= FEWEST_ROWS.min(rows - 1));
+                assert!(r.rows.windows(2).all(|w| w[0] < w[1]) && r.rows.iter().all(|&j| j < rows));
+                assert!(r.kmeans.clusters >= 1 && r.kmeans.clusters <= 33);
+            }
+        }
+    }
+}
