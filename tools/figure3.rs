@@ -76,7 +76,7 @@ impl Way {
             Self::Landmarks { l, sampling, eigenvectors } => {
                 let kind = if sampling == Sampling::Farthest { "farthest" } else { "random" };
                 let eigenvectors = if eigenvectors == Eigenvectors::Plain { " plain" } else { "" };
-                format!("{kind}{style} {l}")
+                format!("{kind}{eigenvectors} {l}")
             }
         }
     }
