@@ -3,7 +3,7 @@
 
     pip install numpy plyfile fast-simplification      # --meshlab: pip install pymeshlab
     tools/decimate.py 4000 OUT a.ply b.ply …           # OUT/a.ply, OUT/b.ply, … with 4,000 faces each
-    tools/decimate.py --psb FOLDER 4000 OUT            # the twelve meshes of docs/sampling-and-kernels.md
+    tools/decimate.py --psb FOLDER 4000 OUT            # the twelve meshes of docs/dev/sampling-and-kernels.md
 
 The twelve: the first model of at least 6,000 faces of each of the first twelve categories of the Princeton Segmentation
 Benchmark that have one. A target that cannot be met is missed by a face or two.
