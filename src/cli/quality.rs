@@ -172,15 +172,7 @@ pub fn run(args: &Args, app: &AppContext) -> Result<(), Failure> {
         }
         if args.embedding {
             let (sampling, seed) = (params.samplings[0], params.seeds[0]);
-            errors.push(embedding_errors(
-                &ground,
-                (params.kernel, params.width),
-                sampling,
-                &params.landmarks,
-                6,
-                seed,
-                &run,
-            )?);
+            errors.push(embedding_errors(&ground, &params, sampling, seed, 6, &run)?);
         } else {
             let name = path.file_stem().unwrap_or_default().to_string_lossy();
             records.extend(compare(&ground, &name, &params, Context::new(&work, &run))?);

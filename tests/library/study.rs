@@ -352,16 +352,9 @@ fn exact_norms_agree_with_gamma_and_with_all_of_w() {
 #[test]
 fn the_orthogonalised_embedding_converges_where_the_plain_one_stalls() {
     let small = small(Metric::Geodesic, 5000);
-    let errors = embedding_errors(
-        &small.ground,
-        (Kernel::Gaussian, 1.),
-        Sampling::Farthest,
-        &[10, 20, 50, 100],
-        6,
-        0,
-        &small.run,
-    )
-    .unwrap();
+    let gaussian =
+        CompareParams { kernel: Kernel::Gaussian, landmarks: vec![10, 20, 50, 100], ..CompareParams::default() };
+    let errors = embedding_errors(&small.ground, &gaussian, Sampling::Farthest, 0, 6, &small.run).unwrap();
     assert!(errors[1..].iter().all(|e| e.orthogonal < e.plain / 3.), "{errors:?}");
     let bounds = [0.2, 0.05, 0.04, 0.015];
     // Between vertices, through triangles: what a small sample misses is not the paths' zigzag.
@@ -372,8 +365,8 @@ fn the_orthogonalised_embedding_converges_where_the_plain_one_stalls() {
     let params = StudyParams { over: Over::Vertices, ..StudyParams::default() };
     let ground = StudyData::of(&opened, &serde_json::json!(1), params, Context::new(&work, &small.run)).unwrap();
     assert_eq!(ground.len(), opened.mesh.positions.len());
-    let kernel = (Kernel::Gaussian, 1.);
-    let marched = embedding_errors(&ground, kernel, Sampling::Farthest, &[20, 50], 6, 0, &small.run).unwrap();
+    let fewer = CompareParams { landmarks: vec![20, 50], ..gaussian };
+    let marched = embedding_errors(&ground, &fewer, Sampling::Farthest, 0, 6, &small.run).unwrap();
     assert!(marched[1].orthogonal < 0.02 && marched[1].by_area < 0.02, "{marched:?}");
     assert!(marched.iter().all(|e| e.by_area < e.plain && e.orthogonal < e.plain), "{marched:?}");
     assert!(errors.iter().zip(bounds).all(|(e, bound)| e.by_area < bound && e.orthogonal < bound), "{errors:?}");

@@ -3,7 +3,7 @@
 use crate::common;
 use nystrom_stream::apps::creature::{Creature, Options};
 use nystrom_stream::apps::transfer::closest_faces::{
-    Probe, TriangleTree, UnitFrame, distance_2, normal, unit, unpack, window,
+    Agreement, Probe, TriangleTree, UnitFrame, distance_2, normal, unit, unpack, window,
 };
 use nystrom_stream::apps::transfer::{NONE, transfer};
 use nystrom_stream::mesh::{self, Mesh, Opened};
@@ -62,7 +62,7 @@ fn the_tree_finds_what_a_look_at_every_face_finds() {
         for start in (0..from.mesh.faces.len()).step_by(block) {
             let range = start..from.mesh.faces.len().min(start + block);
             let tree = TriangleTree::of(&from.mesh, &frame, range, |_| true);
-            tree.improve_all(|i| probes[i], 1., slack, &mut found, &run()).unwrap();
+            tree.improve_all(|i| probes[i], Agreement { sign: 1., slack }, &mut found, &run()).unwrap();
         }
         for (probe, found) in probes.iter().zip(&found) {
             let all = triangles.iter().map(|(face, t)| (distance_2(t, probe.place), *face, unit(normal(t))));

@@ -2,23 +2,18 @@
 //! vertex), and any vector of integers as a map of vertices to be judged by.
 
 use super::matches::Match;
-use crate::apps::export::parquet::{GROUP, Writer};
 use crate::base::{Error, Result};
 use crate::mesh::output::by_rename;
-use crate::store::npy::{self, partial_name};
+use crate::store::npy;
 use crate::store::{MappedBytes, Run};
 use npyz::{Deserialize, NpyFile};
-use parquet::basic::Encoding;
-use parquet::data_type::{FloatType, Int32Type, Int64Type};
-use parquet::file::properties::WriterProperties;
-use parquet::schema::types::ColumnPath;
 use std::ffi::OsStr;
 use std::fs::File;
 use std::io::{BufWriter, Write};
 use std::path::Path;
 
 /// What endings are known, for messages.
-pub const ENDINGS: &str = ".npy, .csv or .parquet";
+pub const ENDINGS: &str = if cfg!(feature = "parquet") { ".npy, .csv or .parquet" } else { ".npy or .csv" };
 
 const TITLES: &str = "vertex,match,distance,confidence";
 
@@ -29,7 +24,9 @@ fn ending(path: &Path) -> Option<String> {
 
 /// Whether [`write()`] knows the form of this name.
 pub fn is_known(path: &Path) -> bool {
-    matches!(ending(path).as_deref(), Some("npy" | "csv" | "parquet"))
+    let ending = ending(path);
+    matches!(ending.as_deref(), Some("npy" | "csv"))
+        || cfg!(feature = "parquet") && ending.as_deref() == Some("parquet")
 }
 
 /// Writes matches to `path`, `.npy`, `.csv` or `.parquet`, by rename.
@@ -39,20 +36,9 @@ pub fn is_known(path: &Path) -> bool {
 pub fn write(path: &Path, matches: &[Match], run: &Run) -> Result<()> {
     match ending(path).as_deref() {
         Some("npy") => npy::write(path, matches, 1, true).map(drop),
-        Some("csv") => {
-            let partial = partial_name(path);
-            let written = write_csv(&partial, matches, run)
-                .and_then(|()| std::fs::rename(&partial, path).map_err(Error::io(path, "rename")));
-            written.inspect_err(|_| {
-                let _ = std::fs::remove_file(&partial);
-            })
-        }
-        Some("parquet") => {
-            // A column of a group, and what the writer holds of all.
-            let bytes = 48 * GROUP.min(matches.len()) as u64;
-            let _grant = run.budget.take("a group of rows", bytes, bytes)?;
-            by_rename(path, 0, true, |file| write_parquet(path, file, matches, run))
-        }
+        Some("csv") => by_rename(path, 0, true, |file| write_csv(path, file, matches, run)),
+        #[cfg(feature = "parquet")]
+        Some("parquet") => parquet_table::write(path, matches, run),
         _ => {
             let problem = format!("{}: its ending says no known form", path.display());
             Err(Error::parameter("-o", problem, format!("end it with {ENDINGS}")))
@@ -60,29 +46,47 @@ pub fn write(path: &Path, matches: &[Match], run: &Run) -> Result<()> {
     }
 }
 
-fn write_parquet(path: &Path, file: &mut File, matches: &[Match], run: &Run) -> Result<()> {
-    let schema = "message matches { required int32 vertex (INTEGER(32, false)); required int64 match; \
-                  required float distance; required float confidence; }";
-    let properties = WriterProperties::builder()
-        .set_dictionary_enabled(false)
-        .set_column_encoding(ColumnPath::from("vertex"), Encoding::DELTA_BINARY_PACKED);
-    let mut writer = Writer::new(path, file, schema, properties)?;
-    for (k, rows) in matches.chunks(GROUP).enumerate() {
-        run.cancel.check()?;
-        writer.group(|group| {
-            let first = k * GROUP;
-            group.column::<Int32Type>((first..first + rows.len()).map(|v| v as u32 as i32))?;
-            group.column::<Int64Type>(rows.iter().map(|one| one.target))?;
-            group.column::<FloatType>(rows.iter().map(|one| one.distance))?;
-            group.column::<FloatType>(rows.iter().map(|one| one.confidence))
-        })?;
+/// Matches as a Parquet table.
+#[cfg(feature = "parquet")]
+mod parquet_table {
+    use super::{File, Match, Path, Result, Run, by_rename};
+    use crate::apps::export::parquet::{GROUP, Writer};
+    use parquet::basic::Encoding;
+    use parquet::data_type::{FloatType, Int32Type, Int64Type};
+    use parquet::file::properties::WriterProperties;
+    use parquet::schema::types::ColumnPath;
+
+    pub(super) fn write(path: &Path, matches: &[Match], run: &Run) -> Result<()> {
+        // A column of a group, and what the writer holds of all.
+        let bytes = 48 * GROUP.min(matches.len()) as u64;
+        let _grant = run.budget.take("a group of rows", bytes, bytes)?;
+        by_rename(path, 0, true, |file| fill(path, file, matches, run))
     }
-    writer.finish()
+
+    fn fill(path: &Path, file: &mut File, matches: &[Match], run: &Run) -> Result<()> {
+        let schema = "message matches { required int32 vertex (INTEGER(32, false)); required int64 match; \
+                  required float distance; required float confidence; }";
+        let properties = WriterProperties::builder()
+            .set_dictionary_enabled(false)
+            .set_column_encoding(ColumnPath::from("vertex"), Encoding::DELTA_BINARY_PACKED);
+        let mut writer = Writer::new(path, file, schema, properties)?;
+        for (k, rows) in matches.chunks(GROUP).enumerate() {
+            run.cancel.check()?;
+            writer.group(|group| {
+                let first = k * GROUP;
+                group.column::<Int32Type>((first..first + rows.len()).map(|v| v as u32 as i32))?;
+                group.column::<Int64Type>(rows.iter().map(|one| one.target))?;
+                group.column::<FloatType>(rows.iter().map(|one| one.distance))?;
+                group.column::<FloatType>(rows.iter().map(|one| one.confidence))
+            })?;
+        }
+        writer.finish()
+    }
 }
 
-fn write_csv(path: &Path, matches: &[Match], run: &Run) -> Result<()> {
+fn write_csv(path: &Path, file: &mut File, matches: &[Match], run: &Run) -> Result<()> {
     let failed = || Error::io(path, "write");
-    let mut out = BufWriter::with_capacity(1 << 18, File::create(path).map_err(Error::io(path, "create"))?);
+    let mut out = BufWriter::with_capacity(1 << 18, file);
     writeln!(out, "{TITLES}").map_err(failed())?;
     for (v, one) in matches.iter().enumerate() {
         if v % (1 << 16) == 0 {
@@ -91,8 +95,7 @@ fn write_csv(path: &Path, matches: &[Match], run: &Run) -> Result<()> {
         let Match { target, distance, confidence } = one;
         writeln!(out, "{v},{target},{distance},{confidence}").map_err(failed())?;
     }
-    let file = out.into_inner().map_err(|error| error.into_error()).map_err(failed())?;
-    file.sync_all().map_err(Error::io(path, "sync"))
+    out.flush().map_err(failed())
 }
 
 /// Reads the vertex that each vertex is matched to, `None` for none: from matches as written here, or from a vector of
@@ -171,7 +174,6 @@ fn read_csv(path: &Path) -> Result<Vec<Option<u32>>> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use parquet::file::reader::{FileReader, SerializedFileReader};
 
     #[test]
     fn matches_come_back_from_both_forms_and_maps_from_integers() {
@@ -182,12 +184,6 @@ mod tests {
             write(&path, &matches, &Run::new(&())).unwrap();
             assert_eq!(read(&path).unwrap(), [Some(7), None]);
         }
-        let path = dir.path().join("m.parquet");
-        write(&path, &matches, &Run::new(&())).unwrap();
-        let table = SerializedFileReader::new(File::open(&path).unwrap()).unwrap();
-        let rows: Vec<String> = table.get_row_iter(None).unwrap().map(|row| row.unwrap().to_string()).collect();
-        assert_eq!(rows[0], "{vertex: 0, match: 7, distance: 0.25, confidence: 0.5}");
-        assert!(rows.len() == 2 && rows[1].starts_with("{vertex: 1, match: -1, distance: inf"), "{rows:?}");
         let path = dir.path().join("i.npy");
         npy::write::<u32>(&path, &[3, 1], 1, false).unwrap();
         assert_eq!(read(&path).unwrap(), [Some(3), Some(1)]);
@@ -196,5 +192,19 @@ mod tests {
         std::fs::write(dir.path().join("x.csv"), "vertex,match,distance,confidence\n1,2,0,0\n").unwrap();
         assert!(read(&dir.path().join("x.csv")).unwrap_err().to_string().contains("line 2"));
         assert!(write(&dir.path().join("m.txt"), &matches, &Run::new(&())).is_err());
+    }
+
+    #[cfg(feature = "parquet")]
+    #[test]
+    fn a_table_has_a_row_per_vertex() {
+        use parquet::file::reader::{FileReader, SerializedFileReader};
+        let dir = tempfile::tempdir().unwrap();
+        let matches = [Match { target: 7, distance: 0.25, confidence: 0.5 }, Match::NONE];
+        let path = dir.path().join("m.parquet");
+        write(&path, &matches, &Run::new(&())).unwrap();
+        let table = SerializedFileReader::new(File::open(&path).unwrap()).unwrap();
+        let rows: Vec<String> = table.get_row_iter(None).unwrap().map(|row| row.unwrap().to_string()).collect();
+        assert_eq!(rows[0], "{vertex: 0, match: 7, distance: 0.25, confidence: 0.5}");
+        assert!(rows.len() == 2 && rows[1].starts_with("{vertex: 1, match: -1, distance: inf"), "{rows:?}");
     }
 }

@@ -56,8 +56,9 @@ pub fn write(folder: &Path, mesh: &Mesh, labelling: &Labelling, text: bool, dura
         let colour = labelling.colours.get(part);
         listed.push(json!({"file": name, "label": part, "faces": faces, "vertices": vertices, "colour": colour}));
     }
-    let text = serde_json::to_string_pretty(&json!({"faces": mesh.faces.len(), "parts": listed})).unwrap_or_default();
-    by_rename(&list, 0, durable, |file| writeln!(file, "{text}").map_err(Error::io(&list, "write")))?;
+    // A value prints itself, indented under `#`, and cannot fail to.
+    let listed = json!({"faces": mesh.faces.len(), "parts": listed});
+    by_rename(&list, 0, durable, |file| writeln!(file, "{listed:#}").map_err(Error::io(&list, "write")))?;
     if folder.join(file_name(parts)).exists() {
         let text = format!("{}: holds parts of an earlier cut too; {LIST} says which are of this", folder.display());
         run.progress.note(&text);

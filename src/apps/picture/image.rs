@@ -2,7 +2,7 @@
 
 use super::shading::{Pixel, linear, stored};
 use crate::base::{Error, Result};
-use std::fs::File;
+use crate::mesh::output::by_rename;
 use std::io::BufWriter;
 use std::path::Path;
 
@@ -65,94 +65,72 @@ impl Image {
     /// # Errors
     /// [`Error::Io`].
     pub fn write_png(&self, path: &Path) -> Result<()> {
-        let partial = crate::store::npy::partial_name(path);
-        let file = File::create(&partial).map_err(Error::io(&partial, "create"))?;
-        let written = self.encode(BufWriter::with_capacity(1 << 18, file)).map_err(|error| match error {
-            png::EncodingError::IoError(source) => Error::io(&partial, "write")(source),
-            other => Error::io(&partial, "write")(std::io::Error::other(other)),
-        });
-        if written.is_err() {
-            let _ = std::fs::remove_file(&partial);
-            return written;
-        }
-        std::fs::rename(&partial, path).map_err(Error::io(&partial, "rename"))
-    }
-
-    /// Writes PNG to a stream.
-    fn encode(&self, out: impl std::io::Write) -> std::result::Result<(), png::EncodingError> {
-        let opaque = self.pixels.iter().all(|pixel| pixel[3] == 255);
-        let mut encoder = png::Encoder::new(out, self.width as u32, self.height as u32);
-        encoder.set_color(if opaque { png::ColorType::Rgb } else { png::ColorType::Rgba });
-        encoder.set_depth(png::BitDepth::Eight);
-        encoder.set_compression(png::Compression::Balanced);
-        let mut writer = encoder.write_header()?;
-        if opaque {
+        let size = (self.width as u32, self.height as u32);
+        if self.pixels.iter().all(|pixel| pixel[3] == 255) {
             let bytes: Vec<u8> = self.pixels.iter().flat_map(|p| [p[0], p[1], p[2]]).collect();
-            writer.write_image_data(&bytes)?;
-        } else {
-            writer.write_image_data(self.pixels.as_flattened())?;
+            return write_png(path, size, png::ColorType::Rgb, &bytes);
         }
-        writer.finish()
+        write_png(path, size, png::ColorType::Rgba, self.pixels.as_flattened())
     }
 }
 
-// --- A few glyphs of five by seven dots for the legend, drawn smoothly at any size.
+/// Writes `pixels`, one byte per channel, row by row from the top, as a PNG file, by rename.
+pub(in crate::apps) fn write_png(path: &Path, size: (u32, u32), colour: png::ColorType, pixels: &[u8]) -> Result<()> {
+    by_rename(path, 0, false, |file| {
+        let mut encoder = png::Encoder::new(BufWriter::with_capacity(1 << 18, file), size.0, size.1);
+        encoder.set_color(colour);
+        encoder.set_depth(png::BitDepth::Eight);
+        encoder.set_compression(png::Compression::Balanced);
+        let written = encoder.write_header().and_then(|mut writer| {
+            writer.write_image_data(pixels)?;
+            writer.finish()
+        });
+        written.map_err(|error| match error {
+            png::EncodingError::IoError(source) => Error::io(path, "write")(source),
+            other => Error::io(path, "write")(std::io::Error::other(other)),
+        })
+    })
+}
 
 /// Half a stroke's width in dots.
 const STROKE: f64 = 0.46;
 
-/// Rows of each glyph from the top, the leftmost dot in the highest of five bits.
-const GLYPHS: [(char, [u8; 7]); 17] = [
-    ('0', [0b01110, 0b10001, 0b10001, 0b10001, 0b10001, 0b10001, 0b01110]),
-    ('1', [0b00100, 0b01100, 0b00100, 0b00100, 0b00100, 0b00100, 0b01110]),
-    ('2', [0b01110, 0b10001, 0b00001, 0b00110, 0b01000, 0b10000, 0b11111]),
-    ('3', [0b01110, 0b10001, 0b00001, 0b00110, 0b00001, 0b10001, 0b01110]),
-    ('4', [0b00010, 0b00110, 0b01010, 0b10010, 0b11111, 0b00010, 0b00010]),
-    ('5', [0b11111, 0b10000, 0b11110, 0b00001, 0b00001, 0b10001, 0b01110]),
-    ('6', [0b01110, 0b10000, 0b10000, 0b11110, 0b10001, 0b10001, 0b01110]),
-    ('7', [0b11111, 0b00001, 0b00010, 0b00100, 0b00100, 0b01000, 0b01000]),
-    ('8', [0b01110, 0b10001, 0b10001, 0b01110, 0b10001, 0b10001, 0b01110]),
-    ('9', [0b01110, 0b10001, 0b10001, 0b01111, 0b00001, 0b00001, 0b01110]),
-    ('.', [0b00000, 0b00000, 0b00000, 0b00000, 0b00000, 0b00100, 0b00100]),
-    ('%', [0b11001, 0b11001, 0b00010, 0b00100, 0b01000, 0b10011, 0b10011]),
-    ('+', [0b00000, 0b00100, 0b00100, 0b11111, 0b00100, 0b00100, 0b00000]),
-    ('m', [0b00000, 0b00000, 0b11010, 0b10101, 0b10101, 0b10101, 0b10101]),
-    ('o', [0b00000, 0b00000, 0b01110, 0b10001, 0b10001, 0b10001, 0b01110]),
-    ('r', [0b00000, 0b00000, 0b10110, 0b11001, 0b10000, 0b10000, 0b10000]),
-    ('e', [0b00000, 0b00000, 0b01110, 0b10001, 0b11111, 0b10000, 0b01110]),
-];
+/// Dots of a glyph's side.
+pub(in crate::apps) const SIDE: usize = 8;
+
+/// Rows of a glyph of the built-in font from the top, the leftmost dot in the lowest bit; blank for what the font lacks.
+pub(in crate::apps) fn glyph_rows(c: char) -> [u8; SIDE] {
+    font8x8::legacy::BASIC_LEGACY.get(c as usize).copied().unwrap_or_default()
+}
 
 /// Pixels that `text` takes at `dot` pixels a dot.
 pub(super) fn text_width(text: &str, dot: f64) -> f64 {
     text.chars().map(advance).sum::<f64>() * dot
 }
 
-/// Dots from a glyph to the next.
+/// Dots from a glyph to the next: its own columns and a gap.
 fn advance(c: char) -> f64 {
-    match c {
-        '.' => 3.5,
-        ' ' => 3.0,
-        _ => 6.2,
-    }
+    let columns = glyph_rows(c).into_iter().fold(0, |all, row| all | row);
+    if columns == 0 { 4.0 } else { f64::from(8 - columns.leading_zeros() - columns.trailing_zeros()) + 1.3 }
 }
 
 /// Writes `text` in linear `colour` with its upper left corner at (`x`, `y`).
 pub(super) fn write_text(image: &mut Image, text: &str, x: f64, y: f64, dot: f64, colour: [f32; 3]) {
     let mut left = x;
     for c in text.chars() {
-        let shift = if c == '.' { -1.0 } else { 0.0 };
-        if let Some((_, rows)) = GLYPHS.iter().find(|(known, _)| *known == c) {
-            glyph(image, rows, left + shift * dot, y, dot, colour);
-        }
+        let rows = glyph_rows(c);
+        let margin = rows.into_iter().fold(0, |all, row| all | row).trailing_zeros();
+        draw_glyph(image, &rows.map(|row| row.checked_shr(margin).unwrap_or(0)), [left, y], dot, colour);
         left += advance(c) * dot;
     }
 }
 
 /// Strokes between neighbouring dots, in dots; diagonal ones only where no others join the two.
-fn strokes(rows: &[u8; 7]) -> Vec<[f64; 4]> {
-    let lit = |i: i64, j: i64| (0..5).contains(&i) && (0..7).contains(&j) && rows[j as usize] >> (4 - i) & 1 == 1;
+fn strokes(rows: &[u8; SIDE]) -> Vec<[f64; 4]> {
+    let side = 0..SIDE as i64;
+    let lit = |i: i64, j: i64| side.contains(&i) && side.contains(&j) && rows[j as usize] >> i & 1 == 1;
     let mut strokes = Vec::new();
-    for (i, j) in (0..7).flat_map(|j| (0..5).map(move |i| (i, j))).filter(|&(i, j)| lit(i, j)) {
+    for (i, j) in side.clone().flat_map(|j| (0..SIDE as i64).map(move |i| (i, j))).filter(|&(i, j)| lit(i, j)) {
         let mut to = |k: i64, l: i64| strokes.push([i as f64, j as f64, k as f64, l as f64]);
         to(i, j);
         for (k, l) in [(i + 1, j), (i, j + 1)] {
@@ -170,10 +148,10 @@ fn strokes(rows: &[u8; 7]) -> Vec<[f64; 4]> {
 }
 
 /// Draws one glyph as strokes with round ends.
-fn glyph(image: &mut Image, rows: &[u8; 7], left: f64, top: f64, dot: f64, colour: [f32; 3]) {
+fn draw_glyph(image: &mut Image, rows: &[u8; SIDE], [left, top]: [f64; 2], dot: f64, colour: [f32; 3]) {
     let strokes = strokes(rows);
-    for y in (top - dot).floor().max(0.0) as usize..(top + 8.0 * dot).ceil().max(0.0) as usize {
-        for x in (left - dot).floor().max(0.0) as usize..(left + 6.0 * dot).ceil().max(0.0) as usize {
+    for y in (top - dot).floor().max(0.0) as usize..(top + 9.0 * dot).ceil().max(0.0) as usize {
+        for x in (left - dot).floor().max(0.0) as usize..(left + 9.0 * dot).ceil().max(0.0) as usize {
             let (u, v) = ((x as f64 + 0.5 - left) / dot - 0.5, (y as f64 + 0.5 - top) / dot - 0.5);
             let away = |&[a, b, c, d]: &[f64; 4]| {
                 let length = (c - a) * (c - a) + (d - b) * (d - b);

@@ -7,7 +7,7 @@
 //! with the pixels.
 
 mod camera;
-mod image;
+pub(super) mod image;
 mod raster;
 mod shading;
 mod sheet;

@@ -1,13 +1,16 @@
 //! Something drawn with `plotters`, to the form that a file's ending names; text in a PNG is of a built-in font of 8 × 8
 //! pixels, so that no font of the machine is needed.
 
+use crate::apps::picture::image;
 use crate::base::{Error, Result};
+use crate::mesh::output::by_rename;
 use plotters::coord::Shift;
 use plotters::prelude::{
     BitMapBackend, DrawingArea, DrawingAreaErrorKind, DrawingBackend, IntoDrawingArea, RGBColor, SVGBackend,
 };
 use plotters_backend::text_anchor::{HPos, VPos};
 use plotters_backend::{BackendColor, BackendCoord, BackendStyle, BackendTextStyle, DrawingErrorKind};
+use std::io::Write;
 use std::path::Path;
 
 /// Text and axes.
@@ -36,20 +39,20 @@ pub(super) fn save(path: &Path, size: (u32, u32), drawing: &impl Drawing) -> Res
             drawing
                 .draw(&SVGBackend::with_string(&mut text, size).into_drawing_area())
                 .map_err(|error| failed(error.to_string()))?;
-            std::fs::write(path, text).map_err(Error::io(path, "write"))
+            by_rename(path, 0, false, |file| file.write_all(text.as_bytes()).map_err(Error::io(path, "write")))
         }
         Some(ending) if ending == "png" => {
             let mut pixels = vec![255; 3 * size.0 as usize * size.1 as usize];
             let backend = PixelText(BitMapBackend::with_buffer(&mut pixels, size));
             drawing.draw(&backend.into_drawing_area()).map_err(|error| failed(error.to_string()))?;
-            write_png(path, &pixels, size).map_err(Error::io(path, "write"))
+            image::write_png(path, size, png::ColorType::Rgb, &pixels)
         }
         _ => Err(Error::parameter("plot", format!("{} is no chart", path.display()), "end it with .svg or .png")),
     }
 }
 
 /// Pixels of a character's side.
-const SIDE: i32 = 8;
+const SIDE: i32 = image::SIDE as i32;
 
 /// A bitmap whose text is drawn pixel by pixel; what the font lacks stays blank.
 struct PixelText<'a>(BitMapBackend<'a>);
@@ -104,7 +107,7 @@ impl<'a> DrawingBackend for PixelText<'a> {
             };
         let (right, bottom) = (self.get_size().0 as i32, self.get_size().1 as i32);
         for (k, character) in (0..).zip(text.chars()) {
-            let glyph = font8x8::legacy::BASIC_LEGACY.get(character as usize).copied().unwrap_or_default();
+            let glyph = image::glyph_rows(character);
             for (row, bits) in (0..).zip(glyph) {
                 for column in 0..SIDE {
                     let (x, y) = (left + k * SIDE + column, top + row);
@@ -116,14 +119,4 @@ impl<'a> DrawingBackend for PixelText<'a> {
         }
         Ok(())
     }
-}
-
-/// Writes RGB pixels.
-fn write_png(path: &Path, pixels: &[u8], size: (u32, u32)) -> std::io::Result<()> {
-    let file = std::io::BufWriter::new(std::fs::File::create(path)?);
-    let mut encoder = png::Encoder::new(file, size.0, size.1);
-    encoder.set_color(png::ColorType::Rgb);
-    encoder.set_depth(png::BitDepth::Eight);
-    encoder.write_header()?.write_image_data(pixels)?;
-    Ok(())
 }

@@ -141,7 +141,8 @@ pub fn compare(
                 let wanted = sizes.filter(|&size| sampling != Sampling::Centroids || size == l);
                 let records: Result<Vec<SampleRecord>> = wanted
                     .map(|l| {
-                        record(ground, mesh, sampling, seed, (&landmarks[..l], search[l - 1]), &rows, params, &one)
+                        let sample = Sample { mesh, sampling, seed, landmarks: &landmarks[..l], search: search[l - 1] };
+                        record(ground, sample, &rows, params, &one)
                     })
                     .collect();
                 drop(rows);
@@ -220,17 +221,19 @@ impl<'a> Rows<'a> {
     }
 }
 
-/// Measures the sample `landmarks`, the first of those that `rows` are of.
-fn record(
-    ground: &StudyData,
-    mesh: &str,
+/// A sample to measure.
+struct Sample<'a> {
+    mesh: &'a str,
     sampling: Sampling,
     seed: u64,
-    (landmarks, search): (&[u32], f64),
-    rows: &Rows,
-    params: &CompareParams,
-    run: &Run,
-) -> Result<SampleRecord> {
+    landmarks: &'a [u32],
+    /// Fronts that finding them cost.
+    search: f64,
+}
+
+/// Measures a sample, whose landmarks are the first of those that `rows` are of.
+fn record(ground: &StudyData, sample: Sample, rows: &Rows, params: &CompareParams, run: &Run) -> Result<SampleRecord> {
+    let Sample { mesh, sampling, seed, landmarks, search } = sample;
     let (l, n) = (landmarks.len(), ground.len());
     let sigma = params.width * ground.mean;
     let bandwidth =
@@ -293,19 +296,20 @@ pub struct EmbeddingError {
     pub negative: f64,
 }
 
-/// The errors of `d` coordinates for each number of landmarks in `sizes`, σ `width` times the mean distance.
+/// The errors of `d` coordinates for each number of landmarks in `params`, under its kernel and width; landmarks are
+/// those of `sampling` under `seed`.
 ///
 /// # Errors
 /// [`Error::Parameter`] where `ground` does not hold all distances, [`Error::Cancelled`].
 pub fn embedding_errors(
     ground: &StudyData,
-    (kernel, width): (Kernel, f64),
+    params: &CompareParams,
     sampling: Sampling,
-    sizes: &[usize],
-    d: usize,
     seed: u64,
+    d: usize,
     run: &Run,
 ) -> Result<Vec<EmbeddingError>> {
+    let (kernel, width, sizes) = (params.kernel, params.width, &params.landmarks);
     let n = ground.len();
     let Some(matrix) = &ground.matrix else {
         return Err(Error::parameter("--exact", format!("{n} faces are too many"), "decimate the mesh"));

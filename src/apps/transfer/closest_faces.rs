@@ -152,6 +152,15 @@ pub struct Probe {
     pub normal: [f32; 3],
 }
 
+/// What makes a face that is not the nearest the better one.
+#[derive(Clone, Copy, Debug)]
+pub struct Agreement {
+    /// 1, or −1 where normals of the two meshes point opposite ways.
+    pub sign: f32,
+    /// An edge of the mesh that is searched: the slack of [`window`].
+    pub slack: f32,
+}
+
 /// What a point found: the nearest face, and the nearest that agrees; each (squared distance, face) or [`NONE`].
 pub type Closest = [u64; 2];
 
@@ -207,22 +216,22 @@ impl TriangleTree {
     /// The normal of the triangle nearest to `place`.
     pub fn normal_near(&self, place: [f32; 3]) -> Option<[f32; 3]> {
         let mut found = [NONE; 2];
-        let group = self.improve(&Probe { place, normal: [0.; 3] }, 1., 0., 0, &mut found);
+        let group = self.improve(&Probe { place, normal: [0.; 3] }, Agreement { sign: 1., slack: 0. }, 0, &mut found);
         let face = unpack(found[0])?.1;
         let leaves = self.leaves.iter().skip(group * GROUP).take(GROUP);
         leaves.filter(|leaf| leaf.face == face).map(|leaf| unit(normal(&leaf.corners))).next()
     }
 
-    /// Improves `found` by what is near `probe`; normals agree where `sign` times theirs is much like its own. `near` is
+    /// Improves `found` by what is near `probe`; normals agree where the sign times theirs is much like its own. `near` is
     /// a group to begin with, better the nearer; the answer is the group that the nearest triangle was found in.
-    pub fn improve(&self, probe: &Probe, sign: f32, slack: f32, near: usize, found: &mut Closest) -> usize {
+    pub fn improve(&self, probe: &Probe, agreement: Agreement, near: usize, found: &mut Closest) -> usize {
         let half = self.boxes.len() / 2;
         if self.leaves.is_empty() || !probe.place.iter().all(|x| x.is_finite()) {
             return near;
         }
         let near = near.min(half - 1);
         let mut best = near;
-        let mut limit = self.look(near, probe, sign, slack, found, &mut best);
+        let mut limit = self.look(near, probe, agreement, found, &mut best);
         // A path down and the other child at each step: no deeper than 64.
         let mut stack = [(0f32, 0usize); 64];
         let mut height = 1;
@@ -235,7 +244,7 @@ impl TriangleTree {
             }
             if node >= half {
                 if node - half != near {
-                    limit = self.look(node - half, probe, sign, slack, found, &mut best);
+                    limit = self.look(node - half, probe, agreement, found, &mut best);
                 }
                 continue;
             }
@@ -255,7 +264,7 @@ impl TriangleTree {
     }
 
     /// Improves `found` by the triangles of a group; answers how far boxes matter now.
-    fn look(&self, group: usize, probe: &Probe, sign: f32, slack: f32, found: &mut Closest, best: &mut usize) -> f32 {
+    fn look(&self, group: usize, probe: &Probe, agreement: Agreement, found: &mut Closest, best: &mut usize) -> f32 {
         let least = |packed: u64| unpack(packed).map_or(f32::INFINITY, |(distance_2, _)| distance_2);
         for leaf in self.leaves.iter().skip(group * GROUP).take(GROUP) {
             let distance_2 = distance_2(&leaf.corners, probe.place);
@@ -263,13 +272,13 @@ impl TriangleTree {
             if packed < found[0] {
                 (found[0], *best) = (packed, group);
             }
-            let agrees = || sign * dot(unit(normal(&leaf.corners)), probe.normal) >= AGREE;
+            let agrees = || agreement.sign * dot(unit(normal(&leaf.corners)), probe.normal) >= AGREE;
             if packed < found[1] && agrees() {
                 found[1] = packed;
             }
         }
         let any = least(found[0]);
-        let limit = any.max(least(found[1]).min(window(any.sqrt(), slack).powi(2)));
+        let limit = any.max(least(found[1]).min(window(any.sqrt(), agreement.slack).powi(2)));
         // Boxes and triangles are rounded differently; what could be as near must be looked at.
         limit + 1e-6 * limit.sqrt() + 1e-12
     }
@@ -281,15 +290,14 @@ impl TriangleTree {
     pub fn improve_all(
         &self,
         probe: impl Fn(usize) -> Probe + Sync,
-        sign: f32,
-        slack: f32,
+        agreement: Agreement,
         found: &mut [Closest],
         run: &Run,
     ) -> Result<()> {
         let work = |k: usize, piece: &mut [Closest], (): &mut ()| {
             let mut near = 0;
             for (i, found) in piece.iter_mut().enumerate() {
-                near = self.improve(&probe(k * CHUNK + i), sign, slack, near, found);
+                near = self.improve(&probe(k * CHUNK + i), agreement, near, found);
             }
             Ok(())
         };

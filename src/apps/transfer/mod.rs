@@ -13,7 +13,7 @@ use crate::base::{Error, Result};
 use crate::graph::DualGraph;
 use crate::mesh::{Labelling, Opened};
 use crate::store::{Context, MappedSlice, Run};
-use closest_faces::{BYTES, Closest, Probe, TriangleTree, UnitFrame, normal, unit, unpack, window};
+use closest_faces::{Agreement, BYTES, Closest, Probe, TriangleTree, UnitFrame, normal, unit, unpack, window};
 use serde::Serialize;
 use serde_json::json;
 use std::collections::BTreeMap;
@@ -139,7 +139,7 @@ pub fn transfer(from: &Opened, labels: &[u32], to: &Opened, context: Context<'_>
         for start in (0..m).step_by(block) {
             let tree = TriangleTree::of(&from.mesh, &frame, start..m.min(start + block), |_| true);
             let at = |i: usize| probe(to, &frame, i / points, i % points);
-            tree.improve_all(at, sign, fine, found, context.run)?;
+            tree.improve_all(at, Agreement { sign, slack: fine }, found, context.run)?;
         }
         Ok(())
     };
