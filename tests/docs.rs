@@ -23,7 +23,7 @@ fn files(folder: &str, ending: &str, all: &mut Vec<PathBuf>) {
 }
 
 fn pages() -> Vec<PathBuf> {
-    let mut pages = vec![PathBuf::from("README.md"), PathBuf::from("CHANGELOG.md")];
+    let mut pages = ["README.md", "ARCHITECTURE.md", "CONTRIBUTING.md", "CHANGELOG.md"].map(PathBuf::from).to_vec();
     ["docs", "python", "benches"].into_iter().for_each(|folder| files(folder, ".md", &mut pages));
     assert!(pages.len() > 8, "{pages:?}");
     pages
@@ -137,11 +137,20 @@ fn every_picture_is_shown_and_small() {
 }
 
 #[test]
-fn the_readme_leads_to_every_page() {
-    let readme = targets(&prose(Path::new("README.md")));
-    let mut docs = Vec::new();
-    files("docs", ".md", &mut docs);
-    for page in docs {
-        assert!(readme.iter().any(|target| Path::new(target) == page), "README.md has no link to {}", page.display());
+fn links_lead_from_the_readme_to_every_page() {
+    let mut reached = BTreeSet::from([root().join("README.md")]);
+    let mut ahead: Vec<PathBuf> = reached.iter().cloned().collect();
+    while let Some(page) = ahead.pop() {
+        for target in targets(&prose(&page)) {
+            let path = page.parent().unwrap().join(target.split('#').next().unwrap());
+            let Ok(path) = path.canonicalize() else { continue };
+            if path.extension().is_some_and(|end| end == "md") && reached.insert(path.clone()) {
+                ahead.push(path);
+            }
+        }
+    }
+    for page in pages().iter().filter(|page| !page.starts_with("benches")) {
+        let path = root().join(page).canonicalize().unwrap();
+        assert!(reached.contains(&path), "no links lead from README.md to {}", page.display());
     }
 }

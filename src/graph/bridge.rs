@@ -4,7 +4,7 @@
 //! larger ones by one edge as long as the gap, with no turning. So a speck of scanning dust takes part in the
 //! part it floats beside, and separate objects stand as far apart in the embedding as in space.
 //! (Leaving components unreachable instead makes landmarks sit on dust and σ meaningless;
-//! both alternatives are recorded in `docs/decisions.md`.)
+//! both alternatives are recorded in `docs/dev/decisions.md`.)
 //!
 //! Nearest means nearest among samples: up to [`PER_COMPONENT`] evenly spread faces of a
 //! component are looked up in an R*-tree of up to [`TREE_SAMPLES`] faces of the larger ones. Above

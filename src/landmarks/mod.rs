@@ -127,7 +127,7 @@ pub const PILOTS: usize = 4;
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct SamplingParams {
     /// The kernel of Γ. The exponential, because Γ of the Gaussian of geodesic distances is no measure: its rank
-    /// correlation with the residual was .26 (`docs/sampling-and-kernels.md`).
+    /// correlation with the residual was .26 (`docs/dev/sampling-and-kernels.md`).
     pub kernel: Kernel,
     /// Its width in units of distance; by default the mean of the first rows computed.
     pub sigma: Option<f64>,

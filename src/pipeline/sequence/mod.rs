@@ -6,7 +6,7 @@
 //! mesh ─▶ positions ───────────────────────────────────────────────────────┘
 //! ```
 //! The graph is the stage of `segment`, and so are the rows, but of geodesic distances alone: along rows that turn at
-//! creases, mean fronts were 1.68 times as wide as the exact order's, not 1.15 (12 models, `docs/sequencing.md`).
+//! creases, mean fronts were 1.68 times as wide as the exact order's, not 1.15 (12 models, `docs/dev/decisions.md`).
 //! What there is of them is reused; the rest is made anew and leaves nothing.
 //! Everything up to the places works on the mesh as [`Ordered`] has it, so that a scattered file is sorted once.
 
