@@ -37,7 +37,7 @@ use crate::graph::{DualGraph, GraphFacts, Metric, NodeOrder};
 use crate::landmarks::Sampling;
 use crate::mesh::Opened;
 use crate::spectral::EmbeddingParams;
-use crate::store::workdir::key_of;
+use crate::store::stage::options_key;
 use crate::store::{Context, MappedSlice};
 use k_means::Fit;
 use report::SegmentStats;
@@ -201,7 +201,7 @@ fn label(
     }
     let options = json!({"stage": "labels", "graph": graph.key, "params": params, "seed": context.run.seed});
     let facts = kept::LabelFacts { faces: numbers.faces.clone(), colours: colours.clone() };
-    context.work.stamp("labels", &key_of(&options), &options, &["labels.npy", "quality.npy"], &facts, 0.)?;
+    context.work.stamp_as("labels", &options_key(&options), &options, &["labels.npy", "quality.npy"], &facts, 0.)?;
     Ok(Segmentation { colours, labels, quality, order: order.facts, graph: graph.facts.clone(), numbers })
 }
 

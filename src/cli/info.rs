@@ -7,7 +7,7 @@ use nystrom_stream::mesh::header;
 use nystrom_stream::mesh::model::{Element, Kind, Property};
 use nystrom_stream::pipeline::calibrate::size_of_mesh;
 use nystrom_stream::store::Context;
-use nystrom_stream::store::check::verify as check;
+use nystrom_stream::store::verify::verify as check;
 use nystrom_stream::store::workdir::Manifest;
 use nystrom_stream::store::{MappedBytes, Run, WorkDir};
 use serde_json::{Value, json};

@@ -21,7 +21,7 @@ use crate::base::{Error, Result};
 use crate::graph::Node;
 use crate::graph::dual::Csr;
 use crate::graph::triangle_adjacency::TriangleAdjacency;
-use crate::store::aligned_buffer::AlignedBuffer;
+use crate::store::in_memory::AlignedBuffer;
 use crate::store::mapped::Access;
 use crate::store::npy::ArrayMut;
 use crate::store::rows_file::RowsFile;
@@ -72,7 +72,7 @@ impl Task<'_> {
         if !done.is_empty() {
             context.run.progress.advance("rows", done.len() as u64);
         }
-        let mapped = if file.is_held() { 0 } else { head.wanted() };
+        let mapped = if file.is_in_memory() { 0 } else { head.wanted() };
         let rows = (0..mapped).map(|slot| Ok(Mutex::new(file.row(slot)?))).collect::<Result<Vec<_>>>()?;
         let target = Target::File { file: &file, rows, journal, path: context.work.file(name) };
         let lines = self.fill(&Slots::new(head, target, done), context)?;
@@ -258,7 +258,7 @@ impl Task<'_> {
         }
         Ok(match &slots.target {
             // What is held has no mapping to compute in.
-            Target::File { file, .. } if file.is_held() => Scratch::Plain(vec![0.; n]),
+            Target::File { file, .. } if file.is_in_memory() => Scratch::Plain(vec![0.; n]),
             Target::File { .. } => Scratch::InPlace,
             Target::Look(_) => Scratch::Mapped(context.work.array(name, &[n])?),
         })

@@ -15,7 +15,7 @@ use crate::base::{Error, Result};
 use crate::graph::Node;
 use crate::graph::dual::WeightedGraph;
 use crate::store::rows_file::RowsFile;
-use crate::store::workdir::key_of;
+use crate::store::stage::options_key;
 use crate::store::{Context, MappedSlice, Run, WorkDir};
 use serde::{Deserialize, Serialize};
 use serde_json::json;
@@ -118,7 +118,7 @@ const JOURNAL: &str = "rows.journal";
 /// What rows of `params` over `nodes` nodes, weighted under the key `weights`, are of: one shard of one.
 pub(super) fn head(weights: &str, nodes: usize, params: &RowParams<impl Serialize>, run: &Run) -> Head {
     let options = json!({"stage": "rows", "weights": weights, "params": params, "seed": run.seed});
-    Head { key: key_of(&options), options, rows: params.l.min(nodes), nodes, shard: 0, of: 1 }
+    Head { key: options_key(&options), options, rows: params.l.min(nodes), nodes, shard: 0, of: 1 }
 }
 
 impl DistanceRows {
@@ -159,10 +159,10 @@ impl DistanceRows {
             (Some(rows), Some(weights)) => (rows, weights),
             _ => return Err(none()),
         };
-        if rows.options["weights"] != weights.key || weights.options["graph"] != graph {
+        if rows.inputs["weights"] != weights.key || weights.inputs["graph"] != graph {
             return Err(none());
         }
-        let facts = work.reuse::<Facts>("rows", &rows.key).map_err(|problem| {
+        let facts = work.reuse::<Facts>("rows", 1, &rows.key).map_err(|problem| {
             Error::work_dir(work.path(), problem, "make the rows again: nystrom-stream rows --work-dir …")
         })?;
         let rows = Self::open(facts, nodes, rows.key.clone(), work)?;
@@ -197,7 +197,7 @@ impl DistanceRows {
     ) -> Result<Self> {
         let n = nodes.len();
         let head = Self::head(graph, n, &params, context.run)?;
-        match context.work.reuse::<Facts>("rows", &head.key) {
+        match context.work.reuse::<Facts>("rows", 1, &head.key) {
             Ok(facts) => {
                 context.run.progress.note("rows: reused");
                 // Left by a run that was killed right after its stamp.
@@ -250,7 +250,7 @@ impl DistanceRows {
     /// Stamps the stage as finished.
     pub(super) fn stamp(&self, head: &Head, seconds: f64, work: &WorkDir) -> Result<()> {
         let facts = Facts { rows: self.facts.clone() };
-        work.stamp("rows", &self.key, &head.options, &["landmarks.npy", "distances.npy"], &facts, seconds)?;
+        work.stamp_as("rows", &self.key, &head.options, &["landmarks.npy", "distances.npy"], &facts, seconds)?;
         work.remove(JOURNAL);
         Ok(())
     }

@@ -16,7 +16,7 @@ use super::{DistanceRows, Front};
 use crate::base::parallel::map_chunks;
 use crate::base::{Error, Result};
 use crate::store::rows_file::RowsFile;
-use crate::store::workdir::key_of;
+use crate::store::stage::options_key;
 use crate::store::{Context, MappedSlice, Run};
 use serde::{Deserialize, Serialize};
 use serde_json::json;
@@ -90,8 +90,8 @@ pub fn kept(
     let n = surface.nodes.len();
     let options =
         json!({"stage": STAGE, "graph": graph, "params": params, "distance": distance, "seed": context.run.seed});
-    let head = Head { key: key_of(&options), options, rows: params.l, nodes: n, shard: 0, of: 1 };
-    match context.work.reuse::<Vec<RowFacts>>(STAGE, &head.key) {
+    let head = Head { key: options_key(&options), options, rows: params.l, nodes: n, shard: 0, of: 1 };
+    match context.work.reuse::<Vec<RowFacts>>(STAGE, 1, &head.key) {
         Ok(facts) => {
             context.run.progress.note("rows: reused");
             // Left where a run ended right after its stamp.
@@ -115,7 +115,7 @@ pub fn kept(
     };
     let (mut rows, seconds) = context.run.stage("rows", "rows", head.rows as u64, fill)?;
     crate::store::npy::write(&context.work.file(LANDMARKS), &rows.landmarks, 1, true)?;
-    context.work.stamp(STAGE, &head.key, &head.options, &[LANDMARKS, FILE], &rows.facts, seconds)?;
+    context.work.stamp_as(STAGE, &head.key, &head.options, &[LANDMARKS, FILE], &rows.facts, seconds)?;
     drop(journal);
     context.work.remove(JOURNAL);
     rows.key = head.key;

@@ -14,8 +14,8 @@ use super::weld;
 use crate::base::parallel::{chunk_count, chunk_range, each_chunk};
 use crate::base::{Error, Result};
 use crate::mesh::Mesh;
+use crate::store::shuffle::BudgetedShuffle;
 use crate::store::shuffle::{Producer, Shuffle};
-use crate::store::sizing::Sized;
 use crate::store::{Context, Run};
 use bytemuck::{Pod, Zeroable};
 use std::path::Path;
@@ -103,10 +103,10 @@ pub fn matched(mesh: &Mesh, path: &Path, context: Context<'_>) -> Result<(HalfEd
     let threads = context.run.threads as u64;
     // A bucket of half-edges is there raw, sorted, and as counts.
     let (file, what) = (|name| context.work.file(name), "matching edges");
-    let sized = Sized::<HalfEdge>::new(&file("half_edges.tmp"), what, corners, 3 * threads, 3, context.run)?;
+    let sized = BudgetedShuffle::<HalfEdge>::new(&file("half_edges.tmp"), what, corners, 3 * threads, 3, context.run)?;
     let half_edges = &sized.shuffle;
     let mut links = HalfEdgePairs::new(nodes, corners as usize, context)?;
-    let border = Sized::<u32>::new(&file("boundary.tmp"), what, corners, threads, 4, context.run)?;
+    let border = BudgetedShuffle::<u32>::new(&file("boundary.tmp"), what, corners, threads, 4, context.run)?;
     let boundary = &border.shuffle;
     let (edge_buckets, border_buckets) = (half_edges.buckets(), boundary.buckets() as u64);
     scatter(mesh, half_edges, context.run)?;

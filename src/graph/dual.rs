@@ -11,7 +11,7 @@ use super::weights::{self, Metric};
 use crate::base::{Error, Result};
 use crate::mesh::Mesh;
 use crate::store::mapped::{MappedCsr, csr_of_mapped};
-use crate::store::workdir::key_of;
+use crate::store::stage::options_key;
 use crate::store::{Context, MappedSlice, WorkDir};
 use serde::{Deserialize, Serialize};
 use serde_json::json;
@@ -74,8 +74,8 @@ impl DualGraph {
     /// [`Error::Cancelled`].
     pub fn build(mesh: &Mesh, path: &Path, input: &serde_json::Value, context: Context<'_>) -> Result<Self> {
         let options = json!({"stage": "graph", "input": input});
-        let key = key_of(&options);
-        match context.work.reuse::<GraphFacts>("graph", &key) {
+        let key = options_key(&options);
+        match context.work.reuse::<GraphFacts>("graph", 1, &key) {
             Ok(facts) => {
                 context.run.progress.note("graph: reused");
                 return Self::open(context.work, facts, key);
@@ -89,7 +89,7 @@ impl DualGraph {
         if graph.components.is_some() {
             files.push("components.npy");
         }
-        context.work.stamp("graph", &key, &options, &files, &graph.facts, seconds)?;
+        context.work.stamp_as("graph", &key, &options, &files, &graph.facts, seconds)?;
         Ok(graph)
     }
 
@@ -102,9 +102,9 @@ impl DualGraph {
         let stage = work.manifest().stages.remove("graph");
         let stage = stage.ok_or_else(|| Error::work_dir(work.path(), "holds no graph", remedy))?;
         let facts = work
-            .reuse::<GraphFacts>("graph", &stage.key)
+            .reuse::<GraphFacts>("graph", 1, &stage.key)
             .map_err(|problem| Error::work_dir(work.path(), format!("graph: {problem}"), remedy))?;
-        Ok((Self::open(work, facts, stage.key)?, stage.options["input"].clone()))
+        Ok((Self::open(work, facts, stage.key)?, stage.inputs["input"].clone()))
     }
 
     fn make(mesh: &Mesh, path: &Path, context: Context<'_>, key: String) -> Result<Self> {
@@ -193,8 +193,8 @@ impl DualGraph {
         context: Context<'_>,
     ) -> Result<WeightedGraph> {
         let options = json!({"stage": "weights", "graph": self.key, "metric": metric, "radius": radius, "area": area, "seed": context.run.seed});
-        let key = key_of(&options);
-        let known = context.work.reuse::<()>("weights", &key);
+        let key = options_key(&options);
+        let known = context.work.reuse::<()>("weights", 1, &key);
         let weights = if let Err(reason) = known {
             context.run.note_remake("weights", &reason);
             let (weights, seconds) = context.run.stage("weights", "faces", self.facts.nodes, || {
@@ -202,7 +202,7 @@ impl DualGraph {
                 let normals = normals.map(|normals| &normals[..]);
                 weights::build(&self.rows, &self.nodes, normals, area, metric, place, context.run)
             })?;
-            context.work.stamp("weights", &key, &options, &["graph_weights.npy"], &(), seconds)?;
+            context.work.stamp_as("weights", &key, &options, &["graph_weights.npy"], &(), seconds)?;
             weights
         } else {
             context.run.progress.note("weights: reused");

@@ -8,8 +8,8 @@
 use super::bridge::Bridge;
 use super::weights::LEAST;
 use crate::base::Result;
+use crate::store::shuffle::BudgetedShuffle;
 use crate::store::shuffle::Shuffle;
-use crate::store::sizing::Sized;
 use crate::store::{Context, Run};
 use xxhash_rust::xxh3::xxh3_64;
 
@@ -18,14 +18,14 @@ type Record = [u64; 4];
 
 /// Open vertices on their way to their equals.
 pub(super) struct DuplicateVertices {
-    sized: Sized<Record>,
+    sized: BudgetedShuffle<Record>,
     staged: Vec<Record>,
 }
 
 impl DuplicateVertices {
     /// Ready for up to `n` vertices.
     pub(super) fn new(n: usize, context: Context<'_>) -> Result<Self> {
-        let sized = Sized::new(&context.work.file("seams.tmp"), "seams", n as u64, 2, 4, context.run)?;
+        let sized = BudgetedShuffle::new(&context.work.file("seams.tmp"), "seams", n as u64, 2, 4, context.run)?;
         Ok(Self { sized, staged: Vec::new() })
     }
 

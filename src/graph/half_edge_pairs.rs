@@ -9,8 +9,8 @@ use crate::base::Result;
 use crate::mesh::Mesh;
 use crate::store::Context;
 use crate::store::budget::Grant;
+use crate::store::shuffle::BudgetedShuffle;
 use crate::store::shuffle::Producer;
-use crate::store::sizing::Sized;
 use bytemuck::{Pod, Zeroable};
 use std::ops::Range;
 use std::sync::Mutex;
@@ -60,7 +60,7 @@ enum Kind {
     /// A node a corner, and what did not fit.
     Table { across: Vec<AtomicU32>, more: Mutex<Vec<HalfEdgePair>>, _grant: Grant },
     /// By node, in buckets; buckets a node in units of 2^-32, rounded down.
-    Shuffled { sized: Sized<HalfEdgePair>, scale: u64 },
+    Shuffled { sized: BudgetedShuffle<HalfEdgePair>, scale: u64 },
 }
 
 /// One thread's way to add links; close it with [`Adding::finish`].
@@ -89,7 +89,7 @@ impl HalfEdgePairs {
         }
         // A bucket waits as finished rows besides.
         let copies = 12 * context.run.threads as u64;
-        let sized = Sized::<HalfEdgePair>::new(
+        let sized = BudgetedShuffle::<HalfEdgePair>::new(
             &context.work.file("links.tmp"),
             "matching edges",
             corners as u64,

@@ -9,7 +9,7 @@ use super::dual::Csr;
 use crate::base::Result;
 use crate::base::parallel::fill_chunks;
 use crate::store::Run;
-use crate::store::aligned_buffer::AlignedBuffer;
+use crate::store::in_memory::AlignedBuffer;
 use bytemuck::{Pod, Zeroable};
 
 /// Nodes a chunk of the pass that makes them.

@@ -8,8 +8,8 @@ use crate::base::Result;
 use crate::base::parallel::{chunk_count, chunk_range, each_chunk, in_order};
 use crate::mesh::Mesh;
 use crate::store::npy::ArrayWriter;
+use crate::store::shuffle::BudgetedShuffle;
 use crate::store::shuffle::Producer;
-use crate::store::sizing::Sized;
 use crate::store::{Context, MappedSlice, WorkDir};
 
 const CHUNK: usize = 1 << 14;
@@ -33,7 +33,8 @@ impl VertexAdjacency {
         let (n, faces, corners) = (mesh.positions.len(), mesh.faces.len(), mesh.faces.corner_count() as u64);
         let copies = 8 * context.run.threads as u64;
         let path = context.work.file("side_links.tmp");
-        let sized = Sized::<[u32; 2]>::new(&path, "the graph of vertices", 2 * corners, copies, 1, context.run)?;
+        let sized =
+            BudgetedShuffle::<[u32; 2]>::new(&path, "the graph of vertices", 2 * corners, copies, 1, context.run)?;
         let shuffle = &sized.shuffle;
         let buckets = shuffle.buckets();
         let first = |bucket: usize| (bucket as u128 * n as u128).div_ceil(buckets as u128) as usize;

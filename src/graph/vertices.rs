@@ -20,8 +20,8 @@ use crate::base::parallel::{chunk_count, chunk_range, each_chunk, in_order};
 use crate::base::vector::{cross, distance, finite, length, minus, narrow, wide};
 use crate::base::{Error, Result};
 use crate::mesh::Mesh;
-use crate::store::sizing::Sized;
-use crate::store::workdir::key_of;
+use crate::store::shuffle::BudgetedShuffle;
+use crate::store::stage::options_key;
 use crate::store::{Context, MappedSlice, WorkDir};
 use serde::{Deserialize, Serialize};
 use serde_json::json;
@@ -106,7 +106,7 @@ impl VertexGraph {
         let (n, faces) = (mesh.positions.len(), mesh.faces.len());
         let frame = Frame::of(&mesh.positions, context.run)?;
         let records = 3 * (mesh.faces.corner_count() as u64).saturating_sub(2 * faces as u64);
-        let sized = Sized::<Corner>::new(
+        let sized = BudgetedShuffle::<Corner>::new(
             &context.work.file("corners.tmp"),
             "the vertex graph",
             records,
@@ -197,8 +197,8 @@ impl VertexGraph {
     /// As [`VertexGraph::build`].
     pub fn kept(mesh: &Mesh, path: &Path, input: &serde_json::Value, context: Context<'_>) -> Result<(Self, String)> {
         let options = json!({"stage": "vertex graph", "input": input});
-        let key = key_of(&options);
-        match context.work.reuse::<(VertexFacts, Frame)>("vertex graph", &key) {
+        let key = options_key(&options);
+        match context.work.reuse::<(VertexFacts, Frame)>("vertex graph", 1, &key) {
             Ok((facts, frame)) => {
                 context.run.progress.note("vertex graph: reused");
                 return Ok((Self::open(facts, frame, context.work)?, key));
@@ -206,7 +206,7 @@ impl VertexGraph {
             Err(reason) => context.run.note_remake("vertex graph", &reason),
         }
         let graph = Self::build(mesh, path, context)?;
-        context.work.stamp("vertex graph", &key, &options, &FILES, &(graph.facts, graph.frame), 0.)?;
+        context.work.stamp_as("vertex graph", &key, &options, &FILES, &(graph.facts, graph.frame), 0.)?;
         Ok((graph, key))
     }
 

@@ -14,8 +14,8 @@ use crate::base::Result;
 use crate::base::parallel::each_chunk;
 use crate::mesh::Mesh;
 use crate::store::Context;
+use crate::store::shuffle::BudgetedShuffle;
 use crate::store::shuffle::{Producer, Shuffle};
-use crate::store::sizing::Sized;
 use bytemuck::{Pod, Zeroable};
 use std::sync::atomic::{AtomicU64, Ordering::Relaxed};
 use xxhash_rust::xxh3::xxh3_128;
@@ -51,8 +51,14 @@ pub(super) fn weld(
     context: Context<'_>,
 ) -> Result<u64> {
     let copies = 2 * context.run.threads as u64;
-    let sized =
-        Sized::<Place>::new(&context.work.file("places.tmp"), "welding", boundary.len(), copies, 2, context.run)?;
+    let sized = BudgetedShuffle::<Place>::new(
+        &context.work.file("places.tmp"),
+        "welding",
+        boundary.len(),
+        copies,
+        2,
+        context.run,
+    )?;
     let (places, buckets) = (&sized.shuffle, sized.shuffle.buckets());
     each_chunk(
         context.run.threads,

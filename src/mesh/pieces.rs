@@ -7,8 +7,8 @@ use super::output::Gather;
 use crate::base::Result;
 use crate::base::parallel::in_order;
 use crate::store::Context;
+use crate::store::shuffle::BudgetedShuffle;
 use crate::store::shuffle::Producer;
-use crate::store::sizing::Sized;
 
 /// Bytes of a record in a piece.
 const PIECE: usize = 16;
@@ -30,7 +30,7 @@ pub(super) fn sorted(
     let n = places.len().max(1);
     // A bucket waits as its bytes, four a thread, while one is sorted.
     let (pieces, copies) = ((bytes / PIECE + n) as u64, 6 * run.threads as u64);
-    let sized = Sized::<Piece>::new(&work.file("pieces.tmp"), "records", pieces, copies, 1, run)?;
+    let sized = BudgetedShuffle::<Piece>::new(&work.file("pieces.tmp"), "records", pieces, copies, 1, run)?;
     let shuffle = &sized.shuffle;
     let mut producer: Producer<'_, Piece> = shuffle.producer();
     produce(&mut |record, bytes| {

@@ -18,7 +18,7 @@ use crate::graph::DualGraph;
 use crate::graph::dual::WeightedGraph;
 use crate::spectral::eigen;
 use crate::spectral::kernel::Kernel;
-use crate::store::workdir::key_of;
+use crate::store::stage::options_key;
 use crate::store::{Context, WorkDir};
 use nalgebra::DMatrix;
 use serde::{Deserialize, Serialize};
@@ -65,8 +65,8 @@ pub(super) fn decide(
         "hierarchy": 3,
         "seed": context.run.seed,
     });
-    let key = key_of(&options);
-    match context.work.reuse::<Facts>("decision", &key) {
+    let key = options_key(&options);
+    match context.work.reuse::<Facts>("decision", 1, &key) {
         Ok(facts) => {
             context.run.progress.note("decision: reused");
             return Ok((open(surface.cells.len(), context.work)?, facts));
@@ -80,7 +80,7 @@ pub(super) fn decide(
     context.work.write(AREAS, &decided.superfaces.area, 1)?;
     context.work.write(CO_ASSOCIATION, decided.co_association.values(), decided.co_association.len())?;
     let facts = Facts { l: sample.len(), seconds, numbers: numbers(&sample) };
-    context.work.stamp("decision", &key, &options, &[TREE, SUPERFACES, AREAS, CO_ASSOCIATION], &facts, seconds)?;
+    context.work.stamp_as("decision", &key, &options, &[TREE, SUPERFACES, AREAS, CO_ASSOCIATION], &facts, seconds)?;
     Ok((decided, facts))
 }
 

@@ -8,7 +8,7 @@ use crate::base::parallel::{chunk_count, chunk_range, in_order};
 use crate::distance::DistanceRows;
 use crate::graph::{DualGraph, NodeOrder};
 use crate::spectral::{Embedding, EmbeddingParams, SampledColumns};
-use crate::store::workdir::key_of;
+use crate::store::stage::options_key;
 use crate::store::{Context, WorkDir};
 use serde::{Deserialize, Serialize};
 use serde_json::json;
@@ -35,7 +35,7 @@ pub struct EmbeddingFacts {
 /// What the embedding in `work` was made with, where there is one that is whole.
 pub fn kept(work: &WorkDir) -> Option<EmbeddingFacts> {
     let stage = work.manifest().stages.remove("embedding")?;
-    work.reuse("embedding", &stage.key).ok()
+    work.reuse("embedding", 1, &stage.key).ok()
 }
 
 /// Options of the embedding in `work`, where it is of the rows `rows`.
@@ -59,8 +59,8 @@ pub fn embed(params: EmbeddingParams, method: &SegmentParams, context: Context<'
     let order = NodeOrder::kept(&input, context.work)?;
     let rows = some_rows(&graph, params.dimensions, method, context)?;
     let options = json!({"stage": "embedding", "rows": rows.key, "params": params, "seed": context.run.seed});
-    let key = key_of(&options);
-    match context.work.reuse::<EmbeddingFacts>("embedding", &key) {
+    let key = options_key(&options);
+    match context.work.reuse::<EmbeddingFacts>("embedding", 1, &key) {
         Ok(facts) => {
             context.run.progress.note("embedding: reused");
             return Ok(facts);
@@ -80,7 +80,7 @@ pub fn embed(params: EmbeddingParams, method: &SegmentParams, context: Context<'
         })
     };
     let (facts, seconds) = context.run.stage("embedding", "faces", rows.nodes as u64, make)?;
-    context.work.stamp("embedding", &key, &options, &[FILE], &facts, seconds)?;
+    context.work.stamp_as("embedding", &key, &options, &[FILE], &facts, seconds)?;
     Ok(facts)
 }
 

@@ -11,7 +11,7 @@ use crate::distance::DistanceRows;
 use crate::graph::{DualGraph, NodeOrder};
 use crate::mesh::Opened;
 use crate::spectral::EmbeddingParams;
-use crate::store::workdir::key_of;
+use crate::store::stage::options_key;
 use crate::store::{Context, MappedSlice, WorkDir};
 use serde::{Deserialize, Serialize};
 use serde_json::{Value, json};
@@ -50,7 +50,7 @@ impl Record {
         }
         self.seed = context.run.seed;
         let options = json!({"stage": "record", "input": self.identity, "params": self.params, "seed": self.seed});
-        context.work.stamp("record", &key_of(&options), &options, &[], &self, 0.)
+        context.work.stamp_as("record", &options_key(&options), &options, &[], &self, 0.)
     }
 
     /// The record in `work`.
@@ -96,7 +96,7 @@ impl Labels {
         let stage = work.manifest().stages.remove("labels");
         let stage = stage.ok_or_else(|| Error::work_dir(work.path(), "holds no labels", remedy))?;
         let facts = work
-            .reuse::<LabelFacts>("labels", &stage.key)
+            .reuse::<LabelFacts>("labels", 1, &stage.key)
             .map_err(|problem| Error::work_dir(work.path(), format!("labels: {problem}"), remedy))?;
         let (labels, quality) = (work.open_array("labels.npy")?, work.open_array("quality.npy")?);
         Ok(Self { labels, quality, colours: facts.colours })
@@ -132,7 +132,7 @@ pub fn eigenvalues(work: &WorkDir, coarse: bool) -> Result<Eigenvalues> {
 /// The number of parts that the labels in `work` were asked for, where they are a cut of a hierarchy.
 pub fn cut(work: &WorkDir) -> Option<PartsParams> {
     let stage = work.manifest().stages.remove("labels")?;
-    let params: SegmentParams = serde_json::from_value(stage.options.get("params")?.clone()).ok()?;
+    let params: SegmentParams = serde_json::from_value(stage.inputs.get("params")?.clone()).ok()?;
     (params.cluster == Cluster::Parts).then_some(params.parts)
 }
 

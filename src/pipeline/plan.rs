@@ -12,7 +12,7 @@ use crate::graph::Order;
 use crate::graph::half_edge_pairs;
 use crate::graph::order::LARGE;
 use crate::store::Run;
-use crate::store::sizing::Sizing;
+use crate::store::shuffle::Sizing;
 use serde::Serialize;
 use std::path::Path;
 

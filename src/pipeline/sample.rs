@@ -18,7 +18,7 @@ use crate::graph::DualGraph;
 use crate::graph::dual::WeightedGraph;
 use crate::landmarks::Sampling;
 use crate::store::Context;
-use crate::store::workdir::key_of;
+use crate::store::stage::options_key;
 use serde_json::json;
 use std::sync::{Mutex, PoisonError};
 
@@ -124,14 +124,14 @@ impl SamplingContext<'_> {
         let SamplingContext { surface, context, .. } = self;
         let Context { work, run } = context;
         let options = json!({"stage": "cell rows", "rows": rows.key, "surface": surface.key});
-        let key = key_of(&options);
-        if work.reuse::<()>("cell rows", &key).is_ok() {
+        let key = options_key(&options);
+        if work.reuse::<()>("cell rows", 1, &key).is_ok() {
             return Ok(work.open_array::<f64>(FILE)?.to_vec());
         }
         let average = || cells::average(rows, &surface.cells, &surface.shares, run);
         let (b, seconds) = run.stage("cell rows", "rows", rows.len() as u64, average)?;
         work.write(FILE, &b, surface.cells.len())?;
-        work.stamp("cell rows", &key, &options, &[FILE], &(), seconds)?;
+        work.stamp_as("cell rows", &key, &options, &[FILE], &(), seconds)?;
         Ok(b)
     }
 }

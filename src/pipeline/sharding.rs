@@ -12,7 +12,7 @@ use crate::graph::dual::WeightedGraph;
 use crate::graph::{Node, nodes};
 use crate::landmarks::Sampling;
 use crate::mesh::Opened;
-use crate::store::workdir::key_of;
+use crate::store::stage::options_key;
 use crate::store::{Context, MappedSlice, Run, WorkDir};
 use serde::{Deserialize, Serialize};
 use serde_json::{Value, json};
@@ -60,7 +60,7 @@ fn prepare(opened: &Opened, identity: &Value, params: &SegmentParams, context: C
     };
     let options = options(identity, params, context.run);
     let facts = Facts { weights: weighted.key.clone(), l, sampling: params.sampling };
-    context.work.stamp("sharding", &key_of(&options), &options, &[], &facts, 0.)?;
+    context.work.stamp_as("sharding", &options_key(&options), &options, &[], &facts, 0.)?;
     Ok(weighted)
 }
 
@@ -88,12 +88,12 @@ pub fn one(
     open: impl Fn(&WorkDir) -> Result<Opened>,
     run: &Run,
 ) -> Result<()> {
-    let key = key_of(&options(identity, params, run));
+    let key = options_key(&options(identity, params, run));
     let mut told = false;
     loop {
         run.cancel.check()?;
         if let Some(work) = WorkDir::try_open(path, true)?
-            && let Ok(facts) = work.reuse::<Facts>("sharding", &key)
+            && let Ok(facts) = work.reuse::<Facts>("sharding", 1, &key)
         {
             let weighted = WeightedGraph::open(facts.weights, &work)?;
             let nodes: MappedSlice<Node> = work.open_array(nodes::FILE)?;

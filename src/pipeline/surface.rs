@@ -8,7 +8,7 @@ use crate::cluster::cells::{Cells, SmoothedNormals};
 use crate::cluster::normals::{self, Normals, RADII};
 use crate::cluster::parts::CellGraph;
 use crate::graph::DualGraph;
-use crate::store::workdir::key_of;
+use crate::store::stage::options_key;
 use crate::store::{Context, MappedSlice, WorkDir};
 use serde::{Deserialize, Serialize};
 use serde_json::json;
@@ -55,8 +55,8 @@ impl Surface {
     /// [`Error::Io`], [`Error::Cancelled`].
     pub fn build(graph: &DualGraph, kind: Kind, context: Context<'_>) -> Result<Self> {
         let options = json!({"stage": "surface", "graph": graph.key, "seed": context.run.seed});
-        let key = key_of(&options);
-        if let Ok(facts) = context.work.reuse::<Facts>("surface", &key) {
+        let key = options_key(&options);
+        if let Ok(facts) = context.work.reuse::<Facts>("surface", 1, &key) {
             context.run.progress.note("surface: reused");
             return Self::open(facts, context.work, key);
         }
@@ -83,7 +83,7 @@ impl Surface {
         let text = serde_json::to_vec(&cells.graph).unwrap_or_default();
         std::fs::write(&path, text).map_err(Error::io(&path, "write"))?;
         let facts = Facts { unit: shares.unit, tiny_components: shares.tiny_components, radius, turning };
-        context.work.stamp("surface", &key, &options, &files, &facts, spent + seconds)?;
+        context.work.stamp_as("surface", &key, &options, &files, &facts, spent + seconds)?;
         Ok(Self { shares, cells, normals, radius: radius.map_or(0., |k| RADII[k]), key })
     }
 

@@ -7,11 +7,13 @@ use std::collections::BTreeMap;
 use std::path::Path;
 use xxhash_rust::xxh3::xxh3_64;
 
-/// Version of the layout of a work directory; another one is refused.
-pub const FORMAT: u32 = 1;
+/// Version of the layout of a work directory. A newer one is refused; what an older one holds is made anew.
+pub const FORMAT: u32 = 2;
 
 /// The reason for making a stage for the first time.
-pub const NOT_MADE: &str = "it was not made yet";
+pub(super) const NOT_MADE: &str = "it was not made yet";
+/// Program and version that writes manifests now.
+pub(super) const PROGRAM: &str = concat!(env!("CARGO_PKG_NAME"), " ", env!("CARGO_PKG_VERSION"));
 /// Its file.
 pub(super) const MANIFEST: &str = "manifest.json";
 
@@ -23,16 +25,20 @@ pub struct Manifest {
     /// Program and version that wrote it last.
     pub program: String,
     /// Finished stages by name.
-    pub stages: BTreeMap<String, Stage>,
+    pub stages: BTreeMap<String, StageRecord>,
 }
 
 /// A finished stage.
 #[derive(Clone, Debug, Serialize, Deserialize)]
-pub struct Stage {
-    /// Hash of options and inputs.
+pub struct StageRecord {
+    /// Hash of name, version and inputs.
     pub key: String,
-    /// The options behind the key, for the reader.
-    pub options: serde_json::Value,
+    /// Version of the algorithm that made it; 0 in manifests of format 1, which did not tell.
+    #[serde(default)]
+    pub version: u32,
+    /// What it was made of: options, and keys of other stages.
+    #[serde(alias = "options")]
+    pub inputs: serde_json::Value,
     /// Its files by name.
     pub files: BTreeMap<String, FileRecord>,
     /// Numbers that later stages and reports need.
@@ -50,16 +56,10 @@ pub struct FileRecord {
     pub xxh3: String,
 }
 
-/// The key of a stage: a hash of its options (with the keys of what it builds on among them).
-pub fn key_of(options: &serde_json::Value) -> String {
-    format!("{:016x}", xxh3_64(options.to_string().as_bytes()))
-}
-
 impl Manifest {
     /// A manifest without stages.
     pub(super) fn new() -> Self {
-        let program = concat!(env!("CARGO_PKG_NAME"), " ", env!("CARGO_PKG_VERSION")).to_string();
-        Self { format: FORMAT, program, stages: BTreeMap::new() }
+        Self { format: FORMAT, program: PROGRAM.to_string(), stages: BTreeMap::new() }
     }
 }
 

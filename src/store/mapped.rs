@@ -15,7 +15,7 @@
 //! 4 KiB page that is cached, measured) and may be dropped by the kernel at any time.
 #![allow(unsafe_code)]
 
-use super::aligned_buffer::AlignedBuffer;
+use super::in_memory::AlignedBuffer;
 use crate::base::{Error, Result};
 use bytemuck::Pod;
 use memmap2::{Advice, Mmap, MmapMut};

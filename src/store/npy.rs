@@ -5,8 +5,7 @@
 //! [`HEADER`] bytes, a multiple of 64, so that the data are aligned here and in NumPy, and so that
 //! a streamed array can fill in its length at the end.
 
-use super::aligned_buffer::AlignedBuffer;
-use super::held::Held;
+use super::in_memory::{AlignedBuffer, InMemoryArrays};
 use super::mapped::{MappedBytes, MappedSlice, MappedSliceMut};
 use crate::base::{Error, Result};
 use bytemuck::Pod;
@@ -116,18 +115,18 @@ enum Place {
     /// In a file under its temporary name, renamed when whole.
     File(File),
     /// In memory, handed over when whole.
-    Held(Arc<Held>),
+    Memory(Arc<InMemoryArrays>),
 }
 
-/// Hands the array for `path` over to those that are held, and gives its first `len` items.
+/// Hands the array for `path` over to `arrays`, and gives its first `len` items.
 pub(super) fn hand_over<T: Item>(
     path: &Path,
-    held: &Held,
+    arrays: &InMemoryArrays,
     bytes: Option<MappedBytes>,
     len: usize,
 ) -> Result<MappedSlice<T>> {
     let Some(bytes) = bytes else { return Ok(MappedSlice::empty()) };
-    held.keep(&path.file_name().unwrap_or_default().to_string_lossy(), bytes.clone());
+    arrays.keep(&path.file_name().unwrap_or_default().to_string_lossy(), bytes.clone(), len * size_of::<T>());
     bytes.slice(path, 0, len)
 }
 
@@ -161,10 +160,10 @@ impl<T: Item> ArrayMut<T> {
         Self { early, ..self }
     }
 
-    /// An array of `shape` in `words`, which `held` will have under the name of `path`.
-    pub fn held(path: &Path, shape: &[usize], words: AlignedBuffer, held: Arc<Held>) -> Self {
-        let data = MappedSliceMut::held(words, shape.iter().product::<usize>() / T::WIDTH);
-        Self { path: path.to_path_buf(), place: Place::Held(held), data, early: false }
+    /// An array of `shape` in `buffer`, which `arrays` will have under the name of `path`.
+    pub fn in_memory(path: &Path, shape: &[usize], buffer: AlignedBuffer, arrays: Arc<InMemoryArrays>) -> Self {
+        let data = MappedSliceMut::held(buffer, shape.iter().product::<usize>() / T::WIDTH);
+        Self { path: path.to_path_buf(), place: Place::Memory(arrays), data, early: false }
     }
 
     /// The mapped items.
@@ -180,9 +179,9 @@ impl<T: Item> ArrayMut<T> {
     pub fn finish(self, durable: bool) -> Result<MappedSlice<T>> {
         let file = match self.place {
             Place::File(file) => file,
-            Place::Held(held) => {
+            Place::Memory(arrays) => {
                 let len = self.data.len();
-                return hand_over(&self.path, &held, self.data.freeze(), len);
+                return hand_over(&self.path, &arrays, self.data.freeze(), len);
             }
         };
         let partial = partial_name(&self.path);
@@ -196,11 +195,23 @@ impl<T: Item> ArrayMut<T> {
     }
 }
 
+/// Bytes that an array of unknown length takes at first.
+const LEAST_BUFFER: usize = 1 << 16;
+
+/// The file of an array under its temporary name, ready for the items.
+fn start_file(path: &Path) -> Result<BufWriter<File>> {
+    let partial = partial_name(path);
+    let mut out = BufWriter::with_capacity(1 << 18, create_file(&partial)?);
+    out.write_all(&[0; HEADER]).map_err(Error::io(&partial, "write"))?;
+    Ok(out)
+}
+
 /// Where an array written from front to back goes.
 #[derive(Debug)]
 enum Out {
     File(BufWriter<File>),
-    Held(MappedSliceMut<u8>, Arc<Held>),
+    /// In memory that is taken as it is needed; what the budget does not grant goes on as a file.
+    Memory(Option<AlignedBuffer>, Arc<InMemoryArrays>),
 }
 
 /// A one- or two-dimensional array written from front to back, its length known at the end.
@@ -219,16 +230,12 @@ impl<T: Item> ArrayWriter<T> {
     /// # Errors
     /// [`Error::Io`].
     pub fn create(path: &Path, row: usize) -> Result<Self> {
-        let partial = partial_name(path);
-        let mut out = BufWriter::with_capacity(1 << 18, create_file(&partial)?);
-        out.write_all(&[0; HEADER]).map_err(Error::io(&partial, "write"))?;
-        Ok(Self::of(path, Out::File(out), row))
+        Ok(Self::of(path, Out::File(start_file(path)?), row))
     }
 
-    /// An array in `words`, which `held` will have under the name of `path`; no longer than fits in there.
-    pub fn held(path: &Path, row: usize, words: AlignedBuffer, held: Arc<Held>) -> Self {
-        let bytes = words.bytes().len();
-        Self::of(path, Out::Held(MappedSliceMut::held(words, bytes), held), row)
+    /// Starts an array in `buffer` or in what can be had later, which `arrays` will have under the name of `path`.
+    pub fn in_memory(path: &Path, row: usize, buffer: Option<AlignedBuffer>, arrays: Arc<InMemoryArrays>) -> Self {
+        Self::of(path, Out::Memory(buffer, arrays), row)
     }
 
     fn of(path: &Path, out: Out, row: usize) -> Self {
@@ -250,15 +257,36 @@ impl<T: Item> ArrayWriter<T> {
     pub fn push_bytes(&mut self, bytes: &[u8]) -> Result<()> {
         let start = self.items * size_of::<T>();
         self.items += bytes.len() / size_of::<T>();
+        if let Out::Memory(buffer, arrays) = &mut self.out {
+            let (end, there) = (start + bytes.len(), buffer.as_ref().map_or(0, |buffer| buffer.bytes().len()));
+            if end > there {
+                let mut larger = arrays.take(end.max(2 * there).max(LEAST_BUFFER));
+                match (&mut larger, &*buffer) {
+                    (Some(larger), Some(old)) => larger.bytes_mut()[..start].copy_from_slice(&old.bytes()[..start]),
+                    (None, old) => {
+                        let mut file = start_file(&self.path)?;
+                        let so_far = old.as_ref().map_or(&[][..], |old| &old.bytes()[..start]);
+                        file.write_all(so_far).map_err(Error::io(&self.path, "write"))?;
+                        self.out = Out::File(file);
+                        return self.write(bytes);
+                    }
+                    _ => {}
+                }
+                *buffer = larger;
+            }
+            if let Some(buffer) = buffer {
+                buffer.bytes_mut()[start..end].copy_from_slice(bytes);
+            }
+            return Ok(());
+        }
+        self.write(bytes)
+    }
+
+    /// Appends to the file, where there is one.
+    fn write(&mut self, bytes: &[u8]) -> Result<()> {
         match &mut self.out {
             Out::File(file) => file.write_all(bytes).map_err(Error::io(&self.path, "write")),
-            Out::Held(data, _) => match data.get_mut(start..start + bytes.len()) {
-                Some(room) => {
-                    room.copy_from_slice(bytes);
-                    Ok(())
-                }
-                None => Err(Error::io(&self.path, "write")(std::io::Error::other("more items than there is room for"))),
-            },
+            Out::Memory(..) => Ok(()),
         }
     }
 
@@ -279,7 +307,10 @@ impl<T: Item> ArrayWriter<T> {
     pub fn finish(self, durable: bool) -> Result<MappedSlice<T>> {
         let mut out = match self.out {
             Out::File(out) => out,
-            Out::Held(data, held) => return hand_over(&self.path, &held, data.freeze(), self.items),
+            Out::Memory(buffer, arrays) => {
+                let bytes = buffer.and_then(|buffer| MappedSliceMut::<T>::held(buffer, self.items).freeze());
+                return hand_over(&self.path, &arrays, bytes, self.items);
+            }
         };
         let partial = partial_name(&self.path);
         let shape = if self.row == 1 { vec![self.items] } else { vec![self.items * T::WIDTH / self.row, self.row] };

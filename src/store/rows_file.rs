@@ -2,10 +2,9 @@
 //!
 //! So a finished row can be brought to the disk alone, whatever the others are doing, and a file that a killed run
 //! left half-filled can be taken up again: which of its rows are whole is for a journal to say. A small one in a
-//! temporary directory is held in memory instead ([`super::held`]).
+//! temporary directory is held in memory instead ([`super::in_memory`]).
 
-use super::aligned_buffer::AlignedBuffer;
-use super::held::Held;
+use super::in_memory::{AlignedBuffer, InMemoryArrays};
 use super::mapped::{MappedSlice, MappedSliceMut};
 use super::npy::{self, HEADER, Item};
 use crate::base::{Error, Result};
@@ -24,7 +23,7 @@ enum Place<T> {
     /// In a file under its temporary name.
     File(File),
     /// In memory, handed over when all are whole.
-    Held(Mutex<MappedSliceMut<T>>, Arc<Held>),
+    Memory(Mutex<MappedSliceMut<T>>, Arc<InMemoryArrays>),
 }
 
 /// A file of rows under way.
@@ -45,15 +44,21 @@ impl<T: Item> RowsFile<T> {
         Self { path: path.to_path_buf(), place: Place::File(file), rows, len }
     }
 
-    /// Rows in `words`, which `held` will have under the name of `path`.
-    pub(super) fn held(path: &Path, rows: usize, len: usize, words: AlignedBuffer, held: Arc<Held>) -> Self {
-        let data = MappedSliceMut::held(words, rows * len);
-        Self { path: path.to_path_buf(), place: Place::Held(Mutex::new(data), held), rows, len }
+    /// Rows in `buffer`, which `arrays` will have under the name of `path`.
+    pub(super) fn in_memory(
+        path: &Path,
+        rows: usize,
+        len: usize,
+        buffer: AlignedBuffer,
+        arrays: Arc<InMemoryArrays>,
+    ) -> Self {
+        let data = MappedSliceMut::held(buffer, rows * len);
+        Self { path: path.to_path_buf(), place: Place::Memory(Mutex::new(data), arrays), rows, len }
     }
 
     /// Whether rows are held in memory: they are written as a whole then, and cannot be mapped.
-    pub fn is_held(&self) -> bool {
-        matches!(self.place, Place::Held(..))
+    pub fn is_in_memory(&self) -> bool {
+        matches!(self.place, Place::Memory(..))
     }
 
     /// Creates `path.partial` for `rows` rows of `len` items, its blocks reserved.
@@ -102,7 +107,7 @@ impl<T: Item> RowsFile<T> {
                 let bytes = bytemuck::cast_slice(row);
                 file.write_all_at(bytes, offset as u64).map_err(Error::io(npy::partial_name(&self.path), "write"))
             }
-            Place::Held(data, _) => {
+            Place::Memory(data, _) => {
                 let mut data = data.lock().unwrap_or_else(|poison| poison.into_inner());
                 match data.get_mut(first..first + row.len()) {
                     Some(room) => room.copy_from_slice(row),
@@ -120,9 +125,9 @@ impl<T: Item> RowsFile<T> {
     pub fn finish(self, durable: bool) -> Result<MappedSlice<T>> {
         let file = match self.place {
             Place::File(file) => file,
-            Place::Held(data, held) => {
+            Place::Memory(data, arrays) => {
                 let data = data.into_inner().unwrap_or_else(|poison| poison.into_inner());
-                return npy::hand_over(&self.path, &held, data.freeze(), self.rows * self.len);
+                return npy::hand_over(&self.path, &arrays, data.freeze(), self.rows * self.len);
             }
         };
         let partial = npy::partial_name(&self.path);
@@ -144,14 +149,14 @@ mod tests {
         let budget = crate::store::Budget::new(1 << 30);
         let work = crate::store::WorkDir::temporary(dir.path()).unwrap().holding(&budget);
         let file = work.rows::<f32>("rows.npy", 3, 1000).unwrap();
-        assert!(file.is_held() && file.row(0).is_err() && file.write_row(3, &[1.; 1000]).is_err());
+        assert!(file.is_in_memory() && file.row(0).is_err() && file.write_row(3, &[1.; 1000]).is_err());
         for k in [2, 0, 1] {
             file.write_row(k, &[k as f32; 1000]).unwrap();
         }
         let all = file.finish(false).unwrap();
         assert_eq!((all.len(), all[999], all[1000], all[2999]), (3000, 0., 1., 2.));
         assert_eq!(*work.open_array::<f32>("rows.npy").unwrap(), *all);
-        assert!(!work.rows::<f32>("large.npy", 2, MOST_HELD / 4).unwrap().is_held());
+        assert!(!work.rows::<f32>("large.npy", 2, MOST_HELD / 4).unwrap().is_in_memory());
     }
 
     #[test]

@@ -1,7 +1,6 @@
-//! What every stage of a run shares: threads, budget, progress, cancellation, seed.
+//! What every stage gets: the run (threads, budget, progress, cancellation, seed), and the directory that it works in.
 
-use super::Budget;
-use super::workdir::NOT_MADE;
+use super::{Budget, WorkDir};
 use crate::base::{Cancel, Progress};
 use std::time::Instant;
 
@@ -54,10 +53,28 @@ impl<'a> Run<'a> {
         self.progress.end(name, seconds);
         Ok((result, seconds))
     }
+}
 
+/// A work directory and the run that works in it; passed by value.
+#[derive(Clone, Copy)]
+pub struct Context<'a> {
+    /// Where arrays are made and found.
+    pub work: &'a WorkDir,
+    /// Threads, budget, progress, cancellation, seed.
+    pub run: &'a Run<'a>,
+}
+
+impl<'a> Context<'a> {
+    /// Work in `work` as `run` says.
+    pub fn new(work: &'a WorkDir, run: &'a Run<'a>) -> Self {
+        Self { work, run }
+    }
+}
+
+impl Run<'_> {
     /// Tells why a stage that was made before is made anew; silent where it was not made yet.
     pub fn note_remake(&self, stage: &str, reason: &str) {
-        if reason != NOT_MADE {
+        if reason != super::manifest::NOT_MADE {
             self.progress.note(&format!("{stage}: made anew, {reason}"));
         }
     }

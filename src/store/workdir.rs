@@ -9,18 +9,20 @@
 //! A temporary directory is removed when dropped; one that a killed run left behind is removed by
 //! the next run that makes one beside it.
 
-use super::MappedSlice;
-use super::aligned_buffer::AlignedBuffer;
 use super::budget::Budget;
-use super::held::Held;
+use super::in_memory::{AlignedBuffer, InMemoryArrays};
+use super::manifest::FORMAT;
 use super::manifest::MANIFEST;
-pub use super::manifest::{FORMAT, FileRecord, Manifest, NOT_MADE, Stage, checksum, key_of};
+pub use super::manifest::{Manifest, checksum};
 use super::npy::{self, ArrayMut, ArrayWriter, Item};
 use super::rows_file::{MOST_HELD, RowsFile};
+use super::{MappedSlice, MappedSliceMut};
 use crate::base::{Error, Result};
+use serde::Serialize;
+use serde::de::DeserializeOwned;
 use std::fs::File;
 use std::path::{Path, PathBuf};
-use std::sync::{Arc, Mutex, MutexGuard};
+use std::sync::{Arc, Mutex, MutexGuard, OnceLock};
 
 const LOCK: &str = "lock";
 const TEMPORARY: &str = ".nystrom-stream-";
@@ -28,16 +30,41 @@ const TEMPORARY: &str = ".nystrom-stream-";
 /// An open, locked work directory.
 #[derive(Debug)]
 pub struct WorkDir {
-    path: PathBuf,
+    folder: OnceLock<Folder>,
     manifest: Mutex<Manifest>,
-    _lock: File,
+    /// Where the folder is to be made, at its first file.
+    parent: PathBuf,
     temporary: bool,
     /// Whether it lies in another, which it is removed with.
     inside: bool,
     /// Whether other processes may read it too; nothing is stamped then.
     pub(super) shared: bool,
     /// Arrays in memory instead of in files.
-    held: Option<Arc<Held>>,
+    arrays: Option<Arc<InMemoryArrays>>,
+    /// Whether arrays that are passed over in order are held in memory too, as files serve as well for them.
+    everything: bool,
+}
+
+/// A folder and the lock on it.
+#[derive(Debug)]
+struct Folder {
+    path: PathBuf,
+    /// None where the folder could not be made: then every file in it fails as this one would.
+    _lock: Option<File>,
+}
+
+/// Removes files of a work directory when dropped: arrays that live no longer than the work that needs them.
+#[derive(Debug)]
+#[must_use]
+pub struct Scratch<'a> {
+    work: &'a WorkDir,
+    names: &'a [&'a str],
+}
+
+impl Drop for Scratch<'_> {
+    fn drop(&mut self) {
+        self.names.iter().for_each(|name| self.work.remove(name));
+    }
 }
 
 /// Locks the folder, alone or shared with other readers; `None` where another process is in the way.
@@ -93,27 +120,34 @@ impl WorkDir {
             Err(error) if error.kind() == std::io::ErrorKind::NotFound => Manifest::new(),
             Err(error) => return Err(Error::io(&manifest_path, "read")(error)),
         };
-        if manifest.format != FORMAT {
+        if manifest.format > FORMAT {
             return Err(Error::work_dir(
                 path,
                 format!("has format {}, this program writes {FORMAT}", manifest.format),
                 "delete it or use the program that wrote it",
             ));
         }
-        let manifest = Mutex::new(manifest);
-        let work = Self {
-            path: path.to_path_buf(),
-            manifest,
-            _lock: lock,
-            temporary: false,
-            inside: false,
-            shared,
-            held: None,
-        };
+        let manifest = Manifest { format: FORMAT, ..manifest };
+        let folder = Folder { path: path.to_path_buf(), _lock: Some(lock) };
+        let mut work = Self::of(Some(folder), manifest);
+        work.shared = shared;
         if !shared {
             work.sweep();
         }
         Ok(Some(work))
+    }
+
+    fn of(folder: Option<Folder>, manifest: Manifest) -> Self {
+        Self {
+            folder: folder.map_or_else(OnceLock::new, OnceLock::from),
+            manifest: Mutex::new(manifest),
+            parent: PathBuf::new(),
+            temporary: false,
+            inside: false,
+            shared: false,
+            arrays: None,
+            everything: false,
+        }
     }
 
     /// Opens an existing work directory for looking at it, beside any other reader.
@@ -130,7 +164,7 @@ impl WorkDir {
 
     /// Removes temporary files that a killed run left.
     fn sweep(&self) {
-        let Ok(entries) = std::fs::read_dir(&self.path) else { return };
+        let Ok(entries) = std::fs::read_dir(self.path()) else { return };
         for entry in entries.flatten() {
             let name = entry.file_name().to_string_lossy().into_owned();
             // Half-filled rows stay: their journal knows which of them are whole.
@@ -147,38 +181,24 @@ impl WorkDir {
     /// # Errors
     /// [`Error::Io`].
     pub fn temporary(parent: &Path) -> Result<Self> {
-        remove_abandoned(parent);
-        // Another process that clears up may take a folder in the moment before it is locked: then once more.
-        for _ in 0..16 {
-            let dir = tempfile::Builder::new()
-                .prefix(TEMPORARY)
-                .tempdir_in(parent)
-                .map_err(Error::io(parent, "create a temporary folder in"))?;
-            let path = dir.keep();
-            let locked = lock(&path, false);
-            if !path.join(LOCK).exists() {
-                continue;
-            }
-            if let Some(lock) = locked? {
-                let manifest = Mutex::new(Manifest::new());
-                return Ok(Self {
-                    path,
-                    manifest,
-                    _lock: lock,
-                    temporary: true,
-                    inside: false,
-                    shared: false,
-                    held: None,
-                });
-            }
-        }
-        Err(Error::work_dir(parent, "temporary folders are taken away by another process", "name another --tmp"))
+        let mut work = Self::of(Some(temporary_folder(parent)?), Manifest::new());
+        work.temporary = true;
+        Ok(work)
+    }
+
+    /// A temporary work directory that holds all arrays in memory as long as half of `budget` stays free; its folder, in
+    /// `parent`, is made with the first file that does not fit, and removed when dropped.
+    pub fn in_memory(parent: &Path, budget: &Budget) -> Self {
+        let mut work = Self::of(None, Manifest::new());
+        (work.temporary, work.everything) = (true, true);
+        work.parent = parent.to_path_buf();
+        work.holding(budget)
     }
 
     /// The same, but a temporary directory holds arrays in memory where they leave half of `budget` to others.
     #[must_use]
     pub fn holding(mut self, budget: &Budget) -> Self {
-        self.held = self.temporary.then(|| Arc::new(Held::new(budget)));
+        self.arrays = self.temporary.then(|| Arc::new(InMemoryArrays::new(budget)));
         self
     }
 
@@ -192,9 +212,13 @@ impl WorkDir {
         Ok(inner)
     }
 
-    /// Its folder.
+    /// Its folder; made now where that was put off.
     pub fn path(&self) -> &Path {
-        &self.path
+        let make = || {
+            let parent = || Folder { path: self.parent.clone(), _lock: None };
+            temporary_folder(&self.parent).unwrap_or_else(|_| parent())
+        };
+        &self.folder.get_or_init(make).path
     }
 
     /// Whether it will be removed when dropped, or with the one it lies in.
@@ -209,7 +233,17 @@ impl WorkDir {
 
     /// The path of a file in it.
     pub fn file(&self, name: &str) -> PathBuf {
-        self.path.join(name)
+        self.path().join(name)
+    }
+
+    /// The path that a file has, or would have where the folder is not made yet.
+    fn place(&self, name: &str) -> PathBuf {
+        self.folder.get().map_or_else(|| self.parent.join(name), |folder| folder.path.join(name))
+    }
+
+    /// Has the files `names` removed when what is returned goes out of scope.
+    pub fn scratch<'a>(&'a self, names: &'a [&'a str]) -> Scratch<'a> {
+        Scratch { work: self, names }
     }
 
     /// Starts an array of known shape. Where it lasts it is on its way to the disk when it is finished: stamping its stage
@@ -218,18 +252,17 @@ impl WorkDir {
     /// # Errors
     /// [`Error::Io`].
     pub fn array<T: Item>(&self, name: &str, shape: &[usize]) -> Result<ArrayMut<T>> {
-        let path = self.file(name);
         let bytes = shape.iter().product::<usize>() / T::WIDTH * size_of::<T>();
         Ok(match self.room(bytes) {
-            Some((words, held)) => ArrayMut::held(&path, shape, words, held),
-            None => ArrayMut::create(&path, shape)?.written_early(self.durable()),
+            Some((buffer, arrays)) => ArrayMut::in_memory(&self.place(name), shape, buffer, arrays),
+            None => ArrayMut::create(&self.file(name), shape)?.written_early(self.durable()),
         })
     }
 
     /// Memory for an array of `bytes`, where arrays are held and there is room.
-    fn room(&self, bytes: usize) -> Option<(AlignedBuffer, Arc<Held>)> {
-        let held = self.held.as_ref()?;
-        (bytes > 0).then(|| held.take(bytes)).flatten().map(|words| (words, held.clone()))
+    fn room(&self, bytes: usize) -> Option<(AlignedBuffer, Arc<InMemoryArrays>)> {
+        let arrays = self.arrays.as_ref()?;
+        (bytes > 0).then(|| arrays.take(bytes)).flatten().map(|buffer| (buffer, arrays.clone()))
     }
 
     /// Starts an array written front to back of at most `items` items.
@@ -238,7 +271,7 @@ impl WorkDir {
     /// [`Error::Io`].
     pub fn writer_of<T: Item>(&self, name: &str, row: usize, items: usize) -> Result<ArrayWriter<T>> {
         match self.room(items * size_of::<T>()) {
-            Some((words, held)) => Ok(ArrayWriter::held(&self.file(name), row, words, held)),
+            Some((buffer, arrays)) => Ok(ArrayWriter::in_memory(&self.place(name), row, Some(buffer), arrays)),
             None => self.writer(name, row),
         }
     }
@@ -248,7 +281,10 @@ impl WorkDir {
     /// # Errors
     /// [`Error::Io`].
     pub fn writer<T: Item>(&self, name: &str, row: usize) -> Result<ArrayWriter<T>> {
-        ArrayWriter::create(&self.file(name), row)
+        match &self.arrays {
+            Some(arrays) if self.everything => Ok(ArrayWriter::in_memory(&self.place(name), row, None, arrays.clone())),
+            _ => ArrayWriter::create(&self.file(name), row),
+        }
     }
 
     /// Starts a two-dimensional array whose rows are written one by one.
@@ -256,11 +292,11 @@ impl WorkDir {
     /// # Errors
     /// [`Error::Io`].
     pub fn rows<T: Item>(&self, name: &str, rows: usize, len: usize) -> Result<RowsFile<T>> {
-        let (path, bytes) = (self.file(name), rows * len * size_of::<T>());
-        let room = if bytes <= MOST_HELD { self.room(bytes) } else { None };
+        let bytes = rows * len * size_of::<T>();
+        let room = if bytes <= MOST_HELD || self.everything { self.room(bytes) } else { None };
         match room {
-            Some((words, held)) => Ok(RowsFile::held(&path, rows, len, words, held)),
-            None => RowsFile::create(&path, rows, len),
+            Some((buffer, arrays)) => Ok(RowsFile::in_memory(&self.place(name), rows, len, buffer, arrays)),
+            None => RowsFile::create(&self.file(name), rows, len),
         }
     }
 
@@ -279,24 +315,67 @@ impl WorkDir {
     /// # Errors
     /// [`Error::Io`], [`Error::Malformed`].
     pub fn open_array<T: Item>(&self, name: &str) -> Result<MappedSlice<T>> {
-        let path = self.file(name);
-        match self.held.as_ref().and_then(|held| held.get(name)) {
-            Some(bytes) => bytes.slice(&path, 0, bytes.len() / size_of::<T>()),
+        let path = self.place(name);
+        match self.arrays.as_ref().and_then(|arrays| arrays.get(name)) {
+            Some((bytes, len)) => bytes.slice(&path, 0, len / size_of::<T>()),
             None => npy::open(&path),
         }
     }
 
+    /// Writes `value` as JSON: into memory, where arrays are held and there is room, else as a file, by rename.
+    ///
+    /// # Errors
+    /// [`Error::Io`]; [`Error::WorkDir`] for a value that JSON cannot tell.
+    pub fn write_json(&self, name: &str, value: &impl Serialize) -> Result<()> {
+        let problem = |error: serde_json::Error| Error::work_dir(self.place(name), error.to_string(), "report this");
+        let text = serde_json::to_vec(value).map_err(problem)?;
+        if let Some((mut buffer, arrays)) = self.room(text.len()) {
+            buffer.bytes_mut()[..text.len()].copy_from_slice(&text);
+            if let Some(bytes) = MappedSliceMut::<u8>::held(buffer, text.len()).freeze() {
+                arrays.keep(name, bytes, text.len());
+            }
+            return Ok(());
+        }
+        let path = self.file(name);
+        let partial = npy::partial_name(&path);
+        std::fs::write(&partial, text).map_err(Error::io(&partial, "write"))?;
+        std::fs::rename(&partial, &path).map_err(Error::io(&partial, "rename"))
+    }
+
+    /// The text of the JSON file `name`.
+    ///
+    /// # Errors
+    /// [`Error::Io`].
+    pub fn json_text(&self, name: &str) -> Result<Vec<u8>> {
+        if let Some((bytes, len)) = self.arrays.as_ref().and_then(|arrays| arrays.get(name)) {
+            return Ok(bytes[..len].to_vec());
+        }
+        let path = self.place(name);
+        std::fs::read(&path).map_err(Error::io(&path, "read"))
+    }
+
+    /// Reads what [`WorkDir::write_json`] wrote.
+    ///
+    /// # Errors
+    /// [`Error::Io`], [`Error::WorkDir`].
+    pub fn read_json<T: DeserializeOwned>(&self, name: &str) -> Result<T> {
+        serde_json::from_slice(&self.json_text(name)?)
+            .map_err(|error| Error::work_dir(self.place(name), error.to_string(), "delete the work directory"))
+    }
+
     /// Bytes of the array `name` where it is held in memory.
-    pub(super) fn held_bytes(&self, name: &str) -> Option<u64> {
-        Some(self.held.as_ref()?.get(name)?.len() as u64)
+    pub(super) fn bytes_in_memory(&self, name: &str) -> Option<u64> {
+        Some(self.arrays.as_ref()?.get(name)?.1 as u64)
     }
 
     /// Removes a file that is no longer needed; whether it was there does not matter.
     pub fn remove(&self, name: &str) {
-        if let Some(held) = &self.held {
-            held.remove(name);
+        if let Some(arrays) = &self.arrays {
+            arrays.remove(name);
         }
-        let _ = std::fs::remove_file(self.file(name));
+        if let Some(folder) = self.folder.get() {
+            let _ = std::fs::remove_file(folder.path.join(name));
+        }
     }
 
     pub(super) fn manifest_lock(&self) -> MutexGuard<'_, Manifest> {
@@ -310,17 +389,41 @@ impl WorkDir {
 
     /// Bytes of all files in it now.
     pub fn bytes(&self) -> u64 {
-        let Ok(entries) = std::fs::read_dir(&self.path) else { return 0 };
+        let Some(Ok(entries)) = self.folder.get().map(|folder| std::fs::read_dir(&folder.path)) else { return 0 };
         entries.flatten().filter_map(|entry| entry.metadata().ok()).map(|metadata| metadata.len()).sum()
     }
 }
 
 impl Drop for WorkDir {
     fn drop(&mut self) {
-        if self.temporary && !self.inside {
-            let _ = std::fs::remove_dir_all(&self.path);
+        if let Some(Folder { path, _lock: Some(_) }) = self.folder.get()
+            && self.temporary
+            && !self.inside
+        {
+            let _ = std::fs::remove_dir_all(path);
         }
     }
+}
+
+/// A new, locked folder in `parent`; those that killed runs left there are removed.
+fn temporary_folder(parent: &Path) -> Result<Folder> {
+    remove_abandoned(parent);
+    // Another process that clears up may take a folder in the moment before it is locked: then once more.
+    for _ in 0..16 {
+        let dir = tempfile::Builder::new()
+            .prefix(TEMPORARY)
+            .tempdir_in(parent)
+            .map_err(Error::io(parent, "create a temporary folder in"))?;
+        let path = dir.keep();
+        let locked = lock(&path, false);
+        if !path.join(LOCK).exists() {
+            continue;
+        }
+        if let Some(lock) = locked? {
+            return Ok(Folder { path, _lock: Some(lock) });
+        }
+    }
+    Err(Error::work_dir(parent, "temporary folders are taken away by another process", "name another --tmp"))
 }
 
 /// Removes temporary work directories in `parent` whose process is gone.
@@ -337,6 +440,7 @@ fn remove_abandoned(parent: &Path) {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::store::stage::{StageKey, key_of};
     use serde_json::json;
 
     #[test]
@@ -344,28 +448,31 @@ mod tests {
         let dir = tempfile::tempdir().unwrap();
         let path = dir.path().join("w");
         let options = json!({"a": 1});
-        let key = key_of(&options);
+        let key = key_of("s", 1, &options);
+        let stage = |version| StageKey { name: "s", version, key: key.clone(), inputs: options.clone() };
         {
             let work = WorkDir::open(&path).unwrap();
             assert!(WorkDir::open(&path).is_err(), "locked");
             npy::write(&work.file("x.npy"), &[1u32, 2], 1, true).unwrap();
-            work.stamp("s", &key, &options, &["x.npy"], &7, 0.5).unwrap();
+            work.stamp(stage(1), &["x.npy"], &7, 0.5).unwrap();
         }
         let work = WorkDir::open(&path).unwrap();
-        assert_eq!(work.reuse::<i32>("s", &key), Ok(7));
-        assert!(work.reuse::<i32>("t", &key).is_err());
+        assert_eq!(work.reuse::<i32>("s", 1, &key), Ok(7));
+        assert!(work.reuse::<i32>("t", 1, &key).is_err());
         let whole = std::fs::read(work.file("x.npy")).unwrap();
         let mut flipped = whole.clone();
         *flipped.last_mut().unwrap() ^= 1;
         for (bytes, reason) in [(&whole[..1], "bytes"), (&flipped[..], "damaged")] {
             std::fs::write(work.file("x.npy"), bytes).unwrap();
-            assert!(work.reuse::<i32>("s", &key).unwrap_err().contains(reason));
+            assert!(work.reuse::<i32>("s", 1, &key).unwrap_err().contains(reason));
             // A stage that has to be made anew is forgotten at once.
             std::fs::write(work.file("x.npy"), &whole).unwrap();
-            assert!(work.reuse::<i32>("s", &key).is_err());
-            work.stamp("s", &key, &options, &["x.npy"], &7, 0.5).unwrap();
+            assert!(work.reuse::<i32>("s", 1, &key).is_err());
+            work.stamp(stage(1), &["x.npy"], &7, 0.5).unwrap();
         }
-        assert!(work.reuse::<i32>("s", "other").unwrap_err().contains("changed"));
+        assert!(work.reuse::<i32>("s", 1, "other").unwrap_err().contains("changed"));
+        work.stamp(stage(1), &["x.npy"], &7, 0.5).unwrap();
+        assert!(work.reuse::<i32>("s", 2, &key).unwrap_err().contains("another version"));
     }
 
     #[test]
@@ -380,6 +487,45 @@ mod tests {
         assert!(first.path().exists(), "a live one stays");
         drop((first, second));
         assert_eq!(std::fs::read_dir(dir.path()).unwrap().count(), 0);
+    }
+
+    #[test]
+    fn a_directory_of_format_1_is_read_and_its_stages_are_made_anew() {
+        let dir = tempfile::tempdir().unwrap();
+        let stage = json!({"key": "k", "options": {}, "files": {}, "facts": 7, "seconds": 1.});
+        let manifest = json!({"format": 1, "program": "nystrom-stream 0.1.0", "stages": {"s": stage}});
+        std::fs::write(dir.path().join(MANIFEST), manifest.to_string()).unwrap();
+        let work = WorkDir::open(dir.path()).unwrap();
+        assert!(work.reuse::<i32>("s", 1, "k").unwrap_err().contains("another version"));
+    }
+
+    #[test]
+    fn arrays_in_memory_touch_no_disk_until_the_budget_ends() {
+        let dir = tempfile::tempdir().unwrap();
+        let files = || std::fs::read_dir(dir.path()).unwrap().count();
+        let work = WorkDir::in_memory(dir.path(), &Budget::new(1 << 20));
+        let mut array = work.array::<u32>("a.npy", &[1001]).unwrap();
+        array.data().fill(3);
+        array.finish(false).unwrap();
+        assert_eq!(work.open_array::<u32>("a.npy").unwrap().len(), 1001, "the buffer is a word longer");
+        work.write_json("facts.json", &vec![1, 2]).unwrap();
+        assert_eq!(work.read_json::<Vec<u32>>("facts.json").unwrap(), [1, 2]);
+        let mut writer = work.writer::<u32>("b.npy", 1).unwrap();
+        writer.push(&[1; 20_000]).unwrap();
+        assert_eq!(files(), 0);
+        // Half of the budget stays free: the rest of it, and all that was there, becomes a file.
+        for _ in 0..20 {
+            writer.push(&[2; 20_000]).unwrap();
+        }
+        let long = writer.finish(false).unwrap();
+        assert_eq!((long.len(), long[19_999], long[20_000], files()), (420_000, 1, 2, 1));
+        assert_eq!(*work.open_array::<u32>("b.npy").unwrap(), *long);
+        {
+            let _scratch = work.scratch(&["a.npy", "b.npy"]);
+        }
+        assert!(work.open_array::<u32>("a.npy").is_err() && work.open_array::<u32>("b.npy").is_err());
+        drop((work, long));
+        assert_eq!(files(), 0);
     }
 
     #[test]

@@ -4,7 +4,7 @@ use crate::base::Result;
 use crate::base::parallel::{chunk_count, chunk_range, each_chunk};
 use crate::store::npy::ArrayMut;
 use crate::store::shuffle::Producer;
-use crate::store::sizing::{Sized, Splitters};
+use crate::store::shuffle::{BudgetedShuffle, Splitters};
 use crate::store::{Context, MappedSlice, Run};
 use std::ops::Range;
 
@@ -24,7 +24,14 @@ pub(super) fn sorted<const W: usize>(
 ) -> Result<()> {
     // Sorted buckets wait their turn: `in_order` holds four a thread, and one is being sorted.
     let copies = 6 * context.run.threads as u64;
-    let sized = Sized::<[u32; W]>::new(&context.work.file("sequence_sort.tmp"), what, records, copies, 2, context.run)?;
+    let sized = BudgetedShuffle::<[u32; W]>::new(
+        &context.work.file("sequence_sort.tmp"),
+        what,
+        records,
+        copies,
+        2,
+        context.run,
+    )?;
     let shuffle = &sized.shuffle;
     let step = (items / (shuffle.buckets() * Splitters::<[u32; W]>::SAMPLES)).max(1);
     let mut sample = Vec::new();
@@ -48,7 +55,7 @@ pub(super) fn sorted<const W: usize>(
 
 /// Values on their way to places of an array, through a shuffle, so that the array is written from front to back.
 pub(super) struct Scatter<'a> {
-    sized: Sized<[u32; 2]>,
+    sized: BudgetedShuffle<[u32; 2]>,
     array: ArrayMut<u32>,
     run: &'a Run<'a>,
     n: usize,
@@ -59,7 +66,7 @@ impl<'a> Scatter<'a> {
     pub fn new(name: &str, n: usize, context: Context<'a>) -> Result<Self> {
         let Context { work, run } = context;
         let path = work.file("sequence_scatter.tmp");
-        let sized = Sized::new(&path, "bringing values to their places", n as u64, 1, 3, run)?;
+        let sized = BudgetedShuffle::new(&path, "bringing values to their places", n as u64, 1, 3, run)?;
         Ok(Self { sized, array: work.array(name, &[n])?, run, n })
     }
 

@@ -11,7 +11,7 @@ use crate::base::parallel::{chunk_count, chunk_range, each_chunk};
 use crate::mesh::Faces;
 use crate::store::npy::{self, ArrayWriter};
 use crate::store::shuffle::Producer;
-use crate::store::sizing::{Sized, Splitters};
+use crate::store::shuffle::{BudgetedShuffle, Splitters};
 use crate::store::{Context, MappedBytes, MappedSlice, WorkDir};
 use std::ops::Range;
 
@@ -109,7 +109,8 @@ impl Task<'_> {
     ) -> Result<()> {
         let (Context { work, run }, n) = (self.context, self.faces.len());
         let copies = 6 * run.threads as u64;
-        let sorting = Sized::<[u32; W]>::new(&work.file("faces.tmp"), "sorting faces", records, copies, 3, run)?;
+        let sorting =
+            BudgetedShuffle::<[u32; W]>::new(&work.file("faces.tmp"), "sorting faces", records, copies, 3, run)?;
         let shuffle = &sorting.shuffle;
         let step = (n / (shuffle.buckets() * Splitters::<[u32; 2]>::SAMPLES)).max(1);
         let sample = (0..n).step_by(step).map(|face| {
@@ -143,7 +144,7 @@ impl Task<'_> {
     /// Ranks by random access.
     fn look_up<const W: usize>(
         &self,
-        sorting: &Sized<[u32; W]>,
+        sorting: &BudgetedShuffle<[u32; W]>,
         send: &(impl Fn(usize, &[u32], &mut Producer<'_, [u32; W]>) -> Result<()> + Sync),
     ) -> Result<()> {
         let (rank, n) = (&self.rank[..], self.faces.len());
@@ -170,18 +171,24 @@ impl Task<'_> {
     /// Ranks by two shuffles: to the vertices, and back to the faces.
     fn join<const W: usize>(
         &self,
-        sorting: &Sized<[u32; W]>,
+        sorting: &BudgetedShuffle<[u32; W]>,
         send: &(impl Fn(usize, &[u32], &mut Producer<'_, [u32; W]>) -> Result<()> + Sync),
     ) -> Result<()> {
         let (run, n, vertices) = (self.context.run, self.faces.len(), self.rank.len().max(1));
         let (threads, total) = (run.threads as u64, self.faces.corner_count() as u64);
-        let ranked =
-            Sized::<[u32; 2]>::new(&self.context.work.file("ranked.tmp"), "ranking corners", total, threads, 2, run)?;
+        let ranked = BudgetedShuffle::<[u32; 2]>::new(
+            &self.context.work.file("ranked.tmp"),
+            "ranking corners",
+            total,
+            threads,
+            2,
+            run,
+        )?;
         let back = ranked.shuffle.buckets();
         let first = |bucket: usize| (bucket as u128 * n as u128).div_ceil(back as u128) as usize;
         {
             let path = self.context.work.file("corners.tmp");
-            let corners = Sized::<[u32; 2]>::new(&path, "sorting corners", total, threads, 1, run)?;
+            let corners = BudgetedShuffle::<[u32; 2]>::new(&path, "sorting corners", total, threads, 1, run)?;
             let buckets = corners.shuffle.buckets();
             each_chunk(
                 run.threads,

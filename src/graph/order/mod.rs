@@ -16,7 +16,7 @@ mod vertices;
 use super::Frame;
 use crate::base::{Error, Result};
 use crate::mesh::Mesh;
-use crate::store::workdir::key_of;
+use crate::store::stage::options_key;
 use crate::store::{Context, MappedSlice, WorkDir};
 use locality::Locality;
 use serde::{Deserialize, Serialize};
@@ -82,7 +82,7 @@ impl NodeOrder {
             let facts = OrderFacts { far_steps: 0., stretch: 0., reordered: false };
             return Ok(Self { order: None, facts });
         }
-        let facts = work.reuse::<OrderFacts>("order", &key_of(input)).map_err(|problem| {
+        let facts = work.reuse::<OrderFacts>("order", 1, &options_key(input)).map_err(|problem| {
             Error::work_dir(work.path(), format!("order: {problem}"), "make it again: nystrom-stream graph MESH …")
         })?;
         Ok(Self { order: Some(work.open_array(ORDER)?), facts })
@@ -124,9 +124,9 @@ impl Ordered {
             return Ok(kept(Locality::default()));
         }
         let options = json!({"stage": "order", "input": input, "order": "hilbert"});
-        let key = key_of(&options);
-        let whole = |facts| context.work.reuse::<()>(CURVE, &key).map(|()| facts);
-        let facts = match context.work.reuse::<OrderFacts>("order", &key).and_then(whole) {
+        let key = options_key(&options);
+        let whole = |facts| context.work.reuse::<()>(CURVE, 1, &key).map(|()| facts);
+        let facts = match context.work.reuse::<OrderFacts>("order", 1, &key).and_then(whole) {
             Ok(facts) => {
                 context.run.progress.note("order: reused");
                 facts
@@ -142,8 +142,8 @@ impl Ordered {
                 let ((), seconds) = context.run.stage("order", "faces", n as u64, || sort(mesh, &frame, context))?;
                 let facts = OrderFacts { far_steps: found.far_steps, stretch: found.stretch, reordered: true };
                 let sorted = [&[VERTICES], faces::files(&mesh.faces)].concat();
-                context.work.stamp(CURVE, &key, &options, &sorted, &(), 0.)?;
-                context.work.stamp("order", &key, &options, &[ORDER], &facts, seconds)?;
+                context.work.stamp_as(CURVE, &key, &options, &sorted, &(), 0.)?;
+                context.work.stamp_as("order", &key, &options, &[ORDER], &facts, seconds)?;
                 facts
             }
         };

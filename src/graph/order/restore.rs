@@ -7,8 +7,8 @@ use super::NodeOrder;
 use crate::base::Result;
 use crate::base::parallel::{chunk_count, chunk_range, each_chunk};
 use crate::store::npy::Item;
+use crate::store::shuffle::BudgetedShuffle;
 use crate::store::shuffle::Producer;
-use crate::store::sizing::Sized;
 use crate::store::{Context, MappedSlice};
 
 const CHUNK: usize = 1 << 16;
@@ -36,7 +36,7 @@ impl NodeOrder {
             }
         } else {
             drop(resident);
-            let pairs = Sized::<[u32; 2]>::new(
+            let pairs = BudgetedShuffle::<[u32; 2]>::new(
                 &context.work.file("restore.tmp"),
                 "ordering results",
                 n as u64,

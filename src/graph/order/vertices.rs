@@ -12,7 +12,7 @@ use crate::graph::Frame;
 use crate::mesh::Positions;
 use crate::store::npy::{self, ArrayMut, ArrayWriter, Item};
 use crate::store::shuffle::Producer;
-use crate::store::sizing::{Sized, Splitters};
+use crate::store::shuffle::{BudgetedShuffle, Splitters};
 use crate::store::{Context, MappedBytes, MappedSlice, WorkDir};
 
 const CHUNK: usize = 1 << 14;
@@ -61,7 +61,8 @@ impl Task<'_> {
         let (n, Context { work, run }) = (self.positions.len(), self.context);
         // Sorted buckets wait their turn for the writer: `in_order` holds four a thread, and one is being sorted.
         let copies = 6 * run.threads as u64;
-        let sorting = Sized::<[u32; W]>::new(&work.file("vertices.tmp"), "sorting vertices", n as u64, copies, 2, run)?;
+        let sorting =
+            BudgetedShuffle::<[u32; W]>::new(&work.file("vertices.tmp"), "sorting vertices", n as u64, copies, 2, run)?;
         let shuffle = &sorting.shuffle;
         let step = (n / (shuffle.buckets() * Splitters::<[u32; 3]>::SAMPLES)).max(1);
         let splitters = Splitters::new((0..n).step_by(step).map(|v| self.key(v).0).collect(), shuffle.buckets());
@@ -89,7 +90,14 @@ impl Task<'_> {
         let ranks = &mut array.data()[..];
         let pairs = match self.in_memory {
             true => None,
-            false => Some(Sized::<[u32; 2]>::new(&work.file("ranks.tmp"), "ranking vertices", n as u64, 1, 2, run)?),
+            false => Some(BudgetedShuffle::<[u32; 2]>::new(
+                &work.file("ranks.tmp"),
+                "ranking vertices",
+                n as u64,
+                1,
+                2,
+                run,
+            )?),
         };
         let mut out = pairs.as_ref().map(|pairs| pairs.shuffle.producer());
         let buckets = pairs.as_ref().map_or(1, |pairs| pairs.shuffle.buckets());

@@ -51,7 +51,7 @@ pub fn verify(context: Context<'_>) -> Result<Vec<Checked>> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::store::workdir::key_of;
+    use crate::store::stage::{StageKey, key_of};
     use crate::store::{Run, WorkDir};
     use serde_json::json;
 
@@ -62,7 +62,8 @@ mod tests {
         npy::write(&work.file("a.npy"), &[1u32; 100], 1, true).unwrap();
         npy::write(&work.file("b.npy"), &[2f32; 10], 1, true).unwrap();
         let options = json!({});
-        work.stamp("s", &key_of(&options), &options, &["a.npy", "b.npy"], &(), 0.).unwrap();
+        let stage = StageKey { name: "s", version: 1, key: key_of("s", 1, &options), inputs: options };
+        work.stamp(stage, &["a.npy", "b.npy"], &(), 0.).unwrap();
         let run = Run::new(&());
         assert!(verify(Context::new(&work, &run)).unwrap().iter().all(|file| file.problem.is_none()));
         let whole = std::fs::read(work.file("a.npy")).unwrap();

@@ -1,0 +1,122 @@
+//! What stages will take, told before a run: memory, disk while they run, disk that they keep.
+//!
+//! Each stage says it beside its code, as [`super::stage::Stage::needs`], by the same arithmetic that its code goes by;
+//! `plan` adds up. Arrays of a temporary directory are held in memory while half of the budget stays free, so what one
+//! stage takes decides what is left for the next: [`Room`] is handed from stage to stage.
+
+use super::shuffle::Sizing;
+use serde::Serialize;
+
+/// Bytes allocated besides what is told: queues of fronts, buffers of writers.
+pub const BASE: u64 = 2 << 20;
+
+/// The size of a run.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Extent {
+    /// Faces n.
+    pub faces: u64,
+    /// Vertices.
+    pub vertices: u64,
+    /// Corners of all faces.
+    pub corners: u64,
+    /// Landmarks l.
+    pub landmarks: u64,
+    /// Coordinates of the embedding, where faces are clustered in it.
+    pub dimensions: u64,
+    /// Worker threads.
+    pub threads: u64,
+    /// Whether faces are put in another order than the file's.
+    pub reordered: bool,
+    /// Whether rows are kept after cells have been averaged.
+    pub keeps_rows: bool,
+    /// Whether the work directory lasts.
+    pub lasting: bool,
+    /// Whether stages give up what later ones do not read.
+    pub releases: bool,
+}
+
+/// What a stage takes.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
+pub struct Needs {
+    /// Bytes allocated at the most, besides [`BASE`].
+    pub memory: u64,
+    /// Bytes that it leaves in the work directory.
+    pub keeps: u64,
+    /// Bytes that it needs there besides while it runs.
+    pub passing: u64,
+    /// Bytes of it and of stages before it that it gives up at its end.
+    pub frees: u64,
+}
+
+/// The budget as work arrays take it that are held in memory: while half of it stays for others.
+#[derive(Clone, Debug)]
+pub struct Room {
+    total: u64,
+    used: u64,
+    holding: bool,
+}
+
+impl Room {
+    /// A budget of `total` bytes; `holding`: arrays of the work directory may be held in memory.
+    pub fn new(total: u64, holding: bool) -> Self {
+        Self { total, used: 0, holding }
+    }
+
+    /// All of the budget.
+    pub fn total(&self) -> u64 {
+        self.total
+    }
+
+    /// What is taken now.
+    pub fn used(&self) -> u64 {
+        self.used
+    }
+
+    /// What is not taken.
+    pub fn left(&self) -> u64 {
+        self.total.saturating_sub(self.used)
+    }
+
+    /// What of `bytes` is held where any array may be: all or nothing.
+    pub fn spare(&mut self, bytes: u64) -> u64 {
+        let held = if self.left() >= bytes + self.total / 2 { bytes } else { 0 };
+        self.used += held;
+        held
+    }
+
+    /// What of an array of the work directory is held.
+    pub fn take(&mut self, bytes: u64) -> u64 {
+        if self.holding { self.spare(bytes) } else { 0 }
+    }
+
+    /// Takes what a stage is granted as it is.
+    pub fn grant(&mut self, bytes: u64) {
+        self.used += bytes;
+    }
+
+    /// Gives bytes back.
+    pub fn give_back(&mut self, bytes: u64) {
+        self.used = self.used.saturating_sub(bytes);
+    }
+}
+
+/// A shuffle that may use the `part`-th part of what the budget has left.
+#[derive(Clone, Copy, Debug)]
+pub struct ShuffleNeeds {
+    /// Most bytes of it in memory, staged ones included.
+    pub held: u64,
+    /// What it takes from the budget.
+    pub granted: u64,
+}
+
+impl ShuffleNeeds {
+    /// For `records` of `size` bytes, of which consumers hold `copies` buckets, where `left` bytes are left.
+    pub fn new(records: u64, size: usize, copies: u64, part: u64, left: u64, threads: u64) -> Self {
+        let room = left / part;
+        let sizing = Sizing::new(records, size, copies, threads as usize, room / 2);
+        Self {
+            held: sizing.bytes.min(room.saturating_sub(sizing.fixed())) + sizing.staging,
+            granted: (sizing.fixed() + sizing.bytes).min(room),
+        }
+    }
+}

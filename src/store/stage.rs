@@ -1,0 +1,327 @@
+//! Stages: steps of the work whose files are made once and reused while nothing that they depend on has changed.
+//!
+//! A stage is a value of a type that implements [`Stage`]: it knows its name, the version of its algorithm, what it
+//! depends on, how to make its files and how to open them. [`Context::stage`] does the rest, in one place for all
+//! stages:
+//!
+//! 1. The *key* is a hash of the stage's name, its version and its inputs, which contain the keys of the stages that it
+//!    builds on. So a changed option, another mesh or a newer algorithm anywhere upstream gives another key.
+//! 2. Where the manifest has that key, and the files have the sizes and checksums that it says, the stage is opened.
+//! 3. Otherwise the manifest forgets the stage, and the progress listener is told why; the stage is made, its files are
+//!    brought to the disk, and the manifest is written last.
+//!
+//! A run that is killed at any moment thus leaves either a whole stage or none. In a temporary directory nothing waits
+//! for the disk and nothing is hashed.
+//!
+//! Cost: hashing at the speed of memory and one sync a file in a directory that lasts; none in a temporary one.
+
+use super::manifest::{FileRecord, MANIFEST, Manifest, NOT_MADE, StageRecord, checksum};
+use super::needs::{Extent, Needs, Room};
+use super::npy;
+use super::run::Context;
+use super::workdir::WorkDir;
+use crate::base::{Error, Result};
+use serde::Serialize;
+use serde::de::DeserializeOwned;
+use serde_json::{Value, json};
+use std::collections::BTreeMap;
+use std::fs::File;
+use std::io::Write;
+use xxhash_rust::xxh3::xxh3_64;
+
+/// A step of the work with files of its own in the work directory.
+pub trait Stage: Sized {
+    /// Its name in the manifest; unique among the stages of a work directory.
+    const NAME: &'static str;
+    /// The version of its algorithm. Raise it whenever the same inputs would give other bytes: what an older program
+    /// left is then made anew.
+    const VERSION: u32;
+    /// What the manifest keeps besides the files: counts and sums.
+    type Facts: Serialize + DeserializeOwned;
+    /// What later stages get.
+    type Output;
+
+    /// Everything that the files depend on: options, the seed where it is used, keys of other stages.
+    fn inputs(&self, context: Context<'_>) -> Value;
+
+    /// Makes the files. `key` identifies them in the inputs of later stages.
+    ///
+    /// # Errors
+    /// Those of the work.
+    fn make(self, key: &str, context: Context<'_>) -> Result<Made<Self>>;
+
+    /// Opens the files of an earlier run.
+    ///
+    /// # Errors
+    /// [`Error::Io`], [`Error::Malformed`], [`Error::WorkDir`] for files that contradict each other.
+    fn open(self, facts: Self::Facts, key: &str, context: Context<'_>) -> Result<Self::Output>;
+
+    /// The unit and the number of units that progress is told in; `None` where the stage announces its steps itself.
+    fn progress(&self) -> Option<(&'static str, u64)> {
+        None
+    }
+
+    /// Memory and disk that the stage takes for a mesh of size `extent`, in the order in which it takes them from
+    /// `room`; see [`super::needs`].
+    fn needs(extent: &Extent, room: &mut Room) -> Needs;
+}
+
+/// A stage that was made: what it gives, and what the manifest is to say of it.
+pub struct Made<S: Stage> {
+    /// What later stages get.
+    pub output: S::Output,
+    /// For the manifest.
+    pub facts: S::Facts,
+    /// Names of its files.
+    pub files: Vec<&'static str>,
+}
+
+/// A finished stage as the manifest tells of it, found by its name alone.
+#[derive(Clone, Debug)]
+pub struct Kept<F> {
+    /// Its facts.
+    pub facts: F,
+    /// Its key.
+    pub key: String,
+    /// What it was made of.
+    pub inputs: Value,
+}
+
+/// The key of a stage: a hash of its name, the version of its algorithm, and its inputs.
+pub fn key_of(name: &str, version: u32, inputs: &Value) -> String {
+    let text = json!({"stage": name, "version": version, "inputs": inputs}).to_string();
+    format!("{:016x}", xxh3_64(text.as_bytes()))
+}
+
+impl Context<'_> {
+    /// The output of `stage`: opened where its files are there under the same key, else made.
+    ///
+    /// # Errors
+    /// Those of [`Stage::make`] and [`Stage::open`]; [`Error::Io`] where the manifest cannot be written.
+    pub fn stage<S: Stage>(self, stage: S) -> Result<S::Output> {
+        let inputs = stage.inputs(self);
+        let key = key_of(S::NAME, S::VERSION, &inputs);
+        match self.work.reuse::<S::Facts>(S::NAME, S::VERSION, &key) {
+            Ok(facts) => {
+                self.run.progress.note(&format!("{}: reused", S::NAME));
+                return stage.open(facts, &key, self);
+            }
+            Err(reason) if reason == NOT_MADE => {}
+            Err(reason) => self.run.progress.note(&format!("{}: made anew, {reason}", S::NAME)),
+        }
+        let (made, seconds) = match stage.progress() {
+            Some((unit, total)) => self.run.stage(S::NAME, unit, total, || stage.make(&key, self))?,
+            None => {
+                let start = std::time::Instant::now();
+                let made = stage.make(&key, self)?;
+                (made, start.elapsed().as_secs_f64())
+            }
+        };
+        let made_of = StageKey { name: S::NAME, version: S::VERSION, key, inputs };
+        self.work.stamp(made_of, &made.files, &made.facts, seconds)?;
+        Ok(made.output)
+    }
+}
+
+/// What identifies a stage that is stamped.
+#[derive(Clone, Debug)]
+pub struct StageKey {
+    /// Its name.
+    pub name: &'static str,
+    /// The version of its algorithm.
+    pub version: u32,
+    /// The hash of both and of the inputs.
+    pub key: String,
+    /// What it was made of.
+    pub inputs: Value,
+}
+
+impl StageKey {
+    /// The key of the stage `S` under `inputs`.
+    pub fn of<S: Stage>(inputs: Value) -> Self {
+        Self { name: S::NAME, version: S::VERSION, key: key_of(S::NAME, S::VERSION, &inputs), inputs }
+    }
+}
+
+impl WorkDir {
+    /// The facts of a finished stage, where its key is `key` and its files have the stamped sizes and checksums.
+    /// Otherwise `Err` with the reason, in words, why it has to be made (anew); the manifest forgets the stage then, so
+    /// that a run killed while making it anew leaves no record of files that are no longer those.
+    pub fn reuse<T: DeserializeOwned>(&self, stage: &str, version: u32, key: &str) -> Result<T, String> {
+        let found = self.look_up(stage, version, key);
+        if found.is_err() && !self.shared {
+            let mut manifest = self.manifest_lock();
+            if manifest.stages.remove(stage).is_some()
+                && let Err(error) = self.save(&mut manifest)
+            {
+                return Err(error.to_string());
+            }
+        }
+        found
+    }
+
+    /// The finished stage `S` of this directory, whatever it was made of, or an error that says how to make it.
+    ///
+    /// # Errors
+    /// [`Error::WorkDir`] where there is none, or its files are gone or damaged, or an older program made it.
+    pub fn kept<S: Stage>(&self, remedy: &str) -> Result<Kept<S::Facts>> {
+        let stage = self.manifest().stages.remove(S::NAME);
+        let problem = format!("holds no {}", S::NAME);
+        let stage = stage.ok_or_else(|| Error::work_dir(self.path(), problem, remedy))?;
+        let facts = self
+            .look_up::<S::Facts>(S::NAME, S::VERSION, &stage.key)
+            .map_err(|problem| Error::work_dir(self.path(), format!("{}: {problem}", S::NAME), remedy))?;
+        Ok(Kept { facts, key: stage.key, inputs: stage.inputs })
+    }
+
+    fn look_up<T: DeserializeOwned>(&self, stage: &str, version: u32, key: &str) -> Result<T, String> {
+        let manifest = self.manifest_lock();
+        let record = manifest.stages.get(stage).ok_or_else(|| NOT_MADE.to_string())?;
+        if record.version != version {
+            let older = record.version;
+            return Err(format!("another version of the program made it (algorithm {older}, now {version})"));
+        }
+        if record.key != key {
+            return Err("its options or inputs changed".to_string());
+        }
+        if self.is_temporary() {
+            record.files.iter().try_for_each(|(name, file)| self.unharmed(name, file))?;
+        } else {
+            // Side by side: reading is what another number of parts waits for most.
+            std::thread::scope(|scope| {
+                let mut checks = Vec::new();
+                for (name, file) in &record.files {
+                    checks.push(scope.spawn(|| self.unharmed(name, file)));
+                }
+                checks
+                    .into_iter()
+                    .try_for_each(|check| check.join().unwrap_or_else(|_| Err("it cannot be read".into())))
+            })?;
+        }
+        serde_json::from_value(record.facts.clone()).map_err(|error| format!("its facts are unreadable: {error}"))
+    }
+
+    /// Whether a file still has the bytes that were stamped: one sequential read, far cheaper than a wrong label.
+    fn unharmed(&self, name: &str, file: &FileRecord) -> Result<(), String> {
+        if self.bytes_in_memory(name) == Some(file.bytes) {
+            return Ok(());
+        }
+        let path = self.file(name);
+        match std::fs::metadata(&path) {
+            Ok(metadata) if metadata.len() == file.bytes => {}
+            Ok(metadata) => return Err(format!("{name} has {} bytes instead of {}", metadata.len(), file.bytes)),
+            Err(_) => return Err(format!("{name} is missing")),
+        }
+        if file.xxh3.is_empty() {
+            return Ok(());
+        }
+        match checksum(&path) {
+            Ok(sum) if sum == file.xxh3 => Ok(()),
+            Ok(_) => Err(format!("{name} was changed or damaged")),
+            Err(error) => Err(error.to_string()),
+        }
+    }
+
+    /// Stamps a stage as finished. [`Context::stage`] does it for all stages that one process makes as a whole.
+    ///
+    /// # Errors
+    /// [`Error::Io`].
+    pub fn stamp(&self, stage: StageKey, files: &[&str], facts: &impl Serialize, seconds: f64) -> Result<()> {
+        let records = if self.is_temporary() {
+            // Nothing to wait for.
+            files.iter().map(|&name| Ok((name.to_string(), self.sealed(name)?))).collect::<Result<BTreeMap<_, _>>>()?
+        } else {
+            self.sealed_all(files)?
+        };
+        let StageKey { name, version, key, inputs } = stage;
+        let facts = serde_json::to_value(facts)
+            .map_err(|error| Error::work_dir(self.path(), format!("facts of {name}: {error}"), "report this"))?;
+        let record = StageRecord { key, version, inputs, files: records, facts, seconds };
+        let mut manifest = self.manifest_lock();
+        manifest.stages.insert(name.to_string(), record);
+        self.save(&mut manifest)
+    }
+
+    /// The records of finished files, side by side: each waits for the disk.
+    fn sealed_all(&self, files: &[&str]) -> Result<BTreeMap<String, FileRecord>> {
+        std::thread::scope(|scope| {
+            let started: Vec<_> = files.iter().map(|&name| (name, scope.spawn(move || self.sealed(name)))).collect();
+            let ended = started.into_iter().map(|(name, sealing)| {
+                let lost = || Error::io(self.file(name), "sync")(std::io::Error::other("a thread failed"));
+                Ok((name.to_string(), sealing.join().map_err(|_| lost())??))
+            });
+            ended.collect::<Result<BTreeMap<_, _>>>()
+        })
+    }
+
+    /// The record of the finished file `name`, which is on the disk before the manifest says so.
+    fn sealed(&self, name: &str) -> Result<FileRecord> {
+        if let Some(bytes) = self.bytes_in_memory(name) {
+            return Ok(FileRecord { bytes, xxh3: String::new() });
+        }
+        let path = self.file(name);
+        let bytes = std::fs::metadata(&path).map_err(Error::io(&path, "look at"))?.len();
+        if self.is_temporary() {
+            return Ok(FileRecord { bytes, xxh3: String::new() });
+        }
+        File::open(&path).and_then(|file| file.sync_all()).map_err(Error::io(&path, "sync"))?;
+        Ok(FileRecord { bytes, xxh3: checksum(&path)? })
+    }
+
+    /// Gives up files of the finished stage `stage` that nothing will read again, in a temporary directory: its disk can
+    /// hold a larger mesh then, and the page cache more of the rest. Should the stage be asked for after all, it is made
+    /// anew. Elsewhere they stay, for the next run.
+    ///
+    /// # Errors
+    /// [`Error::Io`].
+    pub fn release(&self, stage: &str, files: &[&str]) -> Result<()> {
+        if !self.is_temporary() {
+            return Ok(());
+        }
+        let mut manifest = self.manifest_lock();
+        manifest.stages.remove(stage);
+        self.save(&mut manifest)?;
+        files.iter().for_each(|file| self.remove(file));
+        Ok(())
+    }
+
+    /// Brings the manifest to the disk, where it will outlast this process.
+    fn save(&self, manifest: &mut Manifest) -> Result<()> {
+        if self.is_temporary() {
+            return Ok(());
+        }
+        manifest.program = super::manifest::PROGRAM.to_string();
+        let path = self.file(MANIFEST);
+        let partial = npy::partial_name(&path);
+        let text = serde_json::to_string_pretty(manifest)
+            .map_err(|error| Error::work_dir(&path, error.to_string(), "report this"))?;
+        let mut file = File::create(&partial).map_err(Error::io(&partial, "create"))?;
+        file.write_all(text.as_bytes()).map_err(Error::io(&partial, "write"))?;
+        file.sync_all().map_err(Error::io(&partial, "sync"))?;
+        std::fs::rename(&partial, &path).map_err(Error::io(&partial, "rename"))
+    }
+}
+
+/// The key of a stage that is not a [`Stage`] yet.
+pub fn options_key(options: &Value) -> String {
+    format!("{:016x}", xxh3_64(options.to_string().as_bytes()))
+}
+
+impl WorkDir {
+    /// [`WorkDir::stamp`] for a stage that is not a [`Stage`] yet.
+    ///
+    /// # Errors
+    /// As there.
+    pub fn stamp_as(
+        &self,
+        name: &'static str,
+        key: &str,
+        options: &Value,
+        files: &[&str],
+        facts: &impl Serialize,
+        seconds: f64,
+    ) -> Result<()> {
+        let stage = StageKey { name, version: 1, key: key.to_string(), inputs: options.clone() };
+        self.stamp(stage, files, facts, seconds)
+    }
+}
