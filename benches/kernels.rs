@@ -3,6 +3,9 @@
 //!
 //! `cargo bench --bench kernels`; with `-- --test` each runs once. `NYSTROM_STREAM_BENCH_FACES` sets the size.
 
+#[path = "../tests/common/oracle.rs"]
+mod oracle;
+
 use criterion::{BenchmarkId, Criterion, Throughput, criterion_group, criterion_main};
 use nystrom_stream::apps::creature::{Creature, Options};
 use nystrom_stream::base::Cancel;
@@ -10,8 +13,8 @@ use nystrom_stream::cluster::kmeans::assign;
 use nystrom_stream::cluster::kmeans::{KMeans, KMeansParams, WeightedPoints};
 use nystrom_stream::distance::front::mean_weight;
 use nystrom_stream::distance::rows::RowParams;
-use nystrom_stream::distance::{DistanceRows, Front, oracle};
-use nystrom_stream::graph::dual::WeightedGraph;
+use nystrom_stream::distance::{DistanceRows, Front};
+use nystrom_stream::graph::WeightedGraph;
 use nystrom_stream::graph::{DualGraph, Metric};
 use nystrom_stream::landmarks::Sampling;
 use nystrom_stream::mesh::{self, Opened};

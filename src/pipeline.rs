@@ -31,7 +31,7 @@ use crate::cluster::parts::{PartCount, PartsParams};
 use crate::cluster::two_means::{self, TwoMeansParams};
 use crate::distance::DistanceRows;
 use crate::distance::rows::RowParams;
-use crate::graph::dual::WeightedGraph;
+use crate::graph::WeightedGraph;
 use crate::graph::order::{Order, OrderFacts};
 use crate::graph::{DualGraph, GraphFacts, Metric, NodeOrder};
 use crate::landmarks::Sampling;

@@ -3,13 +3,16 @@
 //! `cargo run --release --example race -- MESH [-l 10] [--repeat 5]`: prints medians, one line each, for
 //! the records in `benches/records`. Both sides run in the same process, by turns, since a machine's speed wanders.
 
+#[path = "../tests/common/oracle.rs"]
+mod oracle;
+
 use clap::Parser;
 use nystrom_stream::base::Result;
 use nystrom_stream::distance::front::mean_weight;
 use nystrom_stream::distance::rows::RowParams;
-use nystrom_stream::distance::{DistanceRows, Front, oracle};
-use nystrom_stream::graph::dual::Csr;
-use nystrom_stream::graph::triangle_adjacency::TriangleAdjacency;
+use nystrom_stream::distance::{DistanceRows, Front};
+use nystrom_stream::graph::Csr;
+use nystrom_stream::graph::csr::TriangleAdjacency;
 use nystrom_stream::graph::{DualGraph, Metric};
 use nystrom_stream::mesh;
 use nystrom_stream::store::{Context, Run, WorkDir};
@@ -50,8 +53,8 @@ fn race(arguments: &Arguments) -> Result<()> {
     let n = graph.nodes.len();
     for (name, metric) in [("scale-free", Metric::default()), ("paper", Metric::paper())] {
         let weighted = graph.weighted(metric, Context::new(&work, &run))?;
-        let triples = TriangleAdjacency::of(weighted.csr(), &run)?;
-        let csr = Csr { triples: triples.as_ref().map_or(&[], TriangleAdjacency::all), ..weighted.csr() };
+        let triangles = TriangleAdjacency::of(weighted.csr(), &run)?;
+        let csr = Csr { triangles: triangles.as_ref().map_or(&[], TriangleAdjacency::all), ..weighted.csr() };
         let mut front = Front::new(mean_weight(csr));
         let mut field = vec![0f32; n];
         let source = (n / 3) as u32;

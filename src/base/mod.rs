@@ -1,4 +1,4 @@
-//! The lowest floor: errors, progress, cancellation, deterministic parallel loops, wide vectors and small eigenproblems.
+//! The lowest floor: errors, progress, cancellation, deterministic parallel loops, wide vectors, disjoint sets and small eigenproblems.
 //!
 //! Nothing here knows of meshes, files or command lines. Cost: none worth naming.
 
@@ -8,6 +8,7 @@ pub mod error;
 pub mod parallel;
 pub mod progress;
 pub mod random;
+pub mod union_find;
 pub mod vector;
 pub mod wide;
 

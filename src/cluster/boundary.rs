@@ -18,8 +18,8 @@ use crate::base::Result;
 use crate::base::parallel::{fill_each, map_ranges};
 use crate::distance::front::mean_weight;
 use crate::distance::{DistanceRows, voronoi};
+use crate::graph::Csr;
 use crate::graph::DualGraph;
-use crate::graph::dual::Csr;
 use crate::store::{Context, MappedSlice, Run};
 
 /// Half the width of the narrow band around a boundary, which is labelled anew, in units of √(area).
@@ -83,7 +83,7 @@ pub fn refine(
     let interior_edge = interior_ends(steps, field.data(), context.run)?;
     match method {
         BoundaryMethod::Front => {
-            voronoi::spread_owners(steps, &interior_edge, field.data(), labels.data(), context.run)?
+            voronoi::propagate_labels(steps, &interior_edge, field.data(), labels.data(), context.run)?
         }
         BoundaryMethod::Embedding(means, rows) => {
             let field = field.data();
@@ -119,7 +119,7 @@ fn straighten(
         Ok(range.filter(inside).map(|i| i as u32).collect::<Vec<u32>>())
     })?
     .concat();
-    let sizes = (&graph.rows.centroid_distance[..], &graph.rows.edge[..]);
+    let sizes = (&graph.edges.centroid_distance[..], &graph.edges.edge[..]);
     smooth::smooth(steps, sizes, (shares.unit, mean * shares.unit), &band, labels, run)
 }
 
@@ -143,10 +143,7 @@ fn collect(
     let n = graph.len();
     let parts = map_ranges(run.threads, &run.cancel, n, CHUNK, |range| {
         Ok(range
-            .filter(|&i| {
-                let span = || graph.indptr[i] as usize..graph.indptr[i + 1] as usize;
-                own(i) && graph.indices[span()].iter().any(|&j| beside(i, j as usize))
-            })
+            .filter(|&i| own(i) && graph.neighbours(i as u32).any(|(j, _)| beside(i, j as usize)))
             .map(|i| i as u32)
             .collect::<Vec<u32>>())
     })?;
@@ -202,7 +199,7 @@ pub fn dissolve(
     labels: &mut [u32],
     run: &Run,
 ) -> Result<()> {
-    let neighbours = |i: u32| &graph.indices[graph.indptr[i as usize] as usize..graph.indptr[i as usize + 1] as usize];
+    let neighbours = |i: u32| &graph.indices[graph.span(i)];
     // Nodes beside an island, and the label they would give it.
     let mut island_boundary: Vec<(u32, u32)> = Vec::new();
     let mut ring: Vec<u32> = boundary_nodes.to_vec();
@@ -269,9 +266,7 @@ mod tests {
     /// By the definition: reached within the label; else ring by ring the smallest label beside it.
     fn oracle(graph: Csr<'_>, field: &[f32], labels: &[u32]) -> Vec<u32> {
         let n = labels.len();
-        let of = |i: usize| {
-            graph.indices[graph.indptr[i] as usize..graph.indptr[i + 1] as usize].iter().map(|&j| j as usize)
-        };
+        let of = |i: usize| graph.neighbours(i as u32).map(|(j, _)| j as usize);
         let (mut out, mut done) = (labels.to_vec(), field.iter().map(|&d| d == 0.).collect::<Vec<_>>());
         while let Some(i) = (0..n).find(|&i| !done[i] && of(i).any(|j| done[j] && labels[j] == labels[i])) {
             done[i] = true;

@@ -16,8 +16,8 @@ use super::parts::CellGraph;
 use crate::base::Result;
 use crate::base::parallel::{map_chunks, map_ranges};
 use crate::distance::{DistanceRows, voronoi};
-use crate::graph::dual::Csr;
-use crate::graph::weights::{self, Metric};
+use crate::graph::Csr;
+use crate::graph::weights::{Metric, Weighting};
 use crate::graph::{DualGraph, Node};
 use crate::store::{Context, MappedSlice, Run};
 use std::collections::BTreeMap;
@@ -72,13 +72,14 @@ impl Cells {
             if n <= CELLS { (0..n as u32).collect() } else { spread(&shares.share, CELLS, context.run.seed, "cells") };
         let metric = Metric::ScaleFree { beta: 0.1, eta: 0.5 };
         let area = 1. / f64::from(shares.unit).powi(2);
-        let place = (context.work, "cell_weights.npy");
-        let steps = weights::build(&graph.rows, &graph.nodes, Some(normals.fine), area, metric, place, context.run)?;
-        let csr = Csr::new(&graph.rows.indptr, &graph.rows.indices, &steps);
+        let (edges, nodes) = (&graph.edges, &graph.nodes);
+        let steps =
+            Weighting { edges, nodes, normals: Some(normals.fine), area, metric }.build("cell_weights.npy", context)?;
+        let csr = Csr::new(&graph.edges.indptr, &graph.edges.indices, &steps);
         let mut owner = context.work.array::<u32>("cells.npy", &[n])?;
         {
             let mut field = context.work.array::<f32>("cell_field.tmp", &[n])?;
-            voronoi::spread(csr, &seeds, field.data(), owner.data(), context.run)?;
+            voronoi::nearest_source(csr, &seeds, field.data(), owner.data(), context.run)?;
         }
         context.work.remove("cell_field.tmp.partial");
         context.work.remove("cell_weights.npy");
@@ -132,19 +133,19 @@ fn borders(
     run: &Run,
 ) -> Result<BTreeMap<(u32, u32), BoundarySums>> {
     let n = cell.len();
-    let (indptr, indices, edge) = (&graph.rows.indptr[..], &graph.rows.indices[..], &graph.rows.edge[..]);
+    let shared = graph.edges.by_shared_edge();
     let parts = map_ranges(run.threads, &run.cancel, n, CHUNK, |range| {
         let mut sums: BTreeMap<(u32, u32), BoundarySums> = BTreeMap::new();
         for i in range {
-            for e in indptr[i] as usize..indptr[i + 1] as usize {
-                let j = indices[e] as usize;
-                if j <= i || cell[i] == cell[j] || edge[e] == 0. {
+            for (j, edge) in shared.neighbours(i as u32) {
+                let j = j as usize;
+                if j <= i || cell[i] == cell[j] || edge == 0. {
                     continue;
                 }
-                let length = f64::from(edge[e].abs() * shares.unit);
+                let length = f64::from(edge.abs() * shares.unit);
                 let angle = |normals: &Normals| {
                     let node = |i: usize| Node { normal: normals[i], ..graph.nodes[i] };
-                    f64::from(turning(&node(i), &node(j), edge[e]))
+                    f64::from(turning(&node(i), &node(j), edge))
                 };
                 let (medium, coarse) = (angle(normals.medium), angle(normals.coarse));
                 let border = sums.entry((cell[i].min(cell[j]), cell[i].max(cell[j]))).or_default();

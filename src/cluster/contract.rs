@@ -13,8 +13,8 @@ use crate::base::Result;
 use crate::base::parallel::map_ranges;
 use crate::base::vector::{cross, length as norm, minus, wide};
 use crate::distance::voronoi;
-use crate::graph::assemble::Rows;
-use crate::graph::dual::{Csr, WeightedGraph};
+use crate::graph::DualEdges;
+use crate::graph::{Csr, WeightedGraph};
 use crate::graph::{DualGraph, GraphFacts, Node};
 use crate::store::mapped::csr_of_mapped;
 use crate::store::stage::options_key;
@@ -72,7 +72,7 @@ pub fn contract(
     let mut owner = work.array::<u32>("contracted.npy", &[n])?;
     let mut field = work.array::<f32>("contracted_field.tmp", &[n])?;
     let csr = fine.csr();
-    voronoi::spread(csr, &seeds, field.data(), owner.data(), run)?;
+    voronoi::nearest_source(csr, &seeds, field.data(), owner.data(), run)?;
     let of_node = owner.finish(false)?;
     let nodes = interiors(graph, shares, &of_node, seeds.len(), run)?;
     let borders = borders(graph, csr, &of_node, field.data(), run)?;
@@ -97,19 +97,19 @@ type BoundaryMap = BTreeMap<(u32, u32), BoundarySums>;
 
 fn borders(graph: &DualGraph, csr: Csr<'_>, owner: &[u32], field: &[f32], run: &Run) -> Result<BoundaryMap> {
     let n = owner.len();
-    let edge = &graph.rows.edge[..];
+    let edge = &graph.edges.edge[..];
     let parts = map_ranges(run.threads, &run.cancel, n, CHUNK, |range| {
         let mut sums: BoundaryMap = BTreeMap::new();
         for i in range {
-            for e in csr.indptr[i] as usize..csr.indptr[i + 1] as usize {
-                let j = csr.indices[e] as usize;
+            for (e, (j, weight)) in csr.span(i as u32).zip(csr.neighbours(i as u32)) {
+                let j = j as usize;
                 let (a, b) = (owner[i], owner[j]);
                 if j <= i || a == b || a == u32::MAX || b == u32::MAX {
                     continue;
                 }
                 let (from, to) = if a < b { (i, j) } else { (j, i) };
                 let border = BoundarySums {
-                    weight: field[i] + csr.weights[e] + field[j],
+                    weight: field[i] + weight + field[j],
                     length: f64::from(edge[e].abs()),
                     chord: along(&graph.nodes[from], &graph.nodes[to], f64::from(edge[e].abs())),
                 };
@@ -162,14 +162,14 @@ fn assemble(
     let column = |pick: fn(&(u32, u32, f32, f32, f32)) -> f32| entries.iter().map(pick).collect::<Vec<f32>>();
     let write = |name: &str, items: Vec<f32>| npy::write(&inner.file(name), &items, 1, false);
     let indices: Vec<u32> = entries.iter().map(|e| e.1).collect();
-    let rows = Rows {
+    let edges = DualEdges {
         indptr: npy::write(&inner.file("graph_indptr.npy"), &indptr, 1, false)?,
         indices: npy::write(&inner.file("graph_indices.npy"), &indices, 1, false)?,
         centroid_distance: write("graph_centroid_distances.npy", column(|e| e.3))?,
         edge: write("graph_edges.npy", column(|e| e.4))?,
     };
     let weights = write("graph_weights.npy", column(|e| e.2.max(crate::graph::weights::LEAST)))?;
-    let matrix = csr_of_mapped(inner.path(), rows.indptr.clone(), rows.indices.clone(), weights)?;
+    let matrix = csr_of_mapped(inner.path(), edges.indptr.clone(), edges.indices.clone(), weights)?;
     let facts = GraphFacts {
         nodes: nodes.len() as u64,
         edges: borders.len() as u64,
@@ -179,6 +179,6 @@ fn assemble(
         ..graph.facts.clone()
     };
     let nodes = npy::write(&inner.file("node_geometry.npy"), &nodes, 7, false)?;
-    let weighted = WeightedGraph::new(matrix, rows.indptr.clone(), key.clone());
-    Ok(ContractedSurface { graph: DualGraph { rows, nodes, components: None, facts, key }, weighted, of_node })
+    let weighted = WeightedGraph::new(matrix, edges.indptr.clone(), key.clone());
+    Ok(ContractedSurface { graph: DualGraph { edges, nodes, components: None, facts, key }, weighted, of_node })
 }

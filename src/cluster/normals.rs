@@ -14,8 +14,8 @@ use crate::base::Result;
 use crate::base::parallel::{chunk_range, fill_chunks, map_ranges};
 use crate::distance::front::mean_weight;
 use crate::distance::voronoi;
+use crate::graph::Csr;
 use crate::graph::angle::between;
-use crate::graph::dual::Csr;
 use crate::graph::{DualGraph, Node};
 use crate::spectral::exp::exp;
 use crate::store::{Context, MappedSlice, Run};
@@ -30,7 +30,7 @@ pub type Normals = MappedSlice<[f32; 3]>;
 
 /// Steps of length only.
 pub fn lengths(graph: &DualGraph) -> Csr<'_> {
-    Csr::new(&graph.rows.indptr, &graph.rows.indices, &graph.rows.centroid_distance)
+    graph.edges.by_distance()
 }
 
 /// Normals at radius `r` (in units of √(area)), written to `file`.
@@ -66,7 +66,7 @@ fn from_cells(
     {
         let mut field = context.work.array::<f32>(&field_file, &[n])?;
         let csr = lengths(graph);
-        voronoi::spread(csr, &seeds, field.data(), owner.data(), context.run)?;
+        voronoi::nearest_source(csr, &seeds, field.data(), owner.data(), context.run)?;
     }
     context.work.remove(&format!("{field_file}.partial"));
     let owner_data: &[u32] = owner.data();
@@ -123,15 +123,15 @@ struct CellNeighbours {
 
 fn neighbours(graph: &DualGraph, owner: &[u32], cells: usize, run: &Run) -> Result<CellNeighbours> {
     let n = owner.len();
-    let (indptr, indices, edge) = (&graph.rows.indptr[..], &graph.rows.indices[..], &graph.rows.edge[..]);
+    let shared = graph.edges.by_shared_edge();
     // Both numbers in one: sorted in half the time.
     let parts = map_ranges(run.threads, &run.cancel, n, CHUNK, |range| {
         let mut pairs = Vec::new();
         for i in range {
-            for e in indptr[i] as usize..indptr[i + 1] as usize {
-                let (a, b) = (owner[i], owner[indices[e] as usize]);
+            for (j, edge) in shared.neighbours(i as u32) {
+                let (a, b) = (owner[i], owner[j as usize]);
                 // Bridges have no length and join nothing here.
-                if a != b && a != u32::MAX && b != u32::MAX && edge[e] != 0. {
+                if a != b && a != u32::MAX && b != u32::MAX && edge != 0. {
                     pairs.push(u64::from(a) << 32 | u64::from(b));
                 }
             }
@@ -161,7 +161,7 @@ fn neighbours(graph: &DualGraph, owner: &[u32], cells: usize, run: &Run) -> Resu
 /// As [`smoothed`].
 pub fn averaged(graph: &DualGraph, shares: &AreaShares, r: f32, file: &str, context: Context<'_>) -> Result<Normals> {
     let n = graph.nodes.len();
-    let (indptr, indices, edge) = (&graph.rows.indptr[..], &graph.rows.indices[..], &graph.rows.edge[..]);
+    let shared = graph.edges.by_shared_edge();
     let mean = f64::from(mean_weight(lengths(graph)) * shares.unit);
     let rounds = if mean > 0. { (f64::from(r) / mean).powi(2).round().min(1e4) as usize } else { 0 };
     let mut normals: Vec<[f32; 3]> = graph.nodes.iter().map(|node| node.normal).collect();
@@ -176,9 +176,9 @@ pub fn averaged(graph: &DualGraph, shares: &AreaShares, r: f32, file: &str, cont
             |k, out, ()| {
                 for (slot, i) in out.iter_mut().zip(chunk_range(n, CHUNK, k)) {
                     let mut sum = normals[i].map(|x| x * shares.share[i]);
-                    for e in indptr[i] as usize..indptr[i + 1] as usize {
-                        let j = indices[e] as usize;
-                        if edge[e] != 0. {
+                    for (j, edge) in shared.neighbours(i as u32) {
+                        let j = j as usize;
+                        if edge != 0. {
                             (0..3).for_each(|axis| sum[axis] += normals[j][axis] * shares.share[j]);
                         }
                     }
@@ -207,14 +207,14 @@ pub fn turning(a: &Node, b: &Node, edge: f32) -> f32 {
 /// [`crate::base::Error::Cancelled`].
 pub fn total_turning(graph: &DualGraph, shares: &AreaShares, smoothed: &[&Normals], run: &Run) -> Result<Vec<f64>> {
     let n = graph.nodes.len();
-    let (indptr, indices, edge) = (&graph.rows.indptr[..], &graph.rows.indices[..], &graph.rows.edge[..]);
+    let shared = graph.edges.by_shared_edge();
     let parts = map_ranges(run.threads, &run.cancel, n, CHUNK, |range| {
         let mut sums = vec![0f64; smoothed.len() + 1];
         for i in range {
-            for e in indptr[i] as usize..indptr[i + 1] as usize {
-                let j = indices[e] as usize;
+            for (j, edge) in shared.neighbours(i as u32) {
+                let j = j as usize;
                 if j > i {
-                    let length = f64::from(edge[e].abs() * shares.unit);
+                    let length = f64::from(edge.abs() * shares.unit);
                     sums[0] += length * f64::from(between(graph.nodes[i].normal, graph.nodes[j].normal));
                     for (sum, normals) in sums[1..].iter_mut().zip(smoothed) {
                         *sum += length * f64::from(between(normals[i], normals[j]));

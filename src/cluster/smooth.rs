@@ -10,7 +10,7 @@
 
 use crate::base::Result;
 use crate::base::parallel::{chunk_range, fill_chunks, map_ranges};
-use crate::graph::dual::Csr;
+use crate::graph::Csr;
 use crate::spectral::exp::exp;
 use crate::store::Run;
 
@@ -150,7 +150,7 @@ impl DiffusionGraph {
         let chunks = map_ranges(run.threads, &run.cancel, band.len(), CHUNK, |range| {
             let (mut counts, mut list) = (Vec::with_capacity(range.len()), Vec::with_capacity(3 * range.len()));
             for &node in &band[range] {
-                let span = steps.indptr[node as usize] as usize..steps.indptr[node as usize + 1] as usize;
+                let span = steps.span(node);
                 counts.push(span.len() as u32);
                 for e in span {
                     let turning = (steps.weights[e] - centroid_distance[e] * unit).max(0.);

@@ -5,34 +5,118 @@
 //! (tested). A field that already holds distances is only lowered where the new sources are nearer:
 //! that is the *pruned* front of the landmark search, by the same code.
 //!
-//! What it costs is branches that cannot be foretold, and cache misses. Whether a step shortens a way is as good as
-//! random, so the ways of [`GATHER`] entries are first gathered without a branch, and then taken, where nearly all are
+//! What it costs is branches that cannot be foretold, and cache misses. Whether a step shortens a path is as good as
+//! random, so the steps of [`GATHER`] entries are first gathered without a branch, and then taken, where nearly all are
 //! shorter: 9–13 % less time on scans. And what entries need is fetched in steps, the farthest [`FAR`] entries ahead
-//! ([`super::steps`]), across the end of a bucket too. Where the graph has [triples](crate::graph::triangle_adjacency) they are
-//! walked instead of the matrix. Measured (`benches/records`): 14–20 ns a face on scans over triples on large pages, 27–31
+//! ([`super::steps`]), across the end of a bucket too. Where the graph has a [triangle adjacency](crate::graph::TriangleAdjacency) it is
+//! walked instead of the matrix. Measured (`benches/records`): 14–20 ns per face on scans over it on large pages, 27–31
 //! over the matrix. Reading its 28 bytes once would take 1 ns a face at the 27 GB/s that a thread reads here (measured): what
 //! is left is arithmetic, the queue, and visits in no order of memory.
 
-use super::carry::{Carry, Owners, Within, disown};
-use super::paging::{Pager, Pages};
+use super::paging::{Paged, Pager, Pages};
 use super::queue::{Entry, Queue};
 use super::steps::{FAR, Packed, Steps, look_ahead, warm_up};
 use crate::base::{Cancel, Result};
-use crate::graph::dual::Csr;
+use crate::graph::Csr;
 use crate::store::mapped::{Access, Writeback, advise, will_need};
 
-/// Entries whose shorter ways are gathered before any is taken.
+/// Entries whose shorter paths are gathered before any is taken.
 const GATHER: usize = 32;
 /// Bucket width in mean weights.
 pub const WIDTH: f32 = 0.125;
 /// Visits between looks at the stop flag.
 const PATIENCE: usize = 1 << 16;
 
-/// A shorter way to a node, and the node it comes from.
+/// A step that shortens the path to a node, and the node it comes from.
 #[derive(Clone, Copy, Debug, Default)]
-struct Way {
+struct Relaxation {
     to: Entry,
     from: u32,
+}
+
+/// A label that a front carries along its paths besides distances: nothing, a limit, or the nearest source.
+trait PathLabel {
+    /// Whether a node at this distance is to be visited.
+    #[inline(always)]
+    fn admits(&self, _distance: f32) -> bool {
+        true
+    }
+    /// Whether ties matter.
+    #[inline(always)]
+    fn ties(&self) -> bool {
+        false
+    }
+    /// Whether the label of `from` should replace that of `to` at an equal distance.
+    fn wins_tie(&mut self, from: u32, to: u32) -> bool;
+    /// Copies the label of `from` to `to`.
+    fn copy(&mut self, from: u32, to: u32);
+}
+
+impl PathLabel for () {
+    #[inline(always)]
+    fn wins_tie(&mut self, _: u32, _: u32) -> bool {
+        false
+    }
+    #[inline(always)]
+    fn copy(&mut self, _: u32, _: u32) {}
+}
+
+/// No label; nodes at the limit or beyond stay as they are.
+struct Within(f32);
+
+impl PathLabel for Within {
+    #[inline(always)]
+    fn admits(&self, distance: f32) -> bool {
+        distance < self.0
+    }
+    #[inline(always)]
+    fn wins_tie(&mut self, _: u32, _: u32) -> bool {
+        false
+    }
+    #[inline(always)]
+    fn copy(&mut self, _: u32, _: u32) {}
+}
+
+/// The label of the nearest source; at equal distances the smaller label wins, so the labels over final distances are a
+/// unique fixed point too.
+struct NearestSource<'a> {
+    label: &'a mut [u32],
+    /// Whether a tie was met that the node reached had won before. Its label may be stale then: passed on by a
+    /// node that was lowered since, by so little that rounding hides it here.
+    stale: bool,
+}
+
+impl<'a> NearestSource<'a> {
+    fn new(label: &'a mut [u32]) -> Self {
+        Self { label, stale: false }
+    }
+}
+
+impl PathLabel for NearestSource<'_> {
+    #[inline(always)]
+    fn ties(&self) -> bool {
+        true
+    }
+    #[inline(always)]
+    fn wins_tie(&mut self, from: u32, to: u32) -> bool {
+        let (from, to) = (self.label[from as usize], self.label[to as usize]);
+        self.stale |= from > to;
+        from < to
+    }
+    #[inline(always)]
+    fn copy(&mut self, from: u32, to: u32) {
+        self.label[to as usize] = self.label[from as usize];
+    }
+}
+
+/// Clears the labels of all nodes that a front reached (`field` (n) is neither 0 nor infinite there), so that another
+/// front over the same distances finds them for certain.
+pub(super) fn clear_labels(field: &[f32], label: &mut [u32]) {
+    for (label, &distance) in label.iter_mut().zip(field) {
+        if distance > 0. && distance < f32::INFINITY {
+            *label = u32::MAX;
+        }
+    }
 }
 
 /// A reusable front. Scratch memory is O(front), kept between runs.
@@ -40,7 +124,7 @@ struct Way {
 pub struct Front {
     queue: Queue,
     batch: Vec<Entry>,
-    ways: Vec<Way>,
+    relaxations: Vec<Relaxation>,
     pages: Option<Pages>,
 }
 
@@ -51,6 +135,14 @@ pub struct Visits {
     pub popped: u64,
     /// Nodes expanded, some of them more than once.
     pub expanded: u64,
+}
+
+impl std::ops::Add for Visits {
+    type Output = Self;
+
+    fn add(self, other: Self) -> Self {
+        Self { popped: self.popped + other.popped, expanded: self.expanded + other.expanded }
+    }
 }
 
 /// The mean weight of a graph, from up to 65,536 evenly spread entries: a bucket width needs no more.
@@ -72,7 +164,7 @@ impl Front {
 
     /// A front with buckets of the given width.
     pub fn with_width(width: f32) -> Self {
-        Self { queue: Queue::new(width), batch: Vec::new(), ways: Vec::new(), pages: None }
+        Self { queue: Queue::new(width), batch: Vec::new(), relaxations: Vec::new(), pages: None }
     }
 
     /// The same for a graph larger than memory: it tells the kernel by `pages` what it needs next.
@@ -119,7 +211,7 @@ impl Front {
             empty(&mut field[block]);
         }
         self.start(&[source], field);
-        let result = self.walk(graph, graph, field, &mut (), &mut pages, empty, cancel);
+        let result = self.walk(graph, field, &mut (), &mut Paged { graph, pages: &mut pages, met: empty }, cancel);
         pages.unmet().for_each(|block| empty(&mut field[block]));
         pages.send_all();
         self.pages = Some(pages);
@@ -135,46 +227,46 @@ impl Front {
         self.lowered(graph, sources, field, &mut (), cancel)
     }
 
-    /// Distances to the nearest of many sources, and which it is: `owner` (n) gets the index into
+    /// Distances to the nearest of many sources, and which it is: `label` (n) gets the index into
     /// `sources` of the nearest (the smaller one at a tie), `u32::MAX` where none is reached.
     ///
     /// # Errors
     /// [`crate::base::Error::Cancelled`].
-    pub fn owned(
+    pub fn nearest_source(
         &mut self,
         graph: Csr<'_>,
         sources: &[u32],
         field: &mut [f32],
-        owner: &mut [u32],
+        label: &mut [u32],
         cancel: &Cancel,
     ) -> Result<Visits> {
         field.fill(f32::INFINITY);
-        let (visits, doubtful) = self.own(graph, sources, field, owner, cancel)?;
-        if !doubtful {
+        let (visits, stale) = self.label(graph, sources, field, label, cancel)?;
+        if !stale {
             return Ok(visits);
         }
-        // Once more over the final distances: owners alone move, and nothing can be stale.
-        let (again, _) = self.own(graph, sources, field, owner, cancel)?;
-        Ok(Visits { popped: visits.popped + again.popped, expanded: visits.expanded + again.expanded })
+        // Once more over the final distances: labels alone move, and nothing can be stale.
+        let (again, _) = self.label(graph, sources, field, label, cancel)?;
+        Ok(visits + again)
     }
 
-    /// Owners from the start; also whether some may be stale.
-    fn own(
+    /// Labels from the start; also whether some may be stale.
+    fn label(
         &mut self,
         graph: Csr<'_>,
         sources: &[u32],
         field: &mut [f32],
-        owner: &mut [u32],
+        label: &mut [u32],
         cancel: &Cancel,
     ) -> Result<(Visits, bool)> {
-        owner.fill(u32::MAX);
+        label.fill(u32::MAX);
         for (k, &source) in sources.iter().enumerate().rev() {
-            owner[source as usize] = k as u32;
+            label[source as usize] = k as u32;
         }
         self.start(sources, field);
-        let mut owners = Owners::new(owner);
-        let visits = self.spread(graph, field, &mut owners, cancel)?;
-        Ok((visits, owners.doubtful))
+        let mut nearest = NearestSource::new(label);
+        let visits = self.spread(graph, field, &mut nearest, cancel)?;
+        Ok((visits, nearest.stale))
     }
 
     /// Like [`Front::lower`], but nodes at `limit` or beyond are not visited: they keep what they had.
@@ -192,29 +284,28 @@ impl Front {
         self.lowered(graph, sources, field, &mut Within(limit), cancel)
     }
 
-    /// Spreads the owners of `sources` over the nodes that `field` (n) holds infinite; it is 0 at all others, of which
-    /// the sources are the rim. At equal distances the smaller owner wins. Owners of nodes that are not reached stay.
+    /// Propagates the labels of `sources` over the nodes that `field` (n) holds infinite; it is 0 at all others, of which
+    /// the sources are the boundary. At equal distances the smaller label wins. Labels of nodes that are not reached stay.
     ///
     /// # Errors
     /// [`crate::base::Error::Cancelled`].
-    pub fn spread_owners(
+    pub fn propagate_labels(
         &mut self,
         graph: Csr<'_>,
         sources: &[u32],
         field: &mut [f32],
-        owner: &mut [u32],
+        label: &mut [u32],
         cancel: &Cancel,
     ) -> Result<Visits> {
-        let mut owners = Owners::new(owner);
-        let mut visits = self.lowered(graph, sources, field, &mut owners, cancel)?;
-        if owners.doubtful {
-            // As in `owned`.
-            disown(field, owner);
-            let again = self.lowered(graph, sources, field, &mut Owners::new(owner), cancel)?;
-            visits.popped += again.popped;
-            visits.expanded += again.expanded;
+        let mut nearest = NearestSource::new(label);
+        let visits = self.lowered(graph, sources, field, &mut nearest, cancel)?;
+        if !nearest.stale {
+            return Ok(visits);
         }
-        Ok(visits)
+        // As in `nearest_source`.
+        clear_labels(field, label);
+        let again = self.lowered(graph, sources, field, &mut NearestSource::new(label), cancel)?;
+        Ok(visits + again)
     }
 
     /// A front over what `field` holds.
@@ -223,19 +314,20 @@ impl Front {
         graph: Csr<'_>,
         sources: &[u32],
         field: &mut [f32],
-        carry: &mut impl Carry,
+        label: &mut impl PathLabel,
         cancel: &Cancel,
     ) -> Result<Visits> {
         let Some(mut pages) = self.pages.take() else {
             self.start(sources, field);
-            return self.spread(graph, field, carry, cancel);
+            return self.spread(graph, field, label, cancel);
         };
         pages.restart();
         for block in sources.iter().filter_map(|&source| pages.enter(graph, source)) {
             will_need(&field[block]);
         }
         self.start(sources, field);
-        let result = self.walk(graph, graph, field, carry, &mut pages, |block| will_need(block), cancel);
+        let mut paged = Paged { graph, pages: &mut pages, met: |block: &mut [f32]| will_need(block) };
+        let result = self.walk(graph, field, label, &mut paged, cancel);
         pages.send_all();
         self.pages = Some(pages);
         result
@@ -249,27 +341,30 @@ impl Front {
         }
     }
 
-    fn spread(&mut self, graph: Csr<'_>, field: &mut [f32], carry: &mut impl Carry, cancel: &Cancel) -> Result<Visits> {
-        if graph.triples.is_empty() {
-            return self.walk(graph, graph, field, carry, &mut (), |_| (), cancel);
-        }
-        let packed = Packed { csr: graph, triples: graph.triples };
-        self.walk(graph, packed, field, carry, &mut (), |_| (), cancel)
-    }
-
-    /// The loop itself, over `graph` as `steps` walks it. `met` sees the part of the field that lies in a block of
-    /// `pages` met for the first time, before it is read.
-    fn walk(
+    fn spread(
         &mut self,
         graph: Csr<'_>,
-        steps: impl Steps,
         field: &mut [f32],
-        carry: &mut impl Carry,
-        pages: &mut impl Pager,
-        met: impl Fn(&mut [f32]),
+        label: &mut impl PathLabel,
         cancel: &Cancel,
     ) -> Result<Visits> {
-        let Self { queue, batch, ways, .. } = self;
+        if graph.triangles.is_empty() {
+            return self.walk(graph, field, label, &mut (), cancel);
+        }
+        let packed = Packed { csr: graph, triangles: graph.triangles };
+        self.walk(packed, field, label, &mut (), cancel)
+    }
+
+    /// The loop itself, over a graph as `steps` walks it; `pager` hears where it goes.
+    fn walk(
+        &mut self,
+        steps: impl Steps,
+        field: &mut [f32],
+        label: &mut impl PathLabel,
+        pager: &mut impl Pager,
+        cancel: &Cancel,
+    ) -> Result<Visits> {
+        let Self { queue, batch, relaxations, .. } = self;
         let mut visits = Visits::default();
         let mut patience = PATIENCE;
         batch.clear();
@@ -305,28 +400,26 @@ impl Front {
                     let useful = field[node as usize] >= distance;
                     visits.expanded += u64::from(useful);
                     let most = count + steps.count(node);
-                    if most > ways.len() {
-                        ways.resize(most + 4 * GATHER, Way::default());
+                    if most > relaxations.len() {
+                        relaxations.resize(most + 4 * GATHER, Relaxation::default());
                     }
                     steps.each(node, |next, weight| {
                         let there = distance + weight;
-                        if let Some(block) = pages.meet(graph, node, next) {
-                            met(&mut field[block]);
-                        }
-                        ways[count] = Way { to: Entry { node: next, distance: there }, from: node };
+                        pager.meet(node, next, field);
+                        relaxations[count] = Relaxation { to: Entry { node: next, distance: there }, from: node };
                         let known = field[next as usize];
-                        let shorter = (there < known) | (carry.ties() & (there == known));
-                        count += usize::from(useful & shorter & carry.admits(there));
+                        let shorter = (there < known) | (label.ties() & (there == known));
+                        count += usize::from(useful & shorter & label.admits(there));
                     });
                 }
-                for &Way { to, from } in &ways[..count] {
+                for &Relaxation { to, from } in &relaxations[..count] {
                     let known = &mut field[to.node as usize];
                     if to.distance < *known {
                         *known = to.distance;
-                        carry.pass(from, to.node);
+                        label.copy(from, to.node);
                         queue.push(to);
-                    } else if to.distance == *known && carry.wins_tie(from, to.node) {
-                        carry.pass(from, to.node);
+                    } else if to.distance == *known && label.wins_tie(from, to.node) {
+                        label.copy(from, to.node);
                         queue.push(to);
                     }
                 }
@@ -338,6 +431,8 @@ impl Front {
 
     /// Bytes of scratch memory held.
     pub fn bytes(&self) -> usize {
-        self.queue.bytes() + self.batch.capacity() * size_of::<Entry>() + self.ways.capacity() * size_of::<Way>()
+        self.queue.bytes()
+            + self.batch.capacity() * size_of::<Entry>()
+            + self.relaxations.capacity() * size_of::<Relaxation>()
     }
 }

@@ -1,11 +1,13 @@
-//! Which rows are finished: a line a row, appended once the row is on the disk.
+//! Which rows are finished: one line per row, appended once the row is on the disk.
 //!
-//! The first line says what the rows are of; any other first line, and the journal starts anew. A line that a
+//! The first line says what the rows are of ([`JobSpec`]); any other first line, and the journal starts anew. A line that a
 //! killed run left unfinished, or whose check does not fit, is skipped: its row is computed again. Checksums of
-//! the rows are kept, so that a row torn or flipped on the disk is not taken over.
+//! the rows are kept, so that a row torn or flipped on the disk is not taken over. [`ResumeState`] takes up what
+//! a run that was stopped left; its cost is one pass over the rows that the journal knows, for their checksums.
 
-use super::rows::RowFacts;
 use crate::base::{Error, Result};
+use crate::store::Context;
+use crate::store::rows_file::RowsFile;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 use std::fs::File;
@@ -14,9 +16,50 @@ use std::path::{Path, PathBuf};
 use std::sync::Mutex;
 use xxhash_rust::xxh3::xxh3_64;
 
+/// Sums of a finished row.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct RowFacts {
+    /// Sum of the finite distances.
+    pub sum: f64,
+    /// Number of finite distances.
+    pub reached: u64,
+    /// Greatest finite distance.
+    pub farthest: f32,
+}
+
+impl RowFacts {
+    /// The sums of `row`, added up in blocks of fixed size.
+    pub fn of(row: &[f32]) -> Self {
+        let mut facts = Self::default();
+        for block in row.chunks(4096) {
+            // Without branches and in lanes, which vectorise; infinite distances count as none.
+            let (mut sum, mut top, mut reached) = ([0f64; 8], [0f32; 8], [0u32; 8]);
+            let (lanes, rest) = block.as_chunks::<8>();
+            for lanes in lanes {
+                for k in 0..8 {
+                    let finite = lanes[k] < f32::INFINITY;
+                    let d = if finite { lanes[k] } else { 0. };
+                    sum[k] += f64::from(d);
+                    top[k] = if d > top[k] { d } else { top[k] };
+                    reached[k] += u32::from(finite);
+                }
+            }
+            for (k, &d) in rest.iter().enumerate().filter(|(_, d)| **d < f32::INFINITY) {
+                sum[k] += f64::from(d);
+                top[k] = top[k].max(d);
+                reached[k] += 1;
+            }
+            facts.sum += sum.iter().sum::<f64>();
+            facts.reached += u64::from(reached.iter().sum::<u32>());
+            facts.farthest = top.iter().fold(facts.farthest, |a, &b| if b > a { b } else { a });
+        }
+        facts
+    }
+}
+
 /// What the rows of a journal are of.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-pub struct Head {
+pub struct JobSpec {
     /// Key of the stage.
     pub key: String,
     /// The options behind it.
@@ -31,7 +74,7 @@ pub struct Head {
     pub of: usize,
 }
 
-impl Head {
+impl JobSpec {
     /// Whether row `k` is wanted.
     pub(super) fn wants(&self, k: usize) -> bool {
         k % self.of == self.shard
@@ -45,7 +88,7 @@ impl Head {
 
 /// A finished row.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
-pub struct Line {
+pub struct JournalEntry {
     /// Its number.
     pub row: usize,
     /// Its landmark.
@@ -69,8 +112,8 @@ pub struct Journal {
 }
 
 impl Journal {
-    /// Reads the journal at `path`: its head and the rows it tells of. `None` where there is no readable head.
-    pub fn read(path: &Path) -> Option<(Head, BTreeMap<usize, Line>)> {
+    /// Reads the journal at `path`: the job and the rows it tells of. `None` where there is no readable first line.
+    pub fn read(path: &Path) -> Option<(JobSpec, BTreeMap<usize, JournalEntry>)> {
         let mut text = Vec::new();
         File::open(path).ok()?.read_to_end(&mut text).ok()?;
         let text = String::from_utf8_lossy(&text);
@@ -78,20 +121,20 @@ impl Journal {
             let (check, body) = line.split_once(' ')?;
             (u64::from_str_radix(check, 16).ok()? == xxh3_64(body.as_bytes())).then_some(body)
         });
-        let head: Head = serde_json::from_str(lines.next()??).ok()?;
-        let rows = lines.flatten().filter_map(|body| serde_json::from_str::<Line>(body).ok());
-        let rows = rows.filter(|line| line.row < head.rows).map(|line| (line.row, line)).collect();
-        Some((head, rows))
+        let spec: JobSpec = serde_json::from_str(lines.next()??).ok()?;
+        let rows = lines.flatten().filter_map(|body| serde_json::from_str::<JournalEntry>(body).ok());
+        let rows = rows.filter(|line| line.row < spec.rows).map(|line| (line.row, line)).collect();
+        Some((spec, rows))
     }
 
     /// Starts a journal anew.
     ///
     /// # Errors
     /// [`Error::Io`].
-    pub fn create(path: &Path, head: &Head) -> Result<Self> {
+    pub fn create(path: &Path, spec: &JobSpec) -> Result<Self> {
         let file = File::create(path).map_err(Error::io(path, "create"))?;
         let journal = Self { path: path.to_path_buf(), file: Mutex::new(file) };
-        journal.append(head)?;
+        journal.append(spec)?;
         Ok(journal)
     }
 
@@ -128,6 +171,55 @@ impl Journal {
     }
 }
 
+/// Rows under way: begun, or taken up where a run that was stopped left them.
+#[derive(Debug)]
+pub(super) struct ResumeState {
+    pub file: RowsFile<f32>,
+    /// Whole rows by number.
+    pub done: BTreeMap<usize, JournalEntry>,
+    /// Where finished rows are entered; in a directory that lasts only.
+    pub journal: Option<Journal>,
+}
+
+impl ResumeState {
+    /// The rows of `spec` in the file `name` of `work` (under its temporary name). Those that the journal `journal` of the
+    /// same spec tells of are taken over where `sound` and their checksums hold.
+    ///
+    /// # Errors
+    /// [`crate::base::Error::Io`].
+    pub fn new(
+        spec: &JobSpec,
+        (name, journal): (&str, &str),
+        sound: impl Fn(&JournalEntry) -> bool,
+        context: Context<'_>,
+    ) -> Result<Self> {
+        let (path, journal) = (&context.work.file(name), &context.work.file(journal));
+        let earlier = Journal::read(journal).filter(|(of, _)| context.work.durable() && of == spec);
+        let taken =
+            earlier.and_then(|(_, entries)| Some((RowsFile::reopen(path, spec.wanted(), spec.nodes)?, entries)));
+        let (file, mut done) = match taken {
+            Some(taken) => taken,
+            None => (context.work.rows(name, spec.wanted(), spec.nodes)?, BTreeMap::new()),
+        };
+        let whole =
+            |k: usize, entry: &JournalEntry| file.row(k / spec.of).is_ok_and(|row| checksum(&row) == entry.xxh3);
+        done.retain(|&k, entry| spec.wants(k) && sound(entry) && whole(k, entry));
+        if !done.is_empty() {
+            context.run.progress.note(&format!(
+                "rows: {} of {} taken over from an earlier run",
+                done.len(),
+                spec.wanted()
+            ));
+        }
+        let journal = match (context.work.durable(), done.is_empty()) {
+            (false, _) => None,
+            (true, true) => Some(Journal::create(journal, spec)?),
+            (true, false) => Some(Journal::reopen(journal)?),
+        };
+        Ok(Self { file, done, journal })
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -136,21 +228,21 @@ mod tests {
     fn torn_and_flipped_lines_are_skipped() {
         let dir = tempfile::tempdir().unwrap();
         let path = dir.path().join("rows.journal");
-        let head = Head { key: "k".into(), options: serde_json::json!({}), rows: 4, nodes: 9, shard: 0, of: 1 };
-        let line = |row| Line {
+        let spec = JobSpec { key: "k".into(), options: serde_json::json!({}), rows: 4, nodes: 9, shard: 0, of: 1 };
+        let line = |row| JournalEntry {
             row,
             landmark: 7,
             facts: RowFacts { sum: 0.1 + 0.2, reached: 3, farthest: 0.3 },
             xxh3: u64::MAX - 1,
         };
         assert!(Journal::read(&path).is_none());
-        let journal = Journal::create(&path, &head).unwrap();
+        let journal = Journal::create(&path, &spec).unwrap();
         (0..3).for_each(|row| journal.append(&line(row)).unwrap());
         drop(journal);
         let whole = std::fs::read(&path).unwrap();
         let (read, rows) = Journal::read(&path).unwrap();
-        assert_eq!((read, rows.len(), rows[&2]), (head, 3, line(2)));
-        // Torn at any byte after the head, and gone on with.
+        assert_eq!((read, rows.len(), rows[&2]), (spec, 3, line(2)));
+        // Torn at any byte after the spec, and gone on with.
         for cut in whole.len() - 60..whole.len() {
             std::fs::write(&path, &whole[..cut]).unwrap();
             Journal::reopen(&path).unwrap().append(&line(3)).unwrap();

@@ -3,7 +3,7 @@
 //! A vertex x of a triangle whose other corners p, q hold the distances d(p), d(q) gets the least of
 //! d(p) + t (d(q) − d(p)) + |x − p − t (q − p)|, 0 ≤ t ≤ 1: a straight way through the triangle (Kimmel and Sethian 1998,
 //! in Hopf's and Lax's form, which also holds where the triangle is obtuse). t = 0 and 1 are the graph's edges, so bridges
-//! and seams are crossed as well.
+//! and joined duplicates are crossed as well.
 //!
 //! Label-correcting on [`super::front`]'s buckets: a vertex that is lowered sees its triangles again, and lowers those that
 //! are farther than itself. Each update is monotone, so values only fall; gains below [`GAIN`] of a value are left, and
@@ -13,7 +13,7 @@
 use super::front::WIDTH;
 use super::queue::{Entry, Queue};
 use crate::base::{Cancel, Result};
-use crate::graph::dual::Csr;
+use crate::graph::Csr;
 use crate::graph::{Node, VertexGraph};
 
 /// Share of a distance by which it must fall to count.
@@ -38,6 +38,34 @@ impl<'a> Surface<'a> {
     /// The surface of `graph`.
     pub fn of(graph: &'a VertexGraph) -> Self {
         Self { graph: graph.csr(), nodes: &graph.nodes, ring_starts: &graph.ring_starts, ring: &graph.ring }
+    }
+}
+
+/// How far a march goes.
+trait Extent {
+    /// Whether it may stop, all distances up to `reached` being final.
+    fn is_done(&self, _field: &[f32], _reached: f32) -> bool {
+        false
+    }
+    /// Hears of each vertex once, when it is first reached.
+    fn reached(&mut self, _vertex: u32) {}
+}
+
+/// Everywhere.
+impl Extent for () {}
+
+/// Until the targets' distances are final; remembers the vertices touched.
+struct UntilTargets<'a> {
+    targets: &'a [u32],
+    touched: Vec<u32>,
+}
+
+impl Extent for UntilTargets<'_> {
+    fn is_done(&self, field: &[f32], reached: f32) -> bool {
+        self.targets.iter().all(|&target| field[target as usize] <= reached)
+    }
+    fn reached(&mut self, vertex: u32) {
+        self.touched.push(vertex);
     }
 }
 
@@ -87,7 +115,7 @@ impl March {
     /// [`crate::base::Error::Cancelled`].
     pub fn full(&mut self, surface: Surface<'_>, source: u32, field: &mut [f32], cancel: &Cancel) -> Result<()> {
         field.fill(f32::INFINITY);
-        self.spread(surface, source, field, cancel, |_, _| false, |_| {})
+        self.spread(surface, source, field, &mut (), cancel)
     }
 
     /// Distances from `source` until those of `targets` are final (but for what obtuse triangles ahead might still
@@ -104,23 +132,21 @@ impl March {
         field: &mut [f32],
         cancel: &Cancel,
     ) -> Result<Vec<f32>> {
-        let mut touched = vec![source];
-        let done = |field: &[f32], reached: f32| targets.iter().all(|&target| field[target as usize] <= reached);
-        let result = self.spread(surface, source, field, cancel, done, |node| touched.push(node));
+        let mut until = UntilTargets { targets, touched: vec![source] };
+        let result = self.spread(surface, source, field, &mut until, cancel);
         let found = targets.iter().map(|&target| field[target as usize]).collect();
-        touched.into_iter().for_each(|node| field[node as usize] = f32::INFINITY);
+        until.touched.into_iter().for_each(|node| field[node as usize] = f32::INFINITY);
         result.map(|()| found)
     }
 
-    /// Spreads from `source` until `done(field, distance up to which all is final)`; `reached` hears of each vertex once.
+    /// Spreads from `source` as far as `extent` says.
     fn spread(
         &mut self,
         surface: Surface<'_>,
         source: u32,
         field: &mut [f32],
+        extent: &mut impl Extent,
         cancel: &Cancel,
-        done: impl Fn(&[f32], f32) -> bool,
-        mut reached: impl FnMut(u32),
     ) -> Result<()> {
         let Self { queue, batch } = self;
         let Surface { graph, nodes, ring_starts, ring } = surface;
@@ -131,7 +157,7 @@ impl March {
         batch.clear();
         while queue.pop_bucket(batch) {
             let least = batch.iter().fold(f32::INFINITY, |least, entry| least.min(entry.distance));
-            let stop = done(field, least);
+            let stop = extent.is_done(field, least);
             patience = patience.saturating_sub(batch.len());
             let cancelled = patience == 0 && cancel.is_cancelled();
             if stop || cancelled {
@@ -151,14 +177,13 @@ impl March {
                     let known = &mut field[to as usize];
                     if there < *known * (1. - GAIN) {
                         if *known == f32::INFINITY {
-                            reached(to);
+                            extent.reached(to);
                         }
                         *known = there;
                         queue.push_late(Entry { node: to, distance: there });
                     }
                 };
-                let span = graph.indptr[node as usize] as usize..graph.indptr[node as usize + 1] as usize;
-                for (&next, &weight) in graph.indices[span.clone()].iter().zip(&graph.weights[span]) {
+                for (next, weight) in graph.neighbours(node) {
                     lower(field, next, distance + weight);
                 }
                 let here = nodes[node as usize].centroid;

@@ -1,26 +1,26 @@
 //! Distances over the graph: fronts and rows.
 //!
-//! [`front`] is the engine; a [`sampler`] picks sample faces while [`rows`] runs one full front a landmark on the other threads and writes `[A B]`'s distances, or hands each to somebody who
-//! looks at it ([`slots`]).
+//! A [`front`] is a wave of shortest distances from one or more sources over the whole graph; a *row* is the distances
+//! from one landmark to every node, a row of `[A B]`. A [`sampler`] picks landmarks while [`rows`] runs one full front
+//! per landmark on the other threads and writes its distances, or shows each row to a visitor ([`row_sink`]). Fronts from
+//! many sources label nodes by the nearest one ([`voronoi`]); a [`march`] goes through triangles instead of along edges.
 
-mod begun;
-mod carry;
-mod compute;
 pub mod front;
 pub mod journal;
 pub mod march;
-pub mod oracle;
 pub mod paging;
 pub mod queue;
-mod rounds;
+mod row_job;
+pub mod row_sink;
 pub mod rows;
 pub mod sampler;
 pub mod shard;
-pub mod slots;
 mod steps;
 pub mod vertex_rows;
 pub mod voronoi;
 
 pub use front::Front;
+pub use journal::RowFacts;
 pub use march::March;
-pub use rows::{DistanceRows, RowFacts};
+pub use row_sink::VisitedRow;
+pub use rows::{DistanceRows, RowParams};

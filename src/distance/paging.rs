@@ -10,7 +10,7 @@
 //! A fresh field is filled with infinity block by block too, so that no row is written twice. Memory: 10 bytes a
 //! block. The values are the same as without (tested); where everything fits, fronts run without [`Pages`].
 
-use crate::graph::dual::Csr;
+use crate::graph::Csr;
 use crate::store::Run;
 use crate::store::mapped::{Access, Writeback, advise, will_need};
 use std::collections::VecDeque;
@@ -23,16 +23,32 @@ const SHIFT: u32 = 14;
 /// Blocks met after a block before its values are sent to the disk: more than a band is long.
 const LAG: usize = 256;
 
-/// What a front tells of where it goes; `()` does not care.
+/// Hears from a front where it goes; `()` does not care.
 pub(super) trait Pager {
-    /// Called for every step between nodes of `graph`: the nodes of `to`'s block when the front has not met it before.
-    fn meet(&mut self, graph: Csr<'_>, from: u32, to: u32) -> Option<Range<usize>>;
+    /// Called for every step, before the value of `to` in `field` is read.
+    fn meet(&mut self, from: u32, to: u32, field: &mut [f32]);
 }
 
 impl Pager for () {
     #[inline(always)]
-    fn meet(&mut self, _: Csr<'_>, _: u32, _: u32) -> Option<Range<usize>> {
-        None
+    fn meet(&mut self, _: u32, _: u32, _: &mut [f32]) {}
+}
+
+/// Pages of a graph; `met` sees the part of the field that lies in a block met for the first time.
+pub(super) struct Paged<'a, 'g, F> {
+    pub graph: Csr<'g>,
+    pub pages: &'a mut Pages,
+    pub met: F,
+}
+
+impl<F: Fn(&mut [f32])> Pager for Paged<'_, '_, F> {
+    #[inline(always)]
+    fn meet(&mut self, from: u32, to: u32, field: &mut [f32]) {
+        if (from ^ to) >> SHIFT != 0
+            && let Some(block) = self.pages.enter(self.graph, to)
+        {
+            (self.met)(&mut field[block]);
+        }
     }
 }
 
@@ -129,12 +145,5 @@ impl Pages {
 
     fn block(&self, block: usize) -> Range<usize> {
         block * BLOCK..((block + 1) * BLOCK).min(self.nodes)
-    }
-}
-
-impl Pager for Pages {
-    #[inline(always)]
-    fn meet(&mut self, graph: Csr<'_>, from: u32, to: u32) -> Option<Range<usize>> {
-        if (from ^ to) >> SHIFT == 0 { None } else { self.enter(graph, to) }
     }
 }

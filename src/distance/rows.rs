@@ -1,65 +1,24 @@
-//! The rows of `[A B]`: one front a landmark, written into a mapped file, or passing by somebody who needs each once
-//! ([`DistanceRows::pass`]).
+//! The rows of `[A B]`: one front per landmark, written into a mapped file, or shown to a visitor that needs
+//! each once ([`DistanceRows::pass`]).
 //!
-//! How they are computed is in [`super::compute`], by several processes in [`super::shard`].
+//! How they are computed is in [`super::row_job`], by several processes in [`super::shard`].
 //!
 //! *Distances* are stored, not affinities: σ, kernel and K can change without a new front. A row is
 //! a slice of the mapped array, so the kernel may write it back and reclaim it at any time:
-//! allocated are only the fronts' queues. Cost: a row is 14–20 ns a face and thread on scans, 4 bytes a face on disk.
+//! allocated are only the fronts' queues. Cost: a row is 14–20 ns per face and thread on scans, 4 bytes per face on disk.
 
-use super::compute::Task;
-use super::journal::{Head, Line};
+use super::journal::{JobSpec, JournalEntry, RowFacts};
+use super::row_job::RowJob;
+use super::row_sink::RowVisitor;
 use super::sampler::Sampler;
-use super::slots::Look;
 use crate::base::{Error, Result};
 use crate::graph::Node;
-use crate::graph::dual::WeightedGraph;
+use crate::graph::WeightedGraph;
 use crate::store::rows_file::RowsFile;
 use crate::store::stage::options_key;
 use crate::store::{Context, MappedSlice, Run, WorkDir};
 use serde::{Deserialize, Serialize};
 use serde_json::json;
-
-/// Sums of a finished row.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
-pub struct RowFacts {
-    /// Sum of the finite distances.
-    pub sum: f64,
-    /// Number of finite distances.
-    pub reached: u64,
-    /// Greatest finite distance.
-    pub farthest: f32,
-}
-
-impl RowFacts {
-    /// The sums of `row`, added up in blocks of fixed size.
-    pub fn of(row: &[f32]) -> Self {
-        let mut facts = Self::default();
-        for block in row.chunks(4096) {
-            // Without branches and in lanes, which vectorise; infinite distances count as none.
-            let (mut sum, mut top, mut reached) = ([0f64; 8], [0f32; 8], [0u32; 8]);
-            let (lanes, rest) = block.as_chunks::<8>();
-            for lanes in lanes {
-                for k in 0..8 {
-                    let finite = lanes[k] < f32::INFINITY;
-                    let d = if finite { lanes[k] } else { 0. };
-                    sum[k] += f64::from(d);
-                    top[k] = if d > top[k] { d } else { top[k] };
-                    reached[k] += u32::from(finite);
-                }
-            }
-            for (k, &d) in rest.iter().enumerate().filter(|(_, d)| **d < f32::INFINITY) {
-                sum[k] += f64::from(d);
-                top[k] = top[k].max(d);
-                reached[k] += 1;
-            }
-            facts.sum += sum.iter().sum::<f64>();
-            facts.reached += u64::from(reached.iter().sum::<u32>());
-            facts.farthest = top.iter().fold(facts.farthest, |a, &b| if b > a { b } else { a });
-        }
-        facts
-    }
-}
 
 /// The sampled rows of the distance matrix: l × n, and who the landmarks are.
 #[derive(Clone, Debug)]
@@ -116,9 +75,9 @@ pub struct RowParams<S> {
 const JOURNAL: &str = "rows.journal";
 
 /// What rows of `params` over `nodes` nodes, weighted under the key `weights`, are of: one shard of one.
-pub(super) fn head(weights: &str, nodes: usize, params: &RowParams<impl Serialize>, run: &Run) -> Head {
+pub(super) fn job_spec(weights: &str, nodes: usize, params: &RowParams<impl Serialize>, run: &Run) -> JobSpec {
     let options = json!({"stage": "rows", "weights": weights, "params": params, "seed": run.seed});
-    Head { key: options_key(&options), options, rows: params.l.min(nodes), nodes, shard: 0, of: 1 }
+    JobSpec { key: options_key(&options), options, rows: params.l.min(nodes), nodes, shard: 0, of: 1 }
 }
 
 impl DistanceRows {
@@ -144,7 +103,7 @@ impl DistanceRows {
 
     /// The key that rows of `params` over a graph of `nodes` nodes have.
     pub fn key(graph: &WeightedGraph, nodes: usize, params: RowParams<impl Serialize>, run: &Run) -> String {
-        head(&graph.key, nodes, &params, run).key
+        job_spec(&graph.key, nodes, &params, run).key
     }
 
     /// Opens the finished rows of `work`, whatever their options, over the graph stage `graph` of `nodes` nodes.
@@ -178,11 +137,11 @@ impl DistanceRows {
         Ok(Self { landmarks, distances, facts: facts.rows, nodes, key })
     }
 
-    fn head(graph: &WeightedGraph, nodes: usize, params: &RowParams<impl Serialize>, run: &Run) -> Result<Head> {
+    fn spec(graph: &WeightedGraph, nodes: usize, params: &RowParams<impl Serialize>, run: &Run) -> Result<JobSpec> {
         if params.l == 0 {
             return Err(Error::parameter("-l", "0 landmarks", "choose at least 1"));
         }
-        Ok(head(&graph.key, nodes, params, run))
+        Ok(job_spec(&graph.key, nodes, params, run))
     }
 
     /// Computes the rows in `work`, or opens them where that was done.
@@ -196,61 +155,66 @@ impl DistanceRows {
         context: Context<'_>,
     ) -> Result<Self> {
         let n = nodes.len();
-        let head = Self::head(graph, n, &params, context.run)?;
-        match context.work.reuse::<Facts>("rows", 1, &head.key) {
+        let spec = Self::spec(graph, n, &params, context.run)?;
+        match context.work.reuse::<Facts>("rows", 1, &spec.key) {
             Ok(facts) => {
                 context.run.progress.note("rows: reused");
                 // Left by a run that was killed right after its stamp.
                 context.work.remove(JOURNAL);
-                return Self::open(facts, n, head.key, context.work);
+                return Self::open(facts, n, spec.key, context.work);
             }
             Err(reason) => context.run.note_remake("rows", &reason),
         }
-        let make = || Self::make(Task { graph: graph.csr(), nodes, sampler: &params.sampling, head: &head }, context);
-        let (rows, seconds) = context.run.stage("rows", "rows", head.rows as u64, make)?;
-        rows.stamp(&head, seconds, context.work)?;
+        let make = || Self::make(RowJob { graph: graph.csr(), nodes, sampler: &params.sampling, spec: &spec }, context);
+        let (rows, seconds) = context.run.stage("rows", "rows", spec.rows as u64, make)?;
+        rows.stamp(&spec, seconds, context.work)?;
         Ok(rows)
     }
 
     /// Computes the rows into `distances.npy`; in a work directory that lasts, row by row with a journal.
-    fn make(task: Task<'_>, context: Context<'_>) -> Result<Self> {
-        let (file, lines) = task.compute("distances.npy", JOURNAL, context)?;
-        let lines: Vec<Line> = lines.into_values().collect();
-        Self::finish(file, &lines, task.head, context.work)
+    fn make(job: RowJob<'_>, context: Context<'_>) -> Result<Self> {
+        let (file, entries) = job.compute("distances.npy", JOURNAL, context)?;
+        let entries: Vec<JournalEntry> = entries.into_values().collect();
+        Self::finish(file, &entries, job.spec, context.work)
     }
 
-    /// Computes rows that nobody keeps: `look` sees each once, on any thread and in any order. Landmarks and sums as
+    /// Computes rows that nobody keeps: `visitor` sees each once, on any thread and in any order. Landmarks and sums as
     /// [`DistanceRows::build`] has them. Progress is told as stage `rows`; nothing is stamped.
     ///
     /// # Errors
-    /// As [`DistanceRows::build`], and those of `look`.
+    /// As [`DistanceRows::build`], and those of `visitor`.
     pub fn pass(
         graph: &WeightedGraph,
         nodes: &[Node],
         params: RowParams<impl Sampler + Serialize>,
-        look: Look<'_>,
+        visitor: RowVisitor<'_>,
         context: Context<'_>,
     ) -> Result<Landmarks> {
-        let head = Self::head(graph, nodes.len(), &params, context.run)?;
-        let task = Task { graph: graph.csr(), nodes, sampler: &params.sampling, head: &head };
-        let (lines, _) = context.run.stage("rows", "rows", head.rows as u64, || task.pass(look, context))?;
-        let (nodes, facts) = lines.into_values().map(|line| (line.landmark, line.facts)).unzip();
+        let spec = Self::spec(graph, nodes.len(), &params, context.run)?;
+        let job = RowJob { graph: graph.csr(), nodes, sampler: &params.sampling, spec: &spec };
+        let (entries, _) = context.run.stage("rows", "rows", spec.rows as u64, || job.pass(visitor, context))?;
+        let (nodes, facts) = entries.into_values().map(|entry| (entry.landmark, entry.facts)).unzip();
         Ok(Landmarks { nodes, facts })
     }
 
     /// Gives finished rows their final names.
-    pub(super) fn finish(file: RowsFile<f32>, lines: &[Line], head: &Head, work: &WorkDir) -> Result<Self> {
-        let landmarks: Vec<u32> = lines.iter().map(|line| line.landmark).collect();
-        let facts = lines.iter().map(|line| line.facts).collect();
+    pub(super) fn finish(
+        file: RowsFile<f32>,
+        entries: &[JournalEntry],
+        spec: &JobSpec,
+        work: &WorkDir,
+    ) -> Result<Self> {
+        let landmarks: Vec<u32> = entries.iter().map(|entry| entry.landmark).collect();
+        let facts = entries.iter().map(|entry| entry.facts).collect();
         crate::store::npy::write(&work.file("landmarks.npy"), &landmarks, 1, false)?;
         let distances = file.finish(work.durable())?;
-        Ok(Self { landmarks, distances, facts, nodes: head.nodes, key: head.key.clone() })
+        Ok(Self { landmarks, distances, facts, nodes: spec.nodes, key: spec.key.clone() })
     }
 
     /// Stamps the stage as finished.
-    pub(super) fn stamp(&self, head: &Head, seconds: f64, work: &WorkDir) -> Result<()> {
+    pub(super) fn stamp(&self, spec: &JobSpec, seconds: f64, work: &WorkDir) -> Result<()> {
         let facts = Facts { rows: self.facts.clone() };
-        work.stamp_as("rows", &self.key, &head.options, &["landmarks.npy", "distances.npy"], &facts, seconds)?;
+        work.stamp_as("rows", &self.key, &spec.options, &["landmarks.npy", "distances.npy"], &facts, seconds)?;
         work.remove(JOURNAL);
         Ok(())
     }

@@ -10,8 +10,8 @@
 use super::front::{Front, mean_weight};
 use crate::base::parallel::fill_each;
 use crate::base::{Error, Result};
+use crate::graph::Csr;
 use crate::graph::Node;
-use crate::graph::dual::Csr;
 use crate::graph::weights::LEAST;
 use crate::store::Run;
 use crate::store::mapped::Access;

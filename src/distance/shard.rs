@@ -5,13 +5,13 @@
 //! puts the rows together into the file that one process would have written, byte for byte, and stamps the
 //! stage under the same key, so that every later command reuses it.
 
-use super::compute::Task;
-use super::journal::{Head, Journal, Line, checksum};
-use super::rows::{DistanceRows, RowParams, head};
+use super::journal::{JobSpec, Journal, JournalEntry, checksum};
+use super::row_job::RowJob;
+use super::rows::{DistanceRows, RowParams, job_spec};
 use super::sampler::Sampler;
 use crate::base::{Error, Result};
 use crate::graph::Node;
-use crate::graph::dual::WeightedGraph;
+use crate::graph::WeightedGraph;
 use crate::store::rows_file::RowsFile;
 use crate::store::{Context, MappedSlice, WorkDir};
 use serde::Serialize;
@@ -33,32 +33,32 @@ pub fn compute(
     (shard, of): (usize, usize),
     context: Context<'_>,
 ) -> Result<()> {
-    let whole = head(&graph.key, nodes.len(), &params, context.run);
+    let whole = job_spec(&graph.key, nodes.len(), &params, context.run);
     if shard >= of || of > whole.rows {
         let problem = format!("{shard}/{of} is no shard of {} rows", whole.rows);
         return Err(Error::parameter("--shard", problem, "count shards from 0, and make no more than rows"));
     }
-    let head = Head { shard, of, ..whole };
+    let spec = JobSpec { shard, of, ..whole };
     let stem = stem(shard, of);
     let (array, journal) = (format!("{stem}.npy"), format!("{stem}.journal"));
-    let wanted = head.wanted();
+    let wanted = spec.wanted();
     let done = Journal::read(&context.work.file(&journal))
-        .is_some_and(|(found, lines)| found == head && lines.len() >= wanted);
+        .is_some_and(|(found, entries)| found == spec && entries.len() >= wanted);
     if done && context.work.file(&array).exists() {
         context.run.progress.note(&format!("rows: shard {shard}/{of} is done already"));
         return Ok(());
     }
-    let task = Task { graph: graph.csr(), nodes, sampler: &params.sampling, head: &head };
+    let job = RowJob { graph: graph.csr(), nodes, sampler: &params.sampling, spec: &spec };
     context
         .run
-        .stage("rows", "rows", wanted as u64, || task.compute(&array, &journal, context)?.0.finish(true).map(drop))?;
+        .stage("rows", "rows", wanted as u64, || job.compute(&array, &journal, context)?.0.finish(true).map(drop))?;
     Ok(())
 }
 
 /// A finished shard.
 struct Shard {
-    head: Head,
-    lines: BTreeMap<usize, Line>,
+    spec: JobSpec,
+    entries: BTreeMap<usize, JournalEntry>,
     rows: MappedSlice<f32>,
 }
 
@@ -68,29 +68,29 @@ struct Shard {
 /// [`Error::WorkDir`] where shards are missing, unfinished, damaged, or of different options; [`Error::Io`].
 pub fn merge(context: Context<'_>) -> Result<DistanceRows> {
     let shards = find(context.work)?;
-    let head = Head { shard: 0, of: 1, ..shards[0].head.clone() };
+    let spec = JobSpec { shard: 0, of: 1, ..shards[0].spec.clone() };
     let make = || {
-        let file = RowsFile::<f32>::create(&context.work.file("distances.npy"), head.rows, head.nodes)?;
-        let mut lines = Vec::with_capacity(head.rows);
-        for k in 0..head.rows {
+        let file = RowsFile::<f32>::create(&context.work.file("distances.npy"), spec.rows, spec.nodes)?;
+        let mut entries = Vec::with_capacity(spec.rows);
+        for k in 0..spec.rows {
             context.run.cancel.check()?;
             let shard = &shards[k % shards.len()];
-            let start = k / shards.len() * head.nodes;
-            let row = &shard.rows[start..start + head.nodes];
-            let line = shard.lines.get(&k).filter(|line| line.xxh3 == checksum(row));
-            let Some(line) = line else {
-                return Err(damaged(context.work, shard.head.shard, shard.head.of, &format!("row {k} is damaged")));
+            let start = k / shards.len() * spec.nodes;
+            let row = &shard.rows[start..start + spec.nodes];
+            let entry = shard.entries.get(&k).filter(|entry| entry.xxh3 == checksum(row));
+            let Some(entry) = entry else {
+                return Err(damaged(context.work, shard.spec.shard, shard.spec.of, &format!("row {k} is damaged")));
             };
             file.row(k)?.copy_from_slice(row);
-            lines.push(*line);
+            entries.push(*entry);
             context.run.progress.advance("merge", 1);
         }
-        DistanceRows::finish(file, &lines, &head, context.work)
+        DistanceRows::finish(file, &entries, &spec, context.work)
     };
-    let (rows, seconds) = context.run.stage("merge", "rows", head.rows as u64, make)?;
-    rows.stamp(&head, seconds, context.work)?;
+    let (rows, seconds) = context.run.stage("merge", "rows", spec.rows as u64, make)?;
+    rows.stamp(&spec, seconds, context.work)?;
     for shard in &shards {
-        let stem = stem(shard.head.shard, shard.head.of);
+        let stem = stem(shard.spec.shard, shard.spec.of);
         context.work.remove(&format!("{stem}.npy"));
         context.work.remove(&format!("{stem}.journal"));
     }
@@ -110,21 +110,22 @@ fn find(work: &WorkDir) -> Result<Vec<Shard>> {
         path.extension().is_some_and(|end| end == "journal")
             && path.file_stem().is_some_and(|stem| stem.to_string_lossy().contains("-of-"))
     });
-    let mut found: Vec<(Head, BTreeMap<usize, Line>)> = journals.filter_map(|path| Journal::read(&path)).collect();
-    found.sort_by_key(|(head, _)| head.shard);
-    let Some(first) = found.first().map(|(head, _)| head.clone()) else {
+    let mut found: Vec<(JobSpec, BTreeMap<usize, JournalEntry>)> =
+        journals.filter_map(|path| Journal::read(&path)).collect();
+    found.sort_by_key(|(spec, _)| spec.shard);
+    let Some(first) = found.first().map(|(spec, _)| spec.clone()) else {
         return Err(Error::work_dir(work.path(), "holds no shards of rows", "compute them with rows --shard i/n"));
     };
     for shard in 0..first.of {
-        let same = |head: &Head| *head == Head { shard, ..first.clone() };
+        let same = |spec: &JobSpec| *spec == JobSpec { shard, ..first.clone() };
         match found.get(shard) {
-            Some((head, lines)) if same(head) && lines.len() == head.wanted() => {}
-            Some((head, lines)) if same(head) => {
-                let problem = format!("only {} of {} rows are finished", lines.len(), head.wanted());
+            Some((spec, entries)) if same(spec) && entries.len() == spec.wanted() => {}
+            Some((spec, entries)) if same(spec) => {
+                let problem = format!("only {} of {} rows are finished", entries.len(), spec.wanted());
                 return Err(damaged(work, shard, first.of, &problem));
             }
-            Some((head, _)) if head.key != first.key => {
-                return Err(damaged(work, head.shard, head.of, "it was computed with other options than shard 0"));
+            Some((spec, _)) if spec.key != first.key => {
+                return Err(damaged(work, spec.shard, spec.of, "it was computed with other options than shard 0"));
             }
             _ => return Err(damaged(work, shard, first.of, "this shard is missing")),
         }
@@ -132,12 +133,12 @@ fn find(work: &WorkDir) -> Result<Vec<Shard>> {
     if found.len() > first.of {
         return Err(damaged(work, found[first.of].0.shard, found[first.of].0.of, "it belongs to another division"));
     }
-    let open = |(head, lines): (Head, _)| {
-        let rows = work.open_array::<f32>(&format!("{}.npy", stem(head.shard, head.of)))?;
-        if rows.len() != head.wanted() * head.nodes {
-            return Err(damaged(work, head.shard, head.of, "it has another size than it should"));
+    let open = |(spec, entries): (JobSpec, _)| {
+        let rows = work.open_array::<f32>(&format!("{}.npy", stem(spec.shard, spec.of)))?;
+        if rows.len() != spec.wanted() * spec.nodes {
+            return Err(damaged(work, spec.shard, spec.of, "it has another size than it should"));
         }
-        Ok(Shard { head, lines, rows })
+        Ok(Shard { spec, entries, rows })
     };
     found.into_iter().map(open).collect()
 }

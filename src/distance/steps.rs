@@ -1,8 +1,8 @@
-//! How a front walks a graph: what it fetches ahead, and the steps from a node.
+//! The steps from a node as a front walks them, and what it fetches ahead.
 
 use super::queue::Entry;
-use crate::graph::dual::Csr;
-use crate::graph::triangle_adjacency::TriangleNeighbours;
+use crate::graph::Csr;
+use crate::graph::csr::TriangleNeighbours;
 use crate::store::mapped::prefetch;
 
 /// Entries ahead at which row start and distance are fetched.
@@ -40,31 +40,30 @@ impl Steps for Csr<'_> {
 
     #[inline(always)]
     fn count(self, node: u32) -> usize {
-        (self.indptr[node as usize + 1] - self.indptr[node as usize]) as usize
+        self.span(node).len()
     }
 
     #[inline(always)]
     fn each(self, node: u32, mut visit: impl FnMut(u32, f32)) {
-        let span = self.indptr[node as usize] as usize..self.indptr[node as usize + 1] as usize;
-        for (&next, &weight) in self.indices[span.clone()].iter().zip(&self.weights[span]) {
+        for (next, weight) in self.neighbours(node) {
             visit(next, weight);
         }
     }
 }
 
-/// A graph with its triples.
+/// A graph with its triangle adjacency.
 #[derive(Clone, Copy)]
 pub(super) struct Packed<'a> {
     pub csr: Csr<'a>,
-    pub triples: &'a [TriangleNeighbours],
+    pub triangles: &'a [TriangleNeighbours],
 }
 
 impl Steps for Packed<'_> {
     #[inline(always)]
     fn soon(self, node: u32) {
-        prefetch(self.triples, node as usize);
+        prefetch(self.triangles, node as usize);
         // A record may lie across two lines; where it does, the next one begins in the second.
-        prefetch(self.triples, node as usize + 1);
+        prefetch(self.triangles, node as usize + 1);
     }
 
     #[inline(always)]
@@ -72,12 +71,12 @@ impl Steps for Packed<'_> {
 
     #[inline(always)]
     fn count(self, node: u32) -> usize {
-        if self.triples[node as usize].steps().is_some() { 3 } else { self.csr.count(node) }
+        if self.triangles[node as usize].steps().is_some() { 3 } else { self.csr.count(node) }
     }
 
     #[inline(always)]
     fn each(self, node: u32, mut visit: impl FnMut(u32, f32)) {
-        match self.triples[node as usize].steps() {
+        match self.triangles[node as usize].steps() {
             Some((next, weights)) => {
                 visit(next[0], weights[0]);
                 visit(next[1], weights[1]);

@@ -1,16 +1,15 @@
 //! Rows over the vertex graph, along edges or through triangles, from landmarks that are known.
 //!
 //! Landmarks are chosen along edges whatever the rows (the search needs to know who is far, not how far). A row is a mapped
-//! slice; threads take rows in turn. Edges cost about 40 ns a vertex and row, marching ten times as much.
+//! slice; threads take rows in turn. Edges cost about 40 ns per vertex and row, marching ten times as much.
 //!
 //! In a work directory that lasts ([`kept`]) each finished row is brought to the disk and entered in a journal, from which a run that was stopped
 //! goes on, and finished rows are a stage that later runs with the same landmarks open.
 
-use super::begun::Begun;
 use super::front::mean_weight;
-use super::journal::{Head, Journal, Line, checksum};
+use super::journal::{JobSpec, JournalEntry, ResumeState, RowFacts, checksum};
 use super::march::{March, Surface};
-use super::rows::{RowFacts, RowParams};
+use super::rows::RowParams;
 use super::sampler::{GraphSpace, Sampler, SearchGraph};
 use super::{DistanceRows, Front};
 use crate::base::parallel::map_chunks;
@@ -67,7 +66,8 @@ pub fn rows(
     context: Context<'_>,
 ) -> Result<DistanceRows> {
     let file = RowsFile::create(&context.work.file(name), landmarks.len(), surface.nodes.len())?;
-    fill(surface, landmarks, distance, file, &BTreeMap::new(), None, context.run)
+    let state = ResumeState { file, done: BTreeMap::new(), journal: None };
+    VertexRowJob { surface, landmarks, distance }.fill(state, context.run)
 }
 
 const FILE: &str = "distances.npy";
@@ -90,8 +90,8 @@ pub fn kept(
     let n = surface.nodes.len();
     let options =
         json!({"stage": STAGE, "graph": graph, "params": params, "distance": distance, "seed": context.run.seed});
-    let head = Head { key: options_key(&options), options, rows: params.l, nodes: n, shard: 0, of: 1 };
-    match context.work.reuse::<Vec<RowFacts>>(STAGE, 1, &head.key) {
+    let spec = JobSpec { key: options_key(&options), options, rows: params.l, nodes: n, shard: 0, of: 1 };
+    match context.work.reuse::<Vec<RowFacts>>(STAGE, 1, &spec.key) {
         Ok(facts) => {
             context.run.progress.note("rows: reused");
             // Left where a run ended right after its stamp.
@@ -101,57 +101,59 @@ pub fn kept(
             if distances.len() != landmarks.len() * n || facts.len() != landmarks.len() {
                 return Err(Error::work_dir(context.work.path(), "holds rows of another shape", "delete it"));
             }
-            return Ok(DistanceRows { landmarks, distances, facts, nodes: n, key: head.key });
+            return Ok(DistanceRows { landmarks, distances, facts, nodes: n, key: spec.key });
         }
         Err(reason) => context.run.note_remake("rows", &reason),
     }
     let (landmarks, _) =
         context.run.stage("landmarks", "vertices", n as u64, || landmarks(surface, params, context))?;
-    let sound = |line: &Line| landmarks.get(line.row) == Some(&line.landmark);
-    let Begun { file, done, journal } = Begun::new(&head, (FILE, JOURNAL), sound, context)?;
+    let sound = |entry: &JournalEntry| landmarks.get(entry.row) == Some(&entry.landmark);
+    let state = ResumeState::new(&spec, (FILE, JOURNAL), sound, context)?;
     let fill = || {
-        context.run.progress.advance("rows", done.len() as u64);
-        fill(surface, landmarks, distance, file, &done, journal.as_ref(), context.run)
+        context.run.progress.advance("rows", state.done.len() as u64);
+        VertexRowJob { surface, landmarks, distance }.fill(state, context.run)
     };
-    let (mut rows, seconds) = context.run.stage("rows", "rows", head.rows as u64, fill)?;
+    let (mut rows, seconds) = context.run.stage("rows", "rows", spec.rows as u64, fill)?;
     crate::store::npy::write(&context.work.file(LANDMARKS), &rows.landmarks, 1, true)?;
-    context.work.stamp_as(STAGE, &head.key, &head.options, &[LANDMARKS, FILE], &rows.facts, seconds)?;
-    drop(journal);
+    context.work.stamp_as(STAGE, &spec.key, &spec.options, &[LANDMARKS, FILE], &rows.facts, seconds)?;
     context.work.remove(JOURNAL);
-    rows.key = head.key;
+    rows.key = spec.key;
     Ok(rows)
 }
 
-/// Computes the rows of `file` that are not `done`.
-fn fill(
-    surface: Surface<'_>,
+/// Rows over a vertex graph to be computed.
+struct VertexRowJob<'a> {
+    surface: Surface<'a>,
     landmarks: Vec<u32>,
     distance: Distance,
-    file: RowsFile<f32>,
-    done: &BTreeMap<usize, Line>,
-    journal: Option<&Journal>,
-    run: &Run,
-) -> Result<DistanceRows> {
-    let mean = mean_weight(surface.graph);
-    let row = |k: usize, (front, march): &mut (Front, March)| {
-        if let Some(line) = done.get(&k) {
-            return Ok(line.facts);
-        }
-        let mut row = file.row(k)?;
-        match distance {
-            Distance::Edges => front.full(surface.graph, landmarks[k], &mut row, &run.cancel).map(drop)?,
-            Distance::March => march.full(surface, landmarks[k], &mut row, &run.cancel)?,
-        }
-        let facts = RowFacts::of(&row);
-        if let Some(journal) = journal {
-            row.sync().map_err(Error::io(FILE, "sync"))?;
-            journal.append(&Line { row: k, landmark: landmarks[k], facts, xxh3: checksum(&row) })?;
-        }
-        run.progress.advance("rows", 1);
-        Ok(facts)
-    };
-    let state = || (Front::new(mean), March::new(mean));
-    let facts = map_chunks(run.threads, &run.cancel, landmarks.len(), state, row)?;
-    let distances: MappedSlice<f32> = file.finish(journal.is_some())?;
-    Ok(DistanceRows { landmarks, distances, facts, nodes: surface.nodes.len(), key: String::new() })
+}
+
+impl VertexRowJob<'_> {
+    /// Computes the rows that `state` does not have yet.
+    fn fill(self, state: ResumeState, run: &Run) -> Result<DistanceRows> {
+        let Self { surface, landmarks, distance } = self;
+        let ResumeState { file, done, journal } = state;
+        let mean = mean_weight(surface.graph);
+        let row = |k: usize, (front, march): &mut (Front, March)| {
+            if let Some(entry) = done.get(&k) {
+                return Ok(entry.facts);
+            }
+            let mut row = file.row(k)?;
+            match distance {
+                Distance::Edges => front.full(surface.graph, landmarks[k], &mut row, &run.cancel).map(drop)?,
+                Distance::March => march.full(surface, landmarks[k], &mut row, &run.cancel)?,
+            }
+            let facts = RowFacts::of(&row);
+            if let Some(journal) = &journal {
+                row.sync().map_err(Error::io(FILE, "sync"))?;
+                journal.append(&JournalEntry { row: k, landmark: landmarks[k], facts, xxh3: checksum(&row) })?;
+            }
+            run.progress.advance("rows", 1);
+            Ok(facts)
+        };
+        let state = || (Front::new(mean), March::new(mean));
+        let facts = map_chunks(run.threads, &run.cancel, landmarks.len(), state, row)?;
+        let distances: MappedSlice<f32> = file.finish(journal.is_some())?;
+        Ok(DistanceRows { landmarks, distances, facts, nodes: surface.nodes.len(), key: String::new() })
+    }
 }

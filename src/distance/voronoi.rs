@@ -1,71 +1,136 @@
-//! Fronts from many sources: whose territory each node is, and how deep in it.
+//! Fronts from many sources: which source is nearest to each node, and how far away it is.
 //!
-//! In memory one front from all sources; where graph and values are larger than memory the same by [`Rounds`], with the
-//! same bytes.
+//! In memory one front from all sources. It is all over the mesh at once: fine in memory, hopeless where the graph is
+//! larger. There [`BlockDijkstra`] takes nodes in blocks. A round runs a front of its own inside every block that has
+//! messages, on all threads; what would leave the block is a message for the next round. Half a dozen rounds, all but
+//! the first at the boundaries of blocks only, reach the same fixed point as one front: the least d(v) = min fl(d(u) + w),
+//! and the smallest label at equal distances. Both are unique, so neither blocks nor threads show in the result (tested
+//! against a binary heap). In memory the single front is quicker: what blocks correct outweighs their second thread
+//! (1.75 s against 1.55 s of processor time for a default run at 1.3 M faces).
+//!
+//! Memory: the messages, 12 bytes for every edge between blocks: a quarter byte per node, or less, since blocks grow
+//! where the budget is small for the mesh.
 
-use super::carry::disown;
-use super::front::{Front, mean_weight};
+use super::front::{Front, clear_labels, mean_weight};
 use super::paging::Pages;
-use super::rounds::Letter;
-pub use super::rounds::{BLOCK, Rounds};
-use crate::base::Result;
-use crate::graph::dual::Csr;
+use super::queue::{Entry, Queue};
+use crate::base::parallel::fill_two;
+use crate::base::{Cancel, Result};
+use crate::graph::Csr;
 use crate::store::Run;
 
-/// The rounds for `graph` and `bytes` of values, where they are more than the kernel can keep in memory.
-fn rounds<'a>(graph: Csr<'a>, bytes: usize, run: &Run) -> Option<Rounds<'a>> {
-    Pages::needed(graph, bytes, run).then(|| Rounds::within_budget(graph, run))
+/// Dijkstra by blocks for `graph` and `bytes` of values, where they are more than the kernel can keep in memory.
+fn by_blocks<'a>(graph: Csr<'a>, bytes: usize, run: &Run) -> Option<BlockDijkstra<'a>> {
+    Pages::needed(graph, bytes, run).then(|| BlockDijkstra::within_budget(graph, run))
 }
 
-/// What [`Front::owned`] gives, by whichever way suits the memory.
+/// What [`Front::nearest_source`] gives, in memory or by blocks.
 ///
 /// # Errors
 /// [`crate::base::Error::Cancelled`].
-pub fn spread(graph: Csr<'_>, sources: &[u32], field: &mut [f32], owner: &mut [u32], run: &Run) -> Result<()> {
-    match rounds(graph, 2 * size_of_val(field), run) {
-        None => Front::new(mean_weight(graph)).owned(graph, sources, field, owner, &run.cancel).map(drop),
-        Some(rounds) => rounds.cells(sources, field, owner),
+pub fn nearest_source(graph: Csr<'_>, sources: &[u32], field: &mut [f32], label: &mut [u32], run: &Run) -> Result<()> {
+    match by_blocks(graph, 2 * size_of_val(field), run) {
+        None => Front::new(mean_weight(graph)).nearest_source(graph, sources, field, label, &run.cancel).map(drop),
+        Some(blocks) => blocks.nearest_source(sources, field, label),
     }
 }
 
-/// What [`Front::within`] gives, by whichever way suits the memory.
+/// What [`Front::within`] gives, in memory or by blocks.
 ///
 /// # Errors
 /// [`crate::base::Error::Cancelled`].
 pub fn within(graph: Csr<'_>, sources: &[u32], limit: f32, field: &mut [f32], run: &Run) -> Result<()> {
-    match rounds(graph, 2 * size_of_val(field), run) {
+    match by_blocks(graph, 2 * size_of_val(field), run) {
         None => Front::new(mean_weight(graph)).within(graph, sources, limit, field, &run.cancel).map(drop),
-        Some(rounds) => rounds.within(sources, limit, field),
+        Some(blocks) => blocks.within(sources, limit, field),
     }
 }
 
-/// What [`Front::spread_owners`] gives, by whichever way suits the memory.
+/// What [`Front::propagate_labels`] gives, in memory or by blocks.
 ///
 /// # Errors
 /// [`crate::base::Error::Cancelled`].
-pub fn spread_owners(graph: Csr<'_>, sources: &[u32], field: &mut [f32], owner: &mut [u32], run: &Run) -> Result<()> {
-    match rounds(graph, 2 * size_of_val(field), run) {
-        None => Front::new(mean_weight(graph)).spread_owners(graph, sources, field, owner, &run.cancel).map(drop),
-        Some(rounds) => rounds.spread_owners(sources, field, owner),
+pub fn propagate_labels(
+    graph: Csr<'_>,
+    sources: &[u32],
+    field: &mut [f32],
+    label: &mut [u32],
+    run: &Run,
+) -> Result<()> {
+    match by_blocks(graph, 2 * size_of_val(field), run) {
+        None => Front::new(mean_weight(graph)).propagate_labels(graph, sources, field, label, &run.cancel).map(drop),
+        Some(blocks) => blocks.propagate_labels(sources, field, label),
     }
 }
 
-impl Rounds<'_> {
-    /// What [`Front::owned`] gives.
+/// Nodes a block, at least: with rows and values 2.5 MB, a good read.
+pub const BLOCK: usize = 1 << 16;
+/// Bucket width in mean weights.
+const WIDTH: f32 = 0.5;
+
+/// A label that travels with distances: a number, or nothing at all.
+pub trait Label: Copy + PartialOrd + Send + Sync {}
+impl Label for u32 {}
+impl Label for () {}
+
+/// A shorter path to `node`: from a source, or from a neighbour in another block.
+#[derive(Clone, Copy, Debug)]
+struct Message<O> {
+    node: u32,
+    distance: f32,
+    label: O,
+}
+
+/// What a block's front left.
+struct Outcome<O> {
+    messages: Vec<Message<O>>,
+    /// Whether a tie was met that the node reached had won before. Its label may be stale then: passed on by a
+    /// node that was lowered since, by so little that rounding hides it here.
+    stale: bool,
+}
+
+/// Dijkstra from many sources, block by block in rounds.
+#[derive(Clone, Debug)]
+pub struct BlockDijkstra<'a> {
+    graph: Csr<'a>,
+    block: usize,
+    threads: usize,
+    cancel: Cancel,
+    width: f32,
+}
+
+impl<'a> BlockDijkstra<'a> {
+    /// Over `graph` in blocks of `block` nodes.
+    pub fn new(graph: Csr<'a>, block: usize, threads: usize, cancel: &Cancel) -> Self {
+        Self { graph, block, threads, cancel: cancel.clone(), width: mean_weight(graph) * WIDTH }
+    }
+
+    /// Over `graph` in blocks that suit the budget.
+    fn within_budget(graph: Csr<'a>, run: &Run) -> Self {
+        // The boundary of a block of B nodes is some 4 √B edges; messages are held twice while they are sorted.
+        let bytes_for = |block: usize| 100. * graph.len() as f64 / (block as f64).sqrt();
+        let mut block = BLOCK;
+        while block < graph.len() && bytes_for(block) > run.budget.left() as f64 / 4. {
+            block *= 2;
+        }
+        Self::new(graph, block, run.threads, &run.cancel)
+    }
+
+    /// What [`Front::nearest_source`] gives.
     ///
     /// # Errors
     /// [`crate::base::Error::Cancelled`].
-    pub fn cells(&self, sources: &[u32], field: &mut [f32], owner: &mut [u32]) -> Result<()> {
+    pub fn nearest_source(&self, sources: &[u32], field: &mut [f32], label: &mut [u32]) -> Result<()> {
         let seeds = || {
-            let letter = |(owner, &node)| Letter { node, distance: 0., owner: owner as u32 };
-            sources.iter().enumerate().map(letter).collect::<Vec<_>>()
+            let message = |(label, &node)| Message { node, distance: 0., label: label as u32 };
+            sources.iter().enumerate().map(message).collect::<Vec<_>>()
         };
         field.fill(f32::INFINITY);
-        owner.fill(u32::MAX);
-        if self.deliver(seeds(), f32::INFINITY, field, owner)? {
-            // Once more over the final distances: owners alone move, and nothing can be stale.
-            owner.fill(u32::MAX);
-            self.deliver(seeds(), f32::INFINITY, field, owner)?;
+        label.fill(u32::MAX);
+        if self.propagate(seeds(), f32::INFINITY, field, label)? {
+            // Once more over the final distances: labels alone move, and nothing can be stale.
+            label.fill(u32::MAX);
+            self.propagate(seeds(), f32::INFINITY, field, label)?;
         }
         Ok(())
     }
@@ -75,27 +140,125 @@ impl Rounds<'_> {
     /// # Errors
     /// [`crate::base::Error::Cancelled`].
     pub fn within(&self, sources: &[u32], limit: f32, field: &mut [f32]) -> Result<()> {
-        let letters = sources.iter().map(|&node| Letter { node, distance: 0., owner: () }).collect();
+        let messages = sources.iter().map(|&node| Message { node, distance: 0., label: () }).collect();
         sources.iter().for_each(|&node| field[node as usize] = f32::INFINITY);
-        // Owners that take no room.
-        self.deliver(letters, limit, field, &mut vec![(); self.graph().len()]).map(drop)
+        // Labels that take no room.
+        self.propagate(messages, limit, field, &mut vec![(); self.graph.len()]).map(drop)
     }
 
-    /// What [`Front::spread_owners`] gives.
+    /// What [`Front::propagate_labels`] gives.
     ///
     /// # Errors
     /// [`crate::base::Error::Cancelled`].
-    pub fn spread_owners(&self, sources: &[u32], field: &mut [f32], owner: &mut [u32]) -> Result<()> {
-        let once = |field: &mut [f32], owner: &mut [u32]| {
-            let letter = |&node: &u32| Letter { node, distance: 0., owner: owner[node as usize] };
-            let letters = sources.iter().map(letter).collect();
+    pub fn propagate_labels(&self, sources: &[u32], field: &mut [f32], label: &mut [u32]) -> Result<()> {
+        let once = |field: &mut [f32], label: &mut [u32]| {
+            let message = |&node: &u32| Message { node, distance: 0., label: label[node as usize] };
+            let messages = sources.iter().map(message).collect();
             sources.iter().for_each(|&node| field[node as usize] = f32::INFINITY);
-            self.deliver(letters, f32::INFINITY, field, owner)
+            self.propagate(messages, f32::INFINITY, field, label)
         };
-        if once(field, owner)? {
-            disown(field, owner);
-            once(field, owner)?;
+        if once(field, label)? {
+            clear_labels(field, label);
+            once(field, label)?;
         }
         Ok(())
+    }
+
+    /// Propagates `messages` and what follows from them, to nodes nearer than `limit`, until there are no more; whether
+    /// labels may be stale.
+    fn propagate<O: Label>(
+        &self,
+        mut messages: Vec<Message<O>>,
+        limit: f32,
+        field: &mut [f32],
+        label: &mut [O],
+    ) -> Result<bool> {
+        let mut stale = false;
+        while !messages.is_empty() {
+            // The nearest first, so that a block's front starts where it should.
+            messages.sort_unstable_by_key(|message| (message.node as usize / self.block, message.distance.to_bits()));
+            let inbox = &messages[..];
+            let queue = || (Queue::new(self.width), Vec::new());
+            let outcomes = fill_two(self.threads, &self.cancel, (&mut *field, &mut *label), self.block, queue, {
+                |k, field: &mut [f32], label: &mut [O], scratch: &mut (Queue, Vec<Entry>)| {
+                    let start = inbox.partition_point(|message| (message.node as usize) / self.block < k);
+                    let end =
+                        start + inbox[start..].partition_point(|message| (message.node as usize) / self.block == k);
+                    Ok(self.front(k * self.block, limit, (field, label), &inbox[start..end], scratch))
+                }
+            })?;
+            messages = Vec::with_capacity(outcomes.iter().map(|outcome| outcome.messages.len()).sum());
+            for outcome in outcomes {
+                stale |= outcome.stale;
+                messages.extend(outcome.messages);
+            }
+        }
+        Ok(stale)
+    }
+
+    /// The front inside the block of nodes from `first` on, to nodes nearer than `limit`.
+    fn front<O: Label>(
+        &self,
+        first: usize,
+        limit: f32,
+        (field, label): (&mut [f32], &mut [O]),
+        inbox: &[Message<O>],
+        (queue, batch): &mut (Queue, Vec<Entry>),
+    ) -> Outcome<O> {
+        let mut block = Block { field, label, stale: false };
+        let mut messages = Vec::new();
+        let Some(nearest) = inbox.first() else { return Outcome { messages, stale: false } };
+        queue.restart(nearest.distance);
+        for message in inbox {
+            let to = message.node as usize - first;
+            if block.reach(to, message.distance, message.label) {
+                queue.push(Entry { node: to as u32, distance: message.distance });
+            }
+        }
+        while queue.pop_bucket(batch) {
+            for &Entry { node, distance } in batch.iter() {
+                if block.field[node as usize] < distance {
+                    continue;
+                }
+                let own = block.label[node as usize];
+                for (next, weight) in self.graph.neighbours(first as u32 + node) {
+                    let there = distance + weight;
+                    let to = (next as usize).wrapping_sub(first);
+                    if there >= limit {
+                        continue;
+                    }
+                    if to >= block.field.len() {
+                        messages.push(Message { node: next, distance: there, label: own });
+                    } else if block.reach(to, there, own) {
+                        queue.push(Entry { node: to as u32, distance: there });
+                    }
+                }
+            }
+            batch.clear();
+        }
+        Outcome { messages, stale: block.stale }
+    }
+}
+
+/// The values of a block of nodes.
+struct Block<'a, O> {
+    field: &'a mut [f32],
+    label: &'a mut [O],
+    stale: bool,
+}
+
+impl<O: Label> Block<'_, O> {
+    /// Whether the node `to` of the block is nearer on this path, or as near and won by a smaller label; if so, it is
+    /// entered.
+    #[inline(always)]
+    fn reach(&mut self, to: usize, distance: f32, own: O) -> bool {
+        let nearer = distance < self.field[to];
+        if nearer || (distance == self.field[to] && own < self.label[to]) {
+            self.field[to] = distance;
+            self.label[to] = own;
+            return true;
+        }
+        self.stale |= distance == self.field[to] && own > self.label[to];
+        false
     }
 }

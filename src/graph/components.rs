@@ -1,20 +1,30 @@
-//! Connected components, and which faces are wound against the rest of theirs, by union-find over the rows.
+//! Connected components, and the bridges that join them.
 //!
-//! An edge whose faces run along it in the same direction asks for one of them to be turned: a parity between
-//! nodes, kept in the top bit of the parent. A contradiction (Möbius strip, some non-manifold edges) leaves the
-//! later edge unsatisfied.
+//! Components are found by union-find over the edges ([`crate::base::union_find`]), and with them which faces are wound
+//! against the rest of theirs. An edge whose faces run along it in the same direction asks for one of them to be turned:
+//! a parity between nodes, kept in the top bit of the parent. A contradiction (Möbius strip, some non-manifold edges)
+//! leaves the later edge unsatisfied. The parent array is a mapped file (4 B per node): with faces in scan or curve order
+//! its accesses are as local as the graph's. About 10 ns per face.
 //!
-//! The parent array is a mapped file (4 B a node): with faces in scan or curve order its accesses
-//! are as local as the graph's. A parent always has the smaller number, so the root of a
-//! component is its first node, whatever the order of unions. About 10 ns a face.
+//! Bridges bring every face within reach of every landmark. Components are taken in descending order of area; each is
+//! joined to the nearest face among all larger ones by one edge as long as the gap, with no turning. So a tiny component
+//! takes part in the part it floats beside, and separate objects stand as far apart in the embedding as in space.
+//! (Leaving components unreachable instead makes landmarks sit on tiny components and σ meaningless; both alternatives
+//! are recorded in `docs/dev/decisions.md`.) Nearest means nearest among samples: up to [`PER_COMPONENT`] evenly spread faces
+//! of a component are looked up in an R*-tree of up to [`TREE_SAMPLES`] faces of the larger ones. Above [`MOST_IN_TREE`]
+//! components the rest are joined without joining the tree. Memory: 16 MB at the most; nothing where there is one
+//! component.
 
-use super::assemble::Rows;
+use super::dual_edges::{DualEdges, EdgesWriter, Entry};
 use super::half_edge_pairs::AGAINST;
 use super::nodes::Node;
 use crate::base::Result;
+use crate::base::union_find::ParityForest;
 use crate::store::npy::ArrayMut;
-use crate::store::{Context, MappedSlice};
-use std::collections::BTreeMap;
+use crate::store::{Context, MappedSlice, Run};
+use rstar::RTree;
+use rstar::primitives::GeomWithData;
+use std::collections::{BTreeMap, HashMap};
 
 /// Nodes between looks at the stop flag.
 const CHUNK: usize = 1 << 18;
@@ -39,65 +49,32 @@ pub struct Component {
     pub area: f64,
 }
 
-/// The root of `node` and the parity on the way there, halving paths.
-#[inline]
-fn find(parent: &mut [u32], mut node: u32) -> (u32, u32) {
-    let mut parity = 0;
-    loop {
-        let link = parent[node as usize];
-        let up = link & !AGAINST;
-        if up == node {
-            return (node, parity);
-        }
-        let above = parent[up as usize];
-        parity ^= link & AGAINST;
-        if above & !AGAINST == up {
-            return (up, parity);
-        }
-        // Both steps at once, for this node from now on.
-        let shortcut = above ^ (link & AGAINST);
-        parent[node as usize] = shortcut;
-        parity ^= above & AGAINST;
-        node = above & !AGAINST;
-    }
-}
-
 /// Finds the components; writes `components.npy` (u32, n).
 ///
 /// # Errors
 /// [`crate::base::Error::Io`], [`crate::base::Error::Cancelled`].
-pub fn find_components(rows: &Rows, nodes: &[Node], context: Context<'_>) -> Result<Components> {
+pub fn find_components(edges: &DualEdges, nodes: &[Node], context: Context<'_>) -> Result<Components> {
     let n = nodes.len();
     let mut array: ArrayMut<u32> = context.work.array("components.npy", &[n])?;
     let mut list: BTreeMap<u32, Component> = BTreeMap::new();
     let mut mixed = false;
     {
-        let parent = &mut array.data()[..];
-        let (indptr, indices, edge) = (&rows.indptr[..], &rows.indices[..], &rows.edge[..]);
-        for i in 0..n {
-            if i % CHUNK == 0 {
+        let mut parents = ParityForest::new(&mut array.data()[..]);
+        let graph = edges.by_shared_edge();
+        for i in 0..n as u32 {
+            if i as usize % CHUNK == 0 {
                 context.run.cancel.check()?;
             }
-            parent[i] = i as u32;
-            let (mut mine, mut my_parity) = (i as u32, 0);
-            for e in indptr[i] as usize..indptr[i + 1] as usize {
-                // Rows ascend, and the other direction is seen from the later node.
-                if indices[e] as usize >= i {
-                    break;
-                }
-                let against = if edge[e] < 0. { AGAINST } else { 0 };
+            parents.add(i);
+            let (mut mine, mut my_parity) = (i, 0);
+            // Rows ascend, and the other direction is seen from the later node.
+            for (near, edge) in graph.neighbours(i).take_while(|(near, _)| *near < i) {
+                let against = if edge < 0. { AGAINST } else { 0 };
                 mixed |= against != 0;
-                let (other, parity) = find(parent, indices[e]);
-                if other != mine {
-                    let (low, high) = (mine.min(other), mine.max(other));
-                    parent[high as usize] = low | (my_parity ^ parity ^ against);
-                    if low != mine {
-                        my_parity = parity ^ against;
-                    }
-                    mine = low;
-                }
+                (mine, my_parity) = parents.join((mine, my_parity), near, against);
             }
         }
+        let parent = parents.into_parents();
         // Parents come before children, so one ascending pass flattens everything.
         let (mut current, mut sum) = (0u32, Component::default());
         for i in 0..n {
@@ -129,4 +106,149 @@ fn add(list: &mut BTreeMap<u32, Component>, root: u32, sum: &mut Component) {
         entry.area += sum.area;
         *sum = Component::default();
     }
+}
+
+/// Faces of a component that look for a partner.
+pub const PER_COMPONENT: u64 = 16;
+/// Faces that can be found as partners.
+pub const TREE_SAMPLES: u64 = 100_000;
+/// Components whose faces can be found as partners.
+pub const MOST_IN_TREE: usize = 100_000;
+
+type Point = GeomWithData<[f32; 3], u32>;
+
+/// An edge to add: two nodes and the gap between their centroids in the frame.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Bridge {
+    /// The nodes, ascending.
+    pub nodes: [u32; 2],
+    /// Distance of the centroids.
+    pub gap: f32,
+}
+
+/// The bridges that join all components.
+///
+/// # Errors
+/// [`crate::base::Error::Cancelled`].
+pub fn find_bridges(components: &Components, nodes: &[Node], run: &Run) -> Result<Vec<Bridge>> {
+    let mut order: Vec<(u32, f64, u64)> = components.list.iter().map(|(&root, c)| (root, c.area, c.nodes)).collect();
+    if order.len() < 2 {
+        return Ok(Vec::new());
+    }
+    order.sort_by(|a, b| b.1.total_cmp(&a.1).then(b.2.cmp(&a.2)).then(a.0.cmp(&b.0)));
+    let rank: HashMap<u32, usize> = order.iter().enumerate().map(|(rank, c)| (c.0, rank)).collect();
+    let samples = sample(components, &rank, &order, nodes, run)?;
+    let mut tree: RTree<Point> = RTree::new();
+    let mut bridges = Vec::with_capacity(order.len() - 1);
+    for (place, mine) in samples.into_iter().enumerate() {
+        if place % 1024 == 0 {
+            run.cancel.check()?;
+        }
+        if place > 0 {
+            let step = (mine.len() as u64).div_ceil(PER_COMPONENT).max(1) as usize;
+            let nearest = mine
+                .iter()
+                .step_by(step)
+                .filter_map(|&node| {
+                    let at = nodes[node as usize].centroid;
+                    let (other, square) = tree.nearest_neighbor_iter_with_distance_2(at).next()?;
+                    Some((square, node, other.data))
+                })
+                .min_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)).then(a.2.cmp(&b.2)));
+            if let Some((square, a, b)) = nearest {
+                bridges.push(Bridge { nodes: [a.min(b), a.max(b)], gap: square.sqrt() });
+            }
+        }
+        let points = mine.iter().map(|&node| Point::new(nodes[node as usize].centroid, node));
+        if place == 0 {
+            tree = RTree::bulk_load(points.collect());
+        } else if place < MOST_IN_TREE {
+            points.for_each(|point| tree.insert(point));
+        }
+    }
+    Ok(bridges)
+}
+
+/// Evenly spread nodes of every component, by rank; at least one each.
+fn sample(
+    components: &Components,
+    rank: &HashMap<u32, usize>,
+    order: &[(u32, f64, u64)],
+    nodes: &[Node],
+    run: &Run,
+) -> Result<Vec<Vec<u32>>> {
+    let stride = (nodes.len() as u64).div_ceil(TREE_SAMPLES).max(1);
+    // Small components keep up to PER_COMPONENT faces, so that tiny ones are placed exactly.
+    let steps: Vec<u64> = order.iter().map(|c| stride.min(c.2.div_ceil(PER_COMPONENT)).max(1)).collect();
+    let mut seen = vec![0u64; order.len()];
+    let mut samples = vec![Vec::new(); order.len()];
+    let (mut last_root, mut last_rank) = (u32::MAX, 0);
+    for (node, root) in components.root.iter().map(|link| link & !AGAINST).enumerate() {
+        if node % (1 << 20) == 0 {
+            run.cancel.check()?;
+        }
+        if root != last_root {
+            (last_root, last_rank) = (root, rank.get(&root).copied().unwrap_or(0));
+        }
+        if seen[last_rank].is_multiple_of(steps[last_rank]) {
+            samples[last_rank].push(node as u32);
+        }
+        seen[last_rank] += 1;
+    }
+    Ok(samples)
+}
+
+/// Rewrites the edges with the bridges in their places; one sequential pass.
+///
+/// # Errors
+/// [`crate::base::Error::Io`], [`crate::base::Error::Cancelled`].
+pub fn insert(edges: &DualEdges, bridges: &[Bridge], context: Context<'_>) -> Result<DualEdges> {
+    let mut extra: Vec<(usize, Entry)> = Vec::with_capacity(2 * bridges.len());
+    for bridge in bridges {
+        let [a, b] = bridge.nodes;
+        extra.push((a as usize, Entry { node: b, centroid_distance: bridge.gap, edge: 0. }));
+        extra.push((b as usize, Entry { node: a, centroid_distance: bridge.gap, edge: 0. }));
+    }
+    extra.sort_unstable_by_key(|(row, entry)| (*row, entry.node));
+    let mut writer = EdgesWriter::create(edges.len(), edges.indices.len() + extra.len(), context.work)?;
+    let mut done = 0;
+    for group in extra.chunk_by(|a, b| a.0 == b.0) {
+        let row = group[0].0;
+        copy(edges, done..row, &mut writer, context.run)?;
+        let old = edges.by_distance().span(row as u32).map(|e| Entry {
+            node: edges.indices[e],
+            centroid_distance: edges.centroid_distance[e],
+            edge: edges.edge[e],
+        });
+        let mut entries: Vec<Entry> = old.chain(group.iter().map(|(_, entry)| *entry)).collect();
+        entries.sort_unstable_by_key(|entry| entry.node);
+        let (mut indices, mut centroid_distance, mut edges) = (Vec::new(), Vec::new(), Vec::new());
+        for entry in &entries {
+            indices.push(entry.node);
+            centroid_distance.push(entry.centroid_distance);
+            edges.push(entry.edge);
+        }
+        writer.push(&[entries.len() as u32], &indices, &centroid_distance, &edges)?;
+        done = row + 1;
+    }
+    copy(edges, done..edges.len(), &mut writer, context.run)?;
+    writer.finish()
+}
+
+/// Copies whole rows in blocks.
+fn copy(edges: &DualEdges, range: std::ops::Range<usize>, writer: &mut EdgesWriter, run: &Run) -> Result<()> {
+    const BLOCK: usize = 1 << 16;
+    for start in range.clone().step_by(BLOCK) {
+        run.cancel.check()?;
+        let end = (start + BLOCK).min(range.end);
+        let degrees: Vec<u32> = edges.indptr[start..=end].windows(2).map(|w| (w[1] - w[0]) as u32).collect();
+        let span = edges.indptr[start] as usize..edges.indptr[end] as usize;
+        writer.push(
+            &degrees,
+            &edges.indices[span.clone()],
+            &edges.centroid_distance[span.clone()],
+            &edges.edge[span],
+        )?;
+    }
+    Ok(())
 }

@@ -1,16 +1,15 @@
 //! The dual graph as a stage: built once into the work directory, opened as mapped arrays after.
 
-use super::adjacency;
-use super::assemble::{Rows, assemble};
-use super::bridge;
-use super::components::find_components;
+use super::components::{self, find_bridges, find_components};
+use super::csr::WeightedGraph;
+use super::dual_edges::{DualEdges, assemble};
+use super::half_edges;
 use super::nodes::{self, Frame, Node};
 use super::orient::orient;
-use super::triangle_adjacency::TriangleNeighbours;
-use super::weights::{self, Metric};
+use super::weights::{Metric, Weighting};
 use crate::base::{Error, Result};
 use crate::mesh::Mesh;
-use crate::store::mapped::{MappedCsr, csr_of_mapped};
+use crate::store::mapped::csr_of_mapped;
 use crate::store::stage::options_key;
 use crate::store::{Context, MappedSlice, WorkDir};
 use serde::{Deserialize, Serialize};
@@ -49,8 +48,8 @@ pub struct GraphFacts {
 /// A dual graph in a work directory.
 #[derive(Clone, Debug)]
 pub struct DualGraph {
-    /// Rows without weights.
-    pub rows: Rows,
+    /// Its edges, without weights.
+    pub edges: DualEdges,
     /// Geometry of the nodes.
     pub nodes: MappedSlice<Node>,
     /// First node of each node's component before bridging, with the top bit where it was wound against it;
@@ -110,24 +109,24 @@ impl DualGraph {
     fn make(mesh: &Mesh, path: &Path, context: Context<'_>, key: String) -> Result<Self> {
         let frame = Frame::of(&mesh.positions, context.run)?;
         let (nodes, sums) = nodes::build(mesh, &frame, context)?;
-        let (links, counts) = adjacency::matched(mesh, path, context)?;
-        let rows = assemble(mesh, &frame, &nodes, &links, context)?;
-        drop(links);
-        let components = find_components(&rows, &nodes, context)?;
-        let (mut rows, nodes, turned) = orient(rows, nodes, &components, context)?;
-        let bridges = bridge::find_bridges(&components, &nodes, context.run)?;
+        let (pairs, counts) = half_edges::matched(mesh, path, context)?;
+        let edges = assemble(mesh, &frame, &nodes, &pairs, context)?;
+        drop(pairs);
+        let components = find_components(&edges, &nodes, context)?;
+        let (mut edges, nodes, orientation) = orient(edges, nodes, &components, context)?;
+        let bridges = find_bridges(&components, &nodes, context.run)?;
         if !bridges.is_empty() {
-            rows = bridge::insert(&rows, &bridges, context)?;
+            edges = components::insert(&edges, &bridges, context)?;
         }
         let facts = GraphFacts {
             nodes: nodes.len() as u64,
-            edges: rows.indices.len() as u64 / 2,
+            edges: edges.indices.len() as u64 / 2,
             boundary_edges: counts.boundary,
             nonmanifold_edges: counts.nonmanifold,
             welded_edges: counts.welded,
             degenerate_faces: sums.degenerate,
-            turned_faces: turned.faces,
-            unoriented_edges: turned.unsatisfied / 2,
+            turned_faces: orientation.turned,
+            unoriented_edges: orientation.unsatisfied / 2,
             components: components.list.len() as u64,
             bridges: bridges.len() as u64,
             area: sums.area,
@@ -140,12 +139,12 @@ impl DualGraph {
             context.work.remove("components.npy");
             None
         };
-        Ok(Self { rows, nodes, components, facts, key })
+        Ok(Self { edges, nodes, components, facts, key })
     }
 
     /// Opens the arrays of a finished graph stage.
     fn open(work: &WorkDir, facts: GraphFacts, key: String) -> Result<Self> {
-        let rows = Rows {
+        let edges = DualEdges {
             indptr: work.open_array("graph_indptr.npy")?,
             indices: work.open_array("graph_indices.npy")?,
             centroid_distance: work.open_array("graph_centroid_distances.npy")?,
@@ -153,10 +152,10 @@ impl DualGraph {
         };
         let components = if facts.components > 1 { Some(work.open_array("components.npy")?) } else { None };
         let nodes: MappedSlice<Node> = work.open_array(nodes::FILE)?;
-        if nodes.len() as u64 != facts.nodes || rows.indptr.len() != nodes.len() + 1 {
+        if nodes.len() as u64 != facts.nodes || edges.indptr.len() != nodes.len() + 1 {
             return Err(Error::work_dir(work.path(), "the graph's arrays contradict each other", "delete it"));
         }
-        Ok(Self { rows, nodes, components, facts, key })
+        Ok(Self { edges, nodes, components, facts, key })
     }
 
     /// Gives up the step lengths, which the weights are made of, in a temporary `work`: 12 B a triangle of disk.
@@ -165,7 +164,7 @@ impl DualGraph {
     /// [`Error::Io`].
     pub fn release_lengths(&mut self, work: &WorkDir) -> Result<()> {
         if work.is_temporary() {
-            self.rows.centroid_distance = MappedSlice::empty();
+            self.edges.centroid_distance = MappedSlice::empty();
             work.release("graph", &["graph_centroid_distances.npy"])?;
         }
         Ok(())
@@ -198,9 +197,9 @@ impl DualGraph {
         let weights = if let Err(reason) = known {
             context.run.note_remake("weights", &reason);
             let (weights, seconds) = context.run.stage("weights", "faces", self.facts.nodes, || {
-                let place = (context.work, "graph_weights.npy");
                 let normals = normals.map(|normals| &normals[..]);
-                weights::build(&self.rows, &self.nodes, normals, area, metric, place, context.run)
+                Weighting { edges: &self.edges, nodes: &self.nodes, normals, area, metric }
+                    .build("graph_weights.npy", context)
             })?;
             context.work.stamp_as("weights", &key, &options, &["graph_weights.npy"], &(), seconds)?;
             weights
@@ -208,85 +207,8 @@ impl DualGraph {
             context.run.progress.note("weights: reused");
             context.work.open_array("graph_weights.npy")?
         };
-        let matrix = csr_of_mapped(context.work.path(), self.rows.indptr.clone(), self.rows.indices.clone(), weights)?;
-        Ok(WeightedGraph { matrix, indptr: self.rows.indptr.clone(), key })
-    }
-}
-
-/// A weighted graph as a sparse matrix over mapped files.
-#[derive(Clone, Debug)]
-pub struct WeightedGraph {
-    /// Row i: the neighbours of node i and the weights of the steps.
-    pub matrix: MappedCsr,
-    /// The matrix's row starts: its own are behind a view that cannot be borrowed for long.
-    indptr: MappedSlice<u64>,
-    /// Key of the stage, for stages built on it.
-    pub key: String,
-}
-
-impl WeightedGraph {
-    /// A matrix whose row starts are also given by themselves.
-    pub fn new(matrix: MappedCsr, indptr: MappedSlice<u64>, key: String) -> Self {
-        Self { matrix, indptr, key }
-    }
-
-    /// Opens the weighted graph that another process left in `work`, its weights under `key`.
-    ///
-    /// # Errors
-    /// [`Error::Io`], [`Error::Malformed`], [`Error::WorkDir`].
-    pub fn open(key: String, work: &WorkDir) -> Result<Self> {
-        let indptr: MappedSlice<u64> = work.open_array("graph_indptr.npy")?;
-        let (indices, weights) = (work.open_array("graph_indices.npy")?, work.open_array("graph_weights.npy")?);
-        let matrix = csr_of_mapped(work.path(), indptr.clone(), indices, weights)?;
-        Ok(Self { matrix, indptr, key })
-    }
-
-    /// Gives up the weights, which the rows are made of, in a temporary `work`: 12 B a triangle of disk.
-    ///
-    /// # Errors
-    /// [`Error::Io`].
-    pub fn release(self, work: &WorkDir) -> Result<()> {
-        drop(self);
-        work.release("weights", &["graph_weights.npy"])
-    }
-
-    /// The matrix as raw slices for hot loops.
-    pub fn csr(&self) -> Csr<'_> {
-        Csr::new(&self.indptr, self.matrix.indices(), self.matrix.data())
-    }
-}
-
-/// A graph as raw slices.
-#[derive(Clone, Copy, Debug)]
-pub struct Csr<'a> {
-    /// Row starts (n + 1).
-    pub indptr: &'a [u64],
-    /// Neighbours (nnz), all below n.
-    pub indices: &'a [u32],
-    /// Weights (nnz), positive.
-    pub weights: &'a [f32],
-    /// The same steps in records of three (n), for fronts; empty where they were not made.
-    pub triples: &'a [TriangleNeighbours],
-}
-
-impl<'a> Csr<'a> {
-    /// A graph of these arrays alone.
-    pub fn new(indptr: &'a [u64], indices: &'a [u32], weights: &'a [f32]) -> Self {
-        Self { indptr, indices, weights, triples: &[] }
-    }
-
-    /// Number of nodes.
-    pub fn len(&self) -> usize {
-        self.indptr.len() - 1
-    }
-
-    /// Whether there are no nodes.
-    pub fn is_empty(&self) -> bool {
-        self.len() == 0
-    }
-
-    /// Bytes of the three arrays.
-    pub fn bytes(&self) -> u64 {
-        (size_of_val(self.indptr) + size_of_val(self.indices) + size_of_val(self.weights)) as u64
+        let matrix =
+            csr_of_mapped(context.work.path(), self.edges.indptr.clone(), self.edges.indices.clone(), weights)?;
+        Ok(WeightedGraph::new(matrix, self.edges.indptr.clone(), key))
     }
 }

@@ -1,16 +1,16 @@
-//! The links between matching and assembling: which node lies across which corner's edge.
+//! Half-edge pairs, between matching and assembling: which node lies across which corner's edge.
 //!
-//! Where the budget has room for 4 bytes a corner, a link is written where it will be read: nearly every corner has one,
-//! so a table by corner is the sorted list already. The second link of a corner (a middle face of an edge of three) goes
-//! to a list beside. Otherwise links are shuffled by node, 8 bytes each, and sorted bucket by bucket. Both ways hand over
-//! the same links in the same order.
+//! Where the budget has room for 4 bytes a corner, a pair is written where it will be read: nearly every corner has one,
+//! so a table by corner is the sorted list already. The second pair of a corner (a middle face of an edge of three) goes
+//! to a list beside. Otherwise pairs are shuffled by node, 8 bytes each, and sorted bucket by bucket. Both ways hand over
+//! the same pairs in the same order.
 
 use crate::base::Result;
+use crate::base::union_find::PARITY;
 use crate::mesh::Mesh;
 use crate::store::Context;
 use crate::store::budget::Grant;
-use crate::store::shuffle::BudgetedShuffle;
-use crate::store::shuffle::Producer;
+use crate::store::shuffle::{BudgetedShuffle, Producer};
 use bytemuck::{Pod, Zeroable};
 use std::ops::Range;
 use std::sync::Mutex;
@@ -18,8 +18,8 @@ use std::sync::atomic::{AtomicU32, Ordering::Relaxed};
 
 /// The bit of [`HalfEdgePair::node`] that says that both faces run along the edge in the same direction: they are wound
 /// against each other. Nodes have 31 bits to spare: there are at most 2³² corners.
-pub const AGAINST: u32 = 1 << 31;
-/// No link, in the table; no node has this number.
+pub const AGAINST: u32 = PARITY;
+/// No pair, in the table; no node has this number.
 const NONE: u32 = u32::MAX;
 /// Nodes handed over at a time from the table.
 const CHUNK: usize = 1 << 14;
@@ -28,7 +28,7 @@ const CHUNK: usize = 1 << 14;
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Pod, Zeroable)]
 #[repr(C)]
 pub struct HalfEdgePair {
-    /// Corner number in the mesh; its face is the link's origin.
+    /// Corner number in the mesh; its face is where the step starts.
     pub corner: u32,
     /// The node on the other side, with [`AGAINST`] where its winding contradicts.
     pub node: u32,
@@ -48,7 +48,7 @@ impl HalfEdgePair {
     }
 }
 
-/// All links of a mesh, being collected or read.
+/// All half-edge pairs of a mesh, being collected or read.
 #[derive(Debug)]
 pub struct HalfEdgePairs {
     nodes: usize,
@@ -63,14 +63,14 @@ enum Kind {
     Shuffled { sized: BudgetedShuffle<HalfEdgePair>, scale: u64 },
 }
 
-/// One thread's way to add links; close it with [`Adding::finish`].
-pub(super) enum Adding<'a> {
+/// Where one thread adds pairs; close it with [`PairSink::finish`].
+pub(super) enum PairSink<'a> {
     Table(&'a [AtomicU32], &'a Mutex<Vec<HalfEdgePair>>),
     Shuffled(Producer<'a, HalfEdgePair>, u64),
 }
 
 /// Whether the table of `corners` corners is made where `left` bytes of the budget are left. No corner has more than two
-/// links, so the list beside it holds at most twice the table's bytes.
+/// pairs, so the list beside it holds at most twice the table's bytes.
 pub fn fit(corners: u64, left: u64) -> bool {
     4 * corners <= left / 8
 }
@@ -101,22 +101,22 @@ impl HalfEdgePairs {
         Ok(Self { nodes, kind: Kind::Shuffled { sized, scale } })
     }
 
-    /// A thread's way to add links.
-    pub(super) fn adding(&self) -> Adding<'_> {
+    /// Where a thread adds pairs.
+    pub(super) fn sink(&self) -> PairSink<'_> {
         match &self.kind {
-            Kind::Table { across, more, .. } => Adding::Table(across, more),
-            Kind::Shuffled { sized, scale } => Adding::Shuffled(sized.shuffle.producer(), *scale),
+            Kind::Table { across, more, .. } => PairSink::Table(across, more),
+            Kind::Shuffled { sized, scale } => PairSink::Shuffled(sized.shuffle.producer(), *scale),
         }
     }
 
-    /// Ends collecting: from here on links are taken.
+    /// Ends collecting: from here on pairs are taken.
     pub(super) fn seal(&mut self) {
         if let Kind::Table { more, .. } = &mut self.kind {
             more.get_mut().unwrap_or_else(|poison| poison.into_inner()).sort_unstable();
         }
     }
 
-    /// Number of links at the most.
+    /// Number of pairs at the most.
     pub(super) fn bound(&self) -> usize {
         match &self.kind {
             Kind::Table { across, more, .. } => {
@@ -126,7 +126,7 @@ impl HalfEdgePairs {
         }
     }
 
-    /// Ranges of nodes in which links are handed over.
+    /// Ranges of nodes in which pairs are handed over.
     pub(super) fn parts(&self) -> usize {
         match &self.kind {
             Kind::Table { .. } => self.nodes.div_ceil(CHUNK),
@@ -145,7 +145,7 @@ impl HalfEdgePairs {
         }
     }
 
-    /// Takes the links of a part out, in the order of their corners.
+    /// Takes the pairs of a part out, in the order of their corners.
     ///
     /// # Errors
     /// [`crate::base::Error::Io`].
@@ -158,43 +158,43 @@ impl HalfEdgePairs {
         let corners = first..mesh.faces.corner_range(range.end - 1).end;
         match &self.kind {
             Kind::Table { across, more, .. } => {
-                let mut links = Vec::with_capacity(corners.len());
-                links.extend(corners.clone().zip(&across[corners.clone()]).filter_map(|(corner, node)| {
+                let mut pairs = Vec::with_capacity(corners.len());
+                pairs.extend(corners.clone().zip(&across[corners.clone()]).filter_map(|(corner, node)| {
                     let node = node.load(Relaxed);
                     (node != NONE).then_some(HalfEdgePair { corner: corner as u32, node })
                 }));
                 let more = more.lock().unwrap_or_else(|poison| poison.into_inner());
-                let place = |corner: usize| more.partition_point(|link| (link.corner as usize) < corner);
+                let place = |corner: usize| more.partition_point(|pair| (pair.corner as usize) < corner);
                 let mine = &more[place(corners.start)..place(corners.end)];
                 if !mine.is_empty() {
-                    links.extend_from_slice(mine);
-                    links.sort_unstable();
+                    pairs.extend_from_slice(mine);
+                    pairs.sort_unstable();
                 }
-                Ok(links)
+                Ok(pairs)
             }
             Kind::Shuffled { sized, .. } => Ok(sorted(corners, &sized.shuffle.take(part)?)),
         }
     }
 }
 
-impl Adding<'_> {
-    /// Adds the link from `corner` of `face` to `node`.
+impl PairSink<'_> {
+    /// Adds the pair from `corner` of `face` to `node`.
     #[inline]
     pub fn push(&mut self, corner: u32, face: usize, node: usize, against: bool) -> Result<()> {
-        let link = HalfEdgePair { corner, node: node as u32 | if against { AGAINST } else { 0 } };
+        let pair = HalfEdgePair { corner, node: node as u32 | if against { AGAINST } else { 0 } };
         match self {
             Self::Table(across, more) => {
-                // All links of an edge come from one thread, so nobody else writes here.
+                // All pairs of an edge come from one thread, so nobody else writes here.
                 let place = &across[corner as usize];
                 if place.load(Relaxed) == NONE {
-                    place.store(link.node, Relaxed);
+                    place.store(pair.node, Relaxed);
                 } else {
-                    more.lock().unwrap_or_else(|poison| poison.into_inner()).push(link);
+                    more.lock().unwrap_or_else(|poison| poison.into_inner()).push(pair);
                 }
                 Ok(())
             }
             // Nodes and buckets are few enough for 64 bits, and a product with the inverse is no division.
-            Self::Shuffled(out, scale) => out.push(((face as u64 * *scale) >> 32) as usize, link),
+            Self::Shuffled(out, scale) => out.push(((face as u64 * *scale) >> 32) as usize, pair),
         }
     }
 
@@ -210,19 +210,19 @@ impl Adding<'_> {
     }
 }
 
-/// Groups links by corner with a counting sort.
-fn sorted(corners: Range<usize>, links: &[HalfEdgePair]) -> Vec<HalfEdgePair> {
+/// Groups pairs by corner with a counting sort.
+fn sorted(corners: Range<usize>, pairs: &[HalfEdgePair]) -> Vec<HalfEdgePair> {
     let mut starts = vec![0u32; corners.len() + 1];
-    for link in links {
-        starts[link.corner as usize - corners.start + 1] += 1;
+    for pair in pairs {
+        starts[pair.corner as usize - corners.start + 1] += 1;
     }
     for i in 0..corners.len() {
         starts[i + 1] += starts[i];
     }
-    let mut sorted = vec![HalfEdgePair { corner: 0, node: 0 }; links.len()];
-    for link in links {
-        let slot = &mut starts[link.corner as usize - corners.start];
-        sorted[*slot as usize] = *link;
+    let mut sorted = vec![HalfEdgePair { corner: 0, node: 0 }; pairs.len()];
+    for pair in pairs {
+        let slot = &mut starts[pair.corner as usize - corners.start];
+        sorted[*slot as usize] = *pair;
         *slot += 1;
     }
     sorted

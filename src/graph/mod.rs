@@ -1,30 +1,30 @@
-//! The dual graph: a node a face, an edge a shared mesh edge, weighted by distance and turning.
+//! The dual graph: a node per face, an edge per shared mesh edge, weighted by distance and turning.
 //!
-//! Built out of core in three shuffles and a few sequential passes ([`DualGraph::build`]): node
-//! geometry, half-edges matched by vertex ([`adjacency`]) or by position ([`weld`]), rows
-//! assembled in node order ([`assemble`]), components bridged ([`components`], [`bridge`]), and
-//! weights ([`weights`]) as a pure function of the undirected edge. Correspondence walks over [`vertices`] instead.
+//! Built out of core in three shuffles and a few sequential passes ([`DualGraph::build`]): node geometry ([`nodes`]),
+//! half-edges matched by vertex or by position ([`half_edges`], [`half_edge_pairs`]), edges assembled in node order
+//! ([`dual_edges`]), components found and bridged ([`components`]), winding made consistent ([`orient`]), and weights
+//! ([`weights`]) as a pure function of the undirected edge. [`order`] sorts faces beforehand where the file scatters
+//! neighbours. Correspondence walks over the [`vertex_graph`] instead.
 
-pub mod adjacency;
 pub mod angle;
-pub mod assemble;
-pub mod bridge;
 pub mod components;
+pub mod csr;
 pub mod dual;
-pub mod duplicate_vertices;
+pub mod dual_edges;
 pub mod half_edge_pairs;
+pub mod half_edges;
 pub mod nodes;
 pub mod order;
 pub mod orient;
-pub mod triangle_adjacency;
 pub mod vertex_adjacency;
-pub mod vertices;
+pub mod vertex_graph;
 pub mod weights;
-pub mod weld;
 
+pub use csr::{Csr, TriangleAdjacency, WeightedGraph};
 pub use dual::{DualGraph, GraphFacts};
+pub use dual_edges::DualEdges;
 pub use nodes::{Frame, Node};
 pub use order::{NodeOrder, Order, Ordered};
 pub use vertex_adjacency::VertexAdjacency;
-pub use vertices::VertexGraph;
+pub use vertex_graph::VertexGraph;
 pub use weights::Metric;

@@ -9,8 +9,8 @@
 //!
 //! One sequential pass over nodes; the rest only where something has to be turned.
 
-use super::assemble::Rows;
 use super::components::Components;
+use super::dual_edges::DualEdges;
 use super::half_edge_pairs::AGAINST;
 use super::nodes::{self, Node};
 use crate::base::Result;
@@ -23,9 +23,9 @@ const ENCLOSES: f64 = 0.02;
 
 /// What orienting found.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub struct Turned {
+pub struct OrientationFacts {
     /// Faces whose normals were turned.
-    pub faces: u64,
+    pub turned: u64,
     /// Directed entries that still join faces wound against each other.
     pub unsatisfied: u64,
 }
@@ -71,16 +71,16 @@ impl Sums {
     }
 }
 
-/// Turns normals where that makes winding consistent and outward; returns the rows and nodes to use from now on.
+/// Turns normals where that makes winding consistent and outward; returns the edges and nodes to use from now on.
 ///
 /// # Errors
 /// [`crate::base::Error::Io`], [`crate::base::Error::Cancelled`].
 pub fn orient(
-    rows: Rows,
+    edges: DualEdges,
     nodes: MappedSlice<Node>,
     components: &Components,
     context: Context<'_>,
-) -> Result<(Rows, MappedSlice<Node>, Turned)> {
+) -> Result<(DualEdges, MappedSlice<Node>, OrientationFacts)> {
     let mut sums: HashMap<u32, Sums> = HashMap::new();
     let (mut root, mut current) = (0u32, Sums::default());
     for (k, (node, &link)) in nodes.iter().zip(components.root.iter()).enumerate() {
@@ -97,13 +97,13 @@ pub fn orient(
     sums.insert(root, current);
     let turn: HashMap<u32, [bool; 2]> = sums.into_iter().map(|(root, sums)| (root, sums.turn())).collect();
     if !components.mixed && turn.values().all(|turn| !turn[0]) {
-        return Ok((rows, nodes, Turned::default()));
+        return Ok((edges, nodes, OrientationFacts::default()));
     }
     let turned_node = |node: usize| {
         let link = components.root[node];
         turn.get(&(link & !AGAINST)).is_some_and(|turn| turn[usize::from(link & AGAINST != 0)])
     };
-    let mut turned = Turned::default();
+    let mut facts = OrientationFacts::default();
     let mut out = context.work.array::<Node>(nodes::FILE, &[nodes.len(), 7])?;
     let counts = fill_chunks(
         context.run.threads,
@@ -123,36 +123,36 @@ pub fn orient(
             Ok(count)
         },
     )?;
-    turned.faces = counts.into_iter().sum();
+    facts.turned = counts.into_iter().sum();
     let nodes = out.finish(false)?;
     if !components.mixed {
-        return Ok((rows, nodes, turned));
+        return Ok((edges, nodes, facts));
     }
     // Edge by edge: turning one of two faces changes whether they are against each other.
-    let mut edges = context.work.array::<f32>("graph_edges.npy", &[rows.edge.len()])?;
+    let mut lengths = context.work.array::<f32>("graph_edges.npy", &[edges.edge.len()])?;
     let counts = fill_chunks(
         context.run.threads,
         &context.run.cancel,
-        edges.data(),
+        lengths.data(),
         nodes::CHUNK,
         || (),
         |k, out, ()| {
             let mut count = 0u64;
             let first = k * nodes::CHUNK;
-            let mut row = rows.indptr.partition_point(|&start| start as usize <= first) - 1;
+            let mut row = edges.indptr.partition_point(|&start| start as usize <= first) - 1;
             for (i, slot) in out.iter_mut().enumerate() {
                 let e = first + i;
-                while rows.indptr[row + 1] as usize <= e {
+                while edges.indptr[row + 1] as usize <= e {
                     row += 1;
                 }
-                let edge = rows.edge[e];
-                let flip = turned_node(row) != turned_node(rows.indices[e] as usize);
+                let edge = edges.edge[e];
+                let flip = turned_node(row) != turned_node(edges.indices[e] as usize);
                 *slot = if flip { -edge } else { edge };
                 count += u64::from(*slot < 0.);
             }
             Ok(count)
         },
     )?;
-    turned.unsatisfied = counts.into_iter().sum();
-    Ok((Rows { edge: edges.finish(false)?, ..rows }, nodes, turned))
+    facts.unsatisfied = counts.into_iter().sum();
+    Ok((DualEdges { edge: lengths.finish(false)?, ..edges }, nodes, facts))
 }

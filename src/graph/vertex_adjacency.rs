@@ -1,4 +1,5 @@
-//! Which vertices share a side of a face: the graph of orders, without weights, seams or bridges, polygons uncut.
+//! Which vertices share a side of a face: the graph of orders, without weights, joined duplicates or bridges, polygons
+//! uncut.
 //!
 //! Orders that look at vertices (breadth-first, Cuthill–McKee, sweeps, the exact Fiedler vector) need it; the dual graph
 //! does not hold it. One shuffle of both directions of every side, sorted a bucket at a time and written in order: 16 B
@@ -8,8 +9,7 @@ use crate::base::Result;
 use crate::base::parallel::{chunk_count, chunk_range, each_chunk, in_order};
 use crate::mesh::Mesh;
 use crate::store::npy::ArrayWriter;
-use crate::store::shuffle::BudgetedShuffle;
-use crate::store::shuffle::Producer;
+use crate::store::shuffle::{BudgetedShuffle, Producer};
 use crate::store::{Context, MappedSlice, WorkDir};
 
 const CHUNK: usize = 1 << 14;
@@ -68,13 +68,13 @@ impl VertexAdjacency {
             buckets,
             || (),
             |bucket, ()| {
-                let mut links = shuffle.take(bucket)?;
-                links.sort_unstable();
-                links.dedup();
+                let mut edges = shuffle.take(bucket)?;
+                edges.sort_unstable();
+                edges.dedup();
                 let range = first(bucket)..first(bucket + 1);
                 let mut degrees = vec![0u64; range.len()];
-                links.iter().for_each(|link| degrees[link[0] as usize - range.start] += 1);
-                Ok((degrees, links.into_iter().map(|link| link[1]).collect::<Vec<u32>>()))
+                edges.iter().for_each(|edge| degrees[edge[0] as usize - range.start] += 1);
+                Ok((degrees, edges.into_iter().map(|edge| edge[1]).collect::<Vec<u32>>()))
             },
             |_, (mut degrees, neighbours)| {
                 for degree in &mut degrees {

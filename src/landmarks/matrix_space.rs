@@ -3,8 +3,8 @@
 use crate::base::{Cancel, Result};
 use crate::distance::front::{Front, mean_weight};
 use crate::distance::sampler::{Space, Visits, no_lengths};
+use crate::graph::Csr;
 use crate::graph::Node;
-use crate::graph::dual::Csr;
 
 /// All distances of a small set, row i at `i * n`.
 pub struct MatrixSpace<'a> {

@@ -14,15 +14,15 @@ const CHUNK: usize = 1 << 15;
 /// [`crate::base::Error::Cancelled`].
 pub fn between(graph: &DualGraph, labels: &[u32], run: &Run) -> Result<Vec<(u32, u32, f64)>> {
     let n = labels.len();
-    let (indptr, indices, edge) = (&graph.rows.indptr[..], &graph.rows.indices[..], &graph.rows.edge[..]);
+    let shared = graph.edges.by_shared_edge();
     let chunks = map_ranges(run.threads, &run.cancel, n, CHUNK, |range| {
         let mut pairs: BTreeMap<(u32, u32), f64> = BTreeMap::new();
         for i in range {
-            for e in indptr[i] as usize..indptr[i + 1] as usize {
-                let j = indices[e] as usize;
+            for (j, edge) in shared.neighbours(i as u32) {
+                let j = j as usize;
                 if j > i && labels[i] != labels[j] {
                     let pair = (labels[i].min(labels[j]), labels[i].max(labels[j]));
-                    *pairs.entry(pair).or_default() += f64::from(edge[e].abs());
+                    *pairs.entry(pair).or_default() += f64::from(edge.abs());
                 }
             }
         }

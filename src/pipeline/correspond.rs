@@ -13,7 +13,7 @@ use crate::distance::march::Surface;
 use crate::distance::rows::RowParams;
 use crate::distance::vertex_rows::{self, Distance};
 use crate::graph::VertexGraph;
-use crate::graph::vertices::VertexFacts;
+use crate::graph::vertex_graph::VertexFacts;
 use crate::landmarks::Sampling;
 use crate::mesh::Opened;
 use crate::spectral::nystrom::{OrthogonalEmbedding, OrthogonalParams, Point};

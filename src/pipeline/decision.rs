@@ -15,7 +15,7 @@ use crate::cluster::parts::{self, PartDecision, PartTree, Superfaces};
 use crate::distance::DistanceRows;
 use crate::distance::rows::RowParams;
 use crate::graph::DualGraph;
-use crate::graph::dual::WeightedGraph;
+use crate::graph::WeightedGraph;
 use crate::spectral::eigen;
 use crate::spectral::kernel::Kernel;
 use crate::store::stage::options_key;

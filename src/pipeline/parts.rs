@@ -16,7 +16,7 @@ use crate::cluster::extrapolate::LocalPartMeans;
 use crate::cluster::parts::{self, PartTree, PartsResult};
 use crate::distance::DistanceRows;
 use crate::graph::DualGraph;
-use crate::graph::dual::WeightedGraph;
+use crate::graph::WeightedGraph;
 use crate::store::{Context, MappedSlice, Run};
 
 const CHUNK: usize = 1 << 15;

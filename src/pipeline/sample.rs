@@ -12,10 +12,10 @@ use super::{SegmentParams, landmarks_for_parts};
 use crate::base::Result;
 use crate::cluster::cells::{self, CellAverages, greatest_share};
 use crate::distance::DistanceRows;
+use crate::distance::VisitedRow;
 use crate::distance::rows::{Landmarks, RowParams};
-use crate::distance::slots::Row;
 use crate::graph::DualGraph;
-use crate::graph::dual::WeightedGraph;
+use crate::graph::WeightedGraph;
 use crate::landmarks::Sampling;
 use crate::store::Context;
 use crate::store::stage::options_key;
@@ -96,7 +96,7 @@ impl SamplingContext<'_> {
         let SamplingContext { graph, weighted, surface, context } = self;
         let average = CellAverages::new(&surface.cells, &surface.shares);
         let seen = Mutex::new(vec![(Vec::new(), Vec::new()); params.l.min(graph.nodes.len())]);
-        let look = |row: Row<'_>| {
+        let look = |row: VisitedRow<'_>| {
             let before = row.earlier.iter().map(|&node| row.distances[node as usize]).collect();
             let mean = average.of(row.distances);
             if let Some(slot) = seen.lock().unwrap_or_else(PoisonError::into_inner).get_mut(row.number) {

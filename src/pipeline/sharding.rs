@@ -8,7 +8,7 @@ use super::{Cluster, SegmentParams, default_landmarks, fit, landmarks_for_parts,
 use crate::base::{Error, Result};
 use crate::distance::rows::RowParams;
 use crate::distance::{DistanceRows, shard};
-use crate::graph::dual::WeightedGraph;
+use crate::graph::WeightedGraph;
 use crate::graph::{Node, nodes};
 use crate::landmarks::Sampling;
 use crate::mesh::Opened;

@@ -1,6 +1,7 @@
 //! What the integration tests share: the test meshes, small meshes made in code, and running the program.
 #![allow(dead_code)]
 
+pub mod oracle;
 pub mod zoo;
 
 use nystrom_stream::apps::creature::{Creature, Options};

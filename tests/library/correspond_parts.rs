@@ -1,6 +1,7 @@
 //! The parts of correspondence against slow, obvious versions.
 
 use crate::common;
+use crate::common::oracle;
 use nalgebra::DMatrix;
 use nystrom_stream::apps::correspond::align::{apply, procrustes};
 use nystrom_stream::apps::correspond::{AlignedPair, Alignment, EmbeddingSearch, Matching, accuracy, matches};
@@ -8,7 +9,6 @@ use nystrom_stream::base::random::{stream, unit};
 use nystrom_stream::base::{Cancel, Progress};
 use nystrom_stream::distance::front::mean_weight;
 use nystrom_stream::distance::march::{March, Surface, through};
-use nystrom_stream::distance::oracle;
 use nystrom_stream::distance::rows::RowParams;
 use nystrom_stream::distance::vertex_rows::{self, Distance};
 use nystrom_stream::graph::VertexGraph;
@@ -77,12 +77,12 @@ fn rows_and_rings_are_those_of_the_faces_whatever_threads_and_memory() {
             pairs.sort_unstable();
             assert_eq!(ring, pairs, "vertex {v}");
             let neighbours: BTreeMap<u32, ()> = pairs.iter().flatten().map(|&u| (u, ())).collect();
-            let span = graph.rows.indptr[v] as usize..graph.rows.indptr[v + 1] as usize;
-            assert!(graph.rows.indices[span.clone()].iter().eq(neighbours.keys()));
+            let span = graph.csr().span(v as u32);
+            assert!(graph.edges.indices[span.clone()].iter().eq(neighbours.keys()));
             for e in span {
-                let [p, q] = [v as u32, graph.rows.indices[e]].map(|u| mesh.positions.get(u));
+                let [p, q] = [v as u32, graph.edges.indices[e]].map(|u| mesh.positions.get(u));
                 let length = (0..3).map(|k| (p[k] - q[k]).powi(2)).sum::<f64>().sqrt() / graph.frame.scale;
-                assert!((f64::from(graph.rows.centroid_distance[e]) - length).abs() < 1e-6);
+                assert!((f64::from(graph.edges.centroid_distance[e]) - length).abs() < 1e-6);
             }
         }
     }
@@ -160,8 +160,8 @@ fn marching_is_the_fixed_point_and_nearer_the_truth_than_edges() {
                         (slow[v], changed) = (there, true);
                     }
                 }
-                for e in graph.rows.indptr[v] as usize..graph.rows.indptr[v + 1] as usize {
-                    let there = slow[graph.rows.indices[e] as usize] + graph.rows.centroid_distance[e];
+                for (near, length) in graph.csr().neighbours(v as u32) {
+                    let there = slow[near as usize] + length;
                     if there < slow[v] {
                         (slow[v], changed) = (there, true);
                     }

@@ -1,11 +1,13 @@
-//! Where arrays lie changes nothing: held in memory, or in files; a table of links, or a shuffle; triples, or the matrix.
+//! Where arrays lie changes nothing: held in memory, or in files; a table of half-edge pairs, or a
+//! shuffle; triangle adjacency, or the matrix.
 
+use crate::common::oracle;
 use nystrom_stream::apps::creature::{Creature, Options};
 use nystrom_stream::distance::front::mean_weight;
 use nystrom_stream::distance::rows::RowParams;
-use nystrom_stream::distance::{DistanceRows, Front, oracle};
-use nystrom_stream::graph::dual::Csr;
-use nystrom_stream::graph::triangle_adjacency::TriangleAdjacency;
+use nystrom_stream::distance::{DistanceRows, Front};
+use nystrom_stream::graph::Csr;
+use nystrom_stream::graph::csr::TriangleAdjacency;
 use nystrom_stream::graph::{DualGraph, Metric};
 use nystrom_stream::landmarks::Sampling;
 use nystrom_stream::mesh;
@@ -50,7 +52,7 @@ fn graph(path: &Path, budget: u64, holding: bool, folder: &Path) -> (Vec<u64>, V
     let weighted = graph.weighted(Metric::default(), Context::new(&work, &run)).unwrap();
     let csr = weighted.csr();
     assert_eq!(work.file("graph_indices.npy").exists(), !holding);
-    (csr.indptr.to_vec(), csr.indices.to_vec(), graph.rows.centroid_distance.to_vec(), csr.weights.to_vec())
+    (csr.indptr.to_vec(), csr.indices.to_vec(), graph.edges.centroid_distance.to_vec(), csr.weights.to_vec())
 }
 
 #[test]
@@ -85,7 +87,7 @@ fn rows_that_pass_are_the_rows_that_are_kept() {
                 passing = passing.holding(&run.budget);
             }
             let seen = Mutex::new(vec![Vec::new(); params.l]);
-            let look = |row: nystrom_stream::distance::slots::Row<'_>| {
+            let look = |row: nystrom_stream::distance::VisitedRow<'_>| {
                 assert_eq!(*row.earlier, kept.landmarks[..row.number], "who came before is known");
                 let known = std::mem::replace(&mut seen.lock().unwrap()[row.number], row.distances.to_vec());
                 assert!(known.is_empty(), "each row passes once");
@@ -111,7 +113,7 @@ fn what_a_look_at_a_row_fails_with_ends_the_rows() {
     let graph = DualGraph::build(&opened.mesh, &path, &Value::Null, Context::new(&work, &run)).unwrap();
     let weighted = graph.weighted(Metric::default(), Context::new(&work, &run)).unwrap();
     let params = RowParams { l: 9, sampling: Sampling::Farthest };
-    let look = |row: nystrom_stream::distance::slots::Row<'_>| match row.number {
+    let look = |row: nystrom_stream::distance::VisitedRow<'_>| match row.number {
         3 => Err(nystrom_stream::base::Error::parameter("--look", "seen enough", "look away")),
         _ => Ok(()),
     };
@@ -141,7 +143,7 @@ fn an_array_that_does_not_fit_becomes_a_file_and_is_given_up_alike() {
 }
 
 #[test]
-fn fronts_over_triples_go_the_same_ways() {
+fn fronts_over_triangle_adjacency_give_the_same_distances() {
     let dir = tempfile::tempdir().unwrap();
     let run = Run::new(&());
     for path in [creature(dir.path()), tangled(dir.path())] {
@@ -149,8 +151,8 @@ fn fronts_over_triples_go_the_same_ways() {
         let opened = mesh::open(&path, work.path(), &run).unwrap();
         let graph = DualGraph::build(&opened.mesh, &path, &Value::Null, Context::new(&work, &run)).unwrap();
         let weighted = graph.weighted(Metric::default(), Context::new(&work, &run)).unwrap();
-        let triples = TriangleAdjacency::of(weighted.csr(), &run).unwrap().unwrap();
-        let csr = Csr { triples: triples.all(), ..weighted.csr() };
+        let triangles = TriangleAdjacency::of(weighted.csr(), &run).unwrap().unwrap();
+        let csr = Csr { triangles: triangles.all(), ..weighted.csr() };
         let mut front = Front::new(mean_weight(csr));
         for source in [0, csr.len() as u32 / 2, csr.len() as u32 - 1] {
             let mut field = vec![0.; csr.len()];

@@ -1,6 +1,7 @@
 //! The fast ways against slow, obvious ones: graph, weights, fronts, landmarks, embeddings, Γ.
 
 use crate::common;
+use crate::common::oracle;
 use crate::common::zoo::{self, Shape};
 use nalgebra::{DMatrix, DVector};
 use nystrom_stream::base::Cancel;
@@ -9,8 +10,8 @@ use nystrom_stream::distance::front::mean_weight;
 use nystrom_stream::distance::paging::Pages;
 use nystrom_stream::distance::rows::RowParams;
 use nystrom_stream::distance::sampler::{GraphSpace, SearchGraph};
-use nystrom_stream::distance::{DistanceRows, Front, oracle, voronoi};
-use nystrom_stream::graph::dual::{Csr, WeightedGraph};
+use nystrom_stream::distance::{DistanceRows, Front, voronoi};
+use nystrom_stream::graph::{Csr, WeightedGraph};
 use nystrom_stream::graph::{DualGraph, Metric};
 use nystrom_stream::landmarks::{Sampling, farthest::extremity};
 use nystrom_stream::mesh::{self, Mesh};
@@ -127,9 +128,8 @@ fn owners(graph: Csr<'_>, sources: &[u32], field: &[f32]) -> Vec<u32> {
                 continue;
             }
             owner[node as usize] = k as u32;
-            for e in graph.indptr[node as usize] as usize..graph.indptr[node as usize + 1] as usize {
-                let next = graph.indices[e];
-                if field[node as usize] + graph.weights[e] == field[next as usize] {
+            for (next, weight) in graph.neighbours(node) {
+                if field[node as usize] + weight == field[next as usize] {
                     stack.push(next);
                 }
             }
@@ -161,13 +161,13 @@ fn check_fronts(graph: Csr<'_>, sources: &[u32], told: &str) {
         }
         assert_eq!(bits(&field), bits(&nearest), "{told}: pruned");
         let mut owner = vec![0u32; n];
-        front.owned(graph, sources, &mut field, &mut owner, &cancel).unwrap();
+        front.nearest_source(graph, sources, &mut field, &mut owner, &cancel).unwrap();
         assert_eq!(bits(&field), bits(&nearest), "{told}: owned");
         assert_eq!(owner, owned, "{told}: owners");
-        // Small blocks make many rounds.
+        // Small blocks make many blocks.
         for (block, threads) in [(1 + n / 50, 3), (1 + n / 7, 2), (voronoi::BLOCK, 1)] {
-            let rounds = voronoi::Rounds::new(graph, block, threads, &cancel);
-            rounds.cells(sources, &mut field, &mut owner).unwrap();
+            let blocks = voronoi::BlockDijkstra::new(graph, block, threads, &cancel);
+            blocks.nearest_source(sources, &mut field, &mut owner).unwrap();
             assert_eq!(bits(&field), bits(&nearest), "{told}: cells by blocks of {block}");
             assert_eq!(owner, owned, "{told}: owners by blocks of {block}");
         }
@@ -182,18 +182,14 @@ fn check_bands(graph: Csr<'_>, front: &mut Front, (nearest, owned): (&[f32], &[u
     let n = graph.len();
     let limit = nearest.iter().filter(|d| d.is_finite()).fold(0f32, |most, d| most.max(*d)) / 3.;
     let core: Vec<bool> = nearest.iter().map(|&d| d <= limit).collect();
-    let rim: Vec<u32> = (0..n as u32)
-        .filter(|&i| {
-            let span = graph.indptr[i as usize] as usize..graph.indptr[i as usize + 1] as usize;
-            core[i as usize] && graph.indices[span].iter().any(|&j| !core[j as usize])
-        })
-        .collect();
+    let rim: Vec<u32> =
+        (0..n as u32).filter(|&i| core[i as usize] && graph.neighbours(i).any(|(j, _)| !core[j as usize])).collect();
     let label = |i: usize| if core[i] { owned[i] % 3 } else { 7 };
     // By label, so that the smaller of two sources has the smaller label.
     let mut sources = rim.clone();
     sources.sort_by_key(|&i| label(i as usize));
     let (mut depth, mut owner) = (vec![0f32; n], vec![0u32; n]);
-    front.owned(graph, &sources, &mut depth, &mut owner, &cancel).unwrap();
+    front.nearest_source(graph, &sources, &mut depth, &mut owner, &cancel).unwrap();
     let expected: Vec<u32> = (0..n)
         .map(|i| if core[i] || owner[i] == u32::MAX { label(i) } else { label(sources[owner[i] as usize] as usize) })
         .collect();
@@ -207,15 +203,15 @@ fn check_bands(graph: Csr<'_>, front: &mut Front, (nearest, owned): (&[f32], &[u
     front.within(graph, &rim, limit, &mut field, &cancel).unwrap();
     assert_eq!(bits(&field), bits(&inside), "{told}: within a limit");
     let (mut field, mut labels) = start();
-    front.spread_owners(graph, &rim, &mut field, &mut labels, &cancel).unwrap();
+    front.propagate_labels(graph, &rim, &mut field, &mut labels, &cancel).unwrap();
     assert_eq!((bits(&field), &labels), (bits(&band), &expected), "{told}: labels grown");
     for (block, threads) in [(1 + n / 50, 3), (1 + n / 7, 2), (voronoi::BLOCK, 1)] {
-        let rounds = voronoi::Rounds::new(graph, block, threads, &cancel);
+        let blocks = voronoi::BlockDijkstra::new(graph, block, threads, &cancel);
         let mut field = vec![f32::INFINITY; n];
-        rounds.within(&rim, limit, &mut field).unwrap();
+        blocks.within(&rim, limit, &mut field).unwrap();
         assert_eq!(bits(&field), bits(&inside), "{told}: within a limit by blocks of {block}");
         let (mut field, mut labels) = start();
-        rounds.spread_owners(&rim, &mut field, &mut labels).unwrap();
+        blocks.propagate_labels(&rim, &mut field, &mut labels).unwrap();
         assert_eq!((bits(&field), &labels), (bits(&band), &expected), "{told}: labels grown by blocks of {block}");
     }
 }
@@ -338,7 +334,7 @@ fn rows_are_the_same_whatever_the_threads_and_the_memory() {
         let run = Run { threads, budget: Budget::new(megabytes << 20), resident, ..Run::new(&()) };
         let built = build_in(run, make);
         let rows = built.rows(12);
-        let indices = built.graph.rows.indices.to_vec();
+        let indices = built.graph.edges.indices.to_vec();
         let result = (indices, rows.landmarks.clone(), bits(&rows.distances));
         assert!(
             *first.get_or_insert_with(|| result.clone()) == result,
@@ -416,10 +412,10 @@ fn length(a: [f64; 3]) -> f64 {
 
 /// The rows as pairs, checked to be sorted, without duplicates and symmetric to the bit.
 fn entries(built: &Built, weights: &[f32], told: &str) -> BTreeMap<(u32, u32), (f32, f32, f32)> {
-    let rows = &built.graph.rows;
+    let rows = &built.graph.edges;
     let mut all = BTreeMap::new();
     for i in 0..built.graph.nodes.len() {
-        let span = rows.indptr[i] as usize..rows.indptr[i + 1] as usize;
+        let span = rows.by_distance().span(i as u32);
         assert!(rows.indices[span.clone()].windows(2).all(|w| w[0] < w[1]), "{told}: row {i} is not sorted");
         for e in span {
             assert_ne!(rows.indices[e] as usize, i, "{told}: loop");

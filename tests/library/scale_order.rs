@@ -23,10 +23,10 @@ fn edges(mesh: &Mesh, order: Order, run: &Run, folder: &Path) -> BTreeMap<(u32, 
     assert_eq!(ordered.order.is_some(), order == Order::Hilbert);
     let graph =
         DualGraph::build(&ordered.mesh, Path::new("mesh"), &ordered.identity, Context::new(&work, run)).unwrap();
-    let rows = &graph.rows;
+    let rows = &graph.edges;
     let mut edges = BTreeMap::new();
     for i in 0..graph.nodes.len() {
-        for e in rows.indptr[i] as usize..rows.indptr[i + 1] as usize {
+        for e in rows.by_distance().span(i as u32) {
             let pair = (ordered.face(i as u32), ordered.face(rows.indices[e]));
             edges.insert(pair, [rows.centroid_distance[e].to_bits(), rows.edge[e].to_bits()]);
         }

@@ -203,7 +203,6 @@ fn fill_confidence(
     let names = ["doubt_a.tmp", "doubt_b.tmp"];
     let mut fields = [context.work.array::<f32>(names[0], &[n, 2])?, context.work.array::<f32>(names[1], &[n, 2])?];
     let (units, csr) = ([pair.graph_a, pair.graph_b].map(|g| 1. / g.facts.area.sqrt().max(1e-300)), pair.graph_a.csr());
-    let around = |v: usize| csr.indptr[v] as usize..csr.indptr[v + 1] as usize;
     let [now, next] = &mut fields;
     let (mut now, mut next): (&mut [Doubt], &mut [Doubt]) =
         (bytemuck::cast_slice_mut(now.data()), bytemuck::cast_slice_mut(next.data()));
@@ -211,10 +210,10 @@ fn fill_confidence(
         let Some(target) = matches[v].vertex() else { return [0.; 2] };
         let here = wide(pair.graph_b.nodes[target as usize].centroid);
         let (mut sum, mut count) = (0f64, 0f64);
-        for e in around(v) {
-            if let Some(other) = matches[csr.indices[e] as usize].vertex() {
+        for (near, weight) in csr.neighbours(v as u32) {
+            if let Some(other) = matches[near as usize].vertex() {
                 let there = distance(here, wide(pair.graph_b.nodes[other as usize].centroid));
-                sum += (units[1] * there - units[0] * f64::from(csr.weights[e])).abs();
+                sum += (units[1] * there - units[0] * f64::from(weight)).abs();
                 count += 1.;
             }
         }
@@ -227,8 +226,8 @@ fn fill_confidence(
             for (i, out) in out.iter_mut().enumerate() {
                 let v = k * CONFIDENCE_CHUNK + i;
                 let (mut sum, mut count) = (before[v], 1.);
-                for e in around(v) {
-                    let [doubt, weight] = before[csr.indices[e] as usize];
+                for (near, _) in csr.neighbours(v as u32) {
+                    let [doubt, weight] = before[near as usize];
                     sum = [sum[0] + doubt, sum[1] + weight];
                     count += 1.;
                 }

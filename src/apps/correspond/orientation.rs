@@ -8,7 +8,7 @@
 
 use crate::base::Result;
 use crate::base::parallel::{chunk_count, chunk_range, in_order};
-use crate::graph::vertices::triangles;
+use crate::graph::vertex_graph::triangles;
 use crate::mesh::Mesh;
 use crate::spectral::nystrom::Point;
 use crate::store::Run;

@@ -5,7 +5,7 @@
 //! same answer whatever the budget. Memory: 12 + 4 k bytes a vertex in the tree; 1 to 3 µs a query.
 
 use crate::base::Result;
-use crate::graph::dual::Csr;
+use crate::graph::Csr;
 use crate::spectral::nystrom::Point;
 use crate::store::budget::Grant;
 use crate::store::{Context, WorkDir};
@@ -149,8 +149,7 @@ impl<'a> EmbeddingSearch<'a> {
     }
 
     fn around(&self, vertex: u32) -> &[u32] {
-        let span = self.graph.indptr[vertex as usize] as usize..self.graph.indptr[vertex as usize + 1] as usize;
-        &self.graph.indices[span]
+        &self.graph.indices[self.graph.span(vertex)]
     }
 }
 

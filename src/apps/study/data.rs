@@ -10,11 +10,11 @@
 use crate::base::Result;
 use crate::base::parallel::fill_chunks;
 use crate::base::random::{below, stream};
+use crate::distance::RowFacts;
 use crate::distance::front::{Front, mean_weight};
 use crate::distance::march::{March, Surface};
-use crate::distance::rows::RowFacts;
 use crate::distance::sampler::fill_lengths;
-use crate::graph::dual::{Csr, WeightedGraph};
+use crate::graph::{Csr, WeightedGraph};
 use crate::graph::{DualGraph, Metric, Node, VertexGraph};
 use crate::mesh::Opened;
 use crate::store::{Context, MappedSlice};
@@ -148,7 +148,7 @@ impl StudyData {
 
     /// The same graph weighted by length alone, where that was asked for.
     pub fn lengths(&self) -> Option<Csr<'_>> {
-        self.lengths.as_ref().map(|weights| Csr { weights, triples: &[], ..self.graph.csr() })
+        self.lengths.as_ref().map(|weights| Csr { weights, triangles: &[], ..self.graph.csr() })
     }
 
     /// Rows of the held-out columns.

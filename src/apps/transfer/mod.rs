@@ -9,6 +9,7 @@
 pub mod closest_faces;
 
 use crate::base::parallel::fill_two;
+use crate::base::union_find::Forest;
 use crate::base::{Error, Result};
 use crate::graph::DualGraph;
 use crate::mesh::{Labelling, Opened};
@@ -214,16 +215,15 @@ const UNCERTAIN: u32 = 1 << 31;
 
 /// The label with the longest contact among the neighbours of `face`; the smallest of several.
 fn neighbour(graph: &DualGraph, labels: &[u32], face: usize) -> Option<u32> {
-    let rows = &graph.rows;
     let mut best: Option<(f32, u32)> = None;
-    let range = rows.indptr[face] as usize..rows.indptr[face + 1] as usize;
-    for e in range.clone() {
-        let label = labels[rows.indices[e] as usize];
+    let neighbours = graph.edges.by_shared_edge().neighbours(face as u32);
+    for (near, _) in neighbours.clone() {
+        let label = labels[near as usize];
         if label == NONE {
             continue;
         }
-        let alike = range.clone().filter(|&other| labels[rows.indices[other] as usize] == label);
-        let contact: f32 = alike.map(|other| rows.edge[other].abs()).sum();
+        let alike = neighbours.clone().filter(|(other, _)| labels[*other as usize] == label);
+        let contact: f32 = alike.map(|(_, edge)| edge.abs()).sum();
         if best.is_none_or(|(most, least)| contact > most || contact == most && label < least) {
             best = Some((contact, label));
         }
@@ -256,15 +256,6 @@ fn label_from_neighbours(graph: &DualGraph, labels: &mut [u32], run: &Run) -> Re
     Ok(count as u64)
 }
 
-fn root(parent: &mut [u32], mut face: u32) -> u32 {
-    while parent[face as usize] != face {
-        let up = parent[face as usize];
-        parent[face as usize] = parent[up as usize];
-        face = up;
-    }
-    face
-}
-
 /// Takes the label off every connected piece of fewer than `least` faces of which one is uncertain (`quality` below 1),
 /// unless it is all there is of the label; how many faces that were.
 ///
@@ -283,34 +274,28 @@ fn unlabel_islands(
     }
     let mut parents = context.work.array::<u32>("pieces.npy", &[n])?;
     let mut sizes = context.work.array::<u32>("piece_sizes.npy", &[n])?;
-    let (parent, size) = (&mut parents.data()[..], &mut sizes.data()[..]);
-    let rows = &graph.rows;
+    let mut pieces = Forest::over(&mut parents.data()[..]);
+    let (size, shared) = (&mut sizes.data()[..], graph.edges.by_shared_edge());
     let mut all: BTreeMap<u32, u64> = BTreeMap::new();
     for i in 0..n {
         if i % STOP_CHECK == 0 {
             context.run.cancel.check()?;
         }
-        parent[i] = i as u32;
         *all.entry(labels[i]).or_default() += 1;
-        for e in rows.indptr[i] as usize..rows.indptr[i + 1] as usize {
-            let j = rows.indices[e];
-            if j as usize >= i {
-                break;
-            }
+        for (j, _) in shared.neighbours(i as u32).take_while(|(j, _)| (*j as usize) < i) {
             if labels[j as usize] == labels[i] {
-                let (a, b) = (root(parent, i as u32), root(parent, j));
-                parent[a.max(b) as usize] = a.min(b);
+                pieces.join(i as u32, j);
             }
         }
     }
     for i in 0..n {
-        let root = root(parent, i as u32) as usize;
+        let root = pieces.find(i as u32) as usize;
         let mark = if quality[i] < 1. { UNCERTAIN } else { 0 };
         size[root] = (size[root] + 1) | mark;
     }
     let mut taken = 0;
     for i in 0..n {
-        let size = size[root(parent, i as u32) as usize];
+        let size = size[pieces.find(i as u32) as usize];
         let count = size & !UNCERTAIN;
         if size != count && (count as usize) < least && u64::from(count) < all[&labels[i]] {
             taken += 1;

@@ -4,6 +4,7 @@
 //! to be meant. Some two thousand cells and six thousand pairs: every function here takes far less than a millisecond,
 //! whatever the size of the mesh.
 
+use crate::base::union_find::Forest;
 use crate::base::{Error, Result};
 
 /// A surface as a graph of some two thousand geodesic cells, all that the decisions see of it.
@@ -107,7 +108,7 @@ impl CellGraph {
 
 /// Connected pieces of the classes of a labelling, numbered by first appearance, and how many.
 pub fn connected_pieces(pairs: &[[u32; 2]], label: &[u32]) -> (Vec<u32>, usize) {
-    let mut sets = Sets::new(label.len());
+    let mut sets = Forest::new(label.len());
     for &[i, j] in pairs {
         if label[i as usize] == label[j as usize] {
             sets.join(i, j);
@@ -216,37 +217,6 @@ pub fn class_sums(label: &[u32], value: &[f64], n: usize) -> Vec<f64> {
         sum[k as usize] += v;
     }
     sum
-}
-
-/// A forest of disjoint sets whose representative is always the least element.
-pub(super) struct Sets(Vec<u32>);
-
-impl Sets {
-    /// `n` sets of one.
-    pub(super) fn new(n: usize) -> Self {
-        Sets((0..n as u32).collect())
-    }
-
-    /// The least element of the set of `i`.
-    pub(super) fn find(&mut self, mut i: u32) -> u32 {
-        while self.0[i as usize] != i {
-            self.0[i as usize] = self.0[self.0[i as usize] as usize];
-            i = self.0[i as usize];
-        }
-        i
-    }
-
-    /// Joins two sets; whether they were two.
-    pub(super) fn join(&mut self, i: u32, j: u32) -> bool {
-        let (i, j) = (self.find(i), self.find(j));
-        self.0[i.max(j) as usize] = i.min(j);
-        i != j
-    }
-
-    /// The representative of each.
-    pub(super) fn labels(mut self) -> Vec<u32> {
-        (0..self.0.len() as u32).map(|i| self.find(i)).collect()
-    }
 }
 
 /// Pieces below this share of the area join the neighbour with the longest common boundary.

@@ -6,7 +6,8 @@
 //! the parts found; any other is a pass over the cells. Numbers are kept in single precision,
 //! which decimal text returns to the bit.
 
-use super::cell_graph::{CellGraph, Sets, compact, small_parts};
+use super::cell_graph::{CellGraph, compact, small_parts};
+use crate::base::union_find::Forest;
 use crate::base::{Error, Result};
 use serde::{Deserialize, Serialize};
 
@@ -81,7 +82,7 @@ impl PartTree {
             small_part: small_part as f32,
             ..PartTree::default()
         };
-        let mut sets = Sets::new(n);
+        let mut sets = Forest::new(n);
         // Level and rank of the union that made each set.
         let mut made = vec![(1.0f64, f64::INFINITY); n];
         let mut all = Vec::with_capacity(n.saturating_sub(1));
@@ -114,7 +115,7 @@ impl PartTree {
         let sizes = self.unions.len() == n.saturating_sub(1)
             && self.level.len() == self.unions.len()
             && self.pairs.len() == self.length.len();
-        let mut sets = Sets::new(n);
+        let mut sets = Forest::new(n);
         let sound = self.unions.iter().chain(&self.pairs).all(known)
             && sizes
             && self.unions.iter().all(|&[i, j]| sets.join(i, j));
@@ -135,7 +136,7 @@ impl PartTree {
 
     /// The parts that some unions make, as they are.
     fn raw<'a>(&self, unions: impl IntoIterator<Item = &'a [u32; 2]>) -> Vec<u32> {
-        let mut sets = Sets::new(self.cells());
+        let mut sets = Forest::new(self.cells());
         for &[i, j] in unions {
             sets.join(i, j);
         }

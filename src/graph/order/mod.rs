@@ -1,31 +1,33 @@
 //! The order of faces: the file's, or along Hilbert's curve where the file's scatters neighbours.
 //!
 //! Out of core, order is everything: a front over scattered faces touches a page a face. So the locality of the
-//! file is measured ([`locality`]), and where it is poor and the mesh large, vertices and faces are sorted
-//! along the curve by external sorts ([`vertices`], [`faces`]) into a mesh of their own, which all stages work on
+//! file is measured ([`Locality`]), and where it is poor and the mesh large, vertices and faces are sorted
+//! along the curve by external sorts ([`vertex_sort`], [`face_sort`]) into a mesh of their own, which all stages work on
 //! as if it had been the file; `face_order` leads back, and [`NodeOrder::restore`] puts results in the
 //! file's order. Which order is chosen is a pure function of mesh and options. Cost of a reordering: about
 //! 0.3 µs a face and thread in memory; 22 B a face kept on disk.
 
-mod faces;
+mod face_sort;
 pub mod hilbert;
-mod locality;
-mod restore;
-mod vertices;
+mod vertex_sort;
 
-use super::Frame;
+use super::nodes::Frame;
+use crate::base::parallel::{chunk_count, chunk_range, each_chunk};
 use crate::base::{Error, Result};
 use crate::mesh::Mesh;
+use crate::store::npy::Item;
+use crate::store::shuffle::{BudgetedShuffle, Producer};
 use crate::store::stage::options_key;
 use crate::store::{Context, MappedSlice, WorkDir};
-use locality::Locality;
+use face_sort::ORDER;
 use serde::{Deserialize, Serialize};
 use serde_json::{Value, json};
+use vertex_sort::VERTICES;
 
 /// The stage of the sorted mesh; its order, which outlives it in a temporary directory, is the stage `order`.
 const CURVE: &str = "curve";
-const ORDER: &str = "face_order.npy";
-const VERTICES: &str = "curve_vertices.npy";
+/// Values per chunk of the way back.
+const RESTORED: usize = 1 << 16;
 /// Faces above which [`Order::Auto`] may reorder: below, all pages are at hand in any order.
 pub const LARGE: usize = 2_000_000;
 /// Share of far steps above which [`Order::Auto`] reorders.
@@ -92,6 +94,61 @@ impl NodeOrder {
     pub fn face(&self, node: u32) -> u32 {
         self.order.as_ref().map_or(node, |order| order[node as usize])
     }
+
+    /// Puts `values` (n, one a node, 4 bytes each), which are the array `name` of `work`, in the order of the file's faces,
+    /// under the same name; where the file's order was kept they stay as they are. Values are scattered into the mapped
+    /// output where that fits memory, else shuffled by face, a bucket at a time: one pass over the nodes, and 8 B per
+    /// value on disk where memory does not hold them.
+    ///
+    /// # Errors
+    /// [`crate::base::Error::Io`], [`crate::base::Error::Memory`], [`crate::base::Error::Cancelled`].
+    pub fn restore<T: Item>(&self, name: &str, values: MappedSlice<T>, context: Context<'_>) -> Result<MappedSlice<T>> {
+        let Some(order) = &self.order else { return Ok(values) };
+        let n = values.len();
+        let words: &[u32] = bytemuck::cast_slice(&values);
+        let mut array = context.work.array::<T>(name, &[n])?;
+        let out: &mut [u32] = bytemuck::cast_slice_mut(&mut array.data()[..]);
+        let bytes = 4 * n as u64;
+        let resident = context.run.budget.take("ordering results", 0, bytes)?;
+        if resident.bytes() >= bytes {
+            for (k, (&face, &word)) in order.iter().zip(words).enumerate() {
+                if k % RESTORED == 0 {
+                    context.run.cancel.check()?;
+                }
+                out[face as usize] = word;
+            }
+        } else {
+            drop(resident);
+            let pairs = BudgetedShuffle::<[u32; 2]>::new(
+                &context.work.file("restore.tmp"),
+                "ordering results",
+                n as u64,
+                1,
+                1,
+                context.run,
+            )?;
+            let buckets = pairs.shuffle.buckets();
+            each_chunk(
+                context.run.threads,
+                &context.run.cancel,
+                chunk_count(n, RESTORED),
+                || pairs.shuffle.producer(),
+                |k, producer| {
+                    chunk_range(n, RESTORED, k).try_for_each(|i| {
+                        let face = order[i];
+                        producer.push((u64::from(face) * buckets as u64 / n as u64) as usize, [face, words[i]])
+                    })
+                },
+                Producer::finish,
+            )?;
+            for bucket in 0..buckets {
+                context.run.cancel.check()?;
+                pairs.shuffle.take(bucket)?.into_iter().for_each(|[face, word]| out[face as usize] = word);
+            }
+        }
+        // By rename: `values` stay mapped until they are dropped.
+        array.finish(false)
+    }
 }
 
 /// A mesh in the order of its nodes.
@@ -133,7 +190,7 @@ impl Ordered {
             }
             Err(reason) => {
                 let frame = Frame::of(&mesh.positions, context.run)?;
-                let found = locality::measure(mesh, frame.scale);
+                let found = Locality::of(mesh, frame.scale);
                 let poor = found.far_steps > POOR || (n > HUGE && found.stretch > STRETCHED);
                 if order == Order::Auto && !poor {
                     return Ok(kept(found));
@@ -141,15 +198,15 @@ impl Ordered {
                 context.run.note_remake("order", &reason);
                 let ((), seconds) = context.run.stage("order", "faces", n as u64, || sort(mesh, &frame, context))?;
                 let facts = OrderFacts { far_steps: found.far_steps, stretch: found.stretch, reordered: true };
-                let sorted = [&[VERTICES], faces::files(&mesh.faces)].concat();
+                let sorted = [&[VERTICES], face_sort::files(&mesh.faces)].concat();
                 context.work.stamp_as(CURVE, &key, &options, &sorted, &(), 0.)?;
                 context.work.stamp_as("order", &key, &options, &[ORDER], &facts, seconds)?;
                 facts
             }
         };
-        let positions = vertices::open(context.work, mesh.positions.is_double(), mesh.positions.len())?;
+        let positions = vertex_sort::open(context.work, mesh.positions.is_double(), mesh.positions.len())?;
         Ok(Self {
-            mesh: Mesh::new(positions, faces::open(&mesh.faces, context.work)?),
+            mesh: Mesh::new(positions, face_sort::open(&mesh.faces, context.work)?),
             order: Some(context.work.open_array(ORDER)?),
             facts,
             identity: options,
@@ -173,7 +230,7 @@ impl Ordered {
     pub fn into_nodes(self, work: &WorkDir) -> Result<NodeOrder> {
         let nodes = self.nodes();
         if nodes.order.is_some() {
-            let files = [&[VERTICES], faces::files(&self.mesh.faces)].concat();
+            let files = [&[VERTICES], face_sort::files(&self.mesh.faces)].concat();
             drop(self);
             work.release(CURVE, &files)?;
         }
@@ -188,9 +245,69 @@ fn sort(mesh: &Mesh, frame: &Frame, context: Context<'_>) -> Result<()> {
     let resident = context.run.budget.take("ranks of vertices", 0, bytes)?;
     let in_memory = resident.bytes() >= bytes && context.run.budget.left() >= context.run.budget.total() / 2;
     let resident = in_memory.then_some(resident);
-    let rank = vertices::sort(&mesh.positions, frame, in_memory, context)?;
-    faces::sort(&mesh.faces, &rank, in_memory, context)?;
+    let rank = vertex_sort::sort(&mesh.positions, frame, in_memory, context)?;
+    face_sort::sort(&mesh.faces, &rank, in_memory, context)?;
     drop((resident, rank));
     context.work.remove("vertex_rank.tmp");
     Ok(())
+}
+
+const RUNS: usize = 256;
+const RUN: usize = 256;
+/// Vertices that a step may pass over at the least.
+const NEAR: u64 = 1 << 16;
+
+/// How well an order keeps neighbours together.
+///
+/// Sampled: [`RUNS`] runs of [`RUN`] consecutive faces, evenly spread. A step to the next face is *far* when one of its
+/// corners lies far from the one before in vertex numbers (a file whose vertices are scattered) or in space (a soup in
+/// random order, whose numbers always ascend). And a run is *stretched* as often as it is longer than a round patch of as
+/// many faces would be wide: 1–2 along Hilbert's curve, √([`RUN`]) and more in rows of a grid. A front that crosses such
+/// rows touches one page per face too, however near its neighbours are. A pure function of the mesh, never of budget or
+/// threads.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+struct Locality {
+    /// Share of far steps, 0 to 1: near 0 in scan order, near 1 at random.
+    far_steps: f64,
+    /// Mean extent of a run over that of a round patch of as many faces.
+    stretch: f64,
+}
+
+impl Locality {
+    /// Measures the order of `mesh`, whose box has diagonal `diagonal`. Cost: 65,536 faces read.
+    fn of(mesh: &Mesh, diagonal: f64) -> Self {
+        let n = mesh.faces.len();
+        let near = NEAR.max(mesh.positions.len() as u64 / 64);
+        let runs = RUNS.min(n.div_ceil(RUN));
+        let (mut far, mut steps, mut stretch, mut measured) = (0u64, 0u64, 0f64, 0u64);
+        for k in 0..runs {
+            let start = (k as u128 * n as u128 / runs as u128) as usize;
+            let mut last: Option<(u32, [f64; 3])> = None;
+            let (mut low, mut high, mut edges) = ([f64::INFINITY; 3], [f64::NEG_INFINITY; 3], (0f64, 0u64));
+            mesh.faces.for_each(start..n.min(start + RUN), |_, corners| {
+                let (Some(&first), Some(&other)) = (corners.first(), corners.get(1)) else { return };
+                let (at, end) = (mesh.positions.get(first), mesh.positions.get(other));
+                let square = |a: [f64; 3], b: [f64; 3]| (0..3).map(|axis| (a[axis] - b[axis]).powi(2)).sum::<f64>();
+                if let Some((vertex, place)) = last {
+                    let jump = corners.iter().any(|&v| u64::from(v.abs_diff(vertex)) > near);
+                    steps += 1;
+                    far += u64::from(jump || square(at, place) > (diagonal / 16.).powi(2));
+                }
+                for axis in 0..3 {
+                    low[axis] = low[axis].min(at[axis]);
+                    high[axis] = high[axis].max(at[axis]);
+                }
+                edges = (edges.0 + square(at, end).sqrt(), edges.1 + 1);
+                last = Some((first, at));
+            });
+            let extent = (0..3).map(|axis| (high[axis] - low[axis]).powi(2)).sum::<f64>().sqrt();
+            // A triangle of edge e has area .43 e²; a disc of as much area as the run is this wide.
+            let round = (edges.0 / edges.1.max(1) as f64) * (0.55 * edges.1 as f64).sqrt();
+            if extent.is_finite() && round > 0. {
+                stretch += extent / round;
+                measured += 1;
+            }
+        }
+        Self { far_steps: far as f64 / steps.max(1) as f64, stretch: stretch / measured.max(1) as f64 }
+    }
 }

@@ -152,7 +152,7 @@ impl Task<'_> {
         let least = (SHARE * roots.len() as f64).max(3.);
         sizes.retain(|_, size| *size as f64 >= least);
         let mut spreads: BTreeMap<u32, Spread> = sizes.keys().map(|&root| (root, Spread::new(d))).collect();
-        let (indptr, indices) = (&self.graph.rows.indptr[..], &self.graph.rows.indices[..]);
+        let graph = self.graph.edges.by_shared_edge();
         let (mut here, mut step) = (vec![0.; d], vec![0.; d]);
         self.embed(|range, out| {
             let m = range.len();
@@ -161,7 +161,7 @@ impl Task<'_> {
                 let Some(spread) = spreads.get_mut(&root) else { continue };
                 (0..d).for_each(|e| here[e] = f64::from(out[e * m + i]));
                 spread.add(&here);
-                for &near in &indices[indptr[node] as usize..indptr[node + 1] as usize] {
+                for (near, _) in graph.neighbours(node as u32) {
                     let near = near as usize;
                     if near > node && near < range.end && self.root(near) == root {
                         (0..d).for_each(|e| step[e] = f64::from(out[e * m + near - range.start]) - here[e]);

@@ -1,11 +1,12 @@
 //! Slow, obvious versions that the fast ones are tested and raced against.
+#![allow(dead_code)]
 
-use crate::graph::dual::Csr;
+use nystrom_stream::graph::Csr;
 use std::cmp::Reverse;
 use std::collections::BinaryHeap;
 
 /// Dijkstra's algorithm with a binary heap of (distance, node): distances from `source` to every
-/// node, infinite where unreached. What [`super::Front::full`] must equal to the bit.
+/// node, infinite where unreached. What `Front::full` must equal to the bit.
 pub fn dijkstra(graph: Csr<'_>, source: u32) -> Vec<f32> {
     let mut field = vec![f32::INFINITY; graph.len()];
     field[source as usize] = 0.;
@@ -16,9 +17,8 @@ pub fn dijkstra(graph: Csr<'_>, source: u32) -> Vec<f32> {
         if distance > field[node as usize] {
             continue;
         }
-        for e in graph.indptr[node as usize] as usize..graph.indptr[node as usize + 1] as usize {
-            let next = graph.indices[e];
-            let there = distance + graph.weights[e];
+        for (next, weight) in graph.neighbours(node) {
+            let there = distance + weight;
             if there < field[next as usize] {
                 field[next as usize] = there;
                 heap.push(Reverse((there.to_bits(), next)));

@@ -10,12 +10,13 @@ use crate::base::Result;
 use crate::base::parallel::{chunk_count, chunk_range, each_chunk};
 use crate::mesh::Faces;
 use crate::store::npy::{self, ArrayWriter};
-use crate::store::shuffle::Producer;
-use crate::store::shuffle::{BudgetedShuffle, Splitters};
+use crate::store::shuffle::{BudgetedShuffle, Producer, Splitters};
 use crate::store::{Context, MappedBytes, MappedSlice, WorkDir};
 use std::ops::Range;
 
 const CHUNK: usize = 1 << 14;
+/// The order itself: the face of the file at each place (u32, n).
+pub(super) const ORDER: &str = "face_order.npy";
 const TRIANGLES: &str = "curve_triangles.npy";
 const STARTS: &str = "curve_starts.npy";
 const CORNERS: &str = "curve_corners.npy";
@@ -43,14 +44,14 @@ pub(super) fn open(faces: &Faces, work: &WorkDir) -> Result<Faces> {
 
 /// Sorts `faces`, whose vertex v has become `rank[v]`.
 pub(super) fn sort(faces: &Faces, rank: &MappedSlice<u32>, in_memory: bool, context: Context<'_>) -> Result<()> {
-    let task = Task { faces, rank, in_memory, context };
+    let job = FaceSort { faces, rank, in_memory, context };
     match faces {
         Faces::Triangles { len, .. } => {
             let push = |key: u32, face: u32, corners: &[u32], push: &mut dyn FnMut([u32; 5]) -> Result<()>| {
                 push([key, face, corners[0], corners[1], corners[2]])
             };
             let mut out: ArrayWriter<u32> = context.work.writer(TRIANGLES, 3)?;
-            task.sort(*len as u64, push, |records, order| {
+            job.sort(*len as u64, push, |records, order| {
                 order.extend(records.iter().map(|record| record[1]));
                 records.iter().try_for_each(|record| out.push(&record[2..]))
             })?;
@@ -68,7 +69,7 @@ pub(super) fn sort(faces: &Faces, rank: &MappedSlice<u32>, in_memory: bool, cont
                 (context.work.writer::<u64>(STARTS, 1)?, context.work.writer::<u32>(CORNERS, 1)?);
             let mut end = 0u64;
             starts.push(&[0])?;
-            task.sort((faces.len() + corners.len()) as u64, push, |records, order| {
+            job.sort((faces.len() + corners.len()) as u64, push, |records, order| {
                 for face in records.chunk_by(|a, b| a[1] == b[1]) {
                     order.push(face[0][1]);
                     for record in face.iter().filter(|record| record[2] != u32::MAX) {
@@ -86,7 +87,7 @@ pub(super) fn sort(faces: &Faces, rank: &MappedSlice<u32>, in_memory: bool, cont
     Ok(())
 }
 
-struct Task<'a> {
+struct FaceSort<'a> {
     faces: &'a Faces,
     rank: &'a MappedSlice<u32>,
     in_memory: bool,
@@ -98,7 +99,7 @@ fn key(corners: &[u32]) -> u32 {
     corners.iter().copied().min().unwrap_or(u32::MAX)
 }
 
-impl Task<'_> {
+impl FaceSort<'_> {
     /// Sorts records of W words, which begin with key and face. `push(key, face, corners, out)` makes a face's
     /// records; `write(records, order)` gets them sorted, whole faces, and appends the faces to `order`.
     fn sort<const W: usize>(
@@ -130,7 +131,7 @@ impl Task<'_> {
         } else {
             self.join(&sorting, &send)?
         }
-        let mut order: ArrayWriter<u32> = work.writer(super::ORDER, 1)?;
+        let mut order: ArrayWriter<u32> = work.writer(ORDER, 1)?;
         let mut block = Vec::with_capacity(CHUNK);
         shuffle.sorted(run, |records| {
             block.clear();

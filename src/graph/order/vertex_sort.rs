@@ -8,18 +8,19 @@
 use super::hilbert::place_of;
 use crate::base::Result;
 use crate::base::parallel::{chunk_count, chunk_range, each_chunk};
-use crate::graph::Frame;
+use crate::graph::nodes::Frame;
 use crate::mesh::Positions;
 use crate::store::npy::{self, ArrayMut, ArrayWriter, Item};
-use crate::store::shuffle::Producer;
-use crate::store::shuffle::{BudgetedShuffle, Splitters};
+use crate::store::shuffle::{BudgetedShuffle, Producer, Splitters};
 use crate::store::{Context, MappedBytes, MappedSlice, WorkDir};
 
+/// The sorted positions.
+pub(super) const VERTICES: &str = "curve_vertices.npy";
 const CHUNK: usize = 1 << 14;
 
 /// Opens the sorted positions of an earlier run, `double` as the input's were.
 pub(super) fn open(work: &WorkDir, double: bool, len: usize) -> Result<Positions> {
-    let path = work.file(super::VERTICES);
+    let path = work.file(VERTICES);
     let size = if double { 8 } else { 4 };
     Positions::strided(&path, MappedBytes::open(&path)?, npy::HEADER, 3 * size, [0, size, 2 * size], double, len)
 }
@@ -32,24 +33,24 @@ pub(super) fn sort(
     in_memory: bool,
     context: Context<'_>,
 ) -> Result<MappedSlice<u32>> {
-    let task = Task { positions, frame, in_memory, context };
+    let job = VertexSort { positions, frame, in_memory, context };
     if positions.is_double() {
-        task.sort::<f64, 9>(|x, words| {
+        job.sort::<f64, 9>(|x, words| {
             words.copy_from_slice(&[x.to_bits() as u32, (x.to_bits() >> 32) as u32]);
         })
     } else {
-        task.sort::<f32, 6>(|x, words| words[0] = (x as f32).to_bits())
+        job.sort::<f32, 6>(|x, words| words[0] = (x as f32).to_bits())
     }
 }
 
-struct Task<'a> {
+struct VertexSort<'a> {
     positions: &'a Positions,
     frame: &'a Frame,
     in_memory: bool,
     context: Context<'a>,
 }
 
-impl Task<'_> {
+impl VertexSort<'_> {
     fn key(&self, vertex: usize) -> ([u32; 3], [f64; 3]) {
         let position = self.positions.get(vertex as u32);
         let place = place_of(self.frame.place(position));
@@ -85,7 +86,7 @@ impl Task<'_> {
             },
             Producer::finish,
         )?;
-        let mut writer: ArrayWriter<T> = work.writer(super::VERTICES, 3)?;
+        let mut writer: ArrayWriter<T> = work.writer(VERTICES, 3)?;
         let mut array: ArrayMut<u32> = work.array("vertex_rank.tmp", &[n])?;
         let ranks = &mut array.data()[..];
         let pairs = match self.in_memory {

@@ -1,10 +1,9 @@
-//! Where finished rows go: into a file, entered in its journal; or to somebody who looks at each and lets it go.
+//! Where finished rows go: into a file, entered in its journal; or to a visitor that sees each row once.
 //!
 //! No row is held here but while it is handed on. Cost: a copy of the row where it goes to a file, the sums
-//! ([`RowFacts::of`]), and what the one who looks does with it.
+//! ([`RowFacts::of`]), and what the visitor does with it.
 
-use super::journal::{Head, Journal, Line, checksum};
-use super::rows::RowFacts;
+use super::journal::{JobSpec, Journal, JournalEntry, RowFacts, checksum};
 use super::sampler::FinishedRows;
 use crate::base::{Error, Result};
 use crate::store::MappedSliceMut;
@@ -12,9 +11,10 @@ use crate::store::rows_file::RowsFile;
 use std::collections::BTreeMap;
 use std::sync::{Mutex, MutexGuard, PoisonError};
 
-/// A finished row.
+/// A finished row, as a visitor sees it.
 #[derive(Clone, Copy, Debug)]
-pub struct Row<'a> {
+#[non_exhaustive]
+pub struct VisitedRow<'a> {
     /// Its number.
     pub number: usize,
     /// The landmarks of all rows before it (`number`).
@@ -23,8 +23,8 @@ pub struct Row<'a> {
     pub distances: &'a [f32],
 }
 
-/// Who looks at finished rows, on any thread and in any order.
-pub type Look<'a> = &'a (dyn Fn(Row<'_>) -> Result<()> + Sync);
+/// Sees each finished row once, on any thread and in any order.
+pub type RowVisitor<'a> = &'a (dyn Fn(VisitedRow<'_>) -> Result<()> + Sync);
 
 /// Where rows go.
 pub(super) enum Target<'a> {
@@ -36,23 +36,23 @@ pub(super) enum Target<'a> {
         journal: Option<Journal>,
         path: std::path::PathBuf,
     },
-    /// To somebody who looks at each.
-    Look(Look<'a>),
+    /// To a visitor.
+    Visitor(RowVisitor<'a>),
 }
 
 /// Rows while they are computed.
-pub(super) struct Slots<'a> {
-    pub head: &'a Head,
+pub(super) struct RowSink<'a> {
+    pub spec: &'a JobSpec,
     pub target: Target<'a>,
     /// Rows taken over from an earlier run.
-    pub done: BTreeMap<usize, Line>,
+    pub done: BTreeMap<usize, JournalEntry>,
     /// Landmarks found so far.
     found: Mutex<Vec<u32>>,
 }
 
-impl<'a> Slots<'a> {
-    pub fn new(head: &'a Head, target: Target<'a>, done: BTreeMap<usize, Line>) -> Self {
-        Self { head, target, done, found: Mutex::default() }
+impl<'a> RowSink<'a> {
+    pub fn new(spec: &'a JobSpec, target: Target<'a>, done: BTreeMap<usize, JournalEntry>) -> Self {
+        Self { spec, target, done, found: Mutex::default() }
     }
 
     fn found(&self) -> MutexGuard<'_, Vec<u32>> {
@@ -67,20 +67,20 @@ impl<'a> Slots<'a> {
     /// The mapping of a row of a file that is not held in memory.
     pub fn take(&self, row: usize) -> Option<MutexGuard<'_, MappedSliceMut<f32>>> {
         let Target::File { rows, .. } = &self.target else { return None };
-        Some(rows.get(row / self.head.of)?.lock().unwrap_or_else(PoisonError::into_inner))
+        Some(rows.get(row / self.spec.of)?.lock().unwrap_or_else(PoisonError::into_inner))
     }
 
     /// Hands on a row that was computed elsewhere.
-    pub fn put(&self, row: usize, landmark: u32, distances: &[f32]) -> Result<Line> {
+    pub fn put(&self, row: usize, landmark: u32, distances: &[f32]) -> Result<JournalEntry> {
         match &self.target {
             Target::File { file, .. } => {
-                file.write_row(row / self.head.of, distances)?;
+                file.write_row(row / self.spec.of, distances)?;
                 self.close(row, landmark, distances, || self.take(row).map_or(Ok(()), |slot| slot.sync()))
             }
-            Target::Look(look) => {
+            Target::Visitor(visit) => {
                 let earlier: Vec<u32> = self.found().iter().take(row).copied().collect();
-                look(Row { number: row, earlier: &earlier, distances })?;
-                Ok(Line { row, landmark, facts: RowFacts::of(distances), xxh3: 0 })
+                visit(VisitedRow { number: row, earlier: &earlier, distances })?;
+                Ok(JournalEntry { row, landmark, facts: RowFacts::of(distances), xxh3: 0 })
             }
         }
     }
@@ -92,21 +92,21 @@ impl<'a> Slots<'a> {
         landmark: u32,
         distances: &[f32],
         sync: impl FnOnce() -> std::io::Result<()>,
-    ) -> Result<Line> {
+    ) -> Result<JournalEntry> {
         let facts = RowFacts::of(distances);
         let Target::File { journal: Some(journal), path, .. } = &self.target else {
-            return Ok(Line { row, landmark, facts, xxh3: 0 });
+            return Ok(JournalEntry { row, landmark, facts, xxh3: 0 });
         };
         sync().map_err(Error::io(path, "sync"))?;
-        let line = Line { row, landmark, facts, xxh3: checksum(distances) };
-        journal.append(&line)?;
-        Ok(line)
+        let entry = JournalEntry { row, landmark, facts, xxh3: checksum(distances) };
+        journal.append(&entry)?;
+        Ok(entry)
     }
 }
 
-impl FinishedRows for Slots<'_> {
+impl FinishedRows for RowSink<'_> {
     fn landmark(&self, k: usize) -> Option<u32> {
-        self.done.get(&k).map(|line| line.landmark)
+        self.done.get(&k).map(|entry| entry.landmark)
     }
 
     fn lower(&self, k: usize, field: &mut [f32]) {

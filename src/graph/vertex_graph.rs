@@ -2,30 +2,33 @@
 //!
 //! What correspondence walks over, where segmentation walks over faces. Built out of core in one shuffle: every
 //! triangle (polygons are cut into fans) gives each of its vertices the other two, and a sorted bucket of these gives
-//! rows, rings, areas and open edges of its vertices. Vertices of open edges at the same position are joined
-//! ([`super::duplicate_vertices`]), components bridged as those of faces are ([`super::bridge`]). Triangles with a coordinate that is no
-//! number, or with a vertex twice, are left out.
+//! rows, rings, areas and open edges of its vertices. Components are bridged as those of faces are
+//! ([`super::components`]). Triangles with a coordinate that is no number, or with a vertex twice, are left out.
+//!
+//! Vertices of open edges at exactly the same position, as texture seams and triangle soups leave them, are joined by edges
+//! without length, so that distances pass. As for faces ([`super::half_edges`]), only open edges and only equal positions:
+//! sheets that touch stay apart. One shuffle by a hash of the position, 32 bytes per open vertex; nothing where a mesh is
+//! closed. The edges found are held in memory, 12 bytes each, and the chain through equal vertices follows their numbers.
 //!
 //! Cost: 36 bytes a triangle through the shuffle; on disk 28 and 8 bytes a vertex, 12 an edge's end, 24 a triangle. About
 //! 0.1 µs a triangle and thread.
 
-use super::assemble::{Rows, RowsWriter};
-use super::bridge::{self, Bridge};
-use super::components::find_components;
-use super::dual::Csr;
-use super::duplicate_vertices::DuplicateVertices;
+use super::components::{self, Bridge, find_bridges, find_components};
+use super::csr::Csr;
+use super::dual_edges::{DualEdges, EdgesWriter};
 use super::nodes::{Frame, Node};
 use super::weights::LEAST;
 use crate::base::parallel::{chunk_count, chunk_range, each_chunk, in_order};
 use crate::base::vector::{cross, distance, finite, length, minus, narrow, wide};
 use crate::base::{Error, Result};
 use crate::mesh::Mesh;
-use crate::store::shuffle::BudgetedShuffle;
+use crate::store::shuffle::{BudgetedShuffle, Shuffle};
 use crate::store::stage::options_key;
-use crate::store::{Context, MappedSlice, WorkDir};
+use crate::store::{Context, MappedSlice, Run, WorkDir};
 use serde::{Deserialize, Serialize};
 use serde_json::json;
 use std::path::Path;
+use xxhash_rust::xxh3::xxh3_64;
 
 const CHUNK: usize = 1 << 14;
 
@@ -46,8 +49,8 @@ type Corner = [u32; 3];
 /// A vertex graph in a work directory.
 #[derive(Clone, Debug)]
 pub struct VertexGraph {
-    /// Rows; lengths in the frame.
-    pub rows: Rows,
+    /// Its edges; lengths in the frame.
+    pub edges: DualEdges,
     /// Position (as `centroid`, in the frame) and a third of the area around (n); `normal` stays 0. The position of a vertex
     /// without one is 0.
     pub nodes: MappedSlice<Node>,
@@ -87,7 +90,7 @@ pub fn triangles(mesh: &Mesh, corners: &[u32], mut visit: impl FnMut([u32; 3], [
 
 /// The rows of some consecutive vertices.
 #[derive(Default)]
-struct Part {
+struct VertexRange {
     nodes: Vec<Node>,
     degrees: Vec<u32>,
     indices: Vec<u32>,
@@ -142,13 +145,13 @@ impl VertexGraph {
             let problem = "has no triangle of three different vertices with positions";
             return Err(Error::unusable(path, problem, "give another mesh"));
         }
-        let mut rows = RowsWriter::create(n, 2 * records as usize, context.work)?;
+        let mut edges = EdgesWriter::create(n, 2 * records as usize, context.work)?;
         let mut nodes = context.work.writer::<Node>("vertex_geometry.npy", 7)?;
         let (mut starts, mut ring) =
             (context.work.writer::<u64>("ring_starts.npy", 1)?, context.work.writer::<u32>("ring.npy", 2)?);
         starts.push(&[0])?;
         let mut facts = VertexFacts { vertices: n as u64, ..VertexFacts::default() };
-        let mut seams = DuplicateVertices::new(n, context)?;
+        let mut duplicates = DuplicateVertices::new(n, context)?;
         let mut end = 0u64;
         in_order(
             context.run.threads,
@@ -165,29 +168,29 @@ impl VertexGraph {
                 part.ring_ends.iter_mut().for_each(|at| *at += end);
                 end = part.ring_ends.last().copied().unwrap_or(end);
                 nodes.push(&part.nodes)?;
-                rows.push(&part.degrees, &part.indices, &part.lengths, &part.lengths)?;
+                edges.push(&part.degrees, &part.indices, &part.lengths, &part.lengths)?;
                 starts.push(&part.ring_ends)?;
                 ring.push(&part.ring)?;
-                part.open.iter().try_for_each(|&v| seams.push(v, mesh.positions.get(v)))
+                part.open.iter().try_for_each(|&v| duplicates.push(v, mesh.positions.get(v)))
             },
         )?;
         drop(sized);
-        let (mut rows, nodes) = (rows.finish()?, nodes.finish(false)?);
-        let seams = seams.find(context.run)?;
-        facts.seams = seams.len() as u64;
-        if !seams.is_empty() {
-            rows = bridge::insert(&rows, &seams, context)?;
+        let (mut edges, nodes) = (edges.finish()?, nodes.finish(false)?);
+        let joins = duplicates.find(context.run)?;
+        facts.seams = joins.len() as u64;
+        if !joins.is_empty() {
+            edges = components::insert(&edges, &joins, context)?;
         }
-        let components = find_components(&rows, &nodes, context)?;
+        let components = find_components(&edges, &nodes, context)?;
         facts.components = components.list.len() as u64;
-        let mut bridges = bridge::find_bridges(&components, &nodes, context.run)?;
+        let mut bridges = find_bridges(&components, &nodes, context.run)?;
         bridges.iter_mut().for_each(|bridge: &mut Bridge| bridge.gap = bridge.gap.max(LEAST));
         drop(components);
         context.work.remove("components.npy");
         if !bridges.is_empty() {
-            rows = bridge::insert(&rows, &bridges, context)?;
+            edges = components::insert(&edges, &bridges, context)?;
         }
-        Ok(Self { rows, nodes, ring_starts: starts.finish(false)?, ring: ring.finish(false)?, frame, facts })
+        Ok(Self { edges, nodes, ring_starts: starts.finish(false)?, ring: ring.finish(false)?, frame, facts })
     }
 
     /// The same in a work directory that lasts, or what was built there from the same `input` before; also the key
@@ -213,7 +216,7 @@ impl VertexGraph {
     fn open(facts: VertexFacts, frame: Frame, work: &WorkDir) -> Result<Self> {
         let [nodes, starts, ring, indptr, indices, centroid_distance, edge] = FILES;
         Ok(Self {
-            rows: Rows {
+            edges: DualEdges {
                 indptr: work.open_array(indptr)?,
                 indices: work.open_array(indices)?,
                 centroid_distance: work.open_array(centroid_distance)?,
@@ -229,7 +232,7 @@ impl VertexGraph {
 
     /// The graph as raw slices.
     pub fn csr(&self) -> Csr<'_> {
-        Csr::new(&self.rows.indptr, &self.rows.indices, &self.rows.centroid_distance)
+        self.edges.by_distance()
     }
 
     /// Number of vertices.
@@ -244,10 +247,10 @@ impl VertexGraph {
 }
 
 /// Rows, rings and areas of the vertices of `range`, from their corners.
-fn part(mesh: &Mesh, frame: &Frame, range: std::ops::Range<usize>, mut corners: Vec<Corner>) -> Part {
+fn part(mesh: &Mesh, frame: &Frame, range: std::ops::Range<usize>, mut corners: Vec<Corner>) -> VertexRange {
     // The order in which threads pushed them must not show.
     corners.sort_unstable();
-    let mut part = Part::default();
+    let mut part = VertexRange::default();
     let (mut rest, mut neighbours) = (&corners[..], Vec::new());
     let place = |v: u32| wide(narrow(frame.place(mesh.positions.get(v)), 1.));
     for v in range {
@@ -279,4 +282,53 @@ fn part(mesh: &Mesh, frame: &Frame, range: std::ops::Range<usize>, mut corners: 
         }
     }
     part
+}
+
+/// Position bits and vertex.
+type PositionKey = [u64; 4];
+
+/// Open vertices on their way to their equals.
+struct DuplicateVertices {
+    sized: BudgetedShuffle<PositionKey>,
+    staged: Vec<PositionKey>,
+}
+
+impl DuplicateVertices {
+    /// Ready for up to `n` vertices.
+    fn new(n: usize, context: Context<'_>) -> Result<Self> {
+        let sized = BudgetedShuffle::new(&context.work.file("seams.tmp"), "seams", n as u64, 2, 4, context.run)?;
+        Ok(Self { sized, staged: Vec::new() })
+    }
+
+    /// Adds the vertex `v` at `position`.
+    fn push(&mut self, v: u32, position: [f64; 3]) -> Result<()> {
+        // Adding 0 makes one zero of both.
+        let [x, y, z] = position.map(|x| (x + 0.).to_bits());
+        self.staged.push([x, y, z, u64::from(v)]);
+        if self.staged.len() < 1 << 12 { Ok(()) } else { Self::scatter(&self.sized.shuffle, &mut self.staged) }
+    }
+
+    fn scatter(shuffle: &Shuffle<PositionKey>, staged: &mut Vec<PositionKey>) -> Result<()> {
+        let mut producer = shuffle.producer();
+        for record in staged.drain(..) {
+            let hash = xxh3_64(bytemuck::cast_slice(&record[..3]));
+            producer.push(((u128::from(hash) * shuffle.buckets() as u128) >> 64) as usize, record)?;
+        }
+        producer.finish()
+    }
+
+    /// The edges between equals, ascending.
+    fn find(mut self, run: &Run) -> Result<Vec<Bridge>> {
+        Self::scatter(&self.sized.shuffle, &mut self.staged)?;
+        let mut found = Vec::new();
+        for bucket in 0..self.sized.shuffle.buckets() {
+            run.cancel.check()?;
+            let mut records = self.sized.shuffle.take(bucket)?;
+            records.sort_unstable();
+            let equal = records.chunk_by(|a, b| a[..3] == b[..3]);
+            found.extend(equal.flat_map(|equal| equal.windows(2)).map(|pair| [pair[0][3] as u32, pair[1][3] as u32]));
+        }
+        found.sort_unstable();
+        Ok(found.into_iter().map(|nodes| Bridge { nodes, gap: LEAST }).collect())
+    }
 }

@@ -1,6 +1,6 @@
-//! Rows of the graph from links: sorted, without duplicates, with the length of each step.
+//! The edges of the dual graph from half-edge pairs: sorted, without duplicates, with the length of each step.
 //!
-//! Buckets of links come in node order; a counting sort by corner groups them by node, and each row is
+//! Buckets of pairs come in node order; a counting sort by corner groups them by node, and each row is
 //! sorted by neighbour. The length of a step is |c_i − mid| + |c_j − mid| over the midpoint of
 //! the shared edge (`graph_centroid_distances`, in the frame; |c_i − c_j| where the midpoint is no number), the edge's own
 //! length is kept beside it. Two
@@ -10,6 +10,7 @@
 //! Workers assemble buckets, one thread appends them in order: 8 + 12 + 12 + 12 bytes a triangle
 //! written, sequentially.
 
+use super::csr::Csr;
 use super::half_edge_pairs::{HalfEdgePair, HalfEdgePairs};
 use super::nodes::{Frame, Node};
 use crate::base::Result;
@@ -19,9 +20,9 @@ use crate::mesh::Mesh;
 use crate::store::npy::ArrayWriter;
 use crate::store::{Context, MappedSlice, WorkDir};
 
-/// The arrays of a graph before its weights.
+/// The edges of a graph before they are weighted, as compressed rows.
 #[derive(Clone, Debug)]
-pub struct Rows {
+pub struct DualEdges {
     /// Row starts (n + 1).
     pub indptr: MappedSlice<u64>,
     /// Neighbours, ascending in a row (nnz).
@@ -33,6 +34,29 @@ pub struct Rows {
     pub edge: MappedSlice<f32>,
 }
 
+impl DualEdges {
+    /// Number of nodes.
+    pub fn len(&self) -> usize {
+        self.indptr.len() - 1
+    }
+
+    /// Whether there are no nodes.
+    pub fn is_empty(&self) -> bool {
+        self.len() == 0
+    }
+
+    /// The graph weighted by the lengths of its steps, in the frame.
+    pub fn by_distance(&self) -> Csr<'_> {
+        Csr::new(&self.indptr, &self.indices, &self.centroid_distance)
+    }
+
+    /// The graph with the lengths of the shared edges in the place of weights, some of them negative: for passes over
+    /// neighbours, not for fronts.
+    pub fn by_shared_edge(&self) -> Csr<'_> {
+        Csr::new(&self.indptr, &self.indices, &self.edge)
+    }
+}
+
 /// An entry of a row while it is being put together.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Entry {
@@ -41,8 +65,8 @@ pub(super) struct Entry {
     pub edge: f32,
 }
 
-/// Writes the four arrays of [`Rows`] from front to back.
-pub(super) struct RowsWriter {
+/// Writes the four arrays of [`DualEdges`] from front to back.
+pub(super) struct EdgesWriter {
     indptr: ArrayWriter<u64>,
     indices: ArrayWriter<u32>,
     centroid_distance: ArrayWriter<f32>,
@@ -51,7 +75,7 @@ pub(super) struct RowsWriter {
     end: u64,
 }
 
-impl RowsWriter {
+impl EdgesWriter {
     /// For `nodes` rows of at most `entries` entries in all.
     pub fn create(nodes: usize, entries: usize, work: &WorkDir) -> Result<Self> {
         let mut indptr = work.writer_of("graph_indptr.npy", 1, nodes + 1)?;
@@ -79,8 +103,8 @@ impl RowsWriter {
         self.edge.push(edge)
     }
 
-    pub fn finish(self) -> Result<Rows> {
-        Ok(Rows {
+    pub fn finish(self) -> Result<DualEdges> {
+        Ok(DualEdges {
             indptr: self.indptr.finish(false)?,
             indices: self.indices.finish(false)?,
             centroid_distance: self.centroid_distance.finish(false)?,
@@ -97,16 +121,16 @@ pub fn assemble(
     mesh: &Mesh,
     frame: &Frame,
     nodes: &[Node],
-    links: &HalfEdgePairs,
+    pairs: &HalfEdgePairs,
     context: Context<'_>,
-) -> Result<Rows> {
-    let mut writer = RowsWriter::create(nodes.len(), links.bound(), context.work)?;
+) -> Result<DualEdges> {
+    let mut writer = EdgesWriter::create(nodes.len(), pairs.bound(), context.work)?;
     in_order(
         context.run.threads,
         &context.run.cancel,
-        links.parts(),
+        pairs.parts(),
         || (),
-        |part, ()| Ok(assemble_part(mesh, frame, nodes, links.nodes_of(part), &links.take(part, mesh)?)),
+        |part, ()| Ok(assemble_part(mesh, frame, nodes, pairs.nodes_of(part), &pairs.take(part, mesh)?)),
         |_, part| {
             context.run.progress.advance("graph", part.degrees.len() as u64);
             writer.push(&part.degrees, &part.indices, &part.centroid_distance, &part.edges)
@@ -115,50 +139,50 @@ pub fn assemble(
     writer.finish()
 }
 
-/// The rows of one part.
-struct Part {
+/// The rows of a range of nodes.
+struct NodeRange {
     degrees: Vec<u32>,
     indices: Vec<u32>,
     centroid_distance: Vec<f32>,
     edges: Vec<f32>,
 }
 
-/// Assembles the rows of the nodes of `range`, whose `links` come in the order of their corners.
+/// Assembles the rows of the nodes of `range`, whose `pairs` come in the order of their corners.
 fn assemble_part(
     mesh: &Mesh,
     frame: &Frame,
     nodes: &[Node],
     range: std::ops::Range<usize>,
-    links: &[HalfEdgePair],
-) -> Part {
-    let mut part = Part {
+    pairs: &[HalfEdgePair],
+) -> NodeRange {
+    let mut part = NodeRange {
         degrees: Vec::with_capacity(range.len()),
-        indices: Vec::with_capacity(links.len()),
-        centroid_distance: Vec::with_capacity(links.len()),
-        edges: Vec::with_capacity(links.len()),
+        indices: Vec::with_capacity(pairs.len()),
+        centroid_distance: Vec::with_capacity(pairs.len()),
+        edges: Vec::with_capacity(pairs.len()),
     };
-    let mut rest = links;
+    let mut rest = pairs;
     let mut row: Vec<Entry> = Vec::new();
     let mut points: Vec<[f64; 3]> = Vec::new();
     mesh.faces.for_each(range, |face, corners| {
         points.clear();
         points.extend(corners.iter().map(|&v| frame.place(mesh.positions.get(v))));
         let span = mesh.faces.corner_range(face);
-        let count = rest.iter().take_while(|link| (link.corner as usize) < span.end).count();
+        let count = rest.iter().take_while(|pair| (pair.corner as usize) < span.end).count();
         let (mine, after) = rest.split_at(count);
         rest = after;
         row.clear();
-        row.extend(mine.iter().map(|link| {
-            let slot = link.corner as usize - span.start;
+        row.extend(mine.iter().map(|pair| {
+            let slot = pair.corner as usize - span.start;
             let end = if slot + 1 == points.len() { 0 } else { slot + 1 };
             let ends = [points[slot], points[end]];
-            let mut entry = step(&nodes[face], &nodes[link.to() as usize], link.to(), ends);
-            if link.against() {
+            let mut entry = step(&nodes[face], &nodes[pair.to() as usize], pair.to(), ends);
+            if pair.against() {
                 entry.edge = -entry.edge;
             }
             entry
         }));
-        // Ties of neighbour are resolved by value, so the order of links does not matter.
+        // Ties of neighbour are resolved by value, so the order of pairs does not matter.
         let before = part.indices.len();
         if let [a, b, c] = &mut row[..]
             && a.node != b.node
@@ -202,7 +226,7 @@ fn assemble_part(
 }
 
 /// Adds a second edge to the entry pushed last: the shorter known step, the summed edge length.
-fn merge(part: &mut Part, entry: &Entry) {
+fn merge(part: &mut NodeRange, entry: &Entry) {
     if let (Some(centroid_distance), Some(edge)) = (part.centroid_distance.last_mut(), part.edges.last_mut()) {
         *centroid_distance = centroid_distance.min(entry.centroid_distance);
         *edge = (edge.abs() + entry.edge.abs()).copysign(*edge);

@@ -1,0 +1,177 @@
+//! Weighted graphs as arrays: a sparse matrix over mapped files, its raw slices, and a denser copy for fronts.
+//!
+//! Rows are compressed ([`Csr`]): the steps from node i are the entries `indptr[i]..indptr[i + 1]` of `indices` and
+//! `weights`. 8 bytes per node and 8 per directed edge; [`Csr::neighbours`] walks the steps from a node.
+
+use crate::base::Result;
+use crate::base::parallel::fill_chunks;
+use crate::store::in_memory::AlignedBuffer;
+use crate::store::mapped::{MappedCsr, csr_of_mapped};
+use crate::store::{MappedSlice, Run, WorkDir};
+use bytemuck::{Pod, Zeroable};
+use std::ops::Range;
+
+/// A weighted graph as a sparse matrix over mapped files.
+#[derive(Clone, Debug)]
+pub struct WeightedGraph {
+    /// Row i: the neighbours of node i and the weights of the steps.
+    pub matrix: MappedCsr,
+    /// The matrix's row starts: its own are behind a view that cannot be borrowed for long.
+    indptr: MappedSlice<u64>,
+    /// Key of the stage, for stages built on it.
+    pub key: String,
+}
+
+impl WeightedGraph {
+    /// A matrix whose row starts are also given by themselves.
+    pub fn new(matrix: MappedCsr, indptr: MappedSlice<u64>, key: String) -> Self {
+        Self { matrix, indptr, key }
+    }
+
+    /// Opens the weighted graph that another process left in `work`, its weights under `key`.
+    ///
+    /// # Errors
+    /// [`Error::Io`], [`Error::Malformed`], [`Error::WorkDir`].
+    pub fn open(key: String, work: &WorkDir) -> Result<Self> {
+        let indptr: MappedSlice<u64> = work.open_array("graph_indptr.npy")?;
+        let (indices, weights) = (work.open_array("graph_indices.npy")?, work.open_array("graph_weights.npy")?);
+        let matrix = csr_of_mapped(work.path(), indptr.clone(), indices, weights)?;
+        Ok(Self { matrix, indptr, key })
+    }
+
+    /// Gives up the weights, which the rows are made of, in a temporary `work`: 12 B a triangle of disk.
+    ///
+    /// # Errors
+    /// [`Error::Io`].
+    pub fn release(self, work: &WorkDir) -> Result<()> {
+        drop(self);
+        work.release("weights", &["graph_weights.npy"])
+    }
+
+    /// The matrix as raw slices for hot loops.
+    pub fn csr(&self) -> Csr<'_> {
+        Csr::new(&self.indptr, self.matrix.indices(), self.matrix.data())
+    }
+}
+
+/// A graph as raw slices.
+#[derive(Clone, Copy, Debug)]
+pub struct Csr<'a> {
+    /// Row starts (n + 1).
+    pub indptr: &'a [u64],
+    /// Neighbours (nnz), all below n.
+    pub indices: &'a [u32],
+    /// Weights (nnz), positive.
+    pub weights: &'a [f32],
+    /// The same steps as triangle adjacency (n), for fronts; empty where it was not made.
+    pub triangles: &'a [TriangleNeighbours],
+}
+
+impl<'a> Csr<'a> {
+    /// A graph of these arrays alone.
+    pub fn new(indptr: &'a [u64], indices: &'a [u32], weights: &'a [f32]) -> Self {
+        Self { indptr, indices, weights, triangles: &[] }
+    }
+
+    /// Number of nodes.
+    pub fn len(&self) -> usize {
+        self.indptr.len() - 1
+    }
+
+    /// Whether there are no nodes.
+    pub fn is_empty(&self) -> bool {
+        self.len() == 0
+    }
+
+    /// Where the steps from `node` lie in `indices` and `weights`.
+    #[inline(always)]
+    pub fn span(self, node: u32) -> Range<usize> {
+        self.indptr[node as usize] as usize..self.indptr[node as usize + 1] as usize
+    }
+
+    /// The steps from `node`: its neighbours, ascending, each with the weight of the step.
+    #[inline(always)]
+    pub fn neighbours(self, node: u32) -> impl Iterator<Item = (u32, f32)> + Clone + 'a {
+        let span = self.span(node);
+        self.indices[span.clone()].iter().copied().zip(self.weights[span].iter().copied())
+    }
+
+    /// Bytes of the three arrays.
+    pub fn bytes(&self) -> u64 {
+        (size_of_val(self.indptr) + size_of_val(self.indices) + size_of_val(self.weights)) as u64
+    }
+}
+
+/// Nodes a chunk of the pass that makes them.
+const CHUNK: usize = 1 << 14;
+/// In the place of the first neighbour: there are more than three, look them up in the matrix.
+const MORE: u32 = u32::MAX;
+
+/// The steps from a node; where there are fewer than three, infinite ones to itself besides.
+#[derive(Clone, Copy, Debug, Pod, Zeroable)]
+#[repr(C)]
+pub struct TriangleNeighbours {
+    next: [u32; 3],
+    weights: [f32; 3],
+}
+
+impl TriangleNeighbours {
+    /// The steps, where there are no more than three.
+    #[inline(always)]
+    pub fn steps(&self) -> Option<(&[u32; 3], &[f32; 3])> {
+        (self.next[0] != MORE).then_some((&self.next, &self.weights))
+    }
+}
+
+/// The graph of a closed triangle mesh in records of three steps, for fronts (n).
+///
+/// Nearly every face has three neighbours. With their numbers and the weights of the steps in one record a front needs
+/// one cache line per node instead of three and no row start, and its inner loop has a fixed length: with large pages a
+/// row takes about half the time (`benches/records`). It is a copy, 24 bytes per node beside the sparse matrix, so it is
+/// made only where many rows will be computed and half of the budget stays free; without it fronts walk the matrix, with
+/// the same result.
+#[derive(Debug)]
+pub struct TriangleAdjacency {
+    words: AlignedBuffer,
+    nodes: usize,
+}
+
+impl TriangleAdjacency {
+    /// The triangle adjacency of `graph`; `None` where the budget has no room for it. One parallel pass.
+    ///
+    /// # Errors
+    /// [`crate::base::Error::Cancelled`].
+    pub fn of(graph: Csr<'_>, run: &Run) -> Result<Option<Self>> {
+        let Some(mut words) = AlignedBuffer::spare(&run.budget, graph.len() * size_of::<TriangleNeighbours>()) else {
+            return Ok(None);
+        };
+        let all: &mut [TriangleNeighbours] = words.items_mut(graph.len());
+        fill_chunks(
+            run.threads,
+            &run.cancel,
+            all,
+            CHUNK,
+            || (),
+            |k, out, ()| {
+                for (node, record) in (k * CHUNK..).zip(out) {
+                    let span = graph.span(node as u32);
+                    let (next, weights) = (&graph.indices[span.clone()], &graph.weights[span]);
+                    *record = TriangleNeighbours { next: [node as u32; 3], weights: [f32::INFINITY; 3] };
+                    if next.len() > 3 {
+                        record.next[0] = MORE;
+                    } else {
+                        record.next[..next.len()].copy_from_slice(next);
+                        record.weights[..next.len()].copy_from_slice(weights);
+                    }
+                }
+                Ok(())
+            },
+        )?;
+        Ok(Some(Self { words, nodes: graph.len() }))
+    }
+
+    /// The records (n).
+    pub fn all(&self) -> &[TriangleNeighbours] {
+        self.words.items(self.nodes)
+    }
+}
