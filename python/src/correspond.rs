@@ -81,7 +81,7 @@ pub fn correspond(
             return Err(PyValueError::new_err(text));
         }
     };
-    let mut params = CorrespondParams { matching, transfer, alternative, ..CorrespondParams::default() };
+    let mut params = CorrespondParams::default().matching(matching).transfer(transfer).alternative(alternative);
     params.embedding.dimensions = vectors.unwrap_or(params.embedding.dimensions);
     let arrays = [Arrays::of(vertices_a, faces_a)?, Arrays::of(vertices_b, faces_b)?];
     let work = work_dir(&options).map_err(raised)?;

@@ -106,11 +106,18 @@ pub fn palette(count: usize) -> Vec<[u8; 3]> {
     colours
 }
 
-/// A colour a part such that parts that touch are unlike. `touching` lists pairs of parts and the
+/// One colour per part such that parts that touch are unlike. `touching` lists pairs of parts and the
 /// length of their contact, each pair once or twice; pairs beyond `parts` are ignored.
 ///
 /// Parts choose in the order of their contact, the longest first, among the colours used least:
 /// so all [`MOST`] colours are used before one is used twice.
+///
+/// ```
+/// use nystrom_stream::apps::colours::assign;
+/// // Parts 0 and 1 touch along a border of length 2.
+/// let colours = assign(3, &[(0, 1, 2.)]);
+/// assert!(colours.len() == 3 && colours[0] != colours[1]);
+/// ```
 pub fn assign(parts: usize, touching: &[(u32, u32, f64)]) -> Vec<[u8; 3]> {
     let colours = palette(parts.clamp(BASE, MOST));
     let seen: Vec<Seen> = colours.iter().map(|&colour| seen(colour)).collect();
@@ -155,7 +162,7 @@ const CHUNK: usize = 1 << 16;
 const IN_TURN: usize = 2048;
 const NONE: u32 = u32::MAX;
 
-/// A colour-blind-safe colour a label, unlike between parts that touch.
+/// One colour per label, safe for the colour-blind, unlike between parts that touch.
 ///
 /// # Errors
 /// [`crate::base::Error::Cancelled`], [`crate::base::Error::Memory`].

@@ -8,6 +8,7 @@ pub mod error;
 pub mod parallel;
 pub mod progress;
 pub mod random;
+pub(crate) mod setters;
 pub mod union_find;
 pub mod vector;
 pub mod wide;

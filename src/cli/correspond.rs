@@ -114,22 +114,21 @@ pub struct MethodArgs {
 
 impl MethodArgs {
     fn params(&self) -> CorrespondParams {
-        CorrespondParams {
-            landmarks: self.landmarks.map_or(0, |l| l as usize),
-            sampling: self.sampling.sampling(),
-            distance: match self.distance {
+        CorrespondParams::default()
+            .landmarks(self.landmarks.map_or(0, |l| l as usize))
+            .sampling(self.sampling.sampling())
+            .distance(match self.distance {
                 DistanceArg::Edges => Distance::Edges,
                 DistanceArg::March => Distance::March,
-            },
-            embedding: OrthogonalParams { dimensions: self.vectors, width: self.sigma, ..OrthogonalParams::default() },
-            matching: match (self.mutual, self.one_to_one) {
+            })
+            .embedding(OrthogonalParams { dimensions: self.vectors, width: self.sigma, ..OrthogonalParams::default() })
+            .matching(match (self.mutual, self.one_to_one) {
                 (true, _) => Matching::Mutual,
                 (_, true) => Matching::OneToOne,
                 _ => Matching::All,
-            },
-            transfer: self.transfer,
-            alternative: self.alternative,
-        }
+            })
+            .transfer(self.transfer)
+            .alternative(self.alternative)
     }
 }
 
@@ -217,7 +216,7 @@ fn show(args: &Args, a: &Opened, b: &Opened, matches: &[Match], context: Context
             annotated::write_annotated(to_b, &b.mesh, &annotated::colours(of_b), &[], context.run)?;
         }
         if let Some(path) = &args.picture {
-            let params = PictureParams { height: 800, ..PictureParams::default() };
+            let params = PictureParams::default().height(800);
             side_by_side(&a.mesh, &b.mesh, matches, &colours, &params, context)?.write_png(path)?;
         }
     }

@@ -63,18 +63,16 @@ fn parse_dimensions(text: &str) -> Result<(usize, usize), String> {
 impl Args {
     fn params(&self) -> PictureParams {
         let (width, height) = self.size;
-        PictureParams {
-            width,
-            height,
-            views: self.views,
-            transparent: self.transparent,
-            legend: !self.no_legend,
-            lines: !self.no_lines,
-            up: self.up,
-            turn: self.turn,
-            tilt: self.tilt,
-            ..PictureParams::default()
-        }
+        PictureParams::default()
+            .width(width)
+            .height(height)
+            .views(self.views)
+            .transparent(self.transparent)
+            .legend(!self.no_legend)
+            .lines(!self.no_lines)
+            .up(self.up)
+            .turn(self.turn)
+            .tilt(self.tilt)
     }
 
     fn target(&self) -> Result<PathBuf, Failure> {

@@ -133,34 +133,31 @@ fn params(args: &Args) -> Result<CompareParams, Failure> {
     landmarks.sort_unstable();
     landmarks.dedup();
     let seeds = if args.compare { u64::from(args.seeds) } else { 1 };
-    Ok(CompareParams {
-        samplings,
-        landmarks,
-        seeds: (0..seeds).map(|k| args.run.seed.unwrap_or(0).wrapping_add(k)).collect(),
-        kernel: args.kernel.kernel(),
-        width: args.local.map_or(args.sigma, f64::from),
-        local: args.local.is_some(),
-        tolerance: args.tolerance,
-        gamma_kernel: args.gamma_kernel.kernel(),
-        residual: args.exact,
-        schur: args.exact && !args.compare,
-    })
+    Ok(CompareParams::default()
+        .samplings(samplings)
+        .landmarks(landmarks)
+        .seeds((0..seeds).map(|k| args.run.seed.unwrap_or(0).wrapping_add(k)).collect())
+        .kernel(args.kernel.kernel())
+        .width(args.local.map_or(args.sigma, f64::from))
+        .local(args.local.is_some())
+        .tolerance(args.tolerance)
+        .gamma_kernel(args.gamma_kernel.kernel())
+        .residual(args.exact)
+        .schur(args.exact && !args.compare))
 }
 
 pub fn run(args: &Args, app: &AppContext) -> Result<(), Failure> {
     let params = params(args)?;
     let bars = args.run.bars();
     let run = args.run.run(&bars, app);
-    let grounds = StudyParams {
-        over: match args.nodes {
+    let grounds = StudyParams::default()
+        .over(match args.nodes {
             NodesArg::Faces => Over::Faces,
             NodesArg::Vertices => Over::Vertices,
-        },
-        metric: args.metric.metric()?,
-        matrix: if args.exact || args.compare || args.embedding { MOST } else { 0 },
-        lengths: params.samplings.iter().any(|sampling| sampling.needs_lengths()),
-        ..StudyParams::default()
-    };
+        })
+        .metric(args.metric.metric()?)
+        .matrix(if args.exact || args.compare || args.embedding { MOST } else { 0 })
+        .lengths(params.samplings.iter().any(|sampling| sampling.needs_lengths()));
     let (mut records, mut errors) = (Vec::new(), Vec::new());
     for path in &args.meshes {
         let work = args.run.work(None, std::env::temp_dir, &run)?;

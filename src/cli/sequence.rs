@@ -230,7 +230,7 @@ fn write(
         Target::Npy(path) => npy::write(path, &sequence.places, 1, false).map(drop),
         Target::Png(path) => {
             let (labels, colours) = gradient(&sequence.places, context.work)?;
-            let params = PictureParams { legend: false, lines: false, ..PictureParams::default() };
+            let params = PictureParams::default().legend(false).lines(false);
             render(mesh, Some(&labels), &colours, &params, context.run)?.write_png(path)
         }
     };

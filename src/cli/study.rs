@@ -40,8 +40,10 @@ pub fn run(args: &Args, app: &AppContext) -> Result<(), Failure> {
     }
     let bars = args.run.bars();
     let run = args.run.run(&bars, app);
-    let params =
-        PointsParams { points: args.points as usize, landmarks: args.landmarks as usize, runs: args.runs as usize };
+    let params = PointsParams::default()
+        .points(args.points as usize)
+        .landmarks(args.landmarks as usize)
+        .runs(args.runs as usize);
     type Norm = (&'static str, fn(&Judged) -> f64);
     let norms: [Norm; 3] = [("frobenius", |s| s.frobenius), ("spectral", |s| s.spectral), ("nuclear", |s| s.nuclear)];
     let mut text = String::from("agreement with Γ, per cent, by norm of the Schur complement\n");

@@ -23,6 +23,7 @@ use serde_json::Value;
 
 /// What `correspond` is asked to do.
 #[derive(Clone, Copy, Debug, Serialize)]
+#[non_exhaustive]
 pub struct CorrespondParams {
     /// Number of landmarks l on each mesh.
     pub landmarks: usize,
@@ -53,6 +54,16 @@ impl Default for CorrespondParams {
         }
     }
 }
+
+crate::base::setters::setters!(CorrespondParams {
+    landmarks: usize,
+    sampling: Sampling,
+    distance: Distance,
+    embedding: OrthogonalParams,
+    matching: Matching,
+    transfer: bool,
+    alternative: usize
+});
 
 /// Landmarks for meshes of up to `vertices` vertices: fewer where a row costs a third of a second. On twelve decimated series 20
 /// instead of 50 take the mean error from .007 to .010.
@@ -170,6 +181,21 @@ impl<'a> Side<'a> {
 }
 
 /// Matches the vertices of `a` with those of `b`; `inputs` as in [`Side::build`].
+///
+/// ```
+/// use nystrom_stream::apps::creature::{Creature, Options};
+/// use nystrom_stream::mesh;
+/// use nystrom_stream::pipeline::correspond::{CorrespondParams, correspond};
+/// use nystrom_stream::store::{Context, Run, WorkDir};
+/// let (work, run) = (WorkDir::temporary(&std::env::temp_dir())?, Run::new(&()));
+/// let path = work.file("creature.ply");
+/// Creature::new(&Options { faces: 3_528, ..Options::default() })?.write_ply(&path, &run)?;
+/// let (a, b) = (mesh::open(&path, work.path(), &run)?, mesh::open(&path, work.path(), &run)?);
+/// let params = CorrespondParams::default().landmarks(12);
+/// let found = correspond(&a, &b, None, &params, Context::new(&work, &run))?;
+/// assert!(found.matches.iter().enumerate().all(|(v, one)| one.vertex() == Some(v as u32)));
+/// # Ok::<(), nystrom_stream::base::Error>(())
+/// ```
 ///
 /// # Errors
 /// As [`Side::build`].

@@ -101,7 +101,7 @@ fn degenerate_labellings_have_scores() {
 fn counts_that_differ_are_named_in_one_line() {
     let mesh = grid(3);
     let error = compare(Some(&mesh), &[0; 18], &[0; 17]).unwrap_err().to_string();
-    assert_eq!(error, "truth: 17 labels for 18 faces; give one label a face, in the order of the mesh file");
+    assert_eq!(error, "truth: 17 labels for 18 faces; give one label per face, in the order of the mesh file");
     let surface = Evaluator::of(&mesh).unwrap();
     let error = surface.segmentations(&[vec![0; 18], vec![0; 3]]).unwrap_err().to_string();
     assert!(error.starts_with("truth 2: 3 labels for 18 faces") && !error.contains('\n'));

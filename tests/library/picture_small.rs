@@ -18,7 +18,7 @@ fn cube(high: f64) -> Mesh {
 }
 
 fn small() -> PictureParams {
-    PictureParams { width: 120, height: 100, legend: false, ..PictureParams::default() }
+    PictureParams::default().width(120).height(100).legend(false)
 }
 
 /// Pixels nearer to `colour` in hue than to grey.
@@ -32,7 +32,7 @@ fn count(image: &Image, colour: [u8; 3]) -> usize {
 fn three_sides_of_a_cube_are_seen_and_the_hidden_ones_are_not() {
     let mesh = cube(1.0);
     // Top green, bottom blue, sides red.
-    let params = PictureParams { up: Some("y".parse().unwrap()), lines: false, ..small() };
+    let params = small().up(Some("y".parse().unwrap())).lines(false);
     let image = render(&mesh, Some(&[0, 0, 2, 1, 0, 0]), &[RED, GREEN, BLUE], &params, &Run::new(&())).unwrap();
     assert_eq!(image.pixels[0], [255; 4]);
     assert!(count(&image, RED) > 1000, "{}", count(&image, RED));
@@ -47,7 +47,7 @@ fn three_sides_of_a_cube_are_seen_and_the_hidden_ones_are_not() {
         rows.map(of).sum::<usize>() / count(&image, colour).max(1)
     };
     assert!(row(GREEN) + 10 < row(RED));
-    let down = PictureParams { up: Some("-y".parse().unwrap()), ..params };
+    let down = params.up(Some("-y".parse().unwrap()));
     let image = render(&mesh, Some(&[0, 0, 2, 1, 0, 0]), &[RED, GREEN, BLUE], &down, &Run::new(&())).unwrap();
     assert_eq!(count(&image, GREEN), 0);
     assert!(count(&image, BLUE) > 100);
@@ -76,7 +76,7 @@ fn the_picture_does_not_depend_on_the_threads() {
         let mut run = Run::new(&());
         run.threads = threads;
         let colours = colours_for(&mesh, &labels, &run).unwrap();
-        let params = PictureParams { views: 3, transparent: true, legend: true, width: 400, height: 300, ..small() };
+        let params = small().views(3).transparent(true).legend(true).width(400).height(300);
         render(&mesh, Some(&labels), &colours, &params, &run).unwrap()
     };
     let one = draw(1);
@@ -97,7 +97,7 @@ fn nothing_is_seen_between_neighbouring_faces() {
     }));
     let faces: Vec<[u32; 3]> = (0..n).map(|k| [0, 1 + k, 1 + (k + 1) % n]).collect();
     let mesh = Mesh::from_slices(&vertices, &faces).unwrap();
-    let params = PictureParams { up: Some("y".parse().unwrap()), tilt: 90.0, transparent: true, samples: 1, ..small() };
+    let params = small().up(Some("y".parse().unwrap())).tilt(90.0).transparent(true).samples(1);
     let image = render(&mesh, None, &[], &params, &Run::new(&())).unwrap();
     for row in image.pixels.chunks(image.width) {
         let covered: Vec<usize> = (0..row.len()).filter(|&x| row[x][3] > 0).collect();
@@ -123,13 +123,9 @@ fn odd_meshes_are_drawn_or_refused() {
     assert!(render(&mesh, None, &[], &small(), &run).is_err());
     let mesh = cube(1.0);
     assert!(render(&mesh, Some(&[0; 5]), &[RED], &small(), &run).is_err());
-    for wrong in [
-        PictureParams { width: 0, ..small() },
-        PictureParams { height: 1 << 20, ..small() },
-        PictureParams { views: 0, ..small() },
-        PictureParams { samples: 9, ..small() },
-        PictureParams { turn: f64::NAN, ..small() },
-    ] {
+    for wrong in
+        [small().width(0), small().height(1 << 20), small().views(0), small().samples(9), small().turn(f64::NAN)]
+    {
         assert!(render(&mesh, None, &[], &wrong, &run).is_err(), "{wrong:?}");
     }
     assert!("w".parse::<Up>().is_err());

@@ -56,7 +56,7 @@ fn gamma_and_schur_complement_have_the_reference_values() {
 
 #[test]
 fn gamma_ranks_samples_as_the_schur_complement_does() {
-    let params = PointsParams { points: 200, runs: 60, ..PointsParams::default() };
+    let params = PointsParams::default().points(200).runs(60);
     let pairs = points::pairs(params, 0, &Run::new(&())).unwrap();
     let share = agreement(&pairs, |s| s.frobenius);
     assert!((0.85..=1.).contains(&share), "{share}");
@@ -200,7 +200,7 @@ fn small(metric: Metric, matrix: usize) -> Small {
     let path = common::zoo::dumbbell().write(dir.path());
     let work = WorkDir::temporary(dir.path()).unwrap();
     let opened = nystrom_stream::mesh::open(&path, work.path(), &run).unwrap();
-    let params = StudyParams { metric, matrix, held_out: 60, lengths: true, over: Over::Faces };
+    let params = StudyParams::default().metric(metric).matrix(matrix).held_out(60).lengths(true).over(Over::Faces);
     let ground = StudyData::of(&opened, &serde_json::json!(1), params, Context::new(&work, &run)).unwrap();
     Small { ground, work, run, _dir: dir }
 }
@@ -215,13 +215,9 @@ impl Small {
 fn every_sampling_finds_distinct_landmarks_the_same_on_matrix_and_graph() {
     let (matrix, graph) = (small(Metric::default(), 5000), small(Metric::default(), 0));
     assert!(matrix.ground.matrix.is_some() && graph.ground.matrix.is_none());
-    let params = |sigma: f64| CompareParams {
-        samplings: Sampling::ALL.to_vec(),
-        landmarks: vec![1, 2, 7],
-        seeds: vec![3],
-        // Both grounds under one width, which each knows as a mean of its own.
-        width: sigma,
-        ..CompareParams::default()
+    let params = |sigma: f64| {
+        // Both are measured under one width, which each knows as a mean of its own.
+        CompareParams::default().samplings(Sampling::ALL.to_vec()).landmarks(vec![1, 2, 7]).seeds(vec![3]).width(sigma)
     };
     let (a, b) = (matrix.compare(&params(1.)), graph.compare(&params(matrix.ground.mean / graph.ground.mean)));
     assert_eq!(a.len(), 3 * Sampling::ALL.len());
@@ -299,13 +295,11 @@ fn greedy_sampling_takes_the_candidate_of_greatest_gamma() {
 #[test]
 fn samplings_rank_as_in_the_paper() {
     let small = small(Metric::Geodesic, 5000);
-    let params = CompareParams {
-        samplings: vec![Sampling::Uniform, Sampling::Farthest, Sampling::Greedy],
-        landmarks: vec![10],
-        seeds: (0..10).collect(),
-        residual: true,
-        ..CompareParams::default()
-    };
+    let params = CompareParams::default()
+        .samplings(vec![Sampling::Uniform, Sampling::Farthest, Sampling::Greedy])
+        .landmarks(vec![10])
+        .seeds((0..10).collect())
+        .residual(true);
     let records = small.compare(&params);
     let lines = summary(&records);
     let of = |sampling| lines.iter().find(|line| line.sampling == sampling).unwrap();
@@ -331,7 +325,7 @@ fn samplings_rank_as_in_the_paper() {
 #[test]
 fn exact_norms_agree_with_gamma_and_with_all_of_w() {
     let small = small(Metric::Geodesic, 5000);
-    let params = CompareParams { schur: true, residual: true, ..CompareParams::default() };
+    let params = CompareParams::default().schur(true).residual(true);
     let record = &small.compare(&params)[0];
     let exact_ones = record.exact.as_ref().unwrap();
     let m = (record.nodes - record.l) as f64;
@@ -352,8 +346,7 @@ fn exact_norms_agree_with_gamma_and_with_all_of_w() {
 #[test]
 fn the_orthogonalised_embedding_converges_where_the_plain_one_stalls() {
     let small = small(Metric::Geodesic, 5000);
-    let gaussian =
-        CompareParams { kernel: Kernel::Gaussian, landmarks: vec![10, 20, 50, 100], ..CompareParams::default() };
+    let gaussian = CompareParams::default().kernel(Kernel::Gaussian).landmarks(vec![10, 20, 50, 100]);
     let errors = embedding_errors(&small.ground, &gaussian, Sampling::Farthest, 0, 6, &small.run).unwrap();
     assert!(errors[1..].iter().all(|e| e.orthogonal < e.plain / 3.), "{errors:?}");
     let bounds = [0.2, 0.05, 0.04, 0.015];
@@ -362,10 +355,10 @@ fn the_orthogonalised_embedding_converges_where_the_plain_one_stalls() {
     let path = common::zoo::dumbbell().write(dir.path());
     let work = WorkDir::temporary(dir.path()).unwrap();
     let opened = nystrom_stream::mesh::open(&path, work.path(), &small.run).unwrap();
-    let params = StudyParams { over: Over::Vertices, ..StudyParams::default() };
+    let params = StudyParams::default().over(Over::Vertices);
     let ground = StudyData::of(&opened, &serde_json::json!(1), params, Context::new(&work, &small.run)).unwrap();
     assert_eq!(ground.len(), opened.mesh.positions.len());
-    let fewer = CompareParams { landmarks: vec![20, 50], ..gaussian };
+    let fewer = gaussian.landmarks(vec![20, 50]);
     let marched = embedding_errors(&ground, &fewer, Sampling::Farthest, 0, 6, &small.run).unwrap();
     assert!(marched[1].orthogonal < 0.02 && marched[1].by_area < 0.02, "{marched:?}");
     assert!(marched.iter().all(|e| e.by_area < e.plain && e.orthogonal < e.plain), "{marched:?}");

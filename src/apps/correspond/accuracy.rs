@@ -1,7 +1,7 @@
 //! How wrong matches are: the distance along the surface from the vertex found to the true one, over √area.
 //!
 //! Fast marching from each true vertex until the found one is reached, so cost follows the error: a match that is right costs
-//! nothing. Scratch is one field a thread, 4 bytes a vertex. [`Errors`] sums up: mean, median, and the share of
+//! nothing. Scratch is one field per thread, 4 bytes per vertex. [`Errors`] sums up: mean, median, and the share of
 //! vertices below each of a hundred errors, as benchmarks of correspondence plot it.
 
 use crate::base::parallel::map_chunks;
@@ -12,7 +12,7 @@ use crate::graph::VertexGraph;
 use crate::store::Run;
 use serde::Serialize;
 
-/// Pairs a chunk.
+/// Pairs per chunk.
 const CHUNK: usize = 64;
 /// Steps of the curve, to [`Errors::END`].
 const STEPS: usize = 50;
@@ -41,6 +41,12 @@ impl Errors {
     pub const END: f64 = 0.25;
 
     /// Sums up errors (in units of √area) in any order.
+    ///
+    /// ```
+    /// use nystrom_stream::apps::correspond::Errors;
+    /// let errors = Errors::of(vec![0., 0.1, 0.2], 1);
+    /// assert_eq!((errors.judged, errors.unmatched, errors.median), (3, 1, 0.1));
+    /// ```
     pub fn of(mut errors: Vec<f64>, unmatched: u64) -> Self {
         errors.sort_by(f64::total_cmp);
         let at = |share: f64| errors.get(((errors.len() as f64 - 1.) * share).round() as usize).copied().unwrap_or(0.);
@@ -70,7 +76,7 @@ pub fn distances(graph: &VertexGraph, pairs: &[(u32, u32)], run: &Run) -> Result
     }
     let mut order: Vec<u32> = (0..pairs.len() as u32).collect();
     order.sort_unstable_by_key(|&k| (pairs[k as usize].1, k));
-    // One march a true vertex, however many were matched to it.
+    // One march per true vertex, however many were matched to it.
     let groups: Vec<&[u32]> = order.chunk_by(|&a, &b| pairs[a as usize].1 == pairs[b as usize].1).collect();
     let bytes = (4 * n * run.threads) as u64;
     let _grant = run.budget.take("marching", bytes, bytes)?;

@@ -157,6 +157,15 @@ pub fn sample(nodes: &[Node], count: usize, seed: u64, purpose: &str) -> Vec<u32
 }
 
 /// The orthogonal matrix that brings `from` nearest to `to`, by the singular value decomposition of Σ to fromᵀ.
+///
+/// ```
+/// use nystrom_stream::apps::correspond::align::{apply, procrustes};
+/// // A quarter turn of the first two axes.
+/// let points = [[1., 0., 0., 0., 0., 0., 0., 0.], [0., 2., 0., 0., 0., 0., 0., 0.]];
+/// let turned = [[0., 1., 0., 0., 0., 0., 0., 0.], [-2., 0., 0., 0., 0., 0., 0., 0.]];
+/// let turn = procrustes(points.into_iter().zip(turned), 2);
+/// assert!((apply(&turn, &points[0])[1] - 1.).abs() < 1e-6);
+/// ```
 pub fn procrustes(pairs: impl Iterator<Item = (Point, Point)>, k: usize) -> DMatrix<f64> {
     let mut sum = DMatrix::<f64>::zeros(k, k);
     for (from, to) in pairs {

@@ -2,7 +2,7 @@
 //!
 //! A vertex takes what its match has. A face takes what most of its corners' matches have, where a vertex of B stands for
 //! the first face around it; so borders of labels are right to an edge. Unmatched, it is 0, in a floating-point column no number, in
-//! colours grey. One column is 8 bytes a vertex of B on disk.
+//! colours grey. One column is 8 bytes per vertex of B on disk.
 
 use super::matches::Match;
 use crate::base::{Error, Result};
@@ -21,7 +21,7 @@ pub struct Property {
     place: columns::Place,
     /// Whose it is.
     pub of: Of,
-    /// A number a vertex of B.
+    /// One number per vertex of B.
     values: MappedSlice<f64>,
 }
 

@@ -31,6 +31,16 @@ pub fn is_known(path: &Path) -> bool {
 
 /// Writes matches to `path`, `.npy`, `.csv` or `.parquet`, by rename.
 ///
+/// ```
+/// use nystrom_stream::apps::correspond::{Match, files};
+/// use nystrom_stream::store::{Run, WorkDir};
+/// let work = WorkDir::temporary(&std::env::temp_dir())?;
+/// let matches = [Match { target: 4, distance: 0.1, confidence: 0.9 }, Match::NONE];
+/// files::write(&work.file("matches.csv"), &matches, &Run::new(&()))?;
+/// assert_eq!(files::read(&work.file("matches.csv"))?, [Some(4), None]);
+/// # Ok::<(), nystrom_stream::base::Error>(())
+/// ```
+///
 /// # Errors
 /// [`Error::Parameter`] for another ending; [`Error::Io`], [`Error::Memory`], [`Error::Cancelled`].
 pub fn write(path: &Path, matches: &[Match], run: &Run) -> Result<()> {

@@ -24,7 +24,7 @@ use crate::store::{Context, MappedSlice};
 use bytemuck::{Pod, Zeroable};
 use serde::{Deserialize, Serialize};
 
-/// Vertices a chunk.
+/// Vertices per chunk.
 const CHUNK: usize = 1 << 12;
 /// Vertices that one may ask for, one to one.
 pub const CHOICES: usize = 24;

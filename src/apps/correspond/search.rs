@@ -2,7 +2,7 @@
 //!
 //! Up to [`EXACT`] vertices are all in the tree. Of a larger mesh every s-th is, and from the nearest of these a search
 //! over the vertex graph looks around the nearest vertices known until that gains nothing: bounded memory at any size, and the
-//! same answer whatever the budget. Memory: 12 + 4 k bytes a vertex in the tree; 1 to 3 µs a query.
+//! same answer whatever the budget. Memory: 12 + 4 k bytes per vertex in the tree; 1 to 3 µs per query.
 
 use crate::base::Result;
 use crate::graph::Csr;

@@ -1,7 +1,7 @@
 //! Both meshes side by side, matched vertices in the same colours.
 //!
 //! The renderer draws faces in colours of labels, so a face gets the label of its corners' mean colour in a cube of
-//! [`LEVELS`]³: 4 bytes a face on disk.
+//! [`LEVELS`]³: 4 bytes per face on disk.
 
 use super::carry::Colours;
 use super::matches::Match;

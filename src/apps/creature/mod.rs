@@ -80,6 +80,14 @@ const MOST: u64 = u32::MAX as u64 - 1;
 impl Creature {
     /// Prepares a creature; nothing of its size is allocated.
     ///
+    /// ```
+    /// use nystrom_stream::apps::creature::{Creature, Options};
+    /// let creature = Creature::new(&Options { faces: 5_000, ..Options::default() })?;
+    /// assert!(creature.face_count() >= 5_000);
+    /// assert!((creature.truth(0) as usize) < Creature::part_names().len());
+    /// # Ok::<(), nystrom_stream::base::Error>(())
+    /// ```
+    ///
     /// # Errors
     /// [`Error::Parameter`] when faces or vertices would not fit into 32-bit numbers, there are
     /// more holes than patches, or the noise is not a number from 0 to 1.
@@ -173,7 +181,7 @@ impl Creature {
     }
 }
 
-/// Records a chunk.
+/// Records per chunk.
 const CHUNK: usize = 1 << 15;
 /// Bytes of a vertex: three floats.
 const VERTEX: usize = 12;
@@ -184,7 +192,7 @@ const STAGE: &str = "generate";
 
 impl Creature {
     /// Writes the mesh to `path`: binary little-endian PLY with float x, y, z and a list of three
-    /// indices a face (`int`, or `uint` beyond 2^31 vertices), 19 bytes a face in all. Uses
+    /// indices per face (`int`, or `uint` beyond 2^31 vertices), 19 bytes per face in all. Uses
     /// `run.threads`, a chunk of under half a megabyte each out of `run.budget`; the bytes do not depend on
     /// either. Progress counts faces and vertices.
     ///
@@ -247,7 +255,7 @@ impl Creature {
         written
     }
 
-    /// Writes the label of every face of the file as text, a number a line.
+    /// Writes the label of every face of the file as text, one number per line.
     ///
     /// # Errors
     /// [`Error::Io`], [`Error::Cancelled`].

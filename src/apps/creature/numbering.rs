@@ -189,7 +189,7 @@ impl Numbering {
 // --- Faces left out: a disc in the middle of some patches, so that the mesh has open borders.
 //
 // All discs have the same place in their patch, so one table of a patch's rows serves to find the
-// k-th face that is left. Memory: 8 bytes a row of a patch, O(√faces).
+// k-th face that is left. Memory: 8 bytes per row of a patch, O(√faces).
 
 /// Share of a patch's side that a hole's radius takes.
 const RADIUS: f64 = 0.3;
@@ -290,7 +290,7 @@ impl Holes {
 // --- A random order that needs no memory: a seeded bijection of `0..n`, both ways in closed form.
 //
 // Four Feistel rounds over the least power of two that holds `n`, walked on until the result is
-// below `n` (fewer than two walks on average). Some 10–20 ns an item.
+// below `n` (fewer than two walks on average). Some 10–20 ns per item.
 
 const ROUNDS: usize = 4;
 

@@ -50,7 +50,7 @@ struct Sheet {
     /// Its own part, and the part across each side where that is another.
     part: usize,
     valley: [Option<usize>; 4],
-    /// A bit a square: whether its second diagonal is the shorter.
+    /// One bit per square: whether its second diagonal is the shorter.
     diagonals: u64,
 }
 

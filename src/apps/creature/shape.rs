@@ -4,7 +4,7 @@
 //! creature is the union of its parts with a fillet of [`FILLET`] where two of them meet. The
 //! surface is where [`Shape::whole`] is zero, negative inside. Where two parts are equally near
 //! lies the bottom of the valley between them: the border of the true segmentation.
-//! Units are arbitrary; the creature is about 3 long. Cost: some 10 ns a spine and evaluation.
+//! Units are arbitrary; the creature is about 3 long. Cost: some 10 ns per spine and evaluation.
 
 use nalgebra::Vector3;
 
@@ -83,7 +83,7 @@ impl Spine {
     }
 }
 
-/// A set of parts, a bit each.
+/// A set of parts, one bit each.
 pub(super) type PartSet = u16;
 
 /// Every part.

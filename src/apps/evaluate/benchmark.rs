@@ -73,7 +73,7 @@ impl Benchmark {
             |line: Vec<&str>| Some(BenchmarkModel { name: field(&line, model)?, category: field(&line, category)? });
         let models: Vec<BenchmarkModel> = lines.filter_map(named).collect();
         if models.is_empty() {
-            return Err(Error::unusable(path, "names no model", "add a line a model"));
+            return Err(Error::unusable(path, "names no model", "add one line per model"));
         }
         Ok(Self { folder: folder.to_path_buf(), models })
     }
@@ -149,7 +149,7 @@ impl Benchmark {
     }
 }
 
-/// Labels made ready where they are one a face.
+/// Labels made ready where they are one per face.
 ///
 /// # Errors
 /// [`Error::Unusable`] naming `path` where they are not.
@@ -164,7 +164,7 @@ pub fn fitting<'a>(surface: &Evaluator, path: &Path, labels: &'a [u32]) -> Resul
 /// Endings of the forms that [`read_labels`] knows, in the order in which a folder is searched for them.
 pub const ENDINGS: [&str; 3] = ["seg", "npy", "ply"];
 
-/// Reads labels, one a face. `scratch` takes what has to be unpacked.
+/// Reads labels, one per face. `scratch` takes what has to be unpacked.
 ///
 /// # Errors
 /// [`Error::Unusable`] for an unknown ending or a file without labels, and those of the readers.

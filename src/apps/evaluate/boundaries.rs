@@ -21,7 +21,7 @@ use std::collections::BinaryHeap;
 #[derive(Clone, Debug)]
 pub struct Evaluator {
     pub(super) faces: usize,
-    /// Area a face; absent: 1 each.
+    /// Area per face; absent: 1 each.
     pub(super) areas: Option<Vec<f64>>,
     pub(super) edges: Option<Edges>,
 }
@@ -61,6 +61,18 @@ impl Evaluator {
     }
 
     /// Everything, for all metrics.
+    ///
+    /// ```
+    /// use nystrom_stream::apps::evaluate::Evaluator;
+    /// use nystrom_stream::mesh::Mesh;
+    /// let corners = [[0., 0., 0.], [1., 0., 0.], [1., 1., 0.], [0., 1., 0.]];
+    /// let mesh = Mesh::from_slices(&corners, &[[0, 1, 2], [0, 2, 3]])?;
+    /// let evaluator = Evaluator::of(&mesh)?;
+    /// let people = evaluator.segmentations(&[[0, 1], [0, 0]])?;
+    /// let scores = evaluator.compare_many(&evaluator.segmentation("mine", &[5, 6])?, &people)?;
+    /// assert_eq!(scores.rand, 0.5);
+    /// # Ok::<(), nystrom_stream::base::Error>(())
+    /// ```
     ///
     /// # Errors
     /// [`Error::Parameter`] for a mesh whose faces have more than 2³¹ corners.

@@ -109,8 +109,8 @@ impl LabelIndex {
     }
 }
 
-/// Counts the overlaps of `labels` (rows) with `truth` (columns), a label a face; `areas` an area
-/// a face, 1 each where absent.
+/// Counts the overlaps of `labels` (rows) with `truth` (columns), one label per face; `areas` one area
+/// per face, 1 each where absent.
 ///
 /// # Errors
 /// [`Error::Parameter`] where the lengths differ.
@@ -121,7 +121,7 @@ pub fn contingency(labels: &[u32], truth: &[u32], areas: Option<&[f64]>) -> Resu
     Ok(count((labels, &LabelIndex::of(labels)), (truth, &LabelIndex::of(truth)), areas))
 }
 
-/// Refuses a labelling that is not one label a face.
+/// Refuses a labelling that is not one label per face.
 pub(super) fn check_count(name: &str, labels: usize, faces: usize) -> Result<()> {
     if labels == faces {
         return Ok(());
@@ -129,7 +129,7 @@ pub(super) fn check_count(name: &str, labels: usize, faces: usize) -> Result<()>
     Err(Error::parameter(
         name,
         format!("{labels} labels for {faces} faces"),
-        "give one label a face, in the order of the mesh file",
+        "give one label per face, in the order of the mesh file",
     ))
 }
 
@@ -168,7 +168,7 @@ pub(super) fn count(
     table
 }
 
-/// Faces and area a key, ascending by key; through a table where its size is given, which all keys
+/// Faces and area per key, ascending by key; through a table where its size is given, which all keys
 /// are below.
 fn tally(dense: Option<usize>, faces: impl Iterator<Item = (u64, f64)>) -> Vec<(u64, (u64, f64))> {
     if let Some(size) = dense {
@@ -274,6 +274,13 @@ const EXACT_ENTRIES: usize = 1 << 23;
 
 /// Share of the area under the best one-to-one matching of parts; 1 for equal labellings, and for
 /// an empty one.
+///
+/// ```
+/// use nystrom_stream::apps::evaluate::{contingency, matches};
+/// let table = contingency(&[7, 3, 3, 3], &[0, 0, 1, 1], None)?;
+/// assert_eq!(matches(&table), 0.75);
+/// # Ok::<(), nystrom_stream::base::Error>(())
+/// ```
 pub fn matches(table: &Contingency) -> f64 {
     if table.area <= 0. {
         return 1.;
@@ -342,7 +349,7 @@ mod tests {
     #[test]
     fn lengths_must_agree() {
         let error = contingency(&[1, 2], &[1, 2, 3], None).unwrap_err().to_string();
-        assert_eq!(error, "labels: 2 labels for 3 faces; give one label a face, in the order of the mesh file");
+        assert_eq!(error, "labels: 2 labels for 3 faces; give one label per face, in the order of the mesh file");
         assert!(contingency(&[1], &[1], Some(&[1., 1.])).is_err());
         assert_eq!(contingency(&[], &[], None).unwrap().cells, []);
     }

@@ -94,7 +94,7 @@ impl Evaluator {
     /// Makes labels ready; `name` is what an error calls them.
     ///
     /// # Errors
-    /// [`Error::Parameter`] where they are not one a face.
+    /// [`Error::Parameter`] where they are not one per face.
     pub fn segmentation<'a>(&self, name: &str, labels: &'a [u32]) -> Result<Segmentation<'a>> {
         check_count(name, labels.len(), self.faces)?;
         let cut = self.edges.as_ref().map(|edges| BoundaryField::of(edges, labels));
@@ -151,6 +151,14 @@ impl Evaluator {
 /// All metrics of one pair of labellings; without a mesh every face weighs the same and there is
 /// no cut discrepancy.
 ///
+/// ```
+/// use nystrom_stream::apps::evaluate::compare;
+/// // The values of labels do not matter; here one face of four is in the wrong part.
+/// assert_eq!(compare(None, &[7, 7, 3, 3], &[0, 0, 1, 1])?.rand, 0.);
+/// assert_eq!(compare(None, &[7, 3, 3, 3], &[0, 0, 1, 1])?.rand, 0.5);
+/// # Ok::<(), nystrom_stream::base::Error>(())
+/// ```
+///
 /// # Errors
 /// [`Error::Parameter`] where labels, truth and faces differ in number.
 pub fn compare(mesh: Option<&Mesh>, labels: &[u32], truth: &[u32]) -> Result<Scores> {
@@ -192,7 +200,7 @@ pub struct MeanScores {
 /// Scores by category, over all, and beside them those of people on the same models.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct ScoreTable {
-    /// A line a category, in the order of their first model.
+    /// One line per category, in the order of their first model.
     pub categories: Vec<MeanScores>,
     /// Mean over all models; absent where there are none.
     pub overall: Option<MeanScores>,
@@ -230,7 +238,7 @@ impl ScoreTable {
         Self { categories, overall: row("all models", &models), people: row("people", people), models }
     }
 
-    /// Aligned text, a line a row, numbers to four places, `-` where a metric is undefined.
+    /// Aligned text, one line per row, numbers to four places, `-` where a metric is undefined.
     pub fn to_text(&self) -> String {
         self.to_text_under("category", "models")
     }

@@ -1,9 +1,9 @@
-//! A scene in one file for browsers, Blender and game engines: binary glTF 2.0, a primitive and a material a part.
+//! A scene in one file for browsers, Blender and game engines: binary glTF 2.0, one primitive and one material per part.
 //!
 //! All primitives share the vertices, which are written once; each has its own indices (32 bits), so a triangle costs
 //! 12 bytes and a vertex 12. Polygons become fans of triangles, in the order of the file. Faces with a coordinate that
 //! is no finite number are left out: the format has none. Double coordinates are written relative to their middle,
-//! which the node's translation adds again. Cost: a pass over the vertices and one a part over the labels.
+//! which the node's translation adds again. Cost: one pass over the vertices and one per part over the labels.
 
 use super::{CHUNK, parts};
 use crate::base::{Error, Result};
@@ -25,6 +25,17 @@ const ELEMENT_ARRAY_BUFFER: u32 = 34963;
 
 /// Writes the scene to `path`, by rename.
 ///
+/// ```
+/// use nystrom_stream::apps::{colours::palette, export::glb};
+/// use nystrom_stream::mesh::{Labelling, Mesh};
+/// use nystrom_stream::store::Run;
+/// let corners = [[0., 0., 0.], [1., 0., 0.], [1., 1., 0.], [0., 1., 0.]];
+/// let mesh = Mesh::from_slices(&corners, &[[0, 1, 2], [0, 2, 3]])?;
+/// let labelling = Labelling { labels: &[0, 1], colours: &palette(2), quality: None };
+/// glb::write(&std::env::temp_dir().join("square.glb"), &mesh, &labelling, false, &Run::new(&()))?;
+/// # Ok::<(), nystrom_stream::base::Error>(())
+/// ```
+///
 /// # Errors
 /// [`Error::Unusable`] for a mesh whose file would pass [`MOST`] (some 230 million triangles), or without a face in
 /// space; [`Error::Parameter`] for labels that do not fit the faces; [`Error::Io`]; [`Error::Cancelled`].
@@ -36,7 +47,7 @@ pub fn write(path: &Path, mesh: &Mesh, labelling: &Labelling, durable: bool, run
     let total = 12 + 8 + json.len() as u64 + 8 + binary;
     if total > MOST {
         let problem = format!("would be {total} bytes, a .glb can have {MOST}");
-        return Err(Error::unusable(path, problem, "write .ply, or a mesh a part: -o folder/"));
+        return Err(Error::unusable(path, problem, "write .ply, or one mesh per part: -o folder/"));
     }
     if scene.triangles.iter().all(|&count| count == 0) {
         let problem = "would have no triangle with finite coordinates";
@@ -69,7 +80,7 @@ struct Scene<'a> {
     middle: [f64; 3],
     low: [f32; 3],
     high: [f32; 3],
-    /// Triangles a part.
+    /// Triangles per part.
     triangles: Vec<u64>,
 }
 

@@ -1,6 +1,6 @@
-//! Results in other programs' forms: a table (`parquet`), a scene ([`glb`]), a mesh a part ([`split`]).
+//! Results in other programs' forms: a table (`parquet`), a scene ([`glb`]), one mesh per part ([`split`]).
 //!
-//! All stream: what is held does not grow with the mesh, but for a bit a vertex in [`split`], which the budget grants.
+//! All stream: what is held does not grow with the mesh, but for one bit per vertex in [`split`], which the budget grants.
 //! Files appear whole or not at all.
 
 pub mod glb;

@@ -100,16 +100,22 @@ impl Group<'_, '_> {
     }
 }
 
-/// Coordinates a face in some embedding.
+/// Coordinates per face in some embedding.
 #[derive(Clone, Copy, Debug)]
 pub struct Coordinates<'a> {
     /// Row by row (n × dimensions).
     pub values: &'a [f32],
-    /// Coordinates a face.
+    /// Coordinates per face.
     pub dimensions: usize,
 }
 
 /// Area and centroid of a polygon, as a fan of triangles; of one without area, the mean of its corners.
+///
+/// ```
+/// use nystrom_stream::apps::export::parquet::measure;
+/// let (area, centroid) = measure(&[[0., 0., 0.], [2., 0., 0.], [2., 1., 0.], [0., 1., 0.]]);
+/// assert_eq!((area, centroid), (2., [1., 0.5, 0.]));
+/// ```
 pub fn measure(corners: &[[f64; 3]]) -> (f64, [f64; 3]) {
     let (mut area, mut moment, mut mean) = (0., [0.; 3], [0.; 3]);
     for k in 1..corners.len().saturating_sub(1) {
@@ -125,6 +131,17 @@ pub fn measure(corners: &[[f64; 3]]) -> (f64, [f64; 3]) {
 }
 
 /// Writes the table to `path`, by rename.
+///
+/// ```
+/// use nystrom_stream::apps::export::parquet;
+/// use nystrom_stream::mesh::{Labelling, Mesh};
+/// use nystrom_stream::store::Run;
+/// let corners = [[0., 0., 0.], [1., 0., 0.], [1., 1., 0.], [0., 1., 0.]];
+/// let mesh = Mesh::from_slices(&corners, &[[0, 1, 2], [0, 2, 3]])?;
+/// let labelling = Labelling { labels: &[0, 1], colours: &[], quality: None };
+/// parquet::write(&std::env::temp_dir().join("square.parquet"), &mesh, &labelling, None, false, &Run::new(&()))?;
+/// # Ok::<(), nystrom_stream::base::Error>(())
+/// ```
 ///
 /// # Errors
 /// [`Error::Parameter`] for labels, qualities or coordinates that do not fit the faces; [`Error::Io`];

@@ -1,8 +1,8 @@
-//! A mesh a part: `part_000.ply` … in a folder, each with the vertices it uses and its open borders where it was cut off.
+//! One mesh per part: `part_000.ply` … in a folder, each with the vertices it uses and its open borders where it was cut off.
 //!
 //! Faces keep their corners' order and winding and get `int original_face`, their number in the input, `int label`,
-//! colour and quality; positions keep their precision. `parts.json`, written last, lists the files. A bit a vertex and a
-//! count every [`BLOCK`] of them tell which vertices a part uses and their new numbers; a pass a part over the labels.
+//! colour and quality; positions keep their precision. `parts.json`, written last, lists the files. One bit per vertex and a
+//! count every [`BLOCK`] of them tell which vertices a part uses and their new numbers; one pass per part over the labels.
 
 use super::{CHUNK, parts};
 use crate::base::{Error, Result};
@@ -28,7 +28,7 @@ pub fn file_name(part: usize) -> String {
 ///
 /// # Errors
 /// [`Error::Parameter`] for labels that do not fit the faces; [`Error::Memory`] where the budget has no room for a bit
-/// a vertex; [`Error::Io`]; [`Error::Cancelled`].
+/// per vertex; [`Error::Io`]; [`Error::Cancelled`].
 pub fn write(folder: &Path, mesh: &Mesh, labelling: &Labelling, text: bool, durable: bool, run: &Run) -> Result<()> {
     let parts = parts(mesh, labelling)?;
     let words = mesh.positions.len().div_ceil(BLOCK);
@@ -71,7 +71,7 @@ struct Splitter<'a> {
     labelling: &'a Labelling<'a>,
     text: bool,
     run: &'a Run<'a>,
-    /// A bit a vertex: whether the part uses it.
+    /// One bit per vertex: whether the part uses it.
     used: Vec<u64>,
     /// Vertices used before each word.
     before: Vec<u32>,

@@ -26,6 +26,26 @@ const SCRIPT: &str = include_str!("viewer.js");
 const STYLE: &str = include_str!("page.css");
 
 /// What a page shows.
+///
+/// ```
+/// use nystrom_stream::apps::colours::palette;
+/// use nystrom_stream::apps::page::Page;
+/// use nystrom_stream::mesh::Mesh;
+/// use nystrom_stream::store::Run;
+/// let corners = [[0., 0., 0.], [1., 0., 0.], [1., 1., 0.], [0., 1., 0.]];
+/// let mesh = Mesh::from_slices(&corners, &[[0, 1, 2], [0, 2, 3]])?;
+/// let report = serde_json::json!({"seconds": 0.1});
+/// let page = Page {
+///     title: "A square",
+///     mesh: &mesh,
+///     labels: &[0, 1],
+///     colours: &palette(2),
+///     cuts: None,
+///     report: &report,
+/// };
+/// assert!(page.html(&Run::new(&()))?.contains("<title>A square"));
+/// # Ok::<(), nystrom_stream::base::Error>(())
+/// ```
 #[derive(Clone, Copy, Debug)]
 pub struct Page<'a> {
     /// Its title.

@@ -12,7 +12,7 @@ use std::collections::{HashMap, HashSet};
 
 /// Cells of the grid along the longest side at the most, so that a cell's number fits 64 bits.
 const FINEST: f64 = 2_000_000.;
-/// Bytes a triangle that merging holds: vertices, triangles and what finds them again.
+/// Bytes per triangle that merging holds: vertices, triangles and what finds them again.
 pub const BYTES: u64 = 160;
 
 /// A thinned mesh.

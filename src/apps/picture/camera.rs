@@ -76,7 +76,7 @@ impl Extent {
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Camera {
     pub frame: Frame,
-    /// Samples a unit of space.
+    /// Samples per unit of space.
     pub scale: f64,
     offset: Vec3,
     /// Depths lie between 0 and this.

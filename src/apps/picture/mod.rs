@@ -30,6 +30,20 @@ const TOLD_APART: usize = 4096;
 
 /// Draws `mesh`, its parts in the colours of their labels (grey beyond the last colour), or in one colour without labels.
 ///
+/// ```
+/// use nystrom_stream::apps::colours::palette;
+/// use nystrom_stream::apps::picture::{PictureParams, render};
+/// use nystrom_stream::mesh::Mesh;
+/// use nystrom_stream::store::Run;
+/// let corners = [[0., 0., 0.], [1., 0., 0.], [1., 1., 0.], [0., 1., 0.]];
+/// let mesh = Mesh::from_slices(&corners, &[[0, 1, 2], [0, 2, 3]])?;
+/// let params = PictureParams::default().width(64).height(48);
+/// let image = render(&mesh, Some(&[0, 1]), &palette(2), &params, &Run::new(&()))?;
+/// assert_eq!(image.pixels.len(), 64 * 48);
+/// image.write_png(&std::env::temp_dir().join("square.png"))?;
+/// # Ok::<(), nystrom_stream::base::Error>(())
+/// ```
+///
 /// # Errors
 /// [`Error::Parameter`] for sizes or numbers of views out of range or labels that do not fit the faces;
 /// [`Error::Memory`]; [`Error::Cancelled`].

@@ -14,14 +14,14 @@ use std::sync::atomic::{AtomicI32, Ordering};
 // --- Smooth normals at vertices, for meshes whose faces are larger than samples.
 //
 // The faces' normals are added up by the angle they have at the vertex, in integers, so that threads may add in any
-// order and the sum is always the same. 12 bytes a vertex.
+// order and the sum is always the same. 12 bytes per vertex.
 
 /// Steps of a unit normal.
 const STEPS: f64 = 16384.0;
 /// Beyond this cosine between a face and its vertex's normal, the edge is meant to be sharp.
 const SHARP: f64 = 0.65;
 
-/// A normal a vertex, as a sum that has no unit length yet.
+/// One normal per vertex, as a sum that has no unit length yet.
 pub(super) struct VertexNormals {
     sums: Vec<[AtomicI32; 3]>,
 }
@@ -63,7 +63,7 @@ impl VertexNormals {
 //
 // Found after drawing, for what is seen only: from the vertices' normals where there are some, else from the faces',
 // smoothed over neighbouring samples of like depth (a mesh of a hundred million faces has many to a sample, and no
-// room for normals at vertices). 4 bytes a sample, twice that while smoothing.
+// room for normals at vertices). 4 bytes per sample, twice that while smoothing.
 
 /// A unit normal towards the viewer: its parts to the right and up, in 1/32767.
 pub(super) type Packed = [i16; 2];
@@ -189,11 +189,11 @@ fn smooth(normals: &[Packed], canvas: &Canvas, step: usize, run: &Run) -> Result
 //
 // Around a pixel, points of the z-buffer at two scales (folds, and the space between limbs) count as far as they rise
 // above the pixel's tangent plane and are near. The points are turned from pixel to pixel in a pattern of 4 × 4, and
-// the mean over that pattern is smooth. 12 bytes a pixel, some 100 ns.
+// the mean over that pattern is smooth. 12 bytes per pixel, some 100 ns.
 
-/// Points looked at a pixel.
+/// Points looked at per pixel.
 const POINTS: usize = 18;
-/// Pixels a side of the pattern.
+/// Pixels per side of the pattern.
 const PATTERN: usize = 4;
 /// A pixel that shows nothing.
 const NOTHING: f32 = f32::INFINITY;
@@ -239,7 +239,7 @@ impl Pixels {
     }
 }
 
-/// Openness a pixel, 0 (shut in) to 1, for a shape of `size` pixels.
+/// Openness per pixel, 0 (shut in) to 1, for a shape of `size` pixels.
 pub(super) fn openness(canvas: &Canvas, normals: &[Packed], factor: usize, size: f64, run: &Run) -> Result<Vec<f32>> {
     let pixels = Pixels::of(canvas, normals, factor, run)?;
     let (width, height) = (pixels.width, pixels.height());
@@ -393,9 +393,9 @@ const FILL: [f32; 3] = [0.78, -0.10, 0.62];
 pub(super) struct View<'a> {
     pub canvas: &'a Canvas,
     pub normals: &'a [Packed],
-    /// A value a pixel.
+    /// One value per pixel.
     pub openness: &'a [f32],
-    /// Samples a side of a pixel.
+    /// Samples per side of a pixel.
     pub factor: usize,
     /// By label, in linear light.
     pub colours: &'a [[f32; 3]],

@@ -39,8 +39,9 @@ impl std::str::FromStr for Up {
     }
 }
 
-/// Size, views and manner of a picture.
+/// Size, views and look of a picture.
 #[derive(Clone, Copy, Debug, PartialEq)]
+#[non_exhaustive]
 pub struct PictureParams {
     /// Pixels in a row.
     pub width: usize,
@@ -54,7 +55,7 @@ pub struct PictureParams {
     pub legend: bool,
     /// Whether lines are drawn between parts and at edges.
     pub lines: bool,
-    /// Samples a side of a pixel, 1 to 4.
+    /// Samples per side of a pixel, 1 to 4.
     pub samples: usize,
     /// The axis that points up; found where `None`.
     pub up: Option<Up>,
@@ -80,6 +81,8 @@ impl Default for PictureParams {
         }
     }
 }
+
+crate::base::setters::setters!(PictureParams { width: usize, height: usize, views: usize, transparent: bool, legend: bool, lines: bool, samples: usize, up: Option<Up>, turn: f64, tilt: f64 });
 
 impl PictureParams {
     /// Refuses what cannot be drawn.
@@ -114,7 +117,7 @@ pub(super) struct Sheet {
     columns: usize,
     /// Pixels of a cell.
     pub cell: (usize, usize),
-    /// Pixels a unit of space.
+    /// Pixels per unit of space.
     scale: f64,
     /// The shape's diagonal, in pixels.
     size: f64,

@@ -12,7 +12,7 @@ use crate::store::Run;
 
 // --- The first look at a mesh: the area of each part, and a sample of triangles that stands for the whole.
 //
-// One parallel pass over all faces and one over a sample; 60 bytes a sampled triangle.
+// One parallel pass over all faces and one over a sample; 60 bytes per sampled triangle.
 
 /// Triangles in a sample.
 const SAMPLE: usize = 40_000;
@@ -105,10 +105,10 @@ pub(super) fn sample(mesh: &Mesh, labels: Option<&[u32]>, run: &Run) -> Result<V
 //
 // Files do not say. Each of the six directions is given points: for standing well (its lowest slice reaches under the
 // centre of mass, and wide), for a flat bottom, for not being an axis of mirror symmetry (animals, people and chairs
-// are symmetric left to right, not top to bottom), and for custom (y, then z, rarely downwards). Microseconds a
+// are symmetric left to right, not top to bottom), and for custom (y, then z, rarely downwards). Microseconds per
 // sampled triangle.
 
-/// Cells a side of the grid on which symmetry is measured.
+/// Cells per side of the grid on which symmetry is measured.
 const GRID: usize = 24;
 
 /// The upward direction.
@@ -196,7 +196,7 @@ fn symmetry(pieces: &[Piece], extent: &Extent, axis: usize) -> f64 {
 /// Views around, and their elevations in degrees with what custom gives them.
 const AROUND: usize = 20;
 const ELEVATIONS: [(f64, f64); 3] = [(4.0, 0.05), (18.0, 0.12), (36.0, 0.0)];
-/// Samples a side of the small picture.
+/// Samples per side of the small picture.
 const SMALL: usize = 112;
 
 /// What a view shows.

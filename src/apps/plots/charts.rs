@@ -105,7 +105,7 @@ const COLOURS: [RGBColor; 8] = [
     RGBColor(204, 121, 167),
 ];
 
-/// Γ/n and the held-out residual over the number of landmarks, a line a sampling, bars of one standard deviation.
+/// Γ/n and the held-out residual over the number of landmarks, one line per sampling, bars of one standard deviation.
 ///
 /// # Errors
 /// [`crate::base::Error::Parameter`] for another ending, [`crate::base::Error::Unusable`] where the file cannot be drawn.

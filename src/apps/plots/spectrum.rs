@@ -18,6 +18,13 @@ const NEGATIVE: RGBColor = RGBColor(213, 94, 0);
 const LEAST: f64 = 1e-9;
 
 /// Eigenvalues to draw.
+///
+/// ```
+/// use nystrom_stream::apps::plots::Spectrum;
+/// let path = std::env::temp_dir().join("spectrum.svg");
+/// Spectrum { title: "three landmarks", values: &[2.1, 0.7, 0.2], dropped: 0 }.plot(&path)?;
+/// # Ok::<(), nystrom_stream::base::Error>(())
+/// ```
 #[derive(Clone, Copy, Debug)]
 pub struct Spectrum<'a> {
     /// A title; what the built-in font of PNGs lacks stays blank there.

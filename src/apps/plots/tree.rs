@@ -188,7 +188,7 @@ pub struct TreePlot<'a> {
     pub title: &'a str,
     /// The branches.
     pub plot: &'a Dendrogram,
-    /// A colour a part; black beyond.
+    /// One colour per part; black beyond.
     pub colours: &'a [[u8; 3]],
     /// The level of the cut, where it is at one level: not where a number of parts was asked for.
     pub threshold: Option<f64>,
@@ -307,13 +307,13 @@ mod tests {
 
     #[test]
     fn branches_too_small_to_see_are_left_out() {
-        // Of each pair, one cell is dust.
+        // Of each pair, one cell is tiny.
         let tree = tree((0..16).map(|cell| if cell % 2 == 0 { 1. } else { 0.01 }).collect());
         let plot = Dendrogram::of(&tree, &tree.cut(0.5));
         assert_eq!(plot.rows, 8, "pairs");
         let leaves: Vec<&Branch> = plot.branches.iter().filter(|branch| branch.children.is_none()).collect();
         let whole: f64 = leaves.iter().map(|branch| branch.area).sum();
-        assert!((whole - 1.).abs() < 1e-6, "dust counts where it lies");
+        assert!((whole - 1.).abs() < 1e-6, "tiny cells count where they lie");
         assert!(leaves.iter().all(|branch| branch.level == f64::from(0.9f32)), "{leaves:?}");
         let parts: Vec<_> = leaves.iter().map(|branch| branch.part.unwrap()).collect();
         assert_eq!(parts.len(), 8);

@@ -245,7 +245,7 @@ pub fn fiedler_ranks(
 
 const CHUNK: usize = 1 << 14;
 
-/// Sweeps `times` times over `coordinates` (one a vertex of `graph`); returns them in one of two arrays.
+/// Sweeps `times` times over `coordinates` (one per vertex of `graph`); returns them in one of two arrays.
 pub fn sweep(
     graph: &VertexAdjacency,
     mut coordinates: ArrayMut<f64>,

@@ -108,7 +108,7 @@ pub fn places(name: &str, mesh: &Mesh, rank: &[u32], context: Context<'_>) -> Re
 
 /// Steps of the gradient; every other tenth is darker, so that the front's shape shows.
 const STEPS: usize = 240;
-/// Steps a band.
+/// Steps per band.
 const BAND: usize = 12;
 /// Colours on the way, evenly.
 const STOPS: [[f64; 3]; 5] =

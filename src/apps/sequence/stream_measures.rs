@@ -44,6 +44,21 @@ pub struct StreamMeasures {
 impl StreamMeasures {
     /// StreamMeasures the order of `mesh` whose vertices are used as `uses` says.
     ///
+    /// ```
+    /// use nystrom_stream::apps::sequence::{StreamMeasures, VertexUse};
+    /// use nystrom_stream::mesh::Mesh;
+    /// use nystrom_stream::store::{Context, Run, WorkDir};
+    /// let corners = [[0., 0., 0.], [1., 0., 0.], [1., 1., 0.], [0., 1., 0.]];
+    /// let mesh = Mesh::from_slices(&corners, &[[0, 1, 2], [0, 2, 3]])?;
+    /// let (work, run) = (WorkDir::temporary(&std::env::temp_dir())?, Run::new(&()));
+    /// let context = Context::new(&work, &run);
+    /// // The second face first.
+    /// let uses = VertexUse::of(&mesh, &[1, 0], context)?;
+    /// let measures = StreamMeasures::of(&mesh, &uses, context)?;
+    /// assert_eq!((measures.largest_width, measures.largest_vertex_span), (3, 1));
+    /// # Ok::<(), nystrom_stream::base::Error>(())
+    /// ```
+    ///
     /// # Errors
     /// [`crate::base::Error::Io`], [`crate::base::Error::Cancelled`].
     pub fn of(mesh: &Mesh, uses: &VertexUse, context: Context<'_>) -> Result<Self> {
@@ -137,7 +152,7 @@ pub struct ComparedOrder {
     pub measures: StreamMeasures,
 }
 
-/// A table, a line an order.
+/// A table, one line per order.
 pub fn table(orders: &[ComparedOrder]) -> String {
     let name = orders.iter().map(|one| one.order.chars().count()).max().unwrap_or(0).max(5);
     let mut out = format!(

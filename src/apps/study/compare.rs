@@ -25,6 +25,7 @@ use serde::Serialize;
 
 /// What is compared.
 #[derive(Clone, Debug)]
+#[non_exhaustive]
 pub struct CompareParams {
     /// Samplings.
     pub samplings: Vec<Sampling>,
@@ -64,6 +65,8 @@ impl Default for CompareParams {
         }
     }
 }
+
+crate::base::setters::setters!(CompareParams { samplings: Vec<Sampling>, landmarks: Vec<usize>, seeds: Vec<u64>, kernel: Kernel, width: f64, local: bool, tolerance: Option<f64>, gamma_kernel: Kernel, residual: bool, schur: bool });
 
 /// One sample and how good it is.
 #[derive(Clone, Debug, Serialize)]

@@ -2,7 +2,7 @@
 //!
 //! σ is the same for all samplings: the mean over all pairs, or over the held-out rows. A σ from each sampling's own
 //! rows would favour the farthest points, which inflate it by 1.1 to 1.9. All distances of up to
-//! [`StudyParams::matrix`] nodes lie in a mapped file of 4 n² bytes; a front a node, 0.2 ms each at 4,000 faces.
+//! [`StudyParams::matrix`] nodes lie in a mapped file of 4 n² bytes; one front per node, 0.2 ms each at 4,000 faces.
 //!
 //! Nodes are faces, as segmentation has them, or vertices with distances through triangles, as correspondence has them:
 //! paths from centroid to centroid zigzag, and what they are wrong by no small sample represents.
@@ -29,8 +29,9 @@ pub enum Over {
     Vertices,
 }
 
-/// What a ground is to hold.
+/// What is prepared for a study.
 #[derive(Clone, Copy, Debug)]
+#[non_exhaustive]
 pub struct StudyParams {
     /// What nodes are.
     pub over: Over,
@@ -49,6 +50,14 @@ impl Default for StudyParams {
         Self { over: Over::Faces, metric: Metric::default(), matrix: 5000, held_out: 20, lengths: false }
     }
 }
+
+crate::base::setters::setters!(StudyParams {
+    over: Over,
+    metric: Metric,
+    matrix: usize,
+    held_out: usize,
+    lengths: bool
+});
 
 #[derive(Clone, Debug)]
 enum Graph {

@@ -17,12 +17,13 @@ use serde::Serialize;
 
 /// What is run.
 #[derive(Clone, Copy, Debug)]
+#[non_exhaustive]
 pub struct PointsParams {
     /// Points n.
     pub points: usize,
     /// Samples l.
     pub landmarks: usize,
-    /// Runs a seed.
+    /// Runs per seed.
     pub runs: usize,
 }
 
@@ -31,6 +32,8 @@ impl Default for PointsParams {
         Self { points: 500, landmarks: 10, runs: 100 }
     }
 }
+
+crate::base::setters::setters!(PointsParams { points: usize, landmarks: usize, runs: usize });
 
 /// Kept eigenvalues of a positive kernel in `f64`, as a share of the greatest.
 pub const TOLERANCE: f64 = 1e-10;
@@ -96,6 +99,15 @@ pub fn judge(w: &DMatrix<f64>, landmarks: &[u32], run: &Run) -> Result<Judged> {
 }
 
 /// All runs of one seed.
+///
+/// ```
+/// use nystrom_stream::apps::study::points::{PointsParams, agreement, pairs};
+/// use nystrom_stream::store::Run;
+/// let params = PointsParams::default().points(40).landmarks(4).runs(5);
+/// let runs = pairs(params, 0, &Run::new(&()))?;
+/// assert!(runs.len() == 5 && agreement(&runs, |sample| sample.nuclear) <= 1.);
+/// # Ok::<(), nystrom_stream::base::Error>(())
+/// ```
 ///
 /// # Errors
 /// [`crate::base::Error::Cancelled`].

@@ -95,7 +95,7 @@ fn line((sampling, l): (Sampling, usize), records: &[SampleRecord], random: Opti
     }
 }
 
-/// Aligned text, a line a sampling and l.
+/// Aligned text, one line per sampling and l.
 pub fn to_text(lines: &[SamplingSummary]) -> String {
     let mut text = format!(
         "{:18} {:>4} {:>7} {:>14} {:>7} {:>14} {:>14} {:>8} {:>7} {:>7} {:>6}\n",

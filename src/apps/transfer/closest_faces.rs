@@ -3,7 +3,7 @@
 //! Each block of faces becomes a tree of boxes over its triangles along a curve; every point keeps, over all blocks, the
 //! nearest face and the nearest whose normal agrees. Both are the least of (distance, face), so that the answer is the
 //! same whatever the blocks. One walk answers both, and begins where the last point ended; a tree from a library walks
-//! twice and from the root, several times as long. [`BYTES`] a triangle of a block, 16 bytes a point on disk.
+//! twice and from the root, several times as long. [`BYTES`] per triangle of a block, 16 bytes per point on disk.
 
 use crate::base::Result;
 use crate::base::parallel::fill_chunks;
@@ -180,7 +180,7 @@ pub fn window(d: f32, slack: f32) -> f32 {
 
 /// A tree of all triangles of some faces: groups of neighbours along a curve, and boxes over pairs of boxes.
 pub struct TriangleTree {
-    /// Along the curve, [`GROUP`] a group.
+    /// Along the curve, [`GROUP`] per group.
     leaves: Vec<Leaf>,
     /// Box of each node; node k has the children 2k and 2k + 1, the last half are groups.
     boxes: Vec<Bounds>,

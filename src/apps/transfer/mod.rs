@@ -31,7 +31,7 @@ const ISLAND: f64 = 2e-4;
 /// Labels carried over, and how well that went.
 #[derive(Clone, Debug)]
 pub struct Transferred {
-    /// A label a face (n).
+    /// One label per face (n).
     pub labels: MappedSlice<u32>,
     /// How sure each is, 0 to 1 (n).
     pub quality: MappedSlice<f32>,
@@ -113,6 +113,25 @@ fn is_turned(from: &Opened, to: &Opened, frame: &UnitFrame) -> bool {
 
 /// Carries `labels` of the faces of `from` ([`NONE`]: none) to those of `to`; arrays go to `work`.
 ///
+/// ```
+/// use nystrom_stream::apps::creature::{Creature, Options};
+/// use nystrom_stream::apps::transfer::transfer;
+/// use nystrom_stream::mesh;
+/// use nystrom_stream::store::{Context, Run, WorkDir};
+/// let (work, run) = (WorkDir::temporary(&std::env::temp_dir())?, Run::new(&()));
+/// let mut truth = Vec::new();
+/// for faces in [4_000, 6_000] {
+///     let creature = Creature::new(&Options { faces, ..Options::default() })?;
+///     creature.write_ply(&work.file(&format!("{faces}.ply")), &run)?;
+///     truth.push((0..creature.face_count()).map(|face| creature.truth(face)).collect::<Vec<u32>>());
+/// }
+/// let [from, to] = ["4000.ply", "6000.ply"].map(|name| mesh::open(&work.file(name), work.path(), &run));
+/// let carried = transfer(&from?, &truth[0], &to?, Context::new(&work, &run))?;
+/// let right = carried.labels.iter().zip(&truth[1]).filter(|(a, b)| a == b).count();
+/// assert!(right as f64 > 0.98 * truth[1].len() as f64);
+/// # Ok::<(), nystrom_stream::base::Error>(())
+/// ```
+///
 /// # Errors
 /// [`Error::Parameter`] for labels that do not fit `from`; [`Error::Unusable`] where most of `to` lies far from `from`;
 /// [`Error::Memory`], [`Error::Io`], [`Error::Cancelled`].
@@ -128,7 +147,7 @@ pub fn transfer(from: &Opened, labels: &[u32], to: &Opened, context: Context<'_>
     let mut array = context.work.array::<u64>("nearest.npy", &[n * points, 2])?;
     let found: &mut [Closest] = bytemuck::cast_slice_mut(&mut array.data()[..]);
     found.fill([u64::MAX; 2]);
-    // Triangles a face, so that polygons find room too.
+    // Triangles per face, so that polygons find room too.
     let triangles = (from.mesh.faces.corner_count() as u64).div_ceil(m.max(1) as u64).saturating_sub(2).max(1);
     let grant = context.run.budget.take(
         "nearest faces",
