@@ -1,9 +1,11 @@
-//! Examples of the long help; man pages and completions, made from the same definitions as the help.
+//! Examples of the long help; man pages, completions and `docs/reference.md`, made from the same definitions as the help.
 
 use super::{Cli, Failure};
-use clap::CommandFactory;
+use clap::{Arg, Command, CommandFactory};
 use clap_complete::Shell;
 use nystrom_stream::base::Error;
+use std::collections::BTreeMap;
+use std::fmt::Write;
 use std::path::PathBuf;
 
 /// After the program's own help.
@@ -61,9 +63,12 @@ pub struct CompletionArgs {
 /// Arguments of `man`.
 #[derive(Clone, Debug, clap::Args)]
 pub struct ManArgs {
-    /// The folder that a page a subcommand goes to
-    #[arg(value_name = "DIR")]
-    pub folder: PathBuf,
+    /// The folder for the pages, one page per subcommand
+    #[arg(value_name = "DIR", required_unless_present = "markdown")]
+    pub folder: Option<PathBuf>,
+    /// Write docs/reference.md instead, to FILE; `-` for standard output
+    #[arg(long, value_name = "FILE", hide = true, conflicts_with = "folder")]
+    pub markdown: Option<PathBuf>,
 }
 
 /// Writes completions to standard output.
@@ -74,9 +79,85 @@ pub fn completions(args: &CompletionArgs) -> Result<(), Failure> {
     Ok(())
 }
 
-/// Writes man pages.
+/// Writes man pages, or all of them as one page of Markdown.
 pub fn man(args: &ManArgs) -> Result<(), Failure> {
-    std::fs::create_dir_all(&args.folder).map_err(Error::io(&args.folder, "create"))?;
-    clap_mangen::generate_to(Cli::command(), &args.folder).map_err(Error::io(&args.folder, "write man pages to"))?;
+    if let Some(folder) = &args.folder {
+        std::fs::create_dir_all(folder).map_err(Error::io(folder, "create"))?;
+        clap_mangen::generate_to(Cli::command(), folder).map_err(Error::io(folder, "write man pages to"))?;
+    }
+    if let Some(path) = &args.markdown {
+        super::output::write_text(path, &markdown(Cli::command()))?;
+    }
     Ok(())
+}
+
+/// The reference of all subcommands as Markdown. A group of options that an earlier subcommand has too is not repeated.
+fn markdown(mut program: Command) -> String {
+    program.build();
+    let mut text = "# Command-line reference\n\nEvery subcommand with its arguments and options, as `--help` tells them. \
+        This page is made from the definitions: `cargo run -- man --markdown docs/reference.md`.\n\n"
+        .to_string();
+    let commands = || program.get_subcommands().filter(|command| command.get_name() != "help");
+    for command in commands() {
+        let (name, about) = (command.get_name(), command.get_about().map(ToString::to_string).unwrap_or_default());
+        let _ = writeln!(text, "- [`{name}`](#{name}): {about}");
+    }
+    let mut known: BTreeMap<String, (String, String)> = BTreeMap::new();
+    for command in commands() {
+        let (name, about) = (command.get_name(), command.get_about().map(ToString::to_string).unwrap_or_default());
+        let usage = command.clone().render_usage().to_string();
+        let usage = usage.trim_start_matches("Usage:").lines().map(str::trim).collect::<Vec<_>>().join("\n");
+        let _ = write!(text, "\n## {name}\n\n{about}.\n\n```\n{usage}\n```\n");
+        for (heading, rows) in groups(command) {
+            let title = if heading.is_empty() { "Arguments and options" } else { &heading };
+            match known.get(&heading) {
+                Some((first, same)) if *same == rows => {
+                    let _ = write!(text, "\n**{title}**: the same as those of [`{first}`](#{first}).\n");
+                }
+                _ => {
+                    let _ = write!(text, "\n| {title} | |\n| --- | --- |\n{rows}");
+                    known.insert(heading, (name.to_string(), rows));
+                }
+            }
+        }
+        if let Some(examples) = command.get_after_long_help() {
+            let _ = write!(text, "\n```\n{}\n```\n", examples.to_string().trim_end());
+        }
+    }
+    text
+}
+
+/// The arguments of `command` by heading, in the order of its help, as rows of a table.
+fn groups(command: &Command) -> Vec<(String, String)> {
+    let mut groups: Vec<(String, String)> = Vec::new();
+    let shown = |arg: &&Arg| !arg.is_hide_set() && !["help", "version"].contains(&arg.get_id().as_str());
+    let (positional, options): (Vec<&Arg>, Vec<&Arg>) =
+        command.get_arguments().filter(shown).partition(|arg| arg.is_positional());
+    for arg in positional.into_iter().chain(options) {
+        let heading = arg.get_help_heading().unwrap_or_default();
+        let place = groups.iter().position(|(known, _)| known == heading).unwrap_or_else(|| {
+            groups.push((heading.to_string(), String::new()));
+            groups.len() - 1
+        });
+        groups[place].1 += &row(arg);
+    }
+    groups
+}
+
+/// An argument as a row: how it is written, its help, its default, its values.
+fn row(arg: &Arg) -> String {
+    let mut help = arg.get_long_help().or(arg.get_help()).map(ToString::to_string).unwrap_or_default();
+    if arg.get_action().takes_values() {
+        let defaults: Vec<_> = arg.get_default_values().iter().map(|value| value.to_string_lossy()).collect();
+        if !defaults.is_empty() {
+            let _ = write!(help, " [default: {}]", defaults.join(","));
+        }
+        for value in arg.get_possible_values().iter().filter(|value| !value.is_hide_set()) {
+            let told = value.get_help().map(|help| format!(": {help}")).unwrap_or_default();
+            let _ = write!(help, "<br>`{}`{told}", value.get_name());
+        }
+    }
+    let short = arg.get_short().map(|short| format!("-{short}, ")).unwrap_or_default();
+    let cell = |text: String| text.replace('\n', " ").replace('|', "\\|");
+    format!("| `{}` | {} |\n", cell(format!("{short}{arg}")), cell(help))
 }

@@ -178,7 +178,7 @@ pub struct PartsArgs {
     #[arg(long, value_enum)]
     pub decision: Option<DecisionArg>,
     /// What becomes of components too small to be parts [default: join] (with --cluster parts)
-    #[arg(long, value_enum)]
+    #[arg(long, alias = "dust", value_enum)]
     pub tiny_components: Option<TinyComponentsArg>,
     /// How faces near boundaries get their labels [default: front] (with --cluster parts)
     #[arg(long, value_enum, hide_short_help = true)]
@@ -304,7 +304,7 @@ impl PartsArgs {
                 return Err(misfit(option, "--cluster kmeans or two-means"));
             }
         } else {
-            let decision = self.decision.map(|_| "--decision").or(self.tiny_components.map(|_| "--dust"));
+            let decision = self.decision.map(|_| "--decision").or(self.tiny_components.map(|_| "--tiny-components"));
             let boundaries = self.boundaries.map(|_| "--boundaries");
             if let Some(option) = decision.or(self.detail.map(|_| "--detail")).or(boundaries) {
                 return Err(misfit(option, "--cluster parts"));

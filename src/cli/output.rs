@@ -253,11 +253,25 @@ pub fn print(bytes: &[u8]) -> Result<()> {
 
 /// Writes `report` as JSON to the file `target`, or to standard output where that is `-`.
 pub fn publish(target: &Path, report: &impl serde::Serialize) -> Result<()> {
-    let text = serde_json::to_string_pretty(report).unwrap_or_default();
+    write_text(target, &(serde_json::to_string_pretty(report).unwrap_or_default() + "\n"))
+}
+
+/// Writes `text` to standard output where `target` is `-`, else to that file, which appears whole or not at all. What is
+/// there and no file, such as a device or a pipe, is written to as it is.
+pub fn write_text(target: &Path, text: &str) -> Result<()> {
     if target == Path::new("-") {
-        return print((text + "\n").as_bytes());
+        return print(text.as_bytes());
     }
-    std::fs::write(target, text + "\n").map_err(Error::io(target, "write"))
+    if std::fs::metadata(target).is_ok_and(|known| !known.is_file()) {
+        return std::fs::write(target, text).map_err(Error::io(target, "write"));
+    }
+    let mut partial = target.as_os_str().to_owned();
+    partial.push(".partial");
+    let written = std::fs::write(&partial, text).and_then(|()| std::fs::rename(&partial, target));
+    written.map_err(|error| {
+        let _ = std::fs::remove_file(&partial);
+        Error::io(target, "write")(error)
+    })
 }
 
 /// The folder a file lies in.

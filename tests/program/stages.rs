@@ -252,19 +252,19 @@ fn dust_joins_parts_or_is_one_of_its_own() {
     assert!(own[body..].iter().all(|&label| label == 3) && own[..body] == joined[..body]);
     let report = dir.path().join("report.json");
     let json = format!("--json={}", word(&report));
-    segment(&mesh, &["-q", "-k", "3", "--dust", "own", "--work-dir", word(&work), &json]);
+    segment(&mesh, &["-q", "-k", "3", "--tiny-components", "own", "--work-dir", word(&work), &json]);
     let report: serde_json::Value = serde_json::from_str(&std::fs::read_to_string(report).unwrap()).unwrap();
     assert_eq!((&report["dust_label"], &report["dust_faces"]), (&3.into(), &24.into()));
     assert_eq!(report["parts"][3]["colour"], serde_json::json!([128, 128, 128]));
     let out = dir.path().join("out.seg");
-    stage(&["cluster", "-k", "2", "--dust", "own", "-o", word(&out)], &work);
+    stage(&["cluster", "-k", "2", "--tiny-components", "own", "-o", word(&out)], &work);
     assert!(read_seg(&out).unwrap()[body..].iter().all(|&label| label == 2));
     // Without dust nothing changes, and the paper's ways do not know of it.
     let clean = zoo::dumbbell().write(dir.path());
-    assert_eq!(direct(&clean, &["-k", "3", "--dust", "own"]), direct(&clean, &["-k", "3"]));
-    let output: Output = run(&["segment", word(&clean), "--cluster", "kmeans", "-k", "3", "--dust", "own"]);
+    assert_eq!(direct(&clean, &["-k", "3", "--tiny-components", "own"]), direct(&clean, &["-k", "3"]));
+    let output: Output = run(&["segment", word(&clean), "--cluster", "kmeans", "-k", "3", "--tiny-components", "own"]);
     assert_eq!(output.status.code(), Some(2));
-    assert!(errors(&output).contains("--dust goes with --cluster parts only"));
+    assert!(errors(&output).contains("--tiny-components goes with --cluster parts only"));
 }
 
 #[test]
