@@ -157,7 +157,8 @@ fn links_lead_from_the_readme_to_every_page() {
 
 #[test]
 fn the_reference_is_that_of_the_definitions() {
-    let output = std::process::Command::new(env!("CARGO_BIN_EXE_nystrom-stream")).args(["man", "--markdown", "-"]).output();
+    let output =
+        std::process::Command::new(env!("CARGO_BIN_EXE_nystrom-stream")).args(["man", "--markdown", "-"]).output();
     let told = String::from_utf8(output.unwrap().stdout).unwrap();
     let page = Path::new("docs/reference.md");
     assert!(told.contains("## segment") && told.contains("`-k, --parts <K>`"), "{told}");

@@ -62,7 +62,7 @@ def main():
             subprocess.run([program, "correspond", first, folder / "b.ply", "-q", "-o", folder / "m.npy",
                             f"--json={folder / 'r.json'}", *options], check=True)
             subprocess.run([program, "evaluate", "-q", "--matches", folder / "m.npy", "--mesh", folder / "b.ply", "--truth",
-                            folder / "truth.npy", "--json", folder / "e.json"], check=True, stdout=subprocess.DEVNULL)
+                            folder / "truth.npy", f"--json={folder / 'e.json'}"], check=True, stdout=subprocess.DEVNULL)
             errors = json.loads((folder / "e.json").read_text())["errors"]
             report = json.loads((folder / "r.json").read_text())
         means.append(errors["mean"])

@@ -1,9 +1,8 @@
 //! `correspond`: which vertex of one mesh is which of another.
 
-use super::method::SamplingArg;
-use super::options::RunArgs;
-use super::output::folder_of;
-use super::{AppContext, Failure};
+use super::choices::choice;
+use super::options::{AppContext, CliError, RunArgs};
+use super::output::{JsonArgs, folder_of};
 use clap::ValueEnum;
 use nystrom_stream::apps::correspond::carry::{Colours, Property};
 use nystrom_stream::apps::correspond::show::side_by_side;
@@ -11,48 +10,47 @@ use nystrom_stream::apps::correspond::{Match, Matching, files};
 use nystrom_stream::apps::picture::PictureParams;
 use nystrom_stream::base::{Error, Result};
 use nystrom_stream::distance::vertex_rows::Distance;
+use nystrom_stream::landmarks::Sampling;
 use nystrom_stream::mesh::columns::Of;
 use nystrom_stream::mesh::{self, Opened, annotated};
 use nystrom_stream::pipeline::correspond::{CorrespondParams, Correspondence, correspond, default_landmarks};
 use nystrom_stream::pipeline::input;
 use nystrom_stream::spectral::nystrom::OrthogonalParams;
-use nystrom_stream::store::Context;
-use nystrom_stream::store::Run;
+use nystrom_stream::store::{Context, Run};
 use serde_json::json;
-use std::io::Write;
 use std::path::{Path, PathBuf};
 use std::time::Instant;
 
+/// Arguments of `correspond`.
 #[derive(Clone, Debug, clap::Args)]
-pub struct Args {
-    /// The mesh whose vertices get matches, PLY (.ply, .ply.gz)
+pub struct CorrespondArgs {
+    /// The mesh whose vertices get matches: PLY, OBJ, OFF or STL, also .gz
     #[arg(value_name = "A")]
     pub a: PathBuf,
-    /// The mesh that they are matched to
+    /// The mesh that they are matched to, in the same formats
     #[arg(value_name = "B")]
     pub b: PathBuf,
     /// Matches, once or more: .npy (records of match, distance, confidence), .csv or .parquet (columns)
     #[arg(short, long, value_name = "OUT")]
     pub output: Vec<PathBuf>,
-    /// Write a report as JSON, to FILE or to standard output
-    #[arg(long, value_name = "FILE", num_args = 0..=1, default_missing_value = "-", require_equals = true)]
-    pub json: Option<PathBuf>,
+    #[command(flatten)]
+    pub json: JsonArgs,
     /// Write A and B with coloured vertices, matched ones alike: two PLY files
     #[arg(long, value_names = ["A_OUT", "B_OUT"], num_args = 2)]
     pub colours: Vec<PathBuf>,
-    /// What colours on B follow
+    /// What the colours on B show
     #[arg(long, value_enum, default_value = "position")]
     pub colour_by: ColourArg,
     /// Draw A and B side by side in these colours, .png
     #[arg(long, value_name = "FILE")]
     pub picture: Option<PathBuf>,
-    /// Carry properties of B's vertices or faces over to A, like label,quality; written to --carried
+    /// Copy properties of the vertices or faces of B to A, such as label,quality; written to --carried
     #[arg(long, value_name = "NAMES", value_delimiter = ',', requires = "carried")]
     pub carry: Vec<String>,
-    /// A with what is carried, a PLY file
+    /// PLY file for A with the copied properties
     #[arg(long, value_name = "FILE", requires = "carry")]
     pub carried: Option<PathBuf>,
-    /// Keep graphs and rows of both meshes here and reuse them [default: a temporary folder]
+    /// Keep intermediate results for both meshes in this folder and reuse them [default: a temporary folder]
     #[arg(long, value_name = "DIR")]
     pub work_dir: Option<PathBuf>,
     #[command(flatten)]
@@ -61,22 +59,13 @@ pub struct Args {
     pub run: RunArgs,
 }
 
-/// What colours follow.
+/// What the colours show.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
 pub enum ColourArg {
-    /// Position in the box of B
+    /// Position in the bounding box of B
     Position,
     /// The labels of B's faces
     Parts,
-}
-
-/// How far apart vertices are.
-#[derive(Clone, Copy, Debug, ValueEnum)]
-pub enum DistanceArg {
-    /// Along edges
-    Edges,
-    /// Through triangles, by fast marching
-    March,
 }
 
 /// Options of the method.
@@ -87,24 +76,24 @@ pub struct MethodArgs {
     #[arg(short = 'l', long, value_name = "L", value_parser = clap::value_parser!(u32).range(2..=4096))]
     pub landmarks: Option<u32>,
     /// How landmarks are chosen
-    #[arg(long, value_enum, default_value = "farthest")]
-    pub sampling: SamplingArg,
-    /// How far apart vertices are
-    #[arg(long, value_enum, default_value = "march")]
-    pub distance: DistanceArg,
+    #[arg(long, value_parser = choice::<Sampling>(), default_value = "farthest")]
+    pub sampling: Sampling,
+    /// How distances between vertices are measured
+    #[arg(long, value_parser = choice::<Distance>(), default_value = "march")]
+    pub distance: Distance,
     /// Number of leading eigenvectors, 2 to 8
     #[arg(long, value_name = "K", default_value_t = OrthogonalParams::default().dimensions)]
     pub vectors: usize,
-    /// The kernel's width in mean distances
+    /// Width of the kernel, in mean distances
     #[arg(long, value_name = "X", default_value_t = 1.)]
     pub sigma: f64,
-    /// Keep matches that are each other's nearest only
+    /// Keep only matches that are each other's nearest
     #[arg(long, conflicts_with = "one_to_one")]
     pub mutual: bool,
-    /// Use no vertex of B twice
+    /// Use each vertex of B at most once
     #[arg(long)]
     pub one_to_one: bool,
-    /// Carry the landmarks of A to B by the first matches, and match again with these
+    /// Match again, with the landmarks of A carried to B by the first matches
     #[arg(long)]
     pub transfer: bool,
     /// Which of several alignments to take where the shape is symmetric, from 0; the report lists them
@@ -116,11 +105,8 @@ impl MethodArgs {
     fn params(&self) -> CorrespondParams {
         CorrespondParams::default()
             .landmarks(self.landmarks.map_or(0, |l| l as usize))
-            .sampling(self.sampling.sampling())
-            .distance(match self.distance {
-                DistanceArg::Edges => Distance::Edges,
-                DistanceArg::March => Distance::March,
-            })
+            .sampling(self.sampling)
+            .distance(self.distance)
             .embedding(OrthogonalParams { dimensions: self.vectors, width: self.sigma, ..OrthogonalParams::default() })
             .matching(match (self.mutual, self.one_to_one) {
                 (true, _) => Matching::Mutual,
@@ -132,20 +118,20 @@ impl MethodArgs {
     }
 }
 
-pub fn run(args: &Args, app: &AppContext) -> Result<(), Failure> {
+pub fn run(args: &CorrespondArgs, app: &AppContext) -> Result<(), CliError> {
     let start = Instant::now();
     let mut params = args.method.params();
     params.embedding.check()?;
     if let Some(path) = args.output.iter().find(|path| !files::is_known(path)) {
-        return Err(Failure::Misused(format!(
+        return Err(CliError::Usage(format!(
             "-o {}: its ending says no known form; end it with {}",
             path.display(),
             files::ENDINGS
         )));
     }
     let outputs = || args.output.iter().chain(&args.colours).chain(&args.picture).chain(&args.carried);
-    if outputs().next().is_none() && args.json.is_none() {
-        return Err(Failure::Misused("nothing to write; give -o matches.npy or another output".into()));
+    if outputs().next().is_none() && args.json.json.is_none() {
+        return Err(CliError::Usage("nothing to write; give -o matches.npy or another output".into()));
     }
     for path in outputs() {
         let folder = folder_of(path);
@@ -175,7 +161,9 @@ pub fn run(args: &Args, app: &AppContext) -> Result<(), Failure> {
     let write = || args.output.iter().try_for_each(|path| files::write(path, &result.matches, &run));
     run.stage("write", "vertices", result.matches.len() as u64, write)?;
     show(args, &a, &b, &result.matches, Context::new(&work, &run))?;
-    let Some(target) = &args.json else { return Ok(()) };
+    if args.json.json.is_none() {
+        return Ok(());
+    }
     let mut seconds = bars.take_seconds();
     seconds.insert("total".into(), start.elapsed().as_secs_f64());
     let matched = result.matches.iter().filter(|one| one.target >= 0);
@@ -194,17 +182,11 @@ pub fn run(args: &Args, app: &AppContext) -> Result<(), Failure> {
         "seconds": seconds,
         "peak_bytes": (app.peak)(),
     });
-    let text = serde_json::to_string_pretty(&report).unwrap_or_default();
-    if target == Path::new("-") {
-        let _ = writeln!(std::io::stdout(), "{text}");
-    } else {
-        std::fs::write(target, text + "\n").map_err(Error::io(target, "write"))?;
-    }
-    Ok(())
+    Ok(args.json.publish(&report)?)
 }
 
 /// Writes colours, picture and what is carried, where asked for.
-fn show(args: &Args, a: &Opened, b: &Opened, matches: &[Match], context: Context<'_>) -> Result<()> {
+fn show(args: &CorrespondArgs, a: &Opened, b: &Opened, matches: &[Match], context: Context<'_>) -> Result<()> {
     if !args.colours.is_empty() || args.picture.is_some() {
         let colours = match args.colour_by {
             ColourArg::Position => Colours::by_position(&b.mesh, context)?,

@@ -1,8 +1,9 @@
 //! `demo`: a mesh with known parts, cut and compared. The first thing a newcomer runs.
 
-use super::bars::human;
-use super::options::RunArgs;
-use super::{AppContext, Failure, segment};
+use super::options::{AppContext, CliError, RunArgs};
+use super::output::Output;
+use super::progress::human;
+use super::segment::{self, Job, SegmentArgs};
 use clap::Parser;
 use nystrom_stream::apps::creature::{Creature, Options, parse_faces};
 use nystrom_stream::apps::evaluate::{contingency, matches, rand};
@@ -11,22 +12,23 @@ use nystrom_stream::mesh::seg;
 use std::io::Write;
 use std::path::PathBuf;
 
+/// Arguments of `demo`.
 #[derive(Clone, Debug, clap::Args)]
-pub struct Args {
-    /// Faces of the creature, at least; 1.3e6 is understood too
+pub struct DemoArgs {
+    /// Least number of faces of the mesh; 1.3e6 is a number too
     #[arg(long, value_name = "N", default_value = "1.3e6", value_parser = parse_faces)]
     pub faces: u64,
-    /// Noise, as a share of an edge
+    /// Noise, as a share of the edge length
     #[arg(long, value_name = "X", default_value_t = 0.)]
     pub noise: f64,
-    /// Where the files go
+    /// Folder for the files
     #[arg(long, value_name = "DIR", default_value = "nystrom-stream-demo")]
     pub folder: PathBuf,
     #[command(flatten)]
     pub run: RunArgs,
 }
 
-pub fn run(args: &Args, app: &AppContext) -> Result<(), Failure> {
+pub fn run(args: &DemoArgs, app: &AppContext) -> Result<(), CliError> {
     let bars = args.run.bars();
     let run = args.run.run(&bars, app);
     std::fs::create_dir_all(&args.folder).map_err(Error::io(&args.folder, "create"))?;
@@ -44,14 +46,11 @@ pub fn run(args: &Args, app: &AppContext) -> Result<(), Failure> {
     bars.take_seconds();
 
     let (ply, labels_file) = (args.folder.join("creature.segmented.ply"), args.folder.join("creature.labels.seg"));
-    let mut words = vec!["segment".into(), mesh.clone().into_os_string()];
-    for output in [&ply, &labels_file] {
-        words.extend(["-o".into(), output.clone().into_os_string()]);
-    }
-    let cut = CutArgs::try_parse_from(words).map_err(|error| Failure::Misused(error.to_string()))?.args;
-    let cut = segment::Args { run: args.run.clone(), ..cut };
-    let outputs = [super::output::Output::of(&ply)?, super::output::Output::of(&labels_file)?];
-    let report = segment::one(&mesh, &cut, &cut.method.params()?, &outputs, &bars, &run, app)?;
+    let words = ["segment".into(), mesh.clone().into_os_string()];
+    let cut = CutArgs::try_parse_from(words).map_err(|error| CliError::Usage(error.to_string()))?.args;
+    let cut = SegmentArgs { run: args.run.clone(), ..cut };
+    let job = Job { mesh, outputs: vec![Output::of(&ply)?, Output::of(&labels_file)?] };
+    let report = segment::one(&job, &cut, &cut.method.params()?, &bars, &run, app)?;
 
     let table = contingency(&seg::read_seg(&labels_file)?, &seg::read_seg(&truth_file)?, None)?;
     let mut out = std::io::stdout().lock();
@@ -59,7 +58,7 @@ pub fn run(args: &Args, app: &AppContext) -> Result<(), Failure> {
         let _ = writeln!(out, "{text}");
     };
     line(format!(
-        "{} faces in {} parts in {:.2} s ({}faces/s), {:.0} MiB allocated at the most",
+        "{} faces in {} parts in {:.2} s ({}faces/s), at most {:.0} MiB allocated",
         report.input.faces,
         report.parts.len(),
         report.seconds["total"],
@@ -80,5 +79,5 @@ pub fn run(args: &Args, app: &AppContext) -> Result<(), Failure> {
 #[derive(Debug, Parser)]
 struct CutArgs {
     #[command(flatten)]
-    args: segment::Args,
+    args: SegmentArgs,
 }

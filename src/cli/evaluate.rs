@@ -1,30 +1,33 @@
-//! `evaluate`: labels against people's, for one mesh or over the folder of a benchmark.
+//! `evaluate`: labels against those of people, for one mesh or over the folder of a benchmark; matches of `correspond`
+//! against true ones.
 
-use super::bars::{Bars, Style};
-use super::judge::judge;
-use super::{AppContext, Failure};
+use super::options::{AppContext, CliError};
+use super::output::{JsonArgs, check_charts};
+use super::progress::{Bars, Style};
+use nystrom_stream::apps::correspond::{Errors, accuracy, files};
 use nystrom_stream::apps::evaluate::{
     Benchmark, Evaluator, MeanScores, ScoreTable, Scores, Segmentation, fitting, read_labels,
 };
 use nystrom_stream::apps::plots::charts;
 use nystrom_stream::base::{Error, Result};
+use nystrom_stream::graph::VertexGraph;
 use nystrom_stream::mesh;
-use nystrom_stream::store::Run;
-use serde_json::json;
-use std::io::Write;
+use nystrom_stream::store::{Context, Run, WorkDir};
+use serde_json::{Value, json};
 use std::path::{Path, PathBuf};
 
 #[derive(Clone, Debug, clap::Args)]
-pub struct Args {
+pub struct EvaluateArgs {
     /// Labels to judge: .seg, .npy, or .ply with a face property `label`; with --benchmark a folder of them, named
-    /// after the models, without which people are judged
+    /// after the models [default with --benchmark: each person is judged by the others]
     #[arg(value_name = "LABELS", required_unless_present_any = ["benchmark", "matches"])]
     pub labels: Option<PathBuf>,
-    /// The mesh of the labels [default: LABELS if it is a .ply; without a mesh all faces weigh the same]
+    /// The mesh of the labels: PLY, OBJ, OFF or STL, also .gz [default: LABELS if it is a .ply; without a mesh all faces
+    /// weigh the same]
     #[arg(long, value_name = "MESH", conflicts_with = "benchmark")]
     pub mesh: Option<PathBuf>,
-    /// Labels to judge by, once or more, in the same forms; with --matches a map of vertices, .npy or .csv [default there:
-    /// each vertex is the one of its own number]
+    /// Labels to judge by, once or more, in the same formats; with --matches a map of vertices, .npy or .csv
+    /// [default with --matches: vertices with the same number match]
     #[arg(
         long,
         value_name = "LABELS",
@@ -32,77 +35,63 @@ pub struct Args {
         conflicts_with = "benchmark"
     )]
     pub truth: Vec<PathBuf>,
-    /// Folder of N.ply, people's N_0.seg, N_1.seg, … and models.tsv (columns model and category)
+    /// Folder of a benchmark: N.ply, labels by people N_0.seg, N_1.seg, …, and models.tsv (columns model and category)
     #[arg(long, value_name = "DIR")]
     pub benchmark: Option<PathBuf>,
     /// Judge the matches of `correspond` instead, .npy or .csv; --mesh is the mesh they point to
     #[arg(long, value_name = "FILE", requires = "mesh", conflicts_with_all = ["labels", "benchmark", "plot"])]
     pub matches: Option<PathBuf>,
-    /// Matches judged at the most, spread evenly
+    /// Matches judged at most, spread evenly
     #[arg(long, value_name = "N", default_value_t = 10_000, requires = "matches")]
     pub samples: usize,
-    /// Write the scores as JSON; `-` for standard output, instead of the table
-    #[arg(long, value_name = "FILE")]
-    pub json: Option<PathBuf>,
+    #[command(flatten)]
+    pub json: JsonArgs,
     /// Draw 1 - Rand by category beside people's, .svg or .png
     #[arg(long, value_name = "FILE", requires = "benchmark", requires = "labels")]
     pub plot: Option<PathBuf>,
     /// Leave out the cut discrepancy, which costs most
     #[arg(long)]
     pub no_cuts: bool,
-    /// Worker threads [default: one a core]
+    /// Worker threads [default: one per core]
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(1..))]
     pub threads: Option<u16>,
-    /// Say nothing but scores and errors
+    /// Print nothing but scores and errors
     #[arg(short, long)]
     pub quiet: bool,
 }
 
-/// What comes out: a table to read and the same as JSON.
-pub struct Outcome {
-    pub text: String,
-    pub json: String,
-}
+/// A table to read, and the same as JSON.
+type Outcome = (String, Value);
 
-pub fn run(args: &Args, app: &AppContext) -> std::result::Result<(), Failure> {
-    let charted =
-        |path: &Path| path.extension().is_some_and(|end| ["svg", "png"].iter().any(|e| end.eq_ignore_ascii_case(e)));
-    if let Some(path) = args.plot.as_deref().filter(|path| !charted(path)) {
-        return Err(Failure::Misused(format!("--plot {}: no chart; end it with .svg or .png", path.display())));
-    }
+pub fn run(args: &EvaluateArgs, app: &AppContext) -> std::result::Result<(), CliError> {
+    check_charts("--plot", args.plot.as_slice())?;
     let bars = Bars::new(if args.quiet { Style::Quiet } else { Style::of_terminal() });
     let mut run = Run::new(&bars);
     if let Some(threads) = args.threads {
         run.threads = threads.into();
     }
     run.cancel = app.cancel.clone();
-    let outcome = match (&args.benchmark, &args.labels) {
+    let (text, json) = match (&args.benchmark, &args.labels) {
         _ if args.matches.is_some() => matches(args, &run)?,
         (Some(folder), _) => folder_of_models(folder, args, &run)?,
         (None, Some(labels)) => one(labels, args, &run)?,
-        (None, None) => return Err(Failure::Misused("give labels, or --benchmark".into())),
+        (None, None) => return Err(CliError::Usage("give labels, or --benchmark".into())),
     };
-    let to_stdout = args.json.as_deref() == Some(Path::new("-"));
-    let text = if to_stdout { &outcome.json } else { &outcome.text };
-    let _ = writeln!(std::io::stdout(), "{}", text.trim_end());
-    if let Some(path) = args.json.as_ref().filter(|_| !to_stdout) {
-        std::fs::write(path, outcome.json + "\n").map_err(Error::io(path, "write"))?;
-    }
-    Ok(())
+    Ok(args.json.publish_or_print(&json, &format!("{}\n", text.trim_end()))?)
 }
 
-/// Matches.
-fn matches(args: &Args, run: &Run) -> std::result::Result<Outcome, Failure> {
+/// Checks the arguments that matches need, and scores them.
+fn matches(args: &EvaluateArgs, run: &Run) -> std::result::Result<Outcome, CliError> {
     match (&args.matches, &args.mesh, &args.truth[..]) {
         (Some(matches), Some(mesh), [] | [_]) => {
             Ok(judge(matches, mesh, args.truth.first().map(PathBuf::as_path), args.samples, run)?)
         }
-        _ => Err(Failure::Misused("--matches: give one --mesh, and one --truth at the most".into())),
+        _ => Err(CliError::Usage("--matches: give one --mesh, and one --truth at the most".into())),
     }
 }
 
 /// A whole benchmark.
-fn folder_of_models(folder: &Path, args: &Args, run: &Run) -> Result<Outcome> {
+fn folder_of_models(folder: &Path, args: &EvaluateArgs, run: &Run) -> Result<Outcome> {
     let benchmark = Benchmark::open(folder)?;
     let judge = || benchmark.evaluate(args.labels.as_deref(), !args.no_cuts, run);
     let (evaluation, _) = run.stage("evaluate", "models", benchmark.models.len() as u64, judge)?;
@@ -113,11 +102,11 @@ fn folder_of_models(folder: &Path, args: &Args, run: &Run) -> Result<Outcome> {
     if let Some(path) = &args.plot {
         charts::scores_by_category(path, &evaluation.table, &evaluation.people)?;
     }
-    Ok(Outcome { text: evaluation.table.to_text(), json: evaluation.table.to_json()? })
+    Ok((evaluation.table.to_text(), json!(evaluation.table)))
 }
 
 /// Labels of one mesh.
-fn one(labels: &Path, args: &Args, run: &Run) -> Result<Outcome> {
+fn one(labels: &Path, args: &EvaluateArgs, run: &Run) -> Result<Outcome> {
     let scratch = tempfile::tempdir().map_err(Error::io(std::env::temp_dir(), "create a folder in"))?;
     let is_ply = labels.extension().is_some_and(|ending| ending.eq_ignore_ascii_case("ply"));
     let read = |path: &Path| read_labels(path, scratch.path(), run);
@@ -157,8 +146,41 @@ fn one(labels: &Path, args: &Args, run: &Run) -> Result<Outcome> {
         "truths": table.categories,
         "people": table.people,
     });
-    Ok(Outcome {
-        text: table.to_text_under("truth", "cuts"),
-        json: serde_json::to_string_pretty(&json).unwrap_or_default(),
-    })
+    Ok((table.to_text_under("truth", "cuts"), json))
+}
+
+/// Judges `matches`, which point to vertices of `mesh`, by the vertex map `truth` (by number without one), at up to
+/// `samples` vertices spread evenly.
+fn judge(matches: &Path, mesh: &Path, truth: Option<&Path>, samples: usize, run: &Run) -> Result<Outcome> {
+    let found = files::read(matches)?;
+    let real = truth.map(files::read).transpose()?;
+    if let Some(real) = real.as_ref().filter(|real| real.len() != found.len()) {
+        let problem = format!("has {} vertices, the matches {}", real.len(), found.len());
+        return Err(Error::unusable(truth.unwrap_or(matches), problem, "give the map of this mesh"));
+    }
+    let work = WorkDir::temporary(&std::env::temp_dir())?;
+    let opened = mesh::open(mesh, work.path(), run)?;
+    let graph = VertexGraph::build(&opened.mesh, mesh, Context::new(&work, run))?;
+    let real = |v: usize| real.as_ref().map_or(Some(v as u32), |real| real[v]);
+    let step = found.len().div_ceil(samples.max(1)).max(1);
+    let (mut pairs, mut unmatched) = (Vec::new(), 0);
+    for v in (0..found.len()).step_by(step) {
+        match (found[v], real(v)) {
+            (Some(found), Some(real)) => pairs.push((found, real)),
+            (None, Some(_)) => unmatched += 1,
+            (_, None) => {}
+        }
+    }
+    let judge = || accuracy::distances(&graph, &pairs, run);
+    let (errors, _) = run.stage("march", "vertices", pairs.len() as u64, judge)?;
+    let errors = Errors::of(errors, unmatched);
+    let mut text = format!(
+        "{} vertices judged, {} without a match\nerror over √area: mean {:.4}, median {:.4}, 90 % below {:.4}, greatest {:.4}\n",
+        errors.judged, errors.unmatched, errors.mean, errors.median, errors.ninth_decile, errors.most
+    );
+    for (i, share) in errors.curve.iter().enumerate().filter(|(i, _)| [0, 2, 5, 10, 20, 30, 40, 50].contains(i)) {
+        text += &format!("{:5.1} % within {:.3}\n", 100. * share, Errors::END * i as f64 / 50.);
+    }
+    let json = json!({"matches": matches.display().to_string(), "mesh": mesh.display().to_string(), "errors": errors});
+    Ok((text, json))
 }

@@ -1,22 +1,23 @@
 //! Examples of the long help; man pages, completions and `docs/reference.md`, made from the same definitions as the help.
 
-use super::{Cli, Failure};
-use clap::{Arg, Command, CommandFactory};
+use super::options::CliError;
+use super::output::{print, write_text};
+use clap::{Arg, Command};
 use clap_complete::Shell;
 use nystrom_stream::base::Error;
 use std::collections::BTreeMap;
 use std::fmt::Write;
 use std::path::PathBuf;
 
-/// After the program's own help.
+/// After the help of the program.
 pub const PROGRAM: &str = "\
 Examples:
-  nystrom-stream segment scan.ply                      parts found by themselves, in scan.segmented.ply
-  nystrom-stream segment scan.ply -k 6 -o parts.seg    exactly six parts, a label a line
-  nystrom-stream segment scans/ --jobs 2 --resume      a folder of meshes, what is done already left out
-  nystrom-stream demo                                  a first look, without a mesh
+  nystrom-stream segment scan.ply                      number of parts found; in scan.segmented.ply
+  nystrom-stream segment scan.ply -k 6 -o parts.seg    exactly six parts; one label per line
+  nystrom-stream segment scans/ --jobs 2 --resume      a folder of meshes, without those already done
+  nystrom-stream demo                                  a first look, without a mesh of your own
 
-Exit codes: 0 done; 1 a mesh or the system refused; 2 the command line makes no sense.";
+Exit codes: 0 done; 1 a file cannot be used, or the system failed; 2 wrong command line.";
 
 /// After the help of `segment`.
 pub const SEGMENT: &str = "\
@@ -41,7 +42,7 @@ Examples, the stages of `segment` one by one:
 /// After the help of `sequence`.
 pub const SEQUENCE: &str = "\
 Examples:
-  nystrom-stream sequence scan.ply                     scan.sequenced.ply, few vertices live at a time
+  nystrom-stream sequence scan.ply                     scan.sequenced.ply, in an order that keeps few vertices in use
   nystrom-stream sequence scan.ply -o out.ply -o order.png --smooth 20 --original
   nystrom-stream sequence scan.ply --order bfs -o out.ply
   nystrom-stream sequence scan.ply --compare           a table of all orders, nothing written";
@@ -72,21 +73,21 @@ pub struct ManArgs {
 }
 
 /// Writes completions to standard output.
-pub fn completions(args: &CompletionArgs) -> Result<(), Failure> {
+pub fn completions(args: &CompletionArgs, mut program: Command) -> Result<(), CliError> {
     let mut text = Vec::new();
-    clap_complete::generate(args.shell, &mut Cli::command(), "nystrom-stream", &mut text);
-    super::output::print(&text)?;
+    clap_complete::generate(args.shell, &mut program, "nystrom-stream", &mut text);
+    print(&text)?;
     Ok(())
 }
 
 /// Writes man pages, or all of them as one page of Markdown.
-pub fn man(args: &ManArgs) -> Result<(), Failure> {
+pub fn man(args: &ManArgs, program: Command) -> Result<(), CliError> {
     if let Some(folder) = &args.folder {
         std::fs::create_dir_all(folder).map_err(Error::io(folder, "create"))?;
-        clap_mangen::generate_to(Cli::command(), folder).map_err(Error::io(folder, "write man pages to"))?;
+        clap_mangen::generate_to(program.clone(), folder).map_err(Error::io(folder, "write man pages to"))?;
     }
     if let Some(path) = &args.markdown {
-        super::output::write_text(path, &markdown(Cli::command()))?;
+        write_text(path, &markdown(program))?;
     }
     Ok(())
 }
@@ -94,9 +95,10 @@ pub fn man(args: &ManArgs) -> Result<(), Failure> {
 /// The reference of all subcommands as Markdown. A group of options that an earlier subcommand has too is not repeated.
 fn markdown(mut program: Command) -> String {
     program.build();
-    let mut text = "# Command-line reference\n\nEvery subcommand with its arguments and options, as `--help` tells them. \
+    let mut text =
+        "# Command-line reference\n\nEvery subcommand with its arguments and options, as `--help` tells them. \
         This page is made from the definitions: `cargo run -- man --markdown docs/reference.md`.\n\n"
-        .to_string();
+            .to_string();
     let commands = || program.get_subcommands().filter(|command| command.get_name() != "help");
     for command in commands() {
         let (name, about) = (command.get_name(), command.get_about().map(ToString::to_string).unwrap_or_default());

@@ -1,151 +1,20 @@
 //! Options of the method, in the groups that subcommands take, and how they become parameters.
 //!
-//! What only one way of clustering uses is refused with another, before any work.
+//! An option that has no effect with the others is refused before any work.
 
-use super::Failure;
-use super::metric::MetricArgs;
-use clap::ValueEnum;
+use super::choices::choice;
+use super::options::{CliError, misfit};
 use nystrom_stream::cluster::parts::{Decision, PartCount, PartsParams};
 use nystrom_stream::cluster::two_means;
-use nystrom_stream::graph::Order;
+use nystrom_stream::graph::{Metric, Order};
 use nystrom_stream::landmarks::Sampling;
 use nystrom_stream::pipeline::{Boundaries, Cluster, SegmentParams, TinyComponents};
 use nystrom_stream::spectral::embedding::KernelWidth;
 use nystrom_stream::spectral::{EmbeddingParams, Kernel, Normalisation};
 
-/// How landmarks are sampled.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
-pub enum SamplingArg {
-    /// Max–min farthest points from an extremity (the paper's §6.2)
-    Farthest,
-    /// At random, by area
-    Random,
-    /// At random, each face alike (the paper's random sampling)
-    Uniform,
-    /// Farthest points in length alone, whatever the metric
-    GeodesicFarthest,
-    /// Farthest points moved to the middle of their cells
-    Centroids,
-    /// Randomly pivoted Cholesky
-    Cholesky,
-    /// The best of 90 random candidates by Γ (the paper's §6.1): 90 fronts a landmark
-    Greedy,
-    /// The same, with candidates kept: 90 fronts, and one a landmark
-    PooledGreedy,
-}
-
-impl SamplingArg {
-    /// The library's.
-    pub fn sampling(self) -> Sampling {
-        match self {
-            Self::Farthest => Sampling::Farthest,
-            Self::Random => Sampling::Random,
-            Self::Uniform => Sampling::Uniform,
-            Self::GeodesicFarthest => Sampling::GeodesicFarthest,
-            Self::Centroids => Sampling::Centroids,
-            Self::Cholesky => Sampling::Cholesky,
-            Self::Greedy => Sampling::Greedy,
-            Self::PooledGreedy => Sampling::PooledGreedy,
-        }
-    }
-}
-
-/// The kernel.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
-pub enum KernelArg {
-    /// exp(−d²/2σ²)
-    Gaussian,
-    /// exp(−d/σ)
-    Exponential,
-    /// max(0, 1 − d/4σ)³
-    Polynomial,
-    /// 1/√(1 + d²/σ²)
-    InverseMultiquadric,
-    /// (1 + √3 d/σ) exp(−√3 d/σ)
-    Matern,
-    /// 1/(1 + d²/σ²)
-    Cauchy,
-}
-
-impl KernelArg {
-    /// The library's.
-    pub fn kernel(self) -> Kernel {
-        match self {
-            Self::Gaussian => Kernel::Gaussian,
-            Self::Exponential => Kernel::Exponential,
-            Self::Polynomial => Kernel::Polynomial { degree: 3 },
-            Self::InverseMultiquadric => Kernel::InverseMultiquadric,
-            Self::Matern => Kernel::Matern,
-            Self::Cauchy => Kernel::Cauchy,
-        }
-    }
-}
-
-/// How affinities are normalised.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
-pub enum NormaliseArg {
-    /// Not at all (eq. 1)
-    None,
-    /// By the roots of both degrees
-    Degree,
-    /// As an anchor graph
-    Anchor,
-}
-
-/// In which order faces are worked on.
-#[derive(Clone, Copy, Debug, ValueEnum)]
-pub enum OrderArg {
-    /// As in the file
-    Keep,
-    /// Sorted along Hilbert's curve
-    Hilbert,
-    /// Sorted where the mesh is large and the file's order poor
-    Auto,
-}
-
-/// How faces become parts.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
-pub enum ClusterArg {
-    /// Parts as people would cut them; their number is found
-    Parts,
-    /// K-means in the embedding, as the paper
-    Kmeans,
-    /// Iterative 2-means in the embedding, as the paper; without -k until no split gains much
-    TwoMeans,
-}
-
-/// How parts are decided.
-#[derive(Clone, Copy, Debug, ValueEnum)]
-pub enum DecisionArg {
-    /// Twelve merge trees with probabilities, the labelling of the greatest expected Rand index
-    SoftTrees,
-    /// Merging stopped by a constant, agreed on by average linkage
-    Consensus,
-    /// One over-segmentation, merged until a constant
-    Single,
-}
-
-/// What becomes of dust.
-#[derive(Clone, Copy, Debug, ValueEnum)]
-pub enum TinyComponentsArg {
-    /// Each speck joins the part it floats beside
-    Join,
-    /// All specks are a part of their own, the last one, not counted by -k
-    Own,
-}
-
-/// How faces near boundaries get their labels.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
-pub enum BoundariesArg {
-    /// By a front between the parts' cores, which meets on creases
-    Front,
-    /// By each face's place in the embedding (Nyström's extrapolation)
-    Embedding,
-}
-
 /// Bounds from "4..12".
 fn parse_range(text: &str) -> Result<(usize, usize), String> {
-    let wrong = || format!("{text:?} is no range; write 4..12");
+    let wrong = || format!("{text:?} is not a range; write 4..12");
     let (low, high) = text.split_once("..").ok_or_else(wrong)?;
     match (low.trim().parse(), high.trim_start_matches('=').trim().parse()) {
         (Ok(low), Ok(high)) if 0 < low && low <= high => Ok((low, high)),
@@ -153,16 +22,51 @@ fn parse_range(text: &str) -> Result<(usize, usize), String> {
     }
 }
 
-/// The refusal of an option that has no effect but with `only`.
-pub fn misfit(option: &str, only: &str) -> Failure {
-    Failure::Misused(format!("{option} goes with {only} only"))
+/// Options of the edge weights, which several subcommands share.
+#[derive(Clone, Debug, clap::Args)]
+#[command(next_help_heading = "Method")]
+pub struct MetricArgs {
+    /// Form of the edge weights
+    #[arg(long = "metric", id = "metric", value_parser = choice::<Metric>(), default_value = "scale-free")]
+    pub form: Metric,
+    /// Length that turning by one radian is worth, in the scale-free metric [default: 5]
+    #[arg(long, value_name = "B")]
+    pub beta: Option<f32>,
+    /// Factor for convex turning [default: 0.05, or 0.1 in the paper's metric]
+    #[arg(long, value_name = "E")]
+    pub eta: Option<f32>,
+    /// Share of length in the paper's metric [default: 0.03]
+    #[arg(long, value_name = "D")]
+    pub delta: Option<f32>,
+}
+
+impl MetricArgs {
+    /// The metric.
+    pub fn metric(&self) -> Result<Metric, CliError> {
+        let metric = match self.form {
+            Metric::ScaleFree { .. } if self.delta.is_some() => return Err(misfit("--delta", "--metric paper")),
+            Metric::ScaleFree { beta, eta } => {
+                Metric::ScaleFree { beta: self.beta.unwrap_or(beta), eta: self.eta.unwrap_or(eta) }
+            }
+            Metric::Paper { .. } if self.beta.is_some() => return Err(misfit("--beta", "--metric scale-free")),
+            Metric::Paper { delta, eta } => {
+                Metric::Paper { delta: self.delta.unwrap_or(delta), eta: self.eta.unwrap_or(eta) }
+            }
+            Metric::Geodesic if self.beta.or(self.eta).or(self.delta).is_some() => {
+                return Err(CliError::Usage("--metric geodesic takes no --beta, --eta or --delta".into()));
+            }
+            Metric::Geodesic => Metric::Geodesic,
+        };
+        metric.check()?;
+        Ok(metric)
+    }
 }
 
 /// How many parts, and how they are decided on.
 #[derive(Clone, Debug, clap::Args)]
 #[command(next_help_heading = "Parts")]
 pub struct PartsArgs {
-    /// Number of parts, exactly [default: found]
+    /// Exact number of parts [default: found]
     #[arg(short = 'k', long = "parts", value_name = "K", conflicts_with_all = ["parts_range", "detail"])]
     pub parts: Option<usize>,
     /// Bounds for the number of parts found
@@ -172,33 +76,33 @@ pub struct PartsArgs {
     #[arg(long, value_name = "D", allow_negative_numbers = true)]
     pub detail: Option<f64>,
     /// How faces become parts [default: parts, or as in the work directory]
-    #[arg(long, value_enum)]
-    pub cluster: Option<ClusterArg>,
-    /// How parts are decided [default: soft-trees] (with --cluster parts)
-    #[arg(long, value_enum)]
-    pub decision: Option<DecisionArg>,
-    /// What becomes of components too small to be parts [default: join] (with --cluster parts)
-    #[arg(long, alias = "dust", value_enum)]
-    pub tiny_components: Option<TinyComponentsArg>,
-    /// How faces near boundaries get their labels [default: front] (with --cluster parts)
-    #[arg(long, value_enum, hide_short_help = true)]
-    pub boundaries: Option<BoundariesArg>,
+    #[arg(long, value_parser = choice::<Cluster>())]
+    pub cluster: Option<Cluster>,
+    /// How parts are decided, with --cluster parts [default: soft-trees, or as in the work directory]
+    #[arg(long, value_parser = choice::<Decision>())]
+    pub decision: Option<Decision>,
+    /// What becomes of components too small to be parts, with --cluster parts [default: join, or as in the work directory]
+    #[arg(long, alias = "dust", value_parser = choice::<TinyComponents>())]
+    pub tiny_components: Option<TinyComponents>,
+    /// How faces near boundaries get their labels, with --cluster parts [default: front, or as in the work directory]
+    #[arg(long, value_parser = choice::<Boundaries>(), hide_short_help = true)]
+    pub boundaries: Option<Boundaries>,
 }
 
 /// How distances become coordinates.
 #[derive(Clone, Debug, clap::Args)]
 #[command(next_help_heading = "Embedding (kmeans and two-means)")]
 pub struct KernelArgs {
-    /// From distance to affinity [default: gaussian]
-    #[arg(long, hide_short_help = true, value_enum)]
-    pub kernel: Option<KernelArg>,
-    /// The kernel's width in mean distances [default: 0.25; 1 without anchor graph, as the paper]
+    /// Kernel from distance to affinity [default: gaussian]
+    #[arg(long, hide_short_help = true, value_parser = choice::<Kernel>())]
+    pub kernel: Option<Kernel>,
+    /// Width of the kernel, in mean distances [default: 0.25; without anchor graph 1, as in the paper]
     #[arg(long, hide_short_help = true, value_name = "X")]
     pub sigma: Option<f64>,
     /// How affinities are normalised [default: anchor]
-    #[arg(long, hide_short_help = true, value_enum)]
-    pub normalise: Option<NormaliseArg>,
-    /// Leave the lengths of embedded faces as they are
+    #[arg(long, hide_short_help = true, value_parser = choice::<Normalisation>())]
+    pub normalise: Option<Normalisation>,
+    /// Do not scale the coordinates of each face to unit length
     #[arg(long, hide_short_help = true)]
     pub no_unit_rows: bool,
 }
@@ -207,22 +111,22 @@ pub struct KernelArgs {
 #[derive(Clone, Debug, clap::Args)]
 #[command(next_help_heading = "Distances")]
 pub struct OrderArgs {
-    /// In which order faces are worked on; labels always come in the file's [default: auto, or as in the work directory]
-    #[arg(long, value_enum, hide_short_help = true)]
-    pub order: Option<OrderArg>,
+    /// In which order faces are worked on; labels are always in the order of the file [default: auto, or as in the work directory]
+    #[arg(long, value_parser = choice::<Order>(), hide_short_help = true)]
+    pub order: Option<Order>,
 }
 
 /// How distances are measured, and from where.
 #[derive(Clone, Debug, clap::Args)]
 #[command(next_help_heading = "Distances")]
 pub struct DistanceArgs {
-    /// Number of landmarks [default: 60 to 20 by size; otherwise twice the parts, 10 to 60]
+    /// Number of landmarks [default: 60 to 20 by the size of the mesh; with kmeans and two-means twice the parts, 10 to 60]
     #[arg(short = 'l', long, hide_short_help = true, value_name = "L", value_parser = clap::value_parser!(u32).range(1..=4096))]
     pub landmarks: Option<u32>,
     /// How landmarks are chosen
-    #[arg(long, hide_short_help = true, value_enum, default_value = "farthest")]
-    pub sampling: SamplingArg,
-    /// Preview: decide on a contraction of the mesh; the rows over all faces are left out
+    #[arg(long, hide_short_help = true, value_parser = choice::<Sampling>(), default_value = "farthest")]
+    pub sampling: Sampling,
+    /// Preview: decide on a coarser copy of the mesh
     #[arg(long)]
     pub coarse: bool,
     #[command(flatten)]
@@ -245,12 +149,7 @@ pub struct MethodArgs {
 impl OrderArgs {
     /// The order; `other` where none is asked for.
     pub fn or(&self, other: Order) -> Order {
-        match self.order {
-            Some(OrderArg::Keep) => Order::Keep,
-            Some(OrderArg::Hilbert) => Order::Hilbert,
-            Some(OrderArg::Auto) => Order::Auto,
-            None => other,
-        }
+        self.order.unwrap_or(other)
     }
 }
 
@@ -263,21 +162,17 @@ impl KernelArgs {
     }
 
     /// The embedding in `dimensions` coordinates that was asked for; nothing where no option was given.
-    pub fn params(&self, dimensions: usize) -> Result<Option<EmbeddingParams>, Failure> {
+    pub fn params(&self, dimensions: usize) -> Result<Option<EmbeddingParams>, CliError> {
         if self.given().is_none() {
             return Ok(None);
         }
-        let normalisation = match self.normalise.unwrap_or(NormaliseArg::Anchor) {
-            NormaliseArg::None => Normalisation::None,
-            NormaliseArg::Degree => Normalisation::Degree,
-            NormaliseArg::Anchor => Normalisation::Anchor,
-        };
+        let normalisation = self.normalise.unwrap_or(Normalisation::Anchor);
         let width = self.sigma.unwrap_or(if normalisation == Normalisation::Anchor { 0.25 } else { 1. });
         if !(width > 0. && width < 1e6) {
-            return Err(Failure::Misused(format!("--sigma: {width} is no width; choose a positive number")));
+            return Err(CliError::Usage(format!("--sigma: {width} is not a width; choose a positive number")));
         }
         Ok(Some(EmbeddingParams {
-            kernel: self.kernel.unwrap_or(KernelArg::Gaussian).kernel(),
+            kernel: self.kernel.unwrap_or(Kernel::Gaussian),
             width: KernelWidth::Mean(width),
             normalisation,
             unit_rows: !self.no_unit_rows,
@@ -287,17 +182,13 @@ impl KernelArgs {
 }
 
 impl PartsArgs {
-    /// Sets what concerns clustering in `params`; where `--cluster` is missing, it stays as it is there.
-    pub fn apply(&self, kernel: &KernelArgs, params: &mut SegmentParams) -> Result<(), Failure> {
-        match self.cluster {
-            Some(ClusterArg::Parts) => params.cluster = Cluster::Parts,
-            Some(ClusterArg::Kmeans) => params.cluster = Cluster::KMeans,
-            Some(ClusterArg::TwoMeans) => params.cluster = Cluster::TwoMeans,
-            None => {}
-        }
+    /// Sets what concerns clustering in `params`, where the options that were not given stay as they are: but for the number
+    /// of parts, the detail and the embedding, which are those asked for here or the defaults.
+    pub fn apply(&self, kernel: &KernelArgs, params: &mut SegmentParams) -> Result<(), CliError> {
+        params.cluster = self.cluster.unwrap_or(params.cluster);
         let detail = self.detail.unwrap_or(0.);
         if !(-1. ..=1.).contains(&detail) {
-            return Err(Failure::Misused(format!("--detail: {detail} is out of range; choose from -1 to 1")));
+            return Err(CliError::Usage(format!("--detail: {detail} is out of range; choose from -1 to 1")));
         }
         if params.cluster == Cluster::Parts {
             if let Some(option) = kernel.given() {
@@ -311,13 +202,9 @@ impl PartsArgs {
             }
         }
         params.parts = PartsParams {
-            decision: match self.decision.unwrap_or(DecisionArg::SoftTrees) {
-                DecisionArg::SoftTrees => Decision::SoftTrees,
-                DecisionArg::Consensus => Decision::Consensus,
-                DecisionArg::Single => Decision::Single,
-            },
+            decision: self.decision.unwrap_or(params.parts.decision),
             count: match (self.parts, self.parts_range) {
-                (Some(0), _) => return Err(Failure::Misused("-k: 0 parts; choose at least 1".into())),
+                (Some(0), _) => return Err(CliError::Usage("-k: 0 parts; choose at least 1".into())),
                 (Some(parts), _) => PartCount::Exactly(parts),
                 (None, Some((least, most))) => PartCount::Between(least, most),
                 (None, None) => PartCount::Found,
@@ -325,25 +212,19 @@ impl PartsArgs {
             detail,
             ..PartsParams::default()
         };
-        params.tiny_components = match self.tiny_components.unwrap_or(TinyComponentsArg::Join) {
-            TinyComponentsArg::Join => TinyComponents::Join,
-            TinyComponentsArg::Own => TinyComponents::Own,
-        };
-        params.boundaries = match self.boundaries.unwrap_or(BoundariesArg::Front) {
-            BoundariesArg::Front => Boundaries::Front,
-            BoundariesArg::Embedding => Boundaries::Embedding,
-        };
+        params.tiny_components = self.tiny_components.unwrap_or(params.tiny_components);
+        params.boundaries = self.boundaries.unwrap_or(params.boundaries);
         params.embedding = kernel.params(self.parts.unwrap_or(two_means::DIMENSIONS))?;
         Ok(())
     }
 }
 
 /// Refuses K-means without a number of parts.
-pub fn check_count(params: &SegmentParams) -> Result<(), Failure> {
+pub fn check_count(params: &SegmentParams) -> Result<(), CliError> {
     match (params.cluster, params.parts.count) {
         (Cluster::KMeans, PartCount::Found) => {
             let remedy = "give it, as in -k 6, or leave out --cluster kmeans";
-            Err(Failure::Misused(format!("-k: K-means needs the number of parts; {remedy}")))
+            Err(CliError::Usage(format!("-k: K-means needs the number of parts; {remedy}")))
         }
         (Cluster::KMeans, PartCount::Between(..)) => Err(misfit("--parts-range", "--cluster parts or two-means")),
         _ => Ok(()),
@@ -352,10 +233,10 @@ pub fn check_count(params: &SegmentParams) -> Result<(), Failure> {
 
 impl DistanceArgs {
     /// Sets what concerns distances in `params`.
-    pub fn apply(&self, params: &mut SegmentParams) -> Result<(), Failure> {
+    pub fn apply(&self, params: &mut SegmentParams) -> Result<(), CliError> {
         params.metric = self.metric.metric()?;
         params.landmarks = self.landmarks.map(|l| l as usize);
-        params.sampling = self.sampling.sampling();
+        params.sampling = self.sampling;
         if self.coarse && params.cluster != Cluster::Parts {
             return Err(misfit("--coarse", "--cluster parts"));
         }
@@ -369,7 +250,7 @@ impl DistanceArgs {
 
 impl MethodArgs {
     /// The parameters of `segment`.
-    pub fn params(&self) -> Result<SegmentParams, Failure> {
+    pub fn params(&self) -> Result<SegmentParams, CliError> {
         let mut params = SegmentParams { order: self.order.or(Order::default()), ..SegmentParams::default() };
         self.parts.apply(&self.kernel, &mut params)?;
         self.distance.apply(&mut params)?;

@@ -1,31 +1,30 @@
-//! The command line: parsed once into the library's parameter structs. The only user of clap and indicatif.
+//! The command line: parses arguments into the parameters of the library, runs a subcommand, reports errors. The only
+//! user of clap and indicatif.
 
-mod bars;
-mod batch;
+mod choices;
 mod correspond;
 mod demo;
 mod evaluate;
 mod help;
 mod info;
-mod judge;
 mod method;
-mod metric;
 mod options;
 mod output;
 mod picture;
 mod plan;
 mod plot;
+mod progress;
 mod quality;
-mod rows;
 mod segment;
 mod sequence;
 mod stages;
-mod study;
 mod transfer;
 
-use clap::{Parser, Subcommand};
+use clap::error::ErrorKind as Kind;
+use clap::{CommandFactory, Parser, Subcommand};
 use nystrom_stream::base::{Cancel, Error};
-use std::io::{ErrorKind, Write};
+use options::{AppContext, CliError};
+use std::io::ErrorKind;
 use std::process::ExitCode;
 
 /// Cut meshes of a million to a billion triangles into their meaningful parts, out of core.
@@ -41,58 +40,58 @@ struct Cli {
 enum Command {
     /// Cut meshes into parts and write them with labels and colours
     #[command(after_long_help = help::SEGMENT)]
-    Segment(segment::Args),
-    /// First stage: the dual graph of a mesh, in a work directory
+    Segment(segment::SegmentArgs),
+    /// Stage 1: read a mesh and build its dual graph, in a work directory
     #[command(after_long_help = help::STAGES)]
     Graph(stages::GraphArgs),
-    /// Second stage: the distances from all landmarks, by one process or as one of several
+    /// Stage 2: compute the distances from all landmarks to all faces, in one process or as one of several
     #[command(after_long_help = help::STAGES)]
-    Rows(rows::Args),
-    /// Put the rows of several processes together
-    Merge(rows::MergeArgs),
-    /// Third stage, for other programs: coordinates of every face in the spectral embedding
+    Rows(stages::RowsArgs),
+    /// Combine the distances that several processes have computed with rows --shard
+    Merge(stages::MergeArgs),
+    /// Stage 3, for use by other programs: compute coordinates of all faces in the spectral embedding
     #[command(after_long_help = help::STAGES)]
     Embed(stages::EmbedArgs),
-    /// Fourth stage: parts, again and again in a moment
+    /// Stage 4: cut into parts; another number of parts takes a moment
     #[command(after_long_help = help::STAGES)]
     Cluster(stages::ClusterArgs),
-    /// Last stage: write the parts of a work directory in any form
+    /// Stage 5: write the parts of a work directory in any output format
     #[command(after_long_help = help::STAGES)]
     Export(stages::ExportArgs),
-    /// Tell memory, disk and time of a run before it starts
-    Plan(plan::Args),
-    /// Tell what a work directory or a mesh file holds
+    /// Predict memory, disk space and time of a run
+    Plan(plan::PlanArgs),
+    /// Show what a work directory or a mesh file holds
     Info(info::InfoArgs),
-    /// Test every file of a work directory against its checksum
-    Verify(info::Args),
-    /// Score labels against people's, or matches against true ones
-    Evaluate(evaluate::Args),
-    /// Tell how good samples of a mesh are, or compare samplings
-    Quality(quality::Args),
-    /// Test whether Γ ranks samples rightly (the paper's Fig. 1)
-    Study(study::Args),
-    /// Find which vertex of one mesh is which of another
-    Correspond(correspond::Args),
-    /// Put a mesh in an order to stream it in, or compare orders
+    /// Check every file of a work directory against its checksum
+    Verify(info::VerifyArgs),
+    /// Score labels against those of people, or matches against true ones
+    Evaluate(evaluate::EvaluateArgs),
+    /// Measure how well landmarks sample a mesh, or compare ways of sampling
+    Quality(quality::QualityArgs),
+    /// Test whether Γ ranks samples correctly (Fig. 1 of the paper)
+    Study(quality::StudyArgs),
+    /// Match the vertices of two meshes of similar shape
+    Correspond(correspond::CorrespondArgs),
+    /// Reorder a mesh for streaming, or compare orders
     #[command(after_long_help = help::SEQUENCE)]
-    Sequence(sequence::Args),
+    Sequence(sequence::SequenceArgs),
     /// Draw a mesh and its parts as a picture
-    Picture(picture::Args),
-    /// Carry labels over to another mesh of the same shape
+    Picture(picture::PictureArgs),
+    /// Copy labels to another mesh of the same shape
     #[command(after_long_help = help::TRANSFER)]
-    TransferLabels(transfer::Args),
-    /// Plot how eigenvalues fall, and the hierarchy of parts with its cut
-    Plot(plot::Args),
+    TransferLabels(transfer::TransferArgs),
+    /// Plot the eigenvalues, and the hierarchy of parts with its cut
+    Plot(plot::PlotArgs),
     /// Make a mesh of a million faces with known parts, cut it, and compare
-    Demo(demo::Args),
+    Demo(demo::DemoArgs),
     /// Print completions for a shell
     Completions(help::CompletionArgs),
-    /// Write man pages, one a subcommand
+    /// Write man pages, one per subcommand
     Man(help::ManArgs),
 }
 
 impl Command {
-    /// How to go on after an interrupt, in words, where that is possible.
+    /// How to go on after an interrupt, if that is possible.
     fn goes_on(&self) -> Option<String> {
         let dir = match self {
             Self::Segment(args) if args.work_dir.is_none() => {
@@ -102,42 +101,44 @@ impl Command {
             }
             Self::Segment(args) => args.work_dir.as_ref(),
             Self::Graph(args) => Some(&args.place.work_dir),
-            Self::Rows(args) => Some(&args.work_dir),
+            Self::Rows(args) => Some(&args.place.work_dir),
             Self::Sequence(args) => args.work_dir.as_ref(),
             Self::Correspond(args) => args.work_dir.as_ref(),
-            Self::Merge(args) => Some(&args.work_dir),
+            Self::Merge(args) => return Some(goes_on(args.place.path())),
             Self::Embed(args) => Some(&args.place.work_dir),
             Self::Cluster(args) => Some(&args.place.work_dir),
             Self::Export(args) => Some(&args.place.work_dir),
             _ => None,
         };
-        dir.map(|dir| format!("the same command goes on from {}", dir.display()))
+        dir.map(|dir| goes_on(dir))
     }
 }
 
-/// What every subcommand gets.
-struct AppContext {
-    cancel: Cancel,
-    peak: fn() -> u64,
+fn goes_on(dir: &std::path::Path) -> String {
+    format!("the same command goes on from {}", dir.display())
 }
 
-/// How a subcommand ended short of success.
-enum Failure {
-    /// Exit code 1, message already printed.
-    Reported,
-    /// Exit code 1.
-    Failed(Error),
-    /// Exit code 2.
-    Misused(String),
-}
-
-impl From<Error> for Failure {
-    fn from(error: Error) -> Self {
-        match error {
-            Error::Parameter { .. } => Self::Misused(error.to_string()),
-            error => Self::Failed(error),
+/// A refusal by clap as one line in the form of all errors; help and version are left to clap.
+fn usage_error(error: &clap::Error) -> Option<String> {
+    if [Kind::DisplayHelp, Kind::DisplayVersion, Kind::DisplayHelpOnMissingArgumentOrSubcommand].contains(&error.kind())
+    {
+        return None;
+    }
+    let text = error.render().to_string();
+    let mut message: Vec<String> = Vec::new();
+    let mut command = "nystrom-stream".to_string();
+    for line in text.lines().map(str::trim).filter(|line| !line.is_empty()) {
+        if let Some(usage) = line.strip_prefix("Usage: ") {
+            let words = usage.split(' ').take_while(|word| !word.starts_with(['[', '<', '-']));
+            command = words.collect::<Vec<_>>().join(" ");
+        } else if let Some(tip) = line.strip_prefix("tip: ") {
+            message.push(format!("; {tip}"));
+        } else if !line.starts_with("For more information") {
+            let space = if message.is_empty() { "" } else { " " };
+            message.push(format!("{space}{}", line.strip_prefix("error: ").unwrap_or(line)));
         }
     }
+    Some(format!("{}; see {command} --help", message.concat()))
 }
 
 /// Parses the arguments and runs. `peak` tells the most bytes allocated so far.
@@ -146,7 +147,10 @@ pub fn main(peak: fn() -> u64) -> ExitCode {
     let cli = match Cli::try_parse() {
         Ok(cli) => cli,
         Err(error) => {
-            let _ = error.print();
+            match usage_error(&error) {
+                Some(text) => progress::tell(&format!("nystrom-stream: {text}")),
+                None => drop(error.print()),
+            }
             return ExitCode::from(if error.use_stderr() { 2 } else { 0 });
         }
     };
@@ -163,8 +167,8 @@ pub fn main(peak: fn() -> u64) -> ExitCode {
     let result = match cli.command {
         Command::Segment(args) => segment::run(&args, &app),
         Command::Graph(args) => stages::graph(&args, &app),
-        Command::Rows(args) => rows::run(&args, &app),
-        Command::Merge(args) => rows::merge(&args, &app),
+        Command::Rows(args) => stages::rows(&args, &app),
+        Command::Merge(args) => stages::merge(&args, &app),
         Command::Embed(args) => stages::embed(&args, &app),
         Command::Cluster(args) => stages::cluster(&args, &app),
         Command::Export(args) => stages::export(&args, &app),
@@ -172,31 +176,31 @@ pub fn main(peak: fn() -> u64) -> ExitCode {
         Command::Info(args) => info::run(&args),
         Command::Verify(args) => info::verify(&args, &app),
         Command::Evaluate(args) => evaluate::run(&args, &app),
-        Command::Quality(args) => quality::run(&args, &app),
-        Command::Study(args) => study::run(&args, &app),
+        Command::Quality(args) => quality::quality(&args, &app),
+        Command::Study(args) => quality::study(&args, &app),
         Command::Correspond(args) => correspond::run(&args, &app),
         Command::Sequence(args) => sequence::run(&args, &app),
         Command::Picture(args) => picture::run(&args, &app),
         Command::TransferLabels(args) => transfer::run(&args, &app),
         Command::Plot(args) => plot::run(&args),
         Command::Demo(args) => demo::run(&args, &app),
-        Command::Completions(args) => help::completions(&args),
-        Command::Man(args) => help::man(&args),
+        Command::Completions(args) => help::completions(&args, Cli::command()),
+        Command::Man(args) => help::man(&args, Cli::command()),
     };
     let (text, code) = match result {
         Ok(()) => return ExitCode::SUCCESS,
-        Err(Failure::Reported) => return ExitCode::from(1),
-        // Who reads our output has had enough: that needs no words.
-        Err(Failure::Failed(Error::Io { source, .. })) if source.kind() == ErrorKind::BrokenPipe => {
+        Err(CliError::Reported) => return ExitCode::from(1),
+        // The reader of standard output has closed it: nothing to report.
+        Err(CliError::Failed(Error::Io { source, .. })) if source.kind() == ErrorKind::BrokenPipe => {
             return ExitCode::from(1);
         }
-        Err(Failure::Failed(Error::Cancelled)) => match goes_on {
+        Err(CliError::Failed(Error::Cancelled)) => match goes_on {
             Some(how) => (format!("interrupted; {how}"), 1),
             None => ("interrupted".to_string(), 1),
         },
-        Err(Failure::Failed(error)) => (error.to_string(), 1),
-        Err(Failure::Misused(text)) => (text, 2),
+        Err(CliError::Failed(error)) => (error.to_string(), 1),
+        Err(CliError::Usage(text)) => (text, 2),
     };
-    let _ = writeln!(std::io::stderr(), "nystrom-stream: {text}");
+    progress::tell(&format!("nystrom-stream: {text}"));
     ExitCode::from(code)
 }

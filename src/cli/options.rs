@@ -1,20 +1,74 @@
-//! Options that all runs share.
+//! What subcommands share: their context, how they fail, the options of a run, and `--work-dir`.
 
-use super::AppContext;
-use super::bars::{Bars, Style};
+use super::progress::{Bars, Style};
 use clap::ValueEnum;
-use nystrom_stream::base::{Progress, Result};
+use nystrom_stream::base::{Cancel, Error, Progress, Result};
 use nystrom_stream::store::{Budget, Run, WorkDir};
 use std::path::{Path, PathBuf};
 
-/// How progress is told on standard error.
+/// What every subcommand gets.
+pub struct AppContext {
+    /// Set by a signal.
+    pub cancel: Cancel,
+    /// The most bytes allocated so far.
+    pub peak: fn() -> u64,
+}
+
+/// How a subcommand failed.
+pub enum CliError {
+    /// Exit code 1, message already printed.
+    Reported,
+    /// Exit code 1.
+    Failed(Error),
+    /// The command line makes no sense: exit code 2.
+    Usage(String),
+}
+
+impl From<Error> for CliError {
+    fn from(error: Error) -> Self {
+        match error {
+            Error::Parameter { .. } => Self::Usage(error.to_string()),
+            error => Self::Failed(error),
+        }
+    }
+}
+
+/// Refuses an option that has an effect with `only` alone.
+pub fn misfit(option: &str, only: &str) -> CliError {
+    CliError::Usage(format!("{option} goes with {only} only"))
+}
+
+/// A work directory that must exist.
+#[derive(Clone, Debug, clap::Args)]
+pub struct WorkDirArgs {
+    /// The work directory; the same as --work-dir
+    #[arg(value_name = "DIR", required_unless_present = "work_dir", conflicts_with = "work_dir")]
+    pub folder: Option<PathBuf>,
+    /// The work directory
+    #[arg(long, value_name = "DIR")]
+    pub work_dir: Option<PathBuf>,
+}
+
+impl WorkDirArgs {
+    /// The folder, by whichever form it was given.
+    pub fn path(&self) -> &Path {
+        either(&self.folder, &self.work_dir)
+    }
+}
+
+/// The one of two forms of an argument that was given; clap sees to it that one was.
+pub fn either<'a>(positional: &'a Option<PathBuf>, option: &'a Option<PathBuf>) -> &'a Path {
+    positional.as_deref().or(option.as_deref()).unwrap_or(Path::new(""))
+}
+
+/// How progress is shown on standard error.
 #[derive(Clone, Copy, Debug, ValueEnum)]
 pub enum ProgressArg {
-    /// A bar a stage on a terminal, a line a stage otherwise
+    /// One bar per stage on a terminal, otherwise one line per stage
     Auto,
-    /// A line a stage, on a terminal too
+    /// One line per stage, on a terminal too
     Lines,
-    /// A JSON object a line: stage, unit, done, total, seconds
+    /// One JSON object per line: stage, unit, done, total, seconds
     Json,
     /// Nothing
     None,
@@ -24,25 +78,25 @@ pub enum ProgressArg {
 #[derive(Clone, Debug, clap::Args)]
 #[command(next_help_heading = "Running")]
 pub struct RunArgs {
-    /// Worker threads [default: one a core]
+    /// Worker threads [default: one per core]
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(1..))]
     pub threads: Option<u16>,
-    /// Memory to allocate at the most, like 512MiB or 2GiB [default: half of what is free]
+    /// Memory to allocate at most, such as 512MiB or 2GiB [default: half of what is free]
     #[arg(long, value_name = "SIZE", value_parser = parse_size)]
     pub max_memory: Option<u64>,
-    /// Seed of everything random [default: 0, or as in the work directory]
+    /// Seed of all random choices [default: 0, or as in the work directory]
     #[arg(long, value_name = "S")]
     pub seed: Option<u64>,
-    /// Where temporary files go [default: beside the output]
+    /// Folder for temporary files [default: that of the output]
     #[arg(long, value_name = "DIR")]
     pub tmp: Option<PathBuf>,
-    /// Start without testing whether the disk will do
+    /// Do not check for free disk space before the start
     #[arg(long)]
     pub no_plan: bool,
-    /// Say nothing but errors
+    /// Print nothing but errors
     #[arg(short, long)]
     pub quiet: bool,
-    /// How progress is told on standard error
+    /// How progress is shown on standard error
     #[arg(long, value_enum, default_value = "auto", conflicts_with = "quiet")]
     pub progress: ProgressArg,
 }
@@ -59,7 +113,7 @@ impl RunArgs {
         })
     }
 
-    /// The run's surroundings.
+    /// The context of the run: threads, memory, seed, progress and cancellation.
     pub fn run<'a>(&self, progress: &'a dyn Progress, app: &AppContext) -> Run<'a> {
         let mut run = Run::new(progress);
         if let Some(threads) = self.threads {
@@ -87,7 +141,7 @@ impl RunArgs {
 pub fn parse_size(text: &str) -> Result<u64, String> {
     let text = text.trim();
     let digits = text.find(|c: char| !(c.is_ascii_digit() || c == '.')).unwrap_or(text.len());
-    let number: f64 = text[..digits].parse().map_err(|_| format!("{text:?} is no size; write 512MiB or 2GiB"))?;
+    let number: f64 = text[..digits].parse().map_err(|_| format!("{text:?} is not a size; write 512MiB or 2GiB"))?;
     let unit = match text[digits..].trim().to_ascii_lowercase().as_str() {
         "" | "b" => 1.,
         "k" | "kib" => 1024.,
@@ -98,7 +152,7 @@ pub fn parse_size(text: &str) -> Result<u64, String> {
         "mb" => 1e6,
         "gb" => 1e9,
         "tb" => 1e12,
-        other => return Err(format!("{other:?} is no unit; write MiB or GiB")),
+        other => return Err(format!("{other:?} is not a unit; write MiB or GiB")),
     };
     let bytes = number * unit;
     if (1e6..1e18).contains(&bytes) { Ok(bytes as u64) } else { Err(format!("{text} is out of range; at least 1MB")) }

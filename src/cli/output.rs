@@ -1,7 +1,7 @@
 //! Where results go: the ending of an output's name chooses its form.
 
-use super::Failure;
-use clap::ValueEnum;
+use super::choices::choice;
+use super::options::CliError;
 use nystrom_stream::apps::export::parquet::{self, Coordinates};
 use nystrom_stream::apps::export::{glb, split};
 use nystrom_stream::apps::page::{Cuts, Page};
@@ -16,18 +16,55 @@ use std::ffi::OsStr;
 use std::io::Write;
 use std::path::{Path, PathBuf};
 
-/// Endings of meshes, longer before shorter.
+/// Endings of mesh files, longer ones first.
 pub const ENDINGS: [&str; 8] = [".ply.gz", ".obj.gz", ".off.gz", ".stl.gz", ".ply", ".obj", ".off", ".stl"];
 
 /// Options of PLY outputs.
 #[derive(Clone, Copy, Debug, clap::Args)]
 pub struct PlyArgs {
-    /// Form of PLY outputs
-    #[arg(long, value_enum, default_value = "same", value_name = "FORM")]
-    pub ply_form: FormArg,
-    /// Give vertices of PLY outputs a label too, as scalar_label: what CloudCompare shows
+    /// Encoding of PLY outputs
+    #[arg(long, value_parser = choice::<PlyForm>(), default_value = "same", value_name = "FORM")]
+    pub ply_form: PlyForm,
+    /// Label the vertices of PLY outputs too, as the property scalar_label, which CloudCompare shows
     #[arg(long)]
     pub vertex_labels: bool,
+}
+
+/// `--json`, in the one form that it has everywhere.
+#[derive(Clone, Debug, clap::Args)]
+pub struct JsonArgs {
+    /// Write a report as JSON, to standard output or to FILE
+    #[arg(long, value_name = "FILE", num_args = 0..=1, default_missing_value = "-", require_equals = true)]
+    pub json: Option<PathBuf>,
+}
+
+impl JsonArgs {
+    /// Whether JSON goes to standard output.
+    pub fn to_stdout(&self) -> bool {
+        self.json.as_deref() == Some(Path::new("-"))
+    }
+
+    /// Refuses a mesh and a report that both go to standard output.
+    pub fn check(&self, mesh_to_stdout: bool) -> Result<(), CliError> {
+        if mesh_to_stdout && self.to_stdout() {
+            let text = "mesh and report cannot both go to standard output; give --json=FILE";
+            return Err(CliError::Usage(text.into()));
+        }
+        Ok(())
+    }
+
+    /// Writes `report` where it is asked for.
+    pub fn publish(&self, report: &impl serde::Serialize) -> Result<()> {
+        self.json.as_deref().map_or(Ok(()), |target| publish(target, report))
+    }
+
+    /// Prints `text`, unless JSON goes to standard output, and writes `report` where it is asked for.
+    pub fn publish_or_print(&self, report: &impl serde::Serialize, text: &str) -> Result<()> {
+        if !self.to_stdout() {
+            print(text.as_bytes())?;
+        }
+        self.publish(report)
+    }
 }
 
 /// Options of outputs.
@@ -35,44 +72,22 @@ pub struct PlyArgs {
 pub struct FormArgs {
     #[command(flatten)]
     pub ply: PlyArgs,
-    /// Give .parquet outputs the coordinates of the spectral embedding too
+    /// Add the coordinates of the spectral embedding to .parquet outputs
     #[arg(long)]
     pub embedding_columns: bool,
-}
-
-/// Encoding of PLY outputs.
-#[derive(Clone, Copy, Debug, ValueEnum)]
-pub enum FormArg {
-    /// As the input
-    Same,
-    /// Little-endian
-    Binary,
-    /// Text
-    Ascii,
-}
-
-impl FormArg {
-    /// The library's.
-    pub fn form(self) -> PlyForm {
-        match self {
-            Self::Same => PlyForm::Same,
-            Self::Binary => PlyForm::Binary,
-            Self::Ascii => PlyForm::Ascii,
-        }
-    }
 }
 
 impl PlyArgs {
     /// The library's.
     pub fn options(self) -> PlyOptions {
-        PlyOptions { form: self.ply_form.form(), vertex_labels: self.vertex_labels }
+        PlyOptions { form: self.ply_form, vertex_labels: self.vertex_labels }
     }
 
     /// Refuses options that none of `outputs` would follow.
-    pub fn check(self, outputs: &[Output]) -> Result<(), Failure> {
+    pub fn check(self, outputs: &[Output]) -> Result<(), CliError> {
         let is_ply = |output: &Output| matches!(output, Output::Ply(_) | Output::Stdout);
         if self.vertex_labels && !outputs.is_empty() && !outputs.iter().any(is_ply) {
-            return Err(Failure::Misused("--vertex-labels goes with a .ply output".into()));
+            return Err(CliError::Usage("--vertex-labels goes with a .ply output".into()));
         }
         Ok(())
     }
@@ -80,16 +95,16 @@ impl PlyArgs {
 
 impl FormArgs {
     /// Refuses options that none of `outputs` would follow.
-    pub fn check(self, outputs: &[Output]) -> Result<(), Failure> {
+    pub fn check(self, outputs: &[Output]) -> Result<(), CliError> {
         self.ply.check(outputs)?;
         if self.embedding_columns && !outputs.iter().any(|output| matches!(output, Output::Parquet(_))) {
-            return Err(Failure::Misused("--embedding-columns goes with a .parquet output".into()));
+            return Err(CliError::Usage("--embedding-columns goes with a .parquet output".into()));
         }
         Ok(())
     }
 }
 
-/// What there is to write.
+/// The results to write.
 pub struct Results<'a> {
     /// Labels, colours, qualities.
     pub labelling: Labelling<'a>,
@@ -108,7 +123,7 @@ pub struct Results<'a> {
 pub enum Output {
     /// A labelled PLY.
     Ply(PathBuf),
-    /// A label a line.
+    /// One label per line.
     Seg(PathBuf),
     /// Labels as a NumPy array.
     Npy(PathBuf),
@@ -116,19 +131,28 @@ pub enum Output {
     Png(PathBuf),
     /// A table of the faces.
     Parquet(PathBuf),
-    /// A scene, a primitive a part.
+    /// A scene with one primitive per part.
     Glb(PathBuf),
-    /// A page to turn the mesh on.
+    /// A page that shows the mesh.
     Html(PathBuf),
-    /// A PLY a part, in this folder.
+    /// One PLY per part, in this folder.
     Folder(PathBuf),
     /// A labelled PLY on standard output.
     Stdout,
 }
 
+impl std::fmt::Display for Output {
+    fn fmt(&self, f: &mut std::fmt::Formatter) -> std::fmt::Result {
+        match self.path() {
+            Some(path) => path.display().fmt(f),
+            None => f.write_str("standard output"),
+        }
+    }
+}
+
 impl Output {
     /// The output that `path` names.
-    pub fn of(path: &Path) -> Result<Self, Failure> {
+    pub fn of(path: &Path) -> Result<Self, CliError> {
         if path == Path::new("-") {
             return Ok(Self::Stdout);
         }
@@ -143,9 +167,9 @@ impl Output {
             Some("parquet") => Ok(Self::Parquet(path.into())),
             Some("glb") => Ok(Self::Glb(path.into())),
             Some("html" | "htm") => Ok(Self::Html(path.into())),
-            _ => Err(Failure::Misused(format!(
-                "-o {}: its ending says no known form; end it with .ply, .seg, .npy, .parquet, .glb, .html or .png, or \
-                 with / for a PLY a part in that folder",
+            _ => Err(CliError::Usage(format!(
+                "-o {}: unknown ending; end it with .ply, .seg, .npy, .parquet, .glb, .html or .png, or \
+                 with / for a folder with one PLY per part",
                 path.display()
             ))),
         }
@@ -181,7 +205,7 @@ impl Output {
         }
     }
 
-    /// Its folder exists; said before any work.
+    /// Refuses an output whose folder does not exist, before any work.
     pub fn check(&self) -> Result<()> {
         let Some(path) = self.path() else { return Ok(()) };
         let folder = folder_of(path);
@@ -274,7 +298,17 @@ pub fn write_text(target: &Path, text: &str) -> Result<()> {
     })
 }
 
-/// The folder a file lies in.
+/// Refuses charts of an unknown form before any work.
+pub fn check_charts(option: &str, paths: &[PathBuf]) -> Result<(), CliError> {
+    let known =
+        |path: &Path| path.extension().is_some_and(|end| ["svg", "png"].iter().any(|e| end.eq_ignore_ascii_case(e)));
+    match paths.iter().find(|path| !known(path)) {
+        Some(path) => Err(CliError::Usage(format!("{option} {}: no chart; end it with .svg or .png", path.display()))),
+        None => Ok(()),
+    }
+}
+
+/// The folder that holds `path`.
 pub fn folder_of(path: &Path) -> PathBuf {
     match path.parent() {
         Some(parent) if parent != Path::new("") => parent.to_path_buf(),

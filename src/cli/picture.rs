@@ -1,20 +1,19 @@
 //! `picture`: a mesh and its parts as a PNG.
 
-use super::options::RunArgs;
+use super::options::{AppContext, CliError, RunArgs};
 use super::output::folder_of;
-use super::{AppContext, Failure};
 use nystrom_stream::apps::colours::colours_for;
 use nystrom_stream::apps::picture::{PictureParams, Up, render};
 use nystrom_stream::base::{Error, Result};
 use nystrom_stream::mesh::{self, Document, face_columns, seg};
-use nystrom_stream::store::Context;
-use nystrom_stream::store::{MappedSlice, WorkDir, npy};
+use nystrom_stream::store::{Context, MappedSlice, WorkDir, npy};
 use std::ffi::OsStr;
 use std::path::{Path, PathBuf};
 
+/// Arguments of `picture`.
 #[derive(Clone, Debug, clap::Args)]
-pub struct Args {
-    /// PLY, OBJ, OFF or STL file, .gz or not, labelled or not; `-` reads standard input
+pub struct PictureArgs {
+    /// A PLY, OBJ, OFF or STL file, also .gz, labelled or not; `-` reads standard input
     #[arg(value_name = "MESH")]
     pub mesh: PathBuf,
     /// Labels, .seg or .npy [default: the property `label` of the mesh's faces]
@@ -23,7 +22,7 @@ pub struct Args {
     /// The picture, .png [default: MESH.png]
     #[arg(short, long, value_name = "OUT")]
     pub output: Option<PathBuf>,
-    /// Views on one sheet, around the mesh; the second is from the opposite side
+    /// Number of views on one sheet, around the mesh; the second is from the opposite side
     #[arg(long, value_name = "N", default_value_t = 1)]
     pub views: usize,
     /// Size of the sheet in pixels
@@ -32,7 +31,7 @@ pub struct Args {
     /// Leave the background transparent
     #[arg(long)]
     pub transparent: bool,
-    /// Do not list the parts' shares of the surface
+    /// Do not list the parts and their shares of the surface
     #[arg(long)]
     pub no_legend: bool,
     /// Draw no lines between parts and at edges
@@ -41,10 +40,10 @@ pub struct Args {
     /// Which axis points up: x, y, z, -x, -y, -z [default: found]
     #[arg(long, value_name = "AXIS", allow_hyphen_values = true)]
     pub up: Option<Up>,
-    /// Turn around that axis from the view found, in degrees
+    /// Degrees to turn around that axis from the view found
     #[arg(long, value_name = "DEG", default_value_t = 0., allow_negative_numbers = true)]
     pub turn: f64,
-    /// Look from higher than found, in degrees
+    /// Degrees to look from higher than the view found
     #[arg(long, value_name = "DEG", default_value_t = 0., allow_negative_numbers = true)]
     pub tilt: f64,
     #[command(flatten)]
@@ -56,11 +55,11 @@ fn parse_dimensions(text: &str) -> Result<(usize, usize), String> {
     let numbers = text.split_once(['x', 'X', '×']).map(|(width, height)| (width.trim().parse(), height.trim().parse()));
     match numbers {
         Some((Ok(width), Ok(height))) => Ok((width, height)),
-        _ => Err(format!("{text:?} is no size; write 1600x1200")),
+        _ => Err(format!("{text:?} is not a size; write 1600x1200")),
     }
 }
 
-impl Args {
+impl PictureArgs {
     fn params(&self) -> PictureParams {
         let (width, height) = self.size;
         PictureParams::default()
@@ -75,18 +74,18 @@ impl Args {
             .tilt(self.tilt)
     }
 
-    fn target(&self) -> Result<PathBuf, Failure> {
+    fn target(&self) -> Result<PathBuf, CliError> {
         let stdin = self.mesh.as_os_str() == "-";
         match &self.output {
             Some(path) if path.extension().is_some_and(|end| end.eq_ignore_ascii_case("png")) => Ok(path.clone()),
-            Some(path) => Err(Failure::Misused(format!("-o {}: a picture is a PNG; end it with .png", path.display()))),
-            None if stdin => Err(Failure::Misused("-o: standard input has no name; say where the picture goes".into())),
+            Some(path) => Err(CliError::Usage(format!("-o {}: a picture is a PNG; end it with .png", path.display()))),
+            None if stdin => Err(CliError::Usage("-o: standard input has no name; say where the picture goes".into())),
             None => Ok(self.mesh.with_extension("png")),
         }
     }
 }
 
-pub fn run(args: &Args, app: &AppContext) -> Result<(), Failure> {
+pub fn run(args: &PictureArgs, app: &AppContext) -> Result<(), CliError> {
     let params = args.params();
     params.check()?;
     let target = args.target()?;
@@ -128,14 +127,11 @@ pub fn run(args: &Args, app: &AppContext) -> Result<(), Failure> {
 }
 
 /// Labels of a .seg or .npy file.
-pub(super) fn labels_of_file(path: &Path, work: &WorkDir) -> Result<MappedSlice<u32>, Failure> {
+pub(super) fn labels_of_file(path: &Path, work: &WorkDir) -> Result<MappedSlice<u32>, CliError> {
     match path.extension().and_then(OsStr::to_str).map(str::to_ascii_lowercase).as_deref() {
         Some("seg") => Ok(npy::write(&work.file("labels.npy"), &seg::read_seg(path)?, 1, false)?),
         Some("npy") => Ok(npy::open(path)?),
-        _ => Err(Failure::Misused(format!(
-            "--labels {}: its ending says no known form; give a .seg or .npy file",
-            path.display()
-        ))),
+        _ => Err(CliError::Usage(format!("--labels {}: unknown ending; give a .seg or .npy file", path.display()))),
     }
 }
 
@@ -144,14 +140,14 @@ pub(super) type Labelled = (MappedSlice<u32>, Option<Vec<[u8; 3]>>);
 
 /// Labels of a labelled mesh, and the parts' colours where every part has one.
 pub(super) fn labels_of_mesh(document: &Document, context: Context<'_>) -> Result<Labelled> {
-    /// Parts above this number get colours of ours.
+    /// Beyond this number of parts, colours are chosen anew.
     const MOST: usize = 1 << 20;
     let coloured = ["red", "green", "blue"].iter().all(|name| face_columns::has(document, name));
     let mut writer = npy::ArrayWriter::create(&context.work.file("labels.npy"), 1)?;
     let mut colours: Vec<Option<[u8; 3]>> = Vec::new();
     let mut uniform = coloured;
     face_columns::for_each(document, ["label", "red", "green", "blue"], context.run, |_, [label, colour @ ..]| {
-        // What is no label, like -1, is drawn grey.
+        // A negative number is no label; its faces are grey.
         let label = u32::try_from(label).unwrap_or(u32::MAX);
         writer.push(&[label])?;
         if !uniform || label == u32::MAX {

@@ -1,31 +1,28 @@
 //! `plan`: memory, disk and time of a run, before it starts.
 
-use super::bars::human;
 use super::method::MethodArgs;
-use super::options::RunArgs;
-use super::output::folder_of;
-use super::{AppContext, Failure};
+use super::options::{AppContext, CliError, RunArgs};
+use super::output::{JsonArgs, folder_of};
+use super::progress::{human, words};
 use nystrom_stream::base::Result;
 use nystrom_stream::pipeline::SegmentParams;
 use nystrom_stream::pipeline::calibrate::{calibrate, size_of_mesh};
 use nystrom_stream::pipeline::plan::{Plan, order_is_open};
-use nystrom_stream::store::Budget;
-use nystrom_stream::store::Context;
-use std::io::Write;
+use nystrom_stream::store::{Budget, Context};
+use std::fmt::Write;
 use std::path::{Path, PathBuf};
 
 /// Arguments of `plan`.
 #[derive(Clone, Debug, clap::Args)]
-pub struct Args {
-    /// A PLY, OBJ, OFF or STL file, .gz or not
+pub struct PlanArgs {
+    /// A PLY, OBJ, OFF or STL file, also .gz
     #[arg(value_name = "MESH")]
     pub mesh: PathBuf,
-    /// Where intermediate results would be kept [default: --tmp, or beside the mesh]
+    /// Folder that would keep intermediate results [default: --tmp, or beside the mesh]
     #[arg(long, value_name = "DIR")]
     pub work_dir: Option<PathBuf>,
-    /// Answer as JSON
-    #[arg(long)]
-    pub json: bool,
+    #[command(flatten)]
+    pub json: JsonArgs,
     #[command(flatten)]
     pub method: MethodArgs,
     #[command(flatten)]
@@ -51,7 +48,7 @@ pub fn check(path: &Path, params: &SegmentParams, context: Context<'_>) -> Resul
     Ok(())
 }
 
-pub fn run(args: &Args, app: &AppContext) -> Result<(), Failure> {
+pub fn run(args: &PlanArgs, app: &AppContext) -> Result<(), CliError> {
     let params = args.method.params()?;
     let run = args.run.run(&(), app);
     let size = size_of_mesh(&args.mesh)?;
@@ -62,42 +59,36 @@ pub fn run(args: &Args, app: &AppContext) -> Result<(), Failure> {
     let folder = folder.ancestors().find(|folder| folder.is_dir()).unwrap_or(Path::new(".")).to_path_buf();
     let measured = calibrate(&params, plan.landmarks, &folder, &run)?;
     let plan = plan.with_times(|stage| measured.get(stage).copied().unwrap_or_default());
-    let mut out = std::io::stdout().lock();
-    if args.json {
-        let _ = writeln!(out, "{}", serde_json::to_string_pretty(&plan).unwrap_or_default());
-    } else {
-        print(&plan, &mut out);
-        if order_is_open(&params, size.faces) {
-            let sorted = Plan::new(size, &params, true, lasting, &run);
-            let more = (sorted.disk_peak - plan.disk_peak) as f64;
-            let _ =
-                writeln!(out, "were the file's order poor: {}B of disk more, to sort faces along a curve", human(more));
-        }
-        if let Some(text) = warning(&plan) {
-            let _ = writeln!(out, "warning: {text}");
-        }
+    let mut text = table(&plan);
+    if order_is_open(&params, size.faces) {
+        let sorted = Plan::new(size, &params, true, lasting, &run);
+        let more = human((sorted.disk_peak - plan.disk_peak) as f64);
+        let _ = writeln!(text, "if the order of the file is poor: {more}B of disk more, to sort faces along a curve");
     }
-    drop(out);
+    if let Some(warning) = warning(&plan) {
+        let _ = writeln!(text, "warning: {warning}");
+    }
+    args.json.publish_or_print(&plan, &text)?;
     Ok(plan.check_disk(&folder, 0)?)
 }
 
-fn print(plan: &Plan, out: &mut impl Write) {
+/// The plan as a table.
+fn table(plan: &Plan) -> String {
     let size = plan.mesh;
     let (faces, vertices) = (human(size.faces as f64), human(size.vertices as f64));
-    let _ = writeln!(out, "{faces} faces, {vertices} vertices, {} landmarks", plan.landmarks);
-    let _ = writeln!(
-        out,
-        "{:10} {:>10} {:>10} {:>10} {:>10} {:>9}",
-        "stage", "memory", "disk kept", "passing", "given up", "seconds"
-    );
+    let row = |cells: [&str; 6]| {
+        let [stage, memory, keeps, passing, frees, time] = cells;
+        format!("{stage:16} {memory:>10} {keeps:>10} {passing:>10} {frees:>10} {time:>9}\n")
+    };
     let bytes = |x: u64| format!("{}B", human(x as f64));
     let seconds = |x: Option<f64>| x.map_or(String::new(), |x| format!("{x:.1}"));
+    let mut text = format!("{faces} faces, {vertices} vertices, {} landmarks\n", plan.landmarks);
+    text += &row(["stage", "memory", "disk kept", "temporary", "freed", "seconds"]);
     for stage in &plan.stages {
         let [memory, keeps, passing, frees] = [stage.memory, stage.keeps, stage.passing, stage.frees].map(bytes);
-        let time = seconds(stage.seconds);
-        let _ = writeln!(out, "{:10} {memory:>10} {keeps:>10} {passing:>10} {frees:>10} {time:>9}", stage.name);
+        text += &row([words(&stage.name), &memory, &keeps, &passing, &frees, &seconds(stage.seconds)]);
     }
     let (memory, disk, peak) = (bytes(plan.memory), bytes(plan.disk), bytes(plan.disk_peak));
-    let _ = writeln!(out, "{:10} {memory:>10} {disk:>10} {:>21} {:>9}", "in all", "", seconds(plan.seconds));
-    let _ = writeln!(out, "the disk holds {peak} at the most, besides the output");
+    text += &row(["in all", &memory, &disk, "", "", &seconds(plan.seconds)]);
+    text + &format!("the disk holds at most {peak}, besides the output\n")
 }

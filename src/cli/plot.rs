@@ -1,7 +1,7 @@
 //! `plot`: charts of what a run found, from its work directory, its report, or a hierarchy of parts.
 
-use super::Failure;
-use super::quality::check_plots;
+use super::options::{CliError, either};
+use super::output::check_charts;
 use nystrom_stream::apps::colours;
 use nystrom_stream::apps::plots::{Dendrogram, Spectrum, TreePlot};
 use nystrom_stream::base::{Error, Result};
@@ -14,27 +14,30 @@ use std::path::{Path, PathBuf};
 
 /// Arguments of `plot`.
 #[derive(Clone, Debug, clap::Args)]
-pub struct Args {
-    /// A work directory; or a report, or a hierarchy of parts, .json
-    #[arg(value_name = "FROM")]
-    pub from: PathBuf,
-    /// Draw how the eigenvalues fall, .svg or .png, once or more
+pub struct PlotArgs {
+    /// A work directory, a report (.json), or a hierarchy of parts (.json)
+    #[arg(value_name = "DIR|FILE", required_unless_present = "work_dir", conflicts_with = "work_dir")]
+    pub from: Option<PathBuf>,
+    /// The work directory
+    #[arg(long, value_name = "DIR")]
+    pub work_dir: Option<PathBuf>,
+    /// Draw the eigenvalues, .svg or .png, once or more
     #[arg(long, value_name = "FILE", required_unless_present = "tree")]
     pub eigenvalues: Vec<PathBuf>,
     /// Draw the hierarchy of parts and its cut, .svg or .png, once or more
     #[arg(long, value_name = "FILE")]
     pub tree: Vec<PathBuf>,
-    /// Cut it into so many parts [default: as in the work directory, else as found]
+    /// Number of parts of the cut [default: as in the work directory, or found]
     #[arg(short = 'k', long = "parts", value_name = "K", value_parser = clap::value_parser!(u32).range(1..), requires = "tree")]
     pub parts: Option<u32>,
-    /// Cut it coarser (to -1) or finer (to 1) than the parts found
+    /// Cut coarser (to -1) or finer (to 1) than the parts found
     #[arg(long, value_name = "D", allow_negative_numbers = true, conflicts_with = "parts", requires = "tree",
           value_parser = parse_detail)]
     pub detail: Option<f64>,
 }
 
 fn parse_detail(text: &str) -> Result<f64, String> {
-    let detail: f64 = text.parse().map_err(|_| format!("{text:?} is no number"))?;
+    let detail: f64 = text.parse().map_err(|_| format!("{text:?} is not a number"))?;
     if (-1. ..=1.).contains(&detail) { Ok(detail) } else { Err("choose from -1 to 1".into()) }
 }
 
@@ -90,10 +93,12 @@ fn colours_of(tree: &PartTree, cut: &TreeCut) -> Vec<[u8; 3]> {
     colours::assign(cut.parts, &touching)
 }
 
-pub fn run(args: &Args) -> Result<(), Failure> {
-    check_plots("--eigenvalues", &args.eigenvalues)?;
-    check_plots("--tree", &args.tree)?;
-    let found = if args.from.is_dir() { Found::in_work_dir(&args.from) } else { Found::in_file(&args.from) }?;
+pub fn run(args: &PlotArgs) -> Result<(), CliError> {
+    check_charts("--eigenvalues", &args.eigenvalues)?;
+    check_charts("--tree", &args.tree)?;
+    let from = either(&args.from, &args.work_dir);
+    let in_folder = args.work_dir.is_some() || from.is_dir();
+    let found = if in_folder { Found::in_work_dir(from) } else { Found::in_file(from) }?;
     if !args.eigenvalues.is_empty() {
         let Eigenvalues { values, dropped } = &found.eigenvalues?;
         let title = format!("{}: eigenvalues of the landmarks' affinities, greatest = 1", found.name);

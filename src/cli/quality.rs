@@ -1,30 +1,31 @@
-//! `quality`: how good a sample is, by the paper's measure and by others; or many samples side by side.
+//! `quality` and `study`: how good samples are, by the paper's Γ and by other measures, on meshes and on random points.
 
-use super::method::{KernelArg, SamplingArg};
-use super::metric::MetricArgs;
-use super::options::RunArgs;
-use super::{AppContext, Failure};
-use clap::ValueEnum;
+use super::choices::choice;
+use super::method::MetricArgs;
+use super::options::{AppContext, CliError, RunArgs};
+use super::output::{JsonArgs, check_charts};
 use nystrom_stream::apps::plots::charts;
 use nystrom_stream::apps::study::compare::{EmbeddingError, embedding_errors};
+use nystrom_stream::apps::study::points::{Judged, PointsParams, agreement, pairs};
 use nystrom_stream::apps::study::summary::{Spread, one_to_text, summary, to_csv, to_text};
 use nystrom_stream::apps::study::{CompareParams, Over, SampleRecord, StudyData, StudyParams, compare};
 use nystrom_stream::base::{Error, Result};
 use nystrom_stream::landmarks::Sampling;
 use nystrom_stream::mesh;
 use nystrom_stream::pipeline::input;
-use nystrom_stream::store::Context;
-use nystrom_stream::store::Run;
+use nystrom_stream::spectral::Kernel;
+use nystrom_stream::store::{Context, Run};
 use serde_json::json;
-use std::io::Write;
-use std::path::{Path, PathBuf};
+use std::fmt::Write;
+use std::path::PathBuf;
 
 /// Faces up to which `--exact` holds all distances.
 const MOST: usize = 5000;
 
+/// Arguments of `quality`.
 #[derive(Clone, Debug, clap::Args)]
-pub struct Args {
-    /// PLY files (.ply, .ply.gz); several with --compare or --embedding
+pub struct QualityArgs {
+    /// PLY, OBJ, OFF or STL files, also .gz; several with --compare or --embedding
     #[arg(required = true, value_name = "MESH")]
     pub meshes: Vec<PathBuf>,
     /// Numbers of landmarks, separated by commas
@@ -32,21 +33,21 @@ pub struct Args {
           value_parser = clap::value_parser!(u32).range(1..=4096))]
     pub landmarks: Vec<u32>,
     /// How landmarks are chosen, separated by commas [default: farthest; with --compare uniform,cholesky,farthest,greedy]
-    #[arg(long, value_enum, value_delimiter = ',')]
-    pub sampling: Vec<SamplingArg>,
+    #[arg(long, value_parser = choice::<Sampling>(), value_delimiter = ',')]
+    pub sampling: Vec<Sampling>,
     /// Compare samplings, numbers of landmarks and seeds under one σ
     #[arg(long)]
     pub compare: bool,
     /// Number of seeds, from --seed on (with --compare)
     #[arg(long, value_name = "N", default_value_t = 5, value_parser = clap::value_parser!(u32).range(1..=10_000))]
     pub seeds: u32,
-    /// Tell how far extrapolated embeddings of six coordinates are from the true one, up to 5,000 faces
+    /// Measure instead how far extrapolated embeddings of six coordinates are from the exact one, up to 5,000 faces
     #[arg(long, conflicts_with = "compare")]
     pub embedding: bool,
-    /// From distance to affinity
-    #[arg(long, value_enum, default_value = "exponential")]
-    pub kernel: KernelArg,
-    /// The kernel's width in mean distances
+    /// Kernel from distance to affinity
+    #[arg(long, value_parser = choice::<Kernel>(), default_value = "exponential")]
+    pub kernel: Kernel,
+    /// Width of the kernel, in mean distances
     #[arg(long, value_name = "X", default_value_t = 1.)]
     pub sigma: f64,
     /// Local widths instead: distances to the Q-th nearest landmark
@@ -56,22 +57,21 @@ pub struct Args {
     /// Drop eigenvalues of A up to this share of the greatest [default: 0.001 exponential, else 0.1/l within 0.001 and 0.01]
     #[arg(long, value_name = "T", conflicts_with = "embedding")]
     pub tolerance: Option<f64>,
-    /// The kernel of the Γ that greedy sampling goes by, and of pivoted Cholesky
-    #[arg(long, value_enum, value_name = "KERNEL", default_value = "exponential")]
-    pub gamma_kernel: KernelArg,
-    /// Compute all distances too, up to 5,000 faces: the whole residual, and for one run the Schur complement's norms and
-    /// principal angles to the true eigenvectors, in time cubic in the faces
+    /// Kernel of pivoted Cholesky and of the Γ that greedy sampling maximises
+    #[arg(long, value_parser = choice::<Kernel>(), value_name = "KERNEL", default_value = "exponential")]
+    pub gamma_kernel: Kernel,
+    /// Compute all distances too, up to 5,000 faces: the exact residual, and for one run the norms of the Schur complement
+    /// and the principal angles to the exact eigenvectors, in time cubic in the number of faces
     #[arg(long)]
     pub exact: bool,
-    /// What is sampled: faces, by the metric, or vertices, by distances through triangles
-    #[arg(long, value_enum, default_value = "faces")]
-    pub nodes: NodesArg,
+    /// What is sampled
+    #[arg(long, value_parser = choice::<Over>(), default_value = "faces")]
+    pub nodes: Over,
     #[command(flatten)]
     pub metric: MetricArgs,
-    /// Write everything as JSON; `-` for standard output, instead of the table
-    #[arg(long, value_name = "FILE")]
-    pub json: Option<PathBuf>,
-    /// Write every run as comma-separated values
+    #[command(flatten)]
+    pub json: JsonArgs,
+    /// Write one line per run as comma-separated values
     #[arg(long, value_name = "FILE")]
     pub csv: Option<PathBuf>,
     /// Draw the comparison, .svg or .png, once or more
@@ -81,53 +81,23 @@ pub struct Args {
     pub run: RunArgs,
 }
 
-/// What nodes are.
-#[derive(Clone, Copy, Debug, ValueEnum)]
-pub enum NodesArg {
-    /// Faces, by the metric
-    Faces,
-    /// Vertices, by distances through triangles
-    Vertices,
-}
-
-/// Refuses charts of unknown form before any work.
-pub fn check_plots(option: &str, paths: &[PathBuf]) -> Result<(), Failure> {
-    let charted =
-        |path: &Path| path.extension().is_some_and(|end| ["svg", "png"].iter().any(|e| end.eq_ignore_ascii_case(e)));
-    match paths.iter().find(|path| !charted(path)) {
-        Some(path) => Err(Failure::Misused(format!("{option} {}: no chart; end it with .svg or .png", path.display()))),
-        None => Ok(()),
-    }
-}
-
-/// Writes `text` and `json` where they are to go.
-pub fn publish(text: &str, json: &serde_json::Value, to: Option<&Path>) -> Result<()> {
-    let pretty = serde_json::to_string_pretty(json).unwrap_or_default() + "\n";
-    let to_stdout = to == Some(Path::new("-"));
-    let _ = std::io::stdout().write_all(if to_stdout { pretty.as_bytes() } else { text.as_bytes() });
-    match to.filter(|_| !to_stdout) {
-        Some(path) => std::fs::write(path, pretty).map_err(Error::io(path, "write")),
-        None => Ok(()),
-    }
-}
-
 /// What is asked for, checked.
-fn params(args: &Args) -> Result<CompareParams, Failure> {
-    check_plots("--plot", &args.plot)?;
+fn params(args: &QualityArgs) -> Result<CompareParams, CliError> {
+    check_charts("--plot", &args.plot)?;
     if !(args.sigma > 0. && args.sigma < 1e6) {
-        return Err(Failure::Misused(format!("--sigma: {} is no width; choose a positive number", args.sigma)));
+        return Err(CliError::Usage(format!("--sigma: {} is not a width; choose a positive number", args.sigma)));
     }
     if args.tolerance.is_some_and(|tolerance| !(0. ..1.).contains(&tolerance)) {
-        return Err(Failure::Misused("--tolerance is out of range; choose from 0 to below 1".into()));
+        return Err(CliError::Usage("--tolerance is out of range; choose from 0 to below 1".into()));
     }
     let samplings: Vec<Sampling> = match (&args.sampling[..], args.compare) {
         ([], true) => vec![Sampling::Uniform, Sampling::Cholesky, Sampling::Farthest, Sampling::Greedy],
         ([], false) => vec![Sampling::Farthest],
-        (given, _) => given.iter().map(|sampling| sampling.sampling()).collect(),
+        (given, _) => given.to_vec(),
     };
     let several = samplings.len() > 1 || args.landmarks.len() > 1 || args.meshes.len() > 1;
     if several && !args.compare && !(args.embedding && samplings.len() == 1) {
-        return Err(Failure::Misused("several meshes, samplings or numbers of landmarks go with --compare".into()));
+        return Err(CliError::Usage("several meshes, samplings or numbers of landmarks go with --compare".into()));
     }
     let mut landmarks: Vec<usize> = args.landmarks.iter().map(|&l| l as usize).collect();
     landmarks.sort_unstable();
@@ -137,24 +107,21 @@ fn params(args: &Args) -> Result<CompareParams, Failure> {
         .samplings(samplings)
         .landmarks(landmarks)
         .seeds((0..seeds).map(|k| args.run.seed.unwrap_or(0).wrapping_add(k)).collect())
-        .kernel(args.kernel.kernel())
+        .kernel(args.kernel)
         .width(args.local.map_or(args.sigma, f64::from))
         .local(args.local.is_some())
         .tolerance(args.tolerance)
-        .gamma_kernel(args.gamma_kernel.kernel())
+        .gamma_kernel(args.gamma_kernel)
         .residual(args.exact)
         .schur(args.exact && !args.compare))
 }
 
-pub fn run(args: &Args, app: &AppContext) -> Result<(), Failure> {
+pub fn quality(args: &QualityArgs, app: &AppContext) -> Result<(), CliError> {
     let params = params(args)?;
     let bars = args.run.bars();
     let run = args.run.run(&bars, app);
     let grounds = StudyParams::default()
-        .over(match args.nodes {
-            NodesArg::Faces => Over::Faces,
-            NodesArg::Vertices => Over::Vertices,
-        })
+        .over(args.nodes)
         .metric(args.metric.metric()?)
         .matrix(if args.exact || args.compare || args.embedding { MOST } else { 0 })
         .lengths(params.samplings.iter().any(|sampling| sampling.needs_lengths()));
@@ -183,7 +150,7 @@ pub fn run(args: &Args, app: &AppContext) -> Result<(), Failure> {
 }
 
 /// Prints, writes and draws.
-fn tell(records: &[SampleRecord], args: &Args, run: &Run) -> Result<()> {
+fn tell(records: &[SampleRecord], args: &QualityArgs, run: &Run) -> Result<()> {
     let lines = summary(records);
     let text = match records {
         [record] if !args.compare => one_to_text(record),
@@ -198,11 +165,11 @@ fn tell(records: &[SampleRecord], args: &Args, run: &Run) -> Result<()> {
         run.cancel.check()?;
         charts::comparison(path, &lines, &title)?;
     }
-    publish(&text, &json, args.json.as_deref())
+    args.json.publish_or_print(&json, &text)
 }
 
 /// Prints the errors of embeddings, means over meshes.
-fn tell_errors(errors: &[Vec<EmbeddingError>], args: &Args) -> Result<()> {
+fn tell_errors(errors: &[Vec<EmbeddingError>], args: &QualityArgs) -> Result<()> {
     let mut text = format!("{:>5} {:>16} {:>16} {:>16} {:>9}\n", "l", "plain", "orthogonalised", "by area", "negative");
     let sizes = errors.first().map_or(0, Vec::len);
     for k in 0..sizes {
@@ -220,5 +187,64 @@ fn tell_errors(errors: &[Vec<EmbeddingError>], args: &Args) -> Result<()> {
             100. * spread(|e| e.negative).mean
         );
     }
-    publish(&text, &json!(errors), args.json.as_deref())
+    args.json.publish_or_print(&json!(errors), &text)
+}
+
+/// Arguments of `study`.
+#[derive(Clone, Debug, clap::Args)]
+pub struct StudyArgs {
+    /// Points per run
+    #[arg(long, value_name = "N", default_value_t = 500, value_parser = clap::value_parser!(u32).range(2..=2000))]
+    pub points: u32,
+    /// Number of landmarks among them
+    #[arg(short = 'l', long, value_name = "L", default_value_t = 10, value_parser = clap::value_parser!(u32).range(1..=1000))]
+    pub landmarks: u32,
+    /// Runs per seed, two samples each
+    #[arg(long, value_name = "N", default_value_t = 100, value_parser = clap::value_parser!(u32).range(1..=100_000))]
+    pub runs: u32,
+    /// Number of seeds, from --seed on
+    #[arg(long, value_name = "N", default_value_t = 1, value_parser = clap::value_parser!(u32).range(1..=10_000))]
+    pub seeds: u32,
+    #[command(flatten)]
+    pub json: JsonArgs,
+    /// Draw the markers of the first seed with their quadrants, .svg or .png, once or more
+    #[arg(long, value_name = "FILE")]
+    pub plot: Vec<PathBuf>,
+    #[command(flatten)]
+    pub run: RunArgs,
+}
+
+pub fn study(args: &StudyArgs, app: &AppContext) -> Result<(), CliError> {
+    check_charts("--plot", &args.plot)?;
+    if args.landmarks > args.points {
+        return Err(CliError::Usage(format!("-l: {} of {} points; choose fewer", args.landmarks, args.points)));
+    }
+    let bars = args.run.bars();
+    let run = args.run.run(&bars, app);
+    let params = PointsParams::default()
+        .points(args.points as usize)
+        .landmarks(args.landmarks as usize)
+        .runs(args.runs as usize);
+    type Norm = (&'static str, fn(&Judged) -> f64);
+    let norms: [Norm; 3] = [("frobenius", |s| s.frobenius), ("spectral", |s| s.spectral), ("nuclear", |s| s.nuclear)];
+    let mut text = String::from("agreement with Γ, per cent, by norm of the Schur complement\n");
+    let _ = writeln!(text, "{:>6} {:>10} {:>10} {:>10}", "seed", norms[0].0, norms[1].0, norms[2].0);
+    let (mut all, mut sums) = (Vec::new(), [0.; 3]);
+    for k in 0..u64::from(args.seeds) {
+        let seed = args.run.seed.unwrap_or(0).wrapping_add(k);
+        let (pairs, _) = run.stage("runs", "runs", u64::from(args.runs), || pairs(params, seed, &run))?;
+        let shares = norms.map(|(_, norm)| 100. * agreement(&pairs, norm));
+        let _ = writeln!(text, "{seed:>6} {:>10.1} {:>10.1} {:>10.1}", shares[0], shares[1], shares[2]);
+        (0..3).for_each(|i| sums[i] += shares[i] / f64::from(args.seeds));
+        if k == 0 {
+            let title = format!("{:.0} % in the first and third quadrants", shares[0]);
+            args.plot.iter().try_for_each(|path| charts::scatter(path, &pairs, &title))?;
+        }
+        all.push(
+            json!({"seed": seed, "agreement": {"frobenius": shares[0], "spectral": shares[1], "nuclear": shares[2]},
+                        "runs": pairs}),
+        );
+    }
+    let _ = writeln!(text, "{:>6} {:>10.1} {:>10.1} {:>10.1}", "mean", sums[0], sums[1], sums[2]);
+    Ok(args.json.publish_or_print(&json!(all), &text)?)
 }

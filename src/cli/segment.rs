@@ -1,41 +1,48 @@
-//! `segment`: cut meshes into parts.
+//! `segment`: cut one mesh or many into parts.
+//!
+//! Many meshes come as files, folders and patterns; jobs take them from one list, and a table grows. Jobs share threads
+//! and memory evenly, so what one mesh gets depends on `--jobs` alone. A mesh that fails is reported, and the rest goes on.
 
-use super::bars::Bars;
 use super::method::{MethodArgs, check_count};
-use super::options::RunArgs;
-use super::output::{FormArgs, Output, Results, folder_of, publish};
+use super::options::{AppContext, CliError, RunArgs};
+use super::output::{ENDINGS, FormArgs, JsonArgs, Output, Results, folder_of};
+use super::progress::{Bars, BatchBars, Style, human, tell};
 use super::stages::{KeptEmbedding, embedding, read};
-use super::{AppContext, Failure, batch};
-use nystrom_stream::base::Result;
+use nystrom_stream::base::{Error, Result};
 use nystrom_stream::mesh::labelled::Labelling;
 use nystrom_stream::pipeline::report::Report;
 use nystrom_stream::pipeline::{Cluster, SegmentParams, cuts, segment};
-use nystrom_stream::store::Context;
-use nystrom_stream::store::Run;
-use serde_json::Value;
+use nystrom_stream::store::{Budget, Context, Run};
+use serde_json::{Value, json};
 use std::collections::BTreeMap;
+use std::io::Write;
 use std::path::{Path, PathBuf};
+use std::sync::Mutex;
+use std::sync::atomic::{AtomicUsize, Ordering};
 use std::time::Instant;
 
+/// Endings of results, which are not taken from folders as meshes.
+const RESULT: &str = ".segmented.ply";
+
+/// Arguments of `segment`.
 #[derive(Clone, Debug, clap::Args)]
-pub struct Args {
-    /// PLY, OBJ, OFF and STL files, .gz or not, folders of them, or patterns; `-` reads standard input
+pub struct SegmentArgs {
+    /// PLY, OBJ, OFF and STL files, also .gz; folders of them; patterns; `-` reads standard input
     #[arg(required = true, value_name = "MESH")]
     pub meshes: Vec<PathBuf>,
-    /// Output, once or more: .ply, .seg, .npy, .parquet, .glb, .html or .png, a folder with / at its end for a PLY a part,
-    /// `-` for standard output; of several meshes with `{}` for the mesh's name, like out/{}.seg
+    /// Output, once or more: .ply, .seg, .npy, .parquet, .glb, .html or .png; a folder, ending in /, for one PLY per part;
+    /// `-` for standard output. For several meshes {} stands for the name of the mesh, as in out/{}.seg
     /// [default: MESH.segmented.ply]
     #[arg(short, long, value_name = "OUT")]
     pub output: Vec<PathBuf>,
     #[command(flatten)]
     pub form: FormArgs,
-    /// Write a report as JSON, to FILE or to standard output; of several meshes, a list
-    #[arg(long, value_name = "FILE", num_args = 0..=1, default_missing_value = "-", require_equals = true)]
-    pub json: Option<PathBuf>,
-    /// Keep intermediate results here and reuse them [default: a temporary folder]
+    #[command(flatten)]
+    pub json: JsonArgs,
+    /// Keep intermediate results in this folder and reuse them [default: a temporary folder]
     #[arg(long, value_name = "DIR")]
     pub work_dir: Option<PathBuf>,
-    /// Write a line of JSON a mesh as it is done, to FILE or to standard output
+    /// Write one line of JSON per mesh as it is done, to standard output or to FILE
     #[arg(
         long,
         value_name = "FILE",
@@ -45,7 +52,7 @@ pub struct Args {
         help_heading = "Many meshes"
     )]
     pub json_lines: Option<PathBuf>,
-    /// Meshes at a time; they share threads and memory evenly
+    /// Meshes at the same time; they share threads and memory evenly
     #[arg(
         long,
         value_name = "N",
@@ -54,7 +61,7 @@ pub struct Args {
         help_heading = "Many meshes"
     )]
     pub jobs: u16,
-    /// Skip meshes whose outputs are all there and newer than the mesh
+    /// Skip meshes whose outputs all exist and are newer than the mesh
     #[arg(long, help_heading = "Many meshes")]
     pub resume: bool,
     #[command(flatten)]
@@ -64,10 +71,10 @@ pub struct Args {
 }
 
 /// Refuses combinations of options before any work.
-fn check(args: &Args, meshes: &[PathBuf], many: bool) -> Result<(SegmentParams, Vec<Output>), Failure> {
+fn check(args: &SegmentArgs, meshes: &[PathBuf], many: bool) -> Result<(SegmentParams, Vec<Output>), CliError> {
     let params = args.method.params()?;
     check_count(&params)?;
-    let misused = |text: &str| Err(Failure::Misused(text.into()));
+    let misused = |text: &str| Err(CliError::Usage(text.into()));
     let outputs = args.output.iter().map(|path| Output::of(path)).collect::<Result<Vec<_>, _>>()?;
     args.form.check(&outputs)?;
     let stdin = meshes.iter().filter(|mesh| mesh.as_os_str() == "-").count();
@@ -78,8 +85,8 @@ fn check(args: &Args, meshes: &[PathBuf], many: bool) -> Result<(SegmentParams, 
         let fixed = args.output.iter().any(|path| !path.to_string_lossy().contains("{}"));
         if fixed {
             return misused(
-                "-o goes with one mesh; of several, write {} for the mesh's name, as in -o 'out/{}.seg', or leave it \
-                 out: each gets MESH.segmented.ply",
+                "-o goes with one mesh; for several, write {} for the name of the mesh, as in -o 'out/{}.seg', or leave \
+                 it out: each gets MESH.segmented.ply",
             );
         }
         if args.work_dir.is_some() {
@@ -88,55 +95,92 @@ fn check(args: &Args, meshes: &[PathBuf], many: bool) -> Result<(SegmentParams, 
     } else {
         let alone = [(args.jobs > 1, "--jobs"), (args.resume, "--resume"), (args.json_lines.is_some(), "--json-lines")];
         if let Some((_, option)) = alone.into_iter().find(|(given, _)| *given) {
-            return Err(Failure::Misused(format!("{option} goes with several meshes, a folder or a pattern")));
+            return Err(CliError::Usage(format!("{option} goes with several meshes, a folder or a pattern")));
         }
     }
-    let is_stdout = |target: &Option<PathBuf>| target.as_deref() == Some(Path::new("-"));
-    let to_stdout = outputs.contains(&Output::Stdout) || (stdin > 0 && outputs.is_empty());
-    if to_stdout && is_stdout(&args.json) {
-        return misused("mesh and report cannot both go to standard output; give --json=FILE");
-    }
-    if is_stdout(&args.json) && is_stdout(&args.json_lines) {
+    args.json.check(outputs.contains(&Output::Stdout) || (stdin > 0 && outputs.is_empty()))?;
+    if args.json.to_stdout() && args.json_lines.as_deref() == Some(Path::new("-")) {
         return misused("--json and --json-lines cannot both go to standard output; give one of them a file");
     }
     Ok((params, outputs))
 }
 
-pub fn run(args: &Args, app: &AppContext) -> Result<(), Failure> {
+pub fn run(args: &SegmentArgs, app: &AppContext) -> Result<(), CliError> {
+    let start = Instant::now();
     // A wrong option is told before a missing folder.
     args.method.params()?;
-    let (meshes, many) = batch::meshes(&args.meshes)?;
+    let (mut meshes, many) = meshes(&args.meshes)?;
     let (params, outputs) = check(args, &meshes, many)?;
     if many {
-        return batch::run(meshes, args, &params, app);
+        return all(meshes, args, &params, app);
     }
     let bars = args.run.bars();
     let run = args.run.run(&bars, app);
-    let report = one(&meshes[0], args, &params, &outputs, &bars, &run, app)?;
-    if let Some(target) = &args.json {
-        publish(target, &report)?;
-    }
+    let job = Job::of(meshes.remove(0), outputs);
+    let report = one(&job, args, &params, &bars, &run, app)?;
+    args.json.publish(&report)?;
+    let written: Vec<String> = job.outputs.iter().map(Output::to_string).collect();
+    run.progress.note(&format!(
+        "{} faces in {} part{} in {:.2} s, written to {}",
+        human(report.input.faces as f64),
+        report.parts.len(),
+        if report.parts.len() == 1 { "" } else { "s" },
+        start.elapsed().as_secs_f64(),
+        written.join(", ")
+    ));
     Ok(())
+}
+
+/// A mesh and where its results go.
+pub struct Job {
+    /// The mesh; `-` is standard input.
+    pub mesh: PathBuf,
+    /// At least one output.
+    pub outputs: Vec<Output>,
+}
+
+impl Job {
+    /// The job of `mesh`; without `outputs` the result goes beside it, or from standard input to standard output.
+    fn of(mesh: PathBuf, mut outputs: Vec<Output>) -> Self {
+        if outputs.is_empty() {
+            outputs.push(if mesh.as_os_str() == "-" { Output::Stdout } else { Output::beside(&mesh) });
+        }
+        Self { mesh, outputs }
+    }
+
+    /// Whether all outputs exist and are newer than the mesh.
+    fn is_done(&self) -> bool {
+        let changed = |path: PathBuf| std::fs::metadata(path).and_then(|data| data.modified()).ok();
+        let Some(mesh) = changed(self.mesh.clone()) else { return false };
+        self.outputs.iter().all(|output| output.last_file().and_then(changed).is_some_and(|time| time >= mesh))
+    }
+
+    /// One line of JSON about the job.
+    fn line(&self, report: &Report, seconds: f64) -> Value {
+        let outputs: Vec<_> = self.outputs.iter().filter_map(Output::path).collect();
+        let gamma = (report.gamma > 0.).then_some(report.gamma_per_face);
+        json!({
+            "mesh": self.mesh, "faces": report.input.faces, "parts": report.parts.len(), "gamma_per_face": gamma,
+            "seconds": seconds, "outputs": outputs,
+        })
+    }
 }
 
 /// Segments one mesh and writes its outputs.
 pub fn one(
-    path: &Path,
-    args: &Args,
+    job: &Job,
+    args: &SegmentArgs,
     params: &SegmentParams,
-    outputs: &[Output],
     bars: &Bars,
     run: &Run,
     app: &AppContext,
 ) -> Result<Report> {
     let start = Instant::now();
-    let stdin = path.as_os_str() == "-";
-    let default = if stdin { Output::Stdout } else { Output::beside(path) };
-    let outputs = if outputs.is_empty() { std::slice::from_ref(&default) } else { outputs };
+    let Job { mesh: path, outputs } = job;
     outputs.iter().try_for_each(Output::check)?;
     let beside = || outputs.iter().find_map(Output::path).map_or_else(std::env::temp_dir, folder_of);
     let work = args.run.work(args.work_dir.as_deref(), beside, run)?;
-    if !stdin && !args.run.no_plan {
+    if path.as_os_str() != "-" && !args.run.no_plan {
         super::plan::check(path, params, Context::new(&work, run))?;
     }
     let (opened, identity) = read(path, Context::new(&work, run))?;
@@ -164,4 +208,212 @@ pub fn one(
     })?;
     seconds.extend(bars.take_seconds());
     Ok(report(seconds))
+}
+
+fn named(path: &Path, endings: &[&str]) -> bool {
+    let name = path.file_name().unwrap_or_default().to_string_lossy().to_ascii_lowercase();
+    endings.iter().any(|ending| name.ends_with(ending))
+}
+
+/// The meshes that `words` name, each once, in order: files, the meshes in folders, what patterns match. And whether they
+/// are treated as many.
+fn meshes(words: &[PathBuf]) -> Result<(Vec<PathBuf>, bool), CliError> {
+    let (mut all, mut many) = (Vec::new(), words.len() > 1);
+    for word in words {
+        let text = word.to_string_lossy();
+        if word.is_dir() {
+            many = true;
+            let entries = std::fs::read_dir(word).map_err(Error::io(word, "list"))?;
+            let mut found: Vec<PathBuf> = entries.flatten().map(|entry| entry.path()).collect();
+            found.retain(|path| named(path, &ENDINGS) && !named(path, &[RESULT]) && !path.is_dir());
+            if found.is_empty() {
+                return Err(Error::unusable(
+                    word,
+                    "holds no mesh (.ply, .obj, .off, .stl, or these with .gz)",
+                    "name another folder",
+                )
+                .into());
+            }
+            found.sort();
+            all.extend(found);
+        } else if !word.exists() && text.contains(['*', '?', '[']) {
+            many = true;
+            let wrong = |problem: String| CliError::Usage(format!("{text}: {problem}"));
+            let paths = glob::glob(&text).map_err(|error| wrong(format!("not a pattern: {error}")))?;
+            let found: Vec<PathBuf> = paths.flatten().filter(|path| !named(path, &[RESULT])).collect();
+            if found.is_empty() {
+                return Err(Error::unusable(word, "matches no file", "check the pattern").into());
+            }
+            all.extend(found);
+        } else {
+            all.push(word.clone());
+        }
+    }
+    let mut seen = std::collections::BTreeSet::new();
+    all.retain(|path| seen.insert(path.clone()));
+    Ok((all, many))
+}
+
+/// A job per mesh; in `patterns` of outputs `{}` stands for the name of the mesh without ending.
+fn jobs(meshes: Vec<PathBuf>, patterns: &[PathBuf]) -> Result<Vec<Job>, CliError> {
+    let mut owner: BTreeMap<PathBuf, PathBuf> = BTreeMap::new();
+    let mut jobs = Vec::with_capacity(meshes.len());
+    for mesh in meshes {
+        let stem = Output::stem(&mesh);
+        let fill = |pattern: &PathBuf| Output::of(Path::new(&pattern.to_string_lossy().replace("{}", &stem)));
+        let job = Job::of(mesh, patterns.iter().map(fill).collect::<Result<_, _>>()?);
+        for path in job.outputs.iter().filter_map(Output::path) {
+            if let Some(other) = owner.insert(path.to_path_buf(), job.mesh.clone()) {
+                return Err(CliError::Usage(format!(
+                    "-o: {} and {} would both be written to {}",
+                    other.display(),
+                    job.mesh.display(),
+                    path.display()
+                )));
+            }
+        }
+        jobs.push(job);
+    }
+    Ok(jobs)
+}
+
+/// A row of the table.
+fn row(mesh: &str, faces: &str, parts: &str, gamma: &str, seconds: &str) -> String {
+    format!("{mesh:40} {faces:>10} {parts:>6} {gamma:>10} {seconds:>9}")
+}
+
+/// The row of a mesh that is done.
+fn row_of(mesh: &Path, report: &Report, seconds: f64) -> String {
+    let gamma = if report.gamma > 0. { format!("{:.3e}", report.gamma_per_face) } else { "-".into() };
+    let (faces, parts) = (report.input.faces.to_string(), report.parts.len().to_string());
+    row(&mesh.display().to_string(), &faces, &parts, &gamma, &format!("{seconds:.3}"))
+}
+
+/// Where JSON lines go.
+enum Lines {
+    Nowhere,
+    Stdout,
+    File(PathBuf, std::fs::File),
+}
+
+impl Lines {
+    fn open(target: Option<&Path>) -> Result<Self> {
+        match target {
+            None => Ok(Self::Nowhere),
+            Some(path) if path == Path::new("-") => Ok(Self::Stdout),
+            Some(path) => Ok(Self::File(path.into(), std::fs::File::create(path).map_err(Error::io(path, "create"))?)),
+        }
+    }
+
+    fn write(&mut self, line: &serde_json::Value) -> Result<()> {
+        match self {
+            Self::Nowhere => Ok(()),
+            Self::Stdout => writeln!(std::io::stdout(), "{line}").map_err(Error::io("<stdout>", "write")),
+            Self::File(path, file) => writeln!(file, "{line}").map_err(Error::io(path, "write")),
+        }
+    }
+}
+
+/// What the jobs have done.
+struct Tally {
+    lines: Lines,
+    reports: BTreeMap<usize, Report>,
+    failed: Vec<(PathBuf, String)>,
+    skipped: usize,
+    stop: Option<Error>,
+}
+
+/// Segments all `meshes`.
+fn all(meshes: Vec<PathBuf>, args: &SegmentArgs, params: &SegmentParams, app: &AppContext) -> Result<(), CliError> {
+    let start = Instant::now();
+    let jobs = jobs(meshes, &args.output)?;
+    let style = args.run.bars().style();
+    let bars = BatchBars::new(style, jobs.len() as u64);
+    let told = matches!(style, Style::Terminal | Style::Lines);
+    if told {
+        bars.complain(&row("mesh", "faces", "parts", "Γ/n", "seconds"));
+    }
+    let lines = Lines::open(args.json_lines.as_deref())?;
+    let tally = Tally { lines, reports: BTreeMap::new(), failed: Vec::new(), skipped: 0, stop: None };
+    let tally = Mutex::new(tally);
+    let next = AtomicUsize::new(0);
+    let workers = usize::from(args.jobs).min(jobs.len());
+    let whole = args.run.run(&(), app);
+    let (threads, memory) = ((whole.threads / workers).max(1), whole.budget.total() / workers as u64);
+    std::thread::scope(|scope| {
+        for _ in 0..workers {
+            scope.spawn(|| {
+                loop {
+                    let k = next.fetch_add(1, Ordering::Relaxed);
+                    let lock = || tally.lock().unwrap_or_else(|poison| poison.into_inner());
+                    if k >= jobs.len() || lock().stop.is_some() {
+                        return;
+                    }
+                    let job = &jobs[k];
+                    let mine = bars.of_mesh(&job.mesh.display().to_string());
+                    if args.resume && job.is_done() {
+                        lock().skipped += 1;
+                        bars.end(&mine, "");
+                        continue;
+                    }
+                    let begin = Instant::now();
+                    let mut run = args.run.run(&mine, app);
+                    (run.threads, run.budget) = (threads, Budget::new(memory));
+                    let result = one(job, args, params, &mine, &run, app);
+                    let seconds = begin.elapsed().as_secs_f64();
+                    let row = result.as_ref().map_or(String::new(), |report| row_of(&job.mesh, report, seconds));
+                    bars.end(&mine, &row);
+                    if let Err(error) = &result
+                        && !matches!(error, Error::Cancelled)
+                    {
+                        bars.complain(&format!("nystrom-stream: {error}"));
+                    }
+                    lock().settle(k, job, result, seconds);
+                }
+            });
+        }
+    });
+    bars.finish();
+    let tally = tally.into_inner().unwrap_or_else(|poison| poison.into_inner());
+    if let Some(error) = tally.stop {
+        return Err(error.into());
+    }
+    args.json.publish(&tally.reports.values().collect::<Vec<_>>())?;
+    let (all, failed) = (jobs.len(), tally.failed.len());
+    if told {
+        tally.failed.iter().for_each(|(mesh, reason)| tell(&format!("failed: {}: {reason}", mesh.display())));
+        let done = all - failed - tally.skipped;
+        let skipped = if tally.skipped > 0 { format!(", {} skipped", tally.skipped) } else { String::new() };
+        let seconds = start.elapsed().as_secs_f64();
+        tell(&format!("{all} meshes: {done} done, {failed} failed{skipped}, in {seconds:.1} s"));
+    } else if failed > 0 {
+        tell(&format!("nystrom-stream: {failed} of {all} meshes failed"));
+    }
+    if failed == 0 { Ok(()) } else { Err(CliError::Reported) }
+}
+
+impl Tally {
+    /// Notes how a mesh went.
+    fn settle(&mut self, number: usize, job: &Job, result: Result<Report>, seconds: f64) {
+        let written = match result {
+            Ok(report) => {
+                let line = job.line(&report, seconds);
+                self.reports.insert(number, report);
+                self.lines.write(&line)
+            }
+            Err(error @ Error::Cancelled) => Err(error),
+            Err(error) => {
+                let reason = error.to_string();
+                // Most messages begin with the file.
+                let start = format!("{}: ", job.mesh.display());
+                let reason = reason.strip_prefix(&start).map_or(reason.clone(), str::to_string);
+                let line = json!({"mesh": job.mesh, "seconds": seconds, "error": reason});
+                self.failed.push((job.mesh.clone(), reason));
+                self.lines.write(&line)
+            }
+        };
+        if let Err(error) = written {
+            self.stop.get_or_insert(error);
+        }
+    }
 }

@@ -1,25 +1,25 @@
 //! `sequence`: an order to stream a mesh in.
 
-use super::options::RunArgs;
-use super::output::{FormArg, folder_of, print, publish};
+use super::choices::choice;
+use super::options::{AppContext, CliError, RunArgs};
+use super::output::{JsonArgs, folder_of, print};
 use super::stages::read;
-use super::{AppContext, Failure};
-use clap::ValueEnum;
 use nystrom_stream::apps::picture::{PictureParams, render};
 use nystrom_stream::apps::sequence::{ComparedOrder, SequenceOrder, gradient, table};
 use nystrom_stream::mesh::Opened;
+use nystrom_stream::mesh::labelled::PlyForm;
 use nystrom_stream::mesh::rearranged::{self, Rearrangement};
 use nystrom_stream::pipeline::sequence::{Sequence, SequenceParams, Sequencer};
-use nystrom_stream::store::Context;
-use nystrom_stream::store::npy;
+use nystrom_stream::store::{Context, npy};
 use serde_json::json;
 use std::ffi::OsStr;
 use std::path::{Path, PathBuf};
 use std::time::Instant;
 
+/// Arguments of `sequence`.
 #[derive(Clone, Debug, clap::Args)]
-pub struct Args {
-    /// A PLY, OBJ, OFF or STL file, .gz or not; `-` reads standard input
+pub struct SequenceArgs {
+    /// A PLY, OBJ, OFF or STL file, also .gz; `-` reads standard input
     #[arg(value_name = "MESH")]
     pub mesh: PathBuf,
     /// Output, once or more: .ply, the mesh in its new order; .npy, the place of each face; .png, the mesh coloured by
@@ -27,64 +27,30 @@ pub struct Args {
     #[arg(short, long, value_name = "OUT")]
     pub output: Vec<PathBuf>,
     /// What to order by
-    #[arg(long, value_enum, default_value = "spectral")]
-    pub order: WayArg,
+    #[arg(long, value_parser = choice::<SequenceOrder>(), default_value = "spectral")]
+    pub order: SequenceOrder,
     /// Improve spectral coordinates by N sweeps over the graph
     #[arg(long, value_name = "N", default_value_t = 0, value_parser = clap::value_parser!(u32).range(..=100_000))]
     pub smooth: u32,
-    /// Landmarks of spectral orders [default: those in the work directory, or 10]
+    /// Number of landmarks of spectral orders [default: those in the work directory, or 10]
     #[arg(short = 'l', long, value_name = "L", value_parser = clap::value_parser!(u32).range(3..=4096))]
     pub landmarks: Option<u32>,
-    /// Tell where faces and vertices were: properties original_face and original_vertex
+    /// Add the properties original_face and original_vertex to PLY outputs
     #[arg(long)]
     pub original: bool,
-    /// Form of PLY outputs
-    #[arg(long, value_enum, default_value = "same", value_name = "FORM")]
-    pub ply_form: FormArg,
-    /// Measure all orders and the file's own, of small meshes the exact Fiedler order too, in a table
+    /// Encoding of PLY outputs
+    #[arg(long, value_parser = choice::<PlyForm>(), default_value = "same", value_name = "FORM")]
+    pub ply_form: PlyForm,
+    /// Print a table that compares all orders with that of the file, for small meshes also the exact Fiedler order
     #[arg(long)]
     pub compare: bool,
-    /// Write measures and options as JSON, to FILE or to standard output
-    #[arg(long, value_name = "FILE", num_args = 0..=1, default_missing_value = "-", require_equals = true)]
-    pub json: Option<PathBuf>,
-    /// Keep graph and rows here and reuse them [default: a temporary folder]
+    #[command(flatten)]
+    pub json: JsonArgs,
+    /// Keep intermediate results in this folder and reuse them [default: a temporary folder]
     #[arg(long, value_name = "DIR")]
     pub work_dir: Option<PathBuf>,
     #[command(flatten)]
     pub run: RunArgs,
-}
-
-/// What to order by.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
-pub enum WayArg {
-    /// The second vector of the degree-normalised Nyström embedding
-    Spectral,
-    /// The longest principal axis
-    Pca,
-    /// Breadth-first search from a vertex far out
-    Bfs,
-    /// Reverse Cuthill–McKee
-    Rcm,
-    /// Hilbert's curve
-    Hilbert,
-    /// Chance
-    Random,
-    /// Faces as in the file, vertices as faces use them
-    Keep,
-}
-
-impl WayArg {
-    fn way(self) -> SequenceOrder {
-        match self {
-            Self::Spectral => SequenceOrder::Spectral,
-            Self::Pca => SequenceOrder::Pca,
-            Self::Bfs => SequenceOrder::Bfs,
-            Self::Rcm => SequenceOrder::Rcm,
-            Self::Hilbert => SequenceOrder::Hilbert,
-            Self::Random => SequenceOrder::Random,
-            Self::Keep => SequenceOrder::Keep,
-        }
-    }
 }
 
 /// A form of output.
@@ -96,7 +62,7 @@ enum Target {
 }
 
 impl Target {
-    fn of(path: &Path) -> Result<Self, Failure> {
+    fn of(path: &Path) -> Result<Self, CliError> {
         if path == Path::new("-") {
             return Ok(Self::Stdout);
         }
@@ -104,18 +70,15 @@ impl Target {
             Some("ply") => Ok(Self::Ply(path.into())),
             Some("npy") => Ok(Self::Npy(path.into())),
             Some("png") => Ok(Self::Png(path.into())),
-            _ => Err(Failure::Misused(format!(
-                "-o {}: its ending says no known form; end it with .ply, .npy or .png",
-                path.display()
-            ))),
+            _ => Err(CliError::Usage(format!("-o {}: unknown ending; end it with .ply, .npy or .png", path.display()))),
         }
     }
 }
 
 /// Refuses combinations that make no sense, before any work.
-fn check(args: &Args) -> Result<Vec<Target>, Failure> {
-    let misused = |text: &str| Err(Failure::Misused(text.into()));
-    let spectral = args.order == WayArg::Spectral || args.compare;
+fn check(args: &SequenceArgs) -> Result<Vec<Target>, CliError> {
+    let misused = |text: &str| Err(CliError::Usage(text.into()));
+    let spectral = args.order == SequenceOrder::Spectral || args.compare;
     if args.smooth > 0 && !spectral {
         return misused("--smooth goes with --order spectral");
     }
@@ -128,8 +91,7 @@ fn check(args: &Args) -> Result<Vec<Target>, Failure> {
         targets.push(if stdin { Target::Stdout } else { Target::Ply(beside(&args.mesh)) });
     }
     let mesh = targets.iter().any(|target| matches!(target, Target::Stdout));
-    let report = args.json.as_deref() == Some(Path::new("-"));
-    if mesh && (report || args.compare) {
+    if mesh && (args.json.to_stdout() || args.compare) {
         return misused("mesh and measures cannot both go to standard output; give -o FILE");
     }
     if args.original && !targets.iter().any(|target| matches!(target, Target::Ply(_) | Target::Stdout)) {
@@ -143,7 +105,7 @@ fn beside(mesh: &Path) -> PathBuf {
     mesh.with_file_name(format!("{}.sequenced.ply", super::output::Output::stem(mesh)))
 }
 
-pub fn run(args: &Args, app: &AppContext) -> Result<(), Failure> {
+pub fn run(args: &SequenceArgs, app: &AppContext) -> Result<(), CliError> {
     let start = Instant::now();
     let targets = check(args)?;
     let bars = args.run.bars();
@@ -158,20 +120,20 @@ pub fn run(args: &Args, app: &AppContext) -> Result<(), Failure> {
     opened.notes.iter().for_each(|note| run.progress.note(note));
     let sequencer = Sequencer::new(&opened, &identity, Context::new(&work, &run))?;
     let landmarks = args.landmarks.map(|l| l as usize);
-    let params = SequenceParams { order: args.order.way(), sweeps: args.smooth as usize, landmarks };
+    let params = SequenceParams { order: args.order, sweeps: args.smooth as usize, landmarks };
     let mut measured = None;
     if !targets.is_empty() || !args.compare {
         let sequence = sequencer.sequence(&params)?;
         targets.iter().try_for_each(|target| write(target, args, &opened, &sequence, Context::new(&work, &run)))?;
-        if args.json.is_some() && !args.compare {
+        if args.json.json.is_some() && !args.compare {
             measured = Some(sequencer.measures(&sequence)?);
         }
     }
     let compared = if args.compare { compare(&sequencer, &params)? } else { Vec::new() };
-    if args.compare && args.json.as_deref() != Some(Path::new("-")) {
+    if args.compare && !args.json.to_stdout() {
         print(table(&compared).as_bytes())?;
     }
-    if let Some(target) = &args.json {
+    if args.json.json.is_some() {
         let mut seconds = bars.take_seconds();
         seconds.insert("total".into(), start.elapsed().as_secs_f64());
         let mesh =
@@ -185,13 +147,13 @@ pub fn run(args: &Args, app: &AppContext) -> Result<(), Failure> {
         }
         report["seconds"] = json!(seconds);
         report["peak_allocated"] = json!((app.peak)());
-        publish(target, &report)?;
+        args.json.publish(&report)?;
     }
     Ok(())
 }
 
 /// Measures every order, those of sweeps too where there are any, and the exact one of a small mesh.
-fn compare(sequencer: &Sequencer, params: &SequenceParams) -> Result<Vec<ComparedOrder>, Failure> {
+fn compare(sequencer: &Sequencer, params: &SequenceParams) -> Result<Vec<ComparedOrder>, CliError> {
     let mut compared = Vec::new();
     if let Some(exact) = sequencer.exact(params)? {
         compared.push(ComparedOrder { order: "fiedler".into(), measures: sequencer.measures(&exact)? });
@@ -212,14 +174,14 @@ fn compare(sequencer: &Sequencer, params: &SequenceParams) -> Result<Vec<Compare
 
 fn write(
     target: &Target,
-    args: &Args,
+    args: &SequenceArgs,
     opened: &Opened,
     sequence: &Sequence,
     context: Context<'_>,
-) -> Result<(), Failure> {
+) -> Result<(), CliError> {
     let (document, mesh) = (&opened.document, &opened.mesh);
     let order = Rearrangement { places: &sequence.places, numbers: &sequence.uses.rank, original: args.original };
-    let form = args.ply_form.form();
+    let form = args.ply_form;
     let faces = mesh.faces.len() as u64;
     let each = || match target {
         Target::Ply(path) => rearranged::write(document, mesh, path, &order, form, context),

@@ -1,25 +1,23 @@
-//! `graph`, `embed`, `cluster` and `export`: the stages of `segment` one by one, over a work directory.
+//! `graph`, `rows`, `merge`, `embed`, `cluster` and `export`: the stages of `segment` one by one, over a work directory.
 //!
-//! `graph` needs the mesh; the others know from the work directory which it was, and make what is missing before them.
+//! `graph` needs the mesh; the others find in the work directory which mesh it was, and make what is missing before them.
 
-use super::method::{KernelArgs, OrderArgs, PartsArgs, check_count, misfit};
-use super::options::RunArgs;
-use super::output::{FormArgs, Output, Results, publish};
-use super::{AppContext, Failure};
+use super::method::{KernelArgs, MethodArgs, OrderArgs, PartsArgs, check_count};
+use super::options::{AppContext, CliError, RunArgs, WorkDirArgs, misfit};
+use super::output::{FormArgs, JsonArgs, Output, Results, print};
 use nystrom_stream::apps::export::parquet::Coordinates;
 use nystrom_stream::base::Error;
 use nystrom_stream::cluster::parts::PartTree;
 use nystrom_stream::cluster::two_means;
+use nystrom_stream::distance::shard;
 use nystrom_stream::graph::Order;
 use nystrom_stream::mesh;
 use nystrom_stream::mesh::labelled::Labelling;
 use nystrom_stream::pipeline::kept::{self, Labels, Record};
-use nystrom_stream::pipeline::{Cluster, SegmentParams, cuts, decision, embed, input, stages};
+use nystrom_stream::pipeline::{Cluster, SegmentParams, cuts, decision, embed, input, sharding, stages};
 use nystrom_stream::spectral::EmbeddingParams;
-use nystrom_stream::store::Context;
-use nystrom_stream::store::{MappedSlice, Run, WorkDir, workdir};
+use nystrom_stream::store::{Context, MappedSlice, Run, WorkDir, workdir};
 use serde_json::{Value, json};
-use std::io::Write;
 use std::path::{Path, PathBuf};
 use std::time::Instant;
 
@@ -34,7 +32,7 @@ pub struct Place {
 /// Arguments of `graph`.
 #[derive(Clone, Debug, clap::Args)]
 pub struct GraphArgs {
-    /// A PLY, OBJ, OFF or STL file, .gz or not; `-` reads standard input
+    /// A PLY, OBJ, OFF or STL file, also .gz; `-` reads standard input
     #[arg(value_name = "MESH")]
     pub mesh: PathBuf,
     #[command(flatten)]
@@ -45,12 +43,38 @@ pub struct GraphArgs {
     pub run: RunArgs,
 }
 
+/// Arguments of `rows`.
+#[derive(Clone, Debug, clap::Args)]
+pub struct RowsArgs {
+    /// A PLY, OBJ, OFF or STL file, also .gz [default: the mesh that the work directory is of]
+    #[arg(value_name = "MESH")]
+    pub mesh: Option<PathBuf>,
+    #[command(flatten)]
+    pub place: Place,
+    /// Compute only the I-th of N shares of the rows, counted from 0; processes may share the work directory
+    #[arg(long, value_name = "I/N", value_parser = parse_shard)]
+    pub shard: Option<(usize, usize)>,
+    #[command(flatten)]
+    pub method: MethodArgs,
+    #[command(flatten)]
+    pub run: RunArgs,
+}
+
+/// Arguments of `merge`.
+#[derive(Clone, Debug, clap::Args)]
+pub struct MergeArgs {
+    #[command(flatten)]
+    pub place: WorkDirArgs,
+    #[command(flatten)]
+    pub run: RunArgs,
+}
+
 /// Arguments of `embed`.
 #[derive(Clone, Debug, clap::Args)]
 pub struct EmbedArgs {
     #[command(flatten)]
     pub place: Place,
-    /// Coordinates a face, at the most [default: 10]
+    /// Coordinates per face, at most [default: 10]
     #[arg(short, long, value_name = "D", value_parser = clap::value_parser!(u16).range(1..=512))]
     pub dimensions: Option<u16>,
     #[command(flatten)]
@@ -64,7 +88,7 @@ pub struct EmbedArgs {
 pub struct ClusterArgs {
     #[command(flatten)]
     pub place: Place,
-    /// Output, once or more, as of `segment` [default: the work directory's labels.npy and quality.npy alone]
+    /// Output, once or more, as in segment [default: only labels.npy and quality.npy in the work directory]
     #[arg(short, long, value_name = "OUT")]
     pub output: Vec<PathBuf>,
     /// Cut this hierarchy of parts instead of the one that was found
@@ -72,9 +96,8 @@ pub struct ClusterArgs {
     pub tree: Option<PathBuf>,
     #[command(flatten)]
     pub form: FormArgs,
-    /// Tell the parts as JSON, to FILE or to standard output
-    #[arg(long, value_name = "FILE", num_args = 0..=1, default_missing_value = "-", require_equals = true)]
-    pub json: Option<PathBuf>,
+    #[command(flatten)]
+    pub json: JsonArgs,
     #[command(flatten)]
     pub parts: PartsArgs,
     #[command(flatten)]
@@ -86,12 +109,12 @@ pub struct ClusterArgs {
 /// Arguments of `export`.
 #[derive(Clone, Debug, clap::Args)]
 pub struct ExportArgs {
-    /// The mesh, where it is no longer where it was
+    /// The mesh, if it has moved
     #[arg(value_name = "MESH")]
     pub mesh: Option<PathBuf>,
     #[command(flatten)]
     pub place: Place,
-    /// Output, once or more, as of `segment`
+    /// Output, once or more, as in segment
     #[arg(short, long, value_name = "OUT", required_unless_present = "tree")]
     pub output: Vec<PathBuf>,
     #[command(flatten)]
@@ -104,7 +127,7 @@ pub struct ExportArgs {
 }
 
 /// Opens a work directory that must be there; the run gets its seed.
-fn reopen<'a>(place: &Place, args: &RunArgs, run: Run<'a>) -> Result<(WorkDir, Record, Run<'a>), Failure> {
+fn reopen<'a>(place: &Place, args: &RunArgs, run: Run<'a>) -> Result<(WorkDir, Record, Run<'a>), CliError> {
     drop(WorkDir::open_existing(&place.work_dir)?);
     let work = WorkDir::open(&place.work_dir)?;
     let record = Record::read(&work)?;
@@ -112,7 +135,7 @@ fn reopen<'a>(place: &Place, args: &RunArgs, run: Run<'a>) -> Result<(WorkDir, R
     Ok((work, record, Run { seed, ..run }))
 }
 
-pub fn graph(args: &GraphArgs, app: &AppContext) -> Result<(), Failure> {
+pub fn graph(args: &GraphArgs, app: &AppContext) -> Result<(), CliError> {
     let bars = args.run.bars();
     let run = args.run.run(&bars, app);
     let params = SegmentParams { order: args.order.or(Order::default()), ..SegmentParams::default() };
@@ -139,7 +162,48 @@ pub fn read(path: &Path, context: Context<'_>) -> Result<(mesh::Opened, Value), 
     Ok((opened, identity))
 }
 
-pub fn embed(args: &EmbedArgs, app: &AppContext) -> Result<(), Failure> {
+/// Shard and number of shards from "0/3".
+fn parse_shard(text: &str) -> Result<(usize, usize), String> {
+    let wrong = || format!("{text:?} is not a shard; write 0/3, 1/3 and 2/3");
+    let (shard, of) = text.split_once('/').ok_or_else(wrong)?;
+    match (shard.trim().parse(), of.trim().parse()) {
+        (Ok(shard), Ok(of)) if shard < of => Ok((shard, of)),
+        _ => Err(wrong()),
+    }
+}
+
+pub fn rows(args: &RowsArgs, app: &AppContext) -> Result<(), CliError> {
+    let bars = args.run.bars();
+    let mut run = args.run.run(&bars, app);
+    let mut params = args.method.params()?;
+    let path = match &args.mesh {
+        Some(path) => path.clone(),
+        None => {
+            let record = Record::read(&WorkDir::open_existing(&args.place.work_dir)?)?;
+            run.seed = args.run.seed.unwrap_or(record.seed);
+            params.order = args.method.order.or(record.params.order);
+            record.mesh
+        }
+    };
+    if let Some(shard) = args.shard {
+        let open = |work: &WorkDir| read(&path, Context::new(work, &run)).map(|(opened, _)| opened);
+        return Ok(sharding::one(&args.place.work_dir, &input::identity(&path)?, &params, shard, open, &run)?);
+    }
+    let work = WorkDir::open(&args.place.work_dir)?;
+    let (opened, identity) = read(&path, Context::new(&work, &run))?;
+    sharding::all(&opened, &identity, &params, Context::new(&work, &run))?;
+    Ok(())
+}
+
+pub fn merge(args: &MergeArgs, app: &AppContext) -> Result<(), CliError> {
+    let bars = args.run.bars();
+    let run = args.run.run(&bars, app);
+    let work = WorkDir::open(args.place.path())?;
+    shard::merge(Context::new(&work, &run))?;
+    Ok(())
+}
+
+pub fn embed(args: &EmbedArgs, app: &AppContext) -> Result<(), CliError> {
     let bars = args.run.bars();
     let dimensions = args.dimensions.map_or(two_means::DIMENSIONS, usize::from);
     let params = args.kernel.params(dimensions)?.unwrap_or(EmbeddingParams::for_parts(dimensions));
@@ -149,17 +213,21 @@ pub fn embed(args: &EmbedArgs, app: &AppContext) -> Result<(), Failure> {
     Ok(())
 }
 
-pub fn cluster(args: &ClusterArgs, app: &AppContext) -> Result<(), Failure> {
+pub fn cluster(args: &ClusterArgs, app: &AppContext) -> Result<(), CliError> {
     let start = Instant::now();
     let bars = args.run.bars();
     let outputs = args.output.iter().map(|path| Output::of(path)).collect::<Result<Vec<_>, _>>()?;
     args.form.check(&outputs)?;
     outputs.iter().try_for_each(Output::check)?;
-    if outputs.contains(&Output::Stdout) && args.json.as_deref() == Some(Path::new("-")) {
-        return Err(Failure::Misused("mesh and report cannot both go to standard output; give --json=FILE".into()));
-    }
+    args.json.check(outputs.contains(&Output::Stdout))?;
     let (work, record, run) = reopen(&args.place, &args.run, args.run.run(&bars, app))?;
     let mut params = record.params.clone();
+    if args.parts.cluster.is_some_and(|cluster| cluster != params.cluster) {
+        // What another way of clustering was told has no meaning for this one.
+        let fresh = SegmentParams::default();
+        (params.parts, params.boundaries) = (fresh.parts, fresh.boundaries);
+        params.tiny_components = fresh.tiny_components;
+    }
     args.parts.apply(&args.kernel, &mut params)?;
     check_count(&params)?;
     if args.tree.is_some() && params.cluster != Cluster::Parts {
@@ -184,22 +252,22 @@ pub fn cluster(args: &ClusterArgs, app: &AppContext) -> Result<(), Failure> {
     let export =
         Export { outputs: &outputs, mesh: None, record: &record, form: args.form, context: Context::new(&work, &run) };
     let mut told = export.write(&params, tree.as_ref(), labelling, &report)?;
-    if let Some(target) = &args.json {
+    if args.json.json.is_some() {
         let mut all = report();
         if let (Some(earlier), Some(seconds)) = (told["seconds"].as_object_mut(), all["seconds"].as_object_mut()) {
             earlier.remove("total");
             seconds.extend(std::mem::take(earlier));
         }
-        publish(target, &all)?;
+        args.json.publish(&all)?;
     }
-    if outputs.is_empty() && args.json.is_none() && !args.run.quiet {
+    if outputs.is_empty() && args.json.json.is_none() && !args.run.quiet {
         let (parts, faces) = (result.numbers.faces.len(), result.labels.len());
-        let _ = writeln!(std::io::stdout(), "{faces} faces in {parts} parts: {}", work.file("labels.npy").display());
+        print(format!("{faces} faces in {parts} parts: {}\n", work.file("labels.npy").display()).as_bytes())?;
     }
     Ok(())
 }
 
-pub fn export(args: &ExportArgs, app: &AppContext) -> Result<(), Failure> {
+pub fn export(args: &ExportArgs, app: &AppContext) -> Result<(), CliError> {
     let bars = args.run.bars();
     let outputs = args.output.iter().map(|path| Output::of(path)).collect::<Result<Vec<_>, _>>()?;
     args.form.check(&outputs)?;
@@ -307,5 +375,18 @@ impl Export<'_> {
             return Err(Error::unusable(path, "has another number of faces than labels", "name the right mesh"));
         }
         Ok(opened)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::parse_shard;
+
+    #[test]
+    fn shards() {
+        assert_eq!(parse_shard("2/3"), Ok((2, 3)));
+        for bad in ["3/3", "1", "0/0", "a/b", "-1/2"] {
+            assert!(parse_shard(bad).is_err(), "{bad}");
+        }
     }
 }

@@ -1,51 +1,46 @@
 //! `transfer-labels`: labels carried over to another mesh of the same shape.
 
-use super::options::RunArgs;
-use super::output::{Output, PlyArgs, Results, folder_of, publish};
+use super::options::{AppContext, CliError, RunArgs};
+use super::output::{JsonArgs, Output, PlyArgs, Results, folder_of};
 use super::picture::{labels_of_file, labels_of_mesh};
-use super::{AppContext, Failure};
 use nystrom_stream::apps::colours::colours_for;
 use nystrom_stream::apps::transfer::transfer;
 use nystrom_stream::base::Error;
 use nystrom_stream::mesh::labelled::Labelling;
 use nystrom_stream::mesh::{self, face_columns};
-use nystrom_stream::store::Context;
-use nystrom_stream::store::WorkDir;
+use nystrom_stream::store::{Context, WorkDir};
 use serde_json::json;
 use std::path::{Path, PathBuf};
 use std::time::Instant;
 
 /// Arguments of `transfer-labels`.
 #[derive(Clone, Debug, clap::Args)]
-pub struct Args {
-    /// The labelled mesh
+pub struct TransferArgs {
+    /// The labelled mesh: PLY, OBJ, OFF or STL, also .gz
     #[arg(value_name = "FROM")]
     pub from: PathBuf,
-    /// The mesh to label, in the same place and unit
+    /// The mesh to label, in the same coordinates
     #[arg(value_name = "TO")]
     pub to: PathBuf,
-    /// Output, once or more, as of `segment`
+    /// Output, once or more, as in segment
     #[arg(short, long, value_name = "OUT", required = true)]
     pub output: Vec<PathBuf>,
     /// Labels of FROM, .seg or .npy [default: the property `label` of its faces]
     #[arg(long, value_name = "LABELS")]
     pub labels: Option<PathBuf>,
-    /// Tell how well it went as JSON, to FILE or to standard output
-    #[arg(long, value_name = "FILE", num_args = 0..=1, default_missing_value = "-", require_equals = true)]
-    pub json: Option<PathBuf>,
+    #[command(flatten)]
+    pub json: JsonArgs,
     #[command(flatten)]
     pub ply: PlyArgs,
     #[command(flatten)]
     pub run: RunArgs,
 }
 
-pub fn run(args: &Args, app: &AppContext) -> Result<(), Failure> {
+pub fn run(args: &TransferArgs, app: &AppContext) -> Result<(), CliError> {
     let start = Instant::now();
     let outputs = args.output.iter().map(|path| Output::of(path)).collect::<Result<Vec<_>, _>>()?;
     args.ply.check(&outputs)?;
-    if outputs.contains(&Output::Stdout) && args.json.as_deref() == Some(Path::new("-")) {
-        return Err(Failure::Misused("mesh and report cannot both go to standard output; give --json=FILE".into()));
-    }
+    args.json.check(outputs.contains(&Output::Stdout))?;
     outputs.iter().try_for_each(Output::check)?;
     let bars = args.run.bars();
     let run = args.run.run(&bars, app);
@@ -99,11 +94,11 @@ pub fn run(args: &Args, app: &AppContext) -> Result<(), Failure> {
     };
     let each = || outputs.iter().try_for_each(|output| output.write(Some(&to), &results, &run));
     run.stage("write", "faces", facts.faces, each)?;
-    if let Some(target) = &args.json {
+    if args.json.json.is_some() {
         let mut seconds = bars.take_seconds();
         seconds.insert("total".into(), start.elapsed().as_secs_f64());
         report["seconds"] = json!(seconds);
-        publish(target, &report)?;
+        args.json.publish(&report)?;
     }
     Ok(())
 }

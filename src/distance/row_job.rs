@@ -198,7 +198,9 @@ impl Running<'_> {
         let cost = GraphSpace::new(search, front, sink, run).sample(sampler, spec.rows, field, found)?;
         if sampler.is_costly() {
             let l = spec.rows;
-            run.progress.note(&format!("landmarks: the search cost {cost:.1} fronts besides the {l} rows"));
+            run.progress.note(&format!(
+                "landmarks: choosing them took the time of {cost:.1} distance rows, besides the {l} rows themselves"
+            ));
         }
         Ok(())
     }

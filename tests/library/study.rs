@@ -381,7 +381,7 @@ fn the_commands_tell_compare_and_draw() {
     }
     let (svg, png, csv) = (path("c.svg"), path("c.png"), path("c.csv"));
     let words = ["quality", common::word(&mesh), "-q", "--compare", "-l", "3,6", "--seeds", "2", "--csv"];
-    let more = ["--plot", common::word(&svg), "--plot", common::word(&png), "--json", "-"];
+    let more = ["--plot", common::word(&svg), "--plot", common::word(&png), "--json"];
     let json = run(&[&words[..], &[common::word(&csv)], &more].concat());
     let json: serde_json::Value = serde_json::from_str(&json).unwrap();
     assert_eq!((json["summary"].as_array().unwrap().len(), json["runs"].as_array().unwrap().len()), (8, 16));

@@ -33,12 +33,15 @@ fn without_an_output_the_labelled_mesh_lies_beside_the_input_and_nothing_else() 
     let output = segment(&mesh, &["-k", "3"]);
     assert!(output.stdout.is_empty());
     assert_eq!(names(dir.path()), ["dumbbell.ply", "dumbbell.segmented.ply"]);
-    // Off a terminal: a plain line a stage, no control characters.
+    // Off a terminal: one plain line per stage, no control characters.
     let told = errors(&output);
-    for stage in ["read", "graph", "weights", "rows", "boundaries", "write"] {
+    for stage in ["reading", "dual graph", "edge weights", "distance rows", "boundaries", "writing"] {
         assert_eq!(told.lines().filter(|line| line.starts_with(stage)).count(), 1, "{told}");
     }
     assert!(!told.contains(['\r', '\u{1b}']), "{told}");
+    let last = told.lines().next_back().unwrap();
+    assert!(last.contains(" faces in 3 parts in ") && last.contains(" s, written to "), "{last}");
+    assert!(last.ends_with(word(&dir.path().join("dumbbell.segmented.ply"))), "{last}");
     assert!(segment(&mesh, &["-k", "3", "--quiet"]).stderr.is_empty());
 }
 
@@ -85,6 +88,8 @@ fn standard_input_and_output_carry_the_same_mesh_as_files() {
         let output = with_input(words, &input);
         assert!(output.status.success(), "{}", errors(&output));
         assert!(output.stdout == expected, "{words:?}");
+        let quiet = words.contains(&"-q");
+        assert_eq!(errors(&output).ends_with(", written to standard output\n"), !quiet, "{}", errors(&output));
     }
     assert!(segment(&mesh, &["-k", "5", "-o", "-"]).stdout == expected);
     let output = with_input(&["segment", "-", "-k", "5", "-o", word(&dir.path().join("x.seg")), "--json"], &input);
@@ -177,7 +182,7 @@ fn misuse_ends_with_code_2_and_says_what_is_right() {
     for (words, part) in [
         (&["segment", mesh, "--cluster", "kmeans"][..], "-k: K-means needs the number of parts; give it, as in -k 6"),
         (&["segment", mesh, "-k", "2", "--parts-range", "2..3"], "cannot be used with"),
-        (&["segment", mesh, "--parts-range", "5..2"], "is no range; write 4..12"),
+        (&["segment", mesh, "--parts-range", "5..2"], "is not a range; write 4..12"),
         (&["segment", mesh, "--detail", "2"], "choose from -1 to 1"),
         (&["segment"], "<MESH>"),
         (&["segment", mesh, "-k", "0"], "0"),
@@ -199,7 +204,7 @@ fn misuse_ends_with_code_2_and_says_what_is_right() {
         (&["segment", mesh, "-k", "2", "--cluster", "kmeans", "--sigma=nan"], "choose a positive number"),
         (&["segment", mesh, "-k", "2", "--threads", "0"], "0 is not in 1.."),
         (&["segment", mesh, "-k", "2", "--max-memory", "12"], "at least 1MB"),
-        (&["segment", mesh, "-k", "2", "--max-memory", "2 parsecs"], "is no unit; write MiB or GiB"),
+        (&["segment", mesh, "-k", "2", "--max-memory", "2 parsecs"], "is not a unit; write MiB or GiB"),
         (&["segment", mesh, "-k", "2", "--no-such"], "--no-such"),
         (&["demo", "--faces", "9999999999"], "--faces"),
         (&["demo", "--noise", "2"], "--noise"),
@@ -210,6 +215,8 @@ fn misuse_ends_with_code_2_and_says_what_is_right() {
         let message = errors(&output);
         assert_eq!(output.status.code(), Some(2), "{words:?}: {message}");
         assert!(message.contains(part) && output.stdout.is_empty(), "{words:?}: {message}");
+        let one_line = message.starts_with("nystrom-stream: ") && message.lines().count() == 1;
+        assert!(one_line || words.is_empty(), "{words:?}: {message}");
     }
     for words in [&["--help"][..], &["--version"], &["segment", "--help"], &["demo", "-h"]] {
         let output = run(words);
@@ -310,7 +317,7 @@ fn a_work_directory_is_filled_with_arrays_and_used_again() {
     }
     // Another K needs no new row; another metric needs new weights and rows, but no new graph.
     let (_, told) = cut(&["-k", "7", "-l", "12"]);
-    assert!(told.contains("decision: reused") && !told.contains("\nrows"), "{told}");
+    assert!(told.contains("decision: reused") && !told.contains("\ndistance rows"), "{told}");
     let (_, told) = cut(&["-k", "7", "-l", "12", "--decision", "single"]);
     assert!(told.contains("rows: reused"), "{told}");
     let (_, told) = cut(&["-k", "7", "-l", "12", "--metric", "paper"]);
@@ -350,7 +357,7 @@ fn an_interrupt_leaves_nothing_behind_or_a_work_directory_that_goes_on() {
             .spawn()
             .unwrap();
         let mut lines = BufReader::new(child.stderr.take().unwrap()).lines().map(Result::unwrap);
-        assert!(lines.any(|line| line.starts_with("weights")), "weights are told");
+        assert!(lines.any(|line| line.starts_with("edge weights")), "weights are told");
         let id = child.id().to_string();
         assert!(std::process::Command::new("kill").args(["-INT", &id]).status().unwrap().success());
         let rest: Vec<String> = lines.collect();
@@ -380,4 +387,84 @@ fn the_demo_finds_the_parts_it_made() {
     assert!(number("Rand index") > 0.8 && number("matching parts") > 50., "{table}");
     let expected = ["creature.labels.seg", "creature.ply", "creature.seg", "creature.segmented.ply"];
     assert_eq!(names(&folder), expected);
+}
+
+#[test]
+fn json_has_one_form_everywhere() {
+    let dir = tempfile::tempdir().unwrap();
+    let mesh = common::creature(dir.path(), 1_000, false);
+    let file = |name: &str| dir.path().join(name);
+    let (work, seg, npy, json) = (file("work"), file("x.seg"), file("x.npy"), file("x.json"));
+    segment(&mesh, &["-q", "-k", "4", "-o", word(&seg), "--work-dir", word(&work)]);
+    let (mesh, work, seg, npy) = (word(&mesh), word(&work), word(&seg), word(&npy));
+    for words in [
+        &["segment", mesh, "-k", "3", "-o", seg][..],
+        &["cluster", "--work-dir", work, "-k", "3"],
+        &["plan", mesh],
+        &["info", mesh],
+        &["info", work],
+        &["verify", work],
+        &["evaluate", seg, "--truth", seg],
+        &["quality", mesh, "-l", "5"],
+        &["study", "--points", "40", "-l", "5", "--runs", "3"],
+        &["sequence", mesh, "-o", npy],
+        &["transfer-labels", mesh, mesh, "--labels", seg, "-o", npy],
+        &["correspond", mesh, mesh, "-l", "8"],
+    ] {
+        let output = run(&[words, &["-q", "--json"]].concat());
+        assert!(output.status.success(), "{words:?}: {}", errors(&output));
+        let printed: Value =
+            serde_json::from_slice(&output.stdout).unwrap_or_else(|error| panic!("{words:?}: {error}"));
+        let output = run(&[words, &["-q", &format!("--json={}", word(&json))]].concat());
+        assert!(output.status.success(), "{words:?}: {}", errors(&output));
+        let written: Value = serde_json::from_str(&std::fs::read_to_string(&json).unwrap()).unwrap();
+        let keys = |value: &Value| value.as_object().map(|all| all.keys().cloned().collect::<Vec<_>>());
+        assert_eq!(keys(&printed), keys(&written), "{words:?}");
+        std::fs::remove_file(&json).unwrap();
+    }
+    assert!(names(dir.path()).iter().all(|name| !name.contains("partial")), "{:?}", names(dir.path()));
+}
+
+#[test]
+fn a_work_directory_is_named_by_position_or_by_option() {
+    let dir = tempfile::tempdir().unwrap();
+    let mesh = common::creature(dir.path(), 1_000, false);
+    let (work, tree) = (dir.path().join("work"), dir.path().join("t.svg"));
+    let (work, tree) = (word(&work), word(&tree));
+    for shard in ["0/2", "1/2"] {
+        let output = run(&["rows", word(&mesh), "-q", "-l", "8", "--work-dir", work, "--shard", shard]);
+        assert!(output.status.success(), "{}", errors(&output));
+    }
+    for words in [&["merge", "-q"][..], &["info", "-q"], &["verify", "-q"], &["plot", "--tree", tree]] {
+        if words[0] == "plot" {
+            segment(&mesh, &["-q", "-k", "3", "--work-dir", work, "-o", word(&dir.path().join("x.seg"))]);
+        }
+        let told = [&["--work-dir", work][..], &[work]].map(|place| {
+            let output = run(&[words, place].concat());
+            assert!(output.status.success(), "{words:?} {place:?}: {}", errors(&output));
+            (output.stdout, std::fs::read(tree).ok())
+        });
+        assert!(told[0] == told[1], "{words:?}");
+        for place in [&[][..], &[work, "--work-dir", work]] {
+            let output = run(&[words, place].concat());
+            assert_eq!(output.status.code(), Some(2), "{words:?} {place:?}: {}", errors(&output));
+        }
+    }
+}
+
+#[test]
+fn cluster_keeps_the_options_that_are_not_given_again() {
+    let dir = tempfile::tempdir().unwrap();
+    let mesh = common::creature(dir.path(), 2_000, false);
+    let (work, a, b) = (dir.path().join("work"), dir.path().join("a.seg"), dir.path().join("b.seg"));
+    let options = ["-q", "--decision", "single", "--tiny-components", "own", "--boundaries", "embedding"];
+    segment(&mesh, &[&options[..], &["-k", "3", "-o", word(&a), "--work-dir", word(&work)]].concat());
+    let output = run(&["cluster", "-q", "--work-dir", word(&work), "-k", "5", "-o", word(&b), "--json"]);
+    assert!(output.status.success(), "{}", errors(&output));
+    let report: Value = serde_json::from_slice(&output.stdout).unwrap();
+    let kept = &report["options"];
+    assert_eq!((&kept["parts"]["decision"], &kept["boundaries"]), (&"single".into(), &"embedding".into()), "{kept}");
+    assert_eq!(kept["tiny_components"], "own", "{kept}");
+    segment(&mesh, &[&options[..], &["-k", "5", "-o", word(&a)]].concat());
+    assert!(std::fs::read(&a).unwrap() == std::fs::read(&b).unwrap(), "the parts of segment with these options");
 }

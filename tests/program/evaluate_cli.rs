@@ -71,7 +71,7 @@ fn scores_are_those_of_the_library() {
     let read = |name: &str| read_seg(&dir.path().join(name)).unwrap();
     let scores = compare(Some(&mesh), &read("ours/1.seg"), &read("1_1.seg")).unwrap();
     let (out, err, code) =
-        outcome(dir.path(), "evaluate ours/1.seg --mesh 1.ply --truth 1_0.seg --truth 1_1.seg --json -");
+        outcome(dir.path(), "evaluate ours/1.seg --mesh 1.ply --truth 1_0.seg --truth 1_1.seg --json");
     assert_eq!((code, err.as_str()), (0, ""));
     let json: Value = serde_json::from_str(&out).unwrap();
     assert_eq!(json["parts"], 3);
@@ -90,7 +90,7 @@ fn labels_in_a_mesh_and_without_a_mesh_are_judged() {
     let dir = folder();
     let (_, err, code) = outcome(dir.path(), "segment 1.ply -q -k 2 -o out.ply -o out.seg --cluster two-means");
     assert_eq!((code, err.as_str()), (0, ""));
-    let (out, err, code) = outcome(dir.path(), "evaluate out.ply --truth out.seg --json -");
+    let (out, err, code) = outcome(dir.path(), "evaluate out.ply --truth out.seg --json");
     assert_eq!((code, err.as_str()), (0, ""));
     let json: Value = serde_json::from_str(&out).unwrap();
     assert_eq!(json["scores"]["rand"], 0.);
@@ -105,7 +105,7 @@ fn a_benchmark_gives_a_table_json_and_charts() {
     let dir = folder();
     let expected = Benchmark::open(dir.path()).unwrap();
     let expected = expected.evaluate(Some(&dir.path().join("ours")), true, &Run::new(&())).unwrap();
-    let (out, err, code) = outcome(dir.path(), "evaluate --benchmark . ours --json t.json --plot t.svg -q");
+    let (out, err, code) = outcome(dir.path(), "evaluate --benchmark . ours --json=t.json --plot t.svg -q");
     assert_eq!((code, err.as_str()), (0, ""));
     assert_eq!(out, expected.table.to_text());
     assert!(out.contains("hump") && out.contains("all models") && out.contains("people"));

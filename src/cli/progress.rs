@@ -1,5 +1,9 @@
-//! Progress on standard error: a bar a stage on a terminal, a line a stage otherwise, JSON events or nothing on
-//! request. Of a batch: one bar in all and one a running mesh, or a line a mesh. No colours, so `NO_COLOR` holds.
+//! Progress on standard error: one bar per stage on a terminal, one line per stage otherwise, JSON events or nothing on
+//! request. Of several meshes: one bar in all and one per running mesh, or one line per mesh. No colours, so `NO_COLOR`
+//! holds.
+//!
+//! The library names stages by short words, which are keys of reports and JSON events too; people are shown the words of
+//! [`STAGES`].
 
 use indicatif::{MultiProgress, ProgressBar, ProgressDrawTarget, ProgressStyle};
 use nystrom_stream::base::Progress;
@@ -12,14 +16,59 @@ use std::time::{Duration, Instant};
 /// Least time between two JSON events of a stage.
 const EVENT: Duration = Duration::from_millis(100);
 
-/// How progress is told.
+/// Stages of the library and what they are called to people.
+const STAGES: [(&str, &str); 27] = [
+    ("alignment", "alignment"),
+    ("assign", "assigning faces"),
+    ("boundaries", "boundaries"),
+    ("cell rows", "patch distances"),
+    ("cells", "surface patches"),
+    ("compare", "comparison"),
+    ("contraction", "coarser mesh"),
+    ("coordinates", "coordinates"),
+    ("distances", "all distances"),
+    ("draw", "drawing"),
+    ("evaluate", "evaluation"),
+    ("graph", "dual graph"),
+    ("march", "distances"),
+    ("match", "matching"),
+    ("merge", "merging rows"),
+    ("normals", "surface normals"),
+    ("order", "face order"),
+    ("parts", "parts"),
+    ("read", "reading"),
+    ("rows", "distance rows"),
+    ("runs", "trials"),
+    ("surface", "surface patches"),
+    ("sweeps", "smoothing"),
+    ("verify", "verification"),
+    ("vertices", "vertex order"),
+    ("weights", "edge weights"),
+    ("write", "writing"),
+];
+
+/// What `stage` is called to people.
+pub fn words(stage: &str) -> &str {
+    STAGES.iter().find(|(name, _)| *name == stage).map_or(stage, |(_, words)| words)
+}
+
+/// What units are called to people.
+fn unit_words(unit: &str) -> &str {
+    match unit {
+        "members" => "segmentations",
+        "guesses" => "alignments",
+        unit => unit,
+    }
+}
+
+/// How progress is shown.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Style {
-    /// A bar a stage.
+    /// One bar per stage.
     Terminal,
-    /// A line a stage.
+    /// One line per stage.
     Lines,
-    /// A JSON object a line.
+    /// One JSON object per line.
     Json,
     /// Nothing.
     Quiet,
@@ -75,7 +124,7 @@ fn bar(target: ProgressDrawTarget, total: u64, template: &str) -> ProgressBar {
     bar
 }
 
-/// A line on standard error; one that nobody reads is no failure.
+/// Prints a line on standard error; that it cannot be written is no failure.
 pub fn tell(text: &str) {
     let _ = writeln!(std::io::stderr(), "{text}");
 }
@@ -130,13 +179,15 @@ impl Progress for Bars {
                     bar.unset_length()
                 }
                 bar.set_position(0);
-                bar.set_message(stage.to_string());
+                bar.set_message(words(stage).to_string());
             }
             (Style::Terminal, None) => {
-                let template =
-                    format!("{{msg:10}} {{bar:32}} {{human_pos}}/{{human_len}} {unit}  {{per_sec}}  {{eta}} left");
+                let template = format!(
+                    "{{msg:16}} {{bar:32}} {{human_pos}}/{{human_len}} {}  {{per_sec}}  {{eta}} left",
+                    unit_words(unit)
+                );
                 let bar = bar(ProgressDrawTarget::stderr(), total, &template);
-                bar.set_message(stage.to_string());
+                bar.set_message(words(stage).to_string());
                 bar.enable_steady_tick(Duration::from_millis(200));
                 state.bars.insert(stage.to_string(), bar);
             }
@@ -176,22 +227,29 @@ impl Progress for Bars {
                 self.event(json!({"stage": stage, "unit": unit, "done": total, "total": total, "seconds": seconds}));
             }
             Style::Terminal | Style::Lines if self.mesh.is_none() => {
+                let (stage, unit) = (words(stage), unit_words(unit));
                 let rate = if total > 0 && seconds > 0. {
                     format!(", {}{unit}/s", human(total as f64 / seconds))
                 } else {
                     String::new()
                 };
-                tell(&format!("{stage:10} {seconds:8.3} s  {} {unit}{rate}", human(total as f64)));
+                tell(&format!("{stage:16} {seconds:8.3} s  {} {unit}{rate}", human(total as f64)));
             }
             _ => {}
         }
     }
 
     fn note(&self, text: &str) {
+        // Notes about a stage begin with its name.
+        let in_words = text.split_once(": ").map(|(stage, rest)| format!("{}: {rest}", words(stage)));
+        let text = match self.style {
+            Style::Json => text,
+            _ => in_words.as_deref().unwrap_or(text),
+        };
         match (self.style, &self.mesh) {
             (Style::Quiet, _) => {}
             (Style::Json, _) => self.event(json!({"note": text})),
-            // Of a batch, what is reused goes without saying.
+            // Of several meshes, what is reused is not told.
             (_, Some(_)) if text.ends_with(": reused") => {}
             (_, Some((mesh, _))) => self.say(&format!("{mesh}: {text}")),
             (_, None) => self.say(text),
@@ -214,7 +272,8 @@ impl BatchBars {
         let terminal = style == Style::Terminal;
         let target = if terminal { ProgressDrawTarget::stderr() } else { ProgressDrawTarget::hidden() };
         let multi = MultiProgress::with_draw_target(target);
-        let all = bar(ProgressDrawTarget::hidden(), total, "meshes     {bar:32} {pos}/{len}  {elapsed}, {eta} left");
+        let all =
+            bar(ProgressDrawTarget::hidden(), total, "meshes           {bar:32} {pos}/{len}  {elapsed}, {eta} left");
         let all = multi.add(all);
         all.tick();
         Self { style, multi, all, start: Instant::now(), total }
@@ -223,7 +282,7 @@ impl BatchBars {
     /// The listener of one mesh.
     pub fn of_mesh(&self, name: &str) -> Bars {
         let file = std::path::Path::new(name).file_name().map_or(name.into(), |name| name.to_string_lossy());
-        let mesh = bar(ProgressDrawTarget::hidden(), 0, "  {prefix:20!} {msg:10} {bar:24} {human_pos}/{human_len}");
+        let mesh = bar(ProgressDrawTarget::hidden(), 0, "  {prefix:20!} {msg:16} {bar:24} {human_pos}/{human_len}");
         let mesh = self.multi.add(mesh);
         mesh.set_prefix(file.into_owned());
         Bars { style: self.style, mesh: Some((name.to_string(), mesh)), state: Mutex::default() }

@@ -1,0 +1,164 @@
+//! The library's enums as values of options: for each value its name and a line of help, in one table per enum.
+//!
+//! The library knows no clap. An option takes such an enum by `value_parser = choice::<T>()`, which lists names and help.
+
+use clap::builder::{PossibleValue, PossibleValuesParser, TypedValueParser};
+use nystrom_stream::apps::sequence::SequenceOrder;
+use nystrom_stream::apps::study::Over;
+use nystrom_stream::cluster::parts::Decision;
+use nystrom_stream::distance::vertex_rows::Distance;
+use nystrom_stream::graph::{Metric, Order};
+use nystrom_stream::landmarks::Sampling;
+use nystrom_stream::mesh::labelled::PlyForm;
+use nystrom_stream::pipeline::{Boundaries, Cluster, TinyComponents};
+use nystrom_stream::spectral::{Kernel, Normalisation};
+
+/// A value, its name on the command line, and its help.
+type Named<T> = (T, &'static str, &'static str);
+
+/// What an option can be set to.
+pub trait Choice: Copy + Send + Sync + 'static {
+    /// All values, in the order of the help.
+    const CHOICES: &'static [Named<Self>];
+}
+
+/// The parser of an option that takes a `T`.
+pub fn choice<T: Choice>() -> impl TypedValueParser<Value = T> {
+    let values = T::CHOICES.iter().map(|(_, name, help)| PossibleValue::new(*name).help(*help));
+    PossibleValuesParser::new(values).try_map(|word| {
+        let found = T::CHOICES.iter().find(|(_, name, _)| *name == word);
+        found.map(|(value, ..)| *value).ok_or("is none of them")
+    })
+}
+
+impl Choice for Sampling {
+    const CHOICES: &'static [Named<Self>] = &[
+        (Self::Farthest, "farthest", "Max–min farthest points, starting at an extremity (§6.2 of the paper)"),
+        (Self::Random, "random", "At random, with probability proportional to area"),
+        (Self::Uniform, "uniform", "At random, each face with the same probability (the paper's random sampling)"),
+        (Self::GeodesicFarthest, "geodesic-farthest", "Farthest points by length alone, whatever the metric"),
+        (Self::Centroids, "centroids", "Farthest points, each moved to the middle of its Voronoi cell"),
+        (Self::Cholesky, "cholesky", "Randomly pivoted Cholesky"),
+        (Self::Greedy, "greedy", "The best of 90 random candidates by Γ (§6.1): 90 rows of distances per landmark"),
+        (Self::PooledGreedy, "pooled-greedy", "The same with the candidates kept: 90 rows, and one more per landmark"),
+    ];
+}
+
+impl Choice for Kernel {
+    const CHOICES: &'static [Named<Self>] = &[
+        (Self::Gaussian, "gaussian", "exp(−d²/2σ²)"),
+        (Self::Exponential, "exponential", "exp(−d/σ)"),
+        (Self::Polynomial { degree: 3 }, "polynomial", "max(0, 1 − d/4σ)³"),
+        (Self::InverseMultiquadric, "inverse-multiquadric", "1/√(1 + d²/σ²)"),
+        (Self::Matern, "matern", "(1 + √3 d/σ) exp(−√3 d/σ)"),
+        (Self::Cauchy, "cauchy", "1/(1 + d²/σ²)"),
+    ];
+}
+
+impl Choice for Normalisation {
+    const CHOICES: &'static [Named<Self>] = &[
+        (Self::None, "none", "Not at all (eq. 1)"),
+        (Self::Degree, "degree", "By the square roots of both degrees"),
+        (Self::Anchor, "anchor", "As an anchor graph"),
+    ];
+}
+
+impl Choice for Order {
+    const CHOICES: &'static [Named<Self>] = &[
+        (Self::Keep, "keep", "As in the file"),
+        (Self::Hilbert, "hilbert", "Sorted along a Hilbert curve"),
+        (Self::Auto, "auto", "Sorted where the mesh is large and the order of the file is poor"),
+    ];
+}
+
+impl Choice for Cluster {
+    const CHOICES: &'static [Named<Self>] = &[
+        (Self::Parts, "parts", "Parts as people would cut them; their number is found"),
+        (Self::KMeans, "kmeans", "K-means in the spectral embedding, as in the paper"),
+        (
+            Self::TwoMeans,
+            "two-means",
+            "Repeated 2-means in the embedding, as in the paper; without -k until no split gains much",
+        ),
+    ];
+}
+
+impl Choice for Decision {
+    const CHOICES: &'static [Named<Self>] = &[
+        (
+            Self::SoftTrees,
+            "soft-trees",
+            "Twelve merge trees with probabilities; the labelling of greatest expected Rand index",
+        ),
+        (
+            Self::Consensus,
+            "consensus",
+            "Several over-segmentations merged up to a threshold, combined by average linkage",
+        ),
+        (Self::Single, "single", "One over-segmentation, merged up to a threshold"),
+    ];
+}
+
+impl Choice for TinyComponents {
+    const CHOICES: &'static [Named<Self>] = &[
+        (Self::Join, "join", "Each joins the part that it is nearest to"),
+        (Self::Own, "own", "All together are one part of their own, the last one, which -k does not count"),
+    ];
+}
+
+impl Choice for Boundaries {
+    const CHOICES: &'static [Named<Self>] = &[
+        (Self::Front, "front", "From the nearest part by distance, so that boundaries lie on creases"),
+        (
+            Self::Embedding,
+            "embedding",
+            "From each face's coordinates in the spectral embedding (Nyström extrapolation)",
+        ),
+    ];
+}
+
+impl Choice for Metric {
+    const CHOICES: &'static [Named<Self>] = &[
+        (
+            Self::ScaleFree { beta: 5., eta: 0.05 },
+            "scale-free",
+            "Length + β·turning, in units of the size of the shape",
+        ),
+        (Self::Paper { delta: 0.03, eta: 0.1 }, "paper", "δ·length/mean + (1−δ)·(1−cos)/mean, as in the paper"),
+        (Self::Geodesic, "geodesic", "Length alone"),
+    ];
+}
+
+impl Choice for PlyForm {
+    const CHOICES: &'static [Named<Self>] = &[
+        (Self::Same, "same", "As the input"),
+        (Self::Binary, "binary", "Little-endian"),
+        (Self::Ascii, "ascii", "Text"),
+    ];
+}
+
+impl Choice for Distance {
+    const CHOICES: &'static [Named<Self>] = &[
+        (Self::Edges, "edges", "Along edges (Dijkstra)"),
+        (Self::March, "march", "Through triangles (fast marching)"),
+    ];
+}
+
+impl Choice for Over {
+    const CHOICES: &'static [Named<Self>] = &[
+        (Self::Faces, "faces", "Faces, with the distances of --metric"),
+        (Self::Vertices, "vertices", "Vertices, with distances through triangles"),
+    ];
+}
+
+impl Choice for SequenceOrder {
+    const CHOICES: &'static [Named<Self>] = &[
+        (Self::Spectral, "spectral", "The second vector of the degree-normalised Nyström embedding"),
+        (Self::Pca, "pca", "The longest principal axis"),
+        (Self::Bfs, "bfs", "Breadth-first search from a peripheral vertex"),
+        (Self::Rcm, "rcm", "Reverse Cuthill–McKee"),
+        (Self::Hilbert, "hilbert", "A Hilbert curve"),
+        (Self::Random, "random", "At random"),
+        (Self::Keep, "keep", "Faces as in the file, vertices in the order in which faces use them"),
+    ];
+}
