@@ -305,7 +305,7 @@ impl Lines {
         }
     }
 
-    fn write(&mut self, line: &serde_json::Value) -> Result<()> {
+    fn write(&mut self, line: &Value) -> Result<()> {
         match self {
             Self::Nowhere => Ok(()),
             Self::Stdout => writeln!(std::io::stdout(), "{line}").map_err(Error::io("<stdout>", "write")),
