@@ -154,14 +154,3 @@ fn links_lead_from_the_readme_to_every_page() {
         assert!(reached.contains(&path), "no links lead from README.md to {}", page.display());
     }
 }
-
-#[test]
-fn the_reference_is_that_of_the_definitions() {
-    let output =
-        std::process::Command::new(env!("CARGO_BIN_EXE_nystrom-stream")).args(["man", "--markdown", "-"]).output();
-    let told = String::from_utf8(output.unwrap().stdout).unwrap();
-    let page = Path::new("docs/reference.md");
-    assert!(told.contains("## segment") && told.contains("`-k, --parts <K>`"), "{told}");
-    let renew = "cargo run -- man --markdown docs/reference.md";
-    assert!(told == text(page), "docs/reference.md tells of other options than the program; run {renew} to renew it");
-}

@@ -125,20 +125,18 @@ fn usage_error(error: &clap::Error) -> Option<String> {
         return None;
     }
     let text = error.render().to_string();
-    let mut message: Vec<String> = Vec::new();
-    let mut command = "nystrom-stream".to_string();
+    let mut message = String::new();
     for line in text.lines().map(str::trim).filter(|line| !line.is_empty()) {
-        if let Some(usage) = line.strip_prefix("Usage: ") {
-            let words = usage.split(' ').take_while(|word| !word.starts_with(['[', '<', '-']));
-            command = words.collect::<Vec<_>>().join(" ");
-        } else if let Some(tip) = line.strip_prefix("tip: ") {
-            message.push(format!("; {tip}"));
-        } else if !line.starts_with("For more information") {
-            let space = if message.is_empty() { "" } else { " " };
-            message.push(format!("{space}{}", line.strip_prefix("error: ").unwrap_or(line)));
+        if let Some(tip) = line.strip_prefix("tip: ") {
+            message += &format!("; {tip}");
+        } else if !line.starts_with("Usage: ") && !line.starts_with("For more information") {
+            message += if message.is_empty() { "" } else { " " };
+            message += line.strip_prefix("error: ").unwrap_or(line);
         }
     }
-    Some(format!("{}; see {command} --help", message.concat()))
+    let subcommand = std::env::args().nth(1).filter(|word| Cli::command().find_subcommand(word).is_some());
+    let subcommand = subcommand.map_or(String::new(), |word| word + " ");
+    Some(format!("{message}; see nystrom-stream {subcommand}--help"))
 }
 
 /// Parses the arguments and runs. `peak` tells the most bytes allocated so far.

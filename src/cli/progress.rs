@@ -229,7 +229,7 @@ impl Progress for Bars {
             Style::Terminal | Style::Lines if self.mesh.is_none() => {
                 let (stage, unit) = (words(stage), unit_words(unit));
                 let rate = if total > 0 && seconds > 0. {
-                    format!(", {}{unit}/s", human(total as f64 / seconds))
+                    format!(", {} {unit}/s", human(total as f64 / seconds))
                 } else {
                     String::new()
                 };

@@ -133,3 +133,12 @@ fn the_readmes_commands_run() {
 fn the_tours_commands_run() {
     all_run("docs/tour.md", &gallery(), &[]);
 }
+
+#[test]
+fn the_reference_is_that_of_the_definitions() {
+    let told = String::from_utf8(common::run(&["man", "--markdown", "-"]).stdout).unwrap();
+    assert!(told.contains("## segment") && told.contains("`-k, --parts <K>`"), "{told}");
+    let page = std::fs::read_to_string(Path::new(env!("CARGO_MANIFEST_DIR")).join("docs/reference.md")).unwrap();
+    let renew = "run `cargo run -- man --markdown docs/reference.md` to renew docs/reference.md";
+    assert!(told == page, "the page tells of other options than the program: {renew}");
+}
