@@ -1,28 +1,27 @@
 //! The decision about parts as a stage: all answers at once, kept, so that another number of parts needs neither rows nor
-//! members.
+//! the ensemble.
 //!
-//! Files, constant in the mesh size: `tree.json`, the merge hierarchy of cells; `superfaces.npy` and `atom_areas.npy`, the
-//! cells' intersections of members; `co_association.npy` (atoms × atoms), how far any two belong together, which
-//! confidences come from.
+//! Files, constant in the size of the mesh: `tree.json`, the merge hierarchy of cells; `superfaces.npy` and
+//! `superface_areas.npy`, the sets of cells that no clustering of the ensemble tells apart; `co_association.npy`
+//! (superfaces × superfaces), how far any two belong together, which confidences come from.
 
 use super::report::SegmentStats;
-use super::sample::{Sample, SamplingContext};
-use super::surface::Surface;
+use super::sample::Sample;
+use super::surface::WeightedSurface;
 use super::{SegmentParams, landmarks_for_parts};
 use crate::base::{Error, Result};
 use crate::cluster::parts::matrix::Square;
 use crate::cluster::parts::{self, PartDecision, PartTree, Superfaces};
 use crate::distance::DistanceRows;
 use crate::distance::rows::RowParams;
-use crate::graph::DualGraph;
-use crate::graph::WeightedGraph;
 use crate::spectral::eigen;
 use crate::spectral::kernel::Kernel;
-use crate::store::stage::options_key;
-use crate::store::{Context, WorkDir};
+use crate::store::needs::{Extent, Needs, Room};
+use crate::store::stage::{Made, Stage};
+use crate::store::{Context, WorkDir, json};
 use nalgebra::DMatrix;
 use serde::{Deserialize, Serialize};
-use serde_json::json;
+use serde_json::{Value, json};
 use std::path::Path;
 
 const TREE: &str = "tree.json";
@@ -32,7 +31,7 @@ const CO_ASSOCIATION: &str = "co_association.npy";
 
 /// What is kept besides the files.
 #[derive(Clone, Debug, Serialize, Deserialize)]
-pub(super) struct Facts {
+pub(super) struct DecisionFacts {
     /// Landmarks l.
     pub l: usize,
     /// Seconds that deciding took.
@@ -41,52 +40,69 @@ pub(super) struct Facts {
     pub numbers: SegmentStats,
 }
 
-/// The decision on `surface`, made from the rows (which are made where needed), or reused.
-///
-/// # Errors
-/// [`Error::Io`], [`Error::Parameter`], [`Error::Cancelled`].
-pub(super) fn decide(
-    graph: &DualGraph,
-    weighted: &WeightedGraph,
-    surface: &Surface,
-    params: &SegmentParams,
-    context: Context<'_>,
-) -> Result<(PartDecision, Facts)> {
-    let n = graph.nodes.len();
-    let l = params.landmarks.unwrap_or(landmarks_for_parts(n));
-    let row_params = RowParams { l, sampling: params.sampling };
-    let options = json!({
-        "stage": "decision",
-        "rows": DistanceRows::key(weighted, n, row_params, context.run),
-        "surface": surface.key,
-        "decision": params.parts.decision,
-        "ensemble_size": params.parts.ensemble_size,
-        "small_part": params.parts.small_part,
-        "hierarchy": 3,
-        "seed": context.run.seed,
-    });
-    let key = options_key(&options);
-    match context.work.reuse::<Facts>("decision", 1, &key) {
-        Ok(facts) => {
-            context.run.progress.note("decision: reused");
-            return Ok((open(surface.cells.len(), context.work)?, facts));
-        }
-        Err(reason) => context.run.note_remake("decision", &reason),
+/// The stage that decides about parts.
+pub(super) struct DecisionStage<'a> {
+    /// What is cut.
+    pub surface: WeightedSurface<'a>,
+    /// How.
+    pub params: &'a SegmentParams,
+}
+
+impl DecisionStage<'_> {
+    /// Number of landmarks.
+    fn landmarks(&self) -> usize {
+        self.params.landmarks.unwrap_or(landmarks_for_parts(self.surface.graph.nodes.len()))
     }
-    let sample = SamplingContext { graph, weighted, surface, context }.representative(l, params)?;
-    let (decided, seconds) = parts::decide(&surface.cells.graph, &sample.b, sample.len(), &params.parts, context.run)?;
-    write_tree(&decided.tree, &context.work.file(TREE))?;
-    context.work.write(SUPERFACES, &decided.superfaces.of_cell, 1)?;
-    context.work.write(AREAS, &decided.superfaces.area, 1)?;
-    context.work.write(CO_ASSOCIATION, decided.co_association.values(), decided.co_association.len())?;
-    let facts = Facts { l: sample.len(), seconds, numbers: numbers(&sample) };
-    context.work.stamp_as("decision", &key, &options, &[TREE, SUPERFACES, AREAS, CO_ASSOCIATION], &facts, seconds)?;
-    Ok((decided, facts))
+}
+
+impl Stage for DecisionStage<'_> {
+    const NAME: &'static str = "decision";
+    const VERSION: u32 = 3;
+    type Facts = DecisionFacts;
+    type Output = (PartDecision, DecisionFacts);
+
+    fn inputs(&self, context: Context<'_>) -> Value {
+        let WeightedSurface { graph, weighted, surface } = self.surface;
+        let rows = RowParams { l: self.landmarks(), sampling: self.params.sampling };
+        let parts = &self.params.parts;
+        json!({
+            "rows": DistanceRows::key(weighted, graph.nodes.len(), rows, context.run),
+            "surface": surface.key,
+            "decision": parts.decision,
+            "ensemble_size": parts.ensemble_size,
+            "small_part": parts.small_part,
+            "seed": context.run.seed,
+        })
+    }
+
+    /// Makes the rows too, where that was not done.
+    fn make(self, _: &str, context: Context<'_>) -> Result<Made<Self>> {
+        let sample = self.surface.representative(self.landmarks(), self.params, context)?;
+        let cells = &self.surface.surface.cells.graph;
+        let (decided, seconds) = parts::decide(cells, &sample.b, sample.len(), &self.params.parts, context.run)?;
+        let work = context.work;
+        work.write_json(TREE, &decided.tree)?;
+        work.write(SUPERFACES, &decided.superfaces.of_cell, 1)?;
+        work.write(AREAS, &decided.superfaces.area, 1)?;
+        work.write(CO_ASSOCIATION, decided.co_association.values(), decided.co_association.len())?;
+        let facts = DecisionFacts { l: sample.len(), seconds, numbers: numbers(&sample) };
+        let files = vec![TREE, SUPERFACES, AREAS, CO_ASSOCIATION];
+        Ok(Made { output: (decided, facts.clone()), facts, files })
+    }
+
+    fn open(self, facts: DecisionFacts, _: &str, context: Context<'_>) -> Result<Self::Output> {
+        Ok((open(self.surface.surface.cells.len(), context.work)?, facts))
+    }
+
+    /// Constant in the size of the mesh.
+    fn needs(_: &Extent, _: &mut Room) -> Needs {
+        Needs::default()
+    }
 }
 
 /// Reads a kept decision on `cells` cells.
 fn open(cells: usize, work: &WorkDir) -> Result<PartDecision> {
-    let tree = read_tree(&work.file(TREE))?;
+    let tree = checked(&work.json_text(TREE)?, &work.file(TREE))?;
     let area = work.open_array::<f64>(AREAS)?.to_vec();
     let co_association = work.open_array::<f64>(CO_ASSOCIATION)?;
     let n = area.len();
@@ -104,7 +120,7 @@ fn open(cells: usize, work: &WorkDir) -> Result<PartDecision> {
 /// The spectral numbers of the decision in `work`, where there is one.
 pub(super) fn kept_numbers(work: &WorkDir) -> Option<SegmentStats> {
     let facts = work.manifest().stages.remove("decision")?.facts;
-    serde_json::from_value::<Facts>(facts).ok().map(|facts| facts.numbers)
+    serde_json::from_value::<DecisionFacts>(facts).ok().map(|facts| facts.numbers)
 }
 
 /// The hierarchy of parts in `work`; of a preview, `coarse`, that of the contracted mesh.
@@ -112,15 +128,16 @@ pub(super) fn kept_numbers(work: &WorkDir) -> Option<SegmentStats> {
 /// # Errors
 /// [`Error::WorkDir`] where there is none; [`Error::Io`], [`Error::Malformed`].
 pub fn tree_of(work: &WorkDir, coarse: bool) -> Result<PartTree> {
-    let (whole, contracted) = (work.file(TREE), work.file("coarse").join(TREE));
-    let places = if coarse { [contracted, whole] } else { [whole, contracted] };
-    match places.iter().find(|path| path.exists()) {
-        Some(path) => read_tree(path),
-        None => {
-            let remedy = "make one: nystrom-stream cluster --work-dir …";
-            Err(Error::work_dir(work.path(), "holds no hierarchy of parts", remedy))
+    let inner = Path::new("coarse").join(TREE);
+    let inner = inner.to_string_lossy();
+    let names = if coarse { [&*inner, TREE] } else { [TREE, &*inner] };
+    for name in names {
+        if work.holds(name) {
+            return checked(&work.json_text(name)?, &work.file(name));
         }
     }
+    let remedy = "make one: nystrom-stream cluster --work-dir …";
+    Err(Error::work_dir(work.path(), "holds no hierarchy of parts", remedy))
 }
 
 /// Reads a hierarchy of parts as [`write_tree`] writes it.
@@ -128,24 +145,27 @@ pub fn tree_of(work: &WorkDir, coarse: bool) -> Result<PartTree> {
 /// # Errors
 /// [`Error::Io`], [`Error::Malformed`].
 pub fn read_tree(path: &Path) -> Result<PartTree> {
-    let text = std::fs::read(path).map_err(Error::io(path, "read"))?;
+    checked(&std::fs::read(path).map_err(Error::io(path, "read"))?, path)
+}
+
+/// The hierarchy that `text`, the content of `path`, tells.
+fn checked(text: &[u8], path: &Path) -> Result<PartTree> {
     let wrong = |problem: String| Error::malformed(path, "tree", problem, "make it again with `cluster` or `export`");
-    let tree: PartTree = serde_json::from_slice(&text).map_err(|error| wrong(error.to_string()))?;
+    let tree: PartTree = serde_json::from_slice(text).map_err(|error| wrong(error.to_string()))?;
     tree.check().map_err(|error| wrong(error.to_string()))?;
     Ok(tree)
 }
 
-/// Writes a hierarchy of parts as JSON.
+/// Writes a hierarchy of parts as JSON, by rename.
 ///
 /// # Errors
 /// [`Error::Io`].
 pub fn write_tree(tree: &PartTree, path: &Path) -> Result<()> {
-    let text = serde_json::to_vec(tree).unwrap_or_default();
-    std::fs::write(path, text).map_err(Error::io(path, "write"))
+    json::write(path, tree)
 }
 
 /// The spectral numbers of the report, which deciding parts does not need itself: eigenvalues of the landmarks' affinities
-/// under the members' middle width.
+/// under the ensemble's middle width.
 fn numbers(sample: &Sample) -> SegmentStats {
     let sigma = 0.25 * sample.landmarks.mean();
     let kernel = Kernel::Gaussian;

@@ -1,6 +1,6 @@
 //! The embedding of all faces as an array, for other programs: `embedding.npy` (faces × d), in the order of the file.
 //!
-//! `segment` never needs it whole: it extrapolates a chunk at a time. Cost: one pass over `[A B]`, 4 d bytes a face.
+//! `segment` never needs it whole: it extrapolates a chunk at a time. Cost: one pass over `[A B]`; 4 d bytes of disk for each face.
 
 use super::{SegmentParams, parts, rows, rows_for_means};
 use crate::base::Result;
@@ -8,10 +8,11 @@ use crate::base::parallel::{chunk_count, chunk_range, in_order};
 use crate::distance::DistanceRows;
 use crate::graph::{DualGraph, NodeOrder};
 use crate::spectral::{Embedding, EmbeddingParams, SampledColumns};
-use crate::store::stage::options_key;
+use crate::store::needs::{Extent, Needs, Room};
+use crate::store::stage::{Made, Stage};
 use crate::store::{Context, WorkDir};
 use serde::{Deserialize, Serialize};
-use serde_json::json;
+use serde_json::{Value, json};
 
 /// The array of all faces.
 pub const FILE: &str = "embedding.npy";
@@ -34,19 +35,57 @@ pub struct EmbeddingFacts {
 
 /// What the embedding in `work` was made with, where there is one that is whole.
 pub fn kept(work: &WorkDir) -> Option<EmbeddingFacts> {
-    let stage = work.manifest().stages.remove("embedding")?;
-    work.reuse("embedding", 1, &stage.key).ok()
+    work.kept::<EmbeddingStage<'_>>("").ok().map(|kept| kept.facts)
 }
 
 /// Options of the embedding in `work`, where it is of the rows `rows`.
 pub(super) fn kept_params(rows: &str, work: &WorkDir) -> Option<EmbeddingParams> {
-    kept_facts(work).filter(|facts| facts.rows == rows).map(|facts| facts.params)
+    work.told::<EmbeddingStage<'_>>().filter(|facts| facts.rows == rows).map(|facts| facts.params)
 }
 
-/// What the embedding in `work` tells, where there is one.
-pub(super) fn kept_facts(work: &WorkDir) -> Option<EmbeddingFacts> {
-    let stage = work.manifest().stages.remove("embedding")?;
-    serde_json::from_value(stage.facts).ok()
+/// The stage that writes the embedding of all faces.
+pub(super) struct EmbeddingStage<'a> {
+    graph: &'a DualGraph,
+    order: &'a NodeOrder,
+    rows: &'a DistanceRows,
+    params: EmbeddingParams,
+}
+
+impl Stage for EmbeddingStage<'_> {
+    const NAME: &'static str = "embedding";
+    const VERSION: u32 = 1;
+    type Facts = EmbeddingFacts;
+    type Output = EmbeddingFacts;
+
+    fn inputs(&self, context: Context<'_>) -> Value {
+        json!({"rows": self.rows.key, "params": self.params, "seed": context.run.seed})
+    }
+
+    fn progress(&self) -> Option<(&'static str, u64)> {
+        Some(("faces", self.rows.nodes as u64))
+    }
+
+    fn make(self, _: &str, context: Context<'_>) -> Result<Made<Self>> {
+        let columns = SampledColumns::sample(self.rows, &self.graph.nodes, context.run.seed);
+        let embedding = Embedding::fit(self.rows, &columns, self.params)?;
+        write(self.rows, &embedding, self.order, context)?;
+        let facts = EmbeddingFacts {
+            params: self.params,
+            dimensions: embedding.dimensions,
+            sigma: embedding.sigma,
+            eigenvalues: embedding.eigenvalues,
+            rows: self.rows.key.clone(),
+        };
+        Ok(Made { output: facts.clone(), facts, files: vec![FILE] })
+    }
+
+    fn open(self, facts: EmbeddingFacts, _: &str, _: Context<'_>) -> Result<EmbeddingFacts> {
+        Ok(facts)
+    }
+
+    fn needs(extent: &Extent, _: &mut Room) -> Needs {
+        Needs { keeps: 4 * extent.dimensions * extent.faces, ..Needs::default() }
+    }
 }
 
 /// Embeds all faces of the mesh in `work` from the rows that are there, or that `method` asks for where there are none.
@@ -58,30 +97,7 @@ pub fn embed(params: EmbeddingParams, method: &SegmentParams, context: Context<'
     let (graph, input) = DualGraph::kept(context.work)?;
     let order = NodeOrder::kept(&input, context.work)?;
     let rows = some_rows(&graph, params.dimensions, method, context)?;
-    let options = json!({"stage": "embedding", "rows": rows.key, "params": params, "seed": context.run.seed});
-    let key = options_key(&options);
-    match context.work.reuse::<EmbeddingFacts>("embedding", 1, &key) {
-        Ok(facts) => {
-            context.run.progress.note("embedding: reused");
-            return Ok(facts);
-        }
-        Err(reason) => context.run.note_remake("embedding", &reason),
-    }
-    let make = || -> Result<EmbeddingFacts> {
-        let columns = SampledColumns::sample(&rows, &graph.nodes, context.run.seed);
-        let embedding = Embedding::fit(&rows, &columns, params)?;
-        write(&rows, &embedding, &order, context)?;
-        Ok(EmbeddingFacts {
-            params,
-            dimensions: embedding.dimensions,
-            sigma: embedding.sigma,
-            eigenvalues: embedding.eigenvalues,
-            rows: rows.key.clone(),
-        })
-    };
-    let (facts, seconds) = context.run.stage("embedding", "faces", rows.nodes as u64, make)?;
-    context.work.stamp_as("embedding", &key, &options, &[FILE], &facts, seconds)?;
-    Ok(facts)
+    context.stage(EmbeddingStage { graph: &graph, order: &order, rows: &rows, params })
 }
 
 /// The rows that are there, or new ones.

@@ -11,11 +11,14 @@ use crate::distance::DistanceRows;
 use crate::graph::{DualGraph, NodeOrder};
 use crate::mesh::Opened;
 use crate::spectral::EmbeddingParams;
-use crate::store::stage::options_key;
+use crate::store::stage::StageKey;
 use crate::store::{Context, MappedSlice, WorkDir};
 use serde::{Deserialize, Serialize};
 use serde_json::{Value, json};
 use std::path::PathBuf;
+
+/// Version of what the record tells.
+const VERSION: u32 = 1;
 
 /// Which mesh a work directory is of, and under which options it was made.
 #[derive(Clone, Debug, Serialize, Deserialize)]
@@ -49,8 +52,8 @@ impl Record {
             return Ok(());
         }
         self.seed = context.run.seed;
-        let options = json!({"stage": "record", "input": self.identity, "params": self.params, "seed": self.seed});
-        context.work.stamp_as("record", &options_key(&options), &options, &[], &self, 0.)
+        let inputs = json!({"input": self.identity, "params": self.params, "seed": self.seed});
+        context.work.stamp(StageKey::new("record", VERSION, inputs), &[], &self, 0.)
     }
 
     /// The record in `work`.
@@ -122,7 +125,7 @@ pub fn eigenvalues(work: &WorkDir, coarse: bool) -> Result<Eigenvalues> {
     let decided = super::decision::kept_numbers(inner.as_ref().unwrap_or(work));
     let kept = decided.map(|numbers| Eigenvalues { values: numbers.eigenvalues, dropped: numbers.dropped_eigenpairs });
     let embedded = || {
-        let values = super::embed::kept_facts(work)?.eigenvalues;
+        let values = work.told::<super::embed::EmbeddingStage<'_>>()?.eigenvalues;
         Some(Eigenvalues { dropped: values.iter().filter(|value| **value <= 0.).count(), values })
     };
     let remedy = "make them: nystrom-stream embed --work-dir …, or plot the report of `segment --json`";

@@ -5,9 +5,9 @@
 //! one more front moves their boundaries onto creases. Another number of parts needs only the last step.
 
 use super::report::SegmentStats;
-use super::sample::SamplingContext;
-use super::surface::{Kind, Surface};
-use super::{Boundaries, Clustered, SegmentParams, TinyComponents, decision};
+use super::decision::DecisionStage;
+use super::surface::{Kind, Surface, SurfaceStage, WeightedSurface};
+use super::{Boundaries, Clustered, SegmentParams, TinyComponents};
 use crate::base::parallel::{fill_each, map_ranges};
 use crate::base::{Error, Result};
 use crate::cluster::boundary::{self, BoundaryMethod, CellLabels};
@@ -30,23 +30,24 @@ pub(super) fn parts(
 ) -> Result<Clustered> {
     let n = graph.nodes.len();
     let (surface, weighted) = weighted(graph, params, context)?;
+    let whole = WeightedSurface { graph, weighted: &weighted, surface: &surface };
     let Surface { shares, radius, .. } = &surface;
     let decided = if params.coarse && n > contract::NODES {
-        decide_coarsely(graph, &weighted, &surface, params, tree, context)?
+        decide_coarsely(whole, params, tree, context)?
     } else {
         let of_node = surface.cells.of_node.clone();
-        decide(graph, &weighted, &surface, of_node, params, tree, context)?
+        decide(whole, of_node, params, tree, context)?
     };
     let Decided { result, unit_of_node, .. } = &decided;
     let extrapolated = match params.boundaries {
         Boundaries::Front => None,
-        Boundaries::Embedding => Some(places(graph, &weighted, &surface, &decided, params, context)?),
+        Boundaries::Embedding => Some(part_means(whole, &decided, params, context)?),
     };
-    let way =
-        extrapolated.as_ref().map_or(BoundaryMethod::Front, |(places, rows)| BoundaryMethod::Embedding(places, rows));
+    let method =
+        extrapolated.as_ref().map_or(BoundaryMethod::Front, |(means, rows)| BoundaryMethod::Embedding(means, rows));
     let (mut labels, _) = context.run.stage("boundaries", "faces", n as u64, || {
         let cells = CellLabels { of_node: unit_of_node, label: &decided.label };
-        boundary::refine(graph, weighted.csr(), shares, cells, way, context)
+        boundary::refine(graph, weighted.csr(), shares, cells, method, context)
     })?;
     let (mut parts, mut tiny_components_label) = (result.parts, None);
     if params.tiny_components == TinyComponents::Own && shares.tiny_components > 0 {
@@ -68,19 +69,17 @@ pub(super) fn parts(
 }
 
 /// The rows over all faces that the parts were decided with, and where these parts lie in their embedding.
-fn places(
-    graph: &DualGraph,
-    weighted: &WeightedGraph,
-    surface: &Surface,
+fn part_means(
+    whole: WeightedSurface<'_>,
     decided: &Decided,
     params: &SegmentParams,
     context: Context<'_>,
 ) -> Result<(LocalPartMeans, DistanceRows)> {
-    let (rows, b) = SamplingContext { graph, weighted, surface, context }.rows_used(&decided.numbers, params)?;
-    Ok((LocalPartMeans::new(&surface.cells.graph, &b, &decided.label), rows))
+    let (rows, b) = whole.rows_used(&decided.numbers, params, context)?;
+    Ok((LocalPartMeans::new(&whole.surface.cells.graph, &b, &decided.label), rows))
 }
 
-/// Gives the dust, which counts nothing in `share` (n), a label of its own.
+/// Gives the tiny components, which count nothing in `share` (n), a label of their own.
 fn apart(labels: &[u32], share: &[f32], label: u32, context: Context<'_>) -> Result<MappedSlice<u32>> {
     let mut own = context.work.array::<u32>("labels.npy", &[labels.len()])?;
     let of = |i: usize, _| if share[i] == 0. { label } else { labels[i] };
@@ -102,15 +101,13 @@ struct Decided {
 
 /// Rows over all nodes of `graph`, averaged to cells; parts decided on these.
 fn decide(
-    graph: &DualGraph,
-    weighted: &WeightedGraph,
-    surface: &Surface,
+    surface: WeightedSurface<'_>,
     unit_of_node: MappedSlice<u32>,
     params: &SegmentParams,
     tree: Option<&PartTree>,
     context: Context<'_>,
 ) -> Result<Decided> {
-    let (mut all, facts) = decision::decide(graph, weighted, surface, params, context)?;
+    let (mut all, facts) = context.stage(DecisionStage { surface, params })?;
     if let Some(tree) = tree {
         if tree.cells() != all.tree.cells() {
             let problem =
@@ -127,9 +124,7 @@ fn decide(
 
 /// The same on the contracted graph: constant time after one front.
 fn decide_coarsely(
-    graph: &DualGraph,
-    weighted: &WeightedGraph,
-    surface: &Surface,
+    whole: WeightedSurface<'_>,
     params: &SegmentParams,
     tree: Option<&PartTree>,
     context: Context<'_>,
@@ -137,11 +132,13 @@ fn decide_coarsely(
     context.run.progress.note("preview: rows over a contracted mesh instead of all faces (--coarse)");
     let inner = context.work.inner("coarse")?;
     let within = Context::new(&inner, context.run);
+    let WeightedSurface { graph, weighted, surface } = whole;
     let contract = || contract::contract(graph, weighted, &surface.shares, context.work, &inner, context.run);
     let (small, _) = context.run.stage("contraction", "faces", graph.nodes.len() as u64, contract)?;
-    let coarse = Surface::build(&small.graph, Kind::Contracted, within)?;
+    let coarse = within.stage(SurfaceStage { graph: &small.graph, kind: Kind::Contracted })?;
     let of_node = coarse.cells.of_node.clone();
-    let decided = decide(&small.graph, &small.weighted, &coarse, of_node, params, tree, within)?;
+    let contracted = WeightedSurface { graph: &small.graph, weighted: &small.weighted, surface: &coarse };
+    let decided = decide(contracted, of_node, params, tree, within)?;
     let of_small = &decided.unit_of_node;
     Ok(Decided {
         label: of_small.iter().map(|&cell| decided.label[cell as usize]).collect(),
@@ -159,7 +156,7 @@ pub(super) fn weighted(
     params: &SegmentParams,
     context: Context<'_>,
 ) -> Result<(Surface, WeightedGraph)> {
-    let surface = Surface::build(graph, Kind::Faces, context)?;
+    let surface = context.stage(SurfaceStage { graph, kind: Kind::Faces })?;
     let area = 1. / f64::from(surface.shares.unit).powi(2);
     let (normals, radius) = (surface.normals.as_ref(), surface.radius);
     let weighted = graph.weighted_with(params.metric, normals, radius, area, context)?;

@@ -7,19 +7,18 @@
 
 use super::report::SegmentStats;
 use super::rows;
-use super::surface::Surface;
+use super::surface::{Surface, WeightedSurface};
 use super::{SegmentParams, landmarks_for_parts};
 use crate::base::Result;
 use crate::cluster::cells::{self, CellAverages, greatest_share};
 use crate::distance::DistanceRows;
 use crate::distance::VisitedRow;
 use crate::distance::rows::{Landmarks, RowParams};
-use crate::graph::DualGraph;
-use crate::graph::WeightedGraph;
 use crate::landmarks::Sampling;
 use crate::store::Context;
-use crate::store::stage::options_key;
-use serde_json::json;
+use crate::store::needs::{Extent, Needs, Room};
+use crate::store::stage::{Made, Stage};
+use serde_json::{Value, json};
 use std::sync::{Mutex, PoisonError};
 
 /// Greatest share of the surface that may be nearest to a single landmark.
@@ -28,15 +27,6 @@ const OUTLIERS: f64 = 0.8;
 const FEW: usize = 10;
 /// The averages.
 const FILE: &str = "cell_rows.npy";
-
-/// What rows run over, and where they are made.
-#[derive(Clone, Copy)]
-pub(super) struct SamplingContext<'a> {
-    pub graph: &'a DualGraph,
-    pub weighted: &'a WeightedGraph,
-    pub surface: &'a Surface,
-    pub context: Context<'a>,
-}
 
 /// Landmarks, and their distances averaged over cells.
 pub(super) struct Sample {
@@ -56,44 +46,44 @@ impl Sample {
     }
 }
 
-impl SamplingContext<'_> {
+impl WeightedSurface<'_> {
     /// The sample that `params` asks for, of `l` landmarks; where they are farthest points that turned out to be
     /// outliers, one of landmarks drawn by area instead.
     ///
     /// Farthest points are corners that few paths lead out of: mostly tips of limbs, which is what parts are told apart by. A
     /// surface full of pockets, like an isosurface of a scanned body, has pockets for all of them. Then all the rest is
     /// equally far from every landmark, one cluster of the embedding, and one part.
-    pub fn representative(self, l: usize, params: &SegmentParams) -> Result<Sample> {
-        let first = self.sample(l, params)?;
+    pub fn representative(self, l: usize, params: &SegmentParams, context: Context<'_>) -> Result<Sample> {
+        let first = self.sample(l, params, context)?;
         let share = greatest_share(&first.b, &self.surface.cells.graph.area);
         if params.sampling != Sampling::Farthest || l < FEW || share <= OUTLIERS {
             return Ok(first);
         }
-        self.context.run.progress.note(&format!(
+        context.run.progress.note(&format!(
             "landmarks: {:.0} % of the surface is nearest to one of {l}, the others are outliers; drawn by area instead",
             100. * share
         ));
-        self.context.work.remove("distances.npy");
-        self.sample(l, &SegmentParams { sampling: Sampling::Random, ..params.clone() })
+        context.work.remove("distances.npy");
+        self.sample(l, &SegmentParams { sampling: Sampling::Random, ..params.clone() }, context)
     }
 
-    fn sample(self, l: usize, params: &SegmentParams) -> Result<Sample> {
-        if !params.keeps_rows(self.context.work.durable()) {
-            return self.passing(RowParams { l, sampling: params.sampling });
+    fn sample(self, l: usize, params: &SegmentParams, context: Context<'_>) -> Result<Sample> {
+        if !params.keeps_rows(context.work.durable()) {
+            return self.passing(RowParams { l, sampling: params.sampling }, context);
         }
-        let rows = rows(self.graph, self.weighted, l, params, self.context)?;
+        let rows = rows(self.graph, self.weighted, l, params, context)?;
         let before = |k: usize| rows.landmarks[..k].iter().map(|&node| rows.row(k)[node as usize]).collect();
         Ok(Sample {
             landmarks: Landmarks { nodes: rows.landmarks.clone(), facts: rows.facts.clone() },
             between: (0..rows.len()).map(before).collect(),
-            b: self.averages(&rows)?,
+            b: context.stage(CellRows { rows: &rows, surface: self.surface })?,
             sampling: params.sampling,
         })
     }
 
     /// Rows averaged as they come, and forgotten.
-    fn passing(self, params: RowParams<Sampling>) -> Result<Sample> {
-        let SamplingContext { graph, weighted, surface, context } = self;
+    fn passing(self, params: RowParams<Sampling>, context: Context<'_>) -> Result<Sample> {
+        let Self { graph, weighted, surface } = self;
         let average = CellAverages::new(&surface.cells, &surface.shares);
         let seen = Mutex::new(vec![(Vec::new(), Vec::new()); params.l.min(graph.nodes.len())]);
         let look = |row: VisitedRow<'_>| {
@@ -111,27 +101,53 @@ impl SamplingContext<'_> {
     }
 
     /// The rows behind a decision that left `numbers`, and their means over cells: as a rule they are still there.
-    pub fn rows_used(self, numbers: &SegmentStats, params: &SegmentParams) -> Result<(DistanceRows, Vec<f64>)> {
+    pub fn rows_used(
+        self,
+        numbers: &SegmentStats,
+        params: &SegmentParams,
+        context: Context<'_>,
+    ) -> Result<(DistanceRows, Vec<f64>)> {
         let params = SegmentParams { sampling: numbers.sampling.unwrap_or(params.sampling), ..params.clone() };
         let l = params.landmarks.unwrap_or(landmarks_for_parts(self.graph.nodes.len()));
-        let rows = rows(self.graph, self.weighted, l, &params, self.context)?;
-        let b = self.averages(&rows)?;
+        let rows = rows(self.graph, self.weighted, l, &params, context)?;
+        let b = context.stage(CellRows { rows: &rows, surface: self.surface })?;
         Ok((rows, b))
     }
+}
 
-    /// The rows averaged over cells: made, or reused.
-    fn averages(self, rows: &DistanceRows) -> Result<Vec<f64>> {
-        let SamplingContext { surface, context, .. } = self;
-        let Context { work, run } = context;
-        let options = json!({"stage": "cell rows", "rows": rows.key, "surface": surface.key});
-        let key = options_key(&options);
-        if work.reuse::<()>("cell rows", 1, &key).is_ok() {
-            return Ok(work.open_array::<f64>(FILE)?.to_vec());
-        }
-        let average = || cells::average(rows, &surface.cells, &surface.shares, run);
-        let (b, seconds) = run.stage("cell rows", "rows", rows.len() as u64, average)?;
-        work.write(FILE, &b, surface.cells.len())?;
-        work.stamp_as("cell rows", &key, &options, &[FILE], &(), seconds)?;
-        Ok(b)
+/// The stage that averages kept rows over cells.
+struct CellRows<'a> {
+    rows: &'a DistanceRows,
+    surface: &'a Surface,
+}
+
+impl Stage for CellRows<'_> {
+    const NAME: &'static str = "cell rows";
+    const VERSION: u32 = 1;
+    type Facts = ();
+    /// Mean distances of cells, row-major l × S.
+    type Output = Vec<f64>;
+
+    fn inputs(&self, _: Context<'_>) -> Value {
+        json!({"rows": self.rows.key, "surface": self.surface.key})
+    }
+
+    fn progress(&self) -> Option<(&'static str, u64)> {
+        Some(("rows", self.rows.len() as u64))
+    }
+
+    fn make(self, _: &str, context: Context<'_>) -> Result<Made<Self>> {
+        let Self { rows, surface } = self;
+        let b = cell_rows::average(rows, &surface.cells, &surface.shares, context.run)?;
+        context.work.write(FILE, &b, surface.cells.len())?;
+        Ok(Made { output: b, facts: (), files: vec![FILE] })
+    }
+
+    fn open(self, (): (), _: &str, context: Context<'_>) -> Result<Vec<f64>> {
+        Ok(context.work.open_array::<f64>(FILE)?.to_vec())
+    }
+
+    fn needs(_: &Extent, _: &mut Room) -> Needs {
+        Needs::default()
     }
 }

@@ -12,12 +12,15 @@ use crate::graph::WeightedGraph;
 use crate::graph::{Node, nodes};
 use crate::landmarks::Sampling;
 use crate::mesh::Opened;
-use crate::store::stage::options_key;
+use crate::store::stage::StageKey;
 use crate::store::{Context, MappedSlice, Run, WorkDir};
 use serde::{Deserialize, Serialize};
 use serde_json::{Value, json};
 use std::path::Path;
 use std::time::Duration;
+
+/// Version of what the stage tells.
+const VERSION: u32 = 1;
 
 /// What the stage keeps.
 #[derive(Debug, Serialize, Deserialize)]
@@ -29,12 +32,13 @@ struct Facts {
     sampling: Sampling,
 }
 
-fn options(identity: &Value, params: &SegmentParams, run: &Run) -> Value {
+/// What identifies the rows that are shared out.
+fn shared_rows(identity: &Value, params: &SegmentParams, run: &Run) -> StageKey {
     let rows = json!({
         "landmarks": params.landmarks, "sampling": params.sampling, "metric": params.metric, "order": params.order,
         "cluster": params.cluster, "count": params.parts.count,
     });
-    json!({"stage": "sharding", "input": identity, "rows": rows, "seed": run.seed})
+    StageKey::new("sharding", VERSION, json!({"input": identity, "rows": rows, "seed": run.seed}))
 }
 
 /// Landmarks that `params` asks for on a mesh of `faces` faces.
@@ -58,9 +62,8 @@ fn prepare(opened: &Opened, identity: &Value, params: &SegmentParams, context: C
         Cluster::KMeans | Cluster::TwoMeans => graph.weighted(params.metric, context)?,
         Cluster::Parts => parts::weighted(&graph, params, context)?.1,
     };
-    let options = options(identity, params, context.run);
     let facts = Facts { weights: weighted.key.clone(), l, sampling: params.sampling };
-    context.work.stamp_as("sharding", &options_key(&options), &options, &[], &facts, 0.)?;
+    context.work.stamp(shared_rows(identity, params, context.run), &[], &facts, 0.)?;
     Ok(weighted)
 }
 
@@ -88,12 +91,12 @@ pub fn one(
     open: impl Fn(&WorkDir) -> Result<Opened>,
     run: &Run,
 ) -> Result<()> {
-    let key = options_key(&options(identity, params, run));
+    let StageKey { name, version, key, .. } = shared_rows(identity, params, run);
     let mut told = false;
     loop {
         run.cancel.check()?;
         if let Some(work) = WorkDir::try_open(path, true)?
-            && let Ok(facts) = work.reuse::<Facts>("sharding", 1, &key)
+            && let Ok(facts) = work.reuse::<Facts>(name, version, &key)
         {
             let weighted = WeightedGraph::open(facts.weights, &work)?;
             let nodes: MappedSlice<Node> = work.open_array(nodes::FILE)?;

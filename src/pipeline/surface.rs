@@ -1,19 +1,26 @@
 //! The surface as deciding parts needs it: shares of area, normals at a radius, cells. A stage of its own, independent
 //! of landmarks, weights and numbers of parts.
+//!
+//! Cost: two or three fronts of small radius from every face (normals), one front from two thousand seeds (cells); 8 to
+//! 20 bytes a face are kept.
 
 use crate::base::parallel::map_chunks;
-use crate::base::{Error, Result};
+use crate::base::Result;
 use crate::cluster::area_shares::AreaShares;
 use crate::cluster::cells::{Cells, SmoothedNormals};
 use crate::cluster::normals::{self, Normals, RADII};
 use crate::cluster::parts::CellGraph;
 use crate::graph::DualGraph;
-use crate::store::stage::options_key;
-use crate::store::{Context, MappedSlice, WorkDir};
+use crate::graph::dual::WeightedGraph;
+use crate::store::needs::{Extent, Needs, Room};
+use crate::store::stage::{Made, Stage};
+use crate::store::{Context, MappedSlice};
 use serde::{Deserialize, Serialize};
-use serde_json::json;
+use serde_json::{Value, json};
 
 const NORMALS: [&str; 3] = ["normals_01.npy", "normals_02.npy", "normals_04.npy"];
+const SHARES: &str = "surface_shares.npy";
+const CELLS: &str = "cells.npy";
 const CELL_GRAPH: &str = "cell_graph.json";
 
 /// What the nodes of a graph are.
@@ -37,9 +44,17 @@ pub(super) struct Surface {
     pub key: String,
 }
 
+/// A graph with its weights and its surface: what rows run over, and what they are averaged to.
+#[derive(Clone, Copy)]
+pub(super) struct WeightedSurface<'a> {
+    pub graph: &'a DualGraph,
+    pub weighted: &'a WeightedGraph,
+    pub surface: &'a Surface,
+}
+
 /// What the manifest keeps.
 #[derive(Debug, Serialize, Deserialize)]
-struct Facts {
+pub(super) struct SurfaceFacts {
     unit: f32,
     tiny_components: u64,
     /// Index into [`RADII`] of the normals in use.
@@ -48,30 +63,37 @@ struct Facts {
     turning: Vec<f64>,
 }
 
-impl Surface {
-    /// Makes the surface of `graph`, or opens it where that was done.
-    ///
-    /// # Errors
-    /// [`Error::Io`], [`Error::Cancelled`].
-    pub fn build(graph: &DualGraph, kind: Kind, context: Context<'_>) -> Result<Self> {
-        let options = json!({"stage": "surface", "graph": graph.key, "seed": context.run.seed});
-        let key = options_key(&options);
-        if let Ok(facts) = context.work.reuse::<Facts>("surface", 1, &key) {
-            context.run.progress.note("surface: reused");
-            return Self::open(facts, context.work, key);
-        }
+/// The stage that makes a [`Surface`].
+pub(super) struct SurfaceStage<'a> {
+    /// The graph whose surface it is.
+    pub graph: &'a DualGraph,
+    /// What its nodes are.
+    pub kind: Kind,
+}
+
+impl Stage for SurfaceStage<'_> {
+    const NAME: &'static str = "surface";
+    const VERSION: u32 = 1;
+    type Facts = SurfaceFacts;
+    type Output = Surface;
+
+    fn inputs(&self, context: Context<'_>) -> Value {
+        json!({"graph": self.graph.key, "seed": context.run.seed})
+    }
+
+    fn make(self, key: &str, context: Context<'_>) -> Result<Made<Self>> {
+        let Self { graph, kind } = self;
         let n = graph.nodes.len() as u64;
         let shares = AreaShares::of(graph, context)?;
-        let ([fine, medium, coarse], spent) =
+        let ([fine, medium, coarse], _) =
             context.run.stage("normals", "faces", n, || smooth(graph, kind, &shares, context))?;
         let turning = normals::total_turning(graph, &shares, &[&fine, &medium], context.run)?;
         let radius = normals::choose_radius(&turning);
         let smooth = SmoothedNormals { fine: &fine, medium: &medium, coarse: &coarse };
-        let (cells, seconds) =
-            context.run.stage("cells", "faces", n, || Cells::cut(graph, &shares, smooth, context))?;
+        let (cells, _) = context.run.stage("cells", "faces", n, || Cells::cut(graph, &shares, smooth, context))?;
         drop(coarse);
         let normals = radius.map(|k| [fine, medium][k].clone());
-        let mut files = vec!["surface_shares.npy", "cells.npy", CELL_GRAPH];
+        let mut files = vec![SHARES, CELLS, CELL_GRAPH];
         for (k, name) in NORMALS.into_iter().enumerate() {
             if radius == Some(k) {
                 files.push(name);
@@ -79,27 +101,37 @@ impl Surface {
                 context.work.remove(name);
             }
         }
-        let path = context.work.file(CELL_GRAPH);
-        let text = serde_json::to_vec(&cells.graph).unwrap_or_default();
-        std::fs::write(&path, text).map_err(Error::io(&path, "write"))?;
-        let facts = Facts { unit: shares.unit, tiny_components: shares.tiny_components, radius, turning };
-        context.work.stamp_as("surface", &key, &options, &files, &facts, spent + seconds)?;
-        Ok(Self { shares, cells, normals, radius: radius.map_or(0., |k| RADII[k]), key })
+        context.work.write_json(CELL_GRAPH, &cells.graph)?;
+        let facts = SurfaceFacts { unit: shares.unit, tiny_components: shares.tiny_components, radius, turning };
+        let radius = radius.map_or(0., |k| RADII[k]);
+        let output = Surface { shares, cells, normals, radius, key: key.to_string() };
+        Ok(Made { output, facts, files })
     }
 
-    fn open(facts: Facts, work: &WorkDir, key: String) -> Result<Self> {
-        let path = work.file(CELL_GRAPH);
-        let text = std::fs::read(&path).map_err(Error::io(&path, "read"))?;
-        let graph: CellGraph = serde_json::from_slice(&text)
-            .map_err(|error| Error::work_dir(&path, error.to_string(), "delete the work directory"))?;
-        let share = work.open_array("surface_shares.npy")?;
-        Ok(Self {
-            shares: AreaShares { share, unit: facts.unit, tiny_components: facts.tiny_components },
-            cells: Cells { of_node: work.open_array("cells.npy")?, graph },
-            normals: facts.radius.and_then(|k| NORMALS.get(k)).map(|name| work.open_array(name)).transpose()?,
-            radius: facts.radius.and_then(|k| RADII.get(k)).copied().unwrap_or(0.),
-            key,
+    fn open(self, facts: SurfaceFacts, key: &str, context: Context<'_>) -> Result<Surface> {
+        let work = context.work;
+        let SurfaceFacts { unit, tiny_components, radius, .. } = facts;
+        Ok(Surface {
+            shares: AreaShares { share: work.open_array(SHARES)?, unit, tiny_components },
+            cells: Cells { of_node: work.open_array(CELLS)?, graph: work.read_json(CELL_GRAPH)? },
+            normals: radius.and_then(|k| NORMALS.get(k)).map(|name| work.open_array(name)).transpose()?,
+            radius: radius.and_then(|k| RADII.get(k)).copied().unwrap_or(0.),
+            key: key.to_string(),
         })
+    }
+
+    fn needs(extent: &Extent, room: &mut Room) -> Needs {
+        let (n, corners) = (extent.faces, extent.corners);
+        let held = room.take(20 * n);
+        let passing = room.take(36 * n + 4 * corners);
+        room.give_back(passing);
+        Needs {
+            // Not all of what passes is there at a time.
+            memory: (24 << 20) + room.used() + passing / 2,
+            keeps: 20 * n - held,
+            passing: 36 * n + 4 * corners - passing,
+            frees: 0,
+        }
     }
 }
 

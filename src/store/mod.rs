@@ -6,6 +6,7 @@
 
 pub mod budget;
 pub mod in_memory;
+pub mod json;
 pub mod manifest;
 pub mod mapped;
 pub mod needs;

@@ -100,7 +100,8 @@ impl Context<'_> {
     /// Those of [`Stage::make`] and [`Stage::open`]; [`Error::Io`] where the manifest cannot be written.
     pub fn stage<S: Stage>(self, stage: S) -> Result<S::Output> {
         let inputs = stage.inputs(self);
-        let key = key_of(S::NAME, S::VERSION, &inputs);
+        let made_of = StageKey::of::<S>(inputs);
+        let key = made_of.key.clone();
         match self.work.reuse::<S::Facts>(S::NAME, S::VERSION, &key) {
             Ok(facts) => {
                 self.run.progress.note(&format!("{}: reused", S::NAME));
@@ -117,7 +118,6 @@ impl Context<'_> {
                 (made, start.elapsed().as_secs_f64())
             }
         };
-        let made_of = StageKey { name: S::NAME, version: S::VERSION, key, inputs };
         self.work.stamp(made_of, &made.files, &made.facts, seconds)?;
         Ok(made.output)
     }
@@ -137,9 +137,14 @@ pub struct StageKey {
 }
 
 impl StageKey {
+    /// The key of version `version` of the stage `name` under `inputs`.
+    pub fn new(name: &'static str, version: u32, inputs: Value) -> Self {
+        Self { name, version, key: key_of(name, version, &inputs), inputs }
+    }
+
     /// The key of the stage `S` under `inputs`.
     pub fn of<S: Stage>(inputs: Value) -> Self {
-        Self { name: S::NAME, version: S::VERSION, key: key_of(S::NAME, S::VERSION, &inputs), inputs }
+        Self::new(S::NAME, S::VERSION, inputs)
     }
 }
 
@@ -172,6 +177,12 @@ impl WorkDir {
             .look_up::<S::Facts>(S::NAME, S::VERSION, &stage.key)
             .map_err(|problem| Error::work_dir(self.path(), format!("{}: {problem}", S::NAME), remedy))?;
         Ok(Kept { facts, key: stage.key, inputs: stage.inputs })
+    }
+
+    /// What the manifest tells of the stage `S`, whether its files are whole or not.
+    pub fn told<S: Stage>(&self) -> Option<S::Facts> {
+        let record = self.manifest().stages.remove(S::NAME).filter(|record| record.version == S::VERSION)?;
+        serde_json::from_value(record.facts).ok()
     }
 
     fn look_up<T: DeserializeOwned>(&self, stage: &str, version: u32, key: &str) -> Result<T, String> {

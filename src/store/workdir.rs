@@ -14,6 +14,7 @@ use super::in_memory::{AlignedBuffer, InMemoryArrays};
 use super::manifest::FORMAT;
 use super::manifest::MANIFEST;
 pub use super::manifest::{Manifest, checksum};
+use super::json;
 use super::npy::{self, ArrayMut, ArrayWriter, Item};
 use super::rows_file::{MOST_HELD, RowsFile};
 use super::{MappedSlice, MappedSliceMut};
@@ -325,10 +326,9 @@ impl WorkDir {
     /// Writes `value` as JSON: into memory, where arrays are held and there is room, else as a file, by rename.
     ///
     /// # Errors
-    /// [`Error::Io`]; [`Error::WorkDir`] for a value that JSON cannot tell.
+    /// [`Error::Io`]; [`Error::Unusable`] for a value that JSON cannot tell.
     pub fn write_json(&self, name: &str, value: &impl Serialize) -> Result<()> {
-        let problem = |error: serde_json::Error| Error::work_dir(self.place(name), error.to_string(), "report this");
-        let text = serde_json::to_vec(value).map_err(problem)?;
+        let text = json::text(&self.place(name), value)?;
         if let Some((mut buffer, arrays)) = self.room(text.len()) {
             buffer.bytes_mut()[..text.len()].copy_from_slice(&text);
             if let Some(bytes) = MappedSliceMut::<u8>::held(buffer, text.len()).freeze() {
@@ -336,10 +336,12 @@ impl WorkDir {
             }
             return Ok(());
         }
-        let path = self.file(name);
-        let partial = npy::partial_name(&path);
-        std::fs::write(&partial, text).map_err(Error::io(&partial, "write"))?;
-        std::fs::rename(&partial, &path).map_err(Error::io(&partial, "rename"))
+        json::publish(&self.file(name), &text)
+    }
+
+    /// Whether there is a file or an array in memory of the name `name`.
+    pub fn holds(&self, name: &str) -> bool {
+        self.bytes_in_memory(name).is_some() || self.place(name).exists()
     }
 
     /// The text of the JSON file `name`.

@@ -37,7 +37,7 @@ use crate::graph::{DualGraph, GraphFacts, Metric, NodeOrder};
 use crate::landmarks::Sampling;
 use crate::mesh::Opened;
 use crate::spectral::EmbeddingParams;
-use crate::store::stage::options_key;
+use crate::store::stage::StageKey;
 use crate::store::{Context, MappedSlice};
 use k_means::Fit;
 use report::SegmentStats;
@@ -133,6 +133,8 @@ pub fn landmarks_for_parts(faces: usize) -> usize {
     }
 }
 
+/// Version of how labels come of parts.
+const LABELS_VERSION: u32 = 1;
 /// The colour of dust that is a part of its own.
 const TINY_COMPONENTS_COLOUR: [u8; 3] = [128; 3];
 
@@ -199,9 +201,10 @@ fn label(
     if let Some(tiny_components) = numbers.tiny_components_label {
         colours[tiny_components as usize] = TINY_COMPONENTS_COLOUR;
     }
-    let options = json!({"stage": "labels", "graph": graph.key, "params": params, "seed": context.run.seed});
+    let inputs = json!({"graph": graph.key, "params": params, "seed": context.run.seed});
     let facts = kept::LabelFacts { faces: numbers.faces.clone(), colours: colours.clone() };
-    context.work.stamp_as("labels", &options_key(&options), &options, &["labels.npy", "quality.npy"], &facts, 0.)?;
+    let stage = StageKey::new("labels", LABELS_VERSION, inputs);
+    context.work.stamp(stage, &["labels.npy", "quality.npy"], &facts, 0.)?;
     Ok(Segmentation { colours, labels, quality, order: order.facts, graph: graph.facts.clone(), numbers })
 }
 
