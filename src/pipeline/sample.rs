@@ -138,7 +138,7 @@ impl Stage for CellRows<'_> {
 
     fn make(self, _: &str, context: Context<'_>) -> Result<Made<Self>> {
         let Self { rows, surface } = self;
-        let b = cell_rows::average(rows, &surface.cells, &surface.shares, context.run)?;
+        let b = cells::average(rows, &surface.cells, &surface.shares, context.run)?;
         context.work.write(FILE, &b, surface.cells.len())?;
         Ok(Made { output: b, facts: (), files: vec![FILE] })
     }
