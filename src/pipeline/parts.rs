@@ -4,8 +4,8 @@
 //! weights, rows, cells; then the parts are decided on cells, in constant time, as a whole tree of answers, and
 //! one more front moves their boundaries onto creases. Another number of parts needs only the last step.
 
-use super::report::SegmentStats;
 use super::decision::DecisionStage;
+use super::report::SegmentStats;
 use super::surface::{Kind, Surface, SurfaceStage, WeightedSurface};
 use super::{Boundaries, Clustered, SegmentParams, TinyComponents};
 use crate::base::parallel::{fill_each, map_ranges};
