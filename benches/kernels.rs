@@ -17,7 +17,7 @@ use nystrom_stream::distance::{DistanceRows, Front};
 use nystrom_stream::graph::WeightedGraph;
 use nystrom_stream::graph::{DualGraph, Metric};
 use nystrom_stream::landmarks::Sampling;
-use nystrom_stream::mesh::{self, Opened};
+use nystrom_stream::mesh::{self, Mesh};
 use nystrom_stream::spectral::measures::Gamma;
 use nystrom_stream::spectral::{Embedding, EmbeddingParams, SampledColumns, exp::exp};
 use nystrom_stream::store::Context;
@@ -28,7 +28,7 @@ use std::path::Path;
 
 /// A creature with its graph.
 struct Prepared {
-    opened: Opened,
+    opened: Mesh,
     graph: DualGraph,
     weighted: WeightedGraph,
     work: WorkDir,
@@ -45,7 +45,7 @@ fn prepare(shuffle: bool) -> Prepared {
     creature.write_ply(&path, &run).expect("room for a mesh");
     let opened = mesh::open(&path, folder.path(), &run).expect("a mesh");
     let work = WorkDir::temporary(folder.path()).expect("a work directory");
-    let graph = DualGraph::build(&opened.mesh, &path, &json!(1), Context::new(&work, &run)).expect("a graph");
+    let graph = DualGraph::build(&opened, &path, &json!(1), Context::new(&work, &run)).expect("a graph");
     let weighted = graph.weighted(Metric::default(), Context::new(&work, &run)).expect("weights");
     Prepared { opened, graph, weighted, work, folder }
 }
@@ -120,11 +120,11 @@ fn building(criterion: &mut Criterion) {
     for order in ["scan", "random"] {
         let prepared = prepare(order == "random");
         let run = Run::new(&());
-        group.throughput(Throughput::Elements(prepared.opened.mesh.faces.len() as u64));
+        group.throughput(Throughput::Elements(prepared.opened.faces.len() as u64));
         group.bench_function(order, |bencher| {
             bencher.iter(|| {
                 let work = WorkDir::temporary(prepared.folder.path()).expect("a work directory");
-                DualGraph::build(&prepared.opened.mesh, Path::new("creature"), &json!(1), Context::new(&work, &run))
+                DualGraph::build(&prepared.opened, Path::new("creature"), &json!(1), Context::new(&work, &run))
                     .map(drop)
             });
         });

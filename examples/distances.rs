@@ -17,7 +17,7 @@ fn distances(path: &Path, l: usize) -> Result<()> {
     let run = Run::new(&());
     let work = WorkDir::temporary(&std::env::temp_dir())?;
     let opened = mesh::open(path, work.path(), &run)?;
-    let graph = DualGraph::build(&opened.mesh, path, &input::identity(path)?, Context::new(&work, &run))?;
+    let graph = DualGraph::build(&opened, path, &input::identity(path)?, Context::new(&work, &run))?;
     println!("{} faces, {} edges, {} components", graph.nodes.len(), graph.facts.edges, graph.facts.components);
 
     let weighted = graph.weighted(Metric::Geodesic, Context::new(&work, &run))?;

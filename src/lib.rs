@@ -18,7 +18,7 @@
 //!
 //! let opened = nystrom_stream::mesh::open(&path, work.path(), &run)?;
 //! let cut = segment(&opened, &input::identity(&path)?, &SegmentParams::default(), Context::new(&work, &run))?;
-//! assert_eq!(cut.labels.len(), opened.mesh.faces.len());
+//! assert_eq!(cut.labels.len(), opened.faces.len());
 //! println!("{} parts", cut.numbers.faces.len());
 //! # Ok(())
 //! # }

@@ -17,7 +17,7 @@ use nystrom_stream::distance::rows::RowParams;
 use nystrom_stream::distance::vertex_rows::{self, Distance};
 use nystrom_stream::graph::VertexGraph;
 use nystrom_stream::landmarks::Sampling;
-use nystrom_stream::mesh::{self, Opened};
+use nystrom_stream::mesh::{self, Mesh};
 use nystrom_stream::spectral::Kernel;
 use nystrom_stream::spectral::nystrom::{Eigenvectors, OrthogonalEmbedding, OrthogonalParams, Point};
 use nystrom_stream::store::{Context, Run, WorkDir};
@@ -116,7 +116,7 @@ struct Trial {
 
 /// A mesh of a series with its graph.
 struct Member {
-    opened: Opened,
+    opened: Mesh,
     graph: VertexGraph,
     work: WorkDir,
     /// All distances, once the un-sampled case asked for them.
@@ -135,7 +135,7 @@ impl Member {
     fn open(path: &Path, run: &Run) -> Result<Self> {
         let work = WorkDir::temporary(&std::env::temp_dir())?;
         let opened = mesh::open(path, work.path(), run)?;
-        let graph = VertexGraph::build(&opened.mesh, path, Context::new(&work, run))?;
+        let graph = VertexGraph::build(&opened, path, Context::new(&work, run))?;
         Ok(Self { opened, graph, work, distances: OnceCell::new() })
     }
 
@@ -173,7 +173,7 @@ impl Member {
                 (points.to_vec(), fit.variance, Some(rows))
             }
         };
-        let tensor = Tensor::of(&self.opened.mesh, &points, variance.len(), run)?;
+        let tensor = Tensor::of(&self.opened, &points, variance.len(), run)?;
         Ok(Embedded { points, variance, tensor, rows })
     }
 }
@@ -215,7 +215,7 @@ fn series(folder: &Path, options: &Options, run: &Run) -> Result<Vec<Trial>> {
     let base = Member::open(&base_path, run)?;
     let bits = |p: [f64; 3]| p.map(f64::to_bits);
     let place: HashMap<[u64; 3], u32> =
-        (0..base.graph.len() as u32).map(|v| (bits(base.opened.mesh.positions.get(v)), v)).collect();
+        (0..base.graph.len() as u32).map(|v| (bits(base.opened.positions.get(v)), v)).collect();
     let mut paths: Vec<PathBuf> = std::fs::read_dir(folder)
         .map_err(Error::io(folder, "list"))?
         .flatten()
@@ -230,7 +230,7 @@ fn series(folder: &Path, options: &Options, run: &Run) -> Result<Vec<Trial>> {
         let whole = base.embed(way, options, run)?;
         for (path, member) in paths.iter().zip(&members) {
             let truth: Vec<Option<u32>> = (0..member.graph.len() as u32)
-                .map(|v| place.get(&bits(member.opened.mesh.positions.get(v))).copied())
+                .map(|v| place.get(&bits(member.opened.positions.get(v))).copied())
                 .collect();
             let part = member.embed(way, options, run)?;
             let k = part.variance.len().min(whole.variance.len());

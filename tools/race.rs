@@ -49,7 +49,7 @@ fn race(arguments: &Arguments) -> Result<()> {
     let mut run = Run::new(&());
     let work = WorkDir::temporary(&std::env::temp_dir())?.holding(&run.budget);
     let opened = mesh::open(&arguments.mesh, work.path(), &run)?;
-    let graph = DualGraph::build(&opened.mesh, &arguments.mesh, &serde_json::Value::Null, Context::new(&work, &run))?;
+    let graph = DualGraph::build(&opened, &arguments.mesh, &serde_json::Value::Null, Context::new(&work, &run))?;
     let n = graph.nodes.len();
     for (name, metric) in [("scale-free", Metric::default()), ("paper", Metric::paper())] {
         let weighted = graph.weighted(metric, Context::new(&work, &run))?;

@@ -10,6 +10,7 @@ use clap::Parser;
 use nystrom_stream::base::random::{Random, below, stream, unit};
 use nystrom_stream::base::{Error, Result};
 use nystrom_stream::mesh;
+use nystrom_stream::mesh::ply::{Encoding, HeaderWriter, Scalar};
 use nystrom_stream::store::{Run, npy};
 use std::collections::HashMap;
 use std::io::{BufWriter, Write};
@@ -58,10 +59,9 @@ fn main() -> ExitCode {
 fn run(options: &Options) -> Result<()> {
     let scratch = tempfile::tempdir().map_err(Error::io(std::env::temp_dir(), "create a folder in"))?;
     let opened = mesh::open(&options.input, scratch.path(), &Run::new(&()))?;
-    let mut points: Vec<Point> =
-        (0..opened.mesh.positions.len() as u32).map(|v| opened.mesh.positions.get(v)).collect();
+    let mut points: Vec<Point> = (0..opened.positions.len() as u32).map(|v| opened.positions.get(v)).collect();
     let (mut faces, mut others) = (Vec::new(), 0);
-    opened.mesh.faces.for_each(0..opened.mesh.faces.len(), |_, corners| match *corners {
+    opened.faces.for_each(0..opened.faces.len(), |_, corners| match *corners {
         [a, b, c] => faces.push([a, b, c]),
         _ => others += 1,
     });
@@ -164,10 +164,10 @@ fn permutation(n: usize, draw: &mut Random) -> Vec<u32> {
 
 fn write(path: &Path, points: &[Point], faces: &[[u32; 3]]) -> std::io::Result<()> {
     let mut out = BufWriter::new(std::fs::File::create(path)?);
-    let (vertices, count) = (points.len(), faces.len());
-    write!(out, "ply\nformat binary_little_endian 1.0\nelement vertex {vertices}\n")?;
-    write!(out, "property float x\nproperty float y\nproperty float z\nelement face {count}\n")?;
-    write!(out, "property list uchar int vertex_indices\nend_header\n")?;
+    let mut header = HeaderWriter::new(Encoding::Little);
+    header.element("vertex", points.len() as u64).positions(false);
+    header.element("face", faces.len() as u64).corners(Scalar::U8, Scalar::I32);
+    out.write_all(&header.finish())?;
     for x in points.iter().flatten() {
         out.write_all(&(*x as f32).to_le_bytes())?;
     }

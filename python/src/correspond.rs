@@ -95,7 +95,7 @@ pub fn correspond(
     let (found, report) = with_run(py, &options, progress, |run, _| {
         let open = |k: usize| mesh::open(&folders[k].join("input.ply"), &folders[k], run);
         let (a, b) = (open(0)?, open(1)?);
-        let vertices = a.mesh.positions.len().max(b.mesh.positions.len());
+        let vertices = a.positions.len().max(b.positions.len());
         params.landmarks = options.landmarks.unwrap_or(default_landmarks(vertices));
         let result = match_meshes(&a, &b, None, &params, Context::new(&work, run))?;
         let report = json!({

@@ -204,7 +204,7 @@ fn segment_file(
 fn read_mesh(py: Python<'_>, path: PathBuf) -> PyResult<(Py<PyArray2<f64>>, Py<PyArray2<u32>>)> {
     let read = |path: &Path| -> Result<_, Error> {
         let scratch = tempfile::tempdir().map_err(Error::io(path, "make a temporary folder for"))?;
-        let mesh = mesh::open(path, scratch.path(), &Run::new(&()))?.mesh;
+        let mesh = mesh::open(path, scratch.path(), &Run::new(&()))?;
         let vertices: Vec<[f64; 3]> = (0..mesh.positions.len() as u32).map(|v| mesh.positions.get(v)).collect();
         let mut faces: Vec<[u32; 3]> = Vec::with_capacity(mesh.faces.len());
         mesh.faces.for_each(0..mesh.faces.len(), |_, at| {

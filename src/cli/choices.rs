@@ -9,7 +9,7 @@ use nystrom_stream::cluster::parts::Decision;
 use nystrom_stream::distance::vertex_rows::Distance;
 use nystrom_stream::graph::{Metric, Order};
 use nystrom_stream::landmarks::Sampling;
-use nystrom_stream::mesh::labelled::PlyForm;
+use nystrom_stream::mesh::ply::labelled::PlyForm;
 use nystrom_stream::pipeline::{Boundaries, Cluster, TinyComponents};
 use nystrom_stream::spectral::{Kernel, Normalisation};
 

@@ -11,8 +11,8 @@ use nystrom_stream::apps::picture::PictureParams;
 use nystrom_stream::base::{Error, Result};
 use nystrom_stream::distance::vertex_rows::Distance;
 use nystrom_stream::landmarks::Sampling;
-use nystrom_stream::mesh::columns::Of;
-use nystrom_stream::mesh::{self, Opened, annotated};
+use nystrom_stream::mesh::ply::ElementKind;
+use nystrom_stream::mesh::{self, Mesh, ply};
 use nystrom_stream::pipeline::correspond::{CorrespondParams, Correspondence, correspond, default_landmarks};
 use nystrom_stream::pipeline::input;
 use nystrom_stream::spectral::nystrom::OrthogonalParams;
@@ -144,16 +144,16 @@ pub fn run(args: &CorrespondArgs, app: &AppContext) -> Result<(), CliError> {
     let run = args.run.run(&bars, app);
     let beside = || outputs().next().map_or_else(std::env::temp_dir, |path| folder_of(path));
     let work = args.run.work(args.work_dir.as_deref(), beside, &run)?;
-    let open = |path: &Path, name: &str| -> Result<Opened> {
+    let open = |path: &Path, name: &str| -> Result<Mesh> {
         let scratch = work.file(name);
         std::fs::create_dir_all(&scratch).map_err(Error::io(&scratch, "create"))?;
         let (opened, _) = run.stage("read", "bytes", 0, || mesh::open(path, &scratch, &run))?;
-        opened.notes.iter().for_each(|note| run.progress.note(note));
+        opened.notes().iter().for_each(|note| run.progress.note(note));
         Ok(opened)
     };
     let (a, b) = (open(&args.a, "mesh-a")?, open(&args.b, "mesh-b")?);
     if args.method.landmarks.is_none() {
-        params.landmarks = default_landmarks(a.mesh.positions.len().max(b.mesh.positions.len()));
+        params.landmarks = default_landmarks(a.positions.len().max(b.positions.len()));
     }
     let inputs = args.work_dir.as_ref().map(|_| Ok::<_, Error>([input::identity(&args.a)?, input::identity(&args.b)?]));
     let result = correspond(&a, &b, inputs.transpose()?.as_ref(), &params, Context::new(&work, &run))?;
@@ -186,29 +186,29 @@ pub fn run(args: &CorrespondArgs, app: &AppContext) -> Result<(), CliError> {
 }
 
 /// Writes colours, picture and what is carried, where asked for.
-fn show(args: &CorrespondArgs, a: &Opened, b: &Opened, matches: &[Match], context: Context<'_>) -> Result<()> {
+fn show(args: &CorrespondArgs, a: &Mesh, b: &Mesh, matches: &[Match], context: Context<'_>) -> Result<()> {
     if !args.colours.is_empty() || args.picture.is_some() {
         let colours = match args.colour_by {
-            ColourArg::Position => Colours::by_position(&b.mesh, context)?,
+            ColourArg::Position => Colours::by_position(&b, context)?,
             ColourArg::Parts => Colours::by_parts(b, context)?,
         };
         if let [to_a, to_b] = &args.colours[..] {
             let (of_a, of_b) = (|v: usize| colours.of_match(&matches[v]), |v| colours.of_b(v));
-            annotated::write_annotated(to_a, &a.mesh, &annotated::colours(of_a), &[], context.run)?;
-            annotated::write_annotated(to_b, &b.mesh, &annotated::colours(of_b), &[], context.run)?;
+            ply::write_annotated(to_a, &a, &ply::plain::colours(of_a), &[], context.run)?;
+            ply::write_annotated(to_b, &b, &ply::plain::colours(of_b), &[], context.run)?;
         }
         if let Some(path) = &args.picture {
             let params = PictureParams::default().height(800);
-            side_by_side(&a.mesh, &b.mesh, matches, &colours, &params, context)?.write_png(path)?;
+            side_by_side(&a, &b, matches, &colours, &params, context)?.write_png(path)?;
         }
     }
     let Some(path) = &args.carried else { return Ok(()) };
     let read = |name: &String| Property::read(b, name, context);
     let properties = args.carry.iter().map(read).collect::<Result<Vec<_>>>()?;
-    let columns = |of: Of| -> Vec<_> {
-        properties.iter().filter(|one| one.of == of).map(|one| one.column(&a.mesh, matches)).collect()
+    let columns = |of: ElementKind| -> Vec<_> {
+        properties.iter().filter(|one| one.of == of).map(|one| one.column(&a, matches)).collect()
     };
-    annotated::write_annotated(path, &a.mesh, &columns(Of::Vertices), &columns(Of::Faces), context.run)
+    ply::write_annotated(path, &a, &columns(ElementKind::Vertices), &columns(ElementKind::Faces), context.run)
 }
 
 /// Says where the shape leaves a choice.

@@ -113,7 +113,7 @@ fn one(labels: &Path, args: &EvaluateArgs, run: &Run) -> Result<Outcome> {
     let own = read(labels)?;
     let surface = match args.mesh.as_deref().or(is_ply.then_some(labels)) {
         Some(path) => {
-            let mesh = mesh::open(path, scratch.path(), run)?.mesh;
+            let mesh = mesh::open(path, scratch.path(), run)?;
             if args.no_cuts { Evaluator::without_edges(&mesh) } else { Evaluator::of(&mesh)? }
         }
         None => Evaluator::of_faces(own.len()),
@@ -160,7 +160,7 @@ fn judge(matches: &Path, mesh: &Path, truth: Option<&Path>, samples: usize, run:
     }
     let work = WorkDir::temporary(&std::env::temp_dir())?;
     let opened = mesh::open(mesh, work.path(), run)?;
-    let graph = VertexGraph::build(&opened.mesh, mesh, Context::new(&work, run))?;
+    let graph = VertexGraph::build(&opened, mesh, Context::new(&work, run))?;
     let real = |v: usize| real.as_ref().map_or(Some(v as u32), |real| real[v]);
     let step = found.len().div_ceil(samples.max(1)).max(1);
     let (mut pairs, mut unmatched) = (Vec::new(), 0);

@@ -4,8 +4,8 @@ use super::options::{AppContext, CliError, RunArgs, WorkDirArgs, either};
 use super::output::JsonArgs;
 use super::progress::{human, tell};
 use nystrom_stream::base::Result;
-use nystrom_stream::mesh::header;
-use nystrom_stream::mesh::model::{Element, Kind, Property};
+use nystrom_stream::mesh::ply::header;
+use nystrom_stream::mesh::ply::{Element, Property};
 use nystrom_stream::pipeline::calibrate::size_of_mesh;
 use nystrom_stream::store::verify::verify as check;
 use nystrom_stream::store::workdir::Manifest;
@@ -45,14 +45,6 @@ fn faces(manifest: &Manifest) -> Option<f64> {
     manifest.stages.get("graph")?.facts.get("nodes")?.as_f64()
 }
 
-/// The type of a property as a header writes it.
-fn written(kind: Kind) -> String {
-    match kind {
-        Kind::One(scalar) => scalar.word().to_string(),
-        Kind::List { count, item } => format!("list {} {}", count.word(), item.word()),
-    }
-}
-
 /// What the header of a mesh file promises, as text and JSON; whether the rest keeps it shows only when it is read.
 fn mesh(path: &Path) -> Result<(String, Value)> {
     let size = size_of_mesh(path)?;
@@ -61,7 +53,7 @@ fn mesh(path: &Path) -> Result<(String, Value)> {
     let header = header::parse(path, &bytes).ok();
     let (encoding, elements) =
         header.map_or((None, Vec::new()), |header| (Some(header.encoding.word()), header.elements));
-    let property = |p: &Property| json!({"name": p.name, "type": written(p.kind)});
+    let property = |p: &Property| json!({"name": p.name, "type": p.kind.words()});
     let element = |e: &Element| -> Value {
         json!({"name": e.name, "count": e.count, "properties": e.properties.iter().map(property).collect::<Vec<_>>()})
     };
@@ -78,7 +70,7 @@ fn mesh(path: &Path) -> Result<(String, Value)> {
     for element in &elements {
         let _ = writeln!(text, "{}  {}", element.name, element.count);
         for property in &element.properties {
-            let _ = writeln!(text, "  {:24} {}", property.name, written(property.kind));
+            let _ = writeln!(text, "  {:24} {}", property.name, property.kind.words());
         }
     }
     Ok((text, all))

@@ -7,8 +7,8 @@ use nystrom_stream::apps::export::{glb, split};
 use nystrom_stream::apps::page::{Cuts, Page};
 use nystrom_stream::apps::picture::{self, PictureParams};
 use nystrom_stream::base::{Error, Result};
-use nystrom_stream::mesh::labelled::{Labelling, PlyForm, PlyOptions, write_labelled, write_labelled_to};
-use nystrom_stream::mesh::{Opened, seg};
+use nystrom_stream::mesh::ply::labelled::{Labelling, PlyForm, PlyOptions, write_labelled, write_labelled_to};
+use nystrom_stream::mesh::{Document, Mesh, seg};
 use nystrom_stream::pipeline::cuts::KeptCuts;
 use nystrom_stream::store::{Run, npy};
 use serde_json::Value;
@@ -80,7 +80,7 @@ pub struct FormArgs {
 impl PlyArgs {
     /// The library's.
     pub fn options(self) -> PlyOptions {
-        PlyOptions { form: self.ply_form, vertex_labels: self.vertex_labels }
+        PlyOptions::new(self.ply_form, self.vertex_labels)
     }
 
     /// Refuses options that none of `outputs` would follow.
@@ -227,7 +227,7 @@ impl Output {
     }
 
     /// Writes the result; `opened` must be there where [`Output::needs_mesh`].
-    pub fn write(&self, opened: Option<&Opened>, results: &Results, run: &Run) -> Result<()> {
+    pub fn write(&self, opened: Option<&Mesh>, results: &Results, run: &Run) -> Result<()> {
         match (self, opened) {
             (Self::Seg(path), _) => seg::write_seg(path, results.labelling.labels, true, run),
             (Self::Npy(path), _) => npy::write(path, results.labelling.labels, 1, true).map(drop),
@@ -236,12 +236,12 @@ impl Output {
         }
     }
 
-    fn write_mesh(&self, opened: &Opened, results: &Results, run: &Run) -> Result<()> {
-        let Opened { document, mesh, .. } = opened;
+    fn write_mesh(&self, opened: &Mesh, results: &Results, run: &Run) -> Result<()> {
+        let mesh = opened;
         let Results { labelling, options, embedding, .. } = results;
         match self {
             Self::Seg(_) | Self::Npy(_) => Ok(()),
-            Self::Ply(path) => write_labelled(document, mesh, path, labelling, *options, true, run),
+            Self::Ply(path) => write_labelled(mesh, path, labelling, *options, true, run),
             Self::Png(path) => {
                 let params = PictureParams::default();
                 picture::render(mesh, Some(labelling.labels), labelling.colours, &params, run)?.write_png(path)
@@ -249,21 +249,21 @@ impl Output {
             Self::Parquet(path) => parquet::write(path, mesh, labelling, *embedding, true, run),
             Self::Glb(path) => glb::write(path, mesh, labelling, true, run),
             Self::Html(path) => {
-                let title = document.path().file_name().unwrap_or_default().to_string_lossy();
+                let title = mesh.path().file_name().unwrap_or_default().to_string_lossy();
                 let cuts = results.cuts.map(|cuts| Cuts { cells: &cuts.cells, parts: &cuts.parts });
                 let (labels, colours, report) = (labelling.labels, labelling.colours, &results.report);
                 Page { title: &title, mesh, labels, colours, cuts, report }.write(path, run)
             }
             Self::Folder(path) => {
                 let text = match options.form {
-                    PlyForm::Same => document.is_text(),
+                    PlyForm::Same => mesh.document().is_some_and(Document::is_text),
                     form => form == PlyForm::Ascii,
                 };
                 split::write(path, mesh, labelling, text, true, run)
             }
             Self::Stdout => {
                 let mut out = std::io::stdout().lock();
-                write_labelled_to(document, mesh, "<stdout>", &mut out, labelling, *options, run)
+                write_labelled_to(mesh, "<stdout>", &mut out, labelling, *options, run)
             }
         }
     }

@@ -5,7 +5,7 @@ use super::output::folder_of;
 use nystrom_stream::apps::colours::colours_for;
 use nystrom_stream::apps::picture::{PictureParams, Up, render};
 use nystrom_stream::base::{Error, Result};
-use nystrom_stream::mesh::{self, Document, face_columns, seg};
+use nystrom_stream::mesh::{self, Mesh, ply::ElementKind, seg};
 use nystrom_stream::store::{Context, MappedSlice, WorkDir, npy};
 use std::ffi::OsStr;
 use std::path::{Path, PathBuf};
@@ -99,12 +99,12 @@ pub fn run(args: &PictureArgs, app: &AppContext) -> Result<(), CliError> {
             mesh::open(&args.mesh, work.path(), &run)
         }
     })?;
-    opened.notes.iter().for_each(|note| run.progress.note(note));
-    let faces = opened.mesh.faces.len();
+    opened.notes().iter().for_each(|note| run.progress.note(note));
+    let faces = opened.faces.len();
     let (labels, known) = match &args.labels {
         Some(path) => (Some(labels_of_file(path, &work)?), None),
-        None if face_columns::has(&opened.document, "label") => {
-            let (labels, colours) = labels_of_mesh(&opened.document, Context::new(&work, &run))?;
+        None if has_labels(&opened) => {
+            let (labels, colours) = labels_of_mesh(&opened, Context::new(&work, &run))?;
             (Some(labels), colours)
         }
         None => (None, None),
@@ -117,10 +117,10 @@ pub fn run(args: &PictureArgs, app: &AppContext) -> Result<(), CliError> {
     }
     let colours = match (known, &labels) {
         (Some(colours), _) => colours,
-        (None, Some(labels)) => colours_for(&opened.mesh, labels, &run)?,
+        (None, Some(labels)) => colours_for(&opened, labels, &run)?,
         (None, None) => Vec::new(),
     };
-    let draw = || render(&opened.mesh, labels.as_deref(), &colours, &params, &run);
+    let draw = || render(&opened, labels.as_deref(), &colours, &params, &run);
     let (image, _) = run.stage("draw", "faces", (faces * params.views) as u64, draw)?;
     run.stage("write", "pixels", (image.width * image.height) as u64, || image.write_png(&target))?;
     Ok(())
@@ -138,15 +138,22 @@ pub(super) fn labels_of_file(path: &Path, work: &WorkDir) -> Result<MappedSlice<
 /// Labels, and colours by label where they are known.
 pub(super) type Labelled = (MappedSlice<u32>, Option<Vec<[u8; 3]>>);
 
+/// Whether the faces of the file of `mesh` have labels.
+pub(super) fn has_labels(mesh: &Mesh) -> bool {
+    mesh.document().is_some_and(|document| document.property(ElementKind::Faces, "label").is_some())
+}
+
 /// Labels of a labelled mesh, and the parts' colours where every part has one.
-pub(super) fn labels_of_mesh(document: &Document, context: Context<'_>) -> Result<Labelled> {
+pub(super) fn labels_of_mesh(mesh: &Mesh, context: Context<'_>) -> Result<Labelled> {
     /// Beyond this number of parts, colours are chosen anew.
     const MOST: usize = 1 << 20;
-    let coloured = ["red", "green", "blue"].iter().all(|name| face_columns::has(document, name));
+    let document =
+        mesh.document().ok_or_else(|| Error::unusable(mesh.path(), "has no labels", "give a labelled file"))?;
+    let coloured = ["red", "green", "blue"].iter().all(|name| document.property(ElementKind::Faces, name).is_some());
     let mut writer = npy::ArrayWriter::create(&context.work.file("labels.npy"), 1)?;
     let mut colours: Vec<Option<[u8; 3]>> = Vec::new();
     let mut uniform = coloured;
-    face_columns::for_each(document, ["label", "red", "green", "blue"], context.run, |_, [label, colour @ ..]| {
+    document.for_each_face(["label", "red", "green", "blue"], context.run, |_, [label, colour @ ..]| {
         // A negative number is no label; its faces are grey.
         let label = u32::try_from(label).unwrap_or(u32::MAX);
         writer.push(&[label])?;

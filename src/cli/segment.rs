@@ -9,7 +9,7 @@ use super::output::{ENDINGS, FormArgs, JsonArgs, Output, Results, folder_of};
 use super::progress::{Bars, BatchBars, Style, human, tell};
 use super::stages::{KeptEmbedding, embedding, read};
 use nystrom_stream::base::{Error, Result};
-use nystrom_stream::mesh::labelled::Labelling;
+use nystrom_stream::mesh::ply::labelled::Labelling;
 use nystrom_stream::pipeline::report::Report;
 use nystrom_stream::pipeline::{Cluster, SegmentParams, cuts, segment};
 use nystrom_stream::store::{Budget, Context, Run};
@@ -184,7 +184,7 @@ pub fn one(
         super::plan::check(path, params, Context::new(&work, run))?;
     }
     let (opened, identity) = read(path, Context::new(&work, run))?;
-    opened.notes.iter().for_each(|note| run.progress.note(note));
+    opened.notes().iter().for_each(|note| run.progress.note(note));
     let result = segment(&opened, &identity, params, Context::new(&work, run))?;
     let coordinates =
         if args.form.embedding_columns { Some(embedding(params, Context::new(&work, run))?) } else { None };

@@ -6,9 +6,9 @@ use super::output::{JsonArgs, folder_of, print};
 use super::stages::read;
 use nystrom_stream::apps::picture::{PictureParams, render};
 use nystrom_stream::apps::sequence::{ComparedOrder, SequenceOrder, gradient, table};
-use nystrom_stream::mesh::Opened;
-use nystrom_stream::mesh::labelled::PlyForm;
-use nystrom_stream::mesh::rearranged::{self, Rearrangement};
+use nystrom_stream::mesh::Mesh;
+use nystrom_stream::mesh::ply::labelled::PlyForm;
+use nystrom_stream::mesh::ply::rearranged::{self, Rearrangement};
 use nystrom_stream::pipeline::sequence::{Sequence, SequenceParams, Sequencer};
 use nystrom_stream::store::{Context, npy};
 use serde_json::json;
@@ -117,7 +117,7 @@ pub fn run(args: &SequenceArgs, app: &AppContext) -> Result<(), CliError> {
     let beside = || targets.iter().find_map(folder).unwrap_or_else(std::env::temp_dir);
     let work = args.run.work(args.work_dir.as_deref(), beside, &run)?;
     let (opened, identity) = read(&args.mesh, Context::new(&work, &run))?;
-    opened.notes.iter().for_each(|note| run.progress.note(note));
+    opened.notes().iter().for_each(|note| run.progress.note(note));
     let sequencer = Sequencer::new(&opened, &identity, Context::new(&work, &run))?;
     let landmarks = args.landmarks.map(|l| l as usize);
     let params = SequenceParams { order: args.order, sweeps: args.smooth as usize, landmarks };
@@ -136,8 +136,7 @@ pub fn run(args: &SequenceArgs, app: &AppContext) -> Result<(), CliError> {
     if args.json.json.is_some() {
         let mut seconds = bars.take_seconds();
         seconds.insert("total".into(), start.elapsed().as_secs_f64());
-        let mesh =
-            json!({"path": args.mesh, "vertices": opened.mesh.positions.len(), "faces": opened.mesh.faces.len()});
+        let mesh = json!({"path": args.mesh, "vertices": opened.positions.len(), "faces": opened.faces.len()});
         let mut report = json!({"mesh": mesh, "options": params, "seed": run.seed});
         if args.compare {
             report["orders"] = json!(compared);
@@ -175,19 +174,19 @@ fn compare(sequencer: &Sequencer, params: &SequenceParams) -> Result<Vec<Compare
 fn write(
     target: &Target,
     args: &SequenceArgs,
-    opened: &Opened,
+    opened: &Mesh,
     sequence: &Sequence,
     context: Context<'_>,
 ) -> Result<(), CliError> {
-    let (document, mesh) = (&opened.document, &opened.mesh);
+    let mesh = opened;
     let order = Rearrangement { places: &sequence.places, numbers: &sequence.uses.rank, original: args.original };
     let form = args.ply_form;
     let faces = mesh.faces.len() as u64;
     let each = || match target {
-        Target::Ply(path) => rearranged::write(document, mesh, path, &order, form, context),
+        Target::Ply(path) => rearranged::write(mesh, path, &order, form, context),
         Target::Stdout => {
             let mut out = std::io::stdout().lock();
-            rearranged::write_to(document, mesh, "<stdout>", &mut out, &order, form, context)
+            rearranged::write_to(mesh, "<stdout>", &mut out, &order, form, context)
         }
         Target::Npy(path) => npy::write(path, &sequence.places, 1, false).map(drop),
         Target::Png(path) => {

@@ -12,7 +12,7 @@ use nystrom_stream::cluster::two_means;
 use nystrom_stream::distance::shard;
 use nystrom_stream::graph::Order;
 use nystrom_stream::mesh;
-use nystrom_stream::mesh::labelled::Labelling;
+use nystrom_stream::mesh::ply::labelled::Labelling;
 use nystrom_stream::pipeline::kept::{self, Labels, Record};
 use nystrom_stream::pipeline::{Cluster, SegmentParams, cuts, decision, embed, input, sharding, stages};
 use nystrom_stream::spectral::EmbeddingParams;
@@ -141,13 +141,13 @@ pub fn graph(args: &GraphArgs, app: &AppContext) -> Result<(), CliError> {
     let params = SegmentParams { order: args.order.or(Order::default()), ..SegmentParams::default() };
     let work = WorkDir::open(&args.place.work_dir)?;
     let (opened, identity) = read(&args.mesh, Context::new(&work, &run))?;
-    opened.notes.iter().for_each(|note| run.progress.note(note));
+    opened.notes().iter().for_each(|note| run.progress.note(note));
     stages::graph(&opened, &identity, &params, Context::new(&work, &run))?;
     Ok(())
 }
 
 /// Opens the mesh at `path`, or that on standard input, and tells which it is.
-pub fn read(path: &Path, context: Context<'_>) -> Result<(mesh::Opened, Value), Error> {
+pub fn read(path: &Path, context: Context<'_>) -> Result<(mesh::Mesh, Value), Error> {
     let stdin = path.as_os_str() == "-";
     let open = || {
         if stdin {
@@ -360,7 +360,7 @@ impl Export<'_> {
     }
 
     /// The mesh of the work directory, which has `faces` faces.
-    fn open(&self, faces: usize) -> Result<mesh::Opened, Error> {
+    fn open(&self, faces: usize) -> Result<mesh::Mesh, Error> {
         let (record, Context { work, run }) = (self.record, self.context);
         let path = self.mesh.unwrap_or(&record.mesh);
         let same = match record.identity.get("stdin") {
@@ -371,7 +371,7 @@ impl Export<'_> {
             return Err(Error::unusable(path, "is not the mesh that the work directory is of", "name that mesh"));
         }
         let opened = run.stage("read", "bytes", 0, || mesh::open(path, work.path(), run))?.0;
-        if opened.mesh.faces.len() != faces {
+        if opened.faces.len() != faces {
             return Err(Error::unusable(path, "has another number of faces than labels", "name the right mesh"));
         }
         Ok(opened)

@@ -2,12 +2,12 @@
 
 use super::options::{AppContext, CliError, RunArgs};
 use super::output::{JsonArgs, Output, PlyArgs, Results, folder_of};
-use super::picture::{labels_of_file, labels_of_mesh};
+use super::picture::{has_labels, labels_of_file, labels_of_mesh};
 use nystrom_stream::apps::colours::colours_for;
 use nystrom_stream::apps::transfer::transfer;
 use nystrom_stream::base::Error;
-use nystrom_stream::mesh::labelled::Labelling;
-use nystrom_stream::mesh::{self, face_columns};
+use nystrom_stream::mesh;
+use nystrom_stream::mesh::ply::labelled::Labelling;
 use nystrom_stream::store::{Context, WorkDir};
 use serde_json::json;
 use std::path::{Path, PathBuf};
@@ -52,21 +52,19 @@ pub fn run(args: &TransferArgs, app: &AppContext) -> Result<(), CliError> {
     let from = read(&args.from, &source)?.0;
     let (labels, known) = match &args.labels {
         Some(path) => (labels_of_file(path, &source)?, None),
-        None if face_columns::has(&from.document, "label") => {
-            labels_of_mesh(&from.document, Context::new(&source, &run))?
-        }
+        None if has_labels(&from) => labels_of_mesh(&from, Context::new(&source, &run))?,
         None => {
             let remedy = "segment it first, or give --labels";
             return Err(Error::unusable(&args.from, "has no face property `label`", remedy).into());
         }
     };
-    if labels.len() != from.mesh.faces.len() {
+    if labels.len() != from.faces.len() {
         let path = args.labels.as_deref().unwrap_or(&args.from);
-        let problem = format!("has {} labels for {} faces", labels.len(), from.mesh.faces.len());
+        let problem = format!("has {} labels for {} faces", labels.len(), from.faces.len());
         return Err(Error::unusable(path, problem, "give the labels of FROM").into());
     }
     let to = read(&args.to, &work)?.0;
-    from.notes.iter().chain(&to.notes).for_each(|note| run.progress.note(note));
+    from.notes().iter().chain(to.notes()).for_each(|note| run.progress.note(note));
     let result = transfer(&from, &labels, &to, Context::new(&work, &run))?;
     let facts = result.facts;
     let share = facts.uncertain as f64 / facts.faces.max(1) as f64;
@@ -79,11 +77,11 @@ pub fn run(args: &TransferArgs, app: &AppContext) -> Result<(), CliError> {
     ));
     let colours = match known {
         Some(colours) => colours,
-        None => colours_for(&to.mesh, &result.labels, &run)?,
+        None => colours_for(&to, &result.labels, &run)?,
     };
     let mut report = json!({
         "from": args.from, "mesh": args.to, "uncertain_share": share, "transfer": facts,
-        "input": {"path": args.to, "faces": facts.faces, "vertices": to.mesh.positions.len()},
+        "input": {"path": args.to, "faces": facts.faces, "vertices": to.positions.len()},
     });
     let results = Results {
         labelling: Labelling { labels: &result.labels, colours: &colours, quality: Some(&result.quality) },

@@ -5,46 +5,79 @@
 //! anything else is decoded once into arrays of the scratch folder; a compressed or streamed file
 //! is spooled there first.
 
-use super::decode::{self, Task};
-use super::document::Document;
-use super::header::{self, CUT_SHORT, Header};
+use super::geometry::{MOST_FACES, Mesh, no_faces, too_many_faces, too_many_vertices};
 use super::import::{self, Format};
-use super::model::{Element, Encoding, Kind, Scalar};
-use super::spool;
-use super::surface::{MOST_FACES, Mesh, no_faces, too_many_faces, too_many_vertices};
+use super::output::by_rename;
+use super::ply::document::Document;
+use super::ply::header::{self, CUT_SHORT, Element, Encoding, Header, Kind, Scalar};
+use super::ply::read::{Decoder, decode};
 use crate::base::{Error, Result};
 use crate::store::mapped::Access;
 use crate::store::{MappedBytes, Run};
-use std::io::Read;
+use flate2::bufread::MultiGzDecoder;
+use std::fs::File;
+use std::io::{ErrorKind, Read, Write};
 use std::path::Path;
+use std::sync::Arc;
+use tempfile::TempDir;
 
-/// An opened mesh file.
-#[derive(Debug)]
-pub struct Opened {
-    /// Its vertices and faces.
-    pub mesh: Mesh,
-    /// What the labelled output needs of the file.
-    pub document: Document,
-    /// Oddities worth a line each: trailing bytes, expanded strips.
-    pub notes: Vec<String>,
+/// Bytes of a stream copied at a time.
+const BUFFER: usize = 1 << 20;
+
+impl Mesh {
+    /// Opens the PLY, OBJ, OFF or STL file at `path`, compressed with gzip or not. Arrays that have to be decoded go to
+    /// a folder of their own among the system's temporary files, which disappears with the mesh: some 24 bytes
+    /// per vertex and 13 per triangle, nothing for a binary little-endian PLY of triangles. [`open()`] is told where they
+    /// go, and tells its progress.
+    ///
+    /// ```
+    /// # fn main() -> Result<(), Box<dyn std::error::Error>> {
+    /// # let dir = tempfile::tempdir()?;
+    /// # let path = dir.path().join("triangle.obj");
+    /// std::fs::write(&path, "v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n")?;
+    /// let mesh = nystrom_stream::mesh::Mesh::open(&path)?;
+    /// assert_eq!(mesh.faces.with(0, |corners| corners.to_vec()), [0, 1, 2]);
+    /// # Ok(())
+    /// # }
+    /// ```
+    ///
+    /// # Errors
+    /// As [`open()`].
+    pub fn open(path: impl AsRef<Path>) -> Result<Self> {
+        let scratch = TempDir::new().map_err(Error::io(path.as_ref(), "make a temporary folder for"))?;
+        let mut mesh = open(path.as_ref(), scratch.path(), &Run::new(&()))?;
+        mesh._scratch = Some(Arc::new(scratch));
+        Ok(mesh)
+    }
 }
 
 /// Opens the PLY, OBJ, OFF or STL file at `path`, compressed with gzip or not, or a named pipe. Arrays that have to be decoded, and
 /// the uncompressed file, go to the folder `scratch`, which must outlive the result. Progress
 /// is told as stage `read`, in faces.
 ///
+/// ```
+/// # fn main() -> Result<(), Box<dyn std::error::Error>> {
+/// use nystrom_stream::{mesh, store::Run};
+/// # let dir = tempfile::tempdir()?;
+/// # let path = dir.path().join("square.off");
+/// std::fs::write(&path, "OFF\n4 1 0\n0 0 0\n1 0 0\n1 1 0\n0 1 0\n4 0 1 2 3\n")?;
+/// let mesh = mesh::open(&path, dir.path(), &Run::new(&()))?;
+/// assert_eq!((mesh.positions.len(), mesh.faces.len(), mesh.faces.corner_count()), (4, 1, 4));
+/// # Ok(())
+/// # }
+/// ```
+///
 /// # Errors
 /// [`Error::Malformed`] or [`Error::Unusable`], in one line, for everything that is no mesh with
 /// faces; [`Error::Io`]; [`Error::Cancelled`].
-pub fn open(path: &Path, scratch: &Path, run: &Run) -> Result<Opened> {
+pub fn open(path: &Path, scratch: &Path, run: &Run) -> Result<Mesh> {
     let metadata = std::fs::metadata(path).map_err(Error::io(path, "open"))?;
     if !metadata.is_file() && !metadata.is_dir() {
         // A named pipe, as of a shell's <(…), cannot be mapped.
-        let pipe = std::fs::File::open(path).map_err(Error::io(path, "open"))?;
+        let pipe = File::open(path).map_err(Error::io(path, "open"))?;
         return open_stream(pipe, path, scratch, run);
     }
     let bytes = MappedBytes::open(path)?;
-    let bytes = if spool::is_compressed(&bytes) { spool::decompress(path, &bytes, scratch, run)? } else { bytes };
     open_bytes(path, bytes, scratch, run)
 }
 
@@ -53,17 +86,17 @@ pub fn open(path: &Path, scratch: &Path, run: &Run) -> Result<Opened> {
 ///
 /// # Errors
 /// As [`open`].
-pub fn open_reader(source: impl Read, name: &str, scratch: &Path, run: &Run) -> Result<Opened> {
+pub fn open_reader(source: impl Read, name: &str, scratch: &Path, run: &Run) -> Result<Mesh> {
     open_stream(source, Path::new(name), scratch, run)
 }
 
-fn open_stream(mut source: impl Read, path: &Path, scratch: &Path, run: &Run) -> Result<Opened> {
-    let bytes = spool::spool(path, &mut source, &scratch.join("input"), run)?;
-    let bytes = if spool::is_compressed(&bytes) { spool::decompress(path, &bytes, scratch, run)? } else { bytes };
+fn open_stream(mut source: impl Read, path: &Path, scratch: &Path, run: &Run) -> Result<Mesh> {
+    let bytes = spool(path, &mut source, &scratch.join("input"), run)?;
     open_bytes(path, bytes, scratch, run)
 }
 
-fn open_bytes(path: &Path, bytes: MappedBytes, scratch: &Path, run: &Run) -> Result<Opened> {
+fn open_bytes(path: &Path, bytes: MappedBytes, scratch: &Path, run: &Run) -> Result<Mesh> {
+    let bytes = if is_compressed(&bytes) { decompress(path, &bytes, scratch, run)? } else { bytes };
     if bytes.is_empty() {
         return Err(Error::unusable(path, "is empty (0 bytes)", "get the file again"));
     }
@@ -76,8 +109,8 @@ fn open_bytes(path: &Path, bytes: MappedBytes, scratch: &Path, run: &Run) -> Res
     let (face, list, strips) = find_faces(path, &header)?;
     let (vertex, axes) = find_vertices(path, &header)?;
     check_counts(path, &header, bytes.len())?;
-    let task = Task { path, scratch, run, header: &header, bytes: &bytes, vertex, axes, face, list, strips };
-    let decoded = decode::decode(&task)?;
+    let decoder = Decoder { path, scratch, run, header: &header, bytes: &bytes, vertex, axes, face, list, strips };
+    let decoded = decode(&decoder)?;
     if decoded.faces.is_empty() {
         return Err(no_faces(path));
     }
@@ -90,10 +123,9 @@ fn open_bytes(path: &Path, bytes: MappedBytes, scratch: &Path, run: &Run) -> Res
         notes.push(format!("{}: {} bytes after the last element were ignored", path.display(), bytes.len() - end));
     }
     bytes.advise(Access::Local);
-    let mesh = Mesh::new(decoded.positions, decoded.faces);
-    let (ranges, face_bytes) = (decoded.ranges, decoded.face_bytes);
+    let (positions, faces, ranges, face_bytes) = (decoded.positions, decoded.faces, decoded.ranges, decoded.face_bytes);
     let document = Document { path: path.to_path_buf(), header, bytes, ranges, face, list, strips, face_bytes };
-    Ok(Opened { mesh, document, notes })
+    Ok(Mesh::with_source(positions, faces, path.to_path_buf(), Some(document), notes))
 }
 
 /// The vertex element and its x, y, z.
@@ -166,4 +198,52 @@ fn check_counts(path: &Path, header: &Header, len: usize) -> Result<()> {
         left -= least;
     }
     Ok(())
+}
+
+/// Whether `bytes` begin as gzip does.
+fn is_compressed(bytes: &[u8]) -> bool {
+    bytes.starts_with(&[0x1f, 0x8b])
+}
+
+/// Writes all of `source` to the file `to`, by rename (an earlier one may still be mapped), and maps it. `path` names the source in errors.
+///
+/// # Errors
+/// [`Error::Io`], [`Error::Cancelled`]; [`Error::Malformed`] when compressed data are damaged.
+fn spool(path: &Path, source: &mut impl Read, to: &Path, run: &Run) -> Result<MappedBytes> {
+    by_rename(to, 0, false, |file| copy(path, source, to, file, run))?;
+    MappedBytes::open(to)
+}
+
+fn copy(path: &Path, source: &mut impl Read, to: &Path, file: &mut File, run: &Run) -> Result<()> {
+    let mut buffer = vec![0; BUFFER];
+    let mut total = 0u64;
+    loop {
+        run.cancel.check()?;
+        let count = match source.read(&mut buffer) {
+            Ok(0) => return Ok(()),
+            Ok(count) => count,
+            Err(error) if error.kind() == ErrorKind::Interrupted => continue,
+            // What flate2 answers to data that are no gzip, damaged or cut short.
+            Err(error)
+                if matches!(
+                    error.kind(),
+                    ErrorKind::InvalidInput | ErrorKind::InvalidData | ErrorKind::UnexpectedEof
+                ) =>
+            {
+                let place = format!("byte {total} of the uncompressed data");
+                return Err(Error::malformed(path, place, format!("cannot be decompressed ({error})"), CUT_SHORT));
+            }
+            Err(error) => return Err(Error::io(path, "read")(error)),
+        };
+        file.write_all(&buffer[..count]).map_err(Error::io(to, "write"))?;
+        total += count as u64;
+    }
+}
+
+/// Decompresses `bytes`, the content of `path`, into `scratch` and maps the result.
+///
+/// # Errors
+/// As [`spool`].
+fn decompress(path: &Path, bytes: &[u8], scratch: &Path, run: &Run) -> Result<MappedBytes> {
+    spool(path, &mut MultiGzDecoder::new(bytes), &scratch.join("input.ply"), run)
 }

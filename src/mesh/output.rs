@@ -34,7 +34,7 @@ pub(crate) fn by_rename(
     })
 }
 
-/// A writer with a buffer that can be appended to without a call a number.
+/// A writer with a buffer that can be appended to without a call per number.
 pub(crate) struct Gather<'a> {
     path: &'a Path,
     writer: &'a mut dyn Write,
@@ -48,7 +48,7 @@ impl<'a> Gather<'a> {
         Self { path, writer, buffer: Vec::with_capacity(FLUSH + FLUSH / 8) }
     }
 
-    /// Writes when enough is gathered; call it once a record or so.
+    /// Writes when enough is gathered; call it about once per record.
     #[inline]
     pub(crate) fn settle(&mut self) -> Result<()> {
         if self.buffer.len() < FLUSH { Ok(()) } else { self.write_out() }

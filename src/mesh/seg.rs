@@ -1,6 +1,6 @@
-//! `.seg` files: a label a line, a line a face, as in the Princeton segmentation benchmark.
+//! `.seg` files: one label per line, one line per face, as in the Princeton segmentation benchmark.
 //!
-//! Written through one buffer, about 5 ns a label; read with 4 bytes held a label.
+//! Written through one buffer, about 5 ns per label; read with 4 bytes held per label.
 
 use super::output::{Gather, by_rename};
 use crate::base::{Error, Result};
@@ -11,7 +11,19 @@ use std::path::Path;
 /// Labels between two looks at the stop flag.
 const CHUNK: usize = 1 << 16;
 
-/// Writes `labels` to `path`, by rename, after syncing where `durable`.
+/// Writes `labels`, one per face, to `path`, by rename, after syncing where `durable`.
+///
+/// ```
+/// # fn main() -> Result<(), Box<dyn std::error::Error>> {
+/// use nystrom_stream::mesh::{read_seg, write_seg};
+/// # let dir = tempfile::tempdir()?;
+/// # let path = dir.path().join("mesh.seg");
+/// write_seg(&path, &[0, 0, 1], true, &nystrom_stream::store::Run::new(&()))?;
+/// assert_eq!(std::fs::read_to_string(&path)?, "0\n0\n1\n");
+/// assert_eq!(read_seg(&path)?, [0, 0, 1]);
+/// # Ok(())
+/// # }
+/// ```
 ///
 /// # Errors
 /// [`Error::Io`], [`Error::Cancelled`].
@@ -55,7 +67,7 @@ pub fn read_seg(path: &Path) -> Result<Vec<u32>> {
             Error::malformed(
                 path,
                 format!("line {}", number + 1),
-                format!("{} is not a label", super::header::shown(line)),
+                format!("{} is not a label", super::ply::header::shown(line)),
                 "a .seg file has one number from 0 on a line, for every face",
             )
         })?);

@@ -15,7 +15,7 @@ use crate::distance::vertex_rows::{self, Distance};
 use crate::graph::VertexGraph;
 use crate::graph::vertex_graph::VertexFacts;
 use crate::landmarks::Sampling;
-use crate::mesh::Opened;
+use crate::mesh::Mesh;
 use crate::spectral::nystrom::{OrthogonalEmbedding, OrthogonalParams, Point};
 use crate::store::{Context, MappedSlice, Run, WorkDir};
 use serde::Serialize;
@@ -74,7 +74,7 @@ pub fn default_landmarks(vertices: usize) -> usize {
 /// A mesh made ready.
 pub struct Side<'a> {
     /// The mesh.
-    pub opened: &'a Opened,
+    pub opened: &'a Mesh,
     /// Its vertex graph.
     pub graph: VertexGraph,
     /// Distances from its landmarks.
@@ -121,7 +121,7 @@ impl<'a> Side<'a> {
     /// [`Error::Parameter`], [`Error::Unusable`] for a mesh without triangles, [`Error::Io`], [`Error::Memory`],
     /// [`Error::Cancelled`].
     pub fn build(
-        opened: &'a Opened,
+        opened: &'a Mesh,
         input: Option<&Value>,
         params: &CorrespondParams,
         name: &str,
@@ -130,11 +130,11 @@ impl<'a> Side<'a> {
         params.embedding.check()?;
         let work = WorkDir::open(&context.work.file(name))?;
         let context = Context::new(&work, context.run);
-        let n = opened.mesh.positions.len() as u64;
-        let path = opened.document.path();
+        let n = opened.positions.len() as u64;
+        let path = opened.path();
         let build = || match input {
-            Some(input) => VertexGraph::kept(&opened.mesh, path, input, context),
-            None => Ok((VertexGraph::build(&opened.mesh, path, context)?, String::new())),
+            Some(input) => VertexGraph::kept(&opened, path, input, context),
+            None => Ok((VertexGraph::build(&opened, path, context)?, String::new())),
         };
         let ((graph, key), _) = context.run.stage("graph", "vertices", n, build)?;
         let surface = Surface::of(&graph);
@@ -151,7 +151,7 @@ impl<'a> Side<'a> {
         let embed = || {
             let fit = OrthogonalEmbedding::fit(&rows, &graph.nodes, params.embedding, context.run)?;
             let points = fit.embed(&rows, fit.sigma, "embedding.npy", context)?;
-            let tensor = Tensor::of(&opened.mesh, &points, fit.dimensions, context.run)?;
+            let tensor = Tensor::of(opened, &points, fit.dimensions, context.run)?;
             Ok((fit, points, tensor))
         };
         let ((fit, points, tensor), _) = context.run.stage("embedding", "vertices", n, embed)?;
@@ -200,8 +200,8 @@ impl<'a> Side<'a> {
 /// # Errors
 /// As [`Side::build`].
 pub fn correspond(
-    a: &Opened,
-    b: &Opened,
+    a: &Mesh,
+    b: &Mesh,
     inputs: Option<&[Value; 2]>,
     params: &CorrespondParams,
     context: Context<'_>,

@@ -9,7 +9,7 @@ use crate::base::{Error, Result};
 use crate::cluster::parts::{PartTree, PartsParams};
 use crate::distance::DistanceRows;
 use crate::graph::{DualGraph, NodeOrder};
-use crate::mesh::Opened;
+use crate::mesh::Mesh;
 use crate::spectral::EmbeddingParams;
 use crate::store::stage::StageKey;
 use crate::store::{Context, MappedSlice, WorkDir};
@@ -35,8 +35,8 @@ pub struct Record {
 
 impl Record {
     /// The record of a run; the seed is filled in by [`Record::stamp`].
-    pub(super) fn of(opened: &Opened, identity: &Value, params: &SegmentParams, work: &WorkDir) -> Self {
-        let path = opened.document.path();
+    pub(super) fn of(opened: &Mesh, identity: &Value, params: &SegmentParams, work: &WorkDir) -> Self {
+        let path = opened.path();
         // Standard input lies in the work directory, where it was spooled to.
         let path = if identity.get("stdin").is_some() { work.file("input") } else { path.to_path_buf() };
         let mesh = std::path::absolute(&path).unwrap_or(path);

@@ -35,7 +35,7 @@ use crate::graph::WeightedGraph;
 use crate::graph::order::{Order, OrderFacts};
 use crate::graph::{DualGraph, GraphFacts, Metric, NodeOrder};
 use crate::landmarks::Sampling;
-use crate::mesh::Opened;
+use crate::mesh::Mesh;
 use crate::spectral::EmbeddingParams;
 use crate::store::stage::StageKey;
 use crate::store::{Context, MappedSlice};
@@ -161,15 +161,15 @@ pub struct Segmentation {
 /// [`Error::Parameter`] for K-means without a number of parts or with options out of range, [`Error::Unusable`] for more
 /// parts than faces, [`Error::Io`], [`Error::Memory`], [`Error::Cancelled`].
 pub fn segment(
-    opened: &Opened,
+    opened: &Mesh,
     identity: &serde_json::Value,
     params: &SegmentParams,
     context: Context<'_>,
 ) -> Result<Segmentation> {
-    check(params, opened.document.path(), opened.mesh.faces.len())?;
+    check(params, opened.path(), opened.faces.len())?;
     let (ordered, mut graph) = stages::graph(opened, identity, params, context)?;
     let order = ordered.into_nodes(context.work)?;
-    let clustered = match fit(params, opened.mesh.faces.len()) {
+    let clustered = match fit(params, opened.faces.len()) {
         Some((fit, parts)) => {
             let weighted = graph.weighted(params.metric, context)?;
             graph.release_lengths(context.work)?;

@@ -3,7 +3,7 @@
 use super::{SegmentParams, Segmentation};
 use crate::cluster::parts::PartsReport;
 use crate::landmarks::Sampling;
-use crate::mesh::Opened;
+use crate::mesh::Mesh;
 use crate::store::Context;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
@@ -142,7 +142,7 @@ pub struct Bytes {
 impl Report {
     /// Puts the report together. `seconds` by stage as measured; `peak` from a counting allocator, if any.
     pub fn new(
-        opened: &Opened,
+        opened: &Mesh,
         params: &SegmentParams,
         result: &Segmentation,
         context: Context<'_>,
@@ -160,8 +160,8 @@ impl Report {
         Self {
             version: env!("CARGO_PKG_VERSION"),
             input: Input {
-                path: opened.document.path().display().to_string(),
-                vertices: opened.mesh.positions.len() as u64,
+                path: opened.path().display().to_string(),
+                vertices: opened.positions.len() as u64,
                 faces: graph.nodes,
                 components: graph.components,
                 boundary_edges: graph.boundary_edges,
@@ -196,7 +196,7 @@ impl Report {
                 .collect(),
             seconds,
             bytes: Bytes { peak_allocated: peak, budget: context.run.budget.total(), work_dir: context.work.bytes() },
-            notes: opened.notes.clone(),
+            notes: opened.notes().to_vec(),
         }
     }
 }

@@ -11,7 +11,7 @@ use crate::distance::{DistanceRows, shard};
 use crate::graph::WeightedGraph;
 use crate::graph::{Node, nodes};
 use crate::landmarks::Sampling;
-use crate::mesh::Opened;
+use crate::mesh::Mesh;
 use crate::store::stage::StageKey;
 use crate::store::{Context, MappedSlice, Run, WorkDir};
 use serde::{Deserialize, Serialize};
@@ -55,8 +55,8 @@ fn landmarks(params: &SegmentParams, faces: usize) -> Result<usize> {
 }
 
 /// Makes everything up to the weights in `work`.
-fn prepare(opened: &Opened, identity: &Value, params: &SegmentParams, context: Context<'_>) -> Result<WeightedGraph> {
-    let l = landmarks(params, opened.mesh.faces.len())?;
+fn prepare(opened: &Mesh, identity: &Value, params: &SegmentParams, context: Context<'_>) -> Result<WeightedGraph> {
+    let l = landmarks(params, opened.faces.len())?;
     let graph = stages::graph(opened, identity, params, context)?.1;
     let weighted = match params.cluster {
         Cluster::KMeans | Cluster::TwoMeans => graph.weighted(params.metric, context)?,
@@ -71,9 +71,9 @@ fn prepare(opened: &Opened, identity: &Value, params: &SegmentParams, context: C
 ///
 /// # Errors
 /// As [`super::segment`].
-pub fn all(opened: &Opened, identity: &Value, params: &SegmentParams, context: Context<'_>) -> Result<DistanceRows> {
+pub fn all(opened: &Mesh, identity: &Value, params: &SegmentParams, context: Context<'_>) -> Result<DistanceRows> {
     let weighted = prepare(opened, identity, params, context)?;
-    let rows = RowParams { l: landmarks(params, opened.mesh.faces.len())?, sampling: params.sampling };
+    let rows = RowParams { l: landmarks(params, opened.faces.len())?, sampling: params.sampling };
     let nodes: MappedSlice<Node> = context.work.open_array(nodes::FILE)?;
     DistanceRows::build(&weighted, &nodes, rows, context)
 }
@@ -88,7 +88,7 @@ pub fn one(
     identity: &Value,
     params: &SegmentParams,
     shard: (usize, usize),
-    open: impl Fn(&WorkDir) -> Result<Opened>,
+    open: impl Fn(&WorkDir) -> Result<Mesh>,
     run: &Run,
 ) -> Result<()> {
     let StageKey { name, version, key, .. } = shared_rows(identity, params, run);

@@ -4,7 +4,7 @@ use super::SegmentParams;
 use super::kept::Record;
 use crate::base::Result;
 use crate::graph::{DualGraph, Ordered};
-use crate::mesh::Opened;
+use crate::mesh::Mesh;
 use crate::store::Context;
 
 /// Orders the mesh and builds its graph, or opens both; leaves a record of mesh and options for later commands.
@@ -13,13 +13,13 @@ use crate::store::Context;
 /// [`crate::base::Error::Unusable`] for too large meshes, [`crate::base::Error::Io`], [`crate::base::Error::Memory`],
 /// [`crate::base::Error::Cancelled`].
 pub fn graph(
-    opened: &Opened,
+    opened: &Mesh,
     identity: &serde_json::Value,
     params: &SegmentParams,
     context: Context<'_>,
 ) -> Result<(Ordered, DualGraph)> {
-    let ordered = Ordered::build(&opened.mesh, params.order, identity, context)?;
-    let graph = DualGraph::build(&ordered.mesh, opened.document.path(), &ordered.identity, context)?;
+    let ordered = Ordered::build(&opened, params.order, identity, context)?;
+    let graph = DualGraph::build(&ordered.mesh, opened.path(), &ordered.identity, context)?;
     Record::of(opened, identity, params, context.work).stamp(context)?;
     Ok((ordered, graph))
 }

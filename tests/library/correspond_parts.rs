@@ -54,7 +54,7 @@ fn rows_and_rings_are_those_of_the_faces_whatever_threads_and_memory() {
     let dir = tempfile::tempdir().unwrap();
     let path = common::creature(dir.path(), 9_000, true);
     let opened = mesh::open(&path, dir.path(), &Run::new(&())).unwrap();
-    let mesh = &opened.mesh;
+    let mesh = &opened;
     let mut around: Vec<Vec<[u32; 2]>> = vec![Vec::new(); mesh.positions.len()];
     mesh.faces.for_each(0..mesh.faces.len(), |_, c| {
         for k in 0..3 {

@@ -48,7 +48,7 @@ fn graph(path: &Path, budget: u64, holding: bool, folder: &Path) -> (Vec<u64>, V
         work = work.holding(&run.budget);
     }
     let opened = mesh::open(path, work.path(), &run).unwrap();
-    let graph = DualGraph::build(&opened.mesh, path, &Value::Null, Context::new(&work, &run)).unwrap();
+    let graph = DualGraph::build(&opened, path, &Value::Null, Context::new(&work, &run)).unwrap();
     let weighted = graph.weighted(Metric::default(), Context::new(&work, &run)).unwrap();
     let csr = weighted.csr();
     assert_eq!(work.file("graph_indices.npy").exists(), !holding);
@@ -73,7 +73,7 @@ fn rows_that_pass_are_the_rows_that_are_kept() {
     let kept_run = Run::new(&());
     let work = WorkDir::open(&dir.path().join("work")).unwrap();
     let opened = mesh::open(&path, work.path(), &kept_run).unwrap();
-    let graph = DualGraph::build(&opened.mesh, &path, &Value::Null, Context::new(&work, &kept_run)).unwrap();
+    let graph = DualGraph::build(&opened, &path, &Value::Null, Context::new(&work, &kept_run)).unwrap();
     let weighted = graph.weighted(Metric::default(), Context::new(&work, &kept_run)).unwrap();
     let n = graph.nodes.len();
     for sampling in [Sampling::Farthest, Sampling::Random, Sampling::GeodesicFarthest] {
@@ -110,7 +110,7 @@ fn what_a_look_at_a_row_fails_with_ends_the_rows() {
     let run = Run { threads: 2, ..Run::new(&()) };
     let work = WorkDir::temporary(dir.path()).unwrap();
     let opened = mesh::open(&path, work.path(), &run).unwrap();
-    let graph = DualGraph::build(&opened.mesh, &path, &Value::Null, Context::new(&work, &run)).unwrap();
+    let graph = DualGraph::build(&opened, &path, &Value::Null, Context::new(&work, &run)).unwrap();
     let weighted = graph.weighted(Metric::default(), Context::new(&work, &run)).unwrap();
     let params = RowParams { l: 9, sampling: Sampling::Farthest };
     let look = |row: nystrom_stream::distance::VisitedRow<'_>| match row.number {
@@ -149,7 +149,7 @@ fn fronts_over_triangle_adjacency_give_the_same_distances() {
     for path in [creature(dir.path()), tangled(dir.path())] {
         let work = WorkDir::temporary(dir.path()).unwrap();
         let opened = mesh::open(&path, work.path(), &run).unwrap();
-        let graph = DualGraph::build(&opened.mesh, &path, &Value::Null, Context::new(&work, &run)).unwrap();
+        let graph = DualGraph::build(&opened, &path, &Value::Null, Context::new(&work, &run)).unwrap();
         let weighted = graph.weighted(Metric::default(), Context::new(&work, &run)).unwrap();
         let triangles = TriangleAdjacency::of(weighted.csr(), &run).unwrap().unwrap();
         let csr = Csr { triangles: triangles.all(), ..weighted.csr() };
@@ -164,7 +164,7 @@ fn fronts_over_triangle_adjacency_give_the_same_distances() {
     let work = WorkDir::temporary(dir.path()).unwrap();
     let path = creature(dir.path());
     let opened = mesh::open(&path, work.path(), &run).unwrap();
-    let graph = DualGraph::build(&opened.mesh, &path, &Value::Null, Context::new(&work, &run)).unwrap();
+    let graph = DualGraph::build(&opened, &path, &Value::Null, Context::new(&work, &run)).unwrap();
     let weighted = graph.weighted(Metric::default(), Context::new(&work, &run)).unwrap();
     assert!(TriangleAdjacency::of(weighted.csr(), &none).unwrap().is_none());
 }

@@ -72,7 +72,7 @@ fn meshes() -> Vec<(String, Built)> {
     let mut all: Vec<_> = zoo::all().iter().map(|shape| (shape.name.to_string(), build(shape))).collect();
     if let Some(data) = common::data() {
         for name in ["real/horse_4k.ply", "nasty/dragon_res4_11k.ply", "nasty/doorman.ply", "nasty/abominevole.ply"] {
-            let open = |folder: &Path| mesh::open(&data.join(name), folder, &Run::new(&())).unwrap().mesh;
+            let open = |folder: &Path| mesh::open(&data.join(name), folder, &Run::new(&())).unwrap();
             all.push((name.to_string(), build_in(two_threads(), open)));
         }
     }

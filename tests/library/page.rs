@@ -27,7 +27,7 @@ fn data(html: &str) -> Value {
 fn a_small_mesh_is_shown_as_it_is_with_its_labels_and_cuts() {
     let dir = tempfile::tempdir().unwrap();
     let path = common::creature(dir.path(), 5_000, false);
-    let mesh = mesh::open(&path, dir.path(), &run()).unwrap().mesh;
+    let mesh = mesh::open(&path, dir.path(), &run()).unwrap();
     let n = mesh.faces.len();
     let labels: Vec<u32> = (0..n as u32).map(|face| face * 3 / n as u32).collect();
     let cells: Vec<u32> = (0..n as u32).map(|face| face % 7).collect();
@@ -60,7 +60,7 @@ fn a_small_mesh_is_shown_as_it_is_with_its_labels_and_cuts() {
 fn a_large_mesh_is_thinned_and_keeps_its_shape() {
     let dir = tempfile::tempdir().unwrap();
     let path = common::creature(dir.path(), 400_000, false);
-    let mesh = mesh::open(&path, dir.path(), &run()).unwrap().mesh;
+    let mesh = mesh::open(&path, dir.path(), &run()).unwrap();
     let thin = Thin::of(&mesh, TRIANGLES, &run()).unwrap();
     let count = thin.triangles.len();
     assert!((TRIANGLES / 3..TRIANGLES * 3 / 2).contains(&count), "{count}");

@@ -2,12 +2,12 @@
 
 use crate::common;
 use nystrom_stream::base::Error;
-use nystrom_stream::mesh::{self, Faces, Mesh, Opened};
+use nystrom_stream::mesh::{self, Faces, Mesh};
 use nystrom_stream::store::Run;
 use std::fmt::Write as _;
 use std::path::Path;
 
-fn open(path: &Path, scratch: &Path) -> Result<Opened, Error> {
+fn open(path: &Path, scratch: &Path) -> Result<Mesh, Error> {
     mesh::open(path, scratch, &Run { threads: 2, ..Run::new(&()) })
 }
 
@@ -35,7 +35,7 @@ fn listed() -> Vec<(String, Option<usize>, Option<usize>, String)> {
 fn every_listed_mesh_opens_with_its_counts_or_is_refused() {
     let Some(data) = common::data() else { return };
     let horse_dir = tempfile::tempdir().unwrap();
-    let horse = open(&data.join("real/horse_4k.ply"), horse_dir.path()).unwrap().mesh;
+    let horse = open(&data.join("real/horse_4k.ply"), horse_dir.path()).unwrap();
     let horse_faces = faces_of(&horse);
     let mut wrong = String::new();
     for (name, vertices, faces, remark) in listed() {
@@ -54,7 +54,7 @@ fn every_listed_mesh_opens_with_its_counts_or_is_refused() {
             Ok(_) if refuse => {
                 let _ = writeln!(wrong, "{name}: not refused");
             }
-            Ok(Opened { mesh, .. }) => {
+            Ok(mesh) => {
                 let mut triangles = 0;
                 let mut in_range = true;
                 mesh.faces.for_each(0..mesh.faces.len(), |_, corners| {
@@ -97,8 +97,8 @@ fn a_stream_opens_like_the_file() {
         let file = std::fs::File::open(data.join(name)).unwrap();
         let run = Run::new(&());
         let opened = mesh::open_reader(file, "<stdin>", scratch.path(), &run).unwrap();
-        assert_eq!((opened.mesh.positions.len(), opened.mesh.faces.len()), (2002, 4000), "{name}");
-        assert_eq!(opened.document.path(), Path::new("<stdin>"));
+        assert_eq!((opened.positions.len(), opened.faces.len()), (2002, 4000), "{name}");
+        assert_eq!(opened.path(), Path::new("<stdin>"));
     }
 }
 
@@ -108,7 +108,7 @@ fn little_endian_triangles_are_used_where_they_lie() {
     for name in ["real/horse_4k.ply", "flavour/synth_le_faceprop_before_after.ply", "flavour/synth_le_face_first.ply"] {
         let scratch = tempfile::tempdir().unwrap();
         let opened = open(&data.join(name), scratch.path()).unwrap();
-        assert!(matches!(opened.mesh.faces, Faces::Triangles { .. }));
+        assert!(matches!(opened.faces, Faces::Triangles { .. }));
         assert_eq!(std::fs::read_dir(scratch.path()).unwrap().count(), 0, "{name}");
     }
 }
@@ -168,8 +168,8 @@ fn faces_of_any_size_are_kept_as_nodes() {
     let body = "0 0 0\n1 0 0\n0 1 0\n3 0 1 2\n0\n1 2\n2 0 1\n5 0 1 2 1 0\n";
     std::fs::write(&path, header("ascii", "3", "5") + body).unwrap();
     let opened = open(&path, dir.path()).unwrap();
-    assert_eq!(faces_of(&opened.mesh), [vec![0, 1, 2], vec![], vec![2], vec![0, 1], vec![0, 1, 2, 1, 0]]);
-    assert!(opened.notes.is_empty());
+    assert_eq!(faces_of(&opened), [vec![0, 1, 2], vec![], vec![2], vec![0, 1], vec![0, 1, 2, 1, 0]]);
+    assert!(opened.notes().is_empty());
 }
 
 #[test]
@@ -177,7 +177,7 @@ fn trailing_bytes_are_noted() {
     let Some(data) = common::data() else { return };
     let scratch = tempfile::tempdir().unwrap();
     let opened = open(&data.join("flavour/synth_le_trailing_garbage.ply"), scratch.path()).unwrap();
-    assert!(opened.notes[0].ends_with("1000 bytes after the last element were ignored"), "{:?}", opened.notes);
+    assert!(opened.notes()[0].ends_with("1000 bytes after the last element were ignored"), "{:?}", opened.notes());
 }
 
 #[cfg(unix)]
@@ -191,7 +191,7 @@ fn a_named_pipe_opens_like_the_file() {
         scope.spawn(|| std::fs::copy(data.join("flavour/synth_plain.ply.gz"), &pipe).unwrap());
         open(&pipe, scratch.path()).unwrap()
     });
-    assert_eq!(opened.mesh.faces.len(), 4000);
+    assert_eq!(opened.faces.len(), 4000);
 }
 
 #[test]

@@ -1,7 +1,7 @@
 //! Labelled output holds the labels, keeps everything else, and opens again as the same mesh.
 
 use crate::common;
-use nystrom_stream::mesh::{self, Labelling, Mesh, Opened, PlyForm};
+use nystrom_stream::mesh::{self, Labelling, Mesh, PlyForm};
 use nystrom_stream::store::Run;
 use ply_rs_bw::parser::Parser;
 use ply_rs_bw::ply::{DefaultElement, Ply, Property};
@@ -9,7 +9,7 @@ use std::path::Path;
 
 const ADDED: [&str; 5] = ["label", "red", "green", "blue", "quality"];
 
-fn open(path: &Path, scratch: &Path) -> Opened {
+fn open(path: &Path, scratch: &Path) -> Mesh {
     mesh::open(path, scratch, &Run { threads: 2, ..Run::new(&()) }).unwrap()
 }
 
@@ -18,20 +18,20 @@ fn colours() -> Vec<[u8; 3]> {
 }
 
 /// Labels `input` and returns the folder with `out.ply`.
-fn label(input: &Path, form: PlyForm, stream: bool) -> (tempfile::TempDir, Opened, Vec<f32>) {
+fn label(input: &Path, form: PlyForm, stream: bool) -> (tempfile::TempDir, Mesh, Vec<f32>) {
     let dir = tempfile::tempdir().unwrap();
     let opened = open(input, dir.path());
     let run = Run { threads: 2, ..Run::new(&()) };
-    let faces = opened.mesh.faces.len();
+    let faces = opened.faces.len();
     let labels: Vec<u32> = (0..faces as u32).map(|f| f % 7).collect();
     let quality: Vec<f32> = (0..faces).map(|f| f as f32 / 3.0).collect();
     let labelling = Labelling { labels: &labels, colours: &colours(), quality: Some(&quality) };
     let out = dir.path().join("out.ply");
     if stream {
         let mut file = std::fs::File::create(&out).unwrap();
-        mesh::write_labelled_to(&opened.document, &opened.mesh, "<stdout>", &mut file, &labelling, form, &run).unwrap();
+        mesh::write_labelled_to(&opened, "<stdout>", &mut file, &labelling, form, &run).unwrap();
     } else {
-        mesh::write_labelled(&opened.document, &opened.mesh, &out, &labelling, form, false, &run).unwrap();
+        mesh::write_labelled(&opened, &out, &labelling, form, false, &run).unwrap();
     }
     assert!(!dir.path().join("out.ply.partial").exists());
     (dir, opened, quality)
@@ -77,8 +77,8 @@ fn every_mesh_survives_labelling_in_every_form() {
                 let again = tempfile::tempdir().unwrap();
                 let out = dir.path().join("out.ply");
                 let after = open(&out, again.path());
-                assert!(after.notes.is_empty(), "{name}: {:?}", after.notes);
-                assert_same_mesh(&name, &before.mesh, &after.mesh);
+                assert!(after.notes().is_empty(), "{name}: {:?}", after.notes());
+                assert_same_mesh(&name, &before, &after);
                 if large {
                     continue;
                 }
@@ -156,7 +156,7 @@ fn labels_that_do_not_fit_are_refused_and_leave_nothing() {
     let run = Run::new(&());
     let write = |labels: &[u32]| {
         let labelling = Labelling { labels, colours: &[], quality: None };
-        mesh::write_labelled(&opened.document, &opened.mesh, &out, &labelling, PlyForm::Same, false, &run)
+        mesh::write_labelled(&opened, &out, &labelling, PlyForm::Same, false, &run)
     };
     assert!(write(&[0; 3999]).unwrap_err().to_string().starts_with("labels: 3999 values for 4000 faces"));
     run.cancel.cancel();
@@ -172,8 +172,8 @@ fn quality_of_the_input_stays_where_none_is_given() {
     let out = dir.path().join("out.ply");
     let labelling = Labelling { labels: &[3; 4000], colours: &colours(), quality: None };
     let run = Run::new(&());
-    mesh::write_labelled(&opened.document, &opened.mesh, &out, &labelling, PlyForm::Same, true, &run).unwrap();
-    let (before, after) = (reference(opened.document.path()).unwrap(), reference(&out).unwrap());
+    mesh::write_labelled(&opened, &out, &labelling, PlyForm::Same, true, &run).unwrap();
+    let (before, after) = (reference(opened.path()).unwrap(), reference(&out).unwrap());
     for (a, b) in before.payload["face"].iter().zip(&after.payload["face"]) {
         assert_eq!(a["quality"], b["quality"]);
         assert_eq!(b["label"], Property::Int(3));

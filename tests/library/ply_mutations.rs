@@ -54,19 +54,18 @@ fn try_all(bytes: &[u8]) -> bool {
             return false;
         }
     };
-    let faces = opened.mesh.faces.len();
+    let faces = opened.faces.len();
     assert!(faces <= bytes.len());
-    let corners =
-        |_: usize, corners: &[u32]| assert!(corners.iter().all(|&v| (v as usize) < opened.mesh.positions.len()));
-    opened.mesh.faces.for_each(0..faces, corners);
+    let corners = |_: usize, corners: &[u32]| assert!(corners.iter().all(|&v| (v as usize) < opened.positions.len()));
+    opened.faces.for_each(0..faces, corners);
     let labels = vec![1; faces];
     let labelling = Labelling { labels: &labels, colours: &[], quality: None };
     for form in [PlyForm::Same, PlyForm::Binary, PlyForm::Ascii] {
         let out = dir.path().join("out.ply");
-        let written = mesh::write_labelled(&opened.document, &opened.mesh, &out, &labelling, form, false, &run);
+        let written = mesh::write_labelled(&opened, &out, &labelling, form, false, &run);
         if written.is_ok() {
             let again = mesh::open(&out, dir.path(), &run).expect("our own output opens");
-            assert_eq!(again.mesh.faces.len(), faces);
+            assert_eq!(again.faces.len(), faces);
         }
     }
     true

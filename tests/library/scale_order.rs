@@ -42,9 +42,9 @@ fn a_shuffled_creature_has_the_same_graph_in_any_budget() {
     let creature = Creature::new(&Options { faces: 60_000, shuffle: true, ..Options::default() }).unwrap();
     creature.write_ply(&path, &run).unwrap();
     let opened = mesh::open(&path, dir.path(), &run).unwrap();
-    let kept = edges(&opened.mesh, Order::Keep, &run, dir.path());
+    let kept = edges(&opened, Order::Keep, &run, dir.path());
     for budget in [1 << 30, 4 << 20, 2 << 20] {
-        let curve = edges(&opened.mesh, Order::Hilbert, &quiet(budget), dir.path());
+        let curve = edges(&opened, Order::Hilbert, &quiet(budget), dir.path());
         assert!(kept == curve, "budget {budget}");
     }
 }

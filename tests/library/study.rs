@@ -357,7 +357,7 @@ fn the_orthogonalised_embedding_converges_where_the_plain_one_stalls() {
     let opened = nystrom_stream::mesh::open(&path, work.path(), &small.run).unwrap();
     let params = StudyParams::default().over(Over::Vertices);
     let ground = StudyData::of(&opened, &serde_json::json!(1), params, Context::new(&work, &small.run)).unwrap();
-    assert_eq!(ground.len(), opened.mesh.positions.len());
+    assert_eq!(ground.len(), opened.positions.len());
     let fewer = gaussian.landmarks(vec![20, 50]);
     let marched = embedding_errors(&ground, &fewer, Sampling::Farthest, 0, 6, &small.run).unwrap();
     assert!(marched[1].orthogonal < 0.02 && marched[1].by_area < 0.02, "{marched:?}");

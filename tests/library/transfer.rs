@@ -6,7 +6,7 @@ use nystrom_stream::apps::transfer::closest_faces::{
     Agreement, Probe, TriangleTree, UnitFrame, distance_2, normal, unit, unpack, window,
 };
 use nystrom_stream::apps::transfer::{NONE, transfer};
-use nystrom_stream::mesh::{self, Mesh, Opened};
+use nystrom_stream::mesh::{self, Mesh};
 use nystrom_stream::store::Context;
 use nystrom_stream::store::{Budget, Run, WorkDir};
 use std::path::Path;
@@ -15,7 +15,7 @@ fn run() -> Run<'static> {
     Run { threads: 2, ..Run::new(&()) }
 }
 
-fn open(path: &Path, scratch: &Path) -> Opened {
+fn open(path: &Path, scratch: &Path) -> Mesh {
     mesh::open(path, scratch, &run()).unwrap()
 }
 
@@ -48,20 +48,20 @@ fn the_tree_finds_what_a_look_at_every_face_finds() {
     let dir = tempfile::tempdir().unwrap();
     let (fine, coarse) = (common::creature(dir.path(), 3_000, false), common::creature(dir.path(), 1_000, false));
     let (from, to) = (open(&fine, dir.path()), open(&coarse, dir.path()));
-    let frame = UnitFrame::of(&from.mesh, &run()).unwrap();
+    let frame = UnitFrame::of(&from, &run()).unwrap();
     let mut triangles = Vec::new();
-    frame.triangles(&from.mesh, 0..from.mesh.faces.len(), |face, triangle| triangles.push((face, triangle)));
+    frame.triangles(&from, 0..from.faces.len(), |face, triangle| triangles.push((face, triangle)));
     let mut probes = Vec::new();
-    frame.triangles(&to.mesh, 0..to.mesh.faces.len(), |_, t| {
+    frame.triangles(&to, 0..to.faces.len(), |_, t| {
         let place = [0, 1, 2].map(|k| (t[0][k] + t[1][k] + t[2][k]) / 3.);
         probes.push(Probe { place, normal: unit(normal(&t)) });
     });
     let slack = 0.02;
-    for block in [from.mesh.faces.len(), 700] {
+    for block in [from.faces.len(), 700] {
         let mut found = vec![[u64::MAX; 2]; probes.len()];
-        for start in (0..from.mesh.faces.len()).step_by(block) {
-            let range = start..from.mesh.faces.len().min(start + block);
-            let tree = TriangleTree::of(&from.mesh, &frame, range, |_| true);
+        for start in (0..from.faces.len()).step_by(block) {
+            let range = start..from.faces.len().min(start + block);
+            let tree = TriangleTree::of(&from, &frame, range, |_| true);
             tree.improve_all(|i| probes[i], Agreement { sign: 1., slack }, &mut found, &run()).unwrap();
         }
         for (probe, found) in probes.iter().zip(&found) {
@@ -105,7 +105,7 @@ fn a_mesh_gets_its_own_labels_back_and_another_resolution_nearly() {
         for (b, to) in paths.iter().enumerate() {
             let (work, scratch) = (WorkDir::temporary(dir.path()).unwrap(), tempfile::tempdir().unwrap());
             let (from, to) = (open(from, scratch.path()), open(to, work.path()));
-            for (labels, wanted) in [(truths[a].clone(), truths[b].clone()), (octants(&from.mesh), octants(&to.mesh))] {
+            for (labels, wanted) in [(truths[a].clone(), truths[b].clone()), (octants(&from), octants(&to))] {
                 let work = WorkDir::temporary(dir.path()).unwrap();
                 let result = transfer(&from, &labels, &to, Context::new(&work, &run())).unwrap();
                 let share = agreement(&result.labels, &wanted);
@@ -139,7 +139,7 @@ fn threads_and_memory_change_nothing() {
 }
 
 /// Two sheets close together, wound apart, each of `side`² squares; `turned` winds both the other way.
-fn sheets(folder: &Path, side: u32, turned: bool) -> Opened {
+fn sheets(folder: &Path, side: u32, turned: bool) -> Mesh {
     let mut text = format!("OFF\n{} {} 0\n", 2 * (side + 1).pow(2), 4 * side * side);
     for sheet in 0..2 {
         for k in 0..(side + 1).pow(2) {

@@ -12,23 +12,23 @@ use std::path::{Path, PathBuf};
 fn permuted(path: &Path, out: &Path, mirrored: bool) -> Vec<u32> {
     let dir = tempfile::tempdir().unwrap();
     let opened = mesh::open(path, dir.path(), &Run::new(&())).unwrap();
-    let n = opened.mesh.positions.len();
+    let n = opened.positions.len();
     let mut draw = stream(9, "permutation");
     let mut place: Vec<u32> = (0..n as u32).collect();
     (1..n).rev().for_each(|k| place.swap(k, below(&mut draw, k + 1)));
     let mut old = vec![0u32; n];
     place.iter().enumerate().for_each(|(from, &to)| old[to as usize] = from as u32);
-    let faces = opened.mesh.faces.len();
+    let faces = opened.faces.len();
     let mut text = format!(
         "ply\nformat ascii 1.0\nelement vertex {n}\nproperty float x\nproperty float y\nproperty float z\n\
          property float heat\nelement face {faces}\nproperty list uchar int vertex_indices\nproperty int label\nend_header\n"
     );
     for v in old {
-        let [x, y, z] = opened.mesh.positions.get(v);
+        let [x, y, z] = opened.positions.get(v);
         let x = if mirrored { -x } else { x };
         writeln!(text, "{} {} {} {v}", 3. * y, 3. * z, 3. * x).unwrap();
     }
-    opened.mesh.faces.for_each(0..faces, |face, c| {
+    opened.faces.for_each(0..faces, |face, c| {
         let mut c = [c[0], c[1], c[2]].map(|v| place[v as usize]);
         if mirrored {
             c.swap(1, 2);
@@ -94,20 +94,22 @@ fn a_turned_permuted_copy_is_recognised_and_its_properties_come_back() {
     assert!(told["alignments"][0]["orientation"].as_f64().unwrap() > 0.5, "{told}");
     // Carried: heat was the number of the vertex in A.
     let opened = mesh::open(&carried, dir.path(), &Run::new(&())).unwrap();
-    assert_eq!(opened.document.face_property("label", &Run::new(&())).unwrap().len(), opened.mesh.faces.len());
+    assert_eq!(opened.face_property("label", &Run::new(&())).unwrap().len(), opened.faces.len());
     let mut heat = Vec::new();
-    let place = mesh::columns::find(&opened.document, mesh::columns::Of::Vertices, "heat").unwrap();
-    mesh::columns::for_each(&opened.document, place, &Run::new(&()), |_, x| {
-        heat.push(x);
-        Ok(())
-    })
-    .unwrap();
+    let property = opened.document().unwrap().property(mesh::ply::ElementKind::Vertices, "heat").unwrap();
+    property
+        .for_each(&Run::new(&()), |_, x| {
+            heat.push(x);
+            Ok(())
+        })
+        .unwrap();
     let back = heat.iter().enumerate().filter(|(v, x)| **x == *v as f64).count();
     assert_eq!(back, right);
     for path in [&ca, &cb] {
         let opened = mesh::open(path, dir.path(), &Run::new(&())).unwrap();
-        assert!(mesh::columns::find(&opened.document, mesh::columns::Of::Vertices, "red").is_some());
-        assert_eq!(opened.mesh.positions.len(), truth.len());
+        let document = opened.document().unwrap();
+        assert!(document.property(mesh::ply::ElementKind::Vertices, "red").is_some());
+        assert_eq!(opened.positions.len(), truth.len());
     }
     assert!(std::fs::read(&picture).unwrap().starts_with(b"\x89PNG"));
 }

@@ -67,7 +67,7 @@ fn outcome(folder: &Path, arguments: &str) -> (String, String, i32) {
 fn scores_are_those_of_the_library() {
     let dir = folder();
     let run = Run::new(&());
-    let mesh = mesh::open(&dir.path().join("1.ply"), dir.path(), &run).unwrap().mesh;
+    let mesh = mesh::open(&dir.path().join("1.ply"), dir.path(), &run).unwrap();
     let read = |name: &str| read_seg(&dir.path().join(name)).unwrap();
     let scores = compare(Some(&mesh), &read("ours/1.seg"), &read("1_1.seg")).unwrap();
     let (out, err, code) =

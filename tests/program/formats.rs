@@ -1,7 +1,7 @@
 //! Outputs in other programs' forms: read back here, and opened with the programs themselves where those are there.
 
 use crate::common::{self, errors, word};
-use nystrom_stream::mesh::{self, Mesh, Opened};
+use nystrom_stream::mesh::{self, Mesh};
 use nystrom_stream::store::Run;
 use std::path::{Path, PathBuf};
 use std::process::Command;
@@ -10,14 +10,14 @@ fn run() -> Run<'static> {
     Run { threads: 2, ..Run::new(&()) }
 }
 
-fn open(path: &Path) -> Opened {
+fn open(path: &Path) -> Mesh {
     let scratch = path.parent().unwrap().join("scratch");
     std::fs::create_dir_all(&scratch).unwrap();
     mesh::open(path, &scratch, &run()).unwrap()
 }
 
 fn property(path: &Path, name: &str) -> Vec<u32> {
-    open(path).document.face_property(name, &run()).unwrap()
+    open(path).face_property(name, &run()).unwrap()
 }
 
 fn faces(mesh: &Mesh) -> Vec<Vec<[f64; 3]>> {
@@ -126,20 +126,20 @@ fn parts_are_meshes_with_their_faces_and_open_borders() {
         let with_slash = format!("{}/", folder.display());
         common::segment(path, &["-q", "-k", "3", "--ply-form", form, "-o", &with_slash, "-o", word(&seg)]);
         let labels = mesh::read_seg(&seg).unwrap();
-        let whole = faces(&open(path).mesh);
+        let whole = faces(&open(path));
         let text = std::fs::read_to_string(folder.join("parts.json")).unwrap();
         let list: serde_json::Value = serde_json::from_str(&text).unwrap();
         let mut seen = vec![u32::MAX; labels.len()];
         for part in list["parts"].as_array().unwrap() {
             let file = folder.join(part["file"].as_str().unwrap());
             let opened = open(&file);
-            assert_eq!(opened.document.is_text(), form == "ascii");
+            assert_eq!(opened.document().unwrap().is_text(), form == "ascii");
             let (original, label) = (property(&file, "original_face"), property(&file, "label"));
-            for ((corners, &face), &label) in faces(&opened.mesh).iter().zip(&original).zip(&label) {
+            for ((corners, &face), &label) in faces(&opened).iter().zip(&original).zip(&label) {
                 assert!(*corners == whole[face as usize]);
                 seen[face as usize] = label;
             }
-            assert_eq!(opened.mesh.positions.len() as u64, part["vertices"].as_u64().unwrap());
+            assert_eq!(opened.positions.len() as u64, part["vertices"].as_u64().unwrap());
         }
         assert!(seen == labels, "{form}");
         // Again, in fewer parts: the list tells what is of this cut.
@@ -157,7 +157,7 @@ fn vertices_get_labels_in_every_encoding_and_only_once() {
     let vertex_labels = |path: &Path| -> Vec<f64> {
         let text = std::fs::read_to_string(path).unwrap();
         let body = text.split("end_header\n").nth(1).unwrap();
-        let count = open(path).mesh.positions.len();
+        let count = open(path).positions.len();
         body.lines().take(count).map(|line| line.split(' ').nth(3).unwrap().parse().unwrap()).collect()
     };
     let ply = |name: &str| dir.path().join(name);
@@ -172,7 +172,7 @@ fn vertices_get_labels_in_every_encoding_and_only_once() {
     // Every vertex has a label of one of its faces.
     let (labels, opened) = (property(&ply("b.ply"), "label"), open(&ply("b.ply")));
     let mut met = vec![0u32; b.len()];
-    opened.mesh.faces.for_each(0..labels.len(), |face, corners| {
+    opened.faces.for_each(0..labels.len(), |face, corners| {
         corners.iter().for_each(|&v| met[v as usize] |= 1 << labels[face]);
     });
     assert!(met.iter().zip(&b).all(|(met, &label)| met >> label as u32 & 1 == 1));

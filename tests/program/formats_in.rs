@@ -63,7 +63,7 @@ fn all_forms(mesh: &Mesh) -> Vec<(&'static str, Vec<u8>)> {
 fn labels_are_those_of_the_same_mesh_as_ply() {
     let dir = tempfile::tempdir().unwrap();
     let ply = common::creature(dir.path(), 6_000, false);
-    let opened = mesh::open(&ply, dir.path(), &run()).unwrap().mesh;
+    let opened = mesh::open(&ply, dir.path(), &run()).unwrap();
     let label = |mesh: &Path, out: &str| {
         let out = dir.path().join(out);
         common::segment(mesh, &["-q", "-k", "5", "-o", common::word(&out)]);
@@ -74,7 +74,7 @@ fn labels_are_those_of_the_same_mesh_as_ply() {
         let path = dir.path().join(format!("mesh.{ending}"));
         std::fs::write(&path, &bytes).unwrap();
         let scratch = tempfile::tempdir().unwrap();
-        let again = mesh::open(&path, scratch.path(), &run()).unwrap().mesh;
+        let again = mesh::open(&path, scratch.path(), &run()).unwrap();
         if ending.ends_with("stl") {
             let (soup, own) = (places(&again), places(&opened));
             let wanted: Vec<[f64; 3]> = faces(&opened).iter().flatten().map(|&v| own[v as usize]).collect();
@@ -89,7 +89,7 @@ fn labels_are_those_of_the_same_mesh_as_ply() {
             flate2::write::GzEncoder::new(std::fs::File::create(&packed).unwrap(), flate2::Compression::fast());
         gz.write_all(&bytes).unwrap();
         gz.finish().unwrap();
-        let again = mesh::open(&packed, scratch.path(), &run()).unwrap().mesh;
+        let again = mesh::open(&packed, scratch.path(), &run()).unwrap();
         assert_eq!(again.faces.len(), opened.faces.len(), "{ending}");
     }
 }
@@ -102,8 +102,8 @@ fn a_labelled_ply_comes_of_any_form() {
     std::fs::write(&path, quads).unwrap();
     common::segment(&path, &["-q", "-k", "2"]);
     let labelled = mesh::open(&dir.path().join("box.segmented.ply"), dir.path(), &run()).unwrap();
-    assert_eq!(faces(&labelled.mesh), [vec![0, 1, 2, 3], vec![0, 1, 5, 4], vec![0, 4, 3]]);
-    assert_eq!(labelled.document.face_property("label", &run()).unwrap().len(), 3);
+    assert_eq!(faces(&labelled), [vec![0, 1, 2, 3], vec![0, 1, 5, 4], vec![0, 4, 3]]);
+    assert_eq!(labelled.face_property("label", &run()).unwrap().len(), 3);
 
     let many = format!(
         "OFF 300 2 0\n{}300 {}\n3 0 1 2\n",
@@ -112,7 +112,7 @@ fn a_labelled_ply_comes_of_any_form() {
     );
     std::fs::write(&path, many).unwrap();
     let opened = mesh::open_reader(std::fs::File::open(&path).unwrap(), "<stdin>", dir.path(), &run()).unwrap();
-    assert_eq!(faces(&opened.mesh)[0].len(), 300);
+    assert_eq!(faces(&opened)[0].len(), 300);
 }
 
 #[test]
@@ -163,8 +163,8 @@ fn try_open(ending: &str, bytes: &[u8]) {
     std::fs::write(&path, bytes).unwrap();
     match mesh::open(&path, dir.path(), &run()) {
         Ok(opened) => {
-            let vertices = opened.mesh.positions.len();
-            assert!(vertices <= bytes.len() && faces(&opened.mesh).iter().flatten().all(|&v| (v as usize) < vertices));
+            let vertices = opened.positions.len();
+            assert!(vertices <= bytes.len() && faces(&opened).iter().flatten().all(|&v| (v as usize) < vertices));
         }
         Err(error) => assert!(!error.to_string().contains('\n'), "{error}"),
     }

@@ -100,7 +100,7 @@ fn check(path: &Path, listed: &Listed, how: &[&str]) {
         Ok(opened) => opened,
         Err(refusal) => return refused(path, listed, &refusal.to_string()),
     };
-    let mesh = &opened.mesh;
+    let mesh = &opened;
     let n = mesh.faces.len();
     let parts = 7.min(n);
     let l = if n > 200_000 { "5" } else { "9" };
@@ -174,7 +174,7 @@ fn check(path: &Path, listed: &Listed, how: &[&str]) {
     // The labelled mesh: the same faces, and what another reader finds on them.
     let scratch = tempfile::tempdir().unwrap();
     let again = mesh::open(&ply, scratch.path(), &run).unwrap();
-    assert_eq!((again.mesh.positions.len(), again.mesh.faces.len()), (mesh.positions.len(), n), "{name}");
+    assert_eq!((again.positions.len(), again.faces.len()), (mesh.positions.len(), n), "{name}");
     if n < 20_000
         && let Some(faces) = labelled(&ply)
     {

@@ -3,8 +3,8 @@
 
 use crate::common::{self, creature, errors, program, run, word, zoo};
 use nystrom_stream::apps::sequence::{SequenceOrder, StreamMeasures, VertexUse, places};
-use nystrom_stream::mesh::rearranged::{self, Rearrangement};
-use nystrom_stream::mesh::{self, Opened, PlyForm};
+use nystrom_stream::mesh::ply::rearranged::{self, Rearrangement};
+use nystrom_stream::mesh::{self, Mesh, PlyForm};
 use nystrom_stream::pipeline::sequence::{SequenceParams, Sequencer};
 use nystrom_stream::store::Context;
 use nystrom_stream::store::{Budget, Run, WorkDir};
@@ -27,8 +27,8 @@ fn reference(path: &Path) -> Option<Ply<DefaultElement>> {
 }
 
 /// Asserts that `after` is `before` with faces at `places` and vertices at `numbers`.
-fn assert_rearranged(name: &str, before: &Opened, after: &Opened, places: &[u32], numbers: &[u32]) {
-    let (a, b) = (&before.mesh, &after.mesh);
+fn assert_rearranged(name: &str, before: &Mesh, after: &Mesh, places: &[u32], numbers: &[u32]) {
+    let (a, b) = (&before, &after);
     assert_eq!((a.positions.len(), a.faces.len()), (b.positions.len(), b.faces.len()), "{name}");
     for v in 0..a.positions.len() as u32 {
         let (p, q) = (a.positions.get(v), b.positions.get(numbers[v as usize]));
@@ -77,9 +77,9 @@ fn survives(name: &str, path: &Path) {
         Ok(opened) => opened,
         Err(_) => return,
     };
-    let places = permutation(before.mesh.faces.len(), 7919);
-    let numbers = permutation(before.mesh.positions.len(), 31);
-    let strips = before.document.header().elements.iter().any(|element| element.is("tristrips"));
+    let places = permutation(before.faces.len(), 7919);
+    let numbers = permutation(before.positions.len(), 31);
+    let strips = before.document().unwrap().header().elements.iter().any(|element| element.is("tristrips"));
     let order = Rearrangement { places: &places, numbers: &numbers, original: true };
     let mut outputs = Vec::new();
     for (form, memory, threads) in [
@@ -90,7 +90,7 @@ fn survives(name: &str, path: &Path) {
     ] {
         let run = Run { threads, budget: Budget::new(memory), ..Run::new(&()) };
         let out = dir.path().join("out.ply");
-        rearranged::write(&before.document, &before.mesh, &out, &order, form, Context::new(&work, &run)).unwrap();
+        rearranged::write(&before, &out, &order, form, Context::new(&work, &run)).unwrap();
         outputs.push(std::fs::read(&out).unwrap());
         let scratch = dir.path().join("scratch");
         std::fs::create_dir_all(&scratch).unwrap();
@@ -134,32 +134,14 @@ fn edges_name_the_vertices_they_named() {
     let opened = mesh::open(&path, work.path(), &run).unwrap();
     let mut out = Vec::new();
     let order = Rearrangement { places: &[1, 0], numbers: &[3, 1, 0, 2], original: false };
-    rearranged::write_to(
-        &opened.document,
-        &opened.mesh,
-        "x",
-        &mut out,
-        &order,
-        PlyForm::Same,
-        Context::new(&work, &run),
-    )
-    .unwrap();
+    rearranged::write_to(&opened, "x", &mut out, &order, PlyForm::Same, Context::new(&work, &run)).unwrap();
     let out = String::from_utf8(out).unwrap();
     let (head, body) = out.split_once("end_header\n").unwrap();
     assert!(head.contains("comment kept"));
     assert_eq!(body, "1 1 0\n1 0 0\n0 1 0\n0 0 0\n3 0 7\n2 3 9\n3 3 0 2\n3 3 1 0\n");
     let wrong = Rearrangement { places: &[0], ..order };
     assert!(
-        rearranged::write_to(
-            &opened.document,
-            &opened.mesh,
-            "x",
-            &mut Vec::new(),
-            &wrong,
-            PlyForm::Same,
-            Context::new(&work, &run)
-        )
-        .is_err()
+        rearranged::write_to(&opened, "x", &mut Vec::new(), &wrong, PlyForm::Same, Context::new(&work, &run)).is_err()
     );
 }
 
@@ -214,8 +196,8 @@ fn measures_are_their_definitions() {
         let run = Run { threads: 2, budget: Budget::new(4 << 20), ..Run::new(&()) };
         let opened = mesh::open(&shape.write(dir.path()), work.path(), &run).unwrap();
         let places = permutation(shape.faces.len(), 271);
-        let uses = VertexUse::of(&opened.mesh, &places, Context::new(&work, &run)).unwrap();
-        let found = StreamMeasures::of(&opened.mesh, &uses, Context::new(&work, &run)).unwrap();
+        let uses = VertexUse::of(&opened, &places, Context::new(&work, &run)).unwrap();
+        let found = StreamMeasures::of(&opened, &uses, Context::new(&work, &run)).unwrap();
         assert_eq!(found, by_definition(&shape.faces, shape.vertices.len(), &places), "{}", shape.name);
         let numbers: BTreeSet<u32> = uses.rank.iter().copied().collect();
         assert_eq!(numbers.len(), shape.vertices.len(), "{}", shape.name);
@@ -230,7 +212,7 @@ fn faces_come_by_their_corners_greatest_first() {
         let run = Run::new(&());
         let opened = mesh::open(&shape.write(dir.path()), work.path(), &run).unwrap();
         let rank = permutation(shape.vertices.len(), 577);
-        let found = places("p.tmp", &opened.mesh, &rank, Context::new(&work, &run)).unwrap();
+        let found = places("p.tmp", &opened, &rank, Context::new(&work, &run)).unwrap();
         let key = |f: usize| {
             let mut ranks: Vec<u32> = shape.faces[f].iter().map(|&v| rank[v as usize]).collect();
             ranks.sort_unstable_by(|a, b| b.cmp(a));

@@ -126,7 +126,7 @@ fn the_program_agrees() {
         let labelled = dir.path().join(format!("{told}.segmented.ply"));
         let run = Run::new(&());
         let opened = mesh::open(&labelled, dir.path(), &run).unwrap();
-        assert_eq!(opened.mesh.faces.len(), shape.faces.len(), "{told}");
+        assert_eq!(opened.faces.len(), shape.faces.len(), "{told}");
     }
 }
 

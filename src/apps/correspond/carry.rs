@@ -6,9 +6,8 @@
 
 use super::matches::Match;
 use crate::base::{Error, Result};
-use crate::mesh::annotated::Column;
-use crate::mesh::columns::{self, Of};
-use crate::mesh::{Mesh, Opened};
+use crate::mesh::Mesh;
+use crate::mesh::ply::{Column, ElementKind, Scalar};
 use crate::store::{Context, MappedSlice, WorkDir};
 
 /// The colour of what has no match.
@@ -18,9 +17,9 @@ pub const GREY: [u8; 3] = [128; 3];
 #[derive(Clone, Debug)]
 pub struct Property {
     name: String,
-    place: columns::Place,
+    scalar: Scalar,
     /// Whose it is.
-    pub of: Of,
+    pub of: ElementKind,
     /// One number per vertex of B.
     values: MappedSlice<f64>,
 }
@@ -42,22 +41,22 @@ impl Property {
     ///
     /// # Errors
     /// [`Error::Unusable`] where neither have it, [`Error::Io`], [`Error::Cancelled`].
-    pub fn read(b: &Opened, name: &str, context: Context<'_>) -> Result<Self> {
-        let found = [Of::Vertices, Of::Faces]
+    pub fn read(b: &Mesh, name: &str, context: Context<'_>) -> Result<Self> {
+        let found = [ElementKind::Vertices, ElementKind::Faces]
             .into_iter()
-            .find_map(|of| columns::find(&b.document, of, name).map(|place| (of, place)));
-        let Some((of, place)) = found else {
+            .find_map(|of| Some((of, b.document()?.property(of, name)?)));
+        let Some((of, property)) = found else {
             let problem = format!("neither its vertices nor its faces have a number {name:?}");
-            return Err(Error::unusable(b.document.path(), problem, "name a property of its header"));
+            return Err(Error::unusable(b.path(), problem, "name a property of its header"));
         };
         // Names come from the user and are no names of files.
         let mut writer = context.work.writer::<f64>("property.npy", 1)?;
-        columns::for_each(&b.document, place, context.run, |_, number| writer.push(&[number]))?;
+        property.for_each(context.run, |_, number| writer.push(&[number]))?;
         let mut values = writer.finish(false)?;
-        if of == Of::Faces {
-            let faces = first_faces(&b.mesh, "first_faces.npy", context)?;
+        if of == ElementKind::Faces {
+            let faces = first_faces(&b, "first_faces.npy", context)?;
             let mut writer = context.work.writer::<f64>("property.npy", 1)?;
-            let missing = if place.scalar.is_real() { f64::NAN } else { 0. };
+            let missing = if property.scalar.is_real() { f64::NAN } else { 0. };
             for (k, &face) in faces.iter().enumerate() {
                 if k % (1 << 16) == 0 {
                     context.run.cancel.check()?;
@@ -66,24 +65,24 @@ impl Property {
             }
             values = writer.finish(false)?;
         }
-        Ok(Self { name: name.to_owned(), place, of, values })
+        Ok(Self { name: name.to_owned(), scalar: property.scalar, of, values })
     }
 
     /// The value of B's vertex that `one` points to.
     fn value(&self, one: &Match) -> f64 {
-        let missing = if self.place.scalar.is_real() { f64::NAN } else { 0. };
+        let missing = if self.scalar.is_real() { f64::NAN } else { 0. };
         one.vertex().and_then(|v| self.values.get(v as usize)).copied().unwrap_or(missing)
     }
 
     /// The column of A, by `matches`: on its vertices or on its faces, as it was on B.
     pub fn column<'a>(&'a self, a: &'a Mesh, matches: &'a [Match]) -> Column<'a> {
         let value: Box<dyn Fn(usize) -> f64 + 'a> = match self.of {
-            Of::Vertices => Box::new(|v| self.value(&matches[v])),
-            Of::Faces => Box::new(|face| {
+            ElementKind::Vertices => Box::new(|v| self.value(&matches[v])),
+            ElementKind::Faces => Box::new(|face| {
                 a.faces.with(face, |corners| most(corners.iter().map(|&v| self.value(&matches[v as usize]))))
             }),
         };
-        Column { name: self.name.clone(), scalar: self.place.scalar, value }
+        Column { name: self.name.clone(), scalar: self.scalar, value }
     }
 }
 
@@ -132,10 +131,10 @@ impl Colours {
     ///
     /// # Errors
     /// [`Error::Unusable`] where B's faces have no labels, [`Error::Io`], [`Error::Cancelled`].
-    pub fn by_parts(b: &Opened, context: Context<'_>) -> Result<Self> {
-        let labels = b.document.face_property("label", context.run)?;
-        let palette = crate::apps::colours::colours_for(&b.mesh, &labels, context.run)?;
-        let faces = first_faces(&b.mesh, "first_faces.npy", context)?;
+    pub fn by_parts(b: &Mesh, context: Context<'_>) -> Result<Self> {
+        let labels = b.face_property("label", context.run)?;
+        let palette = crate::apps::colours::colours_for(&b, &labels, context.run)?;
+        let faces = first_faces(&b, "first_faces.npy", context)?;
         let label = |face: u32| labels.get(face as usize).and_then(|&label| palette.get(label as usize));
         Self::of(faces.iter().map(|&face| label(face).copied().unwrap_or(GREY)), context.work)
     }

@@ -16,6 +16,7 @@ mod relief;
 mod shape;
 
 use crate::base::{Error, Result, parallel, random};
+use crate::mesh::ply::{Encoding, HeaderWriter, Scalar};
 use crate::store::{Run, npy};
 use numbering::{Holes, Numbering, Permutation, mix};
 use rand_xoshiro::rand_core::Rng;
@@ -212,14 +213,13 @@ impl Creature {
         result.map(|_| ())
     }
 
-    fn header(&self) -> String {
-        let (vertices, faces) = (self.vertex_count(), self.face_count());
-        let index = if vertices > 1 << 31 { "uint" } else { "int" };
-        format!(
-            "ply\nformat binary_little_endian 1.0\ncomment a creature with known parts\n\
-             element vertex {vertices}\nproperty float x\nproperty float y\nproperty float z\n\
-             element face {faces}\nproperty list uchar {index} vertex_indices\nend_header\n"
-        )
+    fn header(&self) -> Vec<u8> {
+        let index = if self.vertex_count() > 1 << 31 { Scalar::U32 } else { Scalar::I32 };
+        let mut header = HeaderWriter::new(Encoding::Little);
+        header.remark("comment a creature with known parts");
+        header.element("vertex", self.vertex_count()).positions(false);
+        header.element("face", self.face_count()).corners(Scalar::U8, index);
+        header.finish()
     }
 
     fn write_records(&self, partial: &Path, run: &Run) -> Result<()> {
@@ -229,7 +229,7 @@ impl Creature {
         let _grant = run.budget.take("generating", (run.threads * CHUNK * FACE) as u64, 0)?;
         let file = npy::reserve_file(partial, bytes as u64)?;
         let out = Output { path: partial, file: &file, run };
-        out.write_at(header.as_bytes(), 0)?;
+        out.write_at(&header, 0)?;
         out.records(header.len(), vertices, |vertex, buffer| {
             buffer.extend_from_slice(bytemuck::cast_slice(&self.position(vertex).map(f32::to_le_bytes)));
         })?;

@@ -115,7 +115,7 @@ impl Benchmark {
         run.progress.advance("evaluate", 1);
         let scratch = tempfile::tempdir().map_err(Error::io(std::env::temp_dir(), "create a folder in"))?;
         let run = Run { threads: 1, cancel: run.cancel.clone(), ..Run::new(&()) };
-        let mesh = mesh::open(&self.folder.join(format!("{}.ply", model.name)), scratch.path(), &run)?.mesh;
+        let mesh = mesh::open(&self.folder.join(format!("{}.ply", model.name)), scratch.path(), &run)?;
         let surface = if cuts { Evaluator::of(&mesh)? } else { Evaluator::without_edges(&mesh) };
         let truths = self.truths(&model.name)?;
         let truths: Vec<Segmentation> =
@@ -172,7 +172,7 @@ pub fn read_labels(path: &Path, scratch: &Path, run: &Run) -> Result<Vec<u32>> {
     match path.extension().and_then(OsStr::to_str).map(str::to_ascii_lowercase).as_deref() {
         Some("seg") => read_seg(path),
         Some("npy") => read_npy(path),
-        Some("ply") => mesh::open(path, scratch, run)?.document.face_property("label", run),
+        Some("ply") => mesh::open(path, scratch, run)?.face_property("label", run),
         _ => Err(Error::unusable(path, "its ending says no known form of labels", "give a .seg, .npy or .ply file")),
     }
 }

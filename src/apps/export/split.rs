@@ -7,6 +7,7 @@
 use super::{CHUNK, parts};
 use crate::base::{Error, Result};
 use crate::mesh::output::{Gather, by_rename};
+use crate::mesh::ply::{Encoder, Encoding, HeaderWriter, Scalar};
 use crate::mesh::{Labelling, Mesh};
 use crate::store::Run;
 use serde_json::json;
@@ -39,7 +40,8 @@ pub fn write(folder: &Path, mesh: &Mesh, labelling: &Labelling, text: bool, dura
     if list.exists() {
         std::fs::remove_file(&list).map_err(Error::io(&list, "remove"))?;
     }
-    let mut writer = Splitter { mesh, labelling, text, run, used: vec![0; words], before: vec![0; words] };
+    let encoder = Encoder { target: if text { Encoding::Ascii } else { Encoding::Little } };
+    let mut writer = Splitter { mesh, labelling, encoder, run, used: vec![0; words], before: vec![0; words] };
     let mut listed = Vec::new();
     for part in 0..parts {
         let name = file_name(part);
@@ -69,7 +71,7 @@ pub fn write(folder: &Path, mesh: &Mesh, labelling: &Labelling, text: bool, dura
 struct Splitter<'a> {
     mesh: &'a Mesh,
     labelling: &'a Labelling<'a>,
-    text: bool,
+    encoder: Encoder,
     run: &'a Run<'a>,
     /// One bit per vertex: whether the part uses it.
     used: Vec<u64>,
@@ -116,71 +118,40 @@ impl Splitter<'_> {
     }
 
     fn part(&self, part: u32, faces: u64, vertices: u64, most: usize, out: &mut Gather) -> Result<()> {
-        let real = if self.mesh.positions.is_double() { "double" } else { "float" };
-        let count = if most <= 255 { "uchar" } else { "uint" };
-        let format = if self.text { "ascii" } else { "binary_little_endian" };
-        let original = if self.mesh.faces.len() <= i32::MAX as usize { "int" } else { "uint" };
-        let quality = if self.labelling.quality.is_some() { "property float quality\n" } else { "" };
-        let header = format!(
-            "ply\nformat {format} 1.0\ncomment part {part}, cut by nystrom-stream\nelement vertex {vertices}\n\
-             property {real} x\nproperty {real} y\nproperty {real} z\nelement face {faces}\n\
-             property list {count} int vertex_indices\nproperty {original} original_face\nproperty int label\n\
-             property uchar red\nproperty uchar green\nproperty uchar blue\n{quality}end_header\n"
-        );
-        out.buffer.extend_from_slice(header.as_bytes());
+        let (double, count) = (self.mesh.positions.is_double(), Scalar::counting(most as u64));
+        let original = if self.mesh.faces.len() <= i32::MAX as usize { Scalar::I32 } else { Scalar::U32 };
+        let mut header = HeaderWriter::new(self.encoder.target);
+        header.remark(format!("comment part {part}, cut by nystrom-stream"));
+        header.element("vertex", vertices).positions(double);
+        header.element("face", faces).corners(count, Scalar::I32).property("original_face", original);
+        self.labelling.properties().iter().for_each(|&(name, scalar)| _ = header.property(name, scalar));
+        out.buffer.append(&mut header.finish());
         for (word, &bits) in self.used.iter().enumerate() {
             let mut left = bits;
             while left != 0 {
-                self.vertex((word * BLOCK) as u32 + left.trailing_zeros(), out);
+                self.vertex((word * BLOCK) as u32 + left.trailing_zeros(), &mut out.buffer);
                 left &= left - 1;
             }
             out.settle()?;
         }
         self.each(part, |face, corners| {
-            self.face(face, corners, most <= 255, out);
+            self.face(face, corners, count, &mut out.buffer);
             out.settle()
         })
     }
 
-    fn vertex(&self, v: u32, out: &mut Gather) {
-        let p = self.mesh.positions.get(v);
-        let double = self.mesh.positions.is_double();
-        for (k, x) in p.into_iter().enumerate() {
-            let end = if k == 2 { '\n' } else { ' ' };
-            // Writing into a Vec cannot fail.
-            let _ = match (self.text, double) {
-                (true, true) => write!(out.buffer, "{x:?}{end}"),
-                (true, false) => write!(out.buffer, "{:?}{end}", x as f32),
-                (false, true) => out.buffer.write_all(&x.to_le_bytes()),
-                (false, false) => out.buffer.write_all(&(x as f32).to_le_bytes()),
-            };
-        }
+    fn vertex(&self, v: u32, out: &mut Vec<u8>) {
+        let scalar = Scalar::coordinate(self.mesh.positions.is_double());
+        self.mesh.positions.get(v).into_iter().for_each(|x| self.encoder.real(scalar, x, out));
+        self.encoder.end(out);
     }
 
-    fn face(&self, face: usize, corners: &[u32], short: bool, out: &mut Gather) {
-        let label = self.labelling.labels[face];
-        let colour = self.labelling.colours.get(label as usize).copied().unwrap_or([128; 3]);
-        let quality = self.labelling.quality.map(|quality| quality[face]);
-        if !self.text {
-            match short {
-                true => out.buffer.push(corners.len() as u8),
-                false => out.buffer.extend_from_slice(&(corners.len() as u32).to_le_bytes()),
-            }
-            let numbers = corners.iter().map(|&v| self.number(v)).chain([face as u32, label]);
-            numbers.for_each(|number| out.buffer.extend_from_slice(&number.to_le_bytes()));
-            out.buffer.extend_from_slice(&colour);
-            out.buffer.extend(quality.into_iter().flat_map(f32::to_le_bytes));
-            return;
-        }
-        out.decimal(corners.len());
-        let numbers = corners.iter().map(|&v| self.number(v)).chain([face as u32, label]);
-        for number in numbers.chain(colour.map(u32::from)) {
-            out.buffer.push(b' ');
-            out.decimal(number);
-        }
-        if let Some(quality) = quality {
-            let _ = write!(out.buffer, " {quality:?}");
-        }
-        out.buffer.push(b'\n');
+    fn face(&self, face: usize, corners: &[u32], count: Scalar, out: &mut Vec<u8>) {
+        let encoder = self.encoder;
+        encoder.integer(count, corners.len() as i64, out);
+        corners.iter().for_each(|&v| encoder.integer(Scalar::I32, self.number(v).into(), out));
+        encoder.integer(Scalar::U32, face as i64, out);
+        self.labelling.append(face, encoder, out);
+        encoder.end(out);
     }
 }

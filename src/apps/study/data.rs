@@ -16,7 +16,7 @@ use crate::distance::march::{March, Surface};
 use crate::distance::sampler::fill_lengths;
 use crate::graph::{Csr, WeightedGraph};
 use crate::graph::{DualGraph, Metric, Node, VertexGraph};
-use crate::mesh::Opened;
+use crate::mesh::Mesh;
 use crate::store::{Context, MappedSlice};
 
 /// What nodes are.
@@ -95,20 +95,15 @@ impl StudyData {
     ///
     /// # Errors
     /// As [`DualGraph::build`].
-    pub fn of(
-        opened: &Opened,
-        identity: &serde_json::Value,
-        params: StudyParams,
-        context: Context<'_>,
-    ) -> Result<Self> {
-        let path = opened.document.path();
+    pub fn of(opened: &Mesh, identity: &serde_json::Value, params: StudyParams, context: Context<'_>) -> Result<Self> {
+        let path = opened.path();
         let (graph, nodes) = match params.over {
             Over::Faces => {
-                let built = DualGraph::build(&opened.mesh, path, identity, context)?;
+                let built = DualGraph::build(&opened, path, identity, context)?;
                 (Graph::Faces(built.weighted(params.metric, context)?), built.nodes)
             }
             Over::Vertices => {
-                let built = VertexGraph::build(&opened.mesh, path, context)?;
+                let built = VertexGraph::build(&opened, path, context)?;
                 let nodes = built.nodes.clone();
                 (Graph::Vertices(built), nodes)
             }

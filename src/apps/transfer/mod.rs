@@ -12,7 +12,7 @@ use crate::base::parallel::fill_two;
 use crate::base::union_find::Forest;
 use crate::base::{Error, Result};
 use crate::graph::DualGraph;
-use crate::mesh::{Labelling, Opened};
+use crate::mesh::{Labelling, Mesh};
 use crate::store::{Context, MappedSlice, Run};
 use closest_faces::{Agreement, BYTES, Closest, Probe, TriangleTree, UnitFrame, normal, unit, unpack, window};
 use serde::Serialize;
@@ -58,12 +58,12 @@ pub struct TransferCounts {
 }
 
 /// The mean edge of `opened`'s triangles in `frame`, as if they were equilateral.
-fn mean_edge(opened: &Opened, frame: &UnitFrame, run: &Run) -> Result<f32> {
-    let n = opened.mesh.faces.len();
+fn mean_edge(opened: &Mesh, frame: &UnitFrame, run: &Run) -> Result<f32> {
+    let n = opened.faces.len();
     let (mut area, mut count) = (0f64, 0u64);
     for start in (0..n).step_by(1 << 18) {
         run.cancel.check()?;
-        frame.triangles(&opened.mesh, start..n.min(start + (1 << 18)), |_, triangle| {
+        frame.triangles(&opened, start..n.min(start + (1 << 18)), |_, triangle| {
             area += crate::base::vector::length(normal(&triangle)) / 2.;
             count += 1;
         });
@@ -72,9 +72,9 @@ fn mean_edge(opened: &Opened, frame: &UnitFrame, run: &Run) -> Result<f32> {
 }
 
 /// The points that `face` looks from: its centroid, then points half-way to its first three corners.
-fn probe(opened: &Opened, frame: &UnitFrame, face: usize, point: usize) -> Probe {
+fn probe(opened: &Mesh, frame: &UnitFrame, face: usize, point: usize) -> Probe {
     let (mut sum, mut mean, mut count, mut first) = ([0f64; 3], [0f32; 3], 0f32, [[0f32; 3]; 3]);
-    frame.triangles(&opened.mesh, face..face + 1, |_, triangle| {
+    frame.triangles(&opened, face..face + 1, |_, triangle| {
         let own = normal(&triangle);
         (0..3).for_each(|k| sum[k] += own[k]);
         (0..3).for_each(|k| mean[k] += (triangle[0][k] + triangle[1][k] + triangle[2][k]) / 3.);
@@ -95,10 +95,10 @@ fn probe(opened: &Opened, frame: &UnitFrame, face: usize, point: usize) -> Probe
 }
 
 /// Whether the normals of `to` point against those of `from` on the whole.
-fn is_turned(from: &Opened, to: &Opened, frame: &UnitFrame) -> bool {
-    let (m, n) = (from.mesh.faces.len(), to.mesh.faces.len());
+fn is_turned(from: &Mesh, to: &Mesh, frame: &UnitFrame) -> bool {
+    let (m, n) = (from.faces.len(), to.faces.len());
     let step = m.div_ceil(TRIAL);
-    let tree = TriangleTree::of(&from.mesh, frame, 0..m, |face| (face as usize).is_multiple_of(step));
+    let tree = TriangleTree::of(&from, frame, 0..m, |face| (face as usize).is_multiple_of(step));
     let mut sum = 0.;
     for face in (0..n).step_by(n.div_ceil(TRIAL / 10)) {
         let own = probe(to, frame, face, 0);
@@ -135,10 +135,10 @@ fn is_turned(from: &Opened, to: &Opened, frame: &UnitFrame) -> bool {
 /// # Errors
 /// [`Error::Parameter`] for labels that do not fit `from`; [`Error::Unusable`] where most of `to` lies far from `from`;
 /// [`Error::Memory`], [`Error::Io`], [`Error::Cancelled`].
-pub fn transfer(from: &Opened, labels: &[u32], to: &Opened, context: Context<'_>) -> Result<Transferred> {
-    super::export::fit(&from.mesh, &Labelling { labels, colours: &[], quality: None })?;
-    let (m, n) = (from.mesh.faces.len(), to.mesh.faces.len());
-    let frame = UnitFrame::of(&from.mesh, context.run)?;
+pub fn transfer(from: &Mesh, labels: &[u32], to: &Mesh, context: Context<'_>) -> Result<Transferred> {
+    super::export::fit(&from, &Labelling { labels, colours: &[], quality: None })?;
+    let (m, n) = (from.faces.len(), to.faces.len());
+    let frame = UnitFrame::of(&from, context.run)?;
     let (fine, coarse) = (mean_edge(from, &frame, context.run)?, mean_edge(to, &frame, context.run)?);
     let points = if coarse > 1.5 * fine { 4 } else { 1 };
     let turned = is_turned(from, to, &frame);
@@ -148,7 +148,7 @@ pub fn transfer(from: &Opened, labels: &[u32], to: &Opened, context: Context<'_>
     let found: &mut [Closest] = bytemuck::cast_slice_mut(&mut array.data()[..]);
     found.fill([u64::MAX; 2]);
     // Triangles per face, so that polygons find room too.
-    let triangles = (from.mesh.faces.corner_count() as u64).div_ceil(m.max(1) as u64).saturating_sub(2).max(1);
+    let triangles = (from.faces.corner_count() as u64).div_ceil(m.max(1) as u64).saturating_sub(2).max(1);
     let grant = context.run.budget.take(
         "nearest faces",
         BYTES * triangles * m.min(1 << 12) as u64,
@@ -157,7 +157,7 @@ pub fn transfer(from: &Opened, labels: &[u32], to: &Opened, context: Context<'_>
     let block = (grant.bytes() / (BYTES * triangles)).max(1) as usize;
     let look = || {
         for start in (0..m).step_by(block) {
-            let tree = TriangleTree::of(&from.mesh, &frame, start..m.min(start + block), |_| true);
+            let tree = TriangleTree::of(&from, &frame, start..m.min(start + block), |_| true);
             let at = |i: usize| probe(to, &frame, i / points, i % points);
             tree.improve_all(at, Agreement { sign, slack: fine }, found, context.run)?;
         }
@@ -181,11 +181,11 @@ pub fn transfer(from: &Opened, labels: &[u32], to: &Opened, context: Context<'_>
 
     let near = own.data().iter().filter(|&&label| label != NONE).count();
     if near * 2 < n {
-        let path = to.document.path();
-        let problem = format!("{near} of {n} faces have a labelled face of {} near", from.document.path().display());
+        let path = to.path();
+        let problem = format!("{near} of {n} faces have a labelled face of {} near", from.path().display());
         return Err(Error::unusable(path, problem, "both meshes must lie in the same place, in the same unit"));
     }
-    let graph = DualGraph::build(&to.mesh, to.document.path(), &json!("transfer"), context)?;
+    let graph = DualGraph::build(&to, to.path(), &json!("transfer"), context)?;
     let filled = label_from_neighbours(&graph, own.data(), context.run)?;
     let least = ((n as f64 * ISLAND) as usize).max(4);
     let islands = unlabel_islands(&graph, own.data(), quality.data(), least, context)?;

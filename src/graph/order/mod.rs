@@ -206,7 +206,7 @@ impl Ordered {
         };
         let positions = vertex_sort::open(context.work, mesh.positions.is_double(), mesh.positions.len())?;
         Ok(Self {
-            mesh: Mesh::new(positions, face_sort::open(&mesh.faces, context.work)?),
+            mesh: Mesh::new(mesh.path(), positions, face_sort::open(&mesh.faces, context.work)?),
             order: Some(context.work.open_array(ORDER)?),
             facts,
             identity: options,

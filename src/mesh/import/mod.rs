@@ -1,124 +1,112 @@
 //! Meshes that are no PLY: OBJ, OFF and STL become one, in the scratch folder.
 //!
-//! A file streams through one buffer into a binary PLY of double coordinates (of STL: floats, as it has them), which
+//! Which format a file has is told by its content where that says so, else by its name. It streams through one buffer
+//! into a binary PLY of double coordinates (of STL: floats, as it has them), which
 //! is then read where it lies; so whatever holds for PLY holds for these too, and labels go out as PLY. Text is walked
-//! three times, to count, for vertices and for faces: some 40 ns a number in all. On disk 24 bytes a vertex and 13 a triangle.
+//! three times, to count, for vertices and for faces: some 40 ns per number in all. On disk 24 bytes per vertex and 13 per
+//! triangle.
 
-mod lines;
-mod obj;
-mod off;
-mod recognise;
 mod stl;
+mod target;
+mod text;
 
-pub(super) use recognise::{Format, recognise};
+pub use target::Counts;
 
-use super::output::{Gather, by_rename};
 use crate::base::{Error, Result};
+use crate::mesh::output::{Gather, by_rename};
 use crate::store::{MappedBytes, Run};
 use std::path::Path;
+use target::Target;
+use text::{Lines, obj, off};
 
-/// What to do about text that is wrong.
-const CORRECT: &str = "correct the file or export it again";
-/// Records between two looks at the stop flag, and between two writes.
-const CHUNK: usize = 1 << 12;
-
-/// What a mesh has.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub struct Counts {
-    /// Vertices.
-    pub vertices: u64,
-    /// Faces.
-    pub faces: u64,
-    /// Corners of all faces.
-    pub corners: u64,
-    /// Corners of the largest face.
-    pub most: u64,
-    /// Whether coordinates will have 8 bytes.
-    pub double: bool,
+/// A format that is read.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(in crate::mesh) enum Format {
+    Ply,
+    Obj,
+    Off,
+    Stl,
 }
 
-impl Counts {
-    /// Bytes of the PLY that the mesh becomes, and of what is decoded from that.
-    pub fn bytes(&self) -> u64 {
-        let vertices = if self.double { 24 } else { 12 } * self.vertices;
-        let decoded = if self.corners == 3 * self.faces { 0 } else { 4 * self.corners + 8 * self.faces };
-        vertices + self.faces + 4 * self.corners + decoded
-    }
+/// Statements of OBJ files.
+const OBJ: [&[u8]; 11] = [b"v", b"vn", b"vt", b"f", b"o", b"g", b"s", b"mtllib", b"usemtl", b"l", b"vp"];
+/// Lines that are looked at to recognise one.
+const LOOK: usize = 64;
 
-    fn face(&mut self, corners: u64) {
-        (self.faces, self.corners, self.most) = (self.faces + 1, self.corners + corners, self.most.max(corners));
-    }
+/// How files of other formats begin.
+const FOREIGN: [(&[u8], &str); 12] = [
+    (b"glTF", "glTF"),
+    (b"PK\x03\x04", "zip (3MF, USDZ or an archive)"),
+    (b"Kaydara FBX", "FBX"),
+    (b"BLENDER", "Blender"),
+    (b"# vtk", "VTK"),
+    (b"# .PCD", "PCD point cloud"),
+    (b"LASF", "LAS point cloud"),
+    (b"ISO-10303", "STEP"),
+    (b"$MeshFormat", "Gmsh"),
+    (b"#VRML", "VRML"),
+    (b"<", "XML (COLLADA, X3D, VTK)"),
+    (b"{", "JSON (glTF)"),
+];
+/// Endings of other formats.
+const ENDINGS: [&str; 24] = [
+    "gltf", "glb", "fbx", "dae", "3mf", "3ds", "blend", "step", "stp", "iges", "igs", "vtk", "vtp", "vtu", "las",
+    "laz", "pcd", "xyz", "pts", "msh", "usd", "usdz", "wrl", "x3d",
+];
+
+/// The ending of the name, in lower case, without `.gz`.
+fn ending(path: &Path) -> String {
+    let name = path.file_name().unwrap_or_default().to_string_lossy().to_ascii_lowercase();
+    let name = name.strip_suffix(".gz").unwrap_or(&name);
+    name.rsplit_once('.').map_or("", |(_, ending)| ending).to_string()
 }
 
-/// The PLY being written.
-struct Target<'a, 'g> {
-    out: &'a mut Gather<'g>,
-    run: &'a Run<'a>,
-    path: &'a Path,
-    counts: Counts,
-    records: usize,
-}
-
-impl Target<'_, '_> {
-    fn header(&mut self) {
-        let real = if self.counts.double { "double" } else { "float" };
-        let count = if self.counts.most <= 255 { "uchar" } else { "uint" };
-        let Counts { vertices, faces, .. } = self.counts;
-        let text = format!(
-            "ply\nformat binary_little_endian 1.0\nelement vertex {vertices}\nproperty {real} x\nproperty {real} y\n\
-             property {real} z\nelement face {faces}\nproperty list {count} int vertex_indices\nend_header\n"
-        );
-        self.out.buffer.extend_from_slice(text.as_bytes());
+/// The format of `bytes`, the uncompressed content of `path`.
+///
+/// # Errors
+/// [`Error::Unusable`] for formats that are known but not read.
+pub(in crate::mesh) fn recognise(path: &Path, bytes: &[u8]) -> Result<Format> {
+    let start = bytes.trim_ascii_start();
+    let ending = ending(path);
+    let is_ply = start.get(..3).is_some_and(|word| word.eq_ignore_ascii_case(b"ply"))
+        && start.get(3).is_none_or(u8::is_ascii_whitespace);
+    if is_ply || bytes.is_empty() {
+        return Ok(Format::Ply);
     }
-
-    /// To be called once a record.
-    fn settle(&mut self) -> Result<()> {
-        self.records += 1;
-        if self.records.is_multiple_of(CHUNK) {
-            self.run.cancel.check()?;
-            self.out.settle()?;
-        }
-        Ok(())
+    match ending.as_str() {
+        "ply" => return Ok(Format::Ply),
+        "obj" => return Ok(Format::Obj),
+        "off" => return Ok(Format::Off),
+        "stl" => return Ok(Format::Stl),
+        _ => {}
     }
-
-    fn vertex(&mut self, place: [f64; 3]) -> Result<()> {
-        place.iter().for_each(|x| self.out.buffer.extend_from_slice(&x.to_le_bytes()));
-        self.settle()
+    let refuse = |name: &str| {
+        let problem = format!("is a {name} file, which is not read");
+        Err(Error::unusable(path, problem, "convert it to PLY, OBJ, OFF or STL, as with MeshLab or trimesh"))
+    };
+    if let Some((_, name)) = FOREIGN.iter().find(|(magic, _)| start.starts_with(magic)) {
+        return refuse(name);
     }
-
-    /// Begins a face of `corners` corners.
-    fn face(&mut self, corners: u64) -> Result<()> {
-        match self.counts.most <= 255 {
-            true => self.out.buffer.push(corners as u8),
-            false => self.out.buffer.extend_from_slice(&(corners as u32).to_le_bytes()),
-        }
-        self.settle()
+    let head = &start[..start.len().min(1 << 14)];
+    let first = head.split(|&byte| byte <= b' ').next().unwrap_or_default();
+    if off::is_keyword(first) {
+        return Ok(Format::Off);
     }
-
-    /// The next corner of the face begun last, vertex `number` from 0, of which `there` have come; `line` of the file.
-    fn corner(&mut self, number: Option<i64>, shown: i64, line: u64) -> Result<()> {
-        let vertices = self.counts.vertices;
-        match number.and_then(|number| u64::try_from(number).ok()).filter(|&number| number < vertices) {
-            Some(number) => {
-                self.out.buffer.extend_from_slice(&(number as u32).to_le_bytes());
-                if self.out.buffer.len() > 1 << 20 { self.out.settle() } else { Ok(()) }
-            }
-            None => Err(Error::malformed(
-                self.path,
-                format!("line {line}"),
-                format!("a face names vertex {shown}, but there are {vertices}"),
-                "repair the mesh or export it again",
-            )),
-        }
+    if stl::has_binary_size(bytes) || stl::is_text(bytes) {
+        return Ok(Format::Stl);
     }
-}
-
-/// Refuses more vertices than a face can name.
-fn check(path: &Path, counts: Counts) -> Result<()> {
-    if counts.vertices > i32::MAX as u64 {
-        return Err(Error::unusable(path, "has more than 2^31 vertices", "cut it into several meshes"));
+    let mut lines = Lines::new(head, true).take(LOOK).peekable();
+    let is_obj = lines.peek().is_some() && {
+        // The last line of what is looked at may be cut off.
+        lines.all(|line| line.words().next().is_some_and(|word| OBJ.contains(&word)))
+    };
+    if is_obj {
+        return Ok(Format::Obj);
     }
-    Ok(())
+    if ENDINGS.contains(&ending.as_str()) {
+        return refuse(&format!(".{ending}"));
+    }
+    Ok(Format::Ply)
 }
 
 /// Writes the mesh in `bytes`, the content of `path`, to `scratch` as PLY and maps that; oddities go to `notes`.

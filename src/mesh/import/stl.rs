@@ -2,11 +2,10 @@
 //!
 //! Normals and attributes are passed over. Binary files may begin with `solid` too; their size gives them away.
 
-use super::lines::Lines;
-use super::{Counts, Target, check};
+use super::target::{Counts, Target, check};
+use super::text::Lines;
 use crate::base::{Error, Result};
-use crate::mesh::header::CUT_SHORT;
-use crate::mesh::model::Scalar;
+use crate::mesh::ply::header::{CUT_SHORT, Scalar};
 use std::path::Path;
 
 /// Bytes before the triangles of a binary file, and of each.

@@ -18,7 +18,7 @@ use crate::distance::DistanceRows;
 use crate::distance::rows::RowParams;
 use crate::graph::{DualGraph, Metric, Order, Ordered, VertexAdjacency};
 use crate::landmarks::Sampling;
-use crate::mesh::{Mesh, Opened};
+use crate::mesh::Mesh;
 use crate::pipeline::SegmentParams;
 use crate::pipeline::kept::Record;
 use crate::spectral::embedding::KernelWidth;
@@ -65,7 +65,7 @@ pub struct Sequence {
 
 /// A mesh about to be sequenced, in one way or in several: what they share is made once.
 pub struct Sequencer<'a> {
-    opened: &'a Opened,
+    opened: &'a Mesh,
     identity: &'a serde_json::Value,
     ordered: Ordered,
     vertices: OnceCell<VertexAdjacency>,
@@ -84,13 +84,13 @@ impl<'a> Sequencer<'a> {
     ///
     /// # Errors
     /// [`crate::base::Error::Io`], [`crate::base::Error::Memory`], [`crate::base::Error::Cancelled`].
-    pub fn new(opened: &'a Opened, identity: &'a serde_json::Value, context: Context<'a>) -> Result<Self> {
+    pub fn new(opened: &'a Mesh, identity: &'a serde_json::Value, context: Context<'a>) -> Result<Self> {
         // A work directory made by `segment` keeps the order that its rows are in.
         let order = match Record::read(context.work) {
             Ok(record) if record.identity == *identity => record.params.order,
             _ => Order::Auto,
         };
-        let ordered = Ordered::build(&opened.mesh, order, identity, context)?;
+        let ordered = Ordered::build(&opened, order, identity, context)?;
         Ok(Self { opened, identity, ordered, vertices: OnceCell::new(), context })
     }
 
@@ -114,8 +114,7 @@ impl<'a> Sequencer<'a> {
     /// for. Beside rows of another metric they lie in a folder of their own.
     fn rows(&self, landmarks: Option<usize>) -> Result<(DualGraph, DistanceRows)> {
         let Context { work, run } = self.context;
-        let graph =
-            DualGraph::build(&self.ordered.mesh, self.opened.document.path(), &self.ordered.identity, self.context)?;
+        let graph = DualGraph::build(&self.ordered.mesh, self.opened.path(), &self.ordered.identity, self.context)?;
         let other = |record: Record| record.identity != *self.identity;
         if Record::read(work).map_or(true, other) {
             Record::of(self.opened, self.identity, &SegmentParams::default(), work).stamp(self.context)?;
@@ -184,7 +183,7 @@ impl<'a> Sequencer<'a> {
     /// As [`Sequencer::new`]; [`crate::base::Error::Parameter`] for no landmarks.
     pub fn sequence(&self, params: &SequenceParams) -> Result<Sequence> {
         if params.order == SequenceOrder::Keep {
-            let mut array = self.context.work.array::<u32>(NODE_PLACES, &[self.opened.mesh.faces.len()])?;
+            let mut array = self.context.work.array::<u32>(NODE_PLACES, &[self.opened.faces.len()])?;
             array.data().iter_mut().zip(0..).for_each(|(place, face)| *place = face);
             return self.used(array.finish(false)?);
         }
@@ -219,7 +218,7 @@ impl<'a> Sequencer<'a> {
     }
 
     fn used(&self, places: MappedSlice<u32>) -> Result<Sequence> {
-        let (mesh, run) = (&self.opened.mesh, self.context.run);
+        let (mesh, run) = (&self.opened, self.context.run);
         let vertices = mesh.positions.len() as u64;
         let uses = || VertexUse::of(mesh, &places, self.context);
         let (uses, _) = run.stage("vertices", "vertices", vertices, uses)?;
@@ -231,7 +230,7 @@ impl<'a> Sequencer<'a> {
     /// # Errors
     /// As [`Sequencer::new`].
     pub fn measures(&self, sequence: &Sequence) -> Result<StreamMeasures> {
-        StreamMeasures::of(&self.opened.mesh, &sequence.uses, self.context)
+        StreamMeasures::of(&self.opened, &sequence.uses, self.context)
     }
 }
 

@@ -1,16 +1,201 @@
-//! The header of a PLY file.
+//! The header of a PLY file: what it says, as data; reading it and writing it.
 //!
 //! Real headers come with CRLF or lone CR, tabs, indentation, comments of 200 kB, `PLY` in capitals
 //! and odd names, so the lines are found and normalised here and then given to `ply-rs-bw`, which
 //! knows the grammar. Remarks (`comment`, `obj_info`) keep their place for the output. Cost: one
 //! pass over the header, which may have [`LIMIT`] bytes, and a copy of it.
 
-use super::model::{Element, Encoding, Kind, Property, Scalar};
 use crate::base::{Error, Result};
 use ply_rs_bw::parser::Parser;
 use ply_rs_bw::ply::{self, DefaultElement};
 use std::fmt::Write as _;
 use std::path::Path;
+
+/// How the payload is written.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Encoding {
+    /// Numbers as text.
+    Ascii,
+    /// Packed numbers, little-endian.
+    Little,
+    /// Packed numbers, big-endian.
+    Big,
+}
+
+impl Encoding {
+    /// The word in a `format` line.
+    pub fn word(self) -> &'static str {
+        match self {
+            Self::Ascii => "ascii",
+            Self::Little => "binary_little_endian",
+            Self::Big => "binary_big_endian",
+        }
+    }
+}
+
+/// A number's type in the file.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Scalar {
+    /// `char`, `int8`
+    I8,
+    /// `uchar`, `uint8`
+    U8,
+    /// `short`, `int16`
+    I16,
+    /// `ushort`, `uint16`
+    U16,
+    /// `int`, `int32`
+    I32,
+    /// `uint`, `uint32`
+    U32,
+    /// `float`, `float32`
+    F32,
+    /// `double`, `float64`
+    F64,
+}
+
+impl Scalar {
+    /// Its word in a header.
+    pub fn word(self) -> &'static str {
+        match self {
+            Self::I8 => "char",
+            Self::U8 => "uchar",
+            Self::I16 => "short",
+            Self::U16 => "ushort",
+            Self::I32 => "int",
+            Self::U32 => "uint",
+            Self::F32 => "float",
+            Self::F64 => "double",
+        }
+    }
+
+    /// Bytes in a binary payload.
+    pub fn size(self) -> usize {
+        match self {
+            Self::I8 | Self::U8 => 1,
+            Self::I16 | Self::U16 => 2,
+            Self::I32 | Self::U32 | Self::F32 => 4,
+            Self::F64 => 8,
+        }
+    }
+
+    /// Whether it is a floating-point type.
+    pub fn is_real(self) -> bool {
+        matches!(self, Self::F32 | Self::F64)
+    }
+
+    /// The type that counts the corners of faces with `most` corners at most: `uchar` where it can.
+    pub fn counting(most: u64) -> Self {
+        if most <= Self::U8.greatest() { Self::U8 } else { Self::U32 }
+    }
+
+    /// The type of coordinates of 64 bits if `double`, else of 32.
+    pub fn coordinate(double: bool) -> Self {
+        if double { Self::F64 } else { Self::F32 }
+    }
+
+    /// `value` without its fraction, or the end of the range of this type where it lies beyond; 0 for NaN.
+    pub fn saturated(self, value: f64) -> i64 {
+        let greatest = self.greatest() as i64;
+        let least = if matches!(self, Self::I8 | Self::I16 | Self::I32) { -greatest - 1 } else { 0 };
+        (value as i64).clamp(least, greatest)
+    }
+
+    /// The greatest integer that the type holds.
+    pub fn greatest(self) -> u64 {
+        match self {
+            Self::I8 => i8::MAX as u64,
+            Self::U8 => u64::from(u8::MAX),
+            Self::I16 => i16::MAX as u64,
+            Self::U16 => u64::from(u16::MAX),
+            Self::I32 => i32::MAX as u64,
+            Self::U32 => u64::from(u32::MAX),
+            Self::F32 => 1 << 24,
+            Self::F64 => 1 << 53,
+        }
+    }
+}
+
+impl From<Scalar> for Kind {
+    fn from(scalar: Scalar) -> Self {
+        Self::One(scalar)
+    }
+}
+
+/// What a property holds for a record.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Kind {
+    /// One number.
+    One(Scalar),
+    /// A count and that many numbers.
+    List {
+        /// Type of the count, an integer.
+        count: Scalar,
+        /// Type of the items.
+        item: Scalar,
+    },
+}
+
+impl Kind {
+    /// The words of a `property` line between `property` and the name.
+    pub fn words(self) -> String {
+        match self {
+            Self::One(scalar) => scalar.word().to_owned(),
+            Self::List { count, item } => format!("list {} {}", count.word(), item.word()),
+        }
+    }
+
+    /// Bytes of a record's value in a binary payload, at the least.
+    pub fn least_size(self) -> usize {
+        match self {
+            Self::One(scalar) => scalar.size(),
+            Self::List { count, .. } => count.size(),
+        }
+    }
+}
+
+/// A property of an element.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Property {
+    /// Its name in the file.
+    pub name: String,
+    /// What it holds.
+    pub kind: Kind,
+}
+
+/// An element: a table of records.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Element {
+    /// Its name in the file.
+    pub name: String,
+    /// How many records the header promises.
+    pub count: usize,
+    /// The columns, in file order.
+    pub properties: Vec<Property>,
+}
+
+impl Element {
+    /// Bytes of a record in a binary payload at the least: exact where no property is a list.
+    pub fn least_size(&self) -> usize {
+        self.properties.iter().map(|property| property.kind.least_size()).sum()
+    }
+
+    /// Bytes of every record in a binary payload; `None` where a property is a list.
+    pub fn fixed_size(&self) -> Option<usize> {
+        let lists = self.properties.iter().any(|property| matches!(property.kind, Kind::List { .. }));
+        (!lists).then(|| self.least_size())
+    }
+
+    /// Where the property called `name` stands.
+    pub fn find(&self, name: &str) -> Option<usize> {
+        self.properties.iter().position(|property| property.name == name)
+    }
+
+    /// Whether the element is called `name`, in any case.
+    pub fn is(&self, name: &str) -> bool {
+        self.name.eq_ignore_ascii_case(name)
+    }
+}
 
 /// Bytes that a header may have at most; anything longer is not a header.
 pub const LIMIT: usize = 64 << 20;
@@ -46,7 +231,7 @@ fn next_line(bytes: &[u8], lone_cr: bool) -> Option<(&[u8], usize)> {
 }
 
 /// The start of a line as it can be shown in a message of one line.
-pub(super) fn shown(line: &[u8]) -> String {
+pub(in crate::mesh) fn shown(line: &[u8]) -> String {
     let cut = &line[..line.len().min(40)];
     let dots = if line.len() > cut.len() { "…" } else { "" };
     format!("\"{}{dots}\"", String::from_utf8_lossy(cut).escape_debug())
@@ -112,7 +297,7 @@ pub fn parse(path: &Path, bytes: &[u8]) -> Result<Header> {
 }
 
 /// The remedy for files that end too early.
-pub(super) const CUT_SHORT: &str = "the file is cut short or damaged; get it again";
+pub(in crate::mesh) const CUT_SHORT: &str = "the file is cut short or damaged; get it again";
 
 /// The statements of a header, with the names replaced by plain ones (`e0`, `p1`, …): the grammar
 /// knows only names of letters, digits, `_` and `-`, and merges properties of the same name.
@@ -221,6 +406,64 @@ fn scalar_of(scalar: &ply::ScalarType) -> Scalar {
         ply::ScalarType::UInt => Scalar::U32,
         ply::ScalarType::Float => Scalar::F32,
         ply::ScalarType::Double => Scalar::F64,
+    }
+}
+
+/// A header being written. All headers of the project are put into words here.
+///
+/// ```
+/// use nystrom_stream::mesh::ply::{Encoding, HeaderWriter, Scalar};
+/// let mut header = HeaderWriter::new(Encoding::Little);
+/// header.element("vertex", 8).positions(false);
+/// header.element("face", 12).corners(Scalar::U8, Scalar::I32).property("label", Scalar::I32);
+/// let text = String::from_utf8(header.finish()).unwrap();
+/// assert!(text.starts_with("ply\nformat binary_little_endian 1.0\nelement vertex 8\nproperty float x\n"));
+/// assert!(text.ends_with("property list uchar int vertex_indices\nproperty int label\nend_header\n"));
+/// ```
+#[derive(Clone, Debug)]
+pub struct HeaderWriter {
+    /// Bytes and no `String`: remarks of an input need not be Unicode.
+    text: Vec<u8>,
+}
+
+impl HeaderWriter {
+    /// A header without elements, of a payload in `encoding`.
+    pub fn new(encoding: Encoding) -> Self {
+        Self { text: format!("ply\nformat {} 1.0\n", encoding.word()).into_bytes() }
+    }
+
+    /// Adds a `comment` or `obj_info` line, given as a whole without its line break.
+    pub fn remark(&mut self, line: impl AsRef<[u8]>) -> &mut Self {
+        self.text.extend_from_slice(line.as_ref());
+        self.text.push(b'\n');
+        self
+    }
+
+    /// Begins an element of `count` records; its properties follow.
+    pub fn element(&mut self, name: &str, count: u64) -> &mut Self {
+        self.remark(format!("element {name} {count}"))
+    }
+
+    /// Adds a property to the element begun last.
+    pub fn property(&mut self, name: &str, kind: impl Into<Kind>) -> &mut Self {
+        self.remark(format!("property {} {name}", kind.into().words()))
+    }
+
+    /// Adds `x`, `y` and `z`, of 64 bits if `double`, else of 32.
+    pub fn positions(&mut self, double: bool) -> &mut Self {
+        let scalar = Scalar::coordinate(double);
+        self.property("x", scalar).property("y", scalar).property("z", scalar)
+    }
+
+    /// Adds the list of a face's corners, of `item`s after a `count`.
+    pub fn corners(&mut self, count: Scalar, item: Scalar) -> &mut Self {
+        self.property("vertex_indices", Kind::List { count, item })
+    }
+
+    /// The header's bytes, up to where the payload begins.
+    pub fn finish(mut self) -> Vec<u8> {
+        self.remark("end_header");
+        self.text
     }
 }
 

@@ -2,31 +2,31 @@
 //!
 //! Records of the two elements are cut into pieces of 16 bytes, which an external sort by place brings in order,
 //! whatever their sizes and encodings; corners, and the ends of an `edge` element, get the vertices' new numbers; other
-//! elements are copied. New numbers are looked up where they lie: 4 B a vertex that want to stay in memory where
-//! the file's order is scattered. Cost: 24 B a piece through the sort, read and written once; 50–200 MB/s.
+//! elements are copied. New numbers are looked up where they lie: 4 bytes per vertex, which should stay in memory where
+//! the file's order is scattered. Cost: 24 bytes per piece through the sort, written and read once where memory does not
+//! hold them; 50–200 MB/s.
 
-use super::cursor::{Binary, Cursor, Fault, Text};
 use super::document::Document;
-use super::encode::Encoder;
-use super::header::{CUT_SHORT, Line};
+use super::header::{Encoding, Kind, Property, Scalar};
 use super::labelled::PlyForm;
-use super::model::{Element, Encoding, Kind, Scalar};
-use super::output::{Gather, by_rename};
-use super::pieces;
-use super::surface::Mesh;
+use super::values::{Binary, Cursor, Encoder, Fault, Text};
+use crate::base::parallel::in_order;
 use crate::base::{Error, Result};
+use crate::mesh::geometry::Mesh;
+use crate::mesh::output::{Gather, by_rename};
 use crate::store::Context;
+use crate::store::shuffle::{BudgetedShuffle, Producer};
+
 use std::io::Write;
 use std::path::Path;
 
-/// Records between two looks at the stop flag; bytes copied at a time.
+/// Records between two looks at the stop flag.
 const CHUNK: usize = 1 << 14;
-const COPY: usize = 1 << 22;
 /// What is added with [`Rearrangement::original`].
 const FACE: &str = "original_face";
 const VERTEX: &str = "original_vertex";
 
-/// A new order.
+/// A new order of the faces and vertices of a mesh.
 #[derive(Clone, Copy, Debug)]
 pub struct Rearrangement<'a> {
     /// The place of each face (n): a permutation.
@@ -37,21 +37,14 @@ pub struct Rearrangement<'a> {
     pub original: bool,
 }
 
-/// Writes the rearranged file `out`, by rename. `mesh` and `document` come from the same [`super::open()`]; `out` may
-/// be the input itself.
+/// Writes the rearranged file `out`, by rename; `out` may be the file that `mesh` was opened from.
 ///
 /// # Errors
-/// [`Error::Parameter`] where the order does not fit the mesh; [`Error::Io`]; [`Error::Memory`]; [`Error::Cancelled`];
-/// [`Error::Malformed`] should the input have changed since it was opened.
-pub fn write(
-    document: &Document,
-    mesh: &Mesh,
-    out: &Path,
-    order: &Rearrangement,
-    form: PlyForm,
-    context: Context<'_>,
-) -> Result<()> {
-    by_rename(out, 0, false, |file| stream(document, mesh, out, file, order, form, context))
+/// [`Error::Parameter`] where the order does not fit the mesh; [`Error::Unusable`] for a mesh of arrays, which has no file
+/// to rearrange; [`Error::Io`]; [`Error::Memory`]; [`Error::Cancelled`]; [`Error::Malformed`] should the input have
+/// changed since it was opened.
+pub fn write(mesh: &Mesh, out: &Path, order: &Rearrangement, form: PlyForm, context: Context<'_>) -> Result<()> {
+    by_rename(out, 0, false, |file| stream(mesh, out, file, order, form, context))
 }
 
 /// Writes the rearranged file to a stream, `name` in messages.
@@ -59,7 +52,6 @@ pub fn write(
 /// # Errors
 /// As [`write()`].
 pub fn write_to(
-    document: &Document,
     mesh: &Mesh,
     name: &str,
     writer: &mut dyn Write,
@@ -67,11 +59,10 @@ pub fn write_to(
     form: PlyForm,
     context: Context<'_>,
 ) -> Result<()> {
-    stream(document, mesh, Path::new(name), writer, order, form, context)
+    stream(mesh, Path::new(name), writer, order, form, context)
 }
 
 fn stream(
-    document: &Document,
     mesh: &Mesh,
     path: &Path,
     writer: &mut dyn Write,
@@ -85,8 +76,15 @@ fn stream(
     };
     fit("places", order.places.len(), mesh.faces.len())?;
     fit("numbers", order.numbers.len(), mesh.positions.len())?;
-    let target = form.encoding(document);
-    let task = Task { document, mesh, order, encoder: Encoder { target }, context };
+    let document = mesh.document().ok_or_else(|| {
+        Error::unusable(
+            mesh.path(),
+            "was made from arrays: there is no file to rearrange",
+            "write it and open that file",
+        )
+    })?;
+    let encoder = Encoder { target: form.encoding(document.header.encoding) };
+    let task = RearrangedWriter { document, mesh, order, encoder, context };
     let mut out = Gather::new(path, writer);
     out.pass(&task.header())?;
     for number in 0..document.header.elements.len() {
@@ -109,7 +107,7 @@ enum Role {
     Other,
 }
 
-struct Task<'a> {
+struct RearrangedWriter<'a> {
     document: &'a Document,
     mesh: &'a Mesh,
     order: &'a Rearrangement<'a>,
@@ -117,14 +115,13 @@ struct Task<'a> {
     context: Context<'a>,
 }
 
-impl<'a> Task<'a> {
+impl<'a> RearrangedWriter<'a> {
     fn role(&self, number: usize) -> Role {
         let elements = &self.document.header.elements;
-        let vertices = elements.iter().position(|element| element.is("vertex"));
         let element = &elements[number];
         match number {
             _ if number == self.document.face => Role::Faces,
-            _ if Some(number) == vertices => Role::Vertices,
+            _ if Some(number) == self.document.vertex() => Role::Vertices,
             _ if element.is("edge") && element.properties.iter().any(names_vertex) => Role::Edges,
             _ => Role::Other,
         }
@@ -149,53 +146,9 @@ impl<'a> Task<'a> {
     }
 
     fn header(&self) -> Vec<u8> {
-        let (document, header) = (self.document, &self.document.header);
-        let mut out = format!("ply\nformat {} 1.0\n", self.encoder.target.word());
-        let mut bytes = Vec::new();
-        let close = |out: &mut String, element: Option<usize>| {
-            if let Some(name) = element.and_then(|number| self.added(number)) {
-                *out += &format!("property uint {name}\n");
-            }
-        };
-        let mut open = None;
-        for line in &header.lines {
-            match line {
-                Line::Remark(text) => {
-                    // A remark need not be Unicode.
-                    bytes.append(&mut std::mem::take(&mut out).into_bytes());
-                    bytes.extend_from_slice(text);
-                    bytes.push(b'\n');
-                }
-                Line::Element(number) => {
-                    close(&mut out, open);
-                    open = Some(*number);
-                    let element = &header.elements[*number];
-                    let strips = *number == document.face && document.strips;
-                    let (name, count) =
-                        if strips { ("face", self.mesh.faces.len()) } else { (element.name.as_str(), element.count) };
-                    out += &format!("element {name} {count}\n");
-                    if strips {
-                        out += "property list uchar int vertex_indices\n";
-                    }
-                }
-                Line::Property(element, number) => {
-                    let strips = *element == document.face && document.strips;
-                    let property = &header.elements[*element].properties[*number];
-                    if strips || !self.kept(*element)[*number] {
-                        continue;
-                    }
-                    out += &match property.kind {
-                        Kind::One(scalar) => format!("property {} {}\n", scalar.word(), property.name),
-                        Kind::List { count, item } => {
-                            format!("property list {} {} {}\n", count.word(), item.word(), property.name)
-                        }
-                    };
-                }
-            }
-        }
-        close(&mut out, open);
-        bytes.append(&mut (out + "end_header\n").into_bytes());
-        bytes
+        let added = |element| self.added(element).map(|name| (name, Scalar::U32)).into_iter().collect();
+        let kept = |element, property: usize| self.kept(element)[property];
+        self.document.header_of_copy(self.encoder.target, self.mesh.faces.len(), None, kept, added)
     }
 
     fn element<C: Cursor<'a>>(&self, number: usize, out: &mut Gather) -> Result<()> {
@@ -203,7 +156,7 @@ impl<'a> Task<'a> {
         let element = &document.header.elements[number];
         if role == Role::Faces && document.strips {
             let bytes = 16 * self.mesh.faces.len();
-            return pieces::sorted(self.order.places, bytes, out, self.context, |push| self.strips(push));
+            return sorted(self.order.places, bytes, out, self.context, |push| self.strips(push));
         }
         if element.properties.is_empty() {
             return Ok(());
@@ -211,7 +164,9 @@ impl<'a> Task<'a> {
         let places = match role {
             Role::Faces => self.order.places,
             Role::Vertices => self.order.numbers,
-            Role::Other if self.encoder.target == document.header.encoding => return self.copy(number, out),
+            Role::Other if self.encoder.target == document.header.encoding => {
+                return document.copy_element(number, out, self.context.run);
+            }
             Role::Edges | Role::Other => {
                 return self.records::<C>(number, |_, bytes| {
                     out.buffer.extend_from_slice(bytes);
@@ -221,21 +176,8 @@ impl<'a> Task<'a> {
         };
         // Text of another encoding can be longer or shorter; only the number of buckets depends on it.
         let bytes = document.ranges[number].len().max(element.least_size() * element.count);
-        let produce = |push: pieces::Push<'_>| self.records::<C>(number, |record, bytes| push(record, bytes));
-        pieces::sorted(places, bytes, out, self.context, produce)
-    }
-
-    /// An element as it stands.
-    fn copy(&self, number: usize, out: &mut Gather) -> Result<()> {
-        let range = self.document.ranges[number].clone();
-        for piece in self.document.bytes[range.clone()].chunks(COPY) {
-            self.context.run.cancel.check()?;
-            out.pass(piece)?;
-        }
-        if self.encoder.target == Encoding::Ascii && !range.is_empty() {
-            out.buffer.push(b'\n');
-        }
-        Ok(())
+        let produce = |push: Push<'_>| self.records::<C>(number, |record, bytes| push(record, bytes));
+        sorted(places, bytes, out, self.context, produce)
     }
 
     /// The records of an element in the order of the file, as the output is to have them.
@@ -271,15 +213,12 @@ impl<'a> Task<'a> {
                     }
                     skipped
                 };
-                moved.map_err(|fault| self.error(element, record, fault))?;
+                moved.map_err(|fault| document.changed(number, record, fault))?;
             }
             if self.added(number).is_some() {
                 self.encoder.integer(Scalar::U32, record as i64, out);
             }
-            if text {
-                out.pop_if(|last| *last == b' ');
-                out.push(b'\n');
-            }
+            self.encoder.end(out);
             each(record, &record_bytes)?;
         }
         Ok(())
@@ -301,10 +240,7 @@ impl<'a> Task<'a> {
                 if self.order.original {
                     encoder.integer(Scalar::U32, face as i64, &mut record);
                 }
-                if encoder.target == Encoding::Ascii {
-                    record.pop_if(|last| *last == b' ');
-                    record.push(b'\n');
-                }
+                encoder.end(&mut record);
                 if result.is_ok() {
                     result = push(face, &record);
                 }
@@ -335,23 +271,58 @@ impl<'a> Task<'a> {
         self.encoder.integer(scalar, new, out);
         Ok(())
     }
-
-    fn error(&self, element: &Element, record: usize, fault: Fault) -> Error {
-        let place = format!("{} {record}", element.name.escape_debug());
-        match fault {
-            Fault::Length(length) => Error::malformed(
-                &self.document.path,
-                place,
-                format!("a list of {length} items is too long for the type of its count"),
-                "write the mesh in the input's own encoding",
-            ),
-            _ => Error::malformed(&self.document.path, place, "the file changed while it was in use", CUT_SHORT),
-        }
-    }
 }
 
 /// Whether a property of an `edge` is an end of it.
-fn names_vertex(property: &super::model::Property) -> bool {
+fn names_vertex(property: &Property) -> bool {
     let integer = matches!(property.kind, Kind::One(scalar) if !scalar.is_real());
     integer && ["vertex1", "vertex2", "vertex_1", "vertex_2"].contains(&property.name.as_str())
+}
+
+/// Bytes of a record in a piece: records are cut into pieces, each with its record's place and its own number, so that the
+/// sort sees items of one size.
+const PIECE: usize = 16;
+
+/// Place, number of the piece · 32 + bytes, and the bytes.
+type Piece = [u32; 2 + PIECE / 4];
+
+/// Where records go as they are made: number and bytes.
+type Push<'a> = &'a mut dyn FnMut(usize, &[u8]) -> Result<()>;
+
+/// Has `produce` make records, about `bytes` in all, record r of place `places[r]`, and writes them by place.
+fn sorted(
+    places: &[u32],
+    bytes: usize,
+    out: &mut Gather,
+    Context { work, run }: Context<'_>,
+    produce: impl FnOnce(Push<'_>) -> Result<()>,
+) -> Result<()> {
+    let n = places.len().max(1);
+    // A bucket waits as its bytes, four a thread, while one is sorted.
+    let (pieces, copies) = ((bytes / PIECE + n) as u64, 6 * run.threads as u64);
+    let sized = BudgetedShuffle::<Piece>::new(&work.file("pieces.tmp"), "records", pieces, copies, 1, run)?;
+    let shuffle = &sized.shuffle;
+    let mut producer: Producer<'_, Piece> = shuffle.producer();
+    produce(&mut |record, bytes| {
+        let place = places[record];
+        let bucket = (u64::from(place) * shuffle.buckets() as u64 / n as u64) as usize;
+        for (k, part) in bytes.chunks(PIECE).enumerate() {
+            let mut piece: Piece = [0; 2 + PIECE / 4];
+            piece[..2].copy_from_slice(&[place, (k as u32) << 5 | part.len() as u32]);
+            bytemuck::cast_slice_mut::<u32, u8>(&mut piece[2..])[..part.len()].copy_from_slice(part);
+            producer.push(bucket, piece)?;
+        }
+        Ok(())
+    })?;
+    producer.finish()?;
+    let sort = |bucket: usize, (): &mut ()| {
+        let mut pieces = shuffle.take(bucket)?;
+        pieces.sort_unstable_by_key(|piece| (piece[0], piece[1]));
+        let mut bytes = Vec::with_capacity(PIECE * pieces.len());
+        for piece in &pieces {
+            bytes.extend_from_slice(&bytemuck::cast_slice::<u32, u8>(&piece[2..])[..piece[1] as usize & 31]);
+        }
+        Ok(bytes)
+    };
+    in_order(run.threads, &run.cancel, shuffle.buckets(), || (), sort, |_, bytes| out.pass(&bytes))
 }

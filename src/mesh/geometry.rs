@@ -1,15 +1,18 @@
-//! The mesh as the floors above see it: positions and faces over mapped bytes.
+//! The mesh as the layers above see it: positions and faces over mapped bytes or arrays in memory.
 //!
-//! Two layouts serve every file. A binary little-endian PLY of triangles is read where it lies
+//! Two layouts serve every file and every array. A binary little-endian PLY of triangles is read where it lies
 //! (records at a fixed stride); anything else is decoded once into plain arrays of the work
-//! directory, which are records at a fixed stride too, or, for polygons, corner lists. Nothing is
-//! allocated here; a face costs 13 bytes of mapped file read, a position 12 or more.
+//! directory, which are records at a fixed stride too, or, for polygons, corner lists. Arrays of a caller are viewed as
+//! they are. Nothing is allocated per face; a face costs 13 bytes of mapped file read, a position 12 or more.
 
+use super::ply::document::Document;
 use crate::base::vector::finite;
 use crate::base::{Error, Result};
-use crate::store::{MappedBytes, MappedSlice};
+use crate::store::{MappedBytes, MappedSlice, Run};
 use std::ops::Range;
-use std::path::Path;
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+use tempfile::TempDir;
 use xxhash_rust::xxh3::Xxh3;
 
 /// Vertex positions at a fixed stride in mapped bytes, `f32` or `f64`, little-endian.
@@ -244,16 +247,63 @@ pub struct Mesh {
     pub positions: Positions,
     /// Faces, in the order of the file or of the array.
     pub faces: Faces,
+    source: Arc<Source>,
+    /// The folder that decoded arrays lie in, where nobody else keeps it. Dropped last.
+    pub(super) _scratch: Option<Arc<TempDir>>,
+}
+
+/// Where a mesh comes from.
+#[derive(Debug)]
+struct Source {
+    /// The path as the user gave it, or what stands for it in messages.
+    path: PathBuf,
+    document: Option<Document>,
+    notes: Vec<String>,
 }
 
 /// What an error calls a mesh that comes from arrays.
 const ARRAYS: &str = "<arrays>";
 
 impl Mesh {
-    /// Puts positions and faces together. The caller has checked every index (the readers do, while decoding);
-    /// [`Positions::get`] answers NaN to a wrong one all the same.
-    pub fn new(positions: Positions, faces: Faces) -> Self {
-        Self { positions, faces }
+    /// Puts positions and faces together; `path` names the mesh in messages. The caller has checked every index (the
+    /// readers do, while decoding); [`Positions::get`] answers NaN to a wrong one all the same.
+    pub fn new(path: impl Into<PathBuf>, positions: Positions, faces: Faces) -> Self {
+        Self::with_source(positions, faces, path.into(), None, Vec::new())
+    }
+
+    pub(super) fn with_source(
+        positions: Positions,
+        faces: Faces,
+        path: PathBuf,
+        document: Option<Document>,
+        notes: Vec<String>,
+    ) -> Self {
+        Self { positions, faces, source: Arc::new(Source { path, document, notes }), _scratch: None }
+    }
+
+    /// The path as the user gave it (`<stdin>` or the like for a stream, `<arrays>` without a file).
+    pub fn path(&self) -> &Path {
+        &self.source.path
+    }
+
+    /// The file that the mesh was read from, for outputs that keep what they do not change; none without a file.
+    pub fn document(&self) -> Option<&Document> {
+        self.source.document.as_ref()
+    }
+
+    /// Oddities of the file worth one line each: trailing bytes, expanded strips.
+    pub fn notes(&self) -> &[String] {
+        &self.source.notes
+    }
+
+    /// The values of the face property `name` of the file, such as the labels that another run wrote.
+    ///
+    /// # Errors
+    /// As [`Document::face_property`]; [`Error::Unusable`] without a file.
+    pub fn face_property(&self, name: &str, run: &Run) -> Result<Vec<u32>> {
+        let problem = "was made from arrays and has no properties";
+        let document = self.document();
+        document.ok_or_else(|| Error::unusable(self.path(), problem, "open a file"))?.face_property(name, run)
     }
 
     /// A mesh of copied arrays: `positions` (vertices × 3, `f32` or `f64`) and for each face the numbers of its corners
@@ -347,7 +397,7 @@ impl Mesh {
         if faces.len() as u64 > MOST_FACES {
             return Err(too_many_faces(path, faces.len() as u64));
         }
-        Ok(Self::new(positions, faces))
+        Ok(Self::new(path, positions, faces))
     }
 
     /// A hash of all positions and faces: equal for equal meshes, whatever holds them. One pass, about 10 ns per face.

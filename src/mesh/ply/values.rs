@@ -1,10 +1,11 @@
-//! Reading numbers one after the other from a payload, text or binary.
+//! The numbers of a payload, text or binary: read one after the other, and written.
 //!
 //! A cursor moves over mapped bytes and allocates nothing; it is generic, so that each encoding
-//! gets its own compiled loop: 2–5 ns a binary number, 15–30 ns a number in text.
+//! gets its own compiled loop: 2–5 ns per binary number, 15–30 ns per number in text. An encoder appends to a
+//! buffer, 5–50 ns per number.
 
-use super::header::shown;
-use super::model::{Kind, Scalar};
+use super::header::{Encoding, Kind, Scalar, shown};
+use std::io::Write as _;
 
 /// Why a number could not be read.
 #[derive(Debug)]
@@ -68,7 +69,7 @@ impl<'a> Text<'a> {
 }
 
 /// A floating-point number as any program may have written it.
-pub(super) fn real_of(token: &[u8], of: Scalar) -> Option<f64> {
+pub(in crate::mesh) fn real_of(token: &[u8], of: Scalar) -> Option<f64> {
     let text = std::str::from_utf8(token).ok()?;
     let parsed = match of {
         // Parsed as what it is: rounding to f64 first could end one unit off.
@@ -90,7 +91,7 @@ pub(super) fn real_of(token: &[u8], of: Scalar) -> Option<f64> {
 
 /// An integer; also one written as `3.0` or `3e0`.
 #[inline]
-pub(super) fn integer_of(token: &[u8]) -> Option<i64> {
+pub(in crate::mesh) fn integer_of(token: &[u8]) -> Option<i64> {
     let (negative, digits) = match token {
         [b'-', digits @ ..] => (true, digits),
         [b'+', digits @ ..] => (false, digits),
@@ -205,6 +206,98 @@ impl<'a, const BIG: bool> Cursor<'a> for Binary<'a, BIG> {
     }
 }
 
+/// A writer of numbers, each followed by a blank where they are text.
+#[derive(Clone, Copy, Debug)]
+pub struct Encoder {
+    /// The encoding of the output.
+    pub target: Encoding,
+}
+
+impl Encoder {
+    /// Reads a value and writes it.
+    pub(super) fn value<'b, C: Cursor<'b>>(self, cursor: &mut C, kind: Kind, out: &mut Vec<u8>) -> Result<(), Fault> {
+        match kind {
+            Kind::One(scalar) => self.number(cursor, scalar, out),
+            Kind::List { count, item } => {
+                let length = cursor.length(count)?;
+                self.length(count, length, out)?;
+                for _ in 0..length {
+                    self.number(cursor, item, out)?;
+                }
+                Ok(())
+            }
+        }
+    }
+
+    /// Writes the length of a list, unless it is too long for its type.
+    pub(super) fn length(self, count: Scalar, length: u64, out: &mut Vec<u8>) -> Result<(), Fault> {
+        if length > count.greatest() && self.target != Encoding::Ascii {
+            return Err(Fault::Length(length as i64));
+        }
+        self.integer(count, length as i64, out);
+        Ok(())
+    }
+
+    #[inline]
+    fn number<'b, C: Cursor<'b>>(self, cursor: &mut C, of: Scalar, out: &mut Vec<u8>) -> Result<(), Fault> {
+        if of.is_real() {
+            self.real(of, cursor.real(of)?, out);
+        } else {
+            self.integer(of, cursor.integer(of)?, out);
+        }
+        Ok(())
+    }
+
+    /// Appends an integer; one beyond its type keeps its low bits, as in C.
+    #[inline]
+    pub fn integer(self, scalar: Scalar, value: i64, out: &mut Vec<u8>) {
+        if self.target == Encoding::Ascii {
+            out.extend_from_slice(itoa::Buffer::new().format(value).as_bytes());
+            out.push(b' ');
+            return;
+        }
+        let (all, size) = (value.to_le_bytes(), scalar.size());
+        let start = out.len();
+        out.extend_from_slice(&all[..size]);
+        if self.target == Encoding::Big {
+            out[start..].reverse();
+        }
+    }
+
+    /// Appends a floating-point number.
+    pub fn real(self, scalar: Scalar, value: f64, out: &mut Vec<u8>) {
+        let start = out.len();
+        // Writing into a Vec cannot fail.
+        let _ = match (self.target, scalar) {
+            (Encoding::Ascii, Scalar::F32) => write!(out, "{:?} ", value as f32),
+            (Encoding::Ascii, _) => write!(out, "{value:?} "),
+            (_, Scalar::F32) => out.write_all(&(value as f32).to_le_bytes()),
+            _ => out.write_all(&value.to_le_bytes()),
+        };
+        if self.target == Encoding::Big {
+            out[start..].reverse();
+        }
+    }
+
+    /// Appends a number of any type.
+    pub fn scalar(self, scalar: Scalar, value: f64, out: &mut Vec<u8>) {
+        if scalar.is_real() {
+            self.real(scalar, value, out);
+        } else {
+            self.integer(scalar, scalar.saturated(value), out);
+        }
+    }
+
+    /// Ends a record: in text, a line break takes the place of the last blank.
+    #[inline]
+    pub fn end(self, out: &mut Vec<u8>) {
+        if self.target == Encoding::Ascii {
+            out.pop_if(|last| *last == b' ');
+            out.push(b'\n');
+        }
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -236,5 +329,22 @@ mod tests {
         let mut little = Binary::<false>::new(&bytes, 0);
         assert_eq!(little.integer(Scalar::U16).unwrap(), 513);
         assert!(little.skip(Scalar::F64, u64::MAX).is_err());
+    }
+
+    #[test]
+    fn numbers_are_cast_as_rust_casts_them() {
+        let written = |target, scalar, value| {
+            let mut out = Vec::new();
+            Encoder { target }.scalar(scalar, value, &mut out);
+            out
+        };
+        for value in [0., -1., 3.7, -3.7, 255., 256., 1e6, -1e6, 1e20, -1e20, f64::NAN, f64::INFINITY] {
+            assert_eq!(written(Encoding::Little, Scalar::I8, value), (value as i8).to_le_bytes());
+            assert_eq!(written(Encoding::Little, Scalar::U8, value), (value as u8).to_le_bytes());
+            assert_eq!(written(Encoding::Big, Scalar::I16, value), (value as i16).to_be_bytes());
+            assert_eq!(written(Encoding::Little, Scalar::U32, value), (value as u32).to_le_bytes());
+            assert_eq!(written(Encoding::Little, Scalar::F32, value), (value as f32).to_le_bytes());
+            assert_eq!(written(Encoding::Ascii, Scalar::I32, value), format!("{} ", value as i32).as_bytes());
+        }
     }
 }

@@ -1,16 +1,16 @@
-//! A label a vertex: the one that most faces around it have.
+//! One label per vertex: the one that most faces around it have.
 //!
-//! Labels are tallied in bands of vertices as wide as the budget allows, each with a pass over the faces. A vertex has
-//! room for [`KINDS`] labels, so its answer is exact where no more meet there; 20 bytes a vertex.
+//! Labels are tallied in blocks of vertices as large as the budget allows, each with a pass over the faces. A vertex has
+//! room for [`KINDS`] labels, so its answer is exact where no more meet there; 20 bytes per vertex.
 
-use super::surface::Mesh;
 use crate::base::Result;
+use crate::mesh::geometry::Mesh;
 use crate::store::Run;
 use crate::store::budget::Grant;
 
-/// Labels tallied a vertex.
+/// Labels tallied per vertex.
 const KINDS: usize = 3;
-/// Vertices of a band at the least, where there are as many.
+/// Vertices of a block at the least, where there are as many.
 const LEAST: usize = 1 << 12;
 /// Faces between two looks at the stop flag.
 const CHUNK: usize = 1 << 16;
@@ -48,7 +48,7 @@ pub(super) struct VertexLabels<'a> {
     labels: &'a [u32],
     run: &'a Run<'a>,
     start: usize,
-    band: Vec<Tally>,
+    block: Vec<Tally>,
     width: usize,
     _grant: Grant,
 }
@@ -63,7 +63,7 @@ impl<'a> VertexLabels<'a> {
         let least = size * vertices.min(LEAST) as u64;
         let grant = run.budget.take("labels of vertices", least, size * vertices as u64)?;
         let width = (grant.bytes() / size) as usize;
-        Ok(Self { mesh, labels, run, start: 0, band: Vec::new(), width, _grant: grant })
+        Ok(Self { mesh, labels, run, start: 0, block: Vec::new(), width, _grant: grant })
     }
 
     /// The label of `vertex`; none where it has no face.
@@ -71,23 +71,23 @@ impl<'a> VertexLabels<'a> {
     /// # Errors
     /// [`crate::base::Error::Cancelled`].
     pub(super) fn get(&mut self, vertex: usize) -> Result<Option<u32>> {
-        if vertex < self.start || vertex >= self.start + self.band.len() {
+        if vertex < self.start || vertex >= self.start + self.block.len() {
             self.fill(vertex)?;
         }
-        Ok(self.band.get(vertex - self.start).and_then(Tally::most))
+        Ok(self.block.get(vertex - self.start).and_then(Tally::most))
     }
 
-    /// Tallies the band that begins with `start`.
+    /// Tallies the block that begins with `start`.
     fn fill(&mut self, start: usize) -> Result<()> {
         self.start = start;
-        self.band.clear();
-        self.band.resize(self.width.min(self.mesh.positions.len() - start), Tally::default());
+        self.block.clear();
+        self.block.resize(self.width.min(self.mesh.positions.len() - start), Tally::default());
         let faces = self.mesh.faces.len();
         for first in (0..faces).step_by(CHUNK) {
             self.run.cancel.check()?;
             self.mesh.faces.for_each(first..faces.min(first + CHUNK), |face, corners| {
                 for &corner in corners {
-                    if let Some(tally) = (corner as usize).checked_sub(start).and_then(|at| self.band.get_mut(at)) {
+                    if let Some(tally) = (corner as usize).checked_sub(start).and_then(|at| self.block.get_mut(at)) {
                         tally.add(self.labels[face]);
                     }
                 }
@@ -103,7 +103,7 @@ mod tests {
     use crate::store::Budget;
 
     #[test]
-    fn the_most_frequent_label_wins_whatever_the_bands() {
+    fn the_most_frequent_label_wins_whatever_the_blocks() {
         // A fan around vertex 0, and many vertices of no face.
         let faces: Vec<[u32; 3]> = (1..7).map(|k| [0, k, k % 6 + 1]).collect();
         let mesh = Mesh::from_slices(&vec![[0.; 3]; 3 * LEAST], &faces).unwrap();

@@ -1,0 +1,110 @@
+//! The PLY that a file of another format becomes, as it is being written.
+//!
+//! Records stream through one buffer; nothing is held.
+
+use crate::base::{Error, Result};
+use crate::mesh::output::Gather;
+use crate::mesh::ply::header::{Encoding, HeaderWriter, Scalar};
+use crate::store::Run;
+use std::path::Path;
+
+/// What to do about text that is wrong.
+pub(super) const CORRECT: &str = "correct the file or export it again";
+/// Records between two looks at the stop flag, and between two writes.
+const CHUNK: usize = 1 << 12;
+
+/// What a mesh has.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Counts {
+    /// Vertices.
+    pub vertices: u64,
+    /// Faces.
+    pub faces: u64,
+    /// Corners of all faces.
+    pub corners: u64,
+    /// Corners of the largest face.
+    pub most: u64,
+    /// Whether coordinates will have 8 bytes.
+    pub double: bool,
+}
+
+impl Counts {
+    /// Bytes of the PLY that the mesh becomes, and of what is decoded from that.
+    pub fn bytes(&self) -> u64 {
+        let vertices = if self.double { 24 } else { 12 } * self.vertices;
+        let decoded = if self.corners == 3 * self.faces { 0 } else { 4 * self.corners + 8 * self.faces };
+        vertices + self.faces + 4 * self.corners + decoded
+    }
+
+    pub(super) fn face(&mut self, corners: u64) {
+        (self.faces, self.corners, self.most) = (self.faces + 1, self.corners + corners, self.most.max(corners));
+    }
+}
+
+/// The PLY being written.
+pub(super) struct Target<'a, 'g> {
+    pub out: &'a mut Gather<'g>,
+    pub run: &'a Run<'a>,
+    pub path: &'a Path,
+    pub counts: Counts,
+    pub records: usize,
+}
+
+impl Target<'_, '_> {
+    pub(super) fn header(&mut self) {
+        let Counts { vertices, faces, .. } = self.counts;
+        let mut header = HeaderWriter::new(Encoding::Little);
+        header.element("vertex", vertices).positions(self.counts.double);
+        header.element("face", faces).corners(Scalar::counting(self.counts.most), Scalar::I32);
+        self.out.buffer.append(&mut header.finish());
+    }
+
+    /// To be called once per record.
+    pub(super) fn settle(&mut self) -> Result<()> {
+        self.records += 1;
+        if self.records.is_multiple_of(CHUNK) {
+            self.run.cancel.check()?;
+            self.out.settle()?;
+        }
+        Ok(())
+    }
+
+    pub(super) fn vertex(&mut self, place: [f64; 3]) -> Result<()> {
+        place.iter().for_each(|x| self.out.buffer.extend_from_slice(&x.to_le_bytes()));
+        self.settle()
+    }
+
+    /// Begins a face of `corners` corners.
+    pub(super) fn face(&mut self, corners: u64) -> Result<()> {
+        match self.counts.most <= 255 {
+            true => self.out.buffer.push(corners as u8),
+            false => self.out.buffer.extend_from_slice(&(corners as u32).to_le_bytes()),
+        }
+        self.settle()
+    }
+
+    /// The next corner of the face begun last, vertex `number` from 0, `line` of the file.
+    pub(super) fn corner(&mut self, number: Option<i64>, shown: i64, line: u64) -> Result<()> {
+        let vertices = self.counts.vertices;
+        match number.and_then(|number| u64::try_from(number).ok()).filter(|&number| number < vertices) {
+            Some(number) => {
+                self.out.buffer.extend_from_slice(&(number as u32).to_le_bytes());
+                if self.out.buffer.len() > 1 << 20 { self.out.settle() } else { Ok(()) }
+            }
+            None => Err(Error::malformed(
+                self.path,
+                format!("line {line}"),
+                format!("a face names vertex {shown}, but there are {vertices}"),
+                "repair the mesh or export it again",
+            )),
+        }
+    }
+}
+
+/// Refuses more vertices than a face can name.
+pub(super) fn check(path: &Path, counts: Counts) -> Result<()> {
+    if counts.vertices > i32::MAX as u64 {
+        return Err(Error::unusable(path, "has more than 2^31 vertices", "cut it into several meshes"));
+    }
+    Ok(())
+}

@@ -1,0 +1,249 @@
+//! Meshes of text, read line by line: OBJ and OFF, whatever ends a line. Nothing is held.
+
+use super::target::{CORRECT, Counts, Target, check};
+use crate::base::{Error, Result};
+use crate::mesh::ply::header::{CUT_SHORT, Scalar, shown};
+use crate::mesh::ply::values::{integer_of, real_of};
+use std::path::Path;
+
+/// A line and its number.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Line<'a> {
+    /// From 1.
+    pub number: u64,
+    /// Without what ends it and without a remark.
+    pub text: &'a [u8],
+}
+
+/// The lines that are not blank; `#` begins a remark. With `joined`, a backslash at the end goes on with the next line.
+pub(super) struct Lines<'a> {
+    rest: &'a [u8],
+    number: u64,
+    joined: bool,
+}
+
+impl<'a> Lines<'a> {
+    /// The lines of `bytes`.
+    pub(super) fn new(bytes: &'a [u8], joined: bool) -> Self {
+        let bytes = bytes.strip_prefix(b"\xef\xbb\xbf").unwrap_or(bytes);
+        Self { rest: bytes, number: 0, joined }
+    }
+
+    /// Where the line ends, and where the next begins.
+    fn end(&self, from: usize) -> (usize, usize) {
+        let rest = &self.rest[from..];
+        let end = from + rest.iter().position(|&byte| byte == b'\n' || byte == b'\r').unwrap_or(rest.len());
+        let crlf = self.rest[end..].starts_with(b"\r\n");
+        (end, self.rest.len().min(end + if crlf { 2 } else { 1 }))
+    }
+}
+
+impl<'a> Iterator for Lines<'a> {
+    type Item = Line<'a>;
+
+    #[inline]
+    fn next(&mut self) -> Option<Line<'a>> {
+        while !self.rest.is_empty() {
+            self.number += 1;
+            let number = self.number;
+            let (mut end, mut next) = self.end(0);
+            while self.joined && self.rest[..end].ends_with(b"\\") && next < self.rest.len() {
+                (end, next) = self.end(next);
+                self.number += 1;
+            }
+            let text = &self.rest[..end];
+            self.rest = &self.rest[next..];
+            let text = match text.first() {
+                Some(b'#') => &[][..],
+                // Most lines have no remark; only where numbers are followed by one is it looked for.
+                _ => text.iter().position(|&byte| byte == b'#').map_or(text, |at| &text[..at]),
+            }
+            .trim_ascii();
+            if !text.is_empty() {
+                return Some(Line { number, text });
+            }
+        }
+        None
+    }
+}
+
+impl<'a> Line<'a> {
+    /// Its words.
+    #[inline]
+    pub(super) fn words(&self) -> impl Iterator<Item = &'a [u8]> + Clone + use<'a> {
+        self.text.split(|&byte| byte <= b' ' || byte == b'\\').filter(|word| !word.is_empty())
+    }
+
+    /// The next three numbers of `words`; more do not matter.
+    pub(super) fn place(&self, mut words: impl Iterator<Item = &'a [u8]>, of: Scalar, path: &Path) -> Result<[f64; 3]> {
+        let mut place = [0.; 3];
+        for x in &mut place {
+            let word = words.next().ok_or_else(|| self.wrong(path, "a vertex needs three coordinates"))?;
+            let number = real_of(word, of);
+            *x = number.ok_or_else(|| self.wrong(path, &format!("{} is not a number", shown(word))))?;
+        }
+        Ok(place)
+    }
+
+    /// An error on this line.
+    pub(super) fn wrong(&self, path: &Path, problem: &str) -> Error {
+        Error::malformed(path, format!("line {}", self.number), problem, CORRECT)
+    }
+}
+
+/// Wavefront OBJ: `v` and `f` lines; texture coordinates, normals, groups, materials, lines and points are passed over.
+///
+/// Negative numbers of vertices count back from the line they stand on. Curves and surfaces have no faces to cut.
+pub(super) mod obj {
+    use super::*;
+
+    /// What the mesh has.
+    pub(in crate::mesh::import) fn count(path: &Path, bytes: &[u8]) -> Result<Counts> {
+        let mut counts = Counts { double: true, ..Counts::default() };
+        for line in Lines::new(bytes, true) {
+            let mut words = line.words();
+            match words.next() {
+                Some(b"v") => counts.vertices += 1,
+                Some(b"f" | b"fo") => counts.face(words.count() as u64),
+                _ => {}
+            }
+        }
+        check(path, counts)?;
+        Ok(counts)
+    }
+
+    /// Writes the mesh.
+    pub(in crate::mesh::import) fn convert(bytes: &[u8], target: &mut Target) -> Result<()> {
+        target.counts = count(target.path, bytes)?;
+        target.header();
+        for line in Lines::new(bytes, true) {
+            let mut words = line.words();
+            if words.next() == Some(b"v") {
+                let place = line.place(words, Scalar::F64, target.path)?;
+                target.vertex(place)?;
+            }
+        }
+        let mut before = 0;
+        for line in Lines::new(bytes, true) {
+            let mut words = line.words();
+            match words.next() {
+                Some(b"v") => before += 1,
+                Some(b"f" | b"fo") => {
+                    target.face(words.clone().count() as u64)?;
+                    for word in words {
+                        let number = word.split(|&byte| byte == b'/').next().unwrap_or(word);
+                        let Some(shown) = integer_of(number) else {
+                            return Err(line.wrong(target.path, &format!("{} is not a vertex's number", shown(word))));
+                        };
+                        let from_zero = match shown {
+                            0 => None,
+                            1.. => Some(shown - 1),
+                            _ => Some(before + shown),
+                        };
+                        target.corner(from_zero, shown, line.number)?;
+                    }
+                }
+                _ => {}
+            }
+        }
+        Ok(())
+    }
+}
+
+/// OFF, of text: one vertex per line, then one face per line; colours, normals and texture coordinates are passed over.
+///
+/// The keyword may carry `C`, `N`, `ST`; the counts may stand beside it. Binary files and points in four or n dimensions
+/// are refused.
+pub(super) mod off {
+    use super::*;
+
+    /// Whether `word` is a keyword of OFF, of any dimension.
+    pub(in crate::mesh::import) fn is_keyword(word: &[u8]) -> bool {
+        let Some(front) = word.strip_suffix(b"OFF") else { return false };
+        front.len() <= 5 && front.iter().all(|byte| b"STCN4n".contains(byte))
+    }
+
+    /// The lines after the counts, and what the header promises.
+    fn open<'a>(path: &Path, bytes: &'a [u8]) -> Result<(Lines<'a>, u64, u64)> {
+        let mut lines = Lines::new(bytes, false);
+        let missing = || Error::malformed(path, "header", "the numbers of vertices and faces are missing", CORRECT);
+        let mut line = lines.next().ok_or_else(missing)?;
+        let mut words: Vec<&[u8]> = line.words().take(4).collect();
+        if is_keyword(words[0]) {
+            if words[0].contains(&b'4') || words[0].contains(&b'n') {
+                let problem = format!("{} has points in other than three dimensions", shown(words[0]));
+                return Err(Error::unusable(path, problem, "export the mesh as plain OFF, OBJ or PLY"));
+            }
+            words.remove(0);
+            if words.first().is_some_and(|word| word.eq_ignore_ascii_case(b"binary")) {
+                return Err(Error::unusable(path, "is a binary OFF file", "export the mesh as OFF of text, or as PLY"));
+            }
+            if words.is_empty() {
+                line = lines.next().ok_or_else(missing)?;
+                words = line.words().take(4).collect();
+            }
+        }
+        let count = |k: usize| {
+            let word = words.get(k).copied().ok_or_else(missing)?;
+            let number = integer_of(word).and_then(|number| u64::try_from(number).ok());
+            number.ok_or_else(|| line.wrong(path, &format!("{} is no number of vertices or faces", shown(word))))
+        };
+        Ok((lines, count(0)?, count(1)?))
+    }
+
+    /// The next line, which must be there.
+    fn next<'a>(lines: &mut Lines<'a>, what: &str, k: u64, path: &Path) -> Result<Line<'a>> {
+        let missing = || Error::malformed(path, format!("{what} {k}"), "the file ends here", CUT_SHORT);
+        lines.next().ok_or_else(missing)
+    }
+
+    /// How many corners the face on `line` has.
+    fn corners(line: &Line, path: &Path) -> Result<u64> {
+        let word = line.words().next().unwrap_or_default();
+        let number = integer_of(word).and_then(|number| u64::try_from(number).ok());
+        // More corners than the line has bytes: no need to look for them.
+        let number = number.filter(|&number| number <= line.text.len() as u64);
+        number.ok_or_else(|| line.wrong(path, &format!("{} is no number of corners that follow", shown(word))))
+    }
+
+    /// What the mesh has.
+    pub(in crate::mesh::import) fn count(path: &Path, bytes: &[u8]) -> Result<Counts> {
+        let (mut lines, vertices, faces) = open(path, bytes)?;
+        let mut counts = Counts { vertices, double: true, ..Counts::default() };
+        check(path, counts)?;
+        for k in 0..vertices {
+            next(&mut lines, "vertex", k, path)?;
+        }
+        for k in 0..faces {
+            let line = next(&mut lines, "face", k, path)?;
+            counts.face(corners(&line, path)?);
+        }
+        Ok(counts)
+    }
+
+    /// Writes the mesh.
+    pub(in crate::mesh::import) fn convert(bytes: &[u8], target: &mut Target) -> Result<()> {
+        let path = target.path;
+        target.counts = count(path, bytes)?;
+        target.header();
+        let (mut lines, vertices, faces) = open(path, bytes)?;
+        for k in 0..vertices {
+            let line = next(&mut lines, "vertex", k, path)?;
+            target.vertex(line.place(line.words(), Scalar::F64, path)?)?;
+        }
+        for k in 0..faces {
+            let line = next(&mut lines, "face", k, path)?;
+            let size = corners(&line, path)?;
+            target.face(size)?;
+            let mut words = line.words().skip(1);
+            for _ in 0..size {
+                let word =
+                    words.next().ok_or_else(|| line.wrong(path, &format!("a face of {size} corners ends early")))?;
+                let number = integer_of(word)
+                    .ok_or_else(|| line.wrong(path, &format!("{} is not a vertex's number", shown(word))))?;
+                target.corner(Some(number), number, line.number)?;
+            }
+        }
+        Ok(())
+    }
+}

@@ -1,0 +1,382 @@
+//! An opened PLY file as it is needed again: to copy what an output does not change, and to read properties of its
+//! vertices and faces.
+//!
+//! A [`Document`] keeps the mapping alive and remembers where each element lies; it holds the header and a few numbers
+//! per element. Properties are read in one pass over the element's records, in the order of the file, and nothing is held:
+//! about 10 ns per record in binary files, 100 ns in text.
+
+use super::header::{CUT_SHORT, Encoding, Header, HeaderWriter, Kind, Line, Scalar};
+use super::values::{Binary, Cursor, Fault, Text};
+use crate::base::{Error, Result};
+use crate::mesh::output::Gather;
+use crate::store::{MappedBytes, Run};
+use std::ops::Range;
+use std::path::{Path, PathBuf};
+
+/// Records between two looks at the stop flag.
+const CHUNK: usize = 1 << 14;
+/// Bytes copied at a time.
+const COPY: usize = 1 << 22;
+
+/// An opened PLY file: its header and where its elements lie.
+#[derive(Clone, Debug)]
+pub struct Document {
+    /// The path as the user gave it (`<stdin>` or the like for a stream).
+    pub(in crate::mesh) path: PathBuf,
+    pub(in crate::mesh) header: Header,
+    /// The uncompressed file.
+    pub(in crate::mesh) bytes: MappedBytes,
+    /// The bytes of each element, without blanks around them where they are text.
+    pub(in crate::mesh) ranges: Vec<Range<usize>>,
+    /// Number of the element that holds the faces.
+    pub(in crate::mesh) face: usize,
+    /// Number of its property that lists the vertices.
+    pub(in crate::mesh) list: usize,
+    /// Whether that element holds triangle strips.
+    pub(in crate::mesh) strips: bool,
+    /// Bytes of every face's record where all are equal in size and layout (binary only).
+    pub(in crate::mesh) face_bytes: Option<usize>,
+}
+
+/// Vertices or faces.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum ElementKind {
+    /// The vertices.
+    Vertices,
+    /// The faces. Triangle strips have no property per face.
+    Faces,
+}
+
+/// A property of which each vertex or each face has one number.
+#[derive(Clone, Copy, Debug)]
+pub struct NumberProperty<'a> {
+    document: &'a Document,
+    element: usize,
+    property: usize,
+    /// The type of its numbers in the file.
+    pub scalar: Scalar,
+}
+
+impl Document {
+    /// The path as the user gave it.
+    pub fn path(&self) -> &Path {
+        &self.path
+    }
+
+    /// The header.
+    pub fn header(&self) -> &Header {
+        &self.header
+    }
+
+    /// Number of the element that holds the vertices.
+    pub(super) fn vertex(&self) -> Option<usize> {
+        self.header.elements.iter().position(|element| element.is("vertex"))
+    }
+
+    /// Whether its numbers are text.
+    pub fn is_text(&self) -> bool {
+        self.header.encoding == Encoding::Ascii
+    }
+
+    /// Bytes of the uncompressed file.
+    pub fn len(&self) -> u64 {
+        self.bytes.len() as u64
+    }
+
+    /// Never: an empty file is refused when opened.
+    pub fn is_empty(&self) -> bool {
+        self.bytes.is_empty()
+    }
+
+    /// The bytes of the uncompressed file, as for a checksum that tells whether a stage's input
+    /// is still the same.
+    pub fn bytes(&self) -> &[u8] {
+        &self.bytes
+    }
+
+    /// The property called `name`, if every vertex or face has one number of it.
+    pub fn property(&self, of: ElementKind, name: &str) -> Option<NumberProperty<'_>> {
+        let element = match of {
+            ElementKind::Vertices => self.vertex()?,
+            ElementKind::Faces if self.strips => return None,
+            ElementKind::Faces => self.face,
+        };
+        let property = self.header.elements[element].find(name)?;
+        match self.header.elements[element].properties[property].kind {
+            Kind::One(scalar) => Some(NumberProperty { document: self, element, property, scalar }),
+            Kind::List { .. } => None,
+        }
+    }
+
+    /// The values of the face property `name`: one number from 0 on for each face, in the order of the file; 4 bytes
+    /// per face.
+    ///
+    /// # Errors
+    /// [`Error::Unusable`] where there is no such property or it is no integer, [`Error::Malformed`] naming the face
+    /// whose value is negative or beyond 32 bits, [`Error::Cancelled`].
+    pub fn face_property(&self, name: &str, run: &Run) -> Result<Vec<u32>> {
+        if self.property(ElementKind::Faces, name).filter(|found| !found.scalar.is_real()).is_none() {
+            let problem = format!("its faces have no integer property {name:?}");
+            return Err(Error::unusable(
+                &self.path,
+                problem,
+                "give a mesh that was written with labels, or a .seg file",
+            ));
+        }
+        let mut values = Vec::with_capacity(self.header.elements[self.face].count);
+        self.for_each_face([name], run, |face, [value]| {
+            let value = u32::try_from(value).map_err(|_| {
+                Error::malformed(
+                    &self.path,
+                    format!("face {face}"),
+                    format!("{} is {value}", name.escape_debug()),
+                    "use numbers from 0 to 4294967295",
+                )
+            })?;
+            values.push(value);
+            Ok(())
+        })?;
+        Ok(values)
+    }
+
+    /// Calls `visit(face, numbers)` for every face in order, with the integers of the properties called `names`, such as a
+    /// label and a colour; a name that no property has gives 0.
+    ///
+    /// # Errors
+    /// Those of `visit`; [`Error::Malformed`] should the file have changed since it was opened; [`Error::Cancelled`].
+    pub fn for_each_face<const N: usize>(
+        &self,
+        names: [&str; N],
+        run: &Run,
+        visit: impl FnMut(usize, [i64; N]) -> Result<()>,
+    ) -> Result<()> {
+        let wanted = names.map(|name| Some(self.property(ElementKind::Faces, name)?.property));
+        self.numbers(self.face, wanted, run, visit)
+    }
+
+    fn numbers<T: Number, const N: usize>(
+        &self,
+        element: usize,
+        wanted: [Option<usize>; N],
+        run: &Run,
+        visit: impl FnMut(usize, [T; N]) -> Result<()>,
+    ) -> Result<()> {
+        match self.header.encoding {
+            Encoding::Ascii => self.walk::<Text, T, N>(element, wanted, run, visit),
+            Encoding::Little => self.walk::<Binary<false>, T, N>(element, wanted, run, visit),
+            Encoding::Big => self.walk::<Binary<true>, T, N>(element, wanted, run, visit),
+        }
+    }
+
+    /// Calls `visit(record, numbers)` for every record of `element`, with the values of the properties `wanted`.
+    fn walk<'a, C: Cursor<'a>, T: Number, const N: usize>(
+        &'a self,
+        element: usize,
+        wanted: [Option<usize>; N],
+        run: &Run,
+        mut visit: impl FnMut(usize, [T; N]) -> Result<()>,
+    ) -> Result<()> {
+        let range = self.ranges[element].clone();
+        let element = &self.header.elements[element];
+        let mut cursor = C::new(&self.bytes[..range.end], range.start);
+        for record in 0..element.count {
+            if record % CHUNK == 0 {
+                run.cancel.check()?;
+            }
+            let mut numbers = [T::default(); N];
+            for (number, property) in element.properties.iter().enumerate() {
+                let place = wanted.iter().position(|&wanted| wanted == Some(number));
+                let read = match (place, property.kind) {
+                    (Some(k), Kind::One(scalar)) => T::read(&mut cursor, scalar).map(|value| numbers[k] = value),
+                    (_, kind) => cursor.skip_value(kind),
+                };
+                read.map_err(|fault| {
+                    let problem = match fault {
+                        Fault::End => "the file ends here".to_owned(),
+                        Fault::Text(text) => format!("{text} is not a number of the right type"),
+                        Fault::Length(length) => format!("a list has {length} items"),
+                    };
+                    let place = format!("{} {record}", element.name.escape_debug());
+                    Error::malformed(&self.path, place, problem, CUT_SHORT)
+                })?;
+            }
+            visit(record, numbers)?;
+        }
+        Ok(())
+    }
+
+    /// Copies an element as it stands.
+    pub(super) fn copy_element(&self, number: usize, out: &mut Gather, run: &Run) -> Result<()> {
+        let range = self.ranges[number].clone();
+        for piece in self.bytes[range.clone()].chunks(COPY) {
+            run.cancel.check()?;
+            out.pass(piece)?;
+        }
+        if self.is_text() && !range.is_empty() {
+            out.buffer.push(b'\n');
+        }
+        Ok(())
+    }
+
+    /// The error for a record of element `number` that could not be copied.
+    pub(super) fn changed(&self, number: usize, record: usize, fault: Fault) -> Error {
+        let place = format!("{} {record}", self.header.elements[number].name.escape_debug());
+        match fault {
+            Fault::Length(length) => Error::malformed(
+                &self.path,
+                place,
+                format!("a list of {length} items is too long for the type of its count"),
+                "write the mesh in the input's own encoding",
+            ),
+            _ => Error::malformed(&self.path, place, "the file changed while it was in use", CUT_SHORT),
+        }
+    }
+
+    /// The header of a copy of the file in encoding `target`, with `faces` faces: the properties that are `kept`
+    /// (element, property), and behind those of an element what is `added` to it. A `remark` stands before the first
+    /// element, and nowhere else. Triangle strips become faces that have only their corners and what is added.
+    pub(super) fn header_of_copy(
+        &self,
+        target: Encoding,
+        faces: usize,
+        remark: Option<&[u8]>,
+        kept: impl Fn(usize, usize) -> bool,
+        added: impl Fn(usize) -> Vec<(&'static str, Scalar)>,
+    ) -> Vec<u8> {
+        let mut out = HeaderWriter::new(target);
+        let close = |out: &mut HeaderWriter, element: Option<usize>| {
+            for (name, scalar) in element.map(&added).unwrap_or_default() {
+                out.property(name, scalar);
+            }
+        };
+        let mut open = None;
+        for line in &self.header.lines {
+            match *line {
+                Line::Remark(ref text) if Some(&text[..]) == remark => {}
+                Line::Remark(ref text) => {
+                    out.remark(text);
+                }
+                Line::Element(number) => {
+                    if let Some(remark) = remark.filter(|_| open.is_none()) {
+                        out.remark(remark);
+                    }
+                    close(&mut out, open);
+                    open = Some(number);
+                    let element = &self.header.elements[number];
+                    let is_face = number == self.face;
+                    let name = if is_face && self.strips { "face" } else { &element.name };
+                    out.element(name, if is_face { faces } else { element.count } as u64);
+                }
+                Line::Property(element, number) if element == self.face && self.strips => {
+                    if number == self.list {
+                        out.corners(Scalar::U8, Scalar::I32);
+                    }
+                }
+                Line::Property(element, number) if kept(element, number) => {
+                    let property = &self.header.elements[element].properties[number];
+                    out.property(&property.name, property.kind);
+                }
+                Line::Property(..) => {}
+            }
+        }
+        close(&mut out, open);
+        out.finish()
+    }
+}
+
+impl NumberProperty<'_> {
+    /// Calls `visit(record, number)` for every vertex or face in order. `f64` holds every type of the format exactly.
+    ///
+    /// # Errors
+    /// Those of `visit`; [`Error::Malformed`] should the file have changed since it was opened; [`Error::Cancelled`].
+    pub fn for_each(&self, run: &Run, mut visit: impl FnMut(usize, f64) -> Result<()>) -> Result<()> {
+        self.document.numbers(self.element, [Some(self.property)], run, |record, [number]| visit(record, number))
+    }
+}
+
+/// What a number is read as.
+trait Number: Copy + Default {
+    fn read<'a, C: Cursor<'a>>(cursor: &mut C, of: Scalar) -> Result<Self, Fault>;
+}
+
+impl Number for i64 {
+    fn read<'a, C: Cursor<'a>>(cursor: &mut C, of: Scalar) -> Result<Self, Fault> {
+        cursor.integer(of)
+    }
+}
+
+impl Number for f64 {
+    fn read<'a, C: Cursor<'a>>(cursor: &mut C, of: Scalar) -> Result<Self, Fault> {
+        cursor.real(of)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::mesh::{Labelling, PlyForm, open, write_labelled};
+
+    #[test]
+    fn numbers_of_vertices_and_faces_are_read() {
+        let dir = tempfile::tempdir().unwrap();
+        let path = dir.path().join("a.ply");
+        let text = "ply\nformat ascii 1.0\nelement vertex 3\nproperty float x\nproperty float y\nproperty float z\n\
+            property double heat\nelement face 1\nproperty list uchar int vertex_indices\nproperty short kind\nend_header\n\
+            0 0 0 1.5\n1 0 0 -2\n0 1 0 1e300\n3 0 1 2 -7\n";
+        std::fs::write(&path, text).unwrap();
+        let run = Run::new(&());
+        let mesh = open(&path, dir.path(), &run).unwrap();
+        let document = mesh.document().unwrap();
+        let read = |of, name| {
+            let mut all = Vec::new();
+            let property = document.property(of, name).unwrap();
+            let push = |k, x| {
+                assert_eq!(k, all.len());
+                all.push(x);
+                Ok(())
+            };
+            property.for_each(&run, push).unwrap();
+            all
+        };
+        assert_eq!(read(ElementKind::Vertices, "heat"), [1.5, -2., 1e300]);
+        assert_eq!(read(ElementKind::Faces, "kind"), [-7.]);
+        assert!(document.property(ElementKind::Faces, "vertex_indices").is_none());
+        assert!(document.property(ElementKind::Vertices, "kind").is_none());
+    }
+
+    const MESH: &str = "ply\nformat ascii 1.0\nelement vertex 4\nproperty float x\nproperty float y\nproperty float z\n\
+        element face 2\nproperty list uchar int vertex_indices\nproperty float heat\nproperty short kind\nend_header\n\
+        0 0 0\n1 0 0\n0 1 0\n0 0 1\n3 0 1 2 .5 7\n3 0 2 3 .25 -1\n";
+
+    #[test]
+    fn labels_written_into_a_mesh_come_back() {
+        let dir = tempfile::tempdir().unwrap();
+        let run = Run::new(&());
+        let path = dir.path().join("a.ply");
+        std::fs::write(&path, MESH).unwrap();
+        let mesh = open(&path, dir.path(), &run).unwrap();
+        let labelling = Labelling { labels: &[3, 70000], colours: &[], quality: None };
+        for form in [PlyForm::Ascii, PlyForm::Binary] {
+            let labelled = dir.path().join("b.ply");
+            write_labelled(&mesh, &labelled, &labelling, form, false, &run).unwrap();
+            let again = open(&labelled, dir.path(), &run).unwrap();
+            assert_eq!(again.face_property("label", &run).unwrap(), [3, 70000]);
+        }
+    }
+
+    #[test]
+    fn what_is_no_label_is_said() {
+        let dir = tempfile::tempdir().unwrap();
+        let run = Run::new(&());
+        let path = dir.path().join("a.ply");
+        std::fs::write(&path, MESH).unwrap();
+        let mesh = open(&path, dir.path(), &run).unwrap();
+        let document = mesh.document().unwrap();
+        for (name, part) in
+            [("label", "no integer property"), ("heat", "no integer property"), ("kind", "face 1: kind is -1")]
+        {
+            let message = document.face_property(name, &run).unwrap_err().to_string();
+            assert!(message.contains(part) && !message.contains('\n'), "{message}");
+        }
+    }
+}

@@ -1,0 +1,98 @@
+//! A mesh written with numbers of our own on its vertices and faces: labels, colours, whatever was carried over.
+//!
+//! Positions as exact as they were, faces, then the columns; other properties of the input are left behind (see
+//! [`super::labelled`] for a writer that keeps them). One sequential pass through a buffer of a mebibyte.
+
+use super::header::{Encoding, HeaderWriter, Scalar};
+use super::values::Encoder;
+use crate::base::Result;
+use crate::mesh::geometry::{Faces, Mesh};
+use crate::mesh::output::{Gather, by_rename};
+use crate::store::Run;
+use std::io::Write;
+use std::path::Path;
+
+/// Records between two looks at the stop flag.
+const CHUNK: usize = 1 << 14;
+/// The remark that says who wrote the file.
+const REMARK: &str = "comment made by nystrom-stream";
+
+/// One number per vertex or face.
+pub struct Column<'a> {
+    /// Name of the property.
+    pub name: String,
+    /// Its type in the file; values are cast to it.
+    pub scalar: Scalar,
+    /// The value of each record.
+    pub value: Box<dyn Fn(usize) -> f64 + 'a>,
+}
+
+impl<'a> Column<'a> {
+    /// The column `name` of numbers of type `scalar`: `value` of each record.
+    pub fn new(name: impl Into<String>, scalar: Scalar, value: impl Fn(usize) -> f64 + 'a) -> Self {
+        Self { name: name.into(), scalar, value: Box::new(value) }
+    }
+}
+
+/// Red, green, blue as columns.
+pub fn colours<'a>(colour: impl Fn(usize) -> [u8; 3] + Copy + 'a) -> Vec<Column<'a>> {
+    let channel = |(k, name): (usize, &str)| Column::new(name, Scalar::U8, move |record| f64::from(colour(record)[k]));
+    ["red", "green", "blue"].into_iter().enumerate().map(channel).collect()
+}
+
+/// Writes `mesh` with columns on its vertices and faces to `path`, little-endian, by rename.
+///
+/// # Errors
+/// [`crate::base::Error::Io`], [`crate::base::Error::Cancelled`].
+pub fn write_annotated(path: &Path, mesh: &Mesh, vertices: &[Column], faces: &[Column], run: &Run) -> Result<()> {
+    by_rename(path, 0, true, |file| stream(path, file, mesh, Encoding::Little, (vertices, faces), run))
+}
+
+/// Writes `mesh` with `columns` on its vertices and faces to a stream, `path` in messages.
+pub(super) fn stream(
+    path: &Path,
+    writer: &mut dyn Write,
+    mesh: &Mesh,
+    target: Encoding,
+    (vertices, faces): (&[Column], &[Column]),
+    run: &Run,
+) -> Result<()> {
+    let largest = match &mesh.faces {
+        Faces::Triangles { .. } => 3,
+        Faces::Polygons { starts, .. } => starts.windows(2).map(|w| w[1] - w[0]).max().unwrap_or(0),
+    };
+    let (count, real) = (Scalar::counting(largest), Scalar::coordinate(mesh.positions.is_double()));
+    let (n, m) = (mesh.positions.len(), mesh.faces.len());
+    let mut header = HeaderWriter::new(target);
+    header.remark(REMARK).element("vertex", n as u64).positions(mesh.positions.is_double());
+    vertices.iter().for_each(|column| _ = header.property(&column.name, column.scalar));
+    header.element("face", m as u64).corners(count, Scalar::U32);
+    faces.iter().for_each(|column| _ = header.property(&column.name, column.scalar));
+    let encoder = Encoder { target };
+    let mut out = Gather::new(path, writer);
+    out.pass(&header.finish())?;
+    for v in 0..n {
+        if v % CHUNK == 0 {
+            run.cancel.check()?;
+        }
+        mesh.positions.get(v as u32).into_iter().for_each(|x| encoder.real(real, x, &mut out.buffer));
+        vertices.iter().for_each(|column| encoder.scalar(column.scalar, (column.value)(v), &mut out.buffer));
+        encoder.end(&mut out.buffer);
+        out.settle()?;
+    }
+    for start in (0..m).step_by(CHUNK) {
+        run.cancel.check()?;
+        let mut result = Ok(());
+        mesh.faces.for_each(start..(start + CHUNK).min(m), |face, corners| {
+            encoder.integer(count, corners.len() as i64, &mut out.buffer);
+            corners.iter().for_each(|&v| encoder.integer(Scalar::U32, v.into(), &mut out.buffer));
+            faces.iter().for_each(|column| encoder.scalar(column.scalar, (column.value)(face), &mut out.buffer));
+            encoder.end(&mut out.buffer);
+            if result.is_ok() {
+                result = out.settle();
+            }
+        });
+        result?;
+    }
+    out.finish()
+}
