@@ -9,8 +9,7 @@ mod oracle;
 use criterion::{BenchmarkId, Criterion, Throughput, criterion_group, criterion_main};
 use nystrom_stream::apps::creature::{Creature, Options};
 use nystrom_stream::base::Cancel;
-use nystrom_stream::cluster::kmeans::assign;
-use nystrom_stream::cluster::kmeans::{KMeans, KMeansParams, WeightedPoints};
+use nystrom_stream::cluster::kmeans::{Assignment, KMeans, KMeansParams, WeightedPoints, assign};
 use nystrom_stream::distance::front::mean_weight;
 use nystrom_stream::distance::rows::RowParams;
 use nystrom_stream::distance::{DistanceRows, Front};
@@ -105,7 +104,9 @@ fn assigning(criterion: &mut Criterion) {
     for (name, gamma) in [("labels", None), ("labels and gamma", Some(&gamma))] {
         group.bench_function(name, |bencher| {
             let (labels, quality) = (&mut labels[..], &mut quality[..]);
-            bencher.iter(|| assign(&rows, &graph.nodes, &embedding, &centres, gamma, labels, quality, &run));
+            let assignment =
+                Assignment { rows: &rows, nodes: &graph.nodes, embedding: &embedding, centres: &centres, gamma };
+            bencher.iter(|| assign(assignment, labels, quality, &run));
         });
     }
     group.bench_function("fit K-means", |bencher| {

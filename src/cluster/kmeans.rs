@@ -79,41 +79,69 @@ fn squares(points: WeightedPoints<'_>, range: std::ops::Range<usize>, centre: &[
     }
 }
 
-/// Nearest centre of `m` points: `label`, and the squared distances to the nearest and second nearest.
-/// `rows(e)` gives coordinate e (m). Ties go to the lower centre.
-pub fn nearest_centres<'a>(
-    m: usize,
-    centres: &[f32],
-    dimensions: usize,
-    rows: impl Fn(usize) -> &'a [f32],
-    label: &mut [u32],
-    first: &mut [f32],
-    second: &mut [f32],
-) {
-    first.fill(f32::INFINITY);
-    second.fill(f32::INFINITY);
-    label.fill(0);
-    let mut square = vec![0f32; m];
-    for (k, centre) in centres.chunks_exact(dimensions.max(1)).enumerate() {
-        square.fill(0.);
-        for (e, &c) in centre.iter().enumerate() {
-            for (s, &x) in square.iter_mut().zip(rows(e)) {
-                *s += (x - c) * (x - c);
+/// Centres, row-major.
+#[derive(Clone, Copy, Debug)]
+pub struct Centres<'a> {
+    /// K rows of d.
+    pub values: &'a [f32],
+    /// Coordinates d.
+    pub dimensions: usize,
+}
+
+impl Centres<'_> {
+    /// The nearest centre of each of m points: its number in `label`, and the squared distances to the nearest and second
+    /// nearest (m each). `rows(e)` gives coordinate e (m). Ties go to the lower centre.
+    pub fn nearest<'a>(
+        self,
+        rows: impl Fn(usize) -> &'a [f32],
+        label: &mut [u32],
+        first: &mut [f32],
+        second: &mut [f32],
+    ) {
+        first.fill(f32::INFINITY);
+        second.fill(f32::INFINITY);
+        label.fill(0);
+        let mut square = vec![0f32; label.len()];
+        for (k, centre) in self.values.chunks_exact(self.dimensions.max(1)).enumerate() {
+            square.fill(0.);
+            for (e, &c) in centre.iter().enumerate() {
+                for (s, &x) in square.iter_mut().zip(rows(e)) {
+                    *s += (x - c) * (x - c);
+                }
             }
-        }
-        for (((&s, label), first), second) in
-            square.iter().zip(label.iter_mut()).zip(first.iter_mut()).zip(second.iter_mut())
-        {
-            let nearer = s < *first;
-            *second = if nearer { *first } else { s.min(*second) };
-            *label = if nearer { k as u32 } else { *label };
-            *first = if nearer { s } else { *first };
+            for (((&s, label), first), second) in
+                square.iter().zip(label.iter_mut()).zip(first.iter_mut()).zip(second.iter_mut())
+            {
+                let nearer = s < *first;
+                *second = if nearer { *first } else { s.min(*second) };
+                *label = if nearer { k as u32 } else { *label };
+                *first = if nearer { s } else { *first };
+            }
         }
     }
 }
 
 impl KMeans {
+    /// The centres alone.
+    pub fn centres(&self) -> Centres<'_> {
+        Centres { values: &self.centres, dimensions: self.dimensions }
+    }
+
     /// Fits K centres to weighted points with `dimensions` coordinates.
+    ///
+    /// ```
+    /// use nystrom_stream::cluster::kmeans::{KMeans, KMeansParams, WeightedPoints};
+    /// use nystrom_stream::store::Run;
+    ///
+    /// # fn main() -> nystrom_stream::base::Result<()> {
+    /// let points = WeightedPoints { coordinates: &[0., 1., 8., 9.], weights: &[0.25; 4] };
+    /// let fitted = KMeans::fit(points, 1, KMeansParams::new(2), &Run::new(&()))?;
+    /// let mut centres = fitted.centres;
+    /// centres.sort_by(f32::total_cmp);
+    /// assert_eq!(centres, [0.5, 8.5]);
+    /// # Ok(())
+    /// # }
+    /// ```
     ///
     /// # Errors
     /// [`crate::base::Error::Cancelled`].
@@ -214,7 +242,7 @@ fn chunk_sums(points: WeightedPoints<'_>, range: std::ops::Range<usize>, d: usiz
     let k = centres.len() / d.max(1);
     let (mut label, mut first, mut second) = (vec![0u32; m], vec![0f32; m], vec![0f32; m]);
     let row = |e: usize| &points.coordinates[e * points.len()..][range.clone()];
-    nearest_centres(m, centres, d, row, &mut label, &mut first, &mut second);
+    Centres { values: centres, dimensions: d }.nearest(row, &mut label, &mut first, &mut second);
     let mut out = LloydSums { mass: vec![0.; k], sums: vec![0.; k * d], cost: 0., worst: (-1., 0) };
     for i in 0..m {
         let (c, weight) = (label[i] as usize, points.weights[range.start + i]);
@@ -247,21 +275,28 @@ pub struct ClusterTotals {
     pub gamma: f64,
 }
 
+/// What every face is labelled with.
+#[derive(Clone, Copy, Debug)]
+pub struct Assignment<'a> {
+    /// Distances of the faces from the landmarks.
+    pub rows: &'a DistanceRows,
+    /// The faces.
+    pub nodes: &'a [Node],
+    /// The embedding that is extrapolated to them.
+    pub embedding: &'a Embedding,
+    /// Centres in it.
+    pub centres: &'a KMeans,
+    /// Γ, where it is wanted.
+    pub gamma: Option<&'a Gamma>,
+}
+
 /// Labels every face: `labels` (n) get the nearest centre, `quality` (n) how sure it is, from 0 on the border
 /// between two centres to 1 on a centre.
 ///
 /// # Errors
 /// [`crate::base::Error::Cancelled`].
-pub fn assign(
-    rows: &DistanceRows,
-    nodes: &[Node],
-    embedding: &Embedding,
-    centres: &KMeans,
-    gamma: Option<&Gamma>,
-    labels: &mut [u32],
-    quality: &mut [f32],
-    run: &Run,
-) -> Result<ClusterTotals> {
+pub fn assign(assignment: Assignment<'_>, labels: &mut [u32], quality: &mut [f32], run: &Run) -> Result<ClusterTotals> {
+    let Assignment { rows, nodes, embedding, centres, gamma } = assignment;
     let parts = centres.centres.len() / centres.dimensions.max(1);
     let n = rows.nodes;
     let d = embedding.dimensions;
@@ -285,7 +320,7 @@ pub fn assign(
             embedding.chunk(m, distances, &mut s.affinities[..m], &mut s.coordinates[..m * d]);
             let coordinates = &s.coordinates;
             let row = |e: usize| &coordinates[e * m..(e + 1) * m];
-            nearest_centres(m, &centres.centres, d, row, labels, &mut s.first[..m], &mut s.second[..m]);
+            centres.centres().nearest(row, labels, &mut s.first[..m], &mut s.second[..m]);
             let (mut faces, mut area) = (vec![0u64; parts], vec![0f64; parts]);
             for (i, (&label, quality)) in labels.iter().zip(quality).enumerate() {
                 let (first, second) = (s.first[i].sqrt(), s.second[i].sqrt());

@@ -7,7 +7,7 @@
 //! every face goes to the nearest, in the same single pass. Cost: two 2-means per split, on the part's sampled columns
 //! only; about that of K-means in all.
 
-use super::kmeans::{KMeans, KMeansParams, WeightedPoints, nearest_centres};
+use super::kmeans::{KMeans, KMeansParams, WeightedPoints};
 use crate::base::Result;
 use crate::store::Run;
 use serde::{Deserialize, Serialize};
@@ -78,7 +78,7 @@ impl PointSet {
         let fitted = KMeans::fit(own, dimensions, KMeansParams::new(2), run)?;
         let (mut label, mut first, mut second) = (vec![0; m], vec![0.; m], vec![0.; m]);
         let row = |e: usize| &coordinates[e * m..(e + 1) * m];
-        nearest_centres(m, &fitted.centres, dimensions, row, &mut label, &mut first, &mut second);
+        fitted.centres().nearest(row, &mut label, &mut first, &mut second);
         let half = |side: u32| self.points_of.iter().zip(&label).filter(move |(_, l)| **l == side).map(|(&j, _)| j);
         let (one, other): (Vec<u32>, Vec<u32>) = (half(0).collect(), half(1).collect());
         if one.is_empty() || other.is_empty() {
@@ -96,7 +96,21 @@ struct Halving {
 }
 
 /// Splits weighted points with `dimensions` coordinates; the means of the parts are the centres. There are always as
-/// many as asked for: where the points have fewer distinct places, the last centre is repeated.
+/// many as asked for: where the points have fewer distinct positions, the last centre is repeated.
+///
+/// ```
+/// use nystrom_stream::cluster::kmeans::WeightedPoints;
+/// use nystrom_stream::cluster::two_means::{TwoMeansParams, fit};
+/// use nystrom_stream::store::Run;
+///
+/// # fn main() -> nystrom_stream::base::Result<()> {
+/// let points = WeightedPoints { coordinates: &[0., 1., 8., 9.], weights: &[0.25; 4] };
+/// // As many parts as the gains warrant, 1 to 4.
+/// let fitted = fit(points, 1, TwoMeansParams::between(1, 4), &Run::new(&()))?;
+/// assert_eq!(fitted.centres.len(), 2);
+/// # Ok(())
+/// # }
+/// ```
 ///
 /// # Errors
 /// [`crate::base::Error::Cancelled`].

@@ -14,7 +14,7 @@ use crate::cluster::parts::matrix::Square;
 use crate::cluster::parts::{self, PartDecision, PartTree, Superfaces};
 use crate::distance::DistanceRows;
 use crate::distance::rows::RowParams;
-use crate::spectral::eigen;
+use crate::spectral::affinity::KeptEigenpairs;
 use crate::spectral::kernel::Kernel;
 use crate::store::needs::{Extent, Needs, Room};
 use crate::store::stage::{Made, Stage};
@@ -172,17 +172,14 @@ fn numbers(sample: &Sample) -> SegmentStats {
     let l = sample.len();
     let distance = |i: usize, j: usize| if i == j { 0. } else { f64::from(sample.between[i.max(j)][i.min(j)]) };
     let affinities = DMatrix::from_fn(l, l, |i, j| kernel.of(sigma, distance(i, j)));
-    let (eigenvalues, _) = eigen::symmetric(affinities);
-    let cut = kernel.tolerance(l) * eigenvalues.first().copied().unwrap_or(0.);
-    let negative: f64 = eigenvalues.iter().filter(|v| **v < 0.).map(|v| -v).sum();
-    let mass: f64 = eigenvalues.iter().map(|v| v.abs()).sum();
+    let kept = KeptEigenpairs::of(affinities, kernel.tolerance(l));
     SegmentStats {
         landmarks: sample.landmarks.nodes.clone(),
         sampling: Some(sample.sampling),
         sigma,
-        dropped_eigenpairs: eigenvalues.iter().filter(|v| **v <= cut.max(0.)).count(),
-        negative_mass: if mass > 0. { negative / mass } else { 0. },
-        eigenvalues,
+        dropped_eigenpairs: kept.dropped(),
+        negative_mass: kept.negative_mass(),
+        eigenvalues: kept.all,
         ..SegmentStats::default()
     }
 }

@@ -4,8 +4,7 @@
 use super::Clustered;
 use super::report::SegmentStats;
 use crate::base::Result;
-use crate::cluster::kmeans::{ClusterTotals, assign, exactly};
-use crate::cluster::kmeans::{KMeans, KMeansParams, WeightedPoints};
+use crate::cluster::kmeans::{Assignment, KMeans, KMeansParams, WeightedPoints, assign, exactly};
 use crate::cluster::two_means::{self, TwoMeansParams};
 use crate::distance::DistanceRows;
 use crate::graph::DualGraph;
@@ -46,8 +45,9 @@ pub(super) fn k_means(
     let mut labels = context.work.array::<u32>("labels.npy", &[n])?;
     let mut quality = context.work.array::<f32>("quality.npy", &[n])?;
     let (label_data, quality_data) = (labels.data(), quality.data());
-    let mut totals: ClusterTotals =
-        assign(rows, &graph.nodes, &embedding, &centres, Some(&gamma), label_data, quality_data, context.run)?;
+    let nodes = &graph.nodes[..];
+    let assignment = Assignment { rows, nodes, embedding: &embedding, centres: &centres, gamma: Some(&gamma) };
+    let mut totals = assign(assignment, label_data, quality_data, context.run)?;
     exactly(&mut totals, &graph.nodes, label_data, quality_data);
     let (labels, quality) = (labels.finish(false)?, quality.finish(false)?);
     let gamma = gamma.of_sum(totals.gamma);

@@ -109,6 +109,20 @@ pub enum Bandwidth {
 }
 
 /// A block of distances under a kernel.
+///
+/// ```
+/// use nystrom_stream::spectral::Kernel;
+/// use nystrom_stream::spectral::affinity::{AffinityBlock, Bandwidth, KeptEigenpairs, SampledBlock};
+///
+/// // Distances of four nodes on a line from two landmarks, the nodes 0 and 3.
+/// let rows = [[0., 1., 2., 3.], [3., 2., 1., 0f32]];
+/// let rows = rows.iter().map(|row| &row[..]).collect();
+/// let block = AffinityBlock::new(&[0, 3], rows, Kernel::Exponential, Bandwidth::Global(1.));
+/// let a = block.sampled();
+/// assert_eq!([a[(0, 0)], a[(0, 1)]], [1., (-3f64).exp()]);
+/// // λ = 1 ± e⁻³.
+/// assert!((KeptEigenpairs::of(a, 1e-3).values[0] - 1. - (-3f64).exp()).abs() < 1e-12);
+/// ```
 #[derive(Clone, Debug)]
 pub struct AffinityBlock<'a> {
     landmarks: &'a [u32],

@@ -10,8 +10,9 @@
 //! √(g/g₀) and brought to unit rows the factors of g cancel, and Φᵀ Q is left.
 
 use super::exp::exp64;
+use crate::base::eigen;
 use crate::base::wide::{Work, wide};
-use nalgebra::{DMatrix, SymmetricEigen};
+use nalgebra::DMatrix;
 
 /// Share of the mean affinity that every landmark gives to every cell: far cells stay distributions.
 const BACKGROUND: f64 = 0.01;
@@ -209,20 +210,10 @@ fn leading_eigenvectors(phi: &[f64], l: usize, n: usize, shares: &[f64], width: 
     for row in scaled.chunks_exact_mut(n) {
         row.iter_mut().zip(&root).for_each(|(x, r)| *x *= r);
     }
-    let gram = gram(&scaled, l, n);
+    let (_, vectors) = eigen::symmetric(gram(&scaled, l, n));
     let mut q = vec![0.0; l * width];
-    match SymmetricEigen::try_new(gram, f64::EPSILON, 100_000) {
-        Some(eigen) => {
-            let mut order: Vec<usize> = (0..l).collect();
-            order.sort_by(|&a, &b| eigen.eigenvalues[b].total_cmp(&eigen.eigenvalues[a]));
-            for (c, &e) in order.iter().take(width).enumerate() {
-                for j in 0..l {
-                    q[j * width + c] = eigen.eigenvectors[(j, e)];
-                }
-            }
-        }
-        // Finite symmetric input converges; the landmarks' own axes are a usable stand-in.
-        None => (0..width).for_each(|c| q[c * width + c] = 1.0),
+    for (c, j) in (0..width).flat_map(|c| (0..l).map(move |j| (c, j))) {
+        q[j * width + c] = vectors[(j, c)];
     }
     q
 }

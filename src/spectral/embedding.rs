@@ -18,7 +18,7 @@
 //!
 //! Cost of extrapolation: l exponentials and l·d multiply-adds per face, vectorised over faces.
 
-use super::affinity::landmark_affinities;
+use super::affinity::{KeptEigenpairs, landmark_affinities};
 use super::anchor::nearest_shares;
 use super::eigen;
 use super::kernel::Kernel;
@@ -148,6 +148,41 @@ enum Divisor {
 }
 
 /// A fitted embedding.
+///
+/// ```
+/// use nystrom_stream::distance::{DistanceRows, rows::RowParams};
+/// use nystrom_stream::graph::{DualGraph, Metric};
+/// use nystrom_stream::landmarks::Sampling;
+/// use nystrom_stream::mesh::Mesh;
+/// use nystrom_stream::spectral::measures::Gamma;
+/// use nystrom_stream::spectral::{Embedding, EmbeddingParams, SampledColumns};
+/// use nystrom_stream::store::{Context, Run, WorkDir};
+///
+/// # fn main() -> nystrom_stream::base::Result<()> {
+/// let run = Run::new(&());
+/// let work = WorkDir::temporary(&std::env::temp_dir())?;
+/// let context = Context::new(&work, &run);
+/// let points = [[0., 0., 0.], [1., 0., 0.], [1., 1., 0.], [0., 1., 0.], [0.5, 0.5, 1f32]];
+/// let mesh = Mesh::from_slices(&points, &[[0, 1, 4], [1, 2, 4], [2, 3, 4], [3, 0, 4], [1, 0, 3], [1, 3, 2]])?;
+/// let graph = DualGraph::build(&mesh, "a pyramid".as_ref(), &"pyramid".into(), context)?;
+/// let weighted = graph.weighted(Metric::Geodesic, context)?;
+/// let params = RowParams { l: 3, sampling: Sampling::Farthest };
+/// let rows = DistanceRows::build(&weighted, &graph.nodes, params, context)?;
+///
+/// let columns = SampledColumns::sample(&rows, &graph.nodes, run.seed);
+/// let params = EmbeddingParams::for_parts(2);
+/// let embedding = Embedding::fit(&rows, &columns, params)?;
+/// // Two coordinates for each of six faces, each face of unit length.
+/// let y = embedding.columns(&columns);
+/// assert!((y[0] * y[0] + y[6] * y[6] - 1.).abs() < 1e-5);
+///
+/// // Γ (eq. 6): how well three landmarks stand for the other three faces.
+/// let gamma = Gamma::new(&rows, params.kernel, embedding.sigma);
+/// let gamma = gamma.of_sum(gamma.chunk(6, |landmark| rows.row(landmark)));
+/// assert!(gamma > 0. && gamma < 3.1);
+/// # Ok(())
+/// # }
+/// ```
 #[derive(Clone, Debug)]
 pub struct Embedding {
     kernel: Kernel,
@@ -275,15 +310,10 @@ struct EmbeddingFit<'a> {
 }
 
 impl EmbeddingFit<'_> {
-    /// The kept eigenpairs of `a`, and the bookkeeping about the dropped ones.
-    fn kept(&self, a: DMatrix<f64>) -> (Vec<f64>, DMatrix<f64>, usize, f64) {
-        let l = a.nrows();
-        let (values, vectors) = eigen::symmetric(a);
-        let cut = self.params.kernel.tolerance(l) * values.first().copied().unwrap_or(0.);
-        let kept = values.iter().take_while(|&&v| v > cut.max(0.)).count().max(1);
-        let negative: f64 = values.iter().filter(|v| **v < 0.).map(|v| -v).sum();
-        let mass: f64 = values.iter().map(|v| v.abs()).sum();
-        (values, vectors, kept, if mass > 0. { negative / mass } else { 0. })
+    /// The eigenpairs of `a` that are above rounding and indefiniteness.
+    fn kept(&self, a: DMatrix<f64>) -> KeptEigenpairs {
+        let tolerance = self.params.kernel.tolerance(a.nrows());
+        KeptEigenpairs::of(a, tolerance)
     }
 
     fn embedding(
@@ -292,8 +322,7 @@ impl EmbeddingFit<'_> {
         offset: Vec<f32>,
         divisor: Divisor,
         eigenvalues: Vec<f64>,
-        dropped: usize,
-        negative_mass: f64,
+        a: &KeptEigenpairs,
     ) -> Embedding {
         Embedding {
             kernel: self.params.kernel,
@@ -305,8 +334,8 @@ impl EmbeddingFit<'_> {
             divisor,
             unit_rows: self.params.unit_rows,
             eigenvalues,
-            dropped,
-            negative_mass,
+            dropped: a.dropped(),
+            negative_mass: a.negative_mass(),
         }
     }
 
@@ -319,16 +348,17 @@ impl EmbeddingFit<'_> {
 
     fn plain(&self, a: DMatrix<f64>) -> Embedding {
         let l = a.nrows();
-        let (values, vectors, kept, negative) = self.kept(a);
-        let d = self.params.dimensions.min(kept);
-        let map = (0..d).flat_map(|c| (0..l).map(move |k| (c, k))).map(|(c, k)| (vectors[(k, c)] / values[c]) as f32);
-        self.embedding(map.collect(), vec![0.; d], Divisor::One, values, l - kept, negative)
+        let kept = self.kept(a);
+        let d = self.params.dimensions.min(kept.values.len());
+        let pairs = (0..d).flat_map(|c| (0..l).map(move |k| (c, k)));
+        let map = pairs.map(|(c, k)| (kept.vectors[(k, c)] / kept.values[c]) as f32).collect();
+        self.embedding(map, vec![0.; d], Divisor::One, kept.all.clone(), &kept)
     }
 
     fn degree(&self, a: DMatrix<f64>) -> Embedding {
         let l = a.nrows();
         let n = self.rows.nodes as f64;
-        let (values, vectors, kept, negative) = self.kept(a.clone());
+        let kept = self.kept(a.clone());
         // Row sums of W over all faces, estimated on the sample: n times the area mean.
         let sums: Vec<f64> = (0..l)
             .map(|k| {
@@ -338,26 +368,27 @@ impl EmbeddingFit<'_> {
             .collect();
         // c = A⁺ sums, so that a face's degree is kᵀc.
         let mut c = vec![0f64; l];
-        for e in 0..kept {
-            let dot: f64 = (0..l).map(|k| vectors[(k, e)] * sums[k]).sum::<f64>() / values[e];
-            (0..l).for_each(|k| c[k] += dot * vectors[(k, e)]);
+        for (e, value) in kept.values.iter().enumerate() {
+            let dot: f64 = (0..l).map(|k| kept.vectors[(k, e)] * sums[k]).sum::<f64>() / value;
+            (0..l).for_each(|k| c[k] += dot * kept.vectors[(k, e)]);
         }
         let floor = 1e-3 * sums.iter().sum::<f64>() / l as f64;
         let roots: Vec<f64> = sums.iter().map(|&s| s.max(floor).sqrt()).collect();
         let normalised = DMatrix::from_fn(l, l, |i, j| a[(i, j)] / (roots[i] * roots[j]));
-        let (values, vectors, kept, _) = self.kept(normalised);
-        let d = self.params.dimensions.min(kept);
+        let KeptEigenpairs { values, vectors, all } = self.kept(normalised);
+        let d = self.params.dimensions.min(values.len());
         let mut map = Vec::with_capacity(d * l);
         for e in 0..d {
             map.extend((0..l).map(|k| (vectors[(k, e)] / (values[e] * roots[k])) as f32));
         }
         let divisor = Divisor::Root(c.iter().map(|&c| c as f32).collect(), floor as f32);
-        self.embedding(map, vec![0.; d], divisor, values, l - kept, negative)
+        let dropped = l - values.len();
+        Embedding { dropped, ..self.embedding(map, vec![0.; d], divisor, all, &kept) }
     }
 
     fn anchor(&self, a: DMatrix<f64>) -> Embedding {
         let l = a.nrows();
-        let (_, _, kept, negative) = self.kept(a);
+        let kept = self.kept(a);
         let s = self.columns.len();
         let shares = &self.columns.shares;
         let k: Vec<Vec<f32>> = (0..l).map(|row| self.affinities(row)).collect();
@@ -395,6 +426,6 @@ impl EmbeddingFit<'_> {
             map.extend(row.iter().map(|&x| x as f32));
         }
         let divisor = Divisor::Linear(v.iter().map(|&v| v as f32).collect(), epsilon as f32);
-        self.embedding(map, offset, divisor, values, l - kept, negative)
+        self.embedding(map, offset, divisor, values, &kept)
     }
 }

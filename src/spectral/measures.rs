@@ -14,7 +14,7 @@
 
 use super::affinity::{CHUNK, KeptEigenpairs, SampledBlock, landmark_affinities};
 use super::kernel::Kernel;
-use super::nystrom::{Extrapolation, NystromExtension, Scaling};
+use super::nystrom::{ExtensionParams, Extrapolation, NystromExtension};
 use crate::base::parallel::map_ranges;
 use crate::base::random::{stream, unit};
 use crate::base::{Result, eigen};
@@ -121,19 +121,11 @@ impl Gamma {
     pub fn new(rows: &DistanceRows, kernel: Kernel, sigma: f64) -> Self {
         let l = rows.len();
         let a = landmark_affinities(rows, kernel, sigma);
-        let (values, vectors) = eigen::symmetric(a.clone());
-        let cut = kernel.tolerance(l) * values.first().copied().unwrap_or(0.);
-        let kept: Vec<usize> = (0..l).filter(|&e| values[e] > cut && values[e] > 0.).collect();
-        let mut landmarks = 0.;
-        for &e in &kept {
-            // A's own columns: u_eᵀA_j = λ_e u_ej, so w̃ = Σ λ_e u_ej².
-            landmarks += values[e];
-        }
-        let roots = kept
-            .iter()
-            .flat_map(|&e| (0..l).map(move |k| (e, k)))
-            .map(|(e, k)| (vectors[(k, e)] / values[e].sqrt()) as f32);
-        Self { kernel, sigma: sigma as f32, roots: roots.collect(), l, landmarks }
+        let kept = KeptEigenpairs::of(a, kernel.tolerance(l));
+        // A's own columns: u_eᵀA_j = λ_e u_ej, so Σ_j w̃_jj over the landmarks is Σ λ_e.
+        let landmarks = kept.values.iter().sum();
+        let roots = kept.roots().iter().map(|&root| root as f32).collect();
+        Self { kernel, sigma: sigma as f32, roots, l, landmarks }
     }
 
     /// Σ w̃_jj over a chunk of `m` columns; `distances(k)` as in [`super::Embedding::chunk`].
@@ -220,7 +212,8 @@ pub fn exact(
 ) -> Result<TrueErrors> {
     let [frobenius, spectral, nuclear] = schur_norms(w, block, tolerance);
     let found =
-        NystromExtension::fit(block, Extrapolation::Plain, Scaling::None, vectors, None, tolerance, run)?.embed(block);
+        NystromExtension::fit(block, ExtensionParams::new(Extrapolation::Plain, vectors, tolerance), None, run)?
+            .embed(block);
     let truth = leading(w, found.ncols()).1;
     Ok(TrueErrors {
         frobenius,

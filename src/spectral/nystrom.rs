@@ -67,7 +67,54 @@ impl Scaling {
     }
 }
 
-/// A fitted embedding: y_j = mapᵀ B_j.
+/// Which extension is fitted.
+#[derive(Clone, Copy, Debug, PartialEq)]
+#[non_exhaustive]
+pub struct ExtensionParams {
+    /// How coordinates are extended.
+    pub extrapolation: Extrapolation,
+    /// What they are multiplied by.
+    pub scaling: Scaling,
+    /// Coordinates at the most.
+    pub dimensions: usize,
+    /// Share of A's greatest eigenvalue up to which eigenpairs are dropped ([`KeptEigenpairs::of`]) or damped
+    /// ([`KeptEigenpairs::damped`]).
+    pub tolerance: f64,
+}
+
+impl ExtensionParams {
+    /// An extension without scaling.
+    pub fn new(extrapolation: Extrapolation, dimensions: usize, tolerance: f64) -> Self {
+        Self { extrapolation, scaling: Scaling::None, dimensions, tolerance }
+    }
+
+    /// The same, scaled.
+    pub fn scaled(self, scaling: Scaling) -> Self {
+        Self { scaling, ..self }
+    }
+}
+
+/// A fitted extension: y_j = mapᵀ B_j.
+///
+/// ```
+/// use nystrom_stream::spectral::Kernel;
+/// use nystrom_stream::spectral::affinity::{AffinityBlock, Bandwidth};
+/// use nystrom_stream::spectral::nystrom::{ExtensionParams, Extrapolation, NystromExtension};
+/// use nystrom_stream::store::Run;
+///
+/// # fn main() -> nystrom_stream::base::Result<()> {
+/// // Distances of four nodes on a line from two landmarks, the nodes 0 and 3.
+/// let rows = [[0., 1., 2., 3.], [3., 2., 1., 0f32]];
+/// let rows = rows.iter().map(|row| &row[..]).collect();
+/// let block = AffinityBlock::new(&[0, 3], rows, Kernel::Exponential, Bandwidth::Global(1.));
+/// let params = ExtensionParams::new(Extrapolation::Plain, 2, 1e-3);
+/// let y = NystromExtension::fit(&block, params, None, &Run::new(&()))?.embed(&block);
+/// assert_eq!(y.shape(), (4, 2));
+/// // At the landmarks it is A's own eigenvector, of unit length (eq. 1).
+/// assert!((y[(0, 0)].powi(2) + y[(3, 0)].powi(2) - 1.).abs() < 1e-9);
+/// # Ok(())
+/// # }
+/// ```
 #[derive(Clone, Debug)]
 pub struct NystromExtension {
     /// l × d.
@@ -82,20 +129,17 @@ pub struct NystromExtension {
 pub type NodeWeight<'a> = &'a (dyn Fn(usize) -> f64 + Sync);
 
 impl NystromExtension {
-    /// Fits at most `d` coordinates on `block`. `weights` are the nodes' for [`Extrapolation::Orthogonal`], 1 where
-    /// not given; `tolerance`: see [`KeptEigenpairs::of`] and [`KeptEigenpairs::damped`].
+    /// Fits the extension on `block`. `weights` are the nodes' for [`Extrapolation::Orthogonal`], 1 where not given.
     ///
     /// # Errors
     /// [`crate::base::Error::Cancelled`].
     pub fn fit(
         block: &dyn SampledBlock,
-        how: Extrapolation,
-        scaling: Scaling,
-        d: usize,
+        params: ExtensionParams,
         weights: Option<NodeWeight<'_>>,
-        tolerance: f64,
         run: &Run,
     ) -> Result<Self> {
+        let ExtensionParams { extrapolation: how, scaling, dimensions: d, tolerance } = params;
         let kept = KeptEigenpairs::of(block.sampled(), tolerance);
         let dropped = kept.dropped();
         let (mut map, values) = match how {
@@ -302,16 +346,16 @@ impl OrthogonalEmbedding {
         let share = |v: usize| if total > 0. { f64::from(nodes[v].area) / total } else { even };
         let block = RowAffinities { rows, kernel: params.kernel, sigma };
         let tolerance = params.kernel.tolerance(rows.len());
-        let fit = |how, scaling, d| NystromExtension::fit(&block, how, scaling, d, Some(&share), tolerance, run);
+        let fit = |params| NystromExtension::fit(&block, params, Some(&share), run);
         let (axes, variance) = match params.eigenvectors {
             Eigenvectors::Plain => {
-                let map = fit(Extrapolation::Kpca, Scaling::None, params.dimensions)?.map;
+                let map = fit(ExtensionParams::new(Extrapolation::Kpca, params.dimensions, tolerance))?.map;
                 let variance = moments(&block, &map, Some(&share), run)?.diagonal();
                 (map, variance.as_slice().to_vec())
             }
             Eigenvectors::Orthogonal => {
-                let NystromExtension { mut map, values, .. } =
-                    fit(Extrapolation::Orthogonal, Scaling::Root, params.dimensions + 1)?;
+                let params_of_axes = ExtensionParams::new(Extrapolation::Orthogonal, params.dimensions + 1, tolerance);
+                let NystromExtension { mut map, values, .. } = fit(params_of_axes.scaled(Scaling::Root))?;
                 let next = values.get(params.dimensions).copied().unwrap_or(0.).max(0.);
                 let variance: Vec<f64> = values.iter().take(params.dimensions).map(|value| value - next).collect();
                 map = map.columns(0, variance.len()).into_owned();

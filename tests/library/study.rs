@@ -14,7 +14,7 @@ use nystrom_stream::spectral::affinity::{KeptEigenpairs, Preprocess, Preprocesse
 use nystrom_stream::spectral::kernel::Kernel;
 use nystrom_stream::spectral::measures::measure;
 use nystrom_stream::spectral::measures::{aligned_error, angles, exact, leading};
-use nystrom_stream::spectral::nystrom::{Extrapolation, NystromExtension, Scaling};
+use nystrom_stream::spectral::nystrom::{ExtensionParams, Extrapolation, NystromExtension, Scaling};
 use nystrom_stream::store::Context;
 use nystrom_stream::store::{Run, WorkDir};
 use std::path::Path;
@@ -70,7 +70,9 @@ fn kernel_pca_is_nystrom_times_the_root_of_the_eigenvalues() {
     let (points, [landmarks, _]) = reference();
     let w = affinities(&points);
     let (block, run) = (dense(&w, &landmarks), Run::new(&()));
-    let fit = |how, scaling| NystromExtension::fit(&block, how, scaling, 6, None, TOLERANCE, &run).unwrap();
+    let fit = |how, scaling| {
+        NystromExtension::fit(&block, ExtensionParams::new(how, 6, TOLERANCE).scaled(scaling), None, &run).unwrap()
+    };
     // Eq. 2 and eq. 4 written out.
     let kept = KeptEigenpairs::of(block.sampled(), TOLERANCE);
     let sum = |power: f64| {
@@ -108,8 +110,8 @@ fn orthogonalised_vectors_are_the_eigenvectors_of_the_approximation() {
     for weights in [None, Some(&weights[..])] {
         let weigh = weights.map(|w| move |i: usize| w[i]);
         let weigh = weigh.as_ref().map(|weigh| weigh as &(dyn Fn(usize) -> f64 + Sync));
-        let fit =
-            NystromExtension::fit(&block, Extrapolation::Orthogonal, Scaling::None, 5, weigh, 1e-6, &run).unwrap();
+        let fit = NystromExtension::fit(&block, ExtensionParams::new(Extrapolation::Orthogonal, 5, 1e-6), weigh, &run)
+            .unwrap();
         let u = fit.embed(&block);
         let m = DMatrix::from_fn(500, 500, |i, j| if i == j { weights.map_or(1., |w| w[i]) } else { 0. });
         assert!(near(&(u.transpose() * &m * &u), &DMatrix::identity(5, 5), 1e-8));
@@ -122,7 +124,8 @@ fn orthogonalised_vectors_are_the_eigenvectors_of_the_approximation() {
     let (values, truth) = leading(&w, 5);
     let full = w.clone().symmetric_eigenvalues();
     assert!((values[0] - full.max()).abs() < 1e-8 * values[0]);
-    let found = |how| NystromExtension::fit(&block, how, Scaling::None, 5, None, 1e-6, &run).unwrap().embed(&block);
+    let found =
+        |how| NystromExtension::fit(&block, ExtensionParams::new(how, 5, 1e-6), None, &run).unwrap().embed(&block);
     let (plain, better) =
         (angles(&truth, &found(Extrapolation::Plain)), angles(&truth, &found(Extrapolation::Orthogonal)));
     assert!(better[4] <= plain[4] + 1e-6, "{better:?} {plain:?}");
@@ -156,7 +159,8 @@ fn preprocessing_of_columns_equals_that_of_whole_matrices() {
     // Rows of D⁻¹W: its leading eigenvector is constant.
     let stochastic = prepared(Preprocess::RowStochastic);
     let fit =
-        NystromExtension::fit(&stochastic, Extrapolation::Orthogonal, Scaling::None, 1, None, TOLERANCE, &run).unwrap();
+        NystromExtension::fit(&stochastic, ExtensionParams::new(Extrapolation::Orthogonal, 1, TOLERANCE), None, &run)
+            .unwrap();
     let y = fit.embed(&stochastic);
     assert!((y.max() - y.min()).abs() < 0.02 * y.amax(), "{} {}", y.min(), y.max());
     // Centring on the training set: features of the landmarks have no mean.

@@ -18,7 +18,7 @@ use crate::landmarks::{GraphSpace, MatrixSpace, Sampling, SamplingParams, Search
 use crate::spectral::affinity::{AffinityBlock, Bandwidth, KeptEigenpairs, SampledBlock};
 use crate::spectral::kernel::Kernel;
 use crate::spectral::measures::{Measures, TrueErrors, aligned_error, exact, leading, measure};
-use crate::spectral::nystrom::{Extrapolation, NodeWeight, NystromExtension, Scaling};
+use crate::spectral::nystrom::{ExtensionParams, Extrapolation, NodeWeight, NystromExtension, Scaling};
 use crate::store::{Context, MappedSlice, Run};
 use nalgebra::DMatrix;
 use serde::Serialize;
@@ -345,7 +345,13 @@ pub fn embedding_errors(
         let error = |how, weights: Option<&[f64]>, truth: &DMatrix<f64>| -> Result<f64> {
             let weigh = weights.map(|weights| move |node: usize| weights[node]);
             let weigh = weigh.as_ref().map(|weigh| weigh as NodeWeight<'_>);
-            let y = NystromExtension::fit(&block, how, Scaling::Root, d, weigh, tolerance, run)?.embed(&block);
+            let y = NystromExtension::fit(
+                &block,
+                ExtensionParams::new(how, d, tolerance).scaled(Scaling::Root),
+                weigh,
+                run,
+            )?
+            .embed(&block);
             let mut padded = DMatrix::zeros(n, truth.ncols());
             padded.columns_mut(0, y.ncols()).copy_from(&y);
             Ok(aligned_error(truth, &padded, weights.unwrap_or(&ones)))

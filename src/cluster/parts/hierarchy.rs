@@ -17,6 +17,19 @@ pub const HALF: f64 = 0.5;
 const VERSION: u32 = 1;
 
 /// A merge hierarchy of the cells of a surface, with what is needed to clean a cut.
+///
+/// ```
+/// use nystrom_stream::cluster::parts::hierarchy::CellUnion;
+/// use nystrom_stream::cluster::parts::{CellGraph, PartTree};
+///
+/// // Four cells in a row; the outer pairs surely belong together, the two halves rather not.
+/// let pairs = vec![[0, 1], [1, 2], [2, 3]];
+/// let cells = CellGraph { area: vec![1.; 4], length: vec![1.; 3], pairs, ..CellGraph::default() };
+/// let union = |level, a, b| CellUnion { level, rank: level, a, b };
+/// let tree = PartTree::new(&cells, [union(0.9, 0, 1), union(0.8, 2, 3), union(0.3, 0, 2)], 0.003);
+/// assert_eq!(tree.cut_detail(0.).label, [0, 0, 1, 1]);
+/// assert_eq!(tree.cut_k(3).unwrap().label, [0, 0, 1, 2]);
+/// ```
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct PartTree {
     /// Version of this form.

@@ -145,6 +145,33 @@ impl PartTree {
 /// Decides the parts of a surface of S cells from the mean distances of its cells from `l`
 /// landmarks: `rows`, row-major l × S, infinite where not reached.
 ///
+/// ```
+/// use nystrom_stream::cluster::parts::{CellGraph, PartsParams, parts};
+/// use nystrom_stream::store::Run;
+///
+/// # fn main() -> nystrom_stream::base::Result<()> {
+/// // A strip of 24 cells with a crease in the middle, and how far they are from every fourth.
+/// let step = |i: u32| if i == 12 { 2. } else { 0.2 };
+/// let cells = CellGraph {
+///     area: vec![1. / 24.; 24],
+///     centre: (0..24).map(|i| [0.2 * f64::from(i), 0., 0.]).collect(),
+///     normal: vec![[0., 0., 1.]; 24],
+///     pairs: (1..24).map(|i| [i - 1, i]).collect(),
+///     length: vec![0.2; 23],
+///     concave: (1..24).map(|i| step(i) - 0.2).collect(),
+///     convex: vec![0.; 23],
+///     convex04: vec![0.; 23],
+/// };
+/// let distance = |a: u32, b: u32| (a.min(b) + 1..=a.max(b)).map(step).sum::<f64>();
+/// let rows: Vec<f64> = (0..6).flat_map(|k| (0..24).map(move |i| distance(4 * k, i))).collect();
+/// let found = parts(&cells, &rows, 6, &PartsParams::default(), &Run::new(&()))?;
+/// // The hierarchy has all answers: this is the one of two parts.
+/// let two = found.tree.cut_k(2)?;
+/// assert_eq!(two.label, [vec![0; 12], vec![1; 12]].concat());
+/// # Ok(())
+/// # }
+/// ```
+///
 /// # Errors
 /// Sizes that disagree, no cell, no row, options out of range, more parts than cells, or
 /// cancellation.
