@@ -80,7 +80,7 @@ pub fn refine(
     let parts_of: &[u32] = labels.data();
     let interior = |i: usize, depth: f32| if depth >= limits[parts_of[i] as usize] { 0. } else { f32::INFINITY };
     fill_each(context.run.threads, &context.run.cancel, field.data(), CHUNK, interior)?;
-    let interior_edge = interior_ends(steps, field.data(), context.run)?;
+    let interior_edge = interior_edge(steps, field.data(), context.run)?;
     match method {
         BoundaryMethod::Front => {
             voronoi::propagate_labels(steps, &interior_edge, field.data(), labels.data(), context.run)?
@@ -119,8 +119,14 @@ fn straighten(
         Ok(range.filter(inside).map(|i| i as u32).collect::<Vec<u32>>())
     })?
     .concat();
-    let sizes = (&graph.edges.centroid_distance[..], &graph.edges.edge[..]);
-    smooth::smooth(steps, sizes, (shares.unit, mean * shares.unit), &band, labels, run)
+    let lengths = smooth::WeightedLengths {
+        steps,
+        centroid_distance: &graph.edges.centroid_distance,
+        edge: &graph.edges.edge,
+        unit: shares.unit,
+        mean: mean * shares.unit,
+    };
+    smooth::smooth(lengths, &band, labels, run)
 }
 
 /// Nodes with a neighbour of another label, ascending.
@@ -129,7 +135,7 @@ fn boundary_nodes(graph: Csr<'_>, labels: &[u32], run: &Run) -> Result<Vec<u32>>
 }
 
 /// Nodes at distance 0 with a neighbour that is not, ascending.
-fn interior_ends(graph: Csr<'_>, field: &[f32], run: &Run) -> Result<Vec<u32>> {
+fn interior_edge(graph: Csr<'_>, field: &[f32], run: &Run) -> Result<Vec<u32>> {
     collect(graph, run, |i| field[i] == 0., |_, j| field[j] != 0.)
 }
 

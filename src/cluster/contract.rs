@@ -41,13 +41,13 @@ pub struct ContractedSurface {
 
 /// Sums over the common boundary of two contracted nodes.
 #[derive(Clone, Copy, Debug)]
-struct BoundarySums {
+struct ContractedEdge {
     weight: f32,
     length: f64,
     chord: [f64; 3],
 }
 
-impl BoundarySums {
+impl ContractedEdge {
     fn add(&mut self, other: &Self) {
         self.weight = self.weight.min(other.weight);
         self.length += other.length;
@@ -93,7 +93,7 @@ fn interiors(graph: &DualGraph, shares: &AreaShares, owner: &[u32], count: usize
     Ok(class_sums(graph, shares, owner, count, 0., run)?.iter().map(node).collect())
 }
 
-type BoundaryMap = BTreeMap<(u32, u32), BoundarySums>;
+type BoundaryMap = BTreeMap<(u32, u32), ContractedEdge>;
 
 fn borders(graph: &DualGraph, csr: Csr<'_>, owner: &[u32], field: &[f32], run: &Run) -> Result<BoundaryMap> {
     let n = owner.len();
@@ -108,7 +108,7 @@ fn borders(graph: &DualGraph, csr: Csr<'_>, owner: &[u32], field: &[f32], run: &
                     continue;
                 }
                 let (from, to) = if a < b { (i, j) } else { (j, i) };
-                let border = BoundarySums {
+                let border = ContractedEdge {
                     weight: field[i] + weight + field[j],
                     length: f64::from(edge[e].abs()),
                     chord: along(&graph.nodes[from], &graph.nodes[to], f64::from(edge[e].abs())),

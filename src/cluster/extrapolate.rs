@@ -120,7 +120,7 @@ mod tests {
     use crate::store::WorkDir;
 
     /// A strip of cells with labels, their distances from six landmarks, and faces of random columns in random cells.
-    struct Scene {
+    struct TestStrip {
         cells: CellGraph,
         b: Vec<f64>,
         label: Vec<u32>,
@@ -128,7 +128,7 @@ mod tests {
         cell: Vec<u32>,
     }
 
-    fn scene(n: usize) -> Scene {
+    fn scene(n: usize) -> TestStrip {
         let (s, l, mut random) = (30usize, 6usize, stream(5, "extrapolation"));
         let pairs: Vec<[u32; 2]> = (1..s as u32).map(|i| [i - 1, i]).collect();
         let area: Vec<f64> = (0..s).map(|_| 0.5 + unit(&mut random)).collect();
@@ -137,7 +137,7 @@ mod tests {
         let label: Vec<u32> = (0..s as u32).map(|i| i / 7).collect();
         let columns = (0..l).map(|_| (0..n).map(|_| (30. * unit(&mut random)) as f32).collect()).collect();
         let cell = (0..n).map(|_| below(&mut random, s) as u32).collect();
-        Scene { cells, b, label, columns, cell }
+        TestStrip { cells, b, label, columns, cell }
     }
 
     /// The face as one more cell without area, embedded with all others.
@@ -167,7 +167,7 @@ mod tests {
     #[test]
     fn each_face_gets_what_one_more_cell_would() {
         let n = 20_000;
-        let Scene { cells, b, label, columns, cell } = scene(n);
+        let TestStrip { cells, b, label, columns, cell } = scene(n);
         let folder = tempfile::tempdir().unwrap();
         let work = WorkDir::open(&folder.path().join("work")).unwrap();
         let mut array = work.array::<f32>("distances.npy", &[columns.len(), n]).unwrap();

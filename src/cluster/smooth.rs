@@ -20,7 +20,7 @@ pub const REACH: f32 = 0.01;
 pub const FACES: f32 = 12.;
 /// Sweeps at the most.
 const SWEEPS: usize = 40;
-/// Turning cost (β|θ|) at which a link carries 1/e of what a flat one does.
+/// Turning cost (β|θ|) at which an edge carries 1/e of what a flat one does.
 const CREASE: f32 = 0.5;
 const CHUNK: usize = 1 << 12;
 const NONE: u32 = u32::MAX;
@@ -82,8 +82,8 @@ impl LabelTally {
     }
 }
 
-/// The mix of `own` and of what `edges` lead to, where no more than two labels meet: the same numbers as by a [`LabelTally`], a few
-/// times faster. Most of a band has one boundary within reach.
+/// The mixture of `own` and of what `edges` lead to, where no more than two labels meet: the same numbers as by a
+/// [`LabelTally`], a few times faster. Most of a band has one boundary within reach.
 fn of_two(own: &LabelMixture, edges: &[DiffusionEdge], before: &[LabelMixture]) -> Option<LabelMixture> {
     let mut label = [own.label[0], own.label[1]];
     let (mut strength, mut all) = ([0f32; 2], 0f32);
@@ -139,14 +139,8 @@ struct DiffusionGraph {
 }
 
 impl DiffusionGraph {
-    fn of(
-        steps: Csr<'_>,
-        (centroid_distance, edge): (&[f32], &[f32]),
-        unit: f32,
-        band: &[u32],
-        labels: &[u32],
-        run: &Run,
-    ) -> Result<Self> {
+    fn of(graph: WeightedLengths<'_>, band: &[u32], labels: &[u32], run: &Run) -> Result<Self> {
+        let WeightedLengths { steps, centroid_distance, edge, unit, .. } = graph;
         let chunks = map_ranges(run.threads, &run.cancel, band.len(), CHUNK, |range| {
             let (mut counts, mut list) = (Vec::with_capacity(range.len()), Vec::with_capacity(3 * range.len()));
             for &node in &band[range] {
@@ -157,7 +151,7 @@ impl DiffusionGraph {
                     let weight = edge[e].abs() * exp(-turning / CREASE);
                     let other = steps.indices[e];
                     list.push(match band.binary_search(&other) {
-                        Ok(place) => DiffusionEdge { to: place as u32, inside: true, weight },
+                        Ok(position) => DiffusionEdge { to: position as u32, inside: true, weight },
                         Err(_) => DiffusionEdge { to: labels[other as usize], inside: false, weight },
                     });
                 }
@@ -177,26 +171,33 @@ impl DiffusionGraph {
     }
 }
 
-/// Smooths `labels` (n) over the nodes of `band` (ascending). `steps` is the graph under the fronts' weights, `sizes` (nnz
-/// each) its steps and edge lengths in the frame, `unit` from the frame to units of √(area), `mean` the mean step
-/// in those units.
+/// The graph as smoothing needs it.
+#[derive(Clone, Copy)]
+pub struct WeightedLengths<'a> {
+    /// The graph under the weights that fronts use.
+    pub steps: Csr<'a>,
+    /// Centroid distance of each step, in the frame (nnz).
+    pub centroid_distance: &'a [f32],
+    /// Length of the edge that each step crosses, in the frame (nnz).
+    pub edge: &'a [f32],
+    /// From the frame to units of √(area).
+    pub unit: f32,
+    /// Mean centroid distance, in units of √(area).
+    pub mean: f32,
+}
+
+/// Smooths `labels` (n) over the nodes of `band` (ascending).
 ///
 /// # Errors
 /// [`crate::base::Error::Cancelled`].
-pub fn smooth(
-    steps: Csr<'_>,
-    sizes: (&[f32], &[f32]),
-    (unit, mean): (f32, f32),
-    band: &[u32],
-    labels: &mut [u32],
-    run: &Run,
-) -> Result<()> {
+pub fn smooth(graph: WeightedLengths<'_>, band: &[u32], labels: &mut [u32], run: &Run) -> Result<()> {
+    let mean = graph.mean;
     let reach = REACH.min(FACES * mean);
     let sweeps = if mean > 0. { (0.5 * (reach / mean).powi(2)).round() as usize } else { 0 };
     if band.is_empty() || sweeps == 0 {
         return Ok(());
     }
-    let edges = DiffusionGraph::of(steps, sizes, unit, band, labels, run)?;
+    let edges = DiffusionGraph::of(graph, band, labels, run)?;
     let mut now: Vec<LabelMixture> = band.iter().map(|&node| LabelMixture::pure(labels[node as usize])).collect();
     let mut next = now.clone();
     for _ in 0..sweeps.min(SWEEPS) {

@@ -198,7 +198,7 @@ pub struct MergeModel {
     pub convexity_power: f64,
     /// Constant term of the log odds.
     pub constant: f64,
-    /// Weights of the [`features`] in the log odds.
+    /// Weights of the [`merge_features`] in the log odds.
     pub weights: [f64; FEATURES],
 }
 
@@ -274,7 +274,7 @@ impl SharedBoundary {
 /// ln of the larger's length; ln of boundary over the smaller's height; mean convex angle of the boundary; root of the
 /// mean |difference| of ln thickness between cells on either side of it; its mean concave angle; ln of how much thinner
 /// the body is along it than in the thinner of the two (≤ 0).
-pub fn features(r: &Regions, i: usize, j: usize, log_cost: f64) -> [f64; FEATURES] {
+pub fn merge_features(r: &Regions, i: usize, j: usize, log_cost: f64) -> [f64; FEATURES] {
     let (i, j) = if r.area(i) <= r.area(j) { (i, j) } else { (j, i) };
     let boundary = SharedBoundary::of(r, i, j);
     let (a, b) = (RegionShape::of(&r.moments[i]), RegionShape::of(&r.moments[j]));
@@ -305,7 +305,7 @@ impl MergeModel {
         log(r.strength[(i, j)]) - self.area_power * log(r.area(i).min(r.area(j))) + self.convexity_power * log(conv)
     }
 
-    /// Probability that people keep two regions with such [`features`] in one part.
+    /// Probability that people keep two regions with such [`merge_features`] in one part.
     pub fn probability(&self, features: &[f64; FEATURES]) -> f64 {
         let z = self.constant + features.iter().zip(&self.weights).map(|(x, w)| x * w).sum::<f64>();
         1.0 / (1.0 + (-z).exp())
@@ -360,7 +360,7 @@ pub fn merges(mut r: Regions, model: &MergeModel, mut stop: impl FnMut(f64, usiz
         if j == n || stop(c, n - out.len()) {
             return out;
         }
-        let features = features(&r, i, j, c);
+        let features = merge_features(&r, i, j, c);
         out.push(RegionMerge { i, j, log_cost: c, features, probability: model.probability(&features) });
         r.merge(i, j);
         alive[j] = false;

@@ -42,7 +42,7 @@ pub fn log_thickness(cells: &CellGraph, run: &Run) -> Result<Vec<f64>> {
     let radius: Vec<f64> = cells.area.iter().map(|a| (a / PI).sqrt()).collect();
     let blocks = blocks(cells, &radius);
     let balls = balls(cells, &radius);
-    let scene = Scene { cells, radius: &radius, blocks: &blocks, balls: &balls, rays: &rays };
+    let scene = RayScene { cells, radius: &radius, blocks: &blocks, balls: &balls, rays: &rays };
     let chunks = map_ranges(run.threads, &run.cancel, cells.len(), CHUNK, |range| Ok(wide(CastRays { range, scene })))?;
     let found = chunks.concat();
     let usual = median(&mut found.iter().filter_map(|x| *x).collect::<Vec<_>>()).unwrap_or(UNKNOWN);
@@ -64,7 +64,7 @@ pub fn log_thickness(cells: &CellGraph, run: &Run) -> Result<Vec<f64>> {
     Ok(out)
 }
 
-/// The rays' places in the plane one unit of length behind a cell, axis by axis.
+/// Where the rays meet the plane one unit of length behind a cell, axis by axis.
 fn rays() -> [[f64; RAYS]; 2] {
     let all = RINGS.iter().flat_map(|&(count, tangent)| {
         (0..count).map(move |k| {
@@ -81,7 +81,7 @@ fn rays() -> [[f64; RAYS]; 2] {
 
 /// Cells, the radii of their discs (S), blocks and balls of them, and the rays.
 #[derive(Clone, Copy)]
-struct Scene<'a> {
+struct RayScene<'a> {
     cells: &'a CellGraph,
     radius: &'a [f64],
     blocks: &'a [DiscBlock],
@@ -92,7 +92,7 @@ struct Scene<'a> {
 /// [`thickness_behind`] for a range of cells, on wide vectors.
 struct CastRays<'a> {
     range: Range<usize>,
-    scene: Scene<'a>,
+    scene: RayScene<'a>,
 }
 
 impl Work for CastRays<'_> {
@@ -110,11 +110,11 @@ impl Work for CastRays<'_> {
 
 /// Median length of the rays from cell `i` that hit anything.
 #[inline(always)]
-fn thickness_behind(scene: Scene<'_>, i: usize) -> Option<f64> {
-    let Scene { cells, radius, blocks, balls, rays } = scene;
+fn thickness_behind(scene: RayScene<'_>, i: usize) -> Option<f64> {
+    let RayScene { cells, radius, blocks, balls, rays } = scene;
     let (x, n) = (cells.centre[i], cells.normal[i]);
     let [u, v] = tangents(n);
-    let cone = RayCone::thickness_behind(x, n);
+    let cone = RayCone::behind(x, n);
     let reach = RINGS[2].1;
     let mut depths = [f64::INFINITY; RAYS];
     for (at, balls) in (0..).step_by(LANES).zip(balls) {
@@ -233,7 +233,7 @@ struct RayCone {
 
 impl RayCone {
     #[inline(always)]
-    fn thickness_behind(x: [f64; 3], n: [f64; 3]) -> Self {
+    fn behind(x: [f64; 3], n: [f64; 3]) -> Self {
         Self { x: x.map(|c| c as f32), n: n.map(|c| c as f32) }
     }
 
@@ -337,11 +337,11 @@ mod tests {
         // Balls around everything.
         let all = |b: &BallBlock| BallBlock { x: b.x, radius: [9.0; LANES], radius_and_disc: [9.0; LANES] };
         let all: Vec<BallBlock> = balls.iter().map(all).collect();
-        let cone = |i: usize| RayCone::thickness_behind(g.centre[i], g.normal[i]);
+        let cone = |i: usize| RayCone::behind(g.centre[i], g.normal[i]);
         let near = |i| balls.iter().flat_map(|b| b.near(cone(i))).filter(|x| *x).count();
         for i in 0..g.len() {
-            let scene = Scene { cells: &g, radius: &radius, blocks: &blocks, balls: &balls, rays: &rays };
-            assert_eq!(thickness_behind(scene, i), thickness_behind(Scene { balls: &all, ..scene }, i));
+            let scene = RayScene { cells: &g, radius: &radius, blocks: &blocks, balls: &balls, rays: &rays };
+            assert_eq!(thickness_behind(scene, i), thickness_behind(RayScene { balls: &all, ..scene }, i));
         }
         assert!((0..g.len()).map(near).sum::<usize>() < g.len() * blocks.len() * 2 / 3);
     }
