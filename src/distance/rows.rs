@@ -14,11 +14,12 @@ use super::sampler::Sampler;
 use crate::base::{Error, Result};
 use crate::graph::Node;
 use crate::graph::WeightedGraph;
+use crate::store::needs::{Extent, Needs, Room};
 use crate::store::rows_file::RowsFile;
-use crate::store::stage::options_key;
+use crate::store::stage::{Made, Stage, StageKey};
 use crate::store::{Context, MappedSlice, Run, WorkDir};
 use serde::{Deserialize, Serialize};
-use serde_json::json;
+use serde_json::{Value, json};
 
 /// The sampled rows of the distance matrix: l × n, and who the landmarks are.
 #[derive(Clone, Debug)]
@@ -73,11 +74,55 @@ pub struct RowParams<S> {
 
 /// The journal of rows under way.
 const JOURNAL: &str = "rows.journal";
+const FILES: [&str; 2] = ["landmarks.npy", "distances.npy"];
 
 /// What rows of `params` over `nodes` nodes, weighted under the key `weights`, are of: one shard of one.
 pub(super) fn job_spec(weights: &str, nodes: usize, params: &RowParams<impl Serialize>, run: &Run) -> JobSpec {
-    let options = json!({"stage": "rows", "weights": weights, "params": params, "seed": run.seed});
-    JobSpec { key: options_key(&options), options, rows: params.l.min(nodes), nodes, shard: 0, of: 1 }
+    let options = json!({"weights": weights, "params": params, "seed": run.seed});
+    let StageKey { key, inputs: options, .. } = StageKey::of::<RowsStage<'_>>(options);
+    JobSpec { key, options, rows: params.l.min(nodes), nodes, shard: 0, of: 1 }
+}
+
+/// The stage of rows that are kept.
+struct RowsStage<'a>(RowJob<'a>);
+
+impl Stage for RowsStage<'_> {
+    const NAME: &'static str = "rows";
+    const VERSION: u32 = 1;
+    type Facts = Facts;
+    type Output = DistanceRows;
+
+    fn inputs(&self, _: Context<'_>) -> Value {
+        self.0.spec.options.clone()
+    }
+
+    fn make(self, _: &str, context: Context<'_>) -> Result<Made<Self>> {
+        let (file, entries) = self.0.compute("distances.npy", JOURNAL, context)?;
+        let entries: Vec<JournalEntry> = entries.into_values().collect();
+        let output = DistanceRows::finish(file, &entries, self.0.spec, context.work)?;
+        Ok(Made { facts: Facts { rows: output.facts.clone() }, output, files: FILES.to_vec() })
+    }
+
+    fn open(self, facts: Facts, key: &str, context: Context<'_>) -> Result<DistanceRows> {
+        DistanceRows::open(facts, self.0.spec.nodes, key.to_string(), context.work)
+    }
+
+    fn progress(&self) -> Option<(&'static str, u64)> {
+        Some(("rows", self.0.spec.rows as u64))
+    }
+
+    /// The field of the search, the graph once more for fronts, and a row per thread. Where nobody keeps rows, a thread
+    /// without memory for one has a file for it.
+    fn needs(extent: &Extent, room: &mut Room) -> Needs {
+        let (n, l, t) = (extent.faces, extent.landmarks, extent.threads);
+        let field = room.take(4 * n);
+        let triangles = room.spare(24 * n);
+        let own: u64 = (0..t).map(|_| room.spare(4 * n)).sum();
+        let memory = room.used();
+        room.give_back(field + triangles + own);
+        let (keeps, scratch) = if extent.keeps_rows { (4 * l * n, 0) } else { (0, 4 * n * t - own) };
+        Needs { memory, keeps, passing: 4 * n - field + scratch, frees: 0 }
+    }
 }
 
 impl DistanceRows {
@@ -111,20 +156,15 @@ impl DistanceRows {
     /// # Errors
     /// [`Error::WorkDir`] where there are none, or those of another graph.
     pub fn kept(graph: &str, nodes: usize, work: &WorkDir) -> Result<Self> {
+        let remedy = "make them first: nystrom-stream rows --work-dir …";
+        let none = || Error::work_dir(work.path(), "holds no rows", remedy);
+        let kept = work.kept::<RowsStage<'_>>(remedy)?;
         let manifest = work.manifest();
-        let none =
-            || Error::work_dir(work.path(), "holds no rows", "make them first: nystrom-stream rows --work-dir …");
-        let (rows, weights) = match (manifest.stages.get("rows"), manifest.stages.get("weights")) {
-            (Some(rows), Some(weights)) => (rows, weights),
-            _ => return Err(none()),
-        };
-        if rows.inputs["weights"] != weights.key || weights.inputs["graph"] != graph {
+        let weights = manifest.stages.get("weights").ok_or_else(none)?;
+        if kept.inputs["weights"] != weights.key || weights.inputs["graph"] != graph {
             return Err(none());
         }
-        let facts = work.reuse::<Facts>("rows", 1, &rows.key).map_err(|problem| {
-            Error::work_dir(work.path(), problem, "make the rows again: nystrom-stream rows --work-dir …")
-        })?;
-        let rows = Self::open(facts, nodes, rows.key.clone(), work)?;
+        let rows = Self::open(kept.facts, nodes, kept.key, work)?;
         if rows.distances.len() != rows.len() * nodes || rows.landmarks.iter().any(|&node| node as usize >= nodes) {
             return Err(none());
         }
@@ -156,26 +196,11 @@ impl DistanceRows {
     ) -> Result<Self> {
         let n = nodes.len();
         let spec = Self::spec(graph, n, &params, context.run)?;
-        match context.work.reuse::<Facts>("rows", 1, &spec.key) {
-            Ok(facts) => {
-                context.run.progress.note("rows: reused");
-                // Left by a run that was killed right after its stamp.
-                context.work.remove(JOURNAL);
-                return Self::open(facts, n, spec.key, context.work);
-            }
-            Err(reason) => context.run.note_remake("rows", &reason),
-        }
-        let make = || Self::make(RowJob { graph: graph.csr(), nodes, sampler: &params.sampling, spec: &spec }, context);
-        let (rows, seconds) = context.run.stage("rows", "rows", spec.rows as u64, make)?;
-        rows.stamp(&spec, seconds, context.work)?;
+        let job = RowJob { graph: graph.csr(), nodes, sampler: &params.sampling, spec: &spec };
+        let rows = context.stage(RowsStage(job))?;
+        // Left by this run, or by one that was killed right after its stamp.
+        context.work.remove(JOURNAL);
         Ok(rows)
-    }
-
-    /// Computes the rows into `distances.npy`; in a work directory that lasts, row by row with a journal.
-    fn make(job: RowJob<'_>, context: Context<'_>) -> Result<Self> {
-        let (file, entries) = job.compute("distances.npy", JOURNAL, context)?;
-        let entries: Vec<JournalEntry> = entries.into_values().collect();
-        Self::finish(file, &entries, job.spec, context.work)
     }
 
     /// Computes rows that nobody keeps: `visitor` sees each once, on any thread and in any order. Landmarks and sums as
@@ -214,7 +239,7 @@ impl DistanceRows {
     /// Stamps the stage as finished.
     pub(super) fn stamp(&self, spec: &JobSpec, seconds: f64, work: &WorkDir) -> Result<()> {
         let facts = Facts { rows: self.facts.clone() };
-        work.stamp_as("rows", &self.key, &spec.options, &["landmarks.npy", "distances.npy"], &facts, seconds)?;
+        work.stamp(StageKey::of::<RowsStage<'_>>(spec.options.clone()), &FILES, &facts, seconds)?;
         work.remove(JOURNAL);
         Ok(())
     }

@@ -14,11 +14,12 @@ use super::sampler::{GraphSpace, Sampler, SearchGraph};
 use super::{DistanceRows, Front};
 use crate::base::parallel::map_chunks;
 use crate::base::{Error, Result};
+use crate::store::needs::{Extent, Needs, Room};
 use crate::store::rows_file::RowsFile;
-use crate::store::stage::options_key;
+use crate::store::stage::{Made, Stage};
 use crate::store::{Context, MappedSlice, Run};
 use serde::{Deserialize, Serialize};
-use serde_json::json;
+use serde_json::{Value, json};
 use std::collections::BTreeMap;
 
 /// How far apart vertices are.
@@ -37,15 +38,19 @@ pub enum Distance {
 /// # Errors
 /// [`Error::Parameter`] for none at all, [`Error::Io`], [`Error::Cancelled`].
 pub fn landmarks(surface: Surface<'_>, params: RowParams<impl Sampler>, context: Context<'_>) -> Result<Vec<u32>> {
-    if params.l == 0 {
+    chosen(surface, &params.sampling, params.l, context)
+}
+
+fn chosen(surface: Surface<'_>, sampler: &dyn Sampler, l: usize, context: Context<'_>) -> Result<Vec<u32>> {
+    if l == 0 {
         return Err(Error::parameter("-l", "0 landmarks", "choose at least 1"));
     }
     let Surface { graph, nodes, .. } = surface;
     let mut field = context.work.array::<f32>("nearest.tmp", &[nodes.len()])?;
-    let mut found = Vec::with_capacity(params.l);
+    let mut found = Vec::with_capacity(l);
     let mut front = Front::new(mean_weight(graph));
     let mut space = GraphSpace::new(SearchGraph { graph, nodes, lengths: None }, &mut front, &(), context.run);
-    let result = space.sample(&params.sampling, params.l, field.data(), &mut |landmark, _| {
+    let result = space.sample(sampler, l, field.data(), &mut |landmark, _| {
         found.push(landmark);
         Ok(())
     });
@@ -73,7 +78,6 @@ pub fn rows(
 const FILE: &str = "distances.npy";
 const LANDMARKS: &str = "landmarks.npy";
 const JOURNAL: &str = "rows.journal";
-const STAGE: &str = "vertex rows";
 
 /// Landmarks and their rows over the graph of the stage `graph` in `work`, which lasts: those that are there, else made,
 /// going on where an earlier run was stopped.
@@ -87,38 +91,64 @@ pub fn kept(
     graph: &str,
     context: Context<'_>,
 ) -> Result<DistanceRows> {
-    let n = surface.nodes.len();
-    let options =
-        json!({"stage": STAGE, "graph": graph, "params": params, "distance": distance, "seed": context.run.seed});
-    let spec = JobSpec { key: options_key(&options), options, rows: params.l, nodes: n, shard: 0, of: 1 };
-    match context.work.reuse::<Vec<RowFacts>>(STAGE, 1, &spec.key) {
-        Ok(facts) => {
-            context.run.progress.note("rows: reused");
-            // Left where a run ended right after its stamp.
-            context.work.remove(JOURNAL);
-            let landmarks = context.work.open_array::<u32>(LANDMARKS)?.to_vec();
-            let distances: MappedSlice<f32> = context.work.open_array(FILE)?;
-            if distances.len() != landmarks.len() * n || facts.len() != landmarks.len() {
-                return Err(Error::work_dir(context.work.path(), "holds rows of another shape", "delete it"));
-            }
-            return Ok(DistanceRows { landmarks, distances, facts, nodes: n, key: spec.key });
-        }
-        Err(reason) => context.run.note_remake("rows", &reason),
-    }
-    let (landmarks, _) =
-        context.run.stage("landmarks", "vertices", n as u64, || landmarks(surface, params, context))?;
-    let sound = |entry: &JournalEntry| landmarks.get(entry.row) == Some(&entry.landmark);
-    let state = ResumeState::new(&spec, (FILE, JOURNAL), sound, context)?;
-    let fill = || {
-        context.run.progress.advance("rows", state.done.len() as u64);
-        VertexRowJob { surface, landmarks, distance }.fill(state, context.run)
-    };
-    let (mut rows, seconds) = context.run.stage("rows", "rows", spec.rows as u64, fill)?;
-    crate::store::npy::write(&context.work.file(LANDMARKS), &rows.landmarks, 1, true)?;
-    context.work.stamp_as(STAGE, &spec.key, &spec.options, &[LANDMARKS, FILE], &rows.facts, seconds)?;
+    let inputs = json!({"graph": graph, "params": params, "distance": distance, "seed": context.run.seed});
+    let stage = VertexRowsStage { surface, sampler: &params.sampling, l: params.l, distance, inputs };
+    let rows = context.stage(stage)?;
+    // Left by this run, or by one that ended right after its stamp.
     context.work.remove(JOURNAL);
-    rows.key = spec.key;
     Ok(rows)
+}
+
+/// The stage of rows over vertices.
+struct VertexRowsStage<'a> {
+    surface: Surface<'a>,
+    sampler: &'a dyn Sampler,
+    l: usize,
+    distance: Distance,
+    inputs: Value,
+}
+
+impl Stage for VertexRowsStage<'_> {
+    const NAME: &'static str = "vertex rows";
+    const VERSION: u32 = 1;
+    type Facts = Vec<RowFacts>;
+    type Output = DistanceRows;
+
+    fn inputs(&self, _: Context<'_>) -> Value {
+        self.inputs.clone()
+    }
+
+    fn make(self, key: &str, context: Context<'_>) -> Result<Made<Self>> {
+        let Self { surface, sampler, l, distance, inputs } = self;
+        let nodes = surface.nodes.len();
+        let spec = JobSpec { key: key.to_string(), options: inputs, rows: l, nodes, shard: 0, of: 1 };
+        let search = || chosen(surface, sampler, l, context);
+        let (landmarks, _) = context.run.stage("landmarks", "vertices", nodes as u64, search)?;
+        let sound = |entry: &JournalEntry| landmarks.get(entry.row) == Some(&entry.landmark);
+        let state = ResumeState::new(&spec, (FILE, JOURNAL), sound, context)?;
+        let fill = || {
+            context.run.progress.advance("rows", state.done.len() as u64);
+            VertexRowJob { surface, landmarks, distance }.fill(state, context.run)
+        };
+        let (mut rows, _) = context.run.stage("rows", "rows", l as u64, fill)?;
+        crate::store::npy::write(&context.work.file(LANDMARKS), &rows.landmarks, 1, true)?;
+        rows.key = spec.key;
+        Ok(Made { facts: rows.facts.clone(), output: rows, files: vec![LANDMARKS, FILE] })
+    }
+
+    fn open(self, facts: Self::Facts, key: &str, context: Context<'_>) -> Result<DistanceRows> {
+        let (work, nodes) = (context.work, self.surface.nodes.len());
+        let landmarks = work.open_array::<u32>(LANDMARKS)?.to_vec();
+        let distances: MappedSlice<f32> = work.open_array(FILE)?;
+        if distances.len() != landmarks.len() * nodes || facts.len() != landmarks.len() {
+            return Err(Error::work_dir(work.path(), "holds rows of another shape", "delete it"));
+        }
+        Ok(DistanceRows { landmarks, distances, facts, nodes, key: key.to_string() })
+    }
+
+    fn needs(extent: &Extent, _: &mut Room) -> Needs {
+        Needs { keeps: 4 * extent.landmarks * extent.vertices, passing: 4 * extent.vertices, ..Needs::default() }
+    }
 }
 
 /// Rows over a vertex graph to be computed.

@@ -3,17 +3,18 @@
 use super::components::{self, find_bridges, find_components};
 use super::csr::WeightedGraph;
 use super::dual_edges::{DualEdges, assemble};
-use super::half_edges;
 use super::nodes::{self, Frame, Node};
 use super::orient::orient;
 use super::weights::{Metric, Weighting};
+use super::{half_edge_pairs, half_edges};
 use crate::base::{Error, Result};
 use crate::mesh::Mesh;
 use crate::store::mapped::csr_of_mapped;
-use crate::store::stage::options_key;
+use crate::store::needs::{Extent, Needs, Room, ShuffleNeeds};
+use crate::store::stage::{Made, Stage};
 use crate::store::{Context, MappedSlice, WorkDir};
 use serde::{Deserialize, Serialize};
-use serde_json::json;
+use serde_json::{Value, json};
 use std::path::Path;
 
 /// What building the graph learned about the mesh.
@@ -71,39 +72,17 @@ impl DualGraph {
     /// # Errors
     /// [`Error::Unusable`] for more than 2³² − 1 corners, [`Error::Io`], [`Error::Memory`],
     /// [`Error::Cancelled`].
-    pub fn build(mesh: &Mesh, path: &Path, input: &serde_json::Value, context: Context<'_>) -> Result<Self> {
-        let options = json!({"stage": "graph", "input": input});
-        let key = options_key(&options);
-        match context.work.reuse::<GraphFacts>("graph", 1, &key) {
-            Ok(facts) => {
-                context.run.progress.note("graph: reused");
-                return Self::open(context.work, facts, key);
-            }
-            Err(reason) => context.run.note_remake("graph", &reason),
-        }
-        let (graph, seconds) = context
-            .run
-            .stage("graph", "faces", mesh.faces.len() as u64, || Self::make(mesh, path, context, key.clone()))?;
-        let mut files = FILES.to_vec();
-        if graph.components.is_some() {
-            files.push("components.npy");
-        }
-        context.work.stamp_as("graph", &key, &options, &files, &graph.facts, seconds)?;
-        Ok(graph)
+    pub fn build(mesh: &Mesh, path: &Path, input: &Value, context: Context<'_>) -> Result<Self> {
+        context.stage(GraphStage { mesh, path, input })
     }
 
     /// Opens the finished graph of `work`, whatever mesh it is of, and tells the identity of what it was built from.
     ///
     /// # Errors
     /// [`Error::WorkDir`] where there is none or its files are gone or damaged.
-    pub fn kept(work: &WorkDir) -> Result<(Self, serde_json::Value)> {
-        let remedy = "make it first: nystrom-stream graph MESH --work-dir …";
-        let stage = work.manifest().stages.remove("graph");
-        let stage = stage.ok_or_else(|| Error::work_dir(work.path(), "holds no graph", remedy))?;
-        let facts = work
-            .reuse::<GraphFacts>("graph", 1, &stage.key)
-            .map_err(|problem| Error::work_dir(work.path(), format!("graph: {problem}"), remedy))?;
-        Ok((Self::open(work, facts, stage.key)?, stage.inputs["input"].clone()))
+    pub fn kept(work: &WorkDir) -> Result<(Self, Value)> {
+        let kept = work.kept::<GraphStage<'_>>("make it first: nystrom-stream graph MESH --work-dir …")?;
+        Ok((Self::open(work, kept.facts, kept.key)?, kept.inputs["input"].clone()))
     }
 
     fn make(mesh: &Mesh, path: &Path, context: Context<'_>, key: String) -> Result<Self> {
@@ -191,24 +170,124 @@ impl DualGraph {
         area: f64,
         context: Context<'_>,
     ) -> Result<WeightedGraph> {
-        let options = json!({"stage": "weights", "graph": self.key, "metric": metric, "radius": radius, "area": area, "seed": context.run.seed});
-        let key = options_key(&options);
-        let known = context.work.reuse::<()>("weights", 1, &key);
-        let weights = if let Err(reason) = known {
-            context.run.note_remake("weights", &reason);
-            let (weights, seconds) = context.run.stage("weights", "faces", self.facts.nodes, || {
-                let normals = normals.map(|normals| &normals[..]);
-                Weighting { edges: &self.edges, nodes: &self.nodes, normals, area, metric }
-                    .build("graph_weights.npy", context)
-            })?;
-            context.work.stamp_as("weights", &key, &options, &["graph_weights.npy"], &(), seconds)?;
-            weights
+        context.stage(WeightsStage { graph: self, metric, normals, radius, area })
+    }
+}
+
+/// The stage of the graph.
+struct GraphStage<'a> {
+    mesh: &'a Mesh,
+    path: &'a Path,
+    input: &'a Value,
+}
+
+impl Stage for GraphStage<'_> {
+    const NAME: &'static str = "graph";
+    const VERSION: u32 = 1;
+    type Facts = GraphFacts;
+    type Output = DualGraph;
+
+    fn inputs(&self, _: Context<'_>) -> Value {
+        json!({"input": self.input})
+    }
+
+    fn make(self, key: &str, context: Context<'_>) -> Result<Made<Self>> {
+        let graph = DualGraph::make(self.mesh, self.path, context, key.to_string())?;
+        let mut files = FILES.to_vec();
+        if graph.components.is_some() {
+            files.push("components.npy");
+        }
+        Ok(Made { facts: graph.facts.clone(), output: graph, files })
+    }
+
+    fn open(self, facts: GraphFacts, key: &str, context: Context<'_>) -> Result<DualGraph> {
+        DualGraph::open(context.work, facts, key.to_string())
+    }
+
+    fn progress(&self) -> Option<(&'static str, u64)> {
+        Some(("faces", self.mesh.faces.len() as u64))
+    }
+
+    /// Half-edges and their pairs beside the nodes; then pairs beside all that is kept; then the components' roots.
+    fn needs(extent: &Extent, room: &mut Room) -> Needs {
+        let Extent { faces: n, vertices, corners, threads: t, .. } = *extent;
+        let nodes = room.take(28 * n);
+        let half_edges = ShuffleNeeds::new(corners, 12, 3 * t, 3, room.left(), t);
+        let left = room.left().saturating_sub(half_edges.granted);
+        let table = half_edge_pairs::fit(corners, left);
+        let (pairs, taken) = if table {
+            (4 * corners, 4 * corners)
         } else {
-            context.run.progress.note("weights: reused");
-            context.work.open_array("graph_weights.npy")?
+            let shuffle = ShuffleNeeds::new(corners, 8, 12 * t, 2, left, t);
+            (shuffle.held, shuffle.granted)
         };
-        let matrix =
-            csr_of_mapped(context.work.path(), self.edges.indptr.clone(), self.edges.indices.clone(), weights)?;
-        Ok(WeightedGraph::new(matrix, self.edges.indptr.clone(), key))
+        room.grant(taken);
+        let edges = room.take(8 * n) + room.take(4 * corners);
+        room.give_back(taken);
+        let roots = room.take(4 * n);
+        room.give_back(roots);
+        let keeps = 36 * n + 12 * corners - nodes - edges;
+        let spilled = if table { 0 } else { (8 * corners).saturating_sub(pairs) };
+        let on_disk = 28 * n - nodes + spilled + (12 * corners).saturating_sub(half_edges.held);
+        let matched = if table { half_edges.held + pairs } else { half_edges.held.max(pairs) };
+        Needs {
+            memory: nodes + matched.max(pairs + edges).max(edges + roots),
+            keeps,
+            passing: on_disk.saturating_sub(keeps).max(spilled).max(4 * n - roots),
+            frees: if extent.reordered && !extent.lasting { 12 * vertices + 4 * corners } else { 0 },
+        }
+    }
+}
+
+/// The stage of a graph's weights.
+struct WeightsStage<'a> {
+    graph: &'a DualGraph,
+    metric: Metric,
+    normals: Option<&'a MappedSlice<[f32; 3]>>,
+    radius: f32,
+    area: f64,
+}
+
+const WEIGHTS: &str = "graph_weights.npy";
+
+impl WeightsStage<'_> {
+    fn matrix(&self, weights: MappedSlice<f32>, key: &str, work: &WorkDir) -> Result<WeightedGraph> {
+        let DualEdges { indptr, indices, .. } = &self.graph.edges;
+        let matrix = csr_of_mapped(work.path(), indptr.clone(), indices.clone(), weights)?;
+        Ok(WeightedGraph::new(matrix, indptr.clone(), key.to_string()))
+    }
+}
+
+impl Stage for WeightsStage<'_> {
+    const NAME: &'static str = "weights";
+    const VERSION: u32 = 1;
+    type Facts = ();
+    type Output = WeightedGraph;
+
+    fn inputs(&self, context: Context<'_>) -> Value {
+        let Self { graph, metric, radius, area, .. } = self;
+        json!({"graph": graph.key, "metric": metric, "radius": radius, "area": area, "seed": context.run.seed})
+    }
+
+    fn make(self, key: &str, context: Context<'_>) -> Result<Made<Self>> {
+        let Self { graph: DualGraph { edges, nodes, .. }, metric, normals, area, .. } = self;
+        let weighting = Weighting { edges, nodes, normals: normals.map(|normals| &normals[..]), area, metric };
+        let weights = weighting.build(WEIGHTS, context)?;
+        Ok(Made { output: self.matrix(weights, key, context.work)?, facts: (), files: vec![WEIGHTS] })
+    }
+
+    fn open(self, (): (), key: &str, context: Context<'_>) -> Result<WeightedGraph> {
+        self.matrix(context.work.open_array(WEIGHTS)?, key, context.work)
+    }
+
+    fn progress(&self) -> Option<(&'static str, u64)> {
+        Some(("faces", self.graph.facts.nodes))
+    }
+
+    /// Lengths go when weights are made of them.
+    fn needs(extent: &Extent, room: &mut Room) -> Needs {
+        let weights = room.take(4 * extent.corners);
+        let frees = if extent.releases { 4 * extent.corners } else { 0 };
+        Needs { memory: room.used(), keeps: 4 * extent.corners - weights, passing: 0, frees }
     }
 }

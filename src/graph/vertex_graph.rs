@@ -22,11 +22,12 @@ use crate::base::parallel::{chunk_count, chunk_range, each_chunk, in_order};
 use crate::base::vector::{cross, distance, finite, length, minus, narrow, wide};
 use crate::base::{Error, Result};
 use crate::mesh::Mesh;
+use crate::store::needs::{Extent, Needs, Room, ShuffleNeeds};
 use crate::store::shuffle::{BudgetedShuffle, Shuffle};
-use crate::store::stage::options_key;
+use crate::store::stage::{Made, Stage};
 use crate::store::{Context, MappedSlice, Run, WorkDir};
 use serde::{Deserialize, Serialize};
-use serde_json::json;
+use serde_json::{Value, json};
 use std::path::Path;
 use xxhash_rust::xxh3::xxh3_64;
 
@@ -198,19 +199,8 @@ impl VertexGraph {
     ///
     /// # Errors
     /// As [`VertexGraph::build`].
-    pub fn kept(mesh: &Mesh, path: &Path, input: &serde_json::Value, context: Context<'_>) -> Result<(Self, String)> {
-        let options = json!({"stage": "vertex graph", "input": input});
-        let key = options_key(&options);
-        match context.work.reuse::<(VertexFacts, Frame)>("vertex graph", 1, &key) {
-            Ok((facts, frame)) => {
-                context.run.progress.note("vertex graph: reused");
-                return Ok((Self::open(facts, frame, context.work)?, key));
-            }
-            Err(reason) => context.run.note_remake("vertex graph", &reason),
-        }
-        let graph = Self::build(mesh, path, context)?;
-        context.work.stamp_as("vertex graph", &key, &options, &FILES, &(graph.facts, graph.frame), 0.)?;
-        Ok((graph, key))
+    pub fn kept(mesh: &Mesh, path: &Path, input: &Value, context: Context<'_>) -> Result<(Self, String)> {
+        context.stage(VertexGraphStage { mesh, path, input })
     }
 
     fn open(facts: VertexFacts, frame: Frame, work: &WorkDir) -> Result<Self> {
@@ -243,6 +233,44 @@ impl VertexGraph {
     /// Whether there are none.
     pub fn is_empty(&self) -> bool {
         self.len() == 0
+    }
+}
+
+/// The stage of the vertex graph.
+struct VertexGraphStage<'a> {
+    mesh: &'a Mesh,
+    path: &'a Path,
+    input: &'a Value,
+}
+
+impl Stage for VertexGraphStage<'_> {
+    const NAME: &'static str = "vertex graph";
+    const VERSION: u32 = 1;
+    type Facts = (VertexFacts, Frame);
+    type Output = (VertexGraph, String);
+
+    fn inputs(&self, _: Context<'_>) -> Value {
+        json!({"input": self.input})
+    }
+
+    fn make(self, key: &str, context: Context<'_>) -> Result<Made<Self>> {
+        let graph = VertexGraph::build(self.mesh, self.path, context)?;
+        Ok(Made { facts: (graph.facts, graph.frame), output: (graph, key.to_string()), files: FILES.to_vec() })
+    }
+
+    fn open(self, (facts, frame): Self::Facts, key: &str, context: Context<'_>) -> Result<Self::Output> {
+        Ok((VertexGraph::open(facts, frame, context.work)?, key.to_string()))
+    }
+
+    /// Two arrays of 4 bytes for each of six directed edges a vertex has, as many ring entries, and the nodes.
+    fn needs(extent: &Extent, room: &mut Room) -> Needs {
+        let Extent { faces: n, vertices, corners, threads: t, .. } = *extent;
+        let records = 3 * corners.saturating_sub(2 * n);
+        let shuffle = ShuffleNeeds::new(records, 12, 6 * t, 2, room.left(), t);
+        let all = 44 * vertices + 32 * records;
+        let kept = room.take(all);
+        let passing = (12 * records).saturating_sub(shuffle.held);
+        Needs { memory: shuffle.held + room.used(), keeps: all - kept, passing, frees: 0 }
     }
 }
 

@@ -15,17 +15,16 @@ use super::nodes::Frame;
 use crate::base::parallel::{chunk_count, chunk_range, each_chunk};
 use crate::base::{Error, Result};
 use crate::mesh::Mesh;
+use crate::store::needs::{Extent, Needs, Room, ShuffleNeeds};
 use crate::store::npy::Item;
 use crate::store::shuffle::{BudgetedShuffle, Producer};
-use crate::store::stage::options_key;
+use crate::store::stage::{Made, Stage};
 use crate::store::{Context, MappedSlice, WorkDir};
 use face_sort::ORDER;
 use serde::{Deserialize, Serialize};
 use serde_json::{Value, json};
 use vertex_sort::VERTICES;
 
-/// The stage of the sorted mesh; its order, which outlives it in a temporary directory, is the stage `order`.
-const CURVE: &str = "curve";
 /// Values per chunk of the way back.
 const RESTORED: usize = 1 << 16;
 /// Faces above which [`Order::Auto`] may reorder: below, all pages are at hand in any order.
@@ -80,14 +79,16 @@ impl NodeOrder {
     /// # Errors
     /// [`Error::WorkDir`] where the files of the stage are gone or damaged.
     pub fn kept(input: &Value, work: &WorkDir) -> Result<Self> {
-        if input["stage"] != "order" {
+        if input["stage"] != OrderStage::NAME {
             let facts = OrderFacts { far_steps: 0., stretch: 0., reordered: false };
             return Ok(Self { order: None, facts });
         }
-        let facts = work.reuse::<OrderFacts>("order", 1, &options_key(input)).map_err(|problem| {
-            Error::work_dir(work.path(), format!("order: {problem}"), "make it again: nystrom-stream graph MESH …")
-        })?;
-        Ok(Self { order: Some(work.open_array(ORDER)?), facts })
+        let remedy = "make it again: nystrom-stream graph MESH …";
+        let kept = work.kept::<OrderStage<'_>>(remedy)?;
+        if input["key"] != kept.key {
+            return Err(Error::work_dir(work.path(), "order: it is not the graph's", remedy));
+        }
+        Ok(Self { order: Some(work.open_array(ORDER)?), facts: kept.facts })
     }
 
     /// The face of the file that `node` is.
@@ -180,36 +181,22 @@ impl Ordered {
         if order == Order::Keep || (order == Order::Auto && n <= LARGE) {
             return Ok(kept(Locality::default()));
         }
-        let options = json!({"stage": "order", "input": input, "order": "hilbert"});
-        let key = options_key(&options);
-        let whole = |facts| context.work.reuse::<()>(CURVE, 1, &key).map(|()| facts);
-        let facts = match context.work.reuse::<OrderFacts>("order", 1, &key).and_then(whole) {
-            Ok(facts) => {
-                context.run.progress.note("order: reused");
-                facts
-            }
-            Err(reason) => {
-                let frame = Frame::of(&mesh.positions, context.run)?;
-                let found = Locality::of(mesh, frame.scale);
-                let poor = found.far_steps > POOR || (n > HUGE && found.stretch > STRETCHED);
-                if order == Order::Auto && !poor {
-                    return Ok(kept(found));
-                }
-                context.run.note_remake("order", &reason);
-                let ((), seconds) = context.run.stage("order", "faces", n as u64, || sort(mesh, &frame, context))?;
-                let facts = OrderFacts { far_steps: found.far_steps, stretch: found.stretch, reordered: true };
-                let sorted = [&[VERTICES], face_sort::files(&mesh.faces)].concat();
-                context.work.stamp_as(CURVE, &key, &options, &sorted, &(), 0.)?;
-                context.work.stamp_as("order", &key, &options, &[ORDER], &facts, seconds)?;
-                facts
-            }
-        };
-        let positions = vertex_sort::open(context.work, mesh.positions.is_double(), mesh.positions.len())?;
+        let frame = Frame::of(&mesh.positions, context.run)?;
+        let found = Locality::of(mesh, frame.scale);
+        let poor = found.far_steps > POOR || (n > HUGE && found.stretch > STRETCHED);
+        if order == Order::Auto && !poor {
+            return Ok(kept(found));
+        }
+        context.stage(OrderStage { mesh, input, frame, found })
+    }
+
+    fn open(mesh: &Mesh, facts: OrderFacts, key: &str, work: &WorkDir) -> Result<Self> {
+        let positions = vertex_sort::open(work, mesh.positions.is_double(), mesh.positions.len())?;
         Ok(Self {
-            mesh: Mesh::new(mesh.path(), positions, face_sort::open(&mesh.faces, context.work)?),
-            order: Some(context.work.open_array(ORDER)?),
+            mesh: Mesh::new(mesh.path(), positions, face_sort::open(&mesh.faces, work)?),
+            order: Some(work.open_array(ORDER)?),
             facts,
-            identity: options,
+            identity: json!({"stage": OrderStage::NAME, "key": key}),
         })
     }
 
@@ -232,9 +219,66 @@ impl Ordered {
         if nodes.order.is_some() {
             let files = [&[VERTICES], face_sort::files(&self.mesh.faces)].concat();
             drop(self);
-            work.release(CURVE, &files)?;
+            work.release(OrderStage::NAME, &files)?;
         }
         Ok(nodes)
+    }
+}
+
+/// The stage of faces and vertices along the curve.
+struct OrderStage<'a> {
+    mesh: &'a Mesh,
+    input: &'a Value,
+    frame: Frame,
+    found: Locality,
+}
+
+impl Stage for OrderStage<'_> {
+    const NAME: &'static str = "order";
+    const VERSION: u32 = 1;
+    type Facts = OrderFacts;
+    type Output = Ordered;
+
+    fn inputs(&self, _: Context<'_>) -> Value {
+        json!({"input": self.input, "order": "hilbert"})
+    }
+
+    fn make(self, key: &str, context: Context<'_>) -> Result<Made<Self>> {
+        let Self { mesh, frame, found: Locality { far_steps, stretch }, .. } = self;
+        sort(mesh, &frame, context)?;
+        let facts = OrderFacts { far_steps, stretch, reordered: true };
+        let files = [&[ORDER, VERTICES], face_sort::files(&mesh.faces)].concat();
+        Ok(Made { output: Ordered::open(mesh, facts, key, context.work)?, facts, files })
+    }
+
+    fn open(self, facts: OrderFacts, key: &str, context: Context<'_>) -> Result<Ordered> {
+        Ordered::open(self.mesh, facts, key, context.work)
+    }
+
+    fn progress(&self) -> Option<(&'static str, u64)> {
+        Some(("faces", self.mesh.faces.len() as u64))
+    }
+
+    /// Ranks of the vertices, and the greater of two sorts.
+    fn needs(extent: &Extent, room: &mut Room) -> Needs {
+        let Extent { faces: n, vertices, corners, threads: t, reordered, .. } = *extent;
+        if !reordered {
+            return Needs::default();
+        }
+        let budget = room.total();
+        let ranks = room.take(4 * vertices);
+        let joined = budget < 8 * vertices;
+        let left = if joined { budget } else { budget - 4 * vertices };
+        let held = |records, size, part| ShuffleNeeds::new(records, size, 6 * t, part, left, t).held;
+        let memory = if joined { budget } else { held(vertices, 24, 2).max(held(n, 20, 3)) };
+        let passing = 4 * vertices + (24 * vertices).max(20 * n + if joined { 16 * corners } else { 0 });
+        room.give_back(ranks);
+        Needs {
+            memory: memory + ranks,
+            keeps: 12 * vertices + 4 * corners + 4 * n,
+            passing: passing.saturating_sub(memory + ranks),
+            frees: 0,
+        }
     }
 }
 
