@@ -1,4 +1,4 @@
-//! The lowest floor: errors, progress, cancellation, deterministic parallel loops, wide vectors, disjoint sets and small eigenproblems.
+//! The lowest layer: errors, progress, cancellation, deterministic parallel loops, wide vectors, disjoint sets and small eigenproblems.
 //!
 //! Nothing here knows of meshes, files or command lines. Cost: none worth naming.
 

@@ -105,7 +105,7 @@ pub struct SideFacts {
 /// Matches, and what is to be said of them.
 #[derive(Debug)]
 pub struct Correspondence {
-    /// A match a vertex of A (n).
+    /// One match per vertex of A (n).
     pub matches: MappedSlice<Match>,
     /// The alignments found.
     pub alignments: Alignments,

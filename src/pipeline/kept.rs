@@ -72,20 +72,20 @@ impl Record {
 /// Labels of a work directory, as `cluster` left them.
 #[derive(Clone, Debug)]
 pub struct Labels {
-    /// A part a face, in the order of the file (n).
+    /// One part per face, in the order of the file (n).
     pub labels: MappedSlice<u32>,
     /// How sure each label is, 0 to 1 (n).
     pub quality: MappedSlice<f32>,
-    /// A colour a part.
+    /// One colour per part.
     pub colours: Vec<[u8; 3]>,
 }
 
 /// What the manifest keeps of labels.
 #[derive(Clone, Debug, Serialize, Deserialize)]
 pub(super) struct LabelFacts {
-    /// Faces a part.
+    /// Faces of each part.
     pub faces: Vec<u64>,
-    /// A colour a part.
+    /// One colour per part.
     pub colours: Vec<[u8; 3]>,
 }
 

@@ -1,4 +1,4 @@
-//! The recipe of `segment`: from an opened mesh to a label a face.
+//! The recipe of `segment`: from an opened mesh to one label per face.
 //!
 //! ```text
 //! mesh ─▶ dual graph ─▶ weights ─▶ landmarks ─▶ rows [A B] ─┬▶ embedding ─▶ centres ─▶ labels ─▶ colours
@@ -97,7 +97,7 @@ pub struct SegmentParams {
     pub parts: PartsParams,
     /// Whether [`Cluster::Parts`] may contract the mesh first: a preview.
     pub coarse: bool,
-    /// What becomes of dust, with [`Cluster::Parts`].
+    /// What becomes of components too small to be parts, with [`Cluster::Parts`].
     #[serde(default)]
     pub tiny_components: TinyComponents,
     /// How faces near boundaries get their labels, with [`Cluster::Parts`].
@@ -135,17 +135,17 @@ pub fn landmarks_for_parts(faces: usize) -> usize {
 
 /// Version of how labels come of parts.
 const LABELS_VERSION: u32 = 1;
-/// The colour of dust that is a part of its own.
+/// The colour of tiny components that are a part of their own.
 const TINY_COMPONENTS_COLOUR: [u8; 3] = [128; 3];
 
 /// A segmented mesh.
 #[derive(Clone, Debug)]
 pub struct Segmentation {
-    /// A part a face, in the order of the file (n).
+    /// One part per face, in the order of the file (n).
     pub labels: MappedSlice<u32>,
     /// How sure each label is, 0 to 1 (n).
     pub quality: MappedSlice<f32>,
-    /// A colour a part; neighbours differ.
+    /// One colour per part; neighbours differ.
     pub colours: Vec<[u8; 3]>,
     /// How good the file's order was, and whether it was kept.
     pub order: OrderFacts,

@@ -185,7 +185,7 @@ impl Plan {
         let frees = |held: u64| if params.cluster == Cluster::Parts || lasting { 0 } else { 4 * corners - held };
         let weights = room.take(4 * corners);
         stages.push(StagePlan { frees: frees(0), ..stage("weights", room.used, 4 * corners - weights, 0) });
-        // The field of the search, the graph once more for fronts, and a row a thread.
+        // The field of the search, the graph once more for fronts, and one row per thread.
         let field = room.take(4 * n);
         let triples = room.spare(24 * n);
         let own: u64 = (0..t).map(|_| room.spare(4 * n)).sum();

@@ -26,9 +26,9 @@ pub struct SegmentStats {
     pub negative_mass: f64,
     /// Γ, eq. 6.
     pub gamma: f64,
-    /// Faces a part.
+    /// Faces of each part.
     pub faces: Vec<u64>,
-    /// Area a part, in the frame.
+    /// Area of each part, in the frame.
     pub area: Vec<f64>,
     /// What deciding parts has to tell.
     pub decision: Option<PartsReport>,
@@ -70,7 +70,7 @@ pub struct Report {
     pub normal_radius: f32,
     /// Faces of components too small to be parts of their own.
     pub tiny_component_faces: u64,
-    /// The part that is all dust (`--tiny_components own`).
+    /// The part of the tiny components (`--tiny-components own`).
     #[serde(skip_serializing_if = "Option::is_none")]
     pub tiny_components_label: Option<u32>,
     /// How parts were decided on; absent for K-means.
