@@ -1,4 +1,5 @@
-//! The lowest layer: errors, progress, cancellation, deterministic parallel loops, wide vectors, disjoint sets and small eigenproblems.
+//! The lowest layer: errors, progress, cancellation, deterministic parallel loops, loops on wide
+//! vectors, disjoint sets and small eigenproblems.
 //!
 //! Nothing here knows of meshes, files or command lines. Cost: none worth naming.
 
@@ -9,9 +10,9 @@ pub mod parallel;
 pub mod progress;
 pub mod random;
 pub(crate) mod setters;
+pub mod simd;
 pub mod union_find;
 pub mod vector;
-pub mod wide;
 
 pub use cancel::Cancel;
 pub use error::{Error, Result};

@@ -11,7 +11,7 @@
 
 use super::exp::exp64;
 use crate::base::eigen;
-use crate::base::wide::{Work, wide};
+use crate::base::simd::{SimdKernel, dispatch};
 use nalgebra::DMatrix;
 
 /// Share of the mean affinity that every landmark gives to every cell: far cells stay distributions.
@@ -105,7 +105,7 @@ pub fn fit_anchor_embedding(
     width: usize,
     scale: f64,
 ) -> (AnchorEmbedding, AnchorExtension) {
-    wide(AnchorFit { rows, chosen, shares, width, scale })
+    dispatch(AnchorFit { rows, chosen, shares, width, scale })
 }
 
 /// [`fit_anchor_embedding`] on wide vectors.
@@ -117,7 +117,7 @@ struct AnchorFit<'a> {
     scale: f64,
 }
 
-impl Work for AnchorFit<'_> {
+impl SimdKernel for AnchorFit<'_> {
     type Output = (AnchorEmbedding, AnchorExtension);
 
     #[inline(always)]

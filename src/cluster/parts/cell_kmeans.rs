@@ -5,7 +5,7 @@
 //! point order. The result depends on the points, the weights and the random stream alone.
 
 use crate::base::random::{Random, weighted};
-use crate::base::wide::{Work, wide};
+use crate::base::simd::{SimdKernel, dispatch};
 
 /// Points per block.
 const LANES: usize = 16;
@@ -114,7 +114,7 @@ impl CellKMeans {
     /// Clusters `points` (row-major n × d) under `weight` (n, > 0): a label below
     /// min(clusters, n) per point. Not every label need occur where points coincide.
     pub fn run(&self, points: &[f64], weight: &[f64], random: &mut Random) -> Vec<u32> {
-        wide(CellKMeansJob { how: self, points, weight, random })
+        dispatch(CellKMeansJob { how: self, points, weight, random })
     }
 
     /// Greedy k-means++: each seed is the best of a few drawn by weight × squared distance.
@@ -210,7 +210,7 @@ struct CellKMeansJob<'a> {
     random: &'a mut Random,
 }
 
-impl Work for CellKMeansJob<'_> {
+impl SimdKernel for CellKMeansJob<'_> {
     type Output = Vec<u32>;
 
     #[inline(always)]

@@ -9,7 +9,7 @@
 use super::cell_graph::CellGraph;
 use crate::base::Result;
 use crate::base::parallel::map_ranges;
-use crate::base::wide::{Work, wide};
+use crate::base::simd::{SimdKernel, dispatch};
 use crate::store::run::Run;
 use std::ops::Range;
 
@@ -117,7 +117,7 @@ pub fn convexity(
     let (points, balls) = gather(cells, thickness, superface, superfaces);
     let table = ExpTable::new();
     let chunks = map_ranges(run.threads, &run.cancel, superfaces, CHUNK, |range| {
-        Ok(wide(PairsFrom { range, points: &points, balls: &balls, table: &table }))
+        Ok(dispatch(PairsFrom { range, points: &points, balls: &balls, table: &table }))
     })?;
     Ok(chunks.concat())
 }
@@ -161,7 +161,7 @@ struct PairsFrom<'a> {
     table: &'a ExpTable,
 }
 
-impl Work for PairsFrom<'_> {
+impl SimdKernel for PairsFrom<'_> {
     type Output = Vec<PairSums>;
 
     #[inline(always)]

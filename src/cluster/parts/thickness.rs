@@ -10,7 +10,7 @@
 use super::cell_graph::CellGraph;
 use crate::base::Result;
 use crate::base::parallel::map_ranges;
-use crate::base::wide::{Work, wide};
+use crate::base::simd::{SimdKernel, dispatch};
 use crate::store::run::Run;
 use std::f64::consts::{PI, TAU};
 use std::ops::Range;
@@ -42,8 +42,14 @@ pub fn log_thickness(cells: &CellGraph, run: &Run) -> Result<Vec<f64>> {
     let radius: Vec<f64> = cells.area.iter().map(|a| (a / PI).sqrt()).collect();
     let blocks = blocks(cells, &radius);
     let balls = balls(cells, &radius);
+<<<<<<< HEAD
     let scene = RayScene { cells, radius: &radius, blocks: &blocks, balls: &balls, rays: &rays };
     let chunks = map_ranges(run.threads, &run.cancel, cells.len(), CHUNK, |range| Ok(wide(CastRays { range, scene })))?;
+=======
+    let scene = Scene { cells, radius: &radius, blocks: &blocks, balls: &balls, rays: &rays };
+    let chunks =
+        map_ranges(run.threads, &run.cancel, cells.len(), CHUNK, |range| Ok(dispatch(CastRays { range, scene })))?;
+>>>>>>> 79ed48d (base::simd is named as everybody names it)
     let found = chunks.concat();
     let usual = median(&mut found.iter().filter_map(|x| *x).collect::<Vec<_>>()).unwrap_or(UNKNOWN);
     let mut out: Vec<f64> = found.iter().map(|x| x.unwrap_or(usual).max(FLOOR).ln()).collect();
@@ -95,7 +101,7 @@ struct CastRays<'a> {
     scene: RayScene<'a>,
 }
 
-impl Work for CastRays<'_> {
+impl SimdKernel for CastRays<'_> {
     type Output = Vec<Option<f64>>;
 
     #[inline(always)]

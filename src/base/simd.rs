@@ -1,23 +1,23 @@
 //! Loops compiled for the widest vectors that this processor has.
 //!
 //! The program is built for every 64-bit processor, which on x86 means vectors of 16 bytes; a loop that does nothing but
-//! arithmetic runs two to four times as fast on 32 or 64. [`wide`] does work compiled for the baseline, for AVX2 and
+//! arithmetic runs two to four times as fast on 32 or 64. [`dispatch`] runs a kernel compiled for the baseline, for AVX2 and
 //! for AVX-512, whichever the processor has. Results are the same to the bit: vectors do the same operations on the
 //! same numbers in the same order, and multiplications and additions are never contracted to one rounding.
 
-/// A piece of work for [`wide`].
-pub trait Work {
-    /// What it gives.
+/// A loop for [`dispatch`].
+pub trait SimdKernel {
+    /// What it computes.
     type Output;
 
-    /// Does it. To be marked `#[inline(always)]`, as the functions that it calls: what is not inlined is compiled for
+    /// Runs it. To be marked `#[inline(always)]`, as the functions that it calls: what is not inlined is compiled for
     /// every processor, and that holds for closures that are passed on.
     fn run(self) -> Self::Output;
 }
 
 struct Inlined<W>(W);
 
-impl<W: Work> pulp::WithSimd for Inlined<W> {
+impl<W: SimdKernel> pulp::WithSimd for Inlined<W> {
     type Output = W::Output;
 
     #[inline(always)]
@@ -26,10 +26,10 @@ impl<W: Work> pulp::WithSimd for Inlined<W> {
     }
 }
 
-/// Does `work`, compiled for this processor.
+/// Runs `kernel`, compiled for this processor.
 #[inline(always)]
-pub fn wide<W: Work>(work: W) -> W::Output {
-    pulp::Arch::new().dispatch(Inlined(work))
+pub fn dispatch<W: SimdKernel>(kernel: W) -> W::Output {
+    pulp::Arch::new().dispatch(Inlined(kernel))
 }
 
 #[cfg(test)]
@@ -38,7 +38,7 @@ mod tests {
 
     struct Products<'a>(&'a [f64]);
 
-    impl Work for Products<'_> {
+    impl SimdKernel for Products<'_> {
         type Output = Vec<f64>;
 
         #[inline(always)]
@@ -51,7 +51,7 @@ mod tests {
     fn products_and_sums_are_not_contracted() {
         // (1 + ε)² − (1 + 2ε) is ε² by one rounding, and 0 by two.
         let x: Vec<f64> = (0..100).map(|i| 1. + f64::EPSILON * f64::from(i % 7 + 1)).collect();
-        assert_eq!(wide(Products(&x)), [0.; 100]);
+        assert_eq!(dispatch(Products(&x)), [0.; 100]);
         assert_eq!(Products(&x).run(), [0.; 100]);
     }
 }
