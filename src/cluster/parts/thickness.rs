@@ -42,14 +42,9 @@ pub fn log_thickness(cells: &CellGraph, run: &Run) -> Result<Vec<f64>> {
     let radius: Vec<f64> = cells.area.iter().map(|a| (a / PI).sqrt()).collect();
     let blocks = blocks(cells, &radius);
     let balls = balls(cells, &radius);
-<<<<<<< HEAD
     let scene = RayScene { cells, radius: &radius, blocks: &blocks, balls: &balls, rays: &rays };
-    let chunks = map_ranges(run.threads, &run.cancel, cells.len(), CHUNK, |range| Ok(wide(CastRays { range, scene })))?;
-=======
-    let scene = Scene { cells, radius: &radius, blocks: &blocks, balls: &balls, rays: &rays };
     let chunks =
         map_ranges(run.threads, &run.cancel, cells.len(), CHUNK, |range| Ok(dispatch(CastRays { range, scene })))?;
->>>>>>> 79ed48d (base::simd is named as everybody names it)
     let found = chunks.concat();
     let usual = median(&mut found.iter().filter_map(|x| *x).collect::<Vec<_>>()).unwrap_or(UNKNOWN);
     let mut out: Vec<f64> = found.iter().map(|x| x.unwrap_or(usual).max(FLOOR).ln()).collect();
