@@ -1,4 +1,4 @@
-//! `correspond`: which vertex of one mesh is which of another.
+//! `correspond`: matches the vertices of two meshes, and writes matches, colours, a picture, carried properties.
 
 use super::choices::choice;
 use super::options::{AppContext, CliError, RunArgs};
@@ -185,7 +185,7 @@ pub fn run(args: &CorrespondArgs, app: &AppContext) -> Result<(), CliError> {
     Ok(args.json.publish(&report)?)
 }
 
-/// Writes colours, picture and what is carried, where asked for.
+/// Writes the colours, the picture and the carried properties that are asked for.
 fn show(args: &CorrespondArgs, a: &Mesh, b: &Mesh, matches: &[Match], context: Context<'_>) -> Result<()> {
     if !args.colours.is_empty() || args.picture.is_some() {
         let colours = match args.colour_by {
@@ -211,7 +211,7 @@ fn show(args: &CorrespondArgs, a: &Mesh, b: &Mesh, matches: &[Match], context: C
     ply::write_annotated(path, &a, &columns(ElementKind::Vertices), &columns(ElementKind::Faces), context.run)
 }
 
-/// Says where the shape leaves a choice.
+/// Notes where the symmetry of the shape leaves several alignments.
 fn tell(result: &Correspondence, chosen: usize, run: &Run) {
     let found = &result.alignments.found;
     if found.len() > 1 {

@@ -1,4 +1,4 @@
-//! `demo`: a mesh with known parts, cut and compared. The first thing a newcomer runs.
+//! `demo`: makes a mesh with known parts, cuts it, and compares. A first look without a mesh of one's own.
 
 use super::options::{AppContext, CliError, RunArgs};
 use super::output::Output;

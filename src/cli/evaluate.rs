@@ -46,7 +46,7 @@ pub struct EvaluateArgs {
     pub samples: usize,
     #[command(flatten)]
     pub json: JsonArgs,
-    /// Draw 1 - Rand by category beside people's, .svg or .png
+    /// Draw 1 - Rand by category beside that of people, .svg or .png
     #[arg(long, value_name = "FILE", requires = "benchmark", requires = "labels")]
     pub plot: Option<PathBuf>,
     /// Leave out the cut discrepancy, which costs most

@@ -102,7 +102,7 @@ pub struct RunArgs {
 }
 
 impl RunArgs {
-    /// The listener that was asked for.
+    /// The listener that --progress and --quiet ask for.
     pub fn bars(&self) -> Bars {
         Bars::new(match self.progress {
             _ if self.quiet => Style::Quiet,

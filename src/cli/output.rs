@@ -1,4 +1,4 @@
-//! Where results go: the ending of an output's name chooses its form.
+//! Where results go: the ending of the name of an output chooses its format. JSON and text reports.
 
 use super::choices::choice;
 use super::options::CliError;
@@ -78,7 +78,7 @@ pub struct FormArgs {
 }
 
 impl PlyArgs {
-    /// The library's.
+    /// As the library takes them.
     pub fn options(self) -> PlyOptions {
         PlyOptions::new(self.ply_form, self.vertex_labels)
     }
@@ -110,7 +110,7 @@ pub struct Results<'a> {
     pub labelling: Labelling<'a>,
     /// Of PLY outputs.
     pub options: PlyOptions,
-    /// For tables, where it was asked for.
+    /// For tables, if asked for.
     pub embedding: Option<Coordinates<'a>>,
     /// For pages: the run's report.
     pub report: Value,
@@ -280,8 +280,8 @@ pub fn publish(target: &Path, report: &impl serde::Serialize) -> Result<()> {
     write_text(target, &(serde_json::to_string_pretty(report).unwrap_or_default() + "\n"))
 }
 
-/// Writes `text` to standard output where `target` is `-`, else to that file, which appears whole or not at all. What is
-/// there and no file, such as a device or a pipe, is written to as it is.
+/// Writes `text` to standard output where `target` is `-`, else to that file, which appears whole or not at all: it is
+/// written under another name and renamed. A device or a pipe is written to directly.
 pub fn write_text(target: &Path, text: &str) -> Result<()> {
     if target == Path::new("-") {
         return print(text.as_bytes());

@@ -96,7 +96,7 @@ struct State {
     seconds: BTreeMap<String, f64>,
 }
 
-/// A stage under way.
+/// A stage that is running.
 struct Stage {
     unit: &'static str,
     total: u64,

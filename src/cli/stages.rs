@@ -223,7 +223,7 @@ pub fn cluster(args: &ClusterArgs, app: &AppContext) -> Result<(), CliError> {
     let (work, record, run) = reopen(&args.place, &args.run, args.run.run(&bars, app))?;
     let mut params = record.params.clone();
     if args.parts.cluster.is_some_and(|cluster| cluster != params.cluster) {
-        // What another way of clustering was told has no meaning for this one.
+        // Options of another way of clustering have no meaning here.
         let fresh = SegmentParams::default();
         (params.parts, params.boundaries) = (fresh.parts, fresh.boundaries);
         params.tiny_components = fresh.tiny_components;

@@ -23,8 +23,11 @@ pub fn text(path: &Path, value: &impl Serialize) -> Result<Vec<u8>> {
 /// [`Error::Io`].
 pub fn publish(path: &Path, text: &[u8]) -> Result<()> {
     let partial = partial_name(path);
-    std::fs::write(&partial, text).map_err(Error::io(&partial, "write"))?;
-    std::fs::rename(&partial, path).map_err(Error::io(&partial, "rename"))
+    let written = std::fs::write(&partial, text).map_err(Error::io(path, "write"));
+    let renamed = written.and_then(|()| std::fs::rename(&partial, path).map_err(Error::io(path, "rename")));
+    renamed.inspect_err(|_| {
+        let _ = std::fs::remove_file(&partial);
+    })
 }
 
 /// Writes `value` as the JSON file `path`, by rename.
