@@ -10,7 +10,7 @@ use nystrom_stream::base::{Error, Result};
 use nystrom_stream::mesh::ply::labelled::{Labelling, PlyForm, PlyOptions, write_labelled, write_labelled_to};
 use nystrom_stream::mesh::{Document, Mesh, seg};
 use nystrom_stream::pipeline::cuts::KeptCuts;
-use nystrom_stream::store::{Run, npy};
+use nystrom_stream::store::{Run, json, npy};
 use serde_json::Value;
 use std::ffi::OsStr;
 use std::io::Write;
@@ -276,26 +276,23 @@ pub fn print(bytes: &[u8]) -> Result<()> {
 }
 
 /// Writes `report` as JSON to the file `target`, or to standard output where that is `-`.
-pub fn publish(target: &Path, report: &impl serde::Serialize) -> Result<()> {
-    write_text(target, &(serde_json::to_string_pretty(report).unwrap_or_default() + "\n"))
+fn publish(target: &Path, report: &impl serde::Serialize) -> Result<()> {
+    let text = serde_json::to_string_pretty(report).map_err(|error| {
+        Error::unusable(target, format!("the report cannot be told as JSON: {error}"), "report this as a fault")
+    })?;
+    write_text(target, &(text + "\n"))
 }
 
-/// Writes `text` to standard output where `target` is `-`, else to that file, which appears whole or not at all: it is
-/// written under another name and renamed. A device or a pipe is written to directly.
+/// Writes `text` to standard output where `target` is `-`, else to that file, which appears whole or not at all. A device or
+/// a pipe is written to directly.
 pub fn write_text(target: &Path, text: &str) -> Result<()> {
     if target == Path::new("-") {
         return print(text.as_bytes());
     }
-    if std::fs::metadata(target).is_ok_and(|known| !known.is_file()) {
-        return std::fs::write(target, text).map_err(Error::io(target, "write"));
+    match std::fs::metadata(target) {
+        Ok(known) if !known.is_file() => std::fs::write(target, text).map_err(Error::io(target, "write")),
+        _ => json::publish(target, text.as_bytes()),
     }
-    let mut partial = target.as_os_str().to_owned();
-    partial.push(".partial");
-    let written = std::fs::write(&partial, text).and_then(|()| std::fs::rename(&partial, target));
-    written.map_err(|error| {
-        let _ = std::fs::remove_file(&partial);
-        Error::io(target, "write")(error)
-    })
 }
 
 /// Refuses charts of an unknown form before any work.

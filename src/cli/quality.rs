@@ -3,7 +3,7 @@
 use super::choices::choice;
 use super::method::MetricArgs;
 use super::options::{AppContext, CliError, RunArgs};
-use super::output::{JsonArgs, check_charts};
+use super::output::{JsonArgs, check_charts, write_text};
 use nystrom_stream::apps::plots::charts;
 use nystrom_stream::apps::study::compare::{EmbeddingError, embedding_errors};
 use nystrom_stream::apps::study::points::{Judged, PointsParams, agreement, pairs};
@@ -158,7 +158,7 @@ fn tell(records: &[SampleRecord], args: &QualityArgs, run: &Run) -> Result<()> {
     };
     let json = if args.compare { json!({"summary": lines, "runs": records}) } else { json!(records.first()) };
     if let Some(path) = &args.csv {
-        std::fs::write(path, to_csv(records)).map_err(Error::io(path, "write"))?;
+        write_text(path, &to_csv(records))?;
     }
     let title = format!("{} meshes, {} seeds, {:?} kernel", args.meshes.len(), args.seeds, args.kernel);
     for path in &args.plot {
