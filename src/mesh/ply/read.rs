@@ -50,11 +50,11 @@ pub(in crate::mesh) struct Decoded {
 /// # Errors
 /// [`Error::Malformed`] for payloads cut short, text that is no number, indices out of range;
 /// [`Error::Io`] for the scratch folder; [`Error::Cancelled`].
-pub(in crate::mesh) fn decode(task: &Decoder) -> Result<Decoded> {
-    match task.header.encoding {
-        Encoding::Ascii => task.walk::<Text>(),
-        Encoding::Little => task.walk::<Binary<false>>(),
-        Encoding::Big => task.walk::<Binary<true>>(),
+pub(in crate::mesh) fn decode(decoder: &Decoder) -> Result<Decoded> {
+    match decoder.header.encoding {
+        Encoding::Ascii => decoder.walk::<Text>(),
+        Encoding::Little => decoder.walk::<Binary<false>>(),
+        Encoding::Big => decoder.walk::<Binary<true>>(),
     }
 }
 
@@ -240,7 +240,7 @@ impl<'a> Decoder<'a> {
         Ok((sink.finish()?, fixed.map(|(size, _)| size)))
     }
 
-    /// The error for a face that names a vertex there is not.
+    /// The error for a face that names a vertex that does not exist.
     fn out_of_range(&self, element: &Element, record: usize, vertex: i64) -> Error {
         let vertices = self.header.elements[self.vertex].count;
         Error::malformed(
@@ -254,7 +254,7 @@ impl<'a> Decoder<'a> {
 
 /// Faces that a thread verifies at a time.
 const VERIFIED: usize = 1 << 16;
-/// Faces after which the verdict is looked at; a branch a face would double the time.
+/// Faces after which the verdict is looked at; a branch per face would double the time.
 const BLOCK: usize = 256;
 
 impl<'a> Decoder<'a> {

@@ -298,7 +298,7 @@ fn sorted(
     produce: impl FnOnce(Push<'_>) -> Result<()>,
 ) -> Result<()> {
     let n = places.len().max(1);
-    // A bucket waits as its bytes, four a thread, while one is sorted.
+    // A bucket waits as its bytes, four per thread, while one is sorted.
     let (pieces, copies) = ((bytes / PIECE + n) as u64, 6 * run.threads as u64);
     let sized = BudgetedShuffle::<Piece>::new(&work.file("pieces.tmp"), "records", pieces, copies, 1, run)?;
     let shuffle = &sized.shuffle;
