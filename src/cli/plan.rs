@@ -85,7 +85,8 @@ fn table(plan: &Plan) -> String {
     let mut text = format!("{faces} faces, {vertices} vertices, {} landmarks\n", plan.landmarks);
     text += &row(["stage", "memory", "disk kept", "temporary", "freed", "seconds"]);
     for stage in &plan.stages {
-        let [memory, keeps, passing, frees] = [stage.memory, stage.keeps, stage.passing, stage.frees].map(bytes);
+        let [memory, keeps, passing, frees] =
+            [stage.needs.memory, stage.needs.keeps, stage.needs.passing, stage.needs.frees].map(bytes);
         text += &row([words(&stage.name), &memory, &keeps, &passing, &frees, &seconds(stage.seconds)]);
     }
     let (memory, disk, peak) = (bytes(plan.memory), bytes(plan.disk), bytes(plan.disk_peak));

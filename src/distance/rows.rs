@@ -14,6 +14,7 @@ use super::sampler::Sampler;
 use crate::base::{Error, Result};
 use crate::graph::Node;
 use crate::graph::WeightedGraph;
+use crate::graph::dual::WEIGHTS;
 use crate::store::needs::{Extent, Needs, Room};
 use crate::store::rows_file::RowsFile;
 use crate::store::stage::{Made, Stage, StageKey};
@@ -59,7 +60,7 @@ fn mean(facts: &[RowFacts]) -> f64 {
 
 /// What the manifest keeps of the stage.
 #[derive(Debug, Serialize, Deserialize)]
-struct Facts {
+pub(crate) struct Facts {
     rows: Vec<RowFacts>,
 }
 
@@ -84,7 +85,7 @@ pub(super) fn job_spec(weights: &str, nodes: usize, params: &RowParams<impl Seri
 }
 
 /// The stage of rows that are kept.
-struct RowsStage<'a>(RowJob<'a>);
+pub(crate) struct RowsStage<'a>(RowJob<'a>);
 
 impl Stage for RowsStage<'_> {
     const NAME: &'static str = "rows";
@@ -121,7 +122,9 @@ impl Stage for RowsStage<'_> {
         let memory = room.used();
         room.give_back(field + triangles + own);
         let (keeps, scratch) = if extent.keeps_rows { (4 * l * n, 0) } else { (0, 4 * n * t - own) };
-        Needs { memory, keeps, passing: 4 * n - field + scratch, frees: 0 }
+        // Weights go when rows are made of them.
+        let frees = if extent.releases { 4 * extent.corners - room.give_up(WEIGHTS) } else { 0 };
+        Needs { memory, keeps, passing: 4 * n - field + scratch, frees }
     }
 }
 

@@ -175,7 +175,7 @@ impl DualGraph {
 }
 
 /// The stage of the graph.
-struct GraphStage<'a> {
+pub(crate) struct GraphStage<'a> {
     mesh: &'a Mesh,
     path: &'a Path,
     input: &'a Value,
@@ -240,7 +240,7 @@ impl Stage for GraphStage<'_> {
 }
 
 /// The stage of a graph's weights.
-struct WeightsStage<'a> {
+pub(crate) struct WeightsStage<'a> {
     graph: &'a DualGraph,
     metric: Metric,
     normals: Option<&'a MappedSlice<[f32; 3]>>,
@@ -248,7 +248,7 @@ struct WeightsStage<'a> {
     area: f64,
 }
 
-const WEIGHTS: &str = "graph_weights.npy";
+pub(crate) const WEIGHTS: &str = "graph_weights.npy";
 
 impl WeightsStage<'_> {
     fn matrix(&self, weights: MappedSlice<f32>, key: &str, work: &WorkDir) -> Result<WeightedGraph> {
@@ -286,7 +286,7 @@ impl Stage for WeightsStage<'_> {
 
     /// Lengths go when weights are made of them.
     fn needs(extent: &Extent, room: &mut Room) -> Needs {
-        let weights = room.take(4 * extent.corners);
+        let weights = room.lend(WEIGHTS, 4 * extent.corners);
         let frees = if extent.releases { 4 * extent.corners } else { 0 };
         Needs { memory: room.used(), keeps: 4 * extent.corners - weights, passing: 0, frees }
     }

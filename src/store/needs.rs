@@ -6,6 +6,7 @@
 
 use super::shuffle::Sizing;
 use serde::Serialize;
+use std::collections::BTreeMap;
 
 /// Bytes allocated besides what is told: queues of fronts, buffers of writers.
 pub const BASE: u64 = 2 << 20;
@@ -54,12 +55,14 @@ pub struct Room {
     total: u64,
     used: u64,
     holding: bool,
+    /// Bytes held of arrays that a later stage gives up.
+    lent: BTreeMap<&'static str, u64>,
 }
 
 impl Room {
     /// A budget of `total` bytes; `holding`: arrays of the work directory may be held in memory.
     pub fn new(total: u64, holding: bool) -> Self {
-        Self { total, used: 0, holding }
+        Self { total, used: 0, holding, lent: BTreeMap::new() }
     }
 
     /// All of the budget.
@@ -87,6 +90,20 @@ impl Room {
     /// What of an array of the work directory is held.
     pub fn take(&mut self, bytes: u64) -> u64 {
         if self.holding { self.spare(bytes) } else { 0 }
+    }
+
+    /// [`Room::take`] of an array that a later stage gives up by its name.
+    pub fn lend(&mut self, name: &'static str, bytes: u64) -> u64 {
+        let held = self.take(bytes);
+        self.lent.insert(name, held);
+        held
+    }
+
+    /// Gives up what is held of the array `name`; tells how much that was.
+    pub fn give_up(&mut self, name: &str) -> u64 {
+        let held = self.lent.remove(name).unwrap_or(0);
+        self.give_back(held);
+        held
     }
 
     /// Takes what a stage is granted as it is.

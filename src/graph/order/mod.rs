@@ -226,7 +226,7 @@ impl Ordered {
 }
 
 /// The stage of faces and vertices along the curve.
-struct OrderStage<'a> {
+pub(crate) struct OrderStage<'a> {
     mesh: &'a Mesh,
     input: &'a Value,
     frame: Frame,
