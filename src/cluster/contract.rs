@@ -17,7 +17,7 @@ use crate::graph::DualEdges;
 use crate::graph::{Csr, WeightedGraph};
 use crate::graph::{DualGraph, GraphFacts, Node};
 use crate::store::mapped::csr_of_mapped;
-use crate::store::stage::options_key;
+use crate::store::stage::key_of;
 use crate::store::{MappedSlice, Run, WorkDir, npy};
 use serde_json::json;
 use std::collections::BTreeMap;
@@ -78,7 +78,7 @@ pub fn contract(
     let borders = borders(graph, csr, &of_node, field.data(), run)?;
     drop(field);
     work.remove("contracted_field.tmp.partial");
-    let key = options_key(&json!({"stage": "contraction", "weights": fine.key, "seed": run.seed}));
+    let key = key_of("contraction", 1, &json!({"weights": fine.key, "seed": run.seed}));
     assemble(graph, nodes, &borders, of_node, key, inner)
 }
 

@@ -70,12 +70,3 @@ impl<'a> Context<'a> {
         Self { work, run }
     }
 }
-
-impl Run<'_> {
-    /// Tells why a stage that was made before is made anew; silent where it was not made yet.
-    pub fn note_remake(&self, stage: &str, reason: &str) {
-        if reason != super::manifest::NOT_MADE {
-            self.progress.note(&format!("{stage}: made anew, {reason}"));
-        }
-    }
-}

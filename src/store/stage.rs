@@ -312,27 +312,3 @@ impl WorkDir {
         std::fs::rename(&partial, &path).map_err(Error::io(&partial, "rename"))
     }
 }
-
-/// The key of a stage that is not a [`Stage`] yet.
-pub fn options_key(options: &Value) -> String {
-    format!("{:016x}", xxh3_64(options.to_string().as_bytes()))
-}
-
-impl WorkDir {
-    /// [`WorkDir::stamp`] for a stage that is not a [`Stage`] yet.
-    ///
-    /// # Errors
-    /// As there.
-    pub fn stamp_as(
-        &self,
-        name: &'static str,
-        key: &str,
-        options: &Value,
-        files: &[&str],
-        facts: &impl Serialize,
-        seconds: f64,
-    ) -> Result<()> {
-        let stage = StageKey { name, version: 1, key: key.to_string(), inputs: options.clone() };
-        self.stamp(stage, files, facts, seconds)
-    }
-}
