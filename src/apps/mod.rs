@@ -11,6 +11,7 @@ pub mod correspond;
 pub mod creature;
 pub mod evaluate;
 pub mod export;
+mod integers;
 #[cfg(feature = "pages")]
 pub mod page;
 #[cfg(feature = "pictures")]

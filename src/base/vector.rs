@@ -19,6 +19,31 @@ pub fn cross(a: [f64; 3], b: [f64; 3]) -> [f64; 3] {
     [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]]
 }
 
+/// a · b.
+#[inline(always)]
+pub fn dot(a: [f64; 3], b: [f64; 3]) -> f64 {
+    a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
+}
+
+/// a + s b.
+#[inline(always)]
+pub fn add_scaled(a: [f64; 3], s: f64, b: [f64; 3]) -> [f64; 3] {
+    [a[0] + s * b[0], a[1] + s * b[1], a[2] + s * b[2]]
+}
+
+/// a in length 1; 0 where it has no length.
+#[inline(always)]
+pub fn unit(a: [f64; 3]) -> [f64; 3] {
+    let length = length(a);
+    if length > 0. { [a[0] / length, a[1] / length, a[2] / length] } else { [0.; 3] }
+}
+
+/// Twice the area of a triangle times its normal.
+#[inline(always)]
+pub fn double_area([a, b, c]: [[f64; 3]; 3]) -> [f64; 3] {
+    cross(minus(b, a), minus(c, a))
+}
+
 /// |a|.
 #[inline(always)]
 pub fn length(a: [f64; 3]) -> f64 {

@@ -25,19 +25,6 @@ use crate::store::Run;
 use nalgebra::DMatrix;
 use serde::Serialize;
 
-// --- Aligning two embeddings without knowing a single match.
-//
-// Guesses ([`candidates`]) are ranked by how near they bring [`COARSE`] points of one mesh to those of the other; the
-// best [`KEPT`] are refined by alternating nearest points and the orthogonal matrix that fits these best
-// (Procrustes), ranked again, tested for being mirror images ([`super::orientation`]) and refined on [`FINE`] points. How near
-// points come does not always tell head from tail: all of a head may lie near a tail. So the maps that are left are ranked by the product of this,
-// of what it costs to carry equal shares of area onto each other one to one ([`least_assignment`]), and of how much they distort:
-// how far it is from a landmark of A to where one of B comes to lie on A, and on B from that one to where the first comes to lie.
-// What fits about as well, but maps the shape elsewhere, is an alternative: a symmetry that no measurement along the surface resolves.
-//
-// Points stand for equal shares of area, so that densities of vertices do not matter. Cost: constant, about
-// a second at most on one thread.
-
 /// Points that rank guesses.
 pub const COARSE: usize = 120;
 /// Points of the last refinement.
@@ -333,7 +320,7 @@ fn told_apart(mut sorted: Vec<Alignment>, points: &[Point], apart: f64) -> Align
     Alignments { ambiguous: found.len() > 1 || !telling, found }
 }
 
-// --- First guesses of the change of coordinates between two embeddings: signs, order, and turns of near-equal axes.
+// First guesses of the change of coordinates between two embeddings: signs, order, and turns of near-equal axes.
 //
 // An eigenvector is known up to its sign, and two whose eigenvalues are nearly equal up to a turn in their plane,
 // so that on another mesh they come in another order or mixed. The guesses are all signs of all axes but the first,

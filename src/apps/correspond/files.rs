@@ -2,11 +2,11 @@
 //! vertex), and any vector of integers as a map of vertices to be judged by.
 
 use super::matches::Match;
+use crate::apps::integers::read_integers;
 use crate::base::{Error, Result};
 use crate::mesh::output::by_rename;
 use crate::store::npy;
 use crate::store::{MappedBytes, Run};
-use npyz::{Deserialize, NpyFile};
 use std::ffi::OsStr;
 use std::fs::File;
 use std::io::{BufWriter, Write};
@@ -125,36 +125,8 @@ fn read_npy(path: &Path) -> Result<Vec<Option<u32>>> {
     if let Ok(matches) = npy::open::<Match>(path) {
         return Ok(matches.iter().map(Match::vertex).collect());
     }
-    let bytes = MappedBytes::open(path)?;
-    let wrong = |problem: String| Error::malformed(path, "array", problem, "give matches, or a vector of integers");
-    let header = npyz::NpyHeader::from_reader(&bytes[..]).map_err(|error| wrong(error.to_string()))?;
-    if header.shape().len() != 1 {
-        return Err(wrong(format!("has {} dimensions", header.shape().len())));
-    }
-    let descr = header.dtype().descr();
-    match descr.trim_matches('\'').get(1..) {
-        Some("u4") => integers::<u32>(&bytes),
-        Some("u8") => integers::<u64>(&bytes),
-        Some("i4") => integers::<i32>(&bytes),
-        Some("i8") => integers::<i64>(&bytes),
-        _ => Err(format!("has items {descr}")),
-    }
-    .map_err(wrong)
-}
-
-fn integers<T: Deserialize + TryInto<i128>>(bytes: &[u8]) -> std::result::Result<Vec<Option<u32>>, String> {
-    let file = NpyFile::new(bytes).map_err(|error| error.to_string())?;
-    let items = file.data::<T>().map_err(|error| error.to_string())?;
-    let vertex = |(k, item): (usize, std::io::Result<T>)| {
-        let item: i128 =
-            item.map_err(|error| error.to_string())?.try_into().map_err(|_| format!("item {k} is no number"))?;
-        if item < 0 {
-            Ok(None)
-        } else {
-            u32::try_from(item).map(Some).map_err(|_| format!("item {k} is beyond 32 bits"))
-        }
-    };
-    items.enumerate().map(vertex).collect()
+    let vertex = |item: i128| if item < 0 { Some(None) } else { u32::try_from(item).ok().map(Some) };
+    read_integers(path, vertex, "is beyond 32 bits", "give matches, or a vector of integers")
 }
 
 fn read_csv(path: &Path) -> Result<Vec<Option<u32>>> {

@@ -11,13 +11,6 @@ use crate::base::random::Random;
 use crate::base::{Error, Result, random};
 use rand_xoshiro::rand_core::Rng;
 
-// --- Which vertex has which number: closed forms both ways, for patches of `m` by `m` squares.
-//
-// Vertices are numbered patch by patch and row by row; one on a common side or corner belongs to
-// the first patch that has it, so every vertex has one number and no table of the mesh's size is
-// needed. Nearby numbers are nearby vertices, but for the patches' boundaries. Memory: a few words a
-// patch; time: a binary search over patches, or less.
-
 /// A grid point: patch, row (`v`) and column (`u`), both `0..=m`.
 pub(super) type Point = (usize, u64, u64);
 
@@ -186,7 +179,7 @@ impl Numbering {
     }
 }
 
-// --- Faces left out: a disc in the middle of some patches, so that the mesh has open borders.
+// Faces left out: a disc in the middle of some patches, so that the mesh has open borders.
 //
 // All discs have the same place in their patch, so one table of a patch's rows serves to find the
 // k-th face that is left. Memory: 8 bytes per row of a patch, O(√faces).
@@ -287,7 +280,7 @@ impl Holes {
     }
 }
 
-// --- A random order that needs no memory: a seeded bijection of `0..n`, both ways in closed form.
+// A random order that needs no memory: a seeded bijection of `0..n`, both ways in closed form.
 //
 // Four Feistel rounds over the least power of two that holds `n`, walked on until the result is
 // below `n` (fewer than two walks on average). Some 10–20 ns per item.

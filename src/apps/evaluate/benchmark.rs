@@ -8,10 +8,10 @@
 
 use super::boundaries::Evaluator;
 use super::scores::{ModelScores, ScoreTable, Segmentation};
+use crate::apps::integers::read_integers;
 use crate::base::{Error, Result, parallel};
 use crate::mesh::{self, read_seg};
-use crate::store::{MappedBytes, Run};
-use npyz::{Deserialize, NpyFile};
+use crate::store::Run;
 use std::ffi::OsStr;
 use std::path::{Path, PathBuf};
 
@@ -171,43 +171,13 @@ pub const ENDINGS: [&str; 3] = ["seg", "npy", "ply"];
 pub fn read_labels(path: &Path, scratch: &Path, run: &Run) -> Result<Vec<u32>> {
     match path.extension().and_then(OsStr::to_str).map(str::to_ascii_lowercase).as_deref() {
         Some("seg") => read_seg(path),
-        Some("npy") => read_npy(path),
+        Some("npy") => {
+            let label = |item: i128| u32::try_from(item).ok();
+            read_integers(path, label, "is negative or beyond 32 bits", "give a vector of integers from 0 on")
+        }
         Some("ply") => mesh::open(path, scratch, run)?.face_property("label", run),
         _ => Err(Error::unusable(path, "its ending says no known form of labels", "give a .seg, .npy or .ply file")),
     }
-}
-
-/// A vector of non-negative integers of any type, as NumPy keeps it.
-fn read_npy(path: &Path) -> Result<Vec<u32>> {
-    let bytes = MappedBytes::open(path)?;
-    let wrong = |problem: String| Error::malformed(path, "array", problem, "give a vector of integers from 0 on");
-    let header = npyz::NpyHeader::from_reader(&bytes[..]).map_err(|error| wrong(error.to_string()))?;
-    if header.shape().len() != 1 {
-        return Err(wrong(format!("has {} dimensions", header.shape().len())));
-    }
-    let descr = header.dtype().descr();
-    let labels = match descr.trim_matches('\'').get(1..) {
-        Some("u1") => integers::<u8>(&bytes),
-        Some("u2") => integers::<u16>(&bytes),
-        Some("u4") => integers::<u32>(&bytes),
-        Some("u8") => integers::<u64>(&bytes),
-        Some("i1") => integers::<i8>(&bytes),
-        Some("i2") => integers::<i16>(&bytes),
-        Some("i4") => integers::<i32>(&bytes),
-        Some("i8") => integers::<i64>(&bytes),
-        _ => Err(format!("has items {descr}")),
-    };
-    labels.map_err(wrong)
-}
-
-fn integers<T: Deserialize + TryInto<u32>>(bytes: &[u8]) -> std::result::Result<Vec<u32>, String> {
-    let file = NpyFile::new(bytes).map_err(|error| error.to_string())?;
-    let items = file.data::<T>().map_err(|error| error.to_string())?;
-    let label = |(k, item): (usize, std::io::Result<T>)| {
-        let item = item.map_err(|error| error.to_string())?;
-        item.try_into().map_err(|_| format!("item {k} is negative or beyond 32 bits"))
-    };
-    items.enumerate().map(label).collect()
 }
 
 #[cfg(test)]

@@ -11,6 +11,7 @@
 //! most 90 bytes per face in memory; then one multi-source Dijkstra per labelling, O(v log v), 8 bytes per vertex, and
 //! O(cut) per pair.
 
+use crate::base::vector::{distance, length, minus};
 use crate::base::{Error, Result};
 use crate::mesh::Mesh;
 use rstar::RTree;
@@ -99,16 +100,8 @@ fn area(mesh: &Mesh, corners: &[u32]) -> f64 {
         sum[1] += a[2] * b[0] - a[0] * b[2];
         sum[2] += a[0] * b[1] - a[1] * b[0];
     }
-    let area = norm(sum) / 2.;
+    let area = length(sum) / 2.;
     if area.is_finite() { area } else { 0. }
-}
-
-fn minus(a: [f64; 3], b: [f64; 3]) -> [f64; 3] {
-    [a[0] - b[0], a[1] - b[1], a[2] - b[2]]
-}
-
-fn norm(a: [f64; 3]) -> f64 {
-    (a[0] * a[0] + a[1] * a[1] + a[2] * a[2]).sqrt()
 }
 
 /// Mean distance of the surface to its centroid: face centres weighted by area.
@@ -131,7 +124,7 @@ fn radius(mesh: &Mesh, areas: Option<&[f64]>) -> f64 {
         sum.map(|x| x / total)
     };
     let centroid = mean(&|centre| centre);
-    mean(&|centre| [norm(minus(centre, centroid)), 0., 0.])[0]
+    mean(&|centre| [distance(centre, centroid), 0., 0.])[0]
 }
 
 impl Edges {
@@ -217,7 +210,7 @@ impl Edges {
 
     /// Length of the straight line between two vertices.
     pub(super) fn length(&self, [a, b]: [u32; 2]) -> f64 {
-        norm(minus(self.positions[a as usize], self.positions[b as usize]))
+        distance(self.positions[a as usize], self.positions[b as usize])
     }
 }
 

@@ -6,7 +6,7 @@
 //! About 45 bytes per face on disk.
 
 use super::fit;
-use crate::base::vector::{cross, length, minus};
+use crate::base::vector::{double_area, length};
 use crate::base::{Error, Result};
 use crate::mesh::output::by_rename;
 use crate::mesh::{Labelling, Mesh};
@@ -120,7 +120,7 @@ pub fn measure(corners: &[[f64; 3]]) -> (f64, [f64; 3]) {
     let (mut area, mut moment, mut mean) = (0., [0.; 3], [0.; 3]);
     for k in 1..corners.len().saturating_sub(1) {
         let [a, b, c] = [corners[0], corners[k], corners[k + 1]];
-        let part = length(cross(minus(b, a), minus(c, a))) / 2.;
+        let part = length(double_area([a, b, c])) / 2.;
         area += part;
         (0..3).for_each(|axis| moment[axis] += part * (a[axis] + b[axis] + c[axis]) / 3.);
     }

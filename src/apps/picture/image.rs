@@ -6,8 +6,6 @@ use crate::mesh::output::by_rename;
 use std::io::BufWriter;
 use std::path::Path;
 
-// --- The finished picture: pixels of a byte a channel, and the PNG file.
-
 /// A picture in sRGB with opacity.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Image {

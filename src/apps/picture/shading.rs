@@ -3,15 +3,16 @@
 //! Everything is computed for what is seen only, after drawing. Cost: 4 bytes per sample for normals (twice that while
 //! smoothing), 12 bytes per vertex where vertices get smooth normals, 12 bytes and some 100 ns per pixel for occlusion.
 
-use super::camera::{Camera, Vec3, add_scaled, dot, double_area, sub, unit};
+use super::camera::{Camera, Vec3};
 use super::raster::{CHUNK, Canvas, Hit, each_triangle, triangles_of};
 use crate::base::Result;
 use crate::base::parallel::{chunk_count, chunk_range, fill_chunks, map_chunks};
+use crate::base::vector::{add_scaled, dot, double_area, minus, unit};
 use crate::mesh::Mesh;
 use crate::store::Run;
 use std::sync::atomic::{AtomicI32, Ordering};
 
-// --- Smooth normals at vertices, for meshes whose faces are larger than samples.
+// Smooth normals at vertices, for meshes whose faces are larger than samples.
 //
 // The faces' normals are added up by the angle they have at the vertex, in integers, so that threads may add in any
 // order and the sum is always the same. 12 bytes per vertex.
@@ -34,7 +35,7 @@ impl VertexNormals {
         let chunk = |k, (): &mut ()| {
             each_triangle(mesh, chunk_range(n, CHUNK, k), |_, corners, at| {
                 let normal = unit(double_area(at));
-                let edges = [0, 1, 2].map(|k| unit(sub(at[(k + 1) % 3], at[k])));
+                let edges = [0, 1, 2].map(|k| unit(minus(at[(k + 1) % 3], at[k])));
                 for k in 0..3 {
                     let cosine = -dot(edges[k], edges[(k + 2) % 3]);
                     // Near enough to the angle, without its cost.
@@ -59,7 +60,7 @@ impl VertexNormals {
     }
 }
 
-// --- The surface's normal at every sample of a view.
+// The surface's normal at every sample of a view.
 //
 // Found after drawing, for what is seen only: from the vertices' normals where there are some, else from the faces',
 // smoothed over neighbouring samples of like depth (a mesh of a hundred million faces has many to a sample, and no
@@ -185,7 +186,7 @@ fn smooth(normals: &[Packed], canvas: &Canvas, step: usize, run: &Run) -> Result
     Ok(out)
 }
 
-// --- Ambient occlusion: how much of the sky each pixel sees, from the z-buffer.
+// Ambient occlusion: how much of the sky each pixel sees, from the z-buffer.
 //
 // Around a pixel, points of the z-buffer at two scales (folds, and the space between limbs) count as far as they rise
 // above the pixel's tangent plane and are near. The points are turned from pixel to pixel in a pattern of 4 × 4, and
@@ -332,7 +333,7 @@ fn one(pixels: &Pixels, x: usize, y: usize, points: &[[f32; 2]; POINTS], size: f
     (1.0 - 2.1 * shut / POINTS as f32).clamp(0.0, 1.0)
 }
 
-// --- Lines: between parts, and where the surface breaks off.
+// Lines: between parts, and where the surface breaks off.
 //
 // Both are read off the drawn samples: a part ends where a neighbouring sample of like depth has another label, the
 // surface where the next sample lies far behind, more than its slope explains.
@@ -377,7 +378,7 @@ impl Lines {
     }
 }
 
-// --- From what each sample shows to pixels: light, colours, lines, and the box filter over a pixel's samples.
+// From what each sample shows to pixels: light, colours, lines, and the box filter over a pixel's samples.
 
 /// The colour of labels beyond the last colour.
 pub(super) const GREY: [u8; 3] = [128; 3];

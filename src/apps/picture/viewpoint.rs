@@ -3,14 +3,15 @@
 //! One pass over all faces for the areas of the parts, one over a sample of 40,000 triangles (60 bytes each) that stands
 //! for the mesh, then sixty small pictures of that sample: some 0.1 s whatever the mesh.
 
-use super::camera::{Camera, Extent, Frame, Vec3, dot, double_area};
+use super::camera::{Camera, Extent, Frame, Vec3};
 use super::raster::{CHUNK, Canvas, each_triangle, triangles_of};
 use crate::base::Result;
 use crate::base::parallel::{chunk_count, chunk_range, in_order, map_chunks};
+use crate::base::vector::{dot, double_area};
 use crate::mesh::Mesh;
 use crate::store::Run;
 
-// --- The first look at a mesh: the area of each part, and a sample of triangles that stands for the whole.
+// The first look at a mesh: the area of each part, and a sample of triangles that stands for the whole.
 //
 // One parallel pass over all faces and one over a sample; 60 bytes per sampled triangle.
 
@@ -101,7 +102,7 @@ pub(super) fn sample(mesh: &Mesh, labels: Option<&[u32]>, run: &Run) -> Result<V
     Ok(pieces)
 }
 
-// --- Which axis of the file points up.
+// Which axis of the file points up.
 //
 // Files do not say. Each of the six directions is given points: for standing well (its lowest slice reaches under the
 // centre of mass, and wide), for a flat bottom, for not being an axis of mirror symmetry (animals, people and chairs
@@ -186,7 +187,7 @@ fn symmetry(pieces: &[Piece], extent: &Extent, axis: usize) -> f64 {
     common / here.iter().sum::<f64>().max(f64::MIN_POSITIVE)
 }
 
-// --- From where to look: the view that shows most.
+// From where to look: the view that shows most.
 //
 // Sixty views around the upright axis, from eye level to well above, are drawn small from a sample of the mesh. A view
 // counts for how much of each part it shows against the view that shows it best (small parts weigh more than their

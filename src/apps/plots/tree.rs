@@ -7,6 +7,7 @@
 
 use super::canvas::{Drawing, Drawn, INK, RULE, save};
 use crate::base::Result;
+use crate::base::union_find::Forest;
 use crate::cluster::parts::{PartTree, TreeCut};
 use plotters::coord::Shift;
 use plotters::prelude::{
@@ -62,20 +63,12 @@ impl Nodes {
             level: vec![1.; n],
             area: tree.area.iter().map(|&share| f64::from(share)).collect(),
         };
-        // The node that stands for a node's whole set; paths are halved as they are walked.
-        let mut above: Vec<usize> = (0..n).collect();
-        for (&[a, b], &level) in tree.unions.iter().zip(&tree.level) {
-            let [a, b] = [a, b].map(|cell| {
-                let mut node = cell as usize;
-                while above[node] != node {
-                    above[node] = above[above[node]];
-                    node = above[node];
-                }
-                node
-            });
-            let made = nodes.area.len();
-            (above[a], above[b]) = (made, made);
-            above.push(made);
+        // The node that stands for a set of cells, by the set's representative.
+        let (mut sets, mut node): (_, Vec<usize>) = (Forest::new(n), (0..n).collect());
+        for (&cells, &level) in tree.unions.iter().zip(&tree.level) {
+            let [a, b] = cells.map(|cell| node[sets.find(cell) as usize]);
+            sets.join(cells[0], cells[1]);
+            node[sets.find(cells[0]) as usize] = nodes.area.len();
             nodes.children.push(Some([a, b]));
             nodes.level.push(f64::from(level).clamp(0., nodes.level[a].min(nodes.level[b])));
             nodes.area.push(nodes.area[a] + nodes.area[b]);

@@ -7,7 +7,7 @@
 
 use crate::base::Result;
 use crate::base::parallel::fill_chunks;
-use crate::base::vector::{cross, length, minus, wide};
+use crate::base::vector::{double_area, length, wide};
 use crate::mesh::Mesh;
 use crate::store::Run;
 use std::ops::Range;
@@ -71,8 +71,7 @@ impl UnitFrame {
 
 /// Twice the area of a triangle times its normal.
 pub fn normal(triangle: &[[f32; 3]; 3]) -> [f64; 3] {
-    let [a, b, c] = [wide(triangle[0]), wide(triangle[1]), wide(triangle[2])];
-    cross(minus(b, a), minus(c, a))
+    double_area([wide(triangle[0]), wide(triangle[1]), wide(triangle[2])])
 }
 
 /// `v` of length 1; zero where it has none.

@@ -11,6 +11,7 @@ use super::cell_graph::CellGraph;
 use crate::base::Result;
 use crate::base::parallel::map_ranges;
 use crate::base::simd::{SimdKernel, dispatch};
+use crate::base::vector::dot;
 use crate::store::run::Run;
 use std::f64::consts::{PI, TAU};
 use std::ops::Range;
@@ -280,10 +281,6 @@ fn tangents(n: [f64; 3]) -> [[f64; 3]; 2] {
 fn median(values: &mut [f64]) -> Option<f64> {
     values.sort_by(f64::total_cmp);
     values.get(values.len() / 2).copied()
-}
-
-fn dot(a: [f64; 3], b: [f64; 3]) -> f64 {
-    a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
 }
 
 #[cfg(test)]
