@@ -429,22 +429,25 @@ fn json_has_one_form_everywhere() {
 fn a_work_directory_is_named_by_position_or_by_option() {
     let dir = tempfile::tempdir().unwrap();
     let mesh = common::creature(dir.path(), 1_000, false);
-    let (work, tree) = (dir.path().join("work"), dir.path().join("t.svg"));
-    let (work, tree) = (word(&work), word(&tree));
-    for shard in ["0/2", "1/2"] {
-        let output = run(&["rows", word(&mesh), "-q", "-l", "8", "--work-dir", work, "--shard", shard]);
-        assert!(output.status.success(), "{}", errors(&output));
-    }
-    for words in [&["merge", "-q"][..], &["info", "-q"], &["verify", "-q"], &["plot", "--tree", tree]] {
-        if words[0] == "plot" {
-            segment(&mesh, &["-q", "-k", "3", "--work-dir", work, "-o", word(&dir.path().join("x.seg"))]);
+    let [work, other, tree] = ["work", "other", "t.svg"].map(|name| dir.path().join(name));
+    let (work, other, tree) = (word(&work), word(&other), word(&tree));
+    for (folder, place) in [(work, &["--work-dir", work][..]), (other, &[other])] {
+        for shard in ["0/2", "1/2"] {
+            let output = run(&["rows", word(&mesh), "-q", "-l", "8", "--work-dir", folder, "--shard", shard]);
+            assert!(output.status.success(), "{}", errors(&output));
         }
-        let told = [&["--work-dir", work][..], &[work]].map(|place| {
+        // Merging consumes the shards, so each form has its own.
+        let output = run(&[&["merge", "-q"][..], place].concat());
+        assert!(output.status.success(), "{place:?}: {}", errors(&output));
+    }
+    segment(&mesh, &["-q", "-k", "3", "--work-dir", work, "-o", word(&dir.path().join("x.seg"))]);
+    for words in [&["info", "-q"][..], &["verify", "-q"], &["plot", "--tree", tree], &["merge", "-q"]] {
+        let forms = [&["--work-dir", work][..], &[work]].map(|place| {
             let output = run(&[words, place].concat());
-            assert!(output.status.success(), "{words:?} {place:?}: {}", errors(&output));
+            assert_eq!(output.status.success(), words[0] != "merge", "{words:?} {place:?}: {}", errors(&output));
             (output.stdout, std::fs::read(tree).ok())
         });
-        assert!(told[0] == told[1], "{words:?}");
+        assert!(forms[0] == forms[1], "{words:?}");
         for place in [&[][..], &[work, "--work-dir", work]] {
             let output = run(&[words, place].concat());
             assert_eq!(output.status.code(), Some(2), "{words:?} {place:?}: {}", errors(&output));
