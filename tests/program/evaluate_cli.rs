@@ -1,6 +1,6 @@
 //! `evaluate` on the command line: equal to the library, errors of one line, exit codes; and `--cluster two-means`.
 
-use assert_cmd::Command;
+use crate::common;
 use nystrom_stream::apps::evaluate::{Benchmark, compare};
 use nystrom_stream::mesh::{self, read_seg, write_seg};
 use nystrom_stream::store::{Run, npy};
@@ -50,15 +50,9 @@ fn folder() -> tempfile::TempDir {
     dir
 }
 
-fn program(folder: &Path) -> Command {
-    let mut command = Command::cargo_bin("nystrom-stream").unwrap();
-    command.current_dir(folder);
-    command
-}
-
 /// Runs and tells standard output, standard error and exit code.
 fn outcome(folder: &Path, arguments: &str) -> (String, String, i32) {
-    let output = program(folder).args(arguments.split_whitespace()).output().unwrap();
+    let output = common::program().current_dir(folder).args(arguments.split_whitespace()).output().unwrap();
     let text = |bytes| String::from_utf8(bytes).unwrap();
     (text(output.stdout), text(output.stderr), output.status.code().unwrap())
 }

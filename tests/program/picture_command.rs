@@ -1,10 +1,11 @@
 //! `picture` and `segment -o x.png` from the command line.
 
-use assert_cmd::Command;
+use crate::common::{errors, program, run, word};
 use std::path::Path;
 
-fn command() -> Command {
-    Command::cargo_bin("nystrom-stream").unwrap()
+fn succeeds(words: &[&str]) {
+    let output = run(words);
+    assert!(output.status.success(), "{words:?}: {}", errors(&output));
 }
 
 /// A tetrahedron with labels and colours on its faces.
@@ -31,28 +32,15 @@ fn labelled_meshes_become_pictures() {
     let dir = tempfile::tempdir().unwrap();
     let mesh = dir.path().join("m.ply");
     labelled(&mesh);
-    command().args(["picture", "-q"]).arg(&mesh).assert().success();
+    succeeds(&["picture", "-q", word(&mesh)]);
     assert_eq!(facts(&dir.path().join("m.png")), (1600, 1200, 3));
     let out = dir.path().join("o.png");
-    command()
-        .arg("picture")
-        .arg(&mesh)
-        .args(["--size", "320x200", "--views", "4", "--transparent", "--up", "-z", "-o"])
-        .arg(&out)
-        .assert()
-        .success();
+    let options = ["--size", "320x200", "--views", "4", "--transparent", "--up", "-z", "-o", word(&out)];
+    succeeds(&[&["picture", word(&mesh)], &options[..]].concat());
     assert_eq!(facts(&out), (320, 200, 4));
     let labels = dir.path().join("l.seg");
     std::fs::write(&labels, "0\n1\n2\n3\n").unwrap();
-    command()
-        .arg("picture")
-        .arg(&mesh)
-        .args(["--size=64x64", "-o"])
-        .arg(&out)
-        .arg("--labels")
-        .arg(&labels)
-        .assert()
-        .success();
+    succeeds(&["picture", word(&mesh), "--size=64x64", "-o", word(&out), "--labels", word(&labels)]);
     assert_eq!(facts(&out), (64, 64, 3));
     // Nothing temporary stays behind.
     assert_eq!(std::fs::read_dir(dir.path()).unwrap().count(), 4);
@@ -74,8 +62,9 @@ fn what_is_wrong_is_said_in_a_line() {
         (vec!["--labels", "x.txt"], 2, ".seg or .npy"),
         (vec!["--labels", "l.seg"], 1, "2 labels for 4 faces"),
     ] {
-        let run = command().current_dir(dir.path()).arg("picture").arg(&mesh).args(&args).assert().code(code);
-        let text = String::from_utf8(run.get_output().stderr.clone()).unwrap();
+        let output = program().current_dir(dir.path()).arg("picture").arg(&mesh).args(&args).output().unwrap();
+        let text = errors(&output);
+        assert_eq!(output.status.code(), Some(code), "{args:?}: {text}");
         assert!(text.contains(part), "{args:?}: {text}");
     }
 }
@@ -86,6 +75,6 @@ fn segment_writes_a_picture() {
     let mesh = dir.path().join("m.ply");
     labelled(&mesh);
     let out = dir.path().join("o.png");
-    command().args(["segment", "-q", "-k", "2"]).arg(&mesh).arg("-o").arg(&out).assert().success();
+    succeeds(&["segment", "-q", "-k", "2", word(&mesh), "-o", word(&out)]);
     assert_eq!(facts(&out), (1600, 1200, 3));
 }
