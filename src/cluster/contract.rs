@@ -16,7 +16,6 @@ use crate::distance::voronoi;
 use crate::graph::DualEdges;
 use crate::graph::{Csr, WeightedGraph};
 use crate::graph::{DualGraph, GraphFacts, Node};
-use crate::store::mapped::csr_of_mapped;
 use crate::store::stage::key_of;
 use crate::store::{MappedSlice, Run, WorkDir, npy};
 use serde_json::json;
@@ -169,7 +168,7 @@ fn assemble(
         edge: write("graph_edges.npy", column(|e| e.4))?,
     };
     let weights = write("graph_weights.npy", column(|e| e.2.max(crate::graph::weights::LEAST)))?;
-    let matrix = csr_of_mapped(inner.path(), edges.indptr.clone(), edges.indices.clone(), weights)?;
+    let weighted = WeightedGraph::new(inner.path(), edges.indptr.clone(), edges.indices.clone(), weights, key.clone())?;
     let facts = GraphFacts {
         nodes: nodes.len() as u64,
         edges: borders.len() as u64,
@@ -179,6 +178,5 @@ fn assemble(
         ..graph.facts.clone()
     };
     let nodes = npy::write(&inner.file("node_geometry.npy"), &nodes, 7, false)?;
-    let weighted = WeightedGraph::new(matrix, edges.indptr.clone(), key.clone());
     Ok(ContractedSurface { graph: DualGraph { edges, nodes, components: None, facts, key }, weighted, of_node })
 }

@@ -3,29 +3,42 @@
 //! Rows are compressed ([`Csr`]): the steps from node i are the entries `indptr[i]..indptr[i + 1]` of `indices` and
 //! `weights`. 8 bytes per node and 8 per directed edge; [`Csr::neighbours`] walks the steps from a node.
 
-use crate::base::Result;
 use crate::base::parallel::fill_chunks;
+use crate::base::{Error, Result};
 use crate::store::in_memory::AlignedBuffer;
-use crate::store::mapped::{MappedCsr, csr_of_mapped};
 use crate::store::{MappedSlice, Run, WorkDir};
 use bytemuck::{Pod, Zeroable};
 use std::ops::Range;
+use std::path::Path;
 
-/// A weighted graph as a sparse matrix over mapped files.
+/// A weighted graph as a sparse matrix over mapped files, trusted to be well formed: this program built and validated it,
+/// and its checksum is what `verify` tests.
 #[derive(Clone, Debug)]
 pub struct WeightedGraph {
-    /// Row i: the neighbours of node i and the weights of the steps.
-    pub matrix: MappedCsr,
-    /// The matrix's row starts: its own are behind a view that cannot be borrowed for long.
     indptr: MappedSlice<u64>,
+    indices: MappedSlice<u32>,
+    weights: MappedSlice<f32>,
     /// Key of the stage, for stages built on it.
     pub key: String,
 }
 
 impl WeightedGraph {
-    /// A matrix whose row starts are also given by themselves.
-    pub fn new(matrix: MappedCsr, indptr: MappedSlice<u64>, key: String) -> Self {
-        Self { matrix, indptr, key }
+    /// Puts together the arrays of a [`Csr`], which lie in the folder `path`, without scanning them.
+    ///
+    /// # Errors
+    /// [`Error::WorkDir`] naming `path` when the lengths contradict each other.
+    pub fn new(
+        path: &Path,
+        indptr: MappedSlice<u64>,
+        indices: MappedSlice<u32>,
+        weights: MappedSlice<f32>,
+        key: String,
+    ) -> Result<Self> {
+        let steps = indptr.last().copied().unwrap_or(0) as usize;
+        if indptr.first() != Some(&0) || indices.len() != steps || weights.len() != steps {
+            return Err(Error::work_dir(path, "the graph's arrays contradict each other", "delete the work directory"));
+        }
+        Ok(Self { indptr, indices, weights, key })
     }
 
     /// Opens the weighted graph that another process left in `work`, its weights under `key`.
@@ -33,10 +46,8 @@ impl WeightedGraph {
     /// # Errors
     /// [`Error::Io`], [`Error::Malformed`], [`Error::WorkDir`].
     pub fn open(key: String, work: &WorkDir) -> Result<Self> {
-        let indptr: MappedSlice<u64> = work.open_array("graph_indptr.npy")?;
-        let (indices, weights) = (work.open_array("graph_indices.npy")?, work.open_array("graph_weights.npy")?);
-        let matrix = csr_of_mapped(work.path(), indptr.clone(), indices, weights)?;
-        Ok(Self { matrix, indptr, key })
+        let (indptr, indices) = (work.open_array("graph_indptr.npy")?, work.open_array("graph_indices.npy")?);
+        Self::new(work.path(), indptr, indices, work.open_array("graph_weights.npy")?, key)
     }
 
     /// Gives up the weights, which the rows are made of, in a temporary `work`: 12 B a triangle of disk.
@@ -50,7 +61,7 @@ impl WeightedGraph {
 
     /// The matrix as raw slices for hot loops.
     pub fn csr(&self) -> Csr<'_> {
-        Csr::new(&self.indptr, self.matrix.indices(), self.matrix.data())
+        Csr::new(&self.indptr, &self.indices, &self.weights)
     }
 }
 

@@ -9,7 +9,6 @@ use super::weights::{Metric, Weighting};
 use super::{half_edge_pairs, half_edges};
 use crate::base::{Error, Result};
 use crate::mesh::Mesh;
-use crate::store::mapped::csr_of_mapped;
 use crate::store::needs::{Extent, Needs, Room, ShuffleNeeds};
 use crate::store::stage::{Made, Stage};
 use crate::store::{Context, MappedSlice, WorkDir};
@@ -253,8 +252,7 @@ pub(crate) const WEIGHTS: &str = "graph_weights.npy";
 impl WeightsStage<'_> {
     fn matrix(&self, weights: MappedSlice<f32>, key: &str, work: &WorkDir) -> Result<WeightedGraph> {
         let DualEdges { indptr, indices, .. } = &self.graph.edges;
-        let matrix = csr_of_mapped(work.path(), indptr.clone(), indices.clone(), weights)?;
-        Ok(WeightedGraph::new(matrix, indptr.clone(), key.to_string()))
+        WeightedGraph::new(work.path(), indptr.clone(), indices.clone(), weights, key.to_string())
     }
 }
 

@@ -344,30 +344,6 @@ fn advise_pages<T>(slice: &[T], advice: libc::c_int) {
     }
 }
 
-/// A CSR matrix over mapped arrays, trusted to be well formed: this program built and validated
-/// it, and its checksum is what `verify` tests.
-pub type MappedCsr = sprs::CsMatBase<f32, u32, MappedSlice<u64>, MappedSlice<u32>, MappedSlice<f32>, u64>;
-
-/// Puts mapped arrays together as a square CSR matrix without scanning them.
-///
-/// # Errors
-/// [`Error::WorkDir`] naming `path` when the lengths contradict each other.
-pub fn csr_of_mapped(
-    path: &Path,
-    indptr: MappedSlice<u64>,
-    indices: MappedSlice<u32>,
-    data: MappedSlice<f32>,
-) -> Result<MappedCsr> {
-    let n = indptr.len().saturating_sub(1);
-    let nnz = indptr.last().copied().unwrap_or(0) as usize;
-    if indptr.first() != Some(&0) || indices.len() != nnz || data.len() != nnz {
-        return Err(Error::work_dir(path, "the graph's arrays contradict each other", "delete the work directory"));
-    }
-    // SAFETY: sprs may use indices unchecked; all arrays were validated by the stage that wrote them
-    // (`graph::assemble` checks every row), and the work directory is locked and stamped.
-    Ok(unsafe { sprs::CsMatBase::new_unchecked(sprs::CompressedStorage::CSR, (n, n), indptr, indices, data) })
-}
-
 /// Asks the processor to fetch the cache line at `slice[index]`; nothing where it lies outside.
 #[inline(always)]
 pub fn prefetch<T>(slice: &[T], index: usize) {

@@ -124,7 +124,6 @@ pub(super) fn upright(pieces: &[Piece]) -> Vec3 {
         let (stands, flat) = standing(pieces, &extent, axis, sign);
         let others = symmetry[(axis + 1) % 3].max(symmetry[(axis + 2) % 3]);
         let score = custom + 0.5 * stands + 0.5 * flat + 0.8 * (others - symmetry[axis]);
-        tracing::debug!(axis, sign, score, stands, flat, symmetry = symmetry[axis], "up?");
         if score > best.1 {
             let mut up = [0.0; 3];
             up[axis] = sign;
@@ -245,7 +244,6 @@ pub(super) fn best(pieces: &[Piece], parts: usize, up: Vec3, run: &Run) -> Resul
         }
     }
     let (azimuth, elevation, _) = views[chosen.0];
-    tracing::debug!(azimuth = azimuth.to_degrees(), elevation = elevation.to_degrees(), score = chosen.1, "view");
     Ok((azimuth, elevation))
 }
 
