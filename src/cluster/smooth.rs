@@ -26,7 +26,7 @@ const CHUNK: usize = 1 << 12;
 const NONE: u32 = u32::MAX;
 
 /// A node's strongest labels and their strengths; a fixed node has one of strength 1. Two are in ascending order, so that
-/// neighbours between the same parts have the same ones in the same places; three with the strongest first.
+/// neighbours between the same parts have the same ones at the same positions; three with the strongest first.
 #[derive(Clone, Copy, Debug)]
 struct LabelMixture {
     label: [u32; 3],

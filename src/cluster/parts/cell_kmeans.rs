@@ -3,6 +3,10 @@
 //! Points lie in blocks of sixteen, one coordinate after the other, so that distances to a few centres at a time
 //! are plain vector arithmetic in single precision; centres are summed in double precision and in
 //! point order. The result depends on the points, the weights and the random stream alone.
+//!
+//! [`crate::cluster::kmeans`] fits centres to sampled faces, coordinate by coordinate and over threads. This one labels
+//! cells, runs a dozen times in each decision, and is laid out for vectors on a single thread: the two share the draw of
+//! seeds ([`crate::base::random::weighted`]). Cost: n k d multiply-adds per round, 8 n d bytes.
 
 use crate::base::random::{Random, weighted};
 use crate::base::simd::{SimdKernel, dispatch};

@@ -5,7 +5,7 @@
 //! ([`super::regions`]), which gives a probability for any two superfaces; the mean over the ensemble is the
 //! co-association, R × R. One run would decide by the chance of its own K-means; twelve agree far better with people.
 //!
-//! Cost: some milliseconds per over-segmentation, constant in the size of the mesh; 8 R² bytes.
+//! Cost: constant in the size of the mesh; 8 R² bytes.
 
 use super::cell_graph::{CellGraph, class_sums, connected_pieces, intersect, join_small};
 use super::cell_kmeans::CellKMeans;

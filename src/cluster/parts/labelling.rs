@@ -11,7 +11,7 @@
 //! asked for than found, joins rank by what they add to the expected Rand index at ½, so the parts are those of the
 //! greatest expected index that the hierarchy has for that number; where more are asked for, joins rank by level.
 //!
-//! Cost: R² per round of moves, R² to R³ for a linkage, R a few hundred superfaces: tens of milliseconds in all.
+//! Cost for R superfaces, a few hundred: R² per round of moves, R³ at the most for a linkage; a few R × R matrices.
 
 use super::cell_graph::{CellGraph, class_sums, compact};
 use super::ensemble::Superfaces;

@@ -12,7 +12,7 @@
 //! power .6, so that few large merges do not decide), t being the share of people who join them.
 //! `tools/fit` fits them again.
 //!
-//! Cost: R² per merge in the worst case, R² log R as a rule, for some thirty regions; eight R × R matrices.
+//! Cost for R regions, some thirty: R costs per merge, R² comparisons at the most; nine R × R matrices.
 
 use super::cell_graph::CellGraph;
 use super::convexity::PairSums;

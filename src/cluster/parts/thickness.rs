@@ -3,9 +3,10 @@
 //! Rays go from a cell into the body, one along its normal and two rings around that, and end at the nearest disc (a
 //! cell, as large as its area) that faces away; the median of their lengths is the thickness (after Shapira, Shamir and
 //! Cohen-Or, *The Visual Computer* 2008, who cast rays at triangles). People part what differs in thickness at a
-//! boundary: a limb from a body, not a fish from its own tapering end. Cells lie in
-//! an order in which neighbours follow each other, so that whole runs of them lie outside of a cone: S²/8 balls are looked
-//! at, and those cells that lie in the rest. A few milliseconds.
+//! boundary: a limb from a body, not a fish from its own tapering end.
+//!
+//! Cells lie in an order in which neighbours follow each other, so that whole runs of them lie outside of a cone: S²/8
+//! balls are looked at, and those cells that lie in the rest. Cost: a few milliseconds, a few dozen bytes per cell.
 
 use super::cell_graph::CellGraph;
 use crate::base::Result;
