@@ -1,38 +1,27 @@
-//! Cuts a mesh file into parts and prints their sizes: the whole recipe in a few lines.
+//! Cuts a mesh file into parts, prints their sizes and saves the labelled mesh.
 //!
-//! `cargo run --release --example cut -- mesh.ply [PARTS]`
+//! `cargo run --release --example cut -- mesh.ply [PARTS] [OUT]`
 
-use nystrom_stream::base::Result;
-use nystrom_stream::cluster::parts::{PartCount, PartsParams};
-use nystrom_stream::mesh;
-use nystrom_stream::pipeline::{SegmentParams, input, segment};
-use nystrom_stream::store::{Context, Run, WorkDir};
-use std::path::Path;
+use nystrom_stream::{Mesh, Result, Segmenter};
 
-fn cut(path: &Path, parts: Option<usize>) -> Result<()> {
-    // All cores, half of the free memory, no progress, seed 0.
-    let run = Run::new(&());
-    // Intermediate results go here; `WorkDir::open` would keep them for the next run.
-    let work = WorkDir::temporary(&std::env::temp_dir())?;
-    let opened = mesh::open(path, work.path(), &run)?;
-    let count = parts.map_or(PartCount::Found, PartCount::Exactly);
-    let params = SegmentParams { parts: PartsParams { count, ..PartsParams::default() }, ..SegmentParams::default() };
-    let cut = segment(&opened, &input::identity(path)?, &params, Context::new(&work, &run))?;
-    let whole: f64 = cut.numbers.area.iter().sum();
-    for (part, (faces, area)) in cut.numbers.faces.iter().zip(&cut.numbers.area).enumerate() {
-        println!("part {part:3}: {faces:10} faces, {:5.1} % of the area", 100. * area / whole);
+fn cut(path: &str, parts: Option<usize>, out: Option<&str>) -> Result<()> {
+    let mesh = Mesh::open(path)?;
+    let segmenter = parts.into_iter().fold(Segmenter::new(), Segmenter::parts);
+    let cut = segmenter.run(&mesh)?;
+    for part in &cut.report().parts {
+        println!("part {:3}: {:10} faces, area {:.4}", part.label, part.faces, part.area);
     }
-    println!("the first face lies in part {}", cut.labels[0]);
-    Ok(())
+    out.map_or(Ok(()), |out| cut.save(out))
 }
 
 fn main() -> std::process::ExitCode {
-    let mut arguments = std::env::args().skip(1);
-    let Some(path) = arguments.next() else {
-        eprintln!("usage: cut MESH [PARTS]");
+    let arguments: Vec<String> = std::env::args().skip(1).collect();
+    let [path, rest @ ..] = &arguments[..] else {
+        eprintln!("usage: cut MESH [PARTS] [OUT]");
         return 2.into();
     };
-    match cut(Path::new(&path), arguments.next().and_then(|parts| parts.parse().ok())) {
+    let parts = rest.first().and_then(|parts| parts.parse().ok());
+    match cut(path, parts, rest.get(1).map(String::as_str)) {
         Ok(()) => 0.into(),
         Err(error) => {
             eprintln!("{error}");

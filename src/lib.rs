@@ -1,30 +1,68 @@
-//! Cuts meshes of a million to a billion triangles into their meaningful parts, out of core.
-//!
-//! An implementation of *Sub-sampling for Efficient Spectral Mesh Processing* (Liu, Jain, Zhang,
-//! CGI 2006) that streams: the folders follow the data, from the lowest floor ([`base`],
-//! [`store`]) over [`mesh`], [`graph`], [`distance`], [`spectral`], [`landmarks`] and [`cluster`] to the
-//! applications.
+//! Cuts meshes of a thousand to a billion triangles into their meaningful parts, in memory or out of core.
 //!
 //! ```
-//! use nystrom_stream::apps::creature::{Creature, Options};
-//! use nystrom_stream::pipeline::{SegmentParams, input, segment};
-//! use nystrom_stream::store::{Context, Run, WorkDir};
+//! # fn main() -> nystrom_stream::Result<()> {
+//! # let dir = tempfile::tempdir().unwrap();
+//! # let scan = dir.path().join("scan.ply");
+//! # let creature = nystrom_stream::Mesh::creature(4_000)?;
+//! # let labels = vec![0; creature.faces.len()];
+//! # let plain = nystrom_stream::Labelling { labels: &labels, colours: &[[128; 3]], quality: None };
+//! # creature.save(&scan, plain)?;
+//! # let (scan, parts) = (&scan, dir.path().join("parts.ply"));
+//! use nystrom_stream::{Mesh, Segmenter};
 //!
-//! # fn main() -> nystrom_stream::base::Result<()> {
-//! let run = Run::new(&()); // all cores, half of the free memory, no progress
-//! let work = WorkDir::temporary(&std::env::temp_dir())?;
-//! let path = work.file("creature.ply");
-//! Creature::new(&Options { faces: 5_000, ..Options::default() })?.write_ply(&path, &run)?;
-//!
-//! let opened = nystrom_stream::mesh::open(&path, work.path(), &run)?;
-//! let cut = segment(&opened, &input::identity(&path)?, &SegmentParams::default(), Context::new(&work, &run))?;
-//! assert_eq!(cut.labels.len(), opened.faces.len());
-//! println!("{} parts", cut.numbers.faces.len());
+//! let mesh = Mesh::open(scan)?; // or Mesh::from_slices(&positions, &triangles)?
+//! let cut = Segmenter::new().parts(6).run(&mesh)?;
+//! cut.save(parts)?;
+//! # assert_eq!((cut.labels().len(), cut.parts()), (mesh.faces.len(), 6));
 //! # Ok(())
 //! # }
 //! ```
-//! `examples/cut.rs` cuts a file; `examples/distances.rs` uses the floors below.
+//!
+//! # What
+//!
+//! A surface is cut where people would cut it: legs from a body, a handle from a cup. Every face gets one label and a
+//! confidence, every part a colour; the number of parts is given or found. Meshes may have holes, many components,
+//! polygons, edges with more than two faces. The same embedding orders meshes for streaming and matches their vertices.
+//!
+//! # How
+//!
+//! An implementation of *Sub-sampling for Efficient Spectral Mesh Processing* (Liu, Jain, Zhang, CGI 2006) that streams.
+//! Faces are the nodes of a dual graph, whose edges weigh distance and turning. Of the n × n matrix of affinities only l
+//! rows are computed: distances from l landmarks, chosen by farthest-point sampling. Nyström's method extends the
+//! eigenvectors of the l × l block to all faces (eq. 3 to 5). An ensemble of over-segmentations of some two thousand cells
+//! is merged by concavity and convexity into a hierarchy, of which any number of parts is a cut; one more front moves
+//! the boundaries onto creases. Results are the same bytes whatever threads, memory and chunk sizes.
+//!
+//! # Entry points
+//!
+//! | Type | Question that it answers |
+//! |---|---|
+//! | [`Mesh`] | a file ([`Mesh::open`]), slices ([`Mesh::from_slices`]) or vectors ([`Mesh::from_vecs`]) |
+//! | [`Segmenter`] → [`Segmentation`] | Which parts does it have? |
+//! | [`Hierarchy`] | And in any other number of parts? |
+//! | [`Sequencer`] → [`Sequence`] | In which order does it stream best? |
+//! | `Matcher` → `Correspondence` | Which vertex of one mesh is which of another? (feature `correspondence`) |
+//! | [`SamplingQuality`] → [`SampleRecord`] | How well do l landmarks represent it (Γ, eq. 6)? |
+//! | [`evaluate()`] → [`Scores`] | How far are labels from people's? |
+//! | [`LabelTransfer`] → [`Transferred`] | What are the labels of another version of it? |
+//!
+//! `examples/cut.rs` cuts a file; `examples/distances.rs` uses the layers below.
+//!
+//! # Layers
+//!
+//! For those who want rows or fronts alone, all layers are public. Each knows those above it in this list only:
+//! [`base`] (errors, threads, random numbers), [`store`] (arrays on disk or in memory, stages, budget), [`mesh`] (files
+//! and arrays), [`graph`] (dual graph, weights, order), [`distance`] (fronts and the rows they leave), [`spectral`]
+//! (kernels, Nyström), [`landmarks`] (samplings), [`cluster`] (K-means, parts, boundaries), [`apps`] (what is done with
+//! parts), [`pipeline`] (stages put together), [`api`] (this page).
+//!
+//! # Features
+//!
+//! None is needed to cut meshes. `pictures`, `plots`, `pages` and `parquet` add forms of output, `correspondence` matching,
+//! `cli` (on by default) the program.
 
+pub mod api;
 pub mod apps;
 pub mod base;
 pub mod cluster;
@@ -35,3 +73,12 @@ pub mod mesh;
 pub mod pipeline;
 pub mod spectral;
 pub mod store;
+
+#[cfg(feature = "correspondence")]
+pub use api::{Correspondence, Matcher};
+pub use api::{
+    Hierarchy, LabelTransfer, RunOptions, SampleRecord, SamplingQuality, Scores, Segmentation, Segmenter, Sequence,
+    Sequencer, Transferred, evaluate,
+};
+pub use base::{Cancel, Error, Progress, Result};
+pub use mesh::{Labelling, Mesh};

@@ -4,7 +4,7 @@ use std::collections::{BTreeMap, BTreeSet, VecDeque};
 use std::path::{Path, PathBuf};
 
 /// The layers from the lowest; those of one line may not use each other.
-const LAYERS: [&[&str]; 11] = [
+const LAYERS: [&[&str]; 12] = [
     &["base"],
     &["store"],
     &["mesh"],
@@ -15,6 +15,7 @@ const LAYERS: [&[&str]; 11] = [
     &["cluster"],
     &["apps"],
     &["pipeline"],
+    &["api"],
     &["cli", "main"],
 ];
 

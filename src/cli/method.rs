@@ -251,7 +251,7 @@ impl DistanceArgs {
 impl MethodArgs {
     /// The parameters of `segment`.
     pub fn params(&self) -> Result<SegmentParams, CliError> {
-        let mut params = SegmentParams { order: self.order.or(Order::default()), ..SegmentParams::default() };
+        let mut params = SegmentParams::default().order(self.order.or(Order::default()));
         self.parts.apply(&self.kernel, &mut params)?;
         self.distance.apply(&mut params)?;
         if params.cluster != Cluster::Parts && params.embedding.is_none() {

@@ -120,7 +120,7 @@ pub fn run(args: &SequenceArgs, app: &AppContext) -> Result<(), CliError> {
     opened.notes().iter().for_each(|note| run.progress.note(note));
     let sequencer = Sequencer::new(&opened, &identity, Context::new(&work, &run))?;
     let landmarks = args.landmarks.map(|l| l as usize);
-    let params = SequenceParams { order: args.order, sweeps: args.smooth as usize, landmarks };
+    let params = SequenceParams::default().order(args.order).sweeps(args.smooth as usize).landmarks(landmarks);
     let mut measured = None;
     if !targets.is_empty() || !args.compare {
         let sequence = sequencer.sequence(&params)?;
@@ -160,7 +160,7 @@ fn compare(sequencer: &Sequencer, params: &SequenceParams) -> Result<Vec<Compare
     for order in SequenceOrder::ALL {
         let each = if order == SequenceOrder::Spectral && params.sweeps > 0 { vec![0, params.sweeps] } else { vec![0] };
         for sweeps in each {
-            let sequence = sequencer.sequence(&SequenceParams { order, sweeps, ..*params })?;
+            let sequence = sequencer.sequence(&params.order(order).sweeps(sweeps))?;
             let name = match sweeps {
                 0 => order.name().to_string(),
                 _ => format!("{} --smooth {sweeps}", order.name()),

@@ -138,7 +138,7 @@ fn reopen<'a>(place: &Place, args: &RunArgs, run: Run<'a>) -> Result<(WorkDir, R
 pub fn graph(args: &GraphArgs, app: &AppContext) -> Result<(), CliError> {
     let bars = args.run.bars();
     let run = args.run.run(&bars, app);
-    let params = SegmentParams { order: args.order.or(Order::default()), ..SegmentParams::default() };
+    let params = SegmentParams::default().order(args.order.or(Order::default()));
     let work = WorkDir::open(&args.place.work_dir)?;
     let (opened, identity) = read(&args.mesh, Context::new(&work, &run))?;
     opened.notes().iter().for_each(|note| run.progress.note(note));

@@ -27,12 +27,25 @@ pub struct KeptCuts {
 /// # Errors
 /// [`crate::base::Error::WorkDir`], [`crate::base::Error::Io`], [`crate::base::Error::Cancelled`].
 pub fn kept(coarse: bool, tree: Option<&PartTree>, context: Context<'_>) -> Result<Option<KeptCuts>> {
+    let tree = tree.cloned().map_or_else(|| decision::tree_of(context.work, coarse), Ok)?;
+    let cells = cells(coarse, context)?;
+    if cells.iter().any(|&cell| cell as usize >= tree.cells()) {
+        return Ok(None);
+    }
+    let parts = (1..=MOST.min(tree.cells())).map(|k| Ok(tree.cut_k(k)?.label)).collect::<Result<_>>()?;
+    Ok(Some(KeptCuts { cells, parts }))
+}
+
+/// The cell of each face of the mesh in `work`, in the order of the file (n); of a preview where `coarse`.
+///
+/// # Errors
+/// As [`kept`].
+pub fn cells(coarse: bool, context: Context<'_>) -> Result<MappedSlice<u32>> {
     let (_, input) = DualGraph::kept(context.work)?;
     let order = NodeOrder::kept(&input, context.work)?;
-    let tree = tree.cloned().map_or_else(|| decision::tree_of(context.work, coarse), Ok)?;
-    let inner = context.work.file("coarse").join("cells.npy");
-    let cells = if coarse && inner.exists() {
-        let of_small = crate::store::npy::open::<u32>(&inner)?;
+    // A large mesh alone is contracted.
+    let cells = if coarse && context.work.file("coarse").join("cells.npy").exists() {
+        let of_small = crate::store::npy::open::<u32>(&context.work.file("coarse").join("cells.npy"))?;
         let of_node = context.work.open_array::<u32>("contracted.npy")?;
         let mut cells = context.work.array::<u32>(FILE, &[of_node.len()])?;
         let value = |i: usize, _| of_small.get(of_node[i] as usize).copied().unwrap_or(u32::MAX);
@@ -41,10 +54,5 @@ pub fn kept(coarse: bool, tree: Option<&PartTree>, context: Context<'_>) -> Resu
     } else {
         context.work.open_array::<u32>("cells.npy")?
     };
-    if cells.iter().any(|&cell| cell as usize >= tree.cells()) {
-        return Ok(None);
-    }
-    let cells = order.restore(FILE, cells, context)?;
-    let parts = (1..=MOST.min(tree.cells())).map(|k| Ok(tree.cut_k(k)?.label)).collect::<Result<_>>()?;
-    Ok(Some(KeptCuts { cells, parts }))
+    order.restore(FILE, cells, context)
 }

@@ -133,7 +133,7 @@ pub fn tree_of(work: &WorkDir, coarse: bool) -> Result<PartTree> {
     let names = if coarse { [&*inner, TREE] } else { [TREE, &*inner] };
     for name in names {
         if work.holds(name) {
-            return checked(&work.json_text(name)?, &work.file(name));
+            return checked(&work.json_text(name)?, &work.place(name));
         }
     }
     let remedy = "make one: nystrom-stream cluster --work-dir …";

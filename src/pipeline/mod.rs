@@ -82,6 +82,7 @@ pub enum Boundaries {
 
 /// What `segment` is asked to do.
 #[derive(Clone, Debug, Default, Serialize, Deserialize)]
+#[non_exhaustive]
 pub struct SegmentParams {
     /// Number of landmarks l; by default [`default_landmarks`] or [`landmarks_for_parts`].
     pub landmarks: Option<usize>,
@@ -107,6 +108,19 @@ pub struct SegmentParams {
     /// by default [`EmbeddingParams::for_parts`].
     pub embedding: Option<EmbeddingParams>,
 }
+
+crate::base::setters::setters!(SegmentParams {
+    landmarks: Option<usize>,
+    sampling: Sampling,
+    metric: Metric,
+    order: Order,
+    cluster: Cluster,
+    parts: PartsParams,
+    coarse: bool,
+    tiny_components: TinyComponents,
+    boundaries: Boundaries,
+    embedding: Option<EmbeddingParams>
+});
 
 impl SegmentParams {
     /// Whether rows of distances are kept, in a work directory that is `lasting` or temporary: in one that lasts always, else

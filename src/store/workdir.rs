@@ -238,7 +238,7 @@ impl WorkDir {
     }
 
     /// The path that a file has, or would have where the folder is not made yet.
-    fn place(&self, name: &str) -> PathBuf {
+    pub(crate) fn place(&self, name: &str) -> PathBuf {
         self.folder.get().map_or_else(|| self.parent.join(name), |folder| folder.path.join(name))
     }
 

@@ -10,6 +10,7 @@ mod correspond_parts;
 mod creature_files;
 mod creature_mesh;
 mod evaluate_metrics;
+mod front_door;
 mod held;
 mod oracles;
 mod page;

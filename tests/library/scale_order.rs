@@ -86,12 +86,8 @@ fn labels_come_back_in_the_order_of_the_file() {
     let opened = mesh::open(&path, dir.path(), &run).unwrap();
     let labels = |order: Order, budget: u64| {
         let work = WorkDir::temporary(dir.path()).unwrap();
-        let params = SegmentParams {
-            parts: PartsParams { count: PartCount::Exactly(6), ..PartsParams::default() },
-            cluster: Cluster::KMeans,
-            order,
-            ..SegmentParams::default()
-        };
+        let parts = PartsParams { count: PartCount::Exactly(6), ..PartsParams::default() };
+        let params = SegmentParams::default().parts(parts).cluster(Cluster::KMeans).order(order);
         let result = segment(&opened, &json!(1), &params, Context::new(&work, &quiet(budget))).unwrap();
         (result.labels.to_vec(), result.quality.to_vec(), result.numbers.landmarks)
     };
@@ -114,7 +110,7 @@ fn labels_are_the_same_when_the_kernel_can_keep_nothing_in_memory() {
         let labels = |resident: u64| {
             let work = WorkDir::temporary(dir.path()).unwrap();
             let parts = PartsParams { count: PartCount::Exactly(6), ..PartsParams::default() };
-            let params = SegmentParams { parts, cluster, landmarks: Some(10), ..SegmentParams::default() };
+            let params = SegmentParams::default().parts(parts).cluster(cluster).landmarks(Some(10));
             let run = Run { resident, ..quiet(1 << 30) };
             let result = segment(&opened, &json!(1), &params, Context::new(&work, &run)).unwrap();
             (result.labels.to_vec(), result.quality.to_vec(), result.numbers.landmarks)
@@ -135,7 +131,7 @@ fn a_temporary_directory_that_gave_up_files_cuts_again() {
         let labels = |work: &WorkDir, parts: usize| {
             let parts = PartsParams { count: PartCount::Exactly(parts), ..PartsParams::default() };
             let order = Order::Hilbert;
-            let params = SegmentParams { parts, cluster, order, landmarks: Some(10), ..SegmentParams::default() };
+            let params = SegmentParams::default().parts(parts).cluster(cluster).order(order).landmarks(Some(10));
             segment(&opened, &json!(1), &params, Context::new(work, &run)).unwrap().labels.to_vec()
         };
         let temporary = WorkDir::temporary(dir.path()).unwrap();

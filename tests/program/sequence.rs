@@ -282,7 +282,7 @@ fn components_come_one_after_another_and_each_is_ordered_along_itself() {
     for (order, sweeps) in
         [(SequenceOrder::Spectral, 0), (SequenceOrder::Spectral, 9), (SequenceOrder::Bfs, 0), (SequenceOrder::Rcm, 0)]
     {
-        let sequence = sequencer.sequence(&SequenceParams { order, sweeps, ..SequenceParams::default() }).unwrap();
+        let sequence = sequencer.sequence(&SequenceParams::default().order(order).sweeps(sweeps)).unwrap();
         let first =
             sequence.places[..one.faces.len()].iter().filter(|&&place| (place as usize) < one.faces.len()).count();
         assert!(first == 0 || first == one.faces.len(), "{order:?}: {first}");

@@ -60,14 +60,14 @@ fn every_beast_falls_into_exactly_k_parts() {
         for parts in [1, 2, 3, 7, n.min(40)] {
             if parts <= n {
                 for cluster in [Cluster::KMeans, Cluster::TwoMeans] {
-                    check(&shape, &path, SegmentParams { parts: exactly(parts), cluster, ..SegmentParams::default() });
+                    check(&shape, &path, SegmentParams::default().parts(exactly(parts)).cluster(cluster));
                 }
             }
         }
         check(&shape, &path, SegmentParams::default());
         for count in [PartCount::Exactly(n.min(5)), PartCount::Exactly(n.min(40)), PartCount::Between(1, 3)] {
             let parts = PartsParams { count, ..PartsParams::default() };
-            check(&shape, &path, SegmentParams { parts, ..SegmentParams::default() });
+            check(&shape, &path, SegmentParams::default().parts(parts));
         }
     }
 }
@@ -91,15 +91,13 @@ fn every_option_survives_every_beast() {
                     unit_rows: (k + j + turn) % 2 == 0,
                     ..EmbeddingParams::for_parts(parts)
                 };
-                let params = SegmentParams {
-                    parts: exactly(parts),
-                    cluster: Cluster::KMeans,
-                    landmarks: Some([1, 4, 100][(j + turn) % 3]),
-                    sampling: if (k + turn) % 2 == 0 { Sampling::Random } else { Sampling::Farthest },
-                    metric: metrics[(k + j + turn) % 3],
-                    embedding: Some(embedding),
-                    ..SegmentParams::default()
-                };
+                let params = SegmentParams::default()
+                    .parts(exactly(parts))
+                    .cluster(Cluster::KMeans)
+                    .landmarks(Some([1, 4, 100][(j + turn) % 3]))
+                    .sampling(if (k + turn) % 2 == 0 { Sampling::Random } else { Sampling::Farthest })
+                    .metric(metrics[(k + j + turn) % 3])
+                    .embedding(Some(embedding));
                 check(shape, &path, params);
             }
         }

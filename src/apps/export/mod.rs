@@ -18,7 +18,7 @@ const CHUNK: usize = 1 << 16;
 const PARTS: usize = 1 << 16;
 
 /// Refuses labels that do not fit the faces.
-pub(super) fn fit(mesh: &Mesh, labelling: &Labelling) -> Result<()> {
+pub(crate) fn fit(mesh: &Mesh, labelling: &Labelling) -> Result<()> {
     let (faces, labels) = (mesh.faces.len(), labelling.labels.len());
     if faces != labels {
         let problem = format!("{labels} values for {faces} faces");

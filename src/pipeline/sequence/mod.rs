@@ -34,6 +34,7 @@ pub const LANDMARKS: usize = 10;
 
 /// What `sequence` is asked to do.
 #[derive(Clone, Copy, Debug, Default, Serialize)]
+#[non_exhaustive]
 pub struct SequenceParams {
     /// What to order by.
     pub order: SequenceOrder,
@@ -42,6 +43,8 @@ pub struct SequenceParams {
     /// Landmarks; by default those of the rows that are there, or [`LANDMARKS`].
     pub landmarks: Option<usize>,
 }
+
+crate::base::setters::setters!(SequenceParams { order: SequenceOrder, sweeps: usize, landmarks: Option<usize> });
 
 /// The embedding that coordinates come from.
 fn embedding_params(dimensions: usize) -> EmbeddingParams {

@@ -1,0 +1,148 @@
+//! Which vertex of one mesh is which of another.
+
+use super::mesh::identity;
+use super::run::{RunOptions, run_options};
+use crate::apps::correspond::files;
+use crate::apps::correspond::matches::{Match, Matching};
+use crate::base::Result;
+use crate::distance::vertex_rows::Distance;
+use crate::landmarks::Sampling;
+use crate::mesh::Mesh;
+use crate::pipeline::correspond::{self as recipe, CorrespondParams, default_landmarks};
+use crate::store::Run;
+use serde_json::{Value, json};
+use std::path::Path;
+
+/// Matches the vertices of two meshes by their spectral embeddings.
+///
+/// ```
+/// # fn main() -> nystrom_stream::Result<()> {
+/// use nystrom_stream::{Matcher, Mesh};
+/// let mesh = Mesh::creature(3_528)?;
+/// let found = Matcher::new().landmarks(20).run(&mesh, &mesh)?;
+/// assert_eq!(found.matches().len(), mesh.positions.len());
+/// # Ok(())
+/// # }
+/// ```
+#[derive(Clone, Default)]
+pub struct Matcher {
+    params: CorrespondParams,
+    landmarks: Option<usize>,
+    pub(super) options: RunOptions,
+}
+
+run_options!(Matcher);
+
+impl Matcher {
+    /// Every vertex of the first mesh gets the nearest of the second, with the default of every option.
+    pub fn new() -> Self {
+        Self::default()
+    }
+
+    /// The number of landmarks on each mesh; by default 50, for more than 300,000 vertices 20.
+    #[must_use]
+    pub fn landmarks(mut self, count: usize) -> Self {
+        self.landmarks = Some(count);
+        self
+    }
+
+    /// How landmarks are chosen, on each mesh by itself.
+    #[must_use]
+    pub fn sampling(mut self, sampling: Sampling) -> Self {
+        self.params.sampling = sampling;
+        self
+    }
+
+    /// How far apart vertices are.
+    #[must_use]
+    pub fn distance(mut self, distance: Distance) -> Self {
+        self.params.distance = distance;
+        self
+    }
+
+    /// The number of coordinates of the embedding, 2 to 8.
+    #[must_use]
+    pub fn dimensions(mut self, dimensions: usize) -> Self {
+        self.params.embedding.dimensions = dimensions;
+        self
+    }
+
+    /// Which matches are kept.
+    #[must_use]
+    pub fn matching(mut self, matching: Matching) -> Self {
+        self.params.matching = matching;
+        self
+    }
+
+    /// Carries the landmarks of the first mesh to the second by the first matches, and matches again.
+    #[must_use]
+    pub fn transfer(mut self, transfer: bool) -> Self {
+        self.params.transfer = transfer;
+        self
+    }
+
+    /// Which of several alignments to take where the shape is symmetric, from 0: see [`Correspondence::report`].
+    #[must_use]
+    pub fn alternative(mut self, alternative: usize) -> Self {
+        self.params.alternative = alternative;
+        self
+    }
+
+    /// Matches the vertices of `a` with those of `b`.
+    ///
+    /// # Errors
+    /// [`crate::Error::Parameter`], [`crate::Error::Unusable`] for a mesh without triangles, [`crate::Error::Memory`],
+    /// [`crate::Error::Io`], [`crate::Error::Cancelled`].
+    pub fn run(&self, a: &Mesh, b: &Mesh) -> Result<Correspondence> {
+        let most = a.positions.len().max(b.positions.len());
+        let params = self.params.landmarks(self.landmarks.unwrap_or(default_landmarks(most)));
+        self.options.with(|context, seconds| {
+            let inputs = context.work.durable().then(|| Ok([identity(a, true)?, identity(b, true)?])).transpose()?;
+            let found = recipe::correspond(a, b, inputs.as_ref(), &params, context)?;
+            let report = json!({
+                "a": a.path().display().to_string(),
+                "b": b.path().display().to_string(),
+                "options": params,
+                "seed": context.run.seed,
+                "meshes": found.sides,
+                "ambiguous": found.alignments.ambiguous,
+                "alignments": found.alignments.found,
+                "alternative": params.alternative,
+                "seconds": seconds.so_far(),
+            });
+            Ok(Correspondence { found, report })
+        })
+    }
+}
+
+/// Matches of the vertices of a mesh A in a mesh B.
+#[derive(Debug)]
+pub struct Correspondence {
+    found: recipe::Correspondence,
+    report: Value,
+}
+
+impl Correspondence {
+    /// One match per vertex of A, with its distance and confidence (vertices of A).
+    pub fn matches(&self) -> &[Match] {
+        &self.found.matches
+    }
+
+    /// Whether the shape is symmetric, so that there are other alignments that fit about as well.
+    pub fn is_ambiguous(&self) -> bool {
+        self.found.alignments.ambiguous
+    }
+
+    /// Alignments that fit, facts of both meshes, options, seconds by stage.
+    pub fn report(&self) -> &Value {
+        &self.report
+    }
+
+    /// Writes the matches as `.npy` or `.csv`, with the feature `parquet` also as `.parquet`.
+    ///
+    /// # Errors
+    /// [`crate::Error::Parameter`] for an unknown ending; [`crate::Error::Io`].
+    pub fn save(&self, path: impl AsRef<Path>) -> Result<()> {
+        files::write(path.as_ref(), &self.found.matches, &Run::new(&()))
+    }
+}

@@ -1,0 +1,147 @@
+//! Labels that are there already: judged, carried to another mesh; and the landmarks behind them judged.
+
+use super::mesh::identity;
+use super::run::{RunOptions, run_options};
+use crate::apps::evaluate::{Evaluator, Scores};
+use crate::apps::study::data::{StudyData, StudyParams};
+use crate::apps::study::{CompareParams, SampleRecord, compare};
+use crate::apps::transfer::{Transferred, transfer};
+use crate::base::Result;
+use crate::graph::Metric;
+use crate::landmarks::Sampling;
+use crate::mesh::Mesh;
+use crate::spectral::Kernel;
+
+/// How far `labels` (faces) are from each of `truths` (faces each), people's as a rule, in the mean: the metrics of the
+/// Princeton Segmentation Benchmark, 0 where equal. Values of labels do not matter, only which faces share one.
+///
+/// ```
+/// # fn main() -> nystrom_stream::Result<()> {
+/// use nystrom_stream::{Mesh, Segmenter, evaluate};
+/// let mesh = Mesh::creature(4_000)?;
+/// let cut = Segmenter::new().parts(4).run(&mesh)?;
+/// assert_eq!(evaluate(&mesh, cut.labels(), &[cut.labels()])?.rand, 0.);
+/// # Ok(())
+/// # }
+/// ```
+///
+/// # Errors
+/// [`crate::Error::Parameter`] where labels and faces differ in number, or without truths.
+pub fn evaluate<L: AsRef<[u32]>>(mesh: &Mesh, labels: &[u32], truths: &[L]) -> Result<Scores> {
+    let evaluator = Evaluator::of(mesh)?;
+    let labels = evaluator.segmentation("labels", labels)?;
+    evaluator.compare_many(&labels, &evaluator.segmentations(truths)?)
+}
+
+/// Carries labels to another version of a mesh in the same place: another resolution, decimated, re-meshed.
+///
+/// ```
+/// # fn main() -> nystrom_stream::Result<()> {
+/// use nystrom_stream::{LabelTransfer, Mesh, Segmenter};
+/// let (coarse, fine) = (Mesh::creature(4_000)?, Mesh::creature(8_000)?);
+/// let cut = Segmenter::new().parts(4).run(&coarse)?;
+/// let carried = LabelTransfer::new().run(&coarse, cut.labels(), &fine)?;
+/// assert_eq!(carried.labels.len(), fine.faces.len());
+/// # Ok(())
+/// # }
+/// ```
+#[derive(Clone, Default)]
+pub struct LabelTransfer {
+    pub(super) options: RunOptions,
+}
+
+run_options!(LabelTransfer);
+
+impl LabelTransfer {
+    /// A transfer with the default of every option.
+    pub fn new() -> Self {
+        Self::default()
+    }
+
+    /// Carries `labels`, one per face of `from`, to the faces of `to`.
+    ///
+    /// # Errors
+    /// [`crate::Error::Parameter`] for labels that do not fit `from`; [`crate::Error::Unusable`] where most of `to` lies
+    /// far from `from`; [`crate::Error::Memory`], [`crate::Error::Io`], [`crate::Error::Cancelled`].
+    pub fn run(&self, from: &Mesh, labels: &[u32], to: &Mesh) -> Result<Transferred> {
+        self.options.with(|context, _| transfer(from, labels, to, context))
+    }
+}
+
+/// Measures how well samples of landmarks represent a mesh: Γ (eq. 6 of the paper), and what held-out columns tell.
+///
+/// ```
+/// # fn main() -> nystrom_stream::Result<()> {
+/// use nystrom_stream::landmarks::Sampling;
+/// use nystrom_stream::{Mesh, SamplingQuality};
+/// let mesh = Mesh::creature(3_528)?;
+/// let quality = SamplingQuality::new().landmarks([5, 20]).samplings([Sampling::Farthest]).run(&mesh)?;
+/// assert!(quality[1].measures.gamma > quality[0].measures.gamma);
+/// # Ok(())
+/// # }
+/// ```
+#[derive(Clone, Default)]
+pub struct SamplingQuality {
+    params: CompareParams,
+    metric: Metric,
+    pub(super) options: RunOptions,
+}
+
+run_options!(SamplingQuality);
+
+impl SamplingQuality {
+    /// Ten farthest points under the exponential kernel.
+    pub fn new() -> Self {
+        Self::default()
+    }
+
+    /// Numbers of landmarks to measure.
+    #[must_use]
+    pub fn landmarks(mut self, counts: impl Into<Vec<usize>>) -> Self {
+        self.params.landmarks = counts.into();
+        self
+    }
+
+    /// Ways of choosing landmarks to measure.
+    #[must_use]
+    pub fn samplings(mut self, samplings: impl Into<Vec<Sampling>>) -> Self {
+        self.params.samplings = samplings.into();
+        self
+    }
+
+    /// Measures each way under so many seeds, counted from [`SamplingQuality::seed`].
+    #[must_use]
+    pub fn seeds(mut self, count: u64) -> Self {
+        self.params.seeds = (0..count).collect();
+        self
+    }
+
+    /// From distance to affinity; its width is `width` mean distances.
+    #[must_use]
+    pub fn kernel(mut self, kernel: Kernel, width: f64) -> Self {
+        (self.params.kernel, self.params.width) = (kernel, width);
+        self
+    }
+
+    /// What steps from face to face weigh.
+    #[must_use]
+    pub fn metric(mut self, metric: Metric) -> Self {
+        self.metric = metric;
+        self
+    }
+
+    /// Measures samples of the faces of `mesh`: one record per sampling, number of landmarks and seed.
+    ///
+    /// # Errors
+    /// [`crate::Error::Memory`], [`crate::Error::Io`], [`crate::Error::Cancelled`].
+    pub fn run(&self, mesh: &Mesh) -> Result<Vec<SampleRecord>> {
+        let seeds = self.params.seeds.iter().map(|seed| seed.wrapping_add(self.options.seed)).collect();
+        let params = CompareParams { seeds, ..self.params.clone() };
+        let lengths = params.samplings.iter().any(|sampling| sampling.needs_lengths());
+        let data = StudyParams { metric: self.metric, matrix: 0, lengths, ..StudyParams::default() };
+        self.options.with(|context, _| {
+            let data = StudyData::of(mesh, &identity(mesh, context.work.durable())?, data, context)?;
+            compare(&data, &mesh.path().to_string_lossy(), &params, context)
+        })
+    }
+}

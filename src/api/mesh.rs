@@ -1,0 +1,85 @@
+//! What the front door adds to a mesh: an example of any size, and labelled files of every form.
+
+use crate::apps::creature::{Creature, Options};
+use crate::apps::export::{glb, split};
+use crate::base::{Error, Result};
+use crate::mesh::{Labelling, Mesh, PlyForm, seg, write_labelled};
+use crate::pipeline::input;
+use crate::store::{Run, npy};
+use serde_json::{Value, json};
+use std::ffi::OsStr;
+use std::path::Path;
+
+impl Mesh {
+    /// An animal on four legs with at least `faces` faces: a mesh to try things on. See [`crate::apps::creature`].
+    ///
+    /// ```
+    /// # fn main() -> nystrom_stream::Result<()> {
+    /// assert!(nystrom_stream::Mesh::creature(2_000)?.faces.len() >= 2_000);
+    /// # Ok(())
+    /// # }
+    /// ```
+    ///
+    /// # Errors
+    /// [`Error::Parameter`] for more faces than can be numbered.
+    pub fn creature(faces: u64) -> Result<Self> {
+        let creature = Creature::new(&Options { faces, ..Options::default() })?;
+        let positions = (0..creature.vertex_count()).map(|v| creature.position(v)).collect();
+        let faces = (0..creature.face_count()).map(|f| creature.face(f)).collect();
+        Self::from_vecs(positions, faces)
+    }
+
+    /// Writes the mesh with labels in the form that the ending of `path` names: `.ply` (what the file held, with labels,
+    /// colours and qualities of the faces), `.seg` (one label per line), `.npy` (labels), `.glb`, or a folder with one
+    /// PLY per part where `path` ends with `/`; `.png` with the feature `pictures`, `.parquet` with `parquet`.
+    ///
+    /// ```
+    /// # fn main() -> nystrom_stream::Result<()> {
+    /// use nystrom_stream::{Labelling, Mesh};
+    /// # let dir = tempfile::tempdir().unwrap();
+    /// # let path = dir.path().join("labels.seg");
+    /// let mesh = Mesh::from_slices(&[[0., 0., 0.], [1., 0., 0.], [1., 1., 0.], [0., 1., 0.]], &[[0, 1, 2], [0, 2, 3]])?;
+    /// mesh.save(&path, Labelling { labels: &[0, 1], colours: &[[255, 0, 0], [0, 0, 255]], quality: None })?;
+    /// assert_eq!(std::fs::read_to_string(&path).unwrap(), "0\n1\n");
+    /// # Ok(())
+    /// # }
+    /// ```
+    ///
+    /// # Errors
+    /// [`Error::Parameter`] for an unknown ending or labels that do not fit the faces; [`Error::Io`].
+    pub fn save(&self, path: impl AsRef<Path>, labelling: Labelling<'_>) -> Result<()> {
+        let (path, run) = (path.as_ref(), &Run::new(&()));
+        if path.to_string_lossy().ends_with(['/', std::path::MAIN_SEPARATOR]) || path.is_dir() {
+            return split::write(path, self, &labelling, false, true, run);
+        }
+        crate::apps::export::fit(self, &labelling)?;
+        match path.extension().and_then(OsStr::to_str).map(str::to_ascii_lowercase).as_deref() {
+            Some("ply") => write_labelled(self, path, &labelling, PlyForm::Same, true, run),
+            Some("seg") => seg::write_seg(path, labelling.labels, true, run),
+            Some("npy") => npy::write(path, labelling.labels, 1, true).map(drop),
+            Some("glb") => glb::write(path, self, &labelling, true, run),
+            #[cfg(feature = "parquet")]
+            Some("parquet") => crate::apps::export::parquet::write(path, self, &labelling, None, true, run),
+            #[cfg(feature = "pictures")]
+            Some("png") => {
+                let params = crate::apps::picture::PictureParams::default();
+                let Labelling { labels, colours, .. } = labelling;
+                crate::apps::picture::render(self, Some(labels), colours, &params, run)?.write_png(path)
+            }
+            _ => {
+                let problem = format!("{}: its ending names no known form", path.display());
+                Err(Error::parameter("path", problem, "end it with .ply, .seg, .npy or .glb, or with / for a folder"))
+            }
+        }
+    }
+}
+
+/// What identifies `mesh` in a work directory: of a file what the program goes by, too, else a hash of all that it is
+/// made of. Where nothing lasts, nothing is looked at.
+pub(super) fn identity(mesh: &Mesh, lasting: bool) -> Result<Value> {
+    match mesh.document() {
+        _ if !lasting => Ok(Value::Null),
+        Some(_) if mesh.path().is_file() => input::identity(mesh.path()),
+        _ => Ok(json!({"content": format!("{:016x}", mesh.content_hash())})),
+    }
+}

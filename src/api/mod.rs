@@ -1,0 +1,33 @@
+//! The front door: a mesh, what can be done with it, and what comes out, without the layers in between.
+//!
+//! | Question | Builder | Result |
+//! |---|---|---|
+//! | Which parts does a mesh have? | [`Segmenter`] | [`Segmentation`], [`Hierarchy`] |
+//! | Which vertex of one mesh is which of another? | `Matcher` | `Correspondence` |
+//! | In which order does it stream best? | [`Sequencer`] | [`Sequence`] |
+//! | How well do landmarks represent it (Γ, eq. 6)? | [`SamplingQuality`] | [`SampleRecord`]s |
+//! | How well do labels agree with people's? | [`evaluate()`] | [`Scores`] |
+//! | What are the labels of another version of it? | [`LabelTransfer`] | [`Transferred`] |
+//!
+//! Builders are plain values: cheap to clone, reusable for many meshes, [`Send`]. All take the options of [`RunOptions`].
+//! Arrays between the stages are held in memory as long as half of the memory budget stays free; what does not fit goes
+//! to a temporary folder, so that larger meshes only take longer. Results do not depend on threads or memory.
+
+#[cfg(feature = "correspondence")]
+pub mod correspond;
+pub mod labels;
+mod mesh;
+pub mod run;
+pub mod segment;
+pub mod sequence;
+
+#[cfg(feature = "correspondence")]
+pub use correspond::{Correspondence, Matcher};
+pub use labels::{LabelTransfer, SamplingQuality, evaluate};
+pub use run::RunOptions;
+pub use segment::{Hierarchy, Segmentation, Segmenter};
+pub use sequence::{Sequence, Sequencer};
+
+pub use crate::apps::evaluate::Scores;
+pub use crate::apps::study::SampleRecord;
+pub use crate::apps::transfer::Transferred;

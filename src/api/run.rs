@@ -1,0 +1,139 @@
+//! How a builder runs: threads, memory, seed, folders, progress, cancellation.
+//!
+//! Every builder has the same setters, made by [`run_options`]. Cost: none of the size of a mesh.
+
+use crate::base::{Cancel, Progress, Result};
+use crate::store::{Budget, Context, Run, WorkDir};
+use std::collections::BTreeMap;
+use std::path::PathBuf;
+use std::sync::{Arc, Mutex, PoisonError};
+
+/// Options of every run. Results depend on the seed alone.
+#[derive(Clone, Default)]
+pub struct RunOptions {
+    pub(super) threads: Option<usize>,
+    pub(super) memory: Option<u64>,
+    pub(super) seed: u64,
+    pub(super) temporary: Option<PathBuf>,
+    pub(super) work_dir: Option<PathBuf>,
+    pub(super) progress: Option<Arc<dyn Progress + Send + Sync>>,
+    pub(super) cancel: Cancel,
+}
+
+/// Gives a builder with a field `options: RunOptions` its setters.
+macro_rules! run_options {
+    ($builder:ident) => {
+        impl $builder {
+            /// Works with `threads` threads, at least one; by default with one per core.
+            #[must_use]
+            pub fn threads(mut self, threads: usize) -> Self {
+                self.options.threads = Some(threads.max(1));
+                self
+            }
+
+            /// Allocates `bytes` bytes at the most; by default half of what is free. Mapped files do not count.
+            #[must_use]
+            pub fn memory(mut self, bytes: u64) -> Self {
+                self.options.memory = Some(bytes);
+                self
+            }
+
+            /// The seed of everything random; 0 by default.
+            #[must_use]
+            pub fn seed(mut self, seed: u64) -> Self {
+                self.options.seed = seed;
+                self
+            }
+
+            /// The folder for what does not fit in memory; by default the system's. Nothing is left there.
+            #[must_use]
+            pub fn temporary_folder(mut self, folder: impl Into<std::path::PathBuf>) -> Self {
+                self.options.temporary = Some(folder.into());
+                self
+            }
+
+            /// Keeps intermediate results in `folder` and reuses what is there of the same mesh and options: another
+            /// number of parts then costs a fraction. An empty or new folder, or one that was used so before.
+            #[must_use]
+            pub fn work_dir(mut self, folder: impl Into<std::path::PathBuf>) -> Self {
+                self.options.work_dir = Some(folder.into());
+                self
+            }
+
+            /// Tells `listener` of stages as they begin, advance and end; it is called from several threads.
+            #[must_use]
+            pub fn progress(
+                mut self,
+                listener: std::sync::Arc<impl $crate::base::Progress + Send + Sync + 'static>,
+            ) -> Self {
+                self.options.progress = Some(listener);
+                self
+            }
+
+            /// Stops with [`Error::Cancelled`](crate::Error::Cancelled) soon after `cancel` is told to, from any thread.
+            #[must_use]
+            pub fn cancel(mut self, cancel: $crate::base::Cancel) -> Self {
+                self.options.cancel = cancel;
+                self
+            }
+        }
+    };
+}
+pub(super) use run_options;
+
+impl RunOptions {
+    /// Calls `work` with the run and the work directory that the options ask for, and the seconds of its stages.
+    ///
+    /// # Errors
+    /// Those of `work`; [`crate::Error::WorkDir`] for a folder that is something else.
+    pub(super) fn with<R>(&self, work: impl FnOnce(Context<'_>, &StageSeconds<'_>) -> Result<R>) -> Result<R> {
+        let silent: &dyn Progress = &();
+        let progress = self.progress.as_deref().map_or(silent, |progress| progress);
+        let seconds = StageSeconds { progress, seconds: Mutex::default() };
+        let mut run = Run::new(&seconds);
+        run.threads = self.threads.unwrap_or(run.threads);
+        run.budget = self.memory.map_or(run.budget, Budget::new);
+        run.cancel = self.cancel.clone();
+        run.seed = self.seed;
+        let place = match &self.work_dir {
+            Some(folder) => WorkDir::open(folder)?,
+            None => {
+                let parent = self.temporary.clone().unwrap_or_else(std::env::temp_dir);
+                WorkDir::in_memory(&parent, &run.budget)
+            }
+        };
+        work(Context::new(&place, &run), &seconds)
+    }
+}
+
+/// A listener that adds up the seconds of stages and passes everything on.
+pub(super) struct StageSeconds<'a> {
+    progress: &'a dyn Progress,
+    seconds: Mutex<BTreeMap<String, f64>>,
+}
+
+impl StageSeconds<'_> {
+    /// Seconds by stage so far.
+    pub fn so_far(&self) -> BTreeMap<String, f64> {
+        self.seconds.lock().unwrap_or_else(PoisonError::into_inner).clone()
+    }
+}
+
+impl Progress for StageSeconds<'_> {
+    fn begin(&self, stage: &str, unit: &'static str, total: u64) {
+        self.progress.begin(stage, unit, total);
+    }
+
+    fn advance(&self, stage: &str, done: u64) {
+        self.progress.advance(stage, done);
+    }
+
+    fn end(&self, stage: &str, seconds: f64) {
+        *self.seconds.lock().unwrap_or_else(PoisonError::into_inner).entry(stage.to_owned()).or_default() += seconds;
+        self.progress.end(stage, seconds);
+    }
+
+    fn note(&self, text: &str) {
+        self.progress.note(text);
+    }
+}

@@ -1,0 +1,307 @@
+//! Cutting a mesh into parts, and what comes out.
+
+use super::mesh::identity;
+use super::run::{RunOptions, run_options};
+use crate::base::Result;
+use crate::cluster::parts::{Decision, PartCount, PartTree};
+use crate::graph::{Metric, Order};
+use crate::landmarks::Sampling;
+use crate::mesh::{Labelling, Mesh};
+use crate::pipeline::report::Report;
+use crate::pipeline::{self, Boundaries, Cluster, SegmentParams, TinyComponents, cuts, decision};
+use crate::spectral::EmbeddingParams;
+use crate::store::{Context, MappedSlice};
+use std::path::Path;
+
+/// Cuts meshes into parts: legs from a body, a handle from a cup.
+///
+/// ```
+/// # fn main() -> nystrom_stream::Result<()> {
+/// use nystrom_stream::{Mesh, Segmenter};
+/// let mesh = Mesh::creature(4_000)?;
+/// let cut = Segmenter::new().parts(6).seed(1).run(&mesh)?;
+/// assert_eq!((cut.labels().len(), cut.parts()), (mesh.faces.len(), 6));
+/// # Ok(())
+/// # }
+/// ```
+///
+/// Memory: some 200 bytes per face where the budget allows, else a few megabytes per thread and the rest on disk. Time:
+/// about a second per million faces and core.
+#[derive(Clone, Default)]
+pub struct Segmenter {
+    params: SegmentParams,
+    pub(super) options: RunOptions,
+}
+
+run_options!(Segmenter);
+
+impl Segmenter {
+    /// Finds the number of parts, with the default of every option.
+    pub fn new() -> Self {
+        Self::default()
+    }
+
+    /// The same with all options of `params`.
+    pub fn with_params(params: SegmentParams) -> Self {
+        Self { params, options: RunOptions::default() }
+    }
+
+    /// All options as the pipeline takes them.
+    pub fn params(&self) -> &SegmentParams {
+        &self.params
+    }
+
+    /// Exactly `count` parts.
+    #[must_use]
+    pub fn parts(mut self, count: usize) -> Self {
+        self.params.parts.count = PartCount::Exactly(count);
+        self
+    }
+
+    /// As many parts as are found, from `least` to `most`, both included.
+    #[must_use]
+    pub fn parts_between(mut self, least: usize, most: usize) -> Self {
+        self.params.parts.count = PartCount::Between(least, most);
+        self
+    }
+
+    /// Finds fewer parts (down to −1) or more (up to 1) than by default (0).
+    #[must_use]
+    pub fn detail(mut self, detail: f64) -> Self {
+        self.params.parts.detail = detail;
+        self
+    }
+
+    /// The number of landmarks l; by default 20 to 60, the fewer the larger the mesh.
+    #[must_use]
+    pub fn landmarks(mut self, count: usize) -> Self {
+        self.params.landmarks = Some(count);
+        self
+    }
+
+    /// How landmarks are chosen.
+    #[must_use]
+    pub fn sampling(mut self, sampling: Sampling) -> Self {
+        self.params.sampling = sampling;
+        self
+    }
+
+    /// What steps from face to face weigh.
+    #[must_use]
+    pub fn metric(mut self, metric: Metric) -> Self {
+        self.params.metric = metric;
+        self
+    }
+
+    /// How faces become parts: as people would cut them, or by K-means or 2-means in the embedding.
+    #[must_use]
+    pub fn method(mut self, method: Cluster) -> Self {
+        self.params.cluster = method;
+        self
+    }
+
+    /// Contracts a large mesh first: a preview in a fraction of the time.
+    #[must_use]
+    pub fn coarse(mut self, coarse: bool) -> Self {
+        self.params.coarse = coarse;
+        self
+    }
+
+    /// In which order faces are worked on.
+    #[must_use]
+    pub fn order(mut self, order: Order) -> Self {
+        self.params.order = order;
+        self
+    }
+
+    /// How parts are decided on.
+    #[must_use]
+    pub fn decision(mut self, decision: Decision) -> Self {
+        self.params.parts.decision = decision;
+        self
+    }
+
+    /// Over-segmentations in the ensemble that parts are decided with; 12 by default.
+    #[must_use]
+    pub fn ensemble_size(mut self, size: usize) -> Self {
+        self.params.parts.ensemble_size = size;
+        self
+    }
+
+    /// Connected pieces below this share of the area join a neighbour.
+    #[must_use]
+    pub fn small_part(mut self, share: f64) -> Self {
+        self.params.parts.small_part = share;
+        self
+    }
+
+    /// What becomes of components too small to be parts.
+    #[must_use]
+    pub fn tiny_components(mut self, tiny_components: TinyComponents) -> Self {
+        self.params.tiny_components = tiny_components;
+        self
+    }
+
+    /// How faces near boundaries get their labels.
+    #[must_use]
+    pub fn boundaries(mut self, boundaries: Boundaries) -> Self {
+        self.params.boundaries = boundaries;
+        self
+    }
+
+    /// How distances become coordinates, for K-means and 2-means.
+    #[must_use]
+    pub fn embedding(mut self, embedding: EmbeddingParams) -> Self {
+        self.params.embedding = Some(embedding);
+        self
+    }
+
+    /// Cuts `mesh`.
+    ///
+    /// # Errors
+    /// [`crate::Error::Parameter`] for options out of range or that contradict each other, [`crate::Error::Unusable`] for
+    /// more parts than faces, [`crate::Error::Memory`], [`crate::Error::Io`], [`crate::Error::Cancelled`].
+    pub fn run(&self, mesh: &Mesh) -> Result<Segmentation> {
+        let params = &self.params;
+        self.options.with(|context, seconds| {
+            let cut = pipeline::segment(mesh, &identity(mesh, context.work.durable())?, params, context)?;
+            let hierarchy = Hierarchy::kept(params, context)?;
+            let report = Report::new(mesh, params, &cut, context, seconds.so_far(), None);
+            let pipeline::Segmentation { labels, quality, colours, .. } = cut;
+            Ok(Segmentation { mesh: mesh.clone(), labels, quality, colours, hierarchy, report })
+        })
+    }
+}
+
+/// A mesh cut into parts.
+#[derive(Clone, Debug)]
+pub struct Segmentation {
+    mesh: Mesh,
+    labels: MappedSlice<u32>,
+    quality: MappedSlice<f32>,
+    colours: Vec<[u8; 3]>,
+    hierarchy: Option<Hierarchy>,
+    report: Report,
+}
+
+impl Segmentation {
+    /// One part per face, from 0, in the order of the mesh (faces).
+    pub fn labels(&self) -> &[u32] {
+        &self.labels
+    }
+
+    /// How sure each label is, 0 to 1 (faces).
+    pub fn confidences(&self) -> &[f32] {
+        &self.quality
+    }
+
+    /// One colour (sRGB) per part; parts that touch have colours that the colour-blind can tell apart too.
+    pub fn colours(&self) -> &[[u8; 3]] {
+        &self.colours
+    }
+
+    /// Number of parts.
+    pub fn parts(&self) -> usize {
+        self.colours.len()
+    }
+
+    /// Counts of the mesh, areas of the parts, eigenvalues, seconds by stage; [`serde::Serialize`].
+    pub fn report(&self) -> &Report {
+        &self.report
+    }
+
+    /// The same mesh in any other number of parts, roughly and at once; `None` for K-means and 2-means.
+    pub fn hierarchy(&self) -> Option<&Hierarchy> {
+        self.hierarchy.as_ref()
+    }
+
+    /// Labels, colours and confidences as writers take them.
+    pub fn labelling(&self) -> Labelling<'_> {
+        Labelling { labels: &self.labels, colours: &self.colours, quality: Some(&self.quality) }
+    }
+
+    /// Writes the labelled mesh in the form that the ending of `path` names: see [`Mesh::save`]. With the feature
+    /// `pages` also `.html`, a page to turn the mesh on, with a slider for the number of parts.
+    ///
+    /// # Errors
+    /// As [`Mesh::save`].
+    pub fn save(&self, path: impl AsRef<Path>) -> Result<()> {
+        #[cfg(feature = "pages")]
+        if path.as_ref().extension().is_some_and(|ending| ending.eq_ignore_ascii_case("html")) {
+            return self.save_page(path.as_ref());
+        }
+        self.mesh.save(path, self.labelling())
+    }
+
+    #[cfg(feature = "pages")]
+    fn save_page(&self, path: &Path) -> Result<()> {
+        use crate::apps::page::{Cuts, Page};
+        let parts = self.hierarchy.as_ref().map(Hierarchy::cuts).transpose()?;
+        let cuts = self.hierarchy.as_ref().zip(parts.as_ref());
+        let page = Page {
+            title: &self.mesh.path().file_name().unwrap_or_default().to_string_lossy(),
+            mesh: &self.mesh,
+            labels: &self.labels,
+            colours: &self.colours,
+            cuts: cuts.map(|(hierarchy, parts)| Cuts { cells: &hierarchy.cells, parts }),
+            report: &serde_json::to_value(&self.report).unwrap_or_default(),
+        };
+        page.write(path, &crate::store::Run::new(&()))
+    }
+}
+
+/// The hierarchy of parts that a cut was taken from: some two thousand cells, joined one by one down to one part.
+///
+/// Its cuts follow the borders of cells, which lie within a cell of those of [`Segmentation::labels`]; for boundaries as
+/// fine as those, run again with the same [`Segmenter::work_dir`]. Memory: 4 bytes per face.
+#[derive(Clone, Debug)]
+pub struct Hierarchy {
+    cells: MappedSlice<u32>,
+    tree: PartTree,
+}
+
+impl Hierarchy {
+    fn kept(params: &SegmentParams, context: Context<'_>) -> Result<Option<Self>> {
+        if params.cluster != Cluster::Parts {
+            return Ok(None);
+        }
+        let tree = decision::tree_of(context.work, params.coarse)?;
+        let cells = cuts::cells(params.coarse, context)?;
+        Ok(Some(Self { cells, tree }))
+    }
+
+    /// The joins and their levels, over cells.
+    pub fn tree(&self) -> &PartTree {
+        &self.tree
+    }
+
+    /// The cell of each face, in the order of the mesh (faces).
+    pub fn cells(&self) -> &[u32] {
+        &self.cells
+    }
+
+    /// The mesh cut into exactly `parts` parts: one label per face, from 0 (faces). A pass over the faces.
+    ///
+    /// ```
+    /// # fn main() -> nystrom_stream::Result<()> {
+    /// use nystrom_stream::{Mesh, Segmenter};
+    /// let cut = Segmenter::new().run(&Mesh::creature(4_000)?)?;
+    /// let labels = cut.hierarchy().unwrap().labels(3)?;
+    /// assert_eq!(labels.iter().max(), Some(&2));
+    /// # Ok(())
+    /// # }
+    /// ```
+    ///
+    /// # Errors
+    /// [`crate::Error::Parameter`] for no parts, or more than there are cells.
+    pub fn labels(&self, parts: usize) -> Result<Vec<u32>> {
+        let label = self.tree.cut_k(parts)?.label;
+        Ok(self.cells.iter().map(|&cell| label.get(cell as usize).copied().unwrap_or(0)).collect())
+    }
+
+    /// The part of each cell for 1, 2, … parts.
+    #[cfg(feature = "pages")]
+    fn cuts(&self) -> Result<Vec<Vec<u32>>> {
+        (1..=cuts::MOST.min(self.tree.cells())).map(|k| Ok(self.tree.cut_k(k)?.label)).collect()
+    }
+}

@@ -1,0 +1,113 @@
+//! An order to stream a mesh in, so that a reader holds few vertices at a time.
+
+use super::mesh::identity;
+use super::run::{RunOptions, run_options};
+use crate::apps::sequence::{SequenceOrder, StreamMeasures};
+use crate::base::Result;
+use crate::mesh::ply::rearranged::{self, Rearrangement};
+use crate::mesh::{Mesh, PlyForm};
+use crate::pipeline::sequence::{self as recipe, SequenceParams};
+use crate::store::npy;
+use std::path::Path;
+
+/// Orders the faces of meshes for streaming.
+///
+/// ```
+/// # fn main() -> nystrom_stream::Result<()> {
+/// use nystrom_stream::{Mesh, Sequencer};
+/// let mesh = Mesh::creature(2_000)?;
+/// let sequence = Sequencer::new().run(&mesh)?;
+/// assert_eq!(sequence.places().len(), mesh.faces.len());
+/// assert!(sequence.measures().mean_width < 0.2 * mesh.positions.len() as f64);
+/// # Ok(())
+/// # }
+/// ```
+#[derive(Clone, Default)]
+pub struct Sequencer {
+    params: SequenceParams,
+    pub(super) options: RunOptions,
+}
+
+run_options!(Sequencer);
+
+impl Sequencer {
+    /// The spectral order with 10 landmarks.
+    pub fn new() -> Self {
+        Self::default()
+    }
+
+    /// What to order by.
+    #[must_use]
+    pub fn order(mut self, order: SequenceOrder) -> Self {
+        self.params.order = order;
+        self
+    }
+
+    /// Sweeps that improve spectral coordinates; none by default.
+    #[must_use]
+    pub fn sweeps(mut self, sweeps: usize) -> Self {
+        self.params.sweeps = sweeps;
+        self
+    }
+
+    /// The number of landmarks of spectral orders.
+    #[must_use]
+    pub fn landmarks(mut self, count: usize) -> Self {
+        self.params.landmarks = Some(count);
+        self
+    }
+
+    /// Orders `mesh`.
+    ///
+    /// # Errors
+    /// [`crate::Error::Parameter`] for no landmarks, [`crate::Error::Memory`], [`crate::Error::Io`],
+    /// [`crate::Error::Cancelled`].
+    pub fn run(&self, mesh: &Mesh) -> Result<Sequence> {
+        self.options.with(|context, _| {
+            let identity = identity(mesh, context.work.durable())?;
+            let sequencer = recipe::Sequencer::new(mesh, &identity, context)?;
+            let order = sequencer.sequence(&self.params)?;
+            let measures = sequencer.measures(&order)?;
+            Ok(Sequence { mesh: mesh.clone(), order, measures, options: self.options.clone() })
+        })
+    }
+}
+
+/// An order of the faces of a mesh, and of its vertices by first use.
+#[derive(Clone)]
+pub struct Sequence {
+    mesh: Mesh,
+    order: recipe::Sequence,
+    measures: StreamMeasures,
+    options: RunOptions,
+}
+
+impl Sequence {
+    /// The place of each face in the new order, from 0 (faces).
+    pub fn places(&self) -> &[u32] {
+        &self.order.places
+    }
+
+    /// The new number of each vertex, from 0 (vertices).
+    pub fn vertex_numbers(&self) -> &[u32] {
+        &self.order.uses.rank
+    }
+
+    /// How well the order streams.
+    pub fn measures(&self) -> &StreamMeasures {
+        &self.measures
+    }
+
+    /// Writes the mesh file in its new order as `.ply`, or [`Sequence::places`] as `.npy`.
+    ///
+    /// # Errors
+    /// [`crate::Error::Unusable`] for a `.ply` of a mesh of arrays, which has no file; [`crate::Error::Io`], [`crate::Error::Cancelled`].
+    pub fn save(&self, path: impl AsRef<Path>) -> Result<()> {
+        let path = path.as_ref();
+        if path.extension().is_some_and(|ending| ending.eq_ignore_ascii_case("npy")) {
+            return npy::write(path, &self.order.places, 1, false).map(drop);
+        }
+        let order = Rearrangement { places: &self.order.places, numbers: &self.order.uses.rank, original: false };
+        self.options.with(|context, _| rearranged::write(&self.mesh, path, &order, PlyForm::Same, context))
+    }
+}

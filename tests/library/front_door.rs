@@ -1,0 +1,110 @@
+//! The front door: arrays and files give the same labels, nothing is written where memory allows, results are kept
+//! where that is asked for, and the caller hears of progress and can stop.
+
+use nystrom_stream::graph::Order;
+use nystrom_stream::pipeline::Cluster;
+use nystrom_stream::{Cancel, Error, Labelling, Mesh, Progress, Segmenter, Sequencer, evaluate};
+use std::path::PathBuf;
+use std::sync::atomic::{AtomicUsize, Ordering};
+use std::sync::{Arc, Mutex};
+
+/// Remembers what it sees in a folder whenever it is called.
+struct Watch {
+    folder: PathBuf,
+    calls: AtomicUsize,
+    seen: Mutex<Vec<String>>,
+}
+
+impl Watch {
+    fn of(folder: &tempfile::TempDir) -> Arc<Self> {
+        let (calls, seen) = (AtomicUsize::new(0), Mutex::default());
+        Arc::new(Self { folder: folder.path().to_path_buf(), calls, seen })
+    }
+
+    fn look(&self, stage: &str) {
+        self.calls.fetch_add(1, Ordering::Relaxed);
+        let names = std::fs::read_dir(&self.folder).unwrap().map(|entry| entry.unwrap().path().display().to_string());
+        self.seen.lock().unwrap().extend(names.map(|name| format!("{stage}: {name}")));
+    }
+}
+
+impl Progress for Watch {
+    fn begin(&self, stage: &str, _: &'static str, _: u64) {
+        self.look(stage);
+    }
+
+    fn advance(&self, stage: &str, _: u64) {
+        self.look(stage);
+    }
+
+    fn end(&self, stage: &str, _: f64) {
+        self.look(stage);
+    }
+}
+
+#[test]
+fn arrays_are_cut_without_a_file() {
+    let mesh = Mesh::creature(4_000).unwrap();
+    let both = [Cluster::Parts, Cluster::KMeans, Cluster::TwoMeans];
+    for (method, order) in both.into_iter().flat_map(|method| [(method, Order::Keep), (method, Order::Hilbert)]) {
+        let folder = tempfile::tempdir().unwrap();
+        let watch = Watch::of(&folder);
+        let segmenter = Segmenter::new().parts(5).method(method).order(order).temporary_folder(folder.path());
+        let cut = segmenter.progress(watch.clone()).run(&mesh).unwrap();
+        assert_eq!((cut.labels().len(), cut.confidences().len()), (mesh.faces.len(), mesh.faces.len()));
+        assert_eq!(cut.hierarchy().is_some(), method == Cluster::Parts);
+        watch.look("at the end");
+        assert!(watch.calls.load(Ordering::Relaxed) > 10);
+        assert_eq!(*watch.seen.lock().unwrap(), Vec::<String>::new(), "{method:?}, {order:?}");
+    }
+}
+
+#[test]
+fn sequencing_arrays_writes_no_file() {
+    let folder = tempfile::tempdir().unwrap();
+    let watch = Watch::of(&folder);
+    let sequencer = Sequencer::new().temporary_folder(folder.path()).progress(watch.clone());
+    let sequence = sequencer.run(&Mesh::creature(4_000).unwrap()).unwrap();
+    let mut places = sequence.places().to_vec();
+    places.sort_unstable();
+    assert!(places.iter().zip(0..).all(|(&place, face)| place == face));
+    assert_eq!(*watch.seen.lock().unwrap(), Vec::<String>::new());
+}
+
+#[test]
+fn files_arrays_and_work_directories_give_the_same_labels() {
+    let dir = tempfile::tempdir().unwrap();
+    let arrays = Mesh::creature(4_000).unwrap();
+    let cut = Segmenter::new().parts(6).run(&arrays).unwrap();
+    let file = dir.path().join("cut.ply");
+    cut.save(&file).unwrap();
+    let opened = Mesh::open(&file).unwrap();
+    let keeping = Segmenter::new().parts(6).work_dir(dir.path().join("work"));
+    let small = Segmenter::new().parts(6).memory(64 << 20).threads(1);
+    for (name, segmenter) in
+        [("file", Segmenter::new().parts(6)), ("work directory", keeping.clone()), ("small", small)]
+    {
+        let again = segmenter.run(&opened).unwrap();
+        assert!(again.labels() == cut.labels() && again.colours() == cut.colours(), "{name}");
+    }
+    // Another number of parts takes what is kept: no rows are made.
+    let fewer = keeping.parts(3).run(&opened).unwrap();
+    assert!(!fewer.report().seconds.contains_key("rows") && cut.report().seconds.contains_key("rows"));
+    let rough = cut.hierarchy().unwrap().labels(3).unwrap();
+    assert!(evaluate(&opened, &rough, &[fewer.labels()]).unwrap().rand < 0.1);
+    assert!(cut.hierarchy().unwrap().labels(0).is_err());
+}
+
+#[test]
+fn a_run_can_be_stopped_and_says_what_is_wrong() {
+    let mesh = Mesh::creature(4_000).unwrap();
+    let cancel = Cancel::default();
+    cancel.cancel();
+    assert!(matches!(Segmenter::new().cancel(cancel).run(&mesh), Err(Error::Cancelled)));
+    assert!(matches!(Segmenter::new().parts(0).run(&mesh), Err(Error::Parameter { .. })));
+    assert!(matches!(Segmenter::new().parts(1 << 30).run(&mesh), Err(Error::Unusable { .. })));
+    let wrong = Labelling { labels: &[0], colours: &[], quality: None };
+    for name in ["a.seg", "a.npy", "a.ply", "a.glb", "a.xyz"] {
+        assert!(matches!(mesh.save(name, wrong), Err(Error::Parameter { .. })), "{name}");
+    }
+}
