@@ -120,6 +120,20 @@ pub(super) fn clear_labels(field: &[f32], label: &mut [u32]) {
 }
 
 /// A reusable front. Scratch memory is O(front), kept between runs.
+///
+/// ```
+/// use nystrom_stream::base::Cancel;
+/// use nystrom_stream::distance::Front;
+/// use nystrom_stream::distance::front::mean_weight;
+/// use nystrom_stream::graph::Csr;
+///
+/// // The path 0 – 1 – 2 with steps of 1 and 2.
+/// let graph = Csr::new(&[0, 1, 3, 4], &[1, 0, 2, 1], &[1., 1., 2., 2.]);
+/// let mut field = [0f32; 3];
+/// Front::new(mean_weight(graph)).full(graph, 0, &mut field, &Cancel::default())?;
+/// assert_eq!(field, [0., 1., 3.]);
+/// # Ok::<(), nystrom_stream::base::Error>(())
+/// ```
 #[derive(Debug)]
 pub struct Front {
     queue: Queue,

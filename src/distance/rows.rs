@@ -73,6 +73,13 @@ pub struct RowParams<S> {
     pub sampling: S,
 }
 
+impl<S> RowParams<S> {
+    /// `l` landmarks, chosen by `sampling`.
+    pub fn new(l: usize, sampling: S) -> Self {
+        Self { l, sampling }
+    }
+}
+
 /// The journal of rows under way.
 const JOURNAL: &str = "rows.journal";
 const FILES: [&str; 2] = ["landmarks.npy", "distances.npy"];
@@ -191,6 +198,28 @@ impl DistanceRows {
     ///
     /// # Errors
     /// [`Error::Parameter`] for l = 0, [`Error::Io`], [`Error::Cancelled`].
+    ///
+    /// ```
+    /// use nystrom_stream::distance::{DistanceRows, RowParams};
+    /// use nystrom_stream::graph::{DualGraph, Metric};
+    /// use nystrom_stream::landmarks::Sampling;
+    /// use nystrom_stream::mesh::Mesh;
+    /// use nystrom_stream::store::{Context, Run, WorkDir};
+    ///
+    /// # fn main() -> nystrom_stream::base::Result<()> {
+    /// let run = Run::new(&());
+    /// let work = WorkDir::temporary(&std::env::temp_dir())?;
+    /// let points = [[0f32, 0., 0.], [1., 0., 0.], [0., 1., 0.], [0., 0., 1.]];
+    /// let mesh = Mesh::from_slices(&points, &[[0u32, 2, 1], [0, 1, 3], [1, 2, 3], [0, 3, 2]])?;
+    /// let context = Context::new(&work, &run);
+    /// let graph = DualGraph::build(&mesh, "tetrahedron".as_ref(), &"tetrahedron".into(), context)?;
+    /// let weighted = graph.weighted(Metric::Geodesic, context)?;
+    /// let rows = DistanceRows::build(&weighted, &graph.nodes, RowParams::new(2, Sampling::Farthest), context)?;
+    /// assert_eq!(rows.len(), 2);
+    /// assert_eq!(rows.row(0)[rows.landmarks[0] as usize], 0.);
+    /// # Ok(())
+    /// # }
+    /// ```
     pub fn build(
         graph: &WeightedGraph,
         nodes: &[Node],

@@ -71,6 +71,27 @@ impl DualGraph {
     /// # Errors
     /// [`Error::Unusable`] for more than 2³² − 1 corners, [`Error::Io`], [`Error::Memory`],
     /// [`Error::Cancelled`].
+    ///
+    /// ```
+    /// use nystrom_stream::graph::{DualGraph, Metric};
+    /// use nystrom_stream::mesh::Mesh;
+    /// use nystrom_stream::store::{Context, Run, WorkDir};
+    ///
+    /// # fn main() -> nystrom_stream::base::Result<()> {
+    /// let run = Run::new(&());
+    /// let work = WorkDir::temporary(&std::env::temp_dir())?;
+    /// let points = [[0f32, 0., 0.], [1., 0., 0.], [0., 1., 0.], [0., 0., 1.]];
+    /// let mesh = Mesh::from_slices(&points, &[[0u32, 2, 1], [0, 1, 3], [1, 2, 3], [0, 3, 2]])?;
+    /// let context = Context::new(&work, &run);
+    /// let graph = DualGraph::build(&mesh, "tetrahedron".as_ref(), &"tetrahedron".into(), context)?;
+    /// assert_eq!((graph.facts.nodes, graph.facts.edges, graph.facts.components), (4, 6, 1));
+    ///
+    /// let weighted = graph.weighted(Metric::Geodesic, context)?;
+    /// let near: Vec<u32> = weighted.csr().neighbours(0).map(|(face, _weight)| face).collect();
+    /// assert_eq!(near, [1, 2, 3]);
+    /// # Ok(())
+    /// # }
+    /// ```
     pub fn build(mesh: &Mesh, path: &Path, input: &Value, context: Context<'_>) -> Result<Self> {
         context.stage(GraphStage { mesh, path, input })
     }

@@ -29,6 +29,25 @@ use crate::spectral::Kernel;
 use serde::{Deserialize, Serialize};
 
 /// How landmarks are chosen.
+///
+/// ```
+/// use nystrom_stream::graph::Node;
+/// use nystrom_stream::landmarks::{MatrixSpace, Sampler, Sampling};
+///
+/// // Four nodes on a line, all of their distances known.
+/// let at = [0f32, 1., 2., 10.];
+/// let nodes = at.map(|x| Node { centroid: [x, 0., 0.], area: 1., ..Node::default() });
+/// let distances: Vec<f32> = at.iter().flat_map(|a| at.map(|b| (a - b).abs())).collect();
+/// let mut space = MatrixSpace::new(&distances, &nodes, None);
+/// let mut landmarks = Vec::new();
+/// Sampling::Farthest.choose(2, 0, &mut space, &mut [0.; 4], &mut |node, _row| {
+///     landmarks.push(node);
+///     Ok(())
+/// })?;
+/// landmarks.sort();
+/// assert_eq!(landmarks, [0, 3]);
+/// # Ok::<(), nystrom_stream::base::Error>(())
+/// ```
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Sampling {
