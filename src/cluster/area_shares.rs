@@ -13,7 +13,7 @@
 //! Cost: one pass each, 4 bytes per node written.
 
 use crate::base::Result;
-use crate::base::parallel::{chunk_count, chunk_range, fill_chunks, map_chunks, map_ranges};
+use crate::base::parallel::{chunk_count, chunk_range};
 use crate::base::random::{stratified, stream};
 use crate::graph::DualGraph;
 use crate::graph::half_edge_pairs::AGAINST;
@@ -51,9 +51,7 @@ impl AreaShares {
         let scale = if even { 0. } else { 1. / total };
         let floor = if even { 1. / real.max(1) as f64 } else { FLOOR / real.max(1) as f64 };
         let mut array = context.work.array::<f32>("surface_shares.npy", &[n])?;
-        fill_chunks(
-            context.run.threads,
-            &context.run.cancel,
+        context.run.fill_chunks(
             array.data(),
             CHUNK,
             || (),
@@ -76,7 +74,7 @@ fn tiny_roots(graph: &DualGraph, run: &Run) -> Result<(HashSet<u32>, f64, u64)> 
     let total = graph.facts.area;
     let Some(links) = &graph.components else { return Ok((HashSet::new(), total, 0)) };
     let n = links.len();
-    let parts = map_ranges(run.threads, &run.cancel, n, CHUNK, |range| {
+    let parts = run.map_ranges(n, CHUNK, |range| {
         let mut sums: HashMap<u32, (f64, u64)> = HashMap::new();
         for i in range {
             let sum = sums.entry(links[i] & !AGAINST).or_default();
@@ -186,7 +184,7 @@ pub fn class_sums(
         Ok(sums)
     };
     let mut total = vec![ClassSum::default(); classes];
-    for part in map_chunks(run.threads, &run.cancel, chunk_count(n, block), || (), sum)? {
+    for part in run.map_chunks(chunk_count(n, block), || (), sum)? {
         total.iter_mut().zip(&part).for_each(|(sum, part)| sum.add(part));
     }
     Ok(total)

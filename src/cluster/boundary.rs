@@ -15,7 +15,6 @@ use super::extrapolate::LocalPartMeans;
 use super::normals::lengths;
 use super::smooth;
 use crate::base::Result;
-use crate::base::parallel::{fill_each, map_ranges};
 use crate::distance::front::mean_weight;
 use crate::distance::{DistanceRows, voronoi};
 use crate::graph::Csr;
@@ -65,7 +64,7 @@ pub fn refine(
     let n = cell.len();
     let parts = label_of_cell.iter().max().map_or(0, |top| *top as usize + 1);
     let mut labels = context.work.array::<u32>("labels.npy", &[n])?;
-    fill_each(context.run.threads, &context.run.cancel, labels.data(), CHUNK, |i, _| label_of_cell[cell[i] as usize])?;
+    context.run.fill_each(labels.data(), CHUNK, |i, _| label_of_cell[cell[i] as usize])?;
     let boundary_nodes = boundary_nodes(steps, labels.data(), context.run)?;
     if boundary_nodes.is_empty() {
         return labels.finish(false);
@@ -79,7 +78,7 @@ pub fn refine(
     // The second front starts in the interiors, at distance 0; the narrow band is open.
     let parts_of: &[u32] = labels.data();
     let interior = |i: usize, depth: f32| if depth >= limits[parts_of[i] as usize] { 0. } else { f32::INFINITY };
-    fill_each(context.run.threads, &context.run.cancel, field.data(), CHUNK, interior)?;
+    context.run.fill_each(field.data(), CHUNK, interior)?;
     let interior_edge = interior_edge(steps, field.data(), context.run)?;
     match method {
         BoundaryMethod::Front => {
@@ -110,15 +109,16 @@ fn straighten(
     let mean = mean_weight(lengths);
     let open = collect(steps, run, |i| field[i] > 0., |i, j| labels[i] != labels[j])?;
     // Interiors cannot be lowered below 0, so they stay outside the band that is smoothed.
-    fill_each(run.threads, &run.cancel, field, CHUNK, |_, d| if d == 0. { -1. } else { f32::INFINITY })?;
+    run.fill_each(field, CHUNK, |_, d| if d == 0. { -1. } else { f32::INFINITY })?;
     let reach = (smooth::REACH / shares.unit).min(smooth::FACES * mean);
     voronoi::within(lengths, &open, reach, field, run)?;
     let field = &*field;
-    let band = map_ranges(run.threads, &run.cancel, field.len(), CHUNK, |range| {
-        let inside = |i: &usize| field[*i] >= 0. && field[*i] < f32::INFINITY;
-        Ok(range.filter(inside).map(|i| i as u32).collect::<Vec<u32>>())
-    })?
-    .concat();
+    let band = run
+        .map_ranges(field.len(), CHUNK, |range| {
+            let inside = |i: &usize| field[*i] >= 0. && field[*i] < f32::INFINITY;
+            Ok(range.filter(inside).map(|i| i as u32).collect::<Vec<u32>>())
+        })?
+        .concat();
     let lengths = smooth::WeightedLengths {
         steps,
         centroid_distance: &graph.edges.centroid_distance,
@@ -147,7 +147,7 @@ fn collect(
     beside: impl Fn(usize, usize) -> bool + Sync,
 ) -> Result<Vec<u32>> {
     let n = graph.len();
-    let parts = map_ranges(run.threads, &run.cancel, n, CHUNK, |range| {
+    let parts = run.map_ranges(n, CHUNK, |range| {
         Ok(range
             .filter(|&i| own(i) && graph.neighbours(i as u32).any(|(j, _)| beside(i, j as usize)))
             .map(|i| i as u32)
@@ -161,7 +161,7 @@ fn collect(
 fn interior_limits(labels: &[u32], depth: &[f32], parts: usize, half_width: f32, run: &Run) -> Result<Vec<f32>> {
     let n = labels.len();
     let block = n.div_ceil(8).max(1);
-    let blocks = map_ranges(run.threads, &run.cancel, n, block, |range| {
+    let blocks = run.map_ranges(n, block, |range| {
         let mut counts = vec![0u64; parts * (BINS + 1)];
         for i in range {
             let bin = if depth[i] < half_width { (depth[i] / half_width * BINS as f32) as usize } else { BINS };

@@ -14,7 +14,6 @@ use super::area_shares::{AreaShares, ClassSum, class_sums, spread};
 use super::normals::{Normals, turning};
 use super::parts::CellGraph;
 use crate::base::Result;
-use crate::base::parallel::{map_chunks, map_ranges};
 use crate::distance::{DistanceRows, voronoi};
 use crate::graph::Csr;
 use crate::graph::weights::{Metric, Weighting};
@@ -134,7 +133,7 @@ fn borders(
 ) -> Result<BTreeMap<(u32, u32), BoundarySums>> {
     let n = cell.len();
     let shared = graph.edges.by_shared_edge();
-    let parts = map_ranges(run.threads, &run.cancel, n, CHUNK, |range| {
+    let parts = run.map_ranges(n, CHUNK, |range| {
         let mut sums: BTreeMap<(u32, u32), BoundarySums> = BTreeMap::new();
         for i in range {
             for (j, edge) in shared.neighbours(i as u32) {
@@ -209,9 +208,7 @@ fn weight(share: f32) -> f64 {
 /// [`crate::base::Error::Cancelled`].
 pub fn average(rows: &DistanceRows, cells: &Cells, shares: &AreaShares, run: &Run) -> Result<Vec<f64>> {
     let average = CellAverages::new(cells, shares);
-    let averaged = map_chunks(
-        run.threads,
-        &run.cancel,
+    let averaged = run.map_chunks(
         rows.len(),
         || (),
         |k, ()| {

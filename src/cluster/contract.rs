@@ -10,7 +10,6 @@
 
 use super::area_shares::{AreaShares, ClassSum, class_sums, spread};
 use crate::base::Result;
-use crate::base::parallel::map_ranges;
 use crate::base::vector::{cross, length as norm, minus, wide};
 use crate::distance::voronoi;
 use crate::graph::DualEdges;
@@ -97,7 +96,7 @@ type BoundaryMap = BTreeMap<(u32, u32), ContractedEdge>;
 fn borders(graph: &DualGraph, csr: Csr<'_>, owner: &[u32], field: &[f32], run: &Run) -> Result<BoundaryMap> {
     let n = owner.len();
     let edge = &graph.edges.edge[..];
-    let parts = map_ranges(run.threads, &run.cancel, n, CHUNK, |range| {
+    let parts = run.map_ranges(n, CHUNK, |range| {
         let mut sums: BoundaryMap = BTreeMap::new();
         for i in range {
             for (e, (j, weight)) in csr.span(i as u32).zip(csr.neighbours(i as u32)) {

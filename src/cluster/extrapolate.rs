@@ -10,7 +10,7 @@ use super::parts::CellGraph;
 use super::parts::ensemble::COMPARE_SCALE;
 use super::parts::regions::EMBEDDING_DIMENSIONS;
 use crate::base::Result;
-use crate::base::parallel::{chunk_range, fill_chunks};
+use crate::base::parallel::chunk_range;
 use crate::distance::DistanceRows;
 use crate::spectral::anchor::{AnchorExtension, LandmarkDistances, fit_anchor_embedding};
 use crate::store::Run;
@@ -88,7 +88,7 @@ impl LocalPartMeans {
     ) -> Result<()> {
         let l = rows.len();
         let scratch = || (Vec::new(), Vec::<f32>::new(), vec![0f64; self.extension.width]);
-        fill_chunks(run.threads, &run.cancel, labels, CHUNK, scratch, |k, out, (open_faces, columns, point)| {
+        run.fill_chunks(labels, CHUNK, scratch, |k, out, (open_faces, columns, point)| {
             let range = chunk_range(rows.nodes, CHUNK, k);
             open_faces.clear();
             open_faces.extend(range.clone().filter(|&i| open(i) && !self.around[cell[i] as usize].is_empty()));

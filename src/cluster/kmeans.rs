@@ -10,7 +10,7 @@
 //! Then [`exactly`] sees to it that no part is empty.
 
 use crate::base::Result;
-use crate::base::parallel::{chunk_range, fill_two, map_ranges};
+use crate::base::parallel::chunk_range;
 use crate::base::random::{stream, weighted};
 use crate::distance::DistanceRows;
 use crate::graph::Node;
@@ -207,9 +207,7 @@ fn lloyd(points: WeightedPoints<'_>, d: usize, mut centres: Vec<f32>, rounds: us
     let mut last = f64::INFINITY;
     let mut cost = 0.;
     for _ in 0..rounds.max(1) {
-        let chunks = map_ranges(run.threads, &run.cancel, s, POINTS_PER_CHUNK, |range| {
-            Ok(chunk_sums(points, range, d, &centres))
-        })?;
+        let chunks = run.map_ranges(s, POINTS_PER_CHUNK, |range| Ok(chunk_sums(points, range, d, &centres)))?;
         let (mut mass, mut sums, mut worst) = (vec![0f64; k], vec![0f64; k * d], (-1., 0));
         cost = 0.;
         for part in chunks {
@@ -312,26 +310,25 @@ pub fn assign(assignment: Assignment<'_>, labels: &mut [u32], quality: &mut [f32
         first: vec![0.; FACES_PER_CHUNK],
         second: vec![0.; FACES_PER_CHUNK],
     };
-    let chunks =
-        fill_two(run.threads, &run.cancel, (labels, quality), FACES_PER_CHUNK, scratch, |k, labels, quality, s| {
-            let m = labels.len();
-            let range = chunk_range(n, FACES_PER_CHUNK, k);
-            let distances = |row: usize| &rows.row(row)[range.clone()];
-            embedding.chunk(m, distances, &mut s.affinities[..m], &mut s.coordinates[..m * d]);
-            let coordinates = &s.coordinates;
-            let row = |e: usize| &coordinates[e * m..(e + 1) * m];
-            centres.centres().nearest(row, labels, &mut s.first[..m], &mut s.second[..m]);
-            let (mut faces, mut area) = (vec![0u64; parts], vec![0f64; parts]);
-            for (i, (&label, quality)) in labels.iter().zip(quality).enumerate() {
-                let (first, second) = (s.first[i].sqrt(), s.second[i].sqrt());
-                let margin = if second > 0. && second.is_finite() { 1. - first / second } else { 1. };
-                *quality = margin.clamp(0., 1.);
-                faces[label as usize] += 1;
-                area[label as usize] += f64::from(nodes[range.start + i].area);
-            }
-            run.progress.advance("assign", m as u64);
-            Ok((faces, area, gamma.map_or(0., |gamma| gamma.chunk(m, distances))))
-        })?;
+    let chunks = run.fill_two((labels, quality), FACES_PER_CHUNK, scratch, |k, labels, quality, s| {
+        let m = labels.len();
+        let range = chunk_range(n, FACES_PER_CHUNK, k);
+        let distances = |row: usize| &rows.row(row)[range.clone()];
+        embedding.chunk(m, distances, &mut s.affinities[..m], &mut s.coordinates[..m * d]);
+        let coordinates = &s.coordinates;
+        let row = |e: usize| &coordinates[e * m..(e + 1) * m];
+        centres.centres().nearest(row, labels, &mut s.first[..m], &mut s.second[..m]);
+        let (mut faces, mut area) = (vec![0u64; parts], vec![0f64; parts]);
+        for (i, (&label, quality)) in labels.iter().zip(quality).enumerate() {
+            let (first, second) = (s.first[i].sqrt(), s.second[i].sqrt());
+            let margin = if second > 0. && second.is_finite() { 1. - first / second } else { 1. };
+            *quality = margin.clamp(0., 1.);
+            faces[label as usize] += 1;
+            area[label as usize] += f64::from(nodes[range.start + i].area);
+        }
+        run.progress.advance("assign", m as u64);
+        Ok((faces, area, gamma.map_or(0., |gamma| gamma.chunk(m, distances))))
+    })?;
     let mut totals = ClusterTotals { faces: vec![0; parts], area: vec![0.; parts], gamma: 0. };
     for (faces, area, gamma) in chunks {
         totals.faces.iter_mut().zip(&faces).for_each(|(a, b)| *a += b);

@@ -11,7 +11,7 @@
 
 use super::area_shares::{AreaShares, ClassSum, class_sums, spread};
 use crate::base::Result;
-use crate::base::parallel::{chunk_range, fill_chunks, map_ranges};
+use crate::base::parallel::chunk_range;
 use crate::distance::front::mean_weight;
 use crate::distance::voronoi;
 use crate::graph::Csr;
@@ -79,9 +79,7 @@ fn from_cells(
     let spreadness = 0.54 * r / shares.unit;
     let factor = -0.5 / (spreadness * spreadness);
     let mut array = context.work.array::<[f32; 3]>(file, &[n, 3])?;
-    fill_chunks(
-        context.run.threads,
-        &context.run.cancel,
+    context.run.fill_chunks(
         array.data(),
         CHUNK,
         || (),
@@ -125,7 +123,7 @@ fn neighbours(graph: &DualGraph, owner: &[u32], cells: usize, run: &Run) -> Resu
     let n = owner.len();
     let shared = graph.edges.by_shared_edge();
     // Both numbers in one: sorted in half the time.
-    let parts = map_ranges(run.threads, &run.cancel, n, CHUNK, |range| {
+    let parts = run.map_ranges(n, CHUNK, |range| {
         let mut pairs = Vec::new();
         for i in range {
             for (j, edge) in shared.neighbours(i as u32) {
@@ -167,9 +165,7 @@ pub fn averaged(graph: &DualGraph, shares: &AreaShares, r: f32, file: &str, cont
     let mut normals: Vec<[f32; 3]> = graph.nodes.iter().map(|node| node.normal).collect();
     let mut next = normals.clone();
     for _ in 0..rounds {
-        fill_chunks(
-            context.run.threads,
-            &context.run.cancel,
+        context.run.fill_chunks(
             &mut next,
             CHUNK,
             || (),
@@ -208,7 +204,7 @@ pub fn turning(a: &Node, b: &Node, edge: f32) -> f32 {
 pub fn total_turning(graph: &DualGraph, shares: &AreaShares, smoothed: &[&Normals], run: &Run) -> Result<Vec<f64>> {
     let n = graph.nodes.len();
     let shared = graph.edges.by_shared_edge();
-    let parts = map_ranges(run.threads, &run.cancel, n, CHUNK, |range| {
+    let parts = run.map_ranges(n, CHUNK, |range| {
         let mut sums = vec![0f64; smoothed.len() + 1];
         for i in range {
             for (j, edge) in shared.neighbours(i as u32) {

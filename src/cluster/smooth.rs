@@ -9,7 +9,7 @@
 //! is at most [`FACES`] faces wide, so a fraction of a per cent of a large mesh.
 
 use crate::base::Result;
-use crate::base::parallel::{chunk_range, fill_chunks, map_ranges};
+use crate::base::parallel::chunk_range;
 use crate::graph::Csr;
 use crate::spectral::exp::exp;
 use crate::store::Run;
@@ -141,7 +141,7 @@ struct DiffusionGraph {
 impl DiffusionGraph {
     fn of(graph: WeightedLengths<'_>, band: &[u32], labels: &[u32], run: &Run) -> Result<Self> {
         let WeightedLengths { steps, centroid_distance, edge, unit, .. } = graph;
-        let chunks = map_ranges(run.threads, &run.cancel, band.len(), CHUNK, |range| {
+        let chunks = run.map_ranges(band.len(), CHUNK, |range| {
             let (mut counts, mut list) = (Vec::with_capacity(range.len()), Vec::with_capacity(3 * range.len()));
             for &node in &band[range] {
                 let span = steps.span(node);
@@ -202,7 +202,7 @@ pub fn smooth(graph: WeightedLengths<'_>, band: &[u32], labels: &mut [u32], run:
     let mut next = now.clone();
     for _ in 0..sweeps.min(SWEEPS) {
         let before = &now[..];
-        fill_chunks(run.threads, &run.cancel, &mut next, CHUNK, LabelTally::default, |k, out, tally| {
+        run.fill_chunks(&mut next, CHUNK, LabelTally::default, |k, out, tally| {
             for (slot, b) in out.iter_mut().zip(chunk_range(band.len(), CHUNK, k)) {
                 let around = &edges.list[edges.start[b] as usize..edges.start[b + 1] as usize];
                 if let Some(mixture) = of_two(&before[b], around, before) {

@@ -8,7 +8,6 @@
 //! Memory: the search field, 4 bytes a node in a mapped file, and what the sampler keeps.
 
 use super::front::{Front, mean_weight};
-use crate::base::parallel::fill_each;
 use crate::base::{Error, Result};
 use crate::graph::Csr;
 use crate::graph::Node;
@@ -211,7 +210,7 @@ impl Space for GraphSpace<'_> {
 /// [`Error::Cancelled`].
 pub fn fill_lengths(graph: Csr<'_>, nodes: &[Node], out: &mut [f32], run: &Run) -> Result<()> {
     let start = |e: usize| graph.indptr.partition_point(|&start| start as usize <= e) - 1;
-    fill_each(run.threads, &run.cancel, out, 1 << 15, |e, _| {
+    run.fill_each(out, 1 << 15, |e, _| {
         let (a, b) = (nodes[start(e)].centroid, nodes[graph.indices[e] as usize].centroid);
         let (x, y, z) = (a[0] - b[0], a[1] - b[1], a[2] - b[2]);
         (x * x + y * y + z * z).sqrt().max(LEAST)

@@ -12,7 +12,6 @@ use super::march::{March, Surface};
 use super::rows::RowParams;
 use super::sampler::{GraphSpace, Sampler, SearchGraph};
 use super::{DistanceRows, Front};
-use crate::base::parallel::map_chunks;
 use crate::base::{Error, Result};
 use crate::store::needs::{Extent, Needs, Room};
 use crate::store::rows_file::RowsFile;
@@ -182,7 +181,7 @@ impl VertexRowJob<'_> {
             Ok(facts)
         };
         let state = || (Front::new(mean), March::new(mean));
-        let facts = map_chunks(run.threads, &run.cancel, landmarks.len(), state, row)?;
+        let facts = run.map_chunks(landmarks.len(), state, row)?;
         let distances: MappedSlice<f32> = file.finish(journal.is_some())?;
         Ok(DistanceRows { landmarks, distances, facts, nodes: surface.nodes.len(), key: String::new() })
     }

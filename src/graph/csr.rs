@@ -3,7 +3,6 @@
 //! Rows are compressed ([`Csr`]): the steps from node i are the entries `indptr[i]..indptr[i + 1]` of `indices` and
 //! `weights`. 8 bytes per node and 8 per directed edge; [`Csr::neighbours`] walks the steps from a node.
 
-use crate::base::parallel::fill_chunks;
 use crate::base::{Error, Result};
 use crate::store::in_memory::AlignedBuffer;
 use crate::store::{MappedSlice, Run, WorkDir};
@@ -157,9 +156,7 @@ impl TriangleAdjacency {
             return Ok(None);
         };
         let all: &mut [TriangleNeighbours] = words.items_mut(graph.len());
-        fill_chunks(
-            run.threads,
-            &run.cancel,
+        run.fill_chunks(
             all,
             CHUNK,
             || (),

@@ -14,7 +14,6 @@ use super::csr::Csr;
 use super::half_edge_pairs::{HalfEdgePair, HalfEdgePairs};
 use super::nodes::{Frame, Node};
 use crate::base::Result;
-use crate::base::parallel::in_order;
 use crate::base::vector::{distance, middle, wide};
 use crate::mesh::Mesh;
 use crate::store::npy::ArrayWriter;
@@ -125,9 +124,7 @@ pub fn assemble(
     context: Context<'_>,
 ) -> Result<DualEdges> {
     let mut writer = EdgesWriter::create(nodes.len(), pairs.bound(), context.work)?;
-    in_order(
-        context.run.threads,
-        &context.run.cancel,
+    context.run.in_order(
         pairs.parts(),
         || (),
         |part, ()| Ok(assemble_part(mesh, frame, nodes, pairs.nodes_of(part), &pairs.take(part, mesh)?)),

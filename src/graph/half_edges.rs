@@ -17,7 +17,7 @@
 //! 1.3 million.
 
 use super::half_edge_pairs::{AGAINST, HalfEdgePairs, PairSink};
-use crate::base::parallel::{chunk_count, chunk_range, each_chunk};
+use crate::base::parallel::{chunk_count, chunk_range};
 use crate::base::{Error, Result};
 use crate::mesh::Mesh;
 use crate::store::shuffle::{BudgetedShuffle, Producer, Shuffle};
@@ -118,9 +118,7 @@ pub fn matched(mesh: &Mesh, path: &Path, context: Context<'_>) -> Result<(HalfEd
     scatter(mesh, half_edges, context.run)?;
     let border_bucket = |corner: u32| (u64::from(corner) * border_buckets / corners.max(1)) as usize;
     let counters = Counters::default();
-    each_chunk(
-        context.run.threads,
-        &context.run.cancel,
+    context.run.each_chunk(
         edge_buckets,
         || (pairs.sink(), boundary.producer(), Sorter::default()),
         |bucket, (out, border, sorter)| {
@@ -142,9 +140,7 @@ fn scatter(mesh: &Mesh, half_edges: &Shuffle<HalfEdge>, run: &Run) -> Result<()>
     let n = mesh.faces.len();
     // Buckets a vertex, in units of 2^-32, rounded down, so that the last vertex stays inside.
     let scale = ((half_edges.buckets() as u64) << 32) / mesh.positions.len().max(1) as u64;
-    each_chunk(
-        run.threads,
-        &run.cancel,
+    run.each_chunk(
         chunk_count(n, CHUNK),
         || half_edges.producer(),
         |k, out| {
@@ -293,9 +289,7 @@ fn weld(
         context.run,
     )?;
     let (keyed, buckets) = (&sized.shuffle, sized.shuffle.buckets());
-    each_chunk(
-        context.run.threads,
-        &context.run.cancel,
+    context.run.each_chunk(
         boundary.buckets(),
         || keyed.producer(),
         |bucket, out| {
@@ -307,9 +301,7 @@ fn weld(
         Producer::finish,
     )?;
     let welded = AtomicU64::new(0);
-    each_chunk(
-        context.run.threads,
-        &context.run.cancel,
+    context.run.each_chunk(
         buckets,
         || pairs.sink(),
         |bucket, out| {

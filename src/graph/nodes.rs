@@ -6,7 +6,7 @@
 //! 10–20 ns a face, sequential writes.
 
 use crate::base::Result;
-use crate::base::parallel::{chunk_range, fill_chunks, map_ranges};
+use crate::base::parallel::chunk_range;
 use crate::base::vector::{cross, finite, length, minus, narrow};
 use crate::mesh::{Mesh, Positions};
 use crate::store::npy::Item;
@@ -50,7 +50,7 @@ impl Frame {
     /// [`crate::base::Error::Cancelled`].
     pub fn of(positions: &Positions, run: &Run) -> Result<Self> {
         let n = positions.len();
-        let boxes = map_ranges(run.threads, &run.cancel, n, 1 << 16, |range| {
+        let boxes = run.map_ranges(n, 1 << 16, |range| {
             let mut bounds = [[f64::INFINITY; 3], [f64::NEG_INFINITY; 3]];
             for v in range {
                 let p = positions.get(v as u32);
@@ -163,9 +163,7 @@ pub struct NodeSums {
 pub fn build(mesh: &Mesh, frame: &Frame, context: Context<'_>) -> Result<(MappedSlice<Node>, NodeSums)> {
     let n = mesh.faces.len();
     let mut array = context.work.array::<Node>(FILE, &[n, 7])?;
-    let sums = fill_chunks(
-        context.run.threads,
-        &context.run.cancel,
+    let sums = context.run.fill_chunks(
         array.data(),
         CHUNK,
         || (),

@@ -14,7 +14,7 @@ use super::dual_edges::DualEdges;
 use super::half_edge_pairs::AGAINST;
 use super::nodes::{self, Node};
 use crate::base::Result;
-use crate::base::parallel::{chunk_range, fill_chunks};
+use crate::base::parallel::chunk_range;
 use crate::store::{Context, MappedSlice};
 use std::collections::HashMap;
 
@@ -105,9 +105,7 @@ pub fn orient(
     };
     let mut facts = OrientationFacts::default();
     let mut out = context.work.array::<Node>(nodes::FILE, &[nodes.len(), 7])?;
-    let counts = fill_chunks(
-        context.run.threads,
-        &context.run.cancel,
+    let counts = context.run.fill_chunks(
         out.data(),
         nodes::CHUNK,
         || (),
@@ -130,9 +128,7 @@ pub fn orient(
     }
     // Edge by edge: turning one of two faces changes whether they are against each other.
     let mut lengths = context.work.array::<f32>("graph_edges.npy", &[edges.edge.len()])?;
-    let counts = fill_chunks(
-        context.run.threads,
-        &context.run.cancel,
+    let counts = context.run.fill_chunks(
         lengths.data(),
         nodes::CHUNK,
         || (),

@@ -6,7 +6,7 @@
 //! a corner through the shuffle, 8 B a vertex and 4 B a direction kept (about 16 B a triangle).
 
 use crate::base::Result;
-use crate::base::parallel::{chunk_count, chunk_range, each_chunk, in_order};
+use crate::base::parallel::{chunk_count, chunk_range};
 use crate::mesh::Mesh;
 use crate::store::npy::ArrayWriter;
 use crate::store::shuffle::{BudgetedShuffle, Producer};
@@ -39,9 +39,7 @@ impl VertexAdjacency {
         let buckets = shuffle.buckets();
         let first = |bucket: usize| (bucket as u128 * n as u128).div_ceil(buckets as u128) as usize;
         let bucket = |v: u32| (u64::from(v) as u128 * buckets as u128 / n.max(1) as u128) as usize;
-        each_chunk(
-            context.run.threads,
-            &context.run.cancel,
+        context.run.each_chunk(
             chunk_count(faces, CHUNK),
             || shuffle.producer(),
             |k, out| {
@@ -62,9 +60,7 @@ impl VertexAdjacency {
         let mut indices: ArrayWriter<u32> = context.work.writer(FILES[1], 1)?;
         let mut end = 0;
         starts.push(&[0])?;
-        in_order(
-            context.run.threads,
-            &context.run.cancel,
+        context.run.in_order(
             buckets,
             || (),
             |bucket, ()| {

@@ -18,7 +18,7 @@ use super::csr::Csr;
 use super::dual_edges::{DualEdges, EdgesWriter};
 use super::nodes::{Frame, Node};
 use super::weights::LEAST;
-use crate::base::parallel::{chunk_count, chunk_range, each_chunk, in_order};
+use crate::base::parallel::{chunk_count, chunk_range};
 use crate::base::vector::{cross, distance, finite, length, minus, narrow, wide};
 use crate::base::{Error, Result};
 use crate::mesh::Mesh;
@@ -134,9 +134,7 @@ impl VertexGraph {
             });
             result
         };
-        each_chunk(
-            context.run.threads,
-            &context.run.cancel,
+        context.run.each_chunk(
             chunk_count(faces, CHUNK),
             || shuffle.producer(),
             scatter,
@@ -154,9 +152,7 @@ impl VertexGraph {
         let mut facts = VertexFacts { vertices: n as u64, ..VertexFacts::default() };
         let mut duplicates = DuplicateVertices::new(n, context)?;
         let mut end = 0u64;
-        in_order(
-            context.run.threads,
-            &context.run.cancel,
+        context.run.in_order(
             buckets,
             || (),
             |bucket, ()| {

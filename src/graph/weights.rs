@@ -13,7 +13,6 @@
 use super::angle::{between, chord2};
 use super::dual_edges::DualEdges;
 use super::nodes::Node;
-use crate::base::parallel::{fill_chunks, map_ranges};
 use crate::base::{Error, Result};
 use crate::store::{Context, MappedSlice, Run};
 use serde::{Deserialize, Serialize};
@@ -152,9 +151,7 @@ impl Weighting<'_> {
             Some(normals) => Node { normal: normals[i], ..nodes[i] },
             None => nodes[i],
         };
-        fill_chunks(
-            run.threads,
-            &run.cancel,
+        run.fill_chunks(
             array.data(),
             CHUNK,
             || (),
@@ -181,7 +178,7 @@ impl Weighting<'_> {
         let n = nodes.len();
         let eta = if let Metric::Paper { eta, .. } = metric { eta } else { 0. };
         let needs_angle = matches!(metric, Metric::Paper { .. });
-        let sums = map_ranges(run.threads, &run.cancel, n, CHUNK, |range| {
+        let sums = run.map_ranges(n, CHUNK, |range| {
             let (mut length, mut angle, mut count) = (0f64, 0f64, 0u64);
             for i in range {
                 for (e, (near, distance)) in lengths.span(i as u32).zip(lengths.neighbours(i as u32)) {

@@ -1,7 +1,6 @@
 //! Which parts touch, and along what length: for colours and reports. One parallel pass over the graph.
 
 use crate::base::Result;
-use crate::base::parallel::map_ranges;
 use crate::graph::DualGraph;
 use crate::store::Run;
 use std::collections::BTreeMap;
@@ -15,7 +14,7 @@ const CHUNK: usize = 1 << 15;
 pub fn between(graph: &DualGraph, labels: &[u32], run: &Run) -> Result<Vec<(u32, u32, f64)>> {
     let n = labels.len();
     let shared = graph.edges.by_shared_edge();
-    let chunks = map_ranges(run.threads, &run.cancel, n, CHUNK, |range| {
+    let chunks = run.map_ranges(n, CHUNK, |range| {
         let mut pairs: BTreeMap<(u32, u32), f64> = BTreeMap::new();
         for i in range {
             for (j, edge) in shared.neighbours(i as u32) {

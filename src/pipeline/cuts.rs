@@ -2,7 +2,6 @@
 
 use super::decision;
 use crate::base::Result;
-use crate::base::parallel::fill_each;
 use crate::cluster::parts::PartTree;
 use crate::graph::{DualGraph, NodeOrder};
 use crate::store::{Context, MappedSlice};
@@ -49,7 +48,7 @@ pub fn cells(coarse: bool, context: Context<'_>) -> Result<MappedSlice<u32>> {
         let of_node = context.work.open_array::<u32>("contracted.npy")?;
         let mut cells = context.work.array::<u32>(FILE, &[of_node.len()])?;
         let value = |i: usize, _| of_small.get(of_node[i] as usize).copied().unwrap_or(u32::MAX);
-        fill_each(context.run.threads, &context.run.cancel, cells.data(), CHUNK, value)?;
+        context.run.fill_each(cells.data(), CHUNK, value)?;
         cells.finish(false)?
     } else {
         context.work.open_array::<u32>("cells.npy")?

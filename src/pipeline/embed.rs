@@ -4,7 +4,7 @@
 
 use super::{SegmentParams, parts, rows, rows_for_means};
 use crate::base::Result;
-use crate::base::parallel::{chunk_count, chunk_range, in_order};
+use crate::base::parallel::{chunk_count, chunk_range};
 use crate::distance::DistanceRows;
 use crate::graph::{DualGraph, NodeOrder};
 use crate::spectral::{Embedding, EmbeddingParams, SampledColumns};
@@ -139,6 +139,6 @@ fn write(rows: &DistanceRows, embedding: &Embedding, order: &NodeOrder, context:
         }
         Ok(())
     };
-    in_order(context.run.threads, &context.run.cancel, chunk_count(n, CHUNK), || vec![0.; CHUNK], work_chunk, consume)?;
+    context.run.in_order(chunk_count(n, CHUNK), || vec![0.; CHUNK], work_chunk, consume)?;
     array.finish(context.work.durable()).map(drop)
 }

@@ -8,7 +8,6 @@ use super::decision::DecisionStage;
 use super::report::SegmentStats;
 use super::surface::{Kind, Surface, SurfaceStage, WeightedSurface};
 use super::{Boundaries, Clustered, SegmentParams, TinyComponents};
-use crate::base::parallel::{fill_each, map_ranges};
 use crate::base::{Error, Result};
 use crate::cluster::boundary::{self, BoundaryMethod, CellLabels};
 use crate::cluster::contract;
@@ -83,7 +82,7 @@ fn part_means(
 fn apart(labels: &[u32], share: &[f32], label: u32, context: Context<'_>) -> Result<MappedSlice<u32>> {
     let mut own = context.work.array::<u32>("labels.npy", &[labels.len()])?;
     let of = |i: usize, _| if share[i] == 0. { label } else { labels[i] };
-    fill_each(context.run.threads, &context.run.cancel, own.data(), CHUNK, of)?;
+    context.run.fill_each(own.data(), CHUNK, of)?;
     own.finish(false)
 }
 
@@ -167,16 +166,14 @@ pub(super) fn weighted(
 fn confidence(unit_of_node: &[u32], confidence: &[f64], context: Context<'_>) -> Result<MappedSlice<f32>> {
     let n = unit_of_node.len();
     let mut quality = context.work.array::<f32>("quality.npy", &[n])?;
-    fill_each(context.run.threads, &context.run.cancel, quality.data(), CHUNK, |i, _| {
-        confidence[unit_of_node[i] as usize] as f32
-    })?;
+    context.run.fill_each(quality.data(), CHUNK, |i, _| confidence[unit_of_node[i] as usize] as f32)?;
     quality.finish(false)
 }
 
 /// Faces and area (in the frame) of each part.
 fn totals(graph: &DualGraph, labels: &[u32], parts: usize, run: &Run) -> Result<(Vec<u64>, Vec<f64>)> {
     let n = labels.len();
-    let chunks = map_ranges(run.threads, &run.cancel, n, CHUNK, |range| {
+    let chunks = run.map_ranges(n, CHUNK, |range| {
         let mut sums = vec![(0u64, 0f64); parts];
         for i in range {
             sums[labels[i] as usize].0 += 1;

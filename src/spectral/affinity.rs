@@ -17,7 +17,7 @@
 //! The anchor graph is a normalisation of [`super::embedding`]: it replaces A instead of preparing it.
 
 use super::kernel::Kernel;
-use crate::base::parallel::{chunk_count, chunk_range, map_chunks};
+use crate::base::parallel::{chunk_count, chunk_range};
 use crate::base::{Result, eigen};
 use crate::distance::DistanceRows;
 use crate::store::Run;
@@ -322,7 +322,7 @@ impl<'a> PreprocessedBlock<'a> {
 /// W 1 for the landmarks (l): one pass.
 fn row_sums(block: &dyn SampledBlock, run: &Run) -> Result<Vec<f64>> {
     let (l, n) = (block.len(), block.nodes());
-    let parts = map_chunks(run.threads, &run.cancel, chunk_count(n, CHUNK), Vec::new, |k, out: &mut Vec<f64>| {
+    let parts = run.map_chunks(chunk_count(n, CHUNK), Vec::new, |k, out: &mut Vec<f64>| {
         let range = chunk_range(n, CHUNK, k);
         out.resize(l * range.len(), 0.);
         block.columns(range.clone(), out);

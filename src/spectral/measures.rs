@@ -15,7 +15,6 @@
 use super::affinity::{CHUNK, KeptEigenpairs, SampledBlock, landmark_affinities};
 use super::kernel::Kernel;
 use super::nystrom::{ExtensionParams, Extrapolation, NystromExtension};
-use crate::base::parallel::map_ranges;
 use crate::base::random::{stream, unit};
 use crate::base::{Result, eigen};
 use crate::distance::DistanceRows;
@@ -63,7 +62,7 @@ pub fn measure(
     // A⁺ B_h as rows (h × l).
     let toward: Option<DMatrix<f64>> =
         held_out.map(|held| (roots.tr_mul(&(&roots * block.columns_of(held.landmarks())))).transpose());
-    let parts = map_ranges(run.threads, &run.cancel, n, CHUNK, |range| {
+    let parts = run.map_ranges(n, CHUNK, |range| {
         let m = range.len();
         let mut out = vec![0.; l * m];
         block.columns(range.clone(), &mut out);

@@ -23,7 +23,7 @@
 
 use super::affinity::{CHUNK, KeptEigenpairs, SampledBlock, landmark_affinities};
 use super::kernel::Kernel;
-use crate::base::parallel::{chunk_count, chunk_range, fill_chunks, in_order};
+use crate::base::parallel::{chunk_count, chunk_range};
 use crate::base::{Error, Result, eigen};
 use crate::distance::DistanceRows;
 use crate::graph::Node;
@@ -211,7 +211,7 @@ pub fn moments(
         Ok(f.tr_mul(&weighted))
     };
     let mut sum = DMatrix::zeros(r, r);
-    in_order(run.threads, &run.cancel, chunk_count(n, CHUNK), Vec::new, chunk, |_, part| {
+    run.in_order(chunk_count(n, CHUNK), Vec::new, chunk, |_, part| {
         sum += part;
         Ok(())
     })?;
@@ -402,7 +402,7 @@ impl OrthogonalEmbedding {
             }
             Ok(())
         };
-        fill_chunks(context.run.threads, &context.run.cancel, array.data(), VERTICES_PER_CHUNK, Vec::new, fill)?;
+        context.run.fill_chunks(array.data(), VERTICES_PER_CHUNK, Vec::new, fill)?;
         array.finish(false)
     }
 

@@ -1,7 +1,8 @@
 //! What every stage gets: the run (threads, budget, progress, cancellation, seed), and the directory that it works in.
 
 use super::{Budget, WorkDir};
-use crate::base::{Cancel, Progress};
+use crate::base::{Cancel, Progress, Result, parallel};
+use std::ops::Range;
 use std::time::Instant;
 
 /// The surroundings of a run; cheap to pass by reference.
@@ -43,8 +44,8 @@ impl<'a> Run<'a> {
         name: &str,
         unit: &'static str,
         total: u64,
-        work: impl FnOnce() -> crate::base::Result<R>,
-    ) -> crate::base::Result<(R, f64)> {
+        work: impl FnOnce() -> Result<R>,
+    ) -> Result<(R, f64)> {
         self.cancel.check()?;
         self.progress.begin(name, unit, total);
         let start = Instant::now();
@@ -52,6 +53,104 @@ impl<'a> Run<'a> {
         let seconds = start.elapsed().as_secs_f64();
         self.progress.end(name, seconds);
         Ok((result, seconds))
+    }
+}
+
+/// The loops of [`crate::base::parallel`] on the run's threads, under its stop flag.
+impl Run<'_> {
+    /// [`parallel::map_chunks`].
+    ///
+    /// # Errors
+    /// As there.
+    pub fn map_chunks<S, R: Send>(
+        &self,
+        chunks: usize,
+        init: impl Fn() -> S + Sync,
+        work: impl Fn(usize, &mut S) -> Result<R> + Sync,
+    ) -> Result<Vec<R>> {
+        parallel::map_chunks(self.threads, &self.cancel, chunks, init, work)
+    }
+
+    /// [`parallel::map_ranges`].
+    ///
+    /// # Errors
+    /// As there.
+    pub fn map_ranges<R: Send>(
+        &self,
+        n: usize,
+        size: usize,
+        work: impl Fn(Range<usize>) -> Result<R> + Sync,
+    ) -> Result<Vec<R>> {
+        parallel::map_ranges(self.threads, &self.cancel, n, size, work)
+    }
+
+    /// [`parallel::each_chunk`].
+    ///
+    /// # Errors
+    /// As there.
+    pub fn each_chunk<S>(
+        &self,
+        chunks: usize,
+        init: impl Fn() -> S + Sync,
+        work: impl Fn(usize, &mut S) -> Result<()> + Sync,
+        finish: impl Fn(S) -> Result<()> + Sync,
+    ) -> Result<()> {
+        parallel::each_chunk(self.threads, &self.cancel, chunks, init, work, finish)
+    }
+
+    /// [`parallel::in_order`].
+    ///
+    /// # Errors
+    /// As there.
+    pub fn in_order<S, R: Send>(
+        &self,
+        chunks: usize,
+        init: impl Fn() -> S + Sync,
+        work: impl Fn(usize, &mut S) -> Result<R> + Sync,
+        consume: impl FnMut(usize, R) -> Result<()>,
+    ) -> Result<()> {
+        parallel::in_order(self.threads, &self.cancel, chunks, init, work, consume)
+    }
+
+    /// [`parallel::fill_chunks`].
+    ///
+    /// # Errors
+    /// As there.
+    pub fn fill_chunks<T: Send, S, R: Send>(
+        &self,
+        out: &mut [T],
+        size: usize,
+        init: impl Fn() -> S + Sync,
+        work: impl Fn(usize, &mut [T], &mut S) -> Result<R> + Sync,
+    ) -> Result<Vec<R>> {
+        parallel::fill_chunks(self.threads, &self.cancel, out, size, init, work)
+    }
+
+    /// [`parallel::fill_each`].
+    ///
+    /// # Errors
+    /// As there.
+    pub fn fill_each<T: Copy + Send>(
+        &self,
+        out: &mut [T],
+        size: usize,
+        value: impl Fn(usize, T) -> T + Sync,
+    ) -> Result<()> {
+        parallel::fill_each(self.threads, &self.cancel, out, size, value)
+    }
+
+    /// [`parallel::fill_two`].
+    ///
+    /// # Errors
+    /// As there.
+    pub fn fill_two<A: Send, B: Send, S, R: Send>(
+        &self,
+        out: (&mut [A], &mut [B]),
+        size: usize,
+        init: impl Fn() -> S + Sync,
+        work: impl Fn(usize, &mut [A], &mut [B], &mut S) -> Result<R> + Sync,
+    ) -> Result<Vec<R>> {
+        parallel::fill_two(self.threads, &self.cancel, out, size, init, work)
     }
 }
 

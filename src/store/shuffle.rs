@@ -16,7 +16,6 @@
 
 use super::Run;
 use super::budget::Grant;
-use crate::base::parallel::in_order;
 use crate::base::{Error, Result};
 use bytemuck::Pod;
 use std::fs::File;
@@ -197,7 +196,7 @@ impl<T: Pod + Send + Ord> Shuffle<T> {
             records.sort_unstable();
             Ok(records)
         };
-        in_order(run.threads, &run.cancel, self.buckets(), || (), take, |_, records| each(records))
+        run.in_order(self.buckets(), || (), take, |_, records| each(records))
     }
 }
 

@@ -4,7 +4,7 @@
 
 use nalgebra::DMatrix;
 use nystrom_stream::base::Result;
-use nystrom_stream::base::parallel::{chunk_count, chunk_range, map_chunks};
+use nystrom_stream::base::parallel::{chunk_count, chunk_range};
 use nystrom_stream::distance::DistanceRows;
 use nystrom_stream::graph::Node;
 use nystrom_stream::spectral::Kernel;
@@ -53,9 +53,7 @@ pub fn embed(distances: &[f32], nodes: &[Node], by_area: bool, k: usize, run: &R
         x = x.qr().q();
         let scaled: Vec<Vec<f32>> =
             (0..p).map(|j| (0..n).map(|i| (x[(i, j)] * share[i].sqrt()) as f32).collect()).collect();
-        let parts = map_chunks(
-            run.threads,
-            &run.cancel,
+        let parts = run.map_chunks(
             chunk_count(n, 256),
             || vec![0f32; n],
             |c, w| {

@@ -3,7 +3,6 @@
 //! All of it comes from the library's own pipeline, run once a model and seed in a work directory, and is kept as one
 //! JSON file a model in the cache (some 4 MB): members, trees and scores are made from it again at each run.
 
-use nystrom_stream::base::parallel::map_chunks;
 use nystrom_stream::base::{Error, Result};
 use nystrom_stream::cluster::parts::CellGraph;
 use nystrom_stream::graph::{DualGraph, NodeOrder};
@@ -88,7 +87,7 @@ pub fn collect(benchmark: &Path, models: &[Model], cache: &Path, seed: u64, run:
         fs::write(&path, text).map_err(Error::io(&path, "write"))?;
         Ok(data)
     };
-    map_chunks(run.threads, &run.cancel, models.len(), || (), one)
+    run.map_chunks(models.len(), || (), one)
 }
 
 /// Runs the pipeline with its defaults.

@@ -16,7 +16,6 @@ mod trees;
 use clap::Parser;
 use logistic::Case;
 use nystrom_stream::base::Result;
-use nystrom_stream::base::parallel::map_chunks;
 use nystrom_stream::cluster::parts::PartsParams;
 use nystrom_stream::cluster::parts::regions::{FEATURES, MergeModel};
 use nystrom_stream::store::Run;
@@ -91,7 +90,7 @@ fn judge<'a>(
         let Grown { model, trees } = &all[k];
         trees.score(&|m: &[f64; FEATURES]| of(*model).probability(m), models[*model].parts)
     };
-    let scores = map_chunks(run.threads, &run.cancel, all.len(), || (), one)?;
+    let scores = run.map_chunks(all.len(), || (), one)?;
     let mean = |chosen: &dyn Fn(&data::Model) -> bool| {
         let some: Vec<&Score> =
             all.iter().zip(&scores).filter(|(g, _)| chosen(&models[g.model])).map(|(_, s)| s).collect();
@@ -120,7 +119,7 @@ fn fit(arguments: &Arguments) -> Result<()> {
             let data = data[k].lock().ok().and_then(|mut data| data.take());
             data.map(|data| Trees::grow(data, &order, arguments.members, seed)).transpose()
         };
-        let grown = map_chunks(run.threads, &run.cancel, models.len(), || (), grow)?;
+        let grown = run.map_chunks(models.len(), || (), grow)?;
         all.extend(grown.into_iter().enumerate().filter_map(|(model, trees)| Some(Grown { model, trees: trees? })));
     }
     let whole = fitted(&all, |_| true, arguments);

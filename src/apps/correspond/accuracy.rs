@@ -4,7 +4,6 @@
 //! nothing. Scratch is one field per thread, 4 bytes per vertex. [`Errors`] sums up: mean, median, and the share of
 //! vertices below each of a hundred errors, as benchmarks of correspondence plot it.
 
-use crate::base::parallel::map_chunks;
 use crate::base::{Error, Result};
 use crate::distance::front::mean_weight;
 use crate::distance::march::{March, Surface};
@@ -100,7 +99,7 @@ pub fn distances(graph: &VertexGraph, pairs: &[(u32, u32)], run: &Run) -> Result
     let state = || (March::new(mean), vec![f32::INFINITY; n]);
     let mut all = vec![0.; pairs.len()];
     let chunks = groups.len().div_ceil(CHUNK);
-    for (pair, error) in map_chunks(run.threads, &run.cancel, chunks, state, chunk)?.into_iter().flatten() {
+    for (pair, error) in run.map_chunks(chunks, state, chunk)?.into_iter().flatten() {
         all[pair as usize] = error;
     }
     Ok(all)

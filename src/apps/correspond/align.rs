@@ -16,7 +16,6 @@
 use super::orientation::Tensor;
 use crate::apps::assignment::least_assignment;
 use crate::base::Result;
-use crate::base::parallel::map_chunks;
 use crate::base::random::{stream, unit};
 use crate::distance::DistanceRows;
 use crate::graph::Node;
@@ -240,14 +239,14 @@ pub fn align(a: Shape<'_>, b: Shape<'_>, run: &Run) -> Result<Alignments> {
     };
     let guesses = candidates(a.variance, b.variance);
     let rank = |k: usize, (): &mut ()| Ok((two_way(&guesses[k], &coarse_a, &coarse_b), k));
-    let mut ranks = map_chunks(run.threads, &run.cancel, guesses.len(), || (), rank)?;
+    let mut ranks = run.map_chunks(guesses.len(), || (), rank)?;
     ranks.sort_by(|x, y| x.0.total_cmp(&y.0).then(x.1.cmp(&y.1)));
     ranks.truncate(KEPT);
     let coarse = |k: usize, (): &mut ()| {
         let transform = refine(guesses[ranks[k].1].clone(), &coarse_a, &coarse_b);
         Ok(measure(transform, &coarse_a, &coarse_b))
     };
-    let refined = map_chunks(run.threads, &run.cancel, ranks.len(), || (), coarse)?;
+    let refined = run.map_chunks(ranks.len(), || (), coarse)?;
     let mut refined = plausible(refined);
     refined.sort_by(|x, y| x.cost.total_cmp(&y.cost));
     let refined = different(refined, &coarse_a, 0.1 * APART * spread);
@@ -281,7 +280,7 @@ pub fn align(a: Shape<'_>, b: Shape<'_>, run: &Run) -> Result<Alignments> {
         let transport = Some(unit * carried / CARRIED as f64);
         Ok(Alignment { transport, distortion, ..measure(transform, &fine_a, &fine_b) })
     };
-    let mut refined = map_chunks(run.threads, &run.cancel, refined.len(), || (), fine)?;
+    let mut refined = run.map_chunks(refined.len(), || (), fine)?;
     refined.sort_by(|x, y| x.rank().total_cmp(&y.rank()));
     Ok(told_apart(refined, &fine_a, APART * spread))
 }

@@ -14,7 +14,6 @@
 
 use super::align::{Alignment, apply};
 use super::search::EmbeddingSearch;
-use crate::base::parallel::{fill_chunks, fill_each, fill_two};
 use crate::base::vector::{distance, wide};
 use crate::base::{Error, Result};
 use crate::graph::VertexGraph;
@@ -133,7 +132,7 @@ pub fn matches(
         context.run.progress.advance("match", out.len() as u64);
         Ok(())
     };
-    fill_two(context.run.threads, &context.run.cancel, (array.data(), doubt.data()), CHUNK, || (), fill)?;
+    context.run.fill_two((array.data(), doubt.data()), CHUNK, || (), fill)?;
     if matching == Matching::OneToOne {
         one_to_one(&pair, array.data(), context)?;
     }
@@ -206,7 +205,7 @@ fn fill_confidence(
     let [now, next] = &mut fields;
     let (mut now, mut next): (&mut [Doubt], &mut [Doubt]) =
         (bytemuck::cast_slice_mut(now.data()), bytemuck::cast_slice_mut(next.data()));
-    fill_each(context.run.threads, &context.run.cancel, now, CONFIDENCE_CHUNK, |v, _| {
+    context.run.fill_each(now, CONFIDENCE_CHUNK, |v, _| {
         let Some(target) = matches[v].vertex() else { return [0.; 2] };
         let here = wide(pair.graph_b.nodes[target as usize].centroid);
         let (mut sum, mut count) = (0f64, 0f64);
@@ -235,7 +234,7 @@ fn fill_confidence(
             }
             Ok(())
         };
-        fill_chunks(context.run.threads, &context.run.cancel, next, CONFIDENCE_CHUNK, || (), average)?;
+        context.run.fill_chunks(next, CONFIDENCE_CHUNK, || (), average)?;
         std::mem::swap(&mut now, &mut next);
     }
     let doubts = &*now;
@@ -244,7 +243,7 @@ fn fill_confidence(
         let known = one.target >= 0 && weight > 0.;
         Match { confidence: if known { 1. / (1. + (sum / weight / HALF).powi(2)) } else { 0. }, ..one }
     };
-    fill_each(context.run.threads, &context.run.cancel, matches, CONFIDENCE_CHUNK, sure)?;
+    context.run.fill_each(matches, CONFIDENCE_CHUNK, sure)?;
     drop(fields);
     names.iter().for_each(|name| context.work.remove(&format!("{name}.partial")));
     Ok(())

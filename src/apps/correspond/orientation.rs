@@ -7,7 +7,7 @@
 //! over the triangles, k³/6 determinants each.
 
 use crate::base::Result;
-use crate::base::parallel::{chunk_count, chunk_range, in_order};
+use crate::base::parallel::{chunk_count, chunk_range};
 use crate::graph::vertex_graph::triangles;
 use crate::mesh::Mesh;
 use crate::spectral::nystrom::Point;
@@ -61,9 +61,7 @@ impl Tensor {
             });
             Ok(sum)
         };
-        in_order(
-            run.threads,
-            &run.cancel,
+        run.in_order(
             chunk_count(n, CHUNK),
             || (),
             chunk,

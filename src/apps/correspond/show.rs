@@ -7,7 +7,6 @@ use super::carry::Colours;
 use super::matches::Match;
 use crate::apps::picture::{Image, PictureParams, render};
 use crate::base::Result;
-use crate::base::parallel::fill_each;
 use crate::mesh::Mesh;
 use crate::store::Context;
 
@@ -51,7 +50,7 @@ fn draw(
             (r * LEVELS + g) * LEVELS + b
         })
     };
-    fill_each(context.run.threads, &context.run.cancel, labels.data(), 1 << 14, label)?;
+    context.run.fill_each(labels.data(), 1 << 14, label)?;
     let shade = |level: u32| ((2 * level + 1) * 128 / LEVELS) as u8;
     let palette: Vec<[u8; 3]> =
         (0..LEVELS.pow(3)).map(|k| [k / (LEVELS * LEVELS), k / LEVELS % LEVELS, k % LEVELS].map(shade)).collect();

@@ -312,7 +312,7 @@ impl Output<'_> {
         };
         let chunks = parallel::chunk_count(count, CHUNK);
         let buffer = || Vec::with_capacity(CHUNK * FACE);
-        parallel::map_chunks(self.run.threads, &self.run.cancel, chunks, buffer, work).map(|_| ())
+        self.run.map_chunks(chunks, buffer, work).map(|_| ())
     }
 
     #[cfg(unix)]

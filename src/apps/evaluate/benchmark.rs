@@ -9,7 +9,7 @@
 use super::boundaries::Evaluator;
 use super::scores::{ModelScores, ScoreTable, Segmentation};
 use crate::apps::integers::read_integers;
-use crate::base::{Error, Result, parallel};
+use crate::base::{Error, Result};
 use crate::mesh::{self, read_seg};
 use crate::store::Run;
 use std::ffi::OsStr;
@@ -89,7 +89,7 @@ impl Benchmark {
             std::fs::read_dir(folder).map_err(Error::io(folder, "list"))?;
         }
         let judge = |k: usize, (): &mut ()| self.judge(&self.models[k], labels, cuts, run);
-        let outcomes = parallel::map_chunks(run.threads, &run.cancel, self.models.len(), || (), judge)?;
+        let outcomes = run.map_chunks(self.models.len(), || (), judge)?;
         let (mut judged, mut people, mut missing) = (Vec::new(), Vec::new(), Vec::new());
         for outcome in outcomes {
             match (outcome.labels, labels) {

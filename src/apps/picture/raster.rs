@@ -7,7 +7,7 @@
 
 use super::camera::{Camera, Extent, Vec3};
 use crate::base::Result;
-use crate::base::parallel::{chunk_count, chunk_range, map_chunks};
+use crate::base::parallel::{chunk_count, chunk_range};
 use crate::mesh::Mesh;
 use crate::store::Run;
 use std::ops::Range;
@@ -81,7 +81,7 @@ impl Canvas {
             });
             Ok(())
         };
-        map_chunks(run.threads, &run.cancel, chunk_count(n, CHUNK), || (), chunk).map(drop)
+        run.map_chunks(chunk_count(n, CHUNK), || (), chunk).map(drop)
     }
 
     /// Draws a triangle given in samples.
@@ -167,7 +167,7 @@ pub(super) fn extents(mesh: &Mesh, frames: &[super::camera::Frame], run: &Run) -
         Ok(found)
     };
     let mut all = vec![Extent::EMPTY; frames.len()];
-    for found in map_chunks(run.threads, &run.cancel, chunk_count(n, CHUNK), || (), chunk)? {
+    for found in run.map_chunks(chunk_count(n, CHUNK), || (), chunk)? {
         all.iter_mut().zip(&found).for_each(|(all, found)| all.join(found));
     }
     Ok(all)

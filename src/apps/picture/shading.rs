@@ -6,7 +6,7 @@
 use super::camera::{Camera, Vec3};
 use super::raster::{CHUNK, Canvas, Hit, each_triangle, triangles_of};
 use crate::base::Result;
-use crate::base::parallel::{chunk_count, chunk_range, fill_chunks, map_chunks};
+use crate::base::parallel::{chunk_count, chunk_range};
 use crate::base::vector::{add_scaled, dot, double_area, minus, unit};
 use crate::mesh::Mesh;
 use crate::store::Run;
@@ -48,7 +48,7 @@ impl VertexNormals {
             });
             Ok(())
         };
-        map_chunks(run.threads, &run.cancel, chunk_count(n, CHUNK), || (), chunk)?;
+        run.map_chunks(chunk_count(n, CHUNK), || (), chunk)?;
         Ok(Self { sums })
     }
 
@@ -102,7 +102,7 @@ pub(super) fn normals(
 ) -> Result<Vec<Packed>> {
     let mut normals = vec![[0i16; 2]; canvas.width * canvas.height];
     let width = canvas.width;
-    fill_chunks(run.threads, &run.cancel, &mut normals, width, Vec::new, |y, row, known: &mut Vec<Corner>| {
+    run.fill_chunks(&mut normals, width, Vec::new, |y, row, known: &mut Vec<Corner>| {
         let mut last = None;
         for (x, normal) in row.iter_mut().enumerate() {
             let Some(hit) = canvas.get(y * width + x) else { continue };
@@ -159,9 +159,7 @@ fn interpolate(triangles: &[Corner], x: f64, y: f64) -> Packed {
 fn smooth(normals: &[Packed], canvas: &Canvas, step: usize, run: &Run) -> Result<Vec<Packed>> {
     let mut out = vec![[0i16; 2]; normals.len()];
     let width = canvas.width;
-    fill_chunks(
-        run.threads,
-        &run.cancel,
+    run.fill_chunks(
         &mut out,
         width,
         || (),
@@ -210,9 +208,7 @@ impl Pixels {
     fn of(canvas: &Canvas, normals: &[Packed], factor: usize, run: &Run) -> Result<Self> {
         let (width, height) = (canvas.width / factor, canvas.height / factor);
         let mut both = vec![(NOTHING, [0i16; 2]); width * height];
-        fill_chunks(
-            run.threads,
-            &run.cancel,
+        run.fill_chunks(
             &mut both,
             width,
             || (),
@@ -246,9 +242,7 @@ pub(super) fn openness(canvas: &Canvas, normals: &[Packed], factor: usize, size:
     let (width, height) = (pixels.width, pixels.height());
     let turns: Vec<[[f32; 2]; POINTS]> = (0..PATTERN * PATTERN).map(|turn| points(turn, size)).collect();
     let mut raw = vec![1.0f32; width * height];
-    fill_chunks(
-        run.threads,
-        &run.cancel,
+    run.fill_chunks(
         &mut raw,
         width,
         || (),
@@ -264,9 +258,7 @@ pub(super) fn openness(canvas: &Canvas, normals: &[Packed], factor: usize, size:
     )?;
     let near = (size * 0.02).max(1.5) as f32;
     let mut smooth = vec![1.0f32; width * height];
-    fill_chunks(
-        run.threads,
-        &run.cancel,
+    run.fill_chunks(
         &mut smooth,
         width,
         || (),
@@ -413,9 +405,7 @@ impl View<'_> {
     pub(super) fn pixels(&self, run: &Run) -> Result<Vec<Pixel>> {
         let width = self.canvas.width / self.factor;
         let mut pixels = vec![[0.0; 4]; width * (self.canvas.height / self.factor)];
-        fill_chunks(
-            run.threads,
-            &run.cancel,
+        run.fill_chunks(
             &mut pixels,
             width.max(1),
             || (),

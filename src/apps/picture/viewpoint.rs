@@ -6,7 +6,7 @@
 use super::camera::{Camera, Extent, Frame, Vec3};
 use super::raster::{CHUNK, Canvas, each_triangle, triangles_of};
 use crate::base::Result;
-use crate::base::parallel::{chunk_count, chunk_range, in_order, map_chunks};
+use crate::base::parallel::{chunk_count, chunk_range};
 use crate::base::vector::{dot, double_area};
 use crate::mesh::Mesh;
 use crate::store::Run;
@@ -34,9 +34,7 @@ pub(super) fn areas(mesh: &Mesh, labels: &[u32], parts: usize, run: &Run) -> Res
         });
         Ok(found)
     };
-    in_order(
-        run.threads,
-        &run.cancel,
+    run.in_order(
         chunk_count(n, CHUNK),
         || (),
         chunk,
@@ -88,9 +86,7 @@ pub(super) fn sample(mesh: &Mesh, labels: Option<&[u32]>, run: &Run) -> Result<V
         Ok(found)
     };
     let chunks = chunk_count(n.div_ceil(step), CHUNK);
-    in_order(
-        run.threads,
-        &run.cancel,
+    run.in_order(
         chunks,
         || (),
         chunk,
@@ -222,7 +218,7 @@ pub(super) fn best(pieces: &[Piece], parts: usize, up: Vec3, run: &Run) -> Resul
         let (azimuth, elevation, _) = views[k];
         Ok(look(pieces, parts, &Frame::turned(up, azimuth, elevation)))
     };
-    let seen = map_chunks(run.threads, &run.cancel, views.len(), || (), look)?;
+    let seen = run.map_chunks(views.len(), || (), look)?;
     let most = |value: &dyn Fn(&Seen) -> f64| seen.iter().map(value).fold(f64::MIN_POSITIVE, f64::max);
     let (area, relief, depth) = (most(&|s| s.area), most(&|s| s.relief), most(&|s| s.depth));
     let best: Vec<f64> = (0..=parts).map(|part| most(&|s| s.parts[part])).collect();

@@ -11,7 +11,6 @@
 //! range to shrink: coordinates are `f64`, which bears a range of 1e-10. Streamed: a sweep reads graph and coordinates
 //! once, some 30 bytes per vertex and neighbours nearby, and writes another 8.
 
-use crate::base::parallel::fill_chunks;
 use crate::base::random::{stream, unit};
 use crate::base::{Cancel, Result};
 use crate::graph::VertexAdjacency;
@@ -266,7 +265,7 @@ pub fn sweep(
             context.run.progress.advance("sweeps", out.len() as u64);
             Ok(())
         };
-        fill_chunks(context.run.threads, &context.run.cancel, &mut other.data()[..], CHUNK, || (), fill)?;
+        context.run.fill_chunks(&mut other.data()[..], CHUNK, || (), fill)?;
         std::mem::swap(&mut coordinates, &mut other);
     }
     Ok(coordinates)

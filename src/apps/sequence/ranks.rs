@@ -8,7 +8,6 @@
 
 use super::sorting::{Scatter, ordered, ranks_by_key};
 use crate::base::Result;
-use crate::base::parallel::map_ranges;
 use crate::graph::order::hilbert;
 use crate::graph::{Frame, VertexAdjacency};
 use crate::mesh::Positions;
@@ -127,7 +126,7 @@ const CHUNK: usize = 1 << 15;
 pub fn pca_ranks(name: &str, positions: &Positions, context: Context<'_>) -> Result<MappedSlice<u32>> {
     let frame = Frame::of(positions, context.run)?;
     let n = positions.len();
-    let sums = map_ranges(context.run.threads, &context.run.cancel, n, CHUNK, |range| {
+    let sums = context.run.map_ranges(n, CHUNK, |range| {
         let (mut sum, mut products, mut count) = ([0f64; 3], [[0f64; 3]; 3], 0u64);
         for v in range {
             let p = frame.place(positions.get(v as u32));

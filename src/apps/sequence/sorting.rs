@@ -1,7 +1,7 @@
 //! External sorts of small records, and values brought to their places: what every order is made of.
 
 use crate::base::Result;
-use crate::base::parallel::{chunk_count, chunk_range, each_chunk};
+use crate::base::parallel::{chunk_count, chunk_range};
 use crate::store::npy::ArrayMut;
 use crate::store::shuffle::Producer;
 use crate::store::shuffle::{BudgetedShuffle, Splitters};
@@ -42,9 +42,7 @@ pub(super) fn sorted<const W: usize>(
         })?;
     }
     let splitters = Splitters::new(sample, shuffle.buckets());
-    each_chunk(
-        context.run.threads,
-        &context.run.cancel,
+    context.run.each_chunk(
         chunk_count(items, CHUNK),
         || shuffle.producer(),
         |k, out| fill(chunk_range(items, CHUNK, k), &mut |record| out.push(splitters.bucket(record), record)),

@@ -10,7 +10,6 @@
 //! sets only: all of W in `f64`.
 
 use super::data::StudyData;
-use crate::base::parallel::map_chunks;
 use crate::base::{Error, Result};
 use crate::distance::front::{Front, mean_weight};
 use crate::distance::sampler::Visits;
@@ -130,9 +129,7 @@ pub fn compare(
         seed: context.run.seed,
     };
     let compute = || {
-        map_chunks(
-            context.run.threads,
-            &context.run.cancel,
+        context.run.map_chunks(
             jobs.len(),
             || (),
             |k, ()| {

@@ -8,7 +8,6 @@
 //! paths from centroid to centroid zigzag, and what they are wrong by no small sample represents.
 
 use crate::base::Result;
-use crate::base::parallel::fill_chunks;
 use crate::base::random::{below, stream};
 use crate::distance::RowFacts;
 use crate::distance::front::{Front, mean_weight};
@@ -185,9 +184,7 @@ fn rows(graph: &Graph, of: &[u32], name: &str, context: Context<'_>) -> Result<M
     let mut array = context.work.array::<f32>(name, &[of.len(), csr.len()])?;
     let mean = mean_weight(csr);
     let stage = || {
-        fill_chunks(
-            context.run.threads,
-            &context.run.cancel,
+        context.run.fill_chunks(
             array.data(),
             csr.len(),
             || (Front::new(mean), March::new(mean)),

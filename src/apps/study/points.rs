@@ -6,7 +6,6 @@
 //! distance between different points. O(n³) a run, for the nuclear norm.
 
 use crate::base::Result;
-use crate::base::parallel::map_chunks;
 use crate::base::random::{below, stream, unit};
 use crate::spectral::affinity::DenseBlock;
 use crate::spectral::kernel::Kernel;
@@ -120,9 +119,7 @@ pub fn pairs(params: PointsParams, seed: u64, run: &Run) -> Result<Vec<SamplePai
         cancel: run.cancel.clone(),
         seed,
     };
-    map_chunks(
-        run.threads,
-        &run.cancel,
+    run.map_chunks(
         params.runs,
         || (),
         |k, ()| {

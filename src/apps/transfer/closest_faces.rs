@@ -6,7 +6,6 @@
 //! twice and from the root, several times as long. [`BYTES`] per triangle of a block, 16 bytes per point on disk.
 
 use crate::base::Result;
-use crate::base::parallel::fill_chunks;
 use crate::base::vector::{double_area, length, wide};
 use crate::mesh::Mesh;
 use crate::store::Run;
@@ -300,6 +299,6 @@ impl TriangleTree {
             }
             Ok(())
         };
-        fill_chunks(run.threads, &run.cancel, found, CHUNK, || (), work).map(drop)
+        run.fill_chunks(found, CHUNK, || (), work).map(drop)
     }
 }

@@ -8,7 +8,6 @@
 
 pub mod closest_faces;
 
-use crate::base::parallel::fill_two;
 use crate::base::union_find::Forest;
 use crate::base::{Error, Result};
 use crate::graph::DualGraph;
@@ -177,7 +176,7 @@ pub fn transfer(from: &Mesh, labels: &[u32], to: &Mesh, context: Context<'_>) ->
         }
         Ok(())
     };
-    fill_two(context.run.threads, &context.run.cancel, (own.data(), quality.data()), CHUNK, || (), choose)?;
+    context.run.fill_two((own.data(), quality.data()), CHUNK, || (), choose)?;
 
     let near = own.data().iter().filter(|&&label| label != NONE).count();
     if near * 2 < n {

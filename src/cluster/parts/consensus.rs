@@ -16,7 +16,6 @@ use super::labelling::{Linkage, LinkageRank, between, unions_within};
 use super::matrix::Square;
 use super::regions::{MergeModel, classes_after, meeting_probability, merges};
 use crate::base::Result;
-use crate::base::parallel::map_chunks;
 use crate::base::random::{stream, unit};
 use crate::spectral::anchor::LandmarkDistances;
 use crate::store::run::Run;
@@ -84,9 +83,7 @@ pub fn single_run(cells: &CellGraph, rows: &LandmarkDistances, small_part: f64, 
 pub fn consensus(cells: &CellGraph, rows: &LandmarkDistances, small_part: f64, run: &Run) -> Result<PartDecision> {
     let ensemble = draw_ensemble(cells, rows, ENSEMBLE, "parts consensus member", run)?;
     let superfaces = Superfaces::of(cells, rows, &ensemble, run)?;
-    let labels = map_chunks(
-        run.threads,
-        &run.cancel,
+    let labels = run.map_chunks(
         ensemble.len(),
         || (),
         |k, ()| {

@@ -11,7 +11,6 @@
 
 use super::cell_graph::CellGraph;
 use crate::base::Result;
-use crate::base::parallel::map_ranges;
 use crate::base::simd::{SimdKernel, dispatch};
 use crate::store::run::Run;
 use std::ops::Range;
@@ -119,7 +118,7 @@ pub fn convexity(
 ) -> Result<Vec<PairSums>> {
     let (points, balls) = gather(cells, thickness, superface, superfaces);
     let table = ExpTable::new();
-    let chunks = map_ranges(run.threads, &run.cancel, superfaces, CHUNK, |range| {
+    let chunks = run.map_ranges(superfaces, CHUNK, |range| {
         Ok(dispatch(PairsFrom { range, points: &points, balls: &balls, table: &table }))
     })?;
     Ok(chunks.concat())

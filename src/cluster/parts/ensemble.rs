@@ -16,7 +16,6 @@ use super::regions::{
 };
 use super::thickness::log_thickness;
 use crate::base::Result;
-use crate::base::parallel::{map_chunks, map_ranges};
 use crate::base::random::{Random, below, stream};
 use crate::spectral::anchor::{LandmarkDistances, anchor_embedding};
 use crate::store::run::Run;
@@ -63,9 +62,7 @@ pub fn draw_ensemble(
     purpose: &str,
     run: &Run,
 ) -> Result<Vec<OverSegmentation>> {
-    map_chunks(
-        run.threads,
-        &run.cancel,
+    run.map_chunks(
         count,
         || (),
         |k, ()| {
@@ -175,9 +172,7 @@ pub fn co_association(
     model: &MergeModel,
     run: &Run,
 ) -> Result<Square> {
-    let trees = map_chunks(
-        run.threads,
-        &run.cancel,
+    let trees = run.map_chunks(
         ensemble.len(),
         || (),
         |k, ()| {
@@ -195,7 +190,7 @@ pub fn co_association(
 /// Cancellation.
 pub fn mean_over_ensemble(n: usize, trees: &[(Vec<u32>, Square)], run: &Run) -> Result<Square> {
     let share = 1.0 / trees.len().max(1) as f64;
-    let rows = map_ranges(run.threads, &run.cancel, n, SUPERFACES_PER_CHUNK, |range| {
+    let rows = run.map_ranges(n, SUPERFACES_PER_CHUNK, |range| {
         let mut out = vec![0.0; range.len() * n];
         for (label, p) in trees {
             for (a, row) in range.clone().zip(out.chunks_exact_mut(n)) {

@@ -18,7 +18,6 @@ use super::ensemble::Superfaces;
 use super::hierarchy::{CellUnion, HALF, PartTree};
 use super::matrix::Square;
 use crate::base::Result;
-use crate::base::parallel::map_chunks;
 use crate::store::run::Run;
 
 /// Gains below this are rounding.
@@ -278,8 +277,7 @@ pub fn soft_hierarchy(
     let levels_of = HierarchyLevels { shared_boundary: superfaces.shared_boundaries(cells), objective };
     // Above ½ each part is divided independently of the others.
     let parts = class_members(&label);
-    let ladders =
-        map_chunks(run.threads, &run.cancel, parts.len(), || (), |k, ()| Ok(ladder(levels_of.objective, &parts[k])))?;
+    let ladders = run.map_chunks(parts.len(), || (), |k, ()| Ok(ladder(levels_of.objective, &parts[k])))?;
     // Coarsest first; reversed at the end.
     let mut levels = vec![vec![0; n], label];
     for step in 0..LADDER.len() {
@@ -293,9 +291,7 @@ pub fn soft_hierarchy(
         levels.push(compact(&finer).0);
     }
     levels.push(everything);
-    let stages = map_chunks(
-        run.threads,
-        &run.cancel,
+    let stages = run.map_chunks(
         levels.len() - 1,
         || (),
         |k, ()| {

@@ -10,7 +10,6 @@
 
 use super::cell_graph::CellGraph;
 use crate::base::Result;
-use crate::base::parallel::map_ranges;
 use crate::base::simd::{SimdKernel, dispatch};
 use crate::base::vector::dot;
 use crate::store::run::Run;
@@ -45,8 +44,7 @@ pub fn log_thickness(cells: &CellGraph, run: &Run) -> Result<Vec<f64>> {
     let blocks = blocks(cells, &radius);
     let balls = balls(cells, &radius);
     let scene = RayScene { cells, radius: &radius, blocks: &blocks, balls: &balls, rays: &rays };
-    let chunks =
-        map_ranges(run.threads, &run.cancel, cells.len(), CHUNK, |range| Ok(dispatch(CastRays { range, scene })))?;
+    let chunks = run.map_ranges(cells.len(), CHUNK, |range| Ok(dispatch(CastRays { range, scene })))?;
     let found = chunks.concat();
     let usual = median(&mut found.iter().filter_map(|x| *x).collect::<Vec<_>>()).unwrap_or(UNKNOWN);
     let mut out: Vec<f64> = found.iter().map(|x| x.unwrap_or(usual).max(FLOOR).ln()).collect();

@@ -7,7 +7,7 @@
 //! access; written and read once, and only what memory does not hold.
 
 use crate::base::Result;
-use crate::base::parallel::{chunk_count, chunk_range, each_chunk};
+use crate::base::parallel::{chunk_count, chunk_range};
 use crate::mesh::Faces;
 use crate::store::npy::{self, ArrayWriter};
 use crate::store::shuffle::{BudgetedShuffle, Producer, Splitters};
@@ -149,9 +149,7 @@ impl FaceSort<'_> {
         send: &(impl Fn(usize, &[u32], &mut Producer<'_, [u32; W]>) -> Result<()> + Sync),
     ) -> Result<()> {
         let (rank, n) = (&self.rank[..], self.faces.len());
-        each_chunk(
-            self.context.run.threads,
-            &self.context.run.cancel,
+        self.context.run.each_chunk(
             chunk_count(n, CHUNK),
             || (sorting.shuffle.producer(), Vec::new()),
             |k, (out, new)| {
@@ -191,9 +189,7 @@ impl FaceSort<'_> {
             let path = self.context.work.file("corners.tmp");
             let corners = BudgetedShuffle::<[u32; 2]>::new(&path, "sorting corners", total, threads, 1, run)?;
             let buckets = corners.shuffle.buckets();
-            each_chunk(
-                run.threads,
-                &run.cancel,
+            run.each_chunk(
                 chunk_count(n, CHUNK),
                 || corners.shuffle.producer(),
                 |k, out| {
@@ -211,9 +207,7 @@ impl FaceSort<'_> {
                 },
                 Producer::finish,
             )?;
-            each_chunk(
-                run.threads,
-                &run.cancel,
+            run.each_chunk(
                 buckets,
                 || ranked.shuffle.producer(),
                 |bucket, out| {
@@ -226,9 +220,7 @@ impl FaceSort<'_> {
                 Producer::finish,
             )?;
         }
-        each_chunk(
-            run.threads,
-            &run.cancel,
+        run.each_chunk(
             back,
             || (sorting.shuffle.producer(), Vec::new()),
             |bucket, (out, new)| {

@@ -12,7 +12,7 @@ pub mod hilbert;
 mod vertex_sort;
 
 use super::nodes::Frame;
-use crate::base::parallel::{chunk_count, chunk_range, each_chunk};
+use crate::base::parallel::{chunk_count, chunk_range};
 use crate::base::{Error, Result};
 use crate::mesh::Mesh;
 use crate::store::needs::{Extent, Needs, Room, ShuffleNeeds};
@@ -129,9 +129,7 @@ impl NodeOrder {
                 context.run,
             )?;
             let buckets = pairs.shuffle.buckets();
-            each_chunk(
-                context.run.threads,
-                &context.run.cancel,
+            context.run.each_chunk(
                 chunk_count(n, RESTORED),
                 || pairs.shuffle.producer(),
                 |k, producer| {

@@ -7,7 +7,7 @@
 
 use super::hilbert::place_of;
 use crate::base::Result;
-use crate::base::parallel::{chunk_count, chunk_range, each_chunk};
+use crate::base::parallel::{chunk_count, chunk_range};
 use crate::graph::nodes::Frame;
 use crate::mesh::Positions;
 use crate::store::npy::{self, ArrayMut, ArrayWriter, Item};
@@ -67,9 +67,7 @@ impl VertexSort<'_> {
         let shuffle = &sorting.shuffle;
         let step = (n / (shuffle.buckets() * Splitters::<[u32; 3]>::SAMPLES)).max(1);
         let splitters = Splitters::new((0..n).step_by(step).map(|v| self.key(v).0).collect(), shuffle.buckets());
-        each_chunk(
-            run.threads,
-            &run.cancel,
+        run.each_chunk(
             chunk_count(n, CHUNK),
             || shuffle.producer(),
             |k, out| {

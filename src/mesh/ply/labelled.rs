@@ -12,7 +12,7 @@ use super::header::{CUT_SHORT, Encoding, Scalar};
 use super::plain::{self, Column};
 use super::values::{Binary, Cursor, Encoder, Text};
 use super::vertex_labels::VertexLabels;
-use crate::base::parallel::{chunk_count, chunk_range, map_chunks};
+use crate::base::parallel::{chunk_count, chunk_range};
 use crate::base::{Error, Result};
 use crate::mesh::geometry::Mesh;
 use crate::mesh::output::{Gather, by_rename};
@@ -112,7 +112,7 @@ pub fn write_labelled(
                 let (place, bytes) = plan.part(k, buffer);
                 write_at(file, bytes, place, out)
             };
-            map_chunks(run.threads, &run.cancel, plan.jobs(), Vec::new, write).map(drop)
+            run.map_chunks(plan.jobs(), Vec::new, write).map(drop)
         });
     }
     by_rename(out, 0, durable, |file| stream(mesh, out, file, labelling, options, run))

@@ -8,7 +8,6 @@
 
 use super::header::{CUT_SHORT, Element, Encoding, Header, Kind, Scalar};
 use super::values::{Binary, Cursor, Fault, Text};
-use crate::base::parallel::map_ranges;
 use crate::base::{Error, Result};
 use crate::mesh::geometry::{Faces, MOST_FACES, Positions, too_many_faces};
 use crate::store::npy::{self, ArrayWriter, Item};
@@ -321,7 +320,7 @@ struct Layout {
 /// [`crate::base::Error::Cancelled`].
 fn first_odd(run: &Run, records: &[u8], layout: Layout, limit: u32) -> Result<Option<usize>> {
     let faces = records.len() / layout.stride.max(1);
-    let found = map_ranges(run.threads, &run.cancel, faces, VERIFIED, |range| {
+    let found = run.map_ranges(faces, VERIFIED, |range| {
         let piece = &records[range.start * layout.stride..range.end * layout.stride];
         let odd = match (layout.count, layout.stride) {
             // The layout of nearly all files gets a loop of its own.

@@ -10,7 +10,6 @@ use super::document::Document;
 use super::header::{Encoding, Kind, Property, Scalar};
 use super::labelled::PlyForm;
 use super::values::{Binary, Cursor, Encoder, Fault, Text};
-use crate::base::parallel::in_order;
 use crate::base::{Error, Result};
 use crate::mesh::geometry::Mesh;
 use crate::mesh::output::{Gather, by_rename};
@@ -324,5 +323,5 @@ fn sorted(
         }
         Ok(bytes)
     };
-    in_order(run.threads, &run.cancel, shuffle.buckets(), || (), sort, |_, bytes| out.pass(&bytes))
+    run.in_order(shuffle.buckets(), || (), sort, |_, bytes| out.pass(&bytes))
 }

@@ -7,7 +7,7 @@
 //! all). Cost: one or two passes over the rows; 12 B a vertex mapped.
 
 use crate::base::Result;
-use crate::base::parallel::{chunk_count, chunk_range, in_order};
+use crate::base::parallel::{chunk_count, chunk_range};
 use crate::distance::DistanceRows;
 use crate::graph::DualGraph;
 use crate::graph::half_edge_pairs::AGAINST;
@@ -125,14 +125,7 @@ impl Task<'_> {
             Ok(out)
         };
         let consume = |k: usize, out: Vec<f32>| consume(chunk_range(n, CHUNK, k), &out);
-        in_order(
-            self.context.run.threads,
-            &self.context.run.cancel,
-            chunk_count(n, CHUNK),
-            || vec![0.; CHUNK],
-            chunk,
-            consume,
-        )
+        self.context.run.in_order(chunk_count(n, CHUNK), || vec![0.; CHUNK], chunk, consume)
     }
 
     fn directions(&self) -> Result<Directions> {
