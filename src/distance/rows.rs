@@ -263,7 +263,7 @@ impl DistanceRows {
     ) -> Result<Self> {
         let landmarks: Vec<u32> = entries.iter().map(|entry| entry.landmark).collect();
         let facts = entries.iter().map(|entry| entry.facts).collect();
-        crate::store::npy::write(&work.file("landmarks.npy"), &landmarks, 1, false)?;
+        work.write("landmarks.npy", &landmarks, 1)?;
         let distances = file.finish(work.durable())?;
         Ok(Self { landmarks, distances, facts, nodes: spec.nodes, key: spec.key.clone() })
     }

@@ -4,7 +4,7 @@
 use nystrom_stream::graph::Order;
 use nystrom_stream::pipeline::Cluster;
 use nystrom_stream::{Cancel, Error, Labelling, Mesh, Progress, Segmenter, Sequencer, evaluate};
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicUsize, Ordering};
 use std::sync::{Arc, Mutex};
 
@@ -23,8 +23,14 @@ impl Watch {
 
     fn look(&self, stage: &str) {
         self.calls.fetch_add(1, Ordering::Relaxed);
-        let names = std::fs::read_dir(&self.folder).unwrap().map(|entry| entry.unwrap().path().display().to_string());
-        self.seen.lock().unwrap().extend(names.map(|name| format!("{stage}: {name}")));
+        // A folder of its own, with nothing but its lock, may be there.
+        let list = |path: &Path| -> Vec<PathBuf> {
+            std::fs::read_dir(path).into_iter().flatten().flatten().map(|entry| entry.path()).collect()
+        };
+        let files =
+            list(&self.folder).into_iter().flat_map(|path| if path.is_dir() { list(&path) } else { vec![path] });
+        let files = files.filter(|path| path.file_name().is_some_and(|name| name != "lock"));
+        self.seen.lock().unwrap().extend(files.map(|path| format!("{stage}: {}", path.display())));
     }
 }
 
