@@ -1,18 +1,14 @@
 //! `correspond`: which vertex of one mesh is which of another.
 
-use super::arrays::Arrays;
-use super::options::Options;
-use super::{loaded, raised, with_run, work_dir};
+use super::listener::Listener;
+use super::{arrays, detached, loaded, raised, with_options};
 use numpy::PyArray1;
 use nystrom_stream::apps::correspond::Matching;
-use nystrom_stream::base::Error;
-use nystrom_stream::mesh;
-use nystrom_stream::store::Context;
-use nystrom_stream::pipeline::correspond::{CorrespondParams, correspond as match_meshes, default_landmarks};
+use nystrom_stream::{Cancel, Matcher};
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
-use pyo3::types::PyDict;
-use serde_json::json;
+use std::path::PathBuf;
+use std::sync::Arc;
 
 /// Matches of the vertices of a mesh.
 #[pyclass(frozen, module = "nystrom_stream")]
@@ -20,7 +16,7 @@ pub struct Correspondence {
     matches: Py<PyArray1<i64>>,
     distances: Py<PyArray1<f32>>,
     confidence: Py<PyArray1<f32>>,
-    report: String,
+    found: nystrom_stream::Correspondence,
 }
 
 #[pymethods]
@@ -46,7 +42,12 @@ impl Correspondence {
     /// The alignments that fit, whether the shape leaves a choice, and facts of both meshes.
     #[getter]
     fn report<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyAny>> {
-        loaded(py, &self.report)
+        loaded(py, self.found.report())
+    }
+
+    /// Writes the matches as .npy or .csv.
+    fn save(&self, py: Python<'_>, path: PathBuf) -> PyResult<()> {
+        py.detach(|| self.found.save(path)).map_err(raised)
     }
 
     fn __repr__(&self, py: Python<'_>) -> PyResult<String> {
@@ -54,10 +55,10 @@ impl Correspondence {
     }
 }
 
-/// See the stub file for the documentation of arguments.
+/// Finds for every vertex of mesh A its match in mesh B. See help(nystrom_stream) for the arguments.
 #[pyfunction]
 #[pyo3(signature = (vertices_a, faces_a, vertices_b, faces_b, *, matching="all", transfer=false, alternative=0,
-                    vectors=None, progress=None, **options))]
+                    vectors=None, landmarks=None, seed=0, threads=None, max_memory=None, tmp=None, progress=None))]
 pub fn correspond(
     py: Python<'_>,
     vertices_a: &Bound<'_, PyAny>,
@@ -68,10 +69,13 @@ pub fn correspond(
     transfer: bool,
     alternative: usize,
     vectors: Option<usize>,
+    landmarks: Option<usize>,
+    seed: u64,
+    threads: Option<usize>,
+    max_memory: Option<u64>,
+    tmp: Option<PathBuf>,
     progress: Option<Py<PyAny>>,
-    options: Option<&Bound<'_, PyDict>>,
 ) -> PyResult<Correspondence> {
-    let options = Options::of_run(options)?;
     let matching = match matching {
         "all" => Matching::All,
         "mutual" => Matching::Mutual,
@@ -81,37 +85,19 @@ pub fn correspond(
             return Err(PyValueError::new_err(text));
         }
     };
-    let mut params = CorrespondParams::default().matching(matching).transfer(transfer).alternative(alternative);
-    params.embedding.dimensions = vectors.unwrap_or(params.embedding.dimensions);
-    let arrays = [Arrays::of(vertices_a, faces_a)?, Arrays::of(vertices_b, faces_b)?];
-    let work = work_dir(&options).map_err(raised)?;
-    let mut folders = Vec::new();
-    for (array, name) in arrays.iter().zip(["mesh-a", "mesh-b"]) {
-        let folder = work.file(name);
-        std::fs::create_dir_all(&folder)?;
-        array.write(&folder.join("input.ply")).map_err(raised)?;
-        folders.push(folder);
-    }
-    let (found, report) = with_run(py, &options, progress, |run, _| {
-        let open = |k: usize| mesh::open(&folders[k].join("input.ply"), &folders[k], run);
-        let (a, b) = (open(0)?, open(1)?);
-        let vertices = a.positions.len().max(b.positions.len());
-        params.landmarks = options.landmarks.unwrap_or(default_landmarks(vertices));
-        let result = match_meshes(&a, &b, None, &params, Context::new(&work, run))?;
-        let report = json!({
-            "options": params,
-            "seed": run.seed,
-            "meshes": result.sides,
-            "ambiguous": result.alignments.ambiguous,
-            "alignments": result.alignments.found,
-            "alternative": alternative,
-        });
-        Ok::<_, Error>((result.matches.to_vec(), report.to_string()))
-    })?;
+    let matcher = Matcher::new().matching(matching).transfer(transfer).alternative(alternative);
+    let matcher = vectors.into_iter().fold(matcher, Matcher::dimensions);
+    let matcher = landmarks.into_iter().fold(matcher, Matcher::landmarks);
+    let cancel = Cancel::default();
+    let listener = Arc::new(Listener::new(progress, cancel.clone()));
+    let matcher = with_options!(matcher, seed, threads, max_memory, tmp, listener, cancel);
+    let (a, b) = (arrays::mesh(vertices_a, faces_a)?, arrays::mesh(vertices_b, faces_b)?);
+    let found = detached(py, &listener, || matcher.run(&a, &b))?;
+    let matches = found.matches();
     Ok(Correspondence {
-        matches: PyArray1::from_iter(py, found.iter().map(|one| one.target)).unbind(),
-        distances: PyArray1::from_iter(py, found.iter().map(|one| one.distance)).unbind(),
-        confidence: PyArray1::from_iter(py, found.iter().map(|one| one.confidence)).unbind(),
-        report,
+        matches: PyArray1::from_iter(py, matches.iter().map(|one| one.target)).unbind(),
+        distances: PyArray1::from_iter(py, matches.iter().map(|one| one.distance)).unbind(),
+        confidence: PyArray1::from_iter(py, matches.iter().map(|one| one.confidence)).unbind(),
+        found,
     })
 }

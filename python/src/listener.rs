@@ -1,6 +1,6 @@
 //! Progress as a Python callback, and Ctrl-C as a stop.
 
-use nystrom_stream::base::{Cancel, Progress};
+use nystrom_stream::{Cancel, Progress};
 use pyo3::prelude::*;
 use std::collections::BTreeMap;
 use std::sync::{Mutex, MutexGuard, PoisonError};
@@ -20,7 +20,6 @@ pub struct Listener {
 struct State {
     /// Done and total by stage.
     stages: BTreeMap<String, (u64, u64)>,
-    seconds: BTreeMap<String, f64>,
     looked: Option<Instant>,
     failure: Option<PyErr>,
 }
@@ -32,11 +31,6 @@ impl Listener {
 
     fn state(&self) -> MutexGuard<'_, State> {
         self.state.lock().unwrap_or_else(PoisonError::into_inner)
-    }
-
-    /// Seconds a stage so far.
-    pub fn seconds(&self) -> BTreeMap<String, f64> {
-        self.state().seconds.clone()
     }
 
     /// What the callback or Ctrl-C raised.
@@ -81,10 +75,9 @@ impl Progress for Listener {
         self.tell(stage, counts);
     }
 
-    fn end(&self, stage: &str, seconds: f64) {
+    fn end(&self, stage: &str, _: f64) {
         let counts = {
-            let mut state = self.state();
-            *state.seconds.entry(stage.to_string()).or_default() += seconds;
+            let state = self.state();
             let total = state.stages.get(stage).map_or(0, |counts| counts.1.max(counts.0));
             (total, total)
         };

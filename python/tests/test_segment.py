@@ -76,6 +76,30 @@ def test_files_and_arrays_agree(mesh, tmp_path):
     assert (read_vertices == vertices.astype(np.float32)).all() and (read_faces == faces).all()
 
 
+def test_arrays_leave_no_file(mesh, tmp_path):
+    vertices, faces = mesh
+    seen = []
+    nystrom_stream.segment(vertices, faces, 3, tmp=tmp_path, progress=lambda *_: seen.extend(tmp_path.iterdir()))
+    assert seen == []
+
+
+def test_results_are_cut_again_and_saved(mesh, tmp_path):
+    vertices, faces = mesh
+    cut = nystrom_stream.segment(vertices, faces, 4)
+    assert len(cut) == 4 and sum(len(cut[part]) for part in range(4)) == len(faces)
+    assert (cut.labels[cut[2]] == 2).all()
+    with pytest.raises(IndexError):
+        cut[4]
+    rough = cut.recut(3)
+    assert rough.shape == (len(faces),) and len(np.unique(rough)) == 3
+    cut.save(tmp_path / "cut.npy")
+    assert (np.load(tmp_path / "cut.npy") == cut.labels).all()
+    cut.save(tmp_path / "cut.ply")
+    assert (nystrom_stream.read_mesh(tmp_path / "cut.ply")[1] == faces).all()
+    with pytest.raises(ValueError, match="ending"):
+        cut.save(tmp_path / "cut.xyz")
+
+
 def test_work_dir_is_reused(mesh, tmp_path):
     vertices, faces = mesh
     first = nystrom_stream.segment(vertices, faces, 4, work_dir=tmp_path / "work")
@@ -88,10 +112,10 @@ def test_errors_say_what_is_wrong(mesh, tmp_path):
     vertices, faces = mesh
     wrong = faces.copy()
     wrong[7, 1] = len(vertices)
-    with pytest.raises(ValueError, match="face 7 names vertex"):
+    with pytest.raises(ValueError, match=r"faces\[7\]: names vertex"):
         nystrom_stream.segment(vertices, wrong)
     wrong[7, 1] = -1
-    with pytest.raises(ValueError, match="face 7 names vertex -1"):
+    with pytest.raises(ValueError, match=r"faces\[7\]: names vertex -1"):
         nystrom_stream.segment(vertices, wrong)
     with pytest.raises(ValueError, match="columns"):
         nystrom_stream.segment(vertices[:, :2], faces)
