@@ -101,7 +101,7 @@ pub(in crate::apps) fn glyph_rows(c: char) -> [u8; SIDE] {
     font8x8::legacy::BASIC_LEGACY.get(c as usize).copied().unwrap_or_default()
 }
 
-/// Pixels that `text` takes at `dot` pixels a dot.
+/// Pixels that `text` takes at `dot` pixels per dot.
 pub(super) fn text_width(text: &str, dot: f64) -> f64 {
     text.chars().map(advance).sum::<f64>() * dot
 }
@@ -109,7 +109,7 @@ pub(super) fn text_width(text: &str, dot: f64) -> f64 {
 /// Dots from a glyph to the next: its own columns and a gap.
 fn advance(c: char) -> f64 {
     let columns = glyph_rows(c).into_iter().fold(0, |all, row| all | row);
-    if columns == 0 { 4.0 } else { f64::from(8 - columns.leading_zeros() - columns.trailing_zeros()) + 1.3 }
+    if columns == 0 { 3.0 } else { f64::from(8 - columns.leading_zeros() - columns.trailing_zeros()) + 0.5 }
 }
 
 /// Writes `text` in linear `colour` with its upper left corner at (`x`, `y`).
@@ -123,22 +123,30 @@ pub(super) fn write_text(image: &mut Image, text: &str, x: f64, y: f64, dot: f64
     }
 }
 
-/// Strokes between neighbouring dots, in dots; diagonal ones only where no others join the two.
+/// First and last dot of each run of lit dots in a row.
+fn runs(row: u8) -> Vec<[f64; 2]> {
+    let lit = |i: usize| i < SIDE && row >> i & 1 == 1;
+    let starts = (0..SIDE).filter(|&i| lit(i) && (i == 0 || !lit(i - 1)));
+    starts.map(|i| [i as f64, (i..SIDE).take_while(|&k| lit(k)).last().unwrap_or(i) as f64]).collect()
+}
+
+/// The glyph's centre lines, in dots. Upright strokes of the font are two dots wide: a run is drawn without half a dot at
+/// either end, and joined to the runs below that it touches, straight down where they overlap, else aslant.
 fn strokes(rows: &[u8; SIDE]) -> Vec<[f64; 4]> {
-    let side = 0..SIDE as i64;
-    let lit = |i: i64, j: i64| side.contains(&i) && side.contains(&j) && rows[j as usize] >> i & 1 == 1;
+    let thin = |[a, b]: [f64; 2]| if a < b { [a + 0.5, b - 0.5] } else { [a, b] };
     let mut strokes = Vec::new();
-    for (i, j) in side.clone().flat_map(|j| (0..SIDE as i64).map(move |i| (i, j))).filter(|&(i, j)| lit(i, j)) {
-        let mut to = |k: i64, l: i64| strokes.push([i as f64, j as f64, k as f64, l as f64]);
-        to(i, j);
-        for (k, l) in [(i + 1, j), (i, j + 1)] {
-            if lit(k, l) {
-                to(k, l);
-            }
-        }
-        for k in [i - 1, i + 1] {
-            if lit(k, j + 1) && !lit(k, j) && !lit(i, j + 1) {
-                to(k, j + 1);
+    for (j, &row) in rows.iter().enumerate() {
+        let (y, below) = (j as f64, rows.get(j + 1).copied().unwrap_or(0));
+        for run in runs(row) {
+            let [a, b] = thin(run);
+            strokes.push([a, y, b, y]);
+            for next in runs(below).into_iter().filter(|next| next[0] <= run[1] + 1.0 && run[0] <= next[1] + 1.0) {
+                let [c, d] = thin(next);
+                if c <= b && a <= d {
+                    strokes.extend([a.max(c), b.min(d)].map(|x| [x, y, x, y + 1.0]));
+                } else {
+                    strokes.push(if b < c { [b, y, c, y + 1.0] } else { [a, y, d, y + 1.0] });
+                }
             }
         }
     }
