@@ -62,13 +62,19 @@ pub fn map_chunks<S, R: Send>(
         }
         done.lock().unwrap_or_else(|poison| poison.into_inner()).append(&mut mine);
     };
+    on_threads(threads, &worker);
+    let mut all = done.into_inner().unwrap_or_else(|poison| poison.into_inner());
+    all.sort_unstable_by_key(|(k, _)| *k);
+    all.into_iter().map(|(_, result)| result).collect()
+}
+
+/// Runs `worker` on `threads` threads, the caller's among them. Not generic: what starts and joins threads is compiled
+/// once, not for each of a hundred loops.
+fn on_threads(threads: usize, worker: &(dyn Fn() + Sync)) {
     std::thread::scope(|scope| {
         (1..threads).for_each(|_| drop(scope.spawn(worker)));
         worker();
     });
-    let mut all = done.into_inner().unwrap_or_else(|poison| poison.into_inner());
-    all.sort_unstable_by_key(|(k, _)| *k);
-    all.into_iter().map(|(_, result)| result).collect()
 }
 
 /// [`map_chunks`] over the chunks of `size` of `0..n`, without states.
@@ -150,7 +156,7 @@ pub fn in_order<S, R: Send>(
         for _ in 0..threads {
             let (jobs, done) = (jobs.clone(), done.clone());
             let (init, work) = (&init, &work);
-            scope.spawn(move || {
+            let worker: Box<dyn FnOnce() + Send + '_> = Box::new(move || {
                 let mut state = init();
                 for k in jobs {
                     let result = cancel.check().and_then(|()| work(k, &mut state));
@@ -159,6 +165,7 @@ pub fn in_order<S, R: Send>(
                     }
                 }
             });
+            scope.spawn(worker);
         }
         drop((jobs, done));
         let mut issued = 0;

@@ -7,7 +7,9 @@ use nystrom_stream::apps::plots::{Dendrogram, Spectrum, TreePlot};
 use nystrom_stream::base::{Error, Result};
 use nystrom_stream::cluster::parts::{PartCount, PartTree, PartsParams, TreeCut, detail_threshold};
 use nystrom_stream::pipeline::decision::{read_tree, tree_of};
-use nystrom_stream::pipeline::kept::{self, Eigenvalues, Labels, Record};
+use nystrom_stream::pipeline::input::Record;
+use nystrom_stream::pipeline::labels::Labels;
+use nystrom_stream::pipeline::recipe::{self, Eigenvalues};
 use nystrom_stream::store::WorkDir;
 use serde_json::Value;
 use std::path::{Path, PathBuf};
@@ -54,13 +56,13 @@ impl Found {
     fn in_work_dir(path: &Path) -> Result<Self> {
         let work = WorkDir::open_existing(path)?;
         let record = Record::read(&work)?;
-        let made = match (kept::cut(&work), Labels::read(&work)) {
+        let made = match (recipe::cut(&work), Labels::read(&work)) {
             (Some(params), Ok(labels)) => Some((params, labels.colours)),
             _ => None,
         };
         let coarse = record.params.coarse;
         let name = record.mesh.file_stem().unwrap_or_default().to_string_lossy().into_owned();
-        Ok(Self { name, eigenvalues: kept::eigenvalues(&work, coarse), tree: tree_of(&work, coarse), made })
+        Ok(Self { name, eigenvalues: recipe::eigenvalues(&work, coarse), tree: tree_of(&work, coarse), made })
     }
 
     fn in_file(path: &Path) -> Result<Self> {

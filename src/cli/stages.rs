@@ -13,8 +13,10 @@ use nystrom_stream::distance::shard;
 use nystrom_stream::graph::Order;
 use nystrom_stream::mesh;
 use nystrom_stream::mesh::ply::labelled::Labelling;
-use nystrom_stream::pipeline::kept::{self, Labels, Record};
-use nystrom_stream::pipeline::{Cluster, SegmentParams, cuts, decision, embed, input, sharding, stages};
+use nystrom_stream::pipeline::input::Record;
+use nystrom_stream::pipeline::labels::Labels;
+use nystrom_stream::pipeline::recipe;
+use nystrom_stream::pipeline::{Cluster, SegmentParams, cuts, decision, embed, input, sharding};
 use nystrom_stream::spectral::EmbeddingParams;
 use nystrom_stream::store::{Context, MappedSlice, Run, WorkDir, workdir};
 use serde_json::{Value, json};
@@ -142,7 +144,7 @@ pub fn graph(args: &GraphArgs, app: &AppContext) -> Result<(), CliError> {
     let work = WorkDir::open(&args.place.work_dir)?;
     let (opened, identity) = read(&args.mesh, Context::new(&work, &run))?;
     opened.notes().iter().for_each(|note| run.progress.note(note));
-    stages::graph(&opened, &identity, &params, Context::new(&work, &run))?;
+    input::graph(&opened, &identity, &params, Context::new(&work, &run))?;
     Ok(())
 }
 
@@ -234,8 +236,8 @@ pub fn cluster(args: &ClusterArgs, app: &AppContext) -> Result<(), CliError> {
         return Err(misfit("--tree", "--cluster parts"));
     }
     let tree = args.tree.as_deref().map(decision::read_tree).transpose()?;
-    let params = kept::continued(&record, &params);
-    let result = kept::cluster(&params, tree.as_ref(), Context::new(&work, &run))?;
+    let params = recipe::continued(&record, &params);
+    let result = recipe::cluster(&params, tree.as_ref(), Context::new(&work, &run))?;
     let report = || {
         let part = |(label, &faces): (usize, &u64)| {
             let area = result.numbers.area.get(label).map(|area| area * result.graph.frame.scale.powi(2));

@@ -4,7 +4,7 @@
 //! `weights`. 8 bytes per node and 8 per directed edge; [`Csr::neighbours`] walks the steps from a node.
 
 use crate::base::{Error, Result};
-use crate::store::in_memory::AlignedBuffer;
+use crate::store::mapped::AlignedBuffer;
 use crate::store::{MappedSlice, Run, WorkDir};
 use bytemuck::{Pod, Zeroable};
 use std::ops::Range;
@@ -56,6 +56,18 @@ impl WeightedGraph {
     pub fn release(self, work: &WorkDir) -> Result<()> {
         drop(self);
         work.release("weights", &["graph_weights.npy"])
+    }
+
+    /// The graph as a matrix of `sprs` over the same arrays, for other programs: row i has the neighbours of node i and the
+    /// weights of the steps. With the feature `sprs`. One pass checks that rows ascend and end where they say.
+    ///
+    /// # Errors
+    /// [`Error::Unusable`] for a matrix that is none.
+    #[cfg(any(feature = "sprs", test))]
+    pub fn matrix(&self) -> Result<sprs::CsMatViewI<'_, f32, u32, u64>> {
+        let n = self.indptr.len() - 1;
+        sprs::CsMatBase::try_new((n, n), &self.indptr[..], &self.indices[..], &self.weights[..])
+            .map_err(|(.., problem)| Error::unusable("graph", problem.to_string(), "delete the work directory"))
     }
 
     /// The matrix as raw slices for hot loops.
@@ -181,5 +193,30 @@ impl TriangleAdjacency {
     /// The records (n).
     pub fn all(&self) -> &[TriangleNeighbours] {
         self.words.items(self.nodes)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_matrix_is_the_graph() {
+        let dir = tempfile::tempdir().unwrap();
+        let work = WorkDir::temporary(dir.path()).unwrap();
+        let graph = |indices: &[u32]| {
+            let indptr = work.write("p.npy", &[0u64, 1, 3, 4], 1).unwrap();
+            let weights = work.write("w.npy", &[1f32, 1., 2., 2.], 1).unwrap();
+            let indices = work.write("i.npy", indices, 1).unwrap();
+            WeightedGraph::new(dir.path(), indptr, indices, weights, String::new()).unwrap()
+        };
+        let path = graph(&[1, 0, 2, 1]);
+        let matrix = path.matrix().unwrap();
+        for (i, row) in matrix.outer_iterator().enumerate() {
+            let steps: Vec<(u32, f32)> = row.indices().iter().copied().zip(row.data().iter().copied()).collect();
+            assert_eq!(steps, path.csr().neighbours(i as u32).collect::<Vec<_>>());
+        }
+        assert!(graph(&[1, 2, 0, 1]).matrix().is_err(), "a row that does not ascend");
+        assert!(graph(&[1, 0, 3, 1]).matrix().is_err(), "no such node");
     }
 }

@@ -2,8 +2,9 @@
 //!
 //! Costs about a second and some 20 MB of disk for as long.
 
-use super::plan::{CALIBRATION, MeshSize};
-use super::{SegmentParams, segment};
+use super::params::SegmentParams;
+use super::plan::{CALIBRATION, MeshSize, Pace};
+use super::recipe::segment;
 use crate::apps::creature::{Creature, Options};
 use crate::base::{Error, Progress, Result};
 use crate::mesh;
@@ -15,9 +16,6 @@ use std::collections::BTreeMap;
 use std::path::Path;
 use std::sync::Mutex;
 
-/// Caches hold the creature and not the mesh: stages take this much longer a face on large meshes (measured).
-const BEYOND_CACHES: f64 = 1.2;
-
 /// Listens to nothing but the seconds of stages.
 #[derive(Default)]
 struct Clock(Mutex<BTreeMap<String, f64>>);
@@ -25,28 +23,6 @@ struct Clock(Mutex<BTreeMap<String, f64>>);
 impl Progress for Clock {
     fn end(&self, stage: &str, seconds: f64) {
         *self.0.lock().unwrap_or_else(|poison| poison.into_inner()).entry(stage.to_string()).or_default() += seconds;
-    }
-}
-
-/// What a stage takes: so much at any size, and so much a face.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct Pace {
-    /// Seconds.
-    pub fixed: f64,
-    /// Seconds a face.
-    pub per_face: f64,
-}
-
-impl Pace {
-    /// Seconds for `faces` faces.
-    pub fn of(&self, faces: u64) -> f64 {
-        self.fixed + self.per_face * faces as f64
-    }
-
-    /// The line through two measurements of (faces, seconds).
-    fn through((few, short): (f64, f64), (many, long): (f64, f64)) -> Self {
-        let slope = ((long - short) / (many - few)).clamp(0., long / many);
-        Self { fixed: (long - slope * many).max(0.), per_face: BEYOND_CACHES * slope }
     }
 }
 

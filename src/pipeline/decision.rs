@@ -5,10 +5,10 @@
 //! `superface_areas.npy`, the sets of cells that no clustering of the ensemble tells apart; `co_association.npy`
 //! (superfaces × superfaces), how far any two belong together, which confidences come from.
 
-use super::report::SegmentStats;
+use super::labels::SegmentStats;
+use super::params::{SegmentParams, landmarks_for_parts};
 use super::sample::Sample;
 use super::surface::WeightedSurface;
-use super::{SegmentParams, landmarks_for_parts};
 use crate::base::{Error, Result};
 use crate::cluster::parts::matrix::Square;
 use crate::cluster::parts::{self, PartDecision, PartTree, Superfaces};

@@ -2,7 +2,10 @@
 //!
 //! `segment` never needs it whole: it extrapolates a chunk at a time. Cost: one pass over `[A B]`; 4 d bytes of disk for each face.
 
-use super::{SegmentParams, parts, rows, rows_for_means};
+use super::means::rows_for_means;
+use super::params::{Cluster, SegmentParams, landmarks_for_parts};
+use super::parts;
+use super::sample::rows;
 use crate::base::Result;
 use crate::base::parallel::{chunk_count, chunk_range};
 use crate::distance::DistanceRows;
@@ -107,9 +110,9 @@ fn some_rows(graph: &DualGraph, parts: usize, method: &SegmentParams, context: C
         context.run.progress.note("rows: reused");
         return Ok(rows);
     }
-    if method.cluster == super::Cluster::Parts {
+    if method.cluster == Cluster::Parts {
         let weighted = parts::weighted(graph, method, context)?.1;
-        let l = method.landmarks.unwrap_or(super::landmarks_for_parts(n));
+        let l = method.landmarks.unwrap_or(landmarks_for_parts(n));
         return rows(graph, &weighted, l, method, context);
     }
     let weighted = graph.weighted(method.metric, context)?;

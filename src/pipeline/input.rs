@@ -1,10 +1,16 @@
-//! Which input a work directory belongs to.
+//! Which mesh a work directory is of, and the first stages over it, common to all commands.
 
+use super::params::SegmentParams;
 use crate::base::{Error, Result};
-use serde_json::json;
+use crate::graph::{DualGraph, Ordered};
+use crate::mesh::Mesh;
+use crate::store::stage::StageKey;
+use crate::store::{Context, WorkDir};
+use serde::{Deserialize, Serialize};
+use serde_json::{Value, json};
 use std::fs::File;
 use std::io::{Read, Seek, SeekFrom};
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use xxhash_rust::xxh3::Xxh3;
 
 /// Bytes hashed at either end of the file.
@@ -15,7 +21,7 @@ const END: u64 = 1 << 20;
 ///
 /// # Errors
 /// [`Error::Io`].
-pub fn identity(path: &Path) -> Result<serde_json::Value> {
+pub fn identity(path: &Path) -> Result<Value> {
     let mut file = File::open(path).map_err(Error::io(path, "open"))?;
     let metadata = file.metadata().map_err(Error::io(path, "look at"))?;
     let changed = metadata
@@ -42,6 +48,75 @@ pub fn identity(path: &Path) -> Result<serde_json::Value> {
 }
 
 /// Whether two identities are of the same content, wherever it lies and whenever it was copied there.
-pub fn same(a: &serde_json::Value, b: &serde_json::Value) -> bool {
+pub fn same(a: &Value, b: &Value) -> bool {
     a["bytes"] == b["bytes"] && a["ends"] == b["ends"]
+}
+
+/// Version of what the record tells.
+const RECORD_VERSION: u32 = 1;
+
+/// Which mesh a work directory is of, and under which options it was made.
+#[derive(Clone, Debug, Serialize, Deserialize)]
+pub struct Record {
+    /// Where the mesh lies.
+    pub mesh: PathBuf,
+    /// Which input it is ([`identity`]).
+    pub identity: Value,
+    /// The options.
+    pub params: SegmentParams,
+    /// The seed.
+    pub seed: u64,
+}
+
+impl Record {
+    /// The record of a run; the seed is filled in by [`Record::stamp`].
+    pub(super) fn of(opened: &Mesh, identity: &Value, params: &SegmentParams, work: &WorkDir) -> Self {
+        let path = opened.path();
+        // Standard input lies in the work directory, where it was spooled to.
+        let path = if identity.get("stdin").is_some() { work.file("input") } else { path.to_path_buf() };
+        let mesh = std::path::absolute(&path).unwrap_or(path);
+        Self { mesh, identity: identity.clone(), params: params.clone(), seed: 0 }
+    }
+
+    /// Leaves the record in `work`.
+    ///
+    /// # Errors
+    /// [`Error::Io`].
+    pub(super) fn stamp(mut self, context: Context<'_>) -> Result<()> {
+        if context.work.is_temporary() {
+            return Ok(());
+        }
+        self.seed = context.run.seed;
+        let inputs = json!({"input": self.identity, "params": self.params, "seed": self.seed});
+        context.work.stamp(StageKey::new("record", RECORD_VERSION, inputs), &[], &self, 0.)
+    }
+
+    /// The record in `work`.
+    ///
+    /// # Errors
+    /// [`Error::WorkDir`] where there is none.
+    pub fn read(work: &WorkDir) -> Result<Self> {
+        let remedy = "start it: nystrom-stream graph MESH --work-dir …";
+        let stage = work.manifest().stages.remove("record");
+        let stage = stage.ok_or_else(|| Error::work_dir(work.path(), "does not say which mesh it is of", remedy))?;
+        serde_json::from_value(stage.facts)
+            .map_err(|error| Error::work_dir(work.path(), format!("its record cannot be read: {error}"), remedy))
+    }
+}
+
+/// Orders the mesh and builds its graph, or opens both; leaves a record of mesh and options for later commands.
+///
+/// # Errors
+/// [`crate::base::Error::Unusable`] for too large meshes, [`crate::base::Error::Io`], [`crate::base::Error::Memory`],
+/// [`crate::base::Error::Cancelled`].
+pub fn graph(
+    opened: &Mesh,
+    identity: &Value,
+    params: &SegmentParams,
+    context: Context<'_>,
+) -> Result<(Ordered, DualGraph)> {
+    let ordered = Ordered::build(&opened, params.order, identity, context)?;
+    let graph = DualGraph::build(&ordered.mesh, opened.path(), &ordered.identity, context)?;
+    Record::of(opened, identity, params, context.work).stamp(context)?;
+    Ok((ordered, graph))
 }

@@ -1,13 +1,13 @@
-//! The default way: parts as people would cut them.
+//! The default method: parts as people would cut them.
 //!
 //! Everything of the size of the mesh happens here once, out of core: shares of area, normals at a radius of the shape,
 //! weights, rows, cells; then the parts are decided on cells, in constant time, as a whole tree of answers, and
 //! one more front moves their boundaries onto creases. Another number of parts needs only the last step.
 
 use super::decision::DecisionStage;
-use super::report::SegmentStats;
+use super::labels::{Clustered, SegmentStats};
+use super::params::{Boundaries, SegmentParams, TinyComponents};
 use super::surface::{Kind, Surface, SurfaceStage, WeightedSurface};
-use super::{Boundaries, Clustered, SegmentParams, TinyComponents};
 use crate::base::{Error, Result};
 use crate::cluster::boundary::{self, BoundaryMethod, CellLabels};
 use crate::cluster::contract;

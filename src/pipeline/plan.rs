@@ -4,9 +4,8 @@
 //! the arrays alone, memory from the same arithmetic that cuts shuffles to the budget, time from a short calibration: the same recipe on two small creatures ([`CALIBRATION`] faces and a quarter), drawn
 //! out along the line through both. The input's header is read, nothing else.
 
-use super::calibrate::Pace;
+use super::params::{Cluster, SegmentParams, default_landmarks, landmarks_for_parts};
 use super::surface::SurfaceStage;
-use super::{Cluster, SegmentParams, default_landmarks, landmarks_for_parts};
 use crate::base::{Error, Result};
 use crate::cluster::parts::PartCount;
 use crate::distance::rows::RowsStage;
@@ -20,6 +19,31 @@ use std::path::Path;
 
 /// Faces of the calibration's creature.
 pub const CALIBRATION: u64 = 200_000;
+
+/// Caches hold the creature and not the mesh: stages take this much longer a face on large meshes (measured).
+const BEYOND_CACHES: f64 = 1.2;
+
+/// What a stage takes: a part that does not depend on the size, and a part per face.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Pace {
+    /// Seconds.
+    pub fixed: f64,
+    /// Seconds a face.
+    pub per_face: f64,
+}
+
+impl Pace {
+    /// Seconds for `faces` faces.
+    pub fn of(&self, faces: u64) -> f64 {
+        self.fixed + self.per_face * faces as f64
+    }
+
+    /// The line through two measurements of (faces, seconds).
+    pub(super) fn through((few, short): (f64, f64), (many, long): (f64, f64)) -> Self {
+        let slope = ((long - short) / (many - few)).clamp(0., long / many);
+        Self { fixed: (long - slope * many).max(0.), per_face: BEYOND_CACHES * slope }
+    }
+}
 
 /// The size of a mesh, and how its file has to be read.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]

@@ -1,44 +1,13 @@
 //! The report of a run: one JSON object.
 
-use super::{SegmentParams, Segmentation};
+use super::labels::Segmentation;
+use super::params::SegmentParams;
 use crate::cluster::parts::PartsReport;
 use crate::landmarks::Sampling;
 use crate::mesh::Mesh;
 use crate::store::Context;
-use serde::{Deserialize, Serialize};
+use serde::Serialize;
 use std::collections::BTreeMap;
-
-/// Numbers that the stages leave for the report.
-#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
-pub struct SegmentStats {
-    /// Landmark faces (l).
-    pub landmarks: Vec<u32>,
-    /// How they were chosen, where that is decided on the way.
-    #[serde(default)]
-    pub sampling: Option<Sampling>,
-    /// The kernel's width.
-    pub sigma: f64,
-    /// Eigenvalues of the l × l problem, descending.
-    pub eigenvalues: Vec<f64>,
-    /// Eigenpairs of A dropped as negative or too small.
-    pub dropped_eigenpairs: usize,
-    /// Share of A's negative eigenvalues in the sum of all absolute ones.
-    pub negative_mass: f64,
-    /// Γ, eq. 6.
-    pub gamma: f64,
-    /// Faces of each part.
-    pub faces: Vec<u64>,
-    /// Area of each part, in the frame.
-    pub area: Vec<f64>,
-    /// What deciding parts has to tell.
-    pub decision: Option<PartsReport>,
-    /// Radius of the normals that turning is measured with; 0: the faces' own.
-    pub radius: f32,
-    /// Faces of components too small to be parts.
-    pub tiny_components: u64,
-    /// The label that they have in common, where they are not to join parts.
-    pub tiny_components_label: Option<u32>,
-}
 
 /// The report.
 #[derive(Clone, Debug, Serialize)]

@@ -5,15 +5,15 @@
 //! comes from its front and forgotten, which saves 4 l bytes of disk a face, 80 to 240, and writing and reading them.
 //! Averages are the same numbers both ways.
 
-use super::report::SegmentStats;
-use super::rows;
+use super::labels::SegmentStats;
+use super::params::{SegmentParams, landmarks_for_parts};
 use super::surface::{Surface, WeightedSurface};
-use super::{SegmentParams, landmarks_for_parts};
 use crate::base::Result;
 use crate::cluster::cells::{self, CellAverages, greatest_share};
 use crate::distance::DistanceRows;
 use crate::distance::VisitedRow;
 use crate::distance::rows::{Landmarks, RowParams};
+use crate::graph::{DualGraph, WeightedGraph};
 use crate::landmarks::Sampling;
 use crate::store::Context;
 use crate::store::needs::{Extent, Needs, Room};
@@ -27,6 +27,17 @@ const OUTLIERS: f64 = 0.8;
 const FEW: usize = 10;
 /// The averages.
 const FILE: &str = "cell_rows.npy";
+
+/// The rows `[A B]` that `params` asks for.
+pub(super) fn rows(
+    graph: &DualGraph,
+    weighted: &WeightedGraph,
+    l: usize,
+    params: &SegmentParams,
+    context: Context<'_>,
+) -> Result<DistanceRows> {
+    DistanceRows::build(weighted, &graph.nodes, RowParams { l, sampling: params.sampling }, context)
+}
 
 /// Landmarks, and their distances averaged over cells.
 pub(super) struct Sample {

@@ -4,7 +4,9 @@
 //! `sharding` that names them, and lets go. Rows are then computed under a shared lock, each shard into files of
 //! its own. A process that finds the stage stamped needs neither mesh nor lock of its own.
 
-use super::{Cluster, SegmentParams, default_landmarks, fit, landmarks_for_parts, parts, stages};
+use super::means::fit;
+use super::params::{Cluster, SegmentParams, default_landmarks, landmarks_for_parts};
+use super::{input, parts};
 use crate::base::{Error, Result};
 use crate::distance::rows::RowParams;
 use crate::distance::{DistanceRows, shard};
@@ -57,7 +59,7 @@ fn landmarks(params: &SegmentParams, faces: usize) -> Result<usize> {
 /// Makes everything up to the weights in `work`.
 fn prepare(opened: &Mesh, identity: &Value, params: &SegmentParams, context: Context<'_>) -> Result<WeightedGraph> {
     let l = landmarks(params, opened.faces.len())?;
-    let graph = stages::graph(opened, identity, params, context)?.1;
+    let graph = input::graph(opened, identity, params, context)?.1;
     let weighted = match params.cluster {
         Cluster::KMeans | Cluster::TwoMeans => graph.weighted(params.metric, context)?,
         Cluster::Parts => parts::weighted(&graph, params, context)?.1,
@@ -70,7 +72,7 @@ fn prepare(opened: &Mesh, identity: &Value, params: &SegmentParams, context: Con
 /// Computes all rows, as `segment` would.
 ///
 /// # Errors
-/// As [`super::segment`].
+/// As [`super::segment()`].
 pub fn all(opened: &Mesh, identity: &Value, params: &SegmentParams, context: Context<'_>) -> Result<DistanceRows> {
     let weighted = prepare(opened, identity, params, context)?;
     let rows = RowParams { l: landmarks(params, opened.faces.len())?, sampling: params.sampling };
@@ -82,7 +84,7 @@ pub fn all(opened: &Mesh, identity: &Value, params: &SegmentParams, context: Con
 /// `open` reads the mesh, with decoded arrays going to the work directory; it is called only where needed.
 ///
 /// # Errors
-/// As [`super::segment`], and [`Error::Parameter`] for a shard that does not exist.
+/// As [`super::segment()`], and [`Error::Parameter`] for a shard that does not exist.
 pub fn one(
     path: &Path,
     identity: &Value,

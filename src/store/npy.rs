@@ -5,7 +5,8 @@
 //! [`HEADER`] bytes, a multiple of 64, so that the data are aligned here and in NumPy, and so that
 //! a streamed array can fill in its length at the end.
 
-use super::in_memory::{AlignedBuffer, InMemoryArrays};
+use super::in_memory::InMemoryArrays;
+use super::mapped::AlignedBuffer;
 use super::mapped::{MappedBytes, MappedSlice, MappedSliceMut};
 use crate::base::{Error, Result};
 use bytemuck::Pod;

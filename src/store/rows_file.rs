@@ -4,7 +4,8 @@
 //! left half-filled can be taken up again: which of its rows are whole is for a journal to say. A small one in a
 //! temporary directory is held in memory instead ([`super::in_memory`]).
 
-use super::in_memory::{AlignedBuffer, InMemoryArrays};
+use super::in_memory::InMemoryArrays;
+use super::mapped::AlignedBuffer;
 use super::mapped::{MappedSlice, MappedSliceMut};
 use super::npy::{self, HEADER, Item};
 use crate::base::{Error, Result};

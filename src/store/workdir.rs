@@ -10,11 +10,12 @@
 //! the next run that makes one beside it.
 
 use super::budget::Budget;
-use super::in_memory::{AlignedBuffer, InMemoryArrays};
+use super::in_memory::InMemoryArrays;
 use super::json;
 use super::manifest::FORMAT;
 use super::manifest::MANIFEST;
 pub use super::manifest::{Manifest, checksum};
+use super::mapped::AlignedBuffer;
 use super::npy::{self, ArrayMut, ArrayWriter, Item};
 use super::rows_file::{MOST_HELD, RowsFile};
 use super::{MappedSlice, MappedSliceMut};

@@ -72,18 +72,8 @@ fn a_turned_permuted_copy_is_recognised_and_its_properties_come_back() {
     npy::write(&map, &truth, 1, false).unwrap();
     let json = file("e.json");
     for form in [&out, &csv] {
-        let words = [
-            "evaluate",
-            "-q",
-            "--matches",
-            word(form),
-            "--mesh",
-            word(&b),
-            "--truth",
-            word(&map),
-            "--json",
-            word(&json),
-        ];
+        let json_to = format!("--json={}", json.display());
+        let words = ["evaluate", "-q", "--matches", word(form), "--mesh", word(&b), "--truth", word(&map), &json_to];
         let run = program().args(words).output().unwrap();
         assert!(run.status.success(), "{}", errors(&run));
         let told: serde_json::Value = serde_json::from_slice(&std::fs::read(&json).unwrap()).unwrap();

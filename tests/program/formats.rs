@@ -218,7 +218,7 @@ fn what_makes_no_sense_is_refused_before_any_work() {
     let mesh = common::creature(dir.path(), 1_000, false);
     let out = |name: &str| dir.path().join(name).display().to_string();
     for (words, part) in [
-        (vec!["-o".to_string(), out("parts")], "or with / for a PLY a part"),
+        (vec!["-o".to_string(), out("parts")], "folder with one PLY per part"),
         (vec!["-o".into(), out("x.seg"), "--vertex-labels".into()], "--vertex-labels goes with a .ply"),
         (vec!["--embedding-columns".into()], "--embedding-columns goes with a .parquet"),
     ] {

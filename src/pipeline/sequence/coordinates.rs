@@ -12,7 +12,8 @@ use crate::distance::DistanceRows;
 use crate::graph::DualGraph;
 use crate::graph::half_edge_pairs::AGAINST;
 use crate::mesh::Mesh;
-use crate::spectral::{Embedding, SampledColumns, eigen};
+use crate::spectral::embedding::KernelWidth;
+use crate::spectral::{Embedding, EmbeddingParams, Kernel, Normalisation, SampledColumns, eigen};
 use crate::store::npy::ArrayMut;
 use crate::store::{Context, MappedSlice, Run, WorkDir};
 use nalgebra::DMatrix;
@@ -218,5 +219,16 @@ pub(super) fn remove(work: &WorkDir) {
 pub(super) fn fit(rows: &DistanceRows, graph: &DualGraph, run: &Run) -> Result<Embedding> {
     let columns = SampledColumns::sample(rows, &graph.nodes, run.seed);
     let dimensions = if graph.components.is_some() { MANY } else { FEW };
-    Embedding::fit(rows, &columns, super::embedding_params(dimensions))
+    Embedding::fit(rows, &columns, embedding_params(dimensions))
+}
+
+/// The embedding that coordinates come from.
+fn embedding_params(dimensions: usize) -> EmbeddingParams {
+    EmbeddingParams {
+        kernel: Kernel::Gaussian,
+        width: KernelWidth::Mean(1.),
+        normalisation: Normalisation::Degree,
+        dimensions,
+        unit_rows: false,
+    }
 }

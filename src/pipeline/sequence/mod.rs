@@ -20,9 +20,7 @@ use crate::graph::{DualGraph, Metric, Order, Ordered, VertexAdjacency};
 use crate::landmarks::Sampling;
 use crate::mesh::Mesh;
 use crate::pipeline::SegmentParams;
-use crate::pipeline::kept::Record;
-use crate::spectral::embedding::KernelWidth;
-use crate::spectral::{EmbeddingParams, Kernel, Normalisation};
+use crate::pipeline::input::Record;
 use crate::store::{Context, MappedSlice, WorkDir};
 use coordinates::{Coordinates, Task};
 use serde::Serialize;
@@ -45,17 +43,6 @@ pub struct SequenceParams {
 }
 
 crate::base::setters::setters!(SequenceParams { order: SequenceOrder, sweeps: usize, landmarks: Option<usize> });
-
-/// The embedding that coordinates come from.
-fn embedding_params(dimensions: usize) -> EmbeddingParams {
-    EmbeddingParams {
-        kernel: Kernel::Gaussian,
-        width: KernelWidth::Mean(1.),
-        normalisation: Normalisation::Degree,
-        dimensions,
-        unit_rows: false,
-    }
-}
 
 /// An order, by the numbers of the file.
 #[derive(Clone, Debug)]

@@ -1,0 +1,167 @@
+//! What cutting gives: one label per face in the order of the file, confidences, colours, and the numbers behind them.
+//!
+//! Labels are brought from the order of the graph's nodes into that of the file, parts that touch get colours that
+//! differ, and both stay in the work directory for `export`. Cost: two passes over the labels, one over the graph.
+
+use super::params::SegmentParams;
+use crate::apps::colours;
+use crate::base::{Error, Result};
+use crate::cluster::parts::PartsReport;
+use crate::graph::order::OrderFacts;
+use crate::graph::{DualGraph, GraphFacts, NodeOrder};
+use crate::landmarks::Sampling;
+use crate::store::stage::StageKey;
+use crate::store::{Context, MappedSlice, Run, WorkDir};
+use serde::{Deserialize, Serialize};
+use serde_json::json;
+use std::collections::BTreeMap;
+
+const CHUNK: usize = 1 << 15;
+/// Version of how labels come of parts.
+const LABELS_VERSION: u32 = 1;
+/// The colour of tiny components that are a part of their own.
+const TINY_COMPONENTS_COLOUR: [u8; 3] = [128; 3];
+
+/// Numbers that the stages leave for the report.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct SegmentStats {
+    /// Landmark faces (l).
+    pub landmarks: Vec<u32>,
+    /// How they were chosen, where that is decided on the way.
+    #[serde(default)]
+    pub sampling: Option<Sampling>,
+    /// The kernel's width.
+    pub sigma: f64,
+    /// Eigenvalues of the l × l problem, descending.
+    pub eigenvalues: Vec<f64>,
+    /// Eigenpairs of A dropped as negative or too small.
+    pub dropped_eigenpairs: usize,
+    /// Share of A's negative eigenvalues in the sum of all absolute ones.
+    pub negative_mass: f64,
+    /// Γ, eq. 6.
+    pub gamma: f64,
+    /// Faces of each part.
+    pub faces: Vec<u64>,
+    /// Area of each part, in the frame.
+    pub area: Vec<f64>,
+    /// What deciding parts has to tell.
+    pub decision: Option<PartsReport>,
+    /// Radius of the normals that turning is measured with; 0: the faces' own.
+    pub radius: f32,
+    /// Faces of components too small to be parts.
+    pub tiny_components: u64,
+    /// The label that they have in common, where they are not to join parts.
+    pub tiny_components_label: Option<u32>,
+}
+
+/// Labels and the numbers learned on the way to them.
+pub(super) struct Clustered {
+    pub labels: MappedSlice<u32>,
+    pub quality: MappedSlice<f32>,
+    pub numbers: SegmentStats,
+}
+
+/// A segmented mesh.
+#[derive(Clone, Debug)]
+pub struct Segmentation {
+    /// One part per face, in the order of the file (n).
+    pub labels: MappedSlice<u32>,
+    /// How sure each label is, 0 to 1 (n).
+    pub quality: MappedSlice<f32>,
+    /// One colour per part; neighbours differ.
+    pub colours: Vec<[u8; 3]>,
+    /// How good the file's order was, and whether it was kept.
+    pub order: OrderFacts,
+    /// What the graph learned of the mesh.
+    pub graph: GraphFacts,
+    /// The numbers behind the report.
+    pub numbers: SegmentStats,
+}
+
+/// Brings labels into the order of the file, colours the parts and stamps the result.
+pub(super) fn label(
+    graph: &DualGraph,
+    order: NodeOrder,
+    clustered: Clustered,
+    params: &SegmentParams,
+    context: Context<'_>,
+) -> Result<Segmentation> {
+    let pairs = touching(graph, &clustered.labels, context.run)?;
+    let mut numbers = clustered.numbers;
+    numbers.landmarks.iter_mut().for_each(|node| *node = order.face(*node));
+    let labels = order.restore("labels.npy", clustered.labels, context)?;
+    let quality = order.restore("quality.npy", clustered.quality, context)?;
+    let mut colours = colours::assign(numbers.faces.len(), &pairs);
+    if let Some(tiny_components) = numbers.tiny_components_label {
+        colours[tiny_components as usize] = TINY_COMPONENTS_COLOUR;
+    }
+    let inputs = json!({"graph": graph.key, "params": params, "seed": context.run.seed});
+    let facts = LabelFacts { faces: numbers.faces.clone(), colours: colours.clone() };
+    let stage = StageKey::new("labels", LABELS_VERSION, inputs);
+    context.work.stamp(stage, &["labels.npy", "quality.npy"], &facts, 0.)?;
+    Ok(Segmentation { colours, labels, quality, order: order.facts, graph: graph.facts.clone(), numbers })
+}
+
+/// Labels of a work directory, as `cluster` left them.
+#[derive(Clone, Debug)]
+pub struct Labels {
+    /// One part per face, in the order of the file (n).
+    pub labels: MappedSlice<u32>,
+    /// How sure each label is, 0 to 1 (n).
+    pub quality: MappedSlice<f32>,
+    /// One colour per part.
+    pub colours: Vec<[u8; 3]>,
+}
+
+/// What the manifest keeps of labels.
+#[derive(Clone, Debug, Serialize, Deserialize)]
+struct LabelFacts {
+    /// Faces of each part.
+    pub faces: Vec<u64>,
+    /// One colour per part.
+    pub colours: Vec<[u8; 3]>,
+}
+
+impl Labels {
+    /// The labels in `work`.
+    ///
+    /// # Errors
+    /// [`Error::WorkDir`] where there are none.
+    pub fn read(work: &WorkDir) -> Result<Self> {
+        let remedy = "make them first: nystrom-stream cluster --work-dir …";
+        let stage = work.manifest().stages.remove("labels");
+        let stage = stage.ok_or_else(|| Error::work_dir(work.path(), "holds no labels", remedy))?;
+        let facts = work
+            .reuse::<LabelFacts>("labels", LABELS_VERSION, &stage.key)
+            .map_err(|problem| Error::work_dir(work.path(), format!("labels: {problem}"), remedy))?;
+        let (labels, quality) = (work.open_array("labels.npy")?, work.open_array("quality.npy")?);
+        Ok(Self { labels, quality, colours: facts.colours })
+    }
+}
+
+/// Pairs of touching parts, ascending, with the length of their common boundary in the frame (at least 1e-9).
+///
+/// # Errors
+/// [`crate::base::Error::Cancelled`].
+pub fn touching(graph: &DualGraph, labels: &[u32], run: &Run) -> Result<Vec<(u32, u32, f64)>> {
+    let n = labels.len();
+    let shared = graph.edges.by_shared_edge();
+    let chunks = run.map_ranges(n, CHUNK, |range| {
+        let mut pairs: BTreeMap<(u32, u32), f64> = BTreeMap::new();
+        for i in range {
+            for (j, edge) in shared.neighbours(i as u32) {
+                let j = j as usize;
+                if j > i && labels[i] != labels[j] {
+                    let pair = (labels[i].min(labels[j]), labels[i].max(labels[j]));
+                    *pairs.entry(pair).or_default() += f64::from(edge.abs());
+                }
+            }
+        }
+        Ok(pairs)
+    })?;
+    let mut all: BTreeMap<(u32, u32), f64> = BTreeMap::new();
+    for (pair, length) in chunks.into_iter().flatten() {
+        *all.entry(pair).or_default() += length;
+    }
+    Ok(all.into_iter().map(|((a, b), length)| (a, b, length.max(1e-9))).collect())
+}

@@ -1,0 +1,157 @@
+//! What `segment` is asked to do, and what of it makes no sense.
+
+use crate::base::{Error, Result};
+use crate::cluster::parts::{PartCount, PartsParams};
+use crate::cluster::two_means;
+use crate::graph::Metric;
+use crate::graph::order::Order;
+use crate::landmarks::Sampling;
+use crate::spectral::EmbeddingParams;
+use serde::{Deserialize, Serialize};
+use std::path::Path;
+
+/// How faces become parts.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Cluster {
+    /// Parts as people would cut them: over-segmented, merged by concavity and convexity, refined.
+    #[default]
+    Parts,
+    /// The paper's: K-means in the embedding.
+    KMeans,
+    /// The paper's other: parts halved by 2-means in the embedding, the one that gains most first.
+    TwoMeans,
+}
+
+/// What becomes of components too small to be parts.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum TinyComponents {
+    /// Each joins the part that it floats beside.
+    #[default]
+    Join,
+    /// All of them together are a part of their own, besides those that are found or asked for.
+    Own,
+}
+
+/// How faces near the boundaries of [`Cluster::Parts`] get their labels.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Boundaries {
+    /// By one front between the parts' cores, which is held up on creases.
+    #[default]
+    Front,
+    /// By Nyström's extrapolation: each face goes to the part nearest to it in the embedding.
+    Embedding,
+}
+
+/// What `segment` is asked to do.
+#[derive(Clone, Debug, Default, Serialize, Deserialize)]
+#[non_exhaustive]
+pub struct SegmentParams {
+    /// Number of landmarks l; by default [`default_landmarks`] or [`landmarks_for_parts`].
+    pub landmarks: Option<usize>,
+    /// How landmarks are chosen.
+    pub sampling: Sampling,
+    /// Form of the edge weights.
+    pub metric: Metric,
+    /// In which order faces become nodes.
+    pub order: Order,
+    /// How faces become parts.
+    pub cluster: Cluster,
+    /// How many parts, and how [`Cluster::Parts`] decides on them.
+    pub parts: PartsParams,
+    /// Whether [`Cluster::Parts`] may contract the mesh first: a preview.
+    pub coarse: bool,
+    /// What becomes of components too small to be parts, with [`Cluster::Parts`].
+    #[serde(default)]
+    pub tiny_components: TinyComponents,
+    /// How faces near boundaries get their labels, with [`Cluster::Parts`].
+    #[serde(default)]
+    pub boundaries: Boundaries,
+    /// How rows become coordinates, for [`Cluster::KMeans`] and [`Cluster::TwoMeans`];
+    /// by default [`EmbeddingParams::for_parts`].
+    pub embedding: Option<EmbeddingParams>,
+}
+
+crate::base::setters::setters!(SegmentParams {
+    landmarks: Option<usize>,
+    sampling: Sampling,
+    metric: Metric,
+    order: Order,
+    cluster: Cluster,
+    parts: PartsParams,
+    coarse: bool,
+    tiny_components: TinyComponents,
+    boundaries: Boundaries,
+    embedding: Option<EmbeddingParams>
+});
+
+impl SegmentParams {
+    /// Whether rows of distances are kept, in a work directory that is `lasting` or temporary: in one that lasts always, else
+    /// where their columns are read again, by K-means, 2-means, and boundaries by the embedding.
+    pub fn keeps_rows(&self, lasting: bool) -> bool {
+        lasting || self.cluster != Cluster::Parts || self.boundaries == Boundaries::Embedding
+    }
+}
+
+/// Landmarks for K-means into `parts` parts: twice as many, so that every part can hold two, at least 10 and at most
+/// 60, but more than parts up to 512: beyond, eigenvectors would cost more than they tell apart.
+pub fn default_landmarks(parts: usize) -> usize {
+    (2 * parts).clamp(10, 60).max((parts + 1).min(512))
+}
+
+/// Landmarks for deciding parts on a mesh of `faces` faces: 60 where fronts are cheap, fewer where each costs. On the 190
+/// models of the benchmark 1 − Rand was .094, .093, .089, .087, .087, .086 with 20, 30, 40, 60, 80, 120.
+pub fn landmarks_for_parts(faces: usize) -> usize {
+    match faces {
+        0..=300_000 => 60,
+        300_001..=2_000_000 => 40,
+        2_000_001..=20_000_000 => 30,
+        _ => 20,
+    }
+}
+
+/// Coordinates wanted for the paper's methods.
+pub(super) fn dimensions(params: &SegmentParams) -> usize {
+    if let PartCount::Exactly(k) = params.parts.count { k } else { two_means::DIMENSIONS }
+}
+
+/// Refuses numbers of parts that make no sense for this mesh, and options that exclude each other.
+pub(super) fn check(params: &SegmentParams, path: &Path, faces: usize) -> Result<()> {
+    let preview = params.cluster == Cluster::Parts && params.coarse;
+    if preview && params.boundaries == Boundaries::Embedding {
+        let remedy = "leave out --coarse, or use --boundaries front";
+        return Err(Error::parameter("--boundaries", "a preview has no rows over all faces", remedy));
+    }
+    let wanted = match params.parts.count {
+        PartCount::Found if params.cluster == Cluster::KMeans => {
+            let remedy = "give it, as in -k 6, or leave out --cluster kmeans";
+            return Err(Error::parameter("-k", "K-means needs the number of parts", remedy));
+        }
+        PartCount::Between(..) if params.cluster == Cluster::KMeans => {
+            return Err(Error::parameter("--parts-range", "K-means needs an exact number of parts", "give -k"));
+        }
+        PartCount::Found => 1,
+        PartCount::Exactly(parts) => parts,
+        PartCount::Between(least, most) if least > most => {
+            return Err(Error::parameter(
+                "--parts-range",
+                format!("{least}..{most} is empty"),
+                "put the smaller first",
+            ));
+        }
+        PartCount::Between(least, _) => least,
+    };
+    if wanted == 0 {
+        return Err(Error::parameter("-k", "0 parts", "choose at least 1"));
+    }
+    if wanted > faces {
+        return Err(Error::unusable(
+            path,
+            format!("has {faces} faces, fewer than the {wanted} parts asked for"),
+            "choose a smaller -k",
+        ));
+    }
+    Ok(())
+}

@@ -1,0 +1,126 @@
+//! The recipe of `segment`: from a mesh to one label per face, or from the stages that a work directory keeps.
+//!
+//! The first stages leave a record of the mesh and of the options ([`super::input::Record`]), so that a later command
+//! needs to be told only what is to change. Another number of parts then costs what it costs to check and map the stages,
+//! a cut of the kept hierarchy, and the narrow bands at the parts' boundaries.
+
+use super::input;
+use super::labels::{Segmentation, label};
+use super::means::{self, k_means, rows_for_means};
+use super::params::{Cluster, SegmentParams, check, dimensions};
+use super::parts;
+use crate::base::{Error, Result};
+use crate::cluster::parts::{PartTree, PartsParams};
+use crate::distance::DistanceRows;
+use crate::graph::{DualGraph, NodeOrder};
+use crate::mesh::Mesh;
+use crate::spectral::EmbeddingParams;
+use crate::store::{Context, WorkDir};
+
+/// Cuts the mesh of `opened` into parts. `identity` says which input it is (see [`input::identity`]).
+///
+/// # Errors
+/// [`Error::Parameter`] for K-means without a number of parts or with options out of range, [`Error::Unusable`] for more
+/// parts than faces, [`Error::Io`], [`Error::Memory`], [`Error::Cancelled`].
+pub fn segment(
+    opened: &Mesh,
+    identity: &serde_json::Value,
+    params: &SegmentParams,
+    context: Context<'_>,
+) -> Result<Segmentation> {
+    check(params, opened.path(), opened.faces.len())?;
+    let (ordered, mut graph) = input::graph(opened, identity, params, context)?;
+    let order = ordered.into_nodes(context.work)?;
+    let clustered = match means::fit(params, opened.faces.len()) {
+        Some((fit, parts)) => {
+            let weighted = graph.weighted(params.metric, context)?;
+            graph.release_lengths(context.work)?;
+            let rows = rows_for_means(&graph, &weighted, parts, params, context)?;
+            weighted.release(context.work)?;
+            let embedding = params.embedding.unwrap_or(EmbeddingParams::for_parts(dimensions(params)));
+            let assign = || k_means(&graph, &rows, embedding, fit, context);
+            context.run.stage("assign", "faces", rows.nodes as u64, assign)?.0
+        }
+        None => parts::parts(&graph, params, None, context)?,
+    };
+    label(&graph, order, clustered, params, context)
+}
+
+/// Eigenvalues that a work directory keeps.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Eigenvalues {
+    /// All of them, descending.
+    pub values: Vec<f64>,
+    /// How many, from the end, are dropped as negative or too small.
+    pub dropped: usize,
+}
+
+/// The eigenvalues in `work`: of the decision about parts (of a preview, `coarse`, on the contracted mesh), else of the
+/// embedding, which only tells the negative ones apart.
+///
+/// # Errors
+/// [`Error::WorkDir`] where there are none.
+pub fn eigenvalues(work: &WorkDir, coarse: bool) -> Result<Eigenvalues> {
+    let inner = if coarse { Some(WorkDir::open_existing(&work.file("coarse"))?) } else { None };
+    let decided = super::decision::kept_numbers(inner.as_ref().unwrap_or(work));
+    let kept = decided.map(|numbers| Eigenvalues { values: numbers.eigenvalues, dropped: numbers.dropped_eigenpairs });
+    let embedded = || {
+        let values = work.told::<super::embed::EmbeddingStage<'_>>()?.eigenvalues;
+        Some(Eigenvalues { dropped: values.iter().filter(|value| **value <= 0.).count(), values })
+    };
+    let remedy = "make them: nystrom-stream embed --work-dir …, or plot the report of `segment --json`";
+    kept.or_else(embedded).ok_or_else(|| Error::work_dir(work.path(), "keeps no eigenvalues", remedy))
+}
+
+/// The number of parts that the labels in `work` were asked for, where they are a cut of a hierarchy.
+pub fn cut(work: &WorkDir) -> Option<PartsParams> {
+    let stage = work.manifest().stages.remove("labels")?;
+    let params: SegmentParams = serde_json::from_value(stage.inputs.get("params")?.clone()).ok()?;
+    (params.cluster == Cluster::Parts).then_some(params.parts)
+}
+
+/// Clusters the faces of the mesh in `work` (again) under `params`; what is missing between its graph and the labels is
+/// made. By the hierarchy `tree`, where one is given. K-means and two-means take the rows that are there, of whatever
+/// metric, and the embedding's options of the stage `embedding` where `params` has none.
+///
+/// # Errors
+/// As [`segment`], and [`Error::WorkDir`] where the graph is missing.
+pub fn cluster(params: &SegmentParams, tree: Option<&PartTree>, context: Context<'_>) -> Result<Segmentation> {
+    let (graph, input) = DualGraph::kept(context.work)?;
+    check(params, context.work.path(), graph.nodes.len())?;
+    let order = NodeOrder::kept(&input, context.work)?;
+    let clustered = match means::fit(params, graph.nodes.len()) {
+        Some((fit, parts)) => {
+            let rows = match DistanceRows::kept(&graph.key, graph.nodes.len(), context.work) {
+                Ok(rows) => rows,
+                Err(Error::WorkDir { .. }) => {
+                    let weighted = graph.weighted(params.metric, context)?;
+                    rows_for_means(&graph, &weighted, parts, params, context)?
+                }
+                Err(error) => return Err(error),
+            };
+            context.run.progress.note(&format!("rows: {} of them", rows.len()));
+            let kept = || super::embed::kept_params(&rows.key, context.work);
+            let embedding = params.embedding.or_else(kept).unwrap_or(EmbeddingParams::for_parts(parts));
+            let embedding = EmbeddingParams { dimensions: dimensions(params), ..embedding };
+            let assign = || k_means(&graph, &rows, embedding, fit, context);
+            context.run.stage("assign", "faces", rows.nodes as u64, assign)?.0
+        }
+        None => parts::parts(&graph, params, tree, context)?,
+    };
+    label(&graph, order, clustered, params, context)
+}
+
+/// What `params` would have to be for [`cluster`] to make nothing anew that `record` made: its options but for those
+/// of clustering.
+pub fn continued(record: &input::Record, params: &SegmentParams) -> SegmentParams {
+    let own = &record.params;
+    SegmentParams {
+        landmarks: own.landmarks,
+        sampling: own.sampling,
+        metric: own.metric,
+        order: own.order,
+        coarse: own.coarse && params.cluster == Cluster::Parts,
+        ..params.clone()
+    }
+}
