@@ -62,10 +62,7 @@ macro_rules! run_options {
 
             /// Tells `listener` of stages as they begin, advance and end; it is called from several threads.
             #[must_use]
-            pub fn progress(
-                mut self,
-                listener: std::sync::Arc<impl $crate::base::Progress + Send + Sync + 'static>,
-            ) -> Self {
+            pub fn progress(mut self, listener: std::sync::Arc<impl $crate::base::Progress + Send + 'static>) -> Self {
                 self.options.progress = Some(listener);
                 self
             }

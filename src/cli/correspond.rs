@@ -189,26 +189,26 @@ pub fn run(args: &CorrespondArgs, app: &AppContext) -> Result<(), CliError> {
 fn show(args: &CorrespondArgs, a: &Mesh, b: &Mesh, matches: &[Match], context: Context<'_>) -> Result<()> {
     if !args.colours.is_empty() || args.picture.is_some() {
         let colours = match args.colour_by {
-            ColourArg::Position => Colours::by_position(&b, context)?,
+            ColourArg::Position => Colours::by_position(b, context)?,
             ColourArg::Parts => Colours::by_parts(b, context)?,
         };
         if let [to_a, to_b] = &args.colours[..] {
             let (of_a, of_b) = (|v: usize| colours.of_match(&matches[v]), |v| colours.of_b(v));
-            ply::write_annotated(to_a, &a, &ply::plain::colours(of_a), &[], context.run)?;
-            ply::write_annotated(to_b, &b, &ply::plain::colours(of_b), &[], context.run)?;
+            ply::write_annotated(to_a, a, &ply::plain::colours(of_a), &[], context.run)?;
+            ply::write_annotated(to_b, b, &ply::plain::colours(of_b), &[], context.run)?;
         }
         if let Some(path) = &args.picture {
             let params = PictureParams::default().height(800);
-            side_by_side(&a, &b, matches, &colours, &params, context)?.write_png(path)?;
+            side_by_side(a, b, matches, &colours, &params, context)?.write_png(path)?;
         }
     }
     let Some(path) = &args.carried else { return Ok(()) };
     let read = |name: &String| Property::read(b, name, context);
     let properties = args.carry.iter().map(read).collect::<Result<Vec<_>>>()?;
     let columns = |of: ElementKind| -> Vec<_> {
-        properties.iter().filter(|one| one.of == of).map(|one| one.column(&a, matches)).collect()
+        properties.iter().filter(|one| one.of == of).map(|one| one.column(a, matches)).collect()
     };
-    ply::write_annotated(path, &a, &columns(ElementKind::Vertices), &columns(ElementKind::Faces), context.run)
+    ply::write_annotated(path, a, &columns(ElementKind::Vertices), &columns(ElementKind::Faces), context.run)
 }
 
 /// Notes where the symmetry of the shape leaves several alignments.

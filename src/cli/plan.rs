@@ -87,7 +87,7 @@ fn table(plan: &Plan) -> String {
     for stage in &plan.stages {
         let [memory, keeps, passing, frees] =
             [stage.needs.memory, stage.needs.keeps, stage.needs.passing, stage.needs.frees].map(bytes);
-        text += &row([words(&stage.name), &memory, &keeps, &passing, &frees, &seconds(stage.seconds)]);
+        text += &row([words(stage.name), &memory, &keeps, &passing, &frees, &seconds(stage.seconds)]);
     }
     let (memory, disk, peak) = (bytes(plan.memory), bytes(plan.disk), bytes(plan.disk_peak));
     text += &row(["in all", &memory, &disk, "", "", &seconds(plan.seconds)]);

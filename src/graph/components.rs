@@ -62,7 +62,7 @@ pub fn find_components(edges: &DualEdges, nodes: &[Node], context: Context<'_>) 
         let mut parents = ParityForest::new(&mut array.data()[..]);
         let graph = edges.by_shared_edge();
         for i in 0..n as u32 {
-            if i as usize % CHUNK == 0 {
+            if (i as usize).is_multiple_of(CHUNK) {
                 context.run.cancel.check()?;
             }
             parents.add(i);

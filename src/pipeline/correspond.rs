@@ -133,8 +133,8 @@ impl<'a> Side<'a> {
         let n = opened.positions.len() as u64;
         let path = opened.path();
         let build = || match input {
-            Some(input) => VertexGraph::kept(&opened, path, input, context),
-            None => Ok((VertexGraph::build(&opened, path, context)?, String::new())),
+            Some(input) => VertexGraph::kept(opened, path, input, context),
+            None => Ok((VertexGraph::build(opened, path, context)?, String::new())),
         };
         let ((graph, key), _) = context.run.stage("graph", "vertices", n, build)?;
         let surface = Surface::of(&graph);

@@ -115,7 +115,7 @@ pub fn graph(
     params: &SegmentParams,
     context: Context<'_>,
 ) -> Result<(Ordered, DualGraph)> {
-    let ordered = Ordered::build(&opened, params.order, identity, context)?;
+    let ordered = Ordered::build(opened, params.order, identity, context)?;
     let graph = DualGraph::build(&ordered.mesh, opened.path(), &ordered.identity, context)?;
     Record::of(opened, identity, params, context.work).stamp(context)?;
     Ok((ordered, graph))

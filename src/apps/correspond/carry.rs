@@ -54,7 +54,7 @@ impl Property {
         property.for_each(context.run, |_, number| writer.push(&[number]))?;
         let mut values = writer.finish(false)?;
         if of == ElementKind::Faces {
-            let faces = first_faces(&b, "first_faces.npy", context)?;
+            let faces = first_faces(b, "first_faces.npy", context)?;
             let mut writer = context.work.writer::<f64>("property.npy", 1)?;
             let missing = if property.scalar.is_real() { f64::NAN } else { 0. };
             for (k, &face) in faces.iter().enumerate() {
@@ -133,8 +133,8 @@ impl Colours {
     /// [`Error::Unusable`] where B's faces have no labels, [`Error::Io`], [`Error::Cancelled`].
     pub fn by_parts(b: &Mesh, context: Context<'_>) -> Result<Self> {
         let labels = b.face_property("label", context.run)?;
-        let palette = crate::apps::colours::colours_for(&b, &labels, context.run)?;
-        let faces = first_faces(&b, "first_faces.npy", context)?;
+        let palette = crate::apps::colours::colours_for(b, &labels, context.run)?;
+        let faces = first_faces(b, "first_faces.npy", context)?;
         let label = |face: u32| labels.get(face as usize).and_then(|&label| palette.get(label as usize));
         Self::of(faces.iter().map(|&face| label(face).copied().unwrap_or(GREY)), context.work)
     }

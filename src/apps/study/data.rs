@@ -98,11 +98,11 @@ impl StudyData {
         let path = opened.path();
         let (graph, nodes) = match params.over {
             Over::Faces => {
-                let built = DualGraph::build(&opened, path, identity, context)?;
+                let built = DualGraph::build(opened, path, identity, context)?;
                 (Graph::Faces(built.weighted(params.metric, context)?), built.nodes)
             }
             Over::Vertices => {
-                let built = VertexGraph::build(&opened, path, context)?;
+                let built = VertexGraph::build(opened, path, context)?;
                 let nodes = built.nodes.clone();
                 (Graph::Vertices(built), nodes)
             }

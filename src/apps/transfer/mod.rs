@@ -62,7 +62,7 @@ fn mean_edge(opened: &Mesh, frame: &UnitFrame, run: &Run) -> Result<f32> {
     let (mut area, mut count) = (0f64, 0u64);
     for start in (0..n).step_by(1 << 18) {
         run.cancel.check()?;
-        frame.triangles(&opened, start..n.min(start + (1 << 18)), |_, triangle| {
+        frame.triangles(opened, start..n.min(start + (1 << 18)), |_, triangle| {
             area += crate::base::vector::length(normal(&triangle)) / 2.;
             count += 1;
         });
@@ -73,7 +73,7 @@ fn mean_edge(opened: &Mesh, frame: &UnitFrame, run: &Run) -> Result<f32> {
 /// The points that `face` looks from: its centroid, then points half-way to its first three corners.
 fn probe(opened: &Mesh, frame: &UnitFrame, face: usize, point: usize) -> Probe {
     let (mut sum, mut mean, mut count, mut first) = ([0f64; 3], [0f32; 3], 0f32, [[0f32; 3]; 3]);
-    frame.triangles(&opened, face..face + 1, |_, triangle| {
+    frame.triangles(opened, face..face + 1, |_, triangle| {
         let own = normal(&triangle);
         (0..3).for_each(|k| sum[k] += own[k]);
         (0..3).for_each(|k| mean[k] += (triangle[0][k] + triangle[1][k] + triangle[2][k]) / 3.);
@@ -97,7 +97,7 @@ fn probe(opened: &Mesh, frame: &UnitFrame, face: usize, point: usize) -> Probe {
 fn is_turned(from: &Mesh, to: &Mesh, frame: &UnitFrame) -> bool {
     let (m, n) = (from.faces.len(), to.faces.len());
     let step = m.div_ceil(TRIAL);
-    let tree = TriangleTree::of(&from, frame, 0..m, |face| (face as usize).is_multiple_of(step));
+    let tree = TriangleTree::of(from, frame, 0..m, |face| (face as usize).is_multiple_of(step));
     let mut sum = 0.;
     for face in (0..n).step_by(n.div_ceil(TRIAL / 10)) {
         let own = probe(to, frame, face, 0);
@@ -135,9 +135,9 @@ fn is_turned(from: &Mesh, to: &Mesh, frame: &UnitFrame) -> bool {
 /// [`Error::Parameter`] for labels that do not fit `from`; [`Error::Unusable`] where most of `to` lies far from `from`;
 /// [`Error::Memory`], [`Error::Io`], [`Error::Cancelled`].
 pub fn transfer(from: &Mesh, labels: &[u32], to: &Mesh, context: Context<'_>) -> Result<Transferred> {
-    super::export::fit(&from, &Labelling { labels, colours: &[], quality: None })?;
+    super::export::fit(from, &Labelling { labels, colours: &[], quality: None })?;
     let (m, n) = (from.faces.len(), to.faces.len());
-    let frame = UnitFrame::of(&from, context.run)?;
+    let frame = UnitFrame::of(from, context.run)?;
     let (fine, coarse) = (mean_edge(from, &frame, context.run)?, mean_edge(to, &frame, context.run)?);
     let points = if coarse > 1.5 * fine { 4 } else { 1 };
     let turned = is_turned(from, to, &frame);
@@ -156,7 +156,7 @@ pub fn transfer(from: &Mesh, labels: &[u32], to: &Mesh, context: Context<'_>) ->
     let block = (grant.bytes() / (BYTES * triangles)).max(1) as usize;
     let look = || {
         for start in (0..m).step_by(block) {
-            let tree = TriangleTree::of(&from, &frame, start..m.min(start + block), |_| true);
+            let tree = TriangleTree::of(from, &frame, start..m.min(start + block), |_| true);
             let at = |i: usize| probe(to, &frame, i / points, i % points);
             tree.improve_all(at, Agreement { sign, slack: fine }, found, context.run)?;
         }
@@ -184,7 +184,7 @@ pub fn transfer(from: &Mesh, labels: &[u32], to: &Mesh, context: Context<'_>) ->
         let problem = format!("{near} of {n} faces have a labelled face of {} near", from.path().display());
         return Err(Error::unusable(path, problem, "both meshes must lie in the same place, in the same unit"));
     }
-    let graph = DualGraph::build(&to, to.path(), &json!("transfer"), context)?;
+    let graph = DualGraph::build(to, to.path(), &json!("transfer"), context)?;
     let filled = label_from_neighbours(&graph, own.data(), context.run)?;
     let least = ((n as f64 * ISLAND) as usize).max(4);
     let islands = unlabel_islands(&graph, own.data(), quality.data(), least, context)?;

@@ -257,8 +257,6 @@ const LADDER: [f64; 10] = [0.55, 0.6, 0.65, 0.7, 0.75, 0.8, 0.85, 0.9, 0.95, 0.9
 /// Greatest level of what the labelling at ½ leaves apart: below ½ in single precision too.
 const BELOW_HALF: f64 = 0.4999;
 
-/// A union of superfaces (or of cells): a thing on either side.
-
 /// The hierarchy of cells whose superfaces belong together with probabilities C.
 ///
 /// # Errors

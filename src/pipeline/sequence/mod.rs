@@ -80,7 +80,7 @@ impl<'a> Sequencer<'a> {
             Ok(record) if record.identity == *identity => record.params.order,
             _ => Order::Auto,
         };
-        let ordered = Ordered::build(&opened, order, identity, context)?;
+        let ordered = Ordered::build(opened, order, identity, context)?;
         Ok(Self { opened, identity, ordered, vertices: OnceCell::new(), context })
     }
 
@@ -220,7 +220,7 @@ impl<'a> Sequencer<'a> {
     /// # Errors
     /// As [`Sequencer::new`].
     pub fn measures(&self, sequence: &Sequence) -> Result<StreamMeasures> {
-        StreamMeasures::of(&self.opened, &sequence.uses, self.context)
+        StreamMeasures::of(self.opened, &sequence.uses, self.context)
     }
 }
 
