@@ -18,7 +18,7 @@ pub use super::manifest::{Manifest, checksum};
 use super::mapped::AlignedBuffer;
 use super::npy::{self, ArrayMut, ArrayWriter, Item};
 use super::rows_file::{MOST_HELD, RowsFile};
-use super::{MappedSlice, MappedSliceMut};
+use super::{MappedBytes, MappedSlice, MappedSliceMut};
 use crate::base::{Error, Result};
 use serde::Serialize;
 use serde::de::DeserializeOwned;
@@ -321,6 +321,17 @@ impl WorkDir {
         match self.arrays.as_ref().and_then(|arrays| arrays.get(name)) {
             Some((bytes, len)) => bytes.slice(&path, 0, len / size_of::<T>()),
             None => npy::open(&path),
+        }
+    }
+
+    /// The bytes behind a finished array, and which of them is its first: for records that are no items.
+    ///
+    /// # Errors
+    /// [`Error::Io`].
+    pub(crate) fn array_bytes(&self, name: &str) -> Result<(MappedBytes, usize)> {
+        match self.arrays.as_ref().and_then(|arrays| arrays.get(name)) {
+            Some((bytes, _)) => Ok((bytes, 0)),
+            None => Ok((MappedBytes::open(&self.place(name))?, npy::HEADER)),
         }
     }
 

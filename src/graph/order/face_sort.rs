@@ -9,9 +9,9 @@
 use crate::base::Result;
 use crate::base::parallel::{chunk_count, chunk_range};
 use crate::mesh::Faces;
-use crate::store::npy::{self, ArrayWriter};
+use crate::store::npy::ArrayWriter;
 use crate::store::shuffle::{BudgetedShuffle, Producer, Splitters};
-use crate::store::{Context, MappedBytes, MappedSlice, WorkDir};
+use crate::store::{Context, MappedSlice, WorkDir};
 use std::ops::Range;
 
 const CHUNK: usize = 1 << 14;
@@ -33,8 +33,8 @@ pub(super) fn files(faces: &Faces) -> &'static [&'static str] {
 pub(super) fn open(faces: &Faces, work: &WorkDir) -> Result<Faces> {
     match faces {
         Faces::Triangles { len, .. } => {
-            let path = work.file(TRIANGLES);
-            Faces::triangles(&path, MappedBytes::open(&path)?, npy::HEADER, 12, *len)
+            let (bytes, start) = work.array_bytes(TRIANGLES)?;
+            Faces::triangles(&work.place(TRIANGLES), bytes, start, 12, *len)
         }
         Faces::Polygons { .. } => {
             Ok(Faces::Polygons { starts: work.open_array(STARTS)?, corners: work.open_array(CORNERS)? })

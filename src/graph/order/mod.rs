@@ -83,6 +83,11 @@ impl NodeOrder {
             let facts = OrderFacts { far_steps: 0., stretch: 0., reordered: false };
             return Ok(Self { order: None, facts });
         }
+        if work.is_temporary() {
+            // [`Ordered::into_nodes`] gave up the stage but for the order.
+            let facts = OrderFacts { far_steps: 0., stretch: 0., reordered: true };
+            return Ok(Self { order: Some(work.open_array(ORDER)?), facts });
+        }
         let remedy = "make it again: nystrom-stream graph MESH …";
         let kept = work.kept::<OrderStage<'_>>(remedy)?;
         if input["key"] != kept.key {
