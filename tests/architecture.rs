@@ -206,7 +206,10 @@ fn modules() -> BTreeMap<Vec<String>, Module> {
         }
         // Tests may look where they like.
         let code = code.split("#[cfg(test)]").next().unwrap_or("");
-        let (trees, rest) = uses(code);
+        // What an inline module takes from the file around it is no import.
+        let code: String =
+            code.lines().filter(|line| *line != "    use super::*;").map(|line| line.to_owned() + "\n").collect();
+        let (trees, rest) = uses(&code);
         let mut names = Vec::new();
         for (public, tree) in trees {
             let mut found = Vec::new();

@@ -8,22 +8,32 @@
 //! a result.
 
 use super::budget::Budget;
+use super::folder::WorkFolder;
 use super::mapped::{AlignedBuffer, MappedBytes};
 use std::collections::BTreeMap;
-use std::sync::{Mutex, MutexGuard};
+use std::ffi::OsStr;
+use std::path::PathBuf;
+use std::sync::{Arc, Mutex, MutexGuard};
 
 /// The arrays of a work directory that are held in memory.
 #[derive(Debug)]
 pub struct InMemoryArrays {
     budget: Budget,
+    /// Where arrays go that do not fit.
+    folder: Arc<WorkFolder>,
     /// By the name that the file would have: the bytes, and how many of them are the array's.
     arrays: Mutex<BTreeMap<String, (MappedBytes, usize)>>,
 }
 
 impl InMemoryArrays {
     /// No arrays yet; their memory will be taken from `budget`.
-    pub fn new(budget: &Budget) -> Self {
-        Self { budget: budget.clone(), arrays: Mutex::default() }
+    pub(super) fn new(budget: &Budget, folder: Arc<WorkFolder>) -> Self {
+        Self { budget: budget.clone(), folder, arrays: Mutex::default() }
+    }
+
+    /// The path of the file `name` where it is none in memory.
+    pub fn file(&self, name: &OsStr) -> PathBuf {
+        self.folder.path().join(name)
     }
 
     /// Zeroed memory for at least `bytes` bytes, where the budget can spare them.

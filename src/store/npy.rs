@@ -265,6 +265,7 @@ impl<T: Item> ArrayWriter<T> {
                 match (&mut larger, &*buffer) {
                     (Some(larger), Some(old)) => larger.bytes_mut()[..start].copy_from_slice(&old.bytes()[..start]),
                     (None, old) => {
+                        self.path = arrays.file(self.path.file_name().unwrap_or_default());
                         let mut file = start_file(&self.path)?;
                         let so_far = old.as_ref().map_or(&[][..], |old| &old.bytes()[..start]);
                         file.write_all(so_far).map_err(Error::io(&self.path, "write"))?;

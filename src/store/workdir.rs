@@ -10,6 +10,7 @@
 //! the next run that makes one beside it.
 
 use super::budget::Budget;
+use super::folder::{LOCK, WorkFolder, lock};
 use super::in_memory::InMemoryArrays;
 use super::json;
 use super::manifest::FORMAT;
@@ -22,20 +23,14 @@ use super::{MappedBytes, MappedSlice, MappedSliceMut};
 use crate::base::{Error, Result};
 use serde::Serialize;
 use serde::de::DeserializeOwned;
-use std::fs::File;
 use std::path::{Path, PathBuf};
-use std::sync::{Arc, Mutex, MutexGuard, OnceLock};
-
-const LOCK: &str = "lock";
-const TEMPORARY: &str = ".nystrom-stream-";
+use std::sync::{Arc, Mutex, MutexGuard};
 
 /// An open, locked work directory.
 #[derive(Debug)]
 pub struct WorkDir {
-    folder: OnceLock<Folder>,
+    folder: Arc<WorkFolder>,
     manifest: Mutex<Manifest>,
-    /// Where the folder is to be made, at its first file.
-    parent: PathBuf,
     temporary: bool,
     /// Whether it lies in another, which it is removed with.
     inside: bool,
@@ -45,14 +40,6 @@ pub struct WorkDir {
     arrays: Option<Arc<InMemoryArrays>>,
     /// Whether arrays that are passed over in order are held in memory too, as files serve as well for them.
     everything: bool,
-}
-
-/// A folder and the lock on it.
-#[derive(Debug)]
-struct Folder {
-    path: PathBuf,
-    /// None where the folder could not be made: then every file in it fails as this one would.
-    _lock: Option<File>,
 }
 
 /// Removes files of a work directory when dropped: arrays that live no longer than the work that needs them.
@@ -66,23 +53,6 @@ pub struct Scratch<'a> {
 impl Drop for Scratch<'_> {
     fn drop(&mut self) {
         self.names.iter().for_each(|name| self.work.remove(name));
-    }
-}
-
-/// Locks the folder, alone or shared with other readers; `None` where another process is in the way.
-fn lock(path: &Path, shared: bool) -> Result<Option<File>> {
-    let file = File::options()
-        .create(true)
-        .truncate(false)
-        .read(true)
-        .write(true)
-        .open(path.join(LOCK))
-        .map_err(Error::io(path.join(LOCK), "create"))?;
-    let tried = if shared { fs4::FileExt::try_lock_shared(&file) } else { fs4::FileExt::try_lock(&file) };
-    match tried {
-        Ok(()) => Ok(Some(file)),
-        Err(fs4::TryLockError::WouldBlock) => Ok(None),
-        Err(fs4::TryLockError::Error(error)) => Err(Error::io(path.join(LOCK), "lock")(error)),
     }
 }
 
@@ -130,8 +100,7 @@ impl WorkDir {
             ));
         }
         let manifest = Manifest { format: FORMAT, ..manifest };
-        let folder = Folder { path: path.to_path_buf(), _lock: Some(lock) };
-        let mut work = Self::of(Some(folder), manifest);
+        let mut work = Self::of(WorkFolder::locked(path, lock), manifest);
         work.shared = shared;
         if !shared {
             work.sweep();
@@ -139,11 +108,10 @@ impl WorkDir {
         Ok(Some(work))
     }
 
-    fn of(folder: Option<Folder>, manifest: Manifest) -> Self {
+    fn of(folder: WorkFolder, manifest: Manifest) -> Self {
         Self {
-            folder: folder.map_or_else(OnceLock::new, OnceLock::from),
+            folder: Arc::new(folder),
             manifest: Mutex::new(manifest),
-            parent: PathBuf::new(),
             temporary: false,
             inside: false,
             shared: false,
@@ -183,7 +151,7 @@ impl WorkDir {
     /// # Errors
     /// [`Error::Io`].
     pub fn temporary(parent: &Path) -> Result<Self> {
-        let mut work = Self::of(Some(temporary_folder(parent)?), Manifest::new());
+        let mut work = Self::of(WorkFolder::temporary(parent)?, Manifest::new());
         work.temporary = true;
         Ok(work)
     }
@@ -191,16 +159,15 @@ impl WorkDir {
     /// A temporary work directory that holds all arrays in memory as long as half of `budget` stays free; its folder, in
     /// `parent`, is made with the first file that does not fit, and removed when dropped.
     pub fn in_memory(parent: &Path, budget: &Budget) -> Self {
-        let mut work = Self::of(None, Manifest::new());
+        let mut work = Self::of(WorkFolder::put_off(parent), Manifest::new());
         (work.temporary, work.everything) = (true, true);
-        work.parent = parent.to_path_buf();
         work.holding(budget)
     }
 
     /// The same, but a temporary directory holds arrays in memory where they leave half of `budget` to others.
     #[must_use]
     pub fn holding(mut self, budget: &Budget) -> Self {
-        self.arrays = self.temporary.then(|| Arc::new(InMemoryArrays::new(budget)));
+        self.arrays = self.temporary.then(|| Arc::new(InMemoryArrays::new(budget, self.folder.clone())));
         self
     }
 
@@ -216,11 +183,7 @@ impl WorkDir {
 
     /// Its folder; made now where that was put off.
     pub fn path(&self) -> &Path {
-        let make = || {
-            let parent = || Folder { path: self.parent.clone(), _lock: None };
-            temporary_folder(&self.parent).unwrap_or_else(|_| parent())
-        };
-        &self.folder.get_or_init(make).path
+        self.folder.path()
     }
 
     /// Whether it will be removed when dropped, or with the one it lies in.
@@ -240,7 +203,7 @@ impl WorkDir {
 
     /// The path that a file has, or would have where the folder is not made yet.
     pub(crate) fn place(&self, name: &str) -> PathBuf {
-        self.folder.get().map_or_else(|| self.parent.join(name), |folder| folder.path.join(name))
+        self.folder.place().join(name)
     }
 
     /// Has the files `names` removed when what is returned goes out of scope.
@@ -387,8 +350,8 @@ impl WorkDir {
         if let Some(arrays) = &self.arrays {
             arrays.remove(name);
         }
-        if let Some(folder) = self.folder.get() {
-            let _ = std::fs::remove_file(folder.path.join(name));
+        if let Some(folder) = self.folder.made() {
+            let _ = std::fs::remove_file(folder.join(name));
         }
     }
 
@@ -403,50 +366,15 @@ impl WorkDir {
 
     /// Bytes of all files in it now.
     pub fn bytes(&self) -> u64 {
-        let Some(Ok(entries)) = self.folder.get().map(|folder| std::fs::read_dir(&folder.path)) else { return 0 };
+        let Some(Ok(entries)) = self.folder.made().map(std::fs::read_dir) else { return 0 };
         entries.flatten().filter_map(|entry| entry.metadata().ok()).map(|metadata| metadata.len()).sum()
     }
 }
 
 impl Drop for WorkDir {
     fn drop(&mut self) {
-        if let Some(Folder { path, _lock: Some(_) }) = self.folder.get()
-            && self.temporary
-            && !self.inside
-        {
-            let _ = std::fs::remove_dir_all(path);
-        }
-    }
-}
-
-/// A new, locked folder in `parent`; those that killed runs left there are removed.
-fn temporary_folder(parent: &Path) -> Result<Folder> {
-    remove_abandoned(parent);
-    // Another process that clears up may take a folder in the moment before it is locked: then once more.
-    for _ in 0..16 {
-        let dir = tempfile::Builder::new()
-            .prefix(TEMPORARY)
-            .tempdir_in(parent)
-            .map_err(Error::io(parent, "create a temporary folder in"))?;
-        let path = dir.keep();
-        let locked = lock(&path, false);
-        if !path.join(LOCK).exists() {
-            continue;
-        }
-        if let Some(lock) = locked? {
-            return Ok(Folder { path, _lock: Some(lock) });
-        }
-    }
-    Err(Error::work_dir(parent, "temporary folders are taken away by another process", "name another --tmp"))
-}
-
-/// Removes temporary work directories in `parent` whose process is gone.
-fn remove_abandoned(parent: &Path) {
-    let Ok(entries) = std::fs::read_dir(parent) else { return };
-    for entry in entries.flatten() {
-        let ours = entry.file_name().to_string_lossy().starts_with(TEMPORARY);
-        if ours && entry.path().join(LOCK).exists() && matches!(lock(&entry.path(), false), Ok(Some(_))) {
-            let _ = std::fs::remove_dir_all(entry.path());
+        if self.temporary && !self.inside {
+            self.folder.remove();
         }
     }
 }
