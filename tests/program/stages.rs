@@ -236,13 +236,13 @@ fn tiny(folder: &Path) -> (PathBuf, usize) {
             vertices: zoo::tetrahedron().vertices.iter().map(|v| v.map(|x| 0.004 * x)).collect(),
             ..zoo::tetrahedron()
         };
-        shape = zoo::beside("dusty", &shape, &speck, [-1. + 0.4 * f64::from(k), 0.6, 0.]);
+        shape = zoo::beside("specks", &shape, &speck, [-1. + 0.4 * f64::from(k), 0.6, 0.]);
     }
     (shape.write(folder), body)
 }
 
 #[test]
-fn dust_joins_parts_or_is_one_of_its_own() {
+fn tiny_components_join_parts_or_are_one_of_their_own() {
     let dir = tempfile::tempdir().unwrap();
     let (mesh, body) = tiny(dir.path());
     let work = dir.path().join("work");
@@ -254,7 +254,7 @@ fn dust_joins_parts_or_is_one_of_its_own() {
     let json = format!("--json={}", word(&report));
     segment(&mesh, &["-q", "-k", "3", "--tiny-components", "own", "--work-dir", word(&work), &json]);
     let report: serde_json::Value = serde_json::from_str(&std::fs::read_to_string(report).unwrap()).unwrap();
-    assert_eq!((&report["dust_label"], &report["dust_faces"]), (&3.into(), &24.into()));
+    assert_eq!((&report["tiny_components_label"], &report["tiny_component_faces"]), (&3.into(), &24.into()));
     assert_eq!(report["parts"][3]["colour"], serde_json::json!([128, 128, 128]));
     let out = dir.path().join("out.seg");
     stage(&["cluster", "-k", "2", "--tiny-components", "own", "-o", word(&out)], &work);

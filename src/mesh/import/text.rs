@@ -98,7 +98,7 @@ pub(super) mod obj {
     use super::*;
 
     /// What the mesh has.
-    pub(in crate::mesh::import) fn count(path: &Path, bytes: &[u8]) -> Result<Counts> {
+    pub(crate) fn count(path: &Path, bytes: &[u8]) -> Result<Counts> {
         let mut counts = Counts { double: true, ..Counts::default() };
         for line in Lines::new(bytes, true) {
             let mut words = line.words();
@@ -113,7 +113,7 @@ pub(super) mod obj {
     }
 
     /// Writes the mesh.
-    pub(in crate::mesh::import) fn convert(bytes: &[u8], target: &mut Target) -> Result<()> {
+    pub(crate) fn convert(bytes: &[u8], target: &mut Target) -> Result<()> {
         target.counts = count(target.path, bytes)?;
         target.header();
         for line in Lines::new(bytes, true) {
@@ -158,7 +158,7 @@ pub(super) mod off {
     use super::*;
 
     /// Whether `word` is a keyword of OFF, of any dimension.
-    pub(in crate::mesh::import) fn is_keyword(word: &[u8]) -> bool {
+    pub(crate) fn is_keyword(word: &[u8]) -> bool {
         let Some(front) = word.strip_suffix(b"OFF") else { return false };
         front.len() <= 5 && front.iter().all(|byte| b"STCN4n".contains(byte))
     }
@@ -207,7 +207,7 @@ pub(super) mod off {
     }
 
     /// What the mesh has.
-    pub(in crate::mesh::import) fn count(path: &Path, bytes: &[u8]) -> Result<Counts> {
+    pub(crate) fn count(path: &Path, bytes: &[u8]) -> Result<Counts> {
         let (mut lines, vertices, faces) = open(path, bytes)?;
         let mut counts = Counts { vertices, double: true, ..Counts::default() };
         check(path, counts)?;
@@ -222,7 +222,7 @@ pub(super) mod off {
     }
 
     /// Writes the mesh.
-    pub(in crate::mesh::import) fn convert(bytes: &[u8], target: &mut Target) -> Result<()> {
+    pub(crate) fn convert(bytes: &[u8], target: &mut Target) -> Result<()> {
         let path = target.path;
         target.counts = count(path, bytes)?;
         target.header();
