@@ -1,6 +1,6 @@
 //! NumPy arrays as a mesh: any of the usual types and strides, copied once, nothing written.
 
-use numpy::{Element, PyArrayDyn, PyArrayMethods, PyReadonlyArrayDyn};
+use numpy::{Element, PyArrayDyn, PyArrayMethods, PyReadonlyArrayDyn, PyUntypedArrayMethods};
 use nystrom_stream::mesh::Coordinate;
 use nystrom_stream::{Error, Mesh, Result};
 use pyo3::exceptions::{PyTypeError, PyValueError};
@@ -23,8 +23,9 @@ fn shape(name: &str, array: &Bound<'_, PyAny>) -> PyResult<(usize, usize)> {
 /// The items of an array row by row, whatever their strides.
 fn items<T: Element + Copy>(array: &PyReadonlyArrayDyn<'_, T>) -> Vec<T> {
     match array.as_slice() {
-        Ok(slice) => slice.to_vec(),
-        Err(_) => array.as_array().iter().copied().collect(),
+        Ok(slice) if array.is_c_contiguous() => slice.to_vec(),
+        // A view, or columns one after another.
+        _ => array.as_array().iter().copied().collect(),
     }
 }
 
