@@ -63,7 +63,7 @@ impl WeightedGraph {
     ///
     /// # Errors
     /// [`Error::Unusable`] for a matrix that is none.
-    #[cfg(any(feature = "sprs", test))]
+    #[cfg(feature = "sprs")]
     pub fn matrix(&self) -> Result<sprs::CsMatViewI<'_, f32, u32, u64>> {
         let n = self.indptr.len() - 1;
         sprs::CsMatBase::try_new((n, n), &self.indptr[..], &self.indices[..], &self.weights[..])
@@ -196,7 +196,7 @@ impl TriangleAdjacency {
     }
 }
 
-#[cfg(test)]
+#[cfg(all(test, feature = "sprs"))]
 mod tests {
     use super::*;
 
