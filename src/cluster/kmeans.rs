@@ -1,7 +1,7 @@
 //! K-means on the sampled columns, and labels for every face in one pass over `[A B]`.
 //!
 //! [`KMeans::fit`] is area-weighted and seeded by greedy k-means++. It runs on at most
-//! [`crate::spectral::embedding::MOST`] points, so its cost does not grow with the mesh: about 10 ms per restart at K = 6.
+//! [`crate::spectral::embedding::MOST_COLUMNS`] points, so its cost does not grow with the mesh: about 10 ms per restart at K = 6.
 //! Sums are folded in chunk order; the result does not depend on threads. No cluster ends empty while there are K distinct
 //! points.
 //!

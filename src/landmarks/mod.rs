@@ -5,7 +5,7 @@
 //! | --- | --- | --- |
 //! | [`random`] | 0 | by area, or each node alike |
 //! | [`farthest`] | about Σ 1/i | max–min from an extremity, §6.2 |
-//! | [`geodesic`] | about Σ 1/i | the same in length alone, whatever metric the rows have |
+//! | [`farthest::GeodesicFarthest`] | about Σ 1/i | the same in length alone, whatever metric the rows have |
 //! | [`centroid`] | l + Σ 1/i | farthest points, each moved to the middle of its cell |
 //! | [`cholesky`] | l + [`PILOTS`] | randomly pivoted Cholesky |
 //! | [`greedy`] | 90 l, pooled 90 + l | best of 90 candidates by Γ, §6.1 |
