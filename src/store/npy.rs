@@ -223,6 +223,8 @@ pub struct ArrayWriter<T> {
     items: usize,
     row: usize,
     item: std::marker::PhantomData<T>,
+    /// Whether the array may not grow beyond the buffer that it began in.
+    bounded: bool,
 }
 
 impl<T: Item> ArrayWriter<T> {
@@ -234,13 +236,22 @@ impl<T: Item> ArrayWriter<T> {
         Ok(Self::of(path, Out::File(start_file(path)?), row))
     }
 
-    /// Starts an array in `buffer` or in what can be had later, which `arrays` will have under the name of `path`.
+    /// Starts an array in `buffer`, no longer than fits in there, or without one in what can be had later; `arrays` will
+    /// have it under the name of `path`.
     pub fn in_memory(path: &Path, row: usize, buffer: Option<AlignedBuffer>, arrays: Arc<InMemoryArrays>) -> Self {
-        Self::of(path, Out::Memory(buffer, arrays), row)
+        let bounded = buffer.is_some();
+        Self { bounded, ..Self::of(path, Out::Memory(buffer, arrays), row) }
     }
 
     fn of(path: &Path, out: Out, row: usize) -> Self {
-        Self { path: path.to_path_buf(), out, items: 0, row: row.max(1), item: std::marker::PhantomData }
+        Self {
+            path: path.to_path_buf(),
+            out,
+            items: 0,
+            row: row.max(1),
+            bounded: false,
+            item: std::marker::PhantomData,
+        }
     }
 
     /// Appends items.
@@ -260,6 +271,10 @@ impl<T: Item> ArrayWriter<T> {
         self.items += bytes.len() / size_of::<T>();
         if let Out::Memory(buffer, arrays) = &mut self.out {
             let (end, there) = (start + bytes.len(), buffer.as_ref().map_or(0, |buffer| buffer.bytes().len()));
+            if end > there && self.bounded {
+                let problem = std::io::Error::other("more items than there is room for");
+                return Err(Error::io(&self.path, "write")(problem));
+            }
             if end > there {
                 let mut larger = arrays.take(end.max(2 * there).max(LEAST_BUFFER));
                 match (&mut larger, &*buffer) {
