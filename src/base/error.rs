@@ -91,6 +91,12 @@ pub enum Error {
     /// The run was asked to stop.
     #[error("interrupted")]
     Cancelled,
+    /// The program is at fault: a thread panicked, or what cannot happen did.
+    #[error("internal error: {problem}; this is a fault of the program: please report it with the command and the mesh")]
+    Internal {
+        /// What happened.
+        problem: String,
+    },
 }
 
 /// A remedy for the operating-system errors that users meet most.
@@ -137,6 +143,11 @@ impl Error {
     /// An [`Error::Parameter`].
     pub fn parameter(name: impl Into<String>, problem: impl Into<String>, remedy: impl Into<String>) -> Error {
         Error::Parameter { name: name.into(), problem: problem.into(), remedy: remedy.into() }
+    }
+
+    /// An [`Error::Internal`]; its message stays one line.
+    pub fn internal(problem: &str) -> Error {
+        Error::Internal { problem: problem.split_whitespace().collect::<Vec<_>>().join(" ") }
     }
 
     /// An [`Error::WorkDir`].

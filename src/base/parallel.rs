@@ -4,11 +4,16 @@
 //! that order: so a result depends on the chunk size alone, never on the number of threads or
 //! on timing. One of the threads is the caller, so that one thread runs in place, without spawning: a spawned
 //! thread costs some 50 µs, as much as a small loop.
+//!
+//! The first error stops all threads at their next chunk. A panic in a thread is an error as well: nothing waits for a
+//! thread that is gone.
 
-use super::{Cancel, Result};
+use super::{Cancel, Error, Result};
+use crossbeam_channel::{Receiver, Sender};
 use std::ops::Range;
-use std::sync::Mutex;
+use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::atomic::{AtomicUsize, Ordering};
+use std::sync::{Mutex, MutexGuard, PoisonError};
 
 /// Number of chunks of `size` that cover `0..n`.
 pub fn chunk_count(n: usize, size: usize) -> usize {
@@ -21,11 +26,78 @@ pub fn chunk_range(n: usize, size: usize, k: usize) -> Range<usize> {
     start..(start + size).min(n)
 }
 
+/// Chunk numbers, handed out once each until a chunk fails, the run is cancelled or a thread panics.
+///
+/// Nothing here is generic: what starts, stops and joins threads is compiled once, not for each of a hundred loops.
+struct Tickets<'a> {
+    cancel: &'a Cancel,
+    chunks: usize,
+    next: AtomicUsize,
+    /// The lowest chunk that failed; chunks beyond it are not begun.
+    failed: AtomicUsize,
+    error: Mutex<Option<(usize, Error)>>,
+}
+
+impl<'a> Tickets<'a> {
+    fn new(chunks: usize, cancel: &'a Cancel) -> Tickets<'a> {
+        Tickets { cancel, chunks, next: AtomicUsize::new(0), failed: AtomicUsize::new(usize::MAX), error: Mutex::default() }
+    }
+
+    /// The next chunk, unless the work is done or has failed.
+    fn take(&self) -> Option<usize> {
+        let k = self.next.fetch_add(1, Ordering::Relaxed);
+        if k >= self.chunks || k > self.failed.load(Ordering::Relaxed) {
+            return None;
+        }
+        self.cancel.check().map_err(|error| self.fail(k, error)).is_ok().then_some(k)
+    }
+
+    /// Records that chunk `k` failed; of several, the lowest counts.
+    fn fail(&self, k: usize, error: Error) {
+        let mut first = lock(&self.error);
+        if first.as_ref().is_none_or(|(lowest, _)| k < *lowest) {
+            *first = Some((k, error));
+        }
+        self.failed.fetch_min(k, Ordering::Relaxed);
+    }
+
+    /// Runs `worker` on up to `threads` threads, the caller's among them, and returns what failed first.
+    fn serve(self, threads: usize, worker: &(dyn Fn(&Tickets) + Sync)) -> Result<()> {
+        let guarded = || catch(|| worker(&self)).unwrap_or_else(|error| self.fail(0, error));
+        std::thread::scope(|scope| {
+            for _ in 1..threads.clamp(1, self.chunks.max(1)) {
+                // A thread that the system refuses is one fewer: the caller's own does the work.
+                drop(std::thread::Builder::new().spawn_scoped(scope, guarded));
+            }
+            guarded();
+        });
+        let error = self.error.into_inner().unwrap_or_else(PoisonError::into_inner);
+        error.map_or(Ok(()), |(_, error)| Err(error))
+    }
+}
+
+/// Locks, also after a panic elsewhere, which is reported by itself.
+fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
+    mutex.lock().unwrap_or_else(PoisonError::into_inner)
+}
+
+/// Calls `work`; a panic in it becomes an error, so that other threads end and temporary files are removed.
+///
+/// # Errors
+/// [`Error::Internal`] with the panic's message.
+pub fn catch<R>(work: impl FnOnce() -> R) -> Result<R> {
+    catch_unwind(AssertUnwindSafe(work)).map_err(|payload| {
+        let text = payload.downcast_ref::<String>().map(String::as_str);
+        let text = text.or_else(|| payload.downcast_ref::<&str>().copied());
+        Error::internal(text.unwrap_or("a panic without a message"))
+    })
+}
+
 /// Calls `work(chunk number, state)` for every chunk number below `chunks`, on up to `threads`
 /// threads, each with a state of its own from `init`; returns the results in chunk order.
 ///
 /// # Errors
-/// The error of the lowest chunk that failed, or [`super::Error::Cancelled`].
+/// The error of the lowest chunk that failed, [`Error::Cancelled`], or [`Error::Internal`] when a thread panicked.
 pub fn map_chunks<S, R: Send>(
     threads: usize,
     cancel: &Cancel,
@@ -33,48 +105,17 @@ pub fn map_chunks<S, R: Send>(
     init: impl Fn() -> S + Sync,
     work: impl Fn(usize, &mut S) -> Result<R> + Sync,
 ) -> Result<Vec<R>> {
-    let threads = threads.clamp(1, chunks.max(1));
-    if threads == 1 {
+    let results: Mutex<Vec<Option<R>>> = Mutex::new((0..chunks).map(|_| None).collect());
+    Tickets::new(chunks, cancel).serve(threads, &|tickets| {
         let mut state = init();
-        return (0..chunks)
-            .map(|k| {
-                cancel.check()?;
-                work(k, &mut state)
-            })
-            .collect();
-    }
-    let next = AtomicUsize::new(0);
-    let failed = AtomicUsize::new(usize::MAX);
-    let done: Mutex<Vec<(usize, Result<R>)>> = Mutex::new(Vec::with_capacity(chunks));
-    let worker = || {
-        let mut state = init();
-        let mut mine = Vec::new();
-        loop {
-            let k = next.fetch_add(1, Ordering::Relaxed);
-            if k >= chunks || k > failed.load(Ordering::Relaxed) {
-                break;
+        while let Some(k) = tickets.take() {
+            match work(k, &mut state) {
+                Ok(result) => lock(&results)[k] = Some(result),
+                Err(error) => tickets.fail(k, error),
             }
-            let result = cancel.check().and_then(|()| work(k, &mut state));
-            if result.is_err() {
-                failed.fetch_min(k, Ordering::Relaxed);
-            }
-            mine.push((k, result));
         }
-        done.lock().unwrap_or_else(|poison| poison.into_inner()).append(&mut mine);
-    };
-    on_threads(threads, &worker);
-    let mut all = done.into_inner().unwrap_or_else(|poison| poison.into_inner());
-    all.sort_unstable_by_key(|(k, _)| *k);
-    all.into_iter().map(|(_, result)| result).collect()
-}
-
-/// Runs `worker` on `threads` threads, the caller's among them. Not generic: what starts and joins threads is compiled
-/// once, not for each of a hundred loops.
-fn on_threads(threads: usize, worker: &(dyn Fn() + Sync)) {
-    std::thread::scope(|scope| {
-        (1..threads).for_each(|_| drop(scope.spawn(worker)));
-        worker();
-    });
+    })?;
+    Ok(results.into_inner().unwrap_or_else(PoisonError::into_inner).into_iter().flatten().collect())
 }
 
 /// [`map_chunks`] over the chunks of `size` of `0..n`, without states.
@@ -92,7 +133,7 @@ pub fn map_ranges<R: Send>(
 }
 
 /// Like [`map_chunks`] for chunks whose thread states must be closed by `finish`, such as producers
-/// of a shuffle; chunk results are dropped.
+/// of a shuffle; chunk results are dropped. After an error no state is finished.
 ///
 /// # Errors
 /// As [`map_chunks`], or those of `finish`.
@@ -104,27 +145,19 @@ pub fn each_chunk<S>(
     work: impl Fn(usize, &mut S) -> Result<()> + Sync,
     finish: impl Fn(S) -> Result<()> + Sync,
 ) -> Result<()> {
-    let next = AtomicUsize::new(0);
-    let workers = threads.clamp(1, chunks.max(1));
-    map_chunks(
-        workers,
-        cancel,
-        workers,
-        || (),
-        |_, ()| {
-            let mut state = init();
-            loop {
-                let k = next.fetch_add(1, Ordering::Relaxed);
-                if k >= chunks {
-                    return finish(state);
-                }
-                cancel.check()?;
-                work(k, &mut state)?;
-            }
-        },
-    )?;
-    Ok(())
+    Tickets::new(chunks, cancel).serve(threads, &|tickets| {
+        let mut state = init();
+        while let Some(k) = tickets.take() {
+            work(k, &mut state).unwrap_or_else(|error| tickets.fail(k, error));
+        }
+        if tickets.failed.load(Ordering::Relaxed) == usize::MAX {
+            finish(state).unwrap_or_else(|error| tickets.fail(chunks, error));
+        }
+    })
 }
+
+/// What a worker of [`in_order`] says of a chunk.
+type Report = (usize, Result<()>);
 
 /// Computes chunks on `threads` threads and hands their results to `consume` on the calling
 /// thread in chunk order; at most `4 * threads` results wait at a time.
@@ -149,45 +182,63 @@ pub fn in_order<S, R: Send>(
         }
         return Ok(());
     }
-    let window = (4 * threads).min(chunks);
+    let slots: Vec<Mutex<Option<R>>> = (0..(4 * threads).min(chunks)).map(|_| Mutex::new(None)).collect();
+    let slot = |k: usize| lock(&slots[k % slots.len()]);
+    let worker = |jobs: &Receiver<usize>, done: &Sender<Report>| {
+        let mut state = init();
+        for k in jobs {
+            let result = cancel.check().and_then(|()| work(k, &mut state)).map(|result| *slot(k) = Some(result));
+            if done.send((k, result)).is_err() {
+                return;
+            }
+        }
+    };
+    ordered(threads, chunks, slots.len(), &worker, &mut |k| {
+        let result = slot(k).take();
+        consume(k, result.ok_or_else(|| Error::internal("a chunk was reported without its result"))?)
+    })
+}
+
+/// The threads of [`in_order`]: workers are given chunk numbers, at most `window` ahead of what was consumed, and report
+/// each; reports are consumed in order. The first report that is an error ends the work, as does a panic.
+fn ordered(
+    threads: usize,
+    chunks: usize,
+    window: usize,
+    worker: &(dyn Fn(&Receiver<usize>, &Sender<Report>) + Sync),
+    consume: &mut dyn FnMut(usize) -> Result<()>,
+) -> Result<()> {
     let (tickets, jobs) = crossbeam_channel::bounded::<usize>(window);
-    let (done, results) = crossbeam_channel::bounded::<(usize, Result<R>)>(window);
+    let (done, reports) = crossbeam_channel::bounded::<Report>(window + threads);
     std::thread::scope(|scope| {
         for _ in 0..threads {
             let (jobs, done) = (jobs.clone(), done.clone());
-            let (init, work) = (&init, &work);
-            let worker: Box<dyn FnOnce() + Send + '_> = Box::new(move || {
-                let mut state = init();
-                for k in jobs {
-                    let result = cancel.check().and_then(|()| work(k, &mut state));
-                    if done.send((k, result)).is_err() {
-                        return;
-                    }
+            let guarded = move || {
+                if let Err(error) = catch(|| worker(&jobs, &done)) {
+                    drop(done.send((usize::MAX, Err(error))));
                 }
-            });
-            scope.spawn(worker);
+            };
+            drop(std::thread::Builder::new().spawn_scoped(scope, guarded));
         }
         drop((jobs, done));
         let mut issued = 0;
-        let mut waiting: Vec<Option<Result<R>>> = (0..chunks.min(window)).map(|_| None).collect();
+        let mut waiting: Vec<Option<Result<()>>> = (0..window).map(|_| None).collect();
         let mut next = 0;
         // Moved in so that workers see the end of the tickets when this returns, early or not.
-        let (tickets, results) = (tickets, results);
+        let (tickets, reports) = (tickets, reports);
         while next < chunks {
-            while issued < chunks && issued < next + window {
-                if tickets.send(issued).is_err() {
-                    break;
-                }
+            while issued < chunks.min(next + window) && tickets.send(issued).is_ok() {
                 issued += 1;
             }
             match waiting[next % window].take() {
                 Some(result) => {
-                    consume(next, result?)?;
+                    result.and_then(|()| consume(next))?;
                     next += 1;
                 }
-                None => match results.recv() {
+                None => match reports.recv() {
+                    Ok((usize::MAX, panicked)) => return panicked,
                     Ok((k, result)) => waiting[k % window] = Some(result),
-                    Err(_) => return Err(super::Error::Cancelled),
+                    Err(_) => return Err(Error::internal("no thread could be started")),
                 },
             }
         }
@@ -209,7 +260,7 @@ pub fn fill_chunks<T: Send, S, R: Send>(
 ) -> Result<Vec<R>> {
     let pieces: Vec<Mutex<&mut [T]>> = out.chunks_mut(size.max(1)).map(Mutex::new).collect();
     map_chunks(threads, cancel, pieces.len(), init, |k, state| {
-        let mut piece = pieces[k].lock().unwrap_or_else(|poison| poison.into_inner());
+        let mut piece = lock(&pieces[k]);
         work(k, &mut piece, state)
     })
 }
@@ -249,7 +300,7 @@ pub fn fill_two<A: Send, B: Send, S, R: Send>(
     let size = size.max(1);
     let pieces: Vec<Piece<'_, A, B>> = a.chunks_mut(size).zip(b.chunks_mut(size)).map(Mutex::new).collect();
     map_chunks(threads, cancel, pieces.len(), init, |k, state| {
-        let mut piece = pieces[k].lock().unwrap_or_else(|poison| poison.into_inner());
+        let mut piece = lock(&pieces[k]);
         let (a, b) = &mut *piece;
         work(k, a, b, state)
     })
@@ -258,7 +309,6 @@ pub fn fill_two<A: Send, B: Send, S, R: Send>(
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::base::Error;
 
     #[test]
     fn results_come_in_chunk_order_whatever_the_threads() {
@@ -312,6 +362,43 @@ mod tests {
             );
             assert!(failed.is_err());
         }
+    }
+
+    /// A panic in a worker left the consumer waiting for ever.
+    #[test]
+    fn a_panic_in_a_thread_is_an_error_and_nothing_waits() {
+        let bad = |k: usize, (): &mut ()| if k == 40 { panic!("chunk {k} is bad") } else { Ok(k) };
+        for threads in [2, 5] {
+            let mapped = map_chunks(threads, &Cancel::default(), 100, || (), bad).unwrap_err();
+            let ordered = in_order(threads, &Cancel::default(), 100, || (), bad, |_, _| Ok(())).unwrap_err();
+            let each = |k: usize, state: &mut ()| bad(k, state).map(drop);
+            let each = each_chunk(threads, &Cancel::default(), 100, || (), each, Ok).unwrap_err();
+            for error in [mapped, ordered, each] {
+                assert!(error.to_string().contains("chunk 40 is bad"), "{error}");
+            }
+        }
+    }
+
+    /// Other threads finished all their chunks after an error, on a full disk for instance.
+    #[test]
+    fn an_error_stops_all_threads_and_finishes_no_state() {
+        let (begun, finished) = (AtomicUsize::new(0), AtomicUsize::new(0));
+        let work = |k: usize, (): &mut ()| {
+            begun.fetch_add(1, Ordering::Relaxed);
+            if k == 0 {
+                return Err(Error::Cancelled);
+            }
+            std::thread::sleep(std::time::Duration::from_millis(1));
+            Ok(())
+        };
+        let finish = |()| {
+            finished.fetch_add(1, Ordering::Relaxed);
+            Ok(())
+        };
+        each_chunk(4, &Cancel::default(), 1_000_000, || (), work, finish).unwrap_err();
+        // A million chunks of a millisecond would be minutes; a thread that is slow to start may not have begun.
+        assert!(begun.into_inner() < 10_000);
+        assert_eq!(finished.into_inner(), 0);
     }
 
     #[test]

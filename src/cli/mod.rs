@@ -22,6 +22,7 @@ mod transfer;
 
 use clap::error::ErrorKind as Kind;
 use clap::{CommandFactory, Parser, Subcommand};
+use nystrom_stream::base::parallel::catch;
 use nystrom_stream::base::{Cancel, Error};
 use options::{AppContext, CliError};
 use std::io::ErrorKind;
@@ -162,29 +163,7 @@ pub fn main(peak: fn() -> u64) -> ExitCode {
         cancel.cancel();
     });
     let goes_on = cli.command.goes_on();
-    let result = match cli.command {
-        Command::Segment(args) => segment::run(&args, &app),
-        Command::Graph(args) => stages::graph(&args, &app),
-        Command::Rows(args) => stages::rows(&args, &app),
-        Command::Merge(args) => stages::merge(&args, &app),
-        Command::Embed(args) => stages::embed(&args, &app),
-        Command::Cluster(args) => stages::cluster(&args, &app),
-        Command::Export(args) => stages::export(&args, &app),
-        Command::Plan(args) => plan::run(&args, &app),
-        Command::Info(args) => info::run(&args),
-        Command::Verify(args) => info::verify(&args, &app),
-        Command::Evaluate(args) => evaluate::run(&args, &app),
-        Command::Quality(args) => quality::quality(&args, &app),
-        Command::Study(args) => quality::study(&args, &app),
-        Command::Correspond(args) => correspond::run(&args, &app),
-        Command::Sequence(args) => sequence::run(&args, &app),
-        Command::Picture(args) => picture::run(&args, &app),
-        Command::TransferLabels(args) => transfer::run(&args, &app),
-        Command::Plot(args) => plot::run(&args),
-        Command::Demo(args) => demo::run(&args, &app),
-        Command::Completions(args) => help::completions(&args, Cli::command()),
-        Command::Man(args) => help::man(&args, Cli::command()),
-    };
+    let result = catch(|| dispatch(cli.command, &app)).unwrap_or_else(|error| Err(error.into()));
     let (text, code) = match result {
         Ok(()) => return ExitCode::SUCCESS,
         Err(CliError::Reported) => return ExitCode::from(1),
@@ -201,4 +180,31 @@ pub fn main(peak: fn() -> u64) -> ExitCode {
     };
     progress::tell(&format!("nystrom-stream: {text}"));
     ExitCode::from(code)
+}
+
+/// Runs a subcommand.
+fn dispatch(command: Command, app: &AppContext) -> Result<(), CliError> {
+    match command {
+        Command::Segment(args) => segment::run(&args, app),
+        Command::Graph(args) => stages::graph(&args, app),
+        Command::Rows(args) => stages::rows(&args, app),
+        Command::Merge(args) => stages::merge(&args, app),
+        Command::Embed(args) => stages::embed(&args, app),
+        Command::Cluster(args) => stages::cluster(&args, app),
+        Command::Export(args) => stages::export(&args, app),
+        Command::Plan(args) => plan::run(&args, app),
+        Command::Info(args) => info::run(&args),
+        Command::Verify(args) => info::verify(&args, app),
+        Command::Evaluate(args) => evaluate::run(&args, app),
+        Command::Quality(args) => quality::quality(&args, app),
+        Command::Study(args) => quality::study(&args, app),
+        Command::Correspond(args) => correspond::run(&args, app),
+        Command::Sequence(args) => sequence::run(&args, app),
+        Command::Picture(args) => picture::run(&args, app),
+        Command::TransferLabels(args) => transfer::run(&args, app),
+        Command::Plot(args) => plot::run(&args),
+        Command::Demo(args) => demo::run(&args, app),
+        Command::Completions(args) => help::completions(&args, Cli::command()),
+        Command::Man(args) => help::man(&args, Cli::command()),
+    }
 }

@@ -8,6 +8,7 @@ use super::options::{AppContext, CliError, RunArgs};
 use super::output::{ENDINGS, FormArgs, JsonArgs, Output, Results, folder_of};
 use super::progress::{Bars, BatchBars, Style, human, tell};
 use super::stages::{KeptEmbedding, embedding, read};
+use nystrom_stream::base::parallel::catch;
 use nystrom_stream::base::{Error, Result};
 use nystrom_stream::mesh::ply::labelled::Labelling;
 use nystrom_stream::pipeline::report::Report;
@@ -359,7 +360,8 @@ fn all(meshes: Vec<PathBuf>, args: &SegmentArgs, params: &SegmentParams, app: &A
                     let begin = Instant::now();
                     let mut run = args.run.run(&mine, app);
                     (run.threads, run.budget) = (threads, Budget::new(memory));
-                    let result = one(job, args, params, &mine, &run, app);
+                    // A panic fails its mesh alone.
+                    let result = catch(|| one(job, args, params, &mine, &run, app)).flatten();
                     let seconds = begin.elapsed().as_secs_f64();
                     let row = result.as_ref().map_or(String::new(), |report| row_of(&job.mesh, report, seconds));
                     bars.end(&mine, &row);

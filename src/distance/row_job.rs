@@ -16,7 +16,8 @@ use super::journal::{JobSpec, JournalEntry, ResumeState};
 use super::paging::Pages;
 use super::row_sink::{RowSink, RowVisitor, Target};
 use super::sampler::{FinishedRows, GraphSpace, Sampler, SearchGraph, fill_lengths};
-use crate::base::{Error, Result};
+use crate::base::parallel::catch;
+use crate::base::{Cancel, Error, Result};
 use crate::graph::{Csr, Node, TriangleAdjacency};
 use crate::store::mapped::Access;
 use crate::store::mapped::AlignedBuffer;
@@ -140,26 +141,33 @@ impl Running<'_> {
         let (done, finished) = crossbeam_channel::unbounded::<Result<JournalEntry>>();
         let mut entries = self.sink.done.clone();
         let missing = self.job.spec.wanted() - entries.len();
+        let others = Cancel::default();
         std::thread::scope(|scope| -> Result<()> {
             let (requests, out) = (receive.clone(), done.clone());
-            let mut searching = front();
-            scope.spawn(move || match self.search(field, &mut searching, &send, &out) {
-                Ok(()) => {
+            let (mut searching, others) = (front(), &others);
+            scope.spawn(move || {
+                let ended = catch(|| {
+                    self.search(field, &mut searching, (&send, &out), others)?;
                     drop(send);
-                    self.rows(0, &mut searching, requests, &out);
-                }
-                Err(error) => {
-                    let _ = out.send(Err(error));
-                }
+                    self.rows(0, &mut searching, &requests, &out)
+                });
+                // Nobody listens once another thread has failed.
+                ended.flatten().unwrap_or_else(|error| drop(out.send(Err(error))));
             });
             for thread in 1..run.threads.min(missing) {
                 let (requests, out) = (receive.clone(), done.clone());
                 let mut front = front();
-                scope.spawn(move || self.rows(thread, &mut front, requests, &out));
+                scope.spawn(move || {
+                    let ended = catch(|| self.rows(thread, &mut front, &requests, &out));
+                    ended.flatten().unwrap_or_else(|error| drop(out.send(Err(error))));
+                });
             }
             drop((receive, done));
+            // Moved in so that the others see that nobody listens when this returns early.
+            let finished = finished;
             for _ in 0..missing {
-                let entry = finished.recv().unwrap_or(Err(Error::Cancelled))?;
+                let lost = || Err(Error::internal("all threads ended before all rows were there"));
+                let entry = finished.recv().unwrap_or_else(|_| lost()).inspect_err(|_| others.cancel())?;
                 entries.insert(entry.row, entry);
                 run.progress.advance("rows", 1);
             }
@@ -168,19 +176,20 @@ impl Running<'_> {
         Ok(entries)
     }
 
-    /// Sends the landmarks whose rows are wanted and not there yet.
+    /// Sends the landmarks whose rows are wanted and not there yet, until another thread fails.
     fn search(
         &self,
         field: &mut MappedSliceMut<f32>,
         front: &mut Front,
-        requests: &Sender<Request>,
-        done: &Sender<Result<JournalEntry>>,
+        (requests, done): (&Sender<Request>, &Sender<Result<JournalEntry>>),
+        failed: &Cancel,
     ) -> Result<()> {
         let (RowJob { graph, nodes, sampler, spec }, sink, run) = (self.job, self.sink, self.context.run);
         let mut row = 0;
         front.values(field.writeback());
         let others = run.threads > 1 && spec.wanted() > 1;
         let found = &mut |landmark: u32, known: Option<&[f32]>| {
+            failed.check()?;
             let k = row;
             row += 1;
             sink.enter(landmark);
@@ -207,7 +216,13 @@ impl Running<'_> {
 
     /// Computes rows until there are no more: in memory and handed on as a whole where the budget has room for that, else
     /// where they lie in the mapped file, or in a mapped file of the thread's own.
-    fn rows(&self, thread: usize, front: &mut Front, requests: Receiver<Request>, done: &Sender<Result<JournalEntry>>) {
+    fn rows(
+        &self,
+        thread: usize,
+        front: &mut Front,
+        requests: &Receiver<Request>,
+        done: &Sender<Result<JournalEntry>>,
+    ) -> Result<()> {
         let name = format!("row-{}-{thread}.tmp", self.job.spec.shard);
         let mut scratch = None;
         for Request { row, landmark, known } in requests {
@@ -220,8 +235,7 @@ impl Running<'_> {
                     }
                 },
             };
-            let failed = entry.is_err();
-            if done.send(entry).is_err() || failed {
+            if done.send(Ok(entry?)).is_err() {
                 break;
             }
         }
@@ -229,6 +243,7 @@ impl Running<'_> {
             drop(array);
             self.context.work.remove(&format!("{name}.partial"));
         }
+        Ok(())
     }
 
     /// Memory for a thread's rows.
@@ -259,7 +274,9 @@ impl Running<'_> {
             }
             Scratch::InPlace => {
                 // Nothing but a file has rows in place, and a file that is not held has a mapping of each.
-                let Some(mut slot) = sink.take(row) else { return Err(Error::Cancelled) };
+                let Some(mut slot) = sink.take(row) else {
+                    return Err(Error::internal("a row in memory was to be computed where it lies"));
+                };
                 self.mapped_row(&mut slot, landmark, front)?;
                 return sink.close(row, landmark, &slot, || slot.sync());
             }
