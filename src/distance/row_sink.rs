@@ -73,9 +73,13 @@ impl<'a> RowSink<'a> {
     /// Hands on a row that was computed elsewhere.
     pub fn put(&self, row: usize, landmark: u32, distances: &[f32]) -> Result<JournalEntry> {
         match &self.target {
-            Target::File { file, .. } => {
-                file.write_row(row / self.spec.of, distances)?;
-                self.close(row, landmark, distances, || self.take(row).map_or(Ok(()), |slot| slot.sync()))
+            Target::File { file, path, .. } => {
+                let Some(mut slot) = self.take(row) else {
+                    file.write_row(row / self.spec.of, distances)?;
+                    return self.close(row, landmark, distances, || Ok(()));
+                };
+                slot.overwrite(distances).map_err(Error::io(path, "write"))?;
+                self.close(row, landmark, distances, || slot.sync())
             }
             Target::Visitor(visit) => {
                 let earlier: Vec<u32> = self.found().iter().take(row).copied().collect();

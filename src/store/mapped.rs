@@ -2,20 +2,26 @@
 //!
 //! # Why it is sound
 //! A mapping is safe to read as bytes as long as nobody changes or truncates the file under it.
-//! Files of a work directory are ours: they are written under a temporary name, renamed when
-//! whole, and the directory is locked while in use. An input file belongs to the user; should
-//! another program write to it while it is mapped, numbers may change between two reads, which
-//! our code tolerates (every index read from an input is checked where it is used), and should it
-//! shrink, the kernel raises `SIGBUS`, which [`report_vanishing_files`] turns into an ordinary
-//! failure. Typed views go through `bytemuck`, which checks size and alignment and accepts
-//! only types for which every bit pattern is a value.
+//!
+//! - *Within this process* every mapping is claimed while it lives ([`super::claims`]): bytes that are mapped for writing are
+//!   mapped once, and by nobody for reading, under whatever name the file is opened. A mapping that would overlap is an error.
+//!   So is one that goes beyond the end of its file.
+//! - *Other processes of this program* are kept out by the lock on the work directory. Its files are written under a
+//!   temporary name and renamed when whole.
+//! - *Other programs* may write to any file, which no program can prevent. Numbers may then change between two reads; every
+//!   index read from a file is checked by the slice that it indexes, so the worst is a wrong number or a panic, which is
+//!   caught. Should a file shrink, the kernel raises `SIGBUS`, which [`report_vanishing_files`] turns into an ordinary failure.
+//!
+//! Typed views go through `bytemuck`, which checks size and alignment and accepts only types for which every bit pattern is a
+//! value.
 //!
 //! # Cost
 //! A view costs no memory of its own; a page is read at its first touch (about 0.1–0.25 µs a
-//! 4 KiB page that is cached, measured) and may be dropped by the kernel at any time.
+//! page of 4 KiB that is cached, measured) and may be dropped by the kernel at any time.
 #![allow(unsafe_code)]
 
 use super::budget::{Budget, Grant};
+use super::claims::Claim;
 use crate::base::{Error, Result};
 use bytemuck::Pod;
 use memmap2::{Advice, Mmap, MmapMut};
@@ -23,7 +29,7 @@ use std::fs::File;
 use std::marker::PhantomData;
 use std::ops::{Deref, DerefMut};
 use std::path::Path;
-use std::sync::Arc;
+use std::sync::{Arc, OnceLock};
 
 /// Zeroed memory of a budget, aligned for every item type.
 #[derive(Debug)]
@@ -103,7 +109,7 @@ pub struct MappedBytes {
 /// Where bytes lie.
 #[derive(Debug)]
 enum Bytes {
-    File(Mmap),
+    File(Mmap, #[expect(dead_code, reason = "given back when the mapping is gone")] Claim),
     Held(AlignedBuffer),
     /// A caller's vector of 4-byte or of 8-byte items, kept as what it is: so it is aligned and never copied.
     Words(Vec<u32>),
@@ -113,7 +119,7 @@ enum Bytes {
 /// Where bytes lie that are being written.
 #[derive(Debug)]
 enum BytesMut {
-    File(MmapMut),
+    File(MmapMut, #[expect(dead_code, reason = "given back when the mapping is gone")] Claim),
     Held(AlignedBuffer),
 }
 
@@ -121,7 +127,7 @@ impl MappedBytes {
     /// Maps the file at `path`; an empty file maps to an empty slice.
     ///
     /// # Errors
-    /// [`Error::Io`] when the file cannot be opened or mapped.
+    /// [`Error::Io`] when the file cannot be opened or mapped; [`Error::Internal`] while this process writes to it.
     pub fn open(path: &Path) -> Result<Self> {
         let file = File::open(path).map_err(Error::io(path, "open"))?;
         let metadata = file.metadata().map_err(Error::io(path, "look at"))?;
@@ -131,14 +137,16 @@ impl MappedBytes {
         if metadata.len() == 0 {
             return Ok(Self { map: None });
         }
-        // SAFETY: see the module's text: the mapping is read-only and every use of its content is checked.
+        let claim = Claim::reading(&metadata).ok_or_else(|| claimed(path))?;
+        // SAFETY: see the module's text: nobody in this process writes to the file as long as the claim lives, and every use
+        // of its content is checked.
         let map = unsafe { Mmap::map(&file) }.map_err(Error::io(path, "map"))?;
-        Ok(Self { map: Some(Arc::new(Bytes::File(map))) })
+        Ok(Self { map: Some(Arc::new(Bytes::File(map, claim))) })
     }
 
     /// Tells the kernel how the bytes will be read. Advice only: failures are ignored.
     pub fn advise(&self, access: Access) {
-        if let Some(Bytes::File(map)) = self.map.as_deref() {
+        if let Some(Bytes::File(map, _)) = self.map.as_deref() {
             let _ = map.advise(match access {
                 Access::Local => Advice::Normal,
                 Access::Sequential => Advice::Sequential,
@@ -171,7 +179,7 @@ impl Deref for MappedBytes {
     fn deref(&self) -> &[u8] {
         match self.map.as_deref() {
             None => &[],
-            Some(Bytes::File(map)) => map,
+            Some(Bytes::File(map, _)) => map,
             Some(Bytes::Held(words)) => words.bytes(),
             Some(Bytes::Words(words)) => bytemuck::cast_slice(words),
             Some(Bytes::DoubleWords(words)) => bytemuck::cast_slice(words),
@@ -251,17 +259,23 @@ impl<T: Pod> MappedSliceMut<T> {
     /// Maps `len` items from byte `offset` of `file`, whose blocks exist already; no more than them.
     ///
     /// # Errors
-    /// [`Error::Io`] naming `path` when the mapping fails.
-    pub fn map(file: &File, path: &Path, offset: usize, len: usize) -> Result<Self> {
+    /// [`Error::Io`] naming `path` when the mapping fails; [`Error::Internal`] where the file ends before, or while any of
+    /// these bytes is mapped elsewhere in this process.
+    pub fn map(file: &Arc<File>, path: &Path, offset: usize, len: usize) -> Result<Self> {
         if len == 0 {
             return Ok(Self { map: None, file: None, offset, len: 0, item: PhantomData });
         }
-        let bytes = len * size_of::<T>();
-        // SAFETY: see the module's text: the file is ours alone until it is renamed.
-        let map = unsafe { memmap2::MmapOptions::new().offset(offset as u64).len(bytes).map_mut(file) };
+        let metadata = file.metadata().map_err(Error::io(path, "look at"))?;
+        let bytes = len.checked_mul(size_of::<T>());
+        let end = bytes.and_then(|bytes| (offset as u64).checked_add(bytes as u64)).filter(|&end| end <= metadata.len());
+        let (Some(bytes), Some(end)) = (bytes, end) else {
+            return Err(Error::internal(&format!("{}: mapped beyond its end", path.display())));
+        };
+        let claim = Claim::writing(&metadata, offset as u64..end).ok_or_else(|| claimed(path))?;
+        // SAFETY: see the module's text: no other mapping of this process covers these bytes as long as the claim lives.
+        let map = unsafe { memmap2::MmapOptions::new().offset(offset as u64).len(bytes).map_mut(&**file) };
         let map = map.map_err(Error::io(path, "map"))?;
-        let file = file.try_clone().ok().map(Arc::new);
-        Ok(Self { map: Some(BytesMut::File(map)), file, offset, len, item: PhantomData })
+        Ok(Self { map: Some(BytesMut::File(map, claim)), file: Some(file.clone()), offset, len, item: PhantomData })
     }
 
     /// The first `len` items of `words`, as far as those go, in memory.
@@ -284,17 +298,35 @@ impl<T: Pod> MappedSliceMut<T> {
         Some(Writeback { file, offset: self.offset, item: size_of::<T>() })
     }
 
+    /// Replaces all items. Those of a file are written to it, not through the mapping: a fault a page costs more than a copy.
+    ///
+    /// # Errors
+    /// The operating system's; `InvalidInput` for another number of items.
+    pub fn overwrite(&mut self, items: &[T]) -> std::io::Result<()> {
+        use std::os::unix::fs::FileExt;
+        if items.len() != self.len {
+            return Err(std::io::ErrorKind::InvalidInput.into());
+        }
+        match &self.file {
+            Some(file) => file.write_all_at(bytemuck::cast_slice(items), self.offset as u64),
+            None => {
+                self.copy_from_slice(items);
+                Ok(())
+            }
+        }
+    }
+
     /// Writes changed pages to the disk and waits.
     ///
     /// # Errors
     /// The operating system's.
     pub fn sync(&self) -> std::io::Result<()> {
-        if let Some(BytesMut::File(map)) = &self.map { map.flush() } else { Ok(()) }
+        if let Some(BytesMut::File(map, _)) = &self.map { map.flush() } else { Ok(()) }
     }
 
     /// Tells the kernel how the array will be used.
     pub fn advise(&self, access: Access) {
-        if let Some(BytesMut::File(map)) = &self.map {
+        if let Some(BytesMut::File(map, _)) = &self.map {
             let _ = map.advise(match access {
                 Access::Local => Advice::Normal,
                 Access::Sequential => Advice::Sequential,
@@ -310,7 +342,7 @@ impl<T: Pod> Deref for MappedSliceMut<T> {
     fn deref(&self) -> &[T] {
         match &self.map {
             None => &[],
-            Some(BytesMut::File(map)) => bytemuck::cast_slice(&map[..self.len * size_of::<T>()]),
+            Some(BytesMut::File(map, _)) => bytemuck::cast_slice(&map[..self.len * size_of::<T>()]),
             Some(BytesMut::Held(words)) => bytemuck::cast_slice(&words.bytes()[..self.len * size_of::<T>()]),
         }
     }
@@ -321,7 +353,7 @@ impl<T: Pod> DerefMut for MappedSliceMut<T> {
     fn deref_mut(&mut self) -> &mut [T] {
         match &mut self.map {
             None => &mut [],
-            Some(BytesMut::File(map)) => bytemuck::cast_slice_mut(&mut map[..self.len * size_of::<T>()]),
+            Some(BytesMut::File(map, _)) => bytemuck::cast_slice_mut(&mut map[..self.len * size_of::<T>()]),
             Some(BytesMut::Held(words)) => {
                 bytemuck::cast_slice_mut(&mut words.bytes_mut()[..self.len * size_of::<T>()])
             }
@@ -369,15 +401,11 @@ pub fn huge_pages<T>(slice: &[T]) {
 
 /// Asks the kernel to read the pages of `slice` soon, without waiting. Advice only.
 pub fn will_need<T>(slice: &[T]) {
-    #[cfg(unix)]
     advise_pages(slice, libc::MADV_WILLNEED);
-    #[cfg(not(unix))]
-    let _ = slice;
 }
 
 /// Tells the kernel how the pages of `slice` will be used. Advice only.
 pub fn advise<T>(slice: &[T], access: Access) {
-    #[cfg(unix)]
     advise_pages(
         slice,
         match access {
@@ -386,15 +414,19 @@ pub fn advise<T>(slice: &[T], access: Access) {
             Access::Random => libc::MADV_RANDOM,
         },
     );
-    #[cfg(not(unix))]
-    let _ = (slice, access);
+}
+
+/// Bytes of a page of memory: 4 KiB on most machines, 16 or 64 KiB on others.
+pub fn page_bytes() -> usize {
+    static BYTES: OnceLock<usize> = OnceLock::new();
+    // SAFETY: the call reads a constant of the system.
+    *BYTES.get_or_init(|| usize::try_from(unsafe { libc::sysconf(libc::_SC_PAGESIZE) }).unwrap_or(0).max(1 << 12))
 }
 
 /// Gives advice that is about how pages are kept and read only.
-#[cfg(unix)]
 fn advise_pages<T>(slice: &[T], advice: libc::c_int) {
-    const PAGE: usize = 4096;
-    let start = slice.as_ptr() as usize / PAGE * PAGE;
+    let page = page_bytes();
+    let start = slice.as_ptr() as usize / page * page;
     let bytes = slice.as_ptr() as usize + size_of_val(slice) - start;
     // SAFETY: such advice changes no memory, whatever lies in the pages; a bad range is an error that is ignored.
     unsafe {
@@ -419,23 +451,25 @@ pub fn prefetch<T>(slice: &[T], index: usize) {
 /// error and exit code 1, leaving the work directory as it is; and has writing beyond a limit on file sizes
 /// (`ulimit -f`) end as an error like a full disk's instead of in `SIGXFSZ`. Call once at start.
 pub fn report_vanishing_files() {
-    #[cfg(unix)]
-    {
-        extern "C" fn on_sigbus(_: libc::c_int) {
-            const TEXT: &[u8] = b"nystrom-stream: a mapped file shrank or could not be read while in use (input changed, or disk failed); run again when the file is whole\n";
-            // SAFETY: write and _exit are async-signal-safe; the text is static.
-            unsafe {
-                let _ = libc::write(2, TEXT.as_ptr().cast(), TEXT.len());
-                libc::_exit(1);
-            }
-        }
-        let handler: extern "C" fn(libc::c_int) = on_sigbus;
-        // SAFETY: installing a handler that calls only async-signal-safe functions, and ignoring a signal.
+    extern "C" fn on_sigbus(_: libc::c_int) {
+        const TEXT: &[u8] = b"nystrom-stream: a mapped file shrank or could not be read while in use (input changed, or disk failed); run again when the file is whole\n";
+        // SAFETY: write and _exit are async-signal-safe; the text is static.
         unsafe {
-            libc::signal(libc::SIGBUS, handler as libc::sighandler_t);
-            libc::signal(libc::SIGXFSZ, libc::SIG_IGN);
+            let _ = libc::write(2, TEXT.as_ptr().cast(), TEXT.len());
+            libc::_exit(1);
         }
     }
+    let handler: extern "C" fn(libc::c_int) = on_sigbus;
+    // SAFETY: installing a handler that calls only async-signal-safe functions, and ignoring a signal.
+    unsafe {
+        libc::signal(libc::SIGBUS, handler as libc::sighandler_t);
+        libc::signal(libc::SIGXFSZ, libc::SIG_IGN);
+    }
+}
+
+/// The error of a mapping that would overlap another one of this process.
+fn claimed(path: &Path) -> Error {
+    Error::internal(&format!("{}: is mapped elsewhere while it is written", path.display()))
 }
 
 #[cfg(test)]
@@ -461,6 +495,30 @@ mod tests {
         let (words, wide) = (MappedSlice::from(words), MappedSlice::from(wide));
         assert_eq!((&words[..], words.as_ptr(), &wide[..]), (&[1, 2, 3][..], at, &[4, 5][..]));
         assert!(MappedSlice::<u32>::from(Vec::new()).is_empty());
+    }
+
+    /// Two writable slices over one row could be had, and a slice that others wrote to.
+    #[test]
+    fn mappings_never_alias() {
+        let dir = tempfile::tempdir().unwrap();
+        let path = dir.path().join("x");
+        std::fs::write(&path, [0u8; 64]).unwrap();
+        let file = Arc::new(File::options().read(true).write(true).open(&path).unwrap());
+        let map = |offset, len| MappedSliceMut::<u32>::map(&file, &path, offset, len);
+        let mut first = map(0, 8).unwrap();
+        let second = map(32, 8).unwrap();
+        assert!(map(0, 8).is_err() && map(28, 2).is_err() && MappedBytes::open(&path).is_err());
+        first.overwrite(&[7; 8]).unwrap();
+        assert!(first.overwrite(&[7; 9]).is_err());
+        assert_eq!((&first[..], second[0]), (&[7; 8][..], 0));
+        drop((first, second));
+        let read = MappedBytes::open(&path).unwrap();
+        assert!(map(0, 8).is_err());
+        drop(read);
+        assert!(map(0, 16).is_ok());
+        for (offset, len) in [(0, 17), (64, 1), (0, usize::MAX), (usize::MAX, 1)] {
+            assert!(map(offset, len).is_err(), "{len} items from byte {offset}");
+        }
     }
 
     #[test]

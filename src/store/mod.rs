@@ -5,6 +5,7 @@
 //! directories are held in memory instead ([`in_memory`]).
 
 pub mod budget;
+mod claims;
 mod folder;
 pub mod in_memory;
 pub mod json;

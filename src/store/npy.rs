@@ -114,7 +114,7 @@ pub fn reserve_file(path: &Path, bytes: u64) -> Result<File> {
 #[derive(Debug)]
 enum Place {
     /// In a file under its temporary name, renamed when whole.
-    File(File),
+    File(Arc<File>),
     /// In memory, handed over when whole.
     Memory(Arc<InMemoryArrays>),
 }
@@ -150,6 +150,7 @@ impl<T: Item> ArrayMut<T> {
         let partial = partial_name(path);
         let mut file = reserve_file(&partial, (HEADER + len * size_of::<T>()) as u64)?;
         file.write_all(&header(T::DESCR, shape)).map_err(Error::io(&partial, "write"))?;
+        let file = Arc::new(file);
         let data = MappedSliceMut::map(&file, &partial, HEADER, len)?;
         Ok(Self { path: path.to_path_buf(), place: Place::File(file), data, early: false })
     }
@@ -191,6 +192,8 @@ impl<T: Item> ArrayMut<T> {
         } else if let (true, Some(writeback)) = (self.early, self.data.writeback()) {
             writeback.start(0..self.data.len());
         }
+        // From here on it is only read.
+        drop(self.data);
         std::fs::rename(&partial, &self.path).map_err(Error::io(&partial, "rename"))?;
         open(&self.path)
     }

@@ -22,7 +22,7 @@ pub(super) const MOST_HELD: usize = 32 << 20;
 #[derive(Debug)]
 enum Place<T> {
     /// In a file under its temporary name.
-    File(File),
+    File(Arc<File>),
     /// In memory, handed over when all are whole.
     Memory(Mutex<MappedSliceMut<T>>, Arc<InMemoryArrays>),
 }
@@ -42,7 +42,7 @@ impl<T: Item> RowsFile<T> {
     }
 
     fn of(path: &Path, file: File, rows: usize, len: usize) -> Self {
-        Self { path: path.to_path_buf(), place: Place::File(file), rows, len }
+        Self { path: path.to_path_buf(), place: Place::File(Arc::new(file)), rows, len }
     }
 
     /// Rows in `buffer`, which `arrays` will have under the name of `path`.
@@ -85,38 +85,41 @@ impl<T: Item> RowsFile<T> {
     /// Maps row `k` for writing (and reading back).
     ///
     /// # Errors
-    /// [`Error::Io`].
+    /// [`Error::Io`]; [`Error::Internal`] for a row that does not exist, or is mapped already.
     pub fn row(&self, k: usize) -> Result<MappedSliceMut<T>> {
         let Place::File(file) = &self.place else {
-            let problem = "rows held in memory are written as a whole";
-            return Err(Error::io(&self.path, "map")(std::io::Error::other(problem)));
+            return Err(Error::internal("rows held in memory are written as a whole"));
         };
-        let offset = HEADER + k.min(self.rows) * self.len * size_of::<T>();
+        self.check(k, self.len)?;
+        let offset = HEADER + k * self.len * size_of::<T>();
         MappedSliceMut::map(file, &npy::partial_name(&self.path), offset, self.len)
     }
 
-    /// Writes row `k` as a whole, without a mapping: a fault a page costs more than copying the row.
+    /// Writes row `k` as a whole: where it is mapped, [`MappedSliceMut::overwrite`] does it.
     ///
     /// # Errors
-    /// [`Error::Io`].
+    /// [`Error::Io`]; [`Error::Internal`] for a row that does not exist, is mapped, or has another length.
     pub fn write_row(&self, k: usize, row: &[T]) -> Result<()> {
-        use std::os::unix::fs::FileExt;
-        let first = k.min(self.rows) * self.len;
+        self.check(k, row.len())?;
         match &self.place {
-            Place::File(file) => {
-                let offset = HEADER + first * size_of::<T>();
-                let bytes = bytemuck::cast_slice(row);
-                file.write_all_at(bytes, offset as u64).map_err(Error::io(npy::partial_name(&self.path), "write"))
+            Place::File(_) => {
+                self.row(k)?.overwrite(row).map_err(Error::io(npy::partial_name(&self.path), "write"))
             }
             Place::Memory(data, _) => {
                 let mut data = data.lock().unwrap_or_else(|poison| poison.into_inner());
-                match data.get_mut(first..first + row.len()) {
-                    Some(room) => room.copy_from_slice(row),
-                    None => return Err(Error::io(&self.path, "write")(std::io::Error::other("no such row"))),
-                }
+                data[k * self.len..][..self.len].copy_from_slice(row);
                 Ok(())
             }
         }
+    }
+
+    /// Whether there is a row `k` of `len` items.
+    fn check(&self, k: usize, len: usize) -> Result<()> {
+        if k < self.rows && len == self.len {
+            return Ok(());
+        }
+        let (rows, own) = (self.rows, self.len);
+        Err(Error::internal(&format!("row {k} of {len} items, where there are {rows} of {own}")))
     }
 
     /// Renames the file to its final name, after syncing it where `durable`, and maps it for reading.
@@ -166,7 +169,11 @@ mod tests {
         let path = dir.path().join("rows.npy");
         let file = RowsFile::<f32>::create(&path, 3, 1000).unwrap();
         file.row(2).unwrap().fill(7.);
-        file.row(0).unwrap().fill(5.);
+        let row = file.row(0).unwrap();
+        assert!(file.row(0).is_err() && file.write_row(0, &[1.; 1000]).is_err(), "one row was handed out twice");
+        assert!(file.row(3).is_err() && file.write_row(1, &[1.; 999]).is_err());
+        drop(row);
+        file.write_row(0, &[5.; 1000]).unwrap();
         drop(file);
         assert!(RowsFile::<f32>::reopen(&path, 3, 999).is_none());
         let file = RowsFile::<f32>::reopen(&path, 3, 1000).unwrap();
