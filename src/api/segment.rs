@@ -166,7 +166,7 @@ impl Segmenter {
         self.options.with(|context, seconds| {
             let cut = pipeline::segment(mesh, &identity(mesh, context.work.durable())?, params, context)?;
             let hierarchy = Hierarchy::kept(params, context)?;
-            let report = Report::new(mesh, params, &cut, context, seconds.so_far(), None);
+            let report = Report::new(mesh, params, &cut, context, seconds.so_far(), None)?;
             let pipeline::Segmentation { labels, quality, colours, .. } = cut;
             Ok(Segmentation { mesh: mesh.clone(), labels, quality, colours, hierarchy, report })
         })
@@ -244,7 +244,7 @@ impl Segmentation {
             labels: &self.labels,
             colours: &self.colours,
             cuts: cuts.map(|(hierarchy, parts)| Cuts { cells: &hierarchy.cells, parts }),
-            report: &serde_json::to_value(&self.report).unwrap_or_default(),
+            report: &crate::store::json::value("the report", &self.report)?,
         };
         page.write(path, &crate::store::Run::new(&()))
     }

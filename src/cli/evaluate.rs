@@ -12,7 +12,7 @@ use nystrom_stream::apps::plots::charts;
 use nystrom_stream::base::{Error, Result};
 use nystrom_stream::graph::VertexGraph;
 use nystrom_stream::mesh;
-use nystrom_stream::store::{Context, Run, WorkDir};
+use nystrom_stream::store::{Context, Run, WorkDir, private_folder};
 use serde_json::{Value, json};
 use std::path::{Path, PathBuf};
 
@@ -107,7 +107,7 @@ fn folder_of_models(folder: &Path, args: &EvaluateArgs, run: &Run) -> Result<Out
 
 /// Labels of one mesh.
 fn one(labels: &Path, args: &EvaluateArgs, run: &Run) -> Result<Outcome> {
-    let scratch = tempfile::tempdir().map_err(Error::io(std::env::temp_dir(), "create a folder in"))?;
+    let scratch = private_folder(&std::env::temp_dir())?;
     let is_ply = labels.extension().is_some_and(|ending| ending.eq_ignore_ascii_case("ply"));
     let read = |path: &Path| read_labels(path, scratch.path(), run);
     let own = read(labels)?;

@@ -13,6 +13,7 @@ use nystrom_stream::base::{Error, Result};
 use nystrom_stream::mesh::ply::labelled::Labelling;
 use nystrom_stream::pipeline::report::Report;
 use nystrom_stream::pipeline::{Cluster, SegmentParams, cuts, segment};
+use nystrom_stream::store::json::value as to_json;
 use nystrom_stream::store::{Budget, Context, Run};
 use serde_json::{Value, json};
 use std::collections::BTreeMap;
@@ -187,8 +188,11 @@ pub fn one(
     let (opened, identity) = read(path, Context::new(&work, run))?;
     opened.notes().iter().for_each(|note| run.progress.note(note));
     let result = segment(&opened, &identity, params, Context::new(&work, run))?;
-    let coordinates =
-        if args.form.embedding_columns { Some(embedding(params, Context::new(&work, run))?) } else { None };
+    let coordinates = if args.form.embedding_columns {
+        Some(embedding(params, result.labels.len(), Context::new(&work, run))?)
+    } else {
+        None
+    };
     let pages = outputs.iter().any(Output::is_page);
     let cut = pages && params.cluster == Cluster::Parts;
     let cuts = if cut { cuts::kept(params.coarse, None, Context::new(&work, run))? } else { None };
@@ -201,14 +205,14 @@ pub fn one(
         labelling: Labelling { labels: &result.labels, colours: &result.colours, quality: Some(&result.quality) },
         options: args.form.ply.options(),
         embedding: coordinates.as_ref().map(KeptEmbedding::coordinates),
-        report: if pages { serde_json::to_value(report(seconds.clone())).unwrap_or_default() } else { Value::Null },
+        report: if pages { to_json("the report", &report(seconds.clone())?)? } else { Value::Null },
         cuts: cuts.as_ref(),
     };
     run.stage("write", "faces", result.labels.len() as u64, || {
         outputs.iter().try_for_each(|output| output.write(Some(&opened), &results, run))
     })?;
     seconds.extend(bars.take_seconds());
-    Ok(report(seconds))
+    report(seconds)
 }
 
 fn named(path: &Path, endings: &[&str]) -> bool {

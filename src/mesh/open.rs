@@ -13,13 +13,12 @@ use super::ply::header::{self, CUT_SHORT, Element, Encoding, Header, Kind, Scala
 use super::ply::read::{Decoder, decode};
 use crate::base::{Error, Result};
 use crate::store::mapped::Access;
-use crate::store::{MappedBytes, Run};
+use crate::store::{MappedBytes, Run, private_folder};
 use flate2::bufread::MultiGzDecoder;
 use std::fs::File;
 use std::io::{ErrorKind, Read, Write};
 use std::path::Path;
 use std::sync::Arc;
-use tempfile::TempDir;
 
 /// Bytes of a stream copied at a time.
 const BUFFER: usize = 1 << 20;
@@ -44,7 +43,7 @@ impl Mesh {
     /// # Errors
     /// As [`open()`].
     pub fn open(path: impl AsRef<Path>) -> Result<Self> {
-        let scratch = TempDir::new().map_err(Error::io(path.as_ref(), "make a temporary folder for"))?;
+        let scratch = private_folder(&std::env::temp_dir())?;
         let mut mesh = open(path.as_ref(), scratch.path(), &Run::new(&()))?;
         mesh._scratch = Some(Arc::new(scratch));
         Ok(mesh)

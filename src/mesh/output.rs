@@ -21,8 +21,8 @@ pub(crate) fn by_rename(
     write: impl FnOnce(&mut File) -> Result<()>,
 ) -> Result<()> {
     let partial = partial_name(path);
+    let mut file = reserve_file(&partial, bytes)?;
     let fill = || {
-        let mut file = reserve_file(&partial, bytes)?;
         write(&mut file)?;
         if durable {
             file.sync_all().map_err(Error::io(path, "sync"))?;

@@ -2,10 +2,11 @@
 
 use super::labels::Segmentation;
 use super::params::SegmentParams;
+use crate::base::Result;
 use crate::cluster::parts::PartsReport;
 use crate::landmarks::Sampling;
 use crate::mesh::Mesh;
-use crate::store::Context;
+use crate::store::{Context, json};
 use serde::Serialize;
 use std::collections::BTreeMap;
 
@@ -110,6 +111,9 @@ pub struct Bytes {
 
 impl Report {
     /// Puts the report together. `seconds` by stage as measured; `peak` from a counting allocator, if any.
+    ///
+    /// # Errors
+    /// [`crate::base::Error::Internal`] for options that JSON cannot tell.
     pub fn new(
         opened: &Mesh,
         params: &SegmentParams,
@@ -117,16 +121,16 @@ impl Report {
         context: Context<'_>,
         seconds: BTreeMap<String, f64>,
         peak: Option<u64>,
-    ) -> Self {
+    ) -> Result<Self> {
         let (graph, numbers) = (&result.graph, &result.numbers);
         let unit = graph.frame.scale * graph.frame.scale;
-        let mut options = serde_json::to_value(params).unwrap_or_default();
+        let mut options = json::value("the options", params)?;
         if let Some(options) = options.as_object_mut() {
             options.insert("seed".into(), context.run.seed.into());
             options.insert("threads".into(), context.run.threads.into());
         }
         let parts = numbers.faces.iter().zip(&numbers.area).zip(&result.colours).enumerate();
-        Self {
+        Ok(Self {
             version: env!("CARGO_PKG_VERSION"),
             input: Input {
                 path: opened.path().display().to_string(),
@@ -166,6 +170,6 @@ impl Report {
             seconds,
             bytes: Bytes { peak_allocated: peak, budget: context.run.budget.total(), work_dir: context.work.bytes() },
             notes: opened.notes().to_vec(),
-        }
+        })
     }
 }

@@ -2,11 +2,16 @@
 //!
 //! The lock is an advisory one of the operating system and dies with its process, so a stale lock cannot exist. Temporary
 //! folders that a killed run left behind are known by their unlocked lock file, and the next run beside them removes them.
+//!
+//! Others may use the same parent, `/tmp` above all: a temporary folder is open to its owner alone, and only real folders of
+//! the same owner are taken for abandoned ones.
 
 use crate::base::{Error, Result};
-use std::fs::File;
+use std::fs::{File, Permissions};
+use std::os::unix::fs::{MetadataExt, PermissionsExt};
 use std::path::{Path, PathBuf};
 use std::sync::OnceLock;
+use tempfile::TempDir;
 
 /// The lock file.
 pub(super) const LOCK: &str = "lock";
@@ -91,34 +96,74 @@ pub(super) fn lock(path: &Path, shared: bool) -> Result<Option<File>> {
     }
 }
 
+/// A new folder in `parent` that only its owner can look into, removed when dropped.
+///
+/// # Errors
+/// [`Error::Io`].
+pub fn private(parent: &Path) -> Result<TempDir> {
+    tempfile::Builder::new()
+        .prefix(TEMPORARY)
+        .permissions(Permissions::from_mode(0o700))
+        .tempdir_in(parent)
+        .map_err(Error::io(parent, "create a temporary folder in"))
+}
+
 /// A new, locked folder in `parent`; those that killed runs left there are removed.
 fn temporary_folder(parent: &Path) -> Result<Folder> {
-    remove_abandoned(parent);
     // Another process that clears up may take a folder in the moment before it is locked: then once more.
     for _ in 0..16 {
-        let dir = tempfile::Builder::new()
-            .prefix(TEMPORARY)
-            .tempdir_in(parent)
-            .map_err(Error::io(parent, "create a temporary folder in"))?;
-        let path = dir.keep();
+        let path = private(parent)?.keep();
         let locked = lock(&path, false);
         if !path.join(LOCK).exists() {
             continue;
         }
         if let Some(lock) = locked? {
+            remove_abandoned(parent, &path);
             return Ok(Folder { path, _lock: Some(lock) });
         }
     }
     Err(Error::work_dir(parent, "temporary folders are taken away by another process", "name another --tmp"))
 }
 
-/// Removes temporary work directories in `parent` whose process is gone.
-fn remove_abandoned(parent: &Path) {
-    let Ok(entries) = std::fs::read_dir(parent) else { return };
+/// Removes temporary work directories in `parent` whose process is gone: real folders of the owner of `own`, a new one beside
+/// them, with a real lock file.
+fn remove_abandoned(parent: &Path, own: &Path) {
+    let (Ok(entries), Ok(own)) = (std::fs::read_dir(parent), std::fs::metadata(own)) else { return };
     for entry in entries.flatten() {
-        let ours = entry.file_name().to_string_lossy().starts_with(TEMPORARY);
-        if ours && entry.path().join(LOCK).exists() && matches!(lock(&entry.path(), false), Ok(Some(_))) {
-            let _ = std::fs::remove_dir_all(entry.path());
+        let path = entry.path();
+        let named = entry.file_name().to_string_lossy().starts_with(TEMPORARY);
+        // Links are not followed.
+        let real = |path: &Path| std::fs::symlink_metadata(path).ok().filter(|found| found.uid() == own.uid());
+        let abandoned = named
+            && real(&path).is_some_and(|found| found.is_dir())
+            && real(&path.join(LOCK)).is_some_and(|found| found.is_file())
+            && matches!(lock(&path, false), Ok(Some(_)));
+        if abandoned {
+            let _ = std::fs::remove_dir_all(path);
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Others could look into temporary folders, and a link in the place of one had its target touched.
+    #[test]
+    fn temporary_folders_are_private_and_planted_links_stay() {
+        let dir = tempfile::tempdir().unwrap();
+        let precious = dir.path().join("precious");
+        std::fs::create_dir(&precious).unwrap();
+        std::fs::write(precious.join(LOCK), "kept").unwrap();
+        std::os::unix::fs::symlink(&precious, dir.path().join(".nystrom-stream-link")).unwrap();
+        let planted = dir.path().join(".nystrom-stream-planted");
+        std::fs::create_dir(&planted).unwrap();
+        std::os::unix::fs::symlink(dir.path().join("absent"), planted.join(LOCK)).unwrap();
+        let folder = WorkFolder::temporary(dir.path()).unwrap();
+        let mode = std::fs::metadata(folder.path()).unwrap().permissions().mode();
+        assert_eq!(mode & 0o777, 0o700);
+        assert!(planted.exists() && !dir.path().join("absent").exists());
+        assert_eq!(std::fs::read_to_string(precious.join(LOCK)).unwrap(), "kept");
+        folder.remove();
     }
 }

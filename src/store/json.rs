@@ -2,10 +2,21 @@
 //!
 //! What cannot be told as JSON is an error, never an empty file.
 
+use super::new_file;
 use super::npy::partial_name;
 use crate::base::{Error, Result};
 use serde::Serialize;
+use serde_json::Value;
+use std::io::Write;
 use std::path::Path;
+
+/// `value` as a JSON value; `what` names it in the error.
+///
+/// # Errors
+/// [`Error::Internal`] for what JSON cannot tell.
+pub fn value(what: &str, value: &impl Serialize) -> Result<Value> {
+    serde_json::to_value(value).map_err(|error| Error::internal(&format!("{what} cannot be told as JSON: {error}")))
+}
 
 /// `value` as JSON, for the file `path`.
 ///
@@ -22,10 +33,24 @@ pub fn text(path: &Path, value: &impl Serialize) -> Result<Vec<u8>> {
 /// # Errors
 /// [`Error::Io`].
 pub fn publish(path: &Path, text: &[u8]) -> Result<()> {
+    replace(path, text, false)
+}
+
+/// The same, on the disk before the name is it where `durable`.
+///
+/// # Errors
+/// [`Error::Io`].
+pub(super) fn replace(path: &Path, text: &[u8], durable: bool) -> Result<()> {
     let partial = partial_name(path);
-    let written = std::fs::write(&partial, text).map_err(Error::io(path, "write"));
-    let renamed = written.and_then(|()| std::fs::rename(&partial, path).map_err(Error::io(path, "rename")));
-    renamed.inspect_err(|_| {
+    let mut file = new_file::create(&partial)?;
+    let mut fill = || {
+        file.write_all(text).map_err(Error::io(path, "write"))?;
+        if durable {
+            file.sync_all().map_err(Error::io(path, "sync"))?;
+        }
+        std::fs::rename(&partial, path).map_err(Error::io(path, "rename"))
+    };
+    fill().inspect_err(|_| {
         let _ = std::fs::remove_file(&partial);
     })
 }
@@ -36,4 +61,24 @@ pub fn publish(path: &Path, text: &[u8]) -> Result<()> {
 /// As [`text`] and [`publish`].
 pub fn write(path: &Path, value: &impl Serialize) -> Result<()> {
     publish(path, &text(path, value)?)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::collections::BTreeMap;
+
+    /// What JSON cannot tell became an empty file, or an empty value in a report.
+    #[test]
+    fn what_json_cannot_tell_is_an_error_and_leaves_no_file() {
+        let dir = tempfile::tempdir().unwrap();
+        let path = dir.path().join("x.json");
+        let bad = BTreeMap::from([(vec![1, 2], 3)]);
+        assert!(write(&path, &bad).is_err());
+        assert!(value("a map of lists", &bad).unwrap_err().to_string().contains("a map of lists"));
+        assert_eq!(std::fs::read_dir(dir.path()).unwrap().count(), 0);
+        write(&path, &[1, 2]).unwrap();
+        assert_eq!(std::fs::read_to_string(&path).unwrap(), "[1,2]");
+        assert_eq!(std::fs::read_dir(dir.path()).unwrap().count(), 1);
+    }
 }

@@ -5,6 +5,7 @@
 //! directories are held in memory instead ([`in_memory`]).
 
 pub mod budget;
+pub mod checked;
 mod claims;
 mod folder;
 pub mod in_memory;
@@ -12,6 +13,7 @@ pub mod json;
 pub mod manifest;
 pub mod mapped;
 pub mod needs;
+pub(crate) mod new_file;
 pub mod npy;
 pub mod rows_file;
 pub mod run;
@@ -21,6 +23,7 @@ pub mod verify;
 pub mod workdir;
 
 pub use budget::Budget;
+pub use folder::private as private_folder;
 pub use mapped::{MappedBytes, MappedSlice, MappedSliceMut};
 pub use run::{Context, Run};
 pub use stage::Stage;

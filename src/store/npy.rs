@@ -8,9 +8,10 @@
 use super::in_memory::InMemoryArrays;
 use super::mapped::AlignedBuffer;
 use super::mapped::{MappedBytes, MappedSlice, MappedSliceMut};
+use super::new_file;
 use crate::base::{Error, Result};
 use bytemuck::Pod;
-use std::fs::{File, OpenOptions};
+use std::fs::File;
 use std::io::{BufWriter, Seek, SeekFrom, Write};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -83,16 +84,12 @@ pub fn partial_name(path: &Path) -> PathBuf {
     path.with_file_name(name)
 }
 
-fn create_file(path: &Path) -> Result<File> {
-    OpenOptions::new().read(true).write(true).create(true).truncate(true).open(path).map_err(Error::io(path, "create"))
-}
-
 /// Creates `path` with `bytes` reserved on the disk.
 ///
 /// # Errors
 /// [`Error::Io`], with the operating system's "no space" when the disk cannot hold it.
 pub fn reserve_file(path: &Path, bytes: u64) -> Result<File> {
-    let file = create_file(path)?;
+    let file = new_file::create(path)?;
     if bytes > 0 {
         match fs4::FileExt::allocate(&file, bytes) {
             Ok(()) => {}
@@ -205,7 +202,7 @@ const LEAST_BUFFER: usize = 1 << 16;
 /// The file of an array under its temporary name, ready for the items.
 fn start_file(path: &Path) -> Result<BufWriter<File>> {
     let partial = partial_name(path);
-    let mut out = BufWriter::with_capacity(1 << 18, create_file(&partial)?);
+    let mut out = BufWriter::with_capacity(1 << 18, new_file::create(&partial)?);
     out.write_all(&[0; HEADER]).map_err(Error::io(&partial, "write"))?;
     Ok(out)
 }
@@ -346,12 +343,22 @@ impl<T: Item> ArrayWriter<T> {
     }
 }
 
+/// Whether the extents in the header of `bytes` have so few digits that their product is a number: the parser does not look.
+fn is_countable(bytes: &[u8]) -> bool {
+    let text = String::from_utf8_lossy(&bytes[..bytes.len().min(1 << 16)]);
+    let shape = text.split_once("shape").map_or("", |(_, rest)| rest.split(')').next().unwrap_or(rest));
+    shape.bytes().filter(u8::is_ascii_digit).count() <= 18
+}
+
 /// Shape and data offset of a `.npy` file whose items are of type `T`.
 fn parse_header<T: Item>(path: &Path, bytes: &[u8]) -> Result<(Vec<u64>, usize)> {
     let mut rest = bytes;
     let wrong = |problem: String| {
         Error::malformed(path, "header", problem, "it is not an array of this program; make it again")
     };
+    if !is_countable(bytes) {
+        return Err(wrong("its shape is none that memory or disk could hold".into()));
+    }
     let header = npyz::NpyHeader::from_reader(&mut rest).map_err(|error| wrong(error.to_string()))?;
     let descr = header.dtype().descr().replace(' ', "").replace(",]", "]");
     if descr.trim_matches('\'') != T::DESCR || header.order() != npyz::Order::C {
@@ -407,6 +414,19 @@ mod tests {
         assert_eq!(*array.finish(true).unwrap(), [1., 2., 3., 4., 5., 6.]);
         assert_eq!(open_shaped::<f32>(&path).unwrap().1, [2, 3]);
         assert!(open::<u32>(&path).is_err());
+        let shape = |text: &str| {
+            let mut bytes = header("<f4", &[1]);
+            let at = bytes.windows(4).position(|four| four == b"(1,)").unwrap();
+            bytes.splice(at..at + 4, text.bytes());
+            bytes.truncate(HEADER - 1);
+            bytes.extend([b'\n', 0, 0, 0, 0]);
+            std::fs::write(&path, bytes).unwrap();
+            open::<f32>(&path)
+        };
+        assert_eq!(shape("(1,)").unwrap().len(), 1);
+        for text in ["(4611686018427387904, 8)", "(18446744073709551615,)", "(-1,)", "(2,)"] {
+            assert!(shape(text).is_err(), "{text}");
+        }
         write::<u64>(&path, &[], 1, false).unwrap();
         assert_eq!(open_shaped::<u64>(&path).unwrap().1, [0]);
     }

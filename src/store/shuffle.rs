@@ -16,6 +16,7 @@
 
 use super::Run;
 use super::budget::Grant;
+use super::new_file;
 use crate::base::{Error, Result};
 use bytemuck::Pod;
 use std::fs::File;
@@ -124,13 +125,7 @@ impl<T: Pod + Send> Shuffle<T> {
         }
         let _guard = self.creation.lock().unwrap_or_else(|poison| poison.into_inner());
         if self.file.get().is_none() {
-            let file = File::options()
-                .read(true)
-                .write(true)
-                .create(true)
-                .truncate(true)
-                .open(&self.path)
-                .map_err(Error::io(&self.path, "create"))?;
+            let file = new_file::create(&self.path)?;
             let _ = self.file.set(file);
         }
         Ok(self.file.get_or_init(|| unreachable!("set above under the lock")))

@@ -15,18 +15,17 @@
 //!
 //! Cost: hashing at the speed of memory and one sync a file in a directory that lasts; none in a temporary one.
 
+use super::json;
 use super::manifest::{FileRecord, MANIFEST, Manifest, NOT_MADE, StageRecord, checksum};
 use super::needs::{Extent, Needs, Room};
-use super::npy;
 use super::run::Context;
 use super::workdir::WorkDir;
 use crate::base::{Error, Result};
 use serde::Serialize;
 use serde::de::DeserializeOwned;
-use serde_json::{Value, json};
+use serde_json::Value;
 use std::collections::BTreeMap;
 use std::fs::File;
-use std::io::Write;
 use xxhash_rust::xxh3::xxh3_64;
 
 /// A step of the work with files of its own in the work directory.
@@ -89,7 +88,7 @@ pub struct Kept<F> {
 
 /// The key of a stage: a hash of its name, the version of its algorithm, and its inputs.
 pub fn key_of(name: &str, version: u32, inputs: &Value) -> String {
-    let text = json!({"stage": name, "version": version, "inputs": inputs}).to_string();
+    let text = serde_json::json!({"stage": name, "version": version, "inputs": inputs}).to_string();
     format!("{:016x}", xxh3_64(text.as_bytes()))
 }
 
@@ -223,7 +222,7 @@ impl WorkDir {
             Ok(metadata) => return Err(format!("{name} has {} bytes instead of {}", metadata.len(), file.bytes)),
             Err(_) => return Err(format!("{name} is missing")),
         }
-        if file.xxh3.is_empty() {
+        if self.is_temporary() {
             return Ok(());
         }
         match checksum(&path) {
@@ -245,8 +244,7 @@ impl WorkDir {
             self.sealed_all(files)?
         };
         let StageKey { name, version, key, inputs } = stage;
-        let facts = serde_json::to_value(facts)
-            .map_err(|error| Error::work_dir(self.path(), format!("facts of {name}: {error}"), "report this"))?;
+        let facts = json::value(&format!("what stage {name} tells"), facts)?;
         let record = StageRecord { key, version, inputs, files: records, facts, seconds };
         let mut manifest = self.manifest_lock();
         manifest.stages.insert(name.to_string(), record);
@@ -303,12 +301,8 @@ impl WorkDir {
         }
         manifest.program = super::manifest::PROGRAM.to_string();
         let path = self.file(MANIFEST);
-        let partial = npy::partial_name(&path);
-        let text = serde_json::to_string_pretty(manifest)
-            .map_err(|error| Error::work_dir(&path, error.to_string(), "report this"))?;
-        let mut file = File::create(&partial).map_err(Error::io(&partial, "create"))?;
-        file.write_all(text.as_bytes()).map_err(Error::io(&partial, "write"))?;
-        file.sync_all().map_err(Error::io(&partial, "sync"))?;
-        std::fs::rename(&partial, &path).map_err(Error::io(&partial, "rename"))
+        let text = serde_json::to_vec_pretty(manifest)
+            .map_err(|error| Error::internal(&format!("the manifest cannot be told as JSON: {error}")))?;
+        json::replace(&path, &text, true)
     }
 }

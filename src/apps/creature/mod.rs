@@ -16,6 +16,7 @@ mod relief;
 mod shape;
 
 use crate::base::{Error, Result, parallel, random};
+use crate::mesh::output::by_rename;
 use crate::mesh::ply::{Encoding, HeaderWriter, Scalar};
 use crate::store::{Run, npy};
 use numbering::{Holes, Numbering, Permutation, mix};
@@ -201,16 +202,10 @@ impl Creature {
     /// [`Error::Io`] (a full disk shows before the work), [`Error::Memory`],
     /// [`Error::Cancelled`]; nothing is left behind then.
     pub fn write_ply(&self, path: &Path, run: &Run) -> Result<()> {
-        let partial = npy::partial_name(path);
-        let total = self.vertex_count() + self.face_count();
-        let result = run.stage(STAGE, "records", total, || {
-            self.write_records(&partial, run)?;
-            std::fs::rename(&partial, path).map_err(Error::io(path, "rename a partial file to"))
-        });
-        if result.is_err() {
-            let _ = std::fs::remove_file(&partial);
-        }
-        result.map(|_| ())
+        let (header, total) = (self.header(), self.vertex_count() + self.face_count());
+        let bytes = header.len() + self.vertex_count() as usize * VERTEX + self.face_count() as usize * FACE;
+        let write = || by_rename(path, bytes as u64, false, |file| self.write_records(&header, path, file, run));
+        run.stage(STAGE, "records", total, write).map(drop)
     }
 
     fn header(&self) -> Vec<u8> {
@@ -222,14 +217,11 @@ impl Creature {
         header.finish()
     }
 
-    fn write_records(&self, partial: &Path, run: &Run) -> Result<()> {
-        let header = self.header();
+    fn write_records(&self, header: &[u8], path: &Path, file: &File, run: &Run) -> Result<()> {
         let (vertices, faces) = (self.vertex_count() as usize, self.face_count() as usize);
-        let bytes = header.len() + vertices * VERTEX + faces * FACE;
         let _grant = run.budget.take("generating", (run.threads * CHUNK * FACE) as u64, 0)?;
-        let file = npy::reserve_file(partial, bytes as u64)?;
-        let out = Output { path: partial, file: &file, run };
-        out.write_at(&header, 0)?;
+        let out = Output { path, file, run };
+        out.write_at(header, 0)?;
         out.records(header.len(), vertices, |vertex, buffer| {
             buffer.extend_from_slice(bytemuck::cast_slice(&self.position(vertex).map(f32::to_le_bytes)));
         })?;
@@ -260,21 +252,13 @@ impl Creature {
     /// # Errors
     /// [`Error::Io`], [`Error::Cancelled`].
     pub fn write_truth_seg(&self, path: &Path, run: &Run) -> Result<()> {
-        let partial = npy::partial_name(path);
-        let write = || {
-            let file = File::create(&partial).map_err(Error::io(&partial, "create"))?;
+        by_rename(path, 0, false, |file| {
             let mut out = BufWriter::with_capacity(1 << 18, file);
             self.each_truth(run, |labels| {
-                labels.iter().try_for_each(|label| writeln!(out, "{label}")).map_err(Error::io(&partial, "write"))
+                labels.iter().try_for_each(|label| writeln!(out, "{label}")).map_err(Error::io(path, "write"))
             })?;
-            out.flush().map_err(Error::io(&partial, "write"))?;
-            std::fs::rename(&partial, path).map_err(Error::io(path, "rename a partial file to"))
-        };
-        let result = write();
-        if result.is_err() {
-            let _ = std::fs::remove_file(&partial);
-        }
-        result
+            out.flush().map_err(Error::io(path, "write"))
+        })
     }
 
     /// Hands all labels to `take` in order, a chunk at a time.
@@ -315,20 +299,8 @@ impl Output<'_> {
         self.run.map_chunks(chunks, buffer, work).map(|_| ())
     }
 
-    #[cfg(unix)]
     fn write_at(&self, bytes: &[u8], at: u64) -> Result<()> {
         use std::os::unix::fs::FileExt;
         self.file.write_all_at(bytes, at).map_err(Error::io(self.path, "write"))
-    }
-
-    #[cfg(windows)]
-    fn write_at(&self, mut bytes: &[u8], mut at: u64) -> Result<()> {
-        use std::os::windows::fs::FileExt;
-        while !bytes.is_empty() {
-            let written = self.file.seek_write(bytes, at).map_err(Error::io(self.path, "write"))?;
-            bytes = &bytes[written..];
-            at += written as u64;
-        }
-        Ok(())
     }
 }

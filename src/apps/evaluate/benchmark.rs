@@ -11,7 +11,7 @@ use super::scores::{ModelScores, ScoreTable, Segmentation};
 use crate::apps::integers::read_integers;
 use crate::base::{Error, Result};
 use crate::mesh::{self, read_seg};
-use crate::store::Run;
+use crate::store::{Run, private_folder};
 use std::ffi::OsStr;
 use std::path::{Path, PathBuf};
 
@@ -113,7 +113,7 @@ impl Benchmark {
 
     fn judge(&self, model: &BenchmarkModel, labels: Option<&Path>, cuts: bool, run: &Run) -> Result<Outcome> {
         run.progress.advance("evaluate", 1);
-        let scratch = tempfile::tempdir().map_err(Error::io(std::env::temp_dir(), "create a folder in"))?;
+        let scratch = private_folder(&std::env::temp_dir())?;
         let run = Run { threads: 1, cancel: run.cancel.clone(), ..Run::new(&()) };
         let mesh = mesh::open(&self.folder.join(format!("{}.ply", model.name)), scratch.path(), &run)?;
         let surface = if cuts { Evaluator::of(&mesh)? } else { Evaluator::without_edges(&mesh) };

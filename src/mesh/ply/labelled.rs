@@ -199,14 +199,8 @@ fn check(labelling: &Labelling, mesh: &Mesh) -> Result<()> {
     }
 }
 
-#[cfg(unix)]
 fn write_at(file: &File, bytes: &[u8], place: u64, out: &Path) -> Result<()> {
     std::os::unix::fs::FileExt::write_all_at(file, bytes, place).map_err(Error::io(out, "write"))
-}
-
-#[cfg(not(unix))]
-fn write_at(_: &File, _: &[u8], _: u64, out: &Path) -> Result<()> {
-    Err(Error::io(out, "write")(std::io::ErrorKind::Unsupported.into()))
 }
 
 /// Labels, colours and qualities of all faces, in file order.
