@@ -1,8 +1,10 @@
 //! The library's errors: an enum with data, one line a message.
 //!
 //! A message names the file, what is wrong with it, and what to do. It never spans lines, so
-//! that a log of a thousand meshes stays greppable.
+//! that a log of a thousand meshes stays greppable, whatever a file is called or holds
+//! ([`super::printable`]).
 
+use super::printable::line;
 use std::io;
 use std::path::{Path, PathBuf};
 
@@ -14,7 +16,7 @@ pub type Result<T, E = Error> = std::result::Result<T, E>;
 #[non_exhaustive]
 pub enum Error {
     /// The operating system refused to read, write, map or rename something.
-    #[error("{}: cannot {action}: {source}{}", path.display(), hint(source))]
+    #[error("{}: cannot {action}: {source}{}", shown(path), hint(source))]
     Io {
         /// File or folder concerned.
         path: PathBuf,
@@ -25,7 +27,7 @@ pub enum Error {
         source: io::Error,
     },
     /// A file's content is not what it has to be.
-    #[error("{}: {place}: {problem}; {remedy}", path.display())]
+    #[error("{}: {}: {}; {remedy}", shown(path), line(place), line(problem))]
     Malformed {
         /// The file.
         path: PathBuf,
@@ -37,7 +39,7 @@ pub enum Error {
         remedy: String,
     },
     /// A readable file cannot serve the purpose: no faces, fewer faces than parts.
-    #[error("{}: {problem}; {remedy}", path.display())]
+    #[error("{}: {}; {remedy}", shown(path), line(problem))]
     Unusable {
         /// The file.
         path: PathBuf,
@@ -47,7 +49,7 @@ pub enum Error {
         remedy: String,
     },
     /// A parameter is out of its range or contradicts another one.
-    #[error("{name}: {problem}; {remedy}")]
+    #[error("{}: {}; {remedy}", line(name), line(problem))]
     Parameter {
         /// The option's name as the user knows it.
         name: String,
@@ -69,7 +71,10 @@ pub enum Error {
         available: u64,
     },
     /// The disk cannot hold what the work will write.
-    #[error("{}: the work needs {needed} bytes of disk, {available} are free; free some, or put it elsewhere with --tmp or --work-dir", path.display())]
+    #[error(
+        "{}: the work needs {needed} bytes of disk, {available} are free; free some, or put it elsewhere with --tmp or --work-dir",
+        shown(path)
+    )]
     Disk {
         /// Folder on the disk concerned.
         path: PathBuf,
@@ -79,7 +84,7 @@ pub enum Error {
         available: u64,
     },
     /// A work directory is in use, of another version, or damaged.
-    #[error("{}: {problem}; {remedy}", path.display())]
+    #[error("{}: {}; {remedy}", shown(path), line(problem))]
     WorkDir {
         /// The work directory or a file in it.
         path: PathBuf,
@@ -92,11 +97,19 @@ pub enum Error {
     #[error("interrupted")]
     Cancelled,
     /// The program is at fault: a thread panicked, or what cannot happen did.
-    #[error("internal error: {problem}; this is a fault of the program: please report it with the command and the mesh")]
+    #[error(
+        "internal error: {}; this is a fault of the program: please report it with the command and the mesh",
+        line(problem)
+    )]
     Internal {
         /// What happened.
         problem: String,
     },
+}
+
+/// A path on one line.
+fn shown(path: &Path) -> String {
+    line(&path.to_string_lossy()).into_owned()
 }
 
 /// A remedy for the operating-system errors that users meet most.
@@ -153,5 +166,26 @@ impl Error {
     /// An [`Error::WorkDir`].
     pub fn work_dir(path: impl AsRef<Path>, problem: impl Into<String>, remedy: impl Into<String>) -> Error {
         Error::WorkDir { path: path.as_ref().to_path_buf(), problem: problem.into(), remedy: remedy.into() }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A line break or an escape sequence in a file's name, or in the file, reached the terminal.
+    #[test]
+    fn a_message_is_one_line_that_does_nothing_to_a_terminal() {
+        let path = Path::new("a\n\x1b[2J.ply");
+        for error in [
+            Error::io(path, "open")(io::ErrorKind::NotFound.into()),
+            Error::malformed(path, "line 1", "\x1b]0;title\x07", "correct it"),
+            Error::unusable(path, "\n", "give another"),
+            Error::parameter("\x1b", "\r", "choose"),
+            Error::work_dir(path, "\u{9b}", "delete it"),
+            Error::internal("\x1b[31m"),
+        ] {
+            assert!(!error.to_string().contains(char::is_control), "{error:?}");
+        }
     }
 }

@@ -7,6 +7,7 @@ pub mod cancel;
 pub mod eigen;
 pub mod error;
 pub mod parallel;
+pub mod printable;
 pub mod progress;
 pub mod random;
 pub(crate) mod setters;

@@ -40,7 +40,13 @@ struct Tickets<'a> {
 
 impl<'a> Tickets<'a> {
     fn new(chunks: usize, cancel: &'a Cancel) -> Tickets<'a> {
-        Tickets { cancel, chunks, next: AtomicUsize::new(0), failed: AtomicUsize::new(usize::MAX), error: Mutex::default() }
+        Tickets {
+            cancel,
+            chunks,
+            next: AtomicUsize::new(0),
+            failed: AtomicUsize::new(usize::MAX),
+            error: Mutex::default(),
+        }
     }
 
     /// The next chunk, unless the work is done or has failed.

@@ -4,6 +4,7 @@ use super::options::{AppContext, CliError, RunArgs, WorkDirArgs, either};
 use super::output::JsonArgs;
 use super::progress::{human, tell};
 use nystrom_stream::base::Result;
+use nystrom_stream::base::printable::line;
 use nystrom_stream::mesh::ply::header;
 use nystrom_stream::mesh::ply::{Element, Property};
 use nystrom_stream::pipeline::calibrate::size_of_mesh;
@@ -62,15 +63,15 @@ fn mesh(path: &Path) -> Result<(String, Value)> {
         "encoding": encoding, "elements": elements.iter().map(element).collect::<Vec<_>>(),
     });
     let (length, per_face) = (human(bytes.len() as f64), bytes.len() as f64 / size.faces as f64);
-    let mut text = format!("{}, {length}B, {per_face:.1} B/face\n", path.display());
+    let mut text = format!("{}, {length}B, {per_face:.1} B/face\n", line(&path.to_string_lossy()));
     let _ = writeln!(text, "{} faces, {} vertices", size.faces, size.vertices);
     if let Some(encoding) = encoding {
         let _ = writeln!(text, "PLY, {encoding}");
     }
     for element in &elements {
-        let _ = writeln!(text, "{}  {}", element.name, element.count);
+        let _ = writeln!(text, "{}  {}", line(&element.name), element.count);
         for property in &element.properties {
-            let _ = writeln!(text, "  {:24} {}", property.name, property.kind.words());
+            let _ = writeln!(text, "  {:24} {}", line(&property.name), property.kind.words());
         }
     }
     Ok((text, all))
@@ -85,15 +86,16 @@ pub fn run(args: &InfoArgs) -> std::result::Result<(), CliError> {
     let manifest = WorkDir::open_existing(path)?.manifest();
     let faces = faces(&manifest);
     let per_face = |bytes: u64| faces.map_or(String::new(), |n| format!("{:8.2} B/face", bytes as f64 / n));
-    let mut text = format!("{}, format {}, by {}\n", path.display(), manifest.format, manifest.program);
+    let mut text =
+        format!("{}, format {}, by {}\n", line(&path.to_string_lossy()), manifest.format, line(&manifest.program));
     if let Some(mesh) = manifest.stages.get("record").and_then(|stage| stage.facts["mesh"].as_str()) {
-        let _ = writeln!(text, "of {mesh}");
+        let _ = writeln!(text, "of {}", line(mesh));
     }
     let mut total = 0;
     for (name, stage) in &manifest.stages {
-        let _ = writeln!(text, "{name}  key {}  {:.3} s", stage.key, stage.seconds);
+        let _ = writeln!(text, "{}  key {}  {:.3} s", line(name), line(&stage.key), stage.seconds);
         for (file, record) in &stage.files {
-            total += record.bytes;
+            total = u64::saturating_add(total, record.bytes);
             let _ = writeln!(text, "  {file:24} {:>10}B {}", human(record.bytes as f64), per_face(record.bytes));
         }
     }
@@ -105,7 +107,9 @@ pub fn verify(args: &VerifyArgs, app: &AppContext) -> std::result::Result<(), Cl
     let bars = args.run.bars();
     let run: Run = args.run.run(&bars, app);
     let work = WorkDir::open_existing(args.place.path())?;
-    let bytes = work.manifest().stages.values().flat_map(|stage| stage.files.values()).map(|file| file.bytes).sum();
+    let manifest = work.manifest();
+    let files = manifest.stages.values().flat_map(|stage| stage.files.values());
+    let bytes = files.fold(0, |sum: u64, file| sum.saturating_add(file.bytes));
     let (all, _) = run.stage("verify", "bytes", bytes, || check(Context::new(&work, &run)))?;
     let damaged: Vec<_> = all.iter().filter(|file| file.problem.is_some()).collect();
     for file in &damaged {

@@ -6,7 +6,7 @@ use nystrom_stream::apps::export::parquet::{self, Coordinates};
 use nystrom_stream::apps::export::{glb, split};
 use nystrom_stream::apps::page::{Cuts, Page};
 use nystrom_stream::apps::picture::{self, PictureParams};
-use nystrom_stream::base::{Error, Result};
+use nystrom_stream::base::{Error, Result, printable};
 use nystrom_stream::mesh::ply::labelled::{Labelling, PlyForm, PlyOptions, write_labelled, write_labelled_to};
 use nystrom_stream::mesh::{Document, Mesh, seg};
 use nystrom_stream::pipeline::cuts::KeptCuts;
@@ -61,7 +61,7 @@ impl JsonArgs {
     /// Prints `text`, unless JSON goes to standard output, and writes `report` where it is asked for.
     pub fn publish_or_print(&self, report: &impl serde::Serialize, text: &str) -> Result<()> {
         if !self.to_stdout() {
-            print(text.as_bytes())?;
+            print(printable::lines(text).as_bytes())?;
         }
         self.publish(report)
     }

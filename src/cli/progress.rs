@@ -6,7 +6,7 @@
 //! [`STAGES`].
 
 use indicatif::{MultiProgress, ProgressBar, ProgressDrawTarget, ProgressStyle};
-use nystrom_stream::base::Progress;
+use nystrom_stream::base::{Progress, printable};
 use serde_json::{Value, json};
 use std::collections::BTreeMap;
 use std::io::{IsTerminal, Write};
@@ -124,9 +124,14 @@ fn bar(target: ProgressDrawTarget, total: u64, template: &str) -> ProgressBar {
     bar
 }
 
-/// Prints a line on standard error; that it cannot be written is no failure.
+/// Prints text on standard error, whatever names are in it; that it cannot be written is no failure.
 pub fn tell(text: &str) {
-    let _ = writeln!(std::io::stderr(), "{text}");
+    let _ = writeln!(std::io::stderr(), "{}", printable::lines(text));
+}
+
+/// Prints a line of JSON, which has escapes of its own.
+fn tell_json(event: &Value) {
+    let _ = writeln!(std::io::stderr(), "{event}");
 }
 
 impl Bars {
@@ -162,7 +167,7 @@ impl Bars {
         if let (Some((mesh, _)), Some(fields)) = (&self.mesh, event.as_object_mut()) {
             fields.insert("mesh".into(), mesh.as_str().into());
         }
-        tell(&event.to_string());
+        tell_json(&event);
     }
 }
 
@@ -206,7 +211,7 @@ impl Progress for Bars {
             bar.inc(done);
         }
         let Some(known) = state.stages.get_mut(stage) else { return };
-        known.done += done;
+        known.done = known.done.saturating_add(done);
         if self.style == Style::Json && known.told.elapsed() >= EVENT {
             known.told = Instant::now();
             let (done, seconds) = (known.done, known.start.elapsed().as_secs_f64());
@@ -246,12 +251,13 @@ impl Progress for Bars {
             Style::Json => text,
             _ => in_words.as_deref().unwrap_or(text),
         };
+        let text = &*printable::line(text);
         match (self.style, &self.mesh) {
             (Style::Quiet, _) => {}
             (Style::Json, _) => self.event(json!({"note": text})),
             // Of several meshes, what is reused is not told.
             (_, Some(_)) if text.ends_with(": reused") => {}
-            (_, Some((mesh, _))) => self.say(&format!("{mesh}: {text}")),
+            (_, Some((mesh, _))) => self.say(&format!("{}: {text}", printable::line(mesh))),
             (_, None) => self.say(text),
         }
     }
@@ -284,7 +290,7 @@ impl BatchBars {
         let file = std::path::Path::new(name).file_name().map_or(name.into(), |name| name.to_string_lossy());
         let mesh = bar(ProgressDrawTarget::hidden(), 0, "  {prefix:20!} {msg:16} {bar:24} {human_pos}/{human_len}");
         let mesh = self.multi.add(mesh);
-        mesh.set_prefix(file.into_owned());
+        mesh.set_prefix(printable::line(&file).into_owned());
         Bars { style: self.style, mesh: Some((name.to_string(), mesh)), state: Mutex::default() }
     }
 
@@ -301,7 +307,7 @@ impl BatchBars {
                 let (done, seconds) = (self.all.position(), self.start.elapsed().as_secs_f64());
                 let event =
                     json!({"stage": "meshes", "unit": "meshes", "done": done, "total": self.total, "seconds": seconds});
-                tell(&event.to_string());
+                tell_json(&event);
             }
             _ => {}
         }
