@@ -1,5 +1,9 @@
 """The bindings against the file way, NumPy's types, errors, progress, threads, and other tools' meshes."""
 
+import json
+import re
+import subprocess
+import sys
 import threading
 
 import numpy as np
@@ -108,6 +112,42 @@ def test_work_dir_is_reused(mesh, tmp_path):
     again = nystrom_stream.segment(vertices, faces, 3, work_dir=tmp_path / "work")
     assert "rows" in first.report["seconds"] and "rows" not in again.report["seconds"]
     assert (again.labels == nystrom_stream.segment(vertices, faces, 3).labels).all()
+
+
+def test_a_work_dir_is_of_arrays_whoever_makes_them(mesh, tmp_path):
+    # Arrays were known by a hash of Rust's own, which differs from release to release.
+    vertices, faces = mesh
+    np.savez(tmp_path / "mesh.npz", vertices=vertices, faces=faces)
+    script = (
+        "import sys, numpy, nystrom_stream\nmesh = numpy.load(sys.argv[1])\n"
+        "nystrom_stream.segment(mesh['vertices'], mesh['faces'], 4, work_dir=sys.argv[2])\n"
+    )
+    subprocess.run([sys.executable, "-c", script, tmp_path / "mesh.npz", tmp_path / "work"], check=True)
+    again = nystrom_stream.segment(vertices, faces.astype(np.int64), 4, work_dir=tmp_path / "work")
+    assert "rows" not in again.report["seconds"]
+    manifest = json.loads((tmp_path / "work" / "manifest.json").read_text())
+    assert re.fullmatch("[0-9a-f]{16}", manifest["stages"]["graph"]["inputs"]["input"]["content"])
+    moved = vertices.copy()
+    moved[0, 0] = np.nextafter(moved[0, 0], 9)
+    assert "rows" in nystrom_stream.segment(moved, faces, 4, work_dir=tmp_path / "work").report["seconds"]
+
+
+def test_a_hierarchy_is_never_that_of_an_older_run(mesh, tmp_path):
+    vertices, faces = mesh
+    work = tmp_path / "work"
+    assert nystrom_stream.segment(vertices, faces, 4, work_dir=work).tree is not None
+    means = nystrom_stream.segment(vertices, faces, 4, cluster="kmeans", landmarks=12, work_dir=work)
+    assert means.tree is None
+    with pytest.raises(ValueError, match="hierarchy"):
+        means.recut(3)
+    # A large mesh is contracted for a preview, a small one is not.
+    large, small = dumbbell(60), dumbbell(20)
+    coarse = nystrom_stream.segment(*large, 4, coarse=True, work_dir=work)
+    assert len(large[1]) > 30_000 and len(np.unique(coarse.recut(3))) == 3
+    fresh = nystrom_stream.segment(*small, 4)
+    after = nystrom_stream.segment(*small, 4, coarse=True, work_dir=work)
+    assert after.tree == fresh.tree and (after.recut(3) == fresh.recut(3)).all()
+    assert nystrom_stream.segment(*large, 4, coarse=True).tree == coarse.tree
 
 
 def test_errors_say_what_is_wrong(mesh, tmp_path):

@@ -76,8 +76,12 @@ pub fn contract(
     let borders = borders(graph, csr, &of_node, field.data(), run)?;
     drop(field);
     work.remove("contracted_field.tmp.partial");
-    let key = key_of("contraction", 1, &json!({"weights": fine.key, "seed": run.seed}));
-    assemble(graph, nodes, &borders, of_node, key, inner)
+    assemble(graph, nodes, &borders, of_node, key(&fine.key, run.seed), inner)
+}
+
+/// The key of the contraction of the graph whose weights have the key `weights`.
+pub fn key(weights: &str, seed: u64) -> String {
+    key_of("contraction", 1, &json!({"weights": weights, "seed": seed}))
 }
 
 /// Centroid, direction and area of each contracted node; tiny components count nothing.

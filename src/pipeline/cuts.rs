@@ -9,7 +9,8 @@ use crate::store::{Context, MappedSlice};
 /// Numbers of parts at the most.
 pub const MOST: usize = 30;
 const CHUNK: usize = 1 << 16;
-const FILE: &str = "file_cells.npy";
+/// Where cells are put in order; what a killed run leaves of it is swept up by the next.
+const FILE: &str = "file_cells.tmp";
 
 /// Cells of the faces, and the part of each cell for every number of parts.
 #[derive(Clone, Debug)]
@@ -40,18 +41,22 @@ pub fn kept(coarse: bool, tree: Option<&PartTree>, context: Context<'_>) -> Resu
 /// # Errors
 /// As [`kept`].
 pub fn cells(coarse: bool, context: Context<'_>) -> Result<MappedSlice<u32>> {
-    let (_, input) = DualGraph::kept(context.work)?;
-    let order = NodeOrder::kept(&input, context.work)?;
+    let (graph, input) = DualGraph::kept(context.work)?;
+    let n = graph.nodes.len();
+    let order = NodeOrder::kept(&input, n, context.work)?;
     // A large mesh alone is contracted.
-    let cells = if coarse && context.work.file("coarse").join("cells.npy").exists() {
-        let of_small = crate::store::npy::open::<u32>(&context.work.file("coarse").join("cells.npy"))?;
-        let of_node = context.work.open_array::<u32>("contracted.npy")?;
-        let mut cells = context.work.array::<u32>(FILE, &[of_node.len()])?;
+    let cells = if coarse && decision::is_current(context.work, true) {
+        let of_small = crate::store::npy::open::<u32>(&context.work.file(decision::COARSE).join("cells.npy"))?;
+        let of_node = context.work.array_of::<u32>("contracted.npy", n)?;
+        let mut cells = context.work.array::<u32>(FILE, &[n])?;
         let value = |i: usize, _| of_small.get(of_node[i] as usize).copied().unwrap_or(u32::MAX);
         context.run.fill_each(cells.data(), CHUNK, value)?;
         cells.finish(false)?
     } else {
-        context.work.open_array::<u32>("cells.npy")?
+        context.work.array_of::<u32>("cells.npy", n)?
     };
-    order.restore(FILE, cells, context)
+    let restored = order.restore(FILE, cells, context)?;
+    // Read by its mapping from here on: no stage owns the file, so nobody would ever remove it.
+    context.work.remove(FILE);
+    Ok(restored)
 }

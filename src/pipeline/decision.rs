@@ -10,12 +10,14 @@ use super::params::{SegmentParams, landmarks_for_parts};
 use super::sample::Sample;
 use super::surface::WeightedSurface;
 use crate::base::{Error, Result};
+use crate::cluster::contract;
 use crate::cluster::parts::matrix::Square;
 use crate::cluster::parts::{self, PartDecision, PartTree, Superfaces};
 use crate::distance::DistanceRows;
 use crate::distance::rows::RowParams;
 use crate::spectral::affinity::KeptEigenpairs;
 use crate::spectral::kernel::Kernel;
+use crate::store::manifest::{MANIFEST, Manifest};
 use crate::store::needs::{Extent, Needs, Room};
 use crate::store::stage::{Made, Stage};
 use crate::store::{Context, WorkDir, json};
@@ -24,6 +26,8 @@ use serde::{Deserialize, Serialize};
 use serde_json::{Value, json};
 use std::path::Path;
 
+/// The folder of the contracted mesh.
+pub(super) const COARSE: &str = "coarse";
 const TREE: &str = "tree.json";
 const SUPERFACES: &str = "superfaces.npy";
 const AREAS: &str = "superface_areas.npy";
@@ -91,6 +95,10 @@ impl Stage for DecisionStage<'_> {
     }
 
     fn open(self, facts: DecisionFacts, _: &str, context: Context<'_>) -> Result<Self::Output> {
+        let (nodes, landmarks) = (self.surface.graph.nodes.len(), &facts.numbers.landmarks);
+        if landmarks.iter().any(|&node| node as usize >= nodes) {
+            return Err(context.work.damaged(MANIFEST, "tells of landmarks that do not exist"));
+        }
         Ok((open(self.surface.surface.cells.len(), context.work)?, facts))
     }
 
@@ -113,7 +121,7 @@ fn open(cells: usize, work: &WorkDir) -> Result<PartDecision> {
         Some(superfaces) => {
             Ok(PartDecision { superfaces, co_association: Square::from_values(n, co_association.to_vec()), tree })
         }
-        None => Err(Error::work_dir(work.path(), "the decision's arrays contradict each other", "delete tree.json")),
+        None => Err(work.damaged(TREE, format!("contradicts {SUPERFACES}, {AREAS} or {CO_ASSOCIATION}"))),
     }
 }
 
@@ -123,21 +131,44 @@ pub(super) fn kept_numbers(work: &WorkDir) -> Option<SegmentStats> {
     serde_json::from_value::<DecisionFacts>(facts).ok().map(|facts| facts.numbers)
 }
 
-/// The hierarchy of parts in `work`; of a preview, `coarse`, that of the contracted mesh.
+/// The hierarchy of parts of the mesh in `work`; where `coarse`, that of a preview's contracted mesh, if it was contracted.
 ///
 /// # Errors
 /// [`Error::WorkDir`] where there is none; [`Error::Io`], [`Error::Malformed`].
 pub fn tree_of(work: &WorkDir, coarse: bool) -> Result<PartTree> {
-    let inner = Path::new("coarse").join(TREE);
-    let inner = inner.to_string_lossy();
-    let names = if coarse { [&*inner, TREE] } else { [TREE, &*inner] };
-    for name in names {
-        if work.holds(name) {
-            return checked(&work.json_text(name)?, &work.place(name));
+    for contracted in [coarse, !coarse] {
+        let name = if contracted { format!("{COARSE}/{TREE}") } else { TREE.to_string() };
+        if is_current(work, contracted) && work.holds(&name) {
+            return checked(&work.json_text(&name)?, &work.place(&name));
         }
     }
     let remedy = "make one: nystrom-stream cluster --work-dir …";
-    Err(Error::work_dir(work.path(), "holds no hierarchy of parts", remedy))
+    Err(Error::work_dir(work.path(), "holds no hierarchy of parts of its mesh", remedy))
+}
+
+/// Whether the decision in `work`, or that on its contracted mesh, is of the graph that is there now: K-means of another mesh
+/// leaves an older decision behind.
+pub(super) fn is_current(work: &WorkDir, contracted: bool) -> bool {
+    if work.is_temporary() {
+        // It has been used for one mesh.
+        return !contracted || work.place(COARSE).join(TREE).exists();
+    }
+    let manifest = work.manifest();
+    let Some(graph) = manifest.stages.get("graph").map(|stage| stage.key.as_str()) else { return false };
+    let decided = |manifest: &Manifest, graph: &str| {
+        let (Some(surface), Some(decision)) = (manifest.stages.get("surface"), manifest.stages.get("decision")) else {
+            return false;
+        };
+        surface.inputs["graph"] == graph && decision.inputs["surface"] == surface.key
+    };
+    if !contracted {
+        return decided(&manifest, graph);
+    }
+    let Ok(inner) = work.read_json::<Manifest>(&format!("{COARSE}/{MANIFEST}")) else { return false };
+    manifest.stages.get("weights").is_some_and(|weights| {
+        let seed = weights.inputs["seed"].as_u64().unwrap_or_default();
+        weights.inputs["graph"] == graph && decided(&inner, &contract::key(&weights.key, seed))
+    })
 }
 
 /// Reads a hierarchy of parts as [`write_tree`] writes it.

@@ -4,7 +4,7 @@
 //! weights, rows, cells; then the parts are decided on cells, in constant time, as a whole tree of answers, and
 //! one more front moves their boundaries onto creases. Another number of parts needs only the last step.
 
-use super::decision::DecisionStage;
+use super::decision::{COARSE, DecisionStage};
 use super::labels::{Clustered, SegmentStats};
 use super::params::{Boundaries, SegmentParams, TinyComponents};
 use super::surface::{Kind, Surface, SurfaceStage, WeightedSurface};
@@ -129,7 +129,7 @@ fn decide_coarsely(
     context: Context<'_>,
 ) -> Result<Decided> {
     context.run.progress.note("preview: rows over a contracted mesh instead of all faces (--coarse)");
-    let inner = context.work.inner("coarse")?;
+    let inner = context.work.inner(COARSE)?;
     let within = Context::new(&inner, context.run);
     let WeightedSurface { graph, weighted, surface } = whole;
     let contract = || contract::contract(graph, weighted, &surface.shares, context.work, &inner, context.run);
