@@ -7,6 +7,7 @@ use super::options::{AppContext, CliError, RunArgs, WorkDirArgs, misfit};
 use super::output::{FormArgs, JsonArgs, Output, Results, print};
 use nystrom_stream::apps::export::parquet::Coordinates;
 use nystrom_stream::base::Error;
+use nystrom_stream::base::printable::line;
 use nystrom_stream::cluster::parts::PartTree;
 use nystrom_stream::cluster::two_means;
 use nystrom_stream::distance::shard;
@@ -264,7 +265,8 @@ pub fn cluster(args: &ClusterArgs, app: &AppContext) -> Result<(), CliError> {
     }
     if outputs.is_empty() && args.json.json.is_none() && !args.run.quiet {
         let (parts, faces) = (result.numbers.faces.len(), result.labels.len());
-        print(format!("{faces} faces in {parts} parts: {}\n", work.file("labels.npy").display()).as_bytes())?;
+        let path = work.file("labels.npy");
+        print(format!("{faces} faces in {parts} parts: {}\n", line(&path.to_string_lossy())).as_bytes())?;
     }
     Ok(())
 }
@@ -311,14 +313,15 @@ impl KeptEmbedding {
     }
 }
 
-/// The embedding in `work`, as `embed` made it; one of its default, made now, where there is none.
-pub fn embedding(method: &SegmentParams, context: Context<'_>) -> Result<KeptEmbedding, Error> {
+/// The embedding of the `faces` faces of the mesh in `work`, as `embed` made it; one of its default, made now, where there is none.
+pub fn embedding(method: &SegmentParams, faces: usize, context: Context<'_>) -> Result<KeptEmbedding, Error> {
     let params = EmbeddingParams::for_parts(two_means::DIMENSIONS);
     let facts = match embed::kept(context.work) {
         Some(facts) => facts,
         None => embed::embed(params, method, context)?,
     };
-    Ok(KeptEmbedding(context.work.open_array(embed::FILE)?, facts.dimensions))
+    let coordinates = context.work.array_of(embed::FILE, faces.saturating_mul(facts.dimensions))?;
+    Ok(KeptEmbedding(coordinates, facts.dimensions))
 }
 
 /// Writing the labels of a work directory.
@@ -345,7 +348,8 @@ impl Export<'_> {
         }
         let opened =
             if outputs.iter().any(Output::needs_mesh) { Some(self.open(labelling.labels.len())?) } else { None };
-        let coordinates = if self.form.embedding_columns { Some(embedding(params, context)?) } else { None };
+        let coordinates =
+            if self.form.embedding_columns { Some(embedding(params, labelling.labels.len(), context)?) } else { None };
         let pages = outputs.iter().any(Output::is_page);
         let cut = pages && params.cluster == Cluster::Parts;
         let cuts = if cut { cuts::kept(params.coarse, tree, context)? } else { None };

@@ -7,6 +7,7 @@
 
 use crate::base::{Error, Result};
 use crate::store::Context;
+use crate::store::new_file;
 use crate::store::rows_file::RowsFile;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
@@ -75,6 +76,11 @@ pub struct JobSpec {
 }
 
 impl JobSpec {
+    /// Whether there can be such rows: no more than nodes, and no more shards than rows.
+    fn is_sound(&self) -> bool {
+        self.nodes <= u32::MAX as usize && self.rows <= self.nodes && self.of <= self.rows && self.shard < self.of
+    }
+
     /// Whether row `k` is wanted.
     pub(super) fn wants(&self, k: usize) -> bool {
         k % self.of == self.shard
@@ -82,7 +88,7 @@ impl JobSpec {
 
     /// How many rows are wanted.
     pub(super) fn wanted(&self) -> usize {
-        (0..self.rows).filter(|&k| self.wants(k)).count()
+        self.rows.saturating_sub(self.shard).div_ceil(self.of)
     }
 }
 
@@ -122,8 +128,14 @@ impl Journal {
             (u64::from_str_radix(check, 16).ok()? == xxh3_64(body.as_bytes())).then_some(body)
         });
         let spec: JobSpec = serde_json::from_str(lines.next()??).ok()?;
+        if !spec.is_sound() {
+            return None;
+        }
         let rows = lines.flatten().filter_map(|body| serde_json::from_str::<JournalEntry>(body).ok());
-        let rows = rows.filter(|line| line.row < spec.rows).map(|line| (line.row, line)).collect();
+        let rows = rows
+            .filter(|line| line.row < spec.rows && (line.landmark as usize) < spec.nodes)
+            .map(|line| (line.row, line))
+            .collect();
         Some((spec, rows))
     }
 
@@ -132,7 +144,7 @@ impl Journal {
     /// # Errors
     /// [`Error::Io`].
     pub fn create(path: &Path, spec: &JobSpec) -> Result<Self> {
-        let file = File::create(path).map_err(Error::io(path, "create"))?;
+        let file = new_file::create(path)?;
         let journal = Self { path: path.to_path_buf(), file: Mutex::new(file) };
         journal.append(spec)?;
         Ok(journal)
@@ -163,7 +175,7 @@ impl Journal {
     /// [`Error::Io`].
     pub fn append(&self, item: &impl Serialize) -> Result<()> {
         let body = serde_json::to_string(item)
-            .map_err(|error| Error::work_dir(&self.path, error.to_string(), "report this"))?;
+            .map_err(|error| Error::internal(&format!("the journal cannot be told as JSON: {error}")))?;
         let line = format!("{:016x} {body}\n", xxh3_64(body.as_bytes()));
         let mut file = self.file.lock().unwrap_or_else(|poison| poison.into_inner());
         file.write_all(line.as_bytes()).map_err(Error::io(&self.path, "write"))?;

@@ -174,16 +174,12 @@ impl DistanceRows {
         if kept.inputs["weights"] != weights.key || weights.inputs["graph"] != graph {
             return Err(none());
         }
-        let rows = Self::open(kept.facts, nodes, kept.key, work)?;
-        if rows.distances.len() != rows.len() * nodes || rows.landmarks.iter().any(|&node| node as usize >= nodes) {
-            return Err(none());
-        }
-        Ok(rows)
+        Self::open(kept.facts, nodes, kept.key, work)
     }
 
     fn open(facts: Facts, nodes: usize, key: String, work: &WorkDir) -> Result<Self> {
-        let landmarks = work.open_array::<u32>("landmarks.npy")?.to_vec();
-        let distances = work.open_array("distances.npy")?;
+        let landmarks = work.indices("landmarks.npy", facts.rows.len(), nodes)?.to_vec();
+        let distances = work.array_of("distances.npy", landmarks.len() * nodes)?;
         Ok(Self { landmarks, distances, facts: facts.rows, nodes, key })
     }
 

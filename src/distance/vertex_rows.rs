@@ -137,11 +137,8 @@ impl Stage for VertexRowsStage<'_> {
 
     fn open(self, facts: Self::Facts, key: &str, context: Context<'_>) -> Result<DistanceRows> {
         let (work, nodes) = (context.work, self.surface.nodes.len());
-        let landmarks = work.open_array::<u32>(LANDMARKS)?.to_vec();
-        let distances: MappedSlice<f32> = work.open_array(FILE)?;
-        if distances.len() != landmarks.len() * nodes || facts.len() != landmarks.len() {
-            return Err(Error::work_dir(work.path(), "holds rows of another shape", "delete it"));
-        }
+        let landmarks = work.indices(LANDMARKS, facts.len(), nodes)?.to_vec();
+        let distances = work.array_of(FILE, landmarks.len() * nodes)?;
         Ok(DistanceRows { landmarks, distances, facts, nodes, key: key.to_string() })
     }
 

@@ -10,8 +10,7 @@ use bytemuck::{Pod, Zeroable};
 use std::ops::Range;
 use std::path::Path;
 
-/// A weighted graph as a sparse matrix over mapped files, trusted to be well formed: this program built and validated it,
-/// and its checksum is what `verify` tests.
+/// A weighted graph as a sparse matrix over mapped files, well formed: this program built it, or checked it as it was opened.
 #[derive(Clone, Debug)]
 pub struct WeightedGraph {
     indptr: MappedSlice<u64>,
@@ -40,13 +39,16 @@ impl WeightedGraph {
         Ok(Self { indptr, indices, weights, key })
     }
 
-    /// Opens the weighted graph that another process left in `work`, its weights under `key`.
+    /// Opens the weighted graph of `nodes` nodes that another process left in `work`, its weights under `key`.
     ///
     /// # Errors
     /// [`Error::Io`], [`Error::Malformed`], [`Error::WorkDir`].
-    pub fn open(key: String, work: &WorkDir) -> Result<Self> {
-        let (indptr, indices) = (work.open_array("graph_indptr.npy")?, work.open_array("graph_indices.npy")?);
-        Self::new(work.path(), indptr, indices, work.open_array("graph_weights.npy")?, key)
+    pub fn open(key: String, nodes: usize, work: &WorkDir) -> Result<Self> {
+        let steps = work.open_array::<u32>("graph_indices.npy")?.len();
+        let indptr = work.starts("graph_indptr.npy", nodes, steps)?;
+        let (indices, weights) =
+            (work.indices("graph_indices.npy", steps, nodes)?, work.positive("graph_weights.npy", steps)?);
+        Self::new(work.path(), indptr, indices, weights, key)
     }
 
     /// Gives up the weights, which the rows are made of, in a temporary `work`: 12 B a triangle of disk.

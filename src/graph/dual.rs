@@ -3,12 +3,15 @@
 use super::components::{self, find_bridges, find_components};
 use super::csr::WeightedGraph;
 use super::dual_edges::{DualEdges, assemble};
+use super::half_edge_pairs::AGAINST;
 use super::nodes::{self, Frame, Node};
 use super::orient::orient;
 use super::weights::{Metric, Weighting};
 use super::{half_edge_pairs, half_edges};
-use crate::base::{Error, Result};
+use crate::base::Result;
 use crate::mesh::Mesh;
+use crate::store::checked::all_below;
+use crate::store::manifest::MANIFEST;
 use crate::store::needs::{Extent, Needs, Room, ShuffleNeeds};
 use crate::store::stage::{Made, Stage};
 use crate::store::{Context, MappedSlice, WorkDir};
@@ -143,16 +146,19 @@ impl DualGraph {
 
     /// Opens the arrays of a finished graph stage.
     fn open(work: &WorkDir, facts: GraphFacts, key: String) -> Result<Self> {
-        let edges = DualEdges {
-            indptr: work.open_array("graph_indptr.npy")?,
-            indices: work.open_array("graph_indices.npy")?,
-            centroid_distance: work.open_array("graph_centroid_distances.npy")?,
-            edge: work.open_array("graph_edges.npy")?,
-        };
-        let components = if facts.components > 1 { Some(work.open_array("components.npy")?) } else { None };
-        let nodes: MappedSlice<Node> = work.open_array(nodes::FILE)?;
-        if nodes.len() as u64 != facts.nodes || edges.indptr.len() != nodes.len() + 1 {
-            return Err(Error::work_dir(work.path(), "the graph's arrays contradict each other", "delete it"));
+        let [nodes, names @ ..] = FILES;
+        let n = usize::try_from(facts.nodes).unwrap_or(usize::MAX);
+        let nodes: MappedSlice<Node> = work.array_of(nodes, n)?;
+        let edges = DualEdges::open(work, n, names)?;
+        let sizes = [facts.area, facts.frame.scale];
+        if n == 0 || !sizes.iter().all(|size| size.is_finite() && *size >= 0.) {
+            return Err(work.damaged(MANIFEST, "tells of no graph"));
+        }
+        let components = if facts.components > 1 { Some(work.array_of::<u32>("components.npy", n)?) } else { None };
+        if let Some(roots) = &components
+            && !all_below(roots.iter().map(|root| root & !AGAINST), n)
+        {
+            return Err(work.damaged("components.npy", format!("has numbers beyond {n}")));
         }
         Ok(Self { edges, nodes, components, facts, key })
     }
@@ -296,7 +302,8 @@ impl Stage for WeightsStage<'_> {
     }
 
     fn open(self, (): (), key: &str, context: Context<'_>) -> Result<WeightedGraph> {
-        self.matrix(context.work.open_array(WEIGHTS)?, key, context.work)
+        let weights = context.work.positive(WEIGHTS, self.graph.edges.indices.len())?;
+        self.matrix(weights, key, context.work)
     }
 
     fn progress(&self) -> Option<(&'static str, u64)> {

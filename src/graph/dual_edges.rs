@@ -34,6 +34,22 @@ pub struct DualEdges {
 }
 
 impl DualEdges {
+    /// Opens the edges of `nodes` nodes that an earlier run left in the files of `work` that are named: row starts,
+    /// neighbours, step lengths, lengths of shared edges.
+    ///
+    /// # Errors
+    /// [`crate::base::Error::WorkDir`] where they contradict each other; [`crate::base::Error::Io`].
+    pub(super) fn open(work: &WorkDir, nodes: usize, names: [&str; 4]) -> Result<Self> {
+        let [indptr, indices, centroid_distance, edge] = names;
+        let entries = work.open_array::<u32>(indices)?.len();
+        Ok(Self {
+            indptr: work.starts(indptr, nodes, entries)?,
+            indices: work.indices(indices, entries, nodes)?,
+            centroid_distance: work.array_of(centroid_distance, entries)?,
+            edge: work.array_of(edge, entries)?,
+        })
+    }
+
     /// Number of nodes.
     pub fn len(&self) -> usize {
         self.indptr.len() - 1

@@ -200,17 +200,15 @@ impl VertexGraph {
     }
 
     fn open(facts: VertexFacts, frame: Frame, work: &WorkDir) -> Result<Self> {
-        let [nodes, starts, ring, indptr, indices, centroid_distance, edge] = FILES;
+        let [nodes, starts, ring, edges @ ..] = FILES;
+        let n = usize::try_from(facts.vertices).unwrap_or(usize::MAX);
+        let nodes = work.array_of(nodes, n)?;
+        let entries = work.open_array::<u32>(ring)?.len();
         Ok(Self {
-            edges: DualEdges {
-                indptr: work.open_array(indptr)?,
-                indices: work.open_array(indices)?,
-                centroid_distance: work.open_array(centroid_distance)?,
-                edge: work.open_array(edge)?,
-            },
-            nodes: work.open_array(nodes)?,
-            ring_starts: work.open_array(starts)?,
-            ring: work.open_array(ring)?,
+            edges: DualEdges::open(work, n, edges)?,
+            nodes,
+            ring_starts: work.starts(starts, n, entries / 2)?,
+            ring: work.indices(ring, entries, n)?,
             frame,
             facts,
         })

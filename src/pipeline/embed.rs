@@ -98,7 +98,7 @@ impl Stage for EmbeddingStage<'_> {
 /// [`crate::base::Error::Io`], [`crate::base::Error::Cancelled`].
 pub fn embed(params: EmbeddingParams, method: &SegmentParams, context: Context<'_>) -> Result<EmbeddingFacts> {
     let (graph, input) = DualGraph::kept(context.work)?;
-    let order = NodeOrder::kept(&input, context.work)?;
+    let order = NodeOrder::kept(&input, graph.nodes.len(), context.work)?;
     let rows = some_rows(&graph, params.dimensions, method, context)?;
     context.stage(EmbeddingStage { graph: &graph, order: &order, rows: &rows, params })
 }

@@ -4,7 +4,8 @@ use super::params::SegmentParams;
 use crate::base::{Error, Result};
 use crate::graph::{DualGraph, Ordered};
 use crate::mesh::Mesh;
-use crate::store::stage::StageKey;
+use crate::store::manifest::MANIFEST;
+use crate::store::stage::{StageKey, key_of};
 use crate::store::{Context, WorkDir};
 use serde::{Deserialize, Serialize};
 use serde_json::{Value, json};
@@ -99,8 +100,20 @@ impl Record {
         let remedy = "start it: nystrom-stream graph MESH --work-dir …";
         let stage = work.manifest().stages.remove("record");
         let stage = stage.ok_or_else(|| Error::work_dir(work.path(), "does not say which mesh it is of", remedy))?;
-        serde_json::from_value(stage.facts)
-            .map_err(|error| Error::work_dir(work.path(), format!("its record cannot be read: {error}"), remedy))
+        let (facts, inputs) = (&stage.facts, &stage.inputs);
+        let same = [("identity", "input"), ("params", "params"), ("seed", "seed")];
+        let made = stage.version != RECORD_VERSION
+            || (stage.key == key_of("record", RECORD_VERSION, inputs)
+                && same.iter().all(|(a, b)| facts[a] == inputs[b]));
+        if !made {
+            return Err(work.damaged(MANIFEST, "tells of other options than those of the run"));
+        }
+        let record: Self = serde_json::from_value(stage.facts)
+            .map_err(|error| Error::work_dir(work.path(), format!("its record cannot be read: {error}"), remedy))?;
+        if !record.mesh.is_absolute() {
+            return Err(work.damaged(MANIFEST, "does not say where the mesh lies"));
+        }
+        Ok(record)
     }
 }
 

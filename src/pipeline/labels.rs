@@ -134,7 +134,9 @@ impl Labels {
         let facts = work
             .reuse::<LabelFacts>("labels", LABELS_VERSION, &stage.key)
             .map_err(|problem| Error::work_dir(work.path(), format!("labels: {problem}"), remedy))?;
-        let (labels, quality) = (work.open_array("labels.npy")?, work.open_array("quality.npy")?);
+        let labels = work.open_array::<u32>("labels.npy")?;
+        let labels = work.indices("labels.npy", labels.len(), facts.colours.len())?;
+        let quality = work.array_of("quality.npy", labels.len())?;
         Ok(Self { labels, quality, colours: facts.colours })
     }
 }

@@ -61,7 +61,7 @@ pub struct Eigenvalues {
 /// # Errors
 /// [`Error::WorkDir`] where there are none.
 pub fn eigenvalues(work: &WorkDir, coarse: bool) -> Result<Eigenvalues> {
-    let inner = if coarse { Some(WorkDir::open_existing(&work.file("coarse"))?) } else { None };
+    let inner = if coarse { Some(WorkDir::open_existing(&work.file(super::decision::COARSE))?) } else { None };
     let decided = super::decision::kept_numbers(inner.as_ref().unwrap_or(work));
     let kept = decided.map(|numbers| Eigenvalues { values: numbers.eigenvalues, dropped: numbers.dropped_eigenpairs });
     let embedded = || {
@@ -88,7 +88,7 @@ pub fn cut(work: &WorkDir) -> Option<PartsParams> {
 pub fn cluster(params: &SegmentParams, tree: Option<&PartTree>, context: Context<'_>) -> Result<Segmentation> {
     let (graph, input) = DualGraph::kept(context.work)?;
     check(params, context.work.path(), graph.nodes.len())?;
-    let order = NodeOrder::kept(&input, context.work)?;
+    let order = NodeOrder::kept(&input, graph.nodes.len(), context.work)?;
     let clustered = match means::fit(params, graph.nodes.len()) {
         Some((fit, parts)) => {
             let rows = match DistanceRows::kept(&graph.key, graph.nodes.len(), context.work) {

@@ -155,7 +155,7 @@ impl Stage for CellRows<'_> {
     }
 
     fn open(self, (): (), _: &str, context: Context<'_>) -> Result<Vec<f64>> {
-        Ok(context.work.open_array::<f64>(FILE)?.to_vec())
+        Ok(context.work.array_of::<f64>(FILE, self.rows.len() * self.surface.cells.len())?.to_vec())
     }
 
     fn needs(_: &Extent, _: &mut Room) -> Needs {

@@ -100,8 +100,8 @@ pub fn one(
         if let Some(work) = WorkDir::try_open(path, true)?
             && let Ok(facts) = work.reuse::<Facts>(name, version, &key)
         {
-            let weighted = WeightedGraph::open(facts.weights, &work)?;
             let nodes: MappedSlice<Node> = work.open_array(nodes::FILE)?;
+            let weighted = WeightedGraph::open(facts.weights, nodes.len(), &work)?;
             let rows = RowParams { l: facts.l, sampling: facts.sampling };
             return shard::compute(&weighted, &nodes, rows, shard, Context::new(&work, run));
         }

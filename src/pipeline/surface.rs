@@ -9,8 +9,10 @@ use crate::base::parallel::map_chunks;
 use crate::cluster::area_shares::AreaShares;
 use crate::cluster::cells::{Cells, SmoothedNormals};
 use crate::cluster::normals::{self, Normals, RADII};
+use crate::cluster::parts::CellGraph;
 use crate::graph::DualGraph;
 use crate::graph::WeightedGraph;
+use crate::store::manifest::MANIFEST;
 use crate::store::needs::{Extent, Needs, Room};
 use crate::store::stage::{Made, Stage};
 use crate::store::{Context, MappedSlice};
@@ -108,12 +110,17 @@ impl Stage for SurfaceStage<'_> {
     }
 
     fn open(self, facts: SurfaceFacts, key: &str, context: Context<'_>) -> Result<Surface> {
-        let work = context.work;
+        let (work, n) = (context.work, self.graph.nodes.len());
         let SurfaceFacts { unit, tiny_components, radius, .. } = facts;
+        if !(unit > 0. && unit.is_finite()) {
+            return Err(work.damaged(MANIFEST, "tells of a surface without a size"));
+        }
+        let graph: CellGraph = work.read_json(CELL_GRAPH)?;
+        graph.cleaned().map_err(|error| work.damaged(CELL_GRAPH, error.to_string()))?;
         Ok(Surface {
-            shares: AreaShares { share: work.open_array(SHARES)?, unit, tiny_components },
-            cells: Cells { of_node: work.open_array(CELLS)?, graph: work.read_json(CELL_GRAPH)? },
-            normals: radius.and_then(|k| NORMALS.get(k)).map(|name| work.open_array(name)).transpose()?,
+            shares: AreaShares { share: work.array_of(SHARES, n)?, unit, tiny_components },
+            cells: Cells { of_node: work.indices(CELLS, n, graph.len())?, graph },
+            normals: radius.and_then(|k| NORMALS.get(k)).map(|name| work.array_of(name, n)).transpose()?,
             radius: radius.and_then(|k| RADII.get(k)).copied().unwrap_or(0.),
             key: key.to_string(),
         })

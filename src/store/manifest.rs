@@ -15,7 +15,7 @@ pub(super) const NOT_MADE: &str = "it was not made yet";
 /// Program and version that writes manifests now.
 pub(super) const PROGRAM: &str = concat!(env!("CARGO_PKG_NAME"), " ", env!("CARGO_PKG_VERSION"));
 /// Its file.
-pub(super) const MANIFEST: &str = "manifest.json";
+pub const MANIFEST: &str = "manifest.json";
 
 /// What the manifest says.
 #[derive(Clone, Debug, Serialize, Deserialize)]

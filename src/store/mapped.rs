@@ -267,7 +267,8 @@ impl<T: Pod> MappedSliceMut<T> {
         }
         let metadata = file.metadata().map_err(Error::io(path, "look at"))?;
         let bytes = len.checked_mul(size_of::<T>());
-        let end = bytes.and_then(|bytes| (offset as u64).checked_add(bytes as u64)).filter(|&end| end <= metadata.len());
+        let end =
+            bytes.and_then(|bytes| (offset as u64).checked_add(bytes as u64)).filter(|&end| end <= metadata.len());
         let (Some(bytes), Some(end)) = (bytes, end) else {
             return Err(Error::internal(&format!("{}: mapped beyond its end", path.display())));
         };

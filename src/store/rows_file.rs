@@ -102,9 +102,7 @@ impl<T: Item> RowsFile<T> {
     pub fn write_row(&self, k: usize, row: &[T]) -> Result<()> {
         self.check(k, row.len())?;
         match &self.place {
-            Place::File(_) => {
-                self.row(k)?.overwrite(row).map_err(Error::io(npy::partial_name(&self.path), "write"))
-            }
+            Place::File(_) => self.row(k)?.overwrite(row).map_err(Error::io(npy::partial_name(&self.path), "write")),
             Place::Memory(data, _) => {
                 let mut data = data.lock().unwrap_or_else(|poison| poison.into_inner());
                 data[k * self.len..][..self.len].copy_from_slice(row);

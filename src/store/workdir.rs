@@ -99,6 +99,10 @@ impl WorkDir {
                 "delete it or use the program that wrote it",
             ));
         }
+        if let Some(name) = manifest.stages.values().flat_map(|stage| stage.files.keys()).find(|name| !is_own(name)) {
+            let problem = format!("lists {name:?}, which is no file of a work directory");
+            return Err(Error::work_dir(&manifest_path, problem, "delete the work directory"));
+        }
         let manifest = Manifest { format: FORMAT, ..manifest };
         let mut work = Self::of(WorkFolder::locked(path, lock), manifest);
         work.shared = shared;
@@ -369,6 +373,12 @@ impl WorkDir {
         let Some(Ok(entries)) = self.folder.made().map(std::fs::read_dir) else { return 0 };
         entries.flatten().filter_map(|entry| entry.metadata().ok()).map(|metadata| metadata.len()).sum()
     }
+}
+
+/// Whether `name` can be that of a stage's file: in this folder, and not what the folder is managed by.
+fn is_own(name: &str) -> bool {
+    let plain = |c: char| c.is_ascii_alphanumeric() || matches!(c, '_' | '-' | '.');
+    !name.is_empty() && name.chars().all(plain) && !name.starts_with('.') && name != MANIFEST && name != LOCK
 }
 
 impl Drop for WorkDir {

@@ -6,6 +6,7 @@
 #[path = "../common/mod.rs"]
 mod common;
 
+mod altered;
 mod batch;
 mod command_line;
 mod correspond_cli;

@@ -112,7 +112,7 @@ fn make(benchmark: &Path, name: &str, scratch: &Path, seed: u64) -> Result<Data>
 /// People's labels of the faces of each cell.
 fn people(benchmark: &Path, name: &str, work: &WorkDir) -> Result<Vec<Vec<Overlap>>> {
     let (graph, input) = DualGraph::kept(work)?;
-    let order = NodeOrder::kept(&input, work)?;
+    let order = NodeOrder::kept(&input, graph.nodes.len(), work)?;
     let cell = work.open_array::<u32>("cells.npy")?;
     let paths = (0..PEOPLE).map(|j| benchmark.join(format!("{name}_{j}.seg"))).filter(|path| path.exists());
     let person = |path: std::path::PathBuf| {

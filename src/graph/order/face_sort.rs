@@ -29,16 +29,18 @@ pub(super) fn files(faces: &Faces) -> &'static [&'static str] {
     }
 }
 
-/// Opens the sorted faces of an earlier run over `faces`.
-pub(super) fn open(faces: &Faces, work: &WorkDir) -> Result<Faces> {
+/// Opens the sorted faces of an earlier run over `faces`, whose corners are some of `vertices` vertices.
+pub(super) fn open(faces: &Faces, vertices: usize, work: &WorkDir) -> Result<Faces> {
     match faces {
         Faces::Triangles { len, .. } => {
+            work.indices(TRIANGLES, 3 * len, vertices)?;
             let (bytes, start) = work.array_bytes(TRIANGLES)?;
             Faces::triangles(&work.place(TRIANGLES), bytes, start, 12, *len)
         }
-        Faces::Polygons { .. } => {
-            Ok(Faces::Polygons { starts: work.open_array(STARTS)?, corners: work.open_array(CORNERS)? })
-        }
+        Faces::Polygons { corners, .. } => Ok(Faces::Polygons {
+            starts: work.starts(STARTS, faces.len(), corners.len())?,
+            corners: work.indices(CORNERS, corners.len(), vertices)?,
+        }),
     }
 }
 

@@ -73,12 +73,12 @@ pub struct NodeOrder {
 }
 
 impl NodeOrder {
-    /// The order of nodes that the graph in `work` was built in, `input` being the identity that it was built from: the
+    /// The order of the `nodes` nodes that the graph in `work` was built in, `input` being the identity that it was built from: the
     /// order's stage where faces were sorted, the file's otherwise.
     ///
     /// # Errors
     /// [`Error::WorkDir`] where the files of the stage are gone or damaged.
-    pub fn kept(input: &Value, work: &WorkDir) -> Result<Self> {
+    pub fn kept(input: &Value, nodes: usize, work: &WorkDir) -> Result<Self> {
         if input["stage"] != OrderStage::NAME {
             let facts = OrderFacts { far_steps: 0., stretch: 0., reordered: false };
             return Ok(Self { order: None, facts });
@@ -86,14 +86,14 @@ impl NodeOrder {
         if work.is_temporary() {
             // [`Ordered::into_nodes`] gave up the stage but for the order.
             let facts = OrderFacts { far_steps: 0., stretch: 0., reordered: true };
-            return Ok(Self { order: Some(work.open_array(ORDER)?), facts });
+            return Ok(Self { order: Some(work.array_of(ORDER, nodes)?), facts });
         }
         let remedy = "make it again: nystrom-stream graph MESH …";
         let kept = work.kept::<OrderStage<'_>>(remedy)?;
         if input["key"] != kept.key {
             return Err(Error::work_dir(work.path(), "order: it is not the graph's", remedy));
         }
-        Ok(Self { order: Some(work.open_array(ORDER)?), facts: kept.facts })
+        Ok(Self { order: Some(work.indices(ORDER, nodes, nodes)?), facts: kept.facts })
     }
 
     /// The face of the file that `node` is.
@@ -194,10 +194,11 @@ impl Ordered {
     }
 
     fn open(mesh: &Mesh, facts: OrderFacts, key: &str, work: &WorkDir) -> Result<Self> {
-        let positions = vertex_sort::open(work, mesh.positions.is_double(), mesh.positions.len())?;
+        let (vertices, faces) = (mesh.positions.len(), mesh.faces.len());
+        let positions = vertex_sort::open(work, mesh.positions.is_double(), vertices)?;
         Ok(Self {
-            mesh: Mesh::new(mesh.path(), positions, face_sort::open(&mesh.faces, work)?),
-            order: Some(work.open_array(ORDER)?),
+            mesh: Mesh::new(mesh.path(), positions, face_sort::open(&mesh.faces, vertices, work)?),
+            order: Some(work.indices(ORDER, faces, faces)?),
             facts,
             identity: json!({"stage": OrderStage::NAME, "key": key}),
         })
