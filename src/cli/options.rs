@@ -56,6 +56,15 @@ impl WorkDirArgs {
     }
 }
 
+/// Opens (or creates) the work directory at `path`; says so where nothing keeps other processes out.
+pub fn open(path: &Path, run: &Run) -> Result<WorkDir> {
+    let work = WorkDir::open(path)?;
+    if !work.is_locked() {
+        run.progress.note(&format!("{}: the file system has no locks; run one command at a time", path.display()));
+    }
+    Ok(work)
+}
+
 /// The one of two forms of an argument that was given; clap sees to it that one was.
 pub fn either<'a>(positional: &'a Option<PathBuf>, option: &'a Option<PathBuf>) -> &'a Path {
     positional.as_deref().or(option.as_deref()).unwrap_or(Path::new(""))
@@ -131,7 +140,7 @@ impl RunArgs {
     /// as far as the budget of `run` allows.
     pub fn work(&self, kept: Option<&Path>, beside: impl FnOnce() -> PathBuf, run: &Run) -> Result<WorkDir> {
         match kept {
-            Some(dir) => WorkDir::open(dir),
+            Some(dir) => open(dir, run),
             None => Ok(WorkDir::temporary(&self.tmp.clone().unwrap_or_else(beside))?.holding(&run.budget)),
         }
     }

@@ -5,9 +5,14 @@
 //!
 //! Others may use the same parent, `/tmp` above all: a temporary folder is open to its owner alone, and only real folders of
 //! the same owner are taken for abandoned ones.
+//!
+//! Network file systems weaken this in two ways. Some refuse locks (Lustre without `flock`, NFS without its lock service):
+//! work directories are then used without one, and temporary folders are never removed by others. Some keep locks within
+//! one machine (NFS with `nolock`): a lock file therefore names its machine, and only a run on that one removes the folder.
 
 use crate::base::{Error, Result};
 use std::fs::{File, Permissions};
+use std::io::Write;
 use std::os::unix::fs::{MetadataExt, PermissionsExt};
 use std::path::{Path, PathBuf};
 use std::sync::OnceLock;
@@ -17,12 +22,25 @@ use tempfile::TempDir;
 pub(super) const LOCK: &str = "lock";
 const TEMPORARY: &str = ".nystrom-stream-";
 
+/// What came of locking a folder.
+#[derive(Debug)]
+pub(super) enum Lock {
+    /// It is held as long as the file is open.
+    Held(File),
+    /// Another process has it.
+    Busy,
+    /// The file system has no locks.
+    Unsupported,
+}
+
 /// A folder and the lock on it.
 #[derive(Debug)]
 struct Folder {
     path: PathBuf,
-    /// None where the folder could not be made: then every file in it fails as this one would.
-    _lock: Option<File>,
+    /// Whether it was made. Where that failed, every file in it fails as the folder did.
+    made: bool,
+    /// None where the file system has no locks.
+    lock: Option<File>,
 }
 
 /// The folder of a work directory, which may be made only when its first file needs it.
@@ -33,9 +51,9 @@ pub(super) struct WorkFolder {
 }
 
 impl WorkFolder {
-    /// The folder `path`, whose lock is held.
-    pub fn locked(path: &Path, lock: File) -> Self {
-        let folder = Folder { path: path.to_path_buf(), _lock: Some(lock) };
+    /// The folder `path`, whose lock is held as long as `lock` is open; `None` where the file system has no locks.
+    pub fn of(path: &Path, lock: Option<File>) -> Self {
+        let folder = Folder { path: path.to_path_buf(), made: true, lock };
         Self { parent: PathBuf::new(), folder: OnceLock::from(folder) }
     }
 
@@ -55,7 +73,7 @@ impl WorkFolder {
     /// Its path; made now where that was put off.
     pub fn path(&self) -> &Path {
         let make = || {
-            let parent = || Folder { path: self.parent.clone(), _lock: None };
+            let parent = || Folder { path: self.parent.clone(), made: false, lock: None };
             temporary_folder(&self.parent).unwrap_or_else(|_| parent())
         };
         &self.folder.get_or_init(make).path
@@ -71,16 +89,24 @@ impl WorkFolder {
         self.folder.get().map(|folder| folder.path.as_path())
     }
 
+    /// Whether other processes are kept out of it.
+    pub fn is_locked(&self) -> bool {
+        self.folder.get().is_some_and(|folder| folder.lock.is_some())
+    }
+
     /// Removes it with all that is in it.
     pub fn remove(&self) {
-        if let Some(Folder { path, _lock: Some(_) }) = self.folder.get() {
+        if let Some(Folder { path, made: true, .. }) = self.folder.get() {
             let _ = std::fs::remove_dir_all(path);
         }
     }
 }
 
-/// Locks the folder, alone or shared with other readers; `None` where another process is in the way.
-pub(super) fn lock(path: &Path, shared: bool) -> Result<Option<File>> {
+/// Locks the folder, alone or shared with other readers.
+///
+/// # Errors
+/// [`Error::Io`].
+pub(super) fn lock(path: &Path, shared: bool) -> Result<Lock> {
     let file = File::options()
         .create(true)
         .truncate(false)
@@ -90,10 +116,16 @@ pub(super) fn lock(path: &Path, shared: bool) -> Result<Option<File>> {
         .map_err(Error::io(path.join(LOCK), "create"))?;
     let tried = if shared { fs4::FileExt::try_lock_shared(&file) } else { fs4::FileExt::try_lock(&file) };
     match tried {
-        Ok(()) => Ok(Some(file)),
-        Err(fs4::TryLockError::WouldBlock) => Ok(None),
+        Ok(()) => Ok(Lock::Held(file)),
+        Err(fs4::TryLockError::WouldBlock) => Ok(Lock::Busy),
+        Err(fs4::TryLockError::Error(error)) if without_locks(&error) => Ok(Lock::Unsupported),
         Err(fs4::TryLockError::Error(error)) => Err(Error::io(path.join(LOCK), "lock")(error)),
     }
+}
+
+/// Whether `error` says that the file system has no locks.
+fn without_locks(error: &std::io::Error) -> bool {
+    error.kind() == std::io::ErrorKind::Unsupported || error.raw_os_error() == Some(libc::ENOLCK)
 }
 
 /// A new folder in `parent` that only its owner can look into, removed when dropped.
@@ -117,16 +149,27 @@ fn temporary_folder(parent: &Path) -> Result<Folder> {
         if !path.join(LOCK).exists() {
             continue;
         }
-        if let Some(lock) = locked? {
-            remove_abandoned(parent, &path);
-            return Ok(Folder { path, _lock: Some(lock) });
-        }
+        let lock = match locked? {
+            Lock::Busy => continue,
+            Lock::Unsupported => None,
+            Lock::Held(mut file) => {
+                file.write_all(&machine()).map_err(Error::io(path.join(LOCK), "write"))?;
+                Some(file)
+            }
+        };
+        remove_abandoned(parent, &path);
+        return Ok(Folder { path, made: true, lock });
     }
     Err(Error::work_dir(parent, "temporary folders are taken away by another process", "name another --tmp"))
 }
 
-/// Removes temporary work directories in `parent` whose process is gone: real folders of the owner of `own`, a new one beside
-/// them, with a real lock file.
+/// The name of this machine.
+fn machine() -> Vec<u8> {
+    rustix::system::uname().nodename().to_bytes().to_vec()
+}
+
+/// Removes temporary work directories in `parent` whose process ran on this machine and is gone: real folders of the owner
+/// of `own`, a new one beside them, with a real lock file.
 fn remove_abandoned(parent: &Path, own: &Path) {
     let (Ok(entries), Ok(own)) = (std::fs::read_dir(parent), std::fs::metadata(own)) else { return };
     for entry in entries.flatten() {
@@ -134,10 +177,13 @@ fn remove_abandoned(parent: &Path, own: &Path) {
         let named = entry.file_name().to_string_lossy().starts_with(TEMPORARY);
         // Links are not followed.
         let real = |path: &Path| std::fs::symlink_metadata(path).ok().filter(|found| found.uid() == own.uid());
+        // An empty one is of a run that ended before it could write, or of an older program.
+        let ours = |file: PathBuf| std::fs::read(file).is_ok_and(|name| name.is_empty() || name == machine());
         let abandoned = named
             && real(&path).is_some_and(|found| found.is_dir())
             && real(&path.join(LOCK)).is_some_and(|found| found.is_file())
-            && matches!(lock(&path, false), Ok(Some(_)));
+            && ours(path.join(LOCK))
+            && matches!(lock(&path, false), Ok(Lock::Held(_)));
         if abandoned {
             let _ = std::fs::remove_dir_all(path);
         }
@@ -165,5 +211,26 @@ mod tests {
         assert!(planted.exists() && !dir.path().join("absent").exists());
         assert_eq!(std::fs::read_to_string(precious.join(LOCK)).unwrap(), "kept");
         folder.remove();
+    }
+
+    #[test]
+    fn a_folder_of_another_machine_stays() {
+        let dir = tempfile::tempdir().unwrap();
+        let folder = |name: &str, machine: &[u8]| {
+            let path = dir.path().join(format!("{TEMPORARY}{name}"));
+            std::fs::create_dir(&path).unwrap();
+            std::fs::write(path.join(LOCK), machine).unwrap();
+            path
+        };
+        let [ours, old, foreign] = [folder("ours", &machine()), folder("old", b""), folder("foreign", b"n7.cluster")];
+        remove_abandoned(dir.path(), dir.path());
+        assert!(!ours.exists() && !old.exists() && foreign.exists());
+    }
+
+    #[test]
+    fn what_a_file_system_without_locks_answers() {
+        let of = std::io::Error::from_raw_os_error;
+        assert!([libc::ENOLCK, libc::ENOSYS, libc::EOPNOTSUPP].into_iter().all(|code| without_locks(&of(code))));
+        assert!(![libc::EIO, libc::EINTR, libc::ESTALE].into_iter().any(|code| without_locks(&of(code))));
     }
 }

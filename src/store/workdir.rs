@@ -4,13 +4,14 @@
 //! renames them when whole, and stamps the manifest last. A stage whose *key* (a hash of its options
 //! and of the keys it builds on) equals the stamped one is reused; any other key makes it
 //! anew, and everything downstream with it, since their keys contain this one. The directory is
-//! locked by an advisory lock that dies with its process, so a stale lock cannot exist.
+//! locked by an advisory lock that dies with its process, so a stale lock cannot exist. Where the file system has no
+//! locks ([`WorkDir::is_locked`]), whoever starts the processes keeps them apart.
 //!
 //! A temporary directory is removed when dropped; one that a killed run left behind is removed by
 //! the next run that makes one beside it.
 
 use super::budget::Budget;
-use super::folder::{LOCK, WorkFolder, lock};
+use super::folder::{LOCK, Lock, WorkFolder, lock};
 use super::in_memory::InMemoryArrays;
 use super::json;
 use super::manifest::FORMAT;
@@ -84,7 +85,11 @@ impl WorkDir {
                 "name an empty or new folder",
             ));
         }
-        let Some(lock) = lock(path, shared)? else { return Ok(None) };
+        let lock = match lock(path, shared)? {
+            Lock::Busy => return Ok(None),
+            Lock::Held(file) => Some(file),
+            Lock::Unsupported => None,
+        };
         let manifest = match std::fs::read_to_string(&manifest_path) {
             Ok(text) => serde_json::from_str::<Manifest>(&text).map_err(|error| {
                 Error::work_dir(&manifest_path, format!("cannot be read: {error}"), "delete the work directory")
@@ -104,7 +109,7 @@ impl WorkDir {
             return Err(Error::work_dir(&manifest_path, problem, "delete the work directory"));
         }
         let manifest = Manifest { format: FORMAT, ..manifest };
-        let mut work = Self::of(WorkFolder::locked(path, lock), manifest);
+        let mut work = Self::of(WorkFolder::of(path, lock), manifest);
         work.shared = shared;
         if !shared {
             work.sweep();
@@ -193,6 +198,11 @@ impl WorkDir {
     /// Whether it will be removed when dropped, or with the one it lies in.
     pub fn is_temporary(&self) -> bool {
         self.temporary
+    }
+
+    /// Whether other processes are kept out. Not so where the file system has no locks.
+    pub fn is_locked(&self) -> bool {
+        self.folder.is_locked()
     }
 
     /// Whether files must reach the disk before they are stamped.
