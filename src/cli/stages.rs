@@ -3,8 +3,9 @@
 //! `graph` needs the mesh; the others find in the work directory which mesh it was, and make what is missing before them.
 
 use super::method::{KernelArgs, MethodArgs, OrderArgs, PartsArgs, check_count};
-use super::options::{AppContext, CliError, RunArgs, WorkDirArgs, misfit};
+use super::options::{AppContext, CliError, RunArgs, WorkDirArgs, misfit, open};
 use super::output::{FormArgs, JsonArgs, Output, Results, print};
+use super::progress::Bars;
 use nystrom_stream::apps::export::parquet::Coordinates;
 use nystrom_stream::base::Error;
 use nystrom_stream::base::printable::line;
@@ -43,6 +44,8 @@ pub struct GraphArgs {
     #[command(flatten)]
     pub order: OrderArgs,
     #[command(flatten)]
+    pub json: JsonArgs,
+    #[command(flatten)]
     pub run: RunArgs,
 }
 
@@ -57,6 +60,11 @@ pub struct RowsArgs {
     /// Compute only the I-th of N shares of the rows, counted from 0; processes may share the work directory
     #[arg(long, value_name = "I/N", value_parser = parse_shard)]
     pub shard: Option<(usize, usize)>,
+    /// Make what shards share, all before the rows, and stop: shards that a scheduler starts then never wait
+    #[arg(long, conflicts_with = "shard")]
+    pub prepare: bool,
+    #[command(flatten)]
+    pub json: JsonArgs,
     #[command(flatten)]
     pub method: MethodArgs,
     #[command(flatten)]
@@ -68,6 +76,8 @@ pub struct RowsArgs {
 pub struct MergeArgs {
     #[command(flatten)]
     pub place: WorkDirArgs,
+    #[command(flatten)]
+    pub json: JsonArgs,
     #[command(flatten)]
     pub run: RunArgs,
 }
@@ -132,21 +142,31 @@ pub struct ExportArgs {
 /// Opens a work directory that must be there; the run gets its seed.
 fn reopen<'a>(place: &Place, args: &RunArgs, run: Run<'a>) -> Result<(WorkDir, Record, Run<'a>), CliError> {
     drop(WorkDir::open_existing(&place.work_dir)?);
-    let work = WorkDir::open(&place.work_dir)?;
+    let work = open(&place.work_dir, &run)?;
     let record = Record::read(&work)?;
     let seed = args.seed.unwrap_or(record.seed);
     Ok((work, record, Run { seed, ..run }))
 }
 
 pub fn graph(args: &GraphArgs, app: &AppContext) -> Result<(), CliError> {
+    let start = Instant::now();
     let bars = args.run.bars();
     let run = args.run.run(&bars, app);
     let params = SegmentParams::default().order(args.order.or(Order::default()));
-    let work = WorkDir::open(&args.place.work_dir)?;
+    let work = open(&args.place.work_dir, &run)?;
     let (opened, identity) = read(&args.mesh, Context::new(&work, &run))?;
     opened.notes().iter().for_each(|note| run.progress.note(note));
-    input::graph(&opened, &identity, &params, Context::new(&work, &run))?;
-    Ok(())
+    let (_, graph) = input::graph(&opened, &identity, &params, Context::new(&work, &run))?;
+    let answer = json!({"mesh": args.mesh, "work_dir": args.place.work_dir, "faces": graph.nodes.len()});
+    answer_with(&args.json, answer, start, &bars)
+}
+
+/// Writes what a stage has done, where that is asked for: `told`, and the seconds of its steps.
+fn answer_with(json: &JsonArgs, mut told: Value, start: Instant, bars: &Bars) -> Result<(), CliError> {
+    let mut seconds = bars.take_seconds();
+    seconds.insert("total".into(), start.elapsed().as_secs_f64());
+    told["seconds"] = json!(seconds);
+    Ok(json.publish(&told)?)
 }
 
 /// Opens the mesh at `path`, or that on standard input, and tells which it is.
@@ -176,6 +196,7 @@ fn parse_shard(text: &str) -> Result<(usize, usize), String> {
 }
 
 pub fn rows(args: &RowsArgs, app: &AppContext) -> Result<(), CliError> {
+    let start = Instant::now();
     let bars = args.run.bars();
     let mut run = args.run.run(&bars, app);
     let mut params = args.method.params()?;
@@ -188,22 +209,33 @@ pub fn rows(args: &RowsArgs, app: &AppContext) -> Result<(), CliError> {
             record.mesh
         }
     };
+    let folder = &args.place.work_dir;
+    let mut told = json!({"mesh": path, "work_dir": folder});
     if let Some(shard) = args.shard {
         let open = |work: &WorkDir| read(&path, Context::new(work, &run)).map(|(opened, _)| opened);
-        return Ok(sharding::one(&args.place.work_dir, &input::identity(&path)?, &params, shard, open, &run)?);
+        let rows = sharding::one(folder, &input::identity(&path)?, &params, shard, open, &run)?;
+        (told["shard"], told["rows"]) = (json!([shard.0, shard.1]), rows.into());
+        return answer_with(&args.json, told, start, &bars);
     }
-    let work = WorkDir::open(&args.place.work_dir)?;
-    let (opened, identity) = read(&path, Context::new(&work, &run))?;
-    sharding::all(&opened, &identity, &params, Context::new(&work, &run))?;
-    Ok(())
+    let work = open(folder, &run)?;
+    let context = Context::new(&work, &run);
+    if args.prepare {
+        sharding::first(&input::identity(&path)?, &params, || Ok(read(&path, context)?.0), context)?;
+    } else {
+        let (opened, identity) = read(&path, context)?;
+        told["rows"] = sharding::all(&opened, &identity, &params, context)?.len().into();
+    }
+    answer_with(&args.json, told, start, &bars)
 }
 
 pub fn merge(args: &MergeArgs, app: &AppContext) -> Result<(), CliError> {
+    let start = Instant::now();
     let bars = args.run.bars();
     let run = args.run.run(&bars, app);
-    let work = WorkDir::open(args.place.path())?;
-    shard::merge(Context::new(&work, &run))?;
-    Ok(())
+    let work = open(args.place.path(), &run)?;
+    let rows = shard::merge(Context::new(&work, &run))?;
+    let told = json!({"work_dir": args.place.path(), "rows": rows.len(), "faces": rows.nodes});
+    answer_with(&args.json, told, start, &bars)
 }
 
 pub fn embed(args: &EmbedArgs, app: &AppContext) -> Result<(), CliError> {

@@ -190,6 +190,20 @@ impl DistanceRows {
         Ok(job_spec(&graph.key, nodes, params, run))
     }
 
+    /// Whether the rows that `spec` is a share of lie in `work` as a whole.
+    pub(super) fn is_done(spec: &JobSpec, work: &WorkDir) -> bool {
+        let (name, version) = (RowsStage::<'_>::NAME, RowsStage::<'_>::VERSION);
+        work.reuse::<Facts>(name, version, &spec.key).is_ok()
+    }
+
+    /// The finished rows of `work`, where there are any, whatever their options.
+    pub(super) fn whole(work: &WorkDir) -> Option<Self> {
+        let kept = work.kept::<RowsStage<'_>>("").ok()?;
+        let rows = Self::open(kept.facts, 0, kept.key, work).ok()?;
+        let nodes = rows.distances.len().checked_div(rows.len())?;
+        Some(Self { nodes, ..rows })
+    }
+
     /// Computes the rows in `work`, or opens them where that was done.
     ///
     /// # Errors

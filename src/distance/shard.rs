@@ -4,6 +4,8 @@
 //! for landmarks is deterministic and cheap beside the rows (2–5 fronts), so each shard makes it alone. [`merge`]
 //! puts the rows together into the file that one process would have written, byte for byte, and stamps the
 //! stage under the same key, so that every later command reuses it.
+//!
+//! Both may be repeated at any time: a shard that is done, or merged already, is found so, and so is a merge.
 
 use super::journal::{JobSpec, Journal, JournalEntry, checksum};
 use super::row_job::RowJob;
@@ -16,13 +18,14 @@ use crate::store::rows_file::RowsFile;
 use crate::store::{Context, MappedSlice, WorkDir};
 use serde::Serialize;
 use std::collections::BTreeMap;
+use std::path::PathBuf;
 
 /// The name of a shard's files, without ending.
 fn stem(shard: usize, of: usize) -> String {
     format!("rows-{shard}-of-{of}")
 }
 
-/// Computes shard `shard` of `of` in `work`, or finds it done.
+/// Computes shard `shard` of `of` in `work`, or finds it done, alone or merged; how many rows it has.
 ///
 /// # Errors
 /// [`Error::Parameter`] for a shard that does not exist, [`Error::Io`], [`Error::Cancelled`].
@@ -32,13 +35,17 @@ pub fn compute(
     params: RowParams<impl Sampler + Serialize>,
     (shard, of): (usize, usize),
     context: Context<'_>,
-) -> Result<()> {
+) -> Result<usize> {
     let whole = job_spec(&graph.key, nodes.len(), &params, context.run);
     if shard >= of || of > whole.rows {
         let problem = format!("{shard}/{of} is no shard of {} rows", whole.rows);
         return Err(Error::parameter("--shard", problem, "count shards from 0, and make no more than rows"));
     }
     let spec = JobSpec { shard, of, ..whole };
+    if DistanceRows::is_done(&spec, context.work) {
+        context.run.progress.note(&format!("rows: shard {shard}/{of} is merged already"));
+        return Ok(spec.wanted());
+    }
     let stem = stem(shard, of);
     let (array, journal) = (format!("{stem}.npy"), format!("{stem}.journal"));
     let wanted = spec.wanted();
@@ -46,13 +53,13 @@ pub fn compute(
         .is_some_and(|(found, entries)| found == spec && entries.len() >= wanted);
     if done && context.work.file(&array).exists() {
         context.run.progress.note(&format!("rows: shard {shard}/{of} is done already"));
-        return Ok(());
+        return Ok(wanted);
     }
     let job = RowJob { graph: graph.csr(), nodes, sampler: &params.sampling, spec: &spec };
     context
         .run
         .stage("rows", "rows", wanted as u64, || job.compute(&array, &journal, context)?.0.finish(true).map(drop))?;
-    Ok(())
+    Ok(wanted)
 }
 
 /// A finished shard.
@@ -62,12 +69,22 @@ struct Shard {
     rows: MappedSlice<f32>,
 }
 
-/// Puts the shards in `work` together and removes their files. Every row's checksum is tested on the way.
+/// Puts the shards in `work` together and removes their files. Every row's checksum is tested on the way. Where there
+/// are none, but rows, those are what an earlier call made.
 ///
 /// # Errors
 /// [`Error::WorkDir`] where shards are missing, unfinished, damaged, or of different options; [`Error::Io`].
 pub fn merge(context: Context<'_>) -> Result<DistanceRows> {
-    let shards = find(context.work)?;
+    let shards = match find(context.work) {
+        Ok(shards) => shards,
+        Err(error) => {
+            let merged = if journals(context.work)?.is_empty() { DistanceRows::whole(context.work) } else { None };
+            if merged.is_some() {
+                context.run.progress.note("merge: done already");
+            }
+            return merged.ok_or(error);
+        }
+    };
     let spec = JobSpec { shard: 0, of: 1, ..shards[0].spec.clone() };
     let make = || {
         let file = RowsFile::<f32>::create(&context.work.file("distances.npy"), spec.rows, spec.nodes)?;
@@ -103,15 +120,20 @@ fn damaged(work: &WorkDir, shard: usize, of: usize, problem: &str) -> Error {
     Error::work_dir(work.file(&format!("{name}.npy")), problem, remedy)
 }
 
-/// The shards in `work`, all there and of the same rows.
-fn find(work: &WorkDir) -> Result<Vec<Shard>> {
+/// The journals of shards in `work`.
+fn journals(work: &WorkDir) -> Result<Vec<PathBuf>> {
     let entries = std::fs::read_dir(work.path()).map_err(Error::io(work.path(), "list"))?;
-    let journals = entries.flatten().map(|entry| entry.path()).filter(|path| {
+    let of_shard = |path: &PathBuf| {
         path.extension().is_some_and(|end| end == "journal")
             && path.file_stem().is_some_and(|stem| stem.to_string_lossy().contains("-of-"))
-    });
+    };
+    Ok(entries.flatten().map(|entry| entry.path()).filter(of_shard).collect())
+}
+
+/// The shards in `work`, all there and of the same rows.
+fn find(work: &WorkDir) -> Result<Vec<Shard>> {
     let mut found: Vec<(JobSpec, BTreeMap<usize, JournalEntry>)> =
-        journals.filter_map(|path| Journal::read(&path)).collect();
+        journals(work)?.iter().filter_map(|path| Journal::read(path)).collect();
     found.sort_by_key(|(spec, _)| spec.shard);
     let Some(first) = found.first().map(|(spec, _)| spec.clone()) else {
         return Err(Error::work_dir(work.path(), "holds no shards of rows", "compute them with rows --shard i/n"));

@@ -2,7 +2,8 @@
 //!
 //! The first process takes the directory for itself and makes all stages up to the weights; it stamps a stage
 //! `sharding` that names them, and lets go. Rows are then computed under a shared lock, each shard into files of
-//! its own. A process that finds the stage stamped needs neither mesh nor lock of its own.
+//! its own. A process that finds the stage stamped needs neither mesh nor lock of its own. A scheduler, which waits
+//! better than a process does, has the first step done by [`first`] alone; shards then never wait.
 
 use super::means::fit;
 use super::params::{Cluster, SegmentParams, default_landmarks, landmarks_for_parts};
@@ -43,6 +44,15 @@ fn shared_rows(identity: &Value, params: &SegmentParams, run: &Run) -> StageKey 
     StageKey::new("sharding", VERSION, json!({"input": identity, "rows": rows, "seed": run.seed}))
 }
 
+/// What the stage `shared` in `work` says, where the weights that it names are still there: a run with other options may
+/// have made others since.
+fn made(shared: &StageKey, work: &WorkDir) -> Option<Facts> {
+    let facts: Facts = work.reuse(shared.name, shared.version, &shared.key).ok()?;
+    let weights = work.manifest().stages.remove("weights")?;
+    work.reuse::<Value>("weights", weights.version, &facts.weights).ok()?;
+    Some(facts)
+}
+
 /// Landmarks that `params` asks for on a mesh of `faces` faces.
 ///
 /// # Errors
@@ -69,6 +79,23 @@ fn prepare(opened: &Mesh, identity: &Value, params: &SegmentParams, context: Con
     Ok(weighted)
 }
 
+/// Makes everything that shards share, or finds it made; `open` reads the mesh where that is needed.
+///
+/// # Errors
+/// As [`super::segment()`], and [`Error::WorkDir`] where another process uses the directory.
+pub fn first(
+    identity: &Value,
+    params: &SegmentParams,
+    open: impl FnOnce() -> Result<Mesh>,
+    context: Context<'_>,
+) -> Result<()> {
+    if made(&shared_rows(identity, params, context.run), context.work).is_some() {
+        context.run.progress.note("rows: everything before them is there already");
+        return Ok(());
+    }
+    prepare(&open()?, identity, params, context).map(drop)
+}
+
 /// Computes all rows, as `segment` would.
 ///
 /// # Errors
@@ -81,7 +108,8 @@ pub fn all(opened: &Mesh, identity: &Value, params: &SegmentParams, context: Con
 }
 
 /// Computes one shard of the rows in the work directory `path`, making what comes before where no other process did.
-/// `open` reads the mesh, with decoded arrays going to the work directory; it is called only where needed.
+/// `open` reads the mesh, with decoded arrays going to the work directory; it is called only where needed. How many rows
+/// the shard has is returned.
 ///
 /// # Errors
 /// As [`super::segment()`], and [`Error::Parameter`] for a shard that does not exist.
@@ -92,13 +120,13 @@ pub fn one(
     shard: (usize, usize),
     open: impl Fn(&WorkDir) -> Result<Mesh>,
     run: &Run,
-) -> Result<()> {
-    let StageKey { name, version, key, .. } = shared_rows(identity, params, run);
+) -> Result<usize> {
+    let shared = shared_rows(identity, params, run);
     let mut told = false;
     loop {
         run.cancel.check()?;
         if let Some(work) = WorkDir::try_open(path, true)?
-            && let Ok(facts) = work.reuse::<Facts>(name, version, &key)
+            && let Some(facts) = made(&shared, &work)
         {
             let nodes: MappedSlice<Node> = work.open_array(nodes::FILE)?;
             let weighted = WeightedGraph::open(facts.weights, nodes.len(), &work)?;

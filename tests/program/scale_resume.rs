@@ -86,9 +86,10 @@ fn rows_are_taken_over_one_by_one_and_torn_ones_are_not() {
     ok(&arguments);
     let rows = std::fs::read(work.join("distances.npy")).unwrap();
     // As a killed run would have left it: made from a shard that is the whole.
-    let shard = ["rows", text(&mesh), "-k", "6", "-l", "8", "--cluster", "kmeans", "--work-dir", text(&work)];
+    let other = dir.path().join("other");
+    let shard = ["rows", text(&mesh), "-k", "6", "-l", "8", "--cluster", "kmeans", "--work-dir", text(&other)];
     ok(&[&shard[..], &["--shard", "0/1"]].concat());
-    let journal = std::fs::read_to_string(work.join("rows-0-of-1.journal")).unwrap();
+    let journal = std::fs::read_to_string(other.join("rows-0-of-1.journal")).unwrap();
     let lines: Vec<&str> = journal.lines().collect();
     std::fs::write(work.join("rows.journal"), lines[..6].join("\n") + "\n").unwrap();
     let mut partial = rows.clone();
@@ -138,8 +139,12 @@ fn shards_and_merge_are_one_process_byte_for_byte() {
             text(&out),
         ]);
         assert!(String::from_utf8_lossy(&output.stderr).contains("rows: reused"));
-        let again = program(&["merge", text(&many)]).output().unwrap();
-        assert!(!again.status.success() && String::from_utf8_lossy(&again.stderr).contains("holds no shards"));
+        // Once more, as a scheduler would that did not learn how it ended.
+        let told = |output: Output| String::from_utf8_lossy(&output.stderr).into_owned();
+        assert!(told(ok(&["merge", text(&many)])).contains("done already"));
+        let shard = ["rows", text(&mesh), "-k", "6", "-l", "7", "--cluster", method, "--work-dir", text(&many)];
+        let told = told(ok(&[&shard[..], &["--shard", "1/3"]].concat()));
+        assert!(told.contains("is merged already") && !many.join("rows-1-of-3.npy").exists(), "{told}");
     }
     let work = dir.path().join("half");
     let half = ["rows", text(&mesh), "-k", "6", "--cluster", "kmeans", "--work-dir", text(&work), "--shard", "1/3"];
@@ -147,6 +152,29 @@ fn shards_and_merge_are_one_process_byte_for_byte() {
     let merged = program(&["merge", text(&work)]).output().unwrap();
     let said = String::from_utf8_lossy(&merged.stderr);
     assert!(!merged.status.success() && said.contains("rows-0-of-3.npy") && said.lines().count() == 1, "{said}");
+}
+
+#[test]
+fn shards_take_no_weights_of_other_options() {
+    let dir = tempfile::tempdir().unwrap();
+    let mesh = creature(dir.path(), 5_000);
+    let (one, many) = (dir.path().join("one"), dir.path().join("many"));
+    let rows = |work: &Path, more: &[&str]| {
+        let arguments = ["rows", text(&mesh), "-l", "6", "--work-dir", text(work), "--json"];
+        serde_json::from_slice::<serde_json::Value>(&ok(&[&arguments[..], more].concat()).stdout).unwrap()
+    };
+    assert_eq!(rows(&one, &[])["rows"], 6);
+    let told = rows(&many, &["--prepare"]);
+    assert!(told["seconds"]["weights"].is_number() && told["rows"].is_null(), "{told}");
+    assert!(rows(&many, &["--prepare"])["seconds"]["weights"].is_null());
+    // Another run replaces the weights that the shards were promised.
+    rows(&many, &["--metric", "geodesic"]);
+    let told = rows(&many, &["--shard", "1/2"]);
+    assert!(told["seconds"]["weights"].is_number() && told["rows"] == 3 && told["shard"][1] == 2, "{told}");
+    rows(&many, &["--shard", "0/2"]);
+    let merged: serde_json::Value = serde_json::from_slice(&ok(&["merge", text(&many), "--json"]).stdout).unwrap();
+    assert_eq!(merged["rows"], 6);
+    assert!(std::fs::read(one.join("distances.npy")).unwrap() == std::fs::read(many.join("distances.npy")).unwrap());
 }
 
 #[test]
