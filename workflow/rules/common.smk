@@ -1,0 +1,162 @@
+# The configuration, checked; what the program predicts of a mesh, and resources made of that; what is to be made.
+import csv
+import functools
+import json
+import math
+import os
+import shlex
+import subprocess
+from pathlib import Path
+
+from snakemake.exceptions import WorkflowError
+from snakemake.utils import validate
+
+validate(config, "../schemas/config.schema.yaml")
+
+PROGRAM = config["program"]
+
+
+@functools.cache
+def plan(mesh, options):
+    """What `plan` predicts of `mesh` under `options`: bytes and seconds by stage. None for a mesh that it refuses."""
+    words = [PROGRAM, "plan", mesh, "--json", "--max-memory", config["max_memory"]]
+    words += ["--work-dir", "results", *shlex.split(options)]
+    try:
+        done = subprocess.run(words, capture_output=True, text=True, check=False)
+    except FileNotFoundError as error:
+        raise WorkflowError(
+            f"{PROGRAM}: no such program; set program in the configuration"
+        ) from error
+    # Its exit code also says whether the disk suffices here and now, which is for the rule to find out.
+    return json.loads(done.stdout) if done.stdout.lstrip().startswith("{") else None
+
+
+def stages(mesh, options, names):
+    """The stages `names` of the plan, all for None."""
+    found = plan(mesh, options) if Path(mesh).exists() else None
+    return (
+        []
+        if found is None
+        else [s for s in found["stages"] if names is None or s["name"] in names]
+    )
+
+
+def mem_mb(mesh, options="", names=None, attempt=1):
+    """Megabytes for the stages `names`: the greatest of them, a quarter more, and 256 for the program itself."""
+    most = max((stage["memory"] for stage in stages(mesh, options, names)), default=0)
+    return attempt * (math.ceil(1.25 * most / 1e6) + 256)
+
+
+def disk_mb(mesh, options=""):
+    """Megabytes that the work directory takes at most."""
+    found = plan(mesh, options) if Path(mesh).exists() else None
+    return math.ceil(found["disk_peak"] / 1e6) + 1 if found else 1
+
+
+def runtime(mesh, options="", names=None, attempt=1, times=1):
+    """Minutes for `times` the stages `names`: five times what was predicted here, and ten for a busy disk."""
+    seconds = sum(stage["seconds"] or 0 for stage in stages(mesh, options, names))
+    return attempt * (math.ceil(5 * times * seconds / 60) + 10)
+
+
+def named(rows, section):
+    """Meshes by name; the name is that of the file where none is given."""
+    meshes = {}
+    for row in rows:
+        name = (
+            row.get("name")
+            or Path(row["mesh"]).name.removesuffix(".gz").rsplit(".", 1)[0]
+        )
+        if name in meshes:
+            raise WorkflowError(
+                f"{section}: two meshes have the name {name!r}; give one of them another"
+            )
+        meshes[name] = row["mesh"]
+    return meshes
+
+
+# Large meshes.
+MESHES = named(config["mesh"], "mesh") if "mesh" in config else {}
+SHARDS = config["shards"]
+BEFORE_ROWS = ("read", "order", "graph", "surface", "weights")
+
+
+def settings(name):
+    return next(entry for entry in config["mesh"] if MESHES[name] == entry["mesh"])
+
+
+def row_options(wildcards):
+    return settings(wildcards.mesh).get("rows", "")
+
+
+def cut_options(wildcards):
+    return settings(wildcards.mesh).get("cut", "")
+
+
+def mesh_of(wildcards):
+    return MESHES[wildcards.mesh]
+
+
+def targets_of_meshes():
+    if not MESHES:
+        return []
+    outputs = expand(
+        "results/mesh/{mesh}/parts.{form}", mesh=MESHES, form=["seg", "png", "json"]
+    )
+    return [*outputs, "results/mesh/efficiency.tsv"]
+
+
+# The archive.
+def read_manifest():
+    if "archive" not in config:
+        return {}
+    path = Path(config["archive"]["manifest"])
+    with path.open(newline="") as file:
+        rows = list(csv.DictReader(file, delimiter="\t"))
+    if not rows or "mesh" not in rows[0]:
+        raise WorkflowError(
+            f"{path}: needs a column mesh, separated by tabs, and a line per mesh"
+        )
+    # Paths are taken from the folder of the manifest.
+    at = lambda mesh: os.path.normpath(path.parent / mesh)
+    return named([{**row, "mesh": at(row["mesh"])} for row in rows], str(path))
+
+
+ARCHIVE = read_manifest()
+BATCHES = {}
+for k, name in enumerate(ARCHIVE):
+    BATCHES.setdefault(f"{k // config['archive']['batch']:04}", []).append(name)
+
+
+def targets_of_archive():
+    if not ARCHIVE:
+        return []
+    tables = expand(
+        "results/archive/{table}",
+        table=["meshes.parquet", "meshes.tsv", "parts.parquet", "failed.tsv"],
+    )
+    return [*tables, "results/archive/overview.png"]
+
+
+def meshes_of(wildcards):
+    return [ARCHIVE[name] for name in BATCHES[wildcards.batch]]
+
+
+def largest(wildcards):
+    """The largest file of a batch, whose plan stands for all: a plan for each would take longer than small meshes do."""
+    there = [mesh for mesh in meshes_of(wildcards) if Path(mesh).exists()]
+    return max(there, key=os.path.getsize, default="")
+
+
+# The sweep.
+SWEEP = config.get("sweep", {})
+SWEEP_MESH = SWEEP.get("mesh", "")
+SWEEP_ROWS = f"--cluster kmeans -l {SWEEP.get('landmarks', 0)} {SWEEP.get('rows', '')}"
+
+
+def targets_of_sweep():
+    return (
+        expand("results/sweep/{table}", table=["sweep.tsv", "sweep.png"])
+        if SWEEP
+        else []
+    )
