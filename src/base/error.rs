@@ -126,6 +126,11 @@ fn hint(error: &io::Error) -> &'static str {
     }
 }
 
+/// The text of other libraries' errors may have lines.
+fn one_line(text: &str) -> String {
+    text.split_whitespace().collect::<Vec<_>>().join(" ")
+}
+
 impl Error {
     /// An [`Error::Io`] maker for `map_err`.
     pub fn io(path: impl AsRef<Path>, action: &'static str) -> impl FnOnce(io::Error) -> Error {
@@ -143,7 +148,7 @@ impl Error {
         Error::Malformed {
             path: path.as_ref().to_path_buf(),
             place: place.into(),
-            problem: problem.into(),
+            problem: one_line(&problem.into()),
             remedy: remedy.into(),
         }
     }
@@ -160,7 +165,7 @@ impl Error {
 
     /// An [`Error::Internal`]; its message stays one line.
     pub fn internal(problem: &str) -> Error {
-        Error::Internal { problem: problem.split_whitespace().collect::<Vec<_>>().join(" ") }
+        Error::Internal { problem: one_line(problem) }
     }
 
     /// An [`Error::WorkDir`].

@@ -431,6 +431,19 @@ mod tests {
         assert_eq!(open_shaped::<u64>(&path).unwrap().1, [0]);
     }
 
+    /// The parser's message has several lines.
+    #[test]
+    fn a_header_that_does_not_parse_is_told_in_one_line() {
+        let dir = tempfile::tempdir().unwrap();
+        let path = dir.path().join("x.npy");
+        write::<u32>(&path, &[1, 2, 3], 1, false).unwrap();
+        let mut bytes = std::fs::read(&path).unwrap();
+        bytes[40] = 0xa9;
+        std::fs::write(&path, &bytes).unwrap();
+        let error = open::<u32>(&path).unwrap_err().to_string();
+        assert!(!error.contains('\n'), "{error}");
+    }
+
     #[test]
     fn a_truncated_array_is_an_error() {
         let dir = tempfile::tempdir().unwrap();

@@ -129,6 +129,8 @@ fn what_is_wrong_is_said_in_one_line_with_its_place() {
         ("a.obj", b"v 0 0 0\nf a 1 1\n", "line 2: \"a\" is not a vertex's number"),
         ("a.obj", b"v 0 0 0\n", "has no faces"),
         ("a.off", b"OFF\n", "the numbers of vertices and faces are missing"),
+        // A line without words was asked for its first.
+        ("a.off", b"\\\n1 1 0\n", "the numbers of vertices and faces are missing"),
         ("a.off", b"OFF\n2 1 0\n0 0 0\n", "vertex 1: the file ends here"),
         ("a.off", b"OFF\n1 1 0\n0 0 0\n", "face 0: the file ends here"),
         ("a.off", b"OFF\n1 1 0\n0 0 0\n3 0 0\n", "line 4: a face of 3 corners ends early"),

@@ -169,7 +169,7 @@ pub(super) mod off {
         let missing = || Error::malformed(path, "header", "the numbers of vertices and faces are missing", CORRECT);
         let mut line = lines.next().ok_or_else(missing)?;
         let mut words: Vec<&[u8]> = line.words().take(4).collect();
-        if is_keyword(words[0]) {
+        if words.first().is_some_and(|word| is_keyword(word)) {
             if words[0].contains(&b'4') || words[0].contains(&b'n') {
                 let problem = format!("{} has points in other than three dimensions", shown(words[0]));
                 return Err(Error::unusable(path, problem, "export the mesh as plain OFF, OBJ or PLY"));
