@@ -120,7 +120,7 @@ fn what_is_wrong_is_said_in_one_line_with_its_place() {
     let dir = tempfile::tempdir().unwrap();
     let mut short = vec![0; 84];
     short[80] = 9;
-    let cases: [(&str, &[u8], &str); 18] = [
+    let cases: [(&str, &[u8], &str); 19] = [
         ("a.obj", b"v 0 0 0\nv 1 0\nf 1 1 1\n", "line 2: a vertex needs three coordinates"),
         ("a.obj", b"v 0 0 0\n\nv 1 0 x\nf 1 1 1\n", "line 3: \"x\" is not a number"),
         ("a.obj", b"v 0 0 0\nf 1 1 2\n", "line 2: a face names vertex 2, but there are 1"),
