@@ -57,10 +57,18 @@
 //! (kernels, Nyström), [`landmarks`] (samplings), [`cluster`] (K-means, parts, boundaries), [`apps`] (what is done with
 //! parts), [`pipeline`] (stages put together), [`api`] (this page).
 //!
+//! # Systems
+//!
+//! Linux is what the library is tested on. It compiles for macOS. Pages of memory may have any size; numbers are
+//! little-endian. On other systems it does not compile.
+//!
 //! # Features
 //!
 //! None is needed to cut meshes. `pictures`, `plots`, `pages` and `parquet` add forms of output, `correspondence` matching,
 //! `cli` (on by default) the program.
+
+#[cfg(not(unix))]
+compile_error!("nystrom-stream maps files and locks folders as Unix does: Linux is supported, macOS compiles");
 
 pub mod api;
 pub mod apps;

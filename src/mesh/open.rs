@@ -204,16 +204,21 @@ fn is_compressed(bytes: &[u8]) -> bool {
     bytes.starts_with(&[0x1f, 0x8b])
 }
 
-/// Writes all of `source` to the file `to`, by rename (an earlier one may still be mapped), and maps it. `path` names the source in errors.
+/// Writes all of `source` to the file `to`, by rename (an earlier one may still be mapped), and maps it. `path` names the
+/// source in errors. A kilobyte of gzip can be a gigabyte of mesh, and a stream has no end that is known: a sixteenth of what
+/// is free on the disk stays so.
 ///
 /// # Errors
-/// [`Error::Io`], [`Error::Cancelled`]; [`Error::Malformed`] when compressed data are damaged.
+/// [`Error::Io`], [`Error::Cancelled`]; [`Error::Malformed`] when compressed data are damaged; [`Error::Unusable`] for
+/// more than there is room for.
 fn spool(path: &Path, source: &mut impl Read, to: &Path, run: &Run) -> Result<MappedBytes> {
-    by_rename(to, 0, false, |file| copy(path, source, to, file, run))?;
+    let free = to.parent().and_then(|folder| fs4::available_space(folder).ok()).unwrap_or(u64::MAX);
+    by_rename(to, 0, false, |file| copy(path, source, (to, free - free / 16), file, run))?;
     MappedBytes::open(to)
 }
 
-fn copy(path: &Path, source: &mut impl Read, to: &Path, file: &mut File, run: &Run) -> Result<()> {
+/// Copies `source` to `file`, which is at `to`, as long as it has no more than `room` bytes.
+fn copy(path: &Path, source: &mut impl Read, (to, room): (&Path, u64), file: &mut File, run: &Run) -> Result<()> {
     let mut buffer = vec![0; BUFFER];
     let mut total = 0u64;
     loop {
@@ -234,8 +239,13 @@ fn copy(path: &Path, source: &mut impl Read, to: &Path, file: &mut File, run: &R
             }
             Err(error) => return Err(Error::io(path, "read")(error)),
         };
-        file.write_all(&buffer[..count]).map_err(Error::io(to, "write"))?;
         total += count as u64;
+        if total > room {
+            let problem =
+                format!("has more than {room} bytes uncompressed, which would fill the disk of {}", to.display());
+            return Err(Error::unusable(path, problem, "name a folder with more room with --tmp or --work-dir"));
+        }
+        file.write_all(&buffer[..count]).map_err(Error::io(to, "write"))?;
     }
 }
 
@@ -245,4 +255,33 @@ fn copy(path: &Path, source: &mut impl Read, to: &Path, file: &mut File, run: &R
 /// As [`spool`].
 fn decompress(path: &Path, bytes: &[u8], scratch: &Path, run: &Run) -> Result<MappedBytes> {
     spool(path, &mut MultiGzDecoder::new(bytes), &scratch.join("input.ply"), run)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use flate2::Compression;
+    use flate2::write::GzEncoder;
+
+    /// A few kilobytes of gzip filled the disk.
+    #[test]
+    fn compressed_data_may_not_outgrow_the_disk() {
+        let dir = tempfile::tempdir().unwrap();
+        let mut bomb = GzEncoder::new(Vec::new(), Compression::best());
+        (0..64).for_each(|_| bomb.write_all(&[0; 1 << 20]).unwrap());
+        let bomb = bomb.finish().unwrap();
+        assert!(bomb.len() < 1 << 17);
+        let to = dir.path().join("input.ply");
+        let unpack = |room: u64| {
+            let mut file = File::create(&to).unwrap();
+            let source = &mut MultiGzDecoder::new(&bomb[..]);
+            let copied = copy(Path::new("bomb.ply.gz"), source, (&to, room), &mut file, &Run::new(&()));
+            (copied, file.metadata().unwrap().len())
+        };
+        let (refused, written) = unpack(10 << 20);
+        let said = refused.unwrap_err().to_string();
+        assert!(said.contains("bomb.ply.gz: has more than 10485760 bytes") && written <= 10 << 20, "{said}");
+        let (copied, written) = unpack(64 << 20);
+        assert!(copied.is_ok() && written == 64 << 20);
+    }
 }

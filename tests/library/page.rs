@@ -38,7 +38,7 @@ fn a_small_mesh_is_shown_as_it_is_with_its_labels_and_cuts() {
     let cuts = Some(Cuts { cells: &cells, parts: &parts });
     let page = Page { title, mesh: &mesh, labels: &labels, colours: &colours, cuts, report: &report };
     let html = page.html(&run()).unwrap();
-    assert!(html.contains("<title>a &lt;b> &amp; c</title>") && !html.contains("http"), "nothing from outside");
+    assert!(html.contains("<title>a &lt;b&gt; &amp; c</title>") && !html.contains("http"), "nothing from outside");
     let data = data(&html);
     assert_eq!(numbers(&data["labels"]), labels.iter().map(|&x| x as u16).collect::<Vec<_>>());
     assert_eq!(numbers(&data["cuts"]["cells"]), cells.iter().map(|&x| x as u16).collect::<Vec<_>>());
@@ -47,6 +47,13 @@ fn a_small_mesh_is_shown_as_it_is_with_its_labels_and_cuts() {
     assert_eq!(numbers(&data["triangles"]).len(), 6 * n);
     assert_eq!((&data["report"]["note"], &data["faces"]), (&json!("</script>"), &json!(n)));
 
+    // A mesh called like a place of the template put its data, names and all, where they are read as HTML.
+    let title = "\"DATA\"{{TITLE}}/*SCRIPT*/<img src=x>";
+    let html = Page { title, ..page }.html(&run()).unwrap();
+    assert!(!html.contains("<img") && html.matches("\"DATA\"{{TITLE}}/*SCRIPT*/&lt;img src=x&gt;").count() == 2);
+    assert_eq!(self::data(&html)["title"], title);
+
+    let html = page.html(&run()).unwrap();
     let target = dir.path().join("page.html");
     page.write(&target, &run()).unwrap();
     assert_eq!(std::fs::read_to_string(&target).unwrap(), html);

@@ -14,6 +14,7 @@ mod evaluate_cli;
 mod formats;
 mod formats_in;
 mod guide;
+mod hostile;
 mod info_command;
 mod picture_command;
 mod pipelines;

@@ -188,6 +188,26 @@ fn a_preview_can_be_cut_again() {
     stage(&["export", "--tree", word(&tree)], work);
     stage(&["cluster", "-k", "3", "--tree", word(&tree), "-o", word(out)], work);
     assert_eq!(read_seg(out).unwrap(), expected);
+    // Cells in the order of the file were left behind, a file that no stage owned.
+    stage(&["export", "-o", word(&out.with_extension("html"))], work);
+    let names = |folder: &Path| {
+        let names = std::fs::read_dir(folder).unwrap().map(|entry| entry.unwrap().file_name().into_string().unwrap());
+        names.filter(|name| name.contains("file_cells")).collect::<Vec<_>>()
+    };
+    assert_eq!((names(work), names(&work.join("coarse"))), (vec![], vec![]));
+}
+
+/// K-means of another mesh left the older hierarchy in its place, and it was exported.
+#[test]
+fn a_hierarchy_is_that_of_the_mesh() {
+    let Scene { mesh, work, out, .. } = &scene(2_000, false);
+    let other = creature(mesh.parent().unwrap(), 3_000, false);
+    let tree = out.with_extension("json");
+    segment(mesh, &["-q", "--work-dir", word(work), "-o", word(out)]);
+    stage(&["export", "--tree", word(&tree)], work);
+    segment(&other, &["-q", "--cluster", "kmeans", "-k", "3", "--work-dir", word(work), "-o", word(out)]);
+    let said = refused(&["export", "--tree", word(&tree)], work, 1);
+    assert!(said.contains("no hierarchy of parts of its mesh"), "{said}");
 }
 
 #[test]

@@ -81,6 +81,21 @@ fn short(labels: impl Iterator<Item = u32>) -> String {
     packed(&labels.map(|label| label.min(0xffff) as u16).collect::<Vec<_>>())
 }
 
+/// `template` with each of the `places` replaced by its text, which is not looked into again: a mesh may be called like a
+/// place.
+fn filled(template: &str, places: &[(&str, &str)]) -> String {
+    let mut out = String::with_capacity(template.len() + places.iter().map(|(_, text)| text.len()).sum::<usize>());
+    let mut rest = template;
+    while let Some((at, place, text)) =
+        places.iter().filter_map(|(place, text)| Some((rest.find(place)?, place, text))).min_by_key(|found| found.0)
+    {
+        out.push_str(&rest[..at]);
+        out.push_str(text);
+        rest = &rest[at + place.len()..];
+    }
+    out + rest
+}
+
 impl Page<'_> {
     /// Writes the page to `path`, under a temporary name first.
     ///
@@ -110,13 +125,11 @@ impl Page<'_> {
         let bytes = thin::BYTES * TRIANGLES as u64;
         let _grant = run.budget.take("the page's mesh", bytes / 4, bytes)?;
         let thin = Thin::of(self.mesh, TRIANGLES, run)?;
-        let data = self.data(&thin, axes).to_string().replace("</", "<\\/");
-        let title = self.title.replace('&', "&amp;").replace('<', "&lt;");
-        Ok(TEMPLATE
-            .replace("/*STYLE*/", STYLE)
-            .replace("{{TITLE}}", &title)
-            .replace("/*SCRIPT*/", SCRIPT)
-            .replace("\"DATA\"", &data))
+        // No text of the data can end the script element or begin a comment there.
+        let data = self.data(&thin, axes).to_string().replace('<', "\\u003c");
+        let title = self.title.replace('&', "&amp;").replace('<', "&lt;").replace('>', "&gt;");
+        let places = [("/*STYLE*/", STYLE), ("{{TITLE}}", &title), ("/*SCRIPT*/", SCRIPT), ("\"DATA\"", &data)];
+        Ok(filled(TEMPLATE, &places))
     }
 
     /// What the script is given.

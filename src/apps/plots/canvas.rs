@@ -2,7 +2,7 @@
 //! pixels, so that no font of the machine is needed.
 
 use crate::apps::picture::image;
-use crate::base::{Error, Result};
+use crate::base::{Error, Result, printable};
 use crate::mesh::output::by_rename;
 use plotters::coord::Shift;
 use plotters::prelude::{
@@ -39,6 +39,8 @@ pub(super) fn save(path: &Path, size: (u32, u32), drawing: &impl Drawing) -> Res
             drawing
                 .draw(&SVGBackend::with_string(&mut text, size).into_drawing_area())
                 .map_err(|error| failed(error.to_string()))?;
+            // Names of meshes are in titles; XML knows no control characters.
+            let text = printable::lines(&text);
             by_rename(path, 0, false, |file| file.write_all(text.as_bytes()).map_err(Error::io(path, "write")))
         }
         Some(ending) if ending == "png" => {

@@ -198,7 +198,11 @@ impl Element {
 }
 
 /// Bytes that a header may have at most; anything longer is not a header.
-pub const LIMIT: usize = 64 << 20;
+pub const LIMIT: usize = 16 << 20;
+/// Lines that it may have at most.
+const LINES: usize = 1 << 18;
+/// Elements and properties that it may have at most; each is looked at for every record.
+const STATEMENTS: usize = 1 << 16;
 
 /// A line of the header, for writing it again.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -277,10 +281,15 @@ pub fn parse(path: &Path, bytes: &[u8]) -> Result<Header> {
     loop {
         number += 1;
         let Some((line, taken)) = next_line(&bytes[at..], lone_cr) else {
-            let problem = "the header has no end_header line";
+            let problem = format!("the header has no end_header line in its first {} MiB", LIMIT >> 20);
             return Err(Error::malformed(path, format!("header line {number}"), problem, CUT_SHORT));
         };
         at += taken;
+        if number > LINES || found.numbers.len() > STATEMENTS {
+            let problem = format!("the header has more than {STATEMENTS} elements and properties, or {LINES} lines");
+            let remedy = "leave out those that the mesh does not need";
+            return Err(Error::malformed(path, format!("header line {number}"), problem, remedy));
+        }
         if line == b"end_header" {
             break;
         }
