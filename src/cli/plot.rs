@@ -115,7 +115,9 @@ pub fn run(args: &PlotArgs) -> Result<(), CliError> {
             (_, _, Some((params, colours))) => (params, Some(colours)),
             _ => (PartsParams::default(), None),
         };
-        let cut = tree.cut_for(params.count, params.detail)?;
+        // A mesh may be cut into more parts than its hierarchy has cells.
+        let count = if args.parts.is_some() { params.count } else { params.count.at_most(tree.cells()) };
+        let cut = tree.cut_for(count, params.detail)?;
         // Colours of labels that came of another hierarchy are those of other parts.
         let known = known.filter(|colours| colours.len() >= cut.parts);
         let colours = known.unwrap_or_else(|| colours_of(&tree, &cut));

@@ -4,12 +4,13 @@
 //!
 //! The default method cuts as people do: the surface into [`cells`] (with [`normals`] at a radius of the shape), the cells
 //! into [`parts`], and the parts' [`boundary`] onto creases. Only cells, normals and boundaries see the faces, in a few
-//! passes each; deciding the parts takes constant time and memory.
+//! passes each; deciding the parts takes constant time and memory. More parts than cells come of [`divide`].
 
 pub mod area_shares;
 pub mod boundary;
 pub mod cells;
 pub mod contract;
+pub mod divide;
 pub mod extrapolate;
 pub mod kmeans;
 pub mod normals;

@@ -149,7 +149,7 @@ pub(super) fn check(params: &SegmentParams, path: &Path, faces: usize) -> Result
     if wanted > faces {
         return Err(Error::unusable(
             path,
-            format!("has {faces} faces, fewer than the {wanted} parts asked for"),
+            format!("has {faces} face{}, fewer than the {wanted} parts asked for", if faces == 1 { "" } else { "s" }),
             "choose a smaller -k",
         ));
     }

@@ -2,7 +2,7 @@
 //!
 //! Everything of the size of the mesh happens here once, out of core: shares of area, normals at a radius of the shape,
 //! weights, rows, cells; then the parts are decided on cells, in constant time, as a whole tree of answers, and
-//! one more front moves their boundaries onto creases. Another number of parts needs only the last step.
+//! one more front moves their boundaries onto creases. Another number of parts needs only the last step. More parts than there are cells are pieces of these.
 
 use super::decision::{COARSE, DecisionStage};
 use super::labels::{Clustered, SegmentStats};
@@ -10,9 +10,11 @@ use super::params::{Boundaries, SegmentParams, TinyComponents};
 use super::surface::{Kind, Surface, SurfaceStage, WeightedSurface};
 use crate::base::{Error, Result};
 use crate::cluster::boundary::{self, BoundaryMethod, CellLabels};
+use crate::cluster::cells::CELLS;
 use crate::cluster::contract;
+use crate::cluster::divide::divide;
 use crate::cluster::extrapolate::LocalPartMeans;
-use crate::cluster::parts::{self, PartTree, PartsResult};
+use crate::cluster::parts::{self, PartTree, PartsParams, PartsResult};
 use crate::distance::DistanceRows;
 use crate::graph::DualGraph;
 use crate::graph::WeightedGraph;
@@ -54,9 +56,23 @@ pub(super) fn parts(
         labels = apart(&labels, &shares.share, parts as u32, context)?;
         parts += 1;
     }
+    let wanted = params.parts.count.least();
+    let divided = wanted > result.tree.cells();
+    if divided {
+        let wanted = wanted + usize::from(tiny_components_label.is_some());
+        let pieces = divide(weighted.csr(), &labels, wanted, tiny_components_label, context)?;
+        (labels, parts) = (pieces.labels, pieces.first.last().map_or(0, |end| *end as usize));
+        tiny_components_label = tiny_components_label.map(|label| pieces.first[label as usize]);
+    }
     let quality = confidence(unit_of_node, &decided.confidence, context)?;
     let (faces, area) = totals(graph, &labels, parts, context.run)?;
+    let mut decision = decided.numbers.decision.clone();
+    if let Some(decision) = decision.as_mut().filter(|_| divided) {
+        let total: f64 = area.iter().sum();
+        decision.area = area.iter().map(|area| if total > 0. { area / total } else { 0. }).collect();
+    }
     let numbers = SegmentStats {
+        decision,
         radius: *radius,
         tiny_components: shares.tiny_components,
         tiny_components_label,
@@ -115,7 +131,9 @@ fn decide(
         }
         all.tree = tree.clone();
     }
-    let result = parts::cut(&all, facts.l, facts.seconds, &params.parts)?;
+    // More parts than cells are divided later.
+    let count = params.parts.count.at_most(all.tree.cells());
+    let result = parts::cut(&all, facts.l, facts.seconds, &PartsParams { count, ..params.parts.clone() })?;
     let numbers = SegmentStats { decision: Some(result.report.clone()), ..facts.numbers };
     let (label, confidence) = (result.label.clone(), result.confidence.clone());
     Ok(Decided { label, confidence, unit_of_node, numbers, result })
@@ -173,7 +191,9 @@ fn confidence(unit_of_node: &[u32], confidence: &[f64], context: Context<'_>) ->
 /// Faces and area (in the frame) of each part.
 fn totals(graph: &DualGraph, labels: &[u32], parts: usize, run: &Run) -> Result<(Vec<u64>, Vec<f64>)> {
     let n = labels.len();
-    let chunks = run.map_ranges(n, CHUNK, |range| {
+    // Each chunk has sums for all parts.
+    let chunk = if parts > 2 * CELLS { n } else { CHUNK };
+    let chunks = run.map_ranges(n, chunk, |range| {
         let mut sums = vec![(0u64, 0f64); parts];
         for i in range {
             sums[labels[i] as usize].0 += 1;

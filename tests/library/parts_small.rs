@@ -2,6 +2,7 @@
 
 use nystrom_stream::cluster::parts::{CellGraph, Decision, PartCount, PartTree, PartsParams, PartsResult, parts};
 use nystrom_stream::store::run::Run;
+use nystrom_stream::{Mesh, Segmenter};
 
 const DECISIONS: [Decision; 3] = [Decision::SoftTrees, Decision::Consensus, Decision::Single];
 
@@ -184,4 +185,47 @@ fn a_stored_tree_answers_like_a_fresh_one() {
     }
     let parts: Vec<usize> = [-0.9, -0.4, 0.0, 0.4, 0.9].map(|d| read.cut_detail(d).parts).into();
     assert!(parts.windows(2).all(|w| w[0] <= w[1]), "{parts:?}");
+}
+
+/// Labels of `mesh` in `k` parts, all of which must be there.
+fn in_parts(mesh: &Mesh, k: usize, coarse: bool) -> Vec<u32> {
+    let cut = Segmenter::new().parts(k).coarse(coarse).run(mesh).unwrap();
+    let mut faces = vec![0; k];
+    cut.labels().iter().for_each(|&label| faces[label as usize] += 1);
+    assert!(faces.iter().all(|count| *count > 0) && cut.parts() == k, "{k}: {faces:?}");
+    cut.labels().to_vec()
+}
+
+#[test]
+fn there_are_as_many_parts_as_asked_for_up_to_one_per_face() {
+    let creature = Mesh::creature(4_000).unwrap();
+    let n = creature.faces.len();
+    for k in [1_700, 2_001, 3_000, n] {
+        in_parts(&creature, k, false);
+    }
+    in_parts(&creature, 2_500, true);
+    assert!(Segmenter::new().parts(n + 1).run(&creature).unwrap_err().to_string().contains("fewer than the"));
+}
+
+#[test]
+fn cells_on_three_faces_can_be_four_parts() {
+    // A sheet beside three faces with nearly all of the area: it is a tiny component, without a cell of its own.
+    let mut points: Vec<[f64; 3]> = (0..1600).map(|i| [f64::from(i % 40), f64::from(i / 40), 0.]).collect();
+    points.extend([[0., 0., 9e3], [9e3, 0., 9e3], [9e3, 9e3, 9e3], [0., 9e3, 9e3], [-9e3, 9e3, 9e3]]);
+    let quad = |i: u32| [[i, i + 1, i + 41], [i, i + 41, i + 40]];
+    let mut faces: Vec<[u32; 3]> = (0..1560).filter(|i| i % 40 < 39).flat_map(quad).collect();
+    faces.extend([[1600, 1601, 1602], [1600, 1602, 1603], [1600, 1603, 1604]]);
+    let mesh = Mesh::from_vecs(points, faces).unwrap();
+    for k in [3, 4, 50] {
+        in_parts(&mesh, k, false);
+    }
+}
+
+#[test]
+fn one_face_is_one_part() {
+    let mesh = Mesh::from_slices(&[[0f32, 0., 0.], [1., 0., 0.], [0., 1., 0.]], &[[0, 1, 2]]).unwrap();
+    assert_eq!(Segmenter::new().run(&mesh).unwrap().labels(), [0]);
+    assert_eq!(in_parts(&mesh, 1, false), [0]);
+    let error = Segmenter::new().parts(2).run(&mesh).unwrap_err();
+    assert_eq!(error.to_string(), "<arrays>: has 1 face, fewer than the 2 parts asked for; choose a smaller -k");
 }

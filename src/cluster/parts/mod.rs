@@ -128,6 +128,25 @@ pub struct PartsReport {
     pub seconds: f64,
 }
 
+impl PartCount {
+    /// The least number that is asked for.
+    pub fn least(self) -> usize {
+        match self {
+            Self::Found => 1,
+            Self::Exactly(k) | Self::Between(k, _) => k,
+        }
+    }
+
+    /// The same, but for no more than `most` parts.
+    pub fn at_most(self, most: usize) -> Self {
+        match self {
+            Self::Found => Self::Found,
+            Self::Exactly(k) => Self::Exactly(k.min(most)),
+            Self::Between(a, b) => Self::Between(a.min(most), b.min(most)),
+        }
+    }
+}
+
 impl PartTree {
     /// The cut that some options ask for.
     ///
@@ -183,7 +202,7 @@ pub fn parts(cells: &CellGraph, rows: &[f64], l: usize, params: &PartsParams, ru
 /// All answers at once, and the seconds that took: of `params` the number of parts and the detail do not matter.
 ///
 /// # Errors
-/// As [`parts`].
+/// As [`parts`], but for the number of parts.
 pub fn decide(
     cells: &CellGraph,
     rows: &[f64],
@@ -243,11 +262,6 @@ fn checked(cells: &CellGraph, rows: &[f64], l: usize, params: &PartsParams) -> R
     if n == 0 || l == 0 || l.checked_mul(n) != Some(rows.len()) {
         let problem = format!("{} distances are not {l} rows of {n} cells", rows.len());
         return Err(Error::parameter("rows", problem, "pass at least one row and one cell, all rows whole"));
-    }
-    let most = if let PartCount::Exactly(k) | PartCount::Between(k, _) = params.count { k } else { 1 };
-    if most > n || params.count == PartCount::Exactly(0) {
-        let problem = format!("{most} parts cannot be made of {n} cells");
-        return Err(Error::parameter("parts", problem, format!("ask for 1 to {n}")));
     }
     if !(-1.0..=1.0).contains(&params.detail) {
         let problem = format!("{} is not within −1 to 1", params.detail);
