@@ -34,6 +34,8 @@ pub struct GraphFacts {
     pub welded_edges: u64,
     /// Faces without area or with a coordinate that is no number.
     pub degenerate_faces: u64,
+    /// Vertices far outside of the rest, which are taken to lie amid their neighbours.
+    pub stray_vertices: u64,
     /// Faces whose normals were turned, because their winding contradicts their component's or points inwards.
     pub turned_faces: u64,
     /// Edges between faces that no turning makes agree (Möbius strips, some non-manifold edges).
@@ -69,7 +71,8 @@ const FILES: [&str; 5] =
 
 impl DualGraph {
     /// Builds the graph of `mesh` (from the file `path`, whose identity is `input`) in `work`, or
-    /// opens it where that was done before.
+    /// opens it where that was done before. Stray vertices count as they lie; [`crate::graph::Ordered`] moves them
+    /// beforehand.
     ///
     /// # Errors
     /// [`Error::Unusable`] for more than 2³² − 1 corners, [`Error::Io`], [`Error::Memory`],
@@ -127,6 +130,7 @@ impl DualGraph {
             nonmanifold_edges: counts.nonmanifold,
             welded_edges: counts.welded,
             degenerate_faces: sums.degenerate,
+            stray_vertices: mesh.strays() as u64,
             turned_faces: orientation.turned,
             unoriented_edges: orientation.unsatisfied / 2,
             components: components.list.len() as u64,
@@ -209,7 +213,7 @@ pub(crate) struct GraphStage<'a> {
 
 impl Stage for GraphStage<'_> {
     const NAME: &'static str = "graph";
-    const VERSION: u32 = 1;
+    const VERSION: u32 = 2;
     type Facts = GraphFacts;
     type Output = DualGraph;
 

@@ -239,7 +239,7 @@ struct VertexGraphStage<'a> {
 
 impl Stage for VertexGraphStage<'_> {
     const NAME: &'static str = "vertex graph";
-    const VERSION: u32 = 1;
+    const VERSION: u32 = 2;
     type Facts = (VertexFacts, Frame);
     type Output = (VertexGraph, String);
 

@@ -27,6 +27,8 @@ pub struct Positions {
     at: [usize; 3],
     double: bool,
     len: usize,
+    /// Positions in the place of those in the bytes, ascending by vertex; see [`super::strays`].
+    repairs: Option<Arc<[(u32, [f64; 3])]>>,
 }
 
 impl Positions {
@@ -54,7 +56,7 @@ impl Positions {
                 "write the file again",
             ));
         }
-        Ok(Self { bytes, offset, stride, at, double, len })
+        Ok(Self { bytes, offset, stride, at, double, len, repairs: None })
     }
 
     /// Number of vertices.
@@ -76,6 +78,11 @@ impl Positions {
     /// registers: through memory a pass over all corners takes half as long again.
     #[inline(always)]
     pub fn get(&self, v: u32) -> [f64; 3] {
+        if let Some(repairs) = &self.repairs
+            && let Some(position) = repaired(repairs, v)
+        {
+            return position;
+        }
         let start = self.offset + v as usize * self.stride;
         let Some(record) = self.bytes.get(start..start + self.stride).filter(|_| (v as usize) < self.len) else {
             return [f64::NAN; 3];
@@ -90,6 +97,13 @@ impl Positions {
             [get(x), get(y), get(z)]
         }
     }
+}
+
+/// Out of line: few meshes have any.
+#[cold]
+#[inline(never)]
+fn repaired(repairs: &[(u32, [f64; 3])], v: u32) -> Option<[f64; 3]> {
+    repairs.binary_search_by_key(&v, |repair| repair.0).ok().map(|k| repairs[k].1)
 }
 
 #[inline(always)]
@@ -248,6 +262,8 @@ pub struct Mesh {
     /// Faces, in the order of the file or of the array.
     pub faces: Faces,
     source: Arc<Source>,
+    /// Vertices that do not lie where the file or the array has them.
+    strays: usize,
     /// The folder that decoded arrays lie in, where nobody else keeps it. Dropped last.
     pub(super) _scratch: Option<Arc<TempDir>>,
 }
@@ -278,7 +294,34 @@ impl Mesh {
         document: Option<Document>,
         notes: Vec<String>,
     ) -> Self {
-        Self { positions, faces, source: Arc::new(Source { path, document, notes }), _scratch: None }
+        Self { positions, faces, source: Arc::new(Source { path, document, notes }), strays: 0, _scratch: None }
+    }
+
+    /// The same mesh with `repairs`, ascending by vertex, in the place of the positions of strays.
+    pub(super) fn repaired(mut self, repairs: Vec<(u32, [f64; 3])>) -> Self {
+        self.strays = repairs.len();
+        self.positions.repairs = (!repairs.is_empty()).then(|| repairs.into());
+        self
+    }
+
+    /// The same mesh in another order: `positions` and `faces` are its own, sorted.
+    pub fn with_arrays(&self, positions: Positions, faces: Faces) -> Self {
+        Self { strays: self.strays, ..Self::new(self.path(), positions, faces) }
+    }
+
+    /// Number of vertices that [`Mesh::without_strays`] moved; 0 of a mesh as it was opened.
+    pub fn strays(&self) -> usize {
+        self.strays
+    }
+
+    /// What to tell about [`Mesh::strays`].
+    pub(crate) fn strays_note(&self) -> String {
+        let (path, far) =
+            (self.path().display(), "far outside of the rest: the mean of the neighbours is used instead");
+        match self.strays {
+            1 => format!("{path}: 1 vertex lies {far}"),
+            strays => format!("{path}: {strays} vertices lie {far}"),
+        }
     }
 
     /// The path as the user gave it (`<stdin>` or the like for a stream, `<arrays>` without a file).

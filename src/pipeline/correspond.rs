@@ -131,10 +131,13 @@ impl<'a> Side<'a> {
         let work = WorkDir::open(&context.work.file(name))?;
         let context = Context::new(&work, context.run);
         let n = opened.positions.len() as u64;
-        let path = opened.path();
+        let (path, mesh) = (opened.path(), opened.without_strays(context.run)?);
+        if mesh.strays() > 0 {
+            context.run.progress.note(&mesh.strays_note());
+        }
         let build = || match input {
-            Some(input) => VertexGraph::kept(opened, path, input, context),
-            None => Ok((VertexGraph::build(opened, path, context)?, String::new())),
+            Some(input) => VertexGraph::kept(&mesh, path, input, context),
+            None => Ok((VertexGraph::build(&mesh, path, context)?, String::new())),
         };
         let ((graph, key), _) = context.run.stage("graph", "vertices", n, build)?;
         let surface = Surface::of(&graph);
@@ -151,7 +154,7 @@ impl<'a> Side<'a> {
         let embed = || {
             let fit = OrthogonalEmbedding::fit(&rows, &graph.nodes, params.embedding, context.run)?;
             let points = fit.embed(&rows, fit.sigma, "embedding.npy", context)?;
-            let tensor = Tensor::of(opened, &points, fit.dimensions, context.run)?;
+            let tensor = Tensor::of(&mesh, &points, fit.dimensions, context.run)?;
             Ok((fit, points, tensor))
         };
         let ((fit, points, tensor), _) = context.run.stage("embedding", "vertices", n, embed)?;

@@ -73,6 +73,8 @@ pub struct Input {
     pub nonmanifold_edges: u64,
     /// Faces without area or with a coordinate that is no number.
     pub degenerate_faces: u64,
+    /// Vertices far outside of the rest, taken to lie amid their neighbours.
+    pub stray_vertices: u64,
     /// Faces treated as wound the other way: against their component, or inwards.
     pub turned_faces: u64,
     /// Edges where no consistent winding exists.
@@ -140,6 +142,7 @@ impl Report {
                 boundary_edges: graph.boundary_edges,
                 nonmanifold_edges: graph.nonmanifold_edges,
                 degenerate_faces: graph.degenerate_faces,
+                stray_vertices: graph.stray_vertices,
                 turned_faces: graph.turned_faces,
                 unoriented_edges: graph.unoriented_edges,
                 far_steps: result.order.far_steps,

@@ -21,5 +21,6 @@ mod ply_labelled;
 mod ply_mutations;
 mod ply_speed;
 mod scale_order;
+mod strays;
 mod study;
 mod transfer;

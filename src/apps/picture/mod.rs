@@ -55,6 +55,7 @@ pub fn render(
     run: &Run,
 ) -> Result<Image> {
     params.check()?;
+    let mesh = &mesh.without_strays(run)?;
     if let Some(labels) = labels.filter(|labels| labels.len() != mesh.faces.len()) {
         let problem = format!("{} for {} faces", labels.len(), mesh.faces.len());
         return Err(Error::parameter("labels", problem, "give one for every face of the mesh"));
@@ -97,6 +98,7 @@ pub fn render(
 /// # Errors
 /// [`Error::Parameter`] where no face has a place in space; [`Error::Cancelled`].
 pub fn best_view(mesh: &Mesh, labels: Option<&[u32]>, parts: usize, run: &Run) -> Result<[[f64; 3]; 3]> {
+    let mesh = &mesh.without_strays(run)?;
     let found =
         frames(mesh, labels, parts.min(TOLD_APART), &PictureParams { views: 1, ..PictureParams::default() }, run)?;
     Ok([found[0].right, found[0].up, found[0].toward])

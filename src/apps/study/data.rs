@@ -95,14 +95,14 @@ impl StudyData {
     /// # Errors
     /// As [`DualGraph::build`].
     pub fn of(opened: &Mesh, identity: &serde_json::Value, params: StudyParams, context: Context<'_>) -> Result<Self> {
-        let path = opened.path();
+        let (path, mesh) = (opened.path(), &opened.without_strays(context.run)?);
         let (graph, nodes) = match params.over {
             Over::Faces => {
-                let built = DualGraph::build(opened, path, identity, context)?;
+                let built = DualGraph::build(mesh, path, identity, context)?;
                 (Graph::Faces(built.weighted(params.metric, context)?), built.nodes)
             }
             Over::Vertices => {
-                let built = VertexGraph::build(opened, path, context)?;
+                let built = VertexGraph::build(mesh, path, context)?;
                 let nodes = built.nodes.clone();
                 (Graph::Vertices(built), nodes)
             }

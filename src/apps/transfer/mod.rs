@@ -137,6 +137,7 @@ fn is_turned(from: &Mesh, to: &Mesh, frame: &UnitFrame) -> bool {
 pub fn transfer(from: &Mesh, labels: &[u32], to: &Mesh, context: Context<'_>) -> Result<Transferred> {
     super::export::fit(from, &Labelling { labels, colours: &[], quality: None })?;
     let (m, n) = (from.faces.len(), to.faces.len());
+    let (from, to) = (&from.without_strays(context.run)?, &to.without_strays(context.run)?);
     let frame = UnitFrame::of(from, context.run)?;
     let (fine, coarse) = (mean_edge(from, &frame, context.run)?, mean_edge(to, &frame, context.run)?);
     let points = if coarse > 1.5 * fine { 4 } else { 1 };

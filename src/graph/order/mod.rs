@@ -169,12 +169,17 @@ pub struct Ordered {
 }
 
 impl Ordered {
-    /// Puts `mesh`, whose identity is `input`, in `order`, or opens what an earlier run left in `work`.
+    /// Puts `mesh`, whose identity is `input`, in `order`, or opens what an earlier run left in `work`. Stray vertices are
+    /// moved to their neighbours first ([`Mesh::without_strays`]), which is told.
     ///
     /// # Errors
     /// [`crate::base::Error::Io`], [`crate::base::Error::Memory`], [`crate::base::Error::Cancelled`].
     pub fn build(mesh: &Mesh, order: Order, input: &Value, context: Context<'_>) -> Result<Self> {
         let n = mesh.faces.len();
+        let mesh = &mesh.without_strays(context.run)?;
+        if mesh.strays() > 0 {
+            context.run.progress.note(&mesh.strays_note());
+        }
         let kept = |Locality { far_steps, stretch }| Self {
             mesh: mesh.clone(),
             order: None,
@@ -197,7 +202,7 @@ impl Ordered {
         let (vertices, faces) = (mesh.positions.len(), mesh.faces.len());
         let positions = vertex_sort::open(work, mesh.positions.is_double(), vertices)?;
         Ok(Self {
-            mesh: Mesh::new(mesh.path(), positions, face_sort::open(&mesh.faces, vertices, work)?),
+            mesh: mesh.with_arrays(positions, face_sort::open(&mesh.faces, vertices, work)?),
             order: Some(work.indices(ORDER, faces, faces)?),
             facts,
             identity: json!({"stage": OrderStage::NAME, "key": key}),
@@ -239,7 +244,7 @@ pub(crate) struct OrderStage<'a> {
 
 impl Stage for OrderStage<'_> {
     const NAME: &'static str = "order";
-    const VERSION: u32 = 1;
+    const VERSION: u32 = 2;
     type Facts = OrderFacts;
     type Output = Ordered;
 

@@ -1,0 +1,121 @@
+//! Stray vertices: however far one vertex or ten lie outside, the results are those of the mesh with these vertices amid
+//! their neighbours, byte for byte.
+
+use super::common;
+use nystrom_stream::pipeline::Cluster;
+use nystrom_stream::store::Run;
+use nystrom_stream::{Mesh, Segmenter, Sequencer};
+use std::collections::BTreeSet;
+
+type Arrays = (Vec<[f64; 3]>, Vec<[u32; 3]>);
+
+fn arrays(mesh: &Mesh) -> Arrays {
+    let points = (0..mesh.positions.len() as u32).map(|v| mesh.positions.get(v)).collect();
+    let face = |f| mesh.faces.with(f, |corners| corners.to_vec().try_into().expect("a triangle"));
+    (points, (0..mesh.faces.len()).map(face).collect())
+}
+
+/// `count` vertices, no two of them with a common neighbour.
+fn apart((points, faces): &Arrays, count: usize) -> Vec<u32> {
+    let mut taken: BTreeSet<u32> = BTreeSet::new();
+    let mut chosen = Vec::new();
+    for k in 0.. {
+        let v = (977 * (k + 1) % points.len()) as u32;
+        let ring: BTreeSet<u32> = faces.iter().filter(|face| face.contains(&v)).flatten().copied().collect();
+        if !ring.is_empty() && ring.iter().all(|w| !taken.contains(w)) {
+            taken.extend(ring);
+            chosen.push(v);
+        }
+        if chosen.len() == count {
+            break;
+        }
+    }
+    chosen
+}
+
+/// The mesh with `vertices` at `distance` diagonals from its middle, each in a direction of its own.
+fn with_strays((points, faces): &Arrays, vertices: &[u32], distance: f64) -> Mesh {
+    let bound = |axis: usize, pick: fn(f64, f64) -> f64| points.iter().map(|p| p[axis]).reduce(pick).unwrap();
+    let box_of = [0, 1, 2].map(|axis| (bound(axis, f64::min), bound(axis, f64::max)));
+    let diagonal = box_of.iter().map(|(low, high)| (high - low).powi(2)).sum::<f64>().sqrt();
+    let mut points = points.clone();
+    for (k, &v) in vertices.iter().enumerate() {
+        let (turn, rise) = (2.4 * k as f64, (k as f64 + 0.5) / vertices.len() as f64 * 2. - 1.);
+        let flat = (1. - rise * rise).sqrt();
+        let direction = [flat * turn.cos(), flat * turn.sin(), rise];
+        points[v as usize] =
+            [0, 1, 2].map(|axis| (box_of[axis].0 + box_of[axis].1) / 2. + distance * diagonal * direction[axis]);
+    }
+    Mesh::from_vecs(points, faces.clone()).unwrap()
+}
+
+/// The mesh with `vertices` at the mean of their neighbours.
+fn amid((points, faces): &Arrays, vertices: &[u32]) -> Mesh {
+    let mut points = points.clone();
+    for &v in vertices {
+        let beside: BTreeSet<u32> =
+            faces.iter().filter(|face| face.contains(&v)).flatten().copied().filter(|&w| w != v).collect();
+        let sum = beside.iter().fold([0.; 3], |sum, &w| [0, 1, 2].map(|axis| sum[axis] + points[w as usize][axis]));
+        points[v as usize] = sum.map(|x| x / beside.len() as f64);
+    }
+    Mesh::from_vecs(points, faces.clone()).unwrap()
+}
+
+fn same_at_any_distance(mesh: &Arrays, segmenter: &Segmenter, name: &str) {
+    for count in [1, 10] {
+        let vertices = apart(mesh, count);
+        let expected = segmenter.run(&amid(mesh, &vertices)).unwrap();
+        assert_eq!(expected.report().input.stray_vertices, 0);
+        for distance in [10., 100., 1e4, 1e10, 1e30] {
+            let found = segmenter.run(&with_strays(mesh, &vertices, distance)).unwrap();
+            assert_eq!(found.report().input.stray_vertices, count as u64, "{name}, {count} at {distance}");
+            assert!(found.labels() == expected.labels(), "{name}: {count} vertices {distance} diagonals away");
+        }
+    }
+}
+
+#[test]
+fn labels_do_not_depend_on_where_strays_are() {
+    let mesh = arrays(&Mesh::creature(12_700).unwrap());
+    same_at_any_distance(&mesh, &Segmenter::new(), "default");
+    same_at_any_distance(&mesh, &Segmenter::new().method(Cluster::KMeans).parts(6), "K-means");
+}
+
+#[test]
+fn previews_and_sorted_meshes_neither() {
+    let mesh = arrays(&Mesh::creature(32_000).unwrap());
+    let coarse = Segmenter::new().coarse(true).order(nystrom_stream::graph::Order::Hilbert);
+    same_at_any_distance(&mesh, &coarse, "preview");
+}
+
+#[test]
+fn orders_neither() {
+    let mesh = arrays(&Mesh::creature(12_700).unwrap());
+    let vertices = apart(&mesh, 10);
+    let expected = Sequencer::new().run(&amid(&mesh, &vertices)).unwrap();
+    for distance in [10., 1e4, 1e30] {
+        let found = Sequencer::new().run(&with_strays(&mesh, &vertices, distance)).unwrap();
+        assert!(found.places() == expected.places(), "{distance}");
+    }
+}
+
+#[test]
+fn models_and_scans_neither() {
+    let Some(data) = common::data() else { return };
+    for name in ["psb/126.ply", "real/horse_paper_39698.ply"] {
+        let mesh = arrays(&Mesh::open(data.join(name)).unwrap());
+        same_at_any_distance(&mesh, &Segmenter::new(), name);
+    }
+}
+
+#[test]
+fn outputs_keep_the_positions_of_the_file() {
+    let mesh = arrays(&Mesh::creature(4_000).unwrap());
+    let strays = with_strays(&mesh, &apart(&mesh, 2), 1e6);
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("labelled.ply");
+    Segmenter::new().run(&strays).unwrap().save(&path).unwrap();
+    let again = Mesh::open(&path).unwrap();
+    assert!((0..strays.positions.len() as u32).all(|v| again.positions.get(v) == strays.positions.get(v)));
+    assert_eq!(again.without_strays(&Run::new(&())).unwrap().strays(), 2);
+}
