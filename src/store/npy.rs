@@ -116,14 +116,15 @@ enum Place {
     Memory(Arc<InMemoryArrays>),
 }
 
-/// Hands the array for `path` over to `arrays`, and gives its first `len` items.
+/// Hands the array for `path` over to `arrays`, and gives its first `len` items; an array without items has no memory, but
+/// is there.
 pub(super) fn hand_over<T: Item>(
     path: &Path,
     arrays: &InMemoryArrays,
     bytes: Option<MappedBytes>,
     len: usize,
 ) -> Result<MappedSlice<T>> {
-    let Some(bytes) = bytes else { return Ok(MappedSlice::empty()) };
+    let bytes = bytes.unwrap_or_else(|| Vec::<u64>::new().into());
     arrays.keep(&path.file_name().unwrap_or_default().to_string_lossy(), bytes.clone(), len * size_of::<T>());
     bytes.slice(path, 0, len)
 }
