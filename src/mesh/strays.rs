@@ -102,15 +102,15 @@ impl Core {
     }
 
     /// How far outside `p` lies, in diagonals; NaN, which is not far, where it is no place.
-    #[inline(always)]
     fn distance(&self, p: [f64; 3]) -> f64 {
         let outside = |axis: usize| (self.low[axis] - p[axis]).max(p[axis] - self.high[axis]);
         outside(0).max(outside(1)).max(outside(2)) / self.diagonal
     }
 
-    #[inline(always)]
-    fn is_far(&self, p: [f64; 3]) -> bool {
-        finite(p) && self.distance(p) >= NEAR
+    /// The box beyond which a vertex is [`NEAR`] diagonals and more outside.
+    fn reach(&self) -> [[f64; 3]; 2] {
+        let out = NEAR * self.diagonal;
+        [self.low.map(|x| x - out), self.high.map(|x| x + out)]
     }
 }
 
@@ -124,10 +124,17 @@ fn find(mesh: &Mesh, run: &Run) -> Result<Repairs> {
     let positions = &mesh.positions;
     let few = MOST.min(positions.len() / RARE);
     let Some(core) = Core::of(positions).filter(|_| few > 0) else { return Ok(Vec::new()) };
+    let [low, high] = core.reach();
     // Too many are not kept: which ones they are does not matter then.
     let count = AtomicUsize::new(0);
     let outside = |range: Range<usize>| {
-        let far = range.map(|v| v as u32).filter(|&v| core.is_far(positions.get(v)));
+        // Nearly always there are none: no branch for each, and no branch for each axis.
+        let is_out = |p: [f64; 3]| (0..3).fold(false, |out, axis| out | (p[axis] < low[axis]) | (p[axis] > high[axis]));
+        if !range.clone().fold(false, |out, v| out | is_out(positions.get(v as u32))) {
+            return Ok(Vec::new());
+        }
+        let is_far = |p: [f64; 3]| finite(p) && is_out(p);
+        let far = range.map(|v| v as u32).filter(|&v| is_far(positions.get(v)));
         Ok(far.take_while(|_| count.fetch_add(1, Relaxed) < few).collect::<Vec<u32>>())
     };
     let candidates = run.map_ranges(positions.len(), CHUNK, outside)?.concat();
