@@ -86,10 +86,13 @@ impl PlyArgs {
     /// Refuses options that none of `outputs` would follow.
     pub fn check(self, outputs: &[Output]) -> Result<(), CliError> {
         let is_ply = |output: &Output| matches!(output, Output::Ply(_) | Output::Stdout);
-        if self.vertex_labels && !outputs.is_empty() && !outputs.iter().any(is_ply) {
-            return Err(CliError::Usage("--vertex-labels goes with a .ply output".into()));
+        let given = [(self.vertex_labels, "--vertex-labels"), (self.ply_form != PlyForm::Same, "--ply-form")];
+        match given.into_iter().find(|(given, _)| *given) {
+            Some((_, option)) if !outputs.is_empty() && !outputs.iter().any(is_ply) => {
+                Err(CliError::Usage(format!("{option} goes with a .ply output")))
+            }
+            _ => Ok(()),
         }
-        Ok(())
     }
 }
 

@@ -238,7 +238,8 @@ impl Progress for Bars {
                 } else {
                     String::new()
                 };
-                tell(&format!("{stage:16} {seconds:8.3} s  {} {unit}{rate}", human(total as f64)));
+                let amount = if total > 0 { format!("  {} {unit}{rate}", human(total as f64)) } else { String::new() };
+                tell(&format!("{stage:16} {seconds:8.3} s{amount}"));
             }
             _ => {}
         }
@@ -257,6 +258,8 @@ impl Progress for Bars {
             (Style::Json, _) => self.event(json!({"note": text})),
             // Of several meshes, what is reused is not told.
             (_, Some(_)) if text.ends_with(": reused") => {}
+            // Most notes about a file begin with its name.
+            (_, Some((mesh, _))) if text.starts_with(&*printable::line(mesh)) => self.say(text),
             (_, Some((mesh, _))) => self.say(&format!("{}: {text}", printable::line(mesh))),
             (_, None) => self.say(text),
         }

@@ -73,7 +73,7 @@ pub struct SegmentArgs {
 }
 
 /// Refuses combinations of options before any work.
-fn check(args: &SegmentArgs, meshes: &[PathBuf], many: bool) -> Result<(SegmentParams, Vec<Output>), CliError> {
+fn check(args: &SegmentArgs, meshes: &[PathBuf], many: bool) -> Result<SegmentParams, CliError> {
     let params = args.method.params()?;
     check_count(&params)?;
     let misused = |text: &str| Err(CliError::Usage(text.into()));
@@ -104,21 +104,22 @@ fn check(args: &SegmentArgs, meshes: &[PathBuf], many: bool) -> Result<(SegmentP
     if args.json.to_stdout() && args.json_lines.as_deref() == Some(Path::new("-")) {
         return misused("--json and --json-lines cannot both go to standard output; give one of them a file");
     }
-    Ok((params, outputs))
+    Ok(params)
 }
 
 pub fn run(args: &SegmentArgs, app: &AppContext) -> Result<(), CliError> {
     let start = Instant::now();
     // A wrong option is told before a missing folder.
     args.method.params()?;
-    let (mut meshes, many) = meshes(&args.meshes)?;
-    let (params, outputs) = check(args, &meshes, many)?;
+    let (meshes, many) = meshes(&args.meshes)?;
+    let params = check(args, &meshes, many)?;
+    let mut jobs = jobs(meshes, &args.output)?;
     if many {
-        return all(meshes, args, &params, app);
+        return all(jobs, args, &params, app);
     }
     let bars = args.run.bars();
     let run = args.run.run(&bars, app);
-    let job = Job::of(meshes.remove(0), outputs);
+    let job = jobs.remove(0);
     let report = one(&job, args, &params, &bars, &run, app)?;
     args.json.publish(&report)?;
     let written: Vec<String> = job.outputs.iter().map(Output::to_string).collect();
@@ -250,6 +251,9 @@ fn meshes(words: &[PathBuf]) -> Result<(Vec<PathBuf>, bool), CliError> {
                 return Err(Error::unusable(word, "matches no file", "check the pattern").into());
             }
             all.extend(found);
+        } else if !word.exists() && [".json", ".jsonl"].iter().any(|ending| text.ends_with(ending)) {
+            let hint = "is taken for a mesh, and there is no such file; a report is asked for as --json=FILE";
+            return Err(CliError::Usage(format!("{text}: {hint}")));
         } else {
             all.push(word.clone());
         }
@@ -265,9 +269,16 @@ fn jobs(meshes: Vec<PathBuf>, patterns: &[PathBuf]) -> Result<Vec<Job>, CliError
     let mut jobs = Vec::with_capacity(meshes.len());
     for mesh in meshes {
         let stem = Output::stem(&mesh);
+        if mesh.as_os_str() == "-" && patterns.iter().any(|pattern| pattern.to_string_lossy().contains("{}")) {
+            return Err(CliError::Usage("-o: standard input has no name to put for {}; write one".into()));
+        }
+        let itself = mesh.canonicalize().ok();
         let fill = |pattern: &PathBuf| Output::of(Path::new(&pattern.to_string_lossy().replace("{}", &stem)));
         let job = Job::of(mesh, patterns.iter().map(fill).collect::<Result<_, _>>()?);
         for path in job.outputs.iter().filter_map(Output::path) {
+            if itself.is_some() && path.canonicalize().ok() == itself {
+                return Err(CliError::Usage(format!("-o: {} is the mesh itself; name another file", path.display())));
+            }
             if let Some(other) = owner.insert(path.to_path_buf(), job.mesh.clone()) {
                 return Err(CliError::Usage(format!(
                     "-o: {} and {} would both be written to {}",
@@ -283,15 +294,14 @@ fn jobs(meshes: Vec<PathBuf>, patterns: &[PathBuf]) -> Result<Vec<Job>, CliError
 }
 
 /// A row of the table.
-fn row(mesh: &str, faces: &str, parts: &str, gamma: &str, seconds: &str) -> String {
-    format!("{mesh:40} {faces:>10} {parts:>6} {gamma:>10} {seconds:>9}")
+fn row(mesh: &str, faces: &str, parts: &str, seconds: &str) -> String {
+    format!("{mesh:40} {faces:>10} {parts:>6} {seconds:>9}")
 }
 
 /// The row of a mesh that is done.
 fn row_of(mesh: &Path, report: &Report, seconds: f64) -> String {
-    let gamma = if report.gamma > 0. { format!("{:.3e}", report.gamma_per_face) } else { "-".into() };
     let (faces, parts) = (report.input.faces.to_string(), report.parts.len().to_string());
-    row(&mesh.display().to_string(), &faces, &parts, &gamma, &format!("{seconds:.3}"))
+    row(&mesh.display().to_string(), &faces, &parts, &format!("{seconds:.3}"))
 }
 
 /// Where JSON lines go.
@@ -328,15 +338,14 @@ struct Tally {
     stop: Option<Error>,
 }
 
-/// Segments all `meshes`.
-fn all(meshes: Vec<PathBuf>, args: &SegmentArgs, params: &SegmentParams, app: &AppContext) -> Result<(), CliError> {
+/// Segments all meshes.
+fn all(jobs: Vec<Job>, args: &SegmentArgs, params: &SegmentParams, app: &AppContext) -> Result<(), CliError> {
     let start = Instant::now();
-    let jobs = jobs(meshes, &args.output)?;
     let style = args.run.bars().style();
     let bars = BatchBars::new(style, jobs.len() as u64);
     let told = matches!(style, Style::Terminal | Style::Lines);
     if told {
-        bars.complain(&row("mesh", "faces", "parts", "Γ/n", "seconds"));
+        bars.complain(&row("mesh", "faces", "parts", "seconds"));
     }
     let lines = Lines::open(args.json_lines.as_deref())?;
     let tally = Tally { lines, reports: BTreeMap::new(), failed: Vec::new(), skipped: 0, stop: None };

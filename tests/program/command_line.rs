@@ -471,3 +471,25 @@ fn cluster_keeps_the_options_that_are_not_given_again() {
     segment(&mesh, &[&options[..], &["-k", "5", "-o", word(&a)]].concat());
     assert!(std::fs::read(&a).unwrap() == std::fs::read(&b).unwrap(), "the parts of segment with these options");
 }
+
+#[test]
+fn an_output_is_never_the_mesh_itself_and_braces_stand_for_its_name() {
+    let dir = tempfile::tempdir().unwrap();
+    let mesh = zoo::dumbbell().write(dir.path());
+    let before = std::fs::read(&mesh).unwrap();
+    let misused = |words: &[&str], problem: &str| {
+        let output = run(words);
+        assert_eq!(output.status.code(), Some(2), "{words:?}: {}", errors(&output));
+        assert!(errors(&output).contains(problem), "{words:?}: {}", errors(&output));
+    };
+    misused(&["segment", word(&mesh), "-o", word(&mesh)], "is the mesh itself");
+    let roundabout = dir.path().join("../").join(dir.path().file_name().unwrap()).join("dumbbell.ply");
+    misused(&["segment", word(&mesh), "-o", word(&roundabout)], "is the mesh itself");
+    misused(&["segment", word(dir.path()), "-o", word(&dir.path().join("{}.ply"))], "is the mesh itself");
+    assert_eq!(std::fs::read(&mesh).unwrap(), before);
+    misused(&["segment", "-", "-o", "{}.seg"], "standard input has no name");
+    misused(&["segment", word(&mesh), "--ply-form", "ascii", "-o", "x.seg"], "--ply-form goes with a .ply output");
+    misused(&["segment", word(&mesh), "--json", "report.json"], "--json=FILE");
+    segment(&mesh, &["-k", "3", "-q", "-o", word(&dir.path().join("{}.seg"))]);
+    assert_eq!(names(dir.path()), ["dumbbell.ply", "dumbbell.seg"]);
+}
