@@ -314,16 +314,6 @@ impl Mesh {
         self.strays
     }
 
-    /// What to tell about [`Mesh::strays`].
-    pub(crate) fn strays_note(&self) -> String {
-        let (path, far) =
-            (self.path().display(), "far outside of the rest: the mean of the neighbours is used instead");
-        match self.strays {
-            1 => format!("{path}: 1 vertex lies {far}"),
-            strays => format!("{path}: {strays} vertices lie {far}"),
-        }
-    }
-
     /// The path as the user gave it (`<stdin>` or the like for a stream, `<arrays>` without a file).
     pub fn path(&self) -> &Path {
         &self.source.path

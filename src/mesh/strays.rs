@@ -55,6 +55,13 @@ const CHUNK: usize = 1 << 16;
 pub type Repairs = Vec<(u32, [f64; 3])>;
 
 impl Mesh {
+    /// What to tell about [`Mesh::strays`].
+    pub(crate) fn strays_note(&self) -> String {
+        let verb = if self.strays() == 1 { "vertex lies" } else { "vertices lie" };
+        let why = "far outside of the rest: the mean of the neighbours is used instead";
+        format!("{}: {} {verb} {why}", self.path().display(), self.strays())
+    }
+
     /// The same mesh with its stray vertices at the mean of their neighbours; one without a neighbour in space has no
     /// position (NaN). Faces, the document and all other positions are shared.
     ///

@@ -5,7 +5,7 @@
 
 use super::params::SegmentParams;
 use crate::apps::colours;
-use crate::base::{Error, Result};
+use crate::base::Result;
 use crate::cluster::parts::PartsReport;
 use crate::graph::order::OrderFacts;
 use crate::graph::{DualGraph, GraphFacts, NodeOrder};
@@ -126,14 +126,10 @@ impl Labels {
     /// The labels in `work`.
     ///
     /// # Errors
-    /// [`Error::WorkDir`] where there are none.
+    /// [`crate::base::Error::WorkDir`] where there are none.
     pub fn read(work: &WorkDir) -> Result<Self> {
         let remedy = "make them first: nystrom-stream cluster --work-dir …";
-        let stage = work.manifest().stages.remove("labels");
-        let stage = stage.ok_or_else(|| Error::work_dir(work.path(), "holds no labels", remedy))?;
-        let facts = work
-            .reuse::<LabelFacts>("labels", LABELS_VERSION, &stage.key)
-            .map_err(|problem| Error::work_dir(work.path(), format!("labels: {problem}"), remedy))?;
+        let facts = work.recorded::<LabelFacts>("labels", LABELS_VERSION, remedy)?.facts;
         let labels = work.open_array::<u32>("labels.npy")?;
         let labels = work.indices("labels.npy", labels.len(), facts.colours.len())?;
         let quality = work.array_of("quality.npy", labels.len())?;

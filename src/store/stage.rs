@@ -169,12 +169,20 @@ impl WorkDir {
     /// # Errors
     /// [`Error::WorkDir`] where there is none, or its files are gone or damaged, or an older program made it.
     pub fn kept<S: Stage>(&self, remedy: &str) -> Result<Kept<S::Facts>> {
-        let stage = self.manifest().stages.remove(S::NAME);
-        let problem = format!("holds no {}", S::NAME);
-        let stage = stage.ok_or_else(|| Error::work_dir(self.path(), problem, remedy))?;
+        self.recorded(S::NAME, S::VERSION, remedy)
+    }
+
+    /// [`WorkDir::kept`] of a stage by its name. Nothing is forgotten: a file that cannot be read now may be there later, and who
+    /// only reads cannot make it anew.
+    ///
+    /// # Errors
+    /// As [`WorkDir::kept`].
+    pub fn recorded<T: DeserializeOwned>(&self, name: &str, version: u32, remedy: &str) -> Result<Kept<T>> {
+        let stage = self.manifest().stages.remove(name);
+        let stage = stage.ok_or_else(|| Error::work_dir(self.path(), format!("holds no {name}"), remedy))?;
         let facts = self
-            .look_up::<S::Facts>(S::NAME, S::VERSION, &stage.key)
-            .map_err(|problem| Error::work_dir(self.path(), format!("{}: {problem}", S::NAME), remedy))?;
+            .look_up::<T>(name, version, &stage.key)
+            .map_err(|problem| Error::work_dir(self.path(), format!("{name}: {problem}"), remedy))?;
         Ok(Kept { facts, key: stage.key, inputs: stage.inputs })
     }
 
