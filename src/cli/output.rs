@@ -85,7 +85,7 @@ impl PlyArgs {
 
     /// Refuses options that none of `outputs` would follow.
     pub fn check(self, outputs: &[Output]) -> Result<(), CliError> {
-        let is_ply = |output: &Output| matches!(output, Output::Ply(_) | Output::Stdout);
+        let is_ply = |output: &Output| matches!(output, Output::Ply(_) | Output::Folder(_) | Output::Stdout);
         let given = [(self.vertex_labels, "--vertex-labels"), (self.ply_form != PlyForm::Same, "--ply-form")];
         match given.into_iter().find(|(given, _)| *given) {
             Some((_, option)) if !outputs.is_empty() && !outputs.iter().any(is_ply) => {
