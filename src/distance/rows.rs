@@ -199,9 +199,9 @@ impl DistanceRows {
     /// The finished rows of `work`, where there are any, whatever their options.
     pub(super) fn whole(work: &WorkDir) -> Option<Self> {
         let kept = work.kept::<RowsStage<'_>>("").ok()?;
-        let rows = Self::open(kept.facts, 0, kept.key, work).ok()?;
-        let nodes = rows.distances.len().checked_div(rows.len())?;
-        Some(Self { nodes, ..rows })
+        let distances: MappedSlice<f32> = work.open_array("distances.npy").ok()?;
+        let nodes = distances.len().checked_div(kept.facts.rows.len())?;
+        Self::open(kept.facts, nodes, kept.key, work).ok()
     }
 
     /// Computes the rows in `work`, or opens them where that was done.
