@@ -15,6 +15,9 @@ use std::sync::Arc;
 use tempfile::TempDir;
 use xxhash_rust::xxh3::Xxh3;
 
+/// Vertices, ascending, and where they count as lying.
+type Repairs = Arc<[(u32, [f64; 3])]>;
+
 /// Vertex positions at a fixed stride in mapped bytes, `f32` or `f64`, little-endian.
 #[derive(Clone, Debug)]
 pub struct Positions {
@@ -28,7 +31,7 @@ pub struct Positions {
     double: bool,
     len: usize,
     /// Positions in the place of those in the bytes, ascending by vertex; see [`super::strays`].
-    repairs: Option<Arc<[(u32, [f64; 3])]>>,
+    repairs: Option<Repairs>,
 }
 
 impl Positions {
