@@ -75,8 +75,8 @@ impl DualGraph {
     /// beforehand.
     ///
     /// # Errors
-    /// [`Error::Unusable`] for more than 2³² − 1 corners, [`Error::Io`], [`Error::Memory`],
-    /// [`Error::Cancelled`].
+    /// [`crate::base::Error::Unusable`] for more than 2³² − 1 corners, [`crate::base::Error::Io`], [`crate::base::Error::Memory`],
+    /// [`crate::base::Error::Cancelled`].
     ///
     /// ```
     /// use nystrom_stream::graph::{DualGraph, Metric};
@@ -105,7 +105,7 @@ impl DualGraph {
     /// Opens the finished graph of `work`, whatever mesh it is of, and tells the identity of what it was built from.
     ///
     /// # Errors
-    /// [`Error::WorkDir`] where there is none or its files are gone or damaged.
+    /// [`crate::base::Error::WorkDir`] where there is none or its files are gone or damaged.
     pub fn kept(work: &WorkDir) -> Result<(Self, Value)> {
         let kept = work.kept::<GraphStage<'_>>("make it first: nystrom-stream graph MESH --work-dir …")?;
         Ok((Self::open(work, kept.facts, kept.key)?, kept.inputs["input"].clone()))
@@ -170,7 +170,7 @@ impl DualGraph {
     /// Gives up the step lengths, which the weights are made of, in a temporary `work`: 12 B a triangle of disk.
     ///
     /// # Errors
-    /// [`Error::Io`].
+    /// [`crate::base::Error::Io`].
     pub fn release_lengths(&mut self, work: &WorkDir) -> Result<()> {
         if work.is_temporary() {
             self.edges.centroid_distance = MappedSlice::empty();
@@ -182,7 +182,7 @@ impl DualGraph {
     /// The graph as a sparse matrix under `metric`: weights computed, or reused.
     ///
     /// # Errors
-    /// [`Error::Parameter`], [`Error::Io`], [`Error::Cancelled`].
+    /// [`crate::base::Error::Parameter`], [`crate::base::Error::Io`], [`crate::base::Error::Cancelled`].
     pub fn weighted(&self, metric: Metric, context: Context<'_>) -> Result<WeightedGraph> {
         self.weighted_with(metric, None, 0., self.facts.area, context)
     }

@@ -5,6 +5,7 @@
 
 use crate::common::{errors, program, run, word};
 use serde_json::{Value, json};
+use std::f64::consts::PI;
 use std::fmt::Write as _;
 use std::path::{Path, PathBuf};
 use std::process::{Output, Stdio};
@@ -16,7 +17,7 @@ fn mesh(path: &Path, rings: usize, sides: usize) {
     let (mut vertices, mut faces) = (String::new(), Vec::new());
     for body in 0..2usize {
         for (i, j) in (0..=rings).flat_map(|i| (0..sides).map(move |j| (i, j))) {
-            let (a, b) = (3.14 * i as f64 / rings as f64, 6.28 * j as f64 / sides as f64);
+            let (a, b) = (PI * i as f64 / rings as f64, 2. * PI * j as f64 / sides as f64);
             let (x, y) = (3. * body as f64 + a.sin() * b.cos() * (1. + 0.4 * (3. * a).cos()), a.sin() * b.sin());
             let _ = writeln!(vertices, "{x} {y} {}", 1.7 * a.cos());
         }
