@@ -75,8 +75,8 @@ impl DualGraph {
     /// beforehand.
     ///
     /// # Errors
-    /// [`crate::base::Error::Unusable`] for more than 2³² − 1 corners, [`crate::base::Error::Io`], [`crate::base::Error::Memory`],
-    /// [`crate::base::Error::Cancelled`].
+    /// [`crate::base::Error::Unusable`] for more than 2³² − 1 corners, [`crate::base::Error::Io`],
+    /// [`crate::base::Error::Memory`], [`crate::base::Error::Cancelled`].
     ///
     /// ```
     /// use nystrom_stream::graph::{DualGraph, Metric};
