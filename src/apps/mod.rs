@@ -20,4 +20,6 @@ pub mod picture;
 pub mod plots;
 pub mod sequence;
 pub mod study;
+#[cfg(feature = "pictures")]
+mod text;
 pub mod transfer;

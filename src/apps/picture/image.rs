@@ -1,6 +1,7 @@
 //! The finished picture: pixels of one byte per channel, text on them, and the PNG file.
 
 use super::shading::{Pixel, linear, stored};
+use crate::apps::text;
 use crate::base::{Error, Result};
 use crate::mesh::output::by_rename;
 use std::io::BufWriter;
@@ -90,84 +91,19 @@ pub(in crate::apps) fn write_png(path: &Path, size: (u32, u32), colour: png::Col
     })
 }
 
-/// Half a stroke's width in dots.
-const STROKE: f64 = 0.46;
-
-/// Dots of a glyph's side.
-pub(in crate::apps) const SIDE: usize = 8;
-
-/// Rows of a glyph of the built-in font from the top, the leftmost dot in the lowest bit; blank for what the font lacks.
-pub(in crate::apps) fn glyph_rows(c: char) -> [u8; SIDE] {
-    font8x8::legacy::BASIC_LEGACY.get(c as usize).copied().unwrap_or_default()
-}
+/// Pixels of an em per dot of the legend.
+const EM: f64 = 9.5;
 
 /// Pixels that `text` takes at `dot` pixels per dot.
 pub(super) fn text_width(text: &str, dot: f64) -> f64 {
-    text.chars().map(advance).sum::<f64>() * dot
+    text::width(text, EM * dot)
 }
 
-/// Dots from a glyph to the next: its own columns and a gap.
-fn advance(c: char) -> f64 {
-    let columns = glyph_rows(c).into_iter().fold(0, |all, row| all | row);
-    if columns == 0 { 3.0 } else { f64::from(8 - columns.leading_zeros() - columns.trailing_zeros()) + 0.5 }
-}
-
-/// Writes `text` in linear `colour` with its upper left corner at (`x`, `y`).
+/// Writes `text` in linear `colour` with the upper left corner of its capitals at (`x`, `y`).
 pub(super) fn write_text(image: &mut Image, text: &str, x: f64, y: f64, dot: f64, colour: [f32; 3]) {
-    let mut left = x;
-    for c in text.chars() {
-        let rows = glyph_rows(c);
-        let margin = rows.into_iter().fold(0, |all, row| all | row).trailing_zeros();
-        draw_glyph(image, &rows.map(|row| row.checked_shr(margin).unwrap_or(0)), [left, y], dot, colour);
-        left += advance(c) * dot;
-    }
-}
-
-/// First and last dot of each run of lit dots in a row.
-fn runs(row: u8) -> Vec<[f64; 2]> {
-    let lit = |i: usize| i < SIDE && row >> i & 1 == 1;
-    let starts = (0..SIDE).filter(|&i| lit(i) && (i == 0 || !lit(i - 1)));
-    starts.map(|i| [i as f64, (i..SIDE).take_while(|&k| lit(k)).last().unwrap_or(i) as f64]).collect()
-}
-
-/// The glyph's centre lines, in dots. Upright strokes of the font are two dots wide: a run is drawn without half a dot at
-/// either end, and joined to the runs below that it touches, straight down where they overlap, else aslant.
-fn strokes(rows: &[u8; SIDE]) -> Vec<[f64; 4]> {
-    let thin = |[a, b]: [f64; 2]| if a < b { [a + 0.5, b - 0.5] } else { [a, b] };
-    let mut strokes = Vec::new();
-    for (j, &row) in rows.iter().enumerate() {
-        let (y, below) = (j as f64, rows.get(j + 1).copied().unwrap_or(0));
-        for run in runs(row) {
-            let [a, b] = thin(run);
-            strokes.push([a, y, b, y]);
-            for next in runs(below).into_iter().filter(|next| next[0] <= run[1] + 1.0 && run[0] <= next[1] + 1.0) {
-                let [c, d] = thin(next);
-                if c <= b && a <= d {
-                    strokes.extend([a.max(c), b.min(d)].map(|x| [x, y, x, y + 1.0]));
-                } else {
-                    strokes.push(if b < c { [b, y, c, y + 1.0] } else { [a, y, d, y + 1.0] });
-                }
-            }
+    text::draw(text, [x, y + 7. * dot], EM * dot, |x, y, coverage| {
+        if let (Ok(x), Ok(y)) = (x.try_into(), y.try_into()) {
+            image.blend(x, y, [colour[0] * coverage, colour[1] * coverage, colour[2] * coverage, coverage]);
         }
-    }
-    strokes
-}
-
-/// Draws one glyph as strokes with round ends.
-fn draw_glyph(image: &mut Image, rows: &[u8; SIDE], [left, top]: [f64; 2], dot: f64, colour: [f32; 3]) {
-    let strokes = strokes(rows);
-    for y in (top - dot).floor().max(0.0) as usize..(top + 9.0 * dot).ceil().max(0.0) as usize {
-        for x in (left - dot).floor().max(0.0) as usize..(left + 9.0 * dot).ceil().max(0.0) as usize {
-            let (u, v) = ((x as f64 + 0.5 - left) / dot - 0.5, (y as f64 + 0.5 - top) / dot - 0.5);
-            let away = |&[a, b, c, d]: &[f64; 4]| {
-                let length = (c - a) * (c - a) + (d - b) * (d - b);
-                let along =
-                    if length > 0.0 { (((u - a) * (c - a) + (v - b) * (d - b)) / length).clamp(0.0, 1.0) } else { 0.0 };
-                (u - a - along * (c - a)).hypot(v - b - along * (d - b))
-            };
-            let away = strokes.iter().map(away).fold(f64::INFINITY, f64::min);
-            let opacity = ((STROKE - away) * dot + 0.5).clamp(0.0, 1.0) as f32;
-            image.blend(x, y, [colour[0] * opacity, colour[1] * opacity, colour[2] * opacity, opacity]);
-        }
-    }
+    });
 }

@@ -11,6 +11,7 @@ pub(super) mod image;
 mod raster;
 mod shading;
 mod sheet;
+mod vertex_normals;
 mod viewpoint;
 
 pub use sheet::{PictureParams, Up};
@@ -20,8 +21,9 @@ use crate::mesh::Mesh;
 use crate::store::Run;
 use camera::Frame;
 pub use image::Image;
-use shading::{CLAY, VertexNormals, linear};
+use shading::{CLAY, linear};
 use sheet::{Legend, Sheet};
+use vertex_normals::VertexNormals;
 
 /// Vertices at most that get smooth normals; a mesh of more shows faces no larger than a sample.
 const SMOOTH: usize = 3_000_000;

@@ -1,64 +1,15 @@
 //! From what each sample shows to pixels: normals, ambient occlusion, lines, light, and the filter over samples.
 //!
 //! Everything is computed for what is seen only, after drawing. Cost: 4 bytes per sample for normals (twice that while
-//! smoothing), 12 bytes per vertex where vertices get smooth normals, 12 bytes and some 100 ns per pixel for occlusion.
+//! smoothing), 12 bytes and some 100 ns per pixel for occlusion.
 
 use super::camera::{Camera, Vec3};
-use super::raster::{CHUNK, Canvas, Hit, each_triangle, triangles_of};
+use super::raster::{Canvas, Hit, triangles_of};
+use super::vertex_normals::VertexNormals;
 use crate::base::Result;
-use crate::base::parallel::{chunk_count, chunk_range};
-use crate::base::vector::{add_scaled, dot, double_area, minus, unit};
+use crate::base::vector::{add_scaled, double_area, unit};
 use crate::mesh::Mesh;
 use crate::store::Run;
-use std::sync::atomic::{AtomicI32, Ordering};
-
-// Smooth normals at vertices, for meshes whose faces are larger than samples.
-//
-// The faces' normals are added up by the angle they have at the vertex, in integers, so that threads may add in any
-// order and the sum is always the same. 12 bytes per vertex.
-
-/// Steps of a unit normal.
-const STEPS: f64 = 16384.0;
-/// Beyond this cosine between a face and its vertex's normal, the edge is meant to be sharp.
-const SHARP: f64 = 0.65;
-
-/// One normal per vertex, as a sum that has no unit length yet.
-pub(super) struct VertexNormals {
-    sums: Vec<[AtomicI32; 3]>,
-}
-
-impl VertexNormals {
-    /// Adds up the normals of all faces.
-    pub(super) fn of(mesh: &Mesh, run: &Run) -> Result<Self> {
-        let sums: Vec<[AtomicI32; 3]> = (0..mesh.positions.len()).map(|_| Default::default()).collect();
-        let n = mesh.faces.len();
-        let chunk = |k, (): &mut ()| {
-            each_triangle(mesh, chunk_range(n, CHUNK, k), |_, corners, at| {
-                let normal = unit(double_area(at));
-                let edges = [0, 1, 2].map(|k| unit(minus(at[(k + 1) % 3], at[k])));
-                for k in 0..3 {
-                    let cosine = -dot(edges[k], edges[(k + 2) % 3]);
-                    // Near enough to the angle, without its cost.
-                    let weight = (1.0 - cosine) * STEPS;
-                    let Some(sum) = sums.get(corners[k] as usize) else { continue };
-                    for axis in 0..3 {
-                        sum[axis].fetch_add((normal[axis] * weight) as i32, Ordering::Relaxed);
-                    }
-                }
-            });
-            Ok(())
-        };
-        run.map_chunks(chunk_count(n, CHUNK), || (), chunk)?;
-        Ok(Self { sums })
-    }
-
-    /// The normal at a corner of a face whose own unit normal is `face`: the vertex's where the surface is smooth.
-    pub(super) fn at(&self, corner: u32, face: Vec3) -> Vec3 {
-        let Some(sum) = self.sums.get(corner as usize) else { return face };
-        let smooth = unit([0, 1, 2].map(|k| f64::from(sum[k].load(Ordering::Relaxed))));
-        if dot(smooth, face) < SHARP { face } else { smooth }
-    }
-}
 
 // The surface's normal at every sample of a view.
 //
@@ -78,6 +29,14 @@ fn pack(n: Vec3) -> Packed {
     [(n[0] * sign) as i16, (n[1] * sign) as i16]
 }
 
+/// Packs an interpolated normal of a face whose own one is `face`: turned as the face is, and where it points away from the
+/// viewer all the same, as it may near an outline, brought back to what is just seen.
+fn pack_seen(n: Vec3, face: Vec3) -> Packed {
+    let sign = if face[2] < 0.0 { -1.0 } else { 1.0 };
+    let seen = [sign * n[0], sign * n[1], (sign * n[2]).max(0.0)];
+    pack(if seen == [0.0; 3] { face } else { unit(seen) })
+}
+
 /// To the right, up, towards the viewer.
 #[inline]
 pub(super) fn unpack(packed: Packed) -> [f32; 3] {
@@ -88,6 +47,7 @@ pub(super) fn unpack(packed: Packed) -> [f32; 3] {
 /// A triangle of the face last looked at.
 struct Corner {
     at: [Vec3; 3],
+    own: Vec3,
     normals: [Vec3; 3],
 }
 
@@ -113,6 +73,7 @@ pub(super) fn normals(
                     let normals = corners.map(|corner| vertex_normals.map_or(own, |all| all.at(corner, own)));
                     known.push(Corner {
                         at: at.map(|p| camera.project(p)),
+                        own: camera.frame.of(own),
                         normals: normals.map(|n| camera.frame.of(n)),
                     });
                 });
@@ -133,7 +94,7 @@ pub(super) fn normals(
 
 /// The normal at a point of a face's triangles: in the one that holds it best.
 fn interpolate(triangles: &[Corner], x: f64, y: f64) -> Packed {
-    let mut best = (f64::NEG_INFINITY, [0.0; 3]);
+    let mut best = (f64::NEG_INFINITY, [0.0; 3], [0.0; 3]);
     for triangle in triangles {
         let side = |a: Vec3, b: Vec3| (b[0] - a[0]) * (y - a[1]) - (b[1] - a[1]) * (x - a[0]);
         let [a, b, c] = triangle.at;
@@ -149,10 +110,10 @@ fn interpolate(triangles: &[Corner], x: f64, y: f64) -> Packed {
             for (share, normal) in shares.iter().zip(triangle.normals) {
                 sum = add_scaled(sum, share.max(0.0), normal);
             }
-            best = (inside, sum);
+            best = (inside, sum, triangle.own);
         }
     }
-    pack(unit(best.1))
+    pack_seen(best.1, best.2)
 }
 
 /// Means along one axis (samples `step` apart) over samples whose depth is near.

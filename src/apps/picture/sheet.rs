@@ -3,7 +3,8 @@
 use super::camera::{Camera, Extent, Frame, Vec3};
 use super::image::{Image, text_width, write_text};
 use super::raster::Canvas;
-use super::shading::{GREY, Lines, Pixel, VertexNormals, View, linear, normals, openness};
+use super::shading::{GREY, Lines, Pixel, View, linear, normals, openness};
+use super::vertex_normals::VertexNormals;
 use crate::base::{Error, Result};
 use crate::mesh::Mesh;
 use crate::store::Run;

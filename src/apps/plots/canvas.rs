@@ -1,7 +1,8 @@
-//! Something drawn with `plotters`, to the form that a file's ending names; text in a PNG is of a built-in font of 8 × 8
-//! pixels, so that no font of the machine is needed.
+//! Something drawn with `plotters`, to the form that a file's ending names; text in a PNG is of the
+//! [embedded typeface](crate::apps::text), so that no font of the machine is needed.
 
 use crate::apps::picture::image;
+use crate::apps::text;
 use crate::base::{Error, Result, printable};
 use crate::mesh::output::by_rename;
 use plotters::coord::Shift;
@@ -53,10 +54,7 @@ pub(super) fn save(path: &Path, size: (u32, u32), drawing: &impl Drawing) -> Res
     }
 }
 
-/// Pixels of a character's side.
-const SIDE: i32 = image::SIDE as i32;
-
-/// A bitmap whose text is drawn pixel by pixel; what the font lacks stays blank.
+/// A bitmap whose text is drawn pixel by pixel, in the embedded typeface.
 struct PixelText<'a>(BitMapBackend<'a>);
 
 type Done<B> = Result<(), DrawingErrorKind<<B as DrawingBackend>::ErrorType>>;
@@ -87,38 +85,35 @@ impl<'a> DrawingBackend for PixelText<'a> {
     fn estimate_text_size<S: BackendTextStyle>(
         &self,
         text: &str,
-        _: &S,
+        style: &S,
     ) -> Result<(u32, u32), DrawingErrorKind<Self::ErrorType>> {
-        Ok((text.chars().count() as u32 * SIDE as u32, SIDE as u32))
+        Ok((text::width(text, style.size()).ceil() as u32, style.size().ceil() as u32))
     }
 
     fn draw_text<S: BackendTextStyle>(&mut self, text: &str, style: &S, at: BackendCoord) -> Done<Self> {
-        let width = text.chars().count() as i32 * SIDE;
+        let (width, size) = (text::width(text, style.size()), style.size());
         let anchor = style.anchor();
-        let left = at.0
+        let left = f64::from(at.0)
             - match anchor.h_pos {
-                HPos::Left => 0,
-                HPos::Center => width / 2,
+                HPos::Left => 0.,
+                HPos::Center => width / 2.,
                 HPos::Right => width,
             };
-        let top = at.1
-            - match anchor.v_pos {
-                VPos::Top => 0,
-                VPos::Center => SIDE / 2,
-                VPos::Bottom => SIDE,
+        // Of the middle of capitals, which are 0.73 em high.
+        let base = f64::from(at.1)
+            + match anchor.v_pos {
+                VPos::Top => 0.86 * size,
+                VPos::Center => 0.36 * size,
+                VPos::Bottom => -0.14 * size,
             };
-        let (right, bottom) = (self.get_size().0 as i32, self.get_size().1 as i32);
-        for (k, character) in (0..).zip(text.chars()) {
-            let glyph = image::glyph_rows(character);
-            for (row, bits) in (0..).zip(glyph) {
-                for column in 0..SIDE {
-                    let (x, y) = (left + k * SIDE + column, top + row);
-                    if bits >> column & 1 == 1 && (0..right).contains(&x) && (0..bottom).contains(&y) {
-                        self.draw_pixel((x, y), style.color())?;
-                    }
-                }
+        let (right, bottom) = (i64::from(self.get_size().0), i64::from(self.get_size().1));
+        let (colour, mut result) = (style.color(), Ok(()));
+        text::draw(text, [left.round(), base.round()], size, |x, y, coverage| {
+            if coverage > 0. && result.is_ok() && (0..right).contains(&x) && (0..bottom).contains(&y) {
+                let colour = BackendColor { alpha: colour.alpha * f64::from(coverage), ..colour };
+                result = self.draw_pixel((x as i32, y as i32), colour);
             }
-        }
-        Ok(())
+        });
+        result
     }
 }

@@ -231,7 +231,7 @@ impl Drawing for Scatter<'_> {
         let font = || ("sans-serif", 13).into_font().color(&INK);
         let mut chart = ChartBuilder::on(area)
             .margin(10)
-            // Text of the built-in font cannot be turned, so the axis is named here.
+            // Text in a PNG cannot be turned, so the axis is named here.
             .caption(format!("upwards: Gamma, S2 - S1; {}", self.title), font())
             .x_label_area_size(36)
             .y_label_area_size(48)

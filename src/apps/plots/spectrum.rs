@@ -27,7 +27,7 @@ const LEAST: f64 = 1e-9;
 /// ```
 #[derive(Clone, Copy, Debug)]
 pub struct Spectrum<'a> {
-    /// A title; what the built-in font of PNGs lacks stays blank there.
+    /// A title.
     pub title: &'a str,
     /// The eigenvalues, descending.
     pub values: &'a [f64],

@@ -177,7 +177,7 @@ const ACROSS: RGBColor = RGBColor(130, 130, 130);
 /// A dendrogram and its cut.
 #[derive(Clone, Copy, Debug)]
 pub struct TreePlot<'a> {
-    /// A title; what the built-in font of PNGs lacks stays blank there.
+    /// A title.
     pub title: &'a str,
     /// The branches.
     pub plot: &'a Dendrogram,
