@@ -1,6 +1,6 @@
 //! Labels that are there already: judged, carried to another mesh; and the landmarks behind them judged.
 
-use super::mesh::identity;
+use super::mesh::admitted;
 use super::run::{RunOptions, run_options};
 use crate::apps::evaluate::{Evaluator, Scores};
 use crate::apps::study::data::{StudyData, StudyParams};
@@ -140,7 +140,7 @@ impl SamplingQuality {
         let lengths = params.samplings.iter().any(|sampling| sampling.needs_lengths());
         let data = StudyParams { metric: self.metric, matrix: 0, lengths, ..StudyParams::default() };
         self.options.with(|context, _| {
-            let data = StudyData::of(mesh, &identity(mesh, context.work.durable())?, data, context)?;
+            let data = StudyData::of(mesh, &admitted(mesh, self.options.force, context)?, data, context)?;
             compare(&data, &mesh.path().to_string_lossy(), &params, context)
         })
     }

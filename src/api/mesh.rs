@@ -5,7 +5,7 @@ use crate::apps::export::{glb, split};
 use crate::base::{Error, Result};
 use crate::mesh::{Labelling, Mesh, PlyForm, seg, write_labelled};
 use crate::pipeline::input;
-use crate::store::{Run, npy};
+use crate::store::{Context, Run, npy};
 use serde_json::{Value, json};
 use std::ffi::OsStr;
 use std::path::Path;
@@ -72,6 +72,16 @@ impl Mesh {
             }
         }
     }
+}
+
+/// [`identity`] of `mesh` in the work directory of `context`, which is refused where it is of another mesh and not to be made
+/// anew by `force`.
+pub(super) fn admitted(mesh: &Mesh, force: bool, context: Context<'_>) -> Result<Value> {
+    let identity = identity(mesh, context.work.durable())?;
+    if context.work.durable() && !force {
+        input::admit(mesh.path(), &identity, context.work)?;
+    }
+    Ok(identity)
 }
 
 /// What identifies `mesh` in a work directory: of a file what the program goes by, too, else a hash of all that it is

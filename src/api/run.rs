@@ -16,6 +16,7 @@ pub struct RunOptions {
     pub(super) seed: u64,
     pub(super) temporary: Option<PathBuf>,
     pub(super) work_dir: Option<PathBuf>,
+    pub(super) force: bool,
     pub(super) progress: Option<Arc<dyn Progress + Send + Sync>>,
     pub(super) cancel: Cancel,
 }
@@ -57,6 +58,14 @@ macro_rules! run_options {
             #[must_use]
             pub fn work_dir(mut self, folder: impl Into<std::path::PathBuf>) -> Self {
                 self.options.work_dir = Some(folder.into());
+                self
+            }
+
+            /// Lets a work directory that is of another mesh, or of this one as it was before it changed, be made anew for
+            /// this one; by default it is refused with [`Error::WorkDir`](crate::Error::WorkDir).
+            #[must_use]
+            pub fn force(mut self, force: bool) -> Self {
+                self.options.force = force;
                 self
             }
 

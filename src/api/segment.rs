@@ -1,6 +1,6 @@
 //! Cutting a mesh into parts, and what comes out.
 
-use super::mesh::identity;
+use super::mesh::admitted;
 use super::run::{RunOptions, run_options};
 use crate::base::Result;
 use crate::cluster::parts::{Decision, PartCount, PartTree};
@@ -164,7 +164,7 @@ impl Segmenter {
     pub fn run(&self, mesh: &Mesh) -> Result<Segmentation> {
         let params = &self.params;
         self.options.with(|context, seconds| {
-            let cut = pipeline::segment(mesh, &identity(mesh, context.work.durable())?, params, context)?;
+            let cut = pipeline::segment(mesh, &admitted(mesh, self.options.force, context)?, params, context)?;
             let hierarchy = Hierarchy::kept(params, context)?;
             let report = Report::new(mesh, params, &cut, context, seconds.so_far(), None)?;
             let pipeline::Segmentation { labels, quality, colours, .. } = cut;

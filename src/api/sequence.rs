@@ -1,6 +1,6 @@
 //! An order to stream a mesh in, so that a reader holds few vertices at a time.
 
-use super::mesh::identity;
+use super::mesh::admitted;
 use super::run::{RunOptions, run_options};
 use crate::apps::sequence::{SequenceOrder, StreamMeasures};
 use crate::base::Result;
@@ -64,7 +64,7 @@ impl Sequencer {
     /// [`crate::Error::Cancelled`].
     pub fn run(&self, mesh: &Mesh) -> Result<Sequence> {
         self.options.with(|context, _| {
-            let identity = identity(mesh, context.work.durable())?;
+            let identity = admitted(mesh, self.options.force, context)?;
             let sequencer = recipe::Sequencer::new(mesh, &identity, context)?;
             let order = sequencer.sequence(&self.params)?;
             let measures = sequencer.measures(&order)?;

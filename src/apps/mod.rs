@@ -12,6 +12,7 @@ pub mod creature;
 pub mod evaluate;
 pub mod export;
 mod integers;
+pub mod measure;
 #[cfg(feature = "pages")]
 pub mod page;
 #[cfg(feature = "pictures")]

@@ -1,13 +1,17 @@
-//! `info` and `verify`: what a work directory or a mesh file holds, and whether a work directory still does.
+//! `info` and `verify`: what a work directory or a mesh holds and measures, and whether a work directory still does.
 
-use super::options::{AppContext, CliError, RunArgs, WorkDirArgs, either};
-use super::output::JsonArgs;
-use super::progress::{human, tell};
+use super::options::{AppContext, CliError, ForceArgs, RunArgs, WorkDirArgs, either};
+use super::output::{JsonArgs, Significant, folder_of};
+use super::progress::{counted, human, tell};
+use super::stages::read;
+use nystrom_stream::apps::measure::{self, MeshMeasures};
 use nystrom_stream::base::Result;
 use nystrom_stream::base::printable::line;
+use nystrom_stream::mesh::import;
 use nystrom_stream::mesh::ply::header;
 use nystrom_stream::mesh::ply::{Element, Property};
 use nystrom_stream::pipeline::calibrate::size_of_mesh;
+use nystrom_stream::store::json::value as to_json;
 use nystrom_stream::store::verify::verify as check;
 use nystrom_stream::store::workdir::Manifest;
 use nystrom_stream::store::{Context, MappedBytes, Run, WorkDir};
@@ -18,12 +22,15 @@ use std::path::{Path, PathBuf};
 /// Arguments of `info`.
 #[derive(Clone, Debug, clap::Args)]
 pub struct InfoArgs {
-    /// A work directory, or a PLY, OBJ, OFF or STL file, also .gz
+    /// A work directory, or a PLY, OBJ, OFF or STL file, also .gz; `-` reads a mesh from standard input
     #[arg(value_name = "DIR|MESH", required_unless_present = "work_dir", conflicts_with = "work_dir")]
     pub path: Option<PathBuf>,
     /// The work directory
     #[arg(long, value_name = "DIR")]
     pub work_dir: Option<PathBuf>,
+    /// Show what the header of a mesh file tells, and do not read the rest
+    #[arg(long)]
+    pub header: bool,
     #[command(flatten)]
     pub json: JsonArgs,
     #[command(flatten)]
@@ -47,7 +54,7 @@ fn faces(manifest: &Manifest) -> Option<f64> {
 }
 
 /// What the header of a mesh file promises, as text and JSON; whether the rest keeps it shows only when it is read.
-fn mesh(path: &Path) -> Result<(String, Value)> {
+fn header(path: &Path) -> Result<(String, Value)> {
     let size = size_of_mesh(path)?;
     let bytes = MappedBytes::open(path)?;
     // A compressed file, or one that is no PLY, has no header to show.
@@ -58,16 +65,15 @@ fn mesh(path: &Path) -> Result<(String, Value)> {
     let element = |e: &Element| -> Value {
         json!({"name": e.name, "count": e.count, "properties": e.properties.iter().map(property).collect::<Vec<_>>()})
     };
+    let format = encoding.map_or_else(|| import::name(path, &bytes), |encoding| format!("PLY, {encoding}"));
     let all = json!({
-        "mesh": path.display().to_string(), "bytes": bytes.len(), "faces": size.faces, "vertices": size.vertices,
-        "encoding": encoding, "elements": elements.iter().map(element).collect::<Vec<_>>(),
+        "mesh": path.display().to_string(), "bytes": bytes.len(), "format": format, "faces": size.faces,
+        "vertices": size.vertices, "encoding": encoding, "elements": elements.iter().map(element).collect::<Vec<_>>(),
     });
     let (length, per_face) = (human(bytes.len() as f64), bytes.len() as f64 / size.faces as f64);
     let mut text = format!("{}, {length}B, {per_face:.1} B/face\n", line(&path.to_string_lossy()));
     let _ = writeln!(text, "{} faces, {} vertices", size.faces, size.vertices);
-    if let Some(encoding) = encoding {
-        let _ = writeln!(text, "PLY, {encoding}");
-    }
+    let _ = writeln!(text, "{format}");
     for element in &elements {
         let _ = writeln!(text, "{}  {}", line(&element.name), element.count);
         for property in &element.properties {
@@ -77,10 +83,80 @@ fn mesh(path: &Path) -> Result<(String, Value)> {
     Ok((text, all))
 }
 
-pub fn run(args: &InfoArgs) -> std::result::Result<(), CliError> {
+/// The mesh at `path` or on standard input, read and measured, as text and JSON.
+fn mesh(path: &Path, args: &InfoArgs, app: &AppContext) -> Result<(String, Value)> {
+    let run = args.run.run(&(), app);
+    let stdin = path.as_os_str() == "-";
+    let (mut text, mut all) = if stdin { (String::new(), json!({"mesh": "<stdin>"})) } else { header(path)? };
+    if args.header {
+        return Ok((text, all));
+    }
+    let beside = || if stdin { std::env::temp_dir() } else { folder_of(path) };
+    let work = args.run.work(None, beside, &run)?;
+    let context = Context::new(&work, &run);
+    let (opened, _) = read(path, ForceArgs { force: false }, context)?;
+    let measures = measure::mesh(&opened, context)?;
+    if stdin {
+        let _ = writeln!(text, "{} faces, {} vertices", opened.faces.len(), opened.positions.len());
+        (all["faces"], all["vertices"]) = (json!(opened.faces.len()), json!(opened.positions.len()));
+    }
+    text += &measured(&measures);
+    for note in opened.notes() {
+        let _ = writeln!(text, "{note}");
+    }
+    all["measures"] = to_json("the measures", &measures)?;
+    Ok((text, all))
+}
+
+/// Three numbers of a length of `size`, to a ten-thousandth of it.
+fn point(p: [f64; 3], size: f64) -> String {
+    let digits = (4. - size.log10().floor()).clamp(0., 12.) as usize;
+    p.map(|x| format!("{:.digits$}", if x.abs() < 0.5 * 10f64.powi(-(digits as i32)) { 0. } else { x })).join(" ")
+}
+
+/// The lines about what a mesh measures.
+fn measured(m: &MeshMeasures) -> String {
+    let mut rows: Vec<(&str, String)> = Vec::new();
+    let kinds = [(m.triangles, "triangle"), (m.quads, "quad"), (m.polygons, "larger polygon")];
+    let kinds = kinds.iter().filter(|(count, _)| *count > 0).map(|&(count, word)| counted(count as usize, word));
+    rows.push(("faces", kinds.collect::<Vec<_>>().join(", ")));
+    if let Some([low, high]) = m.all.bounds {
+        let size = [0, 1, 2].map(|axis| high[axis] - low[axis]);
+        let widest = size.into_iter().fold(f64::MIN_POSITIVE, f64::max);
+        rows.push(("box", format!("{} to {}", point(low, widest), point(high, widest))));
+        rows.push(("size", point(size, widest)));
+    }
+    rows.push(("area", format!("{:.6}", Significant(m.all.area))));
+    rows.push((
+        "volume",
+        match m.all.volume {
+            Some(volume) if volume < 0. => format!("{:.6}, wound inwards", Significant(-volume)),
+            Some(volume) => format!("{:.6}", Significant(volume)),
+            None if m.all.open_edges > 0 => "none: the surface is open".into(),
+            None => "none: the faces are not wound one way".into(),
+        },
+    ));
+    rows.push(("components", m.components.to_string()));
+    let loops = m.boundary_loops.map_or(", too many to count loops in this memory".into(), |loops| match loops {
+        0 => String::new(),
+        loops => format!(" in {}", counted(loops as usize, "loop")),
+    });
+    rows.push(("open edges", format!("{}{loops}", m.all.open_edges)));
+    rows.push(("non-manifold", counted(m.nonmanifold_edges as usize, "edge")));
+    rows.push(("degenerate", counted(m.degenerate_faces as usize, "face")));
+    let odd = [
+        (m.welded_edges, "welded", "edges at the position of another, as at texture seams"),
+        (m.unoriented_edges, "unoriented", "edges where no winding agrees"),
+        (m.stray_vertices, "strays", "vertices far outside of the rest"),
+    ];
+    rows.extend(odd.iter().filter(|(n, ..)| *n > 0).map(|(n, name, what)| (*name, format!("{n} {what}"))));
+    rows.iter().map(|(name, value)| format!("{name:14}{value}\n")).collect()
+}
+
+pub fn run(args: &InfoArgs, app: &AppContext) -> std::result::Result<(), CliError> {
     let path = either(&args.path, &args.work_dir);
-    if args.path.is_some() && path.is_file() {
-        let (text, all) = mesh(path)?;
+    if args.path.is_some() && (path.is_file() || path.as_os_str() == "-") {
+        let (text, all) = mesh(path, args, app)?;
         return Ok(args.json.publish_or_print(&all, &text)?);
     }
     let manifest = WorkDir::open_existing(path)?.manifest();

@@ -7,6 +7,7 @@ mod demo;
 mod evaluate;
 mod help;
 mod info;
+mod made;
 mod method;
 mod options;
 mod output;
@@ -19,8 +20,8 @@ mod segment;
 mod sequence;
 mod stages;
 mod transfer;
+mod usage;
 
-use clap::error::ErrorKind as Kind;
 use clap::{CommandFactory, Parser, Subcommand};
 use nystrom_stream::base::parallel::catch;
 use nystrom_stream::base::{Cancel, Error};
@@ -61,7 +62,7 @@ enum Command {
     Export(stages::ExportArgs),
     /// Predict memory, disk space and time of a run
     Plan(plan::PlanArgs),
-    /// Show what a work directory or a mesh file holds
+    /// Show what a work directory holds, or what a mesh is and measures
     Info(info::InfoArgs),
     /// Check every file of a work directory against its checksum
     Verify(info::VerifyArgs),
@@ -119,34 +120,13 @@ fn goes_on(dir: &std::path::Path) -> String {
     format!("the same command goes on from {}", dir.display())
 }
 
-/// A refusal by clap as one line in the form of all errors; help and version are left to clap.
-fn usage_error(error: &clap::Error) -> Option<String> {
-    if [Kind::DisplayHelp, Kind::DisplayVersion, Kind::DisplayHelpOnMissingArgumentOrSubcommand].contains(&error.kind())
-    {
-        return None;
-    }
-    let text = error.render().to_string();
-    let mut message = String::new();
-    for line in text.lines().map(str::trim).filter(|line| !line.is_empty()) {
-        if let Some(tip) = line.strip_prefix("tip: ") {
-            message += &format!("; {tip}");
-        } else if !line.starts_with("Usage: ") && !line.starts_with("For more information") {
-            message += if message.is_empty() { "" } else { " " };
-            message += line.strip_prefix("error: ").unwrap_or(line);
-        }
-    }
-    let subcommand = std::env::args().nth(1).filter(|word| Cli::command().find_subcommand(word).is_some());
-    let subcommand = subcommand.map_or(String::new(), |word| word + " ");
-    Some(format!("{message}; see nystrom-stream {subcommand}--help"))
-}
-
 /// Parses the arguments and runs. `peak` tells the most bytes allocated so far.
 pub fn main(peak: fn() -> u64) -> ExitCode {
     nystrom_stream::store::mapped::report_vanishing_files();
     let cli = match Cli::try_parse() {
         Ok(cli) => cli,
         Err(error) => {
-            match usage_error(&error) {
+            match usage::line(&error, |word| Cli::command().find_subcommand(word).is_some()) {
                 Some(text) => progress::tell(&format!("nystrom-stream: {text}")),
                 None => drop(error.print()),
             }
@@ -193,7 +173,7 @@ fn dispatch(command: Command, app: &AppContext) -> Result<(), CliError> {
         Command::Cluster(args) => stages::cluster(&args, app),
         Command::Export(args) => stages::export(&args, app),
         Command::Plan(args) => plan::run(&args, app),
-        Command::Info(args) => info::run(&args),
+        Command::Info(args) => info::run(&args, app),
         Command::Verify(args) => info::verify(&args, app),
         Command::Evaluate(args) => evaluate::run(&args, app),
         Command::Quality(args) => quality::quality(&args, app),

@@ -56,6 +56,14 @@ impl WorkDirArgs {
     }
 }
 
+/// Whether a work directory may change hands.
+#[derive(Clone, Copy, Debug, clap::Args)]
+pub struct ForceArgs {
+    /// Make a work directory that is of another mesh anew for this one
+    #[arg(long, requires = "work_dir")]
+    pub force: bool,
+}
+
 /// Opens (or creates) the work directory at `path`; says so where nothing keeps other processes out.
 pub fn open(path: &Path, run: &Run) -> Result<WorkDir> {
     let work = WorkDir::open(path)?;

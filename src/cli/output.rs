@@ -4,13 +4,14 @@ use super::choices::choice;
 use super::options::CliError;
 use nystrom_stream::apps::export::parquet::{self, Coordinates};
 use nystrom_stream::apps::export::{glb, split};
+use nystrom_stream::apps::measure::{self, Measures};
 use nystrom_stream::apps::page::{Cuts, Page};
 use nystrom_stream::apps::picture::{self, PictureParams};
 use nystrom_stream::base::{Error, Result, printable};
 use nystrom_stream::mesh::ply::labelled::{Labelling, PlyForm, PlyOptions, write_labelled, write_labelled_to};
 use nystrom_stream::mesh::{Document, Mesh, seg};
 use nystrom_stream::pipeline::cuts::KeptCuts;
-use nystrom_stream::store::{Run, json, npy};
+use nystrom_stream::store::{Context, Run, WorkDir, json, npy};
 use serde_json::Value;
 use std::ffi::OsStr;
 use std::io::Write;
@@ -134,6 +135,8 @@ pub enum Output {
     Png(PathBuf),
     /// A table of the faces.
     Parquet(PathBuf),
+    /// A table of the parts.
+    Csv(PathBuf),
     /// A scene with one primitive per part.
     Glb(PathBuf),
     /// A page that shows the mesh.
@@ -168,10 +171,11 @@ impl Output {
             Some("npy") => Ok(Self::Npy(path.into())),
             Some("png") => Ok(Self::Png(path.into())),
             Some("parquet") => Ok(Self::Parquet(path.into())),
+            Some("csv") => Ok(Self::Csv(path.into())),
             Some("glb") => Ok(Self::Glb(path.into())),
             Some("html" | "htm") => Ok(Self::Html(path.into())),
             _ => Err(CliError::Usage(format!(
-                "-o {}: unknown ending; end it with .ply, .seg, .npy, .parquet, .glb, .html or .png, or \
+                "-o {}: unknown ending; end it with .ply, .seg, .npy, .parquet, .csv, .glb, .html or .png, or \
                  with / for a folder with one PLY per part",
                 path.display()
             ))),
@@ -195,7 +199,9 @@ impl Output {
     pub fn path(&self) -> Option<&Path> {
         match self {
             Self::Ply(path) | Self::Seg(path) | Self::Npy(path) | Self::Png(path) => Some(path),
-            Self::Parquet(path) | Self::Glb(path) | Self::Html(path) | Self::Folder(path) => Some(path),
+            Self::Parquet(path) | Self::Csv(path) | Self::Glb(path) | Self::Html(path) | Self::Folder(path) => {
+                Some(path)
+            }
             Self::Stdout => None,
         }
     }
@@ -250,6 +256,10 @@ impl Output {
                 picture::render(mesh, Some(labelling.labels), labelling.colours, &params, run)?.write_png(path)
             }
             Self::Parquet(path) => parquet::write(path, mesh, labelling, *embedding, true, run),
+            Self::Csv(path) => {
+                let measures = measured(mesh, labelling, path, run)?;
+                json::publish(path, measure::table(&measures, labelling.colours).as_bytes())
+            }
             Self::Glb(path) => glb::write(path, mesh, labelling, true, run),
             Self::Html(path) => {
                 let title = mesh.path().file_name().unwrap_or_default().to_string_lossy();
@@ -268,6 +278,28 @@ impl Output {
                 let mut out = std::io::stdout().lock();
                 write_labelled_to(mesh, "<stdout>", &mut out, labelling, *options, run)
             }
+        }
+    }
+}
+
+/// What the parts of `mesh` measure; the graph that tells which faces touch goes beside `path`.
+pub fn measured(mesh: &Mesh, labelling: &Labelling, path: &Path, run: &Run) -> Result<Vec<Measures>> {
+    let work = WorkDir::temporary(&folder_of(path))?.holding(&run.budget);
+    let silent = Run { threads: run.threads, budget: run.budget.clone(), cancel: run.cancel.clone(), ..Run::new(&()) };
+    measure::parts(mesh, labelling.labels, labelling.colours.len(), Context::new(&work, &silent))
+}
+
+/// A number with as many significant digits as the precision says; without an exponent where it is neither huge nor tiny.
+pub struct Significant(pub f64);
+
+impl std::fmt::Display for Significant {
+    fn fmt(&self, f: &mut std::fmt::Formatter) -> std::fmt::Result {
+        let digits = f.precision().unwrap_or(6) as i32;
+        let power = if self.0 == 0. { 0 } else { self.0.abs().log10().floor() as i32 };
+        if (-5..15).contains(&power) {
+            write!(f, "{:.*}", (digits - 1 - power).max(0) as usize, self.0)
+        } else {
+            write!(f, "{:.*e}", (digits - 1).max(0) as usize, self.0)
         }
     }
 }

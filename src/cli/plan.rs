@@ -49,6 +49,10 @@ pub fn check(path: &Path, params: &SegmentParams, context: Context<'_>) -> Resul
 }
 
 pub fn run(args: &PlanArgs, app: &AppContext) -> Result<(), CliError> {
+    if args.mesh.as_os_str() == "-" {
+        let text = "standard input has no size and no header to go by before it is read; name a file";
+        return Err(CliError::Usage(text.into()));
+    }
     let params = args.method.params()?;
     let run = args.run.run(&(), app);
     let size = size_of_mesh(&args.mesh)?;

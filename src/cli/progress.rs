@@ -115,6 +115,11 @@ pub fn human(x: f64) -> String {
     }
 }
 
+/// 1 part, 2 parts.
+pub fn counted(count: usize, word: &str) -> String {
+    format!("{count} {word}{}", if count == 1 { "" } else { "s" })
+}
+
 /// A bar of `total` units (0: unknown) in the look of `template`.
 fn bar(target: ProgressDrawTarget, total: u64, template: &str) -> ProgressBar {
     let bar = ProgressBar::with_draw_target((total > 0).then_some(total), target);

@@ -3,14 +3,16 @@
 //! Many meshes come as files, folders and patterns; jobs take them from one list, and a table grows. Jobs share threads
 //! and memory evenly, so what one mesh gets depends on `--jobs` alone. A mesh that fails is reported, and the rest goes on.
 
+use super::made::Maker;
 use super::method::{MethodArgs, check_count};
-use super::options::{AppContext, CliError, RunArgs};
+use super::options::{AppContext, CliError, ForceArgs, RunArgs};
 use super::output::{ENDINGS, FormArgs, JsonArgs, Output, Results, folder_of};
-use super::progress::{Bars, BatchBars, Style, human, tell};
+use super::progress::{Bars, BatchBars, Style, counted, human, tell};
 use super::stages::{KeptEmbedding, embedding, read};
 use nystrom_stream::base::parallel::catch;
-use nystrom_stream::base::{Error, Result};
+use nystrom_stream::base::{Error, Progress, Result};
 use nystrom_stream::mesh::ply::labelled::Labelling;
+use nystrom_stream::pipeline::input;
 use nystrom_stream::pipeline::report::Report;
 use nystrom_stream::pipeline::{Cluster, SegmentParams, cuts, segment};
 use nystrom_stream::store::json::value as to_json;
@@ -32,7 +34,7 @@ pub struct SegmentArgs {
     /// PLY, OBJ, OFF and STL files, also .gz; folders of them; patterns; `-` reads standard input
     #[arg(required = true, value_name = "MESH")]
     pub meshes: Vec<PathBuf>,
-    /// Output, once or more: .ply, .seg, .npy, .parquet, .glb, .html or .png; a folder, ending in /, for one PLY per part;
+    /// Output, once or more: .ply, .seg, .npy, .parquet, .csv, .glb, .html or .png; a folder, ending in /, for one PLY per part;
     /// `-` for standard output. For several meshes {} stands for the name of the mesh, as in out/{}.seg
     /// [default: MESH.segmented.ply]
     #[arg(short, long, value_name = "OUT")]
@@ -44,6 +46,8 @@ pub struct SegmentArgs {
     /// Keep intermediate results in this folder and reuse them [default: a temporary folder]
     #[arg(long, value_name = "DIR")]
     pub work_dir: Option<PathBuf>,
+    #[command(flatten)]
+    pub force: ForceArgs,
     /// Write one line of JSON per mesh as it is done, to standard output or to FILE
     #[arg(
         long,
@@ -63,7 +67,7 @@ pub struct SegmentArgs {
         help_heading = "Many meshes"
     )]
     pub jobs: u16,
-    /// Skip meshes whose outputs all exist and are newer than the mesh
+    /// Skip meshes whose outputs a batch with the same options has made, after the mesh was last changed
     #[arg(long, help_heading = "Many meshes")]
     pub resume: bool,
     #[command(flatten)]
@@ -124,10 +128,10 @@ pub fn run(args: &SegmentArgs, app: &AppContext) -> Result<(), CliError> {
     args.json.publish(&report)?;
     let written: Vec<String> = job.outputs.iter().map(Output::to_string).collect();
     run.progress.note(&format!(
-        "{} faces in {} part{} in {:.2} s, written to {}",
+        "{} face{} in {} in {:.2} s, written to {}",
         human(report.input.faces as f64),
-        report.parts.len(),
-        if report.parts.len() == 1 { "" } else { "s" },
+        if report.input.faces == 1 { "" } else { "s" },
+        counted(report.parts.len(), "part"),
         start.elapsed().as_secs_f64(),
         written.join(", ")
     ));
@@ -152,10 +156,25 @@ impl Job {
     }
 
     /// Whether all outputs exist and are newer than the mesh.
-    fn is_done(&self) -> bool {
+    fn is_newer(&self) -> bool {
         let changed = |path: PathBuf| std::fs::metadata(path).and_then(|data| data.modified()).ok();
         let Some(mesh) = changed(self.mesh.clone()) else { return false };
         self.outputs.iter().all(|output| output.last_file().and_then(changed).is_some_and(|time| time >= mesh))
+    }
+
+    /// What the outputs are made by; nothing where the mesh cannot be read.
+    fn maker(&self, options: &Value) -> Option<Maker> {
+        Some(Maker::new(&input::identity(&self.mesh).ok()?, options))
+    }
+
+    /// Whether `maker` made all outputs, after the mesh was last changed.
+    fn is_done(&self, maker: Option<&Maker>, progress: &Bars) -> bool {
+        let newer = self.is_newer();
+        let done = newer && maker.is_some_and(|maker| self.outputs.iter().all(|output| maker.made(output)));
+        if newer && !done {
+            progress.note("its outputs are not known to be of these options, and are made anew");
+        }
+        done
     }
 
     /// One line of JSON about the job.
@@ -186,7 +205,7 @@ pub fn one(
     if path.as_os_str() != "-" && !args.run.no_plan {
         super::plan::check(path, params, Context::new(&work, run))?;
     }
-    let (opened, identity) = read(path, Context::new(&work, run))?;
+    let (opened, identity) = read(path, args.force, Context::new(&work, run))?;
     opened.notes().iter().for_each(|note| run.progress.note(note));
     let result = segment(&opened, &identity, params, Context::new(&work, run))?;
     let coordinates = if args.form.embedding_columns {
@@ -293,15 +312,26 @@ fn jobs(meshes: Vec<PathBuf>, patterns: &[PathBuf]) -> Result<Vec<Job>, CliError
     Ok(jobs)
 }
 
-/// A row of the table.
-fn row(mesh: &str, faces: &str, parts: &str, seconds: &str) -> String {
-    format!("{mesh:40} {faces:>10} {parts:>6} {seconds:>9}")
+/// The table: its first column is as wide as the longest name.
+struct Table {
+    width: usize,
 }
 
-/// The row of a mesh that is done.
-fn row_of(mesh: &Path, report: &Report, seconds: f64) -> String {
-    let (faces, parts) = (report.input.faces.to_string(), report.parts.len().to_string());
-    row(&mesh.display().to_string(), &faces, &parts, &format!("{seconds:.3}"))
+impl Table {
+    fn of(jobs: &[Job]) -> Self {
+        let widths = jobs.iter().map(|job| job.mesh.display().to_string().chars().count());
+        Self { width: widths.max().unwrap_or(0).max("mesh".len()) }
+    }
+
+    fn row(&self, mesh: &str, faces: &str, parts: &str, seconds: &str) -> String {
+        format!("{mesh:width$} {faces:>10} {parts:>6} {seconds:>9}", width = self.width)
+    }
+
+    /// The row of a mesh that is done.
+    fn row_of(&self, mesh: &Path, report: &Report, seconds: f64) -> String {
+        let (faces, parts) = (report.input.faces.to_string(), report.parts.len().to_string());
+        self.row(&mesh.display().to_string(), &faces, &parts, &format!("{seconds:.3}"))
+    }
 }
 
 /// Where JSON lines go.
@@ -342,10 +372,15 @@ struct Tally {
 fn all(jobs: Vec<Job>, args: &SegmentArgs, params: &SegmentParams, app: &AppContext) -> Result<(), CliError> {
     let start = Instant::now();
     let style = args.run.bars().style();
+    let options = json!({
+        "params": params, "seed": args.run.seed.unwrap_or(0), "ply_form": format!("{:?}", args.form.ply.ply_form),
+        "vertex_labels": args.form.ply.vertex_labels, "embedding_columns": args.form.embedding_columns,
+    });
     let bars = BatchBars::new(style, jobs.len() as u64);
+    let table = Table::of(&jobs);
     let told = matches!(style, Style::Terminal | Style::Lines);
     if told {
-        bars.complain(&row("mesh", "faces", "parts", "seconds"));
+        bars.complain(&table.row("mesh", "faces", "parts", "seconds"));
     }
     let lines = Lines::open(args.json_lines.as_deref())?;
     let tally = Tally { lines, reports: BTreeMap::new(), failed: Vec::new(), skipped: 0, stop: None };
@@ -365,7 +400,8 @@ fn all(jobs: Vec<Job>, args: &SegmentArgs, params: &SegmentParams, app: &AppCont
                     }
                     let job = &jobs[k];
                     let mine = bars.of_mesh(&job.mesh.display().to_string());
-                    if args.resume && job.is_done() {
+                    let maker = job.maker(&options);
+                    if args.resume && job.is_done(maker.as_ref(), &mine) {
                         lock().skipped += 1;
                         bars.end(&mine, "");
                         continue;
@@ -374,9 +410,21 @@ fn all(jobs: Vec<Job>, args: &SegmentArgs, params: &SegmentParams, app: &AppCont
                     let mut run = args.run.run(&mine, app);
                     (run.threads, run.budget) = (threads, Budget::new(memory));
                     // A panic fails its mesh alone.
-                    let result = catch(|| one(job, args, params, &mine, &run, app)).flatten();
+                    let result = catch(|| {
+                        let known = || {
+                            job.outputs
+                                .iter()
+                                .zip(std::iter::repeat(&maker))
+                                .filter_map(|(o, m)| Some((o, m.as_ref()?)))
+                        };
+                        known().for_each(|(output, maker)| maker.forget(output));
+                        let report = one(job, args, params, &mine, &run, app)?;
+                        known().try_for_each(|(output, maker)| maker.stamp(output))?;
+                        Ok(report)
+                    })
+                    .flatten();
                     let seconds = begin.elapsed().as_secs_f64();
-                    let row = result.as_ref().map_or(String::new(), |report| row_of(&job.mesh, report, seconds));
+                    let row = result.as_ref().map_or(String::new(), |report| table.row_of(&job.mesh, report, seconds));
                     bars.end(&mine, &row);
                     if let Err(error) = &result
                         && !matches!(error, Error::Cancelled)

@@ -1,7 +1,7 @@
 //! `sequence`: an order to stream a mesh in.
 
 use super::choices::choice;
-use super::options::{AppContext, CliError, RunArgs};
+use super::options::{AppContext, CliError, ForceArgs, RunArgs};
 use super::output::{JsonArgs, folder_of, print};
 use super::stages::read;
 use nystrom_stream::apps::picture::{PictureParams, render};
@@ -49,6 +49,8 @@ pub struct SequenceArgs {
     /// Keep intermediate results in this folder and reuse them [default: a temporary folder]
     #[arg(long, value_name = "DIR")]
     pub work_dir: Option<PathBuf>,
+    #[command(flatten)]
+    pub force: ForceArgs,
     #[command(flatten)]
     pub run: RunArgs,
 }
@@ -116,7 +118,7 @@ pub fn run(args: &SequenceArgs, app: &AppContext) -> Result<(), CliError> {
     };
     let beside = || targets.iter().find_map(folder).unwrap_or_else(std::env::temp_dir);
     let work = args.run.work(args.work_dir.as_deref(), beside, &run)?;
-    let (opened, identity) = read(&args.mesh, Context::new(&work, &run))?;
+    let (opened, identity) = read(&args.mesh, args.force, Context::new(&work, &run))?;
     opened.notes().iter().for_each(|note| run.progress.note(note));
     let sequencer = Sequencer::new(&opened, &identity, Context::new(&work, &run))?;
     let landmarks = args.landmarks.map(|l| l as usize);

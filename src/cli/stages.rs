@@ -3,9 +3,9 @@
 //! `graph` needs the mesh; the others find in the work directory which mesh it was, and make what is missing before them.
 
 use super::method::{KernelArgs, MethodArgs, OrderArgs, PartsArgs, check_count};
-use super::options::{AppContext, CliError, RunArgs, WorkDirArgs, misfit, open};
+use super::options::{AppContext, CliError, ForceArgs, RunArgs, WorkDirArgs, misfit, open};
 use super::output::{FormArgs, JsonArgs, Output, Results, print};
-use super::progress::Bars;
+use super::progress::{Bars, counted};
 use nystrom_stream::apps::export::parquet::Coordinates;
 use nystrom_stream::base::Error;
 use nystrom_stream::base::printable::line;
@@ -42,6 +42,8 @@ pub struct GraphArgs {
     #[command(flatten)]
     pub place: Place,
     #[command(flatten)]
+    pub force: ForceArgs,
+    #[command(flatten)]
     pub order: OrderArgs,
     #[command(flatten)]
     pub json: JsonArgs,
@@ -57,6 +59,8 @@ pub struct RowsArgs {
     pub mesh: Option<PathBuf>,
     #[command(flatten)]
     pub place: Place,
+    #[command(flatten)]
+    pub force: ForceArgs,
     /// Compute only the I-th of N shares of the rows, counted from 0; processes may share the work directory
     #[arg(long, value_name = "I/N", value_parser = parse_shard)]
     pub shard: Option<(usize, usize)>,
@@ -139,6 +143,9 @@ pub struct ExportArgs {
     pub run: RunArgs,
 }
 
+/// What standard input is spooled to in a work directory.
+const SPOOLED: &str = "input";
+
 /// Opens a work directory that must be there; the run gets its seed.
 fn reopen<'a>(place: &Place, args: &RunArgs, run: Run<'a>) -> Result<(WorkDir, Record, Run<'a>), CliError> {
     drop(WorkDir::open_existing(&place.work_dir)?);
@@ -154,7 +161,7 @@ pub fn graph(args: &GraphArgs, app: &AppContext) -> Result<(), CliError> {
     let run = args.run.run(&bars, app);
     let params = SegmentParams::default().order(args.order.or(Order::default()));
     let work = open(&args.place.work_dir, &run)?;
-    let (opened, identity) = read(&args.mesh, Context::new(&work, &run))?;
+    let (opened, identity) = read(&args.mesh, args.force, Context::new(&work, &run))?;
     opened.notes().iter().for_each(|note| run.progress.note(note));
     let (_, graph) = input::graph(&opened, &identity, &params, Context::new(&work, &run))?;
     let answer = json!({"mesh": args.mesh, "work_dir": args.place.work_dir, "faces": graph.nodes.len()});
@@ -169,20 +176,41 @@ fn answer_with(json: &JsonArgs, mut told: Value, start: Instant, bars: &Bars) ->
     Ok(json.publish(&told)?)
 }
 
-/// Opens the mesh at `path`, or that on standard input, and tells which it is.
-pub fn read(path: &Path, context: Context<'_>) -> Result<(mesh::Mesh, Value), Error> {
-    let stdin = path.as_os_str() == "-";
-    let open = || {
-        if stdin {
-            mesh::open_reader(std::io::stdin().lock(), "<stdin>", context.work.path(), context.run)
-        } else {
-            mesh::open(path, context.work.path(), context.run)
-        }
-    };
-    let (opened, _) = context.run.stage("read", "bytes", 0, open)?;
-    let identity =
-        if stdin { json!({"stdin": workdir::checksum(&context.work.file("input"))?}) } else { input::identity(path)? };
+/// Opens the mesh at `path`, or that on standard input, and tells which it is. A work directory of another mesh is refused without
+/// `force`, before anything in it changes.
+pub fn read(path: &Path, force: ForceArgs, context: Context<'_>) -> Result<(mesh::Mesh, Value), Error> {
+    let Context { work, run } = context;
+    let lasting = !work.is_temporary() && !force.force;
+    if path.as_os_str() == "-" {
+        return piped(lasting, context);
+    }
+    let identity = input::identity(path)?;
+    if lasting {
+        input::admit(path, &identity, work)?;
+    }
+    let (opened, _) = run.stage("read", "bytes", 0, || mesh::open(path, work.path(), run))?;
     Ok((opened, identity))
+}
+
+/// The mesh on standard input, which is spooled into the work directory. Which mesh it is shows only then, so the one that is
+/// there steps aside until the other is `admitted`.
+fn piped(admitted: bool, context: Context<'_>) -> Result<(mesh::Mesh, Value), Error> {
+    let Context { work, run } = context;
+    let (input, aside) = (work.file(SPOOLED), work.file("input.before.tmp"));
+    let kept = admitted && std::fs::rename(&input, &aside).is_ok();
+    let read = || mesh::open_reader(std::io::stdin().lock(), "<stdin>", work.path(), run);
+    let result = run.stage("read", "bytes", 0, read).map(|(opened, _)| opened).and_then(|opened| {
+        let identity = json!({"stdin": workdir::checksum(&input)?});
+        if admitted {
+            input::admit(Path::new("-"), &identity, work)?;
+        }
+        Ok((opened, identity))
+    });
+    match &result {
+        Err(_) if kept => drop(std::fs::rename(&aside, &input)),
+        _ => work.remove("input.before.tmp"),
+    }
+    result
 }
 
 /// Shard and number of shards from "0/3".
@@ -209,10 +237,10 @@ pub fn rows(args: &RowsArgs, app: &AppContext) -> Result<(), CliError> {
             record.mesh
         }
     };
-    let folder = &args.place.work_dir;
+    let (folder, force) = (&args.place.work_dir, args.force);
     let mut told = json!({"mesh": path, "work_dir": folder});
     if let Some(shard) = args.shard {
-        let open = |work: &WorkDir| read(&path, Context::new(work, &run)).map(|(opened, _)| opened);
+        let open = |work: &WorkDir| read(&path, force, Context::new(work, &run)).map(|(opened, _)| opened);
         let rows = sharding::one(folder, &input::identity(&path)?, &params, shard, open, &run)?;
         (told["shard"], told["rows"]) = (json!([shard.0, shard.1]), rows.into());
         return answer_with(&args.json, told, start, &bars);
@@ -220,9 +248,9 @@ pub fn rows(args: &RowsArgs, app: &AppContext) -> Result<(), CliError> {
     let work = open(folder, &run)?;
     let context = Context::new(&work, &run);
     if args.prepare {
-        sharding::first(&input::identity(&path)?, &params, || Ok(read(&path, context)?.0), context)?;
+        sharding::first(&input::identity(&path)?, &params, || Ok(read(&path, force, context)?.0), context)?;
     } else {
-        let (opened, identity) = read(&path, context)?;
+        let (opened, identity) = read(&path, force, context)?;
         told["rows"] = sharding::all(&opened, &identity, &params, context)?.len().into();
     }
     answer_with(&args.json, told, start, &bars)
@@ -298,7 +326,9 @@ pub fn cluster(args: &ClusterArgs, app: &AppContext) -> Result<(), CliError> {
     if outputs.is_empty() && args.json.json.is_none() && !args.run.quiet {
         let (parts, faces) = (result.numbers.faces.len(), result.labels.len());
         let path = work.file("labels.npy");
-        print(format!("{faces} faces in {parts} parts: {}\n", line(&path.to_string_lossy())).as_bytes())?;
+        let (faces, parts) = (counted(faces, "face"), counted(parts, "part"));
+        let text = format!("{faces} in {parts}, labels in {}; -o OUT writes a mesh\n", line(&path.to_string_lossy()));
+        print(text.as_bytes())?;
     }
     Ok(())
 }

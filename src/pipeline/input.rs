@@ -50,7 +50,33 @@ pub fn identity(path: &Path) -> Result<Value> {
 
 /// Whether two identities are of the same content, wherever it lies and whenever it was copied there.
 pub fn same(a: &Value, b: &Value) -> bool {
-    a["bytes"] == b["bytes"] && a["ends"] == b["ends"]
+    ["bytes", "ends", "stdin", "content"].iter().all(|key| a[key] == b[key])
+}
+
+/// Refuses to work on the mesh at `path`, which `identity` tells, in a work directory that is of another mesh, or of what that file
+/// held before it changed: all that `work` keeps would be made anew, and the other mesh would lose hours of work by a wrong path.
+///
+/// # Errors
+/// [`Error::WorkDir`] with the mesh that `work` is of.
+pub fn admit(path: &Path, identity: &Value, work: &WorkDir) -> Result<()> {
+    // What is no record of anything protects nothing: the stages look after themselves.
+    let Ok(record) = Record::read(work) else { return Ok(()) };
+    if same(identity, &record.identity) {
+        return Ok(());
+    }
+    let here = std::path::absolute(path).unwrap_or(path.to_path_buf());
+    let problem = if record.mesh == here {
+        format!("is of {} as it was before it changed", record.mesh.display())
+    } else {
+        let whose = if record.identity.get("stdin").is_some() {
+            "one from standard input".into()
+        } else {
+            record.mesh.display().to_string()
+        };
+        format!("is of another mesh, {whose}")
+    };
+    let remedy = format!("name another folder, or make it anew for {} with --force", path.display());
+    Err(Error::work_dir(work.path(), problem, remedy))
 }
 
 /// Version of what the record tells.

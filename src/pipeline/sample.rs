@@ -67,7 +67,7 @@ impl WeightedSurface<'_> {
     pub fn representative(self, l: usize, params: &SegmentParams, context: Context<'_>) -> Result<Sample> {
         let first = self.sample(l, params, context)?;
         let share = greatest_share(&first.b, &self.surface.cells.graph.area);
-        if params.sampling != Sampling::Farthest || l < FEW || share <= OUTLIERS {
+        if params.sampling != Sampling::Farthest || l < FEW || first.len() < l || share <= OUTLIERS {
             return Ok(first);
         }
         context.run.progress.note(&format!(

@@ -135,7 +135,11 @@ impl WorkDir {
     /// [`Error::WorkDir`] when there is none, or when it is in use; [`Error::Io`].
     pub fn open_existing(path: &Path) -> Result<Self> {
         if !path.join(MANIFEST).exists() {
-            return Err(Error::work_dir(path, "is no work directory, or an empty one", "check the path"));
+            return Err(Error::work_dir(
+                path,
+                "is no work directory, or an empty one",
+                "check the path, or start it: nystrom-stream graph MESH --work-dir …",
+            ));
         }
         Self::try_open(path, true)?
             .ok_or_else(|| Error::work_dir(path, "is in use by another process", "wait for it to end"))

@@ -30,6 +30,8 @@ fn lines(text: &[u8]) -> Vec<Value> {
 fn names(folder: &Path) -> Vec<String> {
     let entries = std::fs::read_dir(folder).unwrap();
     let mut names: Vec<_> = entries.map(|entry| entry.unwrap().file_name().to_string_lossy().into_owned()).collect();
+    // The batch's own notes lie in a hidden folder.
+    names.retain(|name| name != ".nystrom-stream");
     names.sort();
     names
 }
@@ -57,6 +59,11 @@ fn a_folder_gives_a_table_and_json_lines_and_goes_on_after_a_failure() {
         assert_eq!((row.len(), row[2]), (4, "3"), "{told}");
     }
     assert!(told.contains(&format!("failed: {}", word(&meshes.join("bad.ply")))), "{told}");
+    // Columns stand below their names, however long the paths are.
+    let column = |line: &str| line.rsplit_once(' ').map(|(before, _)| before.trim_end().len());
+    let table: Vec<_> =
+        told.lines().filter(|line| line.starts_with("mesh ") || line.starts_with(word(&meshes))).collect();
+    assert!(table.len() == 5 && table.iter().all(|row| column(row) == column(table[0])), "{told}");
     assert!(told.lines().next_back().unwrap().starts_with("5 meshes: 4 done, 1 failed, in "), "{told}");
     let lines = lines(&output.stdout);
     assert_eq!(lines.len(), 5);
@@ -102,6 +109,20 @@ fn finished_outputs_are_skipped_on_request() {
     let done: Vec<Value> = lines(&output.stdout);
     assert_eq!(done.len(), 2, "the one that failed and the one that was missing: {done:?}");
     assert!(errors(&output).contains("5 meshes: 1 done, 1 failed, 3 skipped, in "), "{}", errors(&output));
+    // Other options make other labels: what lies there is not taken for them.
+    let pattern = out.join("{}.seg");
+    let output = run(&["segment", word(&meshes), "--resume", "-k", "2", "-o", word(&pattern)]);
+    assert!(errors(&output).contains("5 meshes: 4 done, 1 failed, in "), "{}", errors(&output));
+    assert!(errors(&output).contains("are made anew"), "{}", errors(&output));
+    let parts = |name: &str| nystrom_stream::mesh::read_seg(&out.join(name)).unwrap().into_iter().max();
+    assert_eq!(parts("grid.seg"), Some(1));
+    // Nor is a file that something else has written since.
+    let other = std::fs::read(out.join("dumbbell.seg")).unwrap();
+    std::fs::write(out.join("dumbbell.seg"), [&other[..], b"0\n"].concat()).unwrap();
+    let output = run(&["segment", word(&meshes), "--resume", "-k", "2", "-o", word(&pattern)]);
+    assert!(errors(&output).contains("5 meshes: 1 done, 1 failed, 3 skipped, in "), "{}", errors(&output));
+    assert!(std::fs::read(out.join("dumbbell.seg")).unwrap() == other);
+    batch(&meshes, &out, &["--resume", "-q"]);
     // A mesh that changed since is done again.
     std::thread::sleep(std::time::Duration::from_millis(20));
     zoo::moebius(40).write(&meshes);

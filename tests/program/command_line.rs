@@ -22,6 +22,8 @@ fn with_input(words: &[&str], input: &[u8]) -> Output {
 fn names(folder: &Path) -> Vec<String> {
     let entries = std::fs::read_dir(folder).unwrap();
     let mut names: Vec<_> = entries.map(|entry| entry.unwrap().file_name().to_string_lossy().into_owned()).collect();
+    // Where several meshes were cut, a hidden folder says what made the outputs.
+    names.retain(|name| name != ".nystrom-stream");
     names.sort();
     names
 }
@@ -184,7 +186,16 @@ fn misuse_ends_with_code_2_and_says_what_is_right() {
         (&["segment", mesh, "-k", "2", "--parts-range", "2..3"], "cannot be used with"),
         (&["segment", mesh, "--parts-range", "5..2"], "is not a range; write 4..12"),
         (&["segment", mesh, "--detail", "2"], "choose from -1 to 1"),
-        (&["segment"], "<MESH>"),
+        (&["segment"], "MESH: missing; see nystrom-stream segment --help"),
+        (
+            &["segment", mesh, "--cluster", "kmean"],
+            "--cluster: invalid value 'kmean'; did you mean kmeans?; choose from",
+        ),
+        (&["segment", mesh, "-q", "-q"], "--quiet: given more than once"),
+        (&["segment", mesh, "--thread", "2"], "--thread: unexpected argument; did you mean --threads?"),
+        (&["segment", mesh, "--threads"], "--threads: its value is missing"),
+        (&["segment", mesh, "--force"], "--work-dir: missing"),
+        (&["plan", "-"], "standard input has no size"),
         (&["segment", mesh, "-k", "0"], "0"),
         (&["segment", mesh, "-k", "two"], "invalid value 'two'"),
         (&["segment", mesh, "-k", "2", "-l", "0"], "0 is not in 1..=4096"),
@@ -217,6 +228,12 @@ fn misuse_ends_with_code_2_and_says_what_is_right() {
         assert!(message.contains(part) && output.stdout.is_empty(), "{words:?}: {message}");
         let one_line = message.starts_with("nystrom-stream: ") && message.lines().count() == 1;
         assert!(one_line || words.is_empty(), "{words:?}: {message}");
+        // Whoever refuses: the option or the word first, then what is wrong and what to do.
+        if one_line {
+            let named = message["nystrom-stream: ".len()..].split([':', ' ']).next().unwrap();
+            let known = named.starts_with('-') || ["MESH", "frobnicate", "standard", "mesh"].contains(&named);
+            assert!(known, "{words:?}: {message}");
+        }
     }
     for words in [&["--help"][..], &["--version"], &["segment", "--help"], &["demo", "-h"]] {
         let output = run(words);
@@ -326,10 +343,19 @@ fn a_work_directory_is_filled_with_arrays_and_used_again() {
     // And back: as if nothing had happened.
     let (back, told) = cut(&["-k", "4", "-l", "12"]);
     assert!(back == first && !told.contains("weights: reused"), "{told}");
-    // A changed input is not mistaken for the old one.
+    // A changed input is not mistaken for the old one, nor is what is kept of that lost.
     let dumbbell = zoo::dumbbell().write(dir.path());
     std::fs::copy(&dumbbell, &mesh).unwrap();
-    let (changed, told) = cut(&["-k", "4", "-l", "12"]);
+    let kept = std::fs::read(work.join("manifest.json")).unwrap();
+    for (mesh, whose) in [(&mesh, "as it was before it changed"), (&dumbbell, "is of another mesh, ")] {
+        for command in [&["segment"][..], &["graph"], &["rows"], &["rows", "--shard", "0/2"], &["sequence"]] {
+            let output = run(&[command, &[word(mesh), "-q", "--work-dir", word(&work)]].concat());
+            assert_eq!(output.status.code(), Some(1), "{command:?}: {}", errors(&output));
+            assert!(errors(&output).contains(whose) && errors(&output).contains("--force"), "{}", errors(&output));
+        }
+    }
+    assert!(std::fs::read(work.join("manifest.json")).unwrap() == kept, "a refusal changes nothing");
+    let (changed, told) = cut(&["-k", "4", "-l", "12", "--force"]);
     assert!(!told.contains("reused"), "{told}");
     segment(&dumbbell, &["-q", "-k", "4", "-l", "12", "-o", word(&out)]);
     assert!(changed == std::fs::read(&out).unwrap());
@@ -491,4 +517,34 @@ fn an_output_is_never_the_mesh_itself_and_braces_stand_for_its_name() {
     misused(&["segment", word(&mesh), "--json", "report.json"], "--json=FILE");
     segment(&mesh, &["-k", "3", "-q", "-o", word(&dir.path().join("{}.seg"))]);
     assert_eq!(names(dir.path()), ["dumbbell.ply", "dumbbell.seg"]);
+}
+
+/// The note about outliers spoke of 60 landmarks on a mesh of one face, and the rate had no space.
+#[test]
+fn what_is_told_of_a_mesh_of_one_face_is_so() {
+    let dir = tempfile::tempdir().unwrap();
+    let mesh = dir.path().join("one.off");
+    std::fs::write(&mesh, "OFF\n3 1 0\n0 0 0\n1 0 0\n0 1 0\n3 0 1 2\n").unwrap();
+    let told = errors(&segment(&mesh, &["-o", word(&dir.path().join("one.seg"))]));
+    assert!(!told.contains("outliers") && !told.contains("of 60"), "{told}");
+    assert!(told.lines().next_back().unwrap().starts_with("1 face in 1 part in "), "{told}");
+    for line in told.lines().filter(|line| line.contains("/s")) {
+        let rate = line.rsplit(", ").next().unwrap().split(' ').collect::<Vec<_>>();
+        assert!(rate.len() >= 2 && rate.last().unwrap().ends_with("/s"), "a number, a space and a unit: {line}");
+    }
+}
+
+#[test]
+fn what_cluster_leaves_is_said_with_where_and_how_to_get_a_mesh() {
+    let dir = tempfile::tempdir().unwrap();
+    let (mesh, work) = (zoo::dumbbell().write(dir.path()), dir.path().join("staged"));
+    let output = run(&["graph", word(&mesh), "-q", "--work-dir", word(&work)]);
+    assert!(output.status.success(), "{}", errors(&output));
+    let output = run(&["cluster", "-k", "2", "--work-dir", word(&work)]);
+    let told = String::from_utf8(output.stdout).unwrap();
+    let labels = work.join("labels.npy");
+    assert!(
+        told.ends_with(&format!(" faces in 2 parts, labels in {}; -o OUT writes a mesh\n", word(&labels))),
+        "{told}"
+    );
 }

@@ -79,3 +79,43 @@ fn what_else_a_header_lacks_is_told_apart() {
         assert!(output.status.success(), "{command}: {}", errors(&output));
     }
 }
+
+/// What a person asks of a mesh first: is it whole, how large, how many pieces.
+#[test]
+fn info_measures_a_mesh_of_any_format() {
+    let dir = tempfile::tempdir().unwrap();
+    let ply = write(dir.path(), "tetrahedron.ply", TETRAHEDRON);
+    let obj = write(dir.path(), "square.obj", "v 0 0 0\nv 2 0 0\nv 2 2 0\nv 0 2 0\nf 1 2 3 4\n");
+    let told = |words: &[&str]| {
+        let output = run(words);
+        assert!(output.status.success(), "{}", errors(&output));
+        String::from_utf8(output.stdout).unwrap()
+    };
+    let text = told(&["info", word(&ply)]);
+    for line in [
+        "faces         4 triangles",
+        "size          1.0000 1.0000 1.0000",
+        "area          2.36603",
+        "volume        0.166667",
+        "components    1",
+        "open edges    0",
+        "non-manifold  0 edges",
+        "degenerate    0 faces",
+    ] {
+        assert!(text.lines().any(|told| told == line), "{line} in {text}");
+    }
+    let text = told(&["info", word(&obj)]);
+    for line in ["OBJ", "faces         1 quad", "open edges    4 in 1 loop", "volume        none: the surface is open"]
+    {
+        assert!(text.lines().any(|told| told == line), "{line} in {text}");
+    }
+    assert!(!told(&["info", "--header", word(&obj)]).contains("area"));
+    let json: serde_json::Value = serde_json::from_str(&told(&["info", "--json", word(&obj)])).unwrap();
+    let measures = &json["measures"];
+    assert_eq!((&measures["area"], &measures["boundary_loops"]), (&4.0.into(), &1.into()), "{json}");
+    assert_eq!((&measures["box"][1][0], &measures["volume"]), (&2.0.into(), &serde_json::Value::Null), "{json}");
+    let piped =
+        crate::common::program().args(["info", "-"]).stdin(std::fs::File::open(&obj).unwrap()).output().unwrap();
+    assert!(String::from_utf8(piped.stdout).unwrap().contains("area          4.00000"));
+    assert_eq!(std::fs::read_dir(dir.path()).unwrap().count(), 2, "nothing is left there");
+}

@@ -219,7 +219,22 @@ fn a_mesh_from_standard_input_stays_in_the_work_directory() {
     let (ply, direct) = (out.with_extension("ply"), out.with_extension("direct.ply"));
     stage(&["cluster", "-k", "3", "-o", word(&ply)], work);
     segment(mesh, &["-q", "-k", "3", "-o", word(&direct)]);
-    assert!(std::fs::read(ply).unwrap() == std::fs::read(direct).unwrap());
+    assert!(std::fs::read(&ply).unwrap() == std::fs::read(direct).unwrap());
+    // Another mesh that is piped in is refused, and what is there stays whole.
+    let other = zoo::dumbbell().write(mesh.parent().unwrap());
+    let piped = |mesh: &Path, words: &[&str]| {
+        let input = std::fs::File::open(mesh).unwrap();
+        let words = [&["segment", "-", "-q", "--work-dir", word(work), "-o", word(out)], words].concat();
+        common::program().args(words).stdin(input).output().unwrap()
+    };
+    let output = piped(&other, &[]);
+    assert_eq!(output.status.code(), Some(1), "{}", errors(&output));
+    assert!(errors(&output).contains("is of another mesh, one from standard input"), "{}", errors(&output));
+    let before = std::fs::read(&ply).unwrap();
+    stage(&["cluster", "-k", "3", "-o", word(&ply)], work);
+    assert!(std::fs::read(&ply).unwrap() == before);
+    assert!(piped(mesh, &[]).status.success());
+    assert!(piped(&other, &["--force"]).status.success());
 }
 
 #[test]
@@ -227,7 +242,8 @@ fn what_is_missing_is_said() {
     let dir = tempfile::tempdir().unwrap();
     let none = dir.path().join("none");
     for words in [&["cluster"][..], &["embed"], &["export", "-o", "x.seg"], &["rows"]] {
-        assert!(refused(words, &none, 1).contains("is no work directory"), "{words:?}");
+        let said = refused(words, &none, 1);
+        assert!(said.contains("is no work directory") && said.contains("graph MESH --work-dir"), "{words:?}: {said}");
     }
     let mesh = zoo::dumbbell().write(dir.path());
     let work = dir.path().join("work");
@@ -242,8 +258,9 @@ fn what_is_missing_is_said() {
     std::fs::write(&mesh, std::fs::read_to_string(zoo::moebius(9).write(dir.path())).unwrap()).unwrap();
     let told = refused(&["export", "-o", word(&dir.path().join("x.ply"))], &work, 1);
     assert!(told.contains("is not the mesh that the work directory is of"), "{told}");
-    // Nor are rows of the old one taken for rows of the new.
-    let told = stage(&["rows"], &work);
+    // Nor are rows of the old one taken for rows of the new, nor lost without a word.
+    assert!(refused(&["rows"], &work, 1).contains("as it was before it changed"));
+    let told = stage(&["rows", "--force"], &work);
     assert!(told.contains("graph: made anew"), "{told}");
 }
 

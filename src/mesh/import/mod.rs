@@ -61,6 +61,21 @@ fn ending(path: &Path) -> String {
     name.rsplit_once('.').map_or("", |(_, ending)| ending).to_string()
 }
 
+/// What the format of the file `path` of the content `bytes` is called: "OBJ", "STL, text".
+pub fn name(path: &Path, bytes: &[u8]) -> String {
+    if bytes.starts_with(&[0x1f, 0x8b]) {
+        return "compressed (gzip)".into();
+    }
+    match recognise(path, bytes) {
+        Ok(Format::Ply) => "PLY".into(),
+        Ok(Format::Obj) => "OBJ".into(),
+        Ok(Format::Off) => "OFF".into(),
+        Ok(Format::Stl) if stl::is_text(bytes) => "STL, text".into(),
+        Ok(Format::Stl) => "STL, binary".into(),
+        Err(_) => "unknown".into(),
+    }
+}
+
 /// The format of `bytes`, the uncompressed content of `path`.
 ///
 /// # Errors

@@ -1,0 +1,485 @@
+//! What a mesh and its parts measure: area, volume, box, centroid, principal axes, open edges, and how long the borders between
+//! parts are.
+//!
+//! Faces that share an edge come from the [dual graph](crate::graph), so edges at the same position count as one whatever their
+//! vertices are. One pass over the faces adds up what each part has; a part's volume is told only where its surface is closed
+//! and wound one way. Cost: the graph (60 bytes per face in a work directory or in memory), some 200 ns per face, and 100 bytes
+//! per open edge while loops are counted.
+
+use crate::base::eigen;
+use crate::base::union_find::Forest;
+use crate::base::vector::{cross, distance, dot, double_area, finite, length, minus};
+use crate::base::{Error, Result};
+use crate::graph::{Csr, DualGraph, GraphFacts};
+use crate::mesh::Mesh;
+use crate::store::Context;
+use nalgebra::DMatrix;
+use serde::Serialize;
+use serde_json::json;
+use std::collections::{BTreeMap, HashMap};
+
+/// Faces a chunk.
+const CHUNK: usize = 1 << 14;
+/// Bytes that an open edge takes while loops are counted.
+const OPEN: u64 = 100;
+
+/// A part that another one touches.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+pub struct Neighbour {
+    /// Its label.
+    pub label: u32,
+    /// The length of the border between both, in the file's unit.
+    pub length: f64,
+}
+
+/// What a part, or a whole mesh, measures; in the file's unit.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Measures {
+    /// Faces.
+    pub faces: u64,
+    /// Area.
+    pub area: f64,
+    /// Volume, where the surface is closed and wound one way; positive where it is wound outwards.
+    pub volume: Option<f64>,
+    /// Least and greatest coordinates; none without a face that has a place in space.
+    #[serde(rename = "box")]
+    pub bounds: Option<[[f64; 3]; 2]>,
+    /// Centre of gravity of the surface.
+    pub centroid: [f64; 3],
+    /// Principal axes of the surface, unit vectors, the longest first.
+    pub axes: [[f64; 3]; 3],
+    /// Standard deviation of the surface along each axis.
+    pub spread: [f64; 3],
+    /// Edges that no other face of the mesh has.
+    pub open_edges: u64,
+    /// Parts that share a border, by label.
+    pub neighbours: Vec<Neighbour>,
+}
+
+/// What a whole mesh measures.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct MeshMeasures {
+    /// Faces with three, four, and more corners.
+    pub triangles: u64,
+    /// Faces with four corners.
+    pub quads: u64,
+    /// Faces with more corners.
+    pub polygons: u64,
+    /// Connected components.
+    pub components: u64,
+    /// Loops of open edges: holes, and rims of open surfaces. None where memory is too small to count them.
+    pub boundary_loops: Option<u64>,
+    /// Edges with three faces or more.
+    pub nonmanifold_edges: u64,
+    /// Faces without area or with a coordinate that is no number.
+    pub degenerate_faces: u64,
+    /// Open edges that lie at exactly the same position as another: texture seams, unwelded vertices.
+    pub welded_edges: u64,
+    /// Vertices far outside of the rest.
+    pub stray_vertices: u64,
+    /// Edges where no winding of the faces agrees.
+    pub unoriented_edges: u64,
+    /// The rest, as of a part.
+    #[serde(flatten)]
+    pub all: Measures,
+}
+
+/// Sums over faces of one label.
+#[derive(Clone, Debug)]
+struct Sums {
+    faces: u64,
+    area: f64,
+    volume: f64,
+    low: [f64; 3],
+    high: [f64; 3],
+    first: [f64; 3],
+    /// xx, xy, xz, yy, yz, zz.
+    second: [f64; 6],
+    open: u64,
+    clashes: u64,
+    borders: BTreeMap<u32, f64>,
+}
+
+impl Default for Sums {
+    fn default() -> Self {
+        Self {
+            faces: 0,
+            area: 0.,
+            volume: 0.,
+            low: [f64::INFINITY; 3],
+            high: [f64::NEG_INFINITY; 3],
+            first: [0.; 3],
+            second: [0.; 6],
+            open: 0,
+            clashes: 0,
+            borders: BTreeMap::new(),
+        }
+    }
+}
+
+/// Pairs of axes of [`Sums::second`].
+const PAIRS: [[usize; 2]; 6] = [[0, 0], [0, 1], [0, 2], [1, 1], [1, 2], [2, 2]];
+
+impl Sums {
+    /// Adds the triangle `at`, told from the origin of the sums.
+    fn triangle(&mut self, at: [[f64; 3]; 3]) {
+        let area = length(double_area(at)) / 2.;
+        self.volume += dot(at[0], cross(at[1], at[2])) / 6.;
+        for p in at {
+            for axis in 0..3 {
+                self.low[axis] = self.low[axis].min(p[axis]);
+                self.high[axis] = self.high[axis].max(p[axis]);
+            }
+        }
+        self.area += area;
+        let sum = [0, 1, 2].map(|axis| at[0][axis] + at[1][axis] + at[2][axis]);
+        for axis in 0..3 {
+            self.first[axis] += area * sum[axis] / 3.;
+        }
+        // The second moment of a triangle: A/12 (Σ p pᵀ + s sᵀ), s = Σ p.
+        for (moment, [i, j]) in self.second.iter_mut().zip(PAIRS) {
+            let own: f64 = at.iter().map(|p| p[i] * p[j]).sum();
+            *moment += area / 12. * (own + sum[i] * sum[j]);
+        }
+    }
+
+    fn add(&mut self, other: &Self) {
+        self.faces += other.faces;
+        self.area += other.area;
+        self.volume += other.volume;
+        self.open += other.open;
+        self.clashes += other.clashes;
+        for axis in 0..3 {
+            self.low[axis] = self.low[axis].min(other.low[axis]);
+            self.high[axis] = self.high[axis].max(other.high[axis]);
+            self.first[axis] += other.first[axis];
+        }
+        self.second.iter_mut().zip(other.second).for_each(|(mine, other)| *mine += other);
+        for (&label, length) in &other.borders {
+            *self.borders.entry(label).or_default() += length;
+        }
+    }
+
+    /// What the sums about `origin` say.
+    fn measures(self, origin: [f64; 3]) -> Measures {
+        let mean = self.first.map(|x| if self.area > 0. { x / self.area } else { 0. });
+        let moment = |k: usize| {
+            let [i, j] = PAIRS[k];
+            if self.area > 0. { self.second[k] / self.area - mean[i] * mean[j] } else { 0. }
+        };
+        let [xx, xy, xz, yy, yz, zz] = [0, 1, 2, 3, 4, 5].map(moment);
+        let (mut axes, mut spread) = ([[1., 0., 0.], [0., 1., 0.], [0., 0., 1.]], [0.; 3]);
+        if [xx, xy, xz, yy, yz, zz].iter().all(|x| x.is_finite()) {
+            let (values, vectors) =
+                eigen::symmetric(DMatrix::from_row_slice(3, 3, &[xx, xy, xz, xy, yy, yz, xz, yz, zz]));
+            for k in 0..3 {
+                spread[k] = values[k].max(0.).sqrt();
+                let axis = [vectors[(0, k)], vectors[(1, k)], vectors[(2, k)]];
+                // Of both directions the one whose greatest coordinate is positive.
+                let greatest = axis.into_iter().fold(0f64, |most, x| if x.abs() > most.abs() { x } else { most });
+                axes[k] = axis.map(|x| if greatest < 0. { -x } else { x });
+            }
+        }
+        let closed = self.open == 0 && self.clashes == 0 && self.borders.is_empty() && self.faces > 0;
+        let back = |p: [f64; 3]| [0, 1, 2].map(|axis| p[axis] + origin[axis]);
+        Measures {
+            faces: self.faces,
+            area: self.area,
+            volume: closed.then_some(self.volume),
+            bounds: (self.low[0] <= self.high[0]).then(|| [back(self.low), back(self.high)]),
+            centroid: back(mean),
+            axes,
+            spread,
+            open_edges: self.open,
+            neighbours: self.borders.into_iter().map(|(label, length)| Neighbour { label, length }).collect(),
+        }
+    }
+}
+
+/// An end of an edge as it is compared: where it lies, −0 as 0.
+fn place(p: [f64; 3]) -> [u64; 3] {
+    p.map(|x| (x + 0.).to_bits())
+}
+
+/// The mesh, with which face lies where.
+struct Faces<'a> {
+    mesh: &'a Mesh,
+    labels: Option<&'a [u32]>,
+    neighbours: Csr<'a>,
+    origin: [f64; 3],
+}
+
+/// What a chunk of faces has: sums by label, and the open edges.
+type Share = (BTreeMap<u32, Sums>, Vec<[[u64; 3]; 2]>);
+
+impl Faces<'_> {
+    fn label(&self, face: usize) -> u32 {
+        self.labels.map_or(0, |labels| labels[face])
+    }
+
+    /// The neighbour across the edge from `a` to `b` of `face`: one of another label before one of the same, and one that is wound
+    /// the same way before one that is not, which is told.
+    fn across(&self, face: usize, a: [u64; 3], b: [u64; 3]) -> Option<(u32, bool)> {
+        let mut found: Option<(u32, bool)> = None;
+        for (other, _) in self.neighbours.neighbours(face as u32) {
+            self.mesh.faces.with(other as usize, |corners| {
+                let mut before = corners.last().map(|&v| place(self.mesh.positions.get(v)));
+                for &v in corners {
+                    let at = place(self.mesh.positions.get(v));
+                    let (back, along) = (before == Some(b) && at == a, before == Some(a) && at == b);
+                    let rank = |(other, along): (u32, bool)| (self.label(other as usize) == self.label(face), along);
+                    if back || along {
+                        let one = (other, !back);
+                        found = Some(found.map_or(one, |known| if rank(one) < rank(known) { one } else { known }));
+                    }
+                    before = Some(at);
+                }
+            });
+        }
+        found
+    }
+
+    fn share(&self, range: std::ops::Range<usize>, wants_open: bool) -> Share {
+        let (mut sums, mut open) = (BTreeMap::<u32, Sums>::new(), Vec::new());
+        self.mesh.faces.for_each(range, |face, corners| {
+            let label = self.label(face);
+            let mine = sums.entry(label).or_default();
+            mine.faces += 1;
+            self.mesh.fan(corners, |_, at| mine.triangle(at.map(|p| minus(p, self.origin))));
+            for (k, &v) in corners.iter().enumerate() {
+                let ends = [v, corners[if k + 1 == corners.len() { 0 } else { k + 1 }]];
+                let [from, to] = ends.map(|v| self.mesh.positions.get(v));
+                let [a, b] = [place(from), place(to)];
+                if a == b || !finite(from) || !finite(to) {
+                    continue;
+                }
+                match self.across(face, a, b) {
+                    None => {
+                        mine.open += 1;
+                        if wants_open {
+                            open.push([a, b]);
+                        }
+                    }
+                    Some((other, along)) => {
+                        mine.clashes += u64::from(along);
+                        let other = self.label(other as usize);
+                        if other != label {
+                            *mine.borders.entry(other).or_default() += distance(from, to);
+                        }
+                    }
+                }
+            }
+        });
+        (sums, open)
+    }
+}
+
+/// Loops that open edges make: sets of edges that hang together.
+fn loops(open: &[[[u64; 3]; 2]]) -> u64 {
+    let mut numbers = HashMap::new();
+    let ends: Vec<[u32; 2]> = open
+        .iter()
+        .map(|ends| {
+            ends.map(|end| {
+                let next = numbers.len() as u32;
+                *numbers.entry(end).or_insert(next)
+            })
+        })
+        .collect();
+    let mut sets = Forest::new(numbers.len());
+    let joins = ends.iter().filter(|[a, b]| sets.join(*a, *b)).count();
+    (numbers.len() - joins) as u64
+}
+
+/// The graph of `mesh` in a work directory of its own.
+fn graph(mesh: &Mesh, context: Context<'_>) -> Result<DualGraph> {
+    DualGraph::build(mesh, mesh.path(), &json!("measures"), context)
+}
+
+/// Sums by label over all faces, and the number of loops where `wants_loops` and memory allows it.
+fn sums(
+    mesh: &Mesh,
+    labels: Option<&[u32]>,
+    graph: &DualGraph,
+    wants_loops: bool,
+    context: Context<'_>,
+) -> Result<(BTreeMap<u32, Sums>, Option<u64>)> {
+    let bytes = OPEN * graph.facts.boundary_edges;
+    let grant = if wants_loops { context.run.budget.take("open edges", bytes, bytes).ok() } else { None };
+    let origin = graph.facts.frame.origin;
+    let faces = Faces { mesh, labels, neighbours: graph.edges.by_shared_edge(), origin };
+    let shares = context.run.map_ranges(mesh.faces.len(), CHUNK, |range| Ok(faces.share(range, grant.is_some())))?;
+    let (mut all, mut open) = (BTreeMap::<u32, Sums>::new(), Vec::new());
+    for (sums, edges) in shares {
+        sums.iter().for_each(|(&label, sums)| all.entry(label).or_default().add(sums));
+        open.extend(edges);
+    }
+    Ok((all, grant.map(|_| loops(&open))))
+}
+
+/// Measures `mesh`. The graph goes to the work directory of `context`, which holds no other.
+///
+/// ```
+/// use nystrom_stream::apps::measure::mesh;
+/// use nystrom_stream::mesh::Mesh;
+/// use nystrom_stream::store::{Context, Run, WorkDir};
+/// # fn main() -> nystrom_stream::base::Result<()> {
+/// let points = [[0f32, 0., 0.], [1., 0., 0.], [0., 1., 0.], [0., 0., 1.]];
+/// let tetrahedron = Mesh::from_slices(&points, &[[0u32, 2, 1], [0, 1, 3], [1, 2, 3], [0, 3, 2]])?;
+/// let (work, run) = (WorkDir::temporary(&std::env::temp_dir())?, Run::new(&()));
+/// let measures = mesh(&tetrahedron, Context::new(&work, &run))?;
+/// assert_eq!((measures.components, measures.boundary_loops, measures.all.open_edges), (1, Some(0), 0));
+/// assert!((measures.all.volume.unwrap() - 1. / 6.).abs() < 1e-12);
+/// # Ok(())
+/// # }
+/// ```
+///
+/// # Errors
+/// As [`DualGraph::build`].
+pub fn mesh(mesh: &Mesh, context: Context<'_>) -> Result<MeshMeasures> {
+    let graph = graph(mesh, context)?;
+    let (sums, boundary_loops) = sums(mesh, None, &graph, true, context)?;
+    let all = sums.into_values().next().unwrap_or_default().measures(graph.facts.frame.origin);
+    let (mut triangles, mut quads) = (0, 0);
+    mesh.faces.for_each(0..mesh.faces.len(), |_, corners| match corners.len() {
+        3 => triangles += 1,
+        4 => quads += 1,
+        _ => {}
+    });
+    let GraphFacts { components, nonmanifold_edges, degenerate_faces, welded_edges, unoriented_edges, .. } =
+        graph.facts;
+    Ok(MeshMeasures {
+        triangles,
+        quads,
+        polygons: mesh.faces.len() as u64 - triangles - quads,
+        components,
+        boundary_loops,
+        nonmanifold_edges,
+        degenerate_faces,
+        welded_edges,
+        stray_vertices: mesh.without_strays(context.run)?.strays() as u64,
+        unoriented_edges,
+        all,
+    })
+}
+
+/// Measures the parts 0, 1, … `parts` − 1 of `mesh`, which has a label per face; those without a face measure nothing. The graph
+/// goes to the work directory of `context`, which holds no other.
+///
+/// # Errors
+/// [`Error::Parameter`] for labels that do not fit the faces or are not below `parts`; else as [`DualGraph::build`].
+pub fn parts(mesh: &Mesh, labels: &[u32], parts: usize, context: Context<'_>) -> Result<Vec<Measures>> {
+    let wrong =
+        |problem: String| Error::parameter("labels", problem, "give one below the number of parts for every face");
+    if labels.len() != mesh.faces.len() {
+        return Err(wrong(format!("{} for {} faces", labels.len(), mesh.faces.len())));
+    }
+    if let Some(label) = labels.iter().find(|label| **label as usize >= parts) {
+        return Err(wrong(format!("{label} is none of {parts} parts")));
+    }
+    let graph = graph(mesh, context)?;
+    let (mut sums, _) = sums(mesh, Some(labels), &graph, false, context)?;
+    let origin = graph.facts.frame.origin;
+    Ok((0..parts as u32).map(|part| sums.remove(&part).unwrap_or_default().measures(origin)).collect())
+}
+
+/// The table of `measures`, one row per part, as comma-separated values with a header.
+pub fn table(measures: &[Measures], colours: &[[u8; 3]]) -> String {
+    let axes = ["x", "y", "z"];
+    let three = |name: &str| axes.map(|axis| format!("{name}_{axis}"));
+    let mut names = vec!["label".to_string(), "faces".into(), "area".into(), "volume".into()];
+    names.extend(
+        [three("min"), three("max"), three("centroid"), three("axis1"), three("axis2"), three("axis3")].concat(),
+    );
+    names.extend(["spread1", "spread2", "spread3", "open_edges", "colour", "neighbours"].map(String::from));
+    let mut text = names.join(",") + "\n";
+    for (label, part) in measures.iter().enumerate() {
+        let mut row = vec![label.to_string(), part.faces.to_string(), part.area.to_string()];
+        row.push(part.volume.map_or(String::new(), |volume| volume.to_string()));
+        let bounds = part.bounds.map_or([const { None }; 6], |[low, high]| {
+            let mut all = [None; 6];
+            (0..3).for_each(|k| (all[k], all[k + 3]) = (Some(low[k]), Some(high[k])));
+            all
+        });
+        row.extend(bounds.map(|x| x.map_or(String::new(), |x| x.to_string())));
+        row.extend(part.centroid.iter().chain(part.axes.iter().flatten()).chain(&part.spread).map(f64::to_string));
+        row.push(part.open_edges.to_string());
+        let [r, g, b] = colours.get(label).copied().unwrap_or([128; 3]);
+        row.push(format!("#{r:02x}{g:02x}{b:02x}"));
+        row.push(part.neighbours.iter().map(|other| other.label.to_string()).collect::<Vec<_>>().join(" "));
+        text += &(row.join(",") + "\n");
+    }
+    text
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::store::{Run, WorkDir};
+
+    /// A box of the given size at `low`, wound outwards.
+    fn cuboid(low: [f64; 3], size: [f64; 3]) -> (Vec<[f64; 3]>, Vec<[u32; 3]>) {
+        let corner = |k: usize| [0, 1, 2].map(|axis| low[axis] + if k >> axis & 1 == 1 { size[axis] } else { 0. });
+        let quads = [[0, 2, 3, 1], [4, 5, 7, 6], [0, 1, 5, 4], [2, 6, 7, 3], [0, 4, 6, 2], [1, 3, 7, 5]];
+        let faces = quads.iter().flat_map(|&[a, b, c, d]| [[a, b, c], [a, c, d]]).collect();
+        ((0..8).map(corner).collect(), faces)
+    }
+
+    fn with<R>(work: impl FnOnce(Context<'_>) -> R) -> R {
+        let dir = WorkDir::temporary(&std::env::temp_dir()).unwrap();
+        work(Context::new(&dir, &Run::new(&())))
+    }
+
+    #[test]
+    fn a_box_measures_what_it_should() {
+        let (points, faces) = cuboid([10., 20., 30.], [1., 2., 4.]);
+        let all = with(|context| mesh(&Mesh::from_slices(&points, &faces).unwrap(), context)).unwrap();
+        assert_eq!((all.triangles, all.quads, all.components, all.boundary_loops), (12, 0, 1, Some(0)));
+        assert!((all.all.area - 28.).abs() < 1e-9 && (all.all.volume.unwrap() - 8.).abs() < 1e-9, "{all:?}");
+        assert_eq!(all.all.bounds, Some([[10., 20., 30.], [11., 22., 34.]]));
+        assert!(distance(all.all.centroid, [10.5, 21., 32.]) < 1e-9);
+        let [a, b, c] = all.all.axes;
+        assert!(a[2] > 1. - 1e-9 && b[1] > 1. - 1e-9 && c[0] > 1. - 1e-9, "{all:?}");
+        // Of the surface: a² = Σ over the six faces of the second moment along z over the area.
+        let along_z = (2. * 2. * 4. + (2. * 4. * 2. + 2. * 4. * 1.) * 16. / 12.) / 28.;
+        assert!((all.all.spread[0] - f64::sqrt(along_z)).abs() < 1e-9, "{all:?}");
+    }
+
+    #[test]
+    fn holes_are_counted_and_have_no_volume() {
+        let (points, mut faces) = cuboid([0.; 3], [1.; 3]);
+        // Two lids gone, and every face with vertices of its own: edges at the same position still count as one.
+        faces.drain(0..4);
+        let soup: Vec<[f64; 3]> = faces.iter().flatten().map(|&v| points[v as usize]).collect();
+        let own: Vec<[u32; 3]> = (0..faces.len() as u32).map(|k| [3 * k, 3 * k + 1, 3 * k + 2]).collect();
+        for open in [Mesh::from_slices(&points, &faces).unwrap(), Mesh::from_slices(&soup, &own).unwrap()] {
+            let all = with(|context| mesh(&open, context)).unwrap();
+            assert_eq!((all.boundary_loops, all.all.open_edges, all.all.volume), (Some(2), 8, None), "{all:?}");
+            assert_eq!(all.components, 1);
+        }
+    }
+
+    #[test]
+    fn parts_have_borders_and_closed_ones_a_volume() {
+        let (mut points, mut faces) = cuboid([0.; 3], [1., 1., 2.]);
+        let (more, others) = cuboid([5., 0., 0.], [1.; 3]);
+        points.extend(more);
+        faces.extend(others.iter().map(|face| face.map(|v| v + 8)));
+        let both = Mesh::from_slices(&points, &faces).unwrap();
+        // The bottom and the rest of the first box; the second box.
+        let labels: Vec<u32> = (0..24).map(|k| if k < 2 { 0 } else { 1 + u32::from(k >= 12) }).collect();
+        let all = with(|context| parts(&both, &labels, 4, context)).unwrap();
+        assert_eq!(all.iter().map(|part| part.faces).collect::<Vec<_>>(), [2, 10, 12, 0]);
+        assert_eq!((all[0].volume, all[1].volume, all[3].bounds), (None, None, None));
+        assert!((all[2].volume.unwrap() - 1.).abs() < 1e-9 && (all[1].area - 9.).abs() < 1e-9);
+        assert_eq!(all[0].neighbours, [Neighbour { label: 1, length: 4. }]);
+        assert_eq!(all[1].neighbours, [Neighbour { label: 0, length: 4. }]);
+        assert!(all[2].neighbours.is_empty());
+        assert_eq!(table(&all, &[[255, 0, 16]]).lines().nth(1).unwrap().split(',').count(), 28);
+        // Wound the other way in one face: no volume.
+        faces[0].swap(0, 1);
+        let turned = Mesh::from_slices(&points, &faces).unwrap();
+        assert_eq!(with(|context| mesh(&turned, context)).unwrap().all.volume, None);
+        assert!(with(|context| parts(&both, &labels, 2, context)).is_err());
+    }
+}
