@@ -48,9 +48,14 @@ def main():
         colours = np.column_stack([data["face"][part] for part in ["red", "green", "blue"]])
         if "scalar_label" in data["vertex"].data.dtype.names:
             check_vertices(faces, labels, data["vertex"]["scalar_label"])
+            own = np.column_stack([data["vertex"][part] for part in ["red", "green", "blue"]])
+            expected = np.full((data["vertex"]["scalar_label"].max().astype(int) + 2, 3), 128)
+            expected[labels] = colours
+            assert (own == expected[data["vertex"]["scalar_label"].astype(int)]).all(), f"colours of vertices: {name}"
         loaded = trimesh.load(path, process=False)
         assert (loaded.faces == faces).all(), f"trimesh: {name}"
-        assert (loaded.visual.face_colors[:, :3] == colours).all(), f"trimesh: colours of {name}"
+        if "scalar_label" not in data["vertex"].data.dtype.names:
+            assert (loaded.visual.face_colors[:, :3] == colours).all(), f"trimesh: colours of {name}"
         assert (loaded.metadata["_ply_raw"]["face"]["data"]["label"].ravel() == labels).all(), f"trimesh: {name}"
         lab = pymeshlab.MeshSet()
         lab.load_new_mesh(str(path))
@@ -99,13 +104,21 @@ def check_scene(path, vertices, faces, labels):
         return np.frombuffer(blob, dtype, accessor.count * width, start).reshape(accessor.count, width)
 
     move = np.array(gltf.nodes[0].translation or [0, 0, 0])
-    for primitive in gltf.meshes[0].primitives:
-        label = primitive.extras["label"]
+    named = {gltf.nodes[child].name: gltf.nodes[child] for child in gltf.nodes[0].children}
+    assert sorted(named) == sorted(f"part {label}" for label in np.unique(labels)), named
+    corners = vertices[faces]
+    areas = np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1) / 2
+    for node in named.values():
+        label, [primitive] = node.extras["label"], gltf.meshes[node.mesh].primitives
+        assert node.name == gltf.meshes[node.mesh].name == f"part {label}"
+        assert node.extras["faces"] == (labels == label).sum()
+        assert np.isclose(node.extras["area"], areas[labels == label].sum()), "area"
+        normals = array(primitive.attributes.NORMAL, "<f4", 3)
+        assert np.allclose(np.linalg.norm(normals, axis=1), 1, atol=1e-5), "normals"
         positions = array(primitive.attributes.POSITION, "<f4", 3)
         assert np.allclose(positions + move, vertices, rtol=1e-6, atol=1e-6 * np.abs(vertices).max())
         found = array(primitive.indices, "<u4", 1).reshape(-1, 3)
         assert (found == faces[labels == label]).all(), f"pygltflib: part {label}"
-    assert len(gltf.meshes[0].primitives) == len(np.unique(labels))
     scene = trimesh.load(path, process=False)
     assert sum(len(geometry.faces) for geometry in scene.geometry.values()) == len(faces), "trimesh: .glb"
     print(f"pygltflib, trimesh: {path.name}")

@@ -24,3 +24,4 @@ pub mod study;
 #[cfg(feature = "pictures")]
 mod text;
 pub mod transfer;
+mod vertex_sums;

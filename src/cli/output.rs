@@ -26,7 +26,8 @@ pub struct PlyArgs {
     /// Encoding of PLY outputs
     #[arg(long, value_parser = choice::<PlyForm>(), default_value = "same", value_name = "FORM")]
     pub ply_form: PlyForm,
-    /// Label the vertices of PLY outputs too, as the property scalar_label, which CloudCompare shows
+    /// Label and colour the vertices of PLY outputs too (scalar_label, red, green, blue), for Blender, CloudCompare and Open3D,
+    /// which show no colours of faces; colours that the vertices have are replaced
     #[arg(long)]
     pub vertex_labels: bool,
 }

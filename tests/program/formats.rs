@@ -73,6 +73,66 @@ fn every_form_opens_in_the_programs_people_use() {
     }
 }
 
+/// What docs/formats.md says of each program, in the program itself; those that are not there are named. Blender as a module
+/// (`bpy`) may need a Python of its own, which `NYSTROM_STREAM_BLENDER_PYTHON` names.
+#[test]
+fn parts_arrive_in_other_programs_as_the_page_on_formats_says() {
+    let dir = tempfile::tempdir().unwrap();
+    let Some(data) = common::data() else { return };
+    let file = |name: &str| dir.path().join(name).to_str().unwrap().to_string();
+    let work = file("work");
+    let names = ["plain.ply", "out.npy", "out.glb", "out.parquet", "out.csv"].map(&file);
+    let mut words = vec!["-q", "--work-dir", &work];
+    names.iter().for_each(|name| words.extend(["-o", name]));
+    common::segment(&data.join("real/kitten_25k.ply"), &words);
+    let output = common::run(&["export", "-q", "--work-dir", &work, "--vertex-labels", "-o", &file("out.ply")]);
+    assert!(output.status.success(), "{}", errors(&output));
+    let script = Path::new(env!("CARGO_MANIFEST_DIR")).join("tools/check_programs.py");
+    for program in ["blender", "cloudcompare", "open3d", "pyvista", "trimesh", "duckdb", "polars"] {
+        let python = match std::env::var("NYSTROM_STREAM_BLENDER_PYTHON") {
+            Ok(python) if program == "blender" => python,
+            _ => "python3".into(),
+        };
+        let output = Command::new(python).arg(&script).args([program, word(dir.path())]).output().unwrap();
+        let told = String::from_utf8_lossy(&output.stdout).into_owned() + &errors(&output);
+        match output.status.code() {
+            Some(0) => eprint!("{told}"),
+            Some(3) => eprintln!("skipped: {}", told.trim_end()),
+            _ => panic!("{program}: {told}"),
+        }
+        let required = std::env::var("NYSTROM_STREAM_REQUIRE_PROGRAMS").unwrap_or_default();
+        let is_required = required.split(' ').any(|name| name == program);
+        assert!(!is_required || output.status.success(), "{program} is required: {told}");
+    }
+}
+
+/// Flat sides stay flat in a scene: normals of vertices would round a box.
+#[test]
+fn a_scene_has_normals_where_the_surface_is_smooth() {
+    let dir = tempfile::tempdir().unwrap();
+    let cube = dir.path().join("cube.off");
+    std::fs::write(
+        &cube,
+        "OFF\n8 6 0\n0 0 0\n1 0 0\n1 1 0\n0 1 0\n0 0 1\n1 0 1\n1 1 1\n0 1 1\n\
+         4 0 3 2 1\n4 4 5 6 7\n4 0 1 5 4\n4 1 2 6 5\n4 2 3 7 6\n4 3 0 4 7\n",
+    )
+    .unwrap();
+    let creature = common::creature(dir.path(), 5_000, false);
+    for (mesh, smooth) in [(&cube, false), (&creature, true)] {
+        let scene = dir.path().join("x.glb");
+        common::segment(mesh, &["-q", "-k", "2", "-o", word(&scene)]);
+        let bytes = std::fs::read(&scene).unwrap();
+        let length = u32::from_le_bytes(bytes[12..16].try_into().unwrap()) as usize;
+        let json: serde_json::Value = serde_json::from_slice(&bytes[20..20 + length]).unwrap();
+        assert_eq!(json["meshes"][0]["primitives"][0]["attributes"].get("NORMAL").is_some(), smooth);
+        let nodes = json["nodes"].as_array().unwrap();
+        assert_eq!((nodes.len(), &nodes[0]["children"]), (3, &serde_json::json!([1, 2])));
+        assert_eq!((&nodes[2]["name"], &nodes[2]["extras"]["label"]), (&"part 1".into(), &1.into()));
+        let areas: f64 = (1..3).map(|node| nodes[node]["extras"]["area"].as_f64().unwrap()).sum();
+        assert!(smooth || (areas - 6.).abs() < 1e-6, "{areas}");
+    }
+}
+
 #[test]
 fn matches_open_in_pyarrow() {
     if !has_python("numpy, pyarrow", "NYSTROM_STREAM_REQUIRE_FORMATS") {

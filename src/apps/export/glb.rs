@@ -1,16 +1,22 @@
-//! A scene in one file for browsers, Blender and game engines: binary glTF 2.0, one primitive and one material per part.
+//! A scene in one file for browsers, Blender and game engines: binary glTF 2.0, one node, mesh and material per part.
 //!
-//! All primitives share the vertices, which are written once; each has its own indices (32 bits), so a triangle costs
-//! 12 bytes and a vertex 12. Polygons become fans of triangles, in the order of the file. Faces with a coordinate that
+//! Nodes are named "part 0" and so on and carry label, area and number of faces, so that parts are objects of their own where
+//! the scene is opened. All share the vertices, which are written once; each has its own indices (32 bits), so a triangle costs
+//! 12 bytes and a vertex 12, or 24 with its normal. Normals are written where the surface is smooth; without them, as of a box,
+//! programs draw faces flat. Polygons become fans of triangles, in the order of the file. Faces with a coordinate that
 //! is no finite number are left out: the format has none. Double coordinates are written relative to their middle,
 //! which the node's translation adds again. Cost: one pass over the vertices and one per part over the labels.
 
 use super::{CHUNK, parts};
+use crate::apps::vertex_sums::VertexSums;
+use crate::base::vector::{double_area, length};
 use crate::base::{Error, Result};
+use crate::graph::Frame;
 use crate::mesh::output::{Gather, by_rename};
 use crate::mesh::{Labelling, Mesh};
 use crate::store::Run;
 use serde_json::{Value, json};
+use std::collections::BTreeMap;
 use std::fs::File;
 use std::path::Path;
 
@@ -22,6 +28,11 @@ const FLOAT: u32 = 5126;
 const UNSIGNED_INT: u32 = 5125;
 const ARRAY_BUFFER: u32 = 34962;
 const ELEMENT_ARRAY_BUFFER: u32 = 34963;
+
+/// Share of the area at creases beyond which faces are drawn flat.
+const FLAT: f64 = 0.05;
+/// Vertices a chunk.
+const VERTICES: usize = 1 << 14;
 
 /// Writes the scene to `path`, by rename.
 ///
@@ -41,9 +52,19 @@ const ELEMENT_ARRAY_BUFFER: u32 = 34963;
 /// space; [`Error::Parameter`] for labels that do not fit the faces; [`Error::Io`]; [`Error::Cancelled`].
 pub fn write(path: &Path, mesh: &Mesh, labelling: &Labelling, durable: bool, run: &Run) -> Result<()> {
     let parts = parts(mesh, labelling)?;
-    let scene = Scene::of(mesh, labelling, parts, run)?;
+    let mut scene = Scene::of(mesh, labelling, parts, run)?;
+    let vertices = mesh.positions.len() as u64;
+    let bytes = VertexSums::bytes(mesh);
+    let grant = run.budget.take("normals of the scene", bytes, bytes);
+    // What is written with the normals has to fit, too.
+    let fits = 24 * vertices + 12 * scene.triangles.iter().sum::<u64>() + (1 << 20) * (1 + parts as u64) < MOST;
+    if fits && grant.is_ok() {
+        let sums = VertexSums::of(mesh, run)?;
+        scene.normals = (sums.creased(mesh, run)? < FLAT).then_some(sums);
+    }
     let json = padded(scene.json().to_string());
-    let binary = 12 * (mesh.positions.len() as u64 + scene.triangles.iter().sum::<u64>());
+    let width = if scene.normals.is_some() { 24 } else { 12 };
+    let binary = width * vertices + 12 * scene.triangles.iter().sum::<u64>();
     let total = 12 + 8 + json.len() as u64 + 8 + binary;
     if total > MOST {
         let problem = format!("would be {total} bytes, a .glb can have {MOST}");
@@ -80,36 +101,61 @@ struct Scene<'a> {
     middle: [f64; 3],
     low: [f32; 3],
     high: [f32; 3],
-    /// Triangles per part.
+    /// Triangles, faces and area per part.
     triangles: Vec<u64>,
+    faces: Vec<u64>,
+    area: Vec<f64>,
+    /// Of the vertices, where the surface is smooth.
+    normals: Option<VertexSums>,
 }
 
 impl<'a> Scene<'a> {
     /// Looks at all vertices and faces.
     fn of(mesh: &'a Mesh, labelling: &'a Labelling, parts: usize, run: &'a Run) -> Result<Self> {
-        let none = ([f32::INFINITY; 3], [f32::NEG_INFINITY; 3]);
-        let mut scene =
-            Self { mesh, labelling, run, middle: [0.; 3], low: none.0, high: none.1, triangles: vec![0; parts] };
-        let (mut low, mut high) = ([f64::INFINITY; 3], [f64::NEG_INFINITY; 3]);
-        for v in 0..mesh.positions.len() as u32 {
-            let p = mesh.positions.get(v);
-            if p.iter().all(|x| x.is_finite()) {
+        let mut scene = Self {
+            mesh,
+            labelling,
+            run,
+            middle: [0.; 3],
+            low: [f32::INFINITY; 3],
+            high: [f32::NEG_INFINITY; 3],
+            triangles: vec![0; parts],
+            faces: vec![0; parts],
+            area: vec![0.; parts],
+            normals: None,
+        };
+        let vertices = mesh.positions.len();
+        if mesh.positions.is_double() {
+            let frame = Frame::of(&mesh.positions, run)?;
+            scene.middle = frame.origin;
+        }
+        let boxes = run.map_ranges(vertices, VERTICES, |range| {
+            let (mut low, mut high) = ([f32::INFINITY; 3], [f32::NEG_INFINITY; 3]);
+            for v in range {
+                let p = scene.place(v as u32);
                 (0..3).for_each(|k| (low[k], high[k]) = (low[k].min(p[k]), high[k].max(p[k])));
             }
-        }
-        if mesh.positions.is_double() && low[0] <= high[0] {
-            scene.middle = [0, 1, 2].map(|k| low[k] / 2. + high[k] / 2.);
-        }
-        for v in 0..mesh.positions.len() as u32 {
-            let p = scene.place(v);
-            (0..3).for_each(|k| (scene.low[k], scene.high[k]) = (scene.low[k].min(p[k]), scene.high[k].max(p[k])));
-        }
-        let mut triangles = std::mem::take(&mut scene.triangles);
-        scene.each(|face, corners| {
-            triangles[labelling.labels[face] as usize] += (corners.len() as u64).saturating_sub(2);
-            Ok(())
+            Ok((low, high))
         })?;
-        scene.triangles = triangles;
+        for (low, high) in boxes {
+            (0..3).for_each(|k| scene.low[k] = scene.low[k].min(low[k]));
+            (0..3).for_each(|k| scene.high[k] = scene.high[k].max(high[k]));
+        }
+        let counts = run.map_ranges(mesh.faces.len(), CHUNK, |range| {
+            let mut counts: BTreeMap<u32, (u64, u64, f64)> = BTreeMap::new();
+            scene.each(range, |face, corners| {
+                let count = counts.entry(labelling.labels[face]).or_default();
+                count.0 += (corners.len() as u64).saturating_sub(2);
+                count.1 += 1;
+                mesh.fan(corners, |_, at| count.2 += length(double_area(at)) / 2.);
+            });
+            Ok(counts)
+        })?;
+        for (label, (triangles, faces, area)) in counts.into_iter().flatten() {
+            scene.triangles[label as usize] += triangles;
+            scene.faces[label as usize] += faces;
+            scene.area[label as usize] += area;
+        }
         Ok(scene)
     }
 
@@ -120,24 +166,17 @@ impl<'a> Scene<'a> {
         if p.iter().all(|x| x.is_finite()) { p } else { [0.; 3] }
     }
 
-    /// Calls `visit` with every face in space.
-    fn each(&self, mut visit: impl FnMut(usize, &[u32]) -> Result<()>) -> Result<()> {
-        let n = self.mesh.faces.len();
-        for start in (0..n).step_by(CHUNK) {
-            self.run.cancel.check()?;
-            let mut result = Ok(());
-            self.mesh.faces.for_each(start..n.min(start + CHUNK), |face, corners| {
-                let is_in_space = |&v: &u32| {
-                    let p = self.mesh.positions.get(v);
-                    (0..3).all(|k| ((p[k] - self.middle[k]) as f32).is_finite())
-                };
-                if result.is_ok() && corners.iter().all(is_in_space) {
-                    result = visit(face, corners);
-                }
-            });
-            result?;
-        }
-        Ok(())
+    /// Calls `visit` with every face of `range` that is in space.
+    fn each(&self, range: std::ops::Range<usize>, mut visit: impl FnMut(usize, &[u32])) {
+        self.mesh.faces.for_each(range, |face, corners| {
+            let is_in_space = |&v: &u32| {
+                let p = self.mesh.positions.get(v);
+                (0..3).all(|k| ((p[k] - self.middle[k]) as f32).is_finite())
+            };
+            if corners.iter().all(is_in_space) {
+                visit(face, corners);
+            }
+        });
     }
 
     fn json(&self) -> Value {
@@ -146,16 +185,26 @@ impl<'a> Scene<'a> {
         let mut accessors = vec![json!({
             "bufferView": 0, "componentType": FLOAT, "count": vertices, "type": "VEC3", "min": self.low, "max": self.high,
         })];
-        let (mut materials, mut primitives, mut offset) = (Vec::new(), Vec::new(), 12 * vertices);
+        let mut attributes = json!({"POSITION": 0});
+        let mut offset = 12 * vertices;
+        if self.normals.is_some() {
+            attributes["NORMAL"] = json!(1);
+            views.push(json!({
+                "buffer": 0, "byteOffset": offset, "byteLength": 12 * vertices, "target": ARRAY_BUFFER,
+            }));
+            accessors.push(json!({"bufferView": 1, "componentType": FLOAT, "count": vertices, "type": "VEC3"}));
+            offset += 12 * vertices;
+        }
+        let (mut materials, mut meshes, mut nodes) = (Vec::new(), Vec::new(), vec![Value::Null]);
         for (label, &count) in self.triangles.iter().enumerate().filter(|(_, count)| **count > 0) {
             let colour = self.labelling.colours.get(label).copied().unwrap_or([128; 3]);
-            let [r, g, b] = colour.map(linear);
-            primitives.push(json!({
-                "attributes": {"POSITION": 0}, "indices": accessors.len(), "material": materials.len(),
-                "extras": {"label": label},
-            }));
+            let ([r, g, b], name) = (colour.map(linear), format!("part {label}"));
+            let primitive = json!({"attributes": attributes, "indices": accessors.len(), "material": materials.len()});
+            let extras = json!({"label": label, "faces": self.faces[label], "area": self.area[label]});
+            nodes.push(json!({"name": name, "mesh": meshes.len(), "extras": extras}));
+            meshes.push(json!({"name": name, "primitives": [primitive]}));
             materials.push(json!({
-                "name": format!("part {label}"), "doubleSided": true,
+                "name": name, "doubleSided": true,
                 "pbrMetallicRoughness": {"baseColorFactor": [r, g, b, 1.], "metallicFactor": 0., "roughnessFactor": 0.9},
             }));
             accessors.push(json!({
@@ -165,13 +214,13 @@ impl<'a> Scene<'a> {
             views.push(json!({"buffer": 0, "byteOffset": offset, "byteLength": 12 * count, "target": target}));
             offset += 12 * count;
         }
-        let mut node = json!({"mesh": 0, "name": "parts"});
+        nodes[0] = json!({"name": "parts", "children": (1..nodes.len()).collect::<Vec<_>>()});
         if self.middle != [0.; 3] {
-            node["translation"] = json!(self.middle);
+            nodes[0]["translation"] = json!(self.middle);
         }
         json!({
             "asset": {"version": "2.0", "generator": concat!("nystrom-stream ", env!("CARGO_PKG_VERSION"))},
-            "scene": 0, "scenes": [{"nodes": [0]}], "nodes": [node], "meshes": [{"primitives": primitives}],
+            "scene": 0, "scenes": [{"nodes": [0]}], "nodes": nodes, "meshes": meshes,
             "materials": materials, "accessors": accessors, "bufferViews": views, "buffers": [{"byteLength": offset}],
         })
     }
@@ -190,6 +239,14 @@ impl<'a> Scene<'a> {
         for v in 0..self.mesh.positions.len() as u32 {
             out.buffer.extend_from_slice(bytemuck::cast_slice(&self.place(v).map(|x| x.to_bits().to_le())));
             out.settle()?;
+        }
+        if let Some(normals) = &self.normals {
+            for v in 0..self.mesh.positions.len() as u32 {
+                // A vertex without a face has no normal, and the format none that is no direction.
+                let normal = normals.normal(v).filter(|normal| *normal != [0.; 3]).unwrap_or([0., 0., 1.]);
+                out.buffer.extend_from_slice(bytemuck::cast_slice(&normal.map(|x| (x as f32).to_bits().to_le())));
+                out.settle()?;
+            }
         }
         for label in (0..self.triangles.len()).filter(|&label| self.triangles[label] > 0) {
             self.part(label as u32, &mut out)?;

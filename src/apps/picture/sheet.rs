@@ -194,7 +194,7 @@ impl Sheet {
 
 /// Colour of the shares, and of the labels.
 const DARK: [f32; 3] = [0.02; 3];
-const PALE: [f32; 3] = [0.30; 3];
+const PALE: [f32; 3] = [0.13; 3];
 
 /// A line of the legend.
 #[derive(Clone, Debug, PartialEq)]

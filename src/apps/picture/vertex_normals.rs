@@ -1,32 +1,26 @@
 //! Smooth normals at vertices, for meshes whose faces are larger than samples.
 //!
-//! The faces' normals are added up by the angle they have at the vertex, in integers, so that threads may add in any order and
-//! the sum is always the same. Where a face is steeper to this sum than [`SMOOTH`], the surface has a crease at the vertex; each
+//! Where a face is steeper to the [mean normal](crate::apps::vertex_sums) of its vertex than [`SMOOTH`], the surface has a crease at the vertex; each
 //! of its corners there gets the sum of those faces alone that are within [`SAME`] of its own. So a box has flat sides and sharp
 //! edges, and a cylinder a smooth side and a sharp rim. 12 bytes per vertex, and 16 per corner at creases, as far as the budget
 //! allows: beyond, corners at creases are flat.
 
 use super::camera::Vec3;
-use super::raster::{CHUNK, each_triangle};
+use crate::apps::vertex_sums::{CHUNK, SMOOTH, VertexSums, each_corner};
 use crate::base::Result;
 use crate::base::parallel::{chunk_count, chunk_range};
-use crate::base::vector::{add_scaled, dot, double_area, minus, unit};
+use crate::base::vector::{add_scaled, dot, unit};
 use crate::mesh::Mesh;
 use crate::store::Run;
 use crate::store::budget::Grant;
-use std::sync::atomic::{AtomicI32, AtomicU64, Ordering::Relaxed};
+use std::sync::atomic::{AtomicU64, Ordering::Relaxed};
 
-/// Steps of a unit normal.
-const STEPS: f64 = 16384.0;
-/// Cosine between a face and the normal of its vertex (40°) below which there is a crease.
-const SMOOTH: f64 = 0.766;
 /// Cosine between two faces at a crease (60°) above which they are of one side.
 const SAME: f64 = 0.5;
 
 /// Normals of vertices.
 pub(super) struct VertexNormals {
-    /// One per vertex, of no unit length.
-    sums: Vec<[AtomicI32; 3]>,
+    sums: VertexSums,
     creases: Creases,
 }
 
@@ -43,48 +37,12 @@ struct Creases {
     _grant: Option<Grant>,
 }
 
-/// The angle whose cosine is `x`, to 7e-5.
-fn angle(x: f64) -> f64 {
-    let y = x.abs().min(1.0);
-    let near = (1.0 - y).sqrt() * (1.570_728_8 + y * (-0.212_114_4 + y * (0.074_261 - 0.018_729_3 * y)));
-    if x < 0.0 { std::f64::consts::PI - near } else { near }
-}
-
-/// Calls `visit(corner, its vertex, normal of the face, angle)` for the corners of `faces`.
-fn each_corner(mesh: &Mesh, faces: std::ops::Range<usize>, mut visit: impl FnMut(u32, Vec3, f64)) {
-    each_triangle(mesh, faces, |_, corners, at| {
-        let normal = unit(double_area(at));
-        let edges = [0, 1, 2].map(|k| unit(minus(at[(k + 1) % 3], at[k])));
-        for k in 0..3 {
-            visit(corners[k], normal, angle(-dot(edges[k], edges[(k + 2) % 3])));
-        }
-    });
-}
-
 impl VertexNormals {
     /// Adds up the normals of all faces, and finds the creases.
     pub(super) fn of(mesh: &Mesh, run: &Run) -> Result<Self> {
-        let sums: Vec<[AtomicI32; 3]> = (0..mesh.positions.len()).map(|_| Default::default()).collect();
-        let n = mesh.faces.len();
-        let chunk = |k, (): &mut ()| {
-            each_corner(mesh, chunk_range(n, CHUNK, k), |corner, normal, angle| {
-                let Some(sum) = sums.get(corner as usize) else { return };
-                for axis in 0..3 {
-                    sum[axis].fetch_add((normal[axis] * angle * STEPS) as i32, Relaxed);
-                }
-            });
-            Ok(())
-        };
-        run.map_chunks(chunk_count(n, CHUNK), || (), chunk)?;
-        let mut all = Self { sums, creases: Creases::default() };
+        let mut all = Self { sums: VertexSums::of(mesh, run)?, creases: Creases::default() };
         all.creases = all.creases(mesh, run)?;
         Ok(all)
-    }
-
-    /// The vertex's normal.
-    fn smooth(&self, vertex: u32) -> Option<Vec3> {
-        let sum = self.sums.get(vertex as usize)?;
-        Some(unit([0, 1, 2].map(|k| f64::from(sum[k].load(Relaxed)))))
     }
 
     fn creases(&self, mesh: &Mesh, run: &Run) -> Result<Creases> {
@@ -92,7 +50,7 @@ impl VertexNormals {
         let marks: Vec<AtomicU64> = (0..self.sums.len().div_ceil(64)).map(|_| AtomicU64::new(0)).collect();
         let mark = |k, (): &mut ()| {
             each_corner(mesh, chunk_range(n, CHUNK, k), |vertex, normal, _| {
-                if self.smooth(vertex).is_some_and(|smooth| normal != [0.0; 3] && dot(smooth, normal) < SMOOTH) {
+                if self.sums.normal(vertex).is_some_and(|smooth| normal != [0.0; 3] && dot(smooth, normal) < SMOOTH) {
                     marks[vertex as usize / 64].fetch_or(1 << (vertex % 64), Relaxed);
                 }
             });
@@ -145,7 +103,7 @@ impl VertexNormals {
 
     /// The normal at a corner of a face whose own unit normal is `face`.
     pub(super) fn at(&self, corner: u32, face: Vec3) -> Vec3 {
-        let Some(smooth) = self.smooth(corner) else { return face };
+        let Some(smooth) = self.sums.normal(corner) else { return face };
         match self.creases.of(corner) {
             None if dot(smooth, face) < SMOOTH => face,
             None => smooth,
@@ -183,7 +141,9 @@ impl Creases {
 
 #[cfg(test)]
 mod tests {
+    use super::super::raster::each_triangle;
     use super::*;
+    use crate::base::vector::double_area;
 
     /// A prism of `sides` sides and two lids, closed.
     fn prism(sides: usize) -> Mesh {
@@ -220,13 +180,5 @@ mod tests {
             let expected = if own[2].abs() > 0.5 { own } else { outwards };
             assert!(dot(expected, normal) > 0.999, "{at:?} {own:?} {normal:?}");
         });
-    }
-
-    #[test]
-    fn angles_are_near_enough() {
-        for k in 0..=200 {
-            let x = k as f64 / 100.0 - 1.0;
-            assert!((angle(x) - x.acos()).abs() < 1e-4, "{x}");
-        }
     }
 }

@@ -4,8 +4,10 @@
 //! positions and faces; `document` keeps what a copy of the file needs; [`labelled`], [`rearranged`] and [`plain`] write.
 
 pub mod document;
+mod fixed_records;
 pub mod header;
 pub mod labelled;
+mod labelling;
 pub mod plain;
 pub(super) mod read;
 pub mod rearranged;

@@ -1,0 +1,172 @@
+//! Labels, colours and qualities of faces as a PLY holds them, and what a labelled file is to be besides.
+
+use super::document::Document;
+use super::header::{Encoding, Scalar};
+use super::values::Encoder;
+use crate::mesh::geometry::Mesh;
+
+/// The encoding of a labelled file.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum PlyForm {
+    /// The input's; kept text stays as it stands.
+    #[default]
+    Same,
+    /// Little-endian.
+    Binary,
+    /// Text; floating-point numbers as short as they come back exactly.
+    Ascii,
+}
+
+/// What a labelled file is to be, besides labelled.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[non_exhaustive]
+pub struct PlyOptions {
+    /// Its encoding.
+    pub form: PlyForm,
+    /// Whether each vertex gets the label that most faces around it have, as `float scalar_label` (-1 without faces), and
+    /// its colour, in the place of its own: for programs that know no properties of faces.
+    pub vertex_labels: bool,
+}
+
+impl PlyOptions {
+    /// A file of the encoding `form`, with labels of vertices where `vertex_labels`.
+    pub fn new(form: PlyForm, vertex_labels: bool) -> Self {
+        Self { form, vertex_labels }
+    }
+}
+
+impl From<PlyForm> for PlyOptions {
+    fn from(form: PlyForm) -> Self {
+        Self { form, vertex_labels: false }
+    }
+}
+
+impl PlyForm {
+    /// The encoding of an output that may copy `input`.
+    pub(super) fn encoding(self, input: Encoding) -> Encoding {
+        match self {
+            Self::Same => input,
+            Self::Binary => Encoding::Little,
+            Self::Ascii => Encoding::Ascii,
+        }
+    }
+}
+
+/// Labels, colours and qualities of all faces, in file order.
+#[derive(Clone, Copy, Debug)]
+pub struct Labelling<'a> {
+    /// One label per face.
+    pub labels: &'a [u32],
+    /// One colour (sRGB) per label; grey for labels beyond the last.
+    pub colours: &'a [[u8; 3]],
+    /// One quality per face, if there is one.
+    pub quality: Option<&'a [f32]>,
+}
+
+/// The remark that says where labels come from.
+const REMARK: &[u8] = b"comment labelled by nystrom-stream";
+/// The colour of labels beyond the last colour.
+const GREY: [u8; 3] = [128; 3];
+
+impl Labelling<'_> {
+    /// The colour of `face`: its label's, or grey.
+    pub(crate) fn colour(&self, face: usize) -> [u8; 3] {
+        self.colour_of(Some(self.labels[face]))
+    }
+
+    /// The colour of `label`; grey without one, or beyond the last colour.
+    pub(super) fn colour_of(&self, label: Option<u32>) -> [u8; 3] {
+        label.and_then(|label| self.colours.get(label as usize)).copied().unwrap_or(GREY)
+    }
+
+    /// Appends the numbers of [`VERTEX_PROPERTIES`] of a vertex with `label`.
+    pub(super) fn append_vertex(&self, label: Option<u32>, encoder: Encoder, out: &mut Vec<u8>) {
+        encoder.real(Scalar::F32, label.map_or(-1., f64::from), out);
+        for part in self.colour_of(label) {
+            encoder.integer(Scalar::U8, part.into(), out);
+        }
+    }
+
+    /// Names and types of the properties that a face gets.
+    pub(crate) fn properties(&self) -> &'static [(&'static str, Scalar)] {
+        let all: &[_; 5] = &[
+            ("label", Scalar::I32),
+            ("red", Scalar::U8),
+            ("green", Scalar::U8),
+            ("blue", Scalar::U8),
+            ("quality", Scalar::F32),
+        ];
+        if self.quality.is_some() { all } else { &all[..4] }
+    }
+
+    /// Bytes that a binary face grows by.
+    pub(super) fn size(&self) -> usize {
+        if self.quality.is_some() { 11 } else { 7 }
+    }
+
+    /// The added numbers of `face` as a binary file holds them; the first [`Labelling::size`]
+    /// bytes count.
+    #[inline]
+    pub(super) fn packed(&self, face: usize, big: bool) -> [u8; 11] {
+        let (label, colour) = (self.labels[face], self.colour(face));
+        let quality = self.quality.map_or(0.0, |quality| quality[face]);
+        let (label, quality) = if big {
+            (label.to_be_bytes(), quality.to_be_bytes())
+        } else {
+            (label.to_le_bytes(), quality.to_le_bytes())
+        };
+        let mut packed = [0; 11];
+        packed[..4].copy_from_slice(&label);
+        packed[4..7].copy_from_slice(&colour);
+        packed[7..].copy_from_slice(&quality);
+        packed
+    }
+
+    /// Appends the numbers of [`Labelling::properties`] of `face`.
+    pub(crate) fn append(&self, face: usize, encoder: Encoder, out: &mut Vec<u8>) {
+        encoder.integer(Scalar::I32, i64::from(self.labels[face] as i32), out);
+        for part in self.colour(face) {
+            encoder.integer(Scalar::U8, part.into(), out);
+        }
+        if let Some(quality) = self.quality {
+            encoder.real(Scalar::F32, quality[face].into(), out);
+        }
+    }
+
+    /// The header of the labelled file.
+    pub(super) fn header(&self, document: &Document, mesh: &Mesh, options: PlyOptions) -> Vec<u8> {
+        let vertex = document.vertex().filter(|_| options.vertex_labels);
+        let faces = kept(document, self);
+        let stays = |element: usize, property: usize| match element {
+            _ if element == document.face => faces[property],
+            _ => vertex != Some(element) || !of_vertices(&document.header.elements[element].properties[property].name),
+        };
+        let added = |element: usize| match element {
+            _ if element == document.face => self.properties().to_vec(),
+            _ if vertex == Some(element) => VERTEX_PROPERTIES.to_vec(),
+            _ => Vec::new(),
+        };
+        let target = options.form.encoding(document.header.encoding);
+        document.header_of_copy(target, mesh.faces.len(), Some(REMARK), stays, added)
+    }
+}
+
+/// Which properties of the face element stay: all but those that are written anew.
+pub(super) fn kept(document: &Document, labelling: &Labelling) -> Vec<bool> {
+    let properties = document.header.elements[document.face].properties.iter().enumerate();
+    properties
+        .map(|(number, property)| {
+            number == document.list
+                || !document.strips && labelling.properties().iter().all(|(name, _)| *name != property.name)
+        })
+        .collect()
+}
+
+/// The properties that a vertex gets: CloudCompare shows the first as a scalar field called `label`.
+pub(super) const VERTEX_PROPERTIES: [(&str, Scalar); 4] =
+    [("scalar_label", Scalar::F32), ("red", Scalar::U8), ("green", Scalar::U8), ("blue", Scalar::U8)];
+
+/// Whether `name` is one of [`VERTEX_PROPERTIES`].
+pub(super) fn of_vertices(name: &str) -> bool {
+    VERTEX_PROPERTIES.iter().any(|(own, _)| *own == name)
+}
