@@ -7,6 +7,7 @@
 //!   sides together, from sums over regions, [`convexity`] and [`thickness`].
 //! - The mean over the ensemble is the co-association: a probability for any two [`Superfaces`].
 //! - [`labelling`] finds the labels of the greatest expected Rand index, and a whole [`hierarchy`] around them.
+//! - [`hints`] changes a labelling as people ask; `split` divides a part further along the hierarchy.
 //! - [`consensus`] has the plainer decisions, and tells how sure a part is.
 //!
 //! Everything is a function of the input and the seed: not of threads, not of timing. Cost: .05 s on two threads for 60
@@ -18,9 +19,11 @@ pub mod consensus;
 pub mod convexity;
 pub mod ensemble;
 pub mod hierarchy;
+pub mod hints;
 pub mod labelling;
 pub mod matrix;
 pub mod regions;
+mod split;
 pub mod thickness;
 
 pub use cell_graph::CellGraph;
@@ -233,8 +236,13 @@ pub fn decide(
 /// # Errors
 /// More parts than cells, or an empty range.
 pub fn cut(decided: &PartDecision, l: usize, seconds: f64, params: &PartsParams) -> Result<PartsResult> {
+    Ok(describe(decided, decided.tree.cut_for(params.count, params.detail)?, l, seconds))
+}
+
+/// The answer of `decided`, from `l` rows in `seconds`, whose parts are those of `cut`: a cut of its hierarchy, or one that
+/// was corrected.
+pub fn describe(decided: &PartDecision, cut: TreeCut, l: usize, seconds: f64) -> PartsResult {
     let PartDecision { superfaces, co_association, tree } = decided;
-    let cut = tree.cut_for(params.count, params.detail)?;
     // Kept in single precision, they sum to nearly 1.
     let total: f64 = tree.area.iter().map(|&share| f64::from(share)).sum();
     let shares: Vec<f64> = tree.area.iter().map(|&share| f64::from(share) / total).collect();
@@ -252,7 +260,7 @@ pub fn cut(decided: &PartDecision, l: usize, seconds: f64, params: &PartsParams)
         area: cell_graph::class_sums(&cut.label, &shares, cut.parts),
         seconds,
     };
-    Ok(PartsResult { label: cut.label, parts: cut.parts, tree: tree.clone(), confidence, report })
+    PartsResult { label: cut.label, parts: cut.parts, tree: tree.clone(), confidence, report }
 }
 
 /// Input that is safe to compute with.

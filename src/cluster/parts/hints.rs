@@ -1,0 +1,330 @@
+//! Places that belong together or apart, as constraints of the labelling of cells.
+//!
+//! The expected Rand index wants a labelling of greatest Σ a_x a_y (C_xy − t) ([`super::labelling`]). A hint forbids some
+//! labellings: two cells must share a label, or must not. Only the parts that hold hints are labelled again, so one hint
+//! moves one cut and nothing else:
+//! - a part whose hints must not share a label is divided among them ([`Affinities::divide`]);
+//! - any other part stays whole, and parts that hold places of one group become one.
+//!
+//! In a divided part each cell goes to the hint y with the greatest C_xy − λ d_xy. C alone is constant on superfaces; the
+//! path length d, through the part and longer over creases, decides between hints that C does not tell apart. Moving cells
+//! afterwards by their mean C to all of a piece was measured: it is worse, since one wrong piece draws others.
+//!
+//! Cost: one shortest-path search over the cells of a divided part for each superface that holds hints; milliseconds.
+
+use super::cell_graph::{CellGraph, class_sums, compact, connected_pieces};
+use super::ensemble::Superfaces;
+use super::matrix::Square;
+use crate::base::union_find::Forest;
+use std::cmp::Reverse;
+use std::collections::{BTreeMap, BTreeSet, BinaryHeap};
+
+/// λ: what a path of length √(area) takes from the probability to belong together.
+const PATH: f64 = 0.1;
+/// Length that turning by one radian is worth, where the boundary is concave and convex.
+const TURN: [f64; 2] = [1.5, 0.05];
+/// The path to a hint on another component.
+const UNREACHED: f64 = 1e3;
+
+/// Hints about cells.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct Hints {
+    /// Groups of cells, each of which belong together. A single cell may be a group.
+    pub groups: Vec<Vec<u32>>,
+    /// Pairs of groups that belong apart, by their numbers.
+    pub apart: Vec<[usize; 2]>,
+}
+
+/// Why hints cannot be followed.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Conflict {
+    /// Two groups that belong apart have a cell in common, or are joined by other groups.
+    Joined([usize; 2]),
+}
+
+/// How far cells belong together: what parts are divided by.
+#[derive(Clone, Copy, Debug)]
+pub struct Affinities<'a> {
+    /// The cells (S); their arrays must be finite ([`CellGraph::cleaned`]).
+    pub cells: &'a CellGraph,
+    /// The superfaces (R).
+    pub superfaces: &'a Superfaces,
+    /// Probability that two superfaces belong together (R × R).
+    pub co_association: &'a Square,
+    /// Connected pieces below this share of the area join a neighbour.
+    pub small_part: f64,
+}
+
+/// A hint: a cell, and the class that it is of.
+pub type Seed = (u32, u32);
+
+impl Affinities<'_> {
+    /// Divides the cells of part `part` of `label` (S) among `seeds` in it: the class of each cell of the part, ascending.
+    /// Each seed keeps its class. Small pieces without a seed join the class beside them.
+    pub fn divide(&self, label: &[u32], part: u32, seeds: &[Seed]) -> Vec<(u32, u32)> {
+        let members: Vec<u32> = (0..label.len() as u32).filter(|&cell| label[cell as usize] == part).collect();
+        let mut place = vec![u32::MAX; label.len()];
+        members.iter().zip(0u32..).for_each(|(&cell, k)| place[cell as usize] = k);
+        let inside = |pair: &&[u32; 2]| pair.iter().all(|&cell| place[cell as usize] != u32::MAX);
+        let edges: Vec<usize> = (0..self.cells.pairs.len()).filter(|&e| inside(&&self.cells.pairs[e])).collect();
+        let pairs: Vec<[u32; 2]> =
+            edges.iter().map(|&e| self.cells.pairs[e].map(|cell| place[cell as usize])).collect();
+        let steps = Steps::new(members.len(), &pairs, edges.iter().map(|&e| self.step(e)));
+        // Seeds of one class in one superface have the same C: one search finds the nearest of them.
+        let mut sources: BTreeMap<(u32, u32), Vec<u32>> = BTreeMap::new();
+        for &(cell, class) in seeds {
+            let superface = self.superfaces.of_cell[cell as usize];
+            sources.entry((class, superface)).or_default().push(place[cell as usize]);
+        }
+        let mut best = vec![(f64::INFINITY, u32::MAX); members.len()];
+        for (&(class, superface), cells) in &sources {
+            let path = steps.from(cells);
+            let row = self.co_association.row(superface as usize);
+            for ((best, &cell), path) in best.iter_mut().zip(&members).zip(path) {
+                let other = self.superfaces.of_cell[cell as usize];
+                let together = if other == superface { 1. } else { row[other as usize] };
+                let cost = PATH * path.min(UNREACHED) - together;
+                if cost < best.0 {
+                    *best = (cost, class);
+                }
+            }
+        }
+        let mut class: Vec<u32> = best.into_iter().map(|(_, class)| class).collect();
+        let mut seeded = vec![false; members.len()];
+        for &(cell, own) in seeds {
+            let k = place[cell as usize] as usize;
+            (class[k], seeded[k]) = (own, true);
+        }
+        self.tidy(&members, &pairs, &edges, &seeded, &mut class);
+        members.into_iter().zip(class).collect()
+    }
+
+    /// Length of the step over the boundary `edge`.
+    fn step(&self, edge: usize) -> f64 {
+        let [a, b] = self.cells.pairs[edge].map(|cell| self.cells.centre[cell as usize]);
+        let gap = (0..3).map(|k| (a[k] - b[k]).powi(2)).sum::<f64>().sqrt();
+        gap + TURN[0] * self.cells.concave[edge] + TURN[1] * self.cells.convex[edge]
+    }
+
+    /// Gives small pieces of a class without a seed to the class that shares the longest boundary with them.
+    fn tidy(&self, members: &[u32], pairs: &[[u32; 2]], edges: &[usize], seeded: &[bool], class: &mut [u32]) {
+        let (piece, count) = connected_pieces(pairs, class);
+        let total = self.cells.total_area();
+        let shares: Vec<f64> = members.iter().map(|&cell| self.cells.area[cell as usize] / total).collect();
+        let area = class_sums(&piece, &shares, count);
+        let mut loose: Vec<bool> = area.iter().map(|&area| area < self.small_part).collect();
+        piece.iter().zip(seeded).filter(|(_, seeded)| **seeded).for_each(|(&p, _)| loose[p as usize] = false);
+        let mut shared: BTreeMap<(u32, u32), f64> = BTreeMap::new();
+        for (&[i, j], &edge) in pairs.iter().zip(edges) {
+            for (i, j) in [(i as usize, j as usize), (j as usize, i as usize)] {
+                if piece[i] != piece[j] && loose[piece[i] as usize] && !loose[piece[j] as usize] {
+                    *shared.entry((piece[i], class[j])).or_default() += self.cells.length[edge];
+                }
+            }
+        }
+        let mut into: BTreeMap<u32, (f64, u32)> = BTreeMap::new();
+        for ((piece, class), length) in shared {
+            let best = into.entry(piece).or_insert((0., class));
+            if length > best.0 {
+                *best = (length, class);
+            }
+        }
+        for (class, piece) in class.iter_mut().zip(&piece) {
+            *class = into.get(piece).map_or(*class, |&(_, class)| class);
+        }
+    }
+
+    /// `label` (S) changed as little as `hints` want: labels numbered by first appearance, and their number.
+    ///
+    /// # Errors
+    /// Hints that contradict each other.
+    pub fn follow(&self, hints: &Hints, label: &[u32]) -> Result<(Vec<u32>, usize), Conflict> {
+        let groups = hints.groups.len();
+        // Groups with a cell in common are one.
+        let mut sets = Forest::new(groups);
+        let mut group_at: BTreeMap<u32, u32> = BTreeMap::new();
+        for (group, cells) in hints.groups.iter().enumerate() {
+            for &cell in cells {
+                sets.join(group as u32, *group_at.entry(cell).or_insert(group as u32));
+            }
+        }
+        let mut apart: BTreeSet<(u32, u32)> = BTreeSet::new();
+        for &[a, b] in &hints.apart {
+            let (i, j) = (sets.find(a as u32), sets.find(b as u32));
+            if i == j {
+                return Err(Conflict::Joined([a, b]));
+            }
+            apart.extend([(i, j), (j, i)]);
+        }
+        // Seeds by part, each of the class of its group.
+        let mut by_part: BTreeMap<u32, Vec<Seed>> = BTreeMap::new();
+        for (&cell, &group) in &group_at {
+            by_part.entry(label[cell as usize]).or_default().push((cell, sets.find(group)));
+        }
+        let parts = label.iter().max().map_or(0, |top| top + 1);
+        let mut new = label.to_vec();
+        // Classes that whole parts have made one.
+        let mut classes = Forest::new(groups);
+        for (&part, seeds) in &by_part {
+            let own: BTreeSet<u32> = seeds.iter().map(|seed| seed.1).collect();
+            let first = seeds[0].1;
+            let mut trial = classes.clone();
+            own.iter().for_each(|&class| {
+                trial.join(first, class);
+            });
+            let sound = apart.iter().all(|&(i, j)| trial.find(i) != trial.find(j));
+            if sound {
+                classes = trial;
+                new.iter_mut().filter(|label| **label == part).for_each(|label| *label = parts + first);
+            } else {
+                for (cell, class) in self.divide(label, part, seeds) {
+                    new[cell as usize] = parts + class;
+                }
+            }
+        }
+        for label in &mut new {
+            if *label >= parts {
+                *label = parts + classes.find(*label - parts);
+            }
+        }
+        Ok(compact(&new))
+    }
+}
+
+/// A small graph with lengths.
+struct Steps {
+    starts: Vec<u32>,
+    near: Vec<(u32, f64)>,
+}
+
+impl Steps {
+    /// The graph of `n` nodes with `pairs` and their lengths.
+    fn new(n: usize, pairs: &[[u32; 2]], lengths: impl Iterator<Item = f64>) -> Self {
+        let mut all: Vec<(u32, u32, f64)> = Vec::with_capacity(2 * pairs.len());
+        for (&[i, j], length) in pairs.iter().zip(lengths) {
+            all.extend([(i, j, length), (j, i, length)]);
+        }
+        all.sort_by_key(|step| (step.0, step.1));
+        let mut starts = vec![0u32; n + 1];
+        all.iter().for_each(|step| starts[step.0 as usize + 1] += 1);
+        (0..n).for_each(|i| starts[i + 1] += starts[i]);
+        Self { starts, near: all.into_iter().map(|(_, j, length)| (j, length)).collect() }
+    }
+
+    /// Length of the shortest path to each node from the nearest of `sources` (Dijkstra).
+    fn from(&self, sources: &[u32]) -> Vec<f64> {
+        let mut path = vec![f64::INFINITY; self.starts.len() - 1];
+        let mut queue = BinaryHeap::new();
+        for &i in sources {
+            path[i as usize] = 0.;
+            queue.push(Reverse((0u64, i)));
+        }
+        while let Some(Reverse((bits, i))) = queue.pop() {
+            // Bits of positive numbers are ordered as the numbers are.
+            let length = f64::from_bits(bits);
+            if length > path[i as usize] {
+                continue;
+            }
+            for &(j, step) in &self.near[self.starts[i as usize] as usize..self.starts[i as usize + 1] as usize] {
+                let next = length + step;
+                if next < path[j as usize] {
+                    path[j as usize] = next;
+                    queue.push(Reverse((next.to_bits(), j)));
+                }
+            }
+        }
+        path
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A strip of 12 cells in four superfaces of three; C falls with the number of superfaces between.
+    fn strip() -> (CellGraph, Superfaces, Square) {
+        let n = 12u32;
+        let cells = CellGraph {
+            area: vec![1.; 12],
+            centre: (0..n).map(|i| [0.1 * f64::from(i), 0., 0.]).collect(),
+            normal: vec![[0., 0., 1.]; 12],
+            pairs: (1..n).map(|i| [i - 1, i]).collect(),
+            length: vec![1.; 11],
+            concave: vec![0.; 11],
+            convex: vec![0.; 11],
+            convex04: vec![0.; 11],
+        };
+        let superfaces = Superfaces::kept((0..n).map(|i| i / 3).collect(), vec![3.; 4]).unwrap();
+        let c = (0..16).map(|k| 0.9 - 0.2 * f64::from((k / 4i32 - k % 4).abs())).collect();
+        (cells, superfaces, Square::from_values(4, c))
+    }
+
+    fn follow(hints: &Hints, label: &[u32]) -> Result<(Vec<u32>, usize), Conflict> {
+        let (cells, superfaces, c) = strip();
+        Affinities { cells: &cells, superfaces: &superfaces, co_association: &c, small_part: 0.003 }
+            .follow(hints, label)
+    }
+
+    #[test]
+    fn one_hint_moves_one_cut() {
+        let label = [0, 0, 0, 0, 0, 0, 1, 1, 1, 2, 2, 2];
+        let apart = Hints { groups: vec![vec![0], vec![5]], apart: vec![[0, 1]] };
+        assert_eq!(follow(&apart, &label).unwrap(), (vec![0, 0, 0, 1, 1, 1, 2, 2, 2, 3, 3, 3], 4));
+        let together = Hints { groups: vec![vec![7, 11]], apart: vec![] };
+        assert_eq!(follow(&together, &label).unwrap(), (vec![0, 0, 0, 0, 0, 0, 1, 1, 1, 1, 1, 1], 2));
+        let none = Hints { groups: vec![vec![0], vec![7]], apart: vec![[0, 1]] };
+        assert_eq!(follow(&none, &label).unwrap().0, label, "a hint that holds already changes nothing");
+    }
+
+    #[test]
+    fn a_place_moves_from_one_part_to_another() {
+        let label = [0, 0, 0, 0, 0, 0, 1, 1, 1, 2, 2, 2];
+        // 4 belongs with 7, not with 1.
+        let hints = Hints { groups: vec![vec![4, 7], vec![1]], apart: vec![[0, 1]] };
+        assert_eq!(follow(&hints, &label).unwrap(), (vec![0, 0, 0, 1, 1, 1, 1, 1, 1, 2, 2, 2], 3));
+    }
+
+    #[test]
+    fn whole_parts_do_not_join_what_belongs_apart() {
+        // 0 and 3 belong together, 5 and 7 too, 0 and 7 apart: the first part has to be divided.
+        let label = [0, 0, 0, 0, 0, 0, 1, 1, 1, 2, 2, 2];
+        let hints = Hints { groups: vec![vec![0, 2], vec![5, 7], vec![6]], apart: vec![[0, 2]] };
+        let (found, _) = follow(&hints, &label).unwrap();
+        assert_ne!(found[0], found[6]);
+        assert_eq!((found[5], found[0]), (found[7], found[2]));
+    }
+
+    #[test]
+    fn contradictions_are_told() {
+        let hints = Hints { groups: vec![vec![0, 5], vec![5], vec![9]], apart: vec![[2, 0], [0, 1]] };
+        assert_eq!(follow(&hints, &[0; 12]), Err(Conflict::Joined([0, 1])));
+    }
+
+    #[test]
+    fn every_hint_holds_for_any_hints() {
+        use crate::base::random::{below, stream};
+        for seed in 0..300 {
+            let mut random = stream(seed, "hints");
+            let label: Vec<u32> = (0..12).map(|_| below(&mut random, 4) as u32).collect();
+            let mut cells: Vec<u32> = (0..12).collect();
+            for i in (1..12).rev() {
+                cells.swap(i, below(&mut random, i + 1));
+            }
+            let groups: Vec<Vec<u32>> = cells.chunks(2).take(4).map(<[u32]>::to_vec).collect();
+            let apart: Vec<[usize; 2]> = (0..3)
+                .map(|_| [below(&mut random, 4) as usize, below(&mut random, 4) as usize])
+                .filter(|[a, b]| a != b)
+                .collect();
+            let hints = Hints { groups, apart };
+            let (found, parts) = follow(&hints, &label).unwrap();
+            assert_eq!(found.iter().max().map(|top| *top as usize + 1), Some(parts));
+            for group in &hints.groups {
+                assert!(group.iter().all(|&c| found[c as usize] == found[group[0] as usize]), "{seed} {hints:?}");
+            }
+            for &[a, b] in &hints.apart {
+                let (a, b) = (hints.groups[a][0], hints.groups[b][0]);
+                assert_ne!(found[a as usize], found[b as usize], "{seed} {hints:?}");
+            }
+        }
+    }
+}
