@@ -39,7 +39,7 @@ impl Mesh {
     /// # let dir = tempfile::tempdir().unwrap();
     /// # let path = dir.path().join("labels.seg");
     /// let mesh = Mesh::from_slices(&[[0., 0., 0.], [1., 0., 0.], [1., 1., 0.], [0., 1., 0.]], &[[0, 1, 2], [0, 2, 3]])?;
-    /// mesh.save(&path, Labelling { labels: &[0, 1], colours: &[[255, 0, 0], [0, 0, 255]], quality: None })?;
+    /// mesh.save(&path, Labelling { labels: &[0, 1], colours: &[[255, 0, 0], [0, 0, 255]], quality: None, names: &[] })?;
     /// assert_eq!(std::fs::read_to_string(&path).unwrap(), "0\n1\n");
     /// # Ok(())
     /// # }

@@ -109,7 +109,7 @@ fn a_run_can_be_stopped_and_says_what_is_wrong() {
     assert!(matches!(Segmenter::new().cancel(cancel).run(&mesh), Err(Error::Cancelled)));
     assert!(matches!(Segmenter::new().parts(0).run(&mesh), Err(Error::Parameter { .. })));
     assert!(matches!(Segmenter::new().parts(1 << 30).run(&mesh), Err(Error::Unusable { .. })));
-    let wrong = Labelling { labels: &[0], colours: &[], quality: None };
+    let wrong = Labelling { labels: &[0], colours: &[], quality: None, names: &[] };
     for name in ["a.seg", "a.npy", "a.ply", "a.glb", "a.xyz"] {
         assert!(matches!(mesh.save(name, wrong), Err(Error::Parameter { .. })), "{name}");
     }

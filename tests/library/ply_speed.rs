@@ -27,7 +27,7 @@ fn reading_and_writing() {
                 let labels: Vec<u32> = (0..faces as u32).map(|face| face / 1000 % 12).collect();
                 let quality = vec![0.5; faces];
                 let colours = nystrom_stream::apps::colours::assign(12, &[]);
-                let labelling = Labelling { labels: &labels, colours: &colours, quality: Some(&quality) };
+                let labelling = Labelling { labels: &labels, colours: &colours, quality: Some(&quality), names: &[] };
                 let mesh = &opened;
                 let out = scratch.path().join("out.ply");
                 let start = Instant::now();

@@ -42,7 +42,7 @@ const VERTICES: usize = 1 << 14;
 /// use nystrom_stream::store::Run;
 /// let corners = [[0., 0., 0.], [1., 0., 0.], [1., 1., 0.], [0., 1., 0.]];
 /// let mesh = Mesh::from_slices(&corners, &[[0, 1, 2], [0, 2, 3]])?;
-/// let labelling = Labelling { labels: &[0, 1], colours: &palette(2), quality: None };
+/// let labelling = Labelling { labels: &[0, 1], colours: &palette(2), quality: None, names: &[] };
 /// glb::write(&std::env::temp_dir().join("square.glb"), &mesh, &labelling, false, &Run::new(&()))?;
 /// # Ok::<(), nystrom_stream::base::Error>(())
 /// ```
@@ -198,7 +198,8 @@ impl<'a> Scene<'a> {
         let (mut materials, mut meshes, mut nodes) = (Vec::new(), Vec::new(), vec![Value::Null]);
         for (label, &count) in self.triangles.iter().enumerate().filter(|(_, count)| **count > 0) {
             let colour = self.labelling.colours.get(label).copied().unwrap_or([128; 3]);
-            let ([r, g, b], name) = (colour.map(linear), format!("part {label}"));
+            let name = self.labelling.name(label).map_or_else(|| format!("part {label}"), String::from);
+            let [r, g, b] = colour.map(linear);
             let primitive = json!({"attributes": attributes, "indices": accessors.len(), "material": materials.len()});
             let extras = json!({"label": label, "faces": self.faces[label], "area": self.area[label]});
             nodes.push(json!({"name": name, "mesh": meshes.len(), "extras": extras}));

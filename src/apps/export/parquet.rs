@@ -12,7 +12,7 @@ use crate::mesh::output::by_rename;
 use crate::mesh::{Labelling, Mesh};
 use crate::store::Run;
 use parquet::basic::Encoding;
-use parquet::data_type::{DataType, DoubleType, FloatType, Int32Type};
+use parquet::data_type::{ByteArray, ByteArrayType, DataType, DoubleType, FloatType, Int32Type};
 use parquet::errors::ParquetError;
 use parquet::file::properties::{WriterProperties, WriterPropertiesBuilder};
 use parquet::file::writer::{SerializedFileWriter, SerializedRowGroupWriter};
@@ -138,7 +138,7 @@ pub fn measure(corners: &[[f64; 3]]) -> (f64, [f64; 3]) {
 /// use nystrom_stream::store::Run;
 /// let corners = [[0., 0., 0.], [1., 0., 0.], [1., 1., 0.], [0., 1., 0.]];
 /// let mesh = Mesh::from_slices(&corners, &[[0, 1, 2], [0, 2, 3]])?;
-/// let labelling = Labelling { labels: &[0, 1], colours: &[], quality: None };
+/// let labelling = Labelling { labels: &[0, 1], colours: &[], quality: None, names: &[] };
 /// parquet::write(&std::env::temp_dir().join("square.parquet"), &mesh, &labelling, None, false, &Run::new(&()))?;
 /// # Ok::<(), nystrom_stream::base::Error>(())
 /// ```
@@ -186,6 +186,9 @@ impl FaceTable<'_> {
         if self.labelling.quality.is_some() {
             text += " required float quality;";
         }
+        if !self.labelling.names.is_empty() {
+            text += " required binary name (UTF8);";
+        }
         let dimensions = self.embedding.map_or(0, |embedding| embedding.dimensions);
         (0..dimensions).for_each(|k| text += &format!(" required float embedding_{k};"));
         text + " }"
@@ -196,6 +199,7 @@ impl FaceTable<'_> {
             // Numbers that hardly repeat make no dictionary; labels do, and faces are counted up.
             .set_dictionary_enabled(false)
             .set_column_dictionary_enabled(ColumnPath::from("label"), true)
+            .set_column_dictionary_enabled(ColumnPath::from("name"), true)
             .set_column_encoding(ColumnPath::from("face"), Encoding::DELTA_BINARY_PACKED);
         let schema = self.schema();
         let mut writer = Writer::new(self.path, file, &schema, properties)?;
@@ -225,6 +229,10 @@ impl FaceTable<'_> {
         }
         if let Some(quality) = self.labelling.quality {
             group.column::<FloatType>(quality[start..end].iter().copied())?;
+        }
+        if !self.labelling.names.is_empty() {
+            let name = |&label: &u32| self.labelling.name(label as usize).unwrap_or_default();
+            group.column::<ByteArrayType>(labels.iter().map(|label| ByteArray::from(name(label))))?;
         }
         if let Some(Coordinates { values, dimensions }) = self.embedding {
             for k in 0..dimensions {

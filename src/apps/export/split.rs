@@ -19,9 +19,13 @@ pub const LIST: &str = "parts.json";
 /// Vertices of a word.
 const BLOCK: usize = 64;
 
-/// The name of a part's file.
-pub fn file_name(part: usize) -> String {
-    format!("part_{part:03}.ply")
+/// The name of the file of a part, which may have a name: `part_003.ply`, `part_003_left_arm.ply`. Letters and digits of the
+/// name stay, as any file system takes them.
+pub fn file_name(part: usize, name: Option<&str>) -> String {
+    let plain = |c: char| if c.is_alphanumeric() || c == '-' { c } else { '_' };
+    let name: String = name.unwrap_or_default().chars().take(60).map(plain).collect();
+    let name = name.trim_matches('_');
+    format!("part_{part:03}{}{name}.ply", if name.is_empty() { "" } else { "_" })
 }
 
 /// Writes all parts that have faces to `folder`, which is made where it is not there; text where `text`, else
@@ -44,7 +48,7 @@ pub fn write(folder: &Path, mesh: &Mesh, labelling: &Labelling, text: bool, dura
     let mut writer = Splitter { mesh, labelling, encoder, run, used: vec![0; words], before: vec![0; words] };
     let mut listed = Vec::new();
     for part in 0..parts {
-        let name = file_name(part);
+        let name = file_name(part, labelling.name(part));
         let (faces, vertices, most) = writer.mark(part as u32)?;
         if faces == 0 {
             continue;
@@ -56,12 +60,16 @@ pub fn write(folder: &Path, mesh: &Mesh, labelling: &Labelling, text: bool, dura
             out.finish()
         })?;
         let colour = labelling.colours.get(part);
-        listed.push(json!({"file": name, "label": part, "faces": faces, "vertices": vertices, "colour": colour}));
+        let mut entry = json!({"file": name, "label": part, "faces": faces, "vertices": vertices, "colour": colour});
+        if let Some(name) = labelling.name(part) {
+            entry["name"] = name.into();
+        }
+        listed.push(entry);
     }
     // A value prints itself, indented under `#`, and cannot fail to.
     let listed = json!({"faces": mesh.faces.len(), "parts": listed});
     by_rename(&list, 0, durable, |file| writeln!(file, "{listed:#}").map_err(Error::io(&list, "write")))?;
-    if folder.join(file_name(parts)).exists() {
+    if folder.join(file_name(parts, None)).exists() {
         let text = format!("{}: holds parts of an earlier cut too; {LIST} says which are of this", folder.display());
         run.progress.note(&text);
     }

@@ -233,13 +233,13 @@ impl Document {
     }
 
     /// The header of a copy of the file in encoding `target`, with `faces` faces: the properties that are `kept`
-    /// (element, property), and behind those of an element what is `added` to it. A `remark` stands before the first
-    /// element, and nowhere else. Triangle strips become faces that have only their corners and what is added.
+    /// (element, property), and behind those of an element what is `added` to it. New remarks stand before the first
+    /// element, stale ones go. Triangle strips become faces that have only their corners and what is added.
     pub(super) fn header_of_copy(
         &self,
         target: Encoding,
         faces: usize,
-        remark: Option<&[u8]>,
+        remarks: Remarks<'_>,
         kept: impl Fn(usize, usize) -> bool,
         added: impl Fn(usize) -> Vec<(&'static str, Scalar)>,
     ) -> Vec<u8> {
@@ -252,13 +252,13 @@ impl Document {
         let mut open = None;
         for line in &self.header.lines {
             match *line {
-                Line::Remark(ref text) if Some(&text[..]) == remark => {}
+                Line::Remark(ref text) if (remarks.stale)(text) => {}
                 Line::Remark(ref text) => {
                     out.remark(text);
                 }
                 Line::Element(number) => {
-                    if let Some(remark) = remark.filter(|_| open.is_none()) {
-                        out.remark(remark);
+                    if open.is_none() {
+                        remarks.added.iter().for_each(|remark| _ = out.remark(remark));
                     }
                     close(&mut out, open);
                     open = Some(number);
@@ -292,6 +292,20 @@ impl NumberProperty<'_> {
     pub fn for_each(&self, run: &Run, mut visit: impl FnMut(usize, f64) -> Result<()>) -> Result<()> {
         self.document.numbers(self.element, [Some(self.property)], run, |record, [number]| visit(record, number))
     }
+}
+
+/// How the remarks of a copy differ.
+#[derive(Clone, Copy)]
+pub(super) struct Remarks<'a> {
+    /// Those that stand before the first element.
+    pub added: &'a [Vec<u8>],
+    /// Which of the file's are left out.
+    pub stale: &'a dyn Fn(&[u8]) -> bool,
+}
+
+impl Remarks<'_> {
+    /// All stay, and no others come.
+    pub const NONE: Remarks<'static> = Remarks { added: &[], stale: &|_| false };
 }
 
 /// What a number is read as.
@@ -355,7 +369,7 @@ mod tests {
         let path = dir.path().join("a.ply");
         std::fs::write(&path, MESH).unwrap();
         let mesh = open(&path, dir.path(), &run).unwrap();
-        let labelling = Labelling { labels: &[3, 70000], colours: &[], quality: None };
+        let labelling = Labelling { labels: &[3, 70000], colours: &[], quality: None, names: &[] };
         for form in [PlyForm::Ascii, PlyForm::Binary] {
             let labelled = dir.path().join("b.ply");
             write_labelled(&mesh, &labelled, &labelling, form, false, &run).unwrap();

@@ -228,6 +228,13 @@ pub struct Header {
     pub payload: usize,
 }
 
+impl Header {
+    /// The remarks, without their line breaks, in the order of the file.
+    pub fn remarks(&self) -> impl Iterator<Item = &[u8]> {
+        self.lines.iter().filter_map(|line| if let Line::Remark(text) = line { Some(&text[..]) } else { None })
+    }
+}
+
 /// Splits off the next line: its content, trimmed, and the bytes it takes with its line break.
 fn next_line(bytes: &[u8], lone_cr: bool) -> Option<(&[u8], usize)> {
     let end = bytes.iter().position(|&byte| byte == if lone_cr { b'\r' } else { b'\n' })?;

@@ -12,6 +12,7 @@ use super::fixed_records::FixedRecords;
 use super::header::{Encoding, Scalar};
 pub use super::labelling::{Labelling, PlyForm, PlyOptions};
 use super::labelling::{VERTEX_PROPERTIES, kept, of_vertices};
+use super::names;
 use super::plain::{self, Column};
 use super::values::{Binary, Cursor, Encoder, Text};
 use super::vertex_labels::VertexLabels;
@@ -34,7 +35,7 @@ use std::path::Path;
 /// # let dir = tempfile::tempdir()?;
 /// # let out = dir.path().join("labelled.ply");
 /// let mesh = Mesh::from_slices(&[[0f32, 0., 0.], [1., 0., 0.], [0., 1., 0.], [1., 1., 1.]], &[[0, 1, 2], [1, 3, 2]])?;
-/// let labelling = Labelling { labels: &[0, 1], colours: &[[230, 159, 0], [86, 180, 233]], quality: None };
+/// let labelling = Labelling { labels: &[0, 1], colours: &[[230, 159, 0], [86, 180, 233]], quality: None, names: &[] };
 /// write_labelled(&mesh, &out, &labelling, PlyForm::Ascii, false, &Run::new(&()))?;
 /// let text = std::fs::read_to_string(&out)?;
 /// assert!(text.ends_with("3 0 1 2 0 230 159 0\n3 1 3 2 1 86 180 233\n"));
@@ -141,7 +142,8 @@ fn stream_arrays(
     faces.extend(plain::colours(|face| labelling.colour(face)));
     faces.extend(labelling.quality.map(|quality| Column::new("quality", Scalar::F32, |face| quality[face].into())));
     let target = options.form.encoding(Encoding::Little);
-    plain::stream(path, writer, mesh, target, (&vertices, &faces), run)
+    let remarks = names::remarks(labelling.names);
+    plain::stream(path, writer, mesh, target, (&vertices, &faces), &remarks, run)
 }
 
 /// Refuses labels that do not fit the faces.

@@ -1,7 +1,8 @@
 //! Labels, colours and qualities of faces as a PLY holds them, and what a labelled file is to be besides.
 
-use super::document::Document;
+use super::document::{Document, Remarks};
 use super::header::{Encoding, Scalar};
+use super::names;
 use super::values::Encoder;
 use crate::mesh::geometry::Mesh;
 
@@ -61,6 +62,8 @@ pub struct Labelling<'a> {
     pub colours: &'a [[u8; 3]],
     /// One quality per face, if there is one.
     pub quality: Option<&'a [f32]>,
+    /// One name per label, empty for none; may end early, or be empty as a whole.
+    pub names: &'a [String],
 }
 
 /// The remark that says where labels come from.
@@ -69,6 +72,11 @@ const REMARK: &[u8] = b"comment labelled by nystrom-stream";
 const GREY: [u8; 3] = [128; 3];
 
 impl Labelling<'_> {
+    /// The name of `label`, if it has one.
+    pub fn name(&self, label: usize) -> Option<&str> {
+        self.names.get(label).map(String::as_str).filter(|name| !name.is_empty())
+    }
+
     /// The colour of `face`: its label's, or grey.
     pub(crate) fn colour(&self, face: usize) -> [u8; 3] {
         self.colour_of(Some(self.labels[face]))
@@ -147,7 +155,10 @@ impl Labelling<'_> {
             _ => Vec::new(),
         };
         let target = options.form.encoding(document.header.encoding);
-        document.header_of_copy(target, mesh.faces.len(), Some(REMARK), stays, added)
+        let mut remarks = vec![REMARK.to_vec()];
+        remarks.extend(names::remarks(self.names));
+        let stale = |remark: &[u8]| remark == REMARK || names::told(remark).is_some();
+        document.header_of_copy(target, mesh.faces.len(), Remarks { added: &remarks, stale: &stale }, stays, added)
     }
 }
 

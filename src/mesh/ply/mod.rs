@@ -8,6 +8,7 @@ mod fixed_records;
 pub mod header;
 pub mod labelled;
 mod labelling;
+pub mod names;
 pub mod plain;
 pub(super) mod read;
 pub mod rearranged;

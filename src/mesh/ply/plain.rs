@@ -45,16 +45,17 @@ pub fn colours<'a>(colour: impl Fn(usize) -> [u8; 3] + Copy + 'a) -> Vec<Column<
 /// # Errors
 /// [`crate::base::Error::Io`], [`crate::base::Error::Cancelled`].
 pub fn write_annotated(path: &Path, mesh: &Mesh, vertices: &[Column], faces: &[Column], run: &Run) -> Result<()> {
-    by_rename(path, 0, true, |file| stream(path, file, mesh, Encoding::Little, (vertices, faces), run))
+    by_rename(path, 0, true, |file| stream(path, file, mesh, Encoding::Little, (vertices, faces), &[], run))
 }
 
-/// Writes `mesh` with `columns` on its vertices and faces to a stream, `path` in messages.
+/// Writes `mesh` with `columns` on its vertices and faces to a stream, `path` in messages; the header gets `remarks`.
 pub(super) fn stream(
     path: &Path,
     writer: &mut dyn Write,
     mesh: &Mesh,
     target: Encoding,
     (vertices, faces): (&[Column], &[Column]),
+    remarks: &[Vec<u8>],
     run: &Run,
 ) -> Result<()> {
     let largest = match &mesh.faces {
@@ -64,7 +65,9 @@ pub(super) fn stream(
     let (count, real) = (Scalar::counting(largest), Scalar::coordinate(mesh.positions.is_double()));
     let (n, m) = (mesh.positions.len(), mesh.faces.len());
     let mut header = HeaderWriter::new(target);
-    header.remark(REMARK).element("vertex", n as u64).positions(mesh.positions.is_double());
+    header.remark(REMARK);
+    remarks.iter().for_each(|remark| _ = header.remark(remark));
+    header.element("vertex", n as u64).positions(mesh.positions.is_double());
     vertices.iter().for_each(|column| _ = header.property(&column.name, column.scalar));
     header.element("face", m as u64).corners(count, Scalar::U32);
     faces.iter().for_each(|column| _ = header.property(&column.name, column.scalar));

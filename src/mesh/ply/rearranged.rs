@@ -6,7 +6,7 @@
 //! the file's order is scattered. Cost: 24 bytes per piece through the sort, written and read once where memory does not
 //! hold them; 50–200 MB/s.
 
-use super::document::Document;
+use super::document::{Document, Remarks};
 use super::header::{Encoding, Kind, Property, Scalar};
 use super::labelled::PlyForm;
 use super::values::{Binary, Cursor, Encoder, Fault, Text};
@@ -147,7 +147,7 @@ impl<'a> RearrangedWriter<'a> {
     fn header(&self) -> Vec<u8> {
         let added = |element| self.added(element).map(|name| (name, Scalar::U32)).into_iter().collect();
         let kept = |element, property: usize| self.kept(element)[property];
-        self.document.header_of_copy(self.encoder.target, self.mesh.faces.len(), None, kept, added)
+        self.document.header_of_copy(self.encoder.target, self.mesh.faces.len(), Remarks::NONE, kept, added)
     }
 
     fn element<C: Cursor<'a>>(&self, number: usize, out: &mut Gather) -> Result<()> {
