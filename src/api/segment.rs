@@ -2,11 +2,13 @@
 
 use super::mesh::admitted;
 use super::run::{RunOptions, run_options};
+use crate::apps::edits::Edits;
 use crate::base::Result;
 use crate::cluster::parts::{Decision, PartCount, PartTree};
 use crate::graph::{Metric, Order};
 use crate::landmarks::Sampling;
 use crate::mesh::{Labelling, Mesh};
+use crate::pipeline::edits::Corrections;
 use crate::pipeline::report::Report;
 use crate::pipeline::{self, Boundaries, Cluster, SegmentParams, TinyComponents, cuts, decision};
 use crate::spectral::EmbeddingParams;
@@ -30,6 +32,7 @@ use std::path::Path;
 #[derive(Clone, Default)]
 pub struct Segmenter {
     params: SegmentParams,
+    edits: Option<Edits>,
     pub(super) options: RunOptions,
 }
 
@@ -43,7 +46,7 @@ impl Segmenter {
 
     /// The same with all options of `params`.
     pub fn with_params(params: SegmentParams) -> Self {
-        Self { params, options: RunOptions::default() }
+        Self { params, edits: None, options: RunOptions::default() }
     }
 
     /// All options as the pipeline takes them.
@@ -156,19 +159,36 @@ impl Segmenter {
         self
     }
 
+    /// Corrects the parts. With a [`Segmenter::work_dir`] that has been used for the mesh, that is all that is done.
+    #[must_use]
+    pub fn edits(mut self, edits: Edits) -> Self {
+        self.edits = Some(edits);
+        self
+    }
+
     /// Cuts `mesh`.
     ///
     /// # Errors
+    /// [`crate::Error::Malformed`] naming the edit that cannot be followed;
     /// [`crate::Error::Parameter`] for options out of range or that contradict each other, [`crate::Error::Unusable`] for
     /// more parts than faces, [`crate::Error::Memory`], [`crate::Error::Io`], [`crate::Error::Cancelled`].
     pub fn run(&self, mesh: &Mesh) -> Result<Segmentation> {
-        let params = &self.params;
+        let mut params = self.params.clone();
+        if let Some(edits) =
+            self.edits.as_ref().filter(|_| params.parts.count == PartCount::Found && params.parts.detail == 0.)
+        {
+            params.parts.count = edits.parts.map_or(params.parts.count, PartCount::Exactly);
+            params.parts.detail = edits.detail.unwrap_or_default();
+        }
+        let params = &params;
+        let corrections = Corrections { edits: self.edits.as_ref(), painted: None };
         self.options.with(|context, seconds| {
-            let cut = pipeline::segment(mesh, &admitted(mesh, self.options.force, context)?, params, context)?;
+            let identity = admitted(mesh, self.options.force, context)?;
+            let cut = pipeline::segment_corrected(mesh, &identity, params, corrections, context)?;
             let hierarchy = Hierarchy::kept(params, context)?;
             let report = Report::new(mesh, params, &cut, context, seconds.so_far(), None)?;
-            let pipeline::Segmentation { labels, quality, colours, .. } = cut;
-            Ok(Segmentation { mesh: mesh.clone(), labels, quality, colours, hierarchy, report })
+            let pipeline::Segmentation { labels, quality, colours, names, .. } = cut;
+            Ok(Segmentation { mesh: mesh.clone(), labels, quality, colours, names, hierarchy, report })
         })
     }
 }
@@ -180,6 +200,7 @@ pub struct Segmentation {
     labels: MappedSlice<u32>,
     quality: MappedSlice<f32>,
     colours: Vec<[u8; 3]>,
+    names: Vec<String>,
     hierarchy: Option<Hierarchy>,
     report: Report,
 }
@@ -200,6 +221,11 @@ impl Segmentation {
         &self.colours
     }
 
+    /// One name per part, empty where it has none; none at all where no part has one.
+    pub fn names(&self) -> &[String] {
+        &self.names
+    }
+
     /// Number of parts.
     pub fn parts(&self) -> usize {
         self.colours.len()
@@ -217,7 +243,7 @@ impl Segmentation {
 
     /// Labels, colours and confidences as writers take them.
     pub fn labelling(&self) -> Labelling<'_> {
-        Labelling { labels: &self.labels, colours: &self.colours, quality: Some(&self.quality) }
+        Labelling { labels: &self.labels, colours: &self.colours, quality: Some(&self.quality), names: &self.names }
     }
 
     /// Writes the labelled mesh in the form that the ending of `path` names: see [`Mesh::save`]. With the feature

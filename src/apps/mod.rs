@@ -9,6 +9,7 @@ pub mod colours;
 #[cfg(feature = "correspondence")]
 pub mod correspond;
 pub mod creature;
+pub mod edits;
 pub mod evaluate;
 pub mod export;
 mod integers;

@@ -3,7 +3,7 @@
 use super::options::{AppContext, CliError, RunArgs};
 use super::output::Output;
 use super::progress::human;
-use super::segment::{self, Job, SegmentArgs};
+use super::segment::{self, Job, SegmentArgs, Task};
 use clap::Parser;
 use nystrom_stream::apps::creature::{Creature, Options, parse_faces};
 use nystrom_stream::apps::evaluate::{contingency, matches, rand};
@@ -50,7 +50,8 @@ pub fn run(args: &DemoArgs, app: &AppContext) -> Result<(), CliError> {
     let cut = CutArgs::try_parse_from(words).map_err(|error| CliError::Usage(error.to_string()))?.args;
     let cut = SegmentArgs { run: args.run.clone(), ..cut };
     let job = Job { mesh, outputs: vec![Output::of(&ply)?, Output::of(&labels_file)?] };
-    let report = segment::one(&job, &cut, &cut.method.params()?, &bars, &run, app)?;
+    let params = cut.method.params()?;
+    let report = segment::one(&job, Task { args: &cut, params: &params, edits: None }, &bars, &run, app)?;
 
     let table = contingency(&seg::read_seg(&labels_file)?, &seg::read_seg(&truth_file)?, None)?;
     let mut out = std::io::stdout().lock();

@@ -4,6 +4,7 @@
 mod choices;
 mod correspond;
 mod demo;
+mod edits;
 mod evaluate;
 mod help;
 mod info;

@@ -3,18 +3,20 @@
 //! Many meshes come as files, folders and patterns; jobs take them from one list, and a table grows. Jobs share threads
 //! and memory evenly, so what one mesh gets depends on `--jobs` alone. A mesh that fails is reported, and the rest goes on.
 
+use super::edits::{EditArgs, corrections};
 use super::made::Maker;
 use super::method::{MethodArgs, check_count};
 use super::options::{AppContext, CliError, ForceArgs, RunArgs};
 use super::output::{ENDINGS, FormArgs, JsonArgs, Output, Results, folder_of};
 use super::progress::{Bars, BatchBars, Style, counted, human, tell};
 use super::stages::{KeptEmbedding, embedding, read};
+use nystrom_stream::apps::edits::Edits;
 use nystrom_stream::base::parallel::catch;
 use nystrom_stream::base::{Error, Progress, Result};
 use nystrom_stream::mesh::ply::labelled::Labelling;
 use nystrom_stream::pipeline::input;
 use nystrom_stream::pipeline::report::Report;
-use nystrom_stream::pipeline::{Cluster, SegmentParams, cuts, segment};
+use nystrom_stream::pipeline::{Cluster, SegmentParams, cuts, segment_corrected};
 use nystrom_stream::store::json::value as to_json;
 use nystrom_stream::store::{Budget, Context, Run};
 use serde_json::{Value, json};
@@ -71,14 +73,17 @@ pub struct SegmentArgs {
     #[arg(long, help_heading = "Many meshes")]
     pub resume: bool,
     #[command(flatten)]
+    pub edits: EditArgs,
+    #[command(flatten)]
     pub method: MethodArgs,
     #[command(flatten)]
     pub run: RunArgs,
 }
 
 /// Refuses combinations of options before any work.
-fn check(args: &SegmentArgs, meshes: &[PathBuf], many: bool) -> Result<SegmentParams, CliError> {
-    let params = args.method.params()?;
+fn check(args: &SegmentArgs, meshes: &[PathBuf], many: bool) -> Result<(SegmentParams, Option<Edits>), CliError> {
+    let mut params = args.method.params()?;
+    let edits = args.edits.read(&args.method.parts, &mut params)?;
     check_count(&params)?;
     let misused = |text: &str| Err(CliError::Usage(text.into()));
     let outputs = args.output.iter().map(|path| Output::of(path)).collect::<Result<Vec<_>, _>>()?;
@@ -108,7 +113,7 @@ fn check(args: &SegmentArgs, meshes: &[PathBuf], many: bool) -> Result<SegmentPa
     if args.json.to_stdout() && args.json_lines.as_deref() == Some(Path::new("-")) {
         return misused("--json and --json-lines cannot both go to standard output; give one of them a file");
     }
-    Ok(params)
+    Ok((params, edits))
 }
 
 pub fn run(args: &SegmentArgs, app: &AppContext) -> Result<(), CliError> {
@@ -116,15 +121,16 @@ pub fn run(args: &SegmentArgs, app: &AppContext) -> Result<(), CliError> {
     // A wrong option is told before a missing folder.
     args.method.params()?;
     let (meshes, many) = meshes(&args.meshes)?;
-    let params = check(args, &meshes, many)?;
+    let (params, edits) = check(args, &meshes, many)?;
+    let task = Task { args, params: &params, edits: edits.as_ref() };
     let mut jobs = jobs(meshes, &args.output)?;
     if many {
-        return all(jobs, args, &params, app);
+        return all(jobs, task, app);
     }
     let bars = args.run.bars();
     let run = args.run.run(&bars, app);
     let job = jobs.remove(0);
-    let report = one(&job, args, &params, &bars, &run, app)?;
+    let report = one(&job, task, &bars, &run, app)?;
     args.json.publish(&report)?;
     let written: Vec<String> = job.outputs.iter().map(Output::to_string).collect();
     run.progress.note(&format!(
@@ -188,15 +194,20 @@ impl Job {
     }
 }
 
+/// What is done with each mesh.
+#[derive(Clone, Copy)]
+pub struct Task<'a> {
+    /// The arguments.
+    pub args: &'a SegmentArgs,
+    /// Their parameters.
+    pub params: &'a SegmentParams,
+    /// The edits that they name.
+    pub edits: Option<&'a Edits>,
+}
+
 /// Segments one mesh and writes its outputs.
-pub fn one(
-    job: &Job,
-    args: &SegmentArgs,
-    params: &SegmentParams,
-    bars: &Bars,
-    run: &Run,
-    app: &AppContext,
-) -> Result<Report> {
+pub fn one(job: &Job, task: Task<'_>, bars: &Bars, run: &Run, app: &AppContext) -> Result<Report> {
+    let Task { args, params, edits } = task;
     let start = Instant::now();
     let Job { mesh: path, outputs } = job;
     outputs.iter().try_for_each(Output::check)?;
@@ -207,7 +218,9 @@ pub fn one(
     }
     let (opened, identity) = read(path, args.force, Context::new(&work, run))?;
     opened.notes().iter().for_each(|note| run.progress.note(note));
-    let result = segment(&opened, &identity, params, Context::new(&work, run))?;
+    let painted = args.edits.hints.as_ref().map(|name| opened.face_property(name, run)).transpose()?;
+    let corrections = corrections(edits, painted.as_ref());
+    let result = segment_corrected(&opened, &identity, params, corrections, Context::new(&work, run))?;
     let coordinates = if args.form.embedding_columns {
         Some(embedding(params, result.labels.len(), Context::new(&work, run))?)
     } else {
@@ -222,7 +235,12 @@ pub fn one(
         Report::new(&opened, params, &result, Context::new(&work, run), seconds, Some((app.peak)()))
     };
     let results = Results {
-        labelling: Labelling { labels: &result.labels, colours: &result.colours, quality: Some(&result.quality) },
+        labelling: Labelling {
+            labels: &result.labels,
+            colours: &result.colours,
+            quality: Some(&result.quality),
+            names: &result.names,
+        },
         options: args.form.ply.options(),
         embedding: coordinates.as_ref().map(KeptEmbedding::coordinates),
         report: if pages { to_json("the report", &report(seconds.clone())?)? } else { Value::Null },
@@ -369,11 +387,13 @@ struct Tally {
 }
 
 /// Segments all meshes.
-fn all(jobs: Vec<Job>, args: &SegmentArgs, params: &SegmentParams, app: &AppContext) -> Result<(), CliError> {
+fn all(jobs: Vec<Job>, task: Task<'_>, app: &AppContext) -> Result<(), CliError> {
+    let args = task.args;
     let start = Instant::now();
     let style = args.run.bars().style();
     let options = json!({
-        "params": params, "seed": args.run.seed.unwrap_or(0), "ply_form": format!("{:?}", args.form.ply.ply_form),
+        "edits": task.edits, "hints": args.edits.hints,
+        "params": task.params, "seed": args.run.seed.unwrap_or(0), "ply_form": format!("{:?}", args.form.ply.ply_form),
         "vertex_labels": args.form.ply.vertex_labels, "embedding_columns": args.form.embedding_columns,
     });
     let bars = BatchBars::new(style, jobs.len() as u64);
@@ -418,7 +438,7 @@ fn all(jobs: Vec<Job>, args: &SegmentArgs, params: &SegmentParams, app: &AppCont
                                 .filter_map(|(o, m)| Some((o, m.as_ref()?)))
                         };
                         known().for_each(|(output, maker)| maker.forget(output));
-                        let report = one(job, args, params, &mine, &run, app)?;
+                        let report = one(job, task, &mine, &run, app)?;
                         known().try_for_each(|(output, maker)| maker.stamp(output))?;
                         Ok(report)
                     })

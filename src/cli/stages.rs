@@ -2,6 +2,7 @@
 //!
 //! `graph` needs the mesh; the others find in the work directory which mesh it was, and make what is missing before them.
 
+use super::edits::{EditArgs, corrections};
 use super::method::{KernelArgs, MethodArgs, OrderArgs, PartsArgs, check_count};
 use super::options::{AppContext, CliError, ForceArgs, RunArgs, WorkDirArgs, misfit, open};
 use super::output::{FormArgs, JsonArgs, Output, Results, print};
@@ -115,6 +116,8 @@ pub struct ClusterArgs {
     pub form: FormArgs,
     #[command(flatten)]
     pub json: JsonArgs,
+    #[command(flatten)]
+    pub edits: EditArgs,
     #[command(flatten)]
     pub parts: PartsArgs,
     #[command(flatten)]
@@ -292,17 +295,27 @@ pub fn cluster(args: &ClusterArgs, app: &AppContext) -> Result<(), CliError> {
         params.tiny_components = fresh.tiny_components;
     }
     args.parts.apply(&args.kernel, &mut params)?;
+    let edits = args.edits.read(&args.parts, &mut params)?;
     check_count(&params)?;
     if args.tree.is_some() && params.cluster != Cluster::Parts {
         return Err(misfit("--tree", "--cluster parts"));
     }
     let tree = args.tree.as_deref().map(decision::read_tree).transpose()?;
     let params = recipe::continued(&record, &params);
-    let result = recipe::cluster(&params, tree.as_ref(), Context::new(&work, &run))?;
+    let context = Context::new(&work, &run);
+    let painted =
+        args.edits.hints.as_ref().map(|name| open_mesh(None, &record, None, context)?.face_property(name, &run));
+    let painted = painted.transpose()?;
+    let corrections = corrections(edits.as_ref(), painted.as_ref());
+    let result = recipe::cluster(&params, tree.as_ref(), corrections, context)?;
     let report = || {
         let part = |(label, &faces): (usize, &u64)| {
             let area = result.numbers.area.get(label).map(|area| area * result.graph.frame.scale.powi(2));
-            json!({"label": label, "faces": faces, "area": area, "colour": result.colours[label]})
+            let mut told = json!({"label": label, "faces": faces, "area": area, "colour": result.colours[label]});
+            if let Some(name) = result.names.get(label).filter(|name| !name.is_empty()) {
+                told["name"] = json!(name);
+            }
+            told
         };
         let mut seconds = bars.take_seconds();
         seconds.insert("total".into(), start.elapsed().as_secs_f64());
@@ -311,7 +324,12 @@ pub fn cluster(args: &ClusterArgs, app: &AppContext) -> Result<(), CliError> {
             "parts": result.numbers.faces.iter().enumerate().map(part).collect::<Vec<_>>(), "seconds": seconds,
         })
     };
-    let labelling = Labelling { labels: &result.labels, colours: &result.colours, quality: Some(&result.quality) };
+    let labelling = Labelling {
+        labels: &result.labels,
+        colours: &result.colours,
+        quality: Some(&result.quality),
+        names: &result.names,
+    };
     let export =
         Export { outputs: &outputs, mesh: None, record: &record, form: args.form, context: Context::new(&work, &run) };
     let mut told = export.write(&params, tree.as_ref(), labelling, &report)?;
@@ -344,8 +362,8 @@ pub fn export(args: &ExportArgs, app: &AppContext) -> Result<(), CliError> {
         decision::write_tree(&tree, path)?;
     }
     if !outputs.is_empty() {
-        let Labels { labels, quality, colours } = Labels::read(&work)?;
-        let labelling = Labelling { labels: &labels, colours: &colours, quality: Some(&quality) };
+        let Labels { labels, quality, colours, names } = Labels::read(&work)?;
+        let labelling = Labelling { labels: &labels, colours: &colours, quality: Some(&quality), names: &names };
         let report = || {
             let mut faces = vec![0u64; colours.len()];
             for &label in labels.iter() {
@@ -408,8 +426,10 @@ impl Export<'_> {
         if outputs.is_empty() {
             return Ok(Value::Null);
         }
-        let opened =
-            if outputs.iter().any(Output::needs_mesh) { Some(self.open(labelling.labels.len())?) } else { None };
+        let faces = Some(labelling.labels.len());
+        let needed = outputs.iter().any(Output::needs_mesh);
+        let open = || open_mesh(self.mesh, self.record, faces, context);
+        let opened = if needed { Some(open()?) } else { None };
         let coordinates =
             if self.form.embedding_columns { Some(embedding(params, labelling.labels.len(), context)?) } else { None };
         let pages = outputs.iter().any(Output::is_page);
@@ -426,24 +446,29 @@ impl Export<'_> {
         context.run.stage("write", "faces", labelling.labels.len() as u64, each)?;
         Ok(results.report)
     }
+}
 
-    /// The mesh of the work directory, which has `faces` faces.
-    fn open(&self, faces: usize) -> Result<mesh::Mesh, Error> {
-        let (record, Context { work, run }) = (self.record, self.context);
-        let path = self.mesh.unwrap_or(&record.mesh);
-        let same = match record.identity.get("stdin") {
-            Some(sum) => self.mesh.is_some() || *sum == workdir::checksum(path)?,
-            None => input::same(&input::identity(path)?, &record.identity),
-        };
-        if !same {
-            return Err(Error::unusable(path, "is not the mesh that the work directory is of", "name that mesh"));
-        }
-        let opened = run.stage("read", "bytes", 0, || mesh::open(path, work.path(), run))?.0;
-        if opened.faces.len() != faces {
-            return Err(Error::unusable(path, "has another number of faces than labels", "name the right mesh"));
-        }
-        Ok(opened)
+/// The mesh of the work directory that `record` is of, which lies at `moved` now if that is told. It has `faces` faces.
+fn open_mesh(
+    moved: Option<&Path>,
+    record: &Record,
+    faces: Option<usize>,
+    context: Context<'_>,
+) -> Result<mesh::Mesh, Error> {
+    let Context { work, run } = context;
+    let path = moved.unwrap_or(&record.mesh);
+    let same = match record.identity.get("stdin") {
+        Some(sum) => moved.is_some() || *sum == workdir::checksum(path)?,
+        None => input::same(&input::identity(path)?, &record.identity),
+    };
+    if !same {
+        return Err(Error::unusable(path, "is not the mesh that the work directory is of", "name that mesh"));
     }
+    let opened = run.stage("read", "bytes", 0, || mesh::open(path, work.path(), run))?.0;
+    if faces.is_some_and(|faces| opened.faces.len() != faces) {
+        return Err(Error::unusable(path, "has another number of faces than labels", "name the right mesh"));
+    }
+    Ok(opened)
 }
 
 #[cfg(test)]

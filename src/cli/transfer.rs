@@ -84,7 +84,7 @@ pub fn run(args: &TransferArgs, app: &AppContext) -> Result<(), CliError> {
         "input": {"path": args.to, "faces": facts.faces, "vertices": to.positions.len()},
     });
     let results = Results {
-        labelling: Labelling { labels: &result.labels, colours: &colours, quality: Some(&result.quality) },
+        labelling: Labelling { labels: &result.labels, colours: &colours, quality: Some(&result.quality), names: &[] },
         options: args.ply.options(),
         embedding: None,
         report: report.clone(),

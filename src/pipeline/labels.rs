@@ -3,6 +3,7 @@
 //! Labels are brought from the order of the graph's nodes into that of the file, parts that touch get colours that
 //! differ, and both stay in the work directory for `export`. Cost: two passes over the labels, one over the graph.
 
+use super::edits::PartMarks;
 use super::params::SegmentParams;
 use crate::apps::colours;
 use crate::base::Result;
@@ -59,6 +60,7 @@ pub(super) struct Clustered {
     pub labels: MappedSlice<u32>,
     pub quality: MappedSlice<f32>,
     pub numbers: SegmentStats,
+    pub marks: PartMarks,
 }
 
 /// A segmented mesh.
@@ -70,6 +72,8 @@ pub struct Segmentation {
     pub quality: MappedSlice<f32>,
     /// One colour per part; neighbours differ.
     pub colours: Vec<[u8; 3]>,
+    /// Name of each part, empty where it has none; empty as a whole where no part has one.
+    pub names: Vec<String>,
     /// How good the file's order was, and whether it was kept.
     pub order: OrderFacts,
     /// What the graph learned of the mesh.
@@ -95,11 +99,20 @@ pub(super) fn label(
     if let Some(tiny_components) = numbers.tiny_components_label {
         colours[tiny_components as usize] = TINY_COMPONENTS_COLOUR;
     }
+    let PartMarks { mut names, colours: own } = clustered.marks;
+    for (&part, &colour) in &own {
+        if let Some(slot) = colours.get_mut(part as usize) {
+            *slot = colour;
+        }
+    }
+    if !names.is_empty() {
+        names.resize(colours.len(), String::new());
+    }
     let inputs = json!({"graph": graph.key, "params": params, "seed": context.run.seed});
-    let facts = LabelFacts { faces: numbers.faces.clone(), colours: colours.clone() };
+    let facts = LabelFacts { faces: numbers.faces.clone(), colours: colours.clone(), names: names.clone() };
     let stage = StageKey::new("labels", LABELS_VERSION, inputs);
     context.work.stamp(stage, &["labels.npy", "quality.npy"], &facts, 0.)?;
-    Ok(Segmentation { colours, labels, quality, order: order.facts, graph: graph.facts.clone(), numbers })
+    Ok(Segmentation { colours, names, labels, quality, order: order.facts, graph: graph.facts.clone(), numbers })
 }
 
 /// Labels of a work directory, as `cluster` left them.
@@ -111,6 +124,8 @@ pub struct Labels {
     pub quality: MappedSlice<f32>,
     /// One colour per part.
     pub colours: Vec<[u8; 3]>,
+    /// Name of each part, empty where it has none; empty as a whole where no part has one.
+    pub names: Vec<String>,
 }
 
 /// What the manifest keeps of labels.
@@ -120,6 +135,9 @@ struct LabelFacts {
     pub faces: Vec<u64>,
     /// One colour per part.
     pub colours: Vec<[u8; 3]>,
+    /// One name per part, or none.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub names: Vec<String>,
 }
 
 impl Labels {
@@ -133,7 +151,8 @@ impl Labels {
         let labels = work.open_array::<u32>("labels.npy")?;
         let labels = work.indices("labels.npy", labels.len(), facts.colours.len())?;
         let quality = work.array_of("quality.npy", labels.len())?;
-        Ok(Self { labels, quality, colours: facts.colours })
+        let names = if facts.names.len() == facts.colours.len() { facts.names } else { Vec::new() };
+        Ok(Self { labels, quality, colours: facts.colours, names })
     }
 }
 

@@ -3,6 +3,7 @@
 //!
 //! Cost: fitting is constant in the size of the mesh (16,384 columns); the pass reads 4 l bytes per face.
 
+use super::edits::PartMarks;
 use super::labels::{Clustered, SegmentStats};
 use super::params::{Cluster, SegmentParams, default_landmarks};
 use super::sample::rows;
@@ -59,6 +60,7 @@ pub(super) fn k_means(
     Ok(Clustered {
         labels,
         quality,
+        marks: PartMarks::default(),
         numbers: SegmentStats {
             landmarks: rows.landmarks.clone(),
             sigma: embedding.sigma,

@@ -12,6 +12,7 @@ pub mod calibrate;
 pub mod correspond;
 pub mod cuts;
 pub mod decision;
+pub mod edits;
 pub mod embed;
 pub mod input;
 pub mod labels;
@@ -28,4 +29,4 @@ mod surface;
 
 pub use labels::Segmentation;
 pub use params::{Boundaries, Cluster, SegmentParams, TinyComponents, default_landmarks, landmarks_for_parts};
-pub use recipe::segment;
+pub use recipe::{segment, segment_corrected};

@@ -5,6 +5,7 @@
 //! one more front moves their boundaries onto creases. Another number of parts needs only the last step. More parts than there are cells are pieces of these.
 
 use super::decision::{COARSE, DecisionStage};
+use super::edits::{Corrections, PartMarks};
 use super::labels::{Clustered, SegmentStats};
 use super::params::{Boundaries, SegmentParams, TinyComponents};
 use super::surface::{Kind, Surface, SurfaceStage, WeightedSurface};
@@ -14,30 +15,51 @@ use crate::cluster::cells::CELLS;
 use crate::cluster::contract;
 use crate::cluster::divide::divide;
 use crate::cluster::extrapolate::LocalPartMeans;
-use crate::cluster::parts::{self, PartTree, PartsParams, PartsResult};
+use crate::cluster::parts::hints::Affinities;
+use crate::cluster::parts::{self, PartTree, PartsResult};
 use crate::distance::DistanceRows;
-use crate::graph::DualGraph;
-use crate::graph::WeightedGraph;
+use crate::graph::{DualGraph, NodeOrder, WeightedGraph};
 use crate::store::{Context, MappedSlice, Run};
 
 const CHUNK: usize = 1 << 15;
 
-/// Cuts the mesh of `graph`; by the hierarchy `tree`, where one is given, instead of the one that is found.
+/// What parts are cut by besides the options.
+#[derive(Clone, Copy, Default)]
+pub(super) struct Wishes<'a> {
+    /// A hierarchy in place of the one that is found.
+    pub tree: Option<&'a PartTree>,
+    /// What a person has corrected.
+    pub corrections: Corrections<'a>,
+}
+
+/// Wishes on their way to the cells.
+#[derive(Clone, Copy)]
+struct Located<'a> {
+    wishes: Wishes<'a>,
+    /// The nodes at the places of each edit.
+    nodes: &'a [Vec<u32>],
+    order: &'a NodeOrder,
+}
+
+/// Cuts the mesh of `graph`, whose nodes are in `order`.
 pub(super) fn parts(
     graph: &DualGraph,
+    order: &NodeOrder,
     params: &SegmentParams,
-    tree: Option<&PartTree>,
+    wishes: Wishes<'_>,
     context: Context<'_>,
 ) -> Result<Clustered> {
     let n = graph.nodes.len();
+    let nodes = wishes.corrections.locate(graph, order, context.run)?;
+    let located = Located { wishes, nodes: &nodes, order };
     let (surface, weighted) = weighted(graph, params, context)?;
     let whole = WeightedSurface { graph, weighted: &weighted, surface: &surface };
     let Surface { shares, radius, .. } = &surface;
     let decided = if params.coarse && n > contract::NODES {
-        decide_coarsely(whole, params, tree, context)?
+        decide_coarsely(whole, params, located, context)?
     } else {
         let of_node = surface.cells.of_node.clone();
-        decide(whole, of_node, params, tree, context)?
+        decide(whole, of_node, params, located, &|cell| cell, context)?
     };
     let Decided { result, unit_of_node, .. } = &decided;
     let extrapolated = match params.boundaries {
@@ -80,7 +102,7 @@ pub(super) fn parts(
         area,
         ..decided.numbers
     };
-    Ok(Clustered { labels, quality, numbers })
+    Ok(Clustered { labels, quality, numbers, marks: decided.marks })
 }
 
 /// The rows over all faces that the parts were decided with, and where these parts lie in their embedding.
@@ -112,16 +134,20 @@ struct Decided {
     /// How sure it is.
     confidence: Vec<f64>,
     numbers: SegmentStats,
+    marks: PartMarks,
 }
 
-/// Rows over all nodes of `graph`, averaged to cells; parts decided on these.
+/// Rows over all nodes of `graph`, averaged to cells; parts decided on these. `unit` is the node of `surface` that a node
+/// of the mesh belongs to.
 fn decide(
     surface: WeightedSurface<'_>,
     unit_of_node: MappedSlice<u32>,
     params: &SegmentParams,
-    tree: Option<&PartTree>,
+    located: Located<'_>,
+    unit: &dyn Fn(u32) -> u32,
     context: Context<'_>,
 ) -> Result<Decided> {
+    let Wishes { tree, corrections } = located.wishes;
     let (mut all, facts) = context.stage(DecisionStage { surface, params })?;
     if let Some(tree) = tree {
         if tree.cells() != all.tree.cells() {
@@ -133,17 +159,34 @@ fn decide(
     }
     // More parts than cells are divided later.
     let count = params.parts.count.at_most(all.tree.cells());
-    let result = parts::cut(&all, facts.l, facts.seconds, &PartsParams { count, ..params.parts.clone() })?;
+    let mut cut = all.tree.cut_for(count, params.parts.detail)?;
+    let mut marks = PartMarks::default();
+    if !corrections.is_empty() {
+        if params.parts.count != count {
+            let problem = "edits cannot follow where more parts are asked for than the surface has cells";
+            return Err(Error::parameter("-k", problem, format!("ask for {} at most", all.tree.cells())));
+        }
+        let graph = surface.surface.cells.graph.cleaned()?;
+        let affinities = Affinities {
+            cells: &graph,
+            superfaces: &all.superfaces,
+            co_association: &all.co_association,
+            small_part: f64::from(all.tree.small_part),
+        };
+        let cell = |node: u32| unit_of_node[unit(node) as usize];
+        (cut, marks) = corrections.apply(located.nodes, located.order, &cell, affinities, &all.tree, cut)?;
+    }
+    let result = parts::describe(&all, cut, facts.l, facts.seconds);
     let numbers = SegmentStats { decision: Some(result.report.clone()), ..facts.numbers };
     let (label, confidence) = (result.label.clone(), result.confidence.clone());
-    Ok(Decided { label, confidence, unit_of_node, numbers, result })
+    Ok(Decided { label, confidence, unit_of_node, numbers, result, marks })
 }
 
 /// The same on the contracted graph: constant time after one front.
 fn decide_coarsely(
     whole: WeightedSurface<'_>,
     params: &SegmentParams,
-    tree: Option<&PartTree>,
+    located: Located<'_>,
     context: Context<'_>,
 ) -> Result<Decided> {
     context.run.progress.note("preview: rows over a contracted mesh instead of all faces (--coarse)");
@@ -155,7 +198,8 @@ fn decide_coarsely(
     let coarse = within.stage(SurfaceStage { graph: &small.graph, kind: Kind::Contracted })?;
     let of_node = coarse.cells.of_node.clone();
     let contracted = WeightedSurface { graph: &small.graph, weighted: &small.weighted, surface: &coarse };
-    let decided = decide(contracted, of_node, params, tree, within)?;
+    let unit = |node: u32| small.of_node[node as usize];
+    let decided = decide(contracted, of_node, params, located, &unit, within)?;
     let of_small = &decided.unit_of_node;
     Ok(Decided {
         label: of_small.iter().map(|&cell| decided.label[cell as usize]).collect(),

@@ -4,11 +4,12 @@
 //! needs to be told only what is to change. Another number of parts then costs what it costs to check and map the stages,
 //! a cut of the kept hierarchy, and the narrow bands at the parts' boundaries.
 
+use super::edits::Corrections;
 use super::input;
 use super::labels::{Segmentation, label};
 use super::means::{self, k_means, rows_for_means};
 use super::params::{Cluster, SegmentParams, check, dimensions};
-use super::parts;
+use super::parts::{self, Wishes};
 use crate::base::{Error, Result};
 use crate::cluster::parts::{PartTree, PartsParams};
 use crate::distance::DistanceRows;
@@ -28,7 +29,22 @@ pub fn segment(
     params: &SegmentParams,
     context: Context<'_>,
 ) -> Result<Segmentation> {
+    segment_corrected(opened, identity, params, Corrections::default(), context)
+}
+
+/// [`segment`], and corrects the parts.
+///
+/// # Errors
+/// As [`segment`], and [`Error::Malformed`] naming the edit that cannot be followed.
+pub fn segment_corrected(
+    opened: &Mesh,
+    identity: &serde_json::Value,
+    params: &SegmentParams,
+    corrections: Corrections<'_>,
+    context: Context<'_>,
+) -> Result<Segmentation> {
     check(params, opened.path(), opened.faces.len())?;
+    check_corrections(params, corrections, opened.faces.len())?;
     let (ordered, mut graph) = input::graph(opened, identity, params, context)?;
     let order = ordered.into_nodes(context.work)?;
     let clustered = match means::fit(params, opened.faces.len()) {
@@ -41,9 +57,23 @@ pub fn segment(
             let assign = || k_means(&graph, &rows, embedding, fit, context);
             context.run.stage("assign", "faces", rows.nodes as u64, assign)?.0
         }
-        None => parts::parts(&graph, params, None, context)?,
+        None => parts::parts(&graph, &order, params, Wishes { tree: None, corrections }, context)?,
     };
     label(&graph, order, clustered, params, context)
+}
+
+/// Refuses corrections that do not fit the method or the `faces` faces.
+fn check_corrections(params: &SegmentParams, corrections: Corrections<'_>, faces: usize) -> Result<()> {
+    if params.cluster != Cluster::Parts && !corrections.is_empty() {
+        return Err(Error::parameter("--edits", "edits need the hierarchy of parts", "use --cluster parts"));
+    }
+    match corrections.painted {
+        Some(painted) if painted.len() != faces => {
+            let problem = format!("{} values for {faces} faces", painted.len());
+            Err(Error::parameter("--hints", problem, "give one for every face of the mesh"))
+        }
+        _ => Ok(()),
+    }
 }
 
 /// Eigenvalues that a work directory keeps.
@@ -80,14 +110,20 @@ pub fn cut(work: &WorkDir) -> Option<PartsParams> {
 }
 
 /// Clusters the faces of the mesh in `work` (again) under `params`; what is missing between its graph and the labels is
-/// made. By the hierarchy `tree`, where one is given. K-means and two-means take the rows that are there, of whatever
+/// made. By the hierarchy `tree`, where one is given, and corrected. K-means and two-means take the rows that are there, of whatever
 /// metric, and the embedding's options of the stage `embedding` where `params` has none.
 ///
 /// # Errors
 /// As [`segment`], and [`Error::WorkDir`] where the graph is missing.
-pub fn cluster(params: &SegmentParams, tree: Option<&PartTree>, context: Context<'_>) -> Result<Segmentation> {
+pub fn cluster(
+    params: &SegmentParams,
+    tree: Option<&PartTree>,
+    corrections: Corrections<'_>,
+    context: Context<'_>,
+) -> Result<Segmentation> {
     let (graph, input) = DualGraph::kept(context.work)?;
     check(params, context.work.path(), graph.nodes.len())?;
+    check_corrections(params, corrections, graph.nodes.len())?;
     let order = NodeOrder::kept(&input, graph.nodes.len(), context.work)?;
     let clustered = match means::fit(params, graph.nodes.len()) {
         Some((fit, parts)) => {
@@ -106,7 +142,7 @@ pub fn cluster(params: &SegmentParams, tree: Option<&PartTree>, context: Context
             let assign = || k_means(&graph, &rows, embedding, fit, context);
             context.run.stage("assign", "faces", rows.nodes as u64, assign)?.0
         }
-        None => parts::parts(&graph, params, tree, context)?,
+        None => parts::parts(&graph, &order, params, Wishes { tree, corrections }, context)?,
     };
     label(&graph, order, clustered, params, context)
 }

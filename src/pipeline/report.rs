@@ -98,6 +98,9 @@ pub struct Part {
     pub area: f64,
     /// Its colour.
     pub colour: [u8; 3],
+    /// Its name, where it has one.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub name: Option<String>,
 }
 
 /// Memory and disk.
@@ -168,6 +171,7 @@ impl Report {
                     faces,
                     area: area * unit,
                     colour,
+                    name: result.names.get(label).filter(|name| !name.is_empty()).cloned(),
                 })
                 .collect(),
             seconds,

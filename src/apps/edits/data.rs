@@ -1,0 +1,161 @@
+//! What edits say, as plain data.
+//!
+//! The form in JSON is derived; [`super::read`] reads it edit by edit, so that errors name the edit. Cost: none.
+
+use serde::{Deserialize, Serialize};
+use std::path::PathBuf;
+
+/// A place on the surface.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(untagged)]
+pub enum Place {
+    /// A face of the file, from 0.
+    Face(u64),
+    /// A point in units of the file: the face nearest to it is meant.
+    Point([f64; 3]),
+}
+
+/// A colour, sRGB.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(try_from = "String", into = "String")]
+pub struct Colour(pub [u8; 3]);
+
+/// One correction. A part is named by any place on it.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(tag = "edit", rename_all = "kebab-case", deny_unknown_fields)]
+pub enum Edit {
+    /// The parts at these places become one.
+    Merge {
+        /// Two places or more.
+        at: Vec<Place>,
+    },
+    /// The part at this place is divided along the hierarchy.
+    Split {
+        /// A place on it.
+        at: Place,
+        /// Pieces, 2 if not given.
+        #[serde(default = "two")]
+        into: usize,
+    },
+    /// The part that holds both places is cut between them.
+    Cut {
+        /// One place on either side of the cut.
+        between: [Place; 2],
+    },
+    /// Hint: these places belong to one part.
+    Together {
+        /// Two places or more.
+        at: Vec<Place>,
+    },
+    /// Hint: no two of these places belong to one part.
+    Apart {
+        /// Two places or more.
+        at: Vec<Place>,
+    },
+    /// The part at this place gets a name.
+    Name {
+        /// A place on it.
+        at: Place,
+        /// Its name: one line of text. Empty: none.
+        name: String,
+    },
+    /// The part at this place gets a colour.
+    Colour {
+        /// A place on it.
+        at: Place,
+        /// The colour, as `"#e69f00"`.
+        colour: Colour,
+    },
+    /// The part at this place is not wanted: all such parts together get the last label.
+    Drop {
+        /// A place on it.
+        at: Place,
+    },
+    /// No hint and no later edit may change the part at this place.
+    Protect {
+        /// A place on it.
+        at: Place,
+    },
+}
+
+fn two() -> usize {
+    2
+}
+
+/// The edits of one mesh.
+#[derive(Clone, Debug, Default, PartialEq, Serialize)]
+pub struct Edits {
+    /// The file they are from, for messages.
+    #[serde(skip)]
+    pub path: PathBuf,
+    /// Number of parts before the edits; that which is found where it is not given.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub parts: Option<usize>,
+    /// Detail before the edits, −1 to 1, where it is not 0.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub detail: Option<f64>,
+    /// Least and greatest corner of the mesh that the places are on. On a mesh in other units, places are scaled with it.
+    #[serde(rename = "box", skip_serializing_if = "Option::is_none")]
+    pub bounds: Option<[[f64; 3]; 2]>,
+    /// The edits. Hints come first whatever their place; the others follow in this order.
+    pub edits: Vec<Edit>,
+}
+
+impl Edit {
+    /// What it is called in the file.
+    pub fn kind(&self) -> &'static str {
+        match self {
+            Self::Merge { .. } => "merge",
+            Self::Split { .. } => "split",
+            Self::Cut { .. } => "cut",
+            Self::Together { .. } => "together",
+            Self::Apart { .. } => "apart",
+            Self::Name { .. } => "name",
+            Self::Colour { .. } => "colour",
+            Self::Drop { .. } => "drop",
+            Self::Protect { .. } => "protect",
+        }
+    }
+
+    /// All its places, in order.
+    pub fn places(&self) -> &[Place] {
+        match self {
+            Self::Merge { at } | Self::Together { at } | Self::Apart { at } => at,
+            Self::Cut { between } => between,
+            Self::Split { at, .. } | Self::Name { at, .. } | Self::Colour { at, .. } => std::slice::from_ref(at),
+            Self::Drop { at } | Self::Protect { at } => std::slice::from_ref(at),
+        }
+    }
+
+    /// Whether it is a hint, which enters the decision about parts.
+    pub fn is_hint(&self) -> bool {
+        matches!(self, Self::Together { .. } | Self::Apart { .. })
+    }
+}
+
+impl std::fmt::Display for Place {
+    fn fmt(&self, f: &mut std::fmt::Formatter) -> std::fmt::Result {
+        match self {
+            Self::Face(face) => write!(f, "face {face}"),
+            Self::Point([x, y, z]) => write!(f, "[{x}, {y}, {z}]"),
+        }
+    }
+}
+
+impl TryFrom<String> for Colour {
+    type Error = String;
+    fn try_from(text: String) -> Result<Self, String> {
+        let digits = text.strip_prefix('#').filter(|digits| digits.len() == 6 && digits.is_ascii());
+        let byte = |k: usize| u8::from_str_radix(digits?.get(2 * k..2 * k + 2)?, 16).ok();
+        match (byte(0), byte(1), byte(2)) {
+            (Some(r), Some(g), Some(b)) => Ok(Self([r, g, b])),
+            _ => Err(format!("{text:?} is not a colour; write it as \"#e69f00\"")),
+        }
+    }
+}
+
+impl From<Colour> for String {
+    fn from(Colour([r, g, b]): Colour) -> String {
+        format!("#{r:02x}{g:02x}{b:02x}")
+    }
+}

@@ -1,0 +1,216 @@
+//! Reading and writing files of edits: every error says which edit is wrong and what to do.
+
+use super::data::{Edit, Edits, Place};
+use crate::base::{Error, Result};
+use crate::store::json;
+use serde::Deserialize;
+use serde_json::Value;
+use std::path::Path;
+
+/// What the files call themselves.
+pub const FORMAT: &str = "nystrom-stream edits";
+/// Version of the format.
+pub const VERSION: u64 = 1;
+/// Bytes of a name at the most.
+const NAME: usize = 200;
+
+/// The file but for its edits, which are read one by one.
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct Head {
+    format: String,
+    version: u64,
+    #[serde(default)]
+    parts: Option<usize>,
+    #[serde(default)]
+    detail: Option<f64>,
+    #[serde(default, rename = "box")]
+    bounds: Option<[[f64; 3]; 2]>,
+    /// For people.
+    #[serde(default, rename = "mesh")]
+    _mesh: Option<String>,
+    edits: Vec<Value>,
+}
+
+impl Edits {
+    /// Reads the file `path`.
+    ///
+    /// # Errors
+    /// [`Error::Io`]; [`Error::Malformed`] naming the edit.
+    pub fn read(path: &Path) -> Result<Self> {
+        let text = std::fs::read(path).map_err(Error::io(path, "read"))?;
+        Self::of_text(&text, path)
+    }
+
+    /// The edits that `text` tells, the content of `path`.
+    ///
+    /// ```
+    /// use nystrom_stream::apps::edits::Edits;
+    /// let text = r#"{"format": "nystrom-stream edits", "version": 1, "edits": [{"edit": "split", "at": 17}]}"#;
+    /// let edits = Edits::of_text(text.as_bytes(), "edits.json".as_ref())?;
+    /// assert_eq!(edits.edits[0].kind(), "split");
+    /// let wrong = text.replace("17", "[1, 2]");
+    /// let error = Edits::of_text(wrong.as_bytes(), "edits.json".as_ref()).unwrap_err();
+    /// assert!(error.to_string().starts_with("edits.json: edit 1 (split): "));
+    /// # Ok::<(), nystrom_stream::base::Error>(())
+    /// ```
+    ///
+    /// # Errors
+    /// [`Error::Malformed`] naming the edit.
+    pub fn of_text(text: &[u8], path: &Path) -> Result<Self> {
+        let form = "see docs/edits.md for the format";
+        let wrong = |problem: String| Error::malformed(path, "edits", problem, form);
+        let head: Head = serde_json::from_slice(text).map_err(|error| wrong(error.to_string()))?;
+        if head.format != FORMAT || head.version != VERSION {
+            let problem = format!("{:?} of version {}", head.format, head.version);
+            let remedy = format!("give a file whose format is {FORMAT:?} and whose version is {VERSION}");
+            return Err(Error::malformed(path, "edits", problem, remedy));
+        }
+        let mut edits = Self {
+            path: path.into(),
+            parts: head.parts,
+            detail: head.detail,
+            bounds: head.bounds,
+            edits: Vec::with_capacity(head.edits.len()),
+        };
+        for (number, value) in head.edits.into_iter().enumerate() {
+            let kind = value["edit"].as_str().map(|kind| format!(" ({kind})")).unwrap_or_default();
+            let place = format!("edit {}{kind}", number + 1);
+            let edit = serde_json::from_value::<Edit>(value).map_err(|error| {
+                let text = error.to_string();
+                let places = text.contains("untagged enum Place");
+                let problem =
+                    if places { "a place is neither [x, y, z] nor the number of a face".into() } else { text };
+                Error::malformed(path, place, problem, form)
+            })?;
+            edits.edits.push(edit);
+        }
+        edits.check()?;
+        Ok(edits)
+    }
+
+    /// Refuses edits that no mesh could follow.
+    ///
+    /// # Errors
+    /// [`Error::Malformed`] naming the edit.
+    pub fn check(&self) -> Result<()> {
+        let wrong = |problem: &str, remedy: &str| Err(Error::malformed(&self.path, "edits", problem, remedy));
+        if self.parts.is_some() && self.detail.is_some() {
+            return wrong("has both parts and detail", "keep one of them");
+        }
+        if self.parts == Some(0) {
+            return wrong("0 parts", "give at least 1");
+        }
+        if self.detail.is_some_and(|detail| !(-1. ..=1.).contains(&detail)) {
+            return wrong("its detail is not within -1 to 1", "correct it");
+        }
+        if self.bounds.is_some_and(|[low, high]| !(0..3).all(|k| low[k] <= high[k] && (high[k] - low[k]).is_finite())) {
+            return wrong("its box is not a least and a greatest corner", "correct it or leave it out");
+        }
+        for (number, edit) in self.edits.iter().enumerate() {
+            let wrong = |problem: &str, remedy: &str| Err(self.wrong(number, problem, remedy));
+            let finite = |place: &Place| !matches!(place, Place::Point(p) if !p.iter().all(|x| x.is_finite()));
+            if !edit.places().iter().all(finite) {
+                return wrong("a coordinate is no number", "give three finite numbers");
+            }
+            match edit {
+                Edit::Merge { at } | Edit::Together { at } | Edit::Apart { at } if at.len() < 2 => {
+                    return wrong("has fewer than two places", "give two or more");
+                }
+                Edit::Split { into: 0 | 1, .. } => return wrong("into fewer than 2 pieces", "give 2 or more"),
+                Edit::Name { name, .. } if name.chars().any(char::is_control) || name.len() > NAME => {
+                    return wrong("the name has a control character or is too long", "give one short line of text");
+                }
+                _ => {}
+            }
+        }
+        Ok(())
+    }
+
+    /// The error that edit `number`, from 0, is wrong.
+    pub fn wrong(&self, number: usize, problem: impl Into<String>, remedy: impl Into<String>) -> Error {
+        let kind = self.edits.get(number).map_or("", Edit::kind);
+        Error::malformed(&self.path, format!("edit {} ({kind})", number + 1), problem, remedy)
+    }
+
+    /// The file's text.
+    ///
+    /// # Errors
+    /// [`Error::Internal`] for what JSON cannot tell.
+    pub fn text(&self) -> Result<String> {
+        let mut value = json::value("the edits", self)?;
+        if let Some(map) = value.as_object_mut() {
+            map.insert("format".into(), FORMAT.into());
+            map.insert("version".into(), VERSION.into());
+        }
+        Ok(format!("{value:#}\n"))
+    }
+
+    /// Writes the file `path`, by rename.
+    ///
+    /// # Errors
+    /// [`Error::Io`].
+    pub fn write(&self, path: &Path) -> Result<()> {
+        json::publish(path, self.text()?.as_bytes())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::data::Colour;
+    use super::*;
+
+    fn told(edits: &str) -> String {
+        let text = format!(r#"{{"format": "nystrom-stream edits", "version": 1, "edits": [{edits}]}}"#);
+        Edits::of_text(text.as_bytes(), Path::new("e.json")).unwrap_err().to_string()
+    }
+
+    #[test]
+    fn what_is_written_is_read_again() {
+        let at = Place::Point([1., -2.5, 3e-9]);
+        let edits = Edits {
+            path: "e.json".into(),
+            parts: Some(9),
+            bounds: Some([[0.; 3], [1.; 3]]),
+            edits: vec![
+                Edit::Merge { at: vec![at, Place::Face(7)] },
+                Edit::Split { at, into: 3 },
+                Edit::Cut { between: [at, Place::Face(0)] },
+                Edit::Together { at: vec![at, at] },
+                Edit::Apart { at: vec![at, at, at] },
+                Edit::Name { at, name: "left \"arm\"".into() },
+                Edit::Colour { at, colour: Colour([1, 171, 255]) },
+                Edit::Drop { at },
+                Edit::Protect { at },
+            ],
+            ..Edits::default()
+        };
+        assert_eq!(Edits::of_text(edits.text().unwrap().as_bytes(), Path::new("e.json")).unwrap(), edits);
+    }
+
+    #[test]
+    fn errors_name_the_edit_and_the_remedy() {
+        for (edits, part) in [
+            (
+                r#"{"edit": "split", "at": 1}, {"edit": "merge", "at": [[1, 2, 3]]}"#,
+                "edit 2 (merge): has fewer than two",
+            ),
+            (r#"{"edit": "split", "at": [1, 2]}"#, "edit 1 (split): a place is neither [x, y, z] nor"),
+            (r#"{"edit": "split", "at": 1, "into": 1}"#, "edit 1 (split): into fewer than 2"),
+            (r#"{"edit": "split", "at": 1, "in": 1}"#, "edit 1 (split): unknown field `in`"),
+            (r#"{"edit": "paint", "at": 1}"#, "edit 1 (paint): unknown variant `paint`"),
+            (r##"{"edit": "colour", "at": 1, "colour": "#12345"}"##, "is not a colour; write it as"),
+            (r#"{"edit": "name", "at": 1, "name": "a\nb"}"#, "edit 1 (name): the name has a control character"),
+            (r#"{"edit": "cut", "between": [1, 2, 3]}"#, "edit 1 (cut): "),
+            ("17", "edit 1: "),
+        ] {
+            let told = told(edits);
+            assert!(told.starts_with("e.json: ") && told.contains(part) && told.contains("; "), "{told}");
+        }
+        for text in ["", "[]", "{}", r#"{"format": "x", "version": 1, "edits": []}"#] {
+            assert!(Edits::of_text(text.as_bytes(), Path::new("e.json")).is_err(), "{text}");
+        }
+        let both = r#"{"format": "nystrom-stream edits", "version": 1, "parts": 2, "detail": 0.5, "edits": []}"#;
+        assert!(Edits::of_text(both.as_bytes(), Path::new("e.json")).unwrap_err().to_string().contains("both"));
+    }
+}

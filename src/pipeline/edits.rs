@@ -1,0 +1,387 @@
+//! Edits applied to a mesh: from places in space to cells, and from cells to corrected parts.
+//!
+//! Places become faces (the nearest one to a point), faces become cells. Hints change the labelling of the decision
+//! ([`crate::cluster::parts::hints`]), the other edits follow in their order. All of it happens on cells; afterwards
+//! boundaries are refined as those of any cut. Cost: one pass over the nodes to find the faces, milliseconds on cells,
+//! and what refining takes.
+
+use crate::apps::edits::{Edit, Edits, Place};
+use crate::base::{Error, Result};
+use crate::cluster::parts::cell_graph::compact;
+use crate::cluster::parts::hints::{Affinities, Conflict, Hints};
+use crate::cluster::parts::{PartTree, TreeCut};
+use crate::graph::{DualGraph, NodeOrder};
+use crate::store::Run;
+use std::collections::{BTreeMap, BTreeSet};
+
+/// Faces that a thread looks at in one go.
+const CHUNK: usize = 1 << 15;
+/// A place farther from all faces, in diagonals of the mesh, is not on it.
+const FAR: f64 = 0.1;
+/// A mesh is in other units than the edits if its diagonal is so many times that of their box, or the inverse.
+const OTHER_UNITS: f64 = 1.5;
+
+/// What a person adds to the options of a run.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Corrections<'a> {
+    /// Edits.
+    pub edits: Option<&'a Edits>,
+    /// Hints painted on faces, one value per face of the file (n): equal values belong together, different ones apart,
+    /// 0 says nothing.
+    pub painted: Option<&'a [u32]>,
+}
+
+/// Names and colours of parts that a person has given.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct PartMarks {
+    /// Name of each part, empty where there is none; may end early.
+    pub names: Vec<String>,
+    /// Colour of some parts.
+    pub colours: BTreeMap<u32, [u8; 3]>,
+}
+
+/// What parts that are not wanted are called, unless they have a name.
+const DROPPED: &str = "dropped";
+/// Their colour.
+const DROPPED_COLOUR: [u8; 3] = [128; 3];
+
+impl Corrections<'_> {
+    /// Whether there is nothing to correct.
+    pub fn is_empty(&self) -> bool {
+        self.edits.is_none_or(|edits| edits.edits.is_empty()) && self.painted.is_none()
+    }
+
+    /// The node at each place of each edit.
+    ///
+    /// # Errors
+    /// [`Error::Malformed`] for a place that is not on the mesh; [`Error::Cancelled`].
+    pub(super) fn locate(&self, graph: &DualGraph, order: &NodeOrder, run: &Run) -> Result<Vec<Vec<u32>>> {
+        let Some(edits) = self.edits else { return Ok(Vec::new()) };
+        let points = edits.edits.iter().flat_map(Edit::places);
+        let points: Vec<[f64; 3]> = points
+            .filter_map(|place| match place {
+                Place::Point(p) => Some(graph.facts.frame.place(scaled(edits, graph, *p))),
+                Place::Face(_) => None,
+            })
+            .collect();
+        let mut found = nearest(graph, &points, run)?.into_iter();
+        let faces = edits.edits.iter().flat_map(Edit::places);
+        let numbers: BTreeSet<u64> =
+            faces.filter_map(|p| if let Place::Face(face) = p { Some(*face) } else { None }).collect();
+        let nodes = nodes_of(&numbers, graph.nodes.len(), order, run)?;
+        let node = |number: usize, place: &Place| match place {
+            Place::Face(face) => nodes.get(face).copied().ok_or_else(|| {
+                let problem = format!("there is no face {face}, the mesh has {}", graph.nodes.len());
+                edits.wrong(number, problem, "count faces from 0, or name a point on the surface")
+            }),
+            Place::Point(_) => match found.next() {
+                Some((distance, node)) if distance <= FAR => Ok(node),
+                Some((distance, _)) => {
+                    let distance = distance * graph.facts.frame.scale;
+                    let problem = format!("the place {place} is {distance:.3} away from the mesh");
+                    Err(edits.wrong(number, problem, "give a point on the surface, in the units of the mesh file"))
+                }
+                None => Err(Error::internal("a place was not looked for")),
+            },
+        };
+        let mut node = node;
+        let mut nodes_of_edits = Vec::with_capacity(edits.edits.len());
+        for (number, edit) in edits.edits.iter().enumerate() {
+            nodes_of_edits.push(edit.places().iter().map(|place| node(number, place)).collect::<Result<Vec<u32>>>()?);
+        }
+        Ok(nodes_of_edits)
+    }
+
+    /// The painted value of each cell (S), 0 for none: that of most of its painted faces. `cell` is the cell of a node.
+    fn painted_cells(&self, order: &NodeOrder, cells: usize, cell: &dyn Fn(u32) -> u32) -> Result<Vec<u32>> {
+        let Some(painted) = self.painted else { return Ok(Vec::new()) };
+        let mut counts: BTreeMap<(u32, u32), u64> = BTreeMap::new();
+        for node in 0..painted.len() as u32 {
+            let value = painted[order.face(node) as usize];
+            if value != 0 {
+                *counts.entry((cell(node), value)).or_default() += 1;
+            }
+        }
+        let mut best = vec![(0u64, 0u32); cells];
+        for ((cell, value), count) in counts {
+            let best = best.get_mut(cell as usize).ok_or_else(|| Error::internal("a cell beyond the last"))?;
+            if count > best.0 {
+                *best = (count, value);
+            }
+        }
+        Ok(best.into_iter().map(|(_, value)| value).collect())
+    }
+
+    /// Corrects `cut`. `nodes` are those of [`Corrections::locate`], `cell` is the cell of a node.
+    ///
+    /// # Errors
+    /// [`Error::Malformed`] naming the edit that cannot be followed.
+    pub(super) fn apply(
+        &self,
+        nodes: &[Vec<u32>],
+        order: &NodeOrder,
+        cell: &dyn Fn(u32) -> u32,
+        affinities: Affinities<'_>,
+        tree: &PartTree,
+        cut: TreeCut,
+    ) -> Result<(TreeCut, PartMarks)> {
+        let nothing = Edits::default();
+        let edits = self.edits.unwrap_or(&nothing);
+        let painted = self.painted_cells(order, tree.cells(), cell)?;
+        let cells: Vec<Vec<u32>> = nodes.iter().map(|nodes| nodes.iter().map(|&node| cell(node)).collect()).collect();
+        let label = hinted(edits, &cells, &painted, affinities, &cut.label)?;
+        let mut state = State::new(edits, &cells, affinities, tree, label);
+        for number in 0..edits.edits.len() {
+            state.follow(number)?;
+        }
+        Ok(state.finish())
+    }
+}
+
+/// A point of the edits in units of the mesh.
+fn scaled(edits: &Edits, graph: &DualGraph, p: [f64; 3]) -> [f64; 3] {
+    let Some([low, high]) = edits.bounds else { return p };
+    let frame = &graph.facts.frame;
+    let diagonal = (0..3).map(|k| (high[k] - low[k]).powi(2)).sum::<f64>().sqrt();
+    let ratio = frame.scale / diagonal;
+    if !ratio.is_finite() || (1. / OTHER_UNITS..OTHER_UNITS).contains(&ratio) {
+        return p;
+    }
+    [0, 1, 2].map(|k| frame.origin[k] + (p[k] - (low[k] + high[k]) / 2.) * ratio)
+}
+
+/// The nearest node to each of `points`, and how far it is, all in the frame. Faces count as discs of their area, so that a
+/// point on a large face is not taken for one on a small face beside it.
+fn nearest(graph: &DualGraph, points: &[[f64; 3]], run: &Run) -> Result<Vec<(f64, u32)>> {
+    let nodes = &graph.nodes;
+    if points.is_empty() {
+        return Ok(Vec::new());
+    }
+    let none = (f64::INFINITY, f64::INFINITY, u32::MAX);
+    let chunks = run.map_ranges(nodes.len(), CHUNK, |range| {
+        let mut best = vec![none; points.len()];
+        for i in range {
+            let node = &nodes[i];
+            let radius = (f64::from(node.area) / std::f64::consts::PI).sqrt();
+            for (best, p) in best.iter_mut().zip(points) {
+                let gap = [0, 1, 2].map(|k| p[k] - f64::from(node.centroid[k]));
+                let square = gap[0] * gap[0] + gap[1] * gap[1] + gap[2] * gap[2];
+                // No part of the disc is nearer.
+                let least = square.sqrt() - radius;
+                if least > best.0 {
+                    continue;
+                }
+                let height = (0..3).map(|k| gap[k] * f64::from(node.normal[k])).sum::<f64>();
+                let beside = ((square - height * height).max(0.).sqrt() - radius).max(0.);
+                let key = ((height * height + beside * beside).sqrt(), square, i as u32);
+                if (key.0, key.1) < (best.0, best.1) {
+                    *best = key;
+                }
+            }
+        }
+        Ok(best)
+    })?;
+    let mut best = vec![none; points.len()];
+    for chunk in chunks {
+        for (best, found) in best.iter_mut().zip(chunk) {
+            if (found.0, found.1) < (best.0, best.1) {
+                *best = found;
+            }
+        }
+    }
+    Ok(best.into_iter().map(|(distance, _, node)| (distance, node)).collect())
+}
+
+/// The nodes of some faces of the file.
+fn nodes_of(faces: &BTreeSet<u64>, n: usize, order: &NodeOrder, run: &Run) -> Result<BTreeMap<u64, u32>> {
+    if order.order.is_none() || faces.is_empty() {
+        return Ok(faces.iter().filter(|&&face| face < n as u64).map(|&face| (face, face as u32)).collect());
+    }
+    let found = run.map_ranges(n, CHUNK, |range| {
+        let face = |node: usize| u64::from(order.face(node as u32));
+        Ok(range.map(|node| (face(node), node as u32)).filter(|(face, _)| faces.contains(face)).collect::<Vec<_>>())
+    })?;
+    Ok(found.into_iter().flatten().collect())
+}
+
+/// The labelling of cells that the hints of `edits` and the painted values want.
+fn hinted(
+    edits: &Edits,
+    cells: &[Vec<u32>],
+    painted: &[u32],
+    affinities: Affinities<'_>,
+    label: &[u32],
+) -> Result<Vec<u32>> {
+    // The edit that each group is of; none for painted values.
+    let (mut hints, mut of_edit) = (Hints::default(), Vec::new());
+    for (number, edit) in edits.edits.iter().enumerate().filter(|(_, edit)| edit.is_hint()) {
+        let first = hints.groups.len();
+        match edit {
+            Edit::Together { .. } => hints.groups.push(cells[number].clone()),
+            _ => hints.groups.extend(cells[number].iter().map(|&cell| vec![cell])),
+        }
+        for b in first..hints.groups.len() {
+            hints.apart.extend((first..b).map(|a| [a, b]));
+        }
+        of_edit.resize(hints.groups.len(), Some(number));
+    }
+    let mut values: BTreeMap<u32, Vec<u32>> = BTreeMap::new();
+    for (cell, &value) in (0u32..).zip(painted).filter(|(_, value)| **value != 0) {
+        values.entry(value).or_default().push(cell);
+    }
+    let first = hints.groups.len();
+    hints.groups.extend(values.into_values());
+    for b in first..hints.groups.len() {
+        hints.apart.extend((first..b).map(|a| [a, b]));
+    }
+    of_edit.resize(hints.groups.len(), None);
+    if hints.groups.is_empty() {
+        return Ok(label.to_vec());
+    }
+    let new = match affinities.follow(&hints, label) {
+        Ok((new, _)) => new,
+        Err(Conflict::Joined([a, b])) => {
+            let number = of_edit[a].max(of_edit[b]).unwrap_or(0);
+            let problem = if hints.groups[a].iter().any(|cell| hints.groups[b].contains(cell)) {
+                "two of its places are so close that they lie in one of the two thousand cells of the surface"
+            } else {
+                "its places belong together by other hints"
+            };
+            return Err(edits.wrong(number, problem, "move a place, or remove one of the hints"));
+        }
+    };
+    for (number, _) in edits.edits.iter().enumerate().filter(|(_, edit)| matches!(edit, Edit::Protect { .. })) {
+        let at = cells[number][0] as usize;
+        if (0..label.len()).any(|cell| (label[cell] == label[at]) != (new[cell] == new[at])) {
+            let remedy = "remove the hint that has a place on the part, or this edit";
+            return Err(edits.wrong(number, "a hint changes the part", remedy));
+        }
+    }
+    Ok(new)
+}
+
+/// Parts while edits are followed. A part is known by a number that it keeps as long as it lives.
+struct State<'a> {
+    edits: &'a Edits,
+    cells: &'a [Vec<u32>],
+    affinities: Affinities<'a>,
+    tree: &'a PartTree,
+    label: Vec<u32>,
+    next: u32,
+    names: BTreeMap<u32, String>,
+    colours: BTreeMap<u32, [u8; 3]>,
+    dropped: BTreeSet<u32>,
+    /// Protected parts, and the edits that protect them.
+    protected: BTreeMap<u32, usize>,
+}
+
+impl<'a> State<'a> {
+    fn new(
+        edits: &'a Edits,
+        cells: &'a [Vec<u32>],
+        affinities: Affinities<'a>,
+        tree: &'a PartTree,
+        label: Vec<u32>,
+    ) -> Self {
+        let next = label.iter().max().map_or(0, |top| top + 1);
+        let (names, colours) = (BTreeMap::new(), BTreeMap::new());
+        let (dropped, protected) = (BTreeSet::new(), BTreeMap::new());
+        Self { edits, cells, affinities, tree, label, next, names, colours, dropped, protected }
+    }
+
+    /// Follows edit `number`.
+    fn follow(&mut self, number: usize) -> Result<()> {
+        let cells = &self.cells[number];
+        let part = |cell: u32| self.label[cell as usize];
+        let first = part(cells[0]);
+        match &self.edits.edits[number] {
+            Edit::Together { .. } | Edit::Apart { .. } => {}
+            Edit::Merge { .. } => {
+                let others: BTreeSet<u32> =
+                    cells.iter().map(|&cell| part(cell)).filter(|&other| other != first).collect();
+                if !others.is_empty() {
+                    self.check(number, first)?;
+                    others.iter().try_for_each(|&other| self.check(number, other))?;
+                    self.label.iter_mut().filter(|label| others.contains(label)).for_each(|label| *label = first);
+                }
+            }
+            Edit::Split { into, .. } => {
+                self.check(number, first)?;
+                let members: Vec<u32> = (0..self.label.len() as u32).filter(|&cell| part(cell) == first).collect();
+                let pieces = self.tree.split(&members, *into).map_err(|_| {
+                    let problem = format!("the part has {} cells, too few for {into} pieces", members.len());
+                    self.edits.wrong(number, problem, "split into fewer")
+                })?;
+                for (cell, piece) in members.into_iter().zip(pieces).filter(|(_, piece)| *piece > 0) {
+                    self.label[cell as usize] = self.next + piece - 1;
+                }
+                self.next += *into as u32 - 1;
+            }
+            Edit::Cut { .. } => {
+                let (a, b) = (cells[0], cells[1]);
+                if a == b {
+                    let problem =
+                        "its places are so close that they lie in one of the two thousand cells of the surface";
+                    return Err(self.edits.wrong(number, problem, "place them farther apart"));
+                }
+                if part(b) == first {
+                    self.check(number, first)?;
+                    let new = self.next;
+                    for (cell, class) in self.affinities.divide(&self.label, first, &[(a, first), (b, new)]) {
+                        self.label[cell as usize] = class;
+                    }
+                    self.next += 1;
+                }
+            }
+            Edit::Name { name, .. } => {
+                self.names.insert(first, name.clone());
+            }
+            Edit::Colour { colour, .. } => {
+                self.colours.insert(first, colour.0);
+            }
+            Edit::Drop { .. } => {
+                self.check(number, first)?;
+                self.dropped.insert(first);
+            }
+            Edit::Protect { .. } => {
+                self.protected.insert(first, number);
+            }
+        }
+        Ok(())
+    }
+
+    /// Refuses to change a part that is protected.
+    fn check(&self, number: usize, part: u32) -> Result<()> {
+        let Some(by) = self.protected.get(&part) else { return Ok(()) };
+        let problem = format!("would change a part that edit {} protects", by + 1);
+        Err(self.edits.wrong(number, problem, "remove one of the two edits"))
+    }
+
+    /// The parts, numbered by first appearance, dropped ones last.
+    fn finish(mut self) -> (TreeCut, PartMarks) {
+        // A part that was merged away is on no cell any more.
+        let live: BTreeSet<u32> = self.label.iter().copied().collect();
+        self.dropped.retain(|part| live.contains(part));
+        let kept: Vec<u32> = self.label.iter().copied().filter(|part| !self.dropped.contains(part)).collect();
+        let (numbers, count) = compact(&kept);
+        let mut number: BTreeMap<u32, u32> = kept.into_iter().zip(numbers).collect();
+        number.extend(self.dropped.iter().map(|&part| (part, count as u32)));
+        let parts = count + usize::from(!self.dropped.is_empty());
+        let mut marks = PartMarks::default();
+        if !self.names.is_empty() || !self.dropped.is_empty() {
+            marks.names = vec![String::new(); parts];
+        }
+        for (part, name) in self.names {
+            if let Some(&number) = number.get(&part) {
+                marks.names[number as usize] = name;
+            }
+        }
+        marks.colours = self.colours.iter().filter_map(|(part, &rgb)| Some((*number.get(part)?, rgb))).collect();
+        if parts > count {
+            marks.names[count] = DROPPED.into();
+            marks.colours.insert(count as u32, DROPPED_COLOUR);
+        }
+        let label = self.label.iter().map(|part| number[part]).collect();
+        (TreeCut { label, parts }, marks)
+    }
+}

@@ -1,0 +1,248 @@
+//! Corrections: edits named by places, hints painted on faces, and what is said where they cannot be followed.
+
+use crate::common::{creature, errors, run, segment, word};
+use nystrom_stream::mesh::{Mesh, read_seg};
+use serde_json::{Value, json};
+use std::path::{Path, PathBuf};
+
+/// A creature in nine parts, with its work directory.
+struct Scene {
+    dir: tempfile::TempDir,
+    mesh: PathBuf,
+    work: PathBuf,
+    before: Vec<u32>,
+}
+
+fn scene(faces: u64) -> Scene {
+    let dir = tempfile::tempdir().unwrap();
+    let mesh = creature(dir.path(), faces, false);
+    let (work, out) = (dir.path().join("work"), dir.path().join("before.seg"));
+    segment(&mesh, &["-q", "-k", "9", "--work-dir", word(&work), "-o", word(&out)]);
+    Scene { before: read_seg(&out).unwrap(), dir, mesh, work }
+}
+
+/// The centroid of the face of `part` that lies farthest from all faces of other parts.
+fn inside(mesh: &Path, labels: &[u32], part: u32) -> [f64; 3] {
+    let mesh = Mesh::open(mesh).unwrap();
+    let centre = |face: usize| {
+        mesh.faces.with(face, |corners| {
+            let points: Vec<[f64; 3]> = corners.iter().map(|&v| mesh.positions.get(v)).collect();
+            [0, 1, 2].map(|k| points.iter().map(|p| p[k]).sum::<f64>() / points.len() as f64)
+        })
+    };
+    let centres: Vec<[f64; 3]> = (0..labels.len()).map(centre).collect();
+    let gap = |a: [f64; 3], b: [f64; 3]| (0..3).map(|k| (a[k] - b[k]).powi(2)).sum::<f64>();
+    let own: Vec<usize> = (0..labels.len()).filter(|&face| labels[face] == part).collect();
+    let others: Vec<usize> = (0..labels.len()).filter(|&face| labels[face] != part).step_by(3).collect();
+    let depth = |face: usize| others.iter().map(|&o| gap(centres[face], centres[o])).fold(f64::INFINITY, f64::min);
+    let best = own.iter().step_by(3).copied().max_by(|&a, &b| depth(a).total_cmp(&depth(b))).unwrap();
+    centres[best]
+}
+
+impl Scene {
+    fn file(&self, edits: &Value) -> PathBuf {
+        let path = self.dir.path().join("edits.json");
+        let all = json!({"format": "nystrom-stream edits", "version": 1, "parts": 9, "edits": edits});
+        std::fs::write(&path, all.to_string()).unwrap();
+        path
+    }
+
+    fn place(&self, part: u32) -> [f64; 3] {
+        inside(&self.mesh, &self.before, part)
+    }
+
+    fn edited(&self, edits: &Value, more: &[&str]) -> Vec<u32> {
+        let (file, out) = (self.file(edits), self.dir.path().join("after.seg"));
+        let words = ["cluster", "-q", "--work-dir", word(&self.work), "--edits", word(&file), "-o", word(&out)];
+        let output = run(&[&words, more].concat());
+        assert!(output.status.success(), "{}", errors(&output));
+        read_seg(&out).unwrap()
+    }
+
+    fn refused(&self, edits: &Value) -> String {
+        let file = self.file(edits);
+        let output = run(&["cluster", "-q", "--work-dir", word(&self.work), "--edits", word(&file)]);
+        assert_eq!(output.status.code(), Some(1), "{}", errors(&output));
+        errors(&output)
+    }
+}
+
+/// The share of faces on which `a` and `b` agree, each part of `a` standing for the part of `b` that it shares most with.
+fn agreement(a: &[u32], b: &[u32]) -> f64 {
+    let (rows, columns) = (a.iter().max().unwrap() + 1, b.iter().max().unwrap() + 1);
+    let mut table = vec![0usize; (rows * columns) as usize];
+    a.iter().zip(b).for_each(|(&a, &b)| table[(a * columns + b) as usize] += 1);
+    let best = table.chunks(columns as usize).map(|row| row.iter().max().unwrap());
+    best.sum::<usize>() as f64 / a.len() as f64
+}
+
+fn parts(labels: &[u32]) -> u32 {
+    labels.iter().max().unwrap() + 1
+}
+
+#[test]
+fn merge_split_and_cut_change_the_parts_they_name() {
+    let scene = scene(12_000);
+    let (a, b) = (scene.place(0), scene.place(1));
+    let merged = scene.edited(&json!([{"edit": "merge", "at": [a, b]}]), &[]);
+    assert_eq!(parts(&merged), 8);
+    let expected: Vec<u32> = scene.before.iter().map(|&part| part.max(1) - 1).collect();
+    assert!(agreement(&merged, &expected) > 0.995 && agreement(&expected, &merged) > 0.995);
+
+    let split = scene.edited(&json!([{"edit": "split", "at": a, "into": 3}]), &[]);
+    assert_eq!(parts(&split), 11);
+    assert!(agreement(&split, &scene.before) > 0.99, "the new parts lie in the old one");
+    let others: Vec<usize> = (0..split.len()).filter(|&face| scene.before[face] != 0).collect();
+    let (old, new): (Vec<u32>, Vec<u32>) = others.iter().map(|&face| (scene.before[face], split[face])).unzip();
+    assert!(agreement(&old, &new) > 0.99, "no other part is divided");
+
+    // Merged, then cut between the two places again: nearly as before.
+    let again = scene.edited(&json!([{"edit": "merge", "at": [a, b]}, {"edit": "cut", "between": [a, b]}]), &[]);
+    assert_eq!(parts(&again), 9);
+    assert!(agreement(&again, &scene.before) > 0.95, "{}", agreement(&again, &scene.before));
+}
+
+#[test]
+fn a_hint_moves_one_cut_and_nothing_else() {
+    let scene = scene(12_000);
+    let (a, b) = (scene.place(0), scene.place(1));
+    assert_eq!(scene.edited(&json!([{"edit": "apart", "at": [a, b]}]), &[]), scene.before, "it holds already");
+    let together = scene.edited(&json!([{"edit": "together", "at": [a, b]}]), &[]);
+    assert_eq!(together, scene.edited(&json!([{"edit": "merge", "at": [a, b]}]), &[]));
+    // Two faces far apart in one part.
+    let split = scene.edited(&json!([{"edit": "split", "at": a}]), &[]);
+    let pieces: Vec<u32> = (0..parts(&split))
+        .filter(|&k| {
+            let own = || (0..split.len()).filter(|&face| split[face] == k);
+            2 * own().filter(|&face| scene.before[face] == 0).count() > own().count()
+        })
+        .collect();
+    assert_eq!(pieces.len(), 2);
+    let places: Vec<[f64; 3]> = pieces.iter().map(|&piece| inside(&scene.mesh, &split, piece)).collect();
+    let apart = scene.edited(&json!([{"edit": "apart", "at": places}]), &[]);
+    assert_eq!(parts(&apart), 10);
+    let others: Vec<usize> = (0..apart.len()).filter(|&face| scene.before[face] != 0).collect();
+    let (old, new): (Vec<u32>, Vec<u32>) = others.iter().map(|&face| (scene.before[face], apart[face])).unzip();
+    assert!(agreement(&old, &new) > 0.99 && agreement(&new, &old) > 0.99);
+}
+
+#[test]
+fn dropped_parts_come_last_and_protected_ones_stay() {
+    let scene = scene(12_000);
+    let (a, b, c) = (scene.place(0), scene.place(1), scene.place(2));
+    let dropped = scene.edited(&json!([{"edit": "drop", "at": a}, {"edit": "drop", "at": c}]), &[]);
+    assert_eq!(parts(&dropped), 8);
+    let gone: Vec<u32> = scene.before.iter().map(|&part| u32::from(part == 0 || part == 2)).collect();
+    assert!(agreement(&gone, &dropped.iter().map(|&part| u32::from(part == 7)).collect::<Vec<_>>()) > 0.99);
+    let protect = json!({"edit": "protect", "at": a});
+    for edit in
+        [json!({"edit": "merge", "at": [b, a]}), json!({"edit": "split", "at": a}), json!({"edit": "drop", "at": a})]
+    {
+        let told = scene.refused(&json!([protect, edit]));
+        assert!(told.contains("edits.json: edit 2") && told.contains("a part that edit 1 protects"), "{told}");
+    }
+    let told = scene.refused(&json!([protect, {"edit": "together", "at": [a, b]}]));
+    assert!(told.contains("edit 1 (protect): a hint changes the part"), "{told}");
+}
+
+#[test]
+fn the_same_bytes_from_segment_and_from_any_number_of_threads() {
+    let scene = scene(12_000);
+    let (a, b) = (scene.place(3), scene.place(4));
+    let edits = json!([{"edit": "merge", "at": [a, b]}, {"edit": "split", "at": scene.place(0)},
+        {"edit": "name", "at": a, "name": "both"}]);
+    let expected = scene.edited(&edits, &["--threads", "1"]);
+    assert_eq!(scene.edited(&edits, &["--threads", "7"]), expected);
+    let (file, out) = (scene.file(&edits), scene.dir.path().join("direct.seg"));
+    segment(&scene.mesh, &["-q", "--edits", word(&file), "-o", word(&out)]);
+    assert_eq!(read_seg(&out).unwrap(), expected);
+    // Numbers of faces name the same places.
+    let mesh = Mesh::open(&scene.mesh).unwrap();
+    let face = |p: [f64; 3]| {
+        let gap = |face: usize| {
+            mesh.faces.with(face, |corners| {
+                let at = |k: usize| corners.iter().map(|&v| mesh.positions.get(v)[k]).sum::<f64>() / 3.;
+                (0..3).map(|k| (at(k) - p[k]).powi(2)).sum::<f64>()
+            })
+        };
+        (0..scene.before.len()).min_by(|&i, &j| gap(i).total_cmp(&gap(j))).unwrap()
+    };
+    let merged = scene.edited(&json!([{"edit": "merge", "at": [face(a), face(b)]}]), &[]);
+    assert_eq!(merged, scene.edited(&json!([{"edit": "merge", "at": [a, b]}]), &[]));
+}
+
+#[test]
+fn edits_apply_to_another_resolution_and_to_other_units() {
+    let scene = scene(12_000);
+    let edits = json!([{"edit": "merge", "at": [scene.place(0), scene.place(1)]}]);
+    let mesh = Mesh::open(&scene.mesh).unwrap();
+    let (mut low, mut high) = ([f64::INFINITY; 3], [f64::NEG_INFINITY; 3]);
+    let corners: Vec<[f64; 3]> = (0..mesh.positions.len() as u32).map(|v| mesh.positions.get(v)).collect();
+    for p in &corners {
+        (0..3).for_each(|k| (low[k], high[k]) = (low[k].min(p[k]), high[k].max(p[k])));
+    }
+    let file = scene.file(&edits);
+    let mut text: Value = serde_json::from_slice(&std::fs::read(&file).unwrap()).unwrap();
+    text["box"] = json!([low, high]);
+    std::fs::write(&file, text.to_string()).unwrap();
+
+    let coarse = creature(scene.dir.path(), 5_000, false);
+    let (plain, merged) = (scene.dir.path().join("plain.seg"), scene.dir.path().join("merged.seg"));
+    segment(&coarse, &["-q", "-k", "9", "-o", word(&plain)]);
+    segment(&coarse, &["-q", "--edits", word(&file), "-o", word(&merged)]);
+    assert_eq!((parts(&read_seg(&plain).unwrap()), parts(&read_seg(&merged).unwrap())), (9, 8));
+
+    // The same mesh in millimetres.
+    let large: Vec<[f64; 3]> = corners.iter().map(|p| p.map(|x| 1000. * x)).collect();
+    let faces: Vec<Vec<u32>> = (0..mesh.faces.len()).map(|face| mesh.faces.with(face, <[u32]>::to_vec)).collect();
+    let path = scene.dir.path().join("millimetres.ply");
+    let labelling = nystrom_stream::Labelling { labels: &scene.before, colours: &[], quality: None, names: &[] };
+    Mesh::from_slices(&large, &faces).unwrap().save(&path, labelling).unwrap();
+    segment(&path, &["-q", "--edits", word(&file), "-o", word(&merged)]);
+    assert_eq!(parts(&read_seg(&merged).unwrap()), 8);
+    // Without the box, the places are inside of it and far from its surface or on the wrong part: they are refused or few.
+    let told = scene.refused(&json!([{"edit": "split", "at": [9e3, 0, 0]}]));
+    assert!(told.contains("edit 1 (split): the place [9000, 0, 0] is") && told.contains("units"), "{told}");
+}
+
+#[test]
+fn painted_faces_are_hints() {
+    let scene = scene(12_000);
+    let (painted, out) = (scene.dir.path().join("painted.ply"), scene.dir.path().join("out.seg"));
+    // Labels 1 to 8 of the nine parts are hints for a run that would find another number.
+    segment(&scene.mesh, &["-q", "-k", "9", "-o", word(&painted)]);
+    segment(&painted, &["-q", "-k", "3", "--hints", "label", "-o", word(&out)]);
+    let found = read_seg(&out).unwrap();
+    let of_painted = |labels: &[u32]| -> Vec<u32> {
+        labels.iter().zip(&scene.before).filter(|(_, before)| **before > 0).map(|(&label, _)| label).collect()
+    };
+    let (a, b) = (of_painted(&found), of_painted(&scene.before));
+    assert!(agreement(&a, &b) > 0.97 && agreement(&b, &a) > 0.97, "{} {}", agreement(&a, &b), agreement(&b, &a));
+    let output = run(&["segment", word(&painted), "-q", "--hints", "colour", "-o", word(&out)]);
+    assert!(!output.status.success() && errors(&output).contains("colour"), "{}", errors(&output));
+}
+
+#[test]
+fn what_cannot_be_followed_is_told_with_its_edit() {
+    let scene = scene(5_000);
+    let a = scene.place(0);
+    for (edits, part) in [
+        (json!([{"edit": "cut", "between": [a, a]}]), "edit 1 (cut): its places are so close"),
+        (json!([{"edit": "split", "at": 99_999_999}]), "edit 1 (split): there is no face 99999999"),
+        (json!([{"edit": "split", "at": a, "into": 5000}]), "edit 1 (split): the part has"),
+        (json!([{"edit": "apart", "at": [a, a]}]), "edit 1 (apart): two of its places are so close"),
+        (
+            json!([{"edit": "together", "at": [a, scene.place(1)]}, {"edit": "apart", "at": [a, scene.place(1)]}]),
+            "edit 2 (apart): ",
+        ),
+        (json!([{"edit": "splice", "at": a}]), "edit 1 (splice): unknown variant"),
+    ] {
+        let told = scene.refused(&edits);
+        assert!(told.contains("edits.json: ") && told.contains(part) && told.lines().count() == 1, "{told}");
+    }
+    let file = scene.file(&json!([]));
+    let output = run(&["segment", word(&scene.mesh), "-k", "4", "--cluster", "kmeans", "--edits", word(&file)]);
+    assert_eq!(output.status.code(), Some(2), "{}", errors(&output));
+    let output = run(&["segment", word(&scene.mesh), "--edits", "nowhere.json"]);
+    assert!(output.status.code() == Some(1) && errors(&output).contains("nowhere.json"), "{}", errors(&output));
+}
