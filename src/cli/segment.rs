@@ -186,9 +186,8 @@ impl Job {
     /// One line of JSON about the job.
     fn line(&self, report: &Report, seconds: f64) -> Value {
         let outputs: Vec<_> = self.outputs.iter().filter_map(Output::path).collect();
-        let gamma = (report.gamma > 0.).then_some(report.gamma_per_face);
         json!({
-            "mesh": self.mesh, "faces": report.input.faces, "parts": report.parts.len(), "gamma_per_face": gamma,
+            "mesh": self.mesh, "faces": report.input.faces, "parts": report.parts.len(), "gamma_per_face": report.gamma_per_face,
             "seconds": seconds, "outputs": outputs,
         })
     }

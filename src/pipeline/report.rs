@@ -1,7 +1,7 @@
 //! The report of a run: one JSON object.
 
 use super::labels::Segmentation;
-use super::params::SegmentParams;
+use super::params::{Cluster, SegmentParams};
 use crate::base::Result;
 use crate::cluster::parts::PartsReport;
 use crate::landmarks::Sampling;
@@ -32,10 +32,12 @@ pub struct Report {
     pub dropped_eigenpairs: usize,
     /// Share of A's negative eigenvalues in the sum of all absolute ones.
     pub negative_mass: f64,
-    /// Γ, eq. 6.
-    pub gamma: f64,
+    /// Γ, eq. 6, where rows became an embedding; deciding parts needs none.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub gamma: Option<f64>,
     /// Γ over the number of faces.
-    pub gamma_per_face: f64,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub gamma_per_face: Option<f64>,
     /// Radius, in units of √(area), of the normals that turning is measured with; 0: the faces' own.
     pub normal_radius: f32,
     /// Faces of components too small to be parts of their own.
@@ -128,6 +130,7 @@ impl Report {
         peak: Option<u64>,
     ) -> Result<Self> {
         let (graph, numbers) = (&result.graph, &result.numbers);
+        let computed = (params.cluster != Cluster::Parts).then_some(numbers.gamma);
         let unit = graph.frame.scale * graph.frame.scale;
         let mut options = json::value("the options", params)?;
         if let Some(options) = options.as_object_mut() {
@@ -159,8 +162,8 @@ impl Report {
             eigenvalues: numbers.eigenvalues.clone(),
             dropped_eigenpairs: numbers.dropped_eigenpairs,
             negative_mass: numbers.negative_mass,
-            gamma: numbers.gamma,
-            gamma_per_face: numbers.gamma / graph.nodes.max(1) as f64,
+            gamma: computed,
+            gamma_per_face: computed.map(|gamma| gamma / graph.nodes.max(1) as f64),
             normal_radius: numbers.radius,
             tiny_component_faces: numbers.tiny_components,
             tiny_components_label: numbers.tiny_components_label,

@@ -1,0 +1,241 @@
+//! What is done with a mesh besides cutting it, and with labels: one function each, called by the Python side.
+
+use super::listener::Listener;
+use super::mesh::PyMesh;
+use super::{detached, raised, with_options};
+use numpy::{PyArray1, PyArray3, PyArrayMethods, PyReadonlyArray1, PyReadonlyArray2, ToPyArray};
+use nystrom_stream::apps::colours::colours_for;
+use nystrom_stream::apps::measure;
+use nystrom_stream::apps::page::{Cuts, Page};
+use nystrom_stream::apps::picture::{PictureParams, render};
+use nystrom_stream::apps::sequence::SequenceOrder;
+use nystrom_stream::cluster::parts::PartTree;
+use nystrom_stream::landmarks::Sampling;
+use nystrom_stream::pipeline::cuts;
+use nystrom_stream::store::{Context, Run, WorkDir};
+use nystrom_stream::{Cancel, LabelTransfer, Labelling, SamplingQuality, Sequencer};
+use pyo3::exceptions::{PyRuntimeError, PyValueError};
+use pyo3::prelude::*;
+use serde::de::DeserializeOwned;
+use std::path::PathBuf;
+use std::sync::Arc;
+
+/// A word as the library's enums are written: "geodesic-farthest".
+fn named<T: DeserializeOwned>(name: &str, word: &str) -> PyResult<T> {
+    serde_json::from_value(word.into()).map_err(|error| PyValueError::new_err(format!("{name}: {error}")))
+}
+
+fn text(value: &impl serde::Serialize) -> PyResult<String> {
+    serde_json::to_string(value).map_err(|error| PyRuntimeError::new_err(error.to_string()))
+}
+
+fn colours(array: &PyReadonlyArray2<'_, u8>) -> Vec<[u8; 3]> {
+    array.as_array().outer_iter().map(|c| [c[0], c[1], c[2]]).collect()
+}
+
+/// The hierarchy that `tree` tells.
+fn hierarchy(tree: &str) -> PyResult<PartTree> {
+    let tree: PartTree = serde_json::from_str(tree).map_err(|error| PyValueError::new_err(error.to_string()))?;
+    tree.check().map_err(raised)?;
+    Ok(tree)
+}
+
+/// The labels of all faces, whose `cells` are given, in `parts` parts.
+#[pyfunction]
+pub fn cut_tree<'py>(
+    py: Python<'py>,
+    tree: &str,
+    cells: PyReadonlyArray1<'py, u32>,
+    parts: usize,
+) -> PyResult<Bound<'py, PyArray1<u32>>> {
+    let label = hierarchy(tree)?.cut_k(parts).map_err(raised)?.label;
+    let of_cell = |&cell: &u32| label.get(cell as usize).copied().unwrap_or(0);
+    Ok(PyArray1::from_vec(py, cells.as_array().iter().map(of_cell).collect()))
+}
+
+/// A colour per part, unlike where parts touch: (parts, 3).
+#[pyfunction]
+pub fn part_colours<'py>(
+    py: Python<'py>,
+    mesh: &PyMesh,
+    labels: PyReadonlyArray1<'py, u32>,
+) -> PyResult<Bound<'py, numpy::PyArray2<u8>>> {
+    let labels = labels.as_array().to_vec();
+    let found = py.detach(|| colours_for(&mesh.0, &labels, &Run::new(&()))).map_err(raised)?;
+    found.as_flattened().to_pyarray(py).reshape([found.len(), 3])
+}
+
+/// Writes the labelled mesh in the form that the ending of `path` names; a page has a slider where there is a tree.
+#[pyfunction]
+#[pyo3(signature = (mesh, labels, colours, quality, path, report, tree, cells))]
+pub fn save(
+    py: Python<'_>,
+    mesh: &PyMesh,
+    labels: PyReadonlyArray1<'_, u32>,
+    colours: PyReadonlyArray2<'_, u8>,
+    quality: Option<PyReadonlyArray1<'_, f32>>,
+    path: PathBuf,
+    report: &str,
+    tree: Option<&str>,
+    cells: Option<PyReadonlyArray1<'_, u32>>,
+) -> PyResult<()> {
+    let (labels, colours) = (labels.as_array().to_vec(), self::colours(&colours));
+    let quality = quality.map(|quality| quality.as_array().to_vec());
+    let tree = tree.map(hierarchy).transpose()?;
+    let cells = cells.map(|cells| cells.as_array().to_vec());
+    let report: serde_json::Value =
+        serde_json::from_str(report).map_err(|error| PyValueError::new_err(error.to_string()))?;
+    let labelling = Labelling { labels: &labels, colours: &colours, quality: quality.as_deref() };
+    if !path.extension().is_some_and(|ending| ["html", "htm"].iter().any(|page| ending.eq_ignore_ascii_case(page))) {
+        return py.detach(|| mesh.0.save(path, labelling)).map_err(raised);
+    }
+    let write = || {
+        let many = |tree: &PartTree| {
+            (1..=cuts::MOST.min(tree.cells()))
+                .map(|k| Ok(tree.cut_k(k)?.label))
+                .collect::<nystrom_stream::Result<Vec<_>>>()
+        };
+        let parts = tree.as_ref().map(many).transpose()?;
+        let cuts = cells.as_ref().zip(parts.as_ref()).map(|(cells, parts)| Cuts { cells, parts });
+        let title = mesh.0.path().file_name().unwrap_or_default().to_string_lossy();
+        let (labels, colours) = (&labels[..], &colours[..]);
+        Page { title: &title, mesh: &mesh.0, labels, colours, cuts, report: &report }.write(&path, &Run::new(&()))
+    };
+    py.detach(write).map_err(raised)
+}
+
+/// A picture: (height, width, 4) uint8.
+#[pyfunction]
+#[pyo3(signature = (mesh, labels, colours, width, height, views, transparent, legend, lines, up, turn, tilt))]
+pub fn picture<'py>(
+    py: Python<'py>,
+    mesh: &PyMesh,
+    labels: Option<PyReadonlyArray1<'py, u32>>,
+    colours: PyReadonlyArray2<'py, u8>,
+    width: usize,
+    height: usize,
+    views: usize,
+    transparent: bool,
+    legend: bool,
+    lines: bool,
+    up: Option<&str>,
+    turn: f64,
+    tilt: f64,
+) -> PyResult<Bound<'py, PyArray3<u8>>> {
+    let up = up.map(|up| up.parse().map_err(PyValueError::new_err)).transpose()?;
+    let params = PictureParams::default().width(width).height(height).views(views).transparent(transparent);
+    let params = params.legend(legend).lines(lines).up(up).turn(turn).tilt(tilt);
+    let (labels, colours) = (labels.map(|labels| labels.as_array().to_vec()), self::colours(&colours));
+    let draw = || render(&mesh.0, labels.as_deref(), &colours, &params, &Run::new(&()));
+    let image = py.detach(draw).map_err(raised)?;
+    image.pixels.as_flattened().to_pyarray(py).reshape([image.height, image.width, 4])
+}
+
+/// What the parts measure, as JSON.
+#[pyfunction]
+pub fn measure_parts(
+    py: Python<'_>,
+    mesh: &PyMesh,
+    labels: PyReadonlyArray1<'_, u32>,
+    parts: usize,
+) -> PyResult<String> {
+    let labels = labels.as_array().to_vec();
+    let found = py.detach(|| {
+        let (run, silent) = (Run::new(&()), std::env::temp_dir());
+        measure::parts(&mesh.0, &labels, parts, Context::new(&WorkDir::in_memory(&silent, &run.budget), &run))
+    });
+    text(&found.map_err(raised)?)
+}
+
+/// What the mesh measures, as JSON.
+#[pyfunction]
+pub fn measure_mesh(py: Python<'_>, mesh: &PyMesh) -> PyResult<String> {
+    let found = py.detach(|| {
+        let run = Run::new(&());
+        measure::mesh(&mesh.0, Context::new(&WorkDir::in_memory(&std::env::temp_dir(), &run.budget), &run))
+    });
+    text(&found.map_err(raised)?)
+}
+
+/// Scores of labels against truths, as JSON.
+#[pyfunction]
+pub fn evaluate(
+    py: Python<'_>,
+    mesh: &PyMesh,
+    labels: PyReadonlyArray1<'_, u32>,
+    truths: Vec<PyReadonlyArray1<'_, u32>>,
+) -> PyResult<String> {
+    let labels = labels.as_array().to_vec();
+    let truths: Vec<Vec<u32>> = truths.iter().map(|truth| truth.as_array().to_vec()).collect();
+    text(&py.detach(|| nystrom_stream::evaluate(&mesh.0, &labels, &truths)).map_err(raised)?)
+}
+
+/// Labels carried to another mesh: labels, qualities, and counts as JSON.
+#[pyfunction]
+#[pyo3(signature = (from_mesh, labels, to_mesh, threads, max_memory, tmp, progress))]
+pub fn transfer_labels<'py>(
+    py: Python<'py>,
+    from_mesh: &PyMesh,
+    labels: PyReadonlyArray1<'py, u32>,
+    to_mesh: &PyMesh,
+    threads: Option<usize>,
+    max_memory: Option<u64>,
+    tmp: Option<PathBuf>,
+    progress: Option<Py<PyAny>>,
+) -> PyResult<(Bound<'py, PyArray1<u32>>, Bound<'py, PyArray1<f32>>, String)> {
+    let cancel = Cancel::default();
+    let listener = Arc::new(Listener::new(progress, cancel.clone()));
+    let transfer = with_options!(LabelTransfer::new(), 0, threads, max_memory, tmp, listener, cancel);
+    let labels = labels.as_array().to_vec();
+    let found = detached(py, &listener, || transfer.run(&from_mesh.0, &labels, &to_mesh.0))?;
+    let facts = text(&found.facts)?;
+    Ok((PyArray1::from_slice(py, &found.labels), PyArray1::from_slice(py, &found.quality), facts))
+}
+
+/// An order to stream the mesh in: the place of each face, the number of each vertex, and measures as JSON.
+#[pyfunction]
+#[pyo3(signature = (mesh, order, sweeps, landmarks, seed, threads, max_memory, tmp, progress))]
+pub fn sequence<'py>(
+    py: Python<'py>,
+    mesh: &PyMesh,
+    order: &str,
+    sweeps: usize,
+    landmarks: Option<usize>,
+    seed: u64,
+    threads: Option<usize>,
+    max_memory: Option<u64>,
+    tmp: Option<PathBuf>,
+    progress: Option<Py<PyAny>>,
+) -> PyResult<(Bound<'py, PyArray1<u32>>, Bound<'py, PyArray1<u32>>, String)> {
+    let cancel = Cancel::default();
+    let listener = Arc::new(Listener::new(progress, cancel.clone()));
+    let sequencer = Sequencer::new().order(named::<SequenceOrder>("order", order)?).sweeps(sweeps);
+    let sequencer = landmarks.into_iter().fold(sequencer, Sequencer::landmarks);
+    let sequencer = with_options!(sequencer, seed, threads, max_memory, tmp, listener, cancel);
+    let found = detached(py, &listener, || sequencer.run(&mesh.0))?;
+    let measures = text(found.measures())?;
+    Ok((PyArray1::from_slice(py, found.places()), PyArray1::from_slice(py, found.vertex_numbers()), measures))
+}
+
+/// How well samples of landmarks represent the mesh: one record per sample, as JSON.
+#[pyfunction]
+#[pyo3(signature = (mesh, landmarks, samplings, seeds, seed, threads, max_memory, tmp, progress))]
+pub fn quality(
+    py: Python<'_>,
+    mesh: &PyMesh,
+    landmarks: Vec<usize>,
+    samplings: Vec<String>,
+    seeds: u64,
+    seed: u64,
+    threads: Option<usize>,
+    max_memory: Option<u64>,
+    tmp: Option<PathBuf>,
+    progress: Option<Py<PyAny>>,
+) -> PyResult<String> {
+    let cancel = Cancel::default();
+    let listener = Arc::new(Listener::new(progress, cancel.clone()));
+    let samplings = samplings.iter().map(|name| named::<Sampling>("samplings", name)).collect::<PyResult<Vec<_>>>()?;
+    let quality = SamplingQuality::new().landmarks(landmarks).samplings(samplings).seeds(seeds);
+    let quality = with_options!(quality, seed, threads, max_memory, tmp, listener, cancel);
+    text(&detached(py, &listener, || quality.run(&mesh.0))?)
+}
