@@ -24,49 +24,44 @@ use std::sync::Arc;
 #[global_allocator]
 static ALLOCATOR: mimalloc::MiMalloc = mimalloc::MiMalloc;
 
-/// Options of the command line, as the functions of this module call them.
-const WORDS: [(&str, &str); 24] = [
+/// What the command line calls otherwise than the functions of this module; every other `--option` is `option` here.
+const WORDS: [(&str, &str); 10] = [
     ("--work-dir \u{2026}", "work_dir"),
     ("--cluster kmeans", "cluster='kmeans'"),
     ("--cluster parts", "cluster='parts'"),
     ("--boundaries front", "boundaries='front'"),
-    ("--cluster", "cluster"),
-    ("--parts-range", "parts_range"),
-    ("--boundaries", "boundaries"),
-    ("--max-memory", "max_memory"),
-    ("--threads", "threads"),
-    ("--work-dir", "work_dir"),
-    ("--coarse", "coarse"),
-    ("--metric", "metric"),
-    ("--detail", "detail"),
-    ("--labels", "labels"),
-    ("--views", "views"),
-    ("--size", "size"),
-    ("--turn", "turn"),
     ("--force", "force=True"),
-    ("--tmp", "tmp"),
+    ("-o folder/", "save(\"folder/\")"),
     ("-k 6", "parts=6"),
     ("-k", "parts"),
     ("-l", "landmarks"),
-    ("-o folder/", "save(\"folder/\")"),
     ("-o", "path"),
 ];
 
 /// A message of the library in the words of this module.
 fn reworded(text: &str) -> String {
+    let part = |c: char| c.is_alphanumeric() || c == '-' || c == '/' || c == '.';
     let mut told = text.to_string();
     for (option, name) in WORDS {
         let (mut done, mut rest) = (String::new(), told.as_str());
         while let Some(at) = rest.find(option) {
-            let part = |c: char| c.is_alphanumeric() || c == '-' || c == '/' || c == '.';
-            let alone = !rest[..at].ends_with(part) && !rest[at + option.len()..].starts_with(|c| part(c) && c != '.');
+            let after = &rest[at + option.len()..];
+            let alone = !rest[..at].ends_with(part) && !after.starts_with(|c| part(c) && c != '.');
             done += &rest[..at];
             done += if alone { name } else { option };
-            rest = &rest[at + option.len()..];
+            rest = after;
         }
         told = done + rest;
     }
-    told
+    let (mut done, mut rest) = (String::new(), told.as_str());
+    while let Some(at) = rest.find("--") {
+        let word: String = rest[at + 2..].chars().take_while(|&c| c.is_ascii_lowercase() || c == '-').collect();
+        let is_option = !rest[..at].ends_with(part) && word.starts_with(|c: char| c.is_ascii_lowercase());
+        done += &rest[..at];
+        done += &if is_option { word.replace('-', "_") } else { format!("--{word}") };
+        rest = &rest[at + 2 + word.len()..];
+    }
+    done + rest
 }
 
 /// What the library says, as Python's exceptions: FileNotFoundError and its like where the system says so.

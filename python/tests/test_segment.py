@@ -129,7 +129,10 @@ def test_a_work_dir_is_of_arrays_whoever_makes_them(mesh, tmp_path):
     assert re.fullmatch("[0-9a-f]{16}", manifest["stages"]["graph"]["inputs"]["input"]["content"])
     moved = vertices.copy()
     moved[0, 0] = np.nextafter(moved[0, 0], 9)
-    assert "rows" in nystrom_stream.segment(moved, faces, 4, work_dir=tmp_path / "work").report["seconds"]
+    with pytest.raises(ValueError, match="is of another mesh|before it changed") as refused:
+        nystrom_stream.segment(moved, faces, 4, work_dir=tmp_path / "work")
+    assert "force=True" in str(refused.value) and "--" not in str(refused.value)
+    assert "rows" in nystrom_stream.segment(moved, faces, 4, work_dir=tmp_path / "work", force=True).report["seconds"]
 
 
 def test_a_hierarchy_is_never_that_of_an_older_run(mesh, tmp_path):
@@ -142,10 +145,10 @@ def test_a_hierarchy_is_never_that_of_an_older_run(mesh, tmp_path):
         means.recut(3)
     # A large mesh is contracted for a preview, a small one is not.
     large, small = dumbbell(60), dumbbell(20)
-    coarse = nystrom_stream.segment(*large, 4, coarse=True, work_dir=work)
+    coarse = nystrom_stream.segment(*large, 4, coarse=True, work_dir=work, force=True)
     assert len(large[1]) > 30_000 and len(np.unique(coarse.recut(3))) == 3
     fresh = nystrom_stream.segment(*small, 4)
-    after = nystrom_stream.segment(*small, 4, coarse=True, work_dir=work)
+    after = nystrom_stream.segment(*small, 4, coarse=True, work_dir=work, force=True)
     assert after.tree == fresh.tree and (after.recut(3) == fresh.recut(3)).all()
     assert nystrom_stream.segment(*large, 4, coarse=True).tree == coarse.tree
 
@@ -161,16 +164,26 @@ def test_errors_say_what_is_wrong(mesh, tmp_path):
         nystrom_stream.segment(vertices, wrong)
     with pytest.raises(ValueError, match="columns"):
         nystrom_stream.segment(vertices[:, :2], faces)
-    with pytest.raises(TypeError, match="NumPy"):
-        nystrom_stream.segment(vertices.tolist(), faces)
+    with pytest.raises(TypeError, match="no mesh"):
+        nystrom_stream.segment(7)
     with pytest.raises(ValueError, match="no faces"):
         nystrom_stream.segment(vertices, faces[:0])
     with pytest.raises(TypeError, match="unexpected"):
         nystrom_stream.segment(vertices, faces, colour="red")
     with pytest.raises(ValueError, match="exclude"):
         nystrom_stream.segment(vertices, faces, 3, parts_range=(2, 4))
-    with pytest.raises(OSError, match="missing.ply"):
-        nystrom_stream.segment_file(tmp_path / "missing.ply")
+    for name, call in [("missing.ply", nystrom_stream.segment_file), ("none/x.ply", nystrom_stream.read_mesh)]:
+        with pytest.raises(FileNotFoundError, match=name) as missing:
+            call(tmp_path / name)
+        assert missing.value.filename and missing.value.errno == 2
+    # Nobody who writes Python is told of options of a command line.
+    for options in [{"cluster": "kmeans"}, {"parts": 10**6}, {"parts": 0}, {"cluster": "means"}, {"detail": 2}, {"parts_range": (5, 2)},
+                    {"coarse": True, "boundaries": "embedding"}, {"cluster": "two-means", "decision": "single"}, {"sigma": 1.0},
+                    {"sampling": "some"}, {"metric": "flat"}, {"eta": 2.0}, {"max_memory": "12 parsecs"}, {"beta": 1, "metric": "geodesic"}]:
+        with pytest.raises(ValueError) as wrong:
+            nystrom_stream.segment(vertices, faces, **options)
+        told = str(wrong.value)
+        assert "--" not in told and " -k" not in told and not told.startswith("-"), (options, told)
 
 
 def test_progress_is_told_and_may_stop(mesh):
@@ -238,3 +251,135 @@ def test_a_mesh_is_matched_with_itself_moved(mesh):
         nystrom_stream.correspond(bent, faces, bent, faces, matching="some")
     with pytest.raises(TypeError, match="detail"):
         nystrom_stream.correspond(bent, faces, bent, faces, detail=0.5)
+
+
+def test_anything_that_is_a_mesh_is_taken(mesh):
+    vertices, faces = mesh
+    expected = nystrom_stream.segment(vertices, faces, 3).labels
+    for given in [(vertices.tolist(), faces.tolist()), (vertices, faces)]:
+        assert (nystrom_stream.segment(*given, 3).labels == expected).all()
+        assert (nystrom_stream.segment(given, parts=3).labels == expected).all()
+    whole = nystrom_stream.segment([[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0], [2, 0, 0]], [[0, 1, 2, 3], [1, 4, 2]], 2)
+    assert whole.labels.tolist() == [0, 1] or whole.labels.tolist() == [1, 0]
+    trimesh = pytest.importorskip("trimesh", exc_type=ImportError)
+    assert (nystrom_stream.segment(trimesh.Trimesh(vertices, faces, process=False), parts=3).labels == expected).all()
+    with pytest.raises(TypeError, match="Scene"):
+        nystrom_stream.segment(trimesh.Scene(trimesh.creation.box()))
+    pyvista = pytest.importorskip("pyvista", exc_type=ImportError)
+    surface = pyvista.PolyData(vertices, np.insert(faces, 0, 3, axis=1).ravel())
+    assert (nystrom_stream.segment(surface, parts=3).labels == expected).all()
+    mixed = pyvista.PolyData(np.array([[0.0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0], [2, 0, 0]]), [4, 0, 1, 2, 3, 3, 1, 4, 2])
+    assert len(nystrom_stream.segment(mixed, parts=2).labels) == 2
+
+
+def test_open3d_meshes(mesh):
+    open3d = pytest.importorskip("open3d", exc_type=ImportError)
+    vertices, faces = mesh
+    expected = nystrom_stream.segment(vertices, faces, 3).labels
+    vector = open3d.utility
+    plain = open3d.geometry.TriangleMesh(vector.Vector3dVector(vertices), vector.Vector3iVector(faces))
+    assert (nystrom_stream.segment(plain, parts=3).labels == expected).all()
+    tensor = open3d.t.geometry.TriangleMesh.from_legacy(plain)
+    assert len(nystrom_stream.segment(tensor, parts=3).labels) == len(faces)
+
+
+def test_results_know_what_people_ask_of_them(mesh, tmp_path):
+    vertices, faces = mesh
+    cut = nystrom_stream.segment(vertices, faces, 4)
+    assert cut.n_parts == len(cut) == 4 and "gamma" not in cut.report
+    assert "gamma" in nystrom_stream.segment(vertices, faces, 3, cluster="kmeans").report
+    rough = cut.cut(3)
+    assert rough.n_parts == 3 and (rough.labels == cut.recut(3)).all() and rough.quality is None
+    assert rough.colours.shape == (3, 3) and sum(part["faces"] for part in rough.report["parts"]) == len(faces)
+    measures = cut.measure()
+    assert np.isclose(sum(part["area"] for part in measures), nystrom_stream.measure(vertices, faces)["area"])
+    assert all(other["length"] > 0 for part in measures for other in part["neighbours"])
+    for name in ["x.ply", "x.seg", "x.npy", "x.glb", "x.parquet", "x.png", "x.html"]:
+        cut.save(tmp_path / name)
+        assert (tmp_path / name).stat().st_size > 100
+    rough.save(tmp_path / "rough.ply")
+    page = cut._repr_html_()
+    assert page.startswith("<iframe srcdoc=") and "&lt;canvas" in page and page.count('"') == 10
+    image = cut.picture(size=(320, 240), legend=False)
+    assert image.shape == (240, 320, 4) and image.dtype == np.uint8 and len(np.unique(image.reshape(-1, 4), axis=0)) > 50
+    trimesh = pytest.importorskip("trimesh", exc_type=ImportError)
+    shown = cut.to_trimesh()
+    assert isinstance(shown, trimesh.Trimesh) and (shown.face_attributes["label"] == cut.labels).all()
+    assert (shown.visual.face_colors[:, :3] == cut.colours[cut.labels]).all()
+    pytest.importorskip("pyvista", exc_type=ImportError)
+    assert (cut.to_pyvista().cell_data["label"] == cut.labels).all()
+
+
+def test_results_are_pickled(mesh):
+    import copy
+    import pickle
+
+    vertices, faces = mesh
+    for given in [(vertices, faces), (vertices.astype(np.float32), faces)]:
+        cut = nystrom_stream.segment(*given, 4)
+        again = pickle.loads(pickle.dumps(cut))
+        assert (again.labels == cut.labels).all() and again.report == cut.report and again.tree == cut.tree
+        assert (again.recut(3) == cut.recut(3)).all() and again.vertices.dtype == given[0].dtype
+        assert (again.triangles == faces).all() and (nystrom_stream.segment(again, parts=4).labels == cut.labels).all()
+    carried = nystrom_stream.transfer_labels(cut, cut)
+    assert (pickle.loads(pickle.dumps(carried)).labels == carried.labels).all()
+    assert copy.deepcopy(nystrom_stream.sequence(vertices, faces)).measures
+
+
+def test_labels_are_carried_scored_and_drawn(mesh):
+    vertices, faces = mesh
+    cut = nystrom_stream.segment(vertices, faces, 3)
+    other = dumbbell(30)
+    carried = nystrom_stream.transfer_labels(cut, other)
+    assert carried.labels.shape == (len(other[1]),) and set(np.unique(carried.labels)) == {0, 1, 2}
+    assert 0 <= carried.report["uncertain"] <= len(other[1])
+    assert (nystrom_stream.transfer_labels((vertices, faces), other, cut.labels).labels == carried.labels).all()
+    assert nystrom_stream.evaluate(cut, cut.labels)["rand"] == 0
+    assert nystrom_stream.evaluate(cut.labels, [cut.labels, (cut.labels + 1) % 3], mesh=(vertices, faces))["rand"] == 0
+    assert nystrom_stream.evaluate(cut, np.zeros(len(faces), int))["rand"] > 0.3
+    assert nystrom_stream.picture((vertices, faces), size=(64, 48)).shape == (48, 64, 4)
+    with pytest.raises(ValueError, match="one per face"):
+        nystrom_stream.picture((vertices, faces), cut.labels[:-1])
+
+
+def test_orders_and_samples(mesh):
+    vertices, faces = mesh
+    ordered = nystrom_stream.sequence(vertices, faces, order="hilbert")
+    assert sorted(ordered.places) == list(range(len(faces))) == sorted(ordered.order)
+    assert (ordered.places[ordered.order] == np.arange(len(faces))).all() and len(ordered.vertex_numbers) == len(vertices)
+    few, many = nystrom_stream.quality(vertices, faces, landmarks=[5, 20], samplings="farthest")
+    assert many["gamma"] > few["gamma"] > 0
+    assert nystrom_stream.measure(vertices, faces)["boundary_loops"] == 2
+
+
+def test_every_option_of_the_program_has_an_effect_or_is_refused(mesh):
+    vertices, faces = mesh
+    cut = lambda **options: nystrom_stream.segment(vertices, faces, 4, **options)  # noqa: E731
+    for options, key, told in [
+        ({"metric": "paper", "delta": 0.1}, "metric", {"form": "paper", "delta": 0.1, "eta": 0.1}),
+        ({"sampling": "random"}, "sampling", "random"),
+        ({"order": "hilbert"}, "order", "hilbert"),
+        ({"tiny_components": "own"}, "tiny_components", "own"),
+        ({"boundaries": "embedding"}, "boundaries", "embedding"),
+        ({"max_memory": "1GiB"}, "cluster", "parts"),
+    ]:
+        found = cut(**options).report["options"][key]
+        if isinstance(told, dict):
+            assert found.keys() == told.keys() and all(found[k] == pytest.approx(v) if k != "form" else found[k] == v
+                                                       for k, v in told.items())
+        else:
+            assert found == told
+    assert cut(decision="single").report["options"]["parts"]["decision"] == "single"
+    means = cut(cluster="kmeans", kernel="polynomial", sigma=0.5, normalise="none", unit_rows=False).report["options"]["embedding"]
+    assert means["kernel"]["kernel"] == "polynomial" and means["unit_rows"] is False and means["normalisation"] == "none"
+
+
+def test_signatures_and_docstrings_are_there():
+    import inspect
+
+    for name in nystrom_stream.__all__:
+        thing = getattr(nystrom_stream, name)
+        if callable(thing):
+            assert thing.__doc__ and len(thing.__doc__) > 40, name
+    assert "detail" in inspect.signature(nystrom_stream.segment).parameters
+    assert inspect.signature(nystrom_stream.segment).parameters["faces"].default is None

@@ -1,7 +1,8 @@
 //! What the front door adds to a mesh: an example of any size, and labelled files of every form.
 
 use crate::apps::creature::{Creature, Options};
-use crate::apps::export::{glb, split};
+use crate::apps::export::split::{self, PartForm};
+use crate::apps::export::{glb, obj};
 use crate::base::{Error, Result};
 use crate::mesh::{Labelling, Mesh, PlyForm, seg, write_labelled};
 use crate::pipeline::input;
@@ -30,8 +31,8 @@ impl Mesh {
     }
 
     /// Writes the mesh with labels in the form that the ending of `path` names: `.ply` (what the file held, with labels,
-    /// colours and qualities of the faces), `.seg` (one label per line), `.npy` (labels), `.glb`, or a folder with one
-    /// PLY per part where `path` ends with `/`; `.png` with the feature `pictures`, `.parquet` with `parquet`.
+    /// colours and qualities of the faces), `.seg` (one label per line), `.npy` (labels), `.obj` (one group per part), `.glb`, or
+    /// a folder with one PLY per part where `path` ends with `/`; `.png` with the feature `pictures`, `.parquet` with `parquet`.
     ///
     /// ```
     /// # fn main() -> nystrom_stream::Result<()> {
@@ -50,13 +51,14 @@ impl Mesh {
     pub fn save(&self, path: impl AsRef<Path>, labelling: Labelling<'_>) -> Result<()> {
         let (path, run) = (path.as_ref(), &Run::new(&()));
         if path.to_string_lossy().ends_with(['/', std::path::MAIN_SEPARATOR]) || path.is_dir() {
-            return split::write(path, self, &labelling, false, true, run);
+            return split::write(path, self, &labelling, PartForm::Binary, true, run);
         }
         crate::apps::export::fit(self, &labelling)?;
         match path.extension().and_then(OsStr::to_str).map(str::to_ascii_lowercase).as_deref() {
             Some("ply") => write_labelled(self, path, &labelling, PlyForm::Same, true, run),
             Some("seg") => seg::write_seg(path, labelling.labels, true, run),
             Some("npy") => npy::write(path, labelling.labels, 1, true).map(drop),
+            Some("obj") => obj::write(path, self, &labelling, true, run),
             Some("glb") => glb::write(path, self, &labelling, true, run),
             #[cfg(feature = "parquet")]
             Some("parquet") => crate::apps::export::parquet::write(path, self, &labelling, None, true, run),
@@ -68,7 +70,11 @@ impl Mesh {
             }
             _ => {
                 let problem = format!("{}: its ending names no known form", path.display());
-                Err(Error::parameter("path", problem, "end it with .ply, .seg, .npy or .glb, or with / for a folder"))
+                Err(Error::parameter(
+                    "path",
+                    problem,
+                    "end it with .ply, .seg, .npy, .obj or .glb, or with / for a folder",
+                ))
             }
         }
     }

@@ -3,7 +3,8 @@
 use super::choices::choice;
 use super::options::CliError;
 use nystrom_stream::apps::export::parquet::{self, Coordinates};
-use nystrom_stream::apps::export::{glb, split};
+use nystrom_stream::apps::export::split::{self, PartForm};
+use nystrom_stream::apps::export::{glb, obj};
 use nystrom_stream::apps::measure::{self, Measures};
 use nystrom_stream::apps::page::{Cuts, Page};
 use nystrom_stream::apps::picture::{self, PictureParams};
@@ -69,11 +70,23 @@ impl JsonArgs {
     }
 }
 
+/// Formats of the files of a folder of parts.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, clap::ValueEnum)]
+pub enum PartFile {
+    /// PLY, with the number of each face in the input
+    Ply,
+    /// Binary STL, triangles alone
+    Stl,
+}
+
 /// Options of outputs.
 #[derive(Clone, Copy, Debug, clap::Args)]
 pub struct FormArgs {
     #[command(flatten)]
     pub ply: PlyArgs,
+    /// Format of the files in a folder of parts
+    #[arg(long, value_enum, default_value = "ply", value_name = "FORM")]
+    pub part_form: PartFile,
     /// Add the coordinates of the spectral embedding to .parquet outputs
     #[arg(long)]
     pub embedding_columns: bool,
@@ -102,6 +115,9 @@ impl FormArgs {
     /// Refuses options that none of `outputs` would follow.
     pub fn check(self, outputs: &[Output]) -> Result<(), CliError> {
         self.ply.check(outputs)?;
+        if self.part_form != PartFile::Ply && !outputs.iter().any(|output| matches!(output, Output::Folder(_))) {
+            return Err(CliError::Usage("--part-form goes with a folder of parts, as in -o parts/".into()));
+        }
         if self.embedding_columns && !outputs.iter().any(|output| matches!(output, Output::Parquet(_))) {
             return Err(CliError::Usage("--embedding-columns goes with a .parquet output".into()));
         }
@@ -115,6 +131,8 @@ pub struct Results<'a> {
     pub labelling: Labelling<'a>,
     /// Of PLY outputs.
     pub options: PlyOptions,
+    /// Of folders of parts.
+    pub part_form: PartFile,
     /// For tables, if asked for.
     pub embedding: Option<Coordinates<'a>>,
     /// For pages: the run's report.
@@ -136,6 +154,8 @@ pub enum Output {
     Png(PathBuf),
     /// A table of the faces.
     Parquet(PathBuf),
+    /// A mesh with one group per part.
+    Obj(PathBuf),
     /// A table of the parts.
     Csv(PathBuf),
     /// A scene with one primitive per part.
@@ -172,11 +192,12 @@ impl Output {
             Some("npy") => Ok(Self::Npy(path.into())),
             Some("png") => Ok(Self::Png(path.into())),
             Some("parquet") => Ok(Self::Parquet(path.into())),
+            Some("obj") => Ok(Self::Obj(path.into())),
             Some("csv") => Ok(Self::Csv(path.into())),
             Some("glb") => Ok(Self::Glb(path.into())),
             Some("html" | "htm") => Ok(Self::Html(path.into())),
             _ => Err(CliError::Usage(format!(
-                "-o {}: unknown ending; end it with .ply, .seg, .npy, .parquet, .csv, .glb, .html or .png, or \
+                "-o {}: unknown ending; end it with .ply, .seg, .npy, .parquet, .csv, .obj, .glb, .html or .png, or \
                  with / for a folder with one PLY per part",
                 path.display()
             ))),
@@ -200,9 +221,12 @@ impl Output {
     pub fn path(&self) -> Option<&Path> {
         match self {
             Self::Ply(path) | Self::Seg(path) | Self::Npy(path) | Self::Png(path) => Some(path),
-            Self::Parquet(path) | Self::Csv(path) | Self::Glb(path) | Self::Html(path) | Self::Folder(path) => {
-                Some(path)
-            }
+            Self::Parquet(path)
+            | Self::Csv(path)
+            | Self::Obj(path)
+            | Self::Glb(path)
+            | Self::Html(path)
+            | Self::Folder(path) => Some(path),
             Self::Stdout => None,
         }
     }
@@ -261,6 +285,7 @@ impl Output {
                 let measures = measured(mesh, labelling, path, run)?;
                 json::publish(path, measure::table(&measures, labelling.colours).as_bytes())
             }
+            Self::Obj(path) => obj::write(path, mesh, labelling, true, run),
             Self::Glb(path) => glb::write(path, mesh, labelling, true, run),
             Self::Html(path) => {
                 let title = mesh.path().file_name().unwrap_or_default().to_string_lossy();
@@ -273,7 +298,12 @@ impl Output {
                     PlyForm::Same => mesh.document().is_some_and(Document::is_text),
                     form => form == PlyForm::Ascii,
                 };
-                split::write(path, mesh, labelling, text, true, run)
+                let form = match results.part_form {
+                    PartFile::Stl => PartForm::Stl,
+                    PartFile::Ply if text => PartForm::Text,
+                    PartFile::Ply => PartForm::Binary,
+                };
+                split::write(path, mesh, labelling, form, true, run)
             }
             Self::Stdout => {
                 let mut out = std::io::stdout().lock();

@@ -1,5 +1,5 @@
-//! Progress on standard error: one bar per stage on a terminal, one line per stage otherwise, JSON events or nothing on
-//! request. Of several meshes: one bar in all and one per running mesh, or one line per mesh. No colours, so `NO_COLOR`
+//! Progress on standard error: one bar per stage on a terminal, one line per stage otherwise (and one every ten seconds while a
+//! stage runs), JSON events or nothing on request. Of several meshes: one bar in all and one per running mesh, or one line per mesh. No colours, so `NO_COLOR`
 //! holds.
 //!
 //! The library names stages by short words, which are keys of reports and JSON events too; people are shown the words of
@@ -15,6 +15,8 @@ use std::time::{Duration, Instant};
 
 /// Least time between two JSON events of a stage.
 const EVENT: Duration = Duration::from_millis(100);
+/// Time after which a stage that is still running gets a line, where there are no bars.
+const STILL: Duration = Duration::from_secs(10);
 
 /// Stages of the library and what they are called to people.
 const STAGES: [(&str, &str); 27] = [
@@ -103,6 +105,16 @@ struct Stage {
     done: u64,
     start: Instant,
     told: Instant,
+}
+
+impl Stage {
+    /// A line about the stage `name` while it runs.
+    fn still(&self, name: &str) -> String {
+        let (seconds, unit) = (self.start.elapsed().as_secs_f64(), unit_words(self.unit));
+        let done = human(self.done as f64);
+        let of = if self.total > 0 { format!(" of {}", human(self.total as f64)) } else { String::new() };
+        format!("{:16} {seconds:8.0} s  {done}{of} {unit} so far", words(name))
+    }
 }
 
 /// 1234567 as 1.23 M.
@@ -217,7 +229,18 @@ impl Progress for Bars {
         }
         let Some(known) = state.stages.get_mut(stage) else { return };
         known.done = known.done.saturating_add(done);
-        if self.style == Style::Json && known.told.elapsed() >= EVENT {
+        let patience = if self.style == Style::Lines { STILL } else { EVENT };
+        if !matches!(self.style, Style::Json | Style::Lines) || known.told.elapsed() < patience {
+            return;
+        }
+        if self.style == Style::Lines {
+            known.told = Instant::now();
+            let line = known.still(stage);
+            match &self.mesh {
+                Some((mesh, _)) => tell(&format!("{}: {line}", printable::line(mesh))),
+                None => tell(&line),
+            }
+        } else {
             known.told = Instant::now();
             let (done, seconds) = (known.done, known.start.elapsed().as_secs_f64());
             let (unit, total) = (known.unit, known.total);
@@ -329,5 +352,19 @@ impl BatchBars {
     /// Takes the bar away.
     pub fn finish(&self) {
         self.all.finish_and_clear();
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_stage_that_takes_long_is_told_of() {
+        let now = Instant::now();
+        let stage = Stage { unit: "rows", total: 30, done: 12, start: now, told: now };
+        assert_eq!(stage.still("rows"), "distance rows           0 s  12 of 30 rows so far");
+        let stage = Stage { unit: "faces", total: 0, done: 2_500_000, start: now, told: now };
+        assert_eq!(stage.still("graph"), "dual graph              0 s  2.50 M faces so far");
     }
 }

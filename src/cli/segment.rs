@@ -36,7 +36,7 @@ pub struct SegmentArgs {
     /// PLY, OBJ, OFF and STL files, also .gz; folders of them; patterns; `-` reads standard input
     #[arg(required = true, value_name = "MESH")]
     pub meshes: Vec<PathBuf>,
-    /// Output, once or more: .ply, .seg, .npy, .parquet, .csv, .glb, .html or .png; a folder, ending in /, for one PLY per part;
+    /// Output, once or more: .ply, .seg, .npy, .parquet, .csv, .obj, .glb, .html or .png; a folder, ending in /, for one PLY per part;
     /// `-` for standard output. For several meshes {} stands for the name of the mesh, as in out/{}.seg
     /// [default: MESH.segmented.ply]
     #[arg(short, long, value_name = "OUT")]
@@ -241,6 +241,7 @@ pub fn one(job: &Job, task: Task<'_>, bars: &Bars, run: &Run, app: &AppContext) 
             names: &result.names,
         },
         options: args.form.ply.options(),
+        part_form: args.form.part_form,
         embedding: coordinates.as_ref().map(KeptEmbedding::coordinates),
         report: if pages { to_json("the report", &report(seconds.clone())?)? } else { Value::Null },
         cuts: cuts.as_ref(),
@@ -394,6 +395,7 @@ fn all(jobs: Vec<Job>, task: Task<'_>, app: &AppContext) -> Result<(), CliError>
         "edits": task.edits, "hints": args.edits.hints,
         "params": task.params, "seed": args.run.seed.unwrap_or(0), "ply_form": format!("{:?}", args.form.ply.ply_form),
         "vertex_labels": args.form.ply.vertex_labels, "embedding_columns": args.form.embedding_columns,
+        "part_form": format!("{:?}", args.form.part_form),
     });
     let bars = BatchBars::new(style, jobs.len() as u64);
     let table = Table::of(&jobs);

@@ -438,6 +438,7 @@ impl Export<'_> {
         let results = Results {
             labelling,
             options: self.form.ply.options(),
+            part_form: self.form.part_form,
             embedding: coordinates.as_ref().map(KeptEmbedding::coordinates),
             report: if pages { report() } else { Value::Null },
             cuts: cuts.as_ref(),

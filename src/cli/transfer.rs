@@ -1,7 +1,7 @@
 //! `transfer-labels`: labels carried over to another mesh of the same shape.
 
 use super::options::{AppContext, CliError, RunArgs};
-use super::output::{JsonArgs, Output, PlyArgs, Results, folder_of};
+use super::output::{JsonArgs, Output, PartFile, PlyArgs, Results, folder_of};
 use super::picture::{has_labels, labels_of_file, labels_of_mesh};
 use nystrom_stream::apps::colours::colours_for;
 use nystrom_stream::apps::transfer::transfer;
@@ -86,6 +86,7 @@ pub fn run(args: &TransferArgs, app: &AppContext) -> Result<(), CliError> {
     let results = Results {
         labelling: Labelling { labels: &result.labels, colours: &colours, quality: Some(&result.quality), names: &[] },
         options: args.ply.options(),
+        part_form: PartFile::Ply,
         embedding: None,
         report: report.clone(),
         cuts: None,

@@ -65,15 +65,12 @@ pub fn admit(path: &Path, identity: &Value, work: &WorkDir) -> Result<()> {
         return Ok(());
     }
     let here = std::path::absolute(path).unwrap_or(path.to_path_buf());
-    let problem = if record.mesh == here {
-        format!("is of {} as it was before it changed", record.mesh.display())
-    } else {
-        let whose = if record.identity.get("stdin").is_some() {
-            "one from standard input".into()
-        } else {
-            record.mesh.display().to_string()
-        };
-        format!("is of another mesh, {whose}")
+    let told = |key: &str| record.identity.get(key).is_some();
+    let problem = match record.mesh.display() {
+        _ if told("content") => "is of another mesh, one of arrays".into(),
+        _ if told("stdin") => "is of another mesh, one from standard input".into(),
+        mesh if record.mesh == here => format!("is of {mesh} as it was before it changed"),
+        mesh => format!("is of another mesh, {mesh}"),
     };
     let remedy = format!("name another folder, or make it anew for {} with --force", path.display());
     Err(Error::work_dir(work.path(), problem, remedy))

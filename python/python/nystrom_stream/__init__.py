@@ -1,15 +1,45 @@
-"""Cuts triangle meshes of any size into their meaningful parts.
+"""Cuts triangle and polygon meshes of any size into their meaningful parts.
 
 >>> import nystrom_stream
->>> cut = nystrom_stream.segment_file("mesh.ply")
->>> cut.labels          # one part per face
->>> cut.report["parts"] # faces, area and colour of each part
->>> cut.recut(3)        # another number of parts, at once
+>>> cut = nystrom_stream.segment("mesh.ply")    # or (vertices, faces), a trimesh, PyVista or Open3D mesh
+>>> cut.n_parts, cut.labels                     # one part per face
+>>> cut.cut(3)                                  # another number of parts, at once
+>>> cut.save("parts.glb")
 
-`segment` takes NumPy arrays, `segment_file` a file, `correspond` matches two meshes; all give up Python's lock while they work, tell a callback how far
-they are, and stop at Ctrl-C.
+Beside cutting: `correspond` matches two meshes, `transfer_labels` carries labels to another version of a mesh, `evaluate` scores
+them against those of people, `picture` draws, `sequence` orders a mesh for streaming, `quality` measures samples of landmarks,
+`measure` tells what a mesh is. All give up Python's lock while they work, tell a callback how far they are, and stop at Ctrl-C.
 """
 
-from ._native import Correspondence, Segmentation, __version__, correspond, read_mesh, segment, segment_file
+from ._functions import (
+    correspond,
+    evaluate,
+    measure,
+    picture,
+    quality,
+    read_mesh,
+    segment,
+    segment_file,
+    sequence,
+    transfer_labels,
+)
+from ._native import __version__
+from ._results import Correspondence, Segmentation, Sequence, Transfer
 
-__all__ = ["Correspondence", "Segmentation", "__version__", "correspond", "read_mesh", "segment", "segment_file"]
+__all__ = [
+    "Correspondence",
+    "Segmentation",
+    "Sequence",
+    "Transfer",
+    "__version__",
+    "correspond",
+    "evaluate",
+    "measure",
+    "picture",
+    "quality",
+    "read_mesh",
+    "segment",
+    "segment_file",
+    "sequence",
+    "transfer_labels",
+]

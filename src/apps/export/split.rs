@@ -1,10 +1,11 @@
 //! One mesh per part: `part_000.ply` … in a folder, each with the vertices it uses and its open borders where it was cut off.
 //!
 //! Faces keep their corners' order and winding and get `int original_face`, their number in the input, `int label`,
-//! colour and quality; positions keep their precision. `parts.json`, written last, lists the files. One bit per vertex and a
+//! colour and quality; positions keep their precision. Or binary STL, for programs that know nothing else. `parts.json`, written last, lists the files. One bit per vertex and a
 //! count every [`BLOCK`] of them tell which vertices a part uses and their new numbers; one pass per part over the labels.
 
 use super::{CHUNK, parts};
+use crate::base::vector::{double_area, unit};
 use crate::base::{Error, Result};
 use crate::mesh::output::{Gather, by_rename};
 use crate::mesh::ply::{Encoder, Encoding, HeaderWriter, Scalar};
@@ -19,22 +20,43 @@ pub const LIST: &str = "parts.json";
 /// Vertices of a word.
 const BLOCK: usize = 64;
 
-/// The name of the file of a part, which may have a name: `part_003.ply`, `part_003_left_arm.ply`. Letters and digits of the
-/// name stay, as any file system takes them.
-pub fn file_name(part: usize, name: Option<&str>) -> String {
-    let plain = |c: char| if c.is_alphanumeric() || c == '-' { c } else { '_' };
-    let name: String = name.unwrap_or_default().chars().take(60).map(plain).collect();
-    let name = name.trim_matches('_');
-    format!("part_{part:03}{}{name}.ply", if name.is_empty() { "" } else { "_" })
+/// What the files of a folder are.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum PartForm {
+    /// Little-endian PLY.
+    Binary,
+    /// PLY of text.
+    Text,
+    /// Binary STL: triangles alone, polygons as fans, coordinates as floats.
+    Stl,
 }
 
-/// Writes all parts that have faces to `folder`, which is made where it is not there; text where `text`, else
-/// little-endian. Files of an earlier, finer cut stay there and are told.
+/// `name` as any file system takes it: letters and digits stay.
+pub(super) fn plain_name(name: Option<&str>) -> String {
+    let plain = |c: char| if c.is_alphanumeric() || c == '-' { c } else { '_' };
+    let name: String = name.unwrap_or_default().chars().take(60).map(plain).collect();
+    name.trim_matches('_').to_string()
+}
+
+/// The name of the file of a part, which may have a name: `part_003.ply`, `part_003_left_arm.ply`.
+pub fn file_name(part: usize, name: Option<&str>, form: PartForm) -> String {
+    let (name, ending) = (plain_name(name), if form == PartForm::Stl { "stl" } else { "ply" });
+    format!("part_{part:03}{}{name}.{ending}", if name.is_empty() { "" } else { "_" })
+}
+
+/// Writes all parts that have faces to `folder`, which is made where it is not there, as files of `form`. Files of an earlier, finer cut stay there and are told.
 ///
 /// # Errors
 /// [`Error::Parameter`] for labels that do not fit the faces; [`Error::Memory`] where the budget has no room for a bit
 /// per vertex; [`Error::Io`]; [`Error::Cancelled`].
-pub fn write(folder: &Path, mesh: &Mesh, labelling: &Labelling, text: bool, durable: bool, run: &Run) -> Result<()> {
+pub fn write(
+    folder: &Path,
+    mesh: &Mesh,
+    labelling: &Labelling,
+    form: PartForm,
+    durable: bool,
+    run: &Run,
+) -> Result<()> {
     let parts = parts(mesh, labelling)?;
     let words = mesh.positions.len().div_ceil(BLOCK);
     let _grant = run.budget.take("vertices of a part", 12 * words as u64, 12 * words as u64)?;
@@ -44,11 +66,11 @@ pub fn write(folder: &Path, mesh: &Mesh, labelling: &Labelling, text: bool, dura
     if list.exists() {
         std::fs::remove_file(&list).map_err(Error::io(&list, "remove"))?;
     }
-    let encoder = Encoder { target: if text { Encoding::Ascii } else { Encoding::Little } };
+    let encoder = Encoder { target: if form == PartForm::Text { Encoding::Ascii } else { Encoding::Little } };
     let mut writer = Splitter { mesh, labelling, encoder, run, used: vec![0; words], before: vec![0; words] };
     let mut listed = Vec::new();
     for part in 0..parts {
-        let name = file_name(part, labelling.name(part));
+        let name = file_name(part, labelling.name(part), form);
         let (faces, vertices, most) = writer.mark(part as u32)?;
         if faces == 0 {
             continue;
@@ -56,7 +78,11 @@ pub fn write(folder: &Path, mesh: &Mesh, labelling: &Labelling, text: bool, dura
         let path = folder.join(&name);
         by_rename(&path, 0, durable, |file| {
             let mut out = Gather::new(&path, file);
-            writer.part(part as u32, faces, vertices, most, &mut out)?;
+            if form == PartForm::Stl {
+                writer.solid(part as u32, &mut out)?;
+            } else {
+                writer.part(part as u32, faces, vertices, most, &mut out)?;
+            }
             out.finish()
         })?;
         let colour = labelling.colours.get(part);
@@ -69,7 +95,7 @@ pub fn write(folder: &Path, mesh: &Mesh, labelling: &Labelling, text: bool, dura
     // A value prints itself, indented under `#`, and cannot fail to.
     let listed = json!({"faces": mesh.faces.len(), "parts": listed});
     by_rename(&list, 0, durable, |file| writeln!(file, "{listed:#}").map_err(Error::io(&list, "write")))?;
-    if folder.join(file_name(parts, None)).exists() {
+    if folder.join(file_name(parts, None, form)).exists() {
         let text = format!("{}: holds parts of an earlier cut too; {LIST} says which are of this", folder.display());
         run.progress.note(&text);
     }
@@ -144,6 +170,32 @@ impl Splitter<'_> {
         }
         self.each(part, |face, corners| {
             self.face(face, corners, count, &mut out.buffer);
+            out.settle()
+        })
+    }
+
+    /// The part as binary STL.
+    fn solid(&self, part: u32, out: &mut Gather) -> Result<()> {
+        let mut triangles = 0u64;
+        self.each(part, |_, corners| {
+            self.mesh.fan(corners, |_, _| triangles += 1);
+            Ok(())
+        })?;
+        let Ok(count) = u32::try_from(triangles) else {
+            let problem = format!("part {part} has {triangles} triangles, an STL can have {}", u32::MAX);
+            return Err(Error::parameter("--part-form", problem, "write .ply"));
+        };
+        let mut head = format!("part {part}, cut by nystrom-stream").into_bytes();
+        head.resize(80, 0);
+        out.buffer.append(&mut head);
+        out.buffer.extend_from_slice(&count.to_le_bytes());
+        self.each(part, |_, corners| {
+            self.mesh.fan(corners, |_, at| {
+                for p in [unit(double_area(at)), at[0], at[1], at[2]] {
+                    p.into_iter().for_each(|x| out.buffer.extend_from_slice(&(x as f32).to_le_bytes()));
+                }
+                out.buffer.extend_from_slice(&[0; 2]);
+            });
             out.settle()
         })
     }

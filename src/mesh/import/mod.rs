@@ -152,6 +152,11 @@ pub(super) fn convert(
     MappedBytes::open(&to)
 }
 
+/// The statements of an OBJ file: keyword and whole line, without remarks.
+pub(crate) fn statements(bytes: &[u8]) -> impl Iterator<Item = (&[u8], &[u8])> {
+    Lines::new(bytes, true).filter_map(|line| line.words().next().map(|word| (word, line.text)))
+}
+
 /// What the mesh in `bytes`, the content of `path`, has, by a walk over its text; none of a PLY, whose header tells.
 ///
 /// # Errors

@@ -1,0 +1,221 @@
+"""The functions of the package. Options are those of the program, by the same names with underscores."""
+
+import json
+
+import numpy as np
+
+from . import _native
+from ._meshes import as_bytes, as_labels, as_mesh
+from ._results import Correspondence, Segmentation, Sequence, Transfer
+
+_METHODS = {"parts": "parts", "kmeans": "k-means", "k-means": "k-means", "two-means": "two-means"}
+
+
+def _choose(name, value, choices):
+    if value not in choices:
+        raise ValueError(f"{name}: {value!r}; choose {', '.join(list(choices)[:-1])} or {list(choices)[-1]}")
+    return value
+
+
+def _metric(metric, beta, eta, delta):
+    known = {"scale-free": {"beta": 5.0, "eta": 0.05}, "paper": {"delta": 0.03, "eta": 0.1}, "geodesic": {}}
+    constants = known[_choose("metric", metric, known)]
+    for name, value in {"beta": beta, "eta": eta, "delta": delta}.items():
+        if value is not None and name not in constants:
+            raise ValueError(f"{name}: has no meaning with metric={metric!r}")
+        if value is not None:
+            constants[name] = float(value)
+    return {"form": metric, **constants}
+
+
+def _params(parts, parts_range, detail, cluster, decision, tiny_components, boundaries, landmarks, sampling, coarse, metric, order,
+            kernel, sigma, normalise, unit_rows):
+    params = json.loads(_native.default_params())
+    method = _METHODS[_choose("cluster", cluster, _METHODS)]
+    own = {"decision": decision, "tiny_components": tiny_components, "boundaries": boundaries}
+    given = [name for name, value in own.items() if value is not None]
+    if method != "parts" and (given or coarse or detail):
+        name = given[0] if given else "coarse" if coarse else "detail"
+        raise ValueError(f"{name}: goes with cluster='parts'")
+    means = {"kernel": kernel, "sigma": sigma, "normalise": normalise, "unit_rows": unit_rows}
+    wanted = [name for name, value in means.items() if value is not None]
+    if method == "parts" and wanted:
+        raise ValueError(f"{wanted[0]}: goes with cluster='kmeans' or 'two-means'")
+    if not -1 <= detail <= 1:
+        raise ValueError(f"detail: {detail} is not within -1 and 1")
+    if parts is not None and parts_range is not None:
+        raise ValueError("parts and parts_range exclude each other; give one")
+    if parts is not None:
+        params["parts"]["count"] = {"exactly": _count("parts", parts)}
+    if parts_range is not None:
+        least, most = parts_range
+        params["parts"]["count"] = {"between": [_count("parts_range", least), _count("parts_range", most)]}
+    if landmarks is not None:
+        params["landmarks"] = _count("landmarks", landmarks)
+    params["parts"]["detail"] = float(detail)
+    params.update(cluster=method, sampling=sampling, coarse=bool(coarse), metric=metric, order=order)
+    if decision is not None:
+        params["parts"]["decision"] = decision
+    params.update({name: value for name, value in own.items() if value is not None and name != "decision"})
+    if wanted:
+        normalise = "anchor" if normalise is None else normalise
+        width = (0.25 if normalise == "anchor" else 1.0) if sigma is None else float(sigma)
+        if not 0 < width < 1e6:
+            raise ValueError(f"sigma: {sigma} is not a width; choose a positive number")
+        params["embedding"] = {
+            "kernel": {"kernel": kernel or "gaussian", **({"degree": 3} if kernel == "polynomial" else {})}, "width": {"rule": "mean", "value": width},
+            "normalisation": normalise, "dimensions": 10 if parts is None else parts,
+            "unit_rows": True if unit_rows is None else bool(unit_rows),
+        }
+    return json.dumps(params)
+
+
+def _count(name, value):
+    count = int(value)
+    if count != value or count < 1:
+        raise ValueError(f"{name}: {value} is no number of 1 or more")
+    return count
+
+
+def segment(mesh, faces=None, parts=None, *, parts_range=None, detail=0.0, cluster="parts", decision=None, tiny_components=None,
+            boundaries=None, landmarks=None, sampling="farthest", coarse=False, metric="scale-free", beta=None, eta=None,
+            delta=None, order="auto", kernel=None, sigma=None, normalise=None, unit_rows=None, seed=0, threads=None,
+            max_memory=None, work_dir=None, force=False, tmp=None, progress=None):
+    """Cuts a mesh into parts, and returns a Segmentation.
+
+    mesh: a path (PLY, OBJ, OFF, STL, .gz or not; it need not fit into memory), a mesh of trimesh, PyVista, Open3D or meshio, or
+        vertices (v, 3), as anything array-like; then
+    faces: (n, corners) integers from 0, or a list of faces of different lengths.
+    parts: exactly so many; without, the number is found, within `parts_range` if given.
+    detail: -1 (coarse) to 1 (fine); moves how many are found.
+    cluster: "parts" (as people would cut), or the paper's "kmeans" (needs `parts`) or "two-means".
+    decision: how parts are decided: "soft-trees", "consensus" or "single".
+    tiny_components: "join" (each joins the part it floats beside) or "own" (one part of their own).
+    boundaries: "front" or "embedding".
+    landmarks: number of sampled faces l; by default 20 to 60, the fewer the larger the mesh.
+    sampling: "farthest", "random", "uniform", "geodesic-farthest", "centroids", "cholesky", "greedy" or "pooled-greedy".
+    coarse: a preview by a contracted mesh.
+    metric: "scale-free" (with `beta`, `eta`), "paper" (`delta`, `eta`) or "geodesic".
+    order: of the faces at work: "auto", "keep" or "hilbert".
+    kernel, sigma, normalise, unit_rows: the embedding of "kmeans" and "two-means".
+    seed: of everything random; results depend on it and on nothing else of the run.
+    threads: worker threads; by default one per core.
+    max_memory: bytes that may be allocated, a number or "2GiB"; half of what is free by default.
+    work_dir: a folder that keeps intermediate results and reuses them; one of another mesh is refused without `force`.
+    tmp: the folder for what does not fit in memory; by default the system's.
+    progress: called as progress(stage, done, total), at most ten times a second and at the ends of stages; what it raises stops
+        the work.
+
+    Raises ValueError or TypeError for arrays and options that make no sense, FileNotFoundError, OSError where the disk fails,
+    MemoryError, KeyboardInterrupt.
+    """
+    params = _params(parts, parts_range, detail, cluster, decision, tiny_components, boundaries, landmarks, sampling, coarse,
+                     _metric(metric, beta, eta, delta), order, kernel, sigma, normalise, unit_rows)
+    mesh = as_mesh(mesh, faces)
+    *arrays, report = _native.segment(mesh, params, seed, threads, as_bytes(max_memory), work_dir, force, tmp, progress)
+    return Segmentation(mesh, *arrays, json.loads(report))
+
+
+def segment_file(path, parts=None, **options):
+    """Cuts the mesh in the file `path` into parts: `segment(path, parts=parts, …)`, with the options of `segment`."""
+    return segment(path, parts=parts, **options)
+
+
+def read_mesh(path):
+    """Reads a mesh file: vertices (v, 3) float64 and triangles (n, 3) uint32; polygons are cut into fans."""
+    mesh = _native.Mesh.open(path)
+    return np.asarray(mesh.vertices(), np.float64), mesh.triangles()[0]
+
+
+def correspond(a, *others, matching="all", transfer=False, alternative=0, vectors=None, landmarks=None, seed=0, threads=None,
+               max_memory=None, tmp=None, progress=None):
+    """Finds for every vertex of mesh A its match in mesh B, by their spectral embeddings: `correspond(a, b)` of two meshes as
+    `segment` takes them, or `correspond(vertices_a, faces_a, vertices_b, faces_b)`. Returns a Correspondence.
+
+    matching: "all", "mutual" (each other's nearest only), or "one-to-one" (no vertex of B twice).
+    transfer: carry the landmarks of A to B by the first matches, and match again.
+    alternative: another of the alignments that the report lists, where the shape is symmetric.
+    vectors: leading eigenvectors, 2 to 8.
+    landmarks: number of sampled vertices on each mesh; by default 50, for more than 300,000 vertices 20.
+    """
+    if len(others) == 3:
+        a, b = as_mesh(a, others[0]), as_mesh(others[1], others[2])
+    elif len(others) == 1:
+        a, b = as_mesh(a), as_mesh(others[0])
+    else:
+        raise TypeError("give two meshes, or vertices and faces of both")
+    *arrays, report = _native.correspond(a, b, matching, transfer, alternative, vectors, landmarks, seed, threads,
+                                         as_bytes(max_memory), tmp, progress)
+    return Correspondence(*arrays, json.loads(report))
+
+
+def transfer_labels(source, target, labels=None, *, threads=None, max_memory=None, tmp=None, progress=None):
+    """Carries labels from a mesh to another version of it: another resolution, decimated, re-meshed. Returns a Transfer.
+
+    source: a Segmentation, or a mesh with `labels` (faces,). target: the other mesh.
+    """
+    mesh, target = as_mesh(source), as_mesh(target)
+    if labels is None and not hasattr(source, "labels"):
+        raise TypeError("labels: missing; give one per face of the first mesh, or a Segmentation")
+    labels = as_labels(source if labels is None else labels, mesh.faces)
+    *arrays, report = _native.transfer_labels(mesh, labels, target, threads, as_bytes(max_memory), tmp, progress)
+    return Transfer(target, *arrays, json.loads(report))
+
+
+def evaluate(labels, truths, mesh=None):
+    """How far labels are from those of people, by the metrics of the Princeton Segmentation Benchmark: a dict, 0 where equal.
+
+    labels: a Segmentation, or labels (faces,) of `mesh`. truths: one array of labels, or several, whose scores are averaged.
+    """
+    if mesh is None and not hasattr(labels, "_as_mesh"):
+        raise TypeError("mesh: missing; give the mesh of the labels, or a Segmentation")
+    mesh = as_mesh(labels if mesh is None else mesh)
+    if isinstance(truths, np.ndarray) and truths.ndim == 1 or not hasattr(truths, "__len__") or np.ndim(truths[0]) == 0:
+        truths = [truths]
+    truths = [as_labels(truth, mesh.faces, "truths") for truth in truths]
+    return json.loads(_native.evaluate(mesh, as_labels(labels, mesh.faces), truths))
+
+
+def picture(mesh, labels=None, *, colours=None, size=(1600, 1200), views=1, transparent=False, legend=True, lines=True, up=None,
+            turn=0.0, tilt=0.0):
+    """Draws a mesh and its parts, without a display: (height, width, 4) uint8, red, green, blue, opacity.
+
+    mesh: a Segmentation, or a mesh, with `labels` or without. up: "x", "-y" and so on; found where None.
+    turn, tilt: degrees from the view that is found.
+    """
+    if labels is None and hasattr(mesh, "labels"):
+        labels, colours = mesh.labels, mesh.colours if colours is None and hasattr(mesh, "colours") else colours
+    mesh = as_mesh(mesh)
+    if labels is not None:
+        labels = as_labels(labels, mesh.faces)
+        if colours is None:
+            colours = _native.part_colours(mesh, labels)
+    colours = np.zeros((0, 3), np.uint8) if colours is None else np.ascontiguousarray(colours, np.uint8)
+    return _native.picture(mesh, labels, colours, *size, views, transparent, legend, lines, up, turn, tilt)
+
+
+def sequence(mesh, faces=None, *, order="spectral", smooth=0, landmarks=None, seed=0, threads=None, max_memory=None, tmp=None,
+             progress=None):
+    """Orders a mesh for streaming, and returns a Sequence.
+
+    order: "spectral", "pca", "bfs", "rcm", "hilbert", "random" or "keep". smooth: sweeps over the graph, for spectral orders.
+    """
+    mesh = as_mesh(mesh, faces)
+    *arrays, measures = _native.sequence(mesh, order, smooth, landmarks, seed, threads, as_bytes(max_memory), tmp, progress)
+    return Sequence(mesh, *arrays, json.loads(measures))
+
+
+def quality(mesh, faces=None, *, landmarks=(10,), samplings=("farthest",), seeds=1, seed=0, threads=None, max_memory=None, tmp=None,
+            progress=None):
+    """Measures how well samples of landmarks represent a mesh (Γ, eq. 6 of the paper, and held-out columns): a list of dicts, one
+    per number of landmarks, sampling and seed."""
+    landmarks = [landmarks] if np.ndim(landmarks) == 0 else list(landmarks)
+    samplings = [samplings] if isinstance(samplings, str) else list(samplings)
+    mesh = as_mesh(mesh, faces)
+    return json.loads(_native.quality(mesh, landmarks, samplings, seeds, seed, threads, as_bytes(max_memory), tmp, progress))
+
+
+def measure(mesh, faces=None):
+    """What a mesh is and measures: a dict with box, area, volume if it is closed, centroid, axes, components, boundary_loops,
+    open, welded and non-manifold edges, degenerate faces."""
+    return json.loads(_native.measure_mesh(as_mesh(mesh, faces)))

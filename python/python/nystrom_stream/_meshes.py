@@ -1,0 +1,129 @@
+"""What people call a mesh, as the library takes it."""
+
+import os
+
+import numpy as np
+
+from . import _native
+
+
+def array(name, values, columns=None):
+    """`values` as a two-dimensional array of numbers: of anything that NumPy takes, a pandas table or a tensor too."""
+    if hasattr(values, "detach"):
+        values = values.detach().cpu()
+    try:
+        values = np.asarray(values)
+    except ValueError as error:
+        raise ValueError(f"{name}: rows differ in length") from error
+    if values.dtype == object:
+        raise TypeError(f"{name}: not an array of numbers")
+    if values.ndim != 2 or (columns is not None and values.shape[1] != columns):
+        shape = "×".join(map(str, values.shape)) or "a number"
+        raise ValueError(f"{name}: an array of {shape}; give one row each, of {columns or 'at least 3'} columns")
+    return values
+
+
+def _positions(vertices):
+    vertices = array("vertices", vertices, 3)
+    if vertices.dtype not in (np.float32, np.float64):
+        if not np.issubdtype(vertices.dtype, np.number) or np.iscomplexobj(vertices):
+            raise TypeError(f"vertices: {vertices.dtype} is no real number")
+        vertices = vertices.astype(np.float64)
+    return vertices
+
+
+def _is_ragged(faces):
+    return isinstance(faces, (list, tuple)) and len({len(face) for face in faces}) > 1
+
+
+def from_arrays(vertices, faces):
+    """A mesh of (v, 3) positions and (n, corners) faces, or of faces of different lengths as a list of lists."""
+    vertices = _positions(vertices)
+    if _is_ragged(faces):
+        starts = np.cumsum([0] + [len(face) for face in faces]).astype(np.uint64)
+        corners = np.concatenate([np.asarray(face) for face in faces])
+        if not np.issubdtype(corners.dtype, np.integer) or (corners < 0).any():
+            raise ValueError("faces: not numbers of vertices, counted from 0")
+        return _native.Mesh.from_polygons(vertices.astype(np.float64), starts, corners.astype(np.uint32))
+    if len(faces) == 0:
+        faces = np.empty((0, 3), np.uint32)
+    faces = array("faces", faces)
+    if not np.issubdtype(faces.dtype, np.integer):
+        raise TypeError(f"faces: {faces.dtype} is no integer")
+    if faces.dtype not in (np.int32, np.int64, np.uint32, np.uint64):
+        faces = faces.astype(np.int64)
+    return _native.Mesh.from_arrays(vertices, faces)
+
+
+def _of_vtk(faces):
+    """Faces of a VTK array: a count, then so many corners, again and again."""
+    faces = np.asarray(faces)
+    if len(faces) and len(faces) % (faces[0] + 1) == 0:
+        table = faces.reshape(-1, faces[0] + 1)
+        if (table[:, 0] == faces[0]).all():
+            return table[:, 1:]
+    rows, at = [], 0
+    while at < len(faces):
+        rows.append(faces[at + 1 : at + 1 + faces[at]])
+        at += 1 + faces[at]
+    return rows
+
+
+def as_mesh(mesh, faces=None):
+    """The mesh that `mesh` is: a path, a result of this package, (vertices, faces), or a mesh of trimesh, PyVista, Open3D,
+    meshio. With `faces`, `mesh` is the positions."""
+    if faces is not None:
+        return from_arrays(mesh, faces)
+    if isinstance(mesh, _native.Mesh):
+        return mesh
+    if hasattr(mesh, "_as_mesh"):
+        return mesh._as_mesh()
+    if isinstance(mesh, (str, os.PathLike)):
+        return _native.Mesh.open(os.fspath(mesh))
+    if isinstance(mesh, (tuple, list)) and len(mesh) == 2:
+        return from_arrays(*mesh)
+    if hasattr(mesh, "geometry") and hasattr(mesh, "dump"):
+        raise TypeError("a trimesh.Scene holds several meshes; give scene.to_geometry() or one of scene.geometry")
+    if hasattr(mesh, "vertices") and hasattr(mesh, "faces"):
+        return from_arrays(np.asarray(mesh.vertices), np.asarray(mesh.faces))
+    if hasattr(mesh, "points") and hasattr(mesh, "faces"):
+        if hasattr(mesh, "n_strips") and mesh.n_strips:
+            mesh = mesh.triangulate()
+        return from_arrays(np.asarray(mesh.points), _of_vtk(mesh.faces))
+    if hasattr(mesh, "vertices") and hasattr(mesh, "triangles"):
+        return from_arrays(np.asarray(mesh.vertices), np.asarray(mesh.triangles))
+    if hasattr(mesh, "vertex") and hasattr(mesh, "triangle"):
+        return from_arrays(mesh.vertex.positions.cpu().numpy(), mesh.triangle.indices.cpu().numpy())
+    if hasattr(mesh, "points") and hasattr(mesh, "cells_dict"):
+        kinds = [kind for kind in ("triangle", "quad") if kind in mesh.cells_dict]
+        rows = [row for kind in kinds for row in mesh.cells_dict[kind].tolist()]
+        return from_arrays(mesh.points, rows)
+    raise TypeError(
+        f"a {type(mesh).__name__} is no mesh; give a path, vertices and faces, or a mesh of trimesh, PyVista, Open3D or meshio"
+    )
+
+
+def as_labels(labels, faces, name="labels"):
+    """One label per face as uint32."""
+    labels = np.asarray(getattr(labels, "labels", labels))
+    if labels.ndim != 1 or len(labels) != faces:
+        raise ValueError(f"{name}: {'×'.join(map(str, labels.shape))} for {faces} faces; give one per face")
+    if not np.issubdtype(labels.dtype, np.integer):
+        raise TypeError(f"{name}: {labels.dtype} is no integer")
+    if len(labels) and labels.min() < 0:
+        raise ValueError(f"{name}: {labels.min()} is negative; number parts from 0")
+    return np.ascontiguousarray(labels, np.uint32)
+
+
+def as_bytes(size):
+    """Bytes of a number, or of words such as "2GiB"."""
+    if not isinstance(size, str):
+        return size
+    units = {"": 1, "B": 1, "KIB": 2**10, "MIB": 2**20, "GIB": 2**30, "TIB": 2**40,
+             "KB": 10**3, "MB": 10**6, "GB": 10**9, "TB": 10**12}
+    digits = size.strip().rstrip("abcdefghijklmnopqrstuvwxyzABCDEFGHIJKLMNOPQRSTUVWXYZ ")
+    unit = size.strip()[len(digits):].strip().upper()
+    try:
+        return int(float(digits) * units[unit])
+    except (KeyError, ValueError):
+        raise ValueError(f"max_memory: {size!r} is not a size; write 512MiB or 2GiB") from None
