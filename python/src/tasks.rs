@@ -85,7 +85,7 @@ pub fn save(
     let cells = cells.map(|cells| cells.as_array().to_vec());
     let report: serde_json::Value =
         serde_json::from_str(report).map_err(|error| PyValueError::new_err(error.to_string()))?;
-    let labelling = Labelling { labels: &labels, colours: &colours, quality: quality.as_deref() };
+    let labelling = Labelling { labels: &labels, colours: &colours, quality: quality.as_deref(), names: &[] };
     if !path.extension().is_some_and(|ending| ["html", "htm"].iter().any(|page| ending.eq_ignore_ascii_case(page))) {
         return py.detach(|| mesh.0.save(path, labelling)).map_err(raised);
     }

@@ -199,7 +199,10 @@ fn misuse_ends_with_code_2_and_says_what_is_right() {
         (&["segment", mesh, "-k", "0"], "0"),
         (&["segment", mesh, "-k", "two"], "invalid value 'two'"),
         (&["segment", mesh, "-k", "2", "-l", "0"], "0 is not in 1..=4096"),
-        (&["segment", mesh, "-k", "2", "-o", "x.xyz"], "end it with .ply, .seg, .npy, .parquet, .csv, .obj, .glb, .html or .png"),
+        (
+            &["segment", mesh, "-k", "2", "-o", "x.xyz"],
+            "end it with .ply, .seg, .npy, .parquet, .csv, .obj, .glb, .html or .png",
+        ),
         (&["segment", mesh, mesh, "-k", "2", "-o", "x.ply"], "-o goes with one mesh"),
         (&["segment", mesh, mesh, "-k", "2", "--work-dir", "w"], "--work-dir goes with one mesh"),
         (&["segment", "-", mesh, "-k", "2"], "standard input is one mesh"),

@@ -1,4 +1,4 @@
-//! Wavefront OBJ with one object and group per part.
+//! Wavefront OBJ with one object and group per part, `part_0` or its name.
 //!
 //! Of an OBJ input everything that faces use stays: positions with their colours, texture coordinates, normals, materials and
 //! smoothing groups, each line as it stands; its own groups give way to those of the parts. A mesh of another format, or one
@@ -6,6 +6,7 @@
 //! the vertices and one per part over the labels; of an OBJ input three passes over its text and 24 bytes per face, and the text of
 //! faces whose numbers count backwards.
 
+use super::split::plain_name;
 use super::{CHUNK, parts};
 use crate::base::{Error, Result};
 use crate::mesh::import::statements;
@@ -203,7 +204,9 @@ fn part(
         for at in (0..labels.len()).filter(|&at| labels[at] == part) {
             if !begun {
                 begun = true;
-                out.buffer.extend_from_slice(format!("o part_{part}\ng part_{part}\n").as_bytes());
+                let name = plain_name(labelling.name(part as usize));
+                let name = if name.is_empty() { format!("part_{part}") } else { name };
+                out.buffer.extend_from_slice(format!("o {name}\ng {name}\n").as_bytes());
                 if own {
                     out.buffer.extend_from_slice(format!("usemtl part_{part}\n").as_bytes());
                 }
@@ -250,7 +253,7 @@ mod tests {
         std::fs::write(&path, text).unwrap();
         let (run, mesh) = (Run::new(&()), Mesh::open(&path).unwrap());
         let out = dir.path().join("out.obj");
-        let labelling = Labelling { labels, colours: &[[255, 0, 0], [0, 0, 255]], quality: None };
+        let labelling = Labelling { labels, colours: &[[255, 0, 0], [0, 0, 255]], quality: None, names: &[] };
         write(&out, &mesh, &labelling, false, &run).unwrap();
         // It reads back as the same faces, in the order of the parts.
         assert_eq!(Mesh::open(&out).unwrap().faces.len(), mesh.faces.len());

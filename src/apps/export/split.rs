@@ -44,7 +44,8 @@ pub fn file_name(part: usize, name: Option<&str>, form: PartForm) -> String {
     format!("part_{part:03}{}{name}.{ending}", if name.is_empty() { "" } else { "_" })
 }
 
-/// Writes all parts that have faces to `folder`, which is made where it is not there, as files of `form`. Files of an earlier, finer cut stay there and are told.
+/// Writes all parts that have faces to `folder`, which is made where it is not there, as files of `form`. Files of an earlier,
+/// finer cut stay there and are told.
 ///
 /// # Errors
 /// [`Error::Parameter`] for labels that do not fit the faces; [`Error::Memory`] where the budget has no room for a bit
