@@ -25,7 +25,8 @@ use std::sync::Arc;
 static ALLOCATOR: mimalloc::MiMalloc = mimalloc::MiMalloc;
 
 /// What the command line calls otherwise than the functions of this module; every other `--option` is `option` here.
-const WORDS: [(&str, &str); 10] = [
+const WORDS: [(&str, &str); 11] = [
+    ("a smaller -k", "fewer parts"),
     ("--work-dir \u{2026}", "work_dir"),
     ("--cluster kmeans", "cluster='kmeans'"),
     ("--cluster parts", "cluster='parts'"),

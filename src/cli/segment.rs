@@ -7,7 +7,7 @@ use super::edits::{EditArgs, corrections};
 use super::made::Maker;
 use super::method::{MethodArgs, check_count};
 use super::options::{AppContext, CliError, ForceArgs, RunArgs};
-use super::output::{ENDINGS, FormArgs, JsonArgs, Output, Results, folder_of};
+use super::output::{ENDINGS, FormArgs, JsonArgs, Output, Results, folder_of, measured};
 use super::progress::{Bars, BatchBars, Style, counted, human, tell};
 use super::stages::{KeptEmbedding, embedding, read};
 use nystrom_stream::apps::edits::Edits;
@@ -45,6 +45,9 @@ pub struct SegmentArgs {
     pub form: FormArgs,
     #[command(flatten)]
     pub json: JsonArgs,
+    /// Measure the parts for the report: box, centroid, axes, open edges, neighbours, and the volume of closed ones
+    #[arg(long, requires = "json")]
+    pub measure: bool,
     /// Keep intermediate results in this folder and reuse them [default: a temporary folder]
     #[arg(long, value_name = "DIR")]
     pub work_dir: Option<PathBuf>,
@@ -250,7 +253,11 @@ pub fn one(job: &Job, task: Task<'_>, bars: &Bars, run: &Run, app: &AppContext) 
         outputs.iter().try_for_each(|output| output.write(Some(&opened), &results, run))
     })?;
     seconds.extend(bars.take_seconds());
-    report(seconds)
+    let mut all = report(seconds)?;
+    if args.measure {
+        all.measures = Some(measured(&opened, &results.labelling, &work.file("measures"), run)?);
+    }
+    Ok(all)
 }
 
 fn named(path: &Path, endings: &[&str]) -> bool {

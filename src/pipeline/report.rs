@@ -2,6 +2,7 @@
 
 use super::labels::Segmentation;
 use super::params::{Cluster, SegmentParams};
+use crate::apps::measure::Measures;
 use crate::base::Result;
 use crate::cluster::parts::PartsReport;
 use crate::landmarks::Sampling;
@@ -50,6 +51,9 @@ pub struct Report {
     pub decision: Option<PartsReport>,
     /// The parts.
     pub parts: Vec<Part>,
+    /// What the parts measure, by label, where that was asked for.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub measures: Option<Vec<Measures>>,
     /// Seconds a stage, and in total.
     pub seconds: BTreeMap<String, f64>,
     /// Memory and disk.
@@ -177,6 +181,7 @@ impl Report {
                     name: result.names.get(label).filter(|name| !name.is_empty()).cloned(),
                 })
                 .collect(),
+            measures: None,
             seconds,
             bytes: Bytes { peak_allocated: peak, budget: context.run.budget.total(), work_dir: context.work.bytes() },
             notes: opened.notes().to_vec(),

@@ -123,6 +123,24 @@ fn the_guides_commands_run() {
 
 #[cfg(unix)]
 #[test]
+fn the_recipes_commands_run() {
+    let dir = scene();
+    let square = "v 0 0 0\nv 1 0 0\nv 1 1 0\nv 0 1 0\nvt 0 0\nvt 1 1\nf 1/1 2/2 3/1\nf 1/1 3/2 4/2\n";
+    std::fs::write(dir.path().join("textured.obj"), square).unwrap();
+    all_run("docs/recipes.md", &dir, &[]);
+    let report = std::fs::read_to_string(dir.path().join("sizes.json")).unwrap();
+    let report: serde_json::Value = serde_json::from_str(&report).unwrap();
+    assert_eq!(report["measures"].as_array().map(Vec::len), report["parts"].as_array().map(Vec::len));
+    // The first part's solid is what its entry says, in binary STL.
+    let list = std::fs::read_to_string(dir.path().join("solids/parts.json")).unwrap();
+    let list: serde_json::Value = serde_json::from_str(&list).unwrap();
+    let part = &list["parts"][0];
+    let solid = std::fs::read(dir.path().join("solids").join(part["file"].as_str().unwrap())).unwrap();
+    assert_eq!(solid.len() as u64, 84 + 50 * part["faces"].as_u64().unwrap());
+}
+
+#[cfg(unix)]
+#[test]
 fn the_readmes_commands_run() {
     // What builds and tests the program itself is run by continuous integration.
     all_run("README.md", &scene(), &["cargo "]);
