@@ -8,9 +8,10 @@ use crate::cluster::parts::{Decision, PartCount, PartTree};
 use crate::graph::{Metric, Order};
 use crate::landmarks::Sampling;
 use crate::mesh::{Labelling, Mesh};
+use crate::pipeline::decision::KeptDecision;
 use crate::pipeline::edits::Corrections;
 use crate::pipeline::report::Report;
-use crate::pipeline::{self, Boundaries, Cluster, SegmentParams, TinyComponents, cuts, decision};
+use crate::pipeline::{self, Boundaries, Cluster, SegmentParams, TinyComponents, cuts};
 use crate::spectral::EmbeddingParams;
 use crate::store::{Context, MappedSlice};
 use std::path::Path;
@@ -187,8 +188,19 @@ impl Segmenter {
             let cut = pipeline::segment_corrected(mesh, &identity, params, corrections, context)?;
             let hierarchy = Hierarchy::kept(params, context)?;
             let report = Report::new(mesh, params, &cut, context, seconds.so_far(), None)?;
-            let pipeline::Segmentation { labels, quality, colours, names, .. } = cut;
-            Ok(Segmentation { mesh: mesh.clone(), labels, quality, colours, names, hierarchy, report })
+            let pipeline::Segmentation { labels, quality, colours, names, cell_labels, .. } = cut;
+            let edits = self.edits.clone();
+            Ok(Segmentation {
+                mesh: mesh.clone(),
+                labels,
+                quality,
+                colours,
+                names,
+                cell_labels,
+                edits,
+                hierarchy,
+                report,
+            })
         })
     }
 }
@@ -201,6 +213,8 @@ pub struct Segmentation {
     quality: MappedSlice<f32>,
     colours: Vec<[u8; 3]>,
     names: Vec<String>,
+    cell_labels: Vec<u32>,
+    edits: Option<Edits>,
     hierarchy: Option<Hierarchy>,
     report: Report,
 }
@@ -261,7 +275,7 @@ impl Segmentation {
 
     #[cfg(feature = "pages")]
     fn save_page(&self, path: &Path) -> Result<()> {
-        use crate::apps::page::{Cuts, Page};
+        use crate::apps::page::{CellModel, Cuts, Page};
         let parts = self.hierarchy.as_ref().map(Hierarchy::cuts).transpose()?;
         let cuts = self.hierarchy.as_ref().zip(parts.as_ref());
         let page = Page {
@@ -269,7 +283,13 @@ impl Segmentation {
             mesh: &self.mesh,
             labels: &self.labels,
             colours: &self.colours,
-            cuts: cuts.map(|(hierarchy, parts)| Cuts { cells: &hierarchy.cells, parts }),
+            names: &self.names,
+            cuts: cuts.map(|(hierarchy, parts)| {
+                let (affinities, tree) = (hierarchy.kept.affinities(), hierarchy.tree());
+                let model = Some(CellModel { affinities, tree, start: &self.cell_labels });
+                Cuts { cells: &hierarchy.cells, parts, model }
+            }),
+            edits: self.edits.as_ref(),
             report: &crate::store::json::value("the report", &self.report)?,
         };
         page.write(path, &crate::store::Run::new(&()))
@@ -283,7 +303,7 @@ impl Segmentation {
 #[derive(Clone, Debug)]
 pub struct Hierarchy {
     cells: MappedSlice<u32>,
-    tree: PartTree,
+    kept: KeptDecision,
 }
 
 impl Hierarchy {
@@ -291,14 +311,14 @@ impl Hierarchy {
         if params.cluster != Cluster::Parts {
             return Ok(None);
         }
-        let tree = decision::tree_of(context.work, params.coarse)?;
+        let kept = KeptDecision::read(context.work, params.coarse)?;
         let cells = cuts::cells(params.coarse, context)?;
-        Ok(Some(Self { cells, tree }))
+        Ok(Some(Self { cells, kept }))
     }
 
     /// The joins and their levels, over cells.
     pub fn tree(&self) -> &PartTree {
-        &self.tree
+        &self.kept.decision.tree
     }
 
     /// The cell of each face, in the order of the mesh (faces).
@@ -321,13 +341,13 @@ impl Hierarchy {
     /// # Errors
     /// [`crate::Error::Parameter`] for no parts, or more than there are cells.
     pub fn labels(&self, parts: usize) -> Result<Vec<u32>> {
-        let label = self.tree.cut_k(parts)?.label;
+        let label = self.tree().cut_k(parts)?.label;
         Ok(self.cells.iter().map(|&cell| label.get(cell as usize).copied().unwrap_or(0)).collect())
     }
 
     /// The part of each cell for 1, 2, … parts.
     #[cfg(feature = "pages")]
     fn cuts(&self) -> Result<Vec<Vec<u32>>> {
-        (1..=cuts::MOST.min(self.tree.cells())).map(|k| Ok(self.tree.cut_k(k)?.label)).collect()
+        (1..=cuts::MOST.min(self.tree().cells())).map(|k| Ok(self.tree().cut_k(k)?.label)).collect()
     }
 }

@@ -2,11 +2,12 @@
 
 use super::choices::choice;
 use super::options::CliError;
+use nystrom_stream::apps::edits::Edits;
 use nystrom_stream::apps::export::parquet::{self, Coordinates};
 use nystrom_stream::apps::export::split::{self, PartForm};
 use nystrom_stream::apps::export::{glb, obj};
 use nystrom_stream::apps::measure::{self, Measures};
-use nystrom_stream::apps::page::{Cuts, Page};
+use nystrom_stream::apps::page::{CellModel, Cuts, Page};
 use nystrom_stream::apps::picture::{self, PictureParams};
 use nystrom_stream::base::{Error, Result, printable};
 use nystrom_stream::mesh::ply::labelled::{Labelling, PlyForm, PlyOptions, write_labelled, write_labelled_to};
@@ -139,6 +140,10 @@ pub struct Results<'a> {
     pub report: Value,
     /// For pages: other numbers of parts.
     pub cuts: Option<&'a KeptCuts>,
+    /// For pages: the part of each cell, where it is known.
+    pub cell_labels: &'a [u32],
+    /// For pages: the edits that the labels are of.
+    pub edits: Option<&'a Edits>,
 }
 
 /// An output and its form.
@@ -289,9 +294,18 @@ impl Output {
             Self::Glb(path) => glb::write(path, mesh, labelling, true, run),
             Self::Html(path) => {
                 let title = mesh.path().file_name().unwrap_or_default().to_string_lossy();
-                let cuts = results.cuts.map(|cuts| Cuts { cells: &cuts.cells, parts: &cuts.parts });
+                let cuts = results.cuts.map(|cuts| Cuts {
+                    cells: &cuts.cells,
+                    parts: &cuts.parts,
+                    model: Some(CellModel {
+                        affinities: cuts.kept.affinities(),
+                        tree: &cuts.kept.decision.tree,
+                        start: results.cell_labels,
+                    }),
+                });
                 let (labels, colours, report) = (labelling.labels, labelling.colours, &results.report);
-                Page { title: &title, mesh, labels, colours, cuts, report }.write(path, run)
+                let (names, edits) = (labelling.names, results.edits);
+                Page { title: &title, mesh, labels, colours, names, cuts, edits, report }.write(path, run)
             }
             Self::Folder(path) => {
                 let text = match options.form {

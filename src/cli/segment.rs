@@ -248,6 +248,8 @@ pub fn one(job: &Job, task: Task<'_>, bars: &Bars, run: &Run, app: &AppContext) 
         embedding: coordinates.as_ref().map(KeptEmbedding::coordinates),
         report: if pages { to_json("the report", &report(seconds.clone())?)? } else { Value::Null },
         cuts: cuts.as_ref(),
+        cell_labels: &result.cell_labels,
+        edits,
     };
     run.stage("write", "faces", result.labels.len() as u64, || {
         outputs.iter().try_for_each(|output| output.write(Some(&opened), &results, run))

@@ -7,6 +7,7 @@ use super::method::{KernelArgs, MethodArgs, OrderArgs, PartsArgs, check_count};
 use super::options::{AppContext, CliError, ForceArgs, RunArgs, WorkDirArgs, misfit, open};
 use super::output::{FormArgs, JsonArgs, Output, Results, print};
 use super::progress::{Bars, counted};
+use nystrom_stream::apps::edits::Edits;
 use nystrom_stream::apps::export::parquet::Coordinates;
 use nystrom_stream::base::Error;
 use nystrom_stream::base::printable::line;
@@ -330,8 +331,15 @@ pub fn cluster(args: &ClusterArgs, app: &AppContext) -> Result<(), CliError> {
         quality: Some(&result.quality),
         names: &result.names,
     };
-    let export =
-        Export { outputs: &outputs, mesh: None, record: &record, form: args.form, context: Context::new(&work, &run) };
+    let export = Export {
+        outputs: &outputs,
+        edits: edits.as_ref(),
+        cell_labels: &result.cell_labels,
+        mesh: None,
+        record: &record,
+        form: args.form,
+        context: Context::new(&work, &run),
+    };
     let mut told = export.write(&params, tree.as_ref(), labelling, &report)?;
     if args.json.json.is_some() {
         let mut all = report();
@@ -376,8 +384,15 @@ pub fn export(args: &ExportArgs, app: &AppContext) -> Result<(), CliError> {
             json!({"mesh": record.mesh, "options": record.params, "seed": run.seed, "parts": parts})
         };
         let mesh = args.mesh.as_deref();
-        let export =
-            Export { outputs: &outputs, mesh, record: &record, form: args.form, context: Context::new(&work, &run) };
+        let export = Export {
+            outputs: &outputs,
+            edits: None,
+            cell_labels: &[],
+            mesh,
+            record: &record,
+            form: args.form,
+            context: Context::new(&work, &run),
+        };
         export.write(&record.params, None, labelling, &report)?;
     }
     Ok(())
@@ -407,6 +422,8 @@ pub fn embedding(method: &SegmentParams, faces: usize, context: Context<'_>) -> 
 /// Writing the labels of a work directory.
 struct Export<'a> {
     outputs: &'a [Output],
+    edits: Option<&'a Edits>,
+    cell_labels: &'a [u32],
     mesh: Option<&'a Path>,
     record: &'a Record,
     form: FormArgs,
@@ -442,6 +459,8 @@ impl Export<'_> {
             embedding: coordinates.as_ref().map(KeptEmbedding::coordinates),
             report: if pages { report() } else { Value::Null },
             cuts: cuts.as_ref(),
+            cell_labels: self.cell_labels,
+            edits: self.edits,
         };
         let each = || outputs.iter().try_for_each(|output| output.write(opened.as_ref(), &results, context.run));
         context.run.stage("write", "faces", labelling.labels.len() as u64, each)?;

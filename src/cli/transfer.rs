@@ -90,6 +90,8 @@ pub fn run(args: &TransferArgs, app: &AppContext) -> Result<(), CliError> {
         embedding: None,
         report: report.clone(),
         cuts: None,
+        cell_labels: &[],
+        edits: None,
     };
     let each = || outputs.iter().try_for_each(|output| output.write(Some(&to), &results, &run));
     run.stage("write", "faces", facts.faces, each)?;

@@ -1,6 +1,6 @@
 //! The mesh in every small number of parts, from the hierarchy that a work directory keeps: what a page's slider shows.
 
-use super::decision;
+use super::decision::{self, KeptDecision};
 use crate::base::Result;
 use crate::cluster::parts::PartTree;
 use crate::graph::{DualGraph, NodeOrder};
@@ -19,6 +19,8 @@ pub struct KeptCuts {
     pub cells: MappedSlice<u32>,
     /// For 1, 2, … parts the part of each cell.
     pub parts: Vec<Vec<u32>>,
+    /// What corrections are computed with.
+    pub kept: KeptDecision,
 }
 
 /// The cuts into up to [`MOST`] parts of the mesh in `work`, which was cut into parts, of a preview where `coarse`; by the
@@ -27,13 +29,17 @@ pub struct KeptCuts {
 /// # Errors
 /// [`crate::base::Error::WorkDir`], [`crate::base::Error::Io`], [`crate::base::Error::Cancelled`].
 pub fn kept(coarse: bool, tree: Option<&PartTree>, context: Context<'_>) -> Result<Option<KeptCuts>> {
-    let tree = tree.cloned().map_or_else(|| decision::tree_of(context.work, coarse), Ok)?;
+    let mut kept = KeptDecision::read(context.work, coarse)?;
+    if let Some(tree) = tree {
+        kept.decision.tree = tree.clone();
+    }
+    let tree = &kept.decision.tree;
     let cells = cells(coarse, context)?;
     if cells.iter().any(|&cell| cell as usize >= tree.cells()) {
         return Ok(None);
     }
     let parts = (1..=MOST.min(tree.cells())).map(|k| Ok(tree.cut_k(k)?.label)).collect::<Result<_>>()?;
-    Ok(Some(KeptCuts { cells, parts }))
+    Ok(Some(KeptCuts { cells, parts, kept }))
 }
 
 /// The cell of each face of the mesh in `work`, in the order of the file (n); of a preview where `coarse`.

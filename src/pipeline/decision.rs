@@ -8,11 +8,12 @@
 use super::labels::SegmentStats;
 use super::params::{SegmentParams, landmarks_for_parts};
 use super::sample::Sample;
-use super::surface::WeightedSurface;
+use super::surface::{self, WeightedSurface};
 use crate::base::{Error, Result};
 use crate::cluster::contract;
+use crate::cluster::parts::hints::Affinities;
 use crate::cluster::parts::matrix::Square;
-use crate::cluster::parts::{self, PartDecision, PartTree, Superfaces};
+use crate::cluster::parts::{self, CellGraph, PartDecision, PartTree, Superfaces};
 use crate::distance::DistanceRows;
 use crate::distance::rows::RowParams;
 use crate::spectral::affinity::KeptEigenpairs;
@@ -144,6 +145,35 @@ pub fn tree_of(work: &WorkDir, coarse: bool) -> Result<PartTree> {
     }
     let remedy = "make one: nystrom-stream cluster --work-dir …";
     Err(Error::work_dir(work.path(), "holds no hierarchy of parts of its mesh", remedy))
+}
+
+/// The decision that a work directory keeps, and the cells that it was made on: what corrections are computed with.
+#[derive(Clone, Debug)]
+pub struct KeptDecision {
+    /// The cells, safe to compute with ([`CellGraph::cleaned`]).
+    pub cells: CellGraph,
+    /// The decision.
+    pub decision: PartDecision,
+}
+
+impl KeptDecision {
+    /// That of the mesh in `work`; where `coarse`, of a preview's contracted mesh, if it was contracted.
+    ///
+    /// # Errors
+    /// As [`tree_of`].
+    pub fn read(work: &WorkDir, coarse: bool) -> Result<Self> {
+        let of = |work: &WorkDir| {
+            let cells = work.read_json::<CellGraph>(surface::CELL_GRAPH)?.cleaned()?;
+            Ok(Self { decision: open(cells.len(), work)?, cells })
+        };
+        if coarse && is_current(work, true) { of(&work.inner(COARSE)?) } else { of(work) }
+    }
+
+    /// How far cells belong together.
+    pub fn affinities(&self) -> Affinities<'_> {
+        let PartDecision { superfaces, co_association, tree } = &self.decision;
+        Affinities { cells: &self.cells, superfaces, co_association, small_part: f64::from(tree.small_part) }
+    }
 }
 
 /// Whether the decision in `work`, or that on its contracted mesh, is of the graph that is there now: K-means of another mesh

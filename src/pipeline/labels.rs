@@ -61,6 +61,8 @@ pub(super) struct Clustered {
     pub quality: MappedSlice<f32>,
     pub numbers: SegmentStats,
     pub marks: PartMarks,
+    /// Part of each cell (S), where parts are decided on cells.
+    pub cell_labels: Vec<u32>,
 }
 
 /// A segmented mesh.
@@ -74,6 +76,8 @@ pub struct Segmentation {
     pub colours: Vec<[u8; 3]>,
     /// Name of each part, empty where it has none; empty as a whole where no part has one.
     pub names: Vec<String>,
+    /// Part of each cell (S), before boundaries were refined; empty where parts are not decided on cells.
+    pub cell_labels: Vec<u32>,
     /// How good the file's order was, and whether it was kept.
     pub order: OrderFacts,
     /// What the graph learned of the mesh.
@@ -112,7 +116,17 @@ pub(super) fn label(
     let facts = LabelFacts { faces: numbers.faces.clone(), colours: colours.clone(), names: names.clone() };
     let stage = StageKey::new("labels", LABELS_VERSION, inputs);
     context.work.stamp(stage, &["labels.npy", "quality.npy"], &facts, 0.)?;
-    Ok(Segmentation { colours, names, labels, quality, order: order.facts, graph: graph.facts.clone(), numbers })
+    let cell_labels = clustered.cell_labels;
+    Ok(Segmentation {
+        colours,
+        names,
+        cell_labels,
+        labels,
+        quality,
+        order: order.facts,
+        graph: graph.facts.clone(),
+        numbers,
+    })
 }
 
 /// Labels of a work directory, as `cluster` left them.

@@ -61,6 +61,7 @@ pub(super) fn k_means(
         labels,
         quality,
         marks: PartMarks::default(),
+        cell_labels: Vec::new(),
         numbers: SegmentStats {
             landmarks: rows.landmarks.clone(),
             sigma: embedding.sigma,

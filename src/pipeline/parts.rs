@@ -102,7 +102,8 @@ pub(super) fn parts(
         area,
         ..decided.numbers
     };
-    Ok(Clustered { labels, quality, numbers, marks: decided.marks })
+    let cell_labels = if divided { Vec::new() } else { decided.result.label };
+    Ok(Clustered { labels, quality, numbers, marks: decided.marks, cell_labels })
 }
 
 /// The rows over all faces that the parts were decided with, and where these parts lie in their embedding.

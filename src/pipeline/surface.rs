@@ -22,7 +22,8 @@ use serde_json::{Value, json};
 const NORMALS: [&str; 3] = ["normals_01.npy", "normals_02.npy", "normals_04.npy"];
 const SHARES: &str = "surface_shares.npy";
 const CELLS: &str = "cells.npy";
-const CELL_GRAPH: &str = "cell_graph.json";
+/// The graph of the cells.
+pub(super) const CELL_GRAPH: &str = "cell_graph.json";
 
 /// What the nodes of a graph are.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

@@ -35,8 +35,9 @@ fn a_small_mesh_is_shown_as_it_is_with_its_labels_and_cuts() {
     let parts = [vec![0; 7], vec![0, 1, 0, 1, 0, 1, 0]];
     let report = json!({ "landmarks": [0, n - 1, 10 * n], "note": "</script>" });
     let title = "a <b> & c";
-    let cuts = Some(Cuts { cells: &cells, parts: &parts });
-    let page = Page { title, mesh: &mesh, labels: &labels, colours: &colours, cuts, report: &report };
+    let cuts = Some(Cuts { cells: &cells, parts: &parts, model: None });
+    let page =
+        Page { title, mesh: &mesh, labels: &labels, colours: &colours, names: &[], cuts, edits: None, report: &report };
     let html = page.html(&run()).unwrap();
     assert!(html.contains("<title>a &lt;b&gt; &amp; c</title>") && !html.contains("http"), "nothing from outside");
     let data = data(&html);

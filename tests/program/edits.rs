@@ -1,6 +1,7 @@
 //! Corrections: edits named by places, hints painted on faces, and what is said where they cannot be followed.
 
 use crate::common::{creature, errors, run, segment, word};
+use crate::formats::{has_browser, tool};
 use nystrom_stream::mesh::{Mesh, read_seg};
 use serde_json::{Value, json};
 use std::path::{Path, PathBuf};
@@ -245,4 +246,47 @@ fn what_cannot_be_followed_is_told_with_its_edit() {
     assert_eq!(output.status.code(), Some(2), "{}", errors(&output));
     let output = run(&["segment", word(&scene.mesh), "--edits", "nowhere.json"]);
     assert!(output.status.code() == Some(1) && errors(&output).contains("nowhere.json"), "{}", errors(&output));
+}
+
+/// Clicks in a browser, the edits that it saves, and the labels that they make of the full mesh: the parts that were seen.
+#[test]
+fn clicks_on_a_page_become_labels_of_all_faces() {
+    if !has_browser() {
+        return;
+    }
+    for (faces, whole) in [(12_000, true), (300_000, false)] {
+        let dir = tempfile::tempdir().unwrap();
+        let mesh = creature(dir.path(), faces, false);
+        let [work, page, seen, out, ply] =
+            ["work", "scan.html", "seen", "out.seg", "out.ply"].map(|name| dir.path().join(name));
+        segment(&mesh, &["-q", "-k", "9", "--work-dir", word(&work), "-o", word(&page)]);
+        std::fs::create_dir(&seen).unwrap();
+        tool("check-page", &[&page, &seen]);
+        let edits = seen.join("edits.json");
+        let words = ["cluster", "--work-dir", word(&work), "--edits", word(&edits), "-o", word(&out), "-o", word(&ply)];
+        let output = run(&[&words[..], &["--json"]].concat());
+        assert!(output.status.success(), "{}", errors(&output));
+        let report: Value = serde_json::from_slice(&output.stdout).unwrap();
+        let told: Value = serde_json::from_slice(&std::fs::read(seen.join("page-seen.json")).unwrap()).unwrap();
+        let labels = read_seg(&out).unwrap();
+        let (parts_told, shown) = (report["parts"].as_array().unwrap(), told["shares"].as_array().unwrap());
+        assert_eq!((parts_told.len(), shown.len() as u64), (parts(&labels) as usize, told["parts"].as_u64().unwrap()));
+        // The same numbers for the same parts, of about the same area; the same names.
+        let total: f64 = parts_told.iter().map(|part| part["area"].as_f64().unwrap()).sum();
+        for (part, share) in parts_told.iter().zip(shown) {
+            let apart = part["area"].as_f64().unwrap() / total - share.as_f64().unwrap();
+            assert!(apart.abs() < 0.02, "{part} is {share} on the page");
+        }
+        for name in told["names"].as_array().unwrap() {
+            assert_eq!(parts_told[name[0].as_u64().unwrap() as usize]["name"], name[1]);
+        }
+        let header = std::fs::read(&ply).unwrap();
+        assert!(String::from_utf8_lossy(&header[..2000.min(header.len())]).contains(": the body\n"));
+        if whole {
+            let page_labels = seen.join("creature_12000.seg");
+            let page_labels = read_seg(&page_labels).unwrap();
+            let same = labels.iter().zip(&page_labels).filter(|(a, b)| a == b).count();
+            assert!(same as f64 > 0.98 * labels.len() as f64, "{same} of {}", labels.len());
+        }
+    }
 }

@@ -28,7 +28,7 @@ fn faces(mesh: &Mesh) -> Vec<Vec<[f64; 3]>> {
 }
 
 /// Whether python has `modules`; a failure where the variable `required` is set and it has not.
-fn has_python(modules: &str, required: &str) -> bool {
+pub fn has_python(modules: &str, required: &str) -> bool {
     let found = Command::new("python3").args(["-c", &format!("import {modules}")]).output();
     let found = found.is_ok_and(|output| output.status.success());
     assert!(found || std::env::var_os(required).is_none(), "no python3 with {modules}");
@@ -39,7 +39,7 @@ fn has_python(modules: &str, required: &str) -> bool {
 }
 
 /// A script of `tools` on `words`, which must succeed.
-fn tool(name: &str, words: &[&Path]) {
+pub fn tool(name: &str, words: &[&Path]) {
     let script = Path::new(env!("CARGO_MANIFEST_DIR")).join("tools").join(name);
     let output = Command::new("python3").arg(script).args(words).output().unwrap();
     let told = String::from_utf8_lossy(&output.stdout).into_owned();
@@ -157,16 +157,20 @@ fn matches_open_in_pyarrow() {
     assert!(output.status.success(), "{}", errors(&output));
 }
 
-#[test]
-fn a_page_of_a_real_mesh_works_in_a_browser() {
+/// Whether pages can be used in a browser here.
+pub fn has_browser() -> bool {
     let required = "NYSTROM_STREAM_REQUIRE_BROWSER";
     let chromium = Command::new("chromium").arg("--version").output().is_ok_and(|output| output.status.success());
     assert!(chromium || std::env::var_os(required).is_none(), "no chromium");
     if !chromium {
         eprintln!("skipped: chromium is not there");
-        return;
     }
-    let Some(data) = common::data().filter(|_| has_python("selenium", required)) else { return };
+    chromium && has_python("selenium", required)
+}
+
+#[test]
+fn a_page_of_a_real_mesh_works_in_a_browser() {
+    let Some(data) = common::data().filter(|_| has_browser()) else { return };
     let dir = tempfile::tempdir().unwrap();
     let page = dir.path().join("kitten.html");
     common::segment(&data.join("real/kitten_25k.ply"), &["-q", "-o", word(&page)]);

@@ -1,19 +1,24 @@
-//! A page to turn a cut mesh on: one HTML file that needs no network.
+//! A page to turn a cut mesh on and to correct its parts: one HTML file that needs no network.
 //!
 //! The mesh is thinned to [`TRIANGLES`] ([`thin`]), quantised to 16 bits a coordinate, and embedded with its labels, the
-//! cuts of the merge tree into other numbers of parts, and the run's report; `viewer.js` draws it with WebGL. Cost:
+//! cuts of the merge tree into other numbers of parts, and the run's report; `viewer.js` draws it with WebGL,
+//! `editor.js` follows edits on cells as `pipeline::edits` does, and `refine.js` moves boundaries onto creases. Cost:
 //! three passes over the mesh and 30 MB; the file has 3–4 MB.
 
 pub mod thin;
 
+use super::edits::Edits;
 use super::picture;
 use crate::base::{Error, Result};
+use crate::cluster::parts::PartTree;
+use crate::cluster::parts::hints::Affinities;
 use crate::mesh::Mesh;
 use crate::mesh::output::by_rename;
 use crate::store::Run;
 use base64::Engine;
 use base64::engine::general_purpose::STANDARD;
 use serde_json::json;
+use std::collections::BTreeMap;
 use std::io::Write;
 use std::path::Path;
 use thin::Thin;
@@ -22,7 +27,14 @@ use thin::Thin;
 pub const TRIANGLES: usize = 120_000;
 
 const TEMPLATE: &str = include_str!("page.html");
-const SCRIPT: &str = include_str!("viewer.js");
+/// Edits on cells, boundaries, drawing, what clicks correct, and what turns the view: one script.
+const SCRIPT: &str = concat!(
+    include_str!("editor.js"),
+    include_str!("refine.js"),
+    include_str!("viewer.js"),
+    include_str!("correct.js"),
+    include_str!("controls.js")
+);
 const STYLE: &str = include_str!("page.css");
 
 /// What a page shows.
@@ -40,7 +52,9 @@ const STYLE: &str = include_str!("page.css");
 ///     mesh: &mesh,
 ///     labels: &[0, 1],
 ///     colours: &palette(2),
+///     names: &[],
 ///     cuts: None,
+///     edits: None,
 ///     report: &report,
 /// };
 /// assert!(page.html(&Run::new(&()))?.contains("<title>A square"));
@@ -56,8 +70,12 @@ pub struct Page<'a> {
     pub labels: &'a [u32],
     /// Colour of each part.
     pub colours: &'a [[u8; 3]],
+    /// Name of each part, or none.
+    pub names: &'a [String],
     /// Other numbers of parts, where a merge tree is there.
     pub cuts: Option<Cuts<'a>>,
+    /// The edits that the labels are of.
+    pub edits: Option<&'a Edits>,
     /// The run's report; what is missing in it is not shown.
     pub report: &'a serde_json::Value,
 }
@@ -69,6 +87,19 @@ pub struct Cuts<'a> {
     pub cells: &'a [u32],
     /// For each number of parts the part of each cell.
     pub parts: &'a [Vec<u32>],
+    /// What edits are computed with: without it parts cannot be corrected on the page.
+    pub model: Option<CellModel<'a>>,
+}
+
+/// What edits are computed with.
+#[derive(Clone, Copy, Debug)]
+pub struct CellModel<'a> {
+    /// How far cells belong together.
+    pub affinities: Affinities<'a>,
+    /// Their hierarchy.
+    pub tree: &'a PartTree,
+    /// Part of each cell (S) before boundaries were refined. Empty: that of most of its faces.
+    pub start: &'a [u32],
 }
 
 /// Little-endian bytes as base64.
@@ -146,6 +177,7 @@ impl Page<'_> {
             json!({
                 "cells": of_faces(cuts.cells),
                 "parts": cuts.parts.iter().map(|part| short(part.iter().copied())).collect::<Vec<_>>(),
+                "model": cuts.model.map(|model| self.model(cuts.cells, model)),
             })
         });
         let extent = [0, 1, 2].map(|k| (high[k] - low[k]) / side);
@@ -159,10 +191,52 @@ impl Page<'_> {
             "triangles": packed(&thin.triangles),
             "labels": of_faces(self.labels),
             "colours": self.colours,
+            "names": self.names,
+            "edits": self.edits,
+            "whole": thin.faces.iter().copied().eq(0..self.mesh.faces.len() as u32),
+            "low": low,
+            "side": side,
             "cuts": cuts,
             "landmarks": packed(&landmarks),
             "report": self.report,
         })
+    }
+
+    /// What edits are computed with: the hierarchy, the steps between cells, how far superfaces belong together in 16 bits
+    /// (above the diagonal, row by row), and the part of each cell.
+    fn model(&self, cells: &[u32], CellModel { affinities, tree, start }: CellModel<'_>) -> serde_json::Value {
+        let start = if start.len() == tree.cells() { start.to_vec() } else { self.most_faces(cells, tree.cells()) };
+        let together = affinities.co_association;
+        let rows = 0..together.len();
+        let above = rows.flat_map(|i| together.row(i)[i + 1..].iter().map(|c| (c * 65535.).round() as u16));
+        let steps: Vec<f32> = (0..tree.pairs.len()).map(|edge| affinities.step(edge) as f32).collect();
+        let flat = |pairs: &[[u32; 2]]| short(pairs.iter().flatten().copied());
+        json!({
+            "start": short(start.into_iter()),
+            "unions": flat(&tree.unions),
+            "area": packed(&tree.area),
+            "pairs": flat(&tree.pairs),
+            "length": packed(&tree.length),
+            "steps": packed(&steps),
+            "superfaces": short(affinities.superfaces.of_cell.iter().copied()),
+            "together": packed(&above.collect::<Vec<_>>()),
+            "small": tree.small_part,
+        })
+    }
+
+    /// The part of most faces of each of `n` cells.
+    fn most_faces(&self, cells: &[u32], n: usize) -> Vec<u32> {
+        let mut counts: BTreeMap<(u32, u32), u32> = BTreeMap::new();
+        for pair in cells.iter().copied().zip(self.labels.iter().copied()) {
+            *counts.entry(pair).or_default() += 1;
+        }
+        let mut most = vec![(0, 0); n];
+        for ((cell, label), count) in counts {
+            if let Some(best) = most.get_mut(cell as usize).filter(|best| count > best.0) {
+                *best = (count, label);
+            }
+        }
+        most.into_iter().map(|best| best.1).collect()
     }
 
     /// Centres of the landmark faces that the report tells of.

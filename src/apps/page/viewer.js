@@ -1,4 +1,4 @@
-'use strict';
+// Draws the parts, and lets a person look at them and correct them.
 (() => {
   const data = JSON.parse(document.getElementById('data').textContent);
   const $ = (id) => document.getElementById(id);
@@ -58,17 +58,53 @@
   const found = data.colours.length;
   const palette = data.colours.concat([[230, 159, 0], [86, 180, 233], [0, 158, 115], [240, 228, 66], [0, 114, 178],
     [213, 94, 0], [204, 121, 167], [136, 34, 85], [17, 119, 51], [136, 204, 238], [221, 204, 119], [102, 102, 102]]);
-  const cuts = new Map([[found, { part: labels, colours: data.colours }]]);
   const order = [...new Set([found, ...tables.keys()])].sort((a, b) => a - b);
 
+  // ---- edits: those that the page came with, and those made on it
+  const model = data.cuts && data.cuts.model ? editorOf(data.cuts.model, bytes) : null;
+  const earlier = data.edits && data.edits.edits.length ? data.edits : null;
+  const refined = refiner(count, edges, corner, areas);
+  let edits = [], undone = [];
+
+  // The cut into `number` parts with the edits so far. `id` is the number by which edits know a part.
   function cutInto(number) {
-    if (!cuts.has(number)) {
-      const table = tables.get(number);
-      const part = new Uint16Array(count);
-      for (let t = 0; t < count; t++) part[t] = table[cells[t]];
-      cuts.set(number, { part, colours: colour(part, number) });
+    const plain = number === found && !edits.length;
+    const base = number === found ? (model ? model.start : null) : tables.get(number);
+    const state = model ? model.follow(base, edits) : { label: base, names: new Map(), colours: new Map(), dropped: new Set(), kept: new Set() };
+    if (plain) {
+      const names = new Map((data.names || []).map((name, part) => [part, name]).filter(([, name]) => name));
+      return { part: labels, colours: data.colours, names, id: data.colours.map((_, part) => part), dropped: -1, kept: state.kept };
     }
-    return cuts.get(number);
+    const ids = [...new Set(Array.from(state.label).filter((id) => !state.dropped.has(id)))];
+    const place = new Map(ids.map((id, part) => [id, part]));
+    const dropped = state.dropped.size ? ids.length : -1;
+    for (const id of state.dropped) place.set(id, ids.length);
+    if (dropped >= 0) ids.push([...state.dropped][0]);
+    const rough = new Uint16Array(count);
+    for (let t = 0; t < count; t++) rough[t] = place.get(state.label[cells[t]]);
+    let part = refined.refine(rough, ids.length);
+    if (number === found) part = keepFound(part, rough, base, state.label, place);
+    const names = new Map(number === found ? (data.names || []).map((name, id) => [id, name]).filter(([, name]) => name) : []);
+    state.names.forEach((name, id) => names.set(id, name));
+    const named = new Map(ids.map((id, k) => [k, k === dropped ? 'dropped' : names.get(id)]).filter(([, name]) => name));
+    const colours = colour(part, ids.length);
+    ids.forEach((id, k) => { if (state.colours.has(id)) colours[k] = state.colours.get(id); });
+    if (dropped >= 0) colours[dropped] = [128, 128, 128];
+    const kept = new Set([...state.kept].map((id) => place.get(id)));
+    return { part, colours, names: named, id: ids, dropped, kept };
+  }
+  // What edits have not divided keeps the boundaries that the program has refined on all faces.
+  function keepFound(part, rough, base, label, place) {
+    const into = new Map();
+    base.forEach((old, cell) => {
+      if (!into.has(old)) into.set(old, new Set());
+      into.get(old).add(place.get(label[cell]));
+    });
+    return part.map((now, t) => {
+      const own = into.get(labels[t]);
+      if (!own || own.has(now)) return own && own.size === 1 ? [...own][0] : now;
+      return own.has(rough[t]) ? rough[t] : [...own][0];
+    });
   }
 
   // A part keeps the colour of the part as found that it shares most area with; the rest take what neighbours leave.
@@ -115,11 +151,15 @@
   const surface = program(
     'attribute vec3 p; attribute vec3 n; attribute vec4 c; varying vec3 normal; varying vec4 tint;' + camera +
     'void main() { gl_Position = seen(p); normal = turn * n; tint = c; }',
-    'precision mediump float; varying vec3 normal; varying vec4 tint; uniform bool plain;' +
-    'void main() { if (tint.a < .5) discard; if (plain) { gl_FragColor = tint; return; }' +
+    'precision mediump float; varying vec3 normal; varying vec4 tint; uniform bool ghost;' +
+    'void main() { if (tint.a < .05 || ghost == (tint.a > .9)) discard;' +
     'vec3 n = normalize(normal); if (!gl_FrontFacing) n = -n;' +
     'float light = .42 + .5 * max(dot(n, normalize(vec3(-.4, .6, .7))), 0.) + .16 * max(dot(n, vec3(.7, -.2, .5)), 0.);' +
-    'gl_FragColor = vec4(pow(pow(tint.rgb, vec3(2.2)) * light, vec3(1. / 2.2)), 1.); }');
+    'gl_FragColor = vec4(pow(pow(tint.rgb, vec3(2.2)) * light, vec3(1. / 2.2)), 1.) * (ghost ? .13 : 1.); }');
+  const picking = program(
+    'attribute vec3 p; attribute vec4 c; attribute vec3 id; varying vec4 tint;' + camera +
+    'void main() { gl_Position = seen(p); tint = vec4(id, c.a); }',
+    'precision mediump float; varying vec4 tint; void main() { if (tint.a < .9) discard; gl_FragColor = vec4(tint.rgb, 1.); }');
   const points = program(
     'attribute vec3 p; uniform float size;' + camera + 'void main() { gl_Position = seen(p); gl_PointSize = size; }',
     'precision mediump float; uniform vec3 ink; uniform bool round;' +
@@ -132,32 +172,42 @@
   };
   const shape = buffer(corner);
   const tints = buffer();
+  const numbersOf = new Uint8Array(12 * count);
+  for (let i = 0; i < 3 * count; i++) {
+    const t = Math.floor(i / 3) + 1;
+    numbersOf.set([t & 255, (t >> 8) & 255, t >> 16, 255], 4 * i);
+  }
+  const identities = buffer(numbersOf);
+  const target = { frame: gl.createFramebuffer(), colour: gl.createTexture(), depth: gl.createRenderbuffer(), width: 0, stale: true };
   const lines = buffer();
   const marks = new Uint16Array(bytes(data.landmarks));
   const markAt = Float32Array.from(marks, (x, i) => x / 65535 - centre[i % 3]);
   const markers = buffer(markAt);
   let lineCount = 0;
+  const spot = buffer();
+  const middle = (t) => Float32Array.from([0, 1, 2], (k) => (corner[18 * t + k] + corner[18 * t + 6 + k] + corner[18 * t + 12 + k]) / 3);
 
   // ---- state
   const start = () => ({ turn: data.axes.map((axis) => axis.slice()), zoom: 1, shift: [0, 0] });
   let view = start();
-  let cut = cutInto(found);
   let number = found;
+  let cut = cutInto(found);
   let alone = -1;
   let hidden = new Set();
+  let mode = 'look', picked = null, over = -1;
   const shown = (part) => (alone < 0 || part === alone) && !hidden.has(part);
 
-  const inColour = (part) => cut.colours[part] || [128, 128, 128];
-  function paint(content) {
+  const GHOST = 60;
+  function paint() {
     const out = new Uint8Array(12 * count);
+    const held = picked && mode === 'merge' ? picked.part : -1;
+    const tint = cut.colours.map((rgb, part) => {
+      const bright = part === held ? rgb.map((x) => Math.round(x + 0.55 * (255 - x))) : rgb;
+      return [...bright, shown(part) ? 255 : alone >= 0 && !hidden.has(part) ? GHOST : 0];
+    });
     for (let t = 0; t < count; t++) {
-      const part = cut.part[t];
-      if (!shown(part)) continue;
-      const rgb = content(part);
-      for (let k = 0; k < 3; k++) {
-        out.set(rgb, 12 * t + 4 * k);
-        out[12 * t + 4 * k + 3] = 255;
-      }
+      const of = tint[cut.part[t]] || [128, 128, 128, 255];
+      for (let k = 0; k < 3; k++) out.set(of, 12 * t + 4 * k);
     }
     gl.bindBuffer(gl.ARRAY_BUFFER, tints);
     gl.bufferData(gl.ARRAY_BUFFER, out, gl.DYNAMIC_DRAW);
@@ -173,7 +223,7 @@
     gl.bufferData(gl.ARRAY_BUFFER, new Float32Array(out), gl.DYNAMIC_DRAW);
   }
   function refresh() {
-    paint(inColour);
+    paint();
     outline();
     legend();
     draw();
@@ -198,13 +248,24 @@
     gl.enableVertexAttribArray(at);
     gl.vertexAttribPointer(at, size, kind, scaled, stride, offset);
   }
-  function drawSurface(flat) {
-    const at = look(surface, 0);
-    gl.uniform1i(at('plain'), flat);
-    attribute(surface, 'p', shape, 3, gl.FLOAT, 24, 0, false);
-    attribute(surface, 'n', shape, 3, gl.FLOAT, 24, 12, false);
-    attribute(surface, 'c', tints, 4, gl.UNSIGNED_BYTE, 4, 0, true);
+  function drawSurface(used) {
+    const at = look(used, 0);
+    attribute(used, 'p', shape, 3, gl.FLOAT, 24, 0, false);
+    attribute(used, 'c', tints, 4, gl.UNSIGNED_BYTE, 4, 0, true);
+    if (used === picking) attribute(used, 'id', identities, 3, gl.UNSIGNED_BYTE, 4, 0, true);
+    else {
+      attribute(used, 'n', shape, 3, gl.FLOAT, 24, 12, false);
+      gl.uniform1i(at('ghost'), false);
+    }
     gl.drawArrays(gl.TRIANGLES, 0, 3 * count);
+    if (used === picking || alone < 0) return;
+    gl.uniform1i(at('ghost'), true);
+    gl.enable(gl.BLEND);
+    gl.blendFunc(gl.ONE, gl.ONE_MINUS_SRC_ALPHA);
+    gl.depthMask(false);
+    gl.drawArrays(gl.TRIANGLES, 0, 3 * count);
+    gl.depthMask(true);
+    gl.disable(gl.BLEND);
   }
   function drawPoints(of, kind, many, ink, size, round) {
     for (let k = 0; k < 3; k++) gl.disableVertexAttribArray(k);
@@ -227,64 +288,117 @@
   }
   let waiting = false;
   function draw() {
+    target.stale = true;
     if (waiting) return;
     waiting = true;
-    requestAnimationFrame(() => {
-      waiting = false;
+    requestAnimationFrame(() => { waiting = false; drawNow(); });
+  }
+  function drawNow() {
       clear();
-      drawSurface(false);
+      drawSurface(surface);
       if ($('lines').checked) drawPoints(lines, gl.LINES, lineCount, [.08, .08, .08], 1, false);
       if ($('landmarks').checked) {
         drawPoints(markers, gl.POINTS, markAt.length / 3, [1, 1, 1], 10 * (window.devicePixelRatio || 1), true);
         drawPoints(markers, gl.POINTS, markAt.length / 3, [.8, 0, .1], 7 * (window.devicePixelRatio || 1), true);
       }
-    });
+      if (picked && mode === 'cut') {
+        gl.bindBuffer(gl.ARRAY_BUFFER, spot);
+        gl.bufferData(gl.ARRAY_BUFFER, middle(picked.triangle), gl.DYNAMIC_DRAW);
+        drawPoints(spot, gl.POINTS, 1, [1, 1, 1], 14 * (window.devicePixelRatio || 1), true);
+        drawPoints(spot, gl.POINTS, 1, [0, 0, 0], 9 * (window.devicePixelRatio || 1), true);
+      }
   }
 
-  // The part under a point of the canvas, −1 for none: parts drawn as numbers, one pixel read.
-  function partAt(x, y) {
-    paint((part) => [part + 1 & 255, part + 1 >> 8, 0]);
-    clear();
-    drawSurface(true);
-    const pixel = new Uint8Array(4);
-    const ratio = canvas.width / canvas.clientWidth;
+  // The triangle under a point of the canvas, −1 for none: triangles are drawn as numbers out of sight, one pixel is read.
+  function triangleAt(x, y) {
+    if (target.stale) {
+      clear();
+      gl.bindFramebuffer(gl.FRAMEBUFFER, target.frame);
+      if (target.width !== canvas.width || target.height !== canvas.height) {
+        [target.width, target.height] = [canvas.width, canvas.height];
+        gl.bindTexture(gl.TEXTURE_2D, target.colour);
+        gl.texImage2D(gl.TEXTURE_2D, 0, gl.RGBA, target.width, target.height, 0, gl.RGBA, gl.UNSIGNED_BYTE, null);
+        gl.texParameteri(gl.TEXTURE_2D, gl.TEXTURE_MIN_FILTER, gl.NEAREST);
+        gl.texParameteri(gl.TEXTURE_2D, gl.TEXTURE_WRAP_S, gl.CLAMP_TO_EDGE);
+        gl.texParameteri(gl.TEXTURE_2D, gl.TEXTURE_WRAP_T, gl.CLAMP_TO_EDGE);
+        gl.framebufferTexture2D(gl.FRAMEBUFFER, gl.COLOR_ATTACHMENT0, gl.TEXTURE_2D, target.colour, 0);
+        gl.bindRenderbuffer(gl.RENDERBUFFER, target.depth);
+        gl.renderbufferStorage(gl.RENDERBUFFER, gl.DEPTH_COMPONENT16, target.width, target.height);
+        gl.framebufferRenderbuffer(gl.FRAMEBUFFER, gl.DEPTH_ATTACHMENT, gl.RENDERBUFFER, target.depth);
+      }
+      gl.clear(gl.COLOR_BUFFER_BIT | gl.DEPTH_BUFFER_BIT);
+      for (let k = 0; k < 3; k++) gl.disableVertexAttribArray(k);
+      drawSurface(picking);
+      gl.bindFramebuffer(gl.FRAMEBUFFER, null);
+      drawNow();
+      target.stale = false;
+    }
+    const pixel = new Uint8Array(4), ratio = canvas.width / canvas.clientWidth;
+    gl.bindFramebuffer(gl.FRAMEBUFFER, target.frame);
     gl.readPixels(Math.round(x * ratio), canvas.height - 1 - Math.round(y * ratio), 1, 1, gl.RGBA, gl.UNSIGNED_BYTE, pixel);
-    paint(inColour);
-    draw();
-    return pixel[3] ? pixel[0] + 256 * pixel[1] - 1 : -1;
+    gl.bindFramebuffer(gl.FRAMEBUFFER, null);
+    return pixel[3] ? pixel[0] + 256 * pixel[1] + 65536 * pixel[2] - 1 : -1;
   }
+  const partAt = (x, y) => {
+    const t = triangleAt(x, y);
+    return t < 0 ? -1 : cut.part[t];
+  };
 
   // ---- legend and report
   const group = (x) => Math.round(x).toLocaleString('en');
   const share = (x) => (100 * x).toFixed(x < .1 ? 2 : 1) + ' %';
+  const nameOf = (part) => cut.names.get(part) || `part ${part}`;
+  let measured = [], sorting = 'part';
   function legend() {
     const body = $('legend').tBodies[0];
-    const area = new Float64Array(number), faces = new Float64Array(number);
+    const area = new Float64Array(cut.colours.length), faces = new Float64Array(cut.colours.length);
     for (let t = 0; t < count; t++) { area[cut.part[t]] += areas[t]; faces[cut.part[t]] += 1; }
     const whole = area.reduce((a, b) => a + b, 0) || 1;
-    const exact = number === found && Array.isArray(report.parts) && report.parts.length === found ? report.parts : null;
+    const plain = number === found && !edits.length;
+    const exact = plain && Array.isArray(report.parts) && report.parts.length === found ? report.parts : null;
     const all = exact ? exact.reduce((sum, part) => sum + part.area, 0) || 1 : whole;
-    body.replaceChildren(...cut.colours.map((rgb, part) => {
+    measured = Array.from(area, (x, part) => (exact ? exact[part].area : x) / all);
+    const rows = cut.colours.map((_, part) => part);
+    if (sorting === 'area') rows.sort((a, b) => measured[b] - measured[a] || a - b);
+    if (sorting === 'name') rows.sort((a, b) => nameOf(a).localeCompare(nameOf(b), 'en', { numeric: true }));
+    document.querySelectorAll('#legend th button').forEach((button) => button.setAttribute('aria-pressed', button.dataset.sort === sorting));
+    body.replaceChildren(...rows.map((part) => {
       const row = document.createElement('tr');
       row.dataset.part = part;
       row.tabIndex = 0;
       row.className = part === alone ? 'alone' : shown(part) ? '' : 'hidden';
+      if (picked && mode === 'merge' && picked.part === part) row.classList.add('picked');
       const cell = (text) => { const td = row.insertCell(); td.textContent = text; return td; };
-      const swatch = document.createElement('span');
-      swatch.className = 'swatch';
-      swatch.style.background = `rgb(${rgb})`;
+      const hex = '#' + (cut.colours[part] || [128, 128, 128]).map((x) => x.toString(16).padStart(2, '0')).join('');
+      const swatch = input(model && part !== cut.dropped ? 'color' : 'swatch', hex, `colour of ${nameOf(part)}`);
+      swatch.onchange = () => change({ edit: 'colour', at: [anchor(part)], colour: swatch.value });
       cell('').append(swatch);
       cell(part);
+      const name = input(model && part !== cut.dropped ? 'text' : 'plain', cut.names.get(part) || '', `name of part ${part}`);
+      name.onchange = () => change({ edit: 'name', at: [anchor(part)], name: name.value.trim() });
+      cell('').append(name);
       cell(exact ? group(exact[part].faces) : '≈ ' + group(faces[part] / count * data.faces));
-      cell(share((exact ? exact[part].area : area[part]) / all));
+      cell(share(measured[part]));
       const button = document.createElement('button');
       button.textContent = hidden.has(part) ? 'show' : 'hide';
       button.onclick = (event) => { event.stopPropagation(); hide(part); };
       cell('').append(button);
-      row.onclick = () => single(part);
-      row.onkeydown = (event) => { if (event.key === 'Enter') single(part); };
+      row.onclick = () => act(part, -1);
+      row.onkeydown = (event) => { if (event.key === 'Enter' && event.target === row) act(part, -1); };
       return row;
     }));
+  }
+  function input(kind, value, told) {
+    const made = document.createElement(kind === 'plain' || kind === 'swatch' ? 'span' : 'input');
+    if (kind === 'plain') made.textContent = value;
+    else if (kind === 'swatch') { made.className = 'swatch'; made.style.background = value; }
+    else {
+      [made.type, made.value, made.maxLength] = [kind, value, 60];
+      made.setAttribute('aria-label', told);
+      made.onclick = (event) => event.stopPropagation();
+      if (kind === 'text') made.placeholder = told.replace('name of ', '');
+    }
+    return made;
   }
   function single(part) {
     alone = alone === part || part < 0 ? -1 : part;
@@ -299,14 +413,22 @@
   function showAll() {
     alone = -1;
     hidden = new Set();
+    picked = null;
     refresh();
   }
   function choose(value) {
     number = value;
-    cut = cutInto(number);
-    $('count').textContent = number;
-    $('which').textContent = number === found ? 'as found, boundaries refined' : 'from the merge tree, boundaries of cells';
+    update();
     showAll();
+  }
+  function update() {
+    cut = cutInto(number);
+    $('count').textContent = cut.colours.length;
+    const plain = number === found && !edits.length;
+    $('which').textContent = plain ? 'as found, boundaries refined on all faces' : 'boundaries refined on the shown mesh';
+    $('undo').disabled = !edits.length;
+    $('redo').disabled = !undone.length;
+    $('command').textContent = command();
   }
   function tell() {
     const input = report.input || {};
@@ -337,93 +459,3 @@
     if (!markAt.length) $('landmarks').parentElement.hidden = true;
   }
 
-  // ---- turning, zooming, moving
-  function turnBy(x, y) {
-    const about = (i, j, angle) => {
-      const [a, b] = [view.turn[i], view.turn[j]], c = Math.cos(angle), s = Math.sin(angle);
-      view.turn[i] = a.map((x, k) => c * x + s * b[k]);
-      view.turn[j] = b.map((x, k) => c * x - s * a[k]);
-    };
-    about(0, 2, x);
-    about(2, 1, y);
-    draw();
-  }
-  function zoomBy(factor) {
-    const zoom = Math.min(60, Math.max(.2, view.zoom * factor));
-    view.shift = view.shift.map((x) => x * zoom / view.zoom);
-    view.zoom = zoom;
-    draw();
-  }
-  function moveBy(x, y) {
-    view.shift[0] += 2 * x / canvas.clientWidth;
-    view.shift[1] -= 2 * y / canvas.clientHeight;
-    draw();
-  }
-  const fingers = new Map();
-  let moved = 0;
-  canvas.addEventListener('pointerdown', (event) => {
-    canvas.setPointerCapture(event.pointerId);
-    fingers.set(event.pointerId, [event.clientX, event.clientY]);
-    if (fingers.size === 1) moved = 0;
-  });
-  canvas.addEventListener('pointermove', (event) => {
-    const before = fingers.get(event.pointerId);
-    if (!before) return;
-    const [x, y] = [event.clientX - before[0], event.clientY - before[1]];
-    moved += Math.abs(x) + Math.abs(y);
-    const other = [...fingers.entries()].find(([id]) => id !== event.pointerId);
-    if (other) {
-      const span = (p) => Math.hypot(p[0] - other[1][0], p[1] - other[1][1]) || 1;
-      zoomBy(span([event.clientX, event.clientY]) / span(before));
-      moveBy(x / 2, y / 2);
-    } else if (event.buttons & 2 || event.shiftKey) moveBy(x, y);
-    else turnBy(x * .008, y * .008);
-    fingers.set(event.pointerId, [event.clientX, event.clientY]);
-  });
-  canvas.addEventListener('pointerup', (event) => {
-    fingers.delete(event.pointerId);
-    if (moved < 6 && event.button === 0) {
-      const box = canvas.getBoundingClientRect();
-      single(partAt(event.clientX - box.left, event.clientY - box.top));
-    }
-  });
-  canvas.addEventListener('pointercancel', (event) => fingers.delete(event.pointerId));
-  canvas.addEventListener('contextmenu', (event) => event.preventDefault());
-  canvas.addEventListener('wheel', (event) => {
-    event.preventDefault();
-    zoomBy(Math.exp(-event.deltaY * .0012));
-  }, { passive: false });
-  const keys = {
-    ArrowLeft: () => turnBy(-.1, 0), ArrowRight: () => turnBy(.1, 0), ArrowUp: () => turnBy(0, -.1),
-    ArrowDown: () => turnBy(0, .1), '+': () => zoomBy(1.15), '=': () => zoomBy(1.15), '-': () => zoomBy(1 / 1.15),
-    r: reset, R: reset, Escape: showAll,
-  };
-  canvas.addEventListener('keydown', (event) => {
-    if (!keys[event.key] || event.ctrlKey || event.metaKey || event.altKey) return;
-    event.preventDefault();
-    keys[event.key]();
-  });
-  function reset() {
-    view = start();
-    draw();
-  }
-  $('all').onclick = showAll;
-  $('reset').onclick = reset;
-  $('landmarks').onchange = draw;
-  $('lines').onchange = draw;
-  $('slider').max = order.length - 1;
-  $('slider').min = 0;
-  $('slider').value = order.indexOf(found);
-  $('slider').oninput = () => choose(order[$('slider').value]);
-  if (order.length < 2) $('slider').hidden = true;
-  new ResizeObserver(draw).observe(canvas);
-  canvas.addEventListener('webglcontextlost', (event) => event.preventDefault());
-  canvas.addEventListener('webglcontextrestored', () => location.reload());
-  tell();
-  choose(found);
-  // What a test asks.
-  window.page = {
-    get parts() { return number; }, get alone() { return alone; }, get hidden() { return [...hidden]; },
-    get visible() { return cut.part.reduce((sum, part) => sum + shown(part), 0); }, triangles: count, numbers: order, partAt,
-  };
-})();

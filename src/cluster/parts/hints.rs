@@ -99,8 +99,8 @@ impl Affinities<'_> {
         members.into_iter().zip(class).collect()
     }
 
-    /// Length of the step over the boundary `edge`.
-    fn step(&self, edge: usize) -> f64 {
+    /// Length of the step over the boundary `edge`, a pair of the cell graph.
+    pub fn step(&self, edge: usize) -> f64 {
         let [a, b] = self.cells.pairs[edge].map(|cell| self.cells.centre[cell as usize]);
         let gap = (0..3).map(|k| (a[k] - b[k]).powi(2)).sum::<f64>().sqrt();
         gap + TURN[0] * self.cells.concave[edge] + TURN[1] * self.cells.convex[edge]

@@ -1,0 +1,147 @@
+  // ---- correcting
+  const HINTS = {
+    look: 'click a part to see it alone, double-click to zoom to it', merge: 'click two parts to make them one',
+    split: 'click a part to divide it along the hierarchy', cut: 'click a place on either side of the cut',
+    drop: 'click a part that is not wanted', protect: 'click a part that no later edit may change',
+  };
+  function say(told) { $('status').textContent = told; }
+  function setMode(wanted) {
+    mode = model ? wanted : 'look';
+    picked = null;
+    document.querySelectorAll('[data-mode]').forEach((button) => button.setAttribute('aria-pressed', button.dataset.mode === mode));
+    say(HINTS[mode]);
+    refresh();
+  }
+  // What a click on a part does; `t` is the triangle, −1 in the list.
+  function act(part, t) {
+    if (mode === 'look') return single(part);
+    if (part < 0) return say(HINTS[mode]);
+    if (mode === 'split') return change({ edit: 'split', at: [anchor(part)], into: Math.max(2, Number($('into').value) || 2) });
+    if (mode === 'drop' || mode === 'protect') return change({ edit: mode, at: [anchor(part)] });
+    if (mode === 'cut' && t < 0) return say('Click the two places on the mesh itself.');
+    if (!picked) {
+      picked = { part, triangle: t };
+      say(mode === 'merge' ? `${nameOf(part)} and which other part?` : 'And a place on the other side of the cut?');
+      return refresh();
+    }
+    const first = picked;
+    picked = null;
+    if (mode === 'cut') return change({ edit: 'cut', at: [first.triangle, t] });
+    if (first.part === part) { say(HINTS.merge); return refresh(); }
+    change({ edit: 'merge', at: [anchor(first.part), anchor(part)] });
+  }
+  // The triangle of a part that lies deepest in it: a place that stays on the part on other versions of the mesh.
+  function anchor(part) {
+    const depth = refined.depths(cut.part, Infinity);
+    let best = -1;
+    for (let t = 0; t < count; t++) if (cut.part[t] === part && (best < 0 || depth[t] > depth[best])) best = t;
+    return best;
+  }
+  const rgb = (hex) => [1, 3, 5].map((k) => parseInt(hex.slice(k, k + 2), 16));
+  function change(edit) {
+    const made = { ...edit, cells: edit.at.map((t) => cells[t]) };
+    if (edit.edit === 'colour') [made.colour, made.hex] = [rgb(edit.colour), edit.colour];
+    const base = number === found ? model.start : tables.get(number);
+    const { error } = model.follow(base, [...edits, made]);
+    if (error) { say(error); return refresh(); }
+    edits.push(made);
+    undone = [];
+    say(`${edits.length} edit${edits.length > 1 ? 's' : ''}: ${edit.edit}`);
+    alone = -1;
+    hidden = new Set();
+    update();
+    refresh();
+  }
+  function undo() {
+    if (!edits.length) return;
+    undone.push(edits.pop());
+    say('undone: ' + undone[undone.length - 1].edit);
+    update();
+    showAll();
+  }
+  function redo() {
+    if (!undone.length) return;
+    edits.push(undone.pop());
+    say('again: ' + edits[edits.length - 1].edit);
+    update();
+    showAll();
+  }
+  const point = (t) => Array.from(middle(t), (x, k) => Number((data.low[k] + (x + centre[k]) * data.side).toPrecision(9)));
+  function text() {
+    const own = edits.map(({ edit, at, into, name, hex }) => {
+      const places = at.map(point);
+      if (edit === 'merge') return { edit, at: places };
+      if (edit === 'cut') return { edit, between: places };
+      if (edit === 'split') return { edit, at: places[0], into };
+      if (edit === 'name') return { edit, at: places[0], name };
+      return edit === 'colour' ? { edit, at: places[0], colour: hex } : { edit, at: places[0] };
+    });
+    const all = { format: 'nystrom-stream edits', version: 1, mesh: data.title, ...from() };
+    all.box = [data.low, data.low.map((x, k) => x + data.extent[k] * data.side)];
+    all.edits = [...(earlier ? earlier.edits : []), ...own];
+    const lines = all.edits.map((edit) => '    ' + JSON.stringify(edit));
+    const head = JSON.stringify({ ...all, edits: undefined }, null, 2).slice(0, -2);
+    return `${head},\n  "edits": [${lines.length ? '\n' + lines.join(',\n') + '\n  ' : ''}]\n}\n`;
+  }
+  // The cut that edits start from.
+  function from() {
+    if (number !== found) return { parts: number };
+    if (earlier) return earlier.parts ? { parts: earlier.parts } : earlier.detail ? { detail: earlier.detail } : {};
+    const asked = ((report.options || {}).parts || {});
+    if (asked.count && asked.count.exactly) return { parts: asked.count.exactly };
+    if (asked.count && asked.count.between) return { parts: found };
+    return asked.detail ? { detail: asked.detail } : {};
+  }
+  const stem = () => data.title.replace(/\.[^.]*$/, '');
+  const quoted = (word) => (/^[\w./-]+$/.test(word) ? word : `'${word.replaceAll("'", "'\\''")}'`);
+  function command() {
+    const all = from(), start = `nystrom-stream segment ${quoted(data.title)}`;
+    if (edits.length || earlier) return `${start} --edits edits.json -o ${quoted(stem() + '.corrected.ply')}`;
+    return start + (all.parts ? ` -k ${all.parts}` : all.detail ? ` --detail ${all.detail}` : '');
+  }
+  function save(name, blob) {
+    const link = document.createElement('a');
+    link.href = URL.createObjectURL(blob);
+    link.download = name;
+    link.click();
+    setTimeout(() => URL.revokeObjectURL(link.href), 10000);
+  }
+  // The name of the part under the pointer.
+  let hovering = null;
+  function hover(event) {
+    if (event.pointerType === 'touch') return;
+    const asked = hovering;
+    hovering = event;
+    if (asked) return;
+    requestAnimationFrame(() => {
+      const box = canvas.getBoundingClientRect(), [x, y] = [hovering.clientX - box.left, hovering.clientY - box.top];
+      hovering = null;
+      over = partAt(x, y);
+      const tip = $('tip');
+      tip.hidden = over < 0;
+      if (over < 0) return;
+      tip.textContent = `${nameOf(over)} · ${share(measured[over])}`;
+      tip.style.transform = `translate(${x + 14}px, ${y + 14}px)`;
+    });
+  }
+  canvas.addEventListener('pointerleave', () => { over = -1; $('tip').hidden = true; });
+  // Fills the view with the part that is looked at, else the one under the pointer.
+  function zoomToPart() {
+    const part = alone >= 0 ? alone : over;
+    if (part < 0) return say('Look at a part first.');
+    const low = [Infinity, Infinity], high = [-Infinity, -Infinity];
+    for (let t = 0; t < count; t++) {
+      if (cut.part[t] !== part) continue;
+      const p = middle(t);
+      for (let k = 0; k < 2; k++) {
+        const q = view.turn[k][0] * p[0] + view.turn[k][1] * p[1] + view.turn[k][2] * p[2];
+        [low[k], high[k]] = [Math.min(low[k], q), Math.max(high[k], q)];
+      }
+    }
+    const half = Math.hypot(...data.extent) / 2;
+    view.zoom = Math.min(60, Math.max(.2, .7 * half / Math.max(1e-6, (high[0] - low[0]) / 2, (high[1] - low[1]) / 2)));
+    const size = Math.min(canvas.width, canvas.height) * 1.2 / half * view.zoom;
+    view.shift = [0, 1].map((k) => -(low[k] + high[k]) / 2 * size / [canvas.width, canvas.height][k]);
+    draw();
+  }
+
