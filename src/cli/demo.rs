@@ -51,7 +51,7 @@ pub fn run(args: &DemoArgs, app: &AppContext) -> Result<(), CliError> {
     let cut = SegmentArgs { run: args.run.clone(), ..cut };
     let job = Job { mesh, outputs: vec![Output::of(&ply)?, Output::of(&labels_file)?] };
     let params = cut.method.params()?;
-    let report = segment::one(&job, Task { args: &cut, params: &params, edits: None }, &bars, &run, app)?;
+    let report = segment::one(&job, Task { args: &cut, params: &params, edits: None, like: None }, &bars, &run, app)?;
 
     let table = contingency(&seg::read_seg(&labels_file)?, &seg::read_seg(&truth_file)?, None)?;
     let mut out = std::io::stdout().lock();

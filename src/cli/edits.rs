@@ -1,12 +1,19 @@
-//! `--edits` and `--hints`: what a person corrects.
+//! `--edits`, `--hints` and `--like`: what a person corrects, and parts carried to meshes of a kind.
 
 use super::method::PartsArgs;
 use super::options::{CliError, misfit};
-use nystrom_stream::apps::edits::Edits;
+use super::picture::{has_labels, labels_of_mesh};
+use nystrom_stream::apps::colours::colours_for;
+use nystrom_stream::apps::edits::{Edits, read_names};
+use nystrom_stream::base::Error;
 use nystrom_stream::cluster::parts::PartCount;
+use nystrom_stream::mesh::ply::names::names_of;
+use nystrom_stream::mesh::{self, Mesh};
 use nystrom_stream::pipeline::edits::Corrections;
+use nystrom_stream::pipeline::like::Reference;
 use nystrom_stream::pipeline::{Cluster, SegmentParams};
-use std::path::PathBuf;
+use nystrom_stream::store::{Context, MappedSlice, Run, WorkDir};
+use std::path::{Path, PathBuf};
 
 /// Options of corrections.
 #[derive(Clone, Debug, Default, clap::Args)]
@@ -19,6 +26,51 @@ pub struct EditArgs {
     /// says nothing
     #[arg(long, value_name = "PROPERTY")]
     pub hints: Option<String>,
+    /// Name the parts as in this table: a line per part, its number, a tab, its name
+    #[arg(long, value_name = "TSV")]
+    pub names: Option<PathBuf>,
+}
+
+/// `--like`.
+#[derive(Clone, Debug, Default, clap::Args)]
+#[command(next_help_heading = "Corrections")]
+pub struct LikeArgs {
+    /// Find the parts of this labelled mesh, with their numbers, colours and names: on scans in the same place or of a similar
+    /// shape
+    #[arg(long, value_name = "MESH", conflicts_with_all = ["edits", "hints", "parts", "parts_range", "detail"])]
+    pub like: Option<PathBuf>,
+}
+
+/// A labelled mesh that others are to be cut like.
+pub struct Like {
+    _work: WorkDir,
+    mesh: Mesh,
+    labels: MappedSlice<u32>,
+    colours: Vec<[u8; 3]>,
+    names: Vec<String>,
+}
+
+impl Like {
+    /// Reads the labelled mesh at `path`.
+    pub fn read(path: &Path, work: WorkDir, run: &Run) -> Result<Self, CliError> {
+        let mesh = mesh::open(path, work.path(), run)?;
+        if !has_labels(&mesh) {
+            let remedy = "give a mesh that `segment` or `cluster` has written";
+            return Err(Error::unusable(path, "has no face property `label`", remedy).into());
+        }
+        let (labels, colours) = labels_of_mesh(&mesh, Context::new(&work, run))?;
+        let colours = match colours {
+            Some(colours) => colours,
+            None => colours_for(&mesh, &labels, run)?,
+        };
+        let names = mesh.document().map_or_else(Vec::new, |document| names_of(document, colours.len()));
+        Ok(Self { _work: work, mesh, labels, colours, names })
+    }
+
+    /// As the library takes it.
+    pub fn reference(&self) -> Reference<'_> {
+        Reference { mesh: &self.mesh, labels: &self.labels, colours: &self.colours, names: &self.names }
+    }
 }
 
 impl EditArgs {
@@ -38,6 +90,19 @@ impl EditArgs {
         }
         Ok(Some(edits))
     }
+}
+
+/// Gives the parts in `names` the names of `table`, where it has one; there are `parts` parts.
+pub fn named(names: &mut Vec<String>, table: Option<&Path>, parts: usize) -> Result<(), Error> {
+    let Some(path) = table else { return Ok(()) };
+    let told = read_names(path)?;
+    if told.len() > parts {
+        let problem = format!("names part {}, there are {parts} parts, counted from 0", told.len() - 1);
+        return Err(Error::unusable(path, problem, "take out its line"));
+    }
+    names.resize(parts, String::new());
+    names.iter_mut().zip(told).filter(|(_, new)| !new.is_empty()).for_each(|(name, new)| *name = new);
+    Ok(())
 }
 
 /// Edits and painted values as the library takes them.

@@ -3,7 +3,7 @@
 //! Many meshes come as files, folders and patterns; jobs take them from one list, and a table grows. Jobs share threads
 //! and memory evenly, so what one mesh gets depends on `--jobs` alone. A mesh that fails is reported, and the rest goes on.
 
-use super::edits::{EditArgs, corrections};
+use super::edits::{EditArgs, Like, LikeArgs, corrections, named as give_names};
 use super::made::Maker;
 use super::method::{MethodArgs, check_count};
 use super::options::{AppContext, CliError, ForceArgs, RunArgs};
@@ -15,10 +15,11 @@ use nystrom_stream::base::parallel::catch;
 use nystrom_stream::base::{Error, Progress, Result};
 use nystrom_stream::mesh::ply::labelled::Labelling;
 use nystrom_stream::pipeline::input;
+use nystrom_stream::pipeline::like::{self, LikeFacts, Way};
 use nystrom_stream::pipeline::report::Report;
 use nystrom_stream::pipeline::{Cluster, SegmentParams, cuts, segment_corrected};
 use nystrom_stream::store::json::value as to_json;
-use nystrom_stream::store::{Budget, Context, Run};
+use nystrom_stream::store::{Budget, Context, Run, WorkDir};
 use serde_json::{Value, json};
 use std::collections::BTreeMap;
 use std::io::Write;
@@ -78,6 +79,8 @@ pub struct SegmentArgs {
     #[command(flatten)]
     pub edits: EditArgs,
     #[command(flatten)]
+    pub like: LikeArgs,
+    #[command(flatten)]
     pub method: MethodArgs,
     #[command(flatten)]
     pub run: RunArgs,
@@ -125,7 +128,17 @@ pub fn run(args: &SegmentArgs, app: &AppContext) -> Result<(), CliError> {
     args.method.params()?;
     let (meshes, many) = meshes(&args.meshes)?;
     let (params, edits) = check(args, &meshes, many)?;
-    let task = Task { args, params: &params, edits: edits.as_ref() };
+    let like = match &args.like.like {
+        Some(path) if params.cluster != Cluster::Parts => {
+            return Err(CliError::Usage(format!("--like {}: goes with --cluster parts only", path.display())));
+        }
+        Some(path) => {
+            let place = args.run.tmp.clone().unwrap_or_else(std::env::temp_dir);
+            Some(Like::read(path, WorkDir::temporary(&place)?, &args.run.run(&(), app))?)
+        }
+        None => None,
+    };
+    let task = Task { args, params: &params, edits: edits.as_ref(), like: like.as_ref() };
     let mut jobs = jobs(meshes, &args.output)?;
     if many {
         return all(jobs, task, app);
@@ -189,10 +202,14 @@ impl Job {
     /// One line of JSON about the job.
     fn line(&self, report: &Report, seconds: f64) -> Value {
         let outputs: Vec<_> = self.outputs.iter().filter_map(Output::path).collect();
-        json!({
+        let mut line = json!({
             "mesh": self.mesh, "faces": report.input.faces, "parts": report.parts.len(), "gamma_per_face": report.gamma_per_face,
             "seconds": seconds, "outputs": outputs,
-        })
+        });
+        if let Some(like) = &report.like {
+            line["like"] = like.clone();
+        }
+        line
     }
 }
 
@@ -205,11 +222,27 @@ pub struct Task<'a> {
     pub params: &'a SegmentParams,
     /// The edits that they name.
     pub edits: Option<&'a Edits>,
+    /// The mesh that they are to be cut like.
+    pub like: Option<&'a Like>,
+}
+
+/// Why a person should look at parts that were carried over.
+fn doubts(facts: &LikeFacts) -> String {
+    let way = if facts.way == Way::Place { "nearest faces" } else { "matched shapes" };
+    let mut text = format!("parts from {way}, confidence {:.2}", facts.confidence);
+    if facts.ambiguous {
+        text += ", parts may be mirrored";
+    }
+    if !facts.missing.is_empty() {
+        let parts: Vec<String> = facts.missing.iter().map(u32::to_string).collect();
+        text += &format!(", without part {}", parts.join(", "));
+    }
+    text
 }
 
 /// Segments one mesh and writes its outputs.
 pub fn one(job: &Job, task: Task<'_>, bars: &Bars, run: &Run, app: &AppContext) -> Result<Report> {
-    let Task { args, params, edits } = task;
+    let Task { args, params, edits, like } = task;
     let start = Instant::now();
     let Job { mesh: path, outputs } = job;
     outputs.iter().try_for_each(Output::check)?;
@@ -221,8 +254,18 @@ pub fn one(job: &Job, task: Task<'_>, bars: &Bars, run: &Run, app: &AppContext) 
     let (opened, identity) = read(path, args.force, Context::new(&work, run))?;
     opened.notes().iter().for_each(|note| run.progress.note(note));
     let painted = args.edits.hints.as_ref().map(|name| opened.face_property(name, run)).transpose()?;
-    let corrections = corrections(edits, painted.as_ref());
-    let result = segment_corrected(&opened, &identity, params, corrections, Context::new(&work, run))?;
+    let mut carried = like.map(|like| like::carry(like.reference(), &opened, Context::new(&work, run))).transpose()?;
+    let painted = carried.as_ref().map(|carried| &carried.values).or(painted.as_ref());
+    let corrections = corrections(edits, painted);
+    let mut result = segment_corrected(&opened, &identity, params, corrections, Context::new(&work, run))?;
+    if let (Some(like), Some(carried)) = (like, &mut carried) {
+        result = like::settle(result, carried, like.reference(), Context::new(&work, run))?;
+    }
+    give_names(&mut result.names, args.edits.names.as_deref(), result.colours.len())?;
+    let told = carried.as_ref().map(|carried| &carried.facts);
+    if let Some(facts) = told.filter(|facts| facts.look) {
+        run.progress.note(&format!("look at {}: {}", path.display(), doubts(facts)));
+    }
     let coordinates = if args.form.embedding_columns {
         Some(embedding(params, result.labels.len(), Context::new(&work, run))?)
     } else {
@@ -234,7 +277,8 @@ pub fn one(job: &Job, task: Task<'_>, bars: &Bars, run: &Run, app: &AppContext) 
     let mut seconds = bars.take_seconds();
     let report = |mut seconds: BTreeMap<String, f64>| {
         seconds.insert("total".into(), start.elapsed().as_secs_f64());
-        Report::new(&opened, params, &result, Context::new(&work, run), seconds, Some((app.peak)()))
+        let report = Report::new(&opened, params, &result, Context::new(&work, run), seconds, Some((app.peak)()))?;
+        Ok(Report { like: told.map(|facts| to_json("the likeness", facts)).transpose()?, ..report })
     };
     let results = Results {
         labelling: Labelling {
@@ -401,7 +445,7 @@ fn all(jobs: Vec<Job>, task: Task<'_>, app: &AppContext) -> Result<(), CliError>
     let start = Instant::now();
     let style = args.run.bars().style();
     let options = json!({
-        "edits": task.edits, "hints": args.edits.hints,
+        "edits": task.edits, "hints": args.edits.hints, "names": args.edits.names.as_deref().map(input::identity).transpose()?, "like": args.like.like.as_deref().map(input::identity).transpose()?,
         "params": task.params, "seed": args.run.seed.unwrap_or(0), "ply_form": format!("{:?}", args.form.ply.ply_form),
         "vertex_labels": args.form.ply.vertex_labels, "embedding_columns": args.form.embedding_columns,
         "part_form": format!("{:?}", args.form.part_form),
@@ -470,6 +514,13 @@ fn all(jobs: Vec<Job>, task: Task<'_>, app: &AppContext) -> Result<(), CliError>
     let tally = tally.into_inner().unwrap_or_else(|poison| poison.into_inner());
     if let Some(error) = tally.stop {
         return Err(error.into());
+    }
+    let doubtful = |(&job, report): (&usize, &Report)| {
+        (report.like.as_ref()?["look"] == true).then(|| jobs[job].mesh.display().to_string())
+    };
+    let look: Vec<String> = tally.reports.iter().filter_map(doubtful).collect();
+    if told && !look.is_empty() {
+        tell(&format!("look at {} of {}: {}", look.len(), tally.reports.len(), look.join(", ")));
     }
     args.json.publish(&tally.reports.values().collect::<Vec<_>>())?;
     let (all, failed) = (jobs.len(), tally.failed.len());

@@ -2,7 +2,7 @@
 //!
 //! `graph` needs the mesh; the others find in the work directory which mesh it was, and make what is missing before them.
 
-use super::edits::{EditArgs, corrections};
+use super::edits::{EditArgs, corrections, named};
 use super::method::{KernelArgs, MethodArgs, OrderArgs, PartsArgs, check_count};
 use super::options::{AppContext, CliError, ForceArgs, RunArgs, WorkDirArgs, misfit, open};
 use super::output::{FormArgs, JsonArgs, Output, Results, print};
@@ -143,6 +143,9 @@ pub struct ExportArgs {
     /// Write the hierarchy of parts as JSON
     #[arg(long, value_name = "FILE")]
     pub tree: Option<PathBuf>,
+    /// Name the parts as in this table: a line per part, its number, a tab, its name
+    #[arg(long, value_name = "TSV", requires = "output")]
+    pub names: Option<PathBuf>,
     #[command(flatten)]
     pub run: RunArgs,
 }
@@ -308,7 +311,8 @@ pub fn cluster(args: &ClusterArgs, app: &AppContext) -> Result<(), CliError> {
         args.edits.hints.as_ref().map(|name| open_mesh(None, &record, None, context)?.face_property(name, &run));
     let painted = painted.transpose()?;
     let corrections = corrections(edits.as_ref(), painted.as_ref());
-    let result = recipe::cluster(&params, tree.as_ref(), corrections, context)?;
+    let mut result = recipe::cluster(&params, tree.as_ref(), corrections, context)?;
+    named(&mut result.names, args.edits.names.as_deref(), result.colours.len())?;
     let report = || {
         let part = |(label, &faces): (usize, &u64)| {
             let area = result.numbers.area.get(label).map(|area| area * result.graph.frame.scale.powi(2));
@@ -370,7 +374,8 @@ pub fn export(args: &ExportArgs, app: &AppContext) -> Result<(), CliError> {
         decision::write_tree(&tree, path)?;
     }
     if !outputs.is_empty() {
-        let Labels { labels, quality, colours, names } = Labels::read(&work)?;
+        let Labels { labels, quality, colours, mut names } = Labels::read(&work)?;
+        named(&mut names, args.names.as_deref(), colours.len())?;
         let labelling = Labelling { labels: &labels, colours: &colours, quality: Some(&quality), names: &names };
         let report = || {
             let mut faces = vec![0u64; colours.len()];

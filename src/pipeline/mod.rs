@@ -16,6 +16,8 @@ pub mod edits;
 pub mod embed;
 pub mod input;
 pub mod labels;
+#[cfg(feature = "correspondence")]
+pub mod like;
 mod means;
 pub mod params;
 mod parts;

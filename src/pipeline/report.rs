@@ -58,6 +58,9 @@ pub struct Report {
     pub seconds: BTreeMap<String, f64>,
     /// Memory and disk.
     pub bytes: Bytes,
+    /// How well the parts of another mesh were carried over, where that was asked for.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub like: Option<serde_json::Value>,
     /// Oddities of the input.
     pub notes: Vec<String>,
 }
@@ -184,6 +187,7 @@ impl Report {
             measures: None,
             seconds,
             bytes: Bytes { peak_allocated: peak, budget: context.run.budget.total(), work_dir: context.work.bytes() },
+            like: None,
             notes: opened.notes().to_vec(),
         })
     }

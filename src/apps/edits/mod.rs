@@ -15,7 +15,9 @@
 //! [`crate::pipeline::edits`].
 
 mod data;
+mod names;
 mod read;
 
 pub use data::{Colour, Edit, Edits, Place};
+pub use names::read_names;
 pub use read::{FORMAT, VERSION};

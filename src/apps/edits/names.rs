@@ -1,0 +1,73 @@
+//! Names of parts from a table: a line per part, its number and its name, with a tab between.
+//!
+//! What spreadsheets write. A first line that does not begin with a number is the titles of the columns. Cost: the file.
+
+use crate::base::{Error, Result};
+use std::path::Path;
+
+/// The greatest number of a part that is named.
+const MOST: usize = 1 << 16;
+
+/// Reads the table `path`: one name per part, empty for none.
+///
+/// # Errors
+/// [`Error::Io`]; [`Error::Malformed`] naming the line.
+pub fn read_names(path: &Path) -> Result<Vec<String>> {
+    let text = std::fs::read(path).map_err(Error::io(path, "read"))?;
+    of_text(&String::from_utf8_lossy(&text), path)
+}
+
+fn of_text(text: &str, path: &Path) -> Result<Vec<String>> {
+    let mut names: Vec<String> = Vec::new();
+    for (number, line) in text.trim_start_matches('\u{feff}').lines().enumerate() {
+        let wrong = |problem: &str| {
+            let remedy = "write the number of a part, a tab, and its name";
+            Err(Error::malformed(path, format!("line {}", number + 1), problem, remedy))
+        };
+        let Some((part, name)) = line.split_once('\t') else {
+            if line.trim().is_empty() {
+                continue;
+            }
+            return wrong("has no tab");
+        };
+        let Ok(part) = part.trim().parse::<usize>() else {
+            if number == 0 {
+                continue;
+            }
+            return wrong("does not begin with the number of a part");
+        };
+        let name = name.split('\t').next().unwrap_or_default().trim();
+        if part >= MOST || name.chars().any(char::is_control) {
+            return wrong("has too great a number or a control character");
+        }
+        if names.len() <= part {
+            names.resize(part + 1, String::new());
+        }
+        if !names[part].is_empty() {
+            return wrong("names a part again");
+        }
+        names[part] = name.to_string();
+    }
+    Ok(names)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn tables_are_read_and_wrong_lines_are_named() {
+        let of = |text: &str| of_text(text, Path::new("n.tsv"));
+        assert_eq!(of("part\tname\n2\tleft arm\r\n0\thead\tx\n\n").unwrap(), ["head", "", "left arm"]);
+        assert_eq!(of("").unwrap(), Vec::<String>::new());
+        for (text, told) in [
+            ("0\ta\nhead", "line 2: has no tab"),
+            ("0\ta\nb\tc", "line 2: does not begin"),
+            ("0\ta\n0\tb", "line 2: names a part again"),
+            ("99999999\ta", "line 1: has too great"),
+        ] {
+            let error = of(text).unwrap_err().to_string();
+            assert!(error.starts_with("n.tsv: ") && error.contains(told), "{error}");
+        }
+    }
+}

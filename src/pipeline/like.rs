@@ -1,0 +1,189 @@
+//! Parts of a labelled mesh found again on others of its kind: another scan, another pose.
+//!
+//! Where both meshes lie in the same place, each face takes the label of the nearest face of the reference
+//! ([`crate::apps::transfer`]). Otherwise vertices are matched by their spectral embeddings ([`super::correspond`]). What is
+//! carried over is a hint for every face ([`super::edits::Corrections::painted`]): the decision takes the label of most faces
+//! of each cell, so single wrong matches do not count, and boundaries are refined on the new mesh. Cost: that of the transfer
+//! or the matching, and one pass over the faces.
+
+use super::correspond::{CorrespondParams, correspond, default_landmarks};
+use super::labels::Segmentation;
+use crate::apps::correspond::Match;
+use crate::apps::transfer::transfer;
+use crate::base::{Error, Result};
+use crate::mesh::Mesh;
+use crate::store::{Context, MappedSlice, WorkDir};
+use serde::Serialize;
+use std::collections::BTreeMap;
+
+/// Share of uncertain faces up to which two meshes count as lying in the same place.
+const SAME_PLACE: f64 = 0.05;
+/// Confidence below which a person should look, where meshes lie in the same place and where vertices are matched.
+const LOOK: [f64; 2] = [0.95, 0.6];
+const CHUNK: usize = 1 << 16;
+
+/// A mesh with the parts that others are to have.
+#[derive(Clone, Copy, Debug)]
+pub struct Reference<'a> {
+    /// The mesh.
+    pub mesh: &'a Mesh,
+    /// Part of each face (n); [`u32::MAX`]: none.
+    pub labels: &'a [u32],
+    /// Colour of each part.
+    pub colours: &'a [[u8; 3]],
+    /// Name of each part, or none.
+    pub names: &'a [String],
+}
+
+/// How labels were carried over.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Way {
+    /// From the nearest face: both meshes lie in the same place.
+    Place,
+    /// By matches of vertices.
+    Shape,
+}
+
+/// Labels carried to a mesh.
+#[derive(Clone, Debug)]
+pub struct Carried {
+    /// One more than the part of each face (n); 0: not known.
+    pub values: Vec<u32>,
+    /// How well that went.
+    pub facts: LikeFacts,
+}
+
+/// How well labels were carried over.
+#[derive(Clone, Debug, Serialize)]
+pub struct LikeFacts {
+    /// How.
+    pub way: Way,
+    /// How sure, 0 to 1: the share of certain faces, or the mean confidence of the matches.
+    pub confidence: f64,
+    /// Whether the shape is symmetric, so that parts may be mirrored.
+    pub ambiguous: bool,
+    /// Parts of the reference that the mesh has not.
+    pub missing: Vec<u32>,
+    /// Whether a person should look at the result.
+    pub look: bool,
+}
+
+/// Carries the labels of `reference` to `mesh`. Arrays lie in a temporary folder within that of `context`.
+///
+/// # Errors
+/// [`Error::Parameter`] for labels that do not fit the reference; those of [`transfer`] and [`correspond`].
+pub fn carry(reference: Reference<'_>, mesh: &Mesh, context: Context<'_>) -> Result<Carried> {
+    let work = WorkDir::temporary(context.work.path())?;
+    let within = Context::new(&work, context.run);
+    match transfer(reference.mesh, reference.labels, mesh, within) {
+        Ok(found) => {
+            let uncertain = found.facts.uncertain as f64 / found.facts.faces.max(1) as f64;
+            if uncertain <= SAME_PLACE {
+                let values = found.labels.iter().map(|label| label.wrapping_add(1)).collect();
+                return Ok(carried(values, Way::Place, 1. - uncertain, false));
+            }
+        }
+        // Most of it lies elsewhere.
+        Err(Error::Unusable { .. }) => {}
+        Err(error) => return Err(error),
+    }
+    by_shape(reference, mesh, within)
+}
+
+fn carried(values: Vec<u32>, way: Way, confidence: f64, ambiguous: bool) -> Carried {
+    Carried { values, facts: LikeFacts { way, confidence, ambiguous, missing: Vec::new(), look: false } }
+}
+
+/// By matches of the vertices of `mesh` with those of the reference.
+fn by_shape(reference: Reference<'_>, mesh: &Mesh, context: Context<'_>) -> Result<Carried> {
+    let most = mesh.positions.len().max(reference.mesh.positions.len());
+    let params = CorrespondParams::default().landmarks(default_landmarks(most));
+    let found = correspond(mesh, reference.mesh, None, &params, context)?;
+    let mut of_vertex = vec![0u32; reference.mesh.positions.len()];
+    for start in (0..reference.labels.len()).step_by(CHUNK) {
+        context.run.cancel.check()?;
+        reference.mesh.faces.for_each(start..reference.labels.len().min(start + CHUNK), |face, corners| {
+            for &v in corners {
+                let value = &mut of_vertex[v as usize];
+                if *value == 0 {
+                    *value = reference.labels[face].wrapping_add(1);
+                }
+            }
+        });
+    }
+    let mut values = vec![0u32; mesh.faces.len()];
+    let matches: &[Match] = &found.matches;
+    let mut votes: Vec<(u32, f32)> = Vec::new();
+    for start in (0..values.len()).step_by(CHUNK) {
+        context.run.cancel.check()?;
+        mesh.faces.for_each(start..values.len().min(start + CHUNK), |face, corners| {
+            votes.clear();
+            for one in corners.iter().map(|&v| &matches[v as usize]) {
+                let value = one.vertex().map_or(0, |v| of_vertex[v as usize]);
+                match votes.iter_mut().find(|vote| vote.0 == value) {
+                    Some(vote) => vote.1 += one.confidence,
+                    None => votes.push((value, one.confidence)),
+                }
+            }
+            let known = votes.iter().filter(|vote| vote.0 > 0);
+            let best = known.fold((0, -1.), |best, &vote| if vote.1 > best.1 { vote } else { best });
+            values[face] = best.0;
+        });
+    }
+    let sum: f64 = matches.iter().map(|one| if one.vertex().is_some() { f64::from(one.confidence) } else { 0. }).sum();
+    let confidence = sum / matches.len().max(1) as f64;
+    Ok(carried(values, Way::Shape, confidence, found.alignments.ambiguous))
+}
+
+/// Gives the parts of `result`, which was cut with the hints of `carried`, the numbers, colours and names of the reference's.
+///
+/// # Errors
+/// [`Error::Io`], [`Error::Cancelled`].
+pub fn settle(
+    mut result: Segmentation,
+    carried: &mut Carried,
+    reference: Reference<'_>,
+    context: Context<'_>,
+) -> Result<Segmentation> {
+    let mut counts: BTreeMap<(u32, u32), u64> = BTreeMap::new();
+    for (&label, &value) in result.labels.iter().zip(&carried.values) {
+        *counts.entry((label, value)).or_default() += 1;
+    }
+    let parts = reference
+        .colours
+        .len()
+        .max(reference.labels.iter().filter(|l| **l != u32::MAX).map(|l| *l as usize + 1).max().unwrap_or(0));
+    // What nothing was carried to gets a number of its own.
+    let mut of_label = vec![(0u64, parts as u32); result.colours.len()];
+    for ((label, value), count) in counts {
+        if value > 0
+            && let Some(best) = of_label.get_mut(label as usize).filter(|best| count > best.0)
+        {
+            *best = (count, value - 1);
+        }
+    }
+    let number: Vec<u32> = of_label.iter().map(|best| best.1).collect();
+    let all = parts + usize::from(number.contains(&(parts as u32)));
+    let mut labels = context.work.array::<u32>("like.npy", &[result.labels.len()])?;
+    let old: &MappedSlice<u32> = &result.labels;
+    context.run.fill_each(labels.data(), CHUNK, |i, _| number[old[i] as usize])?;
+    let labels = labels.finish(false)?;
+    context.work.remove("like.npy");
+    let (mut faces, mut area) = (vec![0; all], vec![0.; all]);
+    for (old, &new) in number.iter().enumerate() {
+        faces[new as usize] += result.numbers.faces.get(old).copied().unwrap_or(0);
+        area[new as usize] += result.numbers.area.get(old).copied().unwrap_or(0.);
+    }
+    let grey = |part: usize| reference.colours.get(part).copied().unwrap_or([128; 3]);
+    let facts = &mut carried.facts;
+    facts.missing = (0..parts as u32).filter(|&part| faces[part as usize] == 0).collect();
+    let least = LOOK[usize::from(facts.way == Way::Shape)];
+    facts.look = facts.confidence < least || facts.ambiguous || !facts.missing.is_empty() || all > parts;
+    result.labels = labels;
+    result.colours = (0..all).map(grey).collect();
+    result.names = reference.names.to_vec();
+    result.cell_labels = result.cell_labels.iter().map(|&label| number[label as usize]).collect();
+    (result.numbers.faces, result.numbers.area) = (faces, area);
+    Ok(result)
+}
