@@ -283,7 +283,8 @@ impl Output {
             Self::Ply(path) => write_labelled(mesh, path, labelling, *options, true, run),
             Self::Png(path) => {
                 let params = PictureParams::default();
-                picture::render(mesh, Some(labelling.labels), labelling.colours, &params, run)?.write_png(path)
+                let marks = (labelling.colours, labelling.names);
+                picture::render_named(mesh, Some(labelling.labels), marks, &params, run)?.write_png(path)
             }
             Self::Parquet(path) => parquet::write(path, mesh, labelling, *embedding, true, run),
             Self::Csv(path) => {

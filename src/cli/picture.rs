@@ -3,8 +3,9 @@
 use super::options::{AppContext, CliError, RunArgs};
 use super::output::folder_of;
 use nystrom_stream::apps::colours::colours_for;
-use nystrom_stream::apps::picture::{PictureParams, Up, render};
+use nystrom_stream::apps::picture::{PictureParams, Up, render_named};
 use nystrom_stream::base::{Error, Result};
+use nystrom_stream::mesh::ply::names::names_of;
 use nystrom_stream::mesh::{self, Mesh, ply::ElementKind, seg};
 use nystrom_stream::store::{Context, MappedSlice, WorkDir, npy};
 use std::ffi::OsStr;
@@ -120,7 +121,11 @@ pub fn run(args: &PictureArgs, app: &AppContext) -> Result<(), CliError> {
         (None, Some(labels)) => colours_for(&opened, labels, &run)?,
         (None, None) => Vec::new(),
     };
-    let draw = || render(&opened, labels.as_deref(), &colours, &params, &run);
+    let names = match (&args.labels, opened.document()) {
+        (None, Some(document)) => names_of(document, colours.len()),
+        _ => Vec::new(),
+    };
+    let draw = || render_named(&opened, labels.as_deref(), (&colours, &names), &params, &run);
     let (image, _) = run.stage("draw", "faces", (faces * params.views) as u64, draw)?;
     run.stage("write", "pixels", (image.width * image.height) as u64, || image.write_png(&target))?;
     Ok(())

@@ -8,6 +8,7 @@ use nystrom_stream::apps::transfer::transfer;
 use nystrom_stream::base::Error;
 use nystrom_stream::mesh;
 use nystrom_stream::mesh::ply::labelled::Labelling;
+use nystrom_stream::mesh::ply::names::names_of;
 use nystrom_stream::store::{Context, WorkDir};
 use serde_json::json;
 use std::path::{Path, PathBuf};
@@ -79,12 +80,21 @@ pub fn run(args: &TransferArgs, app: &AppContext) -> Result<(), CliError> {
         Some(colours) => colours,
         None => colours_for(&to, &result.labels, &run)?,
     };
+    let names = match (&args.labels, from.document()) {
+        (None, Some(document)) => names_of(document, colours.len()),
+        _ => Vec::new(),
+    };
     let mut report = json!({
         "from": args.from, "mesh": args.to, "uncertain_share": share, "transfer": facts,
         "input": {"path": args.to, "faces": facts.faces, "vertices": to.positions.len()},
     });
     let results = Results {
-        labelling: Labelling { labels: &result.labels, colours: &colours, quality: Some(&result.quality), names: &[] },
+        labelling: Labelling {
+            labels: &result.labels,
+            colours: &colours,
+            quality: Some(&result.quality),
+            names: &names,
+        },
         options: args.ply.options(),
         part_form: PartFile::Ply,
         embedding: None,

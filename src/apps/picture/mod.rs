@@ -56,6 +56,20 @@ pub fn render(
     params: &PictureParams,
     run: &Run,
 ) -> Result<Image> {
+    render_named(mesh, labels, (colours, &[]), params, run)
+}
+
+/// [`render`] with names of parts, one per colour and empty for none, in the legend.
+///
+/// # Errors
+/// As [`render`].
+pub fn render_named(
+    mesh: &Mesh,
+    labels: Option<&[u32]>,
+    (colours, names): (&[[u8; 3]], &[String]),
+    params: &PictureParams,
+    run: &Run,
+) -> Result<Image> {
     params.check()?;
     let mesh = &mesh.without_strays(run)?;
     if let Some(labels) = labels.filter(|labels| labels.len() != mesh.faces.len()) {
@@ -65,7 +79,8 @@ pub fn render(
     let parts = if labels.is_some() { colours.len().min(TOLD_APART) } else { 0 };
     let legend = match labels.filter(|_| params.legend) {
         Some(labels) => {
-            Legend::of(&viewpoint::areas(mesh, labels, parts, run)?, &colours[..parts], params.width, params.height)
+            let areas = viewpoint::areas(mesh, labels, parts, run)?;
+            Legend::of(&areas, (&colours[..parts], names), params.width, params.height)
         }
         None => None,
     };

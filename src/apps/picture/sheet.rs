@@ -196,10 +196,15 @@ impl Sheet {
 const DARK: [f32; 3] = [0.02; 3];
 const PALE: [f32; 3] = [0.13; 3];
 
+/// Letters of a name that the legend shows.
+const LONGEST: usize = 24;
+
 /// A line of the legend.
 #[derive(Clone, Debug, PartialEq)]
 struct Entry {
     label: usize,
+    /// The name, or the number without one.
+    text: String,
     colour: [u8; 3],
     share: f64,
 }
@@ -215,7 +220,12 @@ pub(super) struct Legend {
 
 impl Legend {
     /// The legend for a picture of `width` × `height`; none where it is too small, or there is only one part.
-    pub(super) fn of(areas: &[f64], colours: &[[u8; 3]], width: usize, height: usize) -> Option<Self> {
+    pub(super) fn of(
+        areas: &[f64],
+        (colours, names): (&[[u8; 3]], &[String]),
+        width: usize,
+        height: usize,
+    ) -> Option<Self> {
         let total: f64 = areas.iter().sum();
         let mut entries: Vec<Entry> = areas
             .iter()
@@ -223,6 +233,7 @@ impl Legend {
             .filter(|(_, area)| **area > 0.0)
             .map(|(label, area)| Entry {
                 label,
+                text: shown(names.get(label).map_or("", String::as_str), label),
                 colour: colours.get(label).copied().unwrap_or(GREY),
                 share: area / total,
             })
@@ -248,7 +259,7 @@ impl Legend {
     }
 
     fn texts(&self) -> impl Iterator<Item = (String, String)> + '_ {
-        self.entries.iter().map(|entry| (entry.label.to_string(), format!("{:.1} %", 100.0 * entry.share)))
+        self.entries.iter().map(|entry| (entry.text.clone(), format!("{:.1} %", 100.0 * entry.share)))
     }
 
     /// Draws it at the right side, in the middle of the height.
@@ -268,6 +279,15 @@ impl Legend {
         if self.more > 0 {
             write_text(image, &format!("+ {} more", self.more), left + 2.0 * dot, top, dot, PALE);
         }
+    }
+}
+
+/// A name as the legend shows it, or the number of a part without one.
+fn shown(name: &str, label: usize) -> String {
+    match name.char_indices().nth(LONGEST) {
+        _ if name.is_empty() => label.to_string(),
+        Some((end, _)) => format!("{}…", &name[..end]),
+        None => name.to_string(),
     }
 }
 
