@@ -12,6 +12,7 @@ pub mod progress;
 pub mod random;
 pub(crate) mod setters;
 pub mod simd;
+pub mod tally;
 pub mod union_find;
 pub mod vector;
 

@@ -6,6 +6,7 @@
 //! and what refining takes.
 
 use crate::apps::edits::{Edit, Edits, Place};
+use crate::base::tally::tally;
 use crate::base::{Error, Result};
 use crate::cluster::parts::cell_graph::compact;
 use crate::cluster::parts::hints::{Affinities, Conflict, Hints};
@@ -95,13 +96,8 @@ impl Corrections<'_> {
     /// The painted value of each cell (S), 0 for none: that of most of its painted faces. `cell` is the cell of a node.
     fn painted_cells(&self, order: &NodeOrder, cells: usize, cell: &dyn Fn(u32) -> u32) -> Result<Vec<u32>> {
         let Some(painted) = self.painted else { return Ok(Vec::new()) };
-        let mut counts: BTreeMap<(u32, u32), u64> = BTreeMap::new();
-        for node in 0..painted.len() as u32 {
-            let value = painted[order.face(node) as usize];
-            if value != 0 {
-                *counts.entry((cell(node), value)).or_default() += 1;
-            }
-        }
+        let values = (0..painted.len() as u32).map(|node| (node, painted[order.face(node) as usize]));
+        let counts = tally(values.filter(|(_, value)| *value != 0).map(|(node, value)| (cell(node), value)));
         let mut best = vec![(0u64, 0u32); cells];
         for ((cell, value), count) in counts {
             let best = best.get_mut(cell as usize).ok_or_else(|| Error::internal("a cell beyond the last"))?;

@@ -10,11 +10,11 @@ use super::correspond::{CorrespondParams, correspond, default_landmarks};
 use super::labels::Segmentation;
 use crate::apps::correspond::Match;
 use crate::apps::transfer::transfer;
+use crate::base::tally::tally;
 use crate::base::{Error, Result};
 use crate::mesh::Mesh;
 use crate::store::{Context, MappedSlice, WorkDir};
 use serde::Serialize;
-use std::collections::BTreeMap;
 
 /// Share of uncertain faces up to which two meshes count as lying in the same place.
 const SAME_PLACE: f64 = 0.05;
@@ -146,10 +146,7 @@ pub fn settle(
     reference: Reference<'_>,
     context: Context<'_>,
 ) -> Result<Segmentation> {
-    let mut counts: BTreeMap<(u32, u32), u64> = BTreeMap::new();
-    for (&label, &value) in result.labels.iter().zip(&carried.values) {
-        *counts.entry((label, value)).or_default() += 1;
-    }
+    let counts = tally(result.labels.iter().copied().zip(carried.values.iter().copied()));
     let parts = reference
         .colours
         .len()

@@ -11,6 +11,8 @@ use std::path::Path;
 pub const FORMAT: &str = "nystrom-stream edits";
 /// Version of the format.
 pub const VERSION: u64 = 1;
+/// Places of an edit at the most: more than there are cells.
+const PLACES: usize = 4096;
 /// Bytes of a name at the most.
 const NAME: usize = 200;
 
@@ -116,6 +118,9 @@ impl Edits {
             match edit {
                 Edit::Merge { at } | Edit::Together { at } | Edit::Apart { at } if at.len() < 2 => {
                     return wrong("has fewer than two places", "give two or more");
+                }
+                Edit::Merge { at } | Edit::Together { at } | Edit::Apart { at } if at.len() > PLACES => {
+                    return wrong("has more than 4096 places", "give one or two on each part");
                 }
                 Edit::Split { into: 0 | 1, .. } => return wrong("into fewer than 2 pieces", "give 2 or more"),
                 Edit::Name { name, .. } if name.chars().any(char::is_control) || name.len() > NAME => {

@@ -9,6 +9,7 @@ pub mod thin;
 
 use super::edits::Edits;
 use super::picture;
+use crate::base::tally::tally;
 use crate::base::{Error, Result};
 use crate::cluster::parts::PartTree;
 use crate::cluster::parts::hints::Affinities;
@@ -18,7 +19,6 @@ use crate::store::Run;
 use base64::Engine;
 use base64::engine::general_purpose::STANDARD;
 use serde_json::json;
-use std::collections::BTreeMap;
 use std::io::Write;
 use std::path::Path;
 use thin::Thin;
@@ -226,10 +226,7 @@ impl Page<'_> {
 
     /// The part of most faces of each of `n` cells.
     fn most_faces(&self, cells: &[u32], n: usize) -> Vec<u32> {
-        let mut counts: BTreeMap<(u32, u32), u32> = BTreeMap::new();
-        for pair in cells.iter().copied().zip(self.labels.iter().copied()) {
-            *counts.entry(pair).or_default() += 1;
-        }
+        let counts = tally(cells.iter().copied().zip(self.labels.iter().copied()));
         let mut most = vec![(0, 0); n];
         for ((cell, label), count) in counts {
             if let Some(best) = most.get_mut(cell as usize).filter(|best| count > best.0) {
