@@ -104,10 +104,11 @@ impl Segmenter {
         self
     }
 
-    /// Contracts a large mesh first: a preview in a fraction of the time.
+    /// Computes rows over all faces of a large mesh too, instead of more of them over its contraction: slower, and parts depend
+    /// more on the seed.
     #[must_use]
-    pub fn coarse(mut self, coarse: bool) -> Self {
-        self.params.coarse = coarse;
+    pub fn exact(mut self, exact: bool) -> Self {
+        self.params.exact = exact;
         self
     }
 
@@ -311,8 +312,8 @@ impl Hierarchy {
         if params.cluster != Cluster::Parts {
             return Ok(None);
         }
-        let kept = KeptDecision::read(context.work, params.coarse)?;
-        let cells = cuts::cells(params.coarse, context)?;
+        let kept = KeptDecision::read(context.work, params.exact)?;
+        let cells = cuts::cells(params.exact, context)?;
         Ok(Some(Self { cells, kept }))
     }
 

@@ -120,14 +120,17 @@ pub struct OrderArgs {
 #[derive(Clone, Debug, clap::Args)]
 #[command(next_help_heading = "Distances")]
 pub struct DistanceArgs {
-    /// Number of landmarks [default: 60 to 20 by the size of the mesh; with kmeans and two-means twice the parts, 10 to 60]
+    /// Number of landmarks [default: 240; with --exact 60 to 20 by the size of a large mesh; with kmeans and two-means twice the parts, 10 to 60]
     #[arg(short = 'l', long, hide_short_help = true, value_name = "L", value_parser = clap::value_parser!(u32).range(1..=4096))]
     pub landmarks: Option<u32>,
     /// How landmarks are chosen
     #[arg(long, hide_short_help = true, value_parser = choice::<Sampling>(), default_value = "farthest")]
     pub sampling: Sampling,
-    /// Preview: decide on a coarser copy of the mesh
-    #[arg(long)]
+    /// Compute rows over all faces of a large mesh too, instead of more of them over a coarser copy
+    #[arg(long, hide_short_help = true)]
+    pub exact: bool,
+    /// What is the default now
+    #[arg(long, hide = true, conflicts_with = "exact")]
     pub coarse: bool,
     #[command(flatten)]
     pub metric: MetricArgs,
@@ -237,13 +240,10 @@ impl DistanceArgs {
         params.metric = self.metric.metric()?;
         params.landmarks = self.landmarks.map(|l| l as usize);
         params.sampling = self.sampling;
-        if self.coarse && params.cluster != Cluster::Parts {
-            return Err(misfit("--coarse", "--cluster parts"));
+        if self.exact && params.cluster != Cluster::Parts {
+            return Err(misfit("--exact", "--cluster parts"));
         }
-        if self.coarse && params.boundaries == Boundaries::Embedding {
-            return Err(misfit("--boundaries embedding", "rows over all faces, not with --coarse,"));
-        }
-        params.coarse = self.coarse;
+        params.exact = self.exact;
         Ok(())
     }
 }

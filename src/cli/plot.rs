@@ -60,9 +60,9 @@ impl Found {
             (Some(params), Ok(labels)) => Some((params, labels.colours)),
             _ => None,
         };
-        let coarse = record.params.coarse;
+        let exact = record.params.exact;
         let name = record.mesh.file_stem().unwrap_or_default().to_string_lossy().into_owned();
-        Ok(Self { name, eigenvalues: recipe::eigenvalues(&work, coarse), tree: tree_of(&work, coarse), made })
+        Ok(Self { name, eigenvalues: recipe::eigenvalues(&work, exact), tree: tree_of(&work, exact), made })
     }
 
     fn in_file(path: &Path) -> Result<Self> {

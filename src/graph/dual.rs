@@ -149,7 +149,7 @@ impl DualGraph {
     }
 
     /// Opens the arrays of a finished graph stage.
-    fn open(work: &WorkDir, facts: GraphFacts, key: String) -> Result<Self> {
+    pub(crate) fn open(work: &WorkDir, facts: GraphFacts, key: String) -> Result<Self> {
         let [nodes, names @ ..] = FILES;
         let n = usize::try_from(facts.nodes).unwrap_or(usize::MAX);
         let nodes: MappedSlice<Node> = work.array_of(nodes, n)?;

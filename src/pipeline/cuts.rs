@@ -2,9 +2,10 @@
 
 use super::decision::{self, KeptDecision};
 use crate::base::Result;
+use crate::cluster::contract;
 use crate::cluster::parts::PartTree;
 use crate::graph::{DualGraph, NodeOrder};
-use crate::store::{Context, MappedSlice};
+use crate::store::{Context, MappedSlice, WorkDir};
 
 /// Numbers of parts at the most.
 pub const MOST: usize = 30;
@@ -23,18 +24,18 @@ pub struct KeptCuts {
     pub kept: KeptDecision,
 }
 
-/// The cuts into up to [`MOST`] parts of the mesh in `work`, which was cut into parts, of a preview where `coarse`; by the
+/// The cuts into up to [`MOST`] parts of the mesh in `work`, which was cut into parts, with rows over all faces where `exact`; by the
 /// hierarchy `tree`, where one is given. None where cells and hierarchy do not fit.
 ///
 /// # Errors
 /// [`crate::base::Error::WorkDir`], [`crate::base::Error::Io`], [`crate::base::Error::Cancelled`].
-pub fn kept(coarse: bool, tree: Option<&PartTree>, context: Context<'_>) -> Result<Option<KeptCuts>> {
-    let mut kept = KeptDecision::read(context.work, coarse)?;
+pub fn kept(exact: bool, tree: Option<&PartTree>, context: Context<'_>) -> Result<Option<KeptCuts>> {
+    let mut kept = KeptDecision::read(context.work, exact)?;
     if let Some(tree) = tree {
         kept.decision.tree = tree.clone();
     }
     let tree = &kept.decision.tree;
-    let cells = cells(coarse, context)?;
+    let cells = cells(exact, context)?;
     if cells.iter().any(|&cell| cell as usize >= tree.cells()) {
         return Ok(None);
     }
@@ -42,18 +43,20 @@ pub fn kept(coarse: bool, tree: Option<&PartTree>, context: Context<'_>) -> Resu
     Ok(Some(KeptCuts { cells, parts, kept }))
 }
 
-/// The cell of each face of the mesh in `work`, in the order of the file (n); of a preview where `coarse`.
+/// The cell of each face of the mesh in `work`, in the order of the file (n); those of its contraction, unless it is
+/// small or rows were `exact`.
 ///
 /// # Errors
 /// As [`kept`].
-pub fn cells(coarse: bool, context: Context<'_>) -> Result<MappedSlice<u32>> {
+pub fn cells(exact: bool, context: Context<'_>) -> Result<MappedSlice<u32>> {
     let (graph, input) = DualGraph::kept(context.work)?;
     let n = graph.nodes.len();
     let order = NodeOrder::kept(&input, n, context.work)?;
     // A large mesh alone is contracted.
-    let cells = if coarse && decision::is_current(context.work, true) {
-        let of_small = crate::store::npy::open::<u32>(&context.work.file(decision::COARSE).join("cells.npy"))?;
-        let of_node = context.work.array_of::<u32>("contracted.npy", n)?;
+    let cells = if !exact && decision::is_current(context.work, true) {
+        let inner = WorkDir::open_existing(&context.work.file(decision::CONTRACTED))?;
+        let of_small = inner.open_array::<u32>("cells.npy")?;
+        let of_node = inner.array_of::<u32>(contract::OF_FACE, n)?;
         let mut cells = context.work.array::<u32>(FILE, &[n])?;
         let value = |i: usize, _| of_small.get(of_node[i] as usize).copied().unwrap_or(u32::MAX);
         context.run.fill_each(cells.data(), CHUNK, value)?;

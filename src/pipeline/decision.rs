@@ -28,7 +28,7 @@ use serde_json::{Value, json};
 use std::path::Path;
 
 /// The folder of the contracted mesh.
-pub(super) const COARSE: &str = "coarse";
+pub(super) const CONTRACTED: &str = "contracted";
 const TREE: &str = "tree.json";
 const SUPERFACES: &str = "superfaces.npy";
 const AREAS: &str = "superface_areas.npy";
@@ -83,7 +83,7 @@ impl Stage for DecisionStage<'_> {
     /// Makes the rows too, where that was not done.
     fn make(self, _: &str, context: Context<'_>) -> Result<Made<Self>> {
         let sample = self.surface.representative(self.landmarks(), self.params, context)?;
-        let cells = &self.surface.surface.cells.graph;
+        let cells = &self.surface.surface.cells()?.graph;
         let (decided, seconds) = parts::decide(cells, &sample.b, sample.len(), &self.params.parts, context.run)?;
         let work = context.work;
         work.write_json(TREE, &decided.tree)?;
@@ -100,7 +100,7 @@ impl Stage for DecisionStage<'_> {
         if landmarks.iter().any(|&node| node as usize >= nodes) {
             return Err(context.work.damaged(MANIFEST, "tells of landmarks that do not exist"));
         }
-        Ok((open(self.surface.surface.cells.len(), context.work)?, facts))
+        Ok((open(self.surface.surface.cells()?.len(), context.work)?, facts))
     }
 
     /// Constant in the size of the mesh.
@@ -132,13 +132,13 @@ pub(super) fn kept_numbers(work: &WorkDir) -> Option<SegmentStats> {
     serde_json::from_value::<DecisionFacts>(facts).ok().map(|facts| facts.numbers)
 }
 
-/// The hierarchy of parts of the mesh in `work`; where `coarse`, that of a preview's contracted mesh, if it was contracted.
+/// The hierarchy of parts of the mesh in `work`: that of its contraction, unless it is small or rows were `exact`.
 ///
 /// # Errors
 /// [`Error::WorkDir`] where there is none; [`Error::Io`], [`Error::Malformed`].
-pub fn tree_of(work: &WorkDir, coarse: bool) -> Result<PartTree> {
-    for contracted in [coarse, !coarse] {
-        let name = if contracted { format!("{COARSE}/{TREE}") } else { TREE.to_string() };
+pub fn tree_of(work: &WorkDir, exact: bool) -> Result<PartTree> {
+    for contracted in [!exact, exact] {
+        let name = if contracted { format!("{CONTRACTED}/{TREE}") } else { TREE.to_string() };
         if is_current(work, contracted) && work.holds(&name) {
             return checked(&work.json_text(&name)?, &work.place(&name));
         }
@@ -157,16 +157,16 @@ pub struct KeptDecision {
 }
 
 impl KeptDecision {
-    /// That of the mesh in `work`; where `coarse`, of a preview's contracted mesh, if it was contracted.
+    /// That of the mesh in `work`: of its contraction, unless it is small or rows were `exact`.
     ///
     /// # Errors
     /// As [`tree_of`].
-    pub fn read(work: &WorkDir, coarse: bool) -> Result<Self> {
+    pub fn read(work: &WorkDir, exact: bool) -> Result<Self> {
         let of = |work: &WorkDir| {
             let cells = work.read_json::<CellGraph>(surface::CELL_GRAPH)?.cleaned()?;
             Ok(Self { decision: open(cells.len(), work)?, cells })
         };
-        if coarse && is_current(work, true) { of(&work.inner(COARSE)?) } else { of(work) }
+        if !exact && is_current(work, true) { of(&work.inner(CONTRACTED)?) } else { of(work) }
     }
 
     /// How far cells belong together.
@@ -181,7 +181,7 @@ impl KeptDecision {
 pub(super) fn is_current(work: &WorkDir, contracted: bool) -> bool {
     if work.is_temporary() {
         // It has been used for one mesh.
-        return !contracted || work.place(COARSE).join(TREE).exists();
+        return !contracted || work.place(CONTRACTED).join(TREE).exists();
     }
     let manifest = work.manifest();
     let Some(graph) = manifest.stages.get("graph").map(|stage| stage.key.as_str()) else { return false };
@@ -194,7 +194,7 @@ pub(super) fn is_current(work: &WorkDir, contracted: bool) -> bool {
     if !contracted {
         return decided(&manifest, graph);
     }
-    let Ok(inner) = work.read_json::<Manifest>(&format!("{COARSE}/{MANIFEST}")) else { return false };
+    let Ok(inner) = work.read_json::<Manifest>(&format!("{CONTRACTED}/{MANIFEST}")) else { return false };
     manifest.stages.get("weights").is_some_and(|weights| {
         let seed = weights.inputs["seed"].as_u64().unwrap_or_default();
         weights.inputs["graph"] == graph && decided(&inner, &contract::key(&weights.key, seed))

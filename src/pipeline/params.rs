@@ -1,6 +1,7 @@
 //! What `segment` is asked to do, and what of it makes no sense.
 
 use crate::base::{Error, Result};
+use crate::cluster::contract;
 use crate::cluster::parts::{PartCount, PartsParams};
 use crate::cluster::two_means;
 use crate::graph::Metric;
@@ -61,8 +62,10 @@ pub struct SegmentParams {
     pub cluster: Cluster,
     /// How many parts, and how [`Cluster::Parts`] decides on them.
     pub parts: PartsParams,
-    /// Whether [`Cluster::Parts`] may contract the mesh first: a preview.
-    pub coarse: bool,
+    /// Whether [`Cluster::Parts`] computes rows over all faces of any mesh. By default it contracts a large mesh first, and
+    /// has more rows over the contraction.
+    #[serde(default)]
+    pub exact: bool,
     /// What becomes of components too small to be parts, with [`Cluster::Parts`].
     #[serde(default)]
     pub tiny_components: TinyComponents,
@@ -81,13 +84,24 @@ crate::base::setters::setters!(SegmentParams {
     order: Order,
     cluster: Cluster,
     parts: PartsParams,
-    coarse: bool,
+    exact: bool,
     tiny_components: TinyComponents,
     boundaries: Boundaries,
     embedding: Option<EmbeddingParams>
 });
 
 impl SegmentParams {
+    /// Whether parts are decided with rows over all faces of any mesh.
+    pub fn exact_rows(&self) -> bool {
+        self.exact || self.boundaries == Boundaries::Embedding
+    }
+
+    /// Whether parts of a mesh of `faces` faces are decided on its contraction: if it is large, unless `exact` is set or its
+    /// boundaries are found in the embedding of all faces.
+    pub fn contracts(&self, faces: usize) -> bool {
+        self.cluster == Cluster::Parts && !self.exact_rows() && faces > contract::NODES
+    }
+
     /// Whether rows of distances are kept, in a work directory that is `lasting` or temporary: in one that lasts always, else
     /// where their columns are read again, by K-means, 2-means, and boundaries by the embedding.
     pub fn keeps_rows(&self, lasting: bool) -> bool {
@@ -101,11 +115,13 @@ pub fn default_landmarks(parts: usize) -> usize {
     (2 * parts).clamp(10, 60).max((parts + 1).min(512))
 }
 
-/// Landmarks for deciding parts on a mesh of `faces` faces: 60 where fronts are cheap, fewer where each costs. On the 190
-/// models of the benchmark 1 − Rand was .094, .093, .089, .087, .087, .086 with 20, 30, 40, 60, 80, 120.
+/// Landmarks for deciding parts with rows over `faces` faces, or over the nodes of a contraction: 240 where fronts are cheap,
+/// fewer where each costs. On the 190 models of the benchmark 1 − Rand was .094, .093, .089, .087, .087, .086 with 20, 30,
+/// 40, 60, 80, 120 under seed 0. More do not agree better with people, but two seeds with each other: see `docs/quality.md`.
 pub fn landmarks_for_parts(faces: usize) -> usize {
     match faces {
-        0..=300_000 => 60,
+        0..=contract::NODES => 240,
+        ..=300_000 => 60,
         300_001..=2_000_000 => 40,
         2_000_001..=20_000_000 => 30,
         _ => 20,
@@ -119,11 +135,6 @@ pub(super) fn dimensions(params: &SegmentParams) -> usize {
 
 /// Refuses numbers of parts that make no sense for this mesh, and options that exclude each other.
 pub(super) fn check(params: &SegmentParams, path: &Path, faces: usize) -> Result<()> {
-    let preview = params.cluster == Cluster::Parts && params.coarse;
-    if preview && params.boundaries == Boundaries::Embedding {
-        let remedy = "leave out --coarse, or use --boundaries front";
-        return Err(Error::parameter("--boundaries", "a preview has no rows over all faces", remedy));
-    }
     let wanted = match params.parts.count {
         PartCount::Found if params.cluster == Cluster::KMeans => {
             let remedy = "give it, as in -k 6, or leave out --cluster kmeans";

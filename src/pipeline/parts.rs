@@ -4,7 +4,7 @@
 //! weights, rows, cells; then the parts are decided on cells, in constant time, as a whole tree of answers, and
 //! one more front moves their boundaries onto creases. Another number of parts needs only the last step. More parts than there are cells are pieces of these.
 
-use super::decision::{COARSE, DecisionStage};
+use super::decision::{CONTRACTED, DecisionStage};
 use super::edits::{Corrections, PartMarks};
 use super::labels::{Clustered, SegmentStats};
 use super::params::{Boundaries, SegmentParams, TinyComponents};
@@ -12,7 +12,7 @@ use super::surface::{Kind, Surface, SurfaceStage, WeightedSurface};
 use crate::base::{Error, Result};
 use crate::cluster::boundary::{self, BoundaryMethod, CellLabels};
 use crate::cluster::cells::CELLS;
-use crate::cluster::contract;
+use crate::cluster::contract::Contraction;
 use crate::cluster::divide::divide;
 use crate::cluster::extrapolate::LocalPartMeans;
 use crate::cluster::parts::hints::Affinities;
@@ -55,11 +55,10 @@ pub(super) fn parts(
     let (surface, weighted) = weighted(graph, params, context)?;
     let whole = WeightedSurface { graph, weighted: &weighted, surface: &surface };
     let Surface { shares, radius, .. } = &surface;
-    let decided = if params.coarse && n > contract::NODES {
-        decide_coarsely(whole, params, located, context)?
+    let decided = if params.contracts(n) {
+        decide_on_contraction(whole, params, located, context)?
     } else {
-        let of_node = surface.cells.of_node.clone();
-        decide(whole, of_node, params, located, &|cell| cell, context)?
+        decide(whole, params, located, &|node| node, context)?
     };
     let Decided { result, unit_of_node, .. } = &decided;
     let extrapolated = match params.boundaries {
@@ -114,7 +113,7 @@ fn part_means(
     context: Context<'_>,
 ) -> Result<(LocalPartMeans, DistanceRows)> {
     let (rows, b) = whole.rows_used(&decided.numbers, params, context)?;
-    Ok((LocalPartMeans::new(&whole.surface.cells.graph, &b, &decided.label), rows))
+    Ok((LocalPartMeans::new(&whole.surface.cells()?.graph, &b, &decided.label), rows))
 }
 
 /// Gives the tiny components, which count nothing in `share` (n), a label of their own.
@@ -142,7 +141,6 @@ struct Decided {
 /// of the mesh belongs to.
 fn decide(
     surface: WeightedSurface<'_>,
-    unit_of_node: MappedSlice<u32>,
     params: &SegmentParams,
     located: Located<'_>,
     unit: &dyn Fn(u32) -> u32,
@@ -162,12 +160,13 @@ fn decide(
     let count = params.parts.count.at_most(all.tree.cells());
     let mut cut = all.tree.cut_for(count, params.parts.detail)?;
     let mut marks = PartMarks::default();
+    let unit_of_node = surface.surface.cells()?.of_node.clone();
     if !corrections.is_empty() {
         if params.parts.count != count {
             let problem = "edits cannot follow where more parts are asked for than the surface has cells";
             return Err(Error::parameter("-k", problem, format!("ask for {} at most", all.tree.cells())));
         }
-        let graph = surface.surface.cells.graph.cleaned()?;
+        let graph = surface.surface.cells()?.graph.cleaned()?;
         let affinities = Affinities {
             cells: &graph,
             superfaces: &all.superfaces,
@@ -184,30 +183,28 @@ fn decide(
 }
 
 /// The same on the contracted graph: constant time after one front.
-fn decide_coarsely(
+fn decide_on_contraction(
     whole: WeightedSurface<'_>,
     params: &SegmentParams,
     located: Located<'_>,
     context: Context<'_>,
 ) -> Result<Decided> {
-    context.run.progress.note("preview: rows over a contracted mesh instead of all faces (--coarse)");
-    let inner = context.work.inner(COARSE)?;
+    let inner = context.work.inner(CONTRACTED)?;
     let within = Context::new(&inner, context.run);
     let WeightedSurface { graph, weighted, surface } = whole;
-    let contract = || contract::contract(graph, weighted, &surface.shares, context.work, &inner, context.run);
-    let (small, _) = context.run.stage("contraction", "faces", graph.nodes.len() as u64, contract)?;
-    let coarse = within.stage(SurfaceStage { graph: &small.graph, kind: Kind::Contracted })?;
-    let of_node = coarse.cells.of_node.clone();
-    let contracted = WeightedSurface { graph: &small.graph, weighted: &small.weighted, surface: &coarse };
+    let small = within.stage(Contraction { graph, weighted, shares: &surface.shares })?;
+    let cut = within.stage(SurfaceStage { graph: &small.graph, kind: Kind::Contracted, cells: true })?;
+    let contracted = WeightedSurface { graph: &small.graph, weighted: &small.weighted, surface: &cut };
     let unit = |node: u32| small.of_node[node as usize];
-    let decided = decide(contracted, of_node, params, located, &unit, within)?;
+    let decided = decide(contracted, params, located, &unit, within)?;
     let of_small = &decided.unit_of_node;
+    let face = |node: &u32| small.seeds.get(*node as usize).copied();
+    let landmarks = decided.numbers.landmarks.iter().filter_map(face).collect();
     Ok(Decided {
         label: of_small.iter().map(|&cell| decided.label[cell as usize]).collect(),
         confidence: of_small.iter().map(|&cell| decided.confidence[cell as usize]).collect(),
         unit_of_node: small.of_node,
-        // Landmarks are contracted nodes here; no face is one.
-        numbers: SegmentStats { landmarks: Vec::new(), ..decided.numbers },
+        numbers: SegmentStats { landmarks, ..decided.numbers },
         ..decided
     })
 }
@@ -218,7 +215,7 @@ pub(super) fn weighted(
     params: &SegmentParams,
     context: Context<'_>,
 ) -> Result<(Surface, WeightedGraph)> {
-    let surface = context.stage(SurfaceStage { graph, kind: Kind::Faces })?;
+    let surface = context.stage(SurfaceStage { graph, kind: Kind::Faces, cells: !params.contracts(graph.nodes.len()) })?;
     let area = 1. / f64::from(surface.shares.unit).powi(2);
     let (normals, radius) = (surface.normals.as_ref(), surface.radius);
     let weighted = graph.weighted_with(params.metric, normals, radius, area, context)?;

@@ -7,6 +7,7 @@
 use super::params::{Cluster, SegmentParams, default_landmarks, landmarks_for_parts};
 use super::surface::SurfaceStage;
 use crate::base::{Error, Result};
+use crate::cluster::contract::{self, Contraction};
 use crate::cluster::parts::PartCount;
 use crate::distance::rows::RowsStage;
 use crate::graph::Order;
@@ -95,6 +96,7 @@ pub struct Plan {
 fn landmarks(params: &SegmentParams, faces: u64) -> u64 {
     let l = params.landmarks.unwrap_or(match (params.cluster, params.parts.count) {
         (Cluster::KMeans, PartCount::Exactly(parts)) => default_landmarks(parts),
+        _ if params.contracts(faces as usize) => landmarks_for_parts(contract::NODES),
         _ => landmarks_for_parts(faces as usize),
     });
     (l as u64).min(faces)
@@ -125,6 +127,7 @@ impl Plan {
             dimensions: if let PartCount::Exactly(parts) = params.parts.count { parts.max(2) as u64 } else { 0 },
             threads: run.threads as u64,
             reordered: reordered || params.order == Order::Hilbert,
+            contracts: params.contracts(faces as usize),
             keeps_rows: params.keeps_rows(lasting),
             lasting,
             releases: params.cluster != Cluster::Parts && !lasting,
@@ -139,7 +142,13 @@ impl Plan {
             stages.push(("surface", SurfaceStage::needs(&extent, &mut room)));
         }
         stages.push(("weights", WeightsStage::needs(&extent, &mut room)));
-        stages.push(("rows", RowsStage::needs(&extent, &mut room)));
+        if extent.contracts {
+            // Rows over the contraction take nothing that grows with the mesh.
+            stages.push(("contraction", Contraction::needs(&extent, &mut room)));
+            stages.push(("rows", Needs::default()));
+        } else {
+            stages.push(("rows", RowsStage::needs(&extent, &mut room)));
+        }
         stages.push(("labels", labels_need(&extent, &mut room)));
         let within = |needs: Needs| Needs { memory: (BASE + needs.memory).min(budget.max(BASE)), ..needs };
         let stages: Vec<StagePlan> =

@@ -4,6 +4,7 @@
 //! needs to be told only what is to change. Another number of parts then costs what it costs to check and map the stages,
 //! a cut of the kept hierarchy, and the narrow bands at the parts' boundaries.
 
+use super::decision;
 use super::edits::Corrections;
 use super::input;
 use super::labels::{Segmentation, label};
@@ -85,14 +86,15 @@ pub struct Eigenvalues {
     pub dropped: usize,
 }
 
-/// The eigenvalues in `work`: of the decision about parts (of a preview, `coarse`, on the contracted mesh), else of the
+/// The eigenvalues in `work`: of the decision about parts (on the contracted mesh, unless it is small or rows were `exact`), else of the
 /// embedding, which only tells the negative ones apart.
 ///
 /// # Errors
 /// [`Error::WorkDir`] where there are none.
-pub fn eigenvalues(work: &WorkDir, coarse: bool) -> Result<Eigenvalues> {
-    let inner = if coarse { Some(WorkDir::open_existing(&work.file(super::decision::COARSE))?) } else { None };
-    let decided = super::decision::kept_numbers(inner.as_ref().unwrap_or(work));
+pub fn eigenvalues(work: &WorkDir, exact: bool) -> Result<Eigenvalues> {
+    let contracted = !exact && decision::is_current(work, true);
+    let inner = if contracted { Some(WorkDir::open_existing(&work.file(decision::CONTRACTED))?) } else { None };
+    let decided = decision::kept_numbers(inner.as_ref().unwrap_or(work));
     let kept = decided.map(|numbers| Eigenvalues { values: numbers.eigenvalues, dropped: numbers.dropped_eigenpairs });
     let embedded = || {
         let values = work.told::<super::embed::EmbeddingStage<'_>>()?.eigenvalues;
@@ -156,7 +158,7 @@ pub fn continued(record: &input::Record, params: &SegmentParams) -> SegmentParam
         sampling: own.sampling,
         metric: own.metric,
         order: own.order,
-        coarse: own.coarse && params.cluster == Cluster::Parts,
+        exact: own.exact,
         ..params.clone()
     }
 }

@@ -66,7 +66,7 @@ impl WeightedSurface<'_> {
     /// equally far from every landmark, one cluster of the embedding, and one part.
     pub fn representative(self, l: usize, params: &SegmentParams, context: Context<'_>) -> Result<Sample> {
         let first = self.sample(l, params, context)?;
-        let share = greatest_share(&first.b, &self.surface.cells.graph.area);
+        let share = greatest_share(&first.b, &self.surface.cells()?.graph.area);
         if params.sampling != Sampling::Farthest || l < FEW || first.len() < l || share <= OUTLIERS {
             return Ok(first);
         }
@@ -95,7 +95,7 @@ impl WeightedSurface<'_> {
     /// Rows averaged as they come, and forgotten.
     fn passing(self, params: RowParams<Sampling>, context: Context<'_>) -> Result<Sample> {
         let Self { graph, weighted, surface } = self;
-        let average = CellAverages::new(&surface.cells, &surface.shares);
+        let average = CellAverages::new(surface.cells()?, &surface.shares);
         let seen = Mutex::new(vec![(Vec::new(), Vec::new()); params.l.min(graph.nodes.len())]);
         let look = |row: VisitedRow<'_>| {
             let before = row.earlier.iter().map(|&node| row.distances[node as usize]).collect();
@@ -149,13 +149,14 @@ impl Stage for CellRows<'_> {
 
     fn make(self, _: &str, context: Context<'_>) -> Result<Made<Self>> {
         let Self { rows, surface } = self;
-        let b = cells::average(rows, &surface.cells, &surface.shares, context.run)?;
-        context.work.write(FILE, &b, surface.cells.len())?;
+        let cells = surface.cells()?;
+        let b = cells::average(rows, cells, &surface.shares, context.run)?;
+        context.work.write(FILE, &b, cells.len())?;
         Ok(Made { output: b, facts: (), files: vec![FILE] })
     }
 
     fn open(self, (): (), _: &str, context: Context<'_>) -> Result<Vec<f64>> {
-        Ok(context.work.array_of::<f64>(FILE, self.rows.len() * self.surface.cells.len())?.to_vec())
+        Ok(context.work.array_of::<f64>(FILE, self.rows.len() * self.surface.cells()?.len())?.to_vec())
     }
 
     fn needs(_: &Extent, _: &mut Room) -> Needs {

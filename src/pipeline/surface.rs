@@ -1,10 +1,12 @@
 //! The surface as deciding parts needs it: shares of area, normals at a radius, cells. A stage of its own, independent
 //! of landmarks, weights and numbers of parts.
 //!
-//! Cost: two or three fronts of small radius from every face (normals), one front from two thousand seeds (cells); 8 to
+//! A large surface has no cells of its own: they are cut on its contraction.
+//!
+//! Cost: two or three fronts of small radius from every face (normals), one front from two thousand seeds (cells); 4 to
 //! 20 bytes a face are kept.
 
-use crate::base::Result;
+use crate::base::{Error, Result};
 use crate::base::parallel::map_chunks;
 use crate::cluster::area_shares::AreaShares;
 use crate::cluster::cells::{Cells, SmoothedNormals};
@@ -37,13 +39,21 @@ pub(super) enum Kind {
 /// The surface: what faces count, how they are oriented, and which cell they belong to.
 pub(super) struct Surface {
     pub shares: AreaShares,
-    pub cells: Cells,
+    /// Where parts are decided on this surface itself, and not on its contraction.
+    pub cells: Option<Cells>,
     /// The smoothed normals that turning is measured with, where the faces' own are too rough.
     pub normals: Option<Normals>,
     /// Their radius, in units of √(area); 0: the faces' own.
     pub radius: f32,
     /// Key of the stage.
     pub key: String,
+}
+
+impl Surface {
+    /// Its cells.
+    pub fn cells(&self) -> Result<&Cells> {
+        self.cells.as_ref().ok_or_else(|| Error::internal("a decision on a surface that was not cut into cells"))
+    }
 }
 
 /// A graph with its weights and its surface: what rows run over, and what they are averaged to.
@@ -71,31 +81,44 @@ pub(super) struct SurfaceStage<'a> {
     pub graph: &'a DualGraph,
     /// What its nodes are.
     pub kind: Kind,
+    /// Whether it is cut into cells.
+    pub cells: bool,
 }
 
 impl Stage for SurfaceStage<'_> {
     const NAME: &'static str = "surface";
-    const VERSION: u32 = 1;
+    const VERSION: u32 = 2;
     type Facts = SurfaceFacts;
     type Output = Surface;
 
     fn inputs(&self, context: Context<'_>) -> Value {
-        json!({"graph": self.graph.key, "seed": context.run.seed})
+        json!({"graph": self.graph.key, "cells": self.cells, "seed": context.run.seed})
     }
 
     fn make(self, key: &str, context: Context<'_>) -> Result<Made<Self>> {
-        let Self { graph, kind } = self;
+        let Self { graph, kind, .. } = self;
         let n = graph.nodes.len() as u64;
         let shares = AreaShares::of(graph, context)?;
+        // Those at the widest radius are for cells alone.
+        let radii = if self.cells { RADII.len() } else { RADII.len() - 1 };
         let ([fine, medium, coarse], _) =
-            context.run.stage("normals", "faces", n, || smooth(graph, kind, &shares, context))?;
+            context.run.stage("normals", "faces", n, || smooth(graph, kind, radii, &shares, context))?;
         let turning = normals::total_turning(graph, &shares, &[&fine, &medium], context.run)?;
         let radius = normals::choose_radius(&turning);
-        let smooth = SmoothedNormals { fine: &fine, medium: &medium, coarse: &coarse };
-        let (cells, _) = context.run.stage("cells", "faces", n, || Cells::cut(graph, &shares, smooth, context))?;
+        let mut files = vec![SHARES];
+        let cells = if self.cells {
+            let smooth = SmoothedNormals { fine: &fine, medium: &medium, coarse: &coarse };
+            let (cells, _) = context.run.stage("cells", "faces", n, || Cells::cut(graph, &shares, smooth, context))?;
+            context.work.write_json(CELL_GRAPH, &cells.graph)?;
+            files.extend([CELLS, CELL_GRAPH]);
+            Some(cells)
+        } else {
+            context.work.remove(CELLS);
+            context.work.remove(CELL_GRAPH);
+            None
+        };
         drop(coarse);
         let normals = radius.map(|k| [fine, medium][k].clone());
-        let mut files = vec![SHARES, CELLS, CELL_GRAPH];
         for (k, name) in NORMALS.into_iter().enumerate() {
             if radius == Some(k) {
                 files.push(name);
@@ -103,7 +126,6 @@ impl Stage for SurfaceStage<'_> {
                 context.work.remove(name);
             }
         }
-        context.work.write_json(CELL_GRAPH, &cells.graph)?;
         let facts = SurfaceFacts { unit: shares.unit, tiny_components: shares.tiny_components, radius, turning };
         let radius = radius.map_or(0., |k| RADII[k]);
         let output = Surface { shares, cells, normals, radius, key: key.to_string() };
@@ -116,11 +138,16 @@ impl Stage for SurfaceStage<'_> {
         if !(unit > 0. && unit.is_finite()) {
             return Err(work.damaged(MANIFEST, "tells of a surface without a size"));
         }
-        let graph: CellGraph = work.read_json(CELL_GRAPH)?;
-        graph.cleaned().map_err(|error| work.damaged(CELL_GRAPH, error.to_string()))?;
+        let cells = if self.cells {
+            let graph: CellGraph = work.read_json(CELL_GRAPH)?;
+            graph.cleaned().map_err(|error| work.damaged(CELL_GRAPH, error.to_string()))?;
+            Some(Cells { of_node: work.indices(CELLS, n, graph.len())?, graph })
+        } else {
+            None
+        };
         Ok(Surface {
             shares: AreaShares { share: work.array_of(SHARES, n)?, unit, tiny_components },
-            cells: Cells { of_node: work.indices(CELLS, n, graph.len())?, graph },
+            cells,
             normals: radius.and_then(|k| NORMALS.get(k)).map(|name| work.array_of(name, n)).transpose()?,
             radius: radius.and_then(|k| RADII.get(k)).copied().unwrap_or(0.),
             key: key.to_string(),
@@ -129,25 +156,33 @@ impl Stage for SurfaceStage<'_> {
 
     fn needs(extent: &Extent, room: &mut Room) -> Needs {
         let (n, corners) = (extent.faces, extent.corners);
-        let held = room.take(20 * n);
-        let passing = room.take(36 * n + 4 * corners);
-        room.give_back(passing);
+        // Shares, normals at one radius, cells; then all normals, the field and the owners of a front, the weights of cells.
+        let (keeping, passing) = if extent.contracts { (16 * n, 28 * n) } else { (20 * n, 36 * n + 4 * corners) };
+        let held = room.take(keeping);
+        let taken = room.take(passing);
+        room.give_back(taken);
         Needs {
             // Not all of what passes is there at a time.
-            memory: (24 << 20) + room.used() + passing / 2,
-            keeps: 20 * n - held,
-            passing: 36 * n + 4 * corners - passing,
+            memory: (24 << 20) + room.used() + taken / 2,
+            keeps: keeping - held,
+            passing: passing - taken,
             frees: 0,
         }
     }
 }
 
-/// Normals at the three radii; with two threads, two fronts at a time.
-fn smooth(graph: &DualGraph, kind: Kind, shares: &AreaShares, context: Context<'_>) -> Result<[Normals; 3]> {
+/// Normals at the first `radii` radii, nothing at the others; with two threads, two fronts at a time.
+fn smooth(
+    graph: &DualGraph,
+    kind: Kind,
+    radii: usize,
+    shares: &AreaShares,
+    context: Context<'_>,
+) -> Result<[Normals; 3]> {
     let made = map_chunks(
-        context.run.threads.min(3),
+        context.run.threads.min(radii),
         &context.run.cancel,
-        3,
+        radii,
         || (),
         |k, ()| match kind {
             Kind::Faces => normals::smoothed(graph, shares, RADII[k], NORMALS[k], context),

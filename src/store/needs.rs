@@ -28,6 +28,8 @@ pub struct Extent {
     pub threads: u64,
     /// Whether faces are put in another order than the file's.
     pub reordered: bool,
+    /// Whether the surface is contracted, and rows are over the contraction.
+    pub contracts: bool,
     /// Whether rows are kept after cells have been averaged.
     pub keeps_rows: bool,
     /// Whether the work directory lasts.

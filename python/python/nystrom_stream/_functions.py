@@ -28,14 +28,14 @@ def _metric(metric, beta, eta, delta):
     return {"form": metric, **constants}
 
 
-def _params(parts, parts_range, detail, cluster, decision, tiny_components, boundaries, landmarks, sampling, coarse, metric, order,
+def _params(parts, parts_range, detail, cluster, decision, tiny_components, boundaries, landmarks, sampling, exact, metric, order,
             kernel, sigma, normalise, unit_rows):
     params = json.loads(_native.default_params())
     method = _METHODS[_choose("cluster", cluster, _METHODS)]
     own = {"decision": decision, "tiny_components": tiny_components, "boundaries": boundaries}
     given = [name for name, value in own.items() if value is not None]
-    if method != "parts" and (given or coarse or detail):
-        name = given[0] if given else "coarse" if coarse else "detail"
+    if method != "parts" and (given or exact or detail):
+        name = given[0] if given else "exact" if exact else "detail"
         raise ValueError(f"{name}: goes with cluster='parts'")
     means = {"kernel": kernel, "sigma": sigma, "normalise": normalise, "unit_rows": unit_rows}
     wanted = [name for name, value in means.items() if value is not None]
@@ -53,7 +53,7 @@ def _params(parts, parts_range, detail, cluster, decision, tiny_components, boun
     if landmarks is not None:
         params["landmarks"] = _count("landmarks", landmarks)
     params["parts"]["detail"] = float(detail)
-    params.update(cluster=method, sampling=sampling, coarse=bool(coarse), metric=metric, order=order)
+    params.update(cluster=method, sampling=sampling, exact=bool(exact), metric=metric, order=order)
     if decision is not None:
         params["parts"]["decision"] = decision
     params.update({name: value for name, value in own.items() if value is not None and name != "decision"})
@@ -78,7 +78,7 @@ def _count(name, value):
 
 
 def segment(mesh, faces=None, parts=None, *, parts_range=None, detail=0.0, cluster="parts", decision=None, tiny_components=None,
-            boundaries=None, landmarks=None, sampling="farthest", coarse=False, metric="scale-free", beta=None, eta=None,
+            boundaries=None, landmarks=None, sampling="farthest", exact=False, metric="scale-free", beta=None, eta=None,
             delta=None, order="auto", kernel=None, sigma=None, normalise=None, unit_rows=None, seed=0, threads=None,
             max_memory=None, work_dir=None, force=False, tmp=None, progress=None):
     """Cuts a mesh into parts, and returns a Segmentation.
@@ -94,7 +94,7 @@ def segment(mesh, faces=None, parts=None, *, parts_range=None, detail=0.0, clust
     boundaries: "front" or "embedding".
     landmarks: number of sampled faces l; by default 20 to 60, the fewer the larger the mesh.
     sampling: "farthest", "random", "uniform", "geodesic-farthest", "centroids", "cholesky", "greedy" or "pooled-greedy".
-    coarse: a preview by a contracted mesh.
+    exact: rows of distances over all faces of a large mesh too, instead of over its contraction.
     metric: "scale-free" (with `beta`, `eta`), "paper" (`delta`, `eta`) or "geodesic".
     order: of the faces at work: "auto", "keep" or "hilbert".
     kernel, sigma, normalise, unit_rows: the embedding of "kmeans" and "two-means".
@@ -109,7 +109,7 @@ def segment(mesh, faces=None, parts=None, *, parts_range=None, detail=0.0, clust
     Raises ValueError or TypeError for arrays and options that make no sense, FileNotFoundError, OSError where the disk fails,
     MemoryError, KeyboardInterrupt.
     """
-    params = _params(parts, parts_range, detail, cluster, decision, tiny_components, boundaries, landmarks, sampling, coarse,
+    params = _params(parts, parts_range, detail, cluster, decision, tiny_components, boundaries, landmarks, sampling, exact,
                      _metric(metric, beta, eta, delta), order, kernel, sigma, normalise, unit_rows)
     mesh = as_mesh(mesh, faces)
     *arrays, report = _native.segment(mesh, params, seed, threads, as_bytes(max_memory), work_dir, force, tmp, progress)
