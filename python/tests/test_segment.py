@@ -143,14 +143,14 @@ def test_a_hierarchy_is_never_that_of_an_older_run(mesh, tmp_path):
     assert means.tree is None
     with pytest.raises(ValueError, match="hierarchy"):
         means.recut(3)
-    # A large mesh is contracted for a preview, a small one is not.
+    # A large mesh is contracted, a small one is not.
     large, small = dumbbell(60), dumbbell(20)
-    coarse = nystrom_stream.segment(*large, 4, coarse=True, work_dir=work, force=True)
-    assert len(large[1]) > 30_000 and len(np.unique(coarse.recut(3))) == 3
+    contracted = nystrom_stream.segment(*large, 4, work_dir=work, force=True)
+    assert len(large[1]) > 30_000 and len(np.unique(contracted.recut(3))) == 3
     fresh = nystrom_stream.segment(*small, 4)
-    after = nystrom_stream.segment(*small, 4, coarse=True, work_dir=work, force=True)
+    after = nystrom_stream.segment(*small, 4, work_dir=work, force=True)
     assert after.tree == fresh.tree and (after.recut(3) == fresh.recut(3)).all()
-    assert nystrom_stream.segment(*large, 4, coarse=True).tree == coarse.tree
+    assert nystrom_stream.segment(*large, 4).tree == contracted.tree
 
 
 def test_errors_say_what_is_wrong(mesh, tmp_path):
@@ -178,7 +178,7 @@ def test_errors_say_what_is_wrong(mesh, tmp_path):
         assert missing.value.filename and missing.value.errno == 2
     # Nobody who writes Python is told of options of a command line.
     for options in [{"cluster": "kmeans"}, {"parts": 10**6}, {"parts": 0}, {"cluster": "means"}, {"detail": 2}, {"parts_range": (5, 2)},
-                    {"coarse": True, "boundaries": "embedding"}, {"cluster": "two-means", "decision": "single"}, {"sigma": 1.0},
+                    {"exact": True, "cluster": "two-means"}, {"cluster": "two-means", "decision": "single"}, {"sigma": 1.0},
                     {"sampling": "some"}, {"metric": "flat"}, {"eta": 2.0}, {"max_memory": "12 parsecs"}, {"beta": 1, "metric": "geodesic"}]:
         with pytest.raises(ValueError) as wrong:
             nystrom_stream.segment(vertices, faces, **options)

@@ -6,8 +6,8 @@
 //! Cost: two or three fronts of small radius from every face (normals), one front from two thousand seeds (cells); 4 to
 //! 20 bytes a face are kept.
 
-use crate::base::{Error, Result};
 use crate::base::parallel::map_chunks;
+use crate::base::{Error, Result};
 use crate::cluster::area_shares::AreaShares;
 use crate::cluster::cells::{Cells, SmoothedNormals};
 use crate::cluster::normals::{self, Normals, RADII};

@@ -188,8 +188,8 @@ fn a_stored_tree_answers_like_a_fresh_one() {
 }
 
 /// Labels of `mesh` in `k` parts, all of which must be there.
-fn in_parts(mesh: &Mesh, k: usize, coarse: bool) -> Vec<u32> {
-    let cut = Segmenter::new().parts(k).coarse(coarse).run(mesh).unwrap();
+fn in_parts(mesh: &Mesh, k: usize, exact: bool) -> Vec<u32> {
+    let cut = Segmenter::new().parts(k).exact(exact).run(mesh).unwrap();
     let mut faces = vec![0; k];
     cut.labels().iter().for_each(|&label| faces[label as usize] += 1);
     assert!(faces.iter().all(|count| *count > 0) && cut.parts() == k, "{k}: {faces:?}");

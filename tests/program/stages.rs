@@ -178,11 +178,12 @@ fn results_come_in_the_order_of_the_file_where_faces_were_sorted() {
 }
 
 #[test]
-fn a_preview_can_be_cut_again() {
+fn a_contracted_mesh_can_be_cut_again() {
     let Scene { mesh, work, out, .. } = &scene(40_000, false);
-    segment(mesh, &["-q", "--coarse", "--work-dir", word(work), "-o", word(out)]);
-    stage(&["cluster", "-k", "3", "-o", word(out)], work);
-    let expected = direct(mesh, &["--coarse", "-k", "3"]);
+    segment(mesh, &["-q", "--work-dir", word(work), "-o", word(out)]);
+    let told = stage(&["cluster", "-k", "3", "-o", word(out)], work);
+    assert!(told.contains("contraction: reused") && told.contains("decision: reused"), "{told}");
+    let expected = direct(mesh, &["-k", "3"]);
     assert_eq!(read_seg(out).unwrap(), expected);
     let tree = out.with_extension("json");
     stage(&["export", "--tree", word(&tree)], work);
@@ -194,7 +195,7 @@ fn a_preview_can_be_cut_again() {
         let names = std::fs::read_dir(folder).unwrap().map(|entry| entry.unwrap().file_name().into_string().unwrap());
         names.filter(|name| name.contains("file_cells")).collect::<Vec<_>>()
     };
-    assert_eq!((names(work), names(&work.join("coarse"))), (vec![], vec![]));
+    assert_eq!((names(work), names(&work.join("contracted"))), (vec![], vec![]));
 }
 
 /// K-means of another mesh left the older hierarchy in its place, and it was exported.
@@ -318,11 +319,8 @@ fn boundaries_by_the_embedding_are_near_those_by_the_front_and_the_same_from_a_w
     let told = stage(&["cluster", "-k", "6", "--boundaries", "embedding", "-o", word(out)], work);
     assert!(told.contains("decision: reused") && told.contains("rows: reused"), "{told}");
     assert_eq!(read_seg(out).unwrap(), one);
-    for words in [&["--cluster", "kmeans", "-k", "6"][..], &["--coarse"]] {
-        let words = [&["segment", word(mesh), "--boundaries", "embedding"], words].concat();
-        let output = run(&words);
-        assert!(output.status.code() == Some(2) && errors(&output).contains("--boundaries"), "{}", errors(&output));
-    }
+    let output = run(&["segment", word(mesh), "--boundaries", "embedding", "--cluster", "kmeans", "-k", "6"]);
+    assert!(output.status.code() == Some(2) && errors(&output).contains("--boundaries"), "{}", errors(&output));
 }
 
 #[test]
@@ -334,7 +332,8 @@ fn an_isosurface_full_of_pockets_is_not_one_part() {
     let dir = tempfile::tempdir().unwrap();
     let (report, out) = (dir.path().join("report.json"), dir.path().join("out.npy"));
     let json = format!("--json={}", word(&report));
-    let told = segment(&data.join("real/mri_ch2_head_h.ply"), &["--progress", "lines", &json, "-o", word(&out)]);
+    let told =
+        segment(&data.join("real/mri_ch2_head_h.ply"), &["--exact", "--progress", "lines", &json, "-o", word(&out)]);
     assert!(errors(&told).contains("outliers; drawn by area instead"), "{}", errors(&told));
     let report: serde_json::Value = serde_json::from_slice(&std::fs::read(report).unwrap()).unwrap();
     assert_eq!((&report["options"]["sampling"], &report["sampling"]), (&"farthest".into(), &"random".into()));
