@@ -110,7 +110,7 @@ fn straighten(
     let open = collect(steps, run, |i| field[i] > 0., |i, j| labels[i] != labels[j])?;
     // Interiors cannot be lowered below 0, so they stay outside the band that is smoothed.
     run.fill_each(field, CHUNK, |_, d| if d == 0. { -1. } else { f32::INFINITY })?;
-    let reach = (smooth::REACH / shares.unit).min(smooth::FACES * mean);
+    let reach = (smooth::REACH / shares.unit).clamp(smooth::LEAST_FACES * mean, smooth::FACES * mean);
     voronoi::within(lengths, &open, reach, field, run)?;
     let field = &*field;
     let band = run

@@ -15,6 +15,7 @@ pub mod extrapolate;
 pub mod kmeans;
 pub mod normals;
 pub mod parts;
+pub mod shorten;
 pub mod smooth;
 pub mod two_means;
 

@@ -8,6 +8,7 @@
 //! Cost: at most [`SWEEPS`] sweeps over the band's nodes and edges; 130 bytes per node of the band, which
 //! is at most [`FACES`] faces wide, so a fraction of a per cent of a large mesh.
 
+use super::shorten::{BandEdge, BandGraph, shorten};
 use crate::base::Result;
 use crate::base::parallel::chunk_range;
 use crate::graph::Csr;
@@ -18,6 +19,8 @@ use crate::store::Run;
 pub const REACH: f32 = 0.01;
 /// … and in mean steps from face to face.
 pub const FACES: f32 = 12.;
+/// … and at least, so that a boundary can move by a face to either side of a coarse mesh.
+pub const LEAST_FACES: f32 = 2.;
 /// Sweeps at the most.
 const SWEEPS: usize = 40;
 /// Turning cost (β|θ|) at which an edge carries 1/e of what a flat one does.
@@ -84,7 +87,7 @@ impl LabelTally {
 
 /// The mixture of `own` and of what `edges` lead to, where no more than two labels meet: the same numbers as by a
 /// [`LabelTally`], a few times faster. Most of a band has one boundary within reach.
-fn of_two(own: &LabelMixture, edges: &[DiffusionEdge], before: &[LabelMixture]) -> Option<LabelMixture> {
+fn of_two(own: &LabelMixture, edges: &[BandEdge], before: &[LabelMixture]) -> Option<LabelMixture> {
     let mut label = [own.label[0], own.label[1]];
     let (mut strength, mut all) = ([0f32; 2], 0f32);
     let mut add_all = |mixture: &LabelMixture, weight: f32| {
@@ -123,19 +126,10 @@ fn of_two(own: &LabelMixture, edges: &[DiffusionEdge], before: &[LabelMixture]) 
     (sum > 0. && sum < f32::INFINITY).then(|| LabelMixture::two(label, [a / sum, b / sum]))
 }
 
-/// An edge of a node of the band: to a position in the band, or to a fixed node, of which only the label matters.
-#[derive(Clone, Copy, Debug)]
-struct DiffusionEdge {
-    /// Position in the band, or label.
-    to: u32,
-    inside: bool,
-    weight: f32,
-}
-
 /// The edges of all nodes of the band.
 struct DiffusionGraph {
     start: Vec<u32>,
-    list: Vec<DiffusionEdge>,
+    list: Vec<BandEdge>,
 }
 
 impl DiffusionGraph {
@@ -151,8 +145,8 @@ impl DiffusionGraph {
                     let weight = edge[e].abs() * exp(-turning / CREASE);
                     let other = steps.indices[e];
                     list.push(match band.binary_search(&other) {
-                        Ok(position) => DiffusionEdge { to: position as u32, inside: true, weight },
-                        Err(_) => DiffusionEdge { to: labels[other as usize], inside: false, weight },
+                        Ok(position) => BandEdge { to: position as u32, inside: true, weight },
+                        Err(_) => BandEdge { to: labels[other as usize], inside: false, weight },
                     });
                 }
             }
@@ -194,7 +188,7 @@ pub fn smooth(graph: WeightedLengths<'_>, band: &[u32], labels: &mut [u32], run:
     let mean = graph.mean;
     let reach = REACH.min(FACES * mean);
     let sweeps = if mean > 0. { (0.5 * (reach / mean).powi(2)).round() as usize } else { 0 };
-    if band.is_empty() || sweeps == 0 {
+    if band.is_empty() {
         return Ok(());
     }
     let edges = DiffusionGraph::of(graph, band, labels, run)?;
@@ -226,8 +220,10 @@ pub fn smooth(graph: WeightedLengths<'_>, band: &[u32], labels: &mut [u32], run:
         })?;
         std::mem::swap(&mut now, &mut next);
     }
-    for (&node, mixture) in band.iter().zip(&now) {
-        labels[node as usize] = mixture.strongest();
+    let mut strongest: Vec<u32> = now.iter().map(LabelMixture::strongest).collect();
+    shorten(BandGraph { start: &edges.start, edges: &edges.list }, &mut strongest, &run.cancel)?;
+    for (&node, label) in band.iter().zip(strongest) {
+        labels[node as usize] = label;
     }
     Ok(())
 }
@@ -247,12 +243,8 @@ mod tests {
                 if a == b { LabelMixture::pure(a) } else { LabelMixture::two([a, b], [s, 1. - s]) }
             };
             let before: Vec<LabelMixture> = (0..4).map(|_| draw()).collect();
-            let edges: Vec<DiffusionEdge> = (1..4)
-                .map(|k| DiffusionEdge {
-                    to: k % 3,
-                    inside: below(&mut random, 2) == 0,
-                    weight: unit(&mut random) as f32,
-                })
+            let edges: Vec<BandEdge> = (1..4)
+                .map(|k| BandEdge { to: k % 3, inside: below(&mut random, 2) == 0, weight: unit(&mut random) as f32 })
                 .collect();
             let (mut tally, mut all) = (LabelTally::default(), 0.);
             for edge in &edges {
