@@ -144,9 +144,9 @@ def test_a_hierarchy_is_never_that_of_an_older_run(mesh, tmp_path):
     with pytest.raises(ValueError, match="hierarchy"):
         means.recut(3)
     # A large mesh is contracted, a small one is not.
-    large, small = dumbbell(60), dumbbell(20)
+    large, small = dumbbell(90), dumbbell(20)
     contracted = nystrom_stream.segment(*large, 4, work_dir=work, force=True)
-    assert len(large[1]) > 30_000 and len(np.unique(contracted.recut(3))) == 3
+    assert len(large[1]) > 60_000 and len(np.unique(contracted.recut(3))) == 3
     fresh = nystrom_stream.segment(*small, 4)
     after = nystrom_stream.segment(*small, 4, work_dir=work, force=True)
     assert after.tree == fresh.tree and (after.recut(3) == fresh.recut(3)).all()

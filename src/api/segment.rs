@@ -312,8 +312,8 @@ impl Hierarchy {
         if params.cluster != Cluster::Parts {
             return Ok(None);
         }
-        let kept = KeptDecision::read(context.work, params.exact)?;
-        let cells = cuts::cells(params.exact, context)?;
+        let kept = KeptDecision::read(context.work, params.exact_rows())?;
+        let cells = cuts::cells(params.exact_rows(), context)?;
         Ok(Some(Self { cells, kept }))
     }
 

@@ -60,7 +60,7 @@ impl Found {
             (Some(params), Ok(labels)) => Some((params, labels.colours)),
             _ => None,
         };
-        let exact = record.params.exact;
+        let exact = record.params.exact_rows();
         let name = record.mesh.file_stem().unwrap_or_default().to_string_lossy().into_owned();
         Ok(Self { name, eigenvalues: recipe::eigenvalues(&work, exact), tree: tree_of(&work, exact), made })
     }

@@ -273,7 +273,7 @@ pub fn one(job: &Job, task: Task<'_>, bars: &Bars, run: &Run, app: &AppContext) 
     };
     let pages = outputs.iter().any(Output::is_page);
     let cut = pages && params.cluster == Cluster::Parts;
-    let cuts = if cut { cuts::kept(params.exact, None, Context::new(&work, run))? } else { None };
+    let cuts = if cut { cuts::kept(params.exact_rows(), None, Context::new(&work, run))? } else { None };
     let mut seconds = bars.take_seconds();
     let report = |mut seconds: BTreeMap<String, f64>| {
         seconds.insert("total".into(), start.elapsed().as_secs_f64());

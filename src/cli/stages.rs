@@ -371,7 +371,7 @@ pub fn export(args: &ExportArgs, app: &AppContext) -> Result<(), CliError> {
     outputs.iter().try_for_each(Output::check)?;
     let (work, record, run) = reopen(&args.place, &args.run, args.run.run(&bars, app))?;
     if let Some(path) = &args.tree {
-        let tree = decision::tree_of(&work, record.params.exact)?;
+        let tree = decision::tree_of(&work, record.params.exact_rows())?;
         decision::write_tree(&tree, path)?;
     }
     if !outputs.is_empty() {
@@ -457,7 +457,7 @@ impl Export<'_> {
             if self.form.embedding_columns { Some(embedding(params, labelling.labels.len(), context)?) } else { None };
         let pages = outputs.iter().any(Output::is_page);
         let cut = pages && params.cluster == Cluster::Parts;
-        let cuts = if cut { cuts::kept(params.exact, tree, context)? } else { None };
+        let cuts = if cut { cuts::kept(params.exact_rows(), tree, context)? } else { None };
         let results = Results {
             labelling,
             options: self.form.ply.options(),

@@ -24,7 +24,7 @@ pub const LEAST_FACES: f32 = 2.;
 /// Sweeps at the most.
 const SWEEPS: usize = 40;
 /// Turning cost (β|θ|) at which an edge carries 1/e of what a flat one does.
-const CREASE: f32 = 0.5;
+const CREASE: f32 = 1.;
 const CHUNK: usize = 1 << 12;
 const NONE: u32 = u32::MAX;
 

@@ -99,7 +99,7 @@ impl SegmentParams {
     /// Whether parts of a mesh of `faces` faces are decided on its contraction: if it is large, unless `exact` is set or its
     /// boundaries are found in the embedding of all faces.
     pub fn contracts(&self, faces: usize) -> bool {
-        self.cluster == Cluster::Parts && !self.exact_rows() && faces > contract::NODES
+        self.cluster == Cluster::Parts && !self.exact_rows() && faces > contract::LARGE
     }
 
     /// Whether rows of distances are kept, in a work directory that is `lasting` or temporary: in one that lasts always, else
@@ -121,6 +121,7 @@ pub fn default_landmarks(parts: usize) -> usize {
 pub fn landmarks_for_parts(faces: usize) -> usize {
     match faces {
         0..=contract::NODES => 240,
+        ..=contract::LARGE => 160,
         ..=300_000 => 60,
         300_001..=2_000_000 => 40,
         2_000_001..=20_000_000 => 30,

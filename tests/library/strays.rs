@@ -83,7 +83,7 @@ fn labels_do_not_depend_on_where_strays_are() {
 
 #[test]
 fn contracted_and_sorted_meshes_neither() {
-    let mesh = arrays(&Mesh::creature(32_000).unwrap());
+    let mesh = arrays(&Mesh::creature(64_000).unwrap());
     let sorted = Segmenter::new().order(nystrom_stream::graph::Order::Hilbert);
     same_at_any_distance(&mesh, &sorted, "contracted");
 }

@@ -179,7 +179,7 @@ fn results_come_in_the_order_of_the_file_where_faces_were_sorted() {
 
 #[test]
 fn a_contracted_mesh_can_be_cut_again() {
-    let Scene { mesh, work, out, .. } = &scene(40_000, false);
+    let Scene { mesh, work, out, .. } = &scene(70_000, false);
     segment(mesh, &["-q", "--work-dir", word(work), "-o", word(out)]);
     let told = stage(&["cluster", "-k", "3", "-o", word(out)], work);
     assert!(told.contains("contraction: reused") && told.contains("decision: reused"), "{told}");
