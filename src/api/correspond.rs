@@ -2,7 +2,7 @@
 
 use super::mesh::identity;
 use super::run::{RunOptions, run_options};
-use crate::apps::correspond::files;
+use crate::apps::correspond::{Refine, files};
 use crate::apps::correspond::matches::{Match, Matching};
 use crate::base::Result;
 use crate::distance::vertex_rows::Distance;
@@ -88,6 +88,13 @@ impl Matcher {
         self
     }
 
+    /// How the first matches are refined; by default in smooth functions of a local sample.
+    #[must_use]
+    pub fn refine(mut self, refine: Refine) -> Self {
+        self.params.refine = refine;
+        self
+    }
+
     /// Matches the vertices of `a` with those of `b`.
     ///
     /// # Errors
@@ -107,6 +114,7 @@ impl Matcher {
                 "meshes": found.sides,
                 "ambiguous": found.alignments.ambiguous,
                 "alignments": found.alignments.found,
+                "refined": found.refined,
                 "alternative": params.alternative,
                 "seconds": seconds.so_far(),
             });

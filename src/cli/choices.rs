@@ -3,6 +3,7 @@
 //! The library knows no clap. An option takes such an enum by `value_parser = choice::<T>()`, which lists names and help.
 
 use clap::builder::{PossibleValue, PossibleValuesParser, TypedValueParser};
+use nystrom_stream::apps::correspond::Refine;
 use nystrom_stream::apps::sequence::SequenceOrder;
 use nystrom_stream::apps::study::Over;
 use nystrom_stream::cluster::parts::Decision;
@@ -41,6 +42,13 @@ impl Choice for Sampling {
         (Self::Cholesky, "cholesky", "Randomly pivoted Cholesky"),
         (Self::Greedy, "greedy", "The best of 90 random candidates by Γ (§6.1): 90 rows of distances per landmark"),
         (Self::PooledGreedy, "pooled-greedy", "The same with the candidates kept: 90 rows, and one more per landmark"),
+    ];
+}
+
+impl Choice for Refine {
+    const CHOICES: &'static [Named<Self>] = &[
+        (Self::Nystrom, "nystrom", "In a hundred smooth functions by Nyström's extension from a local sample"),
+        (Self::None, "none", "Not at all (the paper's way)"),
     ];
 }
 

@@ -6,7 +6,7 @@ use super::output::{JsonArgs, folder_of};
 use clap::ValueEnum;
 use nystrom_stream::apps::correspond::carry::{Colours, Property};
 use nystrom_stream::apps::correspond::show::side_by_side;
-use nystrom_stream::apps::correspond::{Match, Matching, files};
+use nystrom_stream::apps::correspond::{Match, Matching, Refine, files};
 use nystrom_stream::apps::picture::PictureParams;
 use nystrom_stream::base::{Error, Result};
 use nystrom_stream::distance::vertex_rows::Distance;
@@ -87,6 +87,9 @@ pub struct MethodArgs {
     /// Width of the kernel, in mean distances
     #[arg(long, value_name = "X", default_value_t = 1.)]
     pub sigma: f64,
+    /// How matches of the few leading eigenvectors are refined
+    #[arg(long, value_parser = choice::<Refine>(), default_value = "nystrom")]
+    pub refine: Refine,
     /// Keep only matches that are each other's nearest
     #[arg(long, conflicts_with = "one_to_one")]
     pub mutual: bool,
@@ -115,6 +118,7 @@ impl MethodArgs {
             })
             .transfer(self.transfer)
             .alternative(self.alternative)
+            .refine(self.refine)
     }
 }
 
@@ -176,6 +180,7 @@ pub fn run(args: &CorrespondArgs, app: &AppContext) -> Result<(), CliError> {
         "meshes": result.sides,
         "ambiguous": result.alignments.ambiguous,
         "alignments": result.alignments.found,
+        "refined": result.refined,
         "alternative": args.method.alternative,
         "matched": count,
         "mean_confidence": if count > 0 { sum / count as f64 } else { 0. },

@@ -69,6 +69,21 @@ impl Extent for UntilTargets<'_> {
     }
 }
 
+/// As far as `limit`; remembers the vertices touched.
+struct UpTo {
+    limit: f32,
+    touched: Vec<u32>,
+}
+
+impl Extent for UpTo {
+    fn is_done(&self, _: &[f32], reached: f32) -> bool {
+        reached >= self.limit
+    }
+    fn reached(&mut self, vertex: u32) {
+        self.touched.push(vertex);
+    }
+}
+
 /// A reusable march.
 #[derive(Debug)]
 pub struct March {
@@ -136,6 +151,28 @@ impl March {
         let result = self.spread(surface, source, field, &mut until, cancel);
         let found = targets.iter().map(|&target| field[target as usize]).collect();
         until.touched.into_iter().for_each(|node| field[node as usize] = f32::INFINITY);
+        result.map(|()| found)
+    }
+
+    /// The vertices nearer than `limit` to `source` and their distances, ascending by vertex. `field` (n) must be infinite
+    /// everywhere and is left so; cost follows the area reached.
+    ///
+    /// # Errors
+    /// [`crate::base::Error::Cancelled`].
+    pub fn within(
+        &mut self,
+        surface: Surface<'_>,
+        source: u32,
+        limit: f32,
+        field: &mut [f32],
+        cancel: &Cancel,
+    ) -> Result<Vec<(u32, f32)>> {
+        let mut extent = UpTo { limit, touched: vec![source] };
+        let result = self.spread(surface, source, field, &mut extent, cancel);
+        extent.touched.sort_unstable();
+        let reached = |&v: &u32| Some((v, field[v as usize])).filter(|(_, distance)| *distance < limit);
+        let found = extent.touched.iter().filter_map(reached).collect();
+        extent.touched.into_iter().for_each(|node| field[node as usize] = f32::INFINITY);
         result.map(|()| found)
     }
 

@@ -7,6 +7,7 @@
 
 pub mod front;
 pub mod journal;
+pub mod local_rows;
 pub mod march;
 pub mod paging;
 pub mod queue;

@@ -4,11 +4,14 @@
 //! vertices matched. Everything of the size of a mesh is a mapped file; allocated are queues of fronts and the two
 //! search trees, 60 bytes a vertex together at the most and no more than 2²¹ vertices each.
 
-use crate::apps::correspond::align::{FINE, procrustes, sample};
+use crate::apps::correspond::align::{FINE, TELLING, procrustes, sample};
+use crate::apps::correspond::dense::{EXHAUSTIVE, RefinedPair, carried};
 use crate::apps::correspond::matches::{AlignedPair, Match, Matching, matches};
+use crate::apps::correspond::refine::{Outcome, Refinable, Refine, refine, rivals};
 use crate::apps::correspond::{Alignment, Alignments, EmbeddingSearch, Shape, Tensor, align};
 use crate::base::{Error, Result};
 use crate::distance::DistanceRows;
+use crate::distance::local_rows::LocalRows;
 use crate::distance::march::Surface;
 use crate::distance::rows::RowParams;
 use crate::distance::vertex_rows::{self, Distance};
@@ -16,6 +19,7 @@ use crate::graph::VertexGraph;
 use crate::graph::vertex_graph::VertexFacts;
 use crate::landmarks::Sampling;
 use crate::mesh::Mesh;
+use crate::spectral::local::LocalBasis;
 use crate::spectral::nystrom::{OrthogonalEmbedding, OrthogonalParams, Point};
 use crate::store::{Context, MappedSlice, Run, WorkDir};
 use serde::Serialize;
@@ -39,6 +43,8 @@ pub struct CorrespondParams {
     pub transfer: bool,
     /// Which of several alignments, from 0.
     pub alternative: usize,
+    /// How the first matches are refined.
+    pub refine: Refine,
 }
 
 impl Default for CorrespondParams {
@@ -51,6 +57,7 @@ impl Default for CorrespondParams {
             matching: Matching::All,
             transfer: false,
             alternative: 0,
+            refine: Refine::default(),
         }
     }
 }
@@ -62,7 +69,8 @@ crate::base::setters::setters!(CorrespondParams {
     embedding: OrthogonalParams,
     matching: Matching,
     transfer: bool,
-    alternative: usize
+    alternative: usize,
+    refine: Refine
 });
 
 /// Landmarks for meshes of up to `vertices` vertices: fewer where a row costs a third of a second. On twelve decimated series 20
@@ -70,6 +78,13 @@ crate::base::setters::setters!(CorrespondParams {
 pub fn default_landmarks(vertices: usize) -> usize {
     if vertices <= 300_000 { 50 } else { 20 }
 }
+
+/// Vertices of each mesh from which local rows start.
+const LOCAL_SAMPLES: usize = 700;
+/// Width of the local kernel, in mean spacings of these vertices.
+const LOCAL_WIDTH: f64 = 1.2;
+/// Functions of refinement.
+const FUNCTIONS: usize = 100;
 
 /// A mesh made ready.
 pub struct Side<'a> {
@@ -109,6 +124,8 @@ pub struct Correspondence {
     pub matches: MappedSlice<Match>,
     /// The alignments found.
     pub alignments: Alignments,
+    /// What each start was refined to, the best first; none without refinement.
+    pub refined: Vec<Outcome>,
     /// Facts of A and B.
     pub sides: [SideFacts; 2],
 }
@@ -169,8 +186,34 @@ impl<'a> Side<'a> {
             variance: &self.fit.variance,
             tensor: &self.tensor,
             rows: Some(&self.rows),
-            unit: 1. / self.graph.facts.area.sqrt().max(1e-300),
+            unit: self.unit(),
         }
+    }
+
+    /// 1/√area.
+    fn unit(&self) -> f64 {
+        1. / self.graph.facts.area.sqrt().max(1e-300)
+    }
+
+    /// Smooth functions on it, from `samples` vertices.
+    fn basis(&self, samples: usize, params: &CorrespondParams, run: &Run) -> Result<LocalBasis> {
+        const FILES: [&str; 2] = ["local_rows.npy", "local_rows_starts.npy"];
+        let context = Context::new(&self.work, run);
+        let surface = Surface::of(&self.graph);
+        let row_params = RowParams { l: samples, sampling: Sampling::Farthest };
+        let samples = vertex_rows::landmarks(surface, row_params, context)?;
+        let sigma = LOCAL_WIDTH / (self.unit() * (samples.len() as f64).sqrt());
+        let limit = (3. * sigma) as f32;
+        let rows = LocalRows::compute(surface, samples, limit, params.distance, "local_rows", context)?;
+        let basis = LocalBasis::fit(&rows, &self.graph.nodes, sigma, FUNCTIONS, "functions.npy", context)?;
+        drop(rows);
+        FILES.iter().for_each(|name| self.work.remove(name));
+        Ok(basis)
+    }
+
+    /// As refinement sees it, `points` being its embedded vertices.
+    fn refinable<'s>(&'s self, basis: &'s LocalBasis, points: &'s [Point]) -> Refinable<'s> {
+        Refinable { basis, points, nodes: &self.graph.nodes, rows: &self.rows, unit: self.unit() }
     }
 
     fn facts(&self) -> SideFacts {
@@ -224,11 +267,15 @@ pub fn match_sides(
     params: &CorrespondParams,
     context: Context<'_>,
 ) -> Result<Correspondence> {
-    let (alignments, _) = context.run.stage("alignment", "guesses", 0, || align(a.shape(), b.shape(), context.run))?;
-    let Some(alignment) = alignments.found.get(params.alternative) else {
-        let problem = format!("{} of {}", params.alternative, alignments.found.len());
-        return Err(Error::parameter("--alternative", problem, "count from 0; the report lists them"));
+    let (mut alignments, _) =
+        context.run.stage("alignment", "guesses", 0, || align(a.shape(), b.shape(), context.run))?;
+    if params.refine == Refine::Nystrom && !params.transfer {
+        return refined(a, b, &b.points, alignments, params, context);
+    }
+    let taken = |found: &[Alignment]| {
+        found.get(params.alternative).cloned().ok_or_else(|| no_alternative(params.alternative, found.len()))
     };
+    let alignment = taken(&alignments.found)?;
     let matching = if params.transfer { Matching::All } else { params.matching };
     let pass = |points_b: &[Point], alignment: &Alignment, matching, name: &str| {
         let make = || {
@@ -237,16 +284,56 @@ pub fn match_sides(
             let in_a = EmbeddingSearch::new(&a.points, a.graph.csr(), dimensions, Context::new(&a.work, context.run))?;
             let (graph_a, graph_b, in_a, in_b) = (&a.graph, &b.graph, &in_a, &in_b);
             let pair = AlignedPair { a: &a.points, b: points_b, graph_a, graph_b, alignment, in_b, in_a };
-            matches(pair, matching, name, context)
+            matches(&pair, matching, name, context)
         };
         context.run.stage("match", "vertices", a.points.len() as u64, make).map(|(matches, _)| matches)
     };
-    let mut found = pass(&b.points, alignment, matching, "matches.npy")?;
+    let mut found = pass(&b.points, &alignment, matching, "matches.npy")?;
     if params.transfer {
         let (points_b, alignment) = transferred(a, b, &found, params, context.run)?;
+        if params.refine == Refine::Nystrom {
+            alignments.starts = vec![alignment];
+            return refined(a, b, &points_b, alignments, params, context);
+        }
         found = pass(&points_b, &alignment, params.matching, "matches.npy")?;
     }
-    Ok(Correspondence { matches: found, alignments, sides: [a.facts(), b.facts()] })
+    Ok(Correspondence { matches: found, alignments, refined: Vec::new(), sides: [a.facts(), b.facts()] })
+}
+
+fn no_alternative(asked: usize, found: usize) -> Error {
+    Error::parameter("--alternative", format!("{asked} of {found}"), "count from 0; the report lists them")
+}
+
+/// Refines all alignments, and matches by the best outcome. `points_b` is B as they see it.
+fn refined(
+    a: &Side<'_>,
+    b: &Side<'_>,
+    points_b: &[Point],
+    mut alignments: Alignments,
+    params: &CorrespondParams,
+    context: Context<'_>,
+) -> Result<Correspondence> {
+    // The same number on both, so that the kernels are equally wide.
+    let samples = LOCAL_SAMPLES.min(a.graph.len()).min(b.graph.len());
+    let n = (a.points.len() + b.points.len()) as u64;
+    let bases = || Ok([a.basis(samples, params, context.run)?, b.basis(samples, params, context.run)?]);
+    let ([basis_a, basis_b], _) = context.run.stage("basis", "vertices", n, bases)?;
+    let sides = [a.refinable(&basis_a, &a.points), b.refinable(&basis_b, points_b)];
+    let (outcomes, _) =
+        context.run.stage("refinement", "starts", 0, || refine(sides, &alignments.starts, context.run))?;
+    let found = rivals(&outcomes, sides[1]);
+    alignments.found = found.iter().map(|one| alignments.starts[one.alignment].clone()).collect();
+    let telling = alignments.found.first().is_some_and(|best| best.orientation >= TELLING);
+    alignments.ambiguous = found.len() > 1 || !telling;
+    let outcome = found.get(params.alternative).ok_or_else(|| no_alternative(params.alternative, found.len()))?;
+    let make = || {
+        let k = outcome.map.nrows();
+        let in_a = carried(&basis_b, &outcome.map, "carried.npy", Context::new(&b.work, context.run))?;
+        let pair = RefinedPair::new(&basis_a, &in_a, k, [&a.graph, &b.graph], EXHAUSTIVE, context.run)?;
+        matches(&pair, params.matching, "matches.npy", context)
+    };
+    let (matches, _) = context.run.stage("match", "vertices", a.points.len() as u64, make)?;
+    Ok(Correspondence { matches, alignments, refined: outcomes, sides: [a.facts(), b.facts()] })
 }
 
 /// B embedded by the images of A's landmarks and A's own map: nothing is left to align but what the images are wrong by.

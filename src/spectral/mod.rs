@@ -5,13 +5,15 @@
 //! chunks of columns ([`Embedding::chunk`]). Which embedding serves whom:
 //! - [`embedding`]: the paper's segmentation and its sequences, over faces, in `f32`;
 //! - [`anchor`]: the decision about parts, over cells, in `f64`;
-//! - [`nystrom`]: correspondence, over vertices, and the study of sampling and kernels.
+//! - [`nystrom`]: the start of correspondence, over vertices, and the study of sampling and kernels;
+//! - [`local`]: a hundred functions for refining correspondence, from distances to the nearby sample alone.
 
 pub mod affinity;
 pub mod anchor;
 pub mod embedding;
 pub mod exp;
 pub mod kernel;
+pub mod local;
 pub mod measures;
 pub mod nystrom;
 

@@ -361,7 +361,7 @@ fn mutual_matches_are_mutual_and_one_to_one_ones_stable() {
     let in_b = EmbeddingSearch::new(&b, graph.csr(), 3, Context::new(&work, &run)).unwrap();
     let pair =
         AlignedPair { a: &a, b: &b, graph_a: &graph, graph_b: &graph, alignment: &alignment, in_b: &in_b, in_a: &in_a };
-    let of = |matching| matches(pair, matching, "m.npy", Context::new(&work, &run)).unwrap().to_vec();
+    let of = |matching| matches(&pair, matching, "m.npy", Context::new(&work, &run)).unwrap().to_vec();
     let square = |p: &Point, q: &Point| p.iter().zip(q).map(|(x, y)| (x - y) * (x - y)).sum::<f32>();
     let all = of(Matching::All);
     for (v, one) in all.iter().enumerate() {

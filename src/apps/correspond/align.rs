@@ -39,7 +39,7 @@ const STEPS: usize = 8;
 /// Costs, in least costs, up to which the better oriented guess wins.
 const TOLERATED: f64 = 3.;
 /// Distortions or costs, in those of the best, up to which another map is an alternative.
-const RIVAL: f64 = 1.15;
+pub const RIVAL: f64 = 1.15;
 /// Mean square between two maps, in variances, from which they are different.
 const APART: f64 = 0.1;
 /// Agreement below which orientation decides nothing.
@@ -83,6 +83,9 @@ pub struct Alignment {
 pub struct Alignments {
     /// The best first; more only where others do about as well.
     pub found: Vec<Alignment>,
+    /// All that differ, the best first: what a refinement may begin with.
+    #[serde(skip)]
+    pub starts: Vec<Alignment>,
     /// Whether there is more than one, or orientation could not be told.
     pub ambiguous: bool,
 }
@@ -311,12 +314,13 @@ fn different(sorted: Vec<Alignment>, points: &[Point], apart: f64) -> Vec<Alignm
 
 /// The first, and those of the others that map the shape elsewhere at about the same cost.
 fn told_apart(mut sorted: Vec<Alignment>, points: &[Point], apart: f64) -> Alignments {
+    let starts = different(sorted.clone(), points, 0.1 * apart);
     if let Some(best) = sorted.first().cloned() {
         sorted.retain(|one| one.rivals(&best));
     }
     let found = different(sorted, points, apart);
     let telling = found.first().is_some_and(|best| best.orientation >= TELLING);
-    Alignments { ambiguous: found.len() > 1 || !telling, found }
+    Alignments { ambiguous: found.len() > 1 || !telling, found, starts }
 }
 
 // First guesses of the change of coordinates between two embeddings: signs, order, and turns of near-equal axes.

@@ -13,7 +13,7 @@
 //! Two fields of 8 bytes per vertex on disk, [`ROUNDS`] passes over the edges.
 
 use super::align::{Alignment, apply};
-use super::search::EmbeddingSearch;
+use super::search::{EmbeddingSearch, Neighbour};
 use crate::base::vector::{distance, wide};
 use crate::base::{Error, Result};
 use crate::graph::VertexGraph;
@@ -22,6 +22,7 @@ use crate::store::npy::Item;
 use crate::store::{Context, MappedSlice};
 use bytemuck::{Pod, Zeroable};
 use serde::{Deserialize, Serialize};
+use std::ops::Range;
 
 /// Vertices per chunk.
 const CHUNK: usize = 1 << 12;
@@ -72,7 +73,21 @@ pub enum Matching {
     OneToOne,
 }
 
-/// What matching needs of both meshes.
+/// Two meshes in the same coordinates, in which the nearest can be found.
+pub trait Pair: Sync {
+    /// The surfaces of A and B.
+    fn graphs(&self) -> [&VertexGraph; 2];
+    /// For each vertex of A in `range` the nearest of B.
+    fn nearest(&self, range: Range<usize>) -> Vec<Neighbour>;
+    /// For each pair of a vertex of A and its match the vertex of A that is nearest to the match.
+    fn home(&self, pairs: &[(u32, u32)]) -> Vec<u32>;
+    /// Whether two vertices of A have the same coordinates.
+    fn at_same_place(&self, v: u32, w: u32) -> bool;
+    /// Up to `count` vertices of B nearest to `v` of A, in ascending order; `known` is one that is near.
+    fn several(&self, v: u32, known: u32, count: usize) -> Vec<Neighbour>;
+}
+
+/// Two embeddings aligned.
 #[derive(Clone, Copy)]
 pub struct AlignedPair<'a> {
     /// Embedded vertices of A (n).
@@ -91,19 +106,42 @@ pub struct AlignedPair<'a> {
     pub in_a: &'a EmbeddingSearch<'a>,
 }
 
+impl Pair for AlignedPair<'_> {
+    fn graphs(&self) -> [&VertexGraph; 2] {
+        [self.graph_a, self.graph_b]
+    }
+
+    fn nearest(&self, range: Range<usize>) -> Vec<Neighbour> {
+        range.map(|v| self.in_b.nearest(&self.alignment.apply(&self.a[v]))).collect()
+    }
+
+    fn home(&self, pairs: &[(u32, u32)]) -> Vec<u32> {
+        let back = self.alignment.transform.transpose();
+        pairs.iter().map(|(_, target)| self.in_a.nearest(&apply(&back, &self.b[*target as usize])).vertex).collect()
+    }
+
+    fn at_same_place(&self, v: u32, w: u32) -> bool {
+        self.a[v as usize] == self.a[w as usize]
+    }
+
+    fn several(&self, v: u32, _: u32, count: usize) -> Vec<Neighbour> {
+        self.in_b.several(&self.alignment.apply(&self.a[v as usize]), count)
+    }
+}
+
 /// Matches every vertex of A, into the file `name` of `work`. Progress is told as stage `match`.
 ///
 /// # Errors
 /// [`Error::Parameter`] for more vertices than the header of the array has digits for (10⁹), [`Error::Io`],
 /// [`Error::Cancelled`].
 pub fn matches(
-    pair: AlignedPair<'_>,
+    pair: &impl Pair,
     matching: Matching,
     name: &str,
     context: Context<'_>,
 ) -> Result<MappedSlice<Match>> {
-    let back = pair.alignment.transform.transpose();
-    let n = pair.a.len();
+    let [graph_a, _] = pair.graphs();
+    let n = graph_a.len();
     if n >= 1_000_000_000 {
         return Err(Error::parameter("A", format!("{n} vertices are too many to match"), "match a decimated mesh"));
     }
@@ -111,22 +149,23 @@ pub fn matches(
     let mut doubt = context.work.array::<f32>("doubt.tmp", &[n])?;
     // Enough of a large mesh to tell where matches come back to; all for mutual ones.
     let step = if matching == Matching::Mutual { 1 } else { n.div_ceil(RETURNS) };
-    let unit = 1. / pair.graph_a.facts.area.sqrt().max(1e-300);
+    let unit = 1. / graph_a.facts.area.sqrt().max(1e-300);
     let fill = |k: usize, out: &mut [Match], doubt: &mut [f32], (): &mut ()| {
-        for (i, (out, doubt)) in out.iter_mut().zip(doubt).enumerate() {
-            let v = k * CHUNK + i;
-            let found = pair.in_b.nearest(&pair.alignment.apply(&pair.a[v]));
+        let first = k * CHUNK;
+        for (out, found) in out.iter_mut().zip(pair.nearest(first..first + doubt.len())) {
             *out = Match { target: i64::from(found.vertex), distance: found.square.sqrt(), confidence: 0. };
-            *doubt = f32::NAN;
-            if !v.is_multiple_of(step) {
-                continue;
-            }
-            let home = pair.in_a.nearest(&apply(&back, &pair.b[found.vertex as usize])).vertex as usize;
-            let [from, to] = [v, home].map(|v| wide(pair.graph_a.nodes[v].centroid));
-            *doubt = (unit * distance(from, to)) as f32;
+        }
+        doubt.fill(f32::NAN);
+        let asked: Vec<(u32, u32)> = (0..out.len())
+            .filter(|i| (first + i).is_multiple_of(step))
+            .filter_map(|i| Some(((first + i) as u32, out[i].vertex()?)))
+            .collect();
+        for (&(v, _), home) in asked.iter().zip(pair.home(&asked)) {
+            let [from, to] = [v, home].map(|v| wide(graph_a.nodes[v as usize].centroid));
+            doubt[v as usize - first] = (unit * distance(from, to)) as f32;
             // At the same place in the embedding is as good as the same.
-            if matching == Matching::Mutual && home != v && pair.a[v] != pair.a[home] {
-                *out = Match::NONE;
+            if matching == Matching::Mutual && home != v && !pair.at_same_place(v, home) {
+                out[v as usize - first] = Match::NONE;
             }
         }
         context.run.progress.advance("match", out.len() as u64);
@@ -134,19 +173,19 @@ pub fn matches(
     };
     context.run.fill_two((array.data(), doubt.data()), CHUNK, || (), fill)?;
     if matching == Matching::OneToOne {
-        one_to_one(&pair, array.data(), context)?;
+        one_to_one(pair, array.data(), context)?;
     }
-    fill_confidence(&pair, array.data(), doubt.data(), context)?;
+    fill_confidence(pair.graphs(), array.data(), doubt.data(), context)?;
     drop(doubt);
     context.work.remove("doubt.tmp.partial");
     array.finish(false)
 }
 
 /// Makes `matches`, which are everyone's nearest, one to one.
-fn one_to_one(pair: &AlignedPair<'_>, matches: &mut [Match], context: Context<'_>) -> Result<()> {
+fn one_to_one(pair: &impl Pair, matches: &mut [Match], context: Context<'_>) -> Result<()> {
     const FREE: u32 = u32::MAX;
     const NAME: &str = "holders.tmp";
-    let mut holders = context.work.array::<u32>(NAME, &[pair.b.len()])?;
+    let mut holders = context.work.array::<u32>(NAME, &[pair.graphs()[1].len()])?;
     let holder = &mut holders.data()[..];
     holder.fill(FREE);
     for v in 0..matches.len() {
@@ -166,7 +205,7 @@ fn one_to_one(pair: &AlignedPair<'_>, matches: &mut [Match], context: Context<'_
             if keeps {
                 holder[target as usize] = held;
             }
-            let choices = pair.in_b.several(&pair.alignment.apply(&pair.a[loser as usize]), CHOICES);
+            let choices = pair.several(loser, target, CHOICES);
             let place = choices.iter().position(|choice| choice.vertex == target);
             // The nearest search may have met another vertex at the same place first.
             let next = choices.get(place.map_or(0, |place| place + 1));
@@ -193,7 +232,7 @@ type Doubt = [f32; 2];
 
 /// Sets the confidence of `matches` (n) from the ways missing on return in `returned` (n; NaN where not looked at).
 fn fill_confidence(
-    pair: &AlignedPair<'_>,
+    graphs: [&VertexGraph; 2],
     matches: &mut [Match],
     returned: &[f32],
     context: Context<'_>,
@@ -201,17 +240,17 @@ fn fill_confidence(
     let n = matches.len();
     let names = ["doubt_a.tmp", "doubt_b.tmp"];
     let mut fields = [context.work.array::<f32>(names[0], &[n, 2])?, context.work.array::<f32>(names[1], &[n, 2])?];
-    let (units, csr) = ([pair.graph_a, pair.graph_b].map(|g| 1. / g.facts.area.sqrt().max(1e-300)), pair.graph_a.csr());
+    let (units, csr) = (graphs.map(|g| 1. / g.facts.area.sqrt().max(1e-300)), graphs[0].csr());
     let [now, next] = &mut fields;
     let (mut now, mut next): (&mut [Doubt], &mut [Doubt]) =
         (bytemuck::cast_slice_mut(now.data()), bytemuck::cast_slice_mut(next.data()));
     context.run.fill_each(now, CONFIDENCE_CHUNK, |v, _| {
         let Some(target) = matches[v].vertex() else { return [0.; 2] };
-        let here = wide(pair.graph_b.nodes[target as usize].centroid);
+        let here = wide(graphs[1].nodes[target as usize].centroid);
         let (mut sum, mut count) = (0f64, 0f64);
         for (near, weight) in csr.neighbours(v as u32) {
             if let Some(other) = matches[near as usize].vertex() {
-                let there = distance(here, wide(pair.graph_b.nodes[other as usize].centroid));
+                let there = distance(here, wide(graphs[1].nodes[other as usize].centroid));
                 sum += (units[1] * there - units[0] * f64::from(weight)).abs();
                 count += 1.;
             }

@@ -1,21 +1,25 @@
 //! Which vertex of one mesh is which of another: §7.1 of the paper, without known matches and at any size.
 //!
-//! Both meshes are embedded ([`crate::spectral::nystrom`]), the embeddings aligned ([`mod@align`]), vertices matched to
-//! the nearest ([`mod@matches`]). Matches carry colours, labels and other properties over ([`carry`]) and are judged by
+//! Both meshes are embedded ([`crate::spectral::nystrom`]), the embeddings aligned ([`mod@align`]), the alignments refined in
+//! a hundred functions and judged ([`mod@refine`]), vertices matched to the nearest ([`mod@dense`], [`mod@matches`]). Matches carry colours, labels and other properties over ([`carry`]) and are judged by
 //! true ones ([`accuracy`]).
 
 pub mod accuracy;
 pub mod align;
 pub mod carry;
+pub mod dense;
 pub mod files;
+pub mod functional;
 pub mod matches;
 pub mod orientation;
+pub mod refine;
 pub mod search;
 #[cfg(feature = "pictures")]
 pub mod show;
 
 pub use accuracy::Errors;
 pub use align::{Alignment, Alignments, Shape, align};
-pub use matches::{AlignedPair, Match, Matching, matches};
+pub use matches::{AlignedPair, Match, Matching, Pair, matches};
 pub use orientation::Tensor;
+pub use refine::{Outcome, Refine};
 pub use search::EmbeddingSearch;

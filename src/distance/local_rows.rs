@@ -1,0 +1,156 @@
+//! Rows that end early: the distances from each of many samples to the vertices near it.
+//!
+//! Where only near vertices matter, as under a narrow kernel, a front stops at a limit, and hundreds of samples cost as much
+//! as a few full rows: every vertex is reached by as many fronts as there are samples within the limit. Kept by vertex, as a
+//! sparse matrix of n rows, because what is made of them is made vertex by vertex.
+//!
+//! Cost: time of the fronts ([`super::march`]) per vertex and sample near it; on disk 8 bytes each, twice while they are
+//! sorted by vertex, and 8 bytes a vertex; allocated are the field of a front, 4 bytes per vertex and thread.
+
+use super::front::mean_weight;
+use super::march::{March, Surface};
+use super::vertex_rows::Distance;
+use crate::base::Result;
+use crate::distance::Front;
+use crate::store::{Context, MappedSlice};
+use bytemuck::{Pod, Zeroable};
+use std::ops::Range;
+
+/// A sample near a vertex.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Pod, Zeroable)]
+#[repr(C)]
+pub struct Near {
+    /// Which sample.
+    pub sample: u32,
+    /// How far, in units of the graph.
+    pub distance: f32,
+}
+
+/// The samples near each vertex.
+#[derive(Clone, Debug)]
+pub struct LocalRows {
+    /// The samples, vertices (s).
+    pub samples: Vec<u32>,
+    /// Distances are below this.
+    pub limit: f32,
+    /// Where each vertex's entries begin (n + 1).
+    starts: MappedSlice<u64>,
+    /// Number of a sample and bits of a distance, by vertex and sample.
+    entries: MappedSlice<u32>,
+}
+
+impl LocalRows {
+    /// The distances below `limit` from `samples` on `surface`, in files of `context` that begin with `name`.
+    ///
+    /// # Errors
+    /// [`crate::base::Error::Memory`], [`crate::base::Error::Io`], [`crate::base::Error::Cancelled`].
+    pub fn compute(
+        surface: Surface<'_>,
+        samples: Vec<u32>,
+        limit: f32,
+        distance: Distance,
+        name: &str,
+        context: Context<'_>,
+    ) -> Result<Self> {
+        let (n, run, work) = (surface.nodes.len(), context.run, context.work);
+        let bytes = (4 * n * run.threads) as u64;
+        let grant = run.budget.take("local rows", bytes, bytes)?;
+        let mean = mean_weight(surface.graph);
+        let front = |k: usize, (front, march, field): &mut (Front, March, Vec<f32>)| {
+            let near = match distance {
+                Distance::March => march.within(surface, samples[k], limit, field, &run.cancel)?,
+                Distance::Edges => along_edges(front, surface, samples[k], limit, field, &run.cancel)?,
+            };
+            run.progress.advance("local rows", 1);
+            Ok(near)
+        };
+        let by_sample = format!("{name}_by_sample.tmp");
+        let mut writer = work.writer::<u32>(&by_sample, 2)?;
+        let mut counts = work.array::<u64>(&format!("{name}_starts.npy"), &[n + 1])?;
+        let ends = &mut counts.data()[..];
+        ends.fill(0);
+        let mut sizes = Vec::with_capacity(samples.len());
+        let state = || (Front::new(mean), March::new(mean), vec![f32::INFINITY; n]);
+        run.in_order(samples.len(), state, front, |_, near: Vec<(u32, f32)>| {
+            let flat: Vec<u32> = near.iter().flat_map(|(vertex, distance)| [*vertex, distance.to_bits()]).collect();
+            near.iter().for_each(|(vertex, _)| ends[*vertex as usize + 1] += 1);
+            sizes.push(near.len());
+            writer.push(&flat)
+        })?;
+        drop(grant);
+        let flat = writer.finish(false)?;
+        for v in 0..n {
+            ends[v + 1] += ends[v];
+        }
+        let mut entries = work.array::<u32>(&format!("{name}.npy"), &[flat.len() / 2, 2])?;
+        let out = &mut entries.data()[..];
+        // Ascending samples, so that each vertex has its own in that order; starts become ends on the way.
+        let mut at = 0;
+        for (sample, size) in sizes.into_iter().enumerate() {
+            run.cancel.check()?;
+            for pair in flat[2 * at..2 * (at + size)].chunks_exact(2) {
+                let place = &mut ends[pair[0] as usize];
+                out[2 * *place as usize..][..2].copy_from_slice(&[sample as u32, pair[1]]);
+                *place += 1;
+            }
+            at += size;
+        }
+        ends.copy_within(0..n, 1);
+        ends[0] = 0;
+        drop(flat);
+        work.remove(&by_sample);
+        Ok(Self { samples, limit, starts: counts.finish(false)?, entries: entries.finish(false)? })
+    }
+
+    /// Vertices n.
+    pub fn nodes(&self) -> usize {
+        self.starts.len() - 1
+    }
+
+    /// Distances held.
+    pub fn len(&self) -> usize {
+        self.entries.len() / 2
+    }
+
+    /// Whether no vertex is near a sample.
+    pub fn is_empty(&self) -> bool {
+        self.entries.is_empty()
+    }
+
+    /// The samples near `vertex`, in ascending order of their numbers.
+    pub fn near(&self, vertex: usize) -> impl Iterator<Item = Near> + '_ {
+        let span: Range<usize> = 2 * self.starts[vertex] as usize..2 * self.starts[vertex + 1] as usize;
+        let near = |pair: &[u32]| Near { sample: pair[0], distance: f32::from_bits(pair[1]) };
+        self.entries[span].chunks_exact(2).map(near)
+    }
+}
+
+/// The vertices nearer than `limit` along edges; `field` is infinite before and after.
+fn along_edges(
+    front: &mut Front,
+    surface: Surface<'_>,
+    source: u32,
+    limit: f32,
+    field: &mut [f32],
+    cancel: &crate::base::Cancel,
+) -> Result<Vec<(u32, f32)>> {
+    let result = front.within(surface.graph, &[source], limit, field, cancel);
+    // The vertices reached are connected through vertices reached.
+    let (mut found, mut at) = (vec![(source, 0.)], 0);
+    let took = |field: &mut [f32], v: u32| {
+        let distance = std::mem::replace(&mut field[v as usize], f32::INFINITY);
+        (v, distance)
+    };
+    found[0] = took(field, source);
+    while at < found.len() {
+        for (next, _) in surface.graph.neighbours(found[at].0) {
+            if field[next as usize] < f32::INFINITY {
+                found.push(took(field, next));
+            }
+        }
+        at += 1;
+    }
+    found.retain(|(_, distance)| *distance < limit);
+    found.sort_unstable_by_key(|(vertex, _)| *vertex);
+    result.map(|_| found)
+}

@@ -1,0 +1,183 @@
+//! A basis of smooth functions on a mesh of any size: Nyström's extension of a narrow kernel, of which a sample sees only its
+//! neighbours.
+//!
+//! Under a Gaussian as wide as samples are apart, the affinities W between s samples and n vertices are sparse, and the
+//! eigenvectors of the diffusion between samples, D⁻¹ W diag(m), approximate those of the Laplace–Beltrami operator (Coifman
+//! and Lafon 2006, *Diffusion maps*): as many independent smooth functions as one asks for, while a few full rows can only
+//! give as many as there are rows. They are extended to all vertices as in eq. 2 of the paper,
+//! f(v) = Σ_j w_vj m_j f_j / (λ Σ_j w_vj m_j), and made orthonormal under the measure of area.
+//!
+//! m_j is the area that sample j stands for: each vertex's area is shared among the samples near it in proportion to their
+//! affinities. So neither the density of vertices nor that of samples shows.
+//!
+//! Cost: an eigenproblem of the size of the sample (600: a second); two passes over [`LocalRows`], r multiplications per
+//! entry; 4 r bytes per vertex on disk.
+
+use super::eigen;
+use crate::base::Result;
+use crate::base::parallel::{chunk_count, chunk_range};
+use crate::distance::local_rows::LocalRows;
+use crate::graph::Node;
+use crate::store::{Context, MappedSlice};
+use nalgebra::DMatrix;
+
+/// Vertices per chunk.
+const CHUNK: usize = 1 << 12;
+/// Chunks whose moments are held at a time.
+const MOST_CHUNKS: usize = 256;
+/// Eigenvalues of diffusion below this are noise.
+const LEAST: f64 = 1e-3;
+
+/// Functions on the vertices of a mesh, orthonormal by area.
+#[derive(Clone, Debug)]
+pub struct LocalBasis {
+    /// Functions r.
+    pub count: usize,
+    /// Frequencies −ln λ (r), ascending from 0: proportional to eigenvalues of the Laplacian while small.
+    pub frequencies: Vec<f64>,
+    /// Values, vertex by vertex (n × r).
+    pub values: MappedSlice<f32>,
+}
+
+/// The Gaussian of width `sigma`.
+#[inline]
+fn affinity(distance: f32, sigma: f64) -> f64 {
+    let x = f64::from(distance) / sigma;
+    (-0.5 * x * x).exp()
+}
+
+impl LocalBasis {
+    /// Up to `count` functions on vertices of the areas in `nodes`, from a Gaussian of width `sigma` (units of the
+    /// graph) over `rows`, in the file `name` of `context`.
+    ///
+    /// # Errors
+    /// [`crate::base::Error::Io`], [`crate::base::Error::Cancelled`].
+    pub fn fit(
+        rows: &LocalRows,
+        nodes: &[Node],
+        sigma: f64,
+        count: usize,
+        name: &str,
+        context: Context<'_>,
+    ) -> Result<Self> {
+        let (n, s, run) = (rows.nodes(), rows.samples.len(), context.run);
+        let total: f64 = nodes.iter().map(|node| f64::from(node.area)).sum();
+        let share = |v: usize| if total > 0. { f64::from(nodes[v].area) / total } else { 1. / n as f64 };
+        let mut mass = vec![0f64; s];
+        let shares = |k: usize, (): &mut ()| {
+            let mut mass = vec![0f64; s];
+            for v in chunk_range(n, CHUNK, k) {
+                let sum: f64 = rows.near(v).map(|near| affinity(near.distance, sigma)).sum();
+                if sum > 0. {
+                    let scale = share(v) / sum;
+                    rows.near(v).for_each(|near| mass[near.sample as usize] += scale * affinity(near.distance, sigma));
+                }
+            }
+            Ok(mass)
+        };
+        run.in_order(chunk_count(n, CHUNK), || (), shares, |_, part| {
+            mass.iter_mut().zip(part).for_each(|(sum, part)| *sum += part);
+            Ok(())
+        })?;
+        // A sample whose area has gone to others still must not vanish.
+        mass.iter_mut().for_each(|m| *m = m.max(1e-9 / s as f64));
+        let mut within = DMatrix::<f64>::zeros(s, s);
+        for (i, &vertex) in rows.samples.iter().enumerate() {
+            for near in rows.near(vertex as usize) {
+                let w = 0.5 * affinity(near.distance, sigma);
+                within[(i, near.sample as usize)] += w;
+                within[(near.sample as usize, i)] += w;
+            }
+        }
+        let degree: Vec<f64> = (0..s).map(|i| (0..s).map(|j| within[(i, j)] * mass[j]).sum()).collect();
+        let scale: Vec<f64> = mass.iter().zip(&degree).map(|(m, d)| (m / d).sqrt()).collect();
+        let diffusion = DMatrix::from_fn(s, s, |i, j| scale[i] * within[(i, j)] * scale[j]);
+        let (mut values, vectors) = eigen::symmetric(diffusion);
+        values.truncate(count.min(s));
+        let r = values.iter().take_while(|&&value| value > LEAST).count();
+        values.truncate(r);
+        // What an entry's affinity is multiplied by: m_j f_j / λ.
+        let factor = |j: usize, k: usize| mass[j] * vectors[(j, k)] / (mass[j] * degree[j]).sqrt() / values[k];
+        let factors: Vec<f64> = (0..s).flat_map(|j| (0..r).map(move |k| (j, k))).map(|(j, k)| factor(j, k)).collect();
+        let extend = |v: usize, out: &mut [f64]| {
+            out.fill(0.);
+            let mut sum = 0f64;
+            for near in rows.near(v) {
+                let (j, w) = (near.sample as usize, affinity(near.distance, sigma));
+                sum += w * mass[j];
+                out.iter_mut().zip(&factors[j * r..(j + 1) * r]).for_each(|(out, factor)| *out += w * factor);
+            }
+            if sum > 0. {
+                out.iter_mut().for_each(|out| *out /= sum);
+            }
+        };
+        let mut array = context.work.array::<f32>(name, &[n, r])?;
+        // Each chunk's moments are kept until all are there.
+        let chunk = CHUNK.max(n.div_ceil(MOST_CHUNKS));
+        let moments = |k: usize, values: &mut [f32], row: &mut Vec<f64>| {
+            row.resize(r, 0.);
+            let mut moments = vec![0f64; r * r];
+            for (v, out) in chunk_range(n, chunk, k).zip(values.chunks_exact_mut(r)) {
+                extend(v, row);
+                let weight = share(v);
+                for i in 0..r {
+                    let scaled = weight * row[i];
+                    moments[i * r..=i * r + i].iter_mut().zip(&row[..]).for_each(|(sum, x)| *sum += scaled * x);
+                }
+                out.iter_mut().zip(&row[..]).for_each(|(out, x)| *out = *x as f32);
+            }
+            Ok(moments)
+        };
+        let parts = run.fill_chunks(array.data(), chunk * r.max(1), Vec::new, moments)?;
+        let mut gram = DMatrix::<f64>::zeros(r, r);
+        for part in parts {
+            for i in 0..r {
+                for j in 0..=i {
+                    gram[(i, j)] += part[i * r + j];
+                    gram[(j, i)] = gram[(i, j)];
+                }
+            }
+        }
+        // Cholesky keeps the order: function k is a combination of the first k.
+        let inverse = orthonormaliser(gram);
+        let turn = |_: usize, values: &mut [f32], row: &mut Vec<f64>| {
+            for out in values.chunks_exact_mut(r.max(1)) {
+                row.clear();
+                row.extend(out.iter().map(|&x| f64::from(x)));
+                for (i, out) in out.iter_mut().enumerate() {
+                    *out = (0..=i).map(|j| inverse[i * r + j] * row[j]).sum::<f64>() as f32;
+                }
+            }
+            Ok(())
+        };
+        run.fill_chunks(array.data(), CHUNK * r.max(1), Vec::new, turn)?;
+        let frequencies = values.iter().map(|value| -value.min(1.).ln()).collect();
+        Ok(Self { count: r, frequencies, values: array.finish(false)? })
+    }
+
+    /// The functions at `vertex` (r).
+    #[inline]
+    pub fn at(&self, vertex: usize) -> &[f32] {
+        &self.values[vertex * self.count..(vertex + 1) * self.count]
+    }
+}
+
+/// L⁻¹ of `gram` = L Lᵀ, row by row (r × r); where it is singular, of what there is with a little of the unit matrix.
+fn orthonormaliser(gram: DMatrix<f64>) -> Vec<f64> {
+    let r = gram.nrows();
+    let mut ridge = 0.;
+    loop {
+        let lifted = &gram + DMatrix::identity(r, r) * ridge;
+        if let Some(factor) = nalgebra::Cholesky::new(lifted) {
+            let lower = factor.l();
+            let inverse = lower.solve_lower_triangular(&DMatrix::identity(r, r));
+            if let Some(inverse) = inverse.filter(|inverse| inverse.iter().all(|x| x.is_finite())) {
+                return inverse.transpose().as_slice().to_vec();
+            }
+        }
+        ridge = if ridge == 0. { 1e-9 } else { 10. * ridge };
+        if ridge > 1e3 {
+            return DMatrix::<f64>::identity(r, r).as_slice().to_vec();
+        }
+    }
+}
