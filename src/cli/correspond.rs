@@ -6,17 +6,19 @@ use super::output::{JsonArgs, folder_of};
 use clap::ValueEnum;
 use nystrom_stream::apps::correspond::carry::{Colours, Property};
 use nystrom_stream::apps::correspond::show::side_by_side;
-use nystrom_stream::apps::correspond::{Match, Matching, Refine, files};
+use nystrom_stream::apps::correspond::{Match, Matching, Refine, files, pairs};
 use nystrom_stream::apps::picture::PictureParams;
 use nystrom_stream::base::{Error, Result};
 use nystrom_stream::distance::vertex_rows::Distance;
 use nystrom_stream::landmarks::Sampling;
 use nystrom_stream::mesh::ply::ElementKind;
 use nystrom_stream::mesh::{self, Mesh, ply};
-use nystrom_stream::pipeline::correspond::{CorrespondParams, Correspondence, correspond, default_landmarks};
+use nystrom_stream::pipeline::correspond::{
+    CorrespondParams, Correspondence, Guidance, correspond_guided, default_landmarks,
+};
 use nystrom_stream::pipeline::input;
 use nystrom_stream::spectral::nystrom::OrthogonalParams;
-use nystrom_stream::store::{Context, Run};
+use nystrom_stream::store::{Context, Run, npy};
 use serde_json::json;
 use std::path::{Path, PathBuf};
 use std::time::Instant;
@@ -50,6 +52,21 @@ pub struct CorrespondArgs {
     /// PLY file for A with the copied properties
     #[arg(long, value_name = "FILE", requires = "carry")]
     pub carried: Option<PathBuf>,
+    /// Matches as points inside triangles of B, .npy (records of three corners and their weights)
+    #[arg(long, value_name = "FILE")]
+    pub points: Option<PathBuf>,
+    /// The refined map between functions of A and B, .npy (k × k)
+    #[arg(long, value_name = "FILE")]
+    pub functional_map: Option<PathBuf>,
+    /// The functions on the vertices of A and B, .npy (vertices × k each)
+    #[arg(long, value_names = ["A_OUT", "B_OUT"], num_args = 2)]
+    pub functions: Vec<PathBuf>,
+    /// Pairs of landmarks, a line each: two vertices, or two points as six numbers
+    #[arg(long, value_name = "FILE")]
+    pub landmarks_file: Option<PathBuf>,
+    /// Matches to begin with, .npy or .csv as correspond writes them, or a vector of vertices
+    #[arg(long, value_name = "FILE")]
+    pub initial_map: Option<PathBuf>,
     /// Keep intermediate results for both meshes in this folder and reuse them [default: a temporary folder]
     #[arg(long, value_name = "DIR")]
     pub work_dir: Option<PathBuf>,
@@ -133,7 +150,15 @@ pub fn run(args: &CorrespondArgs, app: &AppContext) -> Result<(), CliError> {
             files::ENDINGS
         )));
     }
-    let outputs = || args.output.iter().chain(&args.colours).chain(&args.picture).chain(&args.carried);
+    let functional = || args.functional_map.iter().chain(&args.functions);
+    if params.refine == Refine::None && functional().next().is_some() {
+        return Err(CliError::Usage("without refinement there are no functions to write; leave out --refine none".into()));
+    }
+    params.points = args.points.is_some();
+    let outputs = || {
+        let shown = args.output.iter().chain(&args.colours).chain(&args.picture).chain(&args.carried);
+        shown.chain(&args.points).chain(functional())
+    };
     if outputs().next().is_none() && args.json.json.is_none() {
         return Err(CliError::Usage("nothing to write; give -o matches.npy or another output".into()));
     }
@@ -160,9 +185,17 @@ pub fn run(args: &CorrespondArgs, app: &AppContext) -> Result<(), CliError> {
         params.landmarks = default_landmarks(a.positions.len().max(b.positions.len()));
     }
     let inputs = args.work_dir.as_ref().map(|_| Ok::<_, Error>([input::identity(&args.a)?, input::identity(&args.b)?]));
-    let result = correspond(&a, &b, inputs.transpose()?.as_ref(), &params, Context::new(&work, &run))?;
+    let guidance = Guidance {
+        pairs: args.landmarks_file.as_ref().map_or(Ok(Vec::new()), |path| pairs::read(path, &a, &b))?,
+        map: args.initial_map.as_ref().map(|path| files::read(path)).transpose()?,
+    };
+    let inputs = inputs.transpose()?;
+    let result = correspond_guided(&a, &b, inputs.as_ref(), &params, &guidance, Context::new(&work, &run))?;
     tell(&result, args.method.alternative, &run);
-    let write = || args.output.iter().try_for_each(|path| files::write(path, &result.matches, &run));
+    let write = || {
+        args.output.iter().try_for_each(|path| files::write(path, &result.matches, &run))?;
+        write_functional(args, &result)
+    };
     run.stage("write", "vertices", result.matches.len() as u64, write)?;
     show(args, &a, &b, &result.matches, Context::new(&work, &run))?;
     if args.json.json.is_none() {
@@ -188,6 +221,22 @@ pub fn run(args: &CorrespondArgs, app: &AppContext) -> Result<(), CliError> {
         "peak_bytes": (app.peak)(),
     });
     Ok(args.json.publish(&report)?)
+}
+
+/// Writes what there is in functions.
+fn write_functional(args: &CorrespondArgs, result: &Correspondence) -> Result<()> {
+    if let (Some(path), Some(points)) = (&args.points, &result.points) {
+        npy::write(path, points, 1, true)?;
+    }
+    let Some(functional) = &result.functional else { return Ok(()) };
+    if let Some(path) = &args.functional_map {
+        // Row by row.
+        npy::write(path, functional.map.transpose().as_slice(), functional.map.ncols(), true)?;
+    }
+    for (path, basis) in args.functions.iter().zip(&functional.bases) {
+        npy::write(path, &basis.values, basis.count, true)?;
+    }
+    Ok(())
 }
 
 /// Writes the colours, the picture and the carried properties that are asked for.

@@ -7,8 +7,8 @@
 use crate::apps::correspond::align::{FINE, TELLING, procrustes, sample};
 use crate::apps::correspond::dense::{EXHAUSTIVE, RefinedPair, carried};
 use crate::apps::correspond::matches::{AlignedPair, Match, Matching, matches};
-use crate::apps::correspond::refine::{Outcome, Refinable, Refine, refine, rivals};
-use crate::apps::correspond::{Alignment, Alignments, EmbeddingSearch, Shape, Tensor, align};
+use crate::apps::correspond::refine::{Known, Outcome, Refinable, Refine, Start, refine, rivals};
+use crate::apps::correspond::{Alignment, Alignments, EmbeddingSearch, Shape, SurfacePoint, Tensor, align};
 use crate::base::{Error, Result};
 use crate::distance::DistanceRows;
 use crate::distance::local_rows::LocalRows;
@@ -22,6 +22,7 @@ use crate::mesh::Mesh;
 use crate::spectral::local::LocalBasis;
 use crate::spectral::nystrom::{OrthogonalEmbedding, OrthogonalParams, Point};
 use crate::store::{Context, MappedSlice, Run, WorkDir};
+use nalgebra::DMatrix;
 use serde::Serialize;
 use serde_json::Value;
 
@@ -45,6 +46,8 @@ pub struct CorrespondParams {
     pub alternative: usize,
     /// How the first matches are refined.
     pub refine: Refine,
+    /// Whether matches inside triangles are made too.
+    pub points: bool,
 }
 
 impl Default for CorrespondParams {
@@ -58,6 +61,7 @@ impl Default for CorrespondParams {
             transfer: false,
             alternative: 0,
             refine: Refine::default(),
+            points: false,
         }
     }
 }
@@ -70,8 +74,27 @@ crate::base::setters::setters!(CorrespondParams {
     matching: Matching,
     transfer: bool,
     alternative: usize,
-    refine: Refine
+    refine: Refine,
+    points: bool
 });
+
+/// What is known of the map beforehand; for refinement alone.
+#[derive(Clone, Debug, Default)]
+pub struct Guidance {
+    /// Pairs of landmarks, vertices of A and B.
+    pub pairs: Vec<(u32, u32)>,
+    /// A map to begin with: for each vertex of A one of B.
+    pub map: Option<Vec<Option<u32>>>,
+}
+
+/// A refined map in functions.
+#[derive(Clone, Debug)]
+pub struct FunctionalMap {
+    /// C (k × k): functions of B at matches are C times those of A.
+    pub map: DMatrix<f64>,
+    /// The functions on A and on B.
+    pub bases: [LocalBasis; 2],
+}
 
 /// Landmarks for meshes of up to `vertices` vertices: fewer where a row costs a third of a second. On twelve decimated series 20
 /// instead of 50 take the mean error from .007 to .010.
@@ -124,8 +147,12 @@ pub struct Correspondence {
     pub matches: MappedSlice<Match>,
     /// The alignments found.
     pub alignments: Alignments,
-    /// What each start was refined to, the best first; none without refinement.
+    /// What the likeliest starts were refined to, the best first; none without refinement.
     pub refined: Vec<Outcome>,
+    /// The map that was taken, in functions; none without refinement.
+    pub functional: Option<FunctionalMap>,
+    /// Matches inside triangles (n), if asked for.
+    pub points: Option<MappedSlice<SurfacePoint>>,
     /// Facts of A and B.
     pub sides: [SideFacts; 2],
 }
@@ -252,9 +279,45 @@ pub fn correspond(
     params: &CorrespondParams,
     context: Context<'_>,
 ) -> Result<Correspondence> {
+    correspond_guided(a, b, inputs, params, &Guidance::default(), context)
+}
+
+/// The same with what is known of the map beforehand.
+///
+/// # Errors
+/// As [`Side::build`]; [`Error::Parameter`] for guidance without refinement, or for vertices that are not there.
+pub fn correspond_guided(
+    a: &Mesh,
+    b: &Mesh,
+    inputs: Option<&[Value; 2]>,
+    params: &CorrespondParams,
+    guidance: &Guidance,
+    context: Context<'_>,
+) -> Result<Correspondence> {
+    guidance.check(a.positions.len(), b.positions.len(), params)?;
     let side = |opened, k: usize, name| Side::build(opened, inputs.map(|inputs| &inputs[k]), params, name, context);
     let (a, b) = (side(a, 0, "a")?, side(b, 1, "b")?);
-    match_sides(&a, &b, params, context)
+    match_sides(&a, &b, params, guidance, context)
+}
+
+impl Guidance {
+    fn check(&self, n_a: usize, n_b: usize, params: &CorrespondParams) -> Result<()> {
+        let guided = !self.pairs.is_empty() || self.map.is_some() || params.points;
+        if guided && params.refine == Refine::None {
+            let problem = "landmarks, a map to begin with and matches inside triangles need refinement";
+            return Err(Error::parameter("--refine", problem, "leave it at its default"));
+        }
+        if self.pairs.iter().any(|(of_a, of_b)| *of_a as usize >= n_a || *of_b as usize >= n_b) {
+            let problem = format!("a vertex beyond the {n_a} of A or the {n_b} of B");
+            return Err(Error::parameter("--landmarks-file", problem, "count vertices from 0"));
+        }
+        let Some(map) = &self.map else { return Ok(()) };
+        if map.len() != n_a || map.iter().flatten().any(|&v| v as usize >= n_b) || map.iter().flatten().count() == 0 {
+            let problem = format!("is no map of {n_a} vertices to {n_b}");
+            return Err(Error::parameter("--initial-map", problem, "give matches of the same meshes"));
+        }
+        Ok(())
+    }
 }
 
 /// Matches meshes made ready with the same parameters.
@@ -265,12 +328,13 @@ pub fn match_sides(
     a: &Side<'_>,
     b: &Side<'_>,
     params: &CorrespondParams,
+    guidance: &Guidance,
     context: Context<'_>,
 ) -> Result<Correspondence> {
     let (mut alignments, _) =
         context.run.stage("alignment", "guesses", 0, || align(a.shape(), b.shape(), context.run))?;
     if params.refine == Refine::Nystrom && !params.transfer {
-        return refined(a, b, &b.points, alignments, params, context);
+        return refined(a, b, &b.points, alignments, params, guidance, context);
     }
     let taken = |found: &[Alignment]| {
         found.get(params.alternative).cloned().ok_or_else(|| no_alternative(params.alternative, found.len()))
@@ -293,11 +357,12 @@ pub fn match_sides(
         let (points_b, alignment) = transferred(a, b, &found, params, context.run)?;
         if params.refine == Refine::Nystrom {
             alignments.starts = vec![alignment];
-            return refined(a, b, &points_b, alignments, params, context);
+            return refined(a, b, &points_b, alignments, params, guidance, context);
         }
         found = pass(&points_b, &alignment, params.matching, "matches.npy")?;
     }
-    Ok(Correspondence { matches: found, alignments, refined: Vec::new(), sides: [a.facts(), b.facts()] })
+    let sides = [a.facts(), b.facts()];
+    Ok(Correspondence { matches: found, alignments, refined: Vec::new(), functional: None, points: None, sides })
 }
 
 fn no_alternative(asked: usize, found: usize) -> Error {
@@ -311,6 +376,7 @@ fn refined(
     points_b: &[Point],
     mut alignments: Alignments,
     params: &CorrespondParams,
+    guidance: &Guidance,
     context: Context<'_>,
 ) -> Result<Correspondence> {
     // The same number on both, so that the kernels are equally wide.
@@ -320,9 +386,34 @@ fn refined(
     let ([basis_a, basis_b], _) = context.run.stage("basis", "vertices", n, bases)?;
     let sides = [a.refinable(&basis_a, &a.points), b.refinable(&basis_b, points_b)];
     let (outcomes, _) =
-        context.run.stage("refinement", "starts", 0, || refine(sides, &alignments.starts, context.run))?;
+        context.run.stage("refinement", "starts", 0, || {
+            let landmark_rows = |side: &Side<'_>, vertices: Vec<u32>| {
+                let context = Context::new(&side.work, context.run);
+                vertex_rows::rows(Surface::of(&side.graph), vertices, params.distance, "given.npy", context)
+            };
+            let (of_a, of_b) = guidance.pairs.iter().copied().unzip();
+            let given = if guidance.pairs.is_empty() {
+                None
+            } else {
+                Some([landmark_rows(a, of_a)?, landmark_rows(b, of_b)?])
+            };
+            let rows = given.as_ref().map(|rows| rows.each_ref());
+            let known = Known { pairs: &guidance.pairs, rows, map: guidance.map.as_deref() };
+            refine(sides, &alignments.starts, known, context.run)
+        })?;
     let found = rivals(&outcomes, sides[1]);
-    alignments.found = found.iter().map(|one| alignments.starts[one.alignment].clone()).collect();
+    let begun = |one: &Outcome| match one.start {
+        Start::Alignment(at) => alignments.starts[at].clone(),
+        // The user vouches for these.
+        Start::Landmarks | Start::Map => Alignment {
+            transform: DMatrix::identity(1, 1),
+            cost: 0.,
+            transport: None,
+            distortion: Some(one.distortion),
+            orientation: 1.,
+        },
+    };
+    alignments.found = found.iter().map(begun).collect();
     let telling = alignments.found.first().is_some_and(|best| best.orientation >= TELLING);
     alignments.ambiguous = found.len() > 1 || !telling;
     let outcome = found.get(params.alternative).ok_or_else(|| no_alternative(params.alternative, found.len()))?;
@@ -330,10 +421,13 @@ fn refined(
         let k = outcome.map.nrows();
         let in_a = carried(&basis_b, &outcome.map, "carried.npy", Context::new(&b.work, context.run))?;
         let pair = RefinedPair::new(&basis_a, &in_a, k, [&a.graph, &b.graph], EXHAUSTIVE, context.run)?;
-        matches(&pair, params.matching, "matches.npy", context)
+        let found = matches(&pair, params.matching, "matches.npy", context)?;
+        let points = params.points.then(|| pair.points(&found, "points.npy", context)).transpose()?;
+        Ok((found, points))
     };
-    let (matches, _) = context.run.stage("match", "vertices", a.points.len() as u64, make)?;
-    Ok(Correspondence { matches, alignments, refined: outcomes, sides: [a.facts(), b.facts()] })
+    let ((matches, points), _) = context.run.stage("match", "vertices", a.points.len() as u64, make)?;
+    let functional = Some(FunctionalMap { map: outcome.map.clone(), bases: [basis_a, basis_b] });
+    Ok(Correspondence { matches, alignments, refined: outcomes, functional, points, sides: [a.facts(), b.facts()] })
 }
 
 /// B embedded by the images of A's landmarks and A's own map: nothing is left to align but what the images are wrong by.

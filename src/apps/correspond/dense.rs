@@ -10,7 +10,8 @@
 //! on disk.
 
 use super::functional::{Targets, ToA};
-use super::matches::Pair;
+use super::matches::{Match, Pair};
+use super::points::SurfacePoint;
 use super::search::Neighbour;
 use crate::base::parallel::chunk_range;
 use crate::base::simd::{SimdKernel, dispatch};
@@ -204,6 +205,16 @@ impl<'a> RefinedPair<'a> {
             }
         }
         found
+    }
+}
+
+impl<'a> RefinedPair<'a> {
+    /// For each of `matches` the nearest point in the triangles around it ([`super::points`]), into the file `name`.
+    ///
+    /// # Errors
+    /// [`crate::base::Error::Io`], [`crate::base::Error::Cancelled`].
+    pub fn points(&self, matches: &[Match], name: &str, context: Context<'_>) -> Result<MappedSlice<SurfacePoint>> {
+        super::points::points(matches, |v| self.a.at(v), |v| self.b.at(v), self.graph_b, name, context)
     }
 }
 

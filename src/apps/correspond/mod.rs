@@ -12,6 +12,8 @@ pub mod files;
 pub mod functional;
 pub mod matches;
 pub mod orientation;
+pub mod pairs;
+pub mod points;
 pub mod refine;
 pub mod search;
 #[cfg(feature = "pictures")]
@@ -21,5 +23,6 @@ pub use accuracy::Errors;
 pub use align::{Alignment, Alignments, Shape, align};
 pub use matches::{AlignedPair, Match, Matching, Pair, matches};
 pub use orientation::Tensor;
+pub use points::SurfacePoint;
 pub use refine::{Outcome, Refine};
 pub use search::EmbeddingSearch;

@@ -2,11 +2,11 @@
 //! judging the outcomes of several.
 //!
 //! From the matches of an alignment of a few vectors, two steps alternate on samples of both meshes: the linear map between the first k
-//! functions that fits the matches best ([`super::functional`]), and the matches that fit this map best; k grows by
-//! [`STEP`] up to all functions. Low functions bring the large parts in place, higher ones the details.
+//! functions that fits the matches best ([`super::functional`]), and the matches that fit this map best; k grows
+//! up to all functions. Low functions bring the large parts in place, higher ones the details.
 //!
-//! Each start is refined on its own, from each of [`FIRST`] as first k. The outcomes are judged by what the starts
-//! know little about: how far distances from landmarks differ on both meshes ([`Outcome::distortion`]), and how far the
+//! Each start is refined on its own, from each of [`FIRST`] as first k; the best halfway are refined further. Outcomes are judged by what
+//! the starts know little about: how far distances from landmarks differ on both meshes ([`Outcome::distortion`]), and how far the
 //! functions of all samples are from those of their matches, both ways ([`Outcome::residual`]).
 //!
 //! Cost: constant. A step is a matrix product of k × both [`SAMPLES`]: a tenth of a second at k = 100.
@@ -25,10 +25,22 @@ use serde::{Deserialize, Serialize};
 /// Sample points of A and of B.
 pub const SAMPLES: [usize; 2] = [1500, 2500];
 /// Functions of the first step, tried one after the other.
-pub const FIRST: [usize; 3] = [8, 16, 28];
-/// Functions added in each step.
-pub const STEP: usize = 5;
+pub const FIRST: [usize; 3] = [5, 9, 20];
+/// A step adds one function, and one more for each so many.
+const GROWTH: usize = 16;
+/// Of all starts, every so many-th sample point is refined, up to [`HALFWAY`] functions.
+const THINNED: usize = 2;
+/// Functions of the first judgement.
+const HALFWAY: usize = 40;
+/// Outcomes of the first judgement that are refined on all sample points in all functions.
+const FINISHED: usize = 4;
 
+/// Times that a given pair of landmarks counts.
+const WEIGHT: usize = 20;
+/// Given landmarks whose distances tell where a vertex is.
+const SITUATING: usize = 4;
+/// Functions by which a vertex's nearest sample point is told.
+const FEW: usize = 40;
 /// Points by which two maps are compared.
 const COMPARED: usize = 200;
 /// Mean distance between the images of two maps, over √area, from which they are different.
@@ -60,11 +72,34 @@ pub struct Refinable<'a> {
     pub unit: f64,
 }
 
+/// What is known of the map beforehand.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Known<'a> {
+    /// Pairs of landmarks, vertices of A and B.
+    pub pairs: &'a [(u32, u32)],
+    /// Distances from these, on A and on B.
+    pub rows: Option<[&'a DistanceRows; 2]>,
+    /// A map to begin with, instead of alignments: for each vertex of A one of B.
+    pub map: Option<&'a [Option<u32>]>,
+}
+
+/// What a refinement begins with.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Start {
+    /// An alignment, by its number.
+    Alignment(usize),
+    /// Distances from the given landmarks.
+    Landmarks,
+    /// The given map.
+    Map,
+}
+
 /// A refined map.
 #[derive(Clone, Debug, Serialize)]
 pub struct Outcome {
-    /// Which alignment it began with.
-    pub alignment: usize,
+    /// What it began with.
+    pub start: Start,
     /// Functions of the first step.
     pub first: usize,
     /// Mean difference between distances from landmark to landmark on either mesh, over √area.
@@ -73,6 +108,8 @@ pub struct Outcome {
     pub residual: f64,
     /// Share of B's sample that is some point's match.
     pub covered: f64,
+    /// Mean distance from the images of given landmarks to their pairs, over √area.
+    pub landmarks: Option<f64>,
     /// The map C (k × k): Φ_B ≈ C Φ_A.
     #[serde(skip)]
     pub map: DMatrix<f64>,
@@ -84,7 +121,8 @@ pub struct Outcome {
 impl Outcome {
     /// What outcomes are ranked by, the least first.
     fn rank(&self) -> f64 {
-        self.distortion * self.residual
+        // Landmarks given by hand are exact to about a hundredth.
+        self.distortion * self.residual * (0.02 + self.landmarks.unwrap_or(0.))
     }
 }
 
@@ -93,43 +131,113 @@ struct Samples {
     chosen: [Vec<u32>; 2],
     functions: [Points; 2],
     landmarks: [Points; 2],
+    /// The last so many are given pairs.
+    fixed: usize,
 }
 
 impl Samples {
-    fn new(sides: [Refinable<'_>; 2], run: &Run) -> Self {
+    fn new(sides: [Refinable<'_>; 2], pairs: &[(u32, u32)], run: &Run) -> Self {
         let k = sides[0].basis.count.min(sides[1].basis.count);
         let of = |side: Refinable<'_>, vertices: &[u32]| {
             let values = vertices.iter().flat_map(|&v| &side.basis.at(v as usize)[..k]).copied().collect();
             Points { dimensions: k, values }
         };
-        let chosen = [0, 1].map(|s| sample(sides[s].nodes, SAMPLES[s], run.seed, "refined points"));
+        let mut chosen = [0, 1].map(|s| sample(sides[s].nodes, SAMPLES[s], run.seed, "refined points"));
+        for &(of_a, of_b) in pairs {
+            chosen[0].push(of_a);
+            chosen[1].push(of_b);
+        }
         let functions = [0, 1].map(|s| of(sides[s], &chosen[s]));
         let landmarks = [0, 1].map(|s| of(sides[s], &sides[s].rows.landmarks));
-        Self { chosen, functions, landmarks }
+        Self { chosen, functions, landmarks, fixed: pairs.len() }
     }
 
-    /// From the matches `found` (of A's sample among B's) upwards from `first` functions.
-    fn refine(&self, mut found: Vec<u32>, first: usize) -> DMatrix<f64> {
-        let [a, b] = &self.functions;
-        let most = a.dimensions;
-        let queries: Vec<&[f32]> = (0..a.len()).map(|i| a.at(i)).collect();
-        let mut k = first.min(most);
-        loop {
-            let pairs: Vec<(u32, u32)> = found.iter().enumerate().map(|(i, &j)| (i as u32, j)).collect();
-            let map = fit(a, b, &pairs, k);
-            if k == most {
-                return map;
-            }
-            let carried = ToA::new(&map).carry_all(b);
-            let targets = Targets::new((0..b.len()).map(|i| carried.at(i)), k);
-            found.clear();
-            targets.nearest(&queries, &mut found);
-            k = (k + STEP).min(most);
+    /// Every `step`-th of them, and all given pairs.
+    fn thinned(&self, step: usize) -> Self {
+        let kept = |n: usize| (0..n - self.fixed).step_by(step).chain(n - self.fixed..n);
+        let thin = |points: &Points| {
+            let values = kept(points.len()).flat_map(|i| points.at(i)).copied().collect();
+            Points { dimensions: points.dimensions, values }
+        };
+        Self {
+            chosen: self.chosen.each_ref().map(|chosen| kept(chosen.len()).map(|i| chosen[i]).collect()),
+            functions: self.functions.each_ref().map(thin),
+            landmarks: self.landmarks.clone(),
+            fixed: self.fixed,
         }
     }
 
+    /// Sets the matches of given pairs.
+    fn fix(&self, found: &mut [u32]) {
+        let (n_a, n_b) = (found.len(), self.functions[1].len());
+        (0..self.fixed).for_each(|p| found[n_a - self.fixed + p] = (n_b - self.fixed + p) as u32);
+    }
+
+    /// The pairs that a map is fitted to: given ones count [`WEIGHT`] times.
+    fn pairs(&self, found: &[u32]) -> Vec<(u32, u32)> {
+        let all = found.iter().enumerate().map(|(i, &j)| (i as u32, j));
+        let given = all.clone().skip(found.len() - self.fixed);
+        all.chain((1..WEIGHT).flat_map(|_| given.clone())).collect()
+    }
+
+    /// The matches of A's sample among B's by the map `c`.
+    fn matched(&self, c: &DMatrix<f64>) -> Vec<u32> {
+        let [a, b] = &self.functions;
+        let carried = ToA::new(c).carry_all(b);
+        let targets = Targets::new((0..b.len()).map(|i| carried.at(i)), c.nrows());
+        let mut found = Vec::with_capacity(a.len());
+        targets.nearest(&(0..a.len()).map(|i| a.at(i)).collect::<Vec<_>>(), &mut found);
+        self.fix(&mut found);
+        found
+    }
+
+    /// The same by the nearest of `of_b` to each of `of_a`, points for either sample.
+    fn nearest(&self, of_a: &[Vec<f32>], of_b: &[Vec<f32>]) -> Vec<u32> {
+        let dimensions = of_b.first().map_or(0, Vec::len);
+        let targets = Targets::new(of_b.iter().map(Vec::as_slice), dimensions);
+        let mut found = Vec::with_capacity(of_a.len());
+        targets.nearest(&of_a.iter().map(Vec::as_slice).collect::<Vec<_>>(), &mut found);
+        self.fix(&mut found);
+        found
+    }
+
+    /// From the matches `found` (of A's sample among B's) upwards from `first` to `last` functions.
+    fn refine(&self, mut found: Vec<u32>, first: usize, last: usize) -> DMatrix<f64> {
+        let [a, b] = &self.functions;
+        let most = last.min(a.dimensions);
+        let mut k = first.min(most);
+        loop {
+            let map = fit(a, b, &self.pairs(&found), k);
+            if k == most {
+                return map;
+            }
+            found = self.matched(&map);
+            k = (k + 1 + k / GROWTH).min(most);
+        }
+    }
+
+    /// The matches by a given `map`: of each point of A's sample, B's sample point nearest to its image in a few functions.
+    fn by_map(&self, sides: [Refinable<'_>; 2], map: &[Option<u32>]) -> Vec<u32> {
+        let [in_a, in_b] = &self.chosen;
+        let k = FEW.min(sides[1].basis.count);
+        let at = |v: u32| sides[1].basis.at(v as usize)[..k].to_vec();
+        // What the map leaves open takes the image of the point before it.
+        let mut last = map.iter().flatten().next().copied().unwrap_or(0);
+        let images = in_a.iter().map(|&v| {
+            last = map.get(v as usize).copied().flatten().unwrap_or(last);
+            at(last)
+        });
+        self.nearest(&images.collect::<Vec<_>>(), &in_b.iter().map(|&v| at(v)).collect::<Vec<_>>())
+    }
+
     /// Judges the map `c`.
-    fn judge(&self, sides: [Refinable<'_>; 2], c: DMatrix<f64>, alignment: usize, first: usize) -> Outcome {
+    fn judge(
+        &self,
+        sides: [Refinable<'_>; 2],
+        known: Known<'_>,
+        c: DMatrix<f64>,
+        (start, first): (Start, usize),
+    ) -> Outcome {
         let [a, b] = &self.functions;
         let k = c.nrows();
         let to_a = ToA::new(&c);
@@ -165,33 +273,69 @@ impl Samples {
             }
         }
         let distortion = sum / (to_a.len() * to_b.len()).max(1) as f64;
+        let landmarks = known.rows.filter(|_| self.fixed > 0).map(|[_, rows]| {
+            let n = there.len() - self.fixed;
+            let missed = |p: usize| f64::from(rows.row(p)[self.chosen[1][there[n + p] as usize] as usize]);
+            sides[1].unit * (0..self.fixed).map(missed).sum::<f64>() / self.fixed as f64
+        });
         let sample = there.iter().map(|&j| self.chosen[1][j as usize]).collect();
-        Outcome { alignment, first, distortion, residual, covered, map: c, sample }
+        Outcome { start, first, distortion, residual, covered, landmarks, map: c, sample }
     }
 }
 
-/// Refines each of `alignments` and judges the outcomes: the best first.
+/// Refines each of `alignments`, and what is `known`, and judges the outcomes: the best first.
 ///
 /// # Errors
 /// [`crate::base::Error::Cancelled`].
-pub fn refine(sides: [Refinable<'_>; 2], alignments: &[Alignment], run: &Run) -> Result<Vec<Outcome>> {
-    let samples = Samples::new(sides, run);
+pub fn refine(
+    sides: [Refinable<'_>; 2],
+    alignments: &[Alignment],
+    known: Known<'_>,
+    run: &Run,
+) -> Result<Vec<Outcome>> {
+    let samples = Samples::new(sides, known.pairs, run);
     let [a, b] = sides;
-    let starts: Vec<(usize, usize)> =
-        (0..alignments.len()).flat_map(|at| FIRST.iter().map(move |&first| (at, first))).collect();
-    let work = |k: usize, (): &mut ()| {
-        let (at, first) = starts[k];
-        let dimensions = alignments[at].transform.nrows();
-        let targets = samples.chosen[1].iter().map(|&v| &b.points[v as usize][..]);
-        let targets = Targets::new(targets.collect::<Vec<_>>().into_iter(), dimensions);
-        let moved: Vec<Point> =
-            samples.chosen[0].iter().map(|&v| alignments[at].apply(&a.points[v as usize])).collect();
-        let mut found = Vec::new();
-        targets.nearest(&moved.iter().map(|point| &point[..]).collect::<Vec<_>>(), &mut found);
-        Ok(samples.judge(sides, samples.refine(found, first), at, first))
+    let mut begins: Vec<Start> = (0..alignments.len()).map(Start::Alignment).collect();
+    if known.map.is_some() {
+        begins = vec![Start::Map];
+    } else if known.pairs.len() >= SITUATING {
+        begins.push(Start::Landmarks);
+    }
+    let starts: Vec<(Start, usize)> =
+        begins.iter().flat_map(|&at| FIRST.iter().map(move |&first| (at, first))).collect();
+    let few = samples.thinned(THINNED);
+    let begin = |k: usize, (): &mut ()| {
+        let [in_a, in_b] = &few.chosen;
+        let found = match (starts[k].0, known.rows, known.map) {
+            (Start::Alignment(at), ..) => {
+                let (one, dimensions) = (&alignments[at], alignments[at].transform.nrows());
+                let of_b = in_b.iter().map(|&v| b.points[v as usize][..dimensions].to_vec());
+                let of_a = in_a.iter().map(|&v| one.apply(&a.points[v as usize])[..dimensions].to_vec());
+                few.nearest(&of_a.collect::<Vec<_>>(), &of_b.collect::<Vec<_>>())
+            }
+            (Start::Landmarks, Some(rows), _) => {
+                let [of_a, of_b] = [0, 1].map(|s| {
+                    let at = |v: u32| (0..rows[s].len()).map(|j| sides[s].unit as f32 * rows[s].row(j)[v as usize]).collect();
+                    few.chosen[s].iter().map(|&v| at(v)).collect::<Vec<Vec<f32>>>()
+                });
+                few.nearest(&of_a, &of_b)
+            }
+            (_, _, Some(map)) => few.by_map(sides, map),
+            _ => Vec::new(),
+        };
+        Ok(few.judge(sides, known, few.refine(found, starts[k].1, HALFWAY), starts[k]))
     };
-    let mut all = run.map_chunks(starts.len(), || (), work)?;
-    all.sort_by(|x, y| x.rank().total_cmp(&y.rank()));
+    let mut begun = run.map_chunks(starts.len(), || (), begin)?;
+    let rank = |x: &Outcome, y: &Outcome| x.rank().total_cmp(&y.rank());
+    begun.sort_by(rank);
+    begun.truncate(FINISHED);
+    let finish = |k: usize, (): &mut ()| {
+        let Outcome { start, first, map, .. } = &begun[k];
+        let map = samples.refine(samples.matched(map), map.nrows(), usize::MAX);
+        Ok(samples.judge(sides, known, map, (*start, *first)))
+    };
+    let mut all = run.map_chunks(begun.len(), || (), finish)?;
+    all.sort_by(rank);
     Ok(all)
 }
 
