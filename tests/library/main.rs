@@ -7,6 +7,7 @@
 mod common;
 
 mod correspond_parts;
+mod correspond_refined;
 mod creature_files;
 mod creature_mesh;
 mod evaluate_metrics;

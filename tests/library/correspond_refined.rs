@@ -1,0 +1,230 @@
+//! Refinement of correspondence against slow, obvious versions, and on real poses.
+
+use crate::common;
+use nalgebra::DMatrix;
+use nystrom_stream::apps::correspond::dense::{EXHAUSTIVE, RefinedPair, carried};
+use nystrom_stream::apps::correspond::points::nearest_in_triangle;
+use nystrom_stream::apps::correspond::{Errors, Matching, Pair, accuracy, matches};
+use nystrom_stream::base::random::{below, stream, unit};
+use nystrom_stream::distance::local_rows::LocalRows;
+use nystrom_stream::distance::march::Surface;
+use nystrom_stream::distance::rows::RowParams;
+use nystrom_stream::distance::vertex_rows::{self, Distance};
+use nystrom_stream::graph::VertexGraph;
+use nystrom_stream::landmarks::Sampling;
+use nystrom_stream::mesh::{self, Mesh};
+use nystrom_stream::pipeline::correspond::{CorrespondParams, Guidance, correspond, correspond_guided};
+use nystrom_stream::spectral::local::LocalBasis;
+use nystrom_stream::store::{Budget, Context, Run, WorkDir};
+use std::path::Path;
+
+fn creature(dir: &Path, faces: u64) -> Mesh {
+    mesh::open(&common::creature(dir, faces, false), dir, &Run::new(&())).unwrap()
+}
+
+struct Prepared {
+    graph: VertexGraph,
+    rows: LocalRows,
+    sigma: f64,
+}
+
+fn prepared(mesh: &Mesh, samples: usize, distance: Distance, context: Context<'_>) -> Prepared {
+    let graph = VertexGraph::build(mesh, Path::new("m"), context).unwrap();
+    let surface = Surface::of(&graph);
+    let landmarks = vertex_rows::landmarks(surface, RowParams::new(samples, Sampling::Farthest), context).unwrap();
+    let sigma = 1.2 * (graph.facts.area / samples as f64).sqrt();
+    let rows = LocalRows::compute(surface, landmarks, (3. * sigma) as f32, distance, "near", context).unwrap();
+    Prepared { graph, rows, sigma }
+}
+
+#[test]
+fn local_rows_are_the_near_part_of_full_rows() {
+    let dir = tempfile::tempdir().unwrap();
+    let mesh = creature(dir.path(), 6_000);
+    for distance in [Distance::March, Distance::Edges] {
+        let mut seen: Option<Vec<u32>> = None;
+        for (threads, bytes) in [(1, 1 << 30), (3, 4 << 20)] {
+            let work = WorkDir::temporary(dir.path()).unwrap();
+            let run = Run { threads, budget: Budget::new(bytes), ..Run::new(&()) };
+            let context = Context::new(&work, &run);
+            let Prepared { graph, rows, .. } = prepared(&mesh, 60, distance, context);
+            let surface = Surface::of(&graph);
+            let full = vertex_rows::rows(surface, rows.samples.clone(), distance, "full.npy", context).unwrap();
+            let (mut near, mut bits) = (0, Vec::new());
+            for v in 0..graph.len() {
+                let mut expected = (0..60).filter(|&j| full.row(j)[v] < rows.limit).peekable();
+                for one in rows.near(v) {
+                    assert_eq!(Some(one.sample as usize), expected.next(), "vertex {v}");
+                    let real = full.row(one.sample as usize)[v];
+                    assert!((one.distance - real).abs() <= 2e-3 * rows.limit, "{} is {real}", one.distance);
+                    bits.extend([one.sample, one.distance.to_bits()]);
+                    near += 1;
+                }
+                assert!(expected.next().is_none(), "vertex {v} misses a sample");
+            }
+            assert!(near == rows.len() && near > 10 * graph.len(), "{near}");
+            assert!(seen.as_ref().is_none_or(|seen| *seen == bits));
+            seen = Some(bits);
+        }
+    }
+}
+
+#[test]
+fn functions_are_orthonormal_by_area_and_smooth_ones_come_first() {
+    let dir = tempfile::tempdir().unwrap();
+    let mesh = creature(dir.path(), 6_000);
+    let (work, run) = (WorkDir::temporary(dir.path()).unwrap(), Run::new(&()));
+    let context = Context::new(&work, &run);
+    let Prepared { graph, rows, sigma } = prepared(&mesh, 200, Distance::March, context);
+    let basis = LocalBasis::fit(&rows, &graph.nodes, sigma, 40, "f.npy", context).unwrap();
+    assert_eq!(basis.count, 40);
+    let total: f64 = graph.nodes.iter().map(|node| f64::from(node.area)).sum();
+    let mut gram = DMatrix::<f64>::zeros(40, 40);
+    for v in 0..graph.len() {
+        let row = DMatrix::from_fn(40, 1, |i, _| f64::from(basis.at(v)[i]));
+        gram += &row * row.transpose() * (f64::from(graph.nodes[v].area) / total);
+    }
+    assert!((gram - DMatrix::identity(40, 40)).abs().max() < 1e-4);
+    // The first is constant, and the more frequent, the rougher along edges.
+    assert!((0..graph.len()).all(|v| (basis.at(v)[0].abs() - 1.).abs() < 0.01));
+    assert!(basis.frequencies.windows(2).all(|pair| pair[0] <= pair[1]) && basis.frequencies[0].abs() < 1e-6);
+    let rough = |k: usize| -> f64 {
+        (0..graph.len())
+            .flat_map(|v| graph.csr().neighbours(v as u32).map(move |(w, _)| (v, w as usize)))
+            .map(|(v, w)| f64::from(basis.at(v)[k] - basis.at(w)[k]).powi(2))
+            .sum()
+    };
+    assert!(rough(1) < rough(10) && rough(10) < rough(39));
+}
+
+#[test]
+fn walks_find_what_comparing_all_finds() {
+    let dir = tempfile::tempdir().unwrap();
+    let mesh = creature(dir.path(), 9_000);
+    let (work, run) = (WorkDir::temporary(dir.path()).unwrap(), Run::new(&()));
+    let context = Context::new(&work, &run);
+    let Prepared { graph, rows, sigma } = prepared(&mesh, 200, Distance::March, context);
+    let basis = LocalBasis::fit(&rows, &graph.nodes, sigma, 60, "f.npy", context).unwrap();
+    // A little beside the identity, so that nearest points are not at distance 0.
+    let mut draw = stream(4, "map");
+    let map = DMatrix::from_fn(60, 60, |i, j| f64::from(u8::from(i == j)) + 0.02 * (unit(&mut draw) - 0.5));
+    let in_a = carried(&basis, &map, "c.npy", context).unwrap();
+    let pair = |limit| RefinedPair::new(&basis, &in_a, 60, [&graph, &graph], limit, &run).unwrap();
+    let (all, walked) = (pair(EXHAUSTIVE), pair(0));
+    let n = graph.len();
+    let square = |v: usize, w: usize| -> f32 {
+        let other = &in_a[60 * w..60 * (w + 1)];
+        basis.at(v).iter().zip(other).map(|(x, y)| (x - y) * (x - y)).sum()
+    };
+    let (fast, slow) = (walked.nearest(0..n), all.nearest(0..n));
+    let mut same = 0;
+    for v in 0..n {
+        if v % 37 == 0 {
+            let least = (0..n).map(|w| square(v, w)).fold(f32::INFINITY, f32::min);
+            assert!((slow[v].square - least).abs() <= 1e-3 * least.max(1.), "{} {least}", slow[v].square);
+        }
+        same += usize::from(fast[v].vertex == slow[v].vertex || fast[v].square <= slow[v].square);
+    }
+    assert!(same * 100 >= 98 * n, "{same} of {n}");
+    // Matching one to one needs no more than walks.
+    let single = matches(&walked, Matching::OneToOne, "m.npy", context).unwrap();
+    let mut targets: Vec<u32> = single.iter().filter_map(|one| one.vertex()).collect();
+    let count = targets.len();
+    targets.sort_unstable();
+    targets.dedup();
+    assert!(targets.len() == count && count > n * 9 / 10, "{count} of {n}");
+}
+
+#[test]
+fn the_nearest_point_of_a_triangle_is_the_nearest_of_many() {
+    let mut draw = stream(6, "triangles");
+    for _ in 0..200 {
+        let mut point = || -> Vec<f32> { (0..5).map(|_| unit(&mut draw) as f32 - 0.5).collect() };
+        let [x, a, b, c] = [point(), point(), point(), point()];
+        let at = |u: f64, v: f64| -> f64 {
+            let mixed = |i: usize| (1. - u - v) * f64::from(a[i]) + u * f64::from(b[i]) + v * f64::from(c[i]);
+            (0..5).map(|i| (f64::from(x[i]) - mixed(i)).powi(2)).sum()
+        };
+        let ([u, v], square) = nearest_in_triangle(&x, &a, &b, &c);
+        assert!(u >= 0. && v >= 0. && u + v <= 1. + 1e-9 && (at(u, v) - square).abs() < 1e-6);
+        let steps = (0..=40).flat_map(|i| (0..=40 - i).map(move |j| (f64::from(i) / 40., f64::from(j) / 40.)));
+        let least = steps.map(|(u, v)| at(u, v)).fold(f64::INFINITY, f64::min);
+        assert!(square <= least + 1e-6, "{square} {least}");
+    }
+}
+
+/// `mesh` with vertices in random order, and where each went.
+fn permuted(mesh: &Mesh) -> (Mesh, Vec<u32>) {
+    let n = mesh.positions.len();
+    let mut draw = stream(8, "order");
+    let mut place: Vec<u32> = (0..n as u32).collect();
+    (1..n).rev().for_each(|k| place.swap(k, below(&mut draw, k + 1)));
+    let mut points = vec![[0f64; 3]; n];
+    place.iter().enumerate().for_each(|(from, &to)| points[to as usize] = mesh.positions.get(from as u32));
+    let mut faces = Vec::new();
+    mesh.faces.for_each(0..mesh.faces.len(), |_, c| faces.push([c[0], c[1], c[2]].map(|v| place[v as usize])));
+    (Mesh::from_slices(&points, &faces).unwrap(), place)
+}
+
+fn mean_error(a: &Mesh, b: &Mesh, truth: &[u32], guidance: &Guidance, dir: &Path) -> f64 {
+    let (work, run) = (WorkDir::temporary(dir).unwrap(), Run::new(&()));
+    let context = Context::new(&work, &run);
+    let found = correspond_guided(a, b, None, &CorrespondParams::default(), guidance, context).unwrap();
+    let graph_work = WorkDir::temporary(dir).unwrap();
+    let graph = VertexGraph::build(b, Path::new("b"), Context::new(&graph_work, &run)).unwrap();
+    let pairs: Vec<(u32, u32)> =
+        found.matches.iter().zip(truth).step_by(11).map(|(one, real)| (one.vertex().unwrap(), *real)).collect();
+    Errors::of(accuracy::distances(&graph, &pairs, &run).unwrap(), 0).mean
+}
+
+#[test]
+fn a_permuted_copy_is_found_exactly_enough_by_every_start() {
+    let dir = tempfile::tempdir().unwrap();
+    let a = creature(dir.path(), 6_000);
+    let (b, place) = permuted(&a);
+    let pairs: Vec<(u32, u32)> = (0..place.len() as u32).step_by(500).map(|v| (v, place[v as usize])).collect();
+    let map = Some(place.iter().enumerate().map(|(v, &w)| (v % 3 > 0).then_some(w)).collect());
+    for guidance in [Guidance::default(), Guidance { pairs, map: None }, Guidance { pairs: Vec::new(), map }] {
+        let mean = mean_error(&a, &b, &place, &guidance, dir.path());
+        assert!(mean < 0.01, "{mean} with {} pairs", guidance.pairs.len());
+    }
+}
+
+#[test]
+fn functional_maps_of_a_copy_are_near_orthogonal_and_points_lie_in_triangles() {
+    let dir = tempfile::tempdir().unwrap();
+    let a = creature(dir.path(), 6_000);
+    let (b, _) = permuted(&a);
+    let (work, run) = (WorkDir::temporary(dir.path()).unwrap(), Run::new(&()));
+    let params = CorrespondParams::default().points(true);
+    let found = correspond(&a, &b, None, &params, Context::new(&work, &run)).unwrap();
+    let functional = found.functional.unwrap();
+    let k = functional.map.nrows();
+    let product = functional.map.tr_mul(&functional.map) - DMatrix::identity(k, k);
+    assert!(product.norm() / (k as f64).sqrt() < 0.3, "{}", product.norm());
+    let points = found.points.unwrap();
+    assert_eq!(points.len(), a.positions.len());
+    for (point, one) in points.iter().zip(found.matches.iter()) {
+        assert!(point.corners.contains(&(one.target as i32)));
+        assert!((point.weights.iter().sum::<f32>() - 1.).abs() < 1e-5 && point.weights.iter().all(|w| *w >= -1e-6));
+    }
+}
+
+#[test]
+fn real_poses_are_matched_within_the_bar() {
+    let Some(data) = common::data() else {
+        eprintln!("skipped: no test meshes");
+        return;
+    };
+    let dir = tempfile::tempdir().unwrap();
+    for (folder, a, b, bar) in
+        [("horse_poses", "horse_01", "horse_05", 0.025), ("faust", "tr_reg_025", "tr_reg_095", 0.03)]
+    {
+        let open = |name: &str| {
+            mesh::open(&data.join("corr").join(folder).join(format!("{name}.ply")), dir.path(), &Run::new(&())).unwrap()
+        };
+        let (a, (b, truth)) = (open(a), permuted(&open(b)));
+        let mean = mean_error(&a, &b, &truth, &Guidance::default(), dir.path());
+        assert!(mean < bar, "{folder}: {mean}");
+    }
+}
