@@ -99,13 +99,19 @@ pub struct FunctionalMap {
 /// Landmarks for meshes of up to `vertices` vertices: fewer where a row costs a third of a second. On twelve decimated series 20
 /// instead of 50 take the mean error from .007 to .010.
 pub fn default_landmarks(vertices: usize) -> usize {
-    if vertices <= 300_000 { 50 } else { 20 }
+    if vertices <= LARGE { 50 } else { 20 }
 }
 
 /// Vertices of each mesh from which local rows start.
 const LOCAL_SAMPLES: usize = 700;
-/// Width of the local kernel, in mean spacings of these vertices.
-const LOCAL_WIDTH: f64 = 1.2;
+/// Width of the local kernel, in mean spacings of these vertices: wide enough to even out how they lie.
+const LOCAL_WIDTH: f64 = 1.6;
+/// The same for meshes beyond [`LARGE`] vertices, where fronts to the limit cost the most.
+const LARGE_WIDTH: f64 = 1.1;
+/// Vertices of a large mesh, which gets fewer landmarks and a narrower kernel.
+const LARGE: usize = 300_000;
+/// Widths at which a local row ends.
+const LOCAL_REACH: f64 = 2.7;
 /// Functions of refinement.
 const FUNCTIONS: usize = 100;
 
@@ -222,16 +228,16 @@ impl<'a> Side<'a> {
         1. / self.graph.facts.area.sqrt().max(1e-300)
     }
 
-    /// Smooth functions on it, from `samples` vertices.
-    fn basis(&self, samples: usize, params: &CorrespondParams, run: &Run) -> Result<LocalBasis> {
+    /// Smooth functions on it, from `samples` vertices and a kernel of `width` of their spacings.
+    fn basis(&self, samples: usize, width: f64, distance: Distance, run: &Run) -> Result<LocalBasis> {
         const FILES: [&str; 2] = ["local_rows.npy", "local_rows_starts.npy"];
         let context = Context::new(&self.work, run);
         let surface = Surface::of(&self.graph);
         let row_params = RowParams { l: samples, sampling: Sampling::Farthest };
         let samples = vertex_rows::landmarks(surface, row_params, context)?;
-        let sigma = LOCAL_WIDTH / (self.unit() * (samples.len() as f64).sqrt());
-        let limit = (3. * sigma) as f32;
-        let rows = LocalRows::compute(surface, samples, limit, params.distance, "local_rows", context)?;
+        let sigma = width / (self.unit() * (samples.len() as f64).sqrt());
+        let limit = (LOCAL_REACH * sigma) as f32;
+        let rows = LocalRows::compute(surface, samples, limit, distance, "local_rows", context)?;
         let basis = LocalBasis::fit(&rows, &self.graph.nodes, sigma, FUNCTIONS, "functions.npy", context)?;
         drop(rows);
         FILES.iter().for_each(|name| self.work.remove(name));
@@ -382,7 +388,9 @@ fn refined(
     // The same number on both, so that the kernels are equally wide.
     let samples = LOCAL_SAMPLES.min(a.graph.len()).min(b.graph.len());
     let n = (a.points.len() + b.points.len()) as u64;
-    let bases = || Ok([a.basis(samples, params, context.run)?, b.basis(samples, params, context.run)?]);
+    let width = if a.graph.len().max(b.graph.len()) > LARGE { LARGE_WIDTH } else { LOCAL_WIDTH };
+    let basis = |side: &Side<'_>| side.basis(samples, width, params.distance, context.run);
+    let bases = || Ok([basis(a)?, basis(b)?]);
     let ([basis_a, basis_b], _) = context.run.stage("basis", "vertices", n, bases)?;
     let sides = [a.refinable(&basis_a, &a.points), b.refinable(&basis_b, points_b)];
     let (outcomes, _) =
