@@ -2,8 +2,8 @@
 
 use super::mesh::identity;
 use super::run::{RunOptions, run_options};
-use crate::apps::correspond::{Refine, files};
 use crate::apps::correspond::matches::{Match, Matching};
+use crate::apps::correspond::{Refine, files};
 use crate::base::Result;
 use crate::distance::vertex_rows::Distance;
 use crate::landmarks::Sampling;

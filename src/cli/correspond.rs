@@ -152,7 +152,9 @@ pub fn run(args: &CorrespondArgs, app: &AppContext) -> Result<(), CliError> {
     }
     let functional = || args.functional_map.iter().chain(&args.functions);
     if params.refine == Refine::None && functional().next().is_some() {
-        return Err(CliError::Usage("without refinement there are no functions to write; leave out --refine none".into()));
+        return Err(CliError::Usage(
+            "without refinement there are no functions to write; leave out --refine none".into(),
+        ));
     }
     params.points = args.points.is_some();
     let outputs = || {

@@ -393,22 +393,18 @@ fn refined(
     let bases = || Ok([basis(a)?, basis(b)?]);
     let ([basis_a, basis_b], _) = context.run.stage("basis", "vertices", n, bases)?;
     let sides = [a.refinable(&basis_a, &a.points), b.refinable(&basis_b, points_b)];
-    let (outcomes, _) =
-        context.run.stage("refinement", "starts", 0, || {
-            let landmark_rows = |side: &Side<'_>, vertices: Vec<u32>| {
-                let context = Context::new(&side.work, context.run);
-                vertex_rows::rows(Surface::of(&side.graph), vertices, params.distance, "given.npy", context)
-            };
-            let (of_a, of_b) = guidance.pairs.iter().copied().unzip();
-            let given = if guidance.pairs.is_empty() {
-                None
-            } else {
-                Some([landmark_rows(a, of_a)?, landmark_rows(b, of_b)?])
-            };
-            let rows = given.as_ref().map(|rows| rows.each_ref());
-            let known = Known { pairs: &guidance.pairs, rows, map: guidance.map.as_deref() };
-            refine(sides, &alignments.starts, known, context.run)
-        })?;
+    let (outcomes, _) = context.run.stage("refinement", "starts", 0, || {
+        let landmark_rows = |side: &Side<'_>, vertices: Vec<u32>| {
+            let context = Context::new(&side.work, context.run);
+            vertex_rows::rows(Surface::of(&side.graph), vertices, params.distance, "given.npy", context)
+        };
+        let (of_a, of_b) = guidance.pairs.iter().copied().unzip();
+        let given =
+            if guidance.pairs.is_empty() { None } else { Some([landmark_rows(a, of_a)?, landmark_rows(b, of_b)?]) };
+        let rows = given.as_ref().map(|rows| rows.each_ref());
+        let known = Known { pairs: &guidance.pairs, rows, map: guidance.map.as_deref() };
+        refine(sides, &alignments.starts, known, context.run)
+    })?;
     let found = rivals(&outcomes, sides[1]);
     let begun = |one: &Outcome| match one.start {
         Start::Alignment(at) => alignments.starts[at].clone(),

@@ -75,10 +75,15 @@ impl LocalBasis {
             }
             Ok(mass)
         };
-        run.in_order(chunk_count(n, CHUNK), || (), shares, |_, part| {
-            mass.iter_mut().zip(part).for_each(|(sum, part)| *sum += part);
-            Ok(())
-        })?;
+        run.in_order(
+            chunk_count(n, CHUNK),
+            || (),
+            shares,
+            |_, part| {
+                mass.iter_mut().zip(part).for_each(|(sum, part)| *sum += part);
+                Ok(())
+            },
+        )?;
         // A sample whose area has gone to others still must not vanish.
         mass.iter_mut().for_each(|m| *m = m.max(1e-9 / s as f64));
         let mut within = DMatrix::<f64>::zeros(s, s);

@@ -284,7 +284,10 @@ mod tests {
         let (a, k) = (random(200, 12, 3), 12);
         let turn = nalgebra::QR::new(DMatrix::from_fn(k, k, |i, j| ((7 * i + 3 * j * j) % 11) as f64 - 5.)).q();
         let rotated = |i: usize| &turn * DMatrix::from_fn(k, 1, |d, _| f64::from(a.at(i)[d]));
-        let b = Points { dimensions: k, values: (0..200).flat_map(|i| rotated(i).map(|x| x as f32).as_slice().to_vec()).collect() };
+        let b = Points {
+            dimensions: k,
+            values: (0..200).flat_map(|i| rotated(i).map(|x| x as f32).as_slice().to_vec()).collect(),
+        };
         let pairs: Vec<(u32, u32)> = (0..200).map(|i| (i, i)).collect();
         let map = fit(&a, &b, &pairs, k);
         assert!((&map - &turn).norm() < 1e-4, "{}", (&map - &turn).norm());

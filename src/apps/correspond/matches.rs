@@ -134,12 +134,7 @@ impl Pair for AlignedPair<'_> {
 /// # Errors
 /// [`Error::Parameter`] for more vertices than the header of the array has digits for (10⁹), [`Error::Io`],
 /// [`Error::Cancelled`].
-pub fn matches(
-    pair: &impl Pair,
-    matching: Matching,
-    name: &str,
-    context: Context<'_>,
-) -> Result<MappedSlice<Match>> {
+pub fn matches(pair: &impl Pair, matching: Matching, name: &str, context: Context<'_>) -> Result<MappedSlice<Match>> {
     let [graph_a, _] = pair.graphs();
     let n = graph_a.len();
     if n >= 1_000_000_000 {

@@ -13,9 +13,15 @@ pub fn read(path: &Path, a: &Mesh, b: &Mesh) -> Result<Vec<(u32, u32)>> {
     let text = std::fs::read_to_string(path).map_err(Error::io(path, "read"))?;
     let mut pairs = Vec::new();
     for (k, line) in text.lines().enumerate() {
-        let words: Vec<&str> = line.split('#').next().unwrap_or("").split([' ', '\t', ',', ';']).filter(|w| !w.is_empty()).collect();
+        let words: Vec<&str> =
+            line.split('#').next().unwrap_or("").split([' ', '\t', ',', ';']).filter(|w| !w.is_empty()).collect();
         let wrong = |problem: String| {
-            Error::malformed(path, format!("line {}", k + 1), problem, "give two vertices, or two points as six numbers")
+            Error::malformed(
+                path,
+                format!("line {}", k + 1),
+                problem,
+                "give two vertices, or two points as six numbers",
+            )
         };
         let vertex = |word: &str, mesh: &Mesh| {
             let n = mesh.positions.len();

@@ -315,7 +315,9 @@ pub fn refine(
             }
             (Start::Landmarks, Some(rows), _) => {
                 let [of_a, of_b] = [0, 1].map(|s| {
-                    let at = |v: u32| (0..rows[s].len()).map(|j| sides[s].unit as f32 * rows[s].row(j)[v as usize]).collect();
+                    let at = |v: u32| {
+                        (0..rows[s].len()).map(|j| sides[s].unit as f32 * rows[s].row(j)[v as usize]).collect()
+                    };
                     few.chosen[s].iter().map(|&v| at(v)).collect::<Vec<Vec<f32>>>()
                 });
                 few.nearest(&of_a, &of_b)
