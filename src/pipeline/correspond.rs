@@ -424,7 +424,7 @@ fn refined(
     let make = || {
         let k = outcome.map.nrows();
         let in_a = carried(&basis_b, &outcome.map, "carried.npy", Context::new(&b.work, context.run))?;
-        let pair = RefinedPair::new(&basis_a, &in_a, k, [&a.graph, &b.graph], EXHAUSTIVE, context.run)?;
+        let pair = RefinedPair::new(&basis_a, &in_a, k, [&a.graph, &b.graph], EXHAUSTIVE);
         let found = matches(&pair, params.matching, "matches.npy", context)?;
         let points = params.points.then(|| pair.points(&found, "points.npy", context)).transpose()?;
         Ok((found, points))

@@ -16,6 +16,7 @@
 use super::eigen;
 use crate::base::Result;
 use crate::base::parallel::{chunk_count, chunk_range};
+use crate::base::simd::{SimdKernel, dispatch};
 use crate::distance::local_rows::LocalRows;
 use crate::graph::Node;
 use crate::store::{Context, MappedSlice};
@@ -44,6 +45,42 @@ pub struct LocalBasis {
 fn affinity(distance: f32, sigma: f64) -> f64 {
     let x = f64::from(distance) / sigma;
     (-0.5 * x * x).exp()
+}
+
+/// Adds a row times a number.
+struct Add<'a> {
+    scale: f64,
+    row: &'a [f64],
+    out: &'a mut [f64],
+}
+
+impl SimdKernel for Add<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn run(self) {
+        self.out.iter_mut().zip(self.row).for_each(|(out, x)| *out += self.scale * x);
+    }
+}
+
+/// Adds the lower half of weight · row rowᵀ (r × r).
+struct AddMoments<'a> {
+    weight: f64,
+    row: &'a [f64],
+    moments: &'a mut [f64],
+}
+
+impl SimdKernel for AddMoments<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn run(self) {
+        let r = self.row.len();
+        for (i, sums) in self.moments.chunks_exact_mut(r.max(1)).enumerate() {
+            let scale = self.weight * self.row[i];
+            sums[..=i].iter_mut().zip(self.row).for_each(|(sum, x)| *sum += scale * x);
+        }
+    }
 }
 
 impl LocalBasis {
@@ -110,7 +147,7 @@ impl LocalBasis {
             for near in rows.near(v) {
                 let (j, w) = (near.sample as usize, affinity(near.distance, sigma));
                 sum += w * mass[j];
-                out.iter_mut().zip(&factors[j * r..(j + 1) * r]).for_each(|(out, factor)| *out += w * factor);
+                dispatch(Add { scale: w, row: &factors[j * r..(j + 1) * r], out });
             }
             if sum > 0. {
                 out.iter_mut().for_each(|out| *out /= sum);
@@ -124,11 +161,7 @@ impl LocalBasis {
             let mut moments = vec![0f64; r * r];
             for (v, out) in chunk_range(n, chunk, k).zip(values.chunks_exact_mut(r)) {
                 extend(v, row);
-                let weight = share(v);
-                for i in 0..r {
-                    let scaled = weight * row[i];
-                    moments[i * r..=i * r + i].iter_mut().zip(&row[..]).for_each(|(sum, x)| *sum += scaled * x);
-                }
+                dispatch(AddMoments { weight: share(v), row: &row[..], moments: &mut moments });
                 out.iter_mut().zip(&row[..]).for_each(|(out, x)| *out = *x as f32);
             }
             Ok(moments)
@@ -144,14 +177,15 @@ impl LocalBasis {
             }
         }
         // Cholesky keeps the order: function k is a combination of the first k.
-        let inverse = orthonormaliser(gram);
+        let columns = orthonormaliser(gram);
         let turn = |_: usize, values: &mut [f32], row: &mut Vec<f64>| {
             for out in values.chunks_exact_mut(r.max(1)) {
                 row.clear();
-                row.extend(out.iter().map(|&x| f64::from(x)));
-                for (i, out) in out.iter_mut().enumerate() {
-                    *out = (0..=i).map(|j| inverse[i * r + j] * row[j]).sum::<f64>() as f32;
+                row.resize(r, 0.);
+                for (j, &x) in out.iter().enumerate() {
+                    dispatch(Add { scale: f64::from(x), row: &columns[j * r + j..(j + 1) * r], out: &mut row[j..] });
                 }
+                out.iter_mut().zip(&row[..]).for_each(|(out, x)| *out = *x as f32);
             }
             Ok(())
         };
@@ -167,7 +201,7 @@ impl LocalBasis {
     }
 }
 
-/// L⁻¹ of `gram` = L Lᵀ, row by row (r × r); where it is singular, of what there is with a little of the unit matrix.
+/// L⁻¹ of `gram` = L Lᵀ, column by column (r × r); where it is singular, of what there is with a little of the unit matrix.
 fn orthonormaliser(gram: DMatrix<f64>) -> Vec<f64> {
     let r = gram.nrows();
     let mut ridge = 0.;
@@ -177,7 +211,7 @@ fn orthonormaliser(gram: DMatrix<f64>) -> Vec<f64> {
             let lower = factor.l();
             let inverse = lower.solve_lower_triangular(&DMatrix::identity(r, r));
             if let Some(inverse) = inverse.filter(|inverse| inverse.iter().all(|x| x.is_finite())) {
-                return inverse.transpose().as_slice().to_vec();
+                return inverse.as_slice().to_vec();
             }
         }
         ridge = if ridge == 0. { 1e-9 } else { 10. * ridge };

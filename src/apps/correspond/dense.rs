@@ -18,7 +18,7 @@ use crate::base::parallel::chunk_range;
 use crate::base::simd::{SimdKernel, dispatch};
 use crate::graph::{Csr, VertexGraph};
 use crate::spectral::local::LocalBasis;
-use crate::store::{Context, MappedSlice, Run};
+use crate::store::{Context, MappedSlice};
 use nalgebra::DMatrix;
 use std::ops::Range;
 
@@ -30,6 +30,8 @@ const PATIENCE: usize = 6;
 const SEEDS: usize = 1 << 12;
 /// Vertices per chunk.
 const CHUNK: usize = 1 << 12;
+/// Vertices that are compared with a chunk at a time.
+const SLAB: usize = 1 << 10;
 /// None.
 const NOBODY: u32 = u32::MAX;
 
@@ -117,6 +119,25 @@ impl<'a> Placed<'a> {
         Targets::new(vertices.map(|v| self.at(v)), self.dimensions)
     }
 
+    /// The nearest of all vertices to each of `queries`, slab by slab.
+    fn compared(self, queries: &[&[f32]]) -> Vec<Neighbour> {
+        let n = self.values.len() / self.stride.max(1);
+        let mut best = vec![Neighbour { vertex: 0, square: f32::INFINITY }; queries.len()];
+        let mut found = Vec::with_capacity(queries.len());
+        for first in (0..n).step_by(SLAB) {
+            found.clear();
+            self.targets(first as u32..(first + SLAB).min(n) as u32).nearest(queries, &mut found);
+            for ((best, query), &at) in best.iter_mut().zip(queries).zip(&found) {
+                let vertex = first as u32 + at;
+                let square = self.square(query, vertex);
+                if square < best.square {
+                    *best = Neighbour { vertex, square };
+                }
+            }
+        }
+        best
+    }
+
     fn square(self, query: &[f32], vertex: u32) -> f32 {
         dispatch(Square(query, self.at(vertex)))
     }
@@ -128,8 +149,8 @@ pub struct RefinedPair<'a> {
     b: Placed<'a>,
     graph_a: &'a VertexGraph,
     graph_b: &'a VertexGraph,
-    /// All vertices of either mesh, if all are compared.
-    all: Option<[Targets; 2]>,
+    /// Whether all are compared.
+    all: bool,
     /// Some of B.
     seeds: (Vec<u32>, Targets),
 }
@@ -154,28 +175,22 @@ pub fn carried(basis: &LocalBasis, c: &DMatrix<f64>, name: &str, context: Contex
 
 impl<'a> RefinedPair<'a> {
     /// Vertices of A by its own functions, those of B as [`carried`]; all are compared up to `exhaustive` pairs.
-    ///
-    /// # Errors
-    /// [`crate::base::Error::Memory`].
     pub fn new(
         a: &'a LocalBasis,
         b: &'a [f32],
         dimensions: usize,
         graphs: [&'a VertexGraph; 2],
         exhaustive: u64,
-        run: &Run,
-    ) -> Result<Self> {
+    ) -> Self {
         let [graph_a, graph_b] = graphs;
         let (n_a, n_b) = (graph_a.len(), graph_b.len());
         let a = Placed { values: &a.values, dimensions, stride: a.count, graph: graph_a.csr() };
         let b = Placed { values: b, dimensions, stride: dimensions, graph: graph_b.csr() };
-        let bytes = 4 * ((n_a + n_b) * (dimensions + 1)) as u64;
-        let all = n_a as u64 * n_b as u64 <= exhaustive && run.budget.left() >= 2 * bytes;
-        let all = all.then(|| [a.targets(0..n_a as u32), b.targets(0..n_b as u32)]);
+        let all = n_a as u64 * n_b as u64 <= exhaustive;
         let step = n_b.div_ceil(SEEDS).max(1);
         let chosen: Vec<u32> = (0..n_b as u32).step_by(step).collect();
         let seeds = b.targets(chosen.iter().copied());
-        Ok(Self { a, b, graph_a, graph_b, all, seeds: (chosen, seeds) })
+        Self { a, b, graph_a, graph_b, all, seeds: (chosen, seeds) }
     }
 
     /// The nearest of each vertex of `range`, walking over B.
@@ -224,23 +239,19 @@ impl Pair for RefinedPair<'_> {
     }
 
     fn nearest(&self, range: Range<usize>) -> Vec<Neighbour> {
-        let Some([_, in_b]) = &self.all else { return self.walked(range) };
-        let queries: Vec<&[f32]> = range.map(|v| self.a.at(v as u32)).collect();
-        let mut found = Vec::with_capacity(queries.len());
-        in_b.nearest(&queries, &mut found);
-        let square = |(query, vertex): (&&[f32], u32)| Neighbour { vertex, square: self.b.square(query, vertex) };
-        queries.iter().zip(found).map(square).collect()
+        if !self.all {
+            return self.walked(range);
+        }
+        self.b.compared(&range.map(|v| self.a.at(v as u32)).collect::<Vec<_>>())
     }
 
     fn home(&self, pairs: &[(u32, u32)]) -> Vec<u32> {
-        let Some([in_a, _]) = &self.all else {
+        if !self.all {
             let walk = |&(v, target): &(u32, u32)| self.a.walk(self.b.at(target), v, 1, PATIENCE)[0].vertex;
             return pairs.iter().map(walk).collect();
-        };
+        }
         let queries: Vec<&[f32]> = pairs.iter().map(|(_, target)| self.b.at(*target)).collect();
-        let mut found = Vec::with_capacity(queries.len());
-        in_a.nearest(&queries, &mut found);
-        found
+        self.a.compared(&queries).into_iter().map(|found| found.vertex).collect()
     }
 
     fn at_same_place(&self, v: u32, w: u32) -> bool {
