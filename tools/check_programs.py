@@ -1,7 +1,8 @@
 #!/usr/bin/env python3
 """Opens what `segment` writes with one program, and compares what arrives there with the labels.
 
-    nystrom-stream segment MESH -o F/plain.ply -o F/out.npy -o F/out.glb -o F/out.parquet -o F/out.csv --work-dir W
+    nystrom-stream segment MESH -o F/plain.ply -o F/out.npy -o F/out.glb -o F/out.parquet -o F/out.csv \\
+        -o F/out.obj --work-dir W
     nystrom-stream export --work-dir W --vertex-labels -o F/out.ply
     tools/check_programs.py PROGRAM F
 
@@ -104,7 +105,16 @@ def blender(folder):
         assert [material.name for material in part.data.materials] == [part.name]
         assert part.data.has_custom_normals, "normals"
         assert part.parent.name == "parts"
-    print(f"Blender {bpy.app.version_string}: .ply, .glb with {len(parts)} objects")
+
+    bpy.ops.wm.read_factory_settings(use_empty=True)
+    bpy.ops.wm.obj_import(filepath=str(folder / "out.obj"))
+    groups = {thing.name: thing for thing in bpy.data.objects if thing.type == "MESH"}
+    assert len(groups) == len(parts) == len(np.unique(labels))
+    for label in np.unique(labels):
+        thing = groups[f"part_{label}"]
+        assert len(thing.data.polygons) == (labels == label).sum(), label
+        assert [material.name for material in thing.data.materials] == [f"part_{label}"]
+    print(f"Blender {bpy.app.version_string}: .ply, .glb and .obj with {len(parts)} objects")
 
 
 def cloudcompare(folder):

@@ -383,16 +383,21 @@ pub fn parts(mesh: &Mesh, labels: &[u32], parts: usize, context: Context<'_>) ->
     Ok((0..parts as u32).map(|part| sums.remove(&part).unwrap_or_default().measures(origin)).collect())
 }
 
-/// The table of `measures`, one row per part, as comma-separated values with a header.
-pub fn table(measures: &[Measures], colours: &[[u8; 3]]) -> String {
+/// A word of a table; quoted where it has to be.
+fn quoted(word: &str) -> String {
+    if word.contains([',', '"', '\n', '\r']) { format!("\"{}\"", word.replace('"', "\"\"")) } else { word.into() }
+}
+
+/// The table of `measures`, one row per part, as comma-separated values with a header; parts may have `names`.
+pub fn table(measures: &[Measures], colours: &[[u8; 3]], names: &[String]) -> String {
     let axes = ["x", "y", "z"];
     let three = |name: &str| axes.map(|axis| format!("{name}_{axis}"));
-    let mut names = vec!["label".to_string(), "faces".into(), "area".into(), "volume".into()];
-    names.extend(
+    let mut header = vec!["label".to_string(), "faces".into(), "area".into(), "volume".into()];
+    header.extend(
         [three("min"), three("max"), three("centroid"), three("axis1"), three("axis2"), three("axis3")].concat(),
     );
-    names.extend(["spread1", "spread2", "spread3", "open_edges", "colour", "neighbours"].map(String::from));
-    let mut text = names.join(",") + "\n";
+    header.extend(["spread1", "spread2", "spread3", "open_edges", "colour", "neighbours", "name"].map(String::from));
+    let mut text = header.join(",") + "\n";
     for (label, part) in measures.iter().enumerate() {
         let mut row = vec![label.to_string(), part.faces.to_string(), part.area.to_string()];
         row.push(part.volume.map_or(String::new(), |volume| volume.to_string()));
@@ -407,6 +412,7 @@ pub fn table(measures: &[Measures], colours: &[[u8; 3]]) -> String {
         let [r, g, b] = colours.get(label).copied().unwrap_or([128; 3]);
         row.push(format!("#{r:02x}{g:02x}{b:02x}"));
         row.push(part.neighbours.iter().map(|other| other.label.to_string()).collect::<Vec<_>>().join(" "));
+        row.push(names.get(label).map_or(String::new(), |name| quoted(name)));
         text += &(row.join(",") + "\n");
     }
     text
@@ -475,7 +481,12 @@ mod tests {
         assert_eq!(all[0].neighbours, [Neighbour { label: 1, length: 4. }]);
         assert_eq!(all[1].neighbours, [Neighbour { label: 0, length: 4. }]);
         assert!(all[2].neighbours.is_empty());
-        assert_eq!(table(&all, &[[255, 0, 16]]).lines().nth(1).unwrap().split(',').count(), 28);
+        let text = table(&all, &[[255, 0, 16]], &["left, \"upper\"".into()]);
+        let row = text.lines().nth(1).unwrap();
+        assert!(row.ends_with(",#ff0010,1,\"left, \"\"upper\"\"\""), "{row}");
+        assert!(
+            text.lines().skip(2).all(|row| row.split(',').count() == text.lines().next().unwrap().split(',').count())
+        );
         // Wound the other way in one face: no volume.
         faces[0].swap(0, 1);
         let turned = Mesh::from_slices(&points, &faces).unwrap();

@@ -289,7 +289,7 @@ impl Output {
             Self::Parquet(path) => parquet::write(path, mesh, labelling, *embedding, true, run),
             Self::Csv(path) => {
                 let measures = measured(mesh, labelling, path, run)?;
-                json::publish(path, measure::table(&measures, labelling.colours).as_bytes())
+                json::publish(path, measure::table(&measures, labelling.colours, labelling.names).as_bytes())
             }
             Self::Obj(path) => obj::write(path, mesh, labelling, true, run),
             Self::Glb(path) => glb::write(path, mesh, labelling, true, run),

@@ -81,7 +81,7 @@ fn parts_arrive_in_other_programs_as_the_page_on_formats_says() {
     let Some(data) = common::data() else { return };
     let file = |name: &str| dir.path().join(name).to_str().unwrap().to_string();
     let work = file("work");
-    let names = ["plain.ply", "out.npy", "out.glb", "out.parquet", "out.csv"].map(&file);
+    let names = ["plain.ply", "out.npy", "out.glb", "out.parquet", "out.csv", "out.obj"].map(&file);
     let mut words = vec!["-q", "--work-dir", &work];
     names.iter().for_each(|name| words.extend(["-o", name]));
     common::segment(&data.join("real/kitten_25k.ply"), &words);
