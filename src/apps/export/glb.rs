@@ -99,6 +99,8 @@ struct Scene<'a> {
     run: &'a Run<'a>,
     /// What is added to all positions again.
     middle: [f64; 3],
+    /// Whether every vertex is in space, so that no face need be looked at for it.
+    whole: bool,
     low: [f32; 3],
     high: [f32; 3],
     /// Triangles, faces and area per part.
@@ -117,6 +119,7 @@ impl<'a> Scene<'a> {
             labelling,
             run,
             middle: [0.; 3],
+            whole: false,
             low: [f32::INFINITY; 3],
             high: [f32::NEG_INFINITY; 3],
             triangles: vec![0; parts],
@@ -130,14 +133,16 @@ impl<'a> Scene<'a> {
             scene.middle = frame.origin;
         }
         let boxes = run.map_ranges(vertices, VERTICES, |range| {
-            let (mut low, mut high) = ([f32::INFINITY; 3], [f32::NEG_INFINITY; 3]);
+            let (mut low, mut high, mut whole) = ([f32::INFINITY; 3], [f32::NEG_INFINITY; 3], true);
             for v in range {
+                whole &= scene.is_in_space(v as u32);
                 let p = scene.place(v as u32);
                 (0..3).for_each(|k| (low[k], high[k]) = (low[k].min(p[k]), high[k].max(p[k])));
             }
-            Ok((low, high))
+            Ok((low, high, whole))
         })?;
-        for (low, high) in boxes {
+        scene.whole = boxes.iter().all(|(.., whole)| *whole);
+        for (low, high, _) in boxes {
             (0..3).for_each(|k| scene.low[k] = scene.low[k].min(low[k]));
             (0..3).for_each(|k| scene.high[k] = scene.high[k].max(high[k]));
         }
@@ -166,14 +171,15 @@ impl<'a> Scene<'a> {
         if p.iter().all(|x| x.is_finite()) { p } else { [0.; 3] }
     }
 
+    fn is_in_space(&self, v: u32) -> bool {
+        let p = self.mesh.positions.get(v);
+        (0..3).all(|k| ((p[k] - self.middle[k]) as f32).is_finite())
+    }
+
     /// Calls `visit` with every face of `range` that is in space.
     fn each(&self, range: std::ops::Range<usize>, mut visit: impl FnMut(usize, &[u32])) {
         self.mesh.faces.for_each(range, |face, corners| {
-            let is_in_space = |&v: &u32| {
-                let p = self.mesh.positions.get(v);
-                (0..3).all(|k| ((p[k] - self.middle[k]) as f32).is_finite())
-            };
-            if corners.iter().all(is_in_space) {
+            if self.whole || corners.iter().all(|&v| self.is_in_space(v)) {
                 visit(face, corners);
             }
         });
@@ -257,15 +263,11 @@ impl<'a> Scene<'a> {
 
     /// The indices of a part.
     fn part(&self, label: u32, out: &mut Gather) -> Result<()> {
-        let in_space = |v: u32| {
-            let p = self.mesh.positions.get(v);
-            (0..3).all(|k| ((p[k] - self.middle[k]) as f32).is_finite())
-        };
         for (chunk, labels) in self.labelling.labels.chunks(CHUNK).enumerate() {
             self.run.cancel.check()?;
             for at in (0..labels.len()).filter(|&at| labels[at] == label) {
                 self.mesh.faces.with(chunk * CHUNK + at, |corners| {
-                    if !corners.iter().all(|&v| in_space(v)) {
+                    if !self.whole && !corners.iter().all(|&v| self.is_in_space(v)) {
                         return;
                     }
                     for k in 1..corners.len().saturating_sub(1) {
