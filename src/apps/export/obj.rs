@@ -275,7 +275,7 @@ mod tests {
     fn other_meshes_get_a_material_per_part() {
         let off = "OFF\n4 2 0\n0 0 0\n1 0 0\n1 1 0\n0 1 0\n3 0 1 2\n3 0 2 3\n";
         let (text, own) = written("square.off", off, &[1, 0]);
-        assert!(text.contains("mtllib out.mtl\nv 0 0 0\n"), "{text}");
+        assert!(text.contains("mtllib out.mtl\nv 0.0 0.0 0.0\n"), "{text}");
         assert!(
             text.ends_with("o part_0\ng part_0\nusemtl part_0\nf 1 3 4\no part_1\ng part_1\nusemtl part_1\nf 1 2 3\n")
         );
