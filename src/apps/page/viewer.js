@@ -68,12 +68,16 @@
 
   // The cut into `number` parts with the edits so far. `id` is the number by which edits know a part.
   function cutInto(number) {
-    const plain = number === found && !edits.length;
+    const plain = number === found && edits.every(({ edit }) => ['name', 'colour', 'protect'].includes(edit));
     const base = number === found ? (model ? model.start : null) : tables.get(number);
-    const state = model ? model.follow(base, edits) : { label: base, names: new Map(), colours: new Map(), dropped: new Set(), kept: new Set() };
+    const none = { label: base, names: new Map(), colours: new Map(), dropped: new Set(), kept: new Set() };
+    const state = model ? model.follow(base, edits) : none;
     if (plain) {
-      const names = new Map((data.names || []).map((name, part) => [part, name]).filter(([, name]) => name));
-      return { part: labels, colours: data.colours, names, id: data.colours.map((_, part) => part), dropped: -1, kept: state.kept };
+      const names = new Map((data.names || []).map((name, part) => [part, name]));
+      state.names.forEach((name, part) => names.set(part, name));
+      names.forEach((name, part) => name || names.delete(part));
+      const colours = data.colours.map((rgb, part) => state.colours.get(part) || rgb);
+      return { part: labels, colours, names, id: colours.map((_, part) => part), dropped: -1, kept: state.kept, plain };
     }
     const ids = [...new Set(Array.from(state.label).filter((id) => !state.dropped.has(id)))];
     const place = new Map(ids.map((id, part) => [id, part]));
@@ -354,8 +358,7 @@
     const area = new Float64Array(cut.colours.length), faces = new Float64Array(cut.colours.length);
     for (let t = 0; t < count; t++) { area[cut.part[t]] += areas[t]; faces[cut.part[t]] += 1; }
     const whole = area.reduce((a, b) => a + b, 0) || 1;
-    const plain = number === found && !edits.length;
-    const exact = plain && Array.isArray(report.parts) && report.parts.length === found ? report.parts : null;
+    const exact = cut.plain && Array.isArray(report.parts) && report.parts.length === found ? report.parts : null;
     const all = exact ? exact.reduce((sum, part) => sum + part.area, 0) || 1 : whole;
     measured = Array.from(area, (x, part) => (exact ? exact[part].area : x) / all);
     const rows = cut.colours.map((_, part) => part);
@@ -424,8 +427,7 @@
   function update() {
     cut = cutInto(number);
     $('count').textContent = cut.colours.length;
-    const plain = number === found && !edits.length;
-    $('which').textContent = plain ? 'as found, boundaries refined on all faces' : 'boundaries refined on the shown mesh';
+    $('which').textContent = cut.plain ? 'as found, boundaries refined on all faces' : 'boundaries refined on the shown mesh';
     $('undo').disabled = !edits.length;
     $('redo').disabled = !undone.length;
     $('command').textContent = command();
