@@ -96,10 +96,11 @@ pub fn save(
                 .collect::<nystrom_stream::Result<Vec<_>>>()
         };
         let parts = tree.as_ref().map(many).transpose()?;
-        let cuts = cells.as_ref().zip(parts.as_ref()).map(|(cells, parts)| Cuts { cells, parts });
+        let cuts = cells.as_ref().zip(parts.as_ref()).map(|(cells, parts)| Cuts { cells, parts, model: None });
         let title = mesh.0.path().file_name().unwrap_or_default().to_string_lossy();
         let (labels, colours) = (&labels[..], &colours[..]);
-        Page { title: &title, mesh: &mesh.0, labels, colours, cuts, report: &report }.write(&path, &Run::new(&()))
+        Page { title: &title, mesh: &mesh.0, labels, colours, names: &[], cuts, edits: None, report: &report }
+            .write(&path, &Run::new(&()))
     };
     py.detach(write).map_err(raised)
 }
