@@ -65,8 +65,8 @@ impl Mesh {
             #[cfg(feature = "pictures")]
             Some("png") => {
                 let params = crate::apps::picture::PictureParams::default();
-                let Labelling { labels, colours, .. } = labelling;
-                crate::apps::picture::render(self, Some(labels), colours, &params, run)?.write_png(path)
+                let Labelling { labels, colours, names, .. } = labelling;
+                crate::apps::picture::render_named(self, Some(labels), (colours, names), &params, run)?.write_png(path)
             }
             _ => {
                 let problem = format!("{}: its ending names no known form", path.display());

@@ -189,16 +189,16 @@ impl Segmenter {
             let cut = pipeline::segment_corrected(mesh, &identity, params, corrections, context)?;
             let hierarchy = Hierarchy::kept(params, context)?;
             let report = Report::new(mesh, params, &cut, context, seconds.so_far(), None)?;
-            let pipeline::Segmentation { labels, quality, colours, names, cell_labels, .. } = cut;
-            let edits = self.edits.clone();
             Ok(Segmentation {
                 mesh: mesh.clone(),
-                labels,
-                quality,
-                colours,
-                names,
-                cell_labels,
-                edits,
+                labels: cut.labels,
+                quality: cut.quality,
+                colours: cut.colours,
+                names: cut.names,
+                #[cfg(feature = "pages")]
+                cell_labels: cut.cell_labels,
+                #[cfg(feature = "pages")]
+                edits: self.edits.clone(),
                 hierarchy,
                 report,
             })
@@ -214,7 +214,9 @@ pub struct Segmentation {
     quality: MappedSlice<f32>,
     colours: Vec<[u8; 3]>,
     names: Vec<String>,
+    #[cfg(feature = "pages")]
     cell_labels: Vec<u32>,
+    #[cfg(feature = "pages")]
     edits: Option<Edits>,
     hierarchy: Option<Hierarchy>,
     report: Report,
