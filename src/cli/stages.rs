@@ -375,7 +375,7 @@ pub fn export(args: &ExportArgs, app: &AppContext) -> Result<(), CliError> {
         decision::write_tree(&tree, path)?;
     }
     if !outputs.is_empty() {
-        let Labels { labels, quality, colours, mut names } = Labels::read(&work)?;
+        let Labels { labels, quality, colours, mut names, edits } = Labels::read(&work)?;
         named(&mut names, args.names.as_deref(), colours.len())?;
         let labelling = Labelling { labels: &labels, colours: &colours, quality: Some(&quality), names: &names };
         let report = || {
@@ -392,7 +392,7 @@ pub fn export(args: &ExportArgs, app: &AppContext) -> Result<(), CliError> {
         let mesh = args.mesh.as_deref();
         let export = Export {
             outputs: &outputs,
-            edits: None,
+            edits: edits.as_ref(),
             cell_labels: &[],
             mesh,
             record: &record,

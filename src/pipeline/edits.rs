@@ -39,6 +39,8 @@ pub struct PartMarks {
     pub names: Vec<String>,
     /// Colour of some parts.
     pub colours: BTreeMap<u32, [u8; 3]>,
+    /// The file of edits that the parts are of.
+    pub edits: Option<String>,
 }
 
 /// What parts that are not wanted are called, unless they have a name.
@@ -130,7 +132,8 @@ impl Corrections<'_> {
         for number in 0..edits.edits.len() {
             state.follow(number)?;
         }
-        Ok(state.finish())
+        let (cut, marks) = state.finish();
+        Ok((cut, PartMarks { edits: self.edits.map(Edits::text).transpose()?, ..marks }))
     }
 }
 

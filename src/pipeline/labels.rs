@@ -6,11 +6,13 @@
 use super::edits::PartMarks;
 use super::params::SegmentParams;
 use crate::apps::colours;
+use crate::apps::edits::Edits;
 use crate::base::Result;
 use crate::cluster::parts::PartsReport;
 use crate::graph::order::OrderFacts;
 use crate::graph::{DualGraph, GraphFacts, NodeOrder};
 use crate::landmarks::Sampling;
+use crate::store::manifest::MANIFEST;
 use crate::store::stage::StageKey;
 use crate::store::{Context, MappedSlice, Run, WorkDir};
 use serde::{Deserialize, Serialize};
@@ -103,7 +105,7 @@ pub(super) fn label(
     if let Some(tiny_components) = numbers.tiny_components_label {
         colours[tiny_components as usize] = TINY_COMPONENTS_COLOUR;
     }
-    let PartMarks { mut names, colours: own } = clustered.marks;
+    let PartMarks { mut names, colours: own, edits } = clustered.marks;
     for (&part, &colour) in &own {
         if let Some(slot) = colours.get_mut(part as usize) {
             *slot = colour;
@@ -113,7 +115,7 @@ pub(super) fn label(
         names.resize(colours.len(), String::new());
     }
     let inputs = json!({"graph": graph.key, "params": params, "seed": context.run.seed});
-    let facts = LabelFacts { faces: numbers.faces.clone(), colours: colours.clone(), names: names.clone() };
+    let facts = LabelFacts { faces: numbers.faces.clone(), colours: colours.clone(), names: names.clone(), edits };
     let stage = StageKey::new("labels", LABELS_VERSION, inputs);
     context.work.stamp(stage, &["labels.npy", "quality.npy"], &facts, 0.)?;
     let cell_labels = clustered.cell_labels;
@@ -140,6 +142,8 @@ pub struct Labels {
     pub colours: Vec<[u8; 3]>,
     /// Name of each part, empty where it has none; empty as a whole where no part has one.
     pub names: Vec<String>,
+    /// The edits that they are of.
+    pub edits: Option<Edits>,
 }
 
 /// What the manifest keeps of labels.
@@ -152,6 +156,9 @@ struct LabelFacts {
     /// One name per part, or none.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub names: Vec<String>,
+    /// The file of edits that the labels are of.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub edits: Option<String>,
 }
 
 impl Labels {
@@ -166,7 +173,8 @@ impl Labels {
         let labels = work.indices("labels.npy", labels.len(), facts.colours.len())?;
         let quality = work.array_of("quality.npy", labels.len())?;
         let names = if facts.names.len() == facts.colours.len() { facts.names } else { Vec::new() };
-        Ok(Self { labels, quality, colours: facts.colours, names })
+        let edits = facts.edits.map(|text| Edits::of_text(text.as_bytes(), &work.place(MANIFEST))).transpose()?;
+        Ok(Self { labels, quality, colours: facts.colours, names, edits })
     }
 }
 

@@ -248,6 +248,18 @@ fn what_cannot_be_followed_is_told_with_its_edit() {
     assert!(output.status.code() == Some(1) && errors(&output).contains("nowhere.json"), "{}", errors(&output));
 }
 
+/// A page of labels that were corrected before knows the edits, so that what it saves holds all of them.
+#[test]
+fn an_exported_page_knows_the_edits_of_its_labels() {
+    let scene = scene(5_000);
+    scene.edited(&json!([{"edit": "split", "at": scene.place(0), "into": 3}]), &[]);
+    let page = scene.dir.path().join("later.html");
+    let output = run(&["export", "-q", "--work-dir", word(&scene.work), "-o", word(&page)]);
+    assert!(output.status.success(), "{}", errors(&output));
+    let text = std::fs::read_to_string(&page).unwrap();
+    assert!(text.contains(r#""edit":"split""#) && text.contains(r#""into":3"#));
+}
+
 /// Clicks in a browser, the edits that it saves, and the labels that they make of the full mesh: the parts that were seen.
 #[test]
 fn clicks_on_a_page_become_labels_of_all_faces() {
