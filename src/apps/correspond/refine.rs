@@ -7,7 +7,8 @@
 //!
 //! Each start is refined on its own, from each of [`FIRST`] as first k; the best halfway are refined further. Outcomes are judged by what
 //! the starts know little about: how far distances from landmarks differ on both meshes ([`Outcome::distortion`]), and how far the
-//! functions of all samples are from those of their matches, both ways ([`Outcome::residual`]).
+//! functions of all samples are from those of their matches, both ways ([`Outcome::residual`]). Both hardly tell a horse's head from its
+//! tail once refined; what the start costs when area is carried one to one does.
 //!
 //! Cost: constant. A step is a matrix product of k × both [`SAMPLES`]: a tenth of a second at k = 100.
 
@@ -108,6 +109,8 @@ pub struct Outcome {
     pub residual: f64,
     /// Share of B's sample that is some point's match.
     pub covered: f64,
+    /// [`Alignment::transport`] of the start; of others than alignments that of the best.
+    pub transport: f64,
     /// Mean distance from the images of given landmarks to their pairs, over √area.
     pub landmarks: Option<f64>,
     /// The map C (k × k): Φ_B ≈ C Φ_A.
@@ -122,7 +125,7 @@ impl Outcome {
     /// What outcomes are ranked by, the least first.
     fn rank(&self) -> f64 {
         // Landmarks given by hand are exact to about a hundredth.
-        self.distortion * self.residual * (0.02 + self.landmarks.unwrap_or(0.))
+        self.distortion * self.residual * self.transport * (0.02 + self.landmarks.unwrap_or(0.))
     }
 }
 
@@ -237,6 +240,7 @@ impl Samples {
         known: Known<'_>,
         c: DMatrix<f64>,
         (start, first): (Start, usize),
+        transport: f64,
     ) -> Outcome {
         let [a, b] = &self.functions;
         let k = c.nrows();
@@ -279,7 +283,7 @@ impl Samples {
             sides[1].unit * (0..self.fixed).map(missed).sum::<f64>() / self.fixed as f64
         });
         let sample = there.iter().map(|&j| self.chosen[1][j as usize]).collect();
-        Outcome { start, first, distortion, residual, covered, landmarks, map: c, sample }
+        Outcome { start, first, distortion, residual, covered, transport, landmarks, map: c, sample }
     }
 }
 
@@ -303,6 +307,10 @@ pub fn refine(
     }
     let starts: Vec<(Start, usize)> =
         begins.iter().flat_map(|&at| FIRST.iter().map(move |&first| (at, first))).collect();
+    let costs = alignments.iter().map(|one| one.transport.unwrap_or(1.));
+    let least = costs.clone().fold(f64::INFINITY, f64::min).min(1.);
+    let transport: Vec<f64> = costs.collect();
+    let transport = |start: Start| if let Start::Alignment(at) = start { transport[at] } else { least };
     let few = samples.thinned(THINNED);
     let begin = |k: usize, (): &mut ()| {
         let [in_a, in_b] = &few.chosen;
@@ -325,7 +333,7 @@ pub fn refine(
             (_, _, Some(map)) => few.by_map(sides, map),
             _ => Vec::new(),
         };
-        Ok(few.judge(sides, known, few.refine(found, starts[k].1, HALFWAY), starts[k]))
+        Ok(few.judge(sides, known, few.refine(found, starts[k].1, HALFWAY), starts[k], transport(starts[k].0)))
     };
     let mut begun = run.map_chunks(starts.len(), || (), begin)?;
     let rank = |x: &Outcome, y: &Outcome| x.rank().total_cmp(&y.rank());
@@ -334,7 +342,7 @@ pub fn refine(
     let finish = |k: usize, (): &mut ()| {
         let Outcome { start, first, map, .. } = &begun[k];
         let map = samples.refine(samples.matched(map), map.nrows(), usize::MAX);
-        Ok(samples.judge(sides, known, map, (*start, *first)))
+        Ok(samples.judge(sides, known, map, (*start, *first), transport(*start)))
     };
     let mut all = run.map_chunks(begun.len(), || (), finish)?;
     all.sort_by(rank);
