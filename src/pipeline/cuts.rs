@@ -5,7 +5,7 @@ use crate::base::Result;
 use crate::cluster::contract;
 use crate::cluster::parts::PartTree;
 use crate::graph::{DualGraph, NodeOrder};
-use crate::store::{Context, MappedSlice, WorkDir};
+use crate::store::{Context, MappedSlice};
 
 /// Numbers of parts at the most.
 pub const MOST: usize = 30;
@@ -54,7 +54,7 @@ pub fn cells(exact: bool, context: Context<'_>) -> Result<MappedSlice<u32>> {
     let order = NodeOrder::kept(&input, n, context.work)?;
     // A large mesh alone is contracted.
     let cells = if !exact && decision::is_current(context.work, true) {
-        let inner = WorkDir::open_existing(&context.work.file(decision::CONTRACTED))?;
+        let inner = context.work.inner(decision::CONTRACTED)?;
         let of_small = inner.open_array::<u32>("cells.npy")?;
         let of_node = inner.array_of::<u32>(contract::OF_FACE, n)?;
         let mut cells = context.work.array::<u32>(FILE, &[n])?;
