@@ -86,7 +86,9 @@ def settings(name):
 
 
 def row_options(wildcards):
-    return settings(wildcards.mesh).get("rows", "")
+    """Options of the rows, which are over all faces: for the default method too, where `segment` would contract the mesh."""
+    options = settings(wildcards.mesh).get("rows", "")
+    return options if "--cluster" in options else f"{options} --exact".strip()
 
 
 def cut_options(wildcards):
