@@ -138,9 +138,13 @@ pub(super) fn kept_numbers(work: &WorkDir) -> Option<SegmentStats> {
 /// [`Error::WorkDir`] where there is none; [`Error::Io`], [`Error::Malformed`].
 pub fn tree_of(work: &WorkDir, exact: bool) -> Result<PartTree> {
     for contracted in [!exact, exact] {
-        let name = if contracted { format!("{CONTRACTED}/{TREE}") } else { TREE.to_string() };
-        if is_current(work, contracted) && work.holds(&name) {
-            return checked(&work.json_text(&name)?, &work.place(&name));
+        if !is_current(work, contracted) {
+            continue;
+        }
+        let inner = if contracted { Some(work.inner(CONTRACTED)?) } else { None };
+        let work = inner.as_deref().unwrap_or(work);
+        if work.holds(TREE) {
+            return checked(&work.json_text(TREE)?, &work.place(TREE));
         }
     }
     let remedy = "make one: nystrom-stream cluster --work-dir …";
@@ -166,7 +170,7 @@ impl KeptDecision {
             let cells = work.read_json::<CellGraph>(surface::CELL_GRAPH)?.cleaned()?;
             Ok(Self { decision: open(cells.len(), work)?, cells })
         };
-        if !exact && is_current(work, true) { of(&work.inner(CONTRACTED)?) } else { of(work) }
+        if !exact && is_current(work, true) { of(work.inner(CONTRACTED)?.as_ref()) } else { of(work) }
     }
 
     /// How far cells belong together.
@@ -181,7 +185,8 @@ impl KeptDecision {
 pub(super) fn is_current(work: &WorkDir, contracted: bool) -> bool {
     if work.is_temporary() {
         // It has been used for one mesh.
-        return !contracted || work.place(CONTRACTED).join(TREE).exists();
+        let holds = || work.place(CONTRACTED).exists() && work.inner(CONTRACTED).is_ok_and(|inner| inner.holds(TREE));
+        return !contracted || holds();
     }
     let manifest = work.manifest();
     let Some(graph) = manifest.stages.get("graph").map(|stage| stage.key.as_str()) else { return false };

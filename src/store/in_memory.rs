@@ -31,6 +31,11 @@ impl InMemoryArrays {
         Self { budget: budget.clone(), folder, arrays: Mutex::default() }
     }
 
+    /// No arrays yet, from the same budget; for those of a folder inside.
+    pub(super) fn within(&self, folder: Arc<WorkFolder>) -> Self {
+        Self::new(&self.budget, folder)
+    }
+
     /// The path of the file `name` where it is none in memory.
     pub fn file(&self, name: &OsStr) -> PathBuf {
         self.folder.path().join(name)

@@ -24,8 +24,9 @@ use super::{MappedBytes, MappedSlice, MappedSliceMut};
 use crate::base::{Error, Result};
 use serde::Serialize;
 use serde::de::DeserializeOwned;
+use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
-use std::sync::{Arc, Mutex, MutexGuard};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
 /// An open, locked work directory.
 #[derive(Debug)]
@@ -39,6 +40,8 @@ pub struct WorkDir {
     pub(super) shared: bool,
     /// Arrays in memory instead of in files.
     arrays: Option<Arc<InMemoryArrays>>,
+    /// The directories inside a temporary one, by their names: what they hold in memory lasts as long as this one.
+    inside_of_it: Mutex<BTreeMap<String, Arc<WorkDir>>>,
     /// Whether arrays that are passed over in order are held in memory too, as files serve as well for them.
     everything: bool,
 }
@@ -125,6 +128,7 @@ impl WorkDir {
             inside: false,
             shared: false,
             arrays: None,
+            inside_of_it: Mutex::default(),
             everything: false,
         }
     }
@@ -184,13 +188,23 @@ impl WorkDir {
         self
     }
 
-    /// A work directory in the folder `name` of this one, which lasts as long. Its arrays are files, which others may find there.
+    /// A work directory in the folder `name` of this one, which lasts as long. It holds arrays in memory where this one does.
     ///
     /// # Errors
     /// As [`WorkDir::open`].
-    pub fn inner(&self, name: &str) -> Result<Self> {
-        let mut inner = Self::open(&self.file(name))?;
-        (inner.temporary, inner.inside) = (self.temporary, true);
+    pub fn inner(&self, name: &str) -> Result<Arc<Self>> {
+        let mut all = self.inside_of_it.lock().unwrap_or_else(PoisonError::into_inner);
+        if let Some(inner) = all.get(name) {
+            return Ok(inner.clone());
+        }
+        let path = self.file(name);
+        let mut inner = if self.shared { Self::open_existing(&path)? } else { Self::open(&path)? };
+        (inner.temporary, inner.inside, inner.everything) = (self.temporary, true, self.everything);
+        inner.arrays = self.arrays.as_ref().map(|arrays| Arc::new(arrays.within(inner.folder.clone())));
+        let inner = Arc::new(inner);
+        if self.temporary {
+            all.insert(name.to_string(), inner.clone());
+        }
         Ok(inner)
     }
 
