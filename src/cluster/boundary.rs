@@ -110,7 +110,8 @@ fn straighten(
     let open = collect(steps, run, |i| field[i] > 0., |i, j| labels[i] != labels[j])?;
     // Interiors cannot be lowered below 0, so they stay outside the band that is smoothed.
     run.fill_each(field, CHUNK, |_, d| if d == 0. { -1. } else { f32::INFINITY })?;
-    let reach = (smooth::REACH / shares.unit).clamp(smooth::LEAST_FACES * mean, smooth::FACES * mean);
+    // Weights of an altered graph may be no numbers.
+    let reach = (smooth::REACH / shares.unit).max(smooth::LEAST_FACES * mean).min(smooth::FACES * mean);
     voronoi::within(lengths, &open, reach, field, run)?;
     let field = &*field;
     let band = run
