@@ -97,7 +97,7 @@ impl Stage for Contraction<'_> {
         let n = extent.faces;
         let (map, field) = (room.take(4 * n), room.take(4 * n));
         room.give_back(field);
-        Needs { memory: (24 << 20) + room.used() + field, keeps: 4 * n - map, passing: 4 * n - field, frees: 0 }
+        Needs { memory: (8 << 20) + room.used() + field, keeps: 4 * n - map, passing: 4 * n - field, frees: 0 }
     }
 }
 

@@ -163,7 +163,7 @@ impl Stage for SurfaceStage<'_> {
         room.give_back(taken);
         Needs {
             // Not all of what passes is there at a time.
-            memory: (24 << 20) + room.used() + taken / 2,
+            memory: (if extent.contracts { 12 << 20 } else { 24 << 20 }) + room.used() + taken / 2,
             keeps: keeping - held,
             passing: passing - taken,
             frees: 0,
