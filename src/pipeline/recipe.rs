@@ -17,6 +17,7 @@ use crate::distance::DistanceRows;
 use crate::graph::{DualGraph, NodeOrder};
 use crate::mesh::Mesh;
 use crate::spectral::EmbeddingParams;
+use crate::store::manifest::MANIFEST;
 use crate::store::{Context, WorkDir};
 
 /// Cuts the mesh of `opened` into parts. `identity` says which input it is (see [`input::identity`]).
@@ -101,7 +102,11 @@ pub fn eigenvalues(work: &WorkDir, exact: bool) -> Result<Eigenvalues> {
         Some(Eigenvalues { dropped: values.iter().filter(|value| **value <= 0.).count(), values })
     };
     let remedy = "make them: nystrom-stream embed --work-dir …, or plot the report of `segment --json`";
-    kept.or_else(embedded).ok_or_else(|| Error::work_dir(work.path(), "keeps no eigenvalues", remedy))
+    let found = kept.or_else(embedded).ok_or_else(|| Error::work_dir(work.path(), "keeps no eigenvalues", remedy))?;
+    if found.values.first().is_none_or(|first| *first > 0.) {
+        return Ok(found);
+    }
+    Err(work.damaged(MANIFEST, "tells of eigenvalues of which none is positive"))
 }
 
 /// The number of parts that the labels in `work` were asked for, where they are a cut of a hierarchy.
