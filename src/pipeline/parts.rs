@@ -7,7 +7,7 @@
 use super::decision::{CONTRACTED, DecisionStage};
 use super::edits::{Corrections, PartMarks};
 use super::labels::{Clustered, SegmentStats};
-use super::params::{Boundaries, SegmentParams, TinyComponents};
+use super::params::{Boundaries, SegmentParams, TinyComponents, landmarks_on_contraction};
 use super::surface::{Kind, Surface, SurfaceStage, WeightedSurface};
 use crate::base::{Error, Result};
 use crate::cluster::boundary::{self, BoundaryMethod, CellLabels};
@@ -196,7 +196,8 @@ fn decide_on_contraction(
     let cut = within.stage(SurfaceStage { graph: &small.graph, kind: Kind::Contracted, cells: true })?;
     let contracted = WeightedSurface { graph: &small.graph, weighted: &small.weighted, surface: &cut };
     let unit = |node: u32| small.of_node[node as usize];
-    let decided = decide(contracted, params, located, &unit, within)?;
+    let landmarks = params.landmarks.unwrap_or(landmarks_on_contraction(graph.nodes.len()));
+    let decided = decide(contracted, &params.clone().landmarks(Some(landmarks)), located, &unit, within)?;
     let of_small = &decided.unit_of_node;
     let face = |node: &u32| small.seeds.get(*node as usize).copied();
     let landmarks = decided.numbers.landmarks.iter().filter_map(face).collect();

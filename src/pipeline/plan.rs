@@ -4,10 +4,10 @@
 //! the arrays alone, memory from the same arithmetic that cuts shuffles to the budget, time from a short calibration: the same recipe on two small creatures ([`CALIBRATION`] faces and a quarter), drawn
 //! out along the line through both. The input's header is read, nothing else.
 
-use super::params::{Cluster, SegmentParams, default_landmarks, landmarks_for_parts};
+use super::params::{Cluster, SegmentParams, default_landmarks, landmarks_for_parts, landmarks_on_contraction};
 use super::surface::SurfaceStage;
 use crate::base::{Error, Result};
-use crate::cluster::contract::{self, Contraction};
+use crate::cluster::contract::Contraction;
 use crate::cluster::parts::PartCount;
 use crate::distance::rows::RowsStage;
 use crate::graph::Order;
@@ -96,7 +96,7 @@ pub struct Plan {
 fn landmarks(params: &SegmentParams, faces: u64) -> u64 {
     let l = params.landmarks.unwrap_or(match (params.cluster, params.parts.count) {
         (Cluster::KMeans, PartCount::Exactly(parts)) => default_landmarks(parts),
-        _ if params.contracts(faces as usize) => landmarks_for_parts(contract::NODES),
+        _ if params.contracts(faces as usize) => landmarks_on_contraction(faces as usize),
         _ => landmarks_for_parts(faces as usize),
     });
     (l as u64).min(faces)

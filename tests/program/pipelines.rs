@@ -13,7 +13,7 @@ fn progress_for_programs_is_an_event_a_line() {
     let output = run(&["segment", word(&mesh), "--progress", "json", "-k", "4"]);
     assert!(output.status.success());
     let events: Vec<Value> = errors(&output).lines().map(|line| serde_json::from_str(line).unwrap()).collect();
-    for (stage, total) in [("graph", None), ("rows", Some(240)), ("boundaries", None)] {
+    for (stage, total) in [("graph", None), ("rows", Some(120)), ("boundaries", None)] {
         let of: Vec<&Value> = events.iter().filter(|event| event["stage"] == stage).collect();
         let (first, last) = (of[0], of[of.len() - 1]);
         assert!(of.len() >= 2 && first["done"] == 0 && last["done"] == last["total"], "{of:?}");

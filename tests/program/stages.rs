@@ -144,7 +144,7 @@ fn the_papers_ways_work_on_the_rows_that_are_there() {
     let parts = work.with_extension("parts");
     segment(mesh, &["-q", "--work-dir", word(&parts), "-o", word(out)]);
     let told = stage(&["cluster", "--cluster", "kmeans", "-k", "4", "-o", word(out)], &parts);
-    assert!(told.contains("rows: 240 of them"), "{told}");
+    assert!(told.contains("rows: 120 of them"), "{told}");
     assert_eq!(read_seg(out).unwrap().iter().max(), Some(&3));
     let told = stage(&["cluster"], &parts);
     assert!(told.contains("decision: reused"), "{told}");
