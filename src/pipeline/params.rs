@@ -121,7 +121,7 @@ pub fn default_landmarks(parts: usize) -> usize {
 pub fn landmarks_for_parts(faces: usize) -> usize {
     match faces {
         0..=contract::LARGE => 120,
-        ..=300_000 => 60,
+        60_001..=300_000 => 60,
         300_001..=2_000_000 => 40,
         2_000_001..=20_000_000 => 30,
         _ => 20,

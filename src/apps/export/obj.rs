@@ -78,7 +78,7 @@ impl<'a> Source<'a> {
                 b"usemtl" => source.materials.push(text),
                 b"s" => source.smoothings.push(text),
                 b"f" | b"fo" => {
-                    if source.faces.len() % CHUNK == 0 {
+                    if source.faces.len().is_multiple_of(CHUNK) {
                         run.cancel.check()?;
                     }
                     let (material, smoothing) = (source.materials.len() as u32, source.smoothings.len() as u32);
