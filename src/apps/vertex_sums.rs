@@ -78,6 +78,7 @@ impl VertexSums {
     }
 
     /// Number of vertices.
+    #[cfg(feature = "pictures")]
     pub fn len(&self) -> usize {
         self.0.len()
     }
