@@ -106,10 +106,11 @@ pub struct MappedBytes {
     map: Option<Arc<Bytes>>,
 }
 
-/// Where bytes lie.
+/// Where bytes lie. A claim is dropped before its mapping: once a removed file is unmapped, the system may give its number to
+/// a new file, and nobody uses a mapping that is being dropped.
 #[derive(Debug)]
 enum Bytes {
-    File(Mmap, #[expect(dead_code, reason = "given back when the mapping is gone")] Claim),
+    File(#[expect(dead_code, reason = "given back when dropped")] Claim, Mmap),
     Held(AlignedBuffer),
     /// A caller's vector of 4-byte or of 8-byte items, kept as what it is: so it is aligned and never copied.
     Words(Vec<u32>),
@@ -119,7 +120,7 @@ enum Bytes {
 /// Where bytes lie that are being written.
 #[derive(Debug)]
 enum BytesMut {
-    File(MmapMut, #[expect(dead_code, reason = "given back when the mapping is gone")] Claim),
+    File(#[expect(dead_code, reason = "given back when dropped")] Claim, MmapMut),
     Held(AlignedBuffer),
 }
 
@@ -141,12 +142,12 @@ impl MappedBytes {
         // SAFETY: see the module's text: nobody in this process writes to the file as long as the claim lives, and every use
         // of its content is checked.
         let map = unsafe { Mmap::map(&file) }.map_err(Error::io(path, "map"))?;
-        Ok(Self { map: Some(Arc::new(Bytes::File(map, claim))) })
+        Ok(Self { map: Some(Arc::new(Bytes::File(claim, map))) })
     }
 
     /// Tells the kernel how the bytes will be read. Advice only: failures are ignored.
     pub fn advise(&self, access: Access) {
-        if let Some(Bytes::File(map, _)) = self.map.as_deref() {
+        if let Some(Bytes::File(_, map)) = self.map.as_deref() {
             let _ = map.advise(match access {
                 Access::Local => Advice::Normal,
                 Access::Sequential => Advice::Sequential,
@@ -179,7 +180,7 @@ impl Deref for MappedBytes {
     fn deref(&self) -> &[u8] {
         match self.map.as_deref() {
             None => &[],
-            Some(Bytes::File(map, _)) => map,
+            Some(Bytes::File(_, map)) => map,
             Some(Bytes::Held(words)) => words.bytes(),
             Some(Bytes::Words(words)) => bytemuck::cast_slice(words),
             Some(Bytes::DoubleWords(words)) => bytemuck::cast_slice(words),
@@ -276,7 +277,7 @@ impl<T: Pod> MappedSliceMut<T> {
         // SAFETY: see the module's text: no other mapping of this process covers these bytes as long as the claim lives.
         let map = unsafe { memmap2::MmapOptions::new().offset(offset as u64).len(bytes).map_mut(&**file) };
         let map = map.map_err(Error::io(path, "map"))?;
-        Ok(Self { map: Some(BytesMut::File(map, claim)), file: Some(file.clone()), offset, len, item: PhantomData })
+        Ok(Self { map: Some(BytesMut::File(claim, map)), file: Some(file.clone()), offset, len, item: PhantomData })
     }
 
     /// The first `len` items of `words`, as far as those go, in memory.
@@ -322,12 +323,12 @@ impl<T: Pod> MappedSliceMut<T> {
     /// # Errors
     /// The operating system's.
     pub fn sync(&self) -> std::io::Result<()> {
-        if let Some(BytesMut::File(map, _)) = &self.map { map.flush() } else { Ok(()) }
+        if let Some(BytesMut::File(_, map)) = &self.map { map.flush() } else { Ok(()) }
     }
 
     /// Tells the kernel how the array will be used.
     pub fn advise(&self, access: Access) {
-        if let Some(BytesMut::File(map, _)) = &self.map {
+        if let Some(BytesMut::File(_, map)) = &self.map {
             let _ = map.advise(match access {
                 Access::Local => Advice::Normal,
                 Access::Sequential => Advice::Sequential,
@@ -343,7 +344,7 @@ impl<T: Pod> Deref for MappedSliceMut<T> {
     fn deref(&self) -> &[T] {
         match &self.map {
             None => &[],
-            Some(BytesMut::File(map, _)) => bytemuck::cast_slice(&map[..self.len * size_of::<T>()]),
+            Some(BytesMut::File(_, map)) => bytemuck::cast_slice(&map[..self.len * size_of::<T>()]),
             Some(BytesMut::Held(words)) => bytemuck::cast_slice(&words.bytes()[..self.len * size_of::<T>()]),
         }
     }
@@ -354,7 +355,7 @@ impl<T: Pod> DerefMut for MappedSliceMut<T> {
     fn deref_mut(&mut self) -> &mut [T] {
         match &mut self.map {
             None => &mut [],
-            Some(BytesMut::File(map, _)) => bytemuck::cast_slice_mut(&mut map[..self.len * size_of::<T>()]),
+            Some(BytesMut::File(_, map)) => bytemuck::cast_slice_mut(&mut map[..self.len * size_of::<T>()]),
             Some(BytesMut::Held(words)) => {
                 bytemuck::cast_slice_mut(&mut words.bytes_mut()[..self.len * size_of::<T>()])
             }
@@ -476,6 +477,34 @@ fn claimed(path: &Path) -> Error {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    /// Failed where a claim outlived its mapping: a file made by another thread got the number of one removed just now.
+    #[test]
+    fn a_new_file_with_the_number_of_a_removed_one_is_free() {
+        let dir = tempfile::tempdir().unwrap();
+        std::thread::scope(|scope| {
+            for thread in 0..4 {
+                let path = dir.path().join(thread.to_string());
+                scope.spawn(move || {
+                    for round in 0..3000 {
+                        std::fs::write(&path, [0; 64]).unwrap();
+                        let file = Arc::new(std::fs::OpenOptions::new().read(true).write(true).open(&path).unwrap());
+                        if round % 2 == 0 {
+                            let map = MappedSliceMut::<u8>::map(&file, &path, 0, 64).unwrap();
+                            std::fs::remove_file(&path).unwrap();
+                            drop(file);
+                            drop(map);
+                        } else {
+                            drop(file);
+                            let map = MappedBytes::open(&path).unwrap();
+                            std::fs::remove_file(&path).unwrap();
+                            drop(map);
+                        }
+                    }
+                });
+            }
+        });
+    }
 
     #[test]
     fn views_check_length_and_alignment() {
