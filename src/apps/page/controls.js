@@ -61,7 +61,7 @@
   };
   const anywhere = {
     r: reset, f: zoomToPart, z: undo, y: redo, v: () => setMode('look'), m: () => setMode('merge'), s: () => setMode('split'),
-    c: () => setMode('cut'), d: () => setMode('drop'), p: () => setMode('protect'),
+    c: () => setMode('cut'), t: () => setMode('together'), a: () => setMode('apart'), d: () => setMode('drop'), p: () => setMode('protect'),
     Escape: () => { setMode('look'); showAll(); },
   };
   canvas.addEventListener('keydown', (event) => {
@@ -105,7 +105,9 @@
   $('copy').onclick = () => navigator.clipboard && navigator.clipboard.writeText(command());
   $('edit').hidden = !model;
   $('save-labels').disabled = !data.whole;
-  if (!data.whole) $('save-labels').title = 'This page shows a thinned mesh: the command below writes the labels of all faces.';
+  $('thinned').hidden = data.whole;
+  $('thinned').textContent = `The page shows ${count.toLocaleString('en')} triangles for the ${data.faces.toLocaleString('en')} faces of the ` +
+    'mesh, so it cannot save labels. Save the edits: the command below gives the labels of all faces.';
   if (earlier) $('slider').hidden = true;
   tell();
   choose(found);

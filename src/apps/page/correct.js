@@ -2,16 +2,19 @@
   const HINTS = {
     look: 'click a part to see it alone, double-click to zoom to it', merge: 'click two parts to make them one',
     split: 'click a part to divide it along the hierarchy', cut: 'click a place on either side of the cut',
+    together: 'click two places that belong to one part', apart: 'click two places that belong to different parts',
     drop: 'click a part that is not wanted', protect: 'click a part that no later edit may change',
   };
   function say(told) { $('status').textContent = told; }
   function setMode(wanted) {
-    mode = model ? wanted : 'look';
+    const late = earlier && hint(wanted);
+    mode = model && !late ? wanted : 'look';
     picked = null;
     document.querySelectorAll('[data-mode]').forEach((button) => button.setAttribute('aria-pressed', button.dataset.mode === mode));
-    say(HINTS[mode]);
+    say(late ? 'These parts come from edits, and hints come before edits: give them on the page without edits.' : HINTS[mode]);
     refresh();
   }
+  const hint = (edit) => edit === 'together' || edit === 'apart';
   // What a click on a part does; `t` is the triangle, −1 in the list.
   function act(part, t) {
     if (mode === 'look') return single(part);
@@ -21,14 +24,29 @@
     if (mode === 'cut' && t < 0) return say('Click the two places on the mesh itself.');
     if (!picked) {
       picked = { part, triangle: t };
-      say(mode === 'merge' ? `${nameOf(part)} and which other part?` : 'And a place on the other side of the cut?');
+      say({ merge: `${nameOf(part)} and which other part?`, cut: 'And a place on the other side of the cut?',
+        together: 'And which place belongs to the same part?', apart: 'And which place belongs to another part?' }[mode]);
       return refresh();
     }
     const first = picked;
     picked = null;
     if (mode === 'cut') return change({ edit: 'cut', at: [first.triangle, t] });
+    if (hint(mode)) return hintAt(first, { part, triangle: t });
     if (first.part === part) { say(HINTS.merge); return refresh(); }
     change({ edit: 'merge', at: [anchor(first.part), anchor(part)] });
+  }
+  // A hint about two places. It comes before other edits, which may hide what it does.
+  function hintAt(...places) {
+    const at = places.map(({ part, triangle }) => (triangle < 0 ? anchor(part) : triangle)), edit = mode, before = edits.length;
+    const holds = () => {
+      const { label } = model.follow(number === found ? model.start : tables.get(number), edits);
+      return (label[cells[at[0]]] === label[cells[at[1]]]) === (edit === 'together');
+    };
+    const held = holds();
+    change({ edit, at });
+    if (edits.length === before) return;
+    if (!holds()) say('Hints come first, and an edit after them undoes this one: take that edit back.');
+    else if (held) say('It is so already; the hint is kept.');
   }
   // The triangle of a part that lies deepest in it: a place that stays on the part on other versions of the mesh.
   function anchor(part) {
@@ -70,7 +88,7 @@
   function text() {
     const own = edits.map(({ edit, at, into, name, hex }) => {
       const places = at.map(point);
-      if (edit === 'merge') return { edit, at: places };
+      if (edit === 'merge' || hint(edit)) return { edit, at: places };
       if (edit === 'cut') return { edit, between: places };
       if (edit === 'split') return { edit, at: places[0], into };
       if (edit === 'name') return { edit, at: places[0], name };

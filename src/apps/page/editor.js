@@ -1,6 +1,6 @@
 'use strict';
 // Parts while edits are followed, on the cells of the surface: the steps of src/pipeline/edits.rs, src/cluster/parts/hints.rs
-// (divide) and src/cluster/parts/split.rs, so that a page shows what the program will make of the same edits.
+// and src/cluster/parts/split.rs, so that a page shows what the program will make of the same edits.
 function editorOf(model, bytes) {
   const numbers = (text) => new Uint16Array(bytes(text));
   const start = numbers(model.start), unions = numbers(model.unions), pairs = numbers(model.pairs);
@@ -34,7 +34,12 @@ function editorOf(model, bytes) {
       const [a, b] = [find(i), find(j)];
       name[Math.max(a, b)] = Math.min(a, b);
     };
-    return { find, join };
+    const copy = () => {
+      const other = forest(size);
+      name.forEach((up, i) => other.join(i, up));
+      return other;
+    };
+    return { find, join, copy };
   }
   function pieces(graph, label) {
     const sets = forest(label.length);
@@ -140,7 +145,7 @@ function editorOf(model, bytes) {
     return smallParts(tree.graph, raw(k), limit, false)[0];
   }
 
-  // ---- one part divided between two places
+  // ---- one part divided among places
   function divide(label, part, seeds) {
     const members = [];
     label.forEach((x, cell) => { if (x === part) members.push(cell); });
@@ -155,6 +160,7 @@ function editorOf(model, bytes) {
       inside.push([i, j, e]);
     }
     const best = new Float64Array(members.length).fill(Infinity), chosen = new Array(members.length);
+    seeds.sort((a, b) => a[1] - b[1] || superfaces[a[0]] - superfaces[b[0]]);
     for (const [cell, number] of seeds) {
       const path = new Float64Array(members.length).fill(Infinity), queue = heap();
       path[place[cell]] = 0;
@@ -191,11 +197,76 @@ function editorOf(model, bytes) {
     });
   }
 
-  // Follows `edits` from the labels `base`; each edit has its `cells`. A part is known by a number that it keeps. `error` is
+  // The labels `base` changed as little as the hints among `edits` want; null where they contradict each other. Parts without a
+  // hint keep their numbers.
+  function hinted(base, edits) {
+    const groups = [], apart = [];
+    for (const { edit, cells } of edits) {
+      const first = groups.length;
+      if (edit === 'together') groups.push(cells);
+      else if (edit === 'apart') cells.forEach((cell) => groups.push([cell]));
+      for (let b = first; b < groups.length; b++) for (let a = first; a < b; a++) apart.push([a, b]);
+    }
+    const label = Array.from(base);
+    if (!groups.length) return label;
+    const sets = forest(groups.length), groupAt = new Map();
+    groups.forEach((cells, group) => cells.forEach((cell) => {
+      if (!groupAt.has(cell)) groupAt.set(cell, group);
+      sets.join(group, groupAt.get(cell));
+    }));
+    const pairsApart = apart.map((pair) => pair.map(sets.find));
+    if (pairsApart.some(([i, j]) => i === j)) return null;
+    const parts = label.reduce((top, x) => Math.max(top, x), 0) + 1, byPart = new Map();
+    for (const [cell, group] of [...groupAt].sort((a, b) => a[0] - b[0])) {
+      const part = label[cell];
+      if (!byPart.has(part)) byPart.set(part, []);
+      byPart.get(part).push([cell, sets.find(group)]);
+    }
+    let classes = forest(groups.length);
+    const now = label.slice();
+    for (const [part, seeds] of [...byPart].sort((a, b) => a[0] - b[0])) {
+      const trial = classes.copy();
+      seeds.forEach(([, own]) => trial.join(seeds[0][1], own));
+      if (pairsApart.every(([i, j]) => trial.find(i) !== trial.find(j))) {
+        // The whole part is of one class.
+        classes = trial;
+        now.forEach((x, cell) => { if (x === part) now[cell] = parts + seeds[0][1]; });
+      } else {
+        const divided = label.slice();
+        divide(divided, part, seeds);
+        label.forEach((x, cell) => { if (x === part) now[cell] = parts + divided[cell]; });
+      }
+    }
+    // A class is known by the first part that it has cells of and that no other class is known by.
+    const known = new Map(), taken = new Set();
+    let next = parts;
+    now.forEach((x, cell) => {
+      if (x < parts) return;
+      const own = classes.find(x - parts);
+      if (!known.has(own) && !taken.has(label[cell])) {
+        known.set(own, label[cell]);
+        taken.add(label[cell]);
+      }
+      now[cell] = parts + own;
+    });
+    return now.map((x) => {
+      if (x < parts) return x;
+      if (!known.has(x - parts)) known.set(x - parts, next++);
+      return known.get(x - parts);
+    });
+  }
+
+  // Follows `edits` from the labels `base`, hints first; each edit has its `cells`. A part is known by a number that it keeps. `error` is
   // why the last edit cannot be followed.
   function follow(base, edits) {
-    const label = Array.from(base), names = new Map(), colours = new Map(), dropped = new Set(), kept = new Set();
+    const sound = hinted(base, edits), label = sound || Array.from(base);
+    const names = new Map(), colours = new Map(), dropped = new Set(), kept = new Set();
     let next = label.reduce((top, x) => Math.max(top, x), -1) + 1, error = null;
+    if (!sound) error = 'This contradicts another hint, or two of the places are too close.';
+    for (const { edit, cells: [at] } of edits) {
+      const changed = edit === 'protect' && label.some((x, cell) => (x === label[at]) !== (base[cell] === base[at]));
+      if (changed) error = 'A hint would change a part that is protected.';
+    }
     const changes = (part) => {
       if (kept.has(part)) error = 'This part is protected.';
       return !kept.has(part);

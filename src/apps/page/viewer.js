@@ -104,11 +104,23 @@
       if (!into.has(old)) into.set(old, new Set());
       into.get(old).add(place.get(label[cell]));
     });
-    return part.map((now, t) => {
+    // The cell of some triangles along boundaries is of another part as found: they take what is beside them.
+    const open = new Set();
+    const kept = part.map((now, t) => {
       const own = into.get(labels[t]);
       if (!own || own.has(now)) return own && own.size === 1 ? [...own][0] : now;
+      if (own.size > 1 && !own.has(rough[t])) open.add(t);
       return own.has(rough[t]) ? rough[t] : [...own][0];
     });
+    for (let left = -1; left !== open.size;) {
+      left = open.size;
+      for (const [, , s, t] of edges) {
+        for (const [a, b] of [[s, t], [t, s]]) {
+          if (open.has(a) && !open.has(b) && labels[a] === labels[b]) { kept[a] = kept[b]; open.delete(a); }
+        }
+      }
+    }
+    return kept;
   }
 
   // A part keeps the colour of the part as found that it shares most area with; the rest take what neighbours leave.
@@ -305,7 +317,7 @@
         drawPoints(markers, gl.POINTS, markAt.length / 3, [1, 1, 1], 10 * (window.devicePixelRatio || 1), true);
         drawPoints(markers, gl.POINTS, markAt.length / 3, [.8, 0, .1], 7 * (window.devicePixelRatio || 1), true);
       }
-      if (picked && mode === 'cut') {
+      if (picked && picked.triangle >= 0 && mode !== 'merge') {
         gl.bindBuffer(gl.ARRAY_BUFFER, spot);
         gl.bufferData(gl.ARRAY_BUFFER, middle(picked.triangle), gl.DYNAMIC_DRAW);
         drawPoints(spot, gl.POINTS, 1, [1, 1, 1], 14 * (window.devicePixelRatio || 1), true);
@@ -370,7 +382,7 @@
       row.dataset.part = part;
       row.tabIndex = 0;
       row.className = part === alone ? 'alone' : shown(part) ? '' : 'hidden';
-      if (picked && mode === 'merge' && picked.part === part) row.classList.add('picked');
+      if (picked && (mode === 'merge' || picked.triangle < 0) && picked.part === part) row.classList.add('picked');
       const cell = (text) => { const td = row.insertCell(); td.textContent = text; return td; };
       const hex = '#' + (cut.colours[part] || [128, 128, 128]).map((x) => x.toString(16).padStart(2, '0')).join('');
       const swatch = input(model && part !== cut.dropped ? 'color' : 'swatch', hex, `colour of ${nameOf(part)}`);
