@@ -29,5 +29,11 @@ print(f"{len(finer.report['parts'])} parts in more detail, {len(np.unique(five.l
 # %% Where is it unsure? Quality is low where members of the ensemble disagree.
 print(f"{100 * np.mean(cut.quality < 0.5):.1f} % of the faces are doubtful")
 
+# %% Correct it: the two smallest parts become one, which gets a name.
+smallest = sorted(parts, key=lambda part: part["area"])[:2]
+places = [cut.place(part["label"]) for part in smallest]
+better = cut.edit([{"edit": "merge", "at": places}, {"edit": "name", "at": places[0], "name": "both"}])
+print(f"{better.n_parts} parts after an edit, one of them called {max(better.names)!r}")
+
 # %% Save the labels for anything that reads NumPy.
 np.save("labels.npy", cut.labels)

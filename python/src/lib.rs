@@ -12,7 +12,8 @@ mod tasks;
 
 use listener::Listener;
 use mesh::PyMesh;
-use numpy::{PyArray1, PyArray2, PyArrayMethods, ToPyArray};
+use numpy::{PyArray1, PyArray2, PyArrayMethods, PyReadonlyArray1, ToPyArray};
+use nystrom_stream::apps::edits::Edits;
 use nystrom_stream::pipeline::SegmentParams;
 use nystrom_stream::{Cancel, Error, Segmenter};
 use pyo3::exceptions::{PyKeyboardInterrupt, PyMemoryError, PyOSError, PyRuntimeError, PyValueError};
@@ -107,23 +108,29 @@ fn detached<T: Send>(
     }
 }
 
-/// What a cut gives: labels, qualities, colours (parts, 3), the tree as JSON and the cell of each face, the report as JSON.
+/// What a cut gives: labels, qualities, colours (parts, 3), the tree as JSON and the cell of each face, what edits are followed with
+/// on a page, names, the report as JSON.
 type Cut<'py> = (
     Bound<'py, PyArray1<u32>>,
     Bound<'py, PyArray1<f32>>,
     Bound<'py, PyArray2<u8>>,
     Option<String>,
     Option<Bound<'py, PyArray1<u32>>>,
+    Option<(String, Vec<u32>)>,
+    Vec<String>,
     String,
 );
 
-/// Cuts `mesh` under `params`, JSON as [`default_params`] gives it.
+/// Cuts `mesh` under `params`, JSON as [`default_params`] gives it, and corrects it by `edits`, the text of such a file, and `hints`,
+/// a value per face.
 #[pyfunction]
-#[pyo3(signature = (mesh, params, seed, threads, max_memory, work_dir, force, tmp, progress))]
+#[pyo3(signature = (mesh, params, edits, hints, seed, threads, max_memory, work_dir, force, tmp, progress))]
 fn segment<'py>(
     py: Python<'py>,
     mesh: &PyMesh,
     params: &str,
+    edits: Option<&str>,
+    hints: Option<PyReadonlyArray1<'py, u32>>,
     seed: u64,
     threads: Option<usize>,
     max_memory: Option<u64>,
@@ -138,9 +145,12 @@ fn segment<'py>(
     };
     let params: SegmentParams = serde_json::from_str(params).map_err(told)?;
     params.metric.check().map_err(raised)?;
+    let edits = edits.map(|text| Edits::of_text(text.as_bytes(), "edits".as_ref())).transpose().map_err(raised)?;
     let cancel = Cancel::default();
     let listener = Arc::new(Listener::new(progress, cancel.clone()));
     let segmenter = Segmenter::with_params(params).force(force);
+    let segmenter = edits.into_iter().fold(segmenter, Segmenter::edits);
+    let segmenter = hints.iter().fold(segmenter, |segmenter, hints| segmenter.hints(hints.as_array().to_vec()));
     let segmenter = work_dir.into_iter().fold(segmenter, |segmenter, folder| segmenter.work_dir(folder));
     let segmenter = with_options!(segmenter, seed, threads, max_memory, tmp, listener, cancel);
     let cut = detached(py, &listener, || segmenter.run(&mesh.0))?;
@@ -152,6 +162,11 @@ fn segment<'py>(
         colours.as_flattened().to_pyarray(py).reshape([colours.len(), 3])?,
         cut.hierarchy().map(|hierarchy| json(serde_json::to_string(hierarchy.tree()))).transpose()?,
         cut.hierarchy().map(|hierarchy| PyArray1::from_slice(py, hierarchy.cells())),
+        match cut.hierarchy() {
+            Some(hierarchy) => Some((hierarchy.decision().text().map_err(raised)?, cut.cell_labels().to_vec())),
+            None => None,
+        },
+        cut.names().to_vec(),
         json(serde_json::to_string(cut.report()))?,
     ))
 }
@@ -172,6 +187,7 @@ fn _native(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add_function(wrap_pyfunction!(correspond::correspond, module)?)?;
     module.add_function(wrap_pyfunction!(correspond::save_matches, module)?)?;
     module.add_function(wrap_pyfunction!(tasks::cut_tree, module)?)?;
+    module.add_function(wrap_pyfunction!(tasks::read_names, module)?)?;
     module.add_function(wrap_pyfunction!(tasks::part_colours, module)?)?;
     module.add_function(wrap_pyfunction!(tasks::save, module)?)?;
     module.add_function(wrap_pyfunction!(tasks::picture, module)?)?;

@@ -6,12 +6,14 @@ use super::{detached, raised, with_options};
 use numpy::{PyArray1, PyArray3, PyArrayMethods, PyReadonlyArray1, PyReadonlyArray2, ToPyArray};
 use nystrom_stream::apps::colours::colours_for;
 use nystrom_stream::apps::measure;
-use nystrom_stream::apps::page::{Cuts, Page};
+use nystrom_stream::apps::edits::Edits;
+use nystrom_stream::apps::page::{CellModel, Cuts, Page};
 use nystrom_stream::apps::picture::{PictureParams, render};
 use nystrom_stream::apps::sequence::SequenceOrder;
 use nystrom_stream::cluster::parts::PartTree;
 use nystrom_stream::landmarks::Sampling;
 use nystrom_stream::pipeline::cuts;
+use nystrom_stream::pipeline::decision::KeptDecision;
 use nystrom_stream::store::{Context, Run, WorkDir};
 use nystrom_stream::{Cancel, LabelTransfer, Labelling, SamplingQuality, Sequencer};
 use pyo3::exceptions::{PyRuntimeError, PyValueError};
@@ -65,19 +67,29 @@ pub fn part_colours<'py>(
     found.as_flattened().to_pyarray(py).reshape([found.len(), 3])
 }
 
-/// Writes the labelled mesh in the form that the ending of `path` names; a page has a slider where there is a tree.
+/// Names of parts from a table.
 #[pyfunction]
-#[pyo3(signature = (mesh, labels, colours, quality, path, report, tree, cells))]
+pub fn read_names(path: PathBuf) -> PyResult<Vec<String>> {
+    nystrom_stream::apps::edits::read_names(&path).map_err(raised)
+}
+
+/// Writes the labelled mesh in the form that the ending of `path` names; a page has a slider where there is a tree, and follows edits
+/// where there is a `decision`, its text and the part of each cell. `edits` is the text of those that the labels are of.
+#[pyfunction]
+#[pyo3(signature = (mesh, labels, colours, quality, names, path, report, tree, cells, decision, edits))]
 pub fn save(
     py: Python<'_>,
     mesh: &PyMesh,
     labels: PyReadonlyArray1<'_, u32>,
     colours: PyReadonlyArray2<'_, u8>,
     quality: Option<PyReadonlyArray1<'_, f32>>,
+    names: Vec<String>,
     path: PathBuf,
     report: &str,
     tree: Option<&str>,
     cells: Option<PyReadonlyArray1<'_, u32>>,
+    decision: Option<(String, Vec<u32>)>,
+    edits: Option<&str>,
 ) -> PyResult<()> {
     let (labels, colours) = (labels.as_array().to_vec(), self::colours(&colours));
     let quality = quality.map(|quality| quality.as_array().to_vec());
@@ -85,21 +97,28 @@ pub fn save(
     let cells = cells.map(|cells| cells.as_array().to_vec());
     let report: serde_json::Value =
         serde_json::from_str(report).map_err(|error| PyValueError::new_err(error.to_string()))?;
-    let labelling = Labelling { labels: &labels, colours: &colours, quality: quality.as_deref(), names: &[] };
+    let labelling = Labelling { labels: &labels, colours: &colours, quality: quality.as_deref(), names: &names };
     if !path.extension().is_some_and(|ending| ["html", "htm"].iter().any(|page| ending.eq_ignore_ascii_case(page))) {
         return py.detach(|| mesh.0.save(path, labelling)).map_err(raised);
     }
+    let edits = edits.map(|text| Edits::of_text(text.as_bytes(), "edits".as_ref())).transpose().map_err(raised)?;
     let write = || {
+        let kept = decision.as_ref().map(|decision| KeptDecision::of_text(&decision.0)).transpose()?;
         let many = |tree: &PartTree| {
             (1..=cuts::MOST.min(tree.cells()))
                 .map(|k| Ok(tree.cut_k(k)?.label))
                 .collect::<nystrom_stream::Result<Vec<_>>>()
         };
         let parts = tree.as_ref().map(many).transpose()?;
-        let cuts = cells.as_ref().zip(parts.as_ref()).map(|(cells, parts)| Cuts { cells, parts, model: None });
+        let model = kept.as_ref().zip(decision.as_ref()).map(|(kept, (_, start))| CellModel {
+            affinities: kept.affinities(),
+            tree: &kept.decision.tree,
+            start,
+        });
+        let cuts = cells.as_ref().zip(parts.as_ref()).map(|(cells, parts)| Cuts { cells, parts, model });
         let title = mesh.0.path().file_name().unwrap_or_default().to_string_lossy();
-        let (labels, colours) = (&labels[..], &colours[..]);
-        Page { title: &title, mesh: &mesh.0, labels, colours, names: &[], cuts, edits: None, report: &report }
+        let (labels, colours, edits) = (&labels[..], &colours[..], edits.as_ref());
+        Page { title: &title, mesh: &mesh.0, labels, colours, names: &names, cuts, edits, report: &report }
             .write(&path, &Run::new(&()))
     };
     py.detach(write).map_err(raised)

@@ -34,6 +34,7 @@ use std::path::Path;
 pub struct Segmenter {
     params: SegmentParams,
     edits: Option<Edits>,
+    hints: Option<Vec<u32>>,
     pub(super) options: RunOptions,
 }
 
@@ -47,7 +48,7 @@ impl Segmenter {
 
     /// The same with all options of `params`.
     pub fn with_params(params: SegmentParams) -> Self {
-        Self { params, edits: None, options: RunOptions::default() }
+        Self { params, ..Self::default() }
     }
 
     /// All options as the pipeline takes them.
@@ -168,6 +169,13 @@ impl Segmenter {
         self
     }
 
+    /// Hints painted on faces, one value per face (n): equal values belong together, different ones apart, 0 says nothing.
+    #[must_use]
+    pub fn hints(mut self, values: Vec<u32>) -> Self {
+        self.hints = Some(values);
+        self
+    }
+
     /// Cuts `mesh`.
     ///
     /// # Errors
@@ -183,7 +191,7 @@ impl Segmenter {
             params.parts.detail = edits.detail.unwrap_or_default();
         }
         let params = &params;
-        let corrections = Corrections { edits: self.edits.as_ref(), painted: None };
+        let corrections = Corrections { edits: self.edits.as_ref(), painted: self.hints.as_deref() };
         self.options.with(|context, seconds| {
             let identity = admitted(mesh, self.options.force, context)?;
             let cut = pipeline::segment_corrected(mesh, &identity, params, corrections, context)?;
@@ -246,6 +254,12 @@ impl Segmentation {
     /// Number of parts.
     pub fn parts(&self) -> usize {
         self.colours.len()
+    }
+
+    /// The part of each cell of the [`Hierarchy`] before boundaries were refined; none where there are no cells.
+    #[cfg(feature = "pages")]
+    pub fn cell_labels(&self) -> &[u32] {
+        &self.cell_labels
     }
 
     /// Counts of the mesh, areas of the parts, eigenvalues, seconds by stage; [`serde::Serialize`].
@@ -322,6 +336,11 @@ impl Hierarchy {
     /// The joins and their levels, over cells.
     pub fn tree(&self) -> &PartTree {
         &self.kept.decision.tree
+    }
+
+    /// What the parts were decided with, and edits are followed with.
+    pub fn decision(&self) -> &KeptDecision {
+        &self.kept
     }
 
     /// The cell of each face, in the order of the mesh (faces).

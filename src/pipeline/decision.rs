@@ -160,6 +160,16 @@ pub struct KeptDecision {
     pub decision: PartDecision,
 }
 
+/// A [`KeptDecision`] as JSON.
+#[derive(Serialize, Deserialize)]
+struct KeptText {
+    cells: CellGraph,
+    of_cell: Vec<u32>,
+    area: Vec<f64>,
+    co_association: Vec<f64>,
+    tree: PartTree,
+}
+
 impl KeptDecision {
     /// That of the mesh in `work`: of its contraction, unless it is small or rows were `exact`.
     ///
@@ -171,6 +181,38 @@ impl KeptDecision {
             Ok(Self { decision: open(cells.len(), work)?, cells })
         };
         if !exact && is_current(work, true) { of(work.inner(CONTRACTED)?.as_ref()) } else { of(work) }
+    }
+
+    /// All of it as JSON: about a megabyte.
+    ///
+    /// # Errors
+    /// [`Error::Internal`] for what JSON cannot tell.
+    pub fn text(&self) -> Result<String> {
+        let PartDecision { superfaces, co_association, tree } = self.decision.clone();
+        let (of_cell, area) = (superfaces.of_cell, superfaces.area);
+        let co_association = co_association.values().to_vec();
+        let told = KeptText { cells: self.cells.clone(), of_cell, area, co_association, tree };
+        Ok(json::value("the decision", &told)?.to_string())
+    }
+
+    /// What [`KeptDecision::text`] has told.
+    ///
+    /// # Errors
+    /// [`Error::Parameter`] for another text.
+    pub fn of_text(text: &str) -> Result<Self> {
+        let wrong = |problem: String| Error::parameter("decision", problem, "cut the mesh again");
+        let told: KeptText = serde_json::from_str(text).map_err(|error| wrong(error.to_string()))?;
+        told.tree.check()?;
+        let (n, cells) = (told.area.len(), told.cells.cleaned()?);
+        let superfaces = Superfaces::kept(told.of_cell, told.area)
+            .filter(|superfaces| superfaces.of_cell.len() == cells.len() && told.tree.cells() == cells.len());
+        match superfaces.filter(|_| told.co_association.len() == n * n) {
+            Some(superfaces) => {
+                let co_association = Square::from_values(n, told.co_association);
+                Ok(Self { cells, decision: PartDecision { superfaces, co_association, tree: told.tree } })
+            }
+            None => Err(wrong("its cells, superfaces and tree contradict each other".into())),
+        }
     }
 
     /// How far cells belong together.

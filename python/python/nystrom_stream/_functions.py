@@ -5,8 +5,9 @@ import json
 import numpy as np
 
 from . import _native
+from ._edits import as_edits, as_hints, started_from
 from ._meshes import as_bytes, as_labels, as_mesh
-from ._results import Correspondence, Segmentation, Sequence, Transfer
+from ._results import Correspondence, Sequence, Transfer, cut_mesh
 
 _METHODS = {"parts": "parts", "kmeans": "k-means", "k-means": "k-means", "two-means": "two-means"}
 
@@ -79,7 +80,7 @@ def _count(name, value):
 
 def segment(mesh, faces=None, parts=None, *, parts_range=None, detail=0.0, cluster="parts", decision=None, tiny_components=None,
             boundaries=None, landmarks=None, sampling="farthest", exact=False, metric="scale-free", beta=None, eta=None,
-            delta=None, order="auto", kernel=None, sigma=None, normalise=None, unit_rows=None, seed=0, threads=None,
+            delta=None, order="auto", kernel=None, sigma=None, normalise=None, unit_rows=None, edits=None, hints=None, names=None, seed=0, threads=None,
             max_memory=None, work_dir=None, force=False, tmp=None, progress=None):
     """Cuts a mesh into parts, and returns a Segmentation.
 
@@ -98,6 +99,10 @@ def segment(mesh, faces=None, parts=None, *, parts_range=None, detail=0.0, clust
     metric: "scale-free" (with `beta`, `eta`), "paper" (`delta`, `eta`) or "geodesic".
     order: of the faces at work: "auto", "keep" or "hilbert".
     kernel, sigma, normalise, unit_rows: the embedding of "kmeans" and "two-means".
+    edits: corrections of the parts: a list of dicts or a file, see `Segmentation.edit`.
+    hints: an integer per face, or the name of such a property of the file: faces of equal values belong together, of different ones
+        apart, 0 says nothing.
+    names: of parts: a list, a dict by part, or the path of a table.
     seed: of everything random; results depend on it and on nothing else of the run.
     threads: worker threads; by default one per core.
     max_memory: bytes that may be allocated, a number or "2GiB"; half of what is free by default.
@@ -112,8 +117,17 @@ def segment(mesh, faces=None, parts=None, *, parts_range=None, detail=0.0, clust
     params = _params(parts, parts_range, detail, cluster, decision, tiny_components, boundaries, landmarks, sampling, exact,
                      _metric(metric, beta, eta, delta), order, kernel, sigma, normalise, unit_rows)
     mesh = as_mesh(mesh, faces)
-    *arrays, report = _native.segment(mesh, params, seed, threads, as_bytes(max_memory), work_dir, force, tmp, progress)
-    return Segmentation(mesh, *arrays, json.loads(report))
+    options = {"params": params, "hints": as_hints(hints, mesh), "seed": seed, "threads": threads, "max_memory": as_bytes(max_memory),
+               "work_dir": work_dir, "force": force, "tmp": tmp}
+    edits = None if edits is None else as_edits(edits)
+    if edits and _METHODS[cluster] != "parts":
+        raise ValueError("edits: go with cluster='parts'")
+    if edits and parts is None and parts_range is None and not detail:
+        options = started_from(options, edits)
+    cut = cut_mesh(mesh, options, edits, progress)
+    if names is not None:
+        cut.names = names
+    return cut
 
 
 def segment_file(path, parts=None, **options):

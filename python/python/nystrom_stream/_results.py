@@ -8,6 +8,7 @@ import tempfile
 import numpy as np
 
 from . import _native
+from ._edits import as_edits, as_names, started, started_from, text_of
 
 
 def _pickled(mesh):
@@ -55,16 +56,78 @@ class Segmentation(_OfMesh):
     quality: (faces,) float32, how sure each label is, 0 to 1; None for a cut from the hierarchy.
     colours: (parts, 3) uint8, one sRGB colour per part, unlike where parts touch.
     report: a dict with counts of the mesh, parts with their areas, landmarks, eigenvalues, seconds by stage.
+    names: a name per part, "" where it has none. Assign a list, or a dict by part: `cut.names = {0: "left arm"}`.
     """
 
-    def __init__(self, mesh, labels, quality, colours, tree, cells, report):
-        self._mesh, self.labels, self.quality, self.colours = mesh, labels, quality, colours
-        self._tree, self._cells, self.report = tree, cells, report
+    def __init__(self, mesh, arrays, report, options, edits=None):
+        self._mesh, self.report, self._options, self._edits = mesh, report, options, edits
+        self.labels, self.quality, self.colours, self._tree, self._cells, self._decision, names = arrays
+        self.names = names
 
     @property
     def n_parts(self):
         """Number of parts."""
         return len(self.colours)
+
+    @property
+    def names(self):
+        return list(self._names)
+
+    @names.setter
+    def names(self, names):
+        self._names = as_names(names, self.n_parts, getattr(self, "_names", ()))
+        for part, name in zip(self.report["parts"], self._names):
+            part.pop("name", None)
+            part.update({"name": name} if name else {})
+
+    @property
+    def edits(self):
+        """The edits that the parts are of: a list of dicts."""
+        return list(self._edits["edits"]) if self._edits else []
+
+    def edit(self, edits, progress=None):
+        """The mesh with its parts corrected: another Segmentation; this one stays.
+
+        edits: a list, which is added to the edits that the parts are of, or the path of a file, such as the page saves, which
+            replaces them. An edit is a dict: {"edit": "merge", "at": [place, place]}, {"edit": "split", "at": place, "into": 3},
+            {"edit": "cut", "between": [place, place]}, "together" and "apart" like "merge", {"edit": "name", "at": place,
+            "name": "left arm"}, {"edit": "colour", "at": place, "colour": "#e69f00"}, {"edit": "drop", "at": place},
+            {"edit": "protect", "at": place}. A place is a point (x, y, z) on the surface or the number of a face; `place(part)` is
+            one in the middle of a part.
+
+        With the `work_dir` of the cut, only the parts and their boundaries are computed again; else all is. Raises ValueError for
+        an edit that cannot be followed, naming it, and for K-means and 2-means.
+        """
+        whole = isinstance(edits, (str, os.PathLike)) or isinstance(edits, dict) and "edits" in edits
+        told = as_edits(edits)
+        if not whole:
+            told = {**(self._edits or {}), **told, "edits": self.edits + told["edits"]}
+        return cut_mesh(self._mesh, started_from(self._options, told), told, progress)
+
+    def place(self, part):
+        """A place well inside a part, for edits: the point (x, y, z) in the middle of a face. Raises IndexError."""
+        part = range(self.n_parts)[part]
+        triangles, face = self._mesh.triangles()
+        own = self.labels[face] == part
+        reached = np.zeros(len(self.vertices), bool)
+        reached[triangles[~own]] = True
+        left = np.flatnonzero(own)
+        while True:
+            near = reached[triangles[left]].any(axis=1)
+            if near.all() or not near.any():
+                break
+            reached[triangles[left[near]]] = True
+            left = left[~near]
+        centres = np.asarray(self.vertices, np.float64)[triangles[left]].mean(axis=1)
+        return centres[np.argmin(np.linalg.norm(centres - centres.mean(axis=0), axis=1))].tolist()
+
+    def save_edits(self, path):
+        """Writes the edits as a file that `nystrom-stream segment --edits` and `edit` take."""
+        vertices = self.vertices
+        box = [vertices.min(axis=0), vertices.max(axis=0)] if len(vertices) else None
+        head = {"box": box} if box and np.isfinite(box).all() else {}
+        with open(path, "w", encoding="utf-8") as file:
+            file.write(text_of({**head, **started(self._options), **as_edits(self._edits or [])}) + "\n")
 
     @property
     def tree(self):
@@ -82,13 +145,17 @@ class Segmentation(_OfMesh):
         return _native.cut_tree(self._tree, self._cells, parts)
 
     def cut(self, parts):
-        """The same mesh in exactly `parts` parts, as `recut` finds them, with colours; confidences are not known."""
+        """The same mesh in exactly `parts` parts, as `recut` finds them, with colours; confidences are not known. Edits, hints and
+        names are left behind."""
         labels = self.recut(parts)
         colours = _native.part_colours(self._mesh, labels)
         report = {"input": self.report["input"], "options": self.report["options"]}
         counts = np.bincount(labels, minlength=len(colours))
         report["parts"] = [{"label": k, "faces": int(n), "colour": colours[k].tolist()} for k, n in enumerate(counts)]
-        return Segmentation(self._mesh, labels, None, colours, self._tree, self._cells, report)
+        decision = self._decision and (self._decision[0], [])
+        arrays = labels, None, colours, self._tree, self._cells, decision, []
+        options = {**started_from(self._options, {"parts": parts}), "hints": None}
+        return Segmentation(self._mesh, arrays, report, options)
 
     def measure(self):
         """What each part measures: a list of dicts with area, volume (of closed parts), box, centroid, axes, spread, open_edges and
@@ -98,8 +165,9 @@ class Segmentation(_OfMesh):
     def save(self, path):
         """Writes the labelled mesh in the form that the ending names: .ply, .seg, .npy, .glb, .parquet, .png, .html, or one PLY per
         part in a folder where `path` ends with a slash. Raises ValueError for another ending, OSError."""
-        report = json.dumps(self.report)
-        _native.save(self._mesh, self.labels, self.colours, self.quality, path, report, self._tree, self._cells)
+        edits = text_of(self._edits) if self._edits else None
+        _native.save(self._mesh, self.labels, self.colours, self.quality, self.names, path, json.dumps(self.report), self._tree,
+                     self._cells, self._decision, edits)
 
     def picture(self, **options):
         """A picture of the parts: see `nystrom_stream.picture`."""
@@ -108,13 +176,14 @@ class Segmentation(_OfMesh):
         return picture(self, **options)
 
     def to_trimesh(self):
-        """A trimesh.Trimesh with the colours of the parts, and their numbers as `face_attributes["label"]`."""
+        """A trimesh.Trimesh with the colours of the parts, and their numbers as `face_attributes["label"]`, their names as `metadata["part_names"]`."""
         import trimesh
 
         triangles, face = self._mesh.triangles()
         labels = self.labels[face]
         mesh = trimesh.Trimesh(self.vertices, triangles, process=False, face_attributes={"label": labels})
         mesh.visual.face_colors = self.colours[labels]
+        mesh.metadata["part_names"] = self.names
         return mesh
 
     def to_pyvista(self):
@@ -128,6 +197,8 @@ class Segmentation(_OfMesh):
         mesh.cell_data["RGB"] = self.colours[self.labels]
         if self.quality is not None:
             mesh.cell_data["quality"] = self.quality
+        if any(self.names):
+            mesh.field_data["part_names"] = self.names
         return mesh
 
     def __len__(self):
@@ -150,6 +221,16 @@ class Segmentation(_OfMesh):
                 text = page.read()
         return (f'<iframe srcdoc="{html.escape(text, quote=True)}" width="100%" height="600" '
                 f'style="border:0" title="{html.escape(repr(self))}"></iframe>')
+
+
+def cut_mesh(mesh, options, edits, progress):
+    """Cuts a mesh with all `options` told, and corrects it."""
+    order = ("hints", "seed", "threads", "max_memory", "work_dir", "force", "tmp")
+    text = None if edits is None else text_of(edits)
+    *arrays, report = _native.segment(mesh, options["params"], text, *(options[name] for name in order), progress)
+    # A work directory that was made anew for this mesh is its own from now on.
+    options = {**options, "force": False}
+    return Segmentation(mesh, arrays, json.loads(report), options, json.loads(text) if text else None)
 
 
 class Correspondence:

@@ -1,0 +1,84 @@
+"""Edits and names of parts, as people write them and as the library takes them."""
+
+import json
+import os
+
+import numpy as np
+
+from . import _native
+
+FORMAT = {"format": "nystrom-stream edits", "version": 1}
+
+
+def as_edits(edits):
+    """What a file of edits says, as a dict: of a path, such a dict, or a list of edits."""
+    if isinstance(edits, (str, os.PathLike)):
+        with open(edits, encoding="utf-8") as file:
+            try:
+                edits = json.load(file)
+            except ValueError as error:
+                raise ValueError(f"{os.fspath(file.name)}: no file of edits: {error}") from None
+    if isinstance(edits, dict) and "edits" in edits:
+        return {**FORMAT, **edits}
+    if isinstance(edits, dict):
+        edits = [edits]
+    if not isinstance(edits, (list, tuple)) or not all(isinstance(edit, dict) for edit in edits):
+        raise TypeError('edits: give a path, or a list such as [{"edit": "split", "at": [0.5, 0.1, 0.2], "into": 3}]')
+    return {**FORMAT, "edits": list(edits)}
+
+
+def text_of(edits):
+    """The text of a file of edits; NumPy's arrays and numbers are taken."""
+    def plain(value):
+        if hasattr(value, "tolist"):
+            return value.tolist()
+        raise TypeError(f"edits: a {type(value).__name__} is neither a place, a number nor a text")
+
+    return json.dumps(edits, default=plain)
+
+
+def as_hints(hints, mesh):
+    """One value per face as uint32: of an array, or of a property of the mesh's file."""
+    if hints is None:
+        return None
+    if isinstance(hints, str):
+        return mesh.face_property(hints)
+    hints = np.asarray(hints)
+    if hints.ndim != 1 or len(hints) != mesh.faces or not np.issubdtype(hints.dtype, np.integer) or (hints < 0).any():
+        raise ValueError(f"hints: give one integer per face, 0 or more; there are {mesh.faces} faces")
+    return np.ascontiguousarray(hints, np.uint32)
+
+
+def as_names(names, parts, before=()):
+    """A name per part, "" where it has none; `names` is a list, the path of a table, or a dict by part, which adds to `before`."""
+    if isinstance(names, (str, os.PathLike)):
+        names = _native.read_names(names)
+    if hasattr(names, "keys"):
+        told, all_names = dict(names), list(before) + [""] * (parts - len(before))
+    else:
+        told, all_names = {part: name for part, name in enumerate(names) if name}, [""] * parts
+    for part, name in told.items():
+        if not isinstance(name, str) or any(ord(letter) < 32 for letter in name):
+            raise ValueError(f"names: {name!r} is no line of text")
+        if not 0 <= int(part) < parts:
+            raise ValueError(f"names: there is no part {part}; the {parts} parts are counted from 0")
+        all_names[int(part)] = name
+    return all_names
+
+
+def started(options):
+    """The cut that edits of a cut with `options` start from, as a file of edits says it."""
+    parts = json.loads(options["params"])["parts"]
+    if isinstance(parts["count"], dict) and "exactly" in parts["count"]:
+        return {"parts": parts["count"]["exactly"]}
+    return {"detail": parts["detail"]} if parts["detail"] else {}
+
+
+def started_from(options, edits):
+    """`options` of a cut, with the number of parts that `edits` start from, where they say it."""
+    params = json.loads(options["params"])
+    if edits.get("parts") is not None:
+        params["parts"].update(count={"exactly": edits["parts"]}, detail=0.0)
+    elif edits.get("detail") is not None:
+        params["parts"].update(count=json.loads(_native.default_params())["parts"]["count"], detail=edits["detail"])
+    return {**options, "params": json.dumps(params)}

@@ -1,0 +1,155 @@
+"""Corrections as people write them in Python: edits, hints, names, and the page that edits them."""
+
+import json
+import pickle
+
+import numpy as np
+import pytest
+from test_segment import dumbbell
+
+import nystrom_stream
+
+
+@pytest.fixture(scope="module")
+def cut():
+    return nystrom_stream.segment(*dumbbell(), 4)
+
+
+def agree(a, b):
+    """Whether two labellings are one but for the numbers of parts, on all but a few faces."""
+    table = np.zeros((a.max() + 1, b.max() + 1))
+    np.add.at(table, (a, b), 1)
+    return min(table.max(axis=0).sum(), table.max(axis=1).sum()) > 0.98 * len(a)
+
+
+def test_a_place_lies_on_its_part(cut):
+    vertices, triangles = np.asarray(cut.vertices), cut.triangles
+    for part in range(cut.n_parts):
+        gaps = np.linalg.norm(vertices[triangles].mean(axis=1) - cut.place(part), axis=1)
+        assert cut.labels[gaps.argmin()] == part and gaps.min() < 1e-6
+    with pytest.raises(IndexError):
+        cut.place(4)
+
+
+def test_edits_add_up_and_the_cut_before_stays(cut):
+    labels, a, b = cut.labels.copy(), cut.place(0), cut.place(1)
+    merged = cut.edit([{"edit": "merge", "at": [a, b]}])
+    assert merged.n_parts == 3 and cut.n_parts == 4 and (cut.labels == labels).all() and cut.edits == []
+    assert agree(merged.labels, np.where(labels == 1, 0, labels))
+    split = merged.edit([{"edit": "split", "at": np.array(merged.place(2)), "into": np.int64(3)}])
+    assert split.n_parts == 5 and [edit["edit"] for edit in split.edits] == ["merge", "split"]
+    told = [*merged.edits, {"edit": "split", "at": merged.place(2), "into": 3}]
+    assert (nystrom_stream.segment(*dumbbell(), 4, edits=told).labels == split.labels).all()
+    # By the number of a face too.
+    faces = [cut[part][len(cut[part]) // 2] for part in (0, 1)]
+    assert cut.edit({"edit": "merge", "at": faces}).n_parts == 3
+
+
+def test_hints_keep_apart_and_together(cut):
+    labels = cut.labels
+    ends = [cut[part][len(cut[part]) // 2] for part in (0, 1)]
+    together = cut.edit([{"edit": "together", "at": ends}])
+    assert together.labels[ends[0]] == together.labels[ends[1]] and together.n_parts == 3
+    painted = np.zeros(len(labels), int)
+    painted[ends] = 7
+    hinted = nystrom_stream.segment(*dumbbell(), 4, hints=painted)
+    assert hinted.n_parts == 3 and agree(hinted.labels, together.labels)
+    assert hinted.edit([{"edit": "name", "at": ends[0], "name": "both"}]).n_parts == 3, "hints stay"
+    for hints in (painted[1:], painted - 1, painted * 0.5):
+        with pytest.raises(ValueError, match="hints: give one integer per face"):
+            nystrom_stream.segment(*dumbbell(), 4, hints=hints)
+
+
+def test_files_of_edits_come_and_go(cut, tmp_path):
+    edited = cut.edit([{"edit": "merge", "at": [cut.place(0), cut.place(1)]}, {"edit": "name", "at": cut.place(2), "name": "bar"}])
+    edited.save_edits(tmp_path / "edits.json")
+    told = json.loads((tmp_path / "edits.json").read_text())
+    assert told["format"] == "nystrom-stream edits" and told["parts"] == 4 and len(told["box"]) == 2
+    assert told["edits"] == edited.edits
+    again = nystrom_stream.segment(*dumbbell(), edits=tmp_path / "edits.json")
+    assert (again.labels == edited.labels).all() and again.names == edited.names and "bar" in again.names
+    # A file has all edits, so it replaces those before.
+    assert edited.edit(tmp_path / "edits.json").edits == edited.edits
+    (tmp_path / "edits.json").write_text(json.dumps({**told, "parts": 3}))
+    three = nystrom_stream.segment(*dumbbell(), edits=tmp_path / "edits.json")
+    assert (cut.edit(tmp_path / "edits.json").labels == three.labels).all()
+    assert three.report["options"]["parts"]["count"] == {"exactly": 3}
+    (tmp_path / "edits.json").write_text("merge them")
+    with pytest.raises(ValueError, match="edits.json: no file of edits"):
+        cut.edit(tmp_path / "edits.json")
+
+
+def test_names_go_along(cut, tmp_path):
+    named = pickle.loads(pickle.dumps(cut))
+    named.names = {0: "left ball", 2: "bar"}
+    assert named.names == ["left ball", "", "bar", ""] and named.report["parts"][2]["name"] == "bar"
+    named.names = {0: ""}
+    assert named.names == ["", "", "bar", ""] and "name" not in named.report["parts"][0]
+    named.names = ["a", "b"]
+    assert named.names == ["a", "b", "", ""]
+    named.save(tmp_path / "named.ply")
+    assert b"comment part 1: b\n" in (tmp_path / "named.ply").read_bytes()[:2000]
+    named.save(str(tmp_path / "parts") + "/")
+    assert list((tmp_path / "parts").glob("*_b.ply"))
+    for names in ({4: "x"}, {0: "two\nlines"}, {0: 7}):
+        with pytest.raises(ValueError, match="names: "):
+            named.names = names
+    table = tmp_path / "names.tsv"
+    table.write_text("part\tname\n3\tright ball\n")
+    assert nystrom_stream.segment(*dumbbell(), 4, names=table).names[3] == "right ball"
+    trimesh = pytest.importorskip("trimesh", exc_type=ImportError)
+    assert isinstance(named.to_trimesh(), trimesh.Trimesh) and named.to_trimesh().metadata["part_names"][1] == "b"
+
+
+def test_a_work_dir_makes_edits_quick(tmp_path):
+    mesh = dumbbell(60)
+    cut = nystrom_stream.segment(*mesh, 4, work_dir=tmp_path / "work")
+    edited = cut.edit([{"edit": "split", "at": cut.place(1)}])
+    assert "rows" in cut.report["seconds"] and "rows" not in edited.report["seconds"] and edited.n_parts == 5
+    assert (edited.labels == nystrom_stream.segment(*mesh, 4, edits=edited.edits).labels).all()
+
+
+def test_edits_start_from_another_number_of_parts(cut):
+    three = cut.cut(3)
+    edited = three.edit([{"edit": "split", "at": three.place(0), "into": 2}])
+    assert edited.n_parts == 4 and agree(cut.edit([]).labels, cut.labels)
+
+
+def test_the_page_corrects_parts(cut, tmp_path):
+    def told(cut):
+        cut.save(tmp_path / "page.html")
+        text = (tmp_path / "page.html").read_text()
+        start = text.index('type="application/json">') + 24
+        return json.loads(text[start : text.index("</script>", start)])
+
+    page = told(cut)
+    assert page["cuts"]["model"]["unions"] and page["edits"] is None
+    edited = cut.edit([{"edit": "name", "at": cut.place(1), "name": "ball"}])
+    for each in (edited, pickle.loads(pickle.dumps(edited))):
+        page = told(each)
+        assert page["edits"]["edits"] == edited.edits and "ball" in page["names"] and page["cuts"]["model"]
+    assert told(cut.cut(3))["cuts"]["model"]
+
+
+def test_wrong_edits_are_named(cut):
+    a = cut.place(0)
+    for edits, said in [
+        ([{"edit": "merge", "at": [a]}], r"edit 1 \(merge\): .*two places"),
+        ([{"edit": "split", "at": a}, {"edit": "paint", "at": a}], r"edit 2 \(paint\)"),
+        ([{"edit": "split", "at": [90, 0, 0]}], r"edit 1 \(split\): .*away from the mesh"),
+        ([{"edit": "split", "at": 10**7}], "there is no face"),
+        ({"format": "x", "edits": []}, "format"),
+    ]:
+        with pytest.raises(ValueError, match=said) as wrong:
+            cut.edit(edits)
+        assert "--" not in str(wrong.value)
+    for edits in ("split", [7]):
+        with pytest.raises((TypeError, FileNotFoundError)):
+            cut.edit(edits)
+    with pytest.raises(TypeError, match="neither a place"):
+        cut.edit([{"edit": "split", "at": {1, 2}}])
+    with pytest.raises(ValueError, match="cluster='parts'"):
+        nystrom_stream.segment(*dumbbell(), 3, cluster="kmeans", landmarks=12, edits=[])
+    means = nystrom_stream.segment(*dumbbell(), 3, cluster="kmeans", landmarks=12)
+    with pytest.raises(ValueError, match="cluster='parts'"):
+        means.edit([{"edit": "split", "at": a}])
