@@ -1,8 +1,9 @@
 //! `--edits`, `--hints` and `--like`: what a person corrects, and parts carried to meshes of a kind.
 
 use super::method::PartsArgs;
-use super::options::{CliError, misfit};
+use super::options::{CliError, ForceArgs, misfit};
 use super::picture::{has_labels, labels_of_mesh};
+use super::stages::read;
 use nystrom_stream::apps::colours::colours_for;
 use nystrom_stream::apps::edits::{Edits, read_names};
 use nystrom_stream::base::Error;
@@ -11,7 +12,7 @@ use nystrom_stream::mesh::ply::names::names_of;
 use nystrom_stream::mesh::{self, Mesh};
 use nystrom_stream::pipeline::edits::Corrections;
 use nystrom_stream::pipeline::like::Reference;
-use nystrom_stream::pipeline::{Cluster, SegmentParams};
+use nystrom_stream::pipeline::{Cluster, SegmentParams, segment_corrected};
 use nystrom_stream::store::{Context, MappedSlice, Run, WorkDir};
 use std::path::{Path, PathBuf};
 
@@ -36,8 +37,8 @@ pub struct EditArgs {
 #[command(next_help_heading = "Corrections")]
 pub struct LikeArgs {
     /// Find the parts of this labelled mesh, with their numbers, colours and names: on scans in the same place or of a similar
-    /// shape
-    #[arg(long, value_name = "MESH", conflicts_with_all = ["edits", "hints", "parts", "parts_range", "detail"])]
+    /// shape. With --edits, it is cut and edited first, and needs no labels
+    #[arg(long, value_name = "MESH", conflicts_with_all = ["hints", "parts", "parts_range", "detail"])]
     pub like: Option<PathBuf>,
 }
 
@@ -65,6 +66,20 @@ impl Like {
         };
         let names = mesh.document().map_or_else(Vec::new, |document| names_of(document, colours.len()));
         Ok(Self { _work: work, mesh, labels, colours, names })
+    }
+
+    /// Cuts the mesh at `path` under `params` and corrects it by `edits`.
+    pub fn edited(
+        path: &Path,
+        params: &SegmentParams,
+        edits: &Edits,
+        work: WorkDir,
+        run: &Run,
+    ) -> Result<Self, CliError> {
+        let (mesh, identity) = read(path, ForceArgs::default(), Context::new(&work, run))?;
+        let cut =
+            segment_corrected(&mesh, &identity, params, corrections(Some(edits), None), Context::new(&work, run))?;
+        Ok(Self { _work: work, mesh, labels: cut.labels, colours: cut.colours, names: cut.names })
     }
 
     /// As the library takes it.

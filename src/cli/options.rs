@@ -57,7 +57,7 @@ impl WorkDirArgs {
 }
 
 /// Whether a work directory may change hands.
-#[derive(Clone, Copy, Debug, clap::Args)]
+#[derive(Clone, Copy, Debug, Default, clap::Args)]
 pub struct ForceArgs {
     /// Make a work directory that is of another mesh anew for this one
     #[arg(long, requires = "work_dir")]

@@ -127,14 +127,22 @@ pub fn run(args: &SegmentArgs, app: &AppContext) -> Result<(), CliError> {
     // A wrong option is told before a missing folder.
     args.method.params()?;
     let (meshes, many) = meshes(&args.meshes)?;
-    let (params, edits) = check(args, &meshes, many)?;
+    let (mut params, mut edits) = check(args, &meshes, many)?;
     let like = match &args.like.like {
         Some(path) if params.cluster != Cluster::Parts => {
             return Err(CliError::Usage(format!("--like {}: goes with --cluster parts only", path.display())));
         }
         Some(path) => {
             let place = args.run.tmp.clone().unwrap_or_else(std::env::temp_dir);
-            Some(Like::read(path, WorkDir::temporary(&place)?, &args.run.run(&(), app))?)
+            let (work, run) = (WorkDir::temporary(&place)?, args.run.run(&(), app));
+            Some(match edits.take() {
+                Some(edits) => {
+                    // The others have its parts, whatever their number.
+                    let own = std::mem::replace(&mut params, args.method.params()?);
+                    Like::edited(path, &own, &edits, work, &run)?
+                }
+                None => Like::read(path, work, &run)?,
+            })
         }
         None => None,
     };
@@ -444,8 +452,11 @@ fn all(jobs: Vec<Job>, task: Task<'_>, app: &AppContext) -> Result<(), CliError>
     let args = task.args;
     let start = Instant::now();
     let style = args.run.bars().style();
+    let file = |path: &Option<PathBuf>| path.as_deref().map(input::identity).transpose();
+    let (like, edits_of_like) = (&args.like.like, args.like.like.as_ref().and(args.edits.edits.clone()));
     let options = json!({
-        "edits": task.edits, "hints": args.edits.hints, "names": args.edits.names.as_deref().map(input::identity).transpose()?, "like": args.like.like.as_deref().map(input::identity).transpose()?,
+        "edits": task.edits, "hints": args.edits.hints, "names": file(&args.edits.names)?,
+        "like": [file(like)?, file(&edits_of_like)?],
         "params": task.params, "seed": args.run.seed.unwrap_or(0), "ply_form": format!("{:?}", args.form.ply.ply_form),
         "vertex_labels": args.form.ply.vertex_labels, "embedding_columns": args.form.embedding_columns,
         "part_form": format!("{:?}", args.form.part_form),

@@ -10,7 +10,7 @@ use crate::base::tally::tally;
 use crate::base::{Error, Result};
 use crate::cluster::parts::cell_graph::compact;
 use crate::cluster::parts::hints::{Affinities, Conflict, Hints};
-use crate::cluster::parts::{PartTree, TreeCut};
+use crate::cluster::parts::{PartCount, PartTree, TreeCut};
 use crate::graph::{DualGraph, NodeOrder};
 use crate::store::Run;
 use std::collections::{BTreeMap, BTreeSet};
@@ -110,7 +110,10 @@ impl Corrections<'_> {
         Ok(best.into_iter().map(|(_, value)| value).collect())
     }
 
-    /// Corrects `cut`. `nodes` are those of [`Corrections::locate`], `cell` is the cell of a node.
+    /// Corrects `cut`, which was asked for by `asked`. `nodes` are those of [`Corrections::locate`], `cell` is the cell of a node.
+    ///
+    /// Where edits say which cut they start from and another is asked for, protected parts stay as they are there: what is around
+    /// them is cut into the rest of the parts along the hierarchy.
     ///
     /// # Errors
     /// [`Error::Malformed`] naming the edit that cannot be followed.
@@ -121,20 +124,61 @@ impl Corrections<'_> {
         cell: &dyn Fn(u32) -> u32,
         affinities: Affinities<'_>,
         tree: &PartTree,
+        asked: (PartCount, f64),
         cut: TreeCut,
     ) -> Result<(TreeCut, PartMarks)> {
         let nothing = Edits::default();
         let edits = self.edits.unwrap_or(&nothing);
         let painted = self.painted_cells(order, tree.cells(), cell)?;
         let cells: Vec<Vec<u32>> = nodes.iter().map(|nodes| nodes.iter().map(|&node| cell(node)).collect()).collect();
-        let label = hinted(edits, &cells, &painted, affinities, &cut.label)?;
-        let mut state = State::new(edits, &cells, affinities, tree, label);
-        for number in 0..edits.edits.len() {
-            state.follow(number)?;
-        }
+        let follow = |label: &[u32], kept: &[Option<usize>]| {
+            let kept = if kept.is_empty() { &vec![None; label.len()] } else { kept };
+            let within = |number: usize| cells[number].iter().all(|&cell| kept[cell as usize].is_some());
+            let done: Vec<bool> =
+                edits.edits.iter().enumerate().map(|(number, edit)| !edit.is_mark() && within(number)).collect();
+            let label = hinted(edits, &cells, &done, &painted, affinities, label)?;
+            let mut state = State::new(edits, &cells, affinities, tree, label);
+            state.protected = state.label.iter().zip(kept).filter_map(|(&part, by)| Some((part, (*by)?))).collect();
+            (0..edits.edits.len()).filter(|&number| !done[number]).try_for_each(|number| state.follow(number))?;
+            Ok(state)
+        };
+        let state = match start(edits, tree.cells()).filter(|start| *start != asked) {
+            Some((count, detail)) => {
+                let own = follow(&tree.cut_for(count, detail)?.label, &[])?;
+                let kept: Vec<Option<usize>> = own.label.iter().map(|part| own.protected.get(part).copied()).collect();
+                follow(&around(edits, tree, &own, &kept, cut.parts)?, &kept)?
+            }
+            None => follow(&cut.label, &[])?,
+        };
         let (cut, marks) = state.finish();
         Ok((cut, PartMarks { edits: self.edits.map(Edits::text).transpose()?, ..marks }))
     }
+}
+
+/// The cut that `edits` say they start from, of `cells` cells, where they protect parts of it.
+fn start(edits: &Edits, cells: usize) -> Option<(PartCount, f64)> {
+    if !edits.edits.iter().any(|edit| matches!(edit, Edit::Protect { .. })) {
+        return None;
+    }
+    let exactly = edits.parts.map(|parts| (PartCount::Exactly(parts).at_most(cells), 0.));
+    exactly.or(edits.detail.map(|detail| (PartCount::Found, detail)))
+}
+
+/// The label of each cell in `parts` parts, of which some are `kept`, by the edits that protect them in `own`.
+fn around(edits: &Edits, tree: &PartTree, own: &State<'_>, kept: &[Option<usize>], parts: usize) -> Result<Vec<u32>> {
+    let ids: Vec<u32> = own.protected.keys().copied().filter(|part| own.label.contains(part)).collect();
+    let outside: Vec<u32> = (0..kept.len() as u32).filter(|&cell| kept[cell as usize].is_none()).collect();
+    let rest = if outside.is_empty() { 0 } else { parts.saturating_sub(ids.len()) };
+    let few = |_| {
+        let last = own.protected.values().copied().max().unwrap_or(0);
+        let problem = format!("{} protected parts and the others cannot be {parts} parts", ids.len());
+        edits.wrong(last, problem, "ask for another number of parts, or remove the edit")
+    };
+    let pieces = if outside.is_empty() { Vec::new() } else { tree.split(&outside, rest).map_err(few)? };
+    let place = |part: &u32| ids.iter().position(|id| id == part).map_or(0, |place| (rest + place) as u32);
+    let mut label: Vec<u32> = own.label.iter().map(place).collect();
+    outside.iter().zip(pieces).for_each(|(&cell, piece)| label[cell as usize] = piece);
+    Ok(label)
 }
 
 /// A point of the edits in units of the mesh.
@@ -203,17 +247,18 @@ fn nodes_of(faces: &BTreeSet<u64>, n: usize, order: &NodeOrder, run: &Run) -> Re
     Ok(found.into_iter().flatten().collect())
 }
 
-/// The labelling of cells that the hints of `edits` and the painted values want.
+/// The labelling of cells that the hints of `edits`, but for those `done` before, and the painted values want.
 fn hinted(
     edits: &Edits,
     cells: &[Vec<u32>],
+    done: &[bool],
     painted: &[u32],
     affinities: Affinities<'_>,
     label: &[u32],
 ) -> Result<Vec<u32>> {
     // The edit that each group is of; none for painted values.
     let (mut hints, mut of_edit) = (Hints::default(), Vec::new());
-    for (number, edit) in edits.edits.iter().enumerate().filter(|(_, edit)| edit.is_hint()) {
+    for (number, edit) in edits.edits.iter().enumerate().filter(|(number, edit)| edit.is_hint() && !done[*number]) {
         let first = hints.groups.len();
         match edit {
             Edit::Together { .. } => hints.groups.push(cells[number].clone()),

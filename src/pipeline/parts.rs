@@ -174,7 +174,8 @@ fn decide(
             small_part: f64::from(all.tree.small_part),
         };
         let cell = |node: u32| unit_of_node[unit(node) as usize];
-        (cut, marks) = corrections.apply(located.nodes, located.order, &cell, affinities, &all.tree, cut)?;
+        let asked = (count, params.parts.detail);
+        (cut, marks) = corrections.apply(located.nodes, located.order, &cell, affinities, &all.tree, asked, cut)?;
     }
     let result = parts::describe(&all, cut, facts.l, facts.seconds);
     let numbers = SegmentStats { decision: Some(result.report.clone()), ..facts.numbers };

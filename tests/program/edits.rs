@@ -146,6 +146,40 @@ fn dropped_parts_come_last_and_protected_ones_stay() {
     assert!(told.contains("edit 1 (protect): a hint changes the part"), "{told}");
 }
 
+/// Under another number of parts, what is protected stays, and the rest is cut into the others.
+#[test]
+fn protected_parts_stay_under_another_number_of_parts() {
+    let scene = scene(12_000);
+    // The part that six parts do not have: every part of the nine that is another one's piece there.
+    let six = scene.edited(&json!([]), &["-k", "6"]);
+    let share = |part: u32| {
+        let own: Vec<u32> = (0..six.len()).filter(|&face| scene.before[face] == part).map(|face| six[face]).collect();
+        let most = (0..6).map(|k| own.iter().filter(|&&x| x == k).count()).max().unwrap();
+        let whole = (0..6).find(|&k| own.iter().filter(|&&x| x == k).count() == most).unwrap();
+        own.len() as f64 / six.iter().filter(|&&x| x == whole).count() as f64
+    };
+    let small = (0..9).min_by(|&a, &b| share(a).total_cmp(&share(b))).unwrap();
+    assert!(share(small) < 0.8, "{}", share(small));
+    let (place, other) = (scene.place(small), scene.place((small + 1) % 9));
+    let edits = json!([{"edit": "merge", "at": [place, other]}, {"edit": "protect", "at": place},
+        {"edit": "name", "at": other, "name": "kept"}]);
+    let own = scene.edited(&edits, &[]);
+    assert_eq!(parts(&own), 8);
+    let kept: Vec<u32> = scene.before.iter().map(|&part| u32::from(part == small || part == (small + 1) % 9)).collect();
+    for count in [2, 4, 6, 12, 20] {
+        let cut = scene.edited(&edits, &["-k", &count.to_string()]);
+        assert_eq!(parts(&cut), count);
+        let within: Vec<u32> = (0..cut.len()).filter(|&face| kept[face] == 1).map(|face| cut[face]).collect();
+        let part = (0..count).max_by_key(|&k| within.iter().filter(|&&x| x == k).count()).unwrap();
+        let (same, all) = ((0..cut.len()).filter(|&f| (cut[f] == part) == (kept[f] == 1)).count(), cut.len());
+        assert!(same as f64 > 0.99 * all as f64, "{same} of {all} with {count} parts");
+    }
+    let file = scene.file(&json!([{"edit": "protect", "at": place}, {"edit": "protect", "at": other}]));
+    let output = run(&["cluster", "-q", "--work-dir", word(&scene.work), "-k", "2", "--edits", word(&file)]);
+    let told = errors(&output);
+    assert!(told.contains("edit 2 (protect): 2 protected parts and the others cannot be 2 parts"), "{told}");
+}
+
 #[test]
 fn the_same_bytes_from_segment_and_from_any_number_of_threads() {
     let scene = scene(12_000);
@@ -386,4 +420,43 @@ fn parts_of_one_scan_are_found_on_others_of_its_kind() {
     }
     let output = run(&["segment", word(&scene.mesh), "--like", word(&scene.mesh)]);
     assert!(!output.status.success() && errors(&output).contains("no face property `label`"), "{}", errors(&output));
+}
+
+/// The edits of one mesh are carried to another: it needs no labels then, and neither does the file of edits fit the other mesh.
+#[test]
+fn edits_of_a_reference_are_carried_to_others() {
+    let scene = scene(12_000);
+    let scans = scene.dir.path().join("scans");
+    std::fs::create_dir(&scans).unwrap();
+    creature(&scans, 6_000, false);
+    let edits = json!([{"edit": "merge", "at": [scene.place(0), scene.place(1)]},
+        {"edit": "name", "at": scene.place(2), "name": "third"}, {"edit": "drop", "at": scene.place(3)}]);
+    let (file, out) = (scene.file(&edits), scene.dir.path().join("{}.like.ply"));
+    let words = ["segment", word(&scans), "--like", word(&scene.mesh), "--edits", word(&file), "-o", word(&out)];
+    let report = scene.dir.path().join("all.json");
+    let output = run(&[&words[..], &[&format!("--json={}", report.display())]].concat());
+    assert!(output.status.success(), "{}", errors(&output));
+    let all: Value = serde_json::from_slice(&std::fs::read(report).unwrap()).unwrap();
+    let expected = scene.edited(&edits, &["--json=-"]);
+    let found = all[0]["parts"].as_array().unwrap();
+    assert_eq!((found.len() as u32, &found[7]["name"]), (parts(&expected), &json!("dropped")));
+    assert!(found.iter().any(|part| part["name"] == "third"), "{found:?}");
+    // With the same numbers, of about the same share.
+    let area =
+        |k: usize| found[k]["area"].as_f64().unwrap() / found.iter().map(|p| p["area"].as_f64().unwrap()).sum::<f64>();
+    let reference = Mesh::open(&scene.mesh).unwrap();
+    let size = |face: usize| {
+        reference.faces.with(face, |corners| {
+            let [a, b, c] = [0, 1, 2].map(|k| reference.positions.get(corners[k]));
+            let (u, w) = ([0, 1, 2].map(|k| b[k] - a[k]), [0, 1, 2].map(|k| c[k] - a[k]));
+            let n = [u[1] * w[2] - u[2] * w[1], u[2] * w[0] - u[0] * w[2], u[0] * w[1] - u[1] * w[0]];
+            n.iter().map(|x| x * x).sum::<f64>().sqrt()
+        })
+    };
+    let sizes: Vec<f64> = (0..expected.len()).map(size).collect();
+    for part in 0..8 {
+        let own: f64 = (0..sizes.len()).filter(|&face| expected[face] == part).map(|face| sizes[face]).sum();
+        let gap = own / sizes.iter().sum::<f64>() - area(part as usize);
+        assert!(gap.abs() < 0.015, "part {part}: {gap}");
+    }
 }

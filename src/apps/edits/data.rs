@@ -127,6 +127,11 @@ impl Edit {
         }
     }
 
+    /// Whether it changes no part, but what is known of one.
+    pub fn is_mark(&self) -> bool {
+        matches!(self, Self::Name { .. } | Self::Colour { .. } | Self::Drop { .. } | Self::Protect { .. })
+    }
+
     /// Whether it is a hint, which enters the decision about parts.
     pub fn is_hint(&self) -> bool {
         matches!(self, Self::Together { .. } | Self::Apart { .. })

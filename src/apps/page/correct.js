@@ -39,7 +39,7 @@
   function hintAt(...places) {
     const at = places.map(({ part, triangle }) => (triangle < 0 ? anchor(part) : triangle)), edit = mode, before = edits.length;
     const holds = () => {
-      const { label } = model.follow(number === found ? model.start : tables.get(number), edits);
+      const { label } = followed(edits);
       return (label[cells[at[0]]] === label[cells[at[1]]]) === (edit === 'together');
     };
     const held = holds();
@@ -59,8 +59,9 @@
   function change(edit) {
     const made = { ...edit, cells: edit.at.map((t) => cells[t]) };
     if (edit.edit === 'colour') [made.colour, made.hex] = [rgb(edit.colour), edit.colour];
-    const base = number === found ? model.start : tables.get(number);
-    const { error } = model.follow(base, [...edits, made]);
+    if (made.edit === 'protect') made.from = number;
+    const elsewhere = made.edit === 'protect' && protectedAt() !== number;
+    const error = elsewhere ? `Parts are protected as they are with ${protectedAt()}: go back there.` : followed([...edits, made]).error;
     if (error) { say(error); return refresh(); }
     edits.push(made);
     undone = [];
@@ -103,18 +104,19 @@
   }
   // The cut that edits start from.
   function from() {
-    if (number !== found) return { parts: number };
+    const at = protectedAt();
+    if (at !== found) return { parts: at };
     if (earlier) return earlier.parts ? { parts: earlier.parts } : earlier.detail ? { detail: earlier.detail } : {};
     const asked = ((report.options || {}).parts || {});
     if (asked.count && asked.count.exactly) return { parts: asked.count.exactly };
     if (asked.count && asked.count.between) return { parts: found };
-    return asked.detail ? { detail: asked.detail } : {};
+    return asked.detail || at !== number ? { detail: asked.detail || 0 } : {};
   }
   const stem = () => data.title.replace(/\.[^.]*$/, '');
   const quoted = (word) => (/^[\w./-]+$/.test(word) ? word : `'${word.replaceAll("'", "'\\''")}'`);
   function command() {
     const all = from(), start = `nystrom-stream segment ${quoted(data.title)}`;
-    if (edits.length || earlier) return `${start} --edits edits.json -o ${quoted(stem() + '.corrected.ply')}`;
+    if (edits.length || earlier) return `${start} --edits edits.json${protectedAt() === number ? '' : ` -k ${number}`} -o ${quoted(stem() + '.corrected.ply')}`;
     return start + (all.parts ? ` -k ${all.parts}` : all.detail ? ` --detail ${all.detail}` : '');
   }
   function save(name, blob) {

@@ -256,11 +256,26 @@ function editorOf(model, bytes) {
     });
   }
 
+  // The labels of `count` parts of which some are as `edits` protect them in the cut that they were made on, `start`; and the edits
+  // followed from there.
+  function around(start, count, edits) {
+    const own = follow(start, edits), ids = [...own.kept], outside = [];
+    own.label.forEach((id, cell) => { if (!own.kept.has(id)) outside.push(cell); });
+    const rest = outside.length ? count - ids.length : 0, pieces = outside.length && rest > 0 ? split(outside, rest) : [];
+    if (outside.length && !(rest > 0 && pieces)) return { ...own, error: 'Some parts are protected: so few cannot be had.' };
+    const label = own.label.map((id) => rest + ids.indexOf(id));
+    outside.forEach((cell, k) => { label[cell] = pieces[k]; });
+    return follow(label, edits, (cell) => own.kept.has(own.label[cell]));
+  }
+
   // Follows `edits` from the labels `base`, hints first; each edit has its `cells`. A part is known by a number that it keeps. `error` is
-  // why the last edit cannot be followed.
-  function follow(base, edits) {
+  // why the last edit cannot be followed. Edits within parts that are protected `already` have been followed.
+  const marks = ['name', 'colour', 'drop', 'protect'];
+  function follow(base, all, already = () => false) {
+    const edits = all.filter(({ edit, cells }) => marks.includes(edit) || !cells.every(already));
     const sound = hinted(base, edits), label = sound || Array.from(base);
-    const names = new Map(), colours = new Map(), dropped = new Set(), kept = new Set();
+    const names = new Map(), colours = new Map(), dropped = new Set();
+    const kept = new Set(label.filter((_, cell) => already(cell)));
     let next = label.reduce((top, x) => Math.max(top, x), -1) + 1, error = null;
     if (!sound) error = 'This contradicts another hint, or two of the places are too close.';
     for (const { edit, cells: [at] } of edits) {
@@ -297,7 +312,7 @@ function editorOf(model, bytes) {
     }
     return { label, names, colours, dropped, kept, error };
   }
-  return { start, follow, cells: n };
+  return { start, follow, around, cells: n };
 }
 
 // A queue of [key, item], least key first.

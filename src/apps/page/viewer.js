@@ -66,12 +66,18 @@
   const refined = refiner(count, edges, corner, areas);
   let edits = [], undone = [];
 
+  // The cells with `list` followed at this position of the slider. Protected parts stay as they are at the position where the first
+  // was protected.
+  const baseOf = (at) => (at === found ? (model ? model.start : null) : tables.get(at));
+  const protectedAt = () => (edits.find(({ edit }) => edit === 'protect') || { from: number }).from;
+  const followed = (list) => (protectedAt() === number ? model.follow(baseOf(number), list) : model.around(baseOf(protectedAt()), number, list));
+
   // The cut into `number` parts with the edits so far. `id` is the number by which edits know a part.
   function cutInto(number) {
-    const plain = number === found && edits.every(({ edit }) => ['name', 'colour', 'protect'].includes(edit));
-    const base = number === found ? (model ? model.start : null) : tables.get(number);
+    const plain = number === found && protectedAt() === number && edits.every(({ edit }) => ['name', 'colour', 'protect'].includes(edit));
+    const base = baseOf(number), own = number === found && protectedAt() === number;
     const none = { label: base, names: new Map(), colours: new Map(), dropped: new Set(), kept: new Set() };
-    const state = model ? model.follow(base, edits) : none;
+    const state = model ? followed(edits) : none;
     if (plain) {
       const names = new Map((data.names || []).map((name, part) => [part, name]));
       state.names.forEach((name, part) => names.set(part, name));
@@ -88,14 +94,14 @@
     for (let t = 0; t < count; t++) rough[t] = place.get(state.label[cells[t]]);
     let part = refined.refine(rough, ids.length);
     if (number === found) part = keepFound(part, rough, base, state.label, place);
-    const names = new Map(number === found ? (data.names || []).map((name, id) => [id, name]).filter(([, name]) => name) : []);
+    const names = new Map(own ? (data.names || []).map((name, id) => [id, name]).filter(([, name]) => name) : []);
     state.names.forEach((name, id) => names.set(id, name));
     const named = new Map(ids.map((id, k) => [k, k === dropped ? 'dropped' : names.get(id)]).filter(([, name]) => name));
     const colours = colour(part, ids.length);
     ids.forEach((id, k) => { if (state.colours.has(id)) colours[k] = state.colours.get(id); });
     if (dropped >= 0) colours[dropped] = [128, 128, 128];
     const kept = new Set([...state.kept].map((id) => place.get(id)));
-    return { part, colours, names: named, id: ids, dropped, kept };
+    return { part, colours, names: named, id: ids, dropped, kept, error: state.error };
   }
   // What edits have not divided keeps the boundaries that the program has refined on all faces.
   function keepFound(part, rough, base, label, place) {
@@ -438,6 +444,7 @@
   }
   function update() {
     cut = cutInto(number);
+    if (cut.error) say(cut.error);
     $('count').textContent = cut.colours.length;
     $('which').textContent = cut.plain ? 'as found, boundaries refined on all faces' : 'boundaries refined on the shown mesh';
     $('undo').disabled = !edits.length;
