@@ -8,11 +8,10 @@
 use super::ply::document::Document;
 use crate::base::vector::finite;
 use crate::base::{Error, Result};
-use crate::store::{MappedBytes, MappedSlice, Run};
+use crate::store::{MappedBytes, MappedSlice, PrivateFolder, Run};
 use std::ops::Range;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
-use tempfile::TempDir;
 use xxhash_rust::xxh3::Xxh3;
 
 /// Vertices, ascending, and where they count as lying.
@@ -268,7 +267,7 @@ pub struct Mesh {
     /// Vertices that do not lie where the file or the array has them.
     strays: usize,
     /// The folder that decoded arrays lie in, where nobody else keeps it. Dropped last.
-    pub(super) _scratch: Option<Arc<TempDir>>,
+    pub(super) _scratch: Option<Arc<PrivateFolder>>,
 }
 
 /// Where a mesh comes from.

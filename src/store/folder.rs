@@ -13,10 +13,9 @@
 use crate::base::{Error, Result};
 use std::fs::{File, Permissions};
 use std::io::Write;
-use std::os::unix::fs::{MetadataExt, PermissionsExt};
+use std::os::unix::fs::{MetadataExt, OpenOptionsExt, PermissionsExt};
 use std::path::{Path, PathBuf};
 use std::sync::OnceLock;
-use tempfile::TempDir;
 
 /// The lock file.
 pub(super) const LOCK: &str = "lock";
@@ -112,6 +111,8 @@ pub(super) fn lock(path: &Path, shared: bool) -> Result<Lock> {
         .truncate(false)
         .read(true)
         .write(true)
+        // A link in its place is an error.
+        .custom_flags(libc::O_NOFOLLOW)
         .open(path.join(LOCK))
         .map_err(Error::io(path.join(LOCK), "create"))?;
     let tried = if shared { fs4::FileExt::try_lock_shared(&file) } else { fs4::FileExt::try_lock(&file) };
@@ -128,23 +129,39 @@ fn without_locks(error: &std::io::Error) -> bool {
     error.kind() == std::io::ErrorKind::Unsupported || error.raw_os_error() == Some(libc::ENOLCK)
 }
 
-/// A new folder in `parent` that only its owner can look into, removed when dropped.
+/// A folder for scratch files, removed when dropped. Where the process is killed instead, the next run that makes one beside
+/// it removes it.
+#[derive(Debug)]
+pub struct PrivateFolder(Folder);
+
+impl PrivateFolder {
+    /// Its path.
+    pub fn path(&self) -> &Path {
+        &self.0.path
+    }
+}
+
+impl Drop for PrivateFolder {
+    fn drop(&mut self) {
+        let _ = std::fs::remove_dir_all(&self.0.path);
+    }
+}
+
+/// A new folder in `parent` that only its owner can look into.
 ///
 /// # Errors
 /// [`Error::Io`].
-pub fn private(parent: &Path) -> Result<TempDir> {
-    tempfile::Builder::new()
-        .prefix(TEMPORARY)
-        .permissions(Permissions::from_mode(0o700))
-        .tempdir_in(parent)
-        .map_err(Error::io(parent, "create a temporary folder in"))
+pub fn private(parent: &Path) -> Result<PrivateFolder> {
+    temporary_folder(parent).map(PrivateFolder)
 }
 
 /// A new, locked folder in `parent`; those that killed runs left there are removed.
 fn temporary_folder(parent: &Path) -> Result<Folder> {
     // Another process that clears up may take a folder in the moment before it is locked: then once more.
     for _ in 0..16 {
-        let path = private(parent)?.keep();
+        let folder =
+            tempfile::Builder::new().prefix(TEMPORARY).permissions(Permissions::from_mode(0o700)).tempdir_in(parent);
+        let path = folder.map_err(Error::io(parent, "create a temporary folder in"))?.keep();
         let locked = lock(&path, false);
         if !path.join(LOCK).exists() {
             continue;
@@ -211,6 +228,31 @@ mod tests {
         assert!(planted.exists() && !dir.path().join("absent").exists());
         assert_eq!(std::fs::read_to_string(precious.join(LOCK)).unwrap(), "kept");
         folder.remove();
+    }
+
+    #[test]
+    fn scratch_folders_are_locked_and_go() {
+        let dir = tempfile::tempdir().unwrap();
+        let folder = private(dir.path()).unwrap();
+        std::fs::write(folder.path().join("input"), "x").unwrap();
+        let path = folder.path().to_path_buf();
+        // Another that is made beside it leaves it, until its process is gone.
+        let other = private(dir.path()).unwrap();
+        assert!(path.join("input").exists());
+        let PrivateFolder(Folder { lock, .. }) = &folder;
+        fs4::FileExt::unlock(lock.as_ref().unwrap()).unwrap();
+        drop(private(dir.path()).unwrap());
+        assert!(!path.exists() && other.path().exists());
+        drop((folder, other));
+        assert_eq!(std::fs::read_dir(dir.path()).unwrap().count(), 0);
+    }
+
+    #[test]
+    fn a_link_in_the_place_of_the_lock_is_refused() {
+        let dir = tempfile::tempdir().unwrap();
+        let target = dir.path().join("target");
+        std::os::unix::fs::symlink(&target, dir.path().join(LOCK)).unwrap();
+        assert!(lock(dir.path(), false).is_err() && !target.exists());
     }
 
     #[test]

@@ -15,6 +15,7 @@ pub mod mapped;
 pub mod needs;
 pub(crate) mod new_file;
 pub mod npy;
+pub(crate) mod npy_header;
 pub mod rows_file;
 pub mod run;
 pub mod shuffle;
@@ -23,7 +24,7 @@ pub mod verify;
 pub mod workdir;
 
 pub use budget::Budget;
-pub use folder::private as private_folder;
+pub use folder::{PrivateFolder, private as private_folder};
 pub use mapped::{MappedBytes, MappedSlice, MappedSliceMut};
 pub use run::{Context, Run};
 pub use stage::Stage;

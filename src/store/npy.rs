@@ -8,7 +8,7 @@
 use super::in_memory::InMemoryArrays;
 use super::mapped::AlignedBuffer;
 use super::mapped::{MappedBytes, MappedSlice, MappedSliceMut};
-use super::new_file;
+use super::{new_file, npy_header};
 use crate::base::{Error, Result};
 use bytemuck::Pod;
 use std::fs::File;
@@ -344,28 +344,16 @@ impl<T: Item> ArrayWriter<T> {
     }
 }
 
-/// Whether the extents in the header of `bytes` have so few digits that their product is a number: the parser does not look.
-fn is_countable(bytes: &[u8]) -> bool {
-    let text = String::from_utf8_lossy(&bytes[..bytes.len().min(1 << 16)]);
-    let shape = text.split_once("shape").map_or("", |(_, rest)| rest.split(')').next().unwrap_or(rest));
-    shape.bytes().filter(u8::is_ascii_digit).count() <= 18
-}
-
 /// Shape and data offset of a `.npy` file whose items are of type `T`.
 fn parse_header<T: Item>(path: &Path, bytes: &[u8]) -> Result<(Vec<u64>, usize)> {
-    let mut rest = bytes;
     let wrong = |problem: String| {
         Error::malformed(path, "header", problem, "it is not an array of this program; make it again")
     };
-    if !is_countable(bytes) {
-        return Err(wrong("its shape is none that memory or disk could hold".into()));
+    let header = npy_header::parse(bytes).map_err(wrong)?;
+    if header.descr != T::DESCR || header.fortran {
+        return Err(wrong(format!("items are {}, expected '{}' in C order", header.descr, T::DESCR)));
     }
-    let header = npyz::NpyHeader::from_reader(&mut rest).map_err(|error| wrong(error.to_string()))?;
-    let descr = header.dtype().descr().replace(' ', "").replace(",]", "]");
-    if descr.trim_matches('\'') != T::DESCR || header.order() != npyz::Order::C {
-        return Err(wrong(format!("items are {descr}, expected '{}' in C order", T::DESCR)));
-    }
-    Ok((header.shape().to_vec(), bytes.len() - rest.len()))
+    Ok((header.shape, header.data))
 }
 
 /// Opens a `.npy` file as an array of any shape, flattened.
@@ -383,8 +371,7 @@ pub fn open<T: Item>(path: &Path) -> Result<MappedSlice<T>> {
 pub fn open_shaped<T: Item>(path: &Path) -> Result<(MappedSlice<T>, Vec<u64>)> {
     let bytes = MappedBytes::open(path)?;
     let (shape, offset) = parse_header::<T>(path, &bytes)?;
-    let len = shape.iter().try_fold(1u64, |product, &dim| product.checked_mul(dim));
-    let len = len.and_then(|len| usize::try_from(len).ok()).unwrap_or(usize::MAX);
+    let len = shape.iter().product::<u64>() as usize;
     if len % T::WIDTH != 0 {
         return Err(Error::malformed(path, "header", format!("shape {shape:?}"), "make the file again"));
     }
@@ -432,7 +419,6 @@ mod tests {
         assert_eq!(open_shaped::<u64>(&path).unwrap().1, [0]);
     }
 
-    /// The parser's message has several lines.
     #[test]
     fn a_header_that_does_not_parse_is_told_in_one_line() {
         let dir = tempfile::tempdir().unwrap();

@@ -3,6 +3,7 @@
 
 use crate::common::{self, creature, errors, run, segment, word, zoo};
 use nystrom_stream::mesh::read_seg;
+use nystrom_stream::store::npy;
 use std::path::{Path, PathBuf};
 use std::process::Output;
 
@@ -27,8 +28,7 @@ fn direct(mesh: &Path, words: &[&str]) -> Vec<u32> {
 }
 
 fn labels(path: &Path) -> Vec<u32> {
-    let bytes = std::fs::read(path).unwrap();
-    npyz::NpyFile::new(&bytes[..]).unwrap().into_vec::<u32>().unwrap()
+    npy::open::<u32>(path).unwrap().to_vec()
 }
 
 struct Scene {
@@ -129,12 +129,10 @@ fn the_papers_ways_work_on_the_rows_that_are_there() {
     stage(&["cluster", "--cluster", "two-means", "-k", "4", "-o", word(out)], work);
     // What `embed` was told holds for `cluster`.
     stage(&["embed", "--normalise", "none", "-d", "5"], work);
-    let bytes = std::fs::read(work.join("embedding.npy")).unwrap();
-    let array = npyz::NpyFile::new(&bytes[..]).unwrap();
+    let (values, shape) = npy::open_shaped::<f32>(&work.join("embedding.npy")).unwrap();
     let n = read_seg(out).unwrap().len();
-    assert_eq!(array.shape(), [n as u64, 5]);
+    assert_eq!(shape, [n as u64, 5]);
     // Rows of unit length.
-    let values = array.into_vec::<f32>().unwrap();
     assert!(values.chunks(5).all(|y| (y.iter().map(|x| x * x).sum::<f32>() - 1.).abs() < 1e-3));
     assert!(stage(&["embed", "--normalise", "none", "-d", "5"], work).contains("embedding: reused"));
     stage(&["cluster", "-k", "6", "-o", word(out)], work);
@@ -162,10 +160,7 @@ fn results_come_in_the_order_of_the_file_where_faces_were_sorted() {
     let kept = work.with_extension("kept");
     stage(&["graph", word(mesh), "--order", "keep"], &kept);
     stage(&["embed", "-d", "3"], &kept);
-    let read = |folder: &Path| {
-        let bytes = std::fs::read(folder.join("embedding.npy")).unwrap();
-        npyz::NpyFile::new(&bytes[..]).unwrap().into_vec::<f32>().unwrap()
-    };
+    let read = |folder: &Path| npy::open::<f32>(&folder.join("embedding.npy")).unwrap();
     // Eigenvectors are known up to sign: products of rows are not.
     let (a, b) = (read(work), read(&kept));
     let far = |i: usize, j: usize| {
