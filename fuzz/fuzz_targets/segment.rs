@@ -39,7 +39,7 @@ fuzz_target!(|data: &[u8]| -> Corpus {
     let segmenter = Segmenter::new()
         .method(method)
         .landmarks(usize::from(options >> 1 & 7) + 1)
-        .coarse(options & 1 == 0 && options >> 3 & 1 == 1)
+        .exact(options >> 3 & 1 == 1)
         .threads(1)
         .memory(common::BUDGET)
         .temporary_folder(common::folder());
