@@ -114,3 +114,46 @@ fn links_in_the_place_of_outputs_are_not_followed() {
     assert_eq!(std::fs::read_to_string(&precious).unwrap(), "kept");
     assert!(["out.seg", "out.glb", "out.json"].iter().all(|name| path(name).symlink_metadata().unwrap().is_file()));
 }
+
+/// A vertex far away decides neither what is drawn nor what is matched or carried over, at whatever distance.
+#[test]
+fn a_stray_vertex_does_not_decide_other_commands() {
+    let dir = tempfile::tempdir().unwrap();
+    let whole = creature(dir.path(), 3_000, false);
+    let bytes = std::fs::read(&whole).unwrap();
+    let header = b"property float z\nelement face";
+    assert!(bytes.windows(header.len()).any(|window| window == header), "a vertex is three floats");
+    let start = bytes.windows(11).position(|window| window == b"end_header\n").unwrap() + 11;
+    let labels = dir.path().join("whole.seg");
+    assert!(run(&["segment", word(&whole), "-q", "-o", word(&labels)]).status.success());
+    let outputs = |distance: f32| {
+        let place = dir.path().join(format!("{distance}"));
+        std::fs::create_dir(&place).unwrap();
+        let mesh = place.join("stray.ply");
+        let mut bytes = bytes.clone();
+        let vertex = start + 12 * 700;
+        bytes[vertex..vertex + 12].copy_from_slice(&[distance.to_le_bytes(); 3].concat());
+        std::fs::write(&mesh, bytes).unwrap();
+        let file = |name: &str| place.join(name);
+        let (picture, map, carried) = (file("x.png"), file("map.npy"), file("carried.seg"));
+        for words in [
+            vec!["picture", word(&mesh), "--labels", word(&labels), "-o", word(&picture)],
+            vec!["correspond", word(&whole), word(&mesh), "-o", word(&map)],
+            vec!["transfer-labels", word(&whole), word(&mesh), "--labels", word(&labels), "-o", word(&carried)],
+        ] {
+            let output = run(&words);
+            assert!(output.status.success(), "{words:?}: {}", errors(&output));
+        }
+        [picture, map, carried].map(|path| std::fs::read(path).unwrap())
+    };
+    let (near, far) = (outputs(1e4), outputs(1e25));
+    for (name, (near, far)) in ["picture", "matches", "labels"].iter().zip(near.iter().zip(&far)) {
+        assert!(near == far, "other {name}");
+    }
+    // Faces that do not touch the vertex keep their labels.
+    let lines =
+        |bytes: &[u8]| String::from_utf8(bytes.to_vec()).unwrap().lines().map(str::to_string).collect::<Vec<_>>();
+    let (plain, carried) = (lines(&std::fs::read(&labels).unwrap()), lines(&far[2]));
+    let changed = plain.iter().zip(&carried).filter(|(a, b)| a != b).count();
+    assert!(plain.len() == carried.len() && changed <= 10, "{changed} labels changed");
+}
