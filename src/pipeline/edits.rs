@@ -19,6 +19,8 @@ use std::collections::{BTreeMap, BTreeSet};
 const CHUNK: usize = 1 << 15;
 /// A place farther from all faces, in diagonals of the mesh, is not on it.
 const FAR: f64 = 0.1;
+/// Cells across the band within which boundaries are refined, or more.
+const BAND: usize = 3;
 /// A mesh is in other units than the edits if its diagonal is so many times that of their box, or the inverse.
 const OTHER_UNITS: f64 = 1.5;
 
@@ -110,7 +112,7 @@ impl Corrections<'_> {
         Ok(best.into_iter().map(|(_, value)| value).collect())
     }
 
-    /// Corrects `cut`, which was asked for by `asked`. `nodes` are those of [`Corrections::locate`], `cell` is the cell of a node.
+    /// Corrects `cut`, which was asked for by `asked`.
     ///
     /// Where edits say which cut they start from and another is asked for, protected parts stay as they are there: what is around
     /// them is cut into the rest of the parts along the hierarchy.
@@ -119,18 +121,17 @@ impl Corrections<'_> {
     /// [`Error::Malformed`] naming the edit that cannot be followed.
     pub(super) fn apply(
         &self,
-        nodes: &[Vec<u32>],
-        order: &NodeOrder,
-        cell: &dyn Fn(u32) -> u32,
-        affinities: Affinities<'_>,
-        tree: &PartTree,
+        surface: OnCells<'_>,
         asked: (PartCount, f64),
         cut: TreeCut,
     ) -> Result<(TreeCut, PartMarks)> {
         let nothing = Edits::default();
         let edits = self.edits.unwrap_or(&nothing);
+        let OnCells { order, cell, affinities, tree, .. } = surface;
         let painted = self.painted_cells(order, tree.cells(), cell)?;
-        let cells: Vec<Vec<u32>> = nodes.iter().map(|nodes| nodes.iter().map(|&node| cell(node)).collect()).collect();
+        let start = start(edits, tree.cells()).filter(|start| *start != asked);
+        let own = start.map(|(count, detail)| tree.cut_for(count, detail)).transpose()?;
+        let cells = surface.places(&own.as_ref().unwrap_or(&cut).label)?;
         let follow = |label: &[u32], kept: &[Option<usize>]| {
             let kept = if kept.is_empty() { &vec![None; label.len()] } else { kept };
             let within = |number: usize| cells[number].iter().all(|&cell| kept[cell as usize].is_some());
@@ -142,9 +143,9 @@ impl Corrections<'_> {
             (0..edits.edits.len()).filter(|&number| !done[number]).try_for_each(|number| state.follow(number))?;
             Ok(state)
         };
-        let state = match start(edits, tree.cells()).filter(|start| *start != asked) {
-            Some((count, detail)) => {
-                let own = follow(&tree.cut_for(count, detail)?.label, &[])?;
+        let state = match own {
+            Some(own) => {
+                let own = follow(&own.label, &[])?;
                 let kept: Vec<Option<usize>> = own.label.iter().map(|part| own.protected.get(part).copied()).collect();
                 follow(&around(edits, tree, &own, &kept, cut.parts)?, &kept)?
             }
@@ -152,6 +153,73 @@ impl Corrections<'_> {
         };
         let (cut, marks) = state.finish();
         Ok((cut, PartMarks { edits: self.edits.map(Edits::text).transpose()?, ..marks }))
+    }
+}
+
+/// A surface on which edits are followed.
+#[derive(Clone, Copy)]
+pub(super) struct OnCells<'a> {
+    /// The nodes of [`Corrections::locate`].
+    pub nodes: &'a [Vec<u32>],
+    /// Where the faces of the file are among the nodes.
+    pub order: &'a NodeOrder,
+    /// The cell of a node.
+    pub cell: &'a dyn Fn(u32) -> u32,
+    /// The parts of some nodes under labels of cells, once boundaries are refined.
+    pub seen: &'a dyn Fn(&[u32], &[u32]) -> Result<Vec<u32>>,
+    /// How far cells belong together.
+    pub affinities: Affinities<'a>,
+    /// Their hierarchy.
+    pub tree: &'a PartTree,
+}
+
+impl OnCells<'_> {
+    /// The cells that stand for the places of each edit, where the cut that they are made on is `label` (S): the cell of the place,
+    /// or the nearest one of the part that a person sees there. Refined boundaries do not follow cells, so a place beside a boundary
+    /// may lie in a cell of the part on the other side.
+    fn places(&self, label: &[u32]) -> Result<Vec<Vec<u32>>> {
+        let pairs = &self.affinities.cells.pairs;
+        let mut beside = vec![false; label.len()];
+        for step in 0..BAND {
+            let before = beside.clone();
+            for &[a, b] in pairs {
+                let (i, j) = (a as usize, b as usize);
+                let reached = if step == 0 { label[i] != label[j] } else { before[i] || before[j] };
+                (beside[i], beside[j]) = (beside[i] || reached, beside[j] || reached);
+            }
+        }
+        let mut near: Vec<u32> = self.nodes.iter().flatten().copied().collect();
+        near.retain(|&node| beside[(self.cell)(node) as usize]);
+        let seen = if near.is_empty() { Vec::new() } else { (self.seen)(label, &near)? };
+        let seen: BTreeMap<u32, u32> = near.into_iter().zip(seen).collect();
+        let place = |&node: &u32| {
+            let cell = (self.cell)(node);
+            seen.get(&node).map_or(cell, |&part| nearest_cell(pairs, label, cell, part))
+        };
+        Ok(self.nodes.iter().map(|nodes| nodes.iter().map(place).collect()).collect())
+    }
+}
+
+/// The cell of `part` with the fewest steps from `cell`, which is that itself if it is of the part, or of nothing else in reach.
+fn nearest_cell(pairs: &[[u32; 2]], label: &[u32], cell: u32, part: u32) -> u32 {
+    let mut reached = BTreeSet::from([cell]);
+    loop {
+        if let Some(&found) = reached.iter().find(|&&cell| label[cell as usize] == part) {
+            return found;
+        }
+        let before = reached.len();
+        let next: Vec<u32> = pairs
+            .iter()
+            .filter_map(|&[a, b]| match (reached.contains(&a), reached.contains(&b)) {
+                (true, false) => Some(b),
+                (false, true) => Some(a),
+                _ => None,
+            })
+            .collect();
+        reached.extend(next);
+        if reached.len() == before {
+            return cell;
+        }
     }
 }
 

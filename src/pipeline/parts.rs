@@ -5,7 +5,7 @@
 //! one more front moves their boundaries onto creases. Another number of parts needs only the last step. More parts than there are cells are pieces of these.
 
 use super::decision::{CONTRACTED, DecisionStage};
-use super::edits::{Corrections, PartMarks};
+use super::edits::{Corrections, OnCells, PartMarks};
 use super::labels::{Clustered, SegmentStats};
 use super::params::{Boundaries, SegmentParams, TinyComponents, landmarks_on_contraction};
 use super::surface::{Kind, Surface, SurfaceStage, WeightedSurface};
@@ -39,6 +39,30 @@ struct Located<'a> {
     /// The nodes at the places of each edit.
     nodes: &'a [Vec<u32>],
     order: &'a NodeOrder,
+    /// The mesh itself, and its work directory.
+    whole: WeightedSurface<'a>,
+    context: Context<'a>,
+    /// The contracted node of each node, where there are some.
+    units: Option<&'a [u32]>,
+}
+
+impl Located<'_> {
+    /// The parts of `nodes` under the labels of cells `label`, once boundaries are refined. `cells` is the cell of each node, or
+    /// contracted node.
+    fn seen(&self, cells: &[u32], label: &[u32], nodes: &[u32]) -> Result<Vec<u32>> {
+        let WeightedSurface { graph, weighted, surface } = self.whole;
+        let of_units: Vec<u32>;
+        let cells = match self.units {
+            Some(of_node) => {
+                of_units = cells.iter().map(|&cell| label[cell as usize]).collect();
+                CellLabels { of_node, label: &of_units }
+            }
+            None => CellLabels { of_node: cells, label },
+        };
+        let method = BoundaryMethod::Front;
+        let labels = boundary::refine(graph, weighted.csr(), &surface.shares, cells, method, self.context)?;
+        Ok(nodes.iter().map(|&node| labels[node as usize]).collect())
+    }
 }
 
 /// Cuts the mesh of `graph`, whose nodes are in `order`.
@@ -51,14 +75,14 @@ pub(super) fn parts(
 ) -> Result<Clustered> {
     let n = graph.nodes.len();
     let nodes = wishes.corrections.locate(graph, order, context.run)?;
-    let located = Located { wishes, nodes: &nodes, order };
     let (surface, weighted) = weighted(graph, params, context)?;
     let whole = WeightedSurface { graph, weighted: &weighted, surface: &surface };
+    let located = Located { wishes, nodes: &nodes, order, whole, context, units: None };
     let Surface { shares, radius, .. } = &surface;
     let decided = if params.contracts(n) {
         decide_on_contraction(whole, params, located, context)?
     } else {
-        decide(whole, params, located, &|node| node, context)?
+        decide(whole, params, located, context)?
     };
     let Decided { result, unit_of_node, .. } = &decided;
     let extrapolated = match params.boundaries {
@@ -137,13 +161,11 @@ struct Decided {
     marks: PartMarks,
 }
 
-/// Rows over all nodes of `graph`, averaged to cells; parts decided on these. `unit` is the node of `surface` that a node
-/// of the mesh belongs to.
+/// Rows over all nodes of `graph`, averaged to cells; parts decided on these.
 fn decide(
     surface: WeightedSurface<'_>,
     params: &SegmentParams,
     located: Located<'_>,
-    unit: &dyn Fn(u32) -> u32,
     context: Context<'_>,
 ) -> Result<Decided> {
     let Wishes { tree, corrections } = located.wishes;
@@ -173,9 +195,16 @@ fn decide(
             co_association: &all.co_association,
             small_part: f64::from(all.tree.small_part),
         };
-        let cell = |node: u32| unit_of_node[unit(node) as usize];
-        let asked = (count, params.parts.detail);
-        (cut, marks) = corrections.apply(located.nodes, located.order, &cell, affinities, &all.tree, asked, cut)?;
+        let unit = |node: u32| located.units.map_or(node, |units| units[node as usize]);
+        let on_cells = OnCells {
+            nodes: located.nodes,
+            order: located.order,
+            cell: &|node| unit_of_node[unit(node) as usize],
+            seen: &|label, nodes| located.seen(&unit_of_node, label, nodes),
+            affinities,
+            tree: &all.tree,
+        };
+        (cut, marks) = corrections.apply(on_cells, (count, params.parts.detail), cut)?;
     }
     let result = parts::describe(&all, cut, facts.l, facts.seconds);
     let numbers = SegmentStats { decision: Some(result.report.clone()), ..facts.numbers };
@@ -196,9 +225,9 @@ fn decide_on_contraction(
     let small = within.stage(Contraction { graph, weighted, shares: &surface.shares })?;
     let cut = within.stage(SurfaceStage { graph: &small.graph, kind: Kind::Contracted, cells: true })?;
     let contracted = WeightedSurface { graph: &small.graph, weighted: &small.weighted, surface: &cut };
-    let unit = |node: u32| small.of_node[node as usize];
+    let located = Located { units: Some(&small.of_node), ..located };
     let landmarks = params.landmarks.unwrap_or(landmarks_on_contraction(graph.nodes.len()));
-    let decided = decide(contracted, &params.clone().landmarks(Some(landmarks)), located, &unit, within)?;
+    let decided = decide(contracted, &params.clone().landmarks(Some(landmarks)), located, within)?;
     let of_small = &decided.unit_of_node;
     let face = |node: &u32| small.seeds.get(*node as usize).copied();
     let landmarks = decided.numbers.landmarks.iter().filter_map(face).collect();

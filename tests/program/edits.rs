@@ -146,6 +146,37 @@ fn dropped_parts_come_last_and_protected_ones_stay() {
     assert!(told.contains("edit 1 (protect): a hint changes the part"), "{told}");
 }
 
+/// Boundaries do not follow cells: a face beside one stands for the part that is seen on it all the same.
+#[test]
+fn a_place_beside_a_boundary_is_on_the_part_that_is_seen_there() {
+    for faces in [12_000, 70_000] {
+        let scene = scene(faces);
+        let mesh = Mesh::open(&scene.mesh).unwrap();
+        let mut of_vertex = vec![u32::MAX; mesh.positions.len()];
+        let mut beside = vec![Vec::new(); 9];
+        mesh.faces.for_each(0..scene.before.len(), |face, corners| {
+            let part = scene.before[face];
+            let other = corners.iter().any(|&v| of_vertex[v as usize] != u32::MAX && of_vertex[v as usize] != part);
+            corners.iter().for_each(|&v| of_vertex[v as usize] = part);
+            if other {
+                beside[part as usize].push(face);
+            }
+        });
+        for round in 0..6 {
+            let of = |part: usize| beside[part].get(round * beside[part].len() / 6).copied();
+            let named: Vec<(usize, usize)> = (0..9).filter_map(|part| Some((part, of(part)?))).collect();
+            let name =
+                |&(part, face): &(usize, usize)| json!({"edit": "name", "at": face, "name": format!("is {part}")});
+            let file = scene.file(&named.iter().map(name).collect());
+            let output = run(&["cluster", "-q", "--work-dir", word(&scene.work), "--edits", word(&file), "--json"]);
+            let report: Value = serde_json::from_slice(&output.stdout).unwrap();
+            for (part, face) in named {
+                assert_eq!(report["parts"][part]["name"], format!("is {part}"), "face {face} of {faces}");
+            }
+        }
+    }
+}
+
 /// Under another number of parts, what is protected stays, and the rest is cut into the others.
 #[test]
 fn protected_parts_stay_under_another_number_of_parts() {

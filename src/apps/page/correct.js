@@ -40,7 +40,7 @@
     const at = places.map(({ part, triangle }) => (triangle < 0 ? anchor(part) : triangle)), edit = mode, before = edits.length;
     const holds = () => {
       const { label } = followed(edits);
-      return (label[cells[at[0]]] === label[cells[at[1]]]) === (edit === 'together');
+      return (label[cellAt(at[0])] === label[cellAt(at[1])]) === (edit === 'together');
     };
     const held = holds();
     change({ edit, at });
@@ -55,9 +55,19 @@
     for (let t = 0; t < count; t++) if (cut.part[t] === part && (best < 0 || depth[t] > depth[best])) best = t;
     return best;
   }
+  // The cell that stands for a triangle: its own, or beside a boundary the nearest one of the part that is seen there before edits.
+  let before = { number: -1 };
+  function cellAt(t) {
+    const base = baseOf(number);
+    if (before.number !== number) {
+      const rough = Uint16Array.from({ length: count }, (_, s) => base[cells[s]]);
+      before = { number, part: number === found ? labels : refined.refine(rough, number) };
+    }
+    return model.nearest(base, cells[t], before.part[t]);
+  }
   const rgb = (hex) => [1, 3, 5].map((k) => parseInt(hex.slice(k, k + 2), 16));
   function change(edit) {
-    const made = { ...edit, cells: edit.at.map((t) => cells[t]) };
+    const made = { ...edit, cells: edit.at.map(cellAt) };
     if (edit.edit === 'colour') [made.colour, made.hex] = [rgb(edit.colour), edit.colour];
     if (made.edit === 'protect') made.from = number;
     const elsewhere = made.edit === 'protect' && protectedAt() !== number;

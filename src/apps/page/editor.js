@@ -312,7 +312,23 @@ function editorOf(model, bytes) {
     }
     return { label, names, colours, dropped, kept, error };
   }
-  return { start, follow, around, cells: n };
+  // The cell of a part of `label` with the fewest steps from `cell`, as in src/pipeline/edits.rs.
+  function nearest(label, cell, part) {
+    const reached = new Set([cell]);
+    for (let before = -1; before !== reached.size;) {
+      before = reached.size;
+      const found = [...reached].filter((x) => label[x] === part);
+      if (found.length) return Math.min(...found);
+      const next = [];
+      for (let e = 0; e < m; e++) {
+        const [a, b] = [pairs[2 * e], pairs[2 * e + 1]];
+        if (reached.has(a) !== reached.has(b)) next.push(a, b);
+      }
+      next.forEach((x) => reached.add(x));
+    }
+    return cell;
+  }
+  return { start, follow, around, nearest, cells: n };
 }
 
 // A queue of [key, item], least key first.
