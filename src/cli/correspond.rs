@@ -1,7 +1,7 @@
 //! `correspond`: matches the vertices of two meshes, and writes matches, colours, a picture, carried properties.
 
 use super::choices::choice;
-use super::options::{AppContext, CliError, RunArgs};
+use super::options::{AppContext, CliError, ForceArgs, RunArgs};
 use super::output::{JsonArgs, folder_of};
 use clap::ValueEnum;
 use nystrom_stream::apps::correspond::carry::{Colours, Property};
@@ -18,7 +18,7 @@ use nystrom_stream::pipeline::correspond::{
 };
 use nystrom_stream::pipeline::input;
 use nystrom_stream::spectral::nystrom::OrthogonalParams;
-use nystrom_stream::store::{Context, Run, npy};
+use nystrom_stream::store::{Context, Run, WorkDir, npy};
 use serde_json::json;
 use std::path::{Path, PathBuf};
 use std::time::Instant;
@@ -70,6 +70,8 @@ pub struct CorrespondArgs {
     /// Keep intermediate results for both meshes in this folder and reuse them [default: a temporary folder]
     #[arg(long, value_name = "DIR")]
     pub work_dir: Option<PathBuf>,
+    #[command(flatten)]
+    pub force: ForceArgs,
     #[command(flatten)]
     pub method: MethodArgs,
     #[command(flatten)]
@@ -175,6 +177,16 @@ pub fn run(args: &CorrespondArgs, app: &AppContext) -> Result<(), CliError> {
     let run = args.run.run(&bars, app);
     let beside = || outputs().next().map_or_else(std::env::temp_dir, |path| folder_of(path));
     let work = args.run.work(args.work_dir.as_deref(), beside, &run)?;
+    let inputs = args.work_dir.as_ref().map(|_| Ok::<_, Error>([input::identity(&args.a)?, input::identity(&args.b)?]));
+    let inputs = inputs.transpose()?;
+    if let Some(inputs) = inputs.as_ref().filter(|_| !args.force.force) {
+        for ((path, identity), side) in [&args.a, &args.b].into_iter().zip(inputs).zip(["a", "b"]) {
+            let folder = work.file(side);
+            if folder.is_dir() {
+                input::admit_matched(path, identity, &WorkDir::open(&folder)?)?;
+            }
+        }
+    }
     let open = |path: &Path, name: &str| -> Result<Mesh> {
         let scratch = work.file(name);
         std::fs::create_dir_all(&scratch).map_err(Error::io(&scratch, "create"))?;
@@ -186,12 +198,10 @@ pub fn run(args: &CorrespondArgs, app: &AppContext) -> Result<(), CliError> {
     if args.method.landmarks.is_none() {
         params.landmarks = default_landmarks(a.positions.len().max(b.positions.len()));
     }
-    let inputs = args.work_dir.as_ref().map(|_| Ok::<_, Error>([input::identity(&args.a)?, input::identity(&args.b)?]));
     let guidance = Guidance {
         pairs: args.landmarks_file.as_ref().map_or(Ok(Vec::new()), |path| pairs::read(path, &a, &b))?,
         map: args.initial_map.as_ref().map(|path| files::read(path)).transpose()?,
     };
-    let inputs = inputs.transpose()?;
     let result = correspond_guided(&a, &b, inputs.as_ref(), &params, &guidance, Context::new(&work, &run))?;
     tell(&result, args.method.alternative, &run);
     let write = || {

@@ -76,6 +76,24 @@ pub fn admit(path: &Path, identity: &Value, work: &WorkDir) -> Result<()> {
     Err(Error::work_dir(work.path(), problem, remedy))
 }
 
+/// Refuses to match the mesh at `path`, which `identity` tells, in a folder `work` of a work directory that keeps the vertex graph of
+/// another one.
+///
+/// # Errors
+/// [`Error::WorkDir`].
+pub fn admit_matched(path: &Path, identity: &Value, work: &WorkDir) -> Result<()> {
+    let Some(stage) = work.manifest().stages.remove("vertex graph") else { return Ok(()) };
+    if same(identity, &stage.inputs["input"]) {
+        return Ok(());
+    }
+    let problem = match stage.inputs["input"]["file"].as_str() {
+        Some(name) => format!("is of another mesh, {name}, or of it as it was before it changed"),
+        None => "is of another mesh".into(),
+    };
+    let remedy = format!("name another folder, or make it anew for {} with --force", path.display());
+    Err(Error::work_dir(work.path(), problem, remedy))
+}
+
 /// Version of what the record tells.
 const RECORD_VERSION: u32 = 1;
 

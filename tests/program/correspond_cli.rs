@@ -156,7 +156,7 @@ fn a_work_directory_keeps_graphs_and_rows_for_the_next_question() {
     let (_, reused) = run(&[], true);
     assert_eq!(reused, 0);
     permuted(&a, &b, true);
-    assert_eq!(run(&[], true).1, 1);
+    assert_eq!(run(&["--force"], true).1, 1);
 }
 
 #[test]
@@ -201,4 +201,27 @@ fn what_makes_no_sense_is_refused_in_a_line() {
         assert_eq!(run.status.code(), Some(code), "{words:?}: {}", errors(&run));
         assert!(errors(&run).contains(part), "{words:?}: {}", errors(&run));
     }
+}
+
+/// A work directory of other meshes is refused, as everywhere, and nothing in it changes.
+#[test]
+fn a_work_directory_of_other_meshes_is_refused() {
+    let (dir, a, b) = files();
+    permuted(&a, &b, false);
+    let (work, out) = (dir.path().join("work"), dir.path().join("m.npy"));
+    let words = ["-q", "-l", "10", "--refine", "none", "-o", word(&out), "--work-dir", word(&work)];
+    let run = correspond(&a, &b, &words);
+    assert!(run.status.success(), "{}", errors(&run));
+    let kept = || std::fs::read(work.join("b/manifest.json")).unwrap();
+    let before = kept();
+    let run = correspond(&a, &a, &words);
+    let told = errors(&run);
+    assert!(
+        run.status.code() == Some(1) && told.contains("is of another mesh, b.ply") && told.contains("--force"),
+        "{told}"
+    );
+    assert_eq!(kept(), before);
+    let run = correspond(&a, &a, &[&words[..], &["--force"]].concat());
+    assert!(run.status.success(), "{}", errors(&run));
+    assert_ne!(kept(), before);
 }
