@@ -21,11 +21,18 @@
     draw();
   }
   const fingers = new Map();
-  let moved = 0;
+  let moved = 0, stroke = null;
+  function drawStroke() {
+    $('stroke').toggleAttribute('hidden', !stroke || moved < 6);
+    if (stroke) ['x1', 'y1', 'x2', 'y2'].forEach((name, k) => $('stroke').firstElementChild.setAttribute(name, stroke[k]));
+  }
   canvas.addEventListener('pointerdown', (event) => {
     canvas.setPointerCapture(event.pointerId);
     fingers.set(event.pointerId, [event.clientX, event.clientY]);
     if (fingers.size === 1) moved = 0;
+    const box = canvas.getBoundingClientRect(), at = [event.clientX - box.left, event.clientY - box.top];
+    stroke = mode === 'cut' && fingers.size === 1 && event.button === 0 && !event.shiftKey ? [...at, ...at] : null;
+    drawStroke();
   });
   canvas.addEventListener('pointermove', (event) => {
     const before = fingers.get(event.pointerId);
@@ -37,19 +44,30 @@
       const span = (p) => Math.hypot(p[0] - other[1][0], p[1] - other[1][1]) || 1;
       zoomBy(span([event.clientX, event.clientY]) / span(before));
       moveBy(x / 2, y / 2);
+    } else if (stroke) {
+      [stroke[2], stroke[3]] = [stroke[2] + x, stroke[3] + y];
+      drawStroke();
     } else if (event.buttons & 2 || event.shiftKey) moveBy(x, y);
     else turnBy(x * .008, y * .008);
     fingers.set(event.pointerId, [event.clientX, event.clientY]);
   });
   canvas.addEventListener('pointerup', (event) => {
     fingers.delete(event.pointerId);
+    const drawn = moved < 6 ? null : stroke;
+    stroke = null;
+    drawStroke();
+    if (drawn) return cutAlong(...drawn);
     if (moved < 6 && event.button === 0) {
       const box = canvas.getBoundingClientRect();
       const t = triangleAt(event.clientX - box.left, event.clientY - box.top);
       act(t < 0 ? -1 : cut.part[t], t);
     }
   });
-  canvas.addEventListener('pointercancel', (event) => fingers.delete(event.pointerId));
+  canvas.addEventListener('pointercancel', (event) => {
+    fingers.delete(event.pointerId);
+    stroke = null;
+    drawStroke();
+  });
   canvas.addEventListener('contextmenu', (event) => event.preventDefault());
   canvas.addEventListener('wheel', (event) => {
     event.preventDefault();
@@ -117,7 +135,7 @@
     get parts() { return cut.colours.length; }, get alone() { return alone; }, get hidden() { return [...hidden]; },
     get visible() { return cut.part.reduce((sum, part) => sum + shown(part), 0); }, triangles: count, numbers: order, partAt,
     get mode() { return mode; }, get edits() { return JSON.parse(text()).edits; }, get names() { return [...cut.names]; },
-    get zoom() { return view.zoom; }, get over() { return over; }, get command() { return command(); },
+    get zoom() { return view.zoom; }, get turn() { return view.turn.flat(); }, get over() { return over; }, get command() { return command(); },
     get colours() { return cut.colours; }, get status() { return $('status').textContent; }, get picked() { return picked; },
     get labels() { return Array.from(cut.part); }, get shares() { return measured; },
   };

@@ -1,7 +1,7 @@
   // ---- correcting
   const HINTS = {
     look: 'click a part to see it alone, double-click to zoom to it', merge: 'click two parts to make them one',
-    split: 'click a part to divide it along the hierarchy', cut: 'click a place on either side of the cut',
+    split: 'click a part to divide it along the hierarchy', cut: 'draw a line across a part, or click a place on either side of the cut',
     together: 'click two places that belong to one part', apart: 'click two places that belong to different parts',
     drop: 'click a part that is not wanted', protect: 'click a part that no later edit may change',
   };
@@ -47,6 +47,21 @@
     if (edits.length === before) return;
     if (!holds()) say('Hints come first, and an edit after them undoes this one: take that edit back.');
     else if (held) say('It is so already; the hint is kept.');
+  }
+  // A cut where a line is drawn on the canvas: between two places on one part, on either side of it.
+  function cutAlong(x1, y1, x2, y2) {
+    picked = null;
+    const length = Math.hypot(x2 - x1, y2 - y1) || 1, [u, w] = [(y1 - y2) / length, (x2 - x1) / length];
+    for (const along of [.5, .4, .6, .3, .7]) {
+      const [x, y] = [x1 + along * (x2 - x1), y1 + along * (y2 - y1)], on = partAt(x, y);
+      for (const gap of [.3, .2, .12, .45, .06].map((share) => Math.max(6, share * length))) {
+        const at = [triangleAt(x + gap * u, y + gap * w), triangleAt(x - gap * u, y - gap * w)];
+        if (on < 0 || !at.every((t) => t >= 0 && cut.part[t] === on)) continue;
+        if (cellAt(at[0]) !== cellAt(at[1])) return change({ edit: 'cut', at });
+      }
+    }
+    say('Draw the line across one part.');
+    refresh();
   }
   // The triangle of a part that lies deepest in it: a place that stays on the part on other versions of the mesh.
   function anchor(part) {
