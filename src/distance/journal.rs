@@ -29,6 +29,11 @@ pub struct RowFacts {
 }
 
 impl RowFacts {
+    /// Whether a row of `nodes` nodes can have these sums: they come from files.
+    pub(super) fn is_sound(&self, nodes: usize) -> bool {
+        self.reached <= nodes as u64 && self.sum.is_finite() && self.sum >= 0. && self.farthest.is_finite()
+    }
+
     /// The sums of `row`, added up in blocks of fixed size.
     pub fn of(row: &[f32]) -> Self {
         let mut facts = Self::default();
@@ -133,7 +138,7 @@ impl Journal {
         }
         let rows = lines.flatten().filter_map(|body| serde_json::from_str::<JournalEntry>(body).ok());
         let rows = rows
-            .filter(|line| line.row < spec.rows && (line.landmark as usize) < spec.nodes)
+            .filter(|line| line.row < spec.rows && (line.landmark as usize) < spec.nodes && line.facts.is_sound(spec.nodes))
             .map(|line| (line.row, line))
             .collect();
         Some((spec, rows))

@@ -180,6 +180,9 @@ impl DistanceRows {
     fn open(facts: Facts, nodes: usize, key: String, work: &WorkDir) -> Result<Self> {
         let landmarks = work.indices("landmarks.npy", facts.rows.len(), nodes)?.to_vec();
         let distances = work.array_of("distances.npy", landmarks.len() * nodes)?;
+        if !facts.rows.iter().all(|row| row.is_sound(nodes)) {
+            return Err(work.damaged("manifest.json", "has sums of rows that no rows have"));
+        }
         Ok(Self { landmarks, distances, facts: facts.rows, nodes, key })
     }
 

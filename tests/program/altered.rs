@@ -353,6 +353,27 @@ fn an_altered_work_directory_is_made_anew_or_refused() {
     assert!(wrong.is_empty(), "{} of {} cases:\n{}", wrong.len(), cases.len(), wrong.join("\n"));
 }
 
+/// Sums of rows in a manifest were added up without a look at them.
+#[test]
+fn sums_that_no_rows_have_are_refused() {
+    let dir = tempfile::tempdir().unwrap();
+    let (mesh_path, work) = (dir.path().join("mesh.ply"), dir.path().join("work"));
+    mesh(&mesh_path, 8, 7);
+    let folder = ["--work-dir", word(&work)];
+    for words in [vec!["graph", word(&mesh_path)], vec!["rows", "-l", "4"]] {
+        assert!(run(&[&words[..], &folder].concat()).status.success(), "{words:?}");
+    }
+    let manifest: Value = serde_json::from_slice(&std::fs::read(work.join("manifest.json")).unwrap()).unwrap();
+    for (name, value) in [("reached", json!(u64::MAX)), ("reached", json!(10_000)), ("sum", json!(-1.)), ("farthest", json!(1e300))] {
+        let mut other = manifest.clone();
+        *other.pointer_mut(&format!("/stages/rows/facts/rows/1/{name}")).unwrap() = value.clone();
+        std::fs::write(work.join("manifest.json"), other.to_string()).unwrap();
+        let output = run(&[&["embed", "-d", "3"], &folder[..]].concat());
+        let said = errors(&output);
+        assert!(output.status.code() == Some(1) && !said.contains("internal"), "{name} = {value}: {said}");
+    }
+}
+
 /// A name in the manifest was followed out of the work directory.
 #[test]
 fn files_of_a_manifest_lie_in_its_folder() {
