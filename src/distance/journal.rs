@@ -138,7 +138,9 @@ impl Journal {
         }
         let rows = lines.flatten().filter_map(|body| serde_json::from_str::<JournalEntry>(body).ok());
         let rows = rows
-            .filter(|line| line.row < spec.rows && (line.landmark as usize) < spec.nodes && line.facts.is_sound(spec.nodes))
+            .filter(|line| {
+                line.row < spec.rows && (line.landmark as usize) < spec.nodes && line.facts.is_sound(spec.nodes)
+            })
             .map(|line| (line.row, line))
             .collect();
         Some((spec, rows))

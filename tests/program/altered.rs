@@ -364,7 +364,9 @@ fn sums_that_no_rows_have_are_refused() {
         assert!(run(&[&words[..], &folder].concat()).status.success(), "{words:?}");
     }
     let manifest: Value = serde_json::from_slice(&std::fs::read(work.join("manifest.json")).unwrap()).unwrap();
-    for (name, value) in [("reached", json!(u64::MAX)), ("reached", json!(10_000)), ("sum", json!(-1.)), ("farthest", json!(1e300))] {
+    for (name, value) in
+        [("reached", json!(u64::MAX)), ("reached", json!(10_000)), ("sum", json!(-1.)), ("farthest", json!(1e300))]
+    {
         let mut other = manifest.clone();
         *other.pointer_mut(&format!("/stages/rows/facts/rows/1/{name}")).unwrap() = value.clone();
         std::fs::write(work.join("manifest.json"), other.to_string()).unwrap();
