@@ -229,7 +229,7 @@ impl<'a> Side<'a> {
     }
 
     /// Smooth functions on it, from `samples` vertices and a kernel of `width` of their spacings.
-    fn basis(&self, samples: usize, width: f64, distance: Distance, run: &Run) -> Result<LocalBasis> {
+    fn basis(&self, samples: usize, width: f64, params: &CorrespondParams, run: &Run) -> Result<LocalBasis> {
         const FILES: [&str; 2] = ["local_rows.npy", "local_rows_starts.npy"];
         let context = Context::new(&self.work, run);
         let surface = Surface::of(&self.graph);
@@ -237,8 +237,12 @@ impl<'a> Side<'a> {
         let samples = vertex_rows::landmarks(surface, row_params, context)?;
         let sigma = width / (self.unit() * (samples.len() as f64).sqrt());
         let limit = (LOCAL_REACH * sigma) as f32;
-        let rows = LocalRows::compute(surface, samples, limit, distance, "local_rows", context)?;
-        let basis = LocalBasis::fit(&rows, &self.graph.nodes, sigma, FUNCTIONS, "functions.npy", context)?;
+        let rows = LocalRows::compute(surface, samples, limit, params.distance, "local_rows", context)?;
+        let (count, name) = (FUNCTIONS, "functions.npy");
+        let basis = match params.refine {
+            Refine::Laplacian => LocalBasis::laplacian(&rows, &self.graph, sigma, count, name, context)?,
+            _ => LocalBasis::fit(&rows, &self.graph.nodes, sigma, count, name, context)?,
+        };
         drop(rows);
         FILES.iter().for_each(|name| self.work.remove(name));
         Ok(basis)
@@ -341,7 +345,7 @@ pub fn match_sides(
 ) -> Result<Correspondence> {
     let (mut alignments, _) =
         context.run.stage("alignment", "guesses", 0, || align(a.shape(), b.shape(), context.run))?;
-    if params.refine == Refine::Nystrom && !params.transfer {
+    if params.refine != Refine::None && !params.transfer {
         return refined(a, b, &b.points, alignments, params, guidance, context);
     }
     let taken = |found: &[Alignment]| {
@@ -363,7 +367,7 @@ pub fn match_sides(
     let mut found = pass(&b.points, &alignment, matching, "matches.npy")?;
     if params.transfer {
         let (points_b, alignment) = transferred(a, b, &found, params, context.run)?;
-        if params.refine == Refine::Nystrom {
+        if params.refine != Refine::None {
             alignments.starts = vec![alignment];
             return refined(a, b, &points_b, alignments, params, guidance, context);
         }
@@ -391,7 +395,7 @@ fn refined(
     let samples = LOCAL_SAMPLES.min(a.graph.len()).min(b.graph.len());
     let n = (a.points.len() + b.points.len()) as u64;
     let width = if a.graph.len().max(b.graph.len()) > LARGE { LARGE_WIDTH } else { LOCAL_WIDTH };
-    let basis = |side: &Side<'_>| side.basis(samples, width, params.distance, context.run);
+    let basis = |side: &Side<'_>| side.basis(samples, width, params, context.run);
     let bases = || Ok([basis(a)?, basis(b)?]);
     let ([basis_a, basis_b], _) = context.run.stage("basis", "vertices", n, bases)?;
     let sides = [a.refinable(&basis_a, &a.points), b.refinable(&basis_b, points_b)];

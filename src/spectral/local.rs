@@ -13,13 +13,13 @@
 //! Cost: an eigenproblem of the size of the sample (600: a second); two passes over [`LocalRows`], r multiplications per
 //! entry; 4 r bytes per vertex on disk.
 
-use super::eigen;
+use super::{eigen, laplacian};
 use crate::base::Result;
 use crate::base::parallel::{chunk_count, chunk_range};
 use crate::base::simd::{SimdKernel, dispatch};
 use crate::distance::local_rows::LocalRows;
-use crate::graph::Node;
-use crate::store::{Context, MappedSlice};
+use crate::graph::{Node, VertexGraph};
+use crate::store::{Context, MappedSlice, Run};
 use nalgebra::DMatrix;
 
 /// Vertices per chunk.
@@ -34,7 +34,7 @@ const LEAST: f64 = 1e-3;
 pub struct LocalBasis {
     /// Functions r.
     pub count: usize,
-    /// Frequencies −ln λ (r), ascending from 0: proportional to eigenvalues of the Laplacian while small.
+    /// Frequencies (r), ascending from 0: −ln λ of the diffusion, or eigenvalues of the Laplacian in units of 1/area.
     pub frequencies: Vec<f64>,
     /// Values, vertex by vertex (n × r).
     pub values: MappedSlice<f32>,
@@ -83,6 +83,41 @@ impl SimdKernel for AddMoments<'_> {
     }
 }
 
+/// The share of each vertex in all area.
+fn shares(nodes: &[Node]) -> impl Fn(usize) -> f64 + Sync + '_ {
+    let total: f64 = nodes.iter().map(|node| f64::from(node.area)).sum();
+    move |v| if total > 0. { f64::from(nodes[v].area) / total } else { 1. / nodes.len() as f64 }
+}
+
+/// The share of area that each sample stands for (s).
+fn masses(rows: &LocalRows, nodes: &[Node], sigma: f64, run: &Run) -> Result<Vec<f64>> {
+    let (n, s, share) = (rows.nodes(), rows.samples.len(), shares(nodes));
+    let mut mass = vec![0f64; s];
+    let part = |k: usize, (): &mut ()| {
+        let mut mass = vec![0f64; s];
+        for v in chunk_range(n, CHUNK, k) {
+            let sum: f64 = rows.near(v).map(|near| affinity(near.distance, sigma)).sum();
+            if sum > 0. {
+                let scale = share(v) / sum;
+                rows.near(v).for_each(|near| mass[near.sample as usize] += scale * affinity(near.distance, sigma));
+            }
+        }
+        Ok(mass)
+    };
+    run.in_order(
+        chunk_count(n, CHUNK),
+        || (),
+        part,
+        |_, part| {
+            mass.iter_mut().zip(part).for_each(|(sum, part)| *sum += part);
+            Ok(())
+        },
+    )?;
+    // A sample whose area has gone to others still must not vanish.
+    mass.iter_mut().for_each(|m| *m = m.max(1e-9 / s as f64));
+    Ok(mass)
+}
+
 impl LocalBasis {
     /// Up to `count` functions on vertices of the areas in `nodes`, from a Gaussian of width `sigma` (units of the
     /// graph) over `rows`, in the file `name` of `context`.
@@ -97,32 +132,8 @@ impl LocalBasis {
         name: &str,
         context: Context<'_>,
     ) -> Result<Self> {
-        let (n, s, run) = (rows.nodes(), rows.samples.len(), context.run);
-        let total: f64 = nodes.iter().map(|node| f64::from(node.area)).sum();
-        let share = |v: usize| if total > 0. { f64::from(nodes[v].area) / total } else { 1. / n as f64 };
-        let mut mass = vec![0f64; s];
-        let shares = |k: usize, (): &mut ()| {
-            let mut mass = vec![0f64; s];
-            for v in chunk_range(n, CHUNK, k) {
-                let sum: f64 = rows.near(v).map(|near| affinity(near.distance, sigma)).sum();
-                if sum > 0. {
-                    let scale = share(v) / sum;
-                    rows.near(v).for_each(|near| mass[near.sample as usize] += scale * affinity(near.distance, sigma));
-                }
-            }
-            Ok(mass)
-        };
-        run.in_order(
-            chunk_count(n, CHUNK),
-            || (),
-            shares,
-            |_, part| {
-                mass.iter_mut().zip(part).for_each(|(sum, part)| *sum += part);
-                Ok(())
-            },
-        )?;
-        // A sample whose area has gone to others still must not vanish.
-        mass.iter_mut().for_each(|m| *m = m.max(1e-9 / s as f64));
+        let s = rows.samples.len();
+        let mass = masses(rows, nodes, sigma, context.run)?;
         let mut within = DMatrix::<f64>::zeros(s, s);
         for (i, &vertex) in rows.samples.iter().enumerate() {
             for near in rows.near(vertex as usize) {
@@ -141,6 +152,54 @@ impl LocalBasis {
         // What an entry's affinity is multiplied by: m_j f_j / λ.
         let factor = |j: usize, k: usize| mass[j] * vectors[(j, k)] / (mass[j] * degree[j]).sqrt() / values[k];
         let factors: Vec<f64> = (0..s).flat_map(|j| (0..r).map(move |k| (j, k))).map(|(j, k)| factor(j, k)).collect();
+        let frequencies = values.iter().map(|value| -value.min(1.).ln()).collect();
+        Self::extend(rows, nodes, sigma, &mass, &factors, frequencies, name, context)
+    }
+
+    /// Up to `count` eigenfunctions of the Laplace–Beltrami operator of `graph` among combinations of the Gaussians of width
+    /// `sigma` over `rows` ([`super::laplacian`]), in the file `name` of `context`.
+    ///
+    /// # Errors
+    /// [`crate::base::Error::Io`], [`crate::base::Error::Cancelled`].
+    pub fn laplacian(
+        rows: &LocalRows,
+        graph: &VertexGraph,
+        sigma: f64,
+        count: usize,
+        name: &str,
+        context: Context<'_>,
+    ) -> Result<Self> {
+        let s = rows.samples.len();
+        let mass = masses(rows, &graph.nodes, sigma, context.run)?;
+        let weigh = |v: usize, out: &mut Vec<(u32, f64)>| {
+            out.clear();
+            out.extend(rows.near(v).map(|near| {
+                let j = near.sample;
+                (j, mass[j as usize] * affinity(near.distance, sigma))
+            }));
+            let sum: f64 = out.iter().map(|(_, w)| w).sum();
+            out.iter_mut().for_each(|(_, w)| *w /= if sum > 0. { sum } else { 1. });
+        };
+        let (frequencies, vectors) = laplacian::eigenfunctions(graph, s, count, weigh, context.run)?;
+        let r = frequencies.len();
+        let factors: Vec<f64> = (0..s).flat_map(|j| (0..r).map(move |k| (j, k))).map(|(j, k)| mass[j] * vectors[(j, k)]).collect();
+        Self::extend(rows, &graph.nodes, sigma, &mass, &factors, frequencies, name, context)
+    }
+
+    /// The functions Σ_j w_vj `factors`_jk / Σ_j w_vj `mass`_j at all vertices, made orthonormal by area in this order.
+    #[allow(clippy::too_many_arguments)]
+    fn extend(
+        rows: &LocalRows,
+        nodes: &[Node],
+        sigma: f64,
+        mass: &[f64],
+        factors: &[f64],
+        frequencies: Vec<f64>,
+        name: &str,
+        context: Context<'_>,
+    ) -> Result<Self> {
+        let (n, r, run) = (rows.nodes(), frequencies.len(), context.run);
+        let share = shares(nodes);
         let extend = |v: usize, out: &mut [f64]| {
             out.fill(0.);
             let mut sum = 0f64;
@@ -190,7 +249,6 @@ impl LocalBasis {
             Ok(())
         };
         run.fill_chunks(array.data(), CHUNK * r.max(1), Vec::new, turn)?;
-        let frequencies = values.iter().map(|value| -value.min(1.).ln()).collect();
         Ok(Self { count: r, frequencies, values: array.finish(false)? })
     }
 

@@ -6,13 +6,15 @@
 //! - [`embedding`]: the paper's segmentation and its sequences, over faces, in `f32`;
 //! - [`anchor`]: the decision about parts, over cells, in `f64`;
 //! - [`nystrom`]: the start of correspondence, over vertices, and the study of sampling and kernels;
-//! - [`local`]: a hundred functions for refining correspondence, from distances to the nearby sample alone.
+//! - [`local`]: a hundred functions for refining correspondence, from distances to the nearby sample alone; with [`laplacian`] those
+//!   of the Laplace–Beltrami operator.
 
 pub mod affinity;
 pub mod anchor;
 pub mod embedding;
 pub mod exp;
 pub mod kernel;
+pub mod laplacian;
 pub mod local;
 pub mod measures;
 pub mod nystrom;

@@ -56,6 +56,8 @@ pub enum Refine {
     /// In smooth functions by Nyström's extension from a local sample ([`LocalBasis`]).
     #[default]
     Nystrom,
+    /// In eigenfunctions of the Laplace–Beltrami operator ([`LocalBasis::laplacian`]).
+    Laplacian,
 }
 
 /// A mesh, as refinement sees it.
