@@ -250,7 +250,9 @@ impl<'a> Side<'a> {
 
     /// As refinement sees it, `points` being its embedded vertices.
     fn refinable<'s>(&'s self, basis: &'s LocalBasis, points: &'s [Point]) -> Refinable<'s> {
-        Refinable { basis, points, nodes: &self.graph.nodes, rows: &self.rows, unit: self.unit() }
+        // Its tensor is that of its own embedding.
+        let tensor = std::ptr::eq(points, &self.points[..]).then_some(&self.tensor);
+        Refinable { basis, points, tensor, nodes: &self.graph.nodes, rows: &self.rows, unit: self.unit() }
     }
 
     fn facts(&self) -> SideFacts {
@@ -413,7 +415,10 @@ fn refined(
     })?;
     let found = rivals(&outcomes, sides[1]);
     let begun = |one: &Outcome| match one.start {
-        Start::Alignment(at) => alignments.starts[at].clone(),
+        Start::Alignment(at) => {
+            let start = alignments.starts[at].clone();
+            Alignment { orientation: one.orientation.unwrap_or(start.orientation), ..start }
+        }
         // The user vouches for these.
         Start::Landmarks | Start::Map => Alignment {
             transform: DMatrix::identity(1, 1),

@@ -73,6 +73,11 @@ impl Tensor {
         Ok(Self { dimensions, values })
     }
 
+    /// Number of coordinates k.
+    pub fn dimensions(&self) -> usize {
+        self.dimensions
+    }
+
     /// The tensor of the first `dimensions` coordinates alone.
     pub fn of_first(&self, dimensions: usize) -> Self {
         let kept = triples(self.dimensions).into_iter().zip(&self.values).filter(|(axes, _)| axes[2] < dimensions);

@@ -12,8 +12,9 @@
 //!
 //! Cost: constant. A step is a matrix product of k × both [`SAMPLES`]: a tenth of a second at k = 100.
 
-use super::align::{Alignment, RIVAL, sample};
+use super::align::{Alignment, RIVAL, TELLING, procrustes, sample};
 use super::functional::{Points, Targets, ToA, fit};
+use super::orientation::Tensor;
 use crate::base::Result;
 use crate::distance::DistanceRows;
 use crate::graph::Node;
@@ -46,6 +47,8 @@ const FEW: usize = 40;
 const COMPARED: usize = 200;
 /// Mean distance between the images of two maps, over √area, from which they are different.
 const APART: f64 = 0.1;
+/// The same up to which they are one.
+const SAME: f64 = 0.01;
 
 /// Whether and in which functions matches are refined.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
@@ -67,6 +70,8 @@ pub struct Refinable<'a> {
     pub basis: &'a LocalBasis,
     /// Its vertices in the embedding that was aligned (n).
     pub points: &'a [Point],
+    /// How it lies there; without it orientation is not judged.
+    pub tensor: Option<&'a Tensor>,
     /// Areas of vertices (n).
     pub nodes: &'a [Node],
     /// Distances from its landmarks.
@@ -115,6 +120,8 @@ pub struct Outcome {
     pub transport: f64,
     /// Mean distance from the images of given landmarks to their pairs, over √area.
     pub landmarks: Option<f64>,
+    /// Agreement of orientation after refinement, as [`Alignment::orientation`].
+    pub orientation: Option<f64>,
     /// The map C (k × k): Φ_B ≈ C Φ_A.
     #[serde(skip)]
     pub map: DMatrix<f64>,
@@ -284,8 +291,15 @@ impl Samples {
             let missed = |p: usize| f64::from(rows.row(p)[self.chosen[1][there[n + p] as usize] as usize]);
             sides[1].unit * (0..self.fixed).map(missed).sum::<f64>() / self.fixed as f64
         });
+        let orientation = sides[0].tensor.zip(sides[1].tensor).map(|(of_a, of_b)| {
+            let k = of_a.dimensions().min(of_b.dimensions());
+            let first = |point: &Point| -> Point { std::array::from_fn(|i| if i < k { point[i] } else { 0. }) };
+            let place = |s: usize, i: usize| first(&sides[s].points[self.chosen[s][i] as usize]);
+            let pairs = there.iter().enumerate().map(|(i, &j)| (place(0, i), place(1, j as usize)));
+            of_a.of_first(k).turned(&procrustes(pairs, k)).agreement(&of_b.of_first(k))
+        });
         let sample = there.iter().map(|&j| self.chosen[1][j as usize]).collect();
-        Outcome { start, first, distortion, residual, covered, transport, landmarks, map: c, sample }
+        Outcome { start, first, distortion, residual, covered, transport, landmarks, orientation, map: c, sample }
     }
 }
 
@@ -340,7 +354,7 @@ pub fn refine(
     let mut begun = run.map_chunks(starts.len(), || (), begin)?;
     let rank = |x: &Outcome, y: &Outcome| x.rank().total_cmp(&y.rank());
     begun.sort_by(rank);
-    begun.truncate(FINISHED);
+    let begun = different(oriented(begun), b);
     let finish = |k: usize, (): &mut ()| {
         let Outcome { start, first, map, .. } = &begun[k];
         let map = samples.refine(samples.matched(map), map.nrows(), usize::MAX);
@@ -348,27 +362,49 @@ pub fn refine(
     };
     let mut all = run.map_chunks(begun.len(), || (), finish)?;
     all.sort_by(rank);
-    Ok(all)
+    Ok(oriented(all))
+}
+
+/// Without those that refinement has turned into mirror images, if one can tell: a pose may fit its own mirror image better.
+fn oriented(mut all: Vec<Outcome>) -> Vec<Outcome> {
+    let best = all.iter().filter_map(|one| one.orientation).fold(f64::NEG_INFINITY, f64::max);
+    if best >= TELLING {
+        all.retain(|one| one.orientation.is_none_or(|orientation| orientation >= 0.5 * best));
+    }
+    all
+}
+
+/// How far two maps of the same sample are apart, in the mean over √area of `b`, by its landmarks.
+fn apart(one: &Outcome, other: &Outcome, b: Refinable<'_>) -> f64 {
+    // No more than the distance, and with dozens of landmarks nearly that.
+    let apart = |v: u32, w: u32| -> f64 {
+        let difference = |row: &[f32]| f64::from((row[v as usize] - row[w as usize]).abs());
+        (0..b.rows.len()).map(|j| difference(b.rows.row(j))).fold(0., f64::max)
+    };
+    let step = one.sample.len().div_ceil(COMPARED).max(1);
+    let pairs = || one.sample.iter().zip(&other.sample).step_by(step);
+    b.unit * pairs().map(|(&v, &w)| apart(v, w)).sum::<f64>() / pairs().count().max(1) as f64
+}
+
+/// The first [`FINISHED`] of `sorted` that are not the same map twice.
+fn different(sorted: Vec<Outcome>, b: Refinable<'_>) -> Vec<Outcome> {
+    let mut kept: Vec<Outcome> = Vec::new();
+    for one in sorted {
+        if kept.len() < FINISHED && kept.iter().all(|other| apart(&one, other, b) > SAME) {
+            kept.push(one);
+        }
+    }
+    kept
 }
 
 /// The best of `outcomes` (sorted), and those of the others that take A elsewhere but distort hardly more; `b` tells how
 /// far apart two vertices of B are, by its landmarks.
 pub fn rivals(outcomes: &[Outcome], b: Refinable<'_>) -> Vec<Outcome> {
     let Some(best) = outcomes.first() else { return Vec::new() };
-    // No more than the distance, and with dozens of landmarks nearly that.
-    let apart = |v: u32, w: u32| -> f64 {
-        let difference = |row: &[f32]| f64::from((row[v as usize] - row[w as usize]).abs());
-        (0..b.rows.len()).map(|j| difference(b.rows.row(j))).fold(0., f64::max)
-    };
-    let elsewhere = |one: &Outcome, other: &Outcome| {
-        let step = one.sample.len().div_ceil(COMPARED).max(1);
-        let pairs = || one.sample.iter().zip(&other.sample).step_by(step);
-        b.unit * pairs().map(|(&v, &w)| apart(v, w)).sum::<f64>() / pairs().count().max(1) as f64 > APART
-    };
     let mut found: Vec<Outcome> = Vec::new();
     for one in outcomes {
         let close = one.distortion <= RIVAL * best.distortion && one.residual <= RIVAL * best.residual;
-        if found.is_empty() || close && found.iter().all(|other| elsewhere(one, other)) {
+        if found.is_empty() || close && found.iter().all(|other| apart(one, other, b) > APART) {
             found.push(one.clone());
         }
     }
