@@ -48,6 +48,11 @@ impl Choice for Sampling {
 impl Choice for Refine {
     const CHOICES: &'static [Named<Self>] = &[
         (Self::Nystrom, "nystrom", "In a hundred smooth functions by Nyström's extension from a local sample"),
+        (
+            Self::Laplacian,
+            "laplacian",
+            "In a hundred eigenfunctions of the Laplace–Beltrami operator (cotangents), reduced to a sample",
+        ),
         (Self::None, "none", "Not at all (the paper's way)"),
     ];
 }

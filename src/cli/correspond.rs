@@ -228,6 +228,7 @@ pub fn run(args: &CorrespondArgs, app: &AppContext) -> Result<(), CliError> {
         "refined": result.refined,
         "alternative": args.method.alternative,
         "matched": count,
+        "unmatched": result.matches.len() as u64 - count,
         "mean_confidence": if count > 0 { sum / count as f64 } else { 0. },
         "seconds": seconds,
         "peak_bytes": (app.peak)(),

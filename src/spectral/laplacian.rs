@@ -12,11 +12,11 @@
 //! Cost: one pass over vertices, the square of the local functions at a vertex each; 16 s² bytes for each part of
 //! [`MOST_CHUNKS`] that is under way; a dense eigenproblem of size s.
 
+use crate::base::Result;
 use crate::base::eigen;
 use crate::base::parallel::{chunk_count, chunk_range};
 use crate::base::simd::{SimdKernel, dispatch};
 use crate::base::vector::{distance, wide};
-use crate::base::Result;
 use crate::graph::VertexGraph;
 use crate::store::Run;
 use nalgebra::DMatrix;
@@ -145,7 +145,13 @@ pub fn eigenfunctions(
                 }
             }
             scratch.gather();
-            dispatch(AddOuter { x: &scratch.own, columns: &scratch.columns, y: &scratch.y, sums: &mut energy, size: s });
+            dispatch(AddOuter {
+                x: &scratch.own,
+                columns: &scratch.columns,
+                y: &scratch.y,
+                sums: &mut energy,
+                size: s,
+            });
         }
         Ok([energy, mass])
     };

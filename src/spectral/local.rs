@@ -182,7 +182,8 @@ impl LocalBasis {
         };
         let (frequencies, vectors) = laplacian::eigenfunctions(graph, s, count, weigh, context.run)?;
         let r = frequencies.len();
-        let factors: Vec<f64> = (0..s).flat_map(|j| (0..r).map(move |k| (j, k))).map(|(j, k)| mass[j] * vectors[(j, k)]).collect();
+        let factors: Vec<f64> =
+            (0..s).flat_map(|j| (0..r).map(move |k| (j, k))).map(|(j, k)| mass[j] * vectors[(j, k)]).collect();
         Self::extend(rows, &graph.nodes, sigma, &mass, &factors, frequencies, name, context)
     }
 

@@ -108,7 +108,14 @@ fn a_turned_permuted_copy_is_recognised_and_its_properties_come_back() {
 fn the_same_bytes_whatever_threads_and_memory_in_every_manner() {
     let (dir, a, b) = files();
     permuted(&a, &b, false);
-    for manner in [&[][..], &["--mutual"], &["--one-to-one"], &["--transfer"], &["--distance", "edges", "-l", "20"]] {
+    for manner in [
+        &[][..],
+        &["--mutual"],
+        &["--one-to-one"],
+        &["--transfer"],
+        &["--distance", "edges", "-l", "20"],
+        &["--refine", "laplacian"],
+    ] {
         let mut seen: Option<Vec<u8>> = None;
         for (threads, memory) in [("1", "512MiB"), ("3", "16MiB")] {
             let out = dir.path().join("m.npy");
@@ -185,6 +192,7 @@ fn what_makes_no_sense_is_refused_in_a_line() {
         (vec!["-o", out, "--vectors", "9"], 2, "from 2 to 8"),
         (vec!["-o", out, "--sigma", "0"], 2, "positive"),
         (vec!["-o", out, "--mutual", "--one-to-one"], 2, "cannot be used"),
+        (vec!["-o", out, "--refine", "cotangent"], 2, "choose from nystrom, laplacian, none"),
         (vec!["-o", out, "--alternative", "40"], 2, "count from 0"),
         (vec!["-o", out, "--carry", "x"], 2, "--carried"),
         (vec!["-q", "-o", out, "--carry", "nothing", "--carried", out], 1, "nothing"),
