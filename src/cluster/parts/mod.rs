@@ -22,6 +22,8 @@ pub mod hierarchy;
 pub mod hints;
 pub mod labelling;
 pub mod matrix;
+pub mod merge_features;
+pub mod merge_odds;
 pub mod regions;
 mod split;
 pub mod thickness;

@@ -5,19 +5,18 @@
 //! The order of merges: cost = W / min(A)^.75 · conv³ with W the strength of the common boundary, A the
 //! areas and conv the share of cell pairs across it that see each other as convex, relative to
 //! the regions' own shares, so that the inside of a cup stays whole. The probability that people
-//! keep the two in one part is a logistic function of that cost and nine other features, its
-//! constants fitted to the human segmentations of half of the Princeton benchmark (Chen,
-//! Golovinskiy, Funkhouser, SIGGRAPH 2009). The target of the fit is what most people do at a merge; its weight is
-//! how much that matters to the Rand index: |2t − 1| times the pairs it joins (to the
-//! power .6, so that few large merges do not decide), t being the share of people who join them.
-//! `tools/fit` fits them again.
+//! keep the two in one part comes from boosted trees ([`super::merge_odds`]) over that cost and other features of both regions and
+//! of their boundary ([`super::merge_features`]).
 //!
-//! Cost for R regions, some thirty: R costs per merge, R² comparisons at the most; nine R × R matrices.
+//! Cost for R regions, some thirty: R costs per merge, R² comparisons at the most; 23 R × R matrices.
 
 use super::cell_graph::CellGraph;
 use super::convexity::PairSums;
-use super::matrix::{Square, eigenvalues3};
+use super::matrix::Square;
+use super::merge_features::{FEATURES, merge_features};
+use super::merge_odds::BoostedTrees;
 use crate::spectral::anchor::AnchorEmbedding;
+use std::borrow::Cow;
 
 /// Coordinates of the mean embedding kept per region.
 pub const EMBEDDING_DIMENSIONS: usize = 12;
@@ -85,6 +84,51 @@ pub struct Regions {
     pub all: Square,
     /// |difference| of the logarithms of thickness over all those pairs.
     pub thickness_jump: Square,
+    /// Where and how sharp boundaries are (R × R, row-major): of the common boundary, and on the diagonal of the pairs of cells
+    /// within a region.
+    pub edges: Vec<EdgeSums>,
+    /// Length of the boundary of each region (R).
+    pub perimeter: Vec<f64>,
+}
+
+/// Numbers of [`EdgeSums`].
+const EDGE_SUMS: usize = 15;
+/// Concave angles above these count as concave, and as sharp; convex ones above the second as convex.
+const SHARP: [f64; 2] = [0.1, 0.3];
+
+/// Sums over pairs of touching cells, by the length of their common boundary L: \[L, L·x (3), L·(xx, yy, zz, xy, xz, yz),
+/// L·concave², L where concave > .1, L where concave > .3, L·convex, L where convex > .3\], x being the middle between the
+/// cells' centroids.
+pub type EdgeSums = [f64; EDGE_SUMS];
+
+/// The sums of pair `k` of touching cells.
+fn edge_sums(cells: &CellGraph, k: usize) -> EdgeSums {
+    let [i, j] = cells.pairs[k].map(|i| cells.centre[i as usize]);
+    let x: [f64; 3] = std::array::from_fn(|c| 0.5 * (i[c] + j[c]));
+    let (concave, convex) = (cells.concave[k], cells.convex[k]);
+    let above = |angle: f64, limit: f64| f64::from(u8::from(angle > limit));
+    [
+        1.0,
+        x[0],
+        x[1],
+        x[2],
+        x[0] * x[0],
+        x[1] * x[1],
+        x[2] * x[2],
+        x[0] * x[1],
+        x[0] * x[2],
+        x[1] * x[2],
+        concave * concave,
+        above(concave, SHARP[0]),
+        above(concave, SHARP[1]),
+        convex,
+        above(convex, SHARP[1]),
+    ]
+    .map(|sum| sum * cells.length[k])
+}
+
+fn add(to: &mut EdgeSums, sums: &EdgeSums) {
+    to.iter_mut().zip(sums).for_each(|(sum, x)| *sum += x);
 }
 
 impl Regions {
@@ -111,14 +155,21 @@ impl Regions {
             seen: zeros(),
             all: zeros(),
             thickness_jump: zeros(),
+            edges: vec![[0.0; EDGE_SUMS]; n * n],
+            perimeter: vec![0.0; n],
         };
         for (&r, q) in region.iter().zip(moments) {
             out.moments[r as usize].iter_mut().zip(q).for_each(|(sum, x)| *sum += x);
         }
         for (k, &[i, j]) in cells.pairs.iter().enumerate() {
             let (a, b) = (region[i as usize] as usize, region[j as usize] as usize);
+            let edge = edge_sums(cells, k);
+            add(&mut out.edges[a * n + b], &edge);
             if a != b {
+                add(&mut out.edges[b * n + a], &edge);
                 let length = cells.length[k];
+                out.perimeter[a] += length;
+                out.perimeter[b] += length;
                 let turning = cells.concave[k] + CONVEX_SHARE * cells.convex[k];
                 out.strength.add_both(a, b, length * (-turning / FADE).exp());
                 out.length.add_both(a, b, length);
@@ -167,8 +218,23 @@ impl Regions {
         self.moments[i][0]
     }
 
+    /// Sums over the common boundary of `i` and `j`, or within `i` where they are the same.
+    pub fn edge(&self, i: usize, j: usize) -> &EdgeSums {
+        &self.edges[i * self.len() + j]
+    }
+
     /// Adds region `j` to region `i`; `j`'s own sums are then stale.
     pub fn merge(&mut self, i: usize, j: usize) {
+        let n = self.len();
+        self.perimeter[i] = (self.perimeter[i] + self.perimeter[j] - 2.0 * self.length[(i, j)]).max(0.0);
+        let (common, within) = (*self.edge(i, j), *self.edge(j, j));
+        add(&mut self.edges[i * n + i], &common);
+        add(&mut self.edges[i * n + i], &within);
+        for k in (0..n).filter(|&k| k != i && k != j) {
+            let other = *self.edge(j, k);
+            add(&mut self.edges[i * n + k], &other);
+            self.edges[k * n + i] = self.edges[i * n + k];
+        }
         let other = self.moments[j];
         self.moments[i].iter_mut().zip(other).for_each(|(sum, x)| *sum += x);
         let Regions { strength, length, convex, concave, boundary_thickness, seen, all, thickness_jump, .. } = self;
@@ -182,118 +248,26 @@ impl Regions {
     }
 }
 
-/// The logarithm of the cost is clipped to ± this before it enters the probability.
-const COST_CLIP: f64 = 6.0;
-/// Least height of a region over its own centroid, in units of √(total area).
-const HEIGHT_FLOOR: f64 = 0.005;
-/// Number of features that the probability is made from.
-pub const FEATURES: usize = 10;
-
-/// The constants. The default ones are those of all decisions; others are for fitting them (`tools/fit`).
+/// What decides the order of merges and their probabilities. The default is that of all decisions; others are for fitting
+/// (`tools/fit`).
 #[derive(Clone, Debug, PartialEq)]
 pub struct MergeModel {
     /// Exponent of the smaller area in the cost.
     pub area_power: f64,
     /// Exponent of the relative convexity in the cost.
     pub convexity_power: f64,
-    /// Constant term of the log odds.
-    pub constant: f64,
-    /// Weights of the [`merge_features`] in the log odds.
-    pub weights: [f64; FEATURES],
+    /// Log odds that people keep two regions together, of the [`merge_features`].
+    pub odds: Cow<'static, BoostedTrees>,
 }
 
 impl Default for MergeModel {
     fn default() -> Self {
-        MergeModel {
-            area_power: 0.75,
-            convexity_power: 3.0,
-            constant: -6.581,
-            weights: [2.041, 1.444, 0.830, -0.544, -1.553, 1.541, 7.587, -5.470, -6.812, -8.383],
-        }
+        MergeModel { area_power: 0.75, convexity_power: 3.0, odds: Cow::Borrowed(BoostedTrees::fitted()) }
     }
 }
 
 fn log(x: f64) -> f64 {
     x.max(1e-6).ln()
-}
-
-/// The features of one region that the probability uses.
-struct RegionShape {
-    length: f64,
-    width: f64,
-    normal: f64,
-    height: f64,
-    embedding: [f64; EMBEDDING_DIMENSIONS],
-    log_thickness: f64,
-}
-
-impl RegionShape {
-    fn of(q: &CellMoments) -> RegionShape {
-        let a = q[0].max(1e-300);
-        let x: [f64; 3] = std::array::from_fn(|c| q[1 + c] / a);
-        let n: [f64; 3] = std::array::from_fn(|c| q[10 + c] / a);
-        let product = [(0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2)];
-        let e = eigenvalues3(std::array::from_fn(|k| q[4 + k] / a - x[product[k].0] * x[product[k].1]));
-        let root = |v: f64| v.max(1e-8).sqrt();
-        RegionShape {
-            length: root(e[0]),
-            width: root(e[1]),
-            normal: (n[0] * n[0] + n[1] * n[1] + n[2] * n[2]).sqrt(),
-            height: q[13] / a - (n[0] * x[0] + n[1] * x[1] + n[2] * x[2]),
-            embedding: std::array::from_fn(|k| q[14 + k] / a),
-            log_thickness: q[MOMENTS - 1] / a,
-        }
-    }
-}
-
-/// What the probability uses of the common boundary of two regions: means along it.
-struct SharedBoundary {
-    length: f64,
-    convex: f64,
-    concave: f64,
-    log_thickness: f64,
-    thickness_jump: f64,
-}
-
-impl SharedBoundary {
-    fn of(r: &Regions, i: usize, j: usize) -> SharedBoundary {
-        let length = r.length[(i, j)];
-        let mean = |sum: f64| sum / length.max(1e-300);
-        SharedBoundary {
-            length,
-            convex: mean(r.convex[(i, j)]),
-            concave: mean(r.concave[(i, j)]),
-            log_thickness: mean(r.boundary_thickness[(i, j)]),
-            thickness_jump: (r.thickness_jump[(i, j)] + 1e-12) / (r.all[(i, j)] + 1e-11),
-        }
-    }
-}
-
-/// The ten features of uniting neighbours `i` and `j` with the given logarithm of the cost: that, clipped; cosine of
-/// the mean embeddings; length of the smaller's mean normal (open patch 1, closed limb 0); |ln| of the ratio of widths;
-/// ln of the larger's length; ln of boundary over the smaller's height; mean convex angle of the boundary; root of the
-/// mean |difference| of ln thickness between cells on either side of it; its mean concave angle; ln of how much thinner
-/// the body is along it than in the thinner of the two (≤ 0).
-pub fn merge_features(r: &Regions, i: usize, j: usize, log_cost: f64) -> [f64; FEATURES] {
-    let (i, j) = if r.area(i) <= r.area(j) { (i, j) } else { (j, i) };
-    let boundary = SharedBoundary::of(r, i, j);
-    let (a, b) = (RegionShape::of(&r.moments[i]), RegionShape::of(&r.moments[j]));
-    let inner = |x: &[f64; EMBEDDING_DIMENSIONS], y: &[f64; EMBEDDING_DIMENSIONS]| {
-        x.iter().zip(y).map(|(x, y)| x * y).sum::<f64>()
-    };
-    let norm = inner(&a.embedding, &a.embedding).sqrt() * inner(&b.embedding, &b.embedding).sqrt();
-    [
-        log_cost.clamp(-COST_CLIP, COST_CLIP),
-        inner(&a.embedding, &b.embedding) / norm.max(1e-9),
-        a.normal,
-        (a.width / b.width).ln().abs(),
-        b.length.ln(),
-        (boundary.length.max(1e-6) / a.height.max(HEIGHT_FLOOR)).ln(),
-        boundary.convex,
-        boundary.thickness_jump.sqrt(),
-        boundary.concave,
-        (boundary.log_thickness - a.log_thickness.min(b.log_thickness)).min(0.0),
-    ]
 }
 
 impl MergeModel {
@@ -307,8 +281,7 @@ impl MergeModel {
 
     /// Probability that people keep two regions with such [`merge_features`] in one part.
     pub fn probability(&self, features: &[f64; FEATURES]) -> f64 {
-        let z = self.constant + features.iter().zip(&self.weights).map(|(x, w)| x * w).sum::<f64>();
-        1.0 / (1.0 + (-z).exp())
+        1.0 / (1.0 + (-self.odds.log_odds(features)).exp())
     }
 }
 

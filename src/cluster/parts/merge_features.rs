@@ -1,0 +1,146 @@
+//! What the probability of a merge is made from: measures of two regions and of their common boundary.
+//!
+//! All are free of the mesh's size and position. The first ten say how strong and how sharp the boundary is and what the two
+//! regions look like; the others say how much of the regions' boundaries it is, how much they see each other, what shape it
+//! has as a curve, how its angles vary, and how creased the regions are within.
+//!
+//! Cost: constant for a merge.
+
+use super::matrix::eigenvalues3;
+use super::regions::{CellMoments, EMBEDDING_DIMENSIONS, EdgeSums, MOMENTS, Regions};
+
+/// The logarithm of the cost is clipped to ± this before it enters the probability.
+const COST_CLIP: f64 = 6.0;
+/// Least height of a region over its own centroid, in units of √(total area).
+const HEIGHT_FLOOR: f64 = 0.005;
+/// Number of features that the probability is made from.
+pub const FEATURES: usize = 30;
+
+fn log(x: f64) -> f64 {
+    x.max(1e-6).ln()
+}
+
+/// Roots of the eigenvalues, greatest first, of a distribution with the given means of x and of its products.
+fn extents(mean: [f64; 3], products: [f64; 6]) -> [f64; 3] {
+    let of = [(0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2)];
+    let e = eigenvalues3(std::array::from_fn(|k| products[k] - mean[of[k].0] * mean[of[k].1]));
+    e.map(|v| v.max(1e-8).sqrt())
+}
+
+/// The features of one region that the probability uses.
+struct RegionShape {
+    length: f64,
+    width: f64,
+    normal: f64,
+    height: f64,
+    embedding: [f64; EMBEDDING_DIMENSIONS],
+    log_thickness: f64,
+}
+
+impl RegionShape {
+    fn of(q: &CellMoments) -> RegionShape {
+        let a = q[0].max(1e-300);
+        let x: [f64; 3] = std::array::from_fn(|c| q[1 + c] / a);
+        let n: [f64; 3] = std::array::from_fn(|c| q[10 + c] / a);
+        let [length, width, _] = extents(x, std::array::from_fn(|k| q[4 + k] / a));
+        RegionShape {
+            length,
+            width,
+            normal: (n[0] * n[0] + n[1] * n[1] + n[2] * n[2]).sqrt(),
+            height: q[13] / a - (n[0] * x[0] + n[1] * x[1] + n[2] * x[2]),
+            embedding: std::array::from_fn(|k| q[14 + k] / a),
+            log_thickness: q[MOMENTS - 1] / a,
+        }
+    }
+}
+
+/// What the probability uses of the common boundary of two regions: means along it.
+struct SharedBoundary {
+    length: f64,
+    convex: f64,
+    concave: f64,
+    log_thickness: f64,
+    thickness_jump: f64,
+}
+
+impl SharedBoundary {
+    fn of(r: &Regions, i: usize, j: usize) -> SharedBoundary {
+        let length = r.length[(i, j)];
+        let mean = |sum: f64| sum / length.max(1e-300);
+        SharedBoundary {
+            length,
+            convex: mean(r.convex[(i, j)]),
+            concave: mean(r.concave[(i, j)]),
+            log_thickness: mean(r.boundary_thickness[(i, j)]),
+            thickness_jump: (r.thickness_jump[(i, j)] + 1e-12) / (r.all[(i, j)] + 1e-11),
+        }
+    }
+}
+
+/// The shape of a boundary as a curve, and how its angles vary: ln of its second and of its third extent over the first (0
+/// and little: a flat ring); ln of its length over its extent; deviation of the concave angle; share of it that is concave,
+/// and sharply so; mean convex angle at radius .02; share of it that is sharply convex.
+fn curve(sums: &EdgeSums, concave: f64) -> [f64; 8] {
+    let length = sums[0].max(1e-12);
+    let mean: [f64; 3] = std::array::from_fn(|c| sums[1 + c] / length);
+    let [first, second, third] = extents(mean, std::array::from_fn(|k| sums[4 + k] / length));
+    [
+        log(second / first),
+        log(third / first),
+        log(sums[0] / first),
+        (sums[10] / length - concave * concave).max(0.0).sqrt(),
+        sums[11] / length,
+        sums[12] / length,
+        sums[13] / length,
+        sums[14] / length,
+    ]
+}
+
+/// How creased a region is within: mean squared concave angle, concave share, mean convex angle.
+fn creases(sums: &EdgeSums) -> [f64; 3] {
+    [10, 11, 13].map(|k| sums[k] / sums[0].max(1e-9))
+}
+
+/// The features of uniting neighbours `i` and `j` with the given logarithm of the cost, in this order:
+///
+/// - 0: that, clipped; 1: cosine of the mean embeddings;
+/// - 2: length of the smaller's mean normal (open patch 1, closed limb 0); 3: |ln| of the ratio of widths; 4: ln of the
+///   larger's length; 5: ln of boundary over the smaller's height;
+/// - 6: mean convex angle of the boundary at radius .04; 7: root of the mean |difference| of ln thickness between cells on either
+///   side of it; 8: its mean concave angle; 9: ln of how much thinner the body is along it than in the thinner of the two (≤ 0);
+/// - 10: the boundary's share of the smaller's perimeter, 11: of the larger's; 12: share of pairs of cells that see each other as
+///   convex across the boundary, 13 and 14: within the smaller and the larger, 15: within both together;
+/// - 16 to 23: its shape as a curve and how its angles vary; 24 to 29: how creased the two are within.
+pub fn merge_features(r: &Regions, i: usize, j: usize, log_cost: f64) -> [f64; FEATURES] {
+    let (i, j) = if r.area(i) <= r.area(j) { (i, j) } else { (j, i) };
+    let boundary = SharedBoundary::of(r, i, j);
+    let (a, b) = (RegionShape::of(&r.moments[i]), RegionShape::of(&r.moments[j]));
+    let inner = |x: &[f64; EMBEDDING_DIMENSIONS], y: &[f64; EMBEDDING_DIMENSIONS]| {
+        x.iter().zip(y).map(|(x, y)| x * y).sum::<f64>()
+    };
+    let norm = inner(&a.embedding, &a.embedding).sqrt() * inner(&b.embedding, &b.embedding).sqrt();
+    let share = |seen: f64, all: f64| (seen + 1e-12) / (all + 1e-12);
+    let both = |sums: &super::matrix::Square| sums[(i, i)] + sums[(j, j)] + 2.0 * sums[(i, j)];
+    let main = [
+        log_cost.clamp(-COST_CLIP, COST_CLIP),
+        inner(&a.embedding, &b.embedding) / norm.max(1e-9),
+        a.normal,
+        (a.width / b.width).ln().abs(),
+        b.length.ln(),
+        (boundary.length.max(1e-6) / a.height.max(HEIGHT_FLOOR)).ln(),
+        boundary.convex,
+        boundary.thickness_jump.sqrt(),
+        boundary.concave,
+        (boundary.log_thickness - a.log_thickness.min(b.log_thickness)).min(0.0),
+        boundary.length / r.perimeter[i].max(1e-9),
+        boundary.length / r.perimeter[j].max(1e-9),
+        share(r.seen[(i, j)], r.all[(i, j)]),
+        share(r.seen[(i, i)], r.all[(i, i)]),
+        share(r.seen[(j, j)], r.all[(j, j)]),
+        share(both(&r.seen), both(&r.all)),
+    ];
+    let rest = curve(r.edge(i, j), boundary.concave).into_iter().chain(creases(r.edge(i, i))).chain(creases(r.edge(j, j)));
+    let mut out = [0.0; FEATURES];
+    out.iter_mut().zip(main.into_iter().chain(rest)).for_each(|(slot, x)| *slot = x);
+    out
+}

@@ -1,0 +1,84 @@
+#!/usr/bin/env python3
+"""Fits the trees that say how probably people keep two regions in one part (src/cluster/parts/merge_odds.rs).
+
+tools/fit/boost.py EXAMPLES.npy FOLDER
+
+EXAMPLES.npy comes from `cargo run --release --example fit -- BENCHMARK --examples EXAMPLES.npy --seeds 4`. FOLDER gets all.json,
+fitted to all models, half-0.json and half-1.json, for judging one half of each category by the other, and fold-0.json to
+fold-4.json, for judging categories by others. Needs LightGBM and NumPy; one thread, so that the same examples give the same
+trees.
+"""
+
+import json
+import pathlib
+import sys
+
+import lightgbm
+import numpy as np
+
+KEYS = 6  # model, category, position, seed, share of people who join, pairs
+DEPTH, ROUNDS = 3, 150
+POWER = 0.6  # of the pairs in the weight of a merge
+PARAMS = {
+    "objective": "cross_entropy",
+    "max_depth": DEPTH,
+    "num_leaves": 1 << DEPTH,
+    "learning_rate": 0.05,
+    "lambda_l2": 50,
+    "min_data_in_leaf": 400,
+    "feature_fraction": 0.5,
+    "bagging_fraction": 0.5,
+    "bagging_freq": 1,
+    "seed": 1,
+    "deterministic": True,
+    "num_threads": 1,
+    "verbosity": -1,
+}
+
+
+def full(tree):
+    """A tree's features, thresholds and leaves with every leaf at the same depth: those higher up are repeated."""
+    feature, threshold, leaf = [], [], []
+    level = [tree]
+    for _ in range(DEPTH):
+        below = []
+        for node in level:
+            split = "split_feature" in node
+            feature.append(node["split_feature"] if split else 0)
+            threshold.append(node["threshold"] if split else 0.0)
+            below += [node["left_child"], node["right_child"]] if split else [node, node]
+        level = below
+    return feature, threshold, [node["leaf_value"] for node in level]
+
+
+def fit(features, together, pairs, chosen):
+    weight = np.abs(2 * together - 1) * pairs**POWER
+    data = lightgbm.Dataset(features[chosen], together[chosen] > 0.5, weight=weight[chosen] / weight[chosen].mean())
+    model = lightgbm.train(PARAMS, data, ROUNDS).dump_model()
+    trees = [full(info["tree_structure"]) for info in model["tree_info"]]
+    rounded = lambda values, digits: [float(f"{x:.{digits}g}") for x in values]
+    return {
+        "depth": DEPTH,
+        "feature": [x for tree in trees for x in tree[0]],
+        "threshold": rounded([x for tree in trees for x in tree[1]], 7),
+        "leaf": rounded([x for tree in trees for x in tree[2]], 5),
+    }
+
+
+def main():
+    examples, folder = np.load(sys.argv[1]), pathlib.Path(sys.argv[2])
+    examples = examples.reshape(len(examples), -1)
+    category, position = examples[:, 1].astype(int), examples[:, 2].astype(int)
+    together, pairs, features = examples[:, 4], examples[:, 5], examples[:, KEYS:]
+    wanted = {"all": np.ones(len(examples), bool)}
+    wanted |= {f"half-{k}": position % 2 != k for k in range(2)}
+    wanted |= {f"fold-{k}": category % 5 != k for k in range(5)}
+    folder.mkdir(parents=True, exist_ok=True)
+    for name, chosen in wanted.items():
+        text = json.dumps(fit(features, together, pairs, chosen), separators=(",", ":"))
+        (folder / f"{name}.json").write_text(text + "\n")
+        print(name, chosen.sum(), "examples", len(text), "bytes", flush=True)
+
+
+if __name__ == "__main__":
+    main()
