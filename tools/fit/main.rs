@@ -82,7 +82,10 @@ fn write_examples(path: &Path, all: &[Grown], models: &[data::Model]) -> Result<
     let row = |grown: &Grown, e: &trees::Example| {
         let data::Model { category, position, .. } = models[grown.model];
         let key = [grown.model, category, position, grown.seed as usize].map(|x| x as f32);
-        key.into_iter().chain([e.together as f32, e.pairs as f32]).chain(e.features.map(|x| x as f32)).collect::<Vec<f32>>()
+        key.into_iter()
+            .chain([e.together as f32, e.pairs as f32])
+            .chain(e.features.map(|x| x as f32))
+            .collect::<Vec<f32>>()
     };
     let rows: Vec<f32> = all.iter().flat_map(|grown| grown.trees.examples.iter().flat_map(|e| row(grown, e))).collect();
     npy::write(path, &rows, FEATURES + 6, false)?;

@@ -139,7 +139,8 @@ pub fn merge_features(r: &Regions, i: usize, j: usize, log_cost: f64) -> [f64; F
         share(r.seen[(j, j)], r.all[(j, j)]),
         share(both(&r.seen), both(&r.all)),
     ];
-    let rest = curve(r.edge(i, j), boundary.concave).into_iter().chain(creases(r.edge(i, i))).chain(creases(r.edge(j, j)));
+    let rest =
+        curve(r.edge(i, j), boundary.concave).into_iter().chain(creases(r.edge(i, i))).chain(creases(r.edge(j, j)));
     let mut out = [0.0; FEATURES];
     out.iter_mut().zip(main.into_iter().chain(rest)).for_each(|(slot, x)| *slot = x);
     out

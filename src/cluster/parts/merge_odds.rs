@@ -95,7 +95,9 @@ mod tests {
             trees.log_odds(&features)
         };
         assert_eq!([at(0.5, 1.0), at(0.5, 1.1), at(0.6, 2.0), at(0.6, f64::INFINITY)], [1.0, 2.0, 3.0, 4.0]);
-        for wrong in [text.replace("[0,1,1]", "[0,1]"), text.replace("[0,1,1]", "[0,1,99]"), text.replace(":2,", ":70,")] {
+        for wrong in
+            [text.replace("[0,1,1]", "[0,1]"), text.replace("[0,1,1]", "[0,1,99]"), text.replace(":2,", ":70,")]
+        {
             assert_eq!(BoostedTrees::parse(&wrong), None);
         }
     }
