@@ -1,9 +1,9 @@
 //! `--edits`, `--hints` and `--like`: what a person corrects, and parts carried to meshes of a kind.
 
+use super::input::read;
 use super::method::PartsArgs;
 use super::options::{CliError, ForceArgs, misfit};
 use super::picture::{has_labels, labels_of_mesh};
-use super::stages::read;
 use nystrom_stream::apps::colours::colours_for;
 use nystrom_stream::apps::edits::{Edits, read_names};
 use nystrom_stream::base::Error;

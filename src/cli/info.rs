@@ -1,9 +1,9 @@
 //! `info` and `verify`: what a work directory or a mesh holds and measures, and whether a work directory still does.
 
+use super::input::read;
 use super::options::{AppContext, CliError, ForceArgs, RunArgs, WorkDirArgs, either};
 use super::output::{JsonArgs, Significant, folder_of};
 use super::progress::{counted, human, tell};
-use super::stages::read;
 use nystrom_stream::apps::measure::{self, MeshMeasures};
 use nystrom_stream::base::Result;
 use nystrom_stream::base::printable::line;

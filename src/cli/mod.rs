@@ -8,6 +8,7 @@ mod edits;
 mod evaluate;
 mod help;
 mod info;
+mod input;
 mod made;
 mod method;
 mod options;

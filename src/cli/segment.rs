@@ -4,12 +4,13 @@
 //! and memory evenly, so what one mesh gets depends on `--jobs` alone. A mesh that fails is reported, and the rest goes on.
 
 use super::edits::{EditArgs, Like, LikeArgs, corrections, named as give_names};
+use super::input::read;
 use super::made::Maker;
 use super::method::{MethodArgs, check_count};
 use super::options::{AppContext, CliError, ForceArgs, RunArgs};
 use super::output::{ENDINGS, FormArgs, JsonArgs, Output, Results, folder_of, measured};
 use super::progress::{Bars, BatchBars, Style, counted, human, tell};
-use super::stages::{KeptEmbedding, embedding, read};
+use super::stages::{KeptEmbedding, embedding};
 use nystrom_stream::apps::edits::Edits;
 use nystrom_stream::base::parallel::catch;
 use nystrom_stream::base::{Error, Progress, Result};

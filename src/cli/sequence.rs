@@ -1,9 +1,9 @@
 //! `sequence`: an order to stream a mesh in.
 
 use super::choices::choice;
+use super::input::read;
 use super::options::{AppContext, CliError, ForceArgs, RunArgs};
 use super::output::{JsonArgs, folder_of, print};
-use super::stages::read;
 use nystrom_stream::apps::picture::{PictureParams, render};
 use nystrom_stream::apps::sequence::{ComparedOrder, SequenceOrder, gradient, table};
 use nystrom_stream::mesh::Mesh;

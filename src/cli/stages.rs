@@ -3,6 +3,7 @@
 //! `graph` needs the mesh; the others find in the work directory which mesh it was, and make what is missing before them.
 
 use super::edits::{EditArgs, corrections, named};
+use super::input::read;
 use super::method::{KernelArgs, MethodArgs, OrderArgs, PartsArgs, check_count};
 use super::options::{AppContext, CliError, ForceArgs, RunArgs, WorkDirArgs, misfit, open};
 use super::output::{FormArgs, JsonArgs, Output, Results, print};
@@ -150,9 +151,6 @@ pub struct ExportArgs {
     pub run: RunArgs,
 }
 
-/// What standard input is spooled to in a work directory.
-const SPOOLED: &str = "input";
-
 /// Opens a work directory that must be there; the run gets its seed.
 fn reopen<'a>(place: &Place, args: &RunArgs, run: Run<'a>) -> Result<(WorkDir, Record, Run<'a>), CliError> {
     drop(WorkDir::open_existing(&place.work_dir)?);
@@ -181,43 +179,6 @@ fn answer_with(json: &JsonArgs, mut told: Value, start: Instant, bars: &Bars) ->
     seconds.insert("total".into(), start.elapsed().as_secs_f64());
     told["seconds"] = json!(seconds);
     Ok(json.publish(&told)?)
-}
-
-/// Opens the mesh at `path`, or that on standard input, and tells which it is. A work directory of another mesh is refused without
-/// `force`, before anything in it changes.
-pub fn read(path: &Path, force: ForceArgs, context: Context<'_>) -> Result<(mesh::Mesh, Value), Error> {
-    let Context { work, run } = context;
-    let lasting = !work.is_temporary() && !force.force;
-    if path.as_os_str() == "-" {
-        return piped(lasting, context);
-    }
-    let identity = input::identity(path)?;
-    if lasting {
-        input::admit(path, &identity, work)?;
-    }
-    let (opened, _) = run.stage("read", "bytes", 0, || mesh::open(path, work.path(), run))?;
-    Ok((opened, identity))
-}
-
-/// The mesh on standard input, which is spooled into the work directory. Which mesh it is shows only then, so the one that is
-/// there steps aside until the other is `admitted`.
-fn piped(admitted: bool, context: Context<'_>) -> Result<(mesh::Mesh, Value), Error> {
-    let Context { work, run } = context;
-    let (input, aside) = (work.file(SPOOLED), work.file("input.before.tmp"));
-    let kept = admitted && std::fs::rename(&input, &aside).is_ok();
-    let read = || mesh::open_reader(std::io::stdin().lock(), "<stdin>", work.path(), run);
-    let result = run.stage("read", "bytes", 0, read).map(|(opened, _)| opened).and_then(|opened| {
-        let identity = json!({"stdin": workdir::checksum(&input)?});
-        if admitted {
-            input::admit(Path::new("-"), &identity, work)?;
-        }
-        Ok((opened, identity))
-    });
-    match &result {
-        Err(_) if kept => drop(std::fs::rename(&aside, &input)),
-        _ => work.remove("input.before.tmp"),
-    }
-    result
 }
 
 /// Shard and number of shards from "0/3".

@@ -21,7 +21,7 @@ use nystrom_stream::base::{Error, Result};
 use nystrom_stream::cluster::parts::PartsParams;
 use nystrom_stream::cluster::parts::merge_features::FEATURES;
 use nystrom_stream::cluster::parts::merge_odds::BoostedTrees;
-use nystrom_stream::cluster::parts::regions::MergeModel;
+use nystrom_stream::cluster::parts::merges::MergeModel;
 use nystrom_stream::store::Run;
 use nystrom_stream::store::npy;
 use std::borrow::Cow;

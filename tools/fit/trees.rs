@@ -5,7 +5,7 @@ use nystrom_stream::base::Result;
 use nystrom_stream::cluster::parts::ensemble::{OverSegmentation, draw_ensemble, mean_over_ensemble};
 use nystrom_stream::cluster::parts::labelling::soft_hierarchy;
 use nystrom_stream::cluster::parts::merge_features::FEATURES;
-use nystrom_stream::cluster::parts::regions::{MergeModel, RegionMerge, meeting_probability, merges};
+use nystrom_stream::cluster::parts::merges::{MergeModel, RegionMerge, meeting_probability, merges};
 use nystrom_stream::cluster::parts::{CellGraph, PartsParams, Superfaces};
 use nystrom_stream::spectral::anchor::LandmarkDistances;
 use nystrom_stream::store::Run;

@@ -14,7 +14,7 @@ use super::ensemble::{OverSegmentation, OverSegmentationParams, Superfaces, draw
 use super::hierarchy::{CellUnion, PartTree};
 use super::labelling::{Linkage, LinkageRank, between, unions_within};
 use super::matrix::Square;
-use super::regions::{MergeModel, classes_after, meeting_probability, merges};
+use super::merges::{MergeModel, classes_after, meeting_probability, merges};
 use crate::base::Result;
 use crate::base::random::{stream, unit};
 use crate::spectral::anchor::LandmarkDistances;

@@ -2,7 +2,7 @@
 //!
 //! One over-segmentation is an anchor embedding, K-means, connected pieces, and islands joined to their neighbours. The
 //! intersections of all of them are the superfaces, a few hundred. Each over-segmentation is merged down to one part
-//! ([`super::regions`]), which gives a probability for any two superfaces; the mean over the ensemble is the
+//! ([`super::merges`]), which gives a probability for any two superfaces; the mean over the ensemble is the
 //! co-association, R × R. One run would decide by the chance of its own K-means; twelve agree far better with people.
 //!
 //! Cost: constant in the size of the mesh; 8 R² bytes.
@@ -11,9 +11,8 @@ use super::cell_graph::{CellGraph, class_sums, connected_pieces, intersect, join
 use super::cell_kmeans::CellKMeans;
 use super::convexity::{PairSums, WIDTHS, convexity};
 use super::matrix::Square;
-use super::regions::{
-    CellMoments, EMBEDDING_DIMENSIONS, MergeModel, RegionLabels, Regions, cell_moments, meeting_probability, merges,
-};
+use super::merges::{MergeModel, meeting_probability, merges};
+use super::regions::{CellMoments, EMBEDDING_DIMENSIONS, RegionLabels, Regions, cell_moments};
 use super::thickness::log_thickness;
 use crate::base::Result;
 use crate::base::random::{Random, below, stream};

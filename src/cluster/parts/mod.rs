@@ -3,8 +3,8 @@
 //! The input is the cell graph and the landmark distances averaged over cells.
 //! - [`ensemble`] over-segments the cells twelve times (embedding of [`crate::spectral::anchor`], [`cell_kmeans`]), each
 //!   time from a random subset of the landmarks.
-//! - [`regions`] merges each over-segmentation down to one part and tells at each merge how probably people keep the two
-//!   sides together, from sums over regions, [`convexity`] and [`thickness`].
+//! - [`merges`] merges each over-segmentation down to one part and tells at each merge how probably people keep the two
+//!   sides together ([`merge_odds`]), from sums over [`regions`], [`convexity`] and [`thickness`].
 //! - The mean over the ensemble is the co-association: a probability for any two [`Superfaces`].
 //! - [`labelling`] finds the labels of the greatest expected Rand index, and a whole [`hierarchy`] around them.
 //! - [`hints`] changes a labelling as people ask; `split` divides a part further along the hierarchy.
@@ -24,6 +24,7 @@ pub mod labelling;
 pub mod matrix;
 pub mod merge_features;
 pub mod merge_odds;
+pub mod merges;
 pub mod regions;
 mod split;
 pub mod thickness;
@@ -222,7 +223,7 @@ pub fn decide(
                 let ensemble = ensemble::draw_ensemble(&cells, &rows, params.ensemble_size, "parts member", run)?;
                 let superfaces = Superfaces::of(&cells, &rows, &ensemble, run)?;
                 let co_association =
-                    ensemble::co_association(&cells, &superfaces, &ensemble, &regions::MergeModel::default(), run)?;
+                    ensemble::co_association(&cells, &superfaces, &ensemble, &merges::MergeModel::default(), run)?;
                 let tree = labelling::soft_hierarchy(&cells, &superfaces, &co_association, params.small_part, run)?;
                 Ok(PartDecision { superfaces, co_association, tree })
             }

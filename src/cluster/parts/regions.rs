@@ -1,22 +1,14 @@
-//! Regions of cells: their sums, what speaks for uniting two of them, and merging all the way down.
+//! Regions of cells: their sums.
 //!
-//! Sums over cells ([`Regions`]) add up when regions merge, so no merge looks at a cell again.
+//! Sums over cells ([`Regions`]) add up when regions merge, so no merge looks at a cell again. What a merge costs, and how
+//! probable it is that people would make it, comes from these sums alone ([`super::merge_features`], [`super::merges`]).
 //!
-//! The order of merges: cost = W / min(A)^.75 · conv³ with W the strength of the common boundary, A the
-//! areas and conv the share of cell pairs across it that see each other as convex, relative to
-//! the regions' own shares, so that the inside of a cup stays whole. The probability that people
-//! keep the two in one part comes from boosted trees ([`super::merge_odds`]) over that cost and other features of both regions and
-//! of their boundary ([`super::merge_features`]).
-//!
-//! Cost for R regions, some thirty: R costs per merge, R² comparisons at the most; 23 R × R matrices.
+//! Cost for R regions, some thirty: 23 R × R matrices.
 
 use super::cell_graph::CellGraph;
 use super::convexity::PairSums;
 use super::matrix::Square;
-use super::merge_features::{FEATURES, merge_features};
-use super::merge_odds::BoostedTrees;
 use crate::spectral::anchor::AnchorEmbedding;
-use std::borrow::Cow;
 
 /// Coordinates of the mean embedding kept per region.
 pub const EMBEDDING_DIMENSIONS: usize = 12;
@@ -246,144 +238,4 @@ impl Regions {
             boundary[(i, i)] = 0.0;
         }
     }
-}
-
-/// What decides the order of merges and their probabilities. The default is that of all decisions; others are for fitting
-/// (`tools/fit`).
-#[derive(Clone, Debug, PartialEq)]
-pub struct MergeModel {
-    /// Exponent of the smaller area in the cost.
-    pub area_power: f64,
-    /// Exponent of the relative convexity in the cost.
-    pub convexity_power: f64,
-    /// Log odds that people keep two regions together, of the [`merge_features`].
-    pub odds: Cow<'static, BoostedTrees>,
-}
-
-impl Default for MergeModel {
-    fn default() -> Self {
-        MergeModel { area_power: 0.75, convexity_power: 3.0, odds: Cow::Borrowed(BoostedTrees::fitted()) }
-    }
-}
-
-fn log(x: f64) -> f64 {
-    x.max(1e-6).ln()
-}
-
-impl MergeModel {
-    /// Natural logarithm of the cost of uniting regions `i` and `j`: the greater the sooner.
-    pub fn log_cost(&self, r: &Regions, i: usize, j: usize) -> f64 {
-        let share = |a: usize, b: usize, e: f64| (r.seen[(a, b)] + e) / (r.all[(a, b)] + e);
-        let own = share(i, i, 1e-9) * share(j, j, 1e-9);
-        let conv = (share(i, j, 1e-12) / own.sqrt().max(1e-12)).min(1.0);
-        log(r.strength[(i, j)]) - self.area_power * log(r.area(i).min(r.area(j))) + self.convexity_power * log(conv)
-    }
-
-    /// Probability that people keep two regions with such [`merge_features`] in one part.
-    pub fn probability(&self, features: &[f64; FEATURES]) -> f64 {
-        1.0 / (1.0 + (-self.odds.log_odds(features)).exp())
-    }
-}
-
-/// One union: region `j` goes into region `i` < `j`, which keeps its name.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct RegionMerge {
-    /// The region that stays.
-    pub i: usize,
-    /// The region that ends.
-    pub j: usize,
-    /// Natural logarithm of the cost at which they merged.
-    pub log_cost: f64,
-    /// What the probability is made from.
-    pub features: [f64; FEATURES],
-    /// Probability that people keep them in one part.
-    pub probability: f64,
-}
-
-/// All merges in order, until no two regions touch or `stop(ln cost, regions left)` says so.
-pub fn merges(mut r: Regions, model: &MergeModel, mut stop: impl FnMut(f64, usize) -> bool) -> Vec<RegionMerge> {
-    let n = r.len();
-    let mut alive = vec![true; n];
-    let mut cost = Square::from_values(n, vec![f64::NEG_INFINITY; n * n]);
-    for i in 0..n {
-        for j in (i + 1..n).filter(|&j| r.length[(i, j)] > 0.0) {
-            cost[(i, j)] = model.log_cost(&r, i, j);
-        }
-    }
-    // The greatest of each row right of the diagonal; rows are rescanned only when theirs changes.
-    let scan = |cost: &Square, i: usize| {
-        let mut best = (f64::NEG_INFINITY, n);
-        for (j, &c) in cost.row(i).iter().enumerate().skip(i + 1) {
-            if c > best.0 {
-                best = (c, j);
-            }
-        }
-        best
-    };
-    let mut best: Vec<(f64, usize)> = (0..n).map(|i| scan(&cost, i)).collect();
-    let mut out = Vec::new();
-    loop {
-        let mut top = (f64::NEG_INFINITY, n, n);
-        for (i, &(c, j)) in best.iter().enumerate() {
-            if c > top.0 {
-                top = (c, i, j);
-            }
-        }
-        let (c, i, j) = top;
-        if j == n || stop(c, n - out.len()) {
-            return out;
-        }
-        let features = merge_features(&r, i, j, c);
-        out.push(RegionMerge { i, j, log_cost: c, features, probability: model.probability(&features) });
-        r.merge(i, j);
-        alive[j] = false;
-        for k in 0..n {
-            for e in [i, j] {
-                cost[(e.min(k), e.max(k))] = f64::NEG_INFINITY;
-            }
-        }
-        for k in (0..n).filter(|&k| k != i && alive[k] && r.length[(i, k)] > 0.0) {
-            cost[(i.min(k), i.max(k))] = model.log_cost(&r, i, k);
-        }
-        best[j] = (f64::NEG_INFINITY, n);
-        best[i] = scan(&cost, i);
-        for k in (0..n).filter(|&k| k != i && alive[k]) {
-            let fresh = if k < i { cost[(k, i)] } else { f64::NEG_INFINITY };
-            if best[k].1 == i || best[k].1 == j {
-                best[k] = scan(&cost, k);
-            } else if fresh > best[k].0 || (fresh == best[k].0 && fresh > f64::NEG_INFINITY && i < best[k].1) {
-                best[k] = (fresh, i);
-            }
-        }
-    }
-}
-
-/// The probability at the lowest common merge of any two of `n` regions: 1 on the diagonal, 0
-/// for regions that never meet.
-pub fn meeting_probability(n: usize, merges: &[RegionMerge]) -> Square {
-    let mut p = Square::zeros(n);
-    let mut merged_into: Vec<Vec<usize>> = (0..n).map(|i| vec![i]).collect();
-    for i in 0..n {
-        p[(i, i)] = 1.0;
-    }
-    for m in merges {
-        let joined = std::mem::take(&mut merged_into[m.j]);
-        for &a in &merged_into[m.i] {
-            for &b in &joined {
-                p[(a, b)] = m.probability;
-                p[(b, a)] = m.probability;
-            }
-        }
-        merged_into[m.i].extend(joined);
-    }
-    p
-}
-
-/// The class of each of `n` regions after the first merges, named by its least region.
-pub fn classes_after(n: usize, merges: &[RegionMerge]) -> Vec<u32> {
-    let mut into: Vec<u32> = (0..n as u32).collect();
-    for m in merges {
-        into.iter_mut().filter(|k| **k == m.j as u32).for_each(|k| *k = m.i as u32);
-    }
-    into
 }
