@@ -156,6 +156,9 @@ impl Corrections<'_> {
     }
 }
 
+/// Given a label per cell and some nodes: the part of each of these nodes once boundaries are refined.
+pub(super) type PartsSeen<'a> = &'a dyn Fn(&[u32], &[u32]) -> Result<Vec<u32>>;
+
 /// A surface on which edits are followed.
 #[derive(Clone, Copy)]
 pub(super) struct OnCells<'a> {
@@ -166,7 +169,7 @@ pub(super) struct OnCells<'a> {
     /// The cell of a node.
     pub cell: &'a dyn Fn(u32) -> u32,
     /// The parts of some nodes under labels of cells, once boundaries are refined.
-    pub seen: &'a dyn Fn(&[u32], &[u32]) -> Result<Vec<u32>>,
+    pub seen: PartsSeen<'a>,
     /// How far cells belong together.
     pub affinities: Affinities<'a>,
     /// Their hierarchy.

@@ -372,7 +372,7 @@ pub fn open_shaped<T: Item>(path: &Path) -> Result<(MappedSlice<T>, Vec<u64>)> {
     let bytes = MappedBytes::open(path)?;
     let (shape, offset) = parse_header::<T>(path, &bytes)?;
     let len = shape.iter().product::<u64>() as usize;
-    if len % T::WIDTH != 0 {
+    if !len.is_multiple_of(T::WIDTH) {
         return Err(Error::malformed(path, "header", format!("shape {shape:?}"), "make the file again"));
     }
     Ok((bytes.slice(path, offset, len / T::WIDTH)?, shape))
