@@ -62,7 +62,7 @@ impl DecisionStage<'_> {
 
 impl Stage for DecisionStage<'_> {
     const NAME: &'static str = "decision";
-    const VERSION: u32 = 3;
+    const VERSION: u32 = 4;
     type Facts = DecisionFacts;
     type Output = (PartDecision, DecisionFacts);
 
