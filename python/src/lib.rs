@@ -6,10 +6,12 @@
 
 mod arrays;
 mod correspond;
+mod decision;
 mod listener;
 mod mesh;
 mod tasks;
 
+use decision::PyDecision;
 use listener::Listener;
 use mesh::PyMesh;
 use numpy::{PyArray1, PyArray2, PyArrayMethods, PyReadonlyArray1, ToPyArray};
@@ -116,7 +118,7 @@ type Cut<'py> = (
     Bound<'py, PyArray2<u8>>,
     Option<String>,
     Option<Bound<'py, PyArray1<u32>>>,
-    Option<(String, Vec<u32>)>,
+    Option<PyDecision>,
     Vec<String>,
     String,
 );
@@ -162,10 +164,8 @@ fn segment<'py>(
         colours.as_flattened().to_pyarray(py).reshape([colours.len(), 3])?,
         cut.hierarchy().map(|hierarchy| json(serde_json::to_string(hierarchy.tree()))).transpose()?,
         cut.hierarchy().map(|hierarchy| PyArray1::from_slice(py, hierarchy.cells())),
-        match cut.hierarchy() {
-            Some(hierarchy) => Some((hierarchy.decision().text().map_err(raised)?, cut.cell_labels().to_vec())),
-            None => None,
-        },
+        cut.hierarchy()
+            .map(|hierarchy| PyDecision { kept: hierarchy.decision().clone(), start: cut.cell_labels().to_vec() }),
         cut.names().to_vec(),
         json(serde_json::to_string(cut.report()))?,
     ))
@@ -182,6 +182,7 @@ fn default_params() -> PyResult<String> {
 fn _native(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add("__version__", env!("CARGO_PKG_VERSION"))?;
     module.add_class::<PyMesh>()?;
+    module.add_class::<PyDecision>()?;
     module.add_function(wrap_pyfunction!(segment, module)?)?;
     module.add_function(wrap_pyfunction!(default_params, module)?)?;
     module.add_function(wrap_pyfunction!(correspond::correspond, module)?)?;

@@ -1,19 +1,19 @@
 //! What is done with a mesh besides cutting it, and with labels: one function each, called by the Python side.
 
+use super::decision::PyDecision;
 use super::listener::Listener;
 use super::mesh::PyMesh;
 use super::{detached, raised, with_options};
 use numpy::{PyArray1, PyArray3, PyArrayMethods, PyReadonlyArray1, PyReadonlyArray2, ToPyArray};
 use nystrom_stream::apps::colours::colours_for;
-use nystrom_stream::apps::measure;
 use nystrom_stream::apps::edits::Edits;
+use nystrom_stream::apps::measure;
 use nystrom_stream::apps::page::{CellModel, Cuts, Page};
 use nystrom_stream::apps::picture::{PictureParams, render};
 use nystrom_stream::apps::sequence::SequenceOrder;
 use nystrom_stream::cluster::parts::PartTree;
 use nystrom_stream::landmarks::Sampling;
 use nystrom_stream::pipeline::cuts;
-use nystrom_stream::pipeline::decision::KeptDecision;
 use nystrom_stream::store::{Context, Run, WorkDir};
 use nystrom_stream::{Cancel, LabelTransfer, Labelling, SamplingQuality, Sequencer};
 use pyo3::exceptions::{PyRuntimeError, PyValueError};
@@ -74,7 +74,7 @@ pub fn read_names(path: PathBuf) -> PyResult<Vec<String>> {
 }
 
 /// Writes the labelled mesh in the form that the ending of `path` names; a page has a slider where there is a tree, and follows edits
-/// where there is a `decision`, its text and the part of each cell. `edits` is the text of those that the labels are of.
+/// where there is a `decision`. `edits` is the text of those that the labels are of.
 #[pyfunction]
 #[pyo3(signature = (mesh, labels, colours, quality, names, path, report, tree, cells, decision, edits))]
 pub fn save(
@@ -88,7 +88,7 @@ pub fn save(
     report: &str,
     tree: Option<&str>,
     cells: Option<PyReadonlyArray1<'_, u32>>,
-    decision: Option<(String, Vec<u32>)>,
+    decision: Option<PyRef<'_, PyDecision>>,
     edits: Option<&str>,
 ) -> PyResult<()> {
     let (labels, colours) = (labels.as_array().to_vec(), self::colours(&colours));
@@ -102,15 +102,15 @@ pub fn save(
         return py.detach(|| mesh.0.save(path, labelling)).map_err(raised);
     }
     let edits = edits.map(|text| Edits::of_text(text.as_bytes(), "edits".as_ref())).transpose().map_err(raised)?;
+    let decision: Option<&PyDecision> = decision.as_deref();
     let write = || {
-        let kept = decision.as_ref().map(|decision| KeptDecision::of_text(&decision.0)).transpose()?;
         let many = |tree: &PartTree| {
             (1..=cuts::MOST.min(tree.cells()))
                 .map(|k| Ok(tree.cut_k(k)?.label))
                 .collect::<nystrom_stream::Result<Vec<_>>>()
         };
         let parts = tree.as_ref().map(many).transpose()?;
-        let model = kept.as_ref().zip(decision.as_ref()).map(|(kept, (_, start))| CellModel {
+        let model = decision.map(|PyDecision { kept, start }| CellModel {
             affinities: kept.affinities(),
             tree: &kept.decision.tree,
             start,

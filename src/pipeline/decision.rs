@@ -25,6 +25,7 @@ use crate::store::{Context, WorkDir, json};
 use nalgebra::DMatrix;
 use serde::{Deserialize, Serialize};
 use serde_json::{Value, json};
+use std::borrow::Cow;
 use std::path::Path;
 
 /// The folder of the contracted mesh.
@@ -114,16 +115,23 @@ fn open(cells: usize, work: &WorkDir) -> Result<PartDecision> {
     let tree = checked(&work.json_text(TREE)?, &work.file(TREE))?;
     let area = work.open_array::<f64>(AREAS)?.to_vec();
     let co_association = work.open_array::<f64>(CO_ASSOCIATION)?;
+    let of_cell = work.open_array::<u32>(SUPERFACES)?.to_vec();
+    assembled(cells, of_cell, area, co_association.to_vec(), tree)
+        .ok_or_else(|| work.damaged(TREE, format!("contradicts {SUPERFACES}, {AREAS} or {CO_ASSOCIATION}")))
+}
+
+/// The decision on `cells` cells that these make; `None` where they contradict each other.
+fn assembled(
+    cells: usize,
+    of_cell: Vec<u32>,
+    area: Vec<f64>,
+    co_association: Vec<f64>,
+    tree: PartTree,
+) -> Option<PartDecision> {
     let n = area.len();
-    let superfaces = Superfaces::kept(work.open_array::<u32>(SUPERFACES)?.to_vec(), area);
-    match superfaces.filter(|superfaces| {
-        superfaces.of_cell.len() == cells && tree.cells() == cells && co_association.len() == n * n
-    }) {
-        Some(superfaces) => {
-            Ok(PartDecision { superfaces, co_association: Square::from_values(n, co_association.to_vec()), tree })
-        }
-        None => Err(work.damaged(TREE, format!("contradicts {SUPERFACES}, {AREAS} or {CO_ASSOCIATION}"))),
-    }
+    let superfaces = Superfaces::kept(of_cell, area)?;
+    let whole = superfaces.of_cell.len() == cells && tree.cells() == cells && co_association.len() == n * n;
+    whole.then(|| PartDecision { superfaces, co_association: Square::from_values(n, co_association), tree })
 }
 
 /// The spectral numbers of the decision in `work`, where there is one.
@@ -162,12 +170,12 @@ pub struct KeptDecision {
 
 /// A [`KeptDecision`] as JSON.
 #[derive(Serialize, Deserialize)]
-struct KeptText {
-    cells: CellGraph,
-    of_cell: Vec<u32>,
-    area: Vec<f64>,
-    co_association: Vec<f64>,
-    tree: PartTree,
+struct KeptText<'a> {
+    cells: Cow<'a, CellGraph>,
+    of_cell: Cow<'a, [u32]>,
+    area: Cow<'a, [f64]>,
+    co_association: Cow<'a, [f64]>,
+    tree: Cow<'a, PartTree>,
 }
 
 impl KeptDecision {
@@ -188,10 +196,14 @@ impl KeptDecision {
     /// # Errors
     /// [`Error::Internal`] for what JSON cannot tell.
     pub fn text(&self) -> Result<String> {
-        let PartDecision { superfaces, co_association, tree } = self.decision.clone();
-        let (of_cell, area) = (superfaces.of_cell, superfaces.area);
-        let co_association = co_association.values().to_vec();
-        let told = KeptText { cells: self.cells.clone(), of_cell, area, co_association, tree };
+        let PartDecision { superfaces, co_association, tree } = &self.decision;
+        let told = KeptText {
+            cells: Cow::Borrowed(&self.cells),
+            of_cell: Cow::Borrowed(&superfaces.of_cell),
+            area: Cow::Borrowed(&superfaces.area),
+            co_association: Cow::Borrowed(co_association.values()),
+            tree: Cow::Borrowed(tree),
+        };
         Ok(json::value("the decision", &told)?.to_string())
     }
 
@@ -201,18 +213,14 @@ impl KeptDecision {
     /// [`Error::Parameter`] for another text.
     pub fn of_text(text: &str) -> Result<Self> {
         let wrong = |problem: String| Error::parameter("decision", problem, "cut the mesh again");
-        let told: KeptText = serde_json::from_str(text).map_err(|error| wrong(error.to_string()))?;
+        let told: KeptText<'_> = serde_json::from_str(text).map_err(|error| wrong(error.to_string()))?;
         told.tree.check()?;
-        let (n, cells) = (told.area.len(), told.cells.cleaned()?);
-        let superfaces = Superfaces::kept(told.of_cell, told.area)
-            .filter(|superfaces| superfaces.of_cell.len() == cells.len() && told.tree.cells() == cells.len());
-        match superfaces.filter(|_| told.co_association.len() == n * n) {
-            Some(superfaces) => {
-                let co_association = Square::from_values(n, told.co_association);
-                Ok(Self { cells, decision: PartDecision { superfaces, co_association, tree: told.tree } })
-            }
-            None => Err(wrong("its cells, superfaces and tree contradict each other".into())),
-        }
+        let cells = told.cells.cleaned()?;
+        let (of_cell, area) = (told.of_cell.into_owned(), told.area.into_owned());
+        let (co_association, tree) = (told.co_association.into_owned(), told.tree.into_owned());
+        let decision = assembled(cells.len(), of_cell, area, co_association, tree)
+            .ok_or_else(|| wrong("its cells, superfaces and tree contradict each other".into()))?;
+        Ok(Self { cells, decision })
     }
 
     /// How far cells belong together.

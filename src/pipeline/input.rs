@@ -72,8 +72,13 @@ pub fn admit(path: &Path, identity: &Value, work: &WorkDir) -> Result<()> {
         mesh if record.mesh == here => format!("is of {mesh} as it was before it changed"),
         mesh => format!("is of another mesh, {mesh}"),
     };
+    Err(of_another(path, problem, work))
+}
+
+/// The error of working on the mesh at `path` in `work`, which is of another one as `problem` says.
+fn of_another(path: &Path, problem: String, work: &WorkDir) -> Error {
     let remedy = format!("name another folder, or make it anew for {} with --force", path.display());
-    Err(Error::work_dir(work.path(), problem, remedy))
+    Error::work_dir(work.path(), problem, remedy)
 }
 
 /// Refuses to match the mesh at `path`, which `identity` tells, in a folder `work` of a work directory that keeps the vertex graph of
@@ -90,8 +95,7 @@ pub fn admit_matched(path: &Path, identity: &Value, work: &WorkDir) -> Result<()
         Some(name) => format!("is of another mesh, {name}, or of it as it was before it changed"),
         None => "is of another mesh".into(),
     };
-    let remedy = format!("name another folder, or make it anew for {} with --force", path.display());
-    Err(Error::work_dir(work.path(), problem, remedy))
+    Err(of_another(path, problem, work))
 }
 
 /// Version of what the record tells.

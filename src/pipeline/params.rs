@@ -115,15 +115,18 @@ pub fn default_landmarks(parts: usize) -> usize {
     (2 * parts).clamp(10, 60).max((parts + 1).min(512))
 }
 
+/// Faces up to which a mesh has fewer landmarks on its contraction, and more over all faces.
+const MEDIUM: usize = 300_000;
+
 /// Landmarks for deciding parts with rows over all of `faces` faces: 120 where fronts are cheap, fewer where each costs. On the
 /// 190 models of the benchmark 1 − Rand was .094, .093, .089, .087, .087, .086 with 20, 30, 40, 60, 80, 120 under seed 0. From
 /// 60 on more do not agree better with people, but two seeds with each other: see `docs/quality.md`.
 pub fn landmarks_for_parts(faces: usize) -> usize {
     match faces {
-        0..=contract::LARGE => 120,
-        60_001..=300_000 => 60,
-        300_001..=2_000_000 => 40,
-        2_000_001..=20_000_000 => 30,
+        small if small <= contract::LARGE => 120,
+        ..=MEDIUM => 60,
+        ..=2_000_000 => 40,
+        ..=20_000_000 => 30,
         _ => 20,
     }
 }
@@ -131,7 +134,7 @@ pub fn landmarks_for_parts(faces: usize) -> usize {
 /// Landmarks for deciding parts with rows over the contraction of a mesh of `faces` faces: 240 where their time is small beside
 /// that of all else, else 120.
 pub fn landmarks_on_contraction(faces: usize) -> usize {
-    if faces > 300_000 { 240 } else { 120 }
+    if faces > MEDIUM { 240 } else { 120 }
 }
 
 /// Coordinates wanted for the paper's methods.

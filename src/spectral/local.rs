@@ -89,123 +89,30 @@ fn shares(nodes: &[Node]) -> impl Fn(usize) -> f64 + Sync + '_ {
     move |v| if total > 0. { f64::from(nodes[v].area) / total } else { 1. / nodes.len() as f64 }
 }
 
-/// The share of area that each sample stands for (s).
-fn masses(rows: &LocalRows, nodes: &[Node], sigma: f64, run: &Run) -> Result<Vec<f64>> {
-    let (n, s, share) = (rows.nodes(), rows.samples.len(), shares(nodes));
-    let mut mass = vec![0f64; s];
-    let part = |k: usize, (): &mut ()| {
-        let mut mass = vec![0f64; s];
-        for v in chunk_range(n, CHUNK, k) {
-            let sum: f64 = rows.near(v).map(|near| affinity(near.distance, sigma)).sum();
-            if sum > 0. {
-                let scale = share(v) / sum;
-                rows.near(v).for_each(|near| mass[near.sample as usize] += scale * affinity(near.distance, sigma));
-            }
-        }
-        Ok(mass)
-    };
-    run.in_order(
-        chunk_count(n, CHUNK),
-        || (),
-        part,
-        |_, part| {
-            mass.iter_mut().zip(part).for_each(|(sum, part)| *sum += part);
-            Ok(())
-        },
-    )?;
-    // A sample whose area has gone to others still must not vanish.
-    mass.iter_mut().for_each(|m| *m = m.max(1e-9 / s as f64));
-    Ok(mass)
+/// A Gaussian of width `sigma` around each sample of `rows`, and the share of area that each sample stands for (s).
+struct Gaussians<'a> {
+    rows: &'a LocalRows,
+    nodes: &'a [Node],
+    sigma: f64,
+    mass: Vec<f64>,
 }
 
-impl LocalBasis {
-    /// Up to `count` functions on vertices of the areas in `nodes`, from a Gaussian of width `sigma` (units of the
-    /// graph) over `rows`, in the file `name` of `context`.
-    ///
-    /// # Errors
-    /// [`crate::base::Error::Io`], [`crate::base::Error::Cancelled`].
-    pub fn fit(
-        rows: &LocalRows,
-        nodes: &[Node],
-        sigma: f64,
-        count: usize,
-        name: &str,
-        context: Context<'_>,
-    ) -> Result<Self> {
-        let s = rows.samples.len();
-        let mass = masses(rows, nodes, sigma, context.run)?;
-        let mut within = DMatrix::<f64>::zeros(s, s);
-        for (i, &vertex) in rows.samples.iter().enumerate() {
-            for near in rows.near(vertex as usize) {
-                let w = 0.5 * affinity(near.distance, sigma);
-                within[(i, near.sample as usize)] += w;
-                within[(near.sample as usize, i)] += w;
-            }
-        }
-        let degree: Vec<f64> = (0..s).map(|i| (0..s).map(|j| within[(i, j)] * mass[j]).sum()).collect();
-        let scale: Vec<f64> = mass.iter().zip(&degree).map(|(m, d)| (m / d).sqrt()).collect();
-        let diffusion = DMatrix::from_fn(s, s, |i, j| scale[i] * within[(i, j)] * scale[j]);
-        let (mut values, vectors) = eigen::symmetric(diffusion);
-        values.truncate(count.min(s));
-        let r = values.iter().take_while(|&&value| value > LEAST).count();
-        values.truncate(r);
-        // What an entry's affinity is multiplied by: m_j f_j / λ.
-        let factor = |j: usize, k: usize| mass[j] * vectors[(j, k)] / (mass[j] * degree[j]).sqrt() / values[k];
-        let factors: Vec<f64> = (0..s).flat_map(|j| (0..r).map(move |k| (j, k))).map(|(j, k)| factor(j, k)).collect();
-        let frequencies = values.iter().map(|value| -value.min(1.).ln()).collect();
-        Self::extend(rows, nodes, sigma, &mass, &factors, frequencies, name, context)
-    }
-
-    /// Up to `count` eigenfunctions of the Laplace–Beltrami operator of `graph` among combinations of the Gaussians of width
-    /// `sigma` over `rows` ([`super::laplacian`]), in the file `name` of `context`.
-    ///
-    /// # Errors
-    /// [`crate::base::Error::Io`], [`crate::base::Error::Cancelled`].
-    pub fn laplacian(
-        rows: &LocalRows,
-        graph: &VertexGraph,
-        sigma: f64,
-        count: usize,
-        name: &str,
-        context: Context<'_>,
-    ) -> Result<Self> {
-        let s = rows.samples.len();
-        let mass = masses(rows, &graph.nodes, sigma, context.run)?;
-        let weigh = |v: usize, out: &mut Vec<(u32, f64)>| {
-            out.clear();
-            out.extend(rows.near(v).map(|near| {
-                let j = near.sample;
-                (j, mass[j as usize] * affinity(near.distance, sigma))
-            }));
-            let sum: f64 = out.iter().map(|(_, w)| w).sum();
-            out.iter_mut().for_each(|(_, w)| *w /= if sum > 0. { sum } else { 1. });
-        };
-        let (frequencies, vectors) = laplacian::eigenfunctions(graph, s, count, weigh, context.run)?;
-        let r = frequencies.len();
-        let factors: Vec<f64> =
-            (0..s).flat_map(|j| (0..r).map(move |k| (j, k))).map(|(j, k)| mass[j] * vectors[(j, k)]).collect();
-        Self::extend(rows, &graph.nodes, sigma, &mass, &factors, frequencies, name, context)
+impl<'a> Gaussians<'a> {
+    fn new(rows: &'a LocalRows, nodes: &'a [Node], sigma: f64, run: &Run) -> Result<Self> {
+        let mass = masses(rows, nodes, sigma, run)?;
+        Ok(Self { rows, nodes, sigma, mass })
     }
 
     /// The functions Σ_j w_vj `factors`_jk / Σ_j w_vj `mass`_j at all vertices, made orthonormal by area in this order.
-    #[allow(clippy::too_many_arguments)]
-    fn extend(
-        rows: &LocalRows,
-        nodes: &[Node],
-        sigma: f64,
-        mass: &[f64],
-        factors: &[f64],
-        frequencies: Vec<f64>,
-        name: &str,
-        context: Context<'_>,
-    ) -> Result<Self> {
+    fn extend(&self, factors: &[f64], frequencies: Vec<f64>, name: &str, context: Context<'_>) -> Result<LocalBasis> {
+        let Self { rows, nodes, sigma, mass } = self;
         let (n, r, run) = (rows.nodes(), frequencies.len(), context.run);
         let share = shares(nodes);
         let extend = |v: usize, out: &mut [f64]| {
             out.fill(0.);
             let mut sum = 0f64;
             for near in rows.near(v) {
-                let (j, w) = (near.sample as usize, affinity(near.distance, sigma));
+                let (j, w) = (near.sample as usize, affinity(near.distance, *sigma));
                 sum += w * mass[j];
                 dispatch(Add { scale: w, row: &factors[j * r..(j + 1) * r], out });
             }
@@ -250,7 +157,108 @@ impl LocalBasis {
             Ok(())
         };
         run.fill_chunks(array.data(), CHUNK * r.max(1), Vec::new, turn)?;
-        Ok(Self { count: r, frequencies, values: array.finish(false)? })
+        Ok(LocalBasis { count: r, frequencies, values: array.finish(false)? })
+    }
+}
+
+/// The share of area that each sample stands for (s).
+fn masses(rows: &LocalRows, nodes: &[Node], sigma: f64, run: &Run) -> Result<Vec<f64>> {
+    let (n, s, share) = (rows.nodes(), rows.samples.len(), shares(nodes));
+    let mut mass = vec![0f64; s];
+    let part = |k: usize, (): &mut ()| {
+        let mut mass = vec![0f64; s];
+        for v in chunk_range(n, CHUNK, k) {
+            let sum: f64 = rows.near(v).map(|near| affinity(near.distance, sigma)).sum();
+            if sum > 0. {
+                let scale = share(v) / sum;
+                rows.near(v).for_each(|near| mass[near.sample as usize] += scale * affinity(near.distance, sigma));
+            }
+        }
+        Ok(mass)
+    };
+    run.in_order(
+        chunk_count(n, CHUNK),
+        || (),
+        part,
+        |_, part| {
+            mass.iter_mut().zip(part).for_each(|(sum, part)| *sum += part);
+            Ok(())
+        },
+    )?;
+    // A sample whose area has gone to others still must not vanish.
+    mass.iter_mut().for_each(|m| *m = m.max(1e-9 / s as f64));
+    Ok(mass)
+}
+
+impl LocalBasis {
+    /// Up to `count` functions on vertices of the areas in `nodes`, from a Gaussian of width `sigma` (units of the
+    /// graph) over `rows`, in the file `name` of `context`.
+    ///
+    /// # Errors
+    /// [`crate::base::Error::Io`], [`crate::base::Error::Cancelled`].
+    pub fn fit(
+        rows: &LocalRows,
+        nodes: &[Node],
+        sigma: f64,
+        count: usize,
+        name: &str,
+        context: Context<'_>,
+    ) -> Result<Self> {
+        let s = rows.samples.len();
+        let gaussians = Gaussians::new(rows, nodes, sigma, context.run)?;
+        let mass = &gaussians.mass;
+        let mut within = DMatrix::<f64>::zeros(s, s);
+        for (i, &vertex) in rows.samples.iter().enumerate() {
+            for near in rows.near(vertex as usize) {
+                let w = 0.5 * affinity(near.distance, sigma);
+                within[(i, near.sample as usize)] += w;
+                within[(near.sample as usize, i)] += w;
+            }
+        }
+        let degree: Vec<f64> = (0..s).map(|i| (0..s).map(|j| within[(i, j)] * mass[j]).sum()).collect();
+        let scale: Vec<f64> = mass.iter().zip(&degree).map(|(m, d)| (m / d).sqrt()).collect();
+        let diffusion = DMatrix::from_fn(s, s, |i, j| scale[i] * within[(i, j)] * scale[j]);
+        let (mut values, vectors) = eigen::symmetric(diffusion);
+        values.truncate(count.min(s));
+        let r = values.iter().take_while(|&&value| value > LEAST).count();
+        values.truncate(r);
+        // What an entry's affinity is multiplied by: m_j f_j / λ.
+        let factor = |j: usize, k: usize| mass[j] * vectors[(j, k)] / (mass[j] * degree[j]).sqrt() / values[k];
+        let factors: Vec<f64> = (0..s).flat_map(|j| (0..r).map(move |k| (j, k))).map(|(j, k)| factor(j, k)).collect();
+        let frequencies = values.iter().map(|value| -value.min(1.).ln()).collect();
+        gaussians.extend(&factors, frequencies, name, context)
+    }
+
+    /// Up to `count` eigenfunctions of the Laplace–Beltrami operator of `graph` among combinations of the Gaussians of width
+    /// `sigma` over `rows` ([`super::laplacian`]), in the file `name` of `context`.
+    ///
+    /// # Errors
+    /// [`crate::base::Error::Io`], [`crate::base::Error::Cancelled`].
+    pub fn laplacian(
+        rows: &LocalRows,
+        graph: &VertexGraph,
+        sigma: f64,
+        count: usize,
+        name: &str,
+        context: Context<'_>,
+    ) -> Result<Self> {
+        let s = rows.samples.len();
+        let gaussians = Gaussians::new(rows, &graph.nodes, sigma, context.run)?;
+        let mass = &gaussians.mass;
+        let weigh = |v: usize, out: &mut Vec<(u32, f64)>| {
+            out.clear();
+            out.extend(rows.near(v).map(|near| {
+                let j = near.sample;
+                (j, mass[j as usize] * affinity(near.distance, sigma))
+            }));
+            let sum: f64 = out.iter().map(|(_, w)| w).sum();
+            out.iter_mut().for_each(|(_, w)| *w /= if sum > 0. { sum } else { 1. });
+        };
+        let (frequencies, vectors) = laplacian::eigenfunctions(graph, s, count, weigh, context.run)?;
+        let r = frequencies.len();
+        let factors: Vec<f64> =
+            (0..s).flat_map(|j| (0..r).map(move |k| (j, k))).map(|(j, k)| mass[j] * vectors[(j, k)]).collect();
+        gaussians.extend(&factors, frequencies, name, context)
     }
 
     /// The functions at `vertex` (r).

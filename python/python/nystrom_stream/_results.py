@@ -152,7 +152,7 @@ class Segmentation(_OfMesh):
         report = {"input": self.report["input"], "options": self.report["options"]}
         counts = np.bincount(labels, minlength=len(colours))
         report["parts"] = [{"label": k, "faces": int(n), "colour": colours[k].tolist()} for k, n in enumerate(counts)]
-        decision = self._decision and (self._decision[0], [])
+        decision = self._decision and self._decision.without_start()
         arrays = labels, None, colours, self._tree, self._cells, decision, []
         options = {**started_from(self._options, {"parts": parts}), "hints": None}
         return Segmentation(self._mesh, arrays, report, options)

@@ -1,4 +1,4 @@
-//! A square matrix of numbers, row-major, and the eigenvalues of a 3 × 3 one.
+//! A square matrix of numbers, row-major, and second moments in space with the eigenvalues of their 3 × 3 matrix.
 //!
 //! Own code because rows are read as slices and folded into each other in a fixed order; n² numbers of 8 bytes.
 
@@ -80,6 +80,11 @@ impl IndexMut<(usize, usize)> for Square {
     fn index_mut(&mut self, (i, j): (usize, usize)) -> &mut f64 {
         &mut self.values[i * self.n + j]
     }
+}
+
+/// The products xx, yy, zz, xy, xz and yz of a point: the order of all second moments here.
+pub fn products(x: [f64; 3]) -> [f64; 6] {
+    [x[0] * x[0], x[1] * x[1], x[2] * x[2], x[0] * x[1], x[0] * x[2], x[1] * x[2]]
 }
 
 /// Eigenvalues of a symmetric 3 × 3 matrix given as (xx, yy, zz, xy, xz, yz), greatest first.

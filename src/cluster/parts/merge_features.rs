@@ -6,7 +6,7 @@
 //!
 //! Cost: constant for a merge.
 
-use super::matrix::eigenvalues3;
+use super::matrix::{self, Square, eigenvalues3};
 use super::regions::{CellMoments, EMBEDDING_DIMENSIONS, EdgeSums, MOMENTS, Regions};
 
 /// The logarithm of the cost is clipped to ± this before it enters the probability.
@@ -16,14 +16,15 @@ const HEIGHT_FLOOR: f64 = 0.005;
 /// Number of features that the probability is made from.
 pub const FEATURES: usize = 30;
 
-fn log(x: f64) -> f64 {
+/// The logarithm of what may be nothing.
+pub(super) fn log(x: f64) -> f64 {
     x.max(1e-6).ln()
 }
 
 /// Roots of the eigenvalues, greatest first, of a distribution with the given means of x and of its products.
 fn extents(mean: [f64; 3], products: [f64; 6]) -> [f64; 3] {
-    let of = [(0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2)];
-    let e = eigenvalues3(std::array::from_fn(|k| products[k] - mean[of[k].0] * mean[of[k].1]));
+    let of_mean = matrix::products(mean);
+    let e = eigenvalues3(std::array::from_fn(|k| products[k] - of_mean[k]));
     e.map(|v| v.max(1e-8).sqrt())
 }
 
@@ -120,7 +121,7 @@ pub fn merge_features(r: &Regions, i: usize, j: usize, log_cost: f64) -> [f64; F
     };
     let norm = inner(&a.embedding, &a.embedding).sqrt() * inner(&b.embedding, &b.embedding).sqrt();
     let share = |seen: f64, all: f64| (seen + 1e-12) / (all + 1e-12);
-    let both = |sums: &super::matrix::Square| sums[(i, i)] + sums[(j, j)] + 2.0 * sums[(i, j)];
+    let both = |sums: &Square| sums[(i, i)] + sums[(j, j)] + 2.0 * sums[(i, j)];
     let main = [
         log_cost.clamp(-COST_CLIP, COST_CLIP),
         inner(&a.embedding, &b.embedding) / norm.max(1e-9),

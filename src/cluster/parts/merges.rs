@@ -9,7 +9,7 @@
 //! Cost for R regions, some thirty: R costs per merge, R² comparisons at the most.
 
 use super::matrix::Square;
-use super::merge_features::{FEATURES, merge_features};
+use super::merge_features::{FEATURES, log, merge_features};
 use super::merge_odds::BoostedTrees;
 use super::regions::Regions;
 use std::borrow::Cow;
@@ -30,10 +30,6 @@ impl Default for MergeModel {
     fn default() -> Self {
         MergeModel { area_power: 0.75, convexity_power: 3.0, odds: Cow::Borrowed(BoostedTrees::fitted()) }
     }
-}
-
-fn log(x: f64) -> f64 {
-    x.max(1e-6).ln()
 }
 
 impl MergeModel {

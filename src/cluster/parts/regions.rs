@@ -7,7 +7,7 @@
 
 use super::cell_graph::CellGraph;
 use super::convexity::PairSums;
-use super::matrix::Square;
+use super::matrix::{Square, products};
 use crate::spectral::anchor::AnchorEmbedding;
 
 /// Coordinates of the mean embedding kept per region.
@@ -31,7 +31,7 @@ pub fn cell_moments(cells: &CellGraph, embedding: &AnchorEmbedding, thickness: &
             let mut q = [0.0; MOMENTS];
             q[0] = 1.0;
             q[1..4].copy_from_slice(&x);
-            q[4..10].copy_from_slice(&[x[0] * x[0], x[1] * x[1], x[2] * x[2], x[0] * x[1], x[0] * x[2], x[1] * x[2]]);
+            q[4..10].copy_from_slice(&products(x));
             q[10..13].copy_from_slice(&n);
             q[13] = n[0] * x[0] + n[1] * x[1] + n[2] * x[2];
             let width = embedding.width.min(EMBEDDING_DIMENSIONS);
@@ -99,24 +99,11 @@ fn edge_sums(cells: &CellGraph, k: usize) -> EdgeSums {
     let x: [f64; 3] = std::array::from_fn(|c| 0.5 * (i[c] + j[c]));
     let (concave, convex) = (cells.concave[k], cells.convex[k]);
     let above = |angle: f64, limit: f64| f64::from(u8::from(angle > limit));
-    [
-        1.0,
-        x[0],
-        x[1],
-        x[2],
-        x[0] * x[0],
-        x[1] * x[1],
-        x[2] * x[2],
-        x[0] * x[1],
-        x[0] * x[2],
-        x[1] * x[2],
-        concave * concave,
-        above(concave, SHARP[0]),
-        above(concave, SHARP[1]),
-        convex,
-        above(convex, SHARP[1]),
-    ]
-    .map(|sum| sum * cells.length[k])
+    let [xx, yy, zz, xy, xz, yz] = products(x);
+    let [creased, sharp] = SHARP.map(|limit| above(concave, limit));
+    let squared = concave * concave;
+    [1.0, x[0], x[1], x[2], xx, yy, zz, xy, xz, yz, squared, creased, sharp, convex, above(convex, SHARP[1])]
+        .map(|sum| sum * cells.length[k])
 }
 
 fn add(to: &mut EdgeSums, sums: &EdgeSums) {
