@@ -122,13 +122,8 @@ const MEDIUM: usize = 300_000;
 /// 190 models of the benchmark 1 − Rand was .094, .093, .089, .087, .087, .086 with 20, 30, 40, 60, 80, 120 under seed 0. From
 /// 60 on more do not agree better with people, but two seeds with each other: see `docs/quality.md`.
 pub fn landmarks_for_parts(faces: usize) -> usize {
-    match faces {
-        small if small <= contract::LARGE => 120,
-        ..=MEDIUM => 60,
-        ..=2_000_000 => 40,
-        ..=20_000_000 => 30,
-        _ => 20,
-    }
+    let landmarks = [(contract::LARGE, 120), (MEDIUM, 60), (2_000_000, 40), (20_000_000, 30)];
+    landmarks.into_iter().find(|&(most, _)| faces <= most).map_or(20, |(_, landmarks)| landmarks)
 }
 
 /// Landmarks for deciding parts with rows over the contraction of a mesh of `faces` faces: 240 where their time is small beside
