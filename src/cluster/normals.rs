@@ -7,11 +7,12 @@
 //! of diffusion, which costs (r/h)² sweeps. Where there are too few faces for cells, neighbour averaging.
 //!
 //! The radius is chosen by the mesh's own turning P_r = Σ length · |θ_r|: clean meshes keep their own normals,
-//! scans and noisy meshes get .01 or .02. Cost: a front plus 50 ns per face and radius; 12 bytes per face each.
+//! scans and noisy meshes get .01 or .02. Cost: a front plus 50 ns per face and radius; 12 bytes per face each. What tells
+//! rough from clean is .02 alone, so a clean mesh without cells of its own needs no other.
 
 use super::area_shares::{AreaShares, ClassSum, class_sums, spread};
 use crate::base::Result;
-use crate::base::parallel::chunk_range;
+use crate::base::parallel::{chunk_count, chunk_range};
 use crate::distance::front::mean_weight;
 use crate::distance::voronoi;
 use crate::graph::Csr;
@@ -202,24 +203,48 @@ pub fn turning(a: &Node, b: &Node, edge: f32) -> f32 {
 /// # Errors
 /// [`crate::base::Error::Cancelled`].
 pub fn total_turning(graph: &DualGraph, shares: &AreaShares, smoothed: &[&Normals], run: &Run) -> Result<Vec<f64>> {
+    turning_sums(graph, shares, smoothed, 1, run)
+}
+
+/// About P_0, from a part of a large mesh.
+///
+/// # Errors
+/// [`crate::base::Error::Cancelled`].
+pub fn estimated_turning(graph: &DualGraph, shares: &AreaShares, run: &Run) -> Result<f64> {
+    let every = (graph.nodes.len() / (16 * CHUNK)).max(1);
+    Ok(turning_sums(graph, shares, &[], every, run)?[0] * every as f64)
+}
+
+/// The sums of [`total_turning`] over every `every`-th chunk of nodes.
+fn turning_sums(
+    graph: &DualGraph,
+    shares: &AreaShares,
+    smoothed: &[&Normals],
+    every: usize,
+    run: &Run,
+) -> Result<Vec<f64>> {
     let n = graph.nodes.len();
     let shared = graph.edges.by_shared_edge();
-    let parts = run.map_ranges(n, CHUNK, |range| {
-        let mut sums = vec![0f64; smoothed.len() + 1];
-        for i in range {
-            for (j, edge) in shared.neighbours(i as u32) {
-                let j = j as usize;
-                if j > i {
-                    let length = f64::from(edge.abs() * shares.unit);
-                    sums[0] += length * f64::from(between(graph.nodes[i].normal, graph.nodes[j].normal));
-                    for (sum, normals) in sums[1..].iter_mut().zip(smoothed) {
-                        *sum += length * f64::from(between(normals[i], normals[j]));
+    let parts = run.map_chunks(
+        chunk_count(n, CHUNK).div_ceil(every),
+        || (),
+        |k, ()| {
+            let mut sums = vec![0f64; smoothed.len() + 1];
+            for i in chunk_range(n, CHUNK, k * every) {
+                for (j, edge) in shared.neighbours(i as u32) {
+                    let j = j as usize;
+                    if j > i {
+                        let length = f64::from(edge.abs() * shares.unit);
+                        sums[0] += length * f64::from(between(graph.nodes[i].normal, graph.nodes[j].normal));
+                        for (sum, normals) in sums[1..].iter_mut().zip(smoothed) {
+                            *sum += length * f64::from(between(normals[i], normals[j]));
+                        }
                     }
                 }
             }
-        }
-        Ok(sums)
-    })?;
+            Ok(sums)
+        },
+    )?;
     let mut total = vec![0f64; smoothed.len() + 1];
     for part in parts {
         total.iter_mut().zip(part).for_each(|(a, b)| *a += b);
@@ -227,11 +252,13 @@ pub fn total_turning(graph: &DualGraph, shares: &AreaShares, smoothed: &[&Normal
     Ok(total)
 }
 
-/// Which normals a mesh wants, from its total turning at radius 0, .01 and .02: `None` its own, else an index into
-/// [`RADII`]. Clean meshes have P₀/P_.02 of 1.0–1.3, scans 2.4–3.1, noisy ones up to 30.
-pub fn choose_radius(turning: &[f64]) -> Option<usize> {
-    match *turning {
-        [own, fine, coarse, ..] if own >= 1.6 * coarse => Some(if fine < 1.2 * coarse { 0 } else { 1 }),
-        _ => None,
-    }
+/// Whether a mesh's own normals are too rough to measure turning with, from its total turning at radius 0 and .02. Clean
+/// meshes have P₀/P_.02 of 1.0–1.3, scans 2.4–3.1, noisy ones up to 30.
+pub fn is_rough(own: f64, coarse: f64) -> bool {
+    own >= 1.6 * coarse
+}
+
+/// Which normals a rough mesh wants, from its total turning at .01 and .02: an index into [`RADII`].
+pub fn choose_radius(fine: f64, coarse: f64) -> usize {
+    if fine < 1.2 * coarse { 0 } else { 1 }
 }

@@ -3,8 +3,8 @@
 //!
 //! A large surface has no cells of its own: they are cut on its contraction.
 //!
-//! Cost: two or three fronts of small radius from every face (normals), one front from two thousand seeds (cells); 4 to
-//! 20 bytes a face are kept.
+//! Cost: one front for normals where the surface is clean and has no cells of its own, else two or three; one front from two
+//! thousand seeds (cells); 4 to 20 bytes a face are kept.
 
 use crate::base::parallel::map_chunks;
 use crate::base::{Error, Result};
@@ -12,6 +12,7 @@ use crate::cluster::area_shares::AreaShares;
 use crate::cluster::cells::{Cells, SmoothedNormals};
 use crate::cluster::normals::{self, Normals, RADII};
 use crate::cluster::parts::CellGraph;
+use crate::distance::voronoi;
 use crate::graph::DualGraph;
 use crate::graph::WeightedGraph;
 use crate::store::manifest::MANIFEST;
@@ -71,7 +72,7 @@ pub(super) struct SurfaceFacts {
     tiny_components: u64,
     /// Index into [`RADII`] of the normals in use.
     radius: Option<usize>,
-    /// Σ length · |θ| with the faces' own normals and those at .01 and .02.
+    /// Σ length · |θ| with the faces' own normals, those at .01 where they were needed, and those at .02.
     turning: Vec<f64>,
 }
 
@@ -96,15 +97,11 @@ impl Stage for SurfaceStage<'_> {
     }
 
     fn make(self, key: &str, context: Context<'_>) -> Result<Made<Self>> {
-        let Self { graph, kind, .. } = self;
+        let graph = self.graph;
         let n = graph.nodes.len() as u64;
         let shares = AreaShares::of(graph, context)?;
-        // Those at the widest radius are for cells alone.
-        let radii = if self.cells { RADII.len() } else { RADII.len() - 1 };
-        let ([fine, medium, coarse], _) =
-            context.run.stage("normals", "faces", n, || smooth(graph, kind, radii, &shares, context))?;
-        let turning = normals::total_turning(graph, &shares, &[&fine, &medium], context.run)?;
-        let radius = normals::choose_radius(&turning);
+        let (smoothed, _) = context.run.stage("normals", "faces", n, || Smoothed::of(&self, &shares, context))?;
+        let Smoothed { normals: [fine, medium, coarse], radius, turning } = smoothed;
         let mut files = vec![SHARES];
         let cells = if self.cells {
             let smooth = SmoothedNormals { fine: &fine, medium: &medium, coarse: &coarse };
@@ -171,25 +168,108 @@ impl Stage for SurfaceStage<'_> {
     }
 }
 
-/// Normals at the first `radii` radii, nothing at the others; with two threads, two fronts at a time.
-fn smooth(
-    graph: &DualGraph,
-    kind: Kind,
-    radii: usize,
-    shares: &AreaShares,
-    context: Context<'_>,
-) -> Result<[Normals; 3]> {
-    let made = map_chunks(
-        context.run.threads.min(radii),
-        &context.run.cancel,
-        radii,
-        || (),
-        |k, ()| match kind {
-            Kind::Faces => normals::smoothed(graph, shares, RADII[k], NORMALS[k], context),
-            Kind::Contracted => normals::averaged(graph, shares, RADII[k], NORMALS[k], context),
-        },
-    )?;
-    let mut made = made.into_iter();
-    let mut next = || made.next().unwrap_or_else(MappedSlice::empty);
-    Ok([next(), next(), next()])
+/// Own turning of the smoothest mesh that is likely to be rough: scans that were tried have 37 and more (`benches/records`),
+/// clean meshes mostly less. A guess that costs time where it is wrong, and nothing else.
+const LIKELY_ROUGH: f64 = 36.;
+
+/// The smoothed normals of a surface.
+struct Smoothed {
+    /// At each of [`RADII`]; empty where nothing asks for them.
+    normals: [Normals; 3],
+    /// Index into [`RADII`] of those that turning is measured with; `None`: the nodes' own.
+    radius: Option<usize>,
+    /// Total turning with the nodes' own normals, then with those at .01 (where they were needed) and .02.
+    turning: Vec<f64>,
+}
+
+impl Smoothed {
+    /// Cells ask for all radii. Otherwise .02 tells whether the mesh is rough, and only rough ones need .01 besides.
+    fn of(stage: &SurfaceStage<'_>, shares: &AreaShares, context: Context<'_>) -> Result<Self> {
+        let SurfaceStage { graph, cells, .. } = *stage;
+        let total = |normals: &[&Normals]| normals::total_turning(graph, shares, normals, context.run);
+        let mut normals = [(); 3].map(|()| MappedSlice::empty());
+        if cells {
+            stage.smooth(&[0, 1, 2], &mut normals, shares, context)?;
+        } else if context.run.threads > 1
+            && !voronoi::is_by_blocks(normals::lengths(graph), context.run)
+            && normals::estimated_turning(graph, shares, context.run)? >= LIKELY_ROUGH
+        {
+            // Two fronts at a time, since one front keeps one thread busy.
+            stage.smooth(&[0, 1], &mut normals, shares, context)?;
+        } else {
+            stage.smooth(&[1], &mut normals, shares, context)?;
+            let turning = total(&[&normals[1]])?;
+            if !normals::is_rough(turning[0], turning[1]) {
+                return Ok(Self { normals, radius: None, turning });
+            }
+            stage.smooth(&[0], &mut normals, shares, context)?;
+        }
+        let turning = total(&[&normals[0], &normals[1]])?;
+        let rough = normals::is_rough(turning[0], turning[2]);
+        Ok(Self { normals, radius: rough.then(|| normals::choose_radius(turning[1], turning[2])), turning })
+    }
+}
+
+impl SurfaceStage<'_> {
+    /// Puts normals at those of [`RADII`] with the indices `radii` into `normals`; with two threads, two fronts at a time.
+    fn smooth(
+        &self,
+        radii: &[usize],
+        normals: &mut [Normals; 3],
+        shares: &AreaShares,
+        context: Context<'_>,
+    ) -> Result<()> {
+        // Fronts by blocks keep all threads busy.
+        let by_blocks = voronoi::is_by_blocks(normals::lengths(self.graph), context.run);
+        let made = map_chunks(
+            if by_blocks { 1 } else { context.run.threads.min(radii.len()) },
+            &context.run.cancel,
+            radii.len(),
+            || (),
+            |k, ()| {
+                let (radius, file) = (RADII[radii[k]], NORMALS[radii[k]]);
+                match self.kind {
+                    Kind::Faces => normals::smoothed(self.graph, shares, radius, file, context),
+                    Kind::Contracted => normals::averaged(self.graph, shares, radius, file, context),
+                }
+            },
+        )?;
+        radii.iter().zip(made).for_each(|(&k, made)| normals[k] = made);
+        Ok(())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::apps::creature::{Creature, Options};
+    use crate::mesh;
+    use crate::store::{Run, WorkDir};
+
+    #[test]
+    fn a_clean_surface_needs_one_radius_for_the_answer_of_all() {
+        let folder = tempfile::tempdir().unwrap();
+        for noise in [0., 0.3] {
+            let path = folder.path().join("creature.ply");
+            let creature = Creature::new(&Options { faces: 62_000, noise, ..Options::default() }).unwrap();
+            creature.write_ply(&path, &Run::new(&())).unwrap();
+            let smoothed = |cells, threads| {
+                let run = Run { threads, ..Run::new(&()) };
+                let work = WorkDir::temporary(folder.path()).unwrap();
+                let mesh = mesh::open(&path, work.path(), &run).unwrap();
+                let context = Context::new(&work, &run);
+                let graph = DualGraph::build(&mesh, &path, &Value::Null, context).unwrap();
+                let shares = AreaShares::of(&graph, context).unwrap();
+                let stage = SurfaceStage { graph: &graph, kind: Kind::Faces, cells };
+                let Smoothed { radius, turning, .. } = Smoothed::of(&stage, &shares, context).unwrap();
+                (radius, turning)
+            };
+            let (radius, all) = smoothed(true, 2);
+            let (rough, clean) = ((Some(1), all.clone()), (None, vec![all[0], all[2]]));
+            assert_eq!(radius, if noise > 0. { Some(1) } else { None }, "{all:?}");
+            for threads in [1, 2] {
+                assert_eq!(smoothed(false, threads), if noise > 0. { rough.clone() } else { clean.clone() });
+            }
+        }
+    }
 }
