@@ -41,6 +41,7 @@ pub fn check(path: &Path, params: &SegmentParams, context: Context<'_>) -> Resul
         return Ok(());
     };
     let plan = Plan::new(size, params, false, context.work.durable(), context.run);
+    plan.check_size(path)?;
     plan.check_disk(context.work.path(), context.work.bytes())?;
     if let Some(text) = warning(&plan) {
         context.run.progress.note(&text);
@@ -58,6 +59,7 @@ pub fn run(args: &PlanArgs, app: &AppContext) -> Result<(), CliError> {
     let size = size_of_mesh(&args.mesh)?;
     let lasting = args.work_dir.is_some();
     let plan = Plan::new(size, &params, false, lasting, &run);
+    plan.check_size(&args.mesh)?;
     let folder = args.work_dir.clone().or(args.run.tmp.clone()).unwrap_or_else(|| folder_of(&args.mesh));
     // A work directory may not be there yet; its disk is that of the nearest folder that is.
     let folder = folder.ancestors().find(|folder| folder.is_dir()).unwrap_or(Path::new(".")).to_path_buf();

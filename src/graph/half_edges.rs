@@ -86,16 +86,25 @@ struct Counters {
     nonmanifold: AtomicU64,
 }
 
-/// Refuses meshes whose corners cannot be numbered in 32 bits.
-fn check_size(mesh: &Mesh, path: &Path) -> Result<()> {
-    if mesh.faces.corner_count() as u64 > u64::from(u32::MAX) || mesh.faces.len() >= AGAINST as usize {
-        return Err(Error::unusable(
-            path,
-            format!("has {} corners of {} faces, more than 2^32 of 2^31", mesh.faces.corner_count(), mesh.faces.len()),
-            "split the mesh",
-        ));
+/// Most corners, which half-edge records number in 32 bits.
+const MOST_CORNERS: u64 = u32::MAX as u64;
+/// Most faces: a bit of their number tells windings apart.
+const MOST_FACES: u64 = AGAINST as u64 - 1;
+
+/// Refuses a mesh in the file `path` whose corners and faces cannot be numbered. Takes no time, so that commands can ask
+/// before they begin.
+///
+/// # Errors
+/// [`Error::Unusable`].
+pub fn check_size(faces: u64, corners: u64, path: &Path) -> Result<()> {
+    if faces <= MOST_FACES && corners <= MOST_CORNERS {
+        return Ok(());
     }
-    Ok(())
+    let problem = format!(
+        "has {faces} faces with {corners} corners; both are numbered in 32 bits, which ends at {MOST_FACES} faces and \
+         {MOST_CORNERS} corners"
+    );
+    Err(Error::unusable(path, problem, "cut it into several meshes, or decimate it"))
 }
 
 /// Matches all half-edges of `mesh` (whose file `path` errors name); welds the boundary.
@@ -104,8 +113,8 @@ fn check_size(mesh: &Mesh, path: &Path) -> Result<()> {
 /// [`Error::Unusable`] above 2³² − 1 corners, [`Error::Io`], [`Error::Memory`],
 /// [`Error::Cancelled`].
 pub fn matched(mesh: &Mesh, path: &Path, context: Context<'_>) -> Result<(HalfEdgePairs, EdgeCounts)> {
-    check_size(mesh, path)?;
     let (nodes, corners) = (mesh.faces.len(), mesh.faces.corner_count() as u64);
+    check_size(nodes as u64, corners, path)?;
     let threads = context.run.threads as u64;
     // A bucket of half-edges is there raw, sorted, and as counts.
     let (file, what) = (|name| context.work.file(name), "matching edges");
@@ -341,6 +350,13 @@ fn keyed_by_position(mesh: &Mesh, corner: u32) -> Option<OpenHalfEdge> {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn what_cannot_be_numbered_is_refused() {
+        let refused = |faces, corners| check_size(faces, corners, "mesh.ply".as_ref()).is_err();
+        assert!(!refused(MOST_CORNERS / 3, MOST_CORNERS) && !refused(MOST_FACES, 0));
+        assert!(refused(1, MOST_CORNERS + 1) && refused(MOST_FACES + 1, 0));
+    }
 
     #[test]
     fn the_counting_sort_sorts() {

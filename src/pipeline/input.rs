@@ -2,6 +2,7 @@
 
 use super::params::SegmentParams;
 use crate::base::{Error, Result};
+use crate::graph::half_edges::check_size;
 use crate::graph::{DualGraph, Ordered};
 use crate::mesh::Mesh;
 use crate::store::manifest::MANIFEST;
@@ -173,6 +174,8 @@ pub fn graph(
     params: &SegmentParams,
     context: Context<'_>,
 ) -> Result<(Ordered, DualGraph)> {
+    // Before the mesh is sorted for nothing.
+    check_size(opened.faces.len() as u64, opened.faces.corner_count() as u64, opened.path())?;
     let ordered = Ordered::build(opened, params.order, identity, context)?;
     let graph = DualGraph::build(&ordered.mesh, opened.path(), &ordered.identity, context)?;
     Record::of(opened, identity, params, context.work).stamp(context)?;

@@ -12,6 +12,7 @@ use crate::cluster::parts::PartCount;
 use crate::distance::rows::RowsStage;
 use crate::graph::Order;
 use crate::graph::dual::{GraphStage, WeightsStage};
+use crate::graph::half_edges::check_size;
 use crate::graph::order::{LARGE, OrderStage};
 use crate::store::needs::{BASE, Extent, Needs, Room};
 use crate::store::{Run, Stage};
@@ -102,14 +103,22 @@ fn landmarks(params: &SegmentParams, faces: u64) -> u64 {
     (l as u64).min(faces)
 }
 
-/// What labelling takes: labels and confidences, once more in the order of the file, and the sample that centres are
-/// found on.
-fn labels_need(extent: &Extent, room: &mut Room) -> Needs {
+/// What deciding parts allocates: the ensemble and its co-association over two thousand cells (measured).
+const DECISION: u64 = 20 << 20;
+
+/// What labelling takes: labels and confidences, once more in the order of the file, and before them the decision about
+/// parts, or the sample that the centres of K-means are found on.
+fn labels_need(extent: &Extent, cluster: Cluster, room: &mut Room) -> Needs {
     let n = extent.faces;
+    let decision = if cluster == Cluster::Parts { DECISION + room.used() } else { 0 };
     let labels = room.take(8 * n);
     let restored = if extent.reordered { room.take(8 * n) } else { 0 };
-    let sample = 12 * (1 << 15).min(n) * (extent.landmarks + extent.dimensions);
-    Needs { memory: sample + room.used(), keeps: 8 * n - labels, passing: 8 * n - restored, frees: 0 }
+    let sample = match cluster {
+        Cluster::Parts => 0,
+        _ => 12 * (1 << 15).min(n) * (extent.landmarks + extent.dimensions),
+    };
+    let memory = decision.max(sample + room.used());
+    Needs { memory, keeps: 8 * n - labels, passing: 8 * n - restored, frees: 0 }
 }
 
 impl Plan {
@@ -149,7 +158,7 @@ impl Plan {
         } else {
             stages.push(("rows", RowsStage::needs(&extent, &mut room)));
         }
-        stages.push(("labels", labels_need(&extent, &mut room)));
+        stages.push(("labels", labels_need(&extent, params.cluster, &mut room)));
         let within = |needs: Needs| Needs { memory: (BASE + needs.memory).min(budget.max(BASE)), ..needs };
         let stages: Vec<StagePlan> =
             stages.into_iter().map(|(name, needs)| StagePlan { name, needs: within(needs), seconds: None }).collect();
@@ -178,6 +187,14 @@ impl Plan {
         }
         self.seconds = self.stages.iter().map(|stage| stage.seconds).sum();
         self
+    }
+
+    /// Refuses the mesh in the file `path` if it has more faces or corners than can be numbered.
+    ///
+    /// # Errors
+    /// [`Error::Unusable`].
+    pub fn check_size(&self, path: &Path) -> Result<()> {
+        check_size(self.mesh.faces, self.mesh.corners, path)
     }
 
     /// Refuses a run whose files the disk under `folder` cannot hold. Bytes that are there already count as free.

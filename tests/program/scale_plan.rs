@@ -102,3 +102,23 @@ fn a_vanished_input_and_a_folder_that_cannot_be_written_are_clear_errors() {
     let said = String::from_utf8_lossy(&output.stderr).into_owned();
     assert!(output.status.code() == Some(1) && said.lines().count() == 1, "{said}");
 }
+
+#[test]
+fn more_corners_than_can_be_numbered_are_refused_at_once() {
+    let dir = tempfile::tempdir().unwrap();
+    let (path, faces) = (dir.path().join("huge.ply"), 1_500_000_000u64);
+    let header = format!(
+        "ply\nformat binary_little_endian 1.0\nelement vertex 750000000\nproperty float x\nproperty float y\n\
+         property float z\nelement face {faces}\nproperty list uchar uint vertex_indices\nend_header\n"
+    );
+    std::fs::write(&path, &header).unwrap();
+    // All of it a hole, which takes no disk.
+    let file = std::fs::OpenOptions::new().write(true).open(&path).unwrap();
+    file.set_len(header.len() as u64 + 12 * 750_000_000 + 13 * faces).unwrap();
+    for command in ["plan", "segment"] {
+        let output = program(&[command, path.to_str().unwrap(), "-q"]);
+        let said = String::from_utf8_lossy(&output.stderr);
+        assert_eq!(output.status.code(), Some(1), "{command}: {said}");
+        assert!(said.contains("4500000000 corners") && said.lines().count() == 1, "{command}: {said}");
+    }
+}
