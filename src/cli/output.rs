@@ -32,6 +32,10 @@ pub struct PlyArgs {
     /// which show no colours of faces; colours that the vertices have are replaced
     #[arg(long)]
     pub vertex_labels: bool,
+    /// Give each part vertices of its own in PLY outputs, labelled and coloured, so that colours end at boundaries; other properties
+    /// of the input are left out
+    #[arg(long, conflicts_with = "vertex_labels")]
+    pub split_vertices: bool,
 }
 
 /// `--json`, in the one form that it has everywhere.
@@ -96,13 +100,14 @@ pub struct FormArgs {
 impl PlyArgs {
     /// As the library takes them.
     pub fn options(self) -> PlyOptions {
-        PlyOptions::new(self.ply_form, self.vertex_labels)
+        PlyOptions::new(self.ply_form, self.vertex_labels).splitting(self.split_vertices)
     }
 
     /// Refuses options that none of `outputs` would follow.
     pub fn check(self, outputs: &[Output]) -> Result<(), CliError> {
         let is_ply = |output: &Output| matches!(output, Output::Ply(_) | Output::Folder(_) | Output::Stdout);
-        let given = [(self.vertex_labels, "--vertex-labels"), (self.ply_form != PlyForm::Same, "--ply-form")];
+        let split = (self.split_vertices, "--split-vertices");
+        let given = [(self.vertex_labels, "--vertex-labels"), split, (self.ply_form != PlyForm::Same, "--ply-form")];
         match given.into_iter().find(|(given, _)| *given) {
             Some((_, option)) if !outputs.is_empty() && !outputs.iter().any(is_ply) => {
                 Err(CliError::Usage(format!("{option} goes with a .ply output")))

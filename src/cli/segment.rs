@@ -459,8 +459,8 @@ fn all(jobs: Vec<Job>, task: Task<'_>, app: &AppContext) -> Result<(), CliError>
         "edits": task.edits, "hints": args.edits.hints, "names": file(&args.edits.names)?,
         "like": [file(like)?, file(&edits_of_like)?],
         "params": task.params, "seed": args.run.seed.unwrap_or(0), "ply_form": format!("{:?}", args.form.ply.ply_form),
-        "vertex_labels": args.form.ply.vertex_labels, "embedding_columns": args.form.embedding_columns,
-        "part_form": format!("{:?}", args.form.part_form),
+        "vertex_labels": args.form.ply.vertex_labels, "split_vertices": args.form.ply.split_vertices,
+        "embedding_columns": args.form.embedding_columns, "part_form": format!("{:?}", args.form.part_form),
     });
     let bars = BatchBars::new(style, jobs.len() as u64);
     let table = Table::of(&jobs);

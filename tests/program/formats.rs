@@ -291,3 +291,36 @@ fn what_makes_no_sense_is_refused_before_any_work() {
         assert!(errors(&output).contains(part), "{}", errors(&output));
     }
 }
+
+/// With vertices of their own, parts keep their colours up to the boundary in programs that know colours of vertices alone.
+#[test]
+fn parts_can_have_vertices_of_their_own() {
+    let dir = tempfile::tempdir().unwrap();
+    let mesh = common::creature(dir.path(), 5_000, false);
+    let out = |name: &str| dir.path().join(name);
+    let (split, plain) = (out("split.ply"), out("plain.ply"));
+    let words =
+        ["-q", "-k", "6", "--split-vertices", "--names", word(&out("n.tsv")), "-o", word(&split)].map(str::to_owned);
+    std::fs::write(out("n.tsv"), "2\tthird\n").unwrap();
+    common::segment(&mesh, &words.each_ref().map(String::as_str));
+    common::segment(&mesh, &["-q", "-k", "6", "-o", word(&plain)]);
+    let run = nystrom_stream::store::Run::new(&());
+    let (a, b) = (Mesh::open(&split).unwrap(), Mesh::open(&plain).unwrap());
+    let labels = a.face_property("label", &run).unwrap();
+    assert_eq!(labels, b.face_property("label", &run).unwrap());
+    let mut part = vec![u32::MAX; a.positions.len()];
+    for face in 0..labels.len() {
+        let corners =
+            |mesh: &Mesh| mesh.faces.with(face, |c| c.iter().map(|&v| (v, mesh.positions.get(v))).collect::<Vec<_>>());
+        for ((v, here), (_, there)) in corners(&a).into_iter().zip(corners(&b)) {
+            assert_eq!(here, there);
+            assert!(part[v as usize] == u32::MAX || part[v as usize] == labels[face], "vertex {v} is in two parts");
+            part[v as usize] = labels[face];
+        }
+    }
+    let more = a.positions.len() - b.positions.len();
+    assert!(more > 20 && more < b.positions.len() / 4, "{more} more vertices");
+    let bytes = std::fs::read(&split).unwrap();
+    let head = String::from_utf8_lossy(&bytes[..900]).into_owned();
+    assert!(head.contains("comment part 2: third\n") && head.contains("property float scalar_label\n"), "{head}");
+}

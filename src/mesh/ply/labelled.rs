@@ -14,6 +14,7 @@ pub use super::labelling::{Labelling, PlyForm, PlyOptions};
 use super::labelling::{VERTEX_PROPERTIES, kept, of_vertices};
 use super::names;
 use super::plain::{self, Column};
+use super::split_vertices;
 use super::values::{Binary, Cursor, Encoder, Text};
 use super::vertex_labels::VertexLabels;
 use crate::base::{Error, Result};
@@ -58,6 +59,7 @@ pub fn write_labelled(
     check(labelling, mesh)?;
     let options = options.into();
     if cfg!(unix)
+        && !options.split_vertices
         && let Some(document) = mesh.document()
         && let Some((header, plan)) = FixedRecords::plan(document, mesh, labelling, options)?
     {
@@ -97,6 +99,9 @@ fn stream(
     options: PlyOptions,
     run: &Run,
 ) -> Result<()> {
+    if options.split_vertices {
+        return split_vertices::stream(mesh, path, writer, labelling, options.form, run);
+    }
     let Some(document) = mesh.document() else { return stream_arrays(mesh, path, writer, labelling, options, run) };
     if let Some((header, plan)) = FixedRecords::plan(document, mesh, labelling, options)? {
         let mut out = Gather::new(path, writer);

@@ -27,18 +27,26 @@ pub struct PlyOptions {
     /// Whether each vertex gets the label that most faces around it have, as `float scalar_label` (-1 without faces), and
     /// its colour, in the place of its own: for programs that know no properties of faces.
     pub vertex_labels: bool,
+    /// Whether parts share no vertex, and vertices have labels and colours; properties of the input are left behind then.
+    pub split_vertices: bool,
 }
 
 impl PlyOptions {
     /// A file of the encoding `form`, with labels of vertices where `vertex_labels`.
     pub fn new(form: PlyForm, vertex_labels: bool) -> Self {
-        Self { form, vertex_labels }
+        Self { form, vertex_labels, split_vertices: false }
+    }
+
+    /// The same with vertices of their own for each part where `split`.
+    #[must_use]
+    pub fn splitting(self, split: bool) -> Self {
+        Self { split_vertices: split, ..self }
     }
 }
 
 impl From<PlyForm> for PlyOptions {
     fn from(form: PlyForm) -> Self {
-        Self { form, vertex_labels: false }
+        Self { form, vertex_labels: false, split_vertices: false }
     }
 }
 
