@@ -4,7 +4,7 @@ use super::choices::choice;
 use super::options::CliError;
 use nystrom_stream::apps::edits::Edits;
 use nystrom_stream::apps::export::parquet::{self, Coordinates};
-use nystrom_stream::apps::export::split::{self, PartForm};
+use nystrom_stream::apps::export::split::{self, Folder, PartForm};
 use nystrom_stream::apps::export::{glb, obj};
 use nystrom_stream::apps::measure::{self, Measures};
 use nystrom_stream::apps::page::{CellModel, Cuts, Page};
@@ -92,6 +92,9 @@ pub struct FormArgs {
     /// Format of the files in a folder of parts
     #[arg(long, value_enum, default_value = "ply", value_name = "FORM")]
     pub part_form: PartFile,
+    /// Close the parts of a folder where they were cut off, and their holes: parts of a closed mesh become solids
+    #[arg(long)]
+    pub cap: bool,
     /// Add the coordinates of the spectral embedding to .parquet outputs
     #[arg(long)]
     pub embedding_columns: bool,
@@ -124,6 +127,9 @@ impl FormArgs {
         if self.part_form != PartFile::Ply && !outputs.iter().any(|output| matches!(output, Output::Folder(_))) {
             return Err(CliError::Usage("--part-form goes with a folder of parts, as in -o parts/".into()));
         }
+        if self.cap && !outputs.iter().any(|output| matches!(output, Output::Folder(_))) {
+            return Err(CliError::Usage("--cap goes with a folder of parts, as in -o parts/".into()));
+        }
         if self.embedding_columns && !outputs.iter().any(|output| matches!(output, Output::Parquet(_))) {
             return Err(CliError::Usage("--embedding-columns goes with a .parquet output".into()));
         }
@@ -139,6 +145,8 @@ pub struct Results<'a> {
     pub options: PlyOptions,
     /// Of folders of parts.
     pub part_form: PartFile,
+    /// Whether the parts of folders are closed.
+    pub cap: bool,
     /// For tables, if asked for.
     pub embedding: Option<Coordinates<'a>>,
     /// For pages: the run's report.
@@ -323,7 +331,7 @@ impl Output {
                     PartFile::Ply if text => PartForm::Text,
                     PartFile::Ply => PartForm::Binary,
                 };
-                split::write(path, mesh, labelling, form, true, run)
+                split::write(path, mesh, labelling, Folder { form, cap: results.cap }, true, run)
             }
             Self::Stdout => {
                 let mut out = std::io::stdout().lock();

@@ -298,6 +298,7 @@ pub fn one(job: &Job, task: Task<'_>, bars: &Bars, run: &Run, app: &AppContext) 
         },
         options: args.form.ply.options(),
         part_form: args.form.part_form,
+        cap: args.form.cap,
         embedding: coordinates.as_ref().map(KeptEmbedding::coordinates),
         report: if pages { to_json("the report", &report(seconds.clone())?)? } else { Value::Null },
         cuts: cuts.as_ref(),
@@ -461,6 +462,7 @@ fn all(jobs: Vec<Job>, task: Task<'_>, app: &AppContext) -> Result<(), CliError>
         "params": task.params, "seed": args.run.seed.unwrap_or(0), "ply_form": format!("{:?}", args.form.ply.ply_form),
         "vertex_labels": args.form.ply.vertex_labels, "split_vertices": args.form.ply.split_vertices,
         "embedding_columns": args.form.embedding_columns, "part_form": format!("{:?}", args.form.part_form),
+        "cap": args.form.cap,
     });
     let bars = BatchBars::new(style, jobs.len() as u64);
     let table = Table::of(&jobs);

@@ -423,6 +423,7 @@ impl Export<'_> {
             labelling,
             options: self.form.ply.options(),
             part_form: self.form.part_form,
+            cap: self.form.cap,
             embedding: coordinates.as_ref().map(KeptEmbedding::coordinates),
             report: if pages { report() } else { Value::Null },
             cuts: cuts.as_ref(),

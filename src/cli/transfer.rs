@@ -97,6 +97,7 @@ pub fn run(args: &TransferArgs, app: &AppContext) -> Result<(), CliError> {
         },
         options: args.ply.options(),
         part_form: PartFile::Ply,
+        cap: false,
         embedding: None,
         report: report.clone(),
         cuts: None,

@@ -304,7 +304,7 @@ fn parts_can_have_vertices_of_their_own() {
     std::fs::write(out("n.tsv"), "2\tthird\n").unwrap();
     common::segment(&mesh, &words.each_ref().map(String::as_str));
     common::segment(&mesh, &["-q", "-k", "6", "-o", word(&plain)]);
-    let run = nystrom_stream::store::Run::new(&());
+    let run = Run::new(&());
     let (a, b) = (Mesh::open(&split).unwrap(), Mesh::open(&plain).unwrap());
     let labels = a.face_property("label", &run).unwrap();
     assert_eq!(labels, b.face_property("label", &run).unwrap());
@@ -323,4 +323,45 @@ fn parts_can_have_vertices_of_their_own() {
     let bytes = std::fs::read(&split).unwrap();
     let head = String::from_utf8_lossy(&bytes[..900]).into_owned();
     assert!(head.contains("comment part 2: third\n") && head.contains("property float scalar_label\n"), "{head}");
+}
+
+/// Parts of a closed mesh that are capped are closed, and their volumes add up to that of the whole.
+#[test]
+fn capped_parts_are_solids_whose_volumes_add_up() {
+    let dir = tempfile::tempdir().unwrap();
+    let mesh = common::creature(dir.path(), 5_000, false);
+    let measured = |path: &Path| {
+        let work = nystrom_stream::store::WorkDir::temporary(dir.path()).unwrap();
+        let run = run();
+        nystrom_stream::apps::measure::mesh(&open(path), nystrom_stream::store::Context::new(&work, &run)).unwrap()
+    };
+    let whole = measured(&mesh).all.volume.unwrap();
+    for form in ["ply", "stl"] {
+        let folder = dir.path().join(format!("{form}/"));
+        let out = format!("{}/", folder.display());
+        common::segment(&mesh, &["-q", "-k", "7", "--cap", "--part-form", form, "--ply-form", "ascii", "-o", &out]);
+        let listed = std::fs::read(folder.join("parts.json")).unwrap();
+        let listed: serde_json::Value = serde_json::from_slice(&listed).unwrap();
+        let parts = listed["parts"].as_array().unwrap();
+        assert_eq!(parts.len(), 7);
+        let mut sum = 0.;
+        for part in parts {
+            let path = folder.join(part["file"].as_str().unwrap());
+            let here = measured(&path);
+            assert!(part["caps"]["solid"] == true && part["caps"]["loops"].as_u64() > Some(0), "{part}");
+            assert_eq!((here.all.open_edges, here.nonmanifold_edges), (0, 0), "{part}");
+            let faces = part["faces"].as_u64().unwrap() + part["caps"]["triangles"].as_u64().unwrap();
+            assert_eq!(here.all.faces, faces);
+            sum += here.all.volume.unwrap();
+            if form == "ply" {
+                let text = std::fs::read_to_string(&path).unwrap();
+                let caps = text.lines().filter(|line| line.split(' ').nth(4) == Some("-1")).count() as u64;
+                assert_eq!(Some(caps), part["caps"]["triangles"].as_u64());
+            }
+        }
+        assert!((sum / whole - 1.).abs() < 1e-6, "{form}: {sum} of {whole}");
+    }
+    let output = common::run(&["segment", word(&mesh), "--cap", "-o", "x.glb"]);
+    assert_eq!(output.status.code(), Some(2));
+    assert!(errors(&output).contains("--cap goes with a folder of parts"), "{}", errors(&output));
 }

@@ -1,9 +1,12 @@
 //! One mesh per part: `part_000.ply` … in a folder, each with the vertices it uses and its open borders where it was cut off.
 //!
 //! Faces keep their corners' order and winding and get `int original_face`, their number in the input, `int label`,
-//! colour and quality; positions keep their precision. Or binary STL, for programs that know nothing else. `parts.json`, written last, lists the files. One bit per vertex and a
-//! count every [`BLOCK`] of them tell which vertices a part uses and their new numbers; one pass per part over the labels.
+//! colour and quality; positions keep their precision. Or binary STL, for programs that know nothing else. On request parts are closed
+//! ([`caps`](super::caps)); triangles of caps have the `original_face` −1 and the quality 0. `parts.json`, written last, lists the files.
+//! One bit per vertex and a count every [`BLOCK`] of them tell which vertices a part uses and their new numbers; one pass per part over the
+//! labels.
 
+use super::caps::{Caps, Corner};
 use super::{CHUNK, parts};
 use crate::base::vector::{double_area, unit};
 use crate::base::{Error, Result};
@@ -31,6 +34,21 @@ pub enum PartForm {
     Stl,
 }
 
+/// How a folder of parts is written.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Folder {
+    /// What its files are.
+    pub form: PartForm,
+    /// Whether parts are closed where they were cut off, and at holes.
+    pub cap: bool,
+}
+
+impl From<PartForm> for Folder {
+    fn from(form: PartForm) -> Self {
+        Self { form, cap: false }
+    }
+}
+
 /// `name` as any file system takes it: letters and digits stay.
 pub(super) fn plain_name(name: Option<&str>) -> String {
     let plain = |c: char| if c.is_alphanumeric() || c == '-' { c } else { '_' };
@@ -44,20 +62,21 @@ pub fn file_name(part: usize, name: Option<&str>, form: PartForm) -> String {
     format!("part_{part:03}{}{name}.{ending}", if name.is_empty() { "" } else { "_" })
 }
 
-/// Writes all parts that have faces to `folder`, which is made where it is not there, as files of `form`. Files of an earlier,
-/// finer cut stay there and are told.
+/// Writes all parts that have faces to `folder`, which is made where it is not there, as files of a form. Files of an earlier, finer cut stay
+/// there and are told; so are parts that caps do not make solids.
 ///
 /// # Errors
-/// [`Error::Parameter`] for labels that do not fit the faces; [`Error::Memory`] where the budget has no room for a bit
-/// per vertex; [`Error::Io`]; [`Error::Cancelled`].
+/// [`Error::Parameter`] for labels that do not fit the faces; [`Error::Memory`] where the budget has no room for a bit per vertex, or for
+/// the edges of a part that is to be closed; [`Error::Io`]; [`Error::Cancelled`].
 pub fn write(
     folder: &Path,
     mesh: &Mesh,
     labelling: &Labelling,
-    form: PartForm,
+    form: impl Into<Folder>,
     durable: bool,
     run: &Run,
 ) -> Result<()> {
+    let Folder { form, cap } = form.into();
     let parts = parts(mesh, labelling)?;
     let words = mesh.positions.len().div_ceil(BLOCK);
     let _grant = run.budget.take("vertices of a part", 12 * words as u64, 12 * words as u64)?;
@@ -69,7 +88,7 @@ pub fn write(
     }
     let encoder = Encoder { target: if form == PartForm::Text { Encoding::Ascii } else { Encoding::Little } };
     let mut writer = Splitter { mesh, labelling, encoder, run, used: vec![0; words], before: vec![0; words] };
-    let mut listed = Vec::new();
+    let (mut listed, mut open) = (Vec::new(), Vec::new());
     for part in 0..parts {
         let name = file_name(part, labelling.name(part), form);
         let (faces, vertices, most) = writer.mark(part as u32)?;
@@ -77,12 +96,13 @@ pub fn write(
             continue;
         }
         let path = folder.join(&name);
+        let caps = if cap { writer.caps(part as u32)? } else { Caps::default() };
         by_rename(&path, 0, durable, |file| {
             let mut out = Gather::new(&path, file);
             if form == PartForm::Stl {
-                writer.solid(part as u32, &mut out)?;
+                writer.solid(part as u32, &caps, &mut out)?;
             } else {
-                writer.part(part as u32, faces, vertices, most, &mut out)?;
+                writer.part(part as u32, [faces, vertices, most], &caps, &mut out)?;
             }
             out.finish()
         })?;
@@ -91,11 +111,21 @@ pub fn write(
         if let Some(name) = labelling.name(part) {
             entry["name"] = name.into();
         }
+        if cap {
+            let solid = caps.flaws == 0;
+            entry["caps"] = json!({"loops": caps.loops, "triangles": caps.triangles.len(), "solid": solid});
+            open.extend((!solid).then(|| part.to_string()));
+        }
         listed.push(entry);
     }
     // A value prints itself, indented under `#`, and cannot fail to.
     let listed = json!({"faces": mesh.faces.len(), "parts": listed});
     by_rename(&list, 0, durable, |file| writeln!(file, "{listed:#}").map_err(Error::io(&list, "write")))?;
+    if !open.is_empty() {
+        let (parts, verb) = if open.len() == 1 { ("part", "is") } else { ("parts", "are") };
+        let why = "edges of three faces or more, or faces wound against each other";
+        run.progress.note(&format!("{parts} {} {verb} no solid in spite of --cap: {why}", open.join(", ")));
+    }
     if folder.join(file_name(parts, None, form)).exists() {
         let text = format!("{}: holds parts of an earlier cut too; {LIST} says which are of this", folder.display());
         run.progress.note(&text);
@@ -127,13 +157,28 @@ impl Splitter<'_> {
         Ok(())
     }
 
+    /// What closes `part`.
+    fn caps(&self, part: u32) -> Result<Caps> {
+        let mut corners = 0;
+        self.each(part, |_, face| {
+            corners += face.len() as u64;
+            Ok(())
+        })?;
+        Caps::of(self.mesh, corners, self.run, |see| {
+            self.each(part, |_, face| {
+                see(face);
+                Ok(())
+            })
+        })
+    }
+
     /// Marks the vertices of `part`; counts its faces, its vertices, and the corners of its largest face.
-    fn mark(&mut self, part: u32) -> Result<(u64, u64, usize)> {
+    fn mark(&mut self, part: u32) -> Result<(u64, u64, u64)> {
         let mut used = std::mem::take(&mut self.used);
         used.fill(0);
         let (mut faces, mut most) = (0, 0);
         let marked = self.each(part, |_, corners| {
-            (faces, most) = (faces + 1, corners.len().max(most));
+            (faces, most) = (faces + 1, most.max(corners.len() as u64));
             corners.iter().for_each(|&v| used[v as usize / BLOCK] |= 1 << (v as usize % BLOCK));
             Ok(())
         });
@@ -152,32 +197,52 @@ impl Splitter<'_> {
         self.before[word] + (self.used[word] & ((1 << bit) - 1)).count_ones()
     }
 
-    fn part(&self, part: u32, faces: u64, vertices: u64, most: usize, out: &mut Gather) -> Result<()> {
-        let (double, count) = (self.mesh.positions.is_double(), Scalar::counting(most as u64));
+    /// The part with so many faces, vertices, and corners of a face at the most, as PLY.
+    fn part(&self, part: u32, [faces, vertices, most]: [u64; 3], caps: &Caps, out: &mut Gather) -> Result<()> {
+        let (double, count) = (self.mesh.positions.is_double(), Scalar::counting(most.max(3)));
         let original = if self.mesh.faces.len() <= i32::MAX as usize { Scalar::I32 } else { Scalar::U32 };
         let mut header = HeaderWriter::new(self.encoder.target);
         header.remark(format!("comment part {part}, cut by nystrom-stream"));
-        header.element("vertex", vertices).positions(double);
-        header.element("face", faces).corners(count, Scalar::I32).property("original_face", original);
+        header.element("vertex", vertices + caps.centres.len() as u64).positions(double);
+        header
+            .element("face", faces + caps.triangles.len() as u64)
+            .corners(count, Scalar::I32)
+            .property("original_face", original);
         self.labelling.properties().iter().for_each(|&(name, scalar)| _ = header.property(name, scalar));
         out.buffer.append(&mut header.finish());
         for (word, &bits) in self.used.iter().enumerate() {
             let mut left = bits;
             while left != 0 {
-                self.vertex((word * BLOCK) as u32 + left.trailing_zeros(), &mut out.buffer);
+                let v = (word * BLOCK) as u32 + left.trailing_zeros();
+                self.vertex(self.mesh.positions.get(v), &mut out.buffer);
                 left &= left - 1;
             }
             out.settle()?;
         }
+        caps.centres.iter().for_each(|&p| self.vertex(p, &mut out.buffer));
         self.each(part, |face, corners| {
             self.face(face, corners, count, &mut out.buffer);
             out.settle()
-        })
+        })?;
+        let none = if matches!(original, Scalar::I32) { -1 } else { i64::from(u32::MAX) };
+        for corners in &caps.triangles {
+            let number = |corner| match corner {
+                Corner::Vertex(v) => self.number(v).into(),
+                Corner::Centre(k) => vertices as i64 + i64::from(k),
+            };
+            self.encoder.integer(count, 3, &mut out.buffer);
+            corners.iter().for_each(|&corner| self.encoder.integer(Scalar::I32, number(corner), &mut out.buffer));
+            self.encoder.integer(original, none, &mut out.buffer);
+            self.labelling.append_added(part, self.encoder, &mut out.buffer);
+            self.encoder.end(&mut out.buffer);
+            out.settle()?;
+        }
+        Ok(())
     }
 
     /// The part as binary STL.
-    fn solid(&self, part: u32, out: &mut Gather) -> Result<()> {
-        let mut triangles = 0u64;
+    fn solid(&self, part: u32, caps: &Caps, out: &mut Gather) -> Result<()> {
+        let mut triangles = caps.triangles.len() as u64;
         self.each(part, |_, corners| {
             self.mesh.fan(corners, |_, _| triangles += 1);
             Ok(())
@@ -190,20 +255,26 @@ impl Splitter<'_> {
         head.resize(80, 0);
         out.buffer.append(&mut head);
         out.buffer.extend_from_slice(&count.to_le_bytes());
+        let facet = |at: [[f64; 3]; 3], out: &mut Vec<u8>| {
+            for p in [unit(double_area(at)), at[0], at[1], at[2]] {
+                p.into_iter().for_each(|x| out.extend_from_slice(&(x as f32).to_le_bytes()));
+            }
+            out.extend_from_slice(&[0; 2]);
+        };
         self.each(part, |_, corners| {
-            self.mesh.fan(corners, |_, at| {
-                for p in [unit(double_area(at)), at[0], at[1], at[2]] {
-                    p.into_iter().for_each(|x| out.buffer.extend_from_slice(&(x as f32).to_le_bytes()));
-                }
-                out.buffer.extend_from_slice(&[0; 2]);
-            });
+            self.mesh.fan(corners, |_, at| facet(at, &mut out.buffer));
             out.settle()
-        })
+        })?;
+        for corners in &caps.triangles {
+            facet(corners.map(|corner| caps.place(self.mesh, corner)), &mut out.buffer);
+            out.settle()?;
+        }
+        Ok(())
     }
 
-    fn vertex(&self, v: u32, out: &mut Vec<u8>) {
+    fn vertex(&self, at: [f64; 3], out: &mut Vec<u8>) {
         let scalar = Scalar::coordinate(self.mesh.positions.is_double());
-        self.mesh.positions.get(v).into_iter().for_each(|x| self.encoder.real(scalar, x, out));
+        at.into_iter().for_each(|x| self.encoder.real(scalar, x, out));
         self.encoder.end(out);
     }
 

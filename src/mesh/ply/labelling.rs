@@ -149,6 +149,15 @@ impl Labelling<'_> {
         }
     }
 
+    /// Appends the numbers of [`Labelling::properties`] of a face that the mesh does not have, of `label` and of no quality.
+    pub(crate) fn append_added(&self, label: u32, encoder: Encoder, out: &mut Vec<u8>) {
+        encoder.integer(Scalar::I32, i64::from(label as i32), out);
+        self.colour_of(Some(label)).into_iter().for_each(|part| encoder.integer(Scalar::U8, part.into(), out));
+        if self.quality.is_some() {
+            encoder.real(Scalar::F32, 0., out);
+        }
+    }
+
     /// The header of the labelled file.
     pub(super) fn header(&self, document: &Document, mesh: &Mesh, options: PlyOptions) -> Vec<u8> {
         let vertex = document.vertex().filter(|_| options.vertex_labels);

@@ -1,0 +1,341 @@
+//! Caps where a part was cut off from its neighbours, or has a hole: with them, parts of a closed mesh are solids.
+//!
+//! The edges that one face of the part has alone are joined to loops; a loop that touches itself falls into simple ones. A loop is
+//! filled by ear clipping in the plane that its own area vector tells (Newell's). Where that does not use all its edges once, folds, or
+//! would double an edge of the part, it is filled by a fan about its centre, which always closes it, but may cut through itself if the loop
+//! is far from flat and convex. Both sides of a loop get the same triangles, so volumes of parts add up to that of the whole.
+//!
+//! Vertices at the same position count as one. Cost: 16 bytes per corner of the part, from the budget, and a sort of its edges.
+
+use crate::base::Result;
+use crate::base::vector::{cross, distance, dot, length, minus};
+use crate::mesh::Mesh;
+use crate::store::Run;
+use earcut::Earcut;
+use std::collections::{BTreeSet, HashMap};
+
+/// Relative deviation of areas up to which an ear clipping is one without folds.
+const FOLDS: f64 = 1e-6;
+
+/// A corner of a cap.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Corner {
+    /// A vertex of the mesh.
+    Vertex(u32),
+    /// One of [`Caps::centres`].
+    Centre(u32),
+}
+
+/// What closes a part.
+#[derive(Clone, Debug, Default)]
+pub(super) struct Caps {
+    /// Centres of fans.
+    pub centres: Vec<[f64; 3]>,
+    /// Triangles, wound as the part is.
+    pub triangles: Vec<[Corner; 3]>,
+    /// Loops that were filled.
+    pub loops: usize,
+    /// Edges of more than two faces, or of two that are wound against each other, and open ones in no loop: with any, the part is no
+    /// solid.
+    pub flaws: u64,
+}
+
+/// The ends of an edge, the lesser first.
+fn ends([a, b]: [u32; 2]) -> [u32; 2] {
+    [a.min(b), a.max(b)]
+}
+
+/// Sorts directed edges by their ends. Returns those without a partner, and how many have one that no solid has.
+fn without_partner(edges: &mut [[u32; 2]]) -> (Vec<[u32; 2]>, u64) {
+    edges.sort_unstable_by_key(|&edge| (ends(edge), edge));
+    let (mut open, mut flaws) = (Vec::new(), 0);
+    for same in edges.chunk_by(|&a, &b| ends(a) == ends(b)) {
+        let (ascending, descending) = same.split_at(same.partition_point(|[a, b]| a < b));
+        let paired = ascending.len().min(descending.len());
+        match same.len() {
+            1 => open.push(same[0]),
+            2 => flaws += u64::from(paired == 0),
+            _ => {
+                flaws += 1;
+                open.extend_from_slice(&ascending[paired..]);
+                open.extend_from_slice(&descending[paired..]);
+            }
+        }
+    }
+    (open, flaws)
+}
+
+/// Joins directed edges to simple loops; tells how many edges are in none.
+fn loops(mut edges: Vec<[u32; 2]>) -> (Vec<Vec<u32>>, u64) {
+    edges.sort_unstable();
+    // The next edge from each vertex that is not yet walked.
+    let mut next: HashMap<u32, std::ops::Range<usize>> = HashMap::new();
+    for (k, &[from, _]) in edges.iter().enumerate() {
+        next.entry(from).or_insert(k..k).end = k + 1;
+    }
+    let (mut all, mut left) = (Vec::new(), 0);
+    for &[start, _] in &edges {
+        let (mut path, mut place) = (vec![start], HashMap::from([(start, 0)]));
+        while let Some(&here) = path.last() {
+            let Some(k) = next.get_mut(&here).and_then(Iterator::next) else {
+                left += path.len() as u64 - 1;
+                break;
+            };
+            let to = edges[k][1];
+            match place.get(&to).copied() {
+                Some(from) => {
+                    all.push(path[from..].to_vec());
+                    path.drain(from + 1..).for_each(|v| _ = place.remove(&v));
+                }
+                None => {
+                    place.insert(to, path.len());
+                    path.push(to);
+                }
+            }
+        }
+    }
+    (all, left)
+}
+
+/// The loop from its least vertex towards the lesser neighbour, so that both sides of it tell it alike; and whether that is the other way
+/// round.
+fn canonical(mut ring: Vec<u32>) -> (Vec<u32>, bool) {
+    let least = (0..ring.len()).min_by_key(|&k| ring[k]).unwrap_or(0);
+    ring.rotate_left(least);
+    let turned = ring.len() > 2 && ring[ring.len() - 1] < ring[1];
+    if turned {
+        ring[1..].reverse();
+    }
+    (ring, turned)
+}
+
+/// The triangles that ear clipping of a loop makes in the plane of its area vector, wound against it, if they use every edge of it once and
+/// do not fold.
+fn clipped(ring: &[u32], at: &[[f64; 3]], clipper: &mut Earcut<f64>) -> Option<Vec<[u32; 3]>> {
+    let n = ring.len();
+    let spokes: Vec<[f64; 3]> = at.iter().map(|&p| minus(p, at[0])).collect();
+    let mut normal = [0.; 3];
+    for pair in spokes.windows(2) {
+        let area = cross(pair[0], pair[1]);
+        (0..3).for_each(|k| normal[k] += area[k]);
+    }
+    let size = length(normal);
+    if !size.is_normal() {
+        return None;
+    }
+    let normal = normal.map(|x| x / size);
+    let least = (0..3).min_by(|&i, &j| normal[i].abs().total_cmp(&normal[j].abs())).unwrap_or(0);
+    let mut axis = [0.; 3];
+    axis[least] = 1.;
+    let u = cross(normal, axis);
+    let u = u.map(|x| x / length(u));
+    let v = cross(normal, u);
+    let flat: Vec<[f64; 2]> = spokes.iter().map(|&p| [dot(p, u), dot(p, v)]).collect();
+    let mut corners: Vec<u32> = Vec::new();
+    clipper.earcut_slice(&flat, &[], &mut corners);
+    let mut triangles: Vec<[u32; 3]> = corners.chunks_exact(3).map(|t| [t[0], t[1], t[2]]).collect();
+    let double = |t: &[u32; 3]| {
+        let [a, b, c] = t.map(|k| flat[k as usize]);
+        (b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0])
+    };
+    if triangles.len() + 2 != n || (triangles.iter().map(|t| double(t).abs()).sum::<f64>() - size).abs() > FOLDS * size
+    {
+        return None;
+    }
+    if triangles.iter().map(double).sum::<f64>() > 0. {
+        triangles.iter_mut().for_each(|t| t.swap(1, 2));
+    }
+    let mut edges: Vec<[u32; 2]> = triangles.iter().flat_map(|&[a, b, c]| [[a, b], [b, c], [c, a]]).collect();
+    let (mut rim, flaws) = without_partner(&mut edges);
+    rim.sort_unstable_by_key(|edge| edge[1]);
+    let whole = rim.len() == n && (0..n).all(|k| rim[k] == [((k + 1) % n) as u32, k as u32]);
+    (flaws == 0 && whole).then(|| triangles.into_iter().map(|t| t.map(|k| ring[k as usize])).collect())
+}
+
+impl Caps {
+    /// Closes the part whose faces `visit` shows.
+    ///
+    /// # Errors
+    /// [`crate::base::Error::Memory`]; those of `visit`.
+    pub fn of(
+        mesh: &Mesh,
+        corners: u64,
+        run: &Run,
+        visit: impl FnOnce(&mut dyn FnMut(&[u32])) -> Result<()>,
+    ) -> Result<Self> {
+        let _grant = run.budget.take("edges of a part", 16 * corners, 16 * corners)?;
+        let mut edges: Vec<[u32; 2]> = Vec::with_capacity(corners as usize);
+        visit(&mut |face| {
+            let turned = face.iter().cycle().skip(1);
+            edges.extend(face.iter().zip(turned).map(|(&a, &b)| [a, b]).filter(|[a, b]| a != b));
+        })?;
+        let (mut open, flaws) = without_partner(&mut edges);
+        let (welded, open, more) = weld(mesh, &mut open);
+        let (all, left) = loops(open);
+        let mut caps = Caps { flaws: flaws + more + left, ..Caps::default() };
+        let (mut clipper, mut chords) = (Earcut::new(), BTreeSet::new());
+        let known = |edge: [u32; 2]| edges.binary_search_by_key(&edge, |&edge| ends(edge)).is_ok();
+        for ring in all {
+            run.cancel.check()?;
+            let (ring, turned) = canonical(ring);
+            let at: Vec<[f64; 3]> = ring.iter().map(|&v| mesh.positions.get(v)).collect();
+            caps.loops += 1;
+            let flat = clipped(&ring, &at, &mut clipper).filter(|triangles| {
+                let inner = inner_edges(&ring, triangles);
+                // Edges of vertices that were welded are not known.
+                !inner.iter().any(|&edge| welded || known(edge) || !chords.insert(edge))
+            });
+            let filled: Vec<[Corner; 3]> = match flat {
+                Some(triangles) => triangles.into_iter().map(|t| t.map(Corner::Vertex)).collect(),
+                None => {
+                    let centre = Corner::Centre(caps.centres.len() as u32);
+                    caps.centres.push(middle(&at));
+                    let next = ring.iter().cycle().skip(1);
+                    ring.iter().zip(next).map(|(&a, &b)| [Corner::Vertex(b), Corner::Vertex(a), centre]).collect()
+                }
+            };
+            caps.triangles.extend(filled.into_iter().map(|[a, b, c]| if turned { [a, c, b] } else { [a, b, c] }));
+        }
+        Ok(caps)
+    }
+
+    /// Where a corner lies.
+    pub fn place(&self, mesh: &Mesh, corner: Corner) -> [f64; 3] {
+        match corner {
+            Corner::Vertex(v) => mesh.positions.get(v),
+            Corner::Centre(k) => self.centres[k as usize],
+        }
+    }
+}
+
+/// The edges of `triangles` that the loop does not have.
+fn inner_edges(ring: &[u32], triangles: &[[u32; 3]]) -> BTreeSet<[u32; 2]> {
+    let own: BTreeSet<[u32; 2]> = ring.iter().zip(ring.iter().cycle().skip(1)).map(|(&a, &b)| ends([a, b])).collect();
+    let all = triangles.iter().flat_map(|&[a, b, c]| [[a, b], [b, c], [c, a]]);
+    all.map(ends).filter(|edge| !own.contains(edge)).collect()
+}
+
+/// The mean of a loop along its length.
+fn middle(at: &[[f64; 3]]) -> [f64; 3] {
+    let (mut sum, mut whole) = ([0.; 3], 0.);
+    for (&p, &q) in at.iter().zip(at.iter().cycle().skip(1)) {
+        let step = distance(p, q);
+        (0..3).for_each(|k| sum[k] += step * (p[k] + q[k]) / 2.);
+        whole += step;
+    }
+    if whole > 0. { sum.map(|x| x / whole) } else { at[0] }
+}
+
+/// Names open edges by the least vertex at each position. Returns whether any had another, the edges that are open still, and what is left
+/// that no solid has.
+fn weld(mesh: &Mesh, open: &mut [[u32; 2]]) -> (bool, Vec<[u32; 2]>, u64) {
+    let vertices: BTreeSet<u32> = open.iter().flatten().copied().collect();
+    let mut first: HashMap<[u64; 3], u32> = HashMap::new();
+    let place = |v: u32| mesh.positions.get(v).map(|x| (x + 0.).to_bits());
+    let welded = vertices.iter().filter(|&&v| *first.entry(place(v)).or_insert(v) != v).count() > 0;
+    let mut named: Vec<[u32; 2]> = open.iter().map(|edge| edge.map(|v| first[&place(v)])).collect();
+    named.retain(|[a, b]| a != b);
+    let (open, flaws) = without_partner(&mut named);
+    (welded, open, flaws)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn caps(points: &[[f64; 3]], faces: &[Vec<u32>]) -> (Mesh, Caps) {
+        let triangles: Vec<[u32; 3]> = faces.iter().map(|f| [f[0], f[1], f[2]]).collect();
+        let mesh = Mesh::from_slices(points, &triangles).unwrap();
+        let visit = |see: &mut dyn FnMut(&[u32])| {
+            faces.iter().for_each(|face| see(face));
+            Ok(())
+        };
+        let caps = Caps::of(&mesh, faces.iter().map(|f| f.len() as u64).sum(), &Run::new(&()), visit).unwrap();
+        (mesh, caps)
+    }
+
+    /// Six times the volume of faces and caps, and how many edges are not shared by two triangles wound the same way.
+    fn closed(mesh: &Mesh, faces: &[Vec<u32>], caps: &Caps) -> (f64, u64) {
+        let mut all: Vec<[[f64; 3]; 3]> =
+            faces.iter().map(|f| [f[0], f[1], f[2]].map(|v| mesh.positions.get(v))).collect();
+        all.extend(caps.triangles.iter().map(|t| t.map(|corner| caps.place(mesh, corner))));
+        let mut numbers: HashMap<[u64; 3], u32> = HashMap::new();
+        let mut number = |p: [f64; 3]| {
+            let next = numbers.len() as u32;
+            *numbers.entry(p.map(f64::to_bits)).or_insert(next)
+        };
+        let mut edges = Vec::new();
+        for t in &all {
+            let [a, b, c] = t.map(&mut number);
+            edges.extend([[a, b], [b, c], [c, a]]);
+        }
+        let (open, flaws) = without_partner(&mut edges);
+        (all.iter().map(|t| dot(t[0], cross(t[1], t[2]))).sum(), open.len() as u64 + flaws)
+    }
+
+    /// A prism of height 1 over a polygon, without bottom and lid.
+    fn prism(polygon: &[[f64; 2]]) -> (Vec<[f64; 3]>, Vec<Vec<u32>>) {
+        let n = polygon.len() as u32;
+        let points = [0., 1.].iter().flat_map(|&z| polygon.iter().map(move |p| [p[0], p[1], z])).collect();
+        let side = |k: u32| {
+            let (a, b) = (k, (k + 1) % n);
+            [vec![a, b, b + n], vec![a, b + n, a + n]]
+        };
+        (points, (0..n).flat_map(side).collect())
+    }
+
+    #[test]
+    fn a_tube_is_closed_flat_where_that_can_be_and_by_fans_elsewhere() {
+        // An L, whose centre of gravity does not see all of it: ears; the same with a vertex amid a side: fans.
+        let ell = [[0., 0.], [3., 0.], [3., 1.], [1., 1.], [1., 3.], [0., 3.]];
+        let (points, faces) = prism(&ell);
+        let (mesh, flat) = caps(&points, &faces);
+        assert_eq!((flat.loops, flat.centres.len(), flat.triangles.len(), flat.flaws), (2, 0, 8, 0));
+        let (volume, wrong) = closed(&mesh, &faces, &flat);
+        assert!(wrong == 0 && (volume / 6. - 5.).abs() < 1e-12, "{volume}");
+        let (points, faces) = prism(&[&ell[..1], &[[1.5, 0.]], &ell[1..]].concat());
+        let (mesh, fans) = caps(&points, &faces);
+        assert_eq!((fans.loops, fans.centres.len(), fans.triangles.len(), fans.flaws), (2, 2, 14, 0));
+        let (volume, wrong) = closed(&mesh, &faces, &fans);
+        assert!(wrong == 0 && (volume / 6. - 5.).abs() < 1e-12, "{volume}");
+    }
+
+    #[test]
+    fn both_sides_of_a_cut_get_the_same_cap() {
+        // An octahedron cut along a ring that is not flat: volumes add up.
+        let points = [[1., 0., 0.3], [0., 1., -0.2], [-1., 0., 0.4], [0., -1., -0.1], [0., 0., 1.], [0., 0., -1.]];
+        let upper: Vec<Vec<u32>> = (0..4).map(|k| vec![k, (k + 1) % 4, 4]).collect();
+        let lower: Vec<Vec<u32>> = (0..4).map(|k| vec![(k + 1) % 4, k, 5]).collect();
+        let whole = [upper.clone(), lower.clone()].concat();
+        let volume = |faces: &[Vec<u32>]| {
+            let (mesh, caps) = caps(&points, faces);
+            let (volume, wrong) = closed(&mesh, faces, &caps);
+            assert_eq!((wrong, caps.flaws), (0, 0));
+            volume
+        };
+        assert!((volume(&upper) + volume(&lower) - volume(&whole)).abs() < 1e-12);
+        assert!(caps(&points, &whole).1.triangles.is_empty());
+    }
+
+    #[test]
+    fn loops_that_touch_and_soups_are_closed_and_what_is_no_solid_is_told() {
+        // Two tetrahedra without bottoms that touch at one vertex of their rims.
+        let points =
+            [[0., 0., 0.], [1., 0., 0.], [0., 1., 0.], [0.2, 0.2, 1.], [-1., 0., 0.], [0., -1., 0.], [-0.2, -0.2, 1.]];
+        let cone = |a: u32, b: u32, c: u32, top: u32| vec![vec![a, b, top], vec![b, c, top], vec![c, a, top]];
+        let faces = [cone(0, 1, 2, 3), cone(0, 4, 5, 6)].concat();
+        let (mesh, touching) = caps(&points, &faces);
+        assert_eq!((touching.loops, touching.flaws, closed(&mesh, &faces, &touching).1), (2, 0, 0));
+        // Every face with vertices of its own.
+        let soup: Vec<[f64; 3]> = faces.iter().flatten().map(|&v| points[v as usize]).collect();
+        let own: Vec<Vec<u32>> = (0..faces.len() as u32).map(|k| vec![3 * k, 3 * k + 1, 3 * k + 2]).collect();
+        let (mesh, loose) = caps(&soup, &own);
+        assert_eq!((loose.loops, loose.flaws, closed(&mesh, &own, &loose).1), (2, 0, 0));
+        // A face turned over; a third one at an edge.
+        let mut turned = faces.clone();
+        turned[1].swap(0, 1);
+        assert!(caps(&points, &turned).1.flaws > 0);
+        let fin = [faces, vec![vec![0, 1, 6]]].concat();
+        assert!(caps(&points, &[fin, vec![vec![1, 0, 5]]].concat()).1.flaws > 0);
+    }
+}
