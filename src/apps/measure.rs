@@ -383,20 +383,25 @@ pub fn parts(mesh: &Mesh, labels: &[u32], parts: usize, context: Context<'_>) ->
     Ok((0..parts as u32).map(|part| sums.remove(&part).unwrap_or_default().measures(origin)).collect())
 }
 
+/// The last columns of the table.
+const LAST: [&str; 8] =
+    ["spread1", "spread2", "spread3", "open_edges", "expected_agreement", "colour", "neighbours", "name"];
+
 /// A word of a table; quoted where it has to be.
 fn quoted(word: &str) -> String {
     if word.contains([',', '"', '\n', '\r']) { format!("\"{}\"", word.replace('"', "\"\"")) } else { word.into() }
 }
 
-/// The table of `measures`, one row per part, as comma-separated values with a header; parts may have `names`.
-pub fn table(measures: &[Measures], colours: &[[u8; 3]], names: &[String]) -> String {
+/// The table of `measures`, one row per part, as comma-separated values with a header; parts may have `names`, and an `agreement`: the share
+/// of people who are expected to have them.
+pub fn table(measures: &[Measures], colours: &[[u8; 3]], names: &[String], agreement: &[f64]) -> String {
     let axes = ["x", "y", "z"];
     let three = |name: &str| axes.map(|axis| format!("{name}_{axis}"));
     let mut header = vec!["label".to_string(), "faces".into(), "area".into(), "volume".into()];
     header.extend(
         [three("min"), three("max"), three("centroid"), three("axis1"), three("axis2"), three("axis3")].concat(),
     );
-    header.extend(["spread1", "spread2", "spread3", "open_edges", "colour", "neighbours", "name"].map(String::from));
+    header.extend(LAST.map(String::from));
     let mut text = header.join(",") + "\n";
     for (label, part) in measures.iter().enumerate() {
         let mut row = vec![label.to_string(), part.faces.to_string(), part.area.to_string()];
@@ -409,6 +414,7 @@ pub fn table(measures: &[Measures], colours: &[[u8; 3]], names: &[String]) -> St
         row.extend(bounds.map(|x| x.map_or(String::new(), |x| x.to_string())));
         row.extend(part.centroid.iter().chain(part.axes.iter().flatten()).chain(&part.spread).map(f64::to_string));
         row.push(part.open_edges.to_string());
+        row.push(agreement.get(label).map_or(String::new(), |share| format!("{share:.3}")));
         let [r, g, b] = colours.get(label).copied().unwrap_or([128; 3]);
         row.push(format!("#{r:02x}{g:02x}{b:02x}"));
         row.push(part.neighbours.iter().map(|other| other.label.to_string()).collect::<Vec<_>>().join(" "));
@@ -481,9 +487,9 @@ mod tests {
         assert_eq!(all[0].neighbours, [Neighbour { label: 1, length: 4. }]);
         assert_eq!(all[1].neighbours, [Neighbour { label: 0, length: 4. }]);
         assert!(all[2].neighbours.is_empty());
-        let text = table(&all, &[[255, 0, 16]], &["left, \"upper\"".into()]);
+        let text = table(&all, &[[255, 0, 16]], &["left, \"upper\"".into()], &[0.75]);
         let row = text.lines().nth(1).unwrap();
-        assert!(row.ends_with(",#ff0010,1,\"left, \"\"upper\"\"\""), "{row}");
+        assert!(row.ends_with(",0.750,#ff0010,1,\"left, \"\"upper\"\"\""), "{row}");
         assert!(
             text.lines().skip(2).all(|row| row.split(',').count() == text.lines().next().unwrap().split(',').count())
         );

@@ -149,6 +149,8 @@ pub struct Results<'a> {
     pub cap: bool,
     /// For tables, if asked for.
     pub embedding: Option<Coordinates<'a>>,
+    /// For tables of parts: the share of people who are expected to have each, where that is known.
+    pub agreement: &'a [f64],
     /// For pages: the run's report.
     pub report: Value,
     /// For pages: other numbers of parts.
@@ -302,7 +304,10 @@ impl Output {
             Self::Parquet(path) => parquet::write(path, mesh, labelling, *embedding, true, run),
             Self::Csv(path) => {
                 let measures = measured(mesh, labelling, path, run)?;
-                json::publish(path, measure::table(&measures, labelling.colours, labelling.names).as_bytes())
+                json::publish(
+                    path,
+                    measure::table(&measures, labelling.colours, labelling.names, results.agreement).as_bytes(),
+                )
             }
             Self::Obj(path) => obj::write(path, mesh, labelling, true, run),
             Self::Glb(path) => glb::write(path, mesh, labelling, true, run),

@@ -14,6 +14,7 @@ use super::stages::{KeptEmbedding, embedding};
 use nystrom_stream::apps::edits::Edits;
 use nystrom_stream::base::parallel::catch;
 use nystrom_stream::base::{Error, Progress, Result};
+use nystrom_stream::cluster::parts::PartCount;
 use nystrom_stream::mesh::ply::labelled::Labelling;
 use nystrom_stream::pipeline::input;
 use nystrom_stream::pipeline::like::{self, LikeFacts, Way};
@@ -157,6 +158,12 @@ pub fn run(args: &SegmentArgs, app: &AppContext) -> Result<(), CliError> {
     let job = jobs.remove(0);
     let report = one(&job, task, &bars, &run, app)?;
     args.json.publish(&report)?;
+    // A number that was asked for may well be more than there are.
+    if params.parts.count == PartCount::Found
+        && let Some(doubts) = report.doubts().filter(|_| report.input.faces > 1)
+    {
+        run.progress.note(&doubts);
+    }
     let written: Vec<String> = job.outputs.iter().map(Output::to_string).collect();
     run.progress.note(&format!(
         "{} face{} in {} in {:.2} s, written to {}",
@@ -215,6 +222,11 @@ impl Job {
             "mesh": self.mesh, "faces": report.input.faces, "parts": report.parts.len(), "gamma_per_face": report.gamma_per_face,
             "seconds": seconds, "outputs": outputs,
         });
+        if let Some(clear) = report.clear_parts {
+            let unsure = report.parts.iter().filter(|part| part.unsure == Some(true));
+            line["clear_parts"] = clear.into();
+            line["unsure"] = unsure.map(|part| part.label).collect();
+        }
         if let Some(like) = &report.like {
             line["like"] = like.clone();
         }
@@ -300,6 +312,7 @@ pub fn one(job: &Job, task: Task<'_>, bars: &Bars, run: &Run, app: &AppContext) 
         part_form: args.form.part_form,
         cap: args.form.cap,
         embedding: coordinates.as_ref().map(KeptEmbedding::coordinates),
+        agreement: result.numbers.decision.as_ref().map_or(&[], |decision| &decision.expected_agreement),
         report: if pages { to_json("the report", &report(seconds.clone())?)? } else { Value::Null },
         cuts: cuts.as_ref(),
         cell_labels: &result.cell_labels,

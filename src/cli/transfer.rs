@@ -99,6 +99,7 @@ pub fn run(args: &TransferArgs, app: &AppContext) -> Result<(), CliError> {
         part_form: PartFile::Ply,
         cap: false,
         embedding: None,
+        agreement: &[],
         report: report.clone(),
         cuts: None,
         cell_labels: &[],

@@ -114,6 +114,7 @@ pub(super) fn parts(
     let mut decision = decided.numbers.decision.clone();
     if let Some(decision) = decision.as_mut().filter(|_| divided) {
         let total: f64 = area.iter().sum();
+        decision.expected_agreement.clear();
         decision.area = area.iter().map(|area| if total > 0. { area / total } else { 0. }).collect();
     }
     let numbers = SegmentStats {
@@ -206,7 +207,11 @@ fn decide(
         };
         (cut, marks) = corrections.apply(on_cells, (count, params.parts.detail), cut)?;
     }
-    let result = parts::describe(&all, cut, facts.l, facts.seconds);
+    let mut result = parts::describe(&all, cut, facts.l, facts.seconds);
+    if !corrections.is_empty() {
+        // They are what somebody wants them to be.
+        result.report.expected_agreement.clear();
+    }
     let numbers = SegmentStats { decision: Some(result.report.clone()), ..facts.numbers };
     let (label, confidence) = (result.label.clone(), result.confidence.clone());
     Ok(Decided { label, confidence, unit_of_node, numbers, result, marks })

@@ -5,6 +5,7 @@ use super::params::{Cluster, SegmentParams};
 use crate::apps::measure::Measures;
 use crate::base::Result;
 use crate::cluster::parts::PartsReport;
+use crate::cluster::parts::agreement::UNSURE;
 use crate::landmarks::Sampling;
 use crate::mesh::Mesh;
 use crate::store::{Context, json};
@@ -49,6 +50,10 @@ pub struct Report {
     /// How parts were decided on; absent for K-means.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub decision: Option<PartsReport>,
+    /// Whether the surface falls into parts that people would agree on: not where they would hardly have these, nor where it is left whole.
+    /// Absent where that is not known.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub clear_parts: Option<bool>,
     /// The parts.
     pub parts: Vec<Part>,
     /// What the parts measure, by label, where that was asked for.
@@ -107,6 +112,12 @@ pub struct Part {
     pub area: f64,
     /// Its colour.
     pub colour: [u8; 3],
+    /// Share of people who are expected to have such a part, 0 to 1; absent where the parts are not the decision's alone.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub expected_agreement: Option<f64>,
+    /// Whether that is less than half. A band, a sliver, a crumb, or a boundary where the surface has none.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub unsure: Option<bool>,
     /// Its name, where it has one.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub name: Option<String>,
@@ -144,6 +155,7 @@ impl Report {
             options.insert("seed".into(), context.run.seed.into());
             options.insert("threads".into(), context.run.threads.into());
         }
+        let agreement = |label: usize| Some(*numbers.decision.as_ref()?.expected_agreement.get(label)?);
         let parts = numbers.faces.iter().zip(&numbers.area).zip(&result.colours).enumerate();
         Ok(Self {
             version: env!("CARGO_PKG_VERSION"),
@@ -175,12 +187,15 @@ impl Report {
             tiny_component_faces: numbers.tiny_components,
             tiny_components_label: numbers.tiny_components_label,
             decision: numbers.decision.clone(),
+            clear_parts: numbers.decision.as_ref().and_then(PartsReport::has_clear_parts),
             parts: parts
                 .map(|(label, ((&faces, &area), &colour))| Part {
                     label: label as u32,
                     faces,
                     area: area * unit,
                     colour,
+                    expected_agreement: agreement(label),
+                    unsure: agreement(label).map(|share| share < UNSURE),
                     name: result.names.get(label).filter(|name| !name.is_empty()).cloned(),
                 })
                 .collect(),
@@ -190,5 +205,20 @@ impl Report {
             like: None,
             notes: opened.notes().to_vec(),
         })
+    }
+
+    /// Which of the parts people would hardly have, in words; none where that is not known or all is well.
+    pub fn doubts(&self) -> Option<String> {
+        let unsure = self.parts.iter().filter(|part| part.unsure == Some(true));
+        let unsure: Vec<String> = unsure.map(|part| part.label.to_string()).collect();
+        match (self.clear_parts?, unsure.as_slice()) {
+            (false, _) if self.parts.len() < 2 => Some("no clear parts: the mesh is left whole".into()),
+            (false, _) => Some("no clear parts: people would hardly agree on these".into()),
+            (true, []) => None,
+            (true, [one]) => Some(format!("part {one} is unsure: most people would not have it")),
+            (true, [some @ .., last]) => {
+                Some(format!("parts {} and {last} are unsure: most people would not have them", some.join(", ")))
+            }
+        }
     }
 }

@@ -8,11 +8,12 @@
 //! - The mean over the ensemble is the co-association: a probability for any two [`Superfaces`].
 //! - [`labelling`] finds the labels of the greatest expected Rand index, and a whole [`hierarchy`] around them.
 //! - [`hints`] changes a labelling as people ask; `split` divides a part further along the hierarchy.
-//! - [`consensus`] has the plainer decisions, and tells how sure a part is.
+//! - [`consensus`] has the plainer decisions, and tells how sure a part is; [`agreement`], how many people would have it.
 //!
 //! Everything is a function of the input and the seed: not of threads, not of timing. Cost: .05 s on two threads for 60
 //! landmarks, some megabytes, whatever the size of the mesh.
 
+pub mod agreement;
 pub mod cell_graph;
 pub mod cell_kmeans;
 pub mod consensus;
@@ -130,8 +131,30 @@ pub struct PartsReport {
     pub mean_confidence: f64,
     /// Area share of each part.
     pub area: Vec<f64>,
+    /// Share of people who are expected to have each part ([`agreement`]); empty where the parts are not the decision's alone.
+    #[serde(default)]
+    pub expected_agreement: Vec<f64>,
     /// Seconds the decision took.
     pub seconds: f64,
+}
+
+impl PartsReport {
+    /// The parts that most people are expected not to have.
+    pub fn unsure(&self) -> Vec<u32> {
+        let all = (0u32..).zip(&self.expected_agreement);
+        all.filter(|(_, share)| **share < agreement::UNSURE).map(|(part, _)| part).collect()
+    }
+
+    /// Mean of [`PartsReport::expected_agreement`] by area; none where that is empty.
+    pub fn mean_agreement(&self) -> Option<f64> {
+        let all = self.expected_agreement.iter().zip(&self.area);
+        (!self.expected_agreement.is_empty()).then(|| all.map(|(share, area)| share * area).sum())
+    }
+
+    /// Whether the surface falls into parts that people would agree on; none where that is not known. A surface of one part does not.
+    pub fn has_clear_parts(&self) -> Option<bool> {
+        self.mean_agreement().map(|mean| mean >= agreement::UNCLEAR && self.expected_agreement.len() > 1)
+    }
 }
 
 impl PartCount {
@@ -261,6 +284,7 @@ pub fn describe(decided: &PartDecision, cut: TreeCut, l: usize, seconds: f64) ->
         expected_disagreement: consensus::expected_disagreement(superfaces, co_association, &label),
         mean_confidence: confidence.iter().zip(&shares).map(|(c, a)| c * a).sum(),
         area: cell_graph::class_sums(&cut.label, &shares, cut.parts),
+        expected_agreement: agreement::of_parts(tree, &cut.label, cut.parts, &confidence, &shares),
         seconds,
     };
     PartsResult { label: cut.label, parts: cut.parts, tree: tree.clone(), confidence, report }
