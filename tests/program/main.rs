@@ -25,4 +25,5 @@ mod scale_resume;
 mod segment_all;
 mod sequence;
 mod stages;
+mod told;
 mod zoo;

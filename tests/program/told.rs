@@ -1,0 +1,93 @@
+//! What is told of parts and of batches: which parts most people would not have, tables whose columns are aligned, names once.
+
+use crate::common::{self, errors, run, segment, word, zoo};
+use serde_json::Value;
+
+fn report(path: &std::path::Path) -> Value {
+    serde_json::from_slice(&std::fs::read(path).unwrap()).unwrap()
+}
+
+#[test]
+fn parts_have_an_expected_agreement_in_report_and_table() {
+    let dir = tempfile::tempdir().unwrap();
+    let mesh = common::creature(dir.path(), 8_000, false);
+    let (json, table) = (dir.path().join("r.json"), dir.path().join("t.csv"));
+    let ask = format!("--json={}", json.display());
+    segment(&mesh, &["-o", word(&table), &ask]);
+    let all = report(&json);
+    assert_eq!(all["clear_parts"], true, "{all}");
+    let shares: Vec<f64> =
+        all["parts"].as_array().unwrap().iter().map(|part| part["expected_agreement"].as_f64().unwrap()).collect();
+    assert!(shares.len() > 3 && shares.iter().all(|share| (0. ..=1.).contains(share)), "{shares:?}");
+    for (part, share) in all["parts"].as_array().unwrap().iter().zip(&shares) {
+        assert_eq!(part["unsure"], *share < 0.5, "{part}");
+    }
+    let text = std::fs::read_to_string(&table).unwrap();
+    let column = text.lines().next().unwrap().split(',').position(|name| name == "expected_agreement").unwrap();
+    for (row, share) in text.lines().skip(1).zip(&shares) {
+        assert_eq!(row.split(',').nth(column).unwrap(), format!("{share:.3}"));
+    }
+    // Many more than there are: some of them are unsure, which is told in the report alone, since they were asked for.
+    let told = errors(&segment(&mesh, &["-k", "60", "-o", word(&dir.path().join("x.seg")), &ask]));
+    assert!(report(&json)["parts"].as_array().unwrap().iter().any(|part| part["unsure"] == true));
+    assert!(!told.contains("unsure") && !told.contains("no clear parts"), "{told}");
+    // What somebody has corrected is what they want.
+    let centroid = |label: usize| {
+        let names: Vec<&str> = text.lines().next().unwrap().split(',').collect();
+        let row: Vec<&str> = text.lines().nth(1 + label).unwrap().split(',').collect();
+        let at = |axis: &str| row[names.iter().position(|name| *name == format!("centroid_{axis}")).unwrap()];
+        format!("[{}, {}, {}]", at("x"), at("y"), at("z"))
+    };
+    let edits = dir.path().join("edits.json");
+    let merge = format!(r#"{{"edit": "merge", "at": [{}, {}]}}"#, centroid(0), centroid(1));
+    std::fs::write(&edits, format!(r#"{{"format": "nystrom-stream edits", "version": 1, "edits": [{merge}]}}"#)).unwrap();
+    segment(&mesh, &["-q", "--edits", word(&edits), "-o", word(&table), &ask]);
+    assert!(report(&json).get("clear_parts").is_none() && report(&json)["parts"][0].get("unsure").is_none());
+}
+
+#[test]
+fn terrain_is_told_to_have_no_clear_parts() {
+    let Some(data) = common::data() else {
+        eprintln!("skipped: the test meshes are missing");
+        return;
+    };
+    let dir = tempfile::tempdir().unwrap();
+    let (out, json) = (dir.path().join("x.seg"), dir.path().join("r.json"));
+    let ask = format!("--json={}", json.display());
+    let told = errors(&segment(&data.join("real/mountain_51k.ply"), &["-o", word(&out), &ask]));
+    assert!(told.contains("no clear parts: people would hardly agree on these\n"), "{told}");
+    assert_eq!(report(&json)["clear_parts"], false);
+    let told = errors(&segment(&data.join("real/horse_4k.ply"), &["-o", word(&out), &ask]));
+    assert!(!told.contains("no clear parts"), "{told}");
+    assert_eq!(report(&json)["clear_parts"], true);
+}
+
+#[test]
+fn tables_are_aligned_and_failures_name_their_mesh_once() {
+    let dir = tempfile::tempdir().unwrap();
+    let meshes = [zoo::dumbbell().write(dir.path()), zoo::grid(9).write(dir.path())];
+    let broken = dir.path().join("a_long_name_that_fails.ply");
+    std::fs::write(&broken, "ply\nformat ascii 1.0\nend_header\n").unwrap();
+    let pattern = dir.path().join("{}.seg");
+    let words = ["segment", word(&meshes[0]), word(&broken), word(&meshes[1]), "-o", word(&pattern)];
+    let told = errors(&run(&words));
+    let rows: Vec<&str> = told.lines().filter(|line| !line.contains(':')).collect();
+    assert_eq!(rows.len(), 3, "a header and two meshes: {told}");
+    assert!(rows.iter().all(|row| row.len() == rows[0].len()), "{told}");
+    let name = broken.display().to_string();
+    let of_it: Vec<&str> = told.lines().filter(|line| line.contains(&name)).collect();
+    assert!(!of_it.is_empty() && of_it.iter().all(|line| line.matches(&name).count() == 1), "{told}");
+    assert!(!told.contains("0 bytes"), "{told}");
+}
+
+#[test]
+fn as_many_parts_as_faces_can_be_had() {
+    let dir = tempfile::tempdir().unwrap();
+    let mesh = zoo::grid(45).write(dir.path());
+    let faces = nystrom_stream::Mesh::open(&mesh).unwrap().faces.len();
+    let out = dir.path().join("x.seg");
+    segment(&mesh, &["-q", "-k", &faces.to_string(), "-o", word(&out)]);
+    let mut labels = nystrom_stream::mesh::read_seg(&out).unwrap();
+    labels.sort_unstable();
+    assert!(faces > 4_000 - 100 && labels.iter().copied().eq(0..faces as u32), "{faces}");
+}
