@@ -40,7 +40,8 @@ fn parts_have_an_expected_agreement_in_report_and_table() {
     };
     let edits = dir.path().join("edits.json");
     let merge = format!(r#"{{"edit": "merge", "at": [{}, {}]}}"#, centroid(0), centroid(1));
-    std::fs::write(&edits, format!(r#"{{"format": "nystrom-stream edits", "version": 1, "edits": [{merge}]}}"#)).unwrap();
+    std::fs::write(&edits, format!(r#"{{"format": "nystrom-stream edits", "version": 1, "edits": [{merge}]}}"#))
+        .unwrap();
     segment(&mesh, &["-q", "--edits", word(&edits), "-o", word(&table), &ask]);
     assert!(report(&json).get("clear_parts").is_none() && report(&json)["parts"][0].get("unsure").is_none());
 }
