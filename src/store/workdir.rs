@@ -421,7 +421,7 @@ impl Drop for WorkDir {
 mod tests {
     use super::*;
     use crate::store::stage::{StageKey, key_of};
-    use serde_json::json;
+    use serde_json::{Value, json};
 
     #[test]
     fn a_stage_is_reused_only_with_the_same_key_and_whole_files() {
@@ -477,6 +477,10 @@ mod tests {
         std::fs::write(dir.path().join(MANIFEST), manifest.to_string()).unwrap();
         let work = WorkDir::open(dir.path()).unwrap();
         assert!(work.reuse::<i32>("s", 1, "k").unwrap_err().contains("another version"));
+        // The manifest named the program that had made the directory, whichever had written it since.
+        work.stamp(StageKey::new("s", 2, json!({})), &[], &7, 0.5).unwrap();
+        let manifest: Value = serde_json::from_slice(&std::fs::read(dir.path().join(MANIFEST)).unwrap()).unwrap();
+        assert_eq!((&manifest["format"], &manifest["program"]), (&json!(2), &json!(crate::store::manifest::PROGRAM)));
     }
 
     #[test]

@@ -65,6 +65,33 @@ fn arrays_are_cut_without_a_file() {
     }
 }
 
+/// Panics in the loop over faces that gives each its cluster, which all threads take part in.
+struct Panics;
+
+impl Progress for Panics {
+    fn advance(&self, stage: &str, _: u64) {
+        assert_ne!(stage, "assign", "told to panic");
+    }
+}
+
+/// A panic in a worker left the run waiting for ever, and its folder behind.
+#[test]
+fn a_panic_in_a_worker_ends_the_run_and_leaves_no_file() {
+    let mesh = Mesh::creature(20_000).unwrap();
+    let dir = tempfile::tempdir().unwrap();
+    let (scratch, work) = (dir.path().join("scratch"), dir.path().join("work"));
+    std::fs::create_dir(&scratch).unwrap();
+    let plain = Segmenter::new().parts(5).method(Cluster::KMeans).threads(3).temporary_folder(&scratch);
+    // In memory, in temporary files, and in a directory that is kept.
+    for segmenter in [plain.clone(), plain.clone().memory(1 << 20), plain.clone().work_dir(&work)] {
+        let Err(error) = segmenter.progress(Arc::new(Panics)).run(&mesh) else { panic!("the panic was lost") };
+        assert!(matches!(&error, Error::Internal { problem } if problem.contains("told to panic")), "{error}");
+        assert_eq!(std::fs::read_dir(&scratch).unwrap().count(), 0);
+    }
+    let resumed = plain.clone().work_dir(&work).run(&mesh).unwrap();
+    assert_eq!(resumed.labels(), plain.run(&mesh).unwrap().labels());
+}
+
 #[test]
 fn sequencing_arrays_writes_no_file() {
     let folder = tempfile::tempdir().unwrap();

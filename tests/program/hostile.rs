@@ -115,6 +115,30 @@ fn links_in_the_place_of_outputs_are_not_followed() {
     assert!(["out.seg", "out.glb", "out.json"].iter().all(|name| path(name).symlink_metadata().unwrap().is_file()));
 }
 
+/// Reports and hierarchies were written into the file that was there: a reader, or another name of that file, saw half of them.
+#[test]
+fn outputs_replace_what_was_there_and_are_not_written_into_it() {
+    let dir = tempfile::tempdir().unwrap();
+    let mesh = creature(dir.path(), 2_000, false);
+    let (work, before) = (dir.path().join("work"), dir.path().join("before"));
+    std::fs::write(&before, "kept").unwrap();
+    let path = |name: &str| dir.path().join(name);
+    let names = ["out.seg", "out.npy", "out.glb", "out.json", "tree.json"];
+    names.into_iter().for_each(|name| std::fs::hard_link(&before, path(name)).unwrap());
+    let json = format!("--json={}", word(&path("out.json")));
+    let outputs: Vec<_> = names[..3].iter().map(|name| path(name)).collect();
+    let mut words = vec!["segment", word(&mesh), "-q", &json, "--work-dir", word(&work)];
+    outputs.iter().for_each(|output| words.extend(["-o", word(output)]));
+    for words in [words, vec!["export", "--work-dir", word(&work), "-q", "--tree", word(&path("tree.json"))]] {
+        let output = run(&words);
+        assert!(output.status.success(), "{}", errors(&output));
+    }
+    assert_eq!(std::fs::read_to_string(&before).unwrap(), "kept");
+    for name in names {
+        assert_ne!(std::fs::read(path(name)).unwrap(), b"kept", "{name}");
+    }
+}
+
 /// A vertex far away decides neither what is drawn nor what is matched or carried over, at whatever distance.
 #[test]
 fn a_stray_vertex_does_not_decide_other_commands() {

@@ -140,6 +140,11 @@ mod tests {
     }
 
     #[test]
+    fn products_are_those_of_each_pair() {
+        assert_eq!(products([2.0, 3.0, 5.0]), [4.0, 9.0, 25.0, 6.0, 10.0, 15.0]);
+    }
+
+    #[test]
     fn folding_keeps_the_sum() {
         let mut m = Square::from_values(3, (0..9).map(f64::from).collect());
         m.fold(0, 2);
