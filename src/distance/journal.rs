@@ -244,6 +244,28 @@ mod tests {
     use super::*;
 
     #[test]
+    fn sums_and_rows_are_sound_up_to_their_bounds() {
+        let facts = RowFacts { sum: 0., reached: 9, farthest: 0. };
+        assert!(facts.is_sound(9) && !facts.is_sound(8));
+        for wrong in [f64::NAN, f64::INFINITY, -1.] {
+            assert!(!RowFacts { sum: wrong, ..facts }.is_sound(9));
+        }
+        assert!(!RowFacts { farthest: f32::INFINITY, ..facts }.is_sound(9));
+        let spec = |rows, nodes, shard, of| JobSpec {
+            key: String::new(),
+            options: serde_json::Value::Null,
+            rows,
+            nodes,
+            shard,
+            of,
+        };
+        assert!(spec(4, 4, 3, 4).is_sound() && spec(1, u32::MAX as usize, 0, 1).is_sound());
+        for wrong in [spec(5, 4, 0, 1), spec(4, 4, 0, 5), spec(4, 4, 2, 2), spec(4, 4, 0, 0), spec(1, 1 << 32, 0, 1)] {
+            assert!(!wrong.is_sound(), "{wrong:?}");
+        }
+    }
+
+    #[test]
     fn torn_and_flipped_lines_are_skipped() {
         let dir = tempfile::tempdir().unwrap();
         let path = dir.path().join("rows.journal");

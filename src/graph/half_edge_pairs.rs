@@ -227,3 +227,13 @@ fn sorted(corners: Range<usize>, pairs: &[HalfEdgePair]) -> Vec<HalfEdgePair> {
     }
     sorted
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_table_takes_an_eighth_of_the_budget_at_most() {
+        assert!(fit(10, 320) && !fit(10, 319) && !fit(11, 320) && fit(0, 0));
+    }
+}

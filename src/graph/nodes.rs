@@ -206,6 +206,29 @@ mod tests {
     }
 
     #[test]
+    fn points_move_into_the_frame_at_any_scale() {
+        let frame = |scale| Frame { origin: [1., 2., 3.], scale };
+        assert_eq!(frame(4.).place([3., 6., 11.]), [0.5, 1., 2.]);
+        // One over this scale is infinite.
+        let tiny = 5e-324;
+        assert_eq!(Frame { origin: [0.; 3], scale: tiny }.place([tiny, -tiny, 2. * tiny]), [1., -1., 2.]);
+    }
+
+    #[test]
+    fn a_triangle_is_the_same_node_both_ways() {
+        let corners = [[1., 0., 0.25], [4., 0.5, 0.], [2., 3., -1.]];
+        let (node, flat) = Node::of_triangle(corners[0], corners[1], corners[2]);
+        let (slow, _) = Node::of_corners(corners.into_iter());
+        assert!(!flat && (node.area - slow.area).abs() < 1e-6);
+        for axis in 0..3 {
+            let middle = (corners[0][axis] + corners[1][axis] + corners[2][axis]) / 3.;
+            assert!((f64::from(node.centroid[axis]) - middle).abs() < 1e-6);
+            assert!((slow.centroid[axis] - node.centroid[axis]).abs() < 1e-6);
+            assert!((slow.normal[axis] - node.normal[axis]).abs() < 1e-6);
+        }
+    }
+
+    #[test]
     fn degenerate_faces_have_no_direction_and_poison_nothing() {
         let nan = [f64::NAN, 0., 0.];
         for corners in

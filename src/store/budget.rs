@@ -125,7 +125,7 @@ mod tests {
     fn grants_come_back() {
         let budget = Budget::new(100);
         let first = budget.take("a", 10, 80).unwrap();
-        assert_eq!(first.bytes(), 80);
+        assert_eq!((first.bytes(), budget.total(), budget.left()), (80, 100, 20));
         let second = budget.take("b", 10, 80).unwrap();
         assert_eq!(second.bytes(), 20);
         assert!(matches!(budget.take("c", 1, 1), Err(Error::Memory { needed: 1, available: 0, .. })));

@@ -456,6 +456,25 @@ mod tests {
     }
 
     #[test]
+    fn what_a_killed_run_left_goes_and_half_filled_rows_stay() {
+        let dir = tempfile::tempdir().unwrap();
+        let path = dir.path().join("w");
+        drop(WorkDir::open(&path).unwrap());
+        let work = WorkDir::open(&path).unwrap();
+        npy::write(&work.file("x.npy"), &[1u32], 1, true).unwrap();
+        work.stamp(StageKey::new("s", 1, json!({})), &["x.npy"], &7, 0.5).unwrap();
+        drop(work);
+        let names = ["cells.tmp", "x.npy.partial", "distances.npy.partial", "rows-1-of-2.npy.partial", "x.npy"];
+        let there = || names.map(|name| path.join(name).exists());
+        names[..4].iter().for_each(|name| std::fs::write(path.join(name), []).unwrap());
+        // Who only looks removes nothing.
+        drop(WorkDir::open_existing(&path).unwrap());
+        assert_eq!(there(), [true; 5]);
+        drop(WorkDir::open(&path).unwrap());
+        assert_eq!(there(), [false, false, true, true, true]);
+    }
+
+    #[test]
     fn temporary_directories_vanish_even_after_a_crash() {
         let dir = tempfile::tempdir().unwrap();
         let first = WorkDir::temporary(dir.path()).unwrap();
