@@ -7,10 +7,12 @@
 FOLDER has binary little-endian PLY files of triangles that share their numbering, as tools/posed.py wants them; the first by name is matched
 with each of the others, or FIRST with SECOND. Vertices and faces of the second are permuted. pyFM starts by itself from wave kernel
 signatures (35 functions), and is refined by ZoomOut to 100; also from this program's matches without refinement. All errors are measured by `evaluate`.
+Times are seconds by the clock, and in brackets those of processors, which other work on the machine changes less.
 """
 
 import json
 import pathlib
+import resource
 import subprocess
 import sys
 import tempfile
@@ -24,6 +26,23 @@ from pyFM.refine import zoomout_refine
 from pyFM.spectral import FM_to_p2p, p2p_to_FM
 
 
+class Clock:
+    """Seconds by the clock and of processors, of this process and those it has waited for."""
+
+    def __init__(self):
+        self.start = self.now()
+
+    @staticmethod
+    def now():
+        """Both since some time."""
+        used = [resource.getrusage(who) for who in (resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN)]
+        return np.array([time.perf_counter(), sum(one.ru_utime + one.ru_stime for one in used)])
+
+    def passed(self):
+        """Both since the beginning."""
+        return self.now() - self.start
+
+
 def judged(program, folder, matches):
     """Mean error of matches, as `evaluate` measures it."""
     np.save(folder / "found.npy", np.asarray(matches, "<i8"))
@@ -34,31 +53,31 @@ def judged(program, folder, matches):
 
 def ours(program, a, b, out, *options):
     """Matches by this program, and seconds."""
-    start = time.perf_counter()
+    clock = Clock()
     subprocess.run([program, "correspond", a, b, "-q", "-o", out, *options], check=True)
-    return np.load(out)["match"], time.perf_counter() - start
+    return np.load(out)["match"], clock.passed()
 
 
 def peer(a, b, first):
     """pyFM's matches from its own start and from `first`, and the seconds of either."""
-    start = time.perf_counter()
+    clock = Clock()
     # Its maps lead from the second mesh to the first.
     to, of = (TriMesh(*read(path)) for path in (b, a))
     to.process(k=100)
     of.process(k=100)
-    basis = time.perf_counter() - start
-    start = time.perf_counter()
+    basis = clock.passed()
+    clock = Clock()
     model = FunctionalMapping(to, of)
     model.preprocess(n_descr=100, descr_type="WKS", subsample_step=5, k_process=100, k_descr=100)
     model.fit(K=(35, 35))
     model.zoomout_refine(nit=13, step=5)
     alone = model.get_p2p()
-    own = time.perf_counter() - start
-    start = time.perf_counter()
+    own = clock.passed()
+    clock = Clock()
     c = p2p_to_FM(first, to.eigenvectors[:, :20], of.eigenvectors[:, :20], A2=of.A)
     c = zoomout_refine(c, to.eigenvectors, of.eigenvectors, nit=16, step=5, A2=of.A)
     given = FM_to_p2p(c, to.eigenvectors, of.eigenvectors)
-    return alone, basis + own, given, basis + time.perf_counter() - start
+    return alone, basis + own, given, basis + clock.passed()
 
 
 def main():
@@ -84,7 +103,7 @@ def main():
             refined, refined_time = ours(program, a, folder / "b.ply", folder / "m.npy")
             alone, alone_time, given, given_time = peer(a, folder / "b.ply", plain)
             cells = [(plain, plain_time), (refined, refined_time), (alone, alone_time), (given, given_time + plain_time)]
-            cells = " | ".join(f"{judged(program, folder, m):.4f}, {t:.1f} s" for m, t in cells)
+            cells = " | ".join(f"{judged(program, folder, m):.4f}, {t[0]:.1f} s ({t[1]:.1f})" for m, t in cells)
             print(f"| {a.stem} – {b.stem} | {len(points):,} | {cells} |", flush=True)
 
 

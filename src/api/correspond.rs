@@ -95,6 +95,13 @@ impl Matcher {
         self
     }
 
+    /// Takes one mesh for a part of the other, at the same scale: what has no counterpart stays without a match.
+    #[must_use]
+    pub fn partial(mut self, partial: bool) -> Self {
+        self.params.partial = partial;
+        self
+    }
+
     /// Matches the vertices of `a` with those of `b`.
     ///
     /// # Errors
@@ -115,6 +122,7 @@ impl Matcher {
                 "ambiguous": found.alignments.ambiguous,
                 "alignments": found.alignments.found,
                 "refined": found.refined,
+                "partial": found.partial,
                 "alternative": params.alternative,
                 "seconds": seconds.so_far(),
             });

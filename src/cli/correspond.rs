@@ -115,6 +115,9 @@ pub struct MethodArgs {
     /// Use each vertex of B at most once
     #[arg(long)]
     pub one_to_one: bool,
+    /// One mesh is a part of the other, at the same scale: a crop, a scan with holes; what has no counterpart gets no match
+    #[arg(long, conflicts_with_all = ["transfer", "landmarks_file", "initial_map", "alternative", "functional_map", "functions"])]
+    pub partial: bool,
     /// Match again, with the landmarks of A carried to B by the first matches
     #[arg(long)]
     pub transfer: bool,
@@ -136,6 +139,7 @@ impl MethodArgs {
                 _ => Matching::All,
             })
             .transfer(self.transfer)
+            .partial(self.partial)
             .alternative(self.alternative)
             .refine(self.refine)
     }
@@ -204,6 +208,11 @@ pub fn run(args: &CorrespondArgs, app: &AppContext) -> Result<(), CliError> {
     };
     let result = correspond_guided(&a, &b, inputs.as_ref(), &params, &guidance, Context::new(&work, &run))?;
     tell(&result, args.method.alternative, &run);
+    if !params.partial && one_is_open(&result) {
+        run.progress.note(
+            "one mesh has an open boundary that the other does not have; if it is a part of the other, use --partial",
+        );
+    }
     let write = || {
         args.output.iter().try_for_each(|path| files::write(path, &result.matches, &run))?;
         write_functional(args, &result)
@@ -226,6 +235,7 @@ pub fn run(args: &CorrespondArgs, app: &AppContext) -> Result<(), CliError> {
         "ambiguous": result.alignments.ambiguous,
         "alignments": result.alignments.found,
         "refined": result.refined,
+        "partial": result.partial,
         "alternative": args.method.alternative,
         "matched": count,
         "unmatched": result.matches.len() as u64 - count,
@@ -278,10 +288,20 @@ fn show(args: &CorrespondArgs, a: &Mesh, b: &Mesh, matches: &[Match], context: C
     ply::write_annotated(path, a, &columns(ElementKind::Vertices), &columns(ElementKind::Faces), context.run)
 }
 
+/// Whether the boundary of one mesh is longer than the other's, by more than half the root of its area, as from its vertices.
+fn one_is_open(result: &Correspondence) -> bool {
+    let [a, b] = result.sides.each_ref().map(|side| side.graph.open as f64 / (side.graph.vertices as f64).sqrt());
+    (a - b).abs() > 0.5
+}
+
 /// Notes where the symmetry of the shape leaves several alignments.
 fn tell(result: &Correspondence, chosen: usize, run: &Run) {
     let found = &result.alignments.found;
-    if found.len() > 1 {
+    if !result.partial.is_empty() {
+        if result.alignments.ambiguous {
+            run.progress.note("ambiguous: the part may lie elsewhere on the whole, or mirrored; look at the picture");
+        }
+    } else if found.len() > 1 {
         let others = found.len() - 1;
         run.progress.note(&format!(
             "ambiguous: the shape maps onto itself, {others} other alignment{} fit{} about as well; took {chosen}, see \

@@ -1,269 +1,23 @@
 //! `correspond`: from two mesh files to matches.
 //!
-//! Each mesh is made into a vertex graph, rows and an embedding in a folder of its own; then the embeddings are aligned and
-//! vertices matched. Everything of the size of a mesh is a mapped file; allocated are queues of fronts and the two
+//! Each mesh is made ready ([`super::sides`]); then the embeddings are aligned and vertices matched, refined or not. A part and a whole go another
+//! way ([`super::partial`]). Everything of the size of a mesh is a mapped file; allocated are queues of fronts and, without refinement, two
 //! search trees, 60 bytes a vertex together at the most and no more than 2²¹ vertices each.
 
-use crate::apps::correspond::align::{FINE, TELLING, procrustes, sample};
-use crate::apps::correspond::dense::{EXHAUSTIVE, RefinedPair, carried};
+use super::partial::match_partial;
+pub use super::sides::{CorrespondParams, Correspondence, FunctionalMap, Guidance, Side, SideFacts, default_landmarks};
+use super::sides::{no_alternative, refined};
+use crate::apps::correspond::align::{FINE, procrustes, sample};
 use crate::apps::correspond::matches::{AlignedPair, Match, Matching, matches};
-use crate::apps::correspond::refine::{Known, Outcome, Refinable, Refine, Start, refine, rivals};
-use crate::apps::correspond::{Alignment, Alignments, EmbeddingSearch, Shape, SurfacePoint, Tensor, align};
-use crate::base::{Error, Result};
-use crate::distance::DistanceRows;
-use crate::distance::local_rows::LocalRows;
+use crate::apps::correspond::refine::Refine;
+use crate::apps::correspond::{Alignment, EmbeddingSearch, align};
+use crate::base::Result;
 use crate::distance::march::Surface;
-use crate::distance::rows::RowParams;
-use crate::distance::vertex_rows::{self, Distance};
-use crate::graph::VertexGraph;
-use crate::graph::vertex_graph::VertexFacts;
-use crate::landmarks::Sampling;
+use crate::distance::vertex_rows;
 use crate::mesh::Mesh;
-use crate::spectral::local::LocalBasis;
-use crate::spectral::nystrom::{OrthogonalEmbedding, OrthogonalParams, Point};
-use crate::store::{Context, MappedSlice, Run, WorkDir};
-use nalgebra::DMatrix;
-use serde::Serialize;
+use crate::spectral::nystrom::{OrthogonalEmbedding, Point};
+use crate::store::{Context, MappedSlice, Run};
 use serde_json::Value;
-
-/// What `correspond` is asked to do.
-#[derive(Clone, Copy, Debug, Serialize)]
-#[non_exhaustive]
-pub struct CorrespondParams {
-    /// Number of landmarks l on each mesh.
-    pub landmarks: usize,
-    /// How landmarks are chosen, on each mesh by itself.
-    pub sampling: Sampling,
-    /// How far apart vertices are.
-    pub distance: Distance,
-    /// How vertices are embedded.
-    pub embedding: OrthogonalParams,
-    /// Which matches are kept.
-    pub matching: Matching,
-    /// Whether landmarks of A are carried to B by the first matches and everything is done again with these.
-    pub transfer: bool,
-    /// Which of several alignments, from 0.
-    pub alternative: usize,
-    /// How the first matches are refined.
-    pub refine: Refine,
-    /// Whether matches inside triangles are made too.
-    pub points: bool,
-}
-
-impl Default for CorrespondParams {
-    fn default() -> Self {
-        Self {
-            landmarks: 50,
-            sampling: Sampling::Farthest,
-            distance: Distance::March,
-            embedding: OrthogonalParams::default(),
-            matching: Matching::All,
-            transfer: false,
-            alternative: 0,
-            refine: Refine::default(),
-            points: false,
-        }
-    }
-}
-
-crate::base::setters::setters!(CorrespondParams {
-    landmarks: usize,
-    sampling: Sampling,
-    distance: Distance,
-    embedding: OrthogonalParams,
-    matching: Matching,
-    transfer: bool,
-    alternative: usize,
-    refine: Refine,
-    points: bool
-});
-
-/// What is known of the map beforehand; for refinement alone.
-#[derive(Clone, Debug, Default)]
-pub struct Guidance {
-    /// Pairs of landmarks, vertices of A and B.
-    pub pairs: Vec<(u32, u32)>,
-    /// A map to begin with: for each vertex of A one of B.
-    pub map: Option<Vec<Option<u32>>>,
-}
-
-/// A refined map in functions.
-#[derive(Clone, Debug)]
-pub struct FunctionalMap {
-    /// C (k × k): functions of B at matches are C times those of A.
-    pub map: DMatrix<f64>,
-    /// The functions on A and on B.
-    pub bases: [LocalBasis; 2],
-}
-
-/// Landmarks for meshes of up to `vertices` vertices: fewer where a row costs a third of a second. On twelve decimated series 20
-/// instead of 50 take the mean error from .007 to .010.
-pub fn default_landmarks(vertices: usize) -> usize {
-    if vertices <= LARGE { 50 } else { 20 }
-}
-
-/// Vertices of each mesh from which local rows start.
-const LOCAL_SAMPLES: usize = 700;
-/// Width of the local kernel, in mean spacings of these vertices: wide enough to even out how they lie.
-const LOCAL_WIDTH: f64 = 1.6;
-/// The same for meshes beyond [`LARGE`] vertices, where fronts to the limit cost the most.
-const LARGE_WIDTH: f64 = 1.1;
-/// Vertices of a large mesh, which gets fewer landmarks and a narrower kernel.
-const LARGE: usize = 300_000;
-/// Widths at which a local row ends.
-const LOCAL_REACH: f64 = 2.7;
-/// Functions of refinement.
-const FUNCTIONS: usize = 100;
-
-/// A mesh made ready.
-pub struct Side<'a> {
-    /// The mesh.
-    pub opened: &'a Mesh,
-    /// Its vertex graph.
-    pub graph: VertexGraph,
-    /// Distances from its landmarks.
-    pub rows: DistanceRows,
-    /// What embeds it.
-    pub fit: OrthogonalEmbedding,
-    /// Its embedded vertices (n).
-    pub points: MappedSlice<Point>,
-    /// How it lies there.
-    pub tensor: Tensor,
-    work: WorkDir,
-}
-
-/// What the report tells of a mesh.
-#[derive(Clone, Debug, Serialize)]
-pub struct SideFacts {
-    /// Counts.
-    #[serde(flatten)]
-    pub graph: VertexFacts,
-    /// Landmarks, vertices of the file.
-    pub landmarks: Vec<u32>,
-    /// Kernel width in √area.
-    pub sigma: f64,
-    /// Variance of each coordinate.
-    pub variance: Vec<f64>,
-}
-
-/// Matches, and what is to be said of them.
-#[derive(Debug)]
-pub struct Correspondence {
-    /// One match per vertex of A (n).
-    pub matches: MappedSlice<Match>,
-    /// The alignments found.
-    pub alignments: Alignments,
-    /// What the likeliest starts were refined to, the best first; none without refinement.
-    pub refined: Vec<Outcome>,
-    /// The map that was taken, in functions; none without refinement.
-    pub functional: Option<FunctionalMap>,
-    /// Matches inside triangles (n), if asked for.
-    pub points: Option<MappedSlice<SurfacePoint>>,
-    /// Facts of A and B.
-    pub sides: [SideFacts; 2],
-}
-
-impl<'a> Side<'a> {
-    /// Makes a mesh ready in the folder `name` of `work`. With `input`, which says what the mesh is
-    /// ([`super::input::identity`]), graph and rows are kept there, or taken from there where they are of the same.
-    ///
-    /// # Errors
-    /// [`Error::Parameter`], [`Error::Unusable`] for a mesh without triangles, [`Error::Io`], [`Error::Memory`],
-    /// [`Error::Cancelled`].
-    pub fn build(
-        opened: &'a Mesh,
-        input: Option<&Value>,
-        params: &CorrespondParams,
-        name: &str,
-        context: Context<'_>,
-    ) -> Result<Self> {
-        params.embedding.check()?;
-        let work = WorkDir::open(&context.work.file(name))?;
-        let context = Context::new(&work, context.run);
-        let n = opened.positions.len() as u64;
-        let (path, mesh) = (opened.path(), opened.without_strays(context.run)?);
-        if mesh.strays() > 0 {
-            context.run.progress.note(&mesh.strays_note());
-        }
-        let build = || match input {
-            Some(input) => VertexGraph::kept(&mesh, path, input, context),
-            None => Ok((VertexGraph::build(&mesh, path, context)?, String::new())),
-        };
-        let ((graph, key), _) = context.run.stage("graph", "vertices", n, build)?;
-        let surface = Surface::of(&graph);
-        let row_params = RowParams { l: params.landmarks.min(graph.len()), sampling: params.sampling };
-        let rows = if input.is_some() {
-            vertex_rows::kept(surface, row_params, params.distance, &key, context)?
-        } else {
-            let (landmarks, _) = context
-                .run
-                .stage("landmarks", "vertices", n, || vertex_rows::landmarks(surface, row_params, context))?;
-            let rows = || vertex_rows::rows(surface, landmarks, params.distance, "distances.npy", context);
-            context.run.stage("rows", "rows", row_params.l as u64, rows)?.0
-        };
-        let embed = || {
-            let fit = OrthogonalEmbedding::fit(&rows, &graph.nodes, params.embedding, context.run)?;
-            let points = fit.embed(&rows, fit.sigma, "embedding.npy", context)?;
-            let tensor = Tensor::of(&mesh, &points, fit.dimensions, context.run)?;
-            Ok((fit, points, tensor))
-        };
-        let ((fit, points, tensor), _) = context.run.stage("embedding", "vertices", n, embed)?;
-        Ok(Self { opened, graph, rows, fit, points, tensor, work })
-    }
-
-    /// As alignment sees it.
-    fn shape(&self) -> Shape<'_> {
-        Shape {
-            points: &self.points,
-            nodes: &self.graph.nodes,
-            variance: &self.fit.variance,
-            tensor: &self.tensor,
-            rows: Some(&self.rows),
-            unit: self.unit(),
-        }
-    }
-
-    /// 1/√area.
-    fn unit(&self) -> f64 {
-        1. / self.graph.facts.area.sqrt().max(1e-300)
-    }
-
-    /// Smooth functions on it, from `samples` vertices and a kernel of `width` of their spacings.
-    fn basis(&self, samples: usize, width: f64, params: &CorrespondParams, run: &Run) -> Result<LocalBasis> {
-        const FILES: [&str; 2] = ["local_rows.npy", "local_rows_starts.npy"];
-        let context = Context::new(&self.work, run);
-        let surface = Surface::of(&self.graph);
-        let row_params = RowParams { l: samples, sampling: Sampling::Farthest };
-        let samples = vertex_rows::landmarks(surface, row_params, context)?;
-        let sigma = width / (self.unit() * (samples.len() as f64).sqrt());
-        let limit = (LOCAL_REACH * sigma) as f32;
-        let rows = LocalRows::compute(surface, samples, limit, params.distance, "local_rows", context)?;
-        let (count, name) = (FUNCTIONS, "functions.npy");
-        let basis = match params.refine {
-            Refine::Laplacian => LocalBasis::laplacian(&rows, &self.graph, sigma, count, name, context)?,
-            _ => LocalBasis::fit(&rows, &self.graph.nodes, sigma, count, name, context)?,
-        };
-        drop(rows);
-        FILES.iter().for_each(|name| self.work.remove(name));
-        Ok(basis)
-    }
-
-    /// As refinement sees it, `points` being its embedded vertices.
-    fn refinable<'s>(&'s self, basis: &'s LocalBasis, points: &'s [Point]) -> Refinable<'s> {
-        // Its tensor is that of its own embedding.
-        let tensor = std::ptr::eq(points, &self.points[..]).then_some(&self.tensor);
-        Refinable { basis, points, tensor, nodes: &self.graph.nodes, rows: &self.rows, unit: self.unit() }
-    }
-
-    fn facts(&self) -> SideFacts {
-        SideFacts {
-            graph: self.graph.facts,
-            landmarks: self.rows.landmarks.clone(),
-            sigma: self.fit.sigma / self.graph.facts.area.sqrt(),
-            variance: self.fit.variance.clone(),
-        }
-    }
-}
 
 /// Matches the vertices of `a` with those of `b`; `inputs` as in [`Side::build`].
 ///
@@ -314,26 +68,6 @@ pub fn correspond_guided(
     match_sides(&a, &b, params, guidance, context)
 }
 
-impl Guidance {
-    fn check(&self, n_a: usize, n_b: usize, params: &CorrespondParams) -> Result<()> {
-        let guided = !self.pairs.is_empty() || self.map.is_some() || params.points;
-        if guided && params.refine == Refine::None {
-            let problem = "landmarks, a map to begin with and matches inside triangles need refinement";
-            return Err(Error::parameter("--refine", problem, "leave it at its default"));
-        }
-        if self.pairs.iter().any(|(of_a, of_b)| *of_a as usize >= n_a || *of_b as usize >= n_b) {
-            let problem = format!("a vertex beyond the {n_a} of A or the {n_b} of B");
-            return Err(Error::parameter("--landmarks-file", problem, "count vertices from 0"));
-        }
-        let Some(map) = &self.map else { return Ok(()) };
-        if map.len() != n_a || map.iter().flatten().any(|&v| v as usize >= n_b) || map.iter().flatten().count() == 0 {
-            let problem = format!("is no map of {n_a} vertices to {n_b}");
-            return Err(Error::parameter("--initial-map", problem, "give matches of the same meshes"));
-        }
-        Ok(())
-    }
-}
-
 /// Matches meshes made ready with the same parameters.
 ///
 /// # Errors
@@ -345,10 +79,16 @@ pub fn match_sides(
     guidance: &Guidance,
     context: Context<'_>,
 ) -> Result<Correspondence> {
+    if params.partial {
+        return match_partial(a, b, params, context);
+    }
     let (mut alignments, _) =
         context.run.stage("alignment", "guesses", 0, || align(a.shape(), b.shape(), context.run))?;
     if params.refine != Refine::None && !params.transfer {
-        return refined(a, b, &b.points, alignments, params, guidance, context);
+        if guidance.map.is_some() {
+            alignments.starts.clear();
+        }
+        return refined([a, b], &b.points, alignments, params, guidance, "", context);
     }
     let taken = |found: &[Alignment]| {
         found.get(params.alternative).cloned().ok_or_else(|| no_alternative(params.alternative, found.len()))
@@ -370,79 +110,21 @@ pub fn match_sides(
     if params.transfer {
         let (points_b, alignment) = transferred(a, b, &found, params, context.run)?;
         if params.refine != Refine::None {
-            alignments.starts = vec![alignment];
-            return refined(a, b, &points_b, alignments, params, guidance, context);
+            alignments.starts = if guidance.map.is_some() { Vec::new() } else { vec![alignment] };
+            return refined([a, b], &points_b, alignments, params, guidance, "", context);
         }
         found = pass(&points_b, &alignment, params.matching, "matches.npy")?;
     }
     let sides = [a.facts(), b.facts()];
-    Ok(Correspondence { matches: found, alignments, refined: Vec::new(), functional: None, points: None, sides })
-}
-
-fn no_alternative(asked: usize, found: usize) -> Error {
-    Error::parameter("--alternative", format!("{asked} of {found}"), "count from 0; the report lists them")
-}
-
-/// Refines all alignments, and matches by the best outcome. `points_b` is B as they see it.
-fn refined(
-    a: &Side<'_>,
-    b: &Side<'_>,
-    points_b: &[Point],
-    mut alignments: Alignments,
-    params: &CorrespondParams,
-    guidance: &Guidance,
-    context: Context<'_>,
-) -> Result<Correspondence> {
-    // The same number on both, so that the kernels are equally wide.
-    let samples = LOCAL_SAMPLES.min(a.graph.len()).min(b.graph.len());
-    let n = (a.points.len() + b.points.len()) as u64;
-    let width = if a.graph.len().max(b.graph.len()) > LARGE { LARGE_WIDTH } else { LOCAL_WIDTH };
-    let basis = |side: &Side<'_>| side.basis(samples, width, params, context.run);
-    let bases = || Ok([basis(a)?, basis(b)?]);
-    let ([basis_a, basis_b], _) = context.run.stage("basis", "vertices", n, bases)?;
-    let sides = [a.refinable(&basis_a, &a.points), b.refinable(&basis_b, points_b)];
-    let (outcomes, _) = context.run.stage("refinement", "starts", 0, || {
-        let landmark_rows = |side: &Side<'_>, vertices: Vec<u32>| {
-            let context = Context::new(&side.work, context.run);
-            vertex_rows::rows(Surface::of(&side.graph), vertices, params.distance, "given.npy", context)
-        };
-        let (of_a, of_b) = guidance.pairs.iter().copied().unzip();
-        let given =
-            if guidance.pairs.is_empty() { None } else { Some([landmark_rows(a, of_a)?, landmark_rows(b, of_b)?]) };
-        let rows = given.as_ref().map(|rows| rows.each_ref());
-        let known = Known { pairs: &guidance.pairs, rows, map: guidance.map.as_deref() };
-        refine(sides, &alignments.starts, known, context.run)
-    })?;
-    let found = rivals(&outcomes, sides[1]);
-    let begun = |one: &Outcome| match one.start {
-        Start::Alignment(at) => {
-            let start = alignments.starts[at].clone();
-            Alignment { orientation: one.orientation.unwrap_or(start.orientation), ..start }
-        }
-        // The user vouches for these.
-        Start::Landmarks | Start::Map => Alignment {
-            transform: DMatrix::identity(1, 1),
-            cost: 0.,
-            transport: None,
-            distortion: Some(one.distortion),
-            orientation: 1.,
-        },
-    };
-    alignments.found = found.iter().map(begun).collect();
-    let telling = alignments.found.first().is_some_and(|best| best.orientation >= TELLING);
-    alignments.ambiguous = found.len() > 1 || !telling;
-    let outcome = found.get(params.alternative).ok_or_else(|| no_alternative(params.alternative, found.len()))?;
-    let make = || {
-        let k = outcome.map.nrows();
-        let in_a = carried(&basis_b, &outcome.map, "carried.npy", Context::new(&b.work, context.run))?;
-        let pair = RefinedPair::new(&basis_a, &in_a, k, [&a.graph, &b.graph], EXHAUSTIVE);
-        let found = matches(&pair, params.matching, "matches.npy", context)?;
-        let points = params.points.then(|| pair.points(&found, "points.npy", context)).transpose()?;
-        Ok((found, points))
-    };
-    let ((matches, points), _) = context.run.stage("match", "vertices", a.points.len() as u64, make)?;
-    let functional = Some(FunctionalMap { map: outcome.map.clone(), bases: [basis_a, basis_b] });
-    Ok(Correspondence { matches, alignments, refined: outcomes, functional, points, sides: [a.facts(), b.facts()] })
+    Ok(Correspondence {
+        matches: found,
+        alignments,
+        refined: Vec::new(),
+        functional: None,
+        points: None,
+        partial: Vec::new(),
+        sides,
+    })
 }
 
 /// B embedded by the images of A's landmarks and A's own map: nothing is left to align but what the images are wrong by.

@@ -20,6 +20,8 @@ pub mod labels;
 pub mod like;
 mod means;
 pub mod params;
+#[cfg(feature = "correspondence")]
+mod partial;
 mod parts;
 pub mod plan;
 pub mod recipe;
@@ -27,6 +29,8 @@ pub mod report;
 mod sample;
 pub mod sequence;
 pub mod sharding;
+#[cfg(feature = "correspondence")]
+mod sides;
 mod surface;
 
 pub use labels::Segmentation;

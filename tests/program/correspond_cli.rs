@@ -9,7 +9,7 @@ use std::fmt::Write;
 use std::path::{Path, PathBuf};
 
 /// The mesh at `path` with vertices in random order, turned and rescaled; `mirrored` on request. Also the map from old to new.
-fn permuted(path: &Path, out: &Path, mirrored: bool) -> Vec<u32> {
+pub fn permuted(path: &Path, out: &Path, mirrored: bool) -> Vec<u32> {
     let dir = tempfile::tempdir().unwrap();
     let opened = mesh::open(path, dir.path(), &Run::new(&())).unwrap();
     let n = opened.positions.len();
@@ -39,15 +39,15 @@ fn permuted(path: &Path, out: &Path, mirrored: bool) -> Vec<u32> {
     place
 }
 
-fn correspond(a: &Path, b: &Path, words: &[&str]) -> std::process::Output {
+pub fn correspond(a: &Path, b: &Path, words: &[&str]) -> std::process::Output {
     program().args(["correspond", word(a), word(b)]).args(words).output().unwrap()
 }
 
-fn read(path: &Path) -> Vec<Match> {
+pub fn read(path: &Path) -> Vec<Match> {
     npy::open::<Match>(path).unwrap().to_vec()
 }
 
-fn files() -> (tempfile::TempDir, PathBuf, PathBuf) {
+pub fn files() -> (tempfile::TempDir, PathBuf, PathBuf) {
     let dir = tempfile::tempdir().unwrap();
     let a = common::creature(dir.path(), 6_000, false);
     let b = dir.path().join("b.ply");

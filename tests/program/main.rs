@@ -10,6 +10,7 @@ mod altered;
 mod batch;
 mod command_line;
 mod correspond_cli;
+mod correspond_guided;
 mod edits;
 mod evaluate_cli;
 mod formats;

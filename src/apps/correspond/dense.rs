@@ -3,8 +3,8 @@
 //! All of B is carried to A's functions ([`super::functional::ToA`]). For small meshes every vertex of A is then compared
 //! with every one of B. For large ones ([`EXHAUSTIVE`]) the search is local: neighbours on A have neighbouring matches on B, so
 //! from the match of a vertex that is done one walks over B's graph to the nearest vertex around, always looking around the
-//! nearest known, until [`PATIENCE`] looks have found none nearer. The first vertices of each chunk begin where an
-//! exhaustive search among the vertices of B's sample ends.
+//! nearest known, until [`PATIENCE`] looks have found none nearer. The first vertices of each chunk begin at the match of the nearest of
+//! [`SEEDS`]`[0]` vertices of A, which is searched for among `[1]` vertices of B; so it costs little if neighbours lie far apart in the file.
 //!
 //! Cost: exhaustive, n_A n_B k multiplications, 10 to 20 a nanosecond and thread; local, about 10 µs per vertex, and 4 k bytes per vertex of B
 //! on disk.
@@ -14,11 +14,13 @@ use super::matches::{Match, Pair};
 use super::points::SurfacePoint;
 use super::search::Neighbour;
 use crate::base::Result;
-use crate::base::parallel::chunk_range;
+use crate::base::parallel::{chunk_count, chunk_range};
 use crate::base::simd::{SimdKernel, dispatch};
+use crate::distance::Front;
+use crate::distance::front::mean_weight;
 use crate::graph::{Csr, VertexGraph};
 use crate::spectral::local::LocalBasis;
-use crate::store::{Context, MappedSlice};
+use crate::store::{Context, MappedSlice, Run};
 use nalgebra::DMatrix;
 use std::ops::Range;
 
@@ -26,8 +28,10 @@ use std::ops::Range;
 pub const EXHAUSTIVE: u64 = 1 << 27;
 /// Vertices looked around in vain before a local search ends.
 const PATIENCE: usize = 6;
-/// Vertices of B among which local searches of a chunk begin.
-const SEEDS: usize = 1 << 12;
+/// Vertices of A that are matched first, and of B among which theirs are searched for.
+const SEEDS: [usize; 2] = [1 << 14, 1 << 12];
+/// Seeds per chunk.
+const SEEDED: usize = 1 << 8;
 /// Vertices per chunk.
 const CHUNK: usize = 1 << 12;
 /// Vertices that are compared with a chunk at a time.
@@ -151,16 +155,53 @@ pub struct RefinedPair<'a> {
     graph_b: &'a VertexGraph,
     /// Whether all are compared.
     all: bool,
-    /// Some of B.
-    seeds: (Vec<u32>, Targets),
+    /// For each vertex of A the vertex of B where a search begins; empty if all are compared.
+    begins: Begins,
+    /// What makes lengths on A and B comparable.
+    units: [f64; 2],
 }
 
-/// The vertices of `basis` in A's coordinates by the map `c`, into the file `name`.
+/// Where searches begin.
+#[derive(Default)]
+struct Begins {
+    /// The nearest seed of each vertex of A (n).
+    seed: Vec<u32>,
+    /// The match of each seed.
+    of_seed: Vec<u32>,
+}
+
+impl Begins {
+    fn new(a: Placed<'_>, b: Placed<'_>, run: &Run) -> Result<Self> {
+        let [n_a, n_b] = [a, b].map(|placed| placed.graph.len());
+        let some = |n: usize, most: usize| (0..n as u32).step_by(n.div_ceil(most).max(1)).collect::<Vec<u32>>();
+        let (of_a, of_b) = (some(n_a, SEEDS[0]), some(n_b, SEEDS[1]));
+        let targets = b.targets(of_b.iter().copied());
+        let matched = |k: usize, (): &mut ()| {
+            let here = &of_a[chunk_range(of_a.len(), SEEDED, k)];
+            let queries: Vec<&[f32]> = here.iter().map(|&v| a.at(v)).collect();
+            let mut found = Vec::with_capacity(here.len());
+            targets.nearest(&queries, &mut found);
+            let walk = |(query, &at): (&&[f32], &u32)| b.walk(query, of_b[at as usize], 1, 4 * PATIENCE)[0].vertex;
+            Ok(queries.iter().zip(&found).map(walk).collect::<Vec<u32>>())
+        };
+        let of_seed = run.map_chunks(chunk_count(of_a.len(), SEEDED), || (), matched)?.concat();
+        let (mut field, mut seed) = (vec![0f32; n_a], vec![0u32; n_a]);
+        Front::new(mean_weight(a.graph)).nearest_source(a.graph, &of_a, &mut field, &mut seed, &run.cancel)?;
+        Ok(Self { seed, of_seed })
+    }
+
+    /// Where the search for the match of `v` begins; anywhere if no seed is connected with it.
+    fn at(&self, v: u32) -> u32 {
+        self.of_seed.get(self.seed[v as usize] as usize).copied().unwrap_or(0)
+    }
+}
+
+/// The vertices of `basis` in A's coordinates by the map `c` (its functions × those of A), into the file `name`.
 ///
 /// # Errors
 /// [`crate::base::Error::Io`], [`crate::base::Error::Cancelled`].
 pub fn carried(basis: &LocalBasis, c: &DMatrix<f64>, name: &str, context: Context<'_>) -> Result<MappedSlice<f32>> {
-    let (n, k) = (basis.values.len() / basis.count.max(1), c.nrows());
+    let (n, k) = (basis.values.len() / basis.count.max(1), c.ncols());
     let to_a = ToA::new(c);
     let mut array = context.work.array::<f32>(name, &[n, k])?;
     let fill = |chunk: usize, out: &mut [f32], (): &mut ()| {
@@ -174,40 +215,46 @@ pub fn carried(basis: &LocalBasis, c: &DMatrix<f64>, name: &str, context: Contex
 }
 
 impl<'a> RefinedPair<'a> {
-    /// Vertices of A by its own functions, those of B as [`carried`]; all are compared up to `exhaustive` pairs.
+    /// Vertices of A and of B in the same coordinates, of which the first `dimensions` count: values, vertex by vertex, and how many
+    /// each has. All are compared up to `exhaustive` pairs.
+    ///
+    /// # Errors
+    /// [`crate::base::Error::Cancelled`].
     pub fn new(
-        a: &'a LocalBasis,
-        b: &'a [f32],
+        coordinates: [(&'a [f32], usize); 2],
         dimensions: usize,
         graphs: [&'a VertexGraph; 2],
         exhaustive: u64,
-    ) -> Self {
+        run: &Run,
+    ) -> Result<Self> {
         let [graph_a, graph_b] = graphs;
         let (n_a, n_b) = (graph_a.len(), graph_b.len());
-        let a = Placed { values: &a.values, dimensions, stride: a.count, graph: graph_a.csr() };
-        let b = Placed { values: b, dimensions, stride: dimensions, graph: graph_b.csr() };
+        let [a, b] = [0, 1].map(|s| {
+            let (values, stride) = coordinates[s];
+            Placed { values, dimensions, stride, graph: graphs[s].csr() }
+        });
         let all = n_a as u64 * n_b as u64 <= exhaustive;
-        let step = n_b.div_ceil(SEEDS).max(1);
-        let chosen: Vec<u32> = (0..n_b as u32).step_by(step).collect();
-        let seeds = b.targets(chosen.iter().copied());
-        Self { a, b, graph_a, graph_b, all, seeds: (chosen, seeds) }
+        let begins = if all { Begins::default() } else { Begins::new(a, b, run)? };
+        let units = graphs.map(|graph| 1. / graph.facts.area.sqrt().max(1e-300));
+        Ok(Self { a, b, graph_a, graph_b, all, begins, units })
+    }
+
+    /// The same with lengths compared in other units than those of either area.
+    #[must_use]
+    pub fn with_units(self, units: [f64; 2]) -> Self {
+        Self { units, ..self }
     }
 
     /// The nearest of each vertex of `range`, walking over B.
     fn walked(&self, range: Range<usize>) -> Vec<Neighbour> {
         let first = range.start;
         let mut found = vec![Neighbour { vertex: NOBODY, square: f32::INFINITY }; range.len()];
-        let mut seeded = Vec::with_capacity(1);
         let mut waiting = std::collections::VecDeque::new();
         for v in range.clone() {
             if found[v - first].vertex != NOBODY {
                 continue;
             }
-            let query = self.a.at(v as u32);
-            seeded.clear();
-            self.seeds.1.nearest(&[query], &mut seeded);
-            let start = self.seeds.0[seeded[0] as usize];
-            found[v - first] = self.b.walk(query, start, 1, 4 * PATIENCE)[0];
+            found[v - first] = self.b.walk(self.a.at(v as u32), self.begins.at(v as u32), 1, 2 * PATIENCE)[0];
             waiting.push_back(v as u32);
             while let Some(here) = waiting.pop_front() {
                 let from = found[here as usize - first].vertex;
@@ -236,6 +283,10 @@ impl<'a> RefinedPair<'a> {
 impl Pair for RefinedPair<'_> {
     fn graphs(&self) -> [&VertexGraph; 2] {
         [self.graph_a, self.graph_b]
+    }
+
+    fn units(&self) -> [f64; 2] {
+        self.units
     }
 
     fn nearest(&self, range: Range<usize>) -> Vec<Neighbour> {

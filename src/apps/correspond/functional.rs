@@ -152,12 +152,13 @@ impl SimdKernel for Nearest<'_> {
     }
 }
 
-/// Sums Σ x xᵀ over rows `x` of `a`, and Σ x yᵀ over pairs with rows `y` of `b` (k × k each, row by row).
+/// Sums Σ x xᵀ over rows `x` of `a` (k × k), and Σ x yᵀ over pairs with rows `y` of `b` (k × m), row by row.
 struct Products<'a> {
     a: &'a Points,
     b: &'a Points,
     pairs: &'a [(u32, u32)],
-    k: usize,
+    /// k and m.
+    counts: [usize; 2],
 }
 
 impl SimdKernel for Products<'_> {
@@ -165,15 +166,15 @@ impl SimdKernel for Products<'_> {
 
     #[inline(always)]
     fn run(self) -> [Vec<f64>; 2] {
-        let k = self.k;
-        let [mut square, mut mixed] = [vec![0f64; k * k], vec![0f64; k * k]];
-        let (mut x, mut y) = (vec![0f64; k], vec![0f64; k]);
+        let [k, m] = self.counts;
+        let [mut square, mut mixed] = [vec![0f64; k * k], vec![0f64; k * m]];
+        let (mut x, mut y) = (vec![0f64; k], vec![0f64; m]);
         for &(i, j) in self.pairs {
             x.iter_mut().zip(self.a.at(i as usize)).for_each(|(x, &from)| *x = f64::from(from));
             y.iter_mut().zip(self.b.at(j as usize)).for_each(|(y, &from)| *y = f64::from(from));
             for (r, &scale) in x.iter().enumerate() {
                 square[r * k..(r + 1) * k].iter_mut().zip(&x).for_each(|(sum, x)| *sum += scale * x);
-                mixed[r * k..(r + 1) * k].iter_mut().zip(&y).for_each(|(sum, y)| *sum += scale * y);
+                mixed[r * m..(r + 1) * m].iter_mut().zip(&y).for_each(|(sum, y)| *sum += scale * y);
             }
         }
         [square, mixed]
@@ -192,16 +193,22 @@ impl SimdKernel for Products<'_> {
 /// assert!((map[(1, 0)] + 1.).abs() < 1e-4 && (map[(0, 1)] - 1.).abs() < 1e-4 && map[(0, 0)].abs() < 1e-4);
 /// ```
 pub fn fit(a: &Points, b: &Points, pairs: &[(u32, u32)], k: usize) -> DMatrix<f64> {
-    let [square, mixed] = dispatch(Products { a, b, pairs, k });
+    fit_between(a, b, pairs, [k, k])
+}
+
+/// The same from the first k functions of A to the first m of B: m × k.
+pub fn fit_between(a: &Points, b: &Points, pairs: &[(u32, u32)], counts: [usize; 2]) -> DMatrix<f64> {
+    let [k, m] = counts;
+    let [square, mixed] = dispatch(Products { a, b, pairs, counts });
     let mut square = DMatrix::from_row_slice(k, k, &square);
-    let mixed = DMatrix::from_row_slice(k, k, &mixed);
+    let mixed = DMatrix::from_row_slice(k, m, &mixed);
     let ridge = 1e-6 * square.trace() / k.max(1) as f64;
     for i in 0..k {
         square[(i, i)] += ridge.max(1e-300);
     }
     match nalgebra::Cholesky::new(square) {
         Some(factor) => factor.solve(&mixed).transpose(),
-        None => DMatrix::identity(k, k),
+        None => DMatrix::identity(m, k),
     }
 }
 
@@ -218,7 +225,7 @@ impl SimdKernel for Carried<'_> {
     fn run(self) {
         let k = self.out.len();
         self.out.fill(0.);
-        for (i, &x) in self.from[..k].iter().enumerate() {
+        for (i, &x) in self.from.iter().enumerate() {
             self.out.iter_mut().zip(&self.map[i * k..(i + 1) * k]).for_each(|(out, c)| *out += x * c);
         }
     }
@@ -226,20 +233,23 @@ impl SimdKernel for Carried<'_> {
 
 /// Brings points of B to the coordinates of A: Cᵀ Φ_B.
 pub struct ToA {
+    /// Functions of B.
+    of_b: usize,
+    /// Functions of A.
     k: usize,
     /// C, row by row.
     map: Vec<f32>,
 }
 
 impl ToA {
-    /// By the map `c` (k × k).
+    /// By the map `c` (functions of B × functions of A).
     pub fn new(c: &DMatrix<f64>) -> Self {
-        Self { k: c.nrows(), map: c.transpose().iter().map(|&x| x as f32).collect() }
+        Self { of_b: c.nrows(), k: c.ncols(), map: c.transpose().iter().map(|&x| x as f32).collect() }
     }
 
-    /// The point of A's coordinates (k) for one of B's (at least k).
+    /// The point of A's coordinates (k) for one of B's (at least as many as the map has).
     pub fn carry(&self, point: &[f32], out: &mut [f32]) {
-        dispatch(Carried { map: &self.map, from: point, out: &mut out[..self.k] });
+        dispatch(Carried { map: &self.map, from: &point[..self.of_b], out: &mut out[..self.k] });
     }
 
     /// All of `points`.

@@ -77,6 +77,10 @@ pub enum Matching {
 pub trait Pair: Sync {
     /// The surfaces of A and B.
     fn graphs(&self) -> [&VertexGraph; 2];
+    /// What lengths on A and B are multiplied by before they are compared: 1/√area of each.
+    fn units(&self) -> [f64; 2] {
+        self.graphs().map(|graph| 1. / graph.facts.area.sqrt().max(1e-300))
+    }
     /// For each vertex of A in `range` the nearest of B.
     fn nearest(&self, range: Range<usize>) -> Vec<Neighbour>;
     /// For each pair of a vertex of A and its match the vertex of A that is nearest to the match.
@@ -144,7 +148,7 @@ pub fn matches(pair: &impl Pair, matching: Matching, name: &str, context: Contex
     let mut doubt = context.work.array::<f32>("doubt.tmp", &[n])?;
     // Enough of a large mesh to tell where matches come back to; all for mutual ones.
     let step = if matching == Matching::Mutual { 1 } else { n.div_ceil(RETURNS) };
-    let unit = 1. / graph_a.facts.area.sqrt().max(1e-300);
+    let [unit, _] = pair.units();
     let fill = |k: usize, out: &mut [Match], doubt: &mut [f32], (): &mut ()| {
         let first = k * CHUNK;
         for (out, found) in out.iter_mut().zip(pair.nearest(first..first + doubt.len())) {
@@ -170,7 +174,7 @@ pub fn matches(pair: &impl Pair, matching: Matching, name: &str, context: Contex
     if matching == Matching::OneToOne {
         one_to_one(pair, array.data(), context)?;
     }
-    fill_confidence(pair.graphs(), array.data(), doubt.data(), context)?;
+    fill_confidence(pair, array.data(), doubt.data(), context)?;
     drop(doubt);
     context.work.remove("doubt.tmp.partial");
     array.finish(false)
@@ -226,16 +230,11 @@ const CONFIDENCE_CHUNK: usize = 1 << 14;
 type Doubt = [f32; 2];
 
 /// Sets the confidence of `matches` (n) from the ways missing on return in `returned` (n; NaN where not looked at).
-fn fill_confidence(
-    graphs: [&VertexGraph; 2],
-    matches: &mut [Match],
-    returned: &[f32],
-    context: Context<'_>,
-) -> Result<()> {
-    let n = matches.len();
+fn fill_confidence(pair: &impl Pair, matches: &mut [Match], returned: &[f32], context: Context<'_>) -> Result<()> {
+    let (n, graphs) = (matches.len(), pair.graphs());
     let names = ["doubt_a.tmp", "doubt_b.tmp"];
     let mut fields = [context.work.array::<f32>(names[0], &[n, 2])?, context.work.array::<f32>(names[1], &[n, 2])?];
-    let (units, csr) = (graphs.map(|g| 1. / g.facts.area.sqrt().max(1e-300)), graphs[0].csr());
+    let (units, csr) = (pair.units(), graphs[0].csr());
     let [now, next] = &mut fields;
     let (mut now, mut next): (&mut [Doubt], &mut [Doubt]) =
         (bytemuck::cast_slice_mut(now.data()), bytemuck::cast_slice_mut(next.data()));

@@ -1,7 +1,8 @@
 //! Which vertex of one mesh is which of another: §7.1 of the paper, without known matches and at any size.
 //!
 //! Both meshes are embedded ([`crate::spectral::nystrom`]), the embeddings aligned ([`mod@align`]), the alignments refined in
-//! a hundred functions and judged ([`mod@refine`]), vertices matched to the nearest ([`mod@dense`], [`mod@matches`]). Matches carry colours, labels and other properties over ([`carry`]) and are judged by
+//! a hundred functions and judged ([`mod@refine`]), vertices matched to the nearest ([`mod@dense`], [`mod@matches`]). A part
+//! and a whole go another way ([`partial`]). Matches carry colours, labels and other properties over ([`carry`]) and are judged by
 //! true ones ([`accuracy`]).
 
 pub mod accuracy;
@@ -13,6 +14,7 @@ pub mod functional;
 pub mod matches;
 pub mod orientation;
 pub mod pairs;
+pub mod partial;
 pub mod points;
 pub mod refine;
 pub mod search;

@@ -87,7 +87,7 @@ pub struct Known<'a> {
     pub pairs: &'a [(u32, u32)],
     /// Distances from these, on A and on B.
     pub rows: Option<[&'a DistanceRows; 2]>,
-    /// A map to begin with, instead of alignments: for each vertex of A one of B.
+    /// A map to begin with too: for each vertex of A one of B.
     pub map: Option<&'a [Option<u32>]>,
 }
 
@@ -132,7 +132,7 @@ pub struct Outcome {
 
 impl Outcome {
     /// What outcomes are ranked by, the least first.
-    fn rank(&self) -> f64 {
+    pub fn rank(&self) -> f64 {
         // Landmarks given by hand are exact to about a hundredth.
         self.distortion * self.residual * self.transport * (0.02 + self.landmarks.unwrap_or(0.))
     }
@@ -317,7 +317,7 @@ pub fn refine(
     let [a, b] = sides;
     let mut begins: Vec<Start> = (0..alignments.len()).map(Start::Alignment).collect();
     if known.map.is_some() {
-        begins = vec![Start::Map];
+        begins.push(Start::Map);
     } else if known.pairs.len() >= SITUATING {
         begins.push(Start::Landmarks);
     }

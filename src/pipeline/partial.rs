@@ -1,0 +1,329 @@
+//! `correspond --partial`: a part is matched with a whole.
+//!
+//! The mesh with less area is the part. Both have the same scale: lengths of the files are compared. First matches come from distances
+//! between far points ([`crate::apps::correspond::partial`]). What they cover of the whole, as much area as the part has, is cut out
+//! ([`Region`]) and matched with the part like two wholes, from alignments and from the first matches: with the same boundary, both have nearly
+//! the same functions. Of the likeliest first maps the one whose region fits best is taken, and cut out once more by its matches.
+//!
+//! What lies outside the region has no match; nor has a vertex whose confidence is below [`LEAST`].
+//!
+//! Cost: that of two wholes up to [`FINALISTS`] + [`ROUNDS`] times, and a row per candidate of the first matches. The region's positions and
+//! faces are held in memory, 36 bytes a vertex and 12 a face.
+
+use super::sides::{
+    CorrespondParams, Correspondence, FunctionalMap, Guidance, LARGE, LARGE_WIDTH, LOCAL_SAMPLES, LOCAL_WIDTH, Side,
+    refined,
+};
+use crate::apps::correspond::align::{TELLING, align};
+use crate::apps::correspond::dense::{EXHAUSTIVE, RefinedPair, carried};
+use crate::apps::correspond::matches::{Match, Matching, matches};
+use crate::apps::correspond::partial::{ANCHORS, CANDIDATES, PartialOutcome, PartialSide, match_part};
+use crate::apps::correspond::refine::Outcome;
+use crate::apps::correspond::{Alignments, SurfacePoint};
+use crate::base::{Error, Result};
+use crate::distance::Front;
+use crate::distance::front::mean_weight;
+use crate::distance::march::Surface;
+use crate::distance::rows::RowParams;
+use crate::distance::vertex_rows;
+use crate::graph::VertexGraph;
+use crate::graph::vertex_graph::triangles;
+use crate::landmarks::Sampling;
+use crate::mesh::Mesh;
+use crate::store::{Context, MappedSlice, Run};
+
+/// Confidence below which a vertex has no match.
+pub const LEAST: f32 = 0.05;
+/// Vertices at least from which functions of a part are made.
+const FEWEST: usize = 60;
+/// First maps whose regions are compared.
+const FINALISTS: usize = 3;
+/// Rank, in that of the best, up to which another first map is as good.
+const RIVAL: f64 = 1.5;
+/// Mean distance between the images of two maps, over √area of the whole, from which they are different.
+const APART: f64 = 0.1;
+/// Vertices by which two maps are compared.
+const COMPARED: usize = 200;
+/// Times that the region of the best is cut out again.
+const ROUNDS: usize = 1;
+/// Share of the region's triangles below which a component is left out.
+const CRUMB: f64 = 0.02;
+
+/// For each vertex of the part the one of the whole.
+type Images = Vec<Option<u32>>;
+
+/// What a part covers of a whole.
+struct Region {
+    mesh: Mesh,
+    /// The vertices of the whole.
+    old: Vec<u32>,
+}
+
+/// A region matched with the part.
+struct Candidate {
+    /// The vertices of the whole.
+    old: Vec<u32>,
+    graph: VertexGraph,
+    functional: FunctionalMap,
+    outcomes: Vec<Outcome>,
+    alignments: Alignments,
+    images: Images,
+}
+
+impl Candidate {
+    fn rank(&self) -> f64 {
+        self.outcomes.first().map_or(f64::INFINITY, Outcome::rank)
+    }
+}
+
+/// Area in units of the file.
+fn area(side: &Side<'_>) -> f64 {
+    side.graph.facts.area * side.graph.frame.scale * side.graph.frame.scale
+}
+
+impl Region {
+    /// The vertices of `whole` nearest to `images`, as many as have the area `share` of it.
+    fn around(whole: &Side<'_>, images: &Images, share: f64, run: &Run) -> Result<Self> {
+        let graph = &whole.graph;
+        let mut sources: Vec<u32> = images.iter().flatten().copied().collect();
+        sources.sort_unstable();
+        sources.dedup();
+        let mut field = vec![f32::INFINITY; graph.len()];
+        Front::new(mean_weight(graph.csr())).lower(graph.csr(), &sources, &mut field, &run.cancel)?;
+        let mut order: Vec<u32> = (0..field.len() as u32).collect();
+        order.sort_unstable_by(|&v, &w| field[v as usize].total_cmp(&field[w as usize]).then(v.cmp(&w)));
+        let (mut taken, most) = (0., share * graph.facts.area);
+        let mut inside = vec![false; field.len()];
+        for v in order {
+            if taken >= most && field[v as usize] > 0. {
+                break;
+            }
+            taken += f64::from(graph.nodes[v as usize].area);
+            inside[v as usize] = true;
+        }
+        Self::of(whole.opened, inside)
+    }
+
+    /// The triangles of `mesh` whose corners are all `inside`, but crumbs.
+    fn of(mesh: &Mesh, inside: Vec<bool>) -> Result<Self> {
+        let mut faces: Vec<[u32; 3]> = Vec::new();
+        mesh.faces.for_each(0..mesh.faces.len(), |_, corners| {
+            triangles(mesh, corners, |face, _| {
+                if face.iter().all(|&v| inside[v as usize]) {
+                    faces.push(face);
+                }
+            });
+        });
+        // Components, by the least vertex of each.
+        let mut root: Vec<u32> = (0..inside.len() as u32).collect();
+        let find = |root: &mut Vec<u32>, mut v: u32| {
+            while root[v as usize] != v {
+                root[v as usize] = root[root[v as usize] as usize];
+                v = root[v as usize];
+            }
+            v
+        };
+        for &[a, b, c] in &faces {
+            for other in [b, c] {
+                let (x, y) = (find(&mut root, a), find(&mut root, other));
+                root[x.max(y) as usize] = x.min(y);
+            }
+        }
+        let mut counts = vec![0usize; inside.len()];
+        faces.iter().for_each(|face| counts[find(&mut root, face[0]) as usize] += 1);
+        let least = (CRUMB * faces.len() as f64) as usize;
+        faces.retain(|face| counts[find(&mut root, face[0]) as usize] > least);
+        let mut old: Vec<u32> = faces.iter().flatten().copied().collect();
+        old.sort_unstable();
+        old.dedup();
+        let mut new = vec![0u32; inside.len()];
+        old.iter().enumerate().for_each(|(at, &v)| new[v as usize] = at as u32);
+        faces.iter_mut().flatten().for_each(|v| *v = new[*v as usize]);
+        let positions = old.iter().map(|&v| mesh.positions.get(v)).collect();
+        Ok(Self { mesh: Mesh::from_vecs::<f64>(positions, faces)?, old })
+    }
+
+    /// Matches `part` with it; `images` are first matches.
+    fn matched(
+        self,
+        part: &Side<'_>,
+        images: &Images,
+        params: &CorrespondParams,
+        name: &str,
+        context: Context<'_>,
+    ) -> Result<Candidate> {
+        let Self { mesh, old } = self;
+        let side = Side::build(&mesh, None, params, name, context)?;
+        let (alignments, _) =
+            context.run.stage("alignment", "guesses", 0, || align(part.shape(), side.shape(), context.run))?;
+        let here = |v: &u32| old.binary_search(v).ok().map(|at| at as u32);
+        let map: Images = images.iter().map(|image| image.as_ref().and_then(here)).collect();
+        let map = map.iter().any(Option::is_some).then_some(map);
+        let guidance = Guidance { map, ..Guidance::default() };
+        let found = refined([part, &side], &side.points, alignments, params, &guidance, name, context)?;
+        let images = found.matches.iter().map(|one| one.vertex().map(|at| old[at as usize])).collect();
+        let Correspondence { functional, refined: outcomes, alignments, .. } = found;
+        let functional = functional.filter(|_| !outcomes.is_empty());
+        let functional = functional.ok_or_else(|| Error::internal("a refined map without functions"))?;
+        Ok(Candidate { old, graph: side.graph, functional, outcomes, alignments, images })
+    }
+}
+
+/// Matches A with B, one of which is a part of the other.
+///
+/// # Errors
+/// As [`super::correspond::correspond`].
+pub(super) fn match_partial(
+    a: &Side<'_>,
+    b: &Side<'_>,
+    params: &CorrespondParams,
+    context: Context<'_>,
+) -> Result<Correspondence> {
+    let a_is_part = area(a) <= area(b);
+    let [part, whole] = if a_is_part { [a, b] } else { [b, a] };
+    let share = area(part) / area(whole).max(1e-300);
+    let (starts, images) = first_maps(part, whole, share, params, context)?;
+    let all = params.matching(Matching::All).points(false);
+    let mut best: Option<Candidate> = None;
+    let mut tried: Vec<(f64, Images)> = Vec::new();
+    let mut attempt = |best: &mut Option<Candidate>, images: &Images| -> Result<()> {
+        let region = Region::around(whole, images, share, context.run)?;
+        let found = region.matched(part, images, &all, &format!("region-{}", tried.len()), context)?;
+        tried.push((found.rank(), found.images.clone()));
+        if best.as_ref().is_none_or(|best| found.rank() < best.rank()) {
+            *best = Some(found);
+        }
+        Ok(())
+    };
+    for images in &images {
+        attempt(&mut best, images)?;
+    }
+    for _ in 0..ROUNDS {
+        let images = best.as_ref().map(|best| best.images.clone());
+        images.map_or(Ok(()), |images| attempt(&mut best, &images))?;
+    }
+    let mut best = best.ok_or_else(|| Error::internal("a part without a first map"))?;
+    let rival =
+        |(rank, images): &(f64, Images)| *rank <= RIVAL * best.rank() && apart(whole, &best.images, images) > APART;
+    best.alignments.ambiguous = best.outcomes[0].orientation.is_none_or(|one| one < TELLING) || tried.iter().any(rival);
+    let (matches, points) = finish(&best, [part, whole], a_is_part, params, context)?;
+    Ok(Correspondence {
+        matches,
+        alignments: best.alignments,
+        refined: best.outcomes,
+        functional: None,
+        points,
+        partial: starts,
+        sides: [a.facts(), b.facts()],
+    })
+}
+
+/// How far two maps to `whole` are apart, in the mean over √area, by its landmarks.
+fn apart(whole: &Side<'_>, one: &Images, other: &Images) -> f64 {
+    // No more than the distance, and with dozens of landmarks nearly that.
+    let apart = |(v, w): (u32, u32)| -> f64 {
+        let difference = |row: &[f32]| f64::from((row[v as usize] - row[w as usize]).abs());
+        (0..whole.rows.len()).map(|j| difference(whole.rows.row(j))).fold(0., f64::max)
+    };
+    let step = one.len().div_ceil(COMPARED).max(1);
+    let pairs: Vec<(u32, u32)> =
+        one.iter().zip(other).step_by(step).filter_map(|(v, w)| Some(((*v)?, (*w)?))).collect();
+    let sum: f64 = pairs.iter().copied().map(apart).sum();
+    sum / whole.graph.facts.area.sqrt().max(1e-300) / pairs.len().max(1) as f64
+}
+
+/// Maps of `part` to `whole` by distances between far points, the likeliest first, and the matches of the first of them.
+fn first_maps(
+    part: &Side<'_>,
+    whole: &Side<'_>,
+    share: f64,
+    params: &CorrespondParams,
+    context: Context<'_>,
+) -> Result<(Vec<PartialOutcome>, Vec<Images>)> {
+    let sides = [part, whole];
+    let root = area(whole).sqrt().max(1e-300);
+    let units = sides.map(|side| side.graph.frame.scale / root);
+    let width = if part.graph.len().max(whole.graph.len()) > LARGE { LARGE_WIDTH } else { LOCAL_WIDTH };
+    let of_whole = LOCAL_SAMPLES.min(whole.graph.len());
+    let of_part = (of_whole as f64 * share).round() as usize;
+    let of_part = of_part.max(FEWEST).min(part.graph.len());
+    let n = (part.points.len() + whole.points.len()) as u64;
+    let basis = |side: &Side<'_>, count| side.basis(count, width, params, "first.npy", context.run);
+    let bases = || Ok([basis(part, of_part)?, basis(whole, of_whole)?]);
+    let (bases, _) = context.run.stage("basis", "vertices", n, bases)?;
+    let anchored = |side: &Side<'_>, count: usize| {
+        let (surface, context) = (Surface::of(&side.graph), Context::new(&side.work, context.run));
+        let row_params = RowParams { l: count.min(side.graph.len()), sampling: Sampling::Farthest };
+        let chosen = vertex_rows::landmarks(surface, row_params, context)?;
+        vertex_rows::rows(surface, chosen, params.distance, "anchors.npy", context)
+    };
+    let (starts, _) = context.run.stage("refinement", "starts", 0, || {
+        let rows = [anchored(part, ANCHORS)?, anchored(whole, CANDIDATES)?];
+        let seen =
+            [0, 1].map(|s| PartialSide { graph: &sides[s].graph, basis: &bases[s], rows: &rows[s], unit: units[s] });
+        match_part(seen[0], seen[1], context.run)
+    })?;
+    let dense = |start: &PartialOutcome| -> Result<Images> {
+        let k = start.map.nrows();
+        let work = Context::new(&part.work, context.run);
+        let of_part = carried(&bases[0], &start.map.transpose(), "carried.npy", work)?;
+        let coordinates = [(&of_part[..], k), (&bases[1].values[..], bases[1].count)];
+        let pair =
+            RefinedPair::new(coordinates, k, [&part.graph, &whole.graph], EXHAUSTIVE, context.run)?.with_units(units);
+        let found = matches(&pair, Matching::All, "first_matches.npy", context)?;
+        Ok(found.iter().map(Match::vertex).collect())
+    };
+    let images = starts.iter().take(FINALISTS).map(dense).collect::<Result<Vec<_>>>()?;
+    Ok((starts, images))
+}
+
+/// The matches of A, the part or the whole, and those inside triangles where asked for.
+fn finish(
+    best: &Candidate,
+    [part, whole]: [&Side<'_>; 2],
+    a_is_part: bool,
+    params: &CorrespondParams,
+    context: Context<'_>,
+) -> Result<(MappedSlice<Match>, Option<MappedSlice<SurfacePoint>>)> {
+    let Candidate { old, graph, functional, .. } = best;
+    let k = functional.map.nrows();
+    let [of_part, of_region] = &functional.bases;
+    // In the coordinates of the part.
+    let in_part = carried(of_region, &functional.map, "carried.npy", Context::new(&whole.work, context.run))?;
+    let mut coordinates = [(&of_part.values[..], of_part.count), (&in_part[..], k)];
+    let mut graphs = [&part.graph, graph];
+    if !a_is_part {
+        coordinates.reverse();
+        graphs.reverse();
+    }
+    let n = if a_is_part { part.graph.len() } else { whole.graph.len() };
+    let make = || {
+        let pair = RefinedPair::new(coordinates, k, graphs, EXHAUSTIVE, context.run)?;
+        let mut found = matches(&pair, params.matching, "inner_matches.npy", context)?.to_vec();
+        for one in &mut found {
+            if one.confidence < LEAST {
+                *one = Match { confidence: one.confidence, ..Match::NONE };
+            }
+        }
+        let points = params.points.then(|| pair.points(&found, "inner_points.npy", context)).transpose()?;
+        let mut points = points.map(|points| points.to_vec());
+        if a_is_part {
+            let outer = |v: i64| usize::try_from(v).map_or(-1, |at| i64::from(old[at]));
+            found.iter_mut().for_each(|one| one.target = outer(one.target));
+            let corners = points.iter_mut().flatten().flat_map(|point| &mut point.corners);
+            corners.for_each(|corner| *corner = outer(i64::from(*corner)) as i32);
+        }
+        // Of the whole, what is outside has none.
+        let at = |v: usize| if a_is_part { Some(v) } else { old.binary_search(&(v as u32)).ok() };
+        let mut array = context.work.array::<Match>("matches.npy", &[n])?;
+        context.run.fill_each(array.data(), 1 << 14, |v, _: Match| at(v).map_or(Match::NONE, |at| found[at]))?;
+        let inside = |points: Vec<SurfacePoint>| {
+            let mut array = context.work.array::<SurfacePoint>("points.npy", &[n])?;
+            let one = |v: usize, _: SurfacePoint| at(v).map_or(SurfacePoint::NONE, |at| points[at]);
+            context.run.fill_each(array.data(), 1 << 14, one)?;
+            array.finish(false)
+        };
+        Ok((array.finish(false)?, points.map(inside).transpose()?))
+    };
+    Ok(context.run.stage("match", "vertices", n as u64, make)?.0)
+}

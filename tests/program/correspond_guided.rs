@@ -1,0 +1,187 @@
+//! `correspond` with what the user knows, what it writes for other programs, and parts.
+
+use super::correspond_cli::{correspond, files, permuted, read};
+use crate::common::{errors, program, word};
+use nystrom_stream::mesh;
+use nystrom_stream::store::{Run, npy};
+use std::fmt::Write;
+use std::path::Path;
+
+/// Mean error of the matches in `out`, as `evaluate` measures it.
+fn error(out: &Path, b: &Path, truth: &[u32], dir: &Path) -> serde_json::Value {
+    let (map, json) = (dir.join("truth.npy"), dir.join("e.json"));
+    npy::write(&map, truth, 1, false).unwrap();
+    let json_to = format!("--json={}", json.display());
+    let words = ["evaluate", "-q", "--matches", word(out), "--mesh", word(b), "--truth", word(&map), &json_to];
+    let run = program().args(words).output().unwrap();
+    assert!(run.status.success(), "{}", errors(&run));
+    let told: serde_json::Value = serde_json::from_slice(&std::fs::read(&json).unwrap()).unwrap();
+    told["errors"].clone()
+}
+
+#[test]
+fn landmarks_by_hand_and_maps_to_begin_with_are_starts() {
+    let (dir, a, b) = files();
+    let truth = permuted(&a, &b, false);
+    let file = |name: &str| dir.path().join(name);
+    let (out, again, csv, pairs) = (file("m.npy"), file("n.npy"), file("m.csv"), file("pairs.txt"));
+    let opened = mesh::open(&a, dir.path(), &Run::new(&())).unwrap();
+    let mut text = String::from("# A, B\n\n");
+    for v in (0..truth.len() as u32).step_by(601) {
+        // Every other one as points; in B axes are exchanged and three times as long.
+        let [x, y, z] = opened.positions.get(v);
+        match v % 2 {
+            0 => writeln!(text, "{v}, {} # two vertices", truth[v as usize]).unwrap(),
+            _ => writeln!(text, "{x} {y} {z}\t{} {} {}", 3. * y, 3. * z, 3. * x).unwrap(),
+        }
+    }
+    std::fs::write(&pairs, text).unwrap();
+    let run = correspond(&a, &b, &["-q", "-o", word(&out), "-o", word(&csv), "--landmarks-file", word(&pairs)]);
+    assert!(run.status.success(), "{}", errors(&run));
+    assert!(error(&out, &b, &truth, dir.path())["mean"].as_f64().unwrap() < 0.02);
+    for map in [&out, &csv] {
+        let json = file("r.json");
+        let json_to = format!("--json={}", json.display());
+        let run = correspond(&a, &b, &["-q", "-o", word(&again), "--initial-map", word(map), &json_to]);
+        assert!(run.status.success(), "{}", errors(&run));
+        assert!(error(&again, &b, &truth, dir.path())["mean"].as_f64().unwrap() < 0.02);
+        let told: serde_json::Value = serde_json::from_slice(&std::fs::read(&json).unwrap()).unwrap();
+        assert_eq!(told["refined"][0]["start"], "map");
+    }
+}
+
+#[test]
+fn functions_their_map_and_points_fit_together() {
+    let (dir, a, b) = files();
+    permuted(&a, &b, false);
+    let file = |name: &str| dir.path().join(name);
+    let (out, points, map) = (file("m.npy"), file("points.npy"), file("c.npy"));
+    let (of_a, of_b) = (file("fa.npy"), file("fb.npy"));
+    for refine in ["nystrom", "laplacian"] {
+        let words = ["-q", "--refine", refine, "-o", word(&out), "--points", word(&points)];
+        let more = ["--functional-map", word(&map), "--functions", word(&of_a), word(&of_b)];
+        let run = correspond(&a, &b, &[&words[..], &more].concat());
+        assert!(run.status.success(), "{}", errors(&run));
+        let [c, of_a, of_b] = [&map, &of_a, &of_b].map(|path| {
+            npy::open::<f32>(path)
+                .map(|x| x.to_vec())
+                .unwrap_or_else(|_| npy::open::<f64>(path).unwrap().iter().map(|x| *x as f32).collect())
+        });
+        let matches = read(&out);
+        let k = (c.len() as f64).sqrt() as usize;
+        assert_eq!((c.len(), of_a.len(), of_b.len()), (k * k, k * matches.len(), k * matches.len()));
+        // Φ_B at matches is near C Φ_A, and far from what it would be with the transpose.
+        let misfit = |at: &dyn Fn(usize, usize) -> f32| -> f64 {
+            let mut sum = 0f64;
+            for (v, one) in matches.iter().enumerate().step_by(7) {
+                for i in 0..k {
+                    let carried: f32 = (0..k).map(|j| at(i, j) * of_a[v * k + j]).sum();
+                    sum += f64::from(carried - of_b[one.target as usize * k + i]).powi(2);
+                }
+            }
+            sum
+        };
+        assert!(4. * misfit(&|i, j| c[i * k + j]) < misfit(&|i, j| c[j * k + i]), "{refine}");
+        let told = std::fs::read(&points).unwrap();
+        assert!(told.len() > 24 * matches.len() && String::from_utf8_lossy(&told[..100]).contains("corners"));
+    }
+}
+
+/// The faces of the mesh at `path` whose corners all have y above `least` of the extent, and the old numbers of their vertices.
+fn cropped(path: &Path, out: &Path, least: f64) -> Vec<u32> {
+    let dir = tempfile::tempdir().unwrap();
+    let opened = mesh::open(path, dir.path(), &Run::new(&())).unwrap();
+    let n = opened.positions.len();
+    let ys: Vec<f64> = (0..n as u32).map(|v| opened.positions.get(v)[1]).collect();
+    let (low, high) = ys.iter().fold((f64::INFINITY, f64::NEG_INFINITY), |(l, h), &y| (l.min(y), h.max(y)));
+    let mut faces = Vec::new();
+    opened.faces.for_each(0..opened.faces.len(), |_, c| {
+        if c.iter().all(|&v| ys[v as usize] > low + least * (high - low)) {
+            faces.push([c[0], c[1], c[2]]);
+        }
+    });
+    let mut old: Vec<u32> = faces.iter().flatten().copied().collect();
+    old.sort_unstable();
+    old.dedup();
+    let mut text = format!(
+        "ply\nformat ascii 1.0\nelement vertex {}\nproperty float x\nproperty float y\nproperty float z\n\
+         element face {}\nproperty list uchar int vertex_indices\nend_header\n",
+        old.len(),
+        faces.len()
+    );
+    for &v in &old {
+        let [x, y, z] = opened.positions.get(v);
+        writeln!(text, "{x} {y} {z}").unwrap();
+    }
+    for face in faces {
+        let [a, b, c] = face.map(|v| old.binary_search(&v).unwrap());
+        writeln!(text, "3 {a} {b} {c}").unwrap();
+    }
+    std::fs::write(out, text).unwrap();
+    old
+}
+
+#[test]
+fn a_crop_is_found_in_the_whole_and_the_rest_is_told_as_unmatched() {
+    let (dir, a, whole) = files();
+    permuted(&a, &whole, false);
+    let crop = dir.path().join("crop.ply");
+    let old = cropped(&whole, &crop, 0.35);
+    let (out, json) = (dir.path().join("m.npy"), dir.path().join("r.json"));
+    let json_to = format!("--json={}", json.display());
+    let matched = |a: &Path, b: &Path| {
+        let run = correspond(a, b, &["-q", "--partial", "-o", word(&out), &json_to]);
+        assert!(run.status.success(), "{}", errors(&run));
+        let told: serde_json::Value = serde_json::from_slice(&std::fs::read(&json).unwrap()).unwrap();
+        let matches = read(&out);
+        let none = matches.iter().filter(|one| one.target < 0).count();
+        assert_eq!(told["unmatched"].as_u64().unwrap() as usize, none);
+        matches
+    };
+    let from_crop = matched(&crop, &whole);
+    assert!(from_crop.iter().filter(|one| one.target >= 0).count() * 10 > 8 * old.len());
+    let found = error(&out, &whole, &old, dir.path());
+    assert!(found["mean"].as_f64().unwrap() < 0.03, "{found}");
+    let from_whole = matched(&whole, &crop);
+    let outside: Vec<_> =
+        (0..from_whole.len()).filter(|&v| old.binary_search(&(v as u32)).is_err()).map(|v| from_whole[v]).collect();
+    let told = outside.iter().filter(|one| one.target < 0).count();
+    assert!(told * 10 > 6 * outside.len(), "{told} of {}", outside.len());
+}
+
+#[test]
+fn wrong_guidance_is_refused_in_a_line() {
+    let (dir, a, b) = files();
+    permuted(&a, &b, false);
+    let file = |name: &str, text: &str| {
+        let path = dir.path().join(name);
+        std::fs::write(&path, text).unwrap();
+        path
+    };
+    let (out, c) = (dir.path().join("m.npy"), dir.path().join("c.npy"));
+    let (out, c) = (word(&out), word(&c));
+    let [good, three, beyond, empty] =
+        [("g", "0 1\n"), ("t", "0 1\n1 2 3\n"), ("b", "0 99999999\n"), ("e", "# none\n")].map(|(n, t)| file(n, t));
+    let [short, text] = [("s.csv", "match\n0\n1\n"), ("m.npy.csv", "nothing\n")].map(|(n, t)| file(n, t));
+    for (words, code, part) in [
+        (vec!["--landmarks-file", "nowhere.txt"], 1, "nowhere.txt"),
+        (vec!["--landmarks-file", word(&three)], 1, "line 2"),
+        (vec!["--landmarks-file", word(&beyond)], 1, "99999999"),
+        (vec!["--landmarks-file", word(&empty)], 1, "no pair"),
+        (vec!["--landmarks-file", word(&good), "--refine", "none"], 2, "refinement"),
+        (vec!["--initial-map", word(&short)], 2, "is no map"),
+        (vec!["--initial-map", word(&text)], 1, "m.npy.csv"),
+        (vec!["--functional-map", c, "--refine", "none"], 2, "no functions"),
+        (vec!["--points", c, "--refine", "none"], 2, "refinement"),
+        (vec!["--partial", "--transfer"], 2, "cannot be used"),
+        (vec!["--partial", "--landmarks-file", word(&good)], 2, "cannot be used"),
+        (vec!["--partial", "--refine", "none"], 2, "--partial"),
+        (vec!["--partial", "--alternative", "1"], 2, "cannot be used"),
+        (vec!["--partial", "--functional-map", c], 2, "cannot be used"),
+        (vec!["--partial", "--initial-map", out], 2, "cannot be used"),
+    ] {
+        let run = correspond(&a, &b, &[&["-q", "-o", out][..], &words].concat());
+        assert_eq!(run.status.code(), Some(code), "{words:?}: {}", errors(&run));
+        assert!(errors(&run).contains(part), "{words:?}: {}", errors(&run));
+    }
+}
