@@ -1,7 +1,8 @@
 //! Some two thousand geodesic Voronoi cells, the graph of cells that parts are decided on, and rows averaged over cells.
 //!
 //! One front from area-stratified seeds under length + .1 |turning| (.05 convex) cuts the surface into cells that follow
-//! creases; people's segmentations projected on them lose .002 of the Rand index. One pass sums up areas, centroids,
+//! creases; people's segmentations projected on them lose .002 of the Rand index. Where the surface is its own mirror image, seeds come
+//! in pairs of images ([`super::mirror`]). One pass sums up areas, centroids,
 //! normals, and for touching cells the length and mean turning of their common boundary.
 //!
 //! Rows averaged over cells are B (l × S), all that deciding parts needs of `[A B]`. Rows on the cell graph alone are much
@@ -11,9 +12,11 @@
 //! face, 4 of them of the row, as it comes from its front or from where it is kept.
 
 use super::area_shares::{AreaShares, ClassSum, class_sums, spread};
+use super::mirror::{PointSet, SurfacePoint, paired_seeds};
 use super::normals::{Normals, turning};
 use super::parts::CellGraph;
 use crate::base::Result;
+use crate::base::vector::wide;
 use crate::distance::{DistanceRows, voronoi};
 use crate::graph::Csr;
 use crate::graph::weights::{Metric, Weighting};
@@ -67,8 +70,11 @@ impl Cells {
     ) -> Result<Self> {
         let n = graph.nodes.len();
         // A small mesh is its own cells, tiny components included, so that any number of parts up to n can be had.
-        let seeds: Vec<u32> =
-            if n <= CELLS { (0..n as u32).collect() } else { spread(&shares.share, CELLS, context.run.seed, "cells") };
+        let seeds: Vec<u32> = if n <= CELLS {
+            (0..n as u32).collect()
+        } else {
+            paired(graph, shares, normals.fine, spread(&shares.share, CELLS, context.run.seed, "cells"))
+        };
         let metric = Metric::ScaleFree { beta: 0.1, eta: 0.5 };
         let area = 1. / f64::from(shares.unit).powi(2);
         let (edges, nodes) = (&graph.edges, &graph.nodes);
@@ -96,6 +102,24 @@ impl Cells {
     pub fn is_empty(&self) -> bool {
         self.len() == 0
     }
+}
+
+/// Seeds that come in pairs where the surface is its own mirror image.
+fn paired(graph: &DualGraph, shares: &AreaShares, normals: &Normals, seeds: Vec<u32>) -> Vec<u32> {
+    let unit = f64::from(shares.unit);
+    let point = |node: u32| SurfacePoint {
+        position: wide(graph.nodes[node as usize].centroid).map(|x| x * unit),
+        normal: wide(normals[node as usize]),
+    };
+    let points: Vec<SurfacePoint> = seeds.iter().map(|&seed| point(seed)).collect();
+    let count = seeds.len() as f64;
+    let set = PointSet {
+        points: &points,
+        shares: &vec![1. / count; seeds.len()],
+        radius: (1. / (count * std::f64::consts::PI)).sqrt(),
+    };
+    let edges = graph.edges.by_shared_edge();
+    paired_seeds(seeds, set, point, |node| edges.neighbours(node).map(|(other, _)| other))
 }
 
 fn cell_graph(

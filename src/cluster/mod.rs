@@ -13,6 +13,7 @@ pub mod contract;
 pub mod divide;
 pub mod extrapolate;
 pub mod kmeans;
+pub mod mirror;
 pub mod normals;
 pub mod parts;
 pub mod shorten;

@@ -6,6 +6,7 @@
 //! - [`merges`] merges each over-segmentation down to one part and tells at each merge how probably people keep the two
 //!   sides together ([`merge_odds`]), from sums over [`regions`], [`convexity`] and [`thickness`].
 //! - The mean over the ensemble is the co-association: a probability for any two [`Superfaces`].
+//! - Where the surface is its own mirror image, [`twins`] make both sides alike.
 //! - [`labelling`] finds the labels of the greatest expected Rand index, and a whole [`hierarchy`] around them.
 //! - [`hints`] changes a labelling as people ask; `split` divides a part further along the hierarchy.
 //! - [`consensus`] has the plainer decisions, and tells how sure a part is; [`agreement`], how many people would have it.
@@ -29,6 +30,7 @@ pub mod merges;
 pub mod regions;
 mod split;
 pub mod thickness;
+pub mod twins;
 
 pub use cell_graph::CellGraph;
 pub use consensus::PartDecision;
@@ -243,10 +245,21 @@ pub fn decide(
     let work = || -> Result<PartDecision> {
         match params.decision {
             Decision::SoftTrees => {
-                let ensemble = ensemble::draw_ensemble(&cells, &rows, params.ensemble_size, "parts member", run)?;
+                let mirrors = twins::twins(&cells);
+                let count = params.ensemble_size;
+                let drawn = if mirrors.is_empty() { count } else { count.div_ceil(2) };
+                let mut ensemble = ensemble::draw_ensemble(&cells, &rows, drawn, "parts member", run)?;
+                if let Some(best) = mirrors.first() {
+                    ensemble = twins::with_images(ensemble, count, best);
+                }
                 let superfaces = Superfaces::of(&cells, &rows, &ensemble, run)?;
-                let co_association =
+                let mut co_association =
                     ensemble::co_association(&cells, &superfaces, &ensemble, &merges::MergeModel::default(), run)?;
+                // The best plane last: what it makes alike stays so.
+                for twins in mirrors.iter().rev() {
+                    co_association =
+                        twins::made_alike(&co_association, &superfaces.of_cell, &cells.area_shares(), twins);
+                }
                 let tree = labelling::soft_hierarchy(&cells, &superfaces, &co_association, params.small_part, run)?;
                 Ok(PartDecision { superfaces, co_association, tree })
             }

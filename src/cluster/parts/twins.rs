@@ -1,0 +1,148 @@
+//! Mirror images of cells, and an ensemble and a co-association that are the same on both sides of a mirror plane.
+//!
+//! Half of the ensemble are mirror images of the other half, so that superfaces come in pairs; C is averaged with that of the images.
+//! Whatever is decided on one side is then decided on the other. Cost: R² and the pairs of superfaces that twins lie in, times R, for each plane.
+
+use super::cell_graph::CellGraph;
+use super::ensemble::OverSegmentation;
+use super::matrix::Square;
+use crate::cluster::mirror::{NearestPoint, PointSet, SurfacePoint, mirror_planes};
+
+/// Twins farther apart than this many cell radii are none.
+const REACH: f64 = 2.0;
+
+/// The mirror image of each cell under one plane.
+#[derive(Clone, Debug)]
+pub struct Twins {
+    /// The cell nearest to each cell's mirror image (S).
+    pub twin: Vec<u32>,
+    /// How far it is the image: 1 for a pair in the same place, nearly 0 from two radii on (S).
+    pub weight: Vec<f64>,
+}
+
+/// The twins of all cells under each mirror plane, the best plane first.
+pub fn twins(cells: &CellGraph) -> Vec<Twins> {
+    let shares = cells.area_shares();
+    let radius = (cells.total_area() / (cells.len() as f64 * std::f64::consts::PI)).sqrt();
+    let point = |(&position, &normal): (&[f64; 3], &[f64; 3])| SurfacePoint { position, normal };
+    let points: Vec<SurfacePoint> = cells.centre.iter().zip(&cells.normal).map(point).collect();
+    let nearest = NearestPoint::new(PointSet { points: &points, shares: &shares, radius });
+    mirror_planes(&nearest)
+        .into_iter()
+        .map(|plane| {
+            let seen = points
+                .iter()
+                .zip(0u32..)
+                .map(|(point, k)| nearest.find(plane.image(*point)).unwrap_or((k, f64::INFINITY)));
+            let (twin, far): (Vec<u32>, Vec<f64>) = seen.unzip();
+            let weight = far.iter().map(|d| (-(d / (REACH * radius)).powi(4)).exp()).collect();
+            Twins { twin, weight }
+        })
+        .collect()
+}
+
+/// Completes an ensemble to `count` members, twice as many at the most, by the mirror images of its first.
+pub fn with_images(mut ensemble: Vec<OverSegmentation>, count: usize, twins: &Twins) -> Vec<OverSegmentation> {
+    let image = |of: &OverSegmentation| OverSegmentation {
+        region: twins.twin.iter().map(|&k| of.region[k as usize]).collect(),
+        ..of.clone()
+    };
+    let images: Vec<OverSegmentation> = ensemble.iter().take(count - ensemble.len().min(count)).map(image).collect();
+    ensemble.extend(images);
+    ensemble
+}
+
+/// The co-association of superfaces, C (R × R), averaged with that of
+/// their mirror images: `of_cell` is the superface of each cell (S), `shares` are the cells' areas (S).
+pub fn made_alike(c: &Square, of_cell: &[u32], shares: &[f64], twins: &Twins) -> Square {
+    let n = c.len();
+    // Shares of each superface's image in others, and how far it is one.
+    let mut images: Vec<Vec<(u32, f64)>> = vec![Vec::new(); n];
+    let (mut sure, mut area) = (vec![0.0; n], vec![0.0; n]);
+    for (k, &x) in of_cell.iter().enumerate() {
+        let (y, w) = (of_cell[twins.twin[k] as usize], shares[k] * twins.weight[k]);
+        match images[x as usize].iter_mut().find(|(other, _)| *other == y) {
+            Some((_, sum)) => *sum += w,
+            None => images[x as usize].push((y, w)),
+        }
+        sure[x as usize] += w;
+        area[x as usize] += shares[k];
+    }
+    for x in 0..n {
+        images[x].iter_mut().for_each(|(_, share)| *share /= sure[x].max(1e-300));
+        sure[x] /= area[x].max(1e-300);
+    }
+    let half: Vec<Vec<f64>> = images
+        .iter()
+        .map(|image| {
+            let mut row = vec![0.0; n];
+            for &(y, share) in image {
+                row.iter_mut().zip(c.row(y as usize)).for_each(|(sum, c)| *sum += share * c);
+            }
+            row
+        })
+        .collect();
+    let mut out = c.clone();
+    for x in 0..n {
+        for y in 0..x {
+            let image: f64 = images[y].iter().map(|&(b, share)| share * half[x][b as usize]).sum();
+            let w = sure[x] * sure[y];
+            let mean = (c[(x, y)] + w * image) / (1.0 + w);
+            (out[(x, y)], out[(y, x)]) = (mean, mean);
+        }
+    }
+    out
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::base::random::{below, stream, unit};
+
+    #[test]
+    fn images_are_averaged_as_matrices_say() {
+        let (mut random, cells, n) = (stream(1, "test"), 30, 6);
+        let of_cell: Vec<u32> =
+            (0..cells).map(|k| if k < n { k as u32 } else { below(&mut random, n) as u32 }).collect();
+        let shares: Vec<f64> = (0..cells).map(|_| 0.1 + unit(&mut random)).collect();
+        let twins = Twins {
+            twin: (0..cells).map(|_| below(&mut random, cells) as u32).collect(),
+            weight: (0..cells).map(|_| unit(&mut random)).collect(),
+        };
+        let mut c = Square::zeros(n);
+        for i in 0..n {
+            for j in 0..=i {
+                let x = unit(&mut random);
+                (c[(i, j)], c[(j, i)]) = (x, x);
+            }
+        }
+        let got = made_alike(&c, &of_cell, &shares, &twins);
+        // T: from the area of a superface to that of its image, row by row.
+        let mut t = Square::zeros(n);
+        let mut area = vec![0.0; n];
+        for k in 0..cells {
+            t[(of_cell[k] as usize, of_cell[twins.twin[k] as usize] as usize)] += shares[k] * twins.weight[k];
+            area[of_cell[k] as usize] += shares[k];
+        }
+        let sum = |x: usize| t.row(x).iter().sum::<f64>();
+        for x in 0..n {
+            for y in 0..n {
+                let w = sum(x) / area[x] * (sum(y) / area[y]);
+                let image: f64 = (0..n * n).map(|k| t[(x, k / n)] * c[(k / n, k % n)] * t[(y, k % n)]).sum();
+                let image = image / (sum(x) * sum(y));
+                let expected = if x == y { c[(x, x)] } else { (c[(x, y)] + w * image) / (1.0 + w) };
+                assert!((got[(x, y)] - expected).abs() < 1e-12, "{x} {y}");
+            }
+        }
+    }
+
+    #[test]
+    fn images_complete_the_ensemble() {
+        let member = |region: [u32; 4], width| OverSegmentation { region: region.to_vec(), regions: 3, width };
+        let drawn = vec![member([0, 1, 2, 2], 0), member([0, 0, 1, 2], 1)];
+        let twins = Twins { twin: vec![3, 2, 1, 0], weight: vec![1.0; 4] };
+        let ensemble = with_images(drawn.clone(), 3, &twins);
+        assert_eq!(ensemble, [&drawn[..], &[member([2, 2, 1, 0], 0)]].concat());
+        assert_eq!(with_images(drawn.clone(), 1, &twins), drawn);
+    }
+}
