@@ -131,12 +131,15 @@ fn the_recipes_commands_run() {
     let report = std::fs::read_to_string(dir.path().join("sizes.json")).unwrap();
     let report: serde_json::Value = serde_json::from_str(&report).unwrap();
     assert_eq!(report["measures"].as_array().map(Vec::len), report["parts"].as_array().map(Vec::len));
-    // The first part's solid is what its entry says, in binary STL.
+    // The first part's solid has its faces and its caps, in binary STL.
     let list = std::fs::read_to_string(dir.path().join("solids/parts.json")).unwrap();
     let list: serde_json::Value = serde_json::from_str(&list).unwrap();
     let part = &list["parts"][0];
     let solid = std::fs::read(dir.path().join("solids").join(part["file"].as_str().unwrap())).unwrap();
-    assert_eq!(solid.len() as u64, 84 + 50 * part["faces"].as_u64().unwrap());
+    let triangles = u32::from_le_bytes(solid[80..84].try_into().unwrap());
+    assert_eq!(solid.len(), 84 + 50 * triangles as usize);
+    let told = part["faces"].as_u64().unwrap() + part["caps"]["triangles"].as_u64().unwrap();
+    assert!(u64::from(triangles) == told && part["caps"]["solid"] == true, "{triangles} of {part}");
 }
 
 #[cfg(unix)]
