@@ -53,7 +53,7 @@ pub fn correspond(
 /// The same with what is known of the map beforehand.
 ///
 /// # Errors
-/// As [`Side::build`]; [`Error::Parameter`] for guidance without refinement, or for vertices that are not there.
+/// As [`Side::build`]; [`crate::base::Error::Parameter`] for guidance without refinement, or for vertices that are not there.
 pub fn correspond_guided(
     a: &Mesh,
     b: &Mesh,
