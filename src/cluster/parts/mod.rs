@@ -245,18 +245,12 @@ pub fn decide(
     let work = || -> Result<PartDecision> {
         match params.decision {
             Decision::SoftTrees => {
-                let mirrors = twins::twins(&cells);
-                let count = params.ensemble_size;
-                let drawn = if mirrors.is_empty() { count } else { count.div_ceil(2) };
-                let mut ensemble = ensemble::draw_ensemble(&cells, &rows, drawn, "parts member", run)?;
-                if let Some(best) = mirrors.first() {
-                    ensemble = twins::with_images(ensemble, count, best);
-                }
+                let ensemble = ensemble::draw_ensemble(&cells, &rows, params.ensemble_size, "parts member", run)?;
                 let superfaces = Superfaces::of(&cells, &rows, &ensemble, run)?;
                 let mut co_association =
                     ensemble::co_association(&cells, &superfaces, &ensemble, &merges::MergeModel::default(), run)?;
                 // The best plane last: what it makes alike stays so.
-                for twins in mirrors.iter().rev() {
+                for twins in twins::twins(&cells).iter().rev() {
                     co_association =
                         twins::made_alike(&co_association, &superfaces.of_cell, &cells.area_shares(), twins);
                 }

@@ -1,10 +1,10 @@
-//! Mirror images of cells, and an ensemble and a co-association that are the same on both sides of a mirror plane.
+//! Mirror images of cells, and a co-association that is the same on both sides of a mirror plane.
 //!
-//! Half of the ensemble are mirror images of the other half, so that superfaces come in pairs; C is averaged with that of the images.
-//! Whatever is decided on one side is then decided on the other. Cost: R² and the pairs of superfaces that twins lie in, times R, for each plane.
+//! C is averaged with that of the images, so that whatever is decided on one side is decided on the other. Cells come in pairs where there is a
+//! plane ([`crate::cluster::mirror`]), so images of superfaces are exact but for the triangles. Cost: some milliseconds for the planes; R² and
+//! the pairs of superfaces that twins lie in, times R, for each.
 
 use super::cell_graph::CellGraph;
-use super::ensemble::OverSegmentation;
 use super::matrix::Square;
 use crate::cluster::mirror::{NearestPoint, PointSet, SurfacePoint, mirror_planes};
 
@@ -39,17 +39,6 @@ pub fn twins(cells: &CellGraph) -> Vec<Twins> {
             Twins { twin, weight }
         })
         .collect()
-}
-
-/// Completes an ensemble to `count` members, twice as many at the most, by the mirror images of its first.
-pub fn with_images(mut ensemble: Vec<OverSegmentation>, count: usize, twins: &Twins) -> Vec<OverSegmentation> {
-    let image = |of: &OverSegmentation| OverSegmentation {
-        region: twins.twin.iter().map(|&k| of.region[k as usize]).collect(),
-        ..of.clone()
-    };
-    let images: Vec<OverSegmentation> = ensemble.iter().take(count - ensemble.len().min(count)).map(image).collect();
-    ensemble.extend(images);
-    ensemble
 }
 
 /// The co-association of superfaces, C (R × R), averaged with that of
@@ -134,15 +123,5 @@ mod tests {
                 assert!((got[(x, y)] - expected).abs() < 1e-12, "{x} {y}");
             }
         }
-    }
-
-    #[test]
-    fn images_complete_the_ensemble() {
-        let member = |region: [u32; 4], width| OverSegmentation { region: region.to_vec(), regions: 3, width };
-        let drawn = vec![member([0, 1, 2, 2], 0), member([0, 0, 1, 2], 1)];
-        let twins = Twins { twin: vec![3, 2, 1, 0], weight: vec![1.0; 4] };
-        let ensemble = with_images(drawn.clone(), 3, &twins);
-        assert_eq!(ensemble, [&drawn[..], &[member([2, 2, 1, 0], 0)]].concat());
-        assert_eq!(with_images(drawn.clone(), 1, &twins), drawn);
     }
 }
