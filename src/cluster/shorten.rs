@@ -18,7 +18,7 @@ use std::collections::BTreeSet;
 /// How far from a boundary, in faces, it may be moved.
 pub const HOPS: usize = 4;
 /// The greatest weight of an edge is this many units.
-const UNITS: f32 = (1 << 20) as f32;
+const UNITS: f64 = (1 << 20) as f64;
 const NONE: u32 = u32::MAX;
 
 /// An edge of a band's node: to another position in the band, or to a fixed node, of which only the label matters.
@@ -56,7 +56,8 @@ pub fn shorten(graph: BandGraph<'_>, labels: &mut [u32], cancel: &Cancel) -> Res
     if !(greatest > 0. && greatest.is_finite()) {
         return Ok(());
     }
-    let scale = UNITS / greatest;
+    // In f64, where no length of f32 is too short to be divided by.
+    let scale = UNITS / f64::from(greatest);
     let mut place = vec![NONE; labels.len()];
     for [a, b] in neighbouring_labels(graph, labels) {
         cancel.check()?;
@@ -138,10 +139,10 @@ impl Flow {
         [a, b]: [u32; 2],
         nodes: &[u32],
         place: &[u32],
-        scale: f32,
+        scale: f64,
     ) -> Self {
         let m = nodes.len();
-        let units = |weight: f32| ((weight.max(0.) * scale) as i64).max(1);
+        let units = |weight: f32| ((f64::from(weight.max(0.)) * scale) as i64).max(1);
         let mut flow = Self {
             start: vec![0],
             to: Vec::with_capacity(3 * m),
@@ -338,6 +339,20 @@ mod tests {
             shorten(graph, &mut labels, &Cancel::default()).unwrap();
             assert!(cost(graph, &labels) < before, "{seed}");
         }
+    }
+
+    /// Capacities overflowed where 2²⁰ divided by the longest edge was no finite f32.
+    #[test]
+    fn the_tiniest_boundary_is_shortened_like_any_other() {
+        let mut random = stream(0, "tiny");
+        let (start, mut edges) = band(12, 6, &mut random);
+        let labels: Vec<u32> = (0..72).map(|_| below(&mut random, 2) as u32).collect();
+        let mut plain = labels.clone();
+        shorten(BandGraph { start: &start, edges: &edges }, &mut plain, &Cancel::default()).unwrap();
+        edges.iter_mut().for_each(|edge| edge.weight *= f32::MIN_POSITIVE / 8.);
+        let mut tiny = labels;
+        shorten(BandGraph { start: &start, edges: &edges }, &mut tiny, &Cancel::default()).unwrap();
+        assert_eq!(tiny, plain);
     }
 
     #[test]
