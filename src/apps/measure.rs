@@ -13,7 +13,6 @@ use crate::base::{Error, Result};
 use crate::graph::{Csr, DualGraph, GraphFacts};
 use crate::mesh::Mesh;
 use crate::store::Context;
-use nalgebra::DMatrix;
 use serde::Serialize;
 use serde_json::json;
 use std::collections::{BTreeMap, HashMap};
@@ -167,18 +166,12 @@ impl Sums {
             let [i, j] = PAIRS[k];
             if self.area > 0. { self.second[k] / self.area - mean[i] * mean[j] } else { 0. }
         };
-        let [xx, xy, xz, yy, yz, zz] = [0, 1, 2, 3, 4, 5].map(moment);
+        let moments = [0, 3, 5, 1, 2, 4].map(moment);
         let (mut axes, mut spread) = ([[1., 0., 0.], [0., 1., 0.], [0., 0., 1.]], [0.; 3]);
-        if [xx, xy, xz, yy, yz, zz].iter().all(|x| x.is_finite()) {
-            let (values, vectors) =
-                eigen::symmetric(DMatrix::from_row_slice(3, 3, &[xx, xy, xz, xy, yy, yz, xz, yz, zz]));
-            for k in 0..3 {
-                spread[k] = values[k].max(0.).sqrt();
-                let axis = [vectors[(0, k)], vectors[(1, k)], vectors[(2, k)]];
-                // Of both directions the one whose greatest coordinate is positive.
-                let greatest = axis.into_iter().fold(0f64, |most, x| if x.abs() > most.abs() { x } else { most });
-                axes[k] = axis.map(|x| if greatest < 0. { -x } else { x });
-            }
+        if moments.iter().all(|x| x.is_finite()) {
+            let values;
+            (values, axes) = eigen::principal_axes(moments);
+            spread = values.map(|value| value.max(0.).sqrt());
         }
         let closed = self.open == 0 && self.clashes == 0 && self.borders.is_empty() && self.faces > 0;
         let back = |p: [f64; 3]| [0, 1, 2].map(|axis| p[axis] + origin[axis]);

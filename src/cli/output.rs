@@ -124,16 +124,18 @@ impl FormArgs {
     /// Refuses options that none of `outputs` would follow.
     pub fn check(self, outputs: &[Output]) -> Result<(), CliError> {
         self.ply.check(outputs)?;
-        if self.part_form != PartFile::Ply && !outputs.iter().any(|output| matches!(output, Output::Folder(_))) {
-            return Err(CliError::Usage("--part-form goes with a folder of parts, as in -o parts/".into()));
+        let folder = outputs.iter().any(|output| matches!(output, Output::Folder(_)));
+        let table = outputs.iter().any(|output| matches!(output, Output::Parquet(_)));
+        let (a_folder, a_table) = ("a folder of parts, as in -o parts/", "a .parquet output");
+        let rules = [
+            (self.part_form != PartFile::Ply && !folder, "--part-form", a_folder),
+            (self.cap && !folder, "--cap", a_folder),
+            (self.embedding_columns && !table, "--embedding-columns", a_table),
+        ];
+        match rules.into_iter().find(|(broken, ..)| *broken) {
+            Some((_, option, output)) => Err(CliError::Usage(format!("{option} goes with {output}"))),
+            None => Ok(()),
         }
-        if self.cap && !outputs.iter().any(|output| matches!(output, Output::Folder(_))) {
-            return Err(CliError::Usage("--cap goes with a folder of parts, as in -o parts/".into()));
-        }
-        if self.embedding_columns && !outputs.iter().any(|output| matches!(output, Output::Parquet(_))) {
-            return Err(CliError::Usage("--embedding-columns goes with a .parquet output".into()));
-        }
-        Ok(())
     }
 }
 

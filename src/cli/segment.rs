@@ -223,9 +223,8 @@ impl Job {
             "seconds": seconds, "outputs": outputs,
         });
         if let Some(clear) = report.clear_parts {
-            let unsure = report.parts.iter().filter(|part| part.unsure == Some(true));
             line["clear_parts"] = clear.into();
-            line["unsure"] = unsure.map(|part| part.label).collect();
+            line["unsure"] = report.unsure().collect();
         }
         if let Some(like) = &report.like {
             line["like"] = like.clone();
@@ -312,7 +311,7 @@ pub fn one(job: &Job, task: Task<'_>, bars: &Bars, run: &Run, app: &AppContext) 
         part_form: args.form.part_form,
         cap: args.form.cap,
         embedding: coordinates.as_ref().map(KeptEmbedding::coordinates),
-        agreement: result.numbers.decision.as_ref().map_or(&[], |decision| &decision.expected_agreement),
+        agreement: result.numbers.expected_agreement(),
         report: if pages { to_json("the report", &report(seconds.clone())?)? } else { Value::Null },
         cuts: cuts.as_ref(),
         cell_labels: &result.cell_labels,

@@ -301,7 +301,7 @@ pub fn cluster(args: &ClusterArgs, app: &AppContext) -> Result<(), CliError> {
         outputs: &outputs,
         edits: edits.as_ref(),
         cell_labels: &result.cell_labels,
-        agreement: result.numbers.decision.as_ref().map_or(&[], |decision| &decision.expected_agreement),
+        agreement: result.numbers.expected_agreement(),
         mesh: None,
         record: &record,
         form: args.form,

@@ -112,12 +112,8 @@ fn paired(graph: &DualGraph, shares: &AreaShares, normals: &Normals, seeds: Vec<
         normal: wide(normals[node as usize]),
     };
     let points: Vec<SurfacePoint> = seeds.iter().map(|&seed| point(seed)).collect();
-    let count = seeds.len() as f64;
-    let set = PointSet {
-        points: &points,
-        shares: &vec![1. / count; seeds.len()],
-        radius: (1. / (count * std::f64::consts::PI)).sqrt(),
-    };
+    let alike = vec![1. / seeds.len() as f64; seeds.len()];
+    let set = PointSet::new(&points, &alike, 1.);
     let edges = graph.edges.by_shared_edge();
     paired_seeds(seeds, set, point, |node| edges.neighbours(node).map(|(other, _)| other))
 }

@@ -11,9 +11,8 @@
 //! size of the mesh; the image of a seed is found by a descent over the dual graph. 24 bytes per point.
 
 use super::parts::matrix::products;
-use crate::base::eigen::symmetric;
+use crate::base::eigen;
 use crate::base::vector::{add_scaled, distance, dot, middle, minus};
-use nalgebra::DMatrix;
 
 /// How often a plane is moved at the most.
 const MOVES: usize = 8;
@@ -48,6 +47,13 @@ pub struct PointSet<'a> {
     pub shares: &'a [f64],
     /// Radius of a disk of the mean cell's area.
     pub radius: f64,
+}
+
+impl<'a> PointSet<'a> {
+    /// Points that stand for cells of `area` in all.
+    pub fn new(points: &'a [SurfacePoint], shares: &'a [f64], area: f64) -> Self {
+        Self { points, shares, radius: (area / (points.len() as f64 * std::f64::consts::PI)).sqrt() }
+    }
 }
 
 /// A plane, x · normal = offset.
@@ -191,11 +197,7 @@ fn axes(vectors: impl Iterator<Item = (f64, [f64; 3])>) -> Vec<[f64; 3]> {
     if !sum.iter().all(|x| x.is_finite()) || sum[..3].iter().sum::<f64>() == 0.0 {
         return Vec::new();
     }
-    let [xx, yy, zz, xy, xz, yz] = sum;
-    let (values, vectors) = symmetric(DMatrix::from_row_slice(3, 3, &[xx, xy, xz, xy, yy, yz, xz, yz, zz]));
-    let mut order = [0, 1, 2];
-    order.sort_by(|&a, &b| values[b].total_cmp(&values[a]));
-    order.map(|k| [vectors[(0, k)], vectors[(1, k)], vectors[(2, k)]]).to_vec()
+    eigen::principal_axes(sum).1.to_vec()
 }
 
 /// Seeds in place of `seeds`, about as many, that come in pairs of mirror images under the best mirror plane of the surface; the same
@@ -280,8 +282,7 @@ mod tests {
     fn planes(points: &[SurfacePoint]) -> Vec<Plane> {
         let shares = vec![1.0 / points.len() as f64; points.len()];
         // Area of that ellipsoid: 48.9.
-        let radius = (48.9 / (points.len() as f64 * std::f64::consts::PI)).sqrt();
-        mirror_planes(&NearestPoint::new(PointSet { points, shares: &shares, radius }))
+        mirror_planes(&NearestPoint::new(PointSet::new(points, &shares, 48.9)))
     }
 
     #[test]
@@ -305,8 +306,8 @@ mod tests {
     fn the_nearest_point_is_that_of_all() {
         let mut random = stream(2, "test");
         let points = sample(300, 0, 0.0, &mut random);
-        let radius = (48.9 / (300.0 * std::f64::consts::PI)).sqrt();
-        let nearest = NearestPoint::new(PointSet { points: &points, shares: &[], radius });
+        let set = PointSet::new(&points, &[], 48.9);
+        let (nearest, radius) = (NearestPoint::new(set), set.radius);
         for query in sample(200, 0, 0.3, &mut random) {
             let d = |k: usize| apart(points[k], query, radius);
             let all =

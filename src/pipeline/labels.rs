@@ -57,6 +57,13 @@ pub struct SegmentStats {
     pub tiny_components_label: Option<u32>,
 }
 
+impl SegmentStats {
+    /// Share of people who are expected to have each part; empty where that is not known.
+    pub fn expected_agreement(&self) -> &[f64] {
+        self.decision.as_ref().map_or(&[], |decision| &decision.expected_agreement)
+    }
+}
+
 /// Labels and the numbers learned on the way to them.
 pub(super) struct Clustered {
     pub labels: MappedSlice<u32>,

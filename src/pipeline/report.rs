@@ -155,7 +155,7 @@ impl Report {
             options.insert("seed".into(), context.run.seed.into());
             options.insert("threads".into(), context.run.threads.into());
         }
-        let agreement = |label: usize| Some(*numbers.decision.as_ref()?.expected_agreement.get(label)?);
+        let agreement = |label: usize| numbers.expected_agreement().get(label).copied();
         let parts = numbers.faces.iter().zip(&numbers.area).zip(&result.colours).enumerate();
         Ok(Self {
             version: env!("CARGO_PKG_VERSION"),
@@ -207,10 +207,14 @@ impl Report {
         })
     }
 
+    /// Labels of the parts that most people are expected not to have.
+    pub fn unsure(&self) -> impl Iterator<Item = u32> + '_ {
+        self.parts.iter().filter(|part| part.unsure == Some(true)).map(|part| part.label)
+    }
+
     /// Which of the parts people would hardly have, in words; none where that is not known or all is well.
     pub fn doubts(&self) -> Option<String> {
-        let unsure = self.parts.iter().filter(|part| part.unsure == Some(true));
-        let unsure: Vec<String> = unsure.map(|part| part.label.to_string()).collect();
+        let unsure: Vec<String> = self.unsure().map(|label| label.to_string()).collect();
         match (self.clear_parts?, unsure.as_slice()) {
             (false, _) if self.parts.len() < 2 => Some("no clear parts: the mesh is left whole".into()),
             (false, _) => Some("no clear parts: people would hardly agree on these".into()),

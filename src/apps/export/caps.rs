@@ -8,7 +8,7 @@
 //! Vertices at the same position count as one. Cost: 16 bytes per corner of the part, from the budget, and a sort of its edges.
 
 use crate::base::Result;
-use crate::base::vector::{cross, distance, dot, length, minus};
+use crate::base::vector::{cross, distance, dot, length, minus, unit};
 use crate::mesh::Mesh;
 use crate::store::Run;
 use earcut::Earcut;
@@ -127,8 +127,7 @@ fn clipped(ring: &[u32], at: &[[f64; 3]], clipper: &mut Earcut<f64>) -> Option<V
     let least = (0..3).min_by(|&i, &j| normal[i].abs().total_cmp(&normal[j].abs())).unwrap_or(0);
     let mut axis = [0.; 3];
     axis[least] = 1.;
-    let u = cross(normal, axis);
-    let u = u.map(|x| x / length(u));
+    let u = unit(cross(normal, axis));
     let v = cross(normal, u);
     let flat: Vec<[f64; 2]> = spokes.iter().map(|&p| [dot(p, u), dot(p, v)]).collect();
     let mut corners: Vec<u32> = Vec::new();

@@ -91,22 +91,23 @@ pub fn write(
     let (mut listed, mut open) = (Vec::new(), Vec::new());
     for part in 0..parts {
         let name = file_name(part, labelling.name(part), form);
-        let (faces, vertices, most) = writer.mark(part as u32)?;
-        if faces == 0 {
+        let size = writer.mark(part as u32)?;
+        if size.faces == 0 {
             continue;
         }
         let path = folder.join(&name);
-        let caps = if cap { writer.caps(part as u32)? } else { Caps::default() };
+        let caps = if cap { writer.caps(part as u32, size.corners)? } else { Caps::default() };
         by_rename(&path, 0, durable, |file| {
             let mut out = Gather::new(&path, file);
             if form == PartForm::Stl {
                 writer.solid(part as u32, &caps, &mut out)?;
             } else {
-                writer.part(part as u32, [faces, vertices, most], &caps, &mut out)?;
+                writer.part(part as u32, size, &caps, &mut out)?;
             }
             out.finish()
         })?;
         let colour = labelling.colours.get(part);
+        let PartSize { faces, vertices, .. } = size;
         let mut entry = json!({"file": name, "label": part, "faces": faces, "vertices": vertices, "colour": colour});
         if let Some(name) = labelling.name(part) {
             entry["name"] = name.into();
@@ -144,6 +145,17 @@ struct Splitter<'a> {
     before: Vec<u32>,
 }
 
+/// What a part has.
+#[derive(Clone, Copy, Default)]
+struct PartSize {
+    faces: u64,
+    vertices: u64,
+    /// Corners of all faces.
+    corners: u64,
+    /// Corners of the face that has most.
+    most_corners: u64,
+}
+
 impl Splitter<'_> {
     /// Calls `visit` with the faces of `part`.
     fn each(&self, part: u32, mut visit: impl FnMut(usize, &[u32]) -> Result<()>) -> Result<()> {
@@ -157,13 +169,8 @@ impl Splitter<'_> {
         Ok(())
     }
 
-    /// What closes `part`.
-    fn caps(&self, part: u32) -> Result<Caps> {
-        let mut corners = 0;
-        self.each(part, |_, face| {
-            corners += face.len() as u64;
-            Ok(())
-        })?;
+    /// What closes `part`, whose faces have so many corners in all.
+    fn caps(&self, part: u32, corners: u64) -> Result<Caps> {
         Caps::of(self.mesh, corners, self.run, |see| {
             self.each(part, |_, face| {
                 see(face);
@@ -172,23 +179,24 @@ impl Splitter<'_> {
         })
     }
 
-    /// Marks the vertices of `part`; counts its faces, its vertices, and the corners of its largest face.
-    fn mark(&mut self, part: u32) -> Result<(u64, u64, u64)> {
+    /// Marks the vertices of `part` and counts.
+    fn mark(&mut self, part: u32) -> Result<PartSize> {
         let mut used = std::mem::take(&mut self.used);
         used.fill(0);
-        let (mut faces, mut most) = (0, 0);
+        let mut size = PartSize::default();
         let marked = self.each(part, |_, corners| {
-            (faces, most) = (faces + 1, most.max(corners.len() as u64));
+            size.faces += 1;
+            size.corners += corners.len() as u64;
+            size.most_corners = size.most_corners.max(corners.len() as u64);
             corners.iter().for_each(|&v| used[v as usize / BLOCK] |= 1 << (v as usize % BLOCK));
             Ok(())
         });
         self.used = used;
-        let mut sum = 0u64;
         for (before, word) in self.before.iter_mut().zip(&self.used) {
-            *before = sum as u32;
-            sum += u64::from(word.count_ones());
+            *before = size.vertices as u32;
+            size.vertices += u64::from(word.count_ones());
         }
-        marked.map(|()| (faces, sum, most))
+        marked.map(|()| size)
     }
 
     /// The number of vertex `v` in the part.
@@ -197,9 +205,10 @@ impl Splitter<'_> {
         self.before[word] + (self.used[word] & ((1 << bit) - 1)).count_ones()
     }
 
-    /// The part with so many faces, vertices, and corners of a face at the most, as PLY.
-    fn part(&self, part: u32, [faces, vertices, most]: [u64; 3], caps: &Caps, out: &mut Gather) -> Result<()> {
-        let (double, count) = (self.mesh.positions.is_double(), Scalar::counting(most.max(3)));
+    /// The part of that size as PLY.
+    fn part(&self, part: u32, size: PartSize, caps: &Caps, out: &mut Gather) -> Result<()> {
+        let PartSize { faces, vertices, most_corners, .. } = size;
+        let (double, count) = (self.mesh.positions.is_double(), Scalar::counting(most_corners.max(3)));
         let original = if self.mesh.faces.len() <= i32::MAX as usize { Scalar::I32 } else { Scalar::U32 };
         let mut header = HeaderWriter::new(self.encoder.target);
         header.remark(format!("comment part {part}, cut by nystrom-stream"));

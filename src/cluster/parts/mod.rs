@@ -141,12 +141,6 @@ pub struct PartsReport {
 }
 
 impl PartsReport {
-    /// The parts that most people are expected not to have.
-    pub fn unsure(&self) -> Vec<u32> {
-        let all = (0u32..).zip(&self.expected_agreement);
-        all.filter(|(_, share)| **share < agreement::UNSURE).map(|(part, _)| part).collect()
-    }
-
     /// Mean of [`PartsReport::expected_agreement`] by area; none where that is empty.
     pub fn mean_agreement(&self) -> Option<f64> {
         let all = self.expected_agreement.iter().zip(&self.area);
@@ -249,10 +243,10 @@ pub fn decide(
                 let superfaces = Superfaces::of(&cells, &rows, &ensemble, run)?;
                 let mut co_association =
                     ensemble::co_association(&cells, &superfaces, &ensemble, &merges::MergeModel::default(), run)?;
+                let shares = cells.area_shares();
                 // The best plane last: what it makes alike stays so.
-                for twins in twins::twins(&cells).iter().rev() {
-                    co_association =
-                        twins::made_alike(&co_association, &superfaces.of_cell, &cells.area_shares(), twins);
+                for twins in twins::twins(&cells, &shares).iter().rev() {
+                    co_association = twins::made_alike(&co_association, &superfaces.of_cell, &shares, twins);
                 }
                 let tree = labelling::soft_hierarchy(&cells, &superfaces, &co_association, params.small_part, run)?;
                 Ok(PartDecision { superfaces, co_association, tree })

@@ -20,13 +20,12 @@ pub struct Twins {
     pub weight: Vec<f64>,
 }
 
-/// The twins of all cells under each mirror plane, the best plane first.
-pub fn twins(cells: &CellGraph) -> Vec<Twins> {
-    let shares = cells.area_shares();
-    let radius = (cells.total_area() / (cells.len() as f64 * std::f64::consts::PI)).sqrt();
+/// The twins of all cells, of which `shares` are the areas (S), under each mirror plane, the best plane first.
+pub fn twins(cells: &CellGraph, shares: &[f64]) -> Vec<Twins> {
     let point = |(&position, &normal): (&[f64; 3], &[f64; 3])| SurfacePoint { position, normal };
     let points: Vec<SurfacePoint> = cells.centre.iter().zip(&cells.normal).map(point).collect();
-    let nearest = NearestPoint::new(PointSet { points: &points, shares: &shares, radius });
+    let set = PointSet::new(&points, shares, cells.total_area());
+    let nearest = NearestPoint::new(set);
     mirror_planes(&nearest)
         .into_iter()
         .map(|plane| {
@@ -35,7 +34,7 @@ pub fn twins(cells: &CellGraph) -> Vec<Twins> {
                 .zip(0u32..)
                 .map(|(point, k)| nearest.find(plane.image(*point)).unwrap_or((k, f64::INFINITY)));
             let (twin, far): (Vec<u32>, Vec<f64>) = seen.unzip();
-            let weight = far.iter().map(|d| (-(d / (REACH * radius)).powi(4)).exp()).collect();
+            let weight = far.iter().map(|d| (-(d / (REACH * set.radius)).powi(4)).exp()).collect();
             Twins { twin, weight }
         })
         .collect()

@@ -6,7 +6,7 @@
 use super::header::{Encoding, HeaderWriter, Scalar};
 use super::values::Encoder;
 use crate::base::Result;
-use crate::mesh::geometry::{Faces, Mesh};
+use crate::mesh::geometry::Mesh;
 use crate::mesh::output::{Gather, by_rename};
 use crate::store::Run;
 use std::io::Write;
@@ -58,11 +58,7 @@ pub(super) fn stream(
     remarks: &[Vec<u8>],
     run: &Run,
 ) -> Result<()> {
-    let largest = match &mesh.faces {
-        Faces::Triangles { .. } => 3,
-        Faces::Polygons { starts, .. } => starts.windows(2).map(|w| w[1] - w[0]).max().unwrap_or(0),
-    };
-    let (count, real) = (Scalar::counting(largest), Scalar::coordinate(mesh.positions.is_double()));
+    let (count, real) = (Scalar::counting(mesh.faces.most_corners()), Scalar::coordinate(mesh.positions.is_double()));
     let (n, m) = (mesh.positions.len(), mesh.faces.len());
     let mut header = HeaderWriter::new(target);
     header.remark(REMARK);

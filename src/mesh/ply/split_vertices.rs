@@ -9,7 +9,7 @@ use super::labelling::{Labelling, PlyForm, VERTEX_PROPERTIES};
 use super::names;
 use super::values::Encoder;
 use crate::base::Result;
-use crate::mesh::geometry::{Faces, Mesh};
+use crate::mesh::geometry::Mesh;
 use crate::mesh::output::Gather;
 use crate::store::Run;
 use crate::store::budget::Grant;
@@ -84,12 +84,8 @@ pub(super) fn stream(
     run: &Run,
 ) -> Result<()> {
     let split = Split::of(mesh, labelling.labels, run)?;
-    let largest = match &mesh.faces {
-        Faces::Triangles { .. } => 3,
-        Faces::Polygons { starts, .. } => starts.windows(2).map(|w| w[1] - w[0]).max().unwrap_or(0),
-    };
     let double = mesh.positions.is_double();
-    let (count, real) = (Scalar::counting(largest), Scalar::coordinate(double));
+    let (count, real) = (Scalar::counting(mesh.faces.most_corners()), Scalar::coordinate(double));
     let encoder =
         Encoder { target: form.encoding(mesh.document().map_or(Encoding::Little, |own| own.header.encoding)) };
     let mut header = HeaderWriter::new(encoder.target);
