@@ -25,16 +25,22 @@ pub(crate) fn create(path: &Path) -> Result<File> {
                 if is_locked_elsewhere(&file) {
                     break;
                 }
-                let made = file.metadata().map_err(wrong())?;
-                match std::fs::symlink_metadata(path) {
-                    Ok(found) if (found.dev(), found.ino()) == (made.dev(), made.ino()) => return Ok(file),
-                    _ => continue,
+                if is_at(&file, path).map_err(wrong())? {
+                    return Ok(file);
                 }
             }
             Err(error) if error.kind() == ErrorKind::AlreadyExists => {
-                let plain = std::fs::symlink_metadata(path).is_ok_and(|found| found.is_file());
-                if plain && File::open(path).is_ok_and(|file| is_locked_elsewhere(&file)) {
-                    break;
+                // Locked until it is removed: a run that made it a moment ago and has not locked it yet cannot go on with a file
+                // that loses its name.
+                let left = std::fs::symlink_metadata(path).ok().filter(std::fs::Metadata::is_file);
+                let held = left.and_then(|_| File::open(path).ok());
+                if let Some(held) = &held {
+                    if is_locked_elsewhere(held) {
+                        break;
+                    }
+                    if !is_at(held, path).map_err(wrong())? {
+                        continue;
+                    }
                 }
                 match std::fs::remove_file(path) {
                     Err(error) if error.kind() != ErrorKind::NotFound => return Err(wrong()(error)),
@@ -45,6 +51,12 @@ pub(crate) fn create(path: &Path) -> Result<File> {
         }
     }
     Err(Error::unusable(path, "is being written by another process", "wait for it, or name another file"))
+}
+
+/// Whether `path` is the name of `file`, and not of another one that came in its place.
+fn is_at(file: &File, path: &Path) -> std::io::Result<bool> {
+    let own = file.metadata()?;
+    Ok(std::fs::symlink_metadata(path).is_ok_and(|found| (found.dev(), found.ino()) == (own.dev(), own.ino())))
 }
 
 /// Whether somebody has locked `file`; if not, it is locked from here on, where the file system can.
@@ -75,6 +87,31 @@ mod tests {
         std::fs::remove_file(&path).unwrap();
         std::fs::create_dir(&path).unwrap();
         assert!(create(&path).is_err(), "a folder is not removed");
+    }
+
+    /// Two runs that began at the same time removed each other's file between its making and its lock.
+    #[test]
+    fn of_many_that_begin_at_once_nobody_loses_a_file_that_was_granted() {
+        let dir = tempfile::tempdir().unwrap();
+        for round in 0..300 {
+            let path = dir.path().join(format!("{round}.partial"));
+            let start = std::sync::Barrier::new(4);
+            let begin = || {
+                start.wait();
+                let made = create(&path).ok();
+                start.wait();
+                // All files that were granted are open: only one of them can have the name.
+                let named = made.as_ref().map(|file| is_at(file, &path).unwrap());
+                start.wait();
+                named
+            };
+            let granted: Vec<bool> = std::thread::scope(|scope| {
+                let threads: Vec<_> = (0..4).map(|_| scope.spawn(begin)).collect();
+                threads.into_iter().filter_map(|thread| thread.join().unwrap()).collect()
+            });
+            assert!(granted.iter().all(|&named| named), "{round}: {granted:?}");
+            assert_eq!(granted.len(), 1, "{round}");
+        }
     }
 
     #[test]
