@@ -219,6 +219,11 @@ impl VertexGraph {
         self.edges.by_distance()
     }
 
+    /// 1/√area: what lengths are multiplied by to be comparable between surfaces.
+    pub fn unit(&self) -> f64 {
+        1. / self.facts.area.sqrt().max(1e-300)
+    }
+
     /// Number of vertices.
     pub fn len(&self) -> usize {
         self.nodes.len()

@@ -229,7 +229,7 @@ fn apart(whole: &Side<'_>, one: &Images, other: &Images) -> f64 {
     let pairs: Vec<(u32, u32)> =
         one.iter().zip(other).step_by(step).filter_map(|(v, w)| Some(((*v)?, (*w)?))).collect();
     let sum: f64 = pairs.iter().copied().map(apart).sum();
-    sum / whole.graph.facts.area.sqrt().max(1e-300) / pairs.len().max(1) as f64
+    sum * whole.graph.unit() / pairs.len().max(1) as f64
 }
 
 /// Maps of `part` to `whole` by distances between far points, the likeliest first, and the matches of the first of them.

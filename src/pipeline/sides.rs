@@ -227,13 +227,8 @@ impl<'a> Side<'a> {
             variance: &self.fit.variance,
             tensor: &self.tensor,
             rows: Some(&self.rows),
-            unit: self.unit(),
+            unit: self.graph.unit(),
         }
-    }
-
-    /// 1/√area.
-    fn unit(&self) -> f64 {
-        1. / self.graph.facts.area.sqrt().max(1e-300)
     }
 
     /// Smooth functions on it, from `samples` vertices and a kernel of `width` of their spacings, in the file `name`.
@@ -250,7 +245,7 @@ impl<'a> Side<'a> {
         let surface = Surface::of(&self.graph);
         let row_params = RowParams { l: samples, sampling: Sampling::Farthest };
         let samples = vertex_rows::landmarks(surface, row_params, context)?;
-        let sigma = width / (self.unit() * (samples.len() as f64).sqrt());
+        let sigma = width / (self.graph.unit() * (samples.len() as f64).sqrt());
         let limit = (LOCAL_REACH * sigma) as f32;
         let rows = LocalRows::compute(surface, samples, limit, params.distance, "local_rows", context)?;
         let count = FUNCTIONS;
@@ -267,7 +262,7 @@ impl<'a> Side<'a> {
     fn refinable<'s>(&'s self, basis: &'s LocalBasis, points: &'s [Point]) -> Refinable<'s> {
         // Its tensor is that of its own embedding.
         let tensor = std::ptr::eq(points, &self.points[..]).then_some(&self.tensor);
-        Refinable { basis, points, tensor, nodes: &self.graph.nodes, rows: &self.rows, unit: self.unit() }
+        Refinable { basis, points, tensor, nodes: &self.graph.nodes, rows: &self.rows, unit: self.graph.unit() }
     }
 
     pub(super) fn facts(&self) -> SideFacts {

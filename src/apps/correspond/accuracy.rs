@@ -81,7 +81,7 @@ pub fn distances(graph: &VertexGraph, pairs: &[(u32, u32)], run: &Run) -> Result
     let _grant = run.budget.take("marching", bytes, bytes)?;
     let surface = Surface::of(graph);
     let mean = mean_weight(surface.graph);
-    let unit = 1. / graph.facts.area.sqrt().max(1e-300);
+    let unit = graph.unit();
     let chunk = |k: usize, (march, field): &mut (March, Vec<f32>)| {
         let mut out = Vec::new();
         for group in groups.iter().skip(k * CHUNK).take(CHUNK) {

@@ -235,7 +235,7 @@ impl<'a> RefinedPair<'a> {
         });
         let all = n_a as u64 * n_b as u64 <= exhaustive;
         let begins = if all { Begins::default() } else { Begins::new(a, b, run)? };
-        let units = graphs.map(|graph| 1. / graph.facts.area.sqrt().max(1e-300));
+        let units = graphs.map(VertexGraph::unit);
         Ok(Self { a, b, graph_a, graph_b, all, begins, units })
     }
 

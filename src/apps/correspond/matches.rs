@@ -79,7 +79,7 @@ pub trait Pair: Sync {
     fn graphs(&self) -> [&VertexGraph; 2];
     /// What lengths on A and B are multiplied by before they are compared: 1/√area of each.
     fn units(&self) -> [f64; 2] {
-        self.graphs().map(|graph| 1. / graph.facts.area.sqrt().max(1e-300))
+        self.graphs().map(VertexGraph::unit)
     }
     /// For each vertex of A in `range` the nearest of B.
     fn nearest(&self, range: Range<usize>) -> Vec<Neighbour>;
