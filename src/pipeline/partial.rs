@@ -269,7 +269,7 @@ fn first_maps(
         let of_part = carried(&bases[0], &start.map.transpose(), "carried.npy", work)?;
         let coordinates = [(&of_part[..], k), (&bases[1].values[..], bases[1].count)];
         let pair =
-            RefinedPair::new(coordinates, k, [&part.graph, &whole.graph], EXHAUSTIVE, context.run)?.with_units(units);
+            RefinedPair::new(coordinates, k, [&part.graph, &whole.graph], EXHAUSTIVE, context)?.with_units(units);
         let found = matches(&pair, Matching::All, "first_matches.npy", context)?;
         Ok(found.iter().map(Match::vertex).collect())
     };
@@ -298,7 +298,7 @@ fn finish(
     }
     let n = if a_is_part { part.graph.len() } else { whole.graph.len() };
     let make = || {
-        let pair = RefinedPair::new(coordinates, k, graphs, EXHAUSTIVE, context.run)?;
+        let pair = RefinedPair::new(coordinates, k, graphs, EXHAUSTIVE, context)?;
         let mut found = matches(&pair, params.matching, "inner_matches.npy", context)?.to_vec();
         for one in &mut found {
             if one.confidence < LEAST {

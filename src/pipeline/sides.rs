@@ -362,7 +362,7 @@ pub(super) fn refined(
             k,
             [&a.graph, &b.graph],
             EXHAUSTIVE,
-            context.run,
+            context,
         )?;
         let found = matches(&pair, params.matching, &format!("{name}matches.npy"), context)?;
         let points = params.points.then(|| pair.points(&found, &format!("{name}points.npy"), context)).transpose()?;

@@ -155,7 +155,7 @@ fn walks_find_what_comparing_all_finds() {
     let map = DMatrix::from_fn(60, 60, |i, j| f64::from(u8::from(i == j)) + 0.02 * (unit(&mut draw) - 0.5));
     let in_a = carried(&basis, &map, "c.npy", context).unwrap();
     let coordinates = [(&basis.values[..], basis.count), (&in_a[..], 60)];
-    let pair = |limit| RefinedPair::new(coordinates, 60, [&graph, &graph], limit, &run).unwrap();
+    let pair = |limit| RefinedPair::new(coordinates, 60, [&graph, &graph], limit, context).unwrap();
     let (all, walked) = (pair(EXHAUSTIVE), pair(0));
     let n = graph.len();
     let square = |v: usize, w: usize| -> f32 {

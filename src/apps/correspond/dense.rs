@@ -6,8 +6,8 @@
 //! nearest known, until [`PATIENCE`] looks have found none nearer. The first vertices of each chunk begin at the match of the nearest of
 //! [`SEEDS`]`[0]` vertices of A, which is searched for among `[1]` vertices of B; so it costs little if neighbours lie far apart in the file.
 //!
-//! Cost: exhaustive, n_A n_B k multiplications, 10 to 20 a nanosecond and thread; local, about 10 µs per vertex, and 4 k bytes per vertex of B
-//! on disk.
+//! Cost: exhaustive, n_A n_B k multiplications, 10 to 20 a nanosecond and thread; local, about 10 µs per vertex, and on disk 4 k bytes per
+//! vertex of B and 4 per vertex of A (8 while the nearest seeds are found).
 
 use super::functional::{Targets, ToA};
 use super::matches::{Match, Pair};
@@ -16,11 +16,10 @@ use super::search::Neighbour;
 use crate::base::Result;
 use crate::base::parallel::{chunk_count, chunk_range};
 use crate::base::simd::{SimdKernel, dispatch};
-use crate::distance::Front;
-use crate::distance::front::mean_weight;
+use crate::distance::voronoi;
 use crate::graph::{Csr, VertexGraph};
 use crate::spectral::local::LocalBasis;
-use crate::store::{Context, MappedSlice, Run};
+use crate::store::{Context, MappedSlice};
 use nalgebra::DMatrix;
 use std::ops::Range;
 
@@ -156,44 +155,35 @@ pub struct RefinedPair<'a> {
     /// Whether all are compared.
     all: bool,
     /// For each vertex of A the vertex of B where a search begins; empty if all are compared.
-    begins: Begins,
+    starts: MappedSlice<u32>,
     /// What makes lengths on A and B comparable.
     units: [f64; 2],
 }
 
-/// Where searches begin.
-#[derive(Default)]
-struct Begins {
-    /// The nearest seed of each vertex of A (n).
-    seed: Vec<u32>,
-    /// The match of each seed.
-    of_seed: Vec<u32>,
-}
-
-impl Begins {
-    fn new(a: Placed<'_>, b: Placed<'_>, run: &Run) -> Result<Self> {
-        let [n_a, n_b] = [a, b].map(|placed| placed.graph.len());
-        let some = |n: usize, most: usize| (0..n as u32).step_by(n.div_ceil(most).max(1)).collect::<Vec<u32>>();
-        let (of_a, of_b) = (some(n_a, SEEDS[0]), some(n_b, SEEDS[1]));
-        let targets = b.targets(of_b.iter().copied());
-        let matched = |k: usize, (): &mut ()| {
-            let here = &of_a[chunk_range(of_a.len(), SEEDED, k)];
-            let queries: Vec<&[f32]> = here.iter().map(|&v| a.at(v)).collect();
-            let mut found = Vec::with_capacity(here.len());
-            targets.nearest(&queries, &mut found);
-            let walk = |(query, &at): (&&[f32], &u32)| b.walk(query, of_b[at as usize], 1, 4 * PATIENCE)[0].vertex;
-            Ok(queries.iter().zip(&found).map(walk).collect::<Vec<u32>>())
-        };
-        let of_seed = run.map_chunks(chunk_count(of_a.len(), SEEDED), || (), matched)?.concat();
-        let (mut field, mut seed) = (vec![0f32; n_a], vec![0u32; n_a]);
-        Front::new(mean_weight(a.graph)).nearest_source(a.graph, &of_a, &mut field, &mut seed, &run.cancel)?;
-        Ok(Self { seed, of_seed })
+/// For each vertex of A the match of the nearest seed, where its search begins; vertex 0 if no seed is connected with it.
+fn starts(a: Placed<'_>, b: Placed<'_>, context: Context<'_>) -> Result<MappedSlice<u32>> {
+    const FIELD: &str = "starts_field.tmp";
+    let (run, [n_a, n_b]) = (context.run, [a, b].map(|placed| placed.graph.len()));
+    let some = |n: usize, most: usize| (0..n as u32).step_by(n.div_ceil(most).max(1)).collect::<Vec<u32>>();
+    let (of_a, of_b) = (some(n_a, SEEDS[0]), some(n_b, SEEDS[1]));
+    let targets = b.targets(of_b.iter().copied());
+    let matched = |k: usize, (): &mut ()| {
+        let here = &of_a[chunk_range(of_a.len(), SEEDED, k)];
+        let queries: Vec<&[f32]> = here.iter().map(|&v| a.at(v)).collect();
+        let mut found = Vec::with_capacity(here.len());
+        targets.nearest(&queries, &mut found);
+        let walk = |(query, &at): (&&[f32], &u32)| b.walk(query, of_b[at as usize], 1, 4 * PATIENCE)[0].vertex;
+        Ok(queries.iter().zip(&found).map(walk).collect::<Vec<u32>>())
+    };
+    let of_seed = run.map_chunks(chunk_count(of_a.len(), SEEDED), || (), matched)?.concat();
+    let mut array = context.work.array::<u32>("starts.npy", &[n_a])?;
+    {
+        let mut field = context.work.array::<f32>(FIELD, &[n_a])?;
+        voronoi::nearest_source(a.graph, &of_a, field.data(), array.data(), run)?;
     }
-
-    /// Where the search for the match of `v` begins; anywhere if no seed is connected with it.
-    fn at(&self, v: u32) -> u32 {
-        self.of_seed.get(self.seed[v as usize] as usize).copied().unwrap_or(0)
-    }
+    context.work.remove(&format!("{FIELD}.partial"));
+    run.fill_each(array.data(), CHUNK, |_, seed: u32| of_seed.get(seed as usize).copied().unwrap_or(0))?;
+    array.finish(false)
 }
 
 /// The vertices of `basis` in A's coordinates by the map `c` (its functions × those of A), into the file `name`.
@@ -216,16 +206,16 @@ pub fn carried(basis: &LocalBasis, c: &DMatrix<f64>, name: &str, context: Contex
 
 impl<'a> RefinedPair<'a> {
     /// Vertices of A and of B in the same coordinates, of which the first `dimensions` count: values, vertex by vertex, and how many
-    /// each has. All are compared up to `exhaustive` pairs.
+    /// each has. All are compared up to `exhaustive` pairs; beyond, a file of `context` holds where searches begin.
     ///
     /// # Errors
-    /// [`crate::base::Error::Cancelled`].
+    /// [`crate::base::Error::Io`], [`crate::base::Error::Cancelled`].
     pub fn new(
         coordinates: [(&'a [f32], usize); 2],
         dimensions: usize,
         graphs: [&'a VertexGraph; 2],
         exhaustive: u64,
-        run: &Run,
+        context: Context<'_>,
     ) -> Result<Self> {
         let [graph_a, graph_b] = graphs;
         let (n_a, n_b) = (graph_a.len(), graph_b.len());
@@ -234,9 +224,9 @@ impl<'a> RefinedPair<'a> {
             Placed { values, dimensions, stride, graph: graphs[s].csr() }
         });
         let all = n_a as u64 * n_b as u64 <= exhaustive;
-        let begins = if all { Begins::default() } else { Begins::new(a, b, run)? };
+        let starts = if all { MappedSlice::empty() } else { starts(a, b, context)? };
         let units = graphs.map(VertexGraph::unit);
-        Ok(Self { a, b, graph_a, graph_b, all, begins, units })
+        Ok(Self { a, b, graph_a, graph_b, all, starts, units })
     }
 
     /// The same with lengths compared in other units than those of either area.
@@ -254,7 +244,7 @@ impl<'a> RefinedPair<'a> {
             if found[v - first].vertex != NOBODY {
                 continue;
             }
-            found[v - first] = self.b.walk(self.a.at(v as u32), self.begins.at(v as u32), 1, 2 * PATIENCE)[0];
+            found[v - first] = self.b.walk(self.a.at(v as u32), self.starts[v], 1, 2 * PATIENCE)[0];
             waiting.push_back(v as u32);
             while let Some(here) = waiting.pop_front() {
                 let from = found[here as usize - first].vertex;
