@@ -20,6 +20,7 @@ use crate::apps::correspond::matches::{Match, Matching, matches};
 use crate::apps::correspond::partial::{ANCHORS, CANDIDATES, PartialOutcome, PartialSide, match_part};
 use crate::apps::correspond::refine::Outcome;
 use crate::apps::correspond::{Alignments, SurfacePoint};
+use crate::base::union_find::Forest;
 use crate::base::{Error, Result};
 use crate::distance::Front;
 use crate::distance::front::mean_weight;
@@ -115,24 +116,15 @@ impl Region {
             });
         });
         // Components, by the least vertex of each.
-        let mut root: Vec<u32> = (0..inside.len() as u32).collect();
-        let find = |root: &mut Vec<u32>, mut v: u32| {
-            while root[v as usize] != v {
-                root[v as usize] = root[root[v as usize] as usize];
-                v = root[v as usize];
-            }
-            v
-        };
+        let mut pieces = Forest::new(inside.len());
         for &[a, b, c] in &faces {
-            for other in [b, c] {
-                let (x, y) = (find(&mut root, a), find(&mut root, other));
-                root[x.max(y) as usize] = x.min(y);
-            }
+            pieces.join(a, b);
+            pieces.join(a, c);
         }
         let mut counts = vec![0usize; inside.len()];
-        faces.iter().for_each(|face| counts[find(&mut root, face[0]) as usize] += 1);
+        faces.iter().for_each(|face| counts[pieces.find(face[0]) as usize] += 1);
         let least = (CRUMB * faces.len() as f64) as usize;
-        faces.retain(|face| counts[find(&mut root, face[0]) as usize] > least);
+        faces.retain(|face| counts[pieces.find(face[0]) as usize] > least);
         let mut old: Vec<u32> = faces.iter().flatten().copied().collect();
         old.sort_unstable();
         old.dedup();
