@@ -7,8 +7,8 @@
 //!
 //! What lies outside the region has no match; nor has a vertex whose confidence is below [`LEAST`].
 //!
-//! Cost: that of two wholes up to [`FINALISTS`] + [`ROUNDS`] times, and a row per candidate of the first matches. The region's positions and
-//! faces are held in memory, 36 bytes a vertex and 12 a face.
+//! Cost: that of two wholes up to [`FINALISTS`] + [`ROUNDS`] times, and a row per candidate of the first matches. Region and maps are held in
+//! memory: the budget grants [`REGION`] bytes a vertex of the whole and [`MAPS`] a vertex of the part.
 
 use super::sides::{
     CorrespondParams, Correspondence, FunctionalMap, Guidance, LARGE, LARGE_WIDTH, LOCAL_SAMPLES, LOCAL_WIDTH, Side,
@@ -49,6 +49,11 @@ const COMPARED: usize = 200;
 const ROUNDS: usize = 1;
 /// Share of the region's triangles below which a component is left out.
 const CRUMB: f64 = 0.02;
+
+/// Bytes a vertex of the whole that is cut: what is inside, pieces and their sizes, numbers, two faces and a position.
+const REGION: u64 = 72;
+/// Bytes a vertex of the part: first maps, the best, the last, and matches on their way into the file.
+const MAPS: u64 = 8 * (FINALISTS as u64 + 2) + 40;
 
 /// For each vertex of the part the one of the whole.
 type Images = Vec<Option<u32>>;
@@ -95,18 +100,19 @@ impl Region {
         order.sort_unstable_by(|&v, &w| field[v as usize].total_cmp(&field[w as usize]).then(v.cmp(&w)));
         let (mut taken, most) = (0., share * graph.facts.area);
         let mut inside = vec![false; field.len()];
-        for v in order {
+        for &v in &order {
             if taken >= most && field[v as usize] > 0. {
                 break;
             }
             taken += f64::from(graph.nodes[v as usize].area);
             inside[v as usize] = true;
         }
+        drop((order, field));
         Self::of(whole.opened, inside)
     }
 
     /// The triangles of `mesh` whose corners are all `inside`, but crumbs.
-    fn of(mesh: &Mesh, inside: Vec<bool>) -> Result<Self> {
+    fn of(mesh: &Mesh, mut inside: Vec<bool>) -> Result<Self> {
         let mut faces: Vec<[u32; 3]> = Vec::new();
         mesh.faces.for_each(0..mesh.faces.len(), |_, corners| {
             triangles(mesh, corners, |face, _| {
@@ -121,13 +127,15 @@ impl Region {
             pieces.join(a, b);
             pieces.join(a, c);
         }
-        let mut counts = vec![0usize; inside.len()];
+        let mut counts = vec![0u32; inside.len()];
         faces.iter().for_each(|face| counts[pieces.find(face[0]) as usize] += 1);
-        let least = (CRUMB * faces.len() as f64) as usize;
+        let least = (CRUMB * faces.len() as f64) as u32;
         faces.retain(|face| counts[pieces.find(face[0]) as usize] > least);
-        let mut old: Vec<u32> = faces.iter().flatten().copied().collect();
-        old.sort_unstable();
-        old.dedup();
+        drop((counts, pieces));
+        faces.shrink_to_fit();
+        inside.fill(false);
+        faces.iter().flatten().for_each(|&v| inside[v as usize] = true);
+        let old: Vec<u32> = (0..inside.len() as u32).filter(|&v| inside[v as usize]).collect();
         let mut new = vec![0u32; inside.len()];
         old.iter().enumerate().for_each(|(at, &v)| new[v as usize] = at as u32);
         faces.iter_mut().flatten().for_each(|v| *v = new[*v as usize]);
@@ -174,6 +182,8 @@ pub(super) fn match_partial(
     let a_is_part = area(a) <= area(b);
     let [part, whole] = if a_is_part { [a, b] } else { [b, a] };
     let share = area(part) / area(whole).max(1e-300);
+    let bytes = REGION * whole.graph.len() as u64 + MAPS * part.graph.len() as u64;
+    let _grant = context.run.budget.take("regions of the whole", bytes, bytes)?;
     let (starts, images) = first_maps(part, whole, share, params, context)?;
     let all = params.matching(Matching::All).points(false);
     let mut best: Option<Candidate> = None;
@@ -181,7 +191,7 @@ pub(super) fn match_partial(
     let mut attempt = |best: &mut Option<Candidate>, images: &Images| -> Result<()> {
         let region = Region::around(whole, images, share, context.run)?;
         let found = region.matched(part, images, &all, &format!("region-{}", tried.len()), context)?;
-        tried.push((found.rank(), found.images.clone()));
+        tried.push((found.rank(), compared(&found.images)));
         if best.as_ref().is_none_or(|best| found.rank() < best.rank()) {
             *best = Some(found);
         }
@@ -195,8 +205,9 @@ pub(super) fn match_partial(
         images.map_or(Ok(()), |images| attempt(&mut best, &images))?;
     }
     let mut best = best.ok_or_else(|| Error::internal("a part without a first map"))?;
-    let rival =
-        |(rank, images): &(f64, Images)| *rank <= RIVAL * best.rank() && apart(whole, &best.images, images) > APART;
+    let rival = |(rank, images): &(f64, Images)| {
+        *rank <= RIVAL * best.rank() && apart(whole, &compared(&best.images), images) > APART
+    };
     best.alignments.ambiguous = best.outcomes[0].orientation.is_none_or(|one| one < TELLING) || tried.iter().any(rival);
     let (matches, points) = finish(&best, [part, whole], a_is_part, params, context)?;
     Ok(Correspondence {
@@ -210,16 +221,19 @@ pub(super) fn match_partial(
     })
 }
 
-/// How far two maps to `whole` are apart, in the mean over √area, by its landmarks.
+/// What two maps are compared by: some of their images.
+fn compared(images: &Images) -> Images {
+    images.iter().step_by(images.len().div_ceil(COMPARED).max(1)).copied().collect()
+}
+
+/// How far two maps to `whole` are apart, in the mean over √area, by its landmarks and what is [`compared`].
 fn apart(whole: &Side<'_>, one: &Images, other: &Images) -> f64 {
     // No more than the distance, and with dozens of landmarks nearly that.
     let apart = |(v, w): (u32, u32)| -> f64 {
         let difference = |row: &[f32]| f64::from((row[v as usize] - row[w as usize]).abs());
         (0..whole.rows.len()).map(|j| difference(whole.rows.row(j))).fold(0., f64::max)
     };
-    let step = one.len().div_ceil(COMPARED).max(1);
-    let pairs: Vec<(u32, u32)> =
-        one.iter().zip(other).step_by(step).filter_map(|(v, w)| Some(((*v)?, (*w)?))).collect();
+    let pairs: Vec<(u32, u32)> = one.iter().zip(other).filter_map(|(v, w)| Some(((*v)?, (*w)?))).collect();
     let sum: f64 = pairs.iter().copied().map(apart).sum();
     sum * whole.graph.unit() / pairs.len().max(1) as f64
 }
