@@ -17,6 +17,8 @@ import numpy as np
 from scipy.sparse import csr_matrix
 from scipy.sparse.csgraph import connected_components, dijkstra
 
+from row_starts import row_starts
+
 TOLERANCE = 1e-4
 
 
@@ -33,16 +35,17 @@ def header_faces(mesh):
 
 def main(mesh, work):
     load = lambda name: np.load(Path(work) / f"{name}.npy", mmap_mode="r")
-    indptr, indices, weights = load("graph_indptr"), load("graph_indices"), load("graph_weights")
+    indices, weights = load("graph_indices"), load("graph_weights")
     landmarks, distances = load("landmarks"), load("distances")
-    n = len(indptr) - 1
+    n = len(load("node_geometry"))
+    indptr = row_starts(work, n)
     faces = header_faces(mesh)
     problems = []
     if faces not in (None, n):
         problems.append(f"{n} nodes for {faces} faces")
     if distances.shape != (len(landmarks), n):
         problems.append(f"distances have shape {distances.shape}, not {(len(landmarks), n)}")
-    graph = csr_matrix((weights.astype(np.float64), indices.astype(np.int64), indptr.astype(np.int64)), (n, n))
+    graph = csr_matrix((weights.astype(np.float64), indices.astype(np.int64), indptr), (n, n))
     if not graph.has_canonical_format:
         problems.append("rows are not sorted or have duplicates")
     if (graph != graph.T).nnz:

@@ -22,6 +22,8 @@ import numpy
 from scipy.sparse import csr_matrix
 from scipy.sparse.csgraph import dijkstra
 
+from row_starts import row_starts
+
 folder = Path(sys.argv[1])
 cases = [tuple(map(int, word.split(":"))) for word in sys.argv[2:]] or [(16, 1), (16, 64)]
 
@@ -30,9 +32,10 @@ def array(name):
     return numpy.load(folder / f"{name}.npy", mmap_mode="r")
 
 
-indptr, indices, weights = array("graph_indptr").astype(numpy.int64), array("graph_indices"), array("graph_weights")
-n = len(indptr) - 1
+indices, weights = array("graph_indices"), array("graph_weights")
 rows, landmarks = array("distances"), array("landmarks")
+n = rows.shape[1]
+indptr = row_starts(folder, n)
 of = numpy.repeat(numpy.arange(n, dtype=numpy.uint32), numpy.diff(indptr))
 
 

@@ -256,18 +256,19 @@ pub fn dissolve(
 mod tests {
     use super::*;
     use crate::base::random::{below, stream};
+    use crate::graph::OwnedRowStarts;
 
     /// A grid of w × h nodes with four neighbours each.
-    fn grid(w: usize, h: usize) -> (Vec<u64>, Vec<u32>) {
-        let (mut indptr, mut indices) = (vec![0], Vec::new());
+    fn grid(w: usize, h: usize) -> (OwnedRowStarts, Vec<u32>) {
+        let (mut degrees, mut indices) = (Vec::new(), Vec::new());
         for i in 0..w * h {
             let (x, y) = (i % w, i / w);
             let sides =
                 [(y > 0, i.wrapping_sub(w)), (x > 0, i.wrapping_sub(1)), (x + 1 < w, i + 1), (y + 1 < h, i + w)];
             indices.extend(sides.iter().filter(|side| side.0).map(|side| side.1 as u32));
-            indptr.push(indices.len() as u64);
+            degrees.push(sides.iter().filter(|side| side.0).count());
         }
-        (indptr, indices)
+        (OwnedRowStarts::of(degrees), indices)
     }
 
     /// By the definition: reached within the label; else ring by ring the smallest label beside it.
@@ -294,9 +295,9 @@ mod tests {
     #[test]
     fn islands_take_the_label_they_lie_in() {
         let (w, h) = (23, 17);
-        let (indptr, indices) = grid(w, h);
+        let (starts, indices) = grid(w, h);
         let weights = vec![1f32; indices.len()];
-        let graph = Csr::new(&indptr, &indices, &weights);
+        let graph = Csr::new(starts.view(), &indices, &weights);
         for seed in 0..60 {
             let mut random = stream(seed, "islands");
             let field: Vec<f32> =

@@ -80,7 +80,7 @@ impl Cells {
         let (edges, nodes) = (&graph.edges, &graph.nodes);
         let steps =
             Weighting { edges, nodes, normals: Some(normals.fine), area, metric }.build("cell_weights.npy", context)?;
-        let csr = Csr::new(&graph.edges.indptr, &graph.edges.indices, &steps);
+        let csr = Csr::new(graph.edges.starts.view(), &graph.edges.indices, &steps);
         let mut owner = context.work.array::<u32>("cells.npy", &[n])?;
         {
             let mut field = context.work.array::<f32>("cell_field.tmp", &[n])?;

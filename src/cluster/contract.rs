@@ -15,6 +15,7 @@ use crate::base::Result;
 use crate::base::vector::{cross, length as norm, minus, wide};
 use crate::distance::voronoi;
 use crate::graph::DualEdges;
+use crate::graph::row_starts::{OwnedRowStarts, PLAIN, StartsForm};
 use crate::graph::{Csr, WeightedGraph};
 use crate::graph::{DualGraph, GraphFacts, Node};
 use crate::store::needs::{Extent, Needs, Room};
@@ -36,7 +37,7 @@ const DETOUR: f64 = 1.15;
 pub const OF_FACE: &str = "contracted.npy";
 const SEEDS: &str = "contraction_seeds.npy";
 const NODE_GEOMETRY: &str = "node_geometry.npy";
-const EDGES: [&str; 4] = ["graph_indptr.npy", "graph_indices.npy", "graph_centroid_distances.npy", "graph_edges.npy"];
+const EDGES: [&str; 3] = ["graph_indices.npy", "graph_centroid_distances.npy", "graph_edges.npy"];
 const WEIGHTS: &str = "graph_weights.npy";
 
 /// The contracted surface.
@@ -78,16 +79,16 @@ impl Stage for Contraction<'_> {
 
     fn make(self, key: &str, context: Context<'_>) -> Result<Made<Self>> {
         let output = contract(self.graph, self.weighted, self.shares, key, context)?;
-        let mut files = vec![OF_FACE, SEEDS, NODE_GEOMETRY, WEIGHTS];
+        let mut files = vec![OF_FACE, SEEDS, NODE_GEOMETRY, WEIGHTS, PLAIN];
         files.extend(EDGES);
         Ok(Made { facts: output.graph.facts.clone(), output, files })
     }
 
     fn open(self, facts: GraphFacts, key: &str, context: Context<'_>) -> Result<ContractedSurface> {
         let work = context.work;
-        let (n, graph) = (self.graph.nodes.len(), DualGraph::open(work, facts, key.to_string())?);
+        let (n, graph) = (self.graph.nodes.len(), DualGraph::open(work, facts, StartsForm::Plain, key.to_string())?);
         let nodes = graph.nodes.len();
-        let weighted = WeightedGraph::open(key.to_string(), nodes, work)?;
+        let weighted = WeightedGraph::open(key.to_string(), nodes, StartsForm::Plain, work)?;
         let of_node = work.indices(OF_FACE, n, nodes)?;
         Ok(ContractedSurface { weighted, of_node, seeds: work.indices(SEEDS, nodes, n)?, graph })
     }
@@ -230,13 +231,13 @@ fn assemble(
     let write = |name: &str, items: Vec<f32>| npy::write(&inner.file(name), &items, 1, false);
     let indices: Vec<u32> = entries.iter().map(|e| e.1).collect();
     let edges = DualEdges {
-        indptr: npy::write(&inner.file(EDGES[0]), &indptr, 1, false)?,
-        indices: npy::write(&inner.file(EDGES[1]), &indices, 1, false)?,
-        centroid_distance: write(EDGES[2], column(|e| e.3))?,
-        edge: write(EDGES[3], column(|e| e.4))?,
+        starts: OwnedRowStarts::Plain(npy::write(&inner.file(PLAIN), &indptr, 1, false)?),
+        indices: npy::write(&inner.file(EDGES[0]), &indices, 1, false)?,
+        centroid_distance: write(EDGES[1], column(|e| e.3))?,
+        edge: write(EDGES[2], column(|e| e.4))?,
     };
     let weights = write(WEIGHTS, column(|e| e.2.max(crate::graph::weights::LEAST)))?;
-    let weighted = WeightedGraph::new(inner.path(), edges.indptr.clone(), edges.indices.clone(), weights, key.clone())?;
+    let weighted = WeightedGraph::new(inner.path(), edges.starts.clone(), edges.indices.clone(), weights, key.clone())?;
     let facts = GraphFacts {
         nodes: nodes.len() as u64,
         edges: borders.len() as u64,

@@ -105,6 +105,7 @@ fn shares(faces: &[u64], wanted: usize, whole: Option<u32>) -> Vec<u64> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::graph::OwnedRowStarts;
     use crate::store::{Run, WorkDir};
 
     /// A chain of `n` nodes, cut into pieces.
@@ -112,14 +113,10 @@ mod tests {
         let n = labels.len() as u32;
         let near = |i: u32| [i.checked_sub(1), Some(i + 1).filter(|&j| j < n)];
         let indices: Vec<u32> = (0..n).flat_map(|i| near(i).into_iter().flatten()).collect();
-        let ends = (0..n).scan(0u64, |end, i| {
-            *end += near(i).iter().flatten().count() as u64;
-            Some(*end)
-        });
-        let indptr: Vec<u64> = std::iter::once(0).chain(ends).collect();
+        let starts = OwnedRowStarts::of((0..n).map(|i| near(i).iter().flatten().count()));
         let weights = vec![1f32; indices.len()];
         let (run, work) = (Run::new(&()), WorkDir::temporary(&std::env::temp_dir()).unwrap());
-        let graph = Csr::new(&indptr, &indices, &weights);
+        let graph = Csr::new(starts.view(), &indices, &weights);
         let pieces = divide(graph, labels, wanted, whole, Context::new(&work, &run)).unwrap();
         (pieces.labels.to_vec(), pieces.first)
     }

@@ -15,9 +15,9 @@
 
 use super::paging::{Paged, Pager, Pages};
 use super::queue::{Entry, Queue};
-use super::steps::{FAR, Packed, Steps, look_ahead, warm_up};
+use super::steps::{FAR, Packed, Plain, Steps, look_ahead, warm_up};
 use crate::base::{Cancel, Result};
-use crate::graph::Csr;
+use crate::graph::{Csr, RowStarts};
 use crate::store::mapped::{Access, Writeback, advise, will_need};
 
 /// Entries whose shorter paths are gathered before any is taken.
@@ -125,10 +125,11 @@ pub(super) fn clear_labels(field: &[f32], label: &mut [u32]) {
 /// use nystrom_stream::base::Cancel;
 /// use nystrom_stream::distance::Front;
 /// use nystrom_stream::distance::front::mean_weight;
-/// use nystrom_stream::graph::Csr;
+/// use nystrom_stream::graph::{Csr, OwnedRowStarts};
 ///
 /// // The path 0 – 1 – 2 with steps of 1 and 2.
-/// let graph = Csr::new(&[0, 1, 3, 4], &[1, 0, 2, 1], &[1., 1., 2., 2.]);
+/// let starts = OwnedRowStarts::of([1, 2, 1]);
+/// let graph = Csr::new(starts.view(), &[1, 0, 2, 1], &[1., 1., 2., 2.]);
 /// let mut field = [0f32; 3];
 /// Front::new(mean_weight(graph)).full(graph, 0, &mut field, &Cancel::default())?;
 /// assert_eq!(field, [0., 1., 3.]);
@@ -362,6 +363,10 @@ impl Front {
         label: &mut impl PathLabel,
         cancel: &Cancel,
     ) -> Result<Visits> {
+        if let RowStarts::Plain(starts) = graph.starts {
+            // What is known outside of the loop saves a tenth of it.
+            return self.walk(Plain { starts, csr: graph }, field, label, &mut (), cancel);
+        }
         if graph.triangles.is_empty() {
             return self.walk(graph, field, label, &mut (), cancel);
         }

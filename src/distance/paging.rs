@@ -17,7 +17,7 @@ use std::collections::VecDeque;
 use std::ops::Range;
 use std::sync::Arc;
 
-/// Nodes a block, a power of two: some 350 KiB of graph, a read that a disk does at nearly full speed.
+/// Nodes a block, a power of two: some 400 KiB of graph, a read that a disk does at nearly full speed.
 pub const BLOCK: usize = 1 << SHIFT;
 const SHIFT: u32 = 14;
 /// Blocks met after a block before its values are sent to the disk: more than a band is long.
@@ -68,7 +68,8 @@ impl Pages {
     /// The blocks of `graph`. Reads one row start a block.
     pub fn of(graph: Csr<'_>) -> Self {
         let blocks = graph.len().div_ceil(BLOCK);
-        let starts = (0..=blocks).map(|block| graph.indptr[(block * BLOCK).min(graph.len())]).collect();
+        let first = |block: usize| graph.span((block * BLOCK) as u32).start as u64;
+        let starts = (0..blocks).map(first).chain([graph.starts.entries() as u64]).collect();
         Self { nodes: graph.len(), starts, met: vec![false; blocks], unsent: VecDeque::new(), values: None }
     }
 
@@ -90,7 +91,7 @@ impl Pages {
     }
 
     fn advise(graph: Csr<'_>, access: Access) {
-        advise(graph.indptr, access);
+        graph.starts.advise(access);
         advise(graph.indices, access);
         advise(graph.weights, access);
     }
@@ -119,7 +120,7 @@ impl Pages {
         }
         let nodes = self.block(block);
         let entries = self.starts[block] as usize..self.starts[block + 1] as usize;
-        will_need(&graph.indptr[nodes.start..=nodes.end]);
+        graph.starts.will_need(nodes.clone());
         will_need(&graph.indices[entries.clone()]);
         will_need(&graph.weights[entries]);
         self.unsent.push_back(block as u32);

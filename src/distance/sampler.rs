@@ -209,10 +209,19 @@ impl Space for GraphSpace<'_> {
 /// # Errors
 /// [`Error::Cancelled`].
 pub fn fill_lengths(graph: Csr<'_>, nodes: &[Node], out: &mut [f32], run: &Run) -> Result<()> {
-    let start = |e: usize| graph.indptr.partition_point(|&start| start as usize <= e) - 1;
-    run.fill_each(out, 1 << 15, |e, _| {
-        let (a, b) = (nodes[start(e)].centroid, nodes[graph.indices[e] as usize].centroid);
-        let (x, y, z) = (a[0] - b[0], a[1] - b[1], a[2] - b[2]);
-        (x * x + y * y + z * z).sqrt().max(LEAST)
-    })
+    const CHUNK: usize = 1 << 15;
+    let fill = |k: usize, out: &mut [f32], (): &mut ()| {
+        let (mut row, mut span) = graph.starts.row_of(k * CHUNK);
+        for (e, slot) in (k * CHUNK..).zip(out) {
+            while span.end <= e {
+                row += 1;
+                span = graph.span(row as u32);
+            }
+            let (a, b) = (nodes[row].centroid, nodes[graph.indices[e] as usize].centroid);
+            let (x, y, z) = (a[0] - b[0], a[1] - b[1], a[2] - b[2]);
+            *slot = (x * x + y * y + z * z).sqrt().max(LEAST);
+        }
+        Ok(())
+    };
+    run.fill_chunks(out, CHUNK, || (), fill).map(drop)
 }

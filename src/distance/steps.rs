@@ -4,6 +4,7 @@ use super::queue::Entry;
 use crate::graph::Csr;
 use crate::graph::csr::TriangleNeighbours;
 use crate::store::mapped::prefetch;
+use std::ops::Range;
 
 /// Entries ahead at which row start and distance are fetched.
 pub const FAR: usize = 48;
@@ -27,15 +28,12 @@ pub(super) trait Steps: Copy {
 impl Steps for Csr<'_> {
     #[inline(always)]
     fn soon(self, node: u32) {
-        prefetch(self.indptr, node as usize);
+        self.starts.prefetch(node);
     }
 
     #[inline(always)]
     fn sooner(self, node: u32) {
-        let start = self.indptr[node as usize] as usize;
-        prefetch(self.indices, start);
-        prefetch(self.weights, start);
-        prefetch(self.weights, start + 2);
+        fetch(self, self.span(node).start);
     }
 
     #[inline(always)]
@@ -49,6 +47,53 @@ impl Steps for Csr<'_> {
             visit(next, weight);
         }
     }
+}
+
+/// A graph whose row starts are plain.
+#[derive(Clone, Copy)]
+pub(super) struct Plain<'a> {
+    pub starts: &'a [u64],
+    pub csr: Csr<'a>,
+}
+
+impl Plain<'_> {
+    #[inline(always)]
+    fn span(self, node: u32) -> Range<usize> {
+        self.starts[node as usize] as usize..self.starts[node as usize + 1] as usize
+    }
+}
+
+impl Steps for Plain<'_> {
+    #[inline(always)]
+    fn soon(self, node: u32) {
+        prefetch(self.starts, node as usize);
+    }
+
+    #[inline(always)]
+    fn sooner(self, node: u32) {
+        fetch(self.csr, self.span(node).start);
+    }
+
+    #[inline(always)]
+    fn count(self, node: u32) -> usize {
+        self.span(node).len()
+    }
+
+    #[inline(always)]
+    fn each(self, node: u32, mut visit: impl FnMut(u32, f32)) {
+        let span = self.span(node);
+        for (next, weight) in self.csr.indices[span.clone()].iter().zip(&self.csr.weights[span]) {
+            visit(*next, *weight);
+        }
+    }
+}
+
+/// Fetches the first entries of a row that begins at `start`.
+#[inline(always)]
+fn fetch(graph: Csr<'_>, start: usize) {
+    prefetch(graph.indices, start);
+    prefetch(graph.weights, start);
+    prefetch(graph.weights, start + 2);
 }
 
 /// A graph with its triangle adjacency.

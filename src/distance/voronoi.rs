@@ -291,12 +291,13 @@ impl<O: Label> Block<'_, O> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::graph::OwnedRowStarts;
     use crate::store::Budget;
 
     #[test]
     fn blocks_are_for_several_threads_and_near_neighbours() {
         let n = MANY * BLOCK;
-        let indptr: Vec<u64> = (0..=n as u64).map(|i| 2 * i).collect();
+        let starts = OwnedRowStarts::of(std::iter::repeat_n(2, n));
         // Rings, whose neighbours are near or far in number.
         for (step, near) in [(1, true), (BLOCK + 1, false)] {
             let both = |i: usize| {
@@ -306,7 +307,7 @@ mod tests {
             };
             let indices: Vec<u32> = (0..n).flat_map(both).collect();
             let weights: Vec<f32> = vec![1.; 2 * n];
-            let graph = Csr::new(&indptr, &indices, &weights);
+            let graph = Csr::new(starts.view(), &indices, &weights);
             let sources: Vec<u32> = (0..n as u32).step_by(5_001).collect();
             let (mut fields, mut labels) = ([vec![0f32; n], vec![0f32; n]], [vec![0u32; n], vec![0u32; n]]);
             for (k, threads) in [1, 2].into_iter().enumerate() {

@@ -210,7 +210,8 @@ pub fn insert(edges: &DualEdges, bridges: &[Bridge], context: Context<'_>) -> Re
         extra.push((b as usize, Entry { node: a, centroid_distance: bridge.gap, edge: 0. }));
     }
     extra.sort_unstable_by_key(|(row, entry)| (*row, entry.node));
-    let mut writer = EdgesWriter::create(edges.len(), edges.indices.len() + extra.len(), context.work)?;
+    let mut writer =
+        EdgesWriter::create(edges.len(), edges.indices.len() + extra.len(), edges.starts.form(), context.work)?;
     let mut done = 0;
     for group in extra.chunk_by(|a, b| a.0 == b.0) {
         let row = group[0].0;
@@ -241,8 +242,9 @@ fn copy(edges: &DualEdges, range: std::ops::Range<usize>, writer: &mut EdgesWrit
     for start in range.clone().step_by(BLOCK) {
         run.cancel.check()?;
         let end = (start + BLOCK).min(range.end);
-        let degrees: Vec<u32> = edges.indptr[start..=end].windows(2).map(|w| (w[1] - w[0]) as u32).collect();
-        let span = edges.indptr[start] as usize..edges.indptr[end] as usize;
+        let starts = edges.starts.view();
+        let degrees: Vec<u32> = (start..end).map(|row| starts.span(row as u32).len() as u32).collect();
+        let span = starts.entries_of(start..end);
         writer.push(
             &degrees,
             &edges.indices[span.clone()],

@@ -1,8 +1,9 @@
 //! Weighted graphs as arrays: a sparse matrix over mapped files, its raw slices, and a denser copy for fronts.
 //!
-//! Rows are compressed ([`Csr`]): the steps from node i are the entries `indptr[i]..indptr[i + 1]` of `indices` and
-//! `weights`. 8 bytes per node and 8 per directed edge; [`Csr::neighbours`] walks the steps from a node.
+//! Rows are compressed ([`Csr`]): the steps from node i are consecutive entries of `indices` and `weights`, and
+//! [`RowStarts`] says which. Half a byte per node and 8 per directed edge; [`Csr::neighbours`] walks the steps from a node.
 
+use super::row_starts::{OwnedRowStarts, RowStarts, StartsForm};
 use crate::base::{Error, Result};
 use crate::store::mapped::AlignedBuffer;
 use crate::store::{MappedSlice, Run, WorkDir};
@@ -13,7 +14,7 @@ use std::path::Path;
 /// A weighted graph as a sparse matrix over mapped files, well formed: this program built it, or checked it as it was opened.
 #[derive(Clone, Debug)]
 pub struct WeightedGraph {
-    indptr: MappedSlice<u64>,
+    starts: OwnedRowStarts,
     indices: MappedSlice<u32>,
     weights: MappedSlice<f32>,
     /// Key of the stage, for stages built on it.
@@ -27,28 +28,29 @@ impl WeightedGraph {
     /// [`Error::WorkDir`] naming `path` when the lengths contradict each other.
     pub fn new(
         path: &Path,
-        indptr: MappedSlice<u64>,
+        starts: OwnedRowStarts,
         indices: MappedSlice<u32>,
         weights: MappedSlice<f32>,
         key: String,
     ) -> Result<Self> {
-        let steps = indptr.last().copied().unwrap_or(0) as usize;
-        if indptr.first() != Some(&0) || indices.len() != steps || weights.len() != steps {
+        let steps = starts.view().entries();
+        if indices.len() != steps || weights.len() != steps {
             return Err(Error::work_dir(path, "the graph's arrays contradict each other", "delete the work directory"));
         }
-        Ok(Self { indptr, indices, weights, key })
+        Ok(Self { starts, indices, weights, key })
     }
 
-    /// Opens the weighted graph of `nodes` nodes that another process left in `work`, its weights under `key`.
+    /// Opens the weighted graph of `nodes` nodes that another process left in `work`, its row starts in `form`, its
+    /// weights under `key`.
     ///
     /// # Errors
     /// [`Error::Io`], [`Error::Malformed`], [`Error::WorkDir`].
-    pub fn open(key: String, nodes: usize, work: &WorkDir) -> Result<Self> {
+    pub fn open(key: String, nodes: usize, form: StartsForm, work: &WorkDir) -> Result<Self> {
         let steps = work.open_array::<u32>("graph_indices.npy")?.len();
-        let indptr = work.starts("graph_indptr.npy", nodes, steps)?;
+        let starts = form.open(work, nodes, steps)?;
         let (indices, weights) =
             (work.indices("graph_indices.npy", steps, nodes)?, work.positive("graph_weights.npy", steps)?);
-        Self::new(work.path(), indptr, indices, weights, key)
+        Self::new(work.path(), starts, indices, weights, key)
     }
 
     /// Gives up the weights, which the rows are made of, in a temporary `work`: 12 B a triangle of disk.
@@ -61,28 +63,30 @@ impl WeightedGraph {
     }
 
     /// The graph as a matrix of `sprs` over the same arrays, for other programs: row i has the neighbours of node i and the
-    /// weights of the steps. With the feature `sprs`. One pass checks that rows ascend and end where they say.
+    /// weights of the steps. With the feature `sprs`. Row starts are unpacked into memory, 8 bytes a node; one pass checks
+    /// that rows ascend.
     ///
     /// # Errors
     /// [`Error::Unusable`] for a matrix that is none.
     #[cfg(feature = "sprs")]
-    pub fn matrix(&self) -> Result<sprs::CsMatViewI<'_, f32, u32, u64>> {
-        let n = self.indptr.len() - 1;
-        sprs::CsMatBase::try_new((n, n), &self.indptr[..], &self.indices[..], &self.weights[..])
+    pub fn matrix(&self) -> Result<sprs::CsMatBase<f32, u32, Vec<u64>, &[u32], &[f32], u64>> {
+        let starts = self.starts.view();
+        let n = starts.len();
+        sprs::CsMatBase::try_new((n, n), starts.plain(), &self.indices[..], &self.weights[..])
             .map_err(|(.., problem)| Error::unusable("graph", problem.to_string(), "delete the work directory"))
     }
 
     /// The matrix as raw slices for hot loops.
     pub fn csr(&self) -> Csr<'_> {
-        Csr::new(&self.indptr, &self.indices, &self.weights)
+        Csr::new(self.starts.view(), &self.indices, &self.weights)
     }
 }
 
 /// A graph as raw slices.
 #[derive(Clone, Copy, Debug)]
 pub struct Csr<'a> {
-    /// Row starts (n + 1).
-    pub indptr: &'a [u64],
+    /// Where rows begin (n).
+    pub starts: RowStarts<'a>,
     /// Neighbours (nnz), all below n.
     pub indices: &'a [u32],
     /// Weights (nnz), positive.
@@ -93,13 +97,13 @@ pub struct Csr<'a> {
 
 impl<'a> Csr<'a> {
     /// A graph of these arrays alone.
-    pub fn new(indptr: &'a [u64], indices: &'a [u32], weights: &'a [f32]) -> Self {
-        Self { indptr, indices, weights, triangles: &[] }
+    pub fn new(starts: RowStarts<'a>, indices: &'a [u32], weights: &'a [f32]) -> Self {
+        Self { starts, indices, weights, triangles: &[] }
     }
 
     /// Number of nodes.
     pub fn len(&self) -> usize {
-        self.indptr.len() - 1
+        self.starts.len()
     }
 
     /// Whether there are no nodes.
@@ -110,7 +114,7 @@ impl<'a> Csr<'a> {
     /// Where the steps from `node` lie in `indices` and `weights`.
     #[inline(always)]
     pub fn span(self, node: u32) -> Range<usize> {
-        self.indptr[node as usize] as usize..self.indptr[node as usize + 1] as usize
+        self.starts.span(node)
     }
 
     /// The steps from `node`: its neighbours, ascending, each with the weight of the step.
@@ -120,9 +124,9 @@ impl<'a> Csr<'a> {
         self.indices[span.clone()].iter().copied().zip(self.weights[span].iter().copied())
     }
 
-    /// Bytes of the three arrays.
+    /// Bytes of the arrays.
     pub fn bytes(&self) -> u64 {
-        (size_of_val(self.indptr) + size_of_val(self.indices) + size_of_val(self.weights)) as u64
+        self.starts.bytes() + (size_of_val(self.indices) + size_of_val(self.weights)) as u64
     }
 }
 
@@ -161,11 +165,15 @@ pub struct TriangleAdjacency {
 }
 
 impl TriangleAdjacency {
-    /// The triangle adjacency of `graph`; `None` where the budget has no room for it. One parallel pass.
+    /// The triangle adjacency of `graph`; `None` where the budget has no room for it, and for plain row starts, whose graphs
+    /// have more than three neighbours a node. One parallel pass.
     ///
     /// # Errors
     /// [`crate::base::Error::Cancelled`].
     pub fn of(graph: Csr<'_>, run: &Run) -> Result<Option<Self>> {
+        if let RowStarts::Plain(_) = graph.starts {
+            return Ok(None);
+        }
         let Some(mut words) = AlignedBuffer::spare(&run.budget, graph.len() * size_of::<TriangleNeighbours>()) else {
             return Ok(None);
         };
@@ -207,10 +215,9 @@ mod tests {
         let dir = tempfile::tempdir().unwrap();
         let work = WorkDir::temporary(dir.path()).unwrap();
         let graph = |indices: &[u32]| {
-            let indptr = work.write("p.npy", &[0u64, 1, 3, 4], 1).unwrap();
             let weights = work.write("w.npy", &[1f32, 1., 2., 2.], 1).unwrap();
             let indices = work.write("i.npy", indices, 1).unwrap();
-            WeightedGraph::new(dir.path(), indptr, indices, weights, String::new()).unwrap()
+            WeightedGraph::new(dir.path(), OwnedRowStarts::of([1, 2, 1]), indices, weights, String::new()).unwrap()
         };
         let path = graph(&[1, 0, 2, 1]);
         let matrix = path.matrix().unwrap();

@@ -6,6 +6,7 @@ use super::dual_edges::{DualEdges, assemble};
 use super::half_edge_pairs::AGAINST;
 use super::nodes::{self, Frame, Node};
 use super::orient::orient;
+use super::row_starts::{BLOCKS, LONG_ROWS, StartsForm};
 use super::weights::{Metric, Weighting};
 use super::{half_edge_pairs, half_edges};
 use crate::base::Result;
@@ -66,8 +67,8 @@ pub struct DualGraph {
     pub key: String,
 }
 
-const FILES: [&str; 5] =
-    [nodes::FILE, "graph_indptr.npy", "graph_indices.npy", "graph_centroid_distances.npy", "graph_edges.npy"];
+const FILES: [&str; 6] =
+    [nodes::FILE, BLOCKS, LONG_ROWS, "graph_indices.npy", "graph_centroid_distances.npy", "graph_edges.npy"];
 
 impl DualGraph {
     /// Builds the graph of `mesh` (from the file `path`, whose identity is `input`) in `work`, or
@@ -108,7 +109,7 @@ impl DualGraph {
     /// [`crate::base::Error::WorkDir`] where there is none or its files are gone or damaged.
     pub fn kept(work: &WorkDir) -> Result<(Self, Value)> {
         let kept = work.kept::<GraphStage<'_>>("make it first: nystrom-stream graph MESH --work-dir …")?;
-        Ok((Self::open(work, kept.facts, kept.key)?, kept.inputs["input"].clone()))
+        Ok((Self::open(work, kept.facts, StartsForm::Packed, kept.key)?, kept.inputs["input"].clone()))
     }
 
     fn make(mesh: &Mesh, path: &Path, context: Context<'_>, key: String) -> Result<Self> {
@@ -148,12 +149,12 @@ impl DualGraph {
         Ok(Self { edges, nodes, components, facts, key })
     }
 
-    /// Opens the arrays of a finished graph stage.
-    pub(crate) fn open(work: &WorkDir, facts: GraphFacts, key: String) -> Result<Self> {
-        let [nodes, names @ ..] = FILES;
+    /// Opens the arrays of a finished graph, its row starts in `form`.
+    pub(crate) fn open(work: &WorkDir, facts: GraphFacts, form: StartsForm, key: String) -> Result<Self> {
+        let [nodes, _, _, names @ ..] = FILES;
         let n = usize::try_from(facts.nodes).unwrap_or(usize::MAX);
         let nodes: MappedSlice<Node> = work.array_of(nodes, n)?;
-        let edges = DualEdges::open(work, n, names)?;
+        let edges = DualEdges::open(work, n, form, names)?;
         let sizes = [facts.area, facts.frame.scale];
         if n == 0 || !sizes.iter().all(|size| size.is_finite() && *size >= 0.) {
             return Err(work.damaged(MANIFEST, "tells of no graph"));
@@ -213,7 +214,7 @@ pub(crate) struct GraphStage<'a> {
 
 impl Stage for GraphStage<'_> {
     const NAME: &'static str = "graph";
-    const VERSION: u32 = 2;
+    const VERSION: u32 = 3;
     type Facts = GraphFacts;
     type Output = DualGraph;
 
@@ -231,7 +232,7 @@ impl Stage for GraphStage<'_> {
     }
 
     fn open(self, facts: GraphFacts, key: &str, context: Context<'_>) -> Result<DualGraph> {
-        DualGraph::open(context.work, facts, key.to_string())
+        DualGraph::open(context.work, facts, StartsForm::Packed, key.to_string())
     }
 
     fn progress(&self) -> Option<(&'static str, u64)> {
@@ -252,11 +253,11 @@ impl Stage for GraphStage<'_> {
             (shuffle.held, shuffle.granted)
         };
         room.grant(taken);
-        let edges = room.take(8 * n) + room.take(4 * corners);
+        let edges = room.take(n / 2) + room.take(4 * corners);
         room.give_back(taken);
         let roots = room.take(4 * n);
         room.give_back(roots);
-        let keeps = 36 * n + 12 * corners - nodes - edges;
+        let keeps = 28 * n + n / 2 + 12 * corners - nodes - edges;
         let spilled = if table { 0 } else { (8 * corners).saturating_sub(pairs) };
         let on_disk = 28 * n - nodes + spilled + (12 * corners).saturating_sub(half_edges.held);
         let matched = if table { half_edges.held + pairs } else { half_edges.held.max(pairs) };
@@ -282,8 +283,8 @@ pub(crate) const WEIGHTS: &str = "graph_weights.npy";
 
 impl WeightsStage<'_> {
     fn matrix(&self, weights: MappedSlice<f32>, key: &str, work: &WorkDir) -> Result<WeightedGraph> {
-        let DualEdges { indptr, indices, .. } = &self.graph.edges;
-        WeightedGraph::new(work.path(), indptr.clone(), indices.clone(), weights, key.to_string())
+        let DualEdges { starts, indices, .. } = &self.graph.edges;
+        WeightedGraph::new(work.path(), starts.clone(), indices.clone(), weights, key.to_string())
     }
 }
 

@@ -7,12 +7,13 @@
 //! faces that share several edges get one entry: the shortest step, the summed edge length. Both
 //! directions are computed from the same numbers in a symmetric formula, so they agree to the bit.
 //!
-//! Workers assemble buckets, one thread appends them in order: 8 + 12 + 12 + 12 bytes a triangle
+//! Workers assemble buckets, one thread appends them in order: ½ + 12 + 12 + 12 bytes a triangle
 //! written, sequentially.
 
 use super::csr::Csr;
 use super::half_edge_pairs::{HalfEdgePair, HalfEdgePairs};
 use super::nodes::{Frame, Node};
+use super::row_starts::{OwnedRowStarts, RowStartsWriter, StartsForm};
 use crate::base::Result;
 use crate::base::vector::{distance, middle, wide};
 use crate::mesh::Mesh;
@@ -22,8 +23,8 @@ use crate::store::{Context, MappedSlice, WorkDir};
 /// The edges of a graph before they are weighted, as compressed rows.
 #[derive(Clone, Debug)]
 pub struct DualEdges {
-    /// Row starts (n + 1).
-    pub indptr: MappedSlice<u64>,
+    /// Where rows begin (n).
+    pub starts: OwnedRowStarts,
     /// Neighbours, ascending in a row (nnz).
     pub indices: MappedSlice<u32>,
     /// Step lengths in the frame (nnz), finite.
@@ -34,16 +35,16 @@ pub struct DualEdges {
 }
 
 impl DualEdges {
-    /// Opens the edges of `nodes` nodes that an earlier run left in the files of `work` that are named: row starts,
-    /// neighbours, step lengths, lengths of shared edges.
+    /// Opens the edges of `nodes` nodes that an earlier run left in `work`, row starts in `form`, the rest in the files that
+    /// are named: neighbours, step lengths, lengths of shared edges.
     ///
     /// # Errors
     /// [`crate::base::Error::WorkDir`] where they contradict each other; [`crate::base::Error::Io`].
-    pub(super) fn open(work: &WorkDir, nodes: usize, names: [&str; 4]) -> Result<Self> {
-        let [indptr, indices, centroid_distance, edge] = names;
+    pub(super) fn open(work: &WorkDir, nodes: usize, form: StartsForm, names: [&str; 3]) -> Result<Self> {
+        let [indices, centroid_distance, edge] = names;
         let entries = work.open_array::<u32>(indices)?.len();
         Ok(Self {
-            indptr: work.starts(indptr, nodes, entries)?,
+            starts: form.open(work, nodes, entries)?,
             indices: work.indices(indices, entries, nodes)?,
             centroid_distance: work.array_of(centroid_distance, entries)?,
             edge: work.array_of(edge, entries)?,
@@ -52,7 +53,7 @@ impl DualEdges {
 
     /// Number of nodes.
     pub fn len(&self) -> usize {
-        self.indptr.len() - 1
+        self.starts.view().len()
     }
 
     /// Whether there are no nodes.
@@ -62,13 +63,13 @@ impl DualEdges {
 
     /// The graph weighted by the lengths of its steps, in the frame.
     pub fn by_distance(&self) -> Csr<'_> {
-        Csr::new(&self.indptr, &self.indices, &self.centroid_distance)
+        Csr::new(self.starts.view(), &self.indices, &self.centroid_distance)
     }
 
     /// The graph with the lengths of the shared edges in the place of weights, some of them negative: for passes over
     /// neighbours, not for fronts.
     pub fn by_shared_edge(&self) -> Csr<'_> {
-        Csr::new(&self.indptr, &self.indices, &self.edge)
+        Csr::new(self.starts.view(), &self.indices, &self.edge)
     }
 }
 
@@ -80,39 +81,28 @@ pub(super) struct Entry {
     pub edge: f32,
 }
 
-/// Writes the four arrays of [`DualEdges`] from front to back.
+/// Writes the arrays of [`DualEdges`] from front to back.
 pub(super) struct EdgesWriter {
-    indptr: ArrayWriter<u64>,
+    starts: RowStartsWriter,
     indices: ArrayWriter<u32>,
     centroid_distance: ArrayWriter<f32>,
     edge: ArrayWriter<f32>,
-    starts: Vec<u64>,
-    end: u64,
 }
 
 impl EdgesWriter {
     /// For `nodes` rows of at most `entries` entries in all.
-    pub fn create(nodes: usize, entries: usize, work: &WorkDir) -> Result<Self> {
-        let mut indptr = work.writer_of("graph_indptr.npy", 1, nodes + 1)?;
-        indptr.push(&[0])?;
+    pub fn create(nodes: usize, entries: usize, form: StartsForm, work: &WorkDir) -> Result<Self> {
         Ok(Self {
-            indptr,
+            starts: RowStartsWriter::create(form, nodes, work)?,
             indices: work.writer_of("graph_indices.npy", 1, entries)?,
             centroid_distance: work.writer("graph_centroid_distances.npy", 1)?,
             edge: work.writer("graph_edges.npy", 1)?,
-            starts: Vec::new(),
-            end: 0,
         })
     }
 
     /// Appends rows of the given degrees, whose entries lie one after another.
     pub fn push(&mut self, degrees: &[u32], indices: &[u32], centroid_distance: &[f32], edge: &[f32]) -> Result<()> {
-        self.starts.clear();
-        for &degree in degrees {
-            self.end += u64::from(degree);
-            self.starts.push(self.end);
-        }
-        self.indptr.push(&self.starts)?;
+        self.starts.push(degrees)?;
         self.indices.push(indices)?;
         self.centroid_distance.push(centroid_distance)?;
         self.edge.push(edge)
@@ -120,7 +110,7 @@ impl EdgesWriter {
 
     pub fn finish(self) -> Result<DualEdges> {
         Ok(DualEdges {
-            indptr: self.indptr.finish(false)?,
+            starts: self.starts.finish()?,
             indices: self.indices.finish(false)?,
             centroid_distance: self.centroid_distance.finish(false)?,
             edge: self.edge.finish(false)?,
@@ -128,7 +118,7 @@ impl EdgesWriter {
     }
 }
 
-/// Assembles the rows and writes `graph_indptr`, `graph_indices`, `graph_centroid_distances`, `graph_edges`.
+/// Assembles the rows and writes row starts, `graph_indices`, `graph_centroid_distances`, `graph_edges`.
 ///
 /// # Errors
 /// [`crate::base::Error::Io`], [`crate::base::Error::Cancelled`].
@@ -139,7 +129,7 @@ pub fn assemble(
     pairs: &HalfEdgePairs,
     context: Context<'_>,
 ) -> Result<DualEdges> {
-    let mut writer = EdgesWriter::create(nodes.len(), pairs.bound(), context.work)?;
+    let mut writer = EdgesWriter::create(nodes.len(), pairs.bound(), StartsForm::Packed, context.work)?;
     context.run.in_order(
         pairs.parts(),
         || (),

@@ -135,11 +135,12 @@ pub fn orient(
         |k, out, ()| {
             let mut count = 0u64;
             let first = k * nodes::CHUNK;
-            let mut row = edges.indptr.partition_point(|&start| start as usize <= first) - 1;
+            let (mut row, mut span) = edges.starts.view().row_of(first);
             for (i, slot) in out.iter_mut().enumerate() {
                 let e = first + i;
-                while edges.indptr[row + 1] as usize <= e {
+                while span.end <= e {
                     row += 1;
+                    span = edges.starts.view().span(row as u32);
                 }
                 let edge = edges.edge[e];
                 let flip = turned_node(row) != turned_node(edges.indices[e] as usize);

@@ -17,6 +17,7 @@ use super::components::{self, Bridge, find_bridges, find_components};
 use super::csr::Csr;
 use super::dual_edges::{DualEdges, EdgesWriter};
 use super::nodes::{Frame, Node};
+use super::row_starts::{PLAIN, StartsForm};
 use super::weights::LEAST;
 use crate::base::parallel::{chunk_count, chunk_range};
 use crate::base::vector::{cross, distance, finite, length, minus, narrow, wide};
@@ -38,7 +39,7 @@ const FILES: [&str; 7] = [
     "vertex_geometry.npy",
     "ring_starts.npy",
     "ring.npy",
-    "graph_indptr.npy",
+    PLAIN,
     "graph_indices.npy",
     "graph_centroid_distances.npy",
     "graph_edges.npy",
@@ -144,7 +145,7 @@ impl VertexGraph {
             let problem = "has no triangle of three different vertices with positions";
             return Err(Error::unusable(path, problem, "give another mesh"));
         }
-        let mut edges = EdgesWriter::create(n, 2 * records as usize, context.work)?;
+        let mut edges = EdgesWriter::create(n, 2 * records as usize, StartsForm::Plain, context.work)?;
         let mut nodes = context.work.writer::<Node>("vertex_geometry.npy", 7)?;
         let (mut starts, mut ring) =
             (context.work.writer::<u64>("ring_starts.npy", 1)?, context.work.writer::<u32>("ring.npy", 2)?);
@@ -200,12 +201,12 @@ impl VertexGraph {
     }
 
     fn open(facts: VertexFacts, frame: Frame, work: &WorkDir) -> Result<Self> {
-        let [nodes, starts, ring, edges @ ..] = FILES;
+        let [nodes, starts, ring, _, edges @ ..] = FILES;
         let n = usize::try_from(facts.vertices).unwrap_or(usize::MAX);
         let nodes = work.array_of(nodes, n)?;
         let entries = work.open_array::<u32>(ring)?.len();
         Ok(Self {
-            edges: DualEdges::open(work, n, edges)?,
+            edges: DualEdges::open(work, n, StartsForm::Plain, edges)?,
             nodes,
             ring_starts: work.starts(starts, n, entries / 2)?,
             ring: work.indices(ring, entries, n)?,

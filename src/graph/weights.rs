@@ -143,8 +143,8 @@ impl Weighting<'_> {
     pub fn build(&self, name: &str, Context { work, run }: Context<'_>) -> Result<MappedSlice<f32>> {
         let Self { edges, nodes, normals, metric, .. } = *self;
         metric.check()?;
-        let (indptr, indices, centroid_distance, edge) =
-            (&edges.indptr[..], &edges.indices[..], &edges.centroid_distance[..], &edges.edge[..]);
+        let (starts, indices, centroid_distance, edge) =
+            (edges.starts.view(), &edges.indices[..], &edges.centroid_distance[..], &edges.edge[..]);
         let scale = self.scale(run)?;
         let mut array = work.array::<f32>(name, &[centroid_distance.len()])?;
         let node = |i: usize| match normals {
@@ -157,11 +157,12 @@ impl Weighting<'_> {
             || (),
             |k, out, ()| {
                 let first = k * CHUNK;
-                let mut row = indptr.partition_point(|&start| start as usize <= first) - 1;
+                let (mut row, mut span) = starts.row_of(first);
                 for (i, w) in out.iter_mut().enumerate() {
                     let e = first + i;
-                    while indptr[row + 1] as usize <= e {
+                    while span.end <= e {
                         row += 1;
+                        span = starts.span(row as u32);
                     }
                     *w = weight(metric, scale, &node(row), &node(indices[e] as usize), centroid_distance[e], edge[e]);
                 }

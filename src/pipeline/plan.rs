@@ -14,6 +14,7 @@ use crate::graph::Order;
 use crate::graph::dual::{GraphStage, WeightsStage};
 use crate::graph::half_edges::check_size;
 use crate::graph::order::{LARGE, OrderStage};
+use crate::spectral::embedding::MOST_COLUMNS;
 use crate::store::needs::{BASE, Extent, Needs, Room};
 use crate::store::{Run, Stage};
 use serde::Serialize;
@@ -115,7 +116,7 @@ fn labels_need(extent: &Extent, cluster: Cluster, room: &mut Room) -> Needs {
     let restored = if extent.reordered { room.take(8 * n) } else { 0 };
     let sample = match cluster {
         Cluster::Parts => 0,
-        _ => 12 * (1 << 15).min(n) * (extent.landmarks + extent.dimensions),
+        _ => 12 * (MOST_COLUMNS as u64).min(n) * (extent.landmarks + extent.dimensions),
     };
     let memory = decision.max(sample + room.used());
     Needs { memory, keeps: 8 * n - labels, passing: 8 * n - restored, frees: 0 }
@@ -174,7 +175,7 @@ impl Plan {
             disk,
             disk_peak,
             // Row starts, neighbours, weights, a row and the field.
-            walked: 16 * faces + 8 * corners,
+            walked: 8 * faces + faces / 2 + 8 * corners,
             stages,
             seconds: None,
         }

@@ -12,6 +12,7 @@ use crate::base::{Error, Result};
 use crate::distance::rows::RowParams;
 use crate::distance::{DistanceRows, shard};
 use crate::graph::WeightedGraph;
+use crate::graph::row_starts::StartsForm;
 use crate::graph::{Node, nodes};
 use crate::landmarks::Sampling;
 use crate::mesh::Mesh;
@@ -129,7 +130,7 @@ pub fn one(
             && let Some(facts) = made(&shared, &work)
         {
             let nodes: MappedSlice<Node> = work.open_array(nodes::FILE)?;
-            let weighted = WeightedGraph::open(facts.weights, nodes.len(), &work)?;
+            let weighted = WeightedGraph::open(facts.weights, nodes.len(), StartsForm::Packed, &work)?;
             let rows = RowParams { l: facts.l, sampling: facts.sampling };
             return shard::compute(&weighted, &nodes, rows, shard, Context::new(&work, run));
         }

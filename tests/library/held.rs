@@ -52,7 +52,7 @@ fn graph(path: &Path, budget: u64, holding: bool, folder: &Path) -> (Vec<u64>, V
     let weighted = graph.weighted(Metric::default(), Context::new(&work, &run)).unwrap();
     let csr = weighted.csr();
     assert_eq!(work.file("graph_indices.npy").exists(), !holding);
-    (csr.indptr.to_vec(), csr.indices.to_vec(), graph.edges.centroid_distance.to_vec(), csr.weights.to_vec())
+    (csr.starts.plain(), csr.indices.to_vec(), graph.edges.centroid_distance.to_vec(), csr.weights.to_vec())
 }
 
 #[test]

@@ -11,7 +11,7 @@ use nystrom_stream::distance::paging::Pages;
 use nystrom_stream::distance::rows::RowParams;
 use nystrom_stream::distance::sampler::{GraphSpace, SearchGraph};
 use nystrom_stream::distance::{DistanceRows, Front, voronoi};
-use nystrom_stream::graph::{Csr, WeightedGraph};
+use nystrom_stream::graph::{Csr, OwnedRowStarts, WeightedGraph};
 use nystrom_stream::graph::{DualGraph, Metric};
 use nystrom_stream::landmarks::{Sampling, farthest::extremity};
 use nystrom_stream::mesh::{self, Mesh};
@@ -88,7 +88,7 @@ fn bits(field: &[f32]) -> Vec<u32> {
 /// A graph in memory.
 #[derive(Clone, Debug)]
 struct Arrays {
-    indptr: Vec<u64>,
+    starts: OwnedRowStarts,
     indices: Vec<u32>,
     weights: Vec<f32>,
 }
@@ -104,17 +104,17 @@ impl Arrays {
                 rows[b].insert(a as u32, w);
             }
         }
-        let mut arrays = Self { indptr: vec![0], indices: Vec::new(), weights: Vec::new() };
+        let starts = OwnedRowStarts::of(rows.iter().map(BTreeMap::len));
+        let mut arrays = Self { starts, indices: Vec::new(), weights: Vec::new() };
         for row in rows {
             arrays.indices.extend(row.keys());
             arrays.weights.extend(row.values());
-            arrays.indptr.push(arrays.indices.len() as u64);
         }
         arrays
     }
 
     fn csr(&self) -> Csr<'_> {
-        Csr::new(&self.indptr, &self.indices, &self.weights)
+        Csr::new(self.starts.view(), &self.indices, &self.weights)
     }
 }
 

@@ -112,12 +112,12 @@ fn damaged(bytes: &[u8], numbers: &mut Numbers) -> Vec<(String, Vec<u8>)> {
         let mut shapes = vec!["(0,)".to_string(), "(1,)".into(), "()".into(), "(18446744073709551615,)".into()];
         shapes.extend([
             "(4611686018427387904, 8)".into(),
-            format!("({}{rest}", rows - 1),
+            format!("({}{rest}", rows.saturating_sub(1)),
             format!("({}{rest}", rows + 1),
         ]);
         for shape in shapes {
             let header = format!("{:<117}\n", format!("{}{shape}, }}", &text[..start]));
-            let row = (bytes.len() - 128) / rows as usize;
+            let row = (bytes.len() - 128) / rows.max(1) as usize;
             // Where one row is missing or too many, the data fit.
             let data = match shape == format!("({}{rest}", rows + 1) {
                 true => [&bytes[128..], &bytes[bytes.len() - row..]].concat(),

@@ -321,7 +321,8 @@ fn a_work_directory_is_filled_with_arrays_and_used_again() {
     assert_eq!(shape("landmarks.npy"), (u4.clone(), vec![12]));
     assert_eq!(shape("distances.npy"), (f4.clone(), vec![12, n]));
     assert_eq!(shape("node_geometry.npy"), (f4.clone(), vec![n, 7]));
-    assert_eq!(shape("graph_indptr.npy"), ("'<u8'".to_string(), vec![n + 1]));
+    assert_eq!(shape("graph_row_blocks.npy"), ("'<u8'".to_string(), vec![n.div_ceil(64), 4]));
+    assert_eq!(shape("graph_long_rows.npy"), ("'<u8'".to_string(), vec![0]));
     // Closed: three neighbours a triangle.
     assert_eq!(shape("graph_indices.npy"), (u4, vec![3 * n]));
     for name in ["graph_weights.npy", "graph_centroid_distances.npy", "graph_edges.npy"] {
