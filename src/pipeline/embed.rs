@@ -10,6 +10,7 @@ use crate::base::Result;
 use crate::base::parallel::{chunk_count, chunk_range};
 use crate::distance::DistanceRows;
 use crate::graph::{DualGraph, NodeOrder};
+use crate::spectral::embedding::KernelWidth;
 use crate::spectral::{Embedding, EmbeddingParams, SampledColumns};
 use crate::store::needs::{Extent, Needs, Room};
 use crate::store::stage::{Made, Stage};
@@ -43,7 +44,10 @@ pub fn kept(work: &WorkDir) -> Option<EmbeddingFacts> {
 
 /// Options of the embedding in `work`, where it is of the rows `rows`.
 pub(super) fn kept_params(rows: &str, work: &WorkDir) -> Option<EmbeddingParams> {
-    work.told::<EmbeddingStage<'_>>().filter(|facts| facts.rows == rows).map(|facts| facts.params)
+    let params = work.told::<EmbeddingStage<'_>>().filter(|facts| facts.rows == rows)?.params;
+    // The manifest may have been altered.
+    let (KernelWidth::Mean(width) | KernelWidth::Fixed(width)) = params.width;
+    (width > 0. && width.is_finite() && params.kernel.check().is_ok()).then_some(params)
 }
 
 /// The stage that writes the embedding of all faces.
