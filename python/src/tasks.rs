@@ -7,6 +7,7 @@ use super::{detached, raised, with_options};
 use numpy::{PyArray1, PyArray3, PyArrayMethods, PyReadonlyArray1, PyReadonlyArray2, ToPyArray};
 use nystrom_stream::apps::colours::colours_for;
 use nystrom_stream::apps::edits::Edits;
+use nystrom_stream::apps::export::split::PartForm;
 use nystrom_stream::apps::measure;
 use nystrom_stream::apps::page::{CellModel, Cuts, Page};
 use nystrom_stream::apps::picture::{PictureParams, render};
@@ -15,7 +16,7 @@ use nystrom_stream::cluster::parts::PartTree;
 use nystrom_stream::landmarks::Sampling;
 use nystrom_stream::pipeline::cuts;
 use nystrom_stream::store::{Context, Run, WorkDir};
-use nystrom_stream::{Cancel, LabelTransfer, Labelling, SamplingQuality, Sequencer};
+use nystrom_stream::{Cancel, LabelTransfer, Labelling, SamplingQuality, SaveOptions, Sequencer};
 use pyo3::exceptions::{PyRuntimeError, PyValueError};
 use pyo3::prelude::*;
 use serde::de::DeserializeOwned;
@@ -73,10 +74,22 @@ pub fn read_names(path: PathBuf) -> PyResult<Vec<String>> {
     nystrom_stream::apps::edits::read_names(&path).map_err(raised)
 }
 
+/// Choices of forms as Python gives them: vertex_labels, split_vertices, cap, part_form.
+fn save_options((vertex_labels, split_vertices, cap, part_form): (bool, bool, bool, &str)) -> PyResult<SaveOptions> {
+    let part_form = match part_form {
+        "ply" => PartForm::Binary,
+        "stl" => PartForm::Stl,
+        other => {
+            return Err(PyValueError::new_err(format!("part_form: '{other}'; choose ply or stl")));
+        }
+    };
+    Ok(SaveOptions::new().vertex_labels(vertex_labels).split_vertices(split_vertices).cap(cap).part_form(part_form))
+}
+
 /// Writes the labelled mesh in the form that the ending of `path` names; a page has a slider where there is a tree, and follows edits
 /// where there is a `decision`. `edits` is the text of those that the labels are of.
 #[pyfunction]
-#[pyo3(signature = (mesh, labels, colours, quality, names, path, report, tree, cells, decision, edits))]
+#[pyo3(signature = (mesh, labels, colours, quality, names, path, report, tree, cells, decision, edits, options))]
 pub fn save(
     py: Python<'_>,
     mesh: &PyMesh,
@@ -90,7 +103,9 @@ pub fn save(
     cells: Option<PyReadonlyArray1<'_, u32>>,
     decision: Option<PyRef<'_, PyDecision>>,
     edits: Option<&str>,
+    options: (bool, bool, bool, &str),
 ) -> PyResult<()> {
+    let options = save_options(options)?;
     let (labels, colours) = (labels.as_array().to_vec(), self::colours(&colours));
     let quality = quality.map(|quality| quality.as_array().to_vec());
     let tree = tree.map(hierarchy).transpose()?;
@@ -98,8 +113,8 @@ pub fn save(
     let report: serde_json::Value =
         serde_json::from_str(report).map_err(|error| PyValueError::new_err(error.to_string()))?;
     let labelling = Labelling { labels: &labels, colours: &colours, quality: quality.as_deref(), names: &names };
-    if !path.extension().is_some_and(|ending| ["html", "htm"].iter().any(|page| ending.eq_ignore_ascii_case(page))) {
-        return py.detach(|| mesh.0.save(path, labelling)).map_err(raised);
+    if options != SaveOptions::default() || !path.extension().is_some_and(|ending| ["html", "htm"].iter().any(|page| ending.eq_ignore_ascii_case(page))) {
+        return py.detach(|| mesh.0.save_with(path, labelling, &options)).map_err(raised);
     }
     let edits = edits.map(|text| Edits::of_text(text.as_bytes(), "edits".as_ref())).transpose().map_err(raised)?;
     let decision: Option<&PyDecision> = decision.as_deref();

@@ -298,6 +298,13 @@ def test_results_know_what_people_ask_of_them(mesh, tmp_path):
         cut.save(tmp_path / name)
         assert (tmp_path / name).stat().st_size > 100
     rough.save(tmp_path / "rough.ply")
+    cut.save(f"{tmp_path}/solids/", cap=True, part_form="stl")
+    assert len(list((tmp_path / "solids").glob("part_*.stl"))) == 4
+    cut.save(tmp_path / "sharp.ply", split_vertices=True)
+    assert len(nystrom_stream.read_mesh(tmp_path / "sharp.ply")[0]) > len(vertices)
+    for name, options in {"x.seg": {"vertex_labels": True}, "x.ply": {"cap": True}, "parts/": {"part_form": "obj"}}.items():
+        with pytest.raises(ValueError, match="options|part_form"):
+            cut.save(f"{tmp_path}/{name}", **options)
     page = cut._repr_html_()
     assert page.startswith("<iframe srcdoc=") and "&lt;canvas" in page and page.count('"') == 10
     image = cut.picture(size=(320, 240), legend=False)

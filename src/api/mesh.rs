@@ -1,15 +1,93 @@
 //! What the front door adds to a mesh: an example of any size, and labelled files of every form.
 
 use crate::apps::creature::{Creature, Options};
-use crate::apps::export::split::{self, PartForm};
+use crate::apps::export::split::{self, Folder, PartForm};
 use crate::apps::export::{glb, obj};
 use crate::base::{Error, Result};
-use crate::mesh::{Labelling, Mesh, PlyForm, seg, write_labelled};
+use crate::mesh::{Labelling, Mesh, PlyForm, PlyOptions, seg, write_labelled};
 use crate::pipeline::input;
 use crate::store::{Context, Run, npy};
 use serde_json::{Value, json};
 use std::ffi::OsStr;
 use std::path::Path;
+
+/// Choices that a `.ply` and a folder of parts leave.
+///
+/// ```
+/// use nystrom_stream::SaveOptions;
+/// let solids = SaveOptions::new().cap(true);
+/// let sharp = SaveOptions::new().split_vertices(true);
+/// assert_ne!(solids, sharp);
+/// ```
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[non_exhaustive]
+pub struct SaveOptions {
+    /// Of a `.ply`.
+    pub ply: PlyOptions,
+    /// Of a folder of parts.
+    pub folder: Folder,
+}
+
+impl Default for SaveOptions {
+    fn default() -> Self {
+        Self { ply: PlyForm::Same.into(), folder: PartForm::Binary.into() }
+    }
+}
+
+impl SaveOptions {
+    /// What [`Mesh::save`] writes.
+    pub fn new() -> Self {
+        Self::default()
+    }
+
+    /// The encoding of a `.ply`.
+    #[must_use]
+    pub fn ply_form(mut self, form: PlyForm) -> Self {
+        self.ply.form = form;
+        self
+    }
+
+    /// Whether vertices of a `.ply` have labels and colours too, for programs that know no properties of faces.
+    #[must_use]
+    pub fn vertex_labels(mut self, wanted: bool) -> Self {
+        self.ply.vertex_labels = wanted;
+        self
+    }
+
+    /// Whether parts share no vertex of a `.ply`, so that colours of vertices end at boundaries.
+    #[must_use]
+    pub fn split_vertices(mut self, wanted: bool) -> Self {
+        self.ply.split_vertices = wanted;
+        self
+    }
+
+    /// Whether the parts of a folder are closed where they were cut off, and at holes.
+    #[must_use]
+    pub fn cap(mut self, wanted: bool) -> Self {
+        self.folder.cap = wanted;
+        self
+    }
+
+    /// What the files of a folder are.
+    #[must_use]
+    pub fn part_form(mut self, form: PartForm) -> Self {
+        self.folder.form = form;
+        self
+    }
+
+    /// Refuses choices for another form than the one that is written.
+    fn check(&self, folder: bool, ply: bool) -> Result<()> {
+        let untouched = Self::default();
+        let (option, form) = if self.folder != untouched.folder && !folder {
+            ("cap and part_form", "a folder of parts: end the path with /")
+        } else if self.ply != untouched.ply && !ply {
+            ("vertex_labels, split_vertices and ply_form", "a .ply")
+        } else {
+            return Ok(());
+        };
+        Err(Error::parameter("options", format!("{option} are for another form"), format!("write {form}")))
+    }
+}
 
 impl Mesh {
     /// An animal on four legs with at least `faces` faces: a mesh to try things on. See [`crate::apps::creature`].
@@ -49,13 +127,24 @@ impl Mesh {
     /// # Errors
     /// [`Error::Parameter`] for an unknown ending or labels that do not fit the faces; [`Error::Io`].
     pub fn save(&self, path: impl AsRef<Path>, labelling: Labelling<'_>) -> Result<()> {
+        self.save_with(path, labelling, &SaveOptions::default())
+    }
+
+    /// The same with choices. A folder's `parts.json` says of each part whether `cap` made it a solid.
+    ///
+    /// # Errors
+    /// As [`Mesh::save`]; [`Error::Parameter`] for choices that the form does not leave.
+    pub fn save_with(&self, path: impl AsRef<Path>, labelling: Labelling<'_>, options: &SaveOptions) -> Result<()> {
         let (path, run) = (path.as_ref(), &Run::new(&()));
-        if path.to_string_lossy().ends_with(['/', std::path::MAIN_SEPARATOR]) || path.is_dir() {
-            return split::write(path, self, &labelling, PartForm::Binary, true, run);
+        let folder = path.to_string_lossy().ends_with(['/', std::path::MAIN_SEPARATOR]) || path.is_dir();
+        let ending = path.extension().and_then(OsStr::to_str).map(str::to_ascii_lowercase);
+        options.check(folder, !folder && ending.as_deref() == Some("ply"))?;
+        if folder {
+            return split::write(path, self, &labelling, options.folder, true, run);
         }
         crate::apps::export::fit(self, &labelling)?;
-        match path.extension().and_then(OsStr::to_str).map(str::to_ascii_lowercase).as_deref() {
-            Some("ply") => write_labelled(self, path, &labelling, PlyForm::Same, true, run),
+        match ending.as_deref() {
+            Some("ply") => write_labelled(self, path, &labelling, options.ply, true, run),
             Some("seg") => seg::write_seg(path, labelling.labels, true, run),
             Some("npy") => npy::write(path, labelling.labels, 1, true).map(drop),
             Some("obj") => obj::write(path, self, &labelling, true, run),

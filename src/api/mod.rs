@@ -24,6 +24,7 @@ pub mod sequence;
 #[cfg(feature = "correspondence")]
 pub use correspond::{Correspondence, Matcher};
 pub use labels::{LabelTransfer, SamplingQuality, evaluate};
+pub use mesh::SaveOptions;
 pub use run::RunOptions;
 pub use segment::{Hierarchy, Segmentation, Segmenter};
 pub use sequence::{Sequence, Sequencer};

@@ -1,6 +1,6 @@
 //! Cutting a mesh into parts, and what comes out.
 
-use super::mesh::admitted;
+use super::mesh::{SaveOptions, admitted};
 use super::run::{RunOptions, run_options};
 use crate::apps::edits::Edits;
 use crate::base::Result;
@@ -283,11 +283,21 @@ impl Segmentation {
     /// # Errors
     /// As [`Mesh::save`].
     pub fn save(&self, path: impl AsRef<Path>) -> Result<()> {
+        self.save_with(path, &SaveOptions::default())
+    }
+
+    /// The same with choices.
+    ///
+    /// # Errors
+    /// As [`Mesh::save_with`].
+    pub fn save_with(&self, path: impl AsRef<Path>, options: &SaveOptions) -> Result<()> {
         #[cfg(feature = "pages")]
-        if path.as_ref().extension().is_some_and(|ending| ending.eq_ignore_ascii_case("html")) {
+        if *options == SaveOptions::default()
+            && path.as_ref().extension().is_some_and(|ending| ending.eq_ignore_ascii_case("html"))
+        {
             return self.save_page(path.as_ref());
         }
-        self.mesh.save(path, self.labelling())
+        self.mesh.save_with(path, self.labelling(), options)
     }
 
     #[cfg(feature = "pages")]

@@ -1,9 +1,10 @@
 //! The front door: arrays and files give the same labels, nothing is written where memory allows, results are kept
 //! where that is asked for, and the caller hears of progress and can stop.
 
+use nystrom_stream::apps::export::split::PartForm;
 use nystrom_stream::graph::Order;
 use nystrom_stream::pipeline::Cluster;
-use nystrom_stream::{Cancel, Error, Labelling, Mesh, Progress, Segmenter, Sequencer, evaluate};
+use nystrom_stream::{Cancel, Error, Labelling, Mesh, Progress, SaveOptions, Segmenter, Sequencer, evaluate};
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicUsize, Ordering};
 use std::sync::{Arc, Mutex};
@@ -126,6 +127,32 @@ fn files_arrays_and_work_directories_give_the_same_labels() {
     let rough = cut.hierarchy().unwrap().labels(3).unwrap();
     assert!(evaluate(&opened, &rough, &[fewer.labels()]).unwrap().rand < 0.1);
     assert!(cut.hierarchy().unwrap().labels(0).is_err());
+}
+
+#[test]
+fn files_are_saved_with_the_choices_that_their_form_leaves() {
+    let dir = tempfile::tempdir().unwrap();
+    let mesh = Mesh::creature(4_000).unwrap();
+    let cut = Segmenter::new().parts(4).run(&mesh).unwrap();
+    cut.save_with(dir.path().join("solids/"), &SaveOptions::new().cap(true).part_form(PartForm::Stl)).unwrap();
+    let listed: serde_json::Value =
+        serde_json::from_slice(&std::fs::read(dir.path().join("solids/parts.json")).unwrap()).unwrap();
+    for part in listed["parts"].as_array().unwrap() {
+        assert_eq!(part["caps"]["solid"], true, "{part}");
+        assert!(
+            part["caps"]["triangles"].as_u64().unwrap() > 0
+                && dir.path().join("solids").join(part["file"].as_str().unwrap()).exists()
+        );
+    }
+    assert_eq!(listed["parts"].as_array().unwrap().len(), 4);
+    let sharp = dir.path().join("sharp.ply");
+    cut.save_with(&sharp, &SaveOptions::new().split_vertices(true)).unwrap();
+    assert!(Mesh::open(&sharp).unwrap().positions.len() > mesh.positions.len());
+    let wrong = [("a.seg", SaveOptions::new().vertex_labels(true)), ("a.ply", SaveOptions::new().cap(true))];
+    for (name, options) in wrong.into_iter().chain([("parts/", SaveOptions::new().split_vertices(true))]) {
+        let refused = cut.save_with(dir.path().join(name), &options);
+        assert!(matches!(refused, Err(Error::Parameter { .. })) && !dir.path().join(name).exists(), "{name}");
+    }
 }
 
 #[test]
