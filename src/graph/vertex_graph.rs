@@ -220,6 +220,14 @@ impl VertexGraph {
         self.edges.by_distance()
     }
 
+    /// Whether `vertex` has an edge of one triangle only.
+    pub fn is_open(&self, vertex: u32) -> bool {
+        let [start, end] = [vertex, vertex + 1].map(|v| 2 * self.ring_starts[v as usize] as usize);
+        let mut around = self.ring[start..end].to_vec();
+        around.sort_unstable();
+        around.chunk_by(|a, b| a == b).any(|same| same.len() == 1)
+    }
+
     /// 1/√area: what lengths are multiplied by to be comparable between surfaces.
     pub fn unit(&self) -> f64 {
         1. / self.facts.area.sqrt().max(1e-300)

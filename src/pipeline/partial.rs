@@ -3,7 +3,8 @@
 //! The mesh with less area is the part. Both have the same scale: lengths of the files are compared. First matches come from distances
 //! between far points ([`crate::apps::correspond::partial`]). What they cover of the whole, as much area as the part has, is cut out
 //! ([`Region`]) and matched with the part like two wholes, from alignments and from the first matches: with the same boundary, both have nearly
-//! the same functions. Of the likeliest first maps the one whose region fits best is taken, and cut out once more by its matches.
+//! the same functions. Of the likeliest first maps the one whose region fits best is taken, and cut out again
+//! by its matches, as long as it fits better.
 //!
 //! What lies outside the region has no match; nor has a vertex whose confidence is below [`LEAST`].
 //!
@@ -45,8 +46,8 @@ const RIVAL: f64 = 1.5;
 const APART: f64 = 0.1;
 /// Vertices by which two maps are compared.
 const COMPARED: usize = 200;
-/// Times that the region of the best is cut out again.
-const ROUNDS: usize = 1;
+/// Times that the region of the best is cut out again, at the most: as long as it fits better.
+const ROUNDS: usize = 2;
 /// Share of the region's triangles below which a component is left out.
 const CRUMB: f64 = 0.02;
 
@@ -202,7 +203,11 @@ pub(super) fn match_partial(
     }
     for _ in 0..ROUNDS {
         let images = best.as_ref().map(|best| best.images.clone());
+        let rank = best.as_ref().map(Candidate::rank);
         images.map_or(Ok(()), |images| attempt(&mut best, &images))?;
+        if best.as_ref().map(Candidate::rank) == rank {
+            break;
+        }
     }
     let mut best = best.ok_or_else(|| Error::internal("a part without a first map"))?;
     let rival = |(rank, images): &(f64, Images)| {
@@ -263,17 +268,29 @@ fn first_maps(
         let chosen = vertex_rows::landmarks(surface, row_params, context)?;
         vertex_rows::rows(surface, chosen, params.distance, "anchors.npy", context)
     };
-    let (starts, _) = context.run.stage("refinement", "starts", 0, || {
+    let ((rows, starts), _) = context.run.stage("refinement", "starts", 0, || {
         let rows = [anchored(part, ANCHORS)?, anchored(whole, CANDIDATES)?];
         let seen =
             [0, 1].map(|s| PartialSide { graph: &sides[s].graph, basis: &bases[s], rows: &rows[s], unit: units[s] });
-        match_part(seen[0], seen[1], context.run)
+        let starts = match_part(seen[0], seen[1], context.run)?;
+        Ok((rows, starts))
     })?;
     let dense = |start: &PartialOutcome| -> Result<Images> {
-        let k = start.map.nrows();
-        let work = Context::new(&part.work, context.run);
-        let of_part = carried(&bases[0], &start.map.transpose(), "carried.npy", work)?;
-        let coordinates = [(&of_part[..], k), (&bases[1].values[..], bases[1].count)];
+        let kept = || start.images.iter().enumerate().filter_map(|(i, image)| Some((i, (*image)?)));
+        let k = kept().count();
+        if k == 0 {
+            return Ok(vec![None; part.graph.len()]);
+        }
+        // Distances from anchors and from their images.
+        let placed = |s: usize| {
+            let row = |(i, c): (usize, u32)| rows[s].row(if s == 0 { i } else { c as usize });
+            let (kept, unit) = (kept().map(row).collect::<Vec<_>>(), units[s] as f32);
+            let mut array = sides[s].work.array::<f32>("anchored.npy", &[sides[s].graph.len(), k])?;
+            context.run.fill_each(array.data(), 1 << 14, |at, _: f32| unit * kept[at % k][at / k])?;
+            array.finish(false)
+        };
+        let (of_part, of_whole) = (placed(0)?, placed(1)?);
+        let coordinates = [(&of_part[..], k), (&of_whole[..], k)];
         let pair =
             RefinedPair::new(coordinates, k, [&part.graph, &whole.graph], EXHAUSTIVE, context)?.with_units(units);
         let found = matches(&pair, Matching::All, "first_matches.npy", context)?;

@@ -1,28 +1,27 @@
 //! Matching a part with a whole: a scan with holes, a crop.
 //!
-//! What is missing changes every eigenfunction and every mean, so embeddings of a part and of a whole cannot be aligned. Distances along the
-//! surface between points that are left hardly change, nor does the scale. So the start comes from these. Some
-//! [`ANCHORS`] points far apart on the part are assigned to candidates on the whole, one after the other: a beam of the
-//! assignments whose pairwise distances agree best ([`assignments`]). An anchor may stay without, at a price. The distances of a
-//! point from the anchors tell its first match.
+//! What is missing changes every eigenfunction and every mean, so embeddings of a part and of a whole cannot be aligned. Two things hardly
+//! change: distances along the surface between points that are left, and how heat stays near a point for as long as it does not reach the boundary
+//! (Sun, Ovsjanikov, Guibas 2009, *A Concise and Provably Informative Multi-Scale Signature*). Some [`ANCHORS`] points far apart on the part are
+//! assigned to candidates on the whole, one after the other: a beam of the assignments whose pairwise distances and heat agree best
+//! ([`assignments`]). An anchor may stay without, at a price. Each assignment is then improved anchor by anchor, until none has a better candidate.
 //!
-//! Refinement alternates maps and matches as between wholes ([`super::refine`]), with two differences. Functions up to the same
-//! frequency are taken on both; on the part these are fewer, by its share of area (Rodolà and others 2017, *Partial Functional
-//! Correspondence*), so that the map C is not square: Φ_whole(match) ≈ C Φ_part. And pairs whose distances from the anchors disagree are
-//! left out of the fit. Outcomes are ranked by that disagreement; mirror images are told by local orientation
-//! ([`agreement`]).
+//! The distances of a point from the anchors tell its match. Maps are ranked by how far these distances differ, by how much of the whole
+//! they cover and by heat at matched points; mirror images are told by local orientation ([`agreement`]).
 //!
-//! Cost: a front per candidate on the whole and two bases; the rest is constant.
+//! Distances alone do not tell a horse's front from its back: both are a trunk with two legs and one more limb. Heat does. Refining these maps
+//! between functions, as maps of wholes are, made them worse on six of seven crops, since holes change functions.
+//!
+//! Cost: a front per candidate on the whole and two bases; the rest is constant but 4 bytes a vertex of the part.
 
 use super::align::{TELLING, sample};
-use super::functional::{Points, Targets, ToA, fit_between};
+use super::functional::{Points, Targets};
 use crate::base::Result;
 use crate::base::vector::{cross, dot, minus, wide};
-use crate::distance::DistanceRows;
+use crate::distance::{DistanceRows, voronoi};
 use crate::graph::VertexGraph;
 use crate::spectral::local::LocalBasis;
 use crate::store::Run;
-use nalgebra::DMatrix;
 use serde::Serialize;
 
 /// Points of the part that are assigned.
@@ -37,9 +36,9 @@ const BEAM: usize = 20_000;
 const LEADING: usize = 4;
 /// Different assignments of these, and how many are kept of each from anchor to anchor.
 const BRANCHES: [usize; 2] = [150, 30];
-/// Assignments that are refined.
+/// Assignments that are judged.
 const STARTS: usize = 8;
-/// Candidates of an anchor, by the area around.
+/// Candidates of an anchor, by heat and by the area around.
 const LIKELY: usize = 60;
 /// Radii within which area is compared, over √area of the whole.
 const RADII: [f64; 4] = [0.1, 0.2, 0.3, 0.45];
@@ -48,12 +47,16 @@ const WITHOUT: f64 = 0.12;
 /// Mean distance between images, over √area of the whole, from which two assignments differ; that of one image from which those of the
 /// leading anchors do.
 const APART: [f64; 2] = [0.05, 0.15];
-/// Disagreement, over √area of the whole, up to which a pair takes part in a fit.
+/// Times an assignment is gone through to improve it, at the most.
+const IMPROVEMENTS: usize = 5;
+/// Times of heat, over the highest frequency.
+const TIMES: [f64; 5] = [4., 8., 16., 32., 64.];
+/// What a square of the difference of log heat costs, of 1 at the most, and what area that is too much or too little does.
+const PRICES: [f64; 2] = [0.05, 0.003];
+/// Added to the difference of heat, so that chance does not decide.
+const HEAT_FLOOR: f64 = 0.02;
+/// Disagreement, over √area of the whole, up to which a point's distances agree with those of its match.
 const AGREEING: f64 = 0.1;
-/// Functions of the first step.
-const FIRST: usize = 12;
-/// A step adds one function, and one more for each so many.
-const GROWTH: usize = 12;
 /// Points at which orientation is compared, and neighbours of each.
 const ORIENTED: [usize; 2] = [500, 6];
 /// Functions that tell neighbours.
@@ -72,7 +75,7 @@ pub struct PartialSide<'a> {
     pub unit: f64,
 }
 
-/// A refined map from the part to the whole.
+/// A map from the part to the whole.
 #[derive(Clone, Debug, Serialize)]
 pub struct PartialOutcome {
     /// Anchors that have an image.
@@ -81,61 +84,61 @@ pub struct PartialOutcome {
     pub disagreement: f64,
     /// Share of the part's sample points whose distances agree with those of their matches.
     pub agreeing: f64,
+    /// Different matches, over the part's sample points.
+    pub covered: f64,
+    /// Mean difference of log heat between a point and its match.
+    pub heat: f64,
+    /// Share of points and times at which heat has not reached the boundary, so that it can be compared.
+    pub intact: f64,
     /// Agreement of orientation: near 1 right, near −1 mirrored.
     pub orientation: f64,
-    /// The map C (functions of the whole × functions of the part): Φ_whole ≈ C Φ_part.
+    /// The candidate of each anchor.
     #[serde(skip)]
-    pub map: DMatrix<f64>,
+    pub images: Vec<Image>,
 }
 
 impl PartialOutcome {
     fn rank(&self) -> f64 {
-        self.disagreement / self.agreeing.max(1e-3)
+        let distances = self.disagreement / (self.agreeing * self.covered * self.covered).max(1e-3);
+        distances * (HEAT_FLOOR + self.heat).powf(self.intact)
     }
 }
 
 /// An anchor's candidate, or none.
-type Image = Option<u32>;
+pub type Image = Option<u32>;
 
 /// Assignments of anchors to candidates, the likeliest first: `within[i][j]` are distances between anchors, `among[c][d]` between
-/// candidates, `likely[i]` the candidates of anchor i, distances in the same units; one without image costs `without`.
+/// candidates, `own[i][c]` is what candidate c costs anchor i by itself; all in the same units, squared where they are costs. One without image
+/// costs `without`².
 ///
 /// ```
 /// use nystrom_stream::apps::correspond::partial::assignments;
 /// // Points of a line at 0, 3 and 4; the part has the last two.
 /// let among = [[0., 3., 4.], [3., 0., 1.], [4., 1., 0.]].map(|row| row.to_vec());
 /// let within = [[0., 1.], [1., 0.]].map(|row| row.to_vec());
-/// let found = assignments(&within, &among, &[vec![0, 1, 2], vec![0, 1, 2]], 0.5);
-/// assert_eq!(found[0], [Some(1), Some(2)]);
+/// let own = [[0.; 3], [0., 0.1, 0.]].map(|row| row.to_vec());
+/// assert_eq!(assignments(&within, &among, &own, 0.5)[0], [Some(1), Some(2)]);
 /// ```
-pub fn assignments(within: &[Vec<f64>], among: &[Vec<f64>], likely: &[Vec<u32>], without: f64) -> Vec<Vec<Image>> {
+pub fn assignments(within: &[Vec<f64>], among: &[Vec<f64>], own: &[Vec<f64>], without: f64) -> Vec<Vec<Image>> {
+    let pairs = Costs { within, among, own, without };
+    let likely: Vec<Vec<u32>> = own.iter().map(|own| cheapest(own, LIKELY)).collect();
     let follow = |beam: Vec<(f64, Vec<Image>)>, i: usize, most: usize| {
         let mut next: Vec<(f64, Vec<Image>)> = Vec::with_capacity(beam.len() * (likely[i].len() + 1));
         for (cost, images) in &beam {
-            let extended = |image: Image, more: f64| {
-                let mut images = images.clone();
-                images.push(image);
-                (cost + more, images)
-            };
-            for &c in &likely[i] {
-                let mut more = 0.;
-                for (j, image) in images.iter().enumerate() {
-                    more += image.map_or(0.5 * without * without, |d| {
-                        let difference = (within[i][j] - among[c as usize][d as usize]).abs();
-                        difference * difference
-                    });
-                }
-                if more <= without * without * i as f64 {
-                    next.push(extended(Some(c), more));
+            for image in likely[i].iter().map(|&c| Some(c)).chain([None]) {
+                let more = pairs.of(i, image, images, 0..i);
+                if image.is_none() || more <= pairs.of(i, None, images, 0..i) + own[i][image.unwrap_or(0) as usize] {
+                    let mut images = images.clone();
+                    images.push(image);
+                    next.push((cost + more, images));
                 }
             }
-            next.push(extended(None, without * without * i.max(1) as f64));
         }
         next.sort_by(|x, y| x.0.total_cmp(&y.0).then_with(|| x.1.cmp(&y.1)));
         next.truncate(most);
         next
     };
-    let leading = LEADING.min(likely.len());
+    let leading = LEADING.min(own.len());
     let first = (0..leading).fold(vec![(0., Vec::new())], |beam, i| follow(beam, i, BEAM));
     let mut branches: Vec<(f64, Vec<Image>)> = Vec::new();
     for one in first {
@@ -144,11 +147,61 @@ pub fn assignments(within: &[Vec<f64>], among: &[Vec<f64>], likely: &[Vec<u32>],
             branches.push(one);
         }
     }
-    let finish =
-        |branch| (leading..likely.len()).fold(vec![branch], |beam, i| follow(beam, i, BRANCHES[1])).swap_remove(0);
+    let finish = |branch| {
+        let mut beam = (leading..own.len()).fold(vec![branch], |beam, i| follow(beam, i, BRANCHES[1]));
+        pairs.improved(beam.swap_remove(0).1)
+    };
     let mut all: Vec<(f64, Vec<Image>)> = branches.into_iter().map(finish).collect();
     all.sort_by(|x, y| x.0.total_cmp(&y.0).then_with(|| x.1.cmp(&y.1)));
     all.into_iter().map(|(_, images)| images).collect()
+}
+
+/// The places of the `most` least of `costs`, in ascending order.
+fn cheapest(costs: &[f64], most: usize) -> Vec<u32> {
+    let mut order: Vec<u32> = (0..costs.len() as u32).collect();
+    order.sort_by(|&c, &d| costs[c as usize].total_cmp(&costs[d as usize]).then(c.cmp(&d)));
+    order.truncate(most);
+    order
+}
+
+/// What assignments cost; see [`assignments`].
+struct Costs<'a> {
+    within: &'a [Vec<f64>],
+    among: &'a [Vec<f64>],
+    own: &'a [Vec<f64>],
+    without: f64,
+}
+
+impl Costs<'_> {
+    /// What `image` costs anchor `i`, by itself and beside the images of `others`.
+    fn of(&self, i: usize, image: Image, images: &[Image], others: std::ops::Range<usize>) -> f64 {
+        let price = self.without * self.without;
+        let Some(c) = image else { return price * others.filter(|&j| j != i).count().max(1) as f64 };
+        let pair = |j: usize| {
+            images[j].map_or(0.5 * price, |d| {
+                let difference = self.within[i][j] - self.among[c as usize][d as usize];
+                difference * difference
+            })
+        };
+        self.own[i][c as usize] + others.filter(|&j| j != i).map(pair).sum::<f64>()
+    }
+
+    /// What `images` cost, when each anchor in turn has taken the candidate that is best beside the others.
+    fn improved(&self, mut images: Vec<Image>) -> (f64, Vec<Image>) {
+        let n = images.len();
+        for _ in 0..IMPROVEMENTS {
+            let before = images.clone();
+            for i in 0..n {
+                let choices = (0..self.among.len() as u32).map(Some).chain([None]);
+                let costs = choices.map(|image| (self.of(i, image, &images, 0..n), image));
+                images[i] = costs.min_by(|x, y| x.0.total_cmp(&y.0)).and_then(|(_, image)| image);
+            }
+            if images == before {
+                break;
+            }
+        }
+        ((0..n).map(|i| self.of(i, images[i], &images, 0..i)).sum(), images)
+    }
 }
 
 /// Distances between the images of anchors; an image and none are far apart.
@@ -212,20 +265,63 @@ fn agreement(graphs: [&VertexGraph; 2], pairs: &[(u32, u32)], near: &[Vec<u32>])
     if norms > 0. { mixed / norms } else { 0. }
 }
 
+/// How long heat stays near points: the logarithm of the heat kernel, over the highest frequency of the whole, at [`TIMES`].
+struct Heat<'a> {
+    sides: [PartialSide<'a>; 2],
+    /// Functions of part and whole, of the same frequencies.
+    counts: [usize; 2],
+    highest: f64,
+    /// Distances from the boundary of the part, where heat reaches it; elsewhere infinite (vertices of the part).
+    boundary: Vec<f32>,
+}
+
+impl<'a> Heat<'a> {
+    fn new(sides: [PartialSide<'a>; 2], run: &Run) -> Result<Self> {
+        let [part, whole] = sides;
+        let [low, all] = sides.map(|side| &side.basis.frequencies);
+        let highest = all.last().copied().unwrap_or(1.).max(1e-300);
+        let counts = [low.partition_point(|&frequency| frequency <= highest).max(1).min(low.len()), all.len()];
+        let graph = part.graph;
+        let sources: Vec<u32> = (0..graph.len() as u32).filter(|&v| graph.is_open(v)).collect();
+        let mut boundary = vec![f32::INFINITY; graph.len()];
+        let most = (0..TIMES.len()).map(|t| reach(whole, t)).fold(0., f64::max) / part.unit;
+        voronoi::within(graph.csr(), &sources, most as f32, &mut boundary, run)?;
+        Ok(Self { sides, counts, highest, boundary })
+    }
+
+    /// That of vertex `v` of the part or the whole.
+    fn at(&self, side: usize, v: u32) -> [f64; TIMES.len()] {
+        let PartialSide { graph, basis, unit, .. } = self.sides[side];
+        let area = (unit * unit * graph.facts.area).max(1e-300);
+        let functions = || basis.at(v as usize)[..self.counts[side]].iter().zip(&basis.frequencies);
+        TIMES.map(|time| {
+            let one = |(x, frequency): (&f32, &f64)| (-time * frequency / self.highest).exp() * f64::from(x * x);
+            (functions().map(one).sum::<f64>() / area).max(1e-300).ln()
+        })
+    }
+
+    /// The times at which heat from `v` of the part has not reached the boundary.
+    fn intact(&self, v: u32) -> impl Iterator<Item = usize> {
+        let [part, whole] = self.sides;
+        let away = part.unit * f64::from(self.boundary[v as usize]);
+        (0..TIMES.len()).filter(move |&t| away > reach(whole, t))
+    }
+}
+
+/// How far heat of [`TIMES`]`[t]` reaches on `whole`, over √area: two standard deviations. Weyl's law tells the area under a
+/// function, by their number.
+fn reach(whole: PartialSide<'_>, t: usize) -> f64 {
+    2. * (TIMES[t] / (std::f64::consts::TAU * whole.basis.count.max(1) as f64)).sqrt()
+}
+
 /// Samples of part and whole.
 struct Sampled<'a> {
     sides: [PartialSide<'a>; 2],
     chosen: [Vec<u32>; 2],
-    functions: [Points; 2],
+    heat: &'a Heat<'a>,
 }
 
 impl Sampled<'_> {
-    /// Functions of the part whose frequencies are those of the first `k` of the whole.
-    fn as_high(&self, k: usize) -> usize {
-        let [part, whole] = self.sides.map(|side| &side.basis.frequencies);
-        part.partition_point(|&frequency| frequency <= whole[k - 1]).max(3).min(part.len())
-    }
-
     /// Over the anchors with images, the median difference of distances from them at `v` of the part and `w` of the whole.
     fn disagreement(&self, images: &[Image], v: u32, w: u32) -> f64 {
         let [part, whole] = self.sides;
@@ -250,50 +346,45 @@ impl Sampled<'_> {
         nearest(of_part.iter().map(Vec::as_slice), of_whole.iter().map(Vec::as_slice), kept.len())
     }
 
-    fn matched(&self, c: &DMatrix<f64>) -> Vec<u32> {
-        let [part, whole] = &self.functions;
-        let carried = ToA::new(&c.transpose()).carry_all(part);
-        nearest((0..part.len()).map(|i| carried.at(i)), (0..whole.len()).map(|i| whole.at(i)), c.nrows())
-    }
-
-    fn refine(&self, images: &[Image]) -> PartialOutcome {
-        let [part, whole] = &self.functions;
+    /// Judges an assignment by the matches that distances from anchors tell.
+    fn judge(&self, images: Vec<Image>) -> PartialOutcome {
         let [in_part, in_whole] = &self.chosen;
-        let mut found = self.begin(images);
-        let mut k = FIRST.min(whole.dimensions);
-        let apart = |found: &[u32]| -> Vec<f64> {
-            found.iter().zip(in_part).map(|(&j, &v)| self.disagreement(images, v, in_whole[j as usize])).collect()
-        };
-        let map = loop {
-            let apart = apart(&found);
-            let pairs = found.iter().enumerate().map(|(i, &j)| (i as u32, j));
-            let agreeing: Vec<(u32, u32)> = pairs.clone().filter(|(i, _)| apart[*i as usize] < AGREEING).collect();
-            let few = agreeing.len() * 5 < found.len();
-            let pairs = if few { pairs.collect() } else { agreeing };
-            let map = fit_between(part, whole, &pairs, [self.as_high(k), k]);
-            found = self.matched(&map);
-            if k == whole.dimensions {
-                break map;
+        let found = self.begin(&images);
+        let pairs: Vec<(u32, u32)> = in_part.iter().zip(&found).map(|(&v, &j)| (v, in_whole[j as usize])).collect();
+        let apart: Vec<f64> = pairs.iter().map(|&(v, w)| self.disagreement(&images, v, w)).collect();
+        let count = pairs.len().max(1) as f64;
+        let (mut heat, mut intact) = (0., 0usize);
+        for &(v, w) in &pairs {
+            let [of_part, of_whole] = [self.heat.at(0, v), self.heat.at(1, w)];
+            for t in self.heat.intact(v) {
+                heat += (of_part[t] - of_whole[t]).abs();
+                intact += 1;
             }
-            k = (k + 1 + k / GROWTH).min(whole.dimensions);
-        };
-        let apart = apart(&found);
+        }
+        let mut hit = found;
+        hit.sort_unstable();
+        hit.dedup();
         let agreeing = apart.iter().filter(|&&one| one < AGREEING).count();
-        let step = found.len().div_ceil(ORIENTED[0]).max(1);
-        let some: Vec<usize> = (0..found.len()).step_by(step).filter(|&i| apart[i] < AGREEING).collect();
-        let pairs: Vec<(u32, u32)> = some.iter().map(|&i| (in_part[i], in_whole[found[i] as usize])).collect();
+        let step = pairs.len().div_ceil(ORIENTED[0]).max(1);
+        let some: Vec<usize> = (0..pairs.len()).step_by(step).filter(|&i| apart[i] < AGREEING).collect();
+        let oriented: Vec<(u32, u32)> = some.iter().map(|&i| pairs[i]).collect();
         PartialOutcome {
             anchors: images.iter().flatten().count(),
-            disagreement: apart.iter().map(|one| one.min(2. * AGREEING)).sum::<f64>() / apart.len().max(1) as f64,
-            agreeing: agreeing as f64 / found.len().max(1) as f64,
-            orientation: agreement(self.sides.map(|side| side.graph), &pairs, &self.neighbours(&some)),
-            map,
+            disagreement: apart.iter().map(|one| one.min(2. * AGREEING)).sum::<f64>() / count,
+            agreeing: agreeing as f64 / count,
+            covered: hit.len() as f64 / count,
+            heat: heat / intact.max(1) as f64,
+            intact: intact as f64 / (count * TIMES.len() as f64),
+            orientation: agreement(self.sides.map(|side| side.graph), &oriented, &self.neighbours(&some)),
+            images,
         }
     }
 
     /// For each of `some` sample points of the part the nearest others, as places in `some`.
     fn neighbours(&self, some: &[usize]) -> Vec<Vec<u32>> {
-        let points = self.functions[0].first(FEW);
+        let (basis, chosen) = (self.sides[0].basis, &self.chosen[0]);
+        let values = chosen.iter().flat_map(|&v| basis.at(v as usize)).copied().collect();
+        let points = Points { dimensions: basis.count, values }.first(FEW);
         let square = |i: usize, j: usize| -> f32 {
             points.at(some[i]).iter().zip(points.at(some[j])).map(|(x, y)| (x - y) * (x - y)).sum()
         };
@@ -332,21 +423,24 @@ pub fn match_part(part: PartialSide<'_>, whole: PartialSide<'_>, run: &Run) -> R
     };
     let around = |side: PartialSide<'_>| run.map_chunks(side.rows.len(), || (), |i, ()| Ok(areas(side, i)));
     let (of_part, of_whole) = (around(part)?, around(whole)?);
-    let likely = |mine: &[f64; RADII.len()]| -> Vec<u32> {
-        // Near a cut there is less around.
-        let unlike = |theirs: &[f64; RADII.len()]| -> f64 {
+    let sides = [part, whole];
+    let heat = Heat::new(sides, run)?;
+    let of_candidates: Vec<_> = whole.rows.landmarks.iter().map(|&w| heat.at(1, w)).collect();
+    let own = |(i, &v): (usize, &u32)| -> Vec<f64> {
+        let mine = heat.at(0, v);
+        let cost = |(heat_there, around): (&[f64; TIMES.len()], &[f64; RADII.len()])| {
+            let squares = heat.intact(v).map(|t| (mine[t] - heat_there[t]).abs().min(1.).powi(2));
+            // Near a cut there is less around.
             let one = |(x, y): (&f64, &f64)| if x > y { x - y } else { 0.3 * (y - x) };
-            mine.iter().zip(theirs).map(one).zip(RADII).map(|(d, radius)| d / (radius * radius)).sum()
+            let unlike = of_part[i].iter().zip(around).map(one).zip(RADII).map(|(d, radius)| d / (radius * radius));
+            PRICES[0] * squares.sum::<f64>() + PRICES[1] * unlike.sum::<f64>()
         };
-        let mut order: Vec<(f64, u32)> =
-            of_whole.iter().enumerate().map(|(c, theirs)| (unlike(theirs), c as u32)).collect();
-        order.sort_by(|x, y| x.0.total_cmp(&y.0).then(x.1.cmp(&y.1)));
-        order.into_iter().take(LIKELY).map(|(_, c)| c).collect()
+        of_candidates.iter().zip(&of_whole).map(cost).collect()
     };
-    let likely: Vec<Vec<u32>> = of_part.iter().map(likely).collect();
+    let own: Vec<Vec<f64>> = part.rows.landmarks.iter().enumerate().map(own).collect();
     let among = between(whole);
     let mut starts: Vec<Vec<Image>> = Vec::new();
-    for one in assignments(&between(part), &among, &likely, WITHOUT) {
+    for one in assignments(&between(part), &among, &own, WITHOUT) {
         let elsewhere = |other: &Vec<Image>| {
             images_apart(&one, other, &among).iter().sum::<f64>() > APART[0] * one.len().max(1) as f64
         };
@@ -354,18 +448,46 @@ pub fn match_part(part: PartialSide<'_>, whole: PartialSide<'_>, run: &Run) -> R
             starts.push(one);
         }
     }
-    let sides = [part, whole];
     let chosen = [0, 1].map(|s| sample(&sides[s].graph.nodes, SAMPLES[s], run.seed, "points of parts"));
-    let functions = [0, 1].map(|s| Points {
-        dimensions: sides[s].basis.count,
-        values: chosen[s].iter().flat_map(|&v| sides[s].basis.at(v as usize)).copied().collect(),
-    });
-    let sampled = Sampled { sides, chosen, functions };
-    let mut found = run.map_chunks(starts.len(), || (), |k, ()| Ok(sampled.refine(&starts[k])))?;
+    let sampled = Sampled { sides, chosen, heat: &heat };
+    let mut found = run.map_chunks(starts.len(), || (), |k, ()| Ok(sampled.judge(starts[k].clone())))?;
     let best = found.iter().map(|one| one.orientation).fold(f64::NEG_INFINITY, f64::max);
     if best >= TELLING {
         found.retain(|one| one.orientation >= 0.5 * best);
     }
     found.sort_by(|x, y| x.rank().total_cmp(&y.rank()));
     Ok(found)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::base::random::{stream, unit};
+
+    #[test]
+    fn the_first_assignment_is_the_cheapest_of_all() {
+        let (anchors, candidates, without) = (4, 6, 0.4);
+        for seed in 0..20 {
+            let mut draw = stream(seed, "assignments");
+            let mut places =
+                |n: usize| -> Vec<[f64; 2]> { (0..n).map(|_| [unit(&mut draw), unit(&mut draw)]).collect() };
+            let (part, whole) = (places(anchors), places(candidates));
+            let between = |p: &[[f64; 2]]| -> Vec<Vec<f64>> {
+                let apart = |x: &[f64; 2], y: &[f64; 2]| (x[0] - y[0]).hypot(x[1] - y[1]);
+                p.iter().map(|x| p.iter().map(|y| apart(x, y)).collect()).collect()
+            };
+            let own: Vec<Vec<f64>> =
+                (0..anchors).map(|_| (0..candidates).map(|_| 0.1 * unit(&mut draw)).collect()).collect();
+            let (within, among) = (between(&part), between(&whole));
+            let costs = Costs { within: &within, among: &among, own: &own, without };
+            let total = |images: &[Image]| (0..anchors).map(|i| costs.of(i, images[i], images, 0..i)).sum::<f64>();
+            let all = (0..(candidates + 1).pow(anchors as u32)).map(|code| -> Vec<Image> {
+                let digit = |i: usize| code / (candidates + 1).pow(i as u32) % (candidates + 1);
+                (0..anchors).map(|i| (digit(i) < candidates).then_some(digit(i) as u32)).collect()
+            });
+            let least = all.map(|images| total(&images)).fold(f64::INFINITY, f64::min);
+            let found = total(&assignments(&within, &among, &own, without)[0]);
+            assert!((found - least).abs() < 1e-12, "seed {seed}: {found} {least}");
+        }
+    }
 }
