@@ -3,12 +3,12 @@
 use super::components::{self, find_bridges, find_components};
 use super::csr::WeightedGraph;
 use super::dual_edges::{DualEdges, assemble};
-use super::half_edge_pairs::AGAINST;
+use super::half_edge_pairs::{AGAINST, WithinNeeds};
 use super::nodes::{self, Frame, Node};
 use super::orient::orient;
 use super::row_starts::{BLOCKS, LONG_ROWS, StartsForm};
 use super::weights::{Metric, Weighting};
-use super::{half_edge_pairs, half_edges};
+use super::{half_edge_pairs, half_edges, node_blocks};
 use crate::base::Result;
 use crate::mesh::Mesh;
 use crate::store::checked::all_below;
@@ -239,32 +239,34 @@ impl Stage for GraphStage<'_> {
         Some(("faces", self.mesh.faces.len() as u64))
     }
 
-    /// Half-edges and their pairs beside the nodes; then pairs beside all that is kept; then the components' roots.
+    /// Half-edges and their pairs beside the nodes, matched by blocks, as in a good order; then pairs beside all that is
+    /// kept; then the components' roots.
     fn needs(extent: &Extent, room: &mut Room) -> Needs {
         let Extent { faces: n, vertices, corners, threads: t, .. } = *extent;
         let nodes = room.take(28 * n);
-        let half_edges = ShuffleNeeds::new(corners, 12, 3 * t, 3, room.left(), t);
+        let marks = room.take(2 * vertices);
+        let block = node_blocks::corners_a_block(corners, t, room.left() / 4);
+        let matching = node_blocks::bytes(block.min(corners), t);
+        // About one in ten lies between blocks.
+        let half_edges = ShuffleNeeds::new(corners / 10, 12, 3 * t, 3, room.left(), t);
         let left = room.left().saturating_sub(half_edges.granted);
-        let table = half_edge_pairs::fit(corners, left);
-        let (pairs, taken) = if table {
-            (4 * corners, 4 * corners)
+        // A table of pairs, for which the marks go; or blocks once more, with rows that wait.
+        let (pairs, granted, kept) = if half_edge_pairs::fit(corners, left) {
+            (4 * corners, 4 * corners, 0)
         } else {
-            let shuffle = ShuffleNeeds::new(corners, 8, 12 * t, 2, left, t);
-            (shuffle.held, shuffle.granted)
+            (matching, WithinNeeds::new(corners.div_ceil(block), block, corners / 10, t, left).granted, marks)
         };
-        room.grant(taken);
+        room.give_back(marks - kept);
+        room.grant(granted);
         let edges = room.take(n / 2) + room.take(4 * corners);
-        room.give_back(taken);
+        room.give_back(granted + kept);
         let roots = room.take(4 * n);
         room.give_back(roots);
         let keeps = 28 * n + n / 2 + 12 * corners - nodes - edges;
-        let spilled = if table { 0 } else { (8 * corners).saturating_sub(pairs) };
-        let on_disk = 28 * n - nodes + spilled + (12 * corners).saturating_sub(half_edges.held);
-        let matched = if table { half_edges.held + pairs } else { half_edges.held.max(pairs) };
         Needs {
-            memory: nodes + matched.max(pairs + edges).max(edges + roots),
+            memory: nodes + (marks + matching + half_edges.held + pairs).max(pairs + edges).max(edges + roots),
             keeps,
-            passing: on_disk.saturating_sub(keeps).max(spilled).max(4 * n - roots),
+            passing: (28 * n - nodes + 2 * vertices - marks).saturating_sub(keeps).max(4 * n - roots),
             frees: if extent.reordered && !extent.lasting { 12 * vertices + 4 * corners } else { 0 },
         }
     }

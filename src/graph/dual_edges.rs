@@ -126,7 +126,7 @@ pub fn assemble(
     mesh: &Mesh,
     frame: &Frame,
     nodes: &[Node],
-    pairs: &HalfEdgePairs,
+    pairs: &HalfEdgePairs<'_>,
     context: Context<'_>,
 ) -> Result<DualEdges> {
     let mut writer = EdgesWriter::create(nodes.len(), pairs.bound(), StartsForm::Packed, context.work)?;

@@ -2,19 +2,22 @@
 //!
 //! Where the budget has room for 4 bytes a corner, a pair is written where it will be read: nearly every corner has one,
 //! so a table by corner is the sorted list already. The second pair of a corner (a middle face of an edge of three) goes
-//! to a list beside. Otherwise pairs are shuffled by node, 8 bytes each, and sorted bucket by bucket. Both ways hand over
-//! the same pairs in the same order.
+//! to a list beside. Otherwise pairs inside of a [block](super::node_blocks) are found again when the block is taken, and only
+//! those between blocks are shuffled, 8 bytes each; without blocks all are. All ways hand over the same pairs in the same
+//! order.
 
+use super::half_edge_sort::{Match, Sorter, match_block};
+use super::node_blocks::{self, NodeBlocks};
 use crate::base::Result;
 use crate::base::union_find::PARITY;
 use crate::mesh::Mesh;
 use crate::store::Context;
 use crate::store::budget::Grant;
-use crate::store::shuffle::{BudgetedShuffle, Producer};
+use crate::store::shuffle::{BLOCK_BYTES, BudgetedShuffle, Producer, Shuffle};
 use bytemuck::{Pod, Zeroable};
 use std::ops::Range;
 use std::sync::Mutex;
-use std::sync::atomic::{AtomicU32, Ordering::Relaxed};
+use std::sync::atomic::{AtomicU32, AtomicUsize, Ordering::Relaxed};
 
 /// The bit of [`HalfEdgePair::node`] that says that both faces run along the edge in the same direction: they are wound
 /// against each other. Nodes have 31 bits to spare: there are at most 2³² corners.
@@ -35,6 +38,12 @@ pub struct HalfEdgePair {
 }
 
 impl HalfEdgePair {
+    /// One direction of a match.
+    #[inline]
+    fn of(found: Match) -> Self {
+        Self { corner: found.corner, node: found.to as u32 | if found.against { AGAINST } else { 0 } }
+    }
+
     /// The node on the other side.
     #[inline]
     pub fn to(&self) -> u32 {
@@ -50,23 +59,35 @@ impl HalfEdgePair {
 
 /// All half-edge pairs of a mesh, being collected or read.
 #[derive(Debug)]
-pub struct HalfEdgePairs {
+pub struct HalfEdgePairs<'a> {
     nodes: usize,
-    kind: Kind,
+    kind: Kind<'a>,
 }
 
 #[derive(Debug)]
-enum Kind {
+enum Kind<'a> {
     /// A node a corner, and what did not fit.
     Table { across: Vec<AtomicU32>, more: Mutex<Vec<HalfEdgePair>>, _grant: Grant },
     /// By node, in buckets; buckets a node in units of 2^-32, rounded down.
     Shuffled { sized: BudgetedShuffle<HalfEdgePair>, scale: u64 },
+    /// Those between blocks by block; how many there are within; the blocks, from [`HalfEdgePairs::keep`] on.
+    Within {
+        between: Shuffle<HalfEdgePair>,
+        within: AtomicUsize,
+        blocks: Option<NodeBlocks<'a>>,
+        size: usize,
+        _grant: Grant,
+    },
 }
 
 /// Where one thread adds pairs; close it with [`PairSink::finish`].
 pub(super) enum PairSink<'a> {
     Table(&'a [AtomicU32], &'a Mutex<Vec<HalfEdgePair>>),
     Shuffled(Producer<'a, HalfEdgePair>, u64),
+    /// Of one block each; nodes a block.
+    Between(Producer<'a, HalfEdgePair>, usize),
+    /// Counted only: they are found again. How many so far, and where they are added up.
+    Counted(usize, &'a AtomicUsize),
 }
 
 /// Whether the table of `corners` corners is made where `left` bytes of the budget are left. No corner has more than two
@@ -75,20 +96,54 @@ pub fn fit(corners: u64, left: u64) -> bool {
     4 * corners <= left / 8
 }
 
-impl HalfEdgePairs {
-    /// None yet, of a mesh of `nodes` faces and `corners` corners.
+/// Bytes of the smallest staging block of pairs between blocks.
+const LEAST_STAGED: u64 = 256;
+
+/// What pairs inside of blocks take.
+pub(super) struct WithinNeeds {
+    /// Bytes staged of a block's pairs with others.
+    pub block: u64,
+    /// Bytes for what is staged, and for matching.
+    pub fixed: u64,
+    /// Bytes taken from the budget.
+    pub granted: u64,
+}
+
+impl WithinNeeds {
+    /// For `blocks` blocks of `corners` corners, between which `between` half-edges lie, where `left` bytes are left.
+    pub fn new(blocks: u64, corners: u64, between: u64, threads: u64, left: u64) -> Self {
+        let block = (left / 16 / (threads * blocks.max(1))).clamp(LEAST_STAGED, BLOCK_BYTES as u64);
+        let fixed = block * threads * blocks + node_blocks::bytes(corners, threads);
+        Self { block, fixed, granted: (fixed + 2 * between).min(left / 2).max(fixed) }
+    }
+}
+
+impl<'a> HalfEdgePairs<'a> {
+    /// None yet, of `mesh`, whose half-edges are matched in `blocks` where there are some.
     ///
     /// # Errors
     /// [`crate::base::Error::Memory`].
-    pub(super) fn new(nodes: usize, corners: usize, context: Context<'_>) -> Result<Self> {
+    pub(super) fn new(mesh: &Mesh, blocks: Option<&NodeBlocks<'_>>, context: Context<'_>) -> Result<Self> {
+        let (nodes, corners, threads) = (mesh.faces.len(), mesh.faces.corner_count(), context.run.threads as u64);
         let bytes = 4 * corners as u64;
         if fit(corners as u64, context.run.budget.left()) {
             let grant = context.run.budget.take("matching edges", bytes, bytes)?;
             let across = (0..corners).map(|_| AtomicU32::new(NONE)).collect();
             return Ok(Self { nodes, kind: Kind::Table { across, more: Mutex::default(), _grant: grant } });
         }
+        if let Some(blocks) = blocks {
+            let (count, corners) = (blocks.len() as u64, blocks.corners() as u64);
+            let left = context.run.budget.left();
+            let needs = WithinNeeds::new(count, corners, blocks.shared_half_edges(), threads, left);
+            let grant = context.run.budget.take("matching edges", needs.fixed, needs.granted)?;
+            let file = context.work.file("links.tmp");
+            let between = Shuffle::with_block(&file, blocks.len(), needs.block as usize, grant.bytes() - needs.fixed);
+            let size = blocks.nodes_of(0).len();
+            let kind = Kind::Within { between, within: AtomicUsize::new(0), blocks: None, size, _grant: grant };
+            return Ok(Self { nodes, kind });
+        }
         // A bucket waits as finished rows besides.
-        let copies = 12 * context.run.threads as u64;
+        let copies = 12 * threads;
         let sized = BudgetedShuffle::<HalfEdgePair>::new(
             &context.work.file("links.tmp"),
             "matching edges",
@@ -106,6 +161,22 @@ impl HalfEdgePairs {
         match &self.kind {
             Kind::Table { across, more, .. } => PairSink::Table(across, more),
             Kind::Shuffled { sized, scale } => PairSink::Shuffled(sized.shuffle.producer(), *scale),
+            Kind::Within { between, size, .. } => PairSink::Between(between.producer(), *size),
+        }
+    }
+
+    /// Where a thread adds pairs inside of blocks.
+    pub(super) fn sink_within(&self) -> PairSink<'_> {
+        match &self.kind {
+            Kind::Within { within, .. } => PairSink::Counted(0, within),
+            _ => self.sink(),
+        }
+    }
+
+    /// Takes the blocks over, if they are needed again.
+    pub(super) fn keep(&mut self, of_mesh: Option<NodeBlocks<'a>>) {
+        if let Kind::Within { blocks, .. } = &mut self.kind {
+            *blocks = of_mesh;
         }
     }
 
@@ -123,6 +194,7 @@ impl HalfEdgePairs {
                 across.len() + more.lock().unwrap_or_else(|poison| poison.into_inner()).len()
             }
             Kind::Shuffled { sized, .. } => sized.shuffle.len() as usize,
+            Kind::Within { between, within, .. } => within.load(Relaxed) + between.len() as usize,
         }
     }
 
@@ -131,6 +203,7 @@ impl HalfEdgePairs {
         match &self.kind {
             Kind::Table { .. } => self.nodes.div_ceil(CHUNK),
             Kind::Shuffled { sized, .. } => sized.shuffle.buckets(),
+            Kind::Within { between, .. } => between.buckets(),
         }
     }
 
@@ -138,6 +211,7 @@ impl HalfEdgePairs {
     pub(super) fn nodes_of(&self, part: usize) -> Range<usize> {
         match &self.kind {
             Kind::Table { .. } => part * CHUNK..self.nodes.min((part + 1) * CHUNK),
+            Kind::Within { size, .. } => part * size..self.nodes.min((part + 1) * size),
             Kind::Shuffled { scale, .. } => {
                 let first = |b: usize| (((b as u64) << 32).div_ceil(*scale) as usize).min(self.nodes);
                 first(part)..if part + 1 == self.parts() { self.nodes } else { first(part + 1) }
@@ -173,19 +247,31 @@ impl HalfEdgePairs {
                 Ok(pairs)
             }
             Kind::Shuffled { sized, .. } => Ok(sorted(corners, &sized.shuffle.take(part)?)),
+            Kind::Within { between, blocks, .. } => {
+                let mut pairs = between.take(part)?;
+                pairs.reserve(corners.len());
+                if let Some(blocks) = blocks {
+                    let join = |pair: Match| {
+                        pairs.push(HalfEdgePair::of(pair));
+                        Ok(())
+                    };
+                    match_block(mesh, blocks, part, &mut Sorter::default(), join, |_, _| Ok(()))?;
+                }
+                Ok(sorted(corners, &pairs))
+            }
         }
     }
 }
 
 impl PairSink<'_> {
-    /// Adds the pair from `corner` of `face` to `node`.
+    /// Adds a pair.
     #[inline]
-    pub fn push(&mut self, corner: u32, face: usize, node: usize, against: bool) -> Result<()> {
-        let pair = HalfEdgePair { corner, node: node as u32 | if against { AGAINST } else { 0 } };
+    pub fn push(&mut self, found: Match) -> Result<()> {
+        let pair = HalfEdgePair::of(found);
         match self {
             Self::Table(across, more) => {
-                // All pairs of an edge come from one thread, so nobody else writes here.
-                let place = &across[corner as usize];
+                // All pairs of an edge come from one thread at a time, so nobody else writes here.
+                let place = &across[pair.corner as usize];
                 if place.load(Relaxed) == NONE {
                     place.store(pair.node, Relaxed);
                 } else {
@@ -194,7 +280,12 @@ impl PairSink<'_> {
                 Ok(())
             }
             // Nodes and buckets are few enough for 64 bits, and a product with the inverse is no division.
-            Self::Shuffled(out, scale) => out.push(((face as u64 * *scale) >> 32) as usize, pair),
+            Self::Shuffled(out, scale) => out.push(((found.from as u64 * *scale) >> 32) as usize, pair),
+            Self::Between(out, size) => out.push(found.from / *size, pair),
+            Self::Counted(count, _) => {
+                *count += 1;
+                Ok(())
+            }
         }
     }
 
@@ -206,6 +297,11 @@ impl PairSink<'_> {
         match self {
             Self::Table(..) => Ok(()),
             Self::Shuffled(out, _) => out.finish(),
+            Self::Between(out, _) => out.finish(),
+            Self::Counted(count, all) => {
+                all.fetch_add(count, Relaxed);
+                Ok(())
+            }
         }
     }
 }

@@ -1,9 +1,11 @@
 //! Which faces touch: half-edges matched by their vertices, at any size and in any order.
 //!
-//! A face of c corners has c half-edges (low vertex, high vertex, corner). They are shuffled by
-//! low vertex into buckets that fit the cache; in a bucket a counting sort by low vertex and small
-//! sorts by high vertex bring equal edges together. Every match becomes two [half-edge pairs](super::half_edge_pairs)
-//! for [`super::dual_edges`]. An edge of k > 2 faces joins them as a chain in the order of
+//! A face of c corners has c half-edges (low vertex, high vertex, corner). Equal ones are brought together by a counting sort
+//! by low vertex and small sorts by high vertex ([`half_edge_sort`]): first [block by block](super::node_blocks) of
+//! consecutive faces, in the cache; then, of edges that several blocks may have, from everywhere, shuffled by low vertex
+//! into buckets. Where faces are scattered, all half-edges are shuffled. Corners ascend with blocks, so the chain of an edge
+//! (below) is the chains inside of its blocks, joined. Every match becomes two [half-edge
+//! pairs](super::half_edge_pairs) for [`super::dual_edges`]. An edge of k > 2 faces joins them as a chain in the order of
 //! the file: k − 1 matches keep the graph sparse where a soup hangs a million faces on one edge.
 //!
 //! Boundary edges at exactly the same position are one edge, too ([`weld`]). Exporters duplicate vertices along texture
@@ -12,11 +14,13 @@
 //! matched is never changed. Positions are compared as numbers (−0 equals 0), by a 95-bit hash of both ends: at 3·10⁹
 //! open half-edges a false match has a chance below 1e-9.
 //!
-//! Memory and disk: 12 B per half-edge, 4 or 8 B per pair (together 48 or 60 B per triangle) and 16 B per open half-edge,
-//! in memory where the budget allows, else on disk once out and once in. About 50 ns per triangle and thread, of
-//! 1.3 million.
+//! Memory and disk: 2 B per vertex, 12 B per half-edge that is shuffled, and 16 B per open half-edge, in memory where the
+//! budget allows, else on disk once out and once in; and the pairs: 4 B a corner in memory or, where that is too much, none
+//! for those inside of blocks, which are matched a second time when they are needed.
 
 use super::half_edge_pairs::{AGAINST, HalfEdgePairs, PairSink};
+use super::half_edge_sort::{self, FaceSide, HalfEdge, Sorter, chain, match_block};
+use super::node_blocks::NodeBlocks;
 use crate::base::parallel::{chunk_count, chunk_range};
 use crate::base::{Error, Result};
 use crate::mesh::Mesh;
@@ -28,46 +32,6 @@ use std::sync::atomic::{AtomicU64, Ordering::Relaxed};
 use xxhash_rust::xxh3::xxh3_128;
 
 const CHUNK: usize = 1 << 14;
-
-/// A half-edge: its vertices in the direction of its face's winding, and the corner it leaves from.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Pod, Zeroable)]
-#[repr(C)]
-struct HalfEdge {
-    from: u32,
-    to: u32,
-    corner: u32,
-}
-
-impl HalfEdge {
-    #[inline]
-    fn low(&self) -> u32 {
-        self.from.min(self.to)
-    }
-
-    /// Equal edges compare equal in the first two, whatever their direction.
-    #[inline]
-    fn key(&self) -> (u32, u32, u32) {
-        (self.low(), self.from.max(self.to), self.corner)
-    }
-
-    /// The rest of the key behind the low vertex.
-    #[inline]
-    fn rest(&self) -> u64 {
-        u64::from(self.from.max(self.to)) << 32 | u64::from(self.corner)
-    }
-
-    #[inline]
-    fn side(&self) -> FaceSide {
-        FaceSide { corner: self.corner, ascending: self.from < self.to }
-    }
-}
-
-/// A face's side of an edge: the corner it leaves from, and its direction there.
-#[derive(Clone, Copy, Debug)]
-struct FaceSide {
-    corner: u32,
-    ascending: bool,
-}
 
 /// What matching found.
 #[derive(Clone, Copy, Debug, Default)]
@@ -84,6 +48,29 @@ pub struct EdgeCounts {
 #[derive(Debug, Default)]
 struct Counters {
     nonmanifold: AtomicU64,
+}
+
+impl Counters {
+    /// Counts an edge of so many half-edges.
+    #[inline]
+    fn count(&self, sides: usize) {
+        if sides > 2 {
+            self.nonmanifold.fetch_add(1, Relaxed);
+        }
+    }
+}
+
+/// Where half-edges without a partner go, by corner.
+struct Border<'a> {
+    boundary: &'a Shuffle<u32>,
+    corners: u64,
+}
+
+impl Border<'_> {
+    #[inline]
+    fn bucket(&self, corner: u32) -> usize {
+        (u64::from(corner) * self.boundary.buckets() as u64 / self.corners.max(1)) as usize
+    }
 }
 
 /// Most corners, which half-edge records number in 32 bits.
@@ -112,32 +99,49 @@ pub fn check_size(faces: u64, corners: u64, path: &Path) -> Result<()> {
 /// # Errors
 /// [`Error::Unusable`] above 2³² − 1 corners, [`Error::Io`], [`Error::Memory`],
 /// [`Error::Cancelled`].
-pub fn matched(mesh: &Mesh, path: &Path, context: Context<'_>) -> Result<(HalfEdgePairs, EdgeCounts)> {
+pub fn matched<'a>(mesh: &Mesh, path: &Path, context: Context<'a>) -> Result<(HalfEdgePairs<'a>, EdgeCounts)> {
     let (nodes, corners) = (mesh.faces.len(), mesh.faces.corner_count() as u64);
     check_size(nodes as u64, corners, path)?;
     let threads = context.run.threads as u64;
-    // A bucket of half-edges is there raw, sorted, and as counts.
+    let blocks = NodeBlocks::of(mesh, context)?;
     let (file, what) = (|name| context.work.file(name), "matching edges");
-    let sized = BudgetedShuffle::<HalfEdge>::new(&file("half_edges.tmp"), what, corners, 3 * threads, 3, context.run)?;
+    // A bucket of half-edges is there raw, sorted, and as counts.
+    let records = blocks.as_ref().map_or(corners, |blocks| blocks.shared_half_edges().min(corners));
+    let sized = BudgetedShuffle::<HalfEdge>::new(&file("half_edges.tmp"), what, records, 3 * threads, 3, context.run)?;
     let half_edges = &sized.shuffle;
-    let mut pairs = HalfEdgePairs::new(nodes, corners as usize, context)?;
+    let mut pairs = HalfEdgePairs::new(mesh, blocks.as_ref(), context)?;
     let border = BudgetedShuffle::<u32>::new(&file("boundary.tmp"), what, corners, threads, 4, context.run)?;
-    let boundary = &border.shuffle;
-    let (edge_buckets, border_buckets) = (half_edges.buckets(), boundary.buckets() as u64);
-    scatter(mesh, half_edges, context.run)?;
-    let border_bucket = |corner: u32| (u64::from(corner) * border_buckets / corners.max(1)) as usize;
-    let counters = Counters::default();
+    let (boundary, counters) = (&border.shuffle, Counters::default());
+    let border = Border { boundary, corners };
+    match &blocks {
+        Some(blocks) => match_blocks(mesh, blocks, half_edges, &pairs, &counters, &border, context.run)?,
+        None => scatter(mesh, half_edges, context.run)?,
+    }
+    // What lies in one block was joined there.
+    let apart = |a: usize, b: usize| match &blocks {
+        Some(blocks) => blocks.of_node(a) != blocks.of_node(b),
+        None => a != b,
+    };
     context.run.each_chunk(
-        edge_buckets,
+        half_edges.buckets(),
         || (pairs.sink(), boundary.producer(), Sorter::default()),
-        |bucket, (out, border, sorter)| {
+        |bucket, (out, open, sorter)| {
             sorter.sort(half_edges.take(bucket)?);
-            match_sorted(mesh, &sorter.sorted, out, &counters, |corner| border.push(border_bucket(corner), corner))
+            for edge in sorter.edges() {
+                if let [single] = edge {
+                    open.push(border.bucket(single.corner), single.corner)?;
+                } else {
+                    counters.count(edge.len());
+                    chain(mesh, edge.iter().map(HalfEdge::side), apart, |pair| out.push(pair))?;
+                }
+            }
+            Ok(())
         },
-        |(out, border, _)| out.finish().and_then(|()| border.finish()),
+        |(out, open, _)| out.finish().and_then(|()| open.finish()),
     )?;
     let open = boundary.len();
     drop(sized);
+    pairs.keep(blocks);
     let welded = if open > 0 { weld(mesh, boundary, &pairs, &counters, context)? } else { 0 };
     pairs.seal();
     let counts = EdgeCounts { boundary: open - welded, nonmanifold: counters.nonmanifold.load(Relaxed), welded };
@@ -147,22 +151,15 @@ pub fn matched(mesh: &Mesh, path: &Path, context: Context<'_>) -> Result<(HalfEd
 /// Pushes the half-edges of every face into the buckets of their low vertices.
 fn scatter(mesh: &Mesh, half_edges: &Shuffle<HalfEdge>, run: &Run) -> Result<()> {
     let n = mesh.faces.len();
-    // Buckets a vertex, in units of 2^-32, rounded down, so that the last vertex stays inside.
-    let scale = ((half_edges.buckets() as u64) << 32) / mesh.positions.len().max(1) as u64;
+    let scale = buckets_a_vertex(mesh, half_edges);
     run.each_chunk(
         chunk_count(n, CHUNK),
         || half_edges.producer(),
         |k, out| {
             let mut result = Ok(());
-            mesh.faces.for_each(chunk_range(n, CHUNK, k), |face, corners| {
-                let first = mesh.faces.corner_range(face).start;
-                for (slot, &a) in corners.iter().enumerate() {
-                    let b = corners[if slot + 1 == corners.len() { 0 } else { slot + 1 }];
-                    if a != b && result.is_ok() {
-                        let bucket = (u64::from(a.min(b)) * scale) >> 32;
-                        let half_edge = HalfEdge { from: a, to: b, corner: (first + slot) as u32 };
-                        result = out.push(bucket as usize, half_edge);
-                    }
+            half_edge_sort::for_each(mesh, chunk_range(n, CHUNK, k), |half_edge| {
+                if result.is_ok() {
+                    result = out.push(bucket_of(half_edge, scale), half_edge);
                 }
             });
             run.progress.advance("graph", 0);
@@ -172,90 +169,48 @@ fn scatter(mesh: &Mesh, half_edges: &Shuffle<HalfEdge>, run: &Run) -> Result<()>
     )
 }
 
-/// Sorts a bucket by (low, high, corner): a counting sort by low vertex, then tiny sorts.
-#[derive(Default)]
-struct Sorter {
-    counts: Vec<u32>,
-    sorted: Vec<HalfEdge>,
-}
-
-impl Sorter {
-    fn sort(&mut self, records: Vec<HalfEdge>) {
-        self.sorted.clear();
-        let bounds = records.iter().fold((u32::MAX, 0), |(low, high), r| (low.min(r.low()), high.max(r.low())));
-        if records.is_empty() {
-            return;
-        }
-        let width = (bounds.1 - bounds.0) as usize + 1;
-        if width > 4 * records.len() + 1024 {
-            // Vertices far apart: counting them would cost more than sorting.
-            self.sorted = records;
-            self.sorted.sort_unstable_by_key(HalfEdge::key);
-            return;
-        }
-        self.counts.clear();
-        self.counts.resize(width + 1, 0);
-        for r in &records {
-            self.counts[(r.low() - bounds.0) as usize + 1] += 1;
-        }
-        for i in 0..width {
-            self.counts[i + 1] += self.counts[i];
-        }
-        self.sorted.resize(records.len(), HalfEdge::zeroed());
-        for r in &records {
-            let slot = &mut self.counts[(r.low() - bounds.0) as usize];
-            self.sorted[*slot as usize] = *r;
-            *slot += 1;
-        }
-        let mut start = 0;
-        for &end in &self.counts[..width] {
-            // All of one low vertex: what is left to compare fits one word.
-            self.sorted[start..end as usize].sort_unstable_by_key(HalfEdge::rest);
-            start = end as usize;
-        }
-    }
-}
-
-/// Joins the faces of every run of equal edges; the corners of runs of one go to `border`.
-fn match_sorted(
+/// Matches block by block where the blocks are: what cannot meet elsewhere is done, the rest goes to `half_edges`.
+fn match_blocks(
     mesh: &Mesh,
-    sorted: &[HalfEdge],
-    out: &mut PairSink<'_>,
+    blocks: &NodeBlocks<'_>,
+    half_edges: &Shuffle<HalfEdge>,
+    pairs: &HalfEdgePairs<'_>,
     counters: &Counters,
-    mut border: impl FnMut(u32) -> Result<()>,
+    border: &Border<'_>,
+    run: &Run,
 ) -> Result<()> {
-    for edge in sorted.chunk_by(|a, b| (a.key().0, a.key().1) == (b.key().0, b.key().1)) {
-        match edge {
-            [single] => border(single.corner)?,
-            several => chain(mesh, several.iter().map(HalfEdge::side), out, counters)?,
-        }
-    }
-    Ok(())
+    let scale = buckets_a_vertex(mesh, half_edges);
+    run.each_chunk(
+        blocks.len(),
+        || (pairs.sink_within(), half_edges.producer(), border.boundary.producer(), Sorter::default()),
+        |block, (out, across, open, sorter)| {
+            let edge = |sides: &[HalfEdge], shared: bool| {
+                match sides {
+                    _ if shared => {
+                        for &side in sides {
+                            across.push(bucket_of(side, scale), side)?;
+                        }
+                    }
+                    [single] => open.push(border.bucket(single.corner), single.corner)?,
+                    several => counters.count(several.len()),
+                }
+                Ok(())
+            };
+            run.progress.advance("graph", 0);
+            match_block(mesh, blocks, block, sorter, |pair| out.push(pair), edge)
+        },
+        |(out, across, open, _)| out.finish().and_then(|()| across.finish()).and_then(|()| open.finish()),
+    )
 }
 
-/// Joins consecutive sides' faces both ways, in ascending corner order.
-fn chain(
-    mesh: &Mesh,
-    sides: impl ExactSizeIterator<Item = FaceSide>,
-    out: &mut PairSink<'_>,
-    counters: &Counters,
-) -> Result<()> {
-    if sides.len() > 2 {
-        counters.nonmanifold.fetch_add(1, Relaxed);
-    }
-    let mut last: Option<(FaceSide, usize)> = None;
-    for side in sides {
-        let face = mesh.faces.face_of_corner(side.corner as usize);
-        if let Some((before, other)) = last
-            && face != other
-        {
-            let against = before.ascending == side.ascending;
-            out.push(before.corner, other, face, against)?;
-            out.push(side.corner, face, other, against)?;
-        }
-        last = Some((side, face));
-    }
-    Ok(())
+/// Buckets a vertex, in units of 2^-32, rounded down, so that the last vertex stays inside.
+fn buckets_a_vertex(mesh: &Mesh, half_edges: &Shuffle<HalfEdge>) -> u64 {
+    ((half_edges.buckets() as u64) << 32) / mesh.positions.len().max(1) as u64
+}
+
+#[inline]
+fn bucket_of(half_edge: HalfEdge, scale: u64) -> usize {
+    ((u64::from(half_edge.low()) * scale) >> 32) as usize
 }
 
 /// An open half-edge under the hash of its two end positions; the hash's last bit is its direction.
@@ -284,7 +239,7 @@ impl OpenHalfEdge {
 fn weld(
     mesh: &Mesh,
     boundary: &Shuffle<u32>,
-    pairs: &HalfEdgePairs,
+    pairs: &HalfEdgePairs<'_>,
     counters: &Counters,
     context: Context<'_>,
 ) -> Result<u64> {
@@ -319,7 +274,8 @@ fn weld(
             for same in sorted.chunk_by(|a, b| a.edge() == b.edge()) {
                 if same.len() > 1 {
                     welded.fetch_add(same.len() as u64, Relaxed);
-                    chain(mesh, same.iter().map(OpenHalfEdge::side), out, counters)?;
+                    counters.count(same.len());
+                    chain(mesh, same.iter().map(OpenHalfEdge::side), |a, b| a != b, |pair| out.push(pair))?;
                 }
             }
             Ok(())
@@ -350,6 +306,9 @@ fn keyed_by_position(mesh: &Mesh, corner: u32) -> Option<OpenHalfEdge> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::base::random::{below, stream};
+    use crate::store::{Budget, WorkDir};
+    use std::collections::BTreeMap;
 
     #[test]
     fn what_cannot_be_numbered_is_refused() {
@@ -358,22 +317,68 @@ mod tests {
         assert!(refused(1, MOST_CORNERS + 1) && refused(MOST_FACES + 1, 0));
     }
 
+    /// All pairs of `mesh`, matched edge by edge from one map: an edge's half-edges in the order of their corners, each with
+    /// the next; with boundary and non-manifold edges. Positions are all different, so nothing is welded.
+    fn oracle(mesh: &Mesh) -> (Vec<(u32, u32)>, u64, u64) {
+        let mut edges: BTreeMap<(u32, u32), Vec<(u32, usize, bool)>> = BTreeMap::new();
+        half_edge_sort::for_each(mesh, 0..mesh.faces.len(), |h| {
+            let side = (h.corner, mesh.faces.face_of_corner(h.corner as usize), h.from < h.to);
+            edges.entry((h.from.min(h.to), h.from.max(h.to))).or_default().push(side);
+        });
+        let mut pairs = Vec::new();
+        for sides in edges.values() {
+            for two in sides.windows(2).filter(|two| two[0].1 != two[1].1) {
+                for (side, other) in [(two[0], two[1]), (two[1], two[0])] {
+                    pairs.push((side.0, other.1 as u32 | if side.2 == other.2 { AGAINST } else { 0 }));
+                }
+            }
+        }
+        pairs.sort_unstable();
+        let of = |count: fn(usize) -> bool| edges.values().filter(|sides| count(sides.len())).count() as u64;
+        (pairs, of(|sides| sides == 1), of(|sides| sides > 2))
+    }
+
     #[test]
-    fn the_counting_sort_sorts() {
-        let mut sorter = Sorter::default();
-        for spread in [1u32, 50, 1_000_000] {
-            let records: Vec<HalfEdge> = (0..5000u32)
-                .map(|i| {
-                    let x = i.wrapping_mul(2_654_435_761);
-                    HalfEdge { from: 7 + x % spread, to: u32::MAX - (x >> 20), corner: i }
+    fn blocks_match_what_one_map_matches() {
+        let dir = tempfile::tempdir().unwrap();
+        let mut random = stream(3, "blocks");
+        for (faces, spread) in [(40usize, 12), (20_000, 12), (20_000, 90), (12_000, 20_000)] {
+            // Polygons among near vertices, in the order of the faces: edges of one, two and more faces, here and across
+            // blocks, in both directions; some lead far away, some twice over the same edge.
+            let vertices: Vec<[f64; 3]> = (0..faces / 2 + spread).map(|v| [v as f64, 0., 1.]).collect();
+            let polygons: Vec<Vec<u32>> = (0..faces)
+                .map(|face| {
+                    let far = below(&mut random, 400) == 0;
+                    let mut corner = |_| (if far { 0 } else { face / 2 } + below(&mut random, spread)) as u32;
+                    (0..2 + face % 4).map(&mut corner).collect()
                 })
                 .collect();
-            let mut expected = records.clone();
-            expected.sort_unstable_by_key(HalfEdge::key);
-            sorter.sort(records);
-            assert_eq!(sorter.sorted, expected);
+            let mesh = Mesh::from_slices(&vertices, &polygons).unwrap();
+            let (expected, open, nonmanifold) = oracle(&mesh);
+            for (threads, budget) in [(1, 1 << 30), (3, 3 << 20), (2, 1 << 20), (1, 700_000)] {
+                let run = Run { threads, budget: Budget::new(budget), ..Run::new(&()) };
+                let work = WorkDir::temporary(dir.path()).unwrap();
+                let context = Context::new(&work, &run);
+                let blocks = NodeBlocks::of(&mesh, context).unwrap().map(|blocks| blocks.len());
+                assert_eq!(blocks.is_none(), spread > 1000 && budget <= 3 << 20, "{spread} {budget}");
+                assert!(blocks.is_none_or(|blocks| (blocks > 4) == (faces > 1000 && budget <= 3 << 20)), "{blocks:?}");
+                let (pairs, counts) = matched(&mesh, "mesh".as_ref(), context).unwrap();
+                assert_eq!((counts.boundary, counts.nonmanifold), (open, nonmanifold));
+                let mut found = Vec::new();
+                for part in 0..pairs.parts() {
+                    let mut some: Vec<(u32, u32)> =
+                        pairs.take(part, &mesh).unwrap().iter().map(|pair| (pair.corner, pair.node)).collect();
+                    assert!(some.is_sorted_by_key(|pair| pair.0));
+                    some.sort_unstable();
+                    found.extend(some);
+                }
+                assert!(found == expected, "{faces} {spread} {budget}: {} of {}", found.len(), expected.len());
+                assert!(pairs.bound() >= found.len());
+                drop(pairs);
+                for name in ["vertex_blocks.tmp", "half_edges.tmp", "links.tmp", "boundary.tmp"] {
+                    assert!(!work.file(name).exists(), "{name} is left");
+                }
+            }
         }
-        sorter.sort(Vec::new());
-        assert!(sorter.sorted.is_empty());
     }
 }

@@ -1,0 +1,221 @@
+//! Half-edges of a bucket or a block of nodes, sorted so that equal edges lie together, and joined.
+
+use super::node_blocks::NodeBlocks;
+use crate::base::Result;
+use crate::mesh::Mesh;
+use bytemuck::{Pod, Zeroable};
+use std::ops::Range;
+
+/// A half-edge: its vertices in the direction of its face's winding, and the corner it leaves from.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Pod, Zeroable)]
+#[repr(C)]
+pub(super) struct HalfEdge {
+    pub from: u32,
+    pub to: u32,
+    pub corner: u32,
+}
+
+impl HalfEdge {
+    #[inline]
+    pub fn low(&self) -> u32 {
+        self.from.min(self.to)
+    }
+
+    /// Equal edges compare equal in the first two, whatever their direction.
+    #[inline]
+    fn key(&self) -> (u32, u32, u32) {
+        (self.low(), self.from.max(self.to), self.corner)
+    }
+
+    /// The rest of the key behind the low vertex.
+    #[inline]
+    fn rest(&self) -> u64 {
+        u64::from(self.from.max(self.to)) << 32 | u64::from(self.corner)
+    }
+
+    #[inline]
+    pub fn side(&self) -> FaceSide {
+        FaceSide { corner: self.corner, ascending: self.from < self.to }
+    }
+}
+
+/// A face's side of an edge: the corner it leaves from, and its direction there.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct FaceSide {
+    pub corner: u32,
+    pub ascending: bool,
+}
+
+/// Sorts half-edges by (low, high, corner): a counting sort by low vertex, then tiny sorts.
+#[derive(Default)]
+pub(super) struct Sorter {
+    counts: Vec<u32>,
+    sorted: Vec<HalfEdge>,
+}
+
+impl Sorter {
+    /// Sorts `records`.
+    pub fn sort(&mut self, mut records: Vec<HalfEdge>) {
+        self.sorted.clear();
+        if records.is_empty() {
+            return;
+        }
+        let bounds = records.iter().fold((u32::MAX, 0), |(low, high), r| (low.min(r.low()), high.max(r.low())));
+        let (mut first, mut width) = (bounds.0, (bounds.1 - bounds.0) as usize + 1);
+        let mut above = Vec::new();
+        if width > 4 * records.len() + 1024 {
+            // Vertices far apart: counting all of them would cost more than sorting. Most of a block's lie together.
+            (first, width) = around_the_median(&records);
+            let end = u64::from(first) + width as u64;
+            let (inside, outside): (Vec<_>, Vec<_>) =
+                records.into_iter().partition(|r| (u64::from(first)..end).contains(&u64::from(r.low())));
+            let below;
+            (below, above) = outside.into_iter().partition::<Vec<_>, _>(|r| r.low() < first);
+            records = inside;
+            self.sorted = below;
+            self.sorted.sort_unstable_by_key(HalfEdge::key);
+            above.sort_unstable_by_key(HalfEdge::key);
+        }
+        self.count(first, width, &records);
+        self.sorted.extend(above);
+    }
+
+    /// Appends `records`, whose low vertices are the `width` from `first` on.
+    fn count(&mut self, first: u32, width: usize, records: &[HalfEdge]) {
+        self.counts.clear();
+        self.counts.resize(width + 1, 0);
+        for r in records {
+            self.counts[(r.low() - first) as usize + 1] += 1;
+        }
+        for i in 0..width {
+            self.counts[i + 1] += self.counts[i];
+        }
+        let before = self.sorted.len();
+        self.sorted.resize(before + records.len(), HalfEdge::zeroed());
+        let sorted = &mut self.sorted[before..];
+        for r in records {
+            let slot = &mut self.counts[(r.low() - first) as usize];
+            sorted[*slot as usize] = *r;
+            *slot += 1;
+        }
+        let mut start = 0;
+        for &end in &self.counts[..width] {
+            // All of one low vertex: what is left to compare fits one word.
+            sorted[start..end as usize].sort_unstable_by_key(HalfEdge::rest);
+            start = end as usize;
+        }
+    }
+
+    /// The half-edges of each edge, in the order of their corners.
+    pub fn edges(&self) -> impl Iterator<Item = &[HalfEdge]> {
+        self.sorted.chunk_by(|a, b| (a.key().0, a.key().1) == (b.key().0, b.key().1))
+    }
+}
+
+/// A window of low vertices around their median, twice as wide as there are `records`.
+fn around_the_median(records: &[HalfEdge]) -> (u32, usize) {
+    let mut sample: Vec<u32> = records.iter().step_by(records.len().div_ceil(1024)).map(HalfEdge::low).collect();
+    let middle = sample.len() / 2;
+    let median = *sample.select_nth_unstable(middle).1;
+    let first = median.saturating_sub(records.len() as u32);
+    (first, 2 * records.len().min((u32::MAX - first) as usize / 2))
+}
+
+/// Calls `visit` with the half-edges of the faces of `nodes`; those from a vertex to itself are left out.
+pub(super) fn for_each(mesh: &Mesh, nodes: Range<usize>, mut visit: impl FnMut(HalfEdge)) {
+    mesh.faces.for_each(nodes, |face, corners| {
+        let first = mesh.faces.corner_range(face).start;
+        for (slot, &a) in corners.iter().enumerate() {
+            let b = corners[if slot + 1 == corners.len() { 0 } else { slot + 1 }];
+            if a != b {
+                visit(HalfEdge { from: a, to: b, corner: (first + slot) as u32 });
+            }
+        }
+    });
+}
+
+/// One direction of a match between two sides of an edge.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Match {
+    /// Where the step starts.
+    pub corner: u32,
+    /// Its face.
+    pub from: usize,
+    /// The face on the other side.
+    pub to: usize,
+    /// Whether both faces run along the edge in the same direction.
+    pub against: bool,
+}
+
+/// Joins consecutive sides' faces both ways, in ascending corner order, where `apart(face, next)`.
+pub(super) fn chain(
+    mesh: &Mesh,
+    sides: impl Iterator<Item = FaceSide>,
+    apart: impl Fn(usize, usize) -> bool,
+    mut join: impl FnMut(Match) -> Result<()>,
+) -> Result<()> {
+    let mut last: Option<(FaceSide, usize)> = None;
+    for side in sides {
+        let face = mesh.faces.face_of_corner(side.corner as usize);
+        if let Some((before, other)) = last
+            && apart(other, face)
+        {
+            let against = before.ascending == side.ascending;
+            join(Match { corner: before.corner, from: other, to: face, against })?;
+            join(Match { corner: side.corner, from: face, to: other, against })?;
+        }
+        last = Some((side, face));
+    }
+    Ok(())
+}
+
+/// Sorts the half-edges of a block, joins those that meet inside it, and hands each edge to `edge` with whether other
+/// blocks may have it too.
+pub(super) fn match_block(
+    mesh: &Mesh,
+    blocks: &NodeBlocks,
+    block: usize,
+    sorter: &mut Sorter,
+    mut join: impl FnMut(Match) -> Result<()>,
+    mut edge: impl FnMut(&[HalfEdge], bool) -> Result<()>,
+) -> Result<()> {
+    let mut records = Vec::with_capacity(blocks.corners());
+    for_each(mesh, blocks.nodes_of(block), |half_edge| records.push(half_edge));
+    sorter.sort(records);
+    for sides in sorter.edges() {
+        if sides.len() > 1 {
+            chain(mesh, sides.iter().map(HalfEdge::side), |a, b| a != b, &mut join)?;
+        }
+        edge(sides, blocks.shares(sides[0].from) && blocks.shares(sides[0].to))?;
+    }
+    Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_counting_sort_sorts() {
+        let mut sorter = Sorter::default();
+        for spread in [1u32, 50, 1_000_000, u32::MAX - 7] {
+            // All over the spread, or most of them together at its beginning, middle or end.
+            for together in [0, 1, spread / 2 + 1, spread] {
+                let records: Vec<HalfEdge> = (0..5000u32)
+                    .map(|i| {
+                        let x = i.wrapping_mul(2_654_435_761);
+                        let far = together == 0 || i % 40 == 0;
+                        let from = if far { x % spread } else { together.saturating_sub(x % 300) };
+                        HalfEdge { from: 7 + from, to: u32::MAX - (x >> 20), corner: i }
+                    })
+                    .collect();
+                let mut expected = records.clone();
+                expected.sort_unstable_by_key(HalfEdge::key);
+                sorter.sort(records);
+                assert_eq!(sorter.sorted, expected, "{spread} {together}");
+            }
+        }
+        sorter.sort(Vec::new());
+        assert!(sorter.sorted.is_empty() && sorter.edges().next().is_none());
+    }
+}
