@@ -317,10 +317,13 @@ mod tests {
         assert!(refused(1, MOST_CORNERS + 1) && refused(MOST_FACES + 1, 0));
     }
 
+    /// Corner, face, and whether it ascends.
+    type Side = (u32, usize, bool);
+
     /// All pairs of `mesh`, matched edge by edge from one map: an edge's half-edges in the order of their corners, each with
     /// the next; with boundary and non-manifold edges. Positions are all different, so nothing is welded.
     fn oracle(mesh: &Mesh) -> (Vec<(u32, u32)>, u64, u64) {
-        let mut edges: BTreeMap<(u32, u32), Vec<(u32, usize, bool)>> = BTreeMap::new();
+        let mut edges: BTreeMap<(u32, u32), Vec<Side>> = BTreeMap::new();
         half_edge_sort::for_each(mesh, 0..mesh.faces.len(), |h| {
             let side = (h.corner, mesh.faces.face_of_corner(h.corner as usize), h.from < h.to);
             edges.entry((h.from.min(h.to), h.from.max(h.to))).or_default().push(side);
