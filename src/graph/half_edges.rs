@@ -1,7 +1,7 @@
 //! Which faces touch: half-edges matched by their vertices, at any size and in any order.
 //!
 //! A face of c corners has c half-edges (low vertex, high vertex, corner). Equal ones are brought together by a counting sort
-//! by low vertex and small sorts by high vertex ([`half_edge_sort`]): first [block by block](super::node_blocks) of
+//! by low vertex and small sorts by high vertex (`half_edge_sort.rs`): first block by block (`node_blocks.rs`) of
 //! consecutive faces, in the cache; then, of edges that several blocks may have, from everywhere, shuffled by low vertex
 //! into buckets. Where faces are scattered, all half-edges are shuffled. Corners ascend with blocks, so the chain of an edge
 //! (below) is the chains inside of its blocks, joined. Every match becomes two [half-edge
