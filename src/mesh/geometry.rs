@@ -180,14 +180,6 @@ impl Faces {
         self.len() == 0
     }
 
-    /// Corners of the face that has most; of triangles 3, even if there are none.
-    pub fn most_corners(&self) -> u64 {
-        match self {
-            Self::Triangles { .. } => 3,
-            Self::Polygons { starts, .. } => starts.windows(2).map(|w| w[1] - w[0]).max().unwrap_or(0),
-        }
-    }
-
     /// Corners of all faces together.
     pub fn corner_count(&self) -> usize {
         match self {

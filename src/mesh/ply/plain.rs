@@ -6,7 +6,7 @@
 use super::header::{Encoding, HeaderWriter, Scalar};
 use super::values::Encoder;
 use crate::base::Result;
-use crate::mesh::geometry::Mesh;
+use crate::mesh::geometry::{Faces, Mesh};
 use crate::mesh::output::{Gather, by_rename};
 use crate::store::Run;
 use std::io::Write;
@@ -48,6 +48,14 @@ pub fn write_annotated(path: &Path, mesh: &Mesh, vertices: &[Column], faces: &[C
     by_rename(path, 0, true, |file| stream(path, file, mesh, Encoding::Little, (vertices, faces), &[], run))
 }
 
+/// What counts the corners of any of `faces`.
+pub(super) fn counting_corners(faces: &Faces) -> Scalar {
+    Scalar::counting(match faces {
+        Faces::Triangles { .. } => 3,
+        Faces::Polygons { starts, .. } => starts.windows(2).map(|w| w[1] - w[0]).max().unwrap_or(0),
+    })
+}
+
 /// Writes `mesh` with `columns` on its vertices and faces to a stream, `path` in messages; the header gets `remarks`.
 pub(super) fn stream(
     path: &Path,
@@ -58,7 +66,7 @@ pub(super) fn stream(
     remarks: &[Vec<u8>],
     run: &Run,
 ) -> Result<()> {
-    let (count, real) = (Scalar::counting(mesh.faces.most_corners()), Scalar::coordinate(mesh.positions.is_double()));
+    let (count, real) = (counting_corners(&mesh.faces), Scalar::coordinate(mesh.positions.is_double()));
     let (n, m) = (mesh.positions.len(), mesh.faces.len());
     let mut header = HeaderWriter::new(target);
     header.remark(REMARK);

@@ -7,6 +7,7 @@
 use super::header::{Encoding, HeaderWriter, Scalar};
 use super::labelling::{Labelling, PlyForm, VERTEX_PROPERTIES};
 use super::names;
+use super::plain::counting_corners;
 use super::values::Encoder;
 use crate::base::Result;
 use crate::mesh::geometry::Mesh;
@@ -85,7 +86,7 @@ pub(super) fn stream(
 ) -> Result<()> {
     let split = Split::of(mesh, labelling.labels, run)?;
     let double = mesh.positions.is_double();
-    let (count, real) = (Scalar::counting(mesh.faces.most_corners()), Scalar::coordinate(double));
+    let (count, real) = (counting_corners(&mesh.faces), Scalar::coordinate(double));
     let encoder =
         Encoder { target: form.encoding(mesh.document().map_or(Encoding::Little, |own| own.header.encoding)) };
     let mut header = HeaderWriter::new(encoder.target);
