@@ -370,11 +370,13 @@ impl Front {
         if graph.triangles.is_empty() {
             return self.walk(graph, field, label, &mut (), cancel);
         }
-        let packed = Packed { csr: graph, triangles: graph.triangles };
+        let packed = Packed { csr: &graph, triangles: graph.triangles };
         self.walk(packed, field, label, &mut (), cancel)
     }
 
-    /// The loop itself, over a graph as `steps` walks it; `pager` hears where it goes.
+    /// The loop itself, over a graph as `steps` walks it; `pager` hears where it goes. A function for each form: in one with all of them the
+    /// loop's values do not stay in registers.
+    #[inline(never)]
     fn walk(
         &mut self,
         steps: impl Steps,

@@ -99,7 +99,7 @@ fn fetch(graph: Csr<'_>, start: usize) {
 /// A graph with its triangle adjacency.
 #[derive(Clone, Copy)]
 pub(super) struct Packed<'a> {
-    pub csr: Csr<'a>,
+    pub csr: &'a Csr<'a>,
     pub triangles: &'a [TriangleNeighbours],
 }
 
@@ -116,7 +116,7 @@ impl Steps for Packed<'_> {
 
     #[inline(always)]
     fn count(self, node: u32) -> usize {
-        if self.triangles[node as usize].steps().is_some() { 3 } else { self.csr.count(node) }
+        if self.triangles[node as usize].steps().is_some() { 3 } else { many(self.csr, node).0.len() }
     }
 
     #[inline(always)]
@@ -127,9 +127,23 @@ impl Steps for Packed<'_> {
                 visit(next[1], weights[1]);
                 visit(next[2], weights[2]);
             }
-            None => self.csr.each(node, visit),
+            None => {
+                let (next, weights) = many(self.csr, node);
+                for (&next, &weight) in next.iter().zip(weights) {
+                    visit(next, weight);
+                }
+            }
         }
     }
+}
+
+/// The steps from a node of more than three, which are rare: where they are found stays out of the loop over records, which keeps its
+/// values in registers then.
+#[cold]
+#[inline(never)]
+fn many<'a>(graph: &Csr<'a>, node: u32) -> (&'a [u32], &'a [f32]) {
+    let span = graph.span(node);
+    (&graph.indices[span.clone()], &graph.weights[span])
 }
 
 /// Fetches for the first entries of a batch what [`look_ahead`] would have fetched before them.
