@@ -75,13 +75,11 @@ pub fn read_names(path: PathBuf) -> PyResult<Vec<String>> {
 }
 
 /// Choices of forms as Python gives them: vertex_labels, split_vertices, cap, part_form.
-fn save_options((vertex_labels, split_vertices, cap, part_form): (bool, bool, bool, &str)) -> PyResult<SaveOptions> {
-    let part_form = match part_form {
+fn save_options((vertex_labels, split_vertices, cap, part_form): (bool, bool, bool, String)) -> PyResult<SaveOptions> {
+    let part_form = match part_form.as_str() {
         "ply" => PartForm::Binary,
         "stl" => PartForm::Stl,
-        other => {
-            return Err(PyValueError::new_err(format!("part_form: '{other}'; choose ply or stl")));
-        }
+        other => return Err(PyValueError::new_err(format!("part_form: '{other}'; choose ply or stl"))),
     };
     Ok(SaveOptions::new().vertex_labels(vertex_labels).split_vertices(split_vertices).cap(cap).part_form(part_form))
 }
@@ -103,7 +101,7 @@ pub fn save(
     cells: Option<PyReadonlyArray1<'_, u32>>,
     decision: Option<PyRef<'_, PyDecision>>,
     edits: Option<&str>,
-    options: (bool, bool, bool, &str),
+    options: (bool, bool, bool, String),
 ) -> PyResult<()> {
     let options = save_options(options)?;
     let (labels, colours) = (labels.as_array().to_vec(), self::colours(&colours));
@@ -113,7 +111,9 @@ pub fn save(
     let report: serde_json::Value =
         serde_json::from_str(report).map_err(|error| PyValueError::new_err(error.to_string()))?;
     let labelling = Labelling { labels: &labels, colours: &colours, quality: quality.as_deref(), names: &names };
-    if options != SaveOptions::default() || !path.extension().is_some_and(|ending| ["html", "htm"].iter().any(|page| ending.eq_ignore_ascii_case(page))) {
+    if options != SaveOptions::default()
+        || !path.extension().is_some_and(|ending| ["html", "htm"].iter().any(|page| ending.eq_ignore_ascii_case(page)))
+    {
         return py.detach(|| mesh.0.save_with(path, labelling, &options)).map_err(raised);
     }
     let edits = edits.map(|text| Edits::of_text(text.as_bytes(), "edits".as_ref())).transpose().map_err(raised)?;
