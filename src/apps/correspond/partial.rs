@@ -125,9 +125,10 @@ pub fn assignments(within: &[Vec<f64>], among: &[Vec<f64>], own: &[Vec<f64>], wi
     let follow = |beam: Vec<(f64, Vec<Image>)>, i: usize, most: usize| {
         let mut next: Vec<(f64, Vec<Image>)> = Vec::with_capacity(beam.len() * (likely[i].len() + 1));
         for (cost, images) in &beam {
+            let alone = pairs.of(i, None, images, 0..i);
             for image in likely[i].iter().map(|&c| Some(c)).chain([None]) {
                 let more = pairs.of(i, image, images, 0..i);
-                if image.is_none() || more <= pairs.of(i, None, images, 0..i) + own[i][image.unwrap_or(0) as usize] {
+                if image.is_none_or(|c| more <= alone + own[i][c as usize]) {
                     let mut images = images.clone();
                     images.push(image);
                     next.push((cost + more, images));
