@@ -4,6 +4,7 @@
 //! way ([`super::partial`]). Everything of the size of a mesh is a mapped file; allocated are queues of fronts and, without refinement, two
 //! search trees, 60 bytes a vertex together at the most and no more than 2²¹ vertices each.
 
+use super::finer::Finer;
 use super::partial::match_partial;
 pub use super::sides::{CorrespondParams, Correspondence, FunctionalMap, Guidance, Side, SideFacts, default_landmarks};
 use super::sides::{no_alternative, refined};
@@ -82,14 +83,31 @@ pub fn match_sides(
     if params.partial {
         return match_partial(a, b, params, context);
     }
-    let (mut alignments, _) =
-        context.run.stage("alignment", "guesses", 0, || align(a.shape(), b.shape(), context.run))?;
+    let aligned = |a: &Side<'_>, b: &Side<'_>| {
+        context
+            .run
+            .stage("alignment", "guesses", 0, || align(a.shape(), b.shape(), context.run))
+            .map(|(found, _)| found)
+    };
     if params.refine != Refine::None && !params.transfer {
-        if guidance.map.is_some() {
+        let finer = [Finer::of(a, context.run)?, Finer::of(b, context.run)?];
+        let [of_a, of_b] = &finer;
+        let fine_a = of_a.as_ref().map(|finer| finer.side(a, params, context.run)).transpose()?;
+        let fine_b = of_b.as_ref().map(|finer| finer.side(b, params, context.run)).transpose()?;
+        let (fine_a, fine_b) = (fine_a.as_ref().unwrap_or(a), fine_b.as_ref().unwrap_or(b));
+        let mut alignments = aligned(fine_a, fine_b)?;
+        let mut guidance = guidance.clone();
+        if let Some(map) = &mut guidance.map {
             alignments.starts.clear();
+            if let Some(finer) = of_a {
+                *map = finer.extended(map);
+            }
         }
-        return refined([a, b], &b.points, alignments, params, guidance, "", context);
+        let sides = [(fine_a, &a.graph), (fine_b, &b.graph)];
+        let found = refined(sides, &fine_b.points, alignments, params, &guidance, "", context)?;
+        return Ok(Correspondence { sides: [a.facts(), b.facts()], ..found });
     }
+    let mut alignments = aligned(a, b)?;
     let taken = |found: &[Alignment]| {
         found.get(params.alternative).cloned().ok_or_else(|| no_alternative(params.alternative, found.len()))
     };
@@ -111,7 +129,8 @@ pub fn match_sides(
         let (points_b, alignment) = transferred(a, b, &found, params, context.run)?;
         if params.refine != Refine::None {
             alignments.starts = if guidance.map.is_some() { Vec::new() } else { vec![alignment] };
-            return refined([a, b], &points_b, alignments, params, guidance, "", context);
+            let sides = [(a, &a.graph), (b, &b.graph)];
+            return refined(sides, &points_b, alignments, params, guidance, "", context);
         }
         found = pass(&points_b, &alignment, params.matching, "matches.npy")?;
     }

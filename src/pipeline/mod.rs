@@ -14,6 +14,8 @@ pub mod cuts;
 pub mod decision;
 pub mod edits;
 pub mod embed;
+#[cfg(feature = "correspondence")]
+mod finer;
 pub mod input;
 pub mod labels;
 #[cfg(feature = "correspondence")]

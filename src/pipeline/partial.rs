@@ -161,7 +161,8 @@ impl Region {
         let map: Images = images.iter().map(|image| image.as_ref().and_then(here)).collect();
         let map = map.iter().any(Option::is_some).then_some(map);
         let guidance = Guidance { map, ..Guidance::default() };
-        let found = refined([part, &side], &side.points, alignments, params, &guidance, name, context)?;
+        let sides = [(part, &part.graph), (&side, &side.graph)];
+        let found = refined(sides, &side.points, alignments, params, &guidance, name, context)?;
         let images = found.matches.iter().map(|one| one.vertex().map(|at| old[at as usize])).collect();
         let Correspondence { functional, refined: outcomes, alignments, .. } = found;
         let functional = functional.filter(|_| !outcomes.is_empty());

@@ -305,9 +305,10 @@ pub(super) fn no_alternative(asked: usize, found: usize) -> Error {
     Error::parameter("--alternative", format!("{asked} of {found}"), "count from 0; the report lists them")
 }
 
-/// Refines all alignments, and matches by the best outcome. `points_b` is B as they see it; names of files begin with `name`.
+/// Refines all alignments, and matches by the best outcome the vertices of the graph that comes with each mesh, which are its first. `points_b`
+/// is B as alignments see it; names of files begin with `name`.
 pub(super) fn refined(
-    [a, b]: [&Side<'_>; 2],
+    [(a, graph_a), (b, graph_b)]: [(&Side<'_>, &VertexGraph); 2],
     points_b: &[Point],
     mut alignments: Alignments,
     params: &CorrespondParams,
@@ -356,25 +357,23 @@ pub(super) fn refined(
     let outcome = found.get(params.alternative).ok_or_else(|| no_alternative(params.alternative, found.len()))?;
     let make = || {
         let k = outcome.map.nrows();
+        let first = |basis: LocalBasis, graph: &VertexGraph, side: &Side<'_>| {
+            basis.first(graph.len(), &format!("{name}first_functions.npy"), Context::new(&side.work, context.run))
+        };
+        let (basis_a, basis_b) = (first(basis_a, graph_a, a)?, first(basis_b, graph_b, b)?);
         let in_a = carried(&basis_b, &outcome.map, "carried.npy", Context::new(&b.work, context.run))?;
-        let pair = RefinedPair::new(
-            [(&basis_a.values, basis_a.count), (&in_a, k)],
-            k,
-            [&a.graph, &b.graph],
-            EXHAUSTIVE,
-            context,
-        )?;
+        let coordinates = [(&basis_a.values[..], basis_a.count), (&in_a[..], k)];
+        let pair = RefinedPair::new(coordinates, k, [graph_a, graph_b], EXHAUSTIVE, context)?;
         let found = matches(&pair, params.matching, &format!("{name}matches.npy"), context)?;
         let points = params.points.then(|| pair.points(&found, &format!("{name}points.npy"), context)).transpose()?;
-        Ok((found, points))
+        Ok((found, points, FunctionalMap { map: outcome.map.clone(), bases: [basis_a, basis_b] }))
     };
-    let ((matches, points), _) = context.run.stage("match", "vertices", a.points.len() as u64, make)?;
-    let functional = Some(FunctionalMap { map: outcome.map.clone(), bases: [basis_a, basis_b] });
+    let ((matches, points, functional), _) = context.run.stage("match", "vertices", graph_a.len() as u64, make)?;
     Ok(Correspondence {
         matches,
         alignments,
         refined: outcomes,
-        functional,
+        functional: Some(functional),
         points,
         partial: Vec::new(),
         sides: [a.facts(), b.facts()],

@@ -261,6 +261,20 @@ impl LocalBasis {
         gaussians.extend(&factors, frequencies, name, context)
     }
 
+    /// The functions at the first `n` vertices alone, in the file `name` of `context` if there are more.
+    ///
+    /// # Errors
+    /// [`crate::base::Error::Io`].
+    pub fn first(self, n: usize, name: &str, context: Context<'_>) -> Result<Self> {
+        let kept = n * self.count;
+        if kept == self.values.len() {
+            return Ok(self);
+        }
+        let mut array = context.work.array::<f32>(name, &[n, self.count])?;
+        array.data().copy_from_slice(&self.values[..kept]);
+        Ok(Self { values: array.finish(false)?, ..self })
+    }
+
     /// The functions at `vertex` (r).
     #[inline]
     pub fn at(&self, vertex: usize) -> &[f32] {
