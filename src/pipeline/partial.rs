@@ -21,10 +21,9 @@ use crate::apps::correspond::matches::{Match, Matching, matches};
 use crate::apps::correspond::partial::{ANCHORS, CANDIDATES, PartialOutcome, PartialSide, match_part};
 use crate::apps::correspond::refine::Outcome;
 use crate::apps::correspond::{Alignments, SurfacePoint};
+use crate::base::parallel::{chunk_count, chunk_range};
 use crate::base::union_find::Forest;
 use crate::base::{Error, Result};
-use crate::distance::Front;
-use crate::distance::front::mean_weight;
 use crate::distance::march::Surface;
 use crate::distance::rows::RowParams;
 use crate::distance::vertex_rows;
@@ -32,6 +31,7 @@ use crate::graph::VertexGraph;
 use crate::graph::vertex_graph::triangles;
 use crate::landmarks::Sampling;
 use crate::mesh::Mesh;
+use crate::spectral::local::LocalBasis;
 use crate::store::{Context, MappedSlice, Run};
 
 /// Confidence below which a vertex has no match.
@@ -44,10 +44,14 @@ const FINALISTS: usize = 3;
 const RIVAL: f64 = 1.5;
 /// Mean distance between the images of two maps, over √area of the whole, from which they are different.
 const APART: f64 = 0.1;
+/// Time that heat spreads the area of a part on the whole, over the highest frequency.
+const SPREAD: f64 = 2.;
+/// Vertices per chunk.
+const CHUNK: usize = 1 << 14;
 /// Vertices by which two maps are compared.
 const COMPARED: usize = 200;
 /// Times that the region of the best is cut out again, at the most: as long as it fits better.
-const ROUNDS: usize = 2;
+const ROUNDS: usize = 4;
 /// Share of the region's triangles below which a component is left out.
 const CRUMB: f64 = 0.02;
 
@@ -78,8 +82,9 @@ struct Candidate {
 }
 
 impl Candidate {
+    /// How well region and part fit. What area costs to be carried is left out: from region to region it changes by chance.
     fn rank(&self) -> f64 {
-        self.outcomes.first().map_or(f64::INFINITY, Outcome::rank)
+        self.outcomes.first().map_or(f64::INFINITY, |best| best.distortion * best.residual)
     }
 }
 
@@ -89,26 +94,43 @@ fn area(side: &Side<'_>) -> f64 {
 }
 
 impl Region {
-    /// The vertices of `whole` nearest to `images`, as many as have the area `share` of it.
-    fn around(whole: &Side<'_>, images: &Images, share: f64, run: &Run) -> Result<Self> {
+    /// The vertices of `whole` that `images` of `part` cover the most, as many as have the area `share` of it. The area that comes to lie there is
+    /// spread by heat in the functions `basis` of the whole, so that neither gaps between images count as holes nor a few stray images fill one.
+    fn covered(
+        [part, whole]: [&Side<'_>; 2],
+        basis: &LocalBasis,
+        images: &Images,
+        share: f64,
+        run: &Run,
+    ) -> Result<Self> {
         let graph = &whole.graph;
-        let mut sources: Vec<u32> = images.iter().flatten().copied().collect();
-        sources.sort_unstable();
-        sources.dedup();
-        let mut field = vec![f32::INFINITY; graph.len()];
-        Front::new(mean_weight(graph.csr())).lower(graph.csr(), &sources, &mut field, &run.cancel)?;
-        let mut order: Vec<u32> = (0..field.len() as u32).collect();
-        order.sort_unstable_by(|&v, &w| field[v as usize].total_cmp(&field[w as usize]).then(v.cmp(&w)));
+        let mut factors = vec![0f64; basis.count];
+        for (node, image) in part.graph.nodes.iter().zip(images) {
+            let Some(w) = *image else { continue };
+            factors
+                .iter_mut()
+                .zip(basis.at(w as usize))
+                .for_each(|(sum, x)| *sum += f64::from(node.area) * f64::from(*x));
+        }
+        let highest = basis.frequencies.last().copied().unwrap_or(1.).max(1e-300);
+        let damp = |(factor, frequency): (&mut f64, &f64)| *factor *= (-SPREAD * frequency / highest).exp();
+        factors.iter_mut().zip(&basis.frequencies).for_each(damp);
+        let at =
+            |v: usize| factors.iter().zip(basis.at(v)).map(|(factor, x)| factor * f64::from(*x)).sum::<f64>() as f32;
+        let chunk = |k: usize, (): &mut ()| Ok(chunk_range(graph.len(), CHUNK, k).map(at).collect::<Vec<f32>>());
+        let cover = run.map_chunks(chunk_count(graph.len(), CHUNK), || (), chunk)?.concat();
+        let mut order: Vec<u32> = (0..cover.len() as u32).collect();
+        order.sort_unstable_by(|&v, &w| cover[w as usize].total_cmp(&cover[v as usize]).then(v.cmp(&w)));
         let (mut taken, most) = (0., share * graph.facts.area);
-        let mut inside = vec![false; field.len()];
+        let mut inside = vec![false; cover.len()];
         for &v in &order {
-            if taken >= most && field[v as usize] > 0. {
+            if taken >= most {
                 break;
             }
             taken += f64::from(graph.nodes[v as usize].area);
             inside[v as usize] = true;
         }
-        drop((order, field));
+        drop((order, cover));
         Self::of(whole.opened, inside)
     }
 
@@ -186,12 +208,12 @@ pub(super) fn match_partial(
     let share = area(part) / area(whole).max(1e-300);
     let bytes = REGION * whole.graph.len() as u64 + MAPS * part.graph.len() as u64;
     let _grant = context.run.budget.take("regions of the whole", bytes, bytes)?;
-    let (starts, images) = first_maps(part, whole, share, params, context)?;
+    let (starts, images, basis) = first_maps(part, whole, share, params, context)?;
     let all = params.matching(Matching::All).points(false);
     let mut best: Option<Candidate> = None;
     let mut tried: Vec<(f64, Images)> = Vec::new();
     let mut attempt = |best: &mut Option<Candidate>, images: &Images| -> Result<()> {
-        let region = Region::around(whole, images, share, context.run)?;
+        let region = Region::covered([part, whole], &basis, images, share, context.run)?;
         let found = region.matched(part, images, &all, &format!("region-{}", tried.len()), context)?;
         tried.push((found.rank(), compared(&found.images)));
         if best.as_ref().is_none_or(|best| found.rank() < best.rank()) {
@@ -244,14 +266,14 @@ fn apart(whole: &Side<'_>, one: &Images, other: &Images) -> f64 {
     sum * whole.graph.unit() / pairs.len().max(1) as f64
 }
 
-/// Maps of `part` to `whole` by distances between far points, the likeliest first, and the matches of the first of them.
+/// Maps of `part` to `whole` by distances between far points, the likeliest first, the matches of the first of them, and functions on the whole.
 fn first_maps(
     part: &Side<'_>,
     whole: &Side<'_>,
     share: f64,
     params: &CorrespondParams,
     context: Context<'_>,
-) -> Result<(Vec<PartialOutcome>, Vec<Images>)> {
+) -> Result<(Vec<PartialOutcome>, Vec<Images>, LocalBasis)> {
     let sides = [part, whole];
     let root = area(whole).sqrt().max(1e-300);
     let units = sides.map(|side| side.graph.frame.scale / root);
@@ -298,7 +320,8 @@ fn first_maps(
         Ok(found.iter().map(Match::vertex).collect())
     };
     let images = starts.iter().take(FINALISTS).map(dense).collect::<Result<Vec<_>>>()?;
-    Ok((starts, images))
+    let [_, of_whole] = bases;
+    Ok((starts, images, of_whole))
 }
 
 /// The matches of A, the part or the whole, and those inside triangles where asked for.

@@ -240,6 +240,33 @@ fn a_permuted_copy_is_found_exactly_enough_by_every_start() {
 }
 
 #[test]
+fn coarse_meshes_are_refined_on_finer_ones() {
+    let dir = tempfile::tempdir().unwrap();
+    let (a, b) = (creature(dir.path(), 600), creature(dir.path(), 12_000));
+    let n = b.positions.len() as u32;
+    let apart = |v: u32, w: u32| -> f64 {
+        let (p, q) = (a.positions.get(v), b.positions.get(w));
+        p.iter().zip(q).map(|(p, q)| (p - q).powi(2)).sum()
+    };
+    let nearest = |v: u32| (0..n).min_by(|&x, &y| apart(v, x).total_cmp(&apart(v, y))).unwrap();
+    let truth: Vec<u32> = (0..a.positions.len() as u32).map(nearest).collect();
+    let map = Some(truth.iter().map(|&w| Some(w)).collect());
+    for guidance in [Guidance::default(), Guidance { pairs: Vec::new(), map }] {
+        let mean = mean_error(&a, &b, &truth, &guidance, Refine::Nystrom, dir.path());
+        assert!(mean < 0.02, "{mean}, with a map: {}", guidance.map.is_some());
+    }
+    // Backwards, matches are vertices of the coarse mesh, and functions those of the meshes' own vertices.
+    let (work, run) = (WorkDir::temporary(dir.path()).unwrap(), Run::new(&()));
+    let params = CorrespondParams::default().points(true);
+    let found = correspond(&b, &a, None, &params, Context::new(&work, &run)).unwrap();
+    let count = a.positions.len();
+    assert!(found.matches.iter().all(|one| one.vertex().is_some_and(|w| (w as usize) < count)));
+    assert!(found.points.unwrap().iter().flat_map(|point| point.corners).all(|corner| (corner as usize) < count));
+    let bases = found.functional.unwrap().bases;
+    assert_eq!(bases.each_ref().map(|basis| basis.values.len() / basis.count), [n as usize, count]);
+}
+
+#[test]
 fn functional_maps_of_a_copy_are_near_orthogonal_and_points_lie_in_triangles() {
     let dir = tempfile::tempdir().unwrap();
     let a = creature(dir.path(), 6_000);
@@ -281,4 +308,40 @@ fn real_poses_are_matched_within_the_bar() {
         let mean = mean_error(&a, &b, &truth, &Guidance::default(), Refine::Nystrom, dir.path());
         assert!(mean < bar, "{folder}: {mean}");
     }
+}
+
+#[test]
+fn half_a_horse_is_found_in_another_pose() {
+    let Some(data) = common::data() else {
+        eprintln!("skipped: no test meshes");
+        return;
+    };
+    let (dir, run) = (tempfile::tempdir().unwrap(), Run::new(&()));
+    let open = |name: &str| mesh::open(&data.join("corr/horse_poses").join(name), dir.path(), &run).unwrap();
+    let (a, (b, truth)) = (open("horse_01.ply"), permuted(&open("horse_05.ply")));
+    let points: Vec<[f64; 3]> = (0..a.positions.len() as u32).map(|v| a.positions.get(v)).collect();
+    let range = |d: usize| points.iter().fold((f64::MAX, f64::MIN), |(low, high), p| (low.min(p[d]), high.max(p[d])));
+    let long = (0..3).max_by(|&d, &e| (range(d).1 - range(d).0).total_cmp(&(range(e).1 - range(e).0))).unwrap();
+    let (low, high) = range(long);
+    let mut faces = Vec::new();
+    a.faces.for_each(0..a.faces.len(), |_, c| {
+        if c.iter().all(|&v| points[v as usize][long] > low + 0.4 * (high - low)) {
+            faces.push([c[0], c[1], c[2]]);
+        }
+    });
+    let mut old: Vec<u32> = faces.iter().flatten().copied().collect();
+    old.sort_unstable();
+    old.dedup();
+    faces.iter_mut().flatten().for_each(|v| *v = old.binary_search(v).unwrap() as u32);
+    let part = Mesh::from_vecs(old.iter().map(|&v| points[v as usize]).collect(), faces).unwrap();
+    let work = WorkDir::temporary(dir.path()).unwrap();
+    let params = CorrespondParams::default().partial(true);
+    let found = correspond(&part, &b, None, &params, Context::new(&work, &run)).unwrap();
+    let graph_work = WorkDir::temporary(dir.path()).unwrap();
+    let graph = VertexGraph::build(&b, Path::new("b"), Context::new(&graph_work, &run)).unwrap();
+    let matched = found.matches.iter().zip(&old).filter_map(|(one, &v)| Some((one.vertex()?, truth[v as usize])));
+    let pairs: Vec<(u32, u32)> = matched.step_by(11).collect();
+    assert!(11 * pairs.len() > old.len() * 9 / 10);
+    let mean = Errors::of(accuracy::distances(&graph, &pairs, &run).unwrap(), 0).mean;
+    assert!(mean < 0.025, "{mean}");
 }
