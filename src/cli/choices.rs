@@ -11,6 +11,7 @@ use nystrom_stream::distance::vertex_rows::Distance;
 use nystrom_stream::graph::{Metric, Order};
 use nystrom_stream::landmarks::Sampling;
 use nystrom_stream::mesh::ply::labelled::PlyForm;
+use nystrom_stream::pipeline::sharding::Divided;
 use nystrom_stream::pipeline::{Boundaries, Cluster, TinyComponents};
 use nystrom_stream::spectral::{Kernel, Normalisation};
 
@@ -42,6 +43,18 @@ impl Choice for Sampling {
         (Self::Cholesky, "cholesky", "Randomly pivoted Cholesky"),
         (Self::Greedy, "greedy", "The best of 90 random candidates by Γ (§6.1): 90 rows of distances per landmark"),
         (Self::PooledGreedy, "pooled-greedy", "The same with the candidates kept: 90 rows, and one more per landmark"),
+    ];
+}
+
+impl Choice for Divided {
+    const CHOICES: &'static [Named<Self>] = &[
+        (Self::Normals, "normals", "The fronts that averaged normals need, by ranges of faces"),
+        (
+            Self::Contraction,
+            "contraction",
+            "The front that contracts the mesh, likewise; when all shares of the normals are done",
+        ),
+        (Self::ContractedRows, "rows", "The rows over the contraction, by landmark; when all its shares are done"),
     ];
 }
 

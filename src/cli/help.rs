@@ -39,6 +39,14 @@ Examples, the stages of `segment` one by one:
   nystrom-stream export --work-dir work -o parts.ply --tree tree.json
   nystrom-stream embed --work-dir work -d 8            embedding.npy, for other programs";
 
+/// After the help of `share`.
+pub const SHARE: &str = "\
+Examples, on two machines that see the same folder; each step begins when the one before has ended on both:
+  nystrom-stream share normals scan.ply --work-dir work --shard 0/2         the other machine: --shard 1/2
+  nystrom-stream share contraction scan.ply --work-dir work --shard 0/2
+  nystrom-stream share rows scan.ply --work-dir work --shard 0/2
+  nystrom-stream segment scan.ply --work-dir work -o parts.ply              on one of them: all the rest";
+
 /// After the help of `sequence`.
 pub const SEQUENCE: &str = "\
 Examples:

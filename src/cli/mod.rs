@@ -51,6 +51,9 @@ enum Command {
     /// Stage 2: compute the distances from all landmarks to all faces, in one process or as one of several
     #[command(after_long_help = help::STAGES)]
     Rows(stages::RowsArgs),
+    /// Compute a share of a step of segment, where several processes cut one large mesh together
+    #[command(after_long_help = help::SHARE)]
+    Share(stages::ShareArgs),
     /// Combine the distances that several processes have computed with rows --shard
     Merge(stages::MergeArgs),
     /// Stage 3, for use by other programs: compute coordinates of all faces in the spectral embedding
@@ -106,6 +109,7 @@ impl Command {
             Self::Segment(args) => args.work_dir.as_ref(),
             Self::Graph(args) => Some(&args.place.work_dir),
             Self::Rows(args) => Some(&args.place.work_dir),
+            Self::Share(args) => Some(&args.rows.place.work_dir),
             Self::Sequence(args) => args.work_dir.as_ref(),
             Self::Correspond(args) => args.work_dir.as_ref(),
             Self::Merge(args) => return Some(goes_on(args.place.path())),
@@ -170,6 +174,7 @@ fn dispatch(command: Command, app: &AppContext) -> Result<(), CliError> {
         Command::Segment(args) => segment::run(&args, app),
         Command::Graph(args) => stages::graph(&args, app),
         Command::Rows(args) => stages::rows(&args, app),
+        Command::Share(args) => stages::share(&args, app),
         Command::Merge(args) => stages::merge(&args, app),
         Command::Embed(args) => stages::embed(&args, app),
         Command::Cluster(args) => stages::cluster(&args, app),

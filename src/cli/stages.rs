@@ -2,6 +2,7 @@
 //!
 //! `graph` needs the mesh; the others find in the work directory which mesh it was, and make what is missing before them.
 
+use super::choices::choice;
 use super::edits::{EditArgs, corrections, named};
 use super::input::read;
 use super::method::{KernelArgs, MethodArgs, OrderArgs, PartsArgs, check_count};
@@ -21,7 +22,8 @@ use nystrom_stream::mesh::ply::labelled::Labelling;
 use nystrom_stream::pipeline::input::Record;
 use nystrom_stream::pipeline::labels::Labels;
 use nystrom_stream::pipeline::recipe;
-use nystrom_stream::pipeline::{Cluster, SegmentParams, cuts, decision, embed, input, sharding};
+use nystrom_stream::pipeline::sharding::{self, Divided, SharedWork};
+use nystrom_stream::pipeline::{Cluster, SegmentParams, cuts, decision, embed, input};
 use nystrom_stream::spectral::EmbeddingParams;
 use nystrom_stream::store::{Context, MappedSlice, Run, WorkDir, workdir};
 use serde_json::{Value, json};
@@ -64,10 +66,10 @@ pub struct RowsArgs {
     pub place: Place,
     #[command(flatten)]
     pub force: ForceArgs,
-    /// Compute only the I-th of N shares of the rows, counted from 0; processes may share the work directory
+    /// Compute only the I-th of N shares, counted from 0; processes may share the work directory
     #[arg(long, value_name = "I/N", value_parser = parse_shard)]
     pub shard: Option<(usize, usize)>,
-    /// Make what shards share, all before the rows, and stop: shards that a scheduler starts then never wait
+    /// Make what comes before the shares, and stop: shards that a scheduler starts then never wait
     #[arg(long, conflicts_with = "shard")]
     pub prepare: bool,
     #[command(flatten)]
@@ -76,6 +78,16 @@ pub struct RowsArgs {
     pub method: MethodArgs,
     #[command(flatten)]
     pub run: RunArgs,
+}
+
+/// Arguments of `share`.
+#[derive(Clone, Debug, clap::Args)]
+pub struct ShareArgs {
+    /// What is divided
+    #[arg(value_parser = choice::<Divided>())]
+    pub step: Divided,
+    #[command(flatten)]
+    pub rows: RowsArgs,
 }
 
 /// Arguments of `merge`.
@@ -191,12 +203,26 @@ fn parse_shard(text: &str) -> Result<(usize, usize), String> {
     }
 }
 
+pub fn share(args: &ShareArgs, app: &AppContext) -> Result<(), CliError> {
+    if args.rows.shard.is_none() && !args.rows.prepare {
+        return Err(CliError::Usage("share: --shard I/N or --prepare is missing".into()));
+    }
+    if args.rows.method.distance.exact {
+        return Err(misfit("--exact", "segment, rows and plan"));
+    }
+    shared(args.step, &args.rows, args.rows.method.params()?, app)
+}
+
 pub fn rows(args: &RowsArgs, app: &AppContext) -> Result<(), CliError> {
+    // Rows are asked for: those that parts are decided with are over all faces too.
+    shared(Divided::Rows, args, args.method.params()?.exact(true), app)
+}
+
+/// The work of `rows` and `share` on what is `divided`.
+fn shared(divided: Divided, args: &RowsArgs, mut params: SegmentParams, app: &AppContext) -> Result<(), CliError> {
     let start = Instant::now();
     let bars = args.run.bars();
     let mut run = args.run.run(&bars, app);
-    // Rows are asked for: those that parts are decided with are over all faces too.
-    let mut params = args.method.params()?.exact(true);
     let path = match &args.mesh {
         Some(path) => path.clone(),
         None => {
@@ -210,14 +236,18 @@ pub fn rows(args: &RowsArgs, app: &AppContext) -> Result<(), CliError> {
     let mut told = json!({"mesh": path, "work_dir": folder});
     if let Some(shard) = args.shard {
         let open = |work: &WorkDir| read(&path, force, Context::new(work, &run)).map(|(opened, _)| opened);
-        let rows = sharding::one(folder, &input::identity(&path)?, &params, shard, open, &run)?;
-        (told["shard"], told["rows"]) = (json!([shard.0, shard.1]), rows.into());
+        let shared = SharedWork { divided, identity: &input::identity(&path)?, params: &params };
+        let count = sharding::one(folder, shared, shard, open, &run)?;
+        told["shard"] = json!([shard.0, shard.1]);
+        let by_landmark = matches!(divided, Divided::Rows | Divided::ContractedRows);
+        told[if by_landmark { "rows" } else { "faces" }] = count.into();
         return answer_with(&args.json, told, start, &bars);
     }
     let work = open(folder, &run)?;
     let context = Context::new(&work, &run);
     if args.prepare {
-        sharding::first(&input::identity(&path)?, &params, || Ok(read(&path, force, context)?.0), context)?;
+        let shared = SharedWork { divided, identity: &input::identity(&path)?, params: &params };
+        sharding::first(shared, || Ok(read(&path, force, context)?.0), context)?;
     } else {
         let (opened, identity) = read(&path, force, context)?;
         told["rows"] = sharding::all(&opened, &identity, &params, context)?.len().into();

@@ -13,7 +13,7 @@
 use super::area_shares::{AreaShares, ClassSum, class_sums, spread};
 use crate::base::Result;
 use crate::base::vector::{cross, length as norm, minus, wide};
-use crate::distance::voronoi;
+use crate::distance::SharedFront;
 use crate::graph::DualEdges;
 use crate::graph::row_starts::{OwnedRowStarts, PLAIN, StartsForm};
 use crate::graph::{Csr, WeightedGraph};
@@ -61,6 +61,8 @@ pub struct Contraction<'a> {
     pub weighted: &'a WeightedGraph,
     /// What its nodes count.
     pub shares: &'a AreaShares,
+    /// The work directory of what is contracted: there processes leave their shares of the front.
+    pub whole: &'a WorkDir,
 }
 
 impl Stage for Contraction<'_> {
@@ -78,7 +80,7 @@ impl Stage for Contraction<'_> {
     }
 
     fn make(self, key: &str, context: Context<'_>) -> Result<Made<Self>> {
-        let output = contract(self.graph, self.weighted, self.shares, key, context)?;
+        let output = contract(&self, key, context)?;
         let mut files = vec![OF_FACE, SEEDS, NODE_GEOMETRY, WEIGHTS, PLAIN];
         files.extend(EDGES);
         Ok(Made { facts: output.graph.facts.clone(), output, files })
@@ -118,28 +120,32 @@ impl ContractedEdge {
     }
 }
 
-fn contract(
-    graph: &DualGraph,
-    fine: &WeightedGraph,
-    shares: &AreaShares,
-    key: &str,
-    context: Context<'_>,
-) -> Result<ContractedSurface> {
+fn contract(contraction: &Contraction<'_>, key: &str, context: Context<'_>) -> Result<ContractedSurface> {
+    let Contraction { graph, weighted: fine, shares, whole } = *contraction;
     let Context { work, run } = context;
     let n = graph.nodes.len();
-    let seeds = spread(&shares.share, NODES, run.seed, "contraction");
+    let seeds = seeds(shares, run);
     let mut owner = work.array::<u32>(OF_FACE, &[n])?;
     let mut field = work.array::<f32>("contracted_field.tmp", &[n])?;
-    let csr = fine.csr();
-    voronoi::nearest_source(csr, &seeds, field.data(), owner.data(), run)?;
+    front(fine, &seeds).nearest_source(field.data(), owner.data(), Context::new(whole, run))?;
     let of_node = owner.finish(false)?;
     let nodes = interiors(graph, shares, &of_node, seeds.len(), run)?;
-    let borders = borders(graph, csr, &of_node, field.data(), run)?;
+    let borders = borders(graph, fine.csr(), &of_node, field.data(), run)?;
     drop(field);
     work.remove("contracted_field.tmp.partial");
     let (graph, weighted) = assemble(graph, nodes, &borders, key.to_string(), work)?;
     let seeds = npy::write(&work.file(SEEDS), &seeds, 1, false)?;
     Ok(ContractedSurface { graph, weighted, of_node, seeds })
+}
+
+/// The nodes that contracted ones grow from.
+pub fn seeds(shares: &AreaShares, run: &Run) -> Vec<u32> {
+    spread(&shares.share, NODES, run.seed, "contraction")
+}
+
+/// The front from these `seeds` under the weights.
+pub fn front<'a>(weighted: &'a WeightedGraph, seeds: &'a [u32]) -> SharedFront<'a> {
+    SharedFront { name: "contraction", graph: weighted.csr(), key: &weighted.key, sources: seeds }
 }
 
 fn inputs(weights: &str, seed: u64) -> Value {

@@ -13,8 +13,8 @@
 use super::area_shares::{AreaShares, ClassSum, class_sums, spread};
 use crate::base::Result;
 use crate::base::parallel::{chunk_count, chunk_range};
+use crate::distance::SharedFront;
 use crate::distance::front::mean_weight;
-use crate::distance::voronoi;
 use crate::graph::Csr;
 use crate::graph::angle::between;
 use crate::graph::{DualGraph, Node};
@@ -43,8 +43,19 @@ pub fn smoothed(graph: &DualGraph, shares: &AreaShares, r: f32, file: &str, cont
     if graph.nodes.len() < 2 * k {
         averaged(graph, shares, r, file, context)
     } else {
-        from_cells(graph, shares, r, k, file, context)
+        from_cells(graph, shares, r, file, context)
     }
+}
+
+/// The seeds of the micro-cells for normals at radius `r` in `file`, one in each of 1/r² quanta of area.
+pub fn seeds(shares: &AreaShares, r: f32, file: &str, run: &Run) -> Vec<u32> {
+    spread(&shares.share, (1. / (r * r)).round() as usize, run.seed, file)
+}
+
+/// The front from these `seeds`.
+pub fn cell_front<'a>(graph: &'a DualGraph, seeds: &'a [u32], file: &'a str) -> SharedFront<'a> {
+    let name = file.trim_end_matches(".npy");
+    SharedFront { name, graph: lengths(graph), key: &graph.key, sources: seeds }
 }
 
 fn unit(v: [f32; 3]) -> Option<[f32; 3]> {
@@ -52,22 +63,14 @@ fn unit(v: [f32; 3]) -> Option<[f32; 3]> {
     (length > 1e-20).then(|| v.map(|x| x / length))
 }
 
-fn from_cells(
-    graph: &DualGraph,
-    shares: &AreaShares,
-    r: f32,
-    k: usize,
-    file: &str,
-    context: Context<'_>,
-) -> Result<Normals> {
+fn from_cells(graph: &DualGraph, shares: &AreaShares, r: f32, file: &str, context: Context<'_>) -> Result<Normals> {
     let n = graph.nodes.len();
-    let seeds = spread(&shares.share, k, context.run.seed, file);
+    let seeds = seeds(shares, r, file, context.run);
     let (field_file, owner_file) = (format!("{file}.field.tmp"), format!("{file}.owner.tmp"));
     let mut owner = context.work.array::<u32>(&owner_file, &[n])?;
     {
         let mut field = context.work.array::<f32>(&field_file, &[n])?;
-        let csr = lengths(graph);
-        voronoi::nearest_source(csr, &seeds, field.data(), owner.data(), context.run)?;
+        cell_front(graph, &seeds, file).nearest_source(field.data(), owner.data(), context)?;
     }
     context.work.remove(&format!("{field_file}.partial"));
     let owner_data: &[u32] = owner.data();

@@ -78,7 +78,7 @@ pub fn merge(context: Context<'_>) -> Result<DistanceRows> {
     let shards = match find(context.work) {
         Ok(shards) => shards,
         Err(error) => {
-            let merged = if journals(context.work)?.is_empty() { DistanceRows::whole(context.work) } else { None };
+            let merged = if any(context.work)? { None } else { DistanceRows::whole(context.work) };
             if merged.is_some() {
                 context.run.progress.note("merge: done already");
             }
@@ -112,6 +112,14 @@ pub fn merge(context: Context<'_>) -> Result<DistanceRows> {
         context.work.remove(&format!("{stem}.journal"));
     }
     Ok(rows)
+}
+
+/// Whether shards, or beginnings of some, are in `work`.
+///
+/// # Errors
+/// [`Error::Io`].
+pub fn any(work: &WorkDir) -> Result<bool> {
+    Ok(!journals(work)?.is_empty())
 }
 
 fn damaged(work: &WorkDir, shard: usize, of: usize, problem: &str) -> Error {

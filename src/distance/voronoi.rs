@@ -100,10 +100,10 @@ impl Label for () {}
 
 /// A shorter path to `node`: from a source, or from a neighbour in another block.
 #[derive(Clone, Copy, Debug)]
-struct Message<O> {
-    node: u32,
-    distance: f32,
-    label: O,
+pub(super) struct Message<O> {
+    pub node: u32,
+    pub distance: f32,
+    pub label: O,
 }
 
 /// What a block's front left.
@@ -131,7 +131,7 @@ impl<'a> BlockDijkstra<'a> {
     }
 
     /// Over `graph` in blocks that suit the budget.
-    fn within_budget(graph: Csr<'a>, run: &Run) -> Self {
+    pub(super) fn within_budget(graph: Csr<'a>, run: &Run) -> Self {
         // The boundary of a block of B nodes is some 4 √B edges; messages are held twice while they are sorted.
         let bytes_for = |block: usize| 100. * graph.len() as f64 / (block as f64).sqrt();
         let mut block = BLOCK;
@@ -191,7 +191,7 @@ impl<'a> BlockDijkstra<'a> {
 
     /// Propagates `messages` and what follows from them, to nodes nearer than `limit`, until there are no more; whether
     /// labels may be stale.
-    fn propagate<O: Label>(
+    pub(super) fn propagate<O: Label>(
         &self,
         mut messages: Vec<Message<O>>,
         limit: f32,

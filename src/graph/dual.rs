@@ -112,6 +112,16 @@ impl DualGraph {
         Ok((Self::open(work, kept.facts, StartsForm::Packed, kept.key)?, kept.inputs["input"].clone()))
     }
 
+    /// The graph with the key `key` in `work`, as the process left it that has made or tested it. Its files are not read for their
+    /// checksums once more: a share needs a part of them.
+    ///
+    /// # Errors
+    /// [`Error::WorkDir`] where there is none, [`Error::Io`], [`Error::Malformed`].
+    pub(crate) fn prepared(key: String, work: &WorkDir) -> Result<Self> {
+        let facts = work.told::<GraphStage<'_>>().ok_or_else(|| work.damaged(MANIFEST, "tells of no graph"))?;
+        Self::open(work, facts, StartsForm::Packed, key)
+    }
+
     fn make(mesh: &Mesh, path: &Path, context: Context<'_>, key: String) -> Result<Self> {
         let frame = Frame::of(&mesh.positions, context.run)?;
         let (nodes, sums) = nodes::build(mesh, &frame, context)?;

@@ -12,14 +12,15 @@ use super::surface::{Kind, Surface, SurfaceStage, WeightedSurface};
 use crate::base::{Error, Result};
 use crate::cluster::boundary::{self, BoundaryMethod, CellLabels};
 use crate::cluster::cells::CELLS;
-use crate::cluster::contract::Contraction;
+use crate::cluster::contract::{ContractedSurface, Contraction};
 use crate::cluster::divide::divide;
 use crate::cluster::extrapolate::LocalPartMeans;
 use crate::cluster::parts::hints::Affinities;
 use crate::cluster::parts::{self, PartTree, PartsResult};
-use crate::distance::DistanceRows;
+use crate::distance::{DistanceRows, shard};
 use crate::graph::{DualGraph, NodeOrder, WeightedGraph};
-use crate::store::{Context, MappedSlice, Run};
+use crate::store::{Context, MappedSlice, Run, WorkDir};
+use std::sync::Arc;
 
 const CHUNK: usize = 1 << 15;
 
@@ -217,6 +218,18 @@ fn decide(
     Ok(Decided { label, confidence, unit_of_node, numbers, result, marks })
 }
 
+/// The contraction of `whole`, and its work directory.
+pub(super) fn contraction(
+    whole: WeightedSurface<'_>,
+    context: Context<'_>,
+) -> Result<(Arc<WorkDir>, ContractedSurface)> {
+    let inner = context.work.inner(CONTRACTED)?;
+    let WeightedSurface { graph, weighted, surface } = whole;
+    let stage = Contraction { graph, weighted, shares: &surface.shares, whole: context.work };
+    let small = Context::new(&inner, context.run).stage(stage)?;
+    Ok((inner, small))
+}
+
 /// The same on the contracted graph: constant time after one front.
 fn decide_on_contraction(
     whole: WeightedSurface<'_>,
@@ -224,14 +237,18 @@ fn decide_on_contraction(
     located: Located<'_>,
     context: Context<'_>,
 ) -> Result<Decided> {
-    let inner = context.work.inner(CONTRACTED)?;
+    let (inner, small) = contraction(whole, context)?;
     let within = Context::new(&inner, context.run);
-    let WeightedSurface { graph, weighted, surface } = whole;
-    let small = within.stage(Contraction { graph, weighted, shares: &surface.shares })?;
+    if !inner.is_temporary() && shard::any(&inner)? {
+        match shard::merge(within) {
+            Err(error @ Error::WorkDir { .. }) => context.run.progress.note(&format!("{error}; computed without them")),
+            merged => drop(merged?),
+        }
+    }
     let cut = within.stage(SurfaceStage { graph: &small.graph, kind: Kind::Contracted, cells: true })?;
     let contracted = WeightedSurface { graph: &small.graph, weighted: &small.weighted, surface: &cut };
     let located = Located { units: Some(&small.of_node), ..located };
-    let landmarks = params.landmarks.unwrap_or(landmarks_on_contraction(graph.nodes.len()));
+    let landmarks = params.landmarks.unwrap_or(landmarks_on_contraction(whole.graph.nodes.len()));
     let decided = decide(contracted, &params.clone().landmarks(Some(landmarks)), located, within)?;
     let of_small = &decided.unit_of_node;
     let face = |node: &u32| small.seeds.get(*node as usize).copied();

@@ -1,57 +1,276 @@
-//! Rows by several processes over one work directory: who makes the graph, and how the others find it.
+//! Work that several processes share over one work directory: who makes what comes before, and how the others find it.
 //!
-//! The first process takes the directory for itself and makes all stages up to the weights; it stamps a stage
-//! `sharding` that names them, and lets go. Rows are then computed under a shared lock, each shard into files of
+//! The first process takes the directory for itself and makes all stages up to what is divided; it stamps a stage that
+//! names them, and lets go. Shares are then computed under a shared lock, each into files of
 //! its own. A process that finds the stage stamped needs neither mesh nor lock of its own. A scheduler, which waits
 //! better than a process does, has the first step done by [`first`] alone; shards then never wait.
+//!
+//! Rows over all faces are divided by landmark. Of a large mesh that is contracted, the fronts from many sources are divided,
+//! by ranges of nodes: those of the normals, then that of the contraction; at last its rows. The stages that ask for these find the
+//! shares ([`SharedFront`], [`shard::merge`]).
 
+use super::decision::CONTRACTED;
 use super::means::fit;
-use super::params::{Cluster, SegmentParams, default_landmarks, landmarks_for_parts};
+use super::params::{Cluster, SegmentParams, default_landmarks, landmarks_for_parts, landmarks_on_contraction};
+use super::surface::{Kind, SurfaceStage, WeightedSurface};
 use super::{input, parts};
 use crate::base::{Error, Result};
+use crate::cluster::area_shares::AreaShares;
+use crate::cluster::{contract, normals};
 use crate::distance::rows::RowParams;
-use crate::distance::{DistanceRows, shard};
-use crate::graph::WeightedGraph;
+use crate::distance::{DistanceRows, SharedFront, shard};
 use crate::graph::row_starts::StartsForm;
-use crate::graph::{Node, nodes};
+use crate::graph::{DualGraph, Node, WeightedGraph, nodes};
 use crate::landmarks::Sampling;
 use crate::mesh::Mesh;
-use crate::store::stage::StageKey;
+use crate::store::manifest::{MANIFEST, Manifest};
+use crate::store::stage::{Stage, StageKey};
 use crate::store::{Context, MappedSlice, Run, WorkDir};
 use serde::{Deserialize, Serialize};
 use serde_json::{Value, json};
 use std::path::Path;
 use std::time::Duration;
 
-/// Version of what the stage tells.
+/// Version of what the stages tell.
 const VERSION: u32 = 1;
 
-/// What the stage keeps.
+/// What is divided.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Divided {
+    /// The rows over all faces, by landmark.
+    Rows,
+    /// The fronts that normals of a large mesh are averaged by, by ranges of faces.
+    Normals,
+    /// The front that contracts a large mesh, likewise; after the normals.
+    Contraction,
+    /// The rows over the contraction, by landmark; last.
+    ContractedRows,
+}
+
+/// What the stages of rows keep.
 #[derive(Debug, Serialize, Deserialize)]
-struct Facts {
-    /// Key of the weights.
+struct RowFacts {
+    /// Key of the weights, or of the contraction that has some.
     weights: String,
-    /// Number of landmarks.
+    /// Number of landmarks; 0 where the mesh is too small to be contracted.
     l: usize,
     sampling: Sampling,
 }
 
-/// What identifies the rows that are shared out.
-fn shared_rows(identity: &Value, params: &SegmentParams, run: &Run) -> StageKey {
-    let rows = json!({
-        "landmarks": params.landmarks, "sampling": params.sampling, "metric": params.metric, "order": params.order,
-        "cluster": params.cluster, "count": params.parts.count,
-    });
-    StageKey::new("sharding", VERSION, json!({"input": identity, "rows": rows, "seed": run.seed}))
+/// What the stage of fronts keeps.
+#[derive(Debug, Serialize, Deserialize)]
+struct FrontFacts {
+    /// The fronts and their numbers of sources; none where the mesh is too small to be contracted.
+    fronts: Vec<(String, usize)>,
+    /// Key of the graph.
+    graph: String,
+    /// Number of its nodes.
+    nodes: usize,
+    /// Key of the weights, for fronts under them.
+    weights: Option<String>,
+    /// Key of the stage that they are for.
+    used_by: String,
 }
 
-/// What the stage `shared` in `work` says, where the weights that it names are still there: a run with other options may
-/// have made others since.
-fn made(shared: &StageKey, work: &WorkDir) -> Option<Facts> {
-    let facts: Facts = work.reuse(shared.name, shared.version, &shared.key).ok()?;
-    let weights = work.manifest().stages.remove("weights")?;
-    work.reuse::<Value>("weights", weights.version, &facts.weights).ok()?;
-    Some(facts)
+/// The file of a front's sources.
+fn sources_file(front: &str) -> String {
+    format!("{front}_sources.npy")
+}
+
+/// The work that is divided, on a mesh and under options.
+#[derive(Clone, Copy, Debug)]
+pub struct SharedWork<'a> {
+    /// What of it.
+    pub divided: Divided,
+    /// Which mesh it is ([`input::identity`]).
+    pub identity: &'a Value,
+    /// The options.
+    pub params: &'a SegmentParams,
+}
+
+impl SharedWork<'_> {
+    /// What identifies the shares.
+    fn key(&self, run: &Run) -> StageKey {
+        let Self { divided, identity, params } = self;
+        let inputs = |options: Value| json!({"input": identity, "rows": options, "seed": run.seed});
+        let rows = json!({
+            "landmarks": params.landmarks, "sampling": params.sampling, "metric": params.metric,
+            "order": params.order, "cluster": params.cluster, "count": params.parts.count,
+        });
+        let fronts = json!({
+            "metric": params.metric, "order": params.order, "cluster": params.cluster, "exact": params.exact_rows(),
+        });
+        match divided {
+            Divided::Rows => StageKey::new("sharding", VERSION, inputs(rows)),
+            Divided::Normals => StageKey::new("shared normals", VERSION, inputs(fronts)),
+            Divided::Contraction => StageKey::new("shared contraction", VERSION, inputs(fronts)),
+            Divided::ContractedRows => StageKey::new("shared rows", VERSION, inputs(json!([rows, fronts]))),
+        }
+    }
+
+    /// What the stage in `work` says, where the weights that it names are still there: a run with other options may
+    /// have made others since.
+    fn rows(&self, work: &WorkDir, run: &Run) -> Option<RowFacts> {
+        let key = self.key(run);
+        let facts: RowFacts = work.reuse(key.name, key.version, &key.key).ok()?;
+        let there = match self.divided {
+            Divided::ContractedRows if facts.l == 0 => true,
+            Divided::ContractedRows => has("contraction", &facts.weights, &*work.inner(CONTRACTED).ok()?),
+            _ => has("weights", &facts.weights, work),
+        };
+        there.then_some(facts)
+    }
+
+    /// The same for fronts.
+    fn fronts(&self, work: &WorkDir, run: &Run) -> Option<FrontFacts> {
+        let key = self.key(run);
+        let facts: FrontFacts = work.reuse(key.name, key.version, &key.key).ok()?;
+        let there = match &facts.weights {
+            Some(weights) => has("weights", weights, work),
+            None => work.manifest().stages.get("graph").is_some_and(|graph| graph.key == facts.graph),
+        };
+        there.then_some(facts)
+    }
+
+    /// Whether everything before the shares is there.
+    fn is_prepared(&self, work: &WorkDir, run: &Run) -> bool {
+        match self.divided {
+            Divided::Rows | Divided::ContractedRows => self.rows(work, run).is_some(),
+            Divided::Normals | Divided::Contraction => self.fronts(work, run).is_some(),
+        }
+    }
+
+    /// Makes everything before the shares in `work`.
+    fn prepare(&self, opened: &Mesh, context: Context<'_>) -> Result<()> {
+        match self.divided {
+            Divided::Rows => self.prepare_rows(opened, context).map(drop),
+            Divided::Normals | Divided::Contraction => self.prepare_fronts(opened, context),
+            Divided::ContractedRows => self.prepare_contracted_rows(opened, context),
+        }
+    }
+
+    fn prepare_rows(&self, opened: &Mesh, context: Context<'_>) -> Result<WeightedGraph> {
+        let Self { identity, params, .. } = self;
+        let l = landmarks(params, opened.faces.len())?;
+        let graph = input::graph(opened, identity, params, context)?.1;
+        let weighted = match params.cluster {
+            Cluster::KMeans | Cluster::TwoMeans => graph.weighted(params.metric, context)?,
+            Cluster::Parts => parts::weighted(&graph, params, context)?.1,
+        };
+        let facts = RowFacts { weights: weighted.key.clone(), l, sampling: params.sampling };
+        context.work.stamp(self.key(context.run), &[], &facts, 0.)?;
+        Ok(weighted)
+    }
+
+    fn prepare_contracted_rows(&self, opened: &Mesh, context: Context<'_>) -> Result<()> {
+        let Self { identity, params, .. } = self;
+        let graph = input::graph(opened, identity, params, context)?.1;
+        let (mut weights, mut l, n) = (String::new(), 0, graph.nodes.len());
+        if params.contracts(n) {
+            let (surface, weighted) = parts::weighted(&graph, params, context)?;
+            let whole = WeightedSurface { graph: &graph, weighted: &weighted, surface: &surface };
+            weights = parts::contraction(whole, context)?.1.weighted.key;
+            l = params.landmarks.unwrap_or(landmarks_on_contraction(n));
+        }
+        let facts = RowFacts { weights, l, sampling: params.sampling };
+        context.work.stamp(self.key(context.run), &[], &facts, 0.)
+    }
+
+    fn prepare_fronts(&self, opened: &Mesh, context: Context<'_>) -> Result<()> {
+        let Context { work, run } = context;
+        let graph = input::graph(opened, self.identity, self.params, context)?.1;
+        let nodes = graph.nodes.len();
+        let mut facts =
+            FrontFacts { fronts: Vec::new(), graph: graph.key.clone(), nodes, weights: None, used_by: String::new() };
+        let mut files = Vec::new();
+        let mut add = |front: SharedFront<'_>| {
+            files.push(sources_file(front.name));
+            work.write(&sources_file(front.name), front.sources, 1)?;
+            facts.fronts.push((front.name.to_string(), front.sources.len()));
+            Ok(())
+        };
+        let contracts = self.params.contracts(nodes);
+        if contracts && self.divided == Divided::Normals {
+            let stage = SurfaceStage { graph: &graph, kind: Kind::Faces, cells: false };
+            let shares = AreaShares::of(&graph, context)?;
+            for (radius, file) in stage.likely_normals(&shares, context)? {
+                add(normals::cell_front(&graph, &normals::seeds(&shares, radius, file, run), file))?;
+            }
+            facts.used_by = StageKey::of::<SurfaceStage<'_>>(stage.inputs(context)).key;
+        } else if contracts {
+            let (surface, weighted) = parts::weighted(&graph, self.params, context)?;
+            add(contract::front(&weighted, &contract::seeds(&surface.shares, run)))?;
+            facts.used_by = contract::key(&weighted.key, run.seed);
+            facts.weights = Some(weighted.key);
+        }
+        let files: Vec<&str> = files.iter().map(String::as_str).collect();
+        work.stamp(self.key(run), &files, &facts, 0.)
+    }
+
+    /// Computes a share in `work`; how many rows or faces it has. `None` where what comes before is not there.
+    fn share(&self, shard: (usize, usize), work: &WorkDir, run: &Run) -> Result<Option<usize>> {
+        match self.divided {
+            Divided::Rows | Divided::ContractedRows => {
+                self.rows(work, run).map(|facts| self.share_rows(facts, shard, work, run)).transpose()
+            }
+            Divided::Normals | Divided::Contraction => {
+                self.fronts(work, run).map(|facts| self.share_fronts(&facts, shard, work, run)).transpose()
+            }
+        }
+    }
+
+    fn share_rows(&self, facts: RowFacts, shard: (usize, usize), work: &WorkDir, run: &Run) -> Result<usize> {
+        let inner;
+        let (work, form) = match self.divided {
+            Divided::ContractedRows if facts.l == 0 => return Ok(nothing_to_do(run)),
+            Divided::ContractedRows => {
+                inner = work.inner(CONTRACTED)?;
+                (&*inner, StartsForm::Plain)
+            }
+            _ => (work, StartsForm::Packed),
+        };
+        let nodes: MappedSlice<Node> = work.open_array(nodes::FILE)?;
+        let weighted = WeightedGraph::open(facts.weights, nodes.len(), form, work)?;
+        let rows = RowParams { l: facts.l, sampling: facts.sampling };
+        shard::compute(&weighted, &nodes, rows, shard, Context::new(work, run))
+    }
+
+    fn share_fronts(&self, facts: &FrontFacts, shard: (usize, usize), work: &WorkDir, run: &Run) -> Result<usize> {
+        let used = match self.divided {
+            Divided::Contraction => work.read_json::<Manifest>(&format!("{CONTRACTED}/{MANIFEST}")).ok(),
+            _ => Some(work.manifest()),
+        };
+        let stages = used.map(|manifest| manifest.stages).unwrap_or_default();
+        if facts.fronts.is_empty() || stages.values().any(|stage| stage.key == facts.used_by) {
+            return Ok(nothing_to_do(run));
+        }
+        let mut faces = 0;
+        let mut share = |front: SharedFront<'_>| {
+            faces = front.share(shard, Context::new(work, run))?;
+            Ok(())
+        };
+        let sources = |(name, count): &(String, usize)| work.indices(&sources_file(name), *count, facts.nodes);
+        if let Some(weights) = &facts.weights {
+            let weighted = WeightedGraph::open(weights.clone(), facts.nodes, StartsForm::Packed, work)?;
+            facts.fronts.iter().try_for_each(|front| share(contract::front(&weighted, &sources(front)?)))?;
+        } else {
+            let graph = DualGraph::prepared(facts.graph.clone(), work)?;
+            facts.fronts.iter().try_for_each(|front| share(normals::cell_front(&graph, &sources(front)?, &front.0)))?;
+        }
+        Ok(faces)
+    }
+}
+
+/// Whether `stage` with the key `key` is in `work`.
+fn has(stage: &str, key: &str, work: &WorkDir) -> bool {
+    let kept = work.manifest().stages.remove(stage);
+    kept.is_some_and(|kept| work.reuse::<Value>(stage, kept.version, key).is_ok())
+}
+
+/// Says that a share is empty: the mesh is small, or later stages are made. The number of its faces or rows.
+fn nothing_to_do(run: &Run) -> usize {
+    run.progress.note("nothing to do: small meshes are not divided, and what is made already is not made again");
+    0
 }
 
 /// Landmarks that `params` asks for on a mesh of `faces` faces.
@@ -67,34 +286,16 @@ fn landmarks(params: &SegmentParams, faces: usize) -> Result<usize> {
     }
 }
 
-/// Makes everything up to the weights in `work`.
-fn prepare(opened: &Mesh, identity: &Value, params: &SegmentParams, context: Context<'_>) -> Result<WeightedGraph> {
-    let l = landmarks(params, opened.faces.len())?;
-    let graph = input::graph(opened, identity, params, context)?.1;
-    let weighted = match params.cluster {
-        Cluster::KMeans | Cluster::TwoMeans => graph.weighted(params.metric, context)?,
-        Cluster::Parts => parts::weighted(&graph, params, context)?.1,
-    };
-    let facts = Facts { weights: weighted.key.clone(), l, sampling: params.sampling };
-    context.work.stamp(shared_rows(identity, params, context.run), &[], &facts, 0.)?;
-    Ok(weighted)
-}
-
 /// Makes everything that shards share, or finds it made; `open` reads the mesh where that is needed.
 ///
 /// # Errors
 /// As [`super::segment()`], and [`Error::WorkDir`] where another process uses the directory.
-pub fn first(
-    identity: &Value,
-    params: &SegmentParams,
-    open: impl FnOnce() -> Result<Mesh>,
-    context: Context<'_>,
-) -> Result<()> {
-    if made(&shared_rows(identity, params, context.run), context.work).is_some() {
-        context.run.progress.note("rows: everything before them is there already");
+pub fn first(shared: SharedWork<'_>, open: impl FnOnce() -> Result<Mesh>, context: Context<'_>) -> Result<()> {
+    if shared.is_prepared(context.work, context.run) {
+        context.run.progress.note("everything before the shares is there already");
         return Ok(());
     }
-    prepare(&open()?, identity, params, context).map(drop)
+    shared.prepare(&open()?, context)
 }
 
 /// Computes all rows, as `segment` would.
@@ -102,40 +303,35 @@ pub fn first(
 /// # Errors
 /// As [`super::segment()`].
 pub fn all(opened: &Mesh, identity: &Value, params: &SegmentParams, context: Context<'_>) -> Result<DistanceRows> {
-    let weighted = prepare(opened, identity, params, context)?;
+    let weighted = SharedWork { divided: Divided::Rows, identity, params }.prepare_rows(opened, context)?;
     let rows = RowParams { l: landmarks(params, opened.faces.len())?, sampling: params.sampling };
     let nodes: MappedSlice<Node> = context.work.open_array(nodes::FILE)?;
     DistanceRows::build(&weighted, &nodes, rows, context)
 }
 
-/// Computes one shard of the rows in the work directory `path`, making what comes before where no other process did.
-/// `open` reads the mesh, with decoded arrays going to the work directory; it is called only where needed. How many rows
-/// the shard has is returned.
+/// Computes one share in the work directory `path`, making what comes before where no other process did.
+/// `open` reads the mesh, with decoded arrays going to the work directory; it is called only where needed. How many rows or faces
+/// the share has is returned.
 ///
 /// # Errors
 /// As [`super::segment()`], and [`Error::Parameter`] for a shard that does not exist.
 pub fn one(
     path: &Path,
-    identity: &Value,
-    params: &SegmentParams,
+    shared: SharedWork<'_>,
     shard: (usize, usize),
     open: impl Fn(&WorkDir) -> Result<Mesh>,
     run: &Run,
 ) -> Result<usize> {
-    let shared = shared_rows(identity, params, run);
     let mut told = false;
     loop {
         run.cancel.check()?;
         if let Some(work) = WorkDir::try_open(path, true)?
-            && let Some(facts) = made(&shared, &work)
+            && let Some(count) = shared.share(shard, &work, run)?
         {
-            let nodes: MappedSlice<Node> = work.open_array(nodes::FILE)?;
-            let weighted = WeightedGraph::open(facts.weights, nodes.len(), StartsForm::Packed, &work)?;
-            let rows = RowParams { l: facts.l, sampling: facts.sampling };
-            return shard::compute(&weighted, &nodes, rows, shard, Context::new(&work, run));
+            return Ok(count);
         }
         if let Some(work) = WorkDir::try_open(path, false)? {
-            prepare(&open(&work)?, identity, params, Context::new(&work, run))?;
+            shared.prepare(&open(&work)?, Context::new(&work, run))?;
             continue;
         }
         if !told {

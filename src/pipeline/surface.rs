@@ -192,7 +192,7 @@ impl Smoothed {
             stage.smooth(&[0, 1, 2], &mut normals, shares, context)?;
         } else if context.run.threads > 1
             && !voronoi::is_by_blocks(normals::lengths(graph), context.run)
-            && normals::estimated_turning(graph, shares, context.run)? >= LIKELY_ROUGH
+            && stage.is_likely_rough(shares, context)?
         {
             // Two fronts at a time, since one front keeps one thread busy.
             stage.smooth(&[0, 1], &mut normals, shares, context)?;
@@ -211,6 +211,17 @@ impl Smoothed {
 }
 
 impl SurfaceStage<'_> {
+    /// Whether its nodes' own normals are probably too rough to measure turning with.
+    fn is_likely_rough(&self, shares: &AreaShares, context: Context<'_>) -> Result<bool> {
+        Ok(normals::estimated_turning(self.graph, shares, context.run)? >= LIKELY_ROUGH)
+    }
+
+    /// The radii and files of the normals that a surface without cells will probably ask for.
+    pub(super) fn likely_normals(&self, shares: &AreaShares, context: Context<'_>) -> Result<Vec<(f32, &'static str)>> {
+        let radii = if self.is_likely_rough(shares, context)? { &[0, 1][..] } else { &[1] };
+        Ok(radii.iter().map(|&k| (RADII[k], NORMALS[k])).collect())
+    }
+
     /// Puts normals at those of [`RADII`] with the indices `radii` into `normals`; with two threads, two fronts at a time.
     fn smooth(
         &self,

@@ -220,7 +220,7 @@ impl WorkDir {
     }
 
     /// Whether a file still has the bytes that were stamped: one sequential read, far cheaper than a wrong label.
-    fn unharmed(&self, name: &str, file: &FileRecord) -> Result<(), String> {
+    pub(crate) fn unharmed(&self, name: &str, file: &FileRecord) -> Result<(), String> {
         if self.bytes_in_memory(name) == Some(file.bytes) {
             return Ok(());
         }
@@ -272,7 +272,7 @@ impl WorkDir {
     }
 
     /// The record of the finished file `name`, which is on the disk before the manifest says so.
-    fn sealed(&self, name: &str) -> Result<FileRecord> {
+    pub(crate) fn sealed(&self, name: &str) -> Result<FileRecord> {
         if let Some(bytes) = self.bytes_in_memory(name) {
             return Ok(FileRecord { bytes, xxh3: String::new() });
         }

@@ -155,7 +155,7 @@ impl WorkDir {
         for entry in entries.flatten() {
             let name = entry.file_name().to_string_lossy().into_owned();
             // Half-filled rows stay: their journal knows which of them are whole.
-            let rows = name == "distances.npy.partial" || name.contains("-of-");
+            let rows = name == "distances.npy.partial" || name.starts_with("rows-");
             if name.ends_with(".tmp") || (name.ends_with(".partial") && !rows) {
                 self.remove(&name);
             }

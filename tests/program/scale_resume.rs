@@ -155,6 +155,114 @@ fn shards_and_merge_are_one_process_byte_for_byte() {
 }
 
 #[test]
+fn shares_of_the_default_recipe_are_one_process_byte_for_byte() {
+    let dir = tempfile::tempdir().unwrap();
+    let mesh = creature(dir.path(), 62_000);
+    let (one, expected) = (dir.path().join("one"), dir.path().join("one.seg"));
+    ok(&["segment", text(&mesh), "-q", "--work-dir", text(&one), "-o", text(&expected)]);
+    let told = |output: &Output| String::from_utf8_lossy(&output.stderr).into_owned();
+    let shared = |work: &Path| -> Vec<String> {
+        let names = |folder: &Path| std::fs::read_dir(folder).unwrap().map(|entry| entry.unwrap().file_name());
+        let all = names(work).chain(names(&work.join("contracted")));
+        all.filter_map(|name| name.into_string().ok()).filter(|name| name.contains("-of-")).collect()
+    };
+    for of in [1, 2, 3] {
+        let (work, out) = (dir.path().join(format!("work-{of}")), dir.path().join("many.seg"));
+        let share = |step: &str, more: &[&str]| {
+            ok(&[&["share", step, text(&mesh), "--work-dir", text(&work), "--json"], more].concat())
+        };
+        for step in ["normals", "contraction", "rows"] {
+            if of == 2 {
+                share(step, &["--prepare"]);
+            }
+            let shards: Vec<String> = (0..of).rev().map(|shard| format!("{shard}/{of}")).collect();
+            let count = |shard: &String| {
+                let answer = share(step, &["--shard", shard]).stdout;
+                let answer: serde_json::Value = serde_json::from_slice(&answer).unwrap();
+                answer[if step == "rows" { "rows" } else { "faces" }].as_u64().unwrap()
+            };
+            let all: u64 = shards.iter().map(count).sum();
+            assert_eq!(all, if step == "rows" { 120 } else { file_len(&one.join("surface_shares.npy")) / 4 }, "{step}");
+            if step == "rows" {
+                continue;
+            }
+            // One that was killed before it said that it was whole, one damaged on the disk, and the rest once more.
+            let front = if step == "normals" { "normals_02" } else { step };
+            std::fs::remove_file(work.join(format!("{front}-0-of-{of}.json"))).unwrap();
+            let array = work.join(format!("{front}-{}-of-{of}.npy", of - 1));
+            let mut bytes = std::fs::read(&array).unwrap();
+            let middle = bytes.len() / 2;
+            bytes[middle] ^= 1;
+            std::fs::write(&array, bytes).unwrap();
+            for (k, shard) in shards.iter().enumerate() {
+                let again = told(&share(step, &["--shard", shard]));
+                assert_eq!(again.contains("is done already"), k > 0 && k + 1 < shards.len(), "{again}");
+            }
+        }
+        let output = ok(&["segment", text(&mesh), "--work-dir", text(&work), "-o", text(&out)]);
+        let said = told(&output);
+        assert!(said.contains("edge weights: reused") && said.contains("distance rows: reused"), "{said}");
+        assert!(std::fs::read(&out).unwrap() == std::fs::read(&expected).unwrap());
+        for file in ["surface_shares", "graph_weights", "labels", "quality"] {
+            assert!(same_bytes(&one, &work, &format!("{file}.npy")), "{file}");
+        }
+        for file in ["contracted", "graph_weights", "graph_indices", "node_geometry", "distances", "landmarks", "cells"]
+        {
+            assert!(same_bytes(&one, &work, &format!("contracted/{file}.npy")), "{file}");
+        }
+        assert_eq!(shared(&work), [""; 0]);
+        ok(&["verify", text(&work)]);
+        // A scheduler that did not learn how a share ended.
+        for step in ["normals", "contraction", "rows"] {
+            let again = told(&share(step, &["--shard", &format!("0/{of}")]));
+            assert!(again.contains("nothing to do") || again.contains("is merged already"), "{again}");
+        }
+    }
+    // Of an unfinished division nothing is taken.
+    let (work, out) = (dir.path().join("half"), dir.path().join("half.seg"));
+    for step in ["normals", "contraction", "rows"] {
+        ok(&["share", step, text(&mesh), "-q", "--work-dir", text(&work), "--shard", "1/2"]);
+    }
+    let said = told(&ok(&["segment", text(&mesh), "--work-dir", text(&work), "-o", text(&out)]));
+    assert!(said.contains("computed without them") && !said.contains("distance rows: reused"), "{said}");
+    assert!(std::fs::read(&out).unwrap() == std::fs::read(&expected).unwrap());
+    // What cannot be divided is said to be done; what is no share is refused.
+    let small = dir.path().join("small");
+    std::fs::create_dir(&small).unwrap();
+    let small = creature(&small, 1_000);
+    for step in ["normals", "contraction", "rows"] {
+        let place = ["share", step, text(&small), "--work-dir", text(&dir.path().join("little"))].map(String::from);
+        let words = |more: &[&str]| -> Vec<String> {
+            place.iter().cloned().chain(more.iter().map(|word| word.to_string())).collect()
+        };
+        let run = |words: Vec<String>| program(&words.iter().map(String::as_str).collect::<Vec<_>>()).output().unwrap();
+        assert!(told(&run(words(&["--shard", "0/2"]))).contains("nothing to do"));
+        for wrong in [
+            &[][..],
+            &["--shard", "2/2"],
+            &["--shard", "0"],
+            &["--shard", "0/2", "--prepare"],
+            &["--shard", "0/2", "--exact"],
+        ] {
+            assert_eq!(run(words(wrong)).status.code(), Some(2), "{step} {wrong:?}");
+        }
+    }
+    for step in ["normals", "contraction", "rows"] {
+        let work = dir.path().join("many");
+        let many = ["share", step, text(&mesh), "-q", "--work-dir", text(&work), "--shard", "0/50000"];
+        assert_eq!(program(&many).output().unwrap().status.code(), Some(2), "{step}");
+    }
+}
+
+fn file_len(path: &Path) -> u64 {
+    std::fs::metadata(path).unwrap().len() - 128
+}
+
+fn same_bytes(one: &Path, many: &Path, file: &str) -> bool {
+    std::fs::read(one.join(file)).unwrap() == std::fs::read(many.join(file)).unwrap()
+}
+
+#[test]
 fn shards_take_no_weights_of_other_options() {
     let dir = tempfile::tempdir().unwrap();
     let mesh = creature(dir.path(), 5_000);
