@@ -80,15 +80,28 @@ MESHES = named(config["mesh"], "mesh") if "mesh" in config else {}
 SHARDS = config["shards"]
 BEFORE_ROWS = ("read", "order", "graph", "surface", "weights")
 
+# What is divided of a mesh that is cut by the default recipe, in this order: the stage of the plan, and the stages before.
+SHARED = {"normals": ("surface",), "contraction": ("contraction",), "rows": ("rows",)}
+BEFORE_SHARES = {
+    "normals": ("read", "order", "graph"),
+    "contraction": ("read", "surface", "weights"),
+    "rows": ("read", "contraction"),
+}
+
 
 def settings(name):
     return next(entry for entry in config["mesh"] if MESHES[name] == entry["mesh"])
 
 
+def is_exact(name):
+    return settings(name).get("exact", True)
+
+
 def row_options(wildcards):
-    """Options of the rows, which are over all faces: for the default method too, where `segment` would contract the mesh."""
+    """Options of the rows, which are over all faces unless `exact` is false: then the default method contracts a large mesh."""
     options = settings(wildcards.mesh).get("rows", "")
-    return options if "--cluster" in options else f"{options} --exact".strip()
+    exact = is_exact(wildcards.mesh) and "--cluster" not in options
+    return f"{options} --exact".strip() if exact else options
 
 
 def cut_options(wildcards):
@@ -97,6 +110,39 @@ def cut_options(wildcards):
 
 def mesh_of(wildcards):
     return MESHES[wildcards.mesh]
+
+
+def shares(name, step):
+    """The answers of all shares of a step."""
+    of = f"results/mesh/{name}/share/{step}"
+    return [f"{of}/{i}-of-{SHARDS}.json" for i in range(SHARDS)]
+
+
+def shares_before(wildcards):
+    """The shares that a step waits for."""
+    steps = list(SHARED)
+    before = steps[: steps.index(wildcards.step)][-1:]
+    return [answer for step in before for answer in shares(wildcards.mesh, step)]
+
+
+def divided(wildcards):
+    """What `cut` waits for."""
+    name = wildcards.mesh
+    return (
+        f"results/mesh/{name}/merged.json" if is_exact(name) else shares(name, "rows")
+    )
+
+
+def jobs(name):
+    """The jobs of a mesh by their benchmarks."""
+    answers = [f"rows-{i}-of-{SHARDS}" for i in range(SHARDS)]
+    if is_exact(name):
+        return ["prepare", *answers, "merge", "cut"]
+    shared = [f"{i}-of-{SHARDS}" for i in range(SHARDS)]
+    return [
+        *(f"share/{step}/{job}" for step in SHARED for job in ["prepare", *shared]),
+        "cut",
+    ]
 
 
 def targets_of_meshes():

@@ -91,7 +91,7 @@ rule merge:
 rule cut:
     input:
         mesh=mesh_of,
-        merged=rules.merge.output,
+        divided=divided,
     output:
         labels="results/mesh/{mesh}/parts.seg",
         picture=report(
@@ -132,12 +132,6 @@ rule cut:
 
 rule efficiency:
     input:
-        rows=expand(
-            "results/mesh/{mesh}/rows-{i}-of-{of}.json",
-            mesh=MESHES,
-            i=range(SHARDS),
-            of=SHARDS,
-        ),
         cut=expand(rules.cut.output.answer, mesh=MESHES),
     output:
         report(
@@ -154,8 +148,7 @@ rule efficiency:
         runtime=10,
     params:
         benchmarks="results/benchmarks/mesh",
-        meshes=list(MESHES),
-        shards=SHARDS,
+        jobs={name: jobs(name) for name in MESHES},
         threads=config["threads"],
     script:
         "../scripts/efficiency.py"

@@ -4,12 +4,11 @@ import csv
 from pathlib import Path
 
 snakemake = globals()["snakemake"]
-shards, threads = snakemake.params.shards, snakemake.params.threads
-steps = ["prepare", *(f"rows-{i}-of-{shards}" for i in range(shards)), "merge", "cut"]
+jobs, threads = snakemake.params.jobs, snakemake.params.threads
 with open(snakemake.output[0], "w", newline="", encoding="utf-8") as out:
     table = csv.writer(out, delimiter="\t", lineterminator="\n")
     table.writerow(["mesh", "job", "seconds", "cpu_seconds", "cores", "efficiency"])
-    for mesh in snakemake.params.meshes:
+    for mesh, steps in jobs.items():
         for step in steps:
             with (Path(snakemake.params.benchmarks) / mesh / f"{step}.tsv").open(newline="") as file:
                 (row,) = csv.DictReader(file, delimiter="\t")
@@ -19,4 +18,4 @@ with open(snakemake.output[0], "w", newline="", encoding="utf-8") as out:
             known = cpu not in ("NA", "-") and float(cpu) > 0
             share = f"{float(cpu) / (wall * cores):.2f}" if known else "NA"
             table.writerow([mesh, step, f"{wall:.2f}", cpu if known else "NA", cores, share])
-Path(snakemake.log[0]).write_text(f"{len(snakemake.params.meshes)} meshes, {len(steps)} jobs each\n")
+Path(snakemake.log[0]).write_text(f"{len(jobs)} meshes, {sum(map(len, jobs.values()))} jobs\n")
