@@ -169,7 +169,8 @@ impl SharedFront<'_> {
                 self.compute(own.clone(), field.data(), label.data(), run)?;
                 let (labels, distances) = share.data().split_at_mut(own.len());
                 let first = self.grains() as u32;
-                let known = |label: &u32| if *label == u32::MAX { *label } else { *label - first };
+                // Of a damaged graph, nodes may end up without a source.
+                let known = |label: &u32| if *label == u32::MAX { *label } else { label.wrapping_sub(first) };
                 labels.iter_mut().zip(&label.data()[own.clone()]).for_each(|(to, label)| *to = known(label));
                 distances.iter_mut().zip(&field.data()[own.clone()]).for_each(|(to, d)| *to = d.to_bits());
             }

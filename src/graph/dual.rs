@@ -119,7 +119,12 @@ impl DualGraph {
     /// [`Error::WorkDir`] where there is none, [`Error::Io`], [`Error::Malformed`].
     pub(crate) fn prepared(key: String, work: &WorkDir) -> Result<Self> {
         let facts = work.told::<GraphStage<'_>>().ok_or_else(|| work.damaged(MANIFEST, "tells of no graph"))?;
-        Self::open(work, facts, StartsForm::Packed, key)
+        let graph = Self::open(work, facts, StartsForm::Packed, key)?;
+        // A front over negative lengths would not end.
+        if !graph.edges.centroid_distance.iter().all(|length| *length >= 0.) {
+            return Err(work.damaged(FILES[4], "has lengths below 0"));
+        }
+        Ok(graph)
     }
 
     fn make(mesh: &Mesh, path: &Path, context: Context<'_>, key: String) -> Result<Self> {

@@ -90,7 +90,7 @@ BEFORE_SHARES = {
 
 
 def settings(name):
-    return next(entry for entry in config["mesh"] if MESHES[name] == entry["mesh"])
+    return dict(zip(MESHES, config["mesh"]))[name]
 
 
 def is_exact(name):
