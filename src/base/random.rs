@@ -27,6 +27,29 @@ pub fn weighted(sums: &[f64], random: &mut Random) -> usize {
     if found < sums.len() { found } else { 0 }
 }
 
+/// An item drawn in proportion to its weight, 0 where all weights are 0: the winner of a race, which each item ends after
+/// −ln u / weight. Its u comes from `key` and its name, so small changes of weights, and items more or fewer, seldom change
+/// the winner. With running sums ([`weighted`]) a small change at the front moves all that follows.
+pub fn raced(key: u64, items: impl Iterator<Item = (u64, f64)>) -> usize {
+    let (mut least, mut winner) = (f64::INFINITY, 0);
+    for (item, (name, weight)) in items.enumerate() {
+        let u = ((mixed(name ^ key) >> 11) as f64 + 0.5) / (1u64 << 53) as f64;
+        // −ln u is no less than 1 − u, which spares most logarithms.
+        if 1. - u < least * weight && -u.ln() < least * weight {
+            (least, winner) = (-u.ln() / weight, item);
+        }
+    }
+    winner
+}
+
+/// A number that looks random, from `x` alone: the finalizer of SplitMix64 (Steele, Lea, Flood 2014).
+pub fn mixed(x: u64) -> u64 {
+    let x = x.wrapping_add(0x9E37_79B9_7F4A_7C15);
+    let x = (x ^ (x >> 30)).wrapping_mul(0xBF58_476D_1CE4_E5B9);
+    let x = (x ^ (x >> 27)).wrapping_mul(0x94D0_49BB_1331_11EB);
+    x ^ (x >> 31)
+}
+
 /// A stratified draw: a point at random in each of `count` equal shares of `total`, the sum of `weights`. Gives the items
 /// that points fall into, ascending, and how many points fall into each. One pass.
 pub fn stratified(
@@ -57,4 +80,30 @@ pub fn stratified(
 /// A uniform number below `n` (0 where `n` is 0); the bias is below `n / 2^64`.
 pub fn below(random: &mut Random, n: usize) -> usize {
     ((u128::from(random.next_u64()) * n as u128) >> 64) as usize
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn races_are_won_in_proportion_to_weight_and_small_changes_leave_their_winners() {
+        let weights: Vec<f64> = (0..200).map(|i| f64::from(i % 4)).collect();
+        let race = |key, skipped: usize, scale: f64| {
+            let items = weights.iter().enumerate().filter(|(i, _)| *i != skipped);
+            let items: Vec<(u64, f64)> = items.map(|(i, w)| (i as u64, w * if i == 7 { scale } else { 1. })).collect();
+            items[raced(key, items.iter().copied())].0
+        };
+        let mut wins = [0; 4];
+        let (mut moved, mut lost) = (0, 0);
+        for key in 0..6_000 {
+            let winner = race(mixed(key), usize::MAX, 1.);
+            wins[winner as usize % 4] += 1;
+            moved += usize::from(race(mixed(key), usize::MAX, 1.5) != winner);
+            lost += usize::from(race(mixed(key), 0, 1.) != winner);
+        }
+        assert!(wins[0] == 0 && [1, 2, 3].iter().all(|&w| (wins[w] as i32 - 1_000 * w as i32).abs() < 150), "{wins:?}");
+        assert!(moved < 60 && lost == 0, "{moved} of 6,000 winners moved with one weight, {lost} with an item of none");
+        assert_eq!(raced(1, [(0, 0.), (1, 0.)].into_iter()), 0);
+    }
 }

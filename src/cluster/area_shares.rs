@@ -14,7 +14,7 @@
 
 use crate::base::Result;
 use crate::base::parallel::{chunk_count, chunk_range};
-use crate::base::random::{stratified, stream};
+use crate::base::random::{stratified, stream, unit};
 use crate::graph::DualGraph;
 use crate::graph::half_edge_pairs::AGAINST;
 use crate::store::{Context, MappedSlice, Run};
@@ -103,16 +103,29 @@ fn tiny_roots(graph: &DualGraph, run: &Run) -> Result<(HashSet<u32>, f64, u64)> 
     Ok((tiny, area, tiny_components))
 }
 
+/// Seeds that a block of nodes has in the mean.
+const SEEDS_PER_BLOCK: usize = 16;
+
 /// About `count` nodes, ascending: node `i` may be taken where `share[i] > 0`. All such nodes where they are no
-/// more than `count`.
+/// more than `count`. Blocks of nodes draw by themselves, each a point in equal shares of its area, so that faces of another
+/// size change the seeds of their own block, and not of all that follow.
 pub fn spread(share: &[f32], count: usize, seed: u64, purpose: &str) -> Vec<u32> {
     let eligible = share.iter().filter(|s| **s > 0.).count();
     if eligible <= count {
         return (0..share.len() as u32).filter(|&i| share[i as usize] > 0.).collect();
     }
     let total: f64 = share.iter().map(|&s| f64::from(s)).sum();
-    let points = stratified(share.iter().map(|&s| f64::from(s)), total, count, &mut stream(seed, purpose));
-    points.into_iter().map(|(node, _)| node).collect()
+    let quantum = total / count as f64;
+    let block = (SEEDS_PER_BLOCK * share.len() / count).max(1);
+    let mut seeds = Vec::with_capacity(count + count / 8);
+    for (k, shares) in share.chunks(block).enumerate() {
+        let mut random = stream(seed, &format!("{purpose} {k}"));
+        let here: f64 = shares.iter().map(|&s| f64::from(s)).sum();
+        let points = (here / quantum + unit(&mut random)) as usize;
+        let drawn = stratified(shares.iter().map(|&s| f64::from(s)), here, points, &mut random);
+        seeds.extend(drawn.into_iter().map(|(node, _)| (k * block) as u32 + node));
+    }
+    seeds
 }
 
 const BLOCKS: usize = 8;
@@ -192,7 +205,7 @@ pub fn class_sums(
 
 #[cfg(test)]
 mod tests {
-    use super::spread;
+    use super::{SEEDS_PER_BLOCK, spread};
 
     #[test]
     fn seeds_follow_the_area_and_avoid_what_counts_nothing() {
@@ -203,6 +216,12 @@ mod tests {
         for (k, &s) in seeds.iter().enumerate() {
             assert!((s as usize).abs_diff(k * 100) <= 101, "one in each quantum");
         }
+        // Regression: a face of another size moved all later seeds, and with them a twentieth of the labels.
+        let mut other = share.clone();
+        other[3_000] *= 3.;
+        let moved: Vec<u32> = spread(&other, 100, 1, "test").into_iter().filter(|s| !seeds.contains(s)).collect();
+        let block = SEEDS_PER_BLOCK as u32 * 100;
+        assert!(!moved.is_empty() && moved.iter().all(|s| s / block == 3_000 / block), "{moved:?}");
         assert_eq!(spread(&share[..20], 100, 1, "test").len(), 10);
     }
 }

@@ -89,7 +89,7 @@ impl Cells {
         context.work.remove("cell_field.tmp.partial");
         context.work.remove("cell_weights.npy");
         let of_node = owner.finish(false)?;
-        let graph = cell_graph(graph, shares, normals, &of_node, seeds.len(), context.run)?;
+        let graph = cell_graph(graph, shares, normals, &of_node, seeds, context.run)?;
         Ok(Self { of_node, graph })
     }
 
@@ -123,15 +123,16 @@ fn cell_graph(
     shares: &AreaShares,
     normals: SmoothedNormals<'_>,
     cell: &[u32],
-    cells: usize,
+    seeds: Vec<u32>,
     run: &Run,
 ) -> Result<CellGraph> {
     let unit = f64::from(shares.unit);
     // A cell within tiny components still needs a centroid: a weight too small to matter elsewhere.
-    let sums = class_sums(graph, shares, cell, cells, 1e-18, run)?;
+    let sums = class_sums(graph, shares, cell, seeds.len(), 1e-18, run)?;
     let borders = borders(graph, shares, normals, cell, run)?;
     let mean = |sum: f64, border: &BoundarySums| if border.length > 0. { sum / border.length } else { 0. };
     Ok(CellGraph {
+        seed: seeds,
         area: sums.iter().map(|sum| sum.share).collect(),
         centre: sums.iter().map(|sum| sum.centroid().map(|x| x * unit)).collect(),
         normal: sums.iter().map(ClassSum::direction).collect(),

@@ -67,7 +67,7 @@ pub struct Contraction<'a> {
 
 impl Stage for Contraction<'_> {
     const NAME: &'static str = "contraction";
-    const VERSION: u32 = 2;
+    const VERSION: u32 = 3;
     type Facts = GraphFacts;
     type Output = ContractedSurface;
 

@@ -88,7 +88,7 @@ pub(super) struct SurfaceStage<'a> {
 
 impl Stage for SurfaceStage<'_> {
     const NAME: &'static str = "surface";
-    const VERSION: u32 = 3;
+    const VERSION: u32 = 4;
     type Facts = SurfaceFacts;
     type Output = Surface;
 

@@ -13,6 +13,9 @@ use crate::base::{Error, Result};
 /// `m` pairs of neighbouring cells, each pair once.
 #[derive(Clone, Debug, Default, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct CellGraph {
+    /// Node that each cell grew from (S): its name in random draws. Cells without one are called by their number.
+    #[serde(default)]
+    pub seed: Vec<u32>,
     /// Area of each cell (S).
     pub area: Vec<f64>,
     /// Area-weighted centroid of each cell (S).
@@ -53,6 +56,11 @@ impl CellGraph {
         self.area.iter().sum()
     }
 
+    /// What each cell is called in random draws (S).
+    pub fn names(&self) -> Vec<u32> {
+        if self.seed.len() == self.len() { self.seed.clone() } else { (0..self.len() as u32).collect() }
+    }
+
     /// Each cell's share of the total area (S).
     pub fn area_shares(&self) -> Vec<f64> {
         let total = self.total_area();
@@ -78,7 +86,8 @@ impl CellGraph {
         }
         let positive = |x: f64| if x.is_finite() && x > 0.0 { x } else { 0.0 };
         let finite = |x: f64| if x.is_finite() { x.clamp(-1e100, 1e100) } else { 0.0 };
-        let mut g = CellGraph { area: self.area.iter().map(|&a| positive(a)).collect(), ..CellGraph::default() };
+        let area = self.area.iter().map(|&a| positive(a)).collect();
+        let mut g = CellGraph { seed: self.names(), area, ..CellGraph::default() };
         let mean = g.total_area() / n.max(1) as f64;
         if mean > 0.0 && mean.is_finite() {
             g.area.iter_mut().for_each(|a| *a = a.max(AREA_FLOOR * mean));
@@ -299,6 +308,7 @@ mod tests {
     #[test]
     fn cleaning_leaves_no_nan_and_no_loop() {
         let g = CellGraph {
+            seed: Vec::new(),
             area: vec![f64::NAN, 0.0],
             centre: vec![[f64::INFINITY, 0.0, 1.0]; 2],
             normal: vec![[0.0; 3], [0.0, 2.0, 0.0]],

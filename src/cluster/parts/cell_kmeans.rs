@@ -5,11 +5,12 @@
 //! point order. The result depends on the points, the weights and the random stream alone.
 //!
 //! [`crate::cluster::kmeans`] fits centres to sampled faces, coordinate by coordinate and over threads. This one labels
-//! cells, runs a dozen times in each decision, and is laid out for vectors on a single thread: the two share the draw of
-//! seeds ([`crate::base::random::weighted`]). Cost: n k d multiply-adds per round, 8 n d bytes.
+//! cells, runs a dozen times in each decision, is laid out for vectors on a single thread, and draws its seeds so that small
+//! changes of the points change few of them ([`crate::base::random::raced`]). Cost: n k d multiply-adds per round, 8 n d bytes.
 
-use crate::base::random::{Random, weighted};
+use crate::base::random::{Random, raced};
 use crate::base::simd::{SimdKernel, dispatch};
+use rand_xoshiro::rand_core::Rng;
 
 /// Points per block.
 const LANES: usize = 16;
@@ -116,30 +117,29 @@ impl PointBlocks {
 
 impl CellKMeans {
     /// Clusters `points` (row-major n × d) under `weight` (n, > 0): a label below
-    /// min(clusters, n) per point. Not every label need occur where points coincide.
-    pub fn run(&self, points: &[f64], weight: &[f64], random: &mut Random) -> Vec<u32> {
-        dispatch(CellKMeansJob { how: self, points, weight, random })
+    /// min(clusters, n) per point. Not every label need occur where points coincide. Draws go by `names` (n), those of the points.
+    pub fn run(&self, points: &[f64], weight: &[f64], names: &[u32], random: &mut Random) -> Vec<u32> {
+        dispatch(CellKMeansJob { how: self, points, weight, names, random })
     }
 
     /// Greedy k-means++: each seed is the best of a few drawn by weight × squared distance.
     #[inline(always)]
-    fn seeds(&self, x: &PointBlocks, weight: &[f64], k: usize, random: &mut Random) -> Vec<f32> {
+    fn seeds(&self, x: &PointBlocks, weight: &[f64], names: &[u32], k: usize, random: &mut Random) -> Vec<f32> {
         let mut centres: Vec<f32> = Vec::with_capacity(k * x.d);
         let mut near = vec![[f32::MAX; LANES]; x.norm.len()];
-        let mut sums: Vec<f64> = Vec::with_capacity(x.n);
+        let mut pulls: Vec<f64> = Vec::with_capacity(x.n);
         let (mut drawn, mut groups) = (Vec::new(), CentreGroups::default());
         for made in 0..k {
-            let mut total = 0.0;
-            sums.clear();
+            pulls.clear();
             for (near, part) in near.iter().zip(weight.chunks(LANES)) {
                 for (near, w) in near.iter().zip(part) {
-                    total += w * if made == 0 { 1.0 } else { f64::from(*near) + 1e-30 };
-                    sums.push(total);
+                    pulls.push(w * if made == 0 { 1.0 } else { f64::from(*near) + 1e-30 });
                 }
             }
             drawn.clear();
             for _ in 0..if made == 0 { 1 } else { self.candidates.max(1) } {
-                drawn.push(weighted(&sums, random));
+                let items = names.iter().map(|&name| u64::from(name)).zip(pulls.iter().copied());
+                drawn.push(raced(random.next_u64(), items));
             }
             let candidates: Vec<f32> = drawn.iter().flat_map(|&pick| x.point(pick)).copied().collect();
             groups.set(&candidates, x.d);
@@ -211,6 +211,7 @@ struct CellKMeansJob<'a> {
     how: &'a CellKMeans,
     points: &'a [f64],
     weight: &'a [f64],
+    names: &'a [u32],
     random: &'a mut Random,
 }
 
@@ -219,7 +220,7 @@ impl SimdKernel for CellKMeansJob<'_> {
 
     #[inline(always)]
     fn run(self) -> Vec<u32> {
-        let CellKMeansJob { how, points, weight, random } = self;
+        let CellKMeansJob { how, points, weight, names, random } = self;
         let n = weight.len();
         let k = how.clusters.clamp(1, n.max(1));
         let d = points.len().checked_div(n).unwrap_or(0);
@@ -229,7 +230,7 @@ impl SimdKernel for CellKMeansJob<'_> {
         let blocks = PointBlocks::new(points, n, d);
         let mut best: Option<(f64, Vec<u32>)> = None;
         for _ in 0..how.restarts.max(1) {
-            let mut centres = how.seeds(&blocks, weight, k, random);
+            let mut centres = how.seeds(&blocks, weight, names, k, random);
             let (cost, label) = how.rounds(&blocks, weight, &mut centres);
             if best.as_ref().is_none_or(|(least, _)| cost < *least) {
                 best = Some((cost, label));
@@ -294,6 +295,10 @@ mod tests {
 
     const PLAIN: CellKMeans = CellKMeans { clusters: 3, restarts: 2, rounds: 20, candidates: 3, tolerance: 1e-6 };
 
+    fn names(n: u32) -> Vec<u32> {
+        (0..n).collect()
+    }
+
     #[test]
     fn three_clumps_are_found() {
         let points: Vec<f64> = (0..60)
@@ -302,7 +307,7 @@ mod tests {
                 [x + (i as f64 * 0.7).sin() * 0.3, y + (i as f64 * 1.3).cos() * 0.3]
             })
             .collect();
-        let label = PLAIN.run(&points, &[1.0; 60], &mut stream(0, "test"));
+        let label = PLAIN.run(&points, &[1.0; 60], &names(60), &mut stream(0, "test"));
         for i in 0..60 {
             assert_eq!(label[i], label[i % 3]);
         }
@@ -311,10 +316,10 @@ mod tests {
 
     #[test]
     fn fewer_points_than_clusters_and_equal_points_are_no_trouble() {
-        assert_eq!(PLAIN.run(&[], &[], &mut stream(0, "test")), Vec::<u32>::new());
-        assert_eq!(PLAIN.run(&[1.0, 2.0], &[1.0], &mut stream(0, "test")), [0]);
-        let label = PLAIN.run(&[1.0, 9.0], &[1.0, 1.0], &mut stream(0, "test"));
+        assert_eq!(PLAIN.run(&[], &[], &[], &mut stream(0, "test")), Vec::<u32>::new());
+        assert_eq!(PLAIN.run(&[1.0, 2.0], &[1.0], &[0], &mut stream(0, "test")), [0]);
+        let label = PLAIN.run(&[1.0, 9.0], &[1.0, 1.0], &names(2), &mut stream(0, "test"));
         assert_ne!(label[0], label[1]);
-        assert_eq!(PLAIN.run(&[1.0; 8], &[1.0; 8], &mut stream(0, "test")).len(), 8);
+        assert_eq!(PLAIN.run(&[1.0; 8], &[1.0; 8], &names(8), &mut stream(0, "test")).len(), 8);
     }
 }

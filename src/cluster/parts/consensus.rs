@@ -6,13 +6,12 @@
 //! parts and one, and merges the groups once more by cost. Both need a stop constant, which the default
 //! ([`super::labelling`]) does without; they are kept for comparison.
 //!
-//! Also here: how sure a part is ([`confidence`]), and how much people would differ ([`expected_disagreement`]), both from
-//! the co-association, R² each.
+//! Also here: how sure a part is ([`confidence`]), from the co-association, R².
 
 use super::cell_graph::{CellGraph, class_sums, compact};
 use super::ensemble::{OverSegmentation, OverSegmentationParams, Superfaces, draw_ensemble};
 use super::hierarchy::{CellUnion, PartTree};
-use super::labelling::{Linkage, LinkageRank, between, unions_within};
+use super::labelling::{Linkage, LinkageRank, unions_within};
 use super::matrix::Square;
 use super::merges::{MergeModel, classes_after, meeting_probability, merges};
 use crate::base::Result;
@@ -175,22 +174,4 @@ pub fn confidence(superfaces: &Superfaces, co_association: &Square, label: &[u32
             (inside - outside.fold(0.0, f64::max)).clamp(0.0, 1.0)
         })
         .collect()
-}
-
-/// Expected 1 − Rand index by area of a labelling of the superfaces: the share of pairs on which a
-/// person drawn by C would differ; pairs inside a superface count as certain.
-pub fn expected_disagreement(superfaces: &Superfaces, co_association: &Square, label: &[u32]) -> f64 {
-    let total: f64 = superfaces.area.iter().sum();
-    let mut n = 0;
-    let apart: Vec<u32> = (0..superfaces.len() as u32).collect();
-    let mut differ = Square::zeros(superfaces.len());
-    for i in 0..superfaces.len() {
-        for (j, (x, c)) in differ.row_mut(i).iter_mut().zip(co_association.row(i)).enumerate() {
-            let wrong = if label[i] == label[j] { 1.0 - c } else { *c };
-            *x = if i == j { 0.0 } else { wrong * superfaces.area[i] * superfaces.area[j] };
-        }
-        n += 1;
-    }
-    let sums = between(&differ, &apart, n);
-    (0..n).map(|i| sums.row(i).iter().sum::<f64>()).sum::<f64>() / (total * total)
 }

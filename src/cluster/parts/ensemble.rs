@@ -15,9 +15,10 @@ use super::merges::{MergeModel, meeting_probability, merges};
 use super::regions::{CellMoments, EMBEDDING_DIMENSIONS, RegionLabels, Regions, cell_moments};
 use super::thickness::log_thickness;
 use crate::base::Result;
-use crate::base::random::{Random, below, stream};
+use crate::base::random::{Random, below, mixed, stream};
 use crate::spectral::anchor::{LandmarkDistances, anchor_embedding};
 use crate::store::run::Run;
+use rand_xoshiro::rand_core::Rng;
 
 /// s over the mean distance in the embedding whose means regions are compared by.
 pub const COMPARE_SCALE: f64 = 0.2;
@@ -61,16 +62,30 @@ pub fn draw_ensemble(
     purpose: &str,
     run: &Run,
 ) -> Result<Vec<OverSegmentation>> {
+    let names = landmark_names(cells, rows);
     run.map_chunks(
         count,
         || (),
         |k, ()| {
             let mut random = stream(run.seed, &format!("{purpose} {k}"));
-            let params = OverSegmentationParams::draw(rows.count, &mut random);
+            let params = OverSegmentationParams::draw(&names, &mut random);
             let width = below(&mut random, WIDTHS.len());
             Ok(OverSegmentation::new(cells, rows, &params, width, run.seed, &format!("{purpose} {k} clusters")))
         },
     )
+}
+
+/// What each landmark is called in random draws: the name of the cell nearest to it, told apart from others' there.
+fn landmark_names(cells: &CellGraph, rows: &LandmarkDistances) -> Vec<u64> {
+    let (names, mut there) = (cells.names(), vec![0u64; cells.len()]);
+    (0..rows.count)
+        .map(|j| {
+            let row = rows.row(j);
+            let home = (0..row.len()).min_by(|&a, &b| row[a].total_cmp(&row[b])).unwrap_or(0);
+            there[home] += 1;
+            u64::from(names[home]) | there[home] << 32
+        })
+        .collect()
 }
 
 /// Superfaces, the intersections of all regions of the ensemble, and what region sums are gathered from.
@@ -240,15 +255,15 @@ impl OverSegmentationParams {
         }
     }
 
-    /// Draws one at random: 30 to all of `rows` landmarks, a scale, 22 to 33 clusters.
-    pub fn draw(rows: usize, random: &mut Random) -> OverSegmentationParams {
+    /// Draws one at random: 30 to all of the landmarks called `names`, a scale, 22 to 33 clusters.
+    pub fn draw(names: &[u64], random: &mut Random) -> OverSegmentationParams {
+        let rows = names.len();
         let fewest = FEWEST_ROWS.min(rows.saturating_sub(1)).max(1);
         let count = (fewest + below(random, (rows + 1).saturating_sub(fewest))).min(rows);
         let mut all: Vec<usize> = (0..rows).collect();
-        for i in 0..count {
-            let j = i + below(random, rows - i);
-            all.swap(i, j);
-        }
+        // By name, not by number: landmarks that change places change nothing, one that moves changes one.
+        let key = random.next_u64();
+        all.sort_by_cached_key(|&j| mixed(names[j] ^ key));
         all.truncate(count);
         all.sort_unstable();
         let scale = SCALES[below(random, SCALES.len())];
@@ -267,7 +282,7 @@ pub fn over_segment(
 ) -> (Vec<u32>, usize) {
     let shares = cells.area_shares();
     let x = anchor_embedding(rows, &params.rows, &shares, params.kmeans.clusters, params.scale);
-    let label = params.kmeans.run(&x.values, &shares, random);
+    let label = params.kmeans.run(&x.values, &shares, &cells.names(), random);
     let (piece, _) = connected_pieces(&cells.pairs, &label);
     join_small(&cells.pairs, &cells.length, &shares, &piece, ISLAND, 0)
 }
@@ -282,11 +297,28 @@ mod tests {
         let mut random = stream(0, "test");
         for rows in [1, 2, 3, 30, 31, 60] {
             for _ in 0..50 {
-                let r = OverSegmentationParams::draw(rows, &mut random);
+                let names: Vec<u64> = (0..rows as u64).collect();
+                let r = OverSegmentationParams::draw(&names, &mut random);
                 assert!(!r.rows.is_empty() && r.rows.len() <= rows && r.rows.len() >= FEWEST_ROWS.min(rows - 1));
                 assert!(r.rows.windows(2).all(|w| w[0] < w[1]) && r.rows.iter().all(|&j| j < rows));
                 assert!(r.kmeans.clusters >= 1 && r.kmeans.clusters <= 33);
             }
+        }
+    }
+
+    #[test]
+    fn landmarks_that_change_places_are_drawn_all_the_same() {
+        let names: Vec<u64> = (0..60).map(|i| 7 * i).collect();
+        let mut other = names.clone();
+        other.swap(3, 40);
+        for seed in 0..20 {
+            let of = |names: &[u64]| {
+                let rows = OverSegmentationParams::draw(names, &mut stream(seed, "test")).rows;
+                let mut chosen: Vec<u64> = rows.iter().map(|&j| names[j]).collect();
+                chosen.sort_unstable();
+                chosen
+            };
+            assert_eq!(of(&names), of(&other));
         }
     }
 }

@@ -245,6 +245,7 @@ mod tests {
     fn strip() -> (CellGraph, Superfaces, Square) {
         let n = 12u32;
         let cells = CellGraph {
+            seed: Vec::new(),
             area: vec![1.; 12],
             centre: (0..n).map(|i| [0.1 * f64::from(i), 0., 0.]).collect(),
             normal: vec![[0., 0., 1.]; 12],

@@ -197,6 +197,7 @@ impl PartTree {
 /// // A strip of 24 cells with a crease in the middle, and how far they are from every fourth.
 /// let step = |i: u32| if i == 12 { 2. } else { 0.2 };
 /// let cells = CellGraph {
+///     seed: (0..24).collect(),
 ///     area: vec![1. / 24.; 24],
 ///     centre: (0..24).map(|i| [0.2 * f64::from(i), 0., 0.]).collect(),
 ///     normal: vec![[0., 0., 1.]; 24],
@@ -282,7 +283,7 @@ pub fn describe(decided: &PartDecision, cut: TreeCut, l: usize, seconds: f64) ->
         landmarks: l,
         superfaces: superfaces.len(),
         parts_found: tree.cut_detail(0.0).parts,
-        expected_disagreement: consensus::expected_disagreement(superfaces, co_association, &label),
+        expected_disagreement: labelling::expected_disagreement(superfaces, co_association, &label),
         mean_confidence: confidence.iter().zip(&shares).map(|(c, a)| c * a).sum(),
         area: cell_graph::class_sums(&cut.label, &shares, cut.parts),
         expected_agreement: agreement::of_parts(tree, &cut.label, cut.parts, &confidence, &shares),
