@@ -93,7 +93,7 @@
     const rough = new Uint16Array(count);
     for (let t = 0; t < count; t++) rough[t] = place.get(state.label[cells[t]]);
     let part = refined.refine(rough, ids.length);
-    if (number === found) part = keepFound(part, rough, base, state.label, place);
+    if (number === found || protectedAt() === found) part = keepFound(part, rough, baseOf(found), state.label, place);
     const names = new Map(own ? (data.names || []).map((name, id) => [id, name]).filter(([, name]) => name) : []);
     state.names.forEach((name, id) => names.set(id, name));
     const named = new Map(ids.map((id, k) => [k, k === dropped ? 'dropped' : names.get(id)]).filter(([, name]) => name));
@@ -103,7 +103,7 @@
     const kept = new Set([...state.kept].map((id) => place.get(id)));
     return { part, colours, names: named, id: ids, dropped, kept, error: state.error };
   }
-  // What edits have not divided keeps the boundaries that the program has refined on all faces.
+  // What neither edits nor the number have divided keeps the boundaries that the program has refined on all faces.
   function keepFound(part, rough, base, label, place) {
     const into = new Map();
     base.forEach((old, cell) => {
