@@ -102,7 +102,7 @@ mod tests {
             moved += usize::from(race(mixed(key), usize::MAX, 1.5) != winner);
             lost += usize::from(race(mixed(key), 0, 1.) != winner);
         }
-        assert!(wins[0] == 0 && [1, 2, 3].iter().all(|&w| (wins[w] as i32 - 1_000 * w as i32).abs() < 150), "{wins:?}");
+        assert!(wins[0] == 0 && [1, 2, 3].iter().all(|&w| (wins[w] - 1_000 * w as i32).abs() < 150), "{wins:?}");
         assert!(moved < 60 && lost == 0, "{moved} of 6,000 winners moved with one weight, {lost} with an item of none");
         assert_eq!(raced(1, [(0, 0.), (1, 0.)].into_iter()), 0);
     }
