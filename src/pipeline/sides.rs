@@ -9,7 +9,7 @@ use crate::apps::correspond::align::TELLING;
 use crate::apps::correspond::dense::{EXHAUSTIVE, RefinedPair, carried};
 use crate::apps::correspond::matches::{Match, Matching, matches};
 use crate::apps::correspond::partial::PartialOutcome;
-use crate::apps::correspond::refine::{Known, Outcome, Refinable, Refine, Start, refine, rivals};
+use crate::apps::correspond::refine::{Known, Outcome, Refinable, Refine, Start, refine, refit, rivals};
 use crate::apps::correspond::{Alignment, Alignments, Shape, SurfacePoint, Tensor};
 use crate::base::{Error, Result};
 use crate::distance::DistanceRows;
@@ -355,18 +355,19 @@ pub(super) fn refined(
     let telling = alignments.found.first().is_some_and(|best| best.orientation >= TELLING);
     alignments.ambiguous = found.len() > 1 || !telling;
     let outcome = found.get(params.alternative).ok_or_else(|| no_alternative(params.alternative, found.len()))?;
+    let map = refit(sides, &outcome.map, &guidance.pairs, context.run);
     let make = || {
-        let k = outcome.map.nrows();
+        let k = map.nrows();
         let first = |basis: LocalBasis, graph: &VertexGraph, side: &Side<'_>| {
             basis.first(graph.len(), &format!("{name}first_functions.npy"), Context::new(&side.work, context.run))
         };
         let (basis_a, basis_b) = (first(basis_a, graph_a, a)?, first(basis_b, graph_b, b)?);
-        let in_a = carried(&basis_b, &outcome.map, "carried.npy", Context::new(&b.work, context.run))?;
+        let in_a = carried(&basis_b, &map, "carried.npy", Context::new(&b.work, context.run))?;
         let coordinates = [(&basis_a.values[..], basis_a.count), (&in_a[..], k)];
         let pair = RefinedPair::new(coordinates, k, [graph_a, graph_b], EXHAUSTIVE, context)?;
         let found = matches(&pair, params.matching, &format!("{name}matches.npy"), context)?;
         let points = params.points.then(|| pair.points(&found, &format!("{name}points.npy"), context)).transpose()?;
-        Ok((found, points, FunctionalMap { map: outcome.map.clone(), bases: [basis_a, basis_b] }))
+        Ok((found, points, FunctionalMap { map, bases: [basis_a, basis_b] }))
     };
     let ((matches, points, functional), _) = context.run.stage("match", "vertices", graph_a.len() as u64, make)?;
     Ok(Correspondence {
