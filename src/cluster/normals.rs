@@ -47,7 +47,7 @@ pub fn smoothed(graph: &DualGraph, shares: &AreaShares, r: f32, file: &str, cont
     }
 }
 
-/// The seeds of the micro-cells for normals at radius `r` in `file`, one in each of 1/r² quanta of area.
+/// The seeds of the micro-cells for normals at radius `r` in `file`, about 1/r², by area.
 pub fn seeds(shares: &AreaShares, r: f32, file: &str, run: &Run) -> Vec<u32> {
     spread(&shares.share, (1. / (r * r)).round() as usize, run.seed, file)
 }
@@ -55,7 +55,7 @@ pub fn seeds(shares: &AreaShares, r: f32, file: &str, run: &Run) -> Vec<u32> {
 /// The front from these `seeds`.
 pub fn cell_front<'a>(graph: &'a DualGraph, seeds: &'a [u32], file: &'a str) -> SharedFront<'a> {
     let name = file.trim_end_matches(".npy");
-    SharedFront { name, graph: lengths(graph), key: &graph.key, sources: seeds }
+    SharedFront { name, stage: "normals", graph: lengths(graph), key: &graph.key, sources: seeds }
 }
 
 fn unit(v: [f32; 3]) -> Option<[f32; 3]> {

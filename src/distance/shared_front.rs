@@ -34,6 +34,8 @@ const VERSION: u32 = 1;
 pub struct SharedFront<'a> {
     /// Name of its files, without ending.
     pub name: &'a str,
+    /// The stage that progress is told for.
+    pub stage: &'a str,
     /// The graph, whose steps are as long in both directions.
     pub graph: Csr<'a>,
     /// The key of the stage that made the graph.
@@ -179,7 +181,7 @@ impl SharedFront<'_> {
             let file = work.sealed(&format!("{stem}.npy"))?;
             work.write_json(&format!("{stem}.json"), &ShareRecord { front: self.identity(), file })
         };
-        run.stage(self.name, "faces", own.len() as u64, make)?;
+        run.stage(self.stage, "faces", own.len() as u64, make)?;
         Ok(own.len())
     }
 
@@ -328,7 +330,7 @@ mod tests {
         for sources in [1usize, 3, 40, 400] {
             let mut sources: Vec<u32> = (0..sources).map(|_| below(&mut random, n) as u32).collect();
             sources.sort_unstable();
-            let front = SharedFront { name: "front", graph, key: "key", sources: &sources };
+            let front = SharedFront { name: "front", stage: "front", graph, key: "key", sources: &sources };
             let (mut field, mut label) = (vec![0f32; n], vec![0u32; n]);
             voronoi::nearest_source(graph, &sources, &mut field, &mut label, &run).unwrap();
             for of in [1, 2, 3, 5].into_iter().filter(|of| *of <= front.grains()) {
