@@ -14,6 +14,7 @@ use std::ops::Range;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::atomic::{AtomicUsize, Ordering};
 use std::sync::{Mutex, MutexGuard, PoisonError};
+use std::thread::{Scope, ScopedJoinHandle};
 
 /// Number of chunks of `size` that cover `0..n`.
 pub fn chunk_count(n: usize, size: usize) -> usize {
@@ -73,13 +74,27 @@ impl<'a> Tickets<'a> {
         std::thread::scope(|scope| {
             for _ in 1..threads.clamp(1, self.chunks.max(1)) {
                 // A thread that the system refuses is one fewer: the caller's own does the work.
-                drop(std::thread::Builder::new().spawn_scoped(scope, guarded));
+                drop(spawn(scope, guarded));
             }
             guarded();
         });
         let error = self.error.into_inner().unwrap_or_else(PoisonError::into_inner);
         error.map_or(Ok(()), |(_, error)| Err(error))
     }
+}
+
+/// Starts `work` on a thread of `scope`; one that the system refuses is an error and no panic.
+///
+/// # Errors
+/// [`Error::Unusable`].
+pub fn spawn<'scope, T: Send + 'scope>(
+    scope: &'scope Scope<'scope, '_>,
+    work: impl FnOnce() -> T + Send + 'scope,
+) -> Result<ScopedJoinHandle<'scope, T>> {
+    std::thread::Builder::new().spawn_scoped(scope, work).map_err(|error| {
+        let remedy = "use fewer --threads, or allow the process more threads or memory";
+        Error::unusable("threads", format!("the system refuses another one ({error})"), remedy)
+    })
 }
 
 /// Locks, also after a panic elsewhere, which is reported by itself.
@@ -217,6 +232,7 @@ fn ordered(
     let (tickets, jobs) = crossbeam_channel::bounded::<usize>(window);
     let (done, reports) = crossbeam_channel::bounded::<Report>(window + threads);
     std::thread::scope(|scope| {
+        let mut refused = None;
         for _ in 0..threads {
             let (jobs, done) = (jobs.clone(), done.clone());
             let guarded = move || {
@@ -224,7 +240,7 @@ fn ordered(
                     drop(done.send((usize::MAX, Err(error))));
                 }
             };
-            drop(std::thread::Builder::new().spawn_scoped(scope, guarded));
+            refused = spawn(scope, guarded).err();
         }
         drop((jobs, done));
         let mut issued = 0;
@@ -244,7 +260,7 @@ fn ordered(
                 None => match reports.recv() {
                     Ok((usize::MAX, panicked)) => return panicked,
                     Ok((k, result)) => waiting[k % window] = Some(result),
-                    Err(_) => return Err(Error::internal("no thread could be started")),
+                    Err(_) => return Err(refused.unwrap_or_else(|| Error::internal("all threads ended early"))),
                 },
             }
         }

@@ -12,7 +12,7 @@ use super::output::{ENDINGS, FormArgs, JsonArgs, Output, Results, folder_of, mea
 use super::progress::{Bars, BatchBars, Style, counted, human, tell};
 use super::stages::{KeptEmbedding, embedding};
 use nystrom_stream::apps::edits::Edits;
-use nystrom_stream::base::parallel::catch;
+use nystrom_stream::base::parallel::{catch, spawn};
 use nystrom_stream::base::{Error, Progress, Result};
 use nystrom_stream::cluster::parts::PartCount;
 use nystrom_stream::mesh::ply::labelled::Labelling;
@@ -489,52 +489,48 @@ fn all(jobs: Vec<Job>, task: Task<'_>, app: &AppContext) -> Result<(), CliError>
     let workers = usize::from(args.jobs).min(jobs.len());
     let whole = args.run.run(&(), app);
     let (threads, memory) = ((whole.threads / workers).max(1), whole.budget.total() / workers as u64);
-    std::thread::scope(|scope| {
-        for _ in 0..workers {
-            scope.spawn(|| {
-                loop {
-                    let k = next.fetch_add(1, Ordering::Relaxed);
-                    let lock = || tally.lock().unwrap_or_else(|poison| poison.into_inner());
-                    if k >= jobs.len() || lock().stop.is_some() {
-                        return;
-                    }
-                    let job = &jobs[k];
-                    let mine = bars.of_mesh(&job.mesh.display().to_string());
-                    let maker = job.maker(&options);
-                    if args.resume && job.is_done(maker.as_ref(), &mine) {
-                        lock().skipped += 1;
-                        bars.end(&mine, "");
-                        continue;
-                    }
-                    let begin = Instant::now();
-                    let mut run = args.run.run(&mine, app);
-                    (run.threads, run.budget) = (threads, Budget::new(memory));
-                    // A panic fails its mesh alone.
-                    let result = catch(|| {
-                        let known = || {
-                            job.outputs
-                                .iter()
-                                .zip(std::iter::repeat(&maker))
-                                .filter_map(|(o, m)| Some((o, m.as_ref()?)))
-                        };
-                        known().for_each(|(output, maker)| maker.forget(output));
-                        let report = one(job, task, &mine, &run, app)?;
-                        known().try_for_each(|(output, maker)| maker.stamp(output))?;
-                        Ok(report)
-                    })
-                    .flatten();
-                    let seconds = begin.elapsed().as_secs_f64();
-                    let row = result.as_ref().map_or(String::new(), |report| table.row_of(&job.mesh, report, seconds));
-                    bars.end(&mine, &row);
-                    if let Err(error) = &result
-                        && !matches!(error, Error::Cancelled)
-                    {
-                        bars.complain(&format!("nystrom-stream: {error}"));
-                    }
-                    lock().settle(k, job, result, seconds);
-                }
-            });
+    let work = || {
+        loop {
+            let k = next.fetch_add(1, Ordering::Relaxed);
+            let lock = || tally.lock().unwrap_or_else(|poison| poison.into_inner());
+            if k >= jobs.len() || lock().stop.is_some() {
+                return;
+            }
+            let job = &jobs[k];
+            let mine = bars.of_mesh(&job.mesh.display().to_string());
+            let maker = job.maker(&options);
+            if args.resume && job.is_done(maker.as_ref(), &mine) {
+                lock().skipped += 1;
+                bars.end(&mine, "");
+                continue;
+            }
+            let begin = Instant::now();
+            let mut run = args.run.run(&mine, app);
+            (run.threads, run.budget) = (threads, Budget::new(memory));
+            // A panic fails its mesh alone.
+            let result = catch(|| {
+                let known =
+                    || job.outputs.iter().zip(std::iter::repeat(&maker)).filter_map(|(o, m)| Some((o, m.as_ref()?)));
+                known().for_each(|(output, maker)| maker.forget(output));
+                let report = one(job, task, &mine, &run, app)?;
+                known().try_for_each(|(output, maker)| maker.stamp(output))?;
+                Ok(report)
+            })
+            .flatten();
+            let seconds = begin.elapsed().as_secs_f64();
+            let row = result.as_ref().map_or(String::new(), |report| table.row_of(&job.mesh, report, seconds));
+            bars.end(&mine, &row);
+            if let Err(error) = &result
+                && !matches!(error, Error::Cancelled)
+            {
+                bars.complain(&format!("nystrom-stream: {error}"));
+            }
+            lock().settle(k, job, result, seconds);
         }
+    };
+    std::thread::scope(|scope| {
+        (1..workers).for_each(|_| drop(spawn(scope, work)));
+        work();
     });
     bars.finish();
     let tally = tally.into_inner().unwrap_or_else(|poison| poison.into_inner());

@@ -16,7 +16,7 @@ use super::journal::{JobSpec, JournalEntry, ResumeState};
 use super::paging::Pages;
 use super::row_sink::{RowSink, RowVisitor, Target};
 use super::sampler::{FinishedRows, GraphSpace, Sampler, SearchGraph, fill_lengths};
-use crate::base::parallel::catch;
+use crate::base::parallel::{catch, spawn};
 use crate::base::{Cancel, Error, Result};
 use crate::graph::{Csr, Node, TriangleAdjacency};
 use crate::store::mapped::Access;
@@ -145,7 +145,7 @@ impl Running<'_> {
         std::thread::scope(|scope| -> Result<()> {
             let (requests, out) = (receive.clone(), done.clone());
             let (mut searching, others) = (front(), &others);
-            scope.spawn(move || {
+            spawn(scope, move || {
                 let ended = catch(|| {
                     self.search(field, &mut searching, (&send, &out), others)?;
                     drop(send);
@@ -153,14 +153,15 @@ impl Running<'_> {
                 });
                 // Nobody listens once another thread has failed.
                 ended.flatten().unwrap_or_else(|error| drop(out.send(Err(error))));
-            });
+            })?;
             for thread in 1..run.threads.min(missing) {
                 let (requests, out) = (receive.clone(), done.clone());
                 let mut front = front();
-                scope.spawn(move || {
+                // One that the system refuses is one fewer.
+                drop(spawn(scope, move || {
                     let ended = catch(|| self.rows(thread, &mut front, &requests, &out));
                     ended.flatten().unwrap_or_else(|error| drop(out.send(Err(error))));
-                });
+                }));
             }
             drop((receive, done));
             // Moved in so that the others see that nobody listens when this returns early.

@@ -20,7 +20,8 @@ use super::manifest::{FileRecord, MANIFEST, Manifest, NOT_MADE, StageRecord, che
 use super::needs::{Extent, Needs, Room};
 use super::run::Context;
 use super::workdir::WorkDir;
-use crate::base::{Error, Result};
+use crate::base::parallel::map_chunks;
+use crate::base::{Cancel, Error, Result};
 use serde::Serialize;
 use serde::de::DeserializeOwned;
 use serde_json::Value;
@@ -206,15 +207,10 @@ impl WorkDir {
             record.files.iter().try_for_each(|(name, file)| self.unharmed(name, file))?;
         } else {
             // Side by side: reading is what another number of parts waits for most.
-            std::thread::scope(|scope| {
-                let mut checks = Vec::new();
-                for (name, file) in &record.files {
-                    checks.push(scope.spawn(|| self.unharmed(name, file)));
-                }
-                checks
-                    .into_iter()
-                    .try_for_each(|check| check.join().unwrap_or_else(|_| Err("it cannot be read".into())))
-            })?;
+            let files: Vec<_> = record.files.iter().collect();
+            let check = |k: usize, (): &mut ()| Ok(self.unharmed(files[k].0, files[k].1));
+            let checked = map_chunks(files.len(), &Cancel::default(), files.len(), || (), check);
+            checked.map_err(|error| error.to_string())?.into_iter().collect::<Result<(), String>>()?;
         }
         serde_json::from_value(record.facts.clone()).map_err(|error| format!("its facts are unreadable: {error}"))
     }
@@ -261,14 +257,8 @@ impl WorkDir {
 
     /// The records of finished files, side by side: each waits for the disk.
     fn sealed_all(&self, files: &[&str]) -> Result<BTreeMap<String, FileRecord>> {
-        std::thread::scope(|scope| {
-            let started: Vec<_> = files.iter().map(|&name| (name, scope.spawn(move || self.sealed(name)))).collect();
-            let ended = started.into_iter().map(|(name, sealing)| {
-                let lost = || Error::io(self.file(name), "sync")(std::io::Error::other("a thread failed"));
-                Ok((name.to_string(), sealing.join().map_err(|_| lost())??))
-            });
-            ended.collect::<Result<BTreeMap<_, _>>>()
-        })
+        let seal = |k: usize, (): &mut ()| Ok((files[k].to_string(), self.sealed(files[k])?));
+        Ok(map_chunks(files.len(), &Cancel::default(), files.len(), || (), seal)?.into_iter().collect())
     }
 
     /// The record of the finished file `name`, which is on the disk before the manifest says so.
