@@ -118,6 +118,7 @@ def blender(folder):
 
 
 def cloudcompare(folder):
+    need("numpy")
     import numpy as np
 
     program = shutil.which("CloudCompare") or shutil.which("cloudcompare.CloudCompare")
