@@ -42,11 +42,16 @@ pub fn raced(key: u64, items: impl Iterator<Item = (u64, f64)>) -> usize {
     winner
 }
 
-/// A number that looks random, from `x` alone: the finalizer of SplitMix64 (Steele, Lea, Flood 2014).
+/// A number that looks random, from `x` alone: a step of SplitMix64 (Steele, Lea, Flood 2014).
 pub fn mixed(x: u64) -> u64 {
-    let x = x.wrapping_add(0x9E37_79B9_7F4A_7C15);
-    let x = (x ^ (x >> 30)).wrapping_mul(0xBF58_476D_1CE4_E5B9);
-    let x = (x ^ (x >> 27)).wrapping_mul(0x94D0_49BB_1331_11EB);
+    mix(x.wrapping_add(0x9E37_79B9_7F4A_7C15))
+}
+
+/// A well-mixed function of 64 bits (the finaliser of SplitMix64).
+#[inline]
+pub fn mix(x: u64) -> u64 {
+    let x = (x ^ (x >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
+    let x = (x ^ (x >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
     x ^ (x >> 31)
 }
 

@@ -15,11 +15,12 @@ mod numbering;
 mod relief;
 mod shape;
 
-use crate::base::{Error, Result, parallel, random};
+use crate::base::random::{self, mix};
+use crate::base::{Error, Result, parallel};
 use crate::mesh::output::by_rename;
 use crate::mesh::ply::{Encoding, HeaderWriter, Scalar};
 use crate::store::{Run, npy};
-use numbering::{Holes, Numbering, Permutation, mix};
+use numbering::{Holes, Numbering, Permutation};
 use rand_xoshiro::rand_core::Rng;
 use relief::{Relief, relief};
 use std::fs::File;

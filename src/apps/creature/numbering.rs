@@ -7,7 +7,7 @@
 //! search over patches, or less, and 10–20 ns per item in random order.
 
 use super::cage::Patch;
-use crate::base::random::Random;
+use crate::base::random::{Random, mix};
 use crate::base::{Error, Result, random};
 use rand_xoshiro::rand_core::Rng;
 
@@ -294,14 +294,6 @@ pub(super) struct Permutation {
     low_bits: u32,
     masks: [u64; 2],
     keys: [u64; ROUNDS],
-}
-
-/// A well-mixed function of 64 bits (the finaliser of SplitMix64).
-#[inline]
-pub(super) fn mix(x: u64) -> u64 {
-    let x = (x ^ (x >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
-    let x = (x ^ (x >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
-    x ^ (x >> 31)
 }
 
 impl Permutation {

@@ -154,19 +154,16 @@ pub(super) fn between(m: &Square, label: &[u32], classes: usize) -> Square {
 /// Expected 1 − Rand index by area of a labelling of the superfaces: the share of pairs on which a
 /// person drawn by C would differ; pairs inside a superface count as certain.
 pub fn expected_disagreement(superfaces: &Superfaces, co_association: &Square, label: &[u32]) -> f64 {
-    let total: f64 = superfaces.area.iter().sum();
-    let mut n = 0;
-    let apart: Vec<u32> = (0..superfaces.len() as u32).collect();
-    let mut differ = Square::zeros(superfaces.len());
-    for i in 0..superfaces.len() {
-        for (j, (x, c)) in differ.row_mut(i).iter_mut().zip(co_association.row(i)).enumerate() {
+    let area = &superfaces.area;
+    let differ = |i: usize| -> f64 {
+        let pair = |(j, c): (usize, &f64)| {
             let wrong = if label[i] == label[j] { 1.0 - c } else { *c };
-            *x = if i == j { 0.0 } else { wrong * superfaces.area[i] * superfaces.area[j] };
-        }
-        n += 1;
-    }
-    let sums = between(&differ, &apart, n);
-    (0..n).map(|i| sums.row(i).iter().sum::<f64>()).sum::<f64>() / (total * total)
+            if i == j { 0.0 } else { wrong * area[i] * area[j] }
+        };
+        co_association.row(i).iter().enumerate().map(pair).sum()
+    };
+    let total: f64 = area.iter().sum();
+    (0..superfaces.len()).map(differ).sum::<f64>() / (total * total)
 }
 
 /// What is greatest is joined first.
