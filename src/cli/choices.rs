@@ -55,6 +55,16 @@ impl Choice for Divided {
             "The front that contracts the mesh, likewise; when all shares of the normals are done",
         ),
         (Self::ContractedRows, "rows", "The rows over the contraction, by landmark; when all its shares are done"),
+        (
+            Self::Depths,
+            "depths",
+            "The front that finds the interiors of parts, by ranges of faces; when all rows are done",
+        ),
+        (
+            Self::Bands,
+            "bands",
+            "The front that labels the bands around boundaries, likewise; when all shares of the depths are done",
+        ),
     ];
 }
 

@@ -45,6 +45,8 @@ Examples, on two machines that see the same folder; each step begins when the on
   nystrom-stream share normals scan.ply --work-dir work --shard 0/2         the other machine: --shard 1/2
   nystrom-stream share contraction scan.ply --work-dir work --shard 0/2
   nystrom-stream share rows scan.ply --work-dir work --shard 0/2
+  nystrom-stream share depths scan.ply --work-dir work --shard 0/2          from here on with -k or --detail, if segment has it
+  nystrom-stream share bands scan.ply --work-dir work --shard 0/2
   nystrom-stream segment scan.ply --work-dir work -o parts.ply              on one of them: all the rest";
 
 /// After the help of `sequence`.

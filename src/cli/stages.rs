@@ -239,8 +239,7 @@ fn shared(divided: Divided, args: &RowsArgs, mut params: SegmentParams, app: &Ap
         let shared = SharedWork { divided, identity: &input::identity(&path)?, params: &params };
         let count = sharding::one(folder, shared, shard, open, &run)?;
         told["shard"] = json!([shard.0, shard.1]);
-        let by_landmark = matches!(divided, Divided::Rows | Divided::ContractedRows);
-        told[if by_landmark { "rows" } else { "faces" }] = count.into();
+        told[if divided.is_by_landmark() { "rows" } else { "faces" }] = count.into();
         return answer_with(&args.json, told, start, &bars);
     }
     let work = open(folder, &run)?;

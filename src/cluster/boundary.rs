@@ -7,8 +7,8 @@
 //! ([`dissolve`]): faces with their part's label but no path to its interior take the label around them. With both methods
 //! boundaries are then straightened ([`super::smooth`]).
 //!
-//! Only the narrow band is visited. Memory: two mapped arrays of 4 bytes per face; while islands are dissolved, 8 bytes
-//! per node of the ring that is visited.
+//! Only the narrow band is visited. Both fronts can be computed in shares ([`depth_front`], [`band_front`]). Memory: two mapped arrays of
+//! 4 bytes per face; while islands are dissolved, 8 bytes per node of the ring that is visited.
 
 use super::area_shares::AreaShares;
 use super::extrapolate::LocalPartMeans;
@@ -16,9 +16,8 @@ use super::normals::lengths;
 use super::smooth;
 use crate::base::Result;
 use crate::distance::front::mean_weight;
-use crate::distance::{DistanceRows, voronoi};
-use crate::graph::Csr;
-use crate::graph::DualGraph;
+use crate::distance::{DistanceRows, SharedFront, voronoi};
+use crate::graph::{Csr, DualGraph, WeightedGraph};
 use crate::store::{Context, MappedSlice, Run};
 
 /// Half the width of the narrow band around a boundary, which is labelled anew, in units of √(area).
@@ -47,46 +46,90 @@ pub struct CellLabels<'a> {
     pub label: &'a [u32],
 }
 
+impl CellLabels<'_> {
+    /// The label of `node`.
+    pub fn of(&self, node: usize) -> u32 {
+        self.label[self.of_node[node] as usize]
+    }
+
+    /// Number of labels.
+    fn parts(&self) -> usize {
+        self.label.iter().max().map_or(0, |top| *top as usize + 1)
+    }
+}
+
+/// Half the width of the narrow band, in the unit of the mesh.
+pub fn half_width(shares: &AreaShares) -> f32 {
+    BAND / shares.unit
+}
+
+/// The front that measures how deep in their parts faces lie: from the nodes where labels change, to `half_width`.
+pub fn depth_front<'a>(graph: &'a DualGraph, half_width: f32, boundary_nodes: &'a [u32]) -> SharedFront<'a> {
+    SharedFront {
+        name: "depths",
+        stage: "boundaries",
+        graph: lengths(graph),
+        key: &graph.key,
+        sources: boundary_nodes,
+        labels: None,
+        limit: half_width,
+    }
+}
+
+/// The front that labels the narrow bands, from the edge of the interiors, whose nodes have these `labels`.
+pub fn band_front<'a>(weighted: &'a WeightedGraph, edge: &'a [u32], labels: &'a [u32]) -> SharedFront<'a> {
+    SharedFront {
+        name: "bands",
+        stage: "boundaries",
+        graph: weighted.csr(),
+        key: &weighted.key,
+        sources: edge,
+        labels: Some(labels),
+        limit: f32::INFINITY,
+    }
+}
+
 /// Labels every face from the labels of cells. Writes `labels.npy`.
-/// `steps` is the graph under the weights that fronts use.
+/// Fronts that were computed in shares are taken from these.
 ///
 /// # Errors
 /// [`crate::base::Error::Io`], [`crate::base::Error::Cancelled`].
 pub fn refine(
     graph: &DualGraph,
-    steps: Csr<'_>,
+    weighted: &WeightedGraph,
     shares: &AreaShares,
     cells: CellLabels<'_>,
     method: BoundaryMethod<'_>,
     context: Context<'_>,
 ) -> Result<MappedSlice<u32>> {
-    let CellLabels { of_node: cell, label: label_of_cell } = cells;
-    let n = cell.len();
-    let parts = label_of_cell.iter().max().map_or(0, |top| *top as usize + 1);
+    let (n, steps) = (cells.of_node.len(), weighted.csr());
     let mut labels = context.work.array::<u32>("labels.npy", &[n])?;
-    context.run.fill_each(labels.data(), CHUNK, |i, _| label_of_cell[cell[i] as usize])?;
-    let boundary_nodes = boundary_nodes(steps, labels.data(), context.run)?;
+    context.run.fill_each(labels.data(), CHUNK, |i, _| cells.of(i))?;
+    let first: &[u32] = labels.data();
+    let boundary_nodes = boundary_nodes(steps, |i| first[i], context.run)?;
     if boundary_nodes.is_empty() {
         return labels.finish(false);
     }
-    let half_width = BAND / shares.unit;
+    let half_width = half_width(shares);
     let mut field = context.work.array::<f32>("depth.tmp", &[n])?;
-    let lengths = lengths(graph);
     field.data().fill(f32::INFINITY);
-    voronoi::within(lengths, &boundary_nodes, half_width, field.data(), context.run)?;
-    let limits = interior_limits(labels.data(), field.data(), parts, half_width, context.run)?;
+    depth_front(graph, half_width, &boundary_nodes).within(field.data(), context)?;
+    let (first, depth): (&[u32], &[f32]) = (labels.data(), field.data());
+    let limits = interior_limits(n, cells.parts(), |i| (first[i], depth[i]), half_width, context.run)?;
     // The second front starts in the interiors, at distance 0; the narrow band is open.
-    let parts_of: &[u32] = labels.data();
-    let interior = |i: usize, depth: f32| if depth >= limits[parts_of[i] as usize] { 0. } else { f32::INFINITY };
+    let interior = |i: usize, depth: f32| if depth >= limits[first[i] as usize] { 0. } else { f32::INFINITY };
     context.run.fill_each(field.data(), CHUNK, interior)?;
-    let interior_edge = interior_edge(steps, field.data(), context.run)?;
+    let inside: &[f32] = field.data();
+    let interior_edge = interior_edge(steps, |i| inside[i] == 0., context.run)?;
     match method {
         BoundaryMethod::Front => {
-            voronoi::propagate_labels(steps, &interior_edge, field.data(), labels.data(), context.run)?
+            let of_edge: Vec<u32> = interior_edge.iter().map(|&node| first[node as usize]).collect();
+            let front = band_front(weighted, &interior_edge, &of_edge);
+            front.propagate_labels(field.data(), labels.data(), context)?
         }
         BoundaryMethod::Embedding(means, rows) => {
             let field = field.data();
-            means.relabel(rows, cell, |i| field[i] != 0., labels.data(), context.run)?;
+            means.relabel(rows, cells.of_node, |i| field[i] != 0., labels.data(), context.run)?;
             dissolve(steps, &interior_edge, field, labels.data(), context.run)?;
         }
     }
@@ -131,13 +174,19 @@ fn straighten(
 }
 
 /// Nodes with a neighbour of another label, ascending.
-fn boundary_nodes(graph: Csr<'_>, labels: &[u32], run: &Run) -> Result<Vec<u32>> {
-    collect(graph, run, |_| true, |i, j| labels[i] != labels[j])
+///
+/// # Errors
+/// [`crate::base::Error::Cancelled`].
+pub fn boundary_nodes(graph: Csr<'_>, label: impl Fn(usize) -> u32 + Sync, run: &Run) -> Result<Vec<u32>> {
+    collect(graph, run, |_| true, |i, j| label(i) != label(j))
 }
 
-/// Nodes at distance 0 with a neighbour that is not, ascending.
-fn interior_edge(graph: Csr<'_>, field: &[f32], run: &Run) -> Result<Vec<u32>> {
-    collect(graph, run, |i| field[i] == 0., |_, j| field[j] != 0.)
+/// Nodes of interiors with a neighbour that is in none, ascending.
+///
+/// # Errors
+/// [`crate::base::Error::Cancelled`].
+pub fn interior_edge(graph: Csr<'_>, interior: impl Fn(usize) -> bool + Sync, run: &Run) -> Result<Vec<u32>> {
+    collect(graph, run, &interior, |_, j| !interior(j))
 }
 
 /// Nodes i, ascending, with `own(i)` and a neighbour j for which `beside(i, j)`.
@@ -158,15 +207,23 @@ fn collect(
 }
 
 /// The depth from which on each part's faces keep their label: the half width of the narrow band, or less where more
-/// than 60 % of the part lies in it. From histograms; depths beyond it are infinite.
-fn interior_limits(labels: &[u32], depth: &[f32], parts: usize, half_width: f32, run: &Run) -> Result<Vec<f32>> {
-    let n = labels.len();
+/// than 60 % of the part lies in it. From histograms of label and depth of all `n` nodes; depths beyond it are infinite.
+///
+/// # Errors
+/// [`crate::base::Error::Cancelled`].
+pub fn interior_limits(
+    n: usize,
+    parts: usize,
+    of: impl Fn(usize) -> (u32, f32) + Sync,
+    half_width: f32,
+    run: &Run,
+) -> Result<Vec<f32>> {
     let block = n.div_ceil(8).max(1);
     let blocks = run.map_ranges(n, block, |range| {
         let mut counts = vec![0u64; parts * (BINS + 1)];
-        for i in range {
-            let bin = if depth[i] < half_width { (depth[i] / half_width * BINS as f32) as usize } else { BINS };
-            counts[labels[i] as usize * (BINS + 1) + bin.min(BINS)] += 1;
+        for (label, depth) in range.map(&of) {
+            let bin = if depth < half_width { (depth / half_width * BINS as f32) as usize } else { BINS };
+            counts[label as usize * (BINS + 1) + bin.min(BINS)] += 1;
         }
         Ok(counts)
     })?;

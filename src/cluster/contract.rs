@@ -145,7 +145,15 @@ pub fn seeds(shares: &AreaShares, run: &Run) -> Vec<u32> {
 
 /// The front from these `seeds` under the weights.
 pub fn front<'a>(weighted: &'a WeightedGraph, seeds: &'a [u32]) -> SharedFront<'a> {
-    SharedFront { name: "contraction", stage: "contraction", graph: weighted.csr(), key: &weighted.key, sources: seeds }
+    SharedFront {
+        name: "contraction",
+        stage: "contraction",
+        graph: weighted.csr(),
+        key: &weighted.key,
+        sources: seeds,
+        labels: None,
+        limit: f32::INFINITY,
+    }
 }
 
 fn inputs(weights: &str, seed: u64) -> Value {

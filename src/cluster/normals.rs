@@ -55,7 +55,15 @@ pub fn seeds(shares: &AreaShares, r: f32, file: &str, run: &Run) -> Vec<u32> {
 /// The front from these `seeds`.
 pub fn cell_front<'a>(graph: &'a DualGraph, seeds: &'a [u32], file: &'a str) -> SharedFront<'a> {
     let name = file.trim_end_matches(".npy");
-    SharedFront { name, stage: "normals", graph: lengths(graph), key: &graph.key, sources: seeds }
+    SharedFront {
+        name,
+        stage: "normals",
+        graph: lengths(graph),
+        key: &graph.key,
+        sources: seeds,
+        labels: None,
+        limit: f32::INFINITY,
+    }
 }
 
 fn unit(v: [f32; 3]) -> Option<[f32; 3]> {

@@ -5,9 +5,9 @@
 //! A front over the share from its own sources and from there labels each node by a source of its own or by the place that the
 //! unknown one came in. Where a source of its own is strictly nearer, distance and label are those of one front over
 //! everything, ties included: no path through the outside is as short. The places that came in are then taken
-//! into the region, and what they had labelled is labelled anew, until no node of the share is labelled by them. Places are runs of as many
-//! nodes as a source has on average. In a mesh in rows such a run is a piece of one row, so each time twice as many are taken, one beside
-//! the other.
+//! into the region, and what they had labelled is labelled anew, until no node of the share is labelled by them. Nodes that neither a source
+//! nor the outside reaches are out of reach. Places are runs of about as many nodes as a source has on average. In a mesh in rows such a
+//! run is a piece of one row, so each time twice as many are taken, one beside the other.
 //!
 //! A share is an array of its own with its checksum beside it, written under other names and renamed. The process that goes
 //! on takes a division that is whole, in any number of shares, or else runs the front itself: the result is the same to the bit (tested).
@@ -27,7 +27,9 @@ use std::ops::Range;
 use xxhash_rust::xxh3::xxh3_64;
 
 /// Version of what a share holds.
-const VERSION: u32 = 1;
+const VERSION: u32 = 2;
+/// Runs of nodes, at the least and at the most.
+const GRAINS: [usize; 2] = [64, 1 << 16];
 
 /// A front from many sources that processes can share out.
 #[derive(Clone, Copy, Debug)]
@@ -42,6 +44,39 @@ pub struct SharedFront<'a> {
     pub key: &'a str,
     /// The sources, at least one.
     pub sources: &'a [u32],
+    /// Their labels; without these, the label of a source is its number.
+    pub labels: Option<&'a [u32]>,
+    /// Nodes at this distance or beyond are not visited.
+    pub limit: f32,
+}
+
+/// The labels of nodes that a front does not enter, at distance 0; the sources are among them.
+pub type Fixed<'a> = dyn Fn(usize) -> Option<u32> + Sync + 'a;
+
+/// All shares of a front.
+#[derive(Debug)]
+pub struct Shares {
+    /// The first node of each share, and the number of nodes.
+    bounds: Vec<usize>,
+    /// Of each share the labels, then the bits of the distances.
+    shares: Vec<MappedSlice<u32>>,
+}
+
+impl Shares {
+    /// The distance of `node`; infinite where the front did not come.
+    pub fn distance(&self, node: usize) -> f32 {
+        let shard = self.bounds.partition_point(|first| *first <= node) - 1;
+        let share = &self.shares[shard];
+        f32::from_bits(share[share.len() / 2 + node - self.bounds[shard]])
+    }
+
+    /// Each share's nodes, their labels and the bits of their distances.
+    fn each(&self) -> impl Iterator<Item = (Range<usize>, &[u32], &[u32])> {
+        self.bounds.windows(2).zip(&self.shares).map(|(own, share)| {
+            let (labels, distances) = share.split_at(share.len() / 2);
+            (own[0]..own[1], labels, distances)
+        })
+    }
 }
 
 /// What is written beside a share when it is whole.
@@ -54,7 +89,7 @@ struct ShareRecord {
 impl SharedFront<'_> {
     /// Nodes in a run that comes into a region as a whole.
     fn grain(&self) -> usize {
-        self.graph.len().div_ceil(self.sources.len().max(1)).max(1)
+        self.graph.len().div_ceil(self.sources.len().clamp(GRAINS[0], GRAINS[1])).max(1)
     }
 
     /// Number of such runs.
@@ -70,8 +105,10 @@ impl SharedFront<'_> {
 
     /// What identifies the front, in whatever shares.
     fn identity(&self) -> String {
-        let sources = xxh3_64(bytemuck::cast_slice(self.sources));
-        key_of("shared front", VERSION, &json!({"graph": self.key, "sources": format!("{sources:016x}")}))
+        let hash = |numbers: &[u32]| format!("{:016x}", xxh3_64(bytemuck::cast_slice(numbers)));
+        let (sources, labels, limit) = (hash(self.sources), self.labels.map(hash), self.limit.to_bits());
+        let inputs = json!({"graph": self.key, "sources": sources, "labels": labels, "limit": limit});
+        key_of("shared front", VERSION, &inputs)
     }
 
     /// What [`voronoi::nearest_source`] gives: from the shares in the work directory, where those of a division are all there, else by
@@ -80,32 +117,85 @@ impl SharedFront<'_> {
     /// # Errors
     /// [`Error::Io`], [`Error::Cancelled`].
     pub fn nearest_source(&self, field: &mut [f32], label: &mut [u32], context: Context<'_>) -> Result<()> {
-        let found = if context.work.is_temporary() { Vec::new() } else { self.divisions(context.work)? };
-        let whole = found.iter().find_map(|&of| {
-            let shares: Option<Vec<_>> = (0..of).map(|shard| self.finished(shard, of, context.work)).collect();
-            Some((of, shares?))
-        });
-        match whole {
-            Some((of, shares)) => {
-                for (shard, share) in shares.iter().enumerate() {
-                    let own = self.own(shard, of);
-                    let (labels, distances) = share.split_at(own.len());
+        match self.found(context)? {
+            Some(shares) => {
+                for (own, labels, distances) in shares.each() {
                     label[own.clone()].copy_from_slice(labels);
                     field[own].iter_mut().zip(distances).for_each(|(d, bits)| *d = f32::from_bits(*bits));
                 }
-                context.run.progress.note(&format!("{}: put together from {of} shares", self.name));
             }
-            None => {
-                if let Some(of) = found.first() {
-                    let problem = format!("not all {of} shares are there, whole and of these options");
-                    context.run.progress.note(&format!("{}: {problem}; computed without them", self.name));
-                }
-                voronoi::nearest_source(self.graph, self.sources, field, label, context.run)?;
-            }
+            None => voronoi::nearest_source(self.graph, self.sources, field, label, context.run)?,
         }
-        for of in found {
+        self.discard(context.work)
+    }
+
+    /// The same for [`voronoi::within`], in a field that is infinite everywhere.
+    ///
+    /// # Errors
+    /// As [`SharedFront::nearest_source`].
+    pub fn within(&self, field: &mut [f32], context: Context<'_>) -> Result<()> {
+        match self.found(context)? {
+            Some(shares) => {
+                for (own, _, distances) in shares.each() {
+                    field[own].iter_mut().zip(distances).for_each(|(d, bits)| *d = f32::from_bits(*bits));
+                }
+            }
+            None => voronoi::within(self.graph, self.sources, self.limit, field, context.run)?,
+        }
+        self.discard(context.work)
+    }
+
+    /// The same for [`voronoi::propagate_labels`]; `label` holds the labels of the sources too.
+    ///
+    /// # Errors
+    /// As [`SharedFront::nearest_source`].
+    pub fn propagate_labels(&self, field: &mut [f32], label: &mut [u32], context: Context<'_>) -> Result<()> {
+        match self.found(context)? {
+            Some(shares) => {
+                for (own, labels, distances) in shares.each() {
+                    for (node, (new, bits)) in own.zip(labels.iter().zip(distances)) {
+                        if *new != u32::MAX {
+                            (label[node], field[node]) = (*new, f32::from_bits(*bits));
+                        }
+                    }
+                }
+            }
+            None => voronoi::propagate_labels(self.graph, self.sources, field, label, context.run)?,
+        }
+        self.discard(context.work)
+    }
+
+    /// All shares of a division, where there is one that is whole.
+    ///
+    /// # Errors
+    /// [`Error::Io`].
+    pub fn shares(&self, work: &WorkDir) -> Result<Option<Shares>> {
+        let whole = |of: usize| {
+            let shares = (0..of).map(|shard| self.finished(shard, of, work)).collect::<Option<_>>()?;
+            let bounds = (0..of).map(|shard| self.own(shard, of).start).chain([self.graph.len()]).collect();
+            Some(Shares { bounds, shares })
+        };
+        Ok(self.divisions(work)?.into_iter().find_map(whole))
+    }
+
+    /// The same, and progress is told.
+    fn found(&self, context: Context<'_>) -> Result<Option<Shares>> {
+        let Context { work, run } = context;
+        let found = self.shares(work)?;
+        if let Some(Shares { shares, .. }) = &found {
+            run.progress.note(&format!("{}: put together from {} shares", self.name, shares.len()));
+        } else if let Some(of) = self.divisions(work)?.first() {
+            let problem = format!("not all {of} shares are there, whole and of these options");
+            run.progress.note(&format!("{}: {problem}; computed without them", self.name));
+        }
+        Ok(found)
+    }
+
+    /// Removes all shares.
+    fn discard(&self, work: &WorkDir) -> Result<()> {
+        for of in self.divisions(work)? {
             for shard in 0..of {
-                ["json", "npy"].iter().for_each(|end| context.work.remove(&format!("{}.{end}", self.stem(shard, of))));
+                ["json", "npy"].iter().for_each(|end| work.remove(&format!("{}.{end}", self.stem(shard, of))));
             }
         }
         Ok(())
@@ -113,6 +203,9 @@ impl SharedFront<'_> {
 
     /// Into how many shares the front was divided, as far as files tell.
     fn divisions(&self, work: &WorkDir) -> Result<Vec<usize>> {
+        if work.is_temporary() {
+            return Ok(Vec::new());
+        }
         let entries = std::fs::read_dir(work.path()).map_err(Error::io(work.path(), "list"))?;
         let of = |name: &str| {
             let (shard, of) =
@@ -141,15 +234,18 @@ impl SharedFront<'_> {
             return None;
         }
         let share = work.open_array::<u32>(&array).ok().filter(|share| share.len() == 2 * own.len())?;
-        let known = |label: &u32| *label == u32::MAX || (*label as usize) < self.sources.len();
+        let most =
+            self.labels.map_or(self.sources.len() as u32 - 1, |labels| labels.iter().copied().max().unwrap_or(0));
+        let known = |label: &u32| *label == u32::MAX || *label <= most;
         share[..own.len()].iter().all(known).then_some(share)
     }
 
     /// Computes share `shard` of `of`, or finds it done; how many nodes it has.
+    /// The front does not enter what is `fixed`.
     ///
     /// # Errors
     /// [`Error::Parameter`] for a share that does not exist, [`Error::Io`], [`Error::Cancelled`].
-    pub fn share(&self, (shard, of): (usize, usize), context: Context<'_>) -> Result<usize> {
+    pub fn share(&self, (shard, of): (usize, usize), fixed: &Fixed<'_>, context: Context<'_>) -> Result<usize> {
         if shard >= of || of > self.grains() {
             let problem = format!("{shard}/{of} is no share of {} runs of faces", self.grains());
             return Err(Error::parameter("--shard", problem, "count shares from 0, and make fewer"));
@@ -168,10 +264,10 @@ impl SharedFront<'_> {
                 // Zero outside of the region: nearer than any path, and of the unknown source.
                 let mut field = work.array::<f32>(&names[0], &[n])?;
                 let mut label = work.array::<u32>(&names[1], &[n])?;
-                self.compute(own.clone(), field.data(), label.data(), run)?;
+                self.compute(own.clone(), fixed, (field.data(), label.data()), run)?;
                 let (labels, distances) = share.data().split_at_mut(own.len());
                 let first = self.grains() as u32;
-                // Of a damaged graph, nodes may end up without a source.
+                // What the front does not reach has no label.
                 let known = |label: &u32| if *label == u32::MAX { *label } else { label.wrapping_sub(first) };
                 labels.iter_mut().zip(&label.data()[own.clone()]).for_each(|(to, label)| *to = known(label));
                 distances.iter_mut().zip(&field.data()[own.clone()]).for_each(|(to, d)| *to = d.to_bits());
@@ -185,31 +281,39 @@ impl SharedFront<'_> {
         Ok(own.len())
     }
 
-    /// The front as far as the nodes `own` need it. Both arrays (n) are 0 before. Then the label of source k is k + the
-    /// number of grains; that of the unknown source is the grain that it came from.
-    fn compute(&self, own: Range<usize>, field: &mut [f32], label: &mut [u32], run: &Run) -> Result<()> {
+    /// The front as far as the nodes `own` need it. Both arrays (n) are 0 before. Then the labels of sources have the
+    /// number of grains added; that of the unknown source is the grain that it came from.
+    fn compute(
+        &self,
+        own: Range<usize>,
+        fixed: &Fixed<'_>,
+        (field, label): (&mut [f32], &mut [u32]),
+        run: &Run,
+    ) -> Result<()> {
         let (grain, grains) = (self.grain(), self.grains() as u32);
         let mut inside = vec![false; grains as usize];
         inside[own.start / grain..own.end.div_ceil(grain)].fill(true);
         let front = BlockDijkstra::within_budget(self.graph, run);
+        // Clears the nodes inside that a source of theirs has not reached; which grains have some.
+        let clear = |inside: &[bool], field: &mut [f32], label: &mut [u32]| {
+            let clear = |k: usize, field: &mut [f32], label: &mut [u32], (): &mut ()| {
+                let mut any = false;
+                for (node, (d, label)) in (k * grain..).zip(field.iter_mut().zip(label)) {
+                    if inside[k] && *label < grains {
+                        (*d, *label) = fixed(node).map_or((f32::INFINITY, u32::MAX), |own| (0., own + grains));
+                        any = true;
+                    }
+                }
+                Ok(any)
+            };
+            run.fill_two((field, label), grain, || (), clear)
+        };
         let mut stale = false;
         let (mut grown, mut layers) = (true, 1);
         while grown {
-            run.fill_two(
-                (&mut *field, &mut *label),
-                grain,
-                || (),
-                |k, field, label, ()| {
-                    for (d, label) in
-                        field.iter_mut().zip(label).filter(|(_, label)| inside[k] && !is_known(**label, grains))
-                    {
-                        (*d, *label) = (f32::INFINITY, u32::MAX);
-                    }
-                    Ok(())
-                },
-            )?;
-            let messages = self.messages(&inside, field, label, run)?;
-            stale |= front.propagate(messages, f32::INFINITY, field, label)?;
+            let cleared = clear(&inside, field, label)?;
+            let messages = self.messages((&inside, &cleared), field, label, run)?;
+            stale |= front.propagate(messages, self.limit, field, label)?;
             let mut rim = Vec::new();
             for &label in label[own.clone()].iter().filter(|label| **label < grains) {
                 if !std::mem::replace(&mut inside[label as usize], true) {
@@ -224,19 +328,16 @@ impl SharedFront<'_> {
         }
         if stale {
             // Once more over the final distances, as in `BlockDijkstra::nearest_source`: no known label was too large.
-            run.fill_chunks(
-                label,
-                grain,
-                || (),
-                |k, label, ()| {
-                    if inside[k] {
-                        label.fill(u32::MAX);
-                    }
-                    Ok(())
-                },
-            )?;
-            let messages = self.messages(&inside, field, label, run)?;
-            front.propagate(messages, f32::INFINITY, field, label)?;
+            let relabel = |k: usize, label: &mut [u32], (): &mut ()| {
+                if inside[k] {
+                    let own = |node: usize| fixed(node).map_or(u32::MAX, |own| own + grains);
+                    (k * grain..).zip(label).for_each(|(node, label)| *label = own(node));
+                }
+                Ok(())
+            };
+            run.fill_chunks(label, grain, || (), relabel)?;
+            let messages = self.messages((&inside, &inside), field, label, run)?;
+            front.propagate(messages, self.limit, field, label)?;
         }
         Ok(())
     }
@@ -258,21 +359,29 @@ impl SharedFront<'_> {
         found
     }
 
-    /// What comes to the nodes `inside` that have no label: from sources, from beside them, from outside.
-    fn messages(&self, inside: &[bool], field: &[f32], label: &[u32], run: &Run) -> Result<Vec<Message<u32>>> {
+    /// What comes to the nodes in the `cleared` grains inside that have no label: from sources, from beside them, from outside.
+    fn messages(
+        &self,
+        (inside, cleared): (&[bool], &[bool]),
+        field: &[f32],
+        label: &[u32],
+        run: &Run,
+    ) -> Result<Vec<Message<u32>>> {
         let grain = self.grain();
         let entering = run.map_ranges(label.len(), grain, |range| {
             let mut messages = Vec::new();
-            if !inside[range.start / grain] {
+            if !cleared[range.start / grain] {
                 return Ok(messages);
             }
             for node in range.filter(|&node| label[node] == u32::MAX) {
                 for (from, weight) in self.graph.neighbours(node as u32) {
                     let (from, node) = (from as usize, node as u32);
-                    if !inside[from / grain] {
-                        messages.push(Message { node, distance: weight, label: (from / grain) as u32 });
-                    } else if label[from] != u32::MAX {
-                        messages.push(Message { node, distance: field[from] + weight, label: label[from] });
+                    let (distance, label) = match inside[from / grain] {
+                        false => (weight, (from / grain) as u32),
+                        true => (field[from] + weight, label[from]),
+                    };
+                    if label != u32::MAX && distance < self.limit {
+                        messages.push(Message { node, distance, label });
                     }
                 }
             }
@@ -280,36 +389,32 @@ impl SharedFront<'_> {
         })?;
         let mut messages = entering.concat();
         let first = self.grains() as u32;
-        for (&node, k) in self.sources.iter().zip(first..) {
-            if inside[node as usize / grain] && label[node as usize] == u32::MAX {
-                messages.push(Message { node, distance: 0., label: k });
+        for (k, &node) in self.sources.iter().enumerate() {
+            if cleared[node as usize / grain] && label[node as usize] == u32::MAX {
+                let label = first + self.labels.map_or(k as u32, |labels| labels[k]);
+                messages.push(Message { node, distance: 0., label });
             }
         }
         Ok(messages)
     }
 }
 
-/// Whether `label` is that of a source inside of the region.
-fn is_known(label: u32, grains: u32) -> bool {
-    label >= grains && label != u32::MAX
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::base::random::{below, stream};
+    use crate::base::random::{Random, below, stream};
     use crate::graph::OwnedRowStarts;
 
-    #[test]
-    fn shares_are_the_front_over_everything() {
-        // A grid whose steps are few different lengths: paths tie everywhere.
-        let (w, h) = (60usize, 70usize);
-        let n = w * h;
-        let mut random = stream(7, "lengths");
+    /// A grid whose steps are few different lengths: paths tie everywhere.
+    const WIDTH: usize = 60;
+    const HEIGHT: usize = 70;
+
+    fn grid(random: &mut Random) -> (OwnedRowStarts, Vec<u32>, Vec<f32>) {
+        let (w, h) = (WIDTH, HEIGHT);
         let step: Vec<[f32; 2]> =
-            (0..n).map(|_| [(); 2].map(|()| [0.25, 0.5, 0.1, 3.][below(&mut random, 4)])).collect();
+            (0..w * h).map(|_| [(); 2].map(|()| [0.25, 0.5, 0.1, 3.][below(random, 4)])).collect();
         let (mut degrees, mut indices, mut weights) = (Vec::new(), Vec::new(), Vec::new());
-        for i in 0..n {
+        for i in 0..w * h {
             let (x, y) = (i % w, i / w);
             let around = [
                 (y > 0).then(|| (i - w, step[i - w][1])),
@@ -324,30 +429,79 @@ mod tests {
             }
             degrees.push(indices.len() - before);
         }
-        let starts = OwnedRowStarts::of(degrees);
+        (OwnedRowStarts::of(degrees), indices, weights)
+    }
+
+    /// Computes `front` in shares, and puts them together by `take`.
+    fn in_shares(front: &SharedFront<'_>, of: usize, fixed: &Fixed<'_>, take: impl FnOnce(Context<'_>)) {
+        let folder = tempfile::tempdir().unwrap();
+        let (work, run) = (WorkDir::open(folder.path()).unwrap(), Run::new(&()));
+        let context = Context::new(&work, &run);
+        assert!(front.shares(&work).unwrap().is_none());
+        for shard in (0..of).rev() {
+            assert_eq!(front.share((shard, of), fixed, context).unwrap(), front.own(shard, of).len());
+        }
+        for none in [(of, of), (0, front.graph.len() + 1)] {
+            assert!(front.share(none, fixed, context).is_err());
+        }
+        let other = SharedFront { key: "other", ..*front };
+        assert!(front.shares(&work).unwrap().is_some() && other.shares(&work).unwrap().is_none());
+        take(context);
+        assert!(front.divisions(&work).unwrap().is_empty());
+    }
+
+    #[test]
+    fn shares_are_the_front_over_everything() {
+        let mut random = stream(7, "lengths");
+        let (starts, indices, weights) = grid(&mut random);
         let graph = Csr::new(starts.view(), &indices, &weights);
-        let run = Run::new(&());
-        for sources in [1usize, 3, 40, 400] {
-            let mut sources: Vec<u32> = (0..sources).map(|_| below(&mut random, n) as u32).collect();
+        let (n, run) = (graph.len(), Run::new(&()));
+        for count in [1usize, 3, 40, 400] {
+            let mut sources: Vec<u32> = (0..count).map(|_| below(&mut random, n) as u32).collect();
             sources.sort_unstable();
-            let front = SharedFront { name: "front", stage: "front", graph, key: "key", sources: &sources };
+            let infinite = f32::INFINITY;
+            let front = SharedFront {
+                name: "front",
+                stage: "front",
+                graph,
+                key: "key",
+                sources: &sources,
+                labels: None,
+                limit: infinite,
+            };
             let (mut field, mut label) = (vec![0f32; n], vec![0u32; n]);
             voronoi::nearest_source(graph, &sources, &mut field, &mut label, &run).unwrap();
-            for of in [1, 2, 3, 5].into_iter().filter(|of| *of <= front.grains()) {
-                let folder = tempfile::tempdir().unwrap();
-                let work = WorkDir::open(folder.path()).unwrap();
-                let context = Context::new(&work, &run);
-                for shard in (0..of).rev() {
-                    assert_eq!(front.share((shard, of), context).unwrap(), front.own(shard, of).len());
-                }
-                assert!(front.share((of, of), context).is_err() && front.share((0, n + 1), context).is_err());
-                let whole = (0..of).all(|shard| front.finished(shard, of, &work).is_some());
-                let other = SharedFront { key: "other", ..front };
-                assert!(whole && other.finished(0, of, &work).is_none());
-                let (mut distances, mut labels) = (vec![0f32; n], vec![0u32; n]);
-                front.nearest_source(&mut distances, &mut labels, context).unwrap();
-                assert!(distances == field && labels == label, "{} sources, {of} shares", sources.len());
-                assert!(front.divisions(&work).unwrap().is_empty());
+            let near = SharedFront { limit: 2.3, ..front };
+            let mut depth = vec![infinite; n];
+            voronoi::within(graph, &sources, near.limit, &mut depth, &run).unwrap();
+            // A third of the grid, in stripes, is fixed.
+            let fixed = |node: usize| (node % WIDTH % 15 < 5).then_some((node % WIDTH / 15 + node / WIDTH / 20) as u32);
+            let start: Vec<f32> = (0..n).map(|node| fixed(node).map_or(infinite, |_| 0.)).collect();
+            let named: Vec<u32> = (0..n).map(|node| fixed(node).unwrap_or(99)).collect();
+            let beside = |node: &u32| graph.neighbours(*node).any(|(to, _)| start[to as usize] > 0.);
+            let edge: Vec<u32> = (0..n as u32).filter(|node| start[*node as usize] == 0. && beside(node)).collect();
+            let labels: Vec<u32> = edge.iter().map(|node| named[*node as usize]).collect();
+            let band = SharedFront { sources: &edge, labels: Some(&labels), ..front };
+            let (mut band_field, mut band_label) = (start.clone(), named.clone());
+            voronoi::propagate_labels(graph, &edge, &mut band_field, &mut band_label, &run).unwrap();
+            for of in [1, 2, 3, 5] {
+                let (mut distances, mut found) = (vec![0f32; n], vec![0u32; n]);
+                in_shares(&front, of, &|_| None, |context| {
+                    front.nearest_source(&mut distances, &mut found, context).unwrap();
+                });
+                assert!(distances == field && found == label, "{count} sources, {of} shares");
+                let mut distances = vec![infinite; n];
+                in_shares(&near, of, &|_| None, |context| {
+                    let shares = near.shares(context.work).unwrap().unwrap();
+                    assert!((0..n).all(|node| shares.distance(node) == depth[node]), "{count} sources, {of} shares");
+                    near.within(&mut distances, context).unwrap();
+                });
+                assert!(distances == depth, "{count} sources, {of} shares");
+                let (mut distances, mut found) = (start.clone(), named.clone());
+                in_shares(&band, of, &fixed, |context| {
+                    band.propagate_labels(&mut distances, &mut found, context).unwrap();
+                });
+                assert!(distances == band_field && found == band_label, "{count} sources, {of} shares");
             }
         }
     }

@@ -95,6 +95,11 @@ pub struct Segmentation {
     pub numbers: SegmentStats,
 }
 
+/// The key of the labels of `graph`.
+pub(super) fn stage_key(graph: &DualGraph, params: &SegmentParams, seed: u64) -> StageKey {
+    StageKey::new("labels", LABELS_VERSION, json!({"graph": graph.key, "params": params, "seed": seed}))
+}
+
 /// Brings labels into the order of the file, colours the parts and stamps the result.
 pub(super) fn label(
     graph: &DualGraph,
@@ -121,9 +126,8 @@ pub(super) fn label(
     if !names.is_empty() {
         names.resize(colours.len(), String::new());
     }
-    let inputs = json!({"graph": graph.key, "params": params, "seed": context.run.seed});
     let facts = LabelFacts { faces: numbers.faces.clone(), colours: colours.clone(), names: names.clone(), edits };
-    let stage = StageKey::new("labels", LABELS_VERSION, inputs);
+    let stage = stage_key(graph, params, context.run.seed);
     context.work.stamp(stage, &["labels.npy", "quality.npy"], &facts, 0.)?;
     let cell_labels = clustered.cell_labels;
     Ok(Segmentation {

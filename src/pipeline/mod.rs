@@ -31,6 +31,7 @@ pub mod report;
 mod sample;
 pub mod sequence;
 pub mod sharding;
+mod shared_boundaries;
 #[cfg(feature = "correspondence")]
 mod sides;
 mod surface;

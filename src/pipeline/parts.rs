@@ -61,7 +61,7 @@ impl Located<'_> {
             None => CellLabels { of_node: cells, label },
         };
         let method = BoundaryMethod::Front;
-        let labels = boundary::refine(graph, weighted.csr(), &surface.shares, cells, method, self.context)?;
+        let labels = boundary::refine(graph, weighted, &surface.shares, cells, method, self.context)?;
         Ok(nodes.iter().map(|&node| labels[node as usize]).collect())
     }
 }
@@ -80,11 +80,7 @@ pub(super) fn parts(
     let whole = WeightedSurface { graph, weighted: &weighted, surface: &surface };
     let located = Located { wishes, nodes: &nodes, order, whole, context, units: None };
     let Surface { shares, radius, .. } = &surface;
-    let decided = if params.contracts(n) {
-        decide_on_contraction(whole, params, located, context)?
-    } else {
-        decide(whole, params, located, context)?
-    };
+    let decided = decided(whole, params, located, context)?;
     let Decided { result, unit_of_node, .. } = &decided;
     let extrapolated = match params.boundaries {
         Boundaries::Front => None,
@@ -94,7 +90,7 @@ pub(super) fn parts(
         extrapolated.as_ref().map_or(BoundaryMethod::Front, |(means, rows)| BoundaryMethod::Embedding(means, rows));
     let (mut labels, _) = context.run.stage("boundaries", "faces", n as u64, || {
         let cells = CellLabels { of_node: unit_of_node, label: &decided.label };
-        boundary::refine(graph, weighted.csr(), shares, cells, method, context)
+        boundary::refine(graph, &weighted, shares, cells, method, context)
     })?;
     let (mut parts, mut tiny_components_label) = (result.parts, None);
     if params.tiny_components == TinyComponents::Own && shares.tiny_components > 0 {
@@ -131,6 +127,18 @@ pub(super) fn parts(
     Ok(Clustered { labels, quality, numbers, marks: decided.marks, cell_labels })
 }
 
+/// The cell or contracted node of each node of `whole`, whose nodes are in `order`, and their labels, without anybody's wishes.
+pub(super) fn cell_labels(
+    whole: WeightedSurface<'_>,
+    order: &NodeOrder,
+    params: &SegmentParams,
+    context: Context<'_>,
+) -> Result<(MappedSlice<u32>, Vec<u32>)> {
+    let located = Located { wishes: Wishes::default(), nodes: &[], order, whole, context, units: None };
+    let Decided { unit_of_node, label, .. } = decided(whole, params, located, context)?;
+    Ok((unit_of_node, label))
+}
+
 /// The rows over all faces that the parts were decided with, and where these parts lie in their embedding.
 fn part_means(
     whole: WeightedSurface<'_>,
@@ -161,6 +169,20 @@ struct Decided {
     confidence: Vec<f64>,
     numbers: SegmentStats,
     marks: PartMarks,
+}
+
+/// Parts decided on cells of the contraction, if the mesh is large, or of the mesh itself.
+fn decided(
+    whole: WeightedSurface<'_>,
+    params: &SegmentParams,
+    located: Located<'_>,
+    context: Context<'_>,
+) -> Result<Decided> {
+    if params.contracts(whole.graph.nodes.len()) {
+        decide_on_contraction(whole, params, located, context)
+    } else {
+        decide(whole, params, located, context)
+    }
 }
 
 /// Rows over all nodes of `graph`, averaged to cells; parts decided on these.

@@ -6,12 +6,13 @@
 //! better than a process does, has the first step done by [`first`] alone; shards then never wait.
 //!
 //! Rows over all faces are divided by landmark. Of a large mesh that is contracted, the fronts from many sources are divided,
-//! by ranges of nodes: those of the normals, then that of the contraction; at last its rows. The stages that ask for these find the
-//! shares ([`SharedFront`], [`shard::merge`]).
+//! by ranges of nodes: those of the normals, then that of the contraction; after its rows those of the boundaries
+//! ([`super::shared_boundaries`]). The stages that ask for these find the shares ([`SharedFront`], [`shard::merge`]).
 
 use super::decision::CONTRACTED;
 use super::means::fit;
 use super::params::{Cluster, SegmentParams, default_landmarks, landmarks_for_parts, landmarks_on_contraction};
+use super::shared_boundaries::BoundaryFacts;
 use super::surface::{Kind, SurfaceStage, WeightedSurface};
 use super::{input, parts};
 use crate::base::{Error, Result};
@@ -43,8 +44,19 @@ pub enum Divided {
     Normals,
     /// The front that contracts a large mesh, likewise; after the normals.
     Contraction,
-    /// The rows over the contraction, by landmark; last.
+    /// The rows over the contraction, by landmark; when it is there.
     ContractedRows,
+    /// The front that measures how deep in their parts faces lie, by ranges of faces; after these rows.
+    Depths,
+    /// The front that labels the narrow bands around boundaries, likewise; last.
+    Bands,
+}
+
+impl Divided {
+    /// Whether a share is some of the rows; else it is a range of faces.
+    pub fn is_by_landmark(self) -> bool {
+        matches!(self, Self::Rows | Self::ContractedRows)
+    }
 }
 
 /// What the stages of rows keep.
@@ -105,6 +117,8 @@ impl SharedWork<'_> {
             Divided::Normals => StageKey::new("shared normals", VERSION, inputs(fronts)),
             Divided::Contraction => StageKey::new("shared contraction", VERSION, inputs(fronts)),
             Divided::ContractedRows => StageKey::new("shared rows", VERSION, inputs(json!([rows, fronts]))),
+            Divided::Depths => StageKey::new("shared depths", VERSION, inputs(json!(params))),
+            Divided::Bands => StageKey::new("shared bands", VERSION, inputs(json!(params))),
         }
     }
 
@@ -115,8 +129,8 @@ impl SharedWork<'_> {
         let facts: RowFacts = work.reuse(key.name, key.version, &key.key).ok()?;
         let there = match self.divided {
             Divided::ContractedRows if facts.l == 0 => true,
-            Divided::ContractedRows => has("contraction", &facts.weights, &*work.inner(CONTRACTED).ok()?),
-            _ => has("weights", &facts.weights, work),
+            Divided::ContractedRows => work.inner(CONTRACTED).ok()?.has_stage("contraction", &facts.weights),
+            _ => work.has_stage("weights", &facts.weights),
         };
         there.then_some(facts)
     }
@@ -126,10 +140,16 @@ impl SharedWork<'_> {
         let key = self.key(run);
         let facts: FrontFacts = work.reuse(key.name, key.version, &key.key).ok()?;
         let there = match &facts.weights {
-            Some(weights) => has("weights", weights, work),
+            Some(weights) => work.has_stage("weights", weights),
             None => work.manifest().stages.get("graph").is_some_and(|graph| graph.key == facts.graph),
         };
         there.then_some(facts)
+    }
+
+    /// The same for boundaries.
+    fn boundaries(&self, work: &WorkDir, run: &Run) -> Option<BoundaryFacts> {
+        let key = self.key(run);
+        work.reuse(key.name, key.version, &key.key).ok().filter(|facts: &BoundaryFacts| facts.stand(work))
     }
 
     /// Whether everything before the shares is there.
@@ -137,6 +157,7 @@ impl SharedWork<'_> {
         match self.divided {
             Divided::Rows | Divided::ContractedRows => self.rows(work, run).is_some(),
             Divided::Normals | Divided::Contraction => self.fronts(work, run).is_some(),
+            Divided::Depths | Divided::Bands => self.boundaries(work, run).is_some(),
         }
     }
 
@@ -146,6 +167,11 @@ impl SharedWork<'_> {
             Divided::Rows => self.prepare_rows(opened, context).map(drop),
             Divided::Normals | Divided::Contraction => self.prepare_fronts(opened, context),
             Divided::ContractedRows => self.prepare_contracted_rows(opened, context),
+            Divided::Depths | Divided::Bands => {
+                let bands = self.divided == Divided::Bands;
+                let (facts, files) = BoundaryFacts::make(bands, opened, self.identity, self.params, context)?;
+                context.work.stamp(self.key(context.run), &files, &facts, 0.)
+            }
         }
     }
 
@@ -216,6 +242,12 @@ impl SharedWork<'_> {
             Divided::Normals | Divided::Contraction => {
                 self.fronts(work, run).map(|facts| self.share_fronts(&facts, shard, work, run)).transpose()
             }
+            Divided::Depths | Divided::Bands => match self.boundaries(work, run) {
+                None => Ok(None),
+                Some(facts) if facts.is_done(work) => Ok(Some(nothing_to_do(run))),
+                Some(facts) if self.divided == Divided::Depths => facts.share_depths(shard, work, run).map(Some),
+                Some(facts) => facts.share_bands(shard, work, run),
+            },
         }
     }
 
@@ -246,7 +278,7 @@ impl SharedWork<'_> {
         }
         let mut faces = 0;
         let mut share = |front: SharedFront<'_>| {
-            faces = front.share(shard, Context::new(work, run))?;
+            faces = front.share(shard, &|_| None, Context::new(work, run))?;
             Ok(())
         };
         let sources = |(name, count): &(String, usize)| work.indices(&sources_file(name), *count, facts.nodes);
@@ -259,12 +291,6 @@ impl SharedWork<'_> {
         }
         Ok(faces)
     }
-}
-
-/// Whether `stage` with the key `key` is in `work`.
-fn has(stage: &str, key: &str, work: &WorkDir) -> bool {
-    let kept = work.manifest().stages.remove(stage);
-    kept.is_some_and(|kept| work.reuse::<Value>(stage, kept.version, key).is_ok())
 }
 
 /// Says that a share is empty: the mesh is small, or later stages are made. The number of its faces or rows.

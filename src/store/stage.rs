@@ -165,6 +165,12 @@ impl WorkDir {
         found
     }
 
+    /// Whether the stage `name` is finished here with the key `key`, of whatever version.
+    pub fn has_stage(&self, name: &str, key: &str) -> bool {
+        let kept = self.manifest().stages.remove(name);
+        kept.is_some_and(|kept| self.reuse::<Value>(name, kept.version, key).is_ok())
+    }
+
     /// The finished stage `S` of this directory, whatever it was made of, or an error that says how to make it.
     ///
     /// # Errors

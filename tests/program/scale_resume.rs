@@ -154,6 +154,9 @@ fn shards_and_merge_are_one_process_byte_for_byte() {
     assert!(!merged.status.success() && said.contains("rows-0-of-3.npy") && said.lines().count() == 1, "{said}");
 }
 
+/// What `share` divides, in this order.
+const STEPS: [&str; 5] = ["normals", "contraction", "rows", "depths", "bands"];
+
 #[test]
 fn shares_of_the_default_recipe_are_one_process_byte_for_byte() {
     let dir = tempfile::tempdir().unwrap();
@@ -171,7 +174,7 @@ fn shares_of_the_default_recipe_are_one_process_byte_for_byte() {
         let share = |step: &str, more: &[&str]| {
             ok(&[&["share", step, text(&mesh), "--work-dir", text(&work), "--json"], more].concat())
         };
-        for step in ["normals", "contraction", "rows"] {
+        for step in STEPS {
             if of == 2 {
                 share(step, &["--prepare"]);
             }
@@ -201,7 +204,10 @@ fn shares_of_the_default_recipe_are_one_process_byte_for_byte() {
         }
         let output = ok(&["segment", text(&mesh), "--work-dir", text(&work), "-o", text(&out)]);
         let said = told(&output);
-        assert!(said.contains("edge weights: reused") && said.contains("distance rows: reused"), "{said}");
+        assert!(said.contains("edge weights: reused") && said.contains("decision: reused"), "{said}");
+        for front in ["depths", "bands"] {
+            assert!(said.contains(&format!("{front}: put together from {of} shares")), "{said}");
+        }
         assert!(std::fs::read(&out).unwrap() == std::fs::read(&expected).unwrap());
         for file in ["surface_shares", "graph_weights", "labels", "quality"] {
             assert!(same_bytes(&one, &work, &format!("{file}.npy")), "{file}");
@@ -213,24 +219,31 @@ fn shares_of_the_default_recipe_are_one_process_byte_for_byte() {
         assert_eq!(shared(&work), [""; 0]);
         ok(&["verify", text(&work)]);
         // A scheduler that did not learn how a share ended.
-        for step in ["normals", "contraction", "rows"] {
+        for step in STEPS {
             let again = told(&share(step, &["--shard", &format!("0/{of}")]));
             assert!(again.contains("nothing to do") || again.contains("is merged already"), "{again}");
         }
     }
     // Of an unfinished division nothing is taken.
     let (work, out) = (dir.path().join("half"), dir.path().join("half.seg"));
-    for step in ["normals", "contraction", "rows"] {
-        ok(&["share", step, text(&mesh), "-q", "--work-dir", text(&work), "--shard", "1/2"]);
+    let half = |step| told(&ok(&["share", step, text(&mesh), "--work-dir", text(&work), "--shard", "1/2"]));
+    let said =
+        STEPS.map(half).concat() + &told(&ok(&["segment", text(&mesh), "--work-dir", text(&work), "-o", text(&out)]));
+    for what in [
+        "normals_02: not all 2",
+        "coarser mesh: not all 2",
+        "rows-0-of-2.npy: this shard is missing",
+        "bands: not all 2",
+    ] {
+        assert!(said.contains(what), "{what} {said}");
     }
-    let said = told(&ok(&["segment", text(&mesh), "--work-dir", text(&work), "-o", text(&out)]));
-    assert!(said.contains("computed without them") && !said.contains("distance rows: reused"), "{said}");
+    assert!(!said.contains("distance rows: reused") && said.contains("depths: put together from 1 shares"), "{said}");
     assert!(std::fs::read(&out).unwrap() == std::fs::read(&expected).unwrap());
     // What cannot be divided is said to be done; what is no share is refused.
     let small = dir.path().join("small");
     std::fs::create_dir(&small).unwrap();
     let small = creature(&small, 1_000);
-    for step in ["normals", "contraction", "rows"] {
+    for step in STEPS {
         let place = ["share", step, text(&small), "--work-dir", text(&dir.path().join("little"))].map(String::from);
         let words = |more: &[&str]| -> Vec<String> {
             place.iter().cloned().chain(more.iter().map(|word| word.to_string())).collect()
@@ -247,7 +260,7 @@ fn shares_of_the_default_recipe_are_one_process_byte_for_byte() {
             assert_eq!(run(words(wrong)).status.code(), Some(2), "{step} {wrong:?}");
         }
     }
-    for step in ["normals", "contraction", "rows"] {
+    for step in STEPS {
         let work = dir.path().join("many");
         let many = ["share", step, text(&mesh), "-q", "--work-dir", text(&work), "--shard", "0/50000"];
         assert_eq!(program(&many).output().unwrap().status.code(), Some(2), "{step}");

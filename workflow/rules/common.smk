@@ -4,6 +4,7 @@ import functools
 import json
 import math
 import os
+import re
 import shlex
 import subprocess
 from pathlib import Path
@@ -81,12 +82,22 @@ SHARDS = config["shards"]
 BEFORE_ROWS = ("read", "order", "graph", "surface", "weights")
 
 # What is divided of a mesh that is cut by the default recipe, in this order: the stage of the plan, and the stages before.
-SHARED = {"normals": ("surface",), "contraction": ("contraction",), "rows": ("rows",)}
+SHARED = {
+    "normals": ("surface",),
+    "contraction": ("contraction",),
+    "rows": ("rows",),
+    "depths": ("labels",),
+    "bands": ("labels",),
+}
 BEFORE_SHARES = {
     "normals": ("read", "order", "graph"),
     "contraction": ("read", "surface", "weights"),
     "rows": ("read", "contraction"),
+    "depths": ("read", "rows", "labels"),
+    "bands": ("read", "labels"),
 }
+# The options that boundaries can be divided with: those of parts. With others, such as edits, `cut` makes them alone.
+OF_PARTS = {"-k", "--parts", "--parts-range", "--detail", "--decision"}
 
 
 def settings(name):
@@ -108,6 +119,21 @@ def cut_options(wildcards):
     return settings(wildcards.mesh).get("cut", "")
 
 
+def steps(name):
+    """What is divided of a mesh."""
+    words = shlex.split(settings(name).get("cut", ""))
+    options = {word.split("=")[0] for word in words if re.match("-[a-z-]", word)}
+    return [
+        step for step in SHARED if "labels" not in SHARED[step] or options <= OF_PARTS
+    ]
+
+
+def share_options(wildcards):
+    """Options of a step: those of parts count from the decision on."""
+    cut = cut_options(wildcards) if "labels" in SHARED[wildcards.step] else ""
+    return f"{row_options(wildcards)} {cut}".strip()
+
+
 def mesh_of(wildcards):
     return MESHES[wildcards.mesh]
 
@@ -120,17 +146,17 @@ def shares(name, step):
 
 def shares_before(wildcards):
     """The shares that a step waits for."""
-    steps = list(SHARED)
-    before = steps[: steps.index(wildcards.step)][-1:]
+    order = list(SHARED)
+    before = order[: order.index(wildcards.step)][-1:]
     return [answer for step in before for answer in shares(wildcards.mesh, step)]
 
 
 def divided(wildcards):
     """What `cut` waits for."""
     name = wildcards.mesh
-    return (
-        f"results/mesh/{name}/merged.json" if is_exact(name) else shares(name, "rows")
-    )
+    if is_exact(name):
+        return f"results/mesh/{name}/merged.json"
+    return shares(name, steps(name)[-1])
 
 
 def jobs(name):
@@ -140,7 +166,11 @@ def jobs(name):
         return ["prepare", *answers, "merge", "cut"]
     shared = [f"{i}-of-{SHARDS}" for i in range(SHARDS)]
     return [
-        *(f"share/{step}/{job}" for step in SHARED for job in ["prepare", *shared]),
+        *(
+            f"share/{step}/{job}"
+            for step in steps(name)
+            for job in ["prepare", *shared]
+        ),
         "cut",
     ]
 

@@ -1,5 +1,5 @@
-# One large mesh cut by the default recipe over several machines, with `exact: false`: the normals, the contraction and the rows
-# over it, each by shards in a work directory that all of them see.
+# One large mesh cut by the default recipe over several machines, with `exact: false`: the normals, the contraction, the rows over
+# it, and the two fronts of boundaries, each by shards in a work directory that all of them see.
 #
 # Each step waits for all shares of the one before. `cut` (mesh.smk) does the rest.
 
@@ -29,7 +29,7 @@ rule share_prepare:
         program=PROGRAM,
         memory=config["max_memory"],
         work="results/mesh/{mesh}/work",
-        options=row_options,
+        options=share_options,
     shell:
         "{params.program} share {wildcards.step} {input.mesh:q} --work-dir {params.work:q} --prepare {params.options}"
         " --threads {threads} --max-memory {params.memory} --progress lines --json={output:q} 2> {log:q}"
@@ -59,7 +59,7 @@ rule share:
         program=PROGRAM,
         memory=config["max_memory"],
         work="results/mesh/{mesh}/work",
-        options=row_options,
+        options=share_options,
     shell:
         "{params.program} share {wildcards.step} {input.mesh:q} --work-dir {params.work:q}"
         " --shard {wildcards.i}/{wildcards.of} {params.options} --threads {threads} --max-memory {params.memory}"

@@ -1,0 +1,147 @@
+//! The two fronts of boundaries in shares: depths of faces in their parts, then labels of the narrow bands.
+//!
+//! Where interiors begin depends on the depths of all faces, so the second front waits for the first. What comes before the
+//! shares is everything up to the decision, and passes over all faces that find the sources. A share of the bands takes the parts from the
+//! contracted nodes and the depths from their shares, so nothing of the size of the mesh is written for it.
+
+use super::decision::CONTRACTED;
+use super::params::SegmentParams;
+use super::surface::WeightedSurface;
+use super::{input, labels, parts};
+use crate::base::{Error, Result};
+use crate::cluster::boundary;
+use crate::cluster::contract;
+use crate::graph::row_starts::StartsForm;
+use crate::graph::{DualGraph, WeightedGraph};
+use crate::mesh::Mesh;
+use crate::store::{Context, MappedSlice, Run, WorkDir};
+use serde::{Deserialize, Serialize};
+use serde_json::Value;
+
+/// Nodes with a neighbour of another part.
+const BOUNDARY_NODES: &str = "depths_sources.npy";
+/// Nodes where interiors end.
+const INTERIOR_EDGE: &str = "bands_sources.npy";
+/// Part of each contracted node.
+const UNIT_PARTS: &str = "bands_parts.npy";
+
+/// What shares of boundaries need to know.
+#[derive(Debug, Default, Serialize, Deserialize)]
+pub(super) struct BoundaryFacts {
+    /// Key of the graph, and of the weights.
+    keys: [String; 2],
+    /// Number of nodes, and of contracted nodes.
+    nodes: [usize; 2],
+    /// Number of sources: of the depths, and of the bands. None where the mesh is too small to be contracted, or is one part.
+    sources: [usize; 2],
+    /// Half the width of the narrow bands.
+    half_width: f32,
+    /// The depth at which the interior of each part begins; for bands.
+    limits: Vec<f32>,
+    /// Key of the labels that they are for.
+    used_by: String,
+}
+
+impl BoundaryFacts {
+    /// Makes what comes before the shares of the depths, or of the `bands`; the files that it is in.
+    ///
+    /// # Errors
+    /// As [`super::segment()`].
+    pub fn make(
+        bands: bool,
+        opened: &Mesh,
+        identity: &Value,
+        params: &SegmentParams,
+        context: Context<'_>,
+    ) -> Result<(Self, Vec<&'static str>)> {
+        let Context { work, run } = context;
+        let (ordered, graph) = input::graph(opened, identity, params, context)?;
+        let n = graph.nodes.len();
+        if !params.contracts(n) {
+            return Ok((Self::default(), Vec::new()));
+        }
+        let order = ordered.into_nodes(work)?;
+        let (surface, weighted) = parts::weighted(&graph, params, context)?;
+        let whole = WeightedSurface { graph: &graph, weighted: &weighted, surface: &surface };
+        let (of_node, label) = parts::cell_labels(whole, &order, params, context)?;
+        let part = |node: usize| label[of_node[node] as usize];
+        let nodes = boundary::boundary_nodes(weighted.csr(), part, run)?;
+        if nodes.is_empty() {
+            return Ok((Self::default(), Vec::new()));
+        }
+        work.write(BOUNDARY_NODES, &nodes, 1)?;
+        let depths = boundary::depth_front(&graph, boundary::half_width(&surface.shares), &nodes);
+        let mut facts = Self {
+            keys: [graph.key.clone(), weighted.key.clone()],
+            nodes: [n, label.len()],
+            sources: [nodes.len(), 0],
+            half_width: depths.limit,
+            limits: Vec::new(),
+            used_by: labels::stage_key(&graph, params, run.seed).key,
+        };
+        if !bands {
+            return Ok((facts, vec![BOUNDARY_NODES]));
+        }
+        if depths.shares(work)?.is_none() {
+            // Nobody has divided them.
+            depths.share((0, 1), &|_| None, context)?;
+        }
+        let shares = depths.shares(work)?.ok_or_else(|| Error::internal("the depths of faces are gone"))?;
+        let parts = label.iter().max().map_or(0, |last| *last as usize + 1);
+        let deep = |node: usize| (part(node), shares.distance(node));
+        facts.limits = boundary::interior_limits(n, parts, deep, depths.limit, run)?;
+        let interior = |node: usize| shares.distance(node) >= facts.limits[part(node) as usize];
+        let edge = boundary::interior_edge(weighted.csr(), interior, run)?;
+        facts.sources[1] = edge.len();
+        work.write(INTERIOR_EDGE, &edge, 1)?;
+        work.write(UNIT_PARTS, &label, 1)?;
+        Ok((facts, vec![BOUNDARY_NODES, INTERIOR_EDGE, UNIT_PARTS]))
+    }
+
+    /// Whether the graph is still what it was.
+    pub fn stand(&self, work: &WorkDir) -> bool {
+        self.sources[0] == 0 || work.has_stage("weights", &self.keys[1])
+    }
+
+    /// Whether there is nothing to share, or the labels are made.
+    pub fn is_done(&self, work: &WorkDir) -> bool {
+        self.sources[0] == 0 || work.manifest().stages.values().any(|stage| stage.key == self.used_by)
+    }
+
+    fn boundary_nodes(&self, work: &WorkDir) -> Result<MappedSlice<u32>> {
+        work.indices(BOUNDARY_NODES, self.sources[0], self.nodes[0])
+    }
+
+    /// Computes a share of the depths; how many faces it has.
+    ///
+    /// # Errors
+    /// As [`crate::distance::SharedFront::share`].
+    pub fn share_depths(&self, shard: (usize, usize), work: &WorkDir, run: &Run) -> Result<usize> {
+        let graph = DualGraph::prepared(self.keys[0].clone(), work)?;
+        let nodes = self.boundary_nodes(work)?;
+        boundary::depth_front(&graph, self.half_width, &nodes).share(shard, &|_| None, Context::new(work, run))
+    }
+
+    /// Computes a share of the bands; how many faces it has. `None` where depths are missing.
+    ///
+    /// # Errors
+    /// As [`crate::distance::SharedFront::share`].
+    pub fn share_bands(&self, shard: (usize, usize), work: &WorkDir, run: &Run) -> Result<Option<usize>> {
+        let [n, units] = self.nodes;
+        let graph = DualGraph::prepared(self.keys[0].clone(), work)?;
+        let nodes = self.boundary_nodes(work)?;
+        let Some(depths) = boundary::depth_front(&graph, self.half_width, &nodes).shares(work)? else {
+            return Ok(None);
+        };
+        let weighted = WeightedGraph::open(self.keys[1].clone(), n, StartsForm::Packed, work)?;
+        let of_node = work.inner(CONTRACTED)?.indices(contract::OF_FACE, n, units)?;
+        let label = work.indices(UNIT_PARTS, units, self.limits.len())?;
+        let edge = work.indices(INTERIOR_EDGE, self.sources[1], n)?;
+        let part = |node: usize| label[of_node[node] as usize];
+        let of_edge: Vec<u32> = edge.iter().map(|&node| part(node as usize)).collect();
+        let interior =
+            |node: usize| Some(part(node)).filter(|part| depths.distance(node) >= self.limits[*part as usize]);
+        let front = boundary::band_front(&weighted, &edge, &of_edge);
+        front.share(shard, &interior, Context::new(work, run)).map(Some)
+    }
+}
