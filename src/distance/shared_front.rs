@@ -87,9 +87,9 @@ struct ShareRecord {
 }
 
 impl SharedFront<'_> {
-    /// Nodes in a run that comes into a region as a whole.
+    /// Nodes in a run that comes into a region as a whole: a power of two, for quick division.
     fn grain(&self) -> usize {
-        self.graph.len().div_ceil(self.sources.len().clamp(GRAINS[0], GRAINS[1])).max(1)
+        self.graph.len().div_ceil(self.sources.len().clamp(GRAINS[0], GRAINS[1])).next_power_of_two()
     }
 
     /// Number of such runs.
@@ -368,6 +368,7 @@ impl SharedFront<'_> {
         run: &Run,
     ) -> Result<Vec<Message<u32>>> {
         let grain = self.grain();
+        let shift = grain.trailing_zeros();
         let entering = run.map_ranges(label.len(), grain, |range| {
             let mut messages = Vec::new();
             if !cleared[range.start / grain] {
@@ -376,8 +377,8 @@ impl SharedFront<'_> {
             for node in range.filter(|&node| label[node] == u32::MAX) {
                 for (from, weight) in self.graph.neighbours(node as u32) {
                     let (from, node) = (from as usize, node as u32);
-                    let (distance, label) = match inside[from / grain] {
-                        false => (weight, (from / grain) as u32),
+                    let (distance, label) = match inside[from >> shift] {
+                        false => (weight, (from >> shift) as u32),
                         true => (field[from] + weight, label[from]),
                     };
                     if label != u32::MAX && distance < self.limit {

@@ -112,14 +112,17 @@ impl DualGraph {
         Ok((Self::open(work, kept.facts, StartsForm::Packed, kept.key)?, kept.inputs["input"].clone()))
     }
 
-    /// The graph with the key `key` in `work`, as the process left it that has made or tested it. Its files are not read for their
+    /// The graph of `n` nodes with the key `key` in `work`, as the process left it that has made or tested it. Its files are not read for their
     /// checksums once more: a share needs a part of them.
     ///
     /// # Errors
     /// [`Error::WorkDir`] where there is none, [`Error::Io`], [`Error::Malformed`].
-    pub(crate) fn prepared(key: String, work: &WorkDir) -> Result<Self> {
+    pub(crate) fn prepared(key: String, n: usize, work: &WorkDir) -> Result<Self> {
         let facts = work.told::<GraphStage<'_>>().ok_or_else(|| work.damaged(MANIFEST, "tells of no graph"))?;
         let graph = Self::open(work, facts, StartsForm::Packed, key)?;
+        if graph.nodes.len() != n {
+            return Err(work.damaged(MANIFEST, "tells of another number of faces"));
+        }
         // A front over negative lengths would not end.
         if !graph.edges.centroid_distance.iter().all(|length| *length >= 0.) {
             return Err(work.damaged(FILES[4], "has lengths below 0"));

@@ -286,7 +286,7 @@ impl SharedWork<'_> {
             let weighted = WeightedGraph::open(weights.clone(), facts.nodes, StartsForm::Packed, work)?;
             facts.fronts.iter().try_for_each(|front| share(contract::front(&weighted, &sources(front)?)))?;
         } else {
-            let graph = DualGraph::prepared(facts.graph.clone(), work)?;
+            let graph = DualGraph::prepared(facts.graph.clone(), facts.nodes, work)?;
             facts.fronts.iter().try_for_each(|front| share(normals::cell_front(&graph, &sources(front)?, &front.0)))?;
         }
         Ok(faces)

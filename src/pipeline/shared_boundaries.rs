@@ -117,7 +117,7 @@ impl BoundaryFacts {
     /// # Errors
     /// As [`crate::distance::SharedFront::share`].
     pub fn share_depths(&self, shard: (usize, usize), work: &WorkDir, run: &Run) -> Result<usize> {
-        let graph = DualGraph::prepared(self.keys[0].clone(), work)?;
+        let graph = DualGraph::prepared(self.keys[0].clone(), self.nodes[0], work)?;
         let nodes = self.boundary_nodes(work)?;
         boundary::depth_front(&graph, self.half_width, &nodes).share(shard, &|_| None, Context::new(work, run))
     }
@@ -128,7 +128,7 @@ impl BoundaryFacts {
     /// As [`crate::distance::SharedFront::share`].
     pub fn share_bands(&self, shard: (usize, usize), work: &WorkDir, run: &Run) -> Result<Option<usize>> {
         let [n, units] = self.nodes;
-        let graph = DualGraph::prepared(self.keys[0].clone(), work)?;
+        let graph = DualGraph::prepared(self.keys[0].clone(), self.nodes[0], work)?;
         let nodes = self.boundary_nodes(work)?;
         let Some(depths) = boundary::depth_front(&graph, self.half_width, &nodes).shares(work)? else {
             return Ok(None);
