@@ -181,12 +181,23 @@ pub fn boundary_nodes(graph: Csr<'_>, label: impl Fn(usize) -> u32 + Sync, run: 
     collect(graph, run, |_| true, |i, j| label(i) != label(j))
 }
 
-/// Nodes of interiors with a neighbour that is in none, ascending.
+/// Nodes of interiors with a neighbour that is in none, ascending. They are found from these, which are few.
 ///
 /// # Errors
 /// [`crate::base::Error::Cancelled`].
 pub fn interior_edge(graph: Csr<'_>, interior: impl Fn(usize) -> bool + Sync, run: &Run) -> Result<Vec<u32>> {
-    collect(graph, run, &interior, |_, j| !interior(j))
+    let parts = run.map_ranges(graph.len(), CHUNK, |range| {
+        let open = range.filter(|&node| !interior(node));
+        let beside = open.flat_map(|node| graph.neighbours(node as u32)).map(|(next, _)| next);
+        let mut beside: Vec<u32> = beside.filter(|&next| interior(next as usize)).collect();
+        beside.sort_unstable();
+        beside.dedup();
+        Ok(beside)
+    })?;
+    let mut edge = parts.concat();
+    edge.sort_unstable();
+    edge.dedup();
+    Ok(edge)
 }
 
 /// Nodes i, ascending, with `own(i)` and a neighbour j for which `beside(i, j)`.

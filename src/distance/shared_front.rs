@@ -298,8 +298,12 @@ impl SharedFront<'_> {
         let clear = |inside: &[bool], field: &mut [f32], label: &mut [u32]| {
             let clear = |k: usize, field: &mut [f32], label: &mut [u32], (): &mut ()| {
                 let mut any = false;
+                if !inside[k] {
+                    // Not to be touched: there are no pages yet.
+                    return Ok(any);
+                }
                 for (node, (d, label)) in (k * grain..).zip(field.iter_mut().zip(label)) {
-                    if inside[k] && *label < grains {
+                    if *label < grains {
                         (*d, *label) = fixed(node).map_or((f32::INFINITY, u32::MAX), |own| (0., own + grains));
                         any = true;
                     }

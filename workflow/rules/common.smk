@@ -4,7 +4,6 @@ import functools
 import json
 import math
 import os
-import re
 import shlex
 import subprocess
 from pathlib import Path
@@ -96,8 +95,6 @@ BEFORE_SHARES = {
     "depths": ("read", "rows", "labels"),
     "bands": ("read", "labels"),
 }
-# The options that boundaries can be divided with: those of parts. With others, such as edits, `cut` makes them alone.
-OF_PARTS = {"-k", "--parts", "--parts-range", "--detail", "--decision"}
 
 
 def settings(name):
@@ -120,16 +117,13 @@ def cut_options(wildcards):
 
 
 def steps(name):
-    """What is divided of a mesh."""
-    words = shlex.split(settings(name).get("cut", ""))
-    options = {word.split("=")[0] for word in words if re.match("-[a-z-]", word)}
-    return [
-        step for step in SHARED if "labels" not in SHARED[step] or options <= OF_PARTS
-    ]
+    """What is divided of a mesh: its boundaries only where that is asked for."""
+    boundaries = settings(name).get("boundaries", False)
+    return [step for step in SHARED if boundaries or "labels" not in SHARED[step]]
 
 
 def share_options(wildcards):
-    """Options of a step: those of parts count from the decision on."""
+    """Options of a step: those of `cut` count from the decision on."""
     cut = cut_options(wildcards) if "labels" in SHARED[wildcards.step] else ""
     return f"{row_options(wildcards)} {cut}".strip()
 

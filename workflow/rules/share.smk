@@ -1,5 +1,5 @@
 # One large mesh cut by the default recipe over several machines, with `exact: false`: the normals, the contraction, the rows over
-# it, and the two fronts of boundaries, each by shards in a work directory that all of them see.
+# it, and where asked for the two fronts of boundaries, each by shards in a work directory that all of them see.
 #
 # Each step waits for all shares of the one before. `cut` (mesh.smk) does the rest.
 
