@@ -10,6 +10,7 @@
 use super::cell_graph::{CellGraph, class_sums, connected_pieces, intersect, join_small};
 use super::cell_kmeans::CellKMeans;
 use super::convexity::{PairSums, WIDTHS, convexity};
+use super::folding::log_folding;
 use super::matrix::Square;
 use super::merges::{MergeModel, meeting_probability, merges};
 use super::regions::{CellMoments, EMBEDDING_DIMENSIONS, RegionLabels, Regions, cell_moments};
@@ -101,6 +102,8 @@ pub struct Superfaces {
     pub moments: Vec<CellMoments>,
     /// Convexity between superfaces.
     pub sums: Vec<PairSums>,
+    /// How folded the surface is ([`log_folding`]).
+    pub log_folding: f64,
 }
 
 impl Superfaces {
@@ -129,6 +132,7 @@ impl Superfaces {
             area: class_sums(&of_cell, &cells.area, n),
             sums: convexity(cells, &thickness, &of_cell, n, run)?,
             moments: cell_moments(cells, &embedding, &thickness),
+            log_folding: log_folding(cells),
             of_cell,
             first,
         })
@@ -142,7 +146,7 @@ impl Superfaces {
             *first.get_mut(superface as usize)? = cell as u32;
         }
         let whole = !first.contains(&u32::MAX);
-        whole.then(|| Superfaces { of_cell, first, area, moments: Vec::new(), sums: Vec::new() })
+        whole.then(|| Superfaces { of_cell, first, area, moments: Vec::new(), sums: Vec::new(), log_folding: 0.0 })
     }
 
     /// Number of superfaces R.
@@ -163,7 +167,8 @@ impl Superfaces {
     /// Region sums of a labelling of cells that is constant on superfaces.
     pub fn regions(&self, cells: &CellGraph, region: &[u32], n: usize, width: usize) -> Regions {
         let labels = RegionLabels { of_cell: region, of_superface: &self.labels(region), count: n };
-        Regions::gather(cells, &self.moments, &self.sums, labels, width)
+        let log_folding = self.log_folding;
+        Regions { log_folding, ..Regions::gather(cells, &self.moments, &self.sums, labels, width) }
     }
 
     /// Sums of the boundary lengths between superfaces, as a list of (superface, superface, length).

@@ -15,6 +15,8 @@ const COST_CLIP: f64 = 6.0;
 const HEIGHT_FLOOR: f64 = 0.005;
 /// Number of features that the probability is made from.
 pub const FEATURES: usize = 30;
+/// Which of them is ln of a boundary's length over its extent.
+const CURVE_LENGTH: usize = 18;
 
 /// The logarithm of what may be nothing.
 pub(super) fn log(x: f64) -> f64 {
@@ -112,6 +114,8 @@ fn creases(sums: &EdgeSums) -> [f64; 3] {
 /// - 10: the boundary's share of the smaller's perimeter, 11: of the larger's; 12: share of pairs of cells that see each other as
 ///   convex across the boundary, 13 and 14: within the smaller and the larger, 15: within both together;
 /// - 16 to 23: its shape as a curve and how its angles vary; 24 to 29: how creased the two are within.
+///
+/// On a folded surface the lengths in 0, 4, 5 and 18 are those of the shape without its folds.
 pub fn merge_features(r: &Regions, i: usize, j: usize, log_cost: f64) -> [f64; FEATURES] {
     let (i, j) = if r.area(i) <= r.area(j) { (i, j) } else { (j, i) };
     let boundary = SharedBoundary::of(r, i, j);
@@ -123,12 +127,12 @@ pub fn merge_features(r: &Regions, i: usize, j: usize, log_cost: f64) -> [f64; F
     let share = |seen: f64, all: f64| (seen + 1e-12) / (all + 1e-12);
     let both = |sums: &Square| sums[(i, i)] + sums[(j, j)] + 2.0 * sums[(i, j)];
     let main = [
-        log_cost.clamp(-COST_CLIP, COST_CLIP),
+        (log_cost - 0.5 * r.log_folding).clamp(-COST_CLIP, COST_CLIP),
         inner(&a.embedding, &b.embedding) / norm.max(1e-9),
         a.normal,
         (a.width / b.width).ln().abs(),
-        b.length.ln(),
-        (boundary.length.max(1e-6) / a.height.max(HEIGHT_FLOOR)).ln(),
+        b.length.ln() + 0.5 * r.log_folding,
+        (boundary.length.max(1e-6) / a.height.max(HEIGHT_FLOOR)).ln() - r.log_folding,
         boundary.convex,
         boundary.thickness_jump.sqrt(),
         boundary.concave,
@@ -144,5 +148,43 @@ pub fn merge_features(r: &Regions, i: usize, j: usize, log_cost: f64) -> [f64; F
         curve(r.edge(i, j), boundary.concave).into_iter().chain(creases(r.edge(i, i))).chain(creases(r.edge(j, j)));
     let mut out = [0.0; FEATURES];
     out.iter_mut().zip(main.into_iter().chain(rest)).for_each(|(slot, x)| *slot = x);
+    out[CURVE_LENGTH] -= r.log_folding;
     out
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::cluster::parts::CellGraph;
+    use crate::cluster::parts::convexity::WIDTHS;
+    use crate::cluster::parts::regions::{RegionLabels, cell_moments};
+    use crate::spectral::anchor::AnchorEmbedding;
+
+    #[test]
+    fn folds_change_lengths_alone() {
+        let cells = CellGraph {
+            area: vec![0.25; 4],
+            centre: (0..4).map(|i| [0.5 * f64::from(i), 0.1 * f64::from(i % 2), 0.0]).collect(),
+            normal: vec![[0.0, 0.0, 1.0]; 4],
+            pairs: vec![[0, 1], [1, 2], [2, 3]],
+            length: vec![0.5; 3],
+            concave: vec![0.1, 0.5, 0.0],
+            convex: vec![0.0; 3],
+            convex04: vec![0.0; 3],
+            ..CellGraph::default()
+        };
+        let embedding = AnchorEmbedding { values: vec![1.0; 4], width: 1 };
+        let label = [0, 0, 1, 1];
+        let labels = RegionLabels { of_cell: &label, of_superface: &label, count: 2 };
+        let regions =
+            Regions::gather(&cells, &cell_moments(&cells, &embedding, &[0.0; 4]), &[], labels, WIDTHS.len() - 1);
+        let flat = merge_features(&regions, 0, 1, 2.0);
+        let folded = merge_features(&Regions { log_folding: 0.8, ..regions }, 0, 1, 2.0);
+        let change: Vec<_> = (0..FEATURES).map(|k| (k, folded[k] - flat[k])).filter(|(_, x)| *x != 0.0).collect();
+        let wanted = [(0, -0.4), (4, 0.4), (5, -0.8), (18, -0.8)];
+        assert_eq!(change.len(), wanted.len(), "{change:?}");
+        for ((k, x), (l, y)) in change.into_iter().zip(wanted) {
+            assert!(k == l && (x - y).abs() < 1e-12, "{k}: {x}");
+        }
+    }
 }

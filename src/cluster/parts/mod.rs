@@ -4,7 +4,8 @@
 //! - [`ensemble`] over-segments the cells twelve times (embedding of [`crate::spectral::anchor`], [`cell_kmeans`]), each
 //!   time from a random subset of the landmarks.
 //! - [`merges`] merges each over-segmentation down to one part and tells at each merge how probably people keep the two
-//!   sides together ([`merge_odds`]), from sums over [`regions`], [`convexity`] and [`thickness`].
+//!   sides together ([`merge_odds`]), from sums over [`regions`], [`convexity`] and [`thickness`], in units of the shape without
+//!   its [`folding`].
 //! - The mean over the ensemble is the co-association: a probability for any two [`Superfaces`].
 //! - Where the surface is its own mirror image, [`twins`] make both sides alike.
 //! - [`labelling`] finds the labels of the greatest expected Rand index, and a whole [`hierarchy`] around them.
@@ -20,6 +21,7 @@ pub mod cell_kmeans;
 pub mod consensus;
 pub mod convexity;
 pub mod ensemble;
+pub mod folding;
 pub mod hierarchy;
 pub mod hints;
 pub mod labelling;

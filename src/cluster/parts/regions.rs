@@ -81,6 +81,8 @@ pub struct Regions {
     pub edges: Vec<EdgeSums>,
     /// Length of the boundary of each region (R).
     pub perimeter: Vec<f64>,
+    /// How folded the whole surface is ([`super::folding::log_folding`]).
+    pub log_folding: f64,
 }
 
 /// Numbers of [`EdgeSums`].
@@ -114,7 +116,7 @@ impl Regions {
     /// Sums over the regions that `labels` name.
     ///
     /// `moments` are the cells' own (S), `sums` those between superfaces; `width` selects the pair width among
-    /// [`super::convexity::WIDTHS`].
+    /// [`super::convexity::WIDTHS`]. The surface counts as one without folds.
     pub fn gather(
         cells: &CellGraph,
         moments: &[CellMoments],
@@ -136,6 +138,7 @@ impl Regions {
             thickness_jump: zeros(),
             edges: vec![[0.0; EDGE_SUMS]; n * n],
             perimeter: vec![0.0; n],
+            log_folding: 0.0,
         };
         for (&r, q) in region.iter().zip(moments) {
             out.moments[r as usize].iter_mut().zip(q).for_each(|(sum, x)| *sum += x);
