@@ -153,3 +153,52 @@ pub fn orient(
     facts.unsatisfied = counts.into_iter().sum();
     Ok((DualEdges { edge: lengths.finish(false)?, ..edges }, nodes, facts))
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A unit cube without its top, far from the origin.
+    fn cup() -> [Node; 5] {
+        [[1., 0., 0.], [-1., 0., 0.], [0., 1., 0.], [0., -1., 0.], [0., 0., -1.]].map(|normal: [f32; 3]| {
+            let centroid = std::array::from_fn(|axis| [3., -2., 5.][axis] + 0.5 * normal[axis]);
+            Node { centroid, normal, area: 1. }
+        })
+    }
+
+    fn turned(node: &Node) -> Node {
+        Node { normal: node.normal.map(|x| -x), ..*node }
+    }
+
+    /// What is turned of these faces, each with whether it is wound against the first.
+    fn turn(faces: impl IntoIterator<Item = (Node, bool)>) -> [bool; 2] {
+        let mut sums = Sums::default();
+        faces.into_iter().for_each(|(node, against)| sums.add(&node, against));
+        sums.turn()
+    }
+
+    #[test]
+    fn what_encloses_a_volume_is_wound_outward_wherever_it_lies() {
+        let outward = [false, true];
+        assert_eq!(turn(cup().map(|node| (node, false))), outward);
+        assert_eq!(turn(cup().map(|node| (turned(&node), false))), [true, false]);
+        // One face against the others, whose majority does not matter.
+        for odd in 1..5 {
+            let mut k = 0..5;
+            let face = |node| if k.next() == Some(odd) { (turned(&node), true) } else { (node, false) };
+            assert_eq!(turn(cup().map(face)), outward);
+        }
+        let mut k = 0..5;
+        let most_against = |node| if k.next() == Some(0) { (node, false) } else { (turned(&node), true) };
+        assert_eq!(turn(cup().map(most_against)), outward);
+    }
+
+    #[test]
+    fn what_encloses_nothing_is_wound_as_most_of_its_area_is() {
+        let face = |area| Node { centroid: [1., 2., 3.], normal: [0., 0., 1.], area };
+        assert_eq!(turn([(face(1.), false), (turned(&face(2.)), true)]), [true, false]);
+        assert_eq!(turn([(face(2.), false), (turned(&face(1.)), true)]), [false, true]);
+        assert_eq!(turn([(face(1.), false), (turned(&face(1.)), true)]), [false, true]);
+        assert_eq!(turn([(face(0.), false), (face(0.), true)]), [false, true]);
+    }
+}
