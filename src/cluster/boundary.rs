@@ -53,7 +53,7 @@ impl CellLabels<'_> {
     }
 
     /// Number of labels.
-    fn parts(&self) -> usize {
+    pub fn parts(&self) -> usize {
         self.label.iter().max().map_or(0, |top| *top as usize + 1)
     }
 }

@@ -9,7 +9,7 @@ use super::params::SegmentParams;
 use super::surface::WeightedSurface;
 use super::{input, labels, parts};
 use crate::base::{Error, Result};
-use crate::cluster::boundary;
+use crate::cluster::boundary::{self, CellLabels};
 use crate::cluster::contract;
 use crate::graph::row_starts::StartsForm;
 use crate::graph::{DualGraph, WeightedGraph};
@@ -64,8 +64,8 @@ impl BoundaryFacts {
         let (surface, weighted) = parts::weighted(&graph, params, context)?;
         let whole = WeightedSurface { graph: &graph, weighted: &weighted, surface: &surface };
         let (of_node, label) = parts::cell_labels(whole, &order, params, context)?;
-        let part = |node: usize| label[of_node[node] as usize];
-        let nodes = boundary::boundary_nodes(weighted.csr(), part, run)?;
+        let cells = CellLabels { of_node: &of_node, label: &label };
+        let nodes = boundary::boundary_nodes(weighted.csr(), |node| cells.of(node), run)?;
         if nodes.is_empty() {
             return Ok((Self::default(), Vec::new()));
         }
@@ -87,10 +87,9 @@ impl BoundaryFacts {
             depths.share((0, 1), &|_| None, context)?;
         }
         let shares = depths.shares(work)?.ok_or_else(|| Error::internal("the depths of faces are gone"))?;
-        let parts = label.iter().max().map_or(0, |last| *last as usize + 1);
-        let deep = |node: usize| (part(node), shares.distance(node));
-        facts.limits = boundary::interior_limits(n, parts, deep, depths.limit, run)?;
-        let interior = |node: usize| shares.distance(node) >= facts.limits[part(node) as usize];
+        let deep = |node: usize| (cells.of(node), shares.distance(node));
+        facts.limits = boundary::interior_limits(n, cells.parts(), deep, depths.limit, run)?;
+        let interior = |node: usize| shares.distance(node) >= facts.limits[cells.of(node) as usize];
         let edge = boundary::interior_edge(weighted.csr(), interior, run)?;
         facts.sources[1] = edge.len();
         work.write(INTERIOR_EDGE, &edge, 1)?;
@@ -137,10 +136,10 @@ impl BoundaryFacts {
         let of_node = work.inner(CONTRACTED)?.indices(contract::OF_FACE, n, units)?;
         let label = work.indices(UNIT_PARTS, units, self.limits.len())?;
         let edge = work.indices(INTERIOR_EDGE, self.sources[1], n)?;
-        let part = |node: usize| label[of_node[node] as usize];
-        let of_edge: Vec<u32> = edge.iter().map(|&node| part(node as usize)).collect();
+        let cells = CellLabels { of_node: &of_node, label: &label };
+        let of_edge: Vec<u32> = edge.iter().map(|&node| cells.of(node as usize)).collect();
         let interior =
-            |node: usize| Some(part(node)).filter(|part| depths.distance(node) >= self.limits[*part as usize]);
+            |node: usize| Some(cells.of(node)).filter(|part| depths.distance(node) >= self.limits[*part as usize]);
         let front = boundary::band_front(&weighted, &edge, &of_edge);
         front.share(shard, &interior, Context::new(work, run)).map(Some)
     }
