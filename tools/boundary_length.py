@@ -6,40 +6,31 @@
 The boundary of two parts counts if 80 % of its length turns by less than --crease degrees. It is compared with the minimum cut, by
 length alone, among the faces at most --band faces from it; where the band ends, and beside a third part, faces keep their part. Both run
 along edges of the mesh. A line per mesh: parts, boundaries that count, their length over the shortest. The last line: the same for
-all meshes, each scaled to unit area. Needs NumPy, SciPy and plyfile.
+all meshes, each scaled to unit area. Needs NumPy, SciPy and plyfile, and
+meshes that are PLY of triangles.
 """
 import argparse
 import os
 import subprocess
-import sys
 import tempfile
 
 import numpy as np
-from plyfile import PlyData
 from scipy.sparse import csr_matrix
 from scipy.sparse.csgraph import maximum_flow
 
+from steadiness import Surface, split_words
 
-class Surface:
+
+class DualGraph(Surface):
     """The dual graph of a triangle mesh of unit area."""
 
     def __init__(self, path):
-        ply = PlyData.read(path)
-        points = np.stack([ply["vertex"][axis] for axis in "xyz"], 1).astype(float)
-        lists = ply["face"].data
-        faces = np.stack(lists[next(name for name in lists.dtype.names if name.startswith("vertex_ind"))])
-        across = np.cross(points[faces[:, 1]] - points[faces[:, 0]], points[faces[:, 2]] - points[faces[:, 0]])
-        areas = np.linalg.norm(across, axis=1)
-        normals = across / np.maximum(areas, 1e-300)[:, None]
-        self.faces = len(faces)
-        edges = np.sort(np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]]), axis=1)
-        owner = np.tile(np.arange(self.faces), 3)
-        order = np.lexsort((edges[:, 1], edges[:, 0]))
-        twin = np.flatnonzero((edges[order[1:]] == edges[order[:-1]]).all(1))
-        self.a, self.b = owner[order[twin]], owner[order[twin + 1]]
-        ends = edges[order[twin]]
-        self.length = np.linalg.norm(points[ends[:, 0]] - points[ends[:, 1]], axis=1) / np.sqrt(areas.sum() / 2)
-        self.turning = np.degrees(np.arccos(np.clip((normals[self.a] * normals[self.b]).sum(1), -1, 1)))
+        super().__init__(path)
+        self.faces = len(self.area)
+        self.a, self.b = self.pairs
+        self.length /= np.sqrt(self.area.sum())
+        cosine = (self.normal[self.a] * self.normal[self.b]).sum(1)
+        self.turning = np.degrees(np.arccos(np.clip(cosine, -1, 1)))
         both = np.r_[self.a, self.b], np.r_[self.b, self.a]
         self.beside = csr_matrix((np.ones(2 * len(self.a)), both), shape=(self.faces, self.faces))
 
@@ -79,9 +70,7 @@ def shortest(surface, labels, pair, boundary, band):
 
 
 def main():
-    words, options = sys.argv[1:], []
-    if "--" in words:
-        words, options = words[: words.index("--")], words[words.index("--") + 1 :]
+    words, options = split_words()
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("meshes", nargs="+")
     parser.add_argument("--bin", default="target/release/nystrom-stream")
@@ -93,7 +82,7 @@ def main():
         out = os.path.join(folder, "labels.npy")
         for mesh in arg.meshes:
             subprocess.run([arg.bin, "segment", mesh, "-q", "-o", out, *options], check=True)
-            labels, surface = np.load(out), Surface(mesh)
+            labels, surface = np.load(out), DualGraph(mesh)
             sides = np.sort(np.stack([labels[surface.a], labels[surface.b]], 1), axis=1)
             cut = sides[:, 0] != sides[:, 1]
             sums, count = np.zeros(2), 0

@@ -10,15 +10,15 @@ under each seed. The last line has the means over the meshes. Needs NumPy.
 With `--large`, what is compared are large parts, by area: a part below this share of the area joins the neighbour with which it has the
 longest boundary, smallest first. `against` is 1 - Rand between the results and those with other options (`--against`) under the first
 seeds, mean and greatest; `true` that to the parts of NAME.truth.npy beside NAME.ply, where there are any. Needs plyfile too, and
-meshes that are binary PLY of triangles.
+meshes that are PLY of triangles.
 """
 import argparse
 import itertools
 import os
 import resource
 import subprocess
-import tempfile
 import sys
+import tempfile
 import time
 
 import numpy as np
@@ -34,7 +34,7 @@ def rand_distance(a, b, weight=None):
 
 
 class Surface:
-    """Areas of triangles, and the edges that two of them share."""
+    """Areas and normals of triangles, and the edges that two of them share."""
 
     def __init__(self, path):
         from plyfile import PlyData
@@ -42,8 +42,13 @@ class Surface:
         ply = PlyData.read(path, known_list_len={"face": {"vertex_indices": 3}})
         position = np.stack([np.asarray(ply["vertex"][axis], float) for axis in "xyz"], axis=1)
         corner = np.asarray(ply["face"]["vertex_indices"])
+        if corner.ndim == 1:
+            # Of text, lists come one by one.
+            corner = np.stack(corner)
         a, b, c = (position[corner[:, k]] for k in range(3))
-        self.area = np.linalg.norm(np.cross(b - a, c - a), axis=1) / 2
+        across = np.cross(b - a, c - a)
+        twice = np.linalg.norm(across, axis=1)
+        self.area, self.normal = twice / 2, across / np.maximum(twice, 1e-300)[:, None]
         n = len(corner)
         ends = np.concatenate([np.sort(corner[:, [k, (k + 1) % 3]], axis=1) for k in range(3)]).astype(np.int64)
         key = ends[:, 0] * len(position) + ends[:, 1]
@@ -90,10 +95,16 @@ class Cuts:
         self.processor = (resource.getrusage(resource.RUSAGE_CHILDREN).ru_utime - used) / max(seeds, 1)
 
 
-def main():
+def split_words():
+    """The words of the command line, and those after `--`."""
     words, options = sys.argv[1:], []
     if "--" in words:
         words, options = words[: words.index("--")], words[words.index("--") + 1 :]
+    return words, options
+
+
+def main():
+    words, options = split_words()
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("meshes", nargs="+")
     parser.add_argument("--bin", default="target/release/nystrom-stream")
