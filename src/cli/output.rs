@@ -36,6 +36,10 @@ pub struct PlyArgs {
     /// of the input are left out
     #[arg(long, conflicts_with = "vertex_labels")]
     pub split_vertices: bool,
+    /// Split the triangles of PLY outputs where smooth boundaries cross them, in the place of boundaries along edges; creases stay
+    /// on edges
+    #[arg(long, conflicts_with_all = ["vertex_labels", "split_vertices"])]
+    pub split_faces: bool,
 }
 
 /// `--json`, in the one form that it has everywhere.
@@ -103,11 +107,15 @@ pub struct FormArgs {
 impl PlyArgs {
     /// As the library takes them.
     pub fn options(self) -> PlyOptions {
-        PlyOptions::new(self.ply_form, self.vertex_labels).splitting(self.split_vertices)
+        PlyOptions::new(self.ply_form, self.vertex_labels).splitting(self.split_vertices).splitting_faces(self.split_faces)
     }
 
     /// Refuses options that none of `outputs` would follow.
     pub fn check(self, outputs: &[Output]) -> Result<(), CliError> {
+        let is_file = |output: &Output| matches!(output, Output::Ply(_) | Output::Stdout);
+        if self.split_faces && !outputs.is_empty() && !outputs.iter().any(is_file) {
+            return Err(CliError::Usage("--split-faces goes with a .ply output; other outputs keep the faces".into()));
+        }
         let is_ply = |output: &Output| matches!(output, Output::Ply(_) | Output::Folder(_) | Output::Stdout);
         let split = (self.split_vertices, "--split-vertices");
         let given = [(self.vertex_labels, "--vertex-labels"), split, (self.ply_form != PlyForm::Same, "--ply-form")];

@@ -473,6 +473,7 @@ fn all(jobs: Vec<Job>, task: Task<'_>, app: &AppContext) -> Result<(), CliError>
         "like": [file(like)?, file(&edits_of_like)?],
         "params": task.params, "seed": args.run.seed.unwrap_or(0), "ply_form": format!("{:?}", args.form.ply.ply_form),
         "vertex_labels": args.form.ply.vertex_labels, "split_vertices": args.form.ply.split_vertices,
+        "split_faces": args.form.ply.split_faces,
         "embedding_columns": args.form.embedding_columns, "part_form": format!("{:?}", args.form.part_form),
         "cap": args.form.cap,
     });

@@ -3,7 +3,7 @@
 //! [`Mesh`] is what the layers above see: positions and faces behind mapped files or arrays in memory, whatever the
 //! file looked like. [`open()`] makes one of every PLY flavour: most are used where they lie, the
 //! rest are decoded once, in one pass through small buffers. OBJ, OFF and STL become PLY first. [`ply`] holds all
-//! that knows this format. [`strays`] finds vertices that lie far outside of the rest.
+//! that knows this format. [`strays`] finds vertices that lie far outside of the rest, [`split_faces`] cuts faces along smooth boundaries.
 
 pub mod geometry;
 pub mod import;
@@ -11,6 +11,7 @@ pub mod open;
 pub(crate) mod output;
 pub mod ply;
 pub mod seg;
+pub mod split_faces;
 pub mod strays;
 
 pub use geometry::{Coordinate, Faces, Mesh, Positions};

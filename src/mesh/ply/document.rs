@@ -73,6 +73,11 @@ impl Document {
         self.header.elements.iter().position(|element| element.is("vertex"))
     }
 
+    /// The number of records of `element` if there are `faces` faces, which strips may have become.
+    pub(super) fn count(&self, element: usize, faces: usize) -> usize {
+        if element == self.face { faces } else { self.header.elements[element].count }
+    }
+
     /// Whether its numbers are text.
     pub fn is_text(&self) -> bool {
         self.header.encoding == Encoding::Ascii
@@ -232,13 +237,13 @@ impl Document {
         }
     }
 
-    /// The header of a copy of the file in encoding `target`, with `faces` faces: the properties that are `kept`
+    /// The header of a copy of the file in encoding `target`, with `count` records of each element: the properties that are `kept`
     /// (element, property), and behind those of an element what is `added` to it. New remarks stand before the first
     /// element, stale ones go. Triangle strips become faces that have only their corners and what is added.
     pub(super) fn header_of_copy(
         &self,
         target: Encoding,
-        faces: usize,
+        count: impl Fn(usize) -> usize,
         remarks: Remarks<'_>,
         kept: impl Fn(usize, usize) -> bool,
         added: impl Fn(usize) -> Vec<(&'static str, Scalar)>,
@@ -265,7 +270,7 @@ impl Document {
                     let element = &self.header.elements[number];
                     let is_face = number == self.face;
                     let name = if is_face && self.strips { "face" } else { &element.name };
-                    out.element(name, if is_face { faces } else { element.count } as u64);
+                    out.element(name, count(number) as u64);
                 }
                 Line::Property(element, number) if element == self.face && self.strips => {
                     if number == self.list {

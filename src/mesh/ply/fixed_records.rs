@@ -52,7 +52,7 @@ impl<'a> FixedRecords<'a> {
         options: PlyOptions,
     ) -> Result<Option<(Vec<u8>, Self)>> {
         let encoding = document.header.encoding;
-        if options.vertex_labels || options.form.encoding(encoding) != encoding {
+        if options.vertex_labels || options.split_faces || options.form.encoding(encoding) != encoding {
             return Ok(None);
         }
         let element = &document.header.elements[document.face];
@@ -64,7 +64,7 @@ impl<'a> FixedRecords<'a> {
             Encoding::Big => stays::<Binary<true>>(document, labelling, start),
         };
         let size = pieces.iter().map(Range::len).sum::<usize>() + labelling.size();
-        let header = labelling.header(document, mesh, options);
+        let header = labelling.header(document, mesh, options, None);
         let mut plan = Self {
             document,
             labelling,

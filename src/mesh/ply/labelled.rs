@@ -2,7 +2,8 @@
 //! on its faces, and everything else kept.
 //!
 //! Elements and properties of the input stay, in their order; face properties of the names above
-//! are replaced; triangle strips become faces. A file whose faces are all of one size is put
+//! are replaced; triangle strips become faces. On request faces are split along smooth boundaries: the first piece of a
+//! face has its place, the others follow behind all faces, and new vertices behind all vertices. A file whose faces are all of one size is put
 //! together in parallel ([`FixedRecords`]). Any other
 //! streams through one buffer at 50–200 MB/s ([`LabelledWriter`]). A mesh of arrays has no file to be kept; its
 //! positions, faces and labels are written.
@@ -14,16 +15,19 @@ pub use super::labelling::{Labelling, PlyForm, PlyOptions};
 use super::labelling::{VERTEX_PROPERTIES, kept, of_vertices};
 use super::names;
 use super::plain::{self, Column};
+use super::split_records::SplitRecords;
 use super::split_vertices;
 use super::values::{Binary, Cursor, Encoder, Text};
 use super::vertex_labels::VertexLabels;
 use crate::base::{Error, Result};
 use crate::mesh::geometry::Mesh;
 use crate::mesh::output::{Gather, by_rename};
+use crate::mesh::split_faces::{FaceSplit, Piece};
 use crate::store::Run;
 use std::cell::RefCell;
 use std::fs::File;
 use std::io::Write;
+use std::iter::Peekable;
 use std::path::Path;
 
 /// Writes the labelled file `out`, by rename, after syncing it to the disk where `durable`; `out` may be the file that
@@ -56,8 +60,8 @@ pub fn write_labelled(
     durable: bool,
     run: &Run,
 ) -> Result<()> {
-    check(labelling, mesh)?;
     let options = options.into();
+    check(labelling, mesh, options)?;
     if cfg!(unix)
         && !options.split_vertices
         && let Some(document) = mesh.document()
@@ -87,8 +91,9 @@ pub fn write_labelled_to(
     options: impl Into<PlyOptions>,
     run: &Run,
 ) -> Result<()> {
-    check(labelling, mesh)?;
-    stream(mesh, Path::new(name), writer, labelling, options.into(), run)
+    let options = options.into();
+    check(labelling, mesh, options)?;
+    stream(mesh, Path::new(name), writer, labelling, options, run)
 }
 
 fn stream(
@@ -113,11 +118,18 @@ fn stream(
         }
         return out.finish();
     }
-    let mut out = Gather::new(path, writer);
-    out.pass(&labelling.header(document, mesh, options))?;
-    let votes = options.vertex_labels.then(|| VertexLabels::new(mesh, labelling.labels, run)).transpose()?;
+    let split = options.split_faces.then(|| FaceSplit::of(mesh, labelling.labels, run)).transpose()?;
     let encoder = Encoder { target: options.form.encoding(document.header.encoding) };
-    LabelledWriter { document, mesh, labelling, encoder, votes: votes.map(RefCell::new), run }.elements(&mut out)?;
+    let split = split.as_ref().map(|split| SplitRecords { document, mesh, split, encoder, run });
+    if let Some(records) = &split {
+        records.check()?;
+        records.split.tell(run);
+    }
+    let mut out = Gather::new(path, writer);
+    out.pass(&labelling.header(document, mesh, options, split.as_ref().map(|records| records.split)))?;
+    let votes = options.vertex_labels.then(|| VertexLabels::new(mesh, labelling.labels, run)).transpose()?;
+    LabelledWriter { document, mesh, labelling, encoder, votes: votes.map(RefCell::new), split, run }
+        .elements(&mut out)?;
     out.finish()
 }
 
@@ -130,6 +142,13 @@ fn stream_arrays(
     options: PlyOptions,
     run: &Run,
 ) -> Result<()> {
+    if options.split_faces {
+        let split = FaceSplit::of(mesh, labelling.labels, run)?;
+        split.tell(run);
+        let (mesh, labels, quality, _grant) = split.applied(mesh, labelling.labels, labelling.quality, run)?;
+        let labelling = Labelling { labels: &labels, quality: quality.as_deref(), ..*labelling };
+        return stream_arrays(&mesh, path, writer, &labelling, options.form.into(), run);
+    }
     let mut votes = options.vertex_labels.then(|| VertexLabels::new(mesh, labelling.labels, run)).transpose()?;
     let mut voted = Vec::new();
     if let Some(votes) = &mut votes {
@@ -151,8 +170,12 @@ fn stream_arrays(
     plain::stream(path, writer, mesh, target, (&vertices, &faces), &remarks, run)
 }
 
-/// Refuses labels that do not fit the faces.
-fn check(labelling: &Labelling, mesh: &Mesh) -> Result<()> {
+/// Refuses labels that do not fit the faces, and options that do not go together.
+fn check(labelling: &Labelling, mesh: &Mesh, options: PlyOptions) -> Result<()> {
+    if options.split_faces && (options.split_vertices || options.vertex_labels) {
+        let problem = "does not go with labels of vertices or vertices of their own";
+        return Err(Error::parameter("split_faces", problem, "ask for one of them"));
+    }
     let faces = mesh.faces.len();
     let wrong = |name: &str, count: usize| {
         let problem = format!("{count} values for {faces} faces");
@@ -181,6 +204,8 @@ struct LabelledWriter<'a> {
     encoder: Encoder,
     /// Labels of vertices, where they are wanted.
     votes: Option<RefCell<VertexLabels<'a>>>,
+    /// Faces in pieces, where they are wanted.
+    split: Option<SplitRecords<'a>>,
     run: &'a Run<'a>,
 }
 
@@ -209,6 +234,9 @@ impl LabelledWriter<'_> {
             } else {
                 self.rewrite::<C>(number, out)?;
             }
+            if let Some(split) = self.split.as_ref().filter(|_| document.vertex() == Some(number)) {
+                split.vertices::<C>(number, out)?;
+            }
         }
         Ok(())
     }
@@ -222,9 +250,19 @@ impl LabelledWriter<'_> {
     fn triangles(&self, out: &mut Gather) -> Result<()> {
         let faces = self.mesh.faces.len();
         let encoder = self.encoder;
+        let mut changed = self.changed();
+        let split = |piece: &Piece, out: &mut Gather| {
+            let Some(split) = &self.split else { return };
+            split.corners(piece, Scalar::U8, Scalar::I32, &mut out.buffer);
+            self.labelling.append_piece(piece.face as usize, piece.label, encoder, &mut out.buffer);
+            encoder.end(&mut out.buffer);
+        };
         for start in (0..faces).step_by(CHUNK) {
             self.run.cancel.check()?;
             self.mesh.faces.for_each(start..faces.min(start + CHUNK), |face, corners| {
+                if let Some(pieces) = changed.next_if(|pieces| pieces[0].face as usize == face) {
+                    return split(&pieces[0], out);
+                }
                 encoder.integer(Scalar::U8, corners.len() as i64, &mut out.buffer);
                 for &corner in corners {
                     encoder.integer(Scalar::I32, corner.into(), &mut out.buffer);
@@ -234,7 +272,17 @@ impl LabelledWriter<'_> {
             });
             out.settle()?;
         }
+        for piece in self.changed().flat_map(|pieces| &pieces[1..]) {
+            split(piece, out);
+            out.settle()?;
+        }
         Ok(())
+    }
+
+    /// The pieces of each face that is split, or only changes its label.
+    fn changed(&self) -> Peekable<impl Iterator<Item = &[Piece]>> {
+        let pieces = self.split.as_ref().map_or(&[][..], |records| &records.split.pieces);
+        pieces.chunk_by(|a, b| a.face == b.face).peekable()
     }
 
     /// An element value by value; the faces with what is added to them.
@@ -254,9 +302,26 @@ impl LabelledWriter<'_> {
         let bytes = &document.bytes[..document.ranges[number].end];
         let mut cursor = C::new(bytes, document.ranges[number].start);
         let (verbatim, encoder) = (self.is_verbatim(), self.encoder);
+        let mut changed = self.changed();
+        // Where the records of faces in several pieces begin.
+        let mut places = Vec::new();
+        let write_piece = |piece: &Piece, place: usize, out: &mut Gather| {
+            let mut cursor = C::new(bytes, place);
+            if let Some(split) = &self.split {
+                split.piece(&mut cursor, piece, &kept, &mut out.buffer)?;
+            }
+            self.labelling.append_piece(piece.face as usize, piece.label, encoder, &mut out.buffer);
+            encoder.end(&mut out.buffer);
+            out.settle().map(|()| cursor)
+        };
         for record in 0..element.count {
             if record % CHUNK == 0 {
                 self.run.cancel.check()?;
+            }
+            if is_face && let Some(pieces) = changed.next_if(|pieces| pieces[0].face as usize == record) {
+                places.push(cursor.seek());
+                cursor = write_piece(&pieces[0], cursor.at(), out)?;
+                continue;
             }
             for (property, &kept) in element.properties.iter().zip(&kept) {
                 let start = cursor.seek();
@@ -280,6 +345,11 @@ impl LabelledWriter<'_> {
             }
             encoder.end(&mut out.buffer);
             out.settle()?;
+        }
+        for (pieces, place) in self.changed().zip(places) {
+            for piece in &pieces[1..] {
+                write_piece(piece, place, out)?;
+            }
         }
         Ok(())
     }

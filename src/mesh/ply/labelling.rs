@@ -5,6 +5,7 @@ use super::header::{Encoding, Scalar};
 use super::names;
 use super::values::Encoder;
 use crate::mesh::geometry::Mesh;
+use crate::mesh::split_faces::FaceSplit;
 
 /// The encoding of a labelled file.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -29,12 +30,15 @@ pub struct PlyOptions {
     pub vertex_labels: bool,
     /// Whether parts share no vertex, and vertices have labels and colours; properties of the input are left behind then.
     pub split_vertices: bool,
+    /// Whether faces are split where smooth boundaries cross them ([`crate::mesh::split_faces`]), in the place of boundaries along
+    /// edges. Not together with the others.
+    pub split_faces: bool,
 }
 
 impl PlyOptions {
     /// A file of the encoding `form`, with labels of vertices where `vertex_labels`.
     pub fn new(form: PlyForm, vertex_labels: bool) -> Self {
-        Self { form, vertex_labels, split_vertices: false }
+        Self { form, vertex_labels, ..Self::default() }
     }
 
     /// The same with vertices of their own for each part where `split`.
@@ -42,11 +46,17 @@ impl PlyOptions {
     pub fn splitting(self, split: bool) -> Self {
         Self { split_vertices: split, ..self }
     }
+
+    /// The same with faces split along smooth boundaries where `split`.
+    #[must_use]
+    pub fn splitting_faces(self, split: bool) -> Self {
+        Self { split_faces: split, ..self }
+    }
 }
 
 impl From<PlyForm> for PlyOptions {
     fn from(form: PlyForm) -> Self {
-        Self { form, vertex_labels: false, split_vertices: false }
+        Self { form, ..Self::default() }
     }
 }
 
@@ -140,8 +150,13 @@ impl Labelling<'_> {
 
     /// Appends the numbers of [`Labelling::properties`] of `face`.
     pub(crate) fn append(&self, face: usize, encoder: Encoder, out: &mut Vec<u8>) {
-        encoder.integer(Scalar::I32, i64::from(self.labels[face] as i32), out);
-        for part in self.colour(face) {
+        self.append_piece(face, self.labels[face], encoder, out);
+    }
+
+    /// The same of a piece of `face` that has `label`.
+    pub(super) fn append_piece(&self, face: usize, label: u32, encoder: Encoder, out: &mut Vec<u8>) {
+        encoder.integer(Scalar::I32, i64::from(label as i32), out);
+        for part in self.colour_of(Some(label)) {
             encoder.integer(Scalar::U8, part.into(), out);
         }
         if let Some(quality) = self.quality {
@@ -158,8 +173,14 @@ impl Labelling<'_> {
         }
     }
 
-    /// The header of the labelled file.
-    pub(super) fn header(&self, document: &Document, mesh: &Mesh, options: PlyOptions) -> Vec<u8> {
+    /// The header of the labelled file; `split` has the faces that are split.
+    pub(super) fn header(
+        &self,
+        document: &Document,
+        mesh: &Mesh,
+        options: PlyOptions,
+        split: Option<&FaceSplit>,
+    ) -> Vec<u8> {
         let vertex = document.vertex().filter(|_| options.vertex_labels);
         let faces = kept(document, self);
         let stays = |element: usize, property: usize| match element {
@@ -175,7 +196,13 @@ impl Labelling<'_> {
         let mut remarks = vec![REMARK.to_vec()];
         remarks.extend(names::remarks(self.names));
         let stale = |remark: &[u8]| remark == REMARK || names::told(remark).is_some();
-        document.header_of_copy(target, mesh.faces.len(), Remarks { added: &remarks, stale: &stale }, stays, added)
+        let faces = mesh.faces.len();
+        let count = |element: usize| match split {
+            Some(split) if Some(element) == document.vertex() => split.vertex_count(),
+            Some(split) if element == document.face => split.face_count(faces),
+            _ => document.count(element, faces),
+        };
+        document.header_of_copy(target, count, Remarks { added: &remarks, stale: &stale }, stays, added)
     }
 }
 

@@ -12,6 +12,7 @@ pub mod names;
 pub mod plain;
 pub(super) mod read;
 pub mod rearranged;
+mod split_records;
 mod split_vertices;
 pub mod values;
 mod vertex_labels;

@@ -147,7 +147,8 @@ impl<'a> RearrangedWriter<'a> {
     fn header(&self) -> Vec<u8> {
         let added = |element| self.added(element).map(|name| (name, Scalar::U32)).into_iter().collect();
         let kept = |element, property: usize| self.kept(element)[property];
-        self.document.header_of_copy(self.encoder.target, self.mesh.faces.len(), Remarks::NONE, kept, added)
+        let count = |element| self.document.count(element, self.mesh.faces.len());
+        self.document.header_of_copy(self.encoder.target, count, Remarks::NONE, kept, added)
     }
 
     fn element<C: Cursor<'a>>(&self, number: usize, out: &mut Gather) -> Result<()> {

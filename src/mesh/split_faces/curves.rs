@@ -1,0 +1,314 @@
+//! Where the boundaries cross the edges of the strip.
+//!
+//! Every vertex of the strip gets a label, or is *tied*: the boundary passes through it. An edge between two labels is crossed
+//! once. A vertex inside of a part keeps its part, whatever happens; one on a boundary begins with the label that has most of the
+//! angle around it. Then each crossing moves along its edge to where the boundary is shortest, given its neighbours; where it comes to
+//! rest against a vertex, the vertex changes sides, and the boundary may go on. So a boundary becomes the shortest curve in the strip
+//! of faces that touch the boundary of before, and no part vanishes.
+//!
+//! Tied are the vertices of boundaries where they follow a crease (two sharp edges or more, one after the other), at borders of the mesh (so that seams of vertices at one
+//! place stay closed), of faces other than triangles, and of faces so narrow between boundaries that no vertex
+//! inside of their part is near.
+//!
+//! Cost: [`ROUNDS`] times [`SWEEPS`] passes over the crossings, some 50 ns each.
+
+use super::strip::Strip;
+use crate::base::vector::{add_scaled, cross, distance, dot, double_area, length, minus, unit};
+use crate::base::{Cancel, Result};
+
+/// The boundary between faces that turn by more (40°) is sharp: cosine.
+const CREASE: f64 = 0.766;
+/// How far along an edge a crossing may go towards a vertex inside of a part.
+const FARTHEST: f64 = 0.8;
+/// A crossing nearer to an end than this part of its edge is put there.
+const SNAP: f64 = 0.05;
+/// Where all crossings around a vertex are nearer than this, the boundary rests against it.
+const RESTS: f64 = 0.1;
+/// Times that vertices may change sides.
+const ROUNDS: usize = 8;
+/// Passes over all crossings in between.
+const SWEEPS: usize = 32;
+/// Steps to the place where three parts meet.
+const STEPS: usize = 16;
+
+/// The curves of a strip.
+pub(super) struct Curves<'a> {
+    strip: &'a Strip,
+    /// The label of each vertex; none where it is tied.
+    pub label: Vec<Option<u32>>,
+    /// Where each edge is crossed, 0 at its first end, 1 at its second, if it is.
+    along: Vec<f64>,
+}
+
+impl<'a> Curves<'a> {
+    /// The shortest curves of `strip`.
+    ///
+    /// # Errors
+    /// [`crate::base::Error::Cancelled`].
+    pub fn of(strip: &'a Strip, cancel: &Cancel) -> Result<Self> {
+        let mut curves = Self { strip, label: strip.inner.clone(), along: vec![0.5; strip.edges.len()] };
+        curves.begin(&curves.tied());
+        let mut moved = vec![false; strip.vertices.len()];
+        for round in 0..=ROUNDS {
+            let crossed: Vec<u32> = (0..strip.edges.len() as u32).filter(|&e| curves.is_crossed(e)).collect();
+            for sweep in 0..SWEEPS {
+                cancel.check()?;
+                // There and back, so that a pull travels both ways.
+                if sweep % 2 == 0 {
+                    crossed.iter().for_each(|&e| curves.shorten(e));
+                } else {
+                    crossed.iter().rev().for_each(|&e| curves.shorten(e));
+                }
+            }
+            if round < ROUNDS && !curves.change_sides(&mut moved) {
+                break;
+            }
+        }
+        Ok(curves)
+    }
+
+    /// Whether an edge lies between two labels.
+    pub fn is_crossed(&self, e: u32) -> bool {
+        let [a, b] = self.strip.edges[e as usize].map(|v| self.label[v as usize]);
+        a.is_some() && b.is_some() && a != b
+    }
+
+    /// Where an edge is crossed; an end of it where that is near.
+    pub fn crossing(&self, e: u32) -> f64 {
+        match self.along[e as usize] {
+            t if t < SNAP => 0.,
+            t if t > 1. - SNAP => 1.,
+            t => t,
+        }
+    }
+
+    /// Which vertices the boundary has to pass through.
+    fn tied(&self) -> Vec<bool> {
+        let strip = self.strip;
+        let mut tied = vec![false; strip.vertices.len()];
+        let mut tie = |v: u32| tied[v as usize] = strip.inner[v as usize].is_none();
+        for f in 0..strip.len() {
+            if strip.triangle(f).is_none() || self.is_narrow(f) {
+                strip.face(f).iter().for_each(|&v| tie(v));
+            }
+        }
+        let mut sharp = Vec::new();
+        for (e, ends) in (0..).zip(&strip.edges) {
+            if ends.iter().all(|&v| strip.inner[v as usize].is_some()) {
+                continue;
+            }
+            match *strip.sides.of_owner(e) {
+                [_] => ends.iter().for_each(|&v| tie(v)),
+                [f, g] if self.is_sharp(f, g) => sharp.push((ends, [f, g])),
+                _ => {}
+            }
+        }
+        let mut count = vec![0u32; strip.vertices.len()];
+        sharp.iter().flat_map(|(ends, _)| ends.iter()).for_each(|&v| count[v as usize] += 1);
+        // A single sharp edge is noise.
+        for (_, faces) in sharp.iter().filter(|(ends, _)| ends.iter().any(|&v| count[v as usize] > 1)) {
+            faces.iter().flat_map(|&f| strip.face(f)).for_each(|&v| tie(v));
+        }
+        tied
+    }
+
+    /// Whether no vertex inside of the part of face `f` is beside a corner of it.
+    fn is_narrow(&self, f: u32) -> bool {
+        let strip = self.strip;
+        let own = Some(strip.labels[f as usize]);
+        let inside = |&v: &u32| strip.inner[v as usize] == own;
+        !strip.face(f).iter().any(|&v| strip.stars.of_owner(v).iter().any(|&g| strip.face(g).iter().any(inside)))
+    }
+
+    /// Whether a boundary lies between two faces, and is sharp there.
+    fn is_sharp(&self, f: u32, g: u32) -> bool {
+        let strip = self.strip;
+        let [Some(a), Some(b)] = [f, g].map(|f| strip.triangle(f)) else { return false };
+        let [n, m] = [a, b].map(|corners| unit(double_area(corners.map(|v| strip.at[v as usize]))));
+        // Faces that are wound against each other run along their edge in the same direction.
+        let run = |[a, b, c]: [u32; 3]| [[a, b], [b, c], [c, a]];
+        let against = run(a).iter().any(|half| run(b).contains(half));
+        let cosine = if against { -dot(n, m) } else { dot(n, m) };
+        strip.labels[f as usize] != strip.labels[g as usize] && n != [0.; 3] && m != [0.; 3] && cosine < CREASE
+    }
+
+    /// Gives labels to the vertices of boundaries that are not `tied`, so that each is joined to the inside of its part.
+    fn begin(&mut self, tied: &[bool]) {
+        let strip = self.strip;
+        let open: Vec<u32> =
+            (0..strip.vertices.len() as u32).filter(|&v| strip.inner[v as usize].is_none() && !tied[v as usize]).collect();
+        for &v in &open {
+            self.label[v as usize] = self.shares(v).first().map(|&(label, _)| label);
+        }
+        // Joined: reached from the inside of the part over vertices of its label.
+        let mut joined: Vec<bool> = strip.inner.iter().map(Option::is_some).collect();
+        let mut queue: Vec<u32> = (0..joined.len() as u32).filter(|&v| joined[v as usize]).collect();
+        for _ in 0..=ROUNDS {
+            while let Some(v) = queue.pop() {
+                for &w in strip.stars.of_owner(v).iter().flat_map(|&f| strip.face(f)) {
+                    if !joined[w as usize] && self.label[w as usize] == self.label[v as usize] {
+                        joined[w as usize] = true;
+                        queue.push(w);
+                    }
+                }
+            }
+            for &v in &open {
+                let beside = |label: u32| {
+                    let mut near = strip.stars.of_owner(v).iter().flat_map(|&f| strip.face(f));
+                    near.any(|&w| joined[w as usize] && self.label[w as usize] == Some(label))
+                };
+                if !joined[v as usize]
+                    && let Some(&(label, _)) = self.shares(v).iter().find(|&&(label, _)| beside(label))
+                {
+                    (self.label[v as usize], joined[v as usize]) = (Some(label), true);
+                    queue.push(v);
+                }
+            }
+        }
+        open.iter().filter(|&&v| !joined[v as usize]).for_each(|&v| self.label[v as usize] = None);
+    }
+
+    /// The labels around a vertex with their angles, greatest first.
+    fn shares(&self, v: u32) -> Vec<(u32, f64)> {
+        let strip = self.strip;
+        let mut shares: Vec<(u32, f64)> = Vec::new();
+        for &f in strip.stars.of_owner(v) {
+            let Some(corners) = strip.triangle(f) else { continue };
+            let Some(k) = corners.iter().position(|&w| w == v) else { continue };
+            let [a, b] = [1, 2].map(|j| minus(strip.at[corners[(k + j) % 3] as usize], strip.at[v as usize]));
+            let angle = length(cross(a, b)).atan2(dot(a, b));
+            let angle = if angle.is_finite() { angle } else { 0. };
+            match shares.iter_mut().find(|share| share.0 == strip.labels[f as usize]) {
+                Some(share) => share.1 += angle,
+                None => shares.push((strip.labels[f as usize], angle)),
+            }
+        }
+        shares.sort_by(|a, b| b.1.total_cmp(&a.1).then(a.0.cmp(&b.0)));
+        shares
+    }
+
+    /// Where an edge is crossed.
+    fn point(&self, e: u32) -> [f64; 3] {
+        let [a, b] = self.strip.edges[e as usize].map(|v| self.strip.at[v as usize]);
+        add_scaled(a, self.along[e as usize], minus(b, a))
+    }
+
+    /// Where the boundary that crosses edge `e` goes in the face `f` of it.
+    fn beyond(&self, e: u32, f: u32) -> Option<[f64; 3]> {
+        let strip = self.strip;
+        let corners = strip.triangle(f)?;
+        let edges: [u32; 3] = strip.edge_of[strip.range(f)].try_into().ok()?;
+        let k = edges.iter().position(|&own| own == e)?;
+        let opposite = corners[(k + 2) % 3];
+        if self.label[opposite as usize].is_none() {
+            return Some(strip.at[opposite as usize]);
+        }
+        match [edges[(k + 1) % 3], edges[(k + 2) % 3]].map(|e| self.is_crossed(e).then(|| self.point(e))) {
+            [Some(p), Some(q)] => {
+                let all = [self.point(e), p, q];
+                Some(mixed(all, meeting(all)))
+            }
+            [p, q] => p.or(q),
+        }
+    }
+
+    /// Moves the crossing of an edge to where the boundary there is shortest.
+    fn shorten(&mut self, e: u32) {
+        let strip = self.strip;
+        let [a, b] = strip.edges[e as usize];
+        let (from, way) = (strip.at[a as usize], minus(strip.at[b as usize], strip.at[a as usize]));
+        let all = length(way);
+        let here = self.point(e);
+        // The foot on the edge and the distance from its line, of all that the crossing is joined to.
+        let joined = strip.sides.of_owner(e).iter().filter_map(|&f| {
+            let to = self.beyond(e, f)?;
+            let foot = dot(minus(to, from), way) / (all * all);
+            Some((foot, distance(add_scaled(from, foot, way), to), distance(here, to)))
+        });
+        let ends: Vec<(f64, f64, f64)> = joined.collect();
+        let (mut sum, mut weights) = (0., 0.);
+        for &(foot, height, far) in &ends {
+            // Between two, the straight line in the plane that both sides are unfolded to; else a step of Weiszfeld's.
+            let weight = if ends.len() == 2 { 1. / height.max(1e-9 * all) } else { 1. / far.max(1e-9 * all) };
+            (sum, weights) = (sum + weight * foot, weights + weight);
+        }
+        let farthest = |v: u32| if strip.inner[v as usize].is_some() { FARTHEST } else { 1. };
+        let best = sum / weights;
+        if best.is_finite() {
+            self.along[e as usize] = best.clamp(1. - farthest(a), farthest(b));
+        }
+    }
+
+    /// Lets vertices change sides against which the boundary rests, each once; whether any did.
+    fn change_sides(&mut self, moved: &mut [bool]) -> bool {
+        let strip = self.strip;
+        let mut any = false;
+        for v in 0..strip.vertices.len() as u32 {
+            if strip.inner[v as usize].is_some() || moved[v as usize] {
+                continue;
+            }
+            if let Some(label) = self.other_side(v) {
+                self.label[v as usize] = Some(label);
+                (moved[v as usize], any) = (true, true);
+                for e in self.edges_at(v).filter(|&e| self.is_crossed(e)).collect::<Vec<_>>() {
+                    let first = strip.edges[e as usize][0] == v;
+                    self.along[e as usize] = if first { SNAP } else { 1. - SNAP };
+                }
+            }
+        }
+        any
+    }
+
+    /// The edges at a vertex; most of them twice.
+    fn edges_at(&self, v: u32) -> impl Iterator<Item = u32> + '_ {
+        let strip = self.strip;
+        let all = strip.stars.of_owner(v).iter().flat_map(|&f| &strip.edge_of[strip.range(f)]);
+        all.copied().filter(move |&e| strip.edges[e as usize].contains(&v))
+    }
+
+    /// The label that vertex `v` gets if it changes sides: where the boundary of two parts passes by it once, and rests against it.
+    fn other_side(&self, v: u32) -> Option<u32> {
+        let strip = self.strip;
+        let own = self.label[v as usize]?;
+        let (mut other, mut changes) = (None, 0);
+        for &f in strip.stars.of_owner(v) {
+            let around = strip.triangle(f)?.into_iter().filter(|&w| w != v);
+            let mut met = [None; 2];
+            for (slot, w) in met.iter_mut().zip(around) {
+                let label = self.label[w as usize]?;
+                if label != own && *other.get_or_insert(label) != label {
+                    return None;
+                }
+                *slot = Some(label);
+            }
+            changes += usize::from(met[0] != met[1]);
+        }
+        let mut crossed = self.edges_at(v).filter(|&e| self.is_crossed(e));
+        let rests = crossed.all(|e| {
+            let t = self.along[e as usize];
+            (if strip.edges[e as usize][0] == v { t } else { 1. - t }) < RESTS
+        });
+        other.filter(|_| changes == 2 && rests)
+    }
+}
+
+/// The mean of three points with `weights` of sum 1.
+pub(super) fn mixed(points: [[f64; 3]; 3], weights: [f64; 3]) -> [f64; 3] {
+    [0, 1, 2].map(|axis| (0..3).map(|k| weights[k] * points[k][axis]).sum())
+}
+
+/// The weights of the crossings of a triangle's three edges at the place where three parts meet in it: the point whose
+/// distances from them have the least sum, nearly.
+pub(super) fn meeting(crossings: [[f64; 3]; 3]) -> [f64; 3] {
+    let mut weights = [1. / 3.; 3];
+    for _ in 0..STEPS {
+        let at = mixed(crossings, weights);
+        let pull = crossings.map(|q| 1. / distance(at, q));
+        let sum: f64 = pull.iter().sum();
+        if !sum.is_finite() || sum <= 0. {
+            break;
+        }
+        weights = pull.map(|x| x / sum);
+    }
+    weights
+}

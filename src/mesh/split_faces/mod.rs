@@ -1,0 +1,475 @@
+//! Faces split where smooth boundaries cross them.
+//!
+//! Labels of faces end at edges of the mesh, so that boundaries are saw-teeth. [`FaceSplit`] replaces them by the shortest curves in
+//! the strip of faces that touch them ([`curves`]), and cuts the faces of the strip along these ([`pieces`]). An
+//! edge is cut for all of its faces at one new vertex, and where three parts meet in a face one lies inside of it, so there are no
+//! T-junctions: what was closed stays so. New vertices lie on edges and in faces: the surface does not change. Faces
+//! other than triangles stay whole, and boundaries beside them as they are.
+//!
+//! Cost: three passes over the faces, 10 ns each, and a microsecond or two per face of the strip; [`BYTES`] bytes per corner of the strip.
+
+mod curves;
+mod pieces;
+mod strip;
+
+use crate::base::Result;
+use crate::mesh::geometry::{Mesh, too_many_vertices};
+use crate::store::Run;
+use crate::store::budget::Grant;
+use curves::{Curves, meeting, mixed};
+use pieces::Cut;
+use strip::Strip;
+
+/// Bytes granted per corner of the strip.
+const BYTES: u64 = 250;
+/// How near to a side of its face the place where three parts meet may be: its least barycentric coordinate.
+const LEAST: f64 = 0.05;
+
+/// A vertex that the mesh does not have: the mean of vertices of it.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct NewVertex {
+    /// Vertices of the mesh: the ends of an edge, the second one twice, or the corners of a face.
+    pub of: [u32; 3],
+    /// The weight of each, of sum 1; the third is 0 on an edge.
+    pub weights: [f64; 3],
+}
+
+impl NewVertex {
+    /// Its position.
+    pub fn position(&self, mesh: &Mesh) -> [f64; 3] {
+        mixed(self.of.map(|v| mesh.positions.get(v)), self.weights)
+    }
+
+    /// The vertex of the mesh that is nearest, in weight; the first one of equals.
+    pub fn nearest(&self) -> u32 {
+        let first = (0..3).fold(0, |best, k| if self.weights[k] > self.weights[best] { k } else { best });
+        self.of[first]
+    }
+}
+
+/// A piece of a face.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Piece {
+    /// The face of the mesh.
+    pub face: u32,
+    /// Its label.
+    pub label: u32,
+    /// Vertices of the mesh, or `v + k` for new vertex `k` of a mesh of `v` vertices.
+    pub corners: [u32; 3],
+}
+
+/// The faces of a mesh that smooth boundaries cross, in pieces.
+#[derive(Debug)]
+pub struct FaceSplit {
+    /// The new vertices: those on edges, ascending by the edges' ends, then those in faces.
+    pub vertices: Vec<NewVertex>,
+    /// The pieces of all faces that change, ascending by face, the largest of each face first. A face that only changes its label
+    /// is one piece.
+    pub pieces: Vec<Piece>,
+    /// Faces beside boundaries that are no triangles.
+    pub polygons: usize,
+    /// The number of vertices of the mesh.
+    first: usize,
+}
+
+impl FaceSplit {
+    /// Splits the faces of `mesh`, which have `labels` (n).
+    ///
+    /// # Errors
+    /// [`Error::Memory`](crate::base::Error), [`Error::Cancelled`](crate::base::Error), and
+    /// [`Error::Unusable`](crate::base::Error) where there would be more vertices than can be numbered.
+    pub fn of(mesh: &Mesh, labels: &[u32], run: &Run) -> Result<Self> {
+        let strip = Strip::of(mesh, labels, run)?;
+        let curves = Curves::of(&strip, &run.cancel)?;
+        let mut split = Self { vertices: Vec::new(), pieces: Vec::new(), polygons: 0, first: mesh.positions.len() };
+        // The point where each edge is crossed.
+        let mut points: Vec<Option<u32>> = vec![None; strip.edges.len()];
+        for (e, &ends) in (0..).zip(&strip.edges) {
+            if curves.is_crossed(e) {
+                let [a, b] = ends.map(|v| strip.vertices[v as usize]);
+                points[e as usize] = Some(match curves.crossing(e) {
+                    0. => a,
+                    1. => b,
+                    t => split.add(mesh, NewVertex { of: [a, b, b], weights: [1. - t, t, 0.] })?,
+                });
+            }
+        }
+        for f in 0..strip.len() {
+            run.cancel.check()?;
+            split.cut(mesh, &strip, &curves, &points, f)?;
+        }
+        Ok(split)
+    }
+
+    /// The number of vertices, new ones included.
+    pub fn vertex_count(&self) -> usize {
+        self.first + self.vertices.len()
+    }
+
+    /// The number of faces of which `faces` were there before.
+    pub fn face_count(&self, faces: usize) -> usize {
+        faces + self.pieces.windows(2).filter(|pair| pair[0].face == pair[1].face).count()
+    }
+
+    /// The weights of the corners of a face at vertex `v`, which is one of them, or new on it.
+    pub fn weights(&self, corners: &[u32], v: u32) -> Vec<f64> {
+        let new = (v as usize).checked_sub(self.first).map(|k| self.vertices[k]);
+        let NewVertex { of, weights } = new.unwrap_or(NewVertex { of: [v; 3], weights: [1., 0., 0.] });
+        let weight = |corner: u32| (0..3).filter(|&k| of[k] == corner).map(|k| weights[k]).sum();
+        corners.iter().map(|&corner| weight(corner)).collect()
+    }
+
+    /// Tells what stays as it is.
+    pub fn tell(&self, run: &Run) {
+        if self.polygons > 0 {
+            let text = "along boundaries are no triangles and stay whole: triangulate the mesh for boundaries that cross them";
+            run.progress.note(&format!("{} faces {text}", self.polygons));
+        }
+    }
+
+    /// The mesh in pieces with its labels, and the qualities if there are any: what is split stays at its place, other pieces and new
+    /// vertices follow at the end.
+    ///
+    /// # Errors
+    /// [`Error::Memory`](crate::base::Error), as all is held.
+    pub fn applied(
+        &self,
+        mesh: &Mesh,
+        labels: &[u32],
+        quality: Option<&[f32]>,
+        run: &Run,
+    ) -> Result<(Mesh, Vec<u32>, Option<Vec<f32>>, Grant)> {
+        let extra = 3 * (self.face_count(labels.len()) - labels.len());
+        let corners = mesh.faces.corner_count() + extra;
+        let bytes = 24 * self.vertex_count() as u64 + 16 * (self.face_count(labels.len()) as u64) + 4 * corners as u64;
+        let grant = run.budget.take("the mesh with faces split", bytes, bytes)?;
+        let mut faces: Vec<u32> = Vec::with_capacity(corners);
+        let mut starts = vec![0u64];
+        let (mut own, mut qualities) = (labels.to_vec(), quality.map(<[f32]>::to_vec));
+        let mut changed = self.pieces.chunk_by(|a, b| a.face == b.face).peekable();
+        mesh.faces.for_each(0..labels.len(), |face, corners| {
+            if let Some(pieces) = changed.next_if(|pieces| pieces[0].face as usize == face) {
+                faces.extend(pieces[0].corners);
+                own[face] = pieces[0].label;
+            } else {
+                faces.extend(corners);
+            }
+            starts.push(faces.len() as u64);
+        });
+        for pair in self.pieces.windows(2).filter(|pair| pair[0].face == pair[1].face) {
+            faces.extend(pair[1].corners);
+            starts.push(faces.len() as u64);
+            own.push(pair[1].label);
+            if let Some(qualities) = &mut qualities {
+                qualities.push(qualities[pair[1].face as usize]);
+            }
+        }
+        let old = (0..self.first as u32).map(|v| mesh.positions.get(v));
+        let all = old.chain(self.vertices.iter().map(|new| new.position(mesh)));
+        let mesh = if mesh.positions.is_double() {
+            Mesh::from_polygons(all.collect::<Vec<_>>(), starts, faces)?
+        } else {
+            Mesh::from_polygons(all.map(|p| p.map(|x| x as f32)).collect::<Vec<_>>(), starts, faces)?
+        };
+        Ok((mesh, own, qualities, grant))
+    }
+
+    fn add(&mut self, mesh: &Mesh, vertex: NewVertex) -> Result<u32> {
+        let number = u32::try_from(self.vertex_count()).map_err(|_| too_many_vertices(mesh.path()))?;
+        self.vertices.push(vertex);
+        Ok(number)
+    }
+
+    /// Adds the pieces of face `f` of the strip, if it changes.
+    fn cut(&mut self, mesh: &Mesh, strip: &Strip, curves: &Curves, points: &[Option<u32>], f: u32) -> Result<()> {
+        let (face, before) = (strip.faces[f as usize], strip.labels[f as usize]);
+        let Some(own) = strip.triangle(f) else {
+            self.polygons += usize::from(strip.range(f).len() > 3);
+            return Ok(());
+        };
+        let labels = own.map(|v| curves.label[v as usize]);
+        if labels.iter().all(|label| label.is_none_or(|label| label == before)) {
+            return Ok(());
+        }
+        let corners = own.map(|v| strip.vertices[v as usize]);
+        let edges = strip.range(f).map(|c| strip.edge_of[c]);
+        let mut crossings = [None; 3];
+        crossings.iter_mut().zip(edges).for_each(|(slot, e)| *slot = points[e as usize]);
+        let mut centre = None;
+        if let [Some(a), Some(b), Some(c)] = crossings {
+            let weights = self.meeting(mesh, corners, [a, b, c]);
+            centre = Some(self.add(mesh, NewVertex { of: corners, weights })?);
+        }
+        let at = |v: u32| match (v as usize).checked_sub(self.first) {
+            Some(k) => self.vertices[k].position(mesh),
+            None => mesh.positions.get(v),
+        };
+        let pieces = Cut { corners, labels, crossings, centre }.triangles(at);
+        if let [(label, _)] = pieces[..] {
+            // As it stands in the file, from its first corner on.
+            self.pieces.extend((label != before).then_some(Piece { face, label, corners }));
+        } else {
+            self.pieces.extend(pieces.into_iter().map(|(label, corners)| Piece { face, label, corners }));
+        }
+        Ok(())
+    }
+
+    /// The weights of a face's `corners` where the three parts meet whose boundaries cross its edges at `points`.
+    fn meeting(&self, mesh: &Mesh, corners: [u32; 3], points: [u32; 3]) -> [f64; 3] {
+        let on: [Vec<f64>; 3] = points.map(|v| self.weights(&corners, v));
+        let places = [0, 1, 2].map(|k| mixed(corners.map(|v| mesh.positions.get(v)), [on[k][0], on[k][1], on[k][2]]));
+        let shares = meeting(places);
+        let weights = [0, 1, 2].map(|corner| (0..3).map(|k| shares[k] * on[k][corner]).sum::<f64>());
+        // Moved inside as far as it takes.
+        let least = weights.into_iter().fold(f64::INFINITY, f64::min);
+        let s = if least < LEAST { (LEAST - least) / (1. / 3. - least) } else { 0. };
+        weights.map(|x| x + s * (1. / 3. - x))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::base::random::{Random, below, stream, unit};
+    use crate::base::vector::{add_scaled, distance, double_area, length};
+    use crate::store::Budget;
+    use std::collections::{BTreeMap, BTreeSet};
+
+    /// A torus of w × h squares of two triangles with random heights, closed; vertices are where a random mesh would have them.
+    fn torus(w: u32, h: u32, random: &mut Random) -> Mesh {
+        let mut positions = Vec::new();
+        for k in 0..w * h {
+            let angle = |k: u32, of: u32, jitter: f64| (f64::from(k) + 0.6 * jitter) * std::f64::consts::TAU / f64::from(of);
+            let (u, v) = (angle(k % w, w, unit(random)), angle(k / w, h, unit(random)));
+            let r = 3. + v.cos();
+            positions.push([r * u.cos(), r * u.sin(), v.sin()]);
+        }
+        let at = |x: u32, y: u32| x % w + y % h * w;
+        let squares = (0..w * h).map(|k| (k % w, k / w));
+        let faces = squares.flat_map(|(x, y)| {
+            let [a, b, c, d] = [at(x, y), at(x + 1, y), at(x + 1, y + 1), at(x, y + 1)];
+            if (x + y) % 3 == 0 { [[a, b, c], [a, c, d]] } else { [[a, b, d], [b, c, d]] }
+        });
+        Mesh::from_vecs(positions, faces.collect()).unwrap()
+    }
+
+    /// Labels by the nearest of `parts` random places, noisy at boundaries.
+    fn labels(mesh: &Mesh, parts: usize, random: &mut Random) -> Vec<u32> {
+        let places: Vec<[f64; 3]> =
+            (0..parts).map(|_| mesh.positions.get(below(random, mesh.positions.len()) as u32)).collect();
+        let mut labels = Vec::new();
+        mesh.faces.for_each(0..mesh.faces.len(), |_, corners| {
+            let noise: Vec<f64> = (0..parts).map(|_| 0.4 * unit(random)).collect();
+            let far = |k: usize| distance(places[k], mesh.positions.get(corners[0])) + noise[k];
+            labels.push((0..parts).min_by(|&a, &b| far(a).total_cmp(&far(b))).unwrap() as u32);
+        });
+        labels
+    }
+
+    fn triangles(mesh: &Mesh) -> Vec<Vec<u32>> {
+        let mut all = Vec::new();
+        mesh.faces.for_each(0..mesh.faces.len(), |_, corners| all.push(corners.to_vec()));
+        all
+    }
+
+    fn area(mesh: &Mesh, corners: &[u32]) -> f64 {
+        let mut sum = 0.;
+        mesh.fan(corners, |_, at| sum += 0.5 * length(double_area(at)));
+        sum
+    }
+
+    /// The faces of each half-edge.
+    fn halves(faces: &[Vec<u32>]) -> BTreeMap<[u32; 2], Vec<usize>> {
+        let mut all: BTreeMap<_, Vec<usize>> = BTreeMap::new();
+        for (f, corners) in faces.iter().enumerate() {
+            (0..corners.len()).for_each(|k| all.entry([corners[k], corners[(k + 1) % corners.len()]]).or_default().push(f));
+        }
+        all
+    }
+
+    /// The edges between labels, and their length.
+    fn boundary(mesh: &Mesh, labels: &[u32]) -> (Vec<[u32; 2]>, f64) {
+        let halves = halves(&triangles(mesh));
+        let label = |half: [u32; 2]| halves.get(&half).map(|faces| labels[faces[0]]);
+        let apart = |&[a, b]: &[u32; 2]| a < b && label([a, b]) != label([b, a]);
+        let edges: Vec<[u32; 2]> = halves.keys().copied().filter(apart).collect();
+        let sum = edges.iter().map(|&[a, b]| distance(mesh.positions.get(a), mesh.positions.get(b))).sum();
+        (edges, sum)
+    }
+
+    fn applied(mesh: &Mesh, labels: &[u32], split: &FaceSplit) -> (Mesh, Vec<u32>) {
+        let (mesh, labels, ..) = split.applied(mesh, labels, None, &Run::new(&())).unwrap();
+        (mesh, labels)
+    }
+
+    #[test]
+    fn closed_surfaces_stay_closed_and_where_they_are() {
+        let (mut whole, mut met) = (0., 0);
+        for seed in 0..12 {
+            let mut random = stream(seed, "torus");
+            let mesh = torus(24 + seed as u32, 12, &mut random);
+            let labels = labels(&mesh, 6, &mut random);
+            let split = FaceSplit::of(&mesh, &labels, &Run::new(&())).unwrap();
+            let (after, own) = applied(&mesh, &labels, &split);
+            let (before, faces) = (triangles(&mesh), triangles(&after));
+            assert!(faces.len() > before.len());
+            // Every edge twice, there and back; the same Euler characteristic.
+            let halves = halves(&faces);
+            for ([a, b], sides) in &halves {
+                assert_eq!((sides.len(), halves.get(&[*b, *a]).map(Vec::len)), (1, Some(1)), "{seed}: {a} {b}");
+            }
+            assert_eq!(after.positions.len() + faces.len(), halves.len() / 2);
+            // Pieces cover their faces.
+            let mut sums: Vec<f64> = before.iter().map(|corners| area(&mesh, corners)).collect();
+            let all: f64 = sums.iter().sum();
+            let parents: Vec<usize> = (0..before.len())
+                .chain(split.pieces.windows(2).filter(|p| p[0].face == p[1].face).map(|p| p[1].face as usize))
+                .collect();
+            assert_eq!(parents.len(), faces.len());
+            for (corners, &parent) in faces.iter().zip(&parents) {
+                sums[parent] -= area(&after, corners);
+                for &v in corners {
+                    let weights = split.weights(&before[parent], v);
+                    assert!((weights.iter().sum::<f64>() - 1.).abs() < 1e-12 && weights.iter().all(|&x| x >= 0.));
+                }
+            }
+            assert!(sums.iter().all(|sum| sum.abs() < 1e-9 * all), "{seed}");
+            // Faces whose vertices all are inside of a part keep its label, and no label is lost.
+            let mut around = vec![BTreeSet::new(); mesh.positions.len()];
+            before.iter().zip(&labels).for_each(|(corners, &label)| {
+                corners.iter().for_each(|&v| _ = around[v as usize].insert(label));
+            });
+            for (corners, label) in faces.iter().zip(&own) {
+                for &v in corners.iter().filter(|&&v| around.get(v as usize).is_some_and(|labels| labels.len() == 1)) {
+                    assert!(around[v as usize].contains(label), "{seed}: a vertex inside of a part changed it");
+                }
+            }
+            assert_eq!(own.iter().collect::<BTreeSet<_>>(), labels.iter().collect::<BTreeSet<_>>());
+            let (old, new) = (boundary(&mesh, &labels).1, boundary(&after, &own).1);
+            assert!(new < old, "{seed}: {new} {old}");
+            whole += new / old;
+            met += split.vertices.iter().filter(|new| new.weights[2] > 0.).count();
+        }
+        assert!(whole / 12. < 0.85, "boundaries are {} as long", whole / 12.);
+        assert!(met > 10, "three parts meet in {met} faces");
+    }
+
+    /// Slow and obvious: every crossing tried in many other places.
+    #[test]
+    fn no_crossing_alone_could_make_the_boundary_shorter() {
+        let mut random = stream(3, "torus");
+        let mesh = torus(40, 20, &mut random);
+        // Without noise: the boundary comes to rest.
+        let mut labels = Vec::new();
+        mesh.faces.for_each(0..mesh.faces.len(), |_, corners| {
+            let [x, y, z] = mesh.positions.get(corners[0]);
+            labels.push(u32::from(x + 0.3 * y > 0.) + 2 * u32::from(z > 0.2 * x));
+        });
+        let split = FaceSplit::of(&mesh, &labels, &Run::new(&())).unwrap();
+        let (after, own) = applied(&mesh, &labels, &split);
+        let (edges, all) = boundary(&after, &own);
+        let step = all / edges.len() as f64;
+        let (mut tried, mut gained) = (0, 0.);
+        for (k, new) in split.vertices.iter().enumerate().filter(|(_, new)| new.weights[2] == 0.) {
+            let v = (mesh.positions.len() + k) as u32;
+            let ends: Vec<[f64; 3]> = edges
+                .iter()
+                .filter(|edge| edge.contains(&v))
+                .map(|&[a, b]| after.positions.get(if a == v { b } else { a }))
+                .collect();
+            let [a, b] = [new.of[0], new.of[1]].map(|v| mesh.positions.get(v));
+            let sum = |t: f64| {
+                let at = add_scaled(a, t, [b[0] - a[0], b[1] - a[1], b[2] - a[2]]);
+                ends.iter().map(|&end| distance(end, at)).sum::<f64>()
+            };
+            // As far as crossings may go.
+            let least = (20..=80).map(|t| sum(f64::from(t) / 100.)).fold(f64::INFINITY, f64::min);
+            gained += (sum(new.weights[1]) - least).max(0.);
+            tried += 1;
+        }
+        assert!(tried > 100, "{tried}");
+        assert!(gained < 0.002 * step * f64::from(tried), "{gained} of {all}");
+    }
+
+    #[test]
+    fn creases_borders_polygons_and_narrow_parts_stay_on_their_edges() {
+        // A roof: two slopes of 8 × 4 squares; parts are the slopes, with the ridge for a boundary.
+        let roof: Vec<[f64; 3]> =
+            (0..81).map(|k| [f64::from(k % 9), f64::from(k / 9), -(f64::from(k / 9) - 4.).abs()]).collect();
+        let squares = (0..64).map(|k| k % 8 + 9 * (k / 8));
+        let halves: Vec<[u32; 3]> = squares.clone().flat_map(|a| [[a, a + 1, a + 10], [a, a + 10, a + 9]]).collect();
+        let mesh = Mesh::from_slices(&roof, &halves).unwrap();
+        let slopes: Vec<u32> = (0..128).map(|f| u32::from(f >= 64)).collect();
+        let split = FaceSplit::of(&mesh, &slopes, &Run::new(&())).unwrap();
+        assert!(split.pieces.is_empty() && split.vertices.is_empty());
+        // Across the ridge, in steps: the ends at the borders stay, and borders are not cut.
+        let steps: Vec<u32> = (0..128).map(|f| u32::from(f / 2 % 8 + f / 2 / 8 > 7)).collect();
+        let split = FaceSplit::of(&mesh, &steps, &Run::new(&())).unwrap();
+        assert!(!split.vertices.is_empty());
+        let border = |v: u32| v % 9 == 0 || v % 9 == 8 || v < 9 || v >= 72;
+        assert!(split.vertices.iter().all(|new| new.weights[2] > 0. || !(border(new.of[0]) && border(new.of[1]))));
+        // Squares stay whole, and so do triangles beside them where the boundary is theirs.
+        let quads: Vec<[u32; 4]> = squares.map(|a| [a, a + 1, a + 10, a + 9]).collect();
+        let mesh = Mesh::from_slices(&roof, &quads).unwrap();
+        let labels: Vec<u32> = (0..64).map(|f| u32::from(f % 8 + f / 8 > 7)).collect();
+        let split = FaceSplit::of(&mesh, &labels, &Run::new(&())).unwrap();
+        assert!(split.pieces.is_empty() && split.polygons > 0);
+        // A part one face wide has no vertex inside: it is not lost.
+        let mesh = Mesh::from_slices(&roof, &halves).unwrap();
+        let labels: Vec<u32> = (0..128).map(|f| u32::from(f / 2 % 8 == 3)).collect();
+        let split = FaceSplit::of(&mesh, &labels, &Run::new(&())).unwrap();
+        assert_eq!(applied(&mesh, &labels, &split).1, labels);
+    }
+
+    /// Repeated corners, edges of many faces, places that are none, and labels as they come.
+    #[test]
+    fn the_oddest_meshes_are_split_without_a_crack() {
+        let mut cuts = 0;
+        for seed in 0..200 {
+            let mut random = stream(seed, "odd");
+            let whole = torus(9, 8, &mut random);
+            let labels = labels(&whole, 3, &mut random);
+            let (mut positions, mut faces): (Vec<_>, _) =
+                ((0..72).map(|v| whole.positions.get(v)).collect(), triangles(&whole));
+            for _ in 0..6 {
+                let odd = [f64::NAN, f64::INFINITY, 0., 3., 3., 3.];
+                positions[below(&mut random, 72)] = [0; 3].map(|_| odd[below(&mut random, odd.len())]);
+                let corners = [0; 3].map(|_| below(&mut random, 72) as u32);
+                let at = below(&mut random, faces.len());
+                faces[at] = if at % 2 == 0 { corners.to_vec() } else { vec![corners[0], faces[at][1], faces[at][2]] };
+            }
+            let mesh = Mesh::from_slices(&positions, &faces).unwrap();
+            let split = FaceSplit::of(&mesh, &labels, &Run::new(&())).unwrap();
+            let (after, own) = applied(&mesh, &labels, &split);
+            assert_eq!((after.faces.len(), own.len()), (split.face_count(144), split.face_count(144)));
+            // No face has an edge whole that is cut.
+            let on_edges = split.vertices.iter().filter(|new| new.weights[2] == 0.);
+            let cut: BTreeSet<[u32; 2]> = on_edges.map(|new| [new.of[0], new.of[1]]).collect();
+            for c in triangles(&after) {
+                for [a, b] in [[c[0], c[1]], [c[1], c[2]], [c[2], c[0]]] {
+                    assert!(!cut.contains(&[a.min(b), a.max(b)]), "{seed}: {a} {b}");
+                }
+            }
+            cuts += cut.len();
+        }
+        assert!(cuts > 100, "{cuts}");
+    }
+
+    #[test]
+    fn memory_and_threads_change_nothing() {
+        let mut random = stream(5, "torus");
+        let mesh = torus(400, 100, &mut random);
+        let mut labels = vec![0; mesh.faces.len()];
+        mesh.faces.for_each(0..labels.len(), |face, corners| {
+            labels[face] = u32::from(distance(mesh.positions.get(corners[0]), [4., 0., 0.]) < 0.2);
+        });
+        let whole = FaceSplit::of(&mesh, &labels, &Run::new(&())).unwrap();
+        assert!(whole.vertices.len() > 10);
+        // Three blocks of vertices, and no room to spare for the strip.
+        let small = Run { threads: 1, budget: Budget::new(84_000), ..Run::new(&()) };
+        let blocks = FaceSplit::of(&mesh, &labels, &small).unwrap();
+        assert_eq!((blocks.vertices, blocks.pieces), (whole.vertices, whole.pieces));
+        let none = Run { budget: Budget::new(22_000), ..Run::new(&()) };
+        assert!(FaceSplit::of(&mesh, &labels, &none).unwrap_err().to_string().contains("faces along boundaries"));
+    }
+}
