@@ -5,8 +5,9 @@
 
 The boundary of two parts counts if 80 % of its length turns by less than --crease degrees. It is compared with the minimum cut, by
 length alone, among the faces at most --band faces from it; where the band ends, and beside a third part, faces keep their part. Both run
-along edges of the mesh. A line per mesh: parts, boundaries that count, their length over the shortest. The last line: the same for
-all meshes, each scaled to unit area. Needs NumPy, SciPy and plyfile, and
+along edges of the mesh. A line per mesh: parts, boundaries that count, their length over the shortest; then the same boundaries with
+--split-faces, which cross faces, over the shortest along edges, and all boundaries with --split-faces over those without. The last line:
+the same for all meshes, each scaled to unit area. Needs NumPy, SciPy and plyfile, and
 meshes that are PLY of triangles.
 """
 import argparse
@@ -15,6 +16,7 @@ import subprocess
 import tempfile
 
 import numpy as np
+from plyfile import PlyData
 from scipy.sparse import csr_matrix
 from scipy.sparse.csgraph import maximum_flow
 
@@ -69,6 +71,17 @@ def shortest(surface, labels, pair, boundary, band):
     return np.round(surface.length[boundary & inside] * scale).sum() / scale, cut / scale
 
 
+def ratios(sums):
+    """Smooth boundaries over the shortest, along edges and across faces; all boundaries across faces over those along edges."""
+    over = lambda a, b: f"{a / b:.3f}" if b > 0 else "-"
+    return f"{over(sums[0], sums[1])}  split {over(sums[2], sums[1])}  all {over(sums[4], sums[3])}"
+
+
+def sides(surface, labels):
+    """The two parts of each edge, the lower one first."""
+    return np.sort(np.stack([labels[surface.a], labels[surface.b]], 1), axis=1)
+
+
 def main():
     words, options = split_words()
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
@@ -77,26 +90,32 @@ def main():
     parser.add_argument("--band", type=int, default=3)
     parser.add_argument("--crease", type=float, default=8)
     arg = parser.parse_args(words)
-    everything = np.zeros(2)
+    # Of boundaries that count: length, shortest, length where faces are split; of all: length, and where faces are split.
+    everything = np.zeros(5)
     with tempfile.TemporaryDirectory() as folder:
-        out = os.path.join(folder, "labels.npy")
+        out, cross = (os.path.join(folder, name) for name in ("labels.npy", "split.ply"))
         for mesh in arg.meshes:
             subprocess.run([arg.bin, "segment", mesh, "-q", "-o", out, *options], check=True)
             labels, surface = np.load(out), DualGraph(mesh)
-            sides = np.sort(np.stack([labels[surface.a], labels[surface.b]], 1), axis=1)
-            cut = sides[:, 0] != sides[:, 1]
-            sums, count = np.zeros(2), 0
-            for pair in np.unique(sides[cut], axis=0):
-                boundary = (sides == pair).all(1)
+            subprocess.run([arg.bin, "segment", mesh, "-q", "--split-faces", "-o", cross, *options], check=True)
+            split = DualGraph(cross)
+            beside = sides(surface, labels)
+            across = sides(split, np.asarray(PlyData.read(cross)["face"]["label"]))
+            cut, cut_across = (parts[:, 0] != parts[:, 1] for parts in (beside, across))
+            sums, count = np.zeros(5), 0
+            sums[3:] = surface.length[cut].sum(), split.length[cut_across].sum()
+            for pair in np.unique(beside[cut], axis=0):
+                boundary = (beside == pair).all(1)
                 smooth = boundary & (surface.turning < arg.crease)
                 if surface.length[smooth].sum() >= 0.8 * surface.length[boundary].sum() > 0:
                     found = shortest(surface, labels, pair, boundary, arg.band)
                     if found:
-                        sums, count = sums + found, count + 1
+                        sums[:2], count = sums[:2] + found, count + 1
+                        sums[2] += split.length[(across == pair).all(1)].sum()
             everything += sums
-            ratio = f"{sums[0] / sums[1]:.3f}" if sums[1] > 0 else "-"
-            print(f"{os.path.basename(mesh)[:28]:28} {labels.max() + 1:3} parts  {count:3} boundaries  {ratio}", flush=True)
-    print(f"{'all':28} {everything[0] / everything[1]:.3f}" if everything[1] > 0 else "no boundary counts")
+            line = f"{os.path.basename(mesh)[:28]:28} {labels.max() + 1:3} parts  {count:3} boundaries"
+            print(line, ratios(sums), flush=True)
+    print(f"{'all':28}", ratios(everything))
 
 
 if __name__ == "__main__":

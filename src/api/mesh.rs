@@ -61,6 +61,14 @@ impl SaveOptions {
         self
     }
 
+    /// Whether triangles of a `.ply` are split where smooth boundaries cross them ([`crate::mesh::split_faces`]); not together with the
+    /// two choices for vertices.
+    #[must_use]
+    pub fn split_faces(mut self, wanted: bool) -> Self {
+        self.ply.split_faces = wanted;
+        self
+    }
+
     /// Whether the parts of a folder are closed where they were cut off, and at holes.
     #[must_use]
     pub fn cap(mut self, wanted: bool) -> Self {
@@ -81,7 +89,7 @@ impl SaveOptions {
         let (option, form) = if self.folder != untouched.folder && !folder {
             ("cap and part_form", "a folder of parts: end the path with /")
         } else if self.ply != untouched.ply && !ply {
-            ("vertex_labels, split_vertices and ply_form", "a .ply")
+            ("vertex_labels, split_vertices, split_faces and ply_form", "a .ply")
         } else {
             return Ok(());
         };

@@ -107,7 +107,9 @@ pub struct FormArgs {
 impl PlyArgs {
     /// As the library takes them.
     pub fn options(self) -> PlyOptions {
-        PlyOptions::new(self.ply_form, self.vertex_labels).splitting(self.split_vertices).splitting_faces(self.split_faces)
+        PlyOptions::new(self.ply_form, self.vertex_labels)
+            .splitting(self.split_vertices)
+            .splitting_faces(self.split_faces)
     }
 
     /// Refuses options that none of `outputs` would follow.

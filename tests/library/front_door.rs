@@ -148,6 +148,13 @@ fn files_are_saved_with_the_choices_that_their_form_leaves() {
     let sharp = dir.path().join("sharp.ply");
     cut.save_with(&sharp, &SaveOptions::new().split_vertices(true)).unwrap();
     assert!(Mesh::open(&sharp).unwrap().positions.len() > mesh.positions.len());
+    // From arrays as from files: faces are split, and vertices are not copied.
+    let smooth = dir.path().join("smooth.ply");
+    cut.save_with(&smooth, &SaveOptions::new().split_faces(true)).unwrap();
+    let smooth = Mesh::open(&smooth).unwrap();
+    let labels = smooth.face_property("label", &nystrom_stream::store::Run::new(&())).unwrap();
+    assert!(smooth.positions.len() > mesh.positions.len() && smooth.faces.len() > mesh.faces.len());
+    assert_eq!(labels.iter().max(), cut.labels().iter().max());
     let wrong = [("a.seg", SaveOptions::new().vertex_labels(true)), ("a.ply", SaveOptions::new().cap(true))];
     for (name, options) in wrong.into_iter().chain([("parts/", SaveOptions::new().split_vertices(true))]) {
         let refused = cut.save_with(dir.path().join(name), &options);

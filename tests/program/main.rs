@@ -25,6 +25,7 @@ mod scale_plan;
 mod scale_resume;
 mod segment_all;
 mod sequence;
+mod split_faces;
 mod stages;
 mod told;
 mod zoo;

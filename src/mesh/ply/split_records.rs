@@ -35,8 +35,11 @@ impl SplitRecords<'_> {
         let (document, elements) = (self.document, &self.document.header.elements);
         let refuse = |problem: String, remedy: &str| Err(Error::unusable(&document.path, problem, remedy));
         if let Some(vertex) = document.vertex() {
-            let mut axes = elements[vertex].properties.iter().filter(|own| ["x", "y", "z"].contains(&own.name.as_str()));
-            if axes.any(|own| matches!(own.kind, Kind::One(scalar) if !scalar.is_real())) && !self.split.vertices.is_empty() {
+            let mut axes =
+                elements[vertex].properties.iter().filter(|own| ["x", "y", "z"].contains(&own.name.as_str()));
+            if axes.any(|own| matches!(own.kind, Kind::One(scalar) if !scalar.is_real()))
+                && !self.split.vertices.is_empty()
+            {
                 let problem = "has whole coordinates, between which new vertices have no place".to_owned();
                 return refuse(problem, "write it with coordinates of type float, or leave out --split-faces");
             }
@@ -303,7 +306,9 @@ mod tests {
                         let (x, y) = (parent / 2 % 8, parent / 16);
                         for &v in &faces[face] {
                             let [px, py, _] = again.positions.get(v);
-                            assert!((x as f64..=x as f64 + 1.).contains(&px) && (y as f64..=y as f64 + 1.).contains(&py));
+                            assert!(
+                                (x as f64..=x as f64 + 1.).contains(&px) && (y as f64..=y as f64 + 1.).contains(&py)
+                            );
                         }
                         assert!((0..2).contains(&label));
                         Ok(())

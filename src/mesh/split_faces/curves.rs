@@ -135,8 +135,9 @@ impl<'a> Curves<'a> {
     /// Gives labels to the vertices of boundaries that are not `tied`, so that each is joined to the inside of its part.
     fn begin(&mut self, tied: &[bool]) {
         let strip = self.strip;
-        let open: Vec<u32> =
-            (0..strip.vertices.len() as u32).filter(|&v| strip.inner[v as usize].is_none() && !tied[v as usize]).collect();
+        let open: Vec<u32> = (0..strip.vertices.len() as u32)
+            .filter(|&v| strip.inner[v as usize].is_none() && !tied[v as usize])
+            .collect();
         for &v in &open {
             self.label[v as usize] = self.shares(v).first().map(|&(label, _)| label);
         }

@@ -6,7 +6,7 @@
 //! T-junctions: what was closed stays so. New vertices lie on edges and in faces: the surface does not change. Faces
 //! other than triangles stay whole, and boundaries beside them as they are.
 //!
-//! Cost: three passes over the faces, 10 ns each, and a microsecond or two per face of the strip; [`BYTES`] bytes per corner of the strip.
+//! Cost: three passes over the faces, 10 ns each, and a microsecond or two per face of the strip; 250 bytes per corner of the strip.
 
 mod curves;
 mod pieces;
@@ -20,8 +20,6 @@ use curves::{Curves, meeting, mixed};
 use pieces::Cut;
 use strip::Strip;
 
-/// Bytes granted per corner of the strip.
-const BYTES: u64 = 250;
 /// How near to a side of its face the place where three parts meet may be: its least barycentric coordinate.
 const LEAST: f64 = 0.05;
 
@@ -122,7 +120,8 @@ impl FaceSplit {
     /// Tells what stays as it is.
     pub fn tell(&self, run: &Run) {
         if self.polygons > 0 {
-            let text = "along boundaries are no triangles and stay whole: triangulate the mesh for boundaries that cross them";
+            let text =
+                "along boundaries are no triangles and stay whole: triangulate the mesh for boundaries that cross them";
             run.progress.note(&format!("{} faces {text}", self.polygons));
         }
     }
@@ -239,7 +238,8 @@ mod tests {
     fn torus(w: u32, h: u32, random: &mut Random) -> Mesh {
         let mut positions = Vec::new();
         for k in 0..w * h {
-            let angle = |k: u32, of: u32, jitter: f64| (f64::from(k) + 0.6 * jitter) * std::f64::consts::TAU / f64::from(of);
+            let angle =
+                |k: u32, of: u32, jitter: f64| (f64::from(k) + 0.6 * jitter) * std::f64::consts::TAU / f64::from(of);
             let (u, v) = (angle(k % w, w, unit(random)), angle(k / w, h, unit(random)));
             let r = 3. + v.cos();
             positions.push([r * u.cos(), r * u.sin(), v.sin()]);
@@ -282,7 +282,8 @@ mod tests {
     fn halves(faces: &[Vec<u32>]) -> BTreeMap<[u32; 2], Vec<usize>> {
         let mut all: BTreeMap<_, Vec<usize>> = BTreeMap::new();
         for (f, corners) in faces.iter().enumerate() {
-            (0..corners.len()).for_each(|k| all.entry([corners[k], corners[(k + 1) % corners.len()]]).or_default().push(f));
+            (0..corners.len())
+                .for_each(|k| all.entry([corners[k], corners[(k + 1) % corners.len()]]).or_default().push(f));
         }
         all
     }

@@ -4,7 +4,6 @@
 //! faces find them. What is held while they run is a bit per vertex, and four bytes per vertex for as many vertices at a time as
 //! the budget allows; what is kept grows with the strip alone.
 
-use super::BYTES;
 use crate::base::parallel::{chunk_count, chunk_range};
 use crate::base::{Error, Result};
 use crate::mesh::geometry::Mesh;
@@ -15,6 +14,8 @@ use crate::store::budget::Grant;
 const CHUNK: usize = 1 << 14;
 /// Vertices of a block at the least, where there are as many.
 const LEAST: usize = 1 << 12;
+/// Bytes granted per corner of the strip, for all that is made of it.
+const BYTES: u64 = 250;
 /// The first label of a vertex that no face has.
 const NONE: u32 = u32::MAX;
 
@@ -149,8 +150,7 @@ impl Strip {
         let mut vertices = all.clone();
         vertices.sort_unstable();
         vertices.dedup();
-        let corners: Vec<u32> =
-            all.into_iter().map(|v| vertices.partition_point(|&other| other < v) as u32).collect();
+        let corners: Vec<u32> = all.into_iter().map(|v| vertices.partition_point(|&other| other < v) as u32).collect();
         let labels: Vec<u32> = faces.iter().map(|&face| labels[face as usize]).collect();
         let owners = || (0..faces.len()).flat_map(|f| (starts[f]..starts[f + 1]).map(move |c| (c as usize, f as u32)));
         let mut inner = vec![None; vertices.len()];
