@@ -145,9 +145,9 @@ fn stream_arrays(
     if options.split_faces {
         let split = FaceSplit::of(mesh, labelling.labels, run)?;
         split.tell(run);
-        let (mesh, labels, quality, _grant) = split.applied(mesh, labelling.labels, labelling.quality, run)?;
-        let labelling = Labelling { labels: &labels, quality: quality.as_deref(), ..*labelling };
-        return stream_arrays(&mesh, path, writer, &labelling, options.form.into(), run);
+        let whole = split.applied(mesh, labelling.labels, labelling.quality, run)?;
+        let labelling = Labelling { labels: &whole.labels, quality: whole.quality.as_deref(), ..*labelling };
+        return stream_arrays(&whole.mesh, path, writer, &labelling, options.form.into(), run);
     }
     let mut votes = options.vertex_labels.then(|| VertexLabels::new(mesh, labelling.labels, run)).transpose()?;
     let mut voted = Vec::new();

@@ -70,6 +70,17 @@ pub struct FaceSplit {
     first: usize,
 }
 
+/// A mesh in pieces, in memory.
+pub struct SplitMesh {
+    /// The mesh.
+    pub mesh: Mesh,
+    /// One label per face.
+    pub labels: Vec<u32>,
+    /// One quality per face, if there is one.
+    pub quality: Option<Vec<f32>>,
+    _grant: Grant,
+}
+
 impl FaceSplit {
     /// Splits the faces of `mesh`, which have `labels` (n).
     ///
@@ -131,13 +142,7 @@ impl FaceSplit {
     ///
     /// # Errors
     /// [`Error::Memory`](crate::base::Error), as all is held.
-    pub fn applied(
-        &self,
-        mesh: &Mesh,
-        labels: &[u32],
-        quality: Option<&[f32]>,
-        run: &Run,
-    ) -> Result<(Mesh, Vec<u32>, Option<Vec<f32>>, Grant)> {
+    pub fn applied(&self, mesh: &Mesh, labels: &[u32], quality: Option<&[f32]>, run: &Run) -> Result<SplitMesh> {
         let extra = 3 * (self.face_count(labels.len()) - labels.len());
         let corners = mesh.faces.corner_count() + extra;
         let bytes = 24 * self.vertex_count() as u64 + 16 * (self.face_count(labels.len()) as u64) + 4 * corners as u64;
@@ -170,7 +175,7 @@ impl FaceSplit {
         } else {
             Mesh::from_polygons(all.map(|p| p.map(|x| x as f32)).collect::<Vec<_>>(), starts, faces)?
         };
-        Ok((mesh, own, qualities, grant))
+        Ok(SplitMesh { mesh, labels: own, quality: qualities, _grant: grant })
     }
 
     fn add(&mut self, mesh: &Mesh, vertex: NewVertex) -> Result<u32> {
@@ -299,8 +304,8 @@ mod tests {
     }
 
     fn applied(mesh: &Mesh, labels: &[u32], split: &FaceSplit) -> (Mesh, Vec<u32>) {
-        let (mesh, labels, ..) = split.applied(mesh, labels, None, &Run::new(&())).unwrap();
-        (mesh, labels)
+        let whole = split.applied(mesh, labels, None, &Run::new(&())).unwrap();
+        (whole.mesh, whole.labels)
     }
 
     #[test]
@@ -407,7 +412,7 @@ mod tests {
         let steps: Vec<u32> = (0..128).map(|f| u32::from(f / 2 % 8 + f / 2 / 8 > 7)).collect();
         let split = FaceSplit::of(&mesh, &steps, &Run::new(&())).unwrap();
         assert!(!split.vertices.is_empty());
-        let border = |v: u32| v % 9 == 0 || v % 9 == 8 || v < 9 || v >= 72;
+        let border = |v: u32| [0, 8].contains(&(v % 9)) || !(9..72).contains(&v);
         assert!(split.vertices.iter().all(|new| new.weights[2] > 0. || !(border(new.of[0]) && border(new.of[1]))));
         // Squares stay whole, and so do triangles beside them where the boundary is theirs.
         let quads: Vec<[u32; 4]> = squares.map(|a| [a, a + 1, a + 10, a + 9]).collect();
@@ -437,7 +442,7 @@ mod tests {
                 positions[below(&mut random, 72)] = [0; 3].map(|_| odd[below(&mut random, odd.len())]);
                 let corners = [0; 3].map(|_| below(&mut random, 72) as u32);
                 let at = below(&mut random, faces.len());
-                faces[at] = if at % 2 == 0 { corners.to_vec() } else { vec![corners[0], faces[at][1], faces[at][2]] };
+                faces[at] = if at < 72 { corners.to_vec() } else { vec![corners[0], faces[at][1], faces[at][2]] };
             }
             let mesh = Mesh::from_slices(&positions, &faces).unwrap();
             let split = FaceSplit::of(&mesh, &labels, &Run::new(&())).unwrap();
