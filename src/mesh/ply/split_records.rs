@@ -189,7 +189,7 @@ impl SplitRecords<'_> {
         if values.len() % 3 == 0 {
             self.mesh.faces.with(piece.face as usize, |corners| {
                 for v in piece.corners {
-                    let weights = self.split.weights(corners, v);
+                    let weights = self.split.weights(self.mesh, corners, v);
                     for j in 0..width {
                         let own = [values[j], values[width + j], values[2 * width + j]];
                         self.encoder.real(item, weighted(own, [weights[0], weights[1], weights[2]]), out);

@@ -121,11 +121,18 @@ impl FaceSplit {
     }
 
     /// The weights of the corners of a face at vertex `v`, which is one of them, or new on it.
-    pub fn weights(&self, corners: &[u32], v: u32) -> Vec<f64> {
+    pub fn weights(&self, mesh: &Mesh, corners: &[u32], v: u32) -> Vec<f64> {
         let new = (v as usize).checked_sub(self.first).map(|k| self.vertices[k]);
         let NewVertex { of, weights } = new.unwrap_or(NewVertex { of: [v; 3], weights: [1., 0., 0.] });
-        let weight = |corner: u32| (0..3).filter(|&k| of[k] == corner).map(|k| weights[k]).sum();
-        corners.iter().map(|&corner| weight(corner)).collect()
+        // In a soup, the ends of an edge are other vertices at the same places.
+        let at = |v: u32| mesh.positions.get(v);
+        let same = |v: u32| corners.iter().position(|&w| w == v);
+        let corner = |v: u32| same(v).or_else(|| corners.iter().position(|&w| at(w) == at(v)));
+        let mut all = vec![0.; corners.len()];
+        for (v, weight) in of.into_iter().zip(weights) {
+            corner(v).into_iter().for_each(|k| all[k] += weight);
+        }
+        all
     }
 
     /// Tells what stays as it is.
@@ -195,10 +202,14 @@ impl FaceSplit {
         if labels.iter().all(|label| label.is_none_or(|label| label == before)) {
             return Ok(());
         }
-        let corners = own.map(|v| strip.vertices[v as usize]);
-        let edges = strip.range(f).map(|c| strip.edge_of[c]);
+        let mut corners = [0; 3];
+        corners.copy_from_slice(&strip.own[strip.range(f)]);
         let mut crossings = [None; 3];
-        crossings.iter_mut().zip(edges).for_each(|(slot, e)| *slot = points[e as usize]);
+        for (slot, c) in crossings.iter_mut().zip(strip.range(f)) {
+            // At the end of an edge: the corner that the face has there.
+            let corner = |v: u32| (0..3).find(|&k| strip.vertices[own[k] as usize] == v).map_or(v, |k| corners[k]);
+            *slot = points[strip.edge_of[c] as usize].map(corner);
+        }
         let mut centre = None;
         if let [Some(a), Some(b), Some(c)] = crossings {
             let weights = self.meeting(mesh, corners, [a, b, c]);
@@ -220,7 +231,7 @@ impl FaceSplit {
 
     /// The weights of a face's `corners` where the three parts meet whose boundaries cross its edges at `points`.
     fn meeting(&self, mesh: &Mesh, corners: [u32; 3], points: [u32; 3]) -> [f64; 3] {
-        let on: [Vec<f64>; 3] = points.map(|v| self.weights(&corners, v));
+        let on: [Vec<f64>; 3] = points.map(|v| self.weights(mesh, &corners, v));
         let places = [0, 1, 2].map(|k| mixed(corners.map(|v| mesh.positions.get(v)), [on[k][0], on[k][1], on[k][2]]));
         let shares = meeting(places);
         let weights = [0, 1, 2].map(|corner| (0..3).map(|k| shares[k] * on[k][corner]).sum::<f64>());
@@ -335,7 +346,7 @@ mod tests {
             for (corners, &parent) in faces.iter().zip(&parents) {
                 sums[parent] -= area(&after, corners);
                 for &v in corners {
-                    let weights = split.weights(&before[parent], v);
+                    let weights = split.weights(&mesh, &before[parent], v);
                     assert!((weights.iter().sum::<f64>() - 1.).abs() < 1e-12 && weights.iter().all(|&x| x >= 0.));
                 }
             }
@@ -425,6 +436,53 @@ mod tests {
         let labels: Vec<u32> = (0..128).map(|f| u32::from(f / 2 % 8 == 3)).collect();
         let split = FaceSplit::of(&mesh, &labels, &Run::new(&())).unwrap();
         assert_eq!(applied(&mesh, &labels, &split).1, labels);
+    }
+
+    /// Files of STL and the like: every face has vertices of its own.
+    #[test]
+    fn a_soup_is_split_like_the_mesh_that_it_shows() {
+        let mut random = stream(9, "torus");
+        let mesh = torus(60, 30, &mut random);
+        let labels = labels(&mesh, 4, &mut random);
+        let corners = triangles(&mesh).concat();
+        let positions: Vec<[f64; 3]> = corners.iter().map(|&v| mesh.positions.get(v)).collect();
+        let soup = Mesh::from_vecs(positions, (0..3600).map(|f| [3 * f, 3 * f + 1, 3 * f + 2]).collect()).unwrap();
+        let split = FaceSplit::of(&soup, &labels, &Run::new(&())).unwrap();
+        // Pieces keep the vertices of their faces; edges have one new vertex for all.
+        let old = split.pieces.iter().flat_map(|piece| piece.corners.map(|v| (piece.face, v)));
+        assert!(old.filter(|&(_, v)| v < 10_800).all(|(face, v)| v / 3 == face));
+        let (after, own) = applied(&soup, &labels, &split);
+        let mut places = BTreeMap::new();
+        let mut welded = Vec::new();
+        let faces: Vec<[u32; 3]> = triangles(&after)
+            .iter()
+            .map(|corners| {
+                [0, 1, 2].map(|k| {
+                    let at = after.positions.get(corners[k]);
+                    *places.entry(at.map(f64::to_bits)).or_insert_with(|| {
+                        welded.push(at);
+                        welded.len() as u32 - 1
+                    })
+                })
+            })
+            .collect();
+        let welded = Mesh::from_vecs(welded, faces).unwrap();
+        let halves = halves(&triangles(&welded));
+        for ([a, b], sides) in &halves {
+            assert_eq!((sides.len(), halves.get(&[*b, *a]).map(Vec::len)), (1, Some(1)), "a crack at {a} {b}");
+        }
+        let expected = FaceSplit::of(&mesh, &labels, &Run::new(&())).unwrap();
+        let (plain, plain_labels) = applied(&mesh, &labels, &expected);
+        let [a, b] = [boundary(&welded, &own).1, boundary(&plain, &plain_labels).1];
+        assert!((a - b).abs() < 0.01 * b, "{a} {b}");
+        // As many places at a time as there is room for: five times a fifth.
+        let near = |face: u32| distance(soup.positions.get(3 * face), [4., 0., 0.]) < 0.5;
+        let disc: Vec<u32> = (0..3600).map(|face| u32::from(near(face))).collect();
+        let whole = FaceSplit::of(&soup, &disc, &Run::new(&())).unwrap();
+        assert!(whole.vertices.len() > 5);
+        let small = Run { budget: Budget::new(84_000), ..Run::new(&()) };
+        let blocks = FaceSplit::of(&soup, &disc, &small).unwrap();
+        assert_eq!((blocks.vertices, blocks.pieces), (whole.vertices, whole.pieces));
     }
 
     /// Repeated corners, edges of many faces, places that are none, and labels as they come.

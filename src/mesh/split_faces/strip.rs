@@ -2,13 +2,15 @@
 //!
 //! A vertex is on a boundary if its faces have several labels; every face of such a vertex belongs to the strip. Two passes over the
 //! faces find them. What is held while they run is a bit per vertex, and four bytes per vertex for as many vertices at a time as
-//! the budget allows; what is kept grows with the strip alone.
+//! the budget allows (32 in a soup, where each face has vertices of its own: there those at one place count as one); what is kept grows with the strip alone.
 
 use crate::base::parallel::{chunk_count, chunk_range};
+use crate::base::vector::finite;
 use crate::base::{Error, Result};
 use crate::mesh::geometry::Mesh;
 use crate::store::Run;
 use crate::store::budget::Grant;
+use xxhash_rust::xxh3::xxh3_64;
 
 /// Faces looked at between two looks at the stop flag.
 const CHUNK: usize = 1 << 14;
@@ -29,6 +31,8 @@ pub(super) struct Strip {
     pub starts: Vec<u32>,
     /// The vertices of all corners.
     pub corners: Vec<u32>,
+    /// The vertex of the mesh at each corner; another one at the same place as that of [`Strip::vertices`] in a soup.
+    pub own: Vec<u32>,
     /// The edge from each corner to the next one of its face.
     pub edge_of: Vec<u32>,
     /// The vertices in the mesh (v), ascending.
@@ -84,6 +88,10 @@ impl Bits {
         let words = vertices.div_ceil(64);
         let kept = run.budget.take("boundary vertices", 8 * words as u64, 8 * words as u64)?;
         let mut bits = Self(vec![0; words]);
+        if is_soup(mesh) {
+            bits.mark_places(mesh, labels, run)?;
+            return Ok((bits, kept));
+        }
         let grant = run.budget.take("labels of vertices", 4 * vertices.min(LEAST) as u64, 4 * vertices as u64)?;
         let width = ((grant.bytes() / 4) as usize).max(1);
         let mut first = Vec::new();
@@ -96,7 +104,7 @@ impl Bits {
                     for &v in corners {
                         match (v as usize).checked_sub(start).and_then(|at| first.get_mut(at)) {
                             Some(own) if *own == NONE => *own = labels[face],
-                            Some(own) if *own != labels[face] => bits.0[v as usize / 64] |= 1 << (v % 64),
+                            Some(own) if *own != labels[face] => bits.set(v),
                             _ => {}
                         }
                     }
@@ -106,9 +114,87 @@ impl Bits {
         Ok((bits, kept))
     }
 
+    /// Of a soup: vertices at one place are one, as many places at a time as the budget has room for.
+    fn mark_places(&mut self, mesh: &Mesh, labels: &[u32], run: &Run) -> Result<()> {
+        let size = size_of::<Place>() as u64;
+        // No more than half full.
+        let wanted = 2 * size * mesh.positions.len() as u64;
+        let grant = run.budget.take("places of vertices", size * (LEAST as u64).min(wanted / size), wanted)?;
+        let blocks = wanted.div_ceil(grant.bytes().max(1));
+        let mut places = vec![Place::default(); (grant.bytes() / size).max(1) as usize];
+        for block in 0..blocks {
+            places.fill(Place::default());
+            for marking in [false, true] {
+                for chunk in 0..chunk_count(labels.len(), CHUNK) {
+                    run.cancel.check()?;
+                    mesh.faces.for_each(chunk_range(labels.len(), CHUNK, chunk), |face, corners| {
+                        for &v in corners {
+                            let Some(key) = key(mesh.positions.get(v)) else { continue };
+                            if (u128::from(key) * u128::from(blocks)) >> 64 != u128::from(block) {
+                                continue;
+                            }
+                            let place = find(&mut places, key);
+                            if !marking {
+                                let other = place.key != key || place.label != labels[face];
+                                place.several |= place.key != 0 && other;
+                                (place.key, place.label) = (key, labels[face]);
+                            } else if place.several {
+                                self.set(v);
+                            }
+                        }
+                    });
+                }
+            }
+        }
+        Ok(())
+    }
+
+    fn set(&mut self, v: u32) {
+        self.0[v as usize / 64] |= 1 << (v % 64);
+    }
+
     fn has(&self, v: u32) -> bool {
         self.0.get(v as usize / 64).is_some_and(|word| word >> (v % 64) & 1 == 1)
     }
+}
+
+/// Whether hardly any vertex has two faces, as in an STL file: then places count, not numbers.
+fn is_soup(mesh: &Mesh) -> bool {
+    mesh.faces.corner_count() < 2 * mesh.positions.len()
+}
+
+/// The labels met at a place.
+#[derive(Clone, Copy, Default)]
+struct Place {
+    /// Of its position; 0 for none.
+    key: u64,
+    label: u32,
+    several: bool,
+}
+
+/// The slot of `key`, or the empty one that it is to have; that of another where all are taken.
+fn find(places: &mut [Place], key: u64) -> &mut Place {
+    let n = places.len();
+    let first = (key % n as u64) as usize;
+    let slot = (0..n).map(|k| (first + k) % n).find(|&k| places[k].key == key || places[k].key == 0);
+    &mut places[slot.unwrap_or(first)]
+}
+
+/// A number that hardly any two positions share, never 0; none where there is no place.
+fn key(at: [f64; 3]) -> Option<u64> {
+    finite(at).then(|| xxh3_64(bytemuck::bytes_of(&at.map(|x| x + 0.))).max(1))
+}
+
+/// For each of `vertices`, ascending, the first one at the same place.
+fn first_at_place(mesh: &Mesh, vertices: &[u32]) -> Vec<u32> {
+    let place = |&v: &u32| mesh.positions.get(v).map(|x| (x + 0.).to_bits());
+    let mut placed: Vec<([u64; 3], usize)> = vertices.iter().map(place).zip(0..).collect();
+    placed.sort_unstable();
+    let mut first = vertices.to_vec();
+    for group in placed.chunk_by(|a, b| a.0 == b.0 && finite(a.0.map(f64::from_bits))) {
+        group.iter().for_each(|&(_, k)| first[k] = vertices[group[0].1]);
+    }
+    first
 }
 
 impl Strip {
@@ -150,7 +236,15 @@ impl Strip {
         let mut vertices = all.clone();
         vertices.sort_unstable();
         vertices.dedup();
-        let corners: Vec<u32> = all.into_iter().map(|v| vertices.partition_point(|&other| other < v) as u32).collect();
+        let number = |vertices: &[u32], v: u32| vertices.partition_point(|&other| other < v) as u32;
+        let mut corners: Vec<u32> = all.iter().map(|&v| number(&vertices, v)).collect();
+        if is_soup(mesh) {
+            let first = first_at_place(mesh, &vertices);
+            vertices.clone_from(&first);
+            vertices.sort_unstable();
+            vertices.dedup();
+            corners.iter_mut().for_each(|v| *v = number(&vertices, first[*v as usize]));
+        }
         let labels: Vec<u32> = faces.iter().map(|&face| labels[face as usize]).collect();
         let owners = || (0..faces.len()).flat_map(|f| (starts[f]..starts[f + 1]).map(move |c| (c as usize, f as u32)));
         let mut inner = vec![None; vertices.len()];
@@ -179,7 +273,21 @@ impl Strip {
         let sides = Groups::of(edges.len(), owners().map(|(c, f)| (edge_of[c], f)));
         let stars = Groups::of(vertices.len(), owners().map(|(c, f)| (corners[c], f)));
         let at = vertices.iter().map(|&v| mesh.positions.get(v)).collect();
-        Ok(Self { faces, labels, starts, corners, edge_of, vertices, at, inner, edges, sides, stars, _grant: grant })
+        Ok(Self {
+            faces,
+            labels,
+            starts,
+            corners,
+            own: all,
+            edge_of,
+            vertices,
+            at,
+            inner,
+            edges,
+            sides,
+            stars,
+            _grant: grant,
+        })
     }
 
     /// The corners of face `f`: where they stand among all.
