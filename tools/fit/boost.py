@@ -1,9 +1,10 @@
 #!/usr/bin/env python3
 """Fits the trees that say how probably people keep two regions in one part (src/cluster/parts/merge_odds.rs).
 
-tools/fit/boost.py EXAMPLES.npy FOLDER
+tools/fit/boost.py EXAMPLES.npy [COPIES.npy…] FOLDER
 
-EXAMPLES.npy comes from `cargo run --release --example fit -- BENCHMARK --examples EXAMPLES.npy --seeds 4`. FOLDER gets all.json,
+EXAMPLES.npy comes from `cargo run --release --example fit -- BENCHMARK --examples EXAMPLES.npy --seeds 4`, COPIES.npy from the same
+with the benchmark that tools/fit/decimated.py makes: the same models in other triangles, which count half. FOLDER gets all.json,
 fitted to all models, half-0.json and half-1.json, for judging one half of each category by the other, and fold-0.json to
 fold-4.json, for judging categories by others. Needs LightGBM and NumPy; one thread, so that the same examples give the same
 trees.
@@ -17,7 +18,8 @@ import lightgbm
 import numpy as np
 
 KEYS = 6  # model, category, position, seed, share of people who join, pairs
-DEPTH, ROUNDS = 3, 150
+DEPTH, ROUNDS = 3, 300
+COPY = 0.5  # weight of an example from a copy
 POWER = 0.6  # of the pairs in the weight of a merge
 PARAMS = {
     "objective": "cross_entropy",
@@ -51,8 +53,8 @@ def full(tree):
     return feature, threshold, [node["leaf_value"] for node in level]
 
 
-def fit(features, together, pairs, chosen):
-    weight = np.abs(2 * together - 1) * pairs**POWER
+def fit(features, together, pairs, share, chosen):
+    weight = np.abs(2 * together - 1) * pairs**POWER * share
     data = lightgbm.Dataset(features[chosen], together[chosen] > 0.5, weight=weight[chosen] / weight[chosen].mean())
     model = lightgbm.train(PARAMS, data, ROUNDS).dump_model()
     trees = [full(info["tree_structure"]) for info in model["tree_info"]]
@@ -66,8 +68,10 @@ def fit(features, together, pairs, chosen):
 
 
 def main():
-    examples, folder = np.load(sys.argv[1]), pathlib.Path(sys.argv[2])
-    examples = examples.reshape(len(examples), -1)
+    tables, folder = [np.load(path) for path in sys.argv[1:-1]], pathlib.Path(sys.argv[-1])
+    examples = np.concatenate([table.reshape(len(table), -1) for table in tables])
+    share = np.full(len(examples), COPY)
+    share[: len(tables[0])] = 1
     category, position = examples[:, 1].astype(int), examples[:, 2].astype(int)
     together, pairs, features = examples[:, 4], examples[:, 5], examples[:, KEYS:]
     wanted = {"all": np.ones(len(examples), bool)}
@@ -75,7 +79,7 @@ def main():
     wanted |= {f"fold-{k}": category % 5 != k for k in range(5)}
     folder.mkdir(parents=True, exist_ok=True)
     for name, chosen in wanted.items():
-        text = json.dumps(fit(features, together, pairs, chosen), separators=(",", ":"))
+        text = json.dumps(fit(features, together, pairs, share, chosen), separators=(",", ":"))
         (folder / f"{name}.json").write_text(text + "\n")
         print(name, chosen.sum(), "examples", len(text), "bytes", flush=True)
 
