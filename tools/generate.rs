@@ -27,6 +27,9 @@ struct Arguments {
     /// Put faces and vertices in random order.
     #[arg(long)]
     shuffle: bool,
+    /// Number the faces of each patch of the skin in tiles, so that a large mesh need not be sorted.
+    #[arg(long)]
+    tiles: bool,
     /// Seed of noise, holes and order.
     #[arg(long, default_value_t = 0)]
     seed: u64,
@@ -39,8 +42,8 @@ struct Arguments {
 }
 
 fn generate(arguments: &Arguments) -> Result<()> {
-    let Arguments { faces, noise, holes, shuffle, seed, .. } = *arguments;
-    let creature = Creature::new(&Options { faces, noise, holes, shuffle, seed })?;
+    let Arguments { faces, noise, holes, shuffle, tiles, seed, .. } = *arguments;
+    let creature = Creature::new(&Options { faces, noise, holes, shuffle, tiles, seed })?;
     let mut run = Run::new(&());
     run.seed = seed;
     run.threads = arguments.threads.unwrap_or(run.threads).max(1);

@@ -15,8 +15,8 @@
 use crate::base::Result;
 use crate::base::parallel::{chunk_count, chunk_range};
 use crate::base::random::{stratified, stream, unit};
-use crate::graph::DualGraph;
 use crate::graph::half_edge_pairs::AGAINST;
+use crate::graph::{DualGraph, Node, NodeGeometry};
 use crate::store::{Context, MappedSlice, Run};
 use std::collections::{HashMap, HashSet};
 
@@ -29,16 +29,32 @@ const CHUNK: usize = 1 << 15;
 /// Shares of the faces, and the shape's unit.
 #[derive(Clone, Debug)]
 pub struct AreaShares {
-    /// Share of each node (n), 0 in tiny components; they sum to 1 but for floored ones.
+    /// Share of each node (n), 0 in tiny components; they sum to 1 but for floored ones. Empty where they are computed from the
+    /// geometry.
     pub share: MappedSlice<f32>,
+    computed: Option<(NodeGeometry, FromArea)>,
     /// From the frame's lengths to units of √(area).
     pub unit: f32,
     /// Nodes in tiny components.
     pub tiny_components: u64,
 }
 
+/// How an area becomes a share.
+#[derive(Clone, Copy, Debug)]
+struct FromArea {
+    scale: f64,
+    least: f64,
+}
+
+impl FromArea {
+    #[inline]
+    fn share(self, node: &Node) -> f32 {
+        (f64::from(node.area) * self.scale).max(self.least) as f32
+    }
+}
+
 impl AreaShares {
-    /// Computes the shares; `surface_shares.npy`.
+    /// Computes the shares; `surface_shares.npy`, but for a graph in one component whose geometry is computed at each look.
     ///
     /// # Errors
     /// [`crate::base::Error::Io`], [`crate::base::Error::Cancelled`].
@@ -49,7 +65,13 @@ impl AreaShares {
         // All faces degenerate: each counts the same.
         let even = total <= 0.;
         let scale = if even { 0. } else { 1. / total };
-        let floor = if even { 1. / real.max(1) as f64 } else { FLOOR / real.max(1) as f64 };
+        let least = if even { 1. / real.max(1) as f64 } else { FLOOR / real.max(1) as f64 };
+        let from = FromArea { scale, least };
+        let unit = if even { 1. } else { (1. / total.sqrt()) as f32 };
+        if graph.nodes.is_computed() && tiny.is_empty() {
+            let computed = Some((graph.nodes.clone(), from));
+            return Ok(Self { share: MappedSlice::empty(), computed, unit, tiny_components });
+        }
         let mut array = context.work.array::<f32>("surface_shares.npy", &[n])?;
         context.run.fill_chunks(
             array.data(),
@@ -59,13 +81,44 @@ impl AreaShares {
                 for (slot, i) in out.iter_mut().zip(chunk_range(n, CHUNK, k)) {
                     let is_tiny = !tiny.is_empty()
                         && graph.components.as_ref().is_some_and(|link| tiny.contains(&(link[i] & !AGAINST)));
-                    *slot = if is_tiny { 0. } else { (f64::from(graph.nodes[i].area) * scale).max(floor) as f32 };
+                    *slot = if is_tiny { 0. } else { from.share(&graph.nodes.at(i)) };
                 }
                 Ok(())
             },
         )?;
-        let unit = if even { 1. } else { (1. / total.sqrt()) as f32 };
-        Ok(Self { share: array.finish(false)?, unit, tiny_components })
+        Ok(Self::of_array(array.finish(false)?, unit, tiny_components))
+    }
+
+    /// Shares that were computed before.
+    pub fn of_array(share: MappedSlice<f32>, unit: f32, tiny_components: u64) -> Self {
+        Self { share, computed: None, unit, tiny_components }
+    }
+
+    /// Whether they are computed at each look.
+    pub fn is_computed(&self) -> bool {
+        self.computed.is_some()
+    }
+
+    /// Number of nodes.
+    pub fn len(&self) -> usize {
+        self.computed.as_ref().map_or(self.share.len(), |(nodes, _)| nodes.len())
+    }
+
+    /// Whether there are no nodes.
+    pub fn is_empty(&self) -> bool {
+        self.len() == 0
+    }
+
+    /// The share of the node `at`, whose geometry `node` gives.
+    #[inline]
+    fn of_node(&self, at: usize, node: &Node) -> f32 {
+        self.computed.as_ref().map_or_else(|| self.share[at], |(_, from)| from.share(node))
+    }
+
+    /// The share of the node `at`.
+    #[inline]
+    fn at(&self, at: usize) -> f32 {
+        self.computed.as_ref().map_or_else(|| self.share[at], |(nodes, from)| from.share(&nodes.at(at)))
     }
 }
 
@@ -78,7 +131,7 @@ fn tiny_roots(graph: &DualGraph, run: &Run) -> Result<(HashSet<u32>, f64, u64)> 
         let mut sums: HashMap<u32, (f64, u64)> = HashMap::new();
         for i in range {
             let sum = sums.entry(links[i] & !AGAINST).or_default();
-            sum.0 += f64::from(graph.nodes[i].area);
+            sum.0 += f64::from(graph.nodes.at(i).area);
             sum.1 += 1;
         }
         Ok(sums)
@@ -106,26 +159,40 @@ fn tiny_roots(graph: &DualGraph, run: &Run) -> Result<(HashSet<u32>, f64, u64)> 
 /// Seeds that a block of nodes has in the mean.
 const SEEDS_PER_BLOCK: usize = 16;
 
-/// About `count` nodes, ascending: node `i` may be taken where `share[i] > 0`. All such nodes where they are no
+/// About `count` nodes, ascending, of those that count; all of these where they are no
 /// more than `count`. Blocks of nodes draw by themselves, each a point in equal shares of its area, so that faces of another
 /// size change the seeds of their own block, and not of all that follow.
-pub fn spread(share: &[f32], count: usize, seed: u64, purpose: &str) -> Vec<u32> {
-    let eligible = share.iter().filter(|s| **s > 0.).count();
+///
+/// # Errors
+/// [`crate::base::Error::Cancelled`].
+pub fn spread(shares: &AreaShares, count: usize, purpose: &str, run: &Run) -> Result<Vec<u32>> {
+    let n = shares.len();
+    let (mut eligible, mut total) = (0, 0f64);
+    run.in_order(
+        chunk_count(n, CHUNK),
+        || (),
+        |k, ()| Ok(chunk_range(n, CHUNK, k).map(|i| shares.at(i)).collect::<Vec<f32>>()),
+        |_, chunk| {
+            eligible += chunk.iter().filter(|s| **s > 0.).count();
+            chunk.iter().for_each(|&s| total += f64::from(s));
+            Ok(())
+        },
+    )?;
     if eligible <= count {
-        return (0..share.len() as u32).filter(|&i| share[i as usize] > 0.).collect();
+        return Ok((0..n as u32).filter(|&i| shares.at(i as usize) > 0.).collect());
     }
-    let total: f64 = share.iter().map(|&s| f64::from(s)).sum();
     let quantum = total / count as f64;
-    let block = (SEEDS_PER_BLOCK * share.len() / count).max(1);
-    let mut seeds = Vec::with_capacity(count + count / 8);
-    for (k, shares) in share.chunks(block).enumerate() {
-        let mut random = stream(seed, &format!("{purpose} {k}"));
-        let here: f64 = shares.iter().map(|&s| f64::from(s)).sum();
+    let block = (SEEDS_PER_BLOCK * n / count).max(1);
+    let draw = |k: usize, area: &mut Vec<f64>| {
+        area.clear();
+        area.extend(chunk_range(n, block, k).map(|i| f64::from(shares.at(i))));
+        let mut random = stream(run.seed, &format!("{purpose} {k}"));
+        let here: f64 = area.iter().sum();
         let points = (here / quantum + unit(&mut random)) as usize;
-        let drawn = stratified(shares.iter().map(|&s| f64::from(s)), here, points, &mut random);
-        seeds.extend(drawn.into_iter().map(|(node, _)| (k * block) as u32 + node));
-    }
-    seeds
+        let drawn = stratified(area.iter().copied(), here, points, &mut random);
+        Ok(drawn.into_iter().map(|(node, _)| (k * block) as u32 + node).collect::<Vec<u32>>())
+    };
+    Ok(run.map_chunks(chunk_count(n, block), Vec::new, draw)?.concat())
 }
 
 const BLOCKS: usize = 8;
@@ -183,10 +250,13 @@ pub fn class_sums(
     let sum = |k: usize, (): &mut ()| {
         let mut sums = vec![ClassSum::default(); classes];
         for i in chunk_range(n, block, k) {
-            let share = f64::from(shares.share[i]);
+            if i.is_multiple_of(CHUNK) {
+                run.will_need(class, i..(i + CHUNK).min(n));
+            }
+            let node = graph.nodes.at(i);
+            let share = f64::from(shares.of_node(i, &node));
             let weight = share.max(least);
             let Some(sum) = sums.get_mut(class[i] as usize).filter(|_| weight > 0.) else { continue };
-            let node = &graph.nodes[i];
             sum.share += share;
             sum.weight += weight;
             for axis in 0..3 {
@@ -205,12 +275,20 @@ pub fn class_sums(
 
 #[cfg(test)]
 mod tests {
-    use super::{SEEDS_PER_BLOCK, spread};
+    use super::{AreaShares, SEEDS_PER_BLOCK};
+    use crate::store::{Run, WorkDir};
+
+    fn spread(share: &[f32], count: usize, seed: u64) -> Vec<u32> {
+        let run = Run { seed, ..Run::new(&()) };
+        let work = WorkDir::temporary(&std::env::temp_dir()).unwrap();
+        let share = work.write("share.npy", share, 1).unwrap();
+        super::spread(&AreaShares::of_array(share, 1., 0), count, "test", &run).unwrap()
+    }
 
     #[test]
     fn seeds_follow_the_area_and_avoid_what_counts_nothing() {
         let share: Vec<f32> = (0..10_000).map(|i| if i % 2 == 0 { 1e-4 } else { 0. }).collect();
-        let seeds = spread(&share, 100, 1, "test");
+        let seeds = spread(&share, 100, 1);
         assert_eq!(seeds.len(), 100);
         assert!(seeds.iter().all(|s| s % 2 == 0) && seeds.is_sorted());
         for (k, &s) in seeds.iter().enumerate() {
@@ -219,9 +297,9 @@ mod tests {
         // Regression: a face of another size moved all later seeds, and with them a twentieth of the labels.
         let mut other = share.clone();
         other[3_000] *= 3.;
-        let moved: Vec<u32> = spread(&other, 100, 1, "test").into_iter().filter(|s| !seeds.contains(s)).collect();
+        let moved: Vec<u32> = spread(&other, 100, 1).into_iter().filter(|s| !seeds.contains(s)).collect();
         let block = SEEDS_PER_BLOCK as u32 * 100;
         assert!(!moved.is_empty() && moved.iter().all(|s| s / block == 3_000 / block), "{moved:?}");
-        assert_eq!(spread(&share[..20], 100, 1, "test").len(), 10);
+        assert_eq!(spread(&share[..20], 100, 1).len(), 10);
     }
 }

@@ -166,7 +166,7 @@ fn straighten(
     let lengths = smooth::WeightedLengths {
         steps,
         centroid_distance: &graph.edges.centroid_distance,
-        edge: &graph.edges.edge,
+        edge: graph.edges.shared(),
         unit: shares.unit,
         mean: mean * shares.unit,
     };
@@ -187,6 +187,7 @@ pub fn boundary_nodes(graph: Csr<'_>, label: impl Fn(usize) -> u32 + Sync, run: 
 /// [`crate::base::Error::Cancelled`].
 pub fn interior_edge(graph: Csr<'_>, interior: impl Fn(usize) -> bool + Sync, run: &Run) -> Result<Vec<u32>> {
     let parts = run.map_ranges(graph.len(), CHUNK, |range| {
+        run.will_need(graph.indices, graph.starts.entries_of(range.clone()));
         let open = range.filter(|&node| !interior(node));
         let beside = open.flat_map(|node| graph.neighbours(node as u32)).map(|(next, _)| next);
         let mut beside: Vec<u32> = beside.filter(|&next| interior(next as usize)).collect();
@@ -209,6 +210,7 @@ fn collect(
 ) -> Result<Vec<u32>> {
     let n = graph.len();
     let parts = run.map_ranges(n, CHUNK, |range| {
+        run.will_need(graph.indices, graph.starts.entries_of(range.clone()));
         Ok(range
             .filter(|&i| own(i) && graph.neighbours(i as u32).any(|(j, _)| beside(i, j as usize)))
             .map(|i| i as u32)

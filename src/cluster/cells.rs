@@ -73,7 +73,7 @@ impl Cells {
         let seeds: Vec<u32> = if n <= CELLS {
             (0..n as u32).collect()
         } else {
-            paired(graph, shares, normals.fine, spread(&shares.share, CELLS, context.run.seed, "cells"))
+            paired(graph, shares, normals.fine, spread(shares, CELLS, "cells", context.run)?)
         };
         let metric = Metric::ScaleFree { beta: 0.1, eta: 0.5 };
         let area = 1. / f64::from(shares.unit).powi(2);

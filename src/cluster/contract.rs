@@ -124,7 +124,7 @@ fn contract(contraction: &Contraction<'_>, key: &str, context: Context<'_>) -> R
     let Contraction { graph, weighted: fine, shares, whole } = *contraction;
     let Context { work, run } = context;
     let n = graph.nodes.len();
-    let seeds = seeds(shares, run);
+    let seeds = seeds(shares, run)?;
     let mut owner = work.array::<u32>(OF_FACE, &[n])?;
     let mut field = work.array::<f32>("contracted_field.tmp", &[n])?;
     front(fine, &seeds).nearest_source(field.data(), owner.data(), Context::new(whole, run))?;
@@ -139,8 +139,11 @@ fn contract(contraction: &Contraction<'_>, key: &str, context: Context<'_>) -> R
 }
 
 /// The nodes that contracted ones grow from.
-pub fn seeds(shares: &AreaShares, run: &Run) -> Vec<u32> {
-    spread(&shares.share, NODES, run.seed, "contraction")
+///
+/// # Errors
+/// [`crate::base::Error::Cancelled`].
+pub fn seeds(shares: &AreaShares, run: &Run) -> Result<Vec<u32>> {
+    spread(shares, NODES, "contraction", run)
 }
 
 /// The front from these `seeds` under the weights.
@@ -180,8 +183,11 @@ type BoundaryMap = BTreeMap<(u32, u32), ContractedEdge>;
 
 fn borders(graph: &DualGraph, csr: Csr<'_>, owner: &[u32], field: &[f32], run: &Run) -> Result<BoundaryMap> {
     let n = owner.len();
-    let edge = &graph.edges.edge[..];
+    let edge = graph.edges.shared();
     let parts = run.map_ranges(n, CHUNK, |range| {
+        csr.will_need(range.clone(), run);
+        run.will_need(owner, range.clone());
+        run.will_need(field, range.clone());
         let mut sums: BoundaryMap = BTreeMap::new();
         for i in range {
             for (e, (j, weight)) in csr.span(i as u32).zip(csr.neighbours(i as u32)) {
@@ -191,10 +197,11 @@ fn borders(graph: &DualGraph, csr: Csr<'_>, owner: &[u32], field: &[f32], run: &
                     continue;
                 }
                 let (from, to) = if a < b { (i, j) } else { (j, i) };
+                let length = f64::from(edge.length(i as u32, e).abs());
                 let border = ContractedEdge {
                     weight: field[i] + weight + field[j],
-                    length: f64::from(edge[e].abs()),
-                    chord: along(&graph.nodes[from], &graph.nodes[to], f64::from(edge[e].abs())),
+                    length,
+                    chord: along(&graph.nodes.at(from), &graph.nodes.at(to), length),
                 };
                 sums.entry((a.min(b), a.max(b))).and_modify(|sum| sum.add(&border)).or_insert(border);
             }
@@ -244,12 +251,12 @@ fn assemble(
     let column = |pick: fn(&(u32, u32, f32, f32, f32)) -> f32| entries.iter().map(pick).collect::<Vec<f32>>();
     let write = |name: &str, items: Vec<f32>| npy::write(&inner.file(name), &items, 1, false);
     let indices: Vec<u32> = entries.iter().map(|e| e.1).collect();
-    let edges = DualEdges {
-        starts: OwnedRowStarts::Plain(npy::write(&inner.file(PLAIN), &indptr, 1, false)?),
-        indices: npy::write(&inner.file(EDGES[0]), &indices, 1, false)?,
-        centroid_distance: write(EDGES[1], column(|e| e.3))?,
-        edge: write(EDGES[2], column(|e| e.4))?,
-    };
+    let edges = DualEdges::of_arrays(
+        OwnedRowStarts::Plain(npy::write(&inner.file(PLAIN), &indptr, 1, false)?),
+        npy::write(&inner.file(EDGES[0]), &indices, 1, false)?,
+        write(EDGES[1], column(|e| e.3))?,
+        write(EDGES[2], column(|e| e.4))?,
+    );
     let weights = write(WEIGHTS, column(|e| e.2.max(crate::graph::weights::LEAST)))?;
     let weighted = WeightedGraph::new(inner.path(), edges.starts.clone(), edges.indices.clone(), weights, key.clone())?;
     let facts = GraphFacts {
@@ -260,6 +267,6 @@ fn assemble(
         area: nodes.iter().map(|node| f64::from(node.area)).sum(),
         ..graph.facts.clone()
     };
-    let nodes = npy::write(&inner.file(NODE_GEOMETRY), &nodes, 7, false)?;
+    let nodes = npy::write(&inner.file(NODE_GEOMETRY), &nodes, 7, false)?.into();
     Ok((DualGraph { edges, nodes, components: None, facts, key }, weighted))
 }

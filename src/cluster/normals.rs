@@ -48,8 +48,11 @@ pub fn smoothed(graph: &DualGraph, shares: &AreaShares, r: f32, file: &str, cont
 }
 
 /// The seeds of the micro-cells for normals at radius `r` in `file`, about 1/r², by area.
-pub fn seeds(shares: &AreaShares, r: f32, file: &str, run: &Run) -> Vec<u32> {
-    spread(&shares.share, (1. / (r * r)).round() as usize, run.seed, file)
+///
+/// # Errors
+/// [`crate::base::Error::Cancelled`].
+pub fn seeds(shares: &AreaShares, r: f32, file: &str, run: &Run) -> Result<Vec<u32>> {
+    spread(shares, (1. / (r * r)).round() as usize, file, run)
 }
 
 /// The front from these `seeds`.
@@ -73,7 +76,7 @@ fn unit(v: [f32; 3]) -> Option<[f32; 3]> {
 
 fn from_cells(graph: &DualGraph, shares: &AreaShares, r: f32, file: &str, context: Context<'_>) -> Result<Normals> {
     let n = graph.nodes.len();
-    let seeds = seeds(shares, r, file, context.run);
+    let seeds = seeds(shares, r, file, context.run)?;
     let (field_file, owner_file) = (format!("{file}.field.tmp"), format!("{file}.owner.tmp"));
     let mut owner = context.work.array::<u32>(&owner_file, &[n])?;
     {
@@ -97,7 +100,7 @@ fn from_cells(graph: &DualGraph, shares: &AreaShares, r: f32, file: &str, contex
         || (),
         |chunk, out, ()| {
             for (slot, i) in out.iter_mut().zip(chunk_range(n, CHUNK, chunk)) {
-                let node = &graph.nodes[i];
+                let node = graph.nodes.at(i);
                 let mut sum = [0f32; 3];
                 let own = owner_data[i];
                 if own != u32::MAX {
@@ -133,15 +136,17 @@ struct CellNeighbours {
 
 fn neighbours(graph: &DualGraph, owner: &[u32], cells: usize, run: &Run) -> Result<CellNeighbours> {
     let n = owner.len();
-    let shared = graph.edges.by_shared_edge();
+    let shared = graph.edges.shared();
     // Both numbers in one: sorted in half the time.
     let parts = run.map_ranges(n, CHUNK, |range| {
+        shared.will_need(range.clone(), run);
+        run.will_need(owner, range.clone());
         let mut pairs = Vec::new();
         for i in range {
-            for (j, edge) in shared.neighbours(i as u32) {
+            for (e, j) in shared.entries(i as u32) {
                 let (a, b) = (owner[i], owner[j as usize]);
                 // Bridges have no length and join nothing here.
-                if a != b && a != u32::MAX && b != u32::MAX && edge != 0. {
+                if a != b && a != u32::MAX && b != u32::MAX && shared.length(i as u32, e) != 0. {
                     pairs.push(u64::from(a) << 32 | u64::from(b));
                 }
             }
@@ -171,7 +176,7 @@ fn neighbours(graph: &DualGraph, owner: &[u32], cells: usize, run: &Run) -> Resu
 /// As [`smoothed`].
 pub fn averaged(graph: &DualGraph, shares: &AreaShares, r: f32, file: &str, context: Context<'_>) -> Result<Normals> {
     let n = graph.nodes.len();
-    let shared = graph.edges.by_shared_edge();
+    let shared = graph.edges.shared();
     let mean = f64::from(mean_weight(lengths(graph)) * shares.unit);
     let rounds = if mean > 0. { (f64::from(r) / mean).powi(2).round().min(1e4) as usize } else { 0 };
     let mut normals: Vec<[f32; 3]> = graph.nodes.iter().map(|node| node.normal).collect();
@@ -235,27 +240,27 @@ fn turning_sums(
     run: &Run,
 ) -> Result<Vec<f64>> {
     let n = graph.nodes.len();
-    let shared = graph.edges.by_shared_edge();
-    let parts = run.map_chunks(
-        chunk_count(n, CHUNK).div_ceil(every),
-        || (),
-        |k, ()| {
-            let mut sums = vec![0f64; smoothed.len() + 1];
-            for i in chunk_range(n, CHUNK, k * every) {
-                for (j, edge) in shared.neighbours(i as u32) {
-                    let j = j as usize;
-                    if j > i {
-                        let length = f64::from(edge.abs() * shares.unit);
-                        sums[0] += length * f64::from(between(graph.nodes[i].normal, graph.nodes[j].normal));
-                        for (sum, normals) in sums[1..].iter_mut().zip(smoothed) {
-                            *sum += length * f64::from(between(normals[i], normals[j]));
-                        }
+    let shared = graph.edges.shared();
+    let parts = run.map_chunks(chunk_count(n, CHUNK).div_ceil(every), Vec::new, |k, held| {
+        let mut sums = vec![0f64; smoothed.len() + 1];
+        let range = chunk_range(n, CHUNK, k * every);
+        shared.will_need(range.clone(), run);
+        let window = graph.nodes.window(range.clone(), held);
+        for i in range {
+            let own = window.at(i).normal;
+            for (j, edge) in shared.neighbours(i as u32) {
+                let j = j as usize;
+                if j > i {
+                    let length = f64::from(edge.abs() * shares.unit);
+                    sums[0] += length * f64::from(between(own, window.at(j).normal));
+                    for (sum, normals) in sums[1..].iter_mut().zip(smoothed) {
+                        *sum += length * f64::from(between(normals[i], normals[j]));
                     }
                 }
             }
-            Ok(sums)
-        },
-    )?;
+        }
+        Ok(sums)
+    })?;
     let mut total = vec![0f64; smoothed.len() + 1];
     for part in parts {
         total.iter_mut().zip(part).for_each(|(a, b)| *a += b);

@@ -11,7 +11,7 @@
 use super::shorten::{BandEdge, BandGraph, shorten};
 use crate::base::Result;
 use crate::base::parallel::chunk_range;
-use crate::graph::Csr;
+use crate::graph::{Csr, SharedEdges};
 use crate::spectral::exp::exp;
 use crate::store::Run;
 
@@ -142,7 +142,7 @@ impl DiffusionGraph {
                 counts.push(span.len() as u32);
                 for e in span {
                     let turning = (steps.weights[e] - centroid_distance[e] * unit).max(0.);
-                    let weight = edge[e].abs() * exp(-turning / CREASE);
+                    let weight = edge.length(node, e).abs() * exp(-turning / CREASE);
                     let other = steps.indices[e];
                     list.push(match band.binary_search(&other) {
                         Ok(position) => BandEdge { to: position as u32, inside: true, weight },
@@ -173,7 +173,7 @@ pub struct WeightedLengths<'a> {
     /// Centroid distance of each step, in the frame (nnz).
     pub centroid_distance: &'a [f32],
     /// Length of the edge that each step crosses, in the frame (nnz).
-    pub edge: &'a [f32],
+    pub edge: SharedEdges<'a>,
     /// From the frame to units of √(area).
     pub unit: f32,
     /// Mean centroid distance, in units of √(area).

@@ -19,7 +19,7 @@ use std::sync::Arc;
 
 /// Nodes a block, a power of two: some 400 KiB of graph, a read that a disk does at nearly full speed.
 pub const BLOCK: usize = 1 << SHIFT;
-const SHIFT: u32 = 14;
+pub(super) const SHIFT: u32 = 14;
 /// Blocks met after a block before its values are sent to the disk: more than a band is long.
 const LAG: usize = 256;
 
@@ -90,7 +90,7 @@ impl Pages {
         result
     }
 
-    fn advise(graph: Csr<'_>, access: Access) {
+    pub(super) fn advise(graph: Csr<'_>, access: Access) {
         graph.starts.advise(access);
         advise(graph.indices, access);
         advise(graph.weights, access);

@@ -317,7 +317,7 @@ impl SharedFront<'_> {
         while grown {
             let cleared = clear(&inside, field, label)?;
             let messages = self.messages((&inside, &cleared), field, label, run)?;
-            stale |= front.propagate(messages, self.limit, field, label)?;
+            stale |= front.propagate(messages, self.limit, None, field, label)?;
             let mut rim = Vec::new();
             for &label in label[own.clone()].iter().filter(|label| **label < grains) {
                 if !std::mem::replace(&mut inside[label as usize], true) {
@@ -341,7 +341,7 @@ impl SharedFront<'_> {
             };
             run.fill_chunks(label, grain, || (), relabel)?;
             let messages = self.messages((&inside, &inside), field, label, run)?;
-            front.propagate(messages, self.limit, field, label)?;
+            front.propagate(messages, self.limit, None, field, label)?;
         }
         Ok(())
     }

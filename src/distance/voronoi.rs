@@ -14,12 +14,13 @@
 //! where the budget is small for the mesh.
 
 use super::front::{Front, clear_labels, mean_weight};
-use super::paging::Pages;
+use super::paging::{Pages, SHIFT};
 use super::queue::{Entry, Queue};
 use crate::base::parallel::fill_two;
 use crate::base::{Cancel, Result};
 use crate::graph::Csr;
 use crate::store::Run;
+use crate::store::mapped::{Access, advise, will_need};
 
 /// Blocks from which on they save time: with 26 of a rough mesh (1.7 million faces) they cost a fifth more, with 150 of a smooth one they
 /// save a fifth.
@@ -122,12 +123,14 @@ pub struct BlockDijkstra<'a> {
     threads: usize,
     cancel: Cancel,
     width: f32,
+    /// Whether the graph is more than the kernel can keep in memory.
+    paged: bool,
 }
 
 impl<'a> BlockDijkstra<'a> {
     /// Over `graph` in blocks of `block` nodes.
     pub fn new(graph: Csr<'a>, block: usize, threads: usize, cancel: &Cancel) -> Self {
-        Self { graph, block, threads, cancel: cancel.clone(), width: mean_weight(graph) * WIDTH }
+        Self { graph, block, threads, cancel: cancel.clone(), width: mean_weight(graph) * WIDTH, paged: false }
     }
 
     /// Over `graph` in blocks that suit the budget.
@@ -135,10 +138,18 @@ impl<'a> BlockDijkstra<'a> {
         // The boundary of a block of B nodes is some 4 √B edges; messages are held twice while they are sorted.
         let bytes_for = |block: usize| 100. * graph.len() as f64 / (block as f64).sqrt();
         let mut block = BLOCK;
+        // A front goes through fewer larger blocks: fewer rounds, of which each reads all that is not in memory.
+        let paged = Pages::needed(graph, 8 * graph.len(), run);
+        if paged {
+            let held = |block: usize| run.threads as u64 * block as u64 * (graph.bytes() / graph.len() as u64 + 8);
+            while held(2 * block) <= run.resident / 4 && block < graph.len() / (4 * run.threads) {
+                block *= 2;
+            }
+        }
         while block < graph.len() && bytes_for(block) > run.budget.left() as f64 / 4. {
             block *= 2;
         }
-        Self::new(graph, block, run.threads, &run.cancel)
+        Self { paged, ..Self::new(graph, block, run.threads, &run.cancel) }
     }
 
     /// What [`Front::nearest_source`] gives.
@@ -150,12 +161,10 @@ impl<'a> BlockDijkstra<'a> {
             let message = |(label, &node)| Message { node, distance: 0., label: label as u32 };
             sources.iter().enumerate().map(message).collect::<Vec<_>>()
         };
-        field.fill(f32::INFINITY);
-        label.fill(u32::MAX);
-        if self.propagate(seeds(), f32::INFINITY, field, label)? {
+        if self.propagate(seeds(), f32::INFINITY, Some((f32::INFINITY, u32::MAX)), field, label)? {
             // Once more over the final distances: labels alone move, and nothing can be stale.
             label.fill(u32::MAX);
-            self.propagate(seeds(), f32::INFINITY, field, label)?;
+            self.propagate(seeds(), f32::INFINITY, None, field, label)?;
         }
         Ok(())
     }
@@ -168,7 +177,7 @@ impl<'a> BlockDijkstra<'a> {
         let messages = sources.iter().map(|&node| Message { node, distance: 0., label: () }).collect();
         sources.iter().for_each(|&node| field[node as usize] = f32::INFINITY);
         // Labels that take no room.
-        self.propagate(messages, limit, field, &mut vec![(); self.graph.len()]).map(drop)
+        self.propagate(messages, limit, None, field, &mut vec![(); self.graph.len()]).map(drop)
     }
 
     /// What [`Front::propagate_labels`] gives.
@@ -180,7 +189,7 @@ impl<'a> BlockDijkstra<'a> {
             let message = |&node: &u32| Message { node, distance: 0., label: label[node as usize] };
             let messages = sources.iter().map(message).collect();
             sources.iter().for_each(|&node| field[node as usize] = f32::INFINITY);
-            self.propagate(messages, f32::INFINITY, field, label)
+            self.propagate(messages, f32::INFINITY, None, field, label)
         };
         if once(field, label)? {
             clear_labels(field, label);
@@ -190,38 +199,112 @@ impl<'a> BlockDijkstra<'a> {
     }
 
     /// Propagates `messages` and what follows from them, to nodes nearer than `limit`, until there are no more; whether
-    /// labels may be stale.
+    /// labels may be stale. `fresh`: what field and label are filled with first, block by block, so that nothing is written twice.
     pub(super) fn propagate<O: Label>(
         &self,
         mut messages: Vec<Message<O>>,
         limit: f32,
+        fresh: Option<(f32, O)>,
         field: &mut [f32],
         label: &mut [O],
     ) -> Result<bool> {
-        let mut stale = false;
-        while !messages.is_empty() {
+        let (mut stale, mut fresh) = (false, fresh);
+        self.advise(Access::Random, field, label);
+        while !messages.is_empty() || fresh.is_some() {
             // The nearest first, so that a block's front starts where it should.
             messages.sort_unstable_by_key(|message| (message.node as usize / self.block, message.distance.to_bits()));
             let inbox = &messages[..];
             let queue = || (Queue::new(self.width), Vec::new());
             let outcomes = fill_two(self.threads, &self.cancel, (&mut *field, &mut *label), self.block, queue, {
                 |k, field: &mut [f32], label: &mut [O], scratch: &mut (Queue, Vec<Entry>)| {
+                    if let Some((distance, none)) = fresh {
+                        field.fill(distance);
+                        label.fill(none);
+                        self.will_need(k);
+                    }
                     let start = inbox.partition_point(|message| (message.node as usize) / self.block < k);
                     let end =
                         start + inbox[start..].partition_point(|message| (message.node as usize) / self.block == k);
-                    Ok(self.front(k * self.block, limit, (field, label), &inbox[start..end], scratch))
+                    Ok(self.rounds_within(k * self.block, limit, (field, label), &inbox[start..end], scratch))
                 }
             })?;
+            fresh = None;
             messages = Vec::with_capacity(outcomes.iter().map(|outcome| outcome.messages.len()).sum());
             for outcome in outcomes {
                 stale |= outcome.stale;
                 messages.extend(outcome.messages);
             }
         }
+        self.advise(Access::Local, field, label);
         Ok(stale)
     }
 
-    /// The front inside the block of nodes from `first` on, to nodes nearer than `limit`.
+    /// Asks the kernel to read the rows of block `k`, all of which a front will visit, and of the one after those that other threads
+    /// are at.
+    fn will_need(&self, k: usize) {
+        if !self.paged {
+            return;
+        }
+        let ahead = if k == 0 { 0..self.threads + 1 } else { k + self.threads..k + self.threads + 1 };
+        for nodes in ahead
+            .map(|k| k * self.block..((k + 1) * self.block).min(self.graph.len()))
+            .filter(|nodes| nodes.start < nodes.end)
+        {
+            let entries = self.graph.starts.entries_of(nodes.clone());
+            self.graph.starts.will_need(nodes);
+            will_need(&self.graph.indices[entries.clone()]);
+            will_need(&self.graph.weights[entries]);
+        }
+    }
+
+    /// Has the kernel read nothing ahead by itself, or has it do so again.
+    fn advise<O: Label>(&self, access: Access, field: &[f32], label: &[O]) {
+        if self.paged {
+            Pages::advise(self.graph, access);
+            advise(field, access);
+            if size_of::<O>() > 0 {
+                advise(label, access);
+            }
+        }
+    }
+
+    /// Rounds of fronts inside the block of nodes from `first` on, over pieces of [`BLOCK`] nodes, until no messages are left but those
+    /// to other blocks.
+    fn rounds_within<O: Label>(
+        &self,
+        first: usize,
+        limit: f32,
+        (field, label): (&mut [f32], &mut [O]),
+        inbox: &[Message<O>],
+        scratch: &mut (Queue, Vec<Entry>),
+    ) -> Outcome<O> {
+        if self.block <= BLOCK {
+            return self.front(first, limit, (field, label), inbox, scratch);
+        }
+        let mut all = Outcome { messages: Vec::new(), stale: false };
+        let nodes = first..first + field.len();
+        let piece = |message: &Message<O>| (message.node as usize - first) / BLOCK;
+        let mut messages = inbox.to_vec();
+        while !messages.is_empty() {
+            messages.sort_unstable_by_key(|message| (piece(message), message.distance.to_bits()));
+            let mut next = Vec::new();
+            for group in messages.chunk_by(|a, b| piece(a) == piece(b)) {
+                let start = piece(&group[0]) * BLOCK;
+                let end = (start + BLOCK).min(field.len());
+                let values = (&mut field[start..end], &mut label[start..end]);
+                let outcome = self.front(first + start, limit, values, group, scratch);
+                all.stale |= outcome.stale;
+                for message in outcome.messages {
+                    let inside = nodes.contains(&(message.node as usize));
+                    if inside { next.push(message) } else { all.messages.push(message) }
+                }
+            }
+            messages = next;
+        }
+        all
+    }
+
+    /// The front inside the nodes from `first` on whose values are given, to nodes nearer than `limit`.
     fn front<O: Label>(
         &self,
         first: usize,
@@ -230,12 +313,21 @@ impl<'a> BlockDijkstra<'a> {
         inbox: &[Message<O>],
         (queue, batch): &mut (Queue, Vec<Entry>),
     ) -> Outcome<O> {
+        let mut pages = if self.paged { vec![false; field.len().div_ceil(1 << SHIFT)] } else { Vec::new() };
         let mut block = Block { field, label, stale: false };
+        let graph = self.graph;
+        let mut enter = |to: usize, block: &Block<'_, O>| {
+            if let Some(met @ false) = pages.get_mut(to >> SHIFT) {
+                *met = true;
+                block.will_need(graph, first, to >> SHIFT << SHIFT);
+            }
+        };
         let mut messages = Vec::new();
         let Some(nearest) = inbox.first() else { return Outcome { messages, stale: false } };
         queue.restart(nearest.distance);
         for message in inbox {
             let to = message.node as usize - first;
+            enter(to, &block);
             if block.reach(to, message.distance, message.label) {
                 queue.push(Entry { node: to as u32, distance: message.distance });
             }
@@ -254,7 +346,10 @@ impl<'a> BlockDijkstra<'a> {
                     }
                     if to >= block.field.len() {
                         messages.push(Message { node: next, distance: there, label: own });
-                    } else if block.reach(to, there, own) {
+                        continue;
+                    }
+                    enter(to, &block);
+                    if block.reach(to, there, own) {
                         queue.push(Entry { node: to as u32, distance: there });
                     }
                 }
@@ -273,6 +368,20 @@ struct Block<'a, O> {
 }
 
 impl<O: Label> Block<'_, O> {
+    /// Asks the kernel to read the pages of a front's next 2¹⁴ nodes, from `from` on, of this block, which begins at node `first` of `graph`.
+    #[cold]
+    fn will_need(&self, graph: Csr<'_>, first: usize, from: usize) {
+        let end = (from + (1 << SHIFT)).min(self.field.len());
+        let entries = graph.starts.entries_of(first + from..first + end);
+        graph.starts.will_need(first + from..first + end);
+        will_need(&graph.indices[entries.clone()]);
+        will_need(&graph.weights[entries]);
+        will_need(&self.field[from..end]);
+        if size_of::<O>() > 0 {
+            will_need(&self.label[from..end]);
+        }
+    }
+
     /// Whether the node `to` of the block is nearer on this path, or as near and won by a smaller label; if so, it is
     /// entered.
     #[inline(always)]

@@ -17,9 +17,9 @@
 
 use super::dual_edges::{DualEdges, EdgesWriter, Entry};
 use super::half_edge_pairs::AGAINST;
-use super::nodes::Node;
-use crate::base::Result;
+use super::node_geometry::NodeGeometry;
 use crate::base::union_find::ParityForest;
+use crate::base::{Cancel, Result};
 use crate::store::npy::ArrayMut;
 use crate::store::{Context, MappedSlice, Run};
 use rstar::RTree;
@@ -45,7 +45,7 @@ pub struct Components {
 pub struct Component {
     /// Number of nodes.
     pub nodes: u64,
-    /// Area in the frame.
+    /// Area in the frame; may be 0 where there is no other component to compare it with.
     pub area: f64,
 }
 
@@ -53,14 +53,14 @@ pub struct Component {
 ///
 /// # Errors
 /// [`crate::base::Error::Io`], [`crate::base::Error::Cancelled`].
-pub fn find_components(edges: &DualEdges, nodes: &[Node], context: Context<'_>) -> Result<Components> {
+pub fn find_components(edges: &DualEdges, nodes: &NodeGeometry, context: Context<'_>) -> Result<Components> {
     let n = nodes.len();
     let mut array: ArrayMut<u32> = context.work.array("components.npy", &[n])?;
     let mut list: BTreeMap<u32, Component> = BTreeMap::new();
     let mut mixed = false;
     {
         let mut parents = ParityForest::new(&mut array.data()[..]);
-        let graph = edges.by_shared_edge();
+        let graph = edges.shared();
         for i in 0..n as u32 {
             if (i as usize).is_multiple_of(CHUNK) {
                 context.run.cancel.check()?;
@@ -68,8 +68,8 @@ pub fn find_components(edges: &DualEdges, nodes: &[Node], context: Context<'_>) 
             parents.add(i);
             let (mut mine, mut my_parity) = (i, 0);
             // Rows ascend, and the other direction is seen from the later node.
-            for (near, edge) in graph.neighbours(i).take_while(|(near, _)| *near < i) {
-                let against = if edge < 0. { AGAINST } else { 0 };
+            for (e, near) in graph.entries(i).take_while(|(_, near)| *near < i) {
+                let against = if graph.against(i, e) { AGAINST } else { 0 };
                 mixed |= against != 0;
                 (mine, my_parity) = parents.join((mine, my_parity), near, against);
             }
@@ -92,11 +92,30 @@ pub fn find_components(edges: &DualEdges, nodes: &[Node], context: Context<'_>) 
                 current = root;
             }
             sum.nodes += 1;
-            sum.area += f64::from(nodes[i].area);
+            if !nodes.is_computed() {
+                sum.area += f64::from(nodes[i].area);
+            }
         }
         add(&mut list, current, &mut sum);
     }
-    Ok(Components { root: array.finish(false)?, mixed, list })
+    let root = array.finish(false)?;
+    if nodes.is_computed() && list.len() > 1 {
+        add_areas(&mut list, &root, nodes, &context.run.cancel)?;
+    }
+    Ok(Components { root, mixed, list })
+}
+
+/// Fills in the areas of several components, where geometry is computed: for one it is not needed.
+fn add_areas(list: &mut BTreeMap<u32, Component>, root: &[u32], nodes: &NodeGeometry, cancel: &Cancel) -> Result<()> {
+    let mut first = 0;
+    // Runs of one component are summed by themselves.
+    for run in root.chunk_by(|a, b| a & !AGAINST == b & !AGAINST) {
+        cancel.check()?;
+        let area = (first..first + run.len()).map(|i| f64::from(nodes.at(i).area)).sum::<f64>();
+        list.entry(run[0] & !AGAINST).or_default().area += area;
+        first += run.len();
+    }
+    Ok(())
 }
 
 fn add(list: &mut BTreeMap<u32, Component>, root: u32, sum: &mut Component) {
@@ -130,14 +149,14 @@ pub struct Bridge {
 ///
 /// # Errors
 /// [`crate::base::Error::Cancelled`].
-pub fn find_bridges(components: &Components, nodes: &[Node], run: &Run) -> Result<Vec<Bridge>> {
+pub fn find_bridges(components: &Components, nodes: &NodeGeometry, run: &Run) -> Result<Vec<Bridge>> {
     let mut order: Vec<(u32, f64, u64)> = components.list.iter().map(|(&root, c)| (root, c.area, c.nodes)).collect();
     if order.len() < 2 {
         return Ok(Vec::new());
     }
     order.sort_by(|a, b| b.1.total_cmp(&a.1).then(b.2.cmp(&a.2)).then(a.0.cmp(&b.0)));
     let rank: HashMap<u32, usize> = order.iter().enumerate().map(|(rank, c)| (c.0, rank)).collect();
-    let samples = sample(components, &rank, &order, nodes, run)?;
+    let samples = sample(components, &rank, &order, nodes.len(), run)?;
     let mut tree: RTree<Point> = RTree::new();
     let mut bridges = Vec::with_capacity(order.len() - 1);
     for (place, mine) in samples.into_iter().enumerate() {
@@ -150,7 +169,7 @@ pub fn find_bridges(components: &Components, nodes: &[Node], run: &Run) -> Resul
                 .iter()
                 .step_by(step)
                 .filter_map(|&node| {
-                    let at = nodes[node as usize].centroid;
+                    let at = nodes.at(node as usize).centroid;
                     let (other, square) = tree.nearest_neighbor_iter_with_distance_2(at).next()?;
                     Some((square, node, other.data))
                 })
@@ -159,7 +178,7 @@ pub fn find_bridges(components: &Components, nodes: &[Node], run: &Run) -> Resul
                 bridges.push(Bridge { nodes: [a.min(b), a.max(b)], gap: square.sqrt() });
             }
         }
-        let points = mine.iter().map(|&node| Point::new(nodes[node as usize].centroid, node));
+        let points = mine.iter().map(|&node| Point::new(nodes.at(node as usize).centroid, node));
         if place == 0 {
             tree = RTree::bulk_load(points.collect());
         } else if place < MOST_IN_TREE {
@@ -174,10 +193,10 @@ fn sample(
     components: &Components,
     rank: &HashMap<u32, usize>,
     order: &[(u32, f64, u64)],
-    nodes: &[Node],
+    nodes: usize,
     run: &Run,
 ) -> Result<Vec<Vec<u32>>> {
-    let stride = (nodes.len() as u64).div_ceil(TREE_SAMPLES).max(1);
+    let stride = (nodes as u64).div_ceil(TREE_SAMPLES).max(1);
     // Small components keep up to PER_COMPONENT faces, so that tiny ones are placed exactly.
     let steps: Vec<u64> = order.iter().map(|c| stride.min(c.2.div_ceil(PER_COMPONENT)).max(1)).collect();
     let mut seen = vec![0u64; order.len()];
@@ -210,8 +229,10 @@ pub fn insert(edges: &DualEdges, bridges: &[Bridge], context: Context<'_>) -> Re
         extra.push((b as usize, Entry { node: a, centroid_distance: bridge.gap, edge: 0. }));
     }
     extra.sort_unstable_by_key(|(row, entry)| (*row, entry.node));
+    // Bridges share no edge, which is what computing finds.
+    let kept = edges.computed.is_none();
     let mut writer =
-        EdgesWriter::create(edges.len(), edges.indices.len() + extra.len(), edges.starts.form(), context.work)?;
+        EdgesWriter::create(edges.len(), edges.indices.len() + extra.len(), edges.starts.form(), kept, context.work)?;
     let mut done = 0;
     for group in extra.chunk_by(|a, b| a.0 == b.0) {
         let row = group[0].0;
@@ -219,7 +240,7 @@ pub fn insert(edges: &DualEdges, bridges: &[Bridge], context: Context<'_>) -> Re
         let old = edges.by_distance().span(row as u32).map(|e| Entry {
             node: edges.indices[e],
             centroid_distance: edges.centroid_distance[e],
-            edge: edges.edge[e],
+            edge: if kept { edges.edge[e] } else { 0. },
         });
         let mut entries: Vec<Entry> = old.chain(group.iter().map(|(_, entry)| *entry)).collect();
         entries.sort_unstable_by_key(|entry| entry.node);
@@ -233,7 +254,7 @@ pub fn insert(edges: &DualEdges, bridges: &[Bridge], context: Context<'_>) -> Re
         done = row + 1;
     }
     copy(edges, done..edges.len(), &mut writer, context.run)?;
-    writer.finish()
+    Ok(DualEdges { computed: edges.computed.clone(), ..writer.finish()? })
 }
 
 /// Copies whole rows in blocks.
@@ -249,7 +270,7 @@ fn copy(edges: &DualEdges, range: std::ops::Range<usize>, writer: &mut EdgesWrit
             &degrees,
             &edges.indices[span.clone()],
             &edges.centroid_distance[span.clone()],
-            &edges.edge[span],
+            if edges.computed.is_none() { &edges.edge[span] } else { &[] },
         )?;
     }
     Ok(())

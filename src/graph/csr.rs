@@ -124,6 +124,13 @@ impl<'a> Csr<'a> {
         self.indices[span.clone()].iter().copied().zip(self.weights[span].iter().copied())
     }
 
+    /// Asks the kernel to read the rows of `nodes` soon ([`Run::will_need`]).
+    pub fn will_need(self, nodes: Range<usize>, run: &Run) {
+        let entries = self.starts.entries_of(nodes);
+        run.will_need(self.indices, entries.clone());
+        run.will_need(self.weights, entries);
+    }
+
     /// Bytes of the arrays.
     pub fn bytes(&self) -> u64 {
         self.starts.bytes() + (size_of_val(self.indices) + size_of_val(self.weights)) as u64

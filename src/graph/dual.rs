@@ -4,6 +4,7 @@ use super::components::{self, find_bridges, find_components};
 use super::csr::WeightedGraph;
 use super::dual_edges::{DualEdges, assemble};
 use super::half_edge_pairs::{AGAINST, WithinNeeds};
+use super::node_geometry::{FromMesh, NodeGeometry};
 use super::nodes::{self, Frame, Node};
 use super::orient::orient;
 use super::row_starts::{BLOCKS, LONG_ROWS, StartsForm};
@@ -57,7 +58,7 @@ pub struct DualGraph {
     /// Its edges, without weights.
     pub edges: DualEdges,
     /// Geometry of the nodes.
-    pub nodes: MappedSlice<Node>,
+    pub nodes: NodeGeometry,
     /// First node of each node's component before bridging, with the top bit where it was wound against it;
     /// `None` where there is one component.
     pub components: Option<MappedSlice<u32>>,
@@ -67,8 +68,8 @@ pub struct DualGraph {
     pub key: String,
 }
 
-const FILES: [&str; 6] =
-    [nodes::FILE, BLOCKS, LONG_ROWS, "graph_indices.npy", "graph_centroid_distances.npy", "graph_edges.npy"];
+const EDGES: &str = "graph_edges.npy";
+const FILES: [&str; 6] = [nodes::FILE, BLOCKS, LONG_ROWS, "graph_indices.npy", "graph_centroid_distances.npy", EDGES];
 
 impl DualGraph {
     /// Builds the graph of `mesh` (from the file `path`, whose identity is `input`) in `work`, or
@@ -100,7 +101,16 @@ impl DualGraph {
     /// # }
     /// ```
     pub fn build(mesh: &Mesh, path: &Path, input: &Value, context: Context<'_>) -> Result<Self> {
-        context.stage(GraphStage { mesh, path, input })
+        context.stage(GraphStage { mesh, path, input, computed: false })
+    }
+
+    /// The same without arrays of node geometry and shared edges, which are computed from the mesh at each look: 24.5 bytes a triangle
+    /// in place of 64.5. In a temporary work directory only.
+    ///
+    /// # Errors
+    /// As [`DualGraph::build`].
+    pub(crate) fn build_computed(mesh: &Mesh, path: &Path, input: &Value, context: Context<'_>) -> Result<Self> {
+        context.stage(GraphStage { mesh, path, input, computed: context.work.is_temporary() })
     }
 
     /// Opens the finished graph of `work`, whatever mesh it is of, and tells the identity of what it was built from.
@@ -130,12 +140,21 @@ impl DualGraph {
         Ok(graph)
     }
 
-    fn make(mesh: &Mesh, path: &Path, context: Context<'_>, key: String) -> Result<Self> {
+    fn make(stage: &GraphStage<'_>, context: Context<'_>, key: String) -> Result<Self> {
+        let GraphStage { mesh, path, computed, .. } = *stage;
         let frame = Frame::of(&mesh.positions, context.run)?;
-        let (nodes, sums) = nodes::build(mesh, &frame, context)?;
+        let (nodes, sums): (NodeGeometry, _) = if computed {
+            let from = FromMesh { mesh: mesh.clone(), frame, turned: MappedSlice::empty() };
+            (NodeGeometry::computed(from), nodes::sums(mesh, &frame, context.run)?)
+        } else {
+            let (array, sums) = nodes::build(mesh, &frame, context)?;
+            (array.into(), sums)
+        };
         let (pairs, counts) = half_edges::matched(mesh, path, context)?;
         let edges = assemble(mesh, &frame, &nodes, &pairs, context)?;
         drop(pairs);
+        // Too many edges cannot be told from two faces.
+        let Some(edges) = edges else { return Self::make(&GraphStage { computed: false, ..*stage }, context, key) };
         let components = find_components(&edges, &nodes, context)?;
         let (mut edges, nodes, orientation) = orient(edges, nodes, &components, context)?;
         let bridges = find_bridges(&components, &nodes, context.run)?;
@@ -183,7 +202,7 @@ impl DualGraph {
         {
             return Err(work.damaged("components.npy", format!("has numbers beyond {n}")));
         }
-        Ok(Self { edges, nodes, components, facts, key })
+        Ok(Self { edges, nodes: nodes.into(), components, facts, key })
     }
 
     /// Gives up the step lengths, which the weights are made of, in a temporary `work`: 12 B a triangle of disk.
@@ -228,6 +247,8 @@ pub(crate) struct GraphStage<'a> {
     mesh: &'a Mesh,
     path: &'a Path,
     input: &'a Value,
+    /// Whether geometry is computed from the mesh at each look.
+    computed: bool,
 }
 
 impl Stage for GraphStage<'_> {
@@ -237,12 +258,15 @@ impl Stage for GraphStage<'_> {
     type Output = DualGraph;
 
     fn inputs(&self, _: Context<'_>) -> Value {
-        json!({"input": self.input})
+        if self.computed { json!({"input": self.input, "computed": true}) } else { json!({"input": self.input}) }
     }
 
     fn make(self, key: &str, context: Context<'_>) -> Result<Made<Self>> {
-        let graph = DualGraph::make(self.mesh, self.path, context, key.to_string())?;
+        let graph = DualGraph::make(&self, context, key.to_string())?;
         let mut files = FILES.to_vec();
+        if graph.nodes.is_computed() {
+            files.retain(|name| ![nodes::FILE, EDGES].contains(name));
+        }
         if graph.components.is_some() {
             files.push("components.npy");
         }
@@ -250,6 +274,10 @@ impl Stage for GraphStage<'_> {
     }
 
     fn open(self, facts: GraphFacts, key: &str, context: Context<'_>) -> Result<DualGraph> {
+        if self.computed {
+            // Which faces are turned, and which edges are listed, is nowhere but in the graph.
+            return DualGraph::make(&self, context, key.to_string());
+        }
         DualGraph::open(context.work, facts, StartsForm::Packed, key.to_string())
     }
 
@@ -260,8 +288,10 @@ impl Stage for GraphStage<'_> {
     /// Half-edges and their pairs beside the nodes, matched by blocks, as in a good order; then pairs beside all that is
     /// kept; then the components' roots.
     fn needs(extent: &Extent, room: &mut Room) -> Needs {
-        let Extent { faces: n, vertices, corners, threads: t, .. } = *extent;
-        let nodes = room.take(28 * n);
+        let Extent { faces: n, vertices, corners, threads: t, computed, .. } = *extent;
+        // Geometry, and per corner a neighbour and two lengths; or a neighbour and a length.
+        let (geometry, corner) = if computed { (0, 8) } else { (28 * n, 12) };
+        let nodes = room.take(geometry);
         let marks = room.take(2 * vertices);
         let block = node_blocks::corners_a_block(corners, t, room.left() / 4);
         let matching = node_blocks::bytes(block.min(corners), t);
@@ -280,12 +310,12 @@ impl Stage for GraphStage<'_> {
         room.give_back(granted + kept);
         let roots = room.take(4 * n);
         room.give_back(roots);
-        let keeps = 28 * n + n / 2 + 12 * corners - nodes - edges;
+        let keeps = geometry + n / 2 + corner * corners - nodes - edges;
         Needs {
             memory: nodes + (marks + matching + half_edges.held + pairs).max(pairs + edges).max(edges + roots),
             keeps,
-            passing: (28 * n - nodes + 2 * vertices - marks).saturating_sub(keeps).max(4 * n - roots),
-            frees: if extent.reordered && !extent.lasting { 12 * vertices + 4 * corners } else { 0 },
+            passing: (geometry - nodes + 2 * vertices - marks).saturating_sub(keeps).max(4 * n - roots),
+            frees: if extent.reordered && !extent.lasting && !computed { 12 * vertices + 4 * corners } else { 0 },
         }
     }
 }

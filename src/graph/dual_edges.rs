@@ -8,10 +8,11 @@
 //! directions are computed from the same numbers in a symmetric formula, so they agree to the bit.
 //!
 //! Workers assemble buckets, one thread appends them in order: ½ + 12 + 12 + 12 bytes a triangle
-//! written, sequentially.
+//! written, sequentially; the last 12 are not where geometry is computed ([`super::node_geometry`]).
 
 use super::csr::Csr;
 use super::half_edge_pairs::{HalfEdgePair, HalfEdgePairs};
+use super::node_geometry::{ComputedEdges, ListedEdge, MOST_LISTED, NodeGeometry, SharedEdges};
 use super::nodes::{Frame, Node};
 use super::row_starts::{OwnedRowStarts, RowStartsWriter, StartsForm};
 use crate::base::Result;
@@ -19,6 +20,7 @@ use crate::base::vector::{distance, middle, wide};
 use crate::mesh::Mesh;
 use crate::store::npy::ArrayWriter;
 use crate::store::{Context, MappedSlice, WorkDir};
+use std::sync::Arc;
 
 /// The edges of a graph before they are weighted, as compressed rows.
 #[derive(Clone, Debug)]
@@ -31,7 +33,10 @@ pub struct DualEdges {
     pub centroid_distance: MappedSlice<f32>,
     /// Lengths of the shared edges in the frame (nnz); negative where the two faces are wound against
     /// each other and could not be turned (see [`super::orient`]); 0 for bridges.
+    /// Empty where they are computed from the mesh; [`DualEdges::shared`] looks them up either way.
     pub edge: MappedSlice<f32>,
+    /// What they are computed from.
+    pub(super) computed: Option<Arc<ComputedEdges>>,
 }
 
 impl DualEdges {
@@ -48,6 +53,7 @@ impl DualEdges {
             indices: work.indices(indices, entries, nodes)?,
             centroid_distance: work.array_of(centroid_distance, entries)?,
             edge: work.array_of(edge, entries)?,
+            computed: None,
         })
     }
 
@@ -66,8 +72,23 @@ impl DualEdges {
         Csr::new(self.starts.view(), &self.indices, &self.centroid_distance)
     }
 
+    /// Edges of these arrays, all of them.
+    pub(crate) fn of_arrays(
+        starts: OwnedRowStarts,
+        indices: MappedSlice<u32>,
+        centroid_distance: MappedSlice<f32>,
+        edge: MappedSlice<f32>,
+    ) -> Self {
+        Self { starts, indices, centroid_distance, edge, computed: None }
+    }
+
+    /// The graph with the lengths of the shared edges: for passes over neighbours.
+    pub fn shared(&self) -> SharedEdges<'_> {
+        SharedEdges { graph: self.by_shared_edge(), computed: self.computed.as_deref() }
+    }
+
     /// The graph with the lengths of the shared edges in the place of weights, some of them negative: for passes over
-    /// neighbours, not for fronts.
+    /// neighbours, not for fronts. Only where they are an array.
     pub fn by_shared_edge(&self) -> Csr<'_> {
         Csr::new(self.starts.view(), &self.indices, &self.edge)
     }
@@ -86,26 +107,28 @@ pub(super) struct EdgesWriter {
     starts: RowStartsWriter,
     indices: ArrayWriter<u32>,
     centroid_distance: ArrayWriter<f32>,
-    edge: ArrayWriter<f32>,
+    /// None where lengths are computed from the mesh.
+    edge: Option<ArrayWriter<f32>>,
 }
 
 impl EdgesWriter {
     /// For `nodes` rows of at most `entries` entries in all.
-    pub fn create(nodes: usize, entries: usize, form: StartsForm, work: &WorkDir) -> Result<Self> {
+    /// Lengths of shared edges are written if they are `kept`.
+    pub fn create(nodes: usize, entries: usize, form: StartsForm, kept: bool, work: &WorkDir) -> Result<Self> {
         Ok(Self {
             starts: RowStartsWriter::create(form, nodes, work)?,
             indices: work.writer_of("graph_indices.npy", 1, entries)?,
             centroid_distance: work.writer("graph_centroid_distances.npy", 1)?,
-            edge: work.writer("graph_edges.npy", 1)?,
+            edge: kept.then(|| work.writer("graph_edges.npy", 1)).transpose()?,
         })
     }
 
-    /// Appends rows of the given degrees, whose entries lie one after another.
+    /// Appends rows of the given degrees, whose entries lie one after another; `edge` counts only where it is kept.
     pub fn push(&mut self, degrees: &[u32], indices: &[u32], centroid_distance: &[f32], edge: &[f32]) -> Result<()> {
         self.starts.push(degrees)?;
         self.indices.push(indices)?;
         self.centroid_distance.push(centroid_distance)?;
-        self.edge.push(edge)
+        self.edge.as_mut().map_or(Ok(()), |writer| writer.push(edge))
     }
 
     pub fn finish(self) -> Result<DualEdges> {
@@ -113,57 +136,103 @@ impl EdgesWriter {
             starts: self.starts.finish()?,
             indices: self.indices.finish(false)?,
             centroid_distance: self.centroid_distance.finish(false)?,
-            edge: self.edge.finish(false)?,
+            edge: self.edge.map_or(Ok(MappedSlice::empty()), |writer| writer.finish(false))?,
+            computed: None,
         })
     }
 }
 
 /// Assembles the rows and writes row starts, `graph_indices`, `graph_centroid_distances`, `graph_edges`.
 ///
+/// Where `nodes` are computed from the mesh, so are lengths of shared edges, but for a list; `None` where that would be too long.
+///
 /// # Errors
 /// [`crate::base::Error::Io`], [`crate::base::Error::Cancelled`].
 pub fn assemble(
     mesh: &Mesh,
     frame: &Frame,
-    nodes: &[Node],
+    nodes: &NodeGeometry,
     pairs: &HalfEdgePairs<'_>,
     context: Context<'_>,
-) -> Result<DualEdges> {
-    let mut writer = EdgesWriter::create(nodes.len(), pairs.bound(), StartsForm::Packed, context.work)?;
+) -> Result<Option<DualEdges>> {
+    let kept = !nodes.is_computed();
+    let mut writer = EdgesWriter::create(nodes.len(), pairs.bound(), StartsForm::Packed, kept, context.work)?;
+    let (mut listed, mut mixed): (Vec<ListedEdge>, bool) = (Vec::new(), false);
     context.run.in_order(
         pairs.parts(),
         || (),
-        |part, ()| Ok(assemble_part(mesh, frame, nodes, pairs.nodes_of(part), &pairs.take(part, mesh)?)),
+        |part, ()| {
+            let mut part = assemble_part(mesh, frame, nodes, pairs.nodes_of(part), &pairs.take(part, mesh)?);
+            part.list_edges(nodes);
+            Ok(part)
+        },
         |_, part| {
             context.run.progress.advance("graph", part.degrees.len() as u64);
+            mixed |= part.mixed;
+            let room = MOST_LISTED.saturating_sub(listed.len());
+            listed.extend(part.listed.iter().take(room + 1));
             writer.push(&part.degrees, &part.indices, &part.centroid_distance, &part.edges)
         },
     )?;
-    writer.finish()
+    if listed.len() > MOST_LISTED {
+        return Ok(None);
+    }
+    let listed: Arc<[ListedEdge]> = listed.into();
+    let computed = nodes.mesh().map(|mesh| Arc::new(ComputedEdges { mesh: mesh.clone(), listed, mixed }));
+    Ok(Some(DualEdges { computed, ..writer.finish()? }))
 }
 
 /// The rows of a range of nodes.
 struct NodeRange {
+    first: usize,
     degrees: Vec<u32>,
     indices: Vec<u32>,
     centroid_distance: Vec<f32>,
     edges: Vec<f32>,
+    /// Of lengths that are computed, those that come out otherwise.
+    listed: Vec<ListedEdge>,
+    /// Whether any length is negative, where they are computed.
+    mixed: bool,
+}
+
+impl NodeRange {
+    /// Lists the edges whose lengths cannot be computed from `nodes`.
+    fn list_edges(&mut self, nodes: &NodeGeometry) {
+        let Some(mesh) = nodes.mesh() else { return };
+        self.mixed = self.edges.iter().any(|edge| *edge < 0.);
+        let mut entry = 0;
+        for (from, &degree) in (self.first..).zip(&self.degrees) {
+            let own = mesh.row(from);
+            for _ in 0..degree {
+                let (to, edge) = (self.indices[entry], self.edges[entry]);
+                if mesh.shared(&own, to as usize).to_bits() != edge.to_bits() {
+                    self.listed.push((from as u32, to, edge));
+                }
+                entry += 1;
+            }
+        }
+    }
 }
 
 /// Assembles the rows of the nodes of `range`, whose `pairs` come in the order of their corners.
 fn assemble_part(
     mesh: &Mesh,
     frame: &Frame,
-    nodes: &[Node],
+    nodes: &NodeGeometry,
     range: std::ops::Range<usize>,
     pairs: &[HalfEdgePair],
 ) -> NodeRange {
     let mut part = NodeRange {
+        first: range.start,
+        listed: Vec::new(),
+        mixed: false,
         degrees: Vec::with_capacity(range.len()),
         indices: Vec::with_capacity(pairs.len()),
         centroid_distance: Vec::with_capacity(pairs.len()),
         edges: Vec::with_capacity(pairs.len()),
     };
+    let mut held = Vec::new();
+    let window = nodes.window(range.clone(), &mut held);
     let mut rest = pairs;
     let mut row: Vec<Entry> = Vec::new();
     let mut points: Vec<[f64; 3]> = Vec::new();
@@ -171,6 +240,7 @@ fn assemble_part(
         points.clear();
         points.extend(corners.iter().map(|&v| frame.place(mesh.positions.get(v))));
         let span = mesh.faces.corner_range(face);
+        let own = window.at(face);
         let count = rest.iter().take_while(|pair| (pair.corner as usize) < span.end).count();
         let (mine, after) = rest.split_at(count);
         rest = after;
@@ -179,7 +249,7 @@ fn assemble_part(
             let slot = pair.corner as usize - span.start;
             let end = if slot + 1 == points.len() { 0 } else { slot + 1 };
             let ends = [points[slot], points[end]];
-            let mut entry = step(&nodes[face], &nodes[pair.to() as usize], pair.to(), ends);
+            let mut entry = step(&own, &window.at(pair.to() as usize), pair.to(), ends);
             if pair.against() {
                 entry.edge = -entry.edge;
             }

@@ -1,7 +1,7 @@
 //! Geometry of a node: centroid, normal and area of its face, in coordinates of the [`Frame`].
 //!
 //! All later work reads these 28 bytes a node and never the mesh again, except for the
-//! midpoints of edges. Computed in `f64` from the file's own numbers, kept in `f32`: relative to a
+//! midpoints of edges, and where the mesh is larger than memory ([`super::node_geometry`]). Computed in `f64` from the file's own numbers, kept in `f32`: relative to a
 //! box of diagonal 1 that is 6e-8, whatever units and offsets the file has. One parallel pass,
 //! 10–20 ns a face, sequential writes.
 
@@ -99,6 +99,16 @@ impl Frame {
 }
 
 impl Node {
+    /// The node of the face of `mesh` with the given corners; also whether it is degenerate.
+    #[inline]
+    pub fn of_face(corners: &[u32], mesh: &Mesh, frame: &Frame) -> (Self, bool) {
+        let point = |v: u32| frame.place(mesh.positions.get(v));
+        match *corners {
+            [a, b, c] => Self::of_triangle(point(a), point(b), point(c)),
+            _ => Self::of_corners(corners.iter().map(|&v| point(v))),
+        }
+    }
+
     /// [`Node::of_corners`] of a triangle, with less ado: the usual case and an inner loop.
     #[inline]
     pub fn of_triangle(a: [f64; 3], b: [f64; 3], c: [f64; 3]) -> (Self, bool) {
@@ -148,12 +158,27 @@ impl Node {
 }
 
 /// What [`build`] learns on its pass.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct NodeSums {
     /// Sum of all areas, in the frame's units.
     pub area: f64,
     /// Faces without area, direction or finite corners.
     pub degenerate: u64,
+}
+
+impl NodeSums {
+    fn add(&mut self, node: &Node, degenerate: bool) {
+        self.area += f64::from(node.area);
+        self.degenerate += u64::from(degenerate);
+    }
+
+    /// The sums of all chunks, in their order.
+    fn total(chunks: Vec<Self>) -> Self {
+        chunks.iter().fold(Self::default(), |total, chunk| Self {
+            area: total.area + chunk.area,
+            degenerate: total.degenerate + chunk.degenerate,
+        })
+    }
 }
 
 /// Writes [`FILE`], the geometry of every face of `mesh`, in the order of the faces.
@@ -168,23 +193,32 @@ pub fn build(mesh: &Mesh, frame: &Frame, context: Context<'_>) -> Result<(Mapped
         CHUNK,
         || (),
         |k, out, ()| {
-            let (mut area, mut degenerate) = (0f64, 0u64);
+            let mut sums = NodeSums::default();
             mesh.faces.for_each(chunk_range(n, CHUNK, k), |face, corners| {
-                let point = |v: u32| frame.place(mesh.positions.get(v));
-                let (node, flat) = match *corners {
-                    [a, b, c] => Node::of_triangle(point(a), point(b), point(c)),
-                    _ => Node::of_corners(corners.iter().map(|&v| point(v))),
-                };
-                area += f64::from(node.area);
-                degenerate += u64::from(flat);
+                let (node, flat) = Node::of_face(corners, mesh, frame);
+                sums.add(&node, flat);
                 out[face - k * CHUNK] = node;
             });
-            Ok((area, degenerate))
+            Ok(sums)
         },
     )?;
-    let nodes = array.finish(false)?;
-    let total = sums.iter().fold((0., 0), |(area, flat), &(a, f)| (area + a, flat + f));
-    Ok((nodes, NodeSums { area: total.0, degenerate: total.1 }))
+    Ok((array.finish(false)?, NodeSums::total(sums)))
+}
+
+/// The sums of [`build`] alone.
+///
+/// # Errors
+/// [`crate::base::Error::Cancelled`].
+pub fn sums(mesh: &Mesh, frame: &Frame, run: &Run) -> Result<NodeSums> {
+    let parts = run.map_ranges(mesh.faces.len(), CHUNK, |range| {
+        let mut sums = NodeSums::default();
+        mesh.faces.for_each(range, |_, corners| {
+            let (node, flat) = Node::of_face(corners, mesh, frame);
+            sums.add(&node, flat);
+        });
+        Ok(sums)
+    })?;
+    Ok(NodeSums::total(parts))
 }
 
 impl Item for Node {

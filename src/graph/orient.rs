@@ -12,11 +12,13 @@
 use super::components::Components;
 use super::dual_edges::DualEdges;
 use super::half_edge_pairs::AGAINST;
+use super::node_geometry::{ComputedEdges, FromMesh, NodeGeometry};
 use super::nodes::{self, Node};
-use crate::base::Result;
-use crate::base::parallel::chunk_range;
-use crate::store::{Context, MappedSlice};
+use crate::base::parallel::{chunk_count, chunk_range};
+use crate::base::{Error, Result};
+use crate::store::Context;
 use std::collections::HashMap;
+use std::sync::Arc;
 
 /// Share of a sphere's volume (at equal area) from which on a component counts as enclosing one.
 const ENCLOSES: f64 = 0.02;
@@ -77,23 +79,34 @@ impl Sums {
 /// [`crate::base::Error::Io`], [`crate::base::Error::Cancelled`].
 pub fn orient(
     edges: DualEdges,
-    nodes: MappedSlice<Node>,
+    nodes: NodeGeometry,
     components: &Components,
     context: Context<'_>,
-) -> Result<(DualEdges, MappedSlice<Node>, OrientationFacts)> {
+) -> Result<(DualEdges, NodeGeometry, OrientationFacts)> {
     let mut sums: HashMap<u32, Sums> = HashMap::new();
     let (mut root, mut current) = (0u32, Sums::default());
-    for (k, (node, &link)) in nodes.iter().zip(components.root.iter()).enumerate() {
-        if k % (1 << 18) == 0 {
-            context.run.cancel.check()?;
-        }
-        if link & !AGAINST != root {
-            sums.insert(root, current);
-            root = link & !AGAINST;
-            current = sums.get(&root).copied().unwrap_or_default();
-        }
-        current.add(node, link & AGAINST != 0);
-    }
+    let n = nodes.len();
+    context.run.in_order(
+        chunk_count(n, nodes::CHUNK),
+        || (),
+        |k, ()| {
+            let mut held = Vec::new();
+            nodes.window(chunk_range(n, nodes::CHUNK, k), &mut held);
+            Ok(held)
+        },
+        |k, held| {
+            for i in chunk_range(n, nodes::CHUNK, k) {
+                let link = components.root[i];
+                if link & !AGAINST != root {
+                    sums.insert(root, current);
+                    root = link & !AGAINST;
+                    current = sums.get(&root).copied().unwrap_or_default();
+                }
+                current.add(held.get(i - k * nodes::CHUNK).unwrap_or_else(|| &nodes[i]), link & AGAINST != 0);
+            }
+            Ok(())
+        },
+    )?;
     sums.insert(root, current);
     let turn: HashMap<u32, [bool; 2]> = sums.into_iter().map(|(root, sums)| (root, sums.turn())).collect();
     if !components.mixed && turn.values().all(|turn| !turn[0]) {
@@ -103,6 +116,9 @@ pub fn orient(
         let link = components.root[node];
         turn.get(&(link & !AGAINST)).is_some_and(|turn| turn[usize::from(link & AGAINST != 0)])
     };
+    if let Some(mesh) = nodes.mesh() {
+        return turn_computed(edges, mesh, turned_node, context);
+    }
     let mut facts = OrientationFacts::default();
     let mut out = context.work.array::<Node>(nodes::FILE, &[nodes.len(), 7])?;
     let counts = context.run.fill_chunks(
@@ -122,7 +138,7 @@ pub fn orient(
         },
     )?;
     facts.turned = counts.into_iter().sum();
-    let nodes = out.finish(false)?;
+    let nodes = out.finish(false)?.into();
     if !components.mixed {
         return Ok((edges, nodes, facts));
     }
@@ -152,6 +168,49 @@ pub fn orient(
     )?;
     facts.unsatisfied = counts.into_iter().sum();
     Ok((DualEdges { edge: lengths.finish(false)?, ..edges }, nodes, facts))
+}
+
+/// File of the bits of turned faces.
+const TURNED: &str = "node_turned.npy";
+
+/// The same where nodes and edges are computed from `mesh`: one bit a face.
+fn turn_computed(
+    edges: DualEdges,
+    mesh: &FromMesh,
+    turned_node: impl Fn(usize) -> bool + Sync,
+    context: Context<'_>,
+) -> Result<(DualEdges, NodeGeometry, OrientationFacts)> {
+    let n = mesh.mesh.faces.len();
+    let mut bits = context.work.array::<u64>(TURNED, &[n.div_ceil(64)])?;
+    let counts = context.run.fill_chunks(
+        bits.data(),
+        nodes::CHUNK / 64,
+        || (),
+        |k, out, ()| {
+            let first = k * nodes::CHUNK;
+            for (at, word) in out.iter_mut().enumerate() {
+                let faces = first + 64 * at..(first + 64 * at + 64).min(n);
+                *word = faces
+                    .clone()
+                    .filter(|&face| turned_node(face))
+                    .fold(0, |word, face| word | 1 << (face - faces.start));
+            }
+            Ok(out.iter().map(|word| u64::from(word.count_ones())).sum::<u64>())
+        },
+    )?;
+    let nodes = NodeGeometry::computed(FromMesh { turned: bits.finish(false)?, ..mesh.clone() });
+    let (Some(mesh), Some(computed)) = (nodes.mesh().cloned(), &edges.computed) else {
+        return Err(Error::internal("edges and nodes of different kinds"));
+    };
+    let edges =
+        DualEdges { computed: Some(Arc::new(ComputedEdges { mesh, ..ComputedEdges::clone(computed) })), ..edges };
+    let shared = edges.shared();
+    let unsatisfied = context.run.map_ranges(n, nodes::CHUNK, |range| {
+        let against = |node: usize| shared.neighbours(node as u32).filter(|(_, edge)| *edge < 0.).count() as u64;
+        Ok(range.map(against).sum::<u64>())
+    })?;
+    let facts = OrientationFacts { turned: counts.into_iter().sum(), unsatisfied: unsatisfied.into_iter().sum() };
+    Ok((edges, nodes, facts))
 }
 
 #[cfg(test)]

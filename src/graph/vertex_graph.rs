@@ -16,6 +16,7 @@
 use super::components::{self, Bridge, find_bridges, find_components};
 use super::csr::Csr;
 use super::dual_edges::{DualEdges, EdgesWriter};
+use super::node_geometry::NodeGeometry;
 use super::nodes::{Frame, Node};
 use super::row_starts::{PLAIN, StartsForm};
 use super::weights::LEAST;
@@ -145,7 +146,7 @@ impl VertexGraph {
             let problem = "has no triangle of three different vertices with positions";
             return Err(Error::unusable(path, problem, "give another mesh"));
         }
-        let mut edges = EdgesWriter::create(n, 2 * records as usize, StartsForm::Plain, context.work)?;
+        let mut edges = EdgesWriter::create(n, 2 * records as usize, StartsForm::Plain, true, context.work)?;
         let mut nodes = context.work.writer::<Node>("vertex_geometry.npy", 7)?;
         let (mut starts, mut ring) =
             (context.work.writer::<u64>("ring_starts.npy", 1)?, context.work.writer::<u32>("ring.npy", 2)?);
@@ -174,14 +175,15 @@ impl VertexGraph {
         )?;
         drop(sized);
         let (mut edges, nodes) = (edges.finish()?, nodes.finish(false)?);
+        let geometry = NodeGeometry::from(nodes.clone());
         let joins = duplicates.find(context.run)?;
         facts.seams = joins.len() as u64;
         if !joins.is_empty() {
             edges = components::insert(&edges, &joins, context)?;
         }
-        let components = find_components(&edges, &nodes, context)?;
+        let components = find_components(&edges, &geometry, context)?;
         facts.components = components.list.len() as u64;
-        let mut bridges = find_bridges(&components, &nodes, context.run)?;
+        let mut bridges = find_bridges(&components, &geometry, context.run)?;
         bridges.iter_mut().for_each(|bridge: &mut Bridge| bridge.gap = bridge.gap.max(LEAST));
         drop(components);
         context.work.remove("components.npy");

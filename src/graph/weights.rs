@@ -12,6 +12,7 @@
 
 use super::angle::{between, chord2};
 use super::dual_edges::DualEdges;
+use super::node_geometry::NodeGeometry;
 use super::nodes::Node;
 use crate::base::{Error, Result};
 use crate::store::{Context, MappedSlice, Run};
@@ -96,25 +97,25 @@ struct Scale {
 }
 
 #[inline]
-fn weight(metric: Metric, scale: Scale, a: &Node, b: &Node, centroid_distance: f32, edge: f32) -> f32 {
+fn weight(metric: Metric, scale: Scale, a: &Node, b: &Node, centroid_distance: f32, against: bool) -> f32 {
     // Where no orientation exists, turning counts as concave.
-    let concave = |a: &Node, b: &Node| edge < 0. || concave(a, b);
+    let concave = |a: &Node, b: &Node| against || concave(a, b);
     let length = centroid_distance * scale.centroid_distance;
     let w = match metric {
         Metric::Geodesic => length,
         Metric::ScaleFree { eta, .. } => {
             length + scale.angle * between(a.normal, b.normal) * if concave(a, b) { 1. } else { eta }
         }
-        Metric::Paper { eta, .. } => length + scale.angle * turning(a, b, eta, edge),
+        Metric::Paper { eta, .. } => length + scale.angle * turning(a, b, eta, against),
     };
     w.max(LEAST)
 }
 
 /// η (1 − cos θ), 0 beside a degenerate face.
 #[inline]
-fn turning(a: &Node, b: &Node, eta: f32, edge: f32) -> f32 {
+fn turning(a: &Node, b: &Node, eta: f32, against: bool) -> f32 {
     if a.area > 0. && b.area > 0. {
-        0.5 * chord2(a.normal, b.normal) * if edge < 0. || concave(a, b) { 1. } else { eta }
+        0.5 * chord2(a.normal, b.normal) * if against || concave(a, b) { 1. } else { eta }
     } else {
         0.
     }
@@ -126,7 +127,7 @@ pub struct Weighting<'a> {
     /// The edges (nnz).
     pub edges: &'a DualEdges,
     /// Geometry of the nodes (n).
-    pub nodes: &'a [Node],
+    pub nodes: &'a NodeGeometry,
     /// Normals (n) that take the place of the nodes' own, where given.
     pub normals: Option<&'a [[f32; 3]]>,
     /// Sum of the nodes' areas, in the frame.
@@ -144,43 +145,46 @@ impl Weighting<'_> {
         let Self { edges, nodes, normals, metric, .. } = *self;
         metric.check()?;
         let (starts, indices, centroid_distance, edge) =
-            (edges.starts.view(), &edges.indices[..], &edges.centroid_distance[..], &edges.edge[..]);
+            (edges.starts.view(), &edges.indices[..], &edges.centroid_distance[..], edges.shared());
         let scale = self.scale(run)?;
         let mut array = work.array::<f32>(name, &[centroid_distance.len()])?;
-        let node = |i: usize| match normals {
-            Some(normals) => Node { normal: normals[i], ..nodes[i] },
-            None => nodes[i],
-        };
-        run.fill_chunks(
-            array.data(),
-            CHUNK,
-            || (),
-            |k, out, ()| {
-                let first = k * CHUNK;
-                let (mut row, mut span) = starts.row_of(first);
-                for (i, w) in out.iter_mut().enumerate() {
-                    let e = first + i;
-                    while span.end <= e {
-                        row += 1;
-                        span = starts.span(row as u32);
-                    }
-                    *w = weight(metric, scale, &node(row), &node(indices[e] as usize), centroid_distance[e], edge[e]);
+        run.fill_chunks(array.data(), CHUNK, Vec::new, |k, out, held| {
+            let first = k * CHUNK;
+            run.will_need(indices, first..first + out.len());
+            run.will_need(centroid_distance, first..first + out.len());
+            let (mut row, mut span) = starts.row_of(first);
+            let last = starts.row_of((first + out.len()).saturating_sub(1)).0;
+            let window = nodes.window(row..last + 1, held);
+            let node = |i: usize| match normals {
+                Some(normals) => Node { normal: normals[i], ..window.at(i) },
+                None => window.at(i),
+            };
+            let mut own = node(row);
+            for (i, w) in out.iter_mut().enumerate() {
+                let e = first + i;
+                while span.end <= e {
+                    row += 1;
+                    span = starts.span(row as u32);
+                    own = node(row);
                 }
-                Ok(())
-            },
-        )?;
+                let to = node(indices[e] as usize);
+                *w = weight(metric, scale, &own, &to, centroid_distance[e], edge.against(row as u32, e));
+            }
+            Ok(())
+        })?;
         array.finish(false)
     }
 
     /// The scale of the metric on this mesh: from the area alone, or from means over all edges.
     fn scale(&self, run: &Run) -> Result<Scale> {
         let Self { nodes, area, metric, .. } = *self;
-        let (lengths, edge) = (self.edges.by_distance(), &self.edges.edge[..]);
+        let (lengths, edge) = (self.edges.by_distance(), self.edges.shared());
         let n = nodes.len();
         let eta = if let Metric::Paper { eta, .. } = metric { eta } else { 0. };
         let needs_angle = matches!(metric, Metric::Paper { .. });
         let sums = run.map_ranges(n, CHUNK, |range| {
             let (mut length, mut angle, mut count) = (0f64, 0f64, 0u64);
+            lengths.will_need(range.clone(), run);
             for i in range {
                 for (e, (near, distance)) in lengths.span(i as u32).zip(lengths.neighbours(i as u32)) {
                     // Each edge once.
@@ -188,7 +192,12 @@ impl Weighting<'_> {
                         length += f64::from(distance);
                         count += 1;
                         if needs_angle {
-                            angle += f64::from(turning(&nodes[i], &nodes[near as usize], eta, edge[e]));
+                            angle += f64::from(turning(
+                                &nodes.at(i),
+                                &nodes.at(near as usize),
+                                eta,
+                                edge.against(i as u32, e),
+                            ));
                         }
                     }
                 }

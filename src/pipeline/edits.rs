@@ -275,7 +275,7 @@ fn nearest(graph: &DualGraph, points: &[[f64; 3]], run: &Run) -> Result<Vec<(f64
     let chunks = run.map_ranges(nodes.len(), CHUNK, |range| {
         let mut best = vec![none; points.len()];
         for i in range {
-            let node = &nodes[i];
+            let node = nodes.at(i);
             let radius = (f64::from(node.area) / std::f64::consts::PI).sqrt();
             for (best, p) in best.iter_mut().zip(points) {
                 let gap = [0, 1, 2].map(|k| p[k] - f64::from(node.centroid[k]));

@@ -7,7 +7,7 @@ use crate::graph::{DualGraph, Ordered};
 use crate::mesh::Mesh;
 use crate::store::manifest::MANIFEST;
 use crate::store::stage::{StageKey, key_of};
-use crate::store::{Context, WorkDir};
+use crate::store::{Context, Run, WorkDir};
 use serde::{Deserialize, Serialize};
 use serde_json::{Value, json};
 use std::fs::File;
@@ -163,6 +163,15 @@ impl Record {
     }
 }
 
+/// Bytes of graph and normals a triangle, where geometry is an array.
+const WITH_ARRAYS: u64 = 80;
+
+/// Whether the graph's geometry is computed from the mesh at each look: by the default method, on a large mesh whose arrays would be
+/// more than the kernel can keep in memory, in a work directory that is `temporary`.
+pub(super) fn computes(params: &SegmentParams, faces: usize, temporary: bool, run: &Run) -> bool {
+    temporary && params.contracts(faces) && WITH_ARRAYS * faces as u64 > run.resident
+}
+
 /// Orders the mesh and builds its graph, or opens both; leaves a record of mesh and options for later commands.
 ///
 /// # Errors
@@ -177,7 +186,12 @@ pub fn graph(
     // Before the mesh is sorted for nothing.
     check_size(opened.faces.len() as u64, opened.faces.corner_count() as u64, opened.path())?;
     let ordered = Ordered::build(opened, params.order, identity, context)?;
-    let graph = DualGraph::build(&ordered.mesh, opened.path(), &ordered.identity, context)?;
+    let build = if computes(params, ordered.mesh.faces.len(), context.work.is_temporary(), context.run) {
+        DualGraph::build_computed
+    } else {
+        DualGraph::build
+    };
+    let graph = build(&ordered.mesh, opened.path(), &ordered.identity, context)?;
     Record::of(opened, identity, params, context.work).stamp(context)?;
     Ok((ordered, graph))
 }

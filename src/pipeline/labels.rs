@@ -195,15 +195,15 @@ impl Labels {
 /// [`crate::base::Error::Cancelled`].
 pub fn touching(graph: &DualGraph, labels: &[u32], run: &Run) -> Result<Vec<(u32, u32, f64)>> {
     let n = labels.len();
-    let shared = graph.edges.by_shared_edge();
+    let shared = graph.edges.shared();
     let chunks = run.map_ranges(n, CHUNK, |range| {
         let mut pairs: BTreeMap<(u32, u32), f64> = BTreeMap::new();
         for i in range {
-            for (j, edge) in shared.neighbours(i as u32) {
+            for (e, j) in shared.entries(i as u32) {
                 let j = j as usize;
                 if j > i && labels[i] != labels[j] {
                     let pair = (labels[i].min(labels[j]), labels[i].max(labels[j]));
-                    *pairs.entry(pair).or_default() += f64::from(edge.abs());
+                    *pairs.entry(pair).or_default() += f64::from(shared.length(i as u32, e).abs());
                 }
             }
         }

@@ -315,7 +315,7 @@ fn totals(graph: &DualGraph, labels: &[u32], parts: usize, run: &Run) -> Result<
         let mut sums = vec![(0u64, 0f64); parts];
         for i in range {
             sums[labels[i] as usize].0 += 1;
-            sums[labels[i] as usize].1 += f64::from(graph.nodes[i].area);
+            sums[labels[i] as usize].1 += f64::from(graph.nodes.at(i).area);
         }
         Ok(sums)
     })?;

@@ -4,6 +4,7 @@
 //! the arrays alone, memory from the same arithmetic that cuts shuffles to the budget, time from a short calibration: the same recipe on two small creatures ([`CALIBRATION`] faces and a quarter), drawn
 //! out along the line through both. The input's header is read, nothing else.
 
+use super::input::computes;
 use super::params::{Cluster, SegmentParams, default_landmarks, landmarks_for_parts, landmarks_on_contraction};
 use super::surface::SurfaceStage;
 use crate::base::{Error, Result};
@@ -139,6 +140,7 @@ impl Plan {
             reordered: reordered || params.order == Order::Hilbert,
             contracts: params.contracts(faces as usize),
             keeps_rows: params.keeps_rows(lasting),
+            computed: computes(params, faces as usize, !lasting, run),
             lasting,
             releases: params.cluster != Cluster::Parts && !lasting,
         };

@@ -220,12 +220,12 @@ impl SharedWork<'_> {
             let stage = SurfaceStage { graph: &graph, kind: Kind::Faces, cells: false };
             let shares = AreaShares::of(&graph, context)?;
             for (radius, file) in stage.likely_normals(&shares, context)? {
-                add(normals::cell_front(&graph, &normals::seeds(&shares, radius, file, run), file))?;
+                add(normals::cell_front(&graph, &normals::seeds(&shares, radius, file, run)?, file))?;
             }
             facts.used_by = StageKey::of::<SurfaceStage<'_>>(stage.inputs(context)).key;
         } else if contracts {
             let (surface, weighted) = parts::weighted(&graph, self.params, context)?;
-            add(contract::front(&weighted, &contract::seeds(&surface.shares, run)))?;
+            add(contract::front(&weighted, &contract::seeds(&surface.shares, run)?))?;
             facts.used_by = contract::key(&weighted.key, run.seed);
             facts.weights = Some(weighted.key);
         }

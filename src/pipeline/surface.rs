@@ -102,7 +102,7 @@ impl Stage for SurfaceStage<'_> {
         let shares = AreaShares::of(graph, context)?;
         let (smoothed, _) = context.run.stage("normals", "faces", n, || Smoothed::of(&self, &shares, context))?;
         let Smoothed { normals: [fine, medium, coarse], radius, turning } = smoothed;
-        let mut files = vec![SHARES];
+        let mut files = if shares.is_computed() { Vec::new() } else { vec![SHARES] };
         let cells = if self.cells {
             let smooth = SmoothedNormals { fine: &fine, medium: &medium, coarse: &coarse };
             let (cells, _) = context.run.stage("cells", "faces", n, || Cells::cut(graph, &shares, smooth, context))?;
@@ -143,7 +143,7 @@ impl Stage for SurfaceStage<'_> {
             None
         };
         Ok(Surface {
-            shares: AreaShares { share: work.array_of(SHARES, n)?, unit, tiny_components },
+            shares: AreaShares::of_array(work.array_of(SHARES, n)?, unit, tiny_components),
             cells,
             normals: radius.and_then(|k| NORMALS.get(k)).map(|name| work.array_of(name, n)).transpose()?,
             radius: radius.and_then(|k| RADII.get(k)).copied().unwrap_or(0.),
@@ -154,7 +154,9 @@ impl Stage for SurfaceStage<'_> {
     fn needs(extent: &Extent, room: &mut Room) -> Needs {
         let (n, corners) = (extent.faces, extent.corners);
         // Shares, normals at one radius, cells; then all normals, the field and the owners of a front, the weights of cells.
-        let (keeping, passing) = if extent.contracts { (16 * n, 28 * n) } else { (20 * n, 36 * n + 4 * corners) };
+        let shares = if extent.computed { 0 } else { 4 * n };
+        let (keeping, passing) =
+            if extent.contracts { (12 * n + shares, 28 * n) } else { (20 * n, 36 * n + 4 * corners) };
         let held = room.take(keeping);
         let taken = room.take(passing);
         room.give_back(taken);

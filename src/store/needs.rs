@@ -32,6 +32,8 @@ pub struct Extent {
     pub contracts: bool,
     /// Whether rows are kept after cells have been averaged.
     pub keeps_rows: bool,
+    /// Whether geometry is computed from the mesh at each look.
+    pub computed: bool,
     /// Whether the work directory lasts.
     pub lasting: bool,
     /// Whether stages give up what later ones do not read.

@@ -1,5 +1,6 @@
 //! What every stage gets: the run (threads, budget, progress, cancellation, seed), and the directory that it works in.
 
+use super::mapped::will_need;
 use super::{Budget, WorkDir};
 use crate::base::{Cancel, Progress, Result, parallel};
 use std::ops::Range;
@@ -21,6 +22,11 @@ pub struct Run<'a> {
     pub seed: u64,
 }
 
+/// Arrays of the size of the mesh that a pass may have in use, in all as wide as so many of the one that is asked for.
+const IN_USE: u64 = 16;
+/// Chunks that are asked for before they are come to, so that the disk reads while another is worked on.
+const AHEAD: usize = 4;
+
 impl<'a> Run<'a> {
     /// A run on all cores with the machine's budget, seed 0.
     pub fn new(progress: &'a dyn Progress) -> Self {
@@ -32,6 +38,16 @@ impl<'a> Run<'a> {
             progress,
             cancel: Cancel::default(),
             seed: 0,
+        }
+    }
+
+    /// Asks the kernel to read the items `range` of `array` soon, and those of the next chunks of a pass, where arrays of the mesh are
+    /// more than it can keep in memory. Left to itself it reads megabytes on both sides of a page that is missed, and in a small control
+    /// group drops them unused. Advice only.
+    pub fn will_need<T>(&self, array: &[T], range: Range<usize>) {
+        if size_of_val(array) as u64 * IN_USE > self.resident {
+            let end = array.len().min(range.end + AHEAD * range.len());
+            will_need(&array[range.start.min(end)..end]);
         }
     }
 

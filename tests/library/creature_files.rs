@@ -44,7 +44,7 @@ fn write(options: &Options, folder: &Path, threads: usize) -> (Vec<[f32; 3]>, Ve
 fn the_file_holds_what_the_functions_say_for_any_threads() {
     let dir = tempfile::tempdir().unwrap();
     for shuffle in [false, true] {
-        let options = Options { faces: 90_000, noise: 0.05, holes: 3, shuffle, seed: 2 };
+        let options = Options { faces: 90_000, noise: 0.05, holes: 3, shuffle, tiles: shuffle, seed: 2 };
         let (points, faces, creature) = write(&options, dir.path(), 1);
         assert_eq!((points.len() as u64, faces.len() as u64), (creature.vertex_count(), creature.face_count()));
         assert!(points.iter().enumerate().all(|(v, x)| creature.position(v as u64) == *x));

@@ -1,5 +1,6 @@
 //! Reordering along the curve: the same graph under other numbers, the same labels, in any budget.
 
+use crate::common::data;
 use nystrom_stream::apps::creature::{Creature, Options};
 use nystrom_stream::apps::evaluate::{contingency, rand};
 use nystrom_stream::base::random::{below, stream};
@@ -116,6 +117,24 @@ fn labels_are_the_same_when_the_kernel_can_keep_nothing_in_memory() {
             (result.labels.to_vec(), result.quality.to_vec(), result.numbers.landmarks)
         };
         assert!(labels(u64::MAX) == labels(0), "{cluster:?}");
+    }
+}
+
+#[test]
+fn scans_have_the_same_labels_where_geometry_is_computed() {
+    let Some(data) = data() else { return };
+    let dir = tempfile::tempdir().unwrap();
+    // Holes and a rough surface; a seam; 151 components, in no order at all.
+    for name in ["bun_zipper_orig_ascii", "lucy_100k_orig", "dragon_vrip_orig_ascii"] {
+        let opened = mesh::open(&data.join(format!("real/{name}.ply")), dir.path(), &quiet(1 << 30)).unwrap();
+        let labels = |resident: u64| {
+            let work = WorkDir::temporary(dir.path()).unwrap();
+            let run = Run { resident, ..quiet(1 << 30) };
+            let result = segment(&opened, &json!(1), &SegmentParams::default(), Context::new(&work, &run)).unwrap();
+            assert_eq!(work.file("node_geometry.npy").exists(), resident > 0, "{name}");
+            (result.labels.to_vec(), result.quality.to_vec())
+        };
+        assert!(labels(u64::MAX) == labels(0), "{name}");
     }
 }
 

@@ -39,6 +39,9 @@ pub struct Options {
     pub holes: usize,
     /// Whether faces and vertices come in random order instead of scan order.
     pub shuffle: bool,
+    /// Whether the faces of a patch of the skin without a hole come in tiles instead of rows: near each other in the file as a mesh that
+    /// was sorted along a curve, so that it need not be sorted.
+    pub tiles: bool,
     /// Seed of noise, holes and order. The form does not depend on it.
     pub seed: u64,
 }
@@ -60,7 +63,7 @@ pub fn parse_faces(text: &str) -> std::result::Result<u64, String> {
 impl Default for Options {
     /// A smooth whole creature of a hundred thousand faces, in scan order.
     fn default() -> Self {
-        Self { faces: 100_000, noise: 0.0, holes: 0, shuffle: false, seed: 0 }
+        Self { faces: 100_000, noise: 0.0, holes: 0, shuffle: false, tiles: false, seed: 0 }
     }
 }
 
@@ -110,7 +113,7 @@ impl Creature {
         let patches = relief.patches.len();
         let mut m = ((options.faces as f64 / (2 * patches) as f64).sqrt() as u64).max(3);
         let faces = loop {
-            let faces = Holes::new(patches, m, options.holes, options.seed)?;
+            let faces = Holes::new(patches, m, options.holes, options.tiles, options.seed)?;
             if faces.count() >= options.faces {
                 break faces;
             }

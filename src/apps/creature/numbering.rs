@@ -191,6 +191,8 @@ const RADIUS: f64 = 0.3;
 #[derive(Clone, Debug)]
 pub(super) struct Holes {
     m: u64,
+    /// Whether whole patches are numbered tile by tile, and not row by row.
+    tiles: bool,
     /// Faces before each patch, and in total.
     starts: Vec<u64>,
     /// Faces left before each row of a patch with a hole, and in total. Empty without holes.
@@ -213,12 +215,26 @@ fn gap(m: u64, row: u64) -> (u64, u64) {
     (first, m - first.min(m / 2))
 }
 
+/// Squares along the side of a tile: a tile has some eight thousand faces, as many as fit on a few pages of an array.
+const TILE: u64 = 64;
+
+/// Row and column of square number `square` of `m` by `m`, which are numbered tile by tile of `side` by `side` squares, row by row in
+/// each and from tile to tile; the last ones are cut short.
+#[inline]
+fn in_tiles(m: u64, side: u64, square: u64) -> (u64, u64) {
+    let (band, rest) = (square / (side * m), square % (side * m));
+    let height = side.min(m - band * side);
+    let (tile, rest) = (rest / (side * height), rest % (side * height));
+    let width = side.min(m - tile * side);
+    (band * side + rest / width, tile * side + rest % width)
+}
+
 impl Holes {
-    /// `count` holes in `patches` patches of `m` by `m` squares, chosen under `seed`.
+    /// `count` holes in `patches` patches of `m` by `m` squares, chosen under `seed`; patches without one in `tiles`.
     ///
     /// # Errors
     /// [`Error::Parameter`] when there are more holes than patches.
-    pub fn new(patches: usize, m: u64, count: usize, seed: u64) -> Result<Self> {
+    pub fn new(patches: usize, m: u64, count: usize, tiles: bool, seed: u64) -> Result<Self> {
         if count > patches {
             return Err(Error::parameter(
                 "--holes",
@@ -247,7 +263,7 @@ impl Holes {
             total += if holed { rows[m as usize] } else { 2 * m * m };
             starts.push(total);
         }
-        Ok(Self { m, starts, rows })
+        Ok(Self { m, tiles, starts, rows })
     }
 
     /// Number of faces.
@@ -268,8 +284,9 @@ impl Holes {
         let (patch, rest) = self.patch(face);
         let whole = self.starts[patch + 1] - self.starts[patch] == 2 * self.m * self.m;
         if whole {
-            let (row, rest) = (rest / (2 * self.m), rest % (2 * self.m));
-            return (patch, row, rest / 2, rest % 2);
+            let side = if self.tiles { TILE } else { self.m };
+            let (row, column) = in_tiles(self.m, side, rest / 2);
+            return (patch, row, column, rest % 2);
         }
         let row = self.rows.partition_point(|&start| start <= rest) - 1;
         let rest = rest - self.rows[row];
@@ -370,7 +387,7 @@ mod tests {
     #[test]
     fn the_faces_left_are_those_outside_the_discs() {
         for m in [3, 4, 8, 21] {
-            let holes = Holes::new(5, m, 2, 3).unwrap();
+            let holes = Holes::new(5, m, 2, false, 3).unwrap();
             let mut seen: Vec<Square> = (0..holes.count()).map(|f| holes.square(f)).collect();
             assert!(seen.windows(2).all(|w| w[0] < w[1]));
             seen.retain(|&(_, row, column, _)| {
@@ -382,6 +399,21 @@ mod tests {
             assert_eq!(holes.count(), 5 * 2 * m * m - 2 * 2 * disc);
             assert_eq!(seen.len() as u64, 3 * 2 * disc, "only whole patches have faces there");
         }
+    }
+
+    #[test]
+    fn tiles_have_every_square_once_and_neighbours_near() {
+        for (m, side) in [(1, 64), (5, 2), (64, 64), (130, 64), (7, 7)] {
+            let squares: Vec<(u64, u64)> = (0..m * m).map(|square| in_tiles(m, side, square)).collect();
+            let mut sorted = squares.clone();
+            sorted.sort_unstable();
+            sorted.dedup();
+            assert!(sorted.len() as u64 == m * m && sorted.iter().all(|&(row, column)| row < m && column < m));
+            let tiles = squares.iter().map(|(row, column)| (row / side, column / side));
+            assert!(tiles.is_sorted(), "{m} {side}");
+        }
+        let rows: Vec<(u64, u64)> = (0..9).map(|square| in_tiles(3, 3, square)).collect();
+        assert!(rows.is_sorted());
     }
 
     #[test]

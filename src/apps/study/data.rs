@@ -14,7 +14,7 @@ use crate::distance::front::{Front, mean_weight};
 use crate::distance::march::{March, Surface};
 use crate::distance::sampler::fill_lengths;
 use crate::graph::{Csr, WeightedGraph};
-use crate::graph::{DualGraph, Metric, Node, VertexGraph};
+use crate::graph::{DualGraph, Metric, NodeGeometry, VertexGraph};
 use crate::mesh::Mesh;
 use crate::store::{Context, MappedSlice};
 
@@ -77,7 +77,7 @@ impl Graph {
 #[derive(Clone, Debug)]
 pub struct StudyData {
     /// Geometry of the nodes (n).
-    pub nodes: MappedSlice<Node>,
+    pub nodes: NodeGeometry,
     graph: Graph,
     lengths: Option<MappedSlice<f32>>,
     /// All distances, row i at `i * n` (n × n), where there are few.
@@ -103,7 +103,7 @@ impl StudyData {
             }
             Over::Vertices => {
                 let built = VertexGraph::build(mesh, path, context)?;
-                let nodes = built.nodes.clone();
+                let nodes = built.nodes.clone().into();
                 (Graph::Vertices(built), nodes)
             }
         };

@@ -1,0 +1,362 @@
+//! Geometry of the nodes, and lengths of the edges between them, as stages look at them: arrays, or computed from the mesh.
+//!
+//! Arrays cost 40 bytes a triangle: 28 of nodes, 12 of shared edges. Where a mesh is larger than memory, they cost more to
+//! read than the mesh's own 18 bytes, from which both follow in 10 to 20 ns a look. So such a mesh is not copied: [`FromMesh`]
+//! computes the same numbers to the bit, by the same functions that would have written them. Few edges cannot be told from
+//! two faces alone (welded ones, edges shared twice, some of non-manifold meshes); these are listed.
+
+use super::nodes::{Frame, Node};
+use crate::base::vector::distance;
+use crate::mesh::Mesh;
+use crate::store::{MappedSlice, Run};
+use std::ops::{Deref, Range};
+use std::sync::Arc;
+
+/// Edges at the most that are listed, 12 bytes each; a mesh with more keeps arrays.
+pub(super) const MOST_LISTED: usize = 1 << 20;
+
+/// Geometry of the nodes (n).
+///
+/// As a slice it is the array; empty where the numbers are computed, which only the default method on a mesh larger than
+/// memory asks for.
+#[derive(Clone, Debug)]
+pub struct NodeGeometry {
+    array: MappedSlice<Node>,
+    mesh: Option<Arc<FromMesh>>,
+}
+
+impl NodeGeometry {
+    /// Computed from `mesh` at each look.
+    pub(super) fn computed(mesh: FromMesh) -> Self {
+        Self { array: MappedSlice::empty(), mesh: Some(Arc::new(mesh)) }
+    }
+
+    /// The mesh that it is computed from; `None` of an array.
+    pub(super) fn mesh(&self) -> Option<&Arc<FromMesh>> {
+        self.mesh.as_ref()
+    }
+
+    /// Whether it is computed at each look.
+    pub fn is_computed(&self) -> bool {
+        self.mesh.is_some()
+    }
+
+    /// Number of nodes.
+    pub fn len(&self) -> usize {
+        self.mesh.as_ref().map_or(self.array.len(), |mesh| mesh.mesh.faces.len())
+    }
+
+    /// Whether there are no nodes.
+    pub fn is_empty(&self) -> bool {
+        self.len() == 0
+    }
+
+    /// A window on the nodes of `range`, which `held` holds where they are computed: 28 bytes each.
+    pub fn window<'a>(&'a self, range: Range<usize>, held: &'a mut Vec<Node>) -> NodeWindow<'a> {
+        let Some(mesh) = self.mesh.as_deref() else {
+            return NodeWindow { nodes: self, first: 0, items: &self.array };
+        };
+        let first = range.start;
+        held.clear();
+        held.extend(range.map(|node| mesh.node(node)));
+        NodeWindow { nodes: self, first, items: held }
+    }
+
+    /// The node `node`.
+    #[inline]
+    pub fn at(&self, node: usize) -> Node {
+        match &self.mesh {
+            None => self.array[node],
+            Some(mesh) => mesh.node(node),
+        }
+    }
+}
+
+/// Geometry for passes over a range of nodes and their neighbours, most of which lie in the range, too: computed once each.
+#[derive(Clone, Copy, Debug)]
+pub struct NodeWindow<'a> {
+    nodes: &'a NodeGeometry,
+    first: usize,
+    /// The nodes of the range; all of them where they are an array.
+    items: &'a [Node],
+}
+
+impl NodeWindow<'_> {
+    /// The node `node`, in the range or not.
+    #[inline(always)]
+    pub fn at(&self, node: usize) -> Node {
+        match self.items.get(node.wrapping_sub(self.first)) {
+            Some(node) => *node,
+            None => self.nodes.at(node),
+        }
+    }
+}
+
+impl From<MappedSlice<Node>> for NodeGeometry {
+    fn from(array: MappedSlice<Node>) -> Self {
+        Self { array, mesh: None }
+    }
+}
+
+impl Deref for NodeGeometry {
+    type Target = [Node];
+
+    fn deref(&self) -> &[Node] {
+        &self.array
+    }
+}
+
+/// A mesh in its frame, and which of its faces are turned.
+#[derive(Clone, Debug)]
+pub(super) struct FromMesh {
+    pub mesh: Mesh,
+    pub frame: Frame,
+    /// A bit for each face whose normal is turned, 64 to a word, the least bit first; empty where none is.
+    pub turned: MappedSlice<u64>,
+}
+
+impl FromMesh {
+    /// Whether the normal of face `face` is turned.
+    #[inline]
+    pub fn is_turned(&self, face: usize) -> bool {
+        self.turned.get(face / 64).is_some_and(|word| word >> (face % 64) & 1 == 1)
+    }
+
+    /// The node of face `face`. Out of line, as the others: loops over arrays stay small.
+    #[inline(never)]
+    pub fn node(&self, face: usize) -> Node {
+        let (mut node, _) = self.mesh.faces.with(face, |corners| Node::of_face(corners, &self.mesh, &self.frame));
+        if self.is_turned(face) {
+            node.normal = node.normal.map(|x| 0. - x);
+        }
+        node
+    }
+
+    /// The edges of face `from`.
+    #[inline(never)]
+    pub fn row(&self, from: usize) -> FaceEdges {
+        self.mesh.faces.with(from, |corners| match *corners {
+            [a, b, c] => {
+                let [p, q, r] = [a, b, c].map(|v| self.frame.place(self.mesh.positions.get(v)));
+                let lengths = [distance(p, q) as f32, distance(q, r) as f32, distance(r, p) as f32];
+                FaceEdges::Triangle([a, b, c], lengths)
+            }
+            _ => FaceEdges::Polygon(from),
+        })
+    }
+
+    /// Length of the first of `edges` that is one of face `to`, too, negative where both run along it in the same direction;
+    /// 0 where there is none.
+    #[inline(never)]
+    pub fn shared(&self, edges: &FaceEdges, to: usize) -> f32 {
+        let (length, against) = match edges {
+            FaceEdges::Triangle(corners, lengths) => {
+                let found = self.mesh.faces.with(to, |other| common_edge(corners, other));
+                let Some((k, against)) = found else { return 0. };
+                (lengths[k], against)
+            }
+            &FaceEdges::Polygon(from) => {
+                let found = self.mesh.faces.with(from, |a| {
+                    let (k, against) = self.mesh.faces.with(to, |b| common_edge(a, b))?;
+                    Some(([a[k], a[after(k, a.len())]], against))
+                });
+                let Some((ends, against)) = found else { return 0. };
+                let [a, b] = ends.map(|v| self.frame.place(self.mesh.positions.get(v)));
+                (distance(a, b) as f32, against)
+            }
+        };
+        if against { -length } else { length }
+    }
+}
+
+/// The edges of a face: corners and the lengths of the edges after them, or the face itself.
+#[derive(Clone, Copy, Debug)]
+pub(super) enum FaceEdges {
+    Triangle([u32; 3], [f32; 3]),
+    Polygon(usize),
+}
+
+/// The corner after corner `k` of `len`.
+#[inline]
+fn after(k: usize, len: usize) -> usize {
+    if k + 1 == len { 0 } else { k + 1 }
+}
+
+/// The first edge of a face with the corners `a`, by its first corner, that a face with the corners `b` has, too, and whether both run
+/// along it in the same direction.
+#[inline]
+fn common_edge(a: &[u32], b: &[u32]) -> Option<(usize, bool)> {
+    for k in 0..a.len() {
+        let (u, v) = (a[k], a[after(k, a.len())]);
+        for m in 0..b.len() {
+            let (x, y) = (b[m], b[after(m, b.len())]);
+            if (x, y) == (v, u) {
+                return Some((k, false));
+            }
+            if (x, y) == (u, v) {
+                return Some((k, true));
+            }
+        }
+    }
+    None
+}
+
+/// Edges between faces, computed from the mesh but for those that are listed.
+#[derive(Clone, Debug)]
+pub(super) struct ComputedEdges {
+    pub mesh: Arc<FromMesh>,
+    /// From, to and length as matching found it, before faces were turned; ascending.
+    pub listed: Arc<[ListedEdge]>,
+    /// Whether any two neighbours are wound against each other in the file.
+    pub mixed: bool,
+}
+
+/// An edge with the length that [`FromMesh::shared`] does not give.
+pub(super) type ListedEdge = (u32, u32, f32);
+
+impl ComputedEdges {
+    /// Length of the edge between two neighbours, negative where they are wound against each other.
+    #[inline]
+    fn between(&self, edges: &FaceEdges, from: u32, to: u32) -> f32 {
+        let listed = if self.listed.is_empty() {
+            None
+        } else {
+            self.listed.binary_search_by_key(&(from, to), |edge| (edge.0, edge.1)).ok()
+        };
+        let length = match listed {
+            None => self.mesh.shared(edges, to as usize),
+            Some(k) => self.listed[k].2,
+        };
+        let flip =
+            !self.mesh.turned.is_empty() && self.mesh.is_turned(from as usize) != self.mesh.is_turned(to as usize);
+        if flip { -length } else { length }
+    }
+}
+
+/// The graph with the lengths of shared edges.
+#[derive(Clone, Copy, Debug)]
+pub struct SharedEdges<'a> {
+    /// Neighbours, and the lengths where they are an array.
+    pub(super) graph: super::Csr<'a>,
+    pub(super) computed: Option<&'a ComputedEdges>,
+}
+
+impl<'a> SharedEdges<'a> {
+    /// The neighbours of `node`, each with the length of the shared edge in the frame: negative where the two are wound against each other
+    /// and could not be turned, 0 (of any sign) for bridges.
+    #[inline(always)]
+    pub fn neighbours(self, node: u32) -> impl Iterator<Item = (u32, f32)> + Clone + 'a {
+        let computed = self.computed.map(|computed| (computed, computed.mesh.row(node as usize)));
+        self.graph.span(node).map(move |e| {
+            let to = self.graph.indices[e];
+            let length = match &computed {
+                None => self.graph.weights[e],
+                Some((computed, edges)) => computed.between(edges, node, to),
+            };
+            (to, length)
+        })
+    }
+
+    /// Asks the kernel to read the rows of `nodes` soon ([`Run::will_need`]).
+    pub fn will_need(self, nodes: Range<usize>, run: &Run) {
+        self.graph.will_need(nodes, run);
+    }
+
+    /// The entries of the row of `node`, each with the neighbour there: for passes that ask for few lengths.
+    #[inline(always)]
+    pub fn entries(self, node: u32) -> impl Iterator<Item = (usize, u32)> + Clone + 'a {
+        self.graph.span(node).map(move |e| (e, self.graph.indices[e]))
+    }
+
+    /// The length at entry `e`, which is in the row of `node`.
+    #[inline(always)]
+    pub fn length(self, node: u32, e: usize) -> f32 {
+        match self.computed {
+            None => self.graph.weights[e],
+            Some(computed) => computed.between(&computed.mesh.row(node as usize), node, self.graph.indices[e]),
+        }
+    }
+
+    /// Whether the length at entry `e`, which is in the row of `node`, is negative.
+    #[inline(always)]
+    pub fn against(self, node: u32, e: usize) -> bool {
+        self.computed.is_none_or(|computed| computed.mixed) && self.length(node, e) < 0.
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use crate::base::random::{below, stream};
+    use crate::graph::DualGraph;
+    use crate::mesh::Mesh;
+    use crate::store::{Context, Run, WorkDir};
+    use serde_json::Value;
+
+    /// Builds the graph of `mesh` both ways and compares all that stages see of it.
+    fn compare(mesh: &Mesh, name: &str) {
+        let run = Run { threads: 2, ..Run::new(&()) };
+        let folder = tempfile::tempdir().unwrap();
+        let works = [(); 2].map(|()| WorkDir::temporary(folder.path()).unwrap());
+        let [kept, computed] = [DualGraph::build, DualGraph::build_computed];
+        let kept = kept(mesh, name.as_ref(), &Value::Null, Context::new(&works[0], &run)).unwrap();
+        let computed = computed(mesh, name.as_ref(), &Value::Null, Context::new(&works[1], &run)).unwrap();
+        assert!(computed.nodes.is_computed() && !kept.nodes.is_computed());
+        assert_eq!(computed.facts, kept.facts, "{name}");
+        let bits = |numbers: &[f32]| numbers.iter().map(|x| x.to_bits()).collect::<Vec<_>>();
+        let mut held = Vec::new();
+        let window = computed.nodes.window(0..kept.nodes.len() / 2, &mut held);
+        for i in 0..kept.nodes.len() {
+            let [a, b, c] = [kept.nodes.at(i), computed.nodes.at(i), window.at(i)]
+                .map(|node| bits(&[&node.centroid[..], &node.normal[..], &[node.area]].concat()));
+            assert!(a == b && a == c, "{name}, node {i}");
+            let [a, b] = [&kept, &computed].map(|graph| graph.edges.shared().neighbours(i as u32).collect::<Vec<_>>());
+            // Zeros of any sign are equal.
+            assert_eq!(a, b, "{name}, row {i}");
+            let shared = computed.edges.shared();
+            for ((e, to), (near, length)) in shared.entries(i as u32).zip(b) {
+                assert_eq!((to, shared.length(i as u32, e), shared.against(i as u32, e)), (near, length, length < 0.));
+            }
+        }
+        assert!(kept.edges.centroid_distance[..] == computed.edges.centroid_distance[..]);
+    }
+
+    #[test]
+    fn what_is_computed_is_what_arrays_hold() {
+        let strip = |n: u32| {
+            let around = |k: u32| f64::from(k) * std::f64::consts::TAU / f64::from(n);
+            let point = |k: u32, side: f64| {
+                let (turn, half) = (around(k), around(k) / 2.);
+                let r = 2. + side * half.cos();
+                [r * turn.cos(), r * turn.sin(), side * half.sin()]
+            };
+            let points: Vec<[f64; 3]> = (0..n).flat_map(|k| [point(k, -0.5), point(k, 0.5)]).collect();
+            let next = |k: u32| if k + 1 == n { [1, 0] } else { [2 * k + 2, 2 * k + 3] };
+            let faces = (0..n).flat_map(|k| [[2 * k, next(k)[0], 2 * k + 1], [2 * k + 1, next(k)[0], next(k)[1]]]);
+            Mesh::from_slices(&points, &faces.collect::<Vec<[u32; 3]>>()).unwrap()
+        };
+        compare(&strip(12), "a Möbius strip");
+        let corners = [[0f32, 0., 0.], [1., 0., 0.], [0., 1., 0.], [0., 0., 1.], [1., 1., 0.], [0.4, 0.3, -1.]];
+        let of = |faces: &[Vec<u32>]| Mesh::from_slices(&corners, faces).unwrap();
+        compare(&of(&[vec![0, 1, 2], vec![2, 1, 0]]), "a pillow");
+        compare(&of(&[vec![0, 1, 2], vec![0, 3, 1], vec![1, 3, 2], vec![0, 2, 3]]), "a tetrahedron wound inwards");
+        compare(&of(&[vec![0, 1, 4, 2], vec![0, 3, 1], vec![2, 4, 5], vec![1, 5, 4], vec![0, 1]]), "polygons");
+        compare(&of(&[vec![0, 1, 2], vec![0, 1, 3], vec![1, 0, 4], vec![0, 1, 5]]), "a fan of four");
+        let apart =
+            [[0f32, 0., 0.], [1., 0., 0.], [0., 1., 0.], [1., 0., 0.], [0., 1., 0.], [1., 1., 0.], [7., 7., 7.]];
+        compare(&Mesh::from_slices(&apart, &[[0u32, 1, 2], [3, 5, 4], [5, 6, 4]]).unwrap(), "welded");
+        compare(&Mesh::from_slices(&apart, &[[0u32, 1, 2], [6, 6, 5], [5, 6, 4]]).unwrap(), "two components");
+        for seed in 0..40 {
+            let mut random = stream(seed, "soup");
+            let count = 4 + below(&mut random, 30);
+            let points: Vec<[f32; 3]> = (0..count)
+                .map(|_| {
+                    [(); 3].map(|()| if below(&mut random, 60) == 0 { f32::NAN } else { below(&mut random, 9) as f32 })
+                })
+                .collect();
+            let faces: Vec<Vec<u32>> = (0..60)
+                .map(|_| (0..3 + below(&mut random, 2)).map(|_| below(&mut random, count) as u32).collect())
+                .collect();
+            compare(&Mesh::from_slices(&points, &faces).unwrap(), &format!("soup {seed}"));
+        }
+    }
+}
