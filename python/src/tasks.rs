@@ -74,14 +74,17 @@ pub fn read_names(path: PathBuf) -> PyResult<Vec<String>> {
     nystrom_stream::apps::edits::read_names(&path).map_err(raised)
 }
 
-/// Choices of forms as Python gives them: vertex_labels, split_vertices, cap, part_form.
-fn save_options((vertex_labels, split_vertices, cap, part_form): (bool, bool, bool, String)) -> PyResult<SaveOptions> {
+/// Choices of forms as Python gives them: vertex_labels, split_vertices, split_faces, cap, part_form.
+type SaveChoices = (bool, bool, bool, bool, String);
+
+fn save_options((vertex_labels, split_vertices, split_faces, cap, part_form): SaveChoices) -> PyResult<SaveOptions> {
     let part_form = match part_form.as_str() {
         "ply" => PartForm::Binary,
         "stl" => PartForm::Stl,
         other => return Err(PyValueError::new_err(format!("part_form: '{other}'; choose ply or stl"))),
     };
-    Ok(SaveOptions::new().vertex_labels(vertex_labels).split_vertices(split_vertices).cap(cap).part_form(part_form))
+    let ply = SaveOptions::new().vertex_labels(vertex_labels).split_vertices(split_vertices).split_faces(split_faces);
+    Ok(ply.cap(cap).part_form(part_form))
 }
 
 /// Writes the labelled mesh in the form that the ending of `path` names; a page has a slider where there is a tree, and follows edits
@@ -101,7 +104,7 @@ pub fn save(
     cells: Option<PyReadonlyArray1<'_, u32>>,
     decision: Option<PyRef<'_, PyDecision>>,
     edits: Option<&str>,
-    options: (bool, bool, bool, String),
+    options: SaveChoices,
 ) -> PyResult<()> {
     let options = save_options(options)?;
     let (labels, colours) = (labels.as_array().to_vec(), self::colours(&colours));

@@ -302,6 +302,8 @@ def test_results_know_what_people_ask_of_them(mesh, tmp_path):
     assert len(list((tmp_path / "solids").glob("part_*.stl"))) == 4
     cut.save(tmp_path / "sharp.ply", split_vertices=True)
     assert len(nystrom_stream.read_mesh(tmp_path / "sharp.ply")[0]) > len(vertices)
+    cut.save(tmp_path / "smooth.ply", split_faces=True)
+    assert len(nystrom_stream.read_mesh(tmp_path / "smooth.ply")[1]) > len(faces)
     for name, options in {"x.seg": {"vertex_labels": True}, "x.ply": {"cap": True}, "parts/": {"part_form": "obj"}}.items():
         with pytest.raises(ValueError, match="options|part_form"):
             cut.save(f"{tmp_path}/{name}", **options)

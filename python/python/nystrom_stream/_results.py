@@ -162,16 +162,17 @@ class Segmentation(_OfMesh):
         neighbours with the length of the common border."""
         return json.loads(_native.measure_parts(self._mesh, self.labels, self.n_parts))
 
-    def save(self, path, *, vertex_labels=False, split_vertices=False, cap=False, part_form="ply"):
+    def save(self, path, *, vertex_labels=False, split_vertices=False, split_faces=False, cap=False, part_form="ply"):
         """Writes the labelled mesh in the form that the ending names: .ply, .seg, .npy, .obj, .glb, .parquet, .png, .html, or one file
         per part in a folder where `path` ends with a slash.
 
-        Of a .ply: `vertex_labels` gives vertices labels and colours too, `split_vertices` gives each part vertices of its own. Of a
-        folder: `cap` closes the parts where they were cut off, `part_form` is "ply" or "stl". Raises ValueError for
-        another ending, or an option that the form does not have; OSError."""
+        Of a .ply: `vertex_labels` gives vertices labels and colours too, `split_vertices` gives each part vertices of its own,
+        `split_faces` splits triangles where smooth boundaries cross them (not with the other two). Of a folder: `cap` closes the parts where
+        they were cut off, `part_form` is "ply" or "stl". Raises ValueError for another ending, or an option that the form does not have;
+        OSError."""
         edits = text_of(self._edits) if self._edits else None
         _native.save(self._mesh, self.labels, self.colours, self.quality, self.names, path, json.dumps(self.report), self._tree,
-                     self._cells, self._decision, edits, (vertex_labels, split_vertices, cap, part_form))
+                     self._cells, self._decision, edits, (vertex_labels, split_vertices, split_faces, cap, part_form))
 
     def picture(self, **options):
         """A picture of the parts: see `nystrom_stream.picture`."""
