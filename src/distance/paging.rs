@@ -52,6 +52,13 @@ impl<F: Fn(&mut [f32])> Pager for Paged<'_, '_, F> {
     }
 }
 
+/// Asks the kernel to read the rows of `nodes`, which are those `entries` of `graph`, without waiting.
+pub(super) fn rows_needed(graph: Csr<'_>, nodes: Range<usize>, entries: Range<usize>) {
+    graph.starts.will_need(nodes);
+    will_need(&graph.indices[entries.clone()]);
+    will_need(&graph.weights[entries]);
+}
+
 /// A graph in blocks, and which of them a front has met.
 #[derive(Clone, Debug)]
 pub struct Pages {
@@ -119,10 +126,7 @@ impl Pages {
             return None;
         }
         let nodes = self.block(block);
-        let entries = self.starts[block] as usize..self.starts[block + 1] as usize;
-        graph.starts.will_need(nodes.clone());
-        will_need(&graph.indices[entries.clone()]);
-        will_need(&graph.weights[entries]);
+        rows_needed(graph, nodes.clone(), self.starts[block] as usize..self.starts[block + 1] as usize);
         self.unsent.push_back(block as u32);
         if self.unsent.len() > LAG {
             self.send();

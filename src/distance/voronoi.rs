@@ -14,7 +14,7 @@
 //! where the budget is small for the mesh.
 
 use super::front::{Front, clear_labels, mean_weight};
-use super::paging::{Pages, SHIFT};
+use super::paging::{Pages, SHIFT, rows_needed};
 use super::queue::{Entry, Queue};
 use crate::base::parallel::fill_two;
 use crate::base::{Cancel, Result};
@@ -251,9 +251,7 @@ impl<'a> BlockDijkstra<'a> {
             .filter(|nodes| nodes.start < nodes.end)
         {
             let entries = self.graph.starts.entries_of(nodes.clone());
-            self.graph.starts.will_need(nodes);
-            will_need(&self.graph.indices[entries.clone()]);
-            will_need(&self.graph.weights[entries]);
+            rows_needed(self.graph, nodes, entries);
         }
     }
 
@@ -372,10 +370,8 @@ impl<O: Label> Block<'_, O> {
     #[cold]
     fn will_need(&self, graph: Csr<'_>, first: usize, from: usize) {
         let end = (from + (1 << SHIFT)).min(self.field.len());
-        let entries = graph.starts.entries_of(first + from..first + end);
-        graph.starts.will_need(first + from..first + end);
-        will_need(&graph.indices[entries.clone()]);
-        will_need(&graph.weights[entries]);
+        let nodes = first + from..first + end;
+        rows_needed(graph, nodes.clone(), graph.starts.entries_of(nodes));
         will_need(&self.field[from..end]);
         if size_of::<O>() > 0 {
             will_need(&self.label[from..end]);
