@@ -273,6 +273,17 @@ pub fn class_sums(
     Ok(total)
 }
 
+/// The class of each node (n) as an array `name` of two bytes a node: cells and contracted nodes are fewer than 2¹⁶. Nodes of
+/// none, which have `u32::MAX`, get `u16::MAX`.
+///
+/// # Errors
+/// [`crate::base::Error::Io`], [`crate::base::Error::Cancelled`].
+pub fn narrowed(class: &[u32], name: &str, context: Context<'_>) -> Result<MappedSlice<u16>> {
+    let mut array = context.work.array::<u16>(name, &[class.len()])?;
+    context.run.fill_each(array.data(), CHUNK, |i, _| u16::try_from(class[i]).unwrap_or(u16::MAX))?;
+    array.finish(false)
+}
+
 #[cfg(test)]
 mod tests {
     use super::{AreaShares, SEEDS_PER_BLOCK};

@@ -41,7 +41,7 @@ pub enum BoundaryMethod<'a> {
 #[derive(Clone, Copy, Debug)]
 pub struct CellLabels<'a> {
     /// Cell of each node (n).
-    pub of_node: &'a [u32],
+    pub of_node: &'a [u16],
     /// Label of each cell (S).
     pub label: &'a [u32],
 }

@@ -11,7 +11,7 @@
 //! Cost: one front, 4 + 4 bytes per face, one pass over the graph; then one sequential pass per row, 12 bytes read per
 //! face, 4 of them of the row, as it comes from its front or from where it is kept.
 
-use super::area_shares::{AreaShares, ClassSum, class_sums, spread};
+use super::area_shares::{AreaShares, ClassSum, class_sums, narrowed, spread};
 use super::mirror::{PointSet, SurfacePoint, paired_seeds};
 use super::normals::{Normals, turning};
 use super::parts::CellGraph;
@@ -27,12 +27,15 @@ use std::collections::BTreeMap;
 /// Cells of a surface.
 pub const CELLS: usize = 2000;
 const CHUNK: usize = 1 << 14;
+/// Cell of each face.
+pub const OF_FACE: &str = "cells.npy";
+const OWNER: &str = "cells.tmp";
 
 /// Cells of the faces and the graph of the cells.
 #[derive(Clone, Debug)]
 pub struct Cells {
     /// Cell of each node (n).
-    pub of_node: MappedSlice<u32>,
+    pub of_node: MappedSlice<u16>,
     /// The cells' graph, lengths in units of √(area).
     pub graph: CellGraph,
 }
@@ -58,7 +61,7 @@ pub struct SmoothedNormals<'a> {
 }
 
 impl Cells {
-    /// Cuts the surface into cells; `cells.npy`.
+    /// Cuts the surface into cells; [`OF_FACE`].
     ///
     /// # Errors
     /// [`crate::base::Error::Io`], [`crate::base::Error::Cancelled`].
@@ -81,15 +84,17 @@ impl Cells {
         let steps =
             Weighting { edges, nodes, normals: Some(normals.fine), area, metric }.build("cell_weights.npy", context)?;
         let csr = Csr::new(graph.edges.starts.view(), &graph.edges.indices, &steps);
-        let mut owner = context.work.array::<u32>("cells.npy", &[n])?;
+        let mut owner = context.work.array::<u32>(OWNER, &[n])?;
         {
             let mut field = context.work.array::<f32>("cell_field.tmp", &[n])?;
             voronoi::nearest_source(csr, &seeds, field.data(), owner.data(), context.run)?;
         }
         context.work.remove("cell_field.tmp.partial");
         context.work.remove("cell_weights.npy");
-        let of_node = owner.finish(false)?;
-        let graph = cell_graph(graph, shares, normals, &of_node, seeds, context.run)?;
+        let graph = cell_graph(graph, shares, normals, owner.data(), seeds, context.run)?;
+        let of_node = narrowed(owner.data(), OF_FACE, context)?;
+        drop(owner);
+        context.work.remove(&format!("{OWNER}.partial"));
         Ok(Self { of_node, graph })
     }
 
@@ -191,7 +196,7 @@ fn borders(
 /// Averages rows over cells.
 #[derive(Clone, Debug)]
 pub struct CellAverages<'a> {
-    cell: &'a [u32],
+    cell: &'a [u16],
     share: &'a [f32],
     /// Area of each cell (S).
     mass: Vec<f64>,

@@ -7,10 +7,10 @@
 //! 1 − Rand); contracting by length alone is worse.
 //!
 //! The length of a common boundary is that of its chord, |Σ oriented edges|, so that zigzag does not count; an edge's
-//! direction is taken across the line between its faces. Cost: one front, 8 bytes per face of which 4 are kept, one pass
+//! direction is taken across the line between its faces. Cost: one front, 8 bytes per face of which 2 are kept, one pass
 //! over the graph.
 
-use super::area_shares::{AreaShares, ClassSum, class_sums, spread};
+use super::area_shares::{AreaShares, ClassSum, class_sums, narrowed, spread};
 use crate::base::Result;
 use crate::base::vector::{cross, length as norm, minus, wide};
 use crate::distance::SharedFront;
@@ -35,6 +35,8 @@ const DETOUR: f64 = 1.15;
 
 /// Contracted node of each face.
 pub const OF_FACE: &str = "contracted.npy";
+const OWNER: &str = "contracted.tmp";
+const FIELD: &str = "contracted_field.tmp";
 const SEEDS: &str = "contraction_seeds.npy";
 const NODE_GEOMETRY: &str = "node_geometry.npy";
 const EDGES: [&str; 3] = ["graph_indices.npy", "graph_centroid_distances.npy", "graph_edges.npy"];
@@ -48,7 +50,7 @@ pub struct ContractedSurface {
     /// Its weights.
     pub weighted: WeightedGraph,
     /// Contracted node of each node of the original (n).
-    pub of_node: MappedSlice<u32>,
+    pub of_node: MappedSlice<u16>,
     /// The node of the original that each contracted one grew from.
     pub seeds: MappedSlice<u32>,
 }
@@ -67,7 +69,7 @@ pub struct Contraction<'a> {
 
 impl Stage for Contraction<'_> {
     const NAME: &'static str = "contraction";
-    const VERSION: u32 = 3;
+    const VERSION: u32 = 4;
     type Facts = GraphFacts;
     type Output = ContractedSurface;
 
@@ -98,9 +100,9 @@ impl Stage for Contraction<'_> {
     /// The map to contracted nodes beside the field of the front.
     fn needs(extent: &Extent, room: &mut Room) -> Needs {
         let n = extent.faces;
-        let (map, field) = (room.take(4 * n), room.take(4 * n));
-        room.give_back(field);
-        Needs { memory: (8 << 20) + room.used() + field, keeps: 4 * n - map, passing: 4 * n - field, frees: 0 }
+        let (map, passing) = (room.take(2 * n), room.take(8 * n));
+        room.give_back(passing);
+        Needs { memory: (8 << 20) + room.used() + passing, keeps: 2 * n - map, passing: 8 * n - passing, frees: 0 }
     }
 }
 
@@ -125,14 +127,15 @@ fn contract(contraction: &Contraction<'_>, key: &str, context: Context<'_>) -> R
     let Context { work, run } = context;
     let n = graph.nodes.len();
     let seeds = seeds(shares, run)?;
-    let mut owner = work.array::<u32>(OF_FACE, &[n])?;
-    let mut field = work.array::<f32>("contracted_field.tmp", &[n])?;
+    let mut owner = work.array::<u32>(OWNER, &[n])?;
+    let mut field = work.array::<f32>(FIELD, &[n])?;
     front(fine, &seeds).nearest_source(field.data(), owner.data(), Context::new(whole, run))?;
-    let of_node = owner.finish(false)?;
-    let nodes = interiors(graph, shares, &of_node, seeds.len(), run)?;
-    let borders = borders(graph, fine.csr(), &of_node, field.data(), run)?;
+    let nodes = interiors(graph, shares, owner.data(), seeds.len(), run)?;
+    let borders = borders(graph, fine.csr(), owner.data(), field.data(), run)?;
     drop(field);
-    work.remove("contracted_field.tmp.partial");
+    let of_node = narrowed(owner.data(), OF_FACE, context)?;
+    drop(owner);
+    [OWNER, FIELD].iter().for_each(|name| work.remove(&format!("{name}.partial")));
     let (graph, weighted) = assemble(graph, nodes, &borders, key.to_string(), work)?;
     let seeds = npy::write(&work.file(SEEDS), &seeds, 1, false)?;
     Ok(ContractedSurface { graph, weighted, of_node, seeds })

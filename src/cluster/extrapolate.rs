@@ -68,7 +68,7 @@ impl LocalPartMeans {
     }
 
     /// The part nearest to a face of `cell` at `point`; the first of equally near ones.
-    fn nearest(&self, cell: u32, point: &[f64]) -> Option<u32> {
+    fn nearest(&self, cell: u16, point: &[f64]) -> Option<u32> {
         let away = |mean: &[f64]| mean.iter().zip(point).map(|(m, x)| (m - x) * (m - x)).sum::<f64>();
         let parts = self.around[cell as usize].iter();
         parts.map(|(label, mean)| (*label, away(mean))).reduce(|a, b| if b.1 < a.1 { b } else { a }).map(|best| best.0)
@@ -81,7 +81,7 @@ impl LocalPartMeans {
     pub fn relabel(
         &self,
         rows: &DistanceRows,
-        cell: &[u32],
+        cell: &[u16],
         open: impl Fn(usize) -> bool + Sync,
         labels: &mut [u32],
         run: &Run,
@@ -125,7 +125,7 @@ mod tests {
         b: Vec<f64>,
         label: Vec<u32>,
         columns: Vec<Vec<f32>>,
-        cell: Vec<u32>,
+        cell: Vec<u16>,
     }
 
     fn scene(n: usize) -> TestStrip {
@@ -136,7 +136,7 @@ mod tests {
         let b: Vec<f64> = (0..l * s).map(|k| ((k % s) as f64 - (k / s * 5) as f64).abs() + unit(&mut random)).collect();
         let label: Vec<u32> = (0..s as u32).map(|i| i / 7).collect();
         let columns = (0..l).map(|_| (0..n).map(|_| (30. * unit(&mut random)) as f32).collect()).collect();
-        let cell = (0..n).map(|_| below(&mut random, s) as u32).collect();
+        let cell = (0..n).map(|_| below(&mut random, s) as u16).collect();
         TestStrip { cells, b, label, columns, cell }
     }
 

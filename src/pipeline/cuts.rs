@@ -2,7 +2,7 @@
 
 use super::decision::{self, KeptDecision};
 use crate::base::Result;
-use crate::cluster::contract;
+use crate::cluster::{cells, contract};
 use crate::cluster::parts::PartTree;
 use crate::graph::{DualGraph, NodeOrder};
 use crate::store::{Context, MappedSlice};
@@ -53,18 +53,18 @@ pub fn cells(exact: bool, context: Context<'_>) -> Result<MappedSlice<u32>> {
     let n = graph.nodes.len();
     let order = NodeOrder::kept(&input, n, context.work)?;
     // A large mesh alone is contracted.
-    let cells = if !exact && decision::is_current(context.work, true) {
+    let mut cells = context.work.array::<u32>(FILE, &[n])?;
+    if !exact && decision::is_current(context.work, true) {
         let inner = context.work.inner(decision::CONTRACTED)?;
-        let of_small = inner.open_array::<u32>("cells.npy")?;
-        let of_node = inner.array_of::<u32>(contract::OF_FACE, n)?;
-        let mut cells = context.work.array::<u32>(FILE, &[n])?;
-        let value = |i: usize, _| of_small.get(of_node[i] as usize).copied().unwrap_or(u32::MAX);
-        context.run.fill_each(cells.data(), CHUNK, value)?;
-        cells.finish(false)?
+        let of_small = inner.open_array::<u16>(cells::OF_FACE)?;
+        let of_node = inner.array_of::<u16>(contract::OF_FACE, n)?;
+        let cell = |i: usize, _| of_small.get(of_node[i] as usize).map_or(u32::MAX, |&cell| cell.into());
+        context.run.fill_each(cells.data(), CHUNK, cell)?;
     } else {
-        context.work.array_of::<u32>("cells.npy", n)?
-    };
-    let restored = order.restore(FILE, cells, context)?;
+        let of_node = context.work.array_of::<u16>(cells::OF_FACE, n)?;
+        context.run.fill_each(cells.data(), CHUNK, |i, _| of_node[i].into())?;
+    }
+    let restored = order.restore(FILE, cells.finish(false)?, context)?;
     // Read by its mapping from here on: no stage owns the file, so nobody would ever remove it.
     context.work.remove(FILE);
     Ok(restored)

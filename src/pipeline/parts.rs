@@ -44,13 +44,13 @@ struct Located<'a> {
     whole: WeightedSurface<'a>,
     context: Context<'a>,
     /// The contracted node of each node, where there are some.
-    units: Option<&'a [u32]>,
+    units: Option<&'a [u16]>,
 }
 
 impl Located<'_> {
     /// The parts of `nodes` under the labels of cells `label`, once boundaries are refined. `cells` is the cell of each node, or
     /// contracted node.
-    fn seen(&self, cells: &[u32], label: &[u32], nodes: &[u32]) -> Result<Vec<u32>> {
+    fn seen(&self, cells: &[u16], label: &[u32], nodes: &[u32]) -> Result<Vec<u32>> {
         let WeightedSurface { graph, weighted, surface } = self.whole;
         let of_units: Vec<u32>;
         let cells = match self.units {
@@ -106,6 +106,7 @@ pub(super) fn parts(
         (labels, parts) = (pieces.labels, pieces.first.last().map_or(0, |end| *end as usize));
         tiny_components_label = tiny_components_label.map(|label| pieces.first[label as usize]);
     }
+    weighted.release(context.work)?;
     let quality = confidence(unit_of_node, &decided.confidence, context)?;
     let (faces, area) = totals(graph, &labels, parts, context.run)?;
     let mut decision = decided.numbers.decision.clone();
@@ -133,7 +134,7 @@ pub(super) fn cell_labels(
     order: &NodeOrder,
     params: &SegmentParams,
     context: Context<'_>,
-) -> Result<(MappedSlice<u32>, Vec<u32>)> {
+) -> Result<(MappedSlice<u16>, Vec<u32>)> {
     let located = Located { wishes: Wishes::default(), nodes: &[], order, whole, context, units: None };
     let Decided { unit_of_node, label, .. } = decided(whole, params, located, context)?;
     Ok((unit_of_node, label))
@@ -162,7 +163,7 @@ fn apart(labels: &[u32], share: &[f32], label: u32, context: Context<'_>) -> Res
 struct Decided {
     result: PartsResult,
     /// Cell, or contracted node, of each node (n).
-    unit_of_node: MappedSlice<u32>,
+    unit_of_node: MappedSlice<u16>,
     /// Label of each of those.
     label: Vec<u32>,
     /// How sure it is.
@@ -219,11 +220,11 @@ fn decide(
             co_association: &all.co_association,
             small_part: f64::from(all.tree.small_part),
         };
-        let unit = |node: u32| located.units.map_or(node, |units| units[node as usize]);
+        let unit = |node: u32| located.units.map_or(node, |units| units[node as usize].into());
         let on_cells = OnCells {
             nodes: located.nodes,
             order: located.order,
-            cell: &|node| unit_of_node[unit(node) as usize],
+            cell: &|node| unit_of_node[unit(node) as usize].into(),
             seen: &|label, nodes| located.seen(&unit_of_node, label, nodes),
             affinities,
             tree: &all.tree,
@@ -299,7 +300,7 @@ pub(super) fn weighted(
 }
 
 /// How sure each face's label is: its cell's.
-fn confidence(unit_of_node: &[u32], confidence: &[f64], context: Context<'_>) -> Result<MappedSlice<f32>> {
+fn confidence(unit_of_node: &[u16], confidence: &[f64], context: Context<'_>) -> Result<MappedSlice<f32>> {
     let n = unit_of_node.len();
     let mut quality = context.work.array::<f32>("quality.npy", &[n])?;
     context.run.fill_each(quality.data(), CHUNK, |i, _| confidence[unit_of_node[i] as usize] as f32)?;

@@ -120,7 +120,8 @@ fn labels_need(extent: &Extent, cluster: Cluster, room: &mut Room) -> Needs {
         _ => 12 * (MOST_COLUMNS as u64).min(n) * (extent.landmarks + extent.dimensions),
     };
     let memory = decision.max(sample + room.used());
-    Needs { memory, keeps: 8 * n - labels, passing: 8 * n - restored, frees: 0 }
+    let passing = if extent.reordered { 8 * n - restored } else { 0 };
+    Needs { memory, keeps: 8 * n - labels, passing, frees: 0 }
 }
 
 impl Plan {

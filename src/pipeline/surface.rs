@@ -9,7 +9,7 @@
 use crate::base::parallel::map_chunks;
 use crate::base::{Error, Result};
 use crate::cluster::area_shares::AreaShares;
-use crate::cluster::cells::{Cells, SmoothedNormals};
+use crate::cluster::cells::{Cells, OF_FACE, SmoothedNormals};
 use crate::cluster::normals::{self, Normals, RADII};
 use crate::cluster::parts::CellGraph;
 use crate::distance::voronoi;
@@ -24,7 +24,6 @@ use serde_json::{Value, json};
 
 const NORMALS: [&str; 3] = ["normals_01.npy", "normals_02.npy", "normals_04.npy"];
 const SHARES: &str = "surface_shares.npy";
-const CELLS: &str = "cells.npy";
 /// The graph of the cells.
 pub(super) const CELL_GRAPH: &str = "cell_graph.json";
 
@@ -88,7 +87,7 @@ pub(super) struct SurfaceStage<'a> {
 
 impl Stage for SurfaceStage<'_> {
     const NAME: &'static str = "surface";
-    const VERSION: u32 = 4;
+    const VERSION: u32 = 5;
     type Facts = SurfaceFacts;
     type Output = Surface;
 
@@ -107,10 +106,10 @@ impl Stage for SurfaceStage<'_> {
             let smooth = SmoothedNormals { fine: &fine, medium: &medium, coarse: &coarse };
             let (cells, _) = context.run.stage("cells", "faces", n, || Cells::cut(graph, &shares, smooth, context))?;
             context.work.write_json(CELL_GRAPH, &cells.graph)?;
-            files.extend([CELLS, CELL_GRAPH]);
+            files.extend([OF_FACE, CELL_GRAPH]);
             Some(cells)
         } else {
-            context.work.remove(CELLS);
+            context.work.remove(OF_FACE);
             context.work.remove(CELL_GRAPH);
             None
         };
@@ -138,7 +137,7 @@ impl Stage for SurfaceStage<'_> {
         let cells = if self.cells {
             let graph: CellGraph = work.read_json(CELL_GRAPH)?;
             graph.cleaned().map_err(|error| work.damaged(CELL_GRAPH, error.to_string()))?;
-            Some(Cells { of_node: work.indices(CELLS, n, graph.len())?, graph })
+            Some(Cells { of_node: work.indices(OF_FACE, n, graph.len())?, graph })
         } else {
             None
         };
@@ -155,8 +154,12 @@ impl Stage for SurfaceStage<'_> {
         let (n, corners) = (extent.faces, extent.corners);
         // Shares, normals at one radius, cells; then all normals, the field and the owners of a front, the weights of cells.
         let shares = if extent.computed { 0 } else { 4 * n };
-        let (keeping, passing) =
-            if extent.contracts { (12 * n + shares, 28 * n) } else { (20 * n, 36 * n + 4 * corners) };
+        let (keeping, passing) = match extent {
+            // By blocks: one front at a time.
+            Extent { computed: true, .. } => (12 * n, 16 * n),
+            Extent { contracts: true, .. } => (12 * n + shares, 28 * n),
+            _ => (20 * n, 36 * n + 4 * corners),
+        };
         let held = room.take(keeping);
         let taken = room.take(passing);
         room.give_back(taken);

@@ -53,9 +53,9 @@ impl WorkDir {
     ///
     /// # Errors
     /// [`Error::WorkDir`] where one of them is `end` or more; as [`WorkDir::array_of`].
-    pub fn indices(&self, name: &str, len: usize, end: usize) -> Result<MappedSlice<u32>> {
-        let array = self.array_of::<u32>(name, len)?;
-        if all_below(array.iter().copied(), end) {
+    pub fn indices<T: Item + Into<u32>>(&self, name: &str, len: usize, end: usize) -> Result<MappedSlice<T>> {
+        let array = self.array_of::<T>(name, len)?;
+        if all_below(array.iter().map(|&index| index.into()), end) {
             return Ok(array);
         }
         Err(self.damaged(name, format!("has numbers beyond {end}")))
@@ -98,10 +98,10 @@ mod tests {
         for (k, end, sound) in [(0, 3, true), (0, 2, false), (3 * BLOCK - 1, 7, false), (BLOCK, 8, true)] {
             values[k] = if end > 3 { 7 } else { 2 };
             work.write("x.npy", &values, 1).unwrap();
-            assert_eq!(work.indices("x.npy", values.len(), end).is_ok(), sound, "{k} {end}");
+            assert_eq!(work.indices::<u32>("x.npy", values.len(), end).is_ok(), sound, "{k} {end}");
             values[k] = 2;
         }
-        let error = work.indices("x.npy", 5, 9).unwrap_err().to_string();
+        let error = work.indices::<u32>("x.npy", 5, 9).unwrap_err().to_string();
         assert!(error.contains("x.npy: has 12288 items instead of 5"), "{error}");
         for (starts, sound) in
             [([0u64, 2, 2, 5], true), ([0, 3, 2, 5], false), ([1, 2, 3, 5], false), ([0, 1, 2, 6], false)]

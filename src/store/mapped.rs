@@ -401,10 +401,16 @@ pub fn huge_pages<T>(slice: &[T]) {
     let _ = slice;
 }
 
-/// Asks the kernel to read the pages of `slice` soon, without waiting. Advice only.
+/// Asks the kernel to read the pages of `slice` soon, without waiting. Advice only. Of each piece of advice Linux reads no more than it
+/// reads ahead of a sequential reader, so there is one for every [`ASKED`] bytes.
 pub fn will_need<T>(slice: &[T]) {
-    advise_pages(slice, libc::MADV_WILLNEED);
+    for piece in slice.chunks((ASKED / size_of::<T>().max(1)).max(1)) {
+        advise_pages(piece, libc::MADV_WILLNEED);
+    }
 }
+
+/// The least that Linux reads ahead, unless it was told otherwise.
+const ASKED: usize = 128 << 10;
 
 /// Tells the kernel how the pages of `slice` will be used. Advice only.
 pub fn advise<T>(slice: &[T], access: Access) {

@@ -113,7 +113,7 @@ fn make(benchmark: &Path, name: &str, scratch: &Path, seed: u64) -> Result<Data>
 fn people(benchmark: &Path, name: &str, work: &WorkDir) -> Result<Vec<Vec<Overlap>>> {
     let (graph, input) = DualGraph::kept(work)?;
     let order = NodeOrder::kept(&input, graph.nodes.len(), work)?;
-    let cell = work.open_array::<u32>("cells.npy")?;
+    let cell = work.open_array::<u16>("cells.npy")?;
     let paths = (0..PEOPLE).map(|j| benchmark.join(format!("{name}_{j}.seg"))).filter(|path| path.exists());
     let person = |path: std::path::PathBuf| {
         let labels = read_seg(&path)?;
@@ -122,7 +122,7 @@ fn people(benchmark: &Path, name: &str, work: &WorkDir) -> Result<Vec<Vec<Overla
         }
         let mut numbers = HashMap::new();
         let mut found: BTreeMap<(u32, u32), (u32, f64)> = BTreeMap::new();
-        for (node, &cell) in (0..).zip(cell.iter()) {
+        for (node, cell) in (0..).zip(cell.iter().map(|&cell| u32::from(cell))) {
             let next = numbers.len() as u32;
             let label = *numbers.entry(labels[order.face(node) as usize]).or_insert(next);
             let sums = found.entry((cell, label)).or_default();

@@ -33,7 +33,7 @@ pub(super) fn files(faces: &Faces) -> &'static [&'static str] {
 pub(super) fn open(faces: &Faces, vertices: usize, work: &WorkDir) -> Result<Faces> {
     match faces {
         Faces::Triangles { len, .. } => {
-            work.indices(TRIANGLES, 3 * len, vertices)?;
+            work.indices::<u32>(TRIANGLES, 3 * len, vertices)?;
             let (bytes, start) = work.array_bytes(TRIANGLES)?;
             Faces::triangles(&work.place(TRIANGLES), bytes, start, 12, *len)
         }
