@@ -90,8 +90,9 @@ fn assigning(criterion: &mut Criterion) {
     let run = Run::new(&());
     let (graph, work) = (&prepared.graph, &prepared.work);
     let params = RowParams { l: 12, sampling: Sampling::Farthest };
-    let rows = DistanceRows::build(&prepared.weighted, &graph.nodes, params, Context::new(work, &run)).expect("rows");
-    let columns = SampledColumns::sample(&rows, &graph.nodes, 0);
+    let rows =
+        DistanceRows::build(&prepared.weighted, graph.nodes.array(), params, Context::new(work, &run)).expect("rows");
+    let columns = SampledColumns::sample(&rows, graph.nodes.array(), 0);
     let embedding_params = EmbeddingParams::for_parts(6);
     let embedding = Embedding::fit(&rows, &columns, embedding_params).expect("an embedding");
     let coordinates = embedding.columns(&columns);
@@ -105,7 +106,7 @@ fn assigning(criterion: &mut Criterion) {
         group.bench_function(name, |bencher| {
             let (labels, quality) = (&mut labels[..], &mut quality[..]);
             let assignment =
-                Assignment { rows: &rows, nodes: &graph.nodes, embedding: &embedding, centres: &centres, gamma };
+                Assignment { rows: &rows, nodes: graph.nodes.array(), embedding: &embedding, centres: &centres, gamma };
             bencher.iter(|| assign(assignment, labels, quality, &run));
         });
     }

@@ -23,7 +23,7 @@ fn distances(path: &Path, l: usize) -> Result<()> {
     let weighted = graph.weighted(Metric::Geodesic, Context::new(&work, &run))?;
     let rows = DistanceRows::build(
         &weighted,
-        &graph.nodes,
+        graph.nodes.array(),
         RowParams { l, sampling: Sampling::Farthest },
         Context::new(&work, &run),
     )?;

@@ -82,8 +82,9 @@ fn race(arguments: &Arguments) -> Result<()> {
                 // A work directory of its own, or the rows would be reused; arrays in memory, as `segment` has them.
                 let scratch = WorkDir::temporary(&std::env::temp_dir())?.holding(&run.budget);
                 let params = RowParams { l: arguments.l, sampling: nystrom_stream::landmarks::Sampling::default() };
-                let rows =
-                    || DistanceRows::build(&weighted, &graph.nodes, params, Context::new(&scratch, &run)).map(drop);
+                let rows = || {
+                    DistanceRows::build(&weighted, graph.nodes.array(), params, Context::new(&scratch, &run)).map(drop)
+                };
                 times[threads - 1].push(seconds(rows)?);
             }
         }

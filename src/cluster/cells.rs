@@ -113,7 +113,7 @@ impl Cells {
 fn paired(graph: &DualGraph, shares: &AreaShares, normals: &Normals, seeds: Vec<u32>) -> Vec<u32> {
     let unit = f64::from(shares.unit);
     let point = |node: u32| SurfacePoint {
-        position: wide(graph.nodes[node as usize].centroid).map(|x| x * unit),
+        position: wide(graph.nodes.at(node as usize).centroid).map(|x| x * unit),
         normal: wide(normals[node as usize]),
     };
     let points: Vec<SurfacePoint> = seeds.iter().map(|&seed| point(seed)).collect();
@@ -169,7 +169,7 @@ fn borders(
                 }
                 let length = f64::from(edge.abs() * shares.unit);
                 let angle = |normals: &Normals| {
-                    let node = |i: usize| Node { normal: normals[i], ..graph.nodes[i] };
+                    let node = |i: usize| Node { normal: normals[i], ..graph.nodes.at(i) };
                     f64::from(turning(&node(i), &node(j), edge))
                 };
                 let (medium, coarse) = (angle(normals.medium), angle(normals.coarse));

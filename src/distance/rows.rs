@@ -227,7 +227,7 @@ impl DistanceRows {
     /// let context = Context::new(&work, &run);
     /// let graph = DualGraph::build(&mesh, "tetrahedron".as_ref(), &"tetrahedron".into(), context)?;
     /// let weighted = graph.weighted(Metric::Geodesic, context)?;
-    /// let rows = DistanceRows::build(&weighted, &graph.nodes, RowParams::new(2, Sampling::Farthest), context)?;
+    /// let rows = DistanceRows::build(&weighted, graph.nodes.array(), RowParams::new(2, Sampling::Farthest), context)?;
     /// assert_eq!(rows.len(), 2);
     /// assert_eq!(rows.row(0)[rows.landmarks[0] as usize], 0.);
     /// # Ok(())

@@ -93,7 +93,7 @@ pub fn find_components(edges: &DualEdges, nodes: &NodeGeometry, context: Context
             }
             sum.nodes += 1;
             if !nodes.is_computed() {
-                sum.area += f64::from(nodes[i].area);
+                sum.area += f64::from(nodes.at(i).area);
             }
         }
         add(&mut list, current, &mut sum);

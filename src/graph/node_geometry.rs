@@ -9,16 +9,13 @@ use super::nodes::{Frame, Node};
 use crate::base::vector::distance;
 use crate::mesh::Mesh;
 use crate::store::{MappedSlice, Run};
-use std::ops::{Deref, Range};
+use std::ops::Range;
 use std::sync::Arc;
 
 /// Edges at the most that are listed, 12 bytes each; a mesh with more keeps arrays.
 pub(super) const MOST_LISTED: usize = 1 << 20;
 
 /// Geometry of the nodes (n).
-///
-/// As a slice it is the array; empty where the numbers are computed, which only the default method on a mesh larger than
-/// memory asks for.
 #[derive(Clone, Debug)]
 pub struct NodeGeometry {
     array: MappedSlice<Node>,
@@ -39,6 +36,11 @@ impl NodeGeometry {
     /// Whether it is computed at each look.
     pub fn is_computed(&self) -> bool {
         self.mesh.is_some()
+    }
+
+    /// The array; empty where the numbers are computed, which only the default method on a mesh larger than memory asks for.
+    pub fn array(&self) -> &[Node] {
+        &self.array
     }
 
     /// Number of nodes.
@@ -95,14 +97,6 @@ impl NodeWindow<'_> {
 impl From<MappedSlice<Node>> for NodeGeometry {
     fn from(array: MappedSlice<Node>) -> Self {
         Self { array, mesh: None }
-    }
-}
-
-impl Deref for NodeGeometry {
-    type Target = [Node];
-
-    fn deref(&self) -> &[Node] {
-        &self.array
     }
 }
 

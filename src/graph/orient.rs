@@ -102,7 +102,8 @@ pub fn orient(
                     root = link & !AGAINST;
                     current = sums.get(&root).copied().unwrap_or_default();
                 }
-                current.add(held.get(i - k * nodes::CHUNK).unwrap_or_else(|| &nodes[i]), link & AGAINST != 0);
+                let node = held.get(i - k * nodes::CHUNK).copied().unwrap_or_else(|| nodes.at(i));
+                current.add(&node, link & AGAINST != 0);
             }
             Ok(())
         },
@@ -128,7 +129,7 @@ pub fn orient(
         |k, out, ()| {
             let mut count = 0u64;
             for (slot, i) in out.iter_mut().zip(chunk_range(nodes.len(), nodes::CHUNK, k)) {
-                *slot = nodes[i];
+                *slot = nodes.at(i);
                 if turned_node(i) {
                     slot.normal = slot.normal.map(|x| 0. - x);
                     count += 1;

@@ -2,8 +2,8 @@
 
 use super::decision::{self, KeptDecision};
 use crate::base::Result;
-use crate::cluster::{cells, contract};
 use crate::cluster::parts::PartTree;
+use crate::cluster::{cells, contract};
 use crate::graph::{DualGraph, NodeOrder};
 use crate::store::{Context, MappedSlice};
 

@@ -38,7 +38,7 @@ pub(super) fn k_means(
     context: Context<'_>,
 ) -> Result<Clustered> {
     let n = rows.nodes;
-    let columns = SampledColumns::sample(rows, &graph.nodes, context.run.seed);
+    let columns = SampledColumns::sample(rows, graph.nodes.array(), context.run.seed);
     let embedding = Embedding::fit(rows, &columns, params)?;
     let coordinates = embedding.columns(&columns);
     let points = WeightedPoints { coordinates: &coordinates, weights: &columns.shares };
@@ -51,10 +51,10 @@ pub(super) fn k_means(
     let mut labels = context.work.array::<u32>("labels.npy", &[n])?;
     let mut quality = context.work.array::<f32>("quality.npy", &[n])?;
     let (label_data, quality_data) = (labels.data(), quality.data());
-    let nodes = &graph.nodes[..];
+    let nodes = graph.nodes.array();
     let assignment = Assignment { rows, nodes, embedding: &embedding, centres: &centres, gamma: Some(&gamma) };
     let mut totals = assign(assignment, label_data, quality_data, context.run)?;
-    exactly(&mut totals, &graph.nodes, label_data, quality_data);
+    exactly(&mut totals, nodes, label_data, quality_data);
     let (labels, quality) = (labels.finish(false)?, quality.finish(false)?);
     let gamma = gamma.of_sum(totals.gamma);
     Ok(Clustered {

@@ -167,9 +167,9 @@ enum Divisor {
 /// let graph = DualGraph::build(&mesh, "a pyramid".as_ref(), &"pyramid".into(), context)?;
 /// let weighted = graph.weighted(Metric::Geodesic, context)?;
 /// let params = RowParams { l: 3, sampling: Sampling::Farthest };
-/// let rows = DistanceRows::build(&weighted, &graph.nodes, params, context)?;
+/// let rows = DistanceRows::build(&weighted, graph.nodes.array(), params, context)?;
 ///
-/// let columns = SampledColumns::sample(&rows, &graph.nodes, run.seed);
+/// let columns = SampledColumns::sample(&rows, graph.nodes.array(), run.seed);
 /// let params = EmbeddingParams::for_parts(2);
 /// let embedding = Embedding::fit(&rows, &columns, params)?;
 /// // Two coordinates for each of six faces, each face of unit length.

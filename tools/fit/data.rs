@@ -127,7 +127,7 @@ fn people(benchmark: &Path, name: &str, work: &WorkDir) -> Result<Vec<Vec<Overla
             let label = *numbers.entry(labels[order.face(node) as usize]).or_insert(next);
             let sums = found.entry((cell, label)).or_default();
             sums.0 += 1;
-            sums.1 += f64::from(graph.nodes[node as usize].area);
+            sums.1 += f64::from(graph.nodes.at(node as usize).area);
         }
         Ok(found.into_iter().map(|((cell, label), (faces, area))| Overlap { cell, label, faces, area }).collect())
     };
