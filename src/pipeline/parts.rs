@@ -291,11 +291,12 @@ pub(super) fn weighted(
     params: &SegmentParams,
     context: Context<'_>,
 ) -> Result<(Surface, WeightedGraph)> {
-    let surface =
+    let mut surface =
         context.stage(SurfaceStage { graph, kind: Kind::Faces, cells: !params.contracts(graph.nodes.len()) })?;
     let area = 1. / f64::from(surface.shares.unit).powi(2);
     let (normals, radius) = (surface.normals.as_ref(), surface.radius);
     let weighted = graph.weighted_with(params.metric, normals, radius, area, context)?;
+    surface.release_normals(context.work)?;
     Ok((surface, weighted))
 }
 

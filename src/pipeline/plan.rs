@@ -6,13 +6,13 @@
 
 use super::input::computes;
 use super::params::{Cluster, SegmentParams, default_landmarks, landmarks_for_parts, landmarks_on_contraction};
-use super::surface::SurfaceStage;
+use super::surface::{NORMALS_KEPT, SurfaceStage};
 use crate::base::{Error, Result};
 use crate::cluster::contract::Contraction;
 use crate::cluster::parts::PartCount;
 use crate::distance::rows::RowsStage;
 use crate::graph::Order;
-use crate::graph::dual::{GraphStage, WeightsStage};
+use crate::graph::dual::{GraphStage, WEIGHTS, WeightsStage};
 use crate::graph::half_edges::check_size;
 use crate::graph::order::{LARGE, OrderStage};
 use crate::spectral::embedding::MOST_COLUMNS;
@@ -121,7 +121,9 @@ fn labels_need(extent: &Extent, cluster: Cluster, room: &mut Room) -> Needs {
     };
     let memory = decision.max(sample + room.used());
     let passing = if extent.reordered { 8 * n - restored } else { 0 };
-    Needs { memory, keeps: 8 * n - labels, passing, frees: 0 }
+    let weights = cluster == Cluster::Parts && !extent.lasting;
+    let frees = if weights { 4 * extent.corners - room.give_up(WEIGHTS) } else { 0 };
+    Needs { memory, keeps: 8 * n - labels, passing, frees }
 }
 
 impl Plan {
@@ -154,7 +156,11 @@ impl Plan {
         if params.cluster == Cluster::Parts {
             stages.push(("surface", SurfaceStage::needs(&extent, &mut room)));
         }
-        stages.push(("weights", WeightsStage::needs(&extent, &mut room)));
+        let mut weights = WeightsStage::needs(&extent, &mut room);
+        if params.cluster == Cluster::Parts && !lasting {
+            weights.frees += 12 * faces - room.give_up(NORMALS_KEPT);
+        }
+        stages.push(("weights", weights));
         if extent.contracts {
             // Rows over the contraction take nothing that grows with the mesh.
             stages.push(("contraction", Contraction::needs(&extent, &mut room)));

@@ -18,12 +18,14 @@ use crate::graph::WeightedGraph;
 use crate::store::manifest::MANIFEST;
 use crate::store::needs::{Extent, Needs, Room};
 use crate::store::stage::{Made, Stage};
-use crate::store::{Context, MappedSlice};
+use crate::store::{Context, MappedSlice, WorkDir};
 use serde::{Deserialize, Serialize};
 use serde_json::{Value, json};
 
 const NORMALS: [&str; 3] = ["normals_01.npy", "normals_02.npy", "normals_04.npy"];
 const SHARES: &str = "surface_shares.npy";
+/// The normals at one radius that are kept, to [`Room`].
+pub(super) const NORMALS_KEPT: &str = "normals";
 /// The graph of the cells.
 pub(super) const CELL_GRAPH: &str = "cell_graph.json";
 
@@ -53,6 +55,17 @@ impl Surface {
     /// Its cells.
     pub fn cells(&self) -> Result<&Cells> {
         self.cells.as_ref().ok_or_else(|| Error::internal("a decision on a surface that was not cut into cells"))
+    }
+
+    /// Gives up the normals, which the weights are made of, in a temporary `work`: 12 B a face of disk.
+    ///
+    /// # Errors
+    /// [`Error::Io`].
+    pub fn release_normals(&mut self, work: &WorkDir) -> Result<()> {
+        if work.is_temporary() && self.normals.take().is_some() {
+            work.release(SurfaceStage::NAME, &NORMALS)?;
+        }
+        Ok(())
     }
 }
 
@@ -152,15 +165,15 @@ impl Stage for SurfaceStage<'_> {
 
     fn needs(extent: &Extent, room: &mut Room) -> Needs {
         let (n, corners) = (extent.faces, extent.corners);
-        // Shares, normals at one radius, cells; then all normals, the field and the owners of a front, the weights of cells.
-        let shares = if extent.computed { 0 } else { 4 * n };
+        // Shares, cells; then other normals, the field and the owners of a front, the weights of cells.
         let (keeping, passing) = match extent {
             // By blocks: one front at a time.
-            Extent { computed: true, .. } => (12 * n, 16 * n),
-            Extent { contracts: true, .. } => (12 * n + shares, 28 * n),
-            _ => (20 * n, 36 * n + 4 * corners),
+            Extent { computed: true, .. } => (0, 16 * n),
+            Extent { contracts: true, .. } => (4 * n, 28 * n),
+            _ => (6 * n, 38 * n + 4 * corners),
         };
-        let held = room.take(keeping);
+        let held = room.take(keeping) + room.lend(NORMALS_KEPT, 12 * n);
+        let keeping = keeping + 12 * n;
         let taken = room.take(passing);
         room.give_back(taken);
         Needs {
