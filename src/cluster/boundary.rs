@@ -112,7 +112,7 @@ pub fn refine(
     }
     let half_width = half_width(shares);
     let mut field = context.work.array::<f32>("depth.tmp", &[n])?;
-    field.data().fill(f32::INFINITY);
+    context.run.fill_each(field.data(), CHUNK, |_, _| f32::INFINITY)?;
     depth_front(graph, half_width, &boundary_nodes).within(field.data(), context)?;
     let (first, depth): (&[u32], &[f32]) = (labels.data(), field.data());
     let limits = interior_limits(n, cells.parts(), |i| (first[i], depth[i]), half_width, context.run)?;
@@ -187,9 +187,11 @@ pub fn boundary_nodes(graph: Csr<'_>, label: impl Fn(usize) -> u32 + Sync, run: 
 /// [`crate::base::Error::Cancelled`].
 pub fn interior_edge(graph: Csr<'_>, interior: impl Fn(usize) -> bool + Sync, run: &Run) -> Result<Vec<u32>> {
     let parts = run.map_ranges(graph.len(), CHUNK, |range| {
-        run.will_need(graph.indices, graph.starts.entries_of(range.clone()));
-        let open = range.filter(|&node| !interior(node));
-        let beside = open.flat_map(|node| graph.neighbours(node as u32)).map(|(next, _)| next);
+        let open: Vec<usize> = range.clone().filter(|&node| !interior(node)).collect();
+        if !open.is_empty() {
+            run.will_need(graph.indices, graph.starts.entries_of(range));
+        }
+        let beside = open.into_iter().flat_map(|node| graph.neighbours(node as u32)).map(|(next, _)| next);
         let mut beside: Vec<u32> = beside.filter(|&next| interior(next as usize)).collect();
         beside.sort_unstable();
         beside.dedup();
@@ -210,11 +212,13 @@ fn collect(
 ) -> Result<Vec<u32>> {
     let n = graph.len();
     let parts = run.map_ranges(n, CHUNK, |range| {
-        run.will_need(graph.indices, graph.starts.entries_of(range.clone()));
-        Ok(range
-            .filter(|&i| own(i) && graph.neighbours(i as u32).any(|(j, _)| beside(i, j as usize)))
-            .map(|i| i as u32)
-            .collect::<Vec<u32>>())
+        let mut nodes: Vec<u32> = range.clone().filter(|&i| own(i)).map(|i| i as u32).collect();
+        // Most chunks have none, and their rows need not be read.
+        if !nodes.is_empty() {
+            run.will_need(graph.indices, graph.starts.entries_of(range));
+        }
+        nodes.retain(|&i| graph.neighbours(i).any(|(j, _)| beside(i as usize, j as usize)));
+        Ok(nodes)
     })?;
     Ok(parts.concat())
 }
