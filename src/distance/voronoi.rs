@@ -20,7 +20,7 @@ use crate::base::parallel::fill_two;
 use crate::base::{Cancel, Result};
 use crate::graph::Csr;
 use crate::store::Run;
-use crate::store::mapped::{Access, advise, done_with, will_need};
+use crate::store::mapped::{Access, advise, will_need};
 
 /// Blocks from which on they save time: with 26 of a rough mesh (1.7 million faces) they cost a fifth more, with 150 of a smooth one they
 /// save a fifth.
@@ -225,12 +225,7 @@ impl<'a> BlockDijkstra<'a> {
                     let start = inbox.partition_point(|message| (message.node as usize) / self.block < k);
                     let end =
                         start + inbox[start..].partition_point(|message| (message.node as usize) / self.block == k);
-                    let values = (&mut *field, &mut *label);
-                    let outcome = self.rounds_within(k * self.block, limit, values, &inbox[start..end], scratch);
-                    if self.paged && start < end {
-                        self.leave(k * self.block, field, label);
-                    }
-                    outcome
+                    self.rounds_within(k * self.block, limit, (field, label), &inbox[start..end], scratch)
                 }
             })?;
             fresh = None;
@@ -257,17 +252,6 @@ impl<'a> BlockDijkstra<'a> {
         {
             let entries = self.graph.starts.entries_of(nodes.clone());
             rows_needed(self.graph, nodes, entries);
-        }
-    }
-
-    /// Tells the kernel that a front has left the block of nodes from `first` on, whose values are given.
-    fn leave<O: Label>(&self, first: usize, field: &[f32], label: &[O]) {
-        let entries = self.graph.starts.entries_of(first..first + field.len());
-        done_with(&self.graph.indices[entries.clone()]);
-        done_with(&self.graph.weights[entries]);
-        done_with(field);
-        if size_of::<O>() > 0 {
-            done_with(label);
         }
     }
 

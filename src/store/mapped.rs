@@ -409,15 +409,6 @@ pub fn will_need<T>(slice: &[T]) {
     }
 }
 
-/// Tells the kernel that the pages of `slice` will not be used soon, so that it takes them first where it needs room. Left alone it takes
-/// pages that were asked for before they are used, since used ones look more useful. Advice only.
-pub fn done_with<T>(slice: &[T]) {
-    #[cfg(target_os = "linux")]
-    advise_pages(slice, libc::MADV_COLD);
-    #[cfg(not(target_os = "linux"))]
-    let _ = slice;
-}
-
 /// The least that Linux reads ahead, unless it was told otherwise.
 const ASKED: usize = 128 << 10;
 

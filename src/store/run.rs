@@ -1,6 +1,6 @@
 //! What every stage gets: the run (threads, budget, progress, cancellation, seed), and the directory that it works in.
 
-use super::mapped::{done_with, will_need};
+use super::mapped::will_need;
 use super::{Budget, WorkDir};
 use crate::base::{Cancel, Progress, Result, parallel};
 use std::ops::Range;
@@ -26,8 +26,6 @@ pub struct Run<'a> {
 const IN_USE: u64 = 16;
 /// Chunks that are asked for before they are come to, so that the disk reads while another is worked on.
 const AHEAD: usize = 4;
-/// Chunks a thread after which one is done with.
-const BEHIND: usize = 2;
 
 impl<'a> Run<'a> {
     /// A run on all cores with the machine's budget, seed 0.
@@ -50,9 +48,6 @@ impl<'a> Run<'a> {
         if size_of_val(array) as u64 * IN_USE > self.resident {
             let end = array.len().min(range.end + AHEAD * range.len());
             will_need(&array[range.start.min(end)..end]);
-            // A chunk that no thread is at any more.
-            let behind = range.start.saturating_sub(BEHIND * self.threads * range.len());
-            done_with(&array[behind.min(end)..(behind + range.len()).min(range.start).min(end)]);
         }
     }
 
