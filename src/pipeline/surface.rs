@@ -100,7 +100,7 @@ pub(super) struct SurfaceStage<'a> {
 
 impl Stage for SurfaceStage<'_> {
     const NAME: &'static str = "surface";
-    const VERSION: u32 = 5;
+    const VERSION: u32 = 6;
     type Facts = SurfaceFacts;
     type Output = Surface;
 
