@@ -7,7 +7,7 @@
 //!
 //! [`spread`] takes one seed per equal quantum of area along the order of the nodes: as good as farthest points for cells
 //! (measured), at the price of one pass. [`class_sums`] adds up areas, centroids and normals of cells, micro-cells and
-//! contracted nodes; few blocks of nodes are summed side by side, since each holds all classes (56 bytes per class and
+//! contracted nodes; few blocks of nodes are summed side by side, since each holds all classes (72 bytes per class and
 //! block), and added up in their order, so that threads do not show.
 //!
 //! Cost: one pass each, 4 bytes per node written.
@@ -200,6 +200,8 @@ const BLOCKS: usize = 8;
 /// Sums over a class of nodes, in the frame.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct ClassSum {
+    /// Area of all nodes, also of those that count nothing.
+    pub area: f64,
     /// Area shares.
     pub share: f64,
     /// Weights: area shares, but no less than the least that was asked for.
@@ -212,6 +214,7 @@ pub struct ClassSum {
 
 impl ClassSum {
     fn add(&mut self, other: &Self) {
+        self.area += other.area;
         self.share += other.share;
         self.weight += other.weight;
         for axis in 0..3 {
@@ -232,8 +235,8 @@ impl ClassSum {
     }
 }
 
-/// Sums over the nodes of each of `classes` classes; nodes of none (beyond the last) are left out, as are those without
-/// area unless `least` weight is given to each.
+/// Sums over the nodes of each of `classes` classes; nodes of none (beyond the last) are left out. Those that count nothing have area
+/// alone, unless `least` weight is given to each.
 ///
 /// # Errors
 /// [`crate::base::Error::Cancelled`].
@@ -256,7 +259,11 @@ pub fn class_sums(
             let node = graph.nodes.at(i);
             let share = f64::from(shares.of_node(i, &node));
             let weight = share.max(least);
-            let Some(sum) = sums.get_mut(class[i] as usize).filter(|_| weight > 0.) else { continue };
+            let Some(sum) = sums.get_mut(class[i] as usize) else { continue };
+            sum.area += f64::from(node.area);
+            if weight <= 0. {
+                continue;
+            }
             sum.share += share;
             sum.weight += weight;
             for axis in 0..3 {

@@ -58,6 +58,15 @@ impl CellLabels<'_> {
     }
 }
 
+/// The labels of the faces.
+#[derive(Debug)]
+pub struct RefinedLabels {
+    /// Label of each node (n).
+    pub labels: MappedSlice<u32>,
+    /// Nodes with a neighbour of another label, ascending.
+    pub boundary_nodes: Vec<u32>,
+}
+
 /// Half the width of the narrow band, in the unit of the mesh.
 pub fn half_width(shares: &AreaShares) -> f32 {
     BAND / shares.unit
@@ -89,7 +98,7 @@ pub fn band_front<'a>(weighted: &'a WeightedGraph, edge: &'a [u32], labels: &'a 
     }
 }
 
-/// Labels every face from the labels of cells. Writes `labels.npy`.
+/// Labels every face from the labels of cells. Writes `labels.npy`, and does not stamp it.
 /// Fronts that were computed in shares are taken from these.
 ///
 /// # Errors
@@ -101,14 +110,14 @@ pub fn refine(
     cells: CellLabels<'_>,
     method: BoundaryMethod<'_>,
     context: Context<'_>,
-) -> Result<MappedSlice<u32>> {
+) -> Result<RefinedLabels> {
     let (n, steps) = (cells.of_node.len(), weighted.csr());
     let mut labels = context.work.array::<u32>("labels.npy", &[n])?;
     context.run.fill_each(labels.data(), CHUNK, |i, _| cells.of(i))?;
     let first: &[u32] = labels.data();
     let boundary_nodes = boundary_nodes(steps, |i| first[i], context.run)?;
     if boundary_nodes.is_empty() {
-        return labels.finish(false);
+        return Ok(RefinedLabels { labels: labels.finish(false)?, boundary_nodes });
     }
     let half_width = half_width(shares);
     let mut field = context.work.array::<f32>("depth.tmp", &[n])?;
@@ -133,13 +142,27 @@ pub fn refine(
             dissolve(steps, &interior_edge, field, labels.data(), context.run)?;
         }
     }
-    straighten(graph, steps, shares, field.data(), labels.data(), context.run)?;
+    let band = straighten(graph, steps, shares, field.data(), labels.data(), context.run)?;
     drop(field);
     context.work.remove("depth.tmp.partial");
-    labels.finish(false)
+    // Outside the band labels differ only between interiors, where they differed at first.
+    let boundary_nodes = at_boundary(steps, [boundary_nodes, band].concat(), labels.data());
+    Ok(RefinedLabels { labels: labels.finish(false)?, boundary_nodes })
 }
 
-/// Smooths the new boundaries; `field` (n) is 0 in the interiors and is used up.
+/// Nodes with a neighbour of another label, ascending: those of `candidates`, and such neighbours of theirs.
+fn at_boundary(graph: Csr<'_>, candidates: Vec<u32>, labels: &[u32]) -> Vec<u32> {
+    let across = |i: u32| {
+        let others = graph.neighbours(i).map(|(j, _)| j);
+        others.filter(move |&j| labels[j as usize] != labels[i as usize]).flat_map(move |j| [i, j])
+    };
+    let mut nodes: Vec<u32> = candidates.into_iter().flat_map(across).collect();
+    nodes.sort_unstable();
+    nodes.dedup();
+    nodes
+}
+
+/// Smooths the new boundaries; `field` (n) is 0 in the interiors and is used up. Returns the nodes whose labels may have changed.
 fn straighten(
     graph: &DualGraph,
     steps: Csr<'_>,
@@ -147,7 +170,7 @@ fn straighten(
     field: &mut [f32],
     labels: &mut [u32],
     run: &Run,
-) -> Result<()> {
+) -> Result<Vec<u32>> {
     let lengths = lengths(graph);
     let mean = mean_weight(lengths);
     let open = collect(steps, run, |i| field[i] > 0., |i, j| labels[i] != labels[j])?;
@@ -170,7 +193,8 @@ fn straighten(
         unit: shares.unit,
         mean: mean * shares.unit,
     };
-    smooth::smooth(lengths, &band, labels, run)
+    smooth::smooth(lengths, &band, labels, run)?;
+    Ok(band)
 }
 
 /// Nodes with a neighbour of another label, ascending.
@@ -363,6 +387,25 @@ mod tests {
             if done == before {
                 return out;
             }
+        }
+    }
+
+    #[test]
+    fn boundaries_are_found_from_either_side() {
+        let (w, h) = (23, 17);
+        let (starts, indices) = grid(w, h);
+        let weights = vec![1f32; indices.len()];
+        let graph = Csr::new(starts.view(), &indices, &weights);
+        let mut random = stream(1, "boundaries");
+        for _ in 0..20 {
+            let labels: Vec<u32> =
+                (0..w * h).map(|i| (i % w / 8) as u32 + 3 * u32::from(below(&mut random, 9) == 0)).collect();
+            let all = boundary_nodes(graph, |i| labels[i], &Run::new(&())).unwrap();
+            // One side of each pair is enough, in any order and with others.
+            let mut candidates: Vec<u32> = all.iter().copied().filter(|&i| labels[i as usize] % 3 != 1).rev().collect();
+            candidates.extend(all.iter().copied().filter(|&i| labels[i as usize] >= 3));
+            candidates.extend([0, 5, 200]);
+            assert_eq!(at_boundary(graph, candidates, &labels), all);
         }
     }
 

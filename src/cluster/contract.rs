@@ -38,6 +38,7 @@ pub const OF_FACE: &str = "contracted.npy";
 const OWNER: &str = "contracted.tmp";
 const FIELD: &str = "contracted_field.tmp";
 const SEEDS: &str = "contraction_seeds.npy";
+const AREAS: &str = "contraction_areas.npy";
 const NODE_GEOMETRY: &str = "node_geometry.npy";
 const EDGES: [&str; 3] = ["graph_indices.npy", "graph_centroid_distances.npy", "graph_edges.npy"];
 const WEIGHTS: &str = "graph_weights.npy";
@@ -53,6 +54,8 @@ pub struct ContractedSurface {
     pub of_node: MappedSlice<u16>,
     /// The node of the original that each contracted one grew from.
     pub seeds: MappedSlice<u32>,
+    /// Area of the nodes of the original in each contracted one, in the frame, tiny components included.
+    pub areas: MappedSlice<f64>,
 }
 
 /// The stage that contracts a surface; its files lie in a work directory of its own.
@@ -69,7 +72,7 @@ pub struct Contraction<'a> {
 
 impl Stage for Contraction<'_> {
     const NAME: &'static str = "contraction";
-    const VERSION: u32 = 4;
+    const VERSION: u32 = 5;
     type Facts = GraphFacts;
     type Output = ContractedSurface;
 
@@ -83,7 +86,7 @@ impl Stage for Contraction<'_> {
 
     fn make(self, key: &str, context: Context<'_>) -> Result<Made<Self>> {
         let output = contract(&self, key, context)?;
-        let mut files = vec![OF_FACE, SEEDS, NODE_GEOMETRY, WEIGHTS, PLAIN];
+        let mut files = vec![OF_FACE, SEEDS, AREAS, NODE_GEOMETRY, WEIGHTS, PLAIN];
         files.extend(EDGES);
         Ok(Made { facts: output.graph.facts.clone(), output, files })
     }
@@ -94,7 +97,8 @@ impl Stage for Contraction<'_> {
         let nodes = graph.nodes.len();
         let weighted = WeightedGraph::open(key.to_string(), nodes, StartsForm::Plain, work)?;
         let of_node = work.indices(OF_FACE, n, nodes)?;
-        Ok(ContractedSurface { weighted, of_node, seeds: work.indices(SEEDS, nodes, n)?, graph })
+        let (seeds, areas) = (work.indices(SEEDS, nodes, n)?, work.array_of(AREAS, nodes)?);
+        Ok(ContractedSurface { graph, weighted, of_node, seeds, areas })
     }
 
     /// The map to contracted nodes beside the field of the front.
@@ -130,7 +134,8 @@ fn contract(contraction: &Contraction<'_>, key: &str, context: Context<'_>) -> R
     let mut owner = work.array::<u32>(OWNER, &[n])?;
     let mut field = work.array::<f32>(FIELD, &[n])?;
     front(fine, &seeds).nearest_source(field.data(), owner.data(), Context::new(whole, run))?;
-    let nodes = interiors(graph, shares, owner.data(), seeds.len(), run)?;
+    let sums = class_sums(graph, shares, owner.data(), seeds.len(), 0., run)?;
+    let (nodes, areas) = (interiors(&sums, shares), sums.iter().map(|sum| sum.area).collect::<Vec<f64>>());
     let borders = borders(graph, fine.csr(), owner.data(), field.data(), run)?;
     drop(field);
     let of_node = narrowed(owner.data(), OF_FACE, context)?;
@@ -138,7 +143,8 @@ fn contract(contraction: &Contraction<'_>, key: &str, context: Context<'_>) -> R
     [OWNER, FIELD].iter().for_each(|name| work.remove(&format!("{name}.partial")));
     let (graph, weighted) = assemble(graph, nodes, &borders, key.to_string(), work)?;
     let seeds = npy::write(&work.file(SEEDS), &seeds, 1, false)?;
-    Ok(ContractedSurface { graph, weighted, of_node, seeds })
+    let areas = npy::write(&work.file(AREAS), &areas, 1, false)?;
+    Ok(ContractedSurface { graph, weighted, of_node, seeds, areas })
 }
 
 /// The nodes that contracted ones grow from.
@@ -172,14 +178,14 @@ pub fn key(weights: &str, seed: u64) -> String {
 }
 
 /// Centroid, direction and area of each contracted node; tiny components count nothing.
-fn interiors(graph: &DualGraph, shares: &AreaShares, owner: &[u32], count: usize, run: &Run) -> Result<Vec<Node>> {
+fn interiors(sums: &[ClassSum], shares: &AreaShares) -> Vec<Node> {
     let area = 1. / f64::from(shares.unit).powi(2);
     let node = |sum: &ClassSum| Node {
         centroid: sum.centroid().map(|x| x as f32),
         normal: sum.direction().map(|x| x as f32),
         area: (sum.share * area) as f32,
     };
-    Ok(class_sums(graph, shares, owner, count, 0., run)?.iter().map(node).collect())
+    sums.iter().map(node).collect()
 }
 
 type BoundaryMap = BTreeMap<(u32, u32), ContractedEdge>;

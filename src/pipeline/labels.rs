@@ -67,6 +67,8 @@ impl SegmentStats {
 /// Labels and the numbers learned on the way to them.
 pub(super) struct Clustered {
     pub labels: MappedSlice<u32>,
+    /// Nodes with a neighbour of another label, ascending, where they are known.
+    pub boundary_nodes: Option<Vec<u32>>,
     pub quality: MappedSlice<f32>,
     pub numbers: SegmentStats,
     pub marks: PartMarks,
@@ -108,7 +110,7 @@ pub(super) fn label(
     params: &SegmentParams,
     context: Context<'_>,
 ) -> Result<Segmentation> {
-    let pairs = touching(graph, &clustered.labels, context.run)?;
+    let pairs = touching(graph, &clustered.labels, clustered.boundary_nodes.as_deref(), context.run)?;
     let mut numbers = clustered.numbers;
     numbers.landmarks.iter_mut().for_each(|node| *node = order.face(*node));
     let labels = order.restore("labels.npy", clustered.labels, context)?;
@@ -189,16 +191,25 @@ impl Labels {
     }
 }
 
-/// Pairs of touching parts, ascending, with the length of their common boundary in the frame (at least 1e-9).
+/// Pairs of touching parts, ascending, with the length of their common boundary in the frame (at least 1e-9). `boundary_nodes` are those with a
+/// neighbour of another label, ascending; without them all nodes are looked at.
 ///
 /// # Errors
 /// [`crate::base::Error::Cancelled`].
-pub fn touching(graph: &DualGraph, labels: &[u32], run: &Run) -> Result<Vec<(u32, u32, f64)>> {
+pub fn touching(
+    graph: &DualGraph,
+    labels: &[u32],
+    boundary_nodes: Option<&[u32]>,
+    run: &Run,
+) -> Result<Vec<(u32, u32, f64)>> {
     let n = labels.len();
     let shared = graph.edges.shared();
     let chunks = run.map_ranges(n, CHUNK, |range| {
         let mut pairs: BTreeMap<(u32, u32), f64> = BTreeMap::new();
-        for i in range {
+        let place = |node: usize, nodes: &[u32]| nodes.partition_point(|&other| (other as usize) < node);
+        let few = boundary_nodes.map(|nodes| &nodes[place(range.start, nodes)..place(range.end, nodes)]);
+        let all = range.filter(|_| few.is_none());
+        for i in few.unwrap_or_default().iter().map(|&node| node as usize).chain(all) {
             for (e, j) in shared.entries(i as u32) {
                 let j = j as usize;
                 if j > i && labels[i] != labels[j] {

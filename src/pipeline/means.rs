@@ -59,6 +59,7 @@ pub(super) fn k_means(
     let gamma = gamma.of_sum(totals.gamma);
     Ok(Clustered {
         labels,
+        boundary_nodes: None,
         quality,
         marks: PartMarks::default(),
         cell_labels: Vec::new(),

@@ -10,7 +10,7 @@ use super::labels::{Clustered, SegmentStats};
 use super::params::{Boundaries, SegmentParams, TinyComponents, landmarks_on_contraction};
 use super::surface::{Kind, Surface, SurfaceStage, WeightedSurface};
 use crate::base::{Error, Result};
-use crate::cluster::boundary::{self, BoundaryMethod, CellLabels};
+use crate::cluster::boundary::{self, BoundaryMethod, CellLabels, RefinedLabels};
 use crate::cluster::cells::CELLS;
 use crate::cluster::contract::{ContractedSurface, Contraction};
 use crate::cluster::divide::divide;
@@ -61,7 +61,8 @@ impl Located<'_> {
             None => CellLabels { of_node: cells, label },
         };
         let method = BoundaryMethod::Front;
-        let labels = boundary::refine(graph, weighted, &surface.shares, cells, method, self.context)?;
+        let RefinedLabels { labels, .. } =
+            boundary::refine(graph, weighted, &surface.shares, cells, method, self.context)?;
         Ok(nodes.iter().map(|&node| labels[node as usize]).collect())
     }
 }
@@ -88,14 +89,17 @@ pub(super) fn parts(
     };
     let method =
         extrapolated.as_ref().map_or(BoundaryMethod::Front, |(means, rows)| BoundaryMethod::Embedding(means, rows));
-    let (mut labels, _) = context.run.stage("boundaries", "faces", n as u64, || {
+    let (refined, _) = context.run.stage("boundaries", "faces", n as u64, || {
         let cells = CellLabels { of_node: unit_of_node, label: &decided.label };
         boundary::refine(graph, &weighted, shares, cells, method, context)
     })?;
+    let RefinedLabels { mut labels, boundary_nodes } = refined;
+    let mut boundary_nodes = Some(boundary_nodes);
     let (mut parts, mut tiny_components_label) = (result.parts, None);
     if params.tiny_components == TinyComponents::Own && shares.tiny_components > 0 {
         tiny_components_label = Some(parts as u32);
         labels = apart(&labels, &shares.share, parts as u32, context)?;
+        boundary_nodes = None;
         parts += 1;
     }
     let wanted = params.parts.count.least();
@@ -103,12 +107,15 @@ pub(super) fn parts(
     if divided {
         let wanted = wanted + usize::from(tiny_components_label.is_some());
         let pieces = divide(weighted.csr(), &labels, wanted, tiny_components_label, context)?;
+        boundary_nodes = None;
         (labels, parts) = (pieces.labels, pieces.first.last().map_or(0, |end| *end as usize));
         tiny_components_label = tiny_components_label.map(|label| pieces.first[label as usize]);
     }
     weighted.release(context.work)?;
     let quality = confidence(unit_of_node, &decided.confidence, context)?;
-    let (faces, area) = totals(graph, &labels, parts, context.run)?;
+    let units = decided.unit_areas.as_deref().filter(|_| !divided);
+    let units = units.map(|areas| UnitAreas { of_node: unit_of_node, label: &decided.label, areas });
+    let (faces, area) = totals(graph, &labels, parts, units, context.run)?;
     let mut decision = decided.numbers.decision.clone();
     if let Some(decision) = decision.as_mut().filter(|_| divided) {
         let total: f64 = area.iter().sum();
@@ -125,7 +132,7 @@ pub(super) fn parts(
         ..decided.numbers
     };
     let cell_labels = if divided { Vec::new() } else { decided.result.label };
-    Ok(Clustered { labels, quality, numbers, marks: decided.marks, cell_labels })
+    Ok(Clustered { labels, boundary_nodes, quality, numbers, marks: decided.marks, cell_labels })
 }
 
 /// The cell or contracted node of each node of `whole`, whose nodes are in `order`, and their labels, without anybody's wishes.
@@ -166,6 +173,8 @@ struct Decided {
     unit_of_node: MappedSlice<u16>,
     /// Label of each of those.
     label: Vec<u32>,
+    /// Area of the nodes in each of those, in the frame, where it is known.
+    unit_areas: Option<MappedSlice<f64>>,
     /// How sure it is.
     confidence: Vec<f64>,
     numbers: SegmentStats,
@@ -238,7 +247,7 @@ fn decide(
     }
     let numbers = SegmentStats { decision: Some(result.report.clone()), ..facts.numbers };
     let (label, confidence) = (result.label.clone(), result.confidence.clone());
-    Ok(Decided { label, confidence, unit_of_node, numbers, result, marks })
+    Ok(Decided { label, confidence, unit_areas: None, unit_of_node, numbers, result, marks })
 }
 
 /// The contraction of `whole`, and its work directory.
@@ -279,6 +288,7 @@ fn decide_on_contraction(
     Ok(Decided {
         label: of_small.iter().map(|&cell| decided.label[cell as usize]).collect(),
         confidence: of_small.iter().map(|&cell| decided.confidence[cell as usize]).collect(),
+        unit_areas: Some(small.areas),
         unit_of_node: small.of_node,
         numbers: SegmentStats { landmarks, ..decided.numbers },
         ..decided
@@ -308,20 +318,49 @@ fn confidence(unit_of_node: &[u16], confidence: &[f64], context: Context<'_>) ->
     quality.finish(false)
 }
 
-/// Faces and area (in the frame) of each part.
-fn totals(graph: &DualGraph, labels: &[u32], parts: usize, run: &Run) -> Result<(Vec<u64>, Vec<f64>)> {
+/// What is known of the areas of parts before their boundaries were drawn.
+#[derive(Clone, Copy)]
+struct UnitAreas<'a> {
+    /// Cell, or contracted node, of each node (n).
+    of_node: &'a [u16],
+    /// Label of each of those, before boundaries were drawn.
+    label: &'a [u32],
+    /// Area of the nodes in each, in the frame.
+    areas: &'a [f64],
+}
+
+/// Faces and area (in the frame) of each part. Where `units` are known, geometry is looked at only where boundaries have moved.
+fn totals(
+    graph: &DualGraph,
+    labels: &[u32],
+    parts: usize,
+    units: Option<UnitAreas<'_>>,
+    run: &Run,
+) -> Result<(Vec<u64>, Vec<f64>)> {
     let n = labels.len();
     // Each chunk has sums for all parts.
     let chunk = if parts > 2 * CELLS { n } else { CHUNK };
     let chunks = run.map_ranges(n, chunk, |range| {
         let mut sums = vec![(0u64, 0f64); parts];
         for i in range {
-            sums[labels[i] as usize].0 += 1;
-            sums[labels[i] as usize].1 += f64::from(graph.nodes.at(i).area);
+            let label = labels[i] as usize;
+            sums[label].0 += 1;
+            let before = units.map(|units| units.label[units.of_node[i] as usize] as usize);
+            if before == Some(label) {
+                continue;
+            }
+            let area = f64::from(graph.nodes.at(i).area);
+            sums[label].1 += area;
+            if let Some(before) = before {
+                sums[before].1 -= area;
+            }
         }
         Ok(sums)
     })?;
     let (mut faces, mut area) = (vec![0; parts], vec![0.; parts]);
+    if let Some(UnitAreas { label, areas, .. }) = units {
+        label.iter().zip(areas).for_each(|(&label, unit)| area[label as usize] += unit);
+    }
     for chunk in chunks {
         for (part, (count, sum)) in chunk.into_iter().enumerate() {
             faces[part] += count;
