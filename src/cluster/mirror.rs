@@ -80,7 +80,7 @@ impl Plane {
         let sign = if greatest < 0.0 { -1.0 } else { 1.0 };
         let normal = self.normal.map(|x| (sign * x / STEP).round() * STEP);
         let length = dot(normal, normal).sqrt();
-        if !(length > 0.5) {
+        if length.is_nan() || length <= 0.5 {
             return self;
         }
         Self { normal: normal.map(|x| x / length), offset: (sign * self.offset / STEP).round() * STEP }
