@@ -313,13 +313,23 @@ impl<'a> BlockDijkstra<'a> {
         inbox: &[Message<O>],
         (queue, batch): &mut (Queue, Vec<Entry>),
     ) -> Outcome<O> {
-        let mut pages = if self.paged { vec![false; field.len().div_ceil(1 << SHIFT)] } else { Vec::new() };
+        let pages = if self.paged { field.len().div_ceil(1 << SHIFT) } else { 0 };
+        let (mut met, mut entered) = (vec![false; pages], vec![false; pages]);
         let mut block = Block { field, label, stale: false };
         let graph = self.graph;
-        let mut enter = |to: usize, block: &Block<'_, O>| {
-            if let Some(met @ false) = pages.get_mut(to >> SHIFT) {
+        let mut meet = |to: usize, block: &Block<'_, O>| {
+            if let Some(met @ false) = met.get_mut(to >> SHIFT) {
                 *met = true;
-                block.will_need(graph, first, to >> SHIFT << SHIFT);
+                block.values_needed(to >> SHIFT << SHIFT);
+            }
+        };
+        // Most steps from one block to another reach nothing, and need no rows.
+        let mut enter = |to: usize, nodes: usize| {
+            if let Some(entered @ false) = entered.get_mut(to >> SHIFT) {
+                *entered = true;
+                let from = to >> SHIFT << SHIFT;
+                let nodes = first + from..first + (from + (1 << SHIFT)).min(nodes);
+                rows_needed(graph, nodes.clone(), graph.starts.entries_of(nodes));
             }
         };
         let mut messages = Vec::new();
@@ -327,8 +337,9 @@ impl<'a> BlockDijkstra<'a> {
         queue.restart(nearest.distance);
         for message in inbox {
             let to = message.node as usize - first;
-            enter(to, &block);
+            meet(to, &block);
             if block.reach(to, message.distance, message.label) {
+                enter(to, block.field.len());
                 queue.push(Entry { node: to as u32, distance: message.distance });
             }
         }
@@ -348,8 +359,9 @@ impl<'a> BlockDijkstra<'a> {
                         messages.push(Message { node: next, distance: there, label: own });
                         continue;
                     }
-                    enter(to, &block);
+                    meet(to, &block);
                     if block.reach(to, there, own) {
+                        enter(to, block.field.len());
                         queue.push(Entry { node: to as u32, distance: there });
                     }
                 }
@@ -368,12 +380,10 @@ struct Block<'a, O> {
 }
 
 impl<O: Label> Block<'_, O> {
-    /// Asks the kernel to read the pages of a front's next 2¹⁴ nodes, from `from` on, of this block, which begins at node `first` of `graph`.
+    /// Asks the kernel to read the values of a front's next 2¹⁴ nodes, from `from` on, of this block.
     #[cold]
-    fn will_need(&self, graph: Csr<'_>, first: usize, from: usize) {
+    fn values_needed(&self, from: usize) {
         let end = (from + (1 << SHIFT)).min(self.field.len());
-        let nodes = first + from..first + end;
-        rows_needed(graph, nodes.clone(), graph.starts.entries_of(nodes));
         will_need(&self.field[from..end]);
         if size_of::<O>() > 0 {
             will_need(&self.label[from..end]);
