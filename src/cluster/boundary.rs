@@ -17,8 +17,10 @@ use super::smooth;
 use crate::base::Result;
 use crate::distance::front::mean_weight;
 use crate::distance::{DistanceRows, SharedFront, voronoi};
+use crate::graph::csr::near_ranges;
 use crate::graph::{Csr, DualGraph, WeightedGraph};
 use crate::store::{Context, MappedSlice, Run};
+use std::ops::Range;
 
 /// Half the width of the narrow band around a boundary, which is labelled anew, in units of √(area).
 pub const BAND: f32 = 0.04;
@@ -44,12 +46,23 @@ pub struct CellLabels<'a> {
     pub of_node: &'a [u16],
     /// Label of each cell (S).
     pub label: &'a [u32],
+    /// Whether each cell (S) has a neighbour of another label; all may have where it is not known.
+    pub at_boundary: Option<&'a [bool]>,
 }
 
 impl CellLabels<'_> {
     /// The label of `node`.
     pub fn of(&self, node: usize) -> u32 {
         self.label[self.of_node[node] as usize]
+    }
+
+    /// The nodes with a neighbour of another label, ascending. Few cells are looked into where it is known which ones have any.
+    ///
+    /// # Errors
+    /// [`crate::base::Error::Cancelled`].
+    pub fn boundary_nodes(&self, graph: Csr<'_>, run: &Run) -> Result<Vec<u32>> {
+        let own = |i: usize| self.at_boundary.is_none_or(|cells| cells[self.of_node[i] as usize]);
+        collect(graph, run, own, |i, j| self.of(i) != self.of(j))
     }
 
     /// Number of labels.
@@ -114,8 +127,7 @@ pub fn refine(
     let (n, steps) = (cells.of_node.len(), weighted.csr());
     let mut labels = context.work.array::<u32>("labels.npy", &[n])?;
     context.run.fill_each(labels.data(), CHUNK, |i, _| cells.of(i))?;
-    let first: &[u32] = labels.data();
-    let boundary_nodes = boundary_nodes(steps, |i| first[i], context.run)?;
+    let boundary_nodes = cells.boundary_nodes(steps, context.run)?;
     if boundary_nodes.is_empty() {
         return Ok(RefinedLabels { labels: labels.finish(false)?, boundary_nodes });
     }
@@ -197,31 +209,19 @@ fn straighten(
     Ok(band)
 }
 
-/// Nodes with a neighbour of another label, ascending.
-///
-/// # Errors
-/// [`crate::base::Error::Cancelled`].
-pub fn boundary_nodes(graph: Csr<'_>, label: impl Fn(usize) -> u32 + Sync, run: &Run) -> Result<Vec<u32>> {
-    collect(graph, run, |_| true, |i, j| label(i) != label(j))
-}
-
 /// Nodes of interiors with a neighbour that is in none, ascending. They are found from these, which are few.
 ///
 /// # Errors
 /// [`crate::base::Error::Cancelled`].
 pub fn interior_edge(graph: Csr<'_>, interior: impl Fn(usize) -> bool + Sync, run: &Run) -> Result<Vec<u32>> {
-    let parts = run.map_ranges(graph.len(), CHUNK, |range| {
-        let open: Vec<usize> = range.clone().filter(|&node| !interior(node)).collect();
-        if !open.is_empty() {
-            run.will_need(graph.indices, graph.starts.entries_of(range));
-        }
-        let beside = open.into_iter().flat_map(|node| graph.neighbours(node as u32)).map(|(next, _)| next);
+    let beside = |open: Vec<u32>| {
+        let beside = open.into_iter().flat_map(|node| graph.neighbours(node)).map(|(next, _)| next);
         let mut beside: Vec<u32> = beside.filter(|&next| interior(next as usize)).collect();
         beside.sort_unstable();
         beside.dedup();
-        Ok(beside)
-    })?;
-    let mut edge = parts.concat();
+        beside
+    };
+    let mut edge = of_chunks(graph, run, |node| !interior(node), beside)?;
     edge.sort_unstable();
     edge.dedup();
     Ok(edge)
@@ -234,15 +234,29 @@ fn collect(
     own: impl Fn(usize) -> bool + Sync,
     beside: impl Fn(usize, usize) -> bool + Sync,
 ) -> Result<Vec<u32>> {
-    let n = graph.len();
-    let parts = run.map_ranges(n, CHUNK, |range| {
-        let mut nodes: Vec<u32> = range.clone().filter(|&i| own(i)).map(|i| i as u32).collect();
-        // Most chunks have none, and their rows need not be read.
-        if !nodes.is_empty() {
-            run.will_need(graph.indices, graph.starts.entries_of(range));
-        }
+    of_chunks(graph, run, own, |mut nodes| {
         nodes.retain(|&i| graph.neighbours(i).any(|(j, _)| beside(i as usize, j as usize)));
-        Ok(nodes)
+        nodes
+    })
+}
+
+/// What `of` makes of the nodes with `own` in each chunk, one after another. Mostly they are few, and no other rows are read.
+fn of_chunks(
+    graph: Csr<'_>,
+    run: &Run,
+    own: impl Fn(usize) -> bool + Sync,
+    of: impl Fn(Vec<u32>) -> Vec<u32> + Sync,
+) -> Result<Vec<u32>> {
+    let nodes_in = |range: Range<usize>| range.filter(|&i| own(i)).map(|i| i as u32).collect::<Vec<u32>>();
+    let parts = run.map_ranges(graph.len(), CHUNK, |range| {
+        let nodes = nodes_in(range.clone());
+        if run.is_paged(graph.indices) {
+            let later = nodes_in(range.end..(range.end + CHUNK).min(graph.len()));
+            for nodes in [&nodes, &later] {
+                run.will_need_few(graph.indices, near_ranges(nodes).map(|nodes| graph.starts.entries_of(nodes)));
+            }
+        }
+        Ok(of(nodes))
     })?;
     Ok(parts.concat())
 }
@@ -400,7 +414,14 @@ mod tests {
         for _ in 0..20 {
             let labels: Vec<u32> =
                 (0..w * h).map(|i| (i % w / 8) as u32 + 3 * u32::from(below(&mut random, 9) == 0)).collect();
-            let all = boundary_nodes(graph, |i| labels[i], &Run::new(&())).unwrap();
+            let of_node: Vec<u16> = (0..(w * h) as u16).collect();
+            let cells = CellLabels { of_node: &of_node, label: &labels, at_boundary: None };
+            let all = cells.boundary_nodes(graph, &Run::new(&())).unwrap();
+            let touches = |i| graph.neighbours(i).any(|(j, _)| labels[j as usize] != labels[i as usize]);
+            let touching: Vec<bool> = (0..labels.len() as u32).map(touches).collect();
+            assert_eq!(all, (0..labels.len() as u32).filter(|&i| touching[i as usize]).collect::<Vec<u32>>());
+            let known = CellLabels { at_boundary: Some(&touching), ..cells };
+            assert_eq!(known.boundary_nodes(graph, &Run::new(&())).unwrap(), all);
             // One side of each pair is enough, in any order and with others.
             let mut candidates: Vec<u32> = all.iter().copied().filter(|&i| labels[i as usize] % 3 != 1).rev().collect();
             candidates.extend(all.iter().copied().filter(|&i| labels[i as usize] >= 3));

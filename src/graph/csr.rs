@@ -137,6 +137,14 @@ impl<'a> Csr<'a> {
     }
 }
 
+/// Nodes that lie this near to each other are asked for together: rows of a few pages.
+const NEAR: u32 = 512;
+
+/// Ascending `nodes` as ranges of such that are near to each other.
+pub fn near_ranges(nodes: &[u32]) -> impl Iterator<Item = Range<usize>> + '_ {
+    nodes.chunk_by(|a, b| b - a <= NEAR).map(|near| near[0] as usize..near[near.len() - 1] as usize + 1)
+}
+
 /// Nodes a chunk of the pass that makes them.
 const CHUNK: usize = 1 << 14;
 /// In the place of the first neighbour: there are more than three, look them up in the matrix.

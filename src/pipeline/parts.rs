@@ -56,9 +56,9 @@ impl Located<'_> {
         let cells = match self.units {
             Some(of_node) => {
                 of_units = cells.iter().map(|&cell| label[cell as usize]).collect();
-                CellLabels { of_node, label: &of_units }
+                CellLabels { of_node, label: &of_units, at_boundary: None }
             }
-            None => CellLabels { of_node: cells, label },
+            None => CellLabels { of_node: cells, label, at_boundary: None },
         };
         let method = BoundaryMethod::Front;
         let RefinedLabels { labels, .. } =
@@ -90,7 +90,8 @@ pub(super) fn parts(
     let method =
         extrapolated.as_ref().map_or(BoundaryMethod::Front, |(means, rows)| BoundaryMethod::Embedding(means, rows));
     let (refined, _) = context.run.stage("boundaries", "faces", n as u64, || {
-        let cells = CellLabels { of_node: unit_of_node, label: &decided.label };
+        let at_boundary = decided.at_boundary.as_deref();
+        let cells = CellLabels { of_node: unit_of_node, label: &decided.label, at_boundary };
         boundary::refine(graph, &weighted, shares, cells, method, context)
     })?;
     let RefinedLabels { mut labels, boundary_nodes } = refined;
@@ -173,6 +174,8 @@ struct Decided {
     unit_of_node: MappedSlice<u16>,
     /// Label of each of those.
     label: Vec<u32>,
+    /// Whether each has a neighbour of another label, where it is known.
+    at_boundary: Option<Vec<bool>>,
     /// Area of the nodes in each of those, in the frame, where it is known.
     unit_areas: Option<MappedSlice<f64>>,
     /// How sure it is.
@@ -247,7 +250,7 @@ fn decide(
     }
     let numbers = SegmentStats { decision: Some(result.report.clone()), ..facts.numbers };
     let (label, confidence) = (result.label.clone(), result.confidence.clone());
-    Ok(Decided { label, confidence, unit_areas: None, unit_of_node, numbers, result, marks })
+    Ok(Decided { label, confidence, at_boundary: None, unit_areas: None, unit_of_node, numbers, result, marks })
 }
 
 /// The contraction of `whole`, and its work directory.
@@ -285,9 +288,13 @@ fn decide_on_contraction(
     let of_small = &decided.unit_of_node;
     let face = |node: &u32| small.seeds.get(*node as usize).copied();
     let landmarks = decided.numbers.landmarks.iter().filter_map(face).collect();
+    let label: Vec<u32> = of_small.iter().map(|&cell| decided.label[cell as usize]).collect();
+    let steps = small.graph.edges.by_distance();
+    let touches = |node: u32| steps.neighbours(node).any(|(next, _)| label[next as usize] != label[node as usize]);
     Ok(Decided {
-        label: of_small.iter().map(|&cell| decided.label[cell as usize]).collect(),
+        at_boundary: Some((0..label.len() as u32).map(touches).collect()),
         confidence: of_small.iter().map(|&cell| decided.confidence[cell as usize]).collect(),
+        label,
         unit_areas: Some(small.areas),
         unit_of_node: small.of_node,
         numbers: SegmentStats { landmarks, ..decided.numbers },

@@ -64,8 +64,8 @@ impl BoundaryFacts {
         let (surface, weighted) = parts::weighted(&graph, params, context)?;
         let whole = WeightedSurface { graph: &graph, weighted: &weighted, surface: &surface };
         let (of_node, label) = parts::cell_labels(whole, &order, params, context)?;
-        let cells = CellLabels { of_node: &of_node, label: &label };
-        let nodes = boundary::boundary_nodes(weighted.csr(), |node| cells.of(node), run)?;
+        let cells = CellLabels { of_node: &of_node, label: &label, at_boundary: None };
+        let nodes = cells.boundary_nodes(weighted.csr(), run)?;
         if nodes.is_empty() {
             return Ok((Self::default(), Vec::new()));
         }
@@ -136,7 +136,7 @@ impl BoundaryFacts {
         let of_node = work.inner(CONTRACTED)?.indices(contract::OF_FACE, n, units)?;
         let label = work.indices(UNIT_PARTS, units, self.limits.len())?;
         let edge = work.indices(INTERIOR_EDGE, self.sources[1], n)?;
-        let cells = CellLabels { of_node: &of_node, label: &label };
+        let cells = CellLabels { of_node: &of_node, label: &label, at_boundary: None };
         let of_edge: Vec<u32> = edge.iter().map(|&node| cells.of(node as usize)).collect();
         let interior =
             |node: usize| Some(cells.of(node)).filter(|part| depths.distance(node) >= self.limits[*part as usize]);

@@ -45,10 +45,22 @@ impl<'a> Run<'a> {
     /// more than it can keep in memory. Left to itself it reads megabytes on both sides of a page that is missed, and in a small control
     /// group drops them unused. Advice only.
     pub fn will_need<T>(&self, array: &[T], range: Range<usize>) {
-        if size_of_val(array) as u64 * IN_USE > self.resident {
+        if self.is_paged(array) {
             let end = array.len().min(range.end + AHEAD * range.len());
             will_need(&array[range.start.min(end)..end]);
         }
+    }
+
+    /// The same for a few items here and there, without those after them.
+    pub fn will_need_few<T>(&self, array: &[T], ranges: impl Iterator<Item = Range<usize>>) {
+        if self.is_paged(array) {
+            ranges.for_each(|range| will_need(&array[range]));
+        }
+    }
+
+    /// Whether arrays of the mesh like `array` are more than the kernel can keep in memory.
+    pub fn is_paged<T>(&self, array: &[T]) -> bool {
+        size_of_val(array) as u64 * IN_USE > self.resident
     }
 
     /// Runs `work` as a stage: announced, timed, ended. Returns its result and its seconds.
