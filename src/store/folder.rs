@@ -161,9 +161,12 @@ fn temporary_folder(parent: &Path) -> Result<Folder> {
     for _ in 0..16 {
         let folder =
             tempfile::Builder::new().prefix(TEMPORARY).permissions(Permissions::from_mode(0o700)).tempdir_in(parent);
-        let path = folder.map_err(Error::io(parent, "create a temporary folder in"))?.keep();
+        // Until it is locked, it goes with this variable.
+        let folder = folder.map_err(Error::io(parent, "create a temporary folder in"))?;
+        let path = folder.path().to_path_buf();
         let locked = lock(&path, false);
-        if !path.join(LOCK).exists() {
+        let taken = !path.join(LOCK).exists() && (locked.is_ok() || !path.exists());
+        if taken {
             continue;
         }
         let lock = match locked? {
@@ -175,6 +178,7 @@ fn temporary_folder(parent: &Path) -> Result<Folder> {
             }
         };
         remove_abandoned(parent, &path);
+        let path = folder.keep();
         return Ok(Folder { path, made: true, lock });
     }
     Err(Error::work_dir(parent, "temporary folders are taken away by another process", "name another --tmp"))

@@ -87,22 +87,20 @@ pub fn partial_name(path: &Path) -> PathBuf {
 /// Creates `path` with `bytes` reserved on the disk.
 ///
 /// # Errors
-/// [`Error::Io`], with the operating system's "no space" when the disk cannot hold it.
+/// [`Error::Io`], with the operating system's "no space" when the disk cannot hold it; then there is no file.
 pub fn reserve_file(path: &Path, bytes: u64) -> Result<File> {
     let file = new_file::create(path)?;
     if bytes > 0 {
-        match fs4::FileExt::allocate(&file, bytes) {
-            Ok(()) => {}
-            Err(error) if matches!(error.kind(), std::io::ErrorKind::Unsupported) => {
-                file.set_len(bytes).map_err(Error::io(path, "enlarge"))?;
+        let reserve = || {
+            match fs4::FileExt::allocate(&file, bytes) {
+                Err(error) if matches!(error.kind(), std::io::ErrorKind::Unsupported) => {}
+                done => done.map_err(Error::io(path, "reserve space for"))?,
             }
-            Err(error) => {
-                drop(file);
-                let _ = std::fs::remove_file(path);
-                return Err(Error::io(path, "reserve space for")(error));
-            }
-        }
-        file.set_len(bytes).map_err(Error::io(path, "enlarge"))?;
+            file.set_len(bytes).map_err(Error::io(path, "enlarge"))
+        };
+        reserve().inspect_err(|_| {
+            let _ = std::fs::remove_file(path);
+        })?;
     }
     Ok(file)
 }
@@ -200,23 +198,36 @@ impl<T: Item> ArrayMut<T> {
 /// Bytes that an array of unknown length takes at first.
 const LEAST_BUFFER: usize = 1 << 16;
 
+/// A file under its temporary name, removed when dropped there.
+#[derive(Debug)]
+struct Unfinished(Option<PathBuf>);
+
+impl Drop for Unfinished {
+    fn drop(&mut self) {
+        if let Some(partial) = self.0.take() {
+            let _ = std::fs::remove_file(partial);
+        }
+    }
+}
+
 /// The file of an array under its temporary name, ready for the items.
-fn start_file(path: &Path) -> Result<BufWriter<File>> {
+fn start_file(path: &Path) -> Result<(BufWriter<File>, Unfinished)> {
     let partial = partial_name(path);
     let mut out = BufWriter::with_capacity(1 << 18, new_file::create(&partial)?);
-    out.write_all(&[0; HEADER]).map_err(Error::io(&partial, "write"))?;
-    Ok(out)
+    let unfinished = Unfinished(Some(partial));
+    out.write_all(&[0; HEADER]).map_err(Error::io(path, "write"))?;
+    Ok((out, unfinished))
 }
 
 /// Where an array written from front to back goes.
 #[derive(Debug)]
 enum Out {
-    File(BufWriter<File>),
+    File(BufWriter<File>, Unfinished),
     /// In memory that is taken as it is needed; what the budget does not grant goes on as a file.
     Memory(Option<AlignedBuffer>, Arc<InMemoryArrays>),
 }
 
-/// A one- or two-dimensional array written from front to back, its length known at the end.
+/// A one- or two-dimensional array written from front to back, its length known at the end. Its file goes where it fails.
 #[derive(Debug)]
 pub struct ArrayWriter<T> {
     path: PathBuf,
@@ -234,7 +245,8 @@ impl<T: Item> ArrayWriter<T> {
     /// # Errors
     /// [`Error::Io`].
     pub fn create(path: &Path, row: usize) -> Result<Self> {
-        Ok(Self::of(path, Out::File(start_file(path)?), row))
+        let (file, unfinished) = start_file(path)?;
+        Ok(Self::of(path, Out::File(file, unfinished), row))
     }
 
     /// Starts an array in `buffer`, no longer than fits in there, or without one in what can be had later; `arrays` will
@@ -282,10 +294,10 @@ impl<T: Item> ArrayWriter<T> {
                     (Some(larger), Some(old)) => larger.bytes_mut()[..start].copy_from_slice(&old.bytes()[..start]),
                     (None, old) => {
                         self.path = arrays.file(self.path.file_name().unwrap_or_default());
-                        let mut file = start_file(&self.path)?;
+                        let (mut file, unfinished) = start_file(&self.path)?;
                         let so_far = old.as_ref().map_or(&[][..], |old| &old.bytes()[..start]);
                         file.write_all(so_far).map_err(Error::io(&self.path, "write"))?;
-                        self.out = Out::File(file);
+                        self.out = Out::File(file, unfinished);
                         return self.write(bytes);
                     }
                     _ => {}
@@ -303,7 +315,7 @@ impl<T: Item> ArrayWriter<T> {
     /// Appends to the file, where there is one.
     fn write(&mut self, bytes: &[u8]) -> Result<()> {
         match &mut self.out {
-            Out::File(file) => file.write_all(bytes).map_err(Error::io(&self.path, "write")),
+            Out::File(file, _) => file.write_all(bytes).map_err(Error::io(&self.path, "write")),
             Out::Memory(..) => Ok(()),
         }
     }
@@ -323,8 +335,8 @@ impl<T: Item> ArrayWriter<T> {
     /// # Errors
     /// [`Error::Io`].
     pub fn finish(self, durable: bool) -> Result<MappedSlice<T>> {
-        let mut out = match self.out {
-            Out::File(out) => out,
+        let (mut out, mut unfinished) = match self.out {
+            Out::File(out, unfinished) => (out, unfinished),
             Out::Memory(buffer, arrays) => {
                 let bytes = buffer.and_then(|buffer| MappedSliceMut::<T>::held(buffer, self.items).freeze());
                 return hand_over(&self.path, &arrays, bytes, self.items);
@@ -340,6 +352,7 @@ impl<T: Item> ArrayWriter<T> {
         };
         end().map_err(Error::io(&partial, "write"))?;
         std::fs::rename(&partial, &self.path).map_err(Error::io(&partial, "rename"))?;
+        unfinished.0 = None;
         open(&self.path)
     }
 }
@@ -391,6 +404,17 @@ pub fn write<T: Item>(path: &Path, items: &[T], row: usize, durable: bool) -> Re
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    /// A full disk kept the beginning of an output.
+    #[test]
+    fn an_array_that_cannot_be_finished_leaves_no_file() {
+        let dir = tempfile::tempdir().unwrap();
+        let path = dir.path().join("x.npy");
+        drop(ArrayWriter::<u32>::create(&path, 1).unwrap());
+        assert!(!partial_name(&path).exists());
+        std::fs::create_dir(&path).unwrap();
+        assert!(write(&path, &[1u32], 1, true).is_err() && !partial_name(&path).exists());
+    }
 
     #[test]
     fn arrays_come_back_and_keep_their_shape() {

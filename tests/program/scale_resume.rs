@@ -405,3 +405,23 @@ fn a_disk_that_fills_up_is_an_error_and_no_signal() {
     assert!(!out.exists());
     ok(&["segment", text(&mesh), "-k", "4", "--cluster", "kmeans", "--work-dir", text(&work), "-o", text(&out)]);
 }
+
+/// A temporary folder that could not be locked was left beside the output.
+#[cfg(unix)]
+#[test]
+fn a_disk_that_is_full_from_the_beginning_is_left_as_it_was() {
+    let dir = tempfile::tempdir().unwrap();
+    let (mesh, out) = (creature(dir.path(), 2_000), dir.path().join("out"));
+    std::fs::create_dir(&out).unwrap();
+    let line = format!(
+        "ulimit -f 0; exec '{}' segment '{}' -o '{}'",
+        env!("CARGO_BIN_EXE_nystrom-stream"),
+        text(&mesh),
+        text(&out.join("labels.npy"))
+    );
+    let output = Command::new("sh").args(["-c", &line]).output().unwrap();
+    let said = String::from_utf8_lossy(&output.stderr);
+    assert_eq!(output.status.code(), Some(1), "{said}");
+    assert!(said.contains("cannot write"), "{said}");
+    assert_eq!(std::fs::read_dir(&out).unwrap().count(), 0);
+}

@@ -241,14 +241,8 @@ impl Creature {
     /// [`Error::Io`], [`Error::Cancelled`].
     pub fn write_truth_npy(&self, path: &Path, run: &Run) -> Result<()> {
         let mut out = npy::ArrayWriter::<u32>::create(path, 1)?;
-        let mut written = self.each_truth(run, |labels| out.push(labels));
-        if written.is_ok() {
-            written = out.finish(false).map(|_| ());
-        }
-        if written.is_err() {
-            let _ = std::fs::remove_file(npy::partial_name(path));
-        }
-        written
+        self.each_truth(run, |labels| out.push(labels))?;
+        out.finish(false).map(drop)
     }
 
     /// Writes the label of every face of the file as text, one number per line.
