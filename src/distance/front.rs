@@ -16,6 +16,7 @@
 use super::paging::{Paged, Pager, Pages};
 use super::queue::{Entry, Queue};
 use super::steps::{FAR, Packed, Plain, Steps, look_ahead, warm_up};
+use super::ties::Ties;
 use crate::base::{Cancel, Result};
 use crate::graph::{Csr, RowStarts};
 use crate::store::mapped::{Access, Writeback, advise, will_need};
@@ -81,14 +82,19 @@ impl PathLabel for Within {
 /// unique fixed point too.
 struct NearestSource<'a> {
     label: &'a mut [u32],
-    /// Whether a tie was met that the node reached had won before. Its label may be stale then: passed on by a
-    /// node that was lowered since, by so little that rounding hides it here.
-    stale: bool,
+    /// Nodes that met a tie which they had won before.
+    ties: Vec<u32>,
+    /// So many are listed at the most.
+    most: usize,
 }
 
 impl<'a> NearestSource<'a> {
-    fn new(label: &'a mut [u32]) -> Self {
-        Self { label, stale: false }
+    fn new(label: &'a mut [u32], graph: Csr<'_>) -> Self {
+        Self { label, ties: Vec::new(), most: Ties::most(graph) }
+    }
+
+    fn ties(self) -> Ties {
+        Ties::of(self.ties, self.most)
     }
 }
 
@@ -99,9 +105,11 @@ impl PathLabel for NearestSource<'_> {
     }
     #[inline(always)]
     fn wins_tie(&mut self, from: u32, to: u32) -> bool {
-        let (from, to) = (self.label[from as usize], self.label[to as usize]);
-        self.stale |= from > to;
-        from < to
+        let (from, own) = (self.label[from as usize], self.label[to as usize]);
+        if from > own && self.ties.len() < 2 * self.most {
+            self.ties.push(to);
+        }
+        from < own
     }
     #[inline(always)]
     fn copy(&mut self, from: u32, to: u32) {
@@ -256,8 +264,8 @@ impl Front {
         cancel: &Cancel,
     ) -> Result<Visits> {
         field.fill(f32::INFINITY);
-        let (visits, stale) = self.label(graph, sources, field, label, cancel)?;
-        if !stale {
+        let (visits, ties) = self.label(graph, sources, field, label, cancel)?;
+        if ties.settle(graph, field, label, false, cancel)? {
             return Ok(visits);
         }
         // Once more over the final distances: labels alone move, and nothing can be stale.
@@ -265,7 +273,7 @@ impl Front {
         Ok(visits + again)
     }
 
-    /// Labels from the start; also whether some may be stale.
+    /// Labels from the start; also whose may be stale.
     fn label(
         &mut self,
         graph: Csr<'_>,
@@ -273,15 +281,15 @@ impl Front {
         field: &mut [f32],
         label: &mut [u32],
         cancel: &Cancel,
-    ) -> Result<(Visits, bool)> {
+    ) -> Result<(Visits, Ties)> {
         label.fill(u32::MAX);
         for (k, &source) in sources.iter().enumerate().rev() {
             label[source as usize] = k as u32;
         }
         self.start(sources, field);
-        let mut nearest = NearestSource::new(label);
+        let mut nearest = NearestSource::new(label, graph);
         let visits = self.spread(graph, field, &mut nearest, cancel)?;
-        Ok((visits, nearest.stale))
+        Ok((visits, nearest.ties()))
     }
 
     /// Like [`Front::lower`], but nodes at `limit` or beyond are not visited: they keep what they had.
@@ -312,14 +320,14 @@ impl Front {
         label: &mut [u32],
         cancel: &Cancel,
     ) -> Result<Visits> {
-        let mut nearest = NearestSource::new(label);
+        let mut nearest = NearestSource::new(label, graph);
         let visits = self.lowered(graph, sources, field, &mut nearest, cancel)?;
-        if !nearest.stale {
+        if nearest.ties().settle(graph, field, label, self.is_paged(), cancel)? {
             return Ok(visits);
         }
         // As in `nearest_source`.
         clear_labels(field, label);
-        let again = self.lowered(graph, sources, field, &mut NearestSource::new(label), cancel)?;
+        let again = self.lowered(graph, sources, field, &mut NearestSource::new(label, graph), cancel)?;
         Ok(visits + again)
     }
 

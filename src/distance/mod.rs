@@ -18,6 +18,7 @@ pub mod sampler;
 pub mod shard;
 pub mod shared_front;
 mod steps;
+mod ties;
 pub mod vertex_rows;
 pub mod voronoi;
 

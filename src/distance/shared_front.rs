@@ -317,7 +317,7 @@ impl SharedFront<'_> {
         while grown {
             let cleared = clear(&inside, field, label)?;
             let messages = self.messages((&inside, &cleared), field, label, run)?;
-            stale |= front.propagate(messages, self.limit, None, field, label)?;
+            stale |= !front.propagate(messages, self.limit, None, field, label)?.is_empty();
             let mut rim = Vec::new();
             for &label in label[own.clone()].iter().filter(|label| **label < grains) {
                 if !std::mem::replace(&mut inside[label as usize], true) {
