@@ -138,14 +138,12 @@ impl DiffusionGraph {
         let WeightedLengths { steps, centroid_distance, edge, unit, .. } = graph;
         let chunks = run.map_ranges(band.len(), CHUNK, |range| {
             // This chunk's rows, and the next one's while it is summed up.
-            if run.is_paged(steps.weights) {
-                let soon = || near_ranges(&band[range.start..(range.end + CHUNK).min(band.len())]);
-                let entries = || soon().map(|nodes| steps.starts.entries_of(nodes));
-                run.will_need_few(steps.indices, entries());
-                run.will_need_few(steps.weights, entries());
-                run.will_need_few(centroid_distance, entries());
-                run.will_need_few(labels, soon());
-            }
+            let soon = || near_ranges(&band[range.start..(range.end + CHUNK).min(band.len())]);
+            let entries = || soon().map(|nodes| steps.starts.entries_of(nodes));
+            run.will_need_few(steps.indices, entries());
+            run.will_need_few(steps.weights, entries());
+            run.will_need_few(centroid_distance, entries());
+            run.will_need_few(labels, soon());
             let (mut counts, mut list) = (Vec::with_capacity(range.len()), Vec::with_capacity(3 * range.len()));
             for &node in &band[range] {
                 let span = steps.span(node);

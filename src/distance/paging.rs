@@ -52,8 +52,13 @@ impl<F: Fn(&mut [f32])> Pager for Paged<'_, '_, F> {
     }
 }
 
-/// Asks the kernel to read the rows of `nodes`, which are those `entries` of `graph`, without waiting.
-pub(super) fn rows_needed(graph: Csr<'_>, nodes: Range<usize>, entries: Range<usize>) {
+/// Asks the kernel to read the rows of `nodes`, without waiting for any but their starts.
+pub(super) fn rows_needed(graph: Csr<'_>, nodes: Range<usize>) {
+    entries_needed(graph, nodes.clone(), graph.starts.entries_of(nodes));
+}
+
+/// The same for `nodes` whose rows are known to be those `entries` of `graph`.
+fn entries_needed(graph: Csr<'_>, nodes: Range<usize>, entries: Range<usize>) {
     graph.starts.will_need(nodes);
     will_need(&graph.indices[entries.clone()]);
     will_need(&graph.weights[entries]);
@@ -126,7 +131,7 @@ impl Pages {
             return None;
         }
         let nodes = self.block(block);
-        rows_needed(graph, nodes.clone(), self.starts[block] as usize..self.starts[block + 1] as usize);
+        entries_needed(graph, nodes.clone(), self.starts[block] as usize..self.starts[block + 1] as usize);
         self.unsent.push_back(block as u32);
         if self.unsent.len() > LAG {
             self.send();

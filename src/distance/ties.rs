@@ -103,10 +103,12 @@ fn settle(
     let mut wrong = BTreeSet::new();
     for nodes in ties.chunks(LOOK) {
         cancel.check()?;
-        for near in near_ranges(nodes).filter(|_| paged) {
-            rows_needed(graph, near.clone(), graph.starts.entries_of(near.clone()));
-            will_need(&field[near.clone()]);
-            will_need(&label[near]);
+        if paged {
+            for near in near_ranges(nodes) {
+                rows_needed(graph, near.clone());
+                will_need(&field[near.clone()]);
+                will_need(&label[near]);
+            }
         }
         for &node in nodes {
             let Some(right) = label_of_paths(graph, node, field, label) else { return Ok(false) };

@@ -5,9 +5,8 @@
 //! runs a front of its own inside every block that has messages, on all threads; what would leave the block is a message
 //! for the next round. Half a dozen rounds, all but the first at the boundaries of blocks only, reach the same fixed point
 //! as one front: the least d(v) = min fl(d(u) + w), and the smallest label at equal distances. Both are unique, so neither
-//! blocks nor threads show in the result (tested against a binary heap). Where paths tie, a label may have been passed on by a node that was
-//! lowered later, by so little that rounding hides it; such nodes are looked at again over the final distances ([`super::ties`]). From four million nodes on, what blocks correct and
-//! what they save in caches are even (processor time of default runs: 2.30 s beside 2.32 s over 1.3 M faces, 11.1 s beside
+//! blocks nor threads show in the result (tested against a binary heap). Labels at ties are looked at again over the final distances
+//! ([`super::ties`]). From four million nodes on, what blocks correct and what they save in caches are even (processor time of default runs: 2.30 s beside 2.32 s over 1.3 M faces, 11.1 s beside
 //! 11.4 s over 10 M), and their threads are a gain. Meshes whose neighbours lie far apart in the file would send too many
 //! messages: they keep the single front.
 //!
@@ -252,8 +251,7 @@ impl<'a> BlockDijkstra<'a> {
             .map(|k| k * self.block..((k + 1) * self.block).min(self.graph.len()))
             .filter(|nodes| nodes.start < nodes.end)
         {
-            let entries = self.graph.starts.entries_of(nodes.clone());
-            rows_needed(self.graph, nodes, entries);
+            rows_needed(self.graph, nodes);
         }
     }
 
@@ -315,7 +313,8 @@ impl<'a> BlockDijkstra<'a> {
         inbox: &[Message<O>],
         (queue, batch): &mut (Queue, Vec<Entry>),
     ) -> Outcome<O> {
-        let pages = if self.paged { field.len().div_ceil(1 << SHIFT) } else { 0 };
+        let len = field.len();
+        let pages = if self.paged { len.div_ceil(1 << SHIFT) } else { 0 };
         let (mut met, mut entered) = (vec![false; pages], vec![false; pages]);
         let mut block = Block { field, label, ties: Vec::new() };
         let graph = self.graph;
@@ -326,12 +325,11 @@ impl<'a> BlockDijkstra<'a> {
             }
         };
         // Most steps from one block to another reach nothing, and need no rows.
-        let mut enter = |to: usize, nodes: usize| {
+        let mut enter = |to: usize| {
             if let Some(entered @ false) = entered.get_mut(to >> SHIFT) {
                 *entered = true;
                 let from = to >> SHIFT << SHIFT;
-                let nodes = first + from..first + (from + (1 << SHIFT)).min(nodes);
-                rows_needed(graph, nodes.clone(), graph.starts.entries_of(nodes));
+                rows_needed(graph, first + from..first + (from + (1 << SHIFT)).min(len));
             }
         };
         let mut messages = Vec::new();
@@ -341,7 +339,7 @@ impl<'a> BlockDijkstra<'a> {
             let to = message.node as usize - first;
             meet(to, &block);
             if block.reach(to, message.distance, message.label) {
-                enter(to, block.field.len());
+                enter(to);
                 queue.push(Entry { node: to as u32, distance: message.distance });
             }
         }
@@ -363,7 +361,7 @@ impl<'a> BlockDijkstra<'a> {
                     }
                     meet(to, &block);
                     if block.reach(to, there, own) {
-                        enter(to, block.field.len());
+                        enter(to);
                         queue.push(Entry { node: to as u32, distance: there });
                     }
                 }

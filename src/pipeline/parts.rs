@@ -95,12 +95,10 @@ pub(super) fn parts(
         boundary::refine(graph, &weighted, shares, cells, method, context)
     })?;
     let RefinedLabels { mut labels, boundary_nodes } = refined;
-    let mut boundary_nodes = Some(boundary_nodes);
     let (mut parts, mut tiny_components_label) = (result.parts, None);
     if params.tiny_components == TinyComponents::Own && shares.tiny_components > 0 {
         tiny_components_label = Some(parts as u32);
         labels = apart(&labels, &shares.share, parts as u32, context)?;
-        boundary_nodes = None;
         parts += 1;
     }
     let wanted = params.parts.count.least();
@@ -108,7 +106,6 @@ pub(super) fn parts(
     if divided {
         let wanted = wanted + usize::from(tiny_components_label.is_some());
         let pieces = divide(weighted.csr(), &labels, wanted, tiny_components_label, context)?;
-        boundary_nodes = None;
         (labels, parts) = (pieces.labels, pieces.first.last().map_or(0, |end| *end as usize));
         tiny_components_label = tiny_components_label.map(|label| pieces.first[label as usize]);
     }
@@ -132,6 +129,8 @@ pub(super) fn parts(
         area,
         ..decided.numbers
     };
+    // Tiny components and pieces have boundaries of their own.
+    let boundary_nodes = (tiny_components_label.is_none() && !divided).then_some(boundary_nodes);
     let cell_labels = if divided { Vec::new() } else { decided.result.label };
     Ok(Clustered { labels, boundary_nodes, quality, numbers, marks: decided.marks, cell_labels })
 }
