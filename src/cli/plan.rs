@@ -6,7 +6,7 @@ use super::output::{JsonArgs, folder_of};
 use super::progress::{human, words};
 use nystrom_stream::base::Result;
 use nystrom_stream::pipeline::SegmentParams;
-use nystrom_stream::pipeline::calibrate::{calibrate, size_of_mesh};
+use nystrom_stream::pipeline::calibrate::{calibrate, disk_speed, size_of_mesh};
 use nystrom_stream::pipeline::plan::{Plan, order_is_open};
 use nystrom_stream::store::{Budget, Context};
 use std::fmt::Write;
@@ -29,9 +29,14 @@ pub struct PlanArgs {
     pub run: RunArgs,
 }
 
+/// Bytes that the page cache may use while a run allocates what is planned.
+fn page_cache(plan: &Plan) -> Option<u64> {
+    Some(Budget::machine_limit()?.saturating_sub(plan.memory))
+}
+
 /// The warning for a budget that makes a run slow, if there is one.
 fn warning(plan: &Plan) -> Option<String> {
-    plan.warning(Budget::machine_limit()?.saturating_sub(plan.memory))
+    plan.warning(page_cache(plan)?)
 }
 
 /// Refuses a run that the disk under `work` cannot hold and warns of one that will be slow.
@@ -42,8 +47,9 @@ pub fn check(path: &Path, params: &SegmentParams, context: Context<'_>) -> Resul
     };
     let plan = Plan::new(size, params, false, context.work.durable(), context.run);
     plan.check_size(path)?;
-    plan.check_disk(context.work.path(), context.work.bytes())?;
-    if let Some(text) = warning(&plan) {
+    let (folder, there) = (context.work.path(), context.work.bytes());
+    plan.check_disk(folder, there)?;
+    for text in plan.disk_warning(folder, there).into_iter().chain(warning(&plan)) {
         context.run.progress.note(&text);
     }
     Ok(())
@@ -64,7 +70,10 @@ pub fn run(args: &PlanArgs, app: &AppContext) -> Result<(), CliError> {
     // A work directory may not be there yet; its disk is that of the nearest folder that is.
     let folder = folder.ancestors().find(|folder| folder.is_dir()).unwrap_or(Path::new(".")).to_path_buf();
     let measured = calibrate(&params, plan.landmarks, &folder, &run)?;
-    let plan = plan.with_times(|stage| measured.get(stage).copied().unwrap_or_default());
+    let mut plan = plan.with_times(|stage| measured.get(stage).copied().unwrap_or_default());
+    if let Some(cache) = page_cache(&plan).filter(|&cache| plan.walked > cache) {
+        plan = plan.with_waits(disk_speed(&folder)?, cache);
+    }
     let mut text = table(&plan);
     if order_is_open(&params, size.faces) {
         let sorted = Plan::new(size, &params, true, lasting, &run);
@@ -74,8 +83,12 @@ pub fn run(args: &PlanArgs, app: &AppContext) -> Result<(), CliError> {
     if let Some(warning) = warning(&plan) {
         let _ = writeln!(text, "warning: {warning}");
     }
+    let short_of_disk = plan.check_disk(&folder, 0);
+    if let (Ok(()), Some(warning)) = (&short_of_disk, plan.disk_warning(&folder, 0)) {
+        let _ = writeln!(text, "warning: {warning}");
+    }
     args.json.publish_or_print(&plan, &text)?;
-    Ok(plan.check_disk(&folder, 0)?)
+    Ok(short_of_disk?)
 }
 
 /// The plan as a table.
@@ -97,5 +110,9 @@ fn table(plan: &Plan) -> String {
     }
     let (memory, disk, peak) = (bytes(plan.memory), bytes(plan.disk), bytes(plan.disk_peak));
     text += &row(["in all", &memory, &disk, "", "", &seconds(plan.seconds)]);
-    text + &format!("the disk holds at most {peak}, besides the output\n")
+    let smooth = match plan.disk_peak_smooth {
+        least if least < plan.disk_peak => format!(" for a rough surface, {} for a smooth one", bytes(least)),
+        _ => String::new(),
+    };
+    text + &format!("the disk holds at most {peak}{smooth}, besides the output\n")
 }

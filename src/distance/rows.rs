@@ -131,7 +131,8 @@ impl Stage for RowsStage<'_> {
         let (keeps, scratch) = if extent.keeps_rows { (4 * l * n, 0) } else { (0, 4 * n * t - own) };
         // Weights go when rows are made of them.
         let frees = if extent.releases { 4 * extent.corners - room.give_up(WEIGHTS) } else { 0 };
-        Needs { memory, keeps, passing: 4 * n - field + scratch, frees }
+        Needs { memory, keeps, passing: 4 * n - field + scratch, frees, ..Needs::default() }
+            .moving(55 * l * n, 11 * l * n)
     }
 }
 

@@ -316,7 +316,9 @@ impl Stage for GraphStage<'_> {
             keeps,
             passing: (geometry - nodes + 2 * vertices - marks).saturating_sub(keeps).max(4 * n - roots),
             frees: if extent.reordered && !extent.lasting && !computed { 12 * vertices + 4 * corners } else { 0 },
+            ..Needs::default()
         }
+        .moving(if computed { 93 } else { 207 } * n, if computed { 33 } else { 74 } * n)
     }
 }
 
@@ -369,6 +371,8 @@ impl Stage for WeightsStage<'_> {
     fn needs(extent: &Extent, room: &mut Room) -> Needs {
         let weights = room.lend(WEIGHTS, 4 * extent.corners);
         let frees = if extent.releases { 4 * extent.corners } else { 0 };
-        Needs { memory: room.used(), keeps: 4 * extent.corners - weights, passing: 0, frees }
+        let (memory, keeps) = (room.used(), 4 * extent.corners - weights);
+        let reads = if extent.computed { 67 } else { 104 };
+        Needs { memory, keeps, frees, ..Needs::default() }.moving(reads * extent.faces, 12 * extent.faces)
     }
 }

@@ -280,7 +280,7 @@ impl Stage for VertexGraphStage<'_> {
         let all = 44 * vertices + 32 * records;
         let kept = room.take(all);
         let passing = (12 * records).saturating_sub(shuffle.held);
-        Needs { memory: shuffle.held + room.used(), keeps: all - kept, passing, frees: 0 }
+        Needs { memory: shuffle.held + room.used(), keeps: all - kept, passing, ..Needs::default() }
     }
 }
 

@@ -1,8 +1,9 @@
 //! What a run will need, told before it starts: memory, disk and time a stage.
 //!
 //! Each stage tells what it needs beside its own code ([`Stage::needs`]); this adds up. Disk follows from the sizes of
-//! the arrays alone, memory from the same arithmetic that cuts shuffles to the budget, time from a short calibration: the same recipe on two small creatures ([`CALIBRATION`] faces and a quarter), drawn
-//! out along the line through both. The input's header is read, nothing else.
+//! the arrays alone, memory from the same arithmetic that cuts shuffles to the budget, time from a short calibration: the same
+//! recipe on two small creatures ([`CALIBRATION`] faces and a quarter), drawn out along the line through both. Where memory is short, bytes
+//! read and written come on top, by the speed of the disk ([`DiskSpeed`]). The input's header is read, nothing else.
 
 use super::input::computes;
 use super::params::{Cluster, SegmentParams, default_landmarks, landmarks_for_parts, landmarks_on_contraction};
@@ -16,6 +17,7 @@ use crate::graph::dual::{GraphStage, WEIGHTS, WeightsStage};
 use crate::graph::half_edges::check_size;
 use crate::graph::order::{LARGE, OrderStage};
 use crate::spectral::embedding::MOST_COLUMNS;
+use crate::store::disk_speed::DiskSpeed;
 use crate::store::needs::{BASE, Extent, Needs, Room};
 use crate::store::{Run, Stage};
 use serde::Serialize;
@@ -26,6 +28,9 @@ pub const CALIBRATION: u64 = 200_000;
 
 /// Caches hold the creature and not the mesh: stages take this much longer a face on large meshes (measured).
 const BEYOND_CACHES: f64 = 1.2;
+
+/// Share of the disk's time that is waited for; work goes on in the rest (measured).
+const WAITING: f64 = 0.5;
 
 /// What a stage takes: a part that does not depend on the size, and a part per face.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -87,8 +92,10 @@ pub struct Plan {
     pub memory: u64,
     /// Bytes in the work directory at the end.
     pub disk: u64,
-    /// Bytes in the work directory at the most, while it runs.
+    /// Bytes in the work directory at the most, while it runs. All of these figures are those of a rough surface.
     pub disk_peak: u64,
+    /// [`Plan::disk_peak`] of a smooth surface, which needs fewer normals.
+    pub disk_peak_smooth: u64,
     /// Mapped bytes that fronts walk all over: what the page cache should hold for full speed.
     pub walked: u64,
     /// Seconds in all, where calibrated.
@@ -123,7 +130,49 @@ fn labels_need(extent: &Extent, cluster: Cluster, room: &mut Room) -> Needs {
     let passing = if extent.reordered { 8 * n - restored } else { 0 };
     let weights = cluster == Cluster::Parts && !extent.lasting;
     let frees = if weights { 4 * extent.corners - room.give_up(WEIGHTS) } else { 0 };
-    Needs { memory, keeps: 8 * n - labels, passing, frees }
+    let needs = Needs { memory, keeps: 8 * n - labels, passing, frees, ..Needs::default() };
+    match cluster {
+        Cluster::Parts => needs.moving(122 * n, 23 * n),
+        _ => needs.moving((4 * extent.landmarks + 20) * n, 8 * n),
+    }
+}
+
+/// The stages of a run over `extent` and what each takes; `decoded` as in [`MeshSize`].
+fn stages_of(extent: &Extent, cluster: Cluster, decoded: u64, budget: u64) -> Vec<StagePlan> {
+    let mut room = Room::new(budget, !extent.lasting);
+    let mut stages = vec![("read", Needs { keeps: decoded, ..Needs::default() })];
+    if extent.reordered {
+        stages.push(("order", OrderStage::needs(extent, &mut room)));
+    }
+    stages.push(("graph", GraphStage::needs(extent, &mut room)));
+    if cluster == Cluster::Parts {
+        stages.push(("surface", SurfaceStage::needs(extent, &mut room)));
+    }
+    let mut weights = WeightsStage::needs(extent, &mut room);
+    if extent.rough && !extent.lasting {
+        weights.frees += 12 * extent.faces - room.give_up(NORMALS_KEPT);
+    }
+    stages.push(("weights", weights));
+    if extent.contracts {
+        // Rows over the contraction take nothing that grows with the mesh.
+        stages.push(("contraction", Contraction::needs(extent, &mut room)));
+        stages.push(("rows", Needs::default()));
+    } else {
+        stages.push(("rows", RowsStage::needs(extent, &mut room)));
+    }
+    stages.push(("labels", labels_need(extent, cluster, &mut room)));
+    let within = |needs: Needs| Needs { memory: (BASE + needs.memory).min(budget.max(BASE)), ..needs };
+    stages.into_iter().map(|(name, needs)| StagePlan { name, needs: within(needs), seconds: None }).collect()
+}
+
+/// Bytes on disk after `stages`, and at the most while they run.
+fn disk_of(stages: &[StagePlan]) -> (u64, u64) {
+    let (mut disk, mut peak) = (0, 0);
+    for Needs { keeps, passing, frees, .. } in stages.iter().map(|stage| stage.needs) {
+        peak = peak.max(disk + keeps + passing);
+        disk = disk + keeps - frees;
+    }
+    (disk, peak)
 }
 
 impl Plan {
@@ -144,45 +193,21 @@ impl Plan {
             contracts: params.contracts(faces as usize),
             keeps_rows: params.keeps_rows(lasting),
             computed: computes(params, faces as usize, !lasting, run),
+            rough: params.cluster == Cluster::Parts,
             lasting,
             releases: params.cluster != Cluster::Parts && !lasting,
         };
-        let mut room = Room::new(budget, !lasting);
-        let mut stages = vec![("read", Needs { keeps: decoded, ..Needs::default() })];
-        if extent.reordered {
-            stages.push(("order", OrderStage::needs(&extent, &mut room)));
-        }
-        stages.push(("graph", GraphStage::needs(&extent, &mut room)));
-        if params.cluster == Cluster::Parts {
-            stages.push(("surface", SurfaceStage::needs(&extent, &mut room)));
-        }
-        let mut weights = WeightsStage::needs(&extent, &mut room);
-        if params.cluster == Cluster::Parts && !lasting {
-            weights.frees += 12 * faces - room.give_up(NORMALS_KEPT);
-        }
-        stages.push(("weights", weights));
-        if extent.contracts {
-            // Rows over the contraction take nothing that grows with the mesh.
-            stages.push(("contraction", Contraction::needs(&extent, &mut room)));
-            stages.push(("rows", Needs::default()));
-        } else {
-            stages.push(("rows", RowsStage::needs(&extent, &mut room)));
-        }
-        stages.push(("labels", labels_need(&extent, params.cluster, &mut room)));
-        let within = |needs: Needs| Needs { memory: (BASE + needs.memory).min(budget.max(BASE)), ..needs };
-        let stages: Vec<StagePlan> =
-            stages.into_iter().map(|(name, needs)| StagePlan { name, needs: within(needs), seconds: None }).collect();
-        let (mut disk, mut disk_peak) = (0, 0);
-        for Needs { keeps, passing, frees, .. } in stages.iter().map(|stage| stage.needs) {
-            disk_peak = disk_peak.max(disk + keeps + passing);
-            disk = disk + keeps - frees;
-        }
+        let stages = stages_of(&extent, params.cluster, decoded, budget);
+        let (disk, disk_peak) = disk_of(&stages);
+        let smooth = stages_of(&Extent { rough: false, ..extent }, params.cluster, decoded, budget);
+        let (_, disk_peak_smooth) = disk_of(&smooth);
         Self {
             mesh,
             landmarks: extent.landmarks as usize,
             memory: stages.iter().map(|stage| stage.needs.memory).max().unwrap_or(0),
             disk,
             disk_peak,
+            disk_peak_smooth,
             // Row starts, neighbours, weights, a row and the field.
             walked: 8 * faces + faces / 2 + 8 * corners,
             stages,
@@ -199,6 +224,17 @@ impl Plan {
         self
     }
 
+    /// Adds what stages will wait for a disk of this speed where the page cache can hold `cache` bytes of mapped files.
+    pub fn with_waits(mut self, speed: DiskSpeed, cache: u64) -> Self {
+        let missing = 1. - (cache as f64 / self.walked as f64).min(1.);
+        for StagePlan { needs, seconds, .. } in &mut self.stages {
+            let wait = speed.seconds(missing * needs.reads as f64, missing * needs.writes as f64);
+            *seconds = seconds.map(|seconds| seconds + WAITING * wait);
+        }
+        self.seconds = self.stages.iter().map(|stage| stage.seconds).sum();
+        self
+    }
+
     /// Refuses the mesh in the file `path` if it has more faces or corners than can be numbered.
     ///
     /// # Errors
@@ -207,17 +243,30 @@ impl Plan {
         check_size(self.mesh.faces, self.mesh.corners, path)
     }
 
-    /// Refuses a run whose files the disk under `folder` cannot hold. Bytes that are there already count as free.
+    /// Refuses a run whose files the disk under `folder` cannot hold, be the surface ever so smooth. Bytes that are there already
+    /// count as free.
     ///
     /// # Errors
     /// [`Error::Disk`].
     pub fn check_disk(&self, folder: &Path, there: u64) -> Result<()> {
-        let Ok(available) = fs4::available_space(folder) else { return Ok(()) };
-        if self.disk_peak > available.saturating_add(there) {
-            let needed = self.disk_peak.saturating_sub(there);
-            return Err(Error::Disk { path: folder.to_path_buf(), needed, available });
+        match self.lack_of_disk(folder, there, self.disk_peak_smooth) {
+            Some((needed, available)) => Err(Error::Disk { path: folder.to_path_buf(), needed, available }),
+            None => Ok(()),
         }
-        Ok(())
+    }
+
+    /// What a rough surface would lack under `folder` where a smooth one would not, in a line.
+    pub fn disk_warning(&self, folder: &Path, there: u64) -> Option<String> {
+        self.lack_of_disk(folder, there, self.disk_peak).map(|(needed, available)| {
+            format!("{needed} bytes of disk are needed if the surface is rough, {available} are free")
+        })
+    }
+
+    /// The bytes that a run with `peak` bytes on disk still needs under `folder`, and those that are free, if these are fewer.
+    fn lack_of_disk(&self, folder: &Path, there: u64, peak: u64) -> Option<(u64, u64)> {
+        let available = fs4::available_space(folder).ok()?;
+        let needed = peak.saturating_sub(there);
+        (needed > available).then_some((needed, available))
     }
 
     /// What would make the run slow under the memory that is there, in a line; `cache`: bytes that the page cache may
@@ -237,4 +286,39 @@ impl Plan {
 /// Whether the order of a mesh of `faces` faces is decided by a look at it.
 pub fn order_is_open(params: &SegmentParams, faces: u64) -> bool {
     params.order == Order::Auto && faces > LARGE as u64
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::store::Budget;
+
+    /// A billion faces in 2 GiB of budget.
+    fn plan() -> Plan {
+        let mesh = MeshSize { faces: 1_000_000_000, vertices: 500_000_000, corners: 3_000_000_000, decoded: 0 };
+        let mut run = Run::new(&());
+        (run.threads, run.budget, run.resident) = (2, Budget::new(2 << 30), 4 << 30);
+        Plan::new(mesh, &SegmentParams::default(), false, false, &run)
+    }
+
+    /// 46.55 bytes a face were measured on a smooth surface (`benches/records/2026-11-22-billion.md`).
+    #[test]
+    fn smooth_surfaces_take_as_much_disk_as_measured() {
+        let plan = plan();
+        let a_face = |bytes: u64| bytes as f64 / plan.mesh.faces as f64;
+        assert!((46.0..47.5).contains(&a_face(plan.disk_peak_smooth)), "{}", plan.disk_peak_smooth);
+        assert!((52.0..53.5).contains(&a_face(plan.disk_peak)), "{}", plan.disk_peak);
+    }
+
+    #[test]
+    fn waiting_grows_with_what_memory_does_not_hold() {
+        let timed = plan().with_times(|_| Pace { fixed: 1., per_face: 0. });
+        let speed = DiskSpeed { read: 1e9, write: 5e8 };
+        let seconds = |cache: u64| timed.clone().with_waits(speed, cache).seconds.unwrap();
+        let (reads, writes) = timed.stages.iter().fold((0, 0), |(r, w), s| (r + s.needs.reads, w + s.needs.writes));
+        let all = WAITING * (reads as f64 / 1e9 + writes as f64 / 5e8);
+        assert!((seconds(0) - timed.seconds.unwrap() - all).abs() < 1e-6 && all > 100., "{all}");
+        assert!((seconds(timed.walked / 2) - timed.seconds.unwrap() - all / 2.).abs() < 1e-3);
+        assert_eq!(seconds(timed.walked), timed.seconds.unwrap());
+    }
 }

@@ -165,15 +165,18 @@ impl Stage for SurfaceStage<'_> {
 
     fn needs(extent: &Extent, room: &mut Room) -> Needs {
         let (n, corners) = (extent.faces, extent.corners);
-        // Shares, cells; then other normals, the field and the owners of a front, the weights of cells.
-        let (keeping, passing) = match extent {
+        let kept_normals = if extent.rough { 12 * n } else { 0 };
+        // Shares, cells; then other normals, the field and the owners of a front, the weights of cells. Cells ask for normals at all
+        // radii, a rough surface for two, a smooth one for one.
+        let (keeping, passing) = match (extent.computed, extent.contracts, extent.rough) {
             // By blocks: one front at a time.
-            Extent { computed: true, .. } => (0, 16 * n),
-            Extent { contracts: true, .. } => (4 * n, 28 * n),
-            _ => (6 * n, 38 * n + 4 * corners),
+            (true, _, true) => (0, 16 * n),
+            (_, true, true) => (4 * n, 28 * n),
+            (computed, true, false) => (if computed { 0 } else { 4 * n }, 20 * n),
+            _ => (6 * n, 50 * n + 4 * corners - kept_normals),
         };
-        let held = room.take(keeping) + room.lend(NORMALS_KEPT, 12 * n);
-        let keeping = keeping + 12 * n;
+        let held = room.take(keeping) + room.lend(NORMALS_KEPT, kept_normals);
+        let keeping = keeping + kept_normals;
         let taken = room.take(passing);
         room.give_back(taken);
         Needs {
@@ -181,8 +184,9 @@ impl Stage for SurfaceStage<'_> {
             memory: (if extent.contracts { 12 << 20 } else { 24 << 20 }) + room.used() + taken / 2,
             keeps: keeping - held,
             passing: passing - taken,
-            frees: 0,
+            ..Needs::default()
         }
+        .moving(145 * n, 24 * n)
     }
 }
 

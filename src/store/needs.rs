@@ -34,6 +34,8 @@ pub struct Extent {
     pub keeps_rows: bool,
     /// Whether geometry is computed from the mesh at each look.
     pub computed: bool,
+    /// Whether the surface is so rough that turning is measured with smoothed normals.
+    pub rough: bool,
     /// Whether the work directory lasts.
     pub lasting: bool,
     /// Whether stages give up what later ones do not read.
@@ -51,6 +53,17 @@ pub struct Needs {
     pub passing: u64,
     /// Bytes of it and of stages before it that it gives up at its end.
     pub frees: u64,
+    /// Bytes read from the disk where memory keeps hardly anything of the mesh (measured).
+    pub reads: u64,
+    /// Bytes written to the disk then.
+    pub writes: u64,
+}
+
+impl Needs {
+    /// The same, with bytes read and written.
+    pub fn moving(self, reads: u64, writes: u64) -> Self {
+        Self { reads, writes, ..self }
+    }
 }
 
 /// The budget as work arrays take it that are held in memory: while half of it stays for others.

@@ -286,8 +286,9 @@ impl Stage for OrderStage<'_> {
             memory: memory + ranks,
             keeps: 12 * vertices + 4 * corners + 4 * n,
             passing: passing.saturating_sub(memory + ranks),
-            frees: 0,
+            ..Needs::default()
         }
+        .moving(105 * n, 104 * n)
     }
 }
 

@@ -1,0 +1,66 @@
+//! How fast the disk under a folder writes and reads, so that a run can tell how long it will wait for it.
+//!
+//! A file of [`BYTES`] random bytes is written and brought to the disk, dropped from the page cache, and read again from beginning to
+//! end: what stages do with large arrays, nearly. Virtual disks that keep what was written lately in a cache of their host read it
+//! faster than what lay there for long.
+//!
+//! Cost: a tenth of a second on a fast disk, two seconds on one of 150 MB/s; a buffer of a mebibyte.
+
+use super::WorkDir;
+use crate::base::random::{mix, stream};
+use crate::base::{Error, Result};
+use rand_xoshiro::rand_core::Rng;
+use rustix::fs::{Advice, fadvise};
+use std::io::{Read, Seek, Write};
+use std::time::Instant;
+
+/// Size of the file.
+const BYTES: usize = 128 << 20;
+/// Bytes written and read at a time.
+const BLOCK: usize = 1 << 20;
+/// Bytes that disks may recognise.
+const PAGE: usize = 4096;
+
+/// Bytes per second.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct DiskSpeed {
+    /// From the disk.
+    pub read: f64,
+    /// To the disk.
+    pub write: f64,
+}
+
+impl DiskSpeed {
+    /// Measures the disk under the folder of `work`.
+    ///
+    /// # Errors
+    /// [`Error::Io`].
+    pub fn measure(work: &WorkDir) -> Result<Self> {
+        let path = work.file("disk-speed");
+        let wrong = |what| Error::io(&path, what);
+        let mut file = super::new_file::create(&path)?;
+        let mut block = vec![0; BLOCK];
+        stream(0, "disk speed").fill_bytes(&mut block);
+        let begun = Instant::now();
+        for k in 0..BYTES / BLOCK {
+            // Disks may keep equal pages as one.
+            for (page, j) in block.chunks_mut(PAGE).zip(0..) {
+                page[..8].copy_from_slice(&mix((k * BLOCK / PAGE + j) as u64).to_le_bytes());
+            }
+            file.write_all(&block).map_err(wrong("write"))?;
+        }
+        file.sync_all().map_err(wrong("bring to the disk"))?;
+        let write = BYTES as f64 / begun.elapsed().as_secs_f64();
+        fadvise(&file, 0, None, Advice::DontNeed).map_err(|error| wrong("drop from memory")(error.into()))?;
+        file.rewind().map_err(wrong("read"))?;
+        let begun = Instant::now();
+        while file.read(&mut block).map_err(wrong("read"))? > 0 {}
+        let read = BYTES as f64 / begun.elapsed().as_secs_f64();
+        Ok(Self { read, write })
+    }
+
+    /// Seconds for `read` bytes read and `written` bytes written.
+    pub fn seconds(self, read: f64, written: f64) -> f64 {
+        read / self.read + written / self.write
+    }
+}
