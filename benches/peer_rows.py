@@ -1,13 +1,12 @@
 #!/usr/bin/env python3
-"""One row of distances beside SciPy, igraph and NetworKit: the same graph, the same sources, one thread.
+"""One row of distances beside SciPy, igraph and NetworKit: the same graph, the same source, one thread each.
 
-usage: peer_rows.py PROGRAM MESH [L]     prints milliseconds a row as JSON; L = 5 landmarks
+usage: peer_rows.py RACE MESH [REPEAT]     prints milliseconds a row as JSON; RACE: target/release/examples/race
 
     pip install numpy scipy igraph networkit
 
-The program makes L rows in a work directory; what its report says of them, shared by L, is its time. It includes the search for
-landmarks and the writing of rows. The peers read the same graph from there and run Dijkstra's algorithm from the same landmarks; what
-they take to build a graph of their own is not counted. Their distances are compared with the program's. Medians of L.
+`race` makes the graph and a row by our front, and keeps both. The peers read the graph and run Dijkstra's algorithm from the same
+node; what they take to build a graph of their own is not counted. Their distances are compared with ours. Medians of REPEAT = 5 runs.
 """
 import json
 import subprocess
@@ -46,31 +45,29 @@ def peers(graph):
 
 
 def main():
-    program, mesh = sys.argv[1:3]
-    count = sys.argv[3] if len(sys.argv) > 3 else "5"
+    race, mesh = sys.argv[1:3]
+    repeat = int(sys.argv[3]) if len(sys.argv) > 3 else 5
     networkit.setNumberOfThreads(1)
     with tempfile.TemporaryDirectory() as folder:
-        command = [program, "rows", mesh, "--work-dir", folder, "-l", count, "--threads", "1", "-q", f"--json={folder}/report.json"]
-        subprocess.run(command, check=True)
-        report = json.loads(Path(folder, "report.json").read_text())
-        indices, weights, landmarks, ours = (
-            numpy.load(f"{folder}/{name}.npy") for name in ("graph_indices", "graph_weights", "landmarks", "distances")
-        )
-        starts = row_starts(folder, ours.shape[1])
-    graph = csr_matrix((weights.astype(float), indices.astype(numpy.int64), starts), shape=(ours.shape[1],) * 2)
-    seconds = {"ours": report["seconds"]["rows"] / len(landmarks)}
+        subprocess.run([race, mesh, "--repeat", str(repeat), "--keep", folder], check=True, stdout=subprocess.DEVNULL)
+        ours = json.loads(Path(folder, "front.json").read_text())
+        names = ("graph_indices", "graph_weights", "front")
+        indices, weights, row = (numpy.load(f"{folder}/{name}.npy") for name in names)
+        starts = row_starts(folder, len(row))
+    graph = csr_matrix((weights.astype(float), indices.astype(numpy.int64), starts), shape=(len(row),) * 2)
+    reached = numpy.isfinite(row)
+    seconds = {"ours": ours["seconds"]}
     for name, run in peers(graph):
         times = []
-        for source, row in zip(landmarks.tolist(), ours):
+        for _ in range(repeat):
             begun = time.perf_counter()
-            distances = run(source)
+            distances = run(ours["source"])
             times.append(time.perf_counter() - begun)
-            reached = numpy.isfinite(row)
-            numpy.testing.assert_allclose(numpy.asarray(distances)[reached], row[reached], rtol=1e-4, err_msg=name)
+        numpy.testing.assert_allclose(numpy.asarray(distances)[reached], row[reached], rtol=1e-4, err_msg=name)
         seconds[name] = float(numpy.median(times))
     milliseconds = {name: round(1e3 * value, 1) for name, value in seconds.items()}
     times_ours = {name: round(value / seconds["ours"], 1) for name, value in seconds.items() if name != "ours"}
-    print(json.dumps({"faces": ours.shape[1], "milliseconds": milliseconds, "times ours": times_ours}))
+    print(json.dumps({"faces": len(row), "milliseconds": milliseconds, "times ours": times_ours}))
 
 
 if __name__ == "__main__":

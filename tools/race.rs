@@ -31,6 +31,9 @@ struct Arguments {
     /// Runs, of which the median counts.
     #[arg(long, default_value_t = 5)]
     repeat: usize,
+    /// Race the front alone, and keep the graph, the row and its times here for other programs (benches/peer_rows.py).
+    #[arg(long, value_name = "DIR")]
+    keep: Option<PathBuf>,
 }
 
 /// The seconds that `work` takes.
@@ -47,7 +50,10 @@ fn median(mut of: Vec<f64>) -> f64 {
 
 fn race(arguments: &Arguments) -> Result<()> {
     let mut run = Run::new(&());
-    let work = WorkDir::temporary(&std::env::temp_dir())?.holding(&run.budget);
+    let work = match &arguments.keep {
+        Some(folder) => WorkDir::open(folder)?,
+        None => WorkDir::temporary(&std::env::temp_dir())?.holding(&run.budget),
+    };
     let opened = mesh::open(&arguments.mesh, work.path(), &run)?;
     let graph = DualGraph::build(&opened, &arguments.mesh, &serde_json::Value::Null, Context::new(&work, &run))?;
     let n = graph.nodes.len();
@@ -75,6 +81,12 @@ fn race(arguments: &Arguments) -> Result<()> {
             heap / ours,
             slow == field
         );
+        if arguments.keep.is_some() {
+            let mut row = work.array::<f32>("front.npy", &[n])?;
+            row.data().copy_from_slice(&field);
+            row.finish(true)?;
+            return work.write_json("front.json", &serde_json::json!({ "source": source, "seconds": ours }));
+        }
         let mut times = [Vec::new(), Vec::new()];
         for _ in 0..arguments.repeat.max(1) {
             for threads in [1, 2] {
