@@ -47,13 +47,15 @@ struct Folder {
 pub(super) struct WorkFolder {
     parent: PathBuf,
     folder: OnceLock<Folder>,
+    /// Why it could not be made.
+    failure: OnceLock<String>,
 }
 
 impl WorkFolder {
     /// The folder `path`, whose lock is held as long as `lock` is open; `None` where the file system has no locks.
     pub fn of(path: &Path, lock: Option<File>) -> Self {
         let folder = Folder { path: path.to_path_buf(), made: true, lock };
-        Self { parent: PathBuf::new(), folder: OnceLock::from(folder) }
+        Self { folder: OnceLock::from(folder), ..Self::put_off(Path::new("")) }
     }
 
     /// A new folder in `parent`.
@@ -61,21 +63,43 @@ impl WorkFolder {
     /// # Errors
     /// [`Error::Io`].
     pub fn temporary(parent: &Path) -> Result<Self> {
-        Ok(Self { parent: parent.to_path_buf(), folder: OnceLock::from(temporary_folder(parent)?) })
+        Ok(Self { folder: OnceLock::from(temporary_folder(parent)?), ..Self::put_off(parent) })
     }
 
     /// A new folder in `parent`, made at the first call of [`WorkFolder::path`].
     pub fn put_off(parent: &Path) -> Self {
-        Self { parent: parent.to_path_buf(), folder: OnceLock::new() }
+        Self { parent: parent.to_path_buf(), folder: OnceLock::new(), failure: OnceLock::new() }
     }
 
-    /// Its path; made now where that was put off.
+    /// Its path; made now where that was put off. Where it cannot be made, nothing is there, and nothing in it can be: the
+    /// parent's files are somebody else's.
     pub fn path(&self) -> &Path {
-        let make = || {
-            let parent = || Folder { path: self.parent.clone(), made: false, lock: None };
-            temporary_folder(&self.parent).unwrap_or_else(|_| parent())
+        self.path_made_by(temporary_folder)
+    }
+
+    fn path_made_by(&self, make: impl FnOnce(&Path) -> Result<Folder>) -> &Path {
+        let made = || {
+            make(&self.parent).unwrap_or_else(|error| {
+                let _ = self.failure.set(error.to_string());
+                Folder { path: self.parent.join(format!("{TEMPORARY}none")), made: false, lock: None }
+            })
         };
-        &self.folder.get_or_init(make).path
+        &self.folder.get_or_init(made).path
+    }
+
+    /// Its path, for something new in it.
+    ///
+    /// # Errors
+    /// [`Error::WorkDir`] where it could not be made.
+    pub fn for_new(&self) -> Result<&Path> {
+        let path = self.path();
+        match self.failure.get() {
+            None => Ok(path),
+            Some(reason) => {
+                let problem = format!("a temporary folder cannot be made in it: {reason}");
+                Err(Error::work_dir(&self.parent, problem, "make it writable, or name another folder with --tmp"))
+            }
+        }
     }
 
     /// Its path where it is made, else that of the folder that it would be in.
@@ -232,6 +256,22 @@ mod tests {
         assert!(planted.exists() && !dir.path().join("absent").exists());
         assert_eq!(std::fs::read_to_string(precious.join(LOCK)).unwrap(), "kept");
         folder.remove();
+    }
+
+    /// Files went to the parent where the folder could not be made, and took the place of what was there under their names.
+    #[test]
+    fn where_no_folder_can_be_made_the_parent_is_left_alone() {
+        let dir = tempfile::tempdir().unwrap();
+        let folder = WorkFolder::put_off(dir.path());
+        let full = |_: &Path| {
+            Err(Error::io(dir.path(), "create a temporary folder in")(std::io::ErrorKind::StorageFull.into()))
+        };
+        let path = folder.path_made_by(full);
+        assert!(path.parent() == Some(dir.path()) && !path.exists());
+        let said = folder.for_new().unwrap_err().to_string();
+        assert!(said.contains("create a temporary folder"), "{said}");
+        folder.remove();
+        assert_eq!(std::fs::read_dir(dir.path()).unwrap().count(), 0);
     }
 
     #[test]

@@ -197,7 +197,7 @@ impl WorkDir {
         if let Some(inner) = all.get(name) {
             return Ok(inner.clone());
         }
-        let path = self.file(name);
+        let path = self.new_file(name)?;
         let mut inner = if self.shared { Self::open_existing(&path)? } else { Self::open(&path)? };
         (inner.temporary, inner.inside, inner.everything) = (self.temporary, true, self.everything);
         inner.arrays = self.arrays.as_ref().map(|arrays| Arc::new(arrays.within(inner.folder.clone())));
@@ -233,6 +233,14 @@ impl WorkDir {
         self.path().join(name)
     }
 
+    /// The path of a file that is to be made in it.
+    ///
+    /// # Errors
+    /// [`Error::WorkDir`] where its folder could not be made.
+    fn new_file(&self, name: &str) -> Result<PathBuf> {
+        Ok(self.folder.for_new()?.join(name))
+    }
+
     /// The path that a file has, or would have where the folder is not made yet.
     pub(crate) fn place(&self, name: &str) -> PathBuf {
         self.folder.place().join(name)
@@ -252,7 +260,7 @@ impl WorkDir {
         let bytes = shape.iter().product::<usize>() / T::WIDTH * size_of::<T>();
         Ok(match self.room(bytes) {
             Some((buffer, arrays)) => ArrayMut::in_memory(&self.place(name), shape, buffer, arrays),
-            None => ArrayMut::create(&self.file(name), shape)?.written_early(self.durable()),
+            None => ArrayMut::create(&self.new_file(name)?, shape)?.written_early(self.durable()),
         })
     }
 
@@ -280,7 +288,7 @@ impl WorkDir {
     pub fn writer<T: Item>(&self, name: &str, row: usize) -> Result<ArrayWriter<T>> {
         match &self.arrays {
             Some(arrays) if self.everything => Ok(ArrayWriter::in_memory(&self.place(name), row, None, arrays.clone())),
-            _ => ArrayWriter::create(&self.file(name), row),
+            _ => ArrayWriter::create(&self.new_file(name)?, row),
         }
     }
 
@@ -293,7 +301,7 @@ impl WorkDir {
         let room = if bytes <= MOST_HELD || self.everything { self.room(bytes) } else { None };
         match room {
             Some((buffer, arrays)) => Ok(RowsFile::in_memory(&self.place(name), rows, len, buffer, arrays)),
-            None => RowsFile::create(&self.file(name), rows, len),
+            None => RowsFile::create(&self.new_file(name)?, rows, len),
         }
     }
 
@@ -343,7 +351,7 @@ impl WorkDir {
             }
             return Ok(());
         }
-        json::publish(&self.file(name), &text)
+        json::publish(&self.new_file(name)?, &text)
     }
 
     /// Whether there is a file or an array in memory of the name `name`.
