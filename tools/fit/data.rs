@@ -4,6 +4,7 @@
 //! JSON file a model in the cache (some 4 MB): members, trees and scores are made from it again at each run.
 
 use nystrom_stream::base::{Error, Result};
+use nystrom_stream::cluster::cells::OF_FACE;
 use nystrom_stream::cluster::parts::CellGraph;
 use nystrom_stream::graph::{DualGraph, NodeOrder};
 use nystrom_stream::mesh::{self, read_seg};
@@ -113,7 +114,7 @@ fn make(benchmark: &Path, name: &str, scratch: &Path, seed: u64) -> Result<Data>
 fn people(benchmark: &Path, name: &str, work: &WorkDir) -> Result<Vec<Vec<Overlap>>> {
     let (graph, input) = DualGraph::kept(work)?;
     let order = NodeOrder::kept(&input, graph.nodes.len(), work)?;
-    let cell = work.open_array::<u16>("cells.npy")?;
+    let cell = work.open_array::<u16>(OF_FACE)?;
     let paths = (0..PEOPLE).map(|j| benchmark.join(format!("{name}_{j}.seg"))).filter(|path| path.exists());
     let person = |path: std::path::PathBuf| {
         let labels = read_seg(&path)?;
