@@ -63,7 +63,7 @@ impl DecisionStage<'_> {
 
 impl Stage for DecisionStage<'_> {
     const NAME: &'static str = "decision";
-    const VERSION: u32 = 8;
+    const VERSION: u32 = 9;
     type Facts = DecisionFacts;
     type Output = (PartDecision, DecisionFacts);
 

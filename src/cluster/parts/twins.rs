@@ -4,20 +4,45 @@
 //! plane ([`crate::cluster::mirror`]), so images of superfaces are exact but for the triangles. Cost: some milliseconds for the planes; R² and
 //! the pairs of superfaces that twins lie in, times R, for each.
 
-use super::cell_graph::CellGraph;
+use super::cell_graph::{CellGraph, intersect};
 use super::matrix::Square;
 use crate::cluster::mirror::{NearestPoint, PointSet, SurfacePoint, mirror_planes};
 
+/// Where the best plane has less [`Twins::likeness`], the surface may be posed.
+pub const LIKE: f64 = 0.9;
 /// Twins farther apart than this many cell radii are none.
 const REACH: f64 = 2.0;
 
-/// The mirror image of each cell under one plane.
+/// The mirror image of each cell under one plane, or under a [`super::reflection`].
 #[derive(Clone, Debug)]
 pub struct Twins {
     /// The cell nearest to each cell's mirror image (S).
     pub twin: Vec<u32>,
     /// How far it is the image: 1 for a pair in the same place, nearly 0 from two radii on (S).
     pub weight: Vec<f64>,
+}
+
+impl Twins {
+    /// How far the surface is its own image: the mean weight by area, of which `shares` are the cells' (S).
+    pub fn likeness(&self, shares: &[f64]) -> f64 {
+        self.weight.iter().zip(shares).map(|(weight, share)| weight * share).sum()
+    }
+
+    /// Superfaces cut where the images of parts end, so that both sides can be cut alike: `of_cell` is the superface of each cell (S),
+    /// `part` its part (S). Returns the new ones, and how many. Majorities among neighbours decide, since images are a cell or two off.
+    pub fn cut_at_images(&self, cells: &CellGraph, shares: &[f64], of_cell: &[u32], part: &[u32]) -> (Vec<u32>, usize) {
+        let image = |cell: usize| part[self.twin[cell] as usize];
+        let mut votes: Vec<Vec<(u32, f64)>> = (0..cells.len()).map(|cell| vec![(image(cell), shares[cell])]).collect();
+        for &[i, j] in &cells.pairs {
+            votes[i as usize].push((image(j as usize), shares[j as usize]));
+            votes[j as usize].push((image(i as usize), shares[i as usize]));
+        }
+        let most = |votes: &Vec<(u32, f64)>| {
+            let sum = |part: u32| votes.iter().filter(|vote| vote.0 == part).map(|vote| vote.1).sum::<f64>();
+            votes.iter().map(|vote| vote.0).max_by(|&a, &b| sum(a).total_cmp(&sum(b)).then(b.cmp(&a))).unwrap_or(0)
+        };
+        intersect(of_cell, &votes.iter().map(most).collect::<Vec<_>>())
+    }
 }
 
 /// The twins of all cells, of which `shares` are the areas (S), under each mirror plane, the best plane first.
@@ -86,6 +111,20 @@ pub fn made_alike(c: &Square, of_cell: &[u32], shares: &[f64], twins: &Twins) ->
 mod tests {
     use super::*;
     use crate::base::random::{below, stream, unit};
+
+    #[test]
+    fn superfaces_end_where_images_of_parts_do() {
+        // A strip of 12 cells that is its own mirror image, cut at 3: also at 9, but for one cell that is mapped wrongly.
+        let cells =
+            CellGraph { pairs: (1..12).map(|i| [i - 1, i]).collect(), area: vec![1.0; 12], ..CellGraph::default() };
+        let mut twins = Twins { twin: (0..12).rev().collect(), weight: vec![1.0; 12] };
+        twins.twin[6] = 0;
+        let part: Vec<u32> = (0..12).map(|i| u32::from(i >= 3)).collect();
+        let (of_cell, count) = twins.cut_at_images(&cells, &[1.0 / 12.0; 12], &part, &part);
+        assert_eq!((of_cell, count), (vec![0, 0, 0, 1, 1, 1, 1, 1, 1, 2, 2, 2], 3));
+        twins.weight[..6].fill(0.5);
+        assert!((twins.likeness(&[1.0 / 12.0; 12]) - 0.75).abs() < 1e-12);
+    }
 
     #[test]
     fn images_are_averaged_as_matrices_say() {

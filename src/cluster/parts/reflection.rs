@@ -1,0 +1,600 @@
+//! Left and right of a posed body: the map of the surface onto itself that keeps distances along it and turns it over.
+//!
+//! A body that walks or sits has no mirror plane, but its legs are still as long as each other. Cells are mapped as their distances
+//! from anchors say, cells whose images are known. Anchors begin with [`tips`], matched in the few likeliest ways, and one more place:
+//! distances from tips alone do not tell front from back, so each likely image of it begins a map of its own. Then more and more
+//! samples become anchors, with the images that fit the anchors so far. At last each image is found again from all the others.
+//!
+//! A map counts if it keeps distances, comes back to where it began, moves most of the surface, maps convex onto convex, and turns the
+//! surface over: front for back, or a turn by half, keeps the sense in which neighbours lie around a cell. What was measured:
+//! `docs/dev/segmentation-experiments.md`. Everything is a function of the cells. Cost: .04 to
+//! .08 s of processor time and some megabytes for 2,000 cells, whatever the size of the mesh.
+
+use super::cell_graph::CellGraph;
+use super::cell_paths::{CellPaths, Row, UNREACHED};
+use super::tips::{Matching, matchings, tips};
+use super::twins::Twins;
+use crate::base::Result;
+use crate::base::vector::{cross, distance, dot, minus};
+use crate::store::run::Run;
+use std::f64::consts::PI;
+
+/// Fewer cells have no shape to speak of.
+const LEAST_CELLS: usize = 200;
+/// Share of the area that must be in one piece.
+const WHOLE: f64 = 0.97;
+/// Samples, farthest from each other.
+const SAMPLES: usize = 64;
+/// So many samples become anchors at a time, but for those nearer than this to an anchor, in units of √(total area), as all lengths.
+const GROWTH: [(usize, f32); 3] = [(12, 0.1), (28, 0.06), (SAMPLES, 0.04)];
+/// Matchings of tips that are tried.
+const MATCHINGS: usize = 4;
+/// Likely images of the first sample: how many, how far apart, and how much less likely than the likeliest.
+const PLACES: (usize, f64, f32) = (3, 0.08, 0.04);
+/// Of the maps of the first samples: how many go on, how far apart they are in the mean, and how much worse than the best.
+const GO_ON: (usize, f32, f64) = (2, 0.06, 1.6);
+/// Rounds in which images are found again.
+const ROUNDS: usize = 4;
+/// Nearest anchors that tell the image of an anchor, and of a cell.
+const NEAREST: [usize; 2] = [24, 12];
+/// Anchors nearer than this count alike.
+const NEAR: f32 = 0.05;
+/// What the mean distance from all of the surface counts, against 1/d of an anchor at d.
+const MEAN: f32 = 4.0;
+/// Mean difference of distances up to which a map keeps them, in cell radii.
+const CLOSE: f64 = 1.25;
+/// Mean way from a cell to the image of its image, in cell radii.
+const BACK: f64 = 1.25;
+/// Cells that go farther than this many radii are moved, and so much of the area must be.
+const MOVED: (f64, f64) = (4.0, 0.6);
+/// −1 where all turns are turned over, 1 where none is.
+const TURNED: f64 = -0.7;
+/// Correlation of the convexity of cells and of their images, at least.
+const SHAPE: f64 = 0.4;
+/// Twins whose distances differ by this many cell radii are none.
+const REACH: f64 = 3.0;
+
+/// A map of the cells.
+#[derive(Clone, Debug)]
+struct CellMap {
+    twin: Vec<u32>,
+    /// Mean difference of the distances of each cell and of its image, in cell radii (S).
+    unlike: Vec<f64>,
+    /// Way from each cell to the image of its image, in cell radii (S).
+    back: Vec<f64>,
+}
+
+/// The reflection of a posed body with cells of `shares` of the area (S); `None` where there is none that is beyond doubt.
+///
+/// # Errors
+/// Cancellation.
+pub fn reflection(cells: &CellGraph, shares: &[f64], run: &Run) -> Result<Option<Twins>> {
+    let Some(surface) = Surface::new(cells, shares) else { return Ok(None) };
+    let begun = surface.begun();
+    let places: Vec<u32> = begun.iter().map(|begun| begun.place).collect();
+    let rows = surface.paths.rows(&places);
+    let started = run.map_chunks(
+        begun.len(),
+        || (),
+        |k, ()| {
+            let Begun { anchors, first, place } = &begun[k];
+            let mut anchors = anchors.clone();
+            anchors.add([surface.samples[*first], *place], [&surface.rows[*first], &rows[k]]);
+            surface.grow(&mut anchors, GROWTH[0]);
+            Ok(anchors)
+        },
+    )?;
+    let going_on = distinct(started);
+    let maps = run.map_chunks(
+        going_on.len(),
+        || (),
+        |k, ()| {
+            let mut anchors = going_on[k].clone();
+            GROWTH[1..].iter().for_each(|&growth| surface.grow(&mut anchors, growth));
+            for _ in 0..ROUNDS {
+                let next = surface.again(&anchors);
+                let still = next.cell == anchors.cell;
+                anchors = next;
+                if still {
+                    break;
+                }
+            }
+            let map = surface.map(&anchors);
+            Ok(surface.is_reflection(&map).then(|| (surface.mean_unlike(&map), map)))
+        },
+    )?;
+    let best = maps.into_iter().flatten().min_by(|a, b| a.0.total_cmp(&b.0));
+    Ok(best.map(|(_, map)| {
+        let doubt = map.unlike.iter().zip(&map.back).map(|(unlike, back)| unlike.max(back / 2.0) / REACH);
+        Twins { weight: doubt.map(|doubt| (-doubt.powi(4)).exp()).collect(), twin: map.twin }
+    }))
+}
+
+/// Cells with known images, and the rows of both.
+#[derive(Clone, Debug, Default)]
+struct Anchors {
+    cell: Vec<u32>,
+    row: Vec<Row>,
+    /// The number of each anchor's image.
+    image: Vec<usize>,
+}
+
+impl Anchors {
+    /// Two cells that are images of each other, or one that is its own.
+    fn add(&mut self, [a, b]: [u32; 2], [from_a, from_b]: [&Row; 2]) {
+        let at = self.cell.len();
+        self.cell.push(a);
+        self.row.push(from_a.clone());
+        if a == b {
+            self.image.push(at);
+            return;
+        }
+        self.cell.push(b);
+        self.row.push(from_b.clone());
+        self.image.extend([at + 1, at]);
+    }
+
+    /// How far the nearest anchor is.
+    fn distance(&self, cell: u32) -> f32 {
+        self.row.iter().map(|row| row[cell as usize]).fold(UNREACHED, f32::min)
+    }
+
+    /// The distances and numbers of the anchors nearest to a cell, but for anchor `except` and its image.
+    fn nearest(&self, cell: u32, count: usize, except: Option<usize>) -> Vec<(f32, usize)> {
+        let others =
+            (0..self.cell.len()).filter(|&k| except.is_none_or(|except| k != except && self.image[k] != except));
+        let mut all: Vec<(f32, usize)> = others.map(|k| (self.row[k][cell as usize], k)).collect();
+        let nearer = |a: &(f32, usize), b: &(f32, usize)| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1));
+        if count < all.len() {
+            all.select_nth_unstable_by(count, nearer);
+            all.truncate(count);
+        }
+        all.sort_by(nearer);
+        all
+    }
+
+    /// Mean difference of the distances between anchors and between their images.
+    fn error(&self) -> f64 {
+        let all = 0..self.cell.len();
+        let d = |a: usize, b: usize| self.row[a][self.cell[b] as usize];
+        let differences = all
+            .clone()
+            .flat_map(|a| all.clone().map(move |b| f64::from((d(a, b) - d(self.image[a], self.image[b])).abs())));
+        differences.sum::<f64>() / (self.cell.len().max(1) as f64).powi(2)
+    }
+
+    /// How far images of anchors of this map are from where `other` takes them: its nearest anchors with them.
+    fn apart(&self, other: &Anchors) -> f32 {
+        let far = |(k, &cell): (usize, &u32)| {
+            let (d, nearest) = other.nearest(cell, 1, None).first().copied().unwrap_or((UNREACHED, 0));
+            (other.row[other.image[nearest]][self.cell[self.image[k]] as usize] - d).abs()
+        };
+        self.cell.iter().enumerate().map(far).sum::<f32>() / self.cell.len().max(1) as f32
+    }
+}
+
+/// The best of `maps` that differ from each other.
+fn distinct(maps: Vec<Anchors>) -> Vec<Anchors> {
+    let mut maps: Vec<(f64, Anchors)> = maps.into_iter().map(|anchors| (anchors.error(), anchors)).collect();
+    maps.sort_by(|a, b| a.0.total_cmp(&b.0));
+    let (most, apart, worse) = GO_ON;
+    let limit = worse * maps.first().map_or(0.0, |(best, _)| *best);
+    let mut kept: Vec<Anchors> = Vec::new();
+    for (error, anchors) in maps {
+        if error <= limit && kept.len() < most && kept.iter().all(|other| anchors.apart(other) >= apart) {
+            kept.push(anchors);
+        }
+    }
+    kept
+}
+
+/// The beginning of a map: matched tips, a sample and its likely image.
+struct Begun {
+    anchors: Anchors,
+    /// Number of the sample.
+    first: usize,
+    place: u32,
+}
+
+/// What maps are found on.
+struct Surface<'a> {
+    cells: &'a CellGraph,
+    shares: &'a [f64],
+    /// Of a disk of the mean cell's area.
+    radius: f64,
+    paths: CellPaths,
+    samples: Vec<u32>,
+    /// Rows of the samples.
+    rows: Vec<Row>,
+    /// Mean distance of each cell from the whole surface (S).
+    mean: Vec<f32>,
+    /// Whether each cell is on the piece that is mapped (S).
+    reached: Vec<bool>,
+}
+
+impl<'a> Surface<'a> {
+    fn new(cells: &'a CellGraph, shares: &'a [f64]) -> Option<Self> {
+        let n = cells.len();
+        if n < LEAST_CELLS {
+            return None;
+        }
+        let mut paths = CellPaths::new(cells);
+        let mut near = vec![UNREACHED; n];
+        let middle = (0..n).rev().max_by(|&a, &b| shares[a].total_cmp(&shares[b]))?;
+        let piece = paths.lower(middle as u32, UNREACHED, &mut near);
+        if piece.iter().map(|&i| shares[i as usize]).sum::<f64>() < WHOLE {
+            return None;
+        }
+        let reached: Vec<bool> = near.iter().map(|&d| d < UNREACHED).collect();
+        let mut next = *piece.last()?;
+        near.fill(UNREACHED);
+        let mut order = paths.lower(next, UNREACHED, &mut near);
+        order.extend((0..n as u32).filter(|&i| !reached[i as usize]));
+        paths.sweep_in(order);
+        near.fill(UNREACHED);
+        let (mut samples, mut owner) = (Vec::new(), vec![0; n]);
+        for k in 0..SAMPLES {
+            samples.push(next);
+            paths.lower(next, UNREACHED, &mut near).iter().for_each(|&i| owner[i as usize] = k);
+            let farther = |a: u32, b: u32| if near[b as usize] > near[a as usize] { b } else { a };
+            next = piece.iter().copied().fold(next, farther);
+        }
+        let rows = paths.rows(&samples);
+        let mut mass = [0.0; SAMPLES];
+        owner.iter().zip(shares).for_each(|(&k, share)| mass[k] += share);
+        let mean_of = |i: usize| rows.iter().zip(mass).map(|(row, m)| m * f64::from(row[i])).sum::<f64>() as f32;
+        let mean = (0..n).map(mean_of).collect();
+        let radius = (cells.total_area() / (n as f64 * PI)).sqrt();
+        Some(Self { cells, shares, radius, paths, samples, rows, mean, reached })
+    }
+
+    fn apart(&self, a: u32, b: u32) -> f64 {
+        distance(self.cells.centre[a as usize], self.cells.centre[b as usize])
+    }
+
+    /// Maps to begin with.
+    fn begun(&self) -> Vec<Begun> {
+        let tips = tips(&self.paths, &self.mean, |i| self.reached[i as usize]);
+        let rows = self.paths.rows(&tips);
+        let mut begun = Vec::new();
+        for Matching { image, .. } in matchings(&tips, &rows, &self.mean).iter().take(MATCHINGS) {
+            let mut anchors = Anchors::default();
+            for (i, j) in
+                image.iter().enumerate().filter_map(|(i, image)| image.map(|j| (i, j))).filter(|(i, j)| i <= j)
+            {
+                anchors.add([tips[i], tips[j]], [&rows[i], &rows[j]]);
+            }
+            let far: Vec<f32> = self.samples.iter().map(|&sample| anchors.distance(sample)).collect();
+            let first = (0..SAMPLES).fold(0, |a, b| if far[b] > far[a] { b } else { a });
+            for place in self.places(self.samples[first], &anchors) {
+                begun.push(Begun { anchors: anchors.clone(), first, place });
+            }
+        }
+        begun
+    }
+
+    /// Where `sample` may go.
+    fn places(&self, sample: u32, anchors: &Anchors) -> Vec<u32> {
+        let unlike = self.unlike(sample, anchors, None);
+        let is_least = |&i: &u32| self.paths.steps(i).all(|(j, _)| unlike[j as usize] >= unlike[i as usize]);
+        let mut least: Vec<u32> =
+            (0..self.paths.len() as u32).filter(|&i| self.reached[i as usize]).filter(is_least).collect();
+        least.sort_by(|&a, &b| unlike[a as usize].total_cmp(&unlike[b as usize]));
+        let (most, apart, worse) = PLACES;
+        let mut places: Vec<u32> = Vec::new();
+        for i in least {
+            let best = places.first().map_or(i, |&best| best);
+            let close = unlike[i as usize] < unlike[best as usize] + worse;
+            if close && places.len() < most && places.iter().all(|&other| self.apart(i, other) > apart) {
+                places.push(i);
+            }
+        }
+        places
+    }
+
+    /// How unlike `cell` is each cell's place among the images of anchors (S), in units of length.
+    fn unlike(&self, cell: u32, anchors: &Anchors, except: Option<usize>) -> Vec<f32> {
+        let own = self.mean[cell as usize];
+        let mut sum: Vec<f32> = self.mean.iter().map(|mean| MEAN * (mean - own).abs()).collect();
+        let mut total = MEAN;
+        for (d, k) in anchors.nearest(cell, NEAREST[0], except) {
+            let weight = (d + NEAR).powi(-2);
+            total += weight;
+            let image = &anchors.row[anchors.image[k]];
+            sum.iter_mut().zip(image.iter()).for_each(|(sum, there)| *sum += weight * (there - d).abs());
+        }
+        sum.iter_mut().for_each(|sum| *sum /= total);
+        sum
+    }
+
+    /// The likeliest image of `cell`.
+    fn likeliest(&self, cell: u32, anchors: &Anchors, except: Option<usize>) -> u32 {
+        let unlike = self.unlike(cell, anchors, except);
+        (0..unlike.len()).fold(0, |a, b| if unlike[b] < unlike[a] { b } else { a }) as u32
+    }
+
+    /// Makes anchors of the first samples that are farther than `least` from all.
+    fn grow(&self, anchors: &mut Anchors, (count, least): (usize, f32)) {
+        let more: Vec<usize> = (0..count).filter(|&k| anchors.distance(self.samples[k]) > least).collect();
+        let images: Vec<u32> = more.iter().map(|&k| self.likeliest(self.samples[k], anchors, None)).collect();
+        for ((&k, &image), row) in more.iter().zip(&images).zip(self.paths.rows(&images)) {
+            anchors.add([self.samples[k], image], [&self.rows[k], &row]);
+        }
+    }
+
+    /// Each second image again, from all other anchors.
+    fn again(&self, anchors: &Anchors) -> Anchors {
+        let firsts: Vec<usize> = (0..anchors.cell.len()).filter(|&k| k <= anchors.image[k]).collect();
+        let images: Vec<u32> = firsts.iter().map(|&k| self.likeliest(anchors.cell[k], anchors, Some(k))).collect();
+        let mut out = Anchors::default();
+        for ((&k, &image), row) in firsts.iter().zip(&images).zip(self.paths.rows(&images)) {
+            out.add([anchors.cell[k], image], [&anchors.row[k], &row]);
+        }
+        out
+    }
+
+    /// The map of all cells that anchors make.
+    fn map(&self, anchors: &Anchors) -> CellMap {
+        let n = self.paths.len();
+        let (mut twin, mut unlike): (Vec<u32>, Vec<f64>) = ((0..n as u32).collect(), vec![f64::INFINITY; n]);
+        for x in (0..n).filter(|&x| self.reached[x]) {
+            let nearest = anchors.nearest(x as u32, NEAREST[1], None);
+            let Some(&(d, k)) = nearest.first() else { continue };
+            // The image is about as far from the image of the nearest anchor.
+            let from = &anchors.row[anchors.image[k]];
+            let slack = (0.4 * d).max(4.0 * self.radius as f32);
+            let (mut least, mut best) = (f32::INFINITY, x);
+            let mut look = |y: usize| {
+                if (from[y] - d).abs() > slack {
+                    return;
+                }
+                let mut sum = MEAN * (self.mean[x] - self.mean[y]).abs();
+                for &(d, k) in &nearest {
+                    sum += (anchors.row[anchors.image[k]][y] - d).abs() / (d + NEAR);
+                    if sum > least {
+                        return;
+                    }
+                }
+                if sum < least || y < best {
+                    (least, best) = (sum, y);
+                }
+            };
+            // Images of neighbours are a good guess, so that others are soon too far.
+            self.paths.steps(x as u32).for_each(|(j, _)| look(twin[j as usize] as usize));
+            (0..n).for_each(&mut look);
+            twin[x] = best as u32;
+            let total = nearest.iter().map(|(d, _)| 1.0 / (d + NEAR)).sum::<f32>() + MEAN;
+            unlike[x] = f64::from(least / total) / self.radius;
+        }
+        let back = (0..n as u32).map(|x| self.apart(x, twin[twin[x as usize] as usize]) / self.radius).collect();
+        CellMap { twin, unlike, back }
+    }
+
+    /// Mean over the area of something in cell radii, of which more than ten count as ten.
+    fn mean_of(&self, values: &[f64]) -> f64 {
+        values.iter().zip(self.shares).map(|(value, share)| share * value.min(10.0)).sum()
+    }
+
+    fn mean_unlike(&self, map: &CellMap) -> f64 {
+        self.mean_of(&map.unlike)
+    }
+
+    /// Whether a map is a reflection, beyond doubt.
+    fn is_reflection(&self, map: &CellMap) -> bool {
+        let goes = |x: usize| self.apart(x as u32, map.twin[x]) > MOVED.0 * self.radius;
+        let moved: f64 = (0..map.twin.len()).filter(|&x| goes(x)).map(|x| self.shares[x]).sum();
+        self.mean_unlike(map) <= CLOSE
+            && self.mean_of(&map.back) <= BACK
+            && moved >= MOVED.1
+            && self.turning(map) <= TURNED
+            && self.shape(map) >= SHAPE
+    }
+
+    /// The correlation of the convexity around cells and around their images: a plain on which nothing tells left from right is mapped
+    /// onto itself as well, mountains onto valleys.
+    fn shape(&self, map: &CellMap) -> f64 {
+        let (cells, n) = (self.cells, self.paths.len());
+        let mut around = vec![[0.0; 2]; n];
+        for (k, pair) in cells.pairs.iter().enumerate() {
+            for &i in pair {
+                let [sum, length] = &mut around[i as usize];
+                *sum += cells.length[k] * (cells.convex[k] - cells.concave[k]);
+                *length += cells.length[k];
+            }
+        }
+        let own: Vec<f64> = around.iter().map(|[sum, length]| sum / length.max(1e-300)).collect();
+        let mut wide: Vec<[f64; 2]> = own.iter().zip(self.shares).map(|(x, share)| [share * x, *share]).collect();
+        for &[i, j] in &cells.pairs {
+            for (i, j) in [(i as usize, j as usize), (j as usize, i as usize)] {
+                wide[i][0] += self.shares[j] * own[j];
+                wide[i][1] += self.shares[j];
+            }
+        }
+        let wide: Vec<f64> = wide.iter().map(|[sum, share]| sum / share.max(1e-300)).collect();
+        let there: Vec<f64> = map.twin.iter().map(|&twin| wide[twin as usize]).collect();
+        let mean = |x: &[f64], y: &[f64]| (0..n).map(|i| self.shares[i] * x[i] * y[i]).sum::<f64>();
+        let ones = vec![1.0; n];
+        let (a, b) = (mean(&wide, &ones), mean(&there, &ones));
+        let (aa, bb, ab) = (mean(&wide, &wide) - a * a, mean(&there, &there) - b * b, mean(&wide, &there) - a * b);
+        if aa * bb > 1e-24 { ab / (aa * bb).sqrt() } else { 1.0 }
+    }
+
+    /// Whether a map keeps the sense in which cells lie around each other: 1, or turns it over: −1.
+    fn turning(&self, map: &CellMap) -> f64 {
+        let spin = |[x, u, v]: [u32; 3]| {
+            let [at, u, v] = [x, u, v].map(|cell| self.cells.centre[cell as usize]);
+            dot(cross(minus(u, at), minus(v, at)), self.cells.normal[x as usize])
+        };
+        let (mut sum, mut total) = (0.0, 0.0);
+        for (x, share) in (0u32..).zip(self.shares) {
+            let ring: Vec<u32> = self.paths.steps(x).map(|(j, _)| j).collect();
+            for (k, &u) in ring.iter().enumerate() {
+                for between in [1, 3] {
+                    let turn = [x, u, ring[(k + between) % ring.len()]];
+                    let both = share * spin(turn) * spin(turn.map(|cell| map.twin[cell as usize]));
+                    sum += both;
+                    total += both.abs();
+                }
+            }
+        }
+        if total > 0.0 { sum / total } else { 1.0 }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::collections::{BTreeMap, BTreeSet};
+    use std::ops::Range;
+
+    type Voxels = BTreeSet<[i32; 3]>;
+
+    fn fill(voxels: &mut Voxels, [x, y, z]: [Range<i32>; 3]) {
+        for x in x {
+            voxels.extend(y.clone().flat_map(|y| z.clone().map(move |z| [x, y, z])));
+        }
+    }
+
+    /// A body whose left half stands with its arm stretched out, while the right arm is raised and the right leg walks; it may lack
+    /// them.
+    fn posed(arm: bool, leg: bool) -> CellGraph {
+        let mut body = Voxels::new();
+        let mut add = |there: bool, blocks: &[[Range<i32>; 3]]| {
+            for block in blocks.iter().filter(|_| there) {
+                // Twice as fine.
+                fill(&mut body, block.clone().map(|range| 2 * range.start..2 * range.end));
+            }
+        };
+        add(true, &[[-3..3, 0..4, 0..12], [-2..2, 0..3, 12..17], [-1..1, -2..0, 13..15]]);
+        add(true, &[[3..15, 1..2, 9..10], [1..2, 1..2, -16..0], [1..2, -2..1, -16..-15]]);
+        add(arm, &[[-15..-3, 1..2, 9..10]]);
+        add(leg, &[[-2..-1, 1..2, -16..0], [-2..-1, -2..1, -16..-15]]);
+        let mut cells = surface(&body);
+        let unit = 0.5 * (cells.len() as f64).sqrt();
+        for (centre, normal) in cells.centre.iter_mut().zip(&mut cells.normal) {
+            let at = centre.map(|x| x * unit);
+            if at[0] < -5.0 {
+                turn(centre, normal, [0, 2], [-5.0 / unit, 9.5 / unit]);
+            } else if at[0] < 0.0 && at[2] < -2.0 {
+                turn(centre, normal, [1, 2], [1.5 / unit, -2.0 / unit]);
+            }
+        }
+        cells
+    }
+
+    /// Turns a place and a direction by .6 about a hinge, in the plane of two axes.
+    fn turn(place: &mut [f64; 3], direction: &mut [f64; 3], [a, b]: [usize; 2], hinge: [f64; 2]) {
+        let (sin, cos) = 0.6f64.sin_cos();
+        for (v, [p, q]) in [(place, hinge), (direction, [0.0; 2])] {
+            let (x, y) = (v[a] - p, v[b] - q);
+            (v[a], v[b]) = (p + cos * x + sin * y, q + cos * y - sin * x);
+        }
+    }
+
+    /// A cell for each square that bounds voxels.
+    fn surface(body: &Voxels) -> CellGraph {
+        let mut cells = CellGraph::default();
+        let mut edges: BTreeMap<[i32; 3], Vec<u32>> = BTreeMap::new();
+        for &voxel in body {
+            for (axis, sign) in [(0, -1), (0, 1), (1, -1), (1, 1), (2, -1), (2, 1)] {
+                let mut beside = voxel;
+                beside[axis] += sign;
+                if body.contains(&beside) {
+                    continue;
+                }
+                // Twice the positions are whole.
+                let mut centre = voxel.map(|x| 2 * x);
+                centre[axis] += sign;
+                for other in (0..3).filter(|&other| other != axis) {
+                    for step in [-1, 1] {
+                        let mut edge = centre;
+                        edge[other] += step;
+                        edges.entry(edge).or_default().push(cells.area.len() as u32);
+                    }
+                }
+                let mut normal = [0.0; 3];
+                normal[axis] = f64::from(sign);
+                cells.normal.push(normal);
+                cells.centre.push(centre.map(|x| 0.5 * f64::from(x)));
+                cells.area.push(1.0);
+            }
+        }
+        let unit = 2.0 * (0.25 * cells.area.len() as f64).sqrt();
+        cells.centre.iter_mut().for_each(|centre| *centre = centre.map(|x| x / unit));
+        cells.area.iter_mut().for_each(|area| *area /= unit * unit);
+        cells.pairs = edges.into_values().map(|both| [both[0], both[1]]).collect();
+        // How far each turns towards the other, in right angles: above 0 where concave.
+        let turning = |&[i, j]: &[u32; 2]| {
+            dot(minus(cells.centre[j as usize], cells.centre[i as usize]), cells.normal[i as usize]).signum()
+                * (1.0 - dot(cells.normal[i as usize], cells.normal[j as usize]))
+        };
+        let turning: Vec<f64> = cells.pairs.iter().map(turning).collect();
+        cells.concave = turning.iter().map(|turn| turn.max(0.0)).collect();
+        cells.convex = turning.iter().map(|turn| (-turn).max(0.0)).collect();
+        cells.length = vec![1.0 / unit; cells.pairs.len()];
+        cells
+    }
+
+    /// Whether a place, in units of the blocks, is on each.
+    const LEFT_ARM: fn([f64; 3]) -> bool = |x| x[0] > 4.0;
+    const RIGHT_ARM: fn([f64; 3]) -> bool = |x| x[0] < -3.0 && x[2] > 5.0;
+    const LEFT_LEG: fn([f64; 3]) -> bool = |x| x[0] > 0.0 && x[2] < -1.0;
+    const RIGHT_LEG: fn([f64; 3]) -> bool = |x| x[0] < 0.0 && x[2] < 0.0;
+
+    /// The numbers of the cells there.
+    fn cells_of(cells: &CellGraph, part: fn([f64; 3]) -> bool) -> Vec<usize> {
+        let unit = 0.5 * (cells.len() as f64).sqrt();
+        (0..cells.len()).filter(|&i| part(cells.centre[i].map(|x| x * unit))).collect()
+    }
+
+    fn found(cells: &CellGraph) -> Option<Twins> {
+        reflection(cells, &cells.area_shares(), &Run::new(&())).unwrap()
+    }
+
+    #[test]
+    fn a_posed_body_has_a_left_and_a_right() {
+        let cells = posed(true, true);
+        let Twins { twin, weight } = found(&cells).unwrap();
+        for (from, to) in [(LEFT_ARM, RIGHT_ARM), (LEFT_LEG, RIGHT_LEG)] {
+            let (from, to) = (cells_of(&cells, from), cells_of(&cells, to));
+            let share = from.iter().filter(|&&i| to.contains(&(twin[i] as usize))).count() as f64 / from.len() as f64;
+            assert!(share > 0.95, "{share}");
+        }
+        assert!(weight.iter().sum::<f64>() > 0.9 * weight.len() as f64);
+    }
+
+    #[test]
+    fn what_is_on_one_side_only_has_no_twin() {
+        let cells = posed(false, true);
+        let Twins { weight, .. } = found(&cells).unwrap();
+        let mean = |part: Vec<usize>| part.iter().map(|&i| weight[i]).sum::<f64>() / part.len() as f64;
+        let (arm, leg) = (mean(cells_of(&cells, |x| x[0] > 8.0)), mean(cells_of(&cells, LEFT_LEG)));
+        assert!(arm < 0.1 && leg > 0.9, "{arm} {leg}");
+    }
+
+    #[test]
+    fn what_has_no_two_sides_or_no_shape_has_no_reflection() {
+        assert!(found(&posed(false, false)).is_none());
+        // One side is convex where the other is concave.
+        let mut cells = posed(true, true);
+        for (k, pair) in cells.pairs.iter().enumerate() {
+            if cells.centre[pair[0] as usize][0] < 0.0 {
+                std::mem::swap(&mut cells.convex[k], &mut cells.concave[k]);
+            }
+        }
+        assert!(found(&cells).is_none());
+        // Two pieces, no pieces, a few cells.
+        let centre = cells.centre.clone();
+        cells.pairs.retain(|pair| pair.iter().all(|&i| centre[i as usize][2] > 0.0));
+        assert!(found(&cells).is_none());
+        cells.pairs.clear();
+        assert!(found(&cells).is_none());
+        let few = CellGraph {
+            area: vec![1.0; 3],
+            centre: vec![[0.0; 3]; 3],
+            normal: vec![[0.0; 3]; 3],
+            ..CellGraph::default()
+        };
+        assert!(found(&few).is_none());
+    }
+}
