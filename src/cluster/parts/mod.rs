@@ -282,14 +282,24 @@ fn alike(
     let Some(twins) = reflection::reflection(cells, &shares, run)? else { return Ok((superfaces, c)) };
     // Where one side is cut, superfaces of the other need not end: the parts tell where they must.
     let once = twins::made_alike(&c, &superfaces.of_cell, &shares, &twins);
-    let part = labelling::soft_hierarchy(cells, &superfaces, &once, small_part, run)?.cut_detail(0.0).label;
-    let (of_cell, count) = twins.cut_at_images(cells, &shares, &superfaces.of_cell, &part);
+    let parts = |superfaces: &Superfaces, c: &Square| -> Result<TreeCut> {
+        Ok(labelling::soft_hierarchy(cells, superfaces, c, small_part, run)?.cut_detail(0.0))
+    };
+    let uncut = parts(&superfaces, &once)?;
+    let (of_cell, count) = twins.cut_at_images(cells, &shares, &superfaces.of_cell, &uncut.label);
+    if count == superfaces.len() {
+        return Ok((superfaces, once));
+    }
     let area = cell_graph::class_sums(&of_cell, &cells.area, count);
     let finer = Superfaces::kept(of_cell, area).ok_or_else(|| Error::internal("a superface without cells"))?;
     let whole = finer.labels(&superfaces.of_cell);
     let row = |&x: &u32| whole.iter().map(|&y| c[(x as usize, y as usize)]).collect::<Vec<f64>>();
     let c = Square::from_values(count, whole.iter().flat_map(row).collect());
     let c = twins::made_alike(&c, &finer.of_cell, &shares, &twins);
+    // A twin that was missing is one part more; slivers between images that are off are several.
+    if parts(&finer, &c)?.parts > uncut.parts + 1 {
+        return Ok((superfaces, once));
+    }
     Ok((finer, c))
 }
 

@@ -4,12 +4,14 @@
 //! plane ([`crate::cluster::mirror`]), so images of superfaces are exact but for the triangles. Cost: some milliseconds for the planes; R² and
 //! the pairs of superfaces that twins lie in, times R, for each.
 
-use super::cell_graph::{CellGraph, intersect};
+use super::cell_graph::{CellGraph, class_sums, intersect};
 use super::matrix::Square;
 use crate::cluster::mirror::{NearestPoint, PointSet, SurfacePoint, mirror_planes};
 
 /// Where the best plane has less [`Twins::likeness`], the surface may be posed.
 pub const LIKE: f64 = 0.9;
+/// A superface is cut where both pieces have this share of it: less is what images are off by.
+const CUT: f64 = 0.3;
 /// Twins farther apart than this many cell radii are none.
 const REACH: f64 = 2.0;
 
@@ -29,7 +31,8 @@ impl Twins {
     }
 
     /// Superfaces cut where the images of parts end, so that both sides can be cut alike: `of_cell` is the superface of each cell (S),
-    /// `part` its part (S). Returns the new ones, and how many. Majorities among neighbours decide, since images are a cell or two off.
+    /// `part` its part (S). Returns the new ones, and how many. Majorities among neighbours decide, since images are a cell or two off,
+    /// and small pieces stay with the largest of their superface.
     pub fn cut_at_images(&self, cells: &CellGraph, shares: &[f64], of_cell: &[u32], part: &[u32]) -> (Vec<u32>, usize) {
         let image = |cell: usize| part[self.twin[cell] as usize];
         let mut votes: Vec<Vec<(u32, f64)>> = (0..cells.len()).map(|cell| vec![(image(cell), shares[cell])]).collect();
@@ -41,7 +44,23 @@ impl Twins {
             let sum = |part: u32| votes.iter().filter(|vote| vote.0 == part).map(|vote| vote.1).sum::<f64>();
             votes.iter().map(|vote| vote.0).max_by(|&a, &b| sum(a).total_cmp(&sum(b)).then(b.cmp(&a))).unwrap_or(0)
         };
-        intersect(of_cell, &votes.iter().map(most).collect::<Vec<_>>())
+        let (pieces, count) = intersect(of_cell, &votes.iter().map(most).collect::<Vec<_>>());
+        let area = class_sums(&pieces, shares, count);
+        let superfaces = of_cell.iter().map(|&x| x as usize + 1).max().unwrap_or(0);
+        let whole = class_sums(of_cell, shares, superfaces);
+        let mut largest = vec![None; superfaces];
+        for (&piece, &superface) in pieces.iter().zip(of_cell) {
+            let best: &mut Option<u32> = &mut largest[superface as usize];
+            if best.is_none_or(|best| area[piece as usize] > area[best as usize]) {
+                *best = Some(piece);
+            }
+        }
+        let large = |(&piece, &superface): (&u32, &u32)| {
+            let is_large = area[piece as usize] >= CUT * whole[superface as usize];
+            if is_large { piece } else { largest[superface as usize].unwrap_or(piece) }
+        };
+        let kept: Vec<u32> = pieces.iter().zip(of_cell).map(large).collect();
+        intersect(of_cell, &kept)
     }
 }
 
@@ -122,6 +141,9 @@ mod tests {
         let part: Vec<u32> = (0..12).map(|i| u32::from(i >= 3)).collect();
         let (of_cell, count) = twins.cut_at_images(&cells, &[1.0 / 12.0; 12], &part, &part);
         assert_eq!((of_cell, count), (vec![0, 0, 0, 1, 1, 1, 1, 1, 1, 2, 2, 2], 3));
+        // A fifth of a superface is what images may be off by.
+        let part: Vec<u32> = (0..12).map(|i| u32::from(i >= 2)).collect();
+        assert_eq!(twins.cut_at_images(&cells, &[1.0 / 12.0; 12], &part, &part), (part.clone(), 2));
         twins.weight[..6].fill(0.5);
         assert!((twins.likeness(&[1.0 / 12.0; 12]) - 0.75).abs() < 1e-12);
     }
