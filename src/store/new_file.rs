@@ -32,15 +32,18 @@ pub(crate) fn create(path: &Path) -> Result<File> {
             Err(error) if error.kind() == ErrorKind::AlreadyExists => {
                 // Locked until it is removed: a run that made it a moment ago and has not locked it yet cannot go on with a file
                 // that loses its name.
-                let left = std::fs::symlink_metadata(path).ok().filter(std::fs::Metadata::is_file);
-                let held = left.and_then(|_| File::open(path).ok());
-                if let Some(held) = &held {
-                    if is_locked_elsewhere(held) {
-                        break;
-                    }
-                    if !is_at(held, path).map_err(wrong())? {
-                        continue;
-                    }
+                let held = match std::fs::symlink_metadata(path) {
+                    Ok(left) if left.is_file() => File::open(path).map(Some),
+                    // A link, or a folder.
+                    Ok(_) => Ok(None),
+                    Err(error) => Err(error),
+                };
+                match &held {
+                    Ok(Some(held)) if is_locked_elsewhere(held) => break,
+                    Ok(Some(held)) if !is_at(held, path).map_err(wrong())? => continue,
+                    // Gone meanwhile: what has the name from here on is somebody else's new file.
+                    Err(error) if error.kind() == ErrorKind::NotFound => continue,
+                    _ => {}
                 }
                 match std::fs::remove_file(path) {
                     Err(error) if error.kind() != ErrorKind::NotFound => return Err(wrong()(error)),
