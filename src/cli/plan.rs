@@ -6,8 +6,9 @@ use super::output::{JsonArgs, folder_of};
 use super::progress::{human, words};
 use nystrom_stream::base::Result;
 use nystrom_stream::pipeline::SegmentParams;
-use nystrom_stream::pipeline::calibrate::{calibrate, disk_speed, size_of_mesh};
+use nystrom_stream::pipeline::calibrate::{calibrate, size_of_mesh};
 use nystrom_stream::pipeline::plan::{Plan, order_is_open};
+use nystrom_stream::store::disk_speed::DiskSpeed;
 use nystrom_stream::store::{Budget, Context};
 use std::fmt::Write;
 use std::path::{Path, PathBuf};
@@ -72,7 +73,7 @@ pub fn run(args: &PlanArgs, app: &AppContext) -> Result<(), CliError> {
     let measured = calibrate(&params, plan.landmarks, &folder, &run)?;
     let mut plan = plan.with_times(|stage| measured.get(stage).copied().unwrap_or_default());
     if let Some(cache) = page_cache(&plan).filter(|&cache| plan.walked > cache) {
-        plan = plan.with_waits(disk_speed(&folder)?, cache);
+        plan = plan.with_waits(DiskSpeed::measure(&folder)?, cache);
     }
     let mut text = table(&plan);
     if order_is_open(&params, size.faces) {

@@ -11,7 +11,6 @@ use crate::mesh;
 use crate::mesh::geometry::no_faces;
 use crate::mesh::ply::{Encoding, Kind};
 use crate::mesh::{import, ply::header};
-use crate::store::disk_speed::DiskSpeed;
 use crate::store::{Context, MappedBytes, Run, WorkDir};
 use std::collections::BTreeMap;
 use std::path::Path;
@@ -42,14 +41,6 @@ pub fn calibrate(params: &SegmentParams, landmarks: usize, folder: &Path, run: &
         (name.clone(), Pace::through((few.0, short), (many.0, long)))
     };
     Ok(many.1.iter().map(pace).collect())
-}
-
-/// The speed of the disk under `folder`, measured in a temporary folder.
-///
-/// # Errors
-/// As [`DiskSpeed::measure`].
-pub fn disk_speed(folder: &Path) -> Result<DiskSpeed> {
-    DiskSpeed::measure(&WorkDir::temporary(folder)?)
 }
 
 /// Faces of a creature of about `faces`, and the seconds of each stage on it.

@@ -6,12 +6,13 @@
 //!
 //! Cost: a tenth of a second on a fast disk, two seconds on one of 150 MB/s; a buffer of a mebibyte.
 
-use super::WorkDir;
+use super::private_folder;
 use crate::base::random::{mix, stream};
 use crate::base::{Error, Result};
 use rand_xoshiro::rand_core::Rng;
 use rustix::fs::{Advice, fadvise};
 use std::io::{Read, Seek, Write};
+use std::path::Path;
 use std::time::Instant;
 
 /// Size of the file.
@@ -31,12 +32,13 @@ pub struct DiskSpeed {
 }
 
 impl DiskSpeed {
-    /// Measures the disk under the folder of `work`.
+    /// Measures the disk under `folder`, in a temporary folder there.
     ///
     /// # Errors
     /// [`Error::Io`].
-    pub fn measure(work: &WorkDir) -> Result<Self> {
-        let path = work.file("disk-speed");
+    pub fn measure(folder: &Path) -> Result<Self> {
+        let own = private_folder(folder)?;
+        let path = own.path().join("disk-speed");
         let wrong = |what| Error::io(&path, what);
         let mut file = super::new_file::create(&path)?;
         let mut block = vec![0; BLOCK];

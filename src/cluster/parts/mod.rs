@@ -251,9 +251,7 @@ pub fn decide(
                 let superfaces = Superfaces::of(&cells, &rows, &ensemble, run)?;
                 let co_association =
                     ensemble::co_association(&cells, &superfaces, &ensemble, &merges::MergeModel::default(), run)?;
-                let (superfaces, co_association) = alike(&cells, superfaces, co_association, params.small_part, run)?;
-                let tree = labelling::soft_hierarchy(&cells, &superfaces, &co_association, params.small_part, run)?;
-                Ok(PartDecision { superfaces, co_association, tree })
+                alike(&cells, superfaces, co_association, params.small_part, run)
             }
             Decision::Consensus => consensus::consensus(&cells, &rows, params.small_part, run),
             Decision::Single => consensus::single_run(&cells, &rows, params.small_part, run),
@@ -262,14 +260,12 @@ pub fn decide(
     run.stage("parts", "segmentations", params.ensemble_size as u64, work)
 }
 
-/// Superfaces and their co-association `c`, the same on both sides where there are two.
-fn alike(
-    cells: &CellGraph,
-    superfaces: Superfaces,
-    mut c: Square,
-    small_part: f64,
-    run: &Run,
-) -> Result<(Superfaces, Square)> {
+/// The decision on superfaces with the co-association `c`, the same on both sides where there are two.
+fn alike(cells: &CellGraph, superfaces: Superfaces, mut c: Square, small_part: f64, run: &Run) -> Result<PartDecision> {
+    let decided = |superfaces: Superfaces, co_association: Square| -> Result<PartDecision> {
+        let tree = labelling::soft_hierarchy(cells, &superfaces, &co_association, small_part, run)?;
+        Ok(PartDecision { superfaces, co_association, tree })
+    };
     let shares = cells.area_shares();
     let planes = twins::twins(cells, &shares);
     // The best plane last: what it makes alike stays so.
@@ -277,30 +273,27 @@ fn alike(
         c = twins::made_alike(&c, &superfaces.of_cell, &shares, twins);
     }
     if planes.first().is_some_and(|best| best.likeness(&shares) >= twins::LIKE) {
-        return Ok((superfaces, c));
+        return decided(superfaces, c);
     }
-    let Some(twins) = reflection::reflection(cells, &shares, run)? else { return Ok((superfaces, c)) };
+    let Some(twins) = reflection::reflection(cells, &shares, run)? else { return decided(superfaces, c) };
     // Where one side is cut, superfaces of the other need not end: the parts tell where they must.
     let once = twins::made_alike(&c, &superfaces.of_cell, &shares, &twins);
-    let parts = |superfaces: &Superfaces, c: &Square| -> Result<TreeCut> {
-        Ok(labelling::soft_hierarchy(cells, superfaces, c, small_part, run)?.cut_detail(0.0))
-    };
-    let uncut = parts(&superfaces, &once)?;
-    let (of_cell, count) = twins.cut_at_images(cells, &shares, &superfaces.of_cell, &uncut.label);
-    if count == superfaces.len() {
-        return Ok((superfaces, once));
+    let uncut = decided(superfaces, once)?;
+    let parts = uncut.tree.cut_detail(0.0);
+    let of_cell = &uncut.superfaces.of_cell;
+    let (of_piece, count) = twins.cut_at_images(cells, &shares, of_cell, &parts.label);
+    if count == uncut.superfaces.len() {
+        return Ok(uncut);
     }
-    let area = cell_graph::class_sums(&of_cell, &cells.area, count);
-    let finer = Superfaces::kept(of_cell, area).ok_or_else(|| Error::internal("a superface without cells"))?;
-    let whole = finer.labels(&superfaces.of_cell);
+    let area = cell_graph::class_sums(&of_piece, &cells.area, count);
+    let finer = Superfaces::kept(of_piece, area).ok_or_else(|| Error::internal("a superface without cells"))?;
+    let whole = finer.labels(of_cell);
     let row = |&x: &u32| whole.iter().map(|&y| c[(x as usize, y as usize)]).collect::<Vec<f64>>();
     let c = Square::from_values(count, whole.iter().flat_map(row).collect());
     let c = twins::made_alike(&c, &finer.of_cell, &shares, &twins);
     // A twin that was missing is one part more; slivers between images that are off are several.
-    if parts(&finer, &c)?.parts > uncut.parts + 1 {
-        return Ok((superfaces, once));
-    }
-    Ok((finer, c))
+    let cut = decided(finer, c)?;
+    Ok(if cut.tree.cut_detail(0.0).parts > parts.parts + 1 { uncut } else { cut })
 }
 
 /// The answer of `decided`, from `l` rows in `seconds`, that `params` asks for. Milliseconds.

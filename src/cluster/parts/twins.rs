@@ -4,7 +4,7 @@
 //! plane ([`crate::cluster::mirror`]), so images of superfaces are exact but for the triangles. Cost: some milliseconds for the planes; R² and
 //! the pairs of superfaces that twins lie in, times R, for each.
 
-use super::cell_graph::{CellGraph, class_sums, intersect};
+use super::cell_graph::{CellGraph, class_sums, compact, intersect};
 use super::matrix::Square;
 use crate::cluster::mirror::{NearestPoint, PointSet, SurfacePoint, mirror_planes};
 
@@ -59,8 +59,7 @@ impl Twins {
             let is_large = area[piece as usize] >= CUT * whole[superface as usize];
             if is_large { piece } else { largest[superface as usize].unwrap_or(piece) }
         };
-        let kept: Vec<u32> = pieces.iter().zip(of_cell).map(large).collect();
-        intersect(of_cell, &kept)
+        compact(&pieces.iter().zip(of_cell).map(large).collect::<Vec<_>>())
     }
 }
 
