@@ -91,8 +91,8 @@ fn assigning(criterion: &mut Criterion) {
     let (graph, work) = (&prepared.graph, &prepared.work);
     let params = RowParams { l: 12, sampling: Sampling::Farthest };
     let rows =
-        DistanceRows::build(&prepared.weighted, graph.nodes.array(), params, Context::new(work, &run)).expect("rows");
-    let columns = SampledColumns::sample(&rows, graph.nodes.array(), 0);
+        DistanceRows::build(&prepared.weighted, graph.nodes.view(), params, Context::new(work, &run)).expect("rows");
+    let columns = SampledColumns::sample(&rows, |face| graph.nodes.at(face).area, &run);
     let embedding_params = EmbeddingParams::for_parts(6);
     let embedding = Embedding::fit(&rows, &columns, embedding_params).expect("an embedding");
     let coordinates = embedding.columns(&columns);
@@ -105,8 +105,7 @@ fn assigning(criterion: &mut Criterion) {
     for (name, gamma) in [("labels", None), ("labels and gamma", Some(&gamma))] {
         group.bench_function(name, |bencher| {
             let (labels, quality) = (&mut labels[..], &mut quality[..]);
-            let assignment =
-                Assignment { rows: &rows, nodes: graph.nodes.array(), embedding: &embedding, centres: &centres, gamma };
+            let assignment = Assignment { rows: &rows, embedding: &embedding, centres: &centres, gamma };
             bencher.iter(|| assign(assignment, labels, quality, &run));
         });
     }

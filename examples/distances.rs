@@ -23,7 +23,7 @@ fn distances(path: &Path, l: usize) -> Result<()> {
     let weighted = graph.weighted(Metric::Geodesic, Context::new(&work, &run))?;
     let rows = DistanceRows::build(
         &weighted,
-        graph.nodes.array(),
+        graph.nodes.view(),
         RowParams { l, sampling: Sampling::Farthest },
         Context::new(&work, &run),
     )?;

@@ -95,7 +95,7 @@ fn race(arguments: &Arguments) -> Result<()> {
                 let scratch = WorkDir::temporary(&std::env::temp_dir())?.holding(&run.budget);
                 let params = RowParams { l: arguments.l, sampling: nystrom_stream::landmarks::Sampling::default() };
                 let rows = || {
-                    DistanceRows::build(&weighted, graph.nodes.array(), params, Context::new(&scratch, &run)).map(drop)
+                    DistanceRows::build(&weighted, graph.nodes.view(), params, Context::new(&scratch, &run)).map(drop)
                 };
                 times[threads - 1].push(seconds(rows)?);
             }

@@ -13,7 +13,7 @@ use crate::base::Result;
 use crate::base::parallel::chunk_range;
 use crate::base::random::{stream, weighted};
 use crate::distance::DistanceRows;
-use crate::graph::Node;
+use crate::graph::NodeView;
 use crate::spectral::Embedding;
 use crate::spectral::measures::Gamma;
 use crate::store::Run;
@@ -278,8 +278,6 @@ pub struct ClusterTotals {
 pub struct Assignment<'a> {
     /// Distances of the faces from the landmarks.
     pub rows: &'a DistanceRows,
-    /// The faces.
-    pub nodes: &'a [Node],
     /// The embedding that is extrapolated to them.
     pub embedding: &'a Embedding,
     /// Centres in it.
@@ -288,13 +286,16 @@ pub struct Assignment<'a> {
     pub gamma: Option<&'a Gamma>,
 }
 
-/// Labels every face: `labels` (n) get the nearest centre, `quality` (n) how sure it is, from 0 on the border
-/// between two centres to 1 on a centre.
+/// Chunks whose distances are asked for at a time.
+const CHUNKS_ASKED: usize = 16;
+
+/// Labels every face: `labels` (n) get the nearest centre, `quality` (n), which holds the faces' areas, how sure it is, from 0 on
+/// the border between two centres to 1 on a centre.
 ///
 /// # Errors
 /// [`crate::base::Error::Cancelled`].
 pub fn assign(assignment: Assignment<'_>, labels: &mut [u32], quality: &mut [f32], run: &Run) -> Result<ClusterTotals> {
-    let Assignment { rows, nodes, embedding, centres, gamma } = assignment;
+    let Assignment { rows, embedding, centres, gamma } = assignment;
     let parts = centres.centres.len() / centres.dimensions.max(1);
     let n = rows.nodes;
     let d = embedding.dimensions;
@@ -313,6 +314,10 @@ pub fn assign(assignment: Assignment<'_>, labels: &mut [u32], quality: &mut [f32
     let chunks = run.fill_two((labels, quality), FACES_PER_CHUNK, scratch, |k, labels, quality, s| {
         let m = labels.len();
         let range = chunk_range(n, FACES_PER_CHUNK, k);
+        if k % CHUNKS_ASKED == 0 {
+            let end = n.min(range.start + CHUNKS_ASKED * FACES_PER_CHUNK);
+            (0..rows.len()).for_each(|row| run.will_need(rows.row(row), range.start..end));
+        }
         let distances = |row: usize| &rows.row(row)[range.clone()];
         embedding.chunk(m, distances, &mut s.affinities[..m], &mut s.coordinates[..m * d]);
         let coordinates = &s.coordinates;
@@ -322,9 +327,9 @@ pub fn assign(assignment: Assignment<'_>, labels: &mut [u32], quality: &mut [f32
         for (i, (&label, quality)) in labels.iter().zip(quality).enumerate() {
             let (first, second) = (s.first[i].sqrt(), s.second[i].sqrt());
             let margin = if second > 0. && second.is_finite() { 1. - first / second } else { 1. };
-            *quality = margin.clamp(0., 1.);
             faces[label as usize] += 1;
-            area[label as usize] += f64::from(nodes[range.start + i].area);
+            area[label as usize] += f64::from(*quality);
+            *quality = margin.clamp(0., 1.);
         }
         run.progress.advance("assign", m as u64);
         Ok((faces, area, gamma.map_or(0., |gamma| gamma.chunk(m, distances))))
@@ -341,7 +346,7 @@ pub fn assign(assignment: Assignment<'_>, labels: &mut [u32], quality: &mut [f32
 /// Makes every part non-empty: while one has no face, it gets the least sure face of the part with most
 /// faces. Needed only where the embedding has fewer distinct points than parts (a cube, four
 /// faces in four parts); needs at least as many faces as parts.
-pub fn exactly(totals: &mut ClusterTotals, nodes: &[Node], labels: &mut [u32], quality: &[f32]) {
+pub fn exactly(totals: &mut ClusterTotals, nodes: NodeView<'_>, labels: &mut [u32], quality: &[f32]) {
     while let Some(empty) = totals.faces.iter().position(|&faces| faces == 0) {
         let mut most = 0;
         for part in 1..totals.faces.len() {
@@ -356,7 +361,7 @@ pub fn exactly(totals: &mut ClusterTotals, nodes: &[Node], labels: &mut [u32], q
             }
         }
         let Some(face) = worst.filter(|_| totals.faces[most] > 1) else { return };
-        let area = f64::from(nodes[face].area);
+        let area = f64::from(nodes.at(face).area);
         labels[face] = empty as u32;
         totals.faces[most] -= 1;
         totals.area[most] -= area;

@@ -179,7 +179,7 @@ pub fn averaged(graph: &DualGraph, shares: &AreaShares, r: f32, file: &str, cont
     let shared = graph.edges.shared();
     let mean = f64::from(mean_weight(lengths(graph)) * shares.unit);
     let rounds = if mean > 0. { (f64::from(r) / mean).powi(2).round().min(1e4) as usize } else { 0 };
-    let mut normals: Vec<[f32; 3]> = graph.nodes.array().iter().map(|node| node.normal).collect();
+    let mut normals: Vec<[f32; 3]> = (0..n).map(|i| graph.nodes.at(i).normal).collect();
     let mut next = normals.clone();
     for _ in 0..rounds {
         context.run.fill_chunks(

@@ -18,7 +18,7 @@ use super::row_sink::{RowSink, RowVisitor, Target};
 use super::sampler::{FinishedRows, GraphSpace, Sampler, SearchGraph, fill_lengths};
 use crate::base::parallel::{catch, spawn};
 use crate::base::{Cancel, Error, Result};
-use crate::graph::{Csr, Node, TriangleAdjacency};
+use crate::graph::{Csr, NodeView, TriangleAdjacency};
 use crate::store::mapped::Access;
 use crate::store::mapped::AlignedBuffer;
 use crate::store::npy::ArrayMut;
@@ -35,7 +35,7 @@ type Entries = BTreeMap<usize, JournalEntry>;
 #[derive(Clone, Copy)]
 pub(super) struct RowJob<'a> {
     pub graph: Csr<'a>,
-    pub nodes: &'a [Node],
+    pub nodes: NodeView<'a>,
     /// Who chooses the landmarks.
     pub sampler: &'a dyn Sampler,
     /// What the rows are of, and which of them are wanted.
@@ -87,23 +87,26 @@ impl RowJob<'_> {
             return Ok(sink.done.clone());
         }
         let temporary = format!("nearest-{}.tmp", self.spec.shard);
-        let mut field: ArrayMut<f32> = context.work.array(&temporary, &[n])?;
+        let mut own: Option<ArrayMut<f32>> = context.work.array_in_memory(&temporary, &[n]);
+        if own.is_none() && !sink.lends_last() {
+            own = Some(context.work.array(&temporary, &[n])?);
+        }
+        let mut field = own.as_mut().map(ArrayMut::data);
         let bytes = (context.run.threads + 1) * n * size_of::<f32>();
         let paged = Pages::needed(self.graph, bytes, context.run);
         let triangles = if paged { None } else { TriangleAdjacency::of(self.graph, context.run)? };
         let graph = Csr { triangles: triangles.as_ref().map_or(&[], TriangleAdjacency::all), ..self.graph };
-        let running = Running { job: RowJob { graph, ..*self }, lengths: None, sink, context };
+        // Before the kernel is told to read no more than it is asked for.
+        let mean = mean_weight(graph);
+        let running = Running { job: RowJob { graph, ..*self }, mean, lengths: None, sink, context };
         let result = Pages::lend(self.graph, bytes, context.run, |pages| {
-            if pages.is_some() {
-                field.data().advise(Access::Random);
-            }
             if self.sampler.needs_lengths() {
-                running.with_lengths(field.data(), pages)
+                running.with_lengths(field.take(), pages)
             } else {
-                running.fronts(field.data(), pages)
+                running.fronts(field.take(), pages)
             }
         });
-        drop(field);
+        drop(own);
         context.work.remove(&format!("{temporary}.partial"));
         result
     }
@@ -112,6 +115,8 @@ impl RowJob<'_> {
 /// A job under way: what its threads share.
 struct Running<'a> {
     job: RowJob<'a>,
+    /// Mean weight of the graph.
+    mean: f32,
     /// The graph weighted by length alone, for samplers that need it.
     lengths: Option<Csr<'a>>,
     sink: &'a RowSink<'a>,
@@ -120,7 +125,7 @@ struct Running<'a> {
 
 impl Running<'_> {
     /// [`Running::fronts`] with the graph of lengths beside: 4 bytes per entry in a mapped file, removed at the end.
-    fn with_lengths(&self, field: &mut MappedSliceMut<f32>, pages: Option<Pages>) -> Result<Entries> {
+    fn with_lengths(&self, field: Option<&mut MappedSliceMut<f32>>, pages: Option<Pages>) -> Result<Entries> {
         let (RowJob { graph, nodes, spec, .. }, Context { work, run }) = (self.job, self.context);
         let name = format!("lengths-{}.tmp", spec.shard);
         let mut array: ArrayMut<f32> = work.array(&name, &[graph.weights.len()])?;
@@ -132,11 +137,10 @@ impl Running<'_> {
         result
     }
 
-    /// Runs search and fronts until every wanted row is there.
-    fn fronts(&self, field: &mut MappedSliceMut<f32>, pages: Option<Pages>) -> Result<Entries> {
+    /// Runs search and fronts until every wanted row is there. The search's field is `field`, or lies where the last row will.
+    fn fronts(&self, field: Option<&mut MappedSliceMut<f32>>, pages: Option<Pages>) -> Result<Entries> {
         let run = self.context.run;
-        let mean = mean_weight(self.job.graph);
-        let front = || Front::new(mean).paged(pages.clone());
+        let front = || Front::new(self.mean).paged(pages.clone());
         let (send, receive) = crossbeam_channel::unbounded::<Request>();
         let (done, finished) = crossbeam_channel::unbounded::<Result<JournalEntry>>();
         let mut entries = self.sink.done.clone();
@@ -147,7 +151,13 @@ impl Running<'_> {
             let (mut searching, others) = (front(), &others);
             spawn(scope, move || {
                 let ended = catch(|| {
-                    self.search(field, &mut searching, (&send, &out), others)?;
+                    match field {
+                        Some(field) => self.search(field, &mut searching, (&send, &out), others),
+                        None => match self.sink.take(self.job.spec.rows - 1) {
+                            Some(mut last) => self.search(&mut last, &mut searching, (&send, &out), others),
+                            None => Err(Error::internal("a search without a field")),
+                        },
+                    }?;
                     drop(send);
                     self.rows(0, &mut searching, &requests, &out)
                 });
@@ -187,6 +197,9 @@ impl Running<'_> {
     ) -> Result<()> {
         let (RowJob { graph, nodes, sampler, spec }, sink, run) = (self.job, self.sink, self.context.run);
         let mut row = 0;
+        if front.is_paged() {
+            field.advise(Access::Random);
+        }
         front.values(field.writeback());
         let others = run.threads > 1 && spec.wanted() > 1;
         let found = &mut |landmark: u32, known: Option<&[f32]>| {

@@ -59,6 +59,13 @@ impl<'a> RowSink<'a> {
         self.found.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
+    /// Whether the search for landmarks may use the place of the last row, which is computed when all landmarks are known: where rows
+    /// lie in a file, all of them are wanted, there are several, and none is there yet.
+    pub fn lends_last(&self) -> bool {
+        let in_file = matches!(&self.target, Target::File { rows, journal: None, .. } if !rows.is_empty());
+        in_file && self.spec.of == 1 && self.spec.rows > 1 && self.done.is_empty()
+    }
+
     /// Enters the landmark of the next row.
     pub fn enter(&self, landmark: u32) {
         self.found().push(landmark);

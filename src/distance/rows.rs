@@ -12,7 +12,7 @@ use super::row_job::RowJob;
 use super::row_sink::RowVisitor;
 use super::sampler::Sampler;
 use crate::base::{Error, Result};
-use crate::graph::Node;
+use crate::graph::NodeView;
 use crate::graph::WeightedGraph;
 use crate::graph::dual::WEIGHTS;
 use crate::store::needs::{Extent, Needs, Room};
@@ -120,7 +120,8 @@ impl Stage for RowsStage<'_> {
     }
 
     /// The field of the search, the graph once more for fronts, and a row per thread. Where nobody keeps rows, a thread
-    /// without memory for one has a file for it.
+    /// without memory for one has a file for it. Where rows are kept in a temporary directory, a field without memory lies where
+    /// the last of them will.
     fn needs(extent: &Extent, room: &mut Room) -> Needs {
         let (n, l, t) = (extent.faces, extent.landmarks, extent.threads);
         let field = room.take(4 * n);
@@ -129,10 +130,11 @@ impl Stage for RowsStage<'_> {
         let memory = room.used();
         room.give_back(field + triangles + own);
         let (keeps, scratch) = if extent.keeps_rows { (4 * l * n, 0) } else { (0, 4 * n * t - own) };
+        let field = if extent.keeps_rows && !extent.lasting && l > 1 { 4 * n } else { field };
         // Weights go when rows are made of them.
         let frees = if extent.releases { 4 * extent.corners - room.give_up(WEIGHTS) } else { 0 };
         Needs { memory, keeps, passing: 4 * n - field + scratch, frees, ..Needs::default() }
-            .moving(55 * l * n, 11 * l * n)
+            .moving(35 * l * n, 11 * l * n)
     }
 }
 
@@ -228,7 +230,7 @@ impl DistanceRows {
     /// let context = Context::new(&work, &run);
     /// let graph = DualGraph::build(&mesh, "tetrahedron".as_ref(), &"tetrahedron".into(), context)?;
     /// let weighted = graph.weighted(Metric::Geodesic, context)?;
-    /// let rows = DistanceRows::build(&weighted, graph.nodes.array(), RowParams::new(2, Sampling::Farthest), context)?;
+    /// let rows = DistanceRows::build(&weighted, graph.nodes.view(), RowParams::new(2, Sampling::Farthest), context)?;
     /// assert_eq!(rows.len(), 2);
     /// assert_eq!(rows.row(0)[rows.landmarks[0] as usize], 0.);
     /// # Ok(())
@@ -236,7 +238,7 @@ impl DistanceRows {
     /// ```
     pub fn build(
         graph: &WeightedGraph,
-        nodes: &[Node],
+        nodes: NodeView<'_>,
         params: RowParams<impl Sampler + Serialize>,
         context: Context<'_>,
     ) -> Result<Self> {
@@ -256,7 +258,7 @@ impl DistanceRows {
     /// As [`DistanceRows::build`], and those of `visitor`.
     pub fn pass(
         graph: &WeightedGraph,
-        nodes: &[Node],
+        nodes: NodeView<'_>,
         params: RowParams<impl Sampler + Serialize>,
         visitor: RowVisitor<'_>,
         context: Context<'_>,
@@ -280,6 +282,15 @@ impl DistanceRows {
         work.write("landmarks.npy", &landmarks, 1)?;
         let distances = file.finish(work.durable())?;
         Ok(Self { landmarks, distances, facts, nodes: spec.nodes, key: spec.key.clone() })
+    }
+
+    /// Gives up the rows in a temporary `work`, where nothing will read them again: 4 l bytes a node of disk.
+    ///
+    /// # Errors
+    /// [`Error::Io`].
+    pub fn release(self, work: &WorkDir) -> Result<()> {
+        drop(self);
+        work.release(RowsStage::NAME, &FILES)
     }
 
     /// Stamps the stage as finished.

@@ -10,8 +10,8 @@
 use super::front::{Front, mean_weight};
 use crate::base::{Error, Result};
 use crate::graph::Csr;
-use crate::graph::Node;
 use crate::graph::weights::LEAST;
+use crate::graph::{Node, NodeView};
 use crate::store::Run;
 use crate::store::mapped::Access;
 use std::cell::Cell;
@@ -49,7 +49,7 @@ pub trait Sampler: Sync {
 /// Distances on demand.
 pub trait Space {
     /// Geometry of the nodes (n).
-    fn nodes(&self) -> &[Node];
+    fn nodes(&self) -> NodeView<'_>;
 
     /// Fills `field` (n) with the distances from `node`.
     ///
@@ -112,7 +112,7 @@ pub struct SearchGraph<'a> {
     /// The graph that rows run over.
     pub graph: Csr<'a>,
     /// Geometry of its nodes (n).
-    pub nodes: &'a [Node],
+    pub nodes: NodeView<'a>,
     /// The same graph weighted by length alone, for samplers that need it ([`fill_lengths`]).
     pub lengths: Option<Csr<'a>>,
 }
@@ -161,7 +161,7 @@ impl<'a> GraphSpace<'a> {
 }
 
 impl Space for GraphSpace<'_> {
-    fn nodes(&self) -> &[Node] {
+    fn nodes(&self) -> NodeView<'_> {
         self.search.nodes
     }
 
@@ -208,20 +208,22 @@ impl Space for GraphSpace<'_> {
 ///
 /// # Errors
 /// [`Error::Cancelled`].
-pub fn fill_lengths(graph: Csr<'_>, nodes: &[Node], out: &mut [f32], run: &Run) -> Result<()> {
+pub fn fill_lengths(graph: Csr<'_>, nodes: NodeView<'_>, out: &mut [f32], run: &Run) -> Result<()> {
     const CHUNK: usize = 1 << 15;
-    let fill = |k: usize, out: &mut [f32], (): &mut ()| {
+    let fill = |k: usize, out: &mut [f32], held: &mut Vec<Node>| {
         let (mut row, mut span) = graph.starts.row_of(k * CHUNK);
+        let last = graph.starts.row_of((k * CHUNK + out.len()).saturating_sub(1)).0;
+        let nodes = nodes.window(row..last + 1, held);
         for (e, slot) in (k * CHUNK..).zip(out) {
             while span.end <= e {
                 row += 1;
                 span = graph.span(row as u32);
             }
-            let (a, b) = (nodes[row].centroid, nodes[graph.indices[e] as usize].centroid);
+            let (a, b) = (nodes.at(row).centroid, nodes.at(graph.indices[e] as usize).centroid);
             let (x, y, z) = (a[0] - b[0], a[1] - b[1], a[2] - b[2]);
             *slot = (x * x + y * y + z * z).sqrt().max(LEAST);
         }
         Ok(())
     };
-    run.fill_chunks(out, CHUNK, || (), fill).map(drop)
+    run.fill_chunks(out, CHUNK, Vec::new, fill).map(drop)
 }

@@ -12,7 +12,7 @@ use super::row_job::RowJob;
 use super::rows::{DistanceRows, RowParams, job_spec};
 use super::sampler::Sampler;
 use crate::base::{Error, Result};
-use crate::graph::Node;
+use crate::graph::NodeView;
 use crate::graph::WeightedGraph;
 use crate::store::rows_file::RowsFile;
 use crate::store::{Context, MappedSlice, WorkDir};
@@ -31,7 +31,7 @@ fn stem(shard: usize, of: usize) -> String {
 /// [`Error::Parameter`] for a shard that does not exist, [`Error::Io`], [`Error::Cancelled`].
 pub fn compute(
     graph: &WeightedGraph,
-    nodes: &[Node],
+    nodes: NodeView<'_>,
     params: RowParams<impl Sampler + Serialize>,
     (shard, of): (usize, usize),
     context: Context<'_>,

@@ -48,7 +48,8 @@ fn chosen(surface: Surface<'_>, sampler: &dyn Sampler, l: usize, context: Contex
     let mut field = context.work.array::<f32>("nearest.tmp", &[nodes.len()])?;
     let mut found = Vec::with_capacity(l);
     let mut front = Front::new(mean_weight(graph));
-    let mut space = GraphSpace::new(SearchGraph { graph, nodes, lengths: None }, &mut front, &(), context.run);
+    let mut space =
+        GraphSpace::new(SearchGraph { graph, nodes: nodes.into(), lengths: None }, &mut front, &(), context.run);
     let result = space.sample(sampler, l, field.data(), &mut |landmark, _| {
         found.push(landmark);
         Ok(())

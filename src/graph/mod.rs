@@ -27,7 +27,7 @@ pub mod weights;
 pub use csr::{Csr, TriangleAdjacency, WeightedGraph};
 pub use dual::{DualGraph, GraphFacts};
 pub use dual_edges::DualEdges;
-pub use node_geometry::{NodeGeometry, SharedEdges};
+pub use node_geometry::{NodeGeometry, NodeView, SharedEdges};
 pub use nodes::{Frame, Node};
 pub use order::{NodeOrder, Order, Ordered};
 pub use row_starts::{OwnedRowStarts, RowStarts};

@@ -6,6 +6,7 @@
 //! two faces alone (welded ones, edges shared twice, some of non-manifold meshes); these are listed.
 
 use super::nodes::{Frame, Node};
+use crate::base::Result;
 use crate::base::vector::distance;
 use crate::mesh::Mesh;
 use crate::store::{MappedSlice, Run};
@@ -14,6 +15,9 @@ use std::sync::Arc;
 
 /// Edges at the most that are listed, 12 bytes each; a mesh with more keeps arrays.
 pub(super) const MOST_LISTED: usize = 1 << 20;
+
+/// Nodes a chunk of a pass.
+const CHUNK: usize = 1 << 15;
 
 /// Geometry of the nodes (n).
 #[derive(Clone, Debug)]
@@ -38,14 +42,18 @@ impl NodeGeometry {
         self.mesh.is_some()
     }
 
-    /// The array; empty where the numbers are computed, which only the default method on a mesh larger than memory asks for.
-    pub fn array(&self) -> &[Node] {
-        &self.array
+    /// The nodes to look at.
+    #[inline]
+    pub fn view(&self) -> NodeView<'_> {
+        NodeView(match &self.mesh {
+            None => Look::Array(&self.array),
+            Some(mesh) => Look::Mesh(mesh),
+        })
     }
 
     /// Number of nodes.
     pub fn len(&self) -> usize {
-        self.mesh.as_ref().map_or(self.array.len(), |mesh| mesh.mesh.faces.len())
+        self.view().len()
     }
 
     /// Whether there are no nodes.
@@ -53,31 +61,97 @@ impl NodeGeometry {
         self.len() == 0
     }
 
-    /// A window on the nodes of `range`, which `held` holds where they are computed: 28 bytes each.
+    /// [`NodeView::window`].
     pub fn window<'a>(&'a self, range: Range<usize>, held: &'a mut Vec<Node>) -> NodeWindow<'a> {
-        let Some(mesh) = self.mesh.as_deref() else {
-            return NodeWindow { nodes: self, first: 0, items: &self.array };
-        };
-        let first = range.start;
-        held.clear();
-        held.extend(range.map(|node| mesh.node(node)));
-        NodeWindow { nodes: self, first, items: held }
+        self.view().window(range, held)
     }
 
     /// The node `node`.
     #[inline]
     pub fn at(&self, node: usize) -> Node {
-        match &self.mesh {
-            None => self.array[node],
-            Some(mesh) => mesh.node(node),
+        self.view().at(node)
+    }
+}
+
+/// Nodes (n) as passes look at them, wherever they are from.
+#[derive(Clone, Copy, Debug)]
+pub struct NodeView<'a>(Look<'a>);
+
+#[derive(Clone, Copy, Debug)]
+enum Look<'a> {
+    Array(&'a [Node]),
+    Mesh(&'a FromMesh),
+}
+
+impl<'a> NodeView<'a> {
+    /// Number of nodes.
+    pub fn len(self) -> usize {
+        match self.0 {
+            Look::Array(array) => array.len(),
+            Look::Mesh(mesh) => mesh.mesh.faces.len(),
         }
+    }
+
+    /// Whether there are no nodes.
+    pub fn is_empty(self) -> bool {
+        self.len() == 0
+    }
+
+    /// The node `node`.
+    #[inline]
+    pub fn at(self, node: usize) -> Node {
+        match self.0 {
+            Look::Array(array) => array[node],
+            Look::Mesh(mesh) => mesh.node(node),
+        }
+    }
+
+    /// Shows the nodes of `range` to `see`, in order.
+    #[inline]
+    pub fn each(self, range: Range<usize>, mut see: impl FnMut(usize, &Node)) {
+        match self.0 {
+            Look::Array(array) => range.clone().zip(&array[range]).for_each(|(i, node)| see(i, node)),
+            Look::Mesh(mesh) => range.for_each(|i| see(i, &mesh.node(i))),
+        }
+    }
+
+    /// A window on the nodes of `range`, which `held` holds where they are computed: 28 bytes each.
+    pub fn window(self, range: Range<usize>, held: &'a mut Vec<Node>) -> NodeWindow<'a> {
+        match self.0 {
+            Look::Array(items) => NodeWindow { nodes: self, first: 0, items },
+            Look::Mesh(mesh) => {
+                let first = range.start;
+                held.clear();
+                held.extend(range.map(|node| mesh.node(node)));
+                NodeWindow { nodes: self, first, items: held }
+            }
+        }
+    }
+
+    /// Puts the areas of all nodes into `out` (n).
+    ///
+    /// # Errors
+    /// [`crate::base::Error::Cancelled`].
+    pub fn areas(self, out: &mut [f32], run: &Run) -> Result<()> {
+        let fill = |k: usize, out: &mut [f32], (): &mut ()| {
+            let first = k * CHUNK;
+            self.each(first..first + out.len(), |i, node| out[i - first] = node.area);
+            Ok(())
+        };
+        run.fill_chunks(out, CHUNK, || (), fill).map(drop)
+    }
+}
+
+impl<'a> From<&'a [Node]> for NodeView<'a> {
+    fn from(nodes: &'a [Node]) -> Self {
+        Self(Look::Array(nodes))
     }
 }
 
 /// Geometry for passes over a range of nodes and their neighbours, most of which lie in the range, too: computed once each.
 #[derive(Clone, Copy, Debug)]
 pub struct NodeWindow<'a> {
-    nodes: &'a NodeGeometry,
+    nodes: NodeView<'a>,
     first: usize,
     /// The nodes of the range; all of them where they are an array.
     items: &'a [Node],

@@ -40,7 +40,7 @@ impl Sampler for Centroids {
 struct Unfinished<'a>(&'a mut dyn Space);
 
 impl Space for Unfinished<'_> {
-    fn nodes(&self) -> &[crate::graph::Node] {
+    fn nodes(&self) -> crate::graph::NodeView<'_> {
         self.0.nodes()
     }
     fn row(&mut self, node: u32, field: &mut [f32]) -> Result<()> {

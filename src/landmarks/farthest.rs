@@ -7,7 +7,7 @@ use super::{Found, Sampler, Space};
 use crate::base::parallel::map_ranges;
 use crate::base::random::{below, stream};
 use crate::base::{Cancel, Result};
-use crate::graph::Node;
+use crate::graph::NodeView;
 use crate::store::mapped::Access;
 
 /// Rounds of "farthest from the last" before the first landmark is taken.
@@ -81,7 +81,7 @@ impl Sampler for GeodesicFarthest {
 /// An extremity of the shape: from a random face to the face farthest from it in space, and on from there for
 /// [`SEEDING_ROUNDS`] rounds; the first of equally far ones. In space instead of along the surface: as
 /// much of an extremity, for two passes over centroids on all `threads` instead of full fronts that nothing can run beside.
-pub fn extremity(nodes: &[Node], seed: u64, threads: usize) -> u32 {
+pub fn extremity(nodes: NodeView<'_>, seed: u64, threads: usize) -> u32 {
     let mut at = below(&mut stream(seed, "first landmark"), nodes.len());
     for _ in 0..SEEDING_ROUNDS {
         at = farthest_in_space(nodes, at, threads);
@@ -90,18 +90,20 @@ pub fn extremity(nodes: &[Node], seed: u64, threads: usize) -> u32 {
 }
 
 /// The first of the nodes that are farthest in space from node `from`.
-fn farthest_in_space(nodes: &[Node], from: usize, threads: usize) -> usize {
+fn farthest_in_space(nodes: NodeView<'_>, from: usize, threads: usize) -> usize {
     const CHUNK: usize = 1 << 16;
-    let from = nodes[from].centroid;
-    let square = |node: &Node| {
-        let (x, y, z) = (node.centroid[0] - from[0], node.centroid[1] - from[1], node.centroid[2] - from[2]);
-        x * x + y * y + z * z
-    };
+    let from = nodes.at(from).centroid;
     // A fraction of a row: nobody waits for it to be stopped.
     let farthest = map_ranges(threads, &Cancel::default(), nodes.len(), CHUNK, |range| {
-        let chunk = &nodes[range.clone()];
-        let most = chunk.iter().fold(-1f32, |a, node| if square(node) > a { square(node) } else { a });
-        Ok((most, range.start + chunk.iter().position(|node| square(node) == most).unwrap_or(0)))
+        let mut farthest = (-1f32, range.start);
+        nodes.each(range, |i, node| {
+            let (x, y, z) = (node.centroid[0] - from[0], node.centroid[1] - from[1], node.centroid[2] - from[2]);
+            let square = x * x + y * y + z * z;
+            if square > farthest.0 {
+                farthest = (square, i);
+            }
+        });
+        Ok(farthest)
     });
     let first = |best: (f32, usize), next: (f32, usize)| if next.0 > best.0 { next } else { best };
     farthest.into_iter().flatten().fold((-1., 0), first).1

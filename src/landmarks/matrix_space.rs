@@ -4,19 +4,19 @@ use crate::base::{Cancel, Result};
 use crate::distance::front::{Front, mean_weight};
 use crate::distance::sampler::{Space, Visits, no_lengths};
 use crate::graph::Csr;
-use crate::graph::Node;
+use crate::graph::NodeView;
 
 /// All distances of a small set, row i at `i * n`.
 pub struct MatrixSpace<'a> {
     distances: &'a [f32],
-    nodes: &'a [Node],
+    nodes: NodeView<'a>,
     lengths: Option<(Csr<'a>, Front)>,
     visits: Visits,
 }
 
 impl<'a> MatrixSpace<'a> {
     /// A space over `distances` (n × n), with the graph of lengths where it is asked for.
-    pub fn new(distances: &'a [f32], nodes: &'a [Node], lengths: Option<Csr<'a>>) -> Self {
+    pub fn new(distances: &'a [f32], nodes: NodeView<'a>, lengths: Option<Csr<'a>>) -> Self {
         let lengths = lengths.map(|lengths| (lengths, Front::new(mean_weight(lengths))));
         Self { distances, nodes, lengths, visits: Visits::default() }
     }
@@ -32,7 +32,7 @@ impl<'a> MatrixSpace<'a> {
 }
 
 impl Space for MatrixSpace<'_> {
-    fn nodes(&self) -> &[Node] {
+    fn nodes(&self) -> NodeView<'_> {
         self.nodes
     }
 

@@ -38,7 +38,7 @@ use serde::{Deserialize, Serialize};
 /// let at = [0f32, 1., 2., 10.];
 /// let nodes = at.map(|x| Node { centroid: [x, 0., 0.], area: 1., ..Node::default() });
 /// let distances: Vec<f32> = at.iter().flat_map(|a| at.map(|b| (a - b).abs())).collect();
-/// let mut space = MatrixSpace::new(&distances, &nodes, None);
+/// let mut space = MatrixSpace::new(&distances, nodes[..].into(), None);
 /// let mut landmarks = Vec::new();
 /// Sampling::Farthest.choose(2, 0, &mut space, &mut [0.; 4], &mut |node, _row| {
 ///     landmarks.push(node);

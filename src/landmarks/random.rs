@@ -3,7 +3,7 @@
 use super::{Found, Sampler, Space, distinct};
 use crate::base::Result;
 use crate::base::random::{stream, unit};
-use crate::graph::Node;
+use crate::graph::NodeView;
 
 /// A node's chance is in proportion to its area, so that the sampling of a mesh does not follow its density.
 pub struct ByArea;
@@ -25,9 +25,10 @@ impl Sampler for Uniform {
 }
 
 /// `l` distinct nodes at random by area (evenly where there is none), by two passes over the nodes.
-fn by_area(l: usize, nodes: &[Node], seed: u64) -> Vec<u32> {
+fn by_area(l: usize, nodes: NodeView<'_>, seed: u64) -> Vec<u32> {
     let mut draw = stream(seed, "random landmarks");
-    let total: f64 = nodes.iter().map(|node| f64::from(node.area)).sum();
+    let mut total = 0f64;
+    nodes.each(0..nodes.len(), |_, node| total += f64::from(node.area));
     let mut chosen: Vec<u32> = Vec::with_capacity(l);
     let mut rounds = 0;
     while chosen.len() < l && rounds < 64 && total > 0. {
@@ -36,13 +37,13 @@ fn by_area(l: usize, nodes: &[Node], seed: u64) -> Vec<u32> {
         targets.sort_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
         let (mut sum, mut next) = (0f64, 0);
         let mut picks = Vec::with_capacity(targets.len());
-        for (node, geometry) in nodes.iter().enumerate() {
+        nodes.each(0..nodes.len(), |node, geometry| {
             sum += f64::from(geometry.area);
             while next < targets.len() && targets[next].0 < sum {
                 picks.push((targets[next].1, node as u32));
                 next += 1;
             }
-        }
+        });
         picks.sort_unstable();
         for (_, node) in picks {
             if !chosen.contains(&node) {
@@ -55,7 +56,7 @@ fn by_area(l: usize, nodes: &[Node], seed: u64) -> Vec<u32> {
         0 => Default::default(),
         _ => (0..nodes.len() as u32)
             .filter(|node| !chosen.contains(node))
-            .partition(|&node| nodes[node as usize].area > 0.),
+            .partition(|&node| nodes.at(node as usize).area > 0.),
     };
     chosen.extend(with.into_iter().chain(without).take(l - chosen.len()));
     chosen
@@ -64,6 +65,7 @@ fn by_area(l: usize, nodes: &[Node], seed: u64) -> Vec<u32> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::graph::Node;
 
     #[test]
     fn random_landmarks_are_distinct_and_avoid_faces_without_area() {
@@ -71,9 +73,9 @@ mod tests {
         for (k, node) in nodes.iter_mut().enumerate() {
             node.area = if k % 2 == 0 { 1. } else { 0. };
         }
-        let mut chosen = by_area(50, &nodes, 3);
+        let mut chosen = by_area(50, nodes[..].into(), 3);
         chosen.sort_unstable();
         assert_eq!(chosen, (0..50).map(|k| 2 * k).collect::<Vec<_>>());
-        assert_eq!(by_area(3, &[Node::default(); 3], 0).len(), 3);
+        assert_eq!(by_area(3, [Node::default(); 3][..].into(), 0).len(), 3);
     }
 }

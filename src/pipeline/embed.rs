@@ -73,7 +73,7 @@ impl Stage for EmbeddingStage<'_> {
     }
 
     fn make(self, _: &str, context: Context<'_>) -> Result<Made<Self>> {
-        let columns = SampledColumns::sample(self.rows, self.graph.nodes.array(), context.run.seed);
+        let columns = SampledColumns::sample(self.rows, |node| self.graph.nodes.at(node).area, context.run);
         let embedding = Embedding::fit(self.rows, &columns, self.params)?;
         write(self.rows, &embedding, self.order, context)?;
         let facts = EmbeddingFacts {

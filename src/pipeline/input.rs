@@ -1,6 +1,6 @@
 //! Which mesh a work directory is of, and the first stages over it, common to all commands.
 
-use super::params::SegmentParams;
+use super::params::{Cluster, SegmentParams};
 use crate::base::{Error, Result};
 use crate::graph::half_edges::check_size;
 use crate::graph::{DualGraph, Ordered};
@@ -166,10 +166,12 @@ impl Record {
 /// Bytes of graph and normals a triangle, where geometry is an array.
 const WITH_ARRAYS: u64 = 80;
 
-/// Whether the graph's geometry is computed from the mesh at each look: by the default method, on a large mesh whose arrays would be
-/// more than the kernel can keep in memory, in a work directory that is `temporary`.
+/// Whether the graph's geometry is computed from the mesh at each look: by the default method on a large mesh, by K-means and 2-means, if
+/// arrays would be more than the kernel can keep in memory, in a work directory that is `temporary`.
 pub(super) fn computes(params: &SegmentParams, faces: usize, temporary: bool, run: &Run) -> bool {
-    temporary && params.contracts(faces) && WITH_ARRAYS * faces as u64 > run.resident
+    temporary
+        && (params.contracts(faces) || params.cluster != Cluster::Parts)
+        && WITH_ARRAYS * faces as u64 > run.resident
 }
 
 /// Orders the mesh and builds its graph, or opens both; leaves a record of mesh and options for later commands.

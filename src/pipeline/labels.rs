@@ -208,6 +208,10 @@ pub fn touching(
         let mut pairs: BTreeMap<(u32, u32), f64> = BTreeMap::new();
         let place = |node: usize, nodes: &[u32]| nodes.partition_point(|&other| (other as usize) < node);
         let few = boundary_nodes.map(|nodes| &nodes[place(range.start, nodes)..place(range.end, nodes)]);
+        if few.is_none() {
+            shared.will_need(range.clone(), run);
+            run.will_need(labels, range.clone());
+        }
         let all = range.filter(|_| few.is_none());
         for i in few.unwrap_or_default().iter().map(|&node| node as usize).chain(all) {
             for (e, j) in shared.entries(i as u32) {

@@ -17,6 +17,7 @@ use crate::graph::WeightedGraph;
 use crate::spectral::measures::Gamma;
 use crate::spectral::{Embedding, EmbeddingParams, SampledColumns};
 use crate::store::Context;
+use crate::store::mapped::Access;
 use serde::Serialize;
 
 /// How centres are found.
@@ -38,7 +39,17 @@ pub(super) fn k_means(
     context: Context<'_>,
 ) -> Result<Clustered> {
     let n = rows.nodes;
-    let columns = SampledColumns::sample(rows, graph.nodes.array(), context.run.seed);
+    let nodes = graph.nodes.view();
+    if !rows.is_empty() && context.run.is_paged(rows.row(0)) {
+        // What is needed is asked for. Around a page that is missed, megabytes would be read.
+        rows.distances.advise(Access::Random);
+    }
+    let mut quality = context.work.array::<f32>("quality.npy", &[n])?;
+    let quality_data = quality.data();
+    // Areas until confidences are known: geometry is looked at once.
+    nodes.areas(quality_data, context.run)?;
+    let areas = &quality_data[..];
+    let columns = SampledColumns::sample(rows, |node| areas[node], context.run);
     let embedding = Embedding::fit(rows, &columns, params)?;
     let coordinates = embedding.columns(&columns);
     let points = WeightedPoints { coordinates: &coordinates, weights: &columns.shares };
@@ -49,10 +60,8 @@ pub(super) fn k_means(
     let gamma = Gamma::new(rows, params.kernel, embedding.sigma);
 
     let mut labels = context.work.array::<u32>("labels.npy", &[n])?;
-    let mut quality = context.work.array::<f32>("quality.npy", &[n])?;
-    let (label_data, quality_data) = (labels.data(), quality.data());
-    let nodes = graph.nodes.array();
-    let assignment = Assignment { rows, nodes, embedding: &embedding, centres: &centres, gamma: Some(&gamma) };
+    let label_data = labels.data();
+    let assignment = Assignment { rows, embedding: &embedding, centres: &centres, gamma: Some(&gamma) };
     let mut totals = assign(assignment, label_data, quality_data, context.run)?;
     exactly(&mut totals, nodes, label_data, quality_data);
     let (labels, quality) = (labels.finish(false)?, quality.finish(false)?);

@@ -57,7 +57,9 @@ pub fn segment_corrected(
             weighted.release(context.work)?;
             let embedding = params.embedding.unwrap_or(EmbeddingParams::for_parts(dimensions(params)));
             let assign = || k_means(&graph, &rows, embedding, fit, context);
-            context.run.stage("assign", "faces", rows.nodes as u64, assign)?.0
+            let clustered = context.run.stage("assign", "faces", rows.nodes as u64, assign)?.0;
+            rows.release(context.work)?;
+            clustered
         }
         None => parts::parts(&graph, &order, params, Wishes { tree: None, corrections }, context)?,
     };

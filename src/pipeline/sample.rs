@@ -36,7 +36,7 @@ pub(super) fn rows(
     params: &SegmentParams,
     context: Context<'_>,
 ) -> Result<DistanceRows> {
-    DistanceRows::build(weighted, graph.nodes.array(), RowParams { l, sampling: params.sampling }, context)
+    DistanceRows::build(weighted, graph.nodes.view(), RowParams { l, sampling: params.sampling }, context)
 }
 
 /// Landmarks, and their distances averaged over cells.
@@ -105,7 +105,7 @@ impl WeightedSurface<'_> {
             }
             Ok(())
         };
-        let landmarks = DistanceRows::pass(weighted, graph.nodes.array(), params, &look, context)?;
+        let landmarks = DistanceRows::pass(weighted, graph.nodes.view(), params, &look, context)?;
         let seen = seen.into_inner().unwrap_or_else(PoisonError::into_inner);
         let (between, b): (Vec<_>, Vec<_>) = seen.into_iter().unzip();
         Ok(Sample { landmarks, between, b: b.concat(), sampling: params.sampling })

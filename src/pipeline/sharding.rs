@@ -264,7 +264,7 @@ impl SharedWork<'_> {
         let nodes: MappedSlice<Node> = work.open_array(nodes::FILE)?;
         let weighted = WeightedGraph::open(facts.weights, nodes.len(), form, work)?;
         let rows = RowParams { l: facts.l, sampling: facts.sampling };
-        shard::compute(&weighted, &nodes, rows, shard, Context::new(work, run))
+        shard::compute(&weighted, nodes[..].into(), rows, shard, Context::new(work, run))
     }
 
     fn share_fronts(&self, facts: &FrontFacts, shard: (usize, usize), work: &WorkDir, run: &Run) -> Result<usize> {
@@ -332,7 +332,7 @@ pub fn all(opened: &Mesh, identity: &Value, params: &SegmentParams, context: Con
     let weighted = SharedWork { divided: Divided::Rows, identity, params }.prepare_rows(opened, context)?;
     let rows = RowParams { l: landmarks(params, opened.faces.len())?, sampling: params.sampling };
     let nodes: MappedSlice<Node> = context.work.open_array(nodes::FILE)?;
-    DistanceRows::build(&weighted, &nodes, rows, context)
+    DistanceRows::build(&weighted, nodes[..].into(), rows, context)
 }
 
 /// Computes one share in the work directory `path`, making what comes before where no other process did.

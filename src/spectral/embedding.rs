@@ -25,7 +25,7 @@ use super::kernel::Kernel;
 use crate::base::random::{stratified, stream};
 use crate::base::{Error, Result};
 use crate::distance::DistanceRows;
-use crate::graph::Node;
+use crate::store::Run;
 use nalgebra::DMatrix;
 use serde::{Deserialize, Serialize};
 
@@ -44,29 +44,25 @@ pub struct SampledColumns {
 }
 
 impl SampledColumns {
-    /// Samples the columns of `rows`.
-    pub fn sample(rows: &DistanceRows, nodes: &[Node], seed: u64) -> Self {
-        let n = nodes.len();
-        let total: f64 = nodes.iter().map(|node| f64::from(node.area)).sum();
+    /// Samples the columns of `rows`, whose areas `area` gives.
+    pub fn sample(rows: &DistanceRows, area: impl Fn(usize) -> f32, run: &Run) -> Self {
+        let n = rows.nodes;
+        let total: f64 = (0..n).map(|i| f64::from(area(i))).sum();
         let (chosen, mut shares): (Vec<u32>, Vec<f64>) = if n <= MOST_COLUMNS {
             // Areas are floored so that faces without area have a say where nothing else does.
             let floor = 1e-6 * total.max(1e-30) / n as f64;
-            (0..n as u32).map(|i| (i, f64::from(nodes[i as usize].area).max(floor))).unzip()
+            (0..n as u32).map(|i| (i, f64::from(area(i as usize)).max(floor))).unzip()
         } else if total > 0. {
             // A face that several points fall into counts as often.
-            let areas = nodes.iter().map(|node| f64::from(node.area));
-            let points = stratified(areas, total, MOST_COLUMNS, &mut stream(seed, "columns"));
+            let areas = (0..n).map(|i| f64::from(area(i)));
+            let points = stratified(areas, total, MOST_COLUMNS, &mut stream(run.seed, "columns"));
             points.into_iter().map(|(node, hits)| (node, f64::from(hits))).unzip()
         } else {
             (0..MOST_COLUMNS).map(|k| ((k as u128 * n as u128 / MOST_COLUMNS as u128) as u32, 1.)).unzip()
         };
         let sum: f64 = shares.iter().sum();
         shares.iter_mut().for_each(|share| *share /= sum);
-        let mut distances = Vec::with_capacity(rows.len() * chosen.len());
-        for k in 0..rows.len() {
-            let row = rows.row(k);
-            distances.extend(chosen.iter().map(|&node| row[node as usize]));
-        }
+        let distances = distances(rows, &chosen, run);
         Self { nodes: chosen, shares, distances }
     }
 
@@ -84,6 +80,26 @@ impl SampledColumns {
     pub fn row(&self, k: usize) -> &[f32] {
         &self.distances[k * self.len()..(k + 1) * self.len()]
     }
+}
+
+/// Distances between sampled nodes up to which what lies between is read, too: fewer reads, and as many bytes as a disk reads in the
+/// time of one more.
+const NEAR: u32 = 4096;
+/// Sampled nodes whose distances are asked for at a time.
+const ASKED: usize = 512;
+
+/// The distances of `nodes` (s, ascending) in `rows` (l × s).
+fn distances(rows: &DistanceRows, nodes: &[u32], run: &Run) -> Vec<f32> {
+    let mut distances = Vec::with_capacity(rows.len() * nodes.len());
+    for k in 0..rows.len() {
+        let row = rows.row(k);
+        for some in nodes.chunks(ASKED) {
+            let near = some.chunk_by(|a, b| b - a <= NEAR);
+            run.will_need_few(row, near.map(|near| near[0] as usize..near[near.len() - 1] as usize + 1));
+            distances.extend(some.iter().map(|&node| row[node as usize]));
+        }
+    }
+    distances
 }
 
 /// How affinities are normalised before the eigenproblem.
@@ -167,9 +183,9 @@ enum Divisor {
 /// let graph = DualGraph::build(&mesh, "a pyramid".as_ref(), &"pyramid".into(), context)?;
 /// let weighted = graph.weighted(Metric::Geodesic, context)?;
 /// let params = RowParams { l: 3, sampling: Sampling::Farthest };
-/// let rows = DistanceRows::build(&weighted, graph.nodes.array(), params, context)?;
+/// let rows = DistanceRows::build(&weighted, graph.nodes.view(), params, context)?;
 ///
-/// let columns = SampledColumns::sample(&rows, graph.nodes.array(), run.seed);
+/// let columns = SampledColumns::sample(&rows, |face| graph.nodes.at(face).area, &run);
 /// let params = EmbeddingParams::for_parts(2);
 /// let embedding = Embedding::fit(&rows, &columns, params)?;
 /// // Two coordinates for each of six faces, each face of unit length.

@@ -257,11 +257,17 @@ impl WorkDir {
     /// # Errors
     /// [`Error::Io`].
     pub fn array<T: Item>(&self, name: &str, shape: &[usize]) -> Result<ArrayMut<T>> {
+        match self.array_in_memory(name, shape) {
+            Some(array) => Ok(array),
+            None => Ok(ArrayMut::create(&self.new_file(name)?, shape)?.written_early(self.durable())),
+        }
+    }
+
+    /// The same if it is held in memory; `None` if it would be a file.
+    pub fn array_in_memory<T: Item>(&self, name: &str, shape: &[usize]) -> Option<ArrayMut<T>> {
         let bytes = shape.iter().product::<usize>() / T::WIDTH * size_of::<T>();
-        Ok(match self.room(bytes) {
-            Some((buffer, arrays)) => ArrayMut::in_memory(&self.place(name), shape, buffer, arrays),
-            None => ArrayMut::create(&self.new_file(name)?, shape)?.written_early(self.durable()),
-        })
+        let (buffer, arrays) = self.room(bytes)?;
+        Some(ArrayMut::in_memory(&self.place(name), shape, buffer, arrays))
     }
 
     /// Memory for an array of `bytes`, where arrays are held and there is room.

@@ -78,7 +78,7 @@ fn rows_that_pass_are_the_rows_that_are_kept() {
     let n = graph.nodes.len();
     for sampling in [Sampling::Farthest, Sampling::Random, Sampling::GeodesicFarthest] {
         let params = RowParams { l: 7, sampling };
-        let kept = DistanceRows::build(&weighted, graph.nodes.array(), params, Context::new(&work, &kept_run)).unwrap();
+        let kept = DistanceRows::build(&weighted, graph.nodes.view(), params, Context::new(&work, &kept_run)).unwrap();
         // In memory; in a file of each thread's own; the same with pages, where the graph does not fit either.
         for (threads, budget, holding) in [(1, 1 << 30, true), (2, 1 << 30, true), (2, 1 << 20, false), (3, 1, false)] {
             let run = Run { threads, budget: Budget::new(budget), ..Run::new(&()) };
@@ -94,8 +94,7 @@ fn rows_that_pass_are_the_rows_that_are_kept() {
                 Ok(())
             };
             let landmarks =
-                DistanceRows::pass(&weighted, graph.nodes.array(), params, &look, Context::new(&passing, &run))
-                    .unwrap();
+                DistanceRows::pass(&weighted, graph.nodes.view(), params, &look, Context::new(&passing, &run)).unwrap();
             assert_eq!((&landmarks.nodes, &landmarks.facts), (&kept.landmarks, &kept.facts));
             assert!((0..params.l).all(|k| seen.lock().unwrap()[k] == kept.row(k)), "{sampling:?}, {budget} bytes");
             let left = std::fs::read_dir(passing.path()).unwrap().count();
@@ -119,7 +118,7 @@ fn what_a_look_at_a_row_fails_with_ends_the_rows() {
         _ => Ok(()),
     };
     let error =
-        DistanceRows::pass(&weighted, graph.nodes.array(), params, &look, Context::new(&work, &run)).unwrap_err();
+        DistanceRows::pass(&weighted, graph.nodes.view(), params, &look, Context::new(&work, &run)).unwrap_err();
     assert!(error.to_string().contains("seen enough"), "{error}");
 }
 

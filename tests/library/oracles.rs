@@ -59,7 +59,7 @@ impl Built {
         let params = RowParams { l, sampling: Sampling::Farthest };
         DistanceRows::build(
             &self.weighted(Metric::default()),
-            self.graph.nodes.array(),
+            self.graph.nodes.view(),
             params,
             Context::new(&self.work, &self.run),
         )
@@ -295,13 +295,13 @@ fn landmarks_and_rows_equal_the_plain_algorithm() {
         for seed in [0, 1] {
             // From an extremity, farthest first.
             let run = Run { seed, ..Run::new(&()) };
-            let first = extremity(built.graph.nodes.array(), seed, 1);
-            assert_eq!(extremity(built.graph.nodes.array(), seed, 3), first);
+            let first = extremity(built.graph.nodes.view(), seed, 1);
+            assert_eq!(extremity(built.graph.nodes.view(), seed, 3), first);
             let expected = oracle::farthest_points(graph, first, l);
             let mut field = vec![0f32; graph.len()];
             let mut found = Vec::new();
             let mut front = Front::new(mean_weight(graph));
-            let search = SearchGraph { graph, nodes: built.graph.nodes.array(), lengths: None };
+            let search = SearchGraph { graph, nodes: built.graph.nodes.view(), lengths: None };
             let mut space = GraphSpace::new(search, &mut front, &(), &run);
             let keep = &mut |x, _: Option<&[f32]>| {
                 found.push(x);
@@ -500,14 +500,14 @@ fn steps_and_weights_equal_a_formula_in_double_precision() {
         // Normals as the graph turned them; a direction is certain only where there is area.
         let normals: Vec<Option<[f64; 3]>> = (0..faces.len())
             .map(|f| {
-                let kept = graph.nodes.array()[f].normal.map(f64::from);
+                let kept = graph.nodes.at(f).normal.map(f64::from);
                 let normal = vectors[f].map(|x| x / length(vectors[f]));
                 let sure = whole[f] && length(vectors[f]) > 1e-12;
                 sure.then(|| if dot(normal, kept) < 0. { normal.map(|x| -x) } else { normal })
             })
             .collect();
         for f in (0..faces.len()).filter(|&f| whole[f]) {
-            let node = graph.nodes.array()[f];
+            let node = graph.nodes.at(f);
             let far = length(minus(node.centroid.map(f64::from), centroids[f]));
             assert!(far < 1e-6, "{name}: centroid of {f}: {far}");
             if let Some(normal) = normals[f] {
@@ -654,7 +654,7 @@ fn fit(
     normalisation: Normalisation,
     d: usize,
 ) -> (Embedding, SampledColumns, Vec<f32>) {
-    let columns = SampledColumns::sample(rows, built.graph.nodes.array(), 0);
+    let columns = SampledColumns::sample(rows, |face| built.graph.nodes.at(face).area, &Run::new(&()));
     assert_eq!(columns.len(), rows.nodes, "all columns of a small mesh");
     let width = KernelWidth::Mean(if normalisation == Normalisation::Anchor { 0.25 } else { 1. });
     let params = EmbeddingParams { kernel, width, normalisation, dimensions: d, unit_rows: false };
@@ -754,7 +754,7 @@ fn anchor_graph_coordinates_equal_a_dense_computation() {
 fn chunks_of_any_size_embed_alike_and_unit_rows_have_length_one() {
     let (_, built) = lopsided().swap_remove(0);
     let rows = built.rows(12);
-    let columns = SampledColumns::sample(&rows, built.graph.nodes.array(), 0);
+    let columns = SampledColumns::sample(&rows, |face| built.graph.nodes.at(face).area, &Run::new(&()));
     for normalisation in [Normalisation::None, Normalisation::Degree, Normalisation::Anchor] {
         for unit_rows in [false, true] {
             let params = EmbeddingParams { normalisation, unit_rows, ..EmbeddingParams::for_parts(5) };

@@ -6,8 +6,9 @@ use nystrom_stream::apps::evaluate::{contingency, rand};
 use nystrom_stream::base::random::{below, stream};
 use nystrom_stream::cluster::parts::{PartCount, PartsParams};
 use nystrom_stream::graph::{DualGraph, Order, Ordered};
+use nystrom_stream::landmarks::Sampling;
 use nystrom_stream::mesh::{self, Mesh};
-use nystrom_stream::pipeline::{Cluster, SegmentParams, segment};
+use nystrom_stream::pipeline::{Cluster, SegmentParams, Segmentation, segment};
 use nystrom_stream::store::{Budget, Context, Run, WorkDir};
 use serde_json::json;
 use std::collections::BTreeMap;
@@ -127,17 +128,28 @@ fn scans_have_the_same_labels_where_geometry_is_computed() {
     // Holes and a rough surface; a seam; 151 components, in no order at all.
     for name in ["bun_zipper_orig_ascii", "lucy_100k_orig", "dragon_vrip_orig_ascii"] {
         let opened = mesh::open(&data.join(format!("real/{name}.ply")), dir.path(), &quiet(1 << 30)).unwrap();
-        let labels = |resident: u64| {
+        let labels = |params: &SegmentParams, resident: u64| {
             let work = WorkDir::temporary(dir.path()).unwrap();
             let run = Run { resident, ..quiet(1 << 30) };
-            let result = segment(&opened, &json!(1), &SegmentParams::default(), Context::new(&work, &run)).unwrap();
+            let result = segment(&opened, &json!(1), params, Context::new(&work, &run)).unwrap();
             assert_eq!(work.file("node_geometry.npy").exists(), resident > 0, "{name}");
             for given_up in ["graph_weights.npy", "normals_01.npy", "normals_02.npy"] {
                 assert!(!work.file(given_up).exists(), "{name}: {given_up}");
             }
-            (result.labels.to_vec(), result.quality.to_vec())
+            let (Segmentation { labels, quality, colours, .. }, area) = (&result, &result.numbers.area);
+            (labels.to_vec(), quality.to_vec(), colours.clone(), area.clone(), result.numbers.landmarks)
         };
-        assert!(labels(u64::MAX) == labels(0), "{name}");
+        let by_default = SegmentParams::default();
+        let six = PartsParams { count: PartCount::Exactly(6), ..PartsParams::default() };
+        let means = by_default.clone().parts(six).landmarks(Some(10));
+        for params in [
+            by_default.clone(),
+            means.clone().cluster(Cluster::KMeans),
+            by_default.clone().cluster(Cluster::TwoMeans).landmarks(Some(10)).sampling(Sampling::Random),
+            means.clone().cluster(Cluster::KMeans).order(Order::Hilbert).sampling(Sampling::GeodesicFarthest),
+        ] {
+            assert!(labels(&params, u64::MAX) == labels(&params, 0), "{name}, {params:?}");
+        }
     }
 }
 

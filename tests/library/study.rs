@@ -240,9 +240,9 @@ fn every_sampling_finds_distinct_landmarks_the_same_on_matrix_and_graph() {
     }
     // All nodes as landmarks, and more candidates than nodes.
     let tiny = Sampling::ALL.map(|sampling| {
-        let nodes = &matrix.ground.nodes.array()[..4];
+        let nodes = [0, 1, 2, 3].map(|i| matrix.ground.nodes.at(i));
         let distances: Vec<f32> = (0..16).map(|k| (k / 4i32 - k % 4).abs() as f32).collect();
-        let mut space = MatrixSpace::new(&distances, nodes, None);
+        let mut space = MatrixSpace::new(&distances, nodes[..].into(), None);
         let mut found = Vec::new();
         let sampler =
             if sampling.needs_lengths() { Sampling::Farthest } else { sampling }.sampler(SamplingParams::default());
@@ -269,7 +269,7 @@ fn greedy_sampling_takes_the_candidate_of_greatest_gamma() {
     for kernel in [Kernel::Exponential, Kernel::Gaussian] {
         // Every node is a candidate, so that the choice does not depend on a draw.
         let params = SamplingParams { kernel, sigma: Some(ground.mean), candidates: n, columns: n };
-        let mut space = MatrixSpace::new(matrix, ground.nodes.array(), None);
+        let mut space = MatrixSpace::new(matrix, ground.nodes.view(), None);
         let mut found = Vec::new();
         let sampler = Sampling::Greedy.sampler(params);
         let mut field = vec![0.; n];

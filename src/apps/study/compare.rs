@@ -183,12 +183,12 @@ pub fn landmarks(
         })
     };
     if let Some(matrix) = &ground.matrix {
-        let mut space = MatrixSpace::new(matrix, ground.nodes.array(), ground.lengths());
+        let mut space = MatrixSpace::new(matrix, ground.nodes.view(), ground.lengths());
         let visits = space.visits();
         choose(&mut space, visits)?;
     } else {
         let mut front = Front::new(mean_weight(graph));
-        let search = SearchGraph { graph, nodes: ground.nodes.array(), lengths: ground.lengths() };
+        let search = SearchGraph { graph, nodes: ground.nodes.view(), lengths: ground.lengths() };
         let mut space = GraphSpace::new(search, &mut front, &(), run);
         let visits = space.visits();
         choose(&mut space, visits)?;

@@ -110,7 +110,7 @@ impl StudyData {
         let n = nodes.len();
         let lengths = if params.lengths {
             let mut array = context.work.array::<f32>("lengths.npy", &[graph.csr().weights.len()])?;
-            fill_lengths(graph.csr(), nodes.array(), array.data(), context.run)?;
+            fill_lengths(graph.csr(), nodes.view(), array.data(), context.run)?;
             Some(array.finish(false)?)
         } else {
             None
@@ -169,13 +169,13 @@ impl StudyData {
 
     /// Shares of the area, summing to n (n).
     pub fn weights(&self) -> Vec<f64> {
-        let total: f64 = self.nodes.array().iter().map(|node| f64::from(node.area)).sum();
+        let total: f64 = (0..self.len()).map(|i| f64::from(self.nodes.at(i).area)).sum();
         let n = self.len() as f64;
         // Faces without area weigh next to nothing, unless all are such.
         if total <= 0. {
             return vec![1.; self.len()];
         }
-        self.nodes.array().iter().map(|node| f64::from(node.area).max(1e-9 * total / n) * n / total).collect()
+        (0..self.len()).map(|i| f64::from(self.nodes.at(i).area).max(1e-9 * total / n) * n / total).collect()
     }
 }
 

@@ -123,7 +123,7 @@ impl<'a> Sequencer<'a> {
         }
         let weighted = graph.weighted(Metric::Geodesic, context)?;
         let params = RowParams { l: landmarks.unwrap_or(LANDMARKS), sampling: Sampling::default() };
-        let rows = DistanceRows::build(&weighted, graph.nodes.array(), params, context)?;
+        let rows = DistanceRows::build(&weighted, graph.nodes.view(), params, context)?;
         Ok((graph, rows))
     }
 
