@@ -2,7 +2,7 @@
 //!
 //! Steps go to the neighbours of a cell and to theirs, as long as the chord, so that paths hardly zigzag. Turning does not count: it
 //! changes with the pose. Sixteen sources are swept together, forth and back in the order of the distance from an end of the surface,
-//! until nothing changes: about ten sweeps, .3 ms each for 2,000 cells.
+//! until nothing changes: about ten sweeps, the later ones over few cells, in less than 1 ms for 2,000 cells.
 
 use super::cell_graph::CellGraph;
 use crate::base::simd::{SimdKernel, dispatch};
@@ -118,10 +118,15 @@ impl SimdKernel for Sweeps<'_> {
         let n = paths.len();
         let mut field = vec![[UNREACHED; LANES]; n];
         sources.iter().enumerate().for_each(|(k, &source)| field[source as usize][k] = 0.0);
+        // Cells with a neighbour that changed since they were looked at: few after the first sweeps.
+        let mut stale = vec![true; n];
         for sweep in 0..SWEEPS {
             let mut changed = false;
             for at in 0..n {
                 let i = paths.order[if sweep % 2 == 0 { at } else { n - 1 - at }];
+                if !std::mem::take(&mut stale[i as usize]) {
+                    continue;
+                }
                 let mut here = field[i as usize];
                 for (j, step) in paths.steps(i) {
                     let there = &field[j as usize];
@@ -130,8 +135,11 @@ impl SimdKernel for Sweeps<'_> {
                         here[k] = if d < here[k] { d } else { here[k] };
                     }
                 }
-                changed |= here != field[i as usize];
-                field[i as usize] = here;
+                if here != field[i as usize] {
+                    field[i as usize] = here;
+                    paths.steps(i).for_each(|(j, _)| stale[j as usize] = true);
+                    changed = true;
+                }
             }
             if !changed {
                 break;

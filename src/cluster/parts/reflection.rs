@@ -322,13 +322,20 @@ impl<'a> Surface<'a> {
         }
     }
 
-    /// Each second image again, from all other anchors.
+    /// Each second image again, from all other anchors. Most stay where they were, with their rows.
     fn again(&self, anchors: &Anchors) -> Anchors {
         let firsts: Vec<usize> = (0..anchors.cell.len()).filter(|&k| k <= anchors.image[k]).collect();
         let images: Vec<u32> = firsts.iter().map(|&k| self.likeliest(anchors.cell[k], anchors, Some(k))).collect();
+        let stays = |k: usize, image: u32| anchors.cell[anchors.image[k]] == image;
+        let moved: Vec<u32> =
+            firsts.iter().zip(&images).filter(|&(&k, &image)| !stays(k, image)).map(|(_, &image)| image).collect();
+        let mut new = self.paths.rows(&moved).into_iter();
         let mut out = Anchors::default();
-        for ((&k, &image), row) in firsts.iter().zip(&images).zip(self.paths.rows(&images)) {
-            out.add([anchors.cell[k], image], [&anchors.row[k], &row]);
+        for (&k, &image) in firsts.iter().zip(&images) {
+            let row = if stays(k, image) { Some(anchors.row[anchors.image[k]].clone()) } else { new.next() };
+            if let Some(row) = row {
+                out.add([anchors.cell[k], image], [&anchors.row[k], &row]);
+            }
         }
         out
     }
