@@ -155,11 +155,12 @@ fn measured(m: &MeshMeasures) -> String {
 
 pub fn run(args: &InfoArgs, app: &AppContext) -> std::result::Result<(), CliError> {
     let path = either(&args.path, &args.work_dir);
-    if args.path.is_some() && (path.is_file() || path.as_os_str() == "-") {
+    if args.path.is_some() && !path.is_dir() {
         let (text, all) = mesh(path, args, app)?;
         return Ok(args.json.publish_or_print(&all, &text)?);
     }
-    let manifest = WorkDir::open_existing(path)?.manifest();
+    let work = WorkDir::open_existing(path)?;
+    let manifest = work.manifest();
     let faces = faces(&manifest);
     let per_face = |bytes: u64| faces.map_or(String::new(), |n| format!("{:8.2} B/face", bytes as f64 / n));
     let mut text =
@@ -168,23 +169,34 @@ pub fn run(args: &InfoArgs, app: &AppContext) -> std::result::Result<(), CliErro
         let _ = writeln!(text, "of {}", line(mesh));
     }
     let mut total = 0;
-    for (name, stage) in &manifest.stages {
-        let _ = writeln!(text, "{}  key {}  {:.3} s", line(name), line(&stage.key), stage.seconds);
-        for (file, record) in &stage.files {
-            total = u64::saturating_add(total, record.bytes);
-            let _ = writeln!(text, "  {file:24} {:>10}B {}", human(record.bytes as f64), per_face(record.bytes));
+    let mut list = |manifest: &Manifest, folder: &str| {
+        for (name, stage) in &manifest.stages {
+            let _ = writeln!(text, "{folder}{}  key {}  {:.3} s", line(name), line(&stage.key), stage.seconds);
+            for (file, record) in &stage.files {
+                total = u64::saturating_add(total, record.bytes);
+                let _ = writeln!(text, "  {file:24} {:>10}B {}", human(record.bytes as f64), per_face(record.bytes));
+            }
         }
+    };
+    list(&manifest, "");
+    let mut all = to_json("the manifest", &manifest)?;
+    for (folder, inner) in work.all_inner()? {
+        let inner = inner.manifest();
+        list(&inner, &format!("{}/", line(&folder)));
+        all["folders"][folder] = to_json("a manifest", &inner)?;
     }
     let _ = writeln!(text, "total {}B {}", human(total as f64), per_face(total));
-    Ok(args.json.publish_or_print(&manifest, &text)?)
+    Ok(args.json.publish_or_print(&all, &text)?)
 }
 
 pub fn verify(args: &VerifyArgs, app: &AppContext) -> std::result::Result<(), CliError> {
     let bars = args.run.bars();
     let run: Run = args.run.run(&bars, app);
     let work = WorkDir::open_existing(args.place.path())?;
-    let manifest = work.manifest();
-    let files = manifest.stages.values().flat_map(|stage| stage.files.values());
+    let inner = work.all_inner()?;
+    let manifests = [work.manifest()].into_iter().chain(inner.values().map(|inner| inner.manifest()));
+    let files =
+        manifests.flat_map(|manifest| manifest.stages.into_values().flat_map(|stage| stage.files.into_values()));
     let bytes = files.fold(0, |sum: u64, file| sum.saturating_add(file.bytes));
     let (all, _) = run.stage("verify", "bytes", bytes, || check(Context::new(&work, &run)))?;
     let damaged: Vec<_> = all.iter().filter(|file| file.problem.is_some()).collect();

@@ -13,7 +13,7 @@ use serde::Serialize;
 pub struct Checked {
     /// Its stage.
     pub stage: String,
-    /// Its name in the work directory.
+    /// Its name in the work directory, after that of a folder where it lies in one: `contracted/cells.npy`.
     pub file: String,
     /// Its size in bytes, by the manifest.
     pub bytes: u64,
@@ -21,11 +21,22 @@ pub struct Checked {
     pub problem: Option<String>,
 }
 
-/// Checks every file of every stage in the manifest of `work`, in the manifest's order.
+/// Checks every file of every stage in the manifest of `work`, in the manifest's order, then those of work directories inside it.
 ///
 /// # Errors
-/// [`crate::base::Error::Cancelled`]; a file that cannot be read is a problem of that file.
+/// [`crate::base::Error::Cancelled`], and those of opening a work directory inside; a file that cannot be read is a problem of
+/// that file.
 pub fn verify(context: Context<'_>) -> Result<Vec<Checked>> {
+    let mut all = stages(context)?;
+    for (folder, inner) in context.work.all_inner()? {
+        let inside = stages(Context::new(&inner, context.run))?;
+        all.extend(inside.into_iter().map(|checked| Checked { file: format!("{folder}/{}", checked.file), ..checked }));
+    }
+    Ok(all)
+}
+
+/// Checks the files of the manifest of `work`.
+fn stages(context: Context<'_>) -> Result<Vec<Checked>> {
     let mut all = Vec::new();
     for (stage, record) in context.work.manifest().stages {
         for (name, file) in record.files {
@@ -76,5 +87,22 @@ mod tests {
         }
         std::fs::remove_file(work.file("b.npy")).unwrap();
         assert!(verify(Context::new(&work, &run)).unwrap()[1].problem.is_some());
+    }
+
+    /// The files of a contracted mesh lie in a folder of the work directory.
+    #[test]
+    fn files_in_folders_are_checked_too() {
+        let dir = tempfile::tempdir().unwrap();
+        let work = WorkDir::open(&dir.path().join("w")).unwrap();
+        let inner = work.inner("contracted").unwrap();
+        npy::write(&inner.file("a.npy"), &[1u32; 100], 1, true).unwrap();
+        inner.stamp(StageKey::new("s", 1, json!({})), &["a.npy"], &(), 0.).unwrap();
+        let path = inner.file("a.npy");
+        drop(inner);
+        let run = Run::new(&());
+        let found = || verify(Context::new(&work, &run)).unwrap();
+        assert!(found().len() == 1 && found()[0].file == "contracted/a.npy" && found()[0].problem.is_none());
+        std::fs::remove_file(path).unwrap();
+        assert!(found()[0].problem.is_some());
     }
 }

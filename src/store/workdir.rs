@@ -142,7 +142,7 @@ impl WorkDir {
             return Err(Error::work_dir(
                 path,
                 "is no work directory, or an empty one",
-                "check the path, or start it: nystrom-stream graph MESH --work-dir …",
+                "check the path, or make it first: nystrom-stream segment MESH --work-dir …",
             ));
         }
         Self::try_open(path, true)?
@@ -206,6 +206,17 @@ impl WorkDir {
             all.insert(name.to_string(), inner.clone());
         }
         Ok(inner)
+    }
+
+    /// The work directories in folders of this one, by name: those that have a manifest.
+    ///
+    /// # Errors
+    /// As [`WorkDir::inner`].
+    pub fn all_inner(&self) -> Result<BTreeMap<String, Arc<Self>>> {
+        let entries = std::fs::read_dir(self.path()).map_err(Error::io(self.path(), "read"))?.flatten();
+        let folders = entries.filter(|entry| entry.path().join(MANIFEST).is_file());
+        let names = folders.filter_map(|entry| entry.file_name().into_string().ok());
+        names.map(|name| self.inner(&name).map(|inner| (name.clone(), inner))).collect()
     }
 
     /// Its folder; made now where that was put off.
