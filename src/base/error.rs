@@ -1,4 +1,4 @@
-//! The library's errors: an enum with data, one line a message.
+//! The library's errors: an enum with data, one line per message.
 //!
 //! A message names the file, what is wrong with it, and what to do. It never spans lines, so
 //! that a log of a thousand meshes stays greppable, whatever a file is called or holds
@@ -16,7 +16,7 @@ pub type Result<T, E = Error> = std::result::Result<T, E>;
 #[non_exhaustive]
 pub enum Error {
     /// The operating system refused to read, write, map or rename something.
-    #[error("{}: cannot {action}: {source}{}", shown(path), hint(source))]
+    #[error("{}: cannot {action}: {source}{}", shown(path), hint(action, source))]
     Io {
         /// File or folder concerned.
         path: PathBuf,
@@ -113,9 +113,11 @@ fn shown(path: &Path) -> String {
 }
 
 /// A remedy for the operating-system errors that users meet most.
-fn hint(error: &io::Error) -> &'static str {
+fn hint(action: &str, error: &io::Error) -> &'static str {
     match error.kind() {
-        io::ErrorKind::NotFound => "; check the path",
+        io::ErrorKind::NotFound | io::ErrorKind::NotADirectory => "; check the path",
+        io::ErrorKind::AlreadyExists | io::ErrorKind::IsADirectory => "; choose another name",
+        io::ErrorKind::PermissionDenied if ["open", "read"].contains(&action) => "; check its permissions",
         io::ErrorKind::PermissionDenied | io::ErrorKind::ReadOnlyFilesystem => {
             "; check the permissions or choose another folder"
         }

@@ -67,7 +67,7 @@ impl MetricArgs {
 #[command(next_help_heading = "Parts")]
 pub struct PartsArgs {
     /// Exact number of parts [default: found]
-    #[arg(short = 'k', long = "parts", value_name = "K", conflicts_with_all = ["parts_range", "detail"])]
+    #[arg(short = 'k', long = "parts", value_name = "K", allow_negative_numbers = true, conflicts_with_all = ["parts_range", "detail"])]
     pub parts: Option<usize>,
     /// Bounds for the number of parts found
     #[arg(long, value_name = "A..B", value_parser = parse_range)]

@@ -126,7 +126,7 @@ fn check(args: &SegmentArgs, meshes: &[PathBuf], many: bool) -> Result<(SegmentP
 
 pub fn run(args: &SegmentArgs, app: &AppContext) -> Result<(), CliError> {
     let start = Instant::now();
-    // A wrong option is told before a missing folder.
+    // A wrong option is reported before a missing folder.
     args.method.params()?;
     let (meshes, many) = meshes(&args.meshes)?;
     let (mut params, mut edits) = check(args, &meshes, many)?;
@@ -552,7 +552,8 @@ fn all(jobs: Vec<Job>, task: Task<'_>, app: &AppContext) -> Result<(), CliError>
         let done = all - failed - tally.skipped;
         let skipped = if tally.skipped > 0 { format!(", {} skipped", tally.skipped) } else { String::new() };
         let seconds = start.elapsed().as_secs_f64();
-        tell(&format!("{all} meshes: {done} done, {failed} failed{skipped}, in {seconds:.1} s"));
+        let all = if all == 1 { "1 mesh".to_string() } else { format!("{all} meshes") };
+        tell(&format!("{all}: {done} done, {failed} failed{skipped}, in {seconds:.1} s"));
     } else if failed > 0 {
         tell(&format!("nystrom-stream: {failed} of {all} meshes failed"));
     }

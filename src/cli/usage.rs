@@ -45,6 +45,9 @@ fn message(error: &Error) -> Option<String> {
         }
         Kind::InvalidSubcommand => {
             let word = one(ContextKind::InvalidSubcommand)?;
+            if std::path::Path::new(&word).exists() {
+                return Some(format!("{word}: is a file, not a command; did you mean nystrom-stream segment {word}?"));
+            }
             format!("{word}: unknown command{}", like(ContextKind::SuggestedSubcommand))
         }
         Kind::MissingRequiredArgument => format!("{}: missing", options(ContextKind::InvalidArg)?.join(", ")),
@@ -71,7 +74,10 @@ fn message(error: &Error) -> Option<String> {
                 "invalid digit found in string" => "not a whole number".into(),
                 "cannot parse integer from empty string" => "no number".into(),
                 "invalid float literal" => "not a number".into(),
-                _ => reason,
+                _ => match reason.split_once(" is not in ").and_then(|(_, range)| range.split_once("..=")) {
+                    Some((least, most)) => format!("out of range; choose from {least} to {most}"),
+                    None => reason,
+                },
             };
             format!("{}: invalid value '{}': {reason}", named()?, one(ContextKind::InvalidValue)?)
         }

@@ -179,6 +179,12 @@ pub fn private(parent: &Path) -> Result<PrivateFolder> {
     temporary_folder(parent).map(PrivateFolder)
 }
 
+/// An error of `tempfile` without the path that its text repeats.
+fn plain(error: std::io::Error) -> std::io::Error {
+    let text = error.to_string();
+    std::io::Error::new(error.kind(), text.split(" at path ").next().unwrap_or(&text))
+}
+
 /// A new, locked folder in `parent`; those that killed runs left there are removed.
 fn temporary_folder(parent: &Path) -> Result<Folder> {
     // Another process that clears up may take a folder in the moment before it is locked: then once more.
@@ -186,7 +192,7 @@ fn temporary_folder(parent: &Path) -> Result<Folder> {
         let folder =
             tempfile::Builder::new().prefix(TEMPORARY).permissions(Permissions::from_mode(0o700)).tempdir_in(parent);
         // Until it is locked, it goes with this variable.
-        let folder = folder.map_err(Error::io(parent, "create a temporary folder in"))?;
+        let folder = folder.map_err(|error| Error::io(parent, "create a temporary folder here")(plain(error)))?;
         let path = folder.path().to_path_buf();
         let locked = lock(&path, false);
         let taken = !path.join(LOCK).exists() && (locked.is_ok() || !path.exists());
@@ -264,7 +270,7 @@ mod tests {
         let dir = tempfile::tempdir().unwrap();
         let folder = WorkFolder::put_off(dir.path());
         let full = |_: &Path| {
-            Err(Error::io(dir.path(), "create a temporary folder in")(std::io::ErrorKind::StorageFull.into()))
+            Err(Error::io(dir.path(), "create a temporary folder here")(std::io::ErrorKind::StorageFull.into()))
         };
         let path = folder.path_made_by(full);
         assert!(path.parent() == Some(dir.path()) && !path.exists());

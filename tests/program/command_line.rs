@@ -197,7 +197,8 @@ fn misuse_ends_with_code_2_and_says_what_is_right() {
         (&["plan", "-"], "standard input has no size"),
         (&["segment", mesh, "-k", "0"], "0"),
         (&["segment", mesh, "-k", "two"], "invalid value 'two'"),
-        (&["segment", mesh, "-k", "2", "-l", "0"], "0 is not in 1..=4096"),
+        (&["segment", mesh, "-k", "-3"], "--parts: invalid value '-3': not a whole number"),
+        (&["segment", mesh, "-k", "2", "-l", "0"], "out of range; choose from 1 to 4096"),
         (
             &["segment", mesh, "-k", "2", "-o", "x.xyz"],
             "end it with .ply, .seg, .npy, .parquet, .csv, .obj, .glb, .html or .png",
@@ -215,13 +216,14 @@ fn misuse_ends_with_code_2_and_says_what_is_right() {
         (&["segment", mesh, "-k", "2", "--beta=inf"], "out of range"),
         (&["segment", mesh, "-k", "2", "--cluster", "kmeans", "--sigma", "0"], "choose a positive number"),
         (&["segment", mesh, "-k", "2", "--cluster", "kmeans", "--sigma=nan"], "choose a positive number"),
-        (&["segment", mesh, "-k", "2", "--threads", "0"], "0 is not in 1.."),
+        (&["segment", mesh, "-k", "2", "--threads", "0"], "out of range; choose from 1 to 65535"),
         (&["segment", mesh, "-k", "2", "--max-memory", "12"], "at least 1MB"),
         (&["segment", mesh, "-k", "2", "--max-memory", "2 parsecs"], "is not a unit; write MiB or GiB"),
         (&["segment", mesh, "-k", "2", "--no-such"], "--no-such"),
         (&["demo", "--faces", "9999999999"], "--faces"),
         (&["demo", "--noise", "2"], "--noise"),
-        (&["frobnicate"], "frobnicate"),
+        (&["frobnicate"], "frobnicate: unknown command"),
+        (&[mesh], "did you mean nystrom-stream segment"),
         (&[], "Usage"),
     ] {
         let output = program().args(words).current_dir(dir.path()).output().unwrap();

@@ -239,7 +239,7 @@ fn what_is_missing_is_said() {
     let none = dir.path().join("none");
     for words in [&["cluster"][..], &["embed"], &["export", "-o", "x.seg"], &["rows"]] {
         let said = refused(words, &none, 1);
-        assert!(said.contains("is no work directory") && said.contains("graph MESH --work-dir"), "{words:?}: {said}");
+        assert!(said.contains("is no work directory") && said.contains("segment MESH --work-dir"), "{words:?}: {said}");
     }
     let mesh = zoo::dumbbell().write(dir.path());
     let work = dir.path().join("work");

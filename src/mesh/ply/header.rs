@@ -243,7 +243,7 @@ fn next_line(bytes: &[u8], lone_cr: bool) -> Option<(&[u8], usize)> {
 
 /// The start of a line as it can be shown in a message of one line.
 pub(in crate::mesh) fn shown(line: &[u8]) -> String {
-    let cut = &line[..line.len().min(40)];
+    let cut = &line[..line.len().min(60)];
     let dots = if line.len() > cut.len() { "…" } else { "" };
     format!("\"{}{dots}\"", String::from_utf8_lossy(cut).escape_debug())
 }
@@ -292,7 +292,7 @@ pub fn parse(path: &Path, bytes: &[u8]) -> Result<Header> {
             return Err(Error::malformed(path, format!("header line {number}"), problem, CUT_SHORT));
         };
         at += taken;
-        if number > LINES || found.numbers.len() > STATEMENTS {
+        if number > LINES || found.originals.len() > STATEMENTS {
             let problem = format!("the header has more than {STATEMENTS} elements and properties, or {LINES} lines");
             let remedy = "leave out those that the mesh does not need";
             return Err(Error::malformed(path, format!("header line {number}"), problem, remedy));
@@ -320,8 +320,8 @@ pub(in crate::mesh) const CUT_SHORT: &str = "the file is cut short or damaged; g
 #[derive(Default)]
 struct Statements {
     plain: String,
-    /// Number in the file of each line of `plain`, from its second line on.
-    numbers: Vec<usize>,
+    /// Number in the file of each line of `plain` from its second on, and the start of it as it stands there.
+    originals: Vec<(usize, String)>,
     names: Vec<(String, Vec<String>)>,
     lines: Vec<Line>,
 }
@@ -361,7 +361,7 @@ impl Statements {
             }
             _ => return Err(format!("{} is no statement of a PLY header", shown(line))),
         };
-        self.numbers.push(number);
+        self.originals.push((number, shown(line)));
         Ok(())
     }
 
@@ -370,14 +370,17 @@ impl Statements {
         let plain = format!("ply\n{}end_header\n", self.plain);
         let parsed = Parser::<DefaultElement>::new().read_ply_header(&mut plain.as_bytes()).map_err(|error| {
             let line = error.line().and_then(|line| line.checked_sub(2));
-            let place = match line.and_then(|line| self.numbers.get(line)) {
-                Some(number) => format!("header line {number}"),
-                None => "header".to_owned(),
-            };
-            let statement = line.and_then(|line| plain.lines().nth(line + 1));
-            let problem = match statement {
-                Some(text) => format!("{} is not valid PLY", shown(text.as_bytes())),
-                None => shown(error.to_string().as_bytes()).trim_matches('"').to_owned(),
+            let (place, problem) = match line.and_then(|line| Some((self.originals.get(line)?, line))) {
+                Some(((number, original), line)) => {
+                    let statement = plain.lines().nth(line + 1).unwrap_or_default();
+                    let wide = statement.split(' ').find(|word| ["int64", "uint64"].contains(word));
+                    let problem = match wide {
+                        Some(word) => format!("{word} is no type of PLY, whose widest integers are int and uint"),
+                        None => format!("{original} is not valid PLY"),
+                    };
+                    (format!("header line {number}"), problem)
+                }
+                None => ("header".to_owned(), shown(error.to_string().as_bytes()).trim_matches('"').to_owned()),
             };
             Error::malformed(path, place, problem, "correct the header or export the mesh again")
         })?;
@@ -514,10 +517,14 @@ mod tests {
             ("ply\nformat ascii 1.0\n", "header line 3: the header has no end_header"),
             (
                 "ply\nformat ascii 1.0\nelement a 1\nproperty flot x\nend_header\n",
-                "header line 4: \"property flot p0\"",
+                "header line 4: \"property flot x\" is not valid PLY",
             ),
             ("ply\ncomment\nfoo 1\nend_header\n", "header line 3: \"foo 1\" is no statement"),
             ("ply\nformat ascii 1.0\nproperty int x\nend_header\n", "header line 3: a property stands"),
+            (
+                "ply\nformat ascii 1.0\nelement a 1\nproperty list uchar uint64 vertex_indices\nend_header\n",
+                "header line 4: uint64 is no type of PLY",
+            ),
             ("ply\nend_header\n", "header: No format"),
             ("ply\nformat ascii 1.0\nelement a 99999999999999999999\nend_header\n", "header line 3"),
             ("ply\nformat ascii 1.0\nelement a 1\nproperty list float int x\nend_header\n", "floating-point"),
