@@ -1,4 +1,4 @@
-//! Which vertex of one mesh is which of another.
+//! Matches the vertices of two meshes.
 
 use super::mesh::identity;
 use super::run::{RunOptions, run_options};

@@ -1,4 +1,4 @@
-//! Labels that are there already: judged, carried to another mesh; and the landmarks behind them judged.
+//! Scores existing labels, carries them to another mesh, and measures how well landmarks sample a mesh.
 
 use super::mesh::admitted;
 use super::run::{RunOptions, run_options};

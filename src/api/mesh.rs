@@ -1,4 +1,4 @@
-//! What the front door adds to a mesh: an example of any size, and labelled files of every form.
+//! Methods of [`Mesh`] that need the layers above it: an example mesh of any size, and labelled files of every form.
 
 use crate::apps::creature::{Creature, Options};
 use crate::apps::export::split::{self, Folder, PartForm};
@@ -170,7 +170,7 @@ impl Mesh {
                 Err(Error::parameter(
                     "path",
                     problem,
-                    "end it with .ply, .seg, .npy, .obj or .glb, or with / for a folder",
+                    "end it with .ply, .seg, .npy, .obj or .glb (.png and .parquet with their features), or with / for a folder",
                 ))
             }
         }
@@ -187,8 +187,8 @@ pub(super) fn admitted(mesh: &Mesh, force: bool, context: Context<'_>) -> Result
     Ok(identity)
 }
 
-/// What identifies `mesh` in a work directory: of a file what the program goes by, too, else a hash of all that it is
-/// made of. Where nothing lasts, nothing is looked at.
+/// What identifies `mesh` in a work directory: a file as the program identifies it, arrays by a hash of their content. Null
+/// unless `lasting`, so that nothing is read in vain.
 pub(super) fn identity(mesh: &Mesh, lasting: bool) -> Result<Value> {
     match mesh.document() {
         _ if !lasting => Ok(Value::Null),

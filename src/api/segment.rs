@@ -28,6 +28,25 @@ use std::path::Path;
 /// # }
 /// ```
 ///
+/// A run can be watched, and stopped from another thread:
+///
+/// ```
+/// use nystrom_stream::{Cancel, Error, Mesh, Progress, Segmenter};
+/// struct Log;
+/// impl Progress for Log {
+///     fn end(&self, stage: &str, seconds: f64) {
+///         eprintln!("{stage}: {seconds:.1} s");
+///     }
+/// }
+/// # fn main() -> nystrom_stream::Result<()> {
+/// let stop = Cancel::default();
+/// let segmenter = Segmenter::new().progress(std::sync::Arc::new(Log)).cancel(stop.clone());
+/// stop.cancel(); // as a rule from another thread
+/// assert!(matches!(segmenter.run(&Mesh::creature(4_000)?), Err(Error::Cancelled)));
+/// # Ok(())
+/// # }
+/// ```
+///
 /// Memory: some 200 bytes per face where the budget allows, else a few megabytes per thread and the rest on disk. Time:
 /// about a second per million faces and core.
 #[derive(Clone, Default)]
@@ -77,7 +96,8 @@ impl Segmenter {
         self
     }
 
-    /// The number of landmarks l; by default 20 to 60, the fewer the larger the mesh.
+    /// The number of landmarks l; by default 120, or 240 above 300,000 faces. With [`Segmenter::exact`] 60 to 20, fewer on larger
+    /// meshes; for K-means and 2-means twice the number of parts, between 10 and 60.
     #[must_use]
     pub fn landmarks(mut self, count: usize) -> Self {
         self.params.landmarks = Some(count);
@@ -134,7 +154,7 @@ impl Segmenter {
         self
     }
 
-    /// Connected pieces below this share of the area join a neighbour.
+    /// Connected pieces below this share of the area (0 to 1) join a neighbour.
     #[must_use]
     pub fn small_part(mut self, share: f64) -> Self {
         self.params.parts.small_part = share;
@@ -236,6 +256,22 @@ impl Segmentation {
         &self.labels
     }
 
+    /// The faces of a part, ascending; none where there is no such part. A pass over the labels.
+    ///
+    /// ```
+    /// # fn main() -> nystrom_stream::Result<()> {
+    /// use nystrom_stream::{Mesh, Segmenter};
+    /// let mesh = Mesh::creature(4_000)?;
+    /// let cut = Segmenter::new().parts(4).run(&mesh)?;
+    /// let sizes: Vec<usize> = (0..cut.parts() as u32).map(|part| cut.faces_of(part).count()).collect();
+    /// assert_eq!(sizes.iter().sum::<usize>(), mesh.faces.len());
+    /// # Ok(())
+    /// # }
+    /// ```
+    pub fn faces_of(&self, part: u32) -> impl Iterator<Item = usize> + '_ {
+        self.labels.iter().enumerate().filter(move |&(_, &label)| label == part).map(|(face, _)| face)
+    }
+
     /// How sure each label is, 0 to 1 (faces).
     pub fn confidences(&self) -> &[f32] {
         &self.quality
@@ -277,7 +313,8 @@ impl Segmentation {
         Labelling { labels: &self.labels, colours: &self.colours, quality: Some(&self.quality), names: &self.names }
     }
 
-    /// Writes the labelled mesh in the form that the ending of `path` names: see [`Mesh::save`]. With the feature
+    /// Writes the labelled mesh in the form that the ending of `path` names: `.ply` with a colour per face, `.seg`, `.npy` and
+    /// others, see [`Mesh::save`]. With the feature
     /// `pages` also `.html`, a page to turn the mesh on, with a slider for the number of parts.
     ///
     /// # Errors

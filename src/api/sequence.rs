@@ -50,7 +50,7 @@ impl Sequencer {
         self
     }
 
-    /// The number of landmarks of spectral orders.
+    /// The number of landmarks of spectral orders; by default 10.
     #[must_use]
     pub fn landmarks(mut self, count: usize) -> Self {
         self.params.landmarks = Some(count);

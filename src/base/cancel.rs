@@ -1,4 +1,4 @@
-//! Cooperative cancellation: a flag that long loops look at once a chunk.
+//! Cooperative cancellation: a flag that long loops check once per chunk.
 
 use super::{Error, Result};
 use std::sync::Arc;
@@ -19,6 +19,8 @@ impl Cancel {
         self.0.load(Ordering::Relaxed)
     }
 
+    /// Returns an error if a stop was asked for, so that a loop can leave with `?`.
+    ///
     /// # Errors
     /// [`Error::Cancelled`] once a stop was asked for.
     pub fn check(&self) -> Result<()> {
