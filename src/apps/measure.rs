@@ -2,7 +2,7 @@
 //! parts are.
 //!
 //! Faces that share an edge come from the [dual graph](crate::graph), so edges at the same position count as one whatever their
-//! vertices are. One pass over the faces adds up what each part has; a part's volume is told only where its surface is closed
+//! vertices are. One pass over the faces adds up what each part has; a part's volume is given only where its surface is closed
 //! and wound one way. Cost: the graph (60 bytes per face in a work directory or in memory), some 200 ns per face, and 100 bytes
 //! per open edge while loops are counted.
 
@@ -189,7 +189,7 @@ impl Sums {
     }
 }
 
-/// An end of an edge as it is compared: where it lies, −0 as 0.
+/// The position of an end of an edge as bits that can be compared, with −0 as 0.
 fn place(p: [f64; 3]) -> [u64; 3] {
     p.map(|x| (x + 0.).to_bits())
 }
@@ -267,7 +267,7 @@ impl Faces<'_> {
     }
 }
 
-/// Loops that open edges make: sets of edges that hang together.
+/// The number of loops that open edges make: connected sets of edges.
 fn loops(open: &[[[u64; 3]; 2]]) -> u64 {
     let mut numbers = HashMap::new();
     let ends: Vec<[u32; 2]> = open

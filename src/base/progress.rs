@@ -1,7 +1,7 @@
 //! How the library tells what it is doing; the command line draws bars from it.
 //!
 //! The silent implementation is `()`. Calls come from several threads; [`Progress::advance`] is
-//! called once a chunk, never once a face.
+//! called once per chunk, never once per face.
 
 /// A listener to stages. Every method does nothing by default.
 pub trait Progress: Sync {

@@ -50,7 +50,7 @@ pub struct WorkDirArgs {
 }
 
 impl WorkDirArgs {
-    /// The folder, by whichever form it was given.
+    /// The folder, given by position or by option.
     pub fn path(&self) -> &Path {
         either(&self.folder, &self.work_dir)
     }

@@ -470,7 +470,7 @@ impl Export<'_> {
     }
 }
 
-/// The mesh of the work directory that `record` is of, which lies at `moved` now if that is told. It has `faces` faces.
+/// Opens the mesh that the work directory belongs to, from `moved` if it is given, else from the path in `record`.
 fn open_mesh(
     moved: Option<&Path>,
     record: &Record,

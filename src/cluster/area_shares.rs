@@ -1,14 +1,14 @@
-//! What each face counts: its share of the surface, nothing in tiny components. Seeds and sums by these shares.
+//! The share of the surface that each face has, 0 in tiny components; seeds and sums weighted by these shares.
 //!
 //! Components below [`TINY`] of the area are tiny: scanning debris that must not become seeds, cells or parts.
-//! Their faces count nothing here; being bridged to the rest, they take the label of what they float beside.
+//! Their faces have the share 0. Bridges join them to the rest, so they take the label of what they float beside.
 //! Lengths scale with the shares: in units of √(area without tiny components), the same shape has the same size at every
 //! resolution.
 //!
 //! [`spread`] takes one seed per equal quantum of area along the order of the nodes: as good as farthest points for cells
-//! (measured), at the price of one pass. [`class_sums`] adds up areas, centroids and normals of cells, micro-cells and
+//! (measured), for the cost of one pass. [`class_sums`] adds up areas, centroids and normals of cells, micro-cells and
 //! contracted nodes; few blocks of nodes are summed side by side, since each holds all classes (72 bytes per class and
-//! block), and added up in their order, so that threads do not show.
+//! block), and added up in their order, so that the number of threads does not change the result.
 //!
 //! Cost: one pass each, 4 bytes per node written.
 
@@ -280,7 +280,7 @@ pub fn class_sums(
     Ok(total)
 }
 
-/// The class of each node (n) as an array `name` of two bytes a node: cells and contracted nodes are fewer than 2¹⁶. Nodes of
+/// The class of each node (n) as an array `name` of two bytes per node: cells and contracted nodes are fewer than 2¹⁶. Nodes of
 /// none, which have `u32::MAX`, get `u16::MAX`.
 ///
 /// # Errors

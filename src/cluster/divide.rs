@@ -2,8 +2,8 @@
 //!
 //! Parts are decided on some two thousand cells, so there can be no more of them. Where more are asked for, every cell is a
 //! part, and the parts with most faces are divided on: each piece grows from the first face that has none, face by face
-//! along the graph, to its share of the part's faces. Pieces are connected, but for what others leave over. There is no
-//! more meaning in them than that: the surface does not say where two thousand parts end.
+//! along the graph, to its share of the part's faces. Pieces are connected, except where other pieces leave scattered faces over. They have no
+//! meaning beyond that: the surface does not show where two thousand parts end.
 //!
 //! Cost: one pass over the faces and their neighbours on one thread; 8 bytes per face in files, 16 bytes per part in memory.
 

@@ -63,7 +63,7 @@ impl WeightedGraph {
     }
 
     /// The graph as a matrix of `sprs` over the same arrays, for other programs: row i has the neighbours of node i and the
-    /// weights of the steps. With the feature `sprs`. Row starts are unpacked into memory, 8 bytes a node; one pass checks
+    /// weights of the steps. With the feature `sprs`. Row starts are unpacked into memory, 8 bytes per node; one pass checks
     /// that rows ascend.
     ///
     /// # Errors

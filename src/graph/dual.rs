@@ -104,7 +104,7 @@ impl DualGraph {
         context.stage(GraphStage { mesh, path, input, computed: false })
     }
 
-    /// The same without arrays of node geometry and shared edges, which are computed from the mesh at each look: 24.5 bytes a triangle
+    /// The same without arrays of node geometry and shared edges, which are computed from the mesh at each look: 24.5 bytes per triangle
     /// in place of 64.5. In a temporary work directory only.
     ///
     /// # Errors

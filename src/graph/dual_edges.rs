@@ -7,7 +7,7 @@
 //! faces that share several edges get one entry: the shortest step, the summed edge length. Both
 //! directions are computed from the same numbers in a symmetric formula, so they agree to the bit.
 //!
-//! Workers assemble buckets, one thread appends them in order: ½ + 12 + 12 + 12 bytes a triangle
+//! Workers assemble buckets, one thread appends them in order: ½ + 12 + 12 + 12 bytes per triangle
 //! written, sequentially; the last 12 are not where geometry is computed ([`super::node_geometry`]).
 
 use super::csr::Csr;

@@ -51,7 +51,7 @@ struct Counters {
 }
 
 impl Counters {
-    /// Counts an edge of so many half-edges.
+    /// Counts an edge that `sides` half-edges share.
     #[inline]
     fn count(&self, sides: usize) {
         if sides > 2 {

@@ -5,7 +5,7 @@
 //! have to be brought together from all over the mesh. Nothing of the size of the mesh is written for that but two bytes a
 //! vertex: the block that uses it. Where faces are scattered, most vertices belong to several blocks; such a mesh gets none.
 //!
-//! Cost: one pass over the faces on one thread, about 5 ns a face.
+//! Cost: one pass over the faces on one thread, about 5 ns per face.
 
 use crate::base::Result;
 use crate::mesh::Mesh;

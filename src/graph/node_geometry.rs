@@ -1,6 +1,6 @@
 //! Geometry of the nodes, and lengths of the edges between them, as stages look at them: arrays, or computed from the mesh.
 //!
-//! Arrays cost 40 bytes a triangle: 28 of nodes, 12 of shared edges. Where a mesh is larger than memory, they cost more to
+//! Arrays cost 40 bytes per triangle: 28 of nodes, 12 of shared edges. Where a mesh is larger than memory, they cost more to
 //! read than the mesh's own 18 bytes, from which both follow in 10 to 20 ns a look. So such a mesh is not copied: [`FromMesh`]
 //! computes the same numbers to the bit, by the same functions that would have written them. Few edges cannot be told from
 //! two faces alone (welded ones, edges shared twice, some of non-manifold meshes); these are listed.

@@ -1,9 +1,9 @@
 //! Geometry of a node: centroid, normal and area of its face, in coordinates of the [`Frame`].
 //!
-//! All later work reads these 28 bytes a node and never the mesh again, except for the
+//! All later work reads these 28 bytes per node and never the mesh again, except for the
 //! midpoints of edges, and where the mesh is larger than memory ([`super::node_geometry`]). Computed in `f64` from the file's own numbers, kept in `f32`: relative to a
 //! box of diagonal 1 that is 6e-8, whatever units and offsets the file has. One parallel pass,
-//! 10–20 ns a face, sequential writes.
+//! 10–20 ns per face, sequential writes.
 
 use crate::base::Result;
 use crate::base::parallel::chunk_range;

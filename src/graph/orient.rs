@@ -174,7 +174,7 @@ pub fn orient(
 /// File of the bits of turned faces.
 const TURNED: &str = "node_turned.npy";
 
-/// The same where nodes and edges are computed from `mesh`: one bit a face.
+/// The same where nodes and edges are computed from `mesh`: one bit per face.
 fn turn_computed(
     edges: DualEdges,
     mesh: &FromMesh,

@@ -1,8 +1,9 @@
-//! The vertex graph: a node a vertex, an edge a mesh edge as long as it is, and the triangles around each vertex.
+//! The vertex graph: one node per vertex, one edge per mesh edge with its length as the weight, and the triangles around each
+//! vertex.
 //!
-//! What correspondence walks over, where segmentation walks over faces. Built out of core in one shuffle: every
+//! Correspondence works on it, as segmentation works on the dual graph. Built out of core in one shuffle: every
 //! triangle (polygons are cut into fans) gives each of its vertices the other two, and a sorted bucket of these gives
-//! rows, rings, areas and open edges of its vertices. Components are bridged as those of faces are
+//! rows, rings, areas and open edges of its vertices. Components are bridged like those of the dual graph
 //! ([`super::components`]). Triangles with a coordinate that is no number, or with a vertex twice, are left out.
 //!
 //! Vertices of open edges at exactly the same position, as texture seams and triangle soups leave them, are joined by edges
@@ -10,8 +11,8 @@
 //! sheets that touch stay apart. One shuffle by a hash of the position, 32 bytes per open vertex; nothing where a mesh is
 //! closed. The edges found are held in memory, 12 bytes each, and the chain through equal vertices follows their numbers.
 //!
-//! Cost: 36 bytes a triangle through the shuffle; on disk 28 and 8 bytes a vertex, 12 an edge's end, 24 a triangle. About
-//! 0.1 µs a triangle and thread.
+//! Cost: 36 bytes per triangle through the shuffle; on disk 28 and 8 bytes per vertex, 12 per end of an edge, 24 per triangle. About
+//! 0.1 µs per triangle and thread.
 
 use super::components::{self, Bridge, find_bridges, find_components};
 use super::csr::Csr;

@@ -26,8 +26,8 @@ const BUFFER: usize = 1 << 20;
 impl Mesh {
     /// Opens the PLY, OBJ, OFF or STL file at `path`, compressed with gzip or not. Arrays that have to be decoded go to
     /// a folder of their own among the system's temporary files, which disappears with the mesh: some 24 bytes
-    /// per vertex and 13 per triangle, nothing for a binary little-endian PLY of triangles. [`open()`] is told where they
-    /// go, and tells its progress.
+    /// per vertex and 13 per triangle, nothing for a binary little-endian PLY of triangles. [`open()`] takes the folder for
+    /// them and reports its progress.
     ///
     /// ```
     /// # fn main() -> Result<(), Box<dyn std::error::Error>> {
@@ -52,7 +52,7 @@ impl Mesh {
 
 /// Opens the PLY, OBJ, OFF or STL file at `path`, compressed with gzip or not, or a named pipe. Arrays that have to be decoded, and
 /// the uncompressed file, go to the folder `scratch`, which must outlive the result. Progress
-/// is told as stage `read`, in faces.
+/// is reported as stage `read`, in faces.
 ///
 /// ```
 /// # fn main() -> Result<(), Box<dyn std::error::Error>> {

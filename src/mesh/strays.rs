@@ -10,8 +10,8 @@
 //! quantiles of the coordinates, in its diagonals. Vertices [`NEAR`] and more outside of it are candidates, if they are few.
 //! Those joined by edges belong together, and are strays where their nearest is as far out as their shape demands:
 //!
-//! - [`NEAR`]: a spike on a fine surface. What it grows from is no wider than a hole of so many vertices would be, it is
-//!   [`NEEDLE`] times as long as that, and the edges among the candidates enclose nothing.
+//! - [`NEAR`]: a spike on a fine surface. Its base is no wider than the hole that as many missing vertices would leave, its length is at
+//!   least [`NEEDLE`] times that width, and the edges among the candidates enclose nothing.
 //! - [`LOOSE`]: the same where edges among the candidates close a loop. A pole or a blade has a far end that is a surface.
 //! - [`ABSURD`]: anything else, such as walls and separate pieces. A single-precision coordinate could not hold the rest of
 //!   the mesh beside it.
@@ -31,17 +31,17 @@ use std::sync::atomic::{AtomicUsize, Ordering::Relaxed};
 pub const NEAR: f64 = 1.;
 /// … and from which strays may close loops among each other.
 pub const LOOSE: f64 = 30.;
-/// … and from which nothing is honest.
+/// … and from which every vertex is a stray.
 pub const ABSURD: f64 = 1e4;
-/// Strays are at most one vertex in so many.
+/// At most one vertex in this many is a stray.
 const RARE: usize = 100;
-/// … and at most so many in all, which bounds the memory: a mesh with more vertices out there reaches out there.
+/// … and at most this many are in all, which bounds the memory. A mesh with more vertices out there really extends that far.
 const MOST: usize = 10_000;
 /// Corners at candidates, at the most, for the same reason.
 const MOST_CORNERS: usize = 1 << 20;
 /// Width of the hole that a stray grows from, in long edges of the mesh; by the root of their number for several.
 const HOLE: f64 = 4.;
-/// A spike is at least so many times as long as the hole is wide: the roof of a tower is not.
+/// Least length of a spike, in widths of the hole; the roof of a tower is shorter.
 const NEEDLE: f64 = 8.;
 /// Long edges are longer than this share of all.
 const LONG: f64 = 0.9;
@@ -231,7 +231,7 @@ struct Cluster {
 }
 
 impl Cluster {
-    /// Whether it is strays, beside a core of this `diagonal` and among edges of which long ones are so long.
+    /// Whether its vertices are strays: the core has this `diagonal`, and long edges of the mesh have the length `long_edge`.
     fn is_stray(&self, diagonal: f64, long_edge: f64) -> bool {
         let widest = (HOLE * (self.size as f64).sqrt() * long_edge).min(self.distance * diagonal / NEEDLE);
         let spike = self.hole.is_some_and(|[low, high]| distance(low, high) <= widest);

@@ -2,7 +2,7 @@
 //!
 //! Each mesh is made ready ([`super::sides`]); then the embeddings are aligned and vertices matched, refined or not. A part and a whole go another
 //! way ([`super::partial`]). Everything of the size of a mesh is a mapped file; allocated are queues of fronts and, without refinement, two
-//! search trees, 60 bytes a vertex together at the most and no more than 2²¹ vertices each.
+//! search trees, 60 bytes per vertex together at the most and no more than 2²¹ vertices each.
 
 use super::finer::Finer;
 use super::partial::match_partial;

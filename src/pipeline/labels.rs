@@ -20,7 +20,7 @@ use serde_json::json;
 use std::collections::BTreeMap;
 
 const CHUNK: usize = 1 << 15;
-/// Version of how labels come of parts.
+/// Version of the algorithm that makes labels from parts.
 const LABELS_VERSION: u32 = 1;
 /// The colour of tiny components that are a part of their own.
 const TINY_COMPONENTS_COLOUR: [u8; 3] = [128; 3];

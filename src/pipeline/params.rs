@@ -1,4 +1,4 @@
-//! What `segment` is asked to do, and what of it makes no sense.
+//! The parameters of `segment`, and the check that they make sense together.
 
 use crate::base::{Error, Result};
 use crate::cluster::contract;

@@ -9,7 +9,7 @@
 //! What lies outside the region has no match; nor has a vertex whose confidence is below [`LEAST`].
 //!
 //! Cost: that of two wholes up to [`FINALISTS`] + [`ROUNDS`] times, and a row per candidate of the first matches. Region and maps are held in
-//! memory: the budget grants [`REGION`] bytes a vertex of the whole and [`MAPS`] a vertex of the part.
+//! memory: the budget grants [`REGION`] bytes per vertex of the whole and [`MAPS`] per vertex of the part.
 
 use super::sides::{
     CorrespondParams, Correspondence, FunctionalMap, Guidance, LARGE, LARGE_WIDTH, LOCAL_SAMPLES, LOCAL_WIDTH, Side,

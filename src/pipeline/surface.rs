@@ -4,7 +4,7 @@
 //! A large surface has no cells of its own: they are cut on its contraction.
 //!
 //! Cost: one front for normals where the surface is clean and has no cells of its own, else two or three; one front from two
-//! thousand seeds (cells); 4 to 20 bytes a face are kept.
+//! thousand seeds (cells); 4 to 20 bytes per face are kept.
 
 use crate::base::parallel::map_chunks;
 use crate::base::{Error, Result};

@@ -55,7 +55,7 @@ impl InMemoryArrays {
         self.arrays().insert(name.to_string(), (bytes, len));
     }
 
-    /// The bytes of the array `name`, of which it is the first so many.
+    /// The buffer of the array `name`, and how many of its first bytes the array takes.
     pub fn get(&self, name: &str) -> Option<(MappedBytes, usize)> {
         self.arrays().get(name).cloned()
     }

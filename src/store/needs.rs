@@ -1,6 +1,6 @@
-//! What stages will take, told before a run: memory, disk while they run, disk that they keep.
+//! What stages will need, estimated before a run: memory, disk while they run, disk that they keep.
 //!
-//! Each stage says it beside its code, as [`super::stage::Stage::needs`], by the same arithmetic that its code goes by;
+//! Each stage states it beside its code, in [`super::stage::Stage::needs`], by the same arithmetic that its code uses;
 //! `plan` adds up. Arrays of a temporary directory are held in memory while half of the budget stays free, so what one
 //! stage takes decides what is left for the next: [`Room`] is handed from stage to stage.
 
@@ -8,7 +8,7 @@ use super::shuffle::Sizing;
 use serde::Serialize;
 use std::collections::BTreeMap;
 
-/// Bytes allocated besides what is told: queues of fronts, buffers of writers.
+/// Bytes allocated besides what stages state: queues of fronts, buffers of writers.
 pub const BASE: u64 = 2 << 20;
 
 /// The size of a run.

@@ -223,7 +223,7 @@ fn start_file(path: &Path) -> Result<(BufWriter<File>, Unfinished)> {
 #[derive(Debug)]
 enum Out {
     File(BufWriter<File>, Unfinished),
-    /// In memory that is taken as it is needed; what the budget does not grant goes on as a file.
+    /// In memory, which grows as needed; when the budget grants no more, the array becomes a file.
     Memory(Option<AlignedBuffer>, Arc<InMemoryArrays>),
 }
 

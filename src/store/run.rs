@@ -22,9 +22,9 @@ pub struct Run<'a> {
     pub seed: u64,
 }
 
-/// Arrays of the size of the mesh that a pass may have in use, in all as wide as so many of the one that is asked for.
+/// Bytes per element that a pass may have in use in all arrays, as a multiple of those of the array that is asked for.
 const IN_USE: u64 = 16;
-/// Chunks that are asked for before they are come to, so that the disk reads while another is worked on.
+/// Chunks that are asked for ahead of the one being worked on, so that the disk reads while another is worked on.
 const AHEAD: usize = 4;
 
 impl<'a> Run<'a> {

@@ -6,8 +6,8 @@
 //! come does not always tell head from tail: all of a head may lie near a tail. So the maps that are left are ranked by
 //! the product of three terms: that distance; the least cost of carrying equal shares of area onto each other one to one
 //! (Wasserstein's distance between two distributions of area, so that a large part cannot hide in a small one); and how
-//! much they distort: how far it is from a landmark of A to where one of B comes to lie on A, and on B from that one to
-//! where the first comes to lie. A map that fits about as well, but takes the shape elsewhere, is an alternative: a
+//! much they distort: the distance from a landmark of A to the image of one of B, measured on A, against the distance
+//! from the image of the first to the second, measured on B. A map that fits about as well, but takes the shape elsewhere, is an alternative: a
 //! symmetry that no measurement along the surface resolves.
 //!
 //! Points stand for equal shares of area, so that densities of vertices do not matter. Cost: constant, about a second at

@@ -1,14 +1,14 @@
 //! Matches: for every vertex of A the vertex of B whose embedding is nearest, under one of three rules; and how sure each
 //! match is.
 //!
-//! All: every vertex has its nearest, and several may share one. Mutual: only those whose match has them for its own
-//! nearest. One to one: the stable assignment in which vertices ask for their nearest first and each is held by the
-//! nearest that asks, over [`CHOICES`] choices each; what stays without is unmatched. None depends on threads, or on the
-//! order of requests. 16 bytes per vertex on disk; some µs per vertex.
+//! All: every vertex has its nearest, and several may share one. Mutual: a match counts only if each vertex is the nearest
+//! of the other. One to one: the stable assignment in which vertices ask for their nearest first and each is held by the
+//! nearest that asks, over [`CHOICES`] choices each; a vertex that nobody holds is unmatched. No rule depends on threads or on
+//! the order of requests. Cost: 16 bytes per vertex on disk, some µs per vertex.
 //!
-//! Confidence: from a vertex to its match and from there to the nearest of A one should be back. The distance missing,
-//! and how much the matches of an edge's ends are farther apart or nearer than the ends, both over √area, are averaged
-//! over some rings of neighbours. That mean ε becomes the confidence 1/(1 + (ε/[`HALF`])²). Distance in the embedding
+//! Confidence: the way from a vertex to its match, and from there to the nearest vertex of A, should end where it began.
+//! Two errors are averaged over some rings of neighbours, both over √area: how far from its start that way ends, and how
+//! much the length of each edge differs from the distance between the matches of its ends. That mean ε becomes the confidence 1/(1 + (ε/[`HALF`])²). Distance in the embedding
 //! itself says next to nothing. On scanned poses the rank correlation of confidence with the true error was −.37 to −.45.
 //! Two fields of 8 bytes per vertex on disk, [`ROUNDS`] passes over the edges.
 
@@ -133,7 +133,7 @@ impl Pair for AlignedPair<'_> {
     }
 }
 
-/// Matches every vertex of A, into the file `name` of `work`. Progress is told as stage `match`.
+/// Matches every vertex of A, into the file `name` of `work`. Progress is reported as stage `match`.
 ///
 /// # Errors
 /// [`Error::Parameter`] for more vertices than the header of the array has digits for (10⁹), [`Error::Io`],

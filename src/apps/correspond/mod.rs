@@ -2,7 +2,7 @@
 //!
 //! Both meshes are embedded ([`crate::spectral::nystrom`]), the embeddings aligned ([`mod@align`]), the alignments refined in
 //! a hundred functions and judged ([`mod@refine`]), vertices matched to the nearest ([`mod@dense`], [`mod@matches`]). A part
-//! and a whole go another way ([`partial`]). Matches carry colours, labels and other properties over ([`carry`]) and are judged by
+//! and a whole are matched in another way ([`partial`]). Matches carry colours, labels and other properties over ([`carry`]) and are judged by
 //! true ones ([`accuracy`]).
 
 pub mod accuracy;

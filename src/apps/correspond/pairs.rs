@@ -1,4 +1,4 @@
-//! Pairs of landmarks given by hand: text, a pair a line, of vertices (two integers) or of points (six numbers).
+//! Pairs of landmarks given by hand: a text file with one pair per line, of vertices (two integers) or of points (six numbers).
 
 use crate::base::{Error, Result};
 use crate::mesh::Mesh;

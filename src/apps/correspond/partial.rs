@@ -4,7 +4,7 @@
 //! change: distances along the surface between points that are left, and how heat stays near a point for as long as it does not reach the boundary
 //! (Sun, Ovsjanikov, Guibas 2009, *A Concise and Provably Informative Multi-Scale Signature*). Some [`ANCHORS`] points far apart on the part are
 //! assigned to candidates on the whole, one after the other: a beam of the assignments whose pairwise distances and heat agree best
-//! ([`assignments`]). An anchor may stay without, at a price. Each assignment is then improved anchor by anchor, until none has a better candidate.
+//! ([`assignments`]). An anchor may stay unassigned, at a cost. Each assignment is then improved anchor by anchor, until none has a better candidate.
 //!
 //! The distances of a point from the anchors tell its match. Maps are ranked by how far these distances differ, by how much of the whole
 //! they cover and by heat at matched points; mirror images are told by local orientation ([`agreement`]).
@@ -12,7 +12,7 @@
 //! Distances alone do not tell a horse's front from its back: both are a trunk with two legs and one more limb. Heat does. Refining these maps
 //! between functions, as maps of wholes are, made them worse on six of seven crops, since holes change functions.
 //!
-//! Cost: a front per candidate on the whole and two bases; the rest is constant but 4 bytes a vertex of the part.
+//! Cost: a front per candidate on the whole and two bases; the rest is constant, except for 4 bytes per vertex of the part.
 
 use super::align::{TELLING, sample};
 use super::functional::{Points, Targets};

@@ -31,9 +31,9 @@ use serde::{Deserialize, Serialize};
 pub const SAMPLES: [usize; 2] = [1500, 2500];
 /// Functions of the first step, tried one after the other.
 pub const FIRST: [usize; 4] = [5, 9, 20, 40];
-/// A step adds one function, and one more for each so many.
+/// A step adds one function, and one more for every [`GROWTH`] that there are.
 const GROWTH: usize = 16;
-/// Of all starts, every so many-th sample point is refined, up to [`HALFWAY`] functions.
+/// Up to [`HALFWAY`] functions, all starts are refined on every [`THINNED`]-th sample point.
 const THINNED: usize = 2;
 /// Functions of the first judgement.
 const HALFWAY: usize = 40;
@@ -46,7 +46,7 @@ const MORE: ([usize; 2], usize) = ([3000, 1 << 14], 3);
 const WEIGHT: usize = 20;
 /// Given landmarks whose distances tell where a vertex is.
 const SITUATING: usize = 4;
-/// Functions by which a vertex's nearest sample point is told.
+/// Functions by which the sample point nearest to a vertex is found.
 const FEW: usize = 40;
 /// Points by which two maps are compared.
 const COMPARED: usize = 200;
@@ -148,7 +148,7 @@ struct Samples {
     chosen: [Vec<u32>; 2],
     functions: [Points; 2],
     landmarks: [Points; 2],
-    /// The last so many are given pairs.
+    /// The number of given pairs, which come last.
     fixed: usize,
 }
 

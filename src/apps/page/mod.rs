@@ -1,6 +1,6 @@
 //! A page to turn a cut mesh on and to correct its parts: one HTML file that needs no network.
 //!
-//! The mesh is thinned to [`TRIANGLES`] ([`thin`]), quantised to 16 bits a coordinate, and embedded with its labels, the
+//! The mesh is thinned to [`TRIANGLES`] ([`thin`]), quantised to 16 bits per coordinate, and embedded with its labels, the
 //! cuts of the merge tree into other numbers of parts, and the run's report; `viewer.js` draws it with WebGL,
 //! `editor.js` follows edits on cells as `pipeline::edits` does, and `refine.js` moves boundaries onto creases. Cost:
 //! three passes over the mesh and 30 MB; the file has 3–4 MB.

@@ -1,4 +1,4 @@
-//! Something drawn with `plotters`, to the form that a file's ending names; text in a PNG is of the
+//! Draws with `plotters` to SVG or PNG, whichever the ending of the file names; text in a PNG is of the
 //! [embedded typeface](crate::apps::text), so that no font of the machine is needed.
 
 use crate::apps::picture::image;

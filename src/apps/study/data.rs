@@ -5,7 +5,7 @@
 //! [`StudyParams::matrix`] nodes lie in a mapped file of 4 n² bytes; one front per node, 0.2 ms each at 4,000 faces.
 //!
 //! Nodes are faces, as segmentation has them, or vertices with distances through triangles, as correspondence has them:
-//! paths from centroid to centroid zigzag, and what they are wrong by no small sample represents.
+//! paths from centroid to centroid zigzag, and no small sample represents the error that this makes.
 
 use crate::base::Result;
 use crate::base::random::{below, stream};

@@ -6,7 +6,7 @@
 //! people name. Area, compactness and neighbours in addition predicted no better on models that were not fitted to; docs/quality.md has the
 //! figures.
 //!
-//! It changes no label; it is told. Cost: a pass over the cells.
+//! It is reported and changes no label. Cost: a pass over the cells.
 
 use super::cell_graph::class_sums;
 use super::hierarchy::PartTree;

@@ -2,8 +2,8 @@
 //!
 //! A single run merges one over-segmentation until the greatest cost falls below 1.5. The
 //! consensus lets eight random over-segmentations stop at 1.6 times a factor within .8 to 1.25, groups the
-//! superfaces by average linkage of how often they lie in one part, to 1.6 times the median number of
-//! parts and one, and merges the groups once more by cost. Both need a stop constant, which the default
+//! superfaces by average linkage of how often they lie in one part, down to 1.6 times the median number of
+//! parts, plus one, and merges the groups once more by cost. Both need a stop constant, which the default
 //! ([`super::labelling`]) does without; they are kept for comparison.
 //!
 //! Also here: how sure a part is ([`confidence`]), from the co-association, R².

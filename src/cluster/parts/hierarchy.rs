@@ -295,7 +295,7 @@ mod tests {
             cut.label.iter().for_each(|&part| sizes[part as usize] += 1);
             assert!(cut.parts == k && sizes.iter().all(|size| *size >= 39), "{k}: {sizes:?}");
         }
-        // More than there are without tiny components: those too, but as many as were asked for.
+        // More parts than there are without tiny components: these become parts too, and the number is the one asked for.
         assert_eq!(tree.cut_k(90).unwrap().parts, 90);
     }
 

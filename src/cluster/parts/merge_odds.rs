@@ -36,7 +36,7 @@ impl BoostedTrees {
     /// The trees of all decisions.
     pub fn fitted() -> &'static BoostedTrees {
         static TREES: OnceLock<BoostedTrees> = OnceLock::new();
-        // A test checks that the file is as it must be; none at all says even odds.
+        // A test checks that the file can be parsed; without trees all odds would be even.
         TREES.get_or_init(|| BoostedTrees::parse(FITTED).unwrap_or_default())
     }
 

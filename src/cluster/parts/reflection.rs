@@ -25,7 +25,8 @@ const LEAST_CELLS: usize = 200;
 const WHOLE: f64 = 0.97;
 /// Samples, farthest from each other.
 const SAMPLES: usize = 64;
-/// So many samples become anchors at a time, but for those nearer than this to an anchor, in units of √(total area), as all lengths.
+/// Numbers of samples that become anchors, step by step, except those nearer to an anchor than the distance beside the number
+/// (in units of √(total area), as all lengths).
 const GROWTH: [(usize, f32); 3] = [(12, 0.1), (28, 0.06), (SAMPLES, 0.04)];
 /// Matchings of tips that are tried.
 const MATCHINGS: usize = 4;

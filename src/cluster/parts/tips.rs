@@ -18,8 +18,8 @@ const ALONE: f32 = 0.05;
 /// Steps of the search at the most.
 const VISITS: usize = 20_000;
 
-/// The tips of a surface, of which `mean` is the mean distance of each cell from all of it (S), the farthest first. `within` tells of
-/// each cell whether it may be one.
+/// The tips of a surface, the farthest first. `mean` is the mean distance of each cell from the whole surface (S); `within` says whether
+/// a cell may be a tip.
 pub fn tips(paths: &CellPaths, mean: &[f32], within: impl Fn(u32) -> bool) -> Vec<u32> {
     let mut ball = vec![f32::INFINITY; mean.len()];
     let higher =

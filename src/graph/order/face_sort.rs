@@ -60,7 +60,7 @@ pub(super) fn sort(faces: &Faces, rank: &MappedSlice<u32>, in_memory: bool, cont
             out.finish(false)?;
         }
         Faces::Polygons { corners, .. } => {
-            // A record a corner, and one that stands for a face without corners.
+            // One record per corner, and one for a face without corners.
             let push = |key: u32, face: u32, corners: &[u32], push: &mut dyn FnMut([u32; 4]) -> Result<()>| {
                 if corners.is_empty() {
                     return push([key, face, u32::MAX, 0]);

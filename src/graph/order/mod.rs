@@ -5,7 +5,7 @@
 //! along the curve by external sorts ([`vertex_sort`], [`face_sort`]) into a mesh of their own, which all stages work on
 //! as if it had been the file; `face_order` leads back, and [`NodeOrder::restore`] puts results in the
 //! file's order. Which order is chosen is a pure function of mesh and options. Cost of a reordering: about
-//! 0.3 µs a face and thread in memory; 22 B a face kept on disk.
+//! 0.3 µs per face and thread in memory; 22 B per face kept on disk.
 
 mod face_sort;
 pub mod hilbert;
@@ -84,7 +84,7 @@ impl NodeOrder {
             return Ok(Self { order: None, facts });
         }
         if work.is_temporary() {
-            // [`Ordered::into_nodes`] gave up the stage but for the order.
+            // [`Ordered::into_nodes`] gave up all of the stage except the order.
             let facts = OrderFacts { far_steps: 0., stretch: 0., reordered: true };
             return Ok(Self { order: Some(work.array_of(ORDER, nodes)?), facts });
         }
@@ -170,7 +170,7 @@ pub struct Ordered {
 
 impl Ordered {
     /// Puts `mesh`, whose identity is `input`, in `order`, or opens what an earlier run left in `work`. Stray vertices are
-    /// moved to their neighbours first ([`Mesh::without_strays`]), which is told.
+    /// moved to their neighbours first ([`Mesh::without_strays`]), and a note says so.
     ///
     /// # Errors
     /// [`crate::base::Error::Io`], [`crate::base::Error::Memory`], [`crate::base::Error::Cancelled`].
@@ -315,8 +315,8 @@ const NEAR: u64 = 1 << 16;
 ///
 /// Sampled: [`RUNS`] runs of [`RUN`] consecutive faces, evenly spread. A step to the next face is *far* when one of its
 /// corners lies far from the one before in vertex numbers (a file whose vertices are scattered) or in space (a soup in
-/// random order, whose numbers always ascend). And a run is *stretched* as often as it is longer than a round patch of as
-/// many faces would be wide: 1–2 along Hilbert's curve, √([`RUN`]) and more in rows of a grid. A front that crosses such
+/// random order, whose numbers always ascend). The *stretch* of a run is its extent over the width of a round patch of as
+/// many faces: 1–2 along Hilbert's curve, √([`RUN`]) and more in rows of a grid. A front that crosses such
 /// rows touches one page per face too, however near its neighbours are. A pure function of the mesh, never of budget or
 /// threads.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]

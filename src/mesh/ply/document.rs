@@ -1,5 +1,5 @@
-//! An opened PLY file as it is needed again: to copy what an output does not change, and to read properties of its
-//! vertices and faces.
+//! An opened PLY file, kept to copy what an output does not change, and to read properties of vertices
+//! and faces.
 //!
 //! A [`Document`] keeps the mapping alive and remembers where each element lies; it holds the header and a few numbers
 //! per element. Properties are read in one pass over the element's records, in the order of the file, and nothing is held:

@@ -329,7 +329,7 @@ fn first_odd(run: &Run, records: &[u8], layout: Layout, limit: u32) -> Result<Op
             (2, stride) => scan::<2>(piece, stride, layout.at, limit),
             (_, stride) => scan::<4>(piece, stride, layout.at, limit),
         };
-        // Faces that the decoder will read again are told then.
+        // The decoder reports faces that it reads again.
         if odd.is_none() {
             run.progress.advance("read", range.len() as u64);
         }

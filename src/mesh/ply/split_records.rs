@@ -1,8 +1,8 @@
 //! The records that a labelled file gets where faces are split: new vertices, and pieces of faces.
 //!
-//! A new vertex has each property of the vertices that it lies between: the mean of floating-point numbers, whatever
-//! the nearest one has of the rest. A piece has all properties of its face; lists of floating-point numbers, as many for each corner
-//! (`texcoord`), are interpolated like those of vertices. Records are read again where they lie: 8 bytes of memory per vertex
+//! A new vertex has each property of the vertices that it lies between: the mean of floating-point numbers, and
+//! the value of the nearest one for all others. A piece has all properties of its face; lists with the same number of floating-point values for each corner
+//! (`texcoord`) are interpolated like those of vertices. Records are read again where they lie: 8 bytes of memory per vertex
 //! beside a new one. Another 100 ns per vertex of the file where its records differ in size.
 
 use super::document::Document;
@@ -337,7 +337,7 @@ mod tests {
     fn types_without_room_for_new_vertices_are_refused() {
         let dir = tempfile::tempdir().unwrap();
         let run = Run::new(&());
-        // Stripes, of which more new vertices come.
+        // Stripes make more new vertices.
         let labels: Vec<u32> = (0..128).map(|f| (f / 2 % 8 + f / 16 * 2) / 5).collect();
         let labelling = Labelling { labels: &labels, colours: &[], quality: None, names: &[] };
         let path = dir.path().join("a.ply");

@@ -135,7 +135,7 @@ impl FaceSplit {
         all
     }
 
-    /// Tells what stays as it is.
+    /// Notes which faces were not split.
     pub fn tell(&self, run: &Run) {
         if self.polygons > 0 {
             let text =

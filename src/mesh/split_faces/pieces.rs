@@ -2,7 +2,7 @@
 
 use crate::base::vector::{distance, double_area, length};
 
-/// A triangle as it is to be cut. Points have numbers, those of its corners among them.
+/// A triangle and where it is to be cut. Points are numbered, its corners included.
 pub(super) struct Cut {
     /// Its corners.
     pub corners: [u32; 3],
