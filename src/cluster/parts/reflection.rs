@@ -25,8 +25,7 @@ const LEAST_CELLS: usize = 200;
 const WHOLE: f64 = 0.97;
 /// Samples, farthest from each other.
 const SAMPLES: usize = 64;
-/// Numbers of samples that become anchors, step by step, except those nearer to an anchor than the distance beside the number
-/// (in units of √(total area), as all lengths).
+/// Samples that become anchors, step by step; those nearer than this length to an anchor, in units of √(total area), are left out.
 const GROWTH: [(usize, f32); 3] = [(12, 0.1), (28, 0.06), (SAMPLES, 0.04)];
 /// Matchings of tips that are tried.
 const MATCHINGS: usize = 4;
