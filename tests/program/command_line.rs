@@ -235,7 +235,7 @@ fn misuse_ends_with_code_2_and_says_what_is_right() {
         // Whoever refuses: the option or the word first, then what is wrong and what to do.
         if one_line {
             let named = message["nystrom-stream: ".len()..].split([':', ' ']).next().unwrap();
-            let known = named.starts_with('-') || ["MESH", "frobnicate", "standard", "mesh"].contains(&named);
+            let known = named.starts_with('-') || ["MESH", "frobnicate", "standard", "mesh", mesh].contains(&named);
             assert!(known, "{words:?}: {message}");
         }
     }
