@@ -143,7 +143,7 @@ impl Record {
     /// # Errors
     /// [`Error::WorkDir`] where there is none.
     pub fn read(work: &WorkDir) -> Result<Self> {
-        let remedy = "start it: nystrom-stream graph MESH --work-dir …";
+        let remedy = "make it first: nystrom-stream segment MESH --work-dir …";
         let stage = work.manifest().stages.remove("record");
         let stage = stage.ok_or_else(|| Error::work_dir(work.path(), "does not say which mesh it is of", remedy))?;
         let (facts, inputs) = (&stage.facts, &stage.inputs);

@@ -17,6 +17,7 @@
 //! landmarks, some megabytes, whatever the size of the mesh; up to .08 s of processor time more where no plane is found.
 
 pub mod agreement;
+mod anchors;
 pub mod cell_graph;
 pub mod cell_kmeans;
 pub mod cell_paths;
