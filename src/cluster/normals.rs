@@ -179,22 +179,22 @@ pub fn averaged(graph: &DualGraph, shares: &AreaShares, r: f32, file: &str, cont
     let shared = graph.edges.shared();
     let mean = f64::from(mean_weight(lengths(graph)) * shares.unit);
     let rounds = if mean > 0. { (f64::from(r) / mean).powi(2).round().min(1e4) as usize } else { 0 };
-    // Normals times shares, which is what neighbours add.
-    let weighted = |i: usize, normal: [f32; 3]| normal.map(|x| x * shares.share[i]);
     let mut normals: Vec<[f32; 3]> = (0..n).map(|i| graph.nodes.at(i).normal).collect();
-    let mut now: Vec<[f32; 3]> = normals.iter().enumerate().map(|(i, normal)| weighted(i, *normal)).collect();
     let mut next = normals.clone();
     for _ in 0..rounds {
+        // What neighbours add, weighted once and not by each of them.
+        let weighted: Vec<[f32; 3]> =
+            normals.iter().zip(&shares.share[..]).map(|(normal, share)| normal.map(|x| x * share)).collect();
         context.run.fill_chunks(
             &mut next,
             CHUNK,
             || (),
             |k, out, ()| {
                 for (slot, i) in out.iter_mut().zip(chunk_range(n, CHUNK, k)) {
-                    let mut sum = now[i];
+                    let mut sum = weighted[i];
                     for (j, edge) in shared.neighbours(i as u32) {
                         if edge != 0. {
-                            let more = now[j as usize];
+                            let more = weighted[j as usize];
                             (0..3).for_each(|axis| sum[axis] += more[axis]);
                         }
                     }
@@ -204,7 +204,6 @@ pub fn averaged(graph: &DualGraph, shares: &AreaShares, r: f32, file: &str, cont
             },
         )?;
         std::mem::swap(&mut normals, &mut next);
-        now.iter_mut().enumerate().for_each(|(i, now)| *now = weighted(i, normals[i]));
     }
     let mut array = context.work.array::<[f32; 3]>(file, &[n, 3])?;
     array.data().copy_from_slice(&normals);

@@ -264,14 +264,17 @@ impl<'a> Surface<'a> {
     fn again(&self, anchors: &Anchors) -> Anchors {
         let firsts: Vec<usize> = (0..anchors.cell.len()).filter(|&k| k <= anchors.image[k]).collect();
         let images: Vec<u32> = firsts.iter().map(|&k| self.likeliest(anchors.cell[k], anchors, Some(k))).collect();
-        let stays = |k: usize, image: u32| anchors.cell[anchors.image[k]] == image;
+        let kept = |(&k, &image): (&usize, &u32)| {
+            let at = anchors.image[k];
+            (anchors.cell[at] == image).then(|| anchors.row[at].clone())
+        };
+        let kept: Vec<Option<Row>> = firsts.iter().zip(&images).map(kept).collect();
         let moved: Vec<u32> =
-            firsts.iter().zip(&images).filter(|&(&k, &image)| !stays(k, image)).map(|(_, &image)| image).collect();
+            images.iter().zip(&kept).filter(|(_, kept)| kept.is_none()).map(|(&image, _)| image).collect();
         let mut new = self.paths.rows(&moved).into_iter();
         let mut out = Anchors::default();
-        for (&k, &image) in firsts.iter().zip(&images) {
-            let row = if stays(k, image) { Some(anchors.row[anchors.image[k]].clone()) } else { new.next() };
-            if let Some(row) = row {
+        for ((&k, &image), kept) in firsts.iter().zip(&images).zip(kept) {
+            if let Some(row) = kept.or_else(|| new.next()) {
                 out.add([anchors.cell[k], image], [&anchors.row[k], &row]);
             }
         }
