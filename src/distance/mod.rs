@@ -5,6 +5,8 @@
 //! per landmark on the other threads and writes its distances, or shows each row to a visitor ([`row_sink`]). Fronts from
 //! many sources label nodes by the nearest one ([`voronoi`]); a [`march`] goes through triangles instead of along edges.
 
+mod block_cache;
+mod cached_front;
 pub mod front;
 pub mod journal;
 pub mod local_rows;

@@ -11,6 +11,7 @@
 //! Rows that the journal knows from an earlier run are checked (one pass over them) and taken over. In a
 //! temporary directory there is no journal and nothing is synced.
 
+use super::cached_front::{CachedFront, Division};
 use super::front::{Front, mean_weight};
 use super::journal::{JobSpec, JournalEntry, ResumeState};
 use super::paging::Pages;
@@ -18,7 +19,8 @@ use super::row_sink::{RowSink, RowVisitor, Target};
 use super::sampler::{FinishedRows, GraphSpace, Sampler, SearchGraph, fill_lengths};
 use crate::base::parallel::{catch, spawn};
 use crate::base::{Cancel, Error, Result};
-use crate::graph::{Csr, NodeView, TriangleAdjacency};
+use crate::graph::csr::DirectGraph;
+use crate::graph::{Csr, NodeView, TriangleAdjacency, WeightedGraph};
 use crate::store::mapped::Access;
 use crate::store::mapped::AlignedBuffer;
 use crate::store::npy::ArrayMut;
@@ -34,6 +36,8 @@ type Entries = BTreeMap<usize, JournalEntry>;
 /// Rows to be computed.
 #[derive(Clone, Copy)]
 pub(super) struct RowJob<'a> {
+    pub weighted: &'a WeightedGraph,
+    /// The same as raw slices.
     pub graph: Csr<'a>,
     pub nodes: NodeView<'a>,
     /// Who chooses the landmarks.
@@ -98,7 +102,11 @@ impl RowJob<'_> {
         let graph = Csr { triangles: triangles.as_ref().map_or(&[], TriangleAdjacency::all), ..self.graph };
         // Before the kernel is told to read no more than it is asked for.
         let mean = mean_weight(graph);
-        let running = Running { job: RowJob { graph, ..*self }, mean, lengths: None, sink, context };
+        let direct = if paged { self.weighted.direct()? } else { None };
+        let each = context.run.budget.left() / 4 * 3 / context.run.threads.max(1) as u64;
+        let cached = direct.and_then(|files| Some((files, Division::of(graph, each)?)));
+        let running =
+            Running { job: RowJob { graph, ..*self }, mean, lengths: None, cached: cached.as_ref(), sink, context };
         let result = Pages::lend(self.graph, bytes, context.run, |pages| {
             if self.sampler.needs_lengths() {
                 running.with_lengths(field.take(), pages)
@@ -119,6 +127,8 @@ struct Running<'a> {
     mean: f32,
     /// The graph weighted by length alone, for samplers that need it.
     lengths: Option<Csr<'a>>,
+    /// The graph's files and how they are divided into blocks, where it is larger than memory.
+    cached: Option<&'a (DirectGraph, Division)>,
     sink: &'a RowSink<'a>,
     context: Context<'a>,
 }
@@ -195,7 +205,7 @@ impl Running<'_> {
         (requests, done): (&Sender<Request>, &Sender<Result<JournalEntry>>),
         failed: &Cancel,
     ) -> Result<()> {
-        let (RowJob { graph, nodes, sampler, spec }, sink, run) = (self.job, self.sink, self.context.run);
+        let (RowJob { graph, nodes, sampler, spec, .. }, sink, run) = (self.job, self.sink, self.context.run);
         let mut row = 0;
         if front.is_paged() {
             field.advise(Access::Random);
@@ -238,16 +248,21 @@ impl Running<'_> {
         done: &Sender<Result<JournalEntry>>,
     ) -> Result<()> {
         let name = format!("row-{}-{thread}.tmp", self.job.spec.shard);
-        let mut scratch = None;
+        let (mut scratch, budget) = (None, &self.context.run.budget);
+        let mut cached = None;
         for Request { row, landmark, known } in requests {
             let entry = match known {
                 Some(known) => self.sink.put(row, landmark, known.items(self.job.spec.nodes)),
-                None => match &mut scratch {
-                    Some(scratch) => self.row(row, landmark, front, scratch),
-                    None => {
-                        self.scratch(front, &name).and_then(|made| self.row(row, landmark, front, scratch.insert(made)))
+                None => {
+                    if scratch.is_none() {
+                        scratch = Some(self.scratch(front, &name)?);
+                        cached = self.cached.and_then(|(files, division)| {
+                            CachedFront::new(self.job.graph, files, self.mean, division.clone(), budget)
+                        });
                     }
-                },
+                    let Some(scratch) = &mut scratch else { return Err(Error::internal("no memory for rows")) };
+                    self.row(row, landmark, (front, cached.as_mut()), scratch)
+                }
             };
             if done.send(Ok(entry?)).is_err() {
                 break;
@@ -277,13 +292,19 @@ impl Running<'_> {
     }
 
     /// Computes a row and hands it on.
-    fn row(&self, row: usize, landmark: u32, front: &mut Front, scratch: &mut Scratch) -> Result<JournalEntry> {
+    fn row(
+        &self,
+        row: usize,
+        landmark: u32,
+        (front, cached): (&mut Front, Option<&mut CachedFront<'_>>),
+        scratch: &mut Scratch,
+    ) -> Result<JournalEntry> {
         let sink = self.sink;
         let distances = match scratch {
             Scratch::Granted(words) => words.items_mut::<f32>(self.job.spec.nodes),
             Scratch::Plain(row) => row,
             Scratch::Mapped(array) => {
-                self.mapped_row(array.data(), landmark, front)?;
+                self.mapped_row(array.data(), landmark, front, cached)?;
                 return sink.put(row, landmark, array.data());
             }
             Scratch::InPlace => {
@@ -291,7 +312,7 @@ impl Running<'_> {
                 let Some(mut slot) = sink.take(row) else {
                     return Err(Error::internal("a row in memory was to be computed where it lies"));
                 };
-                self.mapped_row(&mut slot, landmark, front)?;
+                self.mapped_row(&mut slot, landmark, front, cached)?;
                 return sink.close(row, landmark, &slot, || slot.sync());
             }
         };
@@ -300,10 +321,23 @@ impl Running<'_> {
     }
 
     /// Computes a row in a mapped file.
-    fn mapped_row(&self, slot: &mut MappedSliceMut<f32>, landmark: u32, front: &mut Front) -> Result<()> {
+    fn mapped_row(
+        &self,
+        slot: &mut MappedSliceMut<f32>,
+        landmark: u32,
+        front: &mut Front,
+        cached: Option<&mut CachedFront<'_>>,
+    ) -> Result<()> {
+        let cancel = &self.context.run.cancel;
+        if let (Some(cached), Some(values)) = (cached, slot.writeback())
+            && cached.full(landmark, (&values, self.context.work.path()), cancel)?
+        {
+            slot.advise(Access::Sequential);
+            return Ok(());
+        }
         front.values(slot.writeback());
         slot.advise(if front.is_paged() { Access::Random } else { Access::Local });
-        let full = front.full(self.job.graph, landmark, slot, &self.context.run.cancel);
+        let full = front.full(self.job.graph, landmark, slot, cancel);
         slot.advise(Access::Sequential);
         full.map(drop)
     }

@@ -127,7 +127,9 @@ impl Stage for RowsStage<'_> {
         let field = room.take(4 * n);
         let triangles = room.spare(24 * n);
         let own: u64 = (0..t).map(|_| room.spare(4 * n)).sum();
-        let memory = room.used();
+        // Fronts over a graph larger than memory have blocks of it: at the most three quarters of what is left.
+        let blocks = if triangles == 0 { (room.left() / 4 * 3).min(t * (28 * n + 4096)) } else { 0 };
+        let memory = room.used() + blocks;
         room.give_back(field + triangles + own);
         let (keeps, scratch) = if extent.keeps_rows { (4 * l * n, 0) } else { (0, 4 * n * t - own) };
         let field = if extent.keeps_rows && !extent.lasting && l > 1 { 4 * n } else { field };
@@ -244,7 +246,7 @@ impl DistanceRows {
     ) -> Result<Self> {
         let n = nodes.len();
         let spec = Self::spec(graph, n, &params, context.run)?;
-        let job = RowJob { graph: graph.csr(), nodes, sampler: &params.sampling, spec: &spec };
+        let job = RowJob { weighted: graph, graph: graph.csr(), nodes, sampler: &params.sampling, spec: &spec };
         let rows = context.stage(RowsStage(job))?;
         // Left by this run, or by one that was killed right after its stamp.
         context.work.remove(JOURNAL);
@@ -264,7 +266,7 @@ impl DistanceRows {
         context: Context<'_>,
     ) -> Result<Landmarks> {
         let spec = Self::spec(graph, nodes.len(), &params, context.run)?;
-        let job = RowJob { graph: graph.csr(), nodes, sampler: &params.sampling, spec: &spec };
+        let job = RowJob { weighted: graph, graph: graph.csr(), nodes, sampler: &params.sampling, spec: &spec };
         let (entries, _) = context.run.stage("rows", "rows", spec.rows as u64, || job.pass(visitor, context))?;
         let (nodes, facts) = entries.into_values().map(|entry| (entry.landmark, entry.facts)).unzip();
         Ok(Landmarks { nodes, facts })

@@ -55,7 +55,7 @@ pub fn compute(
         context.run.progress.note(&format!("rows: shard {shard}/{of} is done already"));
         return Ok(wanted);
     }
-    let job = RowJob { graph: graph.csr(), nodes, sampler: &params.sampling, spec: &spec };
+    let job = RowJob { weighted: graph, graph: graph.csr(), nodes, sampler: &params.sampling, spec: &spec };
     context
         .run
         .stage("rows", "rows", wanted as u64, || job.compute(&array, &journal, context)?.0.finish(true).map(drop))?;

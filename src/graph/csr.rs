@@ -5,6 +5,7 @@
 
 use super::row_starts::{OwnedRowStarts, RowStarts, StartsForm};
 use crate::base::{Error, Result};
+use crate::store::direct::DirectArray;
 use crate::store::mapped::AlignedBuffer;
 use crate::store::{MappedSlice, Run, WorkDir};
 use bytemuck::{Pod, Zeroable};
@@ -76,10 +77,29 @@ impl WeightedGraph {
             .map_err(|(.., problem)| Error::unusable("graph", problem.to_string(), "delete the work directory"))
     }
 
+    /// The arrays of entries, to be read past the mapping; `None` where they lie in memory.
+    ///
+    /// # Errors
+    /// [`Error::Io`].
+    pub fn direct(&self) -> Result<Option<DirectGraph>> {
+        let arrays = (DirectArray::of(&self.indices)?, DirectArray::of(&self.weights)?);
+        let (Some(indices), Some(weights)) = arrays else { return Ok(None) };
+        Ok(Some(DirectGraph { indices, weights }))
+    }
+
     /// The matrix as raw slices for hot loops.
     pub fn csr(&self) -> Csr<'_> {
         Csr::new(self.starts.view(), &self.indices, &self.weights)
     }
+}
+
+/// The entries of a [`Csr`] as files.
+#[derive(Debug)]
+pub struct DirectGraph {
+    /// Neighbours (nnz).
+    pub indices: DirectArray,
+    /// Weights (nnz).
+    pub weights: DirectArray,
 }
 
 /// A graph as raw slices.

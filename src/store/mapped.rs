@@ -28,7 +28,7 @@ use memmap2::{Advice, Mmap, MmapMut};
 use std::fs::File;
 use std::marker::PhantomData;
 use std::ops::{Deref, DerefMut};
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use std::sync::{Arc, OnceLock};
 
 /// Zeroed memory of a budget, aligned for every item type.
@@ -39,18 +39,21 @@ pub struct AlignedBuffer {
 }
 
 impl AlignedBuffer {
+    /// The memory of `grant`, on large pages. They are not touched here.
+    pub fn of(grant: Grant) -> Self {
+        let words = vec![0; (grant.bytes() / 8) as usize];
+        huge_pages(&words);
+        Self { words, _grant: grant }
+    }
+
     /// Memory for at least `bytes` bytes on large pages, where `budget` can spare them: half of it stays for others. The
     /// pages are not touched here but by the threads that fill them.
     pub fn spare(budget: &Budget, bytes: usize) -> Option<Self> {
-        let words = bytes.div_ceil(size_of::<u64>());
-        let bytes = (words * size_of::<u64>()) as u64;
+        let bytes = bytes.next_multiple_of(size_of::<u64>()) as u64;
         if budget.left() < bytes.saturating_add(budget.total() / 2) {
             return None;
         }
-        let grant = budget.take("work arrays", bytes, bytes).ok()?;
-        let words = vec![0; words];
-        huge_pages(&words);
-        Some(Self { words, _grant: grant })
+        Some(Self::of(budget.take("work arrays", bytes, bytes).ok()?))
     }
 
     /// A copy of `items`, where `budget` can spare the memory.
@@ -110,7 +113,7 @@ pub struct MappedBytes {
 /// a new file, and nobody uses a mapping that is being dropped.
 #[derive(Debug)]
 enum Bytes {
-    File(#[expect(dead_code, reason = "given back when dropped")] Claim, Mmap),
+    File(#[expect(dead_code, reason = "given back when dropped")] Claim, Mmap, PathBuf),
     Held(AlignedBuffer),
     /// A caller's vector of 4-byte or of 8-byte items, kept as what it is: so it is aligned and never copied.
     Words(Vec<u32>),
@@ -142,12 +145,12 @@ impl MappedBytes {
         // SAFETY: see the module's text: nobody in this process writes to the file as long as the claim lives, and every use
         // of its content is checked.
         let map = unsafe { Mmap::map(&file) }.map_err(Error::io(path, "map"))?;
-        Ok(Self { map: Some(Arc::new(Bytes::File(claim, map))) })
+        Ok(Self { map: Some(Arc::new(Bytes::File(claim, map, path.to_path_buf()))) })
     }
 
     /// Tells the kernel how the bytes will be read. Advice only: failures are ignored.
     pub fn advise(&self, access: Access) {
-        if let Some(Bytes::File(_, map)) = self.map.as_deref() {
+        if let Some(Bytes::File(_, map, _)) = self.map.as_deref() {
             let _ = map.advise(match access {
                 Access::Local => Advice::Normal,
                 Access::Sequential => Advice::Sequential,
@@ -180,7 +183,7 @@ impl Deref for MappedBytes {
     fn deref(&self) -> &[u8] {
         match self.map.as_deref() {
             None => &[],
-            Some(Bytes::File(_, map)) => map,
+            Some(Bytes::File(_, map, _)) => map,
             Some(Bytes::Held(words)) => words.bytes(),
             Some(Bytes::Words(words)) => bytemuck::cast_slice(words),
             Some(Bytes::DoubleWords(words)) => bytemuck::cast_slice(words),
@@ -220,6 +223,12 @@ impl<T: Pod> MappedSlice<T> {
     /// Tells the kernel how the array will be read.
     pub fn advise(&self, access: Access) {
         self.bytes.advise(access);
+    }
+
+    /// The file that the array lies in, and the byte where it begins; `None` for one in memory.
+    pub fn place(&self) -> Option<(&Path, usize)> {
+        let Some(Bytes::File(_, _, path)) = self.bytes.map.as_deref() else { return None };
+        Some((path, self.offset))
     }
 }
 
@@ -363,7 +372,7 @@ impl<T: Pod> DerefMut for MappedSliceMut<T> {
     }
 }
 
-/// Sends parts of a mapped array to the disk early, without waiting. See [`MappedSliceMut::writeback`].
+/// The file under a mapped array: sends parts of it to the disk early, or writes them past the mapping. See [`MappedSliceMut::writeback`].
 #[derive(Clone, Debug)]
 pub struct Writeback {
     file: Arc<File>,
@@ -390,6 +399,24 @@ impl Writeback {
         }
         #[cfg(not(target_os = "linux"))]
         let _ = (&self.file, self.offset, self.item, items);
+    }
+
+    /// Writes `items` from the item `first` on, to the file and not through the mapping.
+    ///
+    /// # Errors
+    /// The operating system's.
+    pub fn write<T: Pod>(&self, first: usize, items: &[T]) -> std::io::Result<()> {
+        use std::os::unix::fs::FileExt;
+        self.file.write_all_at(bytemuck::cast_slice(items), (self.offset + first * self.item) as u64)
+    }
+
+    /// Reads back what was written from the item `first` on.
+    ///
+    /// # Errors
+    /// The operating system's.
+    pub fn read<T: Pod>(&self, first: usize, items: &mut [T]) -> std::io::Result<()> {
+        use std::os::unix::fs::FileExt;
+        self.file.read_exact_at(bytemuck::cast_slice_mut(items), (self.offset + first * self.item) as u64)
     }
 }
 

@@ -7,6 +7,7 @@
 pub mod budget;
 pub mod checked;
 mod claims;
+pub mod direct;
 pub mod disk_speed;
 mod folder;
 pub mod in_memory;

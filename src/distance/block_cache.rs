@@ -1,0 +1,382 @@
+//! The blocks of a graph that a front is at, in memory of its own: for graphs larger than memory.
+//!
+//! A front is a narrow band, so few blocks of consecutive nodes are in use at a time: some 4 √(blocks) of them in a good order. Each
+//! has a slot here: the steps from its nodes, read past the page cache ([`DirectArray`]), and its part of the row, which
+//! begins as infinity and is written to the row's file when the slot is needed for another. A block that the front meets is asked for; so are those
+//! that its steps lead to, before the front meets them, and other threads read them meanwhile. Which block leaves is
+//! decided by a clock: the first that was not used since the hand passed. Values do not depend on any of that.
+//!
+//! Beside the mapping ([`super::paging`]) that saves the kernel's part, half of the processor's time, and the waits for blocks that are only
+//! asked for when they are met. Memory: 28 bytes per node of a slot, 6 per block.
+
+use super::queue::Entry;
+use crate::base::{Error, Result};
+use crate::graph::csr::DirectGraph;
+use crate::graph::{Csr, RowStarts};
+use crate::store::direct::{DirectArray, PAGE};
+use crate::store::mapped::{Writeback, prefetch};
+use crossbeam_channel::{Receiver, Sender};
+use std::ops::Range;
+use std::path::Path;
+
+/// No slot.
+const NONE: u32 = u32::MAX;
+/// In the table: the block was asked for, and the front did not meet it yet.
+const AHEAD: u32 = 1 << 31;
+/// Share of the slots that may wait for blocks that the front did not meet: one in so many.
+const WAITING: usize = 3;
+
+/// A graph in blocks of `1 << shift` nodes.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Blocks<'a> {
+    pub graph: Csr<'a>,
+    pub shift: u32,
+    /// First entry of each block's rows, and the number of entries (blocks + 1).
+    pub starts: &'a [u64],
+    /// Words of a slot that neighbours take, and weights.
+    pub words: usize,
+}
+
+impl Blocks<'_> {
+    pub fn len(&self) -> usize {
+        self.starts.len() - 1
+    }
+
+    fn nodes(&self, block: u32) -> Range<usize> {
+        let first = (block as usize) << self.shift;
+        first..(first + (1 << self.shift)).min(self.graph.len())
+    }
+
+    /// Reads the rows of a block into the memory of `job`.
+    pub fn read(&self, job: &mut Job<'_>, files: &DirectGraph) -> Result<()> {
+        let entries = self.starts[job.block as usize] as usize..self.starts[job.block as usize + 1] as usize;
+        let (neighbours, weights) = job.memory.split_at_mut(self.words);
+        let first = files.indices.read(entries.clone(), neighbours)?;
+        job.first = [first, self.words + files.weights.read(entries.clone(), weights)?];
+        let mut last = job.block;
+        for next in &neighbours[first..first + entries.len()] {
+            let block = next >> self.shift;
+            if block != last && block != job.block && !job.beside.contains(&block) {
+                job.beside.push(block);
+            }
+            last = block;
+        }
+        Ok(())
+    }
+}
+
+/// A block to be read.
+pub(super) struct Job<'m> {
+    slot: u32,
+    block: u32,
+    memory: &'m mut [u32],
+    /// Words at which neighbours and weights begin, once they are there.
+    first: [usize; 2],
+    /// Blocks that steps lead to.
+    beside: Vec<u32>,
+}
+
+struct Slot<'m> {
+    block: u32,
+    used: bool,
+    /// Empty while it is being read.
+    memory: &'m mut [u32],
+    first: [usize; 2],
+    /// First entry of the block's rows.
+    entry: usize,
+    beside: Vec<u32>,
+}
+
+impl Slot<'_> {
+    fn is_waiting(&self) -> bool {
+        self.memory.is_empty()
+    }
+
+    /// Whether the block is there and those beside it were asked for.
+    #[inline(always)]
+    fn is_quiet(&self) -> bool {
+        !self.is_waiting() & self.beside.is_empty()
+    }
+}
+
+/// Blocks in memory.
+pub(super) struct BlockCache<'m, 'a> {
+    blocks: Blocks<'a>,
+    mask: u32,
+    /// Slot of each block, with [`AHEAD`] or [`NONE`].
+    table: Vec<u32>,
+    /// Whether a block's values were written.
+    written: Vec<bool>,
+    slots: Vec<Slot<'m>>,
+    /// Values, slot by slot.
+    field: &'m mut [f32],
+    hand: usize,
+    waiting: usize,
+    /// Blocks read once more because they had to leave.
+    again: usize,
+    jobs: Sender<Job<'m>>,
+    done: Receiver<Result<Job<'m>>>,
+    values: &'a Writeback,
+    path: &'a Path,
+}
+
+impl<'m, 'a> BlockCache<'m, 'a> {
+    /// A cache of as many blocks as `memory` holds, of `field` their values, which go to `values`, in the file `path`.
+    pub fn new(
+        blocks: Blocks<'a>,
+        (memory, field): (&'m mut [u32], &'m mut [f32]),
+        (jobs, done): (Sender<Job<'m>>, Receiver<Result<Job<'m>>>),
+        (values, path): (&'a Writeback, &'a Path),
+    ) -> Self {
+        let slot = |memory| Slot { block: NONE, used: false, memory, first: [0; 2], entry: 0, beside: Vec::new() };
+        Self {
+            blocks,
+            mask: (1 << blocks.shift) - 1,
+            table: vec![NONE; blocks.len()],
+            written: vec![false; blocks.len()],
+            slots: memory.chunks_exact_mut(2 * blocks.words).map(slot).collect(),
+            field,
+            hand: 0,
+            waiting: 0,
+            again: 0,
+            jobs,
+            done,
+            values,
+            path,
+        }
+    }
+
+    /// Whether more blocks were read again than fronts are worth.
+    pub fn is_thrashing(&self) -> bool {
+        self.again > self.blocks.len() + self.slots.len()
+    }
+
+    /// The slot of the block of `node`, which the front meets if it did not.
+    #[inline(always)]
+    fn slot(&mut self, node: u32) -> Result<usize> {
+        let slot = self.table[(node >> self.blocks.shift) as usize];
+        if slot < AHEAD { Ok(slot as usize) } else { self.meet(node >> self.blocks.shift) }
+    }
+
+    /// The place of the value of `node` in the slot `slot`.
+    #[inline(always)]
+    fn place(&self, slot: usize, node: u32) -> usize {
+        slot << self.blocks.shift | (node & self.mask) as usize
+    }
+
+    /// The value of `node`.
+    #[inline(always)]
+    pub fn value(&mut self, node: u32) -> Result<&mut f32> {
+        let slot = self.slot(node)?;
+        let place = self.place(slot, node);
+        Ok(&mut self.field[place])
+    }
+
+    /// Fetches the row start of `node`, and its value where that is here.
+    #[inline(always)]
+    pub fn prefetch(&self, node: u32) {
+        self.blocks.graph.starts.prefetch(node);
+        let slot = self.table[(node >> self.blocks.shift) as usize];
+        if slot < AHEAD {
+            prefetch(self.field, self.place(slot as usize, node));
+        }
+    }
+
+    /// Fetches the steps from `node` where they are here.
+    #[inline(always)]
+    pub fn prefetch_steps(&self, node: u32) {
+        if let Some(slot) = self.slots.get(self.table[(node >> self.blocks.shift) as usize] as usize) {
+            let at = self.blocks.graph.span(node).start.wrapping_sub(slot.entry);
+            prefetch(slot.memory, slot.first[0].wrapping_add(at));
+            prefetch(slot.memory, slot.first[1].wrapping_add(at));
+            prefetch(slot.memory, slot.first[1].wrapping_add(at + 2));
+        }
+    }
+
+    /// Adds to `out` where the steps from an entry lead: as far as the front may be shorter there, and the entry still counts. Waits for
+    /// the block.
+    #[inline(always)]
+    pub fn steps(&mut self, Entry { node, distance }: Entry, out: &mut Vec<Entry>) -> Result<()> {
+        let slot = self.slot(node)?;
+        // Lowered since it was pushed, it is of no use: a later entry does the work.
+        if self.field[self.place(slot, node)] < distance {
+            return Ok(());
+        }
+        let slot = if self.slots[slot].is_quiet() { slot } else { self.wait(node)? };
+        let block = node >> self.blocks.shift;
+        let first = slot << self.blocks.shift;
+        let slot = &mut self.slots[slot];
+        slot.used = true;
+        let span = self.blocks.graph.span(node);
+        let at = span.start - slot.entry;
+        let neighbours = &slot.memory[slot.first[0] + at..][..span.len()];
+        let weights = &slot.memory[slot.first[1] + at..][..span.len()];
+        for (&node, &weight) in neighbours.iter().zip(weights) {
+            let to = Entry { node, distance: distance + f32::from_bits(weight) };
+            let beyond = node >> self.blocks.shift != block;
+            if beyond || to.distance < self.field[first | (node & self.mask) as usize] {
+                out.push(to);
+            }
+        }
+        Ok(())
+    }
+
+    /// Waits for the block of `node`, and asks for those beside it: once, since where few slots are left the block itself may have to
+    /// leave for them.
+    #[cold]
+    #[inline(never)]
+    fn wait(&mut self, node: u32) -> Result<usize> {
+        let mut asked = false;
+        loop {
+            let slot = self.slot(node)?;
+            self.slots[slot].used = true;
+            if self.slots[slot].is_waiting() {
+                self.receive()?;
+            } else if !asked && !self.slots[slot].beside.is_empty() {
+                asked = true;
+                self.look_ahead(slot)?;
+            } else {
+                return Ok(slot);
+            }
+        }
+    }
+
+    /// The front comes to a block.
+    #[cold]
+    #[inline(never)]
+    fn meet(&mut self, block: u32) -> Result<usize> {
+        let known = self.table[block as usize];
+        let slot = if known == NONE { self.load(block)? } else { (known & !AHEAD) as usize };
+        self.table[block as usize] = slot as u32;
+        self.slots[slot].used = true;
+        Ok(slot)
+    }
+
+    /// Asks for the blocks beside that of `slot` that the front did not meet.
+    #[cold]
+    #[inline(never)]
+    fn look_ahead(&mut self, slot: usize) -> Result<()> {
+        for block in std::mem::take(&mut self.slots[slot].beside) {
+            if self.table[block as usize] == NONE
+                && !self.written[block as usize]
+                && self.waiting < self.slots.len() / WAITING
+            {
+                let slot = self.load(block)?;
+                self.slots[slot].used = true;
+                self.table[block as usize] = slot as u32 | AHEAD;
+            }
+        }
+        Ok(())
+    }
+
+    /// Asks for a block, in a slot that another one leaves.
+    fn load(&mut self, block: u32) -> Result<usize> {
+        while let Ok(job) = self.done.try_recv() {
+            self.arrived(job?);
+        }
+        let slot = self.free()?;
+        let nodes = self.blocks.nodes(block);
+        self.blocks.graph.starts.will_need(nodes.clone());
+        let field = &mut self.field[slot << self.blocks.shift..][..nodes.len()];
+        if self.written[block as usize] {
+            self.again += 1;
+            self.values.read(nodes.start, field).map_err(Error::io(self.path, "read"))?;
+        } else {
+            field.fill(f32::INFINITY);
+        }
+        let own = &mut self.slots[slot];
+        (own.block, own.entry) = (block, self.blocks.starts[block as usize] as usize);
+        own.beside.clear();
+        let (memory, beside) = (std::mem::take(&mut own.memory), std::mem::take(&mut own.beside));
+        self.waiting += 1;
+        let job = Job { slot: slot as u32, block, memory, first: [0; 2], beside };
+        self.jobs.send(job).map_err(|_| Error::internal("nobody reads blocks"))?;
+        Ok(slot)
+    }
+
+    /// A slot without a block.
+    fn free(&mut self) -> Result<usize> {
+        let mut moves = 0;
+        loop {
+            // Twice around without finding one that was not used: all are being read.
+            if moves == 2 * self.slots.len() {
+                self.receive()?;
+                moves = 0;
+            }
+            moves += 1;
+            self.hand = (self.hand + 1) % self.slots.len();
+            let slot = &mut self.slots[self.hand];
+            if slot.is_waiting() || std::mem::take(&mut slot.used) {
+                continue;
+            }
+            self.leave(self.hand)?;
+            return Ok(self.hand);
+        }
+    }
+
+    /// Takes the block out of `slot`; its values go to the file.
+    fn leave(&mut self, slot: usize) -> Result<()> {
+        let block = std::mem::replace(&mut self.slots[slot].block, NONE);
+        if block == NONE {
+            return Ok(());
+        }
+        // A block that the front never came to has no values.
+        if std::mem::replace(&mut self.table[block as usize], NONE) < AHEAD {
+            let nodes = self.blocks.nodes(block);
+            let field = &self.field[slot << self.blocks.shift..][..nodes.len()];
+            self.values.write(nodes.start, field).map_err(Error::io(self.path, "write"))?;
+            self.values.start(nodes);
+            self.written[block as usize] = true;
+        }
+        Ok(())
+    }
+
+    /// Waits for a block.
+    #[cold]
+    #[inline(never)]
+    fn receive(&mut self) -> Result<()> {
+        let job = self.done.recv().map_err(|_| Error::internal("nobody reads blocks"))??;
+        self.arrived(job);
+        Ok(())
+    }
+
+    /// Takes in a block that was read.
+    fn arrived(&mut self, job: Job<'m>) {
+        self.waiting -= 1;
+        let slot = &mut self.slots[job.slot as usize];
+        (slot.memory, slot.first, slot.beside) = (job.memory, job.first, job.beside);
+    }
+
+    /// Writes what is left; nodes of blocks that the front never came to are infinitely far.
+    pub fn finish(mut self) -> Result<()> {
+        for slot in 0..self.slots.len() {
+            self.leave(slot)?;
+        }
+        let empty = vec![f32::INFINITY; 1 << self.blocks.shift];
+        for block in (0..self.blocks.len() as u32).filter(|&block| !self.written[block as usize]) {
+            let nodes = self.blocks.nodes(block);
+            self.values.write(nodes.start, &empty[..nodes.len()]).map_err(Error::io(self.path, "write"))?;
+            self.values.start(nodes);
+        }
+        Ok(())
+    }
+}
+
+/// First entry of the rows of each block of `1 << shift` nodes, and the number of entries.
+pub(super) fn block_starts(starts: RowStarts<'_>, shift: u32) -> Vec<u64> {
+    let nodes = starts.len();
+    let first = |block: usize| starts.span((block << shift) as u32).start as u64;
+    (0..nodes.div_ceil(1 << shift)).map(first).chain([starts.entries() as u64]).collect()
+}
+
+/// Words of a slot that the neighbours of the nodes of one block take at the most.
+pub(super) fn words_of(starts: &[u64]) -> usize {
+    let most = starts.windows(2).map(|pair| pair[1] - pair[0]).max().unwrap_or(0);
+    DirectArray::words(most as usize)
+}
+
+/// `memory` from a multiple of [`PAGE`] on.
+pub(super) fn aligned(memory: &mut [u32]) -> &mut [u32] {
+    let skip = memory.as_ptr().align_offset(PAGE).min(memory.len());
+    &mut memory[skip..]
+}
