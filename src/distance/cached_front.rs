@@ -106,16 +106,20 @@ impl<'a> CachedFront<'a> {
         let files = self.files;
         let (queue, batch, relaxations) = (&mut self.queue, &mut self.batch, &mut self.relaxations);
         let finished = std::thread::scope(|scope| {
-            for _ in 0..READERS {
+            for reader in 0..READERS {
                 let (jobs, out) = (jobs.clone(), out.clone());
-                spawn(scope, move || {
+                let started = spawn(scope, move || {
                     for mut job in jobs {
                         let read = catch(|| blocks.read(&mut job, files)).flatten();
                         if out.send(read.map(|()| job)).is_err() {
                             break;
                         }
                     }
-                })?;
+                });
+                // One that the system refuses is one fewer.
+                if started.is_err() && reader == 0 {
+                    return Ok(false);
+                }
             }
             drop((jobs, out));
             let mut cache = BlockCache::new(blocks, (memory, field), (send, done), (values, path));

@@ -128,7 +128,7 @@ impl Stage for RowsStage<'_> {
         let triangles = room.spare(24 * n);
         let own: u64 = (0..t).map(|_| room.spare(4 * n)).sum();
         // Fronts over a graph larger than memory have blocks of it: at the most three quarters of what is left.
-        let blocks = if triangles == 0 { (room.left() / 4 * 3).min(t * (28 * n + 4096)) } else { 0 };
+        let blocks = if extent.paged { (room.left() / 4 * 3).min(t * (28 * n + 4096)) } else { 0 };
         let memory = room.used() + blocks;
         room.give_back(field + triangles + own);
         let (keeps, scratch) = if extent.keeps_rows { (4 * l * n, 0) } else { (0, 4 * n * t - own) };

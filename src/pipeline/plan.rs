@@ -197,6 +197,7 @@ impl Plan {
             contracts: params.contracts(faces as usize),
             keeps_rows: params.keeps_rows(lasting),
             computed: computes(params, faces as usize, !lasting, run),
+            paged: 8 * corners + 4 * (run.threads as u64 + 1) * faces > run.resident,
             rough: params.cluster == Cluster::Parts,
             lasting,
             releases: params.cluster != Cluster::Parts && !lasting,

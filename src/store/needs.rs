@@ -34,6 +34,8 @@ pub struct Extent {
     pub keeps_rows: bool,
     /// Whether geometry is computed from the mesh at each look.
     pub computed: bool,
+    /// Whether graph and fields are larger than what the kernel can keep in memory.
+    pub paged: bool,
     /// Whether the surface is so rough that turning is measured with smoothed normals.
     pub rough: bool,
     /// Whether the work directory lasts.
