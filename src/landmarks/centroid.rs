@@ -8,6 +8,7 @@ use super::cholesky::Factor;
 use super::farthest::Farthest;
 use super::{Found, Sampler, SamplingParams, Space};
 use crate::base::Result;
+use crate::store::mapped::Access;
 
 /// The sampler.
 pub struct Centroids(pub SamplingParams);
@@ -51,6 +52,12 @@ impl Space for Unfinished<'_> {
     }
     fn lower_by_length(&mut self, node: u32, field: &mut [f32]) -> Result<()> {
         self.0.lower_by_length(node, field)
+    }
+    fn threads(&self) -> usize {
+        self.0.threads()
+    }
+    fn advise(&self, field: &[f32], access: Access) {
+        self.0.advise(field, access);
     }
 }
 

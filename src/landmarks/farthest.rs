@@ -30,10 +30,7 @@ impl Sampler for Farthest {
         field.fill(f32::INFINITY);
         for k in 0..l {
             if k > 0 {
-                // Pages are waited for one by one otherwise.
-                space.advise(field, Access::Sequential);
-                landmark = farthest_node(field);
-                space.advise(field, Access::Random);
+                landmark = farthest_in(space, field);
             }
             if k == 0 {
                 space.lower(k, landmark, field)?;
@@ -68,7 +65,10 @@ impl Sampler for GeodesicFarthest {
     ) -> Result<()> {
         field.fill(f32::INFINITY);
         for k in 0..l {
-            let landmark = if k == 0 { extremity(space.nodes(), seed, space.threads()) } else { farthest_node(field) };
+            let landmark = match k {
+                0 => extremity(space.nodes(), seed, space.threads()),
+                _ => farthest_in(space, field),
+            };
             found(landmark, None)?;
             if k + 1 < l {
                 space.lower_by_length(landmark, field)?;
@@ -107,6 +107,15 @@ fn farthest_in_space(nodes: NodeView<'_>, from: usize, threads: usize) -> usize 
     });
     let first = |best: (f32, usize), next: (f32, usize)| if next.0 > best.0 { next } else { best };
     farthest.into_iter().flatten().fold((-1., 0), first).1
+}
+
+/// [`farthest_node`] between fronts over `space`.
+fn farthest_in(space: &mut dyn Space, field: &[f32]) -> u32 {
+    // Pages are waited for one by one otherwise.
+    space.advise(field, Access::Sequential);
+    let farthest = farthest_node(field);
+    space.advise(field, Access::Random);
+    farthest
 }
 
 /// The first node of greatest distance; infinite counts as the greatest.
