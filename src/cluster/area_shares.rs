@@ -19,6 +19,7 @@ use crate::graph::half_edge_pairs::AGAINST;
 use crate::graph::{DualGraph, Node, NodeGeometry};
 use crate::store::{Context, MappedSlice, Run};
 use std::collections::{HashMap, HashSet};
+use std::sync::OnceLock;
 
 /// Components below this share of the area are tiny; the largest never is.
 pub const TINY: f64 = 0.005;
@@ -37,6 +38,8 @@ pub struct AreaShares {
     pub unit: f32,
     /// Nodes in tiny components.
     pub tiny_components: u64,
+    /// [`AreaShares::counted`], once it was asked for.
+    counted: OnceLock<(usize, f64)>,
 }
 
 /// How an area becomes a share.
@@ -48,8 +51,8 @@ struct FromArea {
 
 impl FromArea {
     #[inline]
-    fn share(self, node: &Node) -> f32 {
-        (f64::from(node.area) * self.scale).max(self.least) as f32
+    fn share(self, area: f32) -> f32 {
+        (f64::from(area) * self.scale).max(self.least) as f32
     }
 }
 
@@ -70,7 +73,8 @@ impl AreaShares {
         let unit = if even { 1. } else { (1. / total.sqrt()) as f32 };
         if graph.nodes.is_computed() && tiny.is_empty() {
             let computed = Some((graph.nodes.clone(), from));
-            return Ok(Self { share: MappedSlice::empty(), computed, unit, tiny_components });
+            let share = MappedSlice::empty();
+            return Ok(Self { share, computed, unit, tiny_components, counted: OnceLock::new() });
         }
         let mut array = context.work.array::<f32>("surface_shares.npy", &[n])?;
         context.run.fill_chunks(
@@ -81,7 +85,7 @@ impl AreaShares {
                 for (slot, i) in out.iter_mut().zip(chunk_range(n, CHUNK, k)) {
                     let is_tiny = !tiny.is_empty()
                         && graph.components.as_ref().is_some_and(|link| tiny.contains(&(link[i] & !AGAINST)));
-                    *slot = if is_tiny { 0. } else { from.share(&graph.nodes.at(i)) };
+                    *slot = if is_tiny { 0. } else { from.share(graph.nodes.area(i)) };
                 }
                 Ok(())
             },
@@ -91,7 +95,7 @@ impl AreaShares {
 
     /// Shares that were computed before.
     pub fn of_array(share: MappedSlice<f32>, unit: f32, tiny_components: u64) -> Self {
-        Self { share, computed: None, unit, tiny_components }
+        Self { share, computed: None, unit, tiny_components, counted: OnceLock::new() }
     }
 
     /// Whether they are computed at each look.
@@ -112,13 +116,33 @@ impl AreaShares {
     /// The share of the node `at`, whose geometry `node` gives.
     #[inline]
     fn of_node(&self, at: usize, node: &Node) -> f32 {
-        self.computed.as_ref().map_or_else(|| self.share[at], |(_, from)| from.share(node))
+        self.computed.as_ref().map_or_else(|| self.share[at], |(_, from)| from.share(node.area))
     }
 
     /// The share of the node `at`.
     #[inline]
     fn at(&self, at: usize) -> f32 {
-        self.computed.as_ref().map_or_else(|| self.share[at], |(nodes, from)| from.share(&nodes.at(at)))
+        self.computed.as_ref().map_or_else(|| self.share[at], |(nodes, from)| from.share(nodes.area(at)))
+    }
+
+    /// The number of nodes that count, and the sum of the shares.
+    fn counted(&self, run: &Run) -> Result<(usize, f64)> {
+        if let Some(counted) = self.counted.get() {
+            return Ok(*counted);
+        }
+        let n = self.len();
+        let (mut eligible, mut total) = (0, 0f64);
+        run.in_order(
+            chunk_count(n, CHUNK),
+            || (),
+            |k, ()| Ok(chunk_range(n, CHUNK, k).map(|i| self.at(i)).collect::<Vec<f32>>()),
+            |_, chunk| {
+                eligible += chunk.iter().filter(|s| **s > 0.).count();
+                chunk.iter().for_each(|&s| total += f64::from(s));
+                Ok(())
+            },
+        )?;
+        Ok(*self.counted.get_or_init(|| (eligible, total)))
     }
 }
 
@@ -131,7 +155,7 @@ fn tiny_roots(graph: &DualGraph, run: &Run) -> Result<(HashSet<u32>, f64, u64)> 
         let mut sums: HashMap<u32, (f64, u64)> = HashMap::new();
         for i in range {
             let sum = sums.entry(links[i] & !AGAINST).or_default();
-            sum.0 += f64::from(graph.nodes.at(i).area);
+            sum.0 += f64::from(graph.nodes.area(i));
             sum.1 += 1;
         }
         Ok(sums)
@@ -167,17 +191,7 @@ const SEEDS_PER_BLOCK: usize = 16;
 /// [`crate::base::Error::Cancelled`].
 pub fn spread(shares: &AreaShares, count: usize, purpose: &str, run: &Run) -> Result<Vec<u32>> {
     let n = shares.len();
-    let (mut eligible, mut total) = (0, 0f64);
-    run.in_order(
-        chunk_count(n, CHUNK),
-        || (),
-        |k, ()| Ok(chunk_range(n, CHUNK, k).map(|i| shares.at(i)).collect::<Vec<f32>>()),
-        |_, chunk| {
-            eligible += chunk.iter().filter(|s| **s > 0.).count();
-            chunk.iter().for_each(|&s| total += f64::from(s));
-            Ok(())
-        },
-    )?;
+    let (eligible, total) = shares.counted(run)?;
     if eligible <= count {
         return Ok((0..n as u32).filter(|&i| shares.at(i as usize) > 0.).collect());
     }

@@ -71,6 +71,12 @@ impl NodeGeometry {
     pub fn at(&self, node: usize) -> Node {
         self.view().at(node)
     }
+
+    /// The area of the node `node`.
+    #[inline]
+    pub fn area(&self, node: usize) -> f32 {
+        self.view().area(node)
+    }
 }
 
 /// Nodes (n) as passes look at them, wherever they are from.
@@ -106,6 +112,15 @@ impl<'a> NodeView<'a> {
         }
     }
 
+    /// The area of the node `node`: what [`Self::at`] gives, for less.
+    #[inline]
+    pub fn area(self, node: usize) -> f32 {
+        match self.0 {
+            Look::Array(array) => array[node].area,
+            Look::Mesh(mesh) => mesh.area(node),
+        }
+    }
+
     /// Shows the nodes of `range` to `see`, in order.
     #[inline]
     pub fn each(self, range: Range<usize>, mut see: impl FnMut(usize, &Node)) {
@@ -135,7 +150,7 @@ impl<'a> NodeView<'a> {
     pub fn areas(self, out: &mut [f32], run: &Run) -> Result<()> {
         let fill = |k: usize, out: &mut [f32], (): &mut ()| {
             let first = k * CHUNK;
-            self.each(first..first + out.len(), |i, node| out[i - first] = node.area);
+            out.iter_mut().enumerate().for_each(|(i, area)| *area = self.area(first + i));
             Ok(())
         };
         run.fill_chunks(out, CHUNK, || (), fill).map(drop)
@@ -198,6 +213,12 @@ impl FromMesh {
             node.normal = node.normal.map(|x| 0. - x);
         }
         node
+    }
+
+    /// The area of face `face`.
+    #[inline(never)]
+    pub fn area(&self, face: usize) -> f32 {
+        self.mesh.faces.with(face, |corners| Node::of_face(corners, &self.mesh, &self.frame).0.area)
     }
 
     /// The edges of face `from`.
@@ -377,6 +398,7 @@ mod tests {
             let [a, b, c] = [kept.nodes.at(i), computed.nodes.at(i), window.at(i)]
                 .map(|node| bits(&[&node.centroid[..], &node.normal[..], &[node.area]].concat()));
             assert!(a == b && a == c, "{name}, node {i}");
+            assert_eq!(computed.nodes.area(i).to_bits(), kept.nodes.area(i).to_bits(), "{name}, node {i}");
             let [a, b] = [&kept, &computed].map(|graph| graph.edges.shared().neighbours(i as u32).collect::<Vec<_>>());
             // Zeros of any sign are equal.
             assert_eq!(a, b, "{name}, row {i}");
