@@ -10,7 +10,7 @@ use crate::base::parallel::map_chunks;
 use crate::base::{Error, Result};
 use crate::cluster::area_shares::AreaShares;
 use crate::cluster::cells::{Cells, OF_FACE, SmoothedNormals};
-use crate::cluster::normals::{self, Normals, RADII};
+use crate::cluster::normals::{self, MicroCells, Normals, PIECES, RADII};
 use crate::cluster::parts::CellGraph;
 use crate::distance::voronoi;
 use crate::graph::DualGraph;
@@ -100,7 +100,7 @@ pub(super) struct SurfaceStage<'a> {
 
 impl Stage for SurfaceStage<'_> {
     const NAME: &'static str = "surface";
-    const VERSION: u32 = 6;
+    const VERSION: u32 = 7;
     type Facts = SurfaceFacts;
     type Output = Surface;
 
@@ -167,12 +167,12 @@ impl Stage for SurfaceStage<'_> {
         let (n, corners) = (extent.faces, extent.corners);
         let kept_normals = if extent.rough { 12 * n } else { 0 };
         // Shares, cells; then other normals, the field and the owners of a front, the weights of cells. Cells ask for normals at all
-        // radii, a rough surface for two, a smooth one for one.
+        // radii, a rough surface for two, a smooth one for a sample of them.
         let (keeping, passing) = match (extent.computed, extent.contracts, extent.rough) {
             // By blocks: one front at a time.
             (true, _, true) => (0, 16 * n),
             (_, true, true) => (4 * n, 28 * n),
-            (computed, true, false) => (if computed { 0 } else { 4 * n }, 20 * n),
+            (computed, true, false) => (if computed { 0 } else { 4 * n }, 8 * n),
             _ => (6 * n, 50 * n + 4 * corners - kept_normals),
         };
         let held = room.take(keeping) + room.lend(NORMALS_KEPT, kept_normals);
@@ -200,34 +200,57 @@ struct Smoothed {
     normals: [Normals; 3],
     /// Index into [`RADII`] of those that turning is measured with; `None`: the nodes' own.
     radius: Option<usize>,
-    /// Total turning with the nodes' own normals, then with those at .01 (where they were needed) and .02.
+    /// Total turning with the nodes' own normals, then with those at .01 (where they were needed) and .02; of a large clean mesh
+    /// estimates.
     turning: Vec<f64>,
 }
 
 impl Smoothed {
-    /// Cells ask for all radii. Otherwise .02 tells whether the mesh is rough, and only rough ones need .01 besides.
+    /// Cells ask for all radii. Otherwise .02 tells whether the mesh is rough, most often from a sample of the faces, and only rough ones
+    /// need .01 besides. What is asked for in which order depends on the machine, the answer does not.
     fn of(stage: &SurfaceStage<'_>, shares: &AreaShares, context: Context<'_>) -> Result<Self> {
         let SurfaceStage { graph, cells, .. } = *stage;
         let total = |normals: &[&Normals]| normals::total_turning(graph, shares, normals, context.run);
         let mut normals = [(); 3].map(|()| MappedSlice::empty());
         if cells {
             stage.smooth(&[0, 1, 2], &mut normals, shares, context)?;
-        } else if context.run.threads > 1
-            && !voronoi::is_by_blocks(normals::lengths(graph), context.run)
-            && stage.is_likely_rough(shares, context)?
-        {
-            // Two fronts at a time, since one front keeps one thread busy.
-            stage.smooth(&[0, 1], &mut normals, shares, context)?;
         } else {
-            stage.smooth(&[1], &mut normals, shares, context)?;
-            let turning = total(&[&normals[1]])?;
-            if !normals::is_rough(turning[0], turning[1]) {
-                return Ok(Self { normals, radius: None, turning });
+            let clean = |normals, turning: Vec<f64>| Ok(Self { normals, radius: None, turning });
+            let sample = if context.run.threads > 1
+                && !voronoi::is_by_blocks(normals::lengths(graph), context.run)
+                && stage.is_likely_rough(shares, context)?
+            {
+                // Two fronts at a time, since one front keeps one thread busy.
+                stage.smooth(&[0, 1], &mut normals, shares, context)?;
+                normals::sampled_turning(graph, shares, &normals[1], PIECES, context.run)?
+            } else if let Some(cells) = stage.micro_cells(1, shares, context)? {
+                let sample = normals::sampled_turning(graph, shares, &cells, PIECES, context.run)?;
+                if normals::is_clearly_rough(sample) == Some(false) {
+                    cells.remove(context);
+                    return clean(normals, sample.to_vec());
+                }
+                normals[1] = cells.normals(NORMALS[1], context)?;
+                sample
+            } else {
+                stage.smooth(&[1], &mut normals, shares, context)?;
+                normals::sampled_turning(graph, shares, &normals[1], PIECES, context.run)?
+            };
+            match normals::is_clearly_rough(sample) {
+                Some(true) => {}
+                Some(false) => return clean(normals, sample.to_vec()),
+                None => {
+                    let turning = total(&[&normals[1]])?;
+                    if !normals::is_rough(turning[0], turning[1]) {
+                        return clean(normals, turning);
+                    }
+                }
             }
-            stage.smooth(&[0], &mut normals, shares, context)?;
+            if normals[0].is_empty() {
+                stage.smooth(&[0], &mut normals, shares, context)?;
+            }
         }
         let turning = total(&[&normals[0], &normals[1]])?;
-        let rough = normals::is_rough(turning[0], turning[2]);
+        let rough = !cells || normals::is_rough(turning[0], turning[2]);
         Ok(Self { normals, radius: rough.then(|| normals::choose_radius(turning[1], turning[2])), turning })
     }
 }
@@ -242,6 +265,19 @@ impl SurfaceStage<'_> {
     pub(super) fn likely_normals(&self, shares: &AreaShares, context: Context<'_>) -> Result<Vec<(f32, &'static str)>> {
         let radii = if self.is_likely_rough(shares, context)? { &[0, 1][..] } else { &[1] };
         Ok(radii.iter().map(|&k| (RADII[k], NORMALS[k])).collect())
+    }
+
+    /// The cells for normals at the radius with the index `k` of [`RADII`], of faces where there are enough.
+    fn micro_cells<'a>(
+        &'a self,
+        k: usize,
+        shares: &AreaShares,
+        context: Context<'_>,
+    ) -> Result<Option<MicroCells<'a>>> {
+        match self.kind {
+            Kind::Faces => MicroCells::cut(self.graph, shares, RADII[k], NORMALS[k], context),
+            Kind::Contracted => Ok(None),
+        }
     }
 
     /// Puts normals at those of [`RADII`] with the indices `radii` into `normals`; with two threads, two fronts at a time.
@@ -295,13 +331,24 @@ mod tests {
                 let shares = AreaShares::of(&graph, context).unwrap();
                 let stage = SurfaceStage { graph: &graph, kind: Kind::Faces, cells };
                 let Smoothed { radius, turning, .. } = Smoothed::of(&stage, &shares, context).unwrap();
+                let cells = stage.micro_cells(1, &shares, context).unwrap().unwrap();
+                let sample = normals::sampled_turning(&graph, &shares, &cells, 20, &run).unwrap();
+                let near = |(a, b): (&f64, &f64)| (a / b - 1.).abs() < 0.1;
+                assert!(
+                    sample.iter().zip([turning[0], turning[turning.len() - 1]].iter()).all(near),
+                    "{sample:?} {turning:?}"
+                );
                 (radius, turning)
             };
             let (radius, all) = smoothed(true, 2);
-            let (rough, clean) = ((Some(1), all.clone()), (None, vec![all[0], all[2]]));
             assert_eq!(radius, if noise > 0. { Some(1) } else { None }, "{all:?}");
             for threads in [1, 2] {
-                assert_eq!(smoothed(false, threads), if noise > 0. { rough.clone() } else { clean.clone() });
+                let (same, turning) = smoothed(false, threads);
+                assert_eq!(same, radius);
+                // So small a mesh is looked at whole, in other pieces.
+                let whole = if noise > 0. { all.clone() } else { vec![all[0], all[2]] };
+                let near = |(a, b): (&f64, &f64)| (a / b - 1.).abs() < 1e-12;
+                assert!(turning.len() == whole.len() && turning.iter().zip(&whole).all(near), "{turning:?} {whole:?}");
             }
         }
     }
