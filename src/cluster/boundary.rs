@@ -15,6 +15,7 @@ use super::extrapolate::LocalPartMeans;
 use super::normals::lengths;
 use super::smooth;
 use crate::base::Result;
+use crate::base::parallel::chunk_range;
 use crate::distance::front::mean_weight;
 use crate::distance::{DistanceRows, SharedFront, voronoi};
 use crate::graph::csr::near_ranges;
@@ -126,20 +127,28 @@ pub fn refine(
 ) -> Result<RefinedLabels> {
     let (n, steps) = (cells.of_node.len(), weighted.csr());
     let mut labels = context.work.array::<u32>("labels.npy", &[n])?;
-    context.run.fill_each(labels.data(), CHUNK, |i, _| cells.of(i))?;
     let boundary_nodes = cells.boundary_nodes(steps, context.run)?;
     if boundary_nodes.is_empty() {
+        context.run.fill_each(labels.data(), CHUNK, |i, _| cells.of(i))?;
         return Ok(RefinedLabels { labels: labels.finish(false)?, boundary_nodes });
     }
     let half_width = half_width(shares);
     let mut field = context.work.array::<f32>("depth.tmp", &[n])?;
     context.run.fill_each(field.data(), CHUNK, |_, _| f32::INFINITY)?;
     depth_front(graph, half_width, &boundary_nodes).within(field.data(), context)?;
-    let (first, depth): (&[u32], &[f32]) = (labels.data(), field.data());
-    let limits = interior_limits(n, cells.parts(), |i| (first[i], depth[i]), half_width, context.run)?;
+    let depth: &[f32] = field.data();
+    // Cells tell the first labels in half the bytes that labels take; those are written where they are needed.
+    let limits = interior_limits(n, cells.parts(), |i| (cells.of(i), depth[i]), half_width, context.run)?;
     // The second front starts in the interiors, at distance 0; the narrow band is open.
-    let interior = |i: usize, depth: f32| if depth >= limits[first[i] as usize] { 0. } else { f32::INFINITY };
-    context.run.fill_each(field.data(), CHUNK, interior)?;
+    let begin = |k: usize, field: &mut [f32], labels: &mut [u32], (): &mut ()| {
+        for (i, (depth, label)) in chunk_range(n, CHUNK, k).zip(field.iter_mut().zip(labels)) {
+            *label = cells.of(i);
+            *depth = if *depth >= limits[*label as usize] { 0. } else { f32::INFINITY };
+        }
+        Ok(())
+    };
+    context.run.fill_two((field.data(), labels.data()), CHUNK, || (), begin)?;
+    let first: &[u32] = labels.data();
     let inside: &[f32] = field.data();
     let interior_edge = interior_edge(steps, |i| inside[i] == 0., context.run)?;
     match method {
@@ -185,9 +194,21 @@ fn straighten(
 ) -> Result<Vec<u32>> {
     let lengths = lengths(graph);
     let mean = mean_weight(lengths);
-    let open = collect(steps, run, |i| field[i] > 0., |i, j| labels[i] != labels[j])?;
-    // Interiors cannot be lowered below 0, so they stay outside the band that is smoothed.
-    run.fill_each(field, CHUNK, |_, d| if d == 0. { -1. } else { f32::INFINITY })?;
+    let across = |i: usize| steps.neighbours(i as u32).any(|(j, _)| labels[j as usize] != labels[i]);
+    let open = run.fill_chunks(
+        field,
+        CHUNK,
+        || (),
+        |k, field, ()| {
+            let range = chunk_range(labels.len(), CHUNK, k);
+            let open: Vec<u32> = range.zip(&*field).filter(|(_, d)| **d > 0.).map(|(i, _)| i as u32).collect();
+            will_need_rows(steps, &open, run);
+            // Interiors cannot be lowered below 0, so they stay outside the band that is smoothed.
+            field.iter_mut().for_each(|d| *d = if *d == 0. { -1. } else { f32::INFINITY });
+            Ok(open.into_iter().filter(|&i| across(i as usize)).collect::<Vec<u32>>())
+        },
+    )?;
+    let open = open.concat();
     // Weights of an altered graph may be no numbers.
     let reach = (smooth::REACH / shares.unit).max(smooth::LEAST_FACES * mean).min(smooth::FACES * mean);
     voronoi::within(lengths, &open, reach, field, run)?;
@@ -253,12 +274,17 @@ fn of_chunks(
         if run.is_paged(graph.indices) {
             let later = nodes_in(range.end..(range.end + CHUNK).min(graph.len()));
             for nodes in [&nodes, &later] {
-                run.will_need_few(graph.indices, near_ranges(nodes).map(|nodes| graph.starts.entries_of(nodes)));
+                will_need_rows(graph, nodes, run);
             }
         }
         Ok(of(nodes))
     })?;
     Ok(parts.concat())
+}
+
+/// Asks the kernel to read the neighbours of `nodes`, which ascend.
+fn will_need_rows(graph: Csr<'_>, nodes: &[u32], run: &Run) {
+    run.will_need_few(graph.indices, near_ranges(nodes).map(|nodes| graph.starts.entries_of(nodes)));
 }
 
 /// The depth from which on each part's faces keep their label: the half width of the narrow band, or less where more
