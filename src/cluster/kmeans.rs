@@ -10,7 +10,7 @@
 //! Then [`exactly`] sees to it that no part is empty.
 
 use crate::base::Result;
-use crate::base::parallel::chunk_range;
+use crate::base::parallel::{chunk_range, map_ranges};
 use crate::base::random::{stream, weighted};
 use crate::distance::DistanceRows;
 use crate::graph::NodeView;
@@ -20,22 +20,26 @@ use crate::store::Run;
 use serde::{Deserialize, Serialize};
 
 const POINTS_PER_CHUNK: usize = 4096;
+/// Rounds after which starts are compared.
+const FIRST_ROUNDS: usize = 4;
+/// Starts that go on to the end.
+const FINISHED: usize = 2;
 
 /// How K-means runs.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct KMeansParams {
     /// Clusters.
     pub k: usize,
-    /// Starts, of which the best is kept.
-    pub restarts: usize,
-    /// Lloyd rounds per start at the most.
+    /// Starts. All go four rounds; the best two go on, and the better one is kept.
+    pub starts: usize,
+    /// Lloyd rounds at the most.
     pub rounds: usize,
 }
 
 impl KMeansParams {
     /// The default for `k` clusters.
     pub fn new(k: usize) -> Self {
-        Self { k, restarts: 3, rounds: 50 }
+        Self { k, starts: 8, rounds: 50 }
     }
 }
 
@@ -146,10 +150,17 @@ impl KMeans {
     /// # Errors
     /// [`crate::base::Error::Cancelled`].
     pub fn fit(points: WeightedPoints<'_>, dimensions: usize, params: KMeansParams, run: &Run) -> Result<Self> {
+        // Starts side by side, on one thread each: seeds are drawn one after another.
+        let begin = |start: usize, (): &mut ()| {
+            let centres = seed_centres(points, dimensions, params.k, &format!("k-means {start}"), run);
+            let rounds = params.rounds.min(FIRST_ROUNDS);
+            Ok((start, lloyd(points, dimensions, centres, rounds, (1, run))?))
+        };
+        let mut begun = run.map_chunks(params.starts.max(1), || (), begin)?;
+        begun.sort_by(|a, b| a.1.cost.total_cmp(&b.1.cost).then(a.0.cmp(&b.0)));
         let mut best: Option<Self> = None;
-        for restart in 0..params.restarts.max(1) {
-            let start = seed_centres(points, dimensions, params.k, &format!("k-means {restart}"), run);
-            let fitted = lloyd(points, dimensions, start, params.rounds, run)?;
+        for (_, start) in begun.into_iter().take(FINISHED) {
+            let fitted = lloyd(points, dimensions, start.centres, params.rounds, (run.threads, run))?;
             if best.as_ref().is_none_or(|best| fitted.cost < best.cost) {
                 best = Some(fitted);
             }
@@ -201,13 +212,20 @@ struct LloydSums {
     worst: (f64, usize),
 }
 
-fn lloyd(points: WeightedPoints<'_>, d: usize, mut centres: Vec<f32>, rounds: usize, run: &Run) -> Result<KMeans> {
+fn lloyd(
+    points: WeightedPoints<'_>,
+    d: usize,
+    mut centres: Vec<f32>,
+    rounds: usize,
+    (threads, run): (usize, &Run),
+) -> Result<KMeans> {
     let s = points.len();
     let k = centres.len() / d.max(1);
     let mut last = f64::INFINITY;
     let mut cost = 0.;
     for _ in 0..rounds.max(1) {
-        let chunks = run.map_ranges(s, POINTS_PER_CHUNK, |range| Ok(chunk_sums(points, range, d, &centres)))?;
+        let sums = |range| Ok(chunk_sums(points, range, d, &centres));
+        let chunks = map_ranges(threads, &run.cancel, s, POINTS_PER_CHUNK, sums)?;
         let (mut mass, mut sums, mut worst) = (vec![0f64; k], vec![0f64; k * d], (-1., 0));
         cost = 0.;
         for part in chunks {
