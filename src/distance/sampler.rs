@@ -70,12 +70,10 @@ pub trait Space {
     fn lower_by_length(&mut self, node: u32, field: &mut [f32]) -> Result<()>;
 
     /// Threads that a sampler may use besides fronts.
-    fn threads(&self) -> usize {
-        1
-    }
+    fn threads(&self) -> usize;
 
     /// Tells the kernel how the space's fields will be used from now on, where that matters.
-    fn advise(&self, _field: &[f32], _access: Access) {}
+    fn advise(&self, field: &[f32], access: Access);
 
     /// Landmark number `k` where an earlier run found it and computed its row.
     fn finished(&self, _k: usize) -> Option<u32> {

@@ -5,6 +5,7 @@ use crate::distance::front::{Front, mean_weight};
 use crate::distance::sampler::{Space, Visits, no_lengths};
 use crate::graph::Csr;
 use crate::graph::NodeView;
+use crate::store::mapped::Access;
 
 /// All distances of a small set, row i at `i * n`.
 pub struct MatrixSpace<'a> {
@@ -63,4 +64,11 @@ impl Space for MatrixSpace<'_> {
         self.count(visits.expanded);
         Ok(())
     }
+
+    fn threads(&self) -> usize {
+        1
+    }
+
+    /// The fields are in memory.
+    fn advise(&self, _: &[f32], _: Access) {}
 }
