@@ -63,7 +63,10 @@ impl CellLabels<'_> {
     /// [`crate::base::Error::Cancelled`].
     pub fn boundary_nodes(&self, graph: Csr<'_>, run: &Run) -> Result<Vec<u32>> {
         let own = |i: usize| self.at_boundary.is_none_or(|cells| cells[self.of_node[i] as usize]);
-        collect(graph, run, own, |i, j| self.of(i) != self.of(j))
+        of_chunks(graph, run, own, |mut nodes| {
+            nodes.retain(|&i| graph.neighbours(i).any(|(j, _)| self.of(i as usize) != self.of(j as usize)));
+            nodes
+        })
     }
 
     /// Number of labels.
@@ -246,19 +249,6 @@ pub fn interior_edge(graph: Csr<'_>, interior: impl Fn(usize) -> bool + Sync, ru
     edge.sort_unstable();
     edge.dedup();
     Ok(edge)
-}
-
-/// Nodes i, ascending, with `own(i)` and a neighbour j for which `beside(i, j)`.
-fn collect(
-    graph: Csr<'_>,
-    run: &Run,
-    own: impl Fn(usize) -> bool + Sync,
-    beside: impl Fn(usize, usize) -> bool + Sync,
-) -> Result<Vec<u32>> {
-    of_chunks(graph, run, own, |mut nodes| {
-        nodes.retain(|&i| graph.neighbours(i).any(|(j, _)| beside(i as usize, j as usize)));
-        nodes
-    })
 }
 
 /// What `of` makes of the nodes with `own` in each chunk, one after another. Mostly they are few, and no other rows are read.

@@ -1,7 +1,7 @@
 //! K-means on the sampled columns, and labels for every face in one pass over `[A B]`.
 //!
 //! [`KMeans::fit`] is area-weighted and seeded by greedy k-means++. It runs on at most
-//! [`crate::spectral::embedding::MOST_COLUMNS`] points, so its cost does not grow with the mesh: about 10 ms per restart at K = 6.
+//! [`crate::spectral::embedding::MOST_COLUMNS`] points, so its cost does not grow with the mesh.
 //! Sums are folded in chunk order; the result does not depend on threads. No cluster ends empty while there are K distinct
 //! points.
 //!
@@ -154,12 +154,13 @@ impl KMeans {
         let begin = |start: usize, (): &mut ()| {
             let centres = seed_centres(points, dimensions, params.k, &format!("k-means {start}"), run);
             let rounds = params.rounds.min(FIRST_ROUNDS);
-            Ok((start, lloyd(points, dimensions, centres, rounds, (1, run))?))
+            lloyd(points, dimensions, centres, rounds, (1, run))
         };
         let mut begun = run.map_chunks(params.starts.max(1), || (), begin)?;
-        begun.sort_by(|a, b| a.1.cost.total_cmp(&b.1.cost).then(a.0.cmp(&b.0)));
+        // A stable sort: of equal ones the first.
+        begun.sort_by(|a, b| a.cost.total_cmp(&b.cost));
         let mut best: Option<Self> = None;
-        for (_, start) in begun.into_iter().take(FINISHED) {
+        for start in begun.into_iter().take(FINISHED) {
             let fitted = lloyd(points, dimensions, start.centres, params.rounds, (run.threads, run))?;
             if best.as_ref().is_none_or(|best| fitted.cost < best.cost) {
                 best = Some(fitted);

@@ -11,8 +11,8 @@
 
 use super::queue::Entry;
 use crate::base::{Error, Result};
+use crate::graph::Csr;
 use crate::graph::csr::DirectGraph;
-use crate::graph::{Csr, RowStarts};
 use crate::store::direct::{DirectArray, PAGE};
 use crate::store::mapped::{Writeback, prefetch};
 use crossbeam_channel::{Receiver, Sender};
@@ -360,13 +360,6 @@ impl<'m, 'a> BlockCache<'m, 'a> {
         }
         Ok(())
     }
-}
-
-/// First entry of the rows of each block of `1 << shift` nodes, and the number of entries.
-pub(super) fn block_starts(starts: RowStarts<'_>, shift: u32) -> Vec<u64> {
-    let nodes = starts.len();
-    let first = |block: usize| starts.span((block << shift) as u32).start as u64;
-    (0..nodes.div_ceil(1 << shift)).map(first).chain([starts.entries() as u64]).collect()
 }
 
 /// Words of a slot that the neighbours of the nodes of one block take at the most.

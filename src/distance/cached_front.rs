@@ -10,8 +10,9 @@
 //! Cost at 100 million faces in 1 GiB: some 75 ns per face of the front's thread, since what was read lately is in no cache of the
 //! processor (50 ns where the graph is in memory); it waits for a tenth of that.
 
-use super::block_cache::{BlockCache, Blocks, Job, aligned, block_starts, words_of};
+use super::block_cache::{BlockCache, Blocks, Job, aligned, words_of};
 use super::front::WIDTH;
+use super::paging::block_starts;
 use super::queue::{Entry, Queue};
 use super::steps::{FAR, MID};
 use crate::base::parallel::{catch, spawn};
@@ -19,6 +20,7 @@ use crate::base::{Cancel, Result};
 use crate::graph::Csr;
 use crate::graph::csr::DirectGraph;
 use crate::store::Budget;
+use crate::store::direct::PAGE;
 use crate::store::mapped::{AlignedBuffer, Writeback};
 use std::path::Path;
 use std::sync::Arc;
@@ -49,7 +51,7 @@ impl Division {
         let division = |shift: u32| {
             let starts = block_starts(graph.starts, shift);
             let words = words_of(&starts);
-            let slots = (bytes as usize).saturating_sub(crate::store::direct::PAGE) / ((8 * words) + (4 << shift));
+            let slots = (bytes as usize).saturating_sub(PAGE) / slot_bytes(words, shift);
             Self { shift, slots: slots.min(starts.len() - 1), words, starts: starts.into() }
         };
         let enough = |division: &Self| {
@@ -61,8 +63,13 @@ impl Division {
 
     /// Bytes of its slots.
     fn bytes(&self) -> u64 {
-        (self.slots * ((8 * self.words) + (4 << self.shift)) + crate::store::direct::PAGE) as u64
+        (self.slots * slot_bytes(self.words, self.shift) + PAGE) as u64
     }
+}
+
+/// Bytes of a slot: neighbours and weights of `words` words each, and values.
+fn slot_bytes(words: usize, shift: u32) -> usize {
+    8 * words + (4 << shift)
 }
 
 /// A front with a cache, for one row after the other.

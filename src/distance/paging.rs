@@ -10,7 +10,7 @@
 //! A fresh field is filled with infinity block by block too, so that no row is written twice. Memory: 10 bytes a
 //! block. The values are the same as without (tested); where everything fits, fronts run without [`Pages`].
 
-use crate::graph::Csr;
+use crate::graph::{Csr, RowStarts};
 use crate::store::Run;
 use crate::store::mapped::{Access, Writeback, advise, will_need};
 use std::collections::VecDeque;
@@ -64,6 +64,12 @@ fn entries_needed(graph: Csr<'_>, nodes: Range<usize>, entries: Range<usize>) {
     will_need(&graph.weights[entries]);
 }
 
+/// First entry of the rows of each block of `1 << shift` nodes, and the number of entries.
+pub(super) fn block_starts(starts: RowStarts<'_>, shift: u32) -> Vec<u64> {
+    let first = |block: usize| starts.span((block << shift) as u32).start as u64;
+    (0..starts.len().div_ceil(1 << shift)).map(first).chain([starts.entries() as u64]).collect()
+}
+
 /// A graph in blocks, and which of them a front has met.
 #[derive(Clone, Debug)]
 pub struct Pages {
@@ -79,10 +85,9 @@ pub struct Pages {
 impl Pages {
     /// The blocks of `graph`. Reads one row start a block.
     pub fn of(graph: Csr<'_>) -> Self {
-        let blocks = graph.len().div_ceil(BLOCK);
-        let first = |block: usize| graph.span((block * BLOCK) as u32).start as u64;
-        let starts = (0..blocks).map(first).chain([graph.starts.entries() as u64]).collect();
-        Self { nodes: graph.len(), starts, met: vec![false; blocks], unsent: VecDeque::new(), values: None }
+        let starts = block_starts(graph.starts, SHIFT);
+        let met = vec![false; starts.len() - 1];
+        Self { nodes: graph.len(), starts: starts.into(), met, unsent: VecDeque::new(), values: None }
     }
 
     /// Whether `graph` and `bytes` of values are more than the kernel can keep in memory.

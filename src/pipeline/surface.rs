@@ -216,33 +216,31 @@ impl Smoothed {
             stage.smooth(&[0, 1, 2], &mut normals, shares, context)?;
         } else {
             let clean = |normals, turning: Vec<f64>| Ok(Self { normals, radius: None, turning });
-            let sample = if context.run.threads > 1
+            // Two fronts at a time, since one front keeps one thread busy.
+            let both = context.run.threads > 1
                 && !voronoi::is_by_blocks(normals::lengths(graph), context.run)
-                && stage.is_likely_rough(shares, context)?
-            {
-                // Two fronts at a time, since one front keeps one thread busy.
-                stage.smooth(&[0, 1], &mut normals, shares, context)?;
-                normals::sampled_turning(graph, shares, &normals[1], PIECES, context.run)?
-            } else if let Some(cells) = stage.micro_cells(1, shares, context)? {
-                let sample = normals::sampled_turning(graph, shares, &cells, PIECES, context.run)?;
-                if normals::is_clearly_rough(sample) == Some(false) {
-                    cells.remove(context);
-                    return clean(normals, sample.to_vec());
-                }
-                normals[1] = cells.normals(NORMALS[1], context)?;
-                sample
+                && stage.is_likely_rough(shares, context)?;
+            let cells = if both { None } else { stage.micro_cells(1, shares, context)? };
+            let sample = if let Some(cells) = &cells {
+                normals::sampled_turning(graph, shares, cells, PIECES, context.run)?
             } else {
-                stage.smooth(&[1], &mut normals, shares, context)?;
+                stage.smooth(if both { &[0, 1] } else { &[1] }, &mut normals, shares, context)?;
                 normals::sampled_turning(graph, shares, &normals[1], PIECES, context.run)?
             };
-            match normals::is_clearly_rough(sample) {
-                Some(true) => {}
-                Some(false) => return clean(normals, sample.to_vec()),
-                None => {
-                    let turning = total(&[&normals[1]])?;
-                    if !normals::is_rough(turning[0], turning[1]) {
-                        return clean(normals, turning);
-                    }
+            let rough = normals::is_clearly_rough(sample);
+            if rough == Some(false) {
+                if let Some(cells) = cells {
+                    cells.remove(context);
+                }
+                return clean(normals, sample.to_vec());
+            }
+            if let Some(cells) = cells {
+                normals[1] = cells.normals(NORMALS[1], context)?;
+            }
+            if rough.is_none() {
+                let turning = total(&[&normals[1]])?;
+                if !normals::is_rough(turning[0], turning[1]) {
+                    return clean(normals, turning);
                 }
             }
             if normals[0].is_empty() {
