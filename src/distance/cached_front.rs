@@ -98,7 +98,7 @@ impl<'a> CachedFront<'a> {
     /// holds means nothing then.
     ///
     /// # Errors
-    /// [`Error::Io`], [`Error::Cancelled`].
+    /// [`crate::base::Error::Io`], [`crate::base::Error::Cancelled`].
     pub fn full(&mut self, source: u32, (values, path): (&Writeback, &Path), cancel: &Cancel) -> Result<bool> {
         if self.gave_up {
             return Ok(false);
