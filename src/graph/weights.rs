@@ -175,30 +175,34 @@ impl Weighting<'_> {
         array.finish(false)
     }
 
-    /// The scale of the metric on this mesh: from the area alone, or from means over all edges.
+    /// The scale of the metric on this mesh: from its area, or from means over all edges.
     fn scale(&self, run: &Run) -> Result<Scale> {
-        let Self { nodes, area, metric, .. } = *self;
-        let (lengths, edge) = (self.edges.by_distance(), self.edges.shared());
-        let n = nodes.len();
-        let eta = if let Metric::Paper { eta, .. } = metric { eta } else { 0. };
-        let needs_angle = matches!(metric, Metric::Paper { .. });
-        let sums = run.map_ranges(n, CHUNK, |range| {
+        let unit = if self.area > 0. { (1. / self.area.sqrt()) as f32 } else { 1. };
+        Ok(match self.metric {
+            Metric::ScaleFree { beta, .. } => Scale { centroid_distance: unit, angle: beta },
+            Metric::Geodesic => Scale { centroid_distance: unit, angle: 0. },
+            Metric::Paper { delta, eta } => {
+                let [length, angle] = self.means(eta, run)?;
+                let inverse = |x: f64| if x > 0. { (1. / x) as f32 } else { 0. };
+                Scale { centroid_distance: delta * inverse(length), angle: (1. - delta) * inverse(angle) }
+            }
+        })
+    }
+
+    /// Mean length and mean angular distance of the edges.
+    fn means(&self, eta: f32, run: &Run) -> Result<[f64; 2]> {
+        let (nodes, lengths, edge) = (self.nodes, self.edges.by_distance(), self.edges.shared());
+        let sums = run.map_ranges(nodes.len(), CHUNK, |range| {
             let (mut length, mut angle, mut count) = (0f64, 0f64, 0u64);
             lengths.will_need(range.clone(), run);
             for i in range {
                 for (e, (near, distance)) in lengths.span(i as u32).zip(lengths.neighbours(i as u32)) {
                     // Each edge once.
                     if near as usize > i {
+                        let against = edge.against(i as u32, e);
                         length += f64::from(distance);
+                        angle += f64::from(turning(&nodes.at(i), &nodes.at(near as usize), eta, against));
                         count += 1;
-                        if needs_angle {
-                            angle += f64::from(turning(
-                                &nodes.at(i),
-                                &nodes.at(near as usize),
-                                eta,
-                                edge.against(i as u32, e),
-                            ));
-                        }
                     }
                 }
             }
@@ -206,15 +210,6 @@ impl Weighting<'_> {
         })?;
         let total = sums.iter().fold((0., 0., 0u64), |t, s| (t.0 + s.0, t.1 + s.1, t.2 + s.2));
         let count = total.2.max(1) as f64;
-        let (mean_length, mean_angle) = (total.0 / count, total.1 / count);
-        let inverse = |x: f64| if x > 0. { (1. / x) as f32 } else { 0. };
-        let unit = if area > 0. { (1. / area.sqrt()) as f32 } else { 1. };
-        Ok(match metric {
-            Metric::ScaleFree { beta, .. } => Scale { centroid_distance: unit, angle: beta },
-            Metric::Geodesic => Scale { centroid_distance: unit, angle: 0. },
-            Metric::Paper { delta, .. } => {
-                Scale { centroid_distance: delta * inverse(mean_length), angle: (1. - delta) * inverse(mean_angle) }
-            }
-        })
+        Ok([total.0 / count, total.1 / count])
     }
 }
