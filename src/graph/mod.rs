@@ -29,7 +29,7 @@ pub use dual::{DualGraph, GraphFacts};
 pub use dual_edges::DualEdges;
 pub use node_geometry::{NodeGeometry, NodeView, SharedEdges};
 pub use nodes::{Frame, Node};
-pub use order::{NodeOrder, Order, Ordered};
+pub use order::{NodeOrder, Order, OrderParams, Ordered};
 pub use row_starts::{OwnedRowStarts, RowStarts};
 pub use vertex_adjacency::VertexAdjacency;
 pub use vertex_graph::VertexGraph;

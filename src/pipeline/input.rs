@@ -187,7 +187,7 @@ pub fn graph(
 ) -> Result<(Ordered, DualGraph)> {
     // Before the mesh is sorted for nothing.
     check_size(opened.faces.len() as u64, opened.faces.corner_count() as u64, opened.path())?;
-    let ordered = Ordered::build(opened, params.order, identity, context)?;
+    let ordered = Ordered::build(opened, params.ordering(opened.faces.len()), identity, context)?;
     let build = if computes(params, ordered.mesh.faces.len(), context.work.is_temporary(), context.run) {
         DualGraph::build_computed
     } else {

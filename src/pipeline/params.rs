@@ -5,7 +5,7 @@ use crate::cluster::contract;
 use crate::cluster::parts::{PartCount, PartsParams};
 use crate::cluster::two_means;
 use crate::graph::Metric;
-use crate::graph::order::Order;
+use crate::graph::order::{Order, OrderParams};
 use crate::landmarks::Sampling;
 use crate::spectral::EmbeddingParams;
 use serde::{Deserialize, Serialize};
@@ -100,6 +100,11 @@ impl SegmentParams {
     /// boundaries are found in the embedding of all faces.
     pub fn contracts(&self, faces: usize) -> bool {
         self.cluster == Cluster::Parts && !self.exact_rows() && faces > contract::LARGE
+    }
+
+    /// In which order the faces of a mesh of so many are worked on.
+    pub fn ordering(&self, faces: usize) -> OrderParams {
+        OrderParams { order: self.order, has_rows: !self.contracts(faces) }
     }
 
     /// Whether rows of distances are kept, in a work directory that is `lasting` or temporary: in one that lasts always, else

@@ -5,7 +5,7 @@ use nystrom_stream::apps::creature::{Creature, Options};
 use nystrom_stream::apps::evaluate::{contingency, rand};
 use nystrom_stream::base::random::{below, stream};
 use nystrom_stream::cluster::parts::{PartCount, PartsParams};
-use nystrom_stream::graph::{DualGraph, Order, Ordered};
+use nystrom_stream::graph::{DualGraph, Order, OrderParams, Ordered};
 use nystrom_stream::landmarks::Sampling;
 use nystrom_stream::mesh::{self, Mesh};
 use nystrom_stream::pipeline::{Cluster, SegmentParams, Segmentation, segment};
@@ -14,6 +14,8 @@ use serde_json::json;
 use std::collections::BTreeMap;
 use std::path::Path;
 
+const HILBERT: OrderParams = OrderParams { order: Order::Hilbert, has_rows: true };
+
 fn quiet(budget: u64) -> Run<'static> {
     Run { threads: 3, budget: Budget::new(budget), ..Run::new(&()) }
 }
@@ -21,7 +23,8 @@ fn quiet(budget: u64) -> Run<'static> {
 /// Edges of a graph between faces of the file, with their step and edge lengths.
 fn edges(mesh: &Mesh, order: Order, run: &Run, folder: &Path) -> BTreeMap<(u32, u32), [u32; 2]> {
     let work = WorkDir::temporary(folder).unwrap();
-    let ordered = Ordered::build(mesh, order, &json!(1), Context::new(&work, run)).unwrap();
+    let ordered =
+        Ordered::build(mesh, OrderParams { order, has_rows: true }, &json!(1), Context::new(&work, run)).unwrap();
     assert_eq!(ordered.order.is_some(), order == Order::Hilbert);
     let graph =
         DualGraph::build(&ordered.mesh, Path::new("mesh"), &ordered.identity, Context::new(&work, run)).unwrap();
@@ -64,8 +67,7 @@ fn random_polygons_have_the_same_graph() {
         let mesh = Mesh::from_slices(&vertices, &faces).unwrap();
         for budget in [1 << 30, 2 << 20, 500_000] {
             let work = WorkDir::temporary(dir.path()).unwrap();
-            let ordered =
-                Ordered::build(&mesh, Order::Hilbert, &json!(1), Context::new(&work, &quiet(budget))).unwrap();
+            let ordered = Ordered::build(&mesh, HILBERT, &json!(1), Context::new(&work, &quiet(budget))).unwrap();
             let mut seen = vec![false; faces.len()];
             ordered.mesh.faces.for_each(0..faces.len(), |node, corners| {
                 let face = ordered.face(node as u32) as usize;

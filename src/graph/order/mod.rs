@@ -31,10 +31,9 @@ const RESTORED: usize = 1 << 16;
 pub const LARGE: usize = 2_000_000;
 /// Share of far steps above which [`Order::Auto`] reorders.
 pub const POOR: f64 = 0.25;
-/// Faces above which [`Order::Auto`] reorders stretched orders too: the pages under a front across the rows of a grid
-/// (six arrays, 4 KiB a face of the front) come to half a gigabyte at 100 M faces, those along the curve to 30 MB:
-/// an estimate, not yet measured.
-pub const HUGE: usize = 40_000_000;
+/// Faces above which [`Order::Auto`] reorders stretched orders too, for fronts over all faces. At 372 M faces in 2 GiB a row takes 44 s along
+/// the curve and 60 s in rows of a grid, and sorting takes 100 s; at 100 M ten rows gain less than sorting takes, free and in 1 GiB.
+pub const HUGE: usize = 200_000_000;
 /// Stretch above which an order counts as stretched.
 pub const STRETCHED: f64 = 4.;
 
@@ -47,9 +46,18 @@ pub enum Order {
     /// Along Hilbert's curve.
     Hilbert,
     /// Along the curve where the mesh has more than [`LARGE`] faces and more than [`POOR`] of the file's steps are far,
-    /// or more than [`HUGE`] faces and an order stretched by more than [`STRETCHED`].
+    /// or, for rows over all faces, more than [`HUGE`] faces and an order stretched by more than [`STRETCHED`].
     #[default]
     Auto,
+}
+
+/// How to order faces.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct OrderParams {
+    /// The order.
+    pub order: Order,
+    /// Whether rows over all faces will be computed: fronts that cross the whole mesh, one after the other.
+    pub has_rows: bool,
 }
 
 /// What was found and done.
@@ -169,12 +177,13 @@ pub struct Ordered {
 }
 
 impl Ordered {
-    /// Puts `mesh`, whose identity is `input`, in `order`, or opens what an earlier run left in `work`. Stray vertices are
+    /// Puts `mesh`, whose identity is `input`, in order, or opens what an earlier run left in `work`. Stray vertices are
     /// moved to their neighbours first ([`Mesh::without_strays`]), and a note says so.
     ///
     /// # Errors
     /// [`crate::base::Error::Io`], [`crate::base::Error::Memory`], [`crate::base::Error::Cancelled`].
-    pub fn build(mesh: &Mesh, order: Order, input: &Value, context: Context<'_>) -> Result<Self> {
+    pub fn build(mesh: &Mesh, params: OrderParams, input: &Value, context: Context<'_>) -> Result<Self> {
+        let OrderParams { order, has_rows } = params;
         let n = mesh.faces.len();
         let mesh = &mesh.without_strays(context.run)?;
         if mesh.strays() > 0 {
@@ -191,7 +200,7 @@ impl Ordered {
         }
         let frame = Frame::of(&mesh.positions, context.run)?;
         let found = Locality::of(mesh, frame.scale);
-        let poor = found.far_steps > POOR || (n > HUGE && found.stretch > STRETCHED);
+        let poor = found.far_steps > POOR || (has_rows && n > HUGE && found.stretch > STRETCHED);
         if order == Order::Auto && !poor {
             return Ok(kept(found));
         }

@@ -16,7 +16,7 @@ use crate::apps::sequence::{self, SequenceOrder, StreamMeasures, VertexUse};
 use crate::base::Result;
 use crate::distance::DistanceRows;
 use crate::distance::rows::RowParams;
-use crate::graph::{DualGraph, Metric, Order, Ordered, VertexAdjacency};
+use crate::graph::{DualGraph, Metric, Order, OrderParams, Ordered, VertexAdjacency};
 use crate::landmarks::Sampling;
 use crate::mesh::Mesh;
 use crate::pipeline::SegmentParams;
@@ -77,8 +77,8 @@ impl<'a> Sequencer<'a> {
     pub fn new(opened: &'a Mesh, identity: &'a serde_json::Value, context: Context<'a>) -> Result<Self> {
         // A work directory made by `segment` keeps the order that its rows are in.
         let order = match Record::read(context.work) {
-            Ok(record) if record.identity == *identity => record.params.order,
-            _ => Order::Auto,
+            Ok(record) if record.identity == *identity => record.params.ordering(opened.faces.len()),
+            _ => OrderParams { order: Order::Auto, has_rows: true },
         };
         let ordered = Ordered::build(opened, order, identity, context)?;
         Ok(Self { opened, identity, ordered, vertices: OnceCell::new(), context })
