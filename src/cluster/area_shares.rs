@@ -115,13 +115,13 @@ impl AreaShares {
 
     /// The share of the node `at`, whose geometry `node` gives.
     #[inline]
-    fn of_node(&self, at: usize, node: &Node) -> f32 {
+    pub(super) fn of_node(&self, at: usize, node: &Node) -> f32 {
         self.computed.as_ref().map_or_else(|| self.share[at], |(_, from)| from.share(node.area))
     }
 
     /// The share of the node `at`.
     #[inline]
-    fn at(&self, at: usize) -> f32 {
+    pub(super) fn at(&self, at: usize) -> f32 {
         self.computed.as_ref().map_or_else(|| self.share[at], |(nodes, from)| from.share(nodes.area(at)))
     }
 

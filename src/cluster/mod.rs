@@ -16,6 +16,7 @@ pub mod kmeans;
 pub mod mirror;
 pub mod normals;
 pub mod parts;
+pub mod roughness;
 pub mod shorten;
 pub mod smooth;
 pub mod two_means;

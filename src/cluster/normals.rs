@@ -7,9 +7,8 @@
 //! of diffusion, which costs (r/h)² sweeps. Where there are too few faces for cells, neighbour averaging.
 //!
 //! The radius is chosen by the mesh's own turning P_r = Σ length · |θ_r|: clean meshes keep their own normals,
-//! scans and noisy meshes get .01 or .02. Cost: a front plus 50 ns per face and radius; 12 bytes per face each. What tells
-//! rough from clean is .02 alone, so a clean mesh without cells of its own needs no other; and mostly 256 pieces of it tell, so that a clean mesh
-//! needs the cells, but not the normals of all faces.
+//! scans and noisy meshes get .01 or .02 ([`super::roughness`]). Cost: a front plus 50 ns per face and radius; 12 bytes per face each. What
+//! tells rough from clean is .02 alone, so a clean mesh without cells of its own needs no other.
 
 use super::area_shares::{AreaShares, ClassSum, class_sums, spread};
 use crate::base::Result;
@@ -24,9 +23,6 @@ use crate::store::{Context, MappedSlice, Run};
 
 /// The radii in use, in units of √(area): for turning between faces, cells, and convexity.
 pub const RADII: [f32; 3] = [0.01, 0.02, 0.04];
-
-/// Pieces that tell rough from clean, mostly ([`sampled_turning`]).
-pub const PIECES: usize = 256;
 
 const CHUNK: usize = 1 << 14;
 
@@ -43,9 +39,10 @@ pub fn lengths(graph: &DualGraph) -> Csr<'_> {
 /// # Errors
 /// [`crate::base::Error::Io`], [`crate::base::Error::Cancelled`].
 pub fn smoothed(graph: &DualGraph, shares: &AreaShares, r: f32, file: &str, context: Context<'_>) -> Result<Normals> {
-    match MicroCells::cut(graph, shares, r, file, context)? {
-        None => averaged(graph, shares, r, file, context),
-        Some(cells) => cells.normals(file, context),
+    if graph.nodes.len() < 2 * (1. / (r * r)).round() as usize {
+        averaged(graph, shares, r, file, context)
+    } else {
+        from_cells(graph, shares, r, file, context)
     }
 }
 
@@ -71,120 +68,96 @@ pub fn cell_front<'a>(graph: &'a DualGraph, seeds: &'a [u32], file: &'a str) -> 
     }
 }
 
-fn unit(v: [f32; 3]) -> Option<[f32; 3]> {
+/// `v` at length 1; `None` where it has no direction.
+pub(super) fn unit(v: [f32; 3]) -> Option<[f32; 3]> {
     let length = (v[0] * v[0] + v[1] * v[1] + v[2] * v[2]).sqrt();
     (length > 1e-20).then(|| v.map(|x| x / length))
 }
 
-/// The micro-cells of a radius: normals of any nodes follow from them.
-pub struct MicroCells<'a> {
-    graph: &'a DualGraph,
-    /// Cell of each node (n); `u32::MAX`: none.
-    owner: MappedSlice<u32>,
-    owner_file: String,
-    /// Centroid and sum of normals of each cell.
-    cells: Vec<([f32; 3], [f32; 3])>,
-    near: CellNeighbours,
-    factor: f32,
+fn from_cells(graph: &DualGraph, shares: &AreaShares, r: f32, file: &str, context: Context<'_>) -> Result<Normals> {
+    let n = graph.nodes.len();
+    let seeds = seeds(shares, r, file, context.run)?;
+    let (field_file, owner_file) = (format!("{file}.field.tmp"), format!("{file}.owner.tmp"));
+    let mut owner = context.work.array::<u32>(&owner_file, &[n])?;
+    {
+        let mut field = context.work.array::<f32>(&field_file, &[n])?;
+        cell_front(graph, &seeds, file).nearest_source(field.data(), owner.data(), context)?;
+    }
+    context.work.remove(&format!("{field_file}.partial"));
+    let owner_data: &[u32] = owner.data();
+    // Sums of normals are scaled to be near 1.
+    let scale = seeds.len() as f64;
+    let cell =
+        |sum: &ClassSum| SmoothingCell::new(sum.centroid().map(|x| x as f32), sum.normal.map(|x| (x * scale) as f32));
+    let cells: Vec<SmoothingCell> =
+        class_sums(graph, shares, owner_data, seeds.len(), 0., context.run)?.iter().map(cell).collect();
+    let near = neighbours(graph, owner_data, seeds.len(), context.run)?;
+    let factor = falloff(r, shares);
+    let mut array = context.work.array::<[f32; 3]>(file, &[n, 3])?;
+    context.run.fill_each(array.data(), CHUNK, |i, _| {
+        let node = graph.nodes.at(i);
+        let near = near.of(owner_data[i]).map(|cell| &cells[cell as usize]);
+        smooth_normal(&node, near, factor)
+    })?;
+    drop(owner);
+    context.work.remove(&format!("{owner_file}.partial"));
+    array.finish(false)
 }
 
-impl<'a> MicroCells<'a> {
-    /// The cells for normals at radius `r` (in units of √(area)), or `None` where there are too few faces for them. Files are named after
-    /// `file`; 4 bytes per face are kept, 8 pass.
-    ///
-    /// # Errors
-    /// As [`smoothed`].
-    pub fn cut(
-        graph: &'a DualGraph,
-        shares: &AreaShares,
-        r: f32,
-        file: &str,
-        context: Context<'_>,
-    ) -> Result<Option<Self>> {
-        let n = graph.nodes.len();
-        if n < 2 * (1. / (r * r)).round() as usize {
-            return Ok(None);
+/// What normals are smoothed over: a piece of the surface.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct SmoothingCell {
+    centre: [f32; 3],
+    /// Sum of its normals, weighted by area.
+    normal: [f32; 3],
+}
+
+impl SmoothingCell {
+    pub(super) fn new(centre: [f32; 3], normal: [f32; 3]) -> Self {
+        Self { centre, normal }
+    }
+}
+
+/// The factor on squared distances in the exponent of a cell's weight, at radius `r` (in units of √(area)).
+pub(super) fn falloff(r: f32, shares: &AreaShares) -> f32 {
+    let spread = 0.54 * r / shares.unit;
+    -0.5 / (spread * spread)
+}
+
+/// The normal at `node` smoothed over the cells `near`; its own where they have none.
+#[inline]
+pub(super) fn smooth_normal<'a>(node: &Node, near: impl Iterator<Item = &'a SmoothingCell>, falloff: f32) -> [f32; 3] {
+    let mut sum = [0f32; 3];
+    for SmoothingCell { centre, normal } in near {
+        let mut square = 0.;
+        for axis in 0..3 {
+            let d = node.centroid[axis] - centre[axis];
+            square += d * d;
         }
-        let seeds = seeds(shares, r, file, context.run)?;
-        let (field_file, owner_file) = (format!("{file}.field.tmp"), format!("{file}.owner.tmp"));
-        let mut owner = context.work.array::<u32>(&owner_file, &[n])?;
-        {
-            let mut field = context.work.array::<f32>(&field_file, &[n])?;
-            cell_front(graph, &seeds, file).nearest_source(field.data(), owner.data(), context)?;
+        let weight = exp(square * falloff);
+        for axis in 0..3 {
+            sum[axis] += weight * normal[axis];
         }
-        context.work.remove(&format!("{field_file}.partial"));
-        let owner = owner.finish(false)?;
-        // Sums of normals are scaled to be near 1.
-        let scale = seeds.len() as f64;
-        let cell = |sum: &ClassSum| (sum.centroid().map(|x| x as f32), sum.normal.map(|x| (x * scale) as f32));
-        let cells = class_sums(graph, shares, &owner, seeds.len(), 0., context.run)?.iter().map(cell).collect();
-        let near = neighbours(graph, &owner, seeds.len(), context.run)?;
-        let spreadness = 0.54 * r / shares.unit;
-        let factor = -0.5 / (spreadness * spreadness);
-        Ok(Some(Self { graph, owner, owner_file, cells, near, factor }))
     }
-
-    /// The normals of all nodes, written to `file`.
-    ///
-    /// # Errors
-    /// As [`smoothed`].
-    pub fn normals(self, file: &str, context: Context<'_>) -> Result<Normals> {
-        let n = self.owner.len();
-        let mut array = context.work.array::<[f32; 3]>(file, &[n, 3])?;
-        let normal = |i: usize, _| self.normal(i, &self.graph.nodes.at(i));
-        context.run.fill_each(array.data(), CHUNK, normal)?;
-        self.remove(context);
-        array.finish(false)
-    }
-
-    /// Removes the files.
-    pub fn remove(self, context: Context<'_>) {
-        drop(self.owner);
-        context.work.remove(&self.owner_file);
-    }
-}
-
-/// Smoothed normals, kept or computed.
-pub trait Smooth: Sync {
-    /// The normal at node `i`, whose geometry is `node`.
-    fn normal(&self, i: usize, node: &Node) -> [f32; 3];
-}
-
-impl Smooth for Normals {
-    #[inline]
-    fn normal(&self, i: usize, _: &Node) -> [f32; 3] {
-        self[i]
-    }
-}
-
-impl Smooth for MicroCells<'_> {
-    #[inline]
-    fn normal(&self, i: usize, node: &Node) -> [f32; 3] {
-        let mut sum = [0f32; 3];
-        let own = self.owner[i];
-        if own != u32::MAX {
-            let list = &self.near.list[self.near.start[own as usize]..self.near.start[own as usize + 1]];
-            for &c in std::iter::once(&own).chain(list) {
-                let (centre, normal) = &self.cells[c as usize];
-                let mut square = 0.;
-                for axis in 0..3 {
-                    let d = node.centroid[axis] - centre[axis];
-                    square += d * d;
-                }
-                let weight = exp(square * self.factor);
-                for axis in 0..3 {
-                    sum[axis] += weight * normal[axis];
-                }
-            }
-        }
-        unit(sum).unwrap_or(node.normal)
-    }
+    unit(sum).unwrap_or(node.normal)
 }
 
 /// Which cells touch across an edge.
 struct CellNeighbours {
     start: Vec<usize>,
     list: Vec<u32>,
+}
+
+impl CellNeighbours {
+    /// The cell `own` and its neighbours; none of no cell, `u32::MAX`.
+    #[inline]
+    fn of(&self, own: u32) -> impl Iterator<Item = u32> + '_ {
+        let list = match self.start.get(own as usize..) {
+            Some(&[first, last, ..]) => &self.list[first..last],
+            _ => &[],
+        };
+        (own != u32::MAX).then_some(own).into_iter().chain(list.iter().copied())
+    }
 }
 
 fn neighbours(graph: &DualGraph, owner: &[u32], cells: usize, run: &Run) -> Result<CellNeighbours> {
@@ -275,104 +248,31 @@ pub fn turning(a: &Node, b: &Node, edge: f32) -> f32 {
 /// # Errors
 /// [`crate::base::Error::Cancelled`].
 pub fn total_turning(graph: &DualGraph, shares: &AreaShares, smoothed: &[&Normals], run: &Run) -> Result<Vec<f64>> {
-    turning_sums(graph, shares, smoothed, (CHUNK, 1), run)
-}
-
-/// About P_0, from a part of a large mesh.
-///
-/// # Errors
-/// [`crate::base::Error::Cancelled`].
-pub fn estimated_turning(graph: &DualGraph, shares: &AreaShares, run: &Run) -> Result<f64> {
-    let every = (graph.nodes.len() / (16 * CHUNK)).max(1);
-    Ok(turning_sums::<Normals>(graph, shares, &[], (CHUNK, every), run)?[0] * every as f64)
-}
-
-/// P₀ and P_r from `pieces` of 1,024 faces spread over a larger mesh. [`PIECES`] cost what 262,144 faces cost [`total_turning`] and the normals
-/// that it needs: some 72 ns each.
-///
-/// # Errors
-/// [`crate::base::Error::Cancelled`].
-pub fn sampled_turning<S: Smooth>(
-    graph: &DualGraph,
-    shares: &AreaShares,
-    smoothed: &S,
-    pieces: usize,
-    run: &Run,
-) -> Result<[f64; 2]> {
-    const PIECE: usize = 1 << 10;
-    let every = graph.nodes.len().div_ceil(PIECE * pieces).max(1);
-    let sums = turning_sums(graph, shares, &[smoothed], (PIECE, every), run)?;
-    Ok([sums[0] * every as f64, sums[1] * every as f64])
-}
-
-/// The sums of [`total_turning`] over every `every`-th piece of `piece` nodes.
-fn turning_sums<S: Smooth>(
-    graph: &DualGraph,
-    shares: &AreaShares,
-    smoothed: &[&S],
-    (piece, every): (usize, usize),
-    run: &Run,
-) -> Result<Vec<f64>> {
     let n = graph.nodes.len();
     let shared = graph.edges.shared();
-    let parts = run.map_chunks(
-        chunk_count(n, piece).div_ceil(every),
-        || (Vec::new(), vec![Vec::new(); smoothed.len()]),
-        |k, (held, normals)| {
-            let mut sums = vec![0f64; smoothed.len() + 1];
-            let range = chunk_range(n, piece, k * every);
-            let first = range.start;
-            shared.will_need(range.clone(), run);
-            let window = graph.nodes.window(range.clone(), held);
-            for (own, smoothed) in normals.iter_mut().zip(smoothed) {
-                own.clear();
-                own.extend(range.clone().map(|i| smoothed.normal(i, &window.at(i))));
-            }
-            for i in range {
-                let own = window.at(i).normal;
-                for (j, edge) in shared.neighbours(i as u32) {
-                    let j = j as usize;
-                    if j > i {
-                        let length = f64::from(edge.abs() * shares.unit);
-                        let node = window.at(j);
-                        sums[0] += length * f64::from(between(own, node.normal));
-                        for ((sum, smoothed), own) in sums[1..].iter_mut().zip(smoothed).zip(&*normals) {
-                            let other = own.get(j - first).copied().unwrap_or_else(|| smoothed.normal(j, &node));
-                            *sum += length * f64::from(between(own[i - first], other));
-                        }
+    let parts = run.map_chunks(chunk_count(n, CHUNK), Vec::new, |k, held| {
+        let mut sums = vec![0f64; smoothed.len() + 1];
+        let range = chunk_range(n, CHUNK, k);
+        shared.will_need(range.clone(), run);
+        let window = graph.nodes.window(range.clone(), held);
+        for i in range {
+            let own = window.at(i).normal;
+            for (j, edge) in shared.neighbours(i as u32) {
+                let j = j as usize;
+                if j > i {
+                    let length = f64::from(edge.abs() * shares.unit);
+                    sums[0] += length * f64::from(between(own, window.at(j).normal));
+                    for (sum, normals) in sums[1..].iter_mut().zip(smoothed) {
+                        *sum += length * f64::from(between(normals[i], normals[j]));
                     }
                 }
             }
-            Ok(sums)
-        },
-    )?;
+        }
+        Ok(sums)
+    })?;
     let mut total = vec![0f64; smoothed.len() + 1];
     for part in parts {
         total.iter_mut().zip(part).for_each(|(a, b)| *a += b);
     }
     Ok(total)
-}
-
-/// Whether a mesh's own normals are too rough to measure turning with, from its total turning at radius 0 and .02. Clean
-/// meshes have P₀/P_.02 of 1.0–1.3, scans 2.4–3.1, noisy ones up to 30.
-pub fn is_rough(own: f64, coarse: f64) -> bool {
-    own >= 1.6 * coarse
-}
-
-/// [`is_rough`] from a sample; `None` where that is too near to tell. 256 pieces gave P₀/P_.02 of nine scans, creatures and noisy creatures
-/// to 5 %.
-pub fn is_clearly_rough([own, coarse]: [f64; 2]) -> Option<bool> {
-    let ratio = own / coarse;
-    if ratio < 1.4 {
-        Some(false)
-    } else if ratio >= 1.9 {
-        Some(true)
-    } else {
-        None
-    }
-}
-
-/// Which normals a rough mesh wants, from its total turning at .01 and .02: an index into [`RADII`].
-pub fn choose_radius(fine: f64, coarse: f64) -> usize {
-    if fine < 1.2 * coarse { 0 } else { 1 }
 }

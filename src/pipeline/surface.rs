@@ -3,15 +3,16 @@
 //!
 //! A large surface has no cells of its own: they are cut on its contraction.
 //!
-//! Cost: one front for normals where the surface is clean and has no cells of its own, else two or three; one front from two
+//! Cost: nothing but a sample where the surface is large and clean, else one to three fronts for normals; one front from two
 //! thousand seeds (cells); 4 to 20 bytes per face are kept.
 
 use crate::base::parallel::map_chunks;
 use crate::base::{Error, Result};
 use crate::cluster::area_shares::AreaShares;
 use crate::cluster::cells::{Cells, OF_FACE, SmoothedNormals};
-use crate::cluster::normals::{self, MicroCells, Normals, PIECES, RADII};
+use crate::cluster::normals::{self, Normals, RADII};
 use crate::cluster::parts::CellGraph;
+use crate::cluster::roughness;
 use crate::distance::voronoi;
 use crate::graph::DualGraph;
 use crate::graph::WeightedGraph;
@@ -100,7 +101,7 @@ pub(super) struct SurfaceStage<'a> {
 
 impl Stage for SurfaceStage<'_> {
     const NAME: &'static str = "surface";
-    const VERSION: u32 = 7;
+    const VERSION: u32 = 8;
     type Facts = SurfaceFacts;
     type Output = Surface;
 
@@ -167,12 +168,12 @@ impl Stage for SurfaceStage<'_> {
         let (n, corners) = (extent.faces, extent.corners);
         let kept_normals = if extent.rough { 12 * n } else { 0 };
         // Shares, cells; then other normals, the field and the owners of a front, the weights of cells. Cells ask for normals at all
-        // radii, a rough surface for two, a smooth one for a sample of them.
+        // radii, a rough surface for two; a smooth one for none, or, where a sample does not tell, for one.
         let (keeping, passing) = match (extent.computed, extent.contracts, extent.rough) {
             // By blocks: one front at a time.
             (true, _, true) => (0, 16 * n),
             (_, true, true) => (4 * n, 28 * n),
-            (computed, true, false) => (if computed { 0 } else { 4 * n }, 8 * n),
+            (computed, true, false) => (if computed { 0 } else { 4 * n }, 0),
             _ => (6 * n, 50 * n + 4 * corners - kept_normals),
         };
         let held = room.take(keeping) + room.lend(NORMALS_KEPT, kept_normals);
@@ -186,13 +187,9 @@ impl Stage for SurfaceStage<'_> {
             passing: passing - taken,
             ..Needs::default()
         }
-        .moving(145 * n, 24 * n)
+        .moving(if extent.contracts && !extent.rough { 20 * n } else { 145 * n }, keeping + passing)
     }
 }
-
-/// Own turning of the smoothest mesh that is likely to be rough: scans that were tried have 37 and more (`benches/records`),
-/// clean meshes mostly less. A guess that costs time where it is wrong, and nothing else.
-const LIKELY_ROUGH: f64 = 36.;
 
 /// The smoothed normals of a surface.
 struct Smoothed {
@@ -206,8 +203,8 @@ struct Smoothed {
 }
 
 impl Smoothed {
-    /// Cells ask for all radii. Otherwise .02 tells whether the mesh is rough, most often from a sample of the faces, and only rough ones
-    /// need .01 besides. What is asked for in which order depends on the machine, the answer does not.
+    /// Cells ask for all radii. Otherwise .02 tells whether the mesh is rough, and of a large one most often a sample; only rough ones need
+    /// .01 besides.
     fn of(stage: &SurfaceStage<'_>, shares: &AreaShares, context: Context<'_>) -> Result<Self> {
         let SurfaceStage { graph, cells, .. } = *stage;
         let total = |normals: &[&Normals]| normals::total_turning(graph, shares, normals, context.run);
@@ -216,66 +213,44 @@ impl Smoothed {
             stage.smooth(&[0, 1, 2], &mut normals, shares, context)?;
         } else {
             let clean = |normals, turning: Vec<f64>| Ok(Self { normals, radius: None, turning });
-            // Two fronts at a time, since one front keeps one thread busy.
-            let both = context.run.threads > 1
-                && !voronoi::is_by_blocks(normals::lengths(graph), context.run)
-                && stage.is_likely_rough(shares, context)?;
-            let cells = if both { None } else { stage.micro_cells(1, shares, context)? };
-            let sample = if let Some(cells) = &cells {
-                normals::sampled_turning(graph, shares, cells, PIECES, context.run)?
-            } else {
-                stage.smooth(if both { &[0, 1] } else { &[1] }, &mut normals, shares, context)?;
-                normals::sampled_turning(graph, shares, &normals[1], PIECES, context.run)?
-            };
-            let rough = normals::is_clearly_rough(sample);
-            if rough == Some(false) {
-                if let Some(cells) = cells {
-                    cells.remove(context);
-                }
+            let sample = roughness::sampled_turning(graph, shares, context.run)?;
+            if stage.is_clean(sample) {
                 return clean(normals, sample.to_vec());
             }
-            if let Some(cells) = cells {
-                normals[1] = cells.normals(NORMALS[1], context)?;
-            }
-            if rough.is_none() {
+            stage.smooth(likely_radii(sample), &mut normals, shares, context)?;
+            if normals[0].is_empty() {
                 let turning = total(&[&normals[1]])?;
-                if !normals::is_rough(turning[0], turning[1]) {
+                if !roughness::is_rough(turning[0], turning[1]) {
                     return clean(normals, turning);
                 }
-            }
-            if normals[0].is_empty() {
                 stage.smooth(&[0], &mut normals, shares, context)?;
             }
         }
         let turning = total(&[&normals[0], &normals[1]])?;
-        let rough = !cells || normals::is_rough(turning[0], turning[2]);
-        Ok(Self { normals, radius: rough.then(|| normals::choose_radius(turning[1], turning[2])), turning })
+        let rough = roughness::is_rough(turning[0], turning[2]);
+        Ok(Self { normals, radius: rough.then(|| roughness::choose_radius(turning[1], turning[2])), turning })
     }
 }
 
-impl SurfaceStage<'_> {
-    /// Whether its nodes' own normals are probably too rough to measure turning with.
-    fn is_likely_rough(&self, shares: &AreaShares, context: Context<'_>) -> Result<bool> {
-        Ok(normals::estimated_turning(self.graph, shares, context.run)? >= LIKELY_ROUGH)
-    }
+/// Indices into [`RADII`] of the normals that a mesh without cells asks for, by its sampled turning.
+fn likely_radii(sample: [f64; 2]) -> &'static [usize] {
+    if roughness::is_likely_rough(sample) { &[0, 1] } else { &[1] }
+}
 
+impl SurfaceStage<'_> {
     /// The radii and files of the normals that a surface without cells will probably ask for.
+    ///
+    /// # Errors
+    /// [`Error::Cancelled`].
     pub(super) fn likely_normals(&self, shares: &AreaShares, context: Context<'_>) -> Result<Vec<(f32, &'static str)>> {
-        let radii = if self.is_likely_rough(shares, context)? { &[0, 1][..] } else { &[1] };
+        let sample = roughness::sampled_turning(self.graph, shares, context.run)?;
+        let radii = if self.is_clean(sample) { &[] } else { likely_radii(sample) };
         Ok(radii.iter().map(|&k| (RADII[k], NORMALS[k])).collect())
     }
 
-    /// The cells for normals at the radius with the index `k` of [`RADII`], of faces where there are enough.
-    fn micro_cells<'a>(
-        &'a self,
-        k: usize,
-        shares: &AreaShares,
-        context: Context<'_>,
-    ) -> Result<Option<MicroCells<'a>>> {
-        match self.kind {
-            Kind::Faces => MicroCells::cut(self.graph, shares, RADII[k], NORMALS[k], context),
-            Kind::Contracted => Ok(None),
-        }
+    /// Whether the sampled turning is enough to take the nodes' own normals.
+    fn is_clean(&self, sample: [f64; 2]) -> bool {
+        self.graph.nodes.len() > roughness::SAMPLED && roughness::is_clearly_clean(sample)
     }
 
     /// Puts normals at those of [`RADII`] with the indices `radii` into `normals`; with two threads, two fronts at a time.
@@ -329,13 +304,10 @@ mod tests {
                 let shares = AreaShares::of(&graph, context).unwrap();
                 let stage = SurfaceStage { graph: &graph, kind: Kind::Faces, cells };
                 let Smoothed { radius, turning, .. } = Smoothed::of(&stage, &shares, context).unwrap();
-                let cells = stage.micro_cells(1, &shares, context).unwrap().unwrap();
-                let sample = normals::sampled_turning(&graph, &shares, &cells, 20, &run).unwrap();
-                let near = |(a, b): (&f64, &f64)| (a / b - 1.).abs() < 0.1;
-                assert!(
-                    sample.iter().zip([turning[0], turning[turning.len() - 1]].iter()).all(near),
-                    "{sample:?} {turning:?}"
-                );
+                let sample = roughness::sampled_turning(&graph, &shares, &run).unwrap();
+                // Walks have no seams between cells, where turning smoothed over cells has a part of it.
+                let [own, coarse] = [sample[0] / turning[0], sample[1] / turning[turning.len() - 1]];
+                assert!((0.8..1.2).contains(&own) && (0.5..1.1).contains(&coarse), "{sample:?} {turning:?}");
                 (radius, turning)
             };
             let (radius, all) = smoothed(true, 2);
