@@ -21,6 +21,7 @@ mod ply_flavours;
 mod ply_labelled;
 mod ply_mutations;
 mod ply_speed;
+mod roughness;
 mod scale_order;
 mod strays;
 mod study;
