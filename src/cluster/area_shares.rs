@@ -227,6 +227,22 @@ pub struct ClassSum {
 }
 
 impl ClassSum {
+    /// Takes in a node that counts `share`, but no less than `least`.
+    #[inline]
+    pub(super) fn take(&mut self, node: &Node, share: f64, least: f64) {
+        self.area += f64::from(node.area);
+        let weight = share.max(least);
+        if weight <= 0. {
+            return;
+        }
+        self.share += share;
+        self.weight += weight;
+        for axis in 0..3 {
+            self.centre[axis] += weight * f64::from(node.centroid[axis]);
+            self.normal[axis] += weight * f64::from(node.normal[axis]);
+        }
+    }
+
     fn add(&mut self, other: &Self) {
         self.area += other.area;
         self.share += other.share;
@@ -271,19 +287,8 @@ pub fn class_sums(
                 run.will_need(class, i..(i + CHUNK).min(n));
             }
             let node = graph.nodes.at(i);
-            let share = f64::from(shares.of_node(i, &node));
-            let weight = share.max(least);
             let Some(sum) = sums.get_mut(class[i] as usize) else { continue };
-            sum.area += f64::from(node.area);
-            if weight <= 0. {
-                continue;
-            }
-            sum.share += share;
-            sum.weight += weight;
-            for axis in 0..3 {
-                sum.centre[axis] += weight * f64::from(node.centroid[axis]);
-                sum.normal[axis] += weight * f64::from(node.normal[axis]);
-            }
+            sum.take(&node, f64::from(shares.of_node(i, &node)), least);
         }
         Ok(sums)
     };

@@ -68,8 +68,7 @@ pub fn cell_front<'a>(graph: &'a DualGraph, seeds: &'a [u32], file: &'a str) -> 
     }
 }
 
-/// `v` at length 1; `None` where it has no direction.
-pub(super) fn unit(v: [f32; 3]) -> Option<[f32; 3]> {
+fn unit(v: [f32; 3]) -> Option<[f32; 3]> {
     let length = (v[0] * v[0] + v[1] * v[1] + v[2] * v[2]).sqrt();
     (length > 1e-20).then(|| v.map(|x| x / length))
 }
@@ -87,10 +86,8 @@ fn from_cells(graph: &DualGraph, shares: &AreaShares, r: f32, file: &str, contex
     let owner_data: &[u32] = owner.data();
     // Sums of normals are scaled to be near 1.
     let scale = seeds.len() as f64;
-    let cell =
-        |sum: &ClassSum| SmoothingCell::new(sum.centroid().map(|x| x as f32), sum.normal.map(|x| (x * scale) as f32));
-    let cells: Vec<SmoothingCell> =
-        class_sums(graph, shares, owner_data, seeds.len(), 0., context.run)?.iter().map(cell).collect();
+    let sums = class_sums(graph, shares, owner_data, seeds.len(), 0., context.run)?;
+    let cells: Vec<SmoothingCell> = sums.iter().map(|sum| SmoothingCell::of(sum, scale)).collect();
     let near = neighbours(graph, owner_data, seeds.len(), context.run)?;
     let factor = falloff(r, shares);
     let mut array = context.work.array::<[f32; 3]>(file, &[n, 3])?;
@@ -113,8 +110,9 @@ pub(super) struct SmoothingCell {
 }
 
 impl SmoothingCell {
-    pub(super) fn new(centre: [f32; 3], normal: [f32; 3]) -> Self {
-        Self { centre, normal }
+    /// Of the faces in `sum`; `scale` brings sums of normals near 1.
+    pub(super) fn of(sum: &ClassSum, scale: f64) -> Self {
+        Self { centre: sum.centroid().map(|x| x as f32), normal: sum.normal.map(|x| (x * scale) as f32) }
     }
 }
 
