@@ -98,7 +98,7 @@ pub fn spawn<'scope, T: Send + 'scope>(
 }
 
 /// Locks, also after a panic elsewhere, which is reported by itself.
-fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
+pub fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
     mutex.lock().unwrap_or_else(PoisonError::into_inner)
 }
 

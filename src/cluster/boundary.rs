@@ -17,7 +17,8 @@ use super::smooth;
 use crate::base::Result;
 use crate::base::parallel::chunk_range;
 use crate::distance::front::mean_weight;
-use crate::distance::{DistanceRows, SharedFront, voronoi};
+use crate::distance::voronoi::{self, Visited};
+use crate::distance::{DistanceRows, SharedFront};
 use crate::graph::csr::near_ranges;
 use crate::graph::{Csr, DualGraph, WeightedGraph};
 use crate::store::{Context, MappedSlice, Run};
@@ -136,24 +137,27 @@ pub fn refine(
         return Ok(RefinedLabels { labels: labels.finish(false)?, boundary_nodes });
     }
     let half_width = half_width(shares);
+    // Zeros at first, which stay where the front does not come: there all is interior, and nothing needs to be written or read.
     let mut field = context.work.array::<f32>("depth.tmp", &[n])?;
-    context.run.fill_each(field.data(), CHUNK, |_, _| f32::INFINITY)?;
-    depth_front(graph, half_width, &boundary_nodes).within(field.data(), context)?;
+    let visited = depth_front(graph, half_width, &boundary_nodes).within_fresh(field.data(), context)?;
     let depth: &[f32] = field.data();
+    let depth = |i: usize| if visited.has(i) { depth[i] } else { f32::INFINITY };
     // Cells tell the first labels in half the bytes that labels take; those are written where they are needed.
-    let limits = interior_limits(n, cells.parts(), |i| (cells.of(i), depth[i]), half_width, context.run)?;
+    let limits = interior_limits(n, cells.parts(), |i| (cells.of(i), depth(i)), half_width, context.run)?;
     // The second front starts in the interiors, at distance 0; the narrow band is open.
     let begin = |k: usize, field: &mut [f32], labels: &mut [u32], (): &mut ()| {
-        for (i, (depth, label)) in chunk_range(n, CHUNK, k).zip(field.iter_mut().zip(labels)) {
-            *label = cells.of(i);
-            *depth = if *depth >= limits[*label as usize] { 0. } else { f32::INFINITY };
+        labels.iter_mut().zip(chunk_range(n, CHUNK, k)).for_each(|(label, i)| *label = cells.of(i));
+        if visited.has(k * CHUNK) {
+            for (depth, label) in field.iter_mut().zip(labels) {
+                *depth = if *depth >= limits[*label as usize] { 0. } else { f32::INFINITY };
+            }
         }
         Ok(())
     };
     context.run.fill_two((field.data(), labels.data()), CHUNK, || (), begin)?;
     let first: &[u32] = labels.data();
     let inside: &[f32] = field.data();
-    let interior_edge = interior_edge(steps, |i| inside[i] == 0., context.run)?;
+    let interior_edge = interior_edge(steps, |i| !visited.has(i) || inside[i] == 0., context.run)?;
     match method {
         BoundaryMethod::Front => {
             let of_edge: Vec<u32> = interior_edge.iter().map(|&node| first[node as usize]).collect();
@@ -166,7 +170,7 @@ pub fn refine(
             dissolve(steps, &interior_edge, field, labels.data(), context.run)?;
         }
     }
-    let band = straighten(graph, steps, shares, field.data(), labels.data(), context.run)?;
+    let band = straighten(graph, steps, shares, (field.data(), &visited), labels.data(), context.run)?;
     drop(field);
     context.work.remove("depth.tmp.partial");
     // Outside the band labels differ only between interiors, where they differed at first.
@@ -186,12 +190,12 @@ fn at_boundary(graph: Csr<'_>, candidates: Vec<u32>, labels: &[u32]) -> Vec<u32>
     nodes
 }
 
-/// Smooths the new boundaries; `field` (n) is 0 in the interiors and is used up. Returns the nodes whose labels may have changed.
+/// Smooths the new boundaries; `field` (n) is 0 in the interiors, also where nothing was `visited`, and is used up. Returns the nodes whose labels may have changed.
 fn straighten(
     graph: &DualGraph,
     steps: Csr<'_>,
     shares: &AreaShares,
-    field: &mut [f32],
+    (field, visited): (&mut [f32], &Visited),
     labels: &mut [u32],
     run: &Run,
 ) -> Result<Vec<u32>> {
@@ -203,6 +207,9 @@ fn straighten(
         CHUNK,
         || (),
         |k, field, ()| {
+            if !visited.has(k * CHUNK) {
+                return Ok(Vec::new());
+            }
             let range = chunk_range(labels.len(), CHUNK, k);
             let open: Vec<u32> = range.zip(&*field).filter(|(_, d)| **d > 0.).map(|(i, _)| i as u32).collect();
             will_need_rows(steps, &open, run);
@@ -218,6 +225,9 @@ fn straighten(
     let field = &*field;
     let band = run
         .map_ranges(field.len(), CHUNK, |range| {
+            if !visited.has(range.start) {
+                return Ok(Vec::new());
+            }
             let inside = |i: &usize| field[*i] >= 0. && field[*i] < f32::INFINITY;
             Ok(range.filter(inside).map(|i| i as u32).collect::<Vec<u32>>())
         })?

@@ -15,7 +15,7 @@
 //! Cost: the share's part of the front, and that of a rim about three times the width of a source's nodes; 8 bytes per node of the
 //! *whole* graph in files while it runs, of which only the region's are touched, and 8 bytes per node of the share that are kept.
 
-use super::voronoi::{self, BlockDijkstra, Message};
+use super::voronoi::{self, BlockDijkstra, Initial, Message, Visited};
 use crate::base::{Error, Result};
 use crate::graph::Csr;
 use crate::store::manifest::FileRecord;
@@ -129,20 +129,22 @@ impl SharedFront<'_> {
         self.discard(context.work)
     }
 
-    /// The same for [`voronoi::within`], in a field that is infinite everywhere.
+    /// The same for [`voronoi::within_fresh`].
     ///
     /// # Errors
     /// As [`SharedFront::nearest_source`].
-    pub fn within(&self, field: &mut [f32], context: Context<'_>) -> Result<()> {
-        match self.found(context)? {
+    pub fn within_fresh(&self, field: &mut [f32], context: Context<'_>) -> Result<Visited> {
+        let visited = match self.found(context)? {
             Some(shares) => {
                 for (own, _, distances) in shares.each() {
                     field[own].iter_mut().zip(distances).for_each(|(d, bits)| *d = f32::from_bits(*bits));
                 }
+                Visited::everything(field.len())
             }
-            None => voronoi::within(self.graph, self.sources, self.limit, field, context.run)?,
-        }
-        self.discard(context.work)
+            None => voronoi::within_fresh(self.graph, self.sources, self.limit, field, context.run)?,
+        };
+        self.discard(context.work)?;
+        Ok(visited)
     }
 
     /// The same for [`voronoi::propagate_labels`]; `label` holds the labels of the sources too.
@@ -317,7 +319,7 @@ impl SharedFront<'_> {
         while grown {
             let cleared = clear(&inside, field, label)?;
             let messages = self.messages((&inside, &cleared), field, label, run)?;
-            stale |= !front.propagate(messages, self.limit, None, field, label)?.is_empty();
+            stale |= !front.propagate(messages, self.limit, Initial::Given, field, label)?.is_empty();
             let mut rim = Vec::new();
             for &label in label[own.clone()].iter().filter(|label| **label < grains) {
                 if !std::mem::replace(&mut inside[label as usize], true) {
@@ -341,7 +343,7 @@ impl SharedFront<'_> {
             };
             run.fill_chunks(label, grain, || (), relabel)?;
             let messages = self.messages((&inside, &inside), field, label, run)?;
-            front.propagate(messages, self.limit, None, field, label)?;
+            front.propagate(messages, self.limit, Initial::Given, field, label)?;
         }
         Ok(())
     }
@@ -495,11 +497,11 @@ mod tests {
                     front.nearest_source(&mut distances, &mut found, context).unwrap();
                 });
                 assert!(distances == field && found == label, "{count} sources, {of} shares");
-                let mut distances = vec![infinite; n];
+                let mut distances = vec![0f32; n];
                 in_shares(&near, of, &|_| None, |context| {
                     let shares = near.shares(context.work).unwrap().unwrap();
                     assert!((0..n).all(|node| shares.distance(node) == depth[node]), "{count} sources, {of} shares");
-                    near.within(&mut distances, context).unwrap();
+                    near.within_fresh(&mut distances, context).unwrap();
                 });
                 assert!(distances == depth, "{count} sources, {of} shares");
                 let (mut distances, mut found) = (start.clone(), named.clone());

@@ -3,9 +3,9 @@
 //! Over a small mesh one front from all sources. It is all over the mesh at once: fine in caches, hopeless where the graph
 //! is larger than memory, and the work of one thread. So on large meshes [`BlockDijkstra`] takes nodes in blocks. A round
 //! runs a front of its own inside every block that has messages, on all threads; what would leave the block is a message
-//! for the next round. Half a dozen rounds, all but the first at the boundaries of blocks only, reach the same fixed point
-//! as one front: the least d(v) = min fl(d(u) + w), and the smallest label at equal distances. Both are unique, so neither
-//! blocks nor threads show in the result (tested against a binary heap). Labels at ties are looked at again over the final distances
+//! to the next one, which takes it in the same round if it has not begun. A few rounds, all but the first at the boundaries of blocks only,
+//! reach the same fixed point as one front: the least d(v) = min fl(d(u) + w), and the smallest label at equal distances. Both are unique, so
+//! neither blocks nor threads nor the order of messages show in the result (tested against a binary heap). Labels at ties are looked at again over the final distances
 //! ([`super::ties`]). From four million nodes on, what blocks correct and what they save in caches are even (processor time of default runs: 2.30 s beside 2.32 s over 1.3 M faces, 11.1 s beside
 //! 11.4 s over 10 M), and their threads are a gain. Meshes whose neighbours lie far apart in the file would send too many
 //! messages: they keep the single front.
@@ -17,11 +17,13 @@ use super::front::{Front, clear_labels, mean_weight};
 use super::paging::{Pages, SHIFT, rows_needed};
 use super::queue::{Entry, Queue};
 use super::ties::Ties;
-use crate::base::parallel::fill_two;
+use crate::base::parallel::{fill_two, lock};
 use crate::base::{Cancel, Result};
 use crate::graph::Csr;
 use crate::store::Run;
 use crate::store::mapped::{Access, advise, will_need};
+use std::sync::Mutex;
+use std::sync::atomic::{AtomicBool, Ordering};
 
 /// Blocks from which on they save time: with 26 of a rough mesh (1.7 million faces) they cost a fifth more, with 150 of a smooth one they
 /// save a fifth.
@@ -73,6 +75,22 @@ pub fn within(graph: Csr<'_>, sources: &[u32], limit: f32, field: &mut [f32], ru
     }
 }
 
+/// The same over a field (n) that holds anything: what the front does not come near stays as it is, and is told. Large fields in files are
+/// thus neither written nor read where there is nothing to see.
+///
+/// # Errors
+/// [`crate::base::Error::Cancelled`].
+pub fn within_fresh(graph: Csr<'_>, sources: &[u32], limit: f32, field: &mut [f32], run: &Run) -> Result<Visited> {
+    match by_blocks(graph, run) {
+        None => {
+            field.fill(f32::INFINITY);
+            Front::new(mean_weight(graph)).within(graph, sources, limit, field, &run.cancel)?;
+            Ok(Visited::everything(graph.len()))
+        }
+        Some(blocks) => blocks.within_fresh(sources, limit, field),
+    }
+}
+
 /// What [`Front::propagate_labels`] gives, in memory or by blocks.
 ///
 /// # Errors
@@ -114,6 +132,46 @@ struct Outcome<O> {
     ties: Ties,
 }
 
+/// Which pieces of a graph, runs of some 2¹⁶ nodes, a front has visited: only there its field has been filled.
+#[derive(Debug)]
+pub struct Visited {
+    piece: usize,
+    pieces: Vec<AtomicBool>,
+}
+
+impl Visited {
+    fn new(n: usize, piece: usize, visited: bool) -> Self {
+        Self { piece, pieces: (0..n.div_ceil(piece)).map(|_| AtomicBool::new(visited)).collect() }
+    }
+
+    /// All of `n` nodes.
+    pub fn everything(n: usize) -> Self {
+        Self::new(n, BLOCK, true)
+    }
+
+    /// Whether the piece with `node` was visited.
+    #[inline]
+    pub fn has(&self, node: usize) -> bool {
+        self.pieces[node / self.piece].load(Ordering::Relaxed)
+    }
+
+    /// Enters the piece with `node`; whether that is new.
+    fn enter(&self, node: usize) -> bool {
+        !self.pieces[node / self.piece].swap(true, Ordering::Relaxed)
+    }
+}
+
+/// What field and labels hold where a front begins.
+#[derive(Clone, Copy)]
+pub(super) enum Initial<'v, O> {
+    /// What they are given with.
+    Given,
+    /// Infinity and this label, filled in block by block, so that nothing is written twice.
+    Fresh(O),
+    /// Infinity, filled in where the front comes to. Labels are as given.
+    FreshWhere(&'v Visited),
+}
+
 /// Dijkstra from many sources, block by block in rounds.
 #[derive(Clone, Debug)]
 pub struct BlockDijkstra<'a> {
@@ -127,8 +185,9 @@ pub struct BlockDijkstra<'a> {
 }
 
 impl<'a> BlockDijkstra<'a> {
-    /// Over `graph` in blocks of `block` nodes.
+    /// Over `graph` in blocks of `block` nodes, or of the next multiple of [`BLOCK`] where they are larger than that.
     pub fn new(graph: Csr<'a>, block: usize, threads: usize, cancel: &Cancel) -> Self {
+        let block = if block > BLOCK { block.next_multiple_of(BLOCK) } else { block };
         Self { graph, block, threads, cancel: cancel.clone(), width: mean_weight(graph) * WIDTH, paged: false }
     }
 
@@ -160,11 +219,11 @@ impl<'a> BlockDijkstra<'a> {
             let message = |(label, &node)| Message { node, distance: 0., label: label as u32 };
             sources.iter().enumerate().map(message).collect::<Vec<_>>()
         };
-        let ties = self.propagate(seeds(), f32::INFINITY, Some((f32::INFINITY, u32::MAX)), field, label)?;
+        let ties = self.propagate(seeds(), f32::INFINITY, Initial::Fresh(u32::MAX), field, label)?;
         if !ties.settle(self.graph, field, label, self.paged, &self.cancel)? {
             // Once more over the final distances: labels alone move, and nothing can be stale.
             label.fill(u32::MAX);
-            self.propagate(seeds(), f32::INFINITY, None, field, label)?;
+            self.propagate(seeds(), f32::INFINITY, Initial::Given, field, label)?;
         }
         Ok(())
     }
@@ -174,10 +233,29 @@ impl<'a> BlockDijkstra<'a> {
     /// # Errors
     /// [`crate::base::Error::Cancelled`].
     pub fn within(&self, sources: &[u32], limit: f32, field: &mut [f32]) -> Result<()> {
-        let messages = sources.iter().map(|&node| Message { node, distance: 0., label: () }).collect();
         sources.iter().for_each(|&node| field[node as usize] = f32::INFINITY);
+        self.distances(sources, limit, Initial::Given, field)
+    }
+
+    /// What [`within_fresh`] gives.
+    ///
+    /// # Errors
+    /// [`crate::base::Error::Cancelled`].
+    pub fn within_fresh(&self, sources: &[u32], limit: f32, field: &mut [f32]) -> Result<Visited> {
+        let visited = Visited::new(self.graph.len(), self.piece(), false);
+        self.distances(sources, limit, Initial::FreshWhere(&visited), field)?;
+        Ok(visited)
+    }
+
+    fn distances(&self, sources: &[u32], limit: f32, initial: Initial<'_, ()>, field: &mut [f32]) -> Result<()> {
+        let messages = sources.iter().map(|&node| Message { node, distance: 0., label: () }).collect();
         // Labels that take no room.
-        self.propagate(messages, limit, None, field, &mut vec![(); self.graph.len()]).map(drop)
+        self.propagate(messages, limit, initial, field, &mut vec![(); self.graph.len()]).map(drop)
+    }
+
+    /// Nodes that one front goes over.
+    fn piece(&self) -> usize {
+        self.block.min(BLOCK)
     }
 
     /// What [`Front::propagate_labels`] gives.
@@ -189,7 +267,7 @@ impl<'a> BlockDijkstra<'a> {
             let message = |&node: &u32| Message { node, distance: 0., label: label[node as usize] };
             let messages = sources.iter().map(message).collect();
             sources.iter().for_each(|&node| field[node as usize] = f32::INFINITY);
-            self.propagate(messages, f32::INFINITY, None, field, label)
+            self.propagate(messages, f32::INFINITY, Initial::Given, field, label)
         };
         let ties = once(field, label)?;
         if !ties.settle(self.graph, field, label, self.paged, &self.cancel)? {
@@ -200,44 +278,52 @@ impl<'a> BlockDijkstra<'a> {
     }
 
     /// Propagates `messages` and what follows from them, to nodes nearer than `limit`, until there are no more; whose
-    /// labels may be stale. `fresh`: what field and label are filled with first, block by block, so that nothing is written twice.
+    /// labels may be stale.
     pub(super) fn propagate<O: Label>(
         &self,
-        mut messages: Vec<Message<O>>,
+        messages: Vec<Message<O>>,
         limit: f32,
-        fresh: Option<(f32, O)>,
+        initial: Initial<'_, O>,
         field: &mut [f32],
         label: &mut [O],
     ) -> Result<Ties> {
-        let (mut ties, mut fresh) = (Ties::default(), fresh);
+        let mailboxes: Vec<_> = (0..field.len().div_ceil(self.block)).map(|_| Mutex::new(Vec::new())).collect();
+        self.deliver(messages, &mailboxes);
+        let mut ties = Ties::default();
         self.advise(Access::Random, field, label);
-        while !messages.is_empty() || fresh.is_some() {
-            // The nearest first, so that a block's front starts where it should.
-            messages.sort_unstable_by_key(|message| (message.node as usize / self.block, message.distance.to_bits()));
-            let inbox = &messages[..];
-            let queue = || (Queue::new(self.width), Vec::new());
-            let outcomes = fill_two(self.threads, &self.cancel, (&mut *field, &mut *label), self.block, queue, {
-                |k, field: &mut [f32], label: &mut [O], scratch: &mut (Queue, Vec<Entry>)| {
-                    if let Some((distance, none)) = fresh {
-                        field.fill(distance);
-                        label.fill(none);
-                        self.will_need(k);
-                    }
-                    let start = inbox.partition_point(|message| (message.node as usize) / self.block < k);
-                    let end =
-                        start + inbox[start..].partition_point(|message| (message.node as usize) / self.block == k);
-                    self.rounds_within(k * self.block, limit, (field, label), &inbox[start..end], scratch)
+        for round in 0.. {
+            let front = |k: usize, field: &mut [f32], label: &mut [O], scratch: &mut (Queue, Vec<Entry>)| {
+                if let (0, Initial::Fresh(none)) = (round, initial) {
+                    field.fill(f32::INFINITY);
+                    label.fill(none);
+                    self.will_need(k);
                 }
-            })?;
-            fresh = None;
-            messages = Vec::with_capacity(outcomes.iter().map(|outcome| outcome.messages.len()).sum());
-            for outcome in outcomes {
-                ties.add(outcome.ties, Ties::most(self.graph));
-                messages.extend(outcome.messages);
+                let mut inbox = std::mem::take(&mut *lock(&mailboxes[k]));
+                // The nearest first, so that the block's front starts where it should.
+                inbox.sort_unstable_by_key(|message| message.distance.to_bits());
+                let outcome = self.rounds_within((k * self.block, limit, initial), (field, label), inbox, scratch)?;
+                self.deliver(outcome.messages, &mailboxes);
+                Ok(outcome.ties)
+            };
+            let queue = || (Queue::new(self.width), Vec::new());
+            for more in fill_two(self.threads, &self.cancel, (&mut *field, &mut *label), self.block, queue, front)? {
+                ties.add(more, Ties::most(self.graph));
+            }
+            if mailboxes.iter().all(|mail| lock(mail).is_empty()) {
+                break;
             }
         }
         self.advise(Access::Local, field, label);
         Ok(ties)
+    }
+
+    /// Puts `messages` into the mailboxes of their blocks.
+    fn deliver<O: Label>(&self, mut messages: Vec<Message<O>>, mailboxes: &[Mutex<Vec<Message<O>>>]) {
+        let block = |message: &Message<O>| message.node as usize / self.block;
+        messages.sort_unstable_by_key(block);
+        for group in messages.chunk_by(|a, b| block(a) == block(b)) {
+            lock(&mailboxes[block(&group[0])]).extend_from_slice(group);
+        }
     }
 
     /// Asks the kernel to read the rows of block `k`, all of which a front will visit, and of the one after those that other threads
@@ -270,19 +356,18 @@ impl<'a> BlockDijkstra<'a> {
     /// to other blocks.
     fn rounds_within<O: Label>(
         &self,
-        first: usize,
-        limit: f32,
+        (first, limit, initial): (usize, f32, Initial<'_, O>),
         (field, label): (&mut [f32], &mut [O]),
-        inbox: &[Message<O>],
+        inbox: Vec<Message<O>>,
         scratch: &mut (Queue, Vec<Entry>),
     ) -> Result<Outcome<O>> {
         if self.block <= BLOCK {
-            return Ok(self.front(first, limit, (field, label), inbox, scratch));
+            return Ok(self.front((first, limit, initial), (field, label), &inbox, scratch));
         }
         let mut all = Outcome { messages: Vec::new(), ties: Ties::default() };
         let nodes = first..first + field.len();
         let piece = |message: &Message<O>| (message.node as usize - first) / BLOCK;
-        let mut messages = inbox.to_vec();
+        let mut messages = inbox;
         while !messages.is_empty() {
             messages.sort_unstable_by_key(|message| (piece(message), message.distance.to_bits()));
             let mut next = Vec::new();
@@ -292,7 +377,7 @@ impl<'a> BlockDijkstra<'a> {
                 let start = piece(&group[0]) * BLOCK;
                 let end = (start + BLOCK).min(field.len());
                 let values = (&mut field[start..end], &mut label[start..end]);
-                let outcome = self.front(first + start, limit, values, group, scratch);
+                let outcome = self.front((first + start, limit, initial), values, group, scratch);
                 all.ties.add(outcome.ties, Ties::most(self.graph));
                 for message in outcome.messages {
                     let inside = nodes.contains(&(message.node as usize));
@@ -307,13 +392,17 @@ impl<'a> BlockDijkstra<'a> {
     /// The front inside the nodes from `first` on whose values are given, to nodes nearer than `limit`.
     fn front<O: Label>(
         &self,
-        first: usize,
-        limit: f32,
+        (first, limit, initial): (usize, f32, Initial<'_, O>),
         (field, label): (&mut [f32], &mut [O]),
         inbox: &[Message<O>],
         (queue, batch): &mut (Queue, Vec<Entry>),
     ) -> Outcome<O> {
         let len = field.len();
+        if let (Initial::FreshWhere(visited), false) = (initial, inbox.is_empty())
+            && visited.enter(first)
+        {
+            field.fill(f32::INFINITY);
+        }
         let pages = if self.paged { len.div_ceil(1 << SHIFT) } else { 0 };
         let (mut met, mut entered) = (vec![false; pages], vec![false; pages]);
         let mut block = Block { field, label, ties: Vec::new() };

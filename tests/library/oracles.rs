@@ -210,6 +210,12 @@ fn check_bands(graph: Csr<'_>, front: &mut Front, (nearest, owned): (&[f32], &[u
         let mut field = vec![f32::INFINITY; n];
         blocks.within(&rim, limit, &mut field).unwrap();
         assert_eq!(bits(&field), bits(&inside), "{told}: within a limit by blocks of {block}");
+        let mut field = vec![7.; n];
+        let visited = blocks.within_fresh(&rim, limit, &mut field).unwrap();
+        for i in 0..n {
+            assert!(visited.has(i) || (inside[i], field[i]) == (f32::INFINITY, 7.), "{told}: {i} by blocks of {block}");
+            assert!(!visited.has(i) || field[i].to_bits() == inside[i].to_bits(), "{told}: {i} by blocks of {block}");
+        }
         let (mut field, mut labels) = start();
         blocks.propagate_labels(&rim, &mut field, &mut labels).unwrap();
         assert_eq!((bits(&field), &labels), (bits(&band), &expected), "{told}: labels grown by blocks of {block}");
