@@ -19,7 +19,7 @@ use crate::graph::half_edge_pairs::AGAINST;
 use crate::graph::{DualGraph, Node, NodeGeometry};
 use crate::store::{Context, MappedSlice, Run};
 use std::collections::{HashMap, HashSet};
-use std::sync::OnceLock;
+use std::ops::Range;
 
 /// Components below this share of the area are tiny; the largest never is.
 pub const TINY: f64 = 0.005;
@@ -38,8 +38,6 @@ pub struct AreaShares {
     pub unit: f32,
     /// Nodes in tiny components.
     pub tiny_components: u64,
-    /// [`AreaShares::counted`], once it was asked for.
-    counted: OnceLock<(usize, f64)>,
 }
 
 /// How an area becomes a share.
@@ -74,7 +72,7 @@ impl AreaShares {
         if graph.nodes.is_computed() && tiny.is_empty() {
             let computed = Some((graph.nodes.clone(), from));
             let share = MappedSlice::empty();
-            return Ok(Self { share, computed, unit, tiny_components, counted: OnceLock::new() });
+            return Ok(Self { share, computed, unit, tiny_components });
         }
         let mut array = context.work.array::<f32>("surface_shares.npy", &[n])?;
         context.run.fill_chunks(
@@ -95,7 +93,7 @@ impl AreaShares {
 
     /// Shares that were computed before.
     pub fn of_array(share: MappedSlice<f32>, unit: f32, tiny_components: u64) -> Self {
-        Self { share, computed: None, unit, tiny_components, counted: OnceLock::new() }
+        Self { share, computed: None, unit, tiny_components }
     }
 
     /// Whether they are computed at each look.
@@ -119,30 +117,18 @@ impl AreaShares {
         self.computed.as_ref().map_or_else(|| self.share[at], |(_, from)| from.share(node.area))
     }
 
+    /// Shows the shares of the nodes `range` to `see`, in order.
+    fn each(&self, range: Range<usize>, mut see: impl FnMut(f32)) {
+        match &self.computed {
+            None => self.share[range].iter().for_each(|&share| see(share)),
+            Some((nodes, from)) => nodes.view().each(range, |_, node| see(from.share(node.area))),
+        }
+    }
+
     /// The share of the node `at`.
     #[inline]
     pub(super) fn at(&self, at: usize) -> f32 {
         self.computed.as_ref().map_or_else(|| self.share[at], |(nodes, from)| from.share(nodes.area(at)))
-    }
-
-    /// The number of nodes that count, and the sum of the shares.
-    fn counted(&self, run: &Run) -> Result<(usize, f64)> {
-        if let Some(counted) = self.counted.get() {
-            return Ok(*counted);
-        }
-        let n = self.len();
-        let (mut eligible, mut total) = (0, 0f64);
-        run.in_order(
-            chunk_count(n, CHUNK),
-            || (),
-            |k, ()| Ok(chunk_range(n, CHUNK, k).map(|i| self.at(i)).collect::<Vec<f32>>()),
-            |_, chunk| {
-                eligible += chunk.iter().filter(|s| **s > 0.).count();
-                chunk.iter().for_each(|&s| total += f64::from(s));
-                Ok(())
-            },
-        )?;
-        Ok(*self.counted.get_or_init(|| (eligible, total)))
     }
 }
 
@@ -183,6 +169,16 @@ fn tiny_roots(graph: &DualGraph, run: &Run) -> Result<(HashSet<u32>, f64, u64)> 
 /// Seeds that a block of nodes has in the mean.
 const SEEDS_PER_BLOCK: usize = 16;
 
+/// What a block of nodes has drawn.
+struct Drawn {
+    nodes: Vec<u32>,
+    /// Points that were drawn; several may fall into one node.
+    points: usize,
+    /// Nodes that count.
+    eligible: usize,
+    share: f64,
+}
+
 /// About `count` nodes, ascending, of those that count; all of these where they are no
 /// more than `count`. Blocks of nodes draw by themselves, each a point in equal shares of its area, so that faces of another
 /// size change the seeds of their own block, and not of all that follow.
@@ -191,22 +187,32 @@ const SEEDS_PER_BLOCK: usize = 16;
 /// [`crate::base::Error::Cancelled`].
 pub fn spread(shares: &AreaShares, count: usize, purpose: &str, run: &Run) -> Result<Vec<u32>> {
     let n = shares.len();
-    let (eligible, total) = shares.counted(run)?;
-    if eligible <= count {
+    let block = (SEEDS_PER_BLOCK * n / count).max(1);
+    let points = |k: usize, share: f64, total: f64| {
+        let mut random = stream(run.seed, &format!("{purpose} {k}"));
+        ((share / (total / count as f64) + unit(&mut random)) as usize, random)
+    };
+    let draw = |k: usize, total: f64, area: &mut Vec<f64>| {
+        area.clear();
+        shares.each(chunk_range(n, block, k), |share| area.push(f64::from(share)));
+        let (eligible, share) = (area.iter().filter(|share| **share > 0.).count(), area.iter().sum());
+        let (points, mut random) = points(k, share, total);
+        let drawn = stratified(area.iter().copied(), share, points, &mut random);
+        let nodes = drawn.into_iter().map(|(node, _)| (k * block) as u32 + node).collect();
+        Drawn { nodes, points, eligible, share }
+    };
+    // All shares make 1 or little more: with that, one pass over the geometry does for nearly all blocks.
+    let mut blocks = run.map_chunks(chunk_count(n, block), Vec::new, |k, area| Ok(draw(k, 1., area)))?;
+    if blocks.iter().map(|drawn| drawn.eligible).sum::<usize>() <= count {
         return Ok((0..n as u32).filter(|&i| shares.at(i as usize) > 0.).collect());
     }
-    let quantum = total / count as f64;
-    let block = (SEEDS_PER_BLOCK * n / count).max(1);
-    let draw = |k: usize, area: &mut Vec<f64>| {
-        area.clear();
-        area.extend(chunk_range(n, block, k).map(|i| f64::from(shares.at(i))));
-        let mut random = stream(run.seed, &format!("{purpose} {k}"));
-        let here: f64 = area.iter().sum();
-        let points = (here / quantum + unit(&mut random)) as usize;
-        let drawn = stratified(area.iter().copied(), here, points, &mut random);
-        Ok(drawn.into_iter().map(|(node, _)| (k * block) as u32 + node).collect::<Vec<u32>>())
-    };
-    Ok(run.map_chunks(chunk_count(n, block), Vec::new, draw)?.concat())
+    let total: f64 = blocks.iter().map(|drawn| drawn.share).sum();
+    for (k, drawn) in blocks.iter_mut().enumerate() {
+        if points(k, drawn.share, total).0 != drawn.points {
+            *drawn = draw(k, total, &mut Vec::new());
+        }
+    }
+    Ok(blocks.into_iter().flat_map(|drawn| drawn.nodes).collect())
 }
 
 const BLOCKS: usize = 8;
@@ -282,13 +288,15 @@ pub fn class_sums(
     let block = n.div_ceil(BLOCKS).max(1);
     let sum = |k: usize, (): &mut ()| {
         let mut sums = vec![ClassSum::default(); classes];
-        for i in chunk_range(n, block, k) {
-            if i.is_multiple_of(CHUNK) {
-                run.will_need(class, i..(i + CHUNK).min(n));
-            }
-            let node = graph.nodes.at(i);
-            let Some(sum) = sums.get_mut(class[i] as usize) else { continue };
-            sum.take(&node, f64::from(shares.of_node(i, &node)), least);
+        let nodes = chunk_range(n, block, k);
+        for first in nodes.clone().step_by(CHUNK) {
+            let chunk = first..(first + CHUNK).min(nodes.end);
+            run.will_need(class, chunk.clone());
+            graph.nodes.view().each(chunk, |i, node| {
+                if let Some(sum) = sums.get_mut(class[i] as usize) {
+                    sum.take(node, f64::from(shares.of_node(i, node)), least);
+                }
+            });
         }
         Ok(sums)
     };

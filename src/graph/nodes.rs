@@ -13,6 +13,7 @@ use crate::store::npy::Item;
 use crate::store::{Context, MappedSlice, Run};
 use bytemuck::{Pod, Zeroable};
 use serde::{Deserialize, Serialize};
+use std::ops::Range;
 
 /// Faces a chunk in passes over nodes.
 pub const CHUNK: usize = 1 << 14;
@@ -117,10 +118,17 @@ impl Node {
         let area = (length / 2.) as f32;
         // A coordinate that is no number makes the length none.
         if !(area > 0. && length.is_finite()) {
-            return Self::of_corners([a, b, c].into_iter());
+            return Self::of_degenerate([a, b, c]);
         }
         let sum = [a[0] + b[0] + c[0], a[1] + b[1] + c[1], a[2] + b[2] + c[2]];
         (Self { centroid: narrow(sum, 1. / 3.), normal: narrow(normal, 1. / length), area }, false)
+    }
+
+    /// Out of line: the loops that this would be in stay small.
+    #[cold]
+    #[inline(never)]
+    fn of_degenerate(corners: [[f64; 3]; 3]) -> (Self, bool) {
+        Self::of_corners(corners.into_iter())
     }
 
     /// The node of a face with the given corners (in the frame); also whether it is degenerate.
@@ -181,6 +189,15 @@ impl NodeSums {
     }
 }
 
+/// Shows to `see` the node of each face of `range`, in order, and whether the face is degenerate.
+#[inline]
+pub fn each_node(mesh: &Mesh, frame: Frame, range: Range<usize>, mut see: impl FnMut(usize, &Node, bool)) {
+    mesh.faces.for_each(range, |face, corners| {
+        let (node, flat) = Node::of_face(corners, mesh, &frame);
+        see(face, &node, flat);
+    });
+}
+
 /// Writes [`FILE`], the geometry of every face of `mesh`, in the order of the faces.
 ///
 /// # Errors
@@ -194,10 +211,9 @@ pub fn build(mesh: &Mesh, frame: &Frame, context: Context<'_>) -> Result<(Mapped
         || (),
         |k, out, ()| {
             let mut sums = NodeSums::default();
-            mesh.faces.for_each(chunk_range(n, CHUNK, k), |face, corners| {
-                let (node, flat) = Node::of_face(corners, mesh, frame);
-                sums.add(&node, flat);
-                out[face - k * CHUNK] = node;
+            each_node(mesh, *frame, chunk_range(n, CHUNK, k), |face, node, flat| {
+                sums.add(node, flat);
+                out[face - k * CHUNK] = *node;
             });
             Ok(sums)
         },
@@ -212,10 +228,7 @@ pub fn build(mesh: &Mesh, frame: &Frame, context: Context<'_>) -> Result<(Mapped
 pub fn sums(mesh: &Mesh, frame: &Frame, run: &Run) -> Result<NodeSums> {
     let parts = run.map_ranges(mesh.faces.len(), CHUNK, |range| {
         let mut sums = NodeSums::default();
-        mesh.faces.for_each(range, |_, corners| {
-            let (node, flat) = Node::of_face(corners, mesh, frame);
-            sums.add(&node, flat);
-        });
+        each_node(mesh, *frame, range, |_, node, flat| sums.add(node, flat));
         Ok(sums)
     })?;
     Ok(NodeSums::total(parts))
