@@ -70,7 +70,7 @@ pub fn run(args: &PlanArgs, app: &AppContext) -> Result<(), CliError> {
     let folder = args.work_dir.clone().or(args.run.tmp.clone()).unwrap_or_else(|| folder_of(&args.mesh));
     // A work directory may not be there yet; its disk is that of the nearest folder that is.
     let folder = folder.ancestors().find(|folder| folder.is_dir()).unwrap_or(Path::new(".")).to_path_buf();
-    let measured = calibrate(&params, plan.landmarks, &folder, &run)?;
+    let measured = calibrate(&params, plan.landmarks, size.faces, &folder, &run)?;
     let mut plan = plan.with_times(|stage| measured.get(stage).copied().unwrap_or_default());
     if let Some(cache) = page_cache(&plan).filter(|&cache| plan.walked > cache) {
         plan = plan.with_waits(DiskSpeed::measure(&folder)?, cache);

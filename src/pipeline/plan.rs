@@ -2,14 +2,14 @@
 //!
 //! Each stage tells what it needs beside its own code ([`Stage::needs`]); this adds up. Disk follows from the sizes of
 //! the arrays alone, memory from the same arithmetic that cuts shuffles to the budget, time from a short calibration: the same
-//! recipe on two small creatures ([`CALIBRATION`] faces and a quarter), drawn out along the line through both. Where memory is short, bytes
+//! recipe on two creatures ([`CALIBRATION`] faces and a quarter), drawn out along the line through both. Where memory is short, bytes
 //! read and written come on top, by the speed of the disk ([`DiskSpeed`]). The input's header is read, nothing else.
 
 use super::input::computes;
 use super::params::{Cluster, SegmentParams, default_landmarks, landmarks_for_parts, landmarks_on_contraction};
 use super::surface::{NORMALS_KEPT, SurfaceStage};
 use crate::base::{Error, Result};
-use crate::cluster::contract::Contraction;
+use crate::cluster::contract::{Contraction, NODES};
 use crate::cluster::parts::PartCount;
 use crate::distance::rows::RowsStage;
 use crate::graph::Order;
@@ -23,14 +23,18 @@ use crate::store::{Run, Stage};
 use serde::Serialize;
 use std::path::Path;
 
-/// Faces of the calibration's creature.
-pub const CALIBRATION: u64 = 200_000;
+/// Faces of the calibration's larger creature, at the least and at the most.
+pub const CALIBRATION: [u64; 2] = [200_000, 5_000_000];
 
 /// Caches hold the creature and not the mesh: stages take this much longer a face on large meshes (measured).
 const BEYOND_CACHES: f64 = 1.2;
 
 /// Share of the disk's time that is waited for; work goes on in the rest (measured).
 const WAITING: f64 = 0.5;
+
+/// Seconds of work per byte that comes and goes where memory is short, beside waiting: faults, reclaiming, caches that are cold. 28 seconds
+/// more for some 35 GB at 100 million faces by default, 53 for 61 GB by K-means, of which the disk was waited for a quarter (measured).
+const PAGING: f64 = 0.7e-9;
 
 /// What a stage takes: a part that does not depend on the size, and a part per face.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -75,7 +79,7 @@ pub struct StagePlan {
     /// Memory and disk.
     #[serde(flatten)]
     pub needs: Needs,
-    /// Seconds, where calibrated.
+    /// Seconds on a smooth surface, where calibrated.
     pub seconds: Option<f64>,
 }
 
@@ -111,6 +115,9 @@ fn landmarks(params: &SegmentParams, faces: u64) -> u64 {
     });
     (l as u64).min(faces)
 }
+
+/// What lies in the folder of the contracted surface besides rows: its graph, cells, their rows, the ensemble (measured).
+const ON_CONTRACTION: u64 = 10 << 20;
 
 /// What deciding parts allocates: the ensemble and its co-association over two thousand cells (measured).
 const DECISION: u64 = 20 << 20;
@@ -158,9 +165,11 @@ fn stages_of(extent: &Extent, cluster: Cluster, decoded: u64, budget: u64) -> Ve
     }
     stages.push(("weights", weights));
     if extent.contracts {
-        // Rows over the contraction take nothing that grows with the mesh.
         stages.push(("contraction", Contraction::needs(extent, &mut room)));
-        stages.push(("rows", Needs::default()));
+        // Nothing that grows with the mesh.
+        let rows = if extent.keeps_rows { 4 * extent.landmarks * NODES as u64 } else { 0 };
+        let held = room.take(rows + ON_CONTRACTION);
+        stages.push(("rows", Needs { memory: held, keeps: rows + ON_CONTRACTION - held, ..Needs::default() }));
     } else {
         stages.push(("rows", RowsStage::needs(extent, &mut room)));
     }
@@ -202,10 +211,14 @@ impl Plan {
             lasting,
             releases: params.cluster != Cluster::Parts && !lasting,
         };
-        let stages = stages_of(&extent, params.cluster, decoded, budget);
+        let mut stages = stages_of(&extent, params.cluster, decoded, budget);
         let (disk, disk_peak) = disk_of(&stages);
         let smooth = stages_of(&Extent { rough: false, ..extent }, params.cluster, decoded, budget);
         let (_, disk_peak_smooth) = disk_of(&smooth);
+        // Times are those of a smooth surface, as the calibration's is.
+        for (stage, smooth) in stages.iter_mut().zip(&smooth) {
+            stage.needs = stage.needs.moving(smooth.needs.reads, smooth.needs.writes);
+        }
         Self {
             mesh,
             landmarks: extent.landmarks as usize,
@@ -229,12 +242,13 @@ impl Plan {
         self
     }
 
-    /// Adds what stages will wait for a disk of this speed where the page cache can hold `cache` bytes of mapped files.
+    /// Adds what paging will take with a disk of this speed where the page cache can hold `cache` bytes of mapped files.
     pub fn with_waits(mut self, speed: DiskSpeed, cache: u64) -> Self {
         let missing = 1. - (cache as f64 / self.walked as f64).min(1.);
         for StagePlan { needs, seconds, .. } in &mut self.stages {
-            let wait = speed.seconds(missing * needs.reads as f64, missing * needs.writes as f64);
-            *seconds = seconds.map(|seconds| seconds + WAITING * wait);
+            let (read, written) = (missing * needs.reads as f64, missing * needs.writes as f64);
+            let more = WAITING * speed.seconds(read, written) + PAGING * (read + written);
+            *seconds = seconds.map(|seconds| seconds + more);
         }
         self.seconds = self.stages.iter().map(|stage| stage.seconds).sum();
         self
@@ -335,7 +349,8 @@ mod tests {
         let speed = DiskSpeed { read: 1e9, write: 5e8 };
         let seconds = |cache: u64| timed.clone().with_waits(speed, cache).seconds.unwrap();
         let (reads, writes) = timed.stages.iter().fold((0, 0), |(r, w), s| (r + s.needs.reads, w + s.needs.writes));
-        let all = WAITING * (reads as f64 / 1e9 + writes as f64 / 5e8);
+        let waiting = WAITING * (reads as f64 / 1e9 + writes as f64 / 5e8);
+        let all = waiting + PAGING * (reads + writes) as f64;
         assert!((seconds(0) - timed.seconds.unwrap() - all).abs() < 1e-6 && all > 100., "{all}");
         assert!((seconds(timed.walked / 2) - timed.seconds.unwrap() - all / 2.).abs() < 1e-3);
         assert_eq!(seconds(timed.walked), timed.seconds.unwrap());
