@@ -155,6 +155,9 @@ impl DualGraph {
         drop(pairs);
         // Too many edges cannot be told from two faces.
         let Some(edges) = edges else { return Self::make(&GraphStage { computed: false, ..*stage }, context, key) };
+        if let Some(note) = sums.note(path) {
+            context.run.progress.note(&note);
+        }
         let components = find_components(&edges, &nodes, context)?;
         let (mut edges, nodes, orientation) = orient(edges, nodes, &components, context)?;
         let bridges = find_bridges(&components, &nodes, context.run)?;

@@ -14,6 +14,7 @@ use crate::store::{Context, MappedSlice, Run};
 use bytemuck::{Pod, Zeroable};
 use serde::{Deserialize, Serialize};
 use std::ops::Range;
+use std::path::Path;
 
 /// Faces a chunk in passes over nodes.
 pub const CHUNK: usize = 1 << 14;
@@ -172,12 +173,25 @@ pub struct NodeSums {
     pub area: f64,
     /// Faces without area, direction or finite corners.
     pub degenerate: u64,
+    /// Those among them with a corner whose coordinates are not finite.
+    pub unplaced: u64,
 }
 
 impl NodeSums {
-    fn add(&mut self, node: &Node, degenerate: bool) {
+    fn add(&mut self, mesh: &Mesh, face: usize, node: &Node, degenerate: bool) {
         self.area += f64::from(node.area);
-        self.degenerate += u64::from(degenerate);
+        if degenerate {
+            self.degenerate += 1;
+            let is_placed = |v: &u32| finite(mesh.positions.get(*v));
+            self.unplaced += u64::from(!mesh.faces.with(face, |corners| corners.iter().all(is_placed)));
+        }
+    }
+
+    /// What to tell of faces without a place.
+    pub(super) fn note(&self, path: &Path) -> Option<String> {
+        let verb = if self.unplaced == 1 { "face has a corner" } else { "faces have corners" };
+        let why = "whose coordinates are not finite numbers: without area, with the label of what is around";
+        (self.unplaced > 0).then(|| format!("{}: {} {verb} {why}", path.display(), self.unplaced))
     }
 
     /// The sums of all chunks, in their order.
@@ -185,6 +199,7 @@ impl NodeSums {
         chunks.iter().fold(Self::default(), |total, chunk| Self {
             area: total.area + chunk.area,
             degenerate: total.degenerate + chunk.degenerate,
+            unplaced: total.unplaced + chunk.unplaced,
         })
     }
 }
@@ -212,7 +227,7 @@ pub fn build(mesh: &Mesh, frame: &Frame, context: Context<'_>) -> Result<(Mapped
         |k, out, ()| {
             let mut sums = NodeSums::default();
             each_node(mesh, *frame, chunk_range(n, CHUNK, k), |face, node, flat| {
-                sums.add(node, flat);
+                sums.add(mesh, face, node, flat);
                 out[face - k * CHUNK] = *node;
             });
             Ok(sums)
@@ -228,7 +243,7 @@ pub fn build(mesh: &Mesh, frame: &Frame, context: Context<'_>) -> Result<(Mapped
 pub fn sums(mesh: &Mesh, frame: &Frame, run: &Run) -> Result<NodeSums> {
     let parts = run.map_ranges(mesh.faces.len(), CHUNK, |range| {
         let mut sums = NodeSums::default();
-        each_node(mesh, *frame, range, |_, node, flat| sums.add(node, flat));
+        each_node(mesh, *frame, range, |face, node, flat| sums.add(mesh, face, node, flat));
         Ok(sums)
     })?;
     Ok(NodeSums::total(parts))
@@ -273,6 +288,17 @@ mod tests {
             assert!((slow.centroid[axis] - node.centroid[axis]).abs() < 1e-6);
             assert!((slow.normal[axis] - node.normal[axis]).abs() < 1e-6);
         }
+    }
+
+    #[test]
+    fn faces_without_a_place_are_counted_and_told() {
+        // A missing corner, a flat triangle, one that is whole; the last vertex is in no face.
+        let points = [[0f32, 0., 0.], [1., 0., 0.], [2., 0., 0.], [0., 1., 0.], [0., f32::NAN, 0.], [f32::INFINITY; 3]];
+        let mesh = Mesh::from_slices(&points, &[[0u32, 1, 4], [0, 1, 2], [0, 1, 3]]).unwrap();
+        let sums = sums(&mesh, &Frame { origin: [0.; 3], scale: 1. }, &Run::new(&())).unwrap();
+        assert_eq!((sums.degenerate, sums.unplaced, sums.area), (2, 1, 0.5));
+        assert!(sums.note(Path::new("scan.ply")).unwrap().starts_with("scan.ply: 1 face has a corner whose"));
+        assert_eq!(NodeSums { unplaced: 0, ..sums }.note(Path::new("scan.ply")), None);
     }
 
     #[test]
