@@ -190,7 +190,8 @@ fn at_boundary(graph: Csr<'_>, candidates: Vec<u32>, labels: &[u32]) -> Vec<u32>
     nodes
 }
 
-/// Smooths the new boundaries; `field` (n) is 0 in the interiors, also where nothing was `visited`, and is used up. Returns the nodes whose labels may have changed.
+/// Smooths the new boundaries; `field` (n) is 0 in the interiors, also where nothing was `visited`, and is used up. Returns the
+/// nodes whose labels may have changed.
 fn straighten(
     graph: &DualGraph,
     steps: Csr<'_>,

@@ -505,19 +505,44 @@ mod tests {
     use crate::graph::OwnedRowStarts;
     use crate::store::Budget;
 
+    /// A ring of `n` nodes, or several, with an edge of length 1 between nodes whose numbers are `step` apart.
+    fn ring(n: usize, step: usize) -> (OwnedRowStarts, Vec<u32>, Vec<f32>) {
+        let both = |i: usize| {
+            let mut next = [(i + step) % n, (i + n - step) % n].map(|j| j as u32);
+            next.sort_unstable();
+            next
+        };
+        (OwnedRowStarts::of(std::iter::repeat_n(2, n)), (0..n).flat_map(both).collect(), vec![1.; 2 * n])
+    }
+
+    #[test]
+    fn fields_are_filled_where_the_front_comes_to() {
+        let n = 5 * BLOCK + 77;
+        let (starts, indices, weights) = ring(n, 1);
+        let graph = Csr::new(starts.view(), &indices, &weights);
+        let (sources, limit) = ([10, 3 * BLOCK as u32 + 5_000], 1_000.);
+        let mut expected = vec![f32::INFINITY; n];
+        Front::new(1.).within(graph, &sources, limit, &mut expected, &Cancel::default()).unwrap();
+        // Blocks of several pieces, and pieces that are blocks.
+        for block in [2 * BLOCK, BLOCK + 1, BLOCK] {
+            let mut field = vec![-7.; n];
+            let blocks = BlockDijkstra::new(graph, block, 2, &Cancel::default());
+            let visited = blocks.within_fresh(&sources, limit, &mut field).unwrap();
+            let pieces: Vec<bool> = (0..n).step_by(BLOCK).map(|node| visited.has(node)).collect();
+            assert_eq!(pieces, [true, false, false, true, true, true], "blocks of {block}");
+            for node in 0..n {
+                let told = if visited.has(node) { expected[node] } else { -7. };
+                assert!(field[node] == told && (told >= 0. || expected[node] == f32::INFINITY), "{block}, node {node}");
+            }
+        }
+    }
+
     #[test]
     fn blocks_are_for_several_threads_and_near_neighbours() {
         let n = MANY * BLOCK;
-        let starts = OwnedRowStarts::of(std::iter::repeat_n(2, n));
-        // Rings, whose neighbours are near or far in number.
+        // Neighbours are near or far in number.
         for (step, near) in [(1, true), (BLOCK + 1, false)] {
-            let both = |i: usize| {
-                let mut next = [(i + step) % n, (i + n - step) % n].map(|j| j as u32);
-                next.sort_unstable();
-                next
-            };
-            let indices: Vec<u32> = (0..n).flat_map(both).collect();
-            let weights: Vec<f32> = vec![1.; 2 * n];
+            let (starts, indices, weights) = ring(n, step);
             let graph = Csr::new(starts.view(), &indices, &weights);
             let sources: Vec<u32> = (0..n as u32).step_by(5_001).collect();
             let (mut fields, mut labels) = ([vec![0f32; n], vec![0f32; n]], [vec![0u32; n], vec![0u32; n]]);
