@@ -36,8 +36,8 @@ pub(super) enum Lock {
 #[derive(Debug)]
 struct Folder {
     path: PathBuf,
-    /// Whether it was made. Where that failed, every file in it fails as the folder did.
-    made: bool,
+    /// Why it could not be made; then every file in it fails as the folder did.
+    failure: Option<String>,
     /// None where the file system has no locks.
     lock: Option<File>,
 }
@@ -47,14 +47,12 @@ struct Folder {
 pub(super) struct WorkFolder {
     parent: PathBuf,
     folder: OnceLock<Folder>,
-    /// Why it could not be made.
-    failure: OnceLock<String>,
 }
 
 impl WorkFolder {
     /// The folder `path`, whose lock is held as long as `lock` is open; `None` where the file system has no locks.
     pub fn of(path: &Path, lock: Option<File>) -> Self {
-        let folder = Folder { path: path.to_path_buf(), made: true, lock };
+        let folder = Folder { path: path.to_path_buf(), failure: None, lock };
         Self { folder: OnceLock::from(folder), ..Self::put_off(Path::new("")) }
     }
 
@@ -68,7 +66,7 @@ impl WorkFolder {
 
     /// A new folder in `parent`, made at the first call of [`WorkFolder::path`].
     pub fn put_off(parent: &Path) -> Self {
-        Self { parent: parent.to_path_buf(), folder: OnceLock::new(), failure: OnceLock::new() }
+        Self { parent: parent.to_path_buf(), folder: OnceLock::new() }
     }
 
     /// Its path; made now where that was put off. Where it cannot be made, nothing is there, and nothing in it can be: the
@@ -78,13 +76,12 @@ impl WorkFolder {
     }
 
     fn path_made_by(&self, make: impl FnOnce(&Path) -> Result<Folder>) -> &Path {
-        let made = || {
-            make(&self.parent).unwrap_or_else(|error| {
-                let _ = self.failure.set(error.to_string());
-                Folder { path: self.parent.join(format!("{TEMPORARY}none")), made: false, lock: None }
-            })
+        let none = |error: Error| Folder {
+            path: self.parent.join(format!("{TEMPORARY}none")),
+            failure: Some(error.to_string()),
+            lock: None,
         };
-        &self.folder.get_or_init(made).path
+        &self.folder.get_or_init(|| make(&self.parent).unwrap_or_else(none)).path
     }
 
     /// Its path, for something new in it.
@@ -93,7 +90,7 @@ impl WorkFolder {
     /// [`Error::WorkDir`] where it could not be made.
     pub fn for_new(&self) -> Result<&Path> {
         let path = self.path();
-        match self.failure.get() {
+        match self.folder.get().and_then(|folder| folder.failure.as_ref()) {
             None => Ok(path),
             Some(reason) => {
                 let problem = format!("a temporary folder cannot be made in it: {reason}");
@@ -119,7 +116,7 @@ impl WorkFolder {
 
     /// Removes it with all that is in it.
     pub fn remove(&self) {
-        if let Some(Folder { path, made: true, .. }) = self.folder.get() {
+        if let Some(Folder { path, failure: None, .. }) = self.folder.get() {
             let _ = std::fs::remove_dir_all(path);
         }
     }
@@ -209,7 +206,7 @@ fn temporary_folder(parent: &Path) -> Result<Folder> {
         };
         remove_abandoned(parent, &path);
         let path = folder.keep();
-        return Ok(Folder { path, made: true, lock });
+        return Ok(Folder { path, failure: None, lock });
     }
     Err(Error::work_dir(parent, "temporary folders are taken away by another process", "name another --tmp"))
 }
