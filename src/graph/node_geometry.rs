@@ -208,7 +208,13 @@ impl FromMesh {
     /// The node of face `face`. Out of line, as the others: loops over arrays stay small.
     #[inline(never)]
     pub fn node(&self, face: usize) -> Node {
-        let (mut node, _) = self.mesh.faces.with(face, |corners| Node::of_face(corners, &self.mesh, &self.frame));
+        let (node, _) = self.mesh.faces.with(face, |corners| Node::of_face(corners, &self.mesh, &self.frame));
+        self.turn(face, node)
+    }
+
+    /// The node of face `face`, whose normal is as the file winds it, with its normal turned if it has to be.
+    #[inline]
+    fn turn(&self, face: usize, mut node: Node) -> Node {
         if self.is_turned(face) {
             node.normal = node.normal.map(|x| 0. - x);
         }
@@ -218,10 +224,7 @@ impl FromMesh {
     /// Shows the nodes of `range` to `see`, in order, in a loop without calls.
     #[inline]
     pub fn each_node(&self, range: Range<usize>, mut see: impl FnMut(usize, &Node)) {
-        nodes::each_node(&self.mesh, self.frame, range, |face, node, _| {
-            let turn = |x: f32| if self.is_turned(face) { 0. - x } else { x };
-            see(face, &Node { normal: node.normal.map(turn), ..*node });
-        });
+        nodes::each_node(&self.mesh, self.frame, range, |face, node, _| see(face, &self.turn(face, *node)));
     }
 
     /// The area of face `face`.
