@@ -17,7 +17,7 @@ use super::smooth;
 use crate::base::Result;
 use crate::base::parallel::chunk_range;
 use crate::distance::front::mean_weight;
-use crate::distance::voronoi::{self, Visited};
+use crate::distance::voronoi::{self, VisitedPieces};
 use crate::distance::{DistanceRows, SharedFront};
 use crate::graph::csr::near_ranges;
 use crate::graph::{Csr, DualGraph, WeightedGraph};
@@ -196,7 +196,7 @@ fn straighten(
     graph: &DualGraph,
     steps: Csr<'_>,
     shares: &AreaShares,
-    (field, visited): (&mut [f32], &Visited),
+    (field, visited): (&mut [f32], &VisitedPieces),
     labels: &mut [u32],
     run: &Run,
 ) -> Result<Vec<u32>> {

@@ -15,7 +15,7 @@
 //! Cost: the share's part of the front, and that of a rim about three times the width of a source's nodes; 8 bytes per node of the
 //! *whole* graph in files while it runs, of which only the region's are touched, and 8 bytes per node of the share that are kept.
 
-use super::voronoi::{self, BlockDijkstra, Initial, Message, Visited};
+use super::voronoi::{self, BlockDijkstra, Initial, Message, VisitedPieces};
 use crate::base::{Error, Result};
 use crate::graph::Csr;
 use crate::store::manifest::FileRecord;
@@ -133,13 +133,13 @@ impl SharedFront<'_> {
     ///
     /// # Errors
     /// As [`SharedFront::nearest_source`].
-    pub fn within_fresh(&self, field: &mut [f32], context: Context<'_>) -> Result<Visited> {
+    pub fn within_fresh(&self, field: &mut [f32], context: Context<'_>) -> Result<VisitedPieces> {
         let visited = match self.found(context)? {
             Some(shares) => {
                 for (own, _, distances) in shares.each() {
                     field[own].iter_mut().zip(distances).for_each(|(d, bits)| *d = f32::from_bits(*bits));
                 }
-                Visited::everything(field.len())
+                VisitedPieces::everything(field.len())
             }
             None => voronoi::within_fresh(self.graph, self.sources, self.limit, field, context.run)?,
         };

@@ -80,12 +80,18 @@ pub fn within(graph: Csr<'_>, sources: &[u32], limit: f32, field: &mut [f32], ru
 ///
 /// # Errors
 /// [`crate::base::Error::Cancelled`].
-pub fn within_fresh(graph: Csr<'_>, sources: &[u32], limit: f32, field: &mut [f32], run: &Run) -> Result<Visited> {
+pub fn within_fresh(
+    graph: Csr<'_>,
+    sources: &[u32],
+    limit: f32,
+    field: &mut [f32],
+    run: &Run,
+) -> Result<VisitedPieces> {
     match by_blocks(graph, run) {
         None => {
-            field.fill(f32::INFINITY);
+            run.fill_each(field, BLOCK, |_, _| f32::INFINITY)?;
             Front::new(mean_weight(graph)).within(graph, sources, limit, field, &run.cancel)?;
-            Ok(Visited::everything(graph.len()))
+            Ok(VisitedPieces::everything(graph.len()))
         }
         Some(blocks) => blocks.within_fresh(sources, limit, field),
     }
@@ -134,12 +140,12 @@ struct Outcome<O> {
 
 /// Which pieces of a graph, runs of some 2¹⁶ nodes, a front has visited: only there its field has been filled.
 #[derive(Debug)]
-pub struct Visited {
+pub struct VisitedPieces {
     piece: usize,
     pieces: Vec<AtomicBool>,
 }
 
-impl Visited {
+impl VisitedPieces {
     fn new(n: usize, piece: usize, visited: bool) -> Self {
         Self { piece, pieces: (0..n.div_ceil(piece)).map(|_| AtomicBool::new(visited)).collect() }
     }
@@ -169,7 +175,7 @@ pub(super) enum Initial<'v, O> {
     /// Infinity and this label, filled in block by block, so that nothing is written twice.
     Fresh(O),
     /// Infinity, filled in where the front comes to. Labels are as given.
-    FreshWhere(&'v Visited),
+    FreshWhere(&'v VisitedPieces),
 }
 
 /// Dijkstra from many sources, block by block in rounds.
@@ -241,8 +247,8 @@ impl<'a> BlockDijkstra<'a> {
     ///
     /// # Errors
     /// [`crate::base::Error::Cancelled`].
-    pub fn within_fresh(&self, sources: &[u32], limit: f32, field: &mut [f32]) -> Result<Visited> {
-        let visited = Visited::new(self.graph.len(), self.piece(), false);
+    pub fn within_fresh(&self, sources: &[u32], limit: f32, field: &mut [f32]) -> Result<VisitedPieces> {
+        let visited = VisitedPieces::new(self.graph.len(), self.piece(), false);
         self.distances(sources, limit, Initial::FreshWhere(&visited), field)?;
         Ok(visited)
     }
@@ -298,9 +304,7 @@ impl<'a> BlockDijkstra<'a> {
                     label.fill(none);
                     self.will_need(k);
                 }
-                let mut inbox = std::mem::take(&mut *lock(&mailboxes[k]));
-                // The nearest first, so that the block's front starts where it should.
-                inbox.sort_unstable_by_key(|message| message.distance.to_bits());
+                let inbox = std::mem::take(&mut *lock(&mailboxes[k]));
                 let outcome = self.rounds_within((k * self.block, limit, initial), (field, label), inbox, scratch)?;
                 self.deliver(outcome.messages, &mailboxes);
                 Ok(outcome.ties)
@@ -358,16 +362,17 @@ impl<'a> BlockDijkstra<'a> {
         &self,
         (first, limit, initial): (usize, f32, Initial<'_, O>),
         (field, label): (&mut [f32], &mut [O]),
-        inbox: Vec<Message<O>>,
+        mut messages: Vec<Message<O>>,
         scratch: &mut (Queue, Vec<Entry>),
     ) -> Result<Outcome<O>> {
+        // The nearest first, so that a front starts where it should.
         if self.block <= BLOCK {
-            return Ok(self.front((first, limit, initial), (field, label), &inbox, scratch));
+            messages.sort_unstable_by_key(|message| message.distance.to_bits());
+            return Ok(self.front((first, limit, initial), (field, label), &messages, scratch));
         }
         let mut all = Outcome { messages: Vec::new(), ties: Ties::default() };
         let nodes = first..first + field.len();
         let piece = |message: &Message<O>| (message.node as usize - first) / BLOCK;
-        let mut messages = inbox;
         while !messages.is_empty() {
             messages.sort_unstable_by_key(|message| (piece(message), message.distance.to_bits()));
             let mut next = Vec::new();
