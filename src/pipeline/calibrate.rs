@@ -1,7 +1,7 @@
 //! A short calibration: the recipe on two creatures smaller than the mesh, timed by stage.
 //!
 //! Costs about a second and some 20 MB of disk for as long; for meshes of more than four million faces a twentieth of what their run takes,
-//! and three seconds and 300 MB at the most.
+//! and some four seconds at the most.
 
 use super::params::SegmentParams;
 use super::plan::{CALIBRATION, MeshSize, Pace};
