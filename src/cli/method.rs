@@ -240,9 +240,6 @@ impl DistanceArgs {
         params.metric = self.metric.metric()?;
         params.landmarks = self.landmarks.map(|l| l as usize);
         params.sampling = self.sampling;
-        if self.exact && params.cluster != Cluster::Parts {
-            return Err(misfit("--exact", "--cluster parts"));
-        }
         params.exact = self.exact;
         Ok(())
     }

@@ -2,9 +2,8 @@
 //!
 //! `segment` never needs it whole: it extrapolates a chunk at a time. Cost: one pass over `[A B]`; 4 d bytes of disk for each face.
 
-use super::means::rows_for_means;
-use super::params::{Cluster, SegmentParams, landmarks_for_parts};
-use super::parts;
+use super::contracted;
+use super::params::{Cluster, SegmentParams, default_landmarks, landmarks_for_parts};
 use super::sample::rows;
 use crate::base::Result;
 use crate::base::parallel::{chunk_count, chunk_range};
@@ -115,12 +114,12 @@ fn some_rows(graph: &DualGraph, parts: usize, method: &SegmentParams, context: C
         return Ok(rows);
     }
     if method.cluster == Cluster::Parts {
-        let weighted = parts::weighted(graph, method, context)?.1;
+        let weighted = contracted::weighted(graph, method, context)?.1;
         let l = method.landmarks.unwrap_or(landmarks_for_parts(n));
         return rows(graph, &weighted, l, method, context);
     }
     let weighted = graph.weighted(method.metric, context)?;
-    rows_for_means(graph, &weighted, parts, method, context)
+    rows(graph, &weighted, method.landmarks.unwrap_or(default_landmarks(parts)), method, context)
 }
 
 /// Extrapolates every face, a chunk at a time.

@@ -1,23 +1,30 @@
 //! The paper's methods: centres by K-means or iterative 2-means on sampled columns of the embedding, then one pass over
 //! all of them.
 //!
-//! Cost: fitting is constant in the size of the mesh (16,384 columns); the pass reads 4 l bytes per face.
+//! Of a large mesh all this happens on its contraction, as the default method's decision does: there rows cost hardly anything, so there are
+//! more of them. Faces get the label of their contracted node, and those near boundaries are labelled anew.
+//!
+//! Cost: fitting is constant in the size of the mesh (16,384 columns). With rows over all faces the pass reads 4 l bytes per face; with a
+//! contraction it is one front over all faces, and one in the narrow bands.
 
+use super::contracted::{contraction_and_shares, faces_of, units, weighted};
 use super::edits::PartMarks;
 use super::labels::{Clustered, SegmentStats};
-use super::params::{Cluster, SegmentParams, default_landmarks};
+use super::params::{Cluster, SegmentParams, dimensions};
 use super::sample::rows;
+use super::surface::WeightedSurface;
+use super::units::Units;
 use crate::base::Result;
+use crate::cluster::boundary::{self, BoundaryMethod, RefinedLabels};
 use crate::cluster::kmeans::{Assignment, KMeans, KMeansParams, WeightedPoints, assign, exactly};
 use crate::cluster::parts::PartCount;
 use crate::cluster::two_means::{self, TwoMeansParams};
 use crate::distance::DistanceRows;
-use crate::graph::DualGraph;
-use crate::graph::WeightedGraph;
+use crate::graph::{DualGraph, NodeView};
 use crate::spectral::measures::Gamma;
 use crate::spectral::{Embedding, EmbeddingParams, SampledColumns};
-use crate::store::Context;
 use crate::store::mapped::Access;
+use crate::store::{Context, MappedSlice, Run};
 use serde::Serialize;
 
 /// How centres are found.
@@ -30,83 +37,129 @@ pub(super) enum Fit {
     TwoMeans(TwoMeansParams),
 }
 
-/// Embeds, fits centres and labels every face.
-pub(super) fn k_means(
-    graph: &DualGraph,
+/// Embeds, fits centres and labels every node: `labels` and `quality` (n) are filled.
+fn k_means(
+    nodes: NodeView<'_>,
     rows: &DistanceRows,
     params: EmbeddingParams,
     fit: Fit,
-    context: Context<'_>,
-) -> Result<Clustered> {
-    let n = rows.nodes;
-    let nodes = graph.nodes.view();
-    if !rows.is_empty() && context.run.is_paged(rows.row(0)) {
+    (labels, quality): (&mut [u32], &mut [f32]),
+    run: &Run,
+) -> Result<SegmentStats> {
+    if !rows.is_empty() && run.is_paged(rows.row(0)) {
         // What is needed is asked for. Around a page that is missed, megabytes would be read.
         rows.distances.advise(Access::Random);
     }
-    let mut quality = context.work.array::<f32>("quality.npy", &[n])?;
-    let quality_data = quality.data();
     // Areas until confidences are known: geometry is looked at once.
-    nodes.areas(quality_data, context.run)?;
-    let areas = &quality_data[..];
-    let columns = SampledColumns::sample(rows, |node| areas[node], context.run);
+    nodes.areas(quality, run)?;
+    let areas = &quality[..];
+    let columns = SampledColumns::sample(rows, |node| areas[node], run);
     let embedding = Embedding::fit(rows, &columns, params)?;
     let coordinates = embedding.columns(&columns);
     let points = WeightedPoints { coordinates: &coordinates, weights: &columns.shares };
     let centres = match fit {
-        Fit::KMeans(parts) => KMeans::fit(points, embedding.dimensions, KMeansParams::new(parts), context.run)?,
-        Fit::TwoMeans(params) => two_means::fit(points, embedding.dimensions, params, context.run)?,
+        Fit::KMeans(parts) => KMeans::fit(points, embedding.dimensions, KMeansParams::new(parts), run)?,
+        Fit::TwoMeans(params) => two_means::fit(points, embedding.dimensions, params, run)?,
     };
     let gamma = Gamma::new(rows, params.kernel, embedding.sigma);
 
-    let mut labels = context.work.array::<u32>("labels.npy", &[n])?;
-    let label_data = labels.data();
     let assignment = Assignment { rows, embedding: &embedding, centres: &centres, gamma: Some(&gamma) };
-    let mut totals = assign(assignment, label_data, quality_data, context.run)?;
-    exactly(&mut totals, nodes, label_data, quality_data);
-    let (labels, quality) = (labels.finish(false)?, quality.finish(false)?);
-    let gamma = gamma.of_sum(totals.gamma);
-    Ok(Clustered {
-        labels,
-        boundary_nodes: None,
-        quality,
-        marks: PartMarks::default(),
-        cell_labels: Vec::new(),
-        numbers: SegmentStats {
-            landmarks: rows.landmarks.clone(),
-            sigma: embedding.sigma,
-            eigenvalues: embedding.eigenvalues,
-            dropped_eigenpairs: embedding.dropped,
-            negative_mass: embedding.negative_mass,
-            gamma,
-            faces: totals.faces,
-            area: totals.area,
-            ..SegmentStats::default()
-        },
+    let mut totals = assign(assignment, labels, quality, run)?;
+    exactly(&mut totals, nodes, labels, quality);
+    Ok(SegmentStats {
+        landmarks: rows.landmarks.clone(),
+        sigma: embedding.sigma,
+        eigenvalues: embedding.eigenvalues,
+        dropped_eigenpairs: embedding.dropped,
+        negative_mass: embedding.negative_mass,
+        gamma: gamma.of_sum(totals.gamma),
+        faces: totals.faces,
+        area: totals.area,
+        ..SegmentStats::default()
     })
 }
 
-/// How centres in the embedding are found, and how many parts to provide landmarks for; nothing where parts are
-/// decided on cells.
-pub(super) fn fit(params: &SegmentParams, faces: usize) -> Option<(Fit, usize)> {
-    let bounds = |least, most: usize| Fit::TwoMeans(TwoMeansParams::between(least, most.min(faces)));
+/// How centres in the embedding of `faces` faces are found; nothing where parts are decided on cells.
+pub(super) fn fit(params: &SegmentParams, faces: usize) -> Option<Fit> {
+    let bounds = |least, most: usize| Some(Fit::TwoMeans(TwoMeansParams::between(least, most.min(faces))));
     match (params.cluster, params.parts.count) {
-        (Cluster::KMeans, PartCount::Exactly(k)) => Some((Fit::KMeans(k), k)),
-        (Cluster::TwoMeans, PartCount::Exactly(k)) => Some((bounds(k, k), k)),
-        (Cluster::TwoMeans, PartCount::Found) => Some((bounds(1, two_means::MOST), two_means::MOST)),
-        (Cluster::TwoMeans, PartCount::Between(least, most)) => Some((bounds(least, most), most)),
+        (Cluster::KMeans, PartCount::Exactly(k)) => Some(Fit::KMeans(k)),
+        (Cluster::TwoMeans, PartCount::Exactly(k)) => bounds(k, k),
+        (Cluster::TwoMeans, PartCount::Found) => bounds(1, two_means::MOST),
+        (Cluster::TwoMeans, PartCount::Between(least, most)) => bounds(least, most),
         _ => None,
     }
 }
 
-/// The rows for the paper's methods.
-pub(super) fn rows_for_means(
+/// Labels every face of `graph` by `rows` over all of them.
+pub(super) fn over_faces(
     graph: &DualGraph,
-    weighted: &WeightedGraph,
-    parts: usize,
+    rows: &DistanceRows,
+    embedding: EmbeddingParams,
+    fit: Fit,
+    context: Context<'_>,
+) -> Result<Clustered> {
+    let Context { work, run } = context;
+    let n = rows.nodes;
+    let (mut labels, mut quality) = (work.array::<u32>("labels.npy", &[n])?, work.array::<f32>("quality.npy", &[n])?);
+    let out = (&mut labels.data()[..], &mut quality.data()[..]);
+    let assign = || k_means(graph.nodes.view(), rows, embedding, fit, out, run);
+    let (numbers, _) = run.stage("assign", "faces", n as u64, assign)?;
+    let (labels, quality) = (labels.finish(false)?, quality.finish(false)?);
+    Ok(clustered(labels, None, quality, numbers))
+}
+
+/// The contracted nodes of `whole` and their labels, by rows over the contraction.
+pub(super) fn on_contraction(
+    whole: WeightedSurface<'_>,
+    fit: Fit,
     params: &SegmentParams,
     context: Context<'_>,
-) -> Result<DistanceRows> {
-    let l = params.landmarks.unwrap_or(default_landmarks(parts));
-    rows(graph, weighted, l, params, context)
+) -> Result<(Units, SegmentStats)> {
+    let run = context.run;
+    let (inner, small) = contraction_and_shares(whole, context)?;
+    let l = params.landmarks_of(whole.graph.nodes.len());
+    let rows = rows(&small.graph, &small.weighted, l, params, Context::new(&inner, run))?;
+    let n = rows.nodes;
+    let embedding = params.embedding.unwrap_or(EmbeddingParams::for_parts(dimensions(params)));
+    let (mut labels, mut quality) = (vec![0; n], vec![0.; n]);
+    let out = (&mut labels[..], &mut quality[..]);
+    let assign = || k_means(small.graph.nodes.view(), &rows, embedding, fit, out, run);
+    let (numbers, _) = run.stage("assign", "nodes", n as u64, assign)?;
+    rows.release(&inner)?;
+    let landmarks = faces_of(&numbers.landmarks, &small);
+    let confidence = quality.into_iter().map(f64::from).collect();
+    Ok((units(small, labels, confidence), SegmentStats { landmarks, ..numbers }))
+}
+
+/// Labels every face of `graph` by its contraction.
+pub(super) fn contracted(
+    graph: &DualGraph,
+    fit: Fit,
+    params: &SegmentParams,
+    context: Context<'_>,
+) -> Result<Clustered> {
+    let (surface, weighted) = weighted(graph, params, context)?;
+    let whole = WeightedSurface { graph, weighted: &weighted, surface: &surface };
+    let (units, numbers) = on_contraction(whole, fit, params, context)?;
+    let parts = numbers.faces.len();
+    let (refined, _) = context.run.stage("boundaries", "faces", graph.nodes.len() as u64, || {
+        boundary::refine(graph, &weighted, &surface.shares, units.cells(), BoundaryMethod::Front, context)
+    })?;
+    let RefinedLabels { labels, boundary_nodes } = refined;
+    weighted.release(context.work)?;
+    let quality = units.confidences(context)?;
+    let (faces, area) = units.totals(graph, &labels, (parts, true), context.run)?;
+    let tiny_components = surface.shares.tiny_components;
+    let numbers = SegmentStats { faces, area, radius: surface.radius, tiny_components, ..numbers };
+    Ok(clustered(labels, Some(boundary_nodes), quality, numbers))
+}
+
+fn clustered(
+    labels: MappedSlice<u32>,
+    boundary_nodes: Option<Vec<u32>>,
+    quality: MappedSlice<f32>,
+    numbers: SegmentStats,
+) -> Clustered {
+    Clustered { labels, boundary_nodes, quality, numbers, marks: PartMarks::default(), cell_labels: Vec::new() }
 }

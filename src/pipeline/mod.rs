@@ -8,6 +8,7 @@
 //! this picture; [`plan`] tells beforehand what it will take.
 
 pub mod calibrate;
+mod contracted;
 #[cfg(feature = "correspondence")]
 pub mod correspond;
 pub mod cuts;
@@ -35,6 +36,7 @@ mod shared_boundaries;
 #[cfg(feature = "correspondence")]
 mod sides;
 mod surface;
+mod units;
 
 pub use labels::Segmentation;
 pub use params::{Boundaries, Cluster, SegmentParams, TinyComponents, default_landmarks, landmarks_for_parts};

@@ -50,7 +50,7 @@ pub enum Boundaries {
 #[derive(Clone, Debug, Default, Serialize, Deserialize)]
 #[non_exhaustive]
 pub struct SegmentParams {
-    /// Number of landmarks l; by default [`default_landmarks`] or [`landmarks_for_parts`].
+    /// Number of landmarks l; by default [`SegmentParams::landmarks_of`] the mesh.
     pub landmarks: Option<usize>,
     /// How landmarks are chosen.
     pub sampling: Sampling,
@@ -62,8 +62,8 @@ pub struct SegmentParams {
     pub cluster: Cluster,
     /// How many parts, and how [`Cluster::Parts`] decides on them.
     pub parts: PartsParams,
-    /// Whether [`Cluster::Parts`] computes rows over all faces of any mesh. By default it contracts a large mesh first, and
-    /// has more rows over the contraction.
+    /// Whether rows are computed over all faces of any mesh. By default a large mesh is contracted first, and there are
+    /// more rows over the contraction.
     #[serde(default)]
     pub exact: bool,
     /// What becomes of components too small to be parts, with [`Cluster::Parts`].
@@ -96,10 +96,35 @@ impl SegmentParams {
         self.exact || self.boundaries == Boundaries::Embedding
     }
 
-    /// Whether parts of a mesh of `faces` faces are decided on its contraction: if it is large, unless `exact` is set or its
-    /// boundaries are found in the embedding of all faces.
+    /// Whether parts of a mesh of `faces` faces are decided on its contraction: if it is large, unless `exact` is set, its
+    /// boundaries are found in the embedding of all faces, or K-means and 2-means are asked for more parts than can be told apart there.
     pub fn contracts(&self, faces: usize) -> bool {
-        self.cluster == Cluster::Parts && !self.exact_rows() && faces > contract::LARGE
+        let few = self.centres().is_none_or(|parts| parts <= contract::NODES / NODES_A_PART);
+        !self.exact_rows() && faces > contract::LARGE && few
+    }
+
+    /// How many parts K-means or 2-means may make, where that is known; `None` with [`Cluster::Parts`] too.
+    pub(super) fn centres(&self) -> Option<usize> {
+        match (self.cluster, self.parts.count) {
+            (Cluster::KMeans | Cluster::TwoMeans, PartCount::Exactly(parts)) => Some(parts),
+            (Cluster::TwoMeans, PartCount::Found) => Some(two_means::MOST),
+            (Cluster::TwoMeans, PartCount::Between(_, most)) => Some(most),
+            _ => None,
+        }
+    }
+
+    /// The number of landmarks for a mesh of `faces` faces: the one asked for, else as many as pay.
+    ///
+    /// Over a contraction rows cost hardly anything. There K-means has at least 60: on 38 models of the benchmark, subdivided to 150,000
+    /// to 600,000 faces, 1 − Rand was .140, .124, .117, .130 with 10, 20, 60, 120 (`benches/records/2026-11-23-means-contracted.md`).
+    pub fn landmarks_of(&self, faces: usize) -> usize {
+        let contracts = self.contracts(faces);
+        self.landmarks.unwrap_or(match self.centres() {
+            Some(parts) if contracts => default_landmarks(parts).max(MOST_LANDMARKS),
+            Some(parts) => default_landmarks(parts),
+            None if contracts => landmarks_on_contraction(faces),
+            None => landmarks_for_parts(faces),
+        })
     }
 
     /// In which order the faces of a mesh of so many are worked on.
@@ -114,10 +139,15 @@ impl SegmentParams {
     }
 }
 
-/// Landmarks for K-means into `parts` parts: twice as many, so that every part can hold two, at least 10 and at most
-/// 60, but more than parts up to 512: beyond, eigenvectors would cost more than they tell apart.
+/// Nodes of the contraction that each part of K-means should have, at least.
+const NODES_A_PART: usize = 30;
+/// Landmarks for K-means at the most, but for very many parts.
+const MOST_LANDMARKS: usize = 60;
+
+/// Landmarks for K-means into `parts` parts with rows over all faces: twice as many, so that every part can hold two, at least 10 and at
+/// most 60, but more than parts up to 512: beyond, eigenvectors would cost more than they tell apart.
 pub fn default_landmarks(parts: usize) -> usize {
-    (2 * parts).clamp(10, 60).max((parts + 1).min(512))
+    (2 * parts).clamp(10, MOST_LANDMARKS).max((parts + 1).min(512))
 }
 
 /// Faces up to which a mesh has fewer landmarks on its contraction, and more over all faces.

@@ -4,23 +4,22 @@
 //! weights, rows, cells; then the parts are decided on cells, in constant time, as a whole tree of answers, and
 //! one more front moves their boundaries onto creases. Another number of parts needs only the last step. More parts than there are cells are pieces of these.
 
-use super::decision::{CONTRACTED, DecisionStage};
+use super::contracted::{contraction_and_shares, faces_of, units as units_of, weighted};
+use super::decision::DecisionStage;
 use super::edits::{Corrections, OnCells, PartMarks};
 use super::labels::{Clustered, SegmentStats};
-use super::params::{Boundaries, SegmentParams, TinyComponents, landmarks_on_contraction};
+use super::params::{Boundaries, SegmentParams, TinyComponents};
 use super::surface::{Kind, Surface, SurfaceStage, WeightedSurface};
+use super::units::Units;
 use crate::base::{Error, Result};
 use crate::cluster::boundary::{self, BoundaryMethod, CellLabels, RefinedLabels};
-use crate::cluster::cells::CELLS;
-use crate::cluster::contract::{ContractedSurface, Contraction};
 use crate::cluster::divide::divide;
 use crate::cluster::extrapolate::LocalPartMeans;
 use crate::cluster::parts::hints::Affinities;
 use crate::cluster::parts::{self, PartTree, PartsResult};
-use crate::distance::{DistanceRows, shard};
-use crate::graph::{DualGraph, NodeOrder, WeightedGraph};
-use crate::store::{Context, MappedSlice, Run, WorkDir};
-use std::sync::Arc;
+use crate::distance::DistanceRows;
+use crate::graph::{DualGraph, NodeOrder};
+use crate::store::{Context, MappedSlice};
 
 const CHUNK: usize = 1 << 15;
 
@@ -82,7 +81,7 @@ pub(super) fn parts(
     let located = Located { wishes, nodes: &nodes, order, whole, context, units: None };
     let Surface { shares, radius, .. } = &surface;
     let decided = decided(whole, params, located, context)?;
-    let Decided { result, unit_of_node, .. } = &decided;
+    let Decided { result, units, .. } = &decided;
     let extrapolated = match params.boundaries {
         Boundaries::Front => None,
         Boundaries::Embedding => Some(part_means(whole, &decided, params, context)?),
@@ -90,9 +89,7 @@ pub(super) fn parts(
     let method =
         extrapolated.as_ref().map_or(BoundaryMethod::Front, |(means, rows)| BoundaryMethod::Embedding(means, rows));
     let (refined, _) = context.run.stage("boundaries", "faces", n as u64, || {
-        let at_boundary = decided.at_boundary.as_deref();
-        let cells = CellLabels { of_node: unit_of_node, label: &decided.label, at_boundary };
-        boundary::refine(graph, &weighted, shares, cells, method, context)
+        boundary::refine(graph, &weighted, shares, units.cells(), method, context)
     })?;
     let RefinedLabels { mut labels, boundary_nodes } = refined;
     let (mut parts, mut tiny_components_label) = (result.parts, None);
@@ -110,10 +107,8 @@ pub(super) fn parts(
         tiny_components_label = tiny_components_label.map(|label| pieces.first[label as usize]);
     }
     weighted.release(context.work)?;
-    let quality = confidence(unit_of_node, &decided.confidence, context)?;
-    let units = decided.unit_areas.as_deref().filter(|_| !divided);
-    let units = units.map(|areas| UnitAreas { of_node: unit_of_node, label: &decided.label, areas });
-    let (faces, area) = totals(graph, &labels, parts, units, context.run)?;
+    let quality = units.confidences(context)?;
+    let (faces, area) = units.totals(graph, &labels, (parts, !divided), context.run)?;
     let mut decision = decided.numbers.decision.clone();
     if let Some(decision) = decision.as_mut().filter(|_| divided) {
         let total: f64 = area.iter().sum();
@@ -135,16 +130,15 @@ pub(super) fn parts(
     Ok(Clustered { labels, boundary_nodes, quality, numbers, marks: decided.marks, cell_labels })
 }
 
-/// The cell or contracted node of each node of `whole`, whose nodes are in `order`, and their labels, without anybody's wishes.
-pub(super) fn cell_labels(
+/// The cells or contracted nodes of `whole`, whose nodes are in `order`, and their labels, without anybody's wishes.
+pub(super) fn units(
     whole: WeightedSurface<'_>,
     order: &NodeOrder,
     params: &SegmentParams,
     context: Context<'_>,
-) -> Result<(MappedSlice<u16>, Vec<u32>)> {
+) -> Result<Units> {
     let located = Located { wishes: Wishes::default(), nodes: &[], order, whole, context, units: None };
-    let Decided { unit_of_node, label, .. } = decided(whole, params, located, context)?;
-    Ok((unit_of_node, label))
+    Ok(decided(whole, params, located, context)?.units)
 }
 
 /// The rows over all faces that the parts were decided with, and where these parts lie in their embedding.
@@ -155,7 +149,7 @@ fn part_means(
     context: Context<'_>,
 ) -> Result<(LocalPartMeans, DistanceRows)> {
     let (rows, b) = whole.rows_used(&decided.numbers, params, context)?;
-    Ok((LocalPartMeans::new(&whole.surface.cells()?.graph, &b, &decided.label), rows))
+    Ok((LocalPartMeans::new(&whole.surface.cells()?.graph, &b, &decided.units.label), rows))
 }
 
 /// Gives the tiny components, which count nothing in `share` (n), a label of their own.
@@ -169,16 +163,7 @@ fn apart(labels: &[u32], share: &[f32], label: u32, context: Context<'_>) -> Res
 /// Parts decided on cells, and how they reach the faces.
 struct Decided {
     result: PartsResult,
-    /// Cell, or contracted node, of each node (n).
-    unit_of_node: MappedSlice<u16>,
-    /// Label of each of those.
-    label: Vec<u32>,
-    /// Whether each has a neighbour of another label, where it is known.
-    at_boundary: Option<Vec<bool>>,
-    /// Area of the nodes in each of those, in the frame, where it is known.
-    unit_areas: Option<MappedSlice<f64>>,
-    /// How sure it is.
-    confidence: Vec<f64>,
+    units: Units,
     numbers: SegmentStats,
     marks: PartMarks,
 }
@@ -249,19 +234,8 @@ fn decide(
     }
     let numbers = SegmentStats { decision: Some(result.report.clone()), ..facts.numbers };
     let (label, confidence) = (result.label.clone(), result.confidence.clone());
-    Ok(Decided { label, confidence, at_boundary: None, unit_areas: None, unit_of_node, numbers, result, marks })
-}
-
-/// The contraction of `whole`, and its work directory.
-pub(super) fn contraction(
-    whole: WeightedSurface<'_>,
-    context: Context<'_>,
-) -> Result<(Arc<WorkDir>, ContractedSurface)> {
-    let inner = context.work.inner(CONTRACTED)?;
-    let WeightedSurface { graph, weighted, surface } = whole;
-    let stage = Contraction { graph, weighted, shares: &surface.shares, whole: context.work };
-    let small = Context::new(&inner, context.run).stage(stage)?;
-    Ok((inner, small))
+    let units = Units { of_node: unit_of_node, label, at_boundary: None, areas: None, confidence };
+    Ok(Decided { units, numbers, result, marks })
 }
 
 /// The same on the contracted graph: constant time after one front.
@@ -271,107 +245,17 @@ fn decide_on_contraction(
     located: Located<'_>,
     context: Context<'_>,
 ) -> Result<Decided> {
-    let (inner, small) = contraction(whole, context)?;
+    let (inner, small) = contraction_and_shares(whole, context)?;
     let within = Context::new(&inner, context.run);
-    if !inner.is_temporary() && shard::any(&inner)? {
-        match shard::merge(within) {
-            Err(error @ Error::WorkDir { .. }) => context.run.progress.note(&format!("{error}; computed without them")),
-            merged => drop(merged?),
-        }
-    }
     let cut = within.stage(SurfaceStage { graph: &small.graph, kind: Kind::Contracted, cells: true })?;
     let contracted = WeightedSurface { graph: &small.graph, weighted: &small.weighted, surface: &cut };
     let located = Located { units: Some(&small.of_node), ..located };
-    let landmarks = params.landmarks.unwrap_or(landmarks_on_contraction(whole.graph.nodes.len()));
+    let landmarks = params.landmarks_of(whole.graph.nodes.len());
     let decided = decide(contracted, &params.clone().landmarks(Some(landmarks)), located, within)?;
-    let of_small = &decided.unit_of_node;
-    let face = |node: &u32| small.seeds.get(*node as usize).copied();
-    let landmarks = decided.numbers.landmarks.iter().filter_map(face).collect();
-    let label: Vec<u32> = of_small.iter().map(|&cell| decided.label[cell as usize]).collect();
-    let steps = small.graph.edges.by_distance();
-    let touches = |node: u32| steps.neighbours(node).any(|(next, _)| label[next as usize] != label[node as usize]);
-    Ok(Decided {
-        at_boundary: Some((0..label.len() as u32).map(touches).collect()),
-        confidence: of_small.iter().map(|&cell| decided.confidence[cell as usize]).collect(),
-        label,
-        unit_areas: Some(small.areas),
-        unit_of_node: small.of_node,
-        numbers: SegmentStats { landmarks, ..decided.numbers },
-        ..decided
-    })
-}
-
-/// The surface of `graph`, and the graph weighted with its normals and unit.
-pub(super) fn weighted(
-    graph: &DualGraph,
-    params: &SegmentParams,
-    context: Context<'_>,
-) -> Result<(Surface, WeightedGraph)> {
-    let mut surface =
-        context.stage(SurfaceStage { graph, kind: Kind::Faces, cells: !params.contracts(graph.nodes.len()) })?;
-    let area = 1. / f64::from(surface.shares.unit).powi(2);
-    let (normals, radius) = (surface.normals.as_ref(), surface.radius);
-    let weighted = graph.weighted_with(params.metric, normals, radius, area, context)?;
-    surface.release_normals(context.work)?;
-    Ok((surface, weighted))
-}
-
-/// How sure each face's label is: its cell's.
-fn confidence(unit_of_node: &[u16], confidence: &[f64], context: Context<'_>) -> Result<MappedSlice<f32>> {
-    let n = unit_of_node.len();
-    let mut quality = context.work.array::<f32>("quality.npy", &[n])?;
-    context.run.fill_each(quality.data(), CHUNK, |i, _| confidence[unit_of_node[i] as usize] as f32)?;
-    quality.finish(false)
-}
-
-/// What is known of the areas of parts before their boundaries were drawn.
-#[derive(Clone, Copy)]
-struct UnitAreas<'a> {
-    /// Cell, or contracted node, of each node (n).
-    of_node: &'a [u16],
-    /// Label of each of those, before boundaries were drawn.
-    label: &'a [u32],
-    /// Area of the nodes in each, in the frame.
-    areas: &'a [f64],
-}
-
-/// Faces and area (in the frame) of each part. Where `units` are known, geometry is looked at only where boundaries have moved.
-fn totals(
-    graph: &DualGraph,
-    labels: &[u32],
-    parts: usize,
-    units: Option<UnitAreas<'_>>,
-    run: &Run,
-) -> Result<(Vec<u64>, Vec<f64>)> {
-    let n = labels.len();
-    // Each chunk has sums for all parts.
-    let chunk = if parts > 2 * CELLS { n } else { CHUNK };
-    let chunks = run.map_ranges(n, chunk, |range| {
-        let mut sums = vec![(0u64, 0f64); parts];
-        for i in range {
-            let label = labels[i] as usize;
-            sums[label].0 += 1;
-            let before = units.map(|units| units.label[units.of_node[i] as usize] as usize);
-            if before == Some(label) {
-                continue;
-            }
-            let area = f64::from(graph.nodes.at(i).area);
-            sums[label].1 += area;
-            if let Some(before) = before {
-                sums[before].1 -= area;
-            }
-        }
-        Ok(sums)
-    })?;
-    let (mut faces, mut area) = (vec![0; parts], vec![0.; parts]);
-    if let Some(UnitAreas { label, areas, .. }) = units {
-        label.iter().zip(areas).for_each(|(&label, unit)| area[label as usize] += unit);
-    }
-    for chunk in chunks {
-        for (part, (count, sum)) in chunk.into_iter().enumerate() {
-            faces[part] += count;
-            area[part] += sum;
-        }
-    }
-    Ok((faces, area))
+    let of_small = &decided.units.of_node;
+    let landmarks = faces_of(&decided.numbers.landmarks, &small);
+    let label: Vec<u32> = of_small.iter().map(|&cell| decided.units.label[cell as usize]).collect();
+    let confidence = of_small.iter().map(|&cell| decided.units.confidence[cell as usize]).collect();
+    let units = units_of(small, label, confidence);
+    Ok(Decided { units, numbers: SegmentStats { landmarks, ..decided.numbers }, ..decided })
 }

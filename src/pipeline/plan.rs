@@ -6,7 +6,7 @@
 //! read and written come on top, by the speed of the disk ([`DiskSpeed`]). The input's header is read, nothing else.
 
 use super::input::computes;
-use super::params::{Cluster, SegmentParams, default_landmarks, landmarks_for_parts, landmarks_on_contraction};
+use super::params::{Cluster, SegmentParams};
 use super::surface::{NORMALS_KEPT, SurfaceStage};
 use crate::base::{Error, Result};
 use crate::cluster::contract::{Contraction, NODES};
@@ -108,12 +108,7 @@ pub struct Plan {
 
 /// Landmarks that `params` asks for on a mesh of `faces` faces.
 fn landmarks(params: &SegmentParams, faces: u64) -> u64 {
-    let l = params.landmarks.unwrap_or(match (params.cluster, params.parts.count) {
-        (Cluster::KMeans, PartCount::Exactly(parts)) => default_landmarks(parts),
-        _ if params.contracts(faces as usize) => landmarks_on_contraction(faces as usize),
-        _ => landmarks_for_parts(faces as usize),
-    });
-    (l as u64).min(faces)
+    (params.landmarks_of(faces as usize) as u64).min(faces)
 }
 
 /// What lies in the folder of the contracted surface besides rows: its graph, cells, their rows, the ensemble (measured).
@@ -122,10 +117,16 @@ const ON_CONTRACTION: u64 = 10 << 20;
 /// What deciding parts allocates: the ensemble and its co-association over two thousand cells (measured).
 const DECISION: u64 = 20 << 20;
 
+/// Whether rows are over all faces and every face is embedded, as K-means and 2-means do unless they have a contraction.
+fn embeds_faces(extent: &Extent, cluster: Cluster) -> bool {
+    cluster != Cluster::Parts && !extent.contracts
+}
+
 /// What labelling takes: labels and confidences, once more in the order of the file, and before them the decision about
-/// parts, or the sample that the centres of K-means are found on. The rows of K-means go before labels are put in order.
+/// parts, or the sample that the centres of K-means are found on. The rows of K-means over all faces go before labels are put in order.
 fn labels_need(extent: &Extent, cluster: Cluster, room: &mut Room) -> Needs {
     let n = extent.faces;
+    let embeds_faces = embeds_faces(extent, cluster);
     let decision = if cluster == Cluster::Parts { DECISION + room.used() } else { 0 };
     let labels = room.take(8 * n);
     let restored = if extent.reordered { room.take(8 * n) } else { 0 };
@@ -134,18 +135,20 @@ fn labels_need(extent: &Extent, cluster: Cluster, room: &mut Room) -> Needs {
         _ => 12 * (MOST_COLUMNS as u64).min(n) * (extent.landmarks + extent.dimensions),
     };
     let memory = decision.max(sample + room.used());
-    let frees = match cluster {
-        _ if extent.lasting => 0,
-        Cluster::Parts => 4 * extent.corners - room.give_up(WEIGHTS),
-        _ => 4 * extent.landmarks * n,
+    let frees = if extent.lasting {
+        0
+    } else if embeds_faces {
+        4 * extent.landmarks * n
+    } else {
+        4 * extent.corners - room.give_up(WEIGHTS)
     };
-    let rows = if cluster == Cluster::Parts { 0 } else { frees };
+    let rows = if embeds_faces { frees } else { 0 };
     let passing = if extent.reordered { (8 * n - restored).saturating_sub(rows) } else { 0 };
     let needs = Needs { memory, keeps: 8 * n - labels, passing, frees, ..Needs::default() };
-    match cluster {
-        Cluster::Parts => needs.moving(122 * n, 23 * n),
-        _ => needs.moving((8 * extent.landmarks + 50) * n, 14 * n),
+    if embeds_faces {
+        return needs.moving((8 * extent.landmarks + 50) * n, 14 * n);
     }
+    needs.moving(122 * n, 23 * n)
 }
 
 /// The stages of a run over `extent` and what each takes; `decoded` as in [`MeshSize`].
@@ -156,7 +159,7 @@ fn stages_of(extent: &Extent, cluster: Cluster, decoded: u64, budget: u64) -> Ve
         stages.push(("order", OrderStage::needs(extent, &mut room)));
     }
     stages.push(("graph", GraphStage::needs(extent, &mut room)));
-    if cluster == Cluster::Parts {
+    if !embeds_faces(extent, cluster) {
         stages.push(("surface", SurfaceStage::needs(extent, &mut room)));
     }
     let mut weights = WeightsStage::needs(extent, &mut room);
@@ -195,7 +198,7 @@ impl Plan {
     pub fn new(mesh: MeshSize, params: &SegmentParams, reordered: bool, lasting: bool, run: &Run) -> Self {
         let MeshSize { faces, vertices, corners, decoded } = mesh;
         let budget = run.budget.total();
-        let extent = Extent {
+        let mut extent = Extent {
             faces,
             vertices,
             corners,
@@ -207,10 +210,12 @@ impl Plan {
             keeps_rows: params.keeps_rows(lasting),
             computed: computes(params, faces as usize, !lasting, run),
             paged: 8 * corners + 4 * (run.threads as u64 + 1) * faces > run.resident,
-            rough: params.cluster == Cluster::Parts,
             lasting,
-            releases: params.cluster != Cluster::Parts && !lasting,
+            rough: false,
+            releases: false,
         };
+        let embeds_faces = embeds_faces(&extent, params.cluster);
+        (extent.rough, extent.releases) = (!embeds_faces, embeds_faces && !lasting);
         let mut stages = stages_of(&extent, params.cluster, decoded, budget);
         let (disk, disk_peak) = disk_of(&stages);
         let smooth = stages_of(&Extent { rough: false, ..extent }, params.cluster, decoded, budget);
@@ -338,7 +343,7 @@ mod tests {
     #[test]
     fn rows_of_k_means_take_as_much_disk_as_measured() {
         let count = PartCount::Exactly(6);
-        let params = SegmentParams::default().cluster(Cluster::KMeans).landmarks(Some(10));
+        let params = SegmentParams::default().cluster(Cluster::KMeans).exact(true).landmarks(Some(10));
         let params = params.parts(PartsParams { count, ..PartsParams::default() });
         assert_eq!(plan_of(&params).disk_peak, 64_500_000_000);
     }

@@ -8,9 +8,10 @@ use super::decision;
 use super::edits::Corrections;
 use super::input;
 use super::labels::{Segmentation, label};
-use super::means::{self, k_means, rows_for_means};
+use super::means;
 use super::params::{Cluster, SegmentParams, check, dimensions};
 use super::parts::{self, Wishes};
+use super::sample::rows;
 use crate::base::{Error, Result};
 use crate::cluster::parts::{PartTree, PartsParams};
 use crate::distance::DistanceRows;
@@ -50,14 +51,14 @@ pub fn segment_corrected(
     let (ordered, mut graph) = input::graph(opened, identity, params, context)?;
     let order = ordered.into_nodes(context.work)?;
     let clustered = match means::fit(params, opened.faces.len()) {
-        Some((fit, parts)) => {
+        Some(fit) if params.contracts(graph.nodes.len()) => means::contracted(&graph, fit, params, context)?,
+        Some(fit) => {
             let weighted = graph.weighted(params.metric, context)?;
             graph.release_lengths(context.work)?;
-            let rows = rows_for_means(&graph, &weighted, parts, params, context)?;
+            let rows = rows(&graph, &weighted, params.landmarks_of(graph.nodes.len()), params, context)?;
             weighted.release(context.work)?;
             let embedding = params.embedding.unwrap_or(EmbeddingParams::for_parts(dimensions(params)));
-            let assign = || k_means(&graph, &rows, embedding, fit, context);
-            let clustered = context.run.stage("assign", "faces", rows.nodes as u64, assign)?.0;
+            let clustered = means::over_faces(&graph, &rows, embedding, fit, context)?;
             rows.release(context.work)?;
             clustered
         }
@@ -119,8 +120,8 @@ pub fn cut(work: &WorkDir) -> Option<PartsParams> {
 }
 
 /// Clusters the faces of the mesh in `work` (again) under `params`; what is missing between its graph and the labels is
-/// made. By the hierarchy `tree`, where one is given, and corrected. K-means and two-means take the rows that are there, of whatever
-/// metric, and the embedding's options of the stage `embedding` where `params` has none.
+/// made. By the hierarchy `tree`, where one is given, and corrected. K-means and two-means take the rows over all faces that are there, of
+/// whatever metric, and the embedding's options of the stage `embedding` where `params` has none.
 ///
 /// # Errors
 /// As [`segment`], and [`Error::WorkDir`] where the graph is missing.
@@ -135,21 +136,28 @@ pub fn cluster(
     check_corrections(params, corrections, graph.nodes.len())?;
     let order = NodeOrder::kept(&input, graph.nodes.len(), context.work)?;
     let clustered = match means::fit(params, graph.nodes.len()) {
-        Some((fit, parts)) => {
-            let rows = match DistanceRows::kept(&graph.key, graph.nodes.len(), context.work) {
-                Ok(rows) => rows,
+        Some(fit) => {
+            let n = graph.nodes.len();
+            let rows = match DistanceRows::kept(&graph.key, n, context.work) {
+                Ok(rows) => Some(rows),
+                Err(Error::WorkDir { .. }) if params.contracts(n) => None,
                 Err(Error::WorkDir { .. }) => {
                     let weighted = graph.weighted(params.metric, context)?;
-                    rows_for_means(&graph, &weighted, parts, params, context)?
+                    Some(rows(&graph, &weighted, params.landmarks_of(n), params, context)?)
                 }
                 Err(error) => return Err(error),
             };
-            context.run.progress.note(&format!("rows: {} of them", rows.len()));
-            let kept = || super::embed::kept_params(&rows.key, context.work);
-            let embedding = params.embedding.or_else(kept).unwrap_or(EmbeddingParams::for_parts(parts));
-            let embedding = EmbeddingParams { dimensions: dimensions(params), ..embedding };
-            let assign = || k_means(&graph, &rows, embedding, fit, context);
-            context.run.stage("assign", "faces", rows.nodes as u64, assign)?.0
+            match rows {
+                Some(rows) => {
+                    context.run.progress.note(&format!("rows: {} of them", rows.len()));
+                    let kept = || super::embed::kept_params(&rows.key, context.work);
+                    let embedding =
+                        params.embedding.or_else(kept).unwrap_or(EmbeddingParams::for_parts(dimensions(params)));
+                    let embedding = EmbeddingParams { dimensions: dimensions(params), ..embedding };
+                    means::over_faces(&graph, &rows, embedding, fit, context)?
+                }
+                None => means::contracted(&graph, fit, params, context)?,
+            }
         }
         None => parts::parts(&graph, &order, params, Wishes { tree, corrections }, context)?,
     };

@@ -10,11 +10,10 @@
 //! ([`super::shared_boundaries`]). The stages that ask for these find the shares ([`SharedFront`], [`shard::merge`]).
 
 use super::decision::CONTRACTED;
-use super::means::fit;
-use super::params::{Cluster, SegmentParams, default_landmarks, landmarks_for_parts, landmarks_on_contraction};
+use super::params::{Cluster, SegmentParams};
 use super::shared_boundaries::BoundaryFacts;
 use super::surface::{Kind, SurfaceStage, WeightedSurface};
-use super::{input, parts};
+use super::{contracted, input};
 use crate::base::{Error, Result};
 use crate::cluster::area_shares::AreaShares;
 use crate::cluster::{contract, normals};
@@ -181,7 +180,7 @@ impl SharedWork<'_> {
         let graph = input::graph(opened, identity, params, context)?.1;
         let weighted = match params.cluster {
             Cluster::KMeans | Cluster::TwoMeans => graph.weighted(params.metric, context)?,
-            Cluster::Parts => parts::weighted(&graph, params, context)?.1,
+            Cluster::Parts => contracted::weighted(&graph, params, context)?.1,
         };
         let facts = RowFacts { weights: weighted.key.clone(), l, sampling: params.sampling };
         context.work.stamp(self.key(context.run), &[], &facts, 0.)?;
@@ -193,10 +192,10 @@ impl SharedWork<'_> {
         let graph = input::graph(opened, identity, params, context)?.1;
         let (mut weights, mut l, n) = (String::new(), 0, graph.nodes.len());
         if params.contracts(n) {
-            let (surface, weighted) = parts::weighted(&graph, params, context)?;
+            let (surface, weighted) = contracted::weighted(&graph, params, context)?;
             let whole = WeightedSurface { graph: &graph, weighted: &weighted, surface: &surface };
-            weights = parts::contraction(whole, context)?.1.weighted.key;
-            l = params.landmarks.unwrap_or(landmarks_on_contraction(n));
+            weights = contracted::contraction(whole, context)?.1.weighted.key;
+            l = landmarks(params, n)?;
         }
         let facts = RowFacts { weights, l, sampling: params.sampling };
         context.work.stamp(self.key(context.run), &[], &facts, 0.)
@@ -224,7 +223,7 @@ impl SharedWork<'_> {
             }
             facts.used_by = StageKey::of::<SurfaceStage<'_>>(stage.inputs(context)).key;
         } else if contracts {
-            let (surface, weighted) = parts::weighted(&graph, self.params, context)?;
+            let (surface, weighted) = contracted::weighted(&graph, self.params, context)?;
             add(contract::front(&weighted, &contract::seeds(&surface.shares, run)?))?;
             facts.used_by = contract::key(&weighted.key, run.seed);
             facts.weights = Some(weighted.key);
@@ -304,12 +303,10 @@ fn nothing_to_do(run: &Run) -> usize {
 /// # Errors
 /// [`Error::Parameter`] for K-means without a number of parts and of landmarks.
 fn landmarks(params: &SegmentParams, faces: usize) -> Result<usize> {
-    match (params.landmarks, fit(params, faces)) {
-        (Some(l), _) => Ok(l),
-        (None, Some((_, parts))) => Ok(default_landmarks(parts)),
-        (None, None) if params.cluster == Cluster::Parts => Ok(landmarks_for_parts(faces)),
-        (None, None) => Err(Error::parameter("-l", "the number of landmarks is missing", "give it, or -k")),
+    if params.landmarks.is_none() && params.cluster != Cluster::Parts && params.centres().is_none() {
+        return Err(Error::parameter("-l", "the number of landmarks is missing", "give it, or -k"));
     }
+    Ok(params.landmarks_of(faces))
 }
 
 /// Makes everything that shards share, or finds it made; `open` reads the mesh where that is needed.

@@ -7,7 +7,7 @@
 use super::decision::CONTRACTED;
 use super::params::SegmentParams;
 use super::surface::WeightedSurface;
-use super::{input, labels, parts};
+use super::{contracted, input, labels, means, parts};
 use crate::base::{Error, Result};
 use crate::cluster::boundary::{self, CellLabels};
 use crate::cluster::contract;
@@ -61,10 +61,13 @@ impl BoundaryFacts {
             return Ok((Self::default(), Vec::new()));
         }
         let order = ordered.into_nodes(work)?;
-        let (surface, weighted) = parts::weighted(&graph, params, context)?;
+        let (surface, weighted) = contracted::weighted(&graph, params, context)?;
         let whole = WeightedSurface { graph: &graph, weighted: &weighted, surface: &surface };
-        let (of_node, label) = parts::cell_labels(whole, &order, params, context)?;
-        let cells = CellLabels { of_node: &of_node, label: &label, at_boundary: None };
+        let units = match means::fit(params, n) {
+            Some(fit) => means::on_contraction(whole, fit, params, context)?.0,
+            None => parts::units(whole, &order, params, context)?,
+        };
+        let (cells, label) = (units.cells(), &units.label);
         let nodes = cells.boundary_nodes(weighted.csr(), run)?;
         if nodes.is_empty() {
             return Ok((Self::default(), Vec::new()));
@@ -93,7 +96,7 @@ impl BoundaryFacts {
         let edge = boundary::interior_edge(weighted.csr(), interior, run)?;
         facts.sources[1] = edge.len();
         work.write(INTERIOR_EDGE, &edge, 1)?;
-        work.write(UNIT_PARTS, &label, 1)?;
+        work.write(UNIT_PARTS, label, 1)?;
         Ok((facts, vec![BOUNDARY_NODES, INTERIOR_EDGE, UNIT_PARTS]))
     }
 

@@ -1,0 +1,70 @@
+//! What all methods do with a large mesh before they decide about parts: weights of its surface, its contraction, and the labels of contracted
+//! nodes on their way back to the faces.
+//!
+//! Cost: that of the stages ([`SurfaceStage`], [`Contraction`]).
+
+use super::decision::CONTRACTED;
+use super::params::SegmentParams;
+use super::surface::{Kind, Surface, SurfaceStage, WeightedSurface};
+use super::units::Units;
+use crate::base::{Error, Result};
+use crate::cluster::contract::{ContractedSurface, Contraction};
+use crate::distance::shard;
+use crate::graph::{DualGraph, WeightedGraph};
+use crate::store::{Context, WorkDir};
+use std::sync::Arc;
+
+/// The surface of `graph`, and the graph weighted with its normals and unit.
+pub(super) fn weighted(
+    graph: &DualGraph,
+    params: &SegmentParams,
+    context: Context<'_>,
+) -> Result<(Surface, WeightedGraph)> {
+    let mut surface =
+        context.stage(SurfaceStage { graph, kind: Kind::Faces, cells: !params.contracts(graph.nodes.len()) })?;
+    let area = 1. / f64::from(surface.shares.unit).powi(2);
+    let (normals, radius) = (surface.normals.as_ref(), surface.radius);
+    let weighted = graph.weighted_with(params.metric, normals, radius, area, context)?;
+    surface.release_normals(context.work)?;
+    Ok((surface, weighted))
+}
+
+/// The contraction of `whole`, and its work directory.
+pub(super) fn contraction(
+    whole: WeightedSurface<'_>,
+    context: Context<'_>,
+) -> Result<(Arc<WorkDir>, ContractedSurface)> {
+    let inner = context.work.inner(CONTRACTED)?;
+    let WeightedSurface { graph, weighted, surface } = whole;
+    let stage = Contraction { graph, weighted, shares: &surface.shares, whole: context.work };
+    let small = Context::new(&inner, context.run).stage(stage)?;
+    Ok((inner, small))
+}
+
+/// The same, and rows over it that were computed in shares are put together.
+pub(super) fn contraction_and_shares(
+    whole: WeightedSurface<'_>,
+    context: Context<'_>,
+) -> Result<(Arc<WorkDir>, ContractedSurface)> {
+    let (inner, small) = contraction(whole, context)?;
+    if !inner.is_temporary() && shard::any(&inner)? {
+        match shard::merge(Context::new(&inner, context.run)) {
+            Err(error @ Error::WorkDir { .. }) => context.run.progress.note(&format!("{error}; computed without them")),
+            merged => drop(merged?),
+        }
+    }
+    Ok((inner, small))
+}
+
+/// The contracted nodes with the labels and confidences that they have (u).
+pub(super) fn units(small: ContractedSurface, label: Vec<u32>, confidence: Vec<f64>) -> Units {
+    let steps = small.graph.edges.by_distance();
+    let touches = |node: u32| steps.neighbours(node).any(|(next, _)| label[next as usize] != label[node as usize]);
+    let at_boundary = Some((0..label.len() as u32).map(touches).collect());
+    Units { of_node: small.of_node, label, at_boundary, areas: Some(small.areas), confidence }
+}
+
+/// The faces of the mesh that the contracted nodes `landmarks` grew from.
+pub(super) fn faces_of(landmarks: &[u32], small: &ContractedSurface) -> Vec<u32> {
+    landmarks.iter().filter_map(|&node| small.seeds.get(node as usize).copied()).collect()
+}

@@ -1,0 +1,90 @@
+//! From units of the surface to faces: the labels and confidences that cells or contracted nodes have, brought to every face.
+//!
+//! Parts are decided on units; the narrow bands between them are labelled anew afterwards ([`crate::cluster::boundary`]), so areas
+//! have to be summed only where a face left the part of its unit. Cost: a pass over labels for each, 12 bytes per face.
+
+use crate::base::Result;
+use crate::cluster::boundary::CellLabels;
+use crate::cluster::cells::CELLS;
+use crate::graph::DualGraph;
+use crate::store::{Context, MappedSlice, Run};
+
+const CHUNK: usize = 1 << 15;
+
+/// Cells or contracted nodes, and the parts that they belong to.
+pub(super) struct Units {
+    /// Unit of each node (n).
+    pub of_node: MappedSlice<u16>,
+    /// Label of each unit (u).
+    pub label: Vec<u32>,
+    /// Whether each unit (u) has a neighbour of another label, where it is known.
+    pub at_boundary: Option<Vec<bool>>,
+    /// Area of the nodes in each unit (u), in the frame, where it is known.
+    pub areas: Option<MappedSlice<f64>>,
+    /// How sure the label of each unit (u) is.
+    pub confidence: Vec<f64>,
+}
+
+impl Units {
+    /// The labels as boundaries are drawn from.
+    pub fn cells(&self) -> CellLabels<'_> {
+        CellLabels { of_node: &self.of_node, label: &self.label, at_boundary: self.at_boundary.as_deref() }
+    }
+
+    /// How sure each face's label is: its unit's. Writes `quality.npy`, and does not stamp it.
+    ///
+    /// # Errors
+    /// [`crate::base::Error::Io`], [`crate::base::Error::Cancelled`].
+    pub fn confidences(&self, context: Context<'_>) -> Result<MappedSlice<f32>> {
+        let mut quality = context.work.array::<f32>("quality.npy", &[self.of_node.len()])?;
+        let of = |i: usize, _| self.confidence[self.of_node[i] as usize] as f32;
+        context.run.fill_each(quality.data(), CHUNK, of)?;
+        quality.finish(false)
+    }
+
+    /// Faces and area (in the frame) of each of `parts` parts under `labels` (n). Where areas of units are known and `labels` are theirs but for
+    /// the narrow bands (`near`), geometry is looked at only where boundaries have moved.
+    ///
+    /// # Errors
+    /// [`crate::base::Error::Cancelled`].
+    pub fn totals(
+        &self,
+        graph: &DualGraph,
+        labels: &[u32],
+        (parts, near): (usize, bool),
+        run: &Run,
+    ) -> Result<(Vec<u64>, Vec<f64>)> {
+        let n = labels.len();
+        let areas = self.areas.as_deref().filter(|_| near);
+        // Each chunk has sums for all parts.
+        let chunk = if parts > 2 * CELLS { n } else { CHUNK };
+        let chunks = run.map_ranges(n, chunk, |range| {
+            let mut sums = vec![(0u64, 0f64); parts];
+            for i in range {
+                let label = labels[i] as usize;
+                sums[label].0 += 1;
+                let before = areas.map(|_| self.label[self.of_node[i] as usize] as usize);
+                if before == Some(label) {
+                    continue;
+                }
+                let area = f64::from(graph.nodes.at(i).area);
+                sums[label].1 += area;
+                if let Some(before) = before {
+                    sums[before].1 -= area;
+                }
+            }
+            Ok(sums)
+        })?;
+        let (mut faces, mut area) = (vec![0; parts], vec![0.; parts]);
+        if let Some(areas) = areas {
+            self.label.iter().zip(areas).for_each(|(&label, unit)| area[label as usize] += unit);
+        }
+        for chunk in chunks {
+            for (part, (count, sum)) in chunk.into_iter().enumerate() {
+                faces[part] += count;
+                area[part] += sum;
+            }
+        }
+        Ok((faces, area))
+    }
+}
