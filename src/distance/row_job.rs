@@ -12,7 +12,7 @@
 //! temporary directory there is no journal and nothing is synced.
 
 use super::cached_front::{CachedFront, Division};
-use super::front::{Front, mean_weight};
+use super::front::{Front, typical_weight};
 use super::journal::{JobSpec, JournalEntry, ResumeState};
 use super::paging::Pages;
 use super::row_sink::{RowSink, RowVisitor, Target};
@@ -101,7 +101,7 @@ impl RowJob<'_> {
         let triangles = if paged { None } else { TriangleAdjacency::of(self.graph, context.run)? };
         let graph = Csr { triangles: triangles.as_ref().map_or(&[], TriangleAdjacency::all), ..self.graph };
         // Before the kernel is told to read no more than it is asked for.
-        let mean = mean_weight(graph);
+        let mean = typical_weight(graph);
         let direct = if paged { self.weighted.direct()? } else { None };
         let each = context.run.budget.left() / 4 * 3 / context.run.threads.max(1) as u64;
         let cached = direct.and_then(|files| Some((files, Division::of(graph, each)?)));

@@ -13,7 +13,7 @@
 //! Memory: the messages, 12 bytes for every edge between blocks: a quarter byte per node, or less, since blocks grow
 //! where the budget is small for the mesh.
 
-use super::front::{Front, clear_labels, mean_weight};
+use super::front::{Front, clear_labels, typical_weight};
 use super::paging::{Pages, SHIFT, rows_needed};
 use super::queue::{Entry, Queue};
 use super::ties::Ties;
@@ -59,7 +59,7 @@ fn by_blocks<'a>(graph: Csr<'a>, run: &Run) -> Option<BlockDijkstra<'a>> {
 /// [`crate::base::Error::Cancelled`].
 pub fn nearest_source(graph: Csr<'_>, sources: &[u32], field: &mut [f32], label: &mut [u32], run: &Run) -> Result<()> {
     match by_blocks(graph, run) {
-        None => Front::new(mean_weight(graph)).nearest_source(graph, sources, field, label, &run.cancel).map(drop),
+        None => Front::new(typical_weight(graph)).nearest_source(graph, sources, field, label, &run.cancel).map(drop),
         Some(blocks) => blocks.nearest_source(sources, field, label),
     }
 }
@@ -70,7 +70,7 @@ pub fn nearest_source(graph: Csr<'_>, sources: &[u32], field: &mut [f32], label:
 /// [`crate::base::Error::Cancelled`].
 pub fn within(graph: Csr<'_>, sources: &[u32], limit: f32, field: &mut [f32], run: &Run) -> Result<()> {
     match by_blocks(graph, run) {
-        None => Front::new(mean_weight(graph)).within(graph, sources, limit, field, &run.cancel).map(drop),
+        None => Front::new(typical_weight(graph)).within(graph, sources, limit, field, &run.cancel).map(drop),
         Some(blocks) => blocks.within(sources, limit, field),
     }
 }
@@ -90,7 +90,7 @@ pub fn within_fresh(
     match by_blocks(graph, run) {
         None => {
             run.fill_each(field, BLOCK, |_, _| f32::INFINITY)?;
-            Front::new(mean_weight(graph)).within(graph, sources, limit, field, &run.cancel)?;
+            Front::new(typical_weight(graph)).within(graph, sources, limit, field, &run.cancel)?;
             Ok(VisitedPieces::everything(graph.len()))
         }
         Some(blocks) => blocks.within_fresh(sources, limit, field),
@@ -109,7 +109,7 @@ pub fn propagate_labels(
     run: &Run,
 ) -> Result<()> {
     match by_blocks(graph, run) {
-        None => Front::new(mean_weight(graph)).propagate_labels(graph, sources, field, label, &run.cancel).map(drop),
+        None => Front::new(typical_weight(graph)).propagate_labels(graph, sources, field, label, &run.cancel).map(drop),
         Some(blocks) => blocks.propagate_labels(sources, field, label),
     }
 }
@@ -194,7 +194,7 @@ impl<'a> BlockDijkstra<'a> {
     /// Over `graph` in blocks of `block` nodes, or of the next multiple of [`BLOCK`] where they are larger than that.
     pub fn new(graph: Csr<'a>, block: usize, threads: usize, cancel: &Cancel) -> Self {
         let block = if block > BLOCK { block.next_multiple_of(BLOCK) } else { block };
-        Self { graph, block, threads, cancel: cancel.clone(), width: mean_weight(graph) * WIDTH, paged: false }
+        Self { graph, block, threads, cancel: cancel.clone(), width: typical_weight(graph) * WIDTH, paged: false }
     }
 
     /// Over `graph` in blocks that suit the budget.
