@@ -3,7 +3,7 @@
 
 usage: peer_scipy.py MESH.ply K L     prints seconds a stage as JSON
 
-The same maths as `segment --cluster kmeans -k K -l L --metric paper --normalise none --sigma 1`: dual graph with the
+The same maths as `segment --exact --cluster kmeans -k K -l L --metric paper --normalise none --sigma 1`: dual graph with the
 paper's edge weights, farthest-point landmarks, one Dijkstra a landmark, Gaussian affinities with the mean distance as
 width, A = U diag(lambda) U', extrapolation by eq. 1, unit rows, K-means.
 """

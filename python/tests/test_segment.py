@@ -178,7 +178,7 @@ def test_errors_say_what_is_wrong(mesh, tmp_path):
         assert missing.value.filename and missing.value.errno == 2
     # Nobody who writes Python is told of options of a command line.
     for options in [{"cluster": "kmeans"}, {"parts": 10**6}, {"parts": 0}, {"cluster": "means"}, {"detail": 2}, {"parts_range": (5, 2)},
-                    {"exact": True, "cluster": "two-means"}, {"cluster": "two-means", "decision": "single"}, {"sigma": 1.0},
+                    {"boundaries": "front", "cluster": "two-means"}, {"cluster": "two-means", "decision": "single"}, {"sigma": 1.0},
                     {"sampling": "some"}, {"metric": "flat"}, {"eta": 2.0}, {"max_memory": "12 parsecs"}, {"beta": 1, "metric": "geodesic"}]:
         with pytest.raises(ValueError) as wrong:
             nystrom_stream.segment(vertices, faces, **options)

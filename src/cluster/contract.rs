@@ -106,7 +106,8 @@ impl Stage for Contraction<'_> {
         let n = extent.faces;
         let (map, passing) = (room.take(2 * n), room.take(8 * n));
         room.give_back(passing);
-        let memory = (8 << 20) + room.used() + passing;
+        // Boundaries of contracted nodes and messages: measured at a million faces.
+        let memory = (15 << 20) + room.used() + passing;
         Needs { memory, keeps: 2 * n - map, passing: 8 * n - passing, ..Needs::default() }.moving(170 * n, 27 * n)
     }
 }

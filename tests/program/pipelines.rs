@@ -96,7 +96,6 @@ fn combinations_that_would_be_ignored_are_refused() {
         (&["--no-unit-rows"], "--no-unit-rows goes with --cluster kmeans or two-means only"),
         (&["--cluster", "kmeans", "-k", "3", "--decision", "single"], "--decision goes with --cluster parts only"),
         (&["--cluster", "two-means", "--detail", "0.5"], "--detail goes with --cluster parts only"),
-        (&["--cluster", "two-means", "--exact"], "--exact goes with --cluster parts only"),
         (
             &["--cluster", "kmeans", "--parts-range", "3..4"],
             "--parts-range goes with --cluster parts or two-means only",

@@ -34,29 +34,25 @@ fn killed_at_any_moment_and_resumed_gives_the_same_bytes() {
     let dir = tempfile::tempdir().unwrap();
     let mesh = creature(dir.path(), 60_000);
     let (out, work) = (dir.path().join("labels.npy"), dir.path().join("work"));
-    let arguments = [
-        "segment",
-        text(&mesh),
-        "-k",
-        "6",
-        "-l",
-        "10",
-        "--cluster",
-        "kmeans",
-        "--work-dir",
-        text(&work),
-        "-o",
-        text(&out),
-    ];
+    // With rows over all faces, and over the contraction.
+    killed_and_resumed(&["--exact"], (&mesh, &out, &work), "distances.npy", 5);
+    std::fs::remove_dir_all(&work).unwrap();
+    killed_and_resumed(&[], (&mesh, &out, &work), "contracted/distances.npy", 3);
+}
+
+/// Kills a run of K-means three times and ends it, `times` times, and compares its labels and its `rows` with those of a whole run.
+fn killed_and_resumed(options: &[&str], (mesh, out, work): (&Path, &Path, &Path), rows_file: &str, times: usize) {
+    let task = ["segment", text(mesh), "-k", "6", "-l", "10", "--cluster", "kmeans"];
+    let arguments = [&task[..], &["--work-dir", text(work), "-o", text(out)], options].concat();
     let start = Instant::now();
     ok(&arguments);
     let whole = start.elapsed();
-    let expected = std::fs::read(&out).unwrap();
-    let rows = std::fs::read(work.join("distances.npy")).unwrap();
+    let expected = std::fs::read(out).unwrap();
+    let rows = std::fs::read(work.join(rows_file)).unwrap();
     let mut draw = stream(std::process::id().into(), "kills");
-    for _ in 0..5 {
-        std::fs::remove_dir_all(&work).unwrap();
-        std::fs::remove_file(&out).unwrap();
+    for _ in 0..times {
+        std::fs::remove_dir_all(work).unwrap();
+        std::fs::remove_file(out).unwrap();
         for _ in 0..3 {
             let mut child = program(&arguments).stderr(Stdio::null()).spawn().unwrap();
             let wait = below(&mut draw, whole.as_millis() as usize + 1) as u64;
@@ -65,10 +61,10 @@ fn killed_at_any_moment_and_resumed_gives_the_same_bytes() {
             child.wait().unwrap();
         }
         ok(&arguments);
-        assert!(std::fs::read(&out).unwrap() == expected);
-        assert!(std::fs::read(work.join("distances.npy")).unwrap() == rows);
-        ok(&["verify", text(&work)]);
-        let left: Vec<String> = std::fs::read_dir(&work)
+        assert!(std::fs::read(out).unwrap() == expected);
+        assert!(std::fs::read(work.join(rows_file)).unwrap() == rows);
+        ok(&["verify", text(work)]);
+        let left: Vec<String> = std::fs::read_dir(work)
             .unwrap()
             .map(|entry| entry.unwrap().file_name().into_string().unwrap())
             .filter(|name| [".partial", ".tmp", ".journal"].iter().any(|end| name.ends_with(end)))

@@ -35,8 +35,8 @@ def _params(parts, parts_range, detail, cluster, decision, tiny_components, boun
     method = _METHODS[_choose("cluster", cluster, _METHODS)]
     own = {"decision": decision, "tiny_components": tiny_components, "boundaries": boundaries}
     given = [name for name, value in own.items() if value is not None]
-    if method != "parts" and (given or exact or detail):
-        name = given[0] if given else "exact" if exact else "detail"
+    if method != "parts" and (given or detail):
+        name = given[0] if given else "detail"
         raise ValueError(f"{name}: goes with cluster='parts'")
     means = {"kernel": kernel, "sigma": sigma, "normalise": normalise, "unit_rows": unit_rows}
     wanted = [name for name, value in means.items() if value is not None]
@@ -93,7 +93,8 @@ def segment(mesh, faces=None, parts=None, *, parts_range=None, detail=0.0, clust
     decision: how parts are decided: "soft-trees", "consensus" or "single".
     tiny_components: "join" (each joins the part it floats beside) or "own" (one part of their own).
     boundaries: "front" or "embedding".
-    landmarks: number of sampled faces l; by default 120, above 300,000 faces 240, with `exact` 20 to 60 on a large mesh.
+    landmarks: number of sampled faces l; by default 120, above 300,000 faces 240, with `exact` 20 to 60 on a large mesh; of
+        "kmeans" and "two-means" twice the parts, 10 to 60, above 60,000 faces 60.
     sampling: "farthest", "random", "uniform", "geodesic-farthest", "centroids", "cholesky", "greedy" or "pooled-greedy".
     exact: rows of distances over all faces of a large mesh too, instead of over its contraction.
     metric: "scale-free" (with `beta`, `eta`), "paper" (`delta`, `eta`) or "geodesic".
