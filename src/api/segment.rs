@@ -97,7 +97,7 @@ impl Segmenter {
     }
 
     /// The number of landmarks l; by default 120, or 240 above 300,000 faces. With [`Segmenter::exact`] 60 to 20, fewer on larger
-    /// meshes; for K-means and 2-means twice the number of parts, between 10 and 60.
+    /// meshes; for K-means and 2-means 60 above 60,000 faces, else twice the number of parts, between 10 and 60.
     #[must_use]
     pub fn landmarks(mut self, count: usize) -> Self {
         self.params.landmarks = Some(count);

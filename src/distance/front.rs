@@ -483,3 +483,21 @@ impl Front {
             + self.relaxations.capacity() * size_of::<Relaxation>()
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::graph::OwnedRowStarts;
+
+    #[test]
+    fn a_typical_weight_is_near_the_mean() {
+        for entries in [10, RUNS * RUN, 3_000_000] {
+            // Heavier towards the end.
+            let weights: Vec<f32> = (0..entries).map(|e| 1. + e as f32 / entries as f32).collect();
+            let (starts, indices) = (OwnedRowStarts::of(std::iter::repeat_n(1, entries)), vec![0; entries]);
+            let graph = Csr::new(starts.view(), &indices, &weights);
+            let (typical, mean) = (typical_weight(graph), mean_weight(graph));
+            assert!((typical / mean - 1.).abs() < 1e-3, "{entries}: {typical}, {mean}");
+        }
+    }
+}

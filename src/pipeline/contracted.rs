@@ -57,7 +57,7 @@ pub(super) fn contraction_and_shares(
 }
 
 /// The contracted nodes with the labels and confidences that they have (u).
-pub(super) fn units(small: ContractedSurface, label: Vec<u32>, confidence: Vec<f64>) -> Units {
+pub(super) fn units_of(small: ContractedSurface, label: Vec<u32>, confidence: Vec<f64>) -> Units {
     let steps = small.graph.edges.by_distance();
     let touches = |node: u32| steps.neighbours(node).any(|(next, _)| label[next as usize] != label[node as usize]);
     let at_boundary = Some((0..label.len() as u32).map(touches).collect());

@@ -7,7 +7,7 @@
 //! Cost: fitting is constant in the size of the mesh (16,384 columns). With rows over all faces the pass reads 4 l bytes per face; with a
 //! contraction it is one front over all faces, and one in the narrow bands.
 
-use super::contracted::{contraction_and_shares, faces_of, units, weighted};
+use super::contracted::{contraction_and_shares, faces_of, units_of, weighted};
 use super::edits::PartMarks;
 use super::labels::{Clustered, SegmentStats};
 use super::params::{Cluster, SegmentParams, dimensions};
@@ -129,7 +129,7 @@ pub(super) fn on_contraction(
     rows.release(&inner)?;
     let landmarks = faces_of(&numbers.landmarks, &small);
     let confidence = quality.into_iter().map(f64::from).collect();
-    Ok((units(small, labels, confidence), SegmentStats { landmarks, ..numbers }))
+    Ok((units_of(small, labels, confidence), SegmentStats { landmarks, ..numbers }))
 }
 
 /// Labels every face of `graph` by its contraction.

@@ -4,7 +4,7 @@
 //! weights, rows, cells; then the parts are decided on cells, in constant time, as a whole tree of answers, and
 //! one more front moves their boundaries onto creases. Another number of parts needs only the last step. More parts than there are cells are pieces of these.
 
-use super::contracted::{contraction_and_shares, faces_of, units as units_of, weighted};
+use super::contracted::{contraction_and_shares, faces_of, units_of, weighted};
 use super::decision::DecisionStage;
 use super::edits::{Corrections, OnCells, PartMarks};
 use super::labels::{Clustered, SegmentStats};

@@ -13,6 +13,7 @@ mod creature_mesh;
 mod evaluate_metrics;
 mod front_door;
 mod held;
+mod means_contracted;
 mod oracles;
 mod page;
 mod parts_small;

@@ -110,16 +110,16 @@ fn labels_are_the_same_when_the_kernel_can_keep_nothing_in_memory() {
     let creature = Creature::new(&Options { faces: 200_000, ..Options::default() }).unwrap();
     creature.write_ply(&path, &quiet(1 << 30)).unwrap();
     let opened = mesh::open(&path, dir.path(), &quiet(1 << 30)).unwrap();
-    for cluster in [Cluster::Parts, Cluster::KMeans] {
+    for (cluster, exact) in [(Cluster::Parts, false), (Cluster::KMeans, false), (Cluster::KMeans, true)] {
         let labels = |resident: u64| {
             let work = WorkDir::temporary(dir.path()).unwrap();
             let parts = PartsParams { count: PartCount::Exactly(6), ..PartsParams::default() };
-            let params = SegmentParams::default().parts(parts).cluster(cluster).landmarks(Some(10));
+            let params = SegmentParams::default().parts(parts).cluster(cluster).exact(exact).landmarks(Some(10));
             let run = Run { resident, ..quiet(1 << 30) };
             let result = segment(&opened, &json!(1), &params, Context::new(&work, &run)).unwrap();
             (result.labels.to_vec(), result.quality.to_vec(), result.numbers.landmarks)
         };
-        assert!(labels(u64::MAX) == labels(0), "{cluster:?}");
+        assert!(labels(u64::MAX) == labels(0), "{cluster:?}, exact {exact}");
     }
 }
 
@@ -147,8 +147,14 @@ fn scans_have_the_same_labels_where_geometry_is_computed() {
         for params in [
             by_default.clone(),
             means.clone().cluster(Cluster::KMeans),
+            means.clone().cluster(Cluster::KMeans).exact(true),
             by_default.clone().cluster(Cluster::TwoMeans).landmarks(Some(10)).sampling(Sampling::Random),
-            means.clone().cluster(Cluster::KMeans).order(Order::Hilbert).sampling(Sampling::GeodesicFarthest),
+            means
+                .clone()
+                .cluster(Cluster::KMeans)
+                .exact(true)
+                .order(Order::Hilbert)
+                .sampling(Sampling::GeodesicFarthest),
         ] {
             assert!(labels(&params, u64::MAX) == labels(&params, 0), "{name}, {params:?}");
         }
