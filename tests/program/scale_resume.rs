@@ -154,6 +154,25 @@ fn shards_and_merge_are_one_process_byte_for_byte() {
 const STEPS: [&str; 5] = ["normals", "contraction", "rows", "depths", "bands"];
 
 #[test]
+fn shares_of_k_means_are_one_process_byte_for_byte() {
+    let dir = tempfile::tempdir().unwrap();
+    let mesh = creature(dir.path(), 62_000);
+    let (work, out, expected) = (dir.path().join("work"), dir.path().join("out.seg"), dir.path().join("one.seg"));
+    let method = ["-k", "5", "--cluster", "kmeans"];
+    ok(&[&["segment", text(&mesh), "-q", "-o", text(&expected)], &method[..]].concat());
+    let place = ["--work-dir", text(&work)];
+    for step in STEPS {
+        for shard in ["1/2", "0/2"] {
+            ok(&[&["share", step, text(&mesh), "-q", "--shard", shard], &place[..], &method].concat());
+        }
+    }
+    let output = ok(&[&["segment", text(&mesh), "-o", text(&out)], &place[..], &method].concat());
+    let said = String::from_utf8_lossy(&output.stderr);
+    assert!(said.contains("coarser mesh: reused") && said.contains("bands: put together from 2 shares"), "{said}");
+    assert!(std::fs::read(&out).unwrap() == std::fs::read(&expected).unwrap());
+}
+
+#[test]
 fn shares_of_the_default_recipe_are_one_process_byte_for_byte() {
     let dir = tempfile::tempdir().unwrap();
     let mesh = creature(dir.path(), 62_000);
