@@ -136,32 +136,34 @@ pub fn cluster(
     check_corrections(params, corrections, graph.nodes.len())?;
     let order = NodeOrder::kept(&input, graph.nodes.len(), context.work)?;
     let clustered = match means::fit(params, graph.nodes.len()) {
-        Some(fit) => {
-            let n = graph.nodes.len();
-            let rows = match DistanceRows::kept(&graph.key, n, context.work) {
-                Ok(rows) => Some(rows),
-                Err(Error::WorkDir { .. }) if params.contracts(n) => None,
-                Err(Error::WorkDir { .. }) => {
-                    let weighted = graph.weighted(params.metric, context)?;
-                    Some(rows(&graph, &weighted, params.landmarks_of(n), params, context)?)
-                }
-                Err(error) => return Err(error),
-            };
-            match rows {
-                Some(rows) => {
-                    context.run.progress.note(&format!("rows: {} of them", rows.len()));
-                    let kept = || super::embed::kept_params(&rows.key, context.work);
-                    let embedding =
-                        params.embedding.or_else(kept).unwrap_or(EmbeddingParams::for_parts(dimensions(params)));
-                    let embedding = EmbeddingParams { dimensions: dimensions(params), ..embedding };
-                    means::over_faces(&graph, &rows, embedding, fit, context)?
-                }
-                None => means::contracted(&graph, fit, params, context)?,
+        Some(fit) => match rows_over_faces(&graph, params, context)? {
+            None => means::contracted(&graph, fit, params, context)?,
+            Some(rows) => {
+                context.run.progress.note(&format!("rows: {} of them", rows.len()));
+                let kept = || super::embed::kept_params(&rows.key, context.work);
+                let embedding =
+                    params.embedding.or_else(kept).unwrap_or(EmbeddingParams::for_parts(dimensions(params)));
+                let embedding = EmbeddingParams { dimensions: dimensions(params), ..embedding };
+                means::over_faces(&graph, &rows, embedding, fit, context)?
             }
-        }
+        },
         None => parts::parts(&graph, &order, params, Wishes { tree, corrections }, context)?,
     };
     label(&graph, order, clustered, params, context)
+}
+
+/// The rows over all faces that are there, of whatever metric, or new ones; `None` where there are none and the mesh is contracted.
+fn rows_over_faces(graph: &DualGraph, params: &SegmentParams, context: Context<'_>) -> Result<Option<DistanceRows>> {
+    let n = graph.nodes.len();
+    match DistanceRows::kept(&graph.key, n, context.work) {
+        Ok(rows) => Ok(Some(rows)),
+        Err(Error::WorkDir { .. }) if params.contracts(n) => Ok(None),
+        Err(Error::WorkDir { .. }) => {
+            let weighted = graph.weighted(params.metric, context)?;
+            rows(graph, &weighted, params.landmarks_of(n), params, context).map(Some)
+        }
+        Err(error) => Err(error),
+    }
 }
 
 /// What `params` would have to be for [`cluster`] to make nothing anew that `record` made: its options but for those
