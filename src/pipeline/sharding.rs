@@ -176,7 +176,7 @@ impl SharedWork<'_> {
 
     fn prepare_rows(&self, opened: &Mesh, context: Context<'_>) -> Result<WeightedGraph> {
         let Self { identity, params, .. } = self;
-        let l = landmarks(params, opened.faces.len())?;
+        let l = landmarks_over_faces(params, opened.faces.len())?;
         let graph = input::graph(opened, identity, params, context)?.1;
         let weighted = match params.cluster {
             Cluster::KMeans | Cluster::TwoMeans => graph.weighted(params.metric, context)?,
@@ -309,6 +309,11 @@ fn landmarks(params: &SegmentParams, faces: usize) -> Result<usize> {
     Ok(params.landmarks_of(faces))
 }
 
+/// The same for rows over all of them, also where the method would contract the mesh.
+fn landmarks_over_faces(params: &SegmentParams, faces: usize) -> Result<usize> {
+    landmarks(&params.clone().exact(true), faces)
+}
+
 /// Makes everything that shards share, or finds it made; `open` reads the mesh where that is needed.
 ///
 /// # Errors
@@ -327,7 +332,7 @@ pub fn first(shared: SharedWork<'_>, open: impl FnOnce() -> Result<Mesh>, contex
 /// As [`super::segment()`].
 pub fn all(opened: &Mesh, identity: &Value, params: &SegmentParams, context: Context<'_>) -> Result<DistanceRows> {
     let weighted = SharedWork { divided: Divided::Rows, identity, params }.prepare_rows(opened, context)?;
-    let rows = RowParams { l: landmarks(params, opened.faces.len())?, sampling: params.sampling };
+    let rows = RowParams { l: landmarks_over_faces(params, opened.faces.len())?, sampling: params.sampling };
     let nodes: MappedSlice<Node> = context.work.open_array(nodes::FILE)?;
     DistanceRows::build(&weighted, nodes[..].into(), rows, context)
 }
