@@ -198,6 +198,11 @@ pub fn typical_weight(graph: Csr<'_>) -> f32 {
 }
 
 impl Front {
+    /// A front over `graph`, its buckets as wide as suit the weights.
+    pub fn over(graph: Csr<'_>) -> Self {
+        Self::new(typical_weight(graph))
+    }
+
     /// A front for graphs whose weights have the given mean.
     pub fn new(mean_weight: f32) -> Self {
         Self::with_width(mean_weight * WIDTH)

@@ -7,7 +7,7 @@
 //!
 //! Memory: the search field, 4 bytes a node in a mapped file, and what the sampler keeps.
 
-use super::front::{Front, typical_weight};
+use super::front::Front;
 use crate::base::{Error, Result};
 use crate::graph::Csr;
 use crate::graph::weights::LEAST;
@@ -133,7 +133,7 @@ impl<'a> GraphSpace<'a> {
         finished: &'a dyn FinishedRows,
         run: &'a Run<'a>,
     ) -> Self {
-        let length_front = search.lengths.map(|lengths| Front::new(typical_weight(lengths)));
+        let length_front = search.lengths.map(Front::over);
         Self { search, finished, front, length_front, visits: Visits::default(), run }
     }
 

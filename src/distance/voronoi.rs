@@ -59,7 +59,7 @@ fn by_blocks<'a>(graph: Csr<'a>, run: &Run) -> Option<BlockDijkstra<'a>> {
 /// [`crate::base::Error::Cancelled`].
 pub fn nearest_source(graph: Csr<'_>, sources: &[u32], field: &mut [f32], label: &mut [u32], run: &Run) -> Result<()> {
     match by_blocks(graph, run) {
-        None => Front::new(typical_weight(graph)).nearest_source(graph, sources, field, label, &run.cancel).map(drop),
+        None => Front::over(graph).nearest_source(graph, sources, field, label, &run.cancel).map(drop),
         Some(blocks) => blocks.nearest_source(sources, field, label),
     }
 }
@@ -70,7 +70,7 @@ pub fn nearest_source(graph: Csr<'_>, sources: &[u32], field: &mut [f32], label:
 /// [`crate::base::Error::Cancelled`].
 pub fn within(graph: Csr<'_>, sources: &[u32], limit: f32, field: &mut [f32], run: &Run) -> Result<()> {
     match by_blocks(graph, run) {
-        None => Front::new(typical_weight(graph)).within(graph, sources, limit, field, &run.cancel).map(drop),
+        None => Front::over(graph).within(graph, sources, limit, field, &run.cancel).map(drop),
         Some(blocks) => blocks.within(sources, limit, field),
     }
 }
@@ -90,7 +90,7 @@ pub fn within_fresh(
     match by_blocks(graph, run) {
         None => {
             run.fill_each(field, BLOCK, |_, _| f32::INFINITY)?;
-            Front::new(typical_weight(graph)).within(graph, sources, limit, field, &run.cancel)?;
+            Front::over(graph).within(graph, sources, limit, field, &run.cancel)?;
             Ok(VisitedPieces::everything(graph.len()))
         }
         Some(blocks) => blocks.within_fresh(sources, limit, field),
@@ -109,7 +109,7 @@ pub fn propagate_labels(
     run: &Run,
 ) -> Result<()> {
     match by_blocks(graph, run) {
-        None => Front::new(typical_weight(graph)).propagate_labels(graph, sources, field, label, &run.cancel).map(drop),
+        None => Front::over(graph).propagate_labels(graph, sources, field, label, &run.cancel).map(drop),
         Some(blocks) => blocks.propagate_labels(sources, field, label),
     }
 }

@@ -17,7 +17,6 @@ use super::units::Units;
 use crate::base::Result;
 use crate::cluster::boundary::{self, BoundaryMethod, RefinedLabels};
 use crate::cluster::kmeans::{Assignment, KMeans, KMeansParams, WeightedPoints, assign, exactly};
-use crate::cluster::parts::PartCount;
 use crate::cluster::two_means::{self, TwoMeansParams};
 use crate::distance::DistanceRows;
 use crate::graph::{DualGraph, NodeView};
@@ -81,14 +80,11 @@ fn k_means(
 
 /// How centres in the embedding of `faces` faces are found; nothing where parts are decided on cells.
 pub(super) fn fit(params: &SegmentParams, faces: usize) -> Option<Fit> {
-    let bounds = |least, most: usize| Some(Fit::TwoMeans(TwoMeansParams::between(least, most.min(faces))));
-    match (params.cluster, params.parts.count) {
-        (Cluster::KMeans, PartCount::Exactly(k)) => Some(Fit::KMeans(k)),
-        (Cluster::TwoMeans, PartCount::Exactly(k)) => bounds(k, k),
-        (Cluster::TwoMeans, PartCount::Found) => bounds(1, two_means::MOST),
-        (Cluster::TwoMeans, PartCount::Between(least, most)) => bounds(least, most),
-        _ => None,
-    }
+    let most = params.centres()?;
+    Some(match params.cluster {
+        Cluster::KMeans => Fit::KMeans(most),
+        _ => Fit::TwoMeans(TwoMeansParams::between(params.parts.count.least(), most.min(faces))),
+    })
 }
 
 /// Labels every face of `graph` by `rows` over all of them.
