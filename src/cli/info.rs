@@ -72,7 +72,8 @@ fn header(path: &Path) -> Result<(String, Value)> {
     });
     let (length, per_face) = (human(bytes.len() as f64), bytes.len() as f64 / size.faces as f64);
     let mut text = format!("{}, {length}B, {per_face:.1} B/face\n", line(&path.to_string_lossy()));
-    let _ = writeln!(text, "{} faces, {} vertices", size.faces, size.vertices);
+    let most = if size.strips { "at most " } else { "" };
+    let _ = writeln!(text, "{most}{} faces, {} vertices", size.faces, size.vertices);
     let _ = writeln!(text, "{format}");
     for element in &elements {
         let _ = writeln!(text, "{}  {}", line(&element.name), element.count);

@@ -7,9 +7,10 @@ use super::progress::{human, words};
 use nystrom_stream::base::Result;
 use nystrom_stream::pipeline::SegmentParams;
 use nystrom_stream::pipeline::calibrate::{calibrate, size_of_mesh};
-use nystrom_stream::pipeline::plan::{Plan, order_is_open};
+use nystrom_stream::pipeline::plan::{Pace, Plan, order_is_open};
 use nystrom_stream::store::disk_speed::DiskSpeed;
 use nystrom_stream::store::{Budget, Context};
+use std::collections::BTreeMap;
 use std::fmt::Write;
 use std::path::{Path, PathBuf};
 
@@ -46,6 +47,10 @@ pub fn check(path: &Path, params: &SegmentParams, context: Context<'_>) -> Resul
         // Reading the mesh will say what is wrong with it.
         return Ok(());
     };
+    if size.strips {
+        // Fewer faces than the file could hold may fit.
+        return Ok(());
+    }
     let plan = Plan::new(size, params, false, context.work.durable(), context.run);
     plan.check_size(path)?;
     let (folder, there) = (context.work.path(), context.work.bytes());
@@ -71,7 +76,8 @@ pub fn run(args: &PlanArgs, app: &AppContext) -> Result<(), CliError> {
     // A work directory may not be there yet; its disk is that of the nearest folder that is.
     let folder = folder.ancestors().find(|folder| folder.is_dir()).unwrap_or(Path::new(".")).to_path_buf();
     let measured = calibrate(&params, plan.landmarks, size.faces, &folder, &run)?;
-    let mut plan = plan.with_times(|stage| measured.get(stage).copied().unwrap_or_default());
+    let pace = |of: &BTreeMap<String, Pace>, stage: &str| of.get(stage).copied().unwrap_or_default();
+    let mut plan = plan.with_times(|stage| pace(&measured.smooth, stage), |stage| pace(&measured.rough, stage));
     if let Some(cache) = page_cache(&plan).filter(|&cache| plan.walked > cache) {
         plan = plan.with_waits(DiskSpeed::measure(&folder)?, cache);
     }
@@ -102,7 +108,8 @@ fn table(plan: &Plan) -> String {
     };
     let bytes = |x: u64| format!("{}B", human(x as f64));
     let seconds = |x: Option<f64>| x.map_or(String::new(), |x| format!("{x:.1}"));
-    let mut text = format!("{faces} faces, {vertices} vertices, {} landmarks\n", plan.landmarks);
+    let most = if size.strips { "at most " } else { "" };
+    let mut text = format!("{most}{faces} faces, {vertices} vertices, {} landmarks\n", plan.landmarks);
     text += &row(["stage", "memory", "disk kept", "temporary", "freed", "seconds"]);
     for stage in &plan.stages {
         let [memory, keeps, passing, frees] =
@@ -115,5 +122,12 @@ fn table(plan: &Plan) -> String {
         least if least < plan.disk_peak => format!(" for a rough surface, {} for a smooth one", bytes(least)),
         _ => String::new(),
     };
-    text + &format!("the disk holds at most {peak}{smooth}, besides the output\n")
+    let _ = writeln!(text, "the disk holds at most {peak}{smooth}, besides the output");
+    if let Some(slow) = plan.seconds_rough {
+        let _ = writeln!(
+            text,
+            "the seconds are those of a smooth surface; a rough one, such as a raw scan, takes some {slow:.1} s"
+        );
+    }
+    text
 }

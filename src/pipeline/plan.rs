@@ -2,7 +2,7 @@
 //!
 //! Each stage tells what it needs beside its own code ([`Stage::needs`]); this adds up. Disk follows from the sizes of
 //! the arrays alone, memory from the same arithmetic that cuts shuffles to the budget, time from a short calibration: the same
-//! recipe on two creatures ([`CALIBRATION`] faces and a quarter), drawn out along the line through both. Where memory is short, bytes
+//! recipe on two creatures ([`super::calibrate`]), drawn out along the line through both. Where memory is short, bytes
 //! read and written come on top, by the speed of the disk ([`DiskSpeed`]). The input's header is read, nothing else.
 
 use super::input::computes;
@@ -21,10 +21,8 @@ use crate::store::disk_speed::DiskSpeed;
 use crate::store::needs::{BASE, Extent, Needs, Room};
 use crate::store::{Run, Stage};
 use serde::Serialize;
+use std::ops::AddAssign;
 use std::path::Path;
-
-/// Faces of the calibration's larger creature, at the least and at the most.
-pub const CALIBRATION: [u64; 2] = [200_000, 5_000_000];
 
 /// Caches hold the creature and not the mesh: stages take this much longer a face on large meshes (measured).
 const BEYOND_CACHES: f64 = 1.2;
@@ -51,10 +49,22 @@ impl Pace {
         self.fixed + self.per_face * faces as f64
     }
 
+    /// The same, with so many seconds a face more on a mesh larger than what they were measured on.
+    pub(super) fn slower_by(self, per_face: f64) -> Self {
+        Self { per_face: self.per_face + BEYOND_CACHES * per_face, ..self }
+    }
+
     /// The line through two measurements of (faces, seconds).
     pub(super) fn through((few, short): (f64, f64), (many, long): (f64, f64)) -> Self {
         let slope = ((long - short) / (many - few)).clamp(0., long / many);
         Self { fixed: (long - slope * many).max(0.), per_face: BEYOND_CACHES * slope }
+    }
+}
+
+impl AddAssign for Pace {
+    fn add_assign(&mut self, other: Self) {
+        self.fixed += other.fixed;
+        self.per_face += other.per_face;
     }
 }
 
@@ -69,6 +79,8 @@ pub struct MeshSize {
     pub corners: u64,
     /// Bytes that decoding (and decompressing) writes; 0 where the file is read where it lies.
     pub decoded: u64,
+    /// Whether the faces are strips of triangles, which headers do not count: `faces` is what they hold at the most.
+    pub strips: bool,
 }
 
 /// A stage and what it takes.
@@ -102,8 +114,13 @@ pub struct Plan {
     pub disk_peak_smooth: u64,
     /// Mapped bytes that fronts walk all over: what the page cache should hold for full speed.
     pub walked: u64,
-    /// Seconds in all, where calibrated.
+    /// Seconds in all on a smooth surface, where calibrated.
     pub seconds: Option<f64>,
+    /// Seconds in all on a rough surface, where calibrated.
+    pub seconds_rough: Option<f64>,
+    /// Bytes that a rough surface has read from the disk and written to it where memory keeps hardly anything.
+    #[serde(skip)]
+    rough_moves: [u64; 2],
 }
 
 /// Landmarks that `params` asks for on a mesh of `faces` faces.
@@ -191,12 +208,17 @@ fn disk_of(stages: &[StagePlan]) -> (u64, u64) {
     (disk, peak)
 }
 
+/// Bytes read from the disk and written to it in `stages`, where memory keeps hardly anything.
+fn moves_of(stages: &[StagePlan]) -> [u64; 2] {
+    stages.iter().fold([0; 2], |[reads, writes], stage| [reads + stage.needs.reads, writes + stage.needs.writes])
+}
+
 impl Plan {
     /// The plan for a mesh of size `mesh` under `params`, in a work directory that is `lasting` or temporary. Where
     /// [`Order::Auto`] has to look at the mesh to decide, the file's order is taken to be good; `reordered` says
     /// otherwise.
     pub fn new(mesh: MeshSize, params: &SegmentParams, reordered: bool, lasting: bool, run: &Run) -> Self {
-        let MeshSize { faces, vertices, corners, decoded } = mesh;
+        let MeshSize { faces, vertices, corners, decoded, .. } = mesh;
         let budget = run.budget.total();
         let mut extent = Extent {
             faces,
@@ -220,7 +242,8 @@ impl Plan {
         let (disk, disk_peak) = disk_of(&stages);
         let smooth = stages_of(&Extent { rough: false, ..extent }, params.cluster, decoded, budget);
         let (_, disk_peak_smooth) = disk_of(&smooth);
-        // Times are those of a smooth surface, as the calibration's is.
+        let rough_moves = moves_of(&stages);
+        // Seconds of each stage are those of a smooth surface.
         for (stage, smooth) in stages.iter_mut().zip(&smooth) {
             stage.needs = stage.needs.moving(smooth.needs.reads, smooth.needs.writes);
         }
@@ -235,26 +258,34 @@ impl Plan {
             walked: 8 * faces + faces / 2 + 8 * corners,
             stages,
             seconds: None,
+            seconds_rough: None,
+            rough_moves,
         }
     }
 
-    /// Fills in the times from `measured`, the pace of each stage.
-    pub fn with_times(mut self, measured: impl Fn(&str) -> Pace) -> Self {
+    /// Fills in the times from the pace of each stage, measured on a smooth and on a rough surface.
+    pub fn with_times(mut self, smooth: impl Fn(&str) -> Pace, rough: impl Fn(&str) -> Pace) -> Self {
+        let faces = self.mesh.faces;
         for stage in &mut self.stages {
-            stage.seconds = Some(measured(stage.name).of(self.mesh.faces));
+            stage.seconds = Some(smooth(stage.name).of(faces));
         }
         self.seconds = self.stages.iter().map(|stage| stage.seconds).sum();
+        self.seconds_rough = Some(self.stages.iter().map(|stage| rough(stage.name).of(faces)).sum());
         self
     }
 
     /// Adds what paging will take with a disk of this speed where the page cache can hold `cache` bytes of mapped files.
     pub fn with_waits(mut self, speed: DiskSpeed, cache: u64) -> Self {
         let missing = 1. - (cache as f64 / self.walked as f64).min(1.);
+        let waits = |reads: u64, writes: u64| {
+            let (read, written) = (missing * reads as f64, missing * writes as f64);
+            WAITING * speed.seconds(read, written) + PAGING * (read + written)
+        };
         for StagePlan { needs, seconds, .. } in &mut self.stages {
-            let (read, written) = (missing * needs.reads as f64, missing * needs.writes as f64);
-            let more = WAITING * speed.seconds(read, written) + PAGING * (read + written);
-            *seconds = seconds.map(|seconds| seconds + more);
+            *seconds = seconds.map(|seconds| seconds + waits(needs.reads, needs.writes));
         }
+        let [reads, writes] = self.rough_moves;
+        self.seconds_rough = self.seconds_rough.map(|seconds| seconds + waits(reads, writes));
         self.seconds = self.stages.iter().map(|stage| stage.seconds).sum();
         self
     }
@@ -324,7 +355,8 @@ mod tests {
     }
 
     fn plan_of(params: &SegmentParams) -> Plan {
-        let mesh = MeshSize { faces: 1_000_000_000, vertices: 500_000_000, corners: 3_000_000_000, decoded: 0 };
+        let mesh =
+            MeshSize { faces: 1_000_000_000, vertices: 500_000_000, corners: 3_000_000_000, ..MeshSize::default() };
         let mut run = Run::new(&());
         (run.threads, run.budget, run.resident) = (2, Budget::new(2 << 30), 4 << 30);
         Plan::new(mesh, params, false, false, &run)
@@ -350,14 +382,17 @@ mod tests {
 
     #[test]
     fn waiting_grows_with_what_memory_does_not_hold() {
-        let timed = plan().with_times(|_| Pace { fixed: 1., per_face: 0. });
+        let timed = plan().with_times(|_| Pace { fixed: 1., per_face: 0. }, |_| Pace { fixed: 2., per_face: 0. });
         let speed = DiskSpeed { read: 1e9, write: 5e8 };
         let seconds = |cache: u64| timed.clone().with_waits(speed, cache).seconds.unwrap();
-        let (reads, writes) = timed.stages.iter().fold((0, 0), |(r, w), s| (r + s.needs.reads, w + s.needs.writes));
+        let [reads, writes] = moves_of(&timed.stages);
         let waiting = WAITING * (reads as f64 / 1e9 + writes as f64 / 5e8);
         let all = waiting + PAGING * (reads + writes) as f64;
         assert!((seconds(0) - timed.seconds.unwrap() - all).abs() < 1e-6 && all > 100., "{all}");
         assert!((seconds(timed.walked / 2) - timed.seconds.unwrap() - all / 2.).abs() < 1e-3);
         assert_eq!(seconds(timed.walked), timed.seconds.unwrap());
+        // A rough surface has more to compute and more to move.
+        let slow = timed.clone().with_waits(speed, 0);
+        assert!(slow.seconds_rough.unwrap() > slow.seconds.unwrap() + timed.stages.len() as f64);
     }
 }

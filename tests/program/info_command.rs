@@ -80,6 +80,34 @@ fn what_else_a_header_lacks_is_told_apart() {
     }
 }
 
+/// The one strip of a scan of 268,686 faces was counted as one face: `plan` told of 3 MB and no time.
+#[test]
+fn strips_are_planned_by_the_faces_that_they_may_hold() {
+    let dir = tempfile::tempdir().unwrap();
+    let vertices = 40_000u32;
+    let mut bytes = format!(
+        "ply\nformat binary_little_endian 1.0\nelement vertex {vertices}\nproperty float x\nproperty float y\nproperty float z\n\
+         element tristrips 1\nproperty list int int vertex_indices\nend_header\n"
+    )
+    .into_bytes();
+    for k in 0..vertices {
+        let [x, y] = [(k / 2) as f32, (k % 2) as f32];
+        bytes.extend([x, y, 0.].iter().flat_map(|number| number.to_le_bytes()));
+    }
+    bytes.extend((vertices as i32).to_le_bytes());
+    bytes.extend((0..vertices).flat_map(u32::to_le_bytes));
+    let mesh = dir.path().join("strip.ply");
+    std::fs::write(&mesh, bytes).unwrap();
+    let output = run(&["plan", word(&mesh), "--json"]);
+    let plan: serde_json::Value = serde_json::from_slice(&output.stdout).unwrap();
+    assert_eq!(plan["mesh"]["faces"], vertices, "{}", errors(&output));
+    let text = String::from_utf8(run(&["info", word(&mesh)]).stdout).unwrap();
+    assert!(
+        text.contains("at most 40000 faces, 40000 vertices") && text.contains("faces         39998 triangles"),
+        "{text}"
+    );
+}
+
 /// What a person asks of a mesh first: is it whole, how large, how many pieces.
 #[test]
 fn info_measures_a_mesh_of_any_format() {
