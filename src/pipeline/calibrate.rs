@@ -1,7 +1,7 @@
 //! A short calibration: the recipe on two creatures, timed by stage.
 //!
 //! Both go the mesh's way: contracted if it is, over all faces if it is not. A third one has noise, and tells what normals of a rough surface
-//! take. Costs one to three seconds and some 20 MB of disk for as long; for meshes of more than eight million faces less than a tenth of what
+//! take. Costs one to five seconds and some 20 MB of disk for as long; for meshes of more than ten million faces less than a tenth of what
 //! their run takes, and some six seconds at the most.
 
 use super::params::SegmentParams;
