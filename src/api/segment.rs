@@ -104,10 +104,10 @@ impl Segmenter {
         self
     }
 
-    /// How landmarks are chosen.
+    /// How landmarks are chosen; by default [`SegmentParams::sampling_of`] the mesh.
     #[must_use]
     pub fn sampling(mut self, sampling: Sampling) -> Self {
-        self.params.sampling = sampling;
+        self.params.sampling = Some(sampling);
         self
     }
 

@@ -123,9 +123,9 @@ pub struct DistanceArgs {
     /// Number of landmarks [default: 120, above 300,000 faces 240; with --exact 60 to 20 by the size of a large mesh; with kmeans and two-means twice the parts, 10 to 60, above 60,000 faces 60]
     #[arg(short = 'l', long, hide_short_help = true, value_name = "L", value_parser = clap::value_parser!(u32).range(1..=4096))]
     pub landmarks: Option<u32>,
-    /// How landmarks are chosen
-    #[arg(long, hide_short_help = true, value_parser = choice::<Sampling>(), default_value = "farthest")]
-    pub sampling: Sampling,
+    /// How landmarks are chosen [default: farthest; distance-weighted above 60,000 faces, but not with --exact, kmeans and two-means]
+    #[arg(long, hide_short_help = true, value_parser = choice::<Sampling>())]
+    pub sampling: Option<Sampling>,
     /// Compute rows over all faces of a large mesh too, instead of more of them over a coarser copy
     #[arg(long, hide_short_help = true)]
     pub exact: bool,

@@ -26,26 +26,37 @@ impl Sampler for Farthest {
         field: &mut [f32],
         found: &mut Found<'_>,
     ) -> Result<()> {
-        let mut landmark = space.finished(0).unwrap_or_else(|| extremity(space.nodes(), seed, space.threads()));
-        field.fill(f32::INFINITY);
-        for k in 0..l {
-            if k > 0 {
-                landmark = farthest_in(space, field);
-            }
-            if k == 0 {
-                space.lower(k, landmark, field)?;
-                space.advise(field, Access::Sequential);
-                found(landmark, Some(field))?;
-                continue;
-            }
-            // Known before its own front: its row can start meanwhile.
-            found(landmark, None)?;
-            if k + 1 < l {
-                space.lower(k, landmark, field)?;
-            }
-        }
-        Ok(())
+        one_by_one(l, seed, space, field, found, &farthest_in)
     }
+}
+
+/// Landmarks that each depend on the distances from those before, which `next` looks at. The first is an extremity. `field` and `found`
+/// are those of [`Farthest`].
+pub(super) fn one_by_one(
+    l: usize,
+    seed: u64,
+    space: &mut dyn Space,
+    field: &mut [f32],
+    found: &mut Found<'_>,
+    next: &dyn Fn(&mut dyn Space, &[f32]) -> u32,
+) -> Result<()> {
+    let mut landmark = space.finished(0).unwrap_or_else(|| extremity(space.nodes(), seed, space.threads()));
+    field.fill(f32::INFINITY);
+    for k in 0..l {
+        if k == 0 {
+            space.lower(k, landmark, field)?;
+            space.advise(field, Access::Sequential);
+            found(landmark, Some(field))?;
+            continue;
+        }
+        landmark = next(space, field);
+        // Known before its own front: its row can start meanwhile.
+        found(landmark, None)?;
+        if k + 1 < l {
+            space.lower(k, landmark, field)?;
+        }
+    }
+    Ok(())
 }
 
 /// Farthest points in length alone, for rows in a metric that counts turning.

@@ -6,6 +6,7 @@
 //! | [`random`] | 0 | by area, or each node alike |
 //! | [`farthest`] | about Σ 1/i | max–min from an extremity, §6.2 |
 //! | [`farthest::GeodesicFarthest`] | about Σ 1/i | the same in length alone, whatever metric the rows have |
+//! | [`distance_weighted`] | about Σ 1/i | at random, by area times the distance from those before |
 //! | [`centroid`] | l + Σ 1/i | farthest points, each moved to the middle of its cell |
 //! | [`cholesky`] | l + [`PILOTS`] | randomly pivoted Cholesky |
 //! | [`greedy`] | 90 l, pooled 90 + l | best of 90 candidates by Γ, §6.1 |
@@ -15,6 +16,7 @@
 
 pub mod centroid;
 pub mod cholesky;
+pub mod distance_weighted;
 pub mod farthest;
 pub mod greedy;
 pub mod matrix_space;
@@ -56,6 +58,8 @@ pub enum Sampling {
     Farthest,
     /// Nodes at random, a node's chance in proportion to its area.
     Random,
+    /// Nodes at random, by area times the distance to the nearest landmark so far.
+    DistanceWeighted,
     /// Nodes at random, each alike: the paper's random sampling.
     Uniform,
     /// Max–min farthest points in length alone, whatever metric the rows have.
@@ -72,9 +76,10 @@ pub enum Sampling {
 
 impl Sampling {
     /// All of them.
-    pub const ALL: [Self; 8] = [
+    pub const ALL: [Self; 9] = [
         Self::Uniform,
         Self::Random,
+        Self::DistanceWeighted,
         Self::Cholesky,
         Self::Farthest,
         Self::GeodesicFarthest,
@@ -88,6 +93,7 @@ impl Sampling {
         match self {
             Self::Farthest => "farthest",
             Self::Random => "random",
+            Self::DistanceWeighted => "distance-weighted",
             Self::Uniform => "uniform",
             Self::GeodesicFarthest => "geodesic-farthest",
             Self::Centroids => "centroids",
@@ -107,6 +113,7 @@ impl Sampling {
         match self {
             Self::Farthest => Box::new(farthest::Farthest),
             Self::Random => Box::new(random::ByArea),
+            Self::DistanceWeighted => Box::new(distance_weighted::DistanceWeighted),
             Self::Uniform => Box::new(random::Uniform),
             Self::GeodesicFarthest => Box::new(farthest::GeodesicFarthest),
             Self::Centroids => Box::new(centroid::Centroids(params)),
@@ -135,7 +142,7 @@ impl Sampler for Sampling {
     }
 
     fn is_costly(&self) -> bool {
-        !matches!(self, Self::Farthest | Self::Random | Self::Uniform)
+        !matches!(self, Self::Farthest | Self::DistanceWeighted | Self::Random | Self::Uniform)
     }
 }
 

@@ -69,7 +69,7 @@ impl Stage for DecisionStage<'_> {
 
     fn inputs(&self, context: Context<'_>) -> Value {
         let WeightedSurface { graph, weighted, surface } = self.surface;
-        let rows = RowParams { l: self.landmarks(), sampling: self.params.sampling };
+        let rows = RowParams { l: self.landmarks(), sampling: self.params.sampling.unwrap_or_default() };
         let parts = &self.params.parts;
         json!({
             "rows": DistanceRows::key(weighted, graph.nodes.len(), rows, context.run),

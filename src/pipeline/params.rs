@@ -52,8 +52,8 @@ pub enum Boundaries {
 pub struct SegmentParams {
     /// Number of landmarks l; by default [`SegmentParams::landmarks_of`] the mesh.
     pub landmarks: Option<usize>,
-    /// How landmarks are chosen.
-    pub sampling: Sampling,
+    /// How landmarks are chosen; by default [`SegmentParams::sampling_of`] the mesh.
+    pub sampling: Option<Sampling>,
     /// Form of the edge weights.
     pub metric: Metric,
     /// In which order faces become nodes.
@@ -79,7 +79,7 @@ pub struct SegmentParams {
 
 crate::base::setters::setters!(SegmentParams {
     landmarks: Option<usize>,
-    sampling: Sampling,
+    sampling: Option<Sampling>,
     metric: Metric,
     order: Order,
     cluster: Cluster,
@@ -125,6 +125,13 @@ impl SegmentParams {
             None if contracts => landmarks_on_contraction(faces),
             None => landmarks_for_parts(faces),
         })
+    }
+
+    /// How landmarks of a mesh of `faces` faces are chosen: as asked for, else by area and distance where [`Cluster::Parts`] has rows over a
+    /// contraction, and farthest points where rows are over all faces, or are those of the paper's methods.
+    pub fn sampling_of(&self, faces: usize) -> Sampling {
+        let weighted = self.cluster == Cluster::Parts && self.contracts(faces);
+        self.sampling.unwrap_or(if weighted { Sampling::DistanceWeighted } else { Sampling::Farthest })
     }
 
     /// In which order the faces of a mesh of so many are worked on.

@@ -250,8 +250,10 @@ fn decide_on_contraction(
     let cut = within.stage(SurfaceStage { graph: &small.graph, kind: Kind::Contracted, cells: true })?;
     let contracted = WeightedSurface { graph: &small.graph, weighted: &small.weighted, surface: &cut };
     let located = Located { units: Some(&small.of_node), ..located };
-    let landmarks = params.landmarks_of(whole.graph.nodes.len());
-    let decided = decide(contracted, &params.clone().landmarks(Some(landmarks)), located, within)?;
+    let faces = whole.graph.nodes.len();
+    let (landmarks, sampling) = (params.landmarks_of(faces), params.sampling_of(faces));
+    let own = params.clone().landmarks(Some(landmarks)).sampling(Some(sampling));
+    let decided = decide(contracted, &own, located, within)?;
     let of_small = &decided.units.of_node;
     let landmarks = faces_of(&decided.numbers.landmarks, &small);
     let label: Vec<u32> = of_small.iter().map(|&cell| decided.units.label[cell as usize]).collect();

@@ -36,7 +36,7 @@ pub(super) fn rows(
     params: &SegmentParams,
     context: Context<'_>,
 ) -> Result<DistanceRows> {
-    DistanceRows::build(weighted, graph.nodes.view(), RowParams { l, sampling: params.sampling }, context)
+    DistanceRows::build(weighted, graph.nodes.view(), RowParams { l, sampling: params.sampling.unwrap_or_default() }, context)
 }
 
 /// Landmarks, and their distances averaged over cells.
@@ -67,7 +67,7 @@ impl WeightedSurface<'_> {
     pub fn representative(self, l: usize, params: &SegmentParams, context: Context<'_>) -> Result<Sample> {
         let first = self.sample(l, params, context)?;
         let share = greatest_share(&first.b, &self.surface.cells()?.graph.area);
-        if params.sampling != Sampling::Farthest || l < FEW || first.len() < l || share <= OUTLIERS {
+        if first.sampling != Sampling::Farthest || l < FEW || first.len() < l || share <= OUTLIERS {
             return Ok(first);
         }
         context.run.progress.note(&format!(
@@ -75,12 +75,13 @@ impl WeightedSurface<'_> {
             100. * share
         ));
         context.work.remove("distances.npy");
-        self.sample(l, &SegmentParams { sampling: Sampling::Random, ..params.clone() }, context)
+        self.sample(l, &params.clone().sampling(Some(Sampling::Random)), context)
     }
 
     fn sample(self, l: usize, params: &SegmentParams, context: Context<'_>) -> Result<Sample> {
+        let sampling = params.sampling.unwrap_or_default();
         if !params.keeps_rows(context.work.durable()) {
-            return self.passing(RowParams { l, sampling: params.sampling }, context);
+            return self.passing(RowParams { l, sampling }, context);
         }
         let rows = rows(self.graph, self.weighted, l, params, context)?;
         let before = |k: usize| rows.landmarks[..k].iter().map(|&node| rows.row(k)[node as usize]).collect();
@@ -88,7 +89,7 @@ impl WeightedSurface<'_> {
             landmarks: Landmarks { nodes: rows.landmarks.clone(), facts: rows.facts.clone() },
             between: (0..rows.len()).map(before).collect(),
             b: context.stage(CellRows { rows: &rows, surface: self.surface })?,
-            sampling: params.sampling,
+            sampling,
         })
     }
 
@@ -118,7 +119,7 @@ impl WeightedSurface<'_> {
         params: &SegmentParams,
         context: Context<'_>,
     ) -> Result<(DistanceRows, Vec<f64>)> {
-        let params = SegmentParams { sampling: numbers.sampling.unwrap_or(params.sampling), ..params.clone() };
+        let params = params.clone().sampling(numbers.sampling.or(params.sampling));
         let l = params.landmarks.unwrap_or(landmarks_for_parts(self.graph.nodes.len()));
         let rows = rows(self.graph, self.weighted, l, &params, context)?;
         let b = context.stage(CellRows { rows: &rows, surface: self.surface })?;

@@ -182,7 +182,7 @@ impl SharedWork<'_> {
             Cluster::KMeans | Cluster::TwoMeans => graph.weighted(params.metric, context)?,
             Cluster::Parts => contracted::weighted(&graph, params, context)?.1,
         };
-        let facts = RowFacts { weights: weighted.key.clone(), l, sampling: params.sampling };
+        let facts = RowFacts { weights: weighted.key.clone(), l, sampling: params.sampling.unwrap_or_default() };
         context.work.stamp(self.key(context.run), &[], &facts, 0.)?;
         Ok(weighted)
     }
@@ -197,7 +197,7 @@ impl SharedWork<'_> {
             weights = contracted::contraction(whole, context)?.1.weighted.key;
             l = landmarks(params, n)?;
         }
-        let facts = RowFacts { weights, l, sampling: params.sampling };
+        let facts = RowFacts { weights, l, sampling: params.sampling_of(n) };
         context.work.stamp(self.key(context.run), &[], &facts, 0.)
     }
 
@@ -332,7 +332,8 @@ pub fn first(shared: SharedWork<'_>, open: impl FnOnce() -> Result<Mesh>, contex
 /// As [`super::segment()`].
 pub fn all(opened: &Mesh, identity: &Value, params: &SegmentParams, context: Context<'_>) -> Result<DistanceRows> {
     let weighted = SharedWork { divided: Divided::Rows, identity, params }.prepare_rows(opened, context)?;
-    let rows = RowParams { l: landmarks_over_faces(params, opened.faces.len())?, sampling: params.sampling };
+    let l = landmarks_over_faces(params, opened.faces.len())?;
+    let rows = RowParams { l, sampling: params.sampling.unwrap_or_default() };
     let nodes: MappedSlice<Node> = context.work.open_array(nodes::FILE)?;
     DistanceRows::build(&weighted, nodes[..].into(), rows, context)
 }

@@ -148,13 +148,13 @@ fn scans_have_the_same_labels_where_geometry_is_computed() {
             by_default.clone(),
             means.clone().cluster(Cluster::KMeans),
             means.clone().cluster(Cluster::KMeans).exact(true),
-            by_default.clone().cluster(Cluster::TwoMeans).landmarks(Some(10)).sampling(Sampling::Random),
+            by_default.clone().cluster(Cluster::TwoMeans).landmarks(Some(10)).sampling(Some(Sampling::Random)),
             means
                 .clone()
                 .cluster(Cluster::KMeans)
                 .exact(true)
                 .order(Order::Hilbert)
-                .sampling(Sampling::GeodesicFarthest),
+                .sampling(Some(Sampling::GeodesicFarthest)),
         ] {
             assert!(labels(&params, u64::MAX) == labels(&params, 0), "{name}, {params:?}");
         }

@@ -95,7 +95,7 @@ fn every_option_survives_every_beast() {
                     .parts(exactly(parts))
                     .cluster(Cluster::KMeans)
                     .landmarks(Some([1, 4, 100][(j + turn) % 3]))
-                    .sampling(if (k + turn) % 2 == 0 { Sampling::Random } else { Sampling::Farthest })
+                    .sampling(Some(if (k + turn) % 2 == 0 { Sampling::Random } else { Sampling::Farthest }))
                     .metric(metrics[(k + j + turn) % 3])
                     .embedding(Some(embedding));
                 check(shape, &path, params);

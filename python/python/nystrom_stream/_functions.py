@@ -54,7 +54,9 @@ def _params(parts, parts_range, detail, cluster, decision, tiny_components, boun
     if landmarks is not None:
         params["landmarks"] = _count("landmarks", landmarks)
     params["parts"]["detail"] = float(detail)
-    params.update(cluster=method, sampling=sampling, exact=bool(exact), metric=metric, order=order)
+    if sampling is not None:
+        params["sampling"] = sampling
+    params.update(cluster=method, exact=bool(exact), metric=metric, order=order)
     if decision is not None:
         params["parts"]["decision"] = decision
     params.update({name: value for name, value in own.items() if value is not None and name != "decision"})
@@ -79,7 +81,7 @@ def _count(name, value):
 
 
 def segment(mesh, faces=None, parts=None, *, parts_range=None, detail=0.0, cluster="parts", decision=None, tiny_components=None,
-            boundaries=None, landmarks=None, sampling="farthest", exact=False, metric="scale-free", beta=None, eta=None,
+            boundaries=None, landmarks=None, sampling=None, exact=False, metric="scale-free", beta=None, eta=None,
             delta=None, order="auto", kernel=None, sigma=None, normalise=None, unit_rows=None, edits=None, hints=None, names=None, seed=0, threads=None,
             max_memory=None, work_dir=None, force=False, tmp=None, progress=None):
     """Cuts a mesh into parts, and returns a Segmentation.
@@ -95,7 +97,7 @@ def segment(mesh, faces=None, parts=None, *, parts_range=None, detail=0.0, clust
     boundaries: "front" or "embedding".
     landmarks: number of sampled faces l; by default 120, above 300,000 faces 240, with `exact` 20 to 60 on a large mesh; of
         "kmeans" and "two-means" twice the parts, 10 to 60, above 60,000 faces 60.
-    sampling: "farthest", "random", "uniform", "geodesic-farthest", "centroids", "cholesky", "greedy" or "pooled-greedy".
+    sampling: "farthest", "distance-weighted" (the default above 60,000 faces), "random", "uniform", "geodesic-farthest", "centroids", "cholesky", "greedy" or "pooled-greedy".
     exact: rows of distances over all faces of a large mesh too, instead of over its contraction.
     metric: "scale-free" (with `beta`, `eta`), "paper" (`delta`, `eta`) or "geodesic".
     order: of the faces at work: "auto", "keep" or "hilbert".
