@@ -29,7 +29,7 @@
 //!
 //! An implementation of *Sub-sampling for Efficient Spectral Mesh Processing* (Liu, Jain, Zhang, CGI 2006) that streams.
 //! Faces are the nodes of a dual graph, whose edges weigh distance and turning. Of the n × n matrix of affinities only l
-//! rows are computed: distances from l landmarks, chosen by farthest-point sampling. Above 60,000 faces the default method
+//! rows are computed: distances from l landmarks, farthest from each other or drawn by area and distance. Above 60,000 faces the default method
 //! computes them over a contraction to 30,000 nodes. Nyström's method extends the
 //! eigenvectors of the l × l block to all faces (eq. 3 to 5). An ensemble of over-segmentations of some two thousand cells
 //! is merged by concavity and convexity into a hierarchy, of which any number of parts is a cut; one more front moves

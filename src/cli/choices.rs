@@ -37,7 +37,11 @@ impl Choice for Sampling {
     const CHOICES: &'static [Named<Self>] = &[
         (Self::Farthest, "farthest", "Max–min farthest points, starting at an extremity (§6.2 of the paper)"),
         (Self::Random, "random", "At random, with probability proportional to area"),
-        (Self::DistanceWeighted, "distance-weighted", "At random, with probability proportional to area times the distance to the nearest landmark so far"),
+        (
+            Self::DistanceWeighted,
+            "distance-weighted",
+            "At random, by area times the distance to the nearest landmark so far",
+        ),
         (Self::Uniform, "uniform", "At random, each face with the same probability (the paper's random sampling)"),
         (Self::GeodesicFarthest, "geodesic-farthest", "Farthest points by length alone, whatever the metric"),
         (Self::Centroids, "centroids", "Farthest points, each moved to the middle of its Voronoi cell"),

@@ -36,7 +36,12 @@ pub(super) fn rows(
     params: &SegmentParams,
     context: Context<'_>,
 ) -> Result<DistanceRows> {
-    DistanceRows::build(weighted, graph.nodes.view(), RowParams { l, sampling: params.sampling.unwrap_or_default() }, context)
+    DistanceRows::build(
+        weighted,
+        graph.nodes.view(),
+        RowParams { l, sampling: params.sampling.unwrap_or_default() },
+        context,
+    )
 }
 
 /// Landmarks, and their distances averaged over cells.
