@@ -8,7 +8,7 @@
 //! The draw is sequential Poisson sampling (Ohlsson 1998): each node has a number u of its own, uniform in (0, 1], and the greatest area ×
 //! distance / u is next. So a small change of the mesh moves a landmark only where another node was nearly as great.
 //!
-//! Costs what farthest points cost, and 2 ns more a node and landmark. No memory.
+//! Costs what farthest points cost: 240 of them with their rows over 30,000 nodes took .20 to .22 s by either. No memory.
 
 use super::farthest::one_by_one;
 use super::{Found, Sampler, Space};
