@@ -97,7 +97,8 @@ def segment(mesh, faces=None, parts=None, *, parts_range=None, detail=0.0, clust
     boundaries: "front" or "embedding".
     landmarks: number of sampled faces l; by default 120, above 300,000 faces 240, with `exact` 20 to 60 on a large mesh; of
         "kmeans" and "two-means" twice the parts, 10 to 60, above 60,000 faces 60.
-    sampling: "farthest", "distance-weighted" (the default above 60,000 faces), "random", "uniform", "geodesic-farthest", "centroids", "cholesky", "greedy" or "pooled-greedy".
+    sampling: "farthest", "distance-weighted", "random", "uniform", "geodesic-farthest", "centroids", "cholesky", "greedy" or
+        "pooled-greedy"; by default farthest, and distance-weighted where parts of a mesh above 60,000 faces are found on its contraction.
     exact: rows of distances over all faces of a large mesh too, instead of over its contraction.
     metric: "scale-free" (with `beta`, `eta`), "paper" (`delta`, `eta`) or "geodesic".
     order: of the faces at work: "auto", "keep" or "hilbert".
