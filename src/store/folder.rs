@@ -1,7 +1,8 @@
 //! Folders that one process has for itself: locked while in use, and removed with the process where they are temporary.
 //!
 //! The lock is an advisory one of the operating system and dies with its process, so a stale lock cannot exist. Temporary
-//! folders that a killed run left behind are known by their unlocked lock file, and the next run beside them removes them.
+//! folders that a killed run left behind are known by their unlocked lock file, or by being empty, and the next run beside
+//! them removes them.
 //!
 //! Others may use the same parent, `/tmp` above all: a temporary folder is open to its owner alone, and only real folders of
 //! the same owner are taken for abandoned ones.
@@ -117,7 +118,7 @@ impl WorkFolder {
     /// Removes it with all that is in it.
     pub fn remove(&self) {
         if let Some(Folder { path, failure: None, .. }) = self.folder.get() {
-            let _ = std::fs::remove_dir_all(path);
+            remove_folder(path);
         }
     }
 }
@@ -164,7 +165,7 @@ impl PrivateFolder {
 
 impl Drop for PrivateFolder {
     fn drop(&mut self) {
-        let _ = std::fs::remove_dir_all(&self.0.path);
+        remove_folder(&self.0.path);
     }
 }
 
@@ -225,17 +226,37 @@ fn remove_abandoned(parent: &Path, own: &Path) {
         let named = entry.file_name().to_string_lossy().starts_with(TEMPORARY);
         // Links are not followed.
         let real = |path: &Path| std::fs::symlink_metadata(path).ok().filter(|found| found.uid() == own.uid());
+        // A run was killed after it made its folder and before it locked it, or just before it removed it. One that is about
+        // to lock its folder makes another; what holds a file or is a link stays.
+        let real_folder = named && real(&path).is_some_and(|found| found.is_dir());
+        if real_folder && std::fs::remove_dir(&path).is_ok() {
+            continue;
+        }
         // An empty one is of a run that ended before it could write, or of an older program.
         let ours = |file: PathBuf| std::fs::read(file).is_ok_and(|name| name.is_empty() || name == machine());
-        let abandoned = named
-            && real(&path).is_some_and(|found| found.is_dir())
-            && real(&path.join(LOCK)).is_some_and(|found| found.is_file())
-            && ours(path.join(LOCK))
-            && matches!(lock(&path, false), Ok(Lock::Held(_)));
-        if abandoned {
-            let _ = std::fs::remove_dir_all(path);
+        let abandoned =
+            real_folder && real(&path.join(LOCK)).is_some_and(|found| found.is_file()) && ours(path.join(LOCK));
+        if !abandoned {
+            continue;
+        }
+        // Held until all is removed: a run that made its lock file and is about to lock it finds it busy or gone.
+        if let Ok(Lock::Held(_held)) = lock(&path, false) {
+            remove_folder(&path);
         }
     }
+}
+
+/// Removes a folder with all that is in it, its lock file last: by that the next run knows what a run that is killed
+/// meanwhile leaves. What cannot be removed stays.
+fn remove_folder(path: &Path) {
+    for entry in std::fs::read_dir(path).into_iter().flatten().flatten() {
+        if entry.file_name() == LOCK {
+            continue;
+        }
+        let is_folder = entry.file_type().is_ok_and(|kind| kind.is_dir());
+        let _ = if is_folder { std::fs::remove_dir_all(entry.path()) } else { std::fs::remove_file(entry.path()) };
+    }
+    let _ = std::fs::remove_dir_all(path);
 }
 
 #[cfg(test)]
@@ -291,6 +312,38 @@ mod tests {
         drop(private(dir.path()).unwrap());
         assert!(!path.exists() && other.path().exists());
         drop((folder, other));
+        assert_eq!(std::fs::read_dir(dir.path()).unwrap().count(), 0);
+    }
+
+    /// A run that was killed between making its folder and locking it, or between emptying and removing it, left an empty
+    /// folder for ever.
+    #[test]
+    fn an_empty_folder_goes_and_one_with_unknown_files_stays() {
+        let dir = tempfile::tempdir().unwrap();
+        let [empty, full] = ["empty", "full"].map(|name| dir.path().join(format!("{TEMPORARY}{name}")));
+        std::fs::create_dir(&empty).unwrap();
+        std::fs::create_dir(&full).unwrap();
+        std::fs::write(full.join("file"), "kept").unwrap();
+        let other = dir.path().join("empty");
+        std::fs::create_dir(&other).unwrap();
+        drop(private(dir.path()).unwrap());
+        assert!(!empty.exists() && full.join("file").exists() && other.exists());
+    }
+
+    /// Many that make folders at once remove one another's that are not locked yet; each makes another.
+    #[test]
+    fn folders_made_side_by_side_are_all_there() {
+        let dir = tempfile::tempdir().unwrap();
+        std::thread::scope(|scope| {
+            for _ in 0..4 {
+                scope.spawn(|| {
+                    for _ in 0..100 {
+                        let folder = private(dir.path()).unwrap();
+                        std::fs::write(folder.path().join("file"), "x").unwrap();
+                    }
+                });
+            }
+        });
         assert_eq!(std::fs::read_dir(dir.path()).unwrap().count(), 0);
     }
 
