@@ -44,6 +44,15 @@ fn unpack() -> Option<PathBuf> {
     done.then_some(folder)
 }
 
+/// A folder for small files, in memory where there is room. Whatever is to last is synced to the disk, and where a test makes hundreds of
+/// work directories it waits for that ten times as long as it computes.
+pub fn in_memory() -> tempfile::TempDir {
+    let memory = Path::new("/dev/shm");
+    let has_room = fs4::available_space(memory).is_ok_and(|free| free > 1 << 30);
+    let folder = if has_room { tempfile::tempdir_in(memory) } else { tempfile::tempdir() };
+    folder.unwrap()
+}
+
 /// The program, ready for arguments.
 pub fn program() -> Command {
     Command::new(env!("CARGO_BIN_EXE_nystrom-stream"))

@@ -1,5 +1,6 @@
 //! Damaged files are opened or refused; they never panic, hang or take memory that they do not fill.
 
+use crate::common;
 use nystrom_stream::mesh::{self, Labelling, PlyForm};
 use nystrom_stream::store::Run;
 use proptest::prelude::*;
@@ -43,7 +44,7 @@ fn samples() -> Vec<Vec<u8>> {
 
 /// Opens the bytes, and labels the mesh if it is one.
 fn try_all(bytes: &[u8]) -> bool {
-    let dir = tempfile::tempdir().unwrap();
+    let dir = common::in_memory();
     let path = dir.path().join("x.ply");
     std::fs::write(&path, bytes).unwrap();
     let run = Run { threads: 2, ..Run::new(&()) };

@@ -17,12 +17,15 @@ fn exactly(parts: usize) -> PartsParams {
     PartsParams { count: PartCount::Exactly(parts), ..PartsParams::default() }
 }
 
-/// Segments by the library; everything that comes out is checked.
+/// Segments by the library in a folder of its own; everything that comes out is checked.
 fn check(shape: &Shape, path: &Path, params: SegmentParams) {
-    let dir = tempfile::tempdir().unwrap();
+    check_in(common::in_memory().path(), shape, path, params);
+}
+
+fn check_in(folder: &Path, shape: &Shape, path: &Path, params: SegmentParams) {
     let run = Run { threads: 2, ..Run::new(&()) };
     // One that lasts: a temporary one gives up the weights, which are looked at below.
-    let work = WorkDir::open(&dir.path().join("work")).unwrap();
+    let work = WorkDir::open(&folder.join("work")).unwrap();
     let opened = mesh::open(path, work.path(), &run).unwrap();
     let told = format!("{} {params:?}", shape.name);
     let result = segment(&opened, &input::identity(path).unwrap(), &params, Context::new(&work, &run))
@@ -53,7 +56,7 @@ fn check(shape: &Shape, path: &Path, params: SegmentParams) {
 
 #[test]
 fn every_beast_falls_into_exactly_k_parts() {
-    let dir = tempfile::tempdir().unwrap();
+    let dir = common::in_memory();
     for shape in zoo::all() {
         let path = shape.write(dir.path());
         let n = shape.faces.len();
@@ -64,17 +67,28 @@ fn every_beast_falls_into_exactly_k_parts() {
                 }
             }
         }
-        check(&shape, &path, SegmentParams::default());
+    }
+}
+
+#[test]
+fn every_beast_falls_into_the_parts_that_are_found_or_asked_for() {
+    let dir = common::in_memory();
+    for shape in zoo::all() {
+        let path = shape.write(dir.path());
+        let n = shape.faces.len();
+        // One hierarchy for all: it takes most of the time.
+        let work = common::in_memory();
+        check_in(work.path(), &shape, &path, SegmentParams::default());
         for count in [PartCount::Exactly(n.min(5)), PartCount::Exactly(n.min(40)), PartCount::Between(1, 3)] {
             let parts = PartsParams { count, ..PartsParams::default() };
-            check(&shape, &path, SegmentParams::default().parts(parts));
+            check_in(work.path(), &shape, &path, SegmentParams::default().parts(parts));
         }
     }
 }
 
 #[test]
 fn every_option_survives_every_beast() {
-    let dir = tempfile::tempdir().unwrap();
+    let dir = common::in_memory();
     let kernels =
         [Kernel::Gaussian, Kernel::Exponential, Kernel::Polynomial { degree: 3 }, Kernel::InverseMultiquadric];
     let normalisations = [Normalisation::None, Normalisation::Degree, Normalisation::Anchor];
@@ -106,7 +120,7 @@ fn every_option_survives_every_beast() {
 
 #[test]
 fn the_program_agrees() {
-    let dir = tempfile::tempdir().unwrap();
+    let dir = common::in_memory();
     for shape in zoo::all() {
         let path = shape.write(dir.path());
         let parts = 4.min(shape.faces.len());
@@ -130,7 +144,7 @@ fn the_program_agrees() {
 
 #[test]
 fn the_report_counts_what_is_there() {
-    let dir = tempfile::tempdir().unwrap();
+    let dir = common::in_memory();
     let report = |shape: &Shape| -> serde_json::Value {
         let path = shape.write(dir.path());
         let output = common::segment(&path, &["-q", "-k", "1", "--json"]);
@@ -169,7 +183,7 @@ fn the_report_counts_what_is_there() {
 
 #[test]
 fn the_unit_of_length_does_not_matter() {
-    let dir = tempfile::tempdir().unwrap();
+    let dir = common::in_memory();
     let labels = |shape: &Shape| {
         let (path, labels) = (shape.write(dir.path()), dir.path().join("labels.seg"));
         common::segment(&path, &["-q", "-k", "3", "-o", common::word(&labels)]);
