@@ -65,6 +65,7 @@ fn more_parts_than_a_contraction_can_have_are_found_among_the_faces() {
         assert_eq!(params.contracts(mesh.faces.len()), parts == 1_000);
         assert_eq!(params.landmarks_of(mesh.faces.len()), landmarks);
     }
-    let params = params(Cluster::KMeans, 1_001).landmarks(Some(30));
+    // Few landmarks: with many, most of the time is K-means among as many parts.
+    let params = params(Cluster::KMeans, 1_001).landmarks(Some(6));
     assert_eq!(cut(&mesh, &params, &run, folder.path()).colours.len(), 1_001);
 }
