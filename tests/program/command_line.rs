@@ -443,7 +443,7 @@ fn json_has_one_form_everywhere() {
         &["study", "--points", "40", "-l", "5", "--runs", "3"],
         &["sequence", mesh, "-o", npy],
         &["transfer-labels", mesh, mesh, "--labels", seg, "-o", npy],
-        &["correspond", mesh, mesh, "-l", "8"],
+        &["correspond", mesh, mesh, "-l", "8", "--refine", "none"],
     ] {
         let output = run(&[words, &["-q", "--json"]].concat());
         assert!(output.status.success(), "{words:?}: {}", errors(&output));
