@@ -44,6 +44,18 @@ fn unpack() -> Option<PathBuf> {
     done.then_some(folder)
 }
 
+/// Whether tests go through every case, as in continuous integration, where `NYSTROM_STREAM_EVERY_CASE` is set. Otherwise they
+/// leave out cases that are like others and take long.
+pub fn every_case() -> bool {
+    std::env::var_os("NYSTROM_STREAM_EVERY_CASE").is_some()
+}
+
+/// Of many cases that are alike, one in `usual` is taken, or all by [`every_case`]. Give a number that shares no factor with the cycles
+/// that cases run through, so that every kind still has its turn.
+pub fn stride(usual: usize) -> usize {
+    if every_case() { 1 } else { usual }
+}
+
 /// A folder for small files, in memory where there is room. Whatever is to last is synced to the disk, and where a test makes hundreds of
 /// work directories it waits for that ten times as long as it computes.
 pub fn in_memory() -> tempfile::TempDir {

@@ -1,6 +1,6 @@
 //! Reordering along the curve: the same graph under other numbers, the same labels, in any budget.
 
-use crate::common::data;
+use crate::common::{data, every_case};
 use nystrom_stream::apps::creature::{Creature, Options};
 use nystrom_stream::apps::evaluate::{contingency, rand};
 use nystrom_stream::base::random::{below, stream};
@@ -128,7 +128,8 @@ fn scans_have_the_same_labels_where_geometry_is_computed() {
     let Some(data) = data() else { return };
     let dir = tempfile::tempdir().unwrap();
     // Holes and a rough surface; a seam; 151 components, in no order at all.
-    for name in ["bun_zipper_orig_ascii", "lucy_100k_orig", "dragon_vrip_orig_ascii"] {
+    for (number, name) in ["bun_zipper_orig_ascii", "lucy_100k_orig", "dragon_vrip_orig_ascii"].into_iter().enumerate()
+    {
         let opened = mesh::open(&data.join(format!("real/{name}.ply")), dir.path(), &quiet(1 << 30)).unwrap();
         let labels = |params: &SegmentParams, resident: u64| {
             let work = WorkDir::temporary(dir.path()).unwrap();
@@ -144,7 +145,7 @@ fn scans_have_the_same_labels_where_geometry_is_computed() {
         let by_default = SegmentParams::default();
         let six = PartsParams { count: PartCount::Exactly(6), ..PartsParams::default() };
         let means = by_default.clone().parts(six).landmarks(Some(10));
-        for params in [
+        let ways = [
             by_default.clone(),
             means.clone().cluster(Cluster::KMeans),
             means.clone().cluster(Cluster::KMeans).exact(true),
@@ -155,7 +156,12 @@ fn scans_have_the_same_labels_where_geometry_is_computed() {
                 .exact(true)
                 .order(Order::Hilbert)
                 .sampling(Some(Sampling::GeodesicFarthest)),
-        ] {
+        ];
+        // The default on each scan; the others on the two smaller ones by turns, or on each as well.
+        for (way, params) in ways.into_iter().enumerate() {
+            if way > 0 && number != way % 2 && !every_case() {
+                continue;
+            }
             assert!(labels(&params, u64::MAX) == labels(&params, 0), "{name}, {params:?}");
         }
     }

@@ -29,23 +29,23 @@ fn scene() -> tempfile::TempDir {
     std::fs::create_dir(&scans).unwrap();
     std::fs::create_dir(&psb).unwrap();
     if let Some(data) = common::data() {
-        // Two models of two categories with what people said of them.
+        // Two small models of two categories with what people said of them.
         let table = std::fs::read_to_string(data.join("psb/models.tsv")).unwrap();
-        let chosen = |line: &&str| ["model", "2", "50"].contains(&line.split('\t').next().unwrap());
+        let chosen = |line: &&str| ["model", "4", "60"].contains(&line.split('\t').next().unwrap());
         let lines: Vec<&str> = table.lines().filter(chosen).collect();
         assert_eq!(lines.len(), 3, "{table}");
         std::fs::write(psb.join("models.tsv"), lines.join("\n") + "\n").unwrap();
         for entry in std::fs::read_dir(data.join("psb")).unwrap().flatten() {
             let name = entry.file_name().into_string().unwrap();
-            if ["2.ply", "50.ply"].contains(&&name[..]) || name.starts_with("2_") || name.starts_with("50_") {
+            if ["4.ply", "60.ply"].contains(&&name[..]) || name.starts_with("4_") || name.starts_with("60_") {
                 std::fs::copy(entry.path(), psb.join(&name)).unwrap();
             }
         }
-        std::fs::copy(psb.join("2.ply"), dir.path().join("scan.ply")).unwrap();
-        for (truth, name) in [("2_0.seg", "a.seg"), ("2_1.seg", "b.seg")] {
+        std::fs::copy(psb.join("4.ply"), dir.path().join("scan.ply")).unwrap();
+        for (truth, name) in [("4_0.seg", "a.seg"), ("4_1.seg", "b.seg")] {
             std::fs::copy(psb.join(truth), dir.path().join(name)).unwrap();
         }
-        for name in ["2.ply", "50.ply"] {
+        for name in ["4.ply", "60.ply"] {
             std::fs::copy(psb.join(name), scans.join(name)).unwrap();
         }
     } else {
@@ -74,21 +74,26 @@ fn scene() -> tempfile::TempDir {
     dir
 }
 
-/// The folder of the tour: the scans that it names.
+/// The folder of the tour: the scans that it names. Smaller ones stand in for the two largest, which take most of the time, unless
+/// every case is asked for.
 fn gallery() -> tempfile::TempDir {
     let dir = tempfile::tempdir().unwrap();
+    let (dragon, head) = match common::every_case() {
+        true => ("real/dragon_vrip_orig_ascii.ply", "real/mri_ch2_head_h.ply"),
+        false => ("nasty/dragon_res2_203k.ply", "real/horse_paper_39698.ply"),
+    };
     let scans = [
-        ("horse", "horse_97k_orig_BE.ply"),
-        ("bunny", "bun_zipper_orig_ascii.ply"),
-        ("lucy", "lucy_100k_orig.ply"),
-        ("igea", "igea.ply"),
-        ("dragon", "dragon_vrip_orig_ascii.ply"),
-        ("head", "mri_ch2_head_h.ply"),
+        ("horse", "real/horse_97k_orig_BE.ply"),
+        ("bunny", "real/bun_zipper_orig_ascii.ply"),
+        ("lucy", "real/lucy_100k_orig.ply"),
+        ("igea", "real/igea.ply"),
+        ("dragon", dragon),
+        ("head", head),
     ];
     for (faces, (name, file)) in (4_000..).step_by(1_000).zip(scans) {
         let target = dir.path().join(name).with_extension("ply");
         match common::data() {
-            Some(data) => drop(std::fs::copy(data.join("real").join(file), target).unwrap()),
+            Some(data) => drop(std::fs::copy(data.join(file), target).unwrap()),
             None => std::fs::rename(common::creature(dir.path(), faces, false), target).unwrap(),
         }
     }
