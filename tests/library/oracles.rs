@@ -1,8 +1,7 @@
 //! The fast ways against slow, obvious ones: graph, weights, fronts, landmarks, embeddings, Γ.
 
-use crate::common;
-use crate::common::oracle;
 use crate::common::zoo::{self, Shape};
+use crate::common::{self, oracle, stride};
 use nalgebra::{DMatrix, DVector};
 use nystrom_stream::base::Cancel;
 use nystrom_stream::base::random::{below, stream, unit};
@@ -224,8 +223,10 @@ fn check_bands(graph: Csr<'_>, front: &mut Front, (nearest, owned): (&[f32], &[u
 
 #[test]
 fn fronts_equal_a_binary_heap_to_the_bit_on_meshes() {
-    for (name, built) in meshes() {
-        for metric in [Metric::default(), Metric::paper(), Metric::Geodesic] {
+    for (k, (name, built)) in meshes().into_iter().enumerate() {
+        // Fronts do not know where weights come from: one of the metrics a mesh, by turns, or all of them.
+        let metrics = [Metric::default(), Metric::paper(), Metric::Geodesic];
+        for metric in metrics.into_iter().skip(k % stride(3)).step_by(stride(3)) {
             let weighted = built.weighted(metric);
             let graph = weighted.csr();
             let mut draw = stream(1, &name);

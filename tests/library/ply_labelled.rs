@@ -72,6 +72,7 @@ fn every_mesh_survives_labelling_in_every_form() {
             if mesh::open(&input, scratch.path(), &Run::new(&())).is_err() {
                 continue;
             }
+            let read = if large { None } else { reference(&input) };
             for (form, stream) in
                 [(PlyForm::Same, false), (PlyForm::Same, true), (PlyForm::Binary, false), (PlyForm::Ascii, false)]
             {
@@ -96,8 +97,8 @@ fn every_mesh_survives_labelling_in_every_form() {
                     assert_eq!(face["blue"], Property::UChar(255 - k), "{name}");
                     assert_eq!(face["quality"], Property::Float(quality[f]), "{name}");
                 }
-                if let Some(read) = reference(&input) {
-                    assert_kept(&name, &read, &written);
+                if let Some(read) = &read {
+                    assert_kept(&name, read, &written);
                 }
             }
         }

@@ -1,7 +1,7 @@
 //! `correspond` with what the user knows, what it writes for other programs, and parts.
 
 use super::correspond_cli::{correspond, files, permuted, read};
-use crate::common::{errors, program, word};
+use crate::common::{errors, every_case, program, stride, word};
 use nystrom_stream::mesh;
 use nystrom_stream::store::{Run, npy};
 use std::fmt::Write;
@@ -39,7 +39,7 @@ fn landmarks_by_hand_and_maps_to_begin_with_are_starts() {
     let run = correspond(&a, &b, &["-q", "-o", word(&out), "-o", word(&csv), "--landmarks-file", word(&pairs)]);
     assert!(run.status.success(), "{}", errors(&run));
     assert!(error(&out, &b, &truth, dir.path())["mean"].as_f64().unwrap() < 0.02);
-    for map in [&out, &csv] {
+    for map in [&csv, &out].into_iter().step_by(stride(2)) {
         let json = file("r.json");
         let json_to = format!("--json={}", json.display());
         let run = correspond(&a, &b, &["-q", "-o", word(&again), "--initial-map", word(map), &json_to]);
@@ -141,11 +141,24 @@ fn a_mesh_with_holes_is_found_in_the_whole_and_the_rest_is_told_as_unmatched() {
         assert_eq!(told["unmatched"].as_u64().unwrap() as usize, none);
         matches
     };
-    let of_part = matched(&holes, &whole);
-    assert!(of_part.iter().filter(|one| one.target >= 0).count() * 10 > 8 * old.len());
-    let found = error(&out, &whole, &old, dir.path());
-    assert!(found["mean"].as_f64().unwrap() < 0.03, "{found}");
+    if every_case() {
+        let of_part = matched(&holes, &whole);
+        assert!(of_part.iter().filter(|one| one.target >= 0).count() * 10 > 8 * old.len());
+        let found = error(&out, &whole, &old, dir.path());
+        assert!(found["mean"].as_f64().unwrap() < 0.03, "{found}");
+    }
     let from_whole = matched(&whole, &holes);
+    // Vertices of the part are found, each near itself.
+    let opened = mesh::open(&whole, dir.path(), &Run::new(&())).unwrap();
+    let (mut found, mut apart) = (0, 0.);
+    for one in old.iter().map(|&v| (v, from_whole[v as usize].target)).filter(|one| one.1 >= 0) {
+        let [p, q] = [one.0, old[one.1 as usize]].map(|v| opened.positions.get(v));
+        apart += (0..3).map(|k| (p[k] - q[k]).powi(2)).sum::<f64>().sqrt();
+        found += 1;
+    }
+    let points = (0..opened.positions.len() as u32).map(|v| opened.positions.get(v)[1]);
+    let (low, high) = points.fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), y| (low.min(y), high.max(y)));
+    assert!(found * 10 > 8 * old.len() && apart / (found as f64) < 0.03 * (high - low), "{found}, {apart}");
     let outside: Vec<_> =
         (0..from_whole.len()).filter(|&v| old.binary_search(&(v as u32)).is_err()).map(|v| from_whole[v]).collect();
     let told = outside.iter().filter(|one| one.target < 0).count();

@@ -162,7 +162,7 @@ fn a_stray_vertex_does_not_decide_other_commands() {
         let (picture, map, carried) = (file("x.png"), file("map.npy"), file("carried.seg"));
         for words in [
             vec!["picture", word(&mesh), "--labels", word(&labels), "-o", word(&picture)],
-            vec!["correspond", word(&whole), word(&mesh), "-o", word(&map)],
+            vec!["correspond", word(&whole), word(&mesh), "--refine", "none", "-o", word(&map)],
             vec!["transfer-labels", word(&whole), word(&mesh), "--labels", word(&labels), "-o", word(&carried)],
         ] {
             let output = run(&words);

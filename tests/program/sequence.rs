@@ -96,7 +96,8 @@ fn survives(name: &str, path: &Path) {
         std::fs::create_dir_all(&scratch).unwrap();
         let after = mesh::open(&out, &scratch, &run).unwrap();
         assert_rearranged(name, &before, &after, &places, &numbers);
-        if form == PlyForm::Same && !strips {
+        // The second output in this form has the bytes of the first.
+        if outputs.len() == 1 && !strips {
             assert_kept(name, path, &out, "face", &places, &numbers);
         }
     }
