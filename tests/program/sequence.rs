@@ -71,7 +71,7 @@ fn assert_kept(name: &str, before: &Path, after: &Path, face: &str, places: &[u3
 
 /// Rearranges the mesh at `path` in every form.
 fn survives(name: &str, path: &Path) {
-    let dir = tempfile::tempdir().unwrap();
+    let dir = common::in_memory();
     let work = WorkDir::temporary(dir.path()).unwrap();
     let before = match mesh::open(path, work.path(), &Run::new(&())) {
         Ok(opened) => opened,
