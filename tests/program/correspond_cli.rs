@@ -145,7 +145,8 @@ fn a_work_directory_keeps_graphs_and_rows_for_the_next_question() {
     let (out, work) = (dir.path().join("m.npy"), dir.path().join("work"));
     let run = |words: &[&str], kept: bool| {
         let place = ["--work-dir", word(&work)];
-        let refine = if words.contains(&"--refine") { &[][..] } else { &["--refine", "none"] };
+        let as_it_is = words.contains(&"--refine") || common::every_case();
+        let refine: &[&str] = if as_it_is { &[] } else { &["--refine", "none"] };
         let all = [&["-o", word(&out), "-l", "20"][..], refine, words, if kept { &place } else { &[] }].concat();
         let run = correspond(&a, &b, &all);
         assert!(run.status.success(), "{}", errors(&run));
