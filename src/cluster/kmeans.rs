@@ -6,12 +6,13 @@
 //! points.
 //!
 //! [`assign`] extrapolates every face (eq. 2), takes the nearest centre and counts; Γ's sum (eq. 6) rides along. Chunks of
-//! columns are independent. Cost: 4 l bytes read and l exponentials per face; 10–20 ns per face and thread at l = 10.
+//! columns are independent. Cost: 4 l bytes read and l exponentials per face, which Γ shares.
 //! Then [`exactly`] sees to it that no part is empty.
 
 use crate::base::Result;
 use crate::base::parallel::{chunk_range, map_ranges};
 use crate::base::random::{stream, weighted};
+use crate::base::simd::{SimdKernel, dispatch};
 use crate::distance::DistanceRows;
 use crate::graph::NodeView;
 use crate::spectral::Embedding;
@@ -102,14 +103,34 @@ impl Centres<'_> {
         first: &mut [f32],
         second: &mut [f32],
     ) {
+        let rows: Vec<&[f32]> = (0..self.dimensions).map(rows).collect();
+        dispatch(NearestCentres { centres: self, rows: &rows, label, first, second });
+    }
+}
+
+/// [`Centres::nearest`], for [`dispatch`].
+struct NearestCentres<'a> {
+    centres: Centres<'a>,
+    rows: &'a [&'a [f32]],
+    label: &'a mut [u32],
+    first: &'a mut [f32],
+    second: &'a mut [f32],
+}
+
+impl SimdKernel for NearestCentres<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn run(self) {
+        let Self { centres: Centres { values, dimensions }, rows, label, first, second } = self;
         first.fill(f32::INFINITY);
         second.fill(f32::INFINITY);
         label.fill(0);
         let mut square = vec![0f32; label.len()];
-        for (k, centre) in self.values.chunks_exact(self.dimensions.max(1)).enumerate() {
+        for (k, centre) in values.chunks_exact(dimensions.max(1)).enumerate() {
             square.fill(0.);
-            for (e, &c) in centre.iter().enumerate() {
-                for (s, &x) in square.iter_mut().zip(rows(e)) {
+            for (&c, row) in centre.iter().zip(rows) {
+                for (s, &x) in square.iter_mut().zip(*row) {
                     *s += (x - c) * (x - c);
                 }
             }
@@ -305,6 +326,26 @@ pub struct Assignment<'a> {
     pub gamma: Option<&'a Gamma>,
 }
 
+/// How sure points are of their centres (m), from the squared distances to the nearest and the second nearest, for [`dispatch`].
+struct Margins<'a> {
+    first: &'a [f32],
+    second: &'a [f32],
+    out: &'a mut [f32],
+}
+
+impl SimdKernel for Margins<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn run(self) {
+        for ((margin, &first), &second) in self.out.iter_mut().zip(self.first).zip(self.second) {
+            let (first, second) = (first.sqrt(), second.sqrt());
+            let known = second > 0. && second.is_finite();
+            *margin = (if known { 1. - first / second } else { 1. }).clamp(0., 1.);
+        }
+    }
+}
+
 /// Chunks whose distances are asked for at a time.
 const CHUNKS_ASKED: usize = 16;
 
@@ -325,7 +366,7 @@ pub fn assign(assignment: Assignment<'_>, labels: &mut [u32], quality: &mut [f32
         second: Vec<f32>,
     }
     let scratch = || Scratch {
-        affinities: vec![0.; FACES_PER_CHUNK],
+        affinities: vec![0.; FACES_PER_CHUNK * rows.len()],
         coordinates: vec![0.; FACES_PER_CHUNK * d],
         first: vec![0.; FACES_PER_CHUNK],
         second: vec![0.; FACES_PER_CHUNK],
@@ -338,20 +379,24 @@ pub fn assign(assignment: Assignment<'_>, labels: &mut [u32], quality: &mut [f32
             (0..rows.len()).for_each(|row| run.will_need(rows.row(row), range.start..end));
         }
         let distances = |row: usize| &rows.row(row)[range.clone()];
-        embedding.chunk(m, distances, &mut s.affinities[..m], &mut s.coordinates[..m * d]);
+        let affinities = &mut s.affinities[..m * rows.len()];
+        embedding.chunk(m, distances, affinities, &mut s.coordinates[..m * d]);
         let coordinates = &s.coordinates;
         let row = |e: usize| &coordinates[e * m..(e + 1) * m];
         centres.centres().nearest(row, labels, &mut s.first[..m], &mut s.second[..m]);
         let (mut faces, mut area) = (vec![0u64; parts], vec![0f64; parts]);
-        for (i, (&label, quality)) in labels.iter().zip(quality).enumerate() {
-            let (first, second) = (s.first[i].sqrt(), s.second[i].sqrt());
-            let margin = if second > 0. && second.is_finite() { 1. - first / second } else { 1. };
-            faces[label as usize] += 1;
-            area[label as usize] += f64::from(*quality);
-            *quality = margin.clamp(0., 1.);
+        let mut first = 0;
+        for same in labels.chunk_by(|a, b| a == b) {
+            // Added up in the order of faces, but in a register: neighbours in number mostly have one label.
+            let part = same[0] as usize;
+            let areas = &quality[first..first + same.len()];
+            faces[part] += areas.len() as u64;
+            area[part] = areas.iter().fold(area[part], |sum, &area| sum + f64::from(area));
+            first += same.len();
         }
+        dispatch(Margins { first: &s.first[..m], second: &s.second[..m], out: quality });
         run.progress.advance("assign", m as u64);
-        Ok((faces, area, gamma.map_or(0., |gamma| gamma.chunk(m, distances))))
+        Ok((faces, area, gamma.map_or(0., |gamma| gamma.chunk(m, &s.affinities[..m * rows.len()]))))
     })?;
     let mut totals = ClusterTotals { faces: vec![0; parts], area: vec![0.; parts], gamma: 0. };
     for (faces, area, gamma) in chunks {

@@ -131,7 +131,8 @@ fn write(rows: &DistanceRows, embedding: &Embedding, order: &NodeOrder, context:
         let range = chunk_range(n, CHUNK, k);
         let m = range.len();
         let mut coordinates = vec![0.; m * d];
-        embedding.chunk(m, |row| &rows.row(row)[range.clone()], &mut affinities[..m], &mut coordinates);
+        affinities.resize(rows.len() * m, 0.);
+        embedding.chunk(m, |row| &rows.row(row)[range.clone()], affinities, &mut coordinates);
         context.run.progress.advance("embedding", m as u64);
         Ok(coordinates)
     };
@@ -145,6 +146,6 @@ fn write(rows: &DistanceRows, embedding: &Embedding, order: &NodeOrder, context:
         }
         Ok(())
     };
-    context.run.in_order(chunk_count(n, CHUNK), || vec![0.; CHUNK], work_chunk, consume)?;
+    context.run.in_order(chunk_count(n, CHUNK), Vec::new, work_chunk, consume)?;
     array.finish(context.work.durable()).map(drop)
 }

@@ -23,6 +23,7 @@ use super::anchor::nearest_shares;
 use super::eigen;
 use super::kernel::Kernel;
 use crate::base::random::{stratified, stream};
+use crate::base::simd::{SimdKernel, dispatch};
 use crate::base::{Error, Result};
 use crate::distance::DistanceRows;
 use crate::store::Run;
@@ -194,7 +195,9 @@ enum Divisor {
 ///
 /// // Γ (eq. 6): how well three landmarks stand for the other three faces.
 /// let gamma = Gamma::new(&rows, params.kernel, embedding.sigma);
-/// let gamma = gamma.of_sum(gamma.chunk(6, |landmark| rows.row(landmark)));
+/// let (mut affinities, mut y) = (vec![0.; 3 * 6], vec![0.; 2 * 6]);
+/// embedding.chunk(6, |landmark| rows.row(landmark), &mut affinities, &mut y);
+/// let gamma = gamma.of_sum(gamma.chunk(6, &affinities));
 /// assert!(gamma > 0.);
 /// # Ok(())
 /// # }
@@ -245,53 +248,74 @@ impl Embedding {
         }
     }
 
-    /// Embeds a chunk of `m` faces. `distances(k)` gives their distances from landmark k (m); `affinities`
-    /// is scratch (m); `out` gets d rows of m.
+    /// Embeds a chunk of `m` faces. `distances(k)` gives their distances from landmark k (m); `affinities` gets l rows of m, what the
+    /// kernel makes of them; `out` gets d rows of m.
     pub fn chunk<'a>(&self, m: usize, distances: impl Fn(usize) -> &'a [f32], affinities: &mut [f32], out: &mut [f32]) {
-        for (y, &start) in out.chunks_exact_mut(m).zip(&self.offset) {
-            y.fill(start);
+        for (k, row) in affinities.chunks_exact_mut(m).enumerate() {
+            self.kernel.apply(self.sigma as f32, distances(k), row);
         }
-        let mut divisor = match &self.divisor {
-            Divisor::One => Vec::new(),
-            Divisor::Linear(_, start) => vec![*start; m],
-            Divisor::Root(..) => vec![0.; m],
-        };
-        for k in 0..self.landmarks {
-            self.kernel.apply(self.sigma as f32, distances(k), affinities);
-            for (y, map) in out.chunks_exact_mut(m).zip(self.map.chunks_exact(self.landmarks)) {
-                add_scaled(y, map[k], affinities);
-            }
-            if let Divisor::Linear(c, _) | Divisor::Root(c, _) = &self.divisor {
-                add_scaled(&mut divisor, c[k], affinities);
-            }
-        }
-        if self.unit_rows {
-            unit_columns(m, out, &mut divisor);
-            return;
-        }
-        match self.divisor {
-            Divisor::One => {}
-            Divisor::Linear(..) => divide(m, out, divisor.iter().copied()),
-            Divisor::Root(_, floor) => divide(m, out, divisor.iter().map(|&s| s.max(floor).sqrt())),
-        }
+        dispatch(Extrapolated { embedding: self, m, affinities, out });
     }
 
     /// Embeds the sampled columns: d rows of s.
     pub fn columns(&self, columns: &SampledColumns) -> Vec<f32> {
         let s = columns.len();
         let mut out = vec![0.; self.dimensions * s];
-        self.chunk(s, |k| columns.row(k), &mut vec![0.; s], &mut out);
+        self.chunk(s, |k| columns.row(k), &mut vec![0.; self.landmarks * s], &mut out);
         out
     }
 }
 
-#[inline]
+/// The pass of [`Embedding::chunk`] over affinities (l rows of m), for [`dispatch`].
+struct Extrapolated<'a> {
+    embedding: &'a Embedding,
+    m: usize,
+    affinities: &'a [f32],
+    out: &'a mut [f32],
+}
+
+impl SimdKernel for Extrapolated<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn run(self) {
+        let Self { embedding, m, affinities, out } = self;
+        for (y, &start) in out.chunks_exact_mut(m).zip(&embedding.offset) {
+            y.fill(start);
+        }
+        let mut divisor = match &embedding.divisor {
+            Divisor::One => Vec::new(),
+            Divisor::Linear(_, start) => vec![*start; m],
+            Divisor::Root(..) => vec![0.; m],
+        };
+        for (k, affinities) in affinities.chunks_exact(m).enumerate() {
+            for (y, map) in out.chunks_exact_mut(m).zip(embedding.map.chunks_exact(embedding.landmarks)) {
+                add_scaled(y, map[k], affinities);
+            }
+            if let Divisor::Linear(c, _) | Divisor::Root(c, _) = &embedding.divisor {
+                add_scaled(&mut divisor, c[k], affinities);
+            }
+        }
+        if embedding.unit_rows {
+            unit_columns(m, out, &mut divisor);
+            return;
+        }
+        match embedding.divisor {
+            Divisor::One => {}
+            Divisor::Linear(..) => divide(m, out, divisor.iter().copied()),
+            Divisor::Root(_, floor) => divide(m, out, divisor.iter().map(|&s| s.max(floor).sqrt())),
+        }
+    }
+}
+
+#[inline(always)]
 fn add_scaled(y: &mut [f32], factor: f32, x: &[f32]) {
     for (y, &x) in y.iter_mut().zip(x) {
         *y += factor * x;
     }
 }
 
+#[inline(always)]
 fn divide(m: usize, out: &mut [f32], by: impl Iterator<Item = f32> + Clone) {
     for y in out.chunks_exact_mut(m) {
         for (y, s) in y.iter_mut().zip(by.clone()) {
@@ -301,6 +325,7 @@ fn divide(m: usize, out: &mut [f32], by: impl Iterator<Item = f32> + Clone) {
 }
 
 /// Brings each face's coordinates to unit length; `scratch` is resized to m.
+#[inline(always)]
 fn unit_columns(m: usize, out: &mut [f32], scratch: &mut Vec<f32>) {
     scratch.clear();
     scratch.resize(m, 1e-30);

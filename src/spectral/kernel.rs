@@ -1,6 +1,7 @@
 //! Kernels: from distance to affinity.
 
 use super::exp::exp;
+use crate::base::simd::{SimdKernel, dispatch};
 use crate::base::{Error, Result};
 use serde::{Deserialize, Serialize};
 
@@ -47,43 +48,7 @@ impl Kernel {
     pub fn apply(&self, sigma: f32, distances: &[f32], out: &mut [f32]) {
         // Finite whatever σ, so that a distance of 0 never meets an infinite factor.
         let inverse = if sigma > 0. { (1. / sigma).min(f32::MAX) } else { 0. };
-        match *self {
-            Self::Gaussian => {
-                for (k, &d) in out.iter_mut().zip(distances) {
-                    let r = d * inverse;
-                    *k = exp(-0.5 * r * r);
-                }
-            }
-            Self::Exponential => {
-                for (k, &d) in out.iter_mut().zip(distances) {
-                    *k = exp(-d * inverse);
-                }
-            }
-            Self::Polynomial { degree } => {
-                for (k, &d) in out.iter_mut().zip(distances) {
-                    *k = (1. - d * inverse * 0.25).max(0.).powi(degree as i32);
-                }
-            }
-            Self::InverseMultiquadric => {
-                for (k, &d) in out.iter_mut().zip(distances) {
-                    let r = d * inverse;
-                    *k = 1. / (1. + r * r).sqrt();
-                }
-            }
-            Self::Matern => {
-                for (k, &d) in out.iter_mut().zip(distances) {
-                    // Beyond 87 the exponential is 0; the bound keeps infinity from meeting it.
-                    let r = (d * inverse * ROOT_3 as f32).min(100.);
-                    *k = (1. + r) * exp(-r);
-                }
-            }
-            Self::Cauchy => {
-                for (k, &d) in out.iter_mut().zip(distances) {
-                    let r = d * inverse;
-                    *k = 1. / (1. + r * r);
-                }
-            }
-        }
+        dispatch(Affinities { kernel: *self, inverse, distances, out });
     }
 
     /// The affinity of one distance, in `f64`, for the l × l problems.
@@ -116,6 +81,61 @@ impl Kernel {
         match self {
             Self::Exponential => 1e-3,
             _ => (0.1 / l.max(1) as f64).clamp(1e-3, 1e-2),
+        }
+    }
+}
+
+/// [`Kernel::apply`], for [`dispatch`].
+struct Affinities<'a> {
+    kernel: Kernel,
+    /// 1/σ.
+    inverse: f32,
+    distances: &'a [f32],
+    out: &'a mut [f32],
+}
+
+impl SimdKernel for Affinities<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn run(self) {
+        let Self { kernel, inverse, distances, out } = self;
+        match kernel {
+            Kernel::Gaussian => {
+                for (k, &d) in out.iter_mut().zip(distances) {
+                    let r = d * inverse;
+                    *k = exp(-0.5 * r * r);
+                }
+            }
+            Kernel::Exponential => {
+                for (k, &d) in out.iter_mut().zip(distances) {
+                    *k = exp(-d * inverse);
+                }
+            }
+            Kernel::Polynomial { degree } => {
+                for (k, &d) in out.iter_mut().zip(distances) {
+                    *k = (1. - d * inverse * 0.25).max(0.).powi(degree as i32);
+                }
+            }
+            Kernel::InverseMultiquadric => {
+                for (k, &d) in out.iter_mut().zip(distances) {
+                    let r = d * inverse;
+                    *k = 1. / (1. + r * r).sqrt();
+                }
+            }
+            Kernel::Matern => {
+                for (k, &d) in out.iter_mut().zip(distances) {
+                    // Beyond 87 the exponential is 0; the bound keeps infinity from meeting it.
+                    let r = (d * inverse * ROOT_3 as f32).min(100.);
+                    *k = (1. + r) * exp(-r);
+                }
+            }
+            Kernel::Cauchy => {
+                for (k, &d) in out.iter_mut().zip(distances) {
+                    let r = d * inverse;
+                    *k = 1. / (1. + r * r);
+                }
+            }
         }
     }
 }

@@ -16,6 +16,7 @@ use super::affinity::{CHUNK, KeptEigenpairs, SampledBlock, landmark_affinities};
 use super::kernel::Kernel;
 use super::nystrom::{ExtensionParams, Extrapolation, NystromExtension};
 use crate::base::random::{stream, unit};
+use crate::base::simd::{SimdKernel, dispatch};
 use crate::base::{Result, eigen};
 use crate::distance::DistanceRows;
 use crate::store::Run;
@@ -106,8 +107,6 @@ pub fn measure(
 /// Γ's quadratic form, ready for columns.
 #[derive(Clone, Debug)]
 pub struct Gamma {
-    kernel: Kernel,
-    sigma: f32,
     /// uᵉ/√λ_e of the kept eigenpairs: rows of l.
     roots: Vec<f32>,
     l: usize,
@@ -124,34 +123,71 @@ impl Gamma {
         // A's own columns: u_eᵀA_j = λ_e u_ej, so Σ_j w̃_jj over the landmarks is Σ λ_e.
         let landmarks = kept.values.iter().sum();
         let roots = kept.roots().iter().map(|&root| root as f32).collect();
-        Self { kernel, sigma: sigma as f32, roots, l, landmarks }
+        Self { roots, l, landmarks }
     }
 
-    /// Σ w̃_jj over a chunk of `m` columns; `distances(k)` as in [`super::Embedding::chunk`].
-    pub fn chunk<'a>(&self, m: usize, distances: impl Fn(usize) -> &'a [f32]) -> f64 {
-        let mut affinities = vec![0f32; self.l * m];
-        for (k, row) in affinities.chunks_exact_mut(m).enumerate() {
-            self.kernel.apply(self.sigma, distances(k), row);
-        }
-        let mut dot = vec![0f32; m];
-        let mut sum = 0f64;
-        for root in self.roots.chunks_exact(self.l.max(1)) {
-            dot.fill(0.);
-            for (row, &u) in affinities.chunks_exact(m).zip(root) {
-                for (d, &w) in dot.iter_mut().zip(row) {
-                    *d += u * w;
-                }
-            }
-            for block in dot.chunks(64) {
-                sum += f64::from(block.iter().map(|d| d * d).sum::<f32>());
-            }
-        }
-        sum
+    /// Σ w̃_jj over a chunk of `m` columns, whose affinities (l rows of m) [`super::Embedding::chunk`] leaves.
+    pub fn chunk(&self, m: usize, affinities: &[f32]) -> f64 {
+        dispatch(SquaredNorms { roots: &self.roots, l: self.l, m, affinities })
     }
 
     /// Γ from the sum over all columns, landmarks included.
     pub fn of_sum(&self, sum: f64) -> f64 {
         sum - self.landmarks
+    }
+}
+
+/// Roots that are multiplied side by side.
+const LANES: usize = 16;
+/// Columns whose squares are added up before they are added to the rest.
+const BLOCK: usize = 64;
+
+/// Σ_e Σ_j (uᵉᵀB_j/√λ_e)² over `m` columns, in the order of roots, then of blocks of columns, for [`dispatch`].
+///
+/// In `f32`, squares of a block add up one after another: that is how Γ has always been summed. Several roots at a time, each in
+/// a lane of its own, none waits for another.
+struct SquaredNorms<'a> {
+    /// Rows of l.
+    roots: &'a [f32],
+    l: usize,
+    m: usize,
+    /// l rows of m.
+    affinities: &'a [f32],
+}
+
+impl SimdKernel for SquaredNorms<'_> {
+    type Output = f64;
+
+    #[inline(always)]
+    fn run(self) -> f64 {
+        let Self { roots, l, m, affinities } = self;
+        let mut factors = vec![[0f32; LANES]; l];
+        let mut sums = vec![[0f32; LANES]; m.div_ceil(BLOCK)];
+        let mut total = 0f64;
+        for some in roots.chunks(LANES * l.max(1)) {
+            let count = some.len() / l;
+            for (k, lanes) in factors.iter_mut().enumerate() {
+                *lanes = std::array::from_fn(|lane| if lane < count { some[lane * l + k] } else { 0. });
+            }
+            for (b, sum) in sums.iter_mut().enumerate() {
+                *sum = [0.; LANES];
+                for j in b * BLOCK..m.min((b + 1) * BLOCK) {
+                    let mut dot = [0f32; LANES];
+                    for (lanes, row) in factors.iter().zip(affinities.chunks_exact(m)) {
+                        for lane in 0..LANES {
+                            dot[lane] += lanes[lane] * row[j];
+                        }
+                    }
+                    for lane in 0..LANES {
+                        sum[lane] += dot[lane] * dot[lane];
+                    }
+                }
+            }
+            for lane in 0..count {
+                total = sums.iter().fold(total, |total, sum| total + f64::from(sum[lane]));
+            }
+        }
+        total
     }
 }
 
@@ -271,4 +307,37 @@ pub fn aligned_error(truth: &DMatrix<f64>, found: &DMatrix<f64>, weights: &[f64]
         _ => DMatrix::identity(found.ncols(), truth.ncols()),
     };
     (&truth - found * rotation).norm() / truth.norm()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Root after root, column after column.
+    fn one_by_one(roots: &[f32], l: usize, m: usize, affinities: &[f32]) -> f64 {
+        let mut total = 0f64;
+        for root in roots.chunks_exact(l) {
+            for first in (0..m).step_by(BLOCK) {
+                let mut sum = 0f32;
+                for j in first..m.min(first + BLOCK) {
+                    let mut dot = 0f32;
+                    (0..l).for_each(|k| dot += root[k] * affinities[k * m + j]);
+                    sum += dot * dot;
+                }
+                total += f64::from(sum);
+            }
+        }
+        total
+    }
+
+    #[test]
+    fn roots_side_by_side_sum_to_the_same_bits() {
+        let mut draw = stream(0, "affinities");
+        let mut draws = |n: usize| -> Vec<f32> { (0..n).map(|_| unit(&mut draw) as f32 - 0.25).collect() };
+        for (l, count, m) in [(1, 1, 1), (10, 10, 2048), (40, 33, 130), (5, 0, 7), (17, 16, 64)] {
+            let (roots, affinities) = (draws(l * count), draws(l * m));
+            let sum = dispatch(SquaredNorms { roots: &roots, l, m, affinities: &affinities });
+            assert_eq!(sum.to_bits(), one_by_one(&roots, l, m, &affinities).to_bits());
+        }
+    }
 }

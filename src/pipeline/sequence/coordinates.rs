@@ -121,12 +121,13 @@ impl Task<'_> {
             let range = chunk_range(n, CHUNK, k);
             let mut out = vec![0.; range.len() * d];
             let rows = |row: usize| &self.rows.row(row)[range.clone()];
-            self.embedding.chunk(range.len(), rows, &mut affinities[..range.len()], &mut out);
+            affinities.resize(self.rows.len() * range.len(), 0.);
+            self.embedding.chunk(range.len(), rows, affinities, &mut out);
             self.context.run.progress.advance("coordinates", range.len() as u64);
             Ok(out)
         };
         let consume = |k: usize, out: Vec<f32>| consume(chunk_range(n, CHUNK, k), &out);
-        self.context.run.in_order(chunk_count(n, CHUNK), || vec![0.; CHUNK], chunk, consume)
+        self.context.run.in_order(chunk_count(n, CHUNK), Vec::new, chunk, consume)
     }
 
     fn directions(&self) -> Result<Directions> {
