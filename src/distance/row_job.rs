@@ -57,9 +57,8 @@ struct Request {
 /// Memory that a thread computes rows in, one after the other.
 enum Scratch {
     Granted(AlignedBuffer),
-    Plain(Vec<f32>),
     Mapped(ArrayMut<f32>),
-    /// None: rows are computed where they lie in the file.
+    /// None: rows are computed where they lie, in the file or in memory.
     InPlace,
 }
 
@@ -72,10 +71,17 @@ impl RowJob<'_> {
         if !done.is_empty() {
             context.run.progress.advance("rows", done.len() as u64);
         }
-        let mapped = if file.is_in_memory() { 0 } else { spec.wanted() };
-        let rows = (0..mapped).map(|slot| Ok(Mutex::new(file.row(slot)?))).collect::<Result<Vec<_>>>()?;
-        let target = Target::File { file: &file, rows, journal, path: context.work.file(name) };
+        let mut held = file.held();
+        let target = match &mut held {
+            Some(held) => Target::Memory(held.chunks_mut(spec.nodes).map(Mutex::new).collect()),
+            None => {
+                let row = |slot| Ok(Mutex::new(file.row(slot)?));
+                let rows = (0..spec.wanted()).map(row).collect::<Result<Vec<_>>>()?;
+                Target::File { rows, journal, path: context.work.file(name) }
+            }
+        };
         let entries = self.fill(&RowSink::new(spec, target, done), context)?;
+        drop(held);
         Ok((file, entries))
     }
 
@@ -121,7 +127,7 @@ impl RowJob<'_> {
 }
 
 /// A job under way: what its threads share.
-struct Running<'a> {
+struct Running<'a, 's> {
     job: RowJob<'a>,
     /// Mean weight of the graph.
     mean: f32,
@@ -129,11 +135,11 @@ struct Running<'a> {
     lengths: Option<Csr<'a>>,
     /// The graph's files and how they are divided into blocks, where it is larger than memory.
     cached: Option<&'a (DirectGraph, Division)>,
-    sink: &'a RowSink<'a>,
+    sink: &'a RowSink<'s>,
     context: Context<'a>,
 }
 
-impl Running<'_> {
+impl Running<'_, '_> {
     /// [`Running::fronts`] with the graph of lengths beside: 4 bytes per entry in a mapped file, removed at the end.
     fn with_lengths(&self, field: Option<&mut MappedSliceMut<f32>>, pages: Option<Pages>) -> Result<Entries> {
         let (RowJob { graph, nodes, spec, .. }, Context { work, run }) = (self.job, self.context);
@@ -238,8 +244,8 @@ impl Running<'_> {
         Ok(())
     }
 
-    /// Computes rows until there are no more: in memory and handed on as a whole where the budget has room for that, else
-    /// where they lie in the mapped file, or in a mapped file of the thread's own.
+    /// Computes rows until there are no more: where they will lie if that is in memory; in memory and handed on as a whole where the
+    /// budget has room for that; else where they lie in the mapped file, or in a mapped file of the thread's own.
     fn rows(
         &self,
         thread: usize,
@@ -278,15 +284,16 @@ impl Running<'_> {
     /// Memory for a thread's rows.
     fn scratch(&self, front: &Front, name: &str) -> Result<Scratch> {
         let n = self.job.spec.nodes;
+        if matches!(self.sink.target, Target::Memory(_)) {
+            return Ok(Scratch::InPlace);
+        }
         if !front.is_paged()
             && let Some(words) = AlignedBuffer::spare(&self.context.run.budget, 4 * n)
         {
             return Ok(Scratch::Granted(words));
         }
         Ok(match &self.sink.target {
-            // What is held has no mapping to compute in.
-            Target::File { file, .. } if file.is_in_memory() => Scratch::Plain(vec![0.; n]),
-            Target::File { .. } => Scratch::InPlace,
+            Target::File { .. } | Target::Memory(_) => Scratch::InPlace,
             Target::Visitor(_) => Scratch::Mapped(self.context.work.array(name, &[n])?),
         })
     }
@@ -302,16 +309,17 @@ impl Running<'_> {
         let sink = self.sink;
         let distances = match scratch {
             Scratch::Granted(words) => words.items_mut::<f32>(self.job.spec.nodes),
-            Scratch::Plain(row) => row,
             Scratch::Mapped(array) => {
                 self.mapped_row(array.data(), landmark, front, cached)?;
                 return sink.put(row, landmark, array.data());
             }
             Scratch::InPlace => {
-                // Nothing but a file has rows in place, and a file that is not held has a mapping of each.
-                let Some(mut slot) = sink.take(row) else {
-                    return Err(Error::internal("a row in memory was to be computed where it lies"));
-                };
+                if let Some(mut slot) = sink.held(row) {
+                    front.full(self.job.graph, landmark, &mut slot, &self.context.run.cancel)?;
+                    return sink.close(row, landmark, &slot, || Ok(()));
+                }
+                // Nothing else has rows in place but a file.
+                let Some(mut slot) = sink.take(row) else { return Err(Error::internal("a row without a place")) };
                 self.mapped_row(&mut slot, landmark, front, cached)?;
                 return sink.close(row, landmark, &slot, || slot.sync());
             }

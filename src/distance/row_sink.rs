@@ -1,15 +1,15 @@
-//! Where finished rows go: into a file, entered in its journal; or to a visitor that sees each row once.
+//! Where finished rows go: into a file, entered in its journal; into memory; or to a visitor that sees each row once.
 //!
 //! No row is held here but while it is handed on. Cost: a copy of the row where it goes to a file, the sums
 //! ([`RowFacts::of`]), and what the visitor does with it.
 
 use super::journal::{JobSpec, Journal, JournalEntry, RowFacts, checksum};
 use super::sampler::FinishedRows;
+use crate::base::parallel::lock;
 use crate::base::{Error, Result};
 use crate::store::MappedSliceMut;
-use crate::store::rows_file::RowsFile;
 use std::collections::BTreeMap;
-use std::sync::{Mutex, MutexGuard, PoisonError};
+use std::sync::{Mutex, MutexGuard};
 
 /// A finished row, as a visitor sees it.
 #[derive(Clone, Copy, Debug)]
@@ -29,13 +29,9 @@ pub type RowVisitor<'a> = &'a (dyn Fn(VisitedRow<'_>) -> Result<()> + Sync);
 /// Where rows go.
 pub(super) enum Target<'a> {
     /// Into a file; row k of all is slot k / of.
-    File {
-        file: &'a RowsFile<f32>,
-        /// Their mappings; none where they are held in memory.
-        rows: Vec<Mutex<MappedSliceMut<f32>>>,
-        journal: Option<Journal>,
-        path: std::path::PathBuf,
-    },
+    File { rows: Vec<Mutex<MappedSliceMut<f32>>>, journal: Option<Journal>, path: std::path::PathBuf },
+    /// Into memory, in the same places.
+    Memory(Vec<Mutex<&'a mut [f32]>>),
     /// To a visitor.
     Visitor(RowVisitor<'a>),
 }
@@ -56,13 +52,13 @@ impl<'a> RowSink<'a> {
     }
 
     fn found(&self) -> MutexGuard<'_, Vec<u32>> {
-        self.found.lock().unwrap_or_else(PoisonError::into_inner)
+        lock(&self.found)
     }
 
     /// Whether the search for landmarks may use the place of the last row, which is computed when all landmarks are known: where rows
     /// lie in a file, all of them are wanted, there are several, and none is there yet.
     pub fn lends_last(&self) -> bool {
-        let in_file = matches!(&self.target, Target::File { rows, journal: None, .. } if !rows.is_empty());
+        let in_file = matches!(&self.target, Target::File { journal: None, .. });
         in_file && self.spec.of == 1 && self.spec.rows > 1 && self.done.is_empty()
     }
 
@@ -71,22 +67,30 @@ impl<'a> RowSink<'a> {
         self.found().push(landmark);
     }
 
-    /// The mapping of a row of a file that is not held in memory.
+    /// The place of a row that is held in memory.
+    pub fn held(&self, row: usize) -> Option<MutexGuard<'_, &'a mut [f32]>> {
+        let Target::Memory(rows) = &self.target else { return None };
+        Some(lock(rows.get(row / self.spec.of)?))
+    }
+
+    /// The mapping of a row of a file.
     pub fn take(&self, row: usize) -> Option<MutexGuard<'_, MappedSliceMut<f32>>> {
         let Target::File { rows, .. } = &self.target else { return None };
-        Some(rows.get(row / self.spec.of)?.lock().unwrap_or_else(PoisonError::into_inner))
+        Some(lock(rows.get(row / self.spec.of)?))
     }
 
     /// Hands on a row that was computed elsewhere.
     pub fn put(&self, row: usize, landmark: u32, distances: &[f32]) -> Result<JournalEntry> {
         match &self.target {
-            Target::File { file, path, .. } => {
-                let Some(mut slot) = self.take(row) else {
-                    file.write_row(row / self.spec.of, distances)?;
-                    return self.close(row, landmark, distances, || Ok(()));
-                };
+            Target::File { path, .. } => {
+                let Some(mut slot) = self.take(row) else { return Err(Error::internal("a row without a place")) };
                 slot.overwrite(distances).map_err(Error::io(path, "write"))?;
                 self.close(row, landmark, distances, || slot.sync())
+            }
+            Target::Memory(_) => {
+                let Some(mut slot) = self.held(row) else { return Err(Error::internal("a row without a place")) };
+                slot.copy_from_slice(distances);
+                self.close(row, landmark, distances, || Ok(()))
             }
             Target::Visitor(visit) => {
                 let earlier: Vec<u32> = self.found().iter().take(row).copied().collect();

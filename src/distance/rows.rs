@@ -16,7 +16,7 @@ use crate::graph::NodeView;
 use crate::graph::WeightedGraph;
 use crate::graph::dual::WEIGHTS;
 use crate::store::needs::{Extent, Needs, Room};
-use crate::store::rows_file::RowsFile;
+use crate::store::rows_file::{RowsFile, are_held};
 use crate::store::stage::{Made, Stage, StageKey};
 use crate::store::{Context, MappedSlice, Run, WorkDir};
 use serde::{Deserialize, Serialize};
@@ -82,7 +82,9 @@ impl<S> RowParams<S> {
 
 /// The journal of rows under way.
 const JOURNAL: &str = "rows.journal";
-const FILES: [&str; 2] = ["landmarks.npy", "distances.npy"];
+/// The file of the rows.
+pub(crate) const ROWS: &str = "distances.npy";
+const FILES: [&str; 2] = ["landmarks.npy", ROWS];
 
 /// What rows of `params` over `nodes` nodes, weighted under the key `weights`, are of: one shard of one.
 pub(super) fn job_spec(weights: &str, nodes: usize, params: &RowParams<impl Serialize>, run: &Run) -> JobSpec {
@@ -105,7 +107,7 @@ impl Stage for RowsStage<'_> {
     }
 
     fn make(self, _: &str, context: Context<'_>) -> Result<Made<Self>> {
-        let (file, entries) = self.0.compute("distances.npy", JOURNAL, context)?;
+        let (file, entries) = self.0.compute(ROWS, JOURNAL, context)?;
         let entries: Vec<JournalEntry> = entries.into_values().collect();
         let output = DistanceRows::finish(file, &entries, self.0.spec, context.work)?;
         Ok(Made { facts: Facts { rows: output.facts.clone() }, output, files: FILES.to_vec() })
@@ -124,15 +126,17 @@ impl Stage for RowsStage<'_> {
     /// the last of them will.
     fn needs(extent: &Extent, room: &mut Room) -> Needs {
         let (n, l, t) = (extent.faces, extent.landmarks, extent.threads);
+        // Rows that are kept come first, and are computed where they lie if that is in memory.
+        let rows = if extent.keeps_rows && are_held(4 * l * n, room.total()) { room.lend(ROWS, 4 * l * n) } else { 0 };
         let field = room.take(4 * n);
         let triangles = room.spare(24 * n);
-        let own: u64 = (0..t).map(|_| room.spare(4 * n)).sum();
+        let own: u64 = if rows > 0 { room.spare(4 * n) } else { (0..t).map(|_| room.spare(4 * n)).sum() };
         // Fronts over a graph larger than memory have blocks of it: at the most three quarters of what is left.
         let blocks = if extent.paged { (room.left() / 4 * 3).min(t * (28 * n + 4096)) } else { 0 };
         let memory = room.used() + blocks;
         room.give_back(field + triangles + own);
-        let (keeps, scratch) = if extent.keeps_rows { (4 * l * n, 0) } else { (0, 4 * n * t - own) };
-        let field = if extent.keeps_rows && !extent.lasting && l > 1 { 4 * n } else { field };
+        let (keeps, scratch) = if extent.keeps_rows { (4 * l * n - rows, 0) } else { (0, 4 * n * t - own) };
+        let field = if extent.keeps_rows && rows == 0 && !extent.lasting && l > 1 { 4 * n } else { field };
         // Weights go when rows are made of them.
         let frees = if extent.releases { 4 * extent.corners - room.give_up(WEIGHTS) } else { 0 };
         Needs { memory, keeps, passing: 4 * n - field + scratch, frees, ..Needs::default() }
@@ -184,7 +188,7 @@ impl DistanceRows {
 
     fn open(facts: Facts, nodes: usize, key: String, work: &WorkDir) -> Result<Self> {
         let landmarks = work.indices("landmarks.npy", facts.rows.len(), nodes)?.to_vec();
-        let distances = work.array_of("distances.npy", landmarks.len() * nodes)?;
+        let distances = work.array_of(ROWS, landmarks.len() * nodes)?;
         if !facts.rows.iter().all(|row| row.is_sound(nodes)) {
             return Err(work.damaged("manifest.json", "has sums of rows that no rows have"));
         }
@@ -207,7 +211,7 @@ impl DistanceRows {
     /// The finished rows of `work`, where there are any, whatever their options.
     pub(super) fn whole(work: &WorkDir) -> Option<Self> {
         let kept = work.kept::<RowsStage<'_>>("").ok()?;
-        let distances: MappedSlice<f32> = work.open_array("distances.npy").ok()?;
+        let distances: MappedSlice<f32> = work.open_array(ROWS).ok()?;
         let nodes = distances.len().checked_div(kept.facts.rows.len())?;
         Self::open(kept.facts, nodes, kept.key, work).ok()
     }

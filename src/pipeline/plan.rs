@@ -11,7 +11,7 @@ use super::surface::{NORMALS_KEPT, SurfaceStage};
 use crate::base::{Error, Result};
 use crate::cluster::contract::{Contraction, NODES};
 use crate::cluster::parts::PartCount;
-use crate::distance::rows::RowsStage;
+use crate::distance::rows::{ROWS, RowsStage};
 use crate::graph::Order;
 use crate::graph::dual::{GraphStage, WEIGHTS, WeightsStage};
 use crate::graph::half_edges::check_size;
@@ -155,7 +155,7 @@ fn labels_need(extent: &Extent, cluster: Cluster, room: &mut Room) -> Needs {
     let frees = if extent.lasting {
         0
     } else if embeds_faces {
-        4 * extent.landmarks * n
+        4 * extent.landmarks * n - room.give_up(ROWS)
     } else {
         4 * extent.corners - room.give_up(WEIGHTS)
     };

@@ -36,6 +36,11 @@ impl InMemoryArrays {
         Self::new(&self.budget, folder)
     }
 
+    /// Bytes of the budget in all.
+    pub fn budget(&self) -> u64 {
+        self.budget.total()
+    }
+
     /// The path of the file `name` where it is none in memory.
     pub fn file(&self, name: &OsStr) -> PathBuf {
         self.folder.path().join(name)

@@ -1,8 +1,8 @@
 //! A two-dimensional `.npy` whose rows are written one by one, each through a mapping of its own.
 //!
 //! So a finished row can be brought to the disk alone, whatever the others are doing, and a file that a killed run
-//! left half-filled can be taken up again: which of its rows are whole is for a journal to say. A small one in a
-//! temporary directory is held in memory instead ([`super::in_memory`]).
+//! left half-filled can be taken up again: which of its rows are whole is for a journal to say. In a temporary directory rows
+//! are held in memory instead where the budget has room ([`super::in_memory`], [`are_held`]).
 
 use super::in_memory::InMemoryArrays;
 use super::mapped::AlignedBuffer;
@@ -12,11 +12,18 @@ use crate::base::{Error, Result};
 use std::fs::File;
 use std::io::{Read, Write};
 use std::path::{Path, PathBuf};
-use std::sync::{Arc, Mutex};
+use std::sync::{Arc, Mutex, MutexGuard};
 
-/// Rows of more bytes are not held in memory: copying them into a file is little beside computing them, and what is in a
-/// file the kernel can reclaim.
-pub(super) const MOST_HELD: usize = 32 << 20;
+/// Rows of so many bytes are held in memory whatever the budget.
+const FEW: u64 = 32 << 20;
+/// The share of the budget that rows held in memory may take. Through a file each is copied twice and read back a page at a time, which
+/// is a tenth of a whole run of K-means at a million faces; but what is in a file the kernel can reclaim.
+const SHARE: u64 = 8;
+
+/// Whether rows of `bytes` bytes are held in memory, of a budget of `total` bytes that has room for them.
+pub fn are_held(bytes: u64, total: u64) -> bool {
+    bytes <= FEW.max(total / SHARE)
+}
 
 /// Where the rows are.
 #[derive(Debug)]
@@ -57,9 +64,10 @@ impl<T: Item> RowsFile<T> {
         Self { path: path.to_path_buf(), place: Place::Memory(Mutex::new(data), arrays), rows, len }
     }
 
-    /// Whether rows are held in memory: they are written as a whole then, and cannot be mapped.
-    pub fn is_in_memory(&self) -> bool {
-        matches!(self.place, Place::Memory(..))
+    /// All rows, one behind another, where they are held in memory; they cannot be mapped one by one.
+    pub fn held(&self) -> Option<MutexGuard<'_, MappedSliceMut<T>>> {
+        let Place::Memory(data, _) = &self.place else { return None };
+        Some(data.lock().unwrap_or_else(|poison| poison.into_inner()))
     }
 
     /// Creates `path.partial` for `rows` rows of `len` items, its blocks reserved.
@@ -88,7 +96,7 @@ impl<T: Item> RowsFile<T> {
     /// [`Error::Io`]; [`Error::Internal`] for a row that does not exist, or is mapped already.
     pub fn row(&self, k: usize) -> Result<MappedSliceMut<T>> {
         let Place::File(file) = &self.place else {
-            return Err(Error::internal("rows held in memory are written as a whole"));
+            return Err(Error::internal("rows held in memory have no mappings"));
         };
         self.check(k, self.len)?;
         let offset = HEADER + k * self.len * size_of::<T>();
@@ -151,14 +159,15 @@ mod tests {
         let budget = crate::store::Budget::new(1 << 30);
         let work = crate::store::WorkDir::temporary(dir.path()).unwrap().holding(&budget);
         let file = work.rows::<f32>("rows.npy", 3, 1000).unwrap();
-        assert!(file.is_in_memory() && file.row(0).is_err() && file.write_row(3, &[1.; 1000]).is_err());
+        assert!(file.held().is_some() && file.row(0).is_err() && file.write_row(3, &[1.; 1000]).is_err());
         for k in [2, 0, 1] {
             file.write_row(k, &[k as f32; 1000]).unwrap();
         }
         let all = file.finish(false).unwrap();
         assert_eq!((all.len(), all[999], all[1000], all[2999]), (3000, 0., 1., 2.));
         assert_eq!(*work.open_array::<f32>("rows.npy").unwrap(), *all);
-        assert!(!work.rows::<f32>("large.npy", 2, MOST_HELD / 4).unwrap().is_in_memory());
+        assert!(work.rows::<f32>("larger.npy", 2, 1 << 24).unwrap().held().is_some());
+        assert!(work.rows::<f32>("too-large.npy", 2, (1 << 24) + 1).unwrap().held().is_none());
     }
 
     #[test]

@@ -19,7 +19,7 @@ use super::manifest::MANIFEST;
 pub use super::manifest::{Manifest, checksum};
 use super::mapped::AlignedBuffer;
 use super::npy::{self, ArrayMut, ArrayWriter, Item};
-use super::rows_file::{MOST_HELD, RowsFile};
+use super::rows_file::{self, RowsFile};
 use super::{MappedBytes, MappedSlice, MappedSliceMut};
 use crate::base::{Error, Result};
 use serde::Serialize;
@@ -315,7 +315,8 @@ impl WorkDir {
     /// [`Error::Io`].
     pub fn rows<T: Item>(&self, name: &str, rows: usize, len: usize) -> Result<RowsFile<T>> {
         let bytes = rows * len * size_of::<T>();
-        let room = if bytes <= MOST_HELD || self.everything { self.room(bytes) } else { None };
+        let held = |arrays: &Arc<InMemoryArrays>| self.everything || rows_file::are_held(bytes as u64, arrays.budget());
+        let room = if self.arrays.as_ref().is_some_and(held) { self.room(bytes) } else { None };
         match room {
             Some((buffer, arrays)) => Ok(RowsFile::in_memory(&self.place(name), rows, len, buffer, arrays)),
             None => RowsFile::create(&self.new_file(name)?, rows, len),
