@@ -5,6 +5,7 @@
 //! the rows are kept, so that a row torn or flipped on the disk is not taken over. [`ResumeState`] takes up what
 //! a run that was stopped left; its cost is one pass over the rows that the journal knows, for their checksums.
 
+use crate::base::simd::{SimdKernel, dispatch};
 use crate::base::{Error, Result};
 use crate::store::Context;
 use crate::store::new_file;
@@ -36,8 +37,20 @@ impl RowFacts {
 
     /// The sums of `row`, added up in blocks of fixed size.
     pub fn of(row: &[f32]) -> Self {
-        let mut facts = Self::default();
-        for block in row.chunks(4096) {
+        dispatch(Sums(row))
+    }
+}
+
+/// [`RowFacts::of`], for [`dispatch`].
+struct Sums<'a>(&'a [f32]);
+
+impl SimdKernel for Sums<'_> {
+    type Output = RowFacts;
+
+    #[inline(always)]
+    fn run(self) -> RowFacts {
+        let mut facts = RowFacts::default();
+        for block in self.0.chunks(4096) {
             // Without branches and in lanes, which vectorise; infinite distances count as none.
             let (mut sum, mut top, mut reached) = ([0f64; 8], [0f32; 8], [0u32; 8]);
             let (lanes, rest) = block.as_chunks::<8>();

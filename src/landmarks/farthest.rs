@@ -6,6 +6,7 @@
 use super::{Found, Sampler, Space};
 use crate::base::parallel::map_ranges;
 use crate::base::random::{below, stream};
+use crate::base::simd::{SimdKernel, dispatch};
 use crate::base::{Cancel, Result};
 use crate::graph::NodeView;
 use crate::store::mapped::Access;
@@ -131,17 +132,40 @@ fn farthest_in(space: &mut dyn Space, field: &[f32]) -> u32 {
 
 /// The first node of greatest distance; infinite counts as the greatest.
 pub fn farthest_node(field: &[f32]) -> u32 {
-    // Blocks first: the inner maximum vectorises, the search for its place runs once.
-    const BLOCK: usize = 4096;
-    let (mut best, mut at) = (f32::NEG_INFINITY, 0);
-    for (k, block) in field.chunks(BLOCK).enumerate() {
-        let top = block.iter().fold(f32::NEG_INFINITY, |a, &b| if b > a { b } else { a });
-        if top > best {
-            (best, at) = (top, k);
-        }
-    }
+    let (best, at) = dispatch(FarthestBlock(field));
     let block = &field[at * BLOCK..field.len().min((at + 1) * BLOCK)];
     (at * BLOCK + block.iter().position(|&d| d == best).unwrap_or(0)) as u32
+}
+
+/// Distances that are looked at together.
+const BLOCK: usize = 4096;
+
+/// The greatest distance and the first block that has it, for [`dispatch`]: the place in the block is searched once.
+struct FarthestBlock<'a>(&'a [f32]);
+
+impl SimdKernel for FarthestBlock<'_> {
+    type Output = (f32, usize);
+
+    #[inline(always)]
+    fn run(self) -> (f32, usize) {
+        let greater = |a: f32, b: f32| if b > a { b } else { a };
+        let (mut best, mut at) = (f32::NEG_INFINITY, 0);
+        for (k, block) in self.0.chunks(BLOCK).enumerate() {
+            // In lanes: a single maximum would wait for itself.
+            let mut tops = [f32::NEG_INFINITY; 32];
+            let (lanes, rest) = block.as_chunks::<32>();
+            for lanes in lanes {
+                for (top, &d) in tops.iter_mut().zip(lanes) {
+                    *top = greater(*top, d);
+                }
+            }
+            let top = tops.iter().chain(rest).copied().fold(f32::NEG_INFINITY, greater);
+            if top > best {
+                (best, at) = (top, k);
+            }
+        }
+        (best, at)
+    }
 }
 
 #[cfg(test)]
