@@ -268,7 +268,32 @@ fn ordered(
     })
 }
 
-/// Like [`map_chunks`] over disjoint mutable chunks of `out`, `size` items each.
+/// Like [`map_chunks`], a chunk for each of `pieces`, which it may change: parts of arrays that are filled side by side.
+///
+/// # Errors
+/// As [`map_chunks`].
+pub fn fill_pieces<P: Send, S, R: Send>(
+    threads: usize,
+    cancel: &Cancel,
+    pieces: impl Iterator<Item = P>,
+    init: impl Fn() -> S + Sync,
+    work: impl Fn(usize, &mut P, &mut S) -> Result<R> + Sync,
+) -> Result<Vec<R>> {
+    let pieces: Vec<Mutex<P>> = pieces.map(Mutex::new).collect();
+    map_chunks(threads, cancel, pieces.len(), init, |k, state| work(k, &mut lock(&pieces[k]), state))
+}
+
+/// The parts of `items` that end at `ends`, which ascend.
+pub fn parts_of<T>(items: &mut [T], ends: impl Iterator<Item = usize>) -> impl Iterator<Item = &mut [T]> {
+    let (mut rest, mut done) = (items, 0);
+    ends.map(move |end| {
+        let (part, after) = std::mem::take(&mut rest).split_at_mut(end - done);
+        (rest, done) = (after, end);
+        part
+    })
+}
+
+/// [`fill_pieces`] over disjoint mutable chunks of `out`, `size` items each.
 ///
 /// # Errors
 /// As [`map_chunks`].
@@ -280,11 +305,7 @@ pub fn fill_chunks<T: Send, S, R: Send>(
     init: impl Fn() -> S + Sync,
     work: impl Fn(usize, &mut [T], &mut S) -> Result<R> + Sync,
 ) -> Result<Vec<R>> {
-    let pieces: Vec<Mutex<&mut [T]>> = out.chunks_mut(size.max(1)).map(Mutex::new).collect();
-    map_chunks(threads, cancel, pieces.len(), init, |k, state| {
-        let mut piece = lock(&pieces[k]);
-        work(k, &mut piece, state)
-    })
+    fill_pieces(threads, cancel, out.chunks_mut(size.max(1)), init, |k, piece, state| work(k, piece, state))
 }
 
 /// Sets every item of `out` to what `value` makes of its number and its old value.
@@ -318,14 +339,9 @@ pub fn fill_two<A: Send, B: Send, S, R: Send>(
     init: impl Fn() -> S + Sync,
     work: impl Fn(usize, &mut [A], &mut [B], &mut S) -> Result<R> + Sync,
 ) -> Result<Vec<R>> {
-    type Piece<'a, A, B> = Mutex<(&'a mut [A], &'a mut [B])>;
     let size = size.max(1);
-    let pieces: Vec<Piece<'_, A, B>> = a.chunks_mut(size).zip(b.chunks_mut(size)).map(Mutex::new).collect();
-    map_chunks(threads, cancel, pieces.len(), init, |k, state| {
-        let mut piece = lock(&pieces[k]);
-        let (a, b) = &mut *piece;
-        work(k, a, b, state)
-    })
+    let pieces = a.chunks_mut(size).zip(b.chunks_mut(size));
+    fill_pieces(threads, cancel, pieces, init, |k, (a, b), state| work(k, a, b, state))
 }
 
 #[cfg(test)]

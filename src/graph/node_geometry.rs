@@ -181,6 +181,19 @@ impl NodeWindow<'_> {
             None => self.nodes.at(node),
         }
     }
+
+    /// The same without a copy where it lies in an array; `computed` holds it else. A copy is written in two pieces and read in
+    /// three, for which a processor waits: passes over edges take a third of the time without.
+    #[inline(always)]
+    pub fn look<'b>(&'b self, node: usize, computed: &'b mut Node) -> &'b Node {
+        match self.items.get(node.wrapping_sub(self.first)) {
+            Some(node) => node,
+            None => {
+                *computed = self.nodes.at(node);
+                computed
+            }
+        }
+    }
 }
 
 impl From<MappedSlice<Node>> for NodeGeometry {

@@ -14,6 +14,7 @@ use super::angle::{between, chord2};
 use super::dual_edges::DualEdges;
 use super::node_geometry::NodeGeometry;
 use super::nodes::Node;
+use crate::base::parallel::{chunk_count, chunk_range, parts_of};
 use crate::base::{Error, Result};
 use crate::store::{Context, MappedSlice, Run};
 use serde::{Deserialize, Serialize};
@@ -21,8 +22,10 @@ use serde::{Deserialize, Serialize};
 /// Least weight of an edge: keeps every step positive.
 pub const LEAST: f32 = 1e-9;
 
-/// Entries a chunk; part of the results, since the means of the paper's form add up by chunks.
+/// Nodes a chunk of the means of the paper's form; part of the results, since they add up by chunks.
 const CHUNK: usize = 1 << 15;
+/// Nodes a chunk of the weights.
+const NODES: usize = 1 << 14;
 
 /// The form of the edge weights.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
@@ -80,11 +83,41 @@ impl Metric {
 /// towards each other. Symmetric to the bit.
 #[inline]
 pub fn concave(a: &Node, b: &Node) -> bool {
-    let mut dot = 0f32;
-    for axis in 0..3 {
-        dot += (a.normal[axis] - b.normal[axis]) * (b.centroid[axis] - a.centroid[axis]);
+    Side::of(a).leans_to(Side::of(b))
+}
+
+/// One of the two faces at an edge. References, since what a node is made of is read in place ([`super::node_geometry`]).
+#[derive(Clone, Copy, Debug)]
+struct Side<'a> {
+    centroid: &'a [f32; 3],
+    normal: &'a [f32; 3],
+    area: f32,
+}
+
+impl<'a> Side<'a> {
+    #[inline(always)]
+    fn of(node: &'a Node) -> Self {
+        Self { centroid: &node.centroid, normal: &node.normal, area: node.area }
     }
-    dot > 0.
+
+    /// The node of number `i`, with the normal that `normals` has for it, where there are some.
+    #[inline(always)]
+    fn with(node: &'a Node, normals: Option<&'a [[f32; 3]]>, i: usize) -> Self {
+        match normals {
+            Some(normals) => Self { normal: &normals[i], ..Self::of(node) },
+            None => Self::of(node),
+        }
+    }
+
+    /// [`concave`].
+    #[inline(always)]
+    fn leans_to(self, other: Self) -> bool {
+        let mut dot = 0f32;
+        for axis in 0..3 {
+            dot += (self.normal[axis] - other.normal[axis]) * (other.centroid[axis] - self.centroid[axis]);
+        }
+        dot > 0.
+    }
 }
 
 /// The numbers of a metric that come from the whole mesh.
@@ -96,29 +129,12 @@ struct Scale {
     angle: f32,
 }
 
-#[inline]
-fn weight(metric: Metric, scale: Scale, a: &Node, b: &Node, centroid_distance: f32, against: bool) -> f32 {
-    // Where no orientation exists, turning counts as concave.
-    let concave = |a: &Node, b: &Node| against || concave(a, b);
-    let length = centroid_distance * scale.centroid_distance;
-    let w = match metric {
-        Metric::Geodesic => length,
-        Metric::ScaleFree { eta, .. } => {
-            length + scale.angle * between(a.normal, b.normal) * if concave(a, b) { 1. } else { eta }
-        }
-        Metric::Paper { eta, .. } => length + scale.angle * turning(a, b, eta, against),
-    };
-    w.max(LEAST)
-}
-
 /// η (1 − cos θ), 0 beside a degenerate face.
-#[inline]
-fn turning(a: &Node, b: &Node, eta: f32, against: bool) -> f32 {
-    if a.area > 0. && b.area > 0. {
-        0.5 * chord2(a.normal, b.normal) * if against || concave(a, b) { 1. } else { eta }
-    } else {
-        0.
-    }
+#[inline(always)]
+fn turning(a: Side<'_>, b: Side<'_>, eta: f32, against: bool) -> f32 {
+    // Without branches: which edges are concave is as good as random.
+    let turning = 0.5 * chord2(*a.normal, *b.normal) * if against | a.leans_to(b) { 1. } else { eta };
+    if (a.area > 0.) & (b.area > 0.) { turning } else { 0. }
 }
 
 /// What the edges of a graph are weighted by.
@@ -142,37 +158,57 @@ impl Weighting<'_> {
     /// # Errors
     /// [`Error::Parameter`], [`Error::Io`], [`Error::Cancelled`].
     pub fn build(&self, name: &str, Context { work, run }: Context<'_>) -> Result<MappedSlice<f32>> {
-        let Self { edges, nodes, normals, metric, .. } = *self;
-        metric.check()?;
-        let (starts, indices, centroid_distance, edge) =
-            (edges.starts.view(), &edges.indices[..], &edges.centroid_distance[..], edges.shared());
-        let scale = self.scale(run)?;
-        let mut array = work.array::<f32>(name, &[centroid_distance.len()])?;
-        run.fill_chunks(array.data(), CHUNK, Vec::new, |k, out, held| {
-            let first = k * CHUNK;
-            run.will_need(indices, first..first + out.len());
-            run.will_need(centroid_distance, first..first + out.len());
-            let (mut row, mut span) = starts.row_of(first);
-            let last = starts.row_of((first + out.len()).saturating_sub(1)).0;
-            let window = nodes.window(row..last + 1, held);
-            let node = |i: usize| match normals {
-                Some(normals) => Node { normal: normals[i], ..window.at(i) },
-                None => window.at(i),
-            };
-            let mut own = node(row);
-            for (i, w) in out.iter_mut().enumerate() {
-                let e = first + i;
-                while span.end <= e {
-                    row += 1;
-                    span = starts.span(row as u32);
-                    own = node(row);
-                }
-                let to = node(indices[e] as usize);
-                *w = weight(metric, scale, &own, &to, centroid_distance[e], edge.against(row as u32, e));
+        self.metric.check()?;
+        let Scale { centroid_distance: unit, angle } = self.scale(run)?;
+        let mut array = work.array::<f32>(name, &[self.edges.centroid_distance.len()])?;
+        let out = array.data();
+        // A loop for each form, with nothing to decide inside. Where no orientation exists, turning counts as concave.
+        match self.metric {
+            Metric::Geodesic => self.fill(out, run, |_, _, length, _| length * unit),
+            Metric::ScaleFree { eta, .. } => self.fill(out, run, |a, b, length, against| {
+                let turn = if against | a.leans_to(b) { 1. } else { eta };
+                length * unit + angle * between(*a.normal, *b.normal) * turn
+            }),
+            Metric::Paper { eta, .. } => {
+                self.fill(out, run, |a, b, length, against| length * unit + angle * turning(a, b, eta, against))
             }
+        }?;
+        array.finish(false)
+    }
+
+    /// Fills `out` (nnz) with what `weight` makes of an edge: its nodes, its length, whether they are wound against each other.
+    fn fill(
+        &self,
+        out: &mut [f32],
+        run: &Run,
+        weight: impl Fn(Side<'_>, Side<'_>, f32, bool) -> f32 + Sync,
+    ) -> Result<()> {
+        let Self { edges, nodes, normals, .. } = *self;
+        let (starts, indices, lengths, edge) =
+            (edges.starts.view(), &edges.indices[..], &edges.centroid_distance[..], edges.shared());
+        let rows = |k: usize| chunk_range(starts.len(), NODES, k);
+        let chunks = chunk_count(starts.len(), NODES);
+        let ends = (0..chunks).map(|k| starts.span(rows(k).end as u32 - 1).end);
+        run.fill_pieces(parts_of(out, ends), Vec::new, |k, out, held| {
+            let entries = starts.entries_of(rows(k));
+            run.will_need(indices, entries.clone());
+            run.will_need(lengths, entries.clone());
+            let window = nodes.window(rows(k), held);
+            let (first, indices, lengths) = (entries.start, &indices[entries.clone()], &lengths[entries]);
+            starts.each(rows(k), |row, span| {
+                let mut held = [Node::default(); 2];
+                let [one, two] = &mut held;
+                let own = Side::with(window.look(row, one), normals, row);
+                for e in span {
+                    let i = e - first;
+                    let near = indices[i] as usize;
+                    let to = Side::with(window.look(near, two), normals, near);
+                    out[i] = weight(own, to, lengths[i], edge.against(row as u32, e)).max(LEAST);
+                }
+            });
             Ok(())
         })?;
-        array.finish(false)
+        Ok(())
     }
 
     /// The scale of the metric on this mesh: from its area, or from means over all edges.
@@ -191,21 +227,27 @@ impl Weighting<'_> {
 
     /// Mean length and mean angular distance of the edges.
     fn means(&self, eta: f32, run: &Run) -> Result<[f64; 2]> {
-        let (nodes, lengths, edge) = (self.nodes, self.edges.by_distance(), self.edges.shared());
-        let sums = run.map_ranges(nodes.len(), CHUNK, |range| {
+        let (nodes, edges, edge) = (self.nodes, self.edges.by_distance(), self.edges.shared());
+        let sums = run.map_chunks(chunk_count(nodes.len(), CHUNK), Vec::new, |k, held| {
             let (mut length, mut angle, mut count) = (0f64, 0f64, 0u64);
-            lengths.will_need(range.clone(), run);
-            for i in range {
-                for (e, (near, distance)) in lengths.span(i as u32).zip(lengths.neighbours(i as u32)) {
-                    // Each edge once.
-                    if near as usize > i {
-                        let against = edge.against(i as u32, e);
-                        length += f64::from(distance);
-                        angle += f64::from(turning(&nodes.at(i), &nodes.at(near as usize), eta, against));
-                        count += 1;
-                    }
+            let range = chunk_range(nodes.len(), CHUNK, k);
+            edges.will_need(range.clone(), run);
+            let window = nodes.window(range.clone(), held);
+            edges.starts.each(range, |i, span| {
+                let mut held = [Node::default(); 2];
+                let [one, two] = &mut held;
+                let own = Side::of(window.look(i, one));
+                for e in span {
+                    let near = edges.indices[e] as usize;
+                    let to = Side::of(window.look(near, two));
+                    let turning = turning(own, to, eta, edge.against(i as u32, e));
+                    // Each edge once; a 0 changes no sum, and a branch would be foretold as often as not.
+                    let once = near > i;
+                    length += if once { f64::from(edges.weights[e]) } else { 0. };
+                    angle += if once { f64::from(turning) } else { 0. };
+                    count += u64::from(once);
                 }
-            }
+            });
             Ok((length, angle, count))
         })?;
         let total = sums.iter().fold((0., 0., 0u64), |t, s| (t.0 + s.0, t.1 + s.1, t.2 + s.2));

@@ -140,6 +140,19 @@ impl Run<'_> {
         parallel::in_order(self.threads, &self.cancel, chunks, init, work, consume)
     }
 
+    /// [`parallel::fill_pieces`].
+    ///
+    /// # Errors
+    /// As there.
+    pub fn fill_pieces<P: Send, S, R: Send>(
+        &self,
+        pieces: impl Iterator<Item = P>,
+        init: impl Fn() -> S + Sync,
+        work: impl Fn(usize, &mut P, &mut S) -> Result<R> + Sync,
+    ) -> Result<Vec<R>> {
+        parallel::fill_pieces(self.threads, &self.cancel, pieces, init, work)
+    }
+
     /// [`parallel::fill_chunks`].
     ///
     /// # Errors
