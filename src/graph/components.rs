@@ -4,7 +4,8 @@
 //! against the rest of theirs. An edge whose faces run along it in the same direction asks for one of them to be turned:
 //! a parity between nodes, kept in the top bit of the parent. A contradiction (Möbius strip, some non-manifold edges)
 //! leaves the later edge unsatisfied. The parent array is a mapped file (4 B per node): with faces in scan or curve order
-//! its accesses are as local as the graph's. About 10 ns per face.
+//! its accesses are as local as the graph's. About 10 ns per face, on one thread. Where no two faces are wound against each other, which
+//! is known from the lengths of shared edges, components are found block by block on all threads instead (`component_blocks.rs`).
 //!
 //! Bridges bring every face within reach of every landmark. Components are taken in descending order of area; each is
 //! joined to the nearest face among all larger ones by one edge as long as the gap, with no turning. So a tiny component
@@ -15,6 +16,7 @@
 //! components the rest are joined without joining the tree. Memory: 16 MB at the most; nothing where there is one
 //! component.
 
+use super::component_blocks::find_roots;
 use super::dual_edges::{DualEdges, EdgesWriter, Entry};
 use super::half_edge_pairs::AGAINST;
 use super::node_geometry::NodeGeometry;
@@ -56,56 +58,52 @@ pub struct Component {
 pub fn find_components(edges: &DualEdges, nodes: &NodeGeometry, context: Context<'_>) -> Result<Components> {
     let n = nodes.len();
     let mut array: ArrayMut<u32> = context.work.array("components.npy", &[n])?;
-    let mut list: BTreeMap<u32, Component> = BTreeMap::new();
-    let mut mixed = false;
-    {
-        let mut parents = ParityForest::new(&mut array.data()[..]);
-        let graph = edges.shared();
-        for i in 0..n as u32 {
-            if (i as usize).is_multiple_of(CHUNK) {
-                context.run.cancel.check()?;
-            }
-            parents.add(i);
-            let (mut mine, mut my_parity) = (i, 0);
-            // Rows ascend, and the other direction is seen from the later node.
-            for (e, near) in graph.entries(i).take_while(|(_, near)| *near < i) {
-                let against = if graph.against(i, e) { AGAINST } else { 0 };
-                mixed |= against != 0;
-                (mine, my_parity) = parents.join((mine, my_parity), near, against);
-            }
-        }
-        let parent = parents.into_parents();
-        // Parents come before children, so one ascending pass flattens everything.
-        let (mut current, mut sum) = (0u32, Component::default());
-        for i in 0..n {
-            if i % CHUNK == 0 {
-                context.run.cancel.check()?;
-            }
-            let link = parent[i];
-            let flat = parent[(link & !AGAINST) as usize] ^ (link & AGAINST);
-            if link & !AGAINST != i as u32 {
-                parent[i] = flat;
-            }
-            let root = parent[i] & !AGAINST;
-            if root != current {
-                add(&mut list, current, &mut sum);
-                current = root;
-            }
-            sum.nodes += 1;
-            if !nodes.is_computed() {
-                sum.area += f64::from(nodes.at(i).area);
-            }
-        }
-        add(&mut list, current, &mut sum);
-    }
+    let side_by_side = !edges.mixed && find_roots(edges.by_distance(), array.data(), context.run)?;
+    let mixed = !side_by_side && node_by_node(edges, array.data(), &context.run.cancel)?;
     let root = array.finish(false)?;
-    if nodes.is_computed() && list.len() > 1 {
+    let mut list: BTreeMap<u32, Component> = BTreeMap::new();
+    for nodes in root.chunk_by(|a, b| a & !AGAINST == b & !AGAINST) {
+        list.entry(nodes[0] & !AGAINST).or_default().nodes += nodes.len() as u64;
+    }
+    if list.len() > 1 {
         add_areas(&mut list, &root, nodes, &context.run.cancel)?;
     }
     Ok(Components { root, mixed, list })
 }
 
-/// Fills in the areas of several components, where geometry is computed: for one it is not needed.
+/// Fills `parent` (n) with [`Components::root`]; whether any edge joins faces wound against each other.
+fn node_by_node(edges: &DualEdges, parent: &mut [u32], cancel: &Cancel) -> Result<bool> {
+    let (n, mut mixed) = (parent.len(), false);
+    let mut parents = ParityForest::new(parent);
+    let graph = edges.shared();
+    for i in 0..n as u32 {
+        if (i as usize).is_multiple_of(CHUNK) {
+            cancel.check()?;
+        }
+        parents.add(i);
+        let (mut mine, mut my_parity) = (i, 0);
+        // Rows ascend, and the other direction is seen from the later node.
+        for (e, near) in graph.entries(i).take_while(|(_, near)| *near < i) {
+            let against = if graph.against(i, e) { AGAINST } else { 0 };
+            mixed |= against != 0;
+            (mine, my_parity) = parents.join((mine, my_parity), near, against);
+        }
+    }
+    let parent = parents.into_parents();
+    // Parents come before children, so one ascending pass flattens everything.
+    for i in 0..n {
+        if i % CHUNK == 0 {
+            cancel.check()?;
+        }
+        let link = parent[i];
+        if link & !AGAINST != i as u32 {
+            parent[i] = parent[(link & !AGAINST) as usize] ^ (link & AGAINST);
+        }
+    }
+    Ok(mixed)
+}
+
+/// Fills in the areas of several components: for one it is not needed.
 fn add_areas(list: &mut BTreeMap<u32, Component>, root: &[u32], nodes: &NodeGeometry, cancel: &Cancel) -> Result<()> {
     let mut first = 0;
     // Runs of one component are summed by themselves.
@@ -116,15 +114,6 @@ fn add_areas(list: &mut BTreeMap<u32, Component>, root: &[u32], nodes: &NodeGeom
         first += run.len();
     }
     Ok(())
-}
-
-fn add(list: &mut BTreeMap<u32, Component>, root: u32, sum: &mut Component) {
-    if sum.nodes > 0 {
-        let entry = list.entry(root).or_default();
-        entry.nodes += sum.nodes;
-        entry.area += sum.area;
-        *sum = Component::default();
-    }
 }
 
 /// Faces of a component that look for a partner.
@@ -254,7 +243,7 @@ pub fn insert(edges: &DualEdges, bridges: &[Bridge], context: Context<'_>) -> Re
         done = row + 1;
     }
     copy(edges, done..edges.len(), &mut writer, context.run)?;
-    Ok(DualEdges { computed: edges.computed.clone(), ..writer.finish()? })
+    Ok(DualEdges { computed: edges.computed.clone(), mixed: edges.mixed, ..writer.finish()? })
 }
 
 /// Copies whole rows in blocks.

@@ -8,8 +8,10 @@
 //! directions are computed from the same numbers in a symmetric formula, so they agree to the bit.
 //!
 //! Workers assemble buckets, one thread appends them in order: ½ + 12 + 12 + 12 bytes per triangle
-//! written, sequentially; the last 12 are not where geometry is computed ([`super::node_geometry`]).
+//! written, sequentially; the last 12 are not where geometry is computed ([`super::node_geometry`]). Where all of it has room in memory,
+//! workers write where the rows will lie instead (`assemble_in_memory.rs`).
 
+use super::assemble_in_memory::assemble_in_memory;
 use super::csr::Csr;
 use super::half_edge_pairs::{HalfEdgePair, HalfEdgePairs};
 use super::node_geometry::{ComputedEdges, ListedEdge, MOST_LISTED, NodeGeometry, SharedEdges};
@@ -37,6 +39,8 @@ pub struct DualEdges {
     pub edge: MappedSlice<f32>,
     /// What they are computed from.
     pub(super) computed: Option<Arc<ComputedEdges>>,
+    /// Whether any length of a shared edge may be negative.
+    pub(super) mixed: bool,
 }
 
 impl DualEdges {
@@ -54,6 +58,7 @@ impl DualEdges {
             centroid_distance: work.array_of(centroid_distance, entries)?,
             edge: work.array_of(edge, entries)?,
             computed: None,
+            mixed: true,
         })
     }
 
@@ -79,12 +84,13 @@ impl DualEdges {
         centroid_distance: MappedSlice<f32>,
         edge: MappedSlice<f32>,
     ) -> Self {
-        Self { starts, indices, centroid_distance, edge, computed: None }
+        let mixed = edge.iter().any(|length| *length < 0.);
+        Self { starts, indices, centroid_distance, edge, computed: None, mixed }
     }
 
     /// The graph with the lengths of the shared edges: for passes over neighbours.
     pub fn shared(&self) -> SharedEdges<'_> {
-        SharedEdges { graph: self.by_shared_edge(), computed: self.computed.as_deref() }
+        SharedEdges { graph: self.by_shared_edge(), computed: self.computed.as_deref(), mixed: self.mixed }
     }
 
     /// The graph with the lengths of the shared edges in the place of weights, some of them negative: for passes over
@@ -109,6 +115,8 @@ pub(super) struct EdgesWriter {
     centroid_distance: ArrayWriter<f32>,
     /// None where lengths are computed from the mesh.
     edge: Option<ArrayWriter<f32>>,
+    /// Whether any length was negative.
+    mixed: bool,
 }
 
 impl EdgesWriter {
@@ -120,6 +128,7 @@ impl EdgesWriter {
             indices: work.writer_of("graph_indices.npy", 1, entries)?,
             centroid_distance: work.writer("graph_centroid_distances.npy", 1)?,
             edge: kept.then(|| work.writer("graph_edges.npy", 1)).transpose()?,
+            mixed: false,
         })
     }
 
@@ -128,6 +137,7 @@ impl EdgesWriter {
         self.starts.push(degrees)?;
         self.indices.push(indices)?;
         self.centroid_distance.push(centroid_distance)?;
+        self.mixed |= edge.iter().any(|length| *length < 0.);
         self.edge.as_mut().map_or(Ok(()), |writer| writer.push(edge))
     }
 
@@ -138,6 +148,7 @@ impl EdgesWriter {
             centroid_distance: self.centroid_distance.finish(false)?,
             edge: self.edge.map_or(Ok(MappedSlice::empty()), |writer| writer.finish(false))?,
             computed: None,
+            mixed: self.mixed,
         })
     }
 }
@@ -155,9 +166,14 @@ pub fn assemble(
     pairs: &HalfEdgePairs<'_>,
     context: Context<'_>,
 ) -> Result<Option<DualEdges>> {
+    if !nodes.is_computed()
+        && let Some(edges) = assemble_in_memory(mesh, frame, nodes.array(), pairs, context)?
+    {
+        return Ok(Some(edges));
+    }
     let kept = !nodes.is_computed();
     let mut writer = EdgesWriter::create(nodes.len(), pairs.bound(), StartsForm::Packed, kept, context.work)?;
-    let (mut listed, mut mixed): (Vec<ListedEdge>, bool) = (Vec::new(), false);
+    let mut listed: Vec<ListedEdge> = Vec::new();
     context.run.in_order(
         pairs.parts(),
         || (),
@@ -168,7 +184,6 @@ pub fn assemble(
         },
         |_, part| {
             context.run.progress.advance("graph", part.degrees.len() as u64);
-            mixed |= part.mixed;
             let room = MOST_LISTED.saturating_sub(listed.len());
             listed.extend(part.listed.iter().take(room + 1));
             writer.push(&part.degrees, &part.indices, &part.centroid_distance, &part.edges)
@@ -178,7 +193,7 @@ pub fn assemble(
         return Ok(None);
     }
     let listed: Arc<[ListedEdge]> = listed.into();
-    let computed = nodes.mesh().map(|mesh| Arc::new(ComputedEdges { mesh: mesh.clone(), listed, mixed }));
+    let computed = nodes.mesh().map(|mesh| Arc::new(ComputedEdges { mesh: mesh.clone(), listed }));
     Ok(Some(DualEdges { computed, ..writer.finish()? }))
 }
 
@@ -191,15 +206,12 @@ struct NodeRange {
     edges: Vec<f32>,
     /// Of lengths that are computed, those that come out otherwise.
     listed: Vec<ListedEdge>,
-    /// Whether any length is negative, where they are computed.
-    mixed: bool,
 }
 
 impl NodeRange {
     /// Lists the edges whose lengths cannot be computed from `nodes`.
     fn list_edges(&mut self, nodes: &NodeGeometry) {
         let Some(mesh) = nodes.mesh() else { return };
-        self.mixed = self.edges.iter().any(|edge| *edge < 0.);
         let mut entry = 0;
         for (from, &degree) in (self.first..).zip(&self.degrees) {
             let own = mesh.row(from);
@@ -225,7 +237,6 @@ fn assemble_part(
     let mut part = NodeRange {
         first: range.start,
         listed: Vec::new(),
-        mixed: false,
         degrees: Vec::with_capacity(range.len()),
         indices: Vec::with_capacity(pairs.len()),
         centroid_distance: Vec::with_capacity(pairs.len()),
@@ -233,30 +244,55 @@ fn assemble_part(
     };
     let mut held = Vec::new();
     let window = nodes.window(range.clone(), &mut held);
-    let mut rest = pairs;
-    let mut row: Vec<Entry> = Vec::new();
-    let mut points: Vec<[f64; 3]> = Vec::new();
+    let (mut rest, mut scratch) = (pairs, RowScratch::default());
     mesh.faces.for_each(range, |face, corners| {
-        points.clear();
-        points.extend(corners.iter().map(|&v| frame.place(mesh.positions.get(v))));
         let span = mesh.faces.corner_range(face);
-        let own = window.at(face);
         let count = rest.iter().take_while(|pair| (pair.corner as usize) < span.end).count();
         let (mine, after) = rest.split_at(count);
         rest = after;
+        let points = corners.iter().map(|&v| frame.place(mesh.positions.get(v)));
+        let row =
+            scratch.row(points, span.start, &window.at(face), mine.iter().copied(), |node| window.at(node as usize));
+        part.indices.extend(row.iter().map(|entry| entry.node));
+        part.centroid_distance.extend(row.iter().map(|entry| entry.centroid_distance));
+        part.edges.extend(row.iter().map(|entry| entry.edge));
+        part.degrees.push(row.len() as u32);
+    });
+    part
+}
+
+/// A row while it is being put together.
+#[derive(Default)]
+pub(super) struct RowScratch {
+    points: Vec<[f64; 3]>,
+    row: Vec<Entry>,
+}
+
+impl RowScratch {
+    /// The row of the face `own`, whose corners lie at `points` and are numbered from `first` on: an entry for each neighbour that its
+    /// `pairs` lead to, ascending. `node` gives the neighbours.
+    #[inline]
+    pub fn row(
+        &mut self,
+        points: impl Iterator<Item = [f64; 3]>,
+        first: usize,
+        own: &Node,
+        pairs: impl Iterator<Item = HalfEdgePair>,
+        node: impl Fn(u32) -> Node,
+    ) -> &[Entry] {
+        let Self { points: held, row } = self;
+        held.clear();
+        held.extend(points);
         row.clear();
-        row.extend(mine.iter().map(|pair| {
-            let slot = pair.corner as usize - span.start;
-            let end = if slot + 1 == points.len() { 0 } else { slot + 1 };
-            let ends = [points[slot], points[end]];
-            let mut entry = step(&own, &window.at(pair.to() as usize), pair.to(), ends);
+        row.extend(pairs.map(|pair| {
+            let slot = pair.corner as usize - first;
+            let end = if slot + 1 == held.len() { 0 } else { slot + 1 };
+            let mut entry = step(own, &node(pair.to()), pair.to(), [held[slot], held[end]]);
             if pair.against() {
                 entry.edge = -entry.edge;
             }
             entry
         }));
-        // Ties of neighbour are resolved by value, so the order of pairs does not matter.
-        let before = part.indices.len();
         if let [a, b, c] = &mut row[..]
             && a.node != b.node
             && b.node != c.node
@@ -268,42 +304,30 @@ fn assemble_part(
                     row.swap(x, y);
                 }
             }
-            part.indices.extend([row[0].node, row[1].node, row[2].node]);
-            part.centroid_distance.extend([
-                row[0].centroid_distance,
-                row[1].centroid_distance,
-                row[2].centroid_distance,
-            ]);
-            part.edges.extend([row[0].edge, row[1].edge, row[2].edge]);
-            part.degrees.push(3);
-            return;
+            return row;
         }
+        // Ties of neighbour are resolved by value, so the order of pairs does not matter.
         row.sort_unstable_by(|a, b| {
             a.node
                 .cmp(&b.node)
                 .then(a.centroid_distance.total_cmp(&b.centroid_distance))
                 .then(a.edge.total_cmp(&b.edge))
         });
-        for entry in &row {
-            if part.indices.len() > before && part.indices.last() == Some(&entry.node) {
-                merge(&mut part, entry);
-            } else {
-                part.indices.push(entry.node);
-                part.centroid_distance.push(entry.centroid_distance);
-                part.edges.push(entry.edge);
+        row.dedup_by(|entry, kept| {
+            let same = entry.node == kept.node;
+            if same {
+                merge(kept, entry);
             }
-        }
-        part.degrees.push((part.indices.len() - before) as u32);
-    });
-    part
+            same
+        });
+        row
+    }
 }
 
-/// Adds a second edge to the entry pushed last: the shorter known step, the summed edge length.
-fn merge(part: &mut NodeRange, entry: &Entry) {
-    if let (Some(centroid_distance), Some(edge)) = (part.centroid_distance.last_mut(), part.edges.last_mut()) {
-        *centroid_distance = centroid_distance.min(entry.centroid_distance);
-        *edge = (edge.abs() + entry.edge.abs()).copysign(*edge);
-    }
+/// Adds a second edge between two faces to the first: the shorter known step, the summed edge length.
+fn merge(kept: &mut Entry, entry: &Entry) {
+    kept.centroid_distance = kept.centroid_distance.min(entry.centroid_distance);
+    kept.edge = (kept.edge.abs() + entry.edge.abs()).copysign(kept.edge);
 }
 
 /// The entry for the step from `from` to `to` over the edge between `ends` (in the frame).

@@ -22,8 +22,8 @@ use std::sync::atomic::{AtomicU32, AtomicUsize, Ordering::Relaxed};
 /// The bit of [`HalfEdgePair::node`] that says that both faces run along the edge in the same direction: they are wound
 /// against each other. Nodes have 31 bits to spare: there are at most 2³² corners.
 pub const AGAINST: u32 = PARITY;
-/// No pair, in the table; no node has this number.
-const NONE: u32 = u32::MAX;
+/// No pair, in the table; no node has this number, with [`AGAINST`] or without.
+pub(super) const NO_NODE: u32 = u32::MAX;
 /// Nodes handed over at a time from the table.
 const CHUNK: usize = 1 << 14;
 
@@ -128,7 +128,7 @@ impl<'a> HalfEdgePairs<'a> {
         let bytes = 4 * corners as u64;
         if fit(corners as u64, context.run.budget.left()) {
             let grant = context.run.budget.take("matching edges", bytes, bytes)?;
-            let across = (0..corners).map(|_| AtomicU32::new(NONE)).collect();
+            let across = (0..corners).map(|_| AtomicU32::new(NO_NODE)).collect();
             return Ok(Self { nodes, kind: Kind::Table { across, more: Mutex::default(), _grant: grant } });
         }
         if let Some(blocks) = blocks {
@@ -187,6 +187,12 @@ impl<'a> HalfEdgePairs<'a> {
         }
     }
 
+    /// The node across each corner's edge, or [`NO_NODE`], where that is a table and no corner has two pairs.
+    pub(super) fn table(&self) -> Option<&[AtomicU32]> {
+        let Kind::Table { across, more, .. } = &self.kind else { return None };
+        more.lock().unwrap_or_else(|poison| poison.into_inner()).is_empty().then_some(across)
+    }
+
     /// Number of pairs at the most.
     pub(super) fn bound(&self) -> usize {
         match &self.kind {
@@ -235,7 +241,7 @@ impl<'a> HalfEdgePairs<'a> {
                 let mut pairs = Vec::with_capacity(corners.len());
                 pairs.extend(corners.clone().zip(&across[corners.clone()]).filter_map(|(corner, node)| {
                     let node = node.load(Relaxed);
-                    (node != NONE).then_some(HalfEdgePair { corner: corner as u32, node })
+                    (node != NO_NODE).then_some(HalfEdgePair { corner: corner as u32, node })
                 }));
                 let more = more.lock().unwrap_or_else(|poison| poison.into_inner());
                 let place = |corner: usize| more.partition_point(|pair| (pair.corner as usize) < corner);
@@ -272,7 +278,7 @@ impl PairSink<'_> {
             Self::Table(across, more) => {
                 // All pairs of an edge come from one thread at a time, so nobody else writes here.
                 let place = &across[pair.corner as usize];
-                if place.load(Relaxed) == NONE {
+                if place.load(Relaxed) == NO_NODE {
                     place.store(pair.node, Relaxed);
                 } else {
                     more.lock().unwrap_or_else(|poison| poison.into_inner()).push(pair);

@@ -7,6 +7,8 @@
 //! neighbours. Correspondence walks over the [`vertex_graph`] instead.
 
 pub mod angle;
+mod assemble_in_memory;
+mod component_blocks;
 pub mod components;
 pub mod csr;
 pub mod dual;

@@ -37,6 +37,11 @@ impl NodeGeometry {
         self.mesh.as_ref()
     }
 
+    /// The array; empty where there is none.
+    pub(super) fn array(&self) -> &[Node] {
+        &self.array
+    }
+
     /// Whether it is computed at each look.
     pub fn is_computed(&self) -> bool {
         self.mesh.is_some()
@@ -321,8 +326,6 @@ pub(super) struct ComputedEdges {
     pub mesh: Arc<FromMesh>,
     /// From, to and length as matching found it, before faces were turned; ascending.
     pub listed: Arc<[ListedEdge]>,
-    /// Whether any two neighbours are wound against each other in the file.
-    pub mixed: bool,
 }
 
 /// An edge with the length that [`FromMesh::shared`] does not give.
@@ -353,6 +356,8 @@ pub struct SharedEdges<'a> {
     /// Neighbours, and the lengths where they are an array.
     pub(super) graph: super::Csr<'a>,
     pub(super) computed: Option<&'a ComputedEdges>,
+    /// Whether any length may be negative.
+    pub(super) mixed: bool,
 }
 
 impl<'a> SharedEdges<'a> {
@@ -394,7 +399,7 @@ impl<'a> SharedEdges<'a> {
     /// Whether the length at entry `e`, which is in the row of `node`, is negative.
     #[inline(always)]
     pub fn against(self, node: u32, e: usize) -> bool {
-        self.computed.is_none_or(|computed| computed.mixed) && self.length(node, e) < 0.
+        self.mixed && self.length(node, e) < 0.
     }
 }
 

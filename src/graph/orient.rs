@@ -84,31 +84,41 @@ pub fn orient(
     context: Context<'_>,
 ) -> Result<(DualEdges, NodeGeometry, OrientationFacts)> {
     let mut sums: HashMap<u32, Sums> = HashMap::new();
-    let (mut root, mut current) = (0u32, Sums::default());
     let n = nodes.len();
-    context.run.in_order(
-        chunk_count(n, nodes::CHUNK),
-        || (),
-        |k, ()| {
-            let mut held = Vec::new();
-            nodes.window(chunk_range(n, nodes::CHUNK, k), &mut held);
+    let mut add = |links: &[u32], some: &[Node]| {
+        let mut done = 0;
+        for links in links.chunk_by(|a, b| a & !AGAINST == b & !AGAINST) {
+            let sums = sums.entry(links[0] & !AGAINST).or_default();
+            *sums = links.iter().zip(&some[done..]).fold(*sums, |mut sums, (link, node)| {
+                sums.add(node, link & AGAINST != 0);
+                sums
+            });
+            done += links.len();
+        }
+    };
+    let chunk = |k: usize| chunk_range(n, nodes::CHUNK, k);
+    let chunks = chunk_count(n, nodes::CHUNK);
+    if let Some(mesh) = nodes.mesh() {
+        let compute = |k: usize, (): &mut ()| {
+            let mut held = Vec::with_capacity(chunk(k).len());
+            mesh.each_node(chunk(k), |_, node| held.push(*node));
             Ok(held)
-        },
-        |k, held| {
-            for i in chunk_range(n, nodes::CHUNK, k) {
-                let link = components.root[i];
-                if link & !AGAINST != root {
-                    sums.insert(root, current);
-                    root = link & !AGAINST;
-                    current = sums.get(&root).copied().unwrap_or_default();
-                }
-                let node = held.get(i - k * nodes::CHUNK).copied().unwrap_or_else(|| nodes.at(i));
-                current.add(&node, link & AGAINST != 0);
-            }
-            Ok(())
-        },
-    )?;
-    sums.insert(root, current);
+        };
+        context.run.in_order(
+            chunks,
+            || (),
+            compute,
+            |k, held| {
+                add(&components.root[chunk(k)], &held);
+                Ok(())
+            },
+        )?;
+    } else {
+        for k in 0..chunks {
+            context.run.cancel.check()?;
+            add(&components.root[chunk(k)], &nodes.array()[chunk(k)]);
+        }
+    }
     let turn: HashMap<u32, [bool; 2]> = sums.into_iter().map(|(root, sums)| (root, sums.turn())).collect();
     if !components.mixed && turn.values().all(|turn| !turn[0]) {
         return Ok((edges, nodes, OrientationFacts::default()));
@@ -168,7 +178,7 @@ pub fn orient(
         },
     )?;
     facts.unsatisfied = counts.into_iter().sum();
-    Ok((DualEdges { edge: lengths.finish(false)?, ..edges }, nodes, facts))
+    Ok((DualEdges { edge: lengths.finish(false)?, mixed: facts.unsatisfied > 0, ..edges }, nodes, facts))
 }
 
 /// File of the bits of turned faces.

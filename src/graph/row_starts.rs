@@ -9,7 +9,7 @@
 //! Beside the plain array this saves 7.5 bytes per face of disk, and fronts touch as many fewer. Small graphs of many degrees
 //! (contractions, vertices) stay with plain starts: counting bits for each node would slow their fronts down.
 
-use crate::base::Result;
+use crate::base::{Error, Result};
 use crate::store::mapped::{Access, advise, prefetch, will_need};
 use crate::store::npy::ArrayWriter;
 use crate::store::{MappedSlice, WorkDir};
@@ -389,12 +389,44 @@ impl Packer {
         Some(block)
     }
 
+    /// Adds what was packed elsewhere behind whole blocks.
+    fn append(&mut self, part: &mut PackedPart) {
+        for block in &mut part.blocks {
+            block.start += self.end;
+            if block.start & TABLE != 0 {
+                block.degrees[0] += (self.before + self.table.len()) as u64;
+            }
+        }
+        self.table.extend(part.table.iter().map(|start| start + self.end));
+        self.end += part.entries;
+    }
+
     /// Writes what of the table is there.
     fn hand_over(&mut self, out: &mut ArrayWriter<u64>) -> Result<()> {
         self.before += self.table.len();
         let result = out.push(&self.table);
         self.table.clear();
         result
+    }
+}
+
+/// Row starts of consecutive rows, whole blocks of them but at the end of all, counted from the first.
+#[derive(Debug)]
+pub(super) struct PackedPart {
+    blocks: Vec<RowBlock>,
+    table: Vec<u64>,
+    rows: usize,
+    entries: u64,
+}
+
+impl PackedPart {
+    /// Those of rows of the given degrees.
+    pub fn of(degrees: impl ExactSizeIterator<Item = u32>) -> Self {
+        let (mut packer, rows) = (Packer::default(), degrees.len());
+        let mut blocks = Vec::with_capacity(rows.div_ceil(ROWS));
+        degrees.for_each(|degree| blocks.extend(packer.push(degree)));
+        blocks.extend(packer.finish());
+        Self { blocks, rows, entries: packer.end, table: packer.table }
     }
 }
 
@@ -438,6 +470,18 @@ impl RowStartsWriter {
                 packer.hand_over(table)
             }
         }
+    }
+
+    /// Appends packed rows behind whole blocks; returns where they end.
+    pub fn push_part(&mut self, mut part: PackedPart) -> Result<u64> {
+        let Self::Packed { packer, rows, blocks, table } = self else {
+            return Err(Error::internal("packed rows among plain ones"));
+        };
+        *rows += part.rows;
+        packer.append(&mut part);
+        blocks.push(bytemuck::cast_slice(&part.blocks))?;
+        packer.hand_over(table)?;
+        Ok(packer.end)
     }
 
     pub fn finish(self) -> Result<OwnedRowStarts> {

@@ -1,0 +1,193 @@
+//! The edges of the dual graph, assembled where they will lie: in memory, by all threads at once.
+//!
+//! Where the pairs of half-edges are a table and no corner has two, the degrees of rows can be told before anything else is known. So a
+//! first pass counts them, and then each range of nodes has its place in the arrays: nothing is handed from thread to thread, and no
+//! thread waits while another one copies. Rows are those of [`super::dual_edges`], to the bit.
+//!
+//! Nearly every face has three corners and three different neighbours. Such a row is computed with its three edges side by side, and put
+//! in order by counting, without a branch: the order of three neighbours is as good as random. Cost: about 15 ns per face and thread, where
+//! a third of it is square roots.
+
+use super::dual_edges::{DualEdges, Entry, RowScratch};
+use super::half_edge_pairs::{AGAINST, HalfEdgePair, HalfEdgePairs, NO_NODE};
+use super::nodes::{Frame, Node};
+use super::row_starts::{PackedPart, RowStartsWriter, StartsForm};
+use crate::base::Result;
+use crate::base::parallel::{chunk_count, chunk_range, parts_of};
+use crate::base::simd::{SimdKernel, dispatch};
+use crate::mesh::Mesh;
+use crate::store::Context;
+use std::ops::Range;
+use std::sync::atomic::{AtomicU32, Ordering::Relaxed};
+
+/// Nodes that a thread takes at a time; whole blocks of row starts.
+const NODES: usize = 1 << 14;
+
+/// Assembles the rows of `nodes` (n); `None` where they are to be assembled otherwise: some corner has two pairs, or there is no room.
+///
+/// # Errors
+/// [`crate::base::Error::Io`], [`crate::base::Error::Cancelled`].
+pub(super) fn assemble_in_memory(
+    mesh: &Mesh,
+    frame: &Frame,
+    nodes: &[Node],
+    pairs: &HalfEdgePairs<'_>,
+    context: Context<'_>,
+) -> Result<Option<DualEdges>> {
+    let Context { work, run } = context;
+    let Some(across) = pairs.table() else { return Ok(None) };
+    let (n, chunks) = (nodes.len(), chunk_count(nodes.len(), NODES));
+    let rows = |k: usize| chunk_range(n, NODES, k);
+    let count =
+        |k: usize, (): &mut ()| Ok(PackedPart::of(rows(k).map(|face| degree(&across[mesh.faces.corner_range(face)]))));
+    let parts = run.map_chunks(chunks, || (), count)?;
+    let mut starts = RowStartsWriter::create(StartsForm::Packed, n, work)?;
+    let mut ends = Vec::with_capacity(chunks);
+    for part in parts {
+        ends.push(starts.push_part(part)?);
+    }
+    let entries = ends.last().map_or(0, |end| *end as usize);
+    let (indices, lengths, edges) = (
+        work.array_in_memory::<u32>("graph_indices.npy", &[entries]),
+        work.array_in_memory::<f32>("graph_centroid_distances.npy", &[entries]),
+        work.array_in_memory::<f32>("graph_edges.npy", &[entries]),
+    );
+    let (Some(mut indices), Some(mut lengths), Some(mut edges)) = (indices, lengths, edges) else { return Ok(None) };
+    let ends = || ends.iter().map(|end| *end as usize);
+    let places =
+        parts_of(indices.data(), ends()).zip(parts_of(lengths.data(), ends())).zip(parts_of(edges.data(), ends()));
+    let places = places.map(|((indices, lengths), edges)| Rows { indices, lengths, edges });
+    let mixed = run.fill_pieces(places, RowScratch::default, |k, out, scratch| {
+        run.progress.advance("graph", rows(k).len() as u64);
+        let Rows { indices, lengths, edges } = out;
+        let out = Rows { indices, lengths, edges };
+        Ok(dispatch(Assembled { mesh, frame, nodes, across, range: rows(k), out, scratch }))
+    })?;
+    Ok(Some(DualEdges {
+        starts: starts.finish()?,
+        indices: indices.finish(false)?,
+        centroid_distance: lengths.finish(false)?,
+        edge: edges.finish(false)?,
+        computed: None,
+        mixed: mixed.contains(&true),
+    }))
+}
+
+/// Places for the entries of a range of rows.
+struct Rows<'a> {
+    indices: &'a mut [u32],
+    lengths: &'a mut [f32],
+    edges: &'a mut [f32],
+}
+
+/// The number of different nodes among those `across` the edges of a face.
+#[inline]
+fn degree(across: &[AtomicU32]) -> u32 {
+    let node = |k: usize| across[k].load(Relaxed) & !AGAINST;
+    if across.len() == 3 {
+        let [a, b, c] = [node(0), node(1), node(2)];
+        let none = NO_NODE & !AGAINST;
+        return u32::from(a != none) + u32::from((b != none) & (b != a)) + u32::from((c != none) & (c != a) & (c != b));
+    }
+    let mut all: Vec<u32> = (0..across.len()).map(node).filter(|node| *node != NO_NODE & !AGAINST).collect();
+    all.sort_unstable();
+    all.dedup();
+    all.len() as u32
+}
+
+/// Fills the rows of `range`, for [`dispatch`]; whether any length of a shared edge is negative.
+struct Assembled<'a> {
+    mesh: &'a Mesh,
+    frame: &'a Frame,
+    nodes: &'a [Node],
+    /// The node across each corner's edge.
+    across: &'a [AtomicU32],
+    range: Range<usize>,
+    out: Rows<'a>,
+    scratch: &'a mut RowScratch,
+}
+
+impl SimdKernel for Assembled<'_> {
+    type Output = bool;
+
+    #[inline(always)]
+    fn run(self) -> bool {
+        let Self { mesh, frame, nodes, across, range, out, scratch } = self;
+        let (mut at, mut mixed) = (0, false);
+        let (positions, frame) = (&mesh.positions, *frame);
+        mesh.faces.for_each(range, |face, corners| {
+            let span = mesh.faces.corner_range(face);
+            if let (&[a, b, c], [x, y, z]) = (corners, &across[span.clone()]) {
+                let links = [x.load(Relaxed), y.load(Relaxed), z.load(Relaxed)];
+                let near = [links[0] & !AGAINST, links[1] & !AGAINST, links[2] & !AGAINST];
+                let three = (near[0] != near[1]) & (near[1] != near[2]) & (near[0] != near[2]);
+                if let [Some(x), Some(y), Some(z)] = near.map(|node| nodes.get(node as usize))
+                    && three
+                {
+                    let points =
+                        [frame.place(positions.get(a)), frame.place(positions.get(b)), frame.place(positions.get(c))];
+                    let [length, edge] = three_steps(points, &nodes[face], [x, y, z]);
+                    if length.iter().all(|length| length.is_finite()) {
+                        let places = ranks(near);
+                        for k in 0..3 {
+                            let edge = if links[k] >= AGAINST { -edge[k] } else { edge[k] };
+                            mixed |= edge < 0.;
+                            let e = at + places[k];
+                            (out.indices[e], out.lengths[e], out.edges[e]) = (near[k], length[k], edge);
+                        }
+                        at += 3;
+                        return;
+                    }
+                }
+            }
+            let links = across[span.clone()].iter().map(|link| link.load(Relaxed));
+            let pairs = span.clone().zip(links).filter(|(_, node)| *node != NO_NODE);
+            let pairs = pairs.map(|(corner, node)| HalfEdgePair { corner: corner as u32, node });
+            let points = corners.iter().map(|&v| frame.place(positions.get(v)));
+            for &Entry { node, centroid_distance, edge } in
+                scratch.row(points, span.start, &nodes[face], pairs, |node| nodes[node as usize])
+            {
+                mixed |= edge < 0.;
+                (out.indices[at], out.lengths[at], out.edges[at]) = (node, centroid_distance, edge);
+                at += 1;
+            }
+        });
+        mixed
+    }
+}
+
+/// The places of three different numbers when they ascend.
+#[inline(always)]
+fn ranks([a, b, c]: [u32; 3]) -> [usize; 3] {
+    let less = |x: u32, y: u32| usize::from(x < y);
+    [less(b, a) + less(c, a), less(a, b) + less(c, b), less(a, c) + less(b, c)]
+}
+
+/// Lengths of the steps from a triangle with the corners `points` to its neighbours, and of the edges that leave the corners: what
+/// [`super::dual_edges`] computes one by one. In four lanes, the last of which counts for nothing.
+#[inline(always)]
+fn three_steps(points: [[f64; 3]; 3], own: &Node, near: [&Node; 3]) -> [[f32; 3]; 2] {
+    let (mut from, mut to, mut edge) = ([0f64; 4], [0f64; 4], [0f64; 4]);
+    let [p, q, r] = points;
+    let [x, y, z] = near;
+    for axis in 0..3 {
+        let start = [p[axis], q[axis], r[axis], r[axis]];
+        let end = [q[axis], r[axis], p[axis], p[axis]];
+        let own = f64::from(own.centroid[axis]);
+        let near = [x.centroid[axis], y.centroid[axis], z.centroid[axis], z.centroid[axis]].map(f64::from);
+        for lane in 0..4 {
+            let middle = (start[lane] + end[lane]) * 0.5;
+            let (a, b, c) = (own - middle, near[lane] - middle, start[lane] - end[lane]);
+            // The first square is the sum so far: adding it to 0 changes no bit.
+            from[lane] += a * a;
+            to[lane] += b * b;
+            edge[lane] += c * c;
+        }
+    }
+    let mut found = [[0f32; 4]; 2];
+    for lane in 0..4 {
+        found[0][lane] = (from[lane].sqrt() + to[lane].sqrt()) as f32;
+        found[1][lane] = edge[lane].sqrt() as f32;
+    }
+    found.map(|[a, b, c, _]| [a, b, c])
+}

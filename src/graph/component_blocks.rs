@@ -1,0 +1,176 @@
+//! Connected components found side by side: inside of blocks of consecutive nodes, then over the edges between these.
+//!
+//! Nearly all neighbours of a node are close to it in number. So each block has a forest of its own, which any thread makes in its
+//! cache, and one thread joins the blocks' trees over the edges between them, a few in a hundred. Where faces are scattered there are
+//! too many of these; then [`super::components`] goes from node to node. A representative is the least member of its set, so roots
+//! are the same numbers both ways. That holds where all windings agree: of parities that contradict each other, the order decides.
+//!
+//! Cost: about 3 ns per face and thread, 12 bytes read and 4 written; and 8 bytes for an edge between blocks, [`MOST_BETWEEN`] at the
+//! most.
+
+use super::Csr;
+use crate::base::Result;
+use crate::base::union_find::ParityForest;
+use crate::store::Run;
+use std::collections::HashMap;
+use std::sync::atomic::{AtomicUsize, Ordering::Relaxed};
+
+/// Nodes a block at the least, and blocks at the most.
+const NODES: usize = 1 << 14;
+const BLOCKS: usize = 128;
+/// Edges between blocks that are held at the most.
+const MOST_BETWEEN: usize = 1 << 20;
+
+/// Fills `roots` (n) with the first node of each node's component in `graph`; whether it did, or has no room for that.
+///
+/// # Errors
+/// [`crate::base::Error::Cancelled`].
+pub(super) fn find_roots(graph: Csr<'_>, roots: &mut [u32], run: &Run) -> Result<bool> {
+    let room = 8 * MOST_BETWEEN as u64;
+    if run.budget.left() < 2 * room {
+        return Ok(false);
+    }
+    let _grant = run.budget.take("components", room, room)?;
+    let size = NODES.max(roots.len().div_ceil(BLOCKS));
+    let held = AtomicUsize::new(0);
+    let between = run.fill_chunks(
+        roots,
+        size,
+        || (),
+        |k, parents, ()| {
+            if held.load(Relaxed) > MOST_BETWEEN {
+                return Ok(Vec::new());
+            }
+            let between = block_roots(graph, k * size, parents);
+            held.fetch_add(between.len(), Relaxed);
+            Ok(between)
+        },
+    )?;
+    if held.into_inner() > MOST_BETWEEN {
+        return Ok(false);
+    }
+    let above = joined(roots, between.iter().flatten());
+    if !above.is_empty() {
+        let raise = |_: usize, roots: &mut [u32], (last, top): &mut (u32, u32)| {
+            for root in roots {
+                // Nodes in sequence are mostly of one tree.
+                if *root != *last {
+                    (*last, *top) = (*root, above.get(root).copied().unwrap_or(*root));
+                }
+                *root = *top;
+            }
+            Ok(())
+        };
+        run.fill_chunks(roots, size, || (u32::MAX, u32::MAX), raise)?;
+    }
+    Ok(true)
+}
+
+/// Fills `roots` with the first node of each node's component in the block of nodes from `first` on; returns the edges to blocks
+/// before it, up to more than [`MOST_BETWEEN`].
+fn block_roots(graph: Csr<'_>, first: usize, roots: &mut [u32]) -> Vec<[u32; 2]> {
+    let mut between = Vec::new();
+    let (start, count) = (first as u32, roots.len());
+    let mut forest = ParityForest::new(roots);
+    graph.starts.each(first..first + count, |node, span| {
+        let own = node as u32 - start;
+        forest.add(own);
+        let mut mine = (own, 0);
+        // Rows ascend, and the other direction is seen from the later node.
+        for &near in graph.indices[span].iter().take_while(|near| (**near as usize) < node) {
+            if near >= start {
+                mine = forest.join(mine, near - start, 0);
+            } else if between.len() <= MOST_BETWEEN {
+                between.push([node as u32, near]);
+            }
+        }
+    });
+    // Parents come before children, so one ascending pass flattens everything.
+    let roots = forest.into_parents();
+    for i in 0..count {
+        let parent = roots[i] as usize;
+        roots[i] = if parent == i { start + i as u32 } else { roots[parent] };
+    }
+    between
+}
+
+/// The least root that each of `roots` of blocks is joined with over the edges `between` them; without those that stay.
+fn joined<'a>(roots: &[u32], between: impl Iterator<Item = &'a [u32; 2]>) -> HashMap<u32, u32> {
+    let mut above: HashMap<u32, u32> = HashMap::new();
+    let top = |above: &HashMap<u32, u32>, mut root: u32| {
+        while let Some(&up) = above.get(&root) {
+            root = up;
+        }
+        root
+    };
+    let mut last = [u32::MAX; 2];
+    for edge in between {
+        let trees = edge.map(|node| roots[node as usize]);
+        // Most edges join the same two as the one before.
+        if trees != last {
+            last = trees;
+            let [a, b] = trees.map(|root| top(&above, root));
+            let least = a.min(b);
+            // Also of the trees themselves: short ways for those who ask next.
+            for root in [a, b, trees[0], trees[1]] {
+                if root > least {
+                    above.insert(root, least);
+                }
+            }
+        }
+    }
+    let raised: Vec<(u32, u32)> = above.keys().map(|root| (*root, top(&above, *root))).collect();
+    raised.into_iter().collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::base::random::{below, stream};
+    use crate::base::union_find::Forest;
+    use crate::graph::OwnedRowStarts;
+    use crate::store::Budget;
+
+    /// A graph of `n` nodes with random edges, up to `reach` apart, about `share` of a hundred of them far.
+    fn graph(n: usize, reach: usize, far: usize) -> (OwnedRowStarts, Vec<u32>, Vec<u32>) {
+        let mut random = stream(1, "components");
+        let mut forest = Forest::new(n);
+        let mut rows = vec![Vec::new(); n];
+        for _ in 0..n {
+            let a = below(&mut random, n);
+            let width = if below(&mut random, 100) < far { n } else { reach };
+            let b = (a + 1 + below(&mut random, width)) % n;
+            rows[a].push(b as u32);
+            rows[b].push(a as u32);
+            forest.join(a as u32, b as u32);
+        }
+        rows.iter_mut().for_each(|row| row.sort_unstable());
+        (OwnedRowStarts::of(rows.iter().map(Vec::len)), rows.concat(), forest.labels())
+    }
+
+    #[test]
+    fn blocks_find_what_one_forest_finds() {
+        for (n, reach, far) in [(1, 1, 0), (300, 3, 0), (100_000, 3, 0), (100_000, 2, 1), (60_000, 9, 50)] {
+            let (starts, indices, expected) = graph(n, reach, far);
+            for threads in [1, 3] {
+                let run = Run { threads, ..Run::new(&()) };
+                let mut roots = vec![0; n];
+                assert!(find_roots(Csr::new(starts.view(), &indices, &[]), &mut roots, &run).unwrap());
+                assert!(roots == expected, "{n} {reach} {far}");
+            }
+        }
+        let run = Run { budget: Budget::new(1 << 20), ..Run::new(&()) };
+        assert!(!find_roots(Csr::new(OwnedRowStarts::of([0]).view(), &[], &[]), &mut [0], &run).unwrap());
+    }
+
+    #[test]
+    fn too_many_edges_between_blocks_are_left_to_others() {
+        // Each node of the second half beside three of the first.
+        let n = 1 << 20;
+        let rows = |i: usize| if i < n / 2 { 0..0 } else { i - n / 2..(i - n / 2 + 3).min(n / 2) };
+        let indices: Vec<u32> = (0..n).flat_map(rows).map(|near| near as u32).collect();
+        let starts = OwnedRowStarts::of((0..n).map(|i| rows(i).len()));
+        let graph = Csr::new(starts.view(), &indices, &[]);
+        assert!(!find_roots(graph, &mut vec![0; n], &Run::new(&())).unwrap());
+    }
+}
