@@ -290,10 +290,9 @@ fn chunk_sums(points: WeightedPoints<'_>, range: std::ops::Range<usize>, d: usiz
         if cost > out.worst.0 {
             out.worst = (cost, range.start + i);
         }
-    }
-    for e in 0..d {
-        for (i, &x) in row(e).iter().enumerate() {
-            out.sums[label[i] as usize * d + e] += points.weights[range.start + i] * f64::from(x);
+        // All coordinates of a point at a time: each sum has its points in order, and none waits for another.
+        for (e, sum) in out.sums[c * d..(c + 1) * d].iter_mut().enumerate() {
+            *sum += weight * f64::from(points.coordinates[e * points.len() + range.start + i]);
         }
     }
     out
