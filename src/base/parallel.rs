@@ -97,6 +97,34 @@ pub fn spawn<'scope, T: Send + 'scope>(
     })
 }
 
+/// Does `other` on a thread of its own beside `work`, if more than one of `threads` may run; else one after the other. So a pass
+/// that only one thread can do costs a share of one that all can.
+///
+/// # Errors
+/// [`Error::Internal`] when `other` panicked.
+pub fn beside<A: Send, B>(
+    threads: usize,
+    other: impl FnOnce() -> A + Send,
+    work: impl FnOnce() -> B,
+) -> Result<(A, B)> {
+    // Where the system refuses a thread, whoever comes to it does it.
+    let other = Mutex::new(Some(other));
+    let take = || lock(&other).take();
+    if threads < 2 {
+        let done = take().map(|other| other());
+        return Ok((done.ok_or_else(|| Error::internal("work that was to be done is gone"))?, work()));
+    }
+    std::thread::scope(|scope| {
+        let begun = spawn(scope, || catch(|| take().map(|other| other())));
+        let done = work();
+        let result = match begun {
+            Ok(thread) => thread.join().unwrap_or_else(|_| Err(Error::internal("a thread ended early")))?,
+            Err(_) => take().map(|other| other()),
+        };
+        Ok((result.ok_or_else(|| Error::internal("work that was to be done is gone"))?, done))
+    })
+}
+
 /// Locks, also after a panic elsewhere, which is reported by itself.
 pub fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
     mutex.lock().unwrap_or_else(PoisonError::into_inner)

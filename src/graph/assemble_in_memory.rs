@@ -191,3 +191,75 @@ fn three_steps(points: [[f64; 3]; 3], own: &Node, near: [&Node; 3]) -> [[f32; 3]
     }
     found.map(|[a, b, c, _]| [a, b, c])
 }
+
+#[cfg(test)]
+mod tests {
+    use super::super::dual_edges::assemble;
+    use super::super::{half_edges, node_blocks::NodeBlocks, nodes};
+    use super::*;
+    use crate::base::random::{below, stream};
+    use crate::store::{Budget, Run, WorkDir};
+
+    /// Rows of quads, some of them as two triangles, some missing, some wound the other way or without area; and pillows, two triangles
+    /// with three edges in common.
+    fn mesh() -> Mesh {
+        let (width, height) = (60u32, 300u32);
+        let mut random = stream(5, "faces");
+        let mut points: Vec<[f64; 3]> = Vec::new();
+        for v in 0..width * height {
+            let lift = below(&mut random, 3) as f64 / 7.;
+            points.push([f64::from(v % width), f64::from(v / width), lift]);
+        }
+        let mut faces: Vec<Vec<u32>> = Vec::new();
+        for v in (0..width * (height - 1)).filter(|v| v % width + 1 < width) {
+            let (a, b, c, d) = (v, v + 1, v + width + 1, v + width);
+            let kind = below(&mut random, 20);
+            let turned = |mut face: Vec<u32>| {
+                if kind == 0 {
+                    face.reverse();
+                }
+                face
+            };
+            match kind {
+                1 => {}
+                2..5 => faces.push(vec![a, b, c, d]),
+                _ => faces.extend([turned(vec![a, b, c]), vec![a, c, d]]),
+            }
+        }
+        for _ in 0..10 {
+            let v = points.len() as u32;
+            points.extend([[0., 0., 9.], [1., 0., 9.], [0., 1., 9.]]);
+            faces.extend([vec![v, v + 1, v + 2], vec![v, v + 2, v + 1]]);
+        }
+        points[7] = points[8];
+        points[100] = [f64::NAN, 0., 0.];
+        Mesh::from_slices(&points, &faces).unwrap()
+    }
+
+    #[test]
+    fn rows_in_memory_are_those_that_are_handed_over() {
+        let dir = tempfile::tempdir().unwrap();
+        let mesh = mesh();
+        for threads in [1, 3] {
+            let run = Run { threads, budget: Budget::new(1 << 30), ..Run::new(&()) };
+            let frame = Frame::of(&mesh.positions, &run).unwrap();
+            let edges = |work: &WorkDir| {
+                let context = Context::new(work, &run);
+                let array = work.array(nodes::FILE, &[mesh.faces.len(), 7]).unwrap();
+                let nodes = nodes::build(&mesh, &frame, array, &run).unwrap().0.into();
+                let blocks = NodeBlocks::of(&mesh, context).unwrap();
+                let (pairs, _) = half_edges::matched(&mesh, "mesh".as_ref(), blocks, context).unwrap();
+                assert!(pairs.table().is_some());
+                let edges = assemble(&mesh, &frame, &nodes, &pairs, context).unwrap().unwrap();
+                let bits = |items: &[f32]| items.iter().map(|x| x.to_bits()).collect::<Vec<_>>();
+                let in_memory = edges.edge.place().is_none();
+                let arrays = (edges.starts.view().plain(), edges.indices.to_vec(), edges.mixed);
+                (in_memory, arrays, bits(&edges.centroid_distance), bits(&edges.edge))
+            };
+            let handed_over = edges(&WorkDir::temporary(dir.path()).unwrap());
+            let held = edges(&WorkDir::temporary(dir.path()).unwrap().holding(&run.budget));
+            assert!(!handed_over.0 && held.0);
+            assert!(held.1 == handed_over.1 && held.2 == handed_over.2 && held.3 == handed_over.3);
+        }
+    }
+}

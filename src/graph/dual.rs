@@ -4,6 +4,7 @@ use super::components::{self, find_bridges, find_components};
 use super::csr::WeightedGraph;
 use super::dual_edges::{DualEdges, assemble};
 use super::half_edge_pairs::{AGAINST, WithinNeeds};
+use super::node_blocks::NodeBlocks;
 use super::node_geometry::{FromMesh, NodeGeometry};
 use super::nodes::{self, Frame, Node};
 use super::orient::orient;
@@ -11,6 +12,7 @@ use super::row_starts::{BLOCKS, LONG_ROWS, StartsForm};
 use super::weights::{Metric, Weighting};
 use super::{half_edge_pairs, half_edges, node_blocks};
 use crate::base::Result;
+use crate::base::parallel::beside;
 use crate::mesh::Mesh;
 use crate::store::checked::all_below;
 use crate::store::manifest::MANIFEST;
@@ -68,8 +70,9 @@ pub struct DualGraph {
     pub key: String,
 }
 
+const LENGTHS: &str = "graph_centroid_distances.npy";
 const EDGES: &str = "graph_edges.npy";
-const FILES: [&str; 6] = [nodes::FILE, BLOCKS, LONG_ROWS, "graph_indices.npy", "graph_centroid_distances.npy", EDGES];
+const FILES: [&str; 6] = [nodes::FILE, BLOCKS, LONG_ROWS, "graph_indices.npy", LENGTHS, EDGES];
 
 impl DualGraph {
     /// Builds the graph of `mesh` (from the file `path`, whose identity is `input`) in `work`, or
@@ -143,14 +146,19 @@ impl DualGraph {
     fn make(stage: &GraphStage<'_>, context: Context<'_>, key: String) -> Result<Self> {
         let GraphStage { mesh, path, computed, .. } = *stage;
         let frame = Frame::of(&mesh.positions, context.run)?;
-        let (nodes, sums): (NodeGeometry, _) = if computed {
-            let from = FromMesh { mesh: mesh.clone(), frame, turned: MappedSlice::empty() };
-            (NodeGeometry::computed(from), nodes::sums(mesh, &frame, context.run)?)
-        } else {
-            let (array, sums) = nodes::build(mesh, &frame, context)?;
-            (array.into(), sums)
+        half_edges::check_size(mesh.faces.len() as u64, mesh.faces.corner_count() as u64, path)?;
+        let array = if computed { None } else { Some(context.work.array(nodes::FILE, &[mesh.faces.len(), 7])?) };
+        let geometry = || match array {
+            None => {
+                let from = FromMesh { mesh: mesh.clone(), frame, turned: MappedSlice::empty() };
+                Ok((NodeGeometry::computed(from), nodes::sums(mesh, &frame, context.run)?))
+            }
+            Some(array) => nodes::build(mesh, &frame, array, context.run).map(|(array, sums)| (array.into(), sums)),
         };
-        let (pairs, counts) = half_edges::matched(mesh, path, context)?;
+        // Only one thread can tell which vertices blocks share.
+        let (blocks, geometry) = beside(context.run.threads, || NodeBlocks::of(mesh, context), geometry)?;
+        let (nodes, sums): (NodeGeometry, _) = geometry?;
+        let (pairs, counts) = half_edges::matched(mesh, path, blocks?, context)?;
         let edges = assemble(mesh, &frame, &nodes, &pairs, context)?;
         drop(pairs);
         // Too many edges cannot be told from two faces.
@@ -215,7 +223,7 @@ impl DualGraph {
     pub fn release_lengths(&mut self, work: &WorkDir) -> Result<()> {
         if work.is_temporary() {
             self.edges.centroid_distance = MappedSlice::empty();
-            work.release("graph", &["graph_centroid_distances.npy"])?;
+            work.release("graph", &[LENGTHS])?;
         }
         Ok(())
     }
@@ -309,7 +317,16 @@ impl Stage for GraphStage<'_> {
         };
         room.give_back(marks - kept);
         room.grant(granted);
-        let edges = room.take(n / 2) + room.take(4 * corners);
+        let mut edges = room.take(n / 2);
+        // Lengths are held where they can be assembled in memory: beside a table of pairs, all or none.
+        let before = room.clone();
+        let arrays = [room.take(4 * corners), room.lend(LENGTHS, 4 * corners), room.take(4 * corners)];
+        if !computed && kept == 0 && !arrays.contains(&0) {
+            edges += arrays.iter().sum::<u64>();
+        } else {
+            *room = before;
+            edges += room.take(4 * corners);
+        }
         room.give_back(granted + kept);
         let roots = room.take(4 * n);
         room.give_back(roots);
@@ -373,8 +390,8 @@ impl Stage for WeightsStage<'_> {
     /// Lengths go when weights are made of them.
     fn needs(extent: &Extent, room: &mut Room) -> Needs {
         let weights = room.lend(WEIGHTS, 4 * extent.corners);
-        let frees = if extent.releases { 4 * extent.corners } else { 0 };
         let (memory, keeps) = (room.used(), 4 * extent.corners - weights);
+        let frees = if extent.releases { 4 * extent.corners - room.give_up(LENGTHS) } else { 0 };
         let reads = if extent.computed { 67 } else { 104 };
         Needs { memory, keeps, frees, ..Needs::default() }.moving(reads * extent.faces, 12 * extent.faces)
     }

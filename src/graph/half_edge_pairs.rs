@@ -6,7 +6,8 @@
 //! those between blocks are shuffled, 8 bytes each; without blocks all are. All ways hand over the same pairs in the same
 //! order.
 
-use super::half_edge_sort::{Match, Sorter, match_block};
+use super::half_edge_block::BlockMatcher;
+use super::half_edge_sort::Match;
 use super::node_blocks::{self, NodeBlocks};
 use crate::base::Result;
 use crate::base::union_find::PARITY;
@@ -261,7 +262,7 @@ impl<'a> HalfEdgePairs<'a> {
                         pairs.push(HalfEdgePair::of(pair));
                         Ok(())
                     };
-                    match_block(mesh, blocks, part, &mut Sorter::default(), join, |_, _| Ok(()))?;
+                    BlockMatcher::default().match_block(mesh, blocks, part, join, |_, _| Ok(()))?;
                 }
                 Ok(sorted(corners, &pairs))
             }

@@ -1,6 +1,5 @@
-//! Half-edges of a bucket or a block of nodes, sorted so that equal edges lie together, and joined.
+//! Half-edges from everywhere, sorted so that equal edges lie together, and joined.
 
-use super::node_blocks::NodeBlocks;
 use crate::base::Result;
 use crate::mesh::Mesh;
 use bytemuck::{Pod, Zeroable};
@@ -165,28 +164,6 @@ pub(super) fn chain(
             join(Match { corner: side.corner, from: face, to: other, against })?;
         }
         last = Some((side, face));
-    }
-    Ok(())
-}
-
-/// Sorts the half-edges of a block, joins those that meet inside it, and hands each edge to `edge` with whether other
-/// blocks may have it too.
-pub(super) fn match_block(
-    mesh: &Mesh,
-    blocks: &NodeBlocks,
-    block: usize,
-    sorter: &mut Sorter,
-    mut join: impl FnMut(Match) -> Result<()>,
-    mut edge: impl FnMut(&[HalfEdge], bool) -> Result<()>,
-) -> Result<()> {
-    let mut records = Vec::with_capacity(blocks.corners());
-    for_each(mesh, blocks.nodes_of(block), |half_edge| records.push(half_edge));
-    sorter.sort(records);
-    for sides in sorter.edges() {
-        if sides.len() > 1 {
-            chain(mesh, sides.iter().map(HalfEdge::side), |a, b| a != b, &mut join)?;
-        }
-        edge(sides, blocks.shares(sides[0].from) && blocks.shares(sides[0].to))?;
     }
     Ok(())
 }

@@ -18,8 +18,9 @@
 //! budget allows, else on disk once out and once in; and the pairs: 4 B a corner in memory or, where that is too much, none
 //! for those inside of blocks, which are matched a second time when they are needed.
 
+use super::half_edge_block::BlockMatcher;
 use super::half_edge_pairs::{AGAINST, HalfEdgePairs, PairSink};
-use super::half_edge_sort::{self, FaceSide, HalfEdge, Sorter, chain, match_block};
+use super::half_edge_sort::{self, FaceSide, HalfEdge, Sorter, chain};
 use super::node_blocks::NodeBlocks;
 use crate::base::parallel::{chunk_count, chunk_range};
 use crate::base::{Error, Result};
@@ -94,16 +95,20 @@ pub fn check_size(faces: u64, corners: u64, path: &Path) -> Result<()> {
     Err(Error::unusable(path, problem, "cut it into several meshes, or decimate it"))
 }
 
-/// Matches all half-edges of `mesh` (whose file `path` errors name); welds the boundary.
+/// Matches all half-edges of `mesh` (whose file `path` errors name), in its `blocks` where it has some; welds the boundary.
 ///
 /// # Errors
 /// [`Error::Unusable`] above 2³² − 1 corners, [`Error::Io`], [`Error::Memory`],
 /// [`Error::Cancelled`].
-pub fn matched<'a>(mesh: &Mesh, path: &Path, context: Context<'a>) -> Result<(HalfEdgePairs<'a>, EdgeCounts)> {
+pub(super) fn matched<'a>(
+    mesh: &Mesh,
+    path: &Path,
+    blocks: Option<NodeBlocks<'a>>,
+    context: Context<'a>,
+) -> Result<(HalfEdgePairs<'a>, EdgeCounts)> {
     let (nodes, corners) = (mesh.faces.len(), mesh.faces.corner_count() as u64);
     check_size(nodes as u64, corners, path)?;
     let threads = context.run.threads as u64;
-    let blocks = NodeBlocks::of(mesh, context)?;
     let (file, what) = (|name| context.work.file(name), "matching edges");
     // A bucket of half-edges is there raw, sorted, and as counts.
     let records = blocks.as_ref().map_or(corners, |blocks| blocks.shared_half_edges().min(corners));
@@ -182,8 +187,8 @@ fn match_blocks(
     let scale = buckets_a_vertex(mesh, half_edges);
     run.each_chunk(
         blocks.len(),
-        || (pairs.sink_within(), half_edges.producer(), border.boundary.producer(), Sorter::default()),
-        |block, (out, across, open, sorter)| {
+        || (pairs.sink_within(), half_edges.producer(), border.boundary.producer(), BlockMatcher::default()),
+        |block, (out, across, open, matcher)| {
             let edge = |sides: &[HalfEdge], shared: bool| {
                 match sides {
                     _ if shared => {
@@ -197,7 +202,7 @@ fn match_blocks(
                 Ok(())
             };
             run.progress.advance("graph", 0);
-            match_block(mesh, blocks, block, sorter, |pair| out.push(pair), edge)
+            matcher.match_block(mesh, blocks, block, |pair| out.push(pair), edge)
         },
         |(out, across, open, _)| out.finish().and_then(|()| across.finish()).and_then(|()| open.finish()),
     )
@@ -362,10 +367,11 @@ mod tests {
                 let run = Run { threads, budget: Budget::new(budget), ..Run::new(&()) };
                 let work = WorkDir::temporary(dir.path()).unwrap();
                 let context = Context::new(&work, &run);
-                let blocks = NodeBlocks::of(&mesh, context).unwrap().map(|blocks| blocks.len());
+                let blocks = NodeBlocks::of(&mesh, context).unwrap();
                 assert_eq!(blocks.is_none(), spread > 1000 && budget <= 3 << 20, "{spread} {budget}");
-                assert!(blocks.is_none_or(|blocks| (blocks > 4) == (faces > 1000 && budget <= 3 << 20)), "{blocks:?}");
-                let (pairs, counts) = matched(&mesh, "mesh".as_ref(), context).unwrap();
+                let many = faces > 1000 && budget <= 3 << 20;
+                assert!(blocks.as_ref().is_none_or(|blocks| (blocks.len() > 4) == many), "{blocks:?}");
+                let (pairs, counts) = matched(&mesh, "mesh".as_ref(), blocks, context).unwrap();
                 assert_eq!((counts.boundary, counts.nonmanifold), (open, nonmanifold));
                 let mut found = Vec::new();
                 for part in 0..pairs.parts() {

@@ -13,6 +13,7 @@ pub mod components;
 pub mod csr;
 pub mod dual;
 pub mod dual_edges;
+mod half_edge_block;
 pub mod half_edge_pairs;
 mod half_edge_sort;
 pub mod half_edges;

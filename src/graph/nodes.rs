@@ -9,8 +9,8 @@ use crate::base::Result;
 use crate::base::parallel::chunk_range;
 use crate::base::vector::{cross, finite, length, minus, narrow};
 use crate::mesh::{Mesh, Positions};
-use crate::store::npy::Item;
-use crate::store::{Context, MappedSlice, Run};
+use crate::store::npy::{ArrayMut, Item};
+use crate::store::{MappedSlice, Run};
 use bytemuck::{Pod, Zeroable};
 use serde::{Deserialize, Serialize};
 use std::ops::Range;
@@ -213,14 +213,18 @@ pub fn each_node(mesh: &Mesh, frame: Frame, range: Range<usize>, mut see: impl F
     });
 }
 
-/// Writes [`FILE`], the geometry of every face of `mesh`, in the order of the faces.
+/// Fills `array`, that of [`FILE`], with the geometry of every face of `mesh`, in the order of the faces.
 ///
 /// # Errors
 /// [`crate::base::Error::Io`], [`crate::base::Error::Cancelled`].
-pub fn build(mesh: &Mesh, frame: &Frame, context: Context<'_>) -> Result<(MappedSlice<Node>, NodeSums)> {
+pub fn build(
+    mesh: &Mesh,
+    frame: &Frame,
+    mut array: ArrayMut<Node>,
+    run: &Run,
+) -> Result<(MappedSlice<Node>, NodeSums)> {
     let n = mesh.faces.len();
-    let mut array = context.work.array::<Node>(FILE, &[n, 7])?;
-    let sums = context.run.fill_chunks(
+    let sums = run.fill_chunks(
         array.data(),
         CHUNK,
         || (),

@@ -1,0 +1,130 @@
+//! The half-edges of a block of nodes, sorted and joined where they lie, in a core's cache.
+//!
+//! In a block corners are counted from its first one, so behind a low vertex all that is left of a half-edge fits one word: the high
+//! vertex, the corner, the direction. Words are counted and put down by low vertex in two passes over the faces, and the half-dozen of
+//! each low vertex are sorted by insertion: the order of [`Sorter`] for a third of its bytes. Where a block's vertices lie far
+//! apart, as in a bad order, counting would cost more than it saves, and [`Sorter`] does it.
+//!
+//! Cost: about 20 ns per triangle.
+
+use super::half_edge_sort::{FaceSide, HalfEdge, Match, Sorter, chain, for_each};
+use super::node_blocks::NodeBlocks;
+use crate::base::Result;
+use crate::mesh::Mesh;
+
+/// Memory for matching blocks, one after another.
+#[derive(Default)]
+pub(super) struct BlockMatcher {
+    counts: Vec<u32>,
+    /// By low vertex: high vertex in 32 bits, corner in the block, 1 where the half-edge ascends.
+    words: Vec<u64>,
+    sides: Vec<HalfEdge>,
+    far_apart: Sorter,
+}
+
+impl BlockMatcher {
+    /// Joins the half-edges that meet inside of block `block`, and hands each edge that has not two sides there, or that other blocks may
+    /// have, to `edge`, with whether these may.
+    pub fn match_block(
+        &mut self,
+        mesh: &Mesh,
+        blocks: &NodeBlocks<'_>,
+        block: usize,
+        mut join: impl FnMut(Match) -> Result<()>,
+        mut edge: impl FnMut(&[HalfEdge], bool) -> Result<()>,
+    ) -> Result<()> {
+        let nodes = blocks.nodes_of(block);
+        let (mut low, mut high, mut count) = (u32::MAX, 0, 0);
+        mesh.faces.for_each(nodes.clone(), |_, corners| {
+            count += corners.len();
+            (low, high) = corners.iter().fold((low, high), |(low, high), &v| (low.min(v), high.max(v)));
+        });
+        if count == 0 {
+            return Ok(());
+        }
+        let (width, first_corner) = ((high - low) as usize + 1, mesh.faces.corner_range(nodes.start).start as u32);
+        if width > 4 * count + 1024 || count > 1 << 31 {
+            return self.match_far_apart(mesh, blocks, block, join, edge);
+        }
+        let Self { counts, words, sides, .. } = self;
+        counts.clear();
+        counts.resize(width + 1, 0);
+        for_each(mesh, nodes.clone(), |h| counts[(h.low() - low) as usize + 1] += 1);
+        (0..width).for_each(|v| counts[v + 1] += counts[v]);
+        // Each word is written below.
+        words.resize(counts[width] as usize, 0);
+        for_each(mesh, nodes, |h| {
+            let slot = &mut counts[(h.low() - low) as usize];
+            let rest = u64::from(h.corner - first_corner) << 1 | u64::from(h.from < h.to);
+            words[*slot as usize] = u64::from(h.from.max(h.to)) << 32 | rest;
+            *slot += 1;
+        });
+        let shared = blocks.shared();
+        let shares = |v: u32| shared.is_some_and(|shared| shared.has(v));
+        let mut start = 0;
+        for (v, &end) in (low..).zip(&counts[..width]) {
+            let words = &mut words[start..end as usize];
+            start = end as usize;
+            sort_few(words);
+            for same in words.chunk_by(|a, b| a >> 32 == b >> 32) {
+                let side = |word: u64| FaceSide { corner: first_corner + (word as u32 >> 1), ascending: word & 1 == 1 };
+                if same.len() > 1 {
+                    chain(mesh, same.iter().map(|word| side(*word)), |a, b| a != b, &mut join)?;
+                }
+                let other = (same[0] >> 32) as u32;
+                let elsewhere = shares(v) && shares(other);
+                if elsewhere || same.len() != 2 {
+                    sides.clear();
+                    sides.extend(same.iter().map(|word| match side(*word) {
+                        FaceSide { corner, ascending: true } => HalfEdge { from: v, to: other, corner },
+                        FaceSide { corner, ascending: false } => HalfEdge { from: other, to: v, corner },
+                    }));
+                    edge(sides, elsewhere)?;
+                }
+            }
+        }
+        Ok(())
+    }
+
+    /// The same for vertices that lie far apart.
+    fn match_far_apart(
+        &mut self,
+        mesh: &Mesh,
+        blocks: &NodeBlocks<'_>,
+        block: usize,
+        mut join: impl FnMut(Match) -> Result<()>,
+        mut edge: impl FnMut(&[HalfEdge], bool) -> Result<()>,
+    ) -> Result<()> {
+        let mut records = Vec::with_capacity(blocks.corners());
+        for_each(mesh, blocks.nodes_of(block), |half_edge| records.push(half_edge));
+        self.far_apart.sort(records);
+        for sides in self.far_apart.edges() {
+            if sides.len() > 1 {
+                chain(mesh, sides.iter().map(HalfEdge::side), |a, b| a != b, &mut join)?;
+            }
+            let elsewhere = blocks.shared().is_some_and(|shared| shared.has(sides[0].from) && shared.has(sides[0].to));
+            if elsewhere || sides.len() != 2 {
+                edge(sides, elsewhere)?;
+            }
+        }
+        Ok(())
+    }
+}
+
+/// Sorts words, of which there mostly are half a dozen: a call would cost as much as the work.
+#[inline(always)]
+fn sort_few(words: &mut [u64]) {
+    if words.len() > 16 {
+        words.sort_unstable();
+        return;
+    }
+    for i in 1..words.len() {
+        let word = words[i];
+        let mut place = i;
+        while place > 0 && words[place - 1] > word {
+            words[place] = words[place - 1];
+            place -= 1;
+        }
+        words[place] = word;
+    }
+}
