@@ -115,19 +115,21 @@ impl SimdKernel for Assembled<'_> {
         let Self { mesh, frame, nodes, across, range, out, scratch } = self;
         let (mut at, mut mixed) = (0, false);
         let (positions, frame) = (&mesh.positions, *frame);
-        mesh.faces.for_each(range, |face, corners| {
+        // Not by `for_each`: its closure would be compiled for every processor.
+        for face in range {
             let span = mesh.faces.corner_range(face);
-            if let (&[a, b, c], [x, y, z]) = (corners, &across[span.clone()]) {
+            if let (Some([a, b, c]), [x, y, z]) = (mesh.faces.triangle(face), &across[span.clone()]) {
                 let links = [x.load(Relaxed), y.load(Relaxed), z.load(Relaxed)];
                 let near = [links[0] & !AGAINST, links[1] & !AGAINST, links[2] & !AGAINST];
                 let three = (near[0] != near[1]) & (near[1] != near[2]) & (near[0] != near[2]);
-                if let [Some(x), Some(y), Some(z)] = near.map(|node| nodes.get(node as usize))
+                let found = (nodes.get(near[0] as usize), nodes.get(near[1] as usize), nodes.get(near[2] as usize));
+                if let (Some(x), Some(y), Some(z)) = found
                     && three
                 {
                     let points =
                         [frame.place(positions.get(a)), frame.place(positions.get(b)), frame.place(positions.get(c))];
                     let [length, edge] = three_steps(points, &nodes[face], [x, y, z]);
-                    if length.iter().all(|length| length.is_finite()) {
+                    if length[0].is_finite() & length[1].is_finite() & length[2].is_finite() {
                         let places = ranks(near);
                         for k in 0..3 {
                             let edge = if links[k] >= AGAINST { -edge[k] } else { edge[k] };
@@ -136,22 +138,23 @@ impl SimdKernel for Assembled<'_> {
                             (out.indices[e], out.lengths[e], out.edges[e]) = (near[k], length[k], edge);
                         }
                         at += 3;
-                        return;
+                        continue;
                     }
                 }
             }
-            let links = across[span.clone()].iter().map(|link| link.load(Relaxed));
-            let pairs = span.clone().zip(links).filter(|(_, node)| *node != NO_NODE);
-            let pairs = pairs.map(|(corner, node)| HalfEdgePair { corner: corner as u32, node });
-            let points = corners.iter().map(|&v| frame.place(positions.get(v)));
-            for &Entry { node, centroid_distance, edge } in
+            let row = mesh.faces.with(face, |corners| {
+                let links = across[span.clone()].iter().map(|link| link.load(Relaxed));
+                let pairs = span.clone().zip(links).filter(|(_, node)| *node != NO_NODE);
+                let pairs = pairs.map(|(corner, node)| HalfEdgePair { corner: corner as u32, node });
+                let points = corners.iter().map(|&v| frame.place(positions.get(v)));
                 scratch.row(points, span.start, &nodes[face], pairs, |node| nodes[node as usize])
-            {
+            });
+            for &Entry { node, centroid_distance, edge } in row {
                 mixed |= edge < 0.;
                 (out.indices[at], out.lengths[at], out.edges[at]) = (node, centroid_distance, edge);
                 at += 1;
             }
-        });
+        }
         mixed
     }
 }
@@ -174,7 +177,8 @@ fn three_steps(points: [[f64; 3]; 3], own: &Node, near: [&Node; 3]) -> [[f32; 3]
         let start = [p[axis], q[axis], r[axis], r[axis]];
         let end = [q[axis], r[axis], p[axis], p[axis]];
         let own = f64::from(own.centroid[axis]);
-        let near = [x.centroid[axis], y.centroid[axis], z.centroid[axis], z.centroid[axis]].map(f64::from);
+        let [x, y, z] = [f64::from(x.centroid[axis]), f64::from(y.centroid[axis]), f64::from(z.centroid[axis])];
+        let near = [x, y, z, z];
         for lane in 0..4 {
             let middle = (start[lane] + end[lane]) * 0.5;
             let (a, b, c) = (own - middle, near[lane] - middle, start[lane] - end[lane]);
@@ -189,7 +193,8 @@ fn three_steps(points: [[f64; 3]; 3], own: &Node, near: [&Node; 3]) -> [[f32; 3]
         found[0][lane] = (from[lane].sqrt() + to[lane].sqrt()) as f32;
         found[1][lane] = edge[lane].sqrt() as f32;
     }
-    found.map(|[a, b, c, _]| [a, b, c])
+    let [[a, b, c, _], [d, e, f, _]] = found;
+    [[a, b, c], [d, e, f]]
 }
 
 #[cfg(test)]

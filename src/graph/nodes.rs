@@ -86,7 +86,7 @@ impl Frame {
     }
 
     /// A point of the file in the frame.
-    #[inline]
+    #[inline(always)]
     pub fn place(&self, p: [f64; 3]) -> [f64; 3] {
         let [x, y, z] = self.origin;
         let moved = [p[0] - x, p[1] - y, p[2] - z];
@@ -104,10 +104,14 @@ impl Node {
     /// The node of the face of `mesh` with the given corners; also whether it is degenerate.
     #[inline]
     pub fn of_face(corners: &[u32], mesh: &Mesh, frame: &Frame) -> (Self, bool) {
-        let point = |v: u32| frame.place(mesh.positions.get(v));
+        let Mesh { positions, .. } = mesh;
         match *corners {
-            [a, b, c] => Self::of_triangle(point(a), point(b), point(c)),
-            _ => Self::of_corners(corners.iter().map(|&v| point(v))),
+            // Without a closure, which would be called three times and divide each time.
+            [a, b, c] => {
+                let (a, b, c) = (positions.get(a), positions.get(b), positions.get(c));
+                Self::of_triangle(frame.place(a), frame.place(b), frame.place(c))
+            }
+            _ => Self::of_corners(corners.iter().map(|&v| frame.place(positions.get(v)))),
         }
     }
 
@@ -178,6 +182,7 @@ pub struct NodeSums {
 }
 
 impl NodeSums {
+    #[inline]
     fn add(&mut self, mesh: &Mesh, face: usize, node: &Node, degenerate: bool) {
         self.area += f64::from(node.area);
         if degenerate {

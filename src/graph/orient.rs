@@ -45,10 +45,13 @@ struct Sums {
 }
 
 impl Sums {
+    #[inline(always)]
     fn add(&mut self, node: &Node, against: bool) {
         let sign = if against { -1. } else { 1. };
         let area = f64::from(node.area);
-        self.area[usize::from(against)] += area;
+        // Which of two is not looked up: both would lie in memory, and each sum wait for the one before to be written.
+        self.area[0] += if against { 0. } else { area };
+        self.area[1] += if against { area } else { 0. };
         for axis in 0..3 {
             let (c, n) = (f64::from(node.centroid[axis]), sign * f64::from(node.normal[axis]));
             self.vector[axis] += area * n;
@@ -88,11 +91,13 @@ pub fn orient(
     let mut add = |links: &[u32], some: &[Node]| {
         let mut done = 0;
         for links in links.chunk_by(|a, b| a & !AGAINST == b & !AGAINST) {
-            let sums = sums.entry(links[0] & !AGAINST).or_default();
-            *sums = links.iter().zip(&some[done..]).fold(*sums, |mut sums, (link, node)| {
+            let all = sums.entry(links[0] & !AGAINST).or_default();
+            // A copy, which stays in registers.
+            let mut sums = *all;
+            for (link, node) in links.iter().zip(&some[done..]) {
                 sums.add(node, link & AGAINST != 0);
-                sums
-            });
+            }
+            *all = sums;
             done += links.len();
         }
     };
