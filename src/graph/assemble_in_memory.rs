@@ -10,6 +10,7 @@
 
 use super::dual_edges::{DualEdges, Entry, RowScratch};
 use super::half_edge_pairs::{AGAINST, HalfEdgePair, HalfEdgePairs, NO_NODE};
+use super::node_geometry::NodeGeometry;
 use super::nodes::{Frame, Node};
 use super::row_starts::{PackedPart, RowStartsWriter, StartsForm};
 use crate::base::Result;
@@ -23,19 +24,21 @@ use std::sync::atomic::{AtomicU32, Ordering::Relaxed};
 /// Nodes that a thread takes at a time; whole blocks of row starts.
 const NODES: usize = 1 << 14;
 
-/// Assembles the rows of `nodes` (n); `None` where they are to be assembled otherwise: some corner has two pairs, or there is no room.
+/// Assembles the rows of `nodes` (n); `None` where they are to be assembled otherwise: nodes are computed, some corner has two pairs, or
+/// there is no room.
 ///
 /// # Errors
 /// [`crate::base::Error::Io`], [`crate::base::Error::Cancelled`].
 pub(super) fn assemble_in_memory(
     mesh: &Mesh,
     frame: &Frame,
-    nodes: &[Node],
+    nodes: &NodeGeometry,
     pairs: &HalfEdgePairs<'_>,
     context: Context<'_>,
 ) -> Result<Option<DualEdges>> {
     let Context { work, run } = context;
-    let Some(across) = pairs.table() else { return Ok(None) };
+    let (Some(across), false) = (pairs.table(), nodes.is_computed()) else { return Ok(None) };
+    let nodes = nodes.array();
     let (n, chunks) = (nodes.len(), chunk_count(nodes.len(), NODES));
     let rows = |k: usize| chunk_range(n, NODES, k);
     let count =
@@ -115,10 +118,11 @@ impl SimdKernel for Assembled<'_> {
         let Self { mesh, frame, nodes, across, range, out, scratch } = self;
         let (mut at, mut mixed) = (0, false);
         let (positions, frame) = (&mesh.positions, *frame);
-        // Not by `for_each`: its closure would be compiled for every processor.
+        let triangle = |face| mesh.faces.with(face, |corners| <[u32; 3]>::try_from(corners).ok());
+        // Not by `for_each`: what it calls in two places is not inlined, and would be compiled for every processor.
         for face in range {
             let span = mesh.faces.corner_range(face);
-            if let (Some([a, b, c]), [x, y, z]) = (mesh.faces.triangle(face), &across[span.clone()]) {
+            if let (Some([a, b, c]), [x, y, z]) = (triangle(face), &across[span.clone()]) {
                 let links = [x.load(Relaxed), y.load(Relaxed), z.load(Relaxed)];
                 let near = [links[0] & !AGAINST, links[1] & !AGAINST, links[2] & !AGAINST];
                 let three = (near[0] != near[1]) & (near[1] != near[2]) & (near[0] != near[2]);
@@ -251,11 +255,14 @@ mod tests {
             let edges = |work: &WorkDir| {
                 let context = Context::new(work, &run);
                 let array = work.array(nodes::FILE, &[mesh.faces.len(), 7]).unwrap();
-                let nodes = nodes::build(&mesh, &frame, array, &run).unwrap().0.into();
+                let nodes: NodeGeometry = nodes::build(&mesh, &frame, array, &run).unwrap().0.into();
                 let blocks = NodeBlocks::of(&mesh, context).unwrap();
                 let (pairs, _) = half_edges::matched(&mesh, "mesh".as_ref(), blocks, context).unwrap();
                 assert!(pairs.table().is_some());
-                let edges = assemble(&mesh, &frame, &nodes, &pairs, context).unwrap().unwrap();
+                let edges = match assemble_in_memory(&mesh, &frame, &nodes, &pairs, context).unwrap() {
+                    Some(edges) => edges,
+                    None => assemble(&mesh, &frame, &nodes, &pairs, context).unwrap().unwrap(),
+                };
                 let bits = |items: &[f32]| items.iter().map(|x| x.to_bits()).collect::<Vec<_>>();
                 let in_memory = edges.edge.place().is_none();
                 let arrays = (edges.starts.view().plain(), edges.indices.to_vec(), edges.mixed);

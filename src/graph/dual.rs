@@ -1,5 +1,6 @@
 //! The dual graph as a stage: built once into the work directory, opened as mapped arrays after.
 
+use super::assemble_in_memory::assemble_in_memory;
 use super::components::{self, find_bridges, find_components};
 use super::csr::WeightedGraph;
 use super::dual_edges::{DualEdges, assemble};
@@ -159,7 +160,10 @@ impl DualGraph {
         let (blocks, geometry) = beside(context.run.threads, || NodeBlocks::of(mesh, context), geometry)?;
         let (nodes, sums): (NodeGeometry, _) = geometry?;
         let (pairs, counts) = half_edges::matched(mesh, path, blocks?, context)?;
-        let edges = assemble(mesh, &frame, &nodes, &pairs, context)?;
+        let edges = match assemble_in_memory(mesh, &frame, &nodes, &pairs, context)? {
+            None => assemble(mesh, &frame, &nodes, &pairs, context)?,
+            edges => edges,
+        };
         drop(pairs);
         // Too many edges cannot be told from two faces.
         let Some(edges) = edges else { return Self::make(&GraphStage { computed: false, ..*stage }, context, key) };

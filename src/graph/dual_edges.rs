@@ -11,7 +11,6 @@
 //! written, sequentially; the last 12 are not where geometry is computed ([`super::node_geometry`]). Where all of it has room in memory,
 //! workers write where the rows will lie instead (`assemble_in_memory.rs`).
 
-use super::assemble_in_memory::assemble_in_memory;
 use super::csr::Csr;
 use super::half_edge_pairs::{HalfEdgePair, HalfEdgePairs};
 use super::node_geometry::{ComputedEdges, ListedEdge, MOST_LISTED, NodeGeometry, SharedEdges};
@@ -166,11 +165,6 @@ pub fn assemble(
     pairs: &HalfEdgePairs<'_>,
     context: Context<'_>,
 ) -> Result<Option<DualEdges>> {
-    if !nodes.is_computed()
-        && let Some(edges) = assemble_in_memory(mesh, frame, nodes.array(), pairs, context)?
-    {
-        return Ok(Some(edges));
-    }
     let kept = !nodes.is_computed();
     let mut writer = EdgesWriter::create(nodes.len(), pairs.bound(), StartsForm::Packed, kept, context.work)?;
     let mut listed: Vec<ListedEdge> = Vec::new();

@@ -241,22 +241,6 @@ impl Faces {
         }
     }
 
-    /// The corners of one face, if it has three. Always inlined, for loops that are compiled for wider vectors.
-    #[inline(always)]
-    pub fn triangle(&self, face: usize) -> Option<[u32; 3]> {
-        match self {
-            Self::Triangles { bytes, offset, stride, .. } => {
-                let start = offset + face * stride;
-                let record = &bytes[start..start + 12];
-                let corner = |k: usize| u32::from_le_bytes(four(&record[4 * k..4 * k + 4]));
-                Some([corner(0), corner(1), corner(2)])
-            }
-            Self::Polygons { starts, corners } => {
-                corners[starts[face] as usize..starts[face + 1] as usize].try_into().ok()
-            }
-        }
-    }
-
     /// Calls `visit(corners)` for one face.
     #[inline]
     pub fn with<R>(&self, face: usize, visit: impl FnOnce(&[u32]) -> R) -> R {
