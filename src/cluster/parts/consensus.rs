@@ -5,10 +5,8 @@
 //! superfaces by average linkage of how often they lie in one part, down to 1.6 times the median number of
 //! parts, plus one, and merges the groups once more by cost. Both need a stop constant, which the default
 //! ([`super::labelling`]) does without; they are kept for comparison.
-//!
-//! Also here: how sure a part is ([`confidence`]), from the co-association, R².
 
-use super::cell_graph::{CellGraph, class_sums, compact};
+use super::cell_graph::{CellGraph, compact};
 use super::ensemble::{OverSegmentation, OverSegmentationParams, Superfaces, draw_ensemble};
 use super::hierarchy::{CellUnion, PartTree};
 use super::labelling::{Linkage, LinkageRank, unions_within};
@@ -150,28 +148,4 @@ fn grouped(
         unions.push(CellUnion { level, rank, a: first[m.i], b: first[m.j] });
     }
     PartTree::new(cells, unions, small_part)
-}
-
-/// How sure each superface's part is: the mean of C to the rest of its own part less the greatest mean
-/// to another part, within \[0, 1\].
-pub fn confidence(superfaces: &Superfaces, co_association: &Square, label: &[u32], parts: usize) -> Vec<f64> {
-    let n = superfaces.len();
-    let mut weighted = Square::zeros(n);
-    for i in 0..n {
-        for ((x, c), a) in weighted.row_mut(i).iter_mut().zip(co_association.row(i)).zip(&superfaces.area) {
-            *x = c * a;
-        }
-        weighted[(i, i)] = 0.0;
-    }
-    let area = class_sums(label, &superfaces.area, parts);
-    (0..n)
-        .map(|i| {
-            let pull = class_sums(label, weighted.row(i), parts);
-            let own = label[i] as usize;
-            let rest = area[own] - superfaces.area[i];
-            let inside = if rest > 1e-12 * area[own] { pull[own] / rest } else { 1.0 };
-            let outside = (0..parts).filter(|&k| k != own && area[k] > 0.0).map(|k| pull[k] / area[k]);
-            (inside - outside.fold(0.0, f64::max)).clamp(0.0, 1.0)
-        })
-        .collect()
 }

@@ -9,9 +9,9 @@
 //! - The mean over the ensemble is the co-association: a probability for any two [`Superfaces`].
 //! - Where the surface is its own mirror image, [`twins`] make both sides alike; where a posed body is so along its surface, those
 //!   of its [`reflection`] do.
-//! - [`labelling`] finds the labels of the greatest expected Rand index, and a whole [`hierarchy`] around them.
+//! - [`labelling`] finds the labels of the greatest expected Rand index, without `crumbs`, and a whole [`hierarchy`] around them.
 //! - [`hints`] changes a labelling as people ask; `split` divides a part further along the hierarchy.
-//! - [`consensus`] has the plainer decisions, and tells how sure a part is; [`agreement`], how many people would have it.
+//! - [`consensus`] has the plainer decisions; [`agreement`] tells how sure a part is and how many people would have it.
 //!
 //! Everything is a function of the input and the seed: not of threads, not of timing. Cost: .05 s on two threads for 60
 //! landmarks, some megabytes, whatever the size of the mesh; up to .08 s of processor time more where no plane is found.
@@ -23,6 +23,7 @@ pub mod cell_kmeans;
 pub mod cell_paths;
 pub mod consensus;
 pub mod convexity;
+mod crumbs;
 pub mod ensemble;
 pub mod folding;
 pub mod hierarchy;
@@ -314,7 +315,7 @@ pub fn describe(decided: &PartDecision, cut: TreeCut, l: usize, seconds: f64) ->
     let shares: Vec<f64> = tree.area.iter().map(|&share| f64::from(share) / total).collect();
     // A cut may divide superfaces, or move a loose piece of one: a superface's label is its first cell's.
     let label = superfaces.labels(&cut.label);
-    let sure = consensus::confidence(superfaces, co_association, &label, cut.parts);
+    let sure = agreement::confidence(superfaces, co_association, &label, cut.parts);
     let confidence: Vec<f64> = superfaces.of_cell.iter().map(|&a| sure[a as usize]).collect();
     let report = PartsReport {
         cells: tree.cells(),
