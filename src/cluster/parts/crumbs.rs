@@ -19,7 +19,7 @@ use super::matrix::Square;
 /// greater.
 const AGREEMENT: f64 = 0.25;
 /// Share of the area that a crumb has, at the most.
-const LARGEST: f64 = 0.02;
+const LARGEST: f64 = 0.015;
 /// Least mean of C between a crumb and the neighbour that it joins.
 const MEAN: f64 = 0.3;
 
