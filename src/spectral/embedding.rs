@@ -251,6 +251,7 @@ impl Embedding {
     /// Embeds a chunk of `m` faces. `distances(k)` gives their distances from landmark k (m); `affinities` gets l rows of m, what the
     /// kernel makes of them; `out` gets d rows of m.
     pub fn chunk<'a>(&self, m: usize, distances: impl Fn(usize) -> &'a [f32], affinities: &mut [f32], out: &mut [f32]) {
+        debug_assert_eq!(affinities.len(), self.landmarks * m);
         for (k, row) in affinities.chunks_exact_mut(m).enumerate() {
             self.kernel.apply(self.sigma as f32, distances(k), row);
         }

@@ -249,6 +249,10 @@ impl WorkDir {
     /// # Errors
     /// [`Error::WorkDir`] where its folder could not be made.
     fn new_file(&self, name: &str) -> Result<PathBuf> {
+        // A held array of that name would be found instead of the file.
+        if let Some(arrays) = &self.arrays {
+            arrays.remove(name);
+        }
         Ok(self.folder.for_new()?.join(name))
     }
 
@@ -479,6 +483,19 @@ mod tests {
         assert!(work.reuse::<i32>("s", 1, "other").unwrap_err().contains("changed"));
         work.stamp(stage(1), &["x.npy"], &7, 0.5).unwrap();
         assert!(work.reuse::<i32>("s", 2, &key).unwrap_err().contains("another version"));
+    }
+
+    #[test]
+    fn a_file_takes_the_place_of_a_held_array_of_its_name() {
+        let dir = tempfile::tempdir().unwrap();
+        let work = WorkDir::temporary(dir.path()).unwrap().holding(&crate::store::Budget::new(1 << 30));
+        let held = work.array_in_memory::<u32>("lengths.npy", &[7]).unwrap().finish(false).unwrap();
+        // Regression: edges with bridges are written as files, and those held before were found instead.
+        let mut longer = work.writer::<u32>("lengths.npy", 1).unwrap();
+        longer.push(&[3; 9]).unwrap();
+        longer.finish(false).unwrap();
+        assert_eq!((*held).len(), 7);
+        assert_eq!(*work.open_array::<u32>("lengths.npy").unwrap(), [3; 9]);
     }
 
     #[test]

@@ -772,7 +772,8 @@ fn chunks_of_any_size_embed_alike_and_unit_rows_have_length_one() {
                 for start in (0..n).step_by(size) {
                     let m = size.min(n - start);
                     let mut out = vec![0f32; d * m];
-                    embedding.chunk(m, |k| &rows.row(k)[start..start + m], &mut vec![0.; m], &mut out);
+                    let mut affinities = vec![0.; rows.len() * m];
+                    embedding.chunk(m, |k| &rows.row(k)[start..start + m], &mut affinities, &mut out);
                     for e in 0..d {
                         let expected = &whole[e * n + start..e * n + start + m];
                         assert_eq!(bits(&out[e * m..(e + 1) * m]), bits(expected), "{normalisation:?} {size}");
@@ -806,7 +807,11 @@ fn gamma_equals_the_dense_trace() {
                     .step_by(100)
                     .map(|start| {
                         let m = 100.min(rows.nodes - start);
-                        gamma.chunk(m, |k| &rows.row(k)[start..start + m])
+                        let mut affinities = vec![0.; rows.len() * m];
+                        for (k, out) in affinities.chunks_exact_mut(m).enumerate() {
+                            kernel.apply(sigma as f32, &rows.row(k)[start..start + m], out);
+                        }
+                        gamma.chunk(m, &affinities)
                     })
                     .sum();
                 let found = gamma.of_sum(sum);

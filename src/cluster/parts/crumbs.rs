@@ -96,22 +96,22 @@ fn means_to(co_association: &Square, shares: &[f64], label: &[u32], area: &[f64]
 mod tests {
     use super::*;
 
-    /// A row of parts of one superface and one cell each, beside each other at boundaries of .1: their shares, and C between
-    /// neighbours; C is .1 between others.
+    /// A row of parts of one superface and one cell each, beside each other at boundaries of .5: their shares, and C between
+    /// neighbours; C is .3 between others.
     fn joined(shares: &[f64], between: &[f64]) -> Vec<u32> {
         let n = shares.len();
         let numbers = || 0..n as u32;
         let cells = CellGraph {
             area: shares.to_vec(),
             pairs: (1..n as u32).map(|i| [i - 1, i]).collect(),
-            length: vec![0.1; n - 1],
+            length: vec![0.5; n - 1],
             ..CellGraph::default()
         };
         let superfaces = Superfaces::kept(numbers().collect(), shares.to_vec()).unwrap();
         let value = |k: usize| match (k / n).abs_diff(k % n) {
             0 => 1.,
             1 => between[(k / n).min(k % n)],
-            _ => 0.1,
+            _ => 0.3,
         };
         let c = Square::from_values(n, (0..n * n).map(value).collect());
         absorbed(&cells, &superfaces, &c, &numbers().collect::<Vec<_>>())

@@ -509,7 +509,7 @@ mod tests {
             Square::from_values(n as usize, (0..n * n).map(value).collect())
         };
         // Regression: a cortex had one part or two by chance of the seed.
-        let unsure = halves(0.6, 0.4);
+        let unsure = halves(0.55, 0.45);
         assert_eq!((parts(&halves(0.9, 0.1), 0.), parts(&unsure, 0.)), (2, 1));
         assert_eq!(parts(&unsure, 0.1), 2, "asked for finer parts");
     }
