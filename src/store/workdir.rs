@@ -488,7 +488,7 @@ mod tests {
     #[test]
     fn a_file_takes_the_place_of_a_held_array_of_its_name() {
         let dir = tempfile::tempdir().unwrap();
-        let work = WorkDir::temporary(dir.path()).unwrap().holding(&crate::store::Budget::new(1 << 30));
+        let work = WorkDir::temporary(dir.path()).unwrap().holding(&Budget::new(1 << 30));
         let held = work.array_in_memory::<u32>("lengths.npy", &[7]).unwrap().finish(false).unwrap();
         // Regression: edges with bridges are written as files, and those held before were found instead.
         let mut longer = work.writer::<u32>("lengths.npy", 1).unwrap();
