@@ -128,13 +128,13 @@ fn people_are_compared_with_each_other_person() {
 }
 
 #[test]
-fn ten_million_faces_take_about_a_second() {
+fn the_pairs_of_ten_million_faces_are_counted() {
+    // 5·10¹³ pairs: two labellings at random disagree about a pair where one joins it and the other does not.
     let n = 10_000_000;
-    let (labels, truth) = (random(1, n, 12), random(2, n, 15));
-    let start = std::time::Instant::now();
-    let scores = compare(None, &labels, &truth).unwrap();
-    // Room for slow machines and unoptimised builds.
-    assert!(scores.rand > 0. && start.elapsed().as_secs_f64() < 20., "{:?}", start.elapsed());
+    let scores = compare(None, &random(1, n, 12), &random(2, n, 15)).unwrap();
+    let (one, other) = (1. / 12., 1. / 15.);
+    let expected = one * (1. - other) + other * (1. - one);
+    assert!((scores.rand - expected).abs() < 1e-4, "{} {expected}", scores.rand);
 }
 
 /// Both Rand variants by looking at every pair.
