@@ -6,7 +6,7 @@
 //! people name. Area, compactness and neighbours in addition predicted no better on models that were not fitted to; docs/quality.md has the
 //! figures.
 //!
-//! It is reported, and tells [`super::crumbs`] what to join. Cost: a pass over the cells.
+//! It is reported, and tells [`super::ambiguous`] what to join. Cost: a pass over the cells.
 //!
 //! Also here: how sure a part is ([`confidence`]), from the co-association, R².
 

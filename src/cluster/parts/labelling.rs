@@ -6,7 +6,7 @@
 //! (below) parts; that threshold is all there is of a "detail".
 //!
 //! [`soft_hierarchy`] makes one tree of all answers. The labelling at ½ comes first, as the expected Rand index wants it but for
-//! [`super::crumbs`].
+//! [`super::ambiguous`] patches.
 //! Above ½ each part is labelled again at rising thresholds, so that cuts nest; below it parts are joined ([`Linkage`]).
 //! The level of a join is the mean of C between the two: the threshold from which on the join loses. Where fewer parts are
 //! asked for than found, joins rank by what they add to the expected Rand index at ½, so the parts are those of the
@@ -14,8 +14,8 @@
 //!
 //! Cost for R superfaces, a few hundred: R² per round of moves, R³ at the most for a linkage; a few R × R matrices.
 
+use super::ambiguous::without_ambiguous;
 use super::cell_graph::{CellGraph, class_sums, compact};
-use super::crumbs;
 use super::ensemble::Superfaces;
 use super::hierarchy::{CellUnion, HALF, PartTree};
 use super::matrix::Square;
@@ -292,7 +292,7 @@ pub fn soft_hierarchy(
     let n = superfaces.len();
     let objective = RandObjective { area: &superfaces.area, co_association };
     let everything: Vec<u32> = (0..n as u32).collect();
-    let label = crumbs::absorbed(cells, superfaces, co_association, &objective.best(&everything, HALF));
+    let label = without_ambiguous(cells, superfaces, co_association, &objective.best(&everything, HALF));
     let levels_of = HierarchyLevels { shared_boundary: superfaces.shared_boundaries(cells), objective };
     // Above ½ each part is divided independently of the others.
     let parts = class_members(&label);

@@ -9,7 +9,7 @@
 //! - The mean over the ensemble is the co-association: a probability for any two [`Superfaces`].
 //! - Where the surface is its own mirror image, [`twins`] make both sides alike; where a posed body is so along its surface, those
 //!   of its [`reflection`] do.
-//! - [`labelling`] finds the labels of the greatest expected Rand index, without `crumbs`, and a whole [`hierarchy`] around them.
+//! - [`labelling`] finds the labels of the greatest expected Rand index, without `ambiguous` patches, and a whole [`hierarchy`] around them.
 //! - [`hints`] changes a labelling as people ask; `split` divides a part further along the hierarchy.
 //! - [`consensus`] has the plainer decisions; [`agreement`] tells how sure a part is and how many people would have it.
 //!
@@ -17,13 +17,13 @@
 //! landmarks, some megabytes, whatever the size of the mesh; up to .08 s of processor time more where no plane is found.
 
 pub mod agreement;
+mod ambiguous;
 mod anchors;
 pub mod cell_graph;
 pub mod cell_kmeans;
 pub mod cell_paths;
 pub mod consensus;
 pub mod convexity;
-mod crumbs;
 pub mod ensemble;
 pub mod folding;
 pub mod hierarchy;

@@ -1,4 +1,4 @@
-//! Crumbs: small parts that hardly anybody would have, joined to the neighbour that they most probably belong to.
+//! Ambiguous patches: small parts that hardly anybody would have, joined to the neighbour that they most probably belong to.
 //!
 //! A patch between two parts may belong to either, with a probability a little below ½ each. The labelling of the greatest expected
 //! Rand index then leaves it alone, since alone it is wrong about the fewest pairs; but no person has such a part. So a part goes if it
@@ -6,44 +6,49 @@
 //! from all its neighbours stays, however small: a finger, a horn.
 //!
 //! On the benchmark this takes 4 % of the parts, moves 1 − Rand by less than its noise and improves Hamming distance and consistency
-//! (docs/quality.md). In the hierarchy crumbs come back above ½, so a finer cut still has them.
+//! (docs/quality.md). In the hierarchy they come back above ½, so a finer cut still has them.
 //!
-//! Cost: R² for each crumb, of which there are a dozen at the most.
+//! Cost: R² for each patch, of which there are a dozen at the most.
 
 use super::agreement::{confidence, expected};
 use super::cell_graph::{CellGraph, class_sums, compact};
 use super::ensemble::Superfaces;
 use super::matrix::Square;
 
-/// Share of people expected to have a crumb, at the most. With .3, and without the bound on the mean of C, 1 − Rand is .0004 to .0009
+/// Share of people expected to have such a patch, at the most. With .3, and without the bound on the mean of C, 1 − Rand is .0004 to .0009
 /// greater.
 const AGREEMENT: f64 = 0.25;
-/// Share of the area that a crumb has, at the most.
+/// Share of the area that a patch has, at the most.
 const LARGEST: f64 = 0.015;
-/// Least mean of C between a crumb and the neighbour that it joins.
+/// Least mean of C between a patch and the neighbour that it joins.
 const MEAN: f64 = 0.3;
 
-/// The labels (R) of the superfaces of `cells` with every crumb of `label` joined to a neighbour, numbered by first appearance; C is R × R.
-pub(super) fn absorbed(cells: &CellGraph, superfaces: &Superfaces, co_association: &Square, label: &[u32]) -> Vec<u32> {
+/// The labels (R) of the superfaces of `cells` with every ambiguous patch of `label` joined to a neighbour, numbered by first appearance; C is R × R.
+pub(super) fn without_ambiguous(
+    cells: &CellGraph,
+    superfaces: &Superfaces,
+    co_association: &Square,
+    label: &[u32],
+) -> Vec<u32> {
     let total: f64 = superfaces.area.iter().sum();
     let shares: Vec<f64> = superfaces.area.iter().map(|area| area / total).collect();
     let boundaries = superfaces.shared_boundaries(cells);
     let (mut label, mut parts) = compact(label);
-    // A crumb that joins another may make a part that stays: one at a time, the least likely first.
+    // A patch that joins another may make a part that stays: one at a time, the least likely first.
     while let Some(join) = worst(superfaces, co_association, &shares, &boundaries, &label, parts) {
-        label.iter_mut().filter(|k| **k == join.crumb as u32).for_each(|k| *k = join.into as u32);
+        label.iter_mut().filter(|k| **k == join.patch as u32).for_each(|k| *k = join.into as u32);
         (label, parts) = compact(&label);
     }
     label
 }
 
-/// A crumb and the part that it joins.
+/// A patch and the part that it joins.
 struct Join {
-    crumb: usize,
+    patch: usize,
     into: usize,
 }
 
-/// The crumb that the fewest people would have; `boundaries` are the lengths of boundaries between two superfaces.
+/// The patch that the fewest people would have; `boundaries` are the lengths of boundaries between two superfaces.
 fn worst(
     superfaces: &Superfaces,
     co_association: &Square,
@@ -64,18 +69,18 @@ fn worst(
     let sure: Vec<f64> = sure.iter().zip(shares).map(|(sure, share)| sure * share).collect();
     let sure = class_sums(label, &sure, parts);
     let mut least: Option<(f64, Join)> = None;
-    for crumb in (0..parts).filter(|&k| area[k] < LARGEST && area[k] > 0.) {
-        let width = 2. * area[crumb] / boundary.row(crumb).iter().sum::<f64>().max(1e-9);
-        let agreement = expected(sure[crumb] / area[crumb], width);
+    for patch in (0..parts).filter(|&k| area[k] < LARGEST && area[k] > 0.) {
+        let width = 2. * area[patch] / boundary.row(patch).iter().sum::<f64>().max(1e-9);
+        let agreement = expected(sure[patch] / area[patch], width);
         if agreement >= AGREEMENT || least.as_ref().is_some_and(|(before, _)| agreement >= *before) {
             continue;
         }
-        let mean = means_to(co_association, shares, label, &area, crumb);
-        let beside = (0..parts).filter(|&k| boundary[(crumb, k)] > 0.);
+        let mean = means_to(co_association, shares, label, &area, patch);
+        let beside = (0..parts).filter(|&k| boundary[(patch, k)] > 0.);
         if let Some(into) = beside.max_by(|&a, &b| mean[a].total_cmp(&mean[b]).then(b.cmp(&a)))
             && mean[into] > MEAN
         {
-            least = Some((agreement, Join { crumb, into }));
+            least = Some((agreement, Join { patch, into }));
         }
     }
     least.map(|(_, join)| join)
@@ -114,11 +119,11 @@ mod tests {
             _ => 0.3,
         };
         let c = Square::from_values(n, (0..n * n).map(value).collect());
-        absorbed(&cells, &superfaces, &c, &numbers().collect::<Vec<_>>())
+        without_ambiguous(&cells, &superfaces, &c, &numbers().collect::<Vec<_>>())
     }
 
     #[test]
-    fn a_crumb_joins_the_neighbour_that_it_most_probably_belongs_to() {
+    fn a_patch_joins_the_neighbour_that_it_most_probably_belongs_to() {
         assert_eq!(joined(&[0.5, 0.01, 0.49], &[0.44, 0.47]), [0, 1, 1]);
         assert_eq!(joined(&[0.5, 0.01, 0.49], &[0.47, 0.44]), [0, 0, 1]);
     }
@@ -132,7 +137,7 @@ mod tests {
     }
 
     #[test]
-    fn crumbs_beside_each_other_go_one_after_the_other() {
+    fn patches_beside_each_other_go_one_after_the_other() {
         assert_eq!(joined(&[0.5, 0.004, 0.004, 0.492], &[0.4, 0.45, 0.35]), [0, 0, 0, 1]);
     }
 }
