@@ -35,8 +35,6 @@ pub fn expected(confidence: f64, width: f64) -> f64 {
 /// [`expected`] for each of the `parts` that `label` (S) makes of the cells of `tree`, whose labels are as sure as `confidence` (S) and
 /// which have these `shares` of the area (S).
 pub(super) fn of_parts(tree: &PartTree, label: &[u32], parts: usize, confidence: &[f64], shares: &[f64]) -> Vec<f64> {
-    let sure: Vec<f64> = confidence.iter().zip(shares).map(|(c, a)| c * a).collect();
-    let (sure, area) = (class_sums(label, &sure, parts), class_sums(label, shares, parts));
     let mut boundary = vec![0.; parts];
     for (&[i, j], &length) in tree.pairs.iter().zip(&tree.length) {
         let (a, b) = (label[i as usize] as usize, label[j as usize] as usize);
@@ -45,6 +43,15 @@ pub(super) fn of_parts(tree: &PartTree, label: &[u32], parts: usize, confidence:
             boundary[b] += f64::from(length);
         }
     }
+    of_boundaries(label, confidence, shares, &boundary)
+}
+
+/// [`expected`] for each part of the labels `label` of any pieces of a surface, which are as sure as `confidence` and have these `shares`
+/// of the area; `boundary` is the length of each part's boundary with others.
+pub(super) fn of_boundaries(label: &[u32], confidence: &[f64], shares: &[f64], boundary: &[f64]) -> Vec<f64> {
+    let sure: Vec<f64> = confidence.iter().zip(shares).map(|(c, a)| c * a).collect();
+    let parts = boundary.len();
+    let (sure, area) = (class_sums(label, &sure, parts), class_sums(label, shares, parts));
     (0..parts).map(|k| expected(sure[k] / area[k].max(1e-300), 2. * area[k] / boundary[k].max(1e-9))).collect()
 }
 

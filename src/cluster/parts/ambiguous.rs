@@ -10,7 +10,7 @@
 //!
 //! Cost: R² for each patch, of which there are a dozen at the most.
 
-use super::agreement::{confidence, expected};
+use super::agreement::{confidence, of_boundaries};
 use super::cell_graph::{CellGraph, class_sums, compact};
 use super::ensemble::Superfaces;
 use super::matrix::Square;
@@ -66,12 +66,11 @@ fn worst(
         }
     }
     let sure = confidence(superfaces, co_association, label, parts);
-    let sure: Vec<f64> = sure.iter().zip(shares).map(|(sure, share)| sure * share).collect();
-    let sure = class_sums(label, &sure, parts);
+    let lengths: Vec<f64> = (0..parts).map(|k| boundary.row(k).iter().sum()).collect();
+    let agreement = of_boundaries(label, &sure, shares, &lengths);
     let mut least: Option<(f64, Join)> = None;
     for patch in (0..parts).filter(|&k| area[k] < LARGEST && area[k] > 0.) {
-        let width = 2. * area[patch] / boundary.row(patch).iter().sum::<f64>().max(1e-9);
-        let agreement = expected(sure[patch] / area[patch], width);
+        let agreement = agreement[patch];
         if agreement >= AGREEMENT || least.as_ref().is_some_and(|(before, _)| agreement >= *before) {
             continue;
         }
