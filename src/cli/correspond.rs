@@ -206,6 +206,7 @@ pub fn run(args: &CorrespondArgs, app: &AppContext) -> Result<(), CliError> {
         pairs: args.landmarks_file.as_ref().map_or(Ok(Vec::new()), |path| pairs::read(path, &a, &b))?,
         map: args.initial_map.as_ref().map(|path| files::read(path)).transpose()?,
     };
+    let carried = Carried::read(args, &b, Context::new(&work, &run))?;
     let result = correspond_guided(&a, &b, inputs.as_ref(), &params, &guidance, Context::new(&work, &run))?;
     tell(&result, args.method.alternative, &run);
     if !params.partial && one_is_open(&result) {
@@ -218,7 +219,7 @@ pub fn run(args: &CorrespondArgs, app: &AppContext) -> Result<(), CliError> {
         write_functional(args, &result)
     };
     run.stage("write", "vertices", result.matches.len() as u64, write)?;
-    show(args, &a, &b, &result.matches, Context::new(&work, &run))?;
+    carried.write(args, &a, &b, &result.matches, Context::new(&work, &run))?;
     if args.json.json.is_none() {
         return Ok(());
     }
@@ -262,30 +263,43 @@ fn write_functional(args: &CorrespondArgs, result: &Correspondence) -> Result<()
     Ok(())
 }
 
-/// Writes the colours, the picture and the carried properties that are asked for.
-fn show(args: &CorrespondArgs, a: &Mesh, b: &Mesh, matches: &[Match], context: Context<'_>) -> Result<()> {
-    if !args.colours.is_empty() || args.picture.is_some() {
+/// What matches carry from B to A. It is read before anything is matched, so that what B lacks is told at once.
+struct Carried {
+    colours: Option<Colours>,
+    properties: Vec<Property>,
+}
+
+impl Carried {
+    /// Reads the colours and the properties that are asked for.
+    fn read(args: &CorrespondArgs, b: &Mesh, context: Context<'_>) -> Result<Self> {
         let colours = match args.colour_by {
-            ColourArg::Position => Colours::by_position(b, context)?,
-            ColourArg::Parts => Colours::by_parts(b, context)?,
+            _ if args.colours.is_empty() && args.picture.is_none() => None,
+            ColourArg::Position => Some(Colours::by_position(b, context)?),
+            ColourArg::Parts => Some(Colours::by_parts(b, context)?),
         };
-        if let [to_a, to_b] = &args.colours[..] {
-            let (of_a, of_b) = (|v: usize| colours.of_match(&matches[v]), |v| colours.of_b(v));
-            ply::write_annotated(to_a, a, &ply::plain::colours(of_a), &[], context.run)?;
-            ply::write_annotated(to_b, b, &ply::plain::colours(of_b), &[], context.run)?;
-        }
-        if let Some(path) = &args.picture {
-            let params = PictureParams::default().height(800);
-            side_by_side(a, b, matches, &colours, &params, context)?.write_png(path)?;
-        }
+        let properties = args.carry.iter().map(|name| Property::read(b, name, context)).collect::<Result<_>>()?;
+        Ok(Self { colours, properties })
     }
-    let Some(path) = &args.carried else { return Ok(()) };
-    let read = |name: &String| Property::read(b, name, context);
-    let properties = args.carry.iter().map(read).collect::<Result<Vec<_>>>()?;
-    let columns = |of: ElementKind| -> Vec<_> {
-        properties.iter().filter(|one| one.of == of).map(|one| one.column(a, matches)).collect()
-    };
-    ply::write_annotated(path, a, &columns(ElementKind::Vertices), &columns(ElementKind::Faces), context.run)
+
+    /// Writes the coloured meshes, the picture and the carried properties that are asked for.
+    fn write(&self, args: &CorrespondArgs, a: &Mesh, b: &Mesh, matches: &[Match], context: Context<'_>) -> Result<()> {
+        if let Some(colours) = &self.colours {
+            if let [to_a, to_b] = &args.colours[..] {
+                let (of_a, of_b) = (|v: usize| colours.of_match(&matches[v]), |v| colours.of_b(v));
+                ply::write_annotated(to_a, a, &ply::plain::colours(of_a), &[], context.run)?;
+                ply::write_annotated(to_b, b, &ply::plain::colours(of_b), &[], context.run)?;
+            }
+            if let Some(path) = &args.picture {
+                let params = PictureParams::default().height(800);
+                side_by_side(a, b, matches, colours, &params, context)?.write_png(path)?;
+            }
+        }
+        let Some(path) = &args.carried else { return Ok(()) };
+        let columns = |of: ElementKind| -> Vec<_> {
+            self.properties.iter().filter(|one| one.of == of).map(|one| one.column(a, matches)).collect()
+        };
+        ply::write_annotated(path, a, &columns(ElementKind::Vertices), &columns(ElementKind::Faces), context.run)
+    }
 }
 
 /// Whether the boundary of one mesh is longer than the other's, by more than half the root of its area, as from its vertices.

@@ -218,6 +218,18 @@ fn what_makes_no_sense_is_refused_in_a_line() {
     }
 }
 
+/// What B lacks was told only after both meshes had been matched.
+#[test]
+fn a_missing_property_is_told_before_anything_is_matched() {
+    let (dir, a, b) = files();
+    permuted(&a, &b, false);
+    let out = dir.path().join("m.npy");
+    let out = word(&out);
+    let run = correspond(&a, &b, &["--carry", "nothing", "--carried", out]);
+    assert_eq!(run.status.code(), Some(1), "{}", errors(&run));
+    assert!(errors(&run).contains("nothing") && !errors(&run).contains("distance rows"), "{}", errors(&run));
+}
+
 /// A work directory of other meshes is refused, as everywhere, and nothing in it changes.
 #[test]
 fn a_work_directory_of_other_meshes_is_refused() {
