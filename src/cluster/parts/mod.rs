@@ -135,8 +135,7 @@ pub struct PartsReport {
     pub superfaces: usize,
     /// Number of parts found when none is given.
     pub parts_found: usize,
-    /// Share of pairs of points, by area, on which a person is expected to differ: too small a share, since the
-    /// probability is fitted to what most people decide and not to how many do.
+    /// Share of pairs of points, by area, on which a person is expected to differ ([`agreement::disagreement`]).
     pub expected_disagreement: f64,
     /// Mean confidence by area.
     pub mean_confidence: f64,
@@ -322,7 +321,11 @@ pub fn describe(decided: &PartDecision, cut: TreeCut, l: usize, seconds: f64) ->
         landmarks: l,
         superfaces: superfaces.len(),
         parts_found: tree.cut_detail(0.0).parts,
-        expected_disagreement: labelling::expected_disagreement(superfaces, co_association, &label),
+        expected_disagreement: agreement::disagreement(labelling::expected_disagreement(
+            superfaces,
+            co_association,
+            &label,
+        )),
         mean_confidence: confidence.iter().zip(&shares).map(|(c, a)| c * a).sum(),
         area: cell_graph::class_sums(&cut.label, &shares, cut.parts),
         expected_agreement: agreement::of_parts(tree, &cut.label, cut.parts, &confidence, &shares),
