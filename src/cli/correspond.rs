@@ -145,17 +145,36 @@ impl MethodArgs {
     }
 }
 
+impl CorrespondArgs {
+    /// Each output ends as what it is written as.
+    fn check_endings(&self) -> Result<(), CliError> {
+        if let Some(path) = self.output.iter().find(|path| !files::is_known(path)) {
+            let (path, endings) = (path.display(), files::ENDINGS);
+            return Err(CliError::Usage(format!("-o {path}: its ending says no known form; end it with {endings}")));
+        }
+        let one = Option::as_slice;
+        for (option, paths, ending) in [
+            ("colours", self.colours.as_slice(), "ply"),
+            ("picture", one(&self.picture), "png"),
+            ("carried", one(&self.carried), "ply"),
+            ("points", one(&self.points), "npy"),
+            ("functional-map", one(&self.functional_map), "npy"),
+            ("functions", self.functions.as_slice(), "npy"),
+        ] {
+            let other = |path: &&PathBuf| !path.extension().is_some_and(|end| end.eq_ignore_ascii_case(ending));
+            if let Some(path) = paths.iter().find(other) {
+                return Err(CliError::Usage(format!("--{option} {}: end it with .{ending}", path.display())));
+            }
+        }
+        Ok(())
+    }
+}
+
 pub fn run(args: &CorrespondArgs, app: &AppContext) -> Result<(), CliError> {
     let start = Instant::now();
     let mut params = args.method.params();
     params.embedding.check()?;
-    if let Some(path) = args.output.iter().find(|path| !files::is_known(path)) {
-        return Err(CliError::Usage(format!(
-            "-o {}: its ending says no known form; end it with {}",
-            path.display(),
-            files::ENDINGS
-        )));
-    }
+    args.check_endings()?;
     let functional = || args.functional_map.iter().chain(&args.functions);
     if params.refine == Refine::None && functional().next().is_some() {
         return Err(CliError::Usage(

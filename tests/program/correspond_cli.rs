@@ -202,7 +202,9 @@ fn what_makes_no_sense_is_refused_in_a_line() {
         (vec!["-o", out, "--refine", "cotangent"], 2, "choose from nystrom, laplacian, none"),
         (vec!["-o", out, "--alternative", "40"], 2, "count from 0"),
         (vec!["-o", out, "--carry", "x"], 2, "--carried"),
-        (vec!["-q", "-o", out, "--refine", "none", "--carry", "nothing", "--carried", out], 1, "nothing"),
+        (vec!["-q", "-o", out, "--refine", "none", "--carry", "nothing", "--carried", "m.ply"], 1, "nothing"),
+        (vec!["-o", out, "--picture", "m.jpg"], 2, "--picture m.jpg: end it with .png"),
+        (vec!["-o", out, "--functions", "a.npy", "b.csv"], 2, "--functions b.csv: end it with .npy"),
     ] {
         let run = correspond(&a, &b, &words);
         assert_eq!(run.status.code(), Some(code), "{words:?}: {}", errors(&run));
@@ -223,9 +225,8 @@ fn what_makes_no_sense_is_refused_in_a_line() {
 fn a_missing_property_is_told_before_anything_is_matched() {
     let (dir, a, b) = files();
     permuted(&a, &b, false);
-    let out = dir.path().join("m.npy");
-    let out = word(&out);
-    let run = correspond(&a, &b, &["--carry", "nothing", "--carried", out]);
+    let out = dir.path().join("m.ply");
+    let run = correspond(&a, &b, &["--carry", "nothing", "--carried", word(&out)]);
     assert_eq!(run.status.code(), Some(1), "{}", errors(&run));
     assert!(errors(&run).contains("nothing") && !errors(&run).contains("distance rows"), "{}", errors(&run));
 }
