@@ -63,7 +63,7 @@ impl DecisionStage<'_> {
 
 impl Stage for DecisionStage<'_> {
     const NAME: &'static str = "decision";
-    const VERSION: u32 = 11;
+    const VERSION: u32 = 12;
     type Facts = DecisionFacts;
     type Output = (PartDecision, DecisionFacts);
 

@@ -188,7 +188,7 @@ fn edges_of(graph: &VertexGraph, v: usize, edges: &mut Vec<(u32, f64)>) {
 }
 
 /// The least eigenvalues μ and vectors c of energy c = μ mass c, ascending, with cᵀ mass c = 1.
-fn generalised(energy: DMatrix<f64>, mass: DMatrix<f64>, count: usize) -> (Vec<f64>, DMatrix<f64>) {
+pub(crate) fn generalised(energy: DMatrix<f64>, mass: DMatrix<f64>, count: usize) -> (Vec<f64>, DMatrix<f64>) {
     let s = mass.nrows();
     let most = mass.diagonal().max().max(1e-300);
     let even = 0.5 * (&mass + mass.transpose());

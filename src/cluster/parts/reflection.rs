@@ -5,18 +5,19 @@
 //! distances from tips alone do not tell front from back, so each likely image of it begins a map of its own. Then more and more
 //! samples become anchors, with the images that fit the anchors so far. At last each image is found again from all the others.
 //!
-//! A map counts if it keeps distances, comes back to where it began, moves most of the surface, maps convex onto convex, and turns the
-//! surface over: front for back, or a turn by half, keeps the sense in which neighbours lie around a cell. What was measured:
-//! `docs/dev/segmentation-experiments.md`. Everything is a function of the cells. Cost: .04 to
-//! .08 s of processor time and some megabytes for 2,000 cells, whatever the size of the mesh.
+//! Where none of these is a reflection beyond doubt ([`super::cell_map`]), [`signs`] searches another way, and begins from them too.
+//! Everything is a function of the cells. Cost: .04 to .08 s of processor time and some megabytes for 2,000 cells, whatever the size of
+//! the mesh, and as much for the other search.
 
 use super::anchors::Anchors;
 use super::cell_graph::CellGraph;
+use super::cell_map::CellMap;
 use super::cell_paths::{CellPaths, Row, UNREACHED};
+use super::signs;
 use super::tips::{Matching, matchings, tips};
 use super::twins::Twins;
 use crate::base::Result;
-use crate::base::vector::{cross, distance, dot, minus};
+use crate::base::vector::distance;
 use crate::store::run::Run;
 use std::f64::consts::PI;
 
@@ -42,28 +43,8 @@ const NEAREST: [usize; 2] = [24, 12];
 const NEAR: f32 = 0.05;
 /// What the mean distance from all of the surface counts, against 1/d of an anchor at d.
 const MEAN: f32 = 4.0;
-/// Mean difference of distances up to which a map keeps them, in cell radii.
-const CLOSE: f64 = 1.25;
-/// Mean way from a cell to the image of its image, in cell radii.
-const BACK: f64 = 1.25;
-/// Cells that go farther than this many radii are moved, and so much of the area must be.
-const MOVED: (f64, f64) = (4.0, 0.6);
-/// −1 where all turns are turned over, 1 where none is.
-const TURNED: f64 = -0.7;
-/// Correlation of the convexity of cells and of their images, at least.
-const SHAPE: f64 = 0.4;
 /// Twins whose distances differ by this many cell radii are none.
 const REACH: f64 = 3.0;
-
-/// A map of the cells.
-#[derive(Clone, Debug)]
-struct CellMap {
-    twin: Vec<u32>,
-    /// Mean difference of the distances of each cell and of its image, in cell radii (S).
-    unlike: Vec<f64>,
-    /// Way from each cell to the image of its image, in cell radii (S).
-    back: Vec<f64>,
-}
 
 /// The reflection of a posed body with cells of `shares` of the area (S); `None` where there is none that is beyond doubt.
 ///
@@ -101,11 +82,17 @@ pub fn reflection(cells: &CellGraph, shares: &[f64], run: &Run) -> Result<Option
                 }
             }
             let map = surface.map(&anchors);
-            Ok(surface.is_reflection(&map).then(|| (surface.mean_unlike(&map), map)))
+            Ok((surface.is_reflection(&map), map))
         },
     )?;
-    let best = maps.into_iter().flatten().min_by(|a, b| a.0.total_cmp(&b.0));
-    Ok(best.map(|(_, map)| {
+    let unlike = |map: &CellMap| surface.mean_unlike(map);
+    let all = maps.iter().filter(|(found, _)| *found).map(|(_, map)| map);
+    let best = all.min_by(|a, b| unlike(a).total_cmp(&unlike(b))).cloned();
+    let best = match best {
+        Some(map) => Some(map),
+        None => signs::reflection(&surface, &maps.into_iter().map(|(_, map)| map.twin).collect::<Vec<_>>(), run)?,
+    };
+    Ok(best.map(|map| {
         let doubt = map.unlike.iter().zip(&map.back).map(|(unlike, back)| unlike.max(back / 2.0) / REACH);
         Twins { weight: doubt.map(|doubt| (-doubt.powi(4)).exp()).collect(), twin: map.twin }
     }))
@@ -135,23 +122,24 @@ struct Begun {
 }
 
 /// What maps are found on.
-struct Surface<'a> {
-    cells: &'a CellGraph,
-    shares: &'a [f64],
+pub struct Surface<'a> {
+    pub(super) cells: &'a CellGraph,
+    pub(super) shares: &'a [f64],
     /// Of a disk of the mean cell's area.
-    radius: f64,
-    paths: CellPaths,
-    samples: Vec<u32>,
+    pub(super) radius: f64,
+    pub(super) paths: CellPaths,
+    pub(super) samples: Vec<u32>,
     /// Rows of the samples.
-    rows: Vec<Row>,
+    pub(super) rows: Vec<Row>,
     /// Mean distance of each cell from the whole surface (S).
-    mean: Vec<f32>,
+    pub(super) mean: Vec<f32>,
     /// Whether each cell is on the piece that is mapped (S).
-    reached: Vec<bool>,
+    pub(super) reached: Vec<bool>,
 }
 
 impl<'a> Surface<'a> {
-    fn new(cells: &'a CellGraph, shares: &'a [f64]) -> Option<Self> {
+    /// `None` where cells are few or in pieces.
+    pub(super) fn new(cells: &'a CellGraph, shares: &'a [f64]) -> Option<Self> {
         let n = cells.len();
         if n < LEAST_CELLS {
             return None;
@@ -186,7 +174,8 @@ impl<'a> Surface<'a> {
         Some(Self { cells, shares, radius, paths, samples, rows, mean, reached })
     }
 
-    fn apart(&self, a: u32, b: u32) -> f64 {
+    /// How far apart two cells are.
+    pub(super) fn apart(&self, a: u32, b: u32) -> f64 {
         distance(self.cells.centre[a as usize], self.cells.centre[b as usize])
     }
 
@@ -314,84 +303,46 @@ impl<'a> Surface<'a> {
             let total = nearest.iter().map(|(d, _)| 1.0 / (d + NEAR)).sum::<f32>() + MEAN;
             unlike[x] = f64::from(least / total) / self.radius;
         }
-        let back = (0..n as u32).map(|x| self.apart(x, twin[twin[x as usize] as usize]) / self.radius).collect();
-        CellMap { twin, unlike, back }
+        self.measured(twin, unlike)
     }
 
-    /// Mean over the area of something in cell radii, of which more than ten count as ten.
-    fn mean_of(&self, values: &[f64]) -> f64 {
-        values.iter().zip(self.shares).map(|(value, share)| share * value.min(10.0)).sum()
+    /// A map and how unlike cells and their images are, with the way back.
+    fn measured(&self, twin: Vec<u32>, unlike: Vec<f64>) -> CellMap {
+        let back = |x: u32| self.apart(x, twin[twin[x as usize] as usize]) / self.radius;
+        CellMap { back: (0..twin.len() as u32).map(back).collect(), twin, unlike }
     }
 
-    fn mean_unlike(&self, map: &CellMap) -> f64 {
-        self.mean_of(&map.unlike)
-    }
-
-    /// Whether a map is a reflection, beyond doubt.
-    fn is_reflection(&self, map: &CellMap) -> bool {
-        let goes = |x: usize| self.apart(x as u32, map.twin[x]) > MOVED.0 * self.radius;
-        let moved: f64 = (0..map.twin.len()).filter(|&x| goes(x)).map(|x| self.shares[x]).sum();
-        self.mean_unlike(map) <= CLOSE
-            && self.mean_of(&map.back) <= BACK
-            && moved >= MOVED.1
-            && self.turning(map) <= TURNED
-            && self.shape(map) >= SHAPE
-    }
-
-    /// The correlation of the convexity around cells and around their images: a plain on which nothing tells left from right is mapped
-    /// onto itself as well, mountains onto valleys.
-    fn shape(&self, map: &CellMap) -> f64 {
-        let (cells, n) = (self.cells, self.paths.len());
-        let mut around = vec![[0.0; 2]; n];
-        for (k, pair) in cells.pairs.iter().enumerate() {
-            for &i in pair {
-                let [sum, length] = &mut around[i as usize];
-                *sum += cells.length[k] * (cells.convex[k] - cells.concave[k]);
-                *length += cells.length[k];
-            }
+    /// A smooth map whose images may be one step off: each takes the likeliest place there, by the images of the samples.
+    pub(super) fn polished(&self, mut twin: Vec<u32>) -> CellMap {
+        let images: Vec<u32> = self.samples.iter().map(|&sample| twin[sample as usize]).collect();
+        let mut anchors = Anchors::default();
+        for (k, row) in self.paths.rows(&images).iter().enumerate() {
+            anchors.add([self.samples[k], images[k]], [&self.rows[k], row]);
         }
-        let own: Vec<f64> = around.iter().map(|[sum, length]| sum / length.max(1e-300)).collect();
-        let mut wide: Vec<[f64; 2]> = own.iter().zip(self.shares).map(|(x, share)| [share * x, *share]).collect();
-        for &[i, j] in &cells.pairs {
-            for (i, j) in [(i as usize, j as usize), (j as usize, i as usize)] {
-                wide[i][0] += self.shares[j] * own[j];
-                wide[i][1] += self.shares[j];
-            }
+        let mut unlike = vec![f64::INFINITY; twin.len()];
+        for x in (0..twin.len()).filter(|&x| self.reached[x]) {
+            let nearest = anchors.nearest(x as u32, NEAREST[1], None);
+            let sum = |y: u32| {
+                let of = |&(d, k): &(f32, usize)| (anchors.row[anchors.image[k]][y as usize] - d).abs() / (d + NEAR);
+                MEAN * (self.mean[x] - self.mean[y as usize]).abs() + nearest.iter().map(of).sum::<f32>()
+            };
+            let at = twin[x];
+            let better = |best: (u32, f32), y: u32| {
+                let sum = sum(y);
+                if sum < best.1 { (y, sum) } else { best }
+            };
+            let (best, least) = self.paths.steps(at).map(|(y, _)| y).fold((at, sum(at)), better);
+            let total = nearest.iter().map(|(d, _)| 1.0 / (d + NEAR)).sum::<f32>() + MEAN;
+            (twin[x], unlike[x]) = (best, f64::from(least / total) / self.radius);
         }
-        let wide: Vec<f64> = wide.iter().map(|[sum, share]| sum / share.max(1e-300)).collect();
-        let there: Vec<f64> = map.twin.iter().map(|&twin| wide[twin as usize]).collect();
-        let mean = |x: &[f64], y: &[f64]| (0..n).map(|i| self.shares[i] * x[i] * y[i]).sum::<f64>();
-        let ones = vec![1.0; n];
-        let (a, b) = (mean(&wide, &ones), mean(&there, &ones));
-        let (aa, bb, ab) = (mean(&wide, &wide) - a * a, mean(&there, &there) - b * b, mean(&wide, &there) - a * b);
-        if aa * bb > 1e-24 { ab / (aa * bb).sqrt() } else { 1.0 }
-    }
-
-    /// Whether a map keeps the sense in which cells lie around each other: 1, or turns it over: −1.
-    fn turning(&self, map: &CellMap) -> f64 {
-        let spin = |[x, u, v]: [u32; 3]| {
-            let [at, u, v] = [x, u, v].map(|cell| self.cells.centre[cell as usize]);
-            dot(cross(minus(u, at), minus(v, at)), self.cells.normal[x as usize])
-        };
-        let (mut sum, mut total) = (0.0, 0.0);
-        for (x, share) in (0u32..).zip(self.shares) {
-            let ring: Vec<u32> = self.paths.steps(x).map(|(j, _)| j).collect();
-            for (k, &u) in ring.iter().enumerate() {
-                for between in [1, 3] {
-                    let turn = [x, u, ring[(k + between) % ring.len()]];
-                    let both = share * spin(turn) * spin(turn.map(|cell| map.twin[cell as usize]));
-                    sum += both;
-                    total += both.abs();
-                }
-            }
-        }
-        if total > 0.0 { sum / total } else { 1.0 }
+        self.measured(twin, unlike)
     }
 }
 
 #[cfg(test)]
-mod tests {
+pub(super) mod tests {
     use super::*;
+    use crate::base::vector::{dot, minus};
     use std::collections::{BTreeMap, BTreeSet};
     use std::ops::Range;
 
@@ -405,7 +356,7 @@ mod tests {
 
     /// A body whose left half stands with its arm stretched out, while the right arm is raised and the right leg walks; it may lack
     /// them.
-    fn posed(arm: bool, leg: bool) -> CellGraph {
+    pub fn posed(arm: bool, leg: bool) -> CellGraph {
         let mut body = Voxels::new();
         let mut add = |there: bool, blocks: &[[Range<i32>; 3]]| {
             for block in blocks.iter().filter(|_| there) {
@@ -484,13 +435,13 @@ mod tests {
     }
 
     /// Whether a place, in units of the blocks, is on each.
-    const LEFT_ARM: fn([f64; 3]) -> bool = |x| x[0] > 4.0;
-    const RIGHT_ARM: fn([f64; 3]) -> bool = |x| x[0] < -3.0 && x[2] > 5.0;
-    const LEFT_LEG: fn([f64; 3]) -> bool = |x| x[0] > 0.0 && x[2] < -1.0;
-    const RIGHT_LEG: fn([f64; 3]) -> bool = |x| x[0] < 0.0 && x[2] < 0.0;
+    pub const LEFT_ARM: fn([f64; 3]) -> bool = |x| x[0] > 4.0;
+    pub const RIGHT_ARM: fn([f64; 3]) -> bool = |x| x[0] < -3.0 && x[2] > 5.0;
+    pub const LEFT_LEG: fn([f64; 3]) -> bool = |x| x[0] > 0.0 && x[2] < -1.0;
+    pub const RIGHT_LEG: fn([f64; 3]) -> bool = |x| x[0] < 0.0 && x[2] < 0.0;
 
     /// The numbers of the cells there.
-    fn cells_of(cells: &CellGraph, part: fn([f64; 3]) -> bool) -> Vec<usize> {
+    pub fn cells_of(cells: &CellGraph, part: fn([f64; 3]) -> bool) -> Vec<usize> {
         let unit = 0.5 * (cells.len() as f64).sqrt();
         (0..cells.len()).filter(|&i| part(cells.centre[i].map(|x| x * unit))).collect()
     }
@@ -521,8 +472,19 @@ mod tests {
     }
 
     #[test]
+    fn a_body_that_lacks_an_arm_and_a_leg_is_mirrored_without_them() {
+        let cells = posed(false, false);
+        let Twins { twin, weight } = found(&cells).unwrap();
+        let across = |i: usize| 0.5 * (cells.len() as f64).sqrt() * cells.centre[i][0];
+        let trunk = cells_of(&cells, |x| x[0].abs() < 3.5 && x[2] > 1.0 && x[2] < 9.0);
+        let mirrored = trunk.iter().filter(|&&i| (across(i) + across(twin[i] as usize)).abs() < 2.0).count();
+        assert!(mirrored > trunk.len() * 19 / 20, "{mirrored} of {}", trunk.len());
+        let arm = cells_of(&cells, |x| x[0] > 4.0 && x[0] < 12.0);
+        assert!(arm.iter().map(|&i| weight[i]).sum::<f64>() < 0.2 * arm.len() as f64);
+    }
+
+    #[test]
     fn what_has_no_two_sides_or_no_shape_has_no_reflection() {
-        assert!(found(&posed(false, false)).is_none());
         // One side is convex where the other is concave.
         let mut cells = posed(true, true);
         for (k, pair) in cells.pairs.iter().enumerate() {
