@@ -4,12 +4,20 @@
 //! also thick onto thick, and turns the surface over: front for back, or a turn by half, keeps the sense in which neighbours lie around a
 //! cell. What was measured: `docs/dev/segmentation-experiments.md`. Cost: 1 or 2 ms for 2,000 cells, and the thickness where all else is right.
 
-use super::reflection::Surface;
+use super::cell_graph::CellGraph;
+use super::cell_paths::{CellPaths, Row, UNREACHED};
 use super::thickness::log_thickness;
 use crate::base::Result;
-use crate::base::vector::{cross, dot, minus};
+use crate::base::vector::{cross, distance, dot, minus};
 use crate::store::run::Run;
+use std::f64::consts::PI;
 
+/// Fewer cells have no shape to speak of.
+const LEAST_CELLS: usize = 200;
+/// Share of the area that must be in one piece.
+const WHOLE: f64 = 0.97;
+/// Samples, farthest from each other.
+pub const SAMPLES: usize = 64;
 /// Mean difference of distances up to which a map keeps them, in cell radii.
 const CLOSE: f64 = 1.25;
 /// Mean way from a cell to the image of its image, in cell radii.
@@ -20,12 +28,29 @@ const MOVED: (f64, f64) = (4.0, 0.6);
 const TURNED: f64 = -0.7;
 /// Correlation of the convexity of cells and of their images, at least.
 const SHAPE: f64 = 0.4;
-/// The same for smooth maps. Up to 1.6 maps of armadillos are right as a whole, but in doubt on the limbs, where they change nothing.
+/// Mean difference of distances up to which a smooth map keeps them. Maps of armadillos, at 1.3 to 1.6, are right as a whole, but in doubt
+/// on the limbs, so they change little.
 const SMOOTH: f64 = 1.15;
 /// Share of the area that smooth maps must move farther than so far, in units of √(total area): front for back moves less.
 const FAR: (f64, f64) = (0.15, 0.42);
 /// Mean difference of the thickness of cells and of their images at the most, in units of its mean deviation.
 const THICKNESS: f64 = 0.3;
+
+/// What maps are found on.
+pub struct Surface<'a> {
+    pub cells: &'a CellGraph,
+    pub shares: &'a [f64],
+    /// Of a disk of the mean cell's area.
+    pub radius: f64,
+    pub paths: CellPaths,
+    pub samples: Vec<u32>,
+    /// Rows of the samples.
+    pub rows: Vec<Row>,
+    /// Mean distance of each cell from the whole surface (S).
+    pub mean: Vec<f32>,
+    /// Whether each cell is on the piece that is mapped (S).
+    pub reached: Vec<bool>,
+}
 
 /// A map of the cells.
 #[derive(Clone, Debug)]
@@ -38,7 +63,54 @@ pub struct CellMap {
     pub back: Vec<f64>,
 }
 
-impl Surface<'_> {
+impl<'a> Surface<'a> {
+    /// `None` where cells are few or in pieces.
+    pub fn new(cells: &'a CellGraph, shares: &'a [f64]) -> Option<Self> {
+        let n = cells.len();
+        if n < LEAST_CELLS {
+            return None;
+        }
+        let mut paths = CellPaths::new(cells);
+        let mut near = vec![UNREACHED; n];
+        let middle = (0..n).rev().max_by(|&a, &b| shares[a].total_cmp(&shares[b]))?;
+        let piece = paths.lower(middle as u32, UNREACHED, &mut near);
+        if piece.iter().map(|&i| shares[i as usize]).sum::<f64>() < WHOLE {
+            return None;
+        }
+        let reached: Vec<bool> = near.iter().map(|&d| d < UNREACHED).collect();
+        let mut next = *piece.last()?;
+        near.fill(UNREACHED);
+        let mut order = paths.lower(next, UNREACHED, &mut near);
+        order.extend((0..n as u32).filter(|&i| !reached[i as usize]));
+        paths.sweep_in(order);
+        near.fill(UNREACHED);
+        let (mut samples, mut owner) = (Vec::new(), vec![0; n]);
+        for k in 0..SAMPLES {
+            samples.push(next);
+            paths.lower(next, UNREACHED, &mut near).iter().for_each(|&i| owner[i as usize] = k);
+            let farther = |a: u32, b: u32| if near[b as usize] > near[a as usize] { b } else { a };
+            next = piece.iter().copied().fold(next, farther);
+        }
+        let rows = paths.rows(&samples);
+        let mut mass = [0.0; SAMPLES];
+        owner.iter().zip(shares).for_each(|(&k, share)| mass[k] += share);
+        let mean_of = |i: usize| rows.iter().zip(mass).map(|(row, m)| m * f64::from(row[i])).sum::<f64>() as f32;
+        let mean = (0..n).map(mean_of).collect();
+        let radius = (cells.total_area() / (n as f64 * PI)).sqrt();
+        Some(Self { cells, shares, radius, paths, samples, rows, mean, reached })
+    }
+
+    /// How far apart two cells are.
+    pub fn apart(&self, a: u32, b: u32) -> f64 {
+        distance(self.cells.centre[a as usize], self.cells.centre[b as usize])
+    }
+
+    /// A map and how unlike cells and their images are, with the way back.
+    pub fn measured(&self, twin: Vec<u32>, unlike: Vec<f64>) -> CellMap {
+        let back = |x: u32| self.apart(x, twin[twin[x as usize] as usize]) / self.radius;
+        CellMap { back: (0..twin.len() as u32).map(back).collect(), twin, unlike }
+    }
+
     /// Mean over the area of something in cell radii, of which more than ten count as ten.
     fn mean_of(&self, values: &[f64]) -> f64 {
         values.iter().zip(self.shares).map(|(value, share)| share * value.min(10.0)).sum()
@@ -145,8 +217,8 @@ impl Surface<'_> {
 
 #[cfg(test)]
 mod tests {
-    use crate::cluster::parts::reflection::Surface;
-    use crate::cluster::parts::reflection::tests::posed;
+    use super::super::posed_body::posed;
+    use super::Surface;
     use crate::store::run::Run;
 
     #[test]

@@ -18,6 +18,7 @@
 
 pub mod agreement;
 mod ambiguous;
+mod anchored;
 mod anchors;
 pub mod cell_graph;
 pub mod cell_kmeans;
@@ -35,6 +36,8 @@ pub mod matrix;
 pub mod merge_features;
 pub mod merge_odds;
 pub mod merges;
+#[cfg(test)]
+mod posed_body;
 pub mod reflection;
 pub mod regions;
 mod signs;

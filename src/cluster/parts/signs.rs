@@ -6,10 +6,9 @@
 //! surface over are refined on all cells, and the first that is a reflection beyond doubt counts. Cost: .05 to .08 s of processor
 //! time for 2,000 cells.
 
-use super::cell_map::CellMap;
+use super::cell_map::{CellMap, Surface};
 use super::cell_paths::{Row, UNREACHED};
 use super::functions::{FunctionMap, Functions, more};
-use super::reflection::Surface;
 use crate::base::Result;
 use crate::store::run::Run;
 
@@ -51,7 +50,7 @@ struct Start {
 ///
 /// # Errors
 /// Cancellation.
-pub fn reflection(surface: &Surface, begun: &[Vec<u32>], run: &Run) -> Result<Option<CellMap>> {
+pub fn reflection(surface: &Surface, begun: &[CellMap], run: &Run) -> Result<Option<CellMap>> {
     let samples = Samples::new(surface);
     let functions = Functions::new(surface.cells, surface.shares, &samples.rows);
     run.cancel.check()?;
@@ -113,7 +112,7 @@ impl Samples {
     }
 
     /// Maps that move the surface, the best first.
-    fn starts(&self, functions: &Functions, begun: &[Vec<u32>]) -> Vec<Start> {
+    fn starts(&self, functions: &Functions, begun: &[CellMap]) -> Vec<Start> {
         let k = SIGNS + 1;
         let signs = (1..1 << SIGNS).map(|signs| self.start(functions, FunctionMap::of_signs(signs, k)));
         let mut best: Vec<Start> = signs.filter(|start| self.moves(start)).collect();
@@ -122,7 +121,7 @@ impl Samples {
         let matrices = best
             .into_iter()
             .map(|start| start.matrix)
-            .chain(begun.iter().map(|twin| functions.fitted(twin, k).made_orthogonal()));
+            .chain(begun.iter().map(|map| functions.fitted(&map.twin, k).made_orthogonal()));
         let refined = matrices.map(|matrix| {
             let mut start = self.start(functions, matrix);
             let mut k = k;
@@ -164,8 +163,8 @@ impl Samples {
 
 #[cfg(test)]
 mod tests {
+    use super::super::posed_body::{LEFT_ARM, LEFT_LEG, RIGHT_ARM, RIGHT_LEG, cells_of, posed};
     use super::*;
-    use crate::cluster::parts::reflection::tests::{LEFT_ARM, LEFT_LEG, RIGHT_ARM, RIGHT_LEG, cells_of, posed};
 
     #[test]
     fn limbs_go_to_limbs() {
