@@ -2,7 +2,7 @@
 
 use super::choices::choice;
 use super::options::{AppContext, CliError, ForceArgs, RunArgs};
-use super::output::{JsonArgs, folder_of};
+use super::output::{JsonArgs, ends_with, folder_of};
 use clap::ValueEnum;
 use nystrom_stream::apps::correspond::carry::{Colours, Property};
 use nystrom_stream::apps::correspond::show::side_by_side;
@@ -161,8 +161,7 @@ impl CorrespondArgs {
             ("functional-map", one(&self.functional_map), "npy"),
             ("functions", self.functions.as_slice(), "npy"),
         ] {
-            let other = |path: &&PathBuf| !path.extension().is_some_and(|end| end.eq_ignore_ascii_case(ending));
-            if let Some(path) = paths.iter().find(other) {
+            if let Some(path) = paths.iter().find(|path| !ends_with(path, ending)) {
                 return Err(CliError::Usage(format!("--{option} {}: end it with .{ending}", path.display())));
             }
         }

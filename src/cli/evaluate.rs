@@ -2,7 +2,7 @@
 //! against true ones.
 
 use super::options::{AppContext, CliError};
-use super::output::{JsonArgs, check_charts};
+use super::output::{JsonArgs, check_charts, ends_with};
 use super::progress::{Bars, Style};
 use nystrom_stream::apps::correspond::{Errors, accuracy, files};
 use nystrom_stream::apps::evaluate::{
@@ -108,7 +108,7 @@ fn folder_of_models(folder: &Path, args: &EvaluateArgs, run: &Run) -> Result<Out
 /// Labels of one mesh.
 fn one(labels: &Path, args: &EvaluateArgs, run: &Run) -> Result<Outcome> {
     let scratch = private_folder(&std::env::temp_dir())?;
-    let is_ply = labels.extension().is_some_and(|ending| ending.eq_ignore_ascii_case("ply"));
+    let is_ply = ends_with(labels, "ply");
     let read = |path: &Path| read_labels(path, scratch.path(), run);
     let own = read(labels)?;
     let surface = match args.mesh.as_deref().or(is_ply.then_some(labels)) {

@@ -408,12 +408,15 @@ pub fn write_text(target: &Path, text: &str) -> Result<()> {
 
 /// Refuses charts of an unknown form before any work.
 pub fn check_charts(option: &str, paths: &[PathBuf]) -> Result<(), CliError> {
-    let known =
-        |path: &Path| path.extension().is_some_and(|end| ["svg", "png"].iter().any(|e| end.eq_ignore_ascii_case(e)));
-    match paths.iter().find(|path| !known(path)) {
+    match paths.iter().find(|path| !["svg", "png"].iter().any(|ending| ends_with(path, ending))) {
         Some(path) => Err(CliError::Usage(format!("{option} {}: no chart; end it with .svg or .png", path.display()))),
         None => Ok(()),
     }
+}
+
+/// Whether the name of `path` ends with `.ending`, in letters of any case.
+pub fn ends_with(path: &Path, ending: &str) -> bool {
+    path.extension().is_some_and(|end| end.eq_ignore_ascii_case(ending))
 }
 
 /// The folder that holds `path`.

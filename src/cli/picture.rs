@@ -1,7 +1,7 @@
 //! `picture`: a mesh and its parts as a PNG.
 
 use super::options::{AppContext, CliError, RunArgs};
-use super::output::folder_of;
+use super::output::{ends_with, folder_of};
 use nystrom_stream::apps::colours::colours_for;
 use nystrom_stream::apps::picture::{PictureParams, Up, render_named};
 use nystrom_stream::base::{Error, Result};
@@ -78,7 +78,7 @@ impl PictureArgs {
     fn target(&self) -> Result<PathBuf, CliError> {
         let stdin = self.mesh.as_os_str() == "-";
         match &self.output {
-            Some(path) if path.extension().is_some_and(|end| end.eq_ignore_ascii_case("png")) => Ok(path.clone()),
+            Some(path) if ends_with(path, "png") => Ok(path.clone()),
             Some(path) => Err(CliError::Usage(format!("-o {}: a picture is a PNG; end it with .png", path.display()))),
             None if stdin => Err(CliError::Usage("-o: standard input has no name; say where the picture goes".into())),
             None => Ok(self.mesh.with_extension("png")),
