@@ -43,7 +43,7 @@ pub fn maps(surface: &Surface<'_>, run: &Run) -> Result<Vec<CellMap>> {
         |k, ()| {
             let Begun { anchors, first, place } = &begun[k];
             let mut anchors = anchors.clone();
-            anchors.add([surface.samples[*first], *place], [&surface.rows[*first], &rows[k]]);
+            anchors.add([surface.samples.cell[*first], *place], [&surface.rows[*first], &rows[k]]);
             surface.grow(&mut anchors, GROWTH[0]);
             Ok(anchors)
         },
@@ -104,9 +104,9 @@ impl Surface<'_> {
             {
                 anchors.add([tips[i], tips[j]], [&rows[i], &rows[j]]);
             }
-            let far: Vec<f32> = self.samples.iter().map(|&sample| anchors.distance(sample)).collect();
+            let far: Vec<f32> = self.samples.cell.iter().map(|&sample| anchors.distance(sample)).collect();
             let first = (0..SAMPLES).fold(0, |a, b| if far[b] > far[a] { b } else { a });
-            for place in self.places(self.samples[first], &anchors) {
+            for place in self.places(self.samples.cell[first], &anchors) {
                 begun.push(Begun { anchors: anchors.clone(), first, place });
             }
         }
@@ -155,10 +155,10 @@ impl Surface<'_> {
 
     /// Makes anchors of the first samples that are farther than `least` from all.
     fn grow(&self, anchors: &mut Anchors, (count, least): (usize, f32)) {
-        let more: Vec<usize> = (0..count).filter(|&k| anchors.distance(self.samples[k]) > least).collect();
-        let images: Vec<u32> = more.iter().map(|&k| self.likeliest(self.samples[k], anchors, None)).collect();
+        let more: Vec<usize> = (0..count).filter(|&k| anchors.distance(self.samples.cell[k]) > least).collect();
+        let images: Vec<u32> = more.iter().map(|&k| self.likeliest(self.samples.cell[k], anchors, None)).collect();
         for ((&k, &image), row) in more.iter().zip(&images).zip(self.paths.rows(&images)) {
-            anchors.add([self.samples[k], image], [&self.rows[k], &row]);
+            anchors.add([self.samples.cell[k], image], [&self.rows[k], &row]);
         }
     }
 
@@ -183,6 +183,25 @@ impl Surface<'_> {
         out
     }
 
+    /// How badly `y` is as far from the images of the `nearest` anchors of `x` as `x` is from these, by weight; beyond `limit` not to the end.
+    #[inline(always)]
+    fn misfit(&self, [x, y]: [usize; 2], nearest: &[(f32, usize)], anchors: &Anchors, limit: f32) -> f32 {
+        let mut sum = MEAN * (self.mean[x] - self.mean[y]).abs();
+        for &(d, k) in nearest {
+            sum += (anchors.row[anchors.image[k]][y] - d).abs() / (d + NEAR);
+            if sum > limit {
+                break;
+            }
+        }
+        sum
+    }
+
+    /// A misfit as the mean difference of distances, in cell radii.
+    fn in_radii(&self, misfit: f32, nearest: &[(f32, usize)]) -> f64 {
+        let total = nearest.iter().map(|(d, _)| 1.0 / (d + NEAR)).sum::<f32>() + MEAN;
+        f64::from(misfit / total) / self.radius
+    }
+
     /// The map of all cells that anchors make.
     fn map(&self, anchors: &Anchors) -> CellMap {
         let n = self.paths.len();
@@ -198,14 +217,8 @@ impl Surface<'_> {
                 if (from[y] - d).abs() > slack {
                     return;
                 }
-                let mut sum = MEAN * (self.mean[x] - self.mean[y]).abs();
-                for &(d, k) in &nearest {
-                    sum += (anchors.row[anchors.image[k]][y] - d).abs() / (d + NEAR);
-                    if sum > least {
-                        return;
-                    }
-                }
-                if sum < least || y < best {
+                let sum = self.misfit([x, y], &nearest, anchors, least);
+                if sum < least || (sum == least && y < best) {
                     (least, best) = (sum, y);
                 }
             };
@@ -213,34 +226,29 @@ impl Surface<'_> {
             self.paths.steps(x as u32).for_each(|(j, _)| look(twin[j as usize] as usize));
             (0..n).for_each(&mut look);
             twin[x] = best as u32;
-            let total = nearest.iter().map(|(d, _)| 1.0 / (d + NEAR)).sum::<f32>() + MEAN;
-            unlike[x] = f64::from(least / total) / self.radius;
+            unlike[x] = self.in_radii(least, &nearest);
         }
         self.measured(twin, unlike)
     }
 
     /// A smooth map whose images may be one step off: each takes the likeliest place there, by the images of the samples.
     pub fn polished(&self, mut twin: Vec<u32>) -> CellMap {
-        let images: Vec<u32> = self.samples.iter().map(|&sample| twin[sample as usize]).collect();
+        let images: Vec<u32> = self.samples.cell.iter().map(|&sample| twin[sample as usize]).collect();
         let mut anchors = Anchors::default();
         for (k, row) in self.paths.rows(&images).iter().enumerate() {
-            anchors.add([self.samples[k], images[k]], [&self.rows[k], row]);
+            anchors.add([self.samples.cell[k], images[k]], [&self.rows[k], row]);
         }
         let mut unlike = vec![f64::INFINITY; twin.len()];
         for x in (0..twin.len()).filter(|&x| self.reached[x]) {
             let nearest = anchors.nearest(x as u32, NEAREST[1], None);
-            let sum = |y: u32| {
-                let of = |&(d, k): &(f32, usize)| (anchors.row[anchors.image[k]][y as usize] - d).abs() / (d + NEAR);
-                MEAN * (self.mean[x] - self.mean[y as usize]).abs() + nearest.iter().map(of).sum::<f32>()
-            };
-            let at = twin[x];
-            let better = |best: (u32, f32), y: u32| {
-                let sum = sum(y);
-                if sum < best.1 { (y, sum) } else { best }
-            };
-            let (best, least) = self.paths.steps(at).map(|(y, _)| y).fold((at, sum(at)), better);
-            let total = nearest.iter().map(|(d, _)| 1.0 / (d + NEAR)).sum::<f32>() + MEAN;
-            (twin[x], unlike[x]) = (best, f64::from(least / total) / self.radius);
+            let mut best = (twin[x], self.misfit([x, twin[x] as usize], &nearest, &anchors, f32::INFINITY));
+            for (y, _) in self.paths.steps(twin[x]) {
+                let sum = self.misfit([x, y as usize], &nearest, &anchors, best.1);
+                if sum < best.1 {
+                    best = (y, sum);
+                }
+            }
+            (twin[x], unlike[x]) = (best.0, self.in_radii(best.1, &nearest));
         }
         self.measured(twin, unlike)
     }

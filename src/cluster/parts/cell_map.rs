@@ -2,14 +2,11 @@
 //!
 //! A map counts if it keeps distances, comes back to where it began, moves most of the surface, maps convex onto convex, a smooth map
 //! also thick onto thick, and turns the surface over: front for back, or a turn by half, keeps the sense in which neighbours lie around a
-//! cell. What was measured: `docs/dev/segmentation-experiments.md`. Cost: 1 or 2 ms for 2,000 cells, and the thickness where all else is right.
+//! cell. What was measured: `docs/dev/segmentation-experiments.md`. Cost: 1 or 2 ms for 2,000 cells.
 
 use super::cell_graph::CellGraph;
 use super::cell_paths::{CellPaths, Row, UNREACHED};
-use super::thickness::log_thickness;
-use crate::base::Result;
 use crate::base::vector::{cross, distance, dot, minus};
-use crate::store::run::Run;
 use std::f64::consts::PI;
 
 /// Fewer cells have no shape to speak of.
@@ -40,16 +37,53 @@ const THICKNESS: f64 = 0.3;
 pub struct Surface<'a> {
     pub cells: &'a CellGraph,
     pub shares: &'a [f64],
+    /// Logarithm of the thickness behind each cell (S).
+    log_thickness: &'a [f64],
     /// Of a disk of the mean cell's area.
     pub radius: f64,
     pub paths: CellPaths,
-    pub samples: Vec<u32>,
+    pub samples: FarthestSamples,
     /// Rows of the samples.
     pub rows: Vec<Row>,
     /// Mean distance of each cell from the whole surface (S).
     pub mean: Vec<f32>,
     /// Whether each cell is on the piece that is mapped (S).
     pub reached: Vec<bool>,
+}
+
+/// Samples of a surface, each as far as can be from those before it.
+#[derive(Clone)]
+pub struct FarthestSamples {
+    /// The cell of each sample.
+    pub cell: Vec<u32>,
+    /// The nearest sample of each cell (S).
+    pub owner: Vec<usize>,
+    /// Its distance (S).
+    near: Vec<f32>,
+}
+
+impl FarthestSamples {
+    /// One sample.
+    fn beginning(first: u32, paths: &CellPaths) -> Self {
+        let (owner, near) = (vec![0; paths.len()], vec![UNREACHED; paths.len()]);
+        let mut samples = Self { cell: Vec::new(), owner, near };
+        samples.add(first, paths);
+        samples
+    }
+
+    /// More samples among these cells, up to `count` in all.
+    pub fn extend(&mut self, count: usize, among: impl Iterator<Item = u32> + Clone, paths: &CellPaths) {
+        while let Some(&last) = self.cell.last().filter(|_| self.cell.len() < count) {
+            let farther = |a: u32, b: u32| if self.near[b as usize] > self.near[a as usize] { b } else { a };
+            self.add(among.clone().fold(last, farther), paths);
+        }
+    }
+
+    fn add(&mut self, cell: u32, paths: &CellPaths) {
+        let k = self.cell.len();
+        self.cell.push(cell);
+        paths.lower(cell, UNREACHED, &mut self.near).iter().for_each(|&i| self.owner[i as usize] = k);
+    }
 }
 
 /// A map of the cells.
@@ -65,7 +99,7 @@ pub struct CellMap {
 
 impl<'a> Surface<'a> {
     /// `None` where cells are few or in pieces.
-    pub fn new(cells: &'a CellGraph, shares: &'a [f64]) -> Option<Self> {
+    pub fn new(cells: &'a CellGraph, shares: &'a [f64], log_thickness: &'a [f64]) -> Option<Self> {
         let n = cells.len();
         if n < LEAST_CELLS {
             return None;
@@ -78,26 +112,20 @@ impl<'a> Surface<'a> {
             return None;
         }
         let reached: Vec<bool> = near.iter().map(|&d| d < UNREACHED).collect();
-        let mut next = *piece.last()?;
+        let end = *piece.last()?;
         near.fill(UNREACHED);
-        let mut order = paths.lower(next, UNREACHED, &mut near);
+        let mut order = paths.lower(end, UNREACHED, &mut near);
         order.extend((0..n as u32).filter(|&i| !reached[i as usize]));
         paths.sweep_in(order);
-        near.fill(UNREACHED);
-        let (mut samples, mut owner) = (Vec::new(), vec![0; n]);
-        for k in 0..SAMPLES {
-            samples.push(next);
-            paths.lower(next, UNREACHED, &mut near).iter().for_each(|&i| owner[i as usize] = k);
-            let farther = |a: u32, b: u32| if near[b as usize] > near[a as usize] { b } else { a };
-            next = piece.iter().copied().fold(next, farther);
-        }
-        let rows = paths.rows(&samples);
+        let mut samples = FarthestSamples::beginning(end, &paths);
+        samples.extend(SAMPLES, piece.iter().copied(), &paths);
+        let rows = paths.rows(&samples.cell);
         let mut mass = [0.0; SAMPLES];
-        owner.iter().zip(shares).for_each(|(&k, share)| mass[k] += share);
+        samples.owner.iter().zip(shares).for_each(|(&k, share)| mass[k] += share);
         let mean_of = |i: usize| rows.iter().zip(mass).map(|(row, m)| m * f64::from(row[i])).sum::<f64>() as f32;
         let mean = (0..n).map(mean_of).collect();
         let radius = (cells.total_area() / (n as f64 * PI)).sqrt();
-        Some(Self { cells, shares, radius, paths, samples, rows, mean, reached })
+        Some(Self { cells, shares, log_thickness, radius, paths, samples, rows, mean, reached })
     }
 
     /// How far apart two cells are.
@@ -127,13 +155,12 @@ impl<'a> Surface<'a> {
     }
 
     /// The same for a smooth map: its images are not the likeliest cells one by one, so distances must be kept better.
-    ///
-    /// # Errors
-    /// Cancellation.
-    pub fn is_smooth_reflection(&self, map: &CellMap, run: &Run) -> Result<bool> {
-        let likely = self.moves_far(&map.twin) && self.turns_over(map);
-        let alike = likely && self.mean_unlike(map) <= SMOOTH && self.shape(map) >= SHAPE;
-        Ok(alike && self.unlike_thickness(&map.twin, run)? <= THICKNESS)
+    pub fn is_smooth_reflection(&self, map: &CellMap) -> bool {
+        self.moves_far(&map.twin)
+            && self.turns_over(map)
+            && self.mean_unlike(map) <= SMOOTH
+            && self.shape(map) >= SHAPE
+            && self.unlike_thickness(&map.twin) <= THICKNESS
     }
 
     /// Whether a map moves the surface, turns it over and comes back.
@@ -155,13 +182,13 @@ impl<'a> Surface<'a> {
 
     /// Mean difference of the logarithm of the thickness of cells and of their images, in units of its mean deviation: a head is mapped
     /// front to back by distances and by convexity as well, but is thicker there.
-    fn unlike_thickness(&self, twin: &[u32], run: &Run) -> Result<f64> {
-        let thickness = log_thickness(self.cells, run)?;
+    fn unlike_thickness(&self, twin: &[u32]) -> f64 {
+        let thickness = self.log_thickness;
         let mean_of =
             |value: &dyn Fn(usize) -> f64| (0..thickness.len()).map(|x| self.shares[x] * value(x)).sum::<f64>();
         let mean = mean_of(&|x| thickness[x]);
         let spread = mean_of(&|x| (thickness[x] - mean).abs());
-        Ok(mean_of(&|x| (thickness[x] - thickness[twin[x] as usize]).abs()) / spread.max(1e-9))
+        mean_of(&|x| (thickness[x] - thickness[twin[x] as usize]).abs()) / spread.max(1e-9)
     }
 
     /// The correlation of the convexity around cells and around their images: a plain on which nothing tells left from right is mapped
@@ -218,6 +245,7 @@ impl<'a> Surface<'a> {
 #[cfg(test)]
 mod tests {
     use super::super::posed_body::posed;
+    use super::super::thickness::log_thickness;
     use super::Surface;
     use crate::store::run::Run;
 
@@ -225,18 +253,18 @@ mod tests {
     fn what_stays_is_as_thick_and_turns_nothing_over() {
         let cells = posed(true, true);
         let shares = cells.area_shares();
-        let surface = Surface::new(&cells, &shares).unwrap();
+        let thickness = log_thickness(&cells, &Run::new(&())).unwrap();
+        let surface = Surface::new(&cells, &shares, &thickness).unwrap();
         let same: Vec<u32> = (0..cells.len() as u32).collect();
-        let run = Run::new(&());
-        assert!(surface.unlike_thickness(&same, &run).unwrap() < 1e-12);
+        assert!(surface.unlike_thickness(&same) < 1e-12);
         assert!(surface.turning(&same) > 0.99 && surface.moved(&same, 0.0) == 0.0);
         assert!(!surface.moves_far(&same));
         // Arms are a quarter as thick as the trunk.
         let (thick, thin) = (|x: &[f64; 3]| x[2] > 0.0 && x[0].abs() < 0.1, |x: &[f64; 3]| x[0] > 0.3);
         let arm = cells.centre.iter().position(thin).unwrap() as u32;
         let moved: Vec<u32> = same.iter().map(|&x| if thick(&cells.centre[x as usize]) { arm } else { x }).collect();
-        assert!(surface.unlike_thickness(&moved, &run).unwrap() > super::THICKNESS);
+        assert!(surface.unlike_thickness(&moved) > super::THICKNESS);
         let map = surface.polished(same);
-        assert!(!surface.is_smooth_reflection(&map, &run).unwrap());
+        assert!(!surface.is_smooth_reflection(&map));
     }
 }

@@ -98,6 +98,8 @@ pub struct Superfaces {
     pub first: Vec<u32>,
     /// Area of each superface (R).
     pub area: Vec<f64>,
+    /// Logarithm of the thickness behind each cell (S), as [`log_thickness`] has it.
+    pub log_thickness: Vec<f64>,
     /// Sums over each cell (S).
     pub moments: Vec<CellMoments>,
     /// Convexity between superfaces.
@@ -127,11 +129,12 @@ impl Superfaces {
         }
         let all: Vec<usize> = (0..rows.count).collect();
         let embedding = anchor_embedding(rows, &all, &cells.area_shares(), EMBEDDING_DIMENSIONS, COMPARE_SCALE);
-        let thickness = log_thickness(cells, run)?;
+        let log_thickness = log_thickness(cells, run)?;
         Ok(Superfaces {
             area: class_sums(&of_cell, &cells.area, n),
-            sums: convexity(cells, &thickness, &of_cell, n, run)?,
-            moments: cell_moments(cells, &embedding, &thickness),
+            sums: convexity(cells, &log_thickness, &of_cell, n, run)?,
+            moments: cell_moments(cells, &embedding, &log_thickness),
+            log_thickness,
             log_folding: log_folding(cells),
             of_cell,
             first,
@@ -146,7 +149,15 @@ impl Superfaces {
             *first.get_mut(superface as usize)? = cell as u32;
         }
         let whole = !first.contains(&u32::MAX);
-        whole.then(|| Superfaces { of_cell, first, area, moments: Vec::new(), sums: Vec::new(), log_folding: 0.0 })
+        whole.then(|| Superfaces {
+            of_cell,
+            first,
+            area,
+            log_thickness: Vec::new(),
+            moments: Vec::new(),
+            sums: Vec::new(),
+            log_folding: 0.0,
+        })
     }
 
     /// Number of superfaces R.

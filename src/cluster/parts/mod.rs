@@ -282,7 +282,9 @@ fn alike(cells: &CellGraph, superfaces: Superfaces, mut c: Square, small_part: f
     if planes.first().is_some_and(|best| best.likeness(&shares) >= twins::LIKE) {
         return decided(superfaces, c);
     }
-    let Some(twins) = reflection::reflection(cells, &shares, run)? else { return decided(superfaces, c) };
+    let Some(twins) = reflection::reflection(cells, &shares, &superfaces.log_thickness, run)? else {
+        return decided(superfaces, c);
+    };
     // Where one side is cut, superfaces of the other need not end: the parts tell where they must.
     let once = twins::made_alike(&c, &superfaces.of_cell, &shares, &twins);
     let uncut = decided(superfaces, once)?;

@@ -15,12 +15,13 @@ use crate::store::run::Run;
 /// Twins whose distances differ by this many cell radii are none.
 const REACH: f64 = 3.0;
 
-/// The reflection of a posed body with cells of `shares` of the area (S); `None` where there is none that is beyond doubt.
+/// The reflection of a posed body with cells of `shares` of the area and this `log_thickness` behind them (S); `None` where there is none
+/// that is beyond doubt.
 ///
 /// # Errors
 /// Cancellation.
-pub fn reflection(cells: &CellGraph, shares: &[f64], run: &Run) -> Result<Option<Twins>> {
-    let Some(surface) = Surface::new(cells, shares) else { return Ok(None) };
+pub fn reflection(cells: &CellGraph, shares: &[f64], log_thickness: &[f64], run: &Run) -> Result<Option<Twins>> {
+    let Some(surface) = Surface::new(cells, shares, log_thickness) else { return Ok(None) };
     let maps = anchored::maps(&surface, run)?;
     let unlike = |map: &CellMap| surface.mean_unlike(map);
     let reflections = maps.iter().filter(|map| surface.is_reflection(map));
@@ -37,10 +38,12 @@ pub fn reflection(cells: &CellGraph, shares: &[f64], run: &Run) -> Result<Option
 #[cfg(test)]
 mod tests {
     use super::super::posed_body::{LEFT_ARM, LEFT_LEG, RIGHT_ARM, RIGHT_LEG, cells_of, posed};
+    use super::super::thickness::log_thickness;
     use super::*;
 
     fn found(cells: &CellGraph) -> Option<Twins> {
-        reflection(cells, &cells.area_shares(), &Run::new(&())).unwrap()
+        let run = Run::new(&());
+        reflection(cells, &cells.area_shares(), &log_thickness(cells, &run).unwrap(), &run).unwrap()
     }
 
     #[test]

@@ -6,8 +6,8 @@
 //! surface over are refined on all cells, and the first that is a reflection beyond doubt counts. Cost: .05 to .08 s of processor
 //! time for 2,000 cells.
 
-use super::cell_map::{CellMap, Surface};
-use super::cell_paths::{Row, UNREACHED};
+use super::cell_map::{CellMap, FarthestSamples, Surface};
+use super::cell_paths::Row;
 use super::functions::{FunctionMap, Functions, more};
 use crate::base::Result;
 use crate::store::run::Run;
@@ -75,7 +75,7 @@ pub fn reflection(surface: &Surface, begun: &[CellMap], run: &Run) -> Result<Opt
         let mut twin = twin.clone();
         functions.refine(&mut twin, ENOUGH, orthogonal, &surface.paths);
         let map = surface.polished(twin);
-        if surface.is_smooth_reflection(&map, run)? {
+        if surface.is_smooth_reflection(&map) {
             return Ok(Some(map));
         }
     }
@@ -84,22 +84,10 @@ pub fn reflection(surface: &Surface, begun: &[CellMap], run: &Run) -> Result<Opt
 
 impl Samples {
     fn new(surface: &Surface) -> Self {
-        let n = surface.paths.len();
-        let (mut near, mut owner) = (vec![UNREACHED; n], vec![0; n]);
-        for (k, row) in surface.rows.iter().enumerate() {
-            for i in 0..n {
-                if row[i] < near[i] {
-                    (near[i], owner[i]) = (row[i], k);
-                }
-            }
-        }
-        let mut cell = surface.samples.clone();
-        for k in cell.len()..SAMPLES {
-            let all = (0..n).filter(|&i| surface.reached[i]);
-            let next = all.fold(cell[0] as usize, |a, b| if near[b] > near[a] { b } else { a }) as u32;
-            surface.paths.lower(next, UNREACHED, &mut near).iter().for_each(|&i| owner[i as usize] = k);
-            cell.push(next);
-        }
+        let mut samples = surface.samples.clone();
+        let reached = (0..surface.paths.len() as u32).filter(|&i| surface.reached[i as usize]);
+        samples.extend(SAMPLES, reached, &surface.paths);
+        let FarthestSamples { cell, owner, .. } = samples;
         let mut rows = surface.rows.clone();
         rows.extend(surface.paths.rows(&cell[rows.len()..]));
         let mut mass = vec![0.0; SAMPLES];
@@ -163,14 +151,17 @@ impl Samples {
 
 #[cfg(test)]
 mod tests {
+    use super::super::cell_paths::UNREACHED;
     use super::super::posed_body::{LEFT_ARM, LEFT_LEG, RIGHT_ARM, RIGHT_LEG, cells_of, posed};
+    use super::super::thickness::log_thickness;
     use super::*;
 
     #[test]
     fn limbs_go_to_limbs() {
         let cells = posed(true, true);
         let shares = cells.area_shares();
-        let surface = Surface::new(&cells, &shares).unwrap();
+        let thickness = log_thickness(&cells, &Run::new(&())).unwrap();
+        let surface = Surface::new(&cells, &shares, &thickness).unwrap();
         let CellMap { twin, .. } = reflection(&surface, &[], &Run::new(&())).unwrap().unwrap();
         // A leg of this body is a stick, as long as the other and alike in front and at the back: it may be its own image.
         for (from, to) in [(LEFT_ARM, vec![RIGHT_ARM]), (LEFT_LEG, vec![LEFT_LEG, RIGHT_LEG])] {
@@ -186,7 +177,8 @@ mod tests {
     fn every_cell_belongs_to_its_nearest_sample() {
         let cells = posed(true, true);
         let shares = cells.area_shares();
-        let samples = Samples::new(&Surface::new(&cells, &shares).unwrap());
+        let thickness = log_thickness(&cells, &Run::new(&())).unwrap();
+        let samples = Samples::new(&Surface::new(&cells, &shares, &thickness).unwrap());
         for (i, &owner) in samples.owner.iter().enumerate() {
             let least = samples.rows.iter().map(|row| row[i]).fold(UNREACHED, f32::min);
             assert!((samples.rows[owner][i] - least).abs() < 1e-5, "{i}");
