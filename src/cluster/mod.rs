@@ -13,6 +13,7 @@ pub mod contract;
 pub mod divide;
 pub mod extrapolate;
 pub mod kmeans;
+pub mod max_flow;
 pub mod mirror;
 pub mod normals;
 pub mod parts;

@@ -6,13 +6,10 @@
 //! and elsewhere it is the shortest one that the edges of the mesh offer so near. Parts are taken two by two, in order of
 //! their labels, which is exact for two parts and a local optimum where three meet.
 //!
-//! Maximum flow by Dinic's algorithm (1970), in whole numbers: the faces that the source still reaches are the same
-//! whatever the order of the paths, so labels are repeatable. Own code, since crates for maximum flow take adjacency
-//! matrices or maps. Cost: the bands have 2 [`HOPS`] faces across, and flows through them need tens of passes; 100 bytes per
-//! node of the band of one pair.
+//! Cost: the bands have 2 [`HOPS`] faces across, and flows through them need tens of passes; 100 bytes per node of the band of one pair.
 
-use crate::base::Cancel;
-use crate::base::Result;
+use super::max_flow::MaxFlow;
+use crate::base::{Cancel, Result};
 use std::collections::BTreeSet;
 
 /// How far from a boundary, in faces, it may be moved.
@@ -62,10 +59,10 @@ pub fn shorten(graph: BandGraph<'_>, labels: &mut [u32], cancel: &Cancel) -> Res
     for [a, b] in neighbouring_labels(graph, labels) {
         cancel.check()?;
         let nodes = strip(graph, labels, [a, b], &mut place);
-        let mut flow = Flow::between(graph, labels, [a, b], &nodes, &place, scale);
+        let mut flow = flow_between(graph, labels, [a, b], &nodes, &place, scale);
         flow.run(cancel)?;
         for (k, &node) in nodes.iter().enumerate() {
-            labels[node as usize] = if flow.level[k] != NONE { a } else { b };
+            labels[node as usize] = if flow.is_on_source_side(k) { a } else { b };
             place[node as usize] = NONE;
         }
     }
@@ -114,165 +111,33 @@ fn strip(graph: BandGraph<'_>, labels: &[u32], [a, b]: [u32; 2], place: &mut [u3
     nodes
 }
 
-/// A flow from label a to label b through a strip.
-struct Flow {
-    /// First arc of each node (m + 1).
-    start: Vec<u32>,
-    /// Where each arc leads.
-    to: Vec<u32>,
-    /// Its position in the list of arcs of the node that it leads to.
-    twin: Vec<u32>,
-    /// What may still flow along it.
-    left: Vec<i64>,
-    /// What may still flow into each node from a.
-    source: Vec<i64>,
-    /// What may still flow from each node into b.
-    sink: Vec<i64>,
-    /// Arcs from a, by the last search; [`NONE`] where a does not reach.
-    level: Vec<u32>,
-}
-
-impl Flow {
-    fn between(
-        graph: BandGraph<'_>,
-        labels: &[u32],
-        [a, b]: [u32; 2],
-        nodes: &[u32],
-        place: &[u32],
-        scale: f64,
-    ) -> Self {
-        let m = nodes.len();
-        let units = |weight: f32| ((f64::from(weight.max(0.)) * scale) as i64).max(1);
-        let mut flow = Self {
-            start: vec![0],
-            to: Vec::with_capacity(3 * m),
-            twin: Vec::new(),
-            left: Vec::with_capacity(3 * m),
-            source: vec![0; m],
-            sink: vec![0; m],
-            level: vec![NONE; m],
-        };
-        for (k, &node) in nodes.iter().enumerate() {
-            for edge in graph.of(node) {
-                let within = if edge.inside { place[edge.to as usize] } else { NONE };
-                if within != NONE {
-                    flow.to.push(within);
-                    flow.left.push(units(edge.weight));
-                } else {
-                    let label = label_of(edge, labels);
-                    flow.source[k] += if label == a { units(edge.weight) } else { 0 };
-                    flow.sink[k] += if label == b { units(edge.weight) } else { 0 };
-                }
-            }
-            flow.start.push(flow.to.len() as u32);
-        }
-        // Both directions of an edge are in the graph, parallel ones in the same order.
-        let mut taken = vec![0u32; flow.to.len()];
-        flow.twin = vec![NONE; flow.to.len()];
-        for k in 0..m {
-            for arc in flow.arcs(k) {
-                if flow.twin[arc] != NONE {
-                    continue;
-                }
-                let back = flow.arcs(flow.to[arc] as usize).find(|&back| {
-                    flow.to[back] as usize == k && taken[back] == 0 && back != arc && flow.twin[back] == NONE
-                });
-                if let Some(back) = back {
-                    (flow.twin[arc], flow.twin[back]) = (back as u32, arc as u32);
-                    (taken[arc], taken[back]) = (1, 1);
-                } else {
-                    flow.left[arc] = 0;
-                }
+/// The flow from label a to label b through the strip of `nodes`.
+fn flow_between(
+    graph: BandGraph<'_>,
+    labels: &[u32],
+    [a, b]: [u32; 2],
+    nodes: &[u32],
+    place: &[u32],
+    scale: f64,
+) -> MaxFlow {
+    let m = nodes.len();
+    let units = |weight: f32| ((f64::from(weight.max(0.)) * scale) as i64).max(1);
+    let (mut source, mut sink) = (vec![0; m], vec![0; m]);
+    let (mut start, mut arcs) = (vec![0], Vec::with_capacity(3 * m));
+    for (k, &node) in nodes.iter().enumerate() {
+        for edge in graph.of(node) {
+            let within = if edge.inside { place[edge.to as usize] } else { NONE };
+            if within != NONE {
+                arcs.push((within, units(edge.weight)));
+            } else {
+                let label = label_of(edge, labels);
+                source[k] += if label == a { units(edge.weight) } else { 0 };
+                sink[k] += if label == b { units(edge.weight) } else { 0 };
             }
         }
-        flow
+        start.push(arcs.len() as u32);
     }
-
-    fn arcs(&self, node: usize) -> std::ops::Range<usize> {
-        self.start[node] as usize..self.start[node + 1] as usize
-    }
-
-    /// Finds a maximum flow; `level` then tells what the source still reaches.
-    fn run(&mut self, cancel: &Cancel) -> Result<()> {
-        // What flows through one node alone.
-        for (source, sink) in self.source.iter_mut().zip(&mut self.sink) {
-            let through = (*source).min(*sink);
-            *source -= through;
-            *sink -= through;
-        }
-        let (mut next, mut queue, mut path) = (vec![0u32; self.level.len()], Vec::new(), Vec::new());
-        while self.search(&mut queue) {
-            cancel.check()?;
-            next.copy_from_slice(&self.start[..self.level.len()]);
-            for root in 0..self.level.len() {
-                while self.source[root] > 0 && self.level[root] == 0 && self.push(root, &mut next, &mut path) {}
-            }
-        }
-        Ok(())
-    }
-
-    /// Levels by breadth; whether the sink is reached.
-    fn search(&mut self, queue: &mut Vec<u32>) -> bool {
-        self.level.fill(NONE);
-        queue.clear();
-        for (k, &source) in self.source.iter().enumerate() {
-            if source > 0 {
-                self.level[k] = 0;
-                queue.push(k as u32);
-            }
-        }
-        let (mut head, mut reached) = (0, false);
-        while let Some(&node) = queue.get(head) {
-            head += 1;
-            let node = node as usize;
-            reached |= self.sink[node] > 0;
-            for arc in self.arcs(node) {
-                let to = self.to[arc] as usize;
-                if self.left[arc] > 0 && self.level[to] == NONE {
-                    self.level[to] = self.level[node] + 1;
-                    queue.push(to as u32);
-                }
-            }
-        }
-        reached
-    }
-
-    /// Pushes along one path from `root` to the sink; false where there is none any more.
-    fn push(&mut self, root: usize, next: &mut [u32], path: &mut Vec<u32>) -> bool {
-        path.clear();
-        let mut node = root;
-        loop {
-            if self.sink[node] > 0 {
-                let least = path.iter().map(|&arc| self.left[arc as usize]).min().unwrap_or(i64::MAX);
-                let much = least.min(self.source[root]).min(self.sink[node]);
-                self.source[root] -= much;
-                self.sink[node] -= much;
-                for &arc in &*path {
-                    self.left[arc as usize] -= much;
-                    self.left[self.twin[arc as usize] as usize] += much;
-                }
-                return true;
-            }
-            let end = self.start[node + 1];
-            let open = (next[node]..end).find(|&arc| {
-                let arc = arc as usize;
-                self.left[arc] > 0 && self.level[self.to[arc] as usize] == self.level[node] + 1
-            });
-            next[node] = open.unwrap_or(end);
-            match open {
-                Some(arc) => {
-                    path.push(arc);
-                    node = self.to[arc as usize] as usize;
-                }
-                None => {
-                    // A dead end: back, and past the arc that led here.
-                    let Some(arc) = path.pop() else { return false };
-                    node = self.to[self.twin[arc as usize] as usize] as usize;
-                    next[node] += 1;
-                }
-            }
-        }
-    }
+    MaxFlow::new(source, sink, start, &arcs)
 }
 
 #[cfg(test)]
