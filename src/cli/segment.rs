@@ -158,6 +158,9 @@ pub fn run(args: &SegmentArgs, app: &AppContext) -> Result<(), CliError> {
     let job = jobs.remove(0);
     let report = one(&job, task, &bars, &run, app)?;
     args.json.publish(&report)?;
+    if let Some(inside) = report.inside() {
+        run.progress.note(&inside);
+    }
     // A number that was asked for may well be more than there are.
     if params.parts.count == PartCount::Found
         && let Some(doubts) = report.doubts().filter(|_| report.input.faces > 1)

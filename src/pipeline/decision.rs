@@ -13,7 +13,7 @@ use crate::base::{Error, Result};
 use crate::cluster::contract;
 use crate::cluster::parts::hints::Affinities;
 use crate::cluster::parts::matrix::Square;
-use crate::cluster::parts::{self, CellGraph, PartDecision, PartTree, Superfaces};
+use crate::cluster::parts::{self, CellGraph, Enclosed, PartDecision, PartTree, Superfaces};
 use crate::distance::DistanceRows;
 use crate::distance::rows::RowParams;
 use crate::spectral::affinity::KeptEigenpairs;
@@ -44,6 +44,8 @@ pub(super) struct DecisionFacts {
     pub seconds: f64,
     /// The spectral numbers of the report.
     pub numbers: SegmentStats,
+    /// What the surface encloses.
+    pub enclosed: Enclosed,
 }
 
 /// The stage that decides about parts.
@@ -63,7 +65,7 @@ impl DecisionStage<'_> {
 
 impl Stage for DecisionStage<'_> {
     const NAME: &'static str = "decision";
-    const VERSION: u32 = 12;
+    const VERSION: u32 = 13;
     type Facts = DecisionFacts;
     type Output = (PartDecision, DecisionFacts);
 
@@ -91,7 +93,7 @@ impl Stage for DecisionStage<'_> {
         work.write(SUPERFACES, &decided.superfaces.of_cell, 1)?;
         work.write(AREAS, &decided.superfaces.area, 1)?;
         work.write(CO_ASSOCIATION, decided.co_association.values(), decided.co_association.len())?;
-        let facts = DecisionFacts { l: sample.len(), seconds, numbers: numbers(&sample) };
+        let facts = DecisionFacts { l: sample.len(), seconds, numbers: numbers(&sample), enclosed: decided.enclosed };
         let files = vec![TREE, SUPERFACES, AREAS, CO_ASSOCIATION];
         Ok(Made { output: (decided, facts.clone()), facts, files })
     }
@@ -101,7 +103,8 @@ impl Stage for DecisionStage<'_> {
         if landmarks.iter().any(|&node| node as usize >= nodes) {
             return Err(context.work.damaged(MANIFEST, "tells of landmarks that do not exist"));
         }
-        Ok((open(self.surface.surface.cells()?.len(), context.work)?, facts))
+        let decided = open(self.surface.surface.cells()?.len(), context.work)?;
+        Ok((PartDecision { enclosed: facts.enclosed, ..decided }, facts))
     }
 
     /// Constant in the size of the mesh.
@@ -131,7 +134,8 @@ fn assembled(
     let n = area.len();
     let superfaces = Superfaces::kept(of_cell, area)?;
     let whole = superfaces.of_cell.len() == cells && tree.cells() == cells && co_association.len() == n * n;
-    whole.then(|| PartDecision { superfaces, co_association: Square::from_values(n, co_association), tree })
+    let co_association = Square::from_values(n, co_association);
+    whole.then(|| PartDecision { superfaces, co_association, tree, enclosed: Enclosed::default() })
 }
 
 /// The spectral numbers of the decision in `work`, where there is one.
@@ -196,7 +200,7 @@ impl KeptDecision {
     /// # Errors
     /// [`Error::Internal`] for what JSON cannot tell.
     pub fn text(&self) -> Result<String> {
-        let PartDecision { superfaces, co_association, tree } = &self.decision;
+        let PartDecision { superfaces, co_association, tree, .. } = &self.decision;
         let told = KeptText {
             cells: Cow::Borrowed(&self.cells),
             of_cell: Cow::Borrowed(&superfaces.of_cell),
@@ -225,7 +229,7 @@ impl KeptDecision {
 
     /// How far cells belong together.
     pub fn affinities(&self) -> Affinities<'_> {
-        let PartDecision { superfaces, co_association, tree } = &self.decision;
+        let PartDecision { superfaces, co_association, tree, .. } = &self.decision;
         Affinities { cells: &self.cells, superfaces, co_association, small_part: f64::from(tree.small_part) }
     }
 }

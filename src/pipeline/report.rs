@@ -4,8 +4,8 @@ use super::labels::Segmentation;
 use super::params::{Cluster, SegmentParams};
 use crate::apps::measure::Measures;
 use crate::base::Result;
-use crate::cluster::parts::PartsReport;
 use crate::cluster::parts::agreement::UNSURE;
+use crate::cluster::parts::{Enclosed, PartsReport};
 use crate::landmarks::Sampling;
 use crate::mesh::Mesh;
 use crate::store::{Context, json};
@@ -210,6 +210,19 @@ impl Report {
     /// Labels of the parts that most people are expected not to have.
     pub fn unsure(&self) -> impl Iterator<Item = u32> + '_ {
         self.parts.iter().filter(|part| part.unsure == Some(true)).map(|part| part.label)
+    }
+
+    /// What the surface encloses, in words; none where that is nothing or not known.
+    pub fn inside(&self) -> Option<String> {
+        let Enclosed { walls, bodies } = self.decision.as_ref()?.enclosed;
+        let percent = |share: f64| format!("{:.0} % of the area", 100. * share);
+        let walls =
+            (walls > 0.).then(|| format!("walls of cavities, {}, have the labels of the outside", percent(walls)));
+        let bodies = (bodies > 0.).then(|| format!("bodies within, {}, are cut on their own", percent(bodies)));
+        match (walls, bodies) {
+            (Some(walls), Some(bodies)) => Some(format!("{walls}; {bodies}")),
+            (walls, bodies) => walls.or(bodies),
+        }
     }
 
     /// Which of the parts people would hardly have, in words; none where that is not known or all is well.

@@ -64,6 +64,27 @@ fn terrain_is_told_to_have_no_clear_parts() {
 }
 
 #[test]
+fn the_inside_of_a_head_is_told_and_does_not_hide_its_nose() {
+    let Some(data) = common::data() else {
+        eprintln!("skipped: the test meshes are missing");
+        return;
+    };
+    let dir = tempfile::tempdir().unwrap();
+    let (out, json) = (dir.path().join("x.seg"), dir.path().join("r.json"));
+    let ask = format!("--json={}", json.display());
+    let told = errors(&segment(&data.join("real/mri_ch2_head_h.ply"), &["-o", word(&out), &ask]));
+    assert!(told.contains("walls of cavities, ") && told.contains("; bodies within, "), "{told}");
+    let enclosed = &report(&json)["decision"]["enclosed"];
+    let share = |name: &str| enclosed[name].as_f64().unwrap();
+    assert!((0.2..0.35).contains(&share("walls")) && (0.35..0.55).contains(&share("bodies")), "{enclosed}");
+    // Regression: skin, skull and brain were one part.
+    let parts = report(&json)["parts"].as_array().unwrap().len();
+    assert!(parts >= 4, "{parts} parts");
+    let told = errors(&segment(&data.join("real/horse_4k.ply"), &["-o", word(&out)]));
+    assert!(!told.contains("walls of cavities") && !told.contains("bodies within"), "{told}");
+}
+
+#[test]
 fn tables_are_aligned_and_failures_name_their_mesh_once() {
     let dir = tempfile::tempdir().unwrap();
     let meshes = [zoo::dumbbell().write(dir.path()), zoo::grid(9).write(dir.path())];

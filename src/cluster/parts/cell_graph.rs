@@ -67,6 +67,37 @@ impl CellGraph {
         self.area.iter().map(|a| a / total).collect()
     }
 
+    /// The surface that is left of the cells `kept`, ascending, in units of its own area. Cell k is `kept[k]`.
+    pub fn subset(&self, kept: &[u32]) -> CellGraph {
+        let mut number = vec![None; self.len()];
+        kept.iter().zip(0u32..).for_each(|(&i, k)| number[i as usize] = Some(k));
+        let area: f64 = kept.iter().map(|&i| self.area[i as usize]).sum();
+        let share = if area > 0.0 { self.total_area() / area } else { 1.0 };
+        let unit = share.sqrt();
+        let of = |values: &[f64], factor: f64| kept.iter().map(|&i| factor * values[i as usize]).collect::<Vec<f64>>();
+        let mut g = CellGraph {
+            seed: if self.seed.len() == self.len() {
+                kept.iter().map(|&i| self.seed[i as usize]).collect()
+            } else {
+                kept.to_vec()
+            },
+            area: of(&self.area, share),
+            centre: kept.iter().map(|&i| self.centre[i as usize].map(|x| x * unit)).collect(),
+            normal: kept.iter().map(|&i| self.normal[i as usize]).collect(),
+            ..CellGraph::default()
+        };
+        for (k, &[i, j]) in self.pairs.iter().enumerate() {
+            if let (Some(i), Some(j)) = (number[i as usize], number[j as usize]) {
+                g.pairs.push([i, j]);
+                g.length.push(unit * self.length[k]);
+                g.concave.push(self.concave[k]);
+                g.convex.push(self.convex[k]);
+                g.convex04.push(self.convex04[k]);
+            }
+        }
+        g
+    }
+
     /// A copy that is safe to compute with: floored areas and lengths, finite numbers, normals
     /// of unit length or zero, no cell beside itself.
     ///

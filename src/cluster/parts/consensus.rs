@@ -7,6 +7,7 @@
 //! ([`super::labelling`]) does without; they are kept for comparison.
 
 use super::cell_graph::{CellGraph, compact};
+use super::enclosed::Enclosed;
 use super::ensemble::{OverSegmentation, OverSegmentationParams, Superfaces, draw_ensemble};
 use super::hierarchy::{CellUnion, PartTree};
 use super::labelling::{Linkage, LinkageRank, unions_within};
@@ -41,6 +42,8 @@ pub struct PartDecision {
     pub co_association: Square,
     /// The hierarchy.
     pub tree: PartTree,
+    /// What the surface encloses, as far as that was looked for.
+    pub enclosed: Enclosed,
 }
 
 /// Level of a merge at a cost: ½ at the stop.
@@ -70,7 +73,8 @@ pub fn single_run(cells: &CellGraph, rows: &LandmarkDistances, small_part: f64, 
         b: first[m.j],
     });
     let tree = PartTree::new(cells, unions_within(cells, &superfaces.of_cell).into_iter().chain(unions), small_part);
-    Ok(PartDecision { co_association: meeting_probability(superfaces.len(), &list), superfaces, tree })
+    let co_association = meeting_probability(superfaces.len(), &list);
+    Ok(PartDecision { co_association, superfaces, tree, enclosed: Enclosed::default() })
 }
 
 /// Eight stopped over-segmentations, average linkage of their co-association, a last merge by cost.
@@ -107,7 +111,7 @@ pub fn consensus(cells: &CellGraph, rows: &LandmarkDistances, small_part: f64, r
     let median = (counts[(ENSEMBLE - 1) / 2] + counts[ENSEMBLE / 2]) as f64 / 2.0;
     let groups = (GROUPS * median).round() as usize + 1;
     let tree = grouped(cells, &superfaces, &co_association, groups, small_part);
-    Ok(PartDecision { superfaces, co_association, tree })
+    Ok(PartDecision { superfaces, co_association, tree, enclosed: Enclosed::default() })
 }
 
 /// Average linkage of superfaces to `groups` groups, then merges by cost: the hierarchy.

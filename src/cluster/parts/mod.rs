@@ -1,6 +1,8 @@
 //! Parts as people would cut them, decided on some two thousand cells: constant in the mesh size.
 //!
 //! The input is the cell graph and the landmark distances averaged over cells.
+//! - What is `enclosed` by the surface is set apart first: walls of cavities follow the outside, bodies within are decided on alone
+//!   (`layered`).
 //! - [`ensemble`] over-segments the cells twelve times (embedding of [`crate::spectral::anchor`], [`cell_kmeans`]), each
 //!   time from a random subset of the landmarks.
 //! - [`merges`] merges each over-segmentation down to one part and tells at each merge how probably people keep the two
@@ -26,12 +28,15 @@ mod cell_map;
 pub mod cell_paths;
 pub mod consensus;
 pub mod convexity;
+mod enclosed;
 pub mod ensemble;
+mod exposure;
 pub mod folding;
 mod functions;
 pub mod hierarchy;
 pub mod hints;
 pub mod labelling;
+mod layered;
 pub mod matrix;
 pub mod merge_features;
 pub mod merge_odds;
@@ -48,12 +53,14 @@ pub mod twins;
 
 pub use cell_graph::CellGraph;
 pub use consensus::PartDecision;
+pub use enclosed::Enclosed;
 pub use ensemble::Superfaces;
 pub use hierarchy::{PartTree, TreeCut, detail_threshold};
 
 use crate::base::{Error, Result};
 use crate::spectral::anchor::LandmarkDistances;
 use crate::store::run::Run;
+use enclosed::Layers;
 use matrix::Square;
 use serde::{Deserialize, Serialize};
 
@@ -150,6 +157,9 @@ pub struct PartsReport {
     /// Share of people who are expected to have each part ([`agreement`]); empty where the parts are not the decision's alone.
     #[serde(default)]
     pub expected_agreement: Vec<f64>,
+    /// What the surface encloses.
+    #[serde(default)]
+    pub enclosed: Enclosed,
     /// Seconds the decision took.
     pub seconds: f64,
 }
@@ -254,11 +264,13 @@ pub fn decide(
     let work = || -> Result<PartDecision> {
         match params.decision {
             Decision::SoftTrees => {
-                let ensemble = ensemble::draw_ensemble(&cells, &rows, params.ensemble_size, "parts member", run)?;
-                let superfaces = Superfaces::of(&cells, &rows, &ensemble, run)?;
-                let co_association =
-                    ensemble::co_association(&cells, &superfaces, &ensemble, &merges::MergeModel::default(), run)?;
-                alike(&cells, superfaces, co_association, params.small_part, run)
+                let Some(layers) = Layers::of(&cells, run)? else {
+                    let (superfaces, c) = layered::co_association(&cells, &rows, params.ensemble_size, run)?;
+                    return alike(&cells, superfaces, c, params.small_part, run);
+                };
+                let (superfaces, c) = layered::of_layers(&cells, &rows, &layers, params.ensemble_size, run)?;
+                let decided = alike(&cells, superfaces, c, params.small_part, run)?;
+                Ok(PartDecision { enclosed: layers.enclosed(&cells.area_shares()), ..decided })
             }
             Decision::Consensus => consensus::consensus(&cells, &rows, params.small_part, run),
             Decision::Single => consensus::single_run(&cells, &rows, params.small_part, run),
@@ -271,7 +283,7 @@ pub fn decide(
 fn alike(cells: &CellGraph, superfaces: Superfaces, mut c: Square, small_part: f64, run: &Run) -> Result<PartDecision> {
     let decided = |superfaces: Superfaces, co_association: Square| -> Result<PartDecision> {
         let tree = labelling::soft_hierarchy(cells, &superfaces, &co_association, small_part, run)?;
-        Ok(PartDecision { superfaces, co_association, tree })
+        Ok(PartDecision { superfaces, co_association, tree, enclosed: Enclosed::default() })
     };
     let shares = cells.area_shares();
     let planes = twins::twins(cells, &shares);
@@ -316,7 +328,7 @@ pub fn cut(decided: &PartDecision, l: usize, seconds: f64, params: &PartsParams)
 /// The answer of `decided`, from `l` rows in `seconds`, whose parts are those of `cut`: a cut of its hierarchy, or one that
 /// was corrected.
 pub fn describe(decided: &PartDecision, cut: TreeCut, l: usize, seconds: f64) -> PartsResult {
-    let PartDecision { superfaces, co_association, tree } = decided;
+    let PartDecision { superfaces, co_association, tree, enclosed } = decided;
     // Kept in single precision, they sum to nearly 1.
     let total: f64 = tree.area.iter().map(|&share| f64::from(share)).sum();
     let shares: Vec<f64> = tree.area.iter().map(|&share| f64::from(share) / total).collect();
@@ -337,6 +349,7 @@ pub fn describe(decided: &PartDecision, cut: TreeCut, l: usize, seconds: f64) ->
         mean_confidence: confidence.iter().zip(&shares).map(|(c, a)| c * a).sum(),
         area: cell_graph::class_sums(&cut.label, &shares, cut.parts),
         expected_agreement: agreement::of_parts(tree, &cut.label, cut.parts, &confidence, &shares),
+        enclosed: *enclosed,
         seconds,
     };
     PartsResult { label: cut.label, parts: cut.parts, tree: tree.clone(), confidence, report }

@@ -112,12 +112,100 @@ impl SimdKernel for CastRays<'_> {
 /// Median length of the rays from cell `i` that hit anything.
 #[inline(always)]
 fn thickness_behind(scene: RayScene<'_>, i: usize) -> Option<f64> {
-    let RayScene { cells, radius, blocks, balls, rays } = scene;
+    let rays = scene.rays;
+    let mut depths = [f64::INFINITY; RAYS];
+    discs_behind(scene, i, &mut Depths { rays, depths: &mut depths });
+    let (mut lengths, mut count) = ([0.0; RAYS], 0);
+    for k in (0..RAYS).filter(|&k| depths[k].is_finite()) {
+        lengths[count] = depths[k] * (1.0 + rays[0][k] * rays[0][k] + rays[1][k] * rays[1][k]).sqrt();
+        count += 1;
+    }
+    median(&mut lengths[..count])
+}
+
+/// The cells that rays from each of `from` hit first, in the order of the rays: along the normal, then around it.
+///
+/// # Errors
+/// Cancellation.
+pub(super) fn cells_behind(cells: &CellGraph, from: &[u32], run: &Run) -> Result<Vec<Vec<u32>>> {
+    let rays = rays();
+    let radius: Vec<f64> = cells.area.iter().map(|a| (a / PI).sqrt()).collect();
+    let (blocks, balls) = (blocks(cells, &radius), balls(cells, &radius));
+    let scene = RayScene { cells, radius: &radius, blocks: &blocks, balls: &balls, rays: &rays };
+    let hit = |&i: &u32| {
+        let mut hits = FirstHits { rays: &rays, depths: [f64::INFINITY; RAYS], cell: [None; RAYS] };
+        discs_behind(scene, i as usize, &mut hits);
+        hits.cell.into_iter().flatten().collect::<Vec<u32>>()
+    };
+    let chunks = run.map_ranges(from.len(), CHUNK, |range| Ok(from[range].iter().map(hit).collect::<Vec<_>>()))?;
+    Ok(chunks.concat())
+}
+
+/// What is done with a disc behind a cell. A trait, since closures are not inlined into what is compiled for wide vectors.
+trait SeeDisc {
+    fn see(&mut self, disc: DiscBehind);
+}
+
+/// How deep the nearest disc lies on each ray.
+struct Depths<'a> {
+    rays: &'a [[f64; RAYS]; 2],
+    depths: &'a mut [f64; RAYS],
+}
+
+impl SeeDisc for Depths<'_> {
+    #[inline(always)]
+    fn see(&mut self, disc: DiscBehind) {
+        for k in 0..RAYS {
+            self.depths[k] = if disc.is_hit(self.rays, k, self.depths[k]) { disc.depth } else { self.depths[k] };
+        }
+    }
+}
+
+/// The same, and whose disc it is.
+struct FirstHits<'a> {
+    rays: &'a [[f64; RAYS]; 2],
+    depths: [f64; RAYS],
+    cell: [Option<u32>; RAYS],
+}
+
+impl SeeDisc for FirstHits<'_> {
+    fn see(&mut self, disc: DiscBehind) {
+        for k in 0..RAYS {
+            if disc.is_hit(self.rays, k, self.depths[k]) {
+                (self.depths[k], self.cell[k]) = (disc.depth, Some(disc.cell));
+            }
+        }
+    }
+}
+
+/// A disc behind a cell as its rays meet it.
+struct DiscBehind {
+    /// Its cell.
+    cell: u32,
+    /// How deep its centre lies.
+    depth: f64,
+    /// Its centre and its radius where that depth is 1.
+    centre: [f64; 2],
+    radius: f64,
+}
+
+impl DiscBehind {
+    /// Whether ray `k` hits it before what lies `depth` deep.
+    #[inline(always)]
+    fn is_hit(&self, rays: &[[f64; RAYS]; 2], k: usize, depth: f64) -> bool {
+        let (p, q) = (self.centre[0] - rays[0][k], self.centre[1] - rays[1][k]);
+        (self.depth < depth) & (p * p + q * q < self.radius * self.radius)
+    }
+}
+
+/// Shows the discs in the cone of the rays behind cell `i` that face away.
+#[inline(always)]
+fn discs_behind(scene: RayScene<'_>, i: usize, to: &mut impl SeeDisc) {
+    let RayScene { cells, radius, blocks, balls, .. } = scene;
     let (x, n) = (cells.centre[i], cells.normal[i]);
     let [u, v] = tangents(n);
     let cone = RayCone::behind(x, n);
     let reach = RINGS[2].1;
-    let mut depths = [f64::INFINITY; RAYS];
     for (at, balls) in (0..).step_by(LANES).zip(balls) {
         let near = balls.near(cone);
         for b in (0..LANES).filter(|&k| near[k]).map(|k| at + k) {
@@ -132,22 +220,11 @@ fn thickness_behind(scene: RayScene<'_>, i: usize) -> Option<f64> {
                 if across > (reach * depth + radius[j]) * (reach * depth + radius[j]) {
                     continue;
                 }
-                let (p, q) = (dot(d, u) / depth, dot(d, v) / depth);
-                let radius = radius[j] / depth;
-                for k in 0..RAYS {
-                    let (p, q) = (p - rays[0][k], q - rays[1][k]);
-                    let hit = (depth < depths[k]) & (p * p + q * q < radius * radius);
-                    depths[k] = if hit { depth } else { depths[k] };
-                }
+                let centre = [dot(d, u) / depth, dot(d, v) / depth];
+                to.see(DiscBehind { cell: j as u32, depth, centre, radius: radius[j] / depth });
             }
         }
     }
-    let (mut lengths, mut count) = ([0.0; RAYS], 0);
-    for k in (0..RAYS).filter(|&k| depths[k].is_finite()) {
-        lengths[count] = depths[k] * (1.0 + rays[0][k] * rays[0][k] + rays[1][k] * rays[1][k]).sqrt();
-        count += 1;
-    }
-    median(&mut lengths[..count])
 }
 
 /// Balls around the centres of blocks, several at once; no number after the last block.
@@ -267,7 +344,7 @@ fn slack(d: [f32; 3]) -> f32 {
 }
 
 /// Two unit vectors across `n`.
-fn tangents(n: [f64; 3]) -> [[f64; 3]; 2] {
+pub(super) fn tangents(n: [f64; 3]) -> [[f64; 3]; 2] {
     let other = if n[0].abs() < 0.6 { [1.0, 0.0, 0.0] } else { [0.0, 1.0, 0.0] };
     let along = dot(other, n);
     let u: [f64; 3] = std::array::from_fn(|c| other[c] - along * n[c]);

@@ -1,0 +1,98 @@
+//! The co-association of a surface, and that of one which encloses something: layer by layer.
+//!
+//! Each layer of [`super::enclosed`] has an ensemble of its own, in units of its own area, from the landmarks that lie on it. What follows a
+//! cell is of its superface. Two layers never belong together.
+//!
+//! Cost: an ensemble for each layer, over the cells of that layer.
+
+use super::cell_graph::{CellGraph, class_sums, compact};
+use super::enclosed::Layers;
+use super::ensemble::{self, Superfaces, draw_ensemble};
+use super::matrix::Square;
+use super::merges::MergeModel;
+use crate::base::{Error, Result};
+use crate::spectral::anchor::LandmarkDistances;
+use crate::store::run::Run;
+
+/// A layer with fewer landmarks of its own takes all.
+const FEWEST: usize = 30;
+
+/// The superfaces of `cells` and how far any two belong together, from an ensemble of `count`.
+///
+/// # Errors
+/// Cancellation.
+pub(super) fn co_association(
+    cells: &CellGraph,
+    rows: &LandmarkDistances,
+    count: usize,
+    run: &Run,
+) -> Result<(Superfaces, Square)> {
+    let ensemble = draw_ensemble(cells, rows, count, "parts member", run)?;
+    let superfaces = Superfaces::of(cells, rows, &ensemble, run)?;
+    let c = ensemble::co_association(cells, &superfaces, &ensemble, &MergeModel::default(), run)?;
+    Ok((superfaces, c))
+}
+
+/// The same, decided on each of `layers` alone.
+///
+/// # Errors
+/// Cancellation.
+pub(super) fn of_layers(
+    cells: &CellGraph,
+    rows: &LandmarkDistances,
+    layers: &Layers,
+    count: usize,
+    run: &Run,
+) -> Result<(Superfaces, Square)> {
+    let home = homes(rows);
+    let (mut of_cell, mut log_thickness) = (vec![0; cells.len()], vec![0.0; cells.len()]);
+    let mut all: Vec<Square> = Vec::new();
+    let mut superfaces = 0;
+    for layer in &layers.layers {
+        let own = rows_of(rows, &home, layer);
+        let (found, c) = co_association(&cells.subset(layer), &own, count, run)?;
+        for ((&cell, superface), thickness) in layer.iter().zip(&found.of_cell).zip(&found.log_thickness) {
+            of_cell[cell as usize] = superfaces + superface;
+            log_thickness[cell as usize] = *thickness;
+        }
+        superfaces += found.len() as u32;
+        all.push(c);
+    }
+    for (cell, &to) in layers.follows.iter().enumerate() {
+        of_cell[cell] = of_cell[to as usize];
+        log_thickness[cell] = log_thickness[to as usize];
+    }
+    // Numbered by first appearance, as everywhere.
+    let (number, n) = compact(&of_cell);
+    let mut c = Square::zeros(n);
+    let mut name = vec![0; n];
+    number.iter().zip(&of_cell).for_each(|(&new, &old)| name[old as usize] = new as usize);
+    let mut first = 0;
+    for block in &all {
+        for i in 0..block.len() {
+            for (j, x) in block.row(i).iter().enumerate() {
+                c[(name[first + i], name[first + j])] = *x;
+            }
+        }
+        first += block.len();
+    }
+    let area = class_sums(&number, &cells.area, n);
+    let whole = Superfaces::kept(number, area).ok_or_else(|| Error::internal("a superface without cells"))?;
+    Ok((Superfaces { log_thickness, ..whole }, c))
+}
+
+/// The cell nearest to each landmark (l).
+fn homes(rows: &LandmarkDistances) -> Vec<u32> {
+    let nearest = |row: &[f64]| (0..row.len()).min_by(|&a, &b| row[a].total_cmp(&row[b])).unwrap_or(0) as u32;
+    (0..rows.count).map(|j| nearest(rows.row(j))).collect()
+}
+
+/// The distances of the cells of `layer` from the landmarks on it, of which `home` are the cells.
+fn rows_of(rows: &LandmarkDistances, home: &[u32], layer: &[u32]) -> LandmarkDistances {
+    let mut own: Vec<usize> = (0..rows.count).filter(|&j| layer.binary_search(&home[j]).is_ok()).collect();
+    if own.len() < FEWEST {
+        own = (0..rows.count).collect();
+    }
+    let values = own.iter().flat_map(|&j| layer.iter().map(move |&i| rows.row(j)[i as usize])).collect();
+    LandmarkDistances { values, count: own.len(), points: layer.len() }
+}
