@@ -11,7 +11,7 @@
 use super::cell_graph::CellGraph;
 use crate::base::Result;
 use crate::base::simd::{SimdKernel, dispatch};
-use crate::base::vector::dot;
+use crate::base::vector::{add_scaled, dot, minus};
 use crate::store::run::Run;
 use std::f64::consts::{PI, TAU};
 use std::ops::Range;
@@ -133,7 +133,7 @@ pub(super) fn cells_behind(cells: &CellGraph, from: &[u32], run: &Run) -> Result
     let (blocks, balls) = (blocks(cells, &radius), balls(cells, &radius));
     let scene = RayScene { cells, radius: &radius, blocks: &blocks, balls: &balls, rays: &rays };
     let hit = |&i: &u32| {
-        let mut hits = FirstHits { rays: &rays, depths: [f64::INFINITY; RAYS], cell: [None; RAYS] };
+        let mut hits = FirstHits::from(scene, i as usize);
         discs_behind(scene, i as usize, &mut hits);
         hits.cell.into_iter().flatten().collect::<Vec<u32>>()
     };
@@ -161,18 +161,44 @@ impl SeeDisc for Depths<'_> {
     }
 }
 
-/// The same, and whose disc it is.
+/// Discs are this much larger than cells where rays are to hit what is really behind: discs as large leave gaps.
+const COVER: f64 = 1.1;
+/// A ray that meets a disc at less than this sine passes by.
+const GRAZING: f64 = 1e-3;
+
+/// Whose disc each ray meets first, where discs are inclined as they are. For a thickness it is enough to take them for facing.
 struct FirstHits<'a> {
-    rays: &'a [[f64; RAYS]; 2],
-    depths: [f64; RAYS],
+    scene: RayScene<'a>,
+    from: [f64; 3],
+    ways: [[f64; 3]; RAYS],
+    length: [f64; RAYS],
     cell: [Option<u32>; RAYS],
+}
+
+impl<'a> FirstHits<'a> {
+    fn from(scene: RayScene<'a>, i: usize) -> Self {
+        let n = scene.cells.normal[i];
+        let [u, v] = tangents(n);
+        let way = |k: usize| std::array::from_fn(|c| scene.rays[0][k] * u[c] + scene.rays[1][k] * v[c] - n[c]);
+        let ways = std::array::from_fn(way);
+        Self { scene, from: scene.cells.centre[i], ways, length: [f64::INFINITY; RAYS], cell: [None; RAYS] }
+    }
 }
 
 impl SeeDisc for FirstHits<'_> {
     fn see(&mut self, disc: DiscBehind) {
+        let RayScene { cells, radius, .. } = self.scene;
+        let j = disc.cell as usize;
+        let (d, n, reach) = (minus(cells.centre[j], self.from), cells.normal[j], COVER * radius[j]);
         for k in 0..RAYS {
-            if disc.is_hit(self.rays, k, self.depths[k]) {
-                (self.depths[k], self.cell[k]) = (disc.depth, Some(disc.cell));
+            let (way, facing) = (self.ways[k], dot(self.ways[k], n));
+            let length = dot(d, n) / facing;
+            if !(facing > GRAZING && length < self.length[k]) {
+                continue;
+            }
+            let off = add_scaled(d, -length, way);
+            if dot(off, off) <= reach * reach {
+                (self.length[k], self.cell[k]) = (length, Some(disc.cell));
             }
         }
     }
