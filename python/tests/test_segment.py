@@ -369,6 +369,7 @@ def test_every_option_of_the_program_has_an_effect_or_is_refused(mesh):
         ({"sampling": "random"}, "sampling", "random"),
         ({"order": "hilbert"}, "order", "hilbert"),
         ({"tiny_components": "own"}, "tiny_components", "own"),
+        ({"walls": "own"}, "walls", "own"),
         ({"boundaries": "embedding"}, "boundaries", "embedding"),
         ({"max_memory": "1GiB"}, "cluster", "parts"),
     ]:

@@ -11,7 +11,7 @@ use crate::mesh::{Labelling, Mesh};
 use crate::pipeline::decision::KeptDecision;
 use crate::pipeline::edits::Corrections;
 use crate::pipeline::report::Report;
-use crate::pipeline::{self, Boundaries, Cluster, SegmentParams, TinyComponents, cuts};
+use crate::pipeline::{self, Boundaries, Cluster, SegmentParams, TinyComponents, Walls, cuts};
 use crate::spectral::EmbeddingParams;
 use crate::store::{Context, MappedSlice};
 use std::path::Path;
@@ -165,6 +165,13 @@ impl Segmenter {
     #[must_use]
     pub fn tiny_components(mut self, tiny_components: TinyComponents) -> Self {
         self.params.tiny_components = tiny_components;
+        self
+    }
+
+    /// What becomes of the inside of hollow bodies.
+    #[must_use]
+    pub fn walls(mut self, walls: Walls) -> Self {
+        self.params.walls = walls;
         self
     }
 

@@ -12,7 +12,7 @@ use nystrom_stream::graph::{Metric, Order};
 use nystrom_stream::landmarks::Sampling;
 use nystrom_stream::mesh::ply::labelled::PlyForm;
 use nystrom_stream::pipeline::sharding::Divided;
-use nystrom_stream::pipeline::{Boundaries, Cluster, TinyComponents};
+use nystrom_stream::pipeline::{Boundaries, Cluster, TinyComponents, Walls};
 use nystrom_stream::spectral::{Kernel, Normalisation};
 
 /// A value, its name on the command line, and its help.
@@ -144,6 +144,13 @@ impl Choice for TinyComponents {
     const CHOICES: &'static [Named<Self>] = &[
         (Self::Join, "join", "Each joins the part that it is nearest to"),
         (Self::Own, "own", "All together are one part of their own, the last one, which -k does not count"),
+    ];
+}
+
+impl Choice for Walls {
+    const CHOICES: &'static [Named<Self>] = &[
+        (Self::Follow, "follow", "They have the labels of the outside behind them"),
+        (Self::Own, "own", "All together are one part of their own after the others, which -k does not count"),
     ];
 }
 

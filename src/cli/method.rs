@@ -8,7 +8,7 @@ use nystrom_stream::cluster::parts::{Decision, PartCount, PartsParams};
 use nystrom_stream::cluster::two_means;
 use nystrom_stream::graph::{Metric, Order};
 use nystrom_stream::landmarks::Sampling;
-use nystrom_stream::pipeline::{Boundaries, Cluster, SegmentParams, TinyComponents};
+use nystrom_stream::pipeline::{Boundaries, Cluster, SegmentParams, TinyComponents, Walls};
 use nystrom_stream::spectral::embedding::KernelWidth;
 use nystrom_stream::spectral::{EmbeddingParams, Kernel, Normalisation};
 
@@ -84,6 +84,9 @@ pub struct PartsArgs {
     /// What becomes of components too small to be parts, with --cluster parts [default: join, or as in the work directory]
     #[arg(long, alias = "dust", value_parser = choice::<TinyComponents>())]
     pub tiny_components: Option<TinyComponents>,
+    /// What becomes of walls inside of hollow bodies, with --cluster parts [default: follow, or as in the work directory]
+    #[arg(long, value_parser = choice::<Walls>())]
+    pub walls: Option<Walls>,
     /// How faces near boundaries get their labels, with --cluster parts [default: front, or as in the work directory]
     #[arg(long, value_parser = choice::<Boundaries>(), hide_short_help = true)]
     pub boundaries: Option<Boundaries>,
@@ -199,8 +202,8 @@ impl PartsArgs {
             }
         } else {
             let decision = self.decision.map(|_| "--decision").or(self.tiny_components.map(|_| "--tiny-components"));
-            let boundaries = self.boundaries.map(|_| "--boundaries");
-            if let Some(option) = decision.or(self.detail.map(|_| "--detail")).or(boundaries) {
+            let others = self.walls.map(|_| "--walls").or(self.boundaries.map(|_| "--boundaries"));
+            if let Some(option) = decision.or(self.detail.map(|_| "--detail")).or(others) {
                 return Err(misfit(option, "--cluster parts"));
             }
         }
@@ -216,6 +219,7 @@ impl PartsArgs {
             ..PartsParams::default()
         };
         params.tiny_components = self.tiny_components.unwrap_or(params.tiny_components);
+        params.walls = self.walls.unwrap_or(params.walls);
         params.boundaries = self.boundaries.unwrap_or(params.boundaries);
         params.embedding = kernel.params(self.parts.unwrap_or(two_means::DIMENSIONS))?;
         Ok(())

@@ -287,7 +287,7 @@ pub fn cluster(args: &ClusterArgs, app: &AppContext) -> Result<(), CliError> {
         // Options of another way of clustering have no meaning here.
         let fresh = SegmentParams::default();
         (params.parts, params.boundaries) = (fresh.parts, fresh.boundaries);
-        params.tiny_components = fresh.tiny_components;
+        (params.tiny_components, params.walls) = (fresh.tiny_components, fresh.walls);
     }
     args.parts.apply(&args.kernel, &mut params)?;
     let edits = args.edits.read(&args.parts, &mut params)?;
@@ -317,6 +317,7 @@ pub fn cluster(args: &ClusterArgs, app: &AppContext) -> Result<(), CliError> {
         seconds.insert("total".into(), start.elapsed().as_secs_f64());
         json!({
             "mesh": record.mesh, "options": params, "seed": run.seed, "decision": result.numbers.decision,
+            "tiny_components_label": result.numbers.tiny_components_label, "walls_label": result.numbers.walls_label,
             "parts": result.numbers.faces.iter().enumerate().map(part).collect::<Vec<_>>(), "seconds": seconds,
         })
     };

@@ -3,7 +3,8 @@
 //!
 //! Files, constant in the size of the mesh: `tree.json`, the merge hierarchy of cells; `superfaces.npy` and
 //! `superface_areas.npy`, the sets of cells that no clustering of the ensemble tells apart; `co_association.npy`
-//! (superfaces × superfaces), how far any two belong together, which confidences come from.
+//! (superfaces × superfaces), how far any two belong together, which confidences come from; `walls.npy`, 1 for each cell that is the
+//! wall of a cavity, without any where nothing is enclosed.
 
 use super::labels::SegmentStats;
 use super::params::{SegmentParams, landmarks_for_parts};
@@ -34,6 +35,7 @@ const TREE: &str = "tree.json";
 const SUPERFACES: &str = "superfaces.npy";
 const AREAS: &str = "superface_areas.npy";
 const CO_ASSOCIATION: &str = "co_association.npy";
+const WALLS: &str = "walls.npy";
 
 /// What is kept besides the files.
 #[derive(Clone, Debug, Serialize, Deserialize)]
@@ -65,7 +67,7 @@ impl DecisionStage<'_> {
 
 impl Stage for DecisionStage<'_> {
     const NAME: &'static str = "decision";
-    const VERSION: u32 = 13;
+    const VERSION: u32 = 14;
     type Facts = DecisionFacts;
     type Output = (PartDecision, DecisionFacts);
 
@@ -93,8 +95,10 @@ impl Stage for DecisionStage<'_> {
         work.write(SUPERFACES, &decided.superfaces.of_cell, 1)?;
         work.write(AREAS, &decided.superfaces.area, 1)?;
         work.write(CO_ASSOCIATION, decided.co_association.values(), decided.co_association.len())?;
+        let walls: Vec<u32> = decided.is_wall.iter().map(|&wall| u32::from(wall)).collect();
+        work.write(WALLS, &walls, 1)?;
         let facts = DecisionFacts { l: sample.len(), seconds, numbers: numbers(&sample), enclosed: decided.enclosed };
-        let files = vec![TREE, SUPERFACES, AREAS, CO_ASSOCIATION];
+        let files = vec![TREE, SUPERFACES, AREAS, CO_ASSOCIATION, WALLS];
         Ok(Made { output: (decided, facts.clone()), facts, files })
     }
 
@@ -103,8 +107,13 @@ impl Stage for DecisionStage<'_> {
         if landmarks.iter().any(|&node| node as usize >= nodes) {
             return Err(context.work.damaged(MANIFEST, "tells of landmarks that do not exist"));
         }
-        let decided = open(self.surface.surface.cells()?.len(), context.work)?;
-        Ok((PartDecision { enclosed: facts.enclosed, ..decided }, facts))
+        let cells = self.surface.surface.cells()?.len();
+        let decided = open(cells, context.work)?;
+        let is_wall: Vec<bool> = context.work.open_array::<u32>(WALLS)?.iter().map(|&wall| wall > 0).collect();
+        if !is_wall.is_empty() && is_wall.len() != cells {
+            return Err(context.work.damaged(WALLS, "tells of other cells"));
+        }
+        Ok((PartDecision { enclosed: facts.enclosed, is_wall, ..decided }, facts))
     }
 
     /// Constant in the size of the mesh.
@@ -135,7 +144,8 @@ fn assembled(
     let superfaces = Superfaces::kept(of_cell, area)?;
     let whole = superfaces.of_cell.len() == cells && tree.cells() == cells && co_association.len() == n * n;
     let co_association = Square::from_values(n, co_association);
-    whole.then(|| PartDecision { superfaces, co_association, tree, enclosed: Enclosed::default() })
+    let (enclosed, is_wall) = (Enclosed::default(), Vec::new());
+    whole.then_some(PartDecision { superfaces, co_association, tree, enclosed, is_wall })
 }
 
 /// The spectral numbers of the decision in `work`, where there is one.

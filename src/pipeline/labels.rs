@@ -55,6 +55,9 @@ pub struct SegmentStats {
     pub tiny_components: u64,
     /// The label that they have in common, where they are not to join parts.
     pub tiny_components_label: Option<u32>,
+    /// The label that the walls of cavities have in common, where they are not to follow the outside.
+    #[serde(default)]
+    pub walls_label: Option<u32>,
 }
 
 impl SegmentStats {

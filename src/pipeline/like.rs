@@ -181,6 +181,9 @@ pub fn settle(
     result.colours = (0..all).map(grey).collect();
     result.names = reference.names.to_vec();
     result.cell_labels = result.cell_labels.iter().map(|&label| number[label as usize]).collect();
+    let now = |label: Option<u32>| label.and_then(|label| number.get(label as usize).copied());
+    result.numbers.tiny_components_label = now(result.numbers.tiny_components_label);
+    result.numbers.walls_label = now(result.numbers.walls_label);
     (result.numbers.faces, result.numbers.area) = (faces, area);
     Ok(result)
 }

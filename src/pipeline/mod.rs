@@ -39,5 +39,5 @@ mod surface;
 mod units;
 
 pub use labels::Segmentation;
-pub use params::{Boundaries, Cluster, SegmentParams, TinyComponents, default_landmarks, landmarks_for_parts};
+pub use params::{Boundaries, Cluster, SegmentParams, TinyComponents, Walls, default_landmarks, landmarks_for_parts};
 pub use recipe::{segment, segment_corrected};

@@ -35,6 +35,18 @@ pub enum TinyComponents {
     Own,
 }
 
+/// What becomes of walls: the inside of hollow bodies.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Walls {
+    /// They have the labels of the outside behind them.
+    #[default]
+    Follow,
+    /// All of them together are a part of their own, besides those that are found or asked for; not where more parts are asked for
+    /// than the surface has cells.
+    Own,
+}
+
 /// How faces near the boundaries of [`Cluster::Parts`] get their labels.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
@@ -69,6 +81,9 @@ pub struct SegmentParams {
     /// What becomes of components too small to be parts, with [`Cluster::Parts`].
     #[serde(default)]
     pub tiny_components: TinyComponents,
+    /// What becomes of the inside of hollow bodies, with [`Cluster::Parts`].
+    #[serde(default)]
+    pub walls: Walls,
     /// How faces near boundaries get their labels, with [`Cluster::Parts`].
     #[serde(default)]
     pub boundaries: Boundaries,
@@ -86,6 +101,7 @@ crate::base::setters::setters!(SegmentParams {
     parts: PartsParams,
     exact: bool,
     tiny_components: TinyComponents,
+    walls: Walls,
     boundaries: Boundaries,
     embedding: Option<EmbeddingParams>
 });

@@ -8,7 +8,7 @@ use super::contracted::{contraction_and_shares, faces_of, units_of, weighted};
 use super::decision::DecisionStage;
 use super::edits::{Corrections, OnCells, PartMarks};
 use super::labels::{Clustered, SegmentStats};
-use super::params::{Boundaries, SegmentParams, TinyComponents};
+use super::params::{Boundaries, SegmentParams, TinyComponents, Walls};
 use super::surface::{Kind, Surface, SurfaceStage, WeightedSurface};
 use super::units::Units;
 use crate::base::{Error, Result};
@@ -232,7 +232,14 @@ fn decide(
         // They are what somebody wants them to be.
         result.report.expected_agreement.clear();
     }
-    let numbers = SegmentStats { decision: Some(result.report.clone()), ..facts.numbers };
+    let mut walls_label = None;
+    if params.walls == Walls::Own && params.parts.count == count && all.is_wall.contains(&true) {
+        let own = result.parts as u32;
+        result.label.iter_mut().zip(&all.is_wall).filter(|(_, wall)| **wall).for_each(|(label, _)| *label = own);
+        result.parts += 1;
+        walls_label = Some(own);
+    }
+    let numbers = SegmentStats { decision: Some(result.report.clone()), walls_label, ..facts.numbers };
     let (label, confidence) = (result.label.clone(), result.confidence.clone());
     let units = Units { of_node: unit_of_node, label, at_boundary: None, areas: None, confidence };
     Ok(Decided { units, numbers, result, marks })

@@ -47,6 +47,9 @@ pub struct Report {
     /// The part of the tiny components (`--tiny-components own`).
     #[serde(skip_serializing_if = "Option::is_none")]
     pub tiny_components_label: Option<u32>,
+    /// The part of the walls of cavities (`--walls own`).
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub walls_label: Option<u32>,
     /// How parts were decided on; absent for K-means.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub decision: Option<PartsReport>,
@@ -186,6 +189,7 @@ impl Report {
             normal_radius: numbers.radius,
             tiny_component_faces: numbers.tiny_components,
             tiny_components_label: numbers.tiny_components_label,
+            walls_label: numbers.walls_label,
             decision: numbers.decision.clone(),
             clear_parts: numbers.decision.as_ref().and_then(PartsReport::has_clear_parts),
             parts: parts
@@ -216,8 +220,8 @@ impl Report {
     pub fn inside(&self) -> Option<String> {
         let Enclosed { walls, bodies } = self.decision.as_ref()?.enclosed;
         let percent = |share: f64| format!("{:.0} % of the area", 100. * share);
-        let walls =
-            (walls > 0.).then(|| format!("walls of cavities, {}, have the labels of the outside", percent(walls)));
+        let told = if self.walls_label.is_some() { "are one part" } else { "have the labels of the outside" };
+        let walls = (walls > 0.).then(|| format!("walls of cavities, {}, {told}", percent(walls)));
         let bodies = (bodies > 0.).then(|| format!("bodies within, {}, are cut on their own", percent(bodies)));
         match (walls, bodies) {
             (Some(walls), Some(bodies)) => Some(format!("{walls}; {bodies}")),

@@ -1,5 +1,6 @@
 //! Bodies with an inside: a hollow shape is cut like the solid one, and its walls follow.
 
+use nystrom_stream::pipeline::Walls;
 use nystrom_stream::{Mesh, Segmenter};
 
 const SIDES: u32 = 60;
@@ -76,4 +77,16 @@ fn a_hollow_dumbbell_is_cut_like_a_solid_one_and_its_inside_follows() {
         followed += u32::from(hollow.labels()[inner as usize] == hollow.labels()[face as usize]);
     }
     assert!(same * 100 > outer * 95 && followed * 100 > outer * 95, "{same} and {followed} of {outer}");
+    // Walls as a part of their own leave the others as they are.
+    let apart = Segmenter::new().walls(Walls::Own).run(&Mesh::from_slices(&positions, &faces).unwrap()).unwrap();
+    let own = hollow.report().parts.len() as u32;
+    assert_eq!((apart.report().walls_label, apart.report().parts.len() as u32), (Some(own), own + 1));
+    let right = |face: u32| {
+        let (whole, apart) = (hollow.labels()[face as usize], apart.labels()[face as usize]);
+        apart == if face < outer { whole } else { own }
+    };
+    let right = (0..2 * outer).filter(|&face| right(face)).count() as u32;
+    assert!(right * 100 > 2 * outer * 95, "{right} of {}", 2 * outer);
+    let solid = Segmenter::new().walls(Walls::Own).run(&Mesh::creature(3_000).unwrap()).unwrap();
+    assert!(solid.report().walls_label.is_none());
 }

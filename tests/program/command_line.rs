@@ -493,14 +493,15 @@ fn cluster_keeps_the_options_that_are_not_given_again() {
     let dir = tempfile::tempdir().unwrap();
     let mesh = common::creature(dir.path(), 2_000, false);
     let (work, a, b) = (dir.path().join("work"), dir.path().join("a.seg"), dir.path().join("b.seg"));
-    let options = ["-q", "--decision", "single", "--tiny-components", "own", "--boundaries", "embedding"];
+    let options =
+        ["-q", "--decision", "single", "--tiny-components", "own", "--walls", "own", "--boundaries", "embedding"];
     segment(&mesh, &[&options[..], &["-k", "3", "-o", word(&a), "--work-dir", word(&work)]].concat());
     let output = run(&["cluster", "-q", "--work-dir", word(&work), "-k", "5", "-o", word(&b), "--json"]);
     assert!(output.status.success(), "{}", errors(&output));
     let report: Value = serde_json::from_slice(&output.stdout).unwrap();
     let kept = &report["options"];
     assert_eq!((&kept["parts"]["decision"], &kept["boundaries"]), (&"single".into(), &"embedding".into()), "{kept}");
-    assert_eq!(kept["tiny_components"], "own", "{kept}");
+    assert_eq!((&kept["tiny_components"], &kept["walls"]), (&"own".into(), &"own".into()), "{kept}");
     segment(&mesh, &[&options[..], &["-k", "5", "-o", word(&a)]].concat());
     assert!(std::fs::read(&a).unwrap() == std::fs::read(&b).unwrap(), "the parts of segment with these options");
 }

@@ -29,11 +29,11 @@ def _metric(metric, beta, eta, delta):
     return {"form": metric, **constants}
 
 
-def _params(parts, parts_range, detail, cluster, decision, tiny_components, boundaries, landmarks, sampling, exact, metric, order,
-            kernel, sigma, normalise, unit_rows):
+def _params(parts, parts_range, detail, cluster, decision, tiny_components, walls, boundaries, landmarks, sampling, exact, metric,
+            order, kernel, sigma, normalise, unit_rows):
     params = json.loads(_native.default_params())
     method = _METHODS[_choose("cluster", cluster, _METHODS)]
-    own = {"decision": decision, "tiny_components": tiny_components, "boundaries": boundaries}
+    own = {"decision": decision, "tiny_components": tiny_components, "walls": walls, "boundaries": boundaries}
     given = [name for name, value in own.items() if value is not None]
     if method != "parts" and (given or detail):
         name = given[0] if given else "detail"
@@ -81,7 +81,7 @@ def _count(name, value):
 
 
 def segment(mesh, faces=None, parts=None, *, parts_range=None, detail=0.0, cluster="parts", decision=None, tiny_components=None,
-            boundaries=None, landmarks=None, sampling=None, exact=False, metric="scale-free", beta=None, eta=None,
+            walls=None, boundaries=None, landmarks=None, sampling=None, exact=False, metric="scale-free", beta=None, eta=None,
             delta=None, order="auto", kernel=None, sigma=None, normalise=None, unit_rows=None, edits=None, hints=None, names=None, seed=0, threads=None,
             max_memory=None, work_dir=None, force=False, tmp=None, progress=None):
     """Cuts a mesh into parts, and returns a Segmentation.
@@ -94,6 +94,7 @@ def segment(mesh, faces=None, parts=None, *, parts_range=None, detail=0.0, clust
     cluster: "parts" (as people would cut), or the paper's "kmeans" (needs `parts`) or "two-means".
     decision: how parts are decided: "soft-trees", "consensus" or "single".
     tiny_components: "join" (each joins the part it floats beside) or "own" (one part of their own).
+    walls: the inside of hollow bodies: "follow" (the labels of the outside behind it) or "own" (one part of its own).
     boundaries: "front" or "embedding".
     landmarks: number of sampled faces l; by default 120, above 300,000 faces 240, with `exact` 20 to 60 on a large mesh; of
         "kmeans" and "two-means" twice the parts, 10 to 60, above 60,000 faces 60.
@@ -118,7 +119,7 @@ def segment(mesh, faces=None, parts=None, *, parts_range=None, detail=0.0, clust
     Raises ValueError or TypeError for arrays and options that make no sense, FileNotFoundError, OSError where the disk fails,
     MemoryError, KeyboardInterrupt.
     """
-    params = _params(parts, parts_range, detail, cluster, decision, tiny_components, boundaries, landmarks, sampling, exact,
+    params = _params(parts, parts_range, detail, cluster, decision, tiny_components, walls, boundaries, landmarks, sampling, exact,
                      _metric(metric, beta, eta, delta), order, kernel, sigma, normalise, unit_rows)
     mesh = as_mesh(mesh, faces)
     options = {"params": params, "hints": as_hints(hints, mesh), "seed": seed, "threads": threads, "max_memory": as_bytes(max_memory),

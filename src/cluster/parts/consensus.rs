@@ -44,6 +44,8 @@ pub struct PartDecision {
     pub tree: PartTree,
     /// What the surface encloses, as far as that was looked for.
     pub enclosed: Enclosed,
+    /// Whether each cell is the wall of a cavity (S); empty where nothing is enclosed.
+    pub is_wall: Vec<bool>,
 }
 
 /// Level of a merge at a cost: ½ at the stop.
@@ -74,7 +76,7 @@ pub fn single_run(cells: &CellGraph, rows: &LandmarkDistances, small_part: f64, 
     });
     let tree = PartTree::new(cells, unions_within(cells, &superfaces.of_cell).into_iter().chain(unions), small_part);
     let co_association = meeting_probability(superfaces.len(), &list);
-    Ok(PartDecision { co_association, superfaces, tree, enclosed: Enclosed::default() })
+    Ok(PartDecision { co_association, superfaces, tree, enclosed: Enclosed::default(), is_wall: Vec::new() })
 }
 
 /// Eight stopped over-segmentations, average linkage of their co-association, a last merge by cost.
@@ -111,7 +113,7 @@ pub fn consensus(cells: &CellGraph, rows: &LandmarkDistances, small_part: f64, r
     let median = (counts[(ENSEMBLE - 1) / 2] + counts[ENSEMBLE / 2]) as f64 / 2.0;
     let groups = (GROUPS * median).round() as usize + 1;
     let tree = grouped(cells, &superfaces, &co_association, groups, small_part);
-    Ok(PartDecision { superfaces, co_association, tree, enclosed: Enclosed::default() })
+    Ok(PartDecision { superfaces, co_association, tree, enclosed: Enclosed::default(), is_wall: Vec::new() })
 }
 
 /// Average linkage of superfaces to `groups` groups, then merges by cost: the hierarchy.

@@ -93,6 +93,11 @@ impl Layers {
         self.follows.iter().zip(0..).filter(|&(&to, cell)| to != cell).map(|(_, cell)| cell)
     }
 
+    /// Whether each cell is a wall (S).
+    pub fn walls(&self) -> Vec<bool> {
+        self.follows.iter().zip(0..).map(|(&to, cell)| to != cell).collect()
+    }
+
     /// How much is inside; `shares` are the cells' of the area (S).
     pub fn enclosed(&self, shares: &[f64]) -> Enclosed {
         let walls = self.followers().fold(0., |sum, cell| sum + shares[cell as usize]);

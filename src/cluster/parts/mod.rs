@@ -270,7 +270,8 @@ pub fn decide(
                 };
                 let (superfaces, c) = layered::of_layers(&cells, &rows, &layers, params.ensemble_size, run)?;
                 let decided = alike(&cells, superfaces, c, params.small_part, run)?;
-                Ok(PartDecision { enclosed: layers.enclosed(&cells.area_shares()), ..decided })
+                let (enclosed, is_wall) = (layers.enclosed(&cells.area_shares()), layers.walls());
+                Ok(PartDecision { enclosed, is_wall, ..decided })
             }
             Decision::Consensus => consensus::consensus(&cells, &rows, params.small_part, run),
             Decision::Single => consensus::single_run(&cells, &rows, params.small_part, run),
@@ -283,7 +284,7 @@ pub fn decide(
 fn alike(cells: &CellGraph, superfaces: Superfaces, mut c: Square, small_part: f64, run: &Run) -> Result<PartDecision> {
     let decided = |superfaces: Superfaces, co_association: Square| -> Result<PartDecision> {
         let tree = labelling::soft_hierarchy(cells, &superfaces, &co_association, small_part, run)?;
-        Ok(PartDecision { superfaces, co_association, tree, enclosed: Enclosed::default() })
+        Ok(PartDecision { superfaces, co_association, tree, enclosed: Enclosed::default(), is_wall: Vec::new() })
     };
     let shares = cells.area_shares();
     let planes = twins::twins(cells, &shares);
@@ -328,7 +329,7 @@ pub fn cut(decided: &PartDecision, l: usize, seconds: f64, params: &PartsParams)
 /// The answer of `decided`, from `l` rows in `seconds`, whose parts are those of `cut`: a cut of its hierarchy, or one that
 /// was corrected.
 pub fn describe(decided: &PartDecision, cut: TreeCut, l: usize, seconds: f64) -> PartsResult {
-    let PartDecision { superfaces, co_association, tree, enclosed } = decided;
+    let PartDecision { superfaces, co_association, tree, enclosed, .. } = decided;
     // Kept in single precision, they sum to nearly 1.
     let total: f64 = tree.area.iter().map(|&share| f64::from(share)).sum();
     let shares: Vec<f64> = tree.area.iter().map(|&share| f64::from(share) / total).collect();
