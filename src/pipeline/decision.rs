@@ -143,9 +143,11 @@ fn assembled(
     let n = area.len();
     let superfaces = Superfaces::kept(of_cell, area)?;
     let whole = superfaces.of_cell.len() == cells && tree.cells() == cells && co_association.len() == n * n;
-    let co_association = Square::from_values(n, co_association);
-    let (enclosed, is_wall) = (Enclosed::default(), Vec::new());
-    whole.then_some(PartDecision { superfaces, co_association, tree, enclosed, is_wall })
+    // Only then is n² room that there is.
+    whole.then(|| {
+        let co_association = Square::from_values(n, co_association);
+        PartDecision { superfaces, co_association, tree, enclosed: Enclosed::default(), is_wall: Vec::new() }
+    })
 }
 
 /// The spectral numbers of the decision in `work`, where there is one.
@@ -311,5 +313,17 @@ fn numbers(sample: &Sample) -> SegmentStats {
         negative_mass: kept.negative_mass(),
         eigenvalues: kept.all,
         ..SegmentStats::default()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_matrix_that_is_not_there_is_not_made_room_for() {
+        // Regression: n² numbers were allocated before they were missed.
+        let n = 1 << 20;
+        assert!(assembled(n, (0..n as u32).collect(), vec![1.; n], Vec::new(), PartTree::default()).is_none());
     }
 }
