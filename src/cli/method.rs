@@ -201,9 +201,14 @@ impl PartsArgs {
                 return Err(misfit(option, "--cluster kmeans or two-means"));
             }
         } else {
-            let decision = self.decision.map(|_| "--decision").or(self.tiny_components.map(|_| "--tiny-components"));
-            let others = self.walls.map(|_| "--walls").or(self.boundaries.map(|_| "--boundaries"));
-            if let Some(option) = decision.or(self.detail.map(|_| "--detail")).or(others) {
+            let own = [
+                ("--decision", self.decision.is_some()),
+                ("--tiny-components", self.tiny_components.is_some()),
+                ("--detail", self.detail.is_some()),
+                ("--walls", self.walls.is_some()),
+                ("--boundaries", self.boundaries.is_some()),
+            ];
+            if let Some((option, _)) = own.into_iter().find(|(_, given)| *given) {
                 return Err(misfit(option, "--cluster parts"));
             }
         }

@@ -52,6 +52,12 @@ impl LandmarkDistances {
     pub fn row(&self, j: usize) -> &[f64] {
         &self.values[j * self.points..(j + 1) * self.points]
     }
+
+    /// The point nearest to landmark `j`.
+    pub fn home(&self, j: usize) -> usize {
+        let row = self.row(j);
+        (0..row.len()).min_by(|&a, &b| row[a].total_cmp(&row[b])).unwrap_or(0)
+    }
 }
 
 /// Points of unit length (or zero), row-major.

@@ -6,6 +6,7 @@
 
 use crate::base::union_find::Forest;
 use crate::base::{Error, Result};
+use std::f64::consts::PI;
 
 /// A surface as a graph of some two thousand geodesic cells, all that the decisions see of it.
 ///
@@ -54,6 +55,11 @@ impl CellGraph {
     /// Sum of the areas, added in cell order.
     pub fn total_area(&self) -> f64 {
         self.area.iter().sum()
+    }
+
+    /// Radius of the disc that is as large as each cell (S).
+    pub fn radii(&self) -> Vec<f64> {
+        self.area.iter().map(|a| (a / PI).sqrt()).collect()
     }
 
     /// What each cell is called in random draws (S).

@@ -244,27 +244,23 @@ impl<'a> Surface<'a> {
 
 #[cfg(test)]
 mod tests {
-    use super::super::posed_body::posed;
-    use super::super::thickness::log_thickness;
-    use super::Surface;
-    use crate::store::run::Run;
+    use super::super::posed_body::on_surface;
 
     #[test]
     fn what_stays_is_as_thick_and_turns_nothing_over() {
-        let cells = posed(true, true);
-        let shares = cells.area_shares();
-        let thickness = log_thickness(&cells, &Run::new(&())).unwrap();
-        let surface = Surface::new(&cells, &shares, &thickness).unwrap();
-        let same: Vec<u32> = (0..cells.len() as u32).collect();
-        assert!(surface.unlike_thickness(&same) < 1e-12);
-        assert!(surface.turning(&same) > 0.99 && surface.moved(&same, 0.0) == 0.0);
-        assert!(!surface.moves_far(&same));
-        // Arms are a quarter as thick as the trunk.
-        let (thick, thin) = (|x: &[f64; 3]| x[2] > 0.0 && x[0].abs() < 0.1, |x: &[f64; 3]| x[0] > 0.3);
-        let arm = cells.centre.iter().position(thin).unwrap() as u32;
-        let moved: Vec<u32> = same.iter().map(|&x| if thick(&cells.centre[x as usize]) { arm } else { x }).collect();
-        assert!(surface.unlike_thickness(&moved) > super::THICKNESS);
-        let map = surface.polished(same);
-        assert!(!surface.is_smooth_reflection(&map));
+        on_surface(|cells, surface| {
+            let same: Vec<u32> = (0..cells.len() as u32).collect();
+            assert!(surface.unlike_thickness(&same) < 1e-12);
+            assert!(surface.turning(&same) > 0.99 && surface.moved(&same, 0.0) == 0.0);
+            assert!(!surface.moves_far(&same));
+            // Arms are a quarter as thick as the trunk.
+            let (thick, thin) = (|x: &[f64; 3]| x[2] > 0.0 && x[0].abs() < 0.1, |x: &[f64; 3]| x[0] > 0.3);
+            let arm = cells.centre.iter().position(thin).unwrap() as u32;
+            let moved: Vec<u32> =
+                same.iter().map(|&x| if thick(&cells.centre[x as usize]) { arm } else { x }).collect();
+            assert!(surface.unlike_thickness(&moved) > super::THICKNESS);
+            let map = surface.polished(same);
+            assert!(!surface.is_smooth_reflection(&map));
+        });
     }
 }

@@ -84,23 +84,18 @@ impl Layers {
             out.layers.push(seen);
             rest = deeper;
         }
-        let encloses = out.layers.len() > 1 || out.followers().next().is_some();
+        let encloses = out.layers.len() > 1 || out.walls().contains(&true);
         Ok(encloses.then_some(out))
     }
 
-    /// The cells that follow others.
-    fn followers(&self) -> impl Iterator<Item = u32> {
-        self.follows.iter().zip(0..).filter(|&(&to, cell)| to != cell).map(|(_, cell)| cell)
-    }
-
-    /// Whether each cell is a wall (S).
+    /// Whether each cell is a wall: one that follows another (S).
     pub fn walls(&self) -> Vec<bool> {
         self.follows.iter().zip(0..).map(|(&to, cell)| to != cell).collect()
     }
 
     /// How much is inside; `shares` are the cells' of the area (S).
     pub fn enclosed(&self, shares: &[f64]) -> Enclosed {
-        let walls = self.followers().fold(0., |sum, cell| sum + shares[cell as usize]);
+        let walls = self.walls().iter().zip(shares).filter(|(wall, _)| **wall).fold(0., |sum, (_, share)| sum + share);
         let bodies = self.layers.iter().skip(1).flatten().fold(0., |sum, &cell| sum + shares[cell as usize]);
         Enclosed { walls, bodies }
     }
@@ -196,12 +191,12 @@ fn cut(cells: &CellGraph, hidden: &[u32], walls: &[f64], run: &Run) -> Result<Ve
     let area = |k: usize, share: f64| units(share * cells.area[hidden[k] as usize]);
     let source = walls.iter().enumerate().map(|(k, wall)| area(k, *wall)).collect();
     let sink = walls.iter().enumerate().map(|(k, wall)| area(k, 1. - wall)).collect();
-    let mut start = vec![0];
-    start.extend(beside.iter().scan(0, |end, arcs| {
-        *end += arcs.len() as u32;
-        Some(*end)
-    }));
-    let mut flow = MaxFlow::new(source, sink, start, &beside.concat());
+    let (mut start, mut arcs) = (vec![0], Vec::new());
+    for own in &beside {
+        arcs.extend_from_slice(own);
+        start.push(arcs.len() as u32);
+    }
+    let mut flow = MaxFlow::new(source, sink, start, &arcs);
     flow.run(&run.cancel)?;
     Ok((0..hidden.len()).map(|k| flow.is_on_source_side(k)).collect())
 }

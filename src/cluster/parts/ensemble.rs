@@ -81,8 +81,7 @@ fn landmark_names(cells: &CellGraph, rows: &LandmarkDistances) -> Vec<u64> {
     let (names, mut there) = (cells.names(), vec![0u64; cells.len()]);
     (0..rows.count)
         .map(|j| {
-            let row = rows.row(j);
-            let home = (0..row.len()).min_by(|&a, &b| row[a].total_cmp(&row[b])).unwrap_or(0);
+            let home = rows.home(j);
             there[home] += 1;
             u64::from(names[home]) | there[home] << 32
         })

@@ -12,7 +12,6 @@ use super::thickness::tangents;
 use crate::base::Result;
 use crate::base::vector::{dot, unit};
 use crate::store::run::Run;
-use std::f64::consts::PI;
 
 /// Directions are whole numbers up to these, without a common divisor: 26 of them, or 98.
 #[derive(Clone, Copy, Debug)]
@@ -56,7 +55,8 @@ const POINTS: [[f64; 2]; 12] = {
 /// # Errors
 /// Cancellation.
 pub(super) fn exposure(cells: &CellGraph, directions: Directions, run: &Run) -> Result<Vec<f64>> {
-    let discs: Vec<Disc> = (0..cells.len()).map(|i| Disc::of(cells, i)).collect();
+    let discs: Vec<Disc> =
+        cells.radii().into_iter().enumerate().map(|(i, radius)| Disc::of(cells, i, radius)).collect();
     let axes = axes(directions);
     let pictures = run.map_chunks(axes.len(), Vec::new, |k, depths| Ok(seen_along(&discs, axes[k], depths)))?;
     let mut seen = vec![0.; cells.len()];
@@ -79,8 +79,7 @@ struct Disc {
 }
 
 impl Disc {
-    fn of(cells: &CellGraph, i: usize) -> Self {
-        let radius = (cells.area[i] / PI).sqrt();
+    fn of(cells: &CellGraph, i: usize, radius: f64) -> Self {
         let (x, normal) = (cells.centre[i], cells.normal[i]);
         let [u, v] = tangents(normal);
         let point = |[p, q]: [f64; 2]| std::array::from_fn(|c| x[c] + radius * (p * u[c] + q * v[c]));
@@ -148,6 +147,7 @@ fn seen_along(discs: &[Disc], axis: [f64; 3], depths: &mut Vec<[f32; 2]>) -> Vec
 #[cfg(test)]
 pub(super) mod tests {
     use super::*;
+    use std::f64::consts::PI;
 
     /// Cells of equal area on balls about the origin: radius, number of cells, whether normals point inwards. Areas sum to 1.
     pub(in crate::cluster::parts) fn balls(all: &[(f64, usize, bool)]) -> CellGraph {

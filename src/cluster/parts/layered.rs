@@ -44,7 +44,7 @@ pub(super) fn of_layers(
     count: usize,
     run: &Run,
 ) -> Result<(Superfaces, Square)> {
-    let home = homes(rows);
+    let home: Vec<u32> = (0..rows.count).map(|j| rows.home(j) as u32).collect();
     let (mut of_cell, mut log_thickness) = (vec![0; cells.len()], vec![0.0; cells.len()]);
     let mut all: Vec<Square> = Vec::new();
     let mut superfaces = 0;
@@ -81,13 +81,7 @@ pub(super) fn of_layers(
     Ok((Superfaces { log_thickness, ..whole }, c))
 }
 
-/// The cell nearest to each landmark (l).
-fn homes(rows: &LandmarkDistances) -> Vec<u32> {
-    let nearest = |row: &[f64]| (0..row.len()).min_by(|&a, &b| row[a].total_cmp(&row[b])).unwrap_or(0) as u32;
-    (0..rows.count).map(|j| nearest(rows.row(j))).collect()
-}
-
-/// The distances of the cells of `layer` from the landmarks on it, of which `home` are the cells.
+/// The distances of the cells of `layer` from the landmarks on it; `home` is the cell of each landmark (l).
 fn rows_of(rows: &LandmarkDistances, home: &[u32], layer: &[u32]) -> LandmarkDistances {
     let mut own: Vec<usize> = (0..rows.count).filter(|&j| layer.binary_search(&home[j]).is_ok()).collect();
     if own.len() < FEWEST {

@@ -1,7 +1,10 @@
 //! A body of blocks with limbs in different poses, for tests.
 
 use super::cell_graph::CellGraph;
+use super::cell_map::Surface;
+use super::thickness::log_thickness;
 use crate::base::vector::{dot, minus};
+use crate::store::run::Run;
 use std::collections::{BTreeMap, BTreeSet};
 use std::ops::Range;
 
@@ -11,6 +14,14 @@ fn fill(voxels: &mut Voxels, [x, y, z]: [Range<i32>; 3]) {
     for x in x {
         voxels.extend(y.clone().flat_map(|y| z.clone().map(move |z| [x, y, z])));
     }
+}
+
+/// Runs `test` on the surface of the whole body.
+pub fn on_surface(test: impl FnOnce(&CellGraph, &Surface<'_>)) {
+    let cells = posed(true, true);
+    let shares = cells.area_shares();
+    let thickness = log_thickness(&cells, &Run::new(&())).unwrap();
+    test(&cells, &Surface::new(&cells, &shares, &thickness).unwrap());
 }
 
 /// A body whose left half stands with its arm stretched out, while the right arm is raised and the right leg walks; it may lack

@@ -152,37 +152,34 @@ impl Samples {
 #[cfg(test)]
 mod tests {
     use super::super::cell_paths::UNREACHED;
-    use super::super::posed_body::{LEFT_ARM, LEFT_LEG, RIGHT_ARM, RIGHT_LEG, cells_of, posed};
-    use super::super::thickness::log_thickness;
+    use super::super::posed_body::{LEFT_ARM, LEFT_LEG, RIGHT_ARM, RIGHT_LEG, cells_of, on_surface};
     use super::*;
 
     #[test]
     fn limbs_go_to_limbs() {
-        let cells = posed(true, true);
-        let shares = cells.area_shares();
-        let thickness = log_thickness(&cells, &Run::new(&())).unwrap();
-        let surface = Surface::new(&cells, &shares, &thickness).unwrap();
-        let CellMap { twin, .. } = reflection(&surface, &[], &Run::new(&())).unwrap().unwrap();
-        // A leg of this body is a stick, as long as the other and alike in front and at the back: it may be its own image.
-        for (from, to) in [(LEFT_ARM, vec![RIGHT_ARM]), (LEFT_LEG, vec![LEFT_LEG, RIGHT_LEG])] {
-            let from = cells_of(&cells, from);
-            let to: Vec<usize> = to.into_iter().flat_map(|limb| cells_of(&cells, limb)).collect();
-            let share = from.iter().filter(|&&i| to.contains(&(twin[i] as usize))).count() as f64 / from.len() as f64;
-            assert!(share > 0.95, "{share}");
-        }
-        assert!(surface.turning(&twin) < -0.7 && surface.moves_far(&twin));
+        on_surface(|cells, surface| {
+            let CellMap { twin, .. } = reflection(surface, &[], &Run::new(&())).unwrap().unwrap();
+            // A leg of this body is a stick, as long as the other and alike in front and at the back: it may be its own image.
+            for (from, to) in [(LEFT_ARM, vec![RIGHT_ARM]), (LEFT_LEG, vec![LEFT_LEG, RIGHT_LEG])] {
+                let from = cells_of(cells, from);
+                let to: Vec<usize> = to.into_iter().flat_map(|limb| cells_of(cells, limb)).collect();
+                let reached = from.iter().filter(|&&i| to.contains(&(twin[i] as usize)));
+                let share = reached.count() as f64 / from.len() as f64;
+                assert!(share > 0.95, "{share}");
+            }
+            assert!(surface.turning(&twin) < -0.7 && surface.moves_far(&twin));
+        });
     }
 
     #[test]
     fn every_cell_belongs_to_its_nearest_sample() {
-        let cells = posed(true, true);
-        let shares = cells.area_shares();
-        let thickness = log_thickness(&cells, &Run::new(&())).unwrap();
-        let samples = Samples::new(&Surface::new(&cells, &shares, &thickness).unwrap());
-        for (i, &owner) in samples.owner.iter().enumerate() {
-            let least = samples.rows.iter().map(|row| row[i]).fold(UNREACHED, f32::min);
-            assert!((samples.rows[owner][i] - least).abs() < 1e-5, "{i}");
-        }
-        assert!((samples.mass.iter().sum::<f32>() - 1.0).abs() < 1e-4);
+        on_surface(|_, surface| {
+            let samples = Samples::new(surface);
+            for (i, &owner) in samples.owner.iter().enumerate() {
+                let least = samples.rows.iter().map(|row| row[i]).fold(UNREACHED, f32::min);
+                assert!((samples.rows[owner][i] - least).abs() < 1e-5, "{i}");
+            }
+            assert!((samples.mass.iter().sum::<f32>() - 1.0).abs() < 1e-4);
+        });
     }
 }

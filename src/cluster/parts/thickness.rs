@@ -13,7 +13,7 @@ use crate::base::Result;
 use crate::base::simd::{SimdKernel, dispatch};
 use crate::base::vector::{add_scaled, dot, minus};
 use crate::store::run::Run;
-use std::f64::consts::{PI, TAU};
+use std::f64::consts::TAU;
 use std::ops::Range;
 
 /// Rings of rays: how many, and the tangent of their angle with the normal.
@@ -39,11 +39,8 @@ const CHUNK: usize = 64;
 /// # Errors
 /// Cancellation.
 pub fn log_thickness(cells: &CellGraph, run: &Run) -> Result<Vec<f64>> {
-    let rays = rays();
-    let radius: Vec<f64> = cells.area.iter().map(|a| (a / PI).sqrt()).collect();
-    let blocks = blocks(cells, &radius);
-    let balls = balls(cells, &radius);
-    let scene = RayScene { cells, radius: &radius, blocks: &blocks, balls: &balls, rays: &rays };
+    let discs = Discs::of(cells);
+    let scene = discs.scene(cells);
     let chunks = run.map_ranges(cells.len(), CHUNK, |range| Ok(dispatch(CastRays { range, scene })))?;
     let found = chunks.concat();
     let usual = median(&mut found.iter().filter_map(|x| *x).collect::<Vec<_>>()).unwrap_or(UNKNOWN);
@@ -80,7 +77,26 @@ fn rays() -> [[f64; RAYS]; 2] {
     rays
 }
 
-/// Cells, the radii of their discs (S), blocks and balls of them, and the rays.
+/// The radii of the cells' discs (S), blocks and balls of them, and the rays.
+struct Discs {
+    radius: Vec<f64>,
+    blocks: Vec<DiscBlock>,
+    balls: Vec<BallBlock>,
+    rays: [[f64; RAYS]; 2],
+}
+
+impl Discs {
+    fn of(cells: &CellGraph) -> Self {
+        let radius = cells.radii();
+        Self { blocks: blocks(cells, &radius), balls: balls(cells, &radius), rays: rays(), radius }
+    }
+
+    fn scene<'a>(&'a self, cells: &'a CellGraph) -> RayScene<'a> {
+        RayScene { cells, radius: &self.radius, blocks: &self.blocks, balls: &self.balls, rays: &self.rays }
+    }
+}
+
+/// Cells and their [`Discs`], at hand for the loops.
 #[derive(Clone, Copy)]
 struct RayScene<'a> {
     cells: &'a CellGraph,
@@ -113,8 +129,9 @@ impl SimdKernel for CastRays<'_> {
 #[inline(always)]
 fn thickness_behind(scene: RayScene<'_>, i: usize) -> Option<f64> {
     let rays = scene.rays;
-    let mut depths = [f64::INFINITY; RAYS];
-    discs_behind(scene, i, &mut Depths { rays, depths: &mut depths });
+    let mut seen = Depths { rays, depths: [f64::INFINITY; RAYS] };
+    discs_behind(scene, i, &mut seen);
+    let depths = seen.depths;
     let (mut lengths, mut count) = ([0.0; RAYS], 0);
     for k in (0..RAYS).filter(|&k| depths[k].is_finite()) {
         lengths[count] = depths[k] * (1.0 + rays[0][k] * rays[0][k] + rays[1][k] * rays[1][k]).sqrt();
@@ -128,10 +145,8 @@ fn thickness_behind(scene: RayScene<'_>, i: usize) -> Option<f64> {
 /// # Errors
 /// Cancellation.
 pub(super) fn cells_behind(cells: &CellGraph, from: &[u32], run: &Run) -> Result<Vec<Vec<u32>>> {
-    let rays = rays();
-    let radius: Vec<f64> = cells.area.iter().map(|a| (a / PI).sqrt()).collect();
-    let (blocks, balls) = (blocks(cells, &radius), balls(cells, &radius));
-    let scene = RayScene { cells, radius: &radius, blocks: &blocks, balls: &balls, rays: &rays };
+    let discs = Discs::of(cells);
+    let scene = discs.scene(cells);
     let hit = |&i: &u32| {
         let mut hits = FirstHits::from(scene, i as usize);
         discs_behind(scene, i as usize, &mut hits);
@@ -149,14 +164,17 @@ trait SeeDisc {
 /// How deep the nearest disc lies on each ray.
 struct Depths<'a> {
     rays: &'a [[f64; RAYS]; 2],
-    depths: &'a mut [f64; RAYS],
+    depths: [f64; RAYS],
 }
 
 impl SeeDisc for Depths<'_> {
     #[inline(always)]
-    fn see(&mut self, disc: DiscBehind) {
+    fn see(&mut self, DiscBehind { depth, centre: [p, q], radius, .. }: DiscBehind) {
+        let (rays, depths) = (self.rays, &mut self.depths);
         for k in 0..RAYS {
-            self.depths[k] = if disc.is_hit(self.rays, k, self.depths[k]) { disc.depth } else { self.depths[k] };
+            let (p, q) = (p - rays[0][k], q - rays[1][k]);
+            let hit = (depth < depths[k]) & (p * p + q * q < radius * radius);
+            depths[k] = if hit { depth } else { depths[k] };
         }
     }
 }
@@ -213,15 +231,6 @@ struct DiscBehind {
     /// Its centre and its radius where that depth is 1.
     centre: [f64; 2],
     radius: f64,
-}
-
-impl DiscBehind {
-    /// Whether ray `k` hits it before what lies `depth` deep.
-    #[inline(always)]
-    fn is_hit(&self, rays: &[[f64; RAYS]; 2], k: usize, depth: f64) -> bool {
-        let (p, q) = (self.centre[0] - rays[0][k], self.centre[1] - rays[1][k]);
-        (self.depth < depth) & (p * p + q * q < self.radius * self.radius)
-    }
 }
 
 /// Shows the discs in the cone of the rays behind cell `i` that face away.
@@ -432,15 +441,15 @@ mod tests {
     #[test]
     fn balls_leave_out_nothing() {
         let g = tube(18, 40, |z| 0.02 + 0.1 * (7.0 * z).sin().abs());
-        let radius: Vec<f64> = g.area.iter().map(|a| (a / PI).sqrt()).collect();
-        let (blocks, balls, rays) = (blocks(&g, &radius), balls(&g, &radius), rays());
+        let discs = Discs::of(&g);
+        let (blocks, balls) = (&discs.blocks, &discs.balls);
         // Balls around everything.
         let all = |b: &BallBlock| BallBlock { x: b.x, radius: [9.0; LANES], radius_and_disc: [9.0; LANES] };
         let all: Vec<BallBlock> = balls.iter().map(all).collect();
         let cone = |i: usize| RayCone::behind(g.centre[i], g.normal[i]);
         let near = |i| balls.iter().flat_map(|b| b.near(cone(i))).filter(|x| *x).count();
         for i in 0..g.len() {
-            let scene = RayScene { cells: &g, radius: &radius, blocks: &blocks, balls: &balls, rays: &rays };
+            let scene = discs.scene(&g);
             assert_eq!(thickness_behind(scene, i), thickness_behind(RayScene { balls: &all, ..scene }, i));
         }
         assert!((0..g.len()).map(near).sum::<usize>() < g.len() * blocks.len() * 2 / 3);
