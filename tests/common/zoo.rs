@@ -74,24 +74,34 @@ pub fn grid(n: u32) -> Shape {
 
 /// A surface of revolution about x: `rings` rings of `sides` vertices with the given radius, closed by poles.
 fn revolution(name: &'static str, rings: u32, sides: u32, radius: impl Fn(f64) -> f64) -> Shape {
-    let mut vertices = vec![[-1., 0., 0.], [1., 0., 0.]];
-    for ring in 0..rings {
-        let x = -1. + 2. * f64::from(ring + 1) / f64::from(rings + 1);
+    let along = |ring: u32| -1. + 2. * f64::from(ring + 1) / f64::from(rings + 1);
+    let profile: Vec<[f64; 2]> = (0..rings).map(|ring| [along(ring), radius(along(ring))]).collect();
+    revolved(name, [-1., 1.], &profile, sides)
+}
+
+/// A surface of revolution about x through `profile`, (x, radius) for each ring of `sides` vertices, closed by poles at these `ends`. Two
+/// triangles for each side of each strip between rings, strip by strip, then those at the poles. Normals point away from the axis where x grows.
+pub fn revolved(name: &'static str, ends: [f64; 2], profile: &[[f64; 2]], sides: u32) -> Shape {
+    let mut vertices = ends.map(|x| [x, 0., 0.]).to_vec();
+    for &[x, radius] in profile {
         for side in 0..sides {
             // A twist and a squash, so that nothing is symmetric.
             let angle = std::f64::consts::TAU * f64::from(side) / f64::from(sides) + 0.3 * x;
-            vertices.push([x, radius(x) * angle.cos(), 0.8 * radius(x) * angle.sin()]);
+            vertices.push([x, radius * angle.cos(), 0.8 * radius * angle.sin()]);
         }
     }
     let at = |ring: u32, side: u32| 2 + ring * sides + side % sides;
+    let last = profile.len() as u32 - 1;
     let mut faces = Vec::new();
-    for side in 0..sides {
-        faces.push([0, at(0, side + 1), at(0, side)]);
-        faces.push([1, at(rings - 1, side), at(rings - 1, side + 1)]);
-        for ring in 0..rings - 1 {
+    for ring in 0..last {
+        for side in 0..sides {
             faces.push([at(ring, side), at(ring, side + 1), at(ring + 1, side + 1)]);
             faces.push([at(ring, side), at(ring + 1, side + 1), at(ring + 1, side)]);
         }
+    }
+    for side in 0..sides {
+        faces.push([0, at(0, side + 1), at(0, side)]);
+        faces.push([1, at(last, side), at(last, side + 1)]);
     }
     Shape::new(name, vertices, &faces)
 }

@@ -1,5 +1,6 @@
 //! Bodies with an inside: a hollow shape is cut like the solid one, and its walls follow.
 
+use crate::common::zoo;
 use nystrom_stream::pipeline::Walls;
 use nystrom_stream::{Mesh, Segmenter};
 
@@ -13,36 +14,12 @@ fn dumbbell(x: f64) -> f64 {
     ball(-0.6, 0.4).max(ball(0.68, 0.32)).max(0.1)
 }
 
-/// Triangles of a surface of revolution about x through `profile`: (x, radius), from a closed end to an open or a closed one. Normals point to the left of
-/// the profile, away from the axis where x grows.
+/// The surface of revolution through `profile`, closed at the x of its ends.
 fn revolved(profile: &[[f64; 2]]) -> (Vec<[f64; 3]>, Vec<[u32; 3]>) {
-    let mut positions = Vec::new();
-    for [x, radius] in profile {
-        for side in 0..SIDES {
-            let angle = std::f64::consts::TAU * f64::from(side) / f64::from(SIDES);
-            positions.push([*x, radius * angle.cos(), 0.9 * radius * angle.sin()]);
-        }
-    }
-    let at = |ring: u32, side: u32| ring * SIDES + side % SIDES;
-    let mut faces = Vec::new();
-    for ring in 0..profile.len() as u32 - 1 {
-        for side in 0..SIDES {
-            faces.push([at(ring, side), at(ring, side + 1), at(ring + 1, side + 1)]);
-            faces.push([at(ring, side), at(ring + 1, side + 1), at(ring + 1, side)]);
-        }
-    }
-    // The closed ends: vertices of their own, which lie on the axis.
-    let mut close = |ring: u32, turned: bool| {
-        let pole = positions.len() as u32;
-        positions.push([profile[ring as usize][0], 0., 0.]);
-        for side in 0..SIDES {
-            let [a, b] = [at(ring, side), at(ring, side + 1)];
-            faces.push(if turned { [pole, a, b] } else { [pole, b, a] });
-        }
-    };
-    close(0, false);
-    close(profile.len() as u32 - 1, true);
-    (positions, faces)
+    let ends = [profile[0][0], profile[profile.len() - 1][0]];
+    let shape = zoo::revolved("revolved", ends, profile, SIDES);
+    let triangle = |face: &Vec<u32>| [face[0], face[1], face[2]];
+    (shape.vertices, shape.faces.iter().map(triangle).collect())
 }
 
 /// x of ring `ring` of the outside, which ends before 1: there is the hole.

@@ -2,9 +2,19 @@
 
 use crate::common::{self, errors, run, segment, word, zoo};
 use serde_json::Value;
+use std::path::Path;
 
-fn report(path: &std::path::Path) -> Value {
+fn report(path: &Path) -> Value {
     serde_json::from_slice(&std::fs::read(path).unwrap()).unwrap()
+}
+
+/// What cutting `mesh` tells, and its report.
+fn cut(mesh: &Path, options: &[&str]) -> (String, Value) {
+    let dir = tempfile::tempdir().unwrap();
+    let (out, json) = (dir.path().join("x.seg"), dir.path().join("r.json"));
+    let ask = format!("--json={}", json.display());
+    let told = errors(&segment(mesh, &[&["-o", word(&out), &ask], options].concat()));
+    (told, report(&json))
 }
 
 #[test]
@@ -52,15 +62,12 @@ fn terrain_is_told_to_have_no_clear_parts() {
         eprintln!("skipped: the test meshes are missing");
         return;
     };
-    let dir = tempfile::tempdir().unwrap();
-    let (out, json) = (dir.path().join("x.seg"), dir.path().join("r.json"));
-    let ask = format!("--json={}", json.display());
-    let told = errors(&segment(&data.join("real/mountain_51k.ply"), &["-o", word(&out), &ask]));
+    let (told, all) = cut(&data.join("real/mountain_51k.ply"), &[]);
     assert!(told.contains("no clear parts: people would hardly agree on these\n"), "{told}");
-    assert_eq!(report(&json)["clear_parts"], false);
-    let told = errors(&segment(&data.join("real/horse_4k.ply"), &["-o", word(&out), &ask]));
+    assert_eq!(all["clear_parts"], false);
+    let (told, all) = cut(&data.join("real/horse_4k.ply"), &[]);
     assert!(!told.contains("no clear parts"), "{told}");
-    assert_eq!(report(&json)["clear_parts"], true);
+    assert_eq!(all["clear_parts"], true);
 }
 
 #[test]
@@ -69,28 +76,27 @@ fn the_inside_of_a_head_is_told_and_does_not_hide_its_nose() {
         eprintln!("skipped: the test meshes are missing");
         return;
     };
-    let dir = tempfile::tempdir().unwrap();
-    let (out, json) = (dir.path().join("x.seg"), dir.path().join("r.json"));
-    let ask = format!("--json={}", json.display());
-    let told = errors(&segment(&data.join("real/mri_ch2_head_h.ply"), &["-o", word(&out), &ask]));
+    let head = data.join("real/mri_ch2_head_h.ply");
+    let (told, all) = cut(&head, &[]);
     assert!(told.contains("walls of cavities, ") && told.contains("; bodies within, "), "{told}");
-    let enclosed = &report(&json)["decision"]["enclosed"];
+    let enclosed = &all["decision"]["enclosed"];
     let share = |name: &str| enclosed[name].as_f64().unwrap();
     assert!((0.25..0.45).contains(&share("walls")) && (0.3..0.45).contains(&share("bodies")), "{enclosed}");
     // Regression: skin, skull and brain were one part.
-    let parts = report(&json)["parts"].as_array().unwrap().len();
+    let parts = all["parts"].as_array().unwrap().len();
     assert!(parts >= 4, "{parts} parts");
-    let count = |told: &str| told.lines().filter(|line| line.contains("walls of cavities")).count();
-    let work = dir.path().join("work");
-    let options = ["-o", word(&out), "--walls", "own", "--work-dir", word(&work), &ask];
-    let own = errors(&segment(&data.join("real/mri_ch2_head_h.ply"), &options));
-    assert!(count(&own) == 1 && own.contains(" % of the area, are one part; bodies within, "), "{own}");
-    assert_eq!(report(&json)["walls_label"], parts);
+    let dir = tempfile::tempdir().unwrap();
+    let (work, out, json) = (dir.path().join("work"), dir.path().join("x.seg"), dir.path().join("r.json"));
+    let (told, all) = cut(&head, &["--walls", "own", "--work-dir", word(&work)]);
+    let count = told.lines().filter(|line| line.contains("walls of cavities")).count();
+    assert!(count == 1 && told.contains(" % of the area, are one part; bodies within, "), "{told}");
+    assert_eq!(all["walls_label"], parts);
+    let ask = format!("--json={}", json.display());
     let output = run(&["cluster", "-q", "--work-dir", word(&work), "-k", "2", "-o", word(&out), &ask]);
     assert!(output.status.success(), "{}", errors(&output));
     let two = report(&json);
     assert_eq!((&two["walls_label"], two["parts"].as_array().unwrap().len()), (&2.into(), 3), "head, brain and walls");
-    let told = errors(&segment(&data.join("real/horse_4k.ply"), &["-o", word(&out)]));
+    let (told, _) = cut(&data.join("real/horse_4k.ply"), &[]);
     assert!(!told.contains("walls of cavities") && !told.contains("bodies within"), "{told}");
 }
 
