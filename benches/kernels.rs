@@ -1,7 +1,7 @@
 //! The inner loops, on creatures made in memory: fronts against a binary heap, the kernel's `exp` against the system's,
 //! the pass that assigns labels, and the building of the graph.
 //!
-//! `cargo bench --bench kernels`; with `-- --test` each runs once. `NYSTROM_STREAM_BENCH_FACES` sets the size.
+//! `cargo bench -p nystrom-stream-tools --bench kernels`; with `-- --test` each runs once. `NYSTROM_STREAM_BENCH_FACES` sets the size.
 
 #[path = "../tests/common/oracle.rs"]
 mod oracle;

@@ -1,7 +1,7 @@
 #!/usr/bin/env python3
 """One row of distances beside SciPy, igraph and NetworKit: the same graph, the same source, one thread each.
 
-usage: peer_rows.py RACE MESH [REPEAT]     prints milliseconds a row as JSON; RACE: target/release/examples/race
+usage: peer_rows.py RACE MESH [REPEAT]     prints milliseconds a row as JSON; RACE: target/release/race
 
     pip install numpy scipy igraph networkit
 

@@ -1,6 +1,6 @@
 //! The paper's Fig. 3: error of correspondence against mesh size, un-sampled and with farthest and random landmarks.
 //!
-//! `cargo run --release --example figure3 -- SERIES [--base base.ply] [--out FOLDER]`, where SERIES holds a folder a mesh as
+//! `cargo run --release -p nystrom-stream-tools --bin figure3 -- SERIES [--base base.ply] [--out FOLDER]`, where SERIES holds a folder a mesh as
 //! `tools/decimate_series.py` makes them. Every smaller mesh of a series is matched to the base; its vertices are vertices of
 //! the base at the same position, so truth is known; the error is the distance along the base from the vertex found to the
 //! true one over √area, averaged over all vertices. *Aligned* embeddings are brought together by the true matches, which leaves the

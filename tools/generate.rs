@@ -1,6 +1,6 @@
 //! Generates a creature with known parts, of any size up to billions of faces.
 //!
-//! `cargo run --release --example generate -- --faces 1.3e6 --truth creature.seg creature.ply`
+//! `cargo run --release -p nystrom-stream-tools --bin generate -- --faces 1.3e6 --truth creature.seg creature.ply`
 
 use clap::Parser;
 use nystrom_stream::apps::creature::{Creature, Options, parse_faces};

@@ -1,6 +1,6 @@
 //! Races the front against a binary-heap Dijkstra on the same graph, and rows on one thread against two.
 //!
-//! `cargo run --release --example race -- MESH [-l 10] [--repeat 5]`: prints medians, one line each, for
+//! `cargo run --release -p nystrom-stream-tools --bin race -- MESH [-l 10] [--repeat 5]`: prints medians, one line each, for
 //! the records in `benches/records`. Both sides run in the same process, by turns, since a machine's speed wanders.
 
 #[path = "../tests/common/oracle.rs"]

@@ -120,7 +120,7 @@ def main():
     parser.add_argument("benchmark")
     parser.add_argument("out")
     parser.add_argument("--bin", default="target/release/nystrom-stream")
-    parser.add_argument("--subdivide", default="target/release/examples/subdivide")
+    parser.add_argument("--subdivide", default="target/release/subdivide")
     parser.add_argument("--every", type=int, default=5)
     parser.add_argument("--only", help="variants, separated by commas; the original always")
     arg = parser.parse_args(words[:cut])

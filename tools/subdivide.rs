@@ -1,7 +1,7 @@
 //! Makes harder copies of a mesh, to see how steady a segmentation is: every triangle in four, noise along the normals,
 //! a turned and rescaled copy, shuffled faces.
 //!
-//! `cargo run --release --example subdivide -- IN.ply OUT.ply [--times 2] [--noise 0.15] [--turn 40] [--scale 3]
+//! `cargo run --release -p nystrom-stream-tools --bin subdivide -- IN.ply OUT.ply [--times 2] [--noise 0.15] [--turn 40] [--scale 3]
 //! [--shuffle] [--seed S]`. The new mesh's face f lies in the old face ⌊f / 4^times⌋; where faces are shuffled,
 //! OUT.npy beside the mesh has the old face of each. The mesh is written as it is made, a pass for each time over an
 //! edge table in memory: about 100 bytes a new face. Triangles only.

@@ -3,7 +3,7 @@
 
 tools/fit/boost.py EXAMPLES.npy [COPIES.npy…] FOLDER
 
-EXAMPLES.npy comes from `cargo run --release --example fit -- BENCHMARK --examples EXAMPLES.npy --seeds 4`, COPIES.npy from the same
+EXAMPLES.npy comes from `cargo run --release -p nystrom-stream-tools --bin fit -- BENCHMARK --examples EXAMPLES.npy --seeds 4`, COPIES.npy from the same
 with the benchmark that tools/fit/decimated.py makes: the same models in other triangles, which count half. FOLDER gets all.json,
 fitted to all models, half-0.json and half-1.json, for judging one half of each category by the other, and fold-0.json to
 fold-4.json, for judging categories by others. Needs LightGBM and NumPy; one thread, so that the same examples give the same

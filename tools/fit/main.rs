@@ -2,9 +2,9 @@
 //! that they were not fitted to.
 //!
 //! ```text
-//! cargo run --release --example fit -- BENCHMARK --examples examples.npy     # what people make of each merge
+//! cargo run --release -p nystrom-stream-tools --bin fit -- BENCHMARK --examples examples.npy     # what people make of each merge
 //! tools/fit/boost.py examples.npy [copies.npy] FOLDER                         # fits trees with LightGBM
-//! cargo run --release --example fit -- BENCHMARK --judge FOLDER              # 1 - Rand with them
+//! cargo run --release -p nystrom-stream-tools --bin fit -- BENCHMARK --judge FOLDER              # 1 - Rand with them
 //! cp FOLDER/all.json src/cluster/parts/merge_odds.json                       # takes them into use
 //! ```
 //!
