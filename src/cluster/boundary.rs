@@ -5,15 +5,16 @@
 //! where the surface turns, so fronts meet there. Boundaries come out a fifth shorter, without islands. The other method
 //! labels each face of the narrow band by its own point in the embedding ([`super::extrapolate`]) and then dissolves islands
 //! ([`dissolve`]): faces with their part's label but no path to its interior take the label around them. With both methods
-//! boundaries are then straightened ([`super::smooth`]).
+//! boundaries are then straightened ([`super::shorten`]).
 //!
 //! Only the narrow band is visited. Both fronts can be computed in shares ([`depth_front`], [`band_front`]). Memory: two mapped arrays of
 //! 4 bytes per face; while islands are dissolved, 8 bytes per node of the ring that is visited.
 
 use super::area_shares::AreaShares;
+use super::band_graph::{BandGraph, WeightedLengths};
 use super::extrapolate::LocalPartMeans;
 use super::normals::lengths;
-use super::smooth;
+use super::shorten::{HOPS, PASSES, shorten};
 use crate::base::Result;
 use crate::base::parallel::chunk_range;
 use crate::distance::front::mean_weight;
@@ -26,6 +27,10 @@ use std::ops::Range;
 
 /// Half the width of the narrow band around a boundary, which is labelled anew, in units of √(area).
 pub const BAND: f32 = 0.04;
+/// How far a boundary may be moved to be straight, in units of √(area); but by [`LEAST_FACES`] at least on a coarse mesh, and on a fine
+/// one by no more faces than the cuts reach.
+const REACH: f32 = 0.015;
+const LEAST_FACES: f32 = 2.;
 /// Share of a part's faces that at least keeps its label.
 const INTERIOR: f64 = 0.4;
 /// Bins of the depths' histogram.
@@ -190,7 +195,7 @@ fn at_boundary(graph: Csr<'_>, candidates: Vec<u32>, labels: &[u32]) -> Vec<u32>
     nodes
 }
 
-/// Smooths the new boundaries; `field` (n) is 0 in the interiors, also where nothing was `visited`, and is used up. Returns the
+/// Straightens the new boundaries; `field` (n) is 0 in the interiors, also where nothing was `visited`, and is used up. Returns the
 /// nodes whose labels may have changed.
 fn straighten(
     graph: &DualGraph,
@@ -214,14 +219,14 @@ fn straighten(
             let range = chunk_range(labels.len(), CHUNK, k);
             let open: Vec<u32> = range.zip(&*field).filter(|(_, d)| **d > 0.).map(|(i, _)| i as u32).collect();
             will_need_rows(steps, &open, run);
-            // Interiors cannot be lowered below 0, so they stay outside the band that is smoothed.
+            // Interiors cannot be lowered below 0, so they stay outside the band that is straightened.
             field.iter_mut().for_each(|d| *d = if *d == 0. { -1. } else { f32::INFINITY });
             Ok(open.into_iter().filter(|&i| across(i as usize)).collect::<Vec<u32>>())
         },
     )?;
     let open = open.concat();
     // Weights of an altered graph may be no numbers.
-    let reach = (smooth::REACH / shares.unit).max(smooth::LEAST_FACES * mean).min(smooth::FACES * mean);
+    let reach = (REACH / shares.unit).max(LEAST_FACES * mean).min((HOPS * PASSES) as f32 * mean);
     voronoi::within(lengths, &open, reach, field, run)?;
     let field = &*field;
     let band = run
@@ -233,14 +238,18 @@ fn straighten(
             Ok(range.filter(inside).map(|i| i as u32).collect::<Vec<u32>>())
         })?
         .concat();
-    let lengths = smooth::WeightedLengths {
+    let lengths = WeightedLengths {
         steps,
         centroid_distance: &graph.edges.centroid_distance,
         edge: graph.edges.shared(),
         unit: shares.unit,
-        mean: mean * shares.unit,
     };
-    smooth::smooth(lengths, &band, labels, run)?;
+    let graph = BandGraph::of(lengths, &band, labels, run)?;
+    let mut shortened: Vec<u32> = band.iter().map(|&node| labels[node as usize]).collect();
+    shorten(&graph, &mut shortened, run)?;
+    for (&node, label) in band.iter().zip(shortened) {
+        labels[node as usize] = label;
+    }
     Ok(band)
 }
 

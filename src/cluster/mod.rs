@@ -7,6 +7,7 @@
 //! passes each; deciding the parts takes constant time and memory. More parts than cells come of [`divide`].
 
 pub mod area_shares;
+pub mod band_graph;
 pub mod boundary;
 pub mod cells;
 pub mod contract;
@@ -19,7 +20,6 @@ pub mod normals;
 pub mod parts;
 pub mod roughness;
 pub mod shorten;
-pub mod smooth;
 pub mod two_means;
 
 pub use kmeans::{KMeans, KMeansParams};

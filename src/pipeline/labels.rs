@@ -21,7 +21,7 @@ use std::collections::BTreeMap;
 
 const CHUNK: usize = 1 << 15;
 /// Version of the algorithm that makes labels from parts.
-const LABELS_VERSION: u32 = 2;
+const LABELS_VERSION: u32 = 3;
 /// The colour of tiny components that are a part of their own.
 const TINY_COMPONENTS_COLOUR: [u8; 3] = [128; 3];
 
