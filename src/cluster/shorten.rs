@@ -15,7 +15,7 @@ use super::band_graph::BandGraph;
 use super::max_flow::MaxFlow;
 use crate::base::Result;
 use crate::store::Run;
-use std::collections::BTreeSet;
+use std::collections::{BTreeMap, BTreeSet};
 
 /// How far from a boundary, in faces, one cut may move it.
 pub const HOPS: usize = 8;
@@ -42,7 +42,8 @@ pub fn shorten(graph: &BandGraph, labels: &mut [u32], run: &Run) -> Result<()> {
         pairs.retain(|pair| moved.as_ref().is_none_or(|moved| pair.iter().any(|label| moved.contains(label))));
         let mut now = BTreeSet::new();
         for round in rounds(pairs) {
-            let cut = |k: usize, place: &mut Vec<u32>| cut(graph, labels, round[k], place, scale, run);
+            let begin = at_boundaries(graph, labels, &round);
+            let cut = |k: usize, place: &mut Vec<u32>| cut(graph, labels, round[k], &begin[k], place, scale, run);
             let changes = run.map_chunks(round.len(), || vec![NONE; labels.len()], cut)?;
             for (pair, changes) in round.iter().zip(changes) {
                 if !changes.is_empty() {
@@ -85,17 +86,39 @@ fn rounds(mut pairs: BTreeSet<[u32; 2]>) -> Vec<Vec<[u32; 2]>> {
     rounds
 }
 
+/// The positions on both sides of the boundary of each pair of a round, ascending. One pass for the whole round: there can be thousands
+/// of pairs.
+fn at_boundaries(graph: &BandGraph, labels: &[u32], round: &[[u32; 2]]) -> Vec<Vec<u32>> {
+    let both = round.iter().enumerate().flat_map(|(k, &[a, b])| [(a, (b, k)), (b, (a, k))]);
+    let partner: BTreeMap<u32, (u32, usize)> = both.collect();
+    let mut positions = vec![Vec::new(); round.len()];
+    for i in 0..labels.len() as u32 {
+        let own = labels[i as usize];
+        let mut others = graph.around(i).iter().map(|edge| edge.label(labels)).filter(|&other| other != own).peekable();
+        if others.peek().is_none() {
+            continue;
+        }
+        if let Some(&(other, k)) = partner.get(&own)
+            && others.any(|label| label == other)
+        {
+            positions[k].push(i);
+        }
+    }
+    positions
+}
+
 /// The positions whose labels the minimum cut between the two labels of `pair` changes, and their new labels. `place` (m) is all
 /// [`NONE`], before and after.
 fn cut(
     graph: &BandGraph,
     labels: &[u32],
     pair: [u32; 2],
+    at_boundary: &[u32],
     place: &mut [u32],
     scale: f64,
     run: &Run,
 ) -> Result<Vec<(u32, u32)>> {
-    let nodes = strip(graph, labels, pair, place);
+    let nodes = strip(graph, labels, pair, at_boundary, place);
     let mut flow = flow_between(graph, labels, pair, &nodes, place, scale);
     nodes.iter().for_each(|&node| place[node as usize] = NONE);
     flow.run(&run.cancel)?;
@@ -105,16 +128,9 @@ fn cut(
 }
 
 /// The positions of label a or b within [`HOPS`] of the boundary between the two; `place` gets the number of each.
-fn strip(graph: &BandGraph, labels: &[u32], [a, b]: [u32; 2], place: &mut [u32]) -> Vec<u32> {
-    let mut nodes = Vec::new();
-    for i in 0..labels.len() as u32 {
-        let own = labels[i as usize];
-        let other = if own == a { b } else { a };
-        if (own == a || own == b) && graph.around(i).iter().any(|edge| edge.label(labels) == other) {
-            place[i as usize] = nodes.len() as u32;
-            nodes.push(i);
-        }
-    }
+fn strip(graph: &BandGraph, labels: &[u32], [a, b]: [u32; 2], at_boundary: &[u32], place: &mut [u32]) -> Vec<u32> {
+    let mut nodes = at_boundary.to_vec();
+    nodes.iter().zip(0..).for_each(|(&node, number)| place[node as usize] = number);
     let mut ring = 0;
     for _ in 1..HOPS {
         let end = nodes.len();
@@ -270,6 +286,25 @@ mod tests {
             });
             assert!(one == four && one != labels, "{seed}");
         }
+    }
+
+    #[test]
+    fn one_pass_finds_the_boundaries_of_all_pairs_of_a_round() {
+        let mut random = stream(0, "passes");
+        let graph = band(30, 9, &mut random);
+        let labels: Vec<u32> = (0..270).map(|_| below(&mut random, 5) as u32).collect();
+        let round = [[0, 3], [2, 1]];
+        let naive = round.map(|[a, b]| {
+            let touches = |i: u32, label| graph.around(i).iter().any(|edge| edge.label(&labels) == label);
+            let side = |i: u32| match labels[i as usize] {
+                own if own == a => touches(i, b),
+                own if own == b => touches(i, a),
+                _ => false,
+            };
+            (0..270).filter(|&i| side(i)).collect::<Vec<u32>>()
+        });
+        assert!(naive.iter().all(|positions| positions.len() > 20));
+        assert_eq!(at_boundaries(&graph, &labels, &round), naive);
     }
 
     #[test]
