@@ -13,7 +13,7 @@
 
 use super::band_graph::BandGraph;
 use super::max_flow::MaxFlow;
-use crate::base::Result;
+use crate::base::{Cancel, Result};
 use crate::store::Run;
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -36,23 +36,23 @@ pub fn shorten(graph: &BandGraph, labels: &mut [u32], run: &Run) -> Result<()> {
     }
     // In f64, where no length of f32 is too short to be divided by.
     let scale = UNITS / f64::from(greatest);
-    let mut moved: Option<BTreeSet<u32>> = None;
-    for _ in 0..PASSES {
+    let mut moved = BTreeSet::new();
+    for pass in 0..PASSES {
+        let before = std::mem::take(&mut moved);
         let mut pairs = neighbouring_labels(graph, labels);
-        pairs.retain(|pair| moved.as_ref().is_none_or(|moved| pair.iter().any(|label| moved.contains(label))));
-        let mut now = BTreeSet::new();
+        pairs.retain(|pair| pass == 0 || pair.iter().any(|label| before.contains(label)));
         for round in rounds(pairs) {
-            let begin = at_boundaries(graph, labels, &round);
-            let cut = |k: usize, place: &mut Vec<u32>| cut(graph, labels, round[k], &begin[k], place, scale, run);
+            let band = LabelledBand { graph, labels, scale };
+            let begin = band.at_boundaries(&round);
+            let cut = |k: usize, place: &mut Vec<u32>| band.cut(round[k], &begin[k], place, &run.cancel);
             let changes = run.map_chunks(round.len(), || vec![NONE; labels.len()], cut)?;
             for (pair, changes) in round.iter().zip(changes) {
                 if !changes.is_empty() {
-                    now.extend(pair);
+                    moved.extend(*pair);
                 }
                 changes.into_iter().for_each(|(node, label)| labels[node as usize] = label);
             }
         }
-        moved = Some(now);
     }
     Ok(())
 }
@@ -86,95 +86,89 @@ fn rounds(mut pairs: BTreeSet<[u32; 2]>) -> Vec<Vec<[u32; 2]>> {
     rounds
 }
 
-/// The positions on both sides of the boundary of each pair of a round, ascending. One pass for the whole round: there can be thousands
-/// of pairs.
-fn at_boundaries(graph: &BandGraph, labels: &[u32], round: &[[u32; 2]]) -> Vec<Vec<u32>> {
-    let both = round.iter().enumerate().flat_map(|(k, &[a, b])| [(a, (b, k)), (b, (a, k))]);
-    let partner: BTreeMap<u32, (u32, usize)> = both.collect();
-    let mut positions = vec![Vec::new(); round.len()];
-    for i in 0..labels.len() as u32 {
-        let own = labels[i as usize];
-        let mut others = graph.around(i).iter().map(|edge| edge.label(labels)).filter(|&other| other != own).peekable();
-        if others.peek().is_none() {
-            continue;
-        }
-        if let Some(&(other, k)) = partner.get(&own)
-            && others.any(|label| label == other)
-        {
-            positions[k].push(i);
-        }
-    }
-    positions
-}
-
-/// The positions whose labels the minimum cut between the two labels of `pair` changes, and their new labels. `place` (m) is all
-/// [`NONE`], before and after.
-fn cut(
-    graph: &BandGraph,
-    labels: &[u32],
-    pair: [u32; 2],
-    at_boundary: &[u32],
-    place: &mut [u32],
+/// A band, its labels before a round, and how many units a boundary's cost of 1 is.
+struct LabelledBand<'a> {
+    graph: &'a BandGraph,
+    labels: &'a [u32],
     scale: f64,
-    run: &Run,
-) -> Result<Vec<(u32, u32)>> {
-    let nodes = strip(graph, labels, pair, at_boundary, place);
-    let mut flow = flow_between(graph, labels, pair, &nodes, place, scale);
-    nodes.iter().for_each(|&node| place[node as usize] = NONE);
-    flow.run(&run.cancel)?;
-    let label = |k: usize| pair[usize::from(!flow.is_on_source_side(k))];
-    let all = nodes.iter().enumerate().map(|(k, &node)| (node, label(k)));
-    Ok(all.filter(|&(node, label)| labels[node as usize] != label).collect())
 }
 
-/// The positions of label a or b within [`HOPS`] of the boundary between the two; `place` gets the number of each.
-fn strip(graph: &BandGraph, labels: &[u32], [a, b]: [u32; 2], at_boundary: &[u32], place: &mut [u32]) -> Vec<u32> {
-    let mut nodes = at_boundary.to_vec();
-    nodes.iter().zip(0..).for_each(|(&node, number)| place[node as usize] = number);
-    let mut ring = 0;
-    for _ in 1..HOPS {
-        let end = nodes.len();
-        for k in ring..end {
-            for edge in graph.around(nodes[k]).iter().filter(|edge| edge.inside) {
-                let (to, own) = (edge.to as usize, labels[edge.to as usize]);
-                if place[to] == NONE && (own == a || own == b) {
-                    place[to] = nodes.len() as u32;
-                    nodes.push(edge.to);
+impl LabelledBand<'_> {
+    /// The positions on both sides of the boundary of each pair of a round, ascending. One pass for the whole round: there can be thousands
+    /// of pairs.
+    fn at_boundaries(&self, round: &[[u32; 2]]) -> Vec<Vec<u32>> {
+        let both = round.iter().enumerate().flat_map(|(k, &[a, b])| [(a, (b, k)), (b, (a, k))]);
+        let partner: BTreeMap<u32, (u32, usize)> = both.collect();
+        let mut positions = vec![Vec::new(); round.len()];
+        for i in 0..self.labels.len() as u32 {
+            let own = self.labels[i as usize];
+            let mut around = self.graph.around(i).iter().map(|edge| edge.label(self.labels));
+            if around.clone().all(|label| label == own) {
+                continue;
+            }
+            if let Some(&(other, k)) = partner.get(&own)
+                && around.any(|label| label == other)
+            {
+                positions[k].push(i);
+            }
+        }
+        positions
+    }
+
+    /// The positions whose labels the minimum cut between the two labels of `pair` changes, and their new labels. `place` (m) is all
+    /// [`NONE`], before and after.
+    fn cut(&self, pair: [u32; 2], at_boundary: &[u32], place: &mut [u32], cancel: &Cancel) -> Result<Vec<(u32, u32)>> {
+        let nodes = self.strip(pair, at_boundary, place);
+        let mut flow = self.flow_between(pair, &nodes, place);
+        nodes.iter().for_each(|&node| place[node as usize] = NONE);
+        flow.run(cancel)?;
+        let label = |k: usize| pair[usize::from(!flow.is_on_source_side(k))];
+        let all = nodes.iter().enumerate().map(|(k, &node)| (node, label(k)));
+        Ok(all.filter(|&(node, label)| self.labels[node as usize] != label).collect())
+    }
+
+    /// The positions of label a or b within [`HOPS`] of the boundary between the two; `place` gets the number of each.
+    fn strip(&self, [a, b]: [u32; 2], at_boundary: &[u32], place: &mut [u32]) -> Vec<u32> {
+        let mut nodes = at_boundary.to_vec();
+        nodes.iter().zip(0..).for_each(|(&node, number)| place[node as usize] = number);
+        let mut ring = 0;
+        for _ in 1..HOPS {
+            let end = nodes.len();
+            for k in ring..end {
+                for edge in self.graph.around(nodes[k]).iter().filter(|edge| edge.inside) {
+                    let (to, own) = (edge.to as usize, self.labels[edge.to as usize]);
+                    if place[to] == NONE && (own == a || own == b) {
+                        place[to] = nodes.len() as u32;
+                        nodes.push(edge.to);
+                    }
                 }
             }
+            ring = end;
         }
-        ring = end;
+        nodes
     }
-    nodes
-}
 
-/// The flow from label a to label b through the strip of `nodes`.
-fn flow_between(
-    graph: &BandGraph,
-    labels: &[u32],
-    [a, b]: [u32; 2],
-    nodes: &[u32],
-    place: &[u32],
-    scale: f64,
-) -> MaxFlow {
-    let m = nodes.len();
-    let units = |weight: f32| ((f64::from(weight.max(0.)) * scale) as i64).max(1);
-    let (mut source, mut sink) = (vec![0; m], vec![0; m]);
-    let (mut start, mut arcs) = (vec![0], Vec::with_capacity(3 * m));
-    for (k, &node) in nodes.iter().enumerate() {
-        for edge in graph.around(node) {
-            let within = if edge.inside { place[edge.to as usize] } else { NONE };
-            if within != NONE {
-                arcs.push((within, units(edge.weight)));
-            } else {
-                let label = edge.label(labels);
-                source[k] += if label == a { units(edge.weight) } else { 0 };
-                sink[k] += if label == b { units(edge.weight) } else { 0 };
+    /// The flow from label a to label b through the strip of `nodes`.
+    fn flow_between(&self, [a, b]: [u32; 2], nodes: &[u32], place: &[u32]) -> MaxFlow {
+        let m = nodes.len();
+        let units = |weight: f32| ((f64::from(weight.max(0.)) * self.scale) as i64).max(1);
+        let (mut source, mut sink) = (vec![0; m], vec![0; m]);
+        let (mut start, mut arcs) = (vec![0], Vec::with_capacity(3 * m));
+        for (k, &node) in nodes.iter().enumerate() {
+            for edge in self.graph.around(node) {
+                let within = if edge.inside { place[edge.to as usize] } else { NONE };
+                if within != NONE {
+                    arcs.push((within, units(edge.weight)));
+                } else {
+                    let label = edge.label(self.labels);
+                    source[k] += if label == a { units(edge.weight) } else { 0 };
+                    sink[k] += if label == b { units(edge.weight) } else { 0 };
+                }
             }
+            start.push(arcs.len() as u32);
         }
-        start.push(arcs.len() as u32);
+        MaxFlow::new(source, sink, start, &arcs)
     }
-    MaxFlow::new(source, sink, start, &arcs)
 }
 
 #[cfg(test)]
@@ -185,7 +179,7 @@ mod tests {
 
     /// A band `w` nodes long and `h` across, between fixed nodes of label 0 above and 1 below, with random weights.
     fn band(w: usize, h: usize, random: &mut Random) -> BandGraph {
-        let mut weights = std::collections::BTreeMap::new();
+        let mut weights = BTreeMap::new();
         let mut weight =
             |i: usize, j: usize| *weights.entry((i.min(j), i.max(j))).or_insert_with(|| (1 + below(random, 8)) as f32);
         let (mut start, mut edges) = (vec![0], Vec::new());
@@ -304,7 +298,7 @@ mod tests {
             (0..270).filter(|&i| side(i)).collect::<Vec<u32>>()
         });
         assert!(naive.iter().all(|positions| positions.len() > 20));
-        assert_eq!(at_boundaries(&graph, &labels, &round), naive);
+        assert_eq!(LabelledBand { graph: &graph, labels: &labels, scale: 1. }.at_boundaries(&round), naive);
     }
 
     #[test]
