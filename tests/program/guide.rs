@@ -29,24 +29,26 @@ fn scene() -> tempfile::TempDir {
     std::fs::create_dir(&scans).unwrap();
     std::fs::create_dir(&psb).unwrap();
     if let Some(data) = common::data() {
-        // Two small models of two categories with what people said of them.
+        // Two models of two categories with what people said of them: a person and glasses, or the smallest animal and hand.
+        let [first, second] = if common::every_case() { ["4", "60"] } else { ["398", "200"] };
         let table = std::fs::read_to_string(data.join("psb/models.tsv")).unwrap();
-        let chosen = |line: &&str| ["model", "4", "60"].contains(&line.split('\t').next().unwrap());
+        let chosen = |line: &&str| ["model", first, second].contains(&line.split('\t').next().unwrap());
         let lines: Vec<&str> = table.lines().filter(chosen).collect();
         assert_eq!(lines.len(), 3, "{table}");
         std::fs::write(psb.join("models.tsv"), lines.join("\n") + "\n").unwrap();
         for entry in std::fs::read_dir(data.join("psb")).unwrap().flatten() {
             let name = entry.file_name().into_string().unwrap();
-            if ["4.ply", "60.ply"].contains(&&name[..]) || name.starts_with("4_") || name.starts_with("60_") {
+            if [first, second].contains(&name.split(['.', '_']).next().unwrap()) {
                 std::fs::copy(entry.path(), psb.join(&name)).unwrap();
             }
         }
-        std::fs::copy(psb.join("4.ply"), dir.path().join("scan.ply")).unwrap();
-        for (truth, name) in [("4_0.seg", "a.seg"), ("4_1.seg", "b.seg")] {
-            std::fs::copy(psb.join(truth), dir.path().join(name)).unwrap();
+        let model = |name: &str| psb.join(format!("{name}.ply"));
+        std::fs::copy(model(first), dir.path().join("scan.ply")).unwrap();
+        for (person, name) in [(0, "a.seg"), (1, "b.seg")] {
+            std::fs::copy(psb.join(format!("{first}_{person}.seg")), dir.path().join(name)).unwrap();
         }
-        for name in ["4.ply", "60.ply"] {
-            std::fs::copy(psb.join(name), scans.join(name)).unwrap();
+        for name in [first, second] {
+            std::fs::copy(model(name), scans.join(format!("{name}.ply"))).unwrap();
         }
     } else {
         let scan = dir.path().join("scan.ply");
@@ -74,24 +76,20 @@ fn scene() -> tempfile::TempDir {
     dir
 }
 
-/// The folder of the tour: the scans that it names. Smaller ones stand in for the two largest, which take most of the time, unless
-/// every case is asked for.
+/// The folder of the tour: the scans that it names. One small scan stands in for all but the first, unless every case is asked for.
 fn gallery() -> tempfile::TempDir {
     let dir = tempfile::tempdir().unwrap();
-    let (dragon, head) = match common::every_case() {
-        true => ("real/dragon_vrip_orig_ascii.ply", "real/mri_ch2_head_h.ply"),
-        false => ("nasty/dragon_res2_203k.ply", "real/horse_paper_39698.ply"),
-    };
     let scans = [
         ("horse", "real/horse_97k_orig_BE.ply"),
         ("bunny", "real/bun_zipper_orig_ascii.ply"),
         ("lucy", "real/lucy_100k_orig.ply"),
         ("igea", "real/igea.ply"),
-        ("dragon", dragon),
-        ("head", head),
+        ("dragon", "real/dragon_vrip_orig_ascii.ply"),
+        ("head", "real/mri_ch2_head_h.ply"),
     ];
-    for (faces, (name, file)) in (4_000..).step_by(1_000).zip(scans) {
+    for (k, (faces, (name, file))) in (4_000..).step_by(1_000).zip(scans).enumerate() {
         let target = dir.path().join(name).with_extension("ply");
+        let file = if k == 0 || common::every_case() { file } else { "real/horse_4k.ply" };
         match common::data() {
             Some(data) => drop(std::fs::copy(data.join(file), target).unwrap()),
             None => std::fs::rename(common::creature(dir.path(), faces, false), target).unwrap(),
