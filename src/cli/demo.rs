@@ -72,7 +72,7 @@ pub fn run(args: &DemoArgs, app: &AppContext) -> Result<(), CliError> {
     for part in &report.parts {
         line(format!("  part {:2}  {:>9} faces  rgb {:?}", part.label, part.faces, part.colour));
     }
-    line(format!("look at {} in MeshLab, CloudCompare or Blender", ply.display()));
+    line(format!("look at {} in MeshLab, or draw it: nystrom-stream picture {0}", ply.display()));
     Ok(())
 }
 

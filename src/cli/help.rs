@@ -27,7 +27,7 @@ Examples:
   nystrom-stream segment scan.ply -k 6 --cluster kmeans --metric paper --normalise none
   nystrom-stream segment scans/ -o 'labels/{}.seg' --jobs 2 --json-lines=all.jsonl --resume
   zcat scan.ply.gz | nystrom-stream segment - -k 6 > labelled.ply
-  find scans -name '*.ply' -print0 | xargs -0 nystrom-stream segment";
+  find scans -name '*.ply' ! -name '*.segmented.ply' -print0 | xargs -0 nystrom-stream segment";
 
 /// After the help of `graph`, `rows`, `embed`, `cluster` and `export`.
 pub const STAGES: &str = "\

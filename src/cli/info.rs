@@ -156,6 +156,9 @@ fn measured(m: &MeshMeasures) -> String {
 
 pub fn run(args: &InfoArgs, app: &AppContext) -> std::result::Result<(), CliError> {
     let path = either(&args.path, &args.work_dir);
+    if args.header && path.is_dir() {
+        return Err(CliError::Usage("--header goes with a mesh; a work directory has no header".into()));
+    }
     if args.path.is_some() && !path.is_dir() {
         let (text, all) = mesh(path, args, app)?;
         return Ok(args.json.publish_or_print(&all, &text)?);

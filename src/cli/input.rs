@@ -14,33 +14,43 @@ use std::path::Path;
 const SPOOLED: &str = "input";
 
 /// Opens the mesh at `path`, or that on standard input, and tells which it is. A work directory of another mesh is refused without
-/// `force`, before anything in it changes.
+/// `force`, before anything in it changes, and emptied with it.
 pub fn read(path: &Path, force: ForceArgs, context: Context<'_>) -> Result<(mesh::Mesh, Value), Error> {
     let Context { work, run } = context;
-    let lasting = !work.is_temporary() && !force.force;
     if path.as_os_str() == "-" {
-        return piped(lasting, context);
+        return piped(force, context);
     }
     let identity = input::identity(path)?;
-    if lasting {
-        input::admit(path, &identity, work)?;
-    }
+    admit(path, &identity, force, context)?;
     let (opened, _) = run.stage("read", "bytes", 0, || mesh::open(path, work.path(), run))?;
     Ok((opened, identity))
 }
 
+/// Refuses to work on another mesh than that of a lasting work directory without `force`; empties it with `force`.
+fn admit(path: &Path, identity: &Value, force: ForceArgs, context: Context<'_>) -> Result<(), Error> {
+    let Context { work, run } = context;
+    if work.is_temporary() {
+        return Ok(());
+    }
+    match input::admit(path, identity, work) {
+        Err(Error::WorkDir { .. }) if force.force => {
+            run.progress.note(&format!("{}: emptied, since it was of another mesh", work.path().display()));
+            work.clear()
+        }
+        admitted => admitted,
+    }
+}
+
 /// The mesh on standard input, which is spooled into the work directory. Which mesh it is shows only then, so the one that is
-/// there steps aside until the other is `admitted`.
-fn piped(admitted: bool, context: Context<'_>) -> Result<(mesh::Mesh, Value), Error> {
+/// there steps aside until the other is admitted.
+fn piped(force: ForceArgs, context: Context<'_>) -> Result<(mesh::Mesh, Value), Error> {
     let Context { work, run } = context;
     let (input, aside) = (work.file(SPOOLED), work.file("input.before.tmp"));
-    let kept = admitted && std::fs::rename(&input, &aside).is_ok();
+    let kept = !work.is_temporary() && !force.force && std::fs::rename(&input, &aside).is_ok();
     let read = || mesh::open_reader(std::io::stdin().lock(), "<stdin>", work.path(), run);
     let result = run.stage("read", "bytes", 0, read).map(|(opened, _)| opened).and_then(|opened| {
         let identity = json!({"stdin": workdir::checksum(&input)?});
-        if admitted {
-            input::admit(Path::new("-"), &identity, work)?;
-        }
+        admit(Path::new("-"), &identity, force, context)?;
         Ok((opened, identity))
     });
     match &result {

@@ -260,6 +260,8 @@ impl MethodArgs {
         let mut params = SegmentParams::default().order(self.order.or(Order::default()));
         self.parts.apply(&self.kernel, &mut params)?;
         self.distance.apply(&mut params)?;
+        // They need rows over all faces: reports and work directories are to say so.
+        params.exact |= params.boundaries == Boundaries::Embedding;
         if params.cluster != Cluster::Parts && params.embedding.is_none() {
             params.embedding = Some(EmbeddingParams::for_parts(self.parts.parts.unwrap_or(two_means::DIMENSIONS)));
         }

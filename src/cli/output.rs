@@ -43,7 +43,7 @@ pub struct PlyArgs {
 }
 
 /// `--json`, in the one form that it has everywhere.
-#[derive(Clone, Debug, clap::Args)]
+#[derive(Clone, Debug, Default, clap::Args)]
 pub struct JsonArgs {
     /// Write a report as JSON, to standard output or to FILE
     #[arg(long, value_name = "FILE", num_args = 0..=1, default_missing_value = "-", require_equals = true)]
@@ -287,6 +287,11 @@ impl Output {
         !matches!(self, Self::Seg(_) | Self::Npy(_))
     }
 
+    /// Whether it holds the names of parts.
+    pub fn holds_names(&self) -> bool {
+        !matches!(self, Self::Seg(_) | Self::Npy(_))
+    }
+
     /// Whether it is a page, which needs report and cuts.
     pub fn is_page(&self) -> bool {
         matches!(self, Self::Html(_))
@@ -356,6 +361,28 @@ impl Output {
             }
         }
     }
+}
+
+/// The outputs that `paths` name, each once.
+pub fn outputs_of(paths: &[PathBuf]) -> Result<Vec<Output>, CliError> {
+    let mut outputs: Vec<Output> = Vec::with_capacity(paths.len());
+    for path in paths {
+        let output = Output::of(path)?;
+        if outputs.contains(&output) {
+            return Err(CliError::Usage(format!("-o {}: given more than once; give it once", path.display())));
+        }
+        outputs.push(output);
+    }
+    Ok(outputs)
+}
+
+/// Refuses a table of names where neither one of `outputs` nor `json` would hold them.
+pub fn check_names(names: Option<&Path>, outputs: &[Output], json: &JsonArgs) -> Result<(), CliError> {
+    if names.is_some() && json.json.is_none() && !outputs.iter().any(Output::holds_names) {
+        let text = "--names goes with --json or an output that holds names: any but .seg and .npy";
+        return Err(CliError::Usage(text.into()));
+    }
+    Ok(())
 }
 
 /// What the parts of `mesh` measure; the graph that tells which faces touch goes beside `path`.

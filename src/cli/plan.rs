@@ -87,6 +87,13 @@ pub fn run(args: &PlanArgs, app: &AppContext) -> Result<(), CliError> {
         let more = human((sorted.disk_peak - plan.disk_peak) as f64);
         let _ = writeln!(text, "if the order of the file is poor: {more}B of disk more, to sort faces along a curve");
     }
+    if plan.memory > run.budget.total() {
+        let (needed, budget) = (human(plan.memory as f64), human(run.budget.total() as f64));
+        let _ = writeln!(
+            text,
+            "warning: {needed}B are allocated although --max-memory is {budget}B: they do not depend on the mesh"
+        );
+    }
     if let Some(warning) = warning(&plan) {
         let _ = writeln!(text, "warning: {warning}");
     }

@@ -17,14 +17,14 @@ use std::path::{Path, PathBuf};
 /// Arguments of `plot`.
 #[derive(Clone, Debug, clap::Args)]
 pub struct PlotArgs {
-    /// A work directory, a report (.json), or a hierarchy of parts (.json)
+    /// A work directory, a hierarchy of parts (.json), or, for eigenvalues, a report (.json)
     #[arg(value_name = "DIR|FILE", required_unless_present = "work_dir", conflicts_with = "work_dir")]
     pub from: Option<PathBuf>,
     /// The work directory
     #[arg(long, value_name = "DIR")]
     pub work_dir: Option<PathBuf>,
     /// Draw the eigenvalues, .svg or .png, once or more
-    #[arg(long, value_name = "FILE", required_unless_present = "tree")]
+    #[arg(long, value_name = "FILE")]
     pub eigenvalues: Vec<PathBuf>,
     /// Draw the hierarchy of parts and its cut, .svg or .png, once or more
     #[arg(long, value_name = "FILE")]
@@ -68,7 +68,7 @@ impl Found {
     fn in_file(path: &Path) -> Result<Self> {
         let text = std::fs::read(path).map_err(Error::io(path, "read"))?;
         let wrong = |problem: &str| {
-            let remedy = "give a work directory, a report of `segment --json`, or a hierarchy of `export --tree`";
+            let remedy = "give a work directory, a hierarchy of `export --tree`, or for eigenvalues a report of `segment --json`";
             Error::unusable(path, problem, remedy)
         };
         let value: Value = serde_json::from_slice(&text).map_err(|_| wrong("is neither a folder nor JSON"))?;
@@ -96,6 +96,9 @@ fn colours_of(tree: &PartTree, cut: &TreeCut) -> Vec<[u8; 3]> {
 }
 
 pub fn run(args: &PlotArgs) -> Result<(), CliError> {
+    if args.eigenvalues.is_empty() && args.tree.is_empty() {
+        return Err(CliError::Usage("plot: nothing to draw; give --eigenvalues FILE, --tree FILE, or both".into()));
+    }
     check_charts("--eigenvalues", &args.eigenvalues)?;
     check_charts("--tree", &args.tree)?;
     let from = either(&args.from, &args.work_dir);

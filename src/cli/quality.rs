@@ -75,7 +75,7 @@ pub struct QualityArgs {
     #[arg(long, value_name = "FILE")]
     pub csv: Option<PathBuf>,
     /// Draw the comparison, .svg or .png, once or more
-    #[arg(long, value_name = "FILE", requires = "compare")]
+    #[arg(long, value_name = "FILE")]
     pub plot: Vec<PathBuf>,
     #[command(flatten)]
     pub run: RunArgs,
@@ -84,6 +84,9 @@ pub struct QualityArgs {
 /// What is asked for, checked.
 fn params(args: &QualityArgs) -> Result<CompareParams, CliError> {
     check_charts("--plot", &args.plot)?;
+    if !args.plot.is_empty() && !args.compare {
+        return Err(CliError::Usage("--plot goes with --compare: it draws a comparison".into()));
+    }
     if !(args.sigma > 0. && args.sigma < 1e6) {
         return Err(CliError::Usage(format!("--sigma: {} is not a width; choose a positive number", args.sigma)));
     }

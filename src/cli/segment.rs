@@ -8,7 +8,7 @@ use super::input::read;
 use super::made::Maker;
 use super::method::{MethodArgs, check_count};
 use super::options::{AppContext, CliError, ForceArgs, RunArgs};
-use super::output::{ENDINGS, FormArgs, JsonArgs, Output, Results, folder_of, measured};
+use super::output::{ENDINGS, FormArgs, JsonArgs, Output, Results, check_names, folder_of, measured, outputs_of};
 use super::progress::{Bars, BatchBars, Style, counted, human, tell};
 use super::stages::{KeptEmbedding, embedding};
 use nystrom_stream::apps::edits::Edits;
@@ -49,7 +49,7 @@ pub struct SegmentArgs {
     #[command(flatten)]
     pub json: JsonArgs,
     /// Measure the parts for the report: box, centroid, axes, open edges, neighbours, and the volume of closed ones
-    #[arg(long, requires = "json")]
+    #[arg(long)]
     pub measure: bool,
     /// Keep intermediate results in this folder and reuse them [default: a temporary folder]
     #[arg(long, value_name = "DIR")]
@@ -94,8 +94,16 @@ fn check(args: &SegmentArgs, meshes: &[PathBuf], many: bool) -> Result<(SegmentP
     let edits = args.edits.read(&args.method.parts, &mut params)?;
     check_count(&params)?;
     let misused = |text: &str| Err(CliError::Usage(text.into()));
-    let outputs = args.output.iter().map(|path| Output::of(path)).collect::<Result<Vec<_>, _>>()?;
+    let outputs = outputs_of(&args.output)?;
     args.form.check(&outputs)?;
+    if !outputs.is_empty() {
+        check_names(args.edits.names.as_deref(), &outputs, &args.json)?;
+    }
+    if args.measure && args.json.json.is_none() {
+        return misused(
+            "--measure goes with --json, which tells what is measured; or write a table, as in -o parts.csv",
+        );
+    }
     let stdin = meshes.iter().filter(|mesh| mesh.as_os_str() == "-").count();
     if stdin > 0 && many {
         return misused("standard input is one mesh; give it alone");
@@ -395,12 +403,9 @@ fn jobs(meshes: Vec<PathBuf>, patterns: &[PathBuf]) -> Result<Vec<Job>, CliError
                 return Err(CliError::Usage(format!("-o: {} is the mesh itself; name another file", path.display())));
             }
             if let Some(other) = owner.insert(path.to_path_buf(), job.mesh.clone()) {
-                return Err(CliError::Usage(format!(
-                    "-o: {} and {} would both be written to {}",
-                    other.display(),
-                    job.mesh.display(),
-                    path.display()
-                )));
+                let (other, mesh, path) = (other.display(), job.mesh.display(), path.display());
+                let remedy = "cut them one by one, each with an -o of its own";
+                return Err(CliError::Usage(format!("{other} and {mesh} would both be written to {path}; {remedy}")));
             }
         }
         jobs.push(job);

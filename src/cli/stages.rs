@@ -7,7 +7,7 @@ use super::edits::{EditArgs, corrections, named};
 use super::input::read;
 use super::method::{KernelArgs, MethodArgs, OrderArgs, PartsArgs, check_count};
 use super::options::{AppContext, CliError, ForceArgs, RunArgs, WorkDirArgs, misfit, open};
-use super::output::{FormArgs, JsonArgs, Output, Results, print};
+use super::output::{FormArgs, JsonArgs, Output, Results, check_names, outputs_of, print};
 use super::progress::{Bars, counted};
 use nystrom_stream::apps::edits::Edits;
 use nystrom_stream::apps::export::parquet::Coordinates;
@@ -118,6 +118,9 @@ pub struct EmbedArgs {
 /// Arguments of `cluster`.
 #[derive(Clone, Debug, clap::Args)]
 pub struct ClusterArgs {
+    /// The mesh, if it has moved
+    #[arg(value_name = "MESH")]
+    pub mesh: Option<PathBuf>,
     #[command(flatten)]
     pub place: Place,
     /// Output, once or more, as in segment [default: only labels.npy and quality.npy in the work directory]
@@ -149,7 +152,7 @@ pub struct ExportArgs {
     #[command(flatten)]
     pub place: Place,
     /// Output, once or more, as in segment
-    #[arg(short, long, value_name = "OUT", required_unless_present = "tree")]
+    #[arg(short, long, value_name = "OUT")]
     pub output: Vec<PathBuf>,
     #[command(flatten)]
     pub form: FormArgs,
@@ -277,8 +280,9 @@ pub fn embed(args: &EmbedArgs, app: &AppContext) -> Result<(), CliError> {
 pub fn cluster(args: &ClusterArgs, app: &AppContext) -> Result<(), CliError> {
     let start = Instant::now();
     let bars = args.run.bars();
-    let outputs = args.output.iter().map(|path| Output::of(path)).collect::<Result<Vec<_>, _>>()?;
+    let outputs = outputs_of(&args.output)?;
     args.form.check(&outputs)?;
+    check_names(args.edits.names.as_deref(), &outputs, &args.json)?;
     outputs.iter().try_for_each(Output::check)?;
     args.json.check(outputs.contains(&Output::Stdout))?;
     let (work, record, run) = reopen(&args.place, &args.run, args.run.run(&bars, app))?;
@@ -298,8 +302,11 @@ pub fn cluster(args: &ClusterArgs, app: &AppContext) -> Result<(), CliError> {
     let tree = args.tree.as_deref().map(decision::read_tree).transpose()?;
     let params = recipe::continued(&record, &params);
     let context = Context::new(&work, &run);
-    let painted =
-        args.edits.hints.as_ref().map(|name| open_mesh(None, &record, None, context)?.face_property(name, &run));
+    let painted = args
+        .edits
+        .hints
+        .as_ref()
+        .map(|name| open_mesh(args.mesh.as_deref(), &record, None, context)?.face_property(name, &run));
     let painted = painted.transpose()?;
     let corrections = corrections(edits.as_ref(), painted.as_ref());
     let mut result = recipe::cluster(&params, tree.as_ref(), corrections, context)?;
@@ -332,7 +339,7 @@ pub fn cluster(args: &ClusterArgs, app: &AppContext) -> Result<(), CliError> {
         edits: edits.as_ref(),
         cell_labels: &result.cell_labels,
         agreement: result.numbers.expected_agreement(),
-        mesh: None,
+        mesh: args.mesh.as_deref(),
         record: &record,
         form: args.form,
         context: Context::new(&work, &run),
@@ -346,10 +353,14 @@ pub fn cluster(args: &ClusterArgs, app: &AppContext) -> Result<(), CliError> {
         }
         args.json.publish(&all)?;
     }
-    if outputs.is_empty() && args.json.json.is_none() && !args.run.quiet {
-        let (parts, faces) = (result.numbers.faces.len(), result.labels.len());
+    let (parts, faces) = (result.numbers.faces.len(), result.labels.len());
+    let (faces, parts) = (counted(faces, "face"), counted(parts, "part"));
+    if !outputs.is_empty() {
+        let written: Vec<String> = outputs.iter().map(Output::to_string).collect();
+        let seconds = start.elapsed().as_secs_f64();
+        run.progress.note(&format!("{faces} in {parts} in {seconds:.2} s, written to {}", written.join(", ")));
+    } else if args.json.json.is_none() && !args.run.quiet {
         let path = work.file("labels.npy");
-        let (faces, parts) = (counted(faces, "face"), counted(parts, "part"));
         let text = format!("{faces} in {parts}, labels in {}; -o OUT writes a mesh\n", line(&path.to_string_lossy()));
         print(text.as_bytes())?;
     }
@@ -358,8 +369,12 @@ pub fn cluster(args: &ClusterArgs, app: &AppContext) -> Result<(), CliError> {
 
 pub fn export(args: &ExportArgs, app: &AppContext) -> Result<(), CliError> {
     let bars = args.run.bars();
-    let outputs = args.output.iter().map(|path| Output::of(path)).collect::<Result<Vec<_>, _>>()?;
+    let outputs = outputs_of(&args.output)?;
+    if outputs.is_empty() && args.tree.is_none() {
+        return Err(CliError::Usage("export: nothing to write; give -o OUT, --tree FILE, or both".into()));
+    }
     args.form.check(&outputs)?;
+    check_names(args.names.as_deref(), &outputs, &JsonArgs::default())?;
     outputs.iter().try_for_each(Output::check)?;
     let (work, record, run) = reopen(&args.place, &args.run, args.run.run(&bars, app))?;
     if let Some(path) = &args.tree {
@@ -480,6 +495,11 @@ fn open_mesh(
 ) -> Result<mesh::Mesh, Error> {
     let Context { work, run } = context;
     let path = moved.unwrap_or(&record.mesh);
+    if moved.is_none() && !path.exists() {
+        let remedy =
+            format!("give its new path, as in: nystrom-stream export MESH --work-dir {}", work.path().display());
+        return Err(Error::unusable(path, "is no longer where the work directory knows it", remedy));
+    }
     let same = match record.identity.get("stdin") {
         Some(sum) => moved.is_some() || *sum == workdir::checksum(path)?,
         None => input::same(&input::identity(path)?, &record.identity),

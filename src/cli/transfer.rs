@@ -1,7 +1,7 @@
 //! `transfer-labels`: labels carried over to another mesh of the same shape.
 
 use super::options::{AppContext, CliError, RunArgs};
-use super::output::{JsonArgs, Output, PartFile, PlyArgs, Results, folder_of};
+use super::output::{JsonArgs, Output, PartFile, PlyArgs, Results, folder_of, outputs_of};
 use super::picture::{has_labels, labels_of_file, labels_of_mesh};
 use nystrom_stream::apps::colours::colours_for;
 use nystrom_stream::apps::transfer::transfer;
@@ -39,7 +39,7 @@ pub struct TransferArgs {
 
 pub fn run(args: &TransferArgs, app: &AppContext) -> Result<(), CliError> {
     let start = Instant::now();
-    let outputs = args.output.iter().map(|path| Output::of(path)).collect::<Result<Vec<_>, _>>()?;
+    let outputs = outputs_of(&args.output)?;
     args.ply.check(&outputs)?;
     args.json.check(outputs.contains(&Output::Stdout))?;
     outputs.iter().try_for_each(Output::check)?;

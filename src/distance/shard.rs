@@ -157,7 +157,11 @@ fn find(work: &WorkDir) -> Result<Vec<Shard>> {
             Some((spec, _)) if spec.key != first.key => {
                 return Err(damaged(work, spec.shard, spec.of, "it was computed with other options than shard 0"));
             }
-            _ => return Err(damaged(work, shard, first.of, "this shard is missing")),
+            _ => {
+                let remedy = format!("run rows --shard {shard}/{} with the options of the others", first.of);
+                let file = work.file(&format!("{}.npy", stem(shard, first.of)));
+                return Err(Error::work_dir(file, "this shard is missing", remedy));
+            }
         }
     }
     if found.len() > first.of {

@@ -93,7 +93,9 @@ pub(super) fn parts(
     })?;
     let RefinedLabels { mut labels, boundary_nodes } = refined;
     let (mut parts, mut tiny_components_label) = (result.parts, None);
-    if params.tiny_components == TinyComponents::Own && shares.tiny_components > 0 {
+    if params.tiny_components == TinyComponents::Own && shares.tiny_components == 0 {
+        context.run.progress.note("there are no tiny components, so no label stands for them");
+    } else if params.tiny_components == TinyComponents::Own {
         tiny_components_label = Some(parts as u32);
         labels = apart(&labels, &shares.share, parts as u32, context)?;
         parts += 1;
@@ -233,7 +235,13 @@ fn decide(
         result.report.expected_agreement.clear();
     }
     let mut walls_label = None;
-    if params.walls == Walls::Own && params.parts.count == count && all.is_wall.contains(&true) {
+    if params.walls == Walls::Own && all.is_wall.contains(&true) {
+        if params.parts.count != count {
+            let problem =
+                "walls cannot be a part of their own where more parts are asked for than the surface has cells";
+            let remedy = format!("ask for {} at most, or leave out --walls own", all.tree.cells());
+            return Err(Error::parameter("-k", problem, remedy));
+        }
         let own = result.parts as u32;
         result.label.iter_mut().zip(&all.is_wall).filter(|(_, wall)| **wall).for_each(|(label, _)| *label = own);
         result.parts += 1;

@@ -194,8 +194,12 @@ fn stages_of(extent: &Extent, cluster: Cluster, decoded: u64, budget: u64) -> Ve
         stages.push(("rows", RowsStage::needs(extent, &mut room)));
     }
     stages.push(("labels", labels_need(extent, cluster, &mut room)));
-    let within = |needs: Needs| Needs { memory: (BASE + needs.memory).min(budget.max(BASE)), ..needs };
-    stages.into_iter().map(|(name, needs)| StagePlan { name, needs: within(needs), seconds: None }).collect()
+    // The decision about parts takes the same whatever the budget.
+    let least = |name: &str| if name == "labels" && cluster == Cluster::Parts { DECISION } else { BASE };
+    let within = |name, needs: Needs| (BASE + needs.memory).min(budget.max(least(name)));
+    let planned =
+        |(name, needs)| StagePlan { name, needs: Needs { memory: within(name, needs), ..needs }, seconds: None };
+    stages.into_iter().map(planned).collect()
 }
 
 /// Bytes on disk after `stages`, and at the most while they run.

@@ -152,12 +152,15 @@ pub fn cluster(
     label(&graph, order, clustered, params, context)
 }
 
-/// The rows over all faces that are there, of whatever metric, or new ones; `None` where there are none and the mesh is contracted.
+/// The rows over all faces that are there, of whatever metric, or new ones; `None` where `params` have the mesh contracted, also if another
+/// command left rows over all faces.
 fn rows_over_faces(graph: &DualGraph, params: &SegmentParams, context: Context<'_>) -> Result<Option<DistanceRows>> {
     let n = graph.nodes.len();
+    if params.contracts(n) {
+        return Ok(None);
+    }
     match DistanceRows::kept(&graph.key, n, context.work) {
         Ok(rows) => Ok(Some(rows)),
-        Err(Error::WorkDir { .. }) if params.contracts(n) => Ok(None),
         Err(Error::WorkDir { .. }) => {
             let weighted = graph.weighted(params.metric, context)?;
             rows(graph, &weighted, params.landmarks_of(n), params, context).map(Some)

@@ -197,7 +197,7 @@ impl<'a> Side<'a> {
             Some(input) => VertexGraph::kept(&mesh, path, input, context),
             None => Ok((VertexGraph::build(&mesh, path, context)?, String::new())),
         };
-        let ((graph, key), _) = context.run.stage("graph", "vertices", n, build)?;
+        let ((graph, key), _) = context.run.stage("vertex graph", "vertices", n, build)?;
         let surface = Surface::of(&graph);
         let row_params = RowParams { l: params.landmarks.min(graph.len()), sampling: params.sampling };
         let rows = if input.is_some() {

@@ -281,6 +281,21 @@ impl WorkDir {
         Ok(FileRecord { bytes, xxh3: checksum(&path)? })
     }
 
+    /// Removes all stages with their files, here and in the directories within: the work on another mesh, which nothing will read.
+    ///
+    /// # Errors
+    /// [`Error::Io`], [`Error::WorkDir`] where a directory within is in use.
+    pub fn clear(&self) -> Result<()> {
+        for inner in self.all_inner()?.values() {
+            inner.clear()?;
+        }
+        let mut manifest = self.manifest_lock();
+        let stages = std::mem::take(&mut manifest.stages);
+        self.save(&mut manifest)?;
+        stages.values().flat_map(|stage| stage.files.keys()).for_each(|file| self.remove(file));
+        Ok(())
+    }
+
     /// Gives up files of the finished stage `stage` that nothing will read again, in a temporary directory: its disk can
     /// hold a larger mesh then, and the page cache more of the rest. Should the stage be asked for after all, it is made
     /// anew. Elsewhere they stay, for the next run.

@@ -40,6 +40,22 @@ fn disk_and_memory_are_what_was_planned() {
     }
 }
 
+/// Regression: what deciding parts takes, whatever the budget, was left out where the budget is less.
+#[test]
+fn a_small_budget_does_not_hide_what_parts_take() {
+    let dir = tempfile::tempdir().unwrap();
+    let mesh = creature(dir.path(), 10_000);
+    let out = dir.path().join("labels.npy");
+    let budget = ["--max-memory", "1MiB"];
+    let plan = program(&[&["plan", &mesh], &budget[..]].concat());
+    let told = String::from_utf8(plan.stdout).unwrap();
+    assert!(told.contains("warning: 20.97 MB are allocated although --max-memory is 1.05 MB"), "{told}");
+    let run = program(&[&["segment", &mesh, "-q", "--json", "-o", out.to_str().unwrap()], &budget[..]].concat());
+    let report: Value = serde_json::from_slice(&run.stdout).unwrap();
+    let allocated = report["bytes"]["peak_allocated"].as_u64().unwrap();
+    assert!((1 << 20..20 << 20).contains(&allocated), "{allocated}");
+}
+
 /// Mounts a file system of `size` in memory at `at`; whether that is allowed here.
 fn mount(at: &Path, size: &str) -> bool {
     let option = format!("size={size}");

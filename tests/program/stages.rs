@@ -80,7 +80,7 @@ fn another_number_of_parts_needs_neither_mesh_nor_rows() {
         assert_eq!(read_seg(out).unwrap(), expected, "{way:?}");
     }
     let told = refused(&["export", "-o", word(&out.with_extension("ply"))], work, 1);
-    assert!(told.contains("check the path"), "{told}");
+    assert!(told.contains("give its new path"), "{told}");
     // `segment` itself takes the same short cut.
     let again = creature(mesh.parent().unwrap(), 12_000, false);
     let told = refused(&["cluster", "-k", "100000"], work, 1);
@@ -257,7 +257,7 @@ fn what_is_missing_is_said() {
     // Nor are rows of the old one taken for rows of the new, nor lost without a word.
     assert!(refused(&["rows"], &work, 1).contains("as it was before it changed"));
     let told = stage(&["rows", "--force"], &work);
-    assert!(told.contains("graph: made anew"), "{told}");
+    assert!(told.contains("emptied, since it was of another mesh"), "{told}");
 }
 
 /// A dumbbell with specks around it.
@@ -337,4 +337,45 @@ fn an_isosurface_full_of_pockets_is_not_one_part() {
     area.sort_by(|a, b| b.total_cmp(a));
     let total: f64 = area.iter().sum();
     assert!(area.len() < 6 && area[0] < 0.7 * total && area[1] > 0.3 * total, "{area:?}");
+}
+
+/// Regression: K-means took rows over all faces that another command had left, although `segment` would have contracted the mesh.
+#[test]
+fn rows_that_another_command_left_do_not_decide_k_means() {
+    let Scene { mesh, work, out, .. } = &scene(62_000, false);
+    stage(&["segment", word(mesh), "-q", "-o", word(out)], work);
+    stage(&["embed"], work);
+    let means = ["--cluster", "kmeans", "-k", "5"];
+    let told = stage(&[&["cluster", "-o", word(out)], &means[..]].concat(), work);
+    assert!(read_seg(out).unwrap() == direct(mesh, &means));
+    // Regression: only `segment` told how many parts there are.
+    assert!(told.contains(" faces in 5 parts in ") && told.contains("out.seg"), "{told}");
+}
+
+/// Regression: files of the mesh before stayed, and `info` and `verify` went through them as if they were of this one.
+#[test]
+fn another_mesh_by_force_leaves_nothing_of_the_one_before() {
+    let Scene { mesh, work, out, _dir: dir } = &scene(62_000, false);
+    stage(&["segment", word(mesh), "-q", "-o", word(out)], work);
+    assert!(work.join("contracted/distances.npy").exists());
+    let small = creature(dir.path(), 2_000, false);
+    stage(&["segment", word(&small), "-q", "-o", word(out), "--force"], work);
+    assert!(read_seg(out).unwrap() == direct(&small, &[]));
+    let left = std::fs::read_dir(work.join("contracted")).unwrap().flatten().map(|entry| entry.file_name());
+    assert_eq!(left.filter(|name| name.to_str().unwrap().ends_with(".npy")).count(), 0);
+    assert!(!work.join("contracted.npy").exists());
+}
+
+#[test]
+fn a_mesh_that_has_moved_is_named_anew() {
+    let Scene { mesh, work, out, .. } = &scene(2_000, false);
+    stage(&["segment", word(mesh), "-q", "-k", "3", "-o", word(out)], work);
+    let (moved, ply) = (mesh.with_extension("moved.ply"), mesh.with_extension("cut.ply"));
+    std::fs::rename(mesh, &moved).unwrap();
+    for command in [&["export"][..], &["cluster", "-k", "4"]] {
+        let told = refused(&[command, &["-o", word(&ply)]].concat(), work, 1);
+        assert!(told.contains("no longer where the work directory knows it; give its new path"), "{told}");
+        stage(&[command, &[word(&moved), "-q", "-o", word(&ply)]].concat(), work);
+    }
+    assert!(ply.exists());
 }

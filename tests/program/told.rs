@@ -94,6 +94,13 @@ fn the_inside_of_a_head_is_told_and_does_not_hide_its_nose() {
     let ask = format!("--json={}", json.display());
     let output = run(&["cluster", "-q", "--work-dir", word(&work), "-k", "2", "-o", word(&out), &ask]);
     assert!(output.status.success(), "{}", errors(&output));
+    // Regression: the option had no effect where there are more parts than cells.
+    let output = run(&["cluster", "-q", "--work-dir", word(&work), "-k", "3000", "-o", word(&out)]);
+    assert!(
+        output.status.code() == Some(2) && errors(&output).contains("leave out --walls own"),
+        "{}",
+        errors(&output)
+    );
     let two = report(&json);
     assert_eq!((&two["walls_label"], two["parts"].as_array().unwrap().len()), (&2.into(), 3), "head, brain and walls");
     let (told, _) = cut(&data.join("real/horse_4k.ply"), &[]);

@@ -125,7 +125,7 @@ impl Document {
             return Err(Error::unusable(
                 &self.path,
                 problem,
-                "give a mesh that was written with labels, or a .seg file",
+                "name an integer property of its faces, or give a mesh that was written with labels",
             ));
         }
         let mut values = Vec::with_capacity(self.header.elements[self.face].count);
