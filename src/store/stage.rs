@@ -15,6 +15,7 @@
 //!
 //! Cost: hashing at the speed of memory and one sync a file in a directory that lasts; none in a temporary one.
 
+use super::folder::LOCK;
 use super::json;
 use super::manifest::{FileRecord, MANIFEST, Manifest, NOT_MADE, StageRecord, checksum};
 use super::needs::{Extent, Needs, Room};
@@ -286,8 +287,12 @@ impl WorkDir {
     /// # Errors
     /// [`Error::Io`], [`Error::WorkDir`] where a directory within is in use.
     pub fn clear(&self) -> Result<()> {
-        for inner in self.all_inner()?.values() {
+        for (name, inner) in self.all_inner()? {
             inner.clear()?;
+            drop(inner);
+            [MANIFEST, LOCK].iter().for_each(|file| self.remove(&format!("{name}/{file}")));
+            // Not where somebody else has put files there.
+            let _ = std::fs::remove_dir(self.file(&name));
         }
         let mut manifest = self.manifest_lock();
         let stages = std::mem::take(&mut manifest.stages);
