@@ -11,6 +11,7 @@ use nystrom_stream::mesh::import;
 use nystrom_stream::mesh::ply::header;
 use nystrom_stream::mesh::ply::{Element, Property};
 use nystrom_stream::pipeline::calibrate::size_of_mesh;
+use nystrom_stream::pipeline::input::is_pipe;
 use nystrom_stream::store::json::value as to_json;
 use nystrom_stream::store::verify::verify as check;
 use nystrom_stream::store::workdir::Manifest;
@@ -88,16 +89,18 @@ fn header(path: &Path) -> Result<(String, Value)> {
 fn mesh(path: &Path, args: &InfoArgs, app: &AppContext) -> Result<(String, Value)> {
     let run = args.run.run(&(), app);
     let stdin = path.as_os_str() == "-";
-    let (mut text, mut all) = if stdin { (String::new(), json!({"mesh": "<stdin>"})) } else { header(path)? };
+    let streams = stdin || is_pipe(path);
+    let name = if stdin { "<stdin>".into() } else { path.to_string_lossy() };
+    let (mut text, mut all) = if streams { (String::new(), json!({"mesh": name})) } else { header(path)? };
     if args.header {
         return Ok((text, all));
     }
-    let beside = || if stdin { std::env::temp_dir() } else { folder_of(path) };
+    let beside = || if streams { std::env::temp_dir() } else { folder_of(path) };
     let work = args.run.work(None, beside, &run)?;
     let context = Context::new(&work, &run);
     let (opened, _) = read(path, ForceArgs { force: false }, context)?;
     let measures = measure::mesh(&opened, context)?;
-    if stdin {
+    if streams {
         let _ = writeln!(text, "{} faces, {} vertices", opened.faces.len(), opened.positions.len());
         (all["faces"], all["vertices"]) = (json!(opened.faces.len()), json!(opened.positions.len()));
     }

@@ -8,6 +8,8 @@ use nystrom_stream::mesh;
 use nystrom_stream::pipeline::input;
 use nystrom_stream::store::{Context, workdir};
 use serde_json::{Value, json};
+use std::fs::File;
+use std::io::Read;
 use std::path::Path;
 
 /// What standard input is spooled to in a work directory.
@@ -18,7 +20,11 @@ const SPOOLED: &str = "input";
 pub fn read(path: &Path, force: ForceArgs, context: Context<'_>) -> Result<(mesh::Mesh, Value), Error> {
     let Context { work, run } = context;
     if path.as_os_str() == "-" {
-        return piped(force, context);
+        return piped(std::io::stdin().lock(), "<stdin>", force, context);
+    }
+    if input::is_pipe(path) {
+        let pipe = File::open(path).map_err(Error::io(path, "open"))?;
+        return piped(pipe, &path.to_string_lossy(), force, context);
     }
     let identity = input::identity(path)?;
     admit(path, &identity, force, context)?;
@@ -41,13 +47,13 @@ fn admit(path: &Path, identity: &Value, force: ForceArgs, context: Context<'_>) 
     }
 }
 
-/// The mesh on standard input, which is spooled into the work directory. Which mesh it is shows only then, so the one that is
-/// there steps aside until the other is admitted.
-fn piped(force: ForceArgs, context: Context<'_>) -> Result<(mesh::Mesh, Value), Error> {
+/// The mesh that `source` streams, standard input or a pipe, which is spooled into the work directory. Which mesh it is shows only then,
+/// so the one that is there steps aside until the other is admitted.
+fn piped(source: impl Read, name: &str, force: ForceArgs, context: Context<'_>) -> Result<(mesh::Mesh, Value), Error> {
     let Context { work, run } = context;
     let (input, aside) = (work.file(SPOOLED), work.file("input.before.tmp"));
     let kept = !work.is_temporary() && !force.force && std::fs::rename(&input, &aside).is_ok();
-    let read = || mesh::open_reader(std::io::stdin().lock(), "<stdin>", work.path(), run);
+    let read = || mesh::open_reader(source, name, work.path(), run);
     let result = run.stage("read", "bytes", 0, read).map(|(opened, _)| opened).and_then(|opened| {
         let identity = json!({"stdin": workdir::checksum(&input)?});
         admit(Path::new("-"), &identity, force, context)?;

@@ -427,8 +427,14 @@ pub fn write_text(target: &Path, text: &str) -> Result<()> {
     if target == Path::new("-") {
         return print(text.as_bytes());
     }
+    // /dev/stdout is a link to what may be a file: a rename would take the place of the link.
+    let stream = |path: &Path| path.starts_with("/dev") || path.starts_with("/proc");
+    let is_stream = stream(target) || std::fs::read_link(target).is_ok_and(|to| stream(&to));
     match std::fs::metadata(target) {
-        Ok(known) if !known.is_file() => std::fs::write(target, text).map_err(Error::io(target, "write")),
+        Ok(known) if is_stream || !known.is_file() => {
+            let append = std::fs::OpenOptions::new().append(true).open(target);
+            append.and_then(|mut file| file.write_all(text.as_bytes())).map_err(Error::io(target, "write"))
+        }
         _ => json::publish(target, text.as_bytes()),
     }
 }

@@ -354,7 +354,7 @@ fn meshes(words: &[PathBuf]) -> Result<(Vec<PathBuf>, bool), CliError> {
             many = true;
             let entries = std::fs::read_dir(word).map_err(Error::io(word, "list"))?;
             let mut found: Vec<PathBuf> = entries.flatten().map(|entry| entry.path()).collect();
-            found.retain(|path| named(path, &ENDINGS) && !named(path, &[RESULT]) && !path.is_dir());
+            found.retain(|path| named(path, &ENDINGS) && !named(path, &[RESULT]) && path.is_file());
             if found.is_empty() {
                 return Err(Error::unusable(
                     word,

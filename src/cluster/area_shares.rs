@@ -1,6 +1,7 @@
 //! The share of the surface that each face has, 0 in tiny components; seeds and sums weighted by these shares.
 //!
-//! Components below [`TINY`] of the area are tiny: scanning debris that must not become seeds, cells or parts.
+//! Components below [`TINY`] of the area, and far smaller than the largest, are tiny: scanning debris that must not become seeds, cells or
+//! parts. Hundreds of components of about one size are no debris.
 //! Their faces have the share 0. Bridges join them to the rest, so they take the label of what they float beside.
 //! Lengths scale with the shares: in units of √(area without tiny components), the same shape has the same size at every
 //! resolution.
@@ -21,8 +22,10 @@ use crate::store::{Context, MappedSlice, Run};
 use std::collections::{HashMap, HashSet};
 use std::ops::Range;
 
-/// Components below this share of the area are tiny; the largest never is.
+/// Components below this share of the area are tiny …
 pub const TINY: f64 = 0.005;
+/// … if they are below this share of the largest as well.
+const BESIDE_LARGEST: f64 = 0.1;
 /// Least share of a face, in mean shares: no face is so small that it counts nothing.
 const FLOOR: f64 = 1e-4;
 const CHUNK: usize = 1 << 15;
@@ -155,8 +158,9 @@ fn tiny_roots(graph: &DualGraph, run: &Run) -> Result<(HashSet<u32>, f64, u64)> 
     let mut list: Vec<(u32, f64, u64)> = sums.into_iter().map(|(root, (area, count))| (root, area, count)).collect();
     list.sort_unstable_by(|a, b| b.1.total_cmp(&a.1).then(b.2.cmp(&a.2)).then(a.0.cmp(&b.0)));
     let (mut tiny, mut area, mut tiny_components) = (HashSet::new(), 0., 0);
+    let least = list.first().map_or(0., |largest| (TINY * total).min(BESIDE_LARGEST * largest.1));
     for (rank, &(root, share, count)) in list.iter().enumerate() {
-        if rank > 0 && share < TINY * total {
+        if rank > 0 && share < least {
             tiny.insert(root);
             tiny_components += count;
         } else {

@@ -106,8 +106,10 @@ pub fn merge(context: Context<'_>) -> Result<DistanceRows> {
     };
     let (rows, seconds) = context.run.stage("merge", "rows", spec.rows as u64, make)?;
     rows.stamp(&spec, seconds, context.work)?;
-    for shard in &shards {
-        let stem = stem(shard.spec.shard, shard.spec.of);
+    // Those of another division of the same rows are not needed any more either.
+    let read = journals(context.work)?.into_iter().filter_map(|path| Journal::read(&path));
+    for (one, _) in read.filter(|(one, _)| one.key == spec.key) {
+        let stem = stem(one.shard, one.of);
         context.work.remove(&format!("{stem}.npy"));
         context.work.remove(&format!("{stem}.journal"));
     }
@@ -142,6 +144,11 @@ fn journals(work: &WorkDir) -> Result<Vec<PathBuf>> {
 fn find(work: &WorkDir) -> Result<Vec<Shard>> {
     let mut found: Vec<(JobSpec, BTreeMap<usize, JournalEntry>)> =
         journals(work)?.iter().filter_map(|path| Journal::read(path)).collect();
+    // Two divisions may have begun here: the one that has more finished rows counts.
+    let mut finished: BTreeMap<usize, usize> = BTreeMap::new();
+    found.iter().for_each(|(spec, entries)| *finished.entry(spec.of).or_default() += entries.len());
+    let division = finished.into_iter().max_by_key(|&(of, rows)| (rows, of)).map(|(of, _)| of);
+    found.retain(|(spec, _)| Some(spec.of) == division);
     found.sort_by_key(|(spec, _)| spec.shard);
     let Some(first) = found.first().map(|(spec, _)| spec.clone()) else {
         return Err(Error::work_dir(work.path(), "holds no shards of rows", "compute them with rows --shard i/n"));

@@ -4,6 +4,7 @@
 //! take. Costs one to five seconds and some 20 MB of disk for as long; for meshes of more than ten million faces less than a tenth of what
 //! their run takes, and some six seconds at the most.
 
+use super::input::is_pipe;
 use super::params::SegmentParams;
 use super::plan::{MeshSize, Pace};
 use super::recipe::segment;
@@ -175,6 +176,9 @@ fn faces_of_strips(header: &header::Header, len: u64) -> u64 {
 /// # Errors
 /// [`Error::Io`], [`Error::Malformed`], [`Error::Unusable`].
 pub fn size_of_mesh(path: &Path) -> Result<MeshSize> {
+    if is_pipe(path) {
+        return Err(Error::unusable(path, "is a pipe, whose size shows only when it is read", "name a file"));
+    }
     let bytes = MappedBytes::open(path)?;
     let compressed = bytes.starts_with(&[0x1f, 0x8b]);
     let mut head = Vec::new();

@@ -22,10 +22,13 @@ const END: u64 = 1 << 20;
 /// mebibyte. A file edited in place in its middle within the clock's resolution goes unnoticed; nothing else does.
 ///
 /// # Errors
-/// [`Error::Io`].
+/// [`Error::Io`], [`Error::Unusable`] for a pipe.
 pub fn identity(path: &Path) -> Result<Value> {
+    let metadata = std::fs::metadata(path).map_err(Error::io(path, "open"))?;
+    if is_pipe(path) {
+        return Err(Error::unusable(path, "is a pipe, which can be read only once", "save it to a file first"));
+    }
     let mut file = File::open(path).map_err(Error::io(path, "open"))?;
-    let metadata = file.metadata().map_err(Error::io(path, "look at"))?;
     let changed = metadata
         .modified()
         .ok()
@@ -47,6 +50,11 @@ pub fn identity(path: &Path) -> Result<Value> {
         "changed": changed,
         "ends": format!("{:016x}", hash.digest()),
     }))
+}
+
+/// Whether `path` is a pipe, as of a shell's <(…), or a device: it can be read only once, and has no size.
+pub fn is_pipe(path: &Path) -> bool {
+    std::fs::metadata(path).is_ok_and(|metadata| !metadata.is_file() && !metadata.is_dir())
 }
 
 /// Whether two identities are of the same content, wherever it lies and whenever it was copied there.

@@ -16,12 +16,14 @@ use crate::cluster::boundary::{self, BoundaryMethod, CellLabels, RefinedLabels};
 use crate::cluster::divide::divide;
 use crate::cluster::extrapolate::LocalPartMeans;
 use crate::cluster::parts::hints::Affinities;
-use crate::cluster::parts::{self, PartTree, PartsResult};
+use crate::cluster::parts::{self, PartCount, PartTree, PartsParams, PartsResult};
 use crate::distance::DistanceRows;
 use crate::graph::{DualGraph, NodeOrder};
 use crate::store::{Context, MappedSlice};
 
 const CHUNK: usize = 1 << 15;
+/// Area, with the box's diagonal as the unit, of what is points and lines but for rounding.
+const NO_AREA: f64 = 1e-12;
 
 /// What parts are cut by besides the options.
 #[derive(Clone, Copy, Default)]
@@ -75,6 +77,15 @@ pub(super) fn parts(
     context: Context<'_>,
 ) -> Result<Clustered> {
     let n = graph.nodes.len();
+    let without_area;
+    let params = if graph.facts.area < NO_AREA && params.parts.count == PartCount::Found {
+        context.run.progress.note("the mesh has no area: it is left whole");
+        without_area =
+            SegmentParams { parts: PartsParams { count: PartCount::Exactly(1), ..params.parts }, ..params.clone() };
+        &without_area
+    } else {
+        params
+    };
     let nodes = wishes.corrections.locate(graph, order, context.run)?;
     let (surface, weighted) = weighted(graph, params, context)?;
     let whole = WeightedSurface { graph, weighted: &weighted, surface: &surface };
