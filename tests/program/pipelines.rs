@@ -134,3 +134,24 @@ fn completions_and_man_pages_know_every_option() {
         assert!(output.status.success() && text.contains("parts-range") && text.contains("work-dir"), "{shell}");
     }
 }
+
+/// Regression: the identity of the file was read from the pipe first, and nothing was left.
+#[cfg(unix)]
+#[test]
+fn a_pipe_is_read_once() {
+    let dir = tempfile::tempdir().unwrap();
+    let mesh = common::creature(dir.path(), 2_000, false);
+    let (pipe, out, direct) = (dir.path().join("pipe.ply"), dir.path().join("x.seg"), dir.path().join("y.seg"));
+    assert!(std::process::Command::new("mkfifo").arg(&pipe).status().unwrap().success());
+    for words in [&["segment", word(&pipe), "-q", "-o", word(&out)][..], &["info", word(&pipe)]] {
+        let (from, to) = (mesh.clone(), pipe.clone());
+        let writer = std::thread::spawn(move || std::fs::copy(from, to).unwrap());
+        let output = run(words);
+        assert!(output.status.success(), "{words:?}: {}", errors(&output));
+        writer.join().unwrap();
+    }
+    common::segment(&mesh, &["-q", "-o", word(&direct)]);
+    assert!(std::fs::read(&out).unwrap() == std::fs::read(&direct).unwrap());
+    let output = run(&["plan", word(&pipe)]);
+    assert!(output.status.code() == Some(1) && errors(&output).contains("is a pipe"), "{}", errors(&output));
+}

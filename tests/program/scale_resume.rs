@@ -102,6 +102,19 @@ fn rows_are_taken_over_one_by_one_and_torn_ones_are_not() {
     assert!(std::fs::read(work.join("distances.npy")).unwrap() == rows);
 }
 
+/// Regression: a shard of another division in the directory hid those that were whole, and the advice did not help.
+#[test]
+fn a_shard_of_another_division_is_no_hindrance() {
+    let dir = tempfile::tempdir().unwrap();
+    let (mesh, work) = (creature(dir.path(), 4_000), dir.path().join("work"));
+    for shard in ["0/3", "1/3", "2/3", "1/2"] {
+        ok(&["rows", text(&mesh), "-q", "-l", "8", "--work-dir", text(&work), "--shard", shard]);
+    }
+    ok(&["merge", text(&work), "-q"]);
+    let names = std::fs::read_dir(&work).unwrap().map(|entry| entry.unwrap().file_name().into_string().unwrap());
+    assert_eq!(names.filter(|name| name.contains("-of-")).count(), 0);
+}
+
 #[test]
 fn shards_and_merge_are_one_process_byte_for_byte() {
     let dir = tempfile::tempdir().unwrap();

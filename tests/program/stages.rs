@@ -377,3 +377,31 @@ fn a_mesh_that_has_moved_is_named_anew() {
     }
     assert!(ply.exists());
 }
+
+/// Regression: 201 components of one size were all tiny beside the whole, and became one part; 199 were 199 parts.
+#[test]
+fn many_components_of_one_size_are_parts() {
+    let dir = tempfile::tempdir().unwrap();
+    let mut shape = zoo::tetrahedron();
+    for k in 1..210 {
+        shape =
+            zoo::beside("many", &shape, &zoo::tetrahedron(), [f64::from(3 * (k % 15)), f64::from(3 * (k / 15)), 0.]);
+    }
+    let labels = direct(&shape.write(dir.path()), &[]);
+    let parts: std::collections::BTreeSet<Vec<u32>> = labels.chunks(4).map(<[u32]>::to_vec).collect();
+    assert!(parts.len() == 210 && parts.iter().all(|part| part.iter().all(|label| *label == part[0])));
+}
+
+/// Regression: a mesh without area had a part for each of its two thousand cells.
+#[test]
+fn a_mesh_without_area_is_left_whole() {
+    let dir = tempfile::tempdir().unwrap();
+    for (name, scale) in [("nowhere", f64::NAN), ("point", 0.)] {
+        let mut shape = zoo::Shape { name, ..zoo::grid(30) };
+        shape.vertices.iter_mut().flatten().for_each(|x| *x *= scale);
+        let mesh = shape.write(dir.path());
+        assert!(direct(&mesh, &[]).iter().all(|label| *label == 0), "{name}");
+        let four: std::collections::BTreeSet<u32> = direct(&mesh, &["-k", "4"]).into_iter().collect();
+        assert_eq!(four.len(), 4, "{name}");
+    }
+}
