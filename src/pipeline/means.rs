@@ -146,8 +146,8 @@ pub(super) fn contracted(
     weighted.release(context.work)?;
     let quality = units.confidences(context)?;
     let (faces, area) = units.totals(graph, &labels, (parts, true), context.run)?;
-    let tiny_components = surface.shares.tiny_components;
-    let numbers = SegmentStats { faces, area, radius: surface.radius, tiny_components, ..numbers };
+    let tiny_faces = surface.shares.tiny_nodes;
+    let numbers = SegmentStats { faces, area, radius: surface.radius, tiny_faces, ..numbers };
     Ok(clustered(labels, Some(boundary_nodes), quality, numbers))
 }
 
