@@ -6,8 +6,8 @@ use nalgebra::DMatrix;
 /// that signs do not depend on the solver's path.
 pub fn symmetric(matrix: DMatrix<f64>) -> (Vec<f64>, DMatrix<f64>) {
     let n = matrix.nrows();
-    let even = DMatrix::from_fn(n, n, |i, j| 0.5 * (matrix[(i, j)] + matrix[(j, i)]));
-    let eigen = nalgebra::SymmetricEigen::new(even);
+    let symmetrised = DMatrix::from_fn(n, n, |i, j| 0.5 * (matrix[(i, j)] + matrix[(j, i)]));
+    let eigen = nalgebra::SymmetricEigen::new(symmetrised);
     let mut order: Vec<usize> = (0..n).collect();
     order.sort_by(|&a, &b| eigen.eigenvalues[b].total_cmp(&eigen.eigenvalues[a]));
     let values = order.iter().map(|&k| eigen.eigenvalues[k]).collect();

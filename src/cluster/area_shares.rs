@@ -6,12 +6,12 @@
 //! Lengths scale with the shares: in units of √(area without tiny components), the same shape has the same size at every
 //! resolution.
 //!
-//! [`spread`] takes one seed per equal quantum of area along the order of the nodes: as good as farthest points for cells
+//! [`spread_seeds`] takes one seed per equal quantum of area along the order of the nodes: as good as farthest points for cells
 //! (measured), for the cost of one pass. [`class_sums`] adds up areas, centroids and normals of cells, micro-cells and
 //! contracted nodes; few blocks of nodes are summed side by side, since each holds all classes (72 bytes per class and
 //! block), and added up in their order, so that the number of threads does not change the result.
 //!
-//! Cost: one pass each, 4 bytes per node written.
+//! Cost: one pass over the nodes each; shares take 4 bytes per node on disk.
 
 use crate::base::Result;
 use crate::base::parallel::{chunk_count, chunk_range};
@@ -19,6 +19,7 @@ use crate::base::random::{stratified, stream, unit};
 use crate::graph::half_edge_pairs::AGAINST;
 use crate::graph::{DualGraph, Node, NodeGeometry};
 use crate::store::{Context, MappedSlice, Run};
+use std::borrow::Cow;
 use std::collections::{HashMap, HashSet};
 use std::ops::Range;
 
@@ -30,17 +31,16 @@ const BESIDE_LARGEST: f64 = 0.1;
 const FLOOR: f64 = 1e-4;
 const CHUNK: usize = 1 << 15;
 
-/// Shares of the faces, and the shape's unit.
+/// Shares of the faces, 0 in tiny components, and the shape's unit. They sum to 1 but for floored ones.
 #[derive(Clone, Debug)]
 pub struct AreaShares {
-    /// Share of each node (n), 0 in tiny components; they sum to 1 but for floored ones. Empty where they are computed from the
-    /// geometry.
-    pub share: MappedSlice<f32>,
+    /// Share of each node (n). Empty where they are computed from the geometry.
+    stored: MappedSlice<f32>,
     computed: Option<(NodeGeometry, FromArea)>,
-    /// From the frame's lengths to units of √(area).
+    /// Factor from the frame's lengths to units of √(area).
     pub unit: f32,
     /// Nodes in tiny components.
-    pub tiny_components: u64,
+    pub tiny_nodes: u64,
 }
 
 /// How an area becomes a share.
@@ -58,14 +58,15 @@ impl FromArea {
 }
 
 impl AreaShares {
-    /// Computes the shares; `surface_shares.npy`, but for a graph in one component whose geometry is computed at each look.
+    /// Computes the shares. They are stored as `surface_shares.npy`, except those of a graph in one component whose geometry is computed
+    /// at each look.
     ///
     /// # Errors
     /// [`crate::base::Error::Io`], [`crate::base::Error::Cancelled`].
     pub fn of(graph: &DualGraph, context: Context<'_>) -> Result<Self> {
         let n = graph.nodes.len();
-        let (tiny, total, tiny_components) = tiny_roots(graph, context.run)?;
-        let real = n as u64 - tiny_components;
+        let (tiny, total, tiny_nodes) = tiny_roots(graph, context.run)?;
+        let real = n as u64 - tiny_nodes;
         // All faces degenerate: each counts the same.
         let even = total <= 0.;
         let scale = if even { 0. } else { 1. / total };
@@ -74,8 +75,7 @@ impl AreaShares {
         let unit = if even { 1. } else { (1. / total.sqrt()) as f32 };
         if graph.nodes.is_computed() && tiny.is_empty() {
             let computed = Some((graph.nodes.clone(), from));
-            let share = MappedSlice::empty();
-            return Ok(Self { share, computed, unit, tiny_components });
+            return Ok(Self { stored: MappedSlice::empty(), computed, unit, tiny_nodes });
         }
         let mut array = context.work.array::<f32>("surface_shares.npy", &[n])?;
         context.run.fill_chunks(
@@ -91,22 +91,22 @@ impl AreaShares {
                 Ok(())
             },
         )?;
-        Ok(Self::of_array(array.finish(false)?, unit, tiny_components))
+        Ok(Self::of_array(array.finish(false)?, unit, tiny_nodes))
     }
 
-    /// Shares that were computed before.
-    pub fn of_array(share: MappedSlice<f32>, unit: f32, tiny_components: u64) -> Self {
-        Self { share, computed: None, unit, tiny_components }
+    /// Shares that were stored before (n), and what was found with them.
+    pub fn of_array(stored: MappedSlice<f32>, unit: f32, tiny_nodes: u64) -> Self {
+        Self { stored, computed: None, unit, tiny_nodes }
     }
 
-    /// Whether they are computed at each look.
+    /// Whether the shares are computed at each look.
     pub fn is_computed(&self) -> bool {
         self.computed.is_some()
     }
 
     /// Number of nodes.
     pub fn len(&self) -> usize {
-        self.computed.as_ref().map_or(self.share.len(), |(nodes, _)| nodes.len())
+        self.computed.as_ref().map_or(self.stored.len(), |(nodes, _)| nodes.len())
     }
 
     /// Whether there are no nodes.
@@ -117,21 +117,29 @@ impl AreaShares {
     /// The share of the node `at`, whose geometry `node` gives.
     #[inline]
     pub(super) fn of_node(&self, at: usize, node: &Node) -> f32 {
-        self.computed.as_ref().map_or_else(|| self.share[at], |(_, from)| from.share(node.area))
+        self.computed.as_ref().map_or_else(|| self.stored[at], |(_, from)| from.share(node.area))
     }
 
     /// Shows the shares of the nodes `range` to `see`, in order.
     fn each(&self, range: Range<usize>, mut see: impl FnMut(f32)) {
         match &self.computed {
-            None => self.share[range].iter().for_each(|&share| see(share)),
+            None => self.stored[range].iter().for_each(|&share| see(share)),
             Some((nodes, from)) => nodes.view().each(range, |_, node| see(from.share(node.area))),
         }
     }
 
     /// The share of the node `at`.
     #[inline]
-    pub(super) fn at(&self, at: usize) -> f32 {
-        self.computed.as_ref().map_or_else(|| self.share[at], |(nodes, from)| from.share(nodes.area(at)))
+    pub fn at(&self, at: usize) -> f32 {
+        self.computed.as_ref().map_or_else(|| self.stored[at], |(nodes, from)| from.share(nodes.area(at)))
+    }
+
+    /// The shares of all nodes (n), for loops over many rows: where they are computed, 4 bytes of memory per node.
+    pub(super) fn values(&self) -> Cow<'_, [f32]> {
+        match self.computed {
+            None => Cow::Borrowed(&self.stored),
+            Some(_) => (0..self.len()).map(|at| self.at(at)).collect(),
+        }
     }
 }
 
@@ -157,20 +165,20 @@ fn tiny_roots(graph: &DualGraph, run: &Run) -> Result<(HashSet<u32>, f64, u64)> 
     }
     let mut list: Vec<(u32, f64, u64)> = sums.into_iter().map(|(root, (area, count))| (root, area, count)).collect();
     list.sort_unstable_by(|a, b| b.1.total_cmp(&a.1).then(b.2.cmp(&a.2)).then(a.0.cmp(&b.0)));
-    let (mut tiny, mut area, mut tiny_components) = (HashSet::new(), 0., 0);
     let least = list.first().map_or(0., |largest| (TINY * total).min(BESIDE_LARGEST * largest.1));
+    let (mut tiny, mut area, mut tiny_nodes) = (HashSet::new(), 0., 0);
     for (rank, &(root, share, count)) in list.iter().enumerate() {
         if rank > 0 && share < least {
             tiny.insert(root);
-            tiny_components += count;
+            tiny_nodes += count;
         } else {
             area += share;
         }
     }
-    Ok((tiny, area, tiny_components))
+    Ok((tiny, area, tiny_nodes))
 }
 
-/// Seeds that a block of nodes has in the mean.
+/// Mean number of seeds in a block of nodes.
 const SEEDS_PER_BLOCK: usize = 16;
 
 /// What a block of nodes has drawn.
@@ -178,18 +186,17 @@ struct Drawn {
     nodes: Vec<u32>,
     /// Points that were drawn; several may fall into one node.
     points: usize,
-    /// Nodes that count.
+    /// Nodes whose share is not 0.
     eligible: usize,
     share: f64,
 }
 
-/// About `count` nodes, ascending, of those that count; all of these where they are no
-/// more than `count`. Blocks of nodes draw by themselves, each a point in equal shares of its area, so that faces of another
-/// size change the seeds of their own block, and not of all that follow.
+/// About `count` nodes whose share is not 0, ascending, one per equal quantum of area; all such nodes where they are no more than
+/// `count`. Each block of nodes draws by itself, so faces of another size change the seeds of their own block alone.
 ///
 /// # Errors
 /// [`crate::base::Error::Cancelled`].
-pub fn spread(shares: &AreaShares, count: usize, purpose: &str, run: &Run) -> Result<Vec<u32>> {
+pub fn spread_seeds(shares: &AreaShares, count: usize, purpose: &str, run: &Run) -> Result<Vec<u32>> {
     let n = shares.len();
     let block = (SEEDS_PER_BLOCK * n / count).max(1);
     let points = |k: usize, share: f64, total: f64| {
@@ -224,11 +231,11 @@ const BLOCKS: usize = 8;
 /// Sums over a class of nodes, in the frame.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct ClassSum {
-    /// Area of all nodes, also of those that count nothing.
+    /// Area of all nodes, also of those without a share.
     pub area: f64,
     /// Area shares.
     pub share: f64,
-    /// Weights: area shares, but no less than the least that was asked for.
+    /// Weights: area shares, but no less than the least weight that was asked for.
     pub weight: f64,
     /// Centroids times weights.
     pub centre: [f64; 3],
@@ -237,7 +244,7 @@ pub struct ClassSum {
 }
 
 impl ClassSum {
-    /// Takes in a node that counts `share`, but no less than `least`.
+    /// Adds a node whose weight is `share`, but no less than `least`.
     #[inline]
     pub(super) fn take(&mut self, node: &Node, share: f64, least: f64) {
         self.area += f64::from(node.area);
@@ -275,8 +282,8 @@ impl ClassSum {
     }
 }
 
-/// Sums over the nodes of each of `classes` classes; nodes of none (beyond the last) are left out. Those that count nothing have area
-/// alone, unless `least` weight is given to each.
+/// Sums over the nodes of each of `classes` classes; nodes of a class beyond the last are left out. Nodes without a share add their area
+/// alone, unless each has a weight of `least`.
 ///
 /// # Errors
 /// [`crate::base::Error::Cancelled`].
@@ -311,8 +318,8 @@ pub fn class_sums(
     Ok(total)
 }
 
-/// The class of each node (n) as an array `name` of two bytes per node: cells and contracted nodes are fewer than 2¹⁶. Nodes of
-/// none, which have `u32::MAX`, get `u16::MAX`.
+/// The class of each node (n) as an array `name` of two bytes per node: cells and contracted nodes are fewer than 2¹⁶. Nodes of no
+/// class, which have `u32::MAX`, get `u16::MAX`.
 ///
 /// # Errors
 /// [`crate::base::Error::Io`], [`crate::base::Error::Cancelled`].
@@ -331,7 +338,7 @@ mod tests {
         let run = Run { seed, ..Run::new(&()) };
         let work = WorkDir::temporary(&std::env::temp_dir()).unwrap();
         let share = work.write("share.npy", share, 1).unwrap();
-        super::spread(&AreaShares::of_array(share, 1., 0), count, "test", &run).unwrap()
+        super::spread_seeds(&AreaShares::of_array(share, 1., 0), count, "test", &run).unwrap()
     }
 
     #[test]

@@ -8,12 +8,12 @@
 //! Rows averaged over cells are B (l × S), all that deciding parts needs of `[A B]`. Rows on the cell graph alone are much
 //! worse (.15–.22 against .10 in 1 − Rand); averages of rows over all faces are not.
 //!
-//! Cost: one front, 4 + 4 bytes per face, one pass over the graph; then one sequential pass per row, 12 bytes read per
-//! face, 4 of them of the row, as it comes from its front or from where it is kept.
+//! Cost: one front, 8 bytes per face while it runs and 2 that are kept, and one pass over the graph; then one sequential pass per row,
+//! which reads 10 bytes per face: cell, share and distance.
 
-use super::area_shares::{AreaShares, ClassSum, class_sums, narrowed, spread};
+use super::area_shares::{AreaShares, ClassSum, class_sums, narrowed, spread_seeds};
 use super::mirror::{PointSet, SurfacePoint, paired_seeds};
-use super::normals::{Normals, turning};
+use super::normals::{Normals, dihedral_angle};
 use super::parts::CellGraph;
 use crate::base::Result;
 use crate::base::vector::wide;
@@ -22,6 +22,7 @@ use crate::graph::Csr;
 use crate::graph::weights::{Metric, Weighting};
 use crate::graph::{DualGraph, Node};
 use crate::store::{Context, MappedSlice, Run};
+use std::borrow::Cow;
 use std::collections::BTreeMap;
 
 /// Cells of a surface.
@@ -76,7 +77,7 @@ impl Cells {
         let seeds: Vec<u32> = if n <= CELLS {
             (0..n as u32).collect()
         } else {
-            paired(graph, shares, normals.fine, spread(shares, CELLS, "cells", context.run)?)
+            paired(graph, shares, normals.fine, spread_seeds(shares, CELLS, "cells", context.run)?)
         };
         let metric = Metric::ScaleFree { beta: 0.1, eta: 0.5 };
         let area = 1. / f64::from(shares.unit).powi(2);
@@ -170,7 +171,7 @@ fn borders(
                 let length = f64::from(edge.abs() * shares.unit);
                 let angle = |normals: &Normals| {
                     let node = |i: usize| Node { normal: normals[i], ..graph.nodes.at(i) };
-                    f64::from(turning(&node(i), &node(j), edge))
+                    f64::from(dihedral_angle(&node(i), &node(j), edge))
                 };
                 let (medium, coarse) = (angle(normals.medium), angle(normals.coarse));
                 let border = sums.entry((cell[i].min(cell[j]), cell[i].max(cell[j]))).or_default();
@@ -197,7 +198,7 @@ fn borders(
 #[derive(Clone, Debug)]
 pub struct CellAverages<'a> {
     cell: &'a [u16],
-    share: &'a [f32],
+    share: Cow<'a, [f32]>,
     /// Area of each cell (S).
     mass: Vec<f64>,
 }
@@ -205,9 +206,9 @@ pub struct CellAverages<'a> {
 impl<'a> CellAverages<'a> {
     /// Averages over `cells`; faces count by `shares`.
     pub fn new(cells: &'a Cells, shares: &'a AreaShares) -> Self {
-        let (cell, share) = (&cells.of_node[..], &shares.share[..]);
+        let (cell, share) = (&cells.of_node[..], shares.values());
         let mut mass = vec![0f64; cells.len()];
-        for (&c, &share) in cell.iter().zip(share) {
+        for (&c, &share) in cell.iter().zip(&*share) {
             mass[c as usize] += weight(share);
         }
         Self { cell, share, mass }
@@ -216,7 +217,7 @@ impl<'a> CellAverages<'a> {
     /// Area means over each cell (S) of a row of distances (n); infinite where a cell is not reached.
     pub fn of(&self, row: &[f32]) -> Vec<f64> {
         let mut sums = vec![0f64; self.mass.len()];
-        for ((&c, &share), &d) in self.cell.iter().zip(self.share).zip(row) {
+        for ((&c, &share), &d) in self.cell.iter().zip(&*self.share).zip(row) {
             sums[c as usize] += weight(share) * f64::from(d);
         }
         sums.iter().zip(&self.mass).map(|(sum, mass)| sum / mass).collect()

@@ -10,7 +10,7 @@
 //! direction is taken across the line between its faces. Cost: one front, 8 bytes per face of which 2 are kept, one pass
 //! over the graph.
 
-use super::area_shares::{AreaShares, ClassSum, class_sums, narrowed, spread};
+use super::area_shares::{AreaShares, ClassSum, class_sums, narrowed, spread_seeds};
 use crate::base::Result;
 use crate::base::vector::{cross, length as norm, minus, wide};
 use crate::distance::SharedFront;
@@ -154,7 +154,7 @@ fn contract(contraction: &Contraction<'_>, key: &str, context: Context<'_>) -> R
 /// # Errors
 /// [`crate::base::Error::Cancelled`].
 pub fn seeds(shares: &AreaShares, run: &Run) -> Result<Vec<u32>> {
-    spread(shares, NODES, "contraction", run)
+    spread_seeds(shares, NODES, "contraction", run)
 }
 
 /// The front from these `seeds` under the weights.
@@ -247,8 +247,8 @@ fn assemble(
     let mut entries: Vec<(u32, u32, f32, f32, f32)> = Vec::with_capacity(2 * borders.len());
     for (&(a, b), border) in borders {
         let (from, to) = (&nodes[a as usize].centroid, &nodes[b as usize].centroid);
-        let gap = (0..3).map(|axis| f64::from(from[axis] - to[axis]).powi(2)).sum::<f64>().sqrt();
-        let chord = border.chord.iter().map(|x| x * x).sum::<f64>().sqrt();
+        let gap = norm([0, 1, 2].map(|axis| f64::from(from[axis] - to[axis])));
+        let chord = norm(border.chord);
         // Bridges have no boundary, and stay without.
         let length = chord.max(0.1 * border.length) as f32;
         let centroid_distance = (DETOUR * gap.max(1e-9)) as f32;

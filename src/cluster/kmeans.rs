@@ -348,12 +348,17 @@ impl SimdKernel for Margins<'_> {
 /// Chunks whose distances are asked for at a time.
 const CHUNKS_ASKED: usize = 16;
 
-/// Labels every face: `labels` (n) get the nearest centre, `quality` (n), which holds the faces' areas, how sure it is, from 0 on
-/// the border between two centres to 1 on a centre.
+/// Labels every face with its nearest centre: `labels` (n). `areas_to_confidences` (n) holds the faces' areas at first, and then how certain
+/// each label is, from 0 on the border between two centres to 1 on a centre: one array less of the size of the mesh.
 ///
 /// # Errors
 /// [`crate::base::Error::Cancelled`].
-pub fn assign(assignment: Assignment<'_>, labels: &mut [u32], quality: &mut [f32], run: &Run) -> Result<ClusterTotals> {
+pub fn assign(
+    assignment: Assignment<'_>,
+    labels: &mut [u32],
+    areas_to_confidences: &mut [f32],
+    run: &Run,
+) -> Result<ClusterTotals> {
     let Assignment { rows, embedding, centres, gamma } = assignment;
     let parts = centres.centres.len() / centres.dimensions.max(1);
     let n = rows.nodes;
@@ -370,7 +375,8 @@ pub fn assign(assignment: Assignment<'_>, labels: &mut [u32], quality: &mut [f32
         first: vec![0.; FACES_PER_CHUNK],
         second: vec![0.; FACES_PER_CHUNK],
     };
-    let chunks = run.fill_two((labels, quality), FACES_PER_CHUNK, scratch, |k, labels, quality, s| {
+    let outputs = (labels, areas_to_confidences);
+    let chunks = run.fill_two(outputs, FACES_PER_CHUNK, scratch, |k, labels, areas_to_confidences, s| {
         let m = labels.len();
         let range = chunk_range(n, FACES_PER_CHUNK, k);
         if k % CHUNKS_ASKED == 0 {
@@ -388,12 +394,12 @@ pub fn assign(assignment: Assignment<'_>, labels: &mut [u32], quality: &mut [f32
         for same in labels.chunk_by(|a, b| a == b) {
             // Added up in the order of faces, but in a register: neighbours in number mostly have one label.
             let part = same[0] as usize;
-            let areas = &quality[first..first + same.len()];
+            let areas = &areas_to_confidences[first..first + same.len()];
             faces[part] += areas.len() as u64;
             area[part] = areas.iter().fold(area[part], |sum, &area| sum + f64::from(area));
             first += same.len();
         }
-        dispatch(Margins { first: &s.first[..m], second: &s.second[..m], out: quality });
+        dispatch(Margins { first: &s.first[..m], second: &s.second[..m], out: areas_to_confidences });
         run.progress.advance("assign", m as u64);
         Ok((faces, area, gamma.map_or(0., |gamma| gamma.chunk(m, &s.affinities[..m * rows.len()]))))
     })?;
@@ -406,10 +412,9 @@ pub fn assign(assignment: Assignment<'_>, labels: &mut [u32], quality: &mut [f32
     Ok(totals)
 }
 
-/// Makes every part non-empty: while one has no face, it gets the least sure face of the part with most
-/// faces. Needed only where the embedding has fewer distinct points than parts (a cube, four
-/// faces in four parts); needs at least as many faces as parts.
-pub fn exactly(totals: &mut ClusterTotals, nodes: NodeView<'_>, labels: &mut [u32], quality: &[f32]) {
+/// Gives each part without a face the least certain face of the part with most faces, by `quality` (n). Parts are empty only where the
+/// embedding has fewer distinct points than parts (a cube, four faces in four parts). Some stay empty where there are fewer faces than parts.
+pub fn fill_empty_parts(totals: &mut ClusterTotals, nodes: NodeView<'_>, labels: &mut [u32], quality: &[f32]) {
     while let Some(empty) = totals.faces.iter().position(|&faces| faces == 0) {
         let mut most = 0;
         for part in 1..totals.faces.len() {

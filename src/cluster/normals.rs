@@ -10,7 +10,7 @@
 //! scans and noisy meshes get .01 or .02 ([`super::roughness`]). Cost: a front plus 50 ns per face and radius; 12 bytes per face each. What
 //! tells rough from clean is .02 alone, so a clean mesh without cells of its own needs no other.
 
-use super::area_shares::{AreaShares, ClassSum, class_sums, spread};
+use super::area_shares::{AreaShares, ClassSum, class_sums, spread_seeds};
 use crate::base::Result;
 use crate::base::parallel::{chunk_count, chunk_range};
 use crate::distance::SharedFront;
@@ -51,7 +51,7 @@ pub fn smoothed(graph: &DualGraph, shares: &AreaShares, r: f32, file: &str, cont
 /// # Errors
 /// [`crate::base::Error::Cancelled`].
 pub fn seeds(shares: &AreaShares, r: f32, file: &str, run: &Run) -> Result<Vec<u32>> {
-    spread(shares, (1. / (r * r)).round() as usize, file, run)
+    spread_seeds(shares, (1. / (r * r)).round() as usize, file, run)
 }
 
 /// The front from these `seeds`.
@@ -204,29 +204,19 @@ pub fn averaged(graph: &DualGraph, shares: &AreaShares, r: f32, file: &str, cont
     let mean = f64::from(mean_weight(lengths(graph)) * shares.unit);
     let rounds = if mean > 0. { (f64::from(r) / mean).powi(2).round().min(1e4) as usize } else { 0 };
     let mut normals: Vec<[f32; 3]> = (0..n).map(|i| graph.nodes.at(i).normal).collect();
-    let mut next = normals.clone();
+    let (mut next, share) = (normals.clone(), shares.values());
     for _ in 0..rounds {
-        // What neighbours add, weighted once and not by each of them.
+        // Weighted once, and not again for each neighbour.
         let weighted: Vec<[f32; 3]> =
-            normals.iter().zip(&shares.share[..]).map(|(normal, share)| normal.map(|x| x * share)).collect();
-        context.run.fill_chunks(
-            &mut next,
-            CHUNK,
-            || (),
-            |k, out, ()| {
-                for (slot, i) in out.iter_mut().zip(chunk_range(n, CHUNK, k)) {
-                    let mut sum = weighted[i];
-                    for (j, edge) in shared.neighbours(i as u32) {
-                        if edge != 0. {
-                            let more = weighted[j as usize];
-                            (0..3).for_each(|axis| sum[axis] += more[axis]);
-                        }
-                    }
-                    *slot = unit(sum).unwrap_or(normals[i]);
-                }
-                Ok(())
-            },
-        )?;
+            normals.iter().zip(&*share).map(|(normal, share)| normal.map(|x| x * share)).collect();
+        context.run.fill_each(&mut next, CHUNK, |i, _| {
+            let mut sum = weighted[i];
+            // Bridges have no length, and join nothing here.
+            for (j, _) in shared.neighbours(i as u32).filter(|(_, edge)| *edge != 0.) {
+                (0..3).for_each(|axis| sum[axis] += weighted[j as usize][axis]);
+            }
+            unit(sum).unwrap_or(normals[i])
+        })?;
         std::mem::swap(&mut normals, &mut next);
     }
     let mut array = context.work.array::<[f32; 3]>(file, &[n, 3])?;
@@ -234,9 +224,10 @@ pub fn averaged(graph: &DualGraph, shares: &AreaShares, r: f32, file: &str, cont
     array.finish(false)
 }
 
-/// Signed turning from `a` to `b` in radians: positive where concave, or where `edge` says that no orientation exists.
+/// The signed angle between the normals of `a` and `b`, in radians: positive where the edge is concave, or where a negative `edge` says
+/// that the two have no common orientation.
 #[inline]
-pub fn turning(a: &Node, b: &Node, edge: f32) -> f32 {
+pub fn dihedral_angle(a: &Node, b: &Node, edge: f32) -> f32 {
     let angle = between(a.normal, b.normal);
     if edge < 0. || crate::graph::weights::concave(a, b) { angle } else { -angle }
 }

@@ -45,7 +45,7 @@ pub fn sampled_turning(graph: &DualGraph, shares: &AreaShares, run: &Run) -> Res
         |k, patch| {
             run.cancel.check()?;
             // In the middle of equal runs of nodes.
-            Ok(patch.turning((((2 * k + 1) * n) / (2 * patches)) as u32))
+            Ok(patch.turn_of_normals((((2 * k + 1) * n) / (2 * patches)) as u32))
         },
     )?;
     let total = sums.iter().fold([0.; 2], |total, sum| [total[0] + sum[0], total[1] + sum[1]]);
@@ -103,7 +103,7 @@ impl<'a> Patch<'a> {
     }
 
     /// The turning of a face in the disc around `middle`, in the mean; nothing where that is in a tiny component.
-    fn turning(&mut self, middle: u32) -> [f64; 2] {
+    fn turn_of_normals(&mut self, middle: u32) -> [f64; 2] {
         let Self { graph, shares, .. } = *self;
         if shares.at(middle as usize) <= 0. {
             return [0.; 2];

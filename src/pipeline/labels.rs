@@ -52,7 +52,8 @@ pub struct SegmentStats {
     /// Radius of the normals that turning is measured with; 0: the faces' own.
     pub radius: f32,
     /// Faces of components too small to be parts.
-    pub tiny_components: u64,
+    #[serde(rename = "tiny_components")]
+    pub tiny_faces: u64,
     /// The label that they have in common, where they are not to join parts.
     pub tiny_components_label: Option<u32>,
     /// The label that the walls of cavities have in common, where they are not to follow the outside.

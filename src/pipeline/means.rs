@@ -16,7 +16,7 @@ use super::surface::WeightedSurface;
 use super::units::Units;
 use crate::base::Result;
 use crate::cluster::boundary::{self, BoundaryMethod, RefinedLabels};
-use crate::cluster::kmeans::{Assignment, KMeans, KMeansParams, WeightedPoints, assign, exactly};
+use crate::cluster::kmeans::{Assignment, KMeans, KMeansParams, WeightedPoints, assign, fill_empty_parts};
 use crate::cluster::two_means::{self, TwoMeansParams};
 use crate::distance::DistanceRows;
 use crate::graph::{DualGraph, NodeView};
@@ -64,7 +64,7 @@ fn k_means(
 
     let assignment = Assignment { rows, embedding: &embedding, centres: &centres, gamma: Some(&gamma) };
     let mut totals = assign(assignment, labels, quality, run)?;
-    exactly(&mut totals, nodes, labels, quality);
+    fill_empty_parts(&mut totals, nodes, labels, quality);
     Ok(SegmentStats {
         landmarks: rows.landmarks.clone(),
         sigma: embedding.sigma,
@@ -146,8 +146,8 @@ pub(super) fn contracted(
     weighted.release(context.work)?;
     let quality = units.confidences(context)?;
     let (faces, area) = units.totals(graph, &labels, (parts, true), context.run)?;
-    let tiny_components = surface.shares.tiny_components;
-    let numbers = SegmentStats { faces, area, radius: surface.radius, tiny_components, ..numbers };
+    let tiny_faces = surface.shares.tiny_nodes;
+    let numbers = SegmentStats { faces, area, radius: surface.radius, tiny_faces, ..numbers };
     Ok(clustered(labels, Some(boundary_nodes), quality, numbers))
 }
 

@@ -12,6 +12,7 @@ use super::params::{Boundaries, SegmentParams, TinyComponents, Walls};
 use super::surface::{Kind, Surface, SurfaceStage, WeightedSurface};
 use super::units::Units;
 use crate::base::{Error, Result};
+use crate::cluster::area_shares::AreaShares;
 use crate::cluster::boundary::{self, BoundaryMethod, CellLabels, RefinedLabels};
 use crate::cluster::divide::divide;
 use crate::cluster::extrapolate::LocalPartMeans;
@@ -104,11 +105,11 @@ pub(super) fn parts(
     })?;
     let RefinedLabels { mut labels, boundary_nodes } = refined;
     let (mut parts, mut tiny_components_label) = (result.parts, None);
-    if params.tiny_components == TinyComponents::Own && shares.tiny_components == 0 {
+    if params.tiny_components == TinyComponents::Own && shares.tiny_nodes == 0 {
         context.run.progress.note("there are no tiny components, so no label stands for them");
     } else if params.tiny_components == TinyComponents::Own {
         tiny_components_label = Some(parts as u32);
-        labels = apart(&labels, &shares.share, parts as u32, context)?;
+        labels = apart(&labels, shares, parts as u32, context)?;
         parts += 1;
     }
     let wanted = params.parts.count.least();
@@ -131,7 +132,7 @@ pub(super) fn parts(
     let numbers = SegmentStats {
         decision,
         radius: *radius,
-        tiny_components: shares.tiny_components,
+        tiny_faces: shares.tiny_nodes,
         tiny_components_label,
         faces,
         area,
@@ -166,9 +167,9 @@ fn part_means(
 }
 
 /// Gives the tiny components, which count nothing in `share` (n), a label of their own.
-fn apart(labels: &[u32], share: &[f32], label: u32, context: Context<'_>) -> Result<MappedSlice<u32>> {
+fn apart(labels: &[u32], shares: &AreaShares, label: u32, context: Context<'_>) -> Result<MappedSlice<u32>> {
     let mut own = context.work.array::<u32>("labels.npy", &[labels.len()])?;
-    let of = |i: usize, _| if share[i] == 0. { label } else { labels[i] };
+    let of = |i: usize, _| if shares.at(i) == 0. { label } else { labels[i] };
     context.run.fill_each(own.data(), CHUNK, of)?;
     own.finish(false)
 }

@@ -187,7 +187,7 @@ impl Report {
             gamma: computed,
             gamma_per_face: computed.map(|gamma| gamma / graph.nodes.max(1) as f64),
             normal_radius: numbers.radius,
-            tiny_component_faces: numbers.tiny_components,
+            tiny_component_faces: numbers.tiny_faces,
             tiny_components_label: numbers.tiny_components_label,
             walls_label: numbers.walls_label,
             decision: numbers.decision.clone(),

@@ -82,7 +82,8 @@ pub(super) struct WeightedSurface<'a> {
 #[derive(Debug, Serialize, Deserialize)]
 pub(super) struct SurfaceFacts {
     unit: f32,
-    tiny_components: u64,
+    #[serde(rename = "tiny_components")]
+    tiny_nodes: u64,
     /// Index into [`RADII`] of the normals in use.
     radius: Option<usize>,
     /// Σ length · |θ| with the faces' own normals, those at .01 where they were needed, and those at .02.
@@ -136,7 +137,7 @@ impl Stage for SurfaceStage<'_> {
                 context.work.remove(name);
             }
         }
-        let facts = SurfaceFacts { unit: shares.unit, tiny_components: shares.tiny_components, radius, turning };
+        let facts = SurfaceFacts { unit: shares.unit, tiny_nodes: shares.tiny_nodes, radius, turning };
         let radius = radius.map_or(0., |k| RADII[k]);
         let output = Surface { shares, cells, normals, radius, key: key.to_string() };
         Ok(Made { output, facts, files })
@@ -144,7 +145,7 @@ impl Stage for SurfaceStage<'_> {
 
     fn open(self, facts: SurfaceFacts, key: &str, context: Context<'_>) -> Result<Surface> {
         let (work, n) = (context.work, self.graph.nodes.len());
-        let SurfaceFacts { unit, tiny_components, radius, .. } = facts;
+        let SurfaceFacts { unit, tiny_nodes, radius, .. } = facts;
         if !(unit > 0. && unit.is_finite()) {
             return Err(work.damaged(MANIFEST, "tells of a surface without a size"));
         }
@@ -156,7 +157,7 @@ impl Stage for SurfaceStage<'_> {
             None
         };
         Ok(Surface {
-            shares: AreaShares::of_array(work.array_of(SHARES, n)?, unit, tiny_components),
+            shares: AreaShares::of_array(work.array_of(SHARES, n)?, unit, tiny_nodes),
             cells,
             normals: radius.and_then(|k| NORMALS.get(k)).map(|name| work.array_of(name, n)).transpose()?,
             radius: radius.and_then(|k| RADII.get(k)).copied().unwrap_or(0.),

@@ -1,4 +1,7 @@
 //! Kernels: from distance to affinity.
+//!
+//! Rows of distances become affinities in `f32`, in loops that vectorise ([`Kernel::apply`]); the l × l problems of the
+//! landmarks are computed in `f64` ([`Kernel::of`]). Cost: some ten operations a distance, no memory.
 
 use super::exp::exp;
 use crate::base::simd::{SimdKernel, dispatch};
@@ -33,6 +36,8 @@ pub enum Kernel {
 }
 
 impl Kernel {
+    /// Checks that the constants are in range.
+    ///
     /// # Errors
     /// [`Error::Parameter`] for a polynomial degree out of range.
     pub fn check(&self) -> Result<()> {
@@ -44,7 +49,8 @@ impl Kernel {
         }
     }
 
-    /// Turns distances into affinities, item by item; an infinite distance becomes 0.
+    /// Turns `distances` into affinities, item by item; `out` has the same length. An infinite distance becomes 0, or what is as
+    /// good as 0 where the kernel has an [`exp`]: below 2e-36.
     pub fn apply(&self, sigma: f32, distances: &[f32], out: &mut [f32]) {
         // Finite whatever σ, so that a distance of 0 never meets an infinite factor.
         let inverse = if sigma > 0. { (1. / sigma).min(f32::MAX) } else { 0. };
@@ -125,7 +131,7 @@ impl SimdKernel for Affinities<'_> {
             }
             Kernel::Matern => {
                 for (k, &d) in out.iter_mut().zip(distances) {
-                    // Beyond 87 the exponential is 0; the bound keeps infinity from meeting it.
+                    // Beyond 87 the exponential stays as it is; the bound keeps infinity from meeting it.
                     let r = (d * inverse * ROOT_3 as f32).min(100.);
                     *k = (1. + r) * exp(-r);
                 }
@@ -160,6 +166,7 @@ mod tests {
             for (&d, &k) in distances.iter().zip(&out) {
                 assert!((f64::from(k) - kernel.of(1.5, f64::from(d))).abs() < 1e-6, "{kernel:?} {d}");
             }
+            assert!(out[1000] < 2e-36, "{kernel:?} of an infinite distance");
         }
     }
 }

@@ -191,10 +191,10 @@ fn edges_of(graph: &VertexGraph, v: usize, edges: &mut Vec<(u32, f64)>) {
 pub(crate) fn generalised(energy: DMatrix<f64>, mass: DMatrix<f64>, count: usize) -> (Vec<f64>, DMatrix<f64>) {
     let s = mass.nrows();
     let most = mass.diagonal().max().max(1e-300);
-    let even = 0.5 * (&mass + mass.transpose());
+    let symmetrised = 0.5 * (&mass + mass.transpose());
     let mut ridge = RIDGE * most;
     let lower = loop {
-        if let Some(factor) = nalgebra::Cholesky::new(&even + DMatrix::identity(s, s) * ridge) {
+        if let Some(factor) = nalgebra::Cholesky::new(&symmetrised + DMatrix::identity(s, s) * ridge) {
             break factor.l();
         }
         ridge *= 10.;

@@ -282,7 +282,7 @@ impl LocalBasis {
     }
 }
 
-/// L⁻¹ of `gram` = L Lᵀ, column by column (r × r); where it is singular, of what there is with a little of the unit matrix.
+/// L⁻¹ of `gram` = L Lᵀ, column by column (r × r); of L Lᵀ + εI where it is singular.
 fn orthonormaliser(gram: DMatrix<f64>) -> Vec<f64> {
     let r = gram.nrows();
     let mut ridge = 0.;

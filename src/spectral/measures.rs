@@ -58,8 +58,8 @@ pub fn measure(
     let (l, n) = (block.len(), block.nodes());
     let kept = KeptEigenpairs::of(block.sampled(), tolerance);
     let roots = kept.roots().transpose();
-    let mut is_landmark: Vec<u32> = block.landmarks().to_vec();
-    is_landmark.sort_unstable();
+    let mut sorted_landmarks: Vec<u32> = block.landmarks().to_vec();
+    sorted_landmarks.sort_unstable();
     // A⁺ B_h as rows (h × l).
     let toward: Option<DMatrix<f64>> =
         held_out.map(|held| (roots.tr_mul(&(&roots * block.columns_of(held.landmarks())))).transpose());
@@ -72,7 +72,7 @@ pub fn measure(
         let dots = &columns * roots.transpose();
         let (mut gamma, mut star, mut greatest) = (0., 0., 0f64);
         for j in 0..m {
-            if is_landmark.binary_search(&((range.start + j) as u32)).is_ok() {
+            if sorted_landmarks.binary_search(&((range.start + j) as u32)).is_ok() {
                 continue;
             }
             let w: f64 = dots.row(j).norm_squared();

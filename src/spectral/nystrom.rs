@@ -257,6 +257,8 @@ impl Default for OrthogonalParams {
 }
 
 impl OrthogonalParams {
+    /// Checks that the constants are in range.
+    ///
     /// # Errors
     /// [`Error::Parameter`] for numbers out of range.
     pub fn check(&self) -> Result<()> {
@@ -342,8 +344,8 @@ impl OrthogonalEmbedding {
         params.check()?;
         let sigma = params.width * mean_distance(rows, nodes);
         let total: f64 = nodes.iter().map(|node| f64::from(node.area)).sum();
-        let even = 1. / rows.nodes as f64;
-        let share = |v: usize| if total > 0. { f64::from(nodes[v].area) / total } else { even };
+        let equal = 1. / rows.nodes as f64;
+        let share = |v: usize| if total > 0. { f64::from(nodes[v].area) / total } else { equal };
         let block = RowAffinities { rows, kernel: params.kernel, sigma };
         let tolerance = params.kernel.tolerance(rows.len());
         let fit = |params| NystromExtension::fit(&block, params, Some(&share), run);

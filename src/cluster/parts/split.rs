@@ -5,6 +5,7 @@
 
 use super::hierarchy::PartTree;
 use crate::base::Result;
+use crate::base::union_find::Forest;
 
 impl PartTree {
     /// The hierarchy of `members` alone (ascending); cell k of the result is `members[k]`.
@@ -14,20 +15,12 @@ impl PartTree {
         // The least member in each set, by the least cell of the set.
         let mut least = place.clone();
         let (mut unions, mut level) = (Vec::new(), Vec::new());
-        let mut name: Vec<u32> = (0..self.cells() as u32).collect();
-        let find = |name: &mut Vec<u32>, mut i: u32| {
-            while name[i as usize] != i {
-                name[i as usize] = name[name[i as usize] as usize];
-                i = name[i as usize];
-            }
-            i
-        };
+        let mut sets = Forest::new(self.cells());
         for (&[a, b], &at) in self.unions.iter().zip(&self.level) {
-            let (a, b) = (find(&mut name, a), find(&mut name, b));
-            let (a, b) = (a.min(b), a.max(b));
-            name[b as usize] = a;
+            let (a, b) = (sets.find(a), sets.find(b));
+            sets.join(a, b);
             let (one, two) = (least[a as usize], least[b as usize]);
-            least[a as usize] = one.min(two);
+            least[a.min(b) as usize] = one.min(two);
             if one != u32::MAX && two != u32::MAX {
                 unions.push([one.min(two), one.max(two)]);
                 level.push(at);
