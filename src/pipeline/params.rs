@@ -199,17 +199,17 @@ pub(super) fn dimensions(params: &SegmentParams) -> usize {
 pub(super) fn check(params: &SegmentParams, path: &Path, faces: usize) -> Result<()> {
     let wanted = match params.parts.count {
         PartCount::Found if params.cluster == Cluster::KMeans => {
-            let remedy = "give it, as in -k 6, or leave out --cluster kmeans";
-            return Err(Error::parameter("-k", "K-means needs the number of parts", remedy));
+            let remedy = "give it, as in `parts` 6, or leave out `cluster` kmeans";
+            return Err(Error::parameter("parts", "K-means needs the number of parts", remedy));
         }
         PartCount::Between(..) if params.cluster == Cluster::KMeans => {
-            return Err(Error::parameter("--parts-range", "K-means needs an exact number of parts", "give -k"));
+            return Err(Error::parameter("parts_between", "K-means needs an exact number of parts", "give `parts`"));
         }
         PartCount::Found => 1,
         PartCount::Exactly(parts) => parts,
         PartCount::Between(least, most) if least > most => {
             return Err(Error::parameter(
-                "--parts-range",
+                "parts_between",
                 format!("{least}..{most} is empty"),
                 "put the smaller first",
             ));
@@ -217,13 +217,13 @@ pub(super) fn check(params: &SegmentParams, path: &Path, faces: usize) -> Result
         PartCount::Between(least, _) => least,
     };
     if wanted == 0 {
-        return Err(Error::parameter("-k", "0 parts", "choose at least 1"));
+        return Err(Error::parameter("parts", "0 parts", "choose at least 1"));
     }
     if wanted > faces {
         return Err(Error::unusable(
             path,
             format!("has {faces} face{}, fewer than the {wanted} parts asked for", if faces == 1 { "" } else { "s" }),
-            "choose a smaller -k",
+            "choose a smaller `parts`",
         ));
     }
     Ok(())

@@ -197,7 +197,7 @@ fn decide(
         if tree.cells() != all.tree.cells() {
             let problem =
                 format!("a hierarchy of {} cells, the work directory's has {}", tree.cells(), all.tree.cells());
-            return Err(Error::parameter("--tree", problem, "use one that was made in this work directory"));
+            return Err(Error::parameter("tree", problem, "use one that was made in this work directory"));
         }
         all.tree = tree.clone();
     }
@@ -209,7 +209,7 @@ fn decide(
     if !corrections.is_empty() {
         if params.parts.count != count {
             let problem = "edits cannot follow where more parts are asked for than the surface has cells";
-            return Err(Error::parameter("-k", problem, format!("ask for {} at most", all.tree.cells())));
+            return Err(Error::parameter("parts", problem, format!("ask for {} at most", all.tree.cells())));
         }
         let graph = surface.surface.cells()?.graph.cleaned()?;
         let affinities = Affinities {
@@ -239,8 +239,8 @@ fn decide(
         if params.parts.count != count {
             let problem =
                 "walls cannot be a part of their own where more parts are asked for than the surface has cells";
-            let remedy = format!("ask for {} at most, or leave out --walls own", all.tree.cells());
-            return Err(Error::parameter("-k", problem, remedy));
+            let remedy = format!("ask for {} at most, or leave out `walls` own", all.tree.cells());
+            return Err(Error::parameter("parts", problem, remedy));
         }
         let own = result.parts as u32;
         result.label.iter_mut().zip(&all.is_wall).filter(|(_, wall)| **wall).for_each(|(label, _)| *label = own);

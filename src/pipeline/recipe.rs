@@ -70,12 +70,12 @@ pub fn segment_corrected(
 /// Refuses corrections that do not fit the method or the `faces` faces.
 fn check_corrections(params: &SegmentParams, corrections: Corrections<'_>, faces: usize) -> Result<()> {
     if params.cluster != Cluster::Parts && !corrections.is_empty() {
-        return Err(Error::parameter("--edits", "edits need the hierarchy of parts", "use --cluster parts"));
+        return Err(Error::parameter("edits", "edits need the hierarchy of parts", "use `cluster` parts"));
     }
     match corrections.painted {
         Some(painted) if painted.len() != faces => {
             let problem = format!("{} values for {faces} faces", painted.len());
-            Err(Error::parameter("--hints", problem, "give one for every face of the mesh"))
+            Err(Error::parameter("hints", problem, "give one for every face of the mesh"))
         }
         _ => Ok(()),
     }

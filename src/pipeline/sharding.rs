@@ -304,7 +304,7 @@ fn nothing_to_do(run: &Run) -> usize {
 /// [`Error::Parameter`] for K-means without a number of parts and of landmarks.
 fn landmarks(params: &SegmentParams, faces: usize) -> Result<usize> {
     if params.landmarks.is_none() && params.cluster != Cluster::Parts && params.centres().is_none() {
-        return Err(Error::parameter("-l", "the number of landmarks is missing", "give it, or -k"));
+        return Err(Error::parameter("landmarks", "the number of landmarks is missing", "give it, or `parts`"));
     }
     Ok(params.landmarks_of(faces))
 }

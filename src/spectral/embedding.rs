@@ -237,7 +237,7 @@ impl Embedding {
             KernelWidth::Fixed(sigma) => sigma,
         };
         if !sigma.is_finite() || sigma < 0. {
-            return Err(Error::parameter("--sigma", format!("{sigma} is no width"), "choose a positive number"));
+            return Err(Error::parameter("width", format!("{sigma} is no width"), "choose a positive number"));
         }
         let a = landmark_affinities(rows, params.kernel, sigma);
         let fit = EmbeddingFit { rows, columns, params, sigma };
