@@ -6,7 +6,7 @@
 
 use super::finer::Finer;
 use super::partial::match_partial;
-pub use super::sides::{CorrespondParams, Correspondence, FunctionalMap, Guidance, Side, SideFacts, default_landmarks};
+pub use super::sides::{CorrespondParams, Correspondence, FunctionalMap, Guidance, Side, SideFacts, default_landmarks_for_vertices};
 use super::sides::{no_alternative, refined};
 use crate::apps::correspond::align::{FINE, procrustes, sample};
 use crate::apps::correspond::matches::{AlignedPair, Match, Matching, matches};

@@ -3,7 +3,7 @@
 //! `segment` never needs it whole: it extrapolates a chunk at a time. Cost: one pass over `[A B]`; 4 d bytes of disk for each face.
 
 use super::contracted;
-use super::params::{Cluster, SegmentParams, default_landmarks, landmarks_for_parts};
+use super::params::{Cluster, SegmentParams, default_landmarks_for_parts, default_landmarks_for_faces};
 use super::sample::rows;
 use crate::base::Result;
 use crate::base::parallel::{chunk_count, chunk_range};
@@ -102,12 +102,12 @@ impl Stage for EmbeddingStage<'_> {
 pub fn embed(params: EmbeddingParams, method: &SegmentParams, context: Context<'_>) -> Result<EmbeddingFacts> {
     let (graph, input) = DualGraph::kept(context.work)?;
     let order = NodeOrder::kept(&input, graph.nodes.len(), context.work)?;
-    let rows = some_rows(&graph, params.dimensions, method, context)?;
+    let rows = kept_or_new_rows(&graph, params.dimensions, method, context)?;
     context.stage(EmbeddingStage { graph: &graph, order: &order, rows: &rows, params })
 }
 
 /// The rows that are there, or new ones.
-fn some_rows(graph: &DualGraph, parts: usize, method: &SegmentParams, context: Context<'_>) -> Result<DistanceRows> {
+fn kept_or_new_rows(graph: &DualGraph, parts: usize, method: &SegmentParams, context: Context<'_>) -> Result<DistanceRows> {
     let n = graph.nodes.len();
     if let Ok(rows) = DistanceRows::kept(&graph.key, n, context.work) {
         context.run.progress.note("rows: reused");
@@ -115,11 +115,11 @@ fn some_rows(graph: &DualGraph, parts: usize, method: &SegmentParams, context: C
     }
     if method.cluster == Cluster::Parts {
         let weighted = contracted::weighted(graph, method, context)?.1;
-        let l = method.landmarks.unwrap_or(landmarks_for_parts(n));
+        let l = method.landmarks.unwrap_or(default_landmarks_for_faces(n));
         return rows(graph, &weighted, l, method, context);
     }
     let weighted = graph.weighted(method.metric, context)?;
-    rows(graph, &weighted, method.landmarks.unwrap_or(default_landmarks(parts)), method, context)
+    rows(graph, &weighted, method.landmarks.unwrap_or(default_landmarks_for_parts(parts)), method, context)
 }
 
 /// Extrapolates every face, a chunk at a time.

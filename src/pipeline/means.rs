@@ -9,7 +9,7 @@
 
 use super::contracted::{contraction_and_shares, faces_of, units_of, weighted};
 use super::edits::PartMarks;
-use super::labels::{Clustered, SegmentStats};
+use super::labels::{Clustered, LABELS, QUALITY, SegmentStats};
 use super::params::{Cluster, SegmentParams, dimensions};
 use super::sample::rows;
 use super::surface::WeightedSurface;
@@ -97,7 +97,7 @@ pub(super) fn over_faces(
 ) -> Result<Clustered> {
     let Context { work, run } = context;
     let n = rows.nodes;
-    let (mut labels, mut quality) = (work.array::<u32>("labels.npy", &[n])?, work.array::<f32>("quality.npy", &[n])?);
+    let (mut labels, mut quality) = (work.array::<u32>(LABELS, &[n])?, work.array::<f32>(QUALITY, &[n])?);
     let out = (&mut labels.data()[..], &mut quality.data()[..]);
     let assign = || k_means(graph.nodes.view(), rows, embedding, fit, out, run);
     let (numbers, _) = run.stage("assign", "faces", n as u64, assign)?;

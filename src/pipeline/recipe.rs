@@ -7,10 +7,10 @@
 use super::decision;
 use super::edits::Corrections;
 use super::input;
-use super::labels::{Segmentation, label};
+use super::labels::{self, SegmentedMesh, label};
 use super::means;
 use super::params::{Cluster, SegmentParams, check, dimensions};
-use super::parts::{self, Wishes};
+use super::parts::{self, PartRequests};
 use super::sample::rows;
 use crate::base::{Error, Result};
 use crate::cluster::parts::{PartTree, PartsParams};
@@ -31,7 +31,7 @@ pub fn segment(
     identity: &serde_json::Value,
     params: &SegmentParams,
     context: Context<'_>,
-) -> Result<Segmentation> {
+) -> Result<SegmentedMesh> {
     segment_corrected(opened, identity, params, Corrections::default(), context)
 }
 
@@ -45,7 +45,7 @@ pub fn segment_corrected(
     params: &SegmentParams,
     corrections: Corrections<'_>,
     context: Context<'_>,
-) -> Result<Segmentation> {
+) -> Result<SegmentedMesh> {
     check(params, opened.path(), opened.faces.len())?;
     check_corrections(params, corrections, opened.faces.len())?;
     let (ordered, mut graph) = input::graph(opened, identity, params, context)?;
@@ -62,7 +62,7 @@ pub fn segment_corrected(
             rows.release(context.work)?;
             clustered
         }
-        None => parts::parts(&graph, &order, params, Wishes { tree: None, corrections }, context)?,
+        None => parts::parts(&graph, &order, params, PartRequests { tree: None, corrections }, context)?,
     };
     label(&graph, order, clustered, params, context)
 }
@@ -113,8 +113,8 @@ pub fn eigenvalues(work: &WorkDir, exact: bool) -> Result<Eigenvalues> {
 }
 
 /// The number of parts that the labels in `work` were asked for, where they are a cut of a hierarchy.
-pub fn cut(work: &WorkDir) -> Option<PartsParams> {
-    let stage = work.manifest().stages.remove("labels")?;
+pub fn requested_parts(work: &WorkDir) -> Option<PartsParams> {
+    let stage = work.manifest().stages.remove(labels::STAGE)?;
     let params: SegmentParams = serde_json::from_value(stage.inputs.get("params")?.clone()).ok()?;
     (params.cluster == Cluster::Parts).then_some(params.parts)
 }
@@ -130,7 +130,7 @@ pub fn cluster(
     tree: Option<&PartTree>,
     corrections: Corrections<'_>,
     context: Context<'_>,
-) -> Result<Segmentation> {
+) -> Result<SegmentedMesh> {
     let (graph, input) = DualGraph::kept(context.work)?;
     check(params, context.work.path(), graph.nodes.len())?;
     check_corrections(params, corrections, graph.nodes.len())?;
@@ -147,7 +147,7 @@ pub fn cluster(
                 means::over_faces(&graph, &rows, embedding, fit, context)?
             }
         },
-        None => parts::parts(&graph, &order, params, Wishes { tree, corrections }, context)?,
+        None => parts::parts(&graph, &order, params, PartRequests { tree, corrections }, context)?,
     };
     label(&graph, order, clustered, params, context)
 }

@@ -104,7 +104,7 @@ pub struct FunctionalMap {
 
 /// Landmarks for meshes of up to `vertices` vertices: fewer where a row costs a third of a second. On twelve decimated series 20
 /// instead of 50 take the mean error from .007 to .010.
-pub fn default_landmarks(vertices: usize) -> usize {
+pub fn default_landmarks_for_vertices(vertices: usize) -> usize {
     if vertices <= LARGE { 50 } else { 20 }
 }
 
