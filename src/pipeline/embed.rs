@@ -6,7 +6,6 @@ use super::contracted;
 use super::params::{Cluster, SegmentParams, default_landmarks_for_parts, default_landmarks_for_faces};
 use super::sample::rows;
 use crate::base::Result;
-use crate::base::parallel::{chunk_count, chunk_range};
 use crate::distance::DistanceRows;
 use crate::graph::{DualGraph, NodeOrder};
 use crate::spectral::embedding::KernelWidth;
@@ -19,7 +18,6 @@ use serde_json::{Value, json};
 
 /// The array of all faces.
 pub const FILE: &str = "embedding.npy";
-const CHUNK: usize = 2048;
 
 /// What an embedding was made with and what it tells.
 #[derive(Clone, Debug, Serialize, Deserialize)]
@@ -124,20 +122,10 @@ fn kept_or_new_rows(graph: &DualGraph, parts: usize, method: &SegmentParams, con
 
 /// Extrapolates every face, a chunk at a time.
 fn write(rows: &DistanceRows, embedding: &Embedding, order: &NodeOrder, context: Context<'_>) -> Result<()> {
-    let (n, d) = (rows.nodes, embedding.dimensions);
-    let mut array = context.work.array::<f32>(FILE, &[n, d])?;
+    let d = embedding.dimensions;
+    let mut array = context.work.array::<f32>(FILE, &[rows.nodes, d])?;
     let out = array.data();
-    let work_chunk = |k: usize, affinities: &mut Vec<f32>| {
-        let range = chunk_range(n, CHUNK, k);
-        let m = range.len();
-        let mut coordinates = vec![0.; m * d];
-        affinities.resize(rows.len() * m, 0.);
-        embedding.chunk(m, |row| &rows.row(row)[range.clone()], affinities, &mut coordinates);
-        context.run.progress.advance("embedding", m as u64);
-        Ok(coordinates)
-    };
-    let consume = |k: usize, coordinates: Vec<f32>| {
-        let range = chunk_range(n, CHUNK, k);
+    embedding.for_each_chunk(rows, EmbeddingStage::NAME, context.run, |range, coordinates| {
         for (i, node) in range.clone().enumerate() {
             let face = order.face(node as u32) as usize;
             for e in 0..d {
@@ -145,7 +133,6 @@ fn write(rows: &DistanceRows, embedding: &Embedding, order: &NodeOrder, context:
             }
         }
         Ok(())
-    };
-    context.run.in_order(chunk_count(n, CHUNK), Vec::new, work_chunk, consume)?;
+    })?;
     array.finish(context.work.durable()).map(drop)
 }
