@@ -258,7 +258,9 @@ pub(super) fn is_current(work: &WorkDir, contracted: bool) -> bool {
     let manifest = work.manifest();
     let Some(graph) = manifest.stages.get(GraphStage::NAME).map(|stage| stage.key.as_str()) else { return false };
     let decided = |manifest: &Manifest, graph: &str| {
-        let (Some(surface), Some(decision)) = (manifest.stages.get(SurfaceStage::NAME), manifest.stages.get(DecisionStage::NAME)) else {
+        let (Some(surface), Some(decision)) =
+            (manifest.stages.get(SurfaceStage::NAME), manifest.stages.get(DecisionStage::NAME))
+        else {
             return false;
         };
         surface.inputs["graph"] == graph && decision.inputs["surface"] == surface.key

@@ -3,7 +3,7 @@
 //! `segment` never needs it whole: it extrapolates a chunk at a time. Cost: one pass over `[A B]`; 4 d bytes of disk for each face.
 
 use super::contracted;
-use super::params::{Cluster, SegmentParams, default_landmarks_for_parts, default_landmarks_for_faces};
+use super::params::{Cluster, SegmentParams, default_landmarks_for_faces, default_landmarks_for_parts};
 use super::sample::rows;
 use crate::base::Result;
 use crate::distance::DistanceRows;
@@ -105,7 +105,12 @@ pub fn embed(params: EmbeddingParams, method: &SegmentParams, context: Context<'
 }
 
 /// The rows that are there, or new ones.
-fn kept_or_new_rows(graph: &DualGraph, parts: usize, method: &SegmentParams, context: Context<'_>) -> Result<DistanceRows> {
+fn kept_or_new_rows(
+    graph: &DualGraph,
+    parts: usize,
+    method: &SegmentParams,
+    context: Context<'_>,
+) -> Result<DistanceRows> {
     let n = graph.nodes.len();
     if let Ok(rows) = DistanceRows::kept(&graph.key, n, context.work) {
         context.run.progress.note("rows: reused");

@@ -151,8 +151,7 @@ impl Record {
         let (facts, inputs) = (&stage.facts, &stage.inputs);
         let same = [("identity", "input"), ("params", "params"), ("seed", "seed")];
         let made = stage.version != RECORD_VERSION
-            || (stage.key == key_of(RECORD, RECORD_VERSION, inputs)
-                && same.iter().all(|(a, b)| facts[a] == inputs[b]));
+            || (stage.key == key_of(RECORD, RECORD_VERSION, inputs) && same.iter().all(|(a, b)| facts[a] == inputs[b]));
         if !made {
             return Err(work.damaged(MANIFEST, "tells of other options than those of the run"));
         }

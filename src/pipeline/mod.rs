@@ -39,5 +39,7 @@ mod surface;
 mod units;
 
 pub use labels::SegmentedMesh;
-pub use params::{Boundaries, Cluster, SegmentParams, TinyComponents, Walls, default_landmarks_for_parts, default_landmarks_for_faces};
+pub use params::{
+    Boundaries, Cluster, SegmentParams, TinyComponents, Walls, default_landmarks_for_faces, default_landmarks_for_parts,
+};
 pub use recipe::{segment, segment_corrected};

@@ -12,8 +12,8 @@
 //! memory: the budget grants [`REGION`] bytes per vertex of the whole and [`MAPS`] per vertex of the part.
 
 use super::sides::{
-    CorrespondParams, Correspondence, FunctionalMap, Guidance, LARGE, LARGE_WIDTH, LOCAL_SAMPLES, LOCAL_WIDTH, Side,
-    refined,
+    CorrespondParams, Correspondence, FunctionalMap, Guidance, LARGE, LARGE_WIDTH, LOCAL_SAMPLES, LOCAL_WIDTH,
+    Refinement, Side, refined,
 };
 use crate::apps::correspond::align::{TELLING, align};
 use crate::apps::correspond::dense::{EXHAUSTIVE, RefinedPair, carried};
@@ -184,7 +184,8 @@ impl Region {
         let map = map.iter().any(Option::is_some).then_some(map);
         let guidance = Guidance { map, ..Guidance::default() };
         let sides = [(part, &part.graph), (&side, &side.graph)];
-        let found = refined(sides, &side.points, alignments, params, &guidance, name, context)?;
+        let refinement = Refinement { sides, points_b: &side.points, params, guidance: &guidance, name };
+        let found = refined(refinement, alignments, context)?;
         let images = found.matches.iter().map(|one| one.vertex().map(|at| old[at as usize])).collect();
         let Correspondence { functional, refined: outcomes, alignments, .. } = found;
         let functional = functional.filter(|_| !outcomes.is_empty());

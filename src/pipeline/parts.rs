@@ -110,7 +110,7 @@ pub(super) fn parts(
     }
     weighted.release(context.work)?;
     let quality = units.confidences(context)?;
-    let (faces, area) = units.totals(graph, &labels, (parts, !divided), context.run)?;
+    let (faces, area) = units.totals(graph, &labels, parts, !divided, context.run)?;
     let mut decision = decided.numbers.decision.clone();
     if let Some(decision) = decision.as_mut().filter(|_| divided) {
         let total: f64 = area.iter().sum();

@@ -8,7 +8,7 @@ use super::decision;
 use super::edits::Corrections;
 use super::input;
 use super::labels::{self, SegmentedMesh, label};
-use super::means;
+use super::means::{self, Means};
 use super::params::{Cluster, SegmentParams, check, dimensions};
 use super::parts::{self, PartRequests};
 use super::sample::rows;
@@ -58,7 +58,7 @@ pub fn segment_corrected(
             let rows = rows(&graph, &weighted, params.landmarks_of(graph.nodes.len()), params, context)?;
             weighted.release(context.work)?;
             let embedding = params.embedding.unwrap_or(EmbeddingParams::for_parts(dimensions(params)));
-            let clustered = means::over_faces(&graph, &rows, embedding, fit, context)?;
+            let clustered = means::over_faces(&graph, &rows, Means { embedding, fit }, context)?;
             rows.release(context.work)?;
             clustered
         }
@@ -144,7 +144,7 @@ pub fn cluster(
                 let embedding =
                     params.embedding.or_else(kept).unwrap_or(EmbeddingParams::for_parts(dimensions(params)));
                 let embedding = EmbeddingParams { dimensions: dimensions(params), ..embedding };
-                means::over_faces(&graph, &rows, embedding, fit, context)?
+                means::over_faces(&graph, &rows, Means { embedding, fit }, context)?
             }
         },
         None => parts::parts(&graph, &order, params, PartRequests { tree, corrections }, context)?,

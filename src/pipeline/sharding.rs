@@ -332,7 +332,12 @@ pub fn prepare_shared(shared: SharedWork<'_>, open: impl FnOnce() -> Result<Mesh
 ///
 /// # Errors
 /// As [`super::segment()`].
-pub fn compute_all_rows(opened: &Mesh, identity: &Value, params: &SegmentParams, context: Context<'_>) -> Result<DistanceRows> {
+pub fn compute_all_rows(
+    opened: &Mesh,
+    identity: &Value,
+    params: &SegmentParams,
+    context: Context<'_>,
+) -> Result<DistanceRows> {
     let weighted = SharedWork { divided: Divided::Rows, identity, params }.prepare_rows(opened, context)?;
     let l = landmarks_over_faces(params, opened.faces.len())?;
     let rows = RowParams { l, sampling: params.sampling.unwrap_or_default() };

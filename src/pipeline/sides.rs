@@ -305,17 +305,31 @@ pub(super) fn no_alternative(asked: usize, found: usize) -> Error {
     Error::parameter("alternative", format!("{asked} of {found}"), "count from 0; the report lists them")
 }
 
-/// Refines all alignments, and matches by the best outcome the vertices of the graph that comes with each mesh, which are its first. `points_b`
-/// is B as alignments see it; names of files begin with `name`.
+/// What is refined, and how.
+#[derive(Clone, Copy)]
+pub(super) struct Refinement<'a> {
+    /// A and B, each with the graph whose vertices are matched: the first of the mesh.
+    pub sides: [(&'a Side<'a>, &'a VertexGraph); 2],
+    /// B as alignments see it.
+    pub points_b: &'a [Point],
+    /// The options.
+    pub params: &'a CorrespondParams,
+    /// What is known beforehand.
+    pub guidance: &'a Guidance,
+    /// What names of files begin with.
+    pub name: &'a str,
+}
+
+/// Refines all alignments, and matches vertices by the best outcome.
+///
+/// # Errors
+/// [`Error::Parameter`] for an alternative that is not there; [`Error::Io`], [`Error::Memory`], [`Error::Cancelled`].
 pub(super) fn refined(
-    [(a, graph_a), (b, graph_b)]: [(&Side<'_>, &VertexGraph); 2],
-    points_b: &[Point],
+    refinement: Refinement<'_>,
     mut alignments: Alignments,
-    params: &CorrespondParams,
-    guidance: &Guidance,
-    name: &str,
     context: Context<'_>,
 ) -> Result<Correspondence> {
+    let Refinement { sides: [(a, graph_a), (b, graph_b)], points_b, params, guidance, name } = refinement;
     // The same number on both, so that the kernels are equally wide.
     let samples = LOCAL_SAMPLES.min(a.graph.len()).min(b.graph.len());
     let n = (a.points.len() + b.points.len()) as u64;

@@ -52,7 +52,8 @@ impl Units {
         &self,
         graph: &DualGraph,
         labels: &[u32],
-        (parts, near): (usize, bool),
+        parts: usize,
+        near: bool,
         run: &Run,
     ) -> Result<(Vec<u64>, Vec<f64>)> {
         let n = labels.len();

@@ -113,7 +113,8 @@ impl<'a> Sequencer<'a> {
         }
         // Rows that turn at creases, as `segment` has them, make jagged fronts; they are left alone.
         let geodesic = json!(Metric::Geodesic);
-        let other = work.manifest().stages.get(WeightsStage::NAME).is_some_and(|stage| stage.inputs["metric"] != geodesic);
+        let other =
+            work.manifest().stages.get(WeightsStage::NAME).is_some_and(|stage| stage.inputs["metric"] != geodesic);
         let own = other.then(|| WorkDir::open(&work.file(FOLDER))).transpose()?;
         let work = own.as_ref().unwrap_or(work);
         let context = Context::new(work, run);
