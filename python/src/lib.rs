@@ -27,18 +27,20 @@ use std::sync::Arc;
 #[global_allocator]
 static ALLOCATOR: mimalloc::MiMalloc = mimalloc::MiMalloc;
 
-/// What the command line calls otherwise than the functions of this module; every other `--option` is `option` here.
-const WORDS: [(&str, &str); 11] = [
-    ("a smaller -k", "fewer parts"),
+/// Parameters of the library that this module calls otherwise.
+const NAMES: [(&str, &str); 4] =
+    [("dimensions", "vectors"), ("output", "path"), ("parts_between", "parts_range"), ("width", "sigma")];
+
+/// What the library's texts call otherwise than this module; every other `--option` is `option` here.
+const WORDS: [(&str, &str); 9] = [
+    ("a smaller `parts`", "fewer parts"),
+    ("`parts` 6", "parts=6"),
+    ("`cluster` kmeans", "cluster='kmeans'"),
+    ("`cluster` parts", "cluster='parts'"),
+    ("`memory`", "`max_memory`"),
     ("--work-dir \u{2026}", "work_dir"),
-    ("--cluster kmeans", "cluster='kmeans'"),
-    ("--cluster parts", "cluster='parts'"),
-    ("--boundaries front", "boundaries='front'"),
     ("--force", "force=True"),
     ("-o folder/", "save(\"folder/\")"),
-    ("-k 6", "parts=6"),
-    ("-k", "parts"),
-    ("-l", "landmarks"),
     ("-o", "path"),
 ];
 
@@ -70,6 +72,13 @@ fn reworded(text: &str) -> String {
 
 /// What the library says, as Python's exceptions: FileNotFoundError and its like where the system says so.
 fn raised(error: Error) -> PyErr {
+    let error = match error {
+        Error::Parameter { name, problem, remedy } => {
+            let own = NAMES.iter().find(|(option, _)| *option == name).map(|(_, own)| own.to_string());
+            Error::parameter(own.unwrap_or(name), problem, remedy)
+        }
+        other => other,
+    };
     let text = reworded(&error.to_string());
     match error {
         Error::Parameter { .. } | Error::Malformed { .. } | Error::Unusable { .. } => PyValueError::new_err(text),

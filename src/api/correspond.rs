@@ -8,7 +8,7 @@ use crate::base::Result;
 use crate::distance::vertex_rows::Distance;
 use crate::landmarks::Sampling;
 use crate::mesh::Mesh;
-use crate::pipeline::correspond::{self as recipe, CorrespondParams, default_landmarks};
+use crate::pipeline::correspond::{self as recipe, CorrespondParams, default_landmarks_for_vertices};
 use crate::store::Run;
 use serde_json::{Value, json};
 use std::path::Path;
@@ -109,7 +109,7 @@ impl Matcher {
     /// [`crate::Error::Io`], [`crate::Error::Cancelled`].
     pub fn run(&self, a: &Mesh, b: &Mesh) -> Result<Correspondence> {
         let most = a.positions.len().max(b.positions.len());
-        let params = self.params.landmarks(self.landmarks.unwrap_or(default_landmarks(most)));
+        let params = self.params.landmarks(self.landmarks.unwrap_or(default_landmarks_for_vertices(most)));
         self.options.with(|context, seconds| {
             let inputs = context.work.durable().then(|| Ok([identity(a, true)?, identity(b, true)?])).transpose()?;
             let found = recipe::correspond(a, b, inputs.as_ref(), &params, context)?;

@@ -51,7 +51,7 @@ pub enum Error {
     /// A parameter is out of its range or contradicts another one.
     #[error("{}: {}; {remedy}", line(name), line(problem))]
     Parameter {
-        /// The option's name as the user knows it.
+        /// The option, as the parameters of the library call it, or what else was passed.
         name: String,
         /// What is wrong with its value.
         problem: String,
@@ -60,7 +60,7 @@ pub enum Error {
     },
     /// The memory budget cannot hold what is needed at the least.
     #[error(
-        "{what} needs {needed} bytes but the memory budget leaves {available}; raise --max-memory or lower --threads or -l"
+        "{what} needs {needed} bytes but the memory budget leaves {available}; raise `memory` or lower `threads` or `landmarks`"
     )]
     Memory {
         /// What was to be allocated.

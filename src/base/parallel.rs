@@ -92,7 +92,7 @@ pub fn spawn<'scope, T: Send + 'scope>(
     work: impl FnOnce() -> T + Send + 'scope,
 ) -> Result<ScopedJoinHandle<'scope, T>> {
     std::thread::Builder::new().spawn_scoped(scope, work).map_err(|error| {
-        let remedy = "use fewer --threads, or allow the process more threads or memory";
+        let remedy = "use fewer `threads`, or allow the process more threads or memory";
         Error::unusable("threads", format!("the system refuses another one ({error})"), remedy)
     })
 }

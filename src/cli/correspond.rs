@@ -14,7 +14,7 @@ use nystrom_stream::landmarks::Sampling;
 use nystrom_stream::mesh::ply::ElementKind;
 use nystrom_stream::mesh::{self, Mesh, ply};
 use nystrom_stream::pipeline::correspond::{
-    CorrespondParams, Correspondence, Guidance, correspond_guided, default_landmarks,
+    CorrespondParams, Correspondence, Guidance, correspond_guided, default_landmarks_for_vertices,
 };
 use nystrom_stream::pipeline::input;
 use nystrom_stream::spectral::nystrom::OrthogonalParams;
@@ -218,7 +218,7 @@ pub fn run(args: &CorrespondArgs, app: &AppContext) -> Result<(), CliError> {
     };
     let (a, b) = (open(&args.a, "mesh-a")?, open(&args.b, "mesh-b")?);
     if args.method.landmarks.is_none() {
-        params.landmarks = default_landmarks(a.positions.len().max(b.positions.len()));
+        params.landmarks = default_landmarks_for_vertices(a.positions.len().max(b.positions.len()));
     }
     let guidance = Guidance {
         pairs: args.landmarks_file.as_ref().map_or(Ok(Vec::new()), |path| pairs::read(path, &a, &b))?,

@@ -5,6 +5,7 @@ mod choices;
 mod correspond;
 mod demo;
 mod edits;
+mod errors;
 mod evaluate;
 mod help;
 mod info;
@@ -161,7 +162,7 @@ pub fn main(peak: fn() -> u64) -> ExitCode {
             Some(how) => (format!("interrupted; {how}"), 1),
             None => ("interrupted".to_string(), 1),
         },
-        Err(CliError::Failed(error)) => (error.to_string(), 1),
+        Err(CliError::Failed(error)) => (errors::message(&error), 1),
         Err(CliError::Usage(text)) => (text, 2),
     };
     progress::tell(&format!("nystrom-stream: {text}"));

@@ -1,5 +1,6 @@
 //! What subcommands share: their context, how they fail, the options of a run, and `--work-dir`.
 
+use super::errors::message;
 use super::progress::{Bars, Style};
 use clap::ValueEnum;
 use nystrom_stream::base::{Cancel, Error, Progress, Result};
@@ -27,7 +28,7 @@ pub enum CliError {
 impl From<Error> for CliError {
     fn from(error: Error) -> Self {
         match error {
-            Error::Parameter { .. } => Self::Usage(error.to_string()),
+            Error::Parameter { .. } => Self::Usage(message(&error)),
             error => Self::Failed(error),
         }
     }

@@ -56,7 +56,7 @@ impl Found {
     fn in_work_dir(path: &Path) -> Result<Self> {
         let work = WorkDir::open_existing(path)?;
         let record = Record::read(&work)?;
-        let made = match (recipe::cut(&work), Labels::read(&work)) {
+        let made = match (recipe::requested_parts(&work), Labels::read(&work)) {
             (Some(params), Ok(labels)) => Some((params, labels.colours)),
             _ => None,
         };

@@ -4,6 +4,7 @@
 //! and memory evenly, so what one mesh gets depends on `--jobs` alone. A mesh that fails is reported, and the rest goes on.
 
 use super::edits::{EditArgs, Like, LikeArgs, corrections, named as give_names};
+use super::errors::message;
 use super::input::read;
 use super::made::Maker;
 use super::method::{MethodArgs, check_count};
@@ -532,7 +533,7 @@ fn all(jobs: Vec<Job>, task: Task<'_>, app: &AppContext) -> Result<(), CliError>
             if let Err(error) = &result
                 && !matches!(error, Error::Cancelled)
             {
-                bars.complain(&format!("nystrom-stream: {error}"));
+                bars.complain(&format!("nystrom-stream: {}", message(error)));
             }
             lock().settle(k, job, result, seconds);
         }
@@ -579,7 +580,7 @@ impl Tally {
             }
             Err(error @ Error::Cancelled) => Err(error),
             Err(error) => {
-                let reason = error.to_string();
+                let reason = message(&error);
                 // Most messages begin with the file.
                 let start = format!("{}: ", job.mesh.display());
                 let reason = reason.strip_prefix(&start).map_or(reason.clone(), str::to_string);

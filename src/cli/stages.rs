@@ -20,7 +20,7 @@ use nystrom_stream::graph::Order;
 use nystrom_stream::mesh;
 use nystrom_stream::mesh::ply::labelled::Labelling;
 use nystrom_stream::pipeline::input::Record;
-use nystrom_stream::pipeline::labels::Labels;
+use nystrom_stream::pipeline::labels::{self, Labels};
 use nystrom_stream::pipeline::recipe;
 use nystrom_stream::pipeline::sharding::{self, Divided, SharedWork};
 use nystrom_stream::pipeline::{Cluster, SegmentParams, cuts, decision, embed, input};
@@ -240,7 +240,7 @@ fn shared(divided: Divided, args: &RowsArgs, mut params: SegmentParams, app: &Ap
     if let Some(shard) = args.shard {
         let open = |work: &WorkDir| read(&path, force, Context::new(work, &run)).map(|(opened, _)| opened);
         let shared = SharedWork { divided, identity: &input::identity(&path)?, params: &params };
-        let count = sharding::one(folder, shared, shard, open, &run)?;
+        let count = sharding::compute_shard(folder, shared, shard, open, &run)?;
         told["shard"] = json!([shard.0, shard.1]);
         told[if divided.is_by_landmark() { "rows" } else { "faces" }] = count.into();
         return answer_with(&args.json, told, start, &bars);
@@ -249,10 +249,10 @@ fn shared(divided: Divided, args: &RowsArgs, mut params: SegmentParams, app: &Ap
     let context = Context::new(&work, &run);
     if args.prepare {
         let shared = SharedWork { divided, identity: &input::identity(&path)?, params: &params };
-        sharding::first(shared, || Ok(read(&path, force, context)?.0), context)?;
+        sharding::prepare_shared(shared, || Ok(read(&path, force, context)?.0), context)?;
     } else {
         let (opened, identity) = read(&path, force, context)?;
-        told["rows"] = sharding::all(&opened, &identity, &params, context)?.len().into();
+        told["rows"] = sharding::compute_all_rows(&opened, &identity, &params, context)?.len().into();
     }
     answer_with(&args.json, told, start, &bars)
 }
@@ -360,7 +360,7 @@ pub fn cluster(args: &ClusterArgs, app: &AppContext) -> Result<(), CliError> {
         let seconds = start.elapsed().as_secs_f64();
         run.progress.note(&format!("{faces} in {parts} in {seconds:.2} s, written to {}", written.join(", ")));
     } else if args.json.json.is_none() && !args.run.quiet {
-        let path = work.file("labels.npy");
+        let path = work.file(labels::LABELS);
         let text = format!("{faces} in {parts}, labels in {}; -o OUT writes a mesh\n", line(&path.to_string_lossy()));
         print(text.as_bytes())?;
     }

@@ -197,7 +197,7 @@ impl DistanceRows {
 
     fn spec(graph: &WeightedGraph, nodes: usize, params: &RowParams<impl Serialize>, run: &Run) -> Result<JobSpec> {
         if params.l == 0 {
-            return Err(Error::parameter("-l", "0 landmarks", "choose at least 1"));
+            return Err(Error::parameter("landmarks", "0 landmarks", "choose at least 1"));
         }
         Ok(job_spec(&graph.key, nodes, params, run))
     }

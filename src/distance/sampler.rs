@@ -101,7 +101,7 @@ pub type Visits = Rc<Cell<u64>>;
 
 /// What a space without lengths answers to [`Space::lower_by_length`].
 pub(crate) fn no_lengths() -> Error {
-    Error::parameter("--sampling", "this space has no lengths", "choose another sampling")
+    Error::parameter("sampling", "this space has no lengths", "choose another sampling")
 }
 
 /// What landmarks are searched on.

@@ -39,7 +39,7 @@ pub fn compute(
     let whole = job_spec(&graph.key, nodes.len(), &params, context.run);
     if shard >= of || of > whole.rows {
         let problem = format!("{shard}/{of} is no shard of {} rows", whole.rows);
-        return Err(Error::parameter("--shard", problem, "count shards from 0, and make no more than rows"));
+        return Err(Error::parameter("shard", problem, "count shards from 0, and make no more than rows"));
     }
     let spec = JobSpec { shard, of, ..whole };
     if DistanceRows::is_done(&spec, context.work) {

@@ -42,7 +42,7 @@ pub fn landmarks(surface: Surface<'_>, params: RowParams<impl Sampler>, context:
 
 fn chosen(surface: Surface<'_>, sampler: &dyn Sampler, l: usize, context: Context<'_>) -> Result<Vec<u32>> {
     if l == 0 {
-        return Err(Error::parameter("-l", "0 landmarks", "choose at least 1"));
+        return Err(Error::parameter("landmarks", "0 landmarks", "choose at least 1"));
     }
     let Surface { graph, nodes, .. } = surface;
     let mut field = context.work.array::<f32>("nearest.tmp", &[nodes.len()])?;

@@ -72,8 +72,8 @@ impl Metric {
             }
         };
         match *self {
-            Self::ScaleFree { beta, eta } => range("--beta", beta, 0., 1e6).and_then(|()| range("--eta", eta, 0., 1.)),
-            Self::Paper { delta, eta } => range("--delta", delta, 0., 1.).and_then(|()| range("--eta", eta, 0., 1.)),
+            Self::ScaleFree { beta, eta } => range("beta", beta, 0., 1e6).and_then(|()| range("eta", eta, 0., 1.)),
+            Self::Paper { delta, eta } => range("delta", delta, 0., 1.).and_then(|()| range("eta", eta, 0., 1.)),
             Self::Geodesic => Ok(()),
         }
     }

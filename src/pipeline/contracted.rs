@@ -5,7 +5,7 @@
 
 use super::decision::CONTRACTED;
 use super::params::SegmentParams;
-use super::surface::{Kind, Surface, SurfaceStage, WeightedSurface};
+use super::surface::{Kind, PreparedSurface, SurfaceStage, WeightedSurface};
 use super::units::Units;
 use crate::base::{Error, Result};
 use crate::cluster::contract::{ContractedSurface, Contraction};
@@ -19,7 +19,7 @@ pub(super) fn weighted(
     graph: &DualGraph,
     params: &SegmentParams,
     context: Context<'_>,
-) -> Result<(Surface, WeightedGraph)> {
+) -> Result<(PreparedSurface, WeightedGraph)> {
     let mut surface =
         context.stage(SurfaceStage { graph, kind: Kind::Faces, cells: !params.contracts(graph.nodes.len()) })?;
     let area = 1. / f64::from(surface.shares.unit).powi(2);

@@ -6,8 +6,10 @@
 
 use super::finer::Finer;
 use super::partial::match_partial;
-pub use super::sides::{CorrespondParams, Correspondence, FunctionalMap, Guidance, Side, SideFacts, default_landmarks};
-use super::sides::{no_alternative, refined};
+pub use super::sides::{
+    CorrespondParams, Correspondence, FunctionalMap, Guidance, Side, SideFacts, default_landmarks_for_vertices,
+};
+use super::sides::{Refinement, no_alternative, refined};
 use crate::apps::correspond::align::{FINE, procrustes, sample};
 use crate::apps::correspond::matches::{AlignedPair, Match, Matching, matches};
 use crate::apps::correspond::refine::Refine;
@@ -104,7 +106,8 @@ pub fn match_sides(
             }
         }
         let sides = [(fine_a, &a.graph), (fine_b, &b.graph)];
-        let found = refined(sides, &fine_b.points, alignments, params, &guidance, "", context)?;
+        let refinement = Refinement { sides, points_b: &fine_b.points, params, guidance: &guidance, name: "" };
+        let found = refined(refinement, alignments, context)?;
         return Ok(Correspondence { sides: [a.facts(), b.facts()], ..found });
     }
     let mut alignments = aligned(a, b)?;
@@ -130,7 +133,8 @@ pub fn match_sides(
         if params.refine != Refine::None {
             alignments.starts = if guidance.map.is_some() { Vec::new() } else { vec![alignment] };
             let sides = [(a, &a.graph), (b, &b.graph)];
-            return refined(sides, &points_b, alignments, params, guidance, "", context);
+            let refinement = Refinement { sides, points_b: &points_b, params, guidance, name: "" };
+            return refined(refinement, alignments, context);
         }
         found = pass(&points_b, &alignment, params.matching, "matches.npy")?;
     }

@@ -7,9 +7,9 @@
 //! wall of a cavity, without any where nothing is enclosed.
 
 use super::labels::SegmentStats;
-use super::params::{SegmentParams, landmarks_for_parts};
+use super::params::{SegmentParams, default_landmarks_for_faces};
 use super::sample::Sample;
-use super::surface::{self, WeightedSurface};
+use super::surface::{self, SurfaceStage, WeightedSurface};
 use crate::base::{Error, Result};
 use crate::cluster::contract;
 use crate::cluster::parts::hints::Affinities;
@@ -17,6 +17,7 @@ use crate::cluster::parts::matrix::Square;
 use crate::cluster::parts::{self, CellGraph, Enclosed, PartDecision, PartTree, Superfaces};
 use crate::distance::DistanceRows;
 use crate::distance::rows::RowParams;
+use crate::graph::dual::{GraphStage, WeightsStage};
 use crate::spectral::affinity::KeptEigenpairs;
 use crate::spectral::kernel::Kernel;
 use crate::store::manifest::{MANIFEST, Manifest};
@@ -61,7 +62,7 @@ pub(super) struct DecisionStage<'a> {
 impl DecisionStage<'_> {
     /// Number of landmarks.
     fn landmarks(&self) -> usize {
-        self.params.landmarks.unwrap_or(landmarks_for_parts(self.surface.graph.nodes.len()))
+        self.params.landmarks.unwrap_or(default_landmarks_for_faces(self.surface.graph.nodes.len()))
     }
 }
 
@@ -152,7 +153,7 @@ fn assembled(
 
 /// The spectral numbers of the decision in `work`, where there is one.
 pub(super) fn kept_numbers(work: &WorkDir) -> Option<SegmentStats> {
-    let facts = work.manifest().stages.remove("decision")?.facts;
+    let facts = work.manifest().stages.remove(DecisionStage::NAME)?.facts;
     serde_json::from_value::<DecisionFacts>(facts).ok().map(|facts| facts.numbers)
 }
 
@@ -255,9 +256,11 @@ pub(super) fn is_current(work: &WorkDir, contracted: bool) -> bool {
         return !contracted || holds();
     }
     let manifest = work.manifest();
-    let Some(graph) = manifest.stages.get("graph").map(|stage| stage.key.as_str()) else { return false };
+    let Some(graph) = manifest.stages.get(GraphStage::NAME).map(|stage| stage.key.as_str()) else { return false };
     let decided = |manifest: &Manifest, graph: &str| {
-        let (Some(surface), Some(decision)) = (manifest.stages.get("surface"), manifest.stages.get("decision")) else {
+        let (Some(surface), Some(decision)) =
+            (manifest.stages.get(SurfaceStage::NAME), manifest.stages.get(DecisionStage::NAME))
+        else {
             return false;
         };
         surface.inputs["graph"] == graph && decision.inputs["surface"] == surface.key
@@ -266,7 +269,7 @@ pub(super) fn is_current(work: &WorkDir, contracted: bool) -> bool {
         return decided(&manifest, graph);
     }
     let Ok(inner) = work.read_json::<Manifest>(&format!("{CONTRACTED}/{MANIFEST}")) else { return false };
-    manifest.stages.get("weights").is_some_and(|weights| {
+    manifest.stages.get(WeightsStage::NAME).is_some_and(|weights| {
         let seed = weights.inputs["seed"].as_u64().unwrap_or_default();
         weights.inputs["graph"] == graph && decided(&inner, &contract::key(&weights.key, seed))
     })

@@ -74,7 +74,7 @@ impl Corrections<'_> {
         let numbers: BTreeSet<u64> =
             faces.filter_map(|p| if let Place::Face(face) = p { Some(*face) } else { None }).collect();
         let nodes = nodes_of(&numbers, graph.nodes.len(), order, run)?;
-        let node = |number: usize, place: &Place| match place {
+        let mut node = |number: usize, place: &Place| match place {
             Place::Face(face) => nodes.get(face).copied().ok_or_else(|| {
                 let problem = format!("there is no face {face}, the mesh has {}", graph.nodes.len());
                 edits.wrong(number, problem, "count faces from 0, or name a point on the surface")
@@ -89,7 +89,6 @@ impl Corrections<'_> {
                 None => Err(Error::internal("a place was not looked for")),
             },
         };
-        let mut node = node;
         let mut nodes_of_edits = Vec::with_capacity(edits.edits.len());
         for (number, edit) in edits.edits.iter().enumerate() {
             nodes_of_edits.push(edit.places().iter().map(|place| node(number, place)).collect::<Result<Vec<u32>>>()?);

@@ -3,10 +3,9 @@
 //! `segment` never needs it whole: it extrapolates a chunk at a time. Cost: one pass over `[A B]`; 4 d bytes of disk for each face.
 
 use super::contracted;
-use super::params::{Cluster, SegmentParams, default_landmarks, landmarks_for_parts};
+use super::params::{Cluster, SegmentParams, default_landmarks_for_faces, default_landmarks_for_parts};
 use super::sample::rows;
 use crate::base::Result;
-use crate::base::parallel::{chunk_count, chunk_range};
 use crate::distance::DistanceRows;
 use crate::graph::{DualGraph, NodeOrder};
 use crate::spectral::embedding::KernelWidth;
@@ -19,7 +18,6 @@ use serde_json::{Value, json};
 
 /// The array of all faces.
 pub const FILE: &str = "embedding.npy";
-const CHUNK: usize = 2048;
 
 /// What an embedding was made with and what it tells.
 #[derive(Clone, Debug, Serialize, Deserialize)]
@@ -102,12 +100,17 @@ impl Stage for EmbeddingStage<'_> {
 pub fn embed(params: EmbeddingParams, method: &SegmentParams, context: Context<'_>) -> Result<EmbeddingFacts> {
     let (graph, input) = DualGraph::kept(context.work)?;
     let order = NodeOrder::kept(&input, graph.nodes.len(), context.work)?;
-    let rows = some_rows(&graph, params.dimensions, method, context)?;
+    let rows = kept_or_new_rows(&graph, params.dimensions, method, context)?;
     context.stage(EmbeddingStage { graph: &graph, order: &order, rows: &rows, params })
 }
 
 /// The rows that are there, or new ones.
-fn some_rows(graph: &DualGraph, parts: usize, method: &SegmentParams, context: Context<'_>) -> Result<DistanceRows> {
+fn kept_or_new_rows(
+    graph: &DualGraph,
+    parts: usize,
+    method: &SegmentParams,
+    context: Context<'_>,
+) -> Result<DistanceRows> {
     let n = graph.nodes.len();
     if let Ok(rows) = DistanceRows::kept(&graph.key, n, context.work) {
         context.run.progress.note("rows: reused");
@@ -115,29 +118,19 @@ fn some_rows(graph: &DualGraph, parts: usize, method: &SegmentParams, context: C
     }
     if method.cluster == Cluster::Parts {
         let weighted = contracted::weighted(graph, method, context)?.1;
-        let l = method.landmarks.unwrap_or(landmarks_for_parts(n));
+        let l = method.landmarks.unwrap_or(default_landmarks_for_faces(n));
         return rows(graph, &weighted, l, method, context);
     }
     let weighted = graph.weighted(method.metric, context)?;
-    rows(graph, &weighted, method.landmarks.unwrap_or(default_landmarks(parts)), method, context)
+    rows(graph, &weighted, method.landmarks.unwrap_or(default_landmarks_for_parts(parts)), method, context)
 }
 
 /// Extrapolates every face, a chunk at a time.
 fn write(rows: &DistanceRows, embedding: &Embedding, order: &NodeOrder, context: Context<'_>) -> Result<()> {
-    let (n, d) = (rows.nodes, embedding.dimensions);
-    let mut array = context.work.array::<f32>(FILE, &[n, d])?;
+    let d = embedding.dimensions;
+    let mut array = context.work.array::<f32>(FILE, &[rows.nodes, d])?;
     let out = array.data();
-    let work_chunk = |k: usize, affinities: &mut Vec<f32>| {
-        let range = chunk_range(n, CHUNK, k);
-        let m = range.len();
-        let mut coordinates = vec![0.; m * d];
-        affinities.resize(rows.len() * m, 0.);
-        embedding.chunk(m, |row| &rows.row(row)[range.clone()], affinities, &mut coordinates);
-        context.run.progress.advance("embedding", m as u64);
-        Ok(coordinates)
-    };
-    let consume = |k: usize, coordinates: Vec<f32>| {
-        let range = chunk_range(n, CHUNK, k);
+    embedding.for_each_chunk(rows, EmbeddingStage::NAME, context.run, |range, coordinates| {
         for (i, node) in range.clone().enumerate() {
             let face = order.face(node as u32) as usize;
             for e in 0..d {
@@ -145,7 +138,6 @@ fn write(rows: &DistanceRows, embedding: &Embedding, order: &NodeOrder, context:
             }
         }
         Ok(())
-    };
-    context.run.in_order(chunk_count(n, CHUNK), Vec::new, work_chunk, consume)?;
+    })?;
     array.finish(context.work.durable()).map(drop)
 }

@@ -107,6 +107,8 @@ pub fn admit_matched(path: &Path, identity: &Value, work: &WorkDir) -> Result<()
     Err(of_another(path, problem, work))
 }
 
+/// The stage that leaves the record.
+const RECORD: &str = "record";
 /// Version of what the record tells.
 const RECORD_VERSION: u32 = 1;
 
@@ -143,7 +145,7 @@ impl Record {
         }
         self.seed = context.run.seed;
         let inputs = json!({"input": self.identity, "params": self.params, "seed": self.seed});
-        context.work.stamp(StageKey::new("record", RECORD_VERSION, inputs), &[], &self, 0.)
+        context.work.stamp(StageKey::new(RECORD, RECORD_VERSION, inputs), &[], &self, 0.)
     }
 
     /// The record in `work`.
@@ -152,13 +154,12 @@ impl Record {
     /// [`Error::WorkDir`] where there is none.
     pub fn read(work: &WorkDir) -> Result<Self> {
         let remedy = "make it first: nystrom-stream segment MESH --work-dir …";
-        let stage = work.manifest().stages.remove("record");
+        let stage = work.manifest().stages.remove(RECORD);
         let stage = stage.ok_or_else(|| Error::work_dir(work.path(), "does not say which mesh it is of", remedy))?;
         let (facts, inputs) = (&stage.facts, &stage.inputs);
         let same = [("identity", "input"), ("params", "params"), ("seed", "seed")];
         let made = stage.version != RECORD_VERSION
-            || (stage.key == key_of("record", RECORD_VERSION, inputs)
-                && same.iter().all(|(a, b)| facts[a] == inputs[b]));
+            || (stage.key == key_of(RECORD, RECORD_VERSION, inputs) && same.iter().all(|(a, b)| facts[a] == inputs[b]));
         if !made {
             return Err(work.damaged(MANIFEST, "tells of other options than those of the run"));
         }

@@ -20,6 +20,12 @@ use serde_json::json;
 use std::collections::BTreeMap;
 
 const CHUNK: usize = 1 << 15;
+/// The labels.
+pub const LABELS: &str = "labels.npy";
+/// How sure they are.
+pub(super) const QUALITY: &str = "quality.npy";
+/// The stage that makes them.
+pub(super) const STAGE: &str = "labels";
 /// Version of the algorithm that makes labels from parts.
 const LABELS_VERSION: u32 = 3;
 /// The colour of tiny components that are a part of their own.
@@ -82,7 +88,7 @@ pub(super) struct Clustered {
 
 /// A segmented mesh.
 #[derive(Clone, Debug)]
-pub struct Segmentation {
+pub struct SegmentedMesh {
     /// One part per face, in the order of the file (n).
     pub labels: MappedSlice<u32>,
     /// How sure each label is, 0 to 1 (n).
@@ -103,7 +109,7 @@ pub struct Segmentation {
 
 /// The key of the labels of `graph`.
 pub(super) fn stage_key(graph: &DualGraph, params: &SegmentParams, seed: u64) -> StageKey {
-    StageKey::new("labels", LABELS_VERSION, json!({"graph": graph.key, "params": params, "seed": seed}))
+    StageKey::new(STAGE, LABELS_VERSION, json!({"graph": graph.key, "params": params, "seed": seed}))
 }
 
 /// Brings labels into the order of the file, colours the parts and stamps the result.
@@ -113,12 +119,12 @@ pub(super) fn label(
     clustered: Clustered,
     params: &SegmentParams,
     context: Context<'_>,
-) -> Result<Segmentation> {
+) -> Result<SegmentedMesh> {
     let pairs = touching(graph, &clustered.labels, clustered.boundary_nodes.as_deref(), context.run)?;
     let mut numbers = clustered.numbers;
     numbers.landmarks.iter_mut().for_each(|node| *node = order.face(*node));
-    let labels = order.restore("labels.npy", clustered.labels, context)?;
-    let quality = order.restore("quality.npy", clustered.quality, context)?;
+    let labels = order.restore(LABELS, clustered.labels, context)?;
+    let quality = order.restore(QUALITY, clustered.quality, context)?;
     let mut colours = colours::assign(numbers.faces.len(), &pairs);
     if let Some(tiny_components) = numbers.tiny_components_label {
         colours[tiny_components as usize] = TINY_COMPONENTS_COLOUR;
@@ -134,9 +140,9 @@ pub(super) fn label(
     }
     let facts = LabelFacts { faces: numbers.faces.clone(), colours: colours.clone(), names: names.clone(), edits };
     let stage = stage_key(graph, params, context.run.seed);
-    context.work.stamp(stage, &["labels.npy", "quality.npy"], &facts, 0.)?;
+    context.work.stamp(stage, &[LABELS, QUALITY], &facts, 0.)?;
     let cell_labels = clustered.cell_labels;
-    Ok(Segmentation {
+    Ok(SegmentedMesh {
         colours,
         names,
         cell_labels,
@@ -185,10 +191,10 @@ impl Labels {
     /// [`crate::base::Error::WorkDir`] where there are none.
     pub fn read(work: &WorkDir) -> Result<Self> {
         let remedy = "make them first: nystrom-stream cluster --work-dir …";
-        let facts = work.recorded::<LabelFacts>("labels", LABELS_VERSION, remedy)?.facts;
-        let labels = work.open_array::<u32>("labels.npy")?;
-        let labels = work.indices("labels.npy", labels.len(), facts.colours.len())?;
-        let quality = work.array_of("quality.npy", labels.len())?;
+        let facts = work.recorded::<LabelFacts>(STAGE, LABELS_VERSION, remedy)?.facts;
+        let labels = work.open_array::<u32>(LABELS)?;
+        let labels = work.indices(LABELS, labels.len(), facts.colours.len())?;
+        let quality = work.array_of(QUALITY, labels.len())?;
         let names = if facts.names.len() == facts.colours.len() { facts.names } else { Vec::new() };
         let edits = facts.edits.map(|text| Edits::of_text(text.as_bytes(), &work.place(MANIFEST))).transpose()?;
         Ok(Self { labels, quality, colours: facts.colours, names, edits })

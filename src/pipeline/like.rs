@@ -6,8 +6,8 @@
 //! of each cell, so single wrong matches do not count, and boundaries are refined on the new mesh. Cost: that of the transfer
 //! or the matching, and one pass over the faces.
 
-use super::correspond::{CorrespondParams, correspond, default_landmarks};
-use super::labels::Segmentation;
+use super::correspond::{CorrespondParams, correspond, default_landmarks_for_vertices};
+use super::labels::SegmentedMesh;
 use crate::apps::correspond::Match;
 use crate::apps::transfer::transfer;
 use crate::base::tally::tally;
@@ -98,7 +98,7 @@ fn carried(values: Vec<u32>, way: Way, confidence: f64, ambiguous: bool) -> Carr
 /// By matches of the vertices of `mesh` with those of the reference.
 fn by_shape(reference: Reference<'_>, mesh: &Mesh, context: Context<'_>) -> Result<Carried> {
     let most = mesh.positions.len().max(reference.mesh.positions.len());
-    let params = CorrespondParams::default().landmarks(default_landmarks(most));
+    let params = CorrespondParams::default().landmarks(default_landmarks_for_vertices(most));
     let found = correspond(mesh, reference.mesh, None, &params, context)?;
     let mut of_vertex = vec![0u32; reference.mesh.positions.len()];
     for start in (0..reference.labels.len()).step_by(CHUNK) {
@@ -141,11 +141,11 @@ fn by_shape(reference: Reference<'_>, mesh: &Mesh, context: Context<'_>) -> Resu
 /// # Errors
 /// [`Error::Io`], [`Error::Cancelled`].
 pub fn settle(
-    mut result: Segmentation,
+    mut result: SegmentedMesh,
     carried: &mut Carried,
     reference: Reference<'_>,
     context: Context<'_>,
-) -> Result<Segmentation> {
+) -> Result<SegmentedMesh> {
     let counts = tally(result.labels.iter().copied().zip(carried.values.iter().copied()));
     let parts = reference
         .colours

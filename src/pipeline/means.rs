@@ -9,7 +9,7 @@
 
 use super::contracted::{contraction_and_shares, faces_of, units_of, weighted};
 use super::edits::PartMarks;
-use super::labels::{Clustered, SegmentStats};
+use super::labels::{Clustered, LABELS, QUALITY, SegmentStats};
 use super::params::{Cluster, SegmentParams, dimensions};
 use super::sample::rows;
 use super::surface::WeightedSurface;
@@ -36,13 +36,22 @@ pub(super) enum Fit {
     TwoMeans(TwoMeansParams),
 }
 
+/// How faces are embedded, and how centres are found there.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Means {
+    /// The embedding.
+    pub embedding: EmbeddingParams,
+    /// The centres.
+    pub fit: Fit,
+}
+
 /// Embeds, fits centres and labels every node: `labels` and `quality` (n) are filled.
 fn k_means(
     nodes: NodeView<'_>,
     rows: &DistanceRows,
-    params: EmbeddingParams,
-    fit: Fit,
-    (labels, quality): (&mut [u32], &mut [f32]),
+    means: Means,
+    labels: &mut [u32],
+    quality: &mut [f32],
     run: &Run,
 ) -> Result<SegmentStats> {
     if !rows.is_empty() && run.is_paged(rows.row(0)) {
@@ -53,14 +62,14 @@ fn k_means(
     nodes.areas(quality, run)?;
     let areas = &quality[..];
     let columns = SampledColumns::sample(rows, |node| areas[node], run);
-    let embedding = Embedding::fit(rows, &columns, params)?;
+    let embedding = Embedding::fit(rows, &columns, means.embedding)?;
     let coordinates = embedding.columns(&columns);
     let points = WeightedPoints { coordinates: &coordinates, weights: &columns.shares };
-    let centres = match fit {
+    let centres = match means.fit {
         Fit::KMeans(parts) => KMeans::fit(points, embedding.dimensions, KMeansParams::new(parts), run)?,
         Fit::TwoMeans(params) => two_means::fit(points, embedding.dimensions, params, run)?,
     };
-    let gamma = Gamma::new(rows, params.kernel, embedding.sigma);
+    let gamma = Gamma::new(rows, means.embedding.kernel, embedding.sigma);
 
     let assignment = Assignment { rows, embedding: &embedding, centres: &centres, gamma: Some(&gamma) };
     let mut totals = assign(assignment, labels, quality, run)?;
@@ -91,15 +100,14 @@ pub(super) fn fit(params: &SegmentParams, faces: usize) -> Option<Fit> {
 pub(super) fn over_faces(
     graph: &DualGraph,
     rows: &DistanceRows,
-    embedding: EmbeddingParams,
-    fit: Fit,
+    means: Means,
     context: Context<'_>,
 ) -> Result<Clustered> {
     let Context { work, run } = context;
     let n = rows.nodes;
-    let (mut labels, mut quality) = (work.array::<u32>("labels.npy", &[n])?, work.array::<f32>("quality.npy", &[n])?);
-    let out = (&mut labels.data()[..], &mut quality.data()[..]);
-    let assign = || k_means(graph.nodes.view(), rows, embedding, fit, out, run);
+    let (mut labels, mut quality) = (work.array::<u32>(LABELS, &[n])?, work.array::<f32>(QUALITY, &[n])?);
+    let (to_labels, to_quality) = (labels.data(), quality.data());
+    let assign = || k_means(graph.nodes.view(), rows, means, to_labels, to_quality, run);
     let (numbers, _) = run.stage("assign", "faces", n as u64, assign)?;
     let (labels, quality) = (labels.finish(false)?, quality.finish(false)?);
     Ok(clustered(labels, None, quality, numbers))
@@ -119,8 +127,8 @@ pub(super) fn on_contraction(
     let n = rows.nodes;
     let embedding = params.embedding.unwrap_or(EmbeddingParams::for_parts(dimensions(params)));
     let (mut labels, mut quality) = (vec![0; n], vec![0.; n]);
-    let out = (&mut labels[..], &mut quality[..]);
-    let assign = || k_means(small.graph.nodes.view(), &rows, embedding, fit, out, run);
+    let means = Means { embedding, fit };
+    let assign = || k_means(small.graph.nodes.view(), &rows, means, &mut labels, &mut quality, run);
     let (numbers, _) = run.stage("assign", "nodes", n as u64, assign)?;
     rows.release(&inner)?;
     let landmarks = faces_of(&numbers.landmarks, &small);
@@ -145,7 +153,7 @@ pub(super) fn contracted(
     let RefinedLabels { labels, boundary_nodes } = refined;
     weighted.release(context.work)?;
     let quality = units.confidences(context)?;
-    let (faces, area) = units.totals(graph, &labels, (parts, true), context.run)?;
+    let (faces, area) = units.totals(graph, &labels, parts, true, context.run)?;
     let tiny_faces = surface.shares.tiny_nodes;
     let numbers = SegmentStats { faces, area, radius: surface.radius, tiny_faces, ..numbers };
     Ok(clustered(labels, Some(boundary_nodes), quality, numbers))

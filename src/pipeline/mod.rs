@@ -38,6 +38,8 @@ mod sides;
 mod surface;
 mod units;
 
-pub use labels::Segmentation;
-pub use params::{Boundaries, Cluster, SegmentParams, TinyComponents, Walls, default_landmarks, landmarks_for_parts};
+pub use labels::SegmentedMesh;
+pub use params::{
+    Boundaries, Cluster, SegmentParams, TinyComponents, Walls, default_landmarks_for_faces, default_landmarks_for_parts,
+};
 pub use recipe::{segment, segment_corrected};

@@ -136,10 +136,10 @@ impl SegmentParams {
     pub fn landmarks_of(&self, faces: usize) -> usize {
         let contracts = self.contracts(faces);
         self.landmarks.unwrap_or(match self.centres() {
-            Some(parts) if contracts => default_landmarks(parts).max(MOST_LANDMARKS),
-            Some(parts) => default_landmarks(parts),
+            Some(parts) if contracts => default_landmarks_for_parts(parts).max(MOST_LANDMARKS),
+            Some(parts) => default_landmarks_for_parts(parts),
             None if contracts => landmarks_on_contraction(faces),
-            None => landmarks_for_parts(faces),
+            None => default_landmarks_for_faces(faces),
         })
     }
 
@@ -169,7 +169,7 @@ const MOST_LANDMARKS: usize = 60;
 
 /// Landmarks for K-means into `parts` parts with rows over all faces: twice as many, so that every part can hold two, at least 10 and at
 /// most 60, but more than parts up to 512: beyond, eigenvectors would cost more than they tell apart.
-pub fn default_landmarks(parts: usize) -> usize {
+pub fn default_landmarks_for_parts(parts: usize) -> usize {
     (2 * parts).clamp(10, MOST_LANDMARKS).max((parts + 1).min(512))
 }
 
@@ -179,7 +179,7 @@ const MEDIUM: usize = 300_000;
 /// Landmarks for deciding parts with rows over all of `faces` faces: 120 where fronts are cheap, fewer where each costs. On the
 /// 190 models of the benchmark 1 − Rand was .094, .093, .089, .087, .087, .086 with 20, 30, 40, 60, 80, 120 under seed 0. From
 /// 60 on more do not agree better with people, but two seeds with each other: see `docs/quality.md`.
-pub fn landmarks_for_parts(faces: usize) -> usize {
+pub fn default_landmarks_for_faces(faces: usize) -> usize {
     let landmarks = [(contract::LARGE, 120), (MEDIUM, 60), (2_000_000, 40), (20_000_000, 30)];
     landmarks.into_iter().find(|&(most, _)| faces <= most).map_or(20, |(_, landmarks)| landmarks)
 }
@@ -199,17 +199,17 @@ pub(super) fn dimensions(params: &SegmentParams) -> usize {
 pub(super) fn check(params: &SegmentParams, path: &Path, faces: usize) -> Result<()> {
     let wanted = match params.parts.count {
         PartCount::Found if params.cluster == Cluster::KMeans => {
-            let remedy = "give it, as in -k 6, or leave out --cluster kmeans";
-            return Err(Error::parameter("-k", "K-means needs the number of parts", remedy));
+            let remedy = "give it, as in `parts` 6, or leave out `cluster` kmeans";
+            return Err(Error::parameter("parts", "K-means needs the number of parts", remedy));
         }
         PartCount::Between(..) if params.cluster == Cluster::KMeans => {
-            return Err(Error::parameter("--parts-range", "K-means needs an exact number of parts", "give -k"));
+            return Err(Error::parameter("parts_between", "K-means needs an exact number of parts", "give `parts`"));
         }
         PartCount::Found => 1,
         PartCount::Exactly(parts) => parts,
         PartCount::Between(least, most) if least > most => {
             return Err(Error::parameter(
-                "--parts-range",
+                "parts_between",
                 format!("{least}..{most} is empty"),
                 "put the smaller first",
             ));
@@ -217,13 +217,13 @@ pub(super) fn check(params: &SegmentParams, path: &Path, faces: usize) -> Result
         PartCount::Between(least, _) => least,
     };
     if wanted == 0 {
-        return Err(Error::parameter("-k", "0 parts", "choose at least 1"));
+        return Err(Error::parameter("parts", "0 parts", "choose at least 1"));
     }
     if wanted > faces {
         return Err(Error::unusable(
             path,
             format!("has {faces} face{}, fewer than the {wanted} parts asked for", if faces == 1 { "" } else { "s" }),
-            "choose a smaller -k",
+            "choose a smaller `parts`",
         ));
     }
     Ok(())

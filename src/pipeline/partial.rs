@@ -12,8 +12,8 @@
 //! memory: the budget grants [`REGION`] bytes per vertex of the whole and [`MAPS`] per vertex of the part.
 
 use super::sides::{
-    CorrespondParams, Correspondence, FunctionalMap, Guidance, LARGE, LARGE_WIDTH, LOCAL_SAMPLES, LOCAL_WIDTH, Side,
-    refined,
+    CorrespondParams, Correspondence, FunctionalMap, Guidance, LARGE, LARGE_WIDTH, LOCAL_SAMPLES, LOCAL_WIDTH,
+    Refinement, Side, refined,
 };
 use crate::apps::correspond::align::{TELLING, align};
 use crate::apps::correspond::dense::{EXHAUSTIVE, RefinedPair, carried};
@@ -184,7 +184,8 @@ impl Region {
         let map = map.iter().any(Option::is_some).then_some(map);
         let guidance = Guidance { map, ..Guidance::default() };
         let sides = [(part, &part.graph), (&side, &side.graph)];
-        let found = refined(sides, &side.points, alignments, params, &guidance, name, context)?;
+        let refinement = Refinement { sides, points_b: &side.points, params, guidance: &guidance, name };
+        let found = refined(refinement, alignments, context)?;
         let images = found.matches.iter().map(|one| one.vertex().map(|at| old[at as usize])).collect();
         let Correspondence { functional, refined: outcomes, alignments, .. } = found;
         let functional = functional.filter(|_| !outcomes.is_empty());
@@ -309,7 +310,7 @@ fn first_maps(
             let row = |(i, c): (usize, u32)| rows[s].row(if s == 0 { i } else { c as usize });
             let (kept, unit) = (kept().map(row).collect::<Vec<_>>(), units[s] as f32);
             let mut array = sides[s].work.array::<f32>("anchored.npy", &[sides[s].graph.len(), k])?;
-            context.run.fill_each(array.data(), 1 << 14, |at, _: f32| unit * kept[at % k][at / k])?;
+            context.run.fill_each(array.data(), CHUNK, |at, _: f32| unit * kept[at % k][at / k])?;
             array.finish(false)
         };
         let (of_part, of_whole) = (placed(0)?, placed(1)?);
@@ -363,11 +364,11 @@ fn finish(
         // Of the whole, what is outside has none.
         let at = |v: usize| if a_is_part { Some(v) } else { old.binary_search(&(v as u32)).ok() };
         let mut array = context.work.array::<Match>("matches.npy", &[n])?;
-        context.run.fill_each(array.data(), 1 << 14, |v, _: Match| at(v).map_or(Match::NONE, |at| found[at]))?;
+        context.run.fill_each(array.data(), CHUNK, |v, _: Match| at(v).map_or(Match::NONE, |at| found[at]))?;
         let inside = |points: Vec<SurfacePoint>| {
             let mut array = context.work.array::<SurfacePoint>("points.npy", &[n])?;
             let one = |v: usize, _: SurfacePoint| at(v).map_or(SurfacePoint::NONE, |at| points[at]);
-            context.run.fill_each(array.data(), 1 << 14, one)?;
+            context.run.fill_each(array.data(), CHUNK, one)?;
             array.finish(false)
         };
         Ok((array.finish(false)?, points.map(inside).transpose()?))

@@ -7,9 +7,9 @@
 use super::contracted::{contraction_and_shares, faces_of, units_of, weighted};
 use super::decision::DecisionStage;
 use super::edits::{Corrections, OnCells, PartMarks};
-use super::labels::{Clustered, SegmentStats};
+use super::labels::{Clustered, LABELS, SegmentStats};
 use super::params::{Boundaries, SegmentParams, TinyComponents, Walls};
-use super::surface::{Kind, Surface, SurfaceStage, WeightedSurface};
+use super::surface::{Kind, PreparedSurface, SurfaceStage, WeightedSurface};
 use super::units::Units;
 use crate::base::{Error, Result};
 use crate::cluster::area_shares::AreaShares;
@@ -28,17 +28,17 @@ const NO_AREA: f64 = 1e-12;
 
 /// What parts are cut by besides the options.
 #[derive(Clone, Copy, Default)]
-pub(super) struct Wishes<'a> {
+pub(super) struct PartRequests<'a> {
     /// A hierarchy in place of the one that is found.
     pub tree: Option<&'a PartTree>,
     /// What a person has corrected.
     pub corrections: Corrections<'a>,
 }
 
-/// Wishes on their way to the cells.
+/// PartRequests on their way to the cells.
 #[derive(Clone, Copy)]
 struct Located<'a> {
-    wishes: Wishes<'a>,
+    requests: PartRequests<'a>,
     /// The nodes at the places of each edit.
     nodes: &'a [Vec<u32>],
     order: &'a NodeOrder,
@@ -74,7 +74,7 @@ pub(super) fn parts(
     graph: &DualGraph,
     order: &NodeOrder,
     params: &SegmentParams,
-    wishes: Wishes<'_>,
+    requests: PartRequests<'_>,
     context: Context<'_>,
 ) -> Result<Clustered> {
     let n = graph.nodes.len();
@@ -87,12 +87,12 @@ pub(super) fn parts(
     } else {
         params
     };
-    let nodes = wishes.corrections.locate(graph, order, context.run)?;
+    let nodes = requests.corrections.locate(graph, order, context.run)?;
     let (surface, weighted) = weighted(graph, params, context)?;
     let whole = WeightedSurface { graph, weighted: &weighted, surface: &surface };
-    let located = Located { wishes, nodes: &nodes, order, whole, context, units: None };
-    let Surface { shares, radius, .. } = &surface;
-    let decided = decided(whole, params, located, context)?;
+    let located = Located { requests, nodes: &nodes, order, whole, context, units: None };
+    let PreparedSurface { shares, radius, .. } = &surface;
+    let decided = decide_parts(whole, params, located, context)?;
     let Decided { result, units, .. } = &decided;
     let extrapolated = match params.boundaries {
         Boundaries::Front => None,
@@ -109,7 +109,7 @@ pub(super) fn parts(
         context.run.progress.note("there are no tiny components, so no label stands for them");
     } else if params.tiny_components == TinyComponents::Own {
         tiny_components_label = Some(parts as u32);
-        labels = apart(&labels, shares, parts as u32, context)?;
+        labels = label_tiny_components(&labels, shares, parts as u32, context)?;
         parts += 1;
     }
     let wanted = params.parts.count.least();
@@ -122,7 +122,7 @@ pub(super) fn parts(
     }
     weighted.release(context.work)?;
     let quality = units.confidences(context)?;
-    let (faces, area) = units.totals(graph, &labels, (parts, !divided), context.run)?;
+    let (faces, area) = units.totals(graph, &labels, parts, !divided, context.run)?;
     let mut decision = decided.numbers.decision.clone();
     if let Some(decision) = decision.as_mut().filter(|_| divided) {
         let total: f64 = area.iter().sum();
@@ -144,15 +144,15 @@ pub(super) fn parts(
     Ok(Clustered { labels, boundary_nodes, quality, numbers, marks: decided.marks, cell_labels })
 }
 
-/// The cells or contracted nodes of `whole`, whose nodes are in `order`, and their labels, without anybody's wishes.
+/// The cells or contracted nodes of `whole`, whose nodes are in `order`, and their labels, without anybody's requests.
 pub(super) fn units(
     whole: WeightedSurface<'_>,
     order: &NodeOrder,
     params: &SegmentParams,
     context: Context<'_>,
 ) -> Result<Units> {
-    let located = Located { wishes: Wishes::default(), nodes: &[], order, whole, context, units: None };
-    Ok(decided(whole, params, located, context)?.units)
+    let located = Located { requests: PartRequests::default(), nodes: &[], order, whole, context, units: None };
+    Ok(decide_parts(whole, params, located, context)?.units)
 }
 
 /// The rows over all faces that the parts were decided with, and where these parts lie in their embedding.
@@ -167,8 +167,13 @@ fn part_means(
 }
 
 /// Gives the tiny components, which count nothing in `share` (n), a label of their own.
-fn apart(labels: &[u32], shares: &AreaShares, label: u32, context: Context<'_>) -> Result<MappedSlice<u32>> {
-    let mut own = context.work.array::<u32>("labels.npy", &[labels.len()])?;
+fn label_tiny_components(
+    labels: &[u32],
+    shares: &AreaShares,
+    label: u32,
+    context: Context<'_>,
+) -> Result<MappedSlice<u32>> {
+    let mut own = context.work.array::<u32>(LABELS, &[labels.len()])?;
     let of = |i: usize, _| if shares.at(i) == 0. { label } else { labels[i] };
     context.run.fill_each(own.data(), CHUNK, of)?;
     own.finish(false)
@@ -183,7 +188,7 @@ struct Decided {
 }
 
 /// Parts decided on cells of the contraction, if the mesh is large, or of the mesh itself.
-fn decided(
+fn decide_parts(
     whole: WeightedSurface<'_>,
     params: &SegmentParams,
     located: Located<'_>,
@@ -192,24 +197,24 @@ fn decided(
     if params.contracts(whole.graph.nodes.len()) {
         decide_on_contraction(whole, params, located, context)
     } else {
-        decide(whole, params, located, context)
+        decide_on_mesh(whole, params, located, context)
     }
 }
 
 /// Rows over all nodes of `graph`, averaged to cells; parts decided on these.
-fn decide(
+fn decide_on_mesh(
     surface: WeightedSurface<'_>,
     params: &SegmentParams,
     located: Located<'_>,
     context: Context<'_>,
 ) -> Result<Decided> {
-    let Wishes { tree, corrections } = located.wishes;
+    let PartRequests { tree, corrections } = located.requests;
     let (mut all, facts) = context.stage(DecisionStage { surface, params })?;
     if let Some(tree) = tree {
         if tree.cells() != all.tree.cells() {
             let problem =
                 format!("a hierarchy of {} cells, the work directory's has {}", tree.cells(), all.tree.cells());
-            return Err(Error::parameter("--tree", problem, "use one that was made in this work directory"));
+            return Err(Error::parameter("tree", problem, "use one that was made in this work directory"));
         }
         all.tree = tree.clone();
     }
@@ -221,7 +226,7 @@ fn decide(
     if !corrections.is_empty() {
         if params.parts.count != count {
             let problem = "edits cannot follow where more parts are asked for than the surface has cells";
-            return Err(Error::parameter("-k", problem, format!("ask for {} at most", all.tree.cells())));
+            return Err(Error::parameter("parts", problem, format!("ask for {} at most", all.tree.cells())));
         }
         let graph = surface.surface.cells()?.graph.cleaned()?;
         let affinities = Affinities {
@@ -251,8 +256,8 @@ fn decide(
         if params.parts.count != count {
             let problem =
                 "walls cannot be a part of their own where more parts are asked for than the surface has cells";
-            let remedy = format!("ask for {} at most, or leave out --walls own", all.tree.cells());
-            return Err(Error::parameter("-k", problem, remedy));
+            let remedy = format!("ask for {} at most, or leave out `walls` own", all.tree.cells());
+            return Err(Error::parameter("parts", problem, remedy));
         }
         let own = result.parts as u32;
         result.label.iter_mut().zip(&all.is_wall).filter(|(_, wall)| **wall).for_each(|(label, _)| *label = own);
@@ -280,7 +285,7 @@ fn decide_on_contraction(
     let faces = whole.graph.nodes.len();
     let (landmarks, sampling) = (params.landmarks_of(faces), params.sampling_of(faces));
     let own = params.clone().landmarks(Some(landmarks)).sampling(Some(sampling));
-    let decided = decide(contracted, &own, located, within)?;
+    let decided = decide_on_mesh(contracted, &own, located, within)?;
     let of_small = &decided.units.of_node;
     let landmarks = faces_of(&decided.numbers.landmarks, &small);
     let label: Vec<u32> = of_small.iter().map(|&cell| decided.units.label[cell as usize]).collect();

@@ -302,7 +302,7 @@ impl Plan {
         check_size(self.mesh.faces, self.mesh.corners, path)
     }
 
-    /// Refuses a run whose files the disk under `folder` cannot hold, be the surface ever so smooth. Bytes that are there already
+    /// Refuses a run whose files the disk under `folder` cannot hold, even for a smooth surface. Bytes that are there already
     /// count as free.
     ///
     /// # Errors

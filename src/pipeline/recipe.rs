@@ -7,10 +7,10 @@
 use super::decision;
 use super::edits::Corrections;
 use super::input;
-use super::labels::{Segmentation, label};
-use super::means;
+use super::labels::{self, SegmentedMesh, label};
+use super::means::{self, Means};
 use super::params::{Cluster, SegmentParams, check, dimensions};
-use super::parts::{self, Wishes};
+use super::parts::{self, PartRequests};
 use super::sample::rows;
 use crate::base::{Error, Result};
 use crate::cluster::parts::{PartTree, PartsParams};
@@ -31,7 +31,7 @@ pub fn segment(
     identity: &serde_json::Value,
     params: &SegmentParams,
     context: Context<'_>,
-) -> Result<Segmentation> {
+) -> Result<SegmentedMesh> {
     segment_corrected(opened, identity, params, Corrections::default(), context)
 }
 
@@ -45,7 +45,7 @@ pub fn segment_corrected(
     params: &SegmentParams,
     corrections: Corrections<'_>,
     context: Context<'_>,
-) -> Result<Segmentation> {
+) -> Result<SegmentedMesh> {
     check(params, opened.path(), opened.faces.len())?;
     check_corrections(params, corrections, opened.faces.len())?;
     let (ordered, mut graph) = input::graph(opened, identity, params, context)?;
@@ -58,11 +58,11 @@ pub fn segment_corrected(
             let rows = rows(&graph, &weighted, params.landmarks_of(graph.nodes.len()), params, context)?;
             weighted.release(context.work)?;
             let embedding = params.embedding.unwrap_or(EmbeddingParams::for_parts(dimensions(params)));
-            let clustered = means::over_faces(&graph, &rows, embedding, fit, context)?;
+            let clustered = means::over_faces(&graph, &rows, Means { embedding, fit }, context)?;
             rows.release(context.work)?;
             clustered
         }
-        None => parts::parts(&graph, &order, params, Wishes { tree: None, corrections }, context)?,
+        None => parts::parts(&graph, &order, params, PartRequests { tree: None, corrections }, context)?,
     };
     label(&graph, order, clustered, params, context)
 }
@@ -70,12 +70,12 @@ pub fn segment_corrected(
 /// Refuses corrections that do not fit the method or the `faces` faces.
 fn check_corrections(params: &SegmentParams, corrections: Corrections<'_>, faces: usize) -> Result<()> {
     if params.cluster != Cluster::Parts && !corrections.is_empty() {
-        return Err(Error::parameter("--edits", "edits need the hierarchy of parts", "use --cluster parts"));
+        return Err(Error::parameter("edits", "edits need the hierarchy of parts", "use `cluster` parts"));
     }
     match corrections.painted {
         Some(painted) if painted.len() != faces => {
             let problem = format!("{} values for {faces} faces", painted.len());
-            Err(Error::parameter("--hints", problem, "give one for every face of the mesh"))
+            Err(Error::parameter("hints", problem, "give one for every face of the mesh"))
         }
         _ => Ok(()),
     }
@@ -113,8 +113,8 @@ pub fn eigenvalues(work: &WorkDir, exact: bool) -> Result<Eigenvalues> {
 }
 
 /// The number of parts that the labels in `work` were asked for, where they are a cut of a hierarchy.
-pub fn cut(work: &WorkDir) -> Option<PartsParams> {
-    let stage = work.manifest().stages.remove("labels")?;
+pub fn requested_parts(work: &WorkDir) -> Option<PartsParams> {
+    let stage = work.manifest().stages.remove(labels::STAGE)?;
     let params: SegmentParams = serde_json::from_value(stage.inputs.get("params")?.clone()).ok()?;
     (params.cluster == Cluster::Parts).then_some(params.parts)
 }
@@ -130,7 +130,7 @@ pub fn cluster(
     tree: Option<&PartTree>,
     corrections: Corrections<'_>,
     context: Context<'_>,
-) -> Result<Segmentation> {
+) -> Result<SegmentedMesh> {
     let (graph, input) = DualGraph::kept(context.work)?;
     check(params, context.work.path(), graph.nodes.len())?;
     check_corrections(params, corrections, graph.nodes.len())?;
@@ -144,10 +144,10 @@ pub fn cluster(
                 let embedding =
                     params.embedding.or_else(kept).unwrap_or(EmbeddingParams::for_parts(dimensions(params)));
                 let embedding = EmbeddingParams { dimensions: dimensions(params), ..embedding };
-                means::over_faces(&graph, &rows, embedding, fit, context)?
+                means::over_faces(&graph, &rows, Means { embedding, fit }, context)?
             }
         },
-        None => parts::parts(&graph, &order, params, Wishes { tree, corrections }, context)?,
+        None => parts::parts(&graph, &order, params, PartRequests { tree, corrections }, context)?,
     };
     label(&graph, order, clustered, params, context)
 }

@@ -1,6 +1,6 @@
 //! The report of a run: one JSON object.
 
-use super::labels::Segmentation;
+use super::labels::SegmentedMesh;
 use super::params::{Cluster, SegmentParams};
 use crate::apps::measure::Measures;
 use crate::base::Result;
@@ -145,7 +145,7 @@ impl Report {
     pub fn new(
         opened: &Mesh,
         params: &SegmentParams,
-        result: &Segmentation,
+        result: &SegmentedMesh,
         context: Context<'_>,
         seconds: BTreeMap<String, f64>,
         peak: Option<u64>,

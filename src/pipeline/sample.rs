@@ -6,13 +6,13 @@
 //! Averages are the same numbers both ways.
 
 use super::labels::SegmentStats;
-use super::params::{SegmentParams, landmarks_for_parts};
-use super::surface::{Surface, WeightedSurface};
+use super::params::{SegmentParams, default_landmarks_for_faces};
+use super::surface::{PreparedSurface, WeightedSurface};
 use crate::base::Result;
 use crate::cluster::cells::{self, CellAverages, greatest_share};
 use crate::distance::DistanceRows;
 use crate::distance::VisitedRow;
-use crate::distance::rows::{Landmarks, RowParams};
+use crate::distance::rows::{Landmarks, ROWS, RowParams};
 use crate::graph::{DualGraph, WeightedGraph};
 use crate::landmarks::Sampling;
 use crate::store::Context;
@@ -79,7 +79,7 @@ impl WeightedSurface<'_> {
             "landmarks: {:.0} % of the surface is nearest to one of {l}, the others are outliers; drawn by area instead",
             100. * share
         ));
-        context.work.remove("distances.npy");
+        context.work.remove(ROWS);
         self.sample(l, &params.clone().sampling(Some(Sampling::Random)), context)
     }
 
@@ -125,7 +125,7 @@ impl WeightedSurface<'_> {
         context: Context<'_>,
     ) -> Result<(DistanceRows, Vec<f64>)> {
         let params = params.clone().sampling(numbers.sampling.or(params.sampling));
-        let l = params.landmarks.unwrap_or(landmarks_for_parts(self.graph.nodes.len()));
+        let l = params.landmarks.unwrap_or(default_landmarks_for_faces(self.graph.nodes.len()));
         let rows = rows(self.graph, self.weighted, l, &params, context)?;
         let b = context.stage(CellRows { rows: &rows, surface: self.surface })?;
         Ok((rows, b))
@@ -135,7 +135,7 @@ impl WeightedSurface<'_> {
 /// The stage that averages kept rows over cells.
 struct CellRows<'a> {
     rows: &'a DistanceRows,
-    surface: &'a Surface,
+    surface: &'a PreparedSurface,
 }
 
 impl Stage for CellRows<'_> {

@@ -3,7 +3,7 @@
 //! The first process takes the directory for itself and makes all stages up to what is divided; it stamps a stage that
 //! names them, and lets go. Shares are then computed under a shared lock, each into files of
 //! its own. A process that finds the stage stamped needs neither mesh nor lock of its own. A scheduler, which waits
-//! better than a process does, has the first step done by [`first`] alone; shards then never wait.
+//! better than a process does, has the first step done by [`prepare_shared`] alone; shards then never wait.
 //!
 //! Rows over all faces are divided by landmark. Of a large mesh that is contracted, the fronts from many sources are divided,
 //! by ranges of nodes: those of the normals, then that of the contraction; after its rows those of the boundaries
@@ -16,9 +16,11 @@ use super::surface::{Kind, SurfaceStage, WeightedSurface};
 use super::{contracted, input};
 use crate::base::{Error, Result};
 use crate::cluster::area_shares::AreaShares;
-use crate::cluster::{contract, normals};
+use crate::cluster::contract::{self, Contraction};
+use crate::cluster::normals;
 use crate::distance::rows::RowParams;
 use crate::distance::{DistanceRows, SharedFront, shard};
+use crate::graph::dual::{GraphStage, WeightsStage};
 use crate::graph::row_starts::StartsForm;
 use crate::graph::{DualGraph, Node, WeightedGraph, nodes};
 use crate::landmarks::Sampling;
@@ -60,7 +62,7 @@ impl Divided {
 
 /// What the stages of rows keep.
 #[derive(Debug, Serialize, Deserialize)]
-struct RowFacts {
+struct RowShardFacts {
     /// Key of the weights, or of the contraction that has some.
     weights: String,
     /// Number of landmarks; 0 where the mesh is too small to be contracted.
@@ -123,13 +125,13 @@ impl SharedWork<'_> {
 
     /// What the stage in `work` says, where the weights that it names are still there: a run with other options may
     /// have made others since.
-    fn rows(&self, work: &WorkDir, run: &Run) -> Option<RowFacts> {
+    fn rows(&self, work: &WorkDir, run: &Run) -> Option<RowShardFacts> {
         let key = self.key(run);
-        let facts: RowFacts = work.reuse(key.name, key.version, &key.key).ok()?;
+        let facts: RowShardFacts = work.reuse(key.name, key.version, &key.key).ok()?;
         let there = match self.divided {
             Divided::ContractedRows if facts.l == 0 => true,
-            Divided::ContractedRows => work.inner(CONTRACTED).ok()?.has_stage("contraction", &facts.weights),
-            _ => work.has_stage("weights", &facts.weights),
+            Divided::ContractedRows => work.inner(CONTRACTED).ok()?.has_stage(Contraction::NAME, &facts.weights),
+            _ => work.has_stage(WeightsStage::NAME, &facts.weights),
         };
         there.then_some(facts)
     }
@@ -139,8 +141,8 @@ impl SharedWork<'_> {
         let key = self.key(run);
         let facts: FrontFacts = work.reuse(key.name, key.version, &key.key).ok()?;
         let there = match &facts.weights {
-            Some(weights) => work.has_stage("weights", weights),
-            None => work.manifest().stages.get("graph").is_some_and(|graph| graph.key == facts.graph),
+            Some(weights) => work.has_stage(WeightsStage::NAME, weights),
+            None => work.manifest().stages.get(GraphStage::NAME).is_some_and(|graph| graph.key == facts.graph),
         };
         there.then_some(facts)
     }
@@ -182,7 +184,7 @@ impl SharedWork<'_> {
             Cluster::KMeans | Cluster::TwoMeans => graph.weighted(params.metric, context)?,
             Cluster::Parts => contracted::weighted(&graph, params, context)?.1,
         };
-        let facts = RowFacts { weights: weighted.key.clone(), l, sampling: params.sampling.unwrap_or_default() };
+        let facts = RowShardFacts { weights: weighted.key.clone(), l, sampling: params.sampling.unwrap_or_default() };
         context.work.stamp(self.key(context.run), &[], &facts, 0.)?;
         Ok(weighted)
     }
@@ -197,7 +199,7 @@ impl SharedWork<'_> {
             weights = contracted::contraction(whole, context)?.1.weighted.key;
             l = landmarks(params, n)?;
         }
-        let facts = RowFacts { weights, l, sampling: params.sampling_of(n) };
+        let facts = RowShardFacts { weights, l, sampling: params.sampling_of(n) };
         context.work.stamp(self.key(context.run), &[], &facts, 0.)
     }
 
@@ -250,7 +252,7 @@ impl SharedWork<'_> {
         }
     }
 
-    fn share_rows(&self, facts: RowFacts, shard: (usize, usize), work: &WorkDir, run: &Run) -> Result<usize> {
+    fn share_rows(&self, facts: RowShardFacts, shard: (usize, usize), work: &WorkDir, run: &Run) -> Result<usize> {
         let inner;
         let (work, form) = match self.divided {
             Divided::ContractedRows if facts.l == 0 => return Ok(nothing_to_do(run)),
@@ -304,7 +306,7 @@ fn nothing_to_do(run: &Run) -> usize {
 /// [`Error::Parameter`] for K-means without a number of parts and of landmarks.
 fn landmarks(params: &SegmentParams, faces: usize) -> Result<usize> {
     if params.landmarks.is_none() && params.cluster != Cluster::Parts && params.centres().is_none() {
-        return Err(Error::parameter("-l", "the number of landmarks is missing", "give it, or -k"));
+        return Err(Error::parameter("landmarks", "the number of landmarks is missing", "give it, or `parts`"));
     }
     Ok(params.landmarks_of(faces))
 }
@@ -318,7 +320,7 @@ fn landmarks_over_faces(params: &SegmentParams, faces: usize) -> Result<usize> {
 ///
 /// # Errors
 /// As [`super::segment()`], and [`Error::WorkDir`] where another process uses the directory.
-pub fn first(shared: SharedWork<'_>, open: impl FnOnce() -> Result<Mesh>, context: Context<'_>) -> Result<()> {
+pub fn prepare_shared(shared: SharedWork<'_>, open: impl FnOnce() -> Result<Mesh>, context: Context<'_>) -> Result<()> {
     if shared.is_prepared(context.work, context.run) {
         context.run.progress.note("everything before the shares is there already");
         return Ok(());
@@ -330,7 +332,12 @@ pub fn first(shared: SharedWork<'_>, open: impl FnOnce() -> Result<Mesh>, contex
 ///
 /// # Errors
 /// As [`super::segment()`].
-pub fn all(opened: &Mesh, identity: &Value, params: &SegmentParams, context: Context<'_>) -> Result<DistanceRows> {
+pub fn compute_all_rows(
+    opened: &Mesh,
+    identity: &Value,
+    params: &SegmentParams,
+    context: Context<'_>,
+) -> Result<DistanceRows> {
     let weighted = SharedWork { divided: Divided::Rows, identity, params }.prepare_rows(opened, context)?;
     let l = landmarks_over_faces(params, opened.faces.len())?;
     let rows = RowParams { l, sampling: params.sampling.unwrap_or_default() };
@@ -344,7 +351,7 @@ pub fn all(opened: &Mesh, identity: &Value, params: &SegmentParams, context: Con
 ///
 /// # Errors
 /// As [`super::segment()`], and [`Error::Parameter`] for a shard that does not exist.
-pub fn one(
+pub fn compute_shard(
     path: &Path,
     shared: SharedWork<'_>,
     shard: (usize, usize),

@@ -11,9 +11,11 @@ use super::{contracted, input, labels, means, parts};
 use crate::base::{Error, Result};
 use crate::cluster::boundary::{self, CellLabels};
 use crate::cluster::contract;
+use crate::graph::dual::WeightsStage;
 use crate::graph::row_starts::StartsForm;
 use crate::graph::{DualGraph, WeightedGraph};
 use crate::mesh::Mesh;
+use crate::store::stage::Stage;
 use crate::store::{Context, MappedSlice, Run, WorkDir};
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
@@ -102,7 +104,7 @@ impl BoundaryFacts {
 
     /// Whether the graph is still what it was.
     pub fn stand(&self, work: &WorkDir) -> bool {
-        self.sources[0] == 0 || work.has_stage("weights", &self.keys[1])
+        self.sources[0] == 0 || work.has_stage(WeightsStage::NAME, &self.keys[1])
     }
 
     /// Whether there is nothing to share, or the labels are made.

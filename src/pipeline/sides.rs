@@ -104,7 +104,7 @@ pub struct FunctionalMap {
 
 /// Landmarks for meshes of up to `vertices` vertices: fewer where a row costs a third of a second. On twelve decimated series 20
 /// instead of 50 take the mean error from .007 to .010.
-pub fn default_landmarks(vertices: usize) -> usize {
+pub fn default_landmarks_for_vertices(vertices: usize) -> usize {
     if vertices <= LARGE { 50 } else { 20 }
 }
 
@@ -280,42 +280,56 @@ impl Guidance {
         let guided = !self.pairs.is_empty() || self.map.is_some() || params.points;
         if guided && params.refine == Refine::None {
             let problem = "landmarks, a map to begin with and matches inside triangles need refinement";
-            return Err(Error::parameter("--refine", problem, "leave it at its default"));
+            return Err(Error::parameter("refine", problem, "leave it at its default"));
         }
         if self.pairs.iter().any(|(of_a, of_b)| *of_a as usize >= n_a || *of_b as usize >= n_b) {
             let problem = format!("a vertex beyond the {n_a} of A or the {n_b} of B");
-            return Err(Error::parameter("--landmarks-file", problem, "count vertices from 0"));
+            return Err(Error::parameter("pairs", problem, "count vertices from 0"));
         }
         let given = !self.pairs.is_empty() || self.map.is_some() || params.alternative > 0;
         if params.partial && (params.refine == Refine::None || params.transfer || given) {
             let problem =
-                "parts are matched by refinement, without --transfer, --alternative, landmarks or a map to begin with";
-            return Err(Error::parameter("--partial", problem, "leave these out"));
+                "parts are matched by refinement, without `transfer`, `alternative`, landmarks or a map to begin with";
+            return Err(Error::parameter("partial", problem, "leave these out"));
         }
         let Some(map) = &self.map else { return Ok(()) };
         if map.len() != n_a || map.iter().flatten().any(|&v| v as usize >= n_b) || map.iter().flatten().count() == 0 {
             let problem = format!("is no map of {n_a} vertices to {n_b}");
-            return Err(Error::parameter("--initial-map", problem, "give matches of the same meshes"));
+            return Err(Error::parameter("map", problem, "give matches of the same meshes"));
         }
         Ok(())
     }
 }
 
 pub(super) fn no_alternative(asked: usize, found: usize) -> Error {
-    Error::parameter("--alternative", format!("{asked} of {found}"), "count from 0; the report lists them")
+    Error::parameter("alternative", format!("{asked} of {found}"), "count from 0; the report lists them")
 }
 
-/// Refines all alignments, and matches by the best outcome the vertices of the graph that comes with each mesh, which are its first. `points_b`
-/// is B as alignments see it; names of files begin with `name`.
+/// What is refined, and how.
+#[derive(Clone, Copy)]
+pub(super) struct Refinement<'a> {
+    /// A and B, each with the graph whose vertices are matched: the first of the mesh.
+    pub sides: [(&'a Side<'a>, &'a VertexGraph); 2],
+    /// B as alignments see it.
+    pub points_b: &'a [Point],
+    /// The options.
+    pub params: &'a CorrespondParams,
+    /// What is known beforehand.
+    pub guidance: &'a Guidance,
+    /// What names of files begin with.
+    pub name: &'a str,
+}
+
+/// Refines all alignments, and matches vertices by the best outcome.
+///
+/// # Errors
+/// [`Error::Parameter`] for an alternative that is not there; [`Error::Io`], [`Error::Memory`], [`Error::Cancelled`].
 pub(super) fn refined(
-    [(a, graph_a), (b, graph_b)]: [(&Side<'_>, &VertexGraph); 2],
-    points_b: &[Point],
+    refinement: Refinement<'_>,
     mut alignments: Alignments,
-    params: &CorrespondParams,
-    guidance: &Guidance,
-    name: &str,
     context: Context<'_>,
 ) -> Result<Correspondence> {
+    let Refinement { sides: [(a, graph_a), (b, graph_b)], points_b, params, guidance, name } = refinement;
     // The same number on both, so that the kernels are equally wide.
     let samples = LOCAL_SAMPLES.min(a.graph.len()).min(b.graph.len());
     let n = (a.points.len() + b.points.len()) as u64;

@@ -40,7 +40,7 @@ pub(super) enum Kind {
 }
 
 /// The surface: what faces count, how they are oriented, and which cell they belong to.
-pub(super) struct Surface {
+pub(super) struct PreparedSurface {
     pub shares: AreaShares,
     /// Where parts are decided on this surface itself, and not on its contraction.
     pub cells: Option<Cells>,
@@ -52,7 +52,7 @@ pub(super) struct Surface {
     pub key: String,
 }
 
-impl Surface {
+impl PreparedSurface {
     /// Its cells.
     pub fn cells(&self) -> Result<&Cells> {
         self.cells.as_ref().ok_or_else(|| Error::internal("a decision on a surface that was not cut into cells"))
@@ -75,7 +75,7 @@ impl Surface {
 pub(super) struct WeightedSurface<'a> {
     pub graph: &'a DualGraph,
     pub weighted: &'a WeightedGraph,
-    pub surface: &'a Surface,
+    pub surface: &'a PreparedSurface,
 }
 
 /// What the manifest keeps.
@@ -90,7 +90,7 @@ pub(super) struct SurfaceFacts {
     turning: Vec<f64>,
 }
 
-/// The stage that makes a [`Surface`].
+/// The stage that makes a [`PreparedSurface`].
 pub(super) struct SurfaceStage<'a> {
     /// The graph whose surface it is.
     pub graph: &'a DualGraph,
@@ -104,7 +104,7 @@ impl Stage for SurfaceStage<'_> {
     const NAME: &'static str = "surface";
     const VERSION: u32 = 8;
     type Facts = SurfaceFacts;
-    type Output = Surface;
+    type Output = PreparedSurface;
 
     fn inputs(&self, context: Context<'_>) -> Value {
         json!({"graph": self.graph.key, "cells": self.cells, "seed": context.run.seed})
@@ -139,11 +139,11 @@ impl Stage for SurfaceStage<'_> {
         }
         let facts = SurfaceFacts { unit: shares.unit, tiny_nodes: shares.tiny_nodes, radius, turning };
         let radius = radius.map_or(0., |k| RADII[k]);
-        let output = Surface { shares, cells, normals, radius, key: key.to_string() };
+        let output = PreparedSurface { shares, cells, normals, radius, key: key.to_string() };
         Ok(Made { output, facts, files })
     }
 
-    fn open(self, facts: SurfaceFacts, key: &str, context: Context<'_>) -> Result<Surface> {
+    fn open(self, facts: SurfaceFacts, key: &str, context: Context<'_>) -> Result<PreparedSurface> {
         let (work, n) = (context.work, self.graph.nodes.len());
         let SurfaceFacts { unit, tiny_nodes, radius, .. } = facts;
         if !(unit > 0. && unit.is_finite()) {
@@ -156,7 +156,7 @@ impl Stage for SurfaceStage<'_> {
         } else {
             None
         };
-        Ok(Surface {
+        Ok(PreparedSurface {
             shares: AreaShares::of_array(work.array_of(SHARES, n)?, unit, tiny_nodes),
             cells,
             normals: radius.and_then(|k| NORMALS.get(k)).map(|name| work.array_of(name, n)).transpose()?,

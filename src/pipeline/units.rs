@@ -3,6 +3,7 @@
 //! Parts are decided on units; the narrow bands between them are labelled anew afterwards ([`crate::cluster::boundary`]), so areas
 //! have to be summed only where a face left the part of its unit. Cost: a pass over labels for each, 12 bytes per face.
 
+use super::labels::QUALITY;
 use crate::base::Result;
 use crate::cluster::boundary::CellLabels;
 use crate::cluster::cells::CELLS;
@@ -36,7 +37,7 @@ impl Units {
     /// # Errors
     /// [`crate::base::Error::Io`], [`crate::base::Error::Cancelled`].
     pub fn confidences(&self, context: Context<'_>) -> Result<MappedSlice<f32>> {
-        let mut quality = context.work.array::<f32>("quality.npy", &[self.of_node.len()])?;
+        let mut quality = context.work.array::<f32>(QUALITY, &[self.of_node.len()])?;
         let of = |i: usize, _| self.confidence[self.of_node[i] as usize] as f32;
         context.run.fill_each(quality.data(), CHUNK, of)?;
         quality.finish(false)
@@ -51,7 +52,8 @@ impl Units {
         &self,
         graph: &DualGraph,
         labels: &[u32],
-        (parts, near): (usize, bool),
+        parts: usize,
+        near: bool,
         run: &Run,
     ) -> Result<(Vec<u64>, Vec<f64>)> {
         let n = labels.len();

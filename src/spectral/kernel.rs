@@ -43,7 +43,7 @@ impl Kernel {
     pub fn check(&self) -> Result<()> {
         match self {
             Self::Polynomial { degree } if !(1..=8).contains(degree) => {
-                Err(Error::parameter("--degree", format!("{degree} is out of range"), "choose from 1 to 8"))
+                Err(Error::parameter("degree", format!("{degree} is out of range"), "choose from 1 to 8"))
             }
             _ => Ok(()),
         }

@@ -264,10 +264,10 @@ impl OrthogonalParams {
     pub fn check(&self) -> Result<()> {
         if !(2..=MOST_DIMENSIONS).contains(&self.dimensions) {
             let problem = format!("{} is out of range", self.dimensions);
-            return Err(Error::parameter("--vectors", problem, format!("choose from 2 to {MOST_DIMENSIONS}")));
+            return Err(Error::parameter("dimensions", problem, format!("choose from 2 to {MOST_DIMENSIONS}")));
         }
         if !(self.width > 0. && self.width < 1e6) {
-            return Err(Error::parameter("--sigma", format!("{} is no width", self.width), "choose a positive number"));
+            return Err(Error::parameter("width", format!("{} is no width", self.width), "choose a positive number"));
         }
         self.kernel.check()
     }

@@ -108,10 +108,10 @@ fn what_cannot_be_is_refused() {
         Err(Error::Parameter { name, .. }) => name,
         other => panic!("{other:?}"),
     };
-    assert_eq!(refuse(Options { faces: 1 << 33, ..Options::default() }), "--faces");
-    assert_eq!(refuse(Options { faces: u64::from(u32::MAX) - 1, ..Options::default() }), "--faces");
-    assert_eq!(refuse(Options { holes: 10_000, ..Options::default() }), "--holes");
-    assert_eq!(refuse(Options { noise: f64::NAN, ..Options::default() }), "--noise");
+    assert_eq!(refuse(Options { faces: 1 << 33, ..Options::default() }), "faces");
+    assert_eq!(refuse(Options { faces: u64::from(u32::MAX) - 1, ..Options::default() }), "faces");
+    assert_eq!(refuse(Options { holes: 10_000, ..Options::default() }), "holes");
+    assert_eq!(refuse(Options { noise: f64::NAN, ..Options::default() }), "noise");
     let creature = Creature::new(&Options::default()).unwrap();
     let missing = creature.write_ply(Path::new("/nowhere/at/all.ply"), &Run::new(&()));
     assert!(matches!(missing, Err(Error::Io { .. })));

@@ -4,7 +4,7 @@ use nystrom_stream::apps::creature::{Creature, Options};
 use nystrom_stream::apps::evaluate::{contingency, rand};
 use nystrom_stream::cluster::parts::{PartCount, PartsParams};
 use nystrom_stream::mesh::{self, Mesh};
-use nystrom_stream::pipeline::{Cluster, SegmentParams, Segmentation, segment};
+use nystrom_stream::pipeline::{Cluster, SegmentParams, SegmentedMesh, segment};
 use nystrom_stream::store::{Budget, Context, Run, WorkDir};
 use serde_json::json;
 use std::path::Path;
@@ -14,7 +14,7 @@ fn params(cluster: Cluster, parts: usize) -> SegmentParams {
     SegmentParams::default().cluster(cluster).parts(PartsParams { count, ..PartsParams::default() })
 }
 
-fn cut(mesh: &Mesh, params: &SegmentParams, run: &Run, folder: &Path) -> Segmentation {
+fn cut(mesh: &Mesh, params: &SegmentParams, run: &Run, folder: &Path) -> SegmentedMesh {
     let work = WorkDir::temporary(folder).unwrap();
     let result = segment(mesh, &json!(1), params, Context::new(&work, run)).unwrap();
     // The parts are told as they are: every face once, every area.

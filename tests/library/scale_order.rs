@@ -8,7 +8,7 @@ use nystrom_stream::cluster::parts::{PartCount, PartsParams};
 use nystrom_stream::graph::{DualGraph, Order, OrderParams, Ordered};
 use nystrom_stream::landmarks::Sampling;
 use nystrom_stream::mesh::{self, Mesh};
-use nystrom_stream::pipeline::{Cluster, SegmentParams, Segmentation, segment};
+use nystrom_stream::pipeline::{Cluster, SegmentParams, SegmentedMesh, segment};
 use nystrom_stream::store::{Budget, Context, Run, WorkDir};
 use serde_json::json;
 use std::collections::BTreeMap;
@@ -139,7 +139,7 @@ fn scans_have_the_same_labels_where_geometry_is_computed() {
             for given_up in ["graph_weights.npy", "normals_01.npy", "normals_02.npy"] {
                 assert!(!work.file(given_up).exists(), "{name}: {given_up}");
             }
-            let (Segmentation { labels, quality, colours, .. }, area) = (&result, &result.numbers.area);
+            let (SegmentedMesh { labels, quality, colours, .. }, area) = (&result, &result.numbers.area);
             (labels.to_vec(), quality.to_vec(), colours.clone(), area.clone(), result.numbers.landmarks)
         };
         let by_default = SegmentParams::default();

@@ -71,7 +71,7 @@ pub fn distances(graph: &VertexGraph, pairs: &[(u32, u32)], run: &Run) -> Result
     let n = graph.len();
     if let Some((found, real)) = pairs.iter().find(|(found, real)| *found as usize >= n || *real as usize >= n) {
         let problem = format!("vertex {} of a mesh of {n}", found.max(real));
-        return Err(Error::parameter("--matches", problem, "give the mesh that the matches point to"));
+        return Err(Error::parameter("matches", problem, "give the mesh that the matches point to"));
     }
     let mut order: Vec<u32> = (0..pairs.len() as u32).collect();
     order.sort_unstable_by_key(|&k| (pairs[k as usize].1, k));

@@ -51,7 +51,7 @@ pub fn write(path: &Path, matches: &[Match], run: &Run) -> Result<()> {
         Some("parquet") => parquet_table::write(path, matches, run),
         _ => {
             let problem = format!("{}: its ending says no known form", path.display());
-            Err(Error::parameter("-o", problem, format!("end it with {ENDINGS}")))
+            Err(Error::parameter("output", problem, format!("end it with {ENDINGS}")))
         }
     }
 }

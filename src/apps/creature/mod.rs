@@ -100,11 +100,11 @@ impl Creature {
     pub fn new(options: &Options) -> Result<Self> {
         if !(0.0..=1.0).contains(&options.noise) {
             let problem = format!("{} is not between 0 and 1", options.noise);
-            return Err(Error::parameter("--noise", problem, "give a share of the mean edge length, such as 0.05"));
+            return Err(Error::parameter("noise", problem, "give a share of the mean edge length, such as 0.05"));
         }
         let too_many = || {
             let problem = format!("{} faces and their vertices exceed 32-bit numbers", options.faces);
-            Error::parameter("--faces", problem, format!("ask for at most {}", MOST / 100 * 99))
+            Error::parameter("faces", problem, format!("ask for at most {}", MOST / 100 * 99))
         };
         if options.faces > MOST {
             return Err(too_many());

@@ -237,7 +237,7 @@ impl Holes {
     pub fn new(patches: usize, m: u64, count: usize, tiles: bool, seed: u64) -> Result<Self> {
         if count > patches {
             return Err(Error::parameter(
-                "--holes",
+                "holes",
                 format!("{count} holes, but the creature has {patches} patches"),
                 format!("ask for at most {patches}"),
             ));

@@ -258,7 +258,7 @@ impl Splitter<'_> {
         })?;
         let Ok(count) = u32::try_from(triangles) else {
             let problem = format!("part {part} has {triangles} triangles, an STL can have {}", u32::MAX);
-            return Err(Error::parameter("--part-form", problem, "write .ply"));
+            return Err(Error::parameter("part_form", problem, "write .ply"));
         };
         let mut head = format!("part {part}, cut by nystrom-stream").into_bytes();
         head.resize(80, 0);

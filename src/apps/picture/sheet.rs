@@ -98,12 +98,12 @@ impl PictureParams {
                 Err(Error::parameter(name, format!("{value} is out of range"), format!("choose {least} to {most}")))
             }
         };
-        within("--size", self.width, 16, 16384)?;
-        within("--size", self.height, 16, 16384)?;
-        within("--views", self.views, 1, 64)?;
-        within("--samples", self.samples, 1, 4)?;
+        within("size", self.width, 16, 16384)?;
+        within("size", self.height, 16, 16384)?;
+        within("views", self.views, 1, 64)?;
+        within("samples", self.samples, 1, 4)?;
         if !self.turn.is_finite() || !self.tilt.is_finite() {
-            return Err(Error::parameter("--turn", "is no angle", "give degrees"));
+            return Err(Error::parameter("turn", "is no angle", "give degrees"));
         }
         Ok(())
     }

@@ -312,7 +312,7 @@ pub fn embedding_errors(
     let (kernel, width, sizes) = (params.kernel, params.width, &params.landmarks);
     let n = ground.len();
     let Some(matrix) = &ground.matrix else {
-        return Err(Error::parameter("--exact", format!("{n} faces are too many"), "decimate the mesh"));
+        return Err(Error::parameter("exact", format!("{n} faces are too many"), "decimate the mesh"));
     };
     let bytes = 8 * (n * n) as u64;
     let _grant = run.budget.take("all affinities", bytes, bytes)?;

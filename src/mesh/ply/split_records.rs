@@ -41,14 +41,14 @@ impl SplitRecords<'_> {
                 && !self.split.vertices.is_empty()
             {
                 let problem = "has whole coordinates, between which new vertices have no place".to_owned();
-                return refuse(problem, "write it with coordinates of type float, or leave out --split-faces");
+                return refuse(problem, "write it with coordinates of type float, or leave out `split_faces`");
             }
         }
         let last = self.split.vertex_count() as u64 - 1;
         match elements[document.face].properties[document.list].kind {
             Kind::List { item, .. } if !document.strips && last > item.greatest() => {
                 let problem = format!("its faces name vertices by {}, which has no room for {last}", item.word());
-                refuse(problem, "write it with vertex indices of type int, or leave out --split-faces")
+                refuse(problem, "write it with vertex indices of type int, or leave out `split_faces`")
             }
             _ => Ok(()),
         }

@@ -7,7 +7,6 @@
 //! all). Cost: one or two passes over the rows; 12 B a vertex mapped.
 
 use crate::base::Result;
-use crate::base::parallel::{chunk_count, chunk_range};
 use crate::distance::DistanceRows;
 use crate::graph::DualGraph;
 use crate::graph::half_edge_pairs::AGAINST;
@@ -18,8 +17,8 @@ use crate::store::npy::ArrayMut;
 use crate::store::{Context, MappedSlice, Run, WorkDir};
 use nalgebra::DMatrix;
 use std::collections::BTreeMap;
+use std::ops::Range;
 
-const CHUNK: usize = 2048;
 /// Share of the faces from which a component gets a direction of its own; the others take the mesh's.
 const SHARE: f64 = 1e-3;
 /// Components remembered before those of no more than [`SPECK`] faces are forgotten.
@@ -114,20 +113,9 @@ impl Task<'_> {
         self.graph.components.as_ref().map_or(0, |roots| roots[node] & !AGAINST)
     }
 
-    /// Embeds chunks of faces, in parallel; `consume` gets them in order: nodes, and d rows of their coordinates.
-    fn embed(&self, mut consume: impl FnMut(std::ops::Range<usize>, &[f32]) -> Result<()>) -> Result<()> {
-        let (n, d) = (self.rows.nodes, self.embedding.dimensions);
-        let chunk = |k: usize, affinities: &mut Vec<f32>| {
-            let range = chunk_range(n, CHUNK, k);
-            let mut out = vec![0.; range.len() * d];
-            let rows = |row: usize| &self.rows.row(row)[range.clone()];
-            affinities.resize(self.rows.len() * range.len(), 0.);
-            self.embedding.chunk(range.len(), rows, affinities, &mut out);
-            self.context.run.progress.advance("coordinates", range.len() as u64);
-            Ok(out)
-        };
-        let consume = |k: usize, out: Vec<f32>| consume(chunk_range(n, CHUNK, k), &out);
-        self.context.run.in_order(chunk_count(n, CHUNK), Vec::new, chunk, consume)
+    /// Embeds chunks of faces ([`Embedding::for_each_chunk`]).
+    fn embed(&self, consume: impl FnMut(Range<usize>, &[f32]) -> Result<()>) -> Result<()> {
+        self.embedding.for_each_chunk(self.rows, "coordinates", self.context.run, consume)
     }
 
     fn directions(&self) -> Result<Directions> {

@@ -16,11 +16,13 @@ use crate::apps::sequence::{self, SequenceOrder, StreamMeasures, VertexUse};
 use crate::base::Result;
 use crate::distance::DistanceRows;
 use crate::distance::rows::RowParams;
+use crate::graph::dual::WeightsStage;
 use crate::graph::{DualGraph, Metric, Order, OrderParams, Ordered, VertexAdjacency};
 use crate::landmarks::Sampling;
 use crate::mesh::Mesh;
 use crate::pipeline::SegmentParams;
 use crate::pipeline::input::Record;
+use crate::store::stage::Stage;
 use crate::store::{Context, MappedSlice, WorkDir};
 use coordinates::{Coordinates, Task};
 use serde::Serialize;
@@ -111,7 +113,8 @@ impl<'a> Sequencer<'a> {
         }
         // Rows that turn at creases, as `segment` has them, make jagged fronts; they are left alone.
         let geodesic = json!(Metric::Geodesic);
-        let other = work.manifest().stages.get("weights").is_some_and(|stage| stage.inputs["metric"] != geodesic);
+        let other =
+            work.manifest().stages.get(WeightsStage::NAME).is_some_and(|stage| stage.inputs["metric"] != geodesic);
         let own = other.then(|| WorkDir::open(&work.file(FOLDER))).transpose()?;
         let work = own.as_ref().unwrap_or(work);
         let context = Context::new(work, run);

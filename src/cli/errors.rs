@@ -1,0 +1,84 @@
+//! Errors of the library in the words of the command line.
+//!
+//! The library names options as its parameters are called, within sentences between backticks. Here they become flags.
+
+use nystrom_stream::base::Error;
+
+/// Options of the library that the command line calls otherwise, and their flags.
+const FLAGS: [(&str, &str); 36] = [
+    ("alternative", "--alternative"),
+    ("beta", "--beta"),
+    ("cluster", "--cluster"),
+    ("degree", "--degree"),
+    ("delta", "--delta"),
+    ("dimensions", "--vectors"),
+    ("edits", "--edits"),
+    ("eta", "--eta"),
+    ("exact", "--exact"),
+    ("faces", "--faces"),
+    ("hints", "--hints"),
+    ("holes", "--holes"),
+    ("landmarks", "-l"),
+    ("map", "--initial-map"),
+    ("matches", "--matches"),
+    ("memory", "--max-memory"),
+    ("noise", "--noise"),
+    ("output", "-o"),
+    ("pairs", "--landmarks-file"),
+    ("part_form", "--part-form"),
+    ("partial", "--partial"),
+    ("parts", "-k"),
+    ("parts_between", "--parts-range"),
+    ("refine", "--refine"),
+    ("samples", "--samples"),
+    ("sampling", "--sampling"),
+    ("shard", "--shard"),
+    ("size", "--size"),
+    ("split_faces", "--split-faces"),
+    ("threads", "--threads"),
+    ("transfer", "--transfer"),
+    ("tree", "--tree"),
+    ("turn", "--turn"),
+    ("views", "--views"),
+    ("walls", "--walls"),
+    ("width", "--sigma"),
+];
+
+/// The message of `error`, with flags for the library's options.
+pub fn message(error: &Error) -> String {
+    match error {
+        Error::Parameter { name, problem, remedy } => {
+            Error::parameter(flag(name).unwrap_or(name), with_flags(problem), with_flags(remedy)).to_string()
+        }
+        // A problem may quote a file.
+        Error::Unusable { path, problem, remedy } => Error::unusable(path, problem, with_flags(remedy)).to_string(),
+        Error::Memory { .. } => with_flags(&error.to_string()),
+        error => error.to_string(),
+    }
+}
+
+/// The flag of the option `name`, where it has one of its own.
+fn flag(name: &str) -> Option<&'static str> {
+    FLAGS.iter().find(|(option, _)| *option == name).map(|(_, flag)| *flag)
+}
+
+/// `text` with a flag for each option between backticks; other words between backticks stay.
+fn with_flags(text: &str) -> String {
+    let named = |text: String, (option, flag): &(&str, &str)| text.replace(&format!("`{option}`"), flag);
+    FLAGS.iter().fold(text.to_string(), named)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn options_become_flags_and_other_words_stay() {
+        let error = Error::parameter("parts", "K-means needs `it`", "as in `parts` 6, or leave out `cluster` kmeans");
+        assert_eq!(message(&error), "-k: K-means needs `it`; as in -k 6, or leave out --cluster kmeans");
+        let error = Error::Memory { what: "a row", needed: 2, available: 1 };
+        assert!(message(&error).ends_with("raise --max-memory or lower --threads or -l"), "{}", message(&error));
+        let error = Error::unusable("x.ply", "has no `parts`", "give `label`");
+        assert_eq!(message(&error), "x.ply: has no `parts`; give `label`");
+    }
+}
