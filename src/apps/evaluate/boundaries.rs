@@ -277,7 +277,7 @@ impl BoundaryField {
     }
 }
 
-/// BoundaryField discrepancy of two labellings; `None` where only one of them has cuts, or where the mesh
+/// Cut discrepancy of two labellings; `None` where only one of them has cuts, or where the mesh
 /// has no extent.
 pub(super) fn discrepancy(edges: &Edges, one: &BoundaryField, other: &BoundaryField) -> Option<f64> {
     match (one.points.is_empty(), other.points.is_empty()) {

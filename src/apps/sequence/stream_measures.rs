@@ -42,7 +42,7 @@ pub struct StreamMeasures {
 }
 
 impl StreamMeasures {
-    /// StreamMeasures the order of `mesh` whose vertices are used as `uses` says.
+    /// Measures the order of `mesh`; `uses` gives the first and last use of each vertex.
     ///
     /// ```
     /// use nystrom_stream::apps::sequence::{StreamMeasures, VertexUse};
