@@ -358,8 +358,8 @@ impl Mesh {
     /// ```
     ///
     /// # Errors
-    /// [`Error::Malformed`] naming the face that names no vertex; [`Error::Unusable`] without faces or with 2³² vertices
-    /// or faces.
+    /// [`Error::Malformed`] naming the face that names no vertex; [`Error::Unusable`] without faces or
+    /// with 2³² vertices or faces.
     pub fn from_slices<P: Coordinate, F: AsRef<[u32]>>(positions: &[[P; 3]], faces: &[F]) -> Result<Self> {
         let sizes = || faces.iter().map(|face| face.as_ref().len() as u64);
         let mut corners = Vec::with_capacity(sizes().sum::<u64>() as usize);

@@ -1,9 +1,10 @@
 //! From a mesh file or arrays to faces, and from labels back to a mesh file.
 //!
-//! [`Mesh`] is what the layers above see: positions and faces behind mapped files or arrays in memory, whatever the
-//! file looked like. [`open()`] makes one of every PLY flavour: most are used where they lie, the
-//! rest are decoded once, in one pass through small buffers. OBJ, OFF and STL become PLY first. [`ply`] holds all
-//! that knows this format. [`strays`] finds vertices that lie far outside of the rest, [`split_faces`] cuts faces along smooth boundaries.
+//! [`Mesh`] is what the layers above see: positions and faces behind mapped files or arrays in memory, whatever
+//! the file looked like. [`open()`] makes one of every PLY flavour: most are used where they lie, the rest are
+//! decoded once, in one pass through small buffers. OBJ, OFF and STL become PLY first. [`ply`] holds all that
+//! knows this format. [`strays`] finds vertices that lie far outside of the rest, [`split_faces`] cuts faces
+//! along smooth boundaries.
 
 pub mod geometry;
 pub mod import;

@@ -1,15 +1,16 @@
 //! From a refined map to a match for every vertex.
 //!
-//! All of B is carried to A's functions ([`super::functional::ToA`]). For small meshes every vertex of A is then compared
-//! with every one of B. For large ones ([`EXHAUSTIVE`]) the search is local: neighbours on A have neighbouring matches on B, so
-//! from the match of a vertex that is done one walks over B's graph to the nearest vertex around, always looking around the
-//! nearest known, until [`PATIENCE`] looks have found none nearer. The first vertices of each chunk begin at the match of the nearest of
-//! [`SEEDS`]`[0]` vertices of A, which is searched for among `[1]` vertices of B; so it costs little if neighbours lie far apart in the file.
-//! Such a match also tells where one mistake has led to the next: if it is nearer than what was found, one walks from there too. Of 28,000 vertices
-//! of two cats this finds what comparing all finds (mean square 11.005 beside 11.002, without it 37).
+//! All of B is carried to A's functions ([`super::functional::ToA`]). For small meshes every vertex of A is then
+//! compared with every one of B. For large ones ([`EXHAUSTIVE`]) the search is local: neighbours on A have neighbouring
+//! matches on B, so from the match of a vertex that is done one walks over B's graph to the nearest vertex around,
+//! always looking around the nearest known, until [`PATIENCE`] looks have found none nearer. The first vertices of each
+//! chunk begin at the match of the nearest of [`SEEDS`]`[0]` vertices of A, which is searched for among `[1]` vertices
+//! of B; so it costs little if neighbours lie far apart in the file. Such a match also tells where one mistake has led
+//! to the next: if it is nearer than what was found, one walks from there too. Of 28,000 vertices of two cats this
+//! finds what comparing all finds (mean square 11.005 beside 11.002, without it 37).
 //!
-//! Cost: exhaustive, n_A n_B k multiplications, 10 to 20 a nanosecond and thread; local, about 10 µs per vertex, and on disk 4 k bytes per
-//! vertex of B and 4 per vertex of A (8 while the nearest seeds are found).
+//! Cost: exhaustive, n_A n_B k multiplications, 10 to 20 a nanosecond and thread; local, about 10 µs per vertex, and on
+//! disk 4 k bytes per vertex of B and 4 per vertex of A (8 while the nearest seeds are found).
 
 use super::functional::{Targets, ToA};
 use super::matches::{Match, Pair};
@@ -162,7 +163,8 @@ pub struct RefinedPair<'a> {
     units: [f64; 2],
 }
 
-/// For each vertex of A the match of the nearest seed, where its search begins; vertex 0 if no seed is connected with it.
+/// For each vertex of A the match of the nearest seed, where its search begins; vertex 0 if no
+/// seed is connected with it.
 fn starts(a: Placed<'_>, b: Placed<'_>, context: Context<'_>) -> Result<MappedSlice<u32>> {
     const FIELD: &str = "starts_field.tmp";
     let (run, [n_a, n_b]) = (context.run, [a, b].map(|placed| placed.graph.len()));
@@ -207,8 +209,9 @@ pub fn carried(basis: &LocalBasis, c: &DMatrix<f64>, name: &str, context: Contex
 }
 
 impl<'a> RefinedPair<'a> {
-    /// Vertices of A and of B in the same coordinates, of which the first `dimensions` count: values, vertex by vertex, and how many
-    /// each has. All are compared up to `exhaustive` pairs; beyond, a file of `context` holds where searches begin.
+    /// Vertices of A and of B in the same coordinates, of which the first `dimensions` count: values, vertex by
+    /// vertex, and how many each has. All are compared up to `exhaustive` pairs; beyond, a file of `context`
+    /// holds where searches begin.
     ///
     /// # Errors
     /// [`crate::base::Error::Io`], [`crate::base::Error::Cancelled`].
@@ -237,8 +240,8 @@ impl<'a> RefinedPair<'a> {
         Self { units, ..self }
     }
 
-    /// The nearest of `v` of A around `from`, the match of a neighbour. If that of the nearest seed is nearer, `from` lies where one mistake
-    /// has led to the next, as from a leg onto the chest beside it.
+    /// The nearest of `v` of A around `from`, the match of a neighbour. If that of the nearest seed is nearer, `from`
+    /// lies where one mistake has led to the next, as from a leg onto the chest beside it.
     fn walk_from(&self, v: u32, from: u32) -> Neighbour {
         let (query, start) = (self.a.at(v), self.starts[v as usize]);
         let found = self.b.walk(query, from, 1, PATIENCE)[0];

@@ -1,16 +1,17 @@
-//! Matches: for every vertex of A the vertex of B whose embedding is nearest, under one of three rules; and how sure each
-//! match is.
+//! Matches: for every vertex of A the vertex of B whose embedding is nearest, under one of three rules;
+//! and how sure each match is.
 //!
-//! All: every vertex has its nearest, and several may share one. Mutual: a match counts only if each vertex is the nearest
-//! of the other. One to one: the stable assignment in which vertices ask for their nearest first and each is held by the
-//! nearest that asks, over [`CHOICES`] choices each; a vertex that nobody holds is unmatched. No rule depends on threads or on
-//! the order of requests. Cost: 16 bytes per vertex on disk, some µs per vertex.
+//! All: every vertex has its nearest, and several may share one. Mutual: a match counts only if each vertex is the
+//! nearest of the other. One to one: the stable assignment in which vertices ask for their nearest first and each is
+//! held by the nearest that asks, over [`CHOICES`] choices each; a vertex that nobody holds is unmatched. No rule
+//! depends on threads or on the order of requests. Cost: 16 bytes per vertex on disk, some µs per vertex.
 //!
-//! Confidence: the way from a vertex to its match, and from there to the nearest vertex of A, should end where it began.
-//! Two errors are averaged over some rings of neighbours, both over √area: how far from its start that way ends, and how
-//! much the length of each edge differs from the distance between the matches of its ends. That mean ε becomes the confidence 1/(1 + (ε/[`HALF`])²). Distance in the embedding
-//! itself says next to nothing. On scanned poses the rank correlation of confidence with the true error was −.37 to −.45.
-//! Two fields of 8 bytes per vertex on disk, [`ROUNDS`] passes over the edges.
+//! Confidence: the way from a vertex to its match, and from there to the nearest vertex of A, should end where it
+//! began. Two errors are averaged over some rings of neighbours, both over √area: how far from its start that way ends,
+//! and how much the length of each edge differs from the distance between the matches of its ends. That mean ε becomes
+//! the confidence 1/(1 + (ε/[`HALF`])²). Distance in the embedding itself says next to nothing. On scanned poses the
+//! rank correlation of confidence with the true error was −.37 to −.45. Two fields of 8 bytes per vertex on disk,
+//! [`ROUNDS`] passes over the edges.
 
 use super::align::{Alignment, apply};
 use super::search::{EmbeddingSearch, Neighbour};
@@ -38,7 +39,8 @@ const RETURNS: usize = 1 << 18;
 pub struct Match {
     /// The vertex of B, −1 without one.
     pub target: i64,
-    /// Distance in the embedding, whose products approximate affinities (which are 1 at most); infinite without a match.
+    /// Distance in the embedding, whose products approximate affinities (which are 1 at most);
+    /// infinite without a match.
     pub distance: f32,
     /// How sure, from 0 to 1.
     pub confidence: f32,

@@ -1,19 +1,20 @@
 //! Refining an alignment by spectral upsampling (ZoomOut: Melzi, Ren, Rodolà, Sharma, Wonka, Ovsjanikov 2019), and
 //! judging the outcomes of several.
 //!
-//! From the matches of an alignment of a few vectors, two steps alternate on samples of both meshes: the linear map between the first k
-//! functions that fits the matches best ([`super::functional`]), and the matches that fit this map best; k grows
-//! up to all functions. Low functions bring the large parts in place, higher ones the details.
+//! From the matches of an alignment of a few vectors, two steps alternate on samples of both meshes: the linear map
+//! between the first k functions that fits the matches best ([`super::functional`]), and the matches that fit this map
+//! best; k grows up to all functions. Low functions bring the large parts in place, higher ones the details.
 //!
-//! Each start is refined on its own, from each of [`FIRST`] as first k; the best halfway are refined further. Outcomes are judged by what
-//! the starts know little about: how far distances from landmarks differ on both meshes ([`Outcome::distortion`]), and how far the
-//! functions of all samples are from those of their matches, both ways ([`Outcome::residual`]). Both hardly tell a horse's head from its
-//! tail once refined; what the start costs when area is carried one to one does.
+//! Each start is refined on its own, from each of [`FIRST`] as first k; the best halfway are refined further. Outcomes
+//! are judged by what the starts know little about: how far distances from landmarks differ on both meshes
+//! ([`Outcome::distortion`]), and how far the functions of all samples are from those of their matches, both ways
+//! ([`Outcome::residual`]). Both hardly tell a horse's head from its tail once refined; what the start costs when area
+//! is carried one to one does.
 //!
 //! The map that is taken is fitted again by the matches of more sample points ([`refit`]).
 //!
-//! Cost: constant. A step is a matrix product of k × both [`SAMPLES`], a tenth of a second at k = 100; of the last three, of more sample points,
-//! a third of a second and 20 MB.
+//! Cost: constant. A step is a matrix product of k × both [`SAMPLES`], a tenth of a second at k = 100; of the last
+//! three, of more sample points, a third of a second and 20 MB.
 
 use super::align::{Alignment, RIVAL, TELLING, procrustes, sample};
 use super::functional::{Points, Targets, ToA, fit};
@@ -233,7 +234,8 @@ impl Samples {
         }
     }
 
-    /// The matches by a given `map`: of each point of A's sample, B's sample point nearest to its image in a few functions.
+    /// The matches by a given `map`: of each point of A's sample, B's sample point nearest to its
+    /// image in a few functions.
     fn by_map(&self, sides: [Refinable<'_>; 2], map: &[Option<u32>]) -> Vec<u32> {
         let [in_a, in_b] = &self.chosen;
         let k = FEW.min(sides[1].basis.count);
@@ -378,7 +380,8 @@ pub fn refit(sides: [Refinable<'_>; 2], c: &DMatrix<f64>, pairs: &[(u32, u32)], 
     (0..times).fold(c.clone(), |c, _| fit(a, b, &samples.pairs(&samples.matched(&c)), c.nrows()))
 }
 
-/// Without those that refinement has turned into mirror images, if one can tell: a pose may fit its own mirror image better.
+/// Without those that refinement has turned into mirror images, if one can tell: a pose may fit its
+/// own mirror image better.
 fn oriented(mut all: Vec<Outcome>) -> Vec<Outcome> {
     let best = all.iter().filter_map(|one| one.orientation).fold(f64::NEG_INFINITY, f64::max);
     if best >= TELLING {
@@ -410,8 +413,8 @@ fn different(sorted: Vec<Outcome>, b: Refinable<'_>) -> Vec<Outcome> {
     kept
 }
 
-/// The best of `outcomes` (sorted), and those of the others that take A elsewhere but distort hardly more; `b` tells how
-/// far apart two vertices of B are, by its landmarks.
+/// The best of `outcomes` (sorted), and those of the others that take A elsewhere but distort hardly more; `b` tells
+/// how far apart two vertices of B are, by its landmarks.
 pub fn rivals(outcomes: &[Outcome], b: Refinable<'_>) -> Vec<Outcome> {
     let Some(best) = outcomes.first() else { return Vec::new() };
     let mut found: Vec<Outcome> = Vec::new();

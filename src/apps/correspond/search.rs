@@ -1,8 +1,8 @@
 //! The vertex whose embedding is nearest to a point: a k-d tree over the mesh, or over a sample of a large one.
 //!
 //! Up to [`EXACT`] vertices are all in the tree. Of a larger mesh every s-th is, and from the nearest of these a search
-//! over the vertex graph looks around the nearest vertices known until that gains nothing: bounded memory at any size, and the
-//! same answer whatever the budget. Memory: 12 + 4 k bytes per vertex in the tree; 1 to 3 µs per query.
+//! over the vertex graph looks around the nearest vertices known until that gains nothing: bounded memory at any size,
+//! and the same answer whatever the budget. Memory: 12 + 4 k bytes per vertex in the tree; 1 to 3 µs per query.
 
 use crate::base::Result;
 use crate::graph::Csr;
@@ -121,8 +121,8 @@ impl<'a> EmbeddingSearch<'a> {
         if self.step == 1 { self.tree.several(point, count) } else { self.explored(point, count) }
     }
 
-    /// Looks around the nearest vertices known, from the nearest of the tree on, until [`PATIENCE`] of them have shown none
-    /// that would be among the nearest `count`.
+    /// Looks around the nearest vertices known, from the nearest of the tree on, until [`PATIENCE`] of them have shown
+    /// none that would be among the nearest `count`.
     fn explored(&self, point: &Point, count: usize) -> Vec<Neighbour> {
         let mut start = self.tree.nearest(point);
         start.vertex *= self.step as u32;

@@ -1,10 +1,10 @@
 //! Wavefront OBJ with one object and group per part, `part_0` or its name.
 //!
-//! Of an OBJ input everything that faces use stays: positions with their colours, texture coordinates, normals, materials and
-//! smoothing groups, each line as it stands; its own groups give way to those of the parts. A mesh of another format, or one
-//! without materials, gets a material per part in the colours of the labels, in a `.mtl` beside the `.obj`. Cost: one pass over
-//! the vertices and one per part over the labels; of an OBJ input three passes over its text and 24 bytes per face, and the text of
-//! faces whose numbers count backwards.
+//! Of an OBJ input everything that faces use stays: positions with their colours, texture coordinates, normals,
+//! materials and smoothing groups, each line as it stands; its own groups give way to those of the parts. A mesh of
+//! another format, or one without materials, gets a material per part in the colours of the labels, in a `.mtl` beside
+//! the `.obj`. Cost: one pass over the vertices and one per part over the labels; of an OBJ input three passes over its
+//! text and 24 bytes per face, and the text of faces whose numbers count backwards.
 
 use super::split::plain_name;
 use super::{CHUNK, parts};
@@ -108,8 +108,8 @@ impl<'a> Source<'a> {
 /// Writes `path`, by rename, and where the input has no materials the file of the same name with `.mtl` before it.
 ///
 /// # Errors
-/// [`Error::Parameter`] for labels that do not fit the faces; [`Error::Memory`] for an OBJ input whose faces find no room;
-/// [`Error::Io`]; [`Error::Cancelled`].
+/// [`Error::Parameter`] for labels that do not fit the faces; [`Error::Memory`] for an OBJ input whose faces find no
+/// room; [`Error::Io`]; [`Error::Cancelled`].
 pub fn write(path: &Path, mesh: &Mesh, labelling: &Labelling, durable: bool, run: &Run) -> Result<()> {
     let parts = parts(mesh, labelling)?;
     let n = mesh.faces.len();
@@ -244,8 +244,9 @@ fn part(
 mod tests {
     use super::*;
 
-    const TEXTURED: &str = "mtllib scan.mtl\no old\nv 0 0 0 1 0 0\nv 1 0 0\nv 1 1 0\nv 0 1 0\nvt 0 0\nvt 1 1\nvn 0 0 1\nusemtl skin\n\
-         s 1\nf 1/1/1 2/2/1 3/1/1\ng other\nusemtl cloth\nv 2 0 0\nf -5/1/-1 -3/2/-1 -2/-1/-1\nf 2//1 5//1 3//1 # last\n";
+    const TEXTURED: &str = "mtllib scan.mtl\no old\nv 0 0 0 1 0 0\nv 1 0 0\nv 1 1 0\nv 0 1 0\nvt 0 0\nvt 1 1\n\
+         vn 0 0 1\nusemtl skin\ns 1\nf 1/1/1 2/2/1 3/1/1\ng other\nusemtl cloth\nv 2 0 0\n\
+         f -5/1/-1 -3/2/-1 -2/-1/-1\nf 2//1 5//1 3//1 # last\n";
 
     fn written(name: &str, text: &str, labels: &[u32]) -> (String, Option<String>) {
         let dir = tempfile::tempdir().unwrap();
@@ -264,8 +265,8 @@ mod tests {
     fn texture_coordinates_and_materials_stay() {
         let (text, own) = written("scan.obj", TEXTURED, &[0, 1, 0]);
         assert!(own.is_none(), "the input's materials");
-        let expected = "# parts by nystrom-stream, an object and a group each\nmtllib scan.mtl\nv 0 0 0 1 0 0\nv 1 0 0\nv 1 1 0\n\
-             v 0 1 0\nvt 0 0\nvt 1 1\nvn 0 0 1\nv 2 0 0\n\
+        let expected = "# parts by nystrom-stream, an object and a group each\nmtllib scan.mtl\n\
+             v 0 0 0 1 0 0\nv 1 0 0\nv 1 1 0\nv 0 1 0\nvt 0 0\nvt 1 1\nvn 0 0 1\nv 2 0 0\n\
              o part_0\ng part_0\nusemtl skin\ns 1\nf 1/1/1 2/2/1 3/1/1\nusemtl cloth\nf 2//1 5//1 3//1\n\
              o part_1\ng part_1\nusemtl cloth\ns 1\nf 1/1/1 3/2/1 4/2/1\n";
         assert_eq!(text, expected);

@@ -29,8 +29,8 @@ fn pack(n: Vec3) -> Packed {
     [(n[0] * sign) as i16, (n[1] * sign) as i16]
 }
 
-/// Packs an interpolated normal of a face whose own one is `face`: turned as the face is, and where it points away from the
-/// viewer all the same, as it may near an outline, brought back to what is just seen.
+/// Packs an interpolated normal of a face whose own one is `face`: turned as the face is, and where it points away from
+/// the viewer all the same, as it may near an outline, brought back to what is just seen.
 fn pack_seen(n: Vec3, face: Vec3) -> Packed {
     let sign = if face[2] < 0.0 { -1.0 } else { 1.0 };
     let seen = [sign * n[0], sign * n[1], (sign * n[2]).max(0.0)];

@@ -1,7 +1,8 @@
 //! From places of faces to numbers of vertices: each vertex gets its number when a face first uses it.
 //!
-//! Two external sorts: uses by vertex, whose first and last matter, then vertices by first use. Vertices of no face come
-//! last, in the order of the file. 12 bytes per corner and per vertex through the sorts, 12 per vertex kept for a while.
+//! Two external sorts: uses by vertex, whose first and last matter, then vertices by first use. Vertices of no
+//! face come last, in the order of the file. 12 bytes per corner and per vertex through the sorts, 12 per
+//! vertex kept for a while.
 
 use super::sorting::{Push, Scatter, sorted};
 use crate::base::Result;

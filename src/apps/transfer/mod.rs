@@ -199,8 +199,8 @@ pub fn transfer(from: &Mesh, labels: &[u32], to: &Mesh, context: Context<'_>) ->
     Ok(Transferred { labels: own.finish(false)?, quality: quality.finish(false)?, facts })
 }
 
-/// The label of a face by what its points found, and how sure it is; `slack` and `edge` are edges of the first mesh and of
-/// the coarser one.
+/// The label of a face by what its points found, and how sure it is; `slack` and `edge` are edges of the first
+/// mesh and of the coarser one.
 fn elect(found: &[Closest], labels: &[u32], slack: f32, edge: f32) -> (u32, f32) {
     let mut votes = [(NONE, 0f32, 0f32); 4];
     for (found, vote) in found.iter().zip(&mut votes) {

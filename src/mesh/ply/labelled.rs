@@ -1,12 +1,11 @@
 //! The labelled mesh file: the input with `int label`, `uchar red green blue` and `float quality`
 //! on its faces, and everything else kept.
 //!
-//! Elements and properties of the input stay, in their order; face properties of the names above
-//! are replaced; triangle strips become faces. On request faces are split along smooth boundaries: the first piece of a
-//! face has its place, the others follow behind all faces, and new vertices behind all vertices. A file whose faces are all of one size is put
-//! together in parallel ([`FixedRecords`]). Any other
-//! streams through one buffer at 50–200 MB/s ([`LabelledWriter`]). A mesh of arrays has no file to be kept; its
-//! positions, faces and labels are written.
+//! Elements and properties of the input stay, in their order; face properties of the names above are replaced; triangle
+//! strips become faces. On request faces are split along smooth boundaries: the first piece of a face has its place,
+//! the others follow behind all faces, and new vertices behind all vertices. A file whose faces are all of one size is
+//! put together in parallel ([`FixedRecords`]). Any other streams through one buffer at 50–200 MB/s
+//! ([`LabelledWriter`]). A mesh of arrays has no file to be kept; its positions, faces and labels are written.
 
 use super::document::Document;
 use super::fixed_records::FixedRecords;

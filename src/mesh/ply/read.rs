@@ -2,9 +2,9 @@
 //! read in place.
 //!
 //! Binary elements without lists are stepped over in no time. Little-endian triangles are verified in place, in
-//! parallel at the speed of memory, about 1 ns per face. Everything else streams through buffers of [`FLUSH`] numbers into
-//! arrays of the scratch folder: a file of triangles, or, from the first other polygon on, corner lists. Triangle strips
-//! are unrolled on the way.
+//! parallel at the speed of memory, about 1 ns per face. Everything else streams through buffers of [`FLUSH`] numbers
+//! into arrays of the scratch folder: a file of triangles, or, from the first other polygon on, corner lists. Triangle
+//! strips are unrolled on the way.
 
 use super::header::{CUT_SHORT, Element, Encoding, Header, Kind, Scalar};
 use super::values::{Binary, Cursor, Fault, Text};

@@ -3,8 +3,8 @@
 //! Records of the two elements are cut into pieces of 16 bytes, which an external sort by place brings in order,
 //! whatever their sizes and encodings; corners, and the ends of an `edge` element, get the vertices' new numbers; other
 //! elements are copied. New numbers are looked up where they lie: 4 bytes per vertex, which should stay in memory where
-//! the file's order is scattered. Cost: 24 bytes per piece through the sort, written and read once where memory does not
-//! hold them; 50–200 MB/s.
+//! the file's order is scattered. Cost: 24 bytes per piece through the sort, written and read once where memory does
+//! not hold them; 50–200 MB/s.
 
 use super::document::{Document, Remarks};
 use super::header::{Encoding, Kind, Property, Scalar};
@@ -39,9 +39,9 @@ pub struct Rearrangement<'a> {
 /// Writes the rearranged file `out`, by rename; `out` may be the file that `mesh` was opened from.
 ///
 /// # Errors
-/// [`Error::Parameter`] where the order does not fit the mesh; [`Error::Unusable`] for a mesh of arrays, which has no file
-/// to rearrange; [`Error::Io`]; [`Error::Memory`]; [`Error::Cancelled`]; [`Error::Malformed`] should the input have
-/// changed since it was opened.
+/// [`Error::Parameter`] where the order does not fit the mesh; [`Error::Unusable`] for a mesh of arrays, which has no
+/// file to rearrange; [`Error::Io`]; [`Error::Memory`]; [`Error::Cancelled`]; [`Error::Malformed`] should the input
+/// have changed since it was opened.
 pub fn write(mesh: &Mesh, out: &Path, order: &Rearrangement, form: PlyForm, context: Context<'_>) -> Result<()> {
     by_rename(out, 0, false, |file| stream(mesh, out, file, order, form, context))
 }
@@ -279,8 +279,8 @@ fn names_vertex(property: &Property) -> bool {
     integer && ["vertex1", "vertex2", "vertex_1", "vertex_2"].contains(&property.name.as_str())
 }
 
-/// Bytes of a record in a piece: records are cut into pieces, each with its record's place and its own number, so that the
-/// sort sees items of one size.
+/// Bytes of a record in a piece: records are cut into pieces, each with its record's place and its own number, so that
+/// the sort sees items of one size.
 const PIECE: usize = 16;
 
 /// Place, number of the piece · 32 + bytes, and the bytes.

@@ -1,8 +1,9 @@
-//! A labelled mesh whose parts share no vertex, for programs that know colours of vertices alone: boundaries stay sharp there.
+//! A labelled mesh whose parts share no vertex, for programs that know colours of vertices alone:
+//! boundaries stay sharp there.
 //!
-//! A vertex of the mesh stays with the part of its first face; each other part that meets there gets a copy of it at the end.
-//! Positions as exact as they were, labels, colours and qualities; other properties of the input are left behind. Memory: 4 bytes
-//! per vertex, and 8 per corner on a boundary, from the budget.
+//! A vertex of the mesh stays with the part of its first face; each other part that meets there gets a copy of it at
+//! the end. Positions as exact as they were, labels, colours and qualities; other properties of the input are left
+//! behind. Memory: 4 bytes per vertex, and 8 per corner on a boundary, from the budget.
 
 use super::header::{Encoding, HeaderWriter, Scalar};
 use super::labelling::{Labelling, PlyForm, VERTEX_PROPERTIES};

@@ -1,8 +1,9 @@
 //! The faces along the boundaries of parts, with their own numbers of vertices and edges.
 //!
-//! A vertex is on a boundary if its faces have several labels; every face of such a vertex belongs to the strip. Two passes over the
-//! faces find them. What is held while they run is a bit per vertex, and four bytes per vertex for as many vertices at a time as
-//! the budget allows (32 in a soup, where each face has vertices of its own: there those at one place count as one); what is kept grows with the strip alone.
+//! A vertex is on a boundary if its faces have several labels; every face of such a vertex belongs to the strip. Two
+//! passes over the faces find them. What is held while they run is a bit per vertex, and four bytes per vertex for as
+//! many vertices at a time as the budget allows (32 in a soup, where each face has vertices of its own: there those at
+//! one place count as one); what is kept grows with the strip alone.
 
 use crate::base::parallel::{chunk_count, chunk_range};
 use crate::base::vector::finite;
