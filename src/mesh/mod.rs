@@ -11,12 +11,14 @@ pub mod import;
 pub mod open;
 pub(crate) mod output;
 pub mod ply;
+pub mod positions;
 pub mod seg;
 pub mod split_faces;
 pub mod strays;
 
-pub use geometry::{Coordinate, Faces, Mesh, Positions};
+pub use geometry::{Coordinate, Faces, Mesh};
 pub use open::{open, open_reader};
 pub use ply::document::Document;
 pub use ply::labelled::{Labelling, PlyForm, PlyOptions, write_labelled, write_labelled_to};
+pub use positions::{Positions, StridedLayout};
 pub use seg::{read_seg, write_seg, write_seg_to};

@@ -9,7 +9,7 @@ use super::geometry::{MOST_FACES, Mesh, no_faces, too_many_faces, too_many_verti
 use super::import::{self, Format};
 use super::output::by_rename;
 use super::ply::document::Document;
-use super::ply::header::{self, CUT_SHORT, Element, Encoding, Header, Kind, Scalar};
+use super::ply::header::{self, CUT_SHORT, Element, Encoding, Header, Kind};
 use super::ply::read::{Decoder, decode};
 use crate::base::{Error, Result};
 use crate::store::mapped::Access;

@@ -20,7 +20,8 @@
 //!
 //! Cost: a look at every position, about 1 ns each; where there are candidates, also at every corner, about 5 ns each.
 
-use super::geometry::{Mesh, Positions};
+use super::geometry::Mesh;
+use super::positions::Positions;
 use crate::base::Result;
 use crate::base::union_find::Forest;
 use crate::base::vector::{distance, finite};
