@@ -144,6 +144,16 @@ impl Outcome {
     }
 }
 
+/// Where a refinement begins.
+#[derive(Clone, Copy)]
+struct Origin {
+    start: Start,
+    /// Functions of the first step.
+    first: usize,
+    /// What the start costs when area is carried one to one.
+    transport: f64,
+}
+
 /// Samples of both meshes, ready for refinement.
 struct Samples {
     chosen: [Vec<u32>; 2],
@@ -250,14 +260,7 @@ impl Samples {
     }
 
     /// Judges the map `c`.
-    fn judge(
-        &self,
-        sides: [Refinable<'_>; 2],
-        known: Known<'_>,
-        c: DMatrix<f64>,
-        (start, first): (Start, usize),
-        transport: f64,
-    ) -> Outcome {
+    fn judge(&self, sides: [Refinable<'_>; 2], known: Known<'_>, c: DMatrix<f64>, origin: Origin) -> Outcome {
         let [a, b] = &self.functions;
         let k = c.nrows();
         let to_a = ToA::new(&c);
@@ -306,6 +309,7 @@ impl Samples {
             of_a.of_first(k).turned(&procrustes(pairs, k)).agreement(&of_b.of_first(k))
         });
         let sample = there.iter().map(|&j| self.chosen[1][j as usize]).collect();
+        let Origin { start, first, transport } = origin;
         Outcome { start, first, distortion, residual, covered, transport, landmarks, orientation, map: c, sample }
     }
 }
@@ -328,16 +332,17 @@ pub fn refine(
     } else if known.pairs.len() >= SITUATING {
         begins.push(Start::Landmarks);
     }
-    let starts: Vec<(Start, usize)> =
-        begins.iter().flat_map(|&at| FIRST.iter().map(move |&first| (at, first))).collect();
-    let costs = alignments.iter().map(|one| one.transport.unwrap_or(1.));
-    let least = costs.clone().fold(f64::INFINITY, f64::min).min(1.);
-    let transport: Vec<f64> = costs.collect();
-    let transport = |start: Start| if let Start::Alignment(at) = start { transport[at] } else { least };
+    let costs: Vec<f64> = alignments.iter().map(|one| one.transport.unwrap_or(1.)).collect();
+    let least = costs.iter().copied().fold(f64::INFINITY, f64::min).min(1.);
+    let origins = begins.into_iter().flat_map(|start| {
+        let transport = if let Start::Alignment(at) = start { costs[at] } else { least };
+        FIRST.map(|first| Origin { start, first, transport })
+    });
+    let origins: Vec<Origin> = origins.collect();
     let few = samples.thinned(THINNED);
     let begin = |k: usize, (): &mut ()| {
         let [in_a, in_b] = &few.chosen;
-        let found = match (starts[k].0, known.rows, known.map) {
+        let found = match (origins[k].start, known.rows, known.map) {
             (Start::Alignment(at), ..) => {
                 let (one, dimensions) = (&alignments[at], alignments[at].transform.nrows());
                 let of_b = in_b.iter().map(|&v| b.points[v as usize][..dimensions].to_vec());
@@ -356,16 +361,16 @@ pub fn refine(
             (_, _, Some(map)) => few.by_map(sides, map),
             _ => Vec::new(),
         };
-        Ok(few.judge(sides, known, few.refine(found, starts[k].1, HALFWAY), starts[k], transport(starts[k].0)))
+        Ok(few.judge(sides, known, few.refine(found, origins[k].first, HALFWAY), origins[k]))
     };
-    let mut begun = run.map_chunks(starts.len(), || (), begin)?;
+    let mut begun = run.map_chunks(origins.len(), || (), begin)?;
     let rank = |x: &Outcome, y: &Outcome| x.rank().total_cmp(&y.rank());
     begun.sort_by(rank);
     let begun = different(oriented(begun), b);
     let finish = |k: usize, (): &mut ()| {
-        let Outcome { start, first, map, .. } = &begun[k];
+        let Outcome { start, first, transport, ref map, .. } = begun[k];
         let map = samples.refine(samples.matched(map), map.nrows(), usize::MAX);
-        Ok(samples.judge(sides, known, map, (*start, *first), transport(*start)))
+        Ok(samples.judge(sides, known, map, Origin { start, first, transport }))
     };
     let mut all = run.map_chunks(begun.len(), || (), finish)?;
     all.sort_by(rank);
