@@ -14,12 +14,13 @@
 //! second at most on one thread.
 
 use super::orientation::Tensor;
+use super::search::square;
 use crate::apps::assignment::least_assignment;
 use crate::base::Result;
 use crate::base::random::{stream, unit};
 use crate::distance::DistanceRows;
 use crate::graph::Node;
-use crate::spectral::nystrom::{MOST_DIMENSIONS, Point};
+use crate::spectral::nystrom::Point;
 use crate::store::Run;
 use nalgebra::DMatrix;
 use serde::Serialize;
@@ -171,15 +172,6 @@ pub fn procrustes(pairs: impl Iterator<Item = (Point, Point)>, k: usize) -> DMat
         (Some(u), Some(v_t)) => u * v_t,
         _ => DMatrix::identity(k, k),
     }
-}
-
-#[inline]
-fn square(a: &Point, b: &Point) -> f32 {
-    let mut sum = 0.;
-    for i in 0..MOST_DIMENSIONS {
-        sum += (a[i] - b[i]) * (a[i] - b[i]);
-    }
-    sum
 }
 
 /// The nearest of `among` to `point`: its number and the square.

@@ -15,7 +15,7 @@
 use super::functional::{Targets, ToA};
 use super::matches::{Match, Pair};
 use super::points::SurfacePoint;
-use super::search::Neighbour;
+use super::search::{Neighbour, walk};
 use crate::base::Result;
 use crate::base::parallel::{chunk_count, chunk_range};
 use crate::base::simd::{SimdKernel, dispatch};
@@ -85,28 +85,9 @@ impl SimdKernel for Walk<'_> {
     #[inline(always)]
     fn run(self) -> Vec<Neighbour> {
         let Self { placed, query, start, count, patience } = self;
-        let measure = |vertex: u32| Neighbour { vertex, square: Square(query, placed.at(vertex)).run() };
-        let order = |a: &Neighbour, b: &Neighbour| a.square.total_cmp(&b.square).then(a.vertex.cmp(&b.vertex));
-        let (mut known, mut seen, mut idle) = (vec![(measure(start), false)], vec![start], 0);
-        while idle < patience {
-            let Some(at) = known.iter().position(|(_, looked)| !looked) else { break };
-            known[at].1 = true;
-            idle += 1;
-            for &vertex in &placed.graph.indices[placed.graph.span(known[at].0.vertex)] {
-                if seen.contains(&vertex) {
-                    continue;
-                }
-                seen.push(vertex);
-                let found = measure(vertex);
-                let place = known.partition_point(|(other, _)| order(other, &found).is_lt());
-                known.insert(place, (found, false));
-                if place < count {
-                    idle = 0;
-                }
-            }
-        }
-        known.truncate(count);
-        known.into_iter().map(|(found, _)| found).collect()
+        let square = |vertex: u32| Square(query, placed.at(vertex)).run();
+        let around = |vertex: u32| &placed.graph.indices[placed.graph.span(vertex)];
+        walk(Neighbour { vertex: start, square: square(start) }, count, patience, around, square)
     }
 }
 
@@ -166,7 +147,6 @@ pub struct RefinedPair<'a> {
 /// For each vertex of A the match of the nearest seed, where its search begins; vertex 0 if no
 /// seed is connected with it.
 fn starts(a: Placed<'_>, b: Placed<'_>, context: Context<'_>) -> Result<MappedSlice<u32>> {
-    const FIELD: &str = "starts_field.tmp";
     let (run, [n_a, n_b]) = (context.run, [a, b].map(|placed| placed.graph.len()));
     let some = |n: usize, most: usize| (0..n as u32).step_by(n.div_ceil(most).max(1)).collect::<Vec<u32>>();
     let (of_a, of_b) = (some(n_a, SEEDS[0]), some(n_b, SEEDS[1]));
@@ -182,10 +162,10 @@ fn starts(a: Placed<'_>, b: Placed<'_>, context: Context<'_>) -> Result<MappedSl
     let of_seed = run.map_chunks(chunk_count(of_a.len(), SEEDED), || (), matched)?.concat();
     let mut array = context.work.array::<u32>("starts.npy", &[n_a])?;
     {
-        let mut field = context.work.array::<f32>(FIELD, &[n_a])?;
+        let _scratch = context.work.scratch(&["starts_field.tmp.partial"]);
+        let mut field = context.work.array::<f32>("starts_field.tmp", &[n_a])?;
         voronoi::nearest_source(a.graph, &of_a, field.data(), array.data(), run)?;
     }
-    context.work.remove(&format!("{FIELD}.partial"));
     run.fill_each(array.data(), CHUNK, |_, seed: u32| of_seed.get(seed as usize).copied().unwrap_or(0))?;
     array.finish(false)
 }

@@ -147,6 +147,7 @@ pub fn matches(pair: &impl Pair, matching: Matching, name: &str, context: Contex
         return Err(Error::parameter("A", format!("{n} vertices are too many to match"), "match a decimated mesh"));
     }
     let mut array = context.work.array::<Match>(name, &[n])?;
+    let _scratch = context.work.scratch(&["doubt.tmp.partial"]);
     let mut doubt = context.work.array::<f32>("doubt.tmp", &[n])?;
     // Enough of a large mesh to tell where matches come back to; all for mutual ones.
     let step = if matching == Matching::Mutual { 1 } else { n.div_ceil(RETURNS) };
@@ -177,16 +178,14 @@ pub fn matches(pair: &impl Pair, matching: Matching, name: &str, context: Contex
         one_to_one(pair, array.data(), context)?;
     }
     fill_confidence(pair, array.data(), doubt.data(), context)?;
-    drop(doubt);
-    context.work.remove("doubt.tmp.partial");
     array.finish(false)
 }
 
 /// Makes `matches`, which are everyone's nearest, one to one.
 fn one_to_one(pair: &impl Pair, matches: &mut [Match], context: Context<'_>) -> Result<()> {
     const FREE: u32 = u32::MAX;
-    const NAME: &str = "holders.tmp";
-    let mut holders = context.work.array::<u32>(NAME, &[pair.graphs()[1].len()])?;
+    let _scratch = context.work.scratch(&["holders.tmp.partial"]);
+    let mut holders = context.work.array::<u32>("holders.tmp", &[pair.graphs()[1].len()])?;
     let holder = &mut holders.data()[..];
     holder.fill(FREE);
     for v in 0..matches.len() {
@@ -217,8 +216,6 @@ fn one_to_one(pair: &impl Pair, matches: &mut [Match], context: Context<'_>) -> 
             asking = loser;
         }
     }
-    drop(holders);
-    context.work.remove("holders.tmp.partial");
     Ok(())
 }
 
@@ -234,8 +231,9 @@ type Doubt = [f32; 2];
 /// Sets the confidence of `matches` (n) from the ways missing on return in `returned` (n; NaN where not looked at).
 fn fill_confidence(pair: &impl Pair, matches: &mut [Match], returned: &[f32], context: Context<'_>) -> Result<()> {
     let (n, graphs) = (matches.len(), pair.graphs());
-    let names = ["doubt_a.tmp", "doubt_b.tmp"];
-    let mut fields = [context.work.array::<f32>(names[0], &[n, 2])?, context.work.array::<f32>(names[1], &[n, 2])?];
+    let _scratch = context.work.scratch(&["doubt_a.tmp.partial", "doubt_b.tmp.partial"]);
+    let field = |name: &str| context.work.array::<f32>(name, &[n, 2]);
+    let mut fields = [field("doubt_a.tmp")?, field("doubt_b.tmp")?];
     let (units, csr) = (pair.units(), graphs[0].csr());
     let [now, next] = &mut fields;
     let (mut now, mut next): (&mut [Doubt], &mut [Doubt]) =
@@ -278,8 +276,5 @@ fn fill_confidence(pair: &impl Pair, matches: &mut [Match], returned: &[f32], co
         let known = one.target >= 0 && weight > 0.;
         Match { confidence: if known { 1. / (1. + (sum / weight / HALF).powi(2)) } else { 0. }, ..one }
     };
-    context.run.fill_each(matches, CONFIDENCE_CHUNK, sure)?;
-    drop(fields);
-    names.iter().for_each(|name| context.work.remove(&format!("{name}.partial")));
-    Ok(())
+    context.run.fill_each(matches, CONFIDENCE_CHUNK, sure)
 }
