@@ -94,17 +94,13 @@ impl PlainPly<'_> {
         }
         for start in (0..m).step_by(CHUNK) {
             run.cancel.check()?;
-            let mut result = Ok(());
-            mesh.faces.for_each(start..(start + CHUNK).min(m), |face, corners| {
+            mesh.faces.try_for_each(start..(start + CHUNK).min(m), |face, corners| {
                 encoder.integer(count, corners.len() as i64, &mut out.buffer);
                 corners.iter().for_each(|&v| encoder.integer(Scalar::U32, v.into(), &mut out.buffer));
                 faces.iter().for_each(|column| encoder.scalar(column.scalar, (column.value)(face), &mut out.buffer));
                 encoder.end(&mut out.buffer);
-                if result.is_ok() {
-                    result = out.settle();
-                }
-            });
-            result?;
+                out.settle()
+            })?;
         }
         out.finish()
     }

@@ -230,8 +230,7 @@ impl<'a> RearrangedWriter<'a> {
         let (mut record, encoder) = (Vec::new(), self.encoder);
         for start in (0..faces).step_by(CHUNK) {
             self.context.run.cancel.check()?;
-            let mut result = Ok(());
-            self.mesh.faces.for_each(start..faces.min(start + CHUNK), |face, corners| {
+            self.mesh.faces.try_for_each(start..faces.min(start + CHUNK), |face, corners| {
                 record.clear();
                 encoder.integer(Scalar::U8, corners.len() as i64, &mut record);
                 for &corner in corners {
@@ -241,11 +240,8 @@ impl<'a> RearrangedWriter<'a> {
                     encoder.integer(Scalar::U32, face as i64, &mut record);
                 }
                 encoder.end(&mut record);
-                if result.is_ok() {
-                    result = push(face, &record);
-                }
-            });
-            result?;
+                push(face, &record)
+            })?;
         }
         Ok(())
     }

@@ -111,18 +111,14 @@ pub(super) fn stream(
     }
     for start in (0..mesh.faces.len()).step_by(CHUNK) {
         run.cancel.check()?;
-        let mut result = Ok(());
-        mesh.faces.for_each(start..mesh.faces.len().min(start + CHUNK), |face, corners| {
+        mesh.faces.try_for_each(start..mesh.faces.len().min(start + CHUNK), |face, corners| {
             encoder.integer(count, corners.len() as i64, &mut out.buffer);
             let number = |&v: &u32| split.number(v, labelling.labels[face]);
             corners.iter().for_each(|v| encoder.integer(Scalar::I32, number(v).into(), &mut out.buffer));
             labelling.append(face, encoder, &mut out.buffer);
             encoder.end(&mut out.buffer);
-            if result.is_ok() {
-                result = out.settle();
-            }
-        });
-        result?;
+            out.settle()
+        })?;
     }
     out.finish()
 }
