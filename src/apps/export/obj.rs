@@ -145,7 +145,8 @@ pub fn write(path: &Path, mesh: &Mesh, labelling: &Labelling, durable: bool, run
             None => vertices(mesh, &mut out)?,
         }
         for part in 0..parts {
-            self::part(part as u32, mesh, labelling, source.as_ref(), own, &mut out, run)?;
+            let (part, source) = (part as u32, source.as_ref());
+            ObjPart { mesh, labelling, source, own, part, material: 0, smoothing: 0 }.write(&mut out, run)?;
         }
         out.finish()
     })
@@ -188,56 +189,72 @@ fn vertices(mesh: &Mesh, out: &mut Gather) -> Result<()> {
     Ok(())
 }
 
-fn part(
-    part: u32,
-    mesh: &Mesh,
-    labelling: &Labelling,
-    source: Option<&Source>,
+/// Writes the faces of a part, one line each, after the statements of the input that hold for them.
+struct ObjPart<'a> {
+    mesh: &'a Mesh,
+    labelling: &'a Labelling<'a>,
+    source: Option<&'a Source<'a>>,
+    /// Whether each part gets a material of ours.
     own: bool,
-    out: &mut Gather,
-    run: &Run,
-) -> Result<()> {
-    let mut begun = false;
-    let mut state = (0, 0);
-    for (chunk, labels) in labelling.labels.chunks(CHUNK).enumerate() {
-        run.cancel.check()?;
-        for at in (0..labels.len()).filter(|&at| labels[at] == part) {
-            if !begun {
-                begun = true;
-                let name = plain_name(labelling.name(part as usize));
-                let name = if name.is_empty() { format!("part_{part}") } else { name };
-                out.buffer.extend_from_slice(format!("o {name}\ng {name}\n").as_bytes());
-                if own {
-                    out.buffer.extend_from_slice(format!("usemtl part_{part}\n").as_bytes());
+    part: u32,
+    /// The statements in force, as in [`Face`].
+    material: u32,
+    smoothing: u32,
+}
+
+impl ObjPart<'_> {
+    /// Writes the part, if it has faces: one pass over the labels.
+    fn write(&mut self, out: &mut Gather, run: &Run) -> Result<()> {
+        let part = self.part;
+        let mut begun = false;
+        for (chunk, labels) in self.labelling.labels.chunks(CHUNK).enumerate() {
+            run.cancel.check()?;
+            for at in (0..labels.len()).filter(|&at| labels[at] == part) {
+                if !begun {
+                    begun = true;
+                    self.begin(out);
                 }
+                self.face(chunk * CHUNK + at, out);
+                out.settle()?;
             }
-            let face = chunk * CHUNK + at;
-            if let Some(source) = source {
-                let face = source.faces[face];
-                if !own && face.material != state.0 && face.material > 0 {
-                    out.buffer.extend_from_slice(source.materials[face.material as usize - 1]);
-                    out.buffer.push(b'\n');
-                }
-                if face.smoothing != state.1 && face.smoothing > 0 {
-                    out.buffer.extend_from_slice(source.smoothings[face.smoothing as usize - 1]);
-                    out.buffer.push(b'\n');
-                }
-                state = (face.material, face.smoothing);
-                out.buffer.extend_from_slice(source.line(face));
-            } else {
-                out.buffer.push(b'f');
-                mesh.faces.with(face, |corners| {
-                    for &corner in corners {
-                        out.buffer.push(b' ');
-                        out.decimal(u64::from(corner) + 1);
-                    }
-                });
-            }
-            out.buffer.push(b'\n');
-            out.settle()?;
+        }
+        Ok(())
+    }
+
+    fn begin(&self, out: &mut Gather) {
+        let part = self.part;
+        let name = plain_name(self.labelling.name(part as usize));
+        let name = if name.is_empty() { format!("part_{part}") } else { name };
+        out.buffer.extend_from_slice(format!("o {name}\ng {name}\n").as_bytes());
+        if self.own {
+            out.buffer.extend_from_slice(format!("usemtl part_{part}\n").as_bytes());
         }
     }
-    Ok(())
+
+    fn face(&mut self, face: usize, out: &mut Gather) {
+        if let Some(source) = self.source {
+            let face = source.faces[face];
+            if !self.own && face.material != self.material && face.material > 0 {
+                out.buffer.extend_from_slice(source.materials[face.material as usize - 1]);
+                out.buffer.push(b'\n');
+            }
+            if face.smoothing != self.smoothing && face.smoothing > 0 {
+                out.buffer.extend_from_slice(source.smoothings[face.smoothing as usize - 1]);
+                out.buffer.push(b'\n');
+            }
+            (self.material, self.smoothing) = (face.material, face.smoothing);
+            out.buffer.extend_from_slice(source.line(face));
+        } else {
+            out.buffer.push(b'f');
+            self.mesh.faces.with(face, |corners| {
+                for &corner in corners {
+                    out.buffer.push(b' ');
+                    out.decimal(u64::from(corner) + 1);
+                }
+            });
+        }
+        out.buffer.push(b'\n');
+    }
 }
 
 #[cfg(test)]

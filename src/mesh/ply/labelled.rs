@@ -11,7 +11,7 @@ use super::document::Document;
 use super::fixed_records::FixedRecords;
 use super::header::{Encoding, Scalar};
 pub use super::labelling::{Labelling, PlyForm, PlyOptions};
-use super::labelling::{VERTEX_PROPERTIES, kept, of_vertices};
+use super::labelling::{VERTEX_PROPERTIES, kept_properties, of_vertices};
 use super::names;
 use super::plain::{Column, PlainPly, colours};
 use super::split_records::SplitRecords;
@@ -292,7 +292,7 @@ impl LabelledWriter<'_> {
         let is_face = number == document.face;
         let votes = self.votes.as_ref().filter(|_| document.vertex() == Some(number));
         let kept = match votes {
-            _ if is_face => kept(document, self.labelling),
+            _ if is_face => kept_properties(document, self.labelling),
             Some(_) => element.properties.iter().map(|property| !of_vertices(&property.name)).collect(),
             None => vec![true; element.properties.len()],
         };

@@ -184,7 +184,7 @@ impl Labelling<'_> {
         split: Option<&FaceSplit>,
     ) -> Vec<u8> {
         let vertex = document.vertex().filter(|_| options.vertex_labels);
-        let faces = kept(document, self);
+        let faces = kept_properties(document, self);
         let stays = |element: usize, property: usize| match element {
             _ if element == document.face => faces[property],
             _ => vertex != Some(element) || !of_vertices(&document.header.elements[element].properties[property].name),
@@ -209,7 +209,7 @@ impl Labelling<'_> {
 }
 
 /// Which properties of the face element stay: all but those that are written anew.
-pub(super) fn kept(document: &Document, labelling: &Labelling) -> Vec<bool> {
+pub(super) fn kept_properties(document: &Document, labelling: &Labelling) -> Vec<bool> {
     let properties = document.header.elements[document.face].properties.iter().enumerate();
     properties
         .map(|(number, property)| {

@@ -136,7 +136,7 @@ impl<'a> RearrangedWriter<'a> {
     }
 
     /// Which properties of an element stay.
-    fn kept(&self, number: usize) -> Vec<bool> {
+    fn kept_properties(&self, number: usize) -> Vec<bool> {
         let added = self.added(number);
         let stays =
             |(k, name): (usize, &str)| (number == self.document.face && k == self.document.list) || Some(name) != added;
@@ -146,7 +146,7 @@ impl<'a> RearrangedWriter<'a> {
 
     fn header(&self) -> Vec<u8> {
         let added = |element| self.added(element).map(|name| (name, Scalar::U32)).into_iter().collect();
-        let kept = |element, property: usize| self.kept(element)[property];
+        let kept = |element, property: usize| self.kept_properties(element)[property];
         let count = |element| self.document.count(element, self.mesh.faces.len());
         self.document.header_of_copy(self.encoder.target, count, Remarks::NONE, kept, added)
     }
@@ -184,7 +184,8 @@ impl<'a> RearrangedWriter<'a> {
     fn records<C: Cursor<'a>>(&self, number: usize, mut each: impl FnMut(usize, &[u8]) -> Result<()>) -> Result<()> {
         let document = self.document;
         let element = &document.header.elements[number];
-        let (role, kept, text) = (self.role(number), self.kept(number), self.encoder.target == Encoding::Ascii);
+        let (role, kept, text) =
+            (self.role(number), self.kept_properties(number), self.encoder.target == Encoding::Ascii);
         let bytes = &document.bytes[..document.ranges[number].end];
         let mut cursor = C::new(bytes, document.ranges[number].start);
         let verbatim = self.encoder.target == document.header.encoding;
