@@ -1,9 +1,10 @@
 //! The lowest layer: errors, progress, cancellation, deterministic parallel loops, loops on wide
-//! vectors, disjoint sets and small eigenproblems.
+//! vectors, disjoint sets, shortest paths and small eigenproblems.
 //!
 //! Nothing here knows of meshes, files or command lines. Cost: none worth naming.
 
 pub mod cancel;
+pub mod dijkstra;
 pub mod eigen;
 pub mod error;
 pub mod parallel;

@@ -15,9 +15,10 @@
 use super::cell_graph::{CellGraph, class_sums, compact, connected_pieces};
 use super::ensemble::Superfaces;
 use super::matrix::Square;
+use crate::base::dijkstra::shortest_paths;
 use crate::base::union_find::Forest;
-use std::cmp::Reverse;
-use std::collections::{BTreeMap, BTreeSet, BinaryHeap};
+use crate::base::vector::distance;
+use std::collections::{BTreeMap, BTreeSet};
 
 /// λ: what a path of length √(area) takes from the probability to belong together.
 const PATH: f64 = 0.1;
@@ -102,8 +103,7 @@ impl Affinities<'_> {
     /// Length of the step over the boundary `edge`, a pair of the cell graph.
     pub fn step(&self, edge: usize) -> f64 {
         let [a, b] = self.cells.pairs[edge].map(|cell| self.cells.centre[cell as usize]);
-        let gap = (0..3).map(|k| (a[k] - b[k]).powi(2)).sum::<f64>().sqrt();
-        gap + TURN[0] * self.cells.concave[edge] + TURN[1] * self.cells.convex[edge]
+        distance(a, b) + TURN[0] * self.cells.concave[edge] + TURN[1] * self.cells.convex[edge]
     }
 
     /// Gives small pieces of a class without a seed to the class that shares the longest boundary with them.
@@ -211,28 +211,11 @@ impl Steps {
         Self { starts, near: all.into_iter().map(|(_, j, length)| (j, length)).collect() }
     }
 
-    /// Length of the shortest path to each node from the nearest of `sources` (Dijkstra).
+    /// Length of the shortest path to each node from the nearest of `sources`.
     fn from(&self, sources: &[u32]) -> Vec<f64> {
         let mut path = vec![f64::INFINITY; self.starts.len() - 1];
-        let mut queue = BinaryHeap::new();
-        for &i in sources {
-            path[i as usize] = 0.;
-            queue.push(Reverse((0u64, i)));
-        }
-        while let Some(Reverse((bits, i))) = queue.pop() {
-            // Bits of positive numbers are ordered as the numbers are.
-            let length = f64::from_bits(bits);
-            if length > path[i as usize] {
-                continue;
-            }
-            for &(j, step) in &self.near[self.starts[i as usize] as usize..self.starts[i as usize + 1] as usize] {
-                let next = length + step;
-                if next < path[j as usize] {
-                    path[j as usize] = next;
-                    queue.push(Reverse((next.to_bits(), j)));
-                }
-            }
-        }
+        let range = |i: u32| self.starts[i as usize] as usize..self.starts[i as usize + 1] as usize;
+        shortest_paths(sources, |i| self.near[range(i)].iter().copied(), f64::INFINITY, &mut path, |_| ());
         path
     }
 }
