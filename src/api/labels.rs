@@ -61,8 +61,8 @@ impl LabelTransfer {
     /// Carries `labels`, one per face of `from`, to the faces of `to`.
     ///
     /// # Errors
-    /// [`crate::Error::Parameter`] for labels that do not fit `from`; [`crate::Error::Unusable`] where most of `to` lies
-    /// far from `from`; [`crate::Error::Memory`], [`crate::Error::Io`], [`crate::Error::Cancelled`].
+    /// [`crate::Error::Parameter`] for labels that do not fit `from`; [`crate::Error::Unusable`] where most of `to`
+    /// lies far from `from`; [`crate::Error::Memory`], [`crate::Error::Io`], [`crate::Error::Cancelled`].
     pub fn run(&self, from: &Mesh, labels: &[u32], to: &Mesh) -> Result<Transferred> {
         self.options.with(|context, _| transfer(from, labels, to, context))
     }

@@ -61,8 +61,8 @@ impl SaveOptions {
         self
     }
 
-    /// Whether triangles of a `.ply` are split where smooth boundaries cross them ([`crate::mesh::split_faces`]); not together with the
-    /// two choices for vertices.
+    /// Whether triangles of a `.ply` are split where smooth boundaries cross them ([`crate::mesh::split_faces`]); not
+    /// together with the two choices for vertices.
     #[must_use]
     pub fn split_faces(mut self, wanted: bool) -> Self {
         self.ply.split_faces = wanted;
@@ -116,17 +116,20 @@ impl Mesh {
         Self::from_vecs(positions, faces)
     }
 
-    /// Writes the mesh with labels in the form that the ending of `path` names: `.ply` (what the file held, with labels,
-    /// colours and qualities of the faces), `.seg` (one label per line), `.npy` (labels), `.obj` (one group per part), `.glb`, or
-    /// a folder with one PLY per part where `path` ends with `/`; `.png` with the feature `pictures`, `.parquet` with `parquet`.
+    /// Writes the mesh with labels in the form that the ending of `path` names: `.ply` (what the file held, with
+    /// labels, colours and qualities of the faces), `.seg` (one label per line), `.npy` (labels), `.obj` (one group per
+    /// part), `.glb`, or a folder with one PLY per part where `path` ends with `/`; `.png` with the feature `pictures`,
+    /// `.parquet` with `parquet`.
     ///
     /// ```
     /// # fn main() -> nystrom_stream::Result<()> {
     /// use nystrom_stream::{Labelling, Mesh};
     /// # let dir = tempfile::tempdir().unwrap();
     /// # let path = dir.path().join("labels.seg");
-    /// let mesh = Mesh::from_slices(&[[0., 0., 0.], [1., 0., 0.], [1., 1., 0.], [0., 1., 0.]], &[[0, 1, 2], [0, 2, 3]])?;
-    /// mesh.save(&path, Labelling { labels: &[0, 1], colours: &[[255, 0, 0], [0, 0, 255]], quality: None, names: &[] })?;
+    /// let corners = [[0., 0., 0.], [1., 0., 0.], [1., 1., 0.], [0., 1., 0.]];
+    /// let mesh = Mesh::from_slices(&corners, &[[0, 1, 2], [0, 2, 3]])?;
+    /// let colours = [[255, 0, 0], [0, 0, 255]];
+    /// mesh.save(&path, Labelling { labels: &[0, 1], colours: &colours, quality: None, names: &[] })?;
     /// assert_eq!(std::fs::read_to_string(&path).unwrap(), "0\n1\n");
     /// # Ok(())
     /// # }
@@ -167,18 +170,16 @@ impl Mesh {
             }
             _ => {
                 let problem = format!("{}: its ending names no known form", path.display());
-                Err(Error::parameter(
-                    "path",
-                    problem,
-                    "end it with .ply, .seg, .npy, .obj or .glb (.png and .parquet with their features), or with / for a folder",
-                ))
+                let remedy = "end it with .ply, .seg, .npy, .obj or .glb (.png and .parquet with their features), \
+                              or with / for a folder";
+                Err(Error::parameter("path", problem, remedy))
             }
         }
     }
 }
 
-/// [`identity`] of `mesh` in the work directory of `context`, which is refused where it is of another mesh and not to be made
-/// anew by `force`.
+/// [`identity`] of `mesh` in the work directory of `context`, which is refused where it is of another mesh and not to
+/// be made anew by `force`.
 pub(super) fn admitted(mesh: &Mesh, force: bool, context: Context<'_>) -> Result<Value> {
     let identity = identity(mesh, context.work.durable())?;
     if context.work.durable() && !force {
@@ -187,8 +188,8 @@ pub(super) fn admitted(mesh: &Mesh, force: bool, context: Context<'_>) -> Result
     Ok(identity)
 }
 
-/// What identifies `mesh` in a work directory: a file as the program identifies it, arrays by a hash of their content. Null
-/// unless `lasting`, so that nothing is read in vain.
+/// What identifies `mesh` in a work directory: a file as the program identifies it, arrays by a hash of their content.
+/// Null unless `lasting`, so that nothing is read in vain.
 pub(super) fn identity(mesh: &Mesh, lasting: bool) -> Result<Value> {
     match mesh.document() {
         _ if !lasting => Ok(Value::Null),

@@ -61,8 +61,8 @@ macro_rules! run_options {
                 self
             }
 
-            /// Lets a work directory that is of another mesh, or of this one as it was before it changed, be made anew for
-            /// this one; by default it is refused with [`Error::WorkDir`](crate::Error::WorkDir).
+            /// Lets a work directory that is of another mesh, or of this one as it was before it changed, be made anew
+            /// for this one; by default it is refused with [`Error::WorkDir`](crate::Error::WorkDir).
             #[must_use]
             pub fn force(mut self, force: bool) -> Self {
                 self.options.force = force;
@@ -76,7 +76,8 @@ macro_rules! run_options {
                 self
             }
 
-            /// Stops with [`Error::Cancelled`](crate::Error::Cancelled) soon after `cancel` is told to, from any thread.
+            /// Stops with [`Error::Cancelled`](crate::Error::Cancelled) soon after `cancel` is
+            /// told to, from any thread.
             #[must_use]
             pub fn cancel(mut self, cancel: $crate::base::Cancel) -> Self {
                 self.options.cancel = cancel;

@@ -96,8 +96,9 @@ impl Segmenter {
         self
     }
 
-    /// The number of landmarks l; by default 120, or 240 above 300,000 faces. With [`Segmenter::exact`] 60 to 20, fewer on larger
-    /// meshes; for K-means and 2-means 60 above 60,000 faces, else twice the number of parts, between 10 and 60.
+    /// The number of landmarks l; by default 120, or 240 above 300,000 faces. With [`Segmenter::exact`] 60 to
+    /// 20, fewer on larger meshes; for K-means and 2-means 60 above 60,000 faces, else twice the number of
+    /// parts, between 10 and 60.
     #[must_use]
     pub fn landmarks(mut self, count: usize) -> Self {
         self.params.landmarks = Some(count);
@@ -125,8 +126,8 @@ impl Segmenter {
         self
     }
 
-    /// Computes rows over all faces of a large mesh too, instead of more of them over its contraction: slower, and parts depend
-    /// more on the seed.
+    /// Computes rows over all faces of a large mesh too, instead of more of them over its contraction: slower, and
+    /// parts depend more on the seed.
     #[must_use]
     pub fn exact(mut self, exact: bool) -> Self {
         self.params.exact = exact;
@@ -196,7 +197,8 @@ impl Segmenter {
         self
     }
 
-    /// Hints painted on faces, one value per face (n): equal values belong together, different ones apart, 0 says nothing.
+    /// Hints painted on faces, one value per face (n): equal values belong together, different
+    /// ones apart, 0 says nothing.
     #[must_use]
     pub fn hints(mut self, values: Vec<u32>) -> Self {
         self.hints = Some(values);
@@ -206,9 +208,9 @@ impl Segmenter {
     /// Cuts `mesh`.
     ///
     /// # Errors
-    /// [`crate::Error::Malformed`] naming the edit that cannot be followed;
-    /// [`crate::Error::Parameter`] for options out of range or that contradict each other, [`crate::Error::Unusable`] for
-    /// more parts than faces, [`crate::Error::Memory`], [`crate::Error::Io`], [`crate::Error::Cancelled`].
+    /// [`crate::Error::Malformed`] naming the edit that cannot be followed; [`crate::Error::Parameter`] for options out
+    /// of range or that contradict each other, [`crate::Error::Unusable`] for more parts than faces,
+    /// [`crate::Error::Memory`], [`crate::Error::Io`], [`crate::Error::Cancelled`].
     pub fn run(&self, mesh: &Mesh) -> Result<Segmentation> {
         let mut params = self.params.clone();
         if let Some(edits) =
@@ -320,9 +322,9 @@ impl Segmentation {
         Labelling { labels: &self.labels, colours: &self.colours, quality: Some(&self.quality), names: &self.names }
     }
 
-    /// Writes the labelled mesh in the form that the ending of `path` names: `.ply` with a colour per face, `.seg`, `.npy` and
-    /// others, see [`Mesh::save`]. With the feature
-    /// `pages` also `.html`, a page to turn the mesh on, with a slider for the number of parts.
+    /// Writes the labelled mesh in the form that the ending of `path` names: `.ply` with a colour per face, `.seg`,
+    /// `.npy` and others, see [`Mesh::save`]. With the feature `pages` also `.html`, a page to turn the mesh on, with a
+    /// slider for the number of parts.
     ///
     /// # Errors
     /// As [`Mesh::save`].
@@ -369,8 +371,8 @@ impl Segmentation {
 
 /// The hierarchy of parts that a cut was taken from: some two thousand cells, joined one by one down to one part.
 ///
-/// Its cuts follow the borders of cells, which lie within a cell of those of [`Segmentation::labels`]; for boundaries as
-/// fine as those, run again with the same [`Segmenter::work_dir`]. Memory: 4 bytes per face.
+/// Its cuts follow the borders of cells, which lie within a cell of those of [`Segmentation::labels`]; for boundaries
+/// as fine as those, run again with the same [`Segmenter::work_dir`]. Memory: 4 bytes per face.
 #[derive(Clone, Debug)]
 pub struct Hierarchy {
     cells: MappedSlice<u32>,

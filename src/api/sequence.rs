@@ -101,7 +101,8 @@ impl Sequence {
     /// Writes the mesh file in its new order as `.ply`, or [`Sequence::places`] as `.npy`.
     ///
     /// # Errors
-    /// [`crate::Error::Unusable`] for a `.ply` of a mesh of arrays, which has no file; [`crate::Error::Io`], [`crate::Error::Cancelled`].
+    /// [`crate::Error::Unusable`] for a `.ply` of a mesh of arrays, which has no file; [`crate::Error::Io`],
+    /// [`crate::Error::Cancelled`].
     pub fn save(&self, path: impl AsRef<Path>) -> Result<()> {
         let path = path.as_ref();
         if path.extension().is_some_and(|ending| ending.eq_ignore_ascii_case("npy")) {

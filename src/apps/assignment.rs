@@ -1,8 +1,8 @@
 //! The assignment problem: every row gets a column of its own at the least total cost.
 //!
 //! Shortest augmenting paths with potentials (Kuhn; Jonker and Volgenant), exact: rows² × columns steps at most, about
-//! 0.1 s for 500 × 500. Ours, not a crate's: those at hand take integers or square matrices only, and the costs here are
-//! floating-point numbers of which the same assignment must follow on every machine.
+//! 0.1 s for 500 × 500. Ours, not a crate's: those at hand take integers or square matrices only, and the costs here
+//! are floating-point numbers of which the same assignment must follow on every machine.
 
 /// No row.
 const FREE: usize = usize::MAX;
@@ -17,7 +17,8 @@ pub(super) fn least_assignment(
     if rows > columns {
         return None;
     }
-    // Potentials of rows and columns, and the row each column is held by; the last column stands for the row on its way.
+    // Potentials of rows and columns, and the row each column is held by; the last column
+    // stands for the row on its way.
     let (mut of_row, mut of_column) = (vec![0f64; rows], vec![0f64; columns]);
     let mut held_by = vec![FREE; columns + 1];
     let (mut least, mut from, mut seen) = (vec![0f64; columns], vec![columns; columns], vec![false; columns + 1]);

@@ -1,10 +1,10 @@
-//! What a mesh and its parts measure: area, volume, box, centroid, principal axes, open edges, and how long the borders between
-//! parts are.
+//! What a mesh and its parts measure: area, volume, box, centroid, principal axes, open edges, and how long the
+//! borders between parts are.
 //!
-//! Faces that share an edge come from the [dual graph](crate::graph), so edges at the same position count as one whatever their
-//! vertices are. One pass over the faces adds up what each part has; a part's volume is given only where its surface is closed
-//! and wound one way. Cost: the graph (60 bytes per face in a work directory or in memory), some 200 ns per face, and 100 bytes
-//! per open edge while loops are counted.
+//! Faces that share an edge come from the [dual graph](crate::graph), so edges at the same position count as one
+//! whatever their vertices are. One pass over the faces adds up what each part has; a part's volume is given only where
+//! its surface is closed and wound one way. Cost: the graph (60 bytes per face in a work directory or in memory), some
+//! 200 ns per face, and 100 bytes per open edge while loops are counted.
 
 use crate::base::eigen;
 use crate::base::union_find::Forest;
@@ -210,8 +210,8 @@ impl Faces<'_> {
         self.labels.map_or(0, |labels| labels[face])
     }
 
-    /// The neighbour across the edge from `a` to `b` of `face`: one of another label before one of the same, and one that is wound
-    /// the same way before one that is not, which is told.
+    /// The neighbour across the edge from `a` to `b` of `face`: one of another label before one of the same, and one
+    /// that is wound the same way before one that is not, which is told.
     fn across(&self, face: usize, a: [u64; 3], b: [u64; 3]) -> Option<(u32, bool)> {
         let mut found: Option<(u32, bool)> = None;
         for (other, _) in self.neighbours.neighbours(face as u32) {
@@ -356,8 +356,8 @@ pub fn mesh(mesh: &Mesh, context: Context<'_>) -> Result<MeshMeasures> {
     })
 }
 
-/// Measures the parts 0, 1, … `parts` − 1 of `mesh`, which has a label per face; those without a face measure nothing. The graph
-/// goes to the work directory of `context`, which holds no other.
+/// Measures the parts 0, 1, … `parts` − 1 of `mesh`, which has a label per face; those without a face measure nothing.
+/// The graph goes to the work directory of `context`, which holds no other.
 ///
 /// # Errors
 /// [`Error::Parameter`] for labels that do not fit the faces or are not below `parts`; else as [`DualGraph::build`].
@@ -385,8 +385,8 @@ fn quoted(word: &str) -> String {
     if word.contains([',', '"', '\n', '\r']) { format!("\"{}\"", word.replace('"', "\"\"")) } else { word.into() }
 }
 
-/// The table of `measures`, one row per part, as comma-separated values with a header; parts may have `names`, and an `agreement`: the share
-/// of people who are expected to have them.
+/// The table of `measures`, one row per part, as comma-separated values with a header; parts may have `names`, and an
+/// `agreement`: the share of people who are expected to have them.
 pub fn table(measures: &[Measures], colours: &[[u8; 3]], names: &[String], agreement: &[f64]) -> String {
     let axes = ["x", "y", "z"];
     let three = |name: &str| axes.map(|axis| format!("{name}_{axis}"));

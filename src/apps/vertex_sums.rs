@@ -1,7 +1,7 @@
 //! Normals of vertices: those of the faces around each, added up by their angles there.
 //!
-//! In integers, so that threads may add in any order and the sum is always the same. 12 bytes per vertex, and some 30 ns per
-//! face.
+//! In integers, so that threads may add in any order and the sum is always the same. 12 bytes per vertex,
+//! and some 30 ns per face.
 
 use crate::base::Result;
 use crate::base::parallel::{chunk_count, chunk_range};
@@ -89,8 +89,8 @@ impl VertexSums {
         Some(unit([0, 1, 2].map(|k| f64::from(sum[k].load(Relaxed)))))
     }
 
-    /// The share of the area whose faces are steep to the normal of a corner, 0 to 1: little of a scan, most of a box. Of a large
-    /// mesh [`LOOK`] chunks are looked at.
+    /// The share of the area whose faces are steep to the normal of a corner, 0 to 1: little of a scan, most of a box.
+    /// Of a large mesh [`LOOK`] chunks are looked at.
     pub fn creased(&self, mesh: &Mesh, run: &Run) -> Result<f64> {
         let n = mesh.faces.len();
         let step = (chunk_count(n, CHUNK) / LOOK).max(1);

@@ -6,131 +6,15 @@
 //! they are. Nothing is allocated per face; a face costs 13 bytes of mapped file read, a position 12 or more.
 
 use super::ply::document::Document;
+use super::positions::{Positions, StridedLayout, check_fit, four};
 use crate::base::vector::finite;
 use crate::base::{Error, Result};
 use crate::store::{MappedBytes, MappedSlice, PrivateFolder, Run};
+use std::convert::Infallible;
 use std::ops::Range;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use xxhash_rust::xxh3::Xxh3;
-
-/// Vertices, ascending, and where they count as lying.
-type Repairs = Arc<[(u32, [f64; 3])]>;
-
-/// Vertex positions at a fixed stride in mapped bytes, `f32` or `f64`, little-endian.
-#[derive(Clone, Debug)]
-pub struct Positions {
-    bytes: MappedBytes,
-    /// Byte of the first record.
-    offset: usize,
-    /// Bytes from record to record.
-    stride: usize,
-    /// Bytes from a record's start to its x, y, z.
-    at: [usize; 3],
-    double: bool,
-    len: usize,
-    /// Positions in the place of those in the bytes, ascending by vertex; see [`super::strays`].
-    repairs: Option<Repairs>,
-}
-
-impl Positions {
-    /// Positions inside `bytes`: `len` records of `stride` bytes from `offset`, coordinates at
-    /// `at` within a record, of 8 bytes if `double`, else of 4.
-    ///
-    /// # Errors
-    /// [`Error::Malformed`] naming `path` when they do not fit.
-    pub fn strided(
-        path: &Path,
-        bytes: MappedBytes,
-        offset: usize,
-        stride: usize,
-        at: [usize; 3],
-        double: bool,
-        len: usize,
-    ) -> Result<Self> {
-        check_fit(path, "vertices", bytes.len(), offset, stride, len)?;
-        let size = if double { 8 } else { 4 };
-        if at.iter().any(|at| at + size > stride) {
-            return Err(Error::malformed(
-                path,
-                "vertices",
-                "coordinates lie outside their record",
-                "write the file again",
-            ));
-        }
-        Ok(Self { bytes, offset, stride, at, double, len, repairs: None })
-    }
-
-    /// Number of vertices.
-    pub fn len(&self) -> usize {
-        self.len
-    }
-
-    /// Whether there are none.
-    pub fn is_empty(&self) -> bool {
-        self.len == 0
-    }
-
-    /// Whether coordinates have 64 bits.
-    pub fn is_double(&self) -> bool {
-        self.double
-    }
-
-    /// The position of vertex `v`; NaN where there is no such vertex. Always inlined, so that coordinates stay in
-    /// registers: through memory a pass over all corners takes half as long again.
-    #[inline(always)]
-    pub fn get(&self, v: u32) -> [f64; 3] {
-        if let Some(repairs) = &self.repairs
-            && let Some(position) = repaired(repairs, v)
-        {
-            return position;
-        }
-        let start = self.offset + v as usize * self.stride;
-        let Some(record) = self.bytes.get(start..start + self.stride).filter(|_| (v as usize) < self.len) else {
-            return [f64::NAN; 3];
-        };
-        // Written out: mapping over the array is not always inlined, and this is every pass's inner loop.
-        let [x, y, z] = self.at;
-        if self.double {
-            let get = |at: usize| f64::from_le_bytes(eight(&record[at..at + 8]));
-            [get(x), get(y), get(z)]
-        } else {
-            let get = |at: usize| f64::from(f32::from_le_bytes(four(&record[at..at + 4])));
-            [get(x), get(y), get(z)]
-        }
-    }
-}
-
-/// Out of line: few meshes have any.
-#[cold]
-#[inline(never)]
-fn repaired(repairs: &[(u32, [f64; 3])], v: u32) -> Option<[f64; 3]> {
-    repairs.binary_search_by_key(&v, |repair| repair.0).ok().map(|k| repairs[k].1)
-}
-
-#[inline(always)]
-fn four(bytes: &[u8]) -> [u8; 4] {
-    [bytes[0], bytes[1], bytes[2], bytes[3]]
-}
-
-#[inline(always)]
-fn eight(bytes: &[u8]) -> [u8; 8] {
-    [bytes[0], bytes[1], bytes[2], bytes[3], bytes[4], bytes[5], bytes[6], bytes[7]]
-}
-
-/// Refuses `len` records that `bytes` cannot hold.
-fn check_fit(path: &Path, what: &str, bytes: usize, offset: usize, stride: usize, len: usize) -> Result<()> {
-    let end = len.checked_mul(stride).and_then(|size| size.checked_add(offset));
-    if end.is_none_or(|end| end > bytes) {
-        return Err(Error::malformed(
-            path,
-            what,
-            format!("{len} records of {stride} bytes do not fit in the file's {bytes} bytes"),
-            "the file is cut short; get it again",
-        ));
-    }
-    Ok(())
-}
 
 /// The faces: vertex indices per face. Indices may be out of range; see [`Mesh::new`].
 #[derive(Clone, Debug)]
@@ -223,22 +107,39 @@ impl Faces {
     /// Calls `visit(face, its corners)` for every face of `range`, in order.
     #[inline]
     pub fn for_each(&self, range: Range<usize>, mut visit: impl FnMut(usize, &[u32])) {
+        let Ok(()) = self.try_for_each(range, |face, corners| {
+            visit(face, corners);
+            Ok::<(), Infallible>(())
+        });
+    }
+
+    /// The same until `visit` fails.
+    ///
+    /// # Errors
+    /// The first of `visit`.
+    #[inline]
+    pub fn try_for_each<E>(
+        &self,
+        range: Range<usize>,
+        mut visit: impl FnMut(usize, &[u32]) -> Result<(), E>,
+    ) -> Result<(), E> {
         match self {
             Self::Triangles { bytes, offset, stride, .. } => {
                 for face in range {
                     let start = offset + face * stride;
                     let record = &bytes[start..start + 12];
                     let corner = |k: usize| u32::from_le_bytes(four(&record[4 * k..4 * k + 4]));
-                    visit(face, &[corner(0), corner(1), corner(2)]);
+                    visit(face, &[corner(0), corner(1), corner(2)])?;
                 }
             }
             Self::Polygons { starts, corners } => {
                 let (starts, corners) = (&starts[..], &corners[..]);
                 for face in range {
-                    visit(face, &corners[starts[face] as usize..starts[face + 1] as usize]);
+                    visit(face, &corners[starts[face] as usize..starts[face + 1] as usize])?;
                 }
             }
         }
+        Ok(())
     }
 
     /// Calls `visit(corners)` for one face.
@@ -302,7 +203,7 @@ impl Mesh {
     /// The same mesh with `repairs`, ascending by vertex, in the place of the positions of strays.
     pub(super) fn repaired(mut self, repairs: Vec<(u32, [f64; 3])>) -> Self {
         self.strays = repairs.len();
-        self.positions.repairs = (!repairs.is_empty()).then(|| repairs.into());
+        self.positions.repair(repairs);
         self
     }
 
@@ -358,8 +259,8 @@ impl Mesh {
     /// ```
     ///
     /// # Errors
-    /// [`Error::Malformed`] naming the face that names no vertex; [`Error::Unusable`] without faces or with 2³² vertices
-    /// or faces.
+    /// [`Error::Malformed`] naming the face that names no vertex; [`Error::Unusable`] without faces or
+    /// with 2³² vertices or faces.
     pub fn from_slices<P: Coordinate, F: AsRef<[u32]>>(positions: &[[P; 3]], faces: &[F]) -> Result<Self> {
         let sizes = || faces.iter().map(|face| face.as_ref().len() as u64);
         let mut corners = Vec::with_capacity(sizes().sum::<u64>() as usize);
@@ -416,9 +317,8 @@ impl Mesh {
             let problem = format!("names vertex {}, but there are {vertices}, counted from 0", corners[k]);
             return Err(Error::malformed(path, format!("faces[{face}]"), problem, "correct the indices"));
         }
-        let (size, double) = (size_of::<P>(), size_of::<P>() == 8);
-        let at = [0, size, 2 * size];
-        let positions = Positions::strided(path, P::into_bytes(positions), 0, 3 * size, at, double, vertices)?;
+        let layout = StridedLayout::packed(0, size_of::<P>() == 8, vertices);
+        let positions = Positions::strided(path, P::into_bytes(positions), layout)?;
         let faces = match starts {
             Some(starts) => Faces::Polygons { starts: starts.into(), corners: corners.into() },
             None => {

@@ -9,7 +9,7 @@ use super::geometry::{MOST_FACES, Mesh, no_faces, too_many_faces, too_many_verti
 use super::import::{self, Format};
 use super::output::by_rename;
 use super::ply::document::Document;
-use super::ply::header::{self, CUT_SHORT, Element, Encoding, Header, Kind, Scalar};
+use super::ply::header::{self, CUT_SHORT, Element, Encoding, Header, Kind};
 use super::ply::read::{Decoder, decode};
 use crate::base::{Error, Result};
 use crate::store::mapped::Access;
@@ -25,8 +25,8 @@ const BUFFER: usize = 1 << 20;
 
 impl Mesh {
     /// Opens the PLY, OBJ, OFF or STL file at `path`, compressed with gzip or not. Arrays that have to be decoded go to
-    /// a folder of their own among the system's temporary files, which disappears with the mesh: some 24 bytes
-    /// per vertex and 13 per triangle, nothing for a binary little-endian PLY of triangles. [`open()`] takes the folder for
+    /// a folder of their own among the system's temporary files, which disappears with the mesh: some 24 bytes per
+    /// vertex and 13 per triangle, nothing for a binary little-endian PLY of triangles. [`open()`] takes the folder for
     /// them and reports its progress.
     ///
     /// ```
@@ -50,9 +50,9 @@ impl Mesh {
     }
 }
 
-/// Opens the PLY, OBJ, OFF or STL file at `path`, compressed with gzip or not, or a named pipe. Arrays that have to be decoded, and
-/// the uncompressed file, go to the folder `scratch`, which must outlive the result. Progress
-/// is reported as stage `read`, in faces.
+/// Opens the PLY, OBJ, OFF or STL file at `path`, compressed with gzip or not, or a named pipe. Arrays that have to be
+/// decoded, and the uncompressed file, go to the folder `scratch`, which must outlive the result. Progress is reported
+/// as stage `read`, in faces.
 ///
 /// ```
 /// # fn main() -> Result<(), Box<dyn std::error::Error>> {
@@ -148,7 +148,8 @@ fn find_vertices(path: &Path, header: &Header) -> Result<(usize, [usize; 3])> {
 
 /// The property that lists a face's vertices.
 fn vertex_list(element: &Element) -> Option<usize> {
-    let is_list = |number: &usize| matches!(element.properties[*number].kind, Kind::List { item, .. } if !matches!(item, Scalar::F32 | Scalar::F64));
+    let is_list =
+        |number: &usize| matches!(element.properties[*number].kind, Kind::List { item, .. } if !item.is_real());
     let named = ["vertex_indices", "vertex_index"].iter().find_map(|name| element.find(name).filter(is_list));
     // A sole list of integers can mean nothing else, whatever its name.
     let mut lists = (0..element.properties.len()).filter(is_list);
@@ -204,9 +205,9 @@ fn is_compressed(bytes: &[u8]) -> bool {
     bytes.starts_with(&[0x1f, 0x8b])
 }
 
-/// Writes all of `source` to the file `to`, by rename (an earlier one may still be mapped), and maps it. `path` names the
-/// source in errors. A kilobyte of gzip can be a gigabyte of mesh, and a stream has no end that is known: a sixteenth of what
-/// is free on the disk stays so.
+/// Writes all of `source` to the file `to`, by rename (an earlier one may still be mapped), and maps it. `path` names
+/// the source in errors. A kilobyte of gzip can be a gigabyte of mesh, and a stream has no end that is known: a
+/// sixteenth of what is free on the disk stays so.
 ///
 /// # Errors
 /// [`Error::Io`], [`Error::Cancelled`]; [`Error::Malformed`] when compressed data are damaged; [`Error::Unusable`] for

@@ -1,24 +1,27 @@
 //! Stray vertices: single ones that lie far outside of the mesh, as scanners and converters leave them.
 //!
 //! One vertex a hundred diagonals away makes the bounding box a hundred times as large, and the few faces that touch it
-//! carry nearly all of the area: sizes, seeds and landmarks then tell of the stray and of nothing else. So work is done on
-//! [`Mesh::without_strays`], where each stray lies at the mean of its neighbours. Where it was does not matter then: the
-//! results are the same bytes at any distance. Outputs keep the positions of the file.
+//! carry nearly all of the area: sizes, seeds and landmarks then tell of the stray and of nothing else. So work is done
+//! on [`Mesh::without_strays`], where each stray lies at the mean of its neighbours. Where it was does not matter then:
+//! the results are the same bytes at any distance. Outputs keep the positions of the file.
 //!
-//! What is a stray must not be honest geometry: a wall of two triangles around a statue, the tip of a spire, the end of a
-//! pole carry much area by few vertices too. Distances are measured from the core, the box between the 5 % and the 95 %
-//! quantiles of the coordinates, in its diagonals. Vertices [`NEAR`] and more outside of it are candidates, if they are few.
-//! Those joined by edges belong together, and are strays where their nearest is as far out as their shape demands:
+//! What is a stray must not be honest geometry: a wall of two triangles around a statue, the tip of a spire, the
+//! end of a pole carry much area by few vertices too. Distances are measured from the core, the box between the 5 %
+//! and the 95 % quantiles of the coordinates, in its diagonals. Vertices [`NEAR`] and more outside of it are
+//! candidates, if they are few. Those joined by edges belong together, and are strays where their nearest is as far
+//! out as their shape demands:
 //!
-//! - [`NEAR`]: a spike on a fine surface. Its base is no wider than the hole that as many missing vertices would leave, its length is at
-//!   least [`NEEDLE`] times that width, and the edges among the candidates enclose nothing.
-//! - [`LOOSE`]: the same where edges among the candidates close a loop. A pole or a blade has a far end that is a surface.
-//! - [`ABSURD`]: anything else, such as walls and separate pieces. A single-precision coordinate could not hold the rest of
-//!   the mesh beside it.
+//! - [`NEAR`]: a spike on a fine surface. Its base is no wider than the hole that as many missing vertices would leave,
+//!   its length is at least [`NEEDLE`] times that width, and the edges among the candidates enclose nothing.
+//! - [`LOOSE`]: the same where edges among the candidates close a loop. A pole or a blade has a far
+//!   end that is a surface.
+//! - [`ABSURD`]: anything else, such as walls and separate pieces. A single-precision coordinate could not hold the
+//!   rest of the mesh beside it.
 //!
 //! Cost: a look at every position, about 1 ns each; where there are candidates, also at every corner, about 5 ns each.
 
-use super::geometry::{Mesh, Positions};
+use super::geometry::Mesh;
+use super::positions::Positions;
 use crate::base::Result;
 use crate::base::union_find::Forest;
 use crate::base::vector::{distance, finite};
@@ -35,7 +38,8 @@ pub const LOOSE: f64 = 30.;
 pub const ABSURD: f64 = 1e4;
 /// At most one vertex in this many is a stray.
 const RARE: usize = 100;
-/// … and at most this many are in all, which bounds the memory. A mesh with more vertices out there really extends that far.
+/// … and at most this many are in all, which bounds the memory. A mesh with more vertices out there
+/// really extends that far.
 const MOST: usize = 10_000;
 /// Corners at candidates, at the most, for the same reason.
 const MOST_CORNERS: usize = 1 << 20;
@@ -154,8 +158,8 @@ fn find(mesh: &Mesh, run: &Run) -> Result<Repairs> {
     }
 }
 
-/// The edges from the candidates, as pairs of a candidate's index and a vertex, ascending, once each; none where they are
-/// too many.
+/// The edges from the candidates, as pairs of a candidate's index and a vertex, ascending, once each; none
+/// where they are too many.
 fn edges_to(mesh: &Mesh, candidates: &[u32], run: &Run) -> Result<Option<Vec<(u32, u32)>>> {
     const BITS: usize = 1 << 16;
     // Nearly every corner is turned down by a look at a small table.
@@ -231,7 +235,8 @@ struct Cluster {
 }
 
 impl Cluster {
-    /// Whether its vertices are strays: the core has this `diagonal`, and long edges of the mesh have the length `long_edge`.
+    /// Whether its vertices are strays: the core has this `diagonal`, and long edges of the mesh
+    /// have the length `long_edge`.
     fn is_stray(&self, diagonal: f64, long_edge: f64) -> bool {
         let widest = (HOLE * (self.size as f64).sqrt() * long_edge).min(self.distance * diagonal / NEEDLE);
         let spike = self.hole.is_some_and(|[low, high]| distance(low, high) <= widest);

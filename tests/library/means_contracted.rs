@@ -1,4 +1,5 @@
-//! K-means and 2-means on the contraction of a large mesh: as good as with rows over all faces, the same bytes in any run.
+//! K-means and 2-means on the contraction of a large mesh: as good as with rows over all faces,
+//! the same bytes in any run.
 
 use nystrom_stream::apps::creature::{Creature, Options};
 use nystrom_stream::apps::evaluate::{contingency, rand};

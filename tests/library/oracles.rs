@@ -174,8 +174,8 @@ fn check_fronts(graph: Csr<'_>, sources: &[u32], told: &str) {
     }
 }
 
-/// Bands around the cells of `owned` (n), whose seeds lie at the distances `nearest` (n): what is nearer than a limit, and
-/// three labels grown from cores.
+/// Bands around the cells of `owned` (n), whose seeds lie at the distances `nearest` (n): what is nearer than a limit,
+/// and three labels grown from cores.
 fn check_bands(graph: Csr<'_>, front: &mut Front, (nearest, owned): (&[f32], &[u32]), told: &str) {
     let cancel = Cancel::default();
     let n = graph.len();

@@ -1,5 +1,5 @@
-//! Stray vertices: however far one vertex or ten lie outside, the results are those of the mesh with these vertices amid
-//! their neighbours, byte for byte.
+//! Stray vertices: however far one vertex or ten lie outside, the results are those of the mesh with these vertices
+//! amid their neighbours, byte for byte.
 
 use super::common;
 use nystrom_stream::pipeline::Cluster;

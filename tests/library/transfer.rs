@@ -1,4 +1,5 @@
-//! Labels carried to other meshes of the same shape: exact against a slow search, right on known parts, bounded, steady.
+//! Labels carried to other meshes of the same shape: exact against a slow search, right on
+//! known parts, bounded, steady.
 
 use crate::common;
 use nystrom_stream::apps::creature::{Creature, Options};

@@ -1,8 +1,8 @@
 //! How wrong matches are: the distance along the surface from the vertex found to the true one, over √area.
 //!
-//! Fast marching from each true vertex until the found one is reached, so cost follows the error: a match that is right costs
-//! nothing. Scratch is one field per thread, 4 bytes per vertex. [`Errors`] sums up: mean, median, and the share of
-//! vertices below each of a hundred errors, as benchmarks of correspondence plot it.
+//! Fast marching from each true vertex until the found one is reached, so cost follows the error: a match that is right
+//! costs nothing. Scratch is one field per thread, 4 bytes per vertex. [`Errors`] sums up: mean, median, and the share
+//! of vertices below each of a hundred errors, as benchmarks of correspondence plot it.
 
 use crate::base::{Error, Result};
 use crate::distance::front::mean_weight;

@@ -2,24 +2,25 @@
 //!
 //! Guesses ([`candidates`]) are ranked by how near they bring [`COARSE`] points of one mesh to those of the other; the
 //! best [`KEPT`] are refined by alternating nearest points and the orthogonal matrix that fits these best (Procrustes),
-//! ranked again, tested for being mirror images ([`super::orientation`]) and refined on [`FINE`] points. How near points
-//! come does not always tell head from tail: all of a head may lie near a tail. So the maps that are left are ranked by
-//! the product of three terms: that distance; the least cost of carrying equal shares of area onto each other one to one
-//! (Wasserstein's distance between two distributions of area, so that a large part cannot hide in a small one); and how
-//! much they distort: the distance from a landmark of A to the image of one of B, measured on A, against the distance
-//! from the image of the first to the second, measured on B. A map that fits about as well, but takes the shape elsewhere, is an alternative: a
-//! symmetry that no measurement along the surface resolves.
+//! ranked again, tested for being mirror images ([`super::orientation`]) and refined on [`FINE`] points. How near
+//! points come does not always tell head from tail: all of a head may lie near a tail. So the maps that are left are
+//! ranked by the product of three terms: that distance; the least cost of carrying equal shares of area onto each other
+//! one to one (Wasserstein's distance between two distributions of area, so that a large part cannot hide in a small
+//! one); and how much they distort: the distance from a landmark of A to the image of one of B, measured on A, against
+//! the distance from the image of the first to the second, measured on B. A map that fits about as well, but takes the
+//! shape elsewhere, is an alternative: a symmetry that no measurement along the surface resolves.
 //!
-//! Points stand for equal shares of area, so that densities of vertices do not matter. Cost: constant, about a second at
-//! most on one thread.
+//! Points stand for equal shares of area, so that densities of vertices do not matter. Cost: constant, about a
+//! second at most on one thread.
 
 use super::orientation::Tensor;
+use super::search::square;
 use crate::apps::assignment::least_assignment;
 use crate::base::Result;
 use crate::base::random::{stream, unit};
 use crate::distance::DistanceRows;
 use crate::graph::Node;
-use crate::spectral::nystrom::{MOST_DIMENSIONS, Point};
+use crate::spectral::nystrom::Point;
 use crate::store::Run;
 use nalgebra::DMatrix;
 use serde::Serialize;
@@ -56,7 +57,8 @@ pub struct Shape<'a> {
     pub variance: &'a [f64],
     /// How the mesh lies in its embedding.
     pub tensor: &'a Tensor,
-    /// Distances from its landmarks, in units of √area after multiplication by `unit`; without them maps are ranked by cost.
+    /// Distances from its landmarks, in units of √area after multiplication by `unit`; without them
+    /// maps are ranked by cost.
     pub rows: Option<&'a DistanceRows>,
     /// 1/√area.
     pub unit: f64,
@@ -117,7 +119,8 @@ pub fn apply(transform: &DMatrix<f64>, point: &Point) -> Point {
     })
 }
 
-/// `count` vertices that stand for equal shares of area, in ascending order; one with several shares comes several times.
+/// `count` vertices that stand for equal shares of area, in ascending order; one with several
+/// shares comes several times.
 pub fn shares(nodes: &[Node], count: usize, seed: u64, purpose: &str) -> Vec<u32> {
     let total: f64 = nodes.iter().map(|node| f64::from(node.area)).sum();
     if total <= 0. {
@@ -169,15 +172,6 @@ pub fn procrustes(pairs: impl Iterator<Item = (Point, Point)>, k: usize) -> DMat
         (Some(u), Some(v_t)) => u * v_t,
         _ => DMatrix::identity(k, k),
     }
-}
-
-#[inline]
-fn square(a: &Point, b: &Point) -> f32 {
-    let mut sum = 0.;
-    for i in 0..MOST_DIMENSIONS {
-        sum += (a[i] - b[i]) * (a[i] - b[i]);
-    }
-    sum
 }
 
 /// The nearest of `among` to `point`: its number and the square.

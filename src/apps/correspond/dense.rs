@@ -1,20 +1,21 @@
 //! From a refined map to a match for every vertex.
 //!
-//! All of B is carried to A's functions ([`super::functional::ToA`]). For small meshes every vertex of A is then compared
-//! with every one of B. For large ones ([`EXHAUSTIVE`]) the search is local: neighbours on A have neighbouring matches on B, so
-//! from the match of a vertex that is done one walks over B's graph to the nearest vertex around, always looking around the
-//! nearest known, until [`PATIENCE`] looks have found none nearer. The first vertices of each chunk begin at the match of the nearest of
-//! [`SEEDS`]`[0]` vertices of A, which is searched for among `[1]` vertices of B; so it costs little if neighbours lie far apart in the file.
-//! Such a match also tells where one mistake has led to the next: if it is nearer than what was found, one walks from there too. Of 28,000 vertices
-//! of two cats this finds what comparing all finds (mean square 11.005 beside 11.002, without it 37).
+//! All of B is carried to A's functions ([`super::functional::ToA`]). For small meshes every vertex of A is then
+//! compared with every one of B. For large ones ([`EXHAUSTIVE`]) the search is local: neighbours on A have neighbouring
+//! matches on B, so from the match of a vertex that is done one walks over B's graph to the nearest vertex around,
+//! always looking around the nearest known, until [`PATIENCE`] looks have found none nearer. The first vertices of each
+//! chunk begin at the match of the nearest of [`SEEDS`]`[0]` vertices of A, which is searched for among `[1]` vertices
+//! of B; so it costs little if neighbours lie far apart in the file. Such a match also tells where one mistake has led
+//! to the next: if it is nearer than what was found, one walks from there too. Of 28,000 vertices of two cats this
+//! finds what comparing all finds (mean square 11.005 beside 11.002, without it 37).
 //!
-//! Cost: exhaustive, n_A n_B k multiplications, 10 to 20 a nanosecond and thread; local, about 10 µs per vertex, and on disk 4 k bytes per
-//! vertex of B and 4 per vertex of A (8 while the nearest seeds are found).
+//! Cost: exhaustive, n_A n_B k multiplications, 10 to 20 a nanosecond and thread; local, about 10 µs per vertex, and on
+//! disk 4 k bytes per vertex of B and 4 per vertex of A (8 while the nearest seeds are found).
 
 use super::functional::{Targets, ToA};
 use super::matches::{Match, Pair};
 use super::points::SurfacePoint;
-use super::search::Neighbour;
+use super::search::{Neighbour, walk};
 use crate::base::Result;
 use crate::base::parallel::{chunk_count, chunk_range};
 use crate::base::simd::{SimdKernel, dispatch};
@@ -84,28 +85,9 @@ impl SimdKernel for Walk<'_> {
     #[inline(always)]
     fn run(self) -> Vec<Neighbour> {
         let Self { placed, query, start, count, patience } = self;
-        let measure = |vertex: u32| Neighbour { vertex, square: Square(query, placed.at(vertex)).run() };
-        let order = |a: &Neighbour, b: &Neighbour| a.square.total_cmp(&b.square).then(a.vertex.cmp(&b.vertex));
-        let (mut known, mut seen, mut idle) = (vec![(measure(start), false)], vec![start], 0);
-        while idle < patience {
-            let Some(at) = known.iter().position(|(_, looked)| !looked) else { break };
-            known[at].1 = true;
-            idle += 1;
-            for &vertex in &placed.graph.indices[placed.graph.span(known[at].0.vertex)] {
-                if seen.contains(&vertex) {
-                    continue;
-                }
-                seen.push(vertex);
-                let found = measure(vertex);
-                let place = known.partition_point(|(other, _)| order(other, &found).is_lt());
-                known.insert(place, (found, false));
-                if place < count {
-                    idle = 0;
-                }
-            }
-        }
-        known.truncate(count);
-        known.into_iter().map(|(found, _)| found).collect()
+        let square = |vertex: u32| Square(query, placed.at(vertex)).run();
+        let around = |vertex: u32| &placed.graph.indices[placed.graph.span(vertex)];
+        walk(Neighbour { vertex: start, square: square(start) }, count, patience, around, square)
     }
 }
 
@@ -162,9 +144,9 @@ pub struct RefinedPair<'a> {
     units: [f64; 2],
 }
 
-/// For each vertex of A the match of the nearest seed, where its search begins; vertex 0 if no seed is connected with it.
+/// For each vertex of A the match of the nearest seed, where its search begins; vertex 0 if no
+/// seed is connected with it.
 fn starts(a: Placed<'_>, b: Placed<'_>, context: Context<'_>) -> Result<MappedSlice<u32>> {
-    const FIELD: &str = "starts_field.tmp";
     let (run, [n_a, n_b]) = (context.run, [a, b].map(|placed| placed.graph.len()));
     let some = |n: usize, most: usize| (0..n as u32).step_by(n.div_ceil(most).max(1)).collect::<Vec<u32>>();
     let (of_a, of_b) = (some(n_a, SEEDS[0]), some(n_b, SEEDS[1]));
@@ -180,10 +162,10 @@ fn starts(a: Placed<'_>, b: Placed<'_>, context: Context<'_>) -> Result<MappedSl
     let of_seed = run.map_chunks(chunk_count(of_a.len(), SEEDED), || (), matched)?.concat();
     let mut array = context.work.array::<u32>("starts.npy", &[n_a])?;
     {
-        let mut field = context.work.array::<f32>(FIELD, &[n_a])?;
+        let _scratch = context.work.scratch(&["starts_field.tmp.partial"]);
+        let mut field = context.work.array::<f32>("starts_field.tmp", &[n_a])?;
         voronoi::nearest_source(a.graph, &of_a, field.data(), array.data(), run)?;
     }
-    context.work.remove(&format!("{FIELD}.partial"));
     run.fill_each(array.data(), CHUNK, |_, seed: u32| of_seed.get(seed as usize).copied().unwrap_or(0))?;
     array.finish(false)
 }
@@ -207,8 +189,9 @@ pub fn carried(basis: &LocalBasis, c: &DMatrix<f64>, name: &str, context: Contex
 }
 
 impl<'a> RefinedPair<'a> {
-    /// Vertices of A and of B in the same coordinates, of which the first `dimensions` count: values, vertex by vertex, and how many
-    /// each has. All are compared up to `exhaustive` pairs; beyond, a file of `context` holds where searches begin.
+    /// Vertices of A and of B in the same coordinates, of which the first `dimensions` count: values, vertex by
+    /// vertex, and how many each has. All are compared up to `exhaustive` pairs; beyond, a file of `context`
+    /// holds where searches begin.
     ///
     /// # Errors
     /// [`crate::base::Error::Io`], [`crate::base::Error::Cancelled`].
@@ -237,8 +220,8 @@ impl<'a> RefinedPair<'a> {
         Self { units, ..self }
     }
 
-    /// The nearest of `v` of A around `from`, the match of a neighbour. If that of the nearest seed is nearer, `from` lies where one mistake
-    /// has led to the next, as from a leg onto the chest beside it.
+    /// The nearest of `v` of A around `from`, the match of a neighbour. If that of the nearest seed is nearer, `from`
+    /// lies where one mistake has led to the next, as from a leg onto the chest beside it.
     fn walk_from(&self, v: u32, from: u32) -> Neighbour {
         let (query, start) = (self.a.at(v), self.starts[v as usize]);
         let found = self.b.walk(query, from, 1, PATIENCE)[0];

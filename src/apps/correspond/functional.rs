@@ -1,11 +1,12 @@
 //! Functional maps between two bases, and the points that they match (Ovsjanikov et al. 2012, *Functional Maps*).
 //!
-//! A map of vertices carries functions of B to A; between the first k functions of each basis that is a k × k matrix C with
-//! Φ_B(match of v) ≈ C Φ_A(v) over vertices v of A. Back again, the match of v is the vertex of B nearest to it, in
-//! coordinates of A: the w whose Cᵀ Φ_B(w) is nearest to Φ_A(v).
+//! A map of vertices carries functions of B to A; between the first k functions of each basis that is a k × k matrix C
+//! with Φ_B(match of v) ≈ C Φ_A(v) over vertices v of A. Back again, the match of v is the vertex of B nearest to it,
+//! in coordinates of A: the w whose Cᵀ Φ_B(w) is nearest to Φ_A(v).
 //!
-//! Nearest points in a hundred coordinates are found by looking at all: no tree prunes there. [`Targets`] holds them in blocks, so that
-//! one is compared with as many as a vector has lanes. Each product is summed in the same order, whatever the vectors.
+//! Nearest points in a hundred coordinates are found by looking at all: no tree prunes there. [`Targets`] holds
+//! them in blocks, so that one is compared with as many as a vector has lanes. Each product is summed in the same
+//! order, whatever the vectors.
 
 use crate::base::simd::{SimdKernel, dispatch};
 use nalgebra::DMatrix;
@@ -181,9 +182,9 @@ impl SimdKernel for Products<'_> {
     }
 }
 
-/// The map C (k × k) that brings the first k functions at points of A nearest to those at their matches in B,
-/// Φ_B ≈ C Φ_A in the least squares over `pairs` of points (of `a`, of `b`), with a little of the unit matrix for directions that
-/// the pairs leave open.
+/// The map C (k × k) that brings the first k functions at points of A nearest to those at their matches in B, Φ_B ≈ C
+/// Φ_A in the least squares over `pairs` of points (of `a`, of `b`), with a little of the unit matrix for directions
+/// that the pairs leave open.
 ///
 /// ```
 /// use nystrom_stream::apps::correspond::functional::{Points, fit};

@@ -1,16 +1,17 @@
-//! Matches: for every vertex of A the vertex of B whose embedding is nearest, under one of three rules; and how sure each
-//! match is.
+//! Matches: for every vertex of A the vertex of B whose embedding is nearest, under one of three rules;
+//! and how sure each match is.
 //!
-//! All: every vertex has its nearest, and several may share one. Mutual: a match counts only if each vertex is the nearest
-//! of the other. One to one: the stable assignment in which vertices ask for their nearest first and each is held by the
-//! nearest that asks, over [`CHOICES`] choices each; a vertex that nobody holds is unmatched. No rule depends on threads or on
-//! the order of requests. Cost: 16 bytes per vertex on disk, some µs per vertex.
+//! All: every vertex has its nearest, and several may share one. Mutual: a match counts only if each vertex is the
+//! nearest of the other. One to one: the stable assignment in which vertices ask for their nearest first and each is
+//! held by the nearest that asks, over [`CHOICES`] choices each; a vertex that nobody holds is unmatched. No rule
+//! depends on threads or on the order of requests. Cost: 16 bytes per vertex on disk, some µs per vertex.
 //!
-//! Confidence: the way from a vertex to its match, and from there to the nearest vertex of A, should end where it began.
-//! Two errors are averaged over some rings of neighbours, both over √area: how far from its start that way ends, and how
-//! much the length of each edge differs from the distance between the matches of its ends. That mean ε becomes the confidence 1/(1 + (ε/[`HALF`])²). Distance in the embedding
-//! itself says next to nothing. On scanned poses the rank correlation of confidence with the true error was −.37 to −.45.
-//! Two fields of 8 bytes per vertex on disk, [`ROUNDS`] passes over the edges.
+//! Confidence: the way from a vertex to its match, and from there to the nearest vertex of A, should end where it
+//! began. Two errors are averaged over some rings of neighbours, both over √area: how far from its start that way ends,
+//! and how much the length of each edge differs from the distance between the matches of its ends. That mean ε becomes
+//! the confidence 1/(1 + (ε/[`HALF`])²). Distance in the embedding itself says next to nothing. On scanned poses the
+//! rank correlation of confidence with the true error was −.37 to −.45. Two fields of 8 bytes per vertex on disk,
+//! [`ROUNDS`] passes over the edges.
 
 use super::align::{Alignment, apply};
 use super::search::{EmbeddingSearch, Neighbour};
@@ -38,7 +39,8 @@ const RETURNS: usize = 1 << 18;
 pub struct Match {
     /// The vertex of B, −1 without one.
     pub target: i64,
-    /// Distance in the embedding, whose products approximate affinities (which are 1 at most); infinite without a match.
+    /// Distance in the embedding, whose products approximate affinities (which are 1 at most);
+    /// infinite without a match.
     pub distance: f32,
     /// How sure, from 0 to 1.
     pub confidence: f32,
@@ -145,6 +147,7 @@ pub fn matches(pair: &impl Pair, matching: Matching, name: &str, context: Contex
         return Err(Error::parameter("A", format!("{n} vertices are too many to match"), "match a decimated mesh"));
     }
     let mut array = context.work.array::<Match>(name, &[n])?;
+    let _scratch = context.work.scratch(&["doubt.tmp.partial"]);
     let mut doubt = context.work.array::<f32>("doubt.tmp", &[n])?;
     // Enough of a large mesh to tell where matches come back to; all for mutual ones.
     let step = if matching == Matching::Mutual { 1 } else { n.div_ceil(RETURNS) };
@@ -175,16 +178,14 @@ pub fn matches(pair: &impl Pair, matching: Matching, name: &str, context: Contex
         one_to_one(pair, array.data(), context)?;
     }
     fill_confidence(pair, array.data(), doubt.data(), context)?;
-    drop(doubt);
-    context.work.remove("doubt.tmp.partial");
     array.finish(false)
 }
 
 /// Makes `matches`, which are everyone's nearest, one to one.
 fn one_to_one(pair: &impl Pair, matches: &mut [Match], context: Context<'_>) -> Result<()> {
     const FREE: u32 = u32::MAX;
-    const NAME: &str = "holders.tmp";
-    let mut holders = context.work.array::<u32>(NAME, &[pair.graphs()[1].len()])?;
+    let _scratch = context.work.scratch(&["holders.tmp.partial"]);
+    let mut holders = context.work.array::<u32>("holders.tmp", &[pair.graphs()[1].len()])?;
     let holder = &mut holders.data()[..];
     holder.fill(FREE);
     for v in 0..matches.len() {
@@ -215,8 +216,6 @@ fn one_to_one(pair: &impl Pair, matches: &mut [Match], context: Context<'_>) -> 
             asking = loser;
         }
     }
-    drop(holders);
-    context.work.remove("holders.tmp.partial");
     Ok(())
 }
 
@@ -232,8 +231,9 @@ type Doubt = [f32; 2];
 /// Sets the confidence of `matches` (n) from the ways missing on return in `returned` (n; NaN where not looked at).
 fn fill_confidence(pair: &impl Pair, matches: &mut [Match], returned: &[f32], context: Context<'_>) -> Result<()> {
     let (n, graphs) = (matches.len(), pair.graphs());
-    let names = ["doubt_a.tmp", "doubt_b.tmp"];
-    let mut fields = [context.work.array::<f32>(names[0], &[n, 2])?, context.work.array::<f32>(names[1], &[n, 2])?];
+    let _scratch = context.work.scratch(&["doubt_a.tmp.partial", "doubt_b.tmp.partial"]);
+    let field = |name: &str| context.work.array::<f32>(name, &[n, 2]);
+    let mut fields = [field("doubt_a.tmp")?, field("doubt_b.tmp")?];
     let (units, csr) = (pair.units(), graphs[0].csr());
     let [now, next] = &mut fields;
     let (mut now, mut next): (&mut [Doubt], &mut [Doubt]) =
@@ -276,8 +276,5 @@ fn fill_confidence(pair: &impl Pair, matches: &mut [Match], returned: &[f32], co
         let known = one.target >= 0 && weight > 0.;
         Match { confidence: if known { 1. / (1. + (sum / weight / HALF).powi(2)) } else { 0. }, ..one }
     };
-    context.run.fill_each(matches, CONFIDENCE_CHUNK, sure)?;
-    drop(fields);
-    names.iter().for_each(|name| context.work.remove(&format!("{name}.partial")));
-    Ok(())
+    context.run.fill_each(matches, CONFIDENCE_CHUNK, sure)
 }

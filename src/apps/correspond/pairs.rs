@@ -1,11 +1,12 @@
-//! Pairs of landmarks given by hand: a text file with one pair per line, of vertices (two integers) or of points (six numbers).
+//! Pairs of landmarks given by hand: a text file with one pair per line, of vertices (two integers) or
+//! of points (six numbers).
 
 use crate::base::{Error, Result};
 use crate::mesh::Mesh;
 use std::path::Path;
 
-/// Reads pairs (vertex of `a`, vertex of `b`); a point stands for the vertex nearest to it. Commas count as blanks; what
-/// follows a # is skipped.
+/// Reads pairs (vertex of `a`, vertex of `b`); a point stands for the vertex nearest to it. Commas count as blanks;
+/// what follows a # is skipped.
 ///
 /// # Errors
 /// [`Error::Malformed`] naming the line, [`Error::Unusable`] for a file without pairs, [`Error::Io`].

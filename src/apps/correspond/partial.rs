@@ -1,18 +1,23 @@
 //! Matching a part with a whole: a scan with holes, a crop.
 //!
-//! What is missing changes every eigenfunction and every mean, so embeddings of a part and of a whole cannot be aligned. Two things hardly
-//! change: distances along the surface between points that are left, and how heat stays near a point for as long as it does not reach the boundary
-//! (Sun, Ovsjanikov, Guibas 2009, *A Concise and Provably Informative Multi-Scale Signature*). Some [`ANCHORS`] points far apart on the part are
-//! assigned to candidates on the whole, one after the other: a beam of the assignments whose pairwise distances and heat agree best
-//! ([`assignments`]). An anchor may stay unassigned, at a cost. Each assignment is then improved anchor by anchor, until none has a better candidate.
+//! What is missing changes every eigenfunction and every mean, so embeddings of a part and of a whole cannot be
+//! aligned. Two things hardly change: distances along the surface between points that are left, and how heat stays near
+//! a point for as long as it does not reach the boundary (Sun, Ovsjanikov, Guibas 2009, *A Concise and Provably
+//! Informative Multi-Scale Signature*). Some [`ANCHORS`] points far apart on the part are assigned to candidates on the
+//! whole, one after the other: a beam of the assignments whose pairwise distances and heat agree best
+//! ([`assignments`]). An anchor may stay unassigned, at a cost. Each assignment is then improved anchor by anchor,
+//! until none has a better candidate.
 //!
-//! The distances of a point from the anchors tell its match. Maps are ranked by how far these distances differ, by how much of the whole
-//! they cover and by heat at matched points; mirror images are told by local orientation ([`agreement`]).
+//! The distances of a point from the anchors tell its match. Maps are ranked by how far these distances differ,
+//! by how much of the whole they cover and by heat at matched points; mirror images are told by local
+//! orientation ([`agreement`]).
 //!
-//! Distances alone do not tell a horse's front from its back: both are a trunk with two legs and one more limb. Heat does. Refining these maps
-//! between functions, as maps of wholes are, made them worse on six of seven crops, since holes change functions.
+//! Distances alone do not tell a horse's front from its back: both are a trunk with two legs and one more limb.
+//! Heat does. Refining these maps between functions, as maps of wholes are, made them worse on six of seven crops,
+//! since holes change functions.
 //!
-//! Cost: a front per candidate on the whole and two bases; the rest is constant, except for 4 bytes per vertex of the part.
+//! Cost: a front per candidate on the whole and two bases; the rest is constant, except for
+//! 4 bytes per vertex of the part.
 
 use super::align::{TELLING, sample};
 use super::functional::{Points, Targets};
@@ -44,14 +49,15 @@ const LIKELY: usize = 60;
 const RADII: [f64; 4] = [0.1, 0.2, 0.3, 0.45];
 /// Difference of distances, over √area of the whole, that an anchor without image costs for each other anchor.
 const WITHOUT: f64 = 0.12;
-/// Mean distance between images, over √area of the whole, from which two assignments differ; that of one image from which those of the
-/// leading anchors do.
+/// Mean distance between images, over √area of the whole, from which two assignments differ; that of one image from
+/// which those of the leading anchors do.
 const APART: [f64; 2] = [0.05, 0.15];
 /// Times an assignment is gone through to improve it, at the most.
 const IMPROVEMENTS: usize = 5;
 /// Times of heat, over the highest frequency.
 const TIMES: [f64; 5] = [4., 8., 16., 32., 64.];
-/// What a square of the difference of log heat costs, of 1 at the most, and what area that is too much or too little does.
+/// What a square of the difference of log heat costs, of 1 at the most, and what area that is too
+/// much or too little does.
 const PRICES: [f64; 2] = [0.05, 0.003];
 /// Added to the difference of heat, so that chance does not decide.
 const HEAT_FLOOR: f64 = 0.02;
@@ -107,9 +113,9 @@ impl PartialOutcome {
 /// An anchor's candidate, or none.
 pub type Image = Option<u32>;
 
-/// Assignments of anchors to candidates, the likeliest first: `within[i][j]` are distances between anchors, `among[c][d]` between
-/// candidates, `own[i][c]` is what candidate c costs anchor i by itself; all in the same units, squared where they are costs. One without image
-/// costs `without`².
+/// Assignments of anchors to candidates, the likeliest first: `within[i][j]` are distances between anchors,
+/// `among[c][d]` between candidates, `own[i][c]` is what candidate c costs anchor i by itself; all in the same units,
+/// squared where they are costs. One without image costs `without`².
 ///
 /// ```
 /// use nystrom_stream::apps::correspond::partial::assignments;
@@ -228,8 +234,8 @@ fn areas(side: PartialSide<'_>, i: usize) -> [f64; RADII.len()] {
     sums
 }
 
-/// How surfaces turn the same way at `pairs` of vertices and those near them: the cosine between the signed areas of triangles of points on
-/// both; `near` are other pairs for each.
+/// How surfaces turn the same way at `pairs` of vertices and those near them: the cosine between the signed areas of
+/// triangles of points on both; `near` are other pairs for each.
 fn agreement(graphs: [&VertexGraph; 2], pairs: &[(u32, u32)], near: &[Vec<u32>]) -> f64 {
     let at = |s: usize, v: u32| wide(graphs[s].nodes[v as usize].centroid);
     let normal = |s: usize, v: u32| {
@@ -266,7 +272,8 @@ fn agreement(graphs: [&VertexGraph; 2], pairs: &[(u32, u32)], near: &[Vec<u32>])
     if norms > 0. { mixed / norms } else { 0. }
 }
 
-/// How long heat stays near points: the logarithm of the heat kernel, over the highest frequency of the whole, at [`TIMES`].
+/// How long heat stays near points: the logarithm of the heat kernel, over the highest frequency of
+/// the whole, at [`TIMES`].
 struct Heat<'a> {
     sides: [PartialSide<'a>; 2],
     /// Functions of part and whole, of the same frequencies.
@@ -309,8 +316,8 @@ impl<'a> Heat<'a> {
     }
 }
 
-/// How far heat of [`TIMES`]`[t]` reaches on `whole`, over √area: two standard deviations. Weyl's law tells the area under a
-/// function, by their number.
+/// How far heat of [`TIMES`]`[t]` reaches on `whole`, over √area: two standard deviations. Weyl's law tells the area
+/// under a function, by their number.
 fn reach(whole: PartialSide<'_>, t: usize) -> f64 {
     2. * (TIMES[t] / (std::f64::consts::TAU * whole.basis.count.max(1) as f64)).sqrt()
 }
@@ -323,7 +330,8 @@ struct Sampled<'a> {
 }
 
 impl Sampled<'_> {
-    /// Over the anchors with images, the median difference of distances from them at `v` of the part and `w` of the whole.
+    /// Over the anchors with images, the median difference of distances from them at `v` of the
+    /// part and `w` of the whole.
     fn disagreement(&self, images: &[Image], v: u32, w: u32) -> f64 {
         let [part, whole] = self.sides;
         let difference = |(i, image): (usize, &Image)| {

@@ -1,7 +1,8 @@
 //! Matches that are points inside triangles, so that a coarse mesh B does not quantise them.
 //!
-//! Around the matched vertex of B, the point of its triangles that is nearest in the coordinates of the refined map: in a plane
-//! through three points of k coordinates that is a system of two equations. 24 bytes per vertex on disk; a few µs per vertex.
+//! Around the matched vertex of B, the point of its triangles that is nearest in the coordinates of the refined
+//! map: in a plane through three points of k coordinates that is a system of two equations. 24 bytes per vertex on
+//! disk; a few µs per vertex.
 
 use super::matches::Match;
 use crate::base::Result;
@@ -75,8 +76,8 @@ pub fn nearest_in_triangle(x: &[f32], a: &[f32], b: &[f32], c: &[f32]) -> ([f64;
     best
 }
 
-/// For each of `matches` the nearest point in the triangles around it on `graph`, into the file `name`; `from` are the vertices
-/// of A and `to` those of B, in the same coordinates.
+/// For each of `matches` the nearest point in the triangles around it on `graph`, into the file `name`; `from` are the
+/// vertices of A and `to` those of B, in the same coordinates.
 ///
 /// # Errors
 /// [`crate::base::Error::Io`], [`crate::base::Error::Cancelled`].

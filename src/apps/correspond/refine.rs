@@ -1,19 +1,20 @@
 //! Refining an alignment by spectral upsampling (ZoomOut: Melzi, Ren, Rodolà, Sharma, Wonka, Ovsjanikov 2019), and
 //! judging the outcomes of several.
 //!
-//! From the matches of an alignment of a few vectors, two steps alternate on samples of both meshes: the linear map between the first k
-//! functions that fits the matches best ([`super::functional`]), and the matches that fit this map best; k grows
-//! up to all functions. Low functions bring the large parts in place, higher ones the details.
+//! From the matches of an alignment of a few vectors, two steps alternate on samples of both meshes: the linear map
+//! between the first k functions that fits the matches best ([`super::functional`]), and the matches that fit this map
+//! best; k grows up to all functions. Low functions bring the large parts in place, higher ones the details.
 //!
-//! Each start is refined on its own, from each of [`FIRST`] as first k; the best halfway are refined further. Outcomes are judged by what
-//! the starts know little about: how far distances from landmarks differ on both meshes ([`Outcome::distortion`]), and how far the
-//! functions of all samples are from those of their matches, both ways ([`Outcome::residual`]). Both hardly tell a horse's head from its
-//! tail once refined; what the start costs when area is carried one to one does.
+//! Each start is refined on its own, from each of [`FIRST`] as first k; the best halfway are refined further. Outcomes
+//! are judged by what the starts know little about: how far distances from landmarks differ on both meshes
+//! ([`Outcome::distortion`]), and how far the functions of all samples are from those of their matches, both ways
+//! ([`Outcome::residual`]). Both hardly tell a horse's head from its tail once refined; what the start costs when area
+//! is carried one to one does.
 //!
 //! The map that is taken is fitted again by the matches of more sample points ([`refit`]).
 //!
-//! Cost: constant. A step is a matrix product of k × both [`SAMPLES`], a tenth of a second at k = 100; of the last three, of more sample points,
-//! a third of a second and 20 MB.
+//! Cost: constant. A step is a matrix product of k × both [`SAMPLES`], a tenth of a second at k = 100; of the last
+//! three, of more sample points, a third of a second and 20 MB.
 
 use super::align::{Alignment, RIVAL, TELLING, procrustes, sample};
 use super::functional::{Points, Targets, ToA, fit};
@@ -143,6 +144,16 @@ impl Outcome {
     }
 }
 
+/// Where a refinement begins.
+#[derive(Clone, Copy)]
+struct Origin {
+    start: Start,
+    /// Functions of the first step.
+    first: usize,
+    /// What the start costs when area is carried one to one.
+    transport: f64,
+}
+
 /// Samples of both meshes, ready for refinement.
 struct Samples {
     chosen: [Vec<u32>; 2],
@@ -233,7 +244,8 @@ impl Samples {
         }
     }
 
-    /// The matches by a given `map`: of each point of A's sample, B's sample point nearest to its image in a few functions.
+    /// The matches by a given `map`: of each point of A's sample, B's sample point nearest to its
+    /// image in a few functions.
     fn by_map(&self, sides: [Refinable<'_>; 2], map: &[Option<u32>]) -> Vec<u32> {
         let [in_a, in_b] = &self.chosen;
         let k = FEW.min(sides[1].basis.count);
@@ -248,14 +260,7 @@ impl Samples {
     }
 
     /// Judges the map `c`.
-    fn judge(
-        &self,
-        sides: [Refinable<'_>; 2],
-        known: Known<'_>,
-        c: DMatrix<f64>,
-        (start, first): (Start, usize),
-        transport: f64,
-    ) -> Outcome {
+    fn judge(&self, sides: [Refinable<'_>; 2], known: Known<'_>, c: DMatrix<f64>, origin: Origin) -> Outcome {
         let [a, b] = &self.functions;
         let k = c.nrows();
         let to_a = ToA::new(&c);
@@ -304,6 +309,7 @@ impl Samples {
             of_a.of_first(k).turned(&procrustes(pairs, k)).agreement(&of_b.of_first(k))
         });
         let sample = there.iter().map(|&j| self.chosen[1][j as usize]).collect();
+        let Origin { start, first, transport } = origin;
         Outcome { start, first, distortion, residual, covered, transport, landmarks, orientation, map: c, sample }
     }
 }
@@ -326,16 +332,17 @@ pub fn refine(
     } else if known.pairs.len() >= SITUATING {
         begins.push(Start::Landmarks);
     }
-    let starts: Vec<(Start, usize)> =
-        begins.iter().flat_map(|&at| FIRST.iter().map(move |&first| (at, first))).collect();
-    let costs = alignments.iter().map(|one| one.transport.unwrap_or(1.));
-    let least = costs.clone().fold(f64::INFINITY, f64::min).min(1.);
-    let transport: Vec<f64> = costs.collect();
-    let transport = |start: Start| if let Start::Alignment(at) = start { transport[at] } else { least };
+    let costs: Vec<f64> = alignments.iter().map(|one| one.transport.unwrap_or(1.)).collect();
+    let least = costs.iter().copied().fold(f64::INFINITY, f64::min).min(1.);
+    let origins = begins.into_iter().flat_map(|start| {
+        let transport = if let Start::Alignment(at) = start { costs[at] } else { least };
+        FIRST.map(|first| Origin { start, first, transport })
+    });
+    let origins: Vec<Origin> = origins.collect();
     let few = samples.thinned(THINNED);
     let begin = |k: usize, (): &mut ()| {
         let [in_a, in_b] = &few.chosen;
-        let found = match (starts[k].0, known.rows, known.map) {
+        let found = match (origins[k].start, known.rows, known.map) {
             (Start::Alignment(at), ..) => {
                 let (one, dimensions) = (&alignments[at], alignments[at].transform.nrows());
                 let of_b = in_b.iter().map(|&v| b.points[v as usize][..dimensions].to_vec());
@@ -354,16 +361,16 @@ pub fn refine(
             (_, _, Some(map)) => few.by_map(sides, map),
             _ => Vec::new(),
         };
-        Ok(few.judge(sides, known, few.refine(found, starts[k].1, HALFWAY), starts[k], transport(starts[k].0)))
+        Ok(few.judge(sides, known, few.refine(found, origins[k].first, HALFWAY), origins[k]))
     };
-    let mut begun = run.map_chunks(starts.len(), || (), begin)?;
+    let mut begun = run.map_chunks(origins.len(), || (), begin)?;
     let rank = |x: &Outcome, y: &Outcome| x.rank().total_cmp(&y.rank());
     begun.sort_by(rank);
     let begun = different(oriented(begun), b);
     let finish = |k: usize, (): &mut ()| {
-        let Outcome { start, first, map, .. } = &begun[k];
+        let Outcome { start, first, transport, ref map, .. } = begun[k];
         let map = samples.refine(samples.matched(map), map.nrows(), usize::MAX);
-        Ok(samples.judge(sides, known, map, (*start, *first), transport(*start)))
+        Ok(samples.judge(sides, known, map, Origin { start, first, transport }))
     };
     let mut all = run.map_chunks(begun.len(), || (), finish)?;
     all.sort_by(rank);
@@ -378,7 +385,8 @@ pub fn refit(sides: [Refinable<'_>; 2], c: &DMatrix<f64>, pairs: &[(u32, u32)], 
     (0..times).fold(c.clone(), |c, _| fit(a, b, &samples.pairs(&samples.matched(&c)), c.nrows()))
 }
 
-/// Without those that refinement has turned into mirror images, if one can tell: a pose may fit its own mirror image better.
+/// Without those that refinement has turned into mirror images, if one can tell: a pose may fit its
+/// own mirror image better.
 fn oriented(mut all: Vec<Outcome>) -> Vec<Outcome> {
     let best = all.iter().filter_map(|one| one.orientation).fold(f64::NEG_INFINITY, f64::max);
     if best >= TELLING {
@@ -410,8 +418,8 @@ fn different(sorted: Vec<Outcome>, b: Refinable<'_>) -> Vec<Outcome> {
     kept
 }
 
-/// The best of `outcomes` (sorted), and those of the others that take A elsewhere but distort hardly more; `b` tells how
-/// far apart two vertices of B are, by its landmarks.
+/// The best of `outcomes` (sorted), and those of the others that take A elsewhere but distort hardly more; `b` tells
+/// how far apart two vertices of B are, by its landmarks.
 pub fn rivals(outcomes: &[Outcome], b: Refinable<'_>) -> Vec<Outcome> {
     let Some(best) = outcomes.first() else { return Vec::new() };
     let mut found: Vec<Outcome> = Vec::new();

@@ -1,8 +1,8 @@
 //! The vertex whose embedding is nearest to a point: a k-d tree over the mesh, or over a sample of a large one.
 //!
 //! Up to [`EXACT`] vertices are all in the tree. Of a larger mesh every s-th is, and from the nearest of these a search
-//! over the vertex graph looks around the nearest vertices known until that gains nothing: bounded memory at any size, and the
-//! same answer whatever the budget. Memory: 12 + 4 k bytes per vertex in the tree; 1 to 3 µs per query.
+//! over the vertex graph looks around the nearest vertices known until that gains nothing: bounded memory at any size,
+//! and the same answer whatever the budget. Memory: 12 + 4 k bytes per vertex in the tree; 1 to 3 µs per query.
 
 use crate::base::Result;
 use crate::graph::Csr;
@@ -11,6 +11,7 @@ use crate::store::budget::Grant;
 use crate::store::{Context, WorkDir};
 use kiddo::SquaredEuclidean;
 use kiddo::immutable::float::kdtree::ImmutableKdTree;
+use std::cmp::Ordering;
 use std::num::NonZero;
 
 /// Vertices of a mesh that are all in the tree.
@@ -26,6 +27,45 @@ pub struct Neighbour {
     pub vertex: u32,
     /// Squared distance.
     pub square: f32,
+}
+
+impl Neighbour {
+    /// The nearest first, of those equally near the least vertex.
+    #[inline]
+    fn order(&self, other: &Self) -> Ordering {
+        self.square.total_cmp(&other.square).then(self.vertex.cmp(&other.vertex))
+    }
+}
+
+/// Looks around the nearest vertices known, from `start` on, until `patience` of them have shown none that would be
+/// among the nearest `count`, which it returns. `around` lists the neighbours of a vertex, `square` measures one.
+#[inline(always)]
+pub(super) fn walk<'g>(
+    start: Neighbour,
+    count: usize,
+    patience: usize,
+    around: impl Fn(u32) -> &'g [u32],
+    square: impl Fn(u32) -> f32,
+) -> Vec<Neighbour> {
+    let (mut known, mut seen, mut idle) = (vec![(start, false)], vec![start.vertex], 0);
+    while let Some(at) = known.iter().position(|(_, looked)| !looked).filter(|_| idle < patience) {
+        known[at].1 = true;
+        idle += 1;
+        for &vertex in around(known[at].0.vertex) {
+            if seen.contains(&vertex) {
+                continue;
+            }
+            seen.push(vertex);
+            let found = Neighbour { vertex, square: square(vertex) };
+            let place = known.partition_point(|(other, _)| other.order(&found).is_lt());
+            known.insert(place, (found, false));
+            if place < count {
+                idle = 0;
+            }
+        }
+    }
+    known.truncate(count);
+    known.into_iter().map(|(found, _)| found).collect()
 }
 
 /// A tree of one number of dimensions.
@@ -47,7 +87,7 @@ impl<const K: usize> Search for Tree<K> {
         let found = self.0.nearest_n::<SquaredEuclidean>(&first(point), count);
         let mut found: Vec<Neighbour> =
             found.iter().map(|f| Neighbour { vertex: f.item, square: f.distance }).collect();
-        found.sort_by(|a, b| a.square.total_cmp(&b.square).then(a.vertex.cmp(&b.vertex)));
+        found.sort_by(Neighbour::order);
         found
     }
 }
@@ -68,8 +108,12 @@ pub struct EmbeddingSearch<'a> {
 
 /// Squared distance.
 #[inline]
-pub fn square(a: &Point, b: &Point) -> f32 {
-    a.iter().zip(b).map(|(x, y)| (x - y) * (x - y)).sum()
+pub(super) fn square(a: &Point, b: &Point) -> f32 {
+    let mut sum = 0.;
+    for i in 0..a.len() {
+        sum += (a[i] - b[i]) * (a[i] - b[i]);
+    }
+    sum
 }
 
 impl<'a> EmbeddingSearch<'a> {
@@ -121,48 +165,23 @@ impl<'a> EmbeddingSearch<'a> {
         if self.step == 1 { self.tree.several(point, count) } else { self.explored(point, count) }
     }
 
-    /// Looks around the nearest vertices known, from the nearest of the tree on, until [`PATIENCE`] of them have shown none
-    /// that would be among the nearest `count`.
+    /// The nearest `count` around the nearest of the tree.
     fn explored(&self, point: &Point, count: usize) -> Vec<Neighbour> {
         let mut start = self.tree.nearest(point);
         start.vertex *= self.step as u32;
-        let order = |a: &Neighbour, b: &Neighbour| a.square.total_cmp(&b.square).then(a.vertex.cmp(&b.vertex));
-        let (mut known, mut seen, mut idle) = (vec![(start, false)], vec![start.vertex], 0);
-        while let Some(at) = known.iter().position(|(_, looked)| !looked).filter(|_| idle < PATIENCE) {
-            known[at].1 = true;
-            idle += 1;
-            for &vertex in self.around(known[at].0.vertex) {
-                if seen.contains(&vertex) {
-                    continue;
-                }
-                seen.push(vertex);
-                let found = Neighbour { vertex, square: square(point, &self.points[vertex as usize]) };
-                let place = known.partition_point(|(other, _)| order(other, &found).is_lt());
-                known.insert(place, (found, false));
-                if place < count {
-                    idle = 0;
-                }
-            }
-        }
-        known.truncate(count);
-        known.into_iter().map(|(found, _)| found).collect()
-    }
-
-    fn around(&self, vertex: u32) -> &[u32] {
-        &self.graph.indices[self.graph.span(vertex)]
+        let around = |vertex: u32| &self.graph.indices[self.graph.span(vertex)];
+        walk(start, count, PATIENCE, around, |vertex| square(point, &self.points[vertex as usize]))
     }
 }
 
 /// A tree over every `step`-th point.
 fn build<const K: usize>(points: &[Point], step: usize, work: &WorkDir) -> Result<Box<dyn Search>> {
-    const NAME: &str = "tree.tmp";
+    let _scratch = work.scratch(&["tree.tmp.partial"]);
     // Mapped, so that only the tree itself is allocated.
-    let mut array = work.array::<f32>(NAME, &[points.len().div_ceil(step), K])?;
+    let mut array = work.array::<f32>("tree.tmp", &[points.len().div_ceil(step), K])?;
     for (row, point) in array.data().chunks_exact_mut(K).zip(points.iter().step_by(step)) {
         row.copy_from_slice(&point[..K]);
     }
     let tree = ImmutableKdTree::new_from_slice(bytemuck::cast_slice::<f32, [f32; K]>(array.data()));
-    drop(array);
-    work.remove("tree.tmp.partial");
     Ok(Box::new(Tree::<K>(tree)))
 }

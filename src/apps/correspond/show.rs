@@ -37,6 +37,7 @@ fn draw(
     params: &PictureParams,
     context: Context<'_>,
 ) -> Result<Image> {
+    let _scratch = context.work.scratch(&["picture.tmp.partial"]);
     let mut labels = context.work.array::<u32>("picture.tmp", &[mesh.faces.len()])?;
     let step = |sum: u32, count: u32| (sum * LEVELS / (256 * count.max(1))).min(LEVELS - 1);
     let label = |face: usize, _: u32| {
@@ -54,8 +55,5 @@ fn draw(
     let shade = |level: u32| ((2 * level + 1) * 128 / LEVELS) as u8;
     let palette: Vec<[u8; 3]> =
         (0..LEVELS.pow(3)).map(|k| [k / (LEVELS * LEVELS), k / LEVELS % LEVELS, k % LEVELS].map(shade)).collect();
-    let image = render(mesh, Some(&labels.data()[..]), &palette, params, context.run);
-    drop(labels);
-    context.work.remove("picture.tmp.partial");
-    image
+    render(mesh, Some(&labels.data()[..]), &palette, params, context.run)
 }

@@ -2,13 +2,13 @@
 //!
 //! Real scans of a billion faces with people's segmentations do not exist, so this makes one: a closed, smooth,
 //! single-piece surface whose body, neck, head, ears, legs and tail meet in concave valleys, the border of parts lying
-//! exactly in the valleys. Any face, vertex or label follows from its number alone, so that a mesh of any size streams to
-//! disk in bounded memory, in parallel, in scan order (neighbours have nearby numbers) or in random order.
+//! exactly in the valleys. Any face, vertex or label follows from its number alone, so that a mesh of any size streams
+//! to disk in bounded memory, in parallel, in scan order (neighbours have nearby numbers) or in random order.
 //!
-//! Cubes give the topology (`cage`), an implicit surface the form (`shape`), a small relaxed grid the points (`relief`),
-//! closed forms the numbers (`numbering`). Records of the file have a fixed size, so threads take chunks of them and
-//! write each at its place. Cost: 0.1 s once; some 5 million faces per second and core, 19 bytes per face on disk, half a
-//! megabyte of memory per thread.
+//! Cubes give the topology (`cage`), an implicit surface the form (`shape`), a small relaxed grid the points
+//! (`relief`), closed forms the numbers (`numbering`). Records of the file have a fixed size, so threads take chunks of
+//! them and write each at its place. Cost: 0.1 s once; some 5 million faces per second and core, 19 bytes per face on
+//! disk, half a megabyte of memory per thread.
 
 mod cage;
 mod numbering;
@@ -39,8 +39,8 @@ pub struct Options {
     pub holes: usize,
     /// Whether faces and vertices come in random order instead of scan order.
     pub shuffle: bool,
-    /// Whether the faces of a patch of the skin without a hole come in tiles instead of rows: near each other in the file as a mesh that
-    /// was sorted along a curve, so that it need not be sorted.
+    /// Whether the faces of a patch of the skin without a hole come in tiles instead of rows: near each other in the
+    /// file as a mesh that was sorted along a curve, so that it need not be sorted.
     pub tiles: bool,
     /// Seed of noise, holes and order. The form does not depend on it.
     pub seed: u64,

@@ -2,9 +2,9 @@
 //! out, in scan order or in a random one.
 //!
 //! Vertices are numbered patch by patch and row by row; one on a common side or corner belongs to the first patch that
-//! has it, so every vertex has one number and no table of the mesh's size is needed. Nearby numbers are nearby vertices,
-//! but for the patches' boundaries. Memory: a few words per patch, 8 bytes per row of a patch with a hole; time: a binary
-//! search over patches, or less, and 10–20 ns per item in random order.
+//! has it, so every vertex has one number and no table of the mesh's size is needed. Nearby numbers are nearby
+//! vertices, but for the patches' boundaries. Memory: a few words per patch, 8 bytes per row of a patch with a hole;
+//! time: a binary search over patches, or less, and 10–20 ns per item in random order.
 
 use super::cage::Patch;
 use crate::base::random::{Random, mix};
@@ -218,8 +218,8 @@ fn gap(m: u64, row: u64) -> (u64, u64) {
 /// Squares along the side of a tile: a tile has some eight thousand faces, as many as fit on a few pages of an array.
 const TILE: u64 = 64;
 
-/// Row and column of square number `square` of `m` by `m`, which are numbered tile by tile of `side` by `side` squares, row by row in
-/// each and from tile to tile; the last ones are cut short.
+/// Row and column of square number `square` of `m` by `m`, which are numbered tile by tile of `side` by `side` squares,
+/// row by row in each and from tile to tile; the last ones are cut short.
 #[inline]
 fn in_tiles(m: u64, side: u64, square: u64) -> (u64, u64) {
     let (band, rest) = (square / (side * m), square % (side * m));

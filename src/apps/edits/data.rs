@@ -94,7 +94,8 @@ pub struct Edits {
     /// Detail before the edits, −1 to 1, where it is not 0.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub detail: Option<f64>,
-    /// Least and greatest corner of the mesh that the places are on. On a mesh in other units, places are scaled with it.
+    /// Least and greatest corner of the mesh that the places are on. On a mesh in other units,
+    /// places are scaled with it.
     #[serde(rename = "box", skip_serializing_if = "Option::is_none")]
     pub bounds: Option<[[f64; 3]; 2]>,
     /// The edits. Hints come first whatever their place; the others follow in this order.

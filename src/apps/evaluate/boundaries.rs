@@ -1,11 +1,12 @@
-//! Cut discrepancy: how far the boundaries of two labellings lie apart along the surface; and the mesh as metrics see it.
+//! Cut discrepancy: how far the boundaries of two labellings lie apart along the surface; and
+//! the mesh as metrics see it.
 //!
 //! Chen et al. 2009, section 4.1: the mean geodesic distance from the points of one labelling's cuts to the nearest of
 //! the other's, plus the same the other way round, over the mean distance of the surface to its centroid. As in the
-//! benchmark's program, geodesics follow mesh edges and the points are the vertices on cuts; here each weighs the length
-//! of its cut edges. (That program averages both directions into one mean, which is about half of this.) Two labellings
-//! without cuts have discrepancy 0, one with and one without have none (`None`). Where a component of the mesh has cuts
-//! of one labelling only, the distance is the straight line.
+//! benchmark's program, geodesics follow mesh edges and the points are the vertices on cuts; here each weighs the
+//! length of its cut edges. (That program averages both directions into one mean, which is about half of this.) Two
+//! labellings without cuts have discrepancy 0, one with and one without have none (`None`). Where a component of the
+//! mesh has cuts of one labelling only, the distance is the straight line.
 //!
 //! Cost: areas one pass over the faces, 8 bytes per face; edges a counting sort of the half-edges, about 0.2 µs and at
 //! most 90 bytes per face in memory; then one multi-source Dijkstra per labelling, O(v log v), 8 bytes per vertex, and
@@ -277,7 +278,7 @@ impl BoundaryField {
     }
 }
 
-/// BoundaryField discrepancy of two labellings; `None` where only one of them has cuts, or where the mesh
+/// Cut discrepancy of two labellings; `None` where only one of them has cuts, or where the mesh
 /// has no extent.
 pub(super) fn discrepancy(edges: &Edges, one: &BoundaryField, other: &BoundaryField) -> Option<f64> {
     match (one.points.is_empty(), other.points.is_empty()) {

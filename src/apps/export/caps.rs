@@ -1,11 +1,13 @@
 //! Caps where a part was cut off from its neighbours, or has a hole: with them, parts of a closed mesh are solids.
 //!
-//! The edges that one face of the part has alone are joined to loops; a loop that touches itself falls into simple ones. A loop is
-//! filled by ear clipping in the plane that its own area vector tells (Newell's). Where that does not use all its edges once, folds, or
-//! would double an edge of the part, it is filled by a fan about its centre, which always closes it, but may cut through itself if the loop
-//! is far from flat and convex. Both sides of a loop get the same triangles, so volumes of parts add up to that of the whole.
+//! The edges that one face of the part has alone are joined to loops; a loop that touches itself falls into simple
+//! ones. A loop is filled by ear clipping in the plane that its own area vector tells (Newell's). Where that does not
+//! use all its edges once, folds, or would double an edge of the part, it is filled by a fan about its centre, which
+//! always closes it, but may cut through itself if the loop is far from flat and convex. Both sides of a loop get the
+//! same triangles, so volumes of parts add up to that of the whole.
 //!
-//! Vertices at the same position count as one. Cost: 16 bytes per corner of the part, from the budget, and a sort of its edges.
+//! Vertices at the same position count as one. Cost: 16 bytes per corner of the part, from the budget,
+//! and a sort of its edges.
 
 use crate::base::Result;
 use crate::base::vector::{cross, distance, dot, length, minus, unit};
@@ -35,8 +37,8 @@ pub(super) struct Caps {
     pub triangles: Vec<[Corner; 3]>,
     /// Loops that were filled.
     pub loops: usize,
-    /// Edges of more than two faces, or of two that are wound against each other, and open ones in no loop: with any, the part is no
-    /// solid.
+    /// Edges of more than two faces, or of two that are wound against each other, and open ones in no loop: with
+    /// any, the part is no solid.
     pub flaws: u64,
 }
 
@@ -97,8 +99,8 @@ fn loops(mut edges: Vec<[u32; 2]>) -> (Vec<Vec<u32>>, u64) {
     (all, left)
 }
 
-/// The loop from its least vertex towards the lesser neighbour, so that both sides of it tell it alike; and whether that is the other way
-/// round.
+/// The loop from its least vertex towards the lesser neighbour, so that both sides of it tell it alike; and whether
+/// that is the other way round.
 fn canonical(mut ring: Vec<u32>) -> (Vec<u32>, bool) {
     let least = (0..ring.len()).min_by_key(|&k| ring[k]).unwrap_or(0);
     ring.rotate_left(least);
@@ -109,8 +111,8 @@ fn canonical(mut ring: Vec<u32>) -> (Vec<u32>, bool) {
     (ring, turned)
 }
 
-/// The triangles that ear clipping of a loop makes in the plane of its area vector, wound against it, if they use every edge of it once and
-/// do not fold.
+/// The triangles that ear clipping of a loop makes in the plane of its area vector, wound against it, if they use every
+/// edge of it once and do not fold.
 fn clipped(ring: &[u32], at: &[[f64; 3]], clipper: &mut Earcut<f64>) -> Option<Vec<[u32; 3]>> {
     let n = ring.len();
     let spokes: Vec<[f64; 3]> = at.iter().map(|&p| minus(p, at[0])).collect();
@@ -225,8 +227,8 @@ fn middle(at: &[[f64; 3]]) -> [f64; 3] {
     if whole > 0. { sum.map(|x| x / whole) } else { at[0] }
 }
 
-/// Names open edges by the least vertex at each position. Returns whether any had another, the edges that are open still, and what is left
-/// that no solid has.
+/// Names open edges by the least vertex at each position. Returns whether any had another, the edges that are open
+/// still, and what is left that no solid has.
 fn weld(mesh: &Mesh, open: &mut [[u32; 2]]) -> (bool, Vec<[u32; 2]>, u64) {
     let vertices: BTreeSet<u32> = open.iter().flatten().copied().collect();
     let mut first: HashMap<[u64; 3], u32> = HashMap::new();

@@ -1,11 +1,12 @@
 //! A scene in one file for browsers, Blender and game engines: binary glTF 2.0, one node, mesh and material per part.
 //!
-//! Nodes are named "part 0" and so on and carry label, area and number of faces, so that parts are objects of their own where
-//! the scene is opened. All share the vertices, which are written once; each has its own indices (32 bits), so a triangle costs
-//! 12 bytes and a vertex 12, or 24 with its normal. Normals are written where the surface is smooth; without them, as of a box,
-//! programs draw faces flat. Polygons become fans of triangles, in the order of the file. Faces with a coordinate that
-//! is no finite number are left out: the format has none. Double coordinates are written relative to their middle,
-//! which the node's translation adds again. Cost: one pass over the vertices and one per part over the labels.
+//! Nodes are named "part 0" and so on and carry label, area and number of faces, so that parts are objects of their
+//! own where the scene is opened. All share the vertices, which are written once; each has its own indices (32 bits),
+//! so a triangle costs 12 bytes and a vertex 12, or 24 with its normal. Normals are written where the surface is
+//! smooth; without them, as of a box, programs draw faces flat. Polygons become fans of triangles, in the order of the
+//! file. Faces with a coordinate that is no finite number are left out: the format has none. Double coordinates are
+//! written relative to their middle, which the node's translation adds again. Cost: one pass over the vertices and one
+//! per part over the labels.
 
 use super::{CHUNK, parts};
 use crate::apps::vertex_sums::VertexSums;
@@ -189,7 +190,8 @@ impl<'a> Scene<'a> {
         let vertices = self.mesh.positions.len() as u64;
         let mut views = vec![json!({"buffer": 0, "byteLength": 12 * vertices, "target": ARRAY_BUFFER})];
         let mut accessors = vec![json!({
-            "bufferView": 0, "componentType": FLOAT, "count": vertices, "type": "VEC3", "min": self.low, "max": self.high,
+            "bufferView": 0, "componentType": FLOAT, "count": vertices, "type": "VEC3",
+            "min": self.low, "max": self.high,
         })];
         let mut attributes = json!({"POSITION": 0});
         let mut offset = 12 * vertices;
@@ -210,10 +212,8 @@ impl<'a> Scene<'a> {
             let extras = json!({"label": label, "faces": self.faces[label], "area": self.area[label]});
             nodes.push(json!({"name": name, "mesh": meshes.len(), "extras": extras}));
             meshes.push(json!({"name": name, "primitives": [primitive]}));
-            materials.push(json!({
-                "name": name, "doubleSided": true,
-                "pbrMetallicRoughness": {"baseColorFactor": [r, g, b, 1.], "metallicFactor": 0., "roughnessFactor": 0.9},
-            }));
+            let surface = json!({"baseColorFactor": [r, g, b, 1.], "metallicFactor": 0., "roughnessFactor": 0.9});
+            materials.push(json!({"name": name, "doubleSided": true, "pbrMetallicRoughness": surface}));
             accessors.push(json!({
                 "bufferView": views.len(), "componentType": UNSIGNED_INT, "count": 3 * count, "type": "SCALAR",
             }));

@@ -1,9 +1,8 @@
 //! Results in other programs' forms: a table (`parquet`), a scene ([`glb`]), a mesh with groups ([`obj`]), one mesh
 //! per part ([`split`]).
 //!
-//! All stream: what is held does not grow with the mesh, but for one bit per vertex in [`split`], and the edges of a part where
-//! parts are closed, which the budget grants.
-//! Files appear whole or not at all.
+//! All stream: what is held does not grow with the mesh, but for one bit per vertex in [`split`], and the edges of a
+//! part where parts are closed, which the budget grants. Files appear whole or not at all.
 
 mod caps;
 pub mod glb;

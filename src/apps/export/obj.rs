@@ -1,10 +1,10 @@
 //! Wavefront OBJ with one object and group per part, `part_0` or its name.
 //!
-//! Of an OBJ input everything that faces use stays: positions with their colours, texture coordinates, normals, materials and
-//! smoothing groups, each line as it stands; its own groups give way to those of the parts. A mesh of another format, or one
-//! without materials, gets a material per part in the colours of the labels, in a `.mtl` beside the `.obj`. Cost: one pass over
-//! the vertices and one per part over the labels; of an OBJ input three passes over its text and 24 bytes per face, and the text of
-//! faces whose numbers count backwards.
+//! Of an OBJ input everything that faces use stays: positions with their colours, texture coordinates, normals,
+//! materials and smoothing groups, each line as it stands; its own groups give way to those of the parts. A mesh of
+//! another format, or one without materials, gets a material per part in the colours of the labels, in a `.mtl` beside
+//! the `.obj`. Cost: one pass over the vertices and one per part over the labels; of an OBJ input three passes over its
+//! text and 24 bytes per face, and the text of faces whose numbers count backwards.
 
 use super::split::plain_name;
 use super::{CHUNK, parts};
@@ -108,8 +108,8 @@ impl<'a> Source<'a> {
 /// Writes `path`, by rename, and where the input has no materials the file of the same name with `.mtl` before it.
 ///
 /// # Errors
-/// [`Error::Parameter`] for labels that do not fit the faces; [`Error::Memory`] for an OBJ input whose faces find no room;
-/// [`Error::Io`]; [`Error::Cancelled`].
+/// [`Error::Parameter`] for labels that do not fit the faces; [`Error::Memory`] for an OBJ input whose faces find no
+/// room; [`Error::Io`]; [`Error::Cancelled`].
 pub fn write(path: &Path, mesh: &Mesh, labelling: &Labelling, durable: bool, run: &Run) -> Result<()> {
     let parts = parts(mesh, labelling)?;
     let n = mesh.faces.len();
@@ -145,7 +145,8 @@ pub fn write(path: &Path, mesh: &Mesh, labelling: &Labelling, durable: bool, run
             None => vertices(mesh, &mut out)?,
         }
         for part in 0..parts {
-            self::part(part as u32, mesh, labelling, source.as_ref(), own, &mut out, run)?;
+            let (part, source) = (part as u32, source.as_ref());
+            ObjPart { mesh, labelling, source, own, part, material: 0, smoothing: 0 }.write(&mut out, run)?;
         }
         out.finish()
     })
@@ -188,64 +189,81 @@ fn vertices(mesh: &Mesh, out: &mut Gather) -> Result<()> {
     Ok(())
 }
 
-fn part(
-    part: u32,
-    mesh: &Mesh,
-    labelling: &Labelling,
-    source: Option<&Source>,
+/// Writes the faces of a part, one line each, after the statements of the input that hold for them.
+struct ObjPart<'a> {
+    mesh: &'a Mesh,
+    labelling: &'a Labelling<'a>,
+    source: Option<&'a Source<'a>>,
+    /// Whether each part gets a material of ours.
     own: bool,
-    out: &mut Gather,
-    run: &Run,
-) -> Result<()> {
-    let mut begun = false;
-    let mut state = (0, 0);
-    for (chunk, labels) in labelling.labels.chunks(CHUNK).enumerate() {
-        run.cancel.check()?;
-        for at in (0..labels.len()).filter(|&at| labels[at] == part) {
-            if !begun {
-                begun = true;
-                let name = plain_name(labelling.name(part as usize));
-                let name = if name.is_empty() { format!("part_{part}") } else { name };
-                out.buffer.extend_from_slice(format!("o {name}\ng {name}\n").as_bytes());
-                if own {
-                    out.buffer.extend_from_slice(format!("usemtl part_{part}\n").as_bytes());
+    part: u32,
+    /// The statements in force, as in [`Face`].
+    material: u32,
+    smoothing: u32,
+}
+
+impl ObjPart<'_> {
+    /// Writes the part, if it has faces: one pass over the labels.
+    fn write(&mut self, out: &mut Gather, run: &Run) -> Result<()> {
+        let part = self.part;
+        let mut begun = false;
+        for (chunk, labels) in self.labelling.labels.chunks(CHUNK).enumerate() {
+            run.cancel.check()?;
+            for at in (0..labels.len()).filter(|&at| labels[at] == part) {
+                if !begun {
+                    begun = true;
+                    self.begin(out);
                 }
+                self.face(chunk * CHUNK + at, out);
+                out.settle()?;
             }
-            let face = chunk * CHUNK + at;
-            if let Some(source) = source {
-                let face = source.faces[face];
-                if !own && face.material != state.0 && face.material > 0 {
-                    out.buffer.extend_from_slice(source.materials[face.material as usize - 1]);
-                    out.buffer.push(b'\n');
-                }
-                if face.smoothing != state.1 && face.smoothing > 0 {
-                    out.buffer.extend_from_slice(source.smoothings[face.smoothing as usize - 1]);
-                    out.buffer.push(b'\n');
-                }
-                state = (face.material, face.smoothing);
-                out.buffer.extend_from_slice(source.line(face));
-            } else {
-                out.buffer.push(b'f');
-                mesh.faces.with(face, |corners| {
-                    for &corner in corners {
-                        out.buffer.push(b' ');
-                        out.decimal(u64::from(corner) + 1);
-                    }
-                });
-            }
-            out.buffer.push(b'\n');
-            out.settle()?;
+        }
+        Ok(())
+    }
+
+    fn begin(&self, out: &mut Gather) {
+        let part = self.part;
+        let name = plain_name(self.labelling.name(part as usize));
+        let name = if name.is_empty() { format!("part_{part}") } else { name };
+        out.buffer.extend_from_slice(format!("o {name}\ng {name}\n").as_bytes());
+        if self.own {
+            out.buffer.extend_from_slice(format!("usemtl part_{part}\n").as_bytes());
         }
     }
-    Ok(())
+
+    fn face(&mut self, face: usize, out: &mut Gather) {
+        if let Some(source) = self.source {
+            let face = source.faces[face];
+            if !self.own && face.material != self.material && face.material > 0 {
+                out.buffer.extend_from_slice(source.materials[face.material as usize - 1]);
+                out.buffer.push(b'\n');
+            }
+            if face.smoothing != self.smoothing && face.smoothing > 0 {
+                out.buffer.extend_from_slice(source.smoothings[face.smoothing as usize - 1]);
+                out.buffer.push(b'\n');
+            }
+            (self.material, self.smoothing) = (face.material, face.smoothing);
+            out.buffer.extend_from_slice(source.line(face));
+        } else {
+            out.buffer.push(b'f');
+            self.mesh.faces.with(face, |corners| {
+                for &corner in corners {
+                    out.buffer.push(b' ');
+                    out.decimal(u64::from(corner) + 1);
+                }
+            });
+        }
+        out.buffer.push(b'\n');
+    }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
 
-    const TEXTURED: &str = "mtllib scan.mtl\no old\nv 0 0 0 1 0 0\nv 1 0 0\nv 1 1 0\nv 0 1 0\nvt 0 0\nvt 1 1\nvn 0 0 1\nusemtl skin\n\
-         s 1\nf 1/1/1 2/2/1 3/1/1\ng other\nusemtl cloth\nv 2 0 0\nf -5/1/-1 -3/2/-1 -2/-1/-1\nf 2//1 5//1 3//1 # last\n";
+    const TEXTURED: &str = "mtllib scan.mtl\no old\nv 0 0 0 1 0 0\nv 1 0 0\nv 1 1 0\nv 0 1 0\nvt 0 0\nvt 1 1\n\
+         vn 0 0 1\nusemtl skin\ns 1\nf 1/1/1 2/2/1 3/1/1\ng other\nusemtl cloth\nv 2 0 0\n\
+         f -5/1/-1 -3/2/-1 -2/-1/-1\nf 2//1 5//1 3//1 # last\n";
 
     fn written(name: &str, text: &str, labels: &[u32]) -> (String, Option<String>) {
         let dir = tempfile::tempdir().unwrap();
@@ -264,8 +282,8 @@ mod tests {
     fn texture_coordinates_and_materials_stay() {
         let (text, own) = written("scan.obj", TEXTURED, &[0, 1, 0]);
         assert!(own.is_none(), "the input's materials");
-        let expected = "# parts by nystrom-stream, an object and a group each\nmtllib scan.mtl\nv 0 0 0 1 0 0\nv 1 0 0\nv 1 1 0\n\
-             v 0 1 0\nvt 0 0\nvt 1 1\nvn 0 0 1\nv 2 0 0\n\
+        let expected = "# parts by nystrom-stream, an object and a group each\nmtllib scan.mtl\n\
+             v 0 0 0 1 0 0\nv 1 0 0\nv 1 1 0\nv 0 1 0\nvt 0 0\nvt 1 1\nvn 0 0 1\nv 2 0 0\n\
              o part_0\ng part_0\nusemtl skin\ns 1\nf 1/1/1 2/2/1 3/1/1\nusemtl cloth\nf 2//1 5//1 3//1\n\
              o part_1\ng part_1\nusemtl cloth\ns 1\nf 1/1/1 3/2/1 4/2/1\n";
         assert_eq!(text, expected);

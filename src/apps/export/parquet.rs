@@ -1,9 +1,9 @@
 //! A table of the faces as Parquet, for DuckDB, pandas, Polars, Spark; and the writer that other tables use.
 //!
 //! One row per face in the order of the file: `face`, `label` (unsigned, 32 bits), `area` (in the square of the file's
-//! unit), `centroid_x`, `centroid_y`, `centroid_z`, `quality` where there is one, and `embedding_0` … where it is given.
-//! Rows are written in groups of [`GROUP`], each column of a group at a time: some 40 bytes per row of a group are held.
-//! About 45 bytes per face on disk.
+//! unit), `centroid_x`, `centroid_y`, `centroid_z`, `quality` where there is one, and `embedding_0` … where it is
+//! given. Rows are written in groups of [`GROUP`], each column of a group at a time: some 40 bytes per row of a group
+//! are held. About 45 bytes per face on disk.
 
 use super::fit;
 use crate::base::vector::{double_area, length};

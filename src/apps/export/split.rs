@@ -1,10 +1,11 @@
-//! One mesh per part: `part_000.ply` … in a folder, each with the vertices it uses and its open borders where it was cut off.
+//! One mesh per part: `part_000.ply` … in a folder, each with the vertices it uses and its open
+//! borders where it was cut off.
 //!
 //! Faces keep their corners' order and winding and get `int original_face`, their number in the input, `int label`,
-//! colour and quality; positions keep their precision. The files can be binary STL instead, for programs that read nothing else. On request parts are closed
-//! ([`caps`](super::caps)); triangles of caps have the `original_face` −1 and the quality 0. `parts.json`, written last, lists the files.
-//! One bit per vertex and a count every [`BLOCK`] of them tell which vertices a part uses and their new numbers; one pass per part over the
-//! labels.
+//! colour and quality; positions keep their precision. The files can be binary STL instead, for programs that read
+//! nothing else. On request parts are closed ([`caps`](super::caps)); triangles of caps have the `original_face` −1 and
+//! the quality 0. `parts.json`, written last, lists the files. One bit per vertex and a count every [`BLOCK`] of them
+//! tell which vertices a part uses and their new numbers; one pass per part over the labels.
 
 use super::caps::{Caps, Corner};
 use super::{CHUNK, parts};
@@ -62,12 +63,12 @@ pub fn file_name(part: usize, name: Option<&str>, form: PartForm) -> String {
     format!("part_{part:03}{}{name}.{ending}", if name.is_empty() { "" } else { "_" })
 }
 
-/// Writes all parts that have faces to `folder`, which is made if missing, as files of one form. Files of an earlier, finer cut stay
-/// there; a note says so, and another one which parts the caps did not make solids.
+/// Writes all parts that have faces to `folder`, which is made if missing, as files of one form. Files of an earlier,
+/// finer cut stay there; a note says so, and another one which parts the caps did not make solids.
 ///
 /// # Errors
-/// [`Error::Parameter`] for labels that do not fit the faces; [`Error::Memory`] where the budget has no room for a bit per vertex, or for
-/// the edges of a part that is to be closed; [`Error::Io`]; [`Error::Cancelled`].
+/// [`Error::Parameter`] for labels that do not fit the faces; [`Error::Memory`] where the budget has no room for a bit
+/// per vertex, or for the edges of a part that is to be closed; [`Error::Io`]; [`Error::Cancelled`].
 pub fn write(
     folder: &Path,
     mesh: &Mesh,

@@ -1,7 +1,7 @@
 //! A page to turn a cut mesh on and to correct its parts: one HTML file that needs no network.
 //!
-//! The mesh is thinned to [`TRIANGLES`] ([`thin`]), quantised to 16 bits per coordinate, and embedded with its labels, the
-//! cuts of the merge tree into other numbers of parts, and the run's report; `viewer.js` draws it with WebGL,
+//! The mesh is thinned to [`TRIANGLES`] ([`thin`]), quantised to 16 bits per coordinate, and embedded with its labels,
+//! the cuts of the merge tree into other numbers of parts, and the run's report; `viewer.js` draws it with WebGL,
 //! `editor.js` follows edits on cells as `pipeline::edits` does, and `refine.js` moves boundaries onto creases. Cost:
 //! three passes over the mesh and 30 MB; the file has 3–4 MB.
 
@@ -112,8 +112,8 @@ fn short(labels: impl Iterator<Item = u32>) -> String {
     packed(&labels.map(|label| label.min(0xffff) as u16).collect::<Vec<_>>())
 }
 
-/// `template` with each of the `places` replaced by its text, which is not looked into again: a mesh may be called like a
-/// place.
+/// `template` with each of the `places` replaced by its text, which is not looked into again: a mesh
+/// may be called like a place.
 fn filled(template: &str, places: &[(&str, &str)]) -> String {
     let mut out = String::with_capacity(template.len() + places.iter().map(|(_, text)| text.len()).sum::<usize>());
     let mut rest = template;
@@ -202,8 +202,8 @@ impl Page<'_> {
         })
     }
 
-    /// What edits are computed with: the hierarchy, the steps between cells, how far superfaces belong together in 16 bits
-    /// (above the diagonal, row by row), and the part of each cell.
+    /// What edits are computed with: the hierarchy, the steps between cells, how far superfaces belong together in 16
+    /// bits (above the diagonal, row by row), and the part of each cell.
     fn model(&self, cells: &[u32], CellModel { affinities, tree, start }: CellModel<'_>) -> serde_json::Value {
         let start = if start.len() == tree.cells() { start.to_vec() } else { self.most_faces(cells, tree.cells()) };
         let together = affinities.co_association;

@@ -1,10 +1,10 @@
 //! Pictures of meshes and their parts, drawn in memory: no window, no graphics card.
 //!
 //! A mesh of any size is streamed through a z-buffer of two samples per pixel and side; normals, light, ambient
-//! occlusion and lines follow from what is seen. The view is found ([`Up`], and the direction from which most parts show
-//! most of themselves), and the result does not depend on the number of threads. Cost: 70 bytes per pixel whatever the
-//! mesh, 12 more per vertex where these are few; a million faces take about a second on two cores, of which half goes
-//! with the pixels.
+//! occlusion and lines follow from what is seen. The view is found ([`Up`], and the direction from which most parts
+//! show most of themselves), and the result does not depend on the number of threads. Cost: 70 bytes per pixel
+//! whatever the mesh, 12 more per vertex where these are few; a million faces take about a second on two cores, of
+//! which half goes with the pixels.
 
 mod camera;
 pub(super) mod image;
@@ -30,7 +30,8 @@ const SMOOTH: usize = 3_000_000;
 /// Parts that the choice of the view and the legend tell apart.
 const TOLD_APART: usize = 4096;
 
-/// Draws `mesh`, its parts in the colours of their labels (grey beyond the last colour), or in one colour without labels.
+/// Draws `mesh`, its parts in the colours of their labels (grey beyond the last colour), or in
+/// one colour without labels.
 ///
 /// ```
 /// use nystrom_stream::apps::colours::palette;

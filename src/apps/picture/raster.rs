@@ -1,9 +1,9 @@
 //! The z-buffer: which face is seen at each sample.
 //!
-//! A cell is one atomic word, depth above and face below, and a triangle lowers the words it covers to the least; so
-//! threads share one canvas and the result does not depend on their order. Corners are snapped to 1/256 of a sample and
-//! edges evaluated in integers, so that neighbours leave neither gap nor overlap. 8 bytes per sample; 30–60 ns per small
-//! triangle.
+//! A cell is one atomic word, depth above and face below, and a triangle lowers the words it covers to the least;
+//! so threads share one canvas and the result does not depend on their order. Corners are snapped to 1/256 of a
+//! sample and edges evaluated in integers, so that neighbours leave neither gap nor overlap. 8 bytes per sample;
+//! 30–60 ns per small triangle.
 
 use super::camera::{Camera, Extent, Vec3};
 use crate::base::Result;

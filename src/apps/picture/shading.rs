@@ -29,8 +29,8 @@ fn pack(n: Vec3) -> Packed {
     [(n[0] * sign) as i16, (n[1] * sign) as i16]
 }
 
-/// Packs an interpolated normal of a face whose own one is `face`: turned as the face is, and where it points away from the
-/// viewer all the same, as it may near an outline, brought back to what is just seen.
+/// Packs an interpolated normal of a face whose own one is `face`: turned as the face is, and where it points away from
+/// the viewer all the same, as it may near an outline, brought back to what is just seen.
 fn pack_seen(n: Vec3, face: Vec3) -> Packed {
     let sign = if face[2] < 0.0 { -1.0 } else { 1.0 };
     let seen = [sign * n[0], sign * n[1], (sign * n[2]).max(0.0)];
@@ -168,26 +168,21 @@ struct Pixels {
 impl Pixels {
     fn of(canvas: &Canvas, normals: &[Packed], factor: usize, run: &Run) -> Result<Self> {
         let (width, height) = (canvas.width / factor, canvas.height / factor);
-        let mut both = vec![(NOTHING, [0i16; 2]); width * height];
-        run.fill_chunks(
-            &mut both,
-            width,
-            || (),
-            |y, row, ()| {
-                for (x, pixel) in row.iter_mut().enumerate() {
-                    for sample in 0..factor * factor {
-                        let cell = (y * factor + sample / factor) * canvas.width + x * factor + sample % factor;
-                        if let Some(hit) = canvas.get(cell) {
-                            let depth = (hit.depth / factor as f64) as f32;
-                            if depth < pixel.0 {
-                                *pixel = (depth, normals[cell]);
-                            }
-                        }
-                    }
+        // The nearest sample of a pixel.
+        let nearest = |x: usize, y: usize| {
+            let mut pixel = (NOTHING, [0i16; 2]);
+            for sample in 0..factor * factor {
+                let cell = (y * factor + sample / factor) * canvas.width + x * factor + sample % factor;
+                let Some(hit) = canvas.get(cell) else { continue };
+                let depth = (hit.depth / factor as f64) as f32;
+                if depth < pixel.0 {
+                    pixel = (depth, normals[cell]);
                 }
-                Ok(())
-            },
-        )?;
+            }
+            pixel
+        };
+        let mut both = vec![(NOTHING, [0i16; 2]); width * height];
+        fill_pixels(&mut both, width, run, nearest)?;
         let (depth, normal) = both.into_iter().unzip();
         Ok(Self { width, depth, normal })
     }
@@ -197,52 +192,51 @@ impl Pixels {
     }
 }
 
+/// Sets each of `pixels`, in rows of `width`, to what `value(x, y)` is there.
+fn fill_pixels<T: Send>(
+    pixels: &mut [T],
+    width: usize,
+    run: &Run,
+    value: impl Fn(usize, usize) -> T + Sync,
+) -> Result<()> {
+    let fill = |y: usize, row: &mut [T], (): &mut ()| {
+        row.iter_mut().enumerate().for_each(|(x, pixel)| *pixel = value(x, y));
+        Ok(())
+    };
+    run.fill_chunks(pixels, width, || (), fill).map(drop)
+}
+
 /// Openness per pixel, 0 (shut in) to 1, for a shape of `size` pixels.
 pub(super) fn openness(canvas: &Canvas, normals: &[Packed], factor: usize, size: f64, run: &Run) -> Result<Vec<f32>> {
     let pixels = Pixels::of(canvas, normals, factor, run)?;
     let (width, height) = (pixels.width, pixels.height());
     let turns: Vec<[[f32; 2]; POINTS]> = (0..PATTERN * PATTERN).map(|turn| points(turn, size)).collect();
     let mut raw = vec![1.0f32; width * height];
-    run.fill_chunks(
-        &mut raw,
-        width,
-        || (),
-        |y, row, ()| {
-            for (x, open) in row.iter_mut().enumerate() {
-                // Neighbours of the pattern get turns far from one another.
-                let turn =
-                    (x % PATTERN * 5 + y % PATTERN * 7 + (x % PATTERN) * (y % PATTERN) * 3) % (PATTERN * PATTERN);
-                *open = one(&pixels, x, y, &turns[turn], size as f32);
-            }
-            Ok(())
-        },
-    )?;
+    fill_pixels(&mut raw, width, run, |x, y| {
+        // Neighbours of the pattern get turns far from one another.
+        let turn = (x % PATTERN * 5 + y % PATTERN * 7 + (x % PATTERN) * (y % PATTERN) * 3) % (PATTERN * PATTERN);
+        one(&pixels, x, y, &turns[turn], size as f32)
+    })?;
     let near = (size * 0.02).max(1.5) as f32;
-    let mut smooth = vec![1.0f32; width * height];
-    run.fill_chunks(
-        &mut smooth,
-        width,
-        || (),
-        |y, row, ()| {
-            for (x, out) in row.iter_mut().enumerate() {
-                let depth = pixels.depth[y * width + x];
-                if depth == NOTHING {
-                    continue;
+    // The mean over the pattern around a pixel, of what is as deep.
+    let mean = |x: usize, y: usize| {
+        let depth = pixels.depth[y * width + x];
+        if depth == NOTHING {
+            return 1.0;
+        }
+        let (mut sum, mut count) = (0.0, 0.0);
+        for j in y.saturating_sub(2)..(y + 2).min(height) {
+            for i in x.saturating_sub(2)..(x + 2).min(width) {
+                if (pixels.depth[j * width + i] - depth).abs() < near {
+                    sum += raw[j * width + i];
+                    count += 1.0;
                 }
-                let (mut sum, mut count) = (0.0, 0.0);
-                for j in y.saturating_sub(2)..(y + 2).min(height) {
-                    for i in x.saturating_sub(2)..(x + 2).min(width) {
-                        if (pixels.depth[j * width + i] - depth).abs() < near {
-                            sum += raw[j * width + i];
-                            count += 1.0;
-                        }
-                    }
-                }
-                *out = if count > 0.0 { sum / count } else { raw[y * width + x] };
             }
-            Ok(())
-        },
-    )?;
+        }
+        if count > 0.0 { sum / count } else { raw[y * width + x] }
+    };
+    let mut smooth = vec![1.0f32; width * height];
+    fill_pixels(&mut smooth, width, run, mean)?;
     Ok(smooth)
 }
 

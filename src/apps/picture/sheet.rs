@@ -1,4 +1,5 @@
-//! The sheet: what is asked of it, views in rows and columns at one scale, the making of each, and the legend beside them.
+//! The sheet: what is asked of it, views in rows and columns at one scale, the making of each,
+//! and the legend beside them.
 
 use super::camera::{Camera, Extent, Frame, Vec3};
 use super::image::{Image, text_width, write_text};
@@ -83,7 +84,18 @@ impl Default for PictureParams {
     }
 }
 
-crate::base::setters::setters!(PictureParams { width: usize, height: usize, views: usize, transparent: bool, legend: bool, lines: bool, samples: usize, up: Option<Up>, turn: f64, tilt: f64 });
+crate::base::setters::setters!(PictureParams {
+    width: usize,
+    height: usize,
+    views: usize,
+    transparent: bool,
+    legend: bool,
+    lines: bool,
+    samples: usize,
+    up: Option<Up>,
+    turn: f64,
+    tilt: f64,
+});
 
 impl PictureParams {
     /// Refuses what cannot be drawn.

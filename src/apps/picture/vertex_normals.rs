@@ -1,9 +1,9 @@
 //! Smooth normals at vertices, for meshes whose faces are larger than samples.
 //!
-//! Where a face is steeper to the [mean normal](crate::apps::vertex_sums) of its vertex than [`SMOOTH`], the surface has a crease at the vertex; each
-//! of its corners there gets the sum of those faces alone that are within [`SAME`] of its own. So a box has flat sides and sharp
-//! edges, and a cylinder a smooth side and a sharp rim. 12 bytes per vertex, and 16 per corner at creases, as far as the budget
-//! allows: beyond, corners at creases are flat.
+//! Where a face is steeper to the [mean normal](crate::apps::vertex_sums) of its vertex than [`SMOOTH`], the surface
+//! has a crease at the vertex; each of its corners there gets the sum of those faces alone that are within [`SAME`] of
+//! its own. So a box has flat sides and sharp edges, and a cylinder a smooth side and a sharp rim. 12 bytes per vertex,
+//! and 16 per corner at creases, as far as the budget allows: beyond, corners at creases are flat.
 
 use super::camera::Vec3;
 use crate::apps::vertex_sums::{CHUNK, SMOOTH, VertexSums, each_corner};

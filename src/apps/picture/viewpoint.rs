@@ -1,7 +1,7 @@
 //! From where to look: which axis points up, and the view around it that shows most.
 //!
-//! One pass over all faces for the areas of the parts, one over a sample of 40,000 triangles (60 bytes each) that stands
-//! for the mesh, then sixty small pictures of that sample: some 0.1 s whatever the mesh.
+//! One pass over all faces for the areas of the parts, one over a sample of 40,000 triangles (60 bytes each) that
+//! stands for the mesh, then sixty small pictures of that sample: some 0.1 s whatever the mesh.
 
 use super::camera::{Camera, Extent, Frame, Vec3};
 use super::raster::{CHUNK, Canvas, each_triangle, triangles_of};
@@ -186,8 +186,8 @@ fn symmetry(pieces: &[Piece], extent: &Extent, axis: usize) -> f64 {
 //
 // Sixty views around the upright axis, from eye level to well above, are drawn small from a sample of the mesh. A view
 // counts for how much of each part it shows against the view that shows it best (small parts weigh more than their
-// area), for its area, for the relief on it, and for its depth; views from slightly above and from what is the front by custom
-// are preferred. Some 0.1 s.
+// area), for its area, for the relief on it, and for its depth; views from slightly above and from what is the front by
+// custom are preferred. Some 0.1 s.
 
 /// Views around, and their elevations in degrees with what custom gives them.
 const AROUND: usize = 20;

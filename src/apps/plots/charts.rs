@@ -34,7 +34,8 @@ struct Bar<'a> {
 /// Draws 1 − Rand by category to `path`, which ends in `.svg` or `.png`.
 ///
 /// # Errors
-/// [`crate::base::Error::Parameter`] for another ending, [`crate::base::Error::Unusable`] where the file cannot be drawn.
+/// [`crate::base::Error::Parameter`] for another ending, [`crate::base::Error::Unusable`] where
+/// the file cannot be drawn.
 pub fn scores_by_category(path: &Path, table: &ScoreTable, people: &ScoreTable) -> Result<()> {
     let all = |table: &ScoreTable| -> Vec<(String, f64)> {
         let rows = table.categories.iter().chain(&table.overall);
@@ -108,7 +109,8 @@ const COLOURS: [RGBColor; 8] = [
 /// Γ/n and the held-out residual over the number of landmarks, one line per sampling, bars of one standard deviation.
 ///
 /// # Errors
-/// [`crate::base::Error::Parameter`] for another ending, [`crate::base::Error::Unusable`] where the file cannot be drawn.
+/// [`crate::base::Error::Parameter`] for another ending, [`crate::base::Error::Unusable`] where
+/// the file cannot be drawn.
 pub fn comparison(path: &Path, lines: &[SamplingSummary], title: &str) -> Result<()> {
     save(path, (960, 440), &Comparison { lines, title })
 }

@@ -1,7 +1,7 @@
 //! The hierarchy of parts as a dendrogram, with the cut drawn in.
 //!
-//! A hierarchy has thousands of cells; what people look at are its last unions. Branches of less than a hundredth of the
-//! surface are left out, branches that lie across parts are opened, and then the coarsest ones until there are some
+//! A hierarchy has thousands of cells; what people look at are its last unions. Branches of less than a hundredth of
+//! the surface are left out, branches that lie across parts are opened, and then the coarsest ones until there are some
 //! thirty rows. The root is at the left; a union stands at the level up to which cuts make it, so that a vertical line
 //! at a level crosses the parts of that cut. Branches within a part have its colour. O(cells) per branch.
 

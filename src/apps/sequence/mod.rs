@@ -77,8 +77,7 @@ pub fn places(name: &str, mesh: &Mesh, rank: &[u32], context: Context<'_>) -> Re
     let mut out = scatter.producer();
     let mut next = 0;
     let fill = |range: Range<usize>, push: Push<'_, 4>| {
-        let mut result = Ok(());
-        mesh.faces.for_each(range, |face, corners| {
+        mesh.faces.try_for_each(range, |face, corners| {
             let (mut first, mut second, mut least) = (None, None, u32::MAX);
             for &v in corners {
                 let rank = rank[v as usize];
@@ -89,11 +88,8 @@ pub fn places(name: &str, mesh: &Mesh, rank: &[u32], context: Context<'_>) -> Re
                     second = Some(rank);
                 }
             }
-            if result.is_ok() {
-                result = push([first.unwrap_or(u32::MAX), second.unwrap_or(0), least, face as u32]);
-            }
-        });
-        result
+            push([first.unwrap_or(u32::MAX), second.unwrap_or(0), least, face as u32])
+        })
     };
     sorted("ordering faces", (n, n as u64), fill, context, |records| {
         context.run.progress.advance("sequence", records.len() as u64);

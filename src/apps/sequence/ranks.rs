@@ -1,10 +1,10 @@
-//! Ranks of vertices: breadth-first and reverse Cuthill–McKee searches, principal axes, Hilbert's curve, any coordinate,
-//! and chance.
+//! Ranks of vertices: breadth-first and reverse Cuthill–McKee searches, principal axes, Hilbert's curve,
+//! any coordinate, and chance.
 //!
 //! Searches (Cuthill, McKee 1969; George, Liu 1979): each component is entered at a vertex as far out as repeated
-//! searches find (George and Liu's pseudo-peripheral vertex); components follow each other by their first vertices. Cost:
-//! about five searches, one thread; 8 bytes per vertex in mapped files, read and written as locally as the mesh is
-//! numbered. A search is a queue that is the order itself. All other ranks are external sorts within the budget.
+//! searches find (George and Liu's pseudo-peripheral vertex); components follow each other by their first vertices.
+//! Cost: about five searches, one thread; 8 bytes per vertex in mapped files, read and written as locally as the mesh
+//! is numbered. A search is a queue that is the order itself. All other ranks are external sorts within the budget.
 
 use super::sorting::{Scatter, ordered, ranks_by_key};
 use crate::base::Result;
@@ -36,7 +36,8 @@ impl Search<'_> {
         self.graph.neighbours(v).len()
     }
 
-    /// Searches from `start`, filling the queue from `base` on; tells its end, the levels, and where the last level began.
+    /// Searches from `start`, filling the queue from `base` on; tells its end, the levels, and
+    /// where the last level began.
     fn from(&mut self, start: u32, base: usize) -> Result<(usize, usize, usize)> {
         self.searches += 1;
         let graph = self.graph;

@@ -1,7 +1,7 @@
 //! How well an order streams: the measures of *Streaming Meshes* (Isenburg, Lindstrom 2005), as read here.
 //!
-//! A reader gets a vertex with the first face that uses it and lets it go after the last: between, it is *active*. Faces
-//! are counted from 0 in their order, vertices as they become active.
+//! A reader gets a vertex with the first face that uses it and lets it go after the last: between, it is *active*.
+//! Faces are counted from 0 in their order, vertices as they become active.
 //! - *front width*: vertices active while a face is read, that face's own included; what a reader holds.
 //! - *vertex span*: faces from a vertex's first use to its last; how long a reader holds it.
 //! - *face span*: difference between the greatest and the least vertex number of a face.
@@ -42,7 +42,7 @@ pub struct StreamMeasures {
 }
 
 impl StreamMeasures {
-    /// StreamMeasures the order of `mesh` whose vertices are used as `uses` says.
+    /// Measures the order of `mesh`; `uses` gives the first and last use of each vertex.
     ///
     /// ```
     /// use nystrom_stream::apps::sequence::{StreamMeasures, VertexUse};

@@ -1,7 +1,8 @@
 //! From places of faces to numbers of vertices: each vertex gets its number when a face first uses it.
 //!
-//! Two external sorts: uses by vertex, whose first and last matter, then vertices by first use. Vertices of no face come
-//! last, in the order of the file. 12 bytes per corner and per vertex through the sorts, 12 per vertex kept for a while.
+//! Two external sorts: uses by vertex, whose first and last matter, then vertices by first use. Vertices of no
+//! face come last, in the order of the file. 12 bytes per corner and per vertex through the sorts, 12 per
+//! vertex kept for a while.
 
 use super::sorting::{Push, Scatter, sorted};
 use crate::base::Result;
@@ -94,15 +95,9 @@ fn uses(mesh: &Mesh, place: &[u32], context: Context<'_>) -> Result<Three> {
         [context.work.writer(FILES[0], 1)?, context.work.writer(FILES[1], 1)?, context.work.writer(FILES[2], 1)?];
     let mut gathered = Gathered { writers, current: None, done: 0 };
     let fill = |range: Range<usize>, push: Push<'_, 3>| {
-        let mut result = Ok(());
-        mesh.faces.for_each(range, |face, corners| {
-            for (slot, &v) in corners.iter().enumerate() {
-                if result.is_ok() {
-                    result = push([v, place[face], slot as u32]);
-                }
-            }
-        });
-        result
+        mesh.faces.try_for_each(range, |face, corners| {
+            (0..).zip(corners).try_for_each(|(slot, &v)| push([v, place[face], slot]))
+        })
     };
     let counts = (mesh.faces.len(), mesh.faces.corner_count() as u64);
     // A vertex's uses may lie in two buckets, so what is gathered of it outlives them.

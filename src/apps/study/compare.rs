@@ -2,8 +2,8 @@
 //! extrapolated embeddings are from the true one.
 //!
 //! Samplings are nested (l landmarks are the first of those of a greater l), so each is run once per seed, at the
-//! greatest l; [`Sampling::Centroids`] is not, and is run for every l. Runs go over threads. Memory: a field of 4 n bytes
-//! per thread from the budget; rows are in the matrix of all distances, or in mapped files that go with the run.
+//! greatest l; [`Sampling::Centroids`] is not, and is run for every l. Runs go over threads. Memory: a field of 4 n
+//! bytes per thread from the budget; rows are in the matrix of all distances, or in mapped files that go with the run.
 //!
 //! The true embedding ([`embedding_errors`]) consists of the leading eigenvectors of all of W times the roots of their
 //! eigenvalues; area-weighted, those of M^½WM^½, times M^-½. Coordinates are compared after the best rotation. Small
@@ -65,7 +65,18 @@ impl Default for CompareParams {
     }
 }
 
-crate::base::setters::setters!(CompareParams { samplings: Vec<Sampling>, landmarks: Vec<usize>, seeds: Vec<u64>, kernel: Kernel, width: f64, local: bool, tolerance: Option<f64>, gamma_kernel: Kernel, residual: bool, schur: bool });
+crate::base::setters::setters!(CompareParams {
+    samplings: Vec<Sampling>,
+    landmarks: Vec<usize>,
+    seeds: Vec<u64>,
+    kernel: Kernel,
+    width: f64,
+    local: bool,
+    tolerance: Option<f64>,
+    gamma_kernel: Kernel,
+    residual: bool,
+    schur: bool,
+});
 
 /// One sample and how good it is.
 #[derive(Clone, Debug, Serialize)]

@@ -1,9 +1,9 @@
 //! Faces of one mesh nearest to points on another, in blocks that fit the budget.
 //!
-//! Each block of faces becomes a tree of boxes over its triangles along a curve; every point keeps, over all blocks, the
-//! nearest face and the nearest whose normal agrees. Both are the least of (distance, face), so that the answer is the
-//! same whatever the blocks. One walk answers both, and begins where the last point ended; a tree from a library walks
-//! twice and from the root, several times as long. [`BYTES`] per triangle of a block, 16 bytes per point on disk.
+//! Each block of faces becomes a tree of boxes over its triangles along a curve; every point keeps, over all blocks,
+//! the nearest face and the nearest whose normal agrees. Both are the least of (distance, face), so that the answer is
+//! the same whatever the blocks. One walk answers both, and begins where the last point ended; a tree from a library
+//! walks twice and from the root, several times as long. [`BYTES`] per triangle of a block, 16 bytes per point on disk.
 
 use crate::base::Result;
 use crate::base::vector::{double_area, length, wide};
@@ -220,8 +220,8 @@ impl TriangleTree {
         leaves.filter(|leaf| leaf.face == face).map(|leaf| unit(normal(&leaf.corners))).next()
     }
 
-    /// Improves `found` by what is near `probe`; normals agree where the sign times theirs is much like its own. `near` is
-    /// a group to begin with, better the nearer; the answer is the group that the nearest triangle was found in.
+    /// Improves `found` by what is near `probe`; normals agree where the sign times theirs is much like its own. `near`
+    /// is a group to begin with, better the nearer; the answer is the group that the nearest triangle was found in.
     pub fn improve(&self, probe: &Probe, agreement: Agreement, near: usize, found: &mut Closest) -> usize {
         let half = self.boxes.len() / 2;
         if self.leaves.is_empty() || !probe.place.iter().all(|x| x.is_finite()) {

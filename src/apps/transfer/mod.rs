@@ -144,6 +144,7 @@ pub fn transfer(from: &Mesh, labels: &[u32], to: &Mesh, context: Context<'_>) ->
     let turned = is_turned(from, to, &frame);
     let sign = if turned { -1. } else { 1. };
 
+    let _scratch = context.work.scratch(&["nearest.npy.partial"]);
     let mut array = context.work.array::<u64>("nearest.npy", &[n * points, 2])?;
     let found: &mut [Closest] = bytemuck::cast_slice_mut(&mut array.data()[..]);
     found.fill([u64::MAX; 2]);
@@ -195,12 +196,11 @@ pub fn transfer(from: &Mesh, labels: &[u32], to: &Mesh, context: Context<'_>) ->
     label_from_neighbours(&graph, own.data(), context.run)?;
     let uncertain = quality.data().iter().filter(|&&quality| quality < 1.).count() as u64;
     let facts = TransferCounts { faces: n as u64, uncertain, filled, islands, points, turned };
-    context.work.remove("nearest.npy.partial");
     Ok(Transferred { labels: own.finish(false)?, quality: quality.finish(false)?, facts })
 }
 
-/// The label of a face by what its points found, and how sure it is; `slack` and `edge` are edges of the first mesh and of
-/// the coarser one.
+/// The label of a face by what its points found, and how sure it is; `slack` and `edge` are edges of the first
+/// mesh and of the coarser one.
 fn elect(found: &[Closest], labels: &[u32], slack: f32, edge: f32) -> (u32, f32) {
     let mut votes = [(NONE, 0f32, 0f32); 4];
     for (found, vote) in found.iter().zip(&mut votes) {

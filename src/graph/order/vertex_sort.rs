@@ -9,7 +9,7 @@ use super::hilbert::place_of;
 use crate::base::Result;
 use crate::base::parallel::{chunk_count, chunk_range};
 use crate::graph::nodes::Frame;
-use crate::mesh::Positions;
+use crate::mesh::{Positions, StridedLayout};
 use crate::store::npy::{ArrayMut, ArrayWriter, Item};
 use crate::store::shuffle::{BudgetedShuffle, Producer, Splitters};
 use crate::store::{Context, MappedSlice, WorkDir};
@@ -21,8 +21,7 @@ const CHUNK: usize = 1 << 14;
 /// Opens the sorted positions of an earlier run, `double` as the input's were.
 pub(super) fn open(work: &WorkDir, double: bool, len: usize) -> Result<Positions> {
     let (bytes, start) = work.array_bytes(VERTICES)?;
-    let size = if double { 8 } else { 4 };
-    Positions::strided(&work.place(VERTICES), bytes, start, 3 * size, [0, size, 2 * size], double, len)
+    Positions::strided(&work.place(VERTICES), bytes, StridedLayout::packed(start, double, len))
 }
 
 /// Sorts the vertices along the curve; returns the new number of each old one. Where these fit memory (`in_memory`)

@@ -1,10 +1,9 @@
 //! Meshes in other formats than PLY: OBJ, OFF and STL become a PLY in the scratch folder.
 //!
-//! The content of a file tells its format where it can, else its name does. It streams through one buffer
-//! into a binary PLY of double coordinates (of STL: floats, as it has them), which
-//! is then read where it lies; so whatever holds for PLY holds for these too, and labels go out as PLY. Text is walked
-//! three times, to count, for vertices and for faces: some 40 ns per number in all. On disk 24 bytes per vertex and 13 per
-//! triangle.
+//! The content of a file tells its format where it can, else its name does. It streams through one buffer into a binary
+//! PLY of double coordinates (of STL: floats, as it has them), which is then read where it lies; so whatever holds for
+//! PLY holds for these too, and labels go out as PLY. Text is walked three times, to count, for vertices and for faces:
+//! some 40 ns per number in all. On disk 24 bytes per vertex and 13 per triangle.
 
 mod stl;
 mod target;

@@ -152,8 +152,8 @@ pub(super) mod obj {
 
 /// OFF, of text: one vertex per line, then one face per line; colours, normals and texture coordinates are passed over.
 ///
-/// The keyword may carry `C`, `N`, `ST`; the counts may stand beside it. Binary files and points in four or n dimensions
-/// are refused.
+/// The keyword may carry `C`, `N`, `ST`; the counts may stand beside it. Binary files and points in four or
+/// n dimensions are refused.
 pub(super) mod off {
     use super::*;
 

@@ -2,8 +2,8 @@
 //! and faces.
 //!
 //! A [`Document`] keeps the mapping alive and remembers where each element lies; it holds the header and a few numbers
-//! per element. Properties are read in one pass over the element's records, in the order of the file, and nothing is held:
-//! about 10 ns per record in binary files, 100 ns in text.
+//! per element. Properties are read in one pass over the element's records, in the order of the file, and nothing is
+//! held: about 10 ns per record in binary files, 100 ns in text.
 
 use super::header::{CUT_SHORT, Encoding, Header, HeaderWriter, Kind, Line, Scalar};
 use super::values::{Binary, Cursor, Fault, Text};
@@ -144,8 +144,8 @@ impl Document {
         Ok(values)
     }
 
-    /// Calls `visit(face, numbers)` for every face in order, with the integers of the properties called `names`, such as a
-    /// label and a colour; a name that no property has gives 0.
+    /// Calls `visit(face, numbers)` for every face in order, with the integers of the properties called `names`, such
+    /// as a label and a colour; a name that no property has gives 0.
     ///
     /// # Errors
     /// Those of `visit`; [`Error::Malformed`] should the file have changed since it was opened; [`Error::Cancelled`].
@@ -237,9 +237,9 @@ impl Document {
         }
     }
 
-    /// The header of a copy of the file in encoding `target`, with `count` records of each element: the properties that are `kept`
-    /// (element, property), and behind those of an element what is `added` to it. New remarks stand before the first
-    /// element, stale ones go. Triangle strips become faces that have only their corners and what is added.
+    /// The header of a copy of the file in encoding `target`, with `count` records of each element: the properties that
+    /// are `kept` (element, property), and behind those of an element what is `added` to it. New remarks stand before
+    /// the first element, stale ones go. Triangle strips become faces that have only their corners and what is added.
     pub(super) fn header_of_copy(
         &self,
         target: Encoding,
@@ -340,8 +340,8 @@ mod tests {
         let dir = tempfile::tempdir().unwrap();
         let path = dir.path().join("a.ply");
         let text = "ply\nformat ascii 1.0\nelement vertex 3\nproperty float x\nproperty float y\nproperty float z\n\
-            property double heat\nelement face 1\nproperty list uchar int vertex_indices\nproperty short kind\nend_header\n\
-            0 0 0 1.5\n1 0 0 -2\n0 1 0 1e300\n3 0 1 2 -7\n";
+            property double heat\nelement face 1\nproperty list uchar int vertex_indices\nproperty short kind\n\
+            end_header\n0 0 0 1.5\n1 0 0 -2\n0 1 0 1e300\n3 0 1 2 -7\n";
         std::fs::write(&path, text).unwrap();
         let run = Run::new(&());
         let mesh = open(&path, dir.path(), &run).unwrap();

@@ -4,7 +4,7 @@
 
 use super::document::Document;
 use super::header::{CUT_SHORT, Encoding};
-use super::labelling::{Labelling, PlyOptions, kept};
+use super::labelling::{Labelling, PlyOptions, kept_properties};
 use super::values::{Binary, Cursor};
 use crate::base::parallel::{chunk_count, chunk_range};
 use crate::base::{Error, Result};
@@ -151,7 +151,7 @@ fn stays<'a, C: Cursor<'a>>(document: &'a Document, labelling: &Labelling, start
     let mut cursor = C::new(&document.bytes, start);
     let mut pieces: Vec<Range<usize>> = Vec::new();
     let properties = &document.header.elements[document.face].properties;
-    for (property, kept) in properties.iter().zip(kept(document, labelling)) {
+    for (property, kept) in properties.iter().zip(kept_properties(document, labelling)) {
         let from = cursor.at() - start;
         if cursor.skip_value(property.kind).is_err() {
             break;

@@ -496,7 +496,8 @@ mod tests {
 
     #[test]
     fn odd_line_breaks_spaces_and_remarks_are_understood() {
-        let text = "PLY \n\tformat  ascii\t1.0\ncomment  a  b\n element vertex\t3 \nproperty   float  x\n\nobj_info o\nproperty list uchar int my.list\nend_header\n";
+        let text = "PLY \n\tformat  ascii\t1.0\ncomment  a  b\n element vertex\t3 \nproperty   float  x\n\n\
+            obj_info o\nproperty list uchar int my.list\nend_header\n";
         for text in [text.to_owned(), text.replace('\n', "\r\n"), text.replace('\n', "\r")] {
             let header = read(&text).unwrap();
             assert_eq!(header.payload, text.len());

@@ -1,20 +1,19 @@
 //! The labelled mesh file: the input with `int label`, `uchar red green blue` and `float quality`
 //! on its faces, and everything else kept.
 //!
-//! Elements and properties of the input stay, in their order; face properties of the names above
-//! are replaced; triangle strips become faces. On request faces are split along smooth boundaries: the first piece of a
-//! face has its place, the others follow behind all faces, and new vertices behind all vertices. A file whose faces are all of one size is put
-//! together in parallel ([`FixedRecords`]). Any other
-//! streams through one buffer at 50–200 MB/s ([`LabelledWriter`]). A mesh of arrays has no file to be kept; its
-//! positions, faces and labels are written.
+//! Elements and properties of the input stay, in their order; face properties of the names above are replaced; triangle
+//! strips become faces. On request faces are split along smooth boundaries: the first piece of a face has its place,
+//! the others follow behind all faces, and new vertices behind all vertices. A file whose faces are all of one size is
+//! put together in parallel ([`FixedRecords`]). Any other streams through one buffer at 50–200 MB/s
+//! ([`LabelledWriter`]). A mesh of arrays has no file to be kept; its positions, faces and labels are written.
 
 use super::document::Document;
 use super::fixed_records::FixedRecords;
 use super::header::{Encoding, Scalar};
 pub use super::labelling::{Labelling, PlyForm, PlyOptions};
-use super::labelling::{VERTEX_PROPERTIES, kept, of_vertices};
+use super::labelling::{VERTEX_PROPERTIES, kept_properties, of_vertices};
 use super::names;
-use super::plain::{self, Column};
+use super::plain::{Column, PlainPly, colours};
 use super::split_records::SplitRecords;
 use super::split_vertices;
 use super::values::{Binary, Cursor, Encoder, Text};
@@ -60,12 +59,12 @@ pub fn write_labelled(
     durable: bool,
     run: &Run,
 ) -> Result<()> {
-    let options = options.into();
-    check(labelling, mesh, options)?;
+    let file = LabelledFile { mesh, labelling, options: options.into(), run };
+    file.check()?;
     if cfg!(unix)
-        && !options.split_vertices
+        && !file.options.split_vertices
         && let Some(document) = mesh.document()
-        && let Some((header, plan)) = FixedRecords::plan(document, mesh, labelling, options)?
+        && let Some((header, plan)) = FixedRecords::plan(document, mesh, labelling, file.options)?
     {
         return by_rename(out, plan.total(), durable, |file| {
             write_at(file, &header, 0, out)?;
@@ -76,7 +75,7 @@ pub fn write_labelled(
             run.map_chunks(plan.jobs(), Vec::new, write).map(drop)
         });
     }
-    by_rename(out, 0, durable, |file| stream(mesh, out, file, labelling, options, run))
+    by_rename(out, 0, durable, |writer| file.write(out, writer))
 }
 
 /// Writes the labelled file to a stream, `name` in messages: standard output, a socket.
@@ -91,100 +90,101 @@ pub fn write_labelled_to(
     options: impl Into<PlyOptions>,
     run: &Run,
 ) -> Result<()> {
-    let options = options.into();
-    check(labelling, mesh, options)?;
-    stream(mesh, Path::new(name), writer, labelling, options, run)
+    let file = LabelledFile { mesh, labelling, options: options.into(), run };
+    file.check()?;
+    file.write(Path::new(name), writer)
 }
 
-fn stream(
-    mesh: &Mesh,
-    path: &Path,
-    writer: &mut dyn Write,
-    labelling: &Labelling,
+/// What is written, and how.
+struct LabelledFile<'a> {
+    mesh: &'a Mesh,
+    labelling: &'a Labelling<'a>,
     options: PlyOptions,
-    run: &Run,
-) -> Result<()> {
-    if options.split_vertices {
-        return split_vertices::stream(mesh, path, writer, labelling, options.form, run);
-    }
-    let Some(document) = mesh.document() else { return stream_arrays(mesh, path, writer, labelling, options, run) };
-    if let Some((header, plan)) = FixedRecords::plan(document, mesh, labelling, options)? {
+    run: &'a Run<'a>,
+}
+
+impl LabelledFile<'_> {
+    /// Writes the file to a stream, `path` in messages.
+    fn write(&self, path: &Path, writer: &mut dyn Write) -> Result<()> {
+        let Self { mesh, labelling, options, run } = *self;
+        if options.split_vertices {
+            return split_vertices::stream(mesh, path, writer, labelling, options.form, run);
+        }
+        let Some(document) = mesh.document() else { return self.write_arrays(path, writer) };
+        if let Some((header, plan)) = FixedRecords::plan(document, mesh, labelling, options)? {
+            let mut out = Gather::new(path, writer);
+            out.pass(&header)?;
+            let mut buffer = Vec::new();
+            for k in 0..plan.jobs() {
+                run.cancel.check()?;
+                out.pass(plan.part(k, &mut buffer).1)?;
+            }
+            return out.finish();
+        }
+        let split = options.split_faces.then(|| FaceSplit::of(mesh, labelling.labels, run)).transpose()?;
+        let encoder = Encoder { target: options.form.encoding(document.header.encoding) };
+        let split = split.as_ref().map(|split| SplitRecords { document, mesh, split, encoder, run });
+        if let Some(records) = &split {
+            records.check()?;
+            records.split.tell(run);
+        }
         let mut out = Gather::new(path, writer);
-        out.pass(&header)?;
-        let mut buffer = Vec::new();
-        for k in 0..plan.jobs() {
-            run.cancel.check()?;
-            out.pass(plan.part(k, &mut buffer).1)?;
-        }
-        return out.finish();
+        out.pass(&labelling.header(document, mesh, options, split.as_ref().map(|records| records.split)))?;
+        let votes = options.vertex_labels.then(|| VertexLabels::new(mesh, labelling.labels, run)).transpose()?;
+        LabelledWriter { document, mesh, labelling, encoder, votes: votes.map(RefCell::new), split, run }
+            .elements(&mut out)?;
+        out.finish()
     }
-    let split = options.split_faces.then(|| FaceSplit::of(mesh, labelling.labels, run)).transpose()?;
-    let encoder = Encoder { target: options.form.encoding(document.header.encoding) };
-    let split = split.as_ref().map(|split| SplitRecords { document, mesh, split, encoder, run });
-    if let Some(records) = &split {
-        records.check()?;
-        records.split.tell(run);
-    }
-    let mut out = Gather::new(path, writer);
-    out.pass(&labelling.header(document, mesh, options, split.as_ref().map(|records| records.split)))?;
-    let votes = options.vertex_labels.then(|| VertexLabels::new(mesh, labelling.labels, run)).transpose()?;
-    LabelledWriter { document, mesh, labelling, encoder, votes: votes.map(RefCell::new), split, run }
-        .elements(&mut out)?;
-    out.finish()
-}
 
-/// The labelled file of a mesh without a file.
-fn stream_arrays(
-    mesh: &Mesh,
-    path: &Path,
-    writer: &mut dyn Write,
-    labelling: &Labelling,
-    options: PlyOptions,
-    run: &Run,
-) -> Result<()> {
-    if options.split_faces {
-        let split = FaceSplit::of(mesh, labelling.labels, run)?;
-        split.tell(run);
-        let whole = split.applied(mesh, labelling.labels, labelling.quality, run)?;
-        let labelling = Labelling { labels: &whole.labels, quality: whole.quality.as_deref(), ..*labelling };
-        return stream_arrays(&whole.mesh, path, writer, &labelling, options.form.into(), run);
-    }
-    let mut votes = options.vertex_labels.then(|| VertexLabels::new(mesh, labelling.labels, run)).transpose()?;
-    let mut voted = Vec::new();
-    if let Some(votes) = &mut votes {
-        for v in 0..mesh.positions.len() {
-            voted.push(votes.get(v)?);
+    /// The same of a mesh without a file.
+    fn write_arrays(&self, path: &Path, writer: &mut dyn Write) -> Result<()> {
+        let Self { mesh, labelling, options, run } = *self;
+        if options.split_faces {
+            let split = FaceSplit::of(mesh, labelling.labels, run)?;
+            split.tell(run);
+            let whole = split.applied(mesh, labelling.labels, labelling.quality, run)?;
+            let labelling = Labelling { labels: &whole.labels, quality: whole.quality.as_deref(), ..*labelling };
+            let options = options.form.into();
+            return LabelledFile { mesh: &whole.mesh, labelling: &labelling, options, run }.write_arrays(path, writer);
         }
+        let mut votes = options.vertex_labels.then(|| VertexLabels::new(mesh, labelling.labels, run)).transpose()?;
+        let mut voted = Vec::new();
+        if let Some(votes) = &mut votes {
+            for v in 0..mesh.positions.len() {
+                voted.push(votes.get(v)?);
+            }
+        }
+        let mut vertices = Vec::new();
+        if votes.is_some() {
+            let (name, scalar) = VERTEX_PROPERTIES[0];
+            vertices.push(Column::new(name, scalar, |v| voted[v].map_or(-1., f64::from)));
+            vertices.extend(colours(|v| labelling.colour_of(voted[v])));
+        }
+        let mut faces = vec![Column::new("label", Scalar::I32, |face| labelling.labels[face].into())];
+        faces.extend(colours(|face| labelling.colour(face)));
+        faces.extend(labelling.quality.map(|quality| Column::new("quality", Scalar::F32, |face| quality[face].into())));
+        let target = options.form.encoding(Encoding::Little);
+        let remarks = names::remarks(labelling.names);
+        PlainPly { mesh, target, vertices: &vertices, faces: &faces, remarks: &remarks }.write(path, writer, run)
     }
-    let mut vertices = Vec::new();
-    if votes.is_some() {
-        let (name, scalar) = VERTEX_PROPERTIES[0];
-        vertices.push(Column::new(name, scalar, |v| voted[v].map_or(-1., f64::from)));
-        vertices.extend(plain::colours(|v| labelling.colour_of(voted[v])));
-    }
-    let mut faces = vec![Column::new("label", Scalar::I32, |face| labelling.labels[face].into())];
-    faces.extend(plain::colours(|face| labelling.colour(face)));
-    faces.extend(labelling.quality.map(|quality| Column::new("quality", Scalar::F32, |face| quality[face].into())));
-    let target = options.form.encoding(Encoding::Little);
-    let remarks = names::remarks(labelling.names);
-    plain::stream(path, writer, mesh, target, (&vertices, &faces), &remarks, run)
-}
 
-/// Refuses labels that do not fit the faces, and options that do not go together.
-fn check(labelling: &Labelling, mesh: &Mesh, options: PlyOptions) -> Result<()> {
-    if options.split_faces && (options.split_vertices || options.vertex_labels) {
-        let problem = "does not go with labels of vertices or vertices of their own";
-        return Err(Error::parameter("split_faces", problem, "ask for one of them"));
-    }
-    let faces = mesh.faces.len();
-    let wrong = |name: &str, count: usize| {
-        let problem = format!("{count} values for {faces} faces");
-        Err(Error::parameter(name, problem, "give one for every face of the file"))
-    };
-    match labelling.quality {
-        _ if labelling.labels.len() != faces => wrong("labels", labelling.labels.len()),
-        Some(quality) if quality.len() != faces => wrong("quality", quality.len()),
-        _ => Ok(()),
+    /// Refuses labels that do not fit the faces, and options that do not go together.
+    fn check(&self) -> Result<()> {
+        let Self { mesh, labelling, options, .. } = *self;
+        if options.split_faces && (options.split_vertices || options.vertex_labels) {
+            let problem = "does not go with labels of vertices or vertices of their own";
+            return Err(Error::parameter("split_faces", problem, "ask for one of them"));
+        }
+        let faces = mesh.faces.len();
+        let wrong = |name: &str, count: usize| {
+            let problem = format!("{count} values for {faces} faces");
+            Err(Error::parameter(name, problem, "give one for every face of the file"))
+        };
+        match labelling.quality {
+            _ if labelling.labels.len() != faces => wrong("labels", labelling.labels.len()),
+            Some(quality) if quality.len() != faces => wrong("quality", quality.len()),
+            _ => Ok(()),
+        }
     }
 }
 
@@ -292,7 +292,7 @@ impl LabelledWriter<'_> {
         let is_face = number == document.face;
         let votes = self.votes.as_ref().filter(|_| document.vertex() == Some(number));
         let kept = match votes {
-            _ if is_face => kept(document, self.labelling),
+            _ if is_face => kept_properties(document, self.labelling),
             Some(_) => element.properties.iter().map(|property| !of_vertices(&property.name)).collect(),
             None => vec![true; element.properties.len()],
         };

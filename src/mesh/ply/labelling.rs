@@ -25,13 +25,14 @@ pub enum PlyForm {
 pub struct PlyOptions {
     /// Its encoding.
     pub form: PlyForm,
-    /// Whether each vertex gets the label that most faces around it have, as `float scalar_label` (-1 without faces), and
-    /// its colour, in the place of its own: for programs that know no properties of faces.
+    /// Whether each vertex gets the label that most faces around it have, as `float scalar_label` (-1 without faces),
+    /// and its colour, in the place of its own: for programs that know no properties of faces.
     pub vertex_labels: bool,
-    /// Whether parts share no vertex, and vertices have labels and colours; properties of the input are left behind then.
+    /// Whether parts share no vertex, and vertices have labels and colours; properties of the
+    /// input are left behind then.
     pub split_vertices: bool,
-    /// Whether faces are split where smooth boundaries cross them ([`crate::mesh::split_faces`]), in the place of boundaries along
-    /// edges. Not together with the others.
+    /// Whether faces are split where smooth boundaries cross them ([`crate::mesh::split_faces`]), in the place of
+    /// boundaries along edges. Not together with the others.
     pub split_faces: bool,
 }
 
@@ -164,7 +165,8 @@ impl Labelling<'_> {
         }
     }
 
-    /// Appends the numbers of [`Labelling::properties`] of a face that the mesh does not have, of `label` and of no quality.
+    /// Appends the numbers of [`Labelling::properties`] of a face that the mesh does not have, of
+    /// `label` and of no quality.
     pub(crate) fn append_added(&self, label: u32, encoder: Encoder, out: &mut Vec<u8>) {
         encoder.integer(Scalar::I32, i64::from(label as i32), out);
         self.colour_of(Some(label)).into_iter().for_each(|part| encoder.integer(Scalar::U8, part.into(), out));
@@ -182,7 +184,7 @@ impl Labelling<'_> {
         split: Option<&FaceSplit>,
     ) -> Vec<u8> {
         let vertex = document.vertex().filter(|_| options.vertex_labels);
-        let faces = kept(document, self);
+        let faces = kept_properties(document, self);
         let stays = |element: usize, property: usize| match element {
             _ if element == document.face => faces[property],
             _ => vertex != Some(element) || !of_vertices(&document.header.elements[element].properties[property].name),
@@ -207,7 +209,7 @@ impl Labelling<'_> {
 }
 
 /// Which properties of the face element stay: all but those that are written anew.
-pub(super) fn kept(document: &Document, labelling: &Labelling) -> Vec<bool> {
+pub(super) fn kept_properties(document: &Document, labelling: &Labelling) -> Vec<bool> {
     let properties = document.header.elements[document.face].properties.iter().enumerate();
     properties
         .map(|(number, property)| {

@@ -45,7 +45,8 @@ pub fn colours<'a>(colour: impl Fn(usize) -> [u8; 3] + Copy + 'a) -> Vec<Column<
 /// # Errors
 /// [`crate::base::Error::Io`], [`crate::base::Error::Cancelled`].
 pub fn write_annotated(path: &Path, mesh: &Mesh, vertices: &[Column], faces: &[Column], run: &Run) -> Result<()> {
-    by_rename(path, 0, true, |file| stream(path, file, mesh, Encoding::Little, (vertices, faces), &[], run))
+    let ply = PlainPly { mesh, target: Encoding::Little, vertices, faces, remarks: &[] };
+    by_rename(path, 0, true, |file| ply.write(path, file, run))
 }
 
 /// What counts the corners of any of `faces`.
@@ -56,50 +57,51 @@ pub(super) fn counting_corners(faces: &Faces) -> Scalar {
     })
 }
 
-/// Writes `mesh` with `columns` on its vertices and faces to a stream, `path` in messages; the header gets `remarks`.
-pub(super) fn stream(
-    path: &Path,
-    writer: &mut dyn Write,
-    mesh: &Mesh,
-    target: Encoding,
-    (vertices, faces): (&[Column], &[Column]),
-    remarks: &[Vec<u8>],
-    run: &Run,
-) -> Result<()> {
-    let (count, real) = (counting_corners(&mesh.faces), Scalar::coordinate(mesh.positions.is_double()));
-    let (n, m) = (mesh.positions.len(), mesh.faces.len());
-    let mut header = HeaderWriter::new(target);
-    header.remark(REMARK);
-    remarks.iter().for_each(|remark| _ = header.remark(remark));
-    header.element("vertex", n as u64).positions(mesh.positions.is_double());
-    vertices.iter().for_each(|column| _ = header.property(&column.name, column.scalar));
-    header.element("face", m as u64).corners(count, Scalar::U32);
-    faces.iter().for_each(|column| _ = header.property(&column.name, column.scalar));
-    let encoder = Encoder { target };
-    let mut out = Gather::new(path, writer);
-    out.pass(&header.finish())?;
-    for v in 0..n {
-        if v % CHUNK == 0 {
-            run.cancel.check()?;
-        }
-        mesh.positions.get(v as u32).into_iter().for_each(|x| encoder.real(real, x, &mut out.buffer));
-        vertices.iter().for_each(|column| encoder.scalar(column.scalar, (column.value)(v), &mut out.buffer));
-        encoder.end(&mut out.buffer);
-        out.settle()?;
-    }
-    for start in (0..m).step_by(CHUNK) {
-        run.cancel.check()?;
-        let mut result = Ok(());
-        mesh.faces.for_each(start..(start + CHUNK).min(m), |face, corners| {
-            encoder.integer(count, corners.len() as i64, &mut out.buffer);
-            corners.iter().for_each(|&v| encoder.integer(Scalar::U32, v.into(), &mut out.buffer));
-            faces.iter().for_each(|column| encoder.scalar(column.scalar, (column.value)(face), &mut out.buffer));
-            encoder.end(&mut out.buffer);
-            if result.is_ok() {
-                result = out.settle();
+/// A file of a mesh with columns on its vertices and faces.
+pub(super) struct PlainPly<'a> {
+    pub mesh: &'a Mesh,
+    pub target: Encoding,
+    pub vertices: &'a [Column<'a>],
+    pub faces: &'a [Column<'a>],
+    /// More remarks of the header.
+    pub remarks: &'a [Vec<u8>],
+}
+
+impl PlainPly<'_> {
+    /// Writes the file to a stream, `path` in messages.
+    pub(super) fn write(&self, path: &Path, writer: &mut dyn Write, run: &Run) -> Result<()> {
+        let Self { mesh, target, vertices, faces, remarks } = *self;
+        let (count, real) = (counting_corners(&mesh.faces), Scalar::coordinate(mesh.positions.is_double()));
+        let (n, m) = (mesh.positions.len(), mesh.faces.len());
+        let mut header = HeaderWriter::new(target);
+        header.remark(REMARK);
+        remarks.iter().for_each(|remark| _ = header.remark(remark));
+        header.element("vertex", n as u64).positions(mesh.positions.is_double());
+        vertices.iter().for_each(|column| _ = header.property(&column.name, column.scalar));
+        header.element("face", m as u64).corners(count, Scalar::U32);
+        faces.iter().for_each(|column| _ = header.property(&column.name, column.scalar));
+        let encoder = Encoder { target };
+        let mut out = Gather::new(path, writer);
+        out.pass(&header.finish())?;
+        for v in 0..n {
+            if v % CHUNK == 0 {
+                run.cancel.check()?;
             }
-        });
-        result?;
+            mesh.positions.get(v as u32).into_iter().for_each(|x| encoder.real(real, x, &mut out.buffer));
+            vertices.iter().for_each(|column| encoder.scalar(column.scalar, (column.value)(v), &mut out.buffer));
+            encoder.end(&mut out.buffer);
+            out.settle()?;
+        }
+        for start in (0..m).step_by(CHUNK) {
+            run.cancel.check()?;
+            mesh.faces.try_for_each(start..(start + CHUNK).min(m), |face, corners| {
+                encoder.integer(count, corners.len() as i64, &mut out.buffer);
+                corners.iter().for_each(|&v| encoder.integer(Scalar::U32, v.into(), &mut out.buffer));
+                faces.iter().for_each(|column| encoder.scalar(column.scalar, (column.value)(face), &mut out.buffer));
+                encoder.end(&mut out.buffer);
+                out.settle()
+            })?;
+        }
+        out.finish()
     }
-    out.finish()
 }

@@ -2,14 +2,15 @@
 //! read in place.
 //!
 //! Binary elements without lists are stepped over in no time. Little-endian triangles are verified in place, in
-//! parallel at the speed of memory, about 1 ns per face. Everything else streams through buffers of [`FLUSH`] numbers into
-//! arrays of the scratch folder: a file of triangles, or, from the first other polygon on, corner lists. Triangle strips
-//! are unrolled on the way.
+//! parallel at the speed of memory, about 1 ns per face. Everything else streams through buffers of [`FLUSH`] numbers
+//! into arrays of the scratch folder: a file of triangles, or, from the first other polygon on, corner lists. Triangle
+//! strips are unrolled on the way.
 
 use super::header::{CUT_SHORT, Element, Encoding, Header, Kind, Scalar};
 use super::values::{Binary, Cursor, Fault, Text};
 use crate::base::{Error, Result};
-use crate::mesh::geometry::{Faces, MOST_FACES, Positions, too_many_faces};
+use crate::mesh::geometry::{Faces, MOST_FACES, too_many_faces};
+use crate::mesh::positions::{Positions, StridedLayout};
 use crate::store::npy::{self, ArrayWriter, Item};
 use crate::store::{MappedBytes, Run};
 use std::ops::Range;
@@ -143,7 +144,8 @@ impl<'a> Decoder<'a> {
             let end = self.end_of_fixed(element, start).unwrap_or(Ok(start))?;
             *cursor = C::new(self.bytes, end);
             let at = self.axes.map(|axis| element.properties[..axis].iter().map(|p| p.kind.least_size()).sum());
-            return Positions::strided(self.path, self.bytes.clone(), start, size, at, double, element.count);
+            let layout = StridedLayout { offset: start, stride: size, at, double, len: element.count };
+            return Positions::strided(self.path, self.bytes.clone(), layout);
         }
         let wide = [Scalar::F64, Scalar::I32, Scalar::U32].map(Kind::One);
         if kinds.iter().any(|kind| wide.contains(kind)) {
@@ -174,9 +176,8 @@ impl<'a> Decoder<'a> {
             writer.push(&position)
         })?;
         writer.finish(false)?;
-        let size = size_of::<T>();
-        let bytes = MappedBytes::open(&path)?;
-        Positions::strided(&path, bytes, npy::HEADER, 3 * size, [0, size, 2 * size], size == 8, element.count)
+        let layout = StridedLayout::packed(npy::HEADER, size_of::<T>() == 8, element.count);
+        Positions::strided(&path, MappedBytes::open(&path)?, layout)
     }
 
     /// The faces, and the size of their records where it is the same for all.

@@ -3,8 +3,8 @@
 //! Records of the two elements are cut into pieces of 16 bytes, which an external sort by place brings in order,
 //! whatever their sizes and encodings; corners, and the ends of an `edge` element, get the vertices' new numbers; other
 //! elements are copied. New numbers are looked up where they lie: 4 bytes per vertex, which should stay in memory where
-//! the file's order is scattered. Cost: 24 bytes per piece through the sort, written and read once where memory does not
-//! hold them; 50–200 MB/s.
+//! the file's order is scattered. Cost: 24 bytes per piece through the sort, written and read once where memory does
+//! not hold them; 50–200 MB/s.
 
 use super::document::{Document, Remarks};
 use super::header::{Encoding, Kind, Property, Scalar};
@@ -39,9 +39,9 @@ pub struct Rearrangement<'a> {
 /// Writes the rearranged file `out`, by rename; `out` may be the file that `mesh` was opened from.
 ///
 /// # Errors
-/// [`Error::Parameter`] where the order does not fit the mesh; [`Error::Unusable`] for a mesh of arrays, which has no file
-/// to rearrange; [`Error::Io`]; [`Error::Memory`]; [`Error::Cancelled`]; [`Error::Malformed`] should the input have
-/// changed since it was opened.
+/// [`Error::Parameter`] where the order does not fit the mesh; [`Error::Unusable`] for a mesh of arrays, which has no
+/// file to rearrange; [`Error::Io`]; [`Error::Memory`]; [`Error::Cancelled`]; [`Error::Malformed`] should the input
+/// have changed since it was opened.
 pub fn write(mesh: &Mesh, out: &Path, order: &Rearrangement, form: PlyForm, context: Context<'_>) -> Result<()> {
     by_rename(out, 0, false, |file| stream(mesh, out, file, order, form, context))
 }
@@ -136,7 +136,7 @@ impl<'a> RearrangedWriter<'a> {
     }
 
     /// Which properties of an element stay.
-    fn kept(&self, number: usize) -> Vec<bool> {
+    fn kept_properties(&self, number: usize) -> Vec<bool> {
         let added = self.added(number);
         let stays =
             |(k, name): (usize, &str)| (number == self.document.face && k == self.document.list) || Some(name) != added;
@@ -146,7 +146,7 @@ impl<'a> RearrangedWriter<'a> {
 
     fn header(&self) -> Vec<u8> {
         let added = |element| self.added(element).map(|name| (name, Scalar::U32)).into_iter().collect();
-        let kept = |element, property: usize| self.kept(element)[property];
+        let kept = |element, property: usize| self.kept_properties(element)[property];
         let count = |element| self.document.count(element, self.mesh.faces.len());
         self.document.header_of_copy(self.encoder.target, count, Remarks::NONE, kept, added)
     }
@@ -184,7 +184,8 @@ impl<'a> RearrangedWriter<'a> {
     fn records<C: Cursor<'a>>(&self, number: usize, mut each: impl FnMut(usize, &[u8]) -> Result<()>) -> Result<()> {
         let document = self.document;
         let element = &document.header.elements[number];
-        let (role, kept, text) = (self.role(number), self.kept(number), self.encoder.target == Encoding::Ascii);
+        let (role, kept, text) =
+            (self.role(number), self.kept_properties(number), self.encoder.target == Encoding::Ascii);
         let bytes = &document.bytes[..document.ranges[number].end];
         let mut cursor = C::new(bytes, document.ranges[number].start);
         let verbatim = self.encoder.target == document.header.encoding;
@@ -230,8 +231,7 @@ impl<'a> RearrangedWriter<'a> {
         let (mut record, encoder) = (Vec::new(), self.encoder);
         for start in (0..faces).step_by(CHUNK) {
             self.context.run.cancel.check()?;
-            let mut result = Ok(());
-            self.mesh.faces.for_each(start..faces.min(start + CHUNK), |face, corners| {
+            self.mesh.faces.try_for_each(start..faces.min(start + CHUNK), |face, corners| {
                 record.clear();
                 encoder.integer(Scalar::U8, corners.len() as i64, &mut record);
                 for &corner in corners {
@@ -241,11 +241,8 @@ impl<'a> RearrangedWriter<'a> {
                     encoder.integer(Scalar::U32, face as i64, &mut record);
                 }
                 encoder.end(&mut record);
-                if result.is_ok() {
-                    result = push(face, &record);
-                }
-            });
-            result?;
+                push(face, &record)
+            })?;
         }
         Ok(())
     }
@@ -279,8 +276,8 @@ fn names_vertex(property: &Property) -> bool {
     integer && ["vertex1", "vertex2", "vertex_1", "vertex_2"].contains(&property.name.as_str())
 }
 
-/// Bytes of a record in a piece: records are cut into pieces, each with its record's place and its own number, so that the
-/// sort sees items of one size.
+/// Bytes of a record in a piece: records are cut into pieces, each with its record's place and its own number, so that
+/// the sort sees items of one size.
 const PIECE: usize = 16;
 
 /// Place, number of the piece · 32 + bytes, and the bytes.

@@ -1,9 +1,10 @@
 //! The records that a labelled file gets where faces are split: new vertices, and pieces of faces.
 //!
-//! A new vertex has each property of the vertices that it lies between: the mean of floating-point numbers, and
-//! the value of the nearest one for all others. A piece has all properties of its face; lists with the same number of floating-point values for each corner
-//! (`texcoord`) are interpolated like those of vertices. Records are read again where they lie: 8 bytes of memory per vertex
-//! beside a new one. Another 100 ns per vertex of the file where its records differ in size.
+//! A new vertex has each property of the vertices that it lies between: the mean of floating-point numbers, and the
+//! value of the nearest one for all others. A piece has all properties of its face; lists with the same number of
+//! floating-point values for each corner (`texcoord`) are interpolated like those of vertices. Records are read
+//! again where they lie: 8 bytes of memory per vertex beside a new one. Another 100 ns per vertex of the file where
+//! its records differ in size.
 
 use super::document::Document;
 use super::header::{Encoding, Kind, Scalar};
@@ -215,8 +216,8 @@ mod tests {
     use crate::mesh::{Labelling, PlyForm, PlyOptions, open, write_labelled};
     use std::path::Path;
 
-    /// A sheet of 8 × 8 squares of two triangles, of any encoding, with all kinds of properties: `heat` is linear, `texcoord` has
-    /// positions, `kind` the number of the vertex or the face.
+    /// A sheet of 8 × 8 squares of two triangles, of any encoding, with all kinds of properties: `heat` is linear,
+    /// `texcoord` has positions, `kind` the number of the vertex or the face.
     fn sheet(path: &Path, encoding: Encoding, index: Scalar, coordinate: Scalar) {
         use crate::mesh::ply::HeaderWriter;
         let encoder = Encoder { target: encoding };

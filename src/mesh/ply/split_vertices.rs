@@ -1,8 +1,9 @@
-//! A labelled mesh whose parts share no vertex, for programs that know colours of vertices alone: boundaries stay sharp there.
+//! A labelled mesh whose parts share no vertex, for programs that know colours of vertices alone:
+//! boundaries stay sharp there.
 //!
-//! A vertex of the mesh stays with the part of its first face; each other part that meets there gets a copy of it at the end.
-//! Positions as exact as they were, labels, colours and qualities; other properties of the input are left behind. Memory: 4 bytes
-//! per vertex, and 8 per corner on a boundary, from the budget.
+//! A vertex of the mesh stays with the part of its first face; each other part that meets there gets a copy of it at
+//! the end. Positions as exact as they were, labels, colours and qualities; other properties of the input are left
+//! behind. Memory: 4 bytes per vertex, and 8 per corner on a boundary, from the budget.
 
 use super::header::{Encoding, HeaderWriter, Scalar};
 use super::labelling::{Labelling, PlyForm, VERTEX_PROPERTIES};
@@ -110,18 +111,14 @@ pub(super) fn stream(
     }
     for start in (0..mesh.faces.len()).step_by(CHUNK) {
         run.cancel.check()?;
-        let mut result = Ok(());
-        mesh.faces.for_each(start..mesh.faces.len().min(start + CHUNK), |face, corners| {
+        mesh.faces.try_for_each(start..mesh.faces.len().min(start + CHUNK), |face, corners| {
             encoder.integer(count, corners.len() as i64, &mut out.buffer);
             let number = |&v: &u32| split.number(v, labelling.labels[face]);
             corners.iter().for_each(|v| encoder.integer(Scalar::I32, number(v).into(), &mut out.buffer));
             labelling.append(face, encoder, &mut out.buffer);
             encoder.end(&mut out.buffer);
-            if result.is_ok() {
-                result = out.settle();
-            }
-        });
-        result?;
+            out.settle()
+        })?;
     }
     out.finish()
 }

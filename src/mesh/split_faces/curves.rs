@@ -1,14 +1,15 @@
 //! Where the boundaries cross the edges of the strip.
 //!
-//! Every vertex of the strip gets a label, or is *tied*: the boundary passes through it. An edge between two labels is crossed
-//! once. A vertex inside of a part keeps its part, whatever happens; one on a boundary begins with the label that has most of the
-//! angle around it. Then each crossing moves along its edge to where the boundary is shortest, given its neighbours; where it comes to
-//! rest against a vertex, the vertex changes sides, and the boundary may go on. So a boundary becomes the shortest curve in the strip
-//! of faces that touch the boundary of before, and no part vanishes.
+//! Every vertex of the strip gets a label, or is *tied*: the boundary passes through it. An edge between two labels
+//! is crossed once. A vertex inside of a part keeps its part, whatever happens; one on a boundary begins with the
+//! label that has most of the angle around it. Then each crossing moves along its edge to where the boundary is
+//! shortest, given its neighbours; where it comes to rest against a vertex, the vertex changes sides, and the
+//! boundary may go on. So a boundary becomes the shortest curve in the strip of faces that touch the boundary of
+//! before, and no part vanishes.
 //!
-//! Tied are the vertices of boundaries where they follow a crease (two sharp edges or more, one after the other), at borders of the mesh (so that seams of vertices at one
-//! place stay closed), of faces other than triangles, and of faces so narrow between boundaries that no vertex
-//! inside of their part is near.
+//! Tied are the vertices of boundaries where they follow a crease (two sharp edges or more, one after the other), at
+//! borders of the mesh (so that seams of vertices at one place stay closed), of faces other than triangles, and of
+//! faces so narrow between boundaries that no vertex inside of their part is near.
 //!
 //! Cost: [`ROUNDS`] times [`SWEEPS`] passes over the crossings, some 50 ns each.
 
@@ -132,7 +133,8 @@ impl<'a> Curves<'a> {
         strip.labels[f as usize] != strip.labels[g as usize] && n != [0.; 3] && m != [0.; 3] && cosine < CREASE
     }
 
-    /// Gives labels to the vertices of boundaries that are not `tied`, so that each is joined to the inside of its part.
+    /// Gives labels to the vertices of boundaries that are not `tied`, so that each is joined
+    /// to the inside of its part.
     fn begin(&mut self, tied: &[bool]) {
         let strip = self.strip;
         let open: Vec<u32> = (0..strip.vertices.len() as u32)
@@ -267,7 +269,8 @@ impl<'a> Curves<'a> {
         all.copied().filter(move |&e| strip.edges[e as usize].contains(&v))
     }
 
-    /// The label that vertex `v` gets if it changes sides: where the boundary of two parts passes by it once, and rests against it.
+    /// The label that vertex `v` gets if it changes sides: where the boundary of two parts passes by it
+    /// once, and rests against it.
     fn other_side(&self, v: u32) -> Option<u32> {
         let strip = self.strip;
         let own = self.label[v as usize]?;

@@ -1,12 +1,13 @@
 //! Faces split where smooth boundaries cross them.
 //!
-//! Labels of faces end at edges of the mesh, so that boundaries are saw-teeth. [`FaceSplit`] replaces them by the shortest curves in
-//! the strip of faces that touch them ([`curves`]), and cuts the faces of the strip along these ([`pieces`]). An
-//! edge is cut for all of its faces at one new vertex, and where three parts meet in a face one lies inside of it, so there are no
-//! T-junctions: what was closed stays so. New vertices lie on edges and in faces: the surface does not change. Faces
-//! other than triangles stay whole, and boundaries beside them as they are.
+//! Labels of faces end at edges of the mesh, so that boundaries are saw-teeth. [`FaceSplit`] replaces them by the
+//! shortest curves in the strip of faces that touch them ([`curves`]), and cuts the faces of the strip along these
+//! ([`pieces`]). An edge is cut for all of its faces at one new vertex, and where three parts meet in a face one lies
+//! inside of it, so there are no T-junctions: what was closed stays so. New vertices lie on edges and in faces: the
+//! surface does not change. Faces other than triangles stay whole, and boundaries beside them as they are.
 //!
-//! Cost: three passes over the faces, 10 ns each, and a microsecond or two per face of the strip; 250 bytes per corner of the strip.
+//! Cost: three passes over the faces, 10 ns each, and a microsecond or two per face of the strip; 250 bytes
+//! per corner of the strip.
 
 mod curves;
 mod pieces;
@@ -61,8 +62,8 @@ pub struct Piece {
 pub struct FaceSplit {
     /// The new vertices: those on edges, ascending by the edges' ends, then those in faces.
     pub vertices: Vec<NewVertex>,
-    /// The pieces of all faces that change, ascending by face, the largest of each face first. A face that only changes its label
-    /// is one piece.
+    /// The pieces of all faces that change, ascending by face, the largest of each face first. A face that only
+    /// changes its label is one piece.
     pub pieces: Vec<Piece>,
     /// Faces beside boundaries that are no triangles.
     pub polygons: usize,
@@ -144,8 +145,8 @@ impl FaceSplit {
         }
     }
 
-    /// The mesh in pieces with its labels, and the qualities if there are any: what is split stays at its place, other pieces and new
-    /// vertices follow at the end.
+    /// The mesh in pieces with its labels, and the qualities if there are any: what is split stays at its place, other
+    /// pieces and new vertices follow at the end.
     ///
     /// # Errors
     /// [`Error::Memory`](crate::base::Error), as all is held.
@@ -250,7 +251,8 @@ mod tests {
     use crate::store::Budget;
     use std::collections::{BTreeMap, BTreeSet};
 
-    /// A torus of w × h squares of two triangles with random heights, closed; vertices are where a random mesh would have them.
+    /// A torus of w × h squares of two triangles with random heights, closed; vertices are where a
+    /// random mesh would have them.
     fn torus(w: u32, h: u32, random: &mut Random) -> Mesh {
         let mut positions = Vec::new();
         for k in 0..w * h {

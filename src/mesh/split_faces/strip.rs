@@ -1,8 +1,9 @@
 //! The faces along the boundaries of parts, with their own numbers of vertices and edges.
 //!
-//! A vertex is on a boundary if its faces have several labels; every face of such a vertex belongs to the strip. Two passes over the
-//! faces find them. What is held while they run is a bit per vertex, and four bytes per vertex for as many vertices at a time as
-//! the budget allows (32 in a soup, where each face has vertices of its own: there those at one place count as one); what is kept grows with the strip alone.
+//! A vertex is on a boundary if its faces have several labels; every face of such a vertex belongs to the strip. Two
+//! passes over the faces find them. What is held while they run is a bit per vertex, and four bytes per vertex for as
+//! many vertices at a time as the budget allows (32 in a soup, where each face has vertices of its own: there those at
+//! one place count as one); what is kept grows with the strip alone.
 
 use crate::base::parallel::{chunk_count, chunk_range};
 use crate::base::vector::finite;
@@ -98,18 +99,15 @@ impl Bits {
         for start in (0..vertices).step_by(width) {
             first.clear();
             first.resize(width.min(vertices - start), NONE);
-            for chunk in 0..chunk_count(labels.len(), CHUNK) {
-                run.cancel.check()?;
-                mesh.faces.for_each(chunk_range(labels.len(), CHUNK, chunk), |face, corners| {
-                    for &v in corners {
-                        match (v as usize).checked_sub(start).and_then(|at| first.get_mut(at)) {
-                            Some(own) if *own == NONE => *own = labels[face],
-                            Some(own) if *own != labels[face] => bits.set(v),
-                            _ => {}
-                        }
+            each_face(mesh, run, |face, corners| {
+                for &v in corners {
+                    match (v as usize).checked_sub(start).and_then(|at| first.get_mut(at)) {
+                        Some(own) if *own == NONE => *own = labels[face],
+                        Some(own) if *own != labels[face] => bits.set(v),
+                        _ => {}
                     }
-                });
-            }
+                }
+            })?;
         }
         Ok((bits, kept))
     }
@@ -124,27 +122,20 @@ impl Bits {
         let mut places = vec![Place::default(); (grant.bytes() / size).max(1) as usize];
         for block in 0..blocks {
             places.fill(Place::default());
-            for marking in [false, true] {
-                for chunk in 0..chunk_count(labels.len(), CHUNK) {
-                    run.cancel.check()?;
-                    mesh.faces.for_each(chunk_range(labels.len(), CHUNK, chunk), |face, corners| {
-                        for &v in corners {
-                            let Some(key) = key(mesh.positions.get(v)) else { continue };
-                            if (u128::from(key) * u128::from(blocks)) >> 64 != u128::from(block) {
-                                continue;
-                            }
-                            let place = find(&mut places, key);
-                            if !marking {
-                                let other = place.key != key || place.label != labels[face];
-                                place.several |= place.key != 0 && other;
-                                (place.key, place.label) = (key, labels[face]);
-                            } else if place.several {
-                                self.set(v);
-                            }
-                        }
-                    });
+            let in_block = |key: &u64| (u128::from(*key) * u128::from(blocks)) >> 64 == u128::from(block);
+            let key_in_block = |v: u32| key(mesh.positions.get(v)).filter(in_block);
+            each_face(mesh, run, |face, corners| {
+                for key in corners.iter().filter_map(|&v| key_in_block(v)) {
+                    find(&mut places, key).meet(key, labels[face]);
                 }
-            }
+            })?;
+            each_face(mesh, run, |_, corners| {
+                for &v in corners {
+                    if key_in_block(v).is_some_and(|key| find(&mut places, key).several) {
+                        self.set(v);
+                    }
+                }
+            })?;
         }
         Ok(())
     }
@@ -156,6 +147,16 @@ impl Bits {
     fn has(&self, v: u32) -> bool {
         self.0.get(v as usize / 64).is_some_and(|word| word >> (v % 64) & 1 == 1)
     }
+}
+
+/// Calls `visit(face, its corners)` for every face, with looks at the stop flag.
+fn each_face(mesh: &Mesh, run: &Run, mut visit: impl FnMut(usize, &[u32])) -> Result<()> {
+    let n = mesh.faces.len();
+    for chunk in 0..chunk_count(n, CHUNK) {
+        run.cancel.check()?;
+        mesh.faces.for_each(chunk_range(n, CHUNK, chunk), &mut visit);
+    }
+    Ok(())
 }
 
 /// Whether hardly any vertex has two faces, as in an STL file: then places count, not numbers.
@@ -172,6 +173,14 @@ struct Place {
     several: bool,
 }
 
+impl Place {
+    /// Notes that a face with `label` has a corner at the place of `key`.
+    fn meet(&mut self, key: u64, label: u32) {
+        self.several |= self.key != 0 && (self.key != key || self.label != label);
+        (self.key, self.label) = (key, label);
+    }
+}
+
 /// The slot of `key`, or the empty one that it is to have; that of another where all are taken.
 fn find(places: &mut [Place], key: u64) -> &mut Place {
     let n = places.len();
@@ -183,6 +192,55 @@ fn find(places: &mut [Place], key: u64) -> &mut Place {
 /// A number that hardly any two positions share, never 0; none where there is no place.
 fn key(at: [f64; 3]) -> Option<u64> {
     finite(at).then(|| xxh3_64(bytemuck::bytes_of(&at.map(|x| x + 0.))).max(1))
+}
+
+/// The faces with a vertex of `bits`, ascending, and what the budget grants for them.
+fn faces_of(mesh: &Mesh, bits: &Bits, run: &Run) -> Result<(Vec<u32>, Grant)> {
+    let n = mesh.faces.len();
+    let each = |k: usize, visit: &mut dyn FnMut(usize, &[u32])| {
+        mesh.faces.for_each(chunk_range(n, CHUNK, k), |face, corners| {
+            if corners.iter().any(|&v| bits.has(v)) {
+                visit(face, corners);
+            }
+        });
+    };
+    let count = |k, (): &mut ()| {
+        let mut mine = 0;
+        each(k, &mut |_, corners| mine += corners.len() as u64);
+        Ok(mine)
+    };
+    let corners: u64 = run.map_chunks(chunk_count(n, CHUNK), || (), count)?.into_iter().sum();
+    let grant = run.budget.take("faces along boundaries", BYTES * corners, BYTES * corners)?;
+    if u32::try_from(corners).is_err() {
+        return Err(Error::unusable(mesh.path(), "has more than 2^32 corners along boundaries", "cut it coarser"));
+    }
+    let find = |k, (): &mut ()| {
+        let mut mine = Vec::new();
+        each(k, &mut |face, _| mine.push(face as u32));
+        Ok(mine)
+    };
+    Ok((run.map_chunks(chunk_count(n, CHUNK), || (), find)?.concat(), grant))
+}
+
+/// The vertices of `corners`, ascending, and the number of each corner's vertex among them; of a soup one vertex for
+/// each place.
+fn numbered(mesh: &Mesh, corners: &[u32]) -> (Vec<u32>, Vec<u32>) {
+    let sorted = |mut vertices: Vec<u32>| {
+        vertices.sort_unstable();
+        vertices.dedup();
+        vertices
+    };
+    let number = |vertices: &[u32], v: u32| vertices.partition_point(|&other| other < v) as u32;
+    let vertices = sorted(corners.to_vec());
+    let numbers = corners.iter().map(|&v| number(&vertices, v));
+    if !is_soup(mesh) {
+        let numbers = numbers.collect();
+        return (vertices, numbers);
+    }
+    let first = first_at_place(mesh, &vertices);
+    let places = sorted(first.clone());
+    let numbers = numbers.map(|k| number(&places, first[k as usize])).collect();
+    (places, numbers)
 }
 
 /// For each of `vertices`, ascending, the first one at the same place.
@@ -197,6 +255,27 @@ fn first_at_place(mesh: &Mesh, vertices: &[u32]) -> Vec<u32> {
     first
 }
 
+/// The ends of all edges, ascending, and the edge from each corner to the next one of its face.
+fn edges_of(starts: &[u32], corners: &[u32]) -> (Vec<[u32; 2]>, Vec<u32>) {
+    let mut halves: Vec<([u32; 2], u32)> = Vec::with_capacity(corners.len());
+    for face in starts.windows(2) {
+        let own = &corners[face[0] as usize..face[1] as usize];
+        for (k, &a) in own.iter().enumerate() {
+            let b = own[(k + 1) % own.len()];
+            halves.push(([a.min(b), a.max(b)], face[0] + k as u32));
+        }
+    }
+    halves.sort_unstable();
+    let (mut edges, mut edge_of): (Vec<[u32; 2]>, _) = (Vec::new(), vec![0; corners.len()]);
+    for (ends, corner) in halves {
+        if edges.last() != Some(&ends) {
+            edges.push(ends);
+        }
+        edge_of[corner as usize] = edges.len() as u32 - 1;
+    }
+    (edges, edge_of)
+}
+
 impl Strip {
     /// The strip of `mesh` whose faces have `labels`.
     ///
@@ -204,47 +283,13 @@ impl Strip {
     /// [`Error::Memory`], [`Error::Cancelled`].
     pub fn of(mesh: &Mesh, labels: &[u32], run: &Run) -> Result<Self> {
         let (bits, _bits) = Bits::of(mesh, labels, run)?;
-        let n = labels.len();
-        let each = |k: usize, visit: &mut dyn FnMut(usize, &[u32])| {
-            mesh.faces.for_each(chunk_range(n, CHUNK, k), |face, corners| {
-                if corners.iter().any(|&v| bits.has(v)) {
-                    visit(face, corners);
-                }
-            });
-        };
-        let count = |k, (): &mut ()| {
-            let mut mine = 0;
-            each(k, &mut |_, corners| mine += corners.len() as u64);
-            Ok(mine)
-        };
-        let corners: u64 = run.map_chunks(chunk_count(n, CHUNK), || (), count)?.into_iter().sum();
-        let grant = run.budget.take("faces along boundaries", BYTES * corners, BYTES * corners)?;
-        if u32::try_from(corners).is_err() {
-            return Err(Error::unusable(mesh.path(), "has more than 2^32 corners along boundaries", "cut it coarser"));
-        }
-        let find = |k, (): &mut ()| {
-            let mut mine = Vec::new();
-            each(k, &mut |face, _| mine.push(face as u32));
-            Ok(mine)
-        };
-        let faces = run.map_chunks(chunk_count(n, CHUNK), || (), find)?.concat();
-        let (mut starts, mut all) = (vec![0], Vec::with_capacity(corners as usize));
+        let (faces, grant) = faces_of(mesh, &bits, run)?;
+        let (mut starts, mut own) = (vec![0], Vec::new());
         for &face in &faces {
-            mesh.faces.with(face as usize, |corners| all.extend_from_slice(corners));
-            starts.push(all.len() as u32);
+            mesh.faces.with(face as usize, |corners| own.extend_from_slice(corners));
+            starts.push(own.len() as u32);
         }
-        let mut vertices = all.clone();
-        vertices.sort_unstable();
-        vertices.dedup();
-        let number = |vertices: &[u32], v: u32| vertices.partition_point(|&other| other < v) as u32;
-        let mut corners: Vec<u32> = all.iter().map(|&v| number(&vertices, v)).collect();
-        if is_soup(mesh) {
-            let first = first_at_place(mesh, &vertices);
-            vertices.clone_from(&first);
-            vertices.sort_unstable();
-            vertices.dedup();
-            corners.iter_mut().for_each(|v| *v = number(&vertices, first[*v as usize]));
-        }
+        let (vertices, corners) = numbered(mesh, &own);
         let labels: Vec<u32> = faces.iter().map(|&face| labels[face as usize]).collect();
         let owners = || (0..faces.len()).flat_map(|f| (starts[f]..starts[f + 1]).map(move |c| (c as usize, f as u32)));
         let mut inner = vec![None; vertices.len()];
@@ -254,22 +299,7 @@ impl Strip {
                 inner[v] = Some(labels[f as usize]);
             }
         }
-        let mut halves: Vec<([u32; 2], u32)> = Vec::with_capacity(corners.len());
-        for f in 0..faces.len() {
-            let own = &corners[starts[f] as usize..starts[f + 1] as usize];
-            for (k, &a) in own.iter().enumerate() {
-                let b = own[(k + 1) % own.len()];
-                halves.push(([a.min(b), a.max(b)], starts[f] + k as u32));
-            }
-        }
-        halves.sort_unstable();
-        let (mut edges, mut edge_of): (Vec<[u32; 2]>, _) = (Vec::new(), vec![0; corners.len()]);
-        for (ends, corner) in halves {
-            if edges.last() != Some(&ends) {
-                edges.push(ends);
-            }
-            edge_of[corner as usize] = edges.len() as u32 - 1;
-        }
+        let (edges, edge_of) = edges_of(&starts, &corners);
         let sides = Groups::of(edges.len(), owners().map(|(c, f)| (edge_of[c], f)));
         let stars = Groups::of(vertices.len(), owners().map(|(c, f)| (corners[c], f)));
         let at = vertices.iter().map(|&v| mesh.positions.get(v)).collect();
@@ -278,7 +308,7 @@ impl Strip {
             labels,
             starts,
             corners,
-            own: all,
+            own,
             edge_of,
             vertices,
             at,
