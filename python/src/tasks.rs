@@ -32,8 +32,13 @@ fn text(value: &impl serde::Serialize) -> PyResult<String> {
     serde_json::to_string(value).map_err(|error| PyRuntimeError::new_err(error.to_string()))
 }
 
-fn colours(array: &PyReadonlyArray2<'_, u8>) -> Vec<[u8; 3]> {
-    array.as_array().outer_iter().map(|c| [c[0], c[1], c[2]]).collect()
+fn colours(array: &PyReadonlyArray2<'_, u8>) -> PyResult<Vec<[u8; 3]>> {
+    let array = array.as_array();
+    if array.ncols() != 3 {
+        let text = format!("colours: {}×{}; give red, green and blue per part", array.nrows(), array.ncols());
+        return Err(PyValueError::new_err(text));
+    }
+    Ok(array.outer_iter().map(|c| [c[0], c[1], c[2]]).collect())
 }
 
 /// The hierarchy that `tree` tells.
@@ -107,7 +112,7 @@ pub fn save(
     options: SaveChoices,
 ) -> PyResult<()> {
     let options = save_options(options)?;
-    let (labels, colours) = (labels.as_array().to_vec(), self::colours(&colours));
+    let (labels, colours) = (labels.as_array().to_vec(), self::colours(&colours)?);
     let quality = quality.map(|quality| quality.as_array().to_vec());
     let tree = tree.map(hierarchy).transpose()?;
     let cells = cells.map(|cells| cells.as_array().to_vec());
@@ -163,7 +168,7 @@ pub fn picture<'py>(
     let up = up.map(|up| up.parse().map_err(PyValueError::new_err)).transpose()?;
     let params = PictureParams::default().width(width).height(height).views(views).transparent(transparent);
     let params = params.legend(legend).lines(lines).up(up).turn(turn).tilt(tilt);
-    let (labels, colours) = (labels.map(|labels| labels.as_array().to_vec()), self::colours(&colours));
+    let (labels, colours) = (labels.map(|labels| labels.as_array().to_vec()), self::colours(&colours)?);
     let draw = || render(&mesh.0, labels.as_deref(), &colours, &params, &Run::new(&()));
     let image = py.detach(draw).map_err(raised)?;
     image.pixels.as_flattened().to_pyarray(py).reshape([image.height, image.width, 4])

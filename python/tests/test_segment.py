@@ -393,3 +393,17 @@ def test_signatures_and_docstrings_are_there():
             assert thing.__doc__ and len(thing.__doc__) > 40, name
     assert "detail" in inspect.signature(nystrom_stream.segment).parameters
     assert inspect.signature(nystrom_stream.segment).parameters["faces"].default is None
+
+
+def test_numbers_beyond_32_bits_and_odd_colours_are_refused(mesh):
+    # Regression: they wrapped around in silence, and the colours panicked.
+    with pytest.raises(ValueError):
+        nystrom_stream.segment(np.eye(3), [[0, 1, 2], [0, 1, 2, 2**32]])
+    cut = nystrom_stream.segment(*mesh, 2)
+    labels = cut.labels.astype(np.int64)
+    with pytest.raises(ValueError, match="beyond 32 bits"):
+        nystrom_stream.evaluate(cut, np.where(labels == 0, 2**32 + 1, labels))
+    with pytest.raises(ValueError, match="red, green and blue"):
+        nystrom_stream.picture(mesh, cut.labels, colours=np.zeros((5, 2), np.uint8))
+    with pytest.raises(ValueError, match="landmarks"):
+        nystrom_stream.quality(*mesh, landmarks=0)

@@ -133,7 +133,8 @@ impl SamplingQuality {
     /// Measures samples of the faces of `mesh`: one record per sampling, number of landmarks and seed.
     ///
     /// # Errors
-    /// [`crate::Error::Memory`], [`crate::Error::Io`], [`crate::Error::Cancelled`].
+    /// [`crate::Error::Parameter`] for no or 0 landmarks, no sampling, no seed, or a width that is no positive number;
+    /// [`crate::Error::WorkDir`], [`crate::Error::Memory`], [`crate::Error::Io`], [`crate::Error::Cancelled`].
     pub fn run(&self, mesh: &Mesh) -> Result<Vec<SampleRecord>> {
         let seeds = self.params.seeds.iter().map(|seed| seed.wrapping_add(self.options.seed)).collect();
         let params = CompareParams { seeds, ..self.params.clone() };

@@ -169,6 +169,9 @@ const NONE: u32 = u32::MAX;
 pub fn colours_for(mesh: &Mesh, labels: &[u32], run: &Run) -> Result<Vec<[u8; 3]>> {
     let parts = labels.iter().copied().filter(|&label| label != NONE).max().map_or(0, |most| most as usize + 1);
     if parts > IN_TURN {
+        // A label of its own for every face is far fewer; a great number may be no label at all.
+        let bytes = 3 * parts as u64;
+        let _grant = run.budget.take("the colours of parts", bytes, bytes)?;
         let some = palette(MOST);
         return Ok((0..parts).map(|part| some[part % some.len()]).collect());
     }

@@ -2,7 +2,7 @@
 
 use super::choices::choice;
 use super::options::{AppContext, CliError, ForceArgs, RunArgs};
-use super::output::{JsonArgs, ends_with, folder_of};
+use super::output::{JsonArgs, check_places, ends_with, folder_of};
 use clap::ValueEnum;
 use nystrom_stream::apps::correspond::carry::{Colours, Property};
 use nystrom_stream::apps::correspond::show::side_by_side;
@@ -195,6 +195,8 @@ pub fn run(args: &CorrespondArgs, app: &AppContext) -> Result<(), CliError> {
             return Err(Error::unusable(path, problem, "make it first").into());
         }
     }
+    let inputs = [&args.a, &args.b].into_iter().chain(&args.landmarks_file).chain(&args.initial_map);
+    check_places(inputs, outputs().chain(&args.json.json))?;
     let bars = args.run.bars();
     let run = args.run.run(&bars, app);
     let beside = || outputs().next().map_or_else(std::env::temp_dir, |path| folder_of(path));

@@ -2,7 +2,7 @@
 //! against true ones.
 
 use super::options::{AppContext, CliError};
-use super::output::{JsonArgs, check_charts, ends_with};
+use super::output::{JsonArgs, check_charts, check_places, ends_with};
 use super::progress::{Bars, Style};
 use nystrom_stream::apps::correspond::{Errors, accuracy, files};
 use nystrom_stream::apps::evaluate::{
@@ -65,6 +65,8 @@ type Outcome = (String, Value);
 
 pub fn run(args: &EvaluateArgs, app: &AppContext) -> std::result::Result<(), CliError> {
     check_charts("--plot", args.plot.as_slice())?;
+    let inputs = args.labels.iter().chain(&args.mesh).chain(&args.truth).chain(&args.matches);
+    check_places(inputs, args.plot.iter().chain(&args.json.json))?;
     let bars = Bars::new(if args.quiet { Style::Quiet } else { Style::of_terminal() });
     let mut run = Run::new(&bars);
     if let Some(threads) = args.threads {

@@ -2,7 +2,7 @@
 
 use super::input::read;
 use super::options::{AppContext, CliError, ForceArgs, RunArgs, WorkDirArgs, either};
-use super::output::{JsonArgs, Significant, folder_of};
+use super::output::{JsonArgs, Significant, check_places, folder_of};
 use super::progress::{counted, human, tell};
 use nystrom_stream::apps::measure::{self, MeshMeasures};
 use nystrom_stream::base::Result;
@@ -159,6 +159,7 @@ fn measured(m: &MeshMeasures) -> String {
 
 pub fn run(args: &InfoArgs, app: &AppContext) -> std::result::Result<(), CliError> {
     let path = either(&args.path, &args.work_dir);
+    check_places(&args.path, &args.json.json)?;
     if args.header && path.is_dir() {
         return Err(CliError::Usage("--header goes with a mesh; a work directory has no header".into()));
     }

@@ -15,6 +15,7 @@ use nystrom_stream::mesh::{Document, Mesh, seg};
 use nystrom_stream::pipeline::cuts::KeptCuts;
 use nystrom_stream::store::{Context, Run, WorkDir, json, npy};
 use serde_json::Value;
+use std::collections::HashSet;
 use std::ffi::OsStr;
 use std::io::Write;
 use std::path::{Path, PathBuf};
@@ -374,6 +375,37 @@ pub fn outputs_of(paths: &[PathBuf]) -> Result<Vec<Output>, CliError> {
         outputs.push(output);
     }
     Ok(outputs)
+}
+
+/// Where the file `path` lies, or would; `None` for standard output, pipes and devices, which nothing is lost by.
+fn place(path: &Path) -> Option<PathBuf> {
+    match std::fs::metadata(path) {
+        Ok(there) if there.is_file() => path.canonicalize().ok(),
+        Ok(_) => None,
+        Err(_) if path == Path::new("-") => None,
+        Err(_) => Some(folder_of(path).canonicalize().ok()?.join(path.file_name()?)),
+    }
+}
+
+/// Refuses outputs that would take the place of an input, or of each other.
+pub fn check_places<'a>(
+    inputs: impl IntoIterator<Item = &'a PathBuf>,
+    outputs: impl IntoIterator<Item = &'a PathBuf>,
+) -> Result<(), CliError> {
+    let inputs: HashSet<PathBuf> = inputs.into_iter().filter_map(|path| place(path)).collect();
+    let mut seen = HashSet::new();
+    for path in outputs {
+        let Some(place) = place(path) else { continue };
+        if inputs.contains(&place) {
+            let text = format!("{}: is an input, and would be overwritten; name another file", path.display());
+            return Err(CliError::Usage(text));
+        }
+        if !seen.insert(place) {
+            let text = format!("{}: two outputs cannot have one name; name another file", path.display());
+            return Err(CliError::Usage(text));
+        }
+    }
+    Ok(())
 }
 
 /// Refuses a table of names where neither one of `outputs` nor `json` would hold them.

@@ -1,7 +1,7 @@
 //! `picture`: a mesh and its parts as a PNG.
 
 use super::options::{AppContext, CliError, RunArgs};
-use super::output::{ends_with, folder_of};
+use super::output::{check_places, ends_with, folder_of};
 use nystrom_stream::apps::colours::colours_for;
 use nystrom_stream::apps::picture::{PictureParams, Up, render_named};
 use nystrom_stream::base::{Error, Result};
@@ -90,6 +90,7 @@ pub fn run(args: &PictureArgs, app: &AppContext) -> Result<(), CliError> {
     let params = args.params();
     params.check()?;
     let target = args.target()?;
+    check_places([&args.mesh].into_iter().chain(&args.labels), [&target])?;
     let bars = args.run.bars();
     let run = args.run.run(&bars, app);
     let work = WorkDir::temporary(args.run.tmp.as_deref().unwrap_or(&folder_of(&target)))?;

@@ -2,7 +2,7 @@
 
 use super::method::MethodArgs;
 use super::options::{AppContext, CliError, RunArgs};
-use super::output::{JsonArgs, folder_of};
+use super::output::{JsonArgs, check_places, folder_of};
 use super::progress::{human, words};
 use nystrom_stream::base::Result;
 use nystrom_stream::pipeline::SegmentParams;
@@ -66,6 +66,7 @@ pub fn run(args: &PlanArgs, app: &AppContext) -> Result<(), CliError> {
         let text = "standard input has no size and no header to go by before it is read; name a file";
         return Err(CliError::Usage(text.into()));
     }
+    check_places([&args.mesh], &args.json.json)?;
     let params = args.method.params()?;
     let run = args.run.run(&(), app);
     let size = size_of_mesh(&args.mesh)?;

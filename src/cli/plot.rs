@@ -1,7 +1,7 @@
 //! `plot`: charts of what a run found, from its work directory, its report, or a hierarchy of parts.
 
 use super::options::{CliError, either};
-use super::output::check_charts;
+use super::output::{check_charts, check_places};
 use nystrom_stream::apps::colours;
 use nystrom_stream::apps::plots::{Dendrogram, Spectrum, TreePlot};
 use nystrom_stream::base::{Error, Result};
@@ -101,6 +101,7 @@ pub fn run(args: &PlotArgs) -> Result<(), CliError> {
     }
     check_charts("--eigenvalues", &args.eigenvalues)?;
     check_charts("--tree", &args.tree)?;
+    check_places(&args.from, args.eigenvalues.iter().chain(&args.tree))?;
     let from = either(&args.from, &args.work_dir);
     let in_folder = args.work_dir.is_some() || from.is_dir();
     let found = if in_folder { Found::in_work_dir(from) } else { Found::in_file(from) }?;

@@ -3,7 +3,7 @@
 use super::choices::choice;
 use super::method::MetricArgs;
 use super::options::{AppContext, CliError, RunArgs};
-use super::output::{JsonArgs, check_charts, write_text};
+use super::output::{JsonArgs, check_charts, check_places, write_text};
 use nystrom_stream::apps::plots::charts;
 use nystrom_stream::apps::study::compare::{EmbeddingError, embedding_errors};
 use nystrom_stream::apps::study::points::{Judged, PointsParams, agreement, pairs};
@@ -121,6 +121,7 @@ fn params(args: &QualityArgs) -> Result<CompareParams, CliError> {
 
 pub fn quality(args: &QualityArgs, app: &AppContext) -> Result<(), CliError> {
     let params = params(args)?;
+    check_places(&args.meshes, args.plot.iter().chain(&args.csv).chain(&args.json.json))?;
     let bars = args.run.bars();
     let run = args.run.run(&bars, app);
     let grounds = StudyParams::default()

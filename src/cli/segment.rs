@@ -9,7 +9,9 @@ use super::input::read;
 use super::made::Maker;
 use super::method::{MethodArgs, check_count};
 use super::options::{AppContext, CliError, ForceArgs, RunArgs};
-use super::output::{ENDINGS, FormArgs, JsonArgs, Output, Results, check_names, folder_of, measured, outputs_of};
+use super::output::{
+    ENDINGS, FormArgs, JsonArgs, Output, Results, check_names, check_places, folder_of, measured, outputs_of,
+};
 use super::progress::{Bars, BatchBars, Style, counted, human, tell};
 use super::stages::{KeptEmbedding, embedding};
 use nystrom_stream::apps::edits::Edits;
@@ -159,6 +161,10 @@ pub fn run(args: &SegmentArgs, app: &AppContext) -> Result<(), CliError> {
     };
     let task = Task { args, params: &params, edits: edits.as_ref(), like: like.as_ref() };
     let mut jobs = jobs(meshes, &args.output)?;
+    let written = jobs.iter().flat_map(|job| &job.outputs).filter_map(Output::path).map(Path::to_path_buf);
+    let written: Vec<PathBuf> = written.chain(args.json.json.clone()).chain(args.json_lines.clone()).collect();
+    let edits = args.edits.edits.iter().chain(&args.edits.names).chain(&args.like.like);
+    check_places(jobs.iter().map(|job| &job.mesh).chain(edits), &written)?;
     if many {
         return all(jobs, task, app);
     }

@@ -3,7 +3,7 @@
 use super::choices::choice;
 use super::input::read;
 use super::options::{AppContext, CliError, ForceArgs, RunArgs};
-use super::output::{JsonArgs, folder_of, print};
+use super::output::{JsonArgs, check_places, folder_of, print};
 use nystrom_stream::apps::picture::{PictureParams, render};
 use nystrom_stream::apps::sequence::{ComparedOrder, SequenceOrder, gradient, table};
 use nystrom_stream::mesh::Mesh;
@@ -110,6 +110,7 @@ fn beside(mesh: &Path) -> PathBuf {
 pub fn run(args: &SequenceArgs, app: &AppContext) -> Result<(), CliError> {
     let start = Instant::now();
     let targets = check(args)?;
+    check_places([&args.mesh], args.output.iter().chain(&args.json.json))?;
     let bars = args.run.bars();
     let run = args.run.run(&bars, app);
     let folder = |target: &Target| match target {

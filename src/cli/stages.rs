@@ -7,7 +7,7 @@ use super::edits::{EditArgs, corrections, named};
 use super::input::read;
 use super::method::{KernelArgs, MethodArgs, OrderArgs, PartsArgs, check_count};
 use super::options::{AppContext, CliError, ForceArgs, RunArgs, WorkDirArgs, misfit, open};
-use super::output::{FormArgs, JsonArgs, Output, Results, check_names, outputs_of, print};
+use super::output::{FormArgs, JsonArgs, Output, Results, check_names, check_places, outputs_of, print};
 use super::progress::{Bars, counted};
 use nystrom_stream::apps::edits::Edits;
 use nystrom_stream::apps::export::parquet::Coordinates;
@@ -179,6 +179,7 @@ pub fn graph(args: &GraphArgs, app: &AppContext) -> Result<(), CliError> {
     let start = Instant::now();
     let bars = args.run.bars();
     let run = args.run.run(&bars, app);
+    check_places([&args.mesh], &args.json.json)?;
     let params = SegmentParams::default().order(args.order.or(Order::default()));
     let work = open(&args.place.work_dir, &run)?;
     let (opened, identity) = read(&args.mesh, args.force, Context::new(&work, &run))?;
@@ -235,6 +236,7 @@ fn shared(divided: Divided, args: &RowsArgs, mut params: SegmentParams, app: &Ap
             record.mesh
         }
     };
+    check_places([&path], &args.json.json)?;
     let (folder, force) = (&args.place.work_dir, args.force);
     let mut told = json!({"mesh": path, "work_dir": folder});
     if let Some(shard) = args.shard {
@@ -286,6 +288,8 @@ pub fn cluster(args: &ClusterArgs, app: &AppContext) -> Result<(), CliError> {
     outputs.iter().try_for_each(Output::check)?;
     args.json.check(outputs.contains(&Output::Stdout))?;
     let (work, record, run) = reopen(&args.place, &args.run, args.run.run(&bars, app))?;
+    let inputs = [&args.mesh, &args.tree, &args.edits.edits, &args.edits.names].into_iter().flatten();
+    check_places(inputs.chain([&record.mesh]), args.output.iter().chain(&args.json.json))?;
     let mut params = record.params.clone();
     if args.parts.cluster.is_some_and(|cluster| cluster != params.cluster) {
         // Options of another way of clustering have no meaning here.
@@ -377,6 +381,8 @@ pub fn export(args: &ExportArgs, app: &AppContext) -> Result<(), CliError> {
     check_names(args.names.as_deref(), &outputs, &JsonArgs::default())?;
     outputs.iter().try_for_each(Output::check)?;
     let (work, record, run) = reopen(&args.place, &args.run, args.run.run(&bars, app))?;
+    let inputs = [&args.mesh, &args.names].into_iter().flatten();
+    check_places(inputs.chain([&record.mesh]), args.output.iter().chain(&args.tree))?;
     if let Some(path) = &args.tree {
         let tree = decision::tree_of(&work, record.params.exact_rows())?;
         decision::write_tree(&tree, path)?;

@@ -1,7 +1,7 @@
 //! `transfer-labels`: labels carried over to another mesh of the same shape.
 
 use super::options::{AppContext, CliError, RunArgs};
-use super::output::{JsonArgs, Output, PartFile, PlyArgs, Results, folder_of, outputs_of};
+use super::output::{JsonArgs, Output, PartFile, PlyArgs, Results, check_places, folder_of, outputs_of};
 use super::picture::{has_labels, labels_of_file, labels_of_mesh};
 use nystrom_stream::apps::colours::colours_for;
 use nystrom_stream::apps::transfer::transfer;
@@ -43,6 +43,8 @@ pub fn run(args: &TransferArgs, app: &AppContext) -> Result<(), CliError> {
     args.ply.check(&outputs)?;
     args.json.check(outputs.contains(&Output::Stdout))?;
     outputs.iter().try_for_each(Output::check)?;
+    let inputs = [&args.from, &args.to].into_iter().chain(&args.labels);
+    check_places(inputs, args.output.iter().chain(&args.json.json))?;
     let bars = args.run.bars();
     let run = args.run.run(&bars, app);
     let beside = outputs.iter().find_map(Output::path).map_or_else(std::env::temp_dir, folder_of);

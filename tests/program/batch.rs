@@ -205,3 +205,39 @@ fn an_interrupt_says_how_to_go_on() {
     assert_eq!(told, [how]);
     assert_eq!(names(dir.path()), ["creature_40000.ply", "creature_50000.ply"]);
 }
+
+/// Regression: a report, a table or a map in the place of the mesh overwrote it, and one of two outputs of one name was lost.
+#[test]
+fn nothing_is_written_over_an_input_or_another_output() {
+    let (dir, meshes) = folder();
+    let (mesh, work) = (meshes.join("grid.ply"), dir.path().join("work"));
+    let before = std::fs::read(&mesh).unwrap();
+    let (mesh, work) = (word(&mesh), word(&work));
+    let labels = dir.path().join("x.seg");
+    common::segment(Path::new(mesh), &["-q", "--work-dir", work, "-o", word(&labels)]);
+    let json = &format!("--json={mesh}")[..];
+    let (x, lines) = (word(&labels), format!("--json-lines={mesh}"));
+    for words in [
+        &["segment", mesh, "-o", x, json][..],
+        &["segment", word(&meshes), "-o", "{}.seg", &lines],
+        &["sequence", mesh, "-o", mesh],
+        &["quality", mesh, "--csv", mesh],
+        &["plan", mesh, json],
+        &["info", mesh, json],
+        &["graph", mesh, "--work-dir", work, json],
+        &["rows", mesh, "--work-dir", work, json],
+        &["cluster", "--work-dir", work, json],
+        &["export", "--work-dir", work, "-o", mesh],
+        &["export", "--work-dir", work, "--tree", mesh],
+        &["correspond", mesh, mesh, "--carry", "label", "--carried", mesh],
+        &["transfer-labels", mesh, mesh, "--labels", x, "-o", x],
+        &["evaluate", x, "--truth", x, &format!("--json={x}")],
+        &["picture", mesh, "-o", mesh],
+    ] {
+        let output = run(words);
+        assert_eq!(output.status.code(), Some(2), "{words:?}: {}", errors(&output));
+        assert!(std::fs::read(mesh).unwrap() == before, "{words:?}");
+    }
+    let output = run(&["segment", mesh, "-o", x, &format!("--json={x}")]);
+    assert!(output.status.code() == Some(2) && errors(&output).contains("two outputs cannot have one name"));
+}

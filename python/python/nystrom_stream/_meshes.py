@@ -7,6 +7,10 @@ import numpy as np
 from . import _native
 
 
+# The greatest number of a vertex or a part.
+MOST = 2**32 - 1
+
+
 def array(name, values, columns=None):
     """`values` as a two-dimensional array of numbers: of anything that NumPy takes, a pandas table or a tensor too."""
     if hasattr(values, "detach"):
@@ -42,7 +46,7 @@ def from_arrays(vertices, faces):
     if _is_ragged(faces):
         starts = np.cumsum([0] + [len(face) for face in faces]).astype(np.uint64)
         corners = np.concatenate([np.asarray(face) for face in faces])
-        if not np.issubdtype(corners.dtype, np.integer) or (corners < 0).any():
+        if not np.issubdtype(corners.dtype, np.integer) or (corners < 0).any() or (corners > MOST).any():
             raise ValueError("faces: not numbers of vertices, counted from 0")
         return _native.Mesh.from_polygons(vertices.astype(np.float64), starts, corners.astype(np.uint32))
     if len(faces) == 0:
@@ -112,6 +116,8 @@ def as_labels(labels, faces, name="labels"):
         raise TypeError(f"{name}: {labels.dtype} is no integer")
     if len(labels) and labels.min() < 0:
         raise ValueError(f"{name}: {labels.min()} is negative; number parts from 0")
+    if len(labels) and labels.max() > MOST:
+        raise ValueError(f"{name}: {labels.max()} is beyond 32 bits; number parts from 0")
     return np.ascontiguousarray(labels, np.uint32)
 
 

@@ -78,6 +78,29 @@ crate::base::setters::setters!(CompareParams {
     schur: bool,
 });
 
+impl CompareParams {
+    /// Refuses what cannot be measured.
+    ///
+    /// # Errors
+    /// [`Error::Parameter`] for no or 0 landmarks, no sampling, no seed, or a width that is no positive number.
+    pub fn check(&self) -> Result<()> {
+        let refused = |name: &str, problem: &str, remedy: &str| Err(Error::parameter(name, problem, remedy));
+        if self.landmarks.is_empty() || self.landmarks.contains(&0) {
+            return refused("landmarks", "0 landmarks", "choose from 1 on");
+        }
+        if self.samplings.is_empty() {
+            return refused("sampling", "none is given", "give at least one");
+        }
+        if self.seeds.is_empty() {
+            return refused("seeds", "none is given", "measure under at least one");
+        }
+        if !(self.width > 0. && self.width.is_finite()) {
+            return refused("width", "is not a positive number", "give a number of mean distances");
+        }
+        self.kernel.check()
+    }
+}
+
 /// One sample and how good it is.
 #[derive(Clone, Debug, Serialize)]
 pub struct SampleRecord {
@@ -121,6 +144,7 @@ pub fn compare(
     params: &CompareParams,
     context: Context<'_>,
 ) -> Result<Vec<SampleRecord>> {
+    params.check()?;
     let most = params.landmarks.iter().copied().max().unwrap_or(0).min(ground.len());
     let mut jobs = Vec::new();
     for &sampling in &params.samplings {

@@ -168,8 +168,8 @@ pub fn transfer(from: &Mesh, labels: &[u32], to: &Mesh, context: Context<'_>) ->
     drop(grant);
 
     let found: &[Closest] = found;
-    let mut own = context.work.array::<u32>("labels.npy", &[n])?;
-    let mut quality = context.work.array::<f32>("quality.npy", &[n])?;
+    let mut own = context.work.array::<u32>("transferred_labels.npy", &[n])?;
+    let mut quality = context.work.array::<f32>("transferred_quality.npy", &[n])?;
     let choose = |k: usize, own: &mut [u32], quality: &mut [f32], (): &mut ()| {
         for i in 0..own.len() {
             let face = k * CHUNK + i;
