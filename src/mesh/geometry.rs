@@ -9,6 +9,7 @@ use super::ply::document::Document;
 use crate::base::vector::finite;
 use crate::base::{Error, Result};
 use crate::store::{MappedBytes, MappedSlice, PrivateFolder, Run};
+use std::convert::Infallible;
 use std::ops::Range;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -223,22 +224,39 @@ impl Faces {
     /// Calls `visit(face, its corners)` for every face of `range`, in order.
     #[inline]
     pub fn for_each(&self, range: Range<usize>, mut visit: impl FnMut(usize, &[u32])) {
+        let Ok(()) = self.try_for_each(range, |face, corners| {
+            visit(face, corners);
+            Ok::<(), Infallible>(())
+        });
+    }
+
+    /// The same until `visit` fails.
+    ///
+    /// # Errors
+    /// The first of `visit`.
+    #[inline]
+    pub fn try_for_each<E>(
+        &self,
+        range: Range<usize>,
+        mut visit: impl FnMut(usize, &[u32]) -> Result<(), E>,
+    ) -> Result<(), E> {
         match self {
             Self::Triangles { bytes, offset, stride, .. } => {
                 for face in range {
                     let start = offset + face * stride;
                     let record = &bytes[start..start + 12];
                     let corner = |k: usize| u32::from_le_bytes(four(&record[4 * k..4 * k + 4]));
-                    visit(face, &[corner(0), corner(1), corner(2)]);
+                    visit(face, &[corner(0), corner(1), corner(2)])?;
                 }
             }
             Self::Polygons { starts, corners } => {
                 let (starts, corners) = (&starts[..], &corners[..]);
                 for face in range {
-                    visit(face, &corners[starts[face] as usize..starts[face + 1] as usize]);
+                    visit(face, &corners[starts[face] as usize..starts[face + 1] as usize])?;
                 }
             }
         }
+        Ok(())
     }
 
     /// Calls `visit(corners)` for one face.
