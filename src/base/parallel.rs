@@ -268,7 +268,7 @@ fn ordered(
                     drop(done.send((usize::MAX, Err(error))));
                 }
             };
-            refused = spawn(scope, guarded).err();
+            refused = spawn(scope, guarded).err().or(refused);
         }
         drop((jobs, done));
         let mut issued = 0;

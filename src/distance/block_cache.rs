@@ -99,6 +99,20 @@ impl Slot<'_> {
     }
 }
 
+/// Threads that read blocks: where jobs go, and where they come back.
+pub(super) struct Readers<'m> {
+    pub jobs: Sender<Job<'m>>,
+    pub done: Receiver<Result<Job<'m>>>,
+}
+
+/// Where a row goes.
+#[derive(Clone, Copy)]
+pub(super) struct RowFile<'a> {
+    pub values: &'a Writeback,
+    /// The file, for errors.
+    pub path: &'a Path,
+}
+
 /// Blocks in memory.
 pub(super) struct BlockCache<'m, 'a> {
     blocks: Blocks<'a>,
@@ -114,19 +128,18 @@ pub(super) struct BlockCache<'m, 'a> {
     waiting: usize,
     /// Blocks read once more because they had to leave.
     again: usize,
-    jobs: Sender<Job<'m>>,
-    done: Receiver<Result<Job<'m>>>,
-    values: &'a Writeback,
-    path: &'a Path,
+    readers: Readers<'m>,
+    row: RowFile<'a>,
 }
 
 impl<'m, 'a> BlockCache<'m, 'a> {
-    /// A cache of as many blocks as `memory` holds, of `field` their values, which go to `values`, in the file `path`.
+    /// A cache of as many blocks as `memory` holds; `field` has room for their values, which go to `row`.
     pub fn new(
         blocks: Blocks<'a>,
-        (memory, field): (&'m mut [u32], &'m mut [f32]),
-        (jobs, done): (Sender<Job<'m>>, Receiver<Result<Job<'m>>>),
-        (values, path): (&'a Writeback, &'a Path),
+        memory: &'m mut [u32],
+        field: &'m mut [f32],
+        readers: Readers<'m>,
+        row: RowFile<'a>,
     ) -> Self {
         let slot = |memory| Slot { block: NONE, used: false, memory, first: [0; 2], entry: 0, beside: Vec::new() };
         Self {
@@ -139,14 +152,12 @@ impl<'m, 'a> BlockCache<'m, 'a> {
             hand: 0,
             waiting: 0,
             again: 0,
-            jobs,
-            done,
-            values,
-            path,
+            readers,
+            row,
         }
     }
 
-    /// Whether more blocks were read again than fronts are worth.
+    /// Whether blocks have been reread so often that plain fronts would be cheaper.
     pub fn is_thrashing(&self) -> bool {
         self.again > self.blocks.len() + self.slots.len()
     }
@@ -193,8 +204,7 @@ impl<'m, 'a> BlockCache<'m, 'a> {
         }
     }
 
-    /// Adds to `out` where the steps from an entry lead: as far as the front may be shorter there, and the entry still counts. Waits for
-    /// the block.
+    /// Appends the neighbours of `node` that this entry can still improve. Appends nothing if the entry is stale. Waits for the block.
     #[inline(always)]
     pub fn steps(&mut self, Entry { node, distance }: Entry, out: &mut Vec<Entry>) -> Result<()> {
         let slot = self.slot(node)?;
@@ -271,7 +281,7 @@ impl<'m, 'a> BlockCache<'m, 'a> {
 
     /// Asks for a block, in a slot that another one leaves.
     fn load(&mut self, block: u32) -> Result<usize> {
-        while let Ok(job) = self.done.try_recv() {
+        while let Ok(job) = self.readers.done.try_recv() {
             self.arrived(job?);
         }
         let slot = self.free()?;
@@ -280,7 +290,7 @@ impl<'m, 'a> BlockCache<'m, 'a> {
         let field = &mut self.field[slot << self.blocks.shift..][..nodes.len()];
         if self.written[block as usize] {
             self.again += 1;
-            self.values.read(nodes.start, field).map_err(Error::io(self.path, "read"))?;
+            self.row.values.read(nodes.start, field).map_err(Error::io(self.row.path, "read"))?;
         } else {
             field.fill(f32::INFINITY);
         }
@@ -290,7 +300,7 @@ impl<'m, 'a> BlockCache<'m, 'a> {
         let (memory, beside) = (std::mem::take(&mut own.memory), std::mem::take(&mut own.beside));
         self.waiting += 1;
         let job = Job { slot: slot as u32, block, memory, first: [0; 2], beside };
-        self.jobs.send(job).map_err(|_| Error::internal("nobody reads blocks"))?;
+        self.readers.jobs.send(job).map_err(|_| Error::internal("nobody reads blocks"))?;
         Ok(slot)
     }
 
@@ -324,8 +334,8 @@ impl<'m, 'a> BlockCache<'m, 'a> {
         if std::mem::replace(&mut self.table[block as usize], NONE) < AHEAD {
             let nodes = self.blocks.nodes(block);
             let field = &self.field[slot << self.blocks.shift..][..nodes.len()];
-            self.values.write(nodes.start, field).map_err(Error::io(self.path, "write"))?;
-            self.values.start(nodes);
+            self.row.values.write(nodes.start, field).map_err(Error::io(self.row.path, "write"))?;
+            self.row.values.start(nodes);
             self.written[block as usize] = true;
         }
         Ok(())
@@ -335,7 +345,7 @@ impl<'m, 'a> BlockCache<'m, 'a> {
     #[cold]
     #[inline(never)]
     fn receive(&mut self) -> Result<()> {
-        let job = self.done.recv().map_err(|_| Error::internal("nobody reads blocks"))??;
+        let job = self.readers.done.recv().map_err(|_| Error::internal("nobody reads blocks"))??;
         self.arrived(job);
         Ok(())
     }
@@ -355,8 +365,8 @@ impl<'m, 'a> BlockCache<'m, 'a> {
         let empty = vec![f32::INFINITY; 1 << self.blocks.shift];
         for block in (0..self.blocks.len() as u32).filter(|&block| !self.written[block as usize]) {
             let nodes = self.blocks.nodes(block);
-            self.values.write(nodes.start, &empty[..nodes.len()]).map_err(Error::io(self.path, "write"))?;
-            self.values.start(nodes);
+            self.row.values.write(nodes.start, &empty[..nodes.len()]).map_err(Error::io(self.row.path, "write"))?;
+            self.row.values.start(nodes);
         }
         Ok(())
     }

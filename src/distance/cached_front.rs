@@ -10,8 +10,8 @@
 //! Cost at 100 million faces in 1 GiB: some 75 ns per face of the front's thread, since what was read lately is in no cache of the
 //! processor (50 ns where the graph is in memory); it waits for a tenth of that.
 
-use super::block_cache::{BlockCache, Blocks, Job, aligned, words_of};
-use super::front::WIDTH;
+use super::block_cache::{BlockCache, Blocks, Job, Readers, RowFile, aligned, words_of};
+use super::front::FRONT_WIDTH;
 use super::paging::block_starts;
 use super::queue::{Entry, Queue};
 use super::steps::{FAR, MID};
@@ -21,8 +21,7 @@ use crate::graph::Csr;
 use crate::graph::csr::DirectGraph;
 use crate::store::Budget;
 use crate::store::direct::PAGE;
-use crate::store::mapped::{AlignedBuffer, Writeback};
-use std::path::Path;
+use crate::store::mapped::AlignedBuffer;
 use std::sync::Arc;
 
 /// Threads that read blocks for each front: disks are quicker with two reads at a time.
@@ -90,16 +89,16 @@ impl<'a> CachedFront<'a> {
     pub fn new(graph: Csr<'a>, files: &'a DirectGraph, mean: f32, division: Division, budget: &Budget) -> Option<Self> {
         let bytes = division.bytes().next_multiple_of(8);
         let memory = AlignedBuffer::of(budget.take("blocks of the graph", bytes, bytes).ok()?);
-        let queue = Queue::new(mean * WIDTH);
+        let queue = Queue::new(mean * FRONT_WIDTH);
         Some(Self { graph, files, division, memory, queue, batch: Vec::new(), relaxations: Vec::new(), gave_up: false })
     }
 
-    /// Distances from `source`, which go to `values`, in the file `path`. False where the front gave up, now or before: what `values`
-    /// holds means nothing then.
+    /// Distances from `source`, which go to `row`. False where the front gave up, now or before: what `row` holds means nothing
+    /// then.
     ///
     /// # Errors
     /// [`crate::base::Error::Io`], [`crate::base::Error::Cancelled`].
-    pub fn full(&mut self, source: u32, (values, path): (&Writeback, &Path), cancel: &Cancel) -> Result<bool> {
+    pub fn full(&mut self, source: u32, row: RowFile<'_>, cancel: &Cancel) -> Result<bool> {
         if self.gave_up {
             return Ok(false);
         }
@@ -108,15 +107,15 @@ impl<'a> CachedFront<'a> {
         let memory: &mut [u32] = aligned(bytemuck::cast_slice_mut(self.memory.bytes_mut()));
         let (memory, field) = memory.split_at_mut(2 * words * slots);
         let field: &mut [f32] = bytemuck::cast_slice_mut(&mut field[..slots << shift]);
-        let (send, jobs) = crossbeam_channel::unbounded::<Job<'_>>();
+        let (jobs, received) = crossbeam_channel::unbounded::<Job<'_>>();
         let (out, done) = crossbeam_channel::unbounded();
         let files = self.files;
         let (queue, batch, relaxations) = (&mut self.queue, &mut self.batch, &mut self.relaxations);
         let finished = std::thread::scope(|scope| {
             for reader in 0..READERS {
-                let (jobs, out) = (jobs.clone(), out.clone());
+                let (received, out) = (received.clone(), out.clone());
                 let started = spawn(scope, move || {
-                    for mut job in jobs {
+                    for mut job in received {
                         let read = catch(|| blocks.read(&mut job, files)).flatten();
                         if out.send(read.map(|()| job)).is_err() {
                             break;
@@ -128,17 +127,14 @@ impl<'a> CachedFront<'a> {
                     return Ok(false);
                 }
             }
-            drop((jobs, out));
-            let mut cache = BlockCache::new(blocks, (memory, field), (send, done), (values, path));
+            drop((received, out));
+            let mut cache = BlockCache::new(blocks, memory, field, Readers { jobs, done }, row);
             let whole = walk(source, &mut cache, (queue, batch, relaxations), cancel)?;
             if whole { cache.finish().map(|()| true) } else { Ok(false) }
         });
         if !matches!(finished, Ok(true)) {
             self.gave_up = true;
-            batch.clear();
-            while queue.pop_bucket(batch) {
-                batch.clear();
-            }
+            queue.clear();
         }
         finished
     }
@@ -248,8 +244,9 @@ mod tests {
         let values = array.data().writeback().unwrap();
         // The second row finds the memory as the first one left it.
         for source in [source / 2, source] {
-            if !front.full(source, (&values, &path), &Cancel::default())? {
-                assert!(!front.full(source, (&values, &path), &Cancel::default())?);
+            let row = RowFile { values: &values, path: &path };
+            if !front.full(source, row, &Cancel::default())? {
+                assert!(!front.full(source, row, &Cancel::default())?);
                 return Ok(None);
             }
         }
@@ -290,7 +287,8 @@ mod tests {
         let mut array: ArrayMut<f32> = ArrayMut::create(&path, &[SIDE * SIDE]).unwrap();
         let values = array.data().writeback().unwrap();
         std::fs::OpenOptions::new().write(true).open(dir.path().join("weights.npy")).unwrap().set_len(5000).unwrap();
-        let error = front.full(3, (&values, &path), &Cancel::default()).unwrap_err().to_string();
+        let row = RowFile { values: &values, path: &path };
+        let error = front.full(3, row, &Cancel::default()).unwrap_err().to_string();
         assert!(error.contains("weights.npy"), "{error}");
         let none = WeightedGraph::new(
             dir.path(),

@@ -5,6 +5,7 @@
 //! the rows are kept, so that a row torn or flipped on the disk is not taken over. [`ResumeState`] takes up what
 //! a run that was stopped left; its cost is one pass over the rows that the journal knows, for their checksums.
 
+use crate::base::parallel::lock;
 use crate::base::simd::{SimdKernel, dispatch};
 use crate::base::{Error, Result};
 use crate::store::Context;
@@ -197,7 +198,7 @@ impl Journal {
         let body = serde_json::to_string(item)
             .map_err(|error| Error::internal(&format!("the journal cannot be told as JSON: {error}")))?;
         let line = format!("{:016x} {body}\n", xxh3_64(body.as_bytes()));
-        let mut file = self.file.lock().unwrap_or_else(|poison| poison.into_inner());
+        let mut file = lock(&self.file);
         file.write_all(line.as_bytes()).map_err(Error::io(&self.path, "write"))?;
         file.sync_data().map_err(Error::io(&self.path, "sync"))
     }

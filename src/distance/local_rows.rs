@@ -136,12 +136,11 @@ fn along_edges(
 ) -> Result<Vec<(u32, f32)>> {
     let result = front.within(surface.graph, &[source], limit, field, cancel);
     // The vertices reached are connected through vertices reached.
-    let (mut found, mut at) = (vec![(source, 0.)], 0);
     let took = |field: &mut [f32], v: u32| {
         let distance = std::mem::replace(&mut field[v as usize], f32::INFINITY);
         (v, distance)
     };
-    found[0] = took(field, source);
+    let (mut found, mut at) = (vec![took(field, source)], 0);
     while at < found.len() {
         for (next, _) in surface.graph.neighbours(found[at].0) {
             if field[next as usize] < f32::INFINITY {

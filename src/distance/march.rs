@@ -10,7 +10,7 @@
 //! so are those against the front's direction that obtuse triangles could give (less than 1 % in tests). Cost: 0.3 to 0.5 µs a
 //! vertex, most of which are visited once; scratch is that of the front.
 
-use super::front::WIDTH;
+use super::front::FRONT_WIDTH;
 use super::queue::{Entry, Queue};
 use crate::base::{Cancel, Result};
 use crate::graph::Csr;
@@ -121,7 +121,7 @@ pub fn through(x: [f32; 3], p: [f32; 3], q: [f32; 3], dp: f32, dq: f32) -> f32 {
 impl March {
     /// A march over surfaces whose edges have the given mean length.
     pub fn new(mean_edge: f32) -> Self {
-        Self { queue: Queue::new(4. * WIDTH * mean_edge), batch: Vec::new() }
+        Self { queue: Queue::new(4. * FRONT_WIDTH * mean_edge), batch: Vec::new() }
     }
 
     /// Distances from one vertex: `field` (n) is overwritten, infinite where unreached.
@@ -198,10 +198,7 @@ impl March {
             patience = patience.saturating_sub(batch.len());
             let cancelled = patience == 0 && cancel.is_cancelled();
             if stop || cancelled {
-                batch.clear();
-                while queue.pop_bucket(batch) {
-                    batch.clear();
-                }
+                queue.clear();
                 return cancel.check();
             }
             patience = if patience == 0 { PATIENCE } else { patience };

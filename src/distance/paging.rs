@@ -3,7 +3,7 @@
 //! A front crosses a mesh as a narrow band, so of a graph in a good order few pages are in use at a time; each has to
 //! be read only once a row. Left to itself, the kernel spoils this twice: read-ahead around every fault brings in
 //! megabytes for the sake of a page (8 MiB on some disks), and without read-ahead every page is waited for. So
-//! mappings are read without read-ahead, and the nodes, in blocks of [`BLOCK`], are asked for when the front first
+//! mappings are read without read-ahead, and the nodes, in blocks of [`BLOCK_NODES`], are asked for when the front first
 //! pushes a node of theirs, which is some buckets before it reads their rows. Values behind the band are sent to the
 //! disk early: a control group that fills with changed pages stalls.
 //!
@@ -18,7 +18,7 @@ use std::ops::Range;
 use std::sync::Arc;
 
 /// Nodes a block, a power of two: some 400 KiB of graph, a read that a disk does at nearly full speed.
-pub const BLOCK: usize = 1 << SHIFT;
+pub const BLOCK_NODES: usize = 1 << SHIFT;
 pub(super) const SHIFT: u32 = 14;
 /// Blocks met after a block before its values are sent to the disk: more than a band is long.
 const LAG: usize = 256;
@@ -159,6 +159,6 @@ impl Pages {
     }
 
     fn block(&self, block: usize) -> Range<usize> {
-        block * BLOCK..((block + 1) * BLOCK).min(self.nodes)
+        block * BLOCK_NODES..((block + 1) * BLOCK_NODES).min(self.nodes)
     }
 }

@@ -5,7 +5,7 @@
 //! inside a bucket matters: last-in-first-out explodes on them, first-in-first-out needs 1.0–1.5
 //! visits a node for widths from .03 to .5 of the mean weight (measured).
 //!
-//! Entries sit in blocks of [`BLOCK`] from a pool, so the queue's memory is that of the front
+//! Entries sit in blocks of [`BLOCK_ENTRIES`] from a pool, so the queue's memory is that of the front
 //! (O(√n) entries) plus at most one part-filled block a busy bucket, 8 MB.
 
 use std::cmp::Reverse;
@@ -14,7 +14,7 @@ use std::collections::BinaryHeap;
 /// Buckets in the ring; a power of two.
 pub const RING: usize = 1 << 14;
 /// Entries a block.
-pub const BLOCK: usize = 62;
+pub const BLOCK_ENTRIES: usize = 62;
 const NONE: u32 = u32::MAX;
 
 /// A node reached at a distance.
@@ -28,7 +28,7 @@ pub struct Entry {
 
 #[derive(Clone, Debug)]
 struct Block {
-    entries: [Entry; BLOCK],
+    entries: [Entry; BLOCK_ENTRIES],
     len: u32,
     next: u32,
 }
@@ -98,7 +98,7 @@ impl Queue {
         let tail = self.tails[slot];
         if tail != NONE {
             let block = &mut self.pool[tail as usize];
-            if (block.len as usize) < BLOCK {
+            if (block.len as usize) < BLOCK_ENTRIES {
                 block.entries[block.len as usize] = entry;
                 block.len += 1;
                 return;
@@ -110,7 +110,7 @@ impl Queue {
     #[cold]
     fn push_block(&mut self, slot: usize, entry: Entry) {
         let id = if self.free == NONE {
-            self.pool.push(Block { entries: [Entry::default(); BLOCK], len: 0, next: NONE });
+            self.pool.push(Block { entries: [Entry::default(); BLOCK_ENTRIES], len: 0, next: NONE });
             (self.pool.len() - 1) as u32
         } else {
             let id = self.free;
@@ -137,19 +137,24 @@ impl Queue {
         loop {
             let near = self.next_busy();
             let far = self.far.peek().map(|Reverse((bits, _))| self.bucket(f32::from_bits(*bits)));
-            match (near, far) {
-                (None, None) => return false,
-                (Some(near), far) if far.is_none_or(|far| far > near) => {
-                    self.current = near;
-                    self.take(near as usize % RING, out);
-                    return true;
-                }
-                (_, Some(far)) => {
-                    self.current = far;
-                    self.bring_near();
-                }
-                (Some(_), None) => return false,
+            if let Some(near) = near
+                && far.is_none_or(|far| far > near)
+            {
+                self.current = near;
+                self.take(near as usize % RING, out);
+                return true;
             }
+            let Some(far) = far else { return false };
+            self.current = far;
+            self.bring_near();
+        }
+    }
+
+    /// Drops all entries: of a front that was given up.
+    pub fn clear(&mut self) {
+        let mut dropped = Vec::new();
+        while self.pop_bucket(&mut dropped) {
+            dropped.clear();
         }
     }
 

@@ -2,7 +2,7 @@
 //!
 //! The search sends each landmark down a channel as soon as it is known; the others take them and run full
 //! fronts meanwhile; it joins them when it is done. A finished row is brought to the disk, entered in the
-//! journal, and goes down a second channel with its sums to the calling thread, which keeps the books. The
+//! journal, and goes down a second channel with its sums to the calling thread, which keeps the journal. The
 //! first landmark's row falls out of the search and is not computed twice: where the budget has room for a copy, a thread
 //! that has nothing to do yet writes it.
 //!
@@ -11,6 +11,7 @@
 //! Rows that the journal knows from an earlier run are checked (one pass over them) and taken over. In a
 //! temporary directory there is no journal and nothing is synced.
 
+use super::block_cache::RowFile;
 use super::cached_front::{CachedFront, Division};
 use super::front::{Front, typical_weight};
 use super::journal::{JobSpec, JournalEntry, ResumeState};
@@ -60,6 +61,13 @@ enum Scratch {
     Mapped(ArrayMut<f32>),
     /// None: rows are computed where they lie, in the file or in memory.
     InPlace,
+}
+
+/// What a thread computes rows with, from its first one on.
+struct ThreadMemory<'a> {
+    scratch: Scratch,
+    /// For graphs larger than memory.
+    cached: Option<CachedFront<'a>>,
 }
 
 impl RowJob<'_> {
@@ -113,16 +121,13 @@ impl RowJob<'_> {
         let cached = direct.and_then(|files| Some((files, Division::of(graph, each)?)));
         let running =
             Running { job: RowJob { graph, ..*self }, mean, lengths: None, cached: cached.as_ref(), sink, context };
-        let result = Pages::lend(self.graph, bytes, context.run, |pages| {
+        Pages::lend(self.graph, bytes, context.run, |pages| {
             if self.sampler.needs_lengths() {
                 running.with_lengths(field.take(), pages)
             } else {
                 running.fronts(field.take(), pages)
             }
-        });
-        drop(own);
-        context.work.remove(&format!("{temporary}.partial"));
-        result
+        })
     }
 }
 
@@ -140,17 +145,14 @@ struct Running<'a, 's> {
 }
 
 impl Running<'_, '_> {
-    /// [`Running::fronts`] with the graph of lengths beside: 4 bytes per entry in a mapped file, removed at the end.
+    /// [`Running::fronts`] with the graph of lengths beside: 4 bytes per entry in a mapped file.
     fn with_lengths(&self, field: Option<&mut MappedSliceMut<f32>>, pages: Option<Pages>) -> Result<Entries> {
         let (RowJob { graph, nodes, spec, .. }, Context { work, run }) = (self.job, self.context);
         let name = format!("lengths-{}.tmp", spec.shard);
         let mut array: ArrayMut<f32> = work.array(&name, &[graph.weights.len()])?;
         fill_lengths(graph, nodes, array.data(), run)?;
         let lengths = Csr { weights: &array.data()[..], triangles: &[], ..graph };
-        let result = Running { lengths: Some(lengths), ..*self }.fronts(field, pages);
-        drop(array);
-        work.remove(&format!("{name}.partial"));
-        result
+        Running { lengths: Some(lengths), ..*self }.fronts(field, pages)
     }
 
     /// Runs search and fronts until every wanted row is there. The search's field is `field`, or lies where the last row will.
@@ -254,31 +256,32 @@ impl Running<'_, '_> {
         done: &Sender<Result<JournalEntry>>,
     ) -> Result<()> {
         let name = format!("row-{}-{thread}.tmp", self.job.spec.shard);
-        let (mut scratch, budget) = (None, &self.context.run.budget);
-        let mut cached = None;
+        let mut memory = None;
         for Request { row, landmark, known } in requests {
             let entry = match known {
                 Some(known) => self.sink.put(row, landmark, known.items(self.job.spec.nodes)),
                 None => {
-                    if scratch.is_none() {
-                        scratch = Some(self.scratch(front, &name)?);
-                        cached = self.cached.and_then(|(files, division)| {
-                            CachedFront::new(self.job.graph, files, self.mean, division.clone(), budget)
-                        });
-                    }
-                    let Some(scratch) = &mut scratch else { return Err(Error::internal("no memory for rows")) };
-                    self.row(row, landmark, (front, cached.as_mut()), scratch)
+                    let memory = match &mut memory {
+                        Some(memory) => memory,
+                        none => none.insert(self.thread_memory(front, &name)?),
+                    };
+                    self.row(row, landmark, memory, front)
                 }
             };
             if done.send(Ok(entry?)).is_err() {
                 break;
             }
         }
-        if let Some(Scratch::Mapped(array)) = scratch {
-            drop(array);
-            self.context.work.remove(&format!("{name}.partial"));
-        }
         Ok(())
+    }
+
+    /// Memory for a thread's rows and their fronts.
+    fn thread_memory(&self, front: &Front, name: &str) -> Result<ThreadMemory<'_>> {
+        let (scratch, budget) = (self.scratch(front, name)?, &self.context.run.budget);
+        let cached = self
+            .cached
+            .and_then(|(files, division)| CachedFront::new(self.job.graph, files, self.mean, division.clone(), budget));
+        Ok(ThreadMemory { scratch, cached })
     }
 
     /// Memory for a thread's rows.
@@ -299,18 +302,12 @@ impl Running<'_, '_> {
     }
 
     /// Computes a row and hands it on.
-    fn row(
-        &self,
-        row: usize,
-        landmark: u32,
-        (front, cached): (&mut Front, Option<&mut CachedFront<'_>>),
-        scratch: &mut Scratch,
-    ) -> Result<JournalEntry> {
-        let sink = self.sink;
+    fn row(&self, row: usize, landmark: u32, memory: &mut ThreadMemory<'_>, front: &mut Front) -> Result<JournalEntry> {
+        let (sink, ThreadMemory { scratch, cached }) = (self.sink, memory);
         let distances = match scratch {
             Scratch::Granted(words) => words.items_mut::<f32>(self.job.spec.nodes),
             Scratch::Mapped(array) => {
-                self.mapped_row(array.data(), landmark, front, cached)?;
+                self.mapped_row(array.data(), landmark, front, cached.as_mut())?;
                 return sink.put(row, landmark, array.data());
             }
             Scratch::InPlace => {
@@ -320,7 +317,7 @@ impl Running<'_, '_> {
                 }
                 // Nothing else has rows in place but a file.
                 let Some(mut slot) = sink.take(row) else { return Err(Error::internal("a row without a place")) };
-                self.mapped_row(&mut slot, landmark, front, cached)?;
+                self.mapped_row(&mut slot, landmark, front, cached.as_mut())?;
                 return sink.close(row, landmark, &slot, || slot.sync());
             }
         };
@@ -338,7 +335,7 @@ impl Running<'_, '_> {
     ) -> Result<()> {
         let cancel = &self.context.run.cancel;
         if let (Some(cached), Some(values)) = (cached, slot.writeback())
-            && cached.full(landmark, (&values, self.context.work.path()), cancel)?
+            && cached.full(landmark, RowFile { values: &values, path: self.context.work.path() }, cancel)?
         {
             slot.advise(Access::Sequential);
             return Ok(());

@@ -14,7 +14,8 @@ use super::sampler::Sampler;
 use crate::base::{Error, Result};
 use crate::graph::NodeView;
 use crate::graph::WeightedGraph;
-use crate::graph::dual::WEIGHTS;
+use crate::graph::csr::WEIGHTS;
+use crate::graph::dual::WeightsStage;
 use crate::store::needs::{Extent, Needs, Room};
 use crate::store::rows_file::{RowsFile, are_held};
 use crate::store::stage::{Made, Stage, StageKey};
@@ -84,7 +85,9 @@ impl<S> RowParams<S> {
 const JOURNAL: &str = "rows.journal";
 /// The file of the rows.
 pub(crate) const ROWS: &str = "distances.npy";
-const FILES: [&str; 2] = ["landmarks.npy", ROWS];
+/// The file of the landmarks.
+pub(super) const LANDMARKS: &str = "landmarks.npy";
+const FILES: [&str; 2] = [LANDMARKS, ROWS];
 
 /// What rows of `params` over `nodes` nodes, weighted under the key `weights`, are of: one shard of one.
 pub(super) fn job_spec(weights: &str, nodes: usize, params: &RowParams<impl Serialize>, run: &Run) -> JobSpec {
@@ -179,7 +182,7 @@ impl DistanceRows {
         let none = || Error::work_dir(work.path(), "holds no rows", remedy);
         let kept = work.kept::<RowsStage<'_>>(remedy)?;
         let manifest = work.manifest();
-        let weights = manifest.stages.get("weights").ok_or_else(none)?;
+        let weights = manifest.stages.get(WeightsStage::NAME).ok_or_else(none)?;
         if kept.inputs["weights"] != weights.key || weights.inputs["graph"] != graph {
             return Err(none());
         }
@@ -187,7 +190,7 @@ impl DistanceRows {
     }
 
     fn open(facts: Facts, nodes: usize, key: String, work: &WorkDir) -> Result<Self> {
-        let landmarks = work.indices("landmarks.npy", facts.rows.len(), nodes)?.to_vec();
+        let landmarks = work.indices(LANDMARKS, facts.rows.len(), nodes)?.to_vec();
         let distances = work.array_of(ROWS, landmarks.len() * nodes)?;
         if !facts.rows.iter().all(|row| row.is_sound(nodes)) {
             return Err(work.damaged("manifest.json", "has sums of rows that no rows have"));
@@ -285,7 +288,7 @@ impl DistanceRows {
     ) -> Result<Self> {
         let landmarks: Vec<u32> = entries.iter().map(|entry| entry.landmark).collect();
         let facts = entries.iter().map(|entry| entry.facts).collect();
-        work.write("landmarks.npy", &landmarks, 1)?;
+        work.write(LANDMARKS, &landmarks, 1)?;
         let distances = file.finish(work.durable())?;
         Ok(Self { landmarks, distances, facts, nodes: spec.nodes, key: spec.key.clone() })
     }

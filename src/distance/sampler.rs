@@ -97,7 +97,7 @@ impl FinishedRows for () {
 }
 
 /// A count of visits, readable while a sampler holds the space.
-pub type Visits = Rc<Cell<u64>>;
+pub type VisitCount = Rc<Cell<u64>>;
 
 /// What a space without lengths answers to [`Space::lower_by_length`].
 pub(crate) fn no_lengths() -> Error {
@@ -121,7 +121,7 @@ pub struct GraphSpace<'a> {
     finished: &'a dyn FinishedRows,
     front: &'a mut Front,
     length_front: Option<Front>,
-    visits: Visits,
+    visits: VisitCount,
     run: &'a Run<'a>,
 }
 
@@ -134,11 +134,11 @@ impl<'a> GraphSpace<'a> {
         run: &'a Run<'a>,
     ) -> Self {
         let length_front = search.lengths.map(Front::over);
-        Self { search, finished, front, length_front, visits: Visits::default(), run }
+        Self { search, finished, front, length_front, visits: VisitCount::default(), run }
     }
 
     /// The count of visits so far; n of them are a front.
-    pub fn visits(&self) -> Visits {
+    pub fn visits(&self) -> VisitCount {
         self.visits.clone()
     }
 

@@ -6,10 +6,13 @@
 //! stage under the same key, so that every later command reuses it.
 //!
 //! Both may be repeated at any time: a shard that is done, or merged already, is found so, and so is a merge.
+//!
+//! Cost: a shard searches landmarks like a whole run, and computes its part of the rows in the memory that [`super::row_job`] takes.
+//! Merging reads and writes 4 bytes per row and face once, through mappings; the disk holds the rows twice until it ends.
 
 use super::journal::{JobSpec, Journal, JournalEntry, checksum};
 use super::row_job::RowJob;
-use super::rows::{DistanceRows, RowParams, job_spec};
+use super::rows::{DistanceRows, ROWS, RowParams, job_spec};
 use super::sampler::Sampler;
 use crate::base::{Error, Result};
 use crate::graph::NodeView;
@@ -87,7 +90,7 @@ pub fn merge(context: Context<'_>) -> Result<DistanceRows> {
     };
     let spec = JobSpec { shard: 0, of: 1, ..shards[0].spec.clone() };
     let make = || {
-        let file = RowsFile::<f32>::create(&context.work.file("distances.npy"), spec.rows, spec.nodes)?;
+        let file = RowsFile::<f32>::create(&context.work.file(ROWS), spec.rows, spec.nodes)?;
         let mut entries = Vec::with_capacity(spec.rows);
         for k in 0..spec.rows {
             context.run.cancel.check()?;

@@ -274,7 +274,6 @@ impl SharedFront<'_> {
                 labels.iter_mut().zip(&label.data()[own.clone()]).for_each(|(to, label)| *to = known(label));
                 distances.iter_mut().zip(&field.data()[own.clone()]).for_each(|(to, d)| *to = d.to_bits());
             }
-            names.iter().for_each(|name| work.remove(&format!("{name}.partial")));
             share.finish(false)?;
             let file = work.sealed(&format!("{stem}.npy"))?;
             work.write_json(&format!("{stem}.json"), &ShareRecord { front: self.identity(), file })

@@ -1,4 +1,7 @@
 //! The steps from a node as a front walks them, and what it fetches ahead.
+//!
+//! A front visits nodes in no order of memory, so it prefetches in three stages, each of which reads what the one before has
+//! fetched. Memory: none. Time: a few instructions per entry, against a cache miss of some 100 ns each.
 
 use super::queue::Entry;
 use crate::graph::Csr;
@@ -15,10 +18,10 @@ pub const NEAR: usize = 16;
 
 /// A graph as a front walks it.
 pub(super) trait Steps: Copy {
-    /// Fetches what [`Steps::sooner`] reads.
-    fn soon(self, node: u32);
-    /// Fetches what [`Steps::each`] reads.
-    fn sooner(self, node: u32);
+    /// Prefetches the row start of a node, which [`Steps::prefetch_entries`] reads.
+    fn prefetch_row_start(self, node: u32);
+    /// Prefetches the entries of a node's row, which [`Steps::each`] reads.
+    fn prefetch_entries(self, node: u32);
     /// The number of steps from a node, or a bound on it.
     fn count(self, node: u32) -> usize;
     /// Calls `visit` with neighbours and weights.
@@ -27,12 +30,12 @@ pub(super) trait Steps: Copy {
 
 impl Steps for Csr<'_> {
     #[inline(always)]
-    fn soon(self, node: u32) {
+    fn prefetch_row_start(self, node: u32) {
         self.starts.prefetch(node);
     }
 
     #[inline(always)]
-    fn sooner(self, node: u32) {
+    fn prefetch_entries(self, node: u32) {
         fetch(self, self.span(node).start);
     }
 
@@ -65,12 +68,12 @@ impl Plain<'_> {
 
 impl Steps for Plain<'_> {
     #[inline(always)]
-    fn soon(self, node: u32) {
+    fn prefetch_row_start(self, node: u32) {
         prefetch(self.starts, node as usize);
     }
 
     #[inline(always)]
-    fn sooner(self, node: u32) {
+    fn prefetch_entries(self, node: u32) {
         fetch(self.csr, self.span(node).start);
     }
 
@@ -105,14 +108,14 @@ pub(super) struct Packed<'a> {
 
 impl Steps for Packed<'_> {
     #[inline(always)]
-    fn soon(self, node: u32) {
+    fn prefetch_row_start(self, node: u32) {
         prefetch(self.triangles, node as usize);
         // A record may lie across two lines; where it does, the next one begins in the second.
         prefetch(self.triangles, node as usize + 1);
     }
 
     #[inline(always)]
-    fn sooner(self, _: u32) {}
+    fn prefetch_entries(self, _: u32) {}
 
     #[inline(always)]
     fn count(self, node: u32) -> usize {
@@ -150,11 +153,11 @@ fn many<'a>(graph: &Csr<'a>, node: u32) -> (&'a [u32], &'a [f32]) {
 #[inline(always)]
 pub(super) fn warm_up(batch: &[Entry], graph: impl Steps, field: &[f32]) {
     for entry in batch.iter().take(FAR) {
-        graph.soon(entry.node);
+        graph.prefetch_row_start(entry.node);
         prefetch(field, entry.node as usize);
     }
     for entry in batch.iter().take(MID) {
-        graph.sooner(entry.node);
+        graph.prefetch_entries(entry.node);
     }
 }
 
@@ -162,11 +165,11 @@ pub(super) fn warm_up(batch: &[Entry], graph: impl Steps, field: &[f32]) {
 #[inline(always)]
 pub(super) fn look_ahead(batch: &[Entry], k: usize, graph: impl Steps, field: &[f32]) {
     if let Some(entry) = batch.get(k + FAR) {
-        graph.soon(entry.node);
+        graph.prefetch_row_start(entry.node);
         prefetch(field, entry.node as usize);
     }
     if let Some(entry) = batch.get(k + MID) {
-        graph.sooner(entry.node);
+        graph.prefetch_entries(entry.node);
     }
     if let Some(entry) = batch.get(k + NEAR) {
         graph.each(entry.node, |next, _| prefetch(field, next as usize));

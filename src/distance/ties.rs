@@ -1,12 +1,12 @@
 //! Labels that may be stale after a front from many sources, settled over the final distances.
 //!
 //! A node's label is that of its shortest path, the smallest at a tie. While a front runs, a node may pass its label on and then be lowered by
-//! so little that rounding hides it at the next node, which keeps the label of a path that is none any more. It shows: when
+//! so little that rounding hides it at the next node, which keeps the label of a path that is no longer shortest. It shows: when
 //! the lowered node passes its new, larger label on, the next one meets a tie that it has won. Such nodes are listed, and looked at again once
 //! distances are final: the right label is the smallest among the neighbours on shortest paths, which are nearer, so what is wrong is mended from
 //! the nearest node on. All other nodes have the last label of every such neighbour. Mostly nothing is wrong: ties between equal
-//! paths look the same. Another front over the final distances, in which labels alone move, does the same in the time of the first one; it is
-//! left for graphs with steps of no length, where a neighbour on a shortest path may be as far as the node itself.
+//! paths look the same. Another front over the final distances, in which labels alone move, gives the same result but doubles the time; it is
+//! used only for graphs with edges of length 0, where a neighbour on a shortest path may be as far as the node itself.
 //!
 //! Cost: 4 bytes per tie, for a sixty-fourth of the nodes at the most; each tie looks at its neighbours once.
 

@@ -3,13 +3,13 @@
 //! Landmarks are chosen along edges whatever the rows (the search needs to know who is far, not how far). A row is a mapped
 //! slice; threads take rows in turn. Edges cost about 40 ns per vertex and row, marching ten times as much.
 //!
-//! In a work directory that lasts ([`kept`]) each finished row is brought to the disk and entered in a journal, from which a run that was stopped
+//! In a work directory that lasts ([`open_or_build`]) each finished row is brought to the disk and entered in a journal, from which a run that was stopped
 //! goes on, and finished rows are a stage that later runs with the same landmarks open.
 
 use super::front::mean_weight;
 use super::journal::{JobSpec, JournalEntry, ResumeState, RowFacts, checksum};
 use super::march::{March, Surface};
-use super::rows::RowParams;
+use super::rows::{LANDMARKS, ROWS, RowParams};
 use super::sampler::{GraphSpace, Sampler, SearchGraph};
 use super::{DistanceRows, Front};
 use crate::base::{Error, Result};
@@ -50,13 +50,11 @@ fn chosen(surface: Surface<'_>, sampler: &dyn Sampler, l: usize, context: Contex
     let mut front = Front::new(mean_weight(graph));
     let mut space =
         GraphSpace::new(SearchGraph { graph, nodes: nodes.into(), lengths: None }, &mut front, &(), context.run);
-    let result = space.sample(sampler, l, field.data(), &mut |landmark, _| {
+    space.sample(sampler, l, field.data(), &mut |landmark, _| {
         found.push(landmark);
         Ok(())
-    });
-    drop(field);
-    context.work.remove("nearest.tmp.partial");
-    result.map(|_| found)
+    })?;
+    Ok(found)
 }
 
 /// The distances from `landmarks` to all vertices, in the file `name` of `work`. Progress is told as stage `rows`.
@@ -75,8 +73,6 @@ pub fn rows(
     VertexRowJob { surface, landmarks, distance }.fill(state, context.run)
 }
 
-const FILE: &str = "distances.npy";
-const LANDMARKS: &str = "landmarks.npy";
 const JOURNAL: &str = "rows.journal";
 
 /// Landmarks and their rows over the graph of the stage `graph` in `work`, which lasts: those that are there, else made,
@@ -84,7 +80,7 @@ const JOURNAL: &str = "rows.journal";
 ///
 /// # Errors
 /// As [`landmarks`] and [`rows`].
-pub fn kept(
+pub fn open_or_build(
     surface: Surface<'_>,
     params: RowParams<impl Sampler + Serialize>,
     distance: Distance,
@@ -125,7 +121,7 @@ impl Stage for VertexRowsStage<'_> {
         let search = || chosen(surface, sampler, l, context);
         let (landmarks, _) = context.run.stage("landmarks", "vertices", nodes as u64, search)?;
         let sound = |entry: &JournalEntry| landmarks.get(entry.row) == Some(&entry.landmark);
-        let state = ResumeState::new(&spec, (FILE, JOURNAL), sound, context)?;
+        let state = ResumeState::new(&spec, (ROWS, JOURNAL), sound, context)?;
         let fill = || {
             context.run.progress.advance("rows", state.done.len() as u64);
             VertexRowJob { surface, landmarks, distance }.fill(state, context.run)
@@ -133,13 +129,13 @@ impl Stage for VertexRowsStage<'_> {
         let (mut rows, _) = context.run.stage("rows", "rows", l as u64, fill)?;
         crate::store::npy::write(&context.work.file(LANDMARKS), &rows.landmarks, 1, true)?;
         rows.key = spec.key;
-        Ok(Made { facts: rows.facts.clone(), output: rows, files: vec![LANDMARKS, FILE] })
+        Ok(Made { facts: rows.facts.clone(), output: rows, files: vec![LANDMARKS, ROWS] })
     }
 
     fn open(self, facts: Self::Facts, key: &str, context: Context<'_>) -> Result<DistanceRows> {
         let (work, nodes) = (context.work, self.surface.nodes.len());
         let landmarks = work.indices(LANDMARKS, facts.len(), nodes)?.to_vec();
-        let distances = work.array_of(FILE, landmarks.len() * nodes)?;
+        let distances = work.array_of(ROWS, landmarks.len() * nodes)?;
         Ok(DistanceRows { landmarks, distances, facts, nodes, key: key.to_string() })
     }
 
@@ -172,7 +168,7 @@ impl VertexRowJob<'_> {
             }
             let facts = RowFacts::of(&row);
             if let Some(journal) = &journal {
-                row.sync().map_err(Error::io(FILE, "sync"))?;
+                row.sync().map_err(Error::io(ROWS, "sync"))?;
                 journal.append(&JournalEntry { row: k, landmark: landmarks[k], facts, xxh3: checksum(&row) })?;
             }
             run.progress.advance("rows", 1);

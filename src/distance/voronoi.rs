@@ -37,14 +37,16 @@ const SAMPLE: usize = 1 << 14;
 /// kernel can keep in memory, and where several threads can share the blocks.
 pub fn is_by_blocks(graph: Csr<'_>, run: &Run) -> bool {
     Pages::needed(graph, 8 * graph.len(), run)
-        || (run.threads > 1 && graph.len() >= MANY * BLOCK && leaving(graph) <= FEW)
+        || (run.threads > 1 && graph.len() >= MANY * PIECE_NODES && leaving(graph) <= FEW)
 }
 
 /// How many of [`SAMPLE`] steps, evenly spread, lead from one block to another.
 fn leaving(graph: Csr<'_>) -> usize {
     let nodes = (0..SAMPLE / 3).map(|k| (k as u64 * graph.len() as u64 / (SAMPLE as u64 / 3)) as u32);
     nodes
-        .map(|node| graph.neighbours(node).filter(|(to, _)| *to as usize / BLOCK != node as usize / BLOCK).count())
+        .map(|node| {
+            graph.neighbours(node).filter(|(to, _)| *to as usize / PIECE_NODES != node as usize / PIECE_NODES).count()
+        })
         .sum()
 }
 
@@ -89,7 +91,7 @@ pub fn within_fresh(
 ) -> Result<VisitedPieces> {
     match by_blocks(graph, run) {
         None => {
-            run.fill_each(field, BLOCK, |_, _| f32::INFINITY)?;
+            run.fill_each(field, PIECE_NODES, |_, _| f32::INFINITY)?;
             Front::over(graph).within(graph, sources, limit, field, &run.cancel)?;
             Ok(VisitedPieces::everything(graph.len()))
         }
@@ -114,10 +116,10 @@ pub fn propagate_labels(
     }
 }
 
-/// Nodes a block, at least: with rows and values 2.5 MB, a good read.
-pub const BLOCK: usize = 1 << 16;
-/// Bucket width in mean weights.
-const WIDTH: f32 = 0.5;
+/// Nodes that one front goes over at the most, and nodes of a block at the least: with rows and values 2.5 MB, a good read.
+pub const PIECE_NODES: usize = 1 << 16;
+/// Bucket width of these fronts, in mean weights.
+const BUCKET_WIDTH: f32 = 0.5;
 
 /// A label that travels with distances: a number, or nothing at all.
 pub trait Label: Copy + PartialOrd + Send + Sync {}
@@ -152,7 +154,7 @@ impl VisitedPieces {
 
     /// All of `n` nodes.
     pub fn everything(n: usize) -> Self {
-        Self::new(n, BLOCK, true)
+        Self::new(n, PIECE_NODES, true)
     }
 
     /// Whether the piece with `node` was visited.
@@ -178,6 +180,28 @@ pub(super) enum Initial<'v, O> {
     FreshWhere(&'v VisitedPieces),
 }
 
+/// How far fronts go, and what they find there.
+#[derive(Clone, Copy)]
+struct Reach<'v, O> {
+    /// Nodes at this distance or beyond are not visited.
+    limit: f32,
+    initial: Initial<'v, O>,
+}
+
+/// The values of consecutive nodes.
+struct Values<'a, O> {
+    /// The first of the nodes.
+    first: usize,
+    field: &'a mut [f32],
+    label: &'a mut [O],
+}
+
+/// Memory for fronts, one after another.
+struct Scratch {
+    queue: Queue,
+    batch: Vec<Entry>,
+}
+
 /// Dijkstra from many sources, block by block in rounds.
 #[derive(Clone, Debug)]
 pub struct BlockDijkstra<'a> {
@@ -191,17 +215,24 @@ pub struct BlockDijkstra<'a> {
 }
 
 impl<'a> BlockDijkstra<'a> {
-    /// Over `graph` in blocks of `block` nodes, or of the next multiple of [`BLOCK`] where they are larger than that.
+    /// Over `graph` in blocks of `block` nodes, or of the next multiple of [`PIECE_NODES`] where they are larger than that.
     pub fn new(graph: Csr<'a>, block: usize, threads: usize, cancel: &Cancel) -> Self {
-        let block = if block > BLOCK { block.next_multiple_of(BLOCK) } else { block };
-        Self { graph, block, threads, cancel: cancel.clone(), width: typical_weight(graph) * WIDTH, paged: false }
+        let block = if block > PIECE_NODES { block.next_multiple_of(PIECE_NODES) } else { block };
+        Self {
+            graph,
+            block,
+            threads,
+            cancel: cancel.clone(),
+            width: typical_weight(graph) * BUCKET_WIDTH,
+            paged: false,
+        }
     }
 
     /// Over `graph` in blocks that suit the budget.
     pub(super) fn within_budget(graph: Csr<'a>, run: &Run) -> Self {
         // The boundary of a block of B nodes is some 4 √B edges; messages are held twice while they are sorted.
         let bytes_for = |block: usize| 100. * graph.len() as f64 / (block as f64).sqrt();
-        let mut block = BLOCK;
+        let mut block = PIECE_NODES;
         // A front goes through fewer larger blocks: fewer rounds, of which each reads all that is not in memory.
         let paged = Pages::needed(graph, 8 * graph.len(), run);
         if paged {
@@ -261,7 +292,7 @@ impl<'a> BlockDijkstra<'a> {
 
     /// Nodes that one front goes over.
     fn piece(&self) -> usize {
-        self.block.min(BLOCK)
+        self.block.min(PIECE_NODES)
     }
 
     /// What [`Front::propagate_labels`] gives.
@@ -298,19 +329,20 @@ impl<'a> BlockDijkstra<'a> {
         let mut ties = Ties::default();
         self.advise(Access::Random, field, label);
         for round in 0.. {
-            let front = |k: usize, field: &mut [f32], label: &mut [O], scratch: &mut (Queue, Vec<Entry>)| {
+            let front = |k: usize, field: &mut [f32], label: &mut [O], scratch: &mut Scratch| {
                 if let (0, Initial::Fresh(none)) = (round, initial) {
                     field.fill(f32::INFINITY);
                     label.fill(none);
                     self.will_need(k);
                 }
                 let inbox = std::mem::take(&mut *lock(&mailboxes[k]));
-                let outcome = self.rounds_within((k * self.block, limit, initial), (field, label), inbox, scratch)?;
+                let values = Values { first: k * self.block, field, label };
+                let outcome = self.rounds_within(Reach { limit, initial }, values, inbox, scratch)?;
                 self.deliver(outcome.messages, &mailboxes);
                 Ok(outcome.ties)
             };
-            let queue = || (Queue::new(self.width), Vec::new());
-            for more in fill_two(self.threads, &self.cancel, (&mut *field, &mut *label), self.block, queue, front)? {
+            let scratch = || Scratch { queue: Queue::new(self.width), batch: Vec::new() };
+            for more in fill_two(self.threads, &self.cancel, (&mut *field, &mut *label), self.block, scratch, front)? {
                 ties.add(more, Ties::most(self.graph));
             }
             if mailboxes.iter().all(|mail| lock(mail).is_empty()) {
@@ -356,33 +388,34 @@ impl<'a> BlockDijkstra<'a> {
         }
     }
 
-    /// Rounds of fronts inside the block of nodes from `first` on, over pieces of [`BLOCK`] nodes, until no messages are left but those
-    /// to other blocks.
+    /// Rounds of fronts inside the block of nodes whose values are given, over pieces of [`PIECE_NODES`] nodes, until no messages are
+    /// left but those to other blocks.
     fn rounds_within<O: Label>(
         &self,
-        (first, limit, initial): (usize, f32, Initial<'_, O>),
-        (field, label): (&mut [f32], &mut [O]),
+        reach: Reach<'_, O>,
+        values: Values<'_, O>,
         mut messages: Vec<Message<O>>,
-        scratch: &mut (Queue, Vec<Entry>),
+        scratch: &mut Scratch,
     ) -> Result<Outcome<O>> {
         // The nearest first, so that a front starts where it should.
-        if self.block <= BLOCK {
+        if self.block <= PIECE_NODES {
             messages.sort_unstable_by_key(|message| message.distance.to_bits());
-            return Ok(self.front((first, limit, initial), (field, label), &messages, scratch));
+            return Ok(self.front(reach, values, &messages, scratch));
         }
+        let Values { first, field, label } = values;
         let mut all = Outcome { messages: Vec::new(), ties: Ties::default() };
         let nodes = first..first + field.len();
-        let piece = |message: &Message<O>| (message.node as usize - first) / BLOCK;
+        let piece = |message: &Message<O>| (message.node as usize - first) / PIECE_NODES;
         while !messages.is_empty() {
             messages.sort_unstable_by_key(|message| (piece(message), message.distance.to_bits()));
             let mut next = Vec::new();
             for group in messages.chunk_by(|a, b| piece(a) == piece(b)) {
                 // A block can be seconds of work.
                 self.cancel.check()?;
-                let start = piece(&group[0]) * BLOCK;
-                let end = (start + BLOCK).min(field.len());
-                let values = (&mut field[start..end], &mut label[start..end]);
-                let outcome = self.front((first + start, limit, initial), values, group, scratch);
+                let start = piece(&group[0]) * PIECE_NODES;
+                let end = (start + PIECE_NODES).min(field.len());
+                let (field, label) = (&mut field[start..end], &mut label[start..end]);
+                let outcome = self.front(reach, Values { first: first + start, field, label }, group, scratch);
                 all.ties.add(outcome.ties, Ties::most(self.graph));
                 for message in outcome.messages {
                     let inside = nodes.contains(&(message.node as usize));
@@ -394,13 +427,13 @@ impl<'a> BlockDijkstra<'a> {
         Ok(all)
     }
 
-    /// The front inside the nodes from `first` on whose values are given, to nodes nearer than `limit`.
+    /// The front inside the nodes whose values are given, from the messages of `inbox`, the nearest of which is the first.
     fn front<O: Label>(
         &self,
-        (first, limit, initial): (usize, f32, Initial<'_, O>),
-        (field, label): (&mut [f32], &mut [O]),
+        Reach { limit, initial }: Reach<'_, O>,
+        Values { first, field, label }: Values<'_, O>,
         inbox: &[Message<O>],
-        (queue, batch): &mut (Queue, Vec<Entry>),
+        Scratch { queue, batch }: &mut Scratch,
     ) -> Outcome<O> {
         let len = field.len();
         if let (Initial::FreshWhere(visited), false) = (initial, inbox.is_empty())
@@ -522,18 +555,18 @@ mod tests {
 
     #[test]
     fn fields_are_filled_where_the_front_comes_to() {
-        let n = 5 * BLOCK + 77;
+        let n = 5 * PIECE_NODES + 77;
         let (starts, indices, weights) = ring(n, 1);
         let graph = Csr::new(starts.view(), &indices, &weights);
-        let (sources, limit) = ([10, 3 * BLOCK as u32 + 5_000], 1_000.);
+        let (sources, limit) = ([10, 3 * PIECE_NODES as u32 + 5_000], 1_000.);
         let mut expected = vec![f32::INFINITY; n];
         Front::new(1.).within(graph, &sources, limit, &mut expected, &Cancel::default()).unwrap();
         // Blocks of several pieces, and pieces that are blocks.
-        for block in [2 * BLOCK, BLOCK + 1, BLOCK] {
+        for block in [2 * PIECE_NODES, PIECE_NODES + 1, PIECE_NODES] {
             let mut field = vec![-7.; n];
             let blocks = BlockDijkstra::new(graph, block, 2, &Cancel::default());
             let visited = blocks.within_fresh(&sources, limit, &mut field).unwrap();
-            let pieces: Vec<bool> = (0..n).step_by(BLOCK).map(|node| visited.has(node)).collect();
+            let pieces: Vec<bool> = (0..n).step_by(PIECE_NODES).map(|node| visited.has(node)).collect();
             assert_eq!(pieces, [true, false, false, true, true, true], "blocks of {block}");
             for node in 0..n {
                 let told = if visited.has(node) { expected[node] } else { -7. };
@@ -544,9 +577,9 @@ mod tests {
 
     #[test]
     fn blocks_are_for_several_threads_and_near_neighbours() {
-        let n = MANY * BLOCK;
+        let n = MANY * PIECE_NODES;
         // Neighbours are near or far in number.
-        for (step, near) in [(1, true), (BLOCK + 1, false)] {
+        for (step, near) in [(1, true), (PIECE_NODES + 1, false)] {
             let (starts, indices, weights) = ring(n, step);
             let graph = Csr::new(starts.view(), &indices, &weights);
             let sources: Vec<u32> = (0..n as u32).step_by(5_001).collect();

@@ -8,7 +8,8 @@
 //! in order by counting, without a branch: the order of three neighbours is as good as random. Cost: about 15 ns per face and thread, where
 //! a third of it is square roots.
 
-use super::dual_edges::{DualEdges, Entry, RowScratch};
+use super::csr::INDICES;
+use super::dual_edges::{CENTROID_DISTANCES, DualEdges, EDGES, Entry, RowScratch};
 use super::half_edge_pairs::{AGAINST, HalfEdgePair, HalfEdgePairs, NO_NODE};
 use super::node_geometry::NodeGeometry;
 use super::nodes::{Frame, Node};
@@ -51,9 +52,9 @@ pub(super) fn assemble_in_memory(
     }
     let entries = ends.last().map_or(0, |end| *end as usize);
     let (indices, lengths, edges) = (
-        work.array_in_memory::<u32>("graph_indices.npy", &[entries]),
-        work.array_in_memory::<f32>("graph_centroid_distances.npy", &[entries]),
-        work.array_in_memory::<f32>("graph_edges.npy", &[entries]),
+        work.array_in_memory::<u32>(INDICES, &[entries]),
+        work.array_in_memory::<f32>(CENTROID_DISTANCES, &[entries]),
+        work.array_in_memory::<f32>(EDGES, &[entries]),
     );
     let (Some(mut indices), Some(mut lengths), Some(mut edges)) = (indices, lengths, edges) else { return Ok(None) };
     let ends = || ends.iter().map(|end| *end as usize);

@@ -12,6 +12,13 @@ use bytemuck::{Pod, Zeroable};
 use std::ops::Range;
 use std::path::Path;
 
+/// The file of the neighbours.
+pub(crate) const INDICES: &str = "graph_indices.npy";
+/// The file of the weights.
+pub(crate) const WEIGHTS: &str = "graph_weights.npy";
+/// The stage that makes the weights.
+pub(super) const WEIGHTS_STAGE: &str = "weights";
+
 /// A weighted graph as a sparse matrix over mapped files, well formed: this program built it, or checked it as it was opened.
 #[derive(Clone, Debug)]
 pub struct WeightedGraph {
@@ -47,10 +54,9 @@ impl WeightedGraph {
     /// # Errors
     /// [`Error::Io`], [`Error::Malformed`], [`Error::WorkDir`].
     pub fn open(key: String, nodes: usize, form: StartsForm, work: &WorkDir) -> Result<Self> {
-        let steps = work.open_array::<u32>("graph_indices.npy")?.len();
+        let steps = work.open_array::<u32>(INDICES)?.len();
         let starts = form.open(work, nodes, steps)?;
-        let (indices, weights) =
-            (work.indices("graph_indices.npy", steps, nodes)?, work.positive("graph_weights.npy", steps)?);
+        let (indices, weights) = (work.indices(INDICES, steps, nodes)?, work.positive(WEIGHTS, steps)?);
         Self::new(work.path(), starts, indices, weights, key)
     }
 
@@ -60,7 +66,7 @@ impl WeightedGraph {
     /// [`Error::Io`].
     pub fn release(self, work: &WorkDir) -> Result<()> {
         drop(self);
-        work.release("weights", &["graph_weights.npy"])
+        work.release(WEIGHTS_STAGE, &[WEIGHTS])
     }
 
     /// The graph as a matrix of `sprs` over the same arrays, for other programs: row i has the neighbours of node i and the

@@ -1,9 +1,13 @@
-//! The dual graph as a stage: built once into the work directory, opened as mapped arrays after.
+//! The dual graph as a stage: built once into the work directory, opened as mapped arrays afterwards.
+//!
+//! The work is done in the other files of this folder, each of which states its own memory and time; here their order is fixed.
+//! Kept, per triangle: 28 bytes of geometry, 36 of neighbours, centroid distances and edge lengths, and packed row starts; the weights
+//! are another 12. Computed geometry ([`super::node_geometry`]) saves 40 of these. Opening costs a pass over what is checked.
 
 use super::assemble_in_memory::assemble_in_memory;
 use super::components::{self, find_bridges, find_components};
-use super::csr::WeightedGraph;
-use super::dual_edges::{DualEdges, assemble};
+use super::csr::{INDICES, WEIGHTS, WEIGHTS_STAGE, WeightedGraph};
+use super::dual_edges::{CENTROID_DISTANCES, DualEdges, EDGES, assemble};
 use super::half_edge_pairs::{AGAINST, WithinNeeds};
 use super::node_blocks::NodeBlocks;
 use super::node_geometry::{FromMesh, NodeGeometry};
@@ -71,9 +75,7 @@ pub struct DualGraph {
     pub key: String,
 }
 
-const LENGTHS: &str = "graph_centroid_distances.npy";
-const EDGES: &str = "graph_edges.npy";
-const FILES: [&str; 6] = [nodes::FILE, BLOCKS, LONG_ROWS, "graph_indices.npy", LENGTHS, EDGES];
+const FILES: [&str; 6] = [nodes::FILE, BLOCKS, LONG_ROWS, INDICES, CENTROID_DISTANCES, EDGES];
 
 impl DualGraph {
     /// Builds the graph of `mesh` (from the file `path`, whose identity is `input`) in `work`, or
@@ -165,7 +167,7 @@ impl DualGraph {
             edges => edges,
         };
         drop(pairs);
-        // Too many edges cannot be told from two faces.
+        // Where too many edges are ambiguous between two faces, store the edges instead of computing them.
         let Some(edges) = edges else { return Self::make(&GraphStage { computed: false, ..*stage }, context, key) };
         if let Some(note) = sums.note(path) {
             context.run.progress.note(&note);
@@ -195,7 +197,7 @@ impl DualGraph {
             Some(components.root)
         } else {
             drop(components);
-            context.work.remove("components.npy");
+            context.work.remove(components::FILE);
             None
         };
         Ok(Self { edges, nodes, components, facts, key })
@@ -211,11 +213,11 @@ impl DualGraph {
         if n == 0 || !sizes.iter().all(|size| size.is_finite() && *size >= 0.) {
             return Err(work.damaged(MANIFEST, "tells of no graph"));
         }
-        let components = if facts.components > 1 { Some(work.array_of::<u32>("components.npy", n)?) } else { None };
+        let components = if facts.components > 1 { Some(work.array_of::<u32>(components::FILE, n)?) } else { None };
         if let Some(roots) = &components
             && !all_below(roots.iter().map(|root| root & !AGAINST), n)
         {
-            return Err(work.damaged("components.npy", format!("has numbers beyond {n}")));
+            return Err(work.damaged(components::FILE, format!("has indices that are not below {n}")));
         }
         Ok(Self { edges, nodes: nodes.into(), components, facts, key })
     }
@@ -227,7 +229,7 @@ impl DualGraph {
     pub fn release_lengths(&mut self, work: &WorkDir) -> Result<()> {
         if work.is_temporary() {
             self.edges.centroid_distance = MappedSlice::empty();
-            work.release("graph", &[LENGTHS])?;
+            work.release(GraphStage::NAME, &[CENTROID_DISTANCES])?;
         }
         Ok(())
     }
@@ -283,7 +285,7 @@ impl Stage for GraphStage<'_> {
             files.retain(|name| ![nodes::FILE, EDGES].contains(name));
         }
         if graph.components.is_some() {
-            files.push("components.npy");
+            files.push(components::FILE);
         }
         Ok(Made { facts: graph.facts.clone(), output: graph, files })
     }
@@ -324,7 +326,7 @@ impl Stage for GraphStage<'_> {
         let mut edges = room.take(n / 2);
         // Lengths are held where they can be assembled in memory: beside a table of pairs, all or none.
         let before = room.clone();
-        let arrays = [room.take(4 * corners), room.lend(LENGTHS, 4 * corners), room.take(4 * corners)];
+        let arrays = [room.take(4 * corners), room.lend(CENTROID_DISTANCES, 4 * corners), room.take(4 * corners)];
         if !computed && kept == 0 && !arrays.contains(&0) {
             edges += arrays.iter().sum::<u64>();
         } else {
@@ -355,8 +357,6 @@ pub(crate) struct WeightsStage<'a> {
     area: f64,
 }
 
-pub(crate) const WEIGHTS: &str = "graph_weights.npy";
-
 impl WeightsStage<'_> {
     fn matrix(&self, weights: MappedSlice<f32>, key: &str, work: &WorkDir) -> Result<WeightedGraph> {
         let DualEdges { starts, indices, .. } = &self.graph.edges;
@@ -365,7 +365,7 @@ impl WeightsStage<'_> {
 }
 
 impl Stage for WeightsStage<'_> {
-    const NAME: &'static str = "weights";
+    const NAME: &'static str = WEIGHTS_STAGE;
     const VERSION: u32 = 1;
     type Facts = ();
     type Output = WeightedGraph;
@@ -395,7 +395,7 @@ impl Stage for WeightsStage<'_> {
     fn needs(extent: &Extent, room: &mut Room) -> Needs {
         let weights = room.lend(WEIGHTS, 4 * extent.corners);
         let (memory, keeps) = (room.used(), 4 * extent.corners - weights);
-        let frees = if extent.releases { 4 * extent.corners - room.give_up(LENGTHS) } else { 0 };
+        let frees = if extent.releases { 4 * extent.corners - room.give_up(CENTROID_DISTANCES) } else { 0 };
         let reads = if extent.computed { 67 } else { 104 };
         Needs { memory, keeps, frees, ..Needs::default() }.moving(reads * extent.faces, 12 * extent.faces)
     }

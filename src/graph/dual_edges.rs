@@ -11,7 +11,7 @@
 //! written, sequentially; the last 12 are not where geometry is computed ([`super::node_geometry`]). Where all of it has room in memory,
 //! workers write where the rows will lie instead (`assemble_in_memory.rs`).
 
-use super::csr::Csr;
+use super::csr::{Csr, INDICES};
 use super::half_edge_pairs::{HalfEdgePair, HalfEdgePairs};
 use super::node_geometry::{ComputedEdges, ListedEdge, MOST_LISTED, NodeGeometry, SharedEdges};
 use super::nodes::{Frame, Node};
@@ -22,6 +22,11 @@ use crate::mesh::Mesh;
 use crate::store::npy::ArrayWriter;
 use crate::store::{Context, MappedSlice, WorkDir};
 use std::sync::Arc;
+
+/// The file of the centroid distances.
+pub(super) const CENTROID_DISTANCES: &str = "graph_centroid_distances.npy";
+/// The file of the lengths of shared edges.
+pub(super) const EDGES: &str = "graph_edges.npy";
 
 /// The edges of a graph before they are weighted, as compressed rows.
 #[derive(Clone, Debug)]
@@ -124,9 +129,9 @@ impl EdgesWriter {
     pub fn create(nodes: usize, entries: usize, form: StartsForm, kept: bool, work: &WorkDir) -> Result<Self> {
         Ok(Self {
             starts: RowStartsWriter::create(form, nodes, work)?,
-            indices: work.writer_of("graph_indices.npy", 1, entries)?,
-            centroid_distance: work.writer("graph_centroid_distances.npy", 1)?,
-            edge: kept.then(|| work.writer("graph_edges.npy", 1)).transpose()?,
+            indices: work.writer_of(INDICES, 1, entries)?,
+            centroid_distance: work.writer(CENTROID_DISTANCES, 1)?,
+            edge: kept.then(|| work.writer(EDGES, 1)).transpose()?,
             mixed: false,
         })
     }

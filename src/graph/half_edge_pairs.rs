@@ -10,11 +10,12 @@ use super::half_edge_block::BlockMatcher;
 use super::half_edge_sort::Match;
 use super::node_blocks::{self, NodeBlocks};
 use crate::base::Result;
+use crate::base::parallel::lock;
 use crate::base::union_find::PARITY;
 use crate::mesh::Mesh;
 use crate::store::Context;
 use crate::store::budget::Grant;
-use crate::store::shuffle::{BLOCK_BYTES, BudgetedShuffle, Producer, Shuffle};
+use crate::store::shuffle::{BLOCK_BYTES, BudgetedShuffle, Producer, RangeBuckets, Shuffle};
 use bytemuck::{Pod, Zeroable};
 use std::ops::Range;
 use std::sync::Mutex;
@@ -69,8 +70,8 @@ pub struct HalfEdgePairs<'a> {
 enum Kind<'a> {
     /// A node a corner, and what did not fit.
     Table { across: Vec<AtomicU32>, more: Mutex<Vec<HalfEdgePair>>, _grant: Grant },
-    /// By node, in buckets; buckets a node in units of 2^-32, rounded down.
-    Shuffled { sized: BudgetedShuffle<HalfEdgePair>, scale: u64 },
+    /// By node, in buckets.
+    Shuffled { sized: BudgetedShuffle<HalfEdgePair>, by_node: RangeBuckets },
     /// Those between blocks by block; how many there are within; the blocks, from [`HalfEdgePairs::keep`] on.
     Within {
         between: Shuffle<HalfEdgePair>,
@@ -84,7 +85,7 @@ enum Kind<'a> {
 /// Where one thread adds pairs; close it with [`PairSink::finish`].
 pub(super) enum PairSink<'a> {
     Table(&'a [AtomicU32], &'a Mutex<Vec<HalfEdgePair>>),
-    Shuffled(Producer<'a, HalfEdgePair>, u64),
+    Shuffled(Producer<'a, HalfEdgePair>, RangeBuckets),
     /// Of one block each; nodes a block.
     Between(Producer<'a, HalfEdgePair>, usize),
     /// Counted only: they are found again. How many so far, and where they are added up.
@@ -153,15 +154,15 @@ impl<'a> HalfEdgePairs<'a> {
             2,
             context.run,
         )?;
-        let scale = ((sized.shuffle.buckets() as u64) << 32) / nodes.max(1) as u64;
-        Ok(Self { nodes, kind: Kind::Shuffled { sized, scale } })
+        let by_node = RangeBuckets::new(nodes, sized.shuffle.buckets());
+        Ok(Self { nodes, kind: Kind::Shuffled { sized, by_node } })
     }
 
     /// Where a thread adds pairs.
     pub(super) fn sink(&self) -> PairSink<'_> {
         match &self.kind {
             Kind::Table { across, more, .. } => PairSink::Table(across, more),
-            Kind::Shuffled { sized, scale } => PairSink::Shuffled(sized.shuffle.producer(), *scale),
+            Kind::Shuffled { sized, by_node } => PairSink::Shuffled(sized.shuffle.producer(), *by_node),
             Kind::Within { between, size, .. } => PairSink::Between(between.producer(), *size),
         }
     }
@@ -191,15 +192,13 @@ impl<'a> HalfEdgePairs<'a> {
     /// The node across each corner's edge, or [`NO_NODE`], where that is a table and no corner has two pairs.
     pub(super) fn table(&self) -> Option<&[AtomicU32]> {
         let Kind::Table { across, more, .. } = &self.kind else { return None };
-        more.lock().unwrap_or_else(|poison| poison.into_inner()).is_empty().then_some(across)
+        lock(more).is_empty().then_some(across)
     }
 
     /// Number of pairs at the most.
     pub(super) fn bound(&self) -> usize {
         match &self.kind {
-            Kind::Table { across, more, .. } => {
-                across.len() + more.lock().unwrap_or_else(|poison| poison.into_inner()).len()
-            }
+            Kind::Table { across, more, .. } => across.len() + lock(more).len(),
             Kind::Shuffled { sized, .. } => sized.shuffle.len() as usize,
             Kind::Within { between, within, .. } => within.load(Relaxed) + between.len() as usize,
         }
@@ -219,10 +218,7 @@ impl<'a> HalfEdgePairs<'a> {
         match &self.kind {
             Kind::Table { .. } => part * CHUNK..self.nodes.min((part + 1) * CHUNK),
             Kind::Within { size, .. } => part * size..self.nodes.min((part + 1) * size),
-            Kind::Shuffled { scale, .. } => {
-                let first = |b: usize| (((b as u64) << 32).div_ceil(*scale) as usize).min(self.nodes);
-                first(part)..if part + 1 == self.parts() { self.nodes } else { first(part + 1) }
-            }
+            Kind::Shuffled { by_node, .. } => by_node.range(part),
         }
     }
 
@@ -244,7 +240,7 @@ impl<'a> HalfEdgePairs<'a> {
                     let node = node.load(Relaxed);
                     (node != NO_NODE).then_some(HalfEdgePair { corner: corner as u32, node })
                 }));
-                let more = more.lock().unwrap_or_else(|poison| poison.into_inner());
+                let more = lock(more);
                 let place = |corner: usize| more.partition_point(|pair| (pair.corner as usize) < corner);
                 let mine = &more[place(corners.start)..place(corners.end)];
                 if !mine.is_empty() {
@@ -282,12 +278,11 @@ impl PairSink<'_> {
                 if place.load(Relaxed) == NO_NODE {
                     place.store(pair.node, Relaxed);
                 } else {
-                    more.lock().unwrap_or_else(|poison| poison.into_inner()).push(pair);
+                    lock(more).push(pair);
                 }
                 Ok(())
             }
-            // Nodes and buckets are few enough for 64 bits, and a product with the inverse is no division.
-            Self::Shuffled(out, scale) => out.push(((found.from as u64 * *scale) >> 32) as usize, pair),
+            Self::Shuffled(out, by_node) => out.push(by_node.bucket_of(found.from as u32), pair),
             Self::Between(out, size) => out.push(found.from / *size, pair),
             Self::Counted(count, _) => {
                 *count += 1;

@@ -1,8 +1,12 @@
 //! Half-edges from everywhere, sorted so that equal edges lie together, and joined.
+//!
+//! Time: two passes over a bucket and tiny sorts, linear in its half-edges as long as their low vertices lie together. Memory: 12
+//! bytes per half-edge of a bucket twice, as it comes and sorted, and 4 per low vertex, at most 16 per half-edge.
 
 use crate::base::Result;
 use crate::mesh::Mesh;
 use bytemuck::{Pod, Zeroable};
+use std::convert::Infallible;
 use std::ops::Range;
 
 /// A half-edge: its vertices in the direction of its face's winding, and the corner it leaves from.
@@ -122,15 +126,29 @@ fn around_the_median(records: &[HalfEdge]) -> (u32, usize) {
 
 /// Calls `visit` with the half-edges of the faces of `nodes`; those from a vertex to itself are left out.
 pub(super) fn for_each(mesh: &Mesh, nodes: Range<usize>, mut visit: impl FnMut(HalfEdge)) {
-    mesh.faces.for_each(nodes, |face, corners| {
+    let Ok(()) = try_for_each(mesh, nodes, |half_edge| {
+        visit(half_edge);
+        Ok::<(), Infallible>(())
+    });
+}
+
+/// The same until `visit` fails.
+#[inline]
+pub(super) fn try_for_each<E>(
+    mesh: &Mesh,
+    nodes: Range<usize>,
+    mut visit: impl FnMut(HalfEdge) -> Result<(), E>,
+) -> Result<(), E> {
+    mesh.faces.try_for_each(nodes, |face, corners| {
         let first = mesh.faces.corner_range(face).start;
         for (slot, &a) in corners.iter().enumerate() {
             let b = corners[if slot + 1 == corners.len() { 0 } else { slot + 1 }];
             if a != b {
-                visit(HalfEdge { from: a, to: b, corner: (first + slot) as u32 });
+                visit(HalfEdge { from: a, to: b, corner: (first + slot) as u32 })?;
             }
         }
-    });
+        Ok(())
+    })
 }
 
 /// One direction of a match between two sides of an edge.

@@ -25,7 +25,7 @@ use super::node_blocks::NodeBlocks;
 use crate::base::parallel::{chunk_count, chunk_range};
 use crate::base::{Error, Result};
 use crate::mesh::Mesh;
-use crate::store::shuffle::{BudgetedShuffle, Producer, Shuffle};
+use crate::store::shuffle::{BudgetedShuffle, Producer, RangeBuckets, Shuffle};
 use crate::store::{Context, Run};
 use bytemuck::{Pod, Zeroable};
 use std::path::Path;
@@ -45,32 +45,25 @@ pub struct EdgeCounts {
     pub welded: u64,
 }
 
-/// Counters shared by the matching threads.
-#[derive(Debug, Default)]
-struct Counters {
-    nonmanifold: AtomicU64,
-}
-
-impl Counters {
-    /// Counts an edge that `sides` half-edges share.
-    #[inline]
-    fn count(&self, sides: usize) {
-        if sides > 2 {
-            self.nonmanifold.fetch_add(1, Relaxed);
-        }
-    }
-}
-
-/// Where half-edges without a partner go, by corner.
-struct Border<'a> {
+/// What the threads that match half-edges share.
+struct Matching<'a> {
+    mesh: &'a Mesh,
+    /// Half-edges whose partners may be anywhere, by low vertex.
+    half_edges: &'a Shuffle<HalfEdge>,
+    by_vertex: RangeBuckets,
+    /// Corners of half-edges without a partner.
     boundary: &'a Shuffle<u32>,
-    corners: u64,
+    by_corner: RangeBuckets,
+    /// Edges with three faces or more.
+    nonmanifold: AtomicU64,
+    run: &'a Run<'a>,
 }
 
-impl Border<'_> {
-    #[inline]
-    fn bucket(&self, corner: u32) -> usize {
-        (u64::from(corner) * self.boundary.buckets() as u64 / self.corners.max(1)) as usize
+/// Counts an edge that `sides` half-edges share, if it is one of three faces or more.
+#[inline]
+fn count_nonmanifold(nonmanifold: &AtomicU64, sides: usize) {
+    if sides > 2 {
+        nonmanifold.fetch_add(1, Relaxed);
     }
 }
 
@@ -116,11 +109,19 @@ pub(super) fn matched<'a>(
     let half_edges = &sized.shuffle;
     let mut pairs = HalfEdgePairs::new(mesh, blocks.as_ref(), context)?;
     let border = BudgetedShuffle::<u32>::new(&file("boundary.tmp"), what, corners, threads, 4, context.run)?;
-    let (boundary, counters) = (&border.shuffle, Counters::default());
-    let border = Border { boundary, corners };
+    let boundary = &border.shuffle;
+    let matching = Matching {
+        mesh,
+        half_edges,
+        by_vertex: RangeBuckets::new(mesh.positions.len(), half_edges.buckets()),
+        boundary,
+        by_corner: RangeBuckets::new(corners as usize, boundary.buckets()),
+        nonmanifold: AtomicU64::new(0),
+        run: context.run,
+    };
     match &blocks {
-        Some(blocks) => match_blocks(mesh, blocks, half_edges, &pairs, &counters, &border, context.run)?,
-        None => scatter(mesh, half_edges, context.run)?,
+        Some(blocks) => matching.match_blocks(blocks, &pairs)?,
+        None => matching.scatter()?,
     }
     // What lies in one block was joined there.
     let apart = |a: usize, b: usize| match &blocks {
@@ -134,9 +135,9 @@ pub(super) fn matched<'a>(
             sorter.sort(half_edges.take(bucket)?);
             for edge in sorter.edges() {
                 if let [single] = edge {
-                    open.push(border.bucket(single.corner), single.corner)?;
+                    open.push(matching.by_corner.bucket_of(single.corner), single.corner)?;
                 } else {
-                    counters.count(edge.len());
+                    count_nonmanifold(&matching.nonmanifold, edge.len());
                     chain(mesh, edge.iter().map(HalfEdge::side), apart, |pair| out.push(pair))?;
                 }
             }
@@ -144,78 +145,56 @@ pub(super) fn matched<'a>(
         },
         |(out, open, _)| out.finish().and_then(|()| open.finish()),
     )?;
-    let open = boundary.len();
+    let (open, nonmanifold) = (boundary.len(), matching.nonmanifold);
     drop(sized);
     pairs.keep(blocks);
-    let welded = if open > 0 { weld(mesh, boundary, &pairs, &counters, context)? } else { 0 };
+    let welded = if open > 0 { weld(mesh, boundary, &pairs, &nonmanifold, context)? } else { 0 };
     pairs.seal();
-    let counts = EdgeCounts { boundary: open - welded, nonmanifold: counters.nonmanifold.load(Relaxed), welded };
+    let counts = EdgeCounts { boundary: open - welded, nonmanifold: nonmanifold.into_inner(), welded };
     Ok((pairs, counts))
 }
 
-/// Pushes the half-edges of every face into the buckets of their low vertices.
-fn scatter(mesh: &Mesh, half_edges: &Shuffle<HalfEdge>, run: &Run) -> Result<()> {
-    let n = mesh.faces.len();
-    let scale = buckets_a_vertex(mesh, half_edges);
-    run.each_chunk(
-        chunk_count(n, CHUNK),
-        || half_edges.producer(),
-        |k, out| {
-            let mut result = Ok(());
-            half_edge_sort::for_each(mesh, chunk_range(n, CHUNK, k), |half_edge| {
-                if result.is_ok() {
-                    result = out.push(bucket_of(half_edge, scale), half_edge);
-                }
-            });
-            run.progress.advance("graph", 0);
-            result
-        },
-        Producer::finish,
-    )
-}
+impl Matching<'_> {
+    /// Pushes the half-edges of every face into the buckets of their low vertices.
+    fn scatter(&self) -> Result<()> {
+        let n = self.mesh.faces.len();
+        self.run.each_chunk(
+            chunk_count(n, CHUNK),
+            || self.half_edges.producer(),
+            |k, out| {
+                self.run.progress.advance("graph", 0);
+                half_edge_sort::try_for_each(self.mesh, chunk_range(n, CHUNK, k), |half_edge| {
+                    out.push(self.by_vertex.bucket_of(half_edge.low()), half_edge)
+                })
+            },
+            Producer::finish,
+        )
+    }
 
-/// Matches block by block where the blocks are: what cannot meet elsewhere is done, the rest goes to `half_edges`.
-fn match_blocks(
-    mesh: &Mesh,
-    blocks: &NodeBlocks<'_>,
-    half_edges: &Shuffle<HalfEdge>,
-    pairs: &HalfEdgePairs<'_>,
-    counters: &Counters,
-    border: &Border<'_>,
-    run: &Run,
-) -> Result<()> {
-    let scale = buckets_a_vertex(mesh, half_edges);
-    run.each_chunk(
-        blocks.len(),
-        || (pairs.sink_within(), half_edges.producer(), border.boundary.producer(), BlockMatcher::default()),
-        |block, (out, across, open, matcher)| {
-            let edge = |sides: &[HalfEdge], shared: bool| {
-                match sides {
+    /// Matches block by block where the blocks are: what cannot meet elsewhere is done, the rest goes to the half-edges whose
+    /// partners may be anywhere.
+    fn match_blocks(&self, blocks: &NodeBlocks<'_>, pairs: &HalfEdgePairs<'_>) -> Result<()> {
+        let sinks = || (pairs.sink_within(), self.half_edges.producer(), self.boundary.producer());
+        self.run.each_chunk(
+            blocks.len(),
+            || (sinks(), BlockMatcher::default()),
+            |block, ((out, across, open), matcher)| {
+                let edge = |sides: &[HalfEdge], shared: bool| match sides {
                     _ if shared => {
-                        for &side in sides {
-                            across.push(bucket_of(side, scale), side)?;
-                        }
+                        sides.iter().try_for_each(|side| across.push(self.by_vertex.bucket_of(side.low()), *side))
                     }
-                    [single] => open.push(border.bucket(single.corner), single.corner)?,
-                    several => counters.count(several.len()),
-                }
-                Ok(())
-            };
-            run.progress.advance("graph", 0);
-            matcher.match_block(mesh, blocks, block, |pair| out.push(pair), edge)
-        },
-        |(out, across, open, _)| out.finish().and_then(|()| across.finish()).and_then(|()| open.finish()),
-    )
-}
-
-/// Buckets a vertex, in units of 2^-32, rounded down, so that the last vertex stays inside.
-fn buckets_a_vertex(mesh: &Mesh, half_edges: &Shuffle<HalfEdge>) -> u64 {
-    ((half_edges.buckets() as u64) << 32) / mesh.positions.len().max(1) as u64
-}
-
-#[inline]
-fn bucket_of(half_edge: HalfEdge, scale: u64) -> usize {
-    ((u64::from(half_edge.low()) * scale) >> 32) as usize
+                    [single] => open.push(self.by_corner.bucket_of(single.corner), single.corner),
+                    several => {
+                        count_nonmanifold(&self.nonmanifold, several.len());
+                        Ok(())
+                    }
+                };
+                self.run.progress.advance("graph", 0);
+                matcher.match_block(self.mesh, blocks, block, |pair| out.push(pair), edge)
+            },
+            |((out, across, open), _)| out.finish().and_then(|()| across.finish()).and_then(|()| open.finish()),
+        )
+    }
 }
 
 /// An open half-edge under the hash of its two end positions; the hash's last bit is its direction.
@@ -245,7 +224,7 @@ fn weld(
     mesh: &Mesh,
     boundary: &Shuffle<u32>,
     pairs: &HalfEdgePairs<'_>,
-    counters: &Counters,
+    nonmanifold: &AtomicU64,
     context: Context<'_>,
 ) -> Result<u64> {
     let copies = 2 * context.run.threads as u64;
@@ -279,7 +258,7 @@ fn weld(
             for same in sorted.chunk_by(|a, b| a.edge() == b.edge()) {
                 if same.len() > 1 {
                     welded.fetch_add(same.len() as u64, Relaxed);
-                    counters.count(same.len());
+                    count_nonmanifold(nonmanifold, same.len());
                     chain(mesh, same.iter().map(OpenHalfEdge::side), |a, b| a != b, |pair| out.push(pair))?;
                 }
             }
@@ -296,7 +275,7 @@ fn keyed_by_position(mesh: &Mesh, corner: u32) -> Option<OpenHalfEdge> {
     let face = mesh.faces.face_of_corner(corner as usize);
     let slot = corner as usize - mesh.faces.corner_range(face).start;
     let (a, b) = mesh.faces.with(face, |corners| (corners[slot], corners[(slot + 1) % corners.len()]));
-    // PairSink zero turns −0 into 0.
+    // Adding zero turns −0 into 0.
     let ends = [mesh.positions.get(a), mesh.positions.get(b)].map(|p| p.map(|x| x + 0.));
     if ends.iter().flatten().any(|x| !x.is_finite()) || ends[0] == ends[1] {
         return None;

@@ -115,7 +115,7 @@ impl Node {
         }
     }
 
-    /// [`Node::of_corners`] of a triangle, with less ado: the usual case and an inner loop.
+    /// [`Node::of_corners`] of a triangle, without the general case: most faces are triangles, and this is an inner loop.
     #[inline]
     pub fn of_triangle(a: [f64; 3], b: [f64; 3], c: [f64; 3]) -> (Self, bool) {
         let normal = cross(minus(b, a), minus(c, a));

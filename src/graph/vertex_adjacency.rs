@@ -9,7 +9,7 @@ use crate::base::Result;
 use crate::base::parallel::{chunk_count, chunk_range};
 use crate::mesh::Mesh;
 use crate::store::npy::ArrayWriter;
-use crate::store::shuffle::{BudgetedShuffle, Producer};
+use crate::store::shuffle::{BudgetedShuffle, Producer, RangeBuckets};
 use crate::store::{Context, MappedSlice, WorkDir};
 
 const CHUNK: usize = 1 << 14;
@@ -37,22 +37,21 @@ impl VertexAdjacency {
             BudgetedShuffle::<[u32; 2]>::new(&path, "the graph of vertices", 2 * corners, copies, 1, context.run)?;
         let shuffle = &sized.shuffle;
         let buckets = shuffle.buckets();
-        let first = |bucket: usize| (bucket as u128 * n as u128).div_ceil(buckets as u128) as usize;
-        let bucket = |v: u32| (u64::from(v) as u128 * buckets as u128 / n.max(1) as u128) as usize;
+        let by_vertex = RangeBuckets::new(n, buckets);
         context.run.each_chunk(
             chunk_count(faces, CHUNK),
             || shuffle.producer(),
             |k, out| {
-                let mut result = Ok(());
-                mesh.faces.for_each(chunk_range(faces, CHUNK, k), |_, corners| {
+                mesh.faces.try_for_each(chunk_range(faces, CHUNK, k), |_, corners| {
                     for (slot, &a) in corners.iter().enumerate() {
                         let b = corners[(slot + 1) % corners.len()];
-                        if a != b && result.is_ok() {
-                            result = out.push(bucket(a), [a, b]).and_then(|()| out.push(bucket(b), [b, a]));
+                        if a != b {
+                            out.push(by_vertex.bucket_of(a), [a, b])?;
+                            out.push(by_vertex.bucket_of(b), [b, a])?;
                         }
                     }
-                });
-                result
+                    Ok(())
+                })
             },
             Producer::finish,
         )?;
@@ -67,7 +66,7 @@ impl VertexAdjacency {
                 let mut edges = shuffle.take(bucket)?;
                 edges.sort_unstable();
                 edges.dedup();
-                let range = first(bucket)..first(bucket + 1);
+                let range = by_vertex.range(bucket);
                 let mut degrees = vec![0u64; range.len()];
                 edges.iter().for_each(|edge| degrees[edge[0] as usize - range.start] += 1);
                 Ok((degrees, edges.into_iter().map(|edge| edge[1]).collect::<Vec<u32>>()))

@@ -15,8 +15,8 @@
 //! 0.1 µs per triangle and thread.
 
 use super::components::{self, Bridge, find_bridges, find_components};
-use super::csr::Csr;
-use super::dual_edges::{DualEdges, EdgesWriter};
+use super::csr::{Csr, INDICES};
+use super::dual_edges::{CENTROID_DISTANCES, DualEdges, EDGES, EdgesWriter};
 use super::node_geometry::NodeGeometry;
 use super::nodes::{Frame, Node};
 use super::row_starts::{PLAIN, StartsForm};
@@ -26,7 +26,8 @@ use crate::base::vector::{cross, distance, finite, length, minus, narrow, wide};
 use crate::base::{Error, Result};
 use crate::mesh::Mesh;
 use crate::store::needs::{Extent, Needs, Room, ShuffleNeeds};
-use crate::store::shuffle::{BudgetedShuffle, Shuffle};
+use crate::store::npy::ArrayWriter;
+use crate::store::shuffle::{BudgetedShuffle, Producer, RangeBuckets, Shuffle};
 use crate::store::stage::{Made, Stage};
 use crate::store::{Context, MappedSlice, Run, WorkDir};
 use serde::{Deserialize, Serialize};
@@ -37,15 +38,8 @@ use xxhash_rust::xxh3::xxh3_64;
 const CHUNK: usize = 1 << 14;
 
 /// The files of the stage.
-const FILES: [&str; 7] = [
-    "vertex_geometry.npy",
-    "ring_starts.npy",
-    "ring.npy",
-    PLAIN,
-    "graph_indices.npy",
-    "graph_centroid_distances.npy",
-    "graph_edges.npy",
-];
+const FILES: [&str; 7] =
+    ["vertex_geometry.npy", "ring_starts.npy", "ring.npy", PLAIN, INDICES, CENTROID_DISTANCES, EDGES];
 
 /// Two other corners of a triangle, seen from its first: vertex, next, previous.
 type Corner = [u32; 3];
@@ -110,9 +104,9 @@ impl VertexGraph {
     /// # Errors
     /// [`Error::Unusable`] for a mesh without a single triangle, [`Error::Io`], [`Error::Memory`], [`Error::Cancelled`].
     pub fn build(mesh: &Mesh, path: &Path, context: Context<'_>) -> Result<Self> {
-        let (n, faces) = (mesh.positions.len(), mesh.faces.len());
+        let n = mesh.positions.len();
         let frame = Frame::of(&mesh.positions, context.run)?;
-        let records = 3 * (mesh.faces.corner_count() as u64).saturating_sub(2 * faces as u64);
+        let records = 3 * (mesh.faces.corner_count() as u64).saturating_sub(2 * mesh.faces.len() as u64);
         let sized = BudgetedShuffle::<Corner>::new(
             &context.work.file("corners.tmp"),
             "the vertex graph",
@@ -122,76 +116,21 @@ impl VertexGraph {
             context.run,
         )?;
         let shuffle = &sized.shuffle;
-        let buckets = shuffle.buckets();
-        let scatter = |k: usize, out: &mut crate::store::shuffle::Producer<'_, Corner>| {
-            let mut result = Ok(());
-            mesh.faces.for_each(chunk_range(faces, CHUNK, k), |_, corners| {
-                triangles(mesh, corners, |[a, b, c], _| {
-                    for record in [[a, b, c], [b, c, a], [c, a, b]] {
-                        let bucket = (u64::from(record[0]) * buckets as u64 / n as u64) as usize;
-                        if result.is_ok() {
-                            result = out.push(bucket, record);
-                        }
-                    }
-                });
-            });
-            result
-        };
-        context.run.each_chunk(
-            chunk_count(faces, CHUNK),
-            || shuffle.producer(),
-            scatter,
-            |producer| producer.finish(),
-        )?;
+        let by_vertex = RangeBuckets::new(n, shuffle.buckets());
+        scatter(mesh, shuffle, by_vertex, context.run)?;
         if shuffle.is_empty() {
             let problem = "has no triangle of three different vertices with positions";
             return Err(Error::unusable(path, problem, "give another mesh"));
         }
-        let mut edges = EdgesWriter::create(n, 2 * records as usize, StartsForm::Plain, true, context.work)?;
-        let mut nodes = context.work.writer::<Node>("vertex_geometry.npy", 7)?;
-        let (mut starts, mut ring) =
-            (context.work.writer::<u64>("ring_starts.npy", 1)?, context.work.writer::<u32>("ring.npy", 2)?);
-        starts.push(&[0])?;
-        let mut facts = VertexFacts { vertices: n as u64, ..VertexFacts::default() };
-        let mut duplicates = DuplicateVertices::new(n, context)?;
-        let mut end = 0u64;
+        let mut writer = VertexGraphWriter::create(n, 2 * records as usize, context)?;
         context.run.in_order(
-            buckets,
+            shuffle.buckets(),
             || (),
-            |bucket, ()| {
-                let first = |b: usize| (b as u64 * n as u64).div_ceil(buckets as u64) as usize;
-                Ok(part(mesh, &frame, first(bucket)..first(bucket + 1), shuffle.take(bucket)?))
-            },
-            |_, mut part| {
-                facts.area += part.nodes.iter().map(|node| f64::from(node.area)).sum::<f64>();
-                facts.open += part.open.len() as u64;
-                part.ring_ends.iter_mut().for_each(|at| *at += end);
-                end = part.ring_ends.last().copied().unwrap_or(end);
-                nodes.push(&part.nodes)?;
-                edges.push(&part.degrees, &part.indices, &part.lengths, &part.lengths)?;
-                starts.push(&part.ring_ends)?;
-                ring.push(&part.ring)?;
-                part.open.iter().try_for_each(|&v| duplicates.push(v, mesh.positions.get(v)))
-            },
+            |bucket, ()| Ok(part(mesh, &frame, by_vertex.range(bucket), shuffle.take(bucket)?)),
+            |_, part| writer.push(part, mesh),
         )?;
         drop(sized);
-        let (mut edges, nodes) = (edges.finish()?, nodes.finish(false)?);
-        let geometry = NodeGeometry::from(nodes.clone());
-        let joins = duplicates.find(context.run)?;
-        facts.seams = joins.len() as u64;
-        if !joins.is_empty() {
-            edges = components::insert(&edges, &joins, context)?;
-        }
-        let components = find_components(&edges, &geometry, context)?;
-        facts.components = components.list.len() as u64;
-        let mut bridges = find_bridges(&components, &geometry, context.run)?;
-        bridges.iter_mut().for_each(|bridge: &mut Bridge| bridge.gap = bridge.gap.max(LEAST));
-        drop(components);
-        context.work.remove("components.npy");
-        if !bridges.is_empty() {
-            edges = components::insert(&edges, &bridges, context)?;
-        }
-        Ok(Self { edges, nodes, ring_starts: starts.finish(false)?, ring: ring.finish(false)?, frame, facts })
+        writer.finish(frame, context)
     }
 
     /// The same in a work directory that lasts, or what was built there from the same `input` before; also the key
@@ -199,7 +138,7 @@ impl VertexGraph {
     ///
     /// # Errors
     /// As [`VertexGraph::build`].
-    pub fn kept(mesh: &Mesh, path: &Path, input: &Value, context: Context<'_>) -> Result<(Self, String)> {
+    pub fn open_or_build(mesh: &Mesh, path: &Path, input: &Value, context: Context<'_>) -> Result<(Self, String)> {
         context.stage(VertexGraphStage { mesh, path, input })
     }
 
@@ -244,6 +183,93 @@ impl VertexGraph {
     /// Whether there are none.
     pub fn is_empty(&self) -> bool {
         self.len() == 0
+    }
+}
+
+/// Sends the corners of all triangles to their vertices.
+fn scatter(mesh: &Mesh, shuffle: &Shuffle<Corner>, by_vertex: RangeBuckets, run: &Run) -> Result<()> {
+    let faces = mesh.faces.len();
+    run.each_chunk(
+        chunk_count(faces, CHUNK),
+        || shuffle.producer(),
+        |k, out| {
+            mesh.faces.try_for_each(chunk_range(faces, CHUNK, k), |_, corners| {
+                let mut pushed = Ok(());
+                triangles(mesh, corners, |[a, b, c], _| {
+                    let mut push = |corner: Corner| out.push(by_vertex.bucket_of(corner[0]), corner);
+                    if pushed.is_ok() {
+                        pushed = [[a, b, c], [b, c, a], [c, a, b]].into_iter().try_for_each(&mut push);
+                    }
+                });
+                pushed
+            })
+        },
+        Producer::finish,
+    )
+}
+
+/// Writes the arrays of a vertex graph from front to back.
+struct VertexGraphWriter {
+    edges: EdgesWriter,
+    nodes: ArrayWriter<Node>,
+    ring_starts: ArrayWriter<u64>,
+    ring: ArrayWriter<u32>,
+    /// Triangles around vertices so far.
+    ring_end: u64,
+    duplicates: DuplicateVertices,
+    facts: VertexFacts,
+}
+
+impl VertexGraphWriter {
+    /// For `n` vertices with at most `entries` ends of edges.
+    fn create(n: usize, entries: usize, context: Context<'_>) -> Result<Self> {
+        let mut writer = Self {
+            edges: EdgesWriter::create(n, entries, StartsForm::Plain, true, context.work)?,
+            nodes: context.work.writer(FILES[0], 7)?,
+            ring_starts: context.work.writer(FILES[1], 1)?,
+            ring: context.work.writer(FILES[2], 2)?,
+            ring_end: 0,
+            duplicates: DuplicateVertices::new(n, context)?,
+            facts: VertexFacts { vertices: n as u64, ..VertexFacts::default() },
+        };
+        writer.ring_starts.push(&[0])?;
+        Ok(writer)
+    }
+
+    /// Appends the next vertices, which are vertices of `mesh`.
+    fn push(&mut self, mut part: VertexRange, mesh: &Mesh) -> Result<()> {
+        self.facts.area += part.nodes.iter().map(|node| f64::from(node.area)).sum::<f64>();
+        self.facts.open += part.open.len() as u64;
+        part.ring_ends.iter_mut().for_each(|at| *at += self.ring_end);
+        self.ring_end = part.ring_ends.last().copied().unwrap_or(self.ring_end);
+        self.nodes.push(&part.nodes)?;
+        self.edges.push(&part.degrees, &part.indices, &part.lengths, &part.lengths)?;
+        self.ring_starts.push(&part.ring_ends)?;
+        self.ring.push(&part.ring)?;
+        part.open.iter().try_for_each(|&v| self.duplicates.push(v, mesh.positions.get(v)))
+    }
+
+    /// Joins duplicates and components, and opens the graph.
+    fn finish(self, frame: Frame, context: Context<'_>) -> Result<VertexGraph> {
+        let Self { nodes, ring_starts, ring, duplicates, mut facts, .. } = self;
+        let (mut edges, nodes) = (self.edges.finish()?, nodes.finish(false)?);
+        let geometry = NodeGeometry::from(nodes.clone());
+        let joins = duplicates.find(context.run)?;
+        facts.seams = joins.len() as u64;
+        if !joins.is_empty() {
+            edges = components::insert(&edges, &joins, context)?;
+        }
+        let components = find_components(&edges, &geometry, context)?;
+        facts.components = components.list.len() as u64;
+        let mut bridges = find_bridges(&components, &geometry, context.run)?;
+        bridges.iter_mut().for_each(|bridge: &mut Bridge| bridge.gap = bridge.gap.max(LEAST));
+        drop(components);
+        context.work.remove(components::FILE);
+        if !bridges.is_empty() {
+            edges = components::insert(&edges, &bridges, context)?;
+        }
+        let (ring_starts, ring) = (ring_starts.finish(false)?, ring.finish(false)?);
+        Ok(VertexGraph { edges, nodes, ring_starts, ring, frame, facts })
     }
 }
 

@@ -61,6 +61,8 @@ impl Metric {
         Self::Paper { delta: 0.03, eta: 0.1 }
     }
 
+    /// Checks that the constants are in range.
+    ///
     /// # Errors
     /// [`Error::Parameter`] for constants outside their range.
     pub fn check(&self) -> Result<()> {

@@ -2,7 +2,7 @@
 
 use crate::base::{Cancel, Result};
 use crate::distance::front::{Front, mean_weight};
-use crate::distance::sampler::{Space, Visits, no_lengths};
+use crate::distance::sampler::{Space, VisitCount, no_lengths};
 use crate::graph::Csr;
 use crate::graph::NodeView;
 use crate::store::mapped::Access;
@@ -12,18 +12,18 @@ pub struct MatrixSpace<'a> {
     distances: &'a [f32],
     nodes: NodeView<'a>,
     lengths: Option<(Csr<'a>, Front)>,
-    visits: Visits,
+    visits: VisitCount,
 }
 
 impl<'a> MatrixSpace<'a> {
     /// A space over `distances` (n × n), with the graph of lengths where it is asked for.
     pub fn new(distances: &'a [f32], nodes: NodeView<'a>, lengths: Option<Csr<'a>>) -> Self {
         let lengths = lengths.map(|lengths| (lengths, Front::new(mean_weight(lengths))));
-        Self { distances, nodes, lengths, visits: Visits::default() }
+        Self { distances, nodes, lengths, visits: VisitCount::default() }
     }
 
     /// The count of visits so far; n of them are a front.
-    pub fn visits(&self) -> Visits {
+    pub fn visits(&self) -> VisitCount {
         self.visits.clone()
     }
 

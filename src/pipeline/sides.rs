@@ -194,14 +194,14 @@ impl<'a> Side<'a> {
             context.run.progress.note(&mesh.strays_note());
         }
         let build = || match input {
-            Some(input) => VertexGraph::kept(&mesh, path, input, context),
+            Some(input) => VertexGraph::open_or_build(&mesh, path, input, context),
             None => Ok((VertexGraph::build(&mesh, path, context)?, String::new())),
         };
         let ((graph, key), _) = context.run.stage("vertex graph", "vertices", n, build)?;
         let surface = Surface::of(&graph);
         let row_params = RowParams { l: params.landmarks.min(graph.len()), sampling: params.sampling };
         let rows = if input.is_some() {
-            vertex_rows::kept(surface, row_params, params.distance, &key, context)?
+            vertex_rows::open_or_build(surface, row_params, params.distance, &key, context)?
         } else {
             let (landmarks, _) = context
                 .run

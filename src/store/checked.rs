@@ -58,7 +58,7 @@ impl WorkDir {
         if all_below(array.iter().map(|&index| index.into()), end) {
             return Ok(array);
         }
-        Err(self.damaged(name, format!("has numbers beyond {end}")))
+        Err(self.damaged(name, format!("has indices that are not below {end}")))
     }
 
     /// Opens the finished array `name` of where each of `rows` rows begins, and the end: `items` items in all.
@@ -82,7 +82,7 @@ impl WorkDir {
         if array.chunks(BLOCK).all(|block| block.iter().fold(true, |fine, &value| fine & (value > 0.))) {
             return Ok(array);
         }
-        Err(self.damaged(name, "has values that are not above 0"))
+        Err(self.damaged(name, "has a value that is not positive (0, negative or NaN)"))
     }
 }
 

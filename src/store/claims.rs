@@ -8,11 +8,12 @@
 //!
 //! Cost: a lock and a look into a map per mapping, less than the system call beside it.
 
+use crate::base::parallel::lock;
 use std::collections::BTreeMap;
 use std::fs::Metadata;
 use std::ops::Range;
 use std::os::unix::fs::MetadataExt;
-use std::sync::{Mutex, MutexGuard, PoisonError};
+use std::sync::{Mutex, MutexGuard};
 
 /// A file, by device and number on it: the same under every name.
 type FileId = (u64, u64);
@@ -27,7 +28,7 @@ struct Mapped {
 static MAPPED: Mutex<BTreeMap<FileId, Mapped>> = Mutex::new(BTreeMap::new());
 
 fn mapped() -> MutexGuard<'static, BTreeMap<FileId, Mapped>> {
-    MAPPED.lock().unwrap_or_else(PoisonError::into_inner)
+    lock(&MAPPED)
 }
 
 /// The right to map a file, given back when dropped.

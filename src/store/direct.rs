@@ -14,7 +14,7 @@ use std::os::unix::fs::FileExt;
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicBool, Ordering};
 
-/// Reads begin, end and are put at multiples of so many bytes: what any disk asks for.
+/// Alignment of offset, length and buffer of direct reads, in bytes.
 pub const PAGE: usize = 4096;
 
 /// An array in a file.

@@ -10,6 +10,7 @@
 use super::budget::Budget;
 use super::folder::WorkFolder;
 use super::mapped::{AlignedBuffer, MappedBytes};
+use crate::base::parallel::lock;
 use std::collections::BTreeMap;
 use std::ffi::OsStr;
 use std::path::PathBuf;
@@ -52,7 +53,7 @@ impl InMemoryArrays {
     }
 
     fn arrays(&self) -> MutexGuard<'_, BTreeMap<String, (MappedBytes, usize)>> {
-        self.arrays.lock().unwrap_or_else(|poison| poison.into_inner())
+        lock(&self.arrays)
     }
 
     /// Keeps a finished array, the first `len` of `bytes`, under the name that its file would have.

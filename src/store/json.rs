@@ -1,6 +1,6 @@
 //! JSON files that appear by rename when they are whole.
 //!
-//! What cannot be told as JSON is an error, never an empty file.
+//! A value that cannot be written as JSON is an error.
 
 use super::new_file;
 use super::npy::partial_name;

@@ -10,8 +10,6 @@ use xxhash_rust::xxh3::xxh3_64;
 /// Version of the layout of a work directory. A newer one is refused; what an older one holds is made anew.
 pub const FORMAT: u32 = 2;
 
-/// The reason for making a stage for the first time.
-pub(super) const NOT_MADE: &str = "it was not made yet";
 /// Program and version that writes manifests now.
 pub(super) const PROGRAM: &str = concat!(env!("CARGO_PKG_NAME"), " ", env!("CARGO_PKG_VERSION"));
 /// Its file.

@@ -103,6 +103,16 @@ pub enum Access {
     Random,
 }
 
+impl Access {
+    fn advice(self) -> Advice {
+        match self {
+            Self::Local => Advice::Normal,
+            Self::Sequential => Advice::Sequential,
+            Self::Random => Advice::Random,
+        }
+    }
+}
+
 /// The bytes of a whole file, mapped read-only, or of an array in memory in its place. Clones share them.
 #[derive(Clone, Debug)]
 pub struct MappedBytes {
@@ -151,11 +161,7 @@ impl MappedBytes {
     /// Tells the kernel how the bytes will be read. Advice only: failures are ignored.
     pub fn advise(&self, access: Access) {
         if let Some(Bytes::File(_, map, _)) = self.map.as_deref() {
-            let _ = map.advise(match access {
-                Access::Local => Advice::Normal,
-                Access::Sequential => Advice::Sequential,
-                Access::Random => Advice::Random,
-            });
+            let _ = map.advise(access.advice());
         }
     }
 
@@ -338,11 +344,7 @@ impl<T: Pod> MappedSliceMut<T> {
     /// Tells the kernel how the array will be used.
     pub fn advise(&self, access: Access) {
         if let Some(BytesMut::File(_, map)) = &self.map {
-            let _ = map.advise(match access {
-                Access::Local => Advice::Normal,
-                Access::Sequential => Advice::Sequential,
-                Access::Random => Advice::Random,
-            });
+            let _ = map.advise(access.advice());
         }
     }
 }
@@ -441,14 +443,7 @@ const ASKED: usize = 128 << 10;
 
 /// Tells the kernel how the pages of `slice` will be used. Advice only.
 pub fn advise<T>(slice: &[T], access: Access) {
-    advise_pages(
-        slice,
-        match access {
-            Access::Local => libc::MADV_NORMAL,
-            Access::Sequential => libc::MADV_SEQUENTIAL,
-            Access::Random => libc::MADV_RANDOM,
-        },
-    );
+    advise_pages(slice, access.advice() as libc::c_int);
 }
 
 /// Bytes of a page of memory: 4 KiB on most machines, 16 or 64 KiB on others.

@@ -109,7 +109,7 @@ pub fn reserve_file(path: &Path, bytes: u64) -> Result<File> {
 #[derive(Debug)]
 enum Place {
     /// In a file under its temporary name, renamed when whole.
-    File(Arc<File>),
+    File(Arc<File>, Unfinished),
     /// In memory, handed over when whole.
     Memory(Arc<InMemoryArrays>),
 }
@@ -127,12 +127,13 @@ pub(super) fn hand_over<T: Item>(
     bytes.slice(path, 0, len)
 }
 
-/// An array of known shape being filled through a mapping; [`ArrayMut::finish`] makes it a file.
+/// An array of known shape being filled through a mapping; [`ArrayMut::finish`] makes it a file. Dropped before, it leaves nothing.
 #[derive(Debug)]
 pub struct ArrayMut<T> {
     path: PathBuf,
-    place: Place,
+    /// Dropped before the file is removed.
     data: MappedSliceMut<T>,
+    place: Place,
     early: bool,
 }
 
@@ -145,10 +146,11 @@ impl<T: Item> ArrayMut<T> {
         let len = shape.iter().product::<usize>() / T::WIDTH;
         let partial = partial_name(path);
         let mut file = reserve_file(&partial, (HEADER + len * size_of::<T>()) as u64)?;
+        let unfinished = Unfinished(Some(partial.clone()));
         file.write_all(&header(T::DESCR, shape)).map_err(Error::io(&partial, "write"))?;
         let file = Arc::new(file);
         let data = MappedSliceMut::map(&file, &partial, HEADER, len)?;
-        Ok(Self { path: path.to_path_buf(), place: Place::File(file), data, early: false })
+        Ok(Self { path: path.to_path_buf(), data, place: Place::File(file, unfinished), early: false })
     }
 
     /// The same, but where `early`, finishing starts to write it to the disk, without waiting: for arrays that somebody
@@ -161,7 +163,7 @@ impl<T: Item> ArrayMut<T> {
     /// An array of `shape` in `buffer`, which `arrays` will have under the name of `path`.
     pub fn in_memory(path: &Path, shape: &[usize], buffer: AlignedBuffer, arrays: Arc<InMemoryArrays>) -> Self {
         let data = MappedSliceMut::held(buffer, shape.iter().product::<usize>() / T::WIDTH);
-        Self { path: path.to_path_buf(), place: Place::Memory(arrays), data, early: false }
+        Self { path: path.to_path_buf(), data, place: Place::Memory(arrays), early: false }
     }
 
     /// The mapped items.
@@ -175,8 +177,8 @@ impl<T: Item> ArrayMut<T> {
     /// # Errors
     /// [`Error::Io`].
     pub fn finish(self, durable: bool) -> Result<MappedSlice<T>> {
-        let file = match self.place {
-            Place::File(file) => file,
+        let (file, mut unfinished) = match self.place {
+            Place::File(file, unfinished) => (file, unfinished),
             Place::Memory(arrays) => {
                 let len = self.data.len();
                 return hand_over(&self.path, &arrays, self.data.freeze(), len);
@@ -191,6 +193,7 @@ impl<T: Item> ArrayMut<T> {
         // From here on it is only read.
         drop(self.data);
         std::fs::rename(&partial, &self.path).map_err(Error::io(&partial, "rename"))?;
+        unfinished.0 = None;
         open(&self.path)
     }
 }
@@ -282,42 +285,36 @@ impl<T: Item> ArrayWriter<T> {
     pub fn push_bytes(&mut self, bytes: &[u8]) -> Result<()> {
         let start = self.items * size_of::<T>();
         self.items += bytes.len() / size_of::<T>();
-        if let Out::Memory(buffer, arrays) = &mut self.out {
-            let (end, there) = (start + bytes.len(), buffer.as_ref().map_or(0, |buffer| buffer.bytes().len()));
-            if end > there && self.bounded {
-                let problem = std::io::Error::other("more items than there is room for");
-                return Err(Error::io(&self.path, "write")(problem));
-            }
-            if end > there {
-                let mut larger = arrays.take(end.max(2 * there).max(LEAST_BUFFER));
-                match (&mut larger, &*buffer) {
-                    (Some(larger), Some(old)) => larger.bytes_mut()[..start].copy_from_slice(&old.bytes()[..start]),
-                    (None, old) => {
-                        self.path = arrays.file(self.path.file_name().unwrap_or_default());
-                        let (mut file, unfinished) = start_file(&self.path)?;
-                        let so_far = old.as_ref().map_or(&[][..], |old| &old.bytes()[..start]);
-                        file.write_all(so_far).map_err(Error::io(&self.path, "write"))?;
-                        self.out = Out::File(file, unfinished);
-                        return self.write(bytes);
-                    }
-                    _ => {}
+        let (buffer, arrays) = match &mut self.out {
+            Out::File(file, _) => return file.write_all(bytes).map_err(Error::io(&self.path, "write")),
+            Out::Memory(buffer, arrays) => (buffer, arrays),
+        };
+        let (end, there) = (start + bytes.len(), buffer.as_ref().map_or(0, |buffer| buffer.bytes().len()));
+        if end > there && self.bounded {
+            let problem = std::io::Error::other("more items than there is room for");
+            return Err(Error::io(&self.path, "write")(problem));
+        }
+        if end > there {
+            let mut larger = arrays.take(end.max(2 * there).max(LEAST_BUFFER));
+            match (&mut larger, &*buffer) {
+                (Some(larger), Some(old)) => larger.bytes_mut()[..start].copy_from_slice(&old.bytes()[..start]),
+                (None, old) => {
+                    self.path = arrays.file(self.path.file_name().unwrap_or_default());
+                    let (mut file, unfinished) = start_file(&self.path)?;
+                    let so_far = old.as_ref().map_or(&[][..], |old| &old.bytes()[..start]);
+                    let written = file.write_all(so_far).and_then(|()| file.write_all(bytes));
+                    written.map_err(Error::io(&self.path, "write"))?;
+                    self.out = Out::File(file, unfinished);
+                    return Ok(());
                 }
-                *buffer = larger;
+                _ => {}
             }
-            if let Some(buffer) = buffer {
-                buffer.bytes_mut()[start..end].copy_from_slice(bytes);
-            }
-            return Ok(());
+            *buffer = larger;
         }
-        self.write(bytes)
-    }
-
-    /// Appends to the file, where there is one.
-    fn write(&mut self, bytes: &[u8]) -> Result<()> {
-        match &mut self.out {
-            Out::File(file, _) => file.write_all(bytes).map_err(Error::io(&self.path, "write")),
-            Out::Memory(..) => Ok(()),
+        if let Some(buffer) = buffer {
+            buffer.bytes_mut()[start..end].copy_from_slice(bytes);
         }
+        Ok(())
     }
 
     /// Items so far.

@@ -8,13 +8,14 @@ use super::in_memory::InMemoryArrays;
 use super::mapped::AlignedBuffer;
 use super::mapped::{MappedSlice, MappedSliceMut};
 use super::npy::{self, HEADER, Item};
+use crate::base::parallel::lock;
 use crate::base::{Error, Result};
 use std::fs::File;
 use std::io::{Read, Write};
 use std::path::{Path, PathBuf};
 use std::sync::{Arc, Mutex, MutexGuard};
 
-/// Rows of so many bytes are held in memory whatever the budget.
+/// Rows up to this total size, in bytes, stay in memory whatever the budget.
 const FEW: u64 = 32 << 20;
 /// The share of the budget that rows held in memory may take. Through a file each is copied twice and read back a page at a time, which
 /// is a tenth of a whole run of K-means at a million faces; but what is in a file the kernel can reclaim.
@@ -67,7 +68,7 @@ impl<T: Item> RowsFile<T> {
     /// All rows, one behind another, where they are held in memory; they cannot be mapped one by one.
     pub fn held(&self) -> Option<MutexGuard<'_, MappedSliceMut<T>>> {
         let Place::Memory(data, _) = &self.place else { return None };
-        Some(data.lock().unwrap_or_else(|poison| poison.into_inner()))
+        Some(lock(data))
     }
 
     /// Creates `path.partial` for `rows` rows of `len` items, its blocks reserved.
@@ -112,7 +113,7 @@ impl<T: Item> RowsFile<T> {
         match &self.place {
             Place::File(_) => self.row(k)?.overwrite(row).map_err(Error::io(npy::partial_name(&self.path), "write")),
             Place::Memory(data, _) => {
-                let mut data = data.lock().unwrap_or_else(|poison| poison.into_inner());
+                let mut data = lock(data);
                 data[k * self.len..][..self.len].copy_from_slice(row);
                 Ok(())
             }

@@ -1,4 +1,7 @@
 //! What every stage gets: the run (threads, budget, progress, cancellation, seed), and the directory that it works in.
+//!
+//! Both are passed by reference and cost nothing. Advice to the kernel is a system call for every 128 KiB; the loops start threads
+//! anew each time, some 50 µs a thread.
 
 use super::mapped::will_need;
 use super::{Budget, WorkDir};

@@ -17,9 +17,11 @@
 use super::Run;
 use super::budget::Grant;
 use super::new_file;
+use crate::base::parallel::lock;
 use crate::base::{Error, Result};
 use bytemuck::Pod;
 use std::fs::File;
+use std::ops::Range;
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Mutex, MutexGuard, OnceLock};
@@ -115,7 +117,7 @@ impl<T: Pod + Send> Shuffle<T> {
     }
 
     fn lock(&self, bucket: usize) -> MutexGuard<'_, Bucket<T>> {
-        self.buckets[bucket].lock().unwrap_or_else(|poison| poison.into_inner())
+        lock(&self.buckets[bucket])
     }
 
     /// The spill file, created at first use.
@@ -123,7 +125,7 @@ impl<T: Pod + Send> Shuffle<T> {
         if let Some(file) = self.file.get() {
             return Ok(file);
         }
-        let _guard = self.creation.lock().unwrap_or_else(|poison| poison.into_inner());
+        let _guard = lock(&self.creation);
         if self.file.get().is_none() {
             let file = new_file::create(&self.path)?;
             let _ = self.file.set(file);
@@ -212,7 +214,7 @@ impl<T: Pod + Send> Producer<'_, T> {
     pub fn push(&mut self, bucket: usize, record: T) -> Result<()> {
         let block = self.shuffle.block;
         let staged = &mut self.staged[bucket];
-        if staged.len() == staged.capacity() && staged.capacity() == 0 {
+        if staged.capacity() == 0 {
             staged.reserve_exact(block);
         }
         staged.push(record);
@@ -303,6 +305,39 @@ impl<T: Pod + Send> BudgetedShuffle<T> {
     }
 }
 
+/// Keys from 0 on in buckets of consecutive ones, equally many in each: key k of n is in bucket ⌊k·B/n⌋ of B.
+///
+/// A product with the inverse stands for the division, and gives the same buckets (tested).
+#[derive(Clone, Copy, Debug)]
+pub struct RangeBuckets {
+    keys: u64,
+    buckets: u64,
+    /// ⌈2⁶⁴ B / n⌉. B < n < 2³², so a key times what this is too large by stays below 2⁶⁴.
+    inverse: u64,
+}
+
+impl RangeBuckets {
+    /// `keys` keys, 2³² at the most, in `buckets` buckets. Of buckets that are not fewer than keys the last ones stay empty.
+    pub fn new(keys: usize, buckets: usize) -> Self {
+        let keys = keys as u64;
+        let buckets = (buckets as u64).min(keys.saturating_sub(1)).max(1);
+        let inverse = (u128::from(buckets) << 64).div_ceil(u128::from(keys.max(1)));
+        Self { keys, buckets, inverse: inverse.min(u128::from(u64::MAX)) as u64 }
+    }
+
+    /// The bucket of a key; ascends with the key.
+    #[inline]
+    pub fn bucket_of(&self, key: u32) -> usize {
+        ((u128::from(key) * u128::from(self.inverse)) >> 64) as usize
+    }
+
+    /// The keys of a bucket.
+    pub fn range(&self, bucket: usize) -> Range<usize> {
+        let first = |bucket: usize| (bucket as u64 * self.keys).div_ceil(self.buckets).min(self.keys) as usize;
+        first(bucket)..first(bucket + 1)
+    }
+}
+
 /// Bounds between buckets, from a sample of keys: buckets of about equal size whatever the keys' distribution.
 #[derive(Clone, Debug)]
 pub struct Splitters<K> {
@@ -373,6 +408,26 @@ mod tests {
                 assert!(sizing.fixed() <= room + (1 << 20), "{sizing:?} in {room}");
             }
         }
+    }
+
+    #[test]
+    fn range_buckets_are_those_of_the_division() {
+        let most = u32::MAX as usize;
+        for (keys, buckets) in [(1, 1), (2, 1), (3, 2), (9, 7), (1000, 999), (1 << 31, 512), (most, 3), (most, 1 << 16)]
+        {
+            let by_range = RangeBuckets::new(keys, buckets);
+            let near = |key: usize| key.saturating_sub(3)..keys.min(key + 3);
+            for key in (0..=buckets).flat_map(|bucket| near((bucket * keys).div_ceil(buckets))) {
+                let bucket = by_range.bucket_of(key as u32);
+                assert_eq!(bucket, key * buckets / keys, "{key} of {keys} in {buckets}");
+                assert!(by_range.range(bucket).contains(&key));
+            }
+        }
+        // More buckets than keys.
+        let few = RangeBuckets::new(3, 100);
+        assert_eq!([0, 1, 2].map(|key| few.range(few.bucket_of(key)).contains(&(key as usize))), [true; 3]);
+        assert_eq!((0..100).map(|bucket| few.range(bucket).len()).sum::<usize>(), 3);
+        assert!(RangeBuckets::new(0, 5).range(4).is_empty());
     }
 
     #[test]

@@ -17,7 +17,7 @@
 
 use super::folder::LOCK;
 use super::json;
-use super::manifest::{FileRecord, MANIFEST, Manifest, NOT_MADE, StageRecord, checksum};
+use super::manifest::{FileRecord, MANIFEST, Manifest, StageRecord, checksum};
 use super::needs::{Extent, Needs, Room};
 use super::run::Context;
 use super::workdir::WorkDir;
@@ -27,6 +27,7 @@ use serde::Serialize;
 use serde::de::DeserializeOwned;
 use serde_json::Value;
 use std::collections::BTreeMap;
+use std::fmt;
 use std::fs::File;
 use xxhash_rust::xxh3::xxh3_64;
 
@@ -88,6 +89,37 @@ pub struct Kept<F> {
     pub inputs: Value,
 }
 
+/// Why a stage has to be made (anew).
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum StageMiss {
+    /// It never was, or was given up.
+    NotMade,
+    /// Another version of the program made it.
+    OtherVersion {
+        /// The version of the algorithm that made it.
+        found: u32,
+        /// That of this program.
+        now: u32,
+    },
+    /// Its key is another one.
+    OtherInputs,
+    /// A file or its record is not what it was, in these words.
+    Damaged(String),
+}
+
+impl fmt::Display for StageMiss {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::NotMade => f.write_str("it was not made yet"),
+            Self::OtherVersion { found, now } => {
+                write!(f, "another version of the program made it (algorithm {found}, now {now})")
+            }
+            Self::OtherInputs => f.write_str("its options or inputs changed"),
+            Self::Damaged(problem) => f.write_str(problem),
+        }
+    }
+}
+
 /// The key of a stage: a hash of its name, the version of its algorithm, and its inputs.
 pub fn key_of(name: &str, version: u32, inputs: &Value) -> String {
     let text = serde_json::json!({"stage": name, "version": version, "inputs": inputs}).to_string();
@@ -108,7 +140,7 @@ impl Context<'_> {
                 self.run.progress.note(&format!("{}: reused", S::NAME));
                 return stage.open(facts, &key, self);
             }
-            Err(reason) if reason == NOT_MADE => {}
+            Err(StageMiss::NotMade) => {}
             Err(reason) => self.run.progress.note(&format!("{}: made anew, {reason}", S::NAME)),
         }
         let (made, seconds) = match stage.progress() {
@@ -151,16 +183,18 @@ impl StageKey {
 
 impl WorkDir {
     /// The facts of a finished stage, where its key is `key` and its files have the stamped sizes and checksums.
-    /// Otherwise `Err` with the reason, in words, why it has to be made (anew); the manifest forgets the stage then, so
+    ///
+    /// # Errors
+    /// Why the stage has to be made (anew); the manifest forgets the stage then, so
     /// that a run killed while making it anew leaves no record of files that are no longer those.
-    pub fn reuse<T: DeserializeOwned>(&self, stage: &str, version: u32, key: &str) -> Result<T, String> {
+    pub fn reuse<T: DeserializeOwned>(&self, stage: &str, version: u32, key: &str) -> Result<T, StageMiss> {
         let found = self.look_up(stage, version, key);
         if found.is_err() && !self.shared {
             let mut manifest = self.manifest_lock();
             if manifest.stages.remove(stage).is_some()
                 && let Err(error) = self.save(&mut manifest)
             {
-                return Err(error.to_string());
+                return Err(StageMiss::Damaged(error.to_string()));
             }
         }
         found
@@ -200,15 +234,14 @@ impl WorkDir {
         serde_json::from_value(record.facts).ok()
     }
 
-    fn look_up<T: DeserializeOwned>(&self, stage: &str, version: u32, key: &str) -> Result<T, String> {
+    fn look_up<T: DeserializeOwned>(&self, stage: &str, version: u32, key: &str) -> Result<T, StageMiss> {
         let manifest = self.manifest_lock();
-        let record = manifest.stages.get(stage).ok_or_else(|| NOT_MADE.to_string())?;
+        let record = manifest.stages.get(stage).ok_or(StageMiss::NotMade)?;
         if record.version != version {
-            let older = record.version;
-            return Err(format!("another version of the program made it (algorithm {older}, now {version})"));
+            return Err(StageMiss::OtherVersion { found: record.version, now: version });
         }
         if record.key != key {
-            return Err("its options or inputs changed".to_string());
+            return Err(StageMiss::OtherInputs);
         }
         if self.is_temporary() {
             record.files.iter().try_for_each(|(name, file)| self.unharmed(name, file))?;
@@ -217,29 +250,31 @@ impl WorkDir {
             let files: Vec<_> = record.files.iter().collect();
             let check = |k: usize, (): &mut ()| Ok(self.unharmed(files[k].0, files[k].1));
             let checked = map_chunks(files.len(), &Cancel::default(), files.len(), || (), check);
-            checked.map_err(|error| error.to_string())?.into_iter().collect::<Result<(), String>>()?;
+            checked.map_err(|error| StageMiss::Damaged(error.to_string()))?.into_iter().collect::<Result<(), _>>()?;
         }
-        serde_json::from_value(record.facts.clone()).map_err(|error| format!("its facts are unreadable: {error}"))
+        let unreadable = |error| StageMiss::Damaged(format!("its facts are unreadable: {error}"));
+        serde_json::from_value(record.facts.clone()).map_err(unreadable)
     }
 
     /// Whether a file still has the bytes that were stamped: one sequential read, far cheaper than a wrong label.
-    pub(crate) fn unharmed(&self, name: &str, file: &FileRecord) -> Result<(), String> {
+    pub(crate) fn unharmed(&self, name: &str, file: &FileRecord) -> Result<(), StageMiss> {
         if self.bytes_in_memory(name) == Some(file.bytes) {
             return Ok(());
         }
         let path = self.file(name);
+        let damaged = |problem| Err(StageMiss::Damaged(problem));
         match std::fs::metadata(&path) {
             Ok(metadata) if metadata.len() == file.bytes => {}
-            Ok(metadata) => return Err(format!("{name} has {} bytes instead of {}", metadata.len(), file.bytes)),
-            Err(_) => return Err(format!("{name} is missing")),
+            Ok(metadata) => return damaged(format!("{name} has {} bytes instead of {}", metadata.len(), file.bytes)),
+            Err(_) => return damaged(format!("{name} is missing")),
         }
         if self.is_temporary() {
             return Ok(());
         }
         match checksum(&path) {
             Ok(sum) if sum == file.xxh3 => Ok(()),
-            Ok(_) => Err(format!("{name} was changed or damaged")),
-            Err(error) => Err(error.to_string()),
+            Ok(_) => damaged(format!("{name} was changed or damaged")),
+            Err(error) => damaged(error.to_string()),
         }
     }
 

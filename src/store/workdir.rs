@@ -9,6 +9,9 @@
 //!
 //! A temporary directory is removed when dropped; one that a killed run left behind is removed by
 //! the next run that makes one beside it.
+//!
+//! Memory: the manifest, some hundred bytes per file, and the arrays that are held, which count in the budget
+//! ([`super::in_memory`]). Opening reads the manifest and lists the folder; a stage's files are read when they are reused.
 
 use super::budget::Budget;
 use super::folder::{LOCK, Lock, WorkFolder, lock};
@@ -21,12 +24,16 @@ use super::mapped::AlignedBuffer;
 use super::npy::{self, ArrayMut, ArrayWriter, Item};
 use super::rows_file::{self, RowsFile};
 use super::{MappedBytes, MappedSlice, MappedSliceMut};
-use crate::base::{Error, Result};
+use crate::base::{Error, Result, parallel};
 use serde::Serialize;
 use serde::de::DeserializeOwned;
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
-use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::sync::{Arc, Mutex, MutexGuard};
+
+/// What the names of half-filled rows begin with, of one process and of shards. They stay: their journal knows which of them are
+/// whole. What makes them is a layer above, but only who opens a directory can tell what a killed run left in it.
+const HALF_FILLED_ROWS: [&str; 2] = ["distances.npy.partial", "rows-"];
 
 /// An open, locked work directory.
 #[derive(Debug)]
@@ -154,8 +161,7 @@ impl WorkDir {
         let Ok(entries) = std::fs::read_dir(self.path()) else { return };
         for entry in entries.flatten() {
             let name = entry.file_name().to_string_lossy().into_owned();
-            // Half-filled rows stay: their journal knows which of them are whole.
-            let rows = name == "distances.npy.partial" || name.starts_with("rows-");
+            let rows = HALF_FILLED_ROWS.iter().any(|rows| name.starts_with(rows));
             if name.ends_with(".tmp") || (name.ends_with(".partial") && !rows) {
                 self.remove(&name);
             }
@@ -193,7 +199,7 @@ impl WorkDir {
     /// # Errors
     /// As [`WorkDir::open`].
     pub fn inner(&self, name: &str) -> Result<Arc<Self>> {
-        let mut all = self.inside_of_it.lock().unwrap_or_else(PoisonError::into_inner);
+        let mut all = parallel::lock(&self.inside_of_it);
         if let Some(inner) = all.get(name) {
             return Ok(inner.clone());
         }
@@ -418,7 +424,7 @@ impl WorkDir {
     }
 
     pub(super) fn manifest_lock(&self) -> MutexGuard<'_, Manifest> {
-        self.manifest.lock().unwrap_or_else(|poison| poison.into_inner())
+        parallel::lock(&self.manifest)
     }
 
     /// A copy of the manifest.
@@ -450,7 +456,7 @@ impl Drop for WorkDir {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::store::stage::{StageKey, key_of};
+    use crate::store::stage::{StageKey, StageMiss, key_of};
     use serde_json::{Value, json};
 
     #[test]
@@ -468,21 +474,23 @@ mod tests {
         }
         let work = WorkDir::open(&path).unwrap();
         assert_eq!(work.reuse::<i32>("s", 1, &key), Ok(7));
-        assert!(work.reuse::<i32>("t", 1, &key).is_err());
+        assert_eq!(work.reuse::<i32>("t", 1, &key), Err(StageMiss::NotMade));
         let whole = std::fs::read(work.file("x.npy")).unwrap();
         let mut flipped = whole.clone();
         *flipped.last_mut().unwrap() ^= 1;
         for (bytes, reason) in [(&whole[..1], "bytes"), (&flipped[..], "damaged")] {
             std::fs::write(work.file("x.npy"), bytes).unwrap();
-            assert!(work.reuse::<i32>("s", 1, &key).unwrap_err().contains(reason));
+            let Err(StageMiss::Damaged(problem)) = work.reuse::<i32>("s", 1, &key) else { panic!("{reason}") };
+            assert!(problem.contains(reason), "{problem}");
             // A stage that has to be made anew is forgotten at once.
             std::fs::write(work.file("x.npy"), &whole).unwrap();
-            assert!(work.reuse::<i32>("s", 1, &key).is_err());
+            assert_eq!(work.reuse::<i32>("s", 1, &key), Err(StageMiss::NotMade));
             work.stamp(stage(1), &["x.npy"], &7, 0.5).unwrap();
         }
-        assert!(work.reuse::<i32>("s", 1, "other").unwrap_err().contains("changed"));
+        assert_eq!(work.reuse::<i32>("s", 1, "other"), Err(StageMiss::OtherInputs));
         work.stamp(stage(1), &["x.npy"], &7, 0.5).unwrap();
-        assert!(work.reuse::<i32>("s", 2, &key).unwrap_err().contains("another version"));
+        let other = work.reuse::<i32>("s", 2, &key).unwrap_err();
+        assert_eq!(other.to_string(), "another version of the program made it (algorithm 1, now 2)");
     }
 
     #[test]
@@ -538,7 +546,7 @@ mod tests {
         let manifest = json!({"format": 1, "program": "nystrom-stream 0.1.0", "stages": {"s": stage}});
         std::fs::write(dir.path().join(MANIFEST), manifest.to_string()).unwrap();
         let work = WorkDir::open(dir.path()).unwrap();
-        assert!(work.reuse::<i32>("s", 1, "k").unwrap_err().contains("another version"));
+        assert!(matches!(work.reuse::<i32>("s", 1, "k"), Err(StageMiss::OtherVersion { .. })));
         // The manifest named the program that had made the directory, whichever had written it since.
         work.stamp(StageKey::new("s", 2, json!({})), &[], &7, 0.5).unwrap();
         let manifest: Value = serde_json::from_slice(&std::fs::read(dir.path().join(MANIFEST)).unwrap()).unwrap();

@@ -241,7 +241,7 @@ fn rows_that_were_stopped_go_on_where_they_were() {
     let work = WorkDir::open(&dir.path().join("work")).unwrap();
     let rows = |run: &Run<'_>, key: &str, distance| {
         let graph = VertexGraph::build(&mesh, Path::new("m"), Context::new(&work, run))?;
-        vertex_rows::kept(Surface::of(&graph), params, distance, key, Context::new(&work, run))
+        vertex_rows::open_or_build(Surface::of(&graph), params, distance, key, Context::new(&work, run))
     };
     let whole = rows(&free, "1", Distance::March).unwrap();
     let all = whole.distances.to_vec();

@@ -164,7 +164,7 @@ fn check_fronts(graph: Csr<'_>, sources: &[u32], told: &str) {
         assert_eq!(bits(&field), bits(&nearest), "{told}: owned");
         assert_eq!(owner, owned, "{told}: owners");
         // Small blocks make many blocks.
-        for (block, threads) in [(1 + n / 50, 3), (1 + n / 7, 2), (voronoi::BLOCK, 1)] {
+        for (block, threads) in [(1 + n / 50, 3), (1 + n / 7, 2), (voronoi::PIECE_NODES, 1)] {
             let blocks = voronoi::BlockDijkstra::new(graph, block, threads, &cancel);
             blocks.nearest_source(sources, &mut field, &mut owner).unwrap();
             assert_eq!(bits(&field), bits(&nearest), "{told}: cells by blocks of {block}");
@@ -204,7 +204,7 @@ fn check_bands(graph: Csr<'_>, front: &mut Front, (nearest, owned): (&[f32], &[u
     let (mut field, mut labels) = start();
     front.propagate_labels(graph, &rim, &mut field, &mut labels, &cancel).unwrap();
     assert_eq!((bits(&field), &labels), (bits(&band), &expected), "{told}: labels grown");
-    for (block, threads) in [(1 + n / 50, 3), (1 + n / 7, 2), (voronoi::BLOCK, 1)] {
+    for (block, threads) in [(1 + n / 50, 3), (1 + n / 7, 2), (voronoi::PIECE_NODES, 1)] {
         let blocks = voronoi::BlockDijkstra::new(graph, block, threads, &cancel);
         let mut field = vec![f32::INFINITY; n];
         blocks.within(&rim, limit, &mut field).unwrap();

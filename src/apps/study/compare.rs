@@ -12,7 +12,7 @@
 use super::data::StudyData;
 use crate::base::{Error, Result};
 use crate::distance::front::{Front, mean_weight};
-use crate::distance::sampler::Visits;
+use crate::distance::sampler::VisitCount;
 use crate::landmarks::{GraphSpace, MatrixSpace, Sampling, SamplingParams, SearchGraph, Space};
 use crate::spectral::affinity::{AffinityBlock, Bandwidth, KeptEigenpairs, SampledBlock};
 use crate::spectral::kernel::Kernel;
@@ -208,7 +208,7 @@ pub fn landmarks(
     let sampler = sampling.sampler(how);
     let mut field = vec![0f32; ground.len()];
     let (mut found, mut search) = (Vec::with_capacity(l), Vec::with_capacity(l));
-    let mut choose = |space: &mut dyn Space, visits: Visits| {
+    let mut choose = |space: &mut dyn Space, visits: VisitCount| {
         let mut spared = 0.;
         sampler.choose(l, seed, space, &mut field, &mut |node, row| {
             spared += if row.is_some() { 1. } else { 0. };

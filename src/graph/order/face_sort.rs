@@ -10,9 +10,8 @@ use crate::base::Result;
 use crate::base::parallel::{chunk_count, chunk_range};
 use crate::mesh::Faces;
 use crate::store::npy::ArrayWriter;
-use crate::store::shuffle::{BudgetedShuffle, Producer, Splitters};
+use crate::store::shuffle::{BudgetedShuffle, Producer, RangeBuckets, Shuffle, Splitters};
 use crate::store::{Context, MappedSlice, WorkDir};
-use std::ops::Range;
 
 const CHUNK: usize = 1 << 14;
 /// The order itself: the face of the file at each place (u32, n).
@@ -155,15 +154,11 @@ impl FaceSort<'_> {
             chunk_count(n, CHUNK),
             || (sorting.shuffle.producer(), Vec::new()),
             |k, (out, new)| {
-                let mut result = Ok(());
-                self.faces.for_each(chunk_range(n, CHUNK, k), |face, corners| {
+                self.faces.try_for_each(chunk_range(n, CHUNK, k), |face, corners| {
                     new.clear();
                     new.extend(corners.iter().map(|&v| rank[v as usize]));
-                    if result.is_ok() {
-                        result = send(face, new, out);
-                    }
-                });
-                result
+                    send(face, new, out)
+                })
             },
             |(out, _)| out.finish(),
         )
@@ -175,71 +170,61 @@ impl FaceSort<'_> {
         sorting: &BudgetedShuffle<[u32; W]>,
         send: &(impl Fn(usize, &[u32], &mut Producer<'_, [u32; W]>) -> Result<()> + Sync),
     ) -> Result<()> {
-        let (run, n, vertices) = (self.context.run, self.faces.len(), self.rank.len().max(1));
-        let (threads, total) = (run.threads as u64, self.faces.corner_count() as u64);
-        let ranked = BudgetedShuffle::<[u32; 2]>::new(
-            &self.context.work.file("ranked.tmp"),
-            "ranking corners",
-            total,
-            threads,
-            2,
-            run,
-        )?;
-        let back = ranked.shuffle.buckets();
-        let first = |bucket: usize| (bucket as u128 * n as u128).div_ceil(back as u128) as usize;
-        {
-            let path = self.context.work.file("corners.tmp");
-            let corners = BudgetedShuffle::<[u32; 2]>::new(&path, "sorting corners", total, threads, 1, run)?;
-            let buckets = corners.shuffle.buckets();
-            run.each_chunk(
-                chunk_count(n, CHUNK),
-                || corners.shuffle.producer(),
-                |k, out| {
-                    let mut result = Ok(());
-                    self.faces.for_each(chunk_range(n, CHUNK, k), |face, corners| {
-                        let start = self.faces.corner_range(face).start;
-                        for (slot, &v) in corners.iter().enumerate() {
-                            if result.is_ok() {
-                                let bucket = (v as usize * buckets / vertices).min(buckets - 1);
-                                result = out.push(bucket, [v, (start + slot) as u32]);
-                            }
-                        }
-                    });
-                    result
-                },
-                Producer::finish,
-            )?;
-            run.each_chunk(
-                buckets,
-                || ranked.shuffle.producer(),
-                |bucket, out| {
-                    corners.shuffle.take(bucket)?.into_iter().try_for_each(|[v, corner]| {
-                        let face = self.faces.face_of_corner(corner as usize);
-                        let home = (face as u128 * back as u128 / n as u128) as usize;
-                        out.push(home, [corner, self.rank[v as usize]])
-                    })
-                },
-                Producer::finish,
-            )?;
-        }
+        let (run, corners) = (self.context.run, self.faces.corner_count() as u64);
+        let path = self.context.work.file("ranked.tmp");
+        let ranked = BudgetedShuffle::<[u32; 2]>::new(&path, "ranking corners", corners, run.threads as u64, 2, run)?;
+        let ranked = &ranked.shuffle;
+        let by_face = RangeBuckets::new(self.faces.len(), ranked.buckets());
+        self.rank_corners(ranked, by_face)?;
         run.each_chunk(
-            back,
+            ranked.buckets(),
             || (sorting.shuffle.producer(), Vec::new()),
             |bucket, (out, new)| {
-                let range: Range<usize> = first(bucket)..first(bucket + 1);
+                let range = by_face.range(bucket);
                 if range.is_empty() {
                     return Ok(());
                 }
                 let start = self.faces.corner_range(range.start).start;
                 new.clear();
                 new.resize(self.faces.corner_range(range.end - 1).end - start, 0u32);
-                ranked.shuffle.take(bucket)?.into_iter().for_each(|[corner, rank]| new[corner as usize - start] = rank);
+                ranked.take(bucket)?.into_iter().for_each(|[corner, rank]| new[corner as usize - start] = rank);
                 range.into_iter().try_for_each(|face| {
                     let span = self.faces.corner_range(face);
                     send(face, &new[span.start - start..span.end - start], out)
                 })
             },
             |(out, _)| out.finish(),
+        )
+    }
+
+    /// Sends the new numbers of all corners to their faces: `ranked` gets pairs of corner and number.
+    fn rank_corners(&self, ranked: &Shuffle<[u32; 2]>, by_face: RangeBuckets) -> Result<()> {
+        let (run, n, total) = (self.context.run, self.faces.len(), self.faces.corner_count() as u64);
+        let path = self.context.work.file("corners.tmp");
+        let corners = BudgetedShuffle::<[u32; 2]>::new(&path, "sorting corners", total, run.threads as u64, 1, run)?;
+        let corners = &corners.shuffle;
+        let by_vertex = RangeBuckets::new(self.rank.len(), corners.buckets());
+        run.each_chunk(
+            chunk_count(n, CHUNK),
+            || corners.producer(),
+            |k, out| {
+                self.faces.try_for_each(chunk_range(n, CHUNK, k), |face, corners| {
+                    let start = self.faces.corner_range(face).start as u32;
+                    (start..).zip(corners).try_for_each(|(corner, &v)| out.push(by_vertex.bucket_of(v), [v, corner]))
+                })
+            },
+            Producer::finish,
+        )?;
+        run.each_chunk(
+            corners.buckets(),
+            || ranked.producer(),
+            |bucket, out| {
+                corners.take(bucket)?.into_iter().try_for_each(|[v, corner]| {
+                    let face = self.faces.face_of_corner(corner as usize) as u32;
+                    out.push(by_face.bucket_of(face), [corner, self.rank[v as usize]])
+                })
+            },
+            Producer::finish,
         )
     }
 }

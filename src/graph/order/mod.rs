@@ -17,7 +17,7 @@ use crate::base::{Error, Result};
 use crate::mesh::Mesh;
 use crate::store::needs::{Extent, Needs, Room, ShuffleNeeds};
 use crate::store::npy::Item;
-use crate::store::shuffle::{BudgetedShuffle, Producer};
+use crate::store::shuffle::{BudgetedShuffle, Producer, RangeBuckets};
 use crate::store::stage::{Made, Stage};
 use crate::store::{Context, MappedSlice, WorkDir};
 use face_sort::ORDER;
@@ -142,13 +142,14 @@ impl NodeOrder {
                 context.run,
             )?;
             let buckets = pairs.shuffle.buckets();
+            let by_face = RangeBuckets::new(n, buckets);
             context.run.each_chunk(
                 chunk_count(n, RESTORED),
                 || pairs.shuffle.producer(),
                 |k, producer| {
                     chunk_range(n, RESTORED, k).try_for_each(|i| {
                         let face = order[i];
-                        producer.push((u64::from(face) * buckets as u64 / n as u64) as usize, [face, words[i]])
+                        producer.push(by_face.bucket_of(face), [face, words[i]])
                     })
                 },
                 Producer::finish,

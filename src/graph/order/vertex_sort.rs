@@ -11,7 +11,7 @@ use crate::base::parallel::{chunk_count, chunk_range};
 use crate::graph::nodes::Frame;
 use crate::mesh::{Positions, StridedLayout};
 use crate::store::npy::{ArrayMut, ArrayWriter, Item};
-use crate::store::shuffle::{BudgetedShuffle, Producer, Splitters};
+use crate::store::shuffle::{BudgetedShuffle, Producer, RangeBuckets, Splitters};
 use crate::store::{Context, MappedSlice, WorkDir};
 
 /// The sorted positions.
@@ -99,6 +99,7 @@ impl VertexSort<'_> {
         };
         let mut out = pairs.as_ref().map(|pairs| pairs.shuffle.producer());
         let buckets = pairs.as_ref().map_or(1, |pairs| pairs.shuffle.buckets());
+        let by_vertex = RangeBuckets::new(n, buckets);
         let mut block: Vec<u32> = Vec::with_capacity(CHUNK * (W - 3));
         let mut next = 0u32;
         shuffle.sorted(run, |records| {
@@ -109,7 +110,7 @@ impl VertexSort<'_> {
                 for record in part {
                     let old = record[2];
                     match &mut out {
-                        Some(out) => out.push((old as usize * buckets) / n, [old, next])?,
+                        Some(out) => out.push(by_vertex.bucket_of(old), [old, next])?,
                         None => ranks[old as usize] = next,
                     }
                     next += 1;
