@@ -10,7 +10,7 @@ use nystrom_stream::base::printable::line;
 use nystrom_stream::mesh::import;
 use nystrom_stream::mesh::ply::header;
 use nystrom_stream::mesh::ply::{Element, Property};
-use nystrom_stream::pipeline::calibrate::size_of_mesh;
+use nystrom_stream::mesh::size_of_mesh;
 use nystrom_stream::store::json::value as to_json;
 use nystrom_stream::store::verify::verify as check;
 use nystrom_stream::store::workdir::Manifest;
