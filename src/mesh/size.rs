@@ -1,7 +1,7 @@
 //! How large the mesh in a file is, without reading all of it: what memory and time are planned from.
 //!
-//! The header of a PLY has the counts, and the file's size shows whether they can be true. Cost: microseconds for a PLY,
-//! compressed or not; one pass over the text of an OBJ or OFF.
+//! The header of a PLY has the counts, and the file's size shows whether they can be true. Cost: microseconds for a
+//! PLY, compressed or not; one pass over the text of an OBJ or OFF.
 
 use super::geometry::no_faces;
 use super::import;
@@ -26,8 +26,8 @@ pub struct MeshSize {
     pub strips: bool,
 }
 
-/// The faces that strips of triangles hold at the most in a file of `len` bytes: the header counts strips, and each further vertex makes a
-/// face. A vertex has two bytes of text at the least; compressed data are taken for plain ones.
+/// The faces that strips of triangles hold at the most in a file of `len` bytes: the header counts strips, and each
+/// further vertex makes a face. A vertex has two bytes of text at the least; compressed data are taken for plain ones.
 fn faces_of_strips(header: &header::Header, len: u64) -> u64 {
     let left = len.saturating_sub(header.payload as u64);
     if header.encoding == Encoding::Ascii {
@@ -42,7 +42,8 @@ fn faces_of_strips(header: &header::Header, len: u64) -> u64 {
     left.saturating_sub(u64::try_from(fixed).unwrap_or(u64::MAX)) / items.min().unwrap_or(4)
 }
 
-/// The size of the mesh in the file `path`, from its header and the file's size. Of strips of triangles it tells what they hold at the most.
+/// The size of the mesh in the file `path`, from its header and the file's size. Of strips of triangles it tells
+/// what they hold at the most.
 ///
 /// # Errors
 /// [`Error::Io`], [`Error::Malformed`], [`Error::Unusable`].
