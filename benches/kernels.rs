@@ -1,5 +1,5 @@
 //! The inner loops, on creatures made in memory: fronts against a binary heap, the kernel's `exp` against the system's,
-//! the pass that assigns labels, and the building of the graph.
+//! the pass that assigns labels, the building of the graph, and mesh files.
 //!
 //! `cargo bench -p nystrom-stream-tools --bench kernels`; with `-- --test` each runs once. `NYSTROM_STREAM_BENCH_FACES` sets the size.
 
@@ -16,7 +16,7 @@ use nystrom_stream::distance::{DistanceRows, Front};
 use nystrom_stream::graph::WeightedGraph;
 use nystrom_stream::graph::{DualGraph, Metric};
 use nystrom_stream::landmarks::Sampling;
-use nystrom_stream::mesh::{self, Mesh};
+use nystrom_stream::mesh::{self, Labelling, Mesh, PlyForm};
 use nystrom_stream::spectral::measures::Gamma;
 use nystrom_stream::spectral::{Embedding, EmbeddingParams, SampledColumns, exp::exp};
 use nystrom_stream::store::Context;
@@ -133,5 +133,29 @@ fn building(criterion: &mut Criterion) {
     group.finish();
 }
 
-criterion_group!(kernels, fronts, exponentials, assigning, building);
+/// Labelled files written and opened: binary, which is read where it lies, and text.
+fn mesh_files(criterion: &mut Criterion) {
+    let Prepared { opened, folder, .. } = prepare(false);
+    let (run, faces) = (Run::new(&()), opened.faces.len());
+    let labels: Vec<u32> = (0..faces as u32).map(|face| face / 1000 % 12).collect();
+    let (colours, quality) = (nystrom_stream::apps::colours::assign(12, &[]), vec![0.5; faces]);
+    let labelling = Labelling { labels: &labels, colours: &colours, quality: Some(&quality), names: &[] };
+    let mut group = criterion.benchmark_group("mesh file");
+    group.sample_size(10).throughput(Throughput::Elements(faces as u64));
+    for (name, form) in [("binary", PlyForm::Binary), ("text", PlyForm::Ascii)] {
+        let path = folder.path().join(name).with_extension("ply");
+        let write = || mesh::write_labelled(&opened, &path, &labelling, form, false, &run).expect("room");
+        write();
+        group.bench_function(BenchmarkId::new("write", name), |bencher| bencher.iter(write));
+        group.bench_function(BenchmarkId::new("open", name), |bencher| {
+            bencher.iter(|| mesh::open(&path, folder.path(), &run).expect("a mesh"));
+        });
+    }
+    group.bench_function("write seg", |bencher| {
+        bencher.iter(|| mesh::write_seg(&folder.path().join("out.seg"), &labels, false, &run).expect("room"));
+    });
+    group.finish();
+}
+
+criterion_group!(kernels, fronts, exponentials, assigning, building, mesh_files);
 criterion_main!(kernels);

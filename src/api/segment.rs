@@ -1,4 +1,4 @@
-//! Cutting a mesh into parts, and what comes out.
+//! Cuts a mesh into parts, and holds the result.
 
 use super::mesh::{SaveOptions, admitted};
 use super::run::{RunOptions, run_options};

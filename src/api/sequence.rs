@@ -1,4 +1,4 @@
-//! An order to stream a mesh in, so that a reader holds few vertices at a time.
+//! Finds an order to stream a mesh in, so that a reader holds few vertices at a time.
 
 use super::mesh::admitted;
 use super::run::{RunOptions, run_options};

@@ -1,7 +1,7 @@
 //! The assignment problem: every row gets a column of its own at the least total cost.
 //!
 //! Shortest augmenting paths with potentials (Kuhn; Jonker and Volgenant), exact: rows² × columns steps at most, about
-//! 0.1 s for 500 × 500. Ours, not a crate's: those at hand take integers or square matrices only, and the costs here
+//! 0.1 s for 500 × 500. Own code, because the crates at hand take integers or square matrices only, and the costs here
 //! are floating-point numbers of which the same assignment must follow on every machine.
 
 /// No row.

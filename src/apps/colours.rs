@@ -1,4 +1,4 @@
-//! Colours of parts: told apart by everyone, unlike between neighbours.
+//! Colours of parts that everyone can tell apart, and that differ between neighbours.
 //!
 //! The first [`BASE`] colours are Okabe and Ito's (without black) and darker and lighter ones between them; more are
 //! picked from a grid of sRGB, each as far as can be from all before it. Distances are those of OKLab, the least over

@@ -120,7 +120,7 @@ impl Default for Sums {
 const PAIRS: [[usize; 2]; 6] = [[0, 0], [0, 1], [0, 2], [1, 1], [1, 2], [2, 2]];
 
 impl Sums {
-    /// Adds the triangle `at`, told from the origin of the sums.
+    /// Adds the triangle `at`, whose corners are relative to the origin of the sums.
     fn triangle(&mut self, at: [[f64; 3]; 3]) {
         let area = length(double_area(at)) / 2.;
         self.volume += dot(at[0], cross(at[1], at[2])) / 6.;
@@ -211,7 +211,7 @@ impl Faces<'_> {
     }
 
     /// The neighbour across the edge from `a` to `b` of `face`: one of another label before one of the same, and one
-    /// that is wound the same way before one that is not, which is told.
+    /// that is wound the same way before one that is not; and whether it is wound the other way.
     fn across(&self, face: usize, a: [u64; 3], b: [u64; 3]) -> Option<(u32, bool)> {
         let mut found: Option<(u32, bool)> = None;
         for (other, _) in self.neighbours.neighbours(face as u32) {

@@ -1,4 +1,4 @@
-//! What one does with a mesh besides cutting it, and with labels once they are there.
+//! What can be done with a mesh besides cutting it, and with its labels.
 //!
 //! One folder per application; none knows the pipeline above. What draws or writes other programs' forms stands
 //! behind a feature of its own, so that a user of the core builds without it: `pictures`, `plots`, `pages`,

@@ -15,7 +15,7 @@ use std::sync::atomic::{AtomicI32, Ordering::Relaxed};
 const STEPS: f64 = 16384.0;
 /// Cosine between a face and the normal of its vertex (40°) below which there is a crease.
 pub(super) const SMOOTH: f64 = 0.766;
-/// Chunks that tell of creases.
+/// Chunks of faces that are looked at for creases.
 const LOOK: usize = 8;
 /// Faces a chunk.
 pub(super) const CHUNK: usize = 1 << 14;

@@ -1,17 +1,21 @@
-//! Opening the mesh that a command is given: a file, or standard input.
+//! The meshes that a command is given: files, folders, patterns, a pipe or standard input; and opening them.
 //!
 //! Standard input is spooled into the work directory, since a mesh is mapped. A lasting work directory keeps to its mesh.
 
-use super::options::ForceArgs;
+use super::options::{CliError, ForceArgs};
+use super::output::ENDINGS;
 use nystrom_stream::base::Error;
 use nystrom_stream::mesh;
+use nystrom_stream::mesh::size::is_pipe;
 use nystrom_stream::pipeline::input;
 use nystrom_stream::store::{Context, workdir};
 use serde_json::{Value, json};
 use std::fs::File;
 use std::io::Read;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
+/// Endings of results, which are not taken from folders as meshes.
+const RESULT: &str = ".segmented.ply";
 /// What standard input is spooled to in a work directory.
 const SPOOLED: &str = "input";
 
@@ -22,7 +26,7 @@ pub fn read(path: &Path, force: ForceArgs, context: Context<'_>) -> Result<(mesh
     if path.as_os_str() == "-" {
         return piped(std::io::stdin().lock(), "<stdin>", force, context);
     }
-    if input::is_pipe(path) {
+    if is_pipe(path) {
         let pipe = File::open(path).map_err(Error::io(path, "open"))?;
         return piped(pipe, &path.to_string_lossy(), force, context);
     }
@@ -64,4 +68,51 @@ fn piped(source: impl Read, name: &str, force: ForceArgs, context: Context<'_>) 
         _ => work.remove("input.before.tmp"),
     }
     result
+}
+
+fn named(path: &Path, endings: &[&str]) -> bool {
+    let name = path.file_name().unwrap_or_default().to_string_lossy().to_ascii_lowercase();
+    endings.iter().any(|ending| name.ends_with(ending))
+}
+
+/// The meshes that `words` name, each once, in order: files, the meshes in folders, what patterns match. And whether they
+/// are treated as many.
+pub fn meshes(words: &[PathBuf]) -> Result<(Vec<PathBuf>, bool), CliError> {
+    let (mut all, mut many) = (Vec::new(), words.len() > 1);
+    for word in words {
+        let text = word.to_string_lossy();
+        if word.is_dir() {
+            many = true;
+            let entries = std::fs::read_dir(word).map_err(Error::io(word, "list"))?;
+            let mut found: Vec<PathBuf> = entries.flatten().map(|entry| entry.path()).collect();
+            found.retain(|path| named(path, &ENDINGS) && !named(path, &[RESULT]) && path.is_file());
+            if found.is_empty() {
+                return Err(Error::unusable(
+                    word,
+                    "holds no mesh (.ply, .obj, .off, .stl, or these with .gz)",
+                    "name another folder",
+                )
+                .into());
+            }
+            found.sort();
+            all.extend(found);
+        } else if !word.exists() && text.contains(['*', '?', '[']) {
+            many = true;
+            let wrong = |problem: String| CliError::Usage(format!("{text}: {problem}"));
+            let paths = glob::glob(&text).map_err(|error| wrong(format!("not a pattern: {error}")))?;
+            let found: Vec<PathBuf> = paths.flatten().filter(|path| !named(path, &[RESULT])).collect();
+            if found.is_empty() {
+                return Err(Error::unusable(word, "matches no file", "check the pattern").into());
+            }
+            all.extend(found);
+        } else if !word.exists() && [".json", ".jsonl"].iter().any(|ending| text.ends_with(ending)) {
+            let hint = "is taken for a mesh, and there is no such file; a report is asked for as --json=FILE";
+            return Err(CliError::Usage(format!("{text}: {hint}")));
+        } else {
+            all.push(word.clone());
+        }
+    }
+    let mut seen = std::collections::BTreeSet::new();
+    all.retain(|path| seen.insert(path.clone()));
+    Ok((all, many))
 }

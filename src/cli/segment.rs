@@ -5,13 +5,11 @@
 
 use super::edits::{EditArgs, Like, LikeArgs, corrections, named as give_names};
 use super::errors::message;
-use super::input::read;
+use super::input::{meshes, read};
 use super::made::Maker;
 use super::method::{MethodArgs, check_count};
 use super::options::{AppContext, CliError, ForceArgs, RunArgs};
-use super::output::{
-    ENDINGS, FormArgs, JsonArgs, Output, Results, check_names, check_places, folder_of, measured, outputs_of,
-};
+use super::output::{FormArgs, JsonArgs, Output, Results, check_names, check_places, folder_of, measured, outputs_of};
 use super::progress::{Bars, BatchBars, Style, counted, human, tell};
 use super::stages::{KeptEmbedding, embedding};
 use nystrom_stream::apps::edits::Edits;
@@ -32,9 +30,6 @@ use std::path::{Path, PathBuf};
 use std::sync::Mutex;
 use std::sync::atomic::{AtomicUsize, Ordering};
 use std::time::Instant;
-
-/// Endings of results, which are not taken from folders as meshes.
-const RESULT: &str = ".segmented.ply";
 
 /// Arguments of `segment`.
 #[derive(Clone, Debug, clap::Args)]
@@ -344,53 +339,6 @@ pub fn one(job: &Job, task: Task<'_>, bars: &Bars, run: &Run, app: &AppContext) 
         all.measures = Some(measured(&opened, &results.labelling, &work.file("measures"), run)?);
     }
     Ok(all)
-}
-
-fn named(path: &Path, endings: &[&str]) -> bool {
-    let name = path.file_name().unwrap_or_default().to_string_lossy().to_ascii_lowercase();
-    endings.iter().any(|ending| name.ends_with(ending))
-}
-
-/// The meshes that `words` name, each once, in order: files, the meshes in folders, what patterns match. And whether they
-/// are treated as many.
-fn meshes(words: &[PathBuf]) -> Result<(Vec<PathBuf>, bool), CliError> {
-    let (mut all, mut many) = (Vec::new(), words.len() > 1);
-    for word in words {
-        let text = word.to_string_lossy();
-        if word.is_dir() {
-            many = true;
-            let entries = std::fs::read_dir(word).map_err(Error::io(word, "list"))?;
-            let mut found: Vec<PathBuf> = entries.flatten().map(|entry| entry.path()).collect();
-            found.retain(|path| named(path, &ENDINGS) && !named(path, &[RESULT]) && path.is_file());
-            if found.is_empty() {
-                return Err(Error::unusable(
-                    word,
-                    "holds no mesh (.ply, .obj, .off, .stl, or these with .gz)",
-                    "name another folder",
-                )
-                .into());
-            }
-            found.sort();
-            all.extend(found);
-        } else if !word.exists() && text.contains(['*', '?', '[']) {
-            many = true;
-            let wrong = |problem: String| CliError::Usage(format!("{text}: {problem}"));
-            let paths = glob::glob(&text).map_err(|error| wrong(format!("not a pattern: {error}")))?;
-            let found: Vec<PathBuf> = paths.flatten().filter(|path| !named(path, &[RESULT])).collect();
-            if found.is_empty() {
-                return Err(Error::unusable(word, "matches no file", "check the pattern").into());
-            }
-            all.extend(found);
-        } else if !word.exists() && [".json", ".jsonl"].iter().any(|ending| text.ends_with(ending)) {
-            let hint = "is taken for a mesh, and there is no such file; a report is asked for as --json=FILE";
-            return Err(CliError::Usage(format!("{text}: {hint}")));
-        } else {
-            all.push(word.clone());
-        }
-    }
-    let mut seen = std::collections::BTreeSet::new();
-    all.retain(|path| seen.insert(path.clone()));
-    Ok((all, many))
 }
 
 /// A job per mesh; in `patterns` of outputs `{}` stands for the name of the mesh without ending.

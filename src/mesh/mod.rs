@@ -13,6 +13,7 @@ pub(crate) mod output;
 pub mod ply;
 pub mod positions;
 pub mod seg;
+pub mod size;
 pub mod split_faces;
 pub mod strays;
 
@@ -22,3 +23,4 @@ pub use ply::document::Document;
 pub use ply::labelled::{Labelling, PlyForm, PlyOptions, write_labelled, write_labelled_to};
 pub use positions::{Positions, StridedLayout};
 pub use seg::{read_seg, write_seg, write_seg_to};
+pub use size::{MeshSize, size_of_mesh};

@@ -1,4 +1,6 @@
-//! Output files appear whole or not at all: written as `NAME.partial`, then renamed.
+//! Output files appear whole or not at all: they are written as `NAME.partial`, then renamed.
+//!
+//! Bytes gather in a buffer of a mebibyte, so that a writer may append a few at a time.
 
 use crate::base::{Error, Result};
 use crate::store::npy::{partial_name, reserve_file};

@@ -1,7 +1,8 @@
 //! Vertex positions over mapped bytes or an array in memory, wherever each record has its coordinates.
 //!
-//! A file of floating-point coordinates is read where it lies, whatever else its records hold. A position costs its 12
-//! or 24 bytes of mapped file, and a few nanoseconds; positions that replace those of strays are few and held beside.
+//! A file of floating-point coordinates is read where it lies, whatever else its records hold. A position
+//! costs its 12 or 24 bytes of mapped file, and a few nanoseconds; positions that replace those of strays are
+//! few, and are held in memory.
 
 use crate::base::{Error, Result};
 use crate::store::MappedBytes;

@@ -1,9 +1,9 @@
 //! Stray vertices: single ones that lie far outside of the mesh, as scanners and converters leave them.
 //!
 //! One vertex a hundred diagonals away makes the bounding box a hundred times as large, and the few faces that touch it
-//! carry nearly all of the area: sizes, seeds and landmarks then tell of the stray and of nothing else. So work is done
-//! on [`Mesh::without_strays`], where each stray lies at the mean of its neighbours. Where it was does not matter then:
-//! the results are the same bytes at any distance. Outputs keep the positions of the file.
+//! carry nearly all of the area: sizes, seeds and landmarks then depend on the stray and on nothing else. So work is
+//! done on [`Mesh::without_strays`], where each stray lies at the mean of its neighbours. Where it was does not matter
+//! then: the results are the same bytes at any distance. Outputs keep the positions of the file.
 //!
 //! What is a stray must not be honest geometry: a wall of two triangles around a statue, the tip of a spire, the
 //! end of a pole carry much area by few vertices too. Distances are measured from the core, the box between the 5 %
@@ -16,7 +16,7 @@
 //! - [`LOOSE`]: the same where edges among the candidates close a loop. A pole or a blade has a far
 //!   end that is a surface.
 //! - [`ABSURD`]: anything else, such as walls and separate pieces. A single-precision coordinate could not hold the
-//!   rest of the mesh beside it.
+//!   rest of the mesh together with it.
 //!
 //! Cost: a look at every position, about 1 ns each; where there are candidates, also at every corner, about 5 ns each.
 
@@ -228,7 +228,7 @@ struct Cluster {
     inside: usize,
     /// Distance from the core of the nearest of them, in its diagonals.
     distance: f64,
-    /// The box of the other vertices beside them, where there are any.
+    /// The box of the other vertices next to them, where there are any.
     hole: Option<[[f64; 3]; 2]>,
     /// Whether any face touches them.
     used: bool,
@@ -300,8 +300,8 @@ impl<'a> Candidates<'a> {
         (clusters, of)
     }
 
-    /// The strays among the candidates of a mesh with such long edges, each at the mean of its neighbours. Those beside
-    /// strays alone come when one of these has its place.
+    /// The strays among the candidates of a mesh with such long edges, each at the mean of its neighbours. Those with
+    /// no neighbours but strays follow when one of these has been placed.
     fn repairs(&self, long_edge: f64) -> Repairs {
         let (clusters, of) = self.clusters();
         let stray: Vec<bool> =

@@ -5,6 +5,7 @@ use crate::base::{Error, Result};
 use crate::graph::half_edges::check_size;
 use crate::graph::{DualGraph, Ordered};
 use crate::mesh::Mesh;
+use crate::mesh::size::is_pipe;
 use crate::store::manifest::MANIFEST;
 use crate::store::stage::{StageKey, key_of};
 use crate::store::{Context, Run, WorkDir};
@@ -50,11 +51,6 @@ pub fn identity(path: &Path) -> Result<Value> {
         "changed": changed,
         "ends": format!("{:016x}", hash.digest()),
     }))
-}
-
-/// Whether `path` is a pipe, as of a shell's <(…), or a device: it can be read only once, and has no size.
-pub fn is_pipe(path: &Path) -> bool {
-    std::fs::metadata(path).is_ok_and(|metadata| !metadata.is_file() && !metadata.is_dir())
 }
 
 /// Whether two identities are of the same content, wherever it lies and whenever it was copied there.

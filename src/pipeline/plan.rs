@@ -17,6 +17,7 @@ use crate::graph::csr::WEIGHTS;
 use crate::graph::dual::{GraphStage, WeightsStage};
 use crate::graph::half_edges::check_size;
 use crate::graph::order::{LARGE, OrderStage};
+use crate::mesh::MeshSize;
 use crate::spectral::embedding::MOST_COLUMNS;
 use crate::store::disk_speed::DiskSpeed;
 use crate::store::needs::{BASE, Extent, Needs, Room};
@@ -67,21 +68,6 @@ impl AddAssign for Pace {
         self.fixed += other.fixed;
         self.per_face += other.per_face;
     }
-}
-
-/// The size of a mesh, and how its file has to be read.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
-pub struct MeshSize {
-    /// Faces n.
-    pub faces: u64,
-    /// Vertices.
-    pub vertices: u64,
-    /// Corners of all faces; three a face where the header does not tell.
-    pub corners: u64,
-    /// Bytes that decoding (and decompressing) writes; 0 where the file is read where it lies.
-    pub decoded: u64,
-    /// Whether the faces are strips of triangles, which headers do not count: `faces` is what they hold at the most.
-    pub strips: bool,
 }
 
 /// A stage and what it takes.

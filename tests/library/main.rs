@@ -22,7 +22,6 @@ mod picture_small;
 mod ply_flavours;
 mod ply_labelled;
 mod ply_mutations;
-mod ply_speed;
 mod roughness;
 mod scale_order;
 mod strays;

@@ -88,7 +88,7 @@ pub struct Alignments {
     /// All that differ, the best first: what a refinement may begin with.
     #[serde(skip)]
     pub starts: Vec<Alignment>,
-    /// Whether there is more than one, or orientation could not be told.
+    /// Whether there is more than one, or the orientation could not be determined.
     pub ambiguous: bool,
 }
 
@@ -98,7 +98,7 @@ impl Alignment {
         self.cost * self.transport.unwrap_or(1.) * self.distortion.unwrap_or(1.)
     }
 
-    /// Whether nothing plain speaks against this map beside the best.
+    /// Whether this map is a plausible alternative to the best: hardly more distorted, or hardly costlier.
     fn rivals(&self, best: &Self) -> bool {
         let distorts = self.distortion.zip(best.distortion).is_some_and(|(mine, least)| mine <= RIVAL * least);
         distorts || self.cost <= RIVAL * best.cost

@@ -1,8 +1,8 @@
 //! Carrying what is known of B over to A by matches: properties of vertices, properties of faces, colours (§7.1).
 //!
 //! A vertex takes what its match has. A face takes what most of its corners' matches have, where a vertex of B stands
-//! for the first face around it; so borders of labels are right to an edge. What has no match gets 0, NaN in a
-//! floating-point column, or grey as its colour. One column is 8 bytes per vertex of B on disk.
+//! for the first face around it; so borders of labels are right to within an edge. A vertex or face without a match
+//! gets 0, NaN in a floating-point column, or grey as its colour. One column is 8 bytes per vertex of B on disk.
 
 use super::matches::Match;
 use crate::base::{Error, Result};

@@ -7,7 +7,7 @@
 //! chunk begin at the match of the nearest of [`SEEDS`]`[0]` vertices of A, which is searched for among `[1]` vertices
 //! of B; so it costs little if neighbours lie far apart in the file. Such a match also tells where one mistake has led
 //! to the next: if it is nearer than what was found, one walks from there too. Of 28,000 vertices of two cats this
-//! finds what comparing all finds (mean square 11.005 beside 11.002, without it 37).
+//! finds what comparing all finds (mean square 11.005 against 11.002; without it 37).
 //!
 //! Cost: exhaustive, n_A n_B k multiplications, 10 to 20 a nanosecond and thread; local, about 10 µs per vertex, and on
 //! disk 4 k bytes per vertex of B and 4 per vertex of A (8 while the nearest seeds are found).
@@ -221,7 +221,7 @@ impl<'a> RefinedPair<'a> {
     }
 
     /// The nearest of `v` of A around `from`, the match of a neighbour. If that of the nearest seed is nearer, `from`
-    /// lies where one mistake has led to the next, as from a leg onto the chest beside it.
+    /// lies where one mistake has led to the next, as from a leg onto the chest next to it.
     fn walk_from(&self, v: u32, from: u32) -> Neighbour {
         let (query, start) = (self.a.at(v), self.starts[v as usize]);
         let found = self.b.walk(query, from, 1, PATIENCE)[0];

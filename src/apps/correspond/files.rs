@@ -1,5 +1,5 @@
-//! Matches in files: `.npy` (records of match, distance, confidence), `.csv` and `.parquet` (the same in columns, after
-//! the vertex), and any vector of integers as a map of vertices to be judged by.
+//! Matches in files: `.npy` (records of match, distance, confidence), `.csv` and `.parquet` (the same in columns, with
+//! the vertex first). Any vector of integers can be read as the true map of vertices.
 
 use super::matches::Match;
 use crate::apps::integers::read_integers;

@@ -4,9 +4,9 @@
 //! with Φ_B(match of v) ≈ C Φ_A(v) over vertices v of A. Back again, the match of v is the vertex of B nearest to it,
 //! in coordinates of A: the w whose Cᵀ Φ_B(w) is nearest to Φ_A(v).
 //!
-//! Nearest points in a hundred coordinates are found by looking at all: no tree prunes there. [`Targets`] holds
-//! them in blocks, so that one is compared with as many as a vector has lanes. Each product is summed in the same
-//! order, whatever the vectors.
+//! Nearest points in a hundred coordinates are found by comparing all of them, because no tree prunes there.
+//! [`Targets`] holds them in blocks, so that one is compared with as many as a vector has lanes. Each product is summed
+//! in the same order, whatever the vectors.
 
 use crate::base::simd::{SimdKernel, dispatch};
 use nalgebra::DMatrix;

@@ -3,8 +3,8 @@
 //! For spectral axes a < b < c the surface mapped to these three coordinates encloses the volume T_abc = Σ
 //! det[e(v₀), e(v₁), e(v₂)]/6 over its triangles. T is an alternating 3-tensor: an orthogonal change of coordinates
 //! turns it by the 3 × 3 minors, and reversing the winding negates it. So with the right alignment two tensors agree
-//! (cosine near 1), with a mirrored one they disagree (near −1), and where neither holds the shape does not tell. One
-//! parallel pass over the triangles, k³/6 determinants each.
+//! (cosine near 1), with a mirrored one they disagree (near −1), and where neither holds, the shape does not decide.
+//! One parallel pass over the triangles, k³/6 determinants each.
 
 use crate::base::Result;
 use crate::base::parallel::{chunk_count, chunk_range};

@@ -8,8 +8,8 @@
 //! ([`assignments`]). An anchor may stay unassigned, at a cost. Each assignment is then improved anchor by anchor,
 //! until none has a better candidate.
 //!
-//! The distances of a point from the anchors tell its match. Maps are ranked by how far these distances differ,
-//! by how much of the whole they cover and by heat at matched points; mirror images are told by local
+//! The distances of a point from the anchors determine its match. Maps are ranked by how far these distances differ,
+//! by how much of the whole they cover and by heat at matched points; mirror images are recognised by local
 //! orientation ([`agreement`]).
 //!
 //! Distances alone do not tell a horse's front from its back: both are a trunk with two legs and one more limb.
@@ -37,7 +37,7 @@ pub const CANDIDATES: usize = 160;
 const SAMPLES: [usize; 2] = [1000, 2500];
 /// Assignments of the first [`LEADING`] anchors that are kept from one to the next.
 const BEAM: usize = 20_000;
-/// Anchors whose assignments are told apart before the others follow.
+/// Anchors whose assignments are distinguished before the others follow.
 const LEADING: usize = 4;
 /// Different assignments of these, and how many are kept of each from anchor to anchor.
 const BRANCHES: [usize; 2] = [150, 30];
@@ -180,7 +180,7 @@ struct Costs<'a> {
 }
 
 impl Costs<'_> {
-    /// What `image` costs anchor `i`, by itself and beside the images of `others`.
+    /// What `image` costs anchor `i`, by itself and together with the images of `others`.
     fn of(&self, i: usize, image: Image, images: &[Image], others: std::ops::Range<usize>) -> f64 {
         let price = self.without * self.without;
         let Some(c) = image else { return price * others.filter(|&j| j != i).count().max(1) as f64 };
@@ -193,7 +193,7 @@ impl Costs<'_> {
         self.own[i][c as usize] + others.filter(|&j| j != i).map(pair).sum::<f64>()
     }
 
-    /// What `images` cost, when each anchor in turn has taken the candidate that is best beside the others.
+    /// What `images` cost, when each anchor in turn has taken the candidate that is best together with the others.
     fn improved(&self, mut images: Vec<Image>) -> (f64, Vec<Image>) {
         let n = images.len();
         for _ in 0..IMPROVEMENTS {

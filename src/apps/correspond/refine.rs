@@ -150,7 +150,7 @@ struct Origin {
     start: Start,
     /// Functions of the first step.
     first: usize,
-    /// What the start costs when area is carried one to one.
+    /// As [`Outcome::transport`].
     transport: f64,
 }
 

@@ -3,7 +3,7 @@
 //! The creature is first a heap of unit cubes, each of one part (a *polycube*); its outer squares
 //! are the patches of the skin. That settles topology at once: the skin is closed, every edge
 //! joins two patches, and a part's border is a ring of edges. Real shape comes later
-//! ([`super::relief`]). Cost: nothing, some 200 patches.
+//! ([`super::relief`]). Cost: negligible, for some 200 patches.
 
 use super::shape::Vec3;
 use std::collections::BTreeMap;

@@ -27,7 +27,7 @@ const LIFT: f64 = 0.5;
 
 /// By how much a point inside a part is kept nearer to it than to others, with one square a side.
 const MARGIN: f64 = 0.14;
-/// How many rows beside a valley are kept from it, each a step farther.
+/// How many rows next to a valley are kept away from it, each a step farther.
 const REACH: u64 = 3;
 
 /// The creature's skin at any resolution.

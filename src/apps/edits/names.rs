@@ -1,7 +1,7 @@
 //! Names of parts from a table: a line per part, its number and its name, with a tab between.
 //!
-//! What spreadsheets write. A first line that does not begin with a number is the titles of the
-//! columns. Cost: the file.
+//! Spreadsheets write such files. A first line that does not begin with a number has the titles of the columns and is
+//! skipped. The file is read whole.
 
 use crate::base::{Error, Result};
 use std::path::Path;

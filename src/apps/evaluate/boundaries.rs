@@ -12,12 +12,11 @@
 //! most 90 bytes per face in memory; then one multi-source Dijkstra per labelling, O(v log v), 8 bytes per vertex, and
 //! O(cut) per pair.
 
+use crate::base::dijkstra::shortest_paths;
 use crate::base::vector::{distance, length, minus};
 use crate::base::{Error, Result};
 use crate::mesh::Mesh;
 use rstar::RTree;
-use std::cmp::Reverse;
-use std::collections::BinaryHeap;
 
 /// What comparisons need to know of a mesh.
 #[derive(Clone, Debug)]
@@ -294,26 +293,12 @@ pub(super) fn discrepancy(edges: &Edges, one: &BoundaryField, other: &BoundaryFi
 /// Distance of every vertex to the nearest of `sources` along mesh edges.
 fn distances(edges: &Edges, sources: &[(u32, f64)]) -> Vec<f64> {
     let mut field = vec![f64::INFINITY; edges.positions.len()];
-    // The bits of floats that are not negative order as they do.
-    let mut heap: BinaryHeap<Reverse<(u64, u32)>> = BinaryHeap::new();
-    for &(v, _) in sources {
-        field[v as usize] = 0.;
-        heap.push(Reverse((0, v)));
-    }
-    while let Some(Reverse((bits, v))) = heap.pop() {
-        let distance = f64::from_bits(bits);
-        if distance > field[v as usize] {
-            continue;
-        }
+    let sources: Vec<u32> = sources.iter().map(|&(v, _)| v).collect();
+    let steps = |v: u32| {
         let row = edges.rows[v as usize] as usize..edges.rows[v as usize + 1] as usize;
-        for &to in &edges.neighbours[row] {
-            let through = distance + edges.length([v, to]);
-            if through < field[to as usize] {
-                field[to as usize] = through;
-                heap.push(Reverse((through.to_bits(), to)));
-            }
-        }
-    }
+        edges.neighbours[row].iter().map(move |&to| (to, edges.length([v, to])))
+    };
+    shortest_paths(&sources, steps, f64::INFINITY, &mut field, |_| ());
     field
 }
 

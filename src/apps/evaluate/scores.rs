@@ -197,7 +197,7 @@ pub struct MeanScores {
     pub scores: Scores,
 }
 
-/// Scores by category, over all, and beside them those of people on the same models.
+/// Scores by category, over all, and next to them those of people on the same models.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct ScoreTable {
     /// One line per category, in the order of their first model.

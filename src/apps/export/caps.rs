@@ -1,7 +1,7 @@
 //! Caps where a part was cut off from its neighbours, or has a hole: with them, parts of a closed mesh are solids.
 //!
 //! The edges that one face of the part has alone are joined to loops; a loop that touches itself falls into simple
-//! ones. A loop is filled by ear clipping in the plane that its own area vector tells (Newell's). Where that does not
+//! ones. A loop is filled by ear clipping in the plane given by its own area vector (Newell's). Where that does not
 //! use all its edges once, folds, or would double an edge of the part, it is filled by a fan about its centre, which
 //! always closes it, but may cut through itself if the loop is far from flat and convex. Both sides of a loop get the
 //! same triangles, so volumes of parts add up to that of the whole.

@@ -236,7 +236,7 @@ impl Page<'_> {
         most.into_iter().map(|best| best.1).collect()
     }
 
-    /// Centres of the landmark faces that the report tells of.
+    /// Centres of the landmark faces that the report lists.
     fn landmarks(&self) -> Vec<[f64; 3]> {
         let faces = self.report["landmarks"].as_array().map_or(&[][..], Vec::as_slice);
         let numbers = faces.iter().filter_map(serde_json::Value::as_u64);

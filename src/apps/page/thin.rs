@@ -1,4 +1,4 @@
-//! A mesh thinned to what a browser likes, by merging the vertices of each cell of a grid.
+//! A mesh thinned to a size that a browser can draw, by merging the vertices of each cell of a grid.
 //!
 //! One pass over the positions gives the box, one over the faces the area and with it the size of the cells, a third
 //! merges: vertices of a cell become their mean, faces that still have three different corners stay, once each.

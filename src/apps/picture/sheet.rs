@@ -1,5 +1,5 @@
-//! The sheet: what is asked of it, views in rows and columns at one scale, the making of each,
-//! and the legend beside them.
+//! The sheet: its parameters, the views in rows and columns at one scale, how each is made,
+//! and the legend next to them.
 
 use super::camera::{Camera, Extent, Frame, Vec3};
 use super::image::{Image, text_width, write_text};

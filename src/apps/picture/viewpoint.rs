@@ -1,4 +1,4 @@
-//! From where to look: which axis points up, and the view around it that shows most.
+//! The viewpoint: which axis points up, and the view around it that shows most.
 //!
 //! One pass over all faces for the areas of the parts, one over a sample of 40,000 triangles (60 bytes each) that
 //! stands for the mesh, then sixty small pictures of that sample: some 0.1 s whatever the mesh.

@@ -1,5 +1,5 @@
-//! Charts of scores and of the study: bars by category beside people's, lines with error bars (the paper's Fig. 5), a
-//! scatter with quadrants (Fig. 1).
+//! Charts of scores and of the study: bars by category next to those of people, lines with error bars (the paper's
+//! Fig. 5), a scatter with quadrants (Fig. 1).
 
 use super::canvas::{Drawing, Drawn, INK, RULE, save};
 use crate::apps::evaluate::ScoreTable;

@@ -1,4 +1,7 @@
 //! External sorts of small records, and values brought to their places: what every order is made of.
+//!
+//! Both go through a shuffle within the budget, on disk where memory does not hold the records. Records of W numbers
+//! take 4 W bytes, values 8 bytes and 4 more in the finished array.
 
 use crate::base::Result;
 use crate::base::parallel::{chunk_count, chunk_range};

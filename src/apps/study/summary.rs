@@ -1,4 +1,6 @@
 //! Records summed up over meshes and seeds: a table to read, CSV and JSON of everything.
+//!
+//! Cost: microseconds per record, of which a study has thousands; nothing here grows with a mesh.
 
 use super::compare::SampleRecord;
 use crate::landmarks::Sampling;

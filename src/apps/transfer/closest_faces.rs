@@ -6,7 +6,7 @@
 //! walks twice and from the root, several times as long. [`BYTES`] per triangle of a block, 16 bytes per point on disk.
 
 use crate::base::Result;
-use crate::base::vector::{double_area, length, wide};
+use crate::base::vector::{self, double_area, narrow, wide};
 use crate::mesh::Mesh;
 use crate::store::Run;
 use std::ops::Range;
@@ -75,9 +75,7 @@ pub fn normal(triangle: &[[f32; 3]; 3]) -> [f64; 3] {
 
 /// `v` of length 1; zero where it has none.
 pub fn unit(v: [f64; 3]) -> [f32; 3] {
-    let norm = length(v);
-    let part = |x: f64| if norm > 0. { (x / norm) as f32 } else { 0. };
-    [part(v[0]), part(v[1]), part(v[2])]
+    narrow(vector::unit(v), 1.)
 }
 
 #[inline(always)]

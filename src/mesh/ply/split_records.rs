@@ -3,7 +3,7 @@
 //! A new vertex has each property of the vertices that it lies between: the mean of floating-point numbers, and the
 //! value of the nearest one for all others. A piece has all properties of its face; lists with the same number of
 //! floating-point values for each corner (`texcoord`) are interpolated like those of vertices. Records are read
-//! again where they lie: 8 bytes of memory per vertex beside a new one. Another 100 ns per vertex of the file where
+//! again where they lie: 8 bytes of memory per vertex next to a new one. Another 100 ns per vertex of the file where
 //! its records differ in size.
 
 use super::document::Document;

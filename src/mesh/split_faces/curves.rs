@@ -113,7 +113,7 @@ impl<'a> Curves<'a> {
         tied
     }
 
-    /// Whether no vertex inside of the part of face `f` is beside a corner of it.
+    /// Whether no vertex inside of the part of face `f` is next to a corner of it.
     fn is_narrow(&self, f: u32) -> bool {
         let strip = self.strip;
         let own = Some(strip.labels[f as usize]);

@@ -4,7 +4,7 @@
 //! shortest curves in the strip of faces that touch them ([`curves`]), and cuts the faces of the strip along these
 //! ([`pieces`]). An edge is cut for all of its faces at one new vertex, and where three parts meet in a face one lies
 //! inside of it, so there are no T-junctions: what was closed stays so. New vertices lie on edges and in faces: the
-//! surface does not change. Faces other than triangles stay whole, and boundaries beside them as they are.
+//! surface does not change. Faces other than triangles stay whole, and boundaries next to them as they are.
 //!
 //! Cost: three passes over the faces, 10 ns each, and a microsecond or two per face of the strip; 250 bytes
 //! per corner of the strip.
@@ -65,7 +65,7 @@ pub struct FaceSplit {
     /// The pieces of all faces that change, ascending by face, the largest of each face first. A face that only
     /// changes its label is one piece.
     pub pieces: Vec<Piece>,
-    /// Faces beside boundaries that are no triangles.
+    /// Faces next to boundaries that are not triangles.
     pub polygons: usize,
     /// The number of vertices of the mesh.
     first: usize,

@@ -1,4 +1,4 @@
-//! A triangle cut where boundaries cross it.
+//! A triangle cut where boundaries cross it. Time and memory are constant per triangle.
 
 use crate::base::vector::{distance, double_area, length};
 

@@ -1,0 +1,110 @@
+//! How large the mesh in a file is, without reading all of it: what memory and time are planned from.
+//!
+//! The header of a PLY has the counts, and the file's size shows whether they can be true. Cost: microseconds for a
+//! PLY, compressed or not; one pass over the text of an OBJ or OFF.
+
+use super::geometry::no_faces;
+use super::import;
+use super::ply::{Encoding, Kind, header};
+use crate::base::{Error, Result};
+use crate::store::MappedBytes;
+use serde::Serialize;
+use std::path::Path;
+
+/// The size of a mesh, and how its file has to be read.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
+pub struct MeshSize {
+    /// Faces n.
+    pub faces: u64,
+    /// Vertices.
+    pub vertices: u64,
+    /// Corners of all faces; three a face where the header does not tell.
+    pub corners: u64,
+    /// Bytes that decoding (and decompressing) writes; 0 where the file is read where it lies.
+    pub decoded: u64,
+    /// Whether the faces are strips of triangles, which headers do not count: `faces` is what they hold at the most.
+    pub strips: bool,
+}
+
+/// Whether `path` is a pipe, as of a shell's <(…), or a device: it can be read only once, and has no size.
+pub fn is_pipe(path: &Path) -> bool {
+    std::fs::metadata(path).is_ok_and(|metadata| !metadata.is_file() && !metadata.is_dir())
+}
+
+/// The faces that strips of triangles hold at the most in a file of `len` bytes: the header counts strips, and each
+/// further vertex makes a face. A vertex has two bytes of text at the least; compressed data are taken for plain ones.
+fn faces_of_strips(header: &header::Header, len: u64) -> u64 {
+    let left = len.saturating_sub(header.payload as u64);
+    if header.encoding == Encoding::Ascii {
+        return left / 2;
+    }
+    let fixed = |element: &header::Element| element.count as u128 * element.least_size() as u128;
+    let fixed: u128 = header.elements.iter().map(fixed).sum();
+    let strips = header.elements.iter().filter(|element| element.is("tristrips"));
+    let kinds = strips.flat_map(|element| &element.properties).map(|property| property.kind);
+    let items =
+        kinds.filter_map(|kind| if let Kind::List { item, .. } = kind { Some(item.size() as u64) } else { None });
+    left.saturating_sub(u64::try_from(fixed).unwrap_or(u64::MAX)) / items.min().unwrap_or(4)
+}
+
+/// The size of the mesh in the file `path`, from its header and the file's size. Of strips of triangles it tells
+/// what they hold at the most.
+///
+/// # Errors
+/// [`Error::Io`], [`Error::Malformed`], [`Error::Unusable`].
+pub fn size_of_mesh(path: &Path) -> Result<MeshSize> {
+    if is_pipe(path) {
+        return Err(Error::unusable(path, "is a pipe, whose size shows only when it is read", "name a file"));
+    }
+    let bytes = MappedBytes::open(path)?;
+    let compressed = bytes.starts_with(&[0x1f, 0x8b]);
+    let mut head = Vec::new();
+    if compressed {
+        use std::io::Read;
+        let mut plain = flate2::bufread::MultiGzDecoder::new(&bytes[..]).take(1 << 16);
+        plain.read_to_end(&mut head).map_err(Error::io(path, "decompress"))?;
+    }
+    if !import::is_ply(path, if compressed { &head } else { &bytes[..] }) {
+        if compressed {
+            let problem = "is compressed and no PLY, so its size shows only when it is read";
+            return Err(Error::unusable(path, problem, "uncompress it first"));
+        }
+        if let Some(counts) = import::count(path, &bytes)? {
+            if counts.faces == 0 {
+                return Err(no_faces(path));
+            }
+            let import::Counts { vertices, faces, corners, .. } = counts;
+            return Ok(MeshSize { faces, vertices, corners, decoded: counts.bytes(), strips: false });
+        }
+    }
+    let header = header::parse(path, if compressed { &head } else { &bytes })?;
+    let count =
+        |name: &str| header.elements.iter().find(|element| element.is(name)).map(|element| element.count as u64);
+    let Some(vertices) = count("vertex") else {
+        return Err(Error::malformed(path, "header", "there is no vertex element", "export the mesh again"));
+    };
+    // An empty element of faces may stand before one of strips.
+    let some = |name: &str| count(name).filter(|&faces| faces > 0);
+    let listed = some("face");
+    let in_strips = || some("tristrips").map(|strips| strips.max(faces_of_strips(&header, bytes.len() as u64)));
+    let Some(faces) = listed.or_else(in_strips) else { return Err(no_faces(path)) };
+    let least =
+        header.elements.iter().map(|element| element.count as u128 * element.least_size().max(1) as u128).sum::<u128>();
+    if !compressed && least > bytes.len() as u128 {
+        let problem = format!("promises {least} bytes at the least, the file has {}", bytes.len());
+        return Err(Error::malformed(path, "header", problem, "the file is cut short; get it again"));
+    }
+    let corners = faces.saturating_mul(3);
+    let in_place = header.encoding == Encoding::Little
+        && header.elements.iter().filter(|element| element.is("face")).all(|element| {
+            let lists = element.properties.iter().filter_map(|property| match property.kind {
+                Kind::List { item, .. } => Some(item.size()),
+                Kind::One(_) => None,
+            });
+            lists.eq([4])
+        });
+    let plain = u64::try_from(least).unwrap_or(u64::MAX / 4);
+    let spooled = if compressed { plain + 4 * corners } else { 0 };
+    let decoded = if in_place { 0 } else { 12 * vertices + 4 * corners };
+    Ok(MeshSize { faces, vertices, corners, decoded: spooled + decoded, strips: listed.is_none() })
+}
