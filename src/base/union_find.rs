@@ -35,7 +35,7 @@ impl<P: AsRef<[u32]> + AsMut<[u32]>> Forest<P> {
         i
     }
 
-    /// Joins two sets; whether they were two.
+    /// Joins two sets. Returns whether they were different.
     #[inline]
     pub fn join(&mut self, i: u32, j: u32) -> bool {
         let (i, j) = (self.find(i), self.find(j));

@@ -1,13 +1,13 @@
-//! The blocks of a graph that a front is at, in memory of its own: for graphs larger than memory.
+//! The blocks of a graph that a front is in, held in its own memory: for graphs larger than memory.
 //!
 //! A front is a narrow band, so few blocks of consecutive nodes are in use at a time: some 4 √(blocks) of them in a good order. Each
-//! has a slot here: the steps from its nodes, read past the page cache ([`DirectArray`]), and its part of the row, which
-//! begins as infinity and is written to the row's file when the slot is needed for another. A block that the front meets is asked for; so are those
-//! that its steps lead to, before the front meets them, and other threads read them meanwhile. Which block leaves is
-//! decided by a clock: the first that was not used since the hand passed. Values do not depend on any of that.
+//! has a slot here with the steps from its nodes, read past the page cache ([`DirectArray`]), and its part of the row, which starts at
+//! infinity and is written to the row's file when the slot is needed for another block. Other threads read the blocks that the front
+//! meets, and those that its steps lead to before the front meets them. A clock decides which block leaves: the first that was not
+//! used since the hand passed. Values do not depend on any of that.
 //!
-//! Beside the mapping ([`super::paging`]) that saves the kernel's part, half of the processor's time, and the waits for blocks that are only
-//! asked for when they are met. Memory: 28 bytes per node of a slot, 6 per block.
+//! Compared with the mapping ([`super::paging`]) that saves the kernel's part, which is half of the processor time, and the waits for
+//! blocks that are requested only when they are met. Memory: 28 bytes per node of a slot, 6 per block.
 
 use super::queue::Entry;
 use crate::base::{Error, Result};

@@ -2,7 +2,7 @@
 //!
 //! The search sends each landmark down a channel as soon as it is known; the others take them and run full
 //! fronts meanwhile; it joins them when it is done. A finished row is brought to the disk, entered in the
-//! journal, and goes down a second channel with its sums to the calling thread, which keeps the journal. The
+//! journal, and goes down a second channel with its sums to the calling thread, which collects the sums and reports progress. The
 //! first landmark's row falls out of the search and is not computed twice: where the budget has room for a copy, a thread
 //! that has nothing to do yet writes it.
 //!

@@ -140,8 +140,8 @@ impl Steps for Packed<'_> {
     }
 }
 
-/// The steps from a node of more than three, which are rare: where they are found stays out of the loop over records, which keeps its
-/// values in registers then.
+/// The steps from a node that has more than three, which is rare. Kept out of the loop over records, whose values then stay in
+/// registers.
 #[cold]
 #[inline(never)]
 fn many<'a>(graph: &Csr<'a>, node: u32) -> (&'a [u32], &'a [f32]) {

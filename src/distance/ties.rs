@@ -1,14 +1,16 @@
 //! Labels that may be stale after a front from many sources, settled over the final distances.
 //!
-//! A node's label is that of its shortest path, the smallest at a tie. While a front runs, a node may pass its label on and then be lowered by
-//! so little that rounding hides it at the next node, which keeps the label of a path that is no longer shortest. It shows: when
-//! the lowered node passes its new, larger label on, the next one meets a tie that it has won. Such nodes are listed, and looked at again once
-//! distances are final: the right label is the smallest among the neighbours on shortest paths, which are nearer, so what is wrong is mended from
-//! the nearest node on. All other nodes have the last label of every such neighbour. Mostly nothing is wrong: ties between equal
-//! paths look the same. Another front over the final distances, in which labels alone move, gives the same result but doubles the time; it is
-//! used only for graphs with edges of length 0, where a neighbour on a shortest path may be as far as the node itself.
+//! A node's label is that of its shortest path, and the smallest one at a tie. While a front runs, a node may pass its label on and
+//! then be lowered by so little that rounding hides the change from the next node, which keeps the label of a path that is no longer
+//! shortest. This can be detected: when the lowered node passes on its new, larger label, the next node meets a tie that it has
+//! already won. Such nodes are listed and checked once distances are final. The right label is the smallest among the neighbours on
+//! shortest paths; these are nearer, so labels are corrected from the nearest node on. All other nodes have seen the last label of
+//! every such neighbour. Mostly nothing is wrong, because ties between equal paths look the same.
 //!
-//! Cost: 4 bytes per tie, for a sixty-fourth of the nodes at the most; each tie looks at its neighbours once.
+//! Another front over the final distances, in which only labels move, gives the same result but doubles the time; it is used only for
+//! graphs with edges of length 0, where a neighbour on a shortest path may be as far away as the node itself.
+//!
+//! Memory: 4 bytes per tie, for a sixty-fourth of the nodes at most. Time: each tie looks at its neighbours once.
 
 use super::paging::{Pages, rows_needed};
 use crate::base::{Cancel, Result};
@@ -61,7 +63,7 @@ impl Ties {
         }
     }
 
-    /// Settles the labels over the final distances `field` (n); whether that was possible. `paged`: the graph is larger than memory.
+    /// Settles the labels over the final distances `field` (n). Returns whether that was possible. `paged`: the graph is larger than memory.
     ///
     /// # Errors
     /// [`crate::base::Error::Cancelled`].

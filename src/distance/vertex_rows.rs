@@ -3,8 +3,8 @@
 //! Landmarks are chosen along edges whatever the rows (the search needs to know who is far, not how far). A row is a mapped
 //! slice; threads take rows in turn. Edges cost about 40 ns per vertex and row, marching ten times as much.
 //!
-//! In a work directory that lasts ([`open_or_build`]) each finished row is brought to the disk and entered in a journal, from which a run that was stopped
-//! goes on, and finished rows are a stage that later runs with the same landmarks open.
+//! In a work directory that lasts ([`open_or_build`]), each finished row is written to the disk and entered in a journal. A run that
+//! was stopped continues from the journal. Finished rows are a stage, which later runs with the same landmarks open.
 
 use super::front::mean_weight;
 use super::journal::{JobSpec, JournalEntry, ResumeState, RowFacts, checksum};

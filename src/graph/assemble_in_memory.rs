@@ -1,12 +1,12 @@
 //! The edges of the dual graph, assembled where they will lie: in memory, by all threads at once.
 //!
-//! Where the pairs of half-edges are a table and no corner has two, the degrees of rows can be told before anything else is known. So a
-//! first pass counts them, and then each range of nodes has its place in the arrays: nothing is handed from thread to thread, and no
-//! thread waits while another one copies. Rows are those of [`super::dual_edges`], to the bit.
+//! Where the pairs of half-edges are a table and no corner has two, the degrees of rows are known before the rows. So a first pass
+//! counts them, and each range of nodes has its place in the arrays: nothing is handed from thread to thread, and no thread waits
+//! while another one copies. Rows are those of [`super::dual_edges`], to the bit.
 //!
 //! Nearly every face has three corners and three different neighbours. Such a row is computed with its three edges side by side, and put
-//! in order by counting, without a branch: the order of three neighbours is as good as random. Cost: about 15 ns per face and thread, where
-//! a third of it is square roots.
+//! in order by counting, without a branch: the order of three neighbours is nearly random. Cost: about 15 ns per face and thread, a
+//! third of it for square roots.
 
 use super::csr::INDICES;
 use super::dual_edges::{CENTROID_DISTANCES, DualEdges, EDGES, Entry, RowScratch};

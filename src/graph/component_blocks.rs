@@ -2,8 +2,8 @@
 //!
 //! Nearly all neighbours of a node are close to it in number. So each block has a forest of its own, which any thread makes in its
 //! cache, and one thread joins the blocks' trees over the edges between them, a few in a hundred. Where faces are scattered there are
-//! too many of these; then [`super::components`] goes from node to node. A representative is the least member of its set, so roots
-//! are the same numbers both ways. That holds where all windings agree: of parities that contradict each other, the order decides.
+//! too many of these; then [`super::components`] goes from node to node. A representative is the least member of its set, so both ways
+//! give the same roots. That holds where all windings agree: among parities that contradict each other, the order decides.
 //!
 //! Cost: about 3 ns per face and thread, 12 bytes read and 4 written; and 8 bytes for an edge between blocks, [`MOST_BETWEEN`] at the
 //! most.
@@ -21,7 +21,7 @@ const BLOCKS: usize = 128;
 /// Edges between blocks that are held at the most.
 const MOST_BETWEEN: usize = 1 << 20;
 
-/// Fills `roots` (n) with the first node of each node's component in `graph`; whether it did, or has no room for that.
+/// Fills `roots` (n) with the first node of each node's component in `graph`. Returns false where there is no room for that.
 ///
 /// # Errors
 /// [`crate::base::Error::Cancelled`].

@@ -1,7 +1,7 @@
 //! Connected components, and the bridges that join them.
 //!
 //! Components are found by union-find over the edges ([`crate::base::union_find`]), and with them which faces are wound
-//! against the rest of theirs. An edge whose faces run along it in the same direction asks for one of them to be turned:
+//! against the rest of their component. An edge whose faces run along it in the same direction asks for one of them to be turned:
 //! a parity between nodes, kept in the top bit of the parent. A contradiction (Möbius strip, some non-manifold edges)
 //! leaves the later edge unsatisfied. The parent array is a mapped file (4 B per node): with faces in scan or curve order
 //! its accesses are as local as the graph's. About 10 ns per face, on one thread. Where no two faces are wound against each other, which
@@ -9,7 +9,7 @@
 //!
 //! Bridges bring every face within reach of every landmark. Components are taken in descending order of area; each is
 //! joined to the nearest face among all larger ones by one edge as long as the gap, with no turning. So a tiny component
-//! takes part in the part it floats beside, and separate objects stand as far apart in the embedding as in space.
+//! belongs to the part it floats beside, and separate objects stand as far apart in the embedding as in space.
 //! (Leaving components unreachable instead makes landmarks sit on tiny components and σ meaningless; both alternatives
 //! are recorded in `docs/dev/decisions.md`.) Nearest means nearest among samples: up to [`PER_COMPONENT`] evenly spread faces
 //! of a component are looked up in an R*-tree of up to [`TREE_SAMPLES`] faces of the larger ones. Above [`MOST_IN_TREE`]
@@ -76,7 +76,7 @@ pub fn find_components(edges: &DualEdges, nodes: &NodeGeometry, context: Context
     Ok(Components { root, mixed, list })
 }
 
-/// Fills `parent` (n) with [`Components::root`]; whether any edge joins faces wound against each other.
+/// Fills `parent` (n) with [`Components::root`]. Returns whether any edge joins faces wound against each other.
 fn node_by_node(edges: &DualEdges, parent: &mut [u32], cancel: &Cancel) -> Result<bool> {
     let (n, mut mixed) = (parent.len(), false);
     let mut parents = ParityForest::new(parent);

@@ -74,7 +74,7 @@ impl WeightedGraph {
     /// that rows ascend.
     ///
     /// # Errors
-    /// [`Error::Unusable`] for a matrix that is none.
+    /// [`Error::Unusable`] for arrays that are no valid matrix.
     #[cfg(feature = "sprs")]
     pub fn matrix(&self) -> Result<sprs::CsMatBase<f32, u32, Vec<u64>, &[u32], &[f32], u64>> {
         let starts = self.starts.view();
@@ -166,7 +166,7 @@ impl<'a> Csr<'a> {
 /// Nodes that lie this near to each other are asked for together: rows of a few pages.
 const NEAR: u32 = 512;
 
-/// Ascending `nodes` as ranges of such that are near to each other.
+/// Ascending `nodes` as ranges of nodes that are near each other.
 pub fn near_ranges(nodes: &[u32]) -> impl Iterator<Item = Range<usize>> + '_ {
     nodes.chunk_by(|a, b| b - a <= NEAR).map(|near| near[0] as usize..near[near.len() - 1] as usize + 1)
 }

@@ -3,8 +3,7 @@
 //! Buckets of pairs come in node order; a counting sort by corner groups them by node, and each row is
 //! sorted by neighbour. The length of a step is |c_i − mid| + |c_j − mid| over the midpoint of
 //! the shared edge (`graph_centroid_distances`, in the frame; |c_i − c_j| where the midpoint is no number), the edge's own
-//! length is kept beside it. Two
-//! faces that share several edges get one entry: the shortest step, the summed edge length. Both
+//! length is kept beside it. Two faces that share several edges get one entry: the shortest step, the summed edge length. Both
 //! directions are computed from the same numbers in a symmetric formula, so they agree to the bit.
 //!
 //! Workers assemble buckets, one thread appends them in order: ½ + 12 + 12 + 12 bytes per triangle
@@ -159,7 +158,8 @@ impl EdgesWriter {
 
 /// Assembles the rows and writes row starts, `graph_indices`, `graph_centroid_distances`, `graph_edges`.
 ///
-/// Where `nodes` are computed from the mesh, so are lengths of shared edges, but for a list; `None` where that would be too long.
+/// Where `nodes` are computed from the mesh, so are the lengths of shared edges, except for those in a list; `None` where that list would
+/// be too long.
 ///
 /// # Errors
 /// [`crate::base::Error::Io`], [`crate::base::Error::Cancelled`].

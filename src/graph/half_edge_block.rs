@@ -1,8 +1,8 @@
 //! The half-edges of a block of nodes, sorted and joined where they lie, in a core's cache.
 //!
-//! In a block corners are counted from its first one, so behind a low vertex all that is left of a half-edge fits one word: the high
-//! vertex, the corner, the direction. Words are counted and put down by low vertex in two passes over the faces, and the half-dozen of
-//! each low vertex are sorted by insertion: the order of [`Sorter`] for a third of its bytes. Where a block's vertices lie far
+//! In a block corners are counted from its first one, so a half-edge without its low vertex fits one word: the high vertex, the
+//! corner, the direction. Two passes over the faces count the words of each low vertex and store them, and the half-dozen of each low
+//! vertex are sorted by insertion. That gives the order of [`Sorter`] with a third of its bytes. Where a block's vertices lie far
 //! apart, as in a bad order, counting would cost more than it saves, and [`Sorter`] does it.
 //!
 //! Cost: about 20 ns per triangle.
@@ -111,7 +111,7 @@ impl BlockMatcher {
     }
 }
 
-/// Sorts words, of which there mostly are half a dozen: a call would cost as much as the work.
+/// Sorts words, mostly half a dozen. Inlined, because a call would cost as much as the work.
 #[inline(always)]
 fn sort_few(words: &mut [u64]) {
     if words.len() > 16 {

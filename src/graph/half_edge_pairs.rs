@@ -3,7 +3,7 @@
 //! Where the budget has room for 4 bytes per corner, a pair is written where it will be read: nearly every corner has one,
 //! so a table by corner is the sorted list already. The second pair of a corner (a middle face of an edge of three) goes
 //! to a list beside. Otherwise pairs inside of a block of faces are found again when the block is taken, and only
-//! those between blocks are shuffled, 8 bytes each; without blocks all are. All ways hand over the same pairs in the same
+//! those between blocks are shuffled, 8 bytes each; without blocks all are. Every way hands over the same pairs in the same
 //! order.
 
 use super::half_edge_block::BlockMatcher;

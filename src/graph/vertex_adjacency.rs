@@ -1,5 +1,5 @@
 //! Which vertices share a side of a face: the graph of orders, without weights, joined duplicates or bridges, polygons
-//! uncut.
+//! not cut into triangles.
 //!
 //! Orders that look at vertices (breadth-first, Cuthill–McKee, sweeps, the exact Fiedler vector) need it; the dual graph
 //! does not hold it. One shuffle of both directions of every side, sorted a bucket at a time and written in order: 16 B

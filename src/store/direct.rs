@@ -1,8 +1,9 @@
 //! Arrays of 4-byte items that are read piece by piece, past the page cache.
 //!
-//! A mapping costs the kernel a fault, a page table entry and, when memory is short, an interruption of all processors for every few
-//! pages. Who knows which pieces come next does without: a piece is one read into memory of one's own, which the disk fills by
-//! itself. Where a file system refuses that (`tmpfs`), pieces are read as usual.
+//! For every few pages a mapping costs the kernel a fault, a page table entry and, when memory is short, an interruption of all
+//! processors. Code that knows which pieces come next avoids that: a piece is one read into its own memory, which the disk fills
+//! directly. Where a file system refuses that (`tmpfs`), pieces are read as usual. Memory: the caller's, up to two pages more than
+//! the piece.
 
 use super::mapped::MappedSlice;
 use crate::base::{Error, Result};

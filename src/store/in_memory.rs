@@ -4,8 +4,8 @@
 //! is read, and its way to the disk if it lives long enough: on a mesh of a million faces a fifth of the whole run, on
 //! one of a hundred million more than the disk can take. Memory on large pages costs none of that. So a temporary
 //! directory may be given a budget, and what fits into it is allocated instead: counted, and taken from the budget like
-//! every other allocation. What does not fit becomes a file with the same values: where an array lies changes no byte of
-//! a result.
+//! every other allocation. What does not fit becomes a file with the same values, so results do not depend on where an array
+//! is.
 
 use super::budget::Budget;
 use super::folder::WorkFolder;

@@ -1,8 +1,8 @@
-//! Files that are begun: new ones, no links that somebody planted, and nobody else's.
+//! Creating files: always new ones, never through a link that somebody planted, never the file of another process.
 //!
-//! The names of temporary files can be foreseen, and their folders may be open to others. So a file is never truncated where it
-//! is found: whatever has its name is removed, and the file is made by a call that fails if the name exists, which follows
-//! no link. A file that another process is writing is left alone; an advisory lock that dies with its process tells.
+//! The names of temporary files are predictable, and their folders may be open to others. So an existing file is never truncated:
+//! whatever has the name is removed, and the file is created by a call that fails if the name exists and follows no link. A file
+//! that another process is writing is left alone; an advisory lock, which dies with its process, shows that it is.
 //!
 //! Cost: three system calls a file.
 

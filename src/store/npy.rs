@@ -1,7 +1,7 @@
 //! Arrays as NumPy's `.npy` files that map in place.
 //!
 //! Files are written under `NAME.partial` with their blocks reserved (so that a full disk is an
-//! error at once and not a signal later), and renamed when whole. The header is padded to
+//! error at once and not a signal later), and renamed when whole; one that is not finished is removed. The header is padded to
 //! [`HEADER`] bytes, a multiple of 64, so that the data are aligned here and in NumPy, and so that
 //! a streamed array can fill in its length at the end.
 

@@ -3,9 +3,9 @@
 //! Ownership rules. A stage owns the arrays it stamps; it writes them under temporary names,
 //! renames them when whole, and stamps the manifest last. A stage whose *key* (a hash of its options
 //! and of the keys it builds on) equals the stamped one is reused; any other key makes it
-//! anew, and everything downstream with it, since their keys contain this one. The directory is
+//! anew, and so is everything downstream, since those keys contain this one. The directory is
 //! locked by an advisory lock that dies with its process, so a stale lock cannot exist. Where the file system has no
-//! locks ([`WorkDir::is_locked`]), whoever starts the processes keeps them apart.
+//! locks ([`WorkDir::is_locked`]), whoever starts the processes has to keep them apart.
 //!
 //! A temporary directory is removed when dropped; one that a killed run left behind is removed by
 //! the next run that makes one beside it.
