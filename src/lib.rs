@@ -27,13 +27,13 @@
 //!
 //! # How
 //!
-//! An implementation of *Sub-sampling for Efficient Spectral Mesh Processing* (Liu, Jain, Zhang, CGI 2006) that streams.
-//! Faces are the nodes of a dual graph, whose edges weigh distance and turning. Of the n × n matrix of affinities only l
-//! rows are computed: distances from l landmarks, farthest from each other or drawn by area and distance. Above 60,000 faces the default method
-//! computes them over a contraction to 30,000 nodes. Nyström's method extends the
-//! eigenvectors of the l × l block to all faces (eq. 3 to 5). An ensemble of over-segmentations of some two thousand cells
-//! is merged by concavity and convexity into a hierarchy, of which any number of parts is a cut; one more front moves
-//! the boundaries onto creases. Results are the same bytes whatever threads, memory and chunk sizes.
+//! An implementation of *Sub-sampling for Efficient Spectral Mesh Processing* (Liu, Jain, Zhang, CGI 2006) that
+//! streams. Faces are the nodes of a dual graph, whose edges weigh distance and turning. Of the n × n matrix of
+//! affinities only l rows are computed: distances from l landmarks, farthest from each other or drawn by area and
+//! distance. Above 60,000 faces the default method computes them over a contraction to 30,000 nodes. Nyström's method
+//! extends the eigenvectors of the l × l block to all faces (eq. 3 to 5). An ensemble of over-segmentations of some two
+//! thousand cells is merged by concavity and convexity into a hierarchy, of which any number of parts is a cut; one
+//! more front moves the boundaries onto creases. Results are the same bytes whatever threads, memory and chunk sizes.
 //!
 //! # Entry points
 //!
@@ -65,8 +65,8 @@
 //!
 //! # Features
 //!
-//! None is needed to cut meshes. `pictures`, `plots`, `pages` and `parquet` add forms of output, `correspondence` matching,
-//! `cli` (on by default) the program.
+//! None is needed to cut meshes. `pictures`, `plots`, `pages` and `parquet` add forms of output, `correspondence`
+//! matching, `cli` (on by default) the program.
 
 #[cfg(not(unix))]
 compile_error!("nystrom-stream maps files and locks folders as Unix does: Linux is supported, macOS compiles");

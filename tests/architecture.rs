@@ -142,11 +142,11 @@ fn files_are_short_and_say_what_they_are() {
 }
 
 #[test]
-#[ignore]
-fn lines_are_not_too_long() {
+fn comments_are_as_narrow_as_code() {
     for (name, text, _) in files() {
-        let long = text.lines().position(|line| line.chars().count() > 120);
-        assert_eq!(long.map(|k| k + 1), None, "src/{name} has a line of more than 120 characters");
+        let long = |line: &str| line.trim_start().starts_with("//") && line.chars().count() > 120;
+        let long = text.lines().position(long);
+        assert_eq!(long.map(|k| k + 1), None, "src/{name} has a line of comment of more than 120 characters");
     }
 }
 

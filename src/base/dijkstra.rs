@@ -1,7 +1,8 @@
 //! Shortest paths over a graph of some thousand nodes in memory: Dijkstra's algorithm with a binary heap.
 //!
-//! The graph is a function from a node to its steps, so it need not be stored in one form. Own code because the order of visits is part of
-//! results: by length, then by number. Cost: O((n + m) log m) for n nodes and m steps; 8 to 16 bytes for each node that waits.
+//! The graph is a function from a node to its steps, so it need not be stored in one form. Own code because the order
+//! of visits is part of results: by length, then by number. Cost: O((n + m) log m) for n nodes and m steps; 8 to
+//! 16 bytes for each node that waits.
 
 use std::cmp::Reverse;
 use std::collections::BinaryHeap;
@@ -35,9 +36,9 @@ macro_rules! length {
 length!(f32, u32);
 length!(f64, u64);
 
-/// Lowers `field` (n) to the length of the shortest path from the nearest of `sources` to each node, where that is less and below
-/// `limit`. `steps` lists the nodes one step from a node, and how long the steps are; `settle` gets each node whose length is lowered,
-/// the nearest first.
+/// Lowers `field` (n) to the length of the shortest path from the nearest of `sources` to each node, where that is less
+/// and below `limit`. `steps` lists the nodes one step from a node, and how long the steps are; `settle` gets each node
+/// whose length is lowered, the nearest first.
 pub fn shortest_paths<L: Length, S: Iterator<Item = (u32, L)>>(
     sources: &[u32],
     steps: impl Fn(u32) -> S,

@@ -97,8 +97,8 @@ pub fn spawn<'scope, T: Send + 'scope>(
     })
 }
 
-/// Does `other` on a thread of its own beside `work`, if more than one of `threads` may run; else one after the other. So a pass
-/// that only one thread can do costs a share of one that all can.
+/// Does `other` on a thread of its own beside `work`, if more than one of `threads` may run; else one after the other.
+/// So a pass that only one thread can do costs a share of one that all can.
 ///
 /// # Errors
 /// [`Error::Internal`] when `other` panicked.
@@ -248,8 +248,8 @@ pub fn in_order<S, R: Send>(
     })
 }
 
-/// The threads of [`in_order`]: workers are given chunk numbers, at most `window` ahead of what was consumed, and report
-/// each; reports are consumed in order. The first report that is an error ends the work, as does a panic.
+/// The threads of [`in_order`]: workers are given chunk numbers, at most `window` ahead of what was consumed, and
+/// report each; reports are consumed in order. The first report that is an error ends the work, as does a panic.
 fn ordered(
     threads: usize,
     chunks: usize,
@@ -296,7 +296,8 @@ fn ordered(
     })
 }
 
-/// Like [`map_chunks`], a chunk for each of `pieces`, which it may change: parts of arrays that are filled side by side.
+/// Like [`map_chunks`], a chunk for each of `pieces`, which it may change: parts of arrays that
+/// are filled side by side.
 ///
 /// # Errors
 /// As [`map_chunks`].

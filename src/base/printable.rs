@@ -1,8 +1,8 @@
 //! Names and words out of files as they may be shown: on one line, and without anything that a terminal obeys.
 //!
-//! A file's name, a property's name in a header or a line of a damaged file may hold escape sequences, line breaks or marks that
-//! turn the direction of writing. In messages they appear as Rust writes them, `\u{1b}`, so that one message stays one line and
-//! says what is there. Cost: one pass over the text, a copy only where something is replaced.
+//! A file's name, a property's name in a header or a line of a damaged file may hold escape sequences, line breaks or
+//! marks that turn the direction of writing. In messages they appear as Rust writes them, `\u{1b}`, so that one message
+//! stays one line and says what is there. Cost: one pass over the text, a copy only where something is replaced.
 
 use std::borrow::Cow;
 

@@ -27,9 +27,9 @@ pub fn weighted(sums: &[f64], random: &mut Random) -> usize {
     if found < sums.len() { found } else { 0 }
 }
 
-/// An item drawn in proportion to its weight, 0 where all weights are 0: the winner of a race, which each item ends after
-/// −ln u / weight. Its u comes from `key` and its name, so small changes of weights, and items more or fewer, seldom change
-/// the winner. With running sums ([`weighted`]) a small change at the front moves all that follows.
+/// An item drawn in proportion to its weight, 0 where all weights are 0: the winner of a race, which each item ends
+/// after −ln u / weight. Its u comes from `key` and its name, so small changes of weights, and items more or fewer,
+/// seldom change the winner. With running sums ([`weighted`]) a small change at the front moves all that follows.
 pub fn raced(key: u64, items: impl Iterator<Item = (u64, f64)>) -> usize {
     let (mut least, mut winner) = (f64::INFINITY, 0);
     for (item, (name, weight)) in items.enumerate() {
@@ -55,8 +55,8 @@ pub fn mix(x: u64) -> u64 {
     x ^ (x >> 31)
 }
 
-/// A stratified draw: a point at random in each of `count` equal shares of `total`, the sum of `weights`. Gives the items
-/// that points fall into, ascending, and how many points fall into each. One pass.
+/// A stratified draw: a point at random in each of `count` equal shares of `total`, the sum of `weights`. Gives the
+/// items that points fall into, ascending, and how many points fall into each. One pass.
 pub fn stratified(
     weights: impl Iterator<Item = f64>,
     total: f64,

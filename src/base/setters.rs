@@ -2,7 +2,8 @@
 //!
 //! Written by one macro, so that a struct lists its fields a second time and nothing more; no cost at run time.
 
-/// Gives a struct a method per field that sets it and hands the struct back: `Params::default().width(800).height(600)`.
+/// Gives a struct a method per field that sets it and hands the struct back:
+/// `Params::default().width(800).height(600)`.
 macro_rules! setters {
     ($name:ident { $($field:ident: $type:ty),+ $(,)? }) => {
         impl $name {

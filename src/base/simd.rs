@@ -1,9 +1,9 @@
 //! Loops compiled for the widest vectors that this processor has.
 //!
-//! The program is built for every 64-bit processor, which on x86 means vectors of 16 bytes; a loop that does nothing but
-//! arithmetic runs two to four times as fast on 32 or 64. [`dispatch`] runs a kernel compiled for the baseline, for AVX2 and
-//! for AVX-512, whichever the processor has. Results are the same to the bit: vectors do the same operations on the
-//! same numbers in the same order, and multiplications and additions are never contracted to one rounding.
+//! The program is built for every 64-bit processor, which on x86 means vectors of 16 bytes; a loop that does nothing
+//! but arithmetic runs two to four times as fast on 32 or 64. [`dispatch`] runs a kernel compiled for the baseline, for
+//! AVX2 and for AVX-512, whichever the processor has. Results are the same to the bit: vectors do the same operations
+//! on the same numbers in the same order, and multiplications and additions are never contracted to one rounding.
 
 /// A loop for [`dispatch`].
 pub trait SimdKernel {

@@ -91,8 +91,8 @@ impl<'a> ParityForest<'a> {
     }
 
     /// Joins the set of representative `mine`, which a member reaches with parity `my_parity`, with the set of `other`,
-    /// which has parity `between` to that member. Returns the member's representative and parity from now on. Where both
-    /// are in one set already, nothing changes, even if parities contradict.
+    /// which has parity `between` to that member. Returns the member's representative and parity from now on. Where
+    /// both are in one set already, nothing changes, even if parities contradict.
     #[inline]
     pub fn join(&mut self, (mine, my_parity): (u32, u32), other: u32, between: u32) -> (u32, u32) {
         let (other, parity) = self.find(other);

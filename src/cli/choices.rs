@@ -1,6 +1,7 @@
 //! The library's enums as values of options: for each value its name and a line of help, in one table per enum.
 //!
-//! The library knows no clap. An option takes such an enum by `value_parser = choice::<T>()`, which lists names and help.
+//! The library knows no clap. An option takes such an enum by `value_parser = choice::<T>()`,
+//! which lists names and help.
 
 use clap::builder::{PossibleValue, PossibleValuesParser, TypedValueParser};
 use nystrom_stream::apps::correspond::Refine;

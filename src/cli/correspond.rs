@@ -115,7 +115,8 @@ pub struct MethodArgs {
     /// Use each vertex of B at most once
     #[arg(long)]
     pub one_to_one: bool,
-    /// One mesh is a part of the other, at the same scale: a crop, a scan with holes; what has no counterpart gets no match
+    /// One mesh is a part of the other, at the same scale: a crop, a scan with holes; what has no
+    /// counterpart gets no match
     #[arg(long, conflicts_with_all = ["transfer", "landmarks_file", "initial_map", "alternative", "functional_map", "functions"])]
     pub partial: bool,
     /// Match again, with the landmarks of A carried to B by the first matches
@@ -322,7 +323,8 @@ impl Carried {
     }
 }
 
-/// Whether the boundary of one mesh is longer than the other's, by more than half the root of its area, as from its vertices.
+/// Whether the boundary of one mesh is longer than the other's, by more than half the root of its
+/// area, as from its vertices.
 fn one_is_open(result: &Correspondence) -> bool {
     let [a, b] = result.sides.each_ref().map(|side| side.graph.open as f64 / (side.graph.vertices as f64).sqrt());
     (a - b).abs() > 0.5

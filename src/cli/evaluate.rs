@@ -22,8 +22,8 @@ pub struct EvaluateArgs {
     /// after the models [default with --benchmark: each person is judged by the others]
     #[arg(value_name = "LABELS", required_unless_present_any = ["benchmark", "matches"])]
     pub labels: Option<PathBuf>,
-    /// The mesh of the labels: PLY, OBJ, OFF or STL, also .gz [default: LABELS if it is a .ply; without a mesh all faces
-    /// weigh the same]
+    /// The mesh of the labels: PLY, OBJ, OFF or STL, also .gz [default: LABELS if it is a .ply; without a mesh
+    /// all faces weigh the same]
     #[arg(long, value_name = "MESH", conflicts_with = "benchmark")]
     pub mesh: Option<PathBuf>,
     /// Labels to judge by, once or more, in the same formats; with --matches a map of vertices, .npy or .csv

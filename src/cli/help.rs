@@ -1,4 +1,5 @@
-//! Examples of the long help; man pages, completions and `docs/reference.md`, made from the same definitions as the help.
+//! Examples of the long help; man pages, completions and `docs/reference.md`, made from the same
+//! definitions as the help.
 
 use super::options::CliError;
 use super::output::{print, write_text};

@@ -1,6 +1,7 @@
 //! The meshes that a command is given: files, folders, patterns, a pipe or standard input; and opening them.
 //!
-//! Standard input is spooled into the work directory, since a mesh is mapped. A lasting work directory keeps to its mesh.
+//! Standard input is spooled into the work directory, since a mesh is mapped. A lasting work
+//! directory keeps to its mesh.
 
 use super::options::{CliError, ForceArgs};
 use super::output::ENDINGS;
@@ -19,8 +20,8 @@ const RESULT: &str = ".segmented.ply";
 /// What standard input is spooled to in a work directory.
 const SPOOLED: &str = "input";
 
-/// Opens the mesh at `path`, or that on standard input, and tells which it is. A work directory of another mesh is refused without
-/// `force`, before anything in it changes, and emptied with it.
+/// Opens the mesh at `path`, or that on standard input, and tells which it is. A work directory of another mesh is
+/// refused without `force`, before anything in it changes, and emptied with it.
 pub fn read(path: &Path, force: ForceArgs, context: Context<'_>) -> Result<(mesh::Mesh, Value), Error> {
     let Context { work, run } = context;
     if path.as_os_str() == "-" {
@@ -51,8 +52,8 @@ fn admit(path: &Path, identity: &Value, force: ForceArgs, context: Context<'_>) 
     }
 }
 
-/// The mesh that `source` streams, standard input or a pipe, which is spooled into the work directory. Which mesh it is shows only then,
-/// so the one that is there steps aside until the other is admitted.
+/// The mesh that `source` streams, standard input or a pipe, which is spooled into the work directory. Which mesh it is
+/// shows only then, so the one that is there steps aside until the other is admitted.
 fn piped(source: impl Read, name: &str, force: ForceArgs, context: Context<'_>) -> Result<(mesh::Mesh, Value), Error> {
     let Context { work, run } = context;
     let (input, aside) = (work.file(SPOOLED), work.file("input.before.tmp"));
@@ -75,8 +76,8 @@ fn named(path: &Path, endings: &[&str]) -> bool {
     endings.iter().any(|ending| name.ends_with(ending))
 }
 
-/// The meshes that `words` name, each once, in order: files, the meshes in folders, what patterns match. And whether they
-/// are treated as many.
+/// The meshes that `words` name, each once, in order: files, the meshes in folders, what patterns match. And whether
+/// they are treated as many.
 pub fn meshes(words: &[PathBuf]) -> Result<(Vec<PathBuf>, bool), CliError> {
     let (mut all, mut many) = (Vec::new(), words.len() > 1);
     for word in words {

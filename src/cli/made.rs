@@ -1,9 +1,9 @@
 //! What made an output of a batch, so that `--resume` skips results of the same mesh and options only.
 //!
-//! Beside the outputs of a batch lies a folder `.nystrom-stream` with one small file per output: a key of the program's version,
-//! the mesh and the options, and the size and time of the output as it was written. One file each, by rename, so several
-//! processes may write to one folder of outputs. An output without such a record, or that changed since, counts as made by
-//! something else.
+//! Beside the outputs of a batch lies a folder `.nystrom-stream` with one small file per output: a key of the program's
+//! version, the mesh and the options, and the size and time of the output as it was written. One file each, by rename,
+//! so several processes may write to one folder of outputs. An output without such a record, or that changed since,
+//! counts as made by something else.
 
 use super::output::{Output, folder_of};
 use nystrom_stream::base::Result;

@@ -81,10 +81,12 @@ pub struct PartsArgs {
     /// How parts are decided, with --cluster parts [default: soft-trees, or as in the work directory]
     #[arg(long, value_parser = choice::<Decision>())]
     pub decision: Option<Decision>,
-    /// What becomes of components too small to be parts, with --cluster parts [default: join, or as in the work directory]
+    /// What becomes of components too small to be parts, with --cluster parts [default: join, or
+    /// as in the work directory]
     #[arg(long, alias = "dust", value_parser = choice::<TinyComponents>())]
     pub tiny_components: Option<TinyComponents>,
-    /// What becomes of walls inside of hollow bodies, with --cluster parts [default: follow, or as in the work directory]
+    /// What becomes of walls inside of hollow bodies, with --cluster parts [default: follow, or
+    /// as in the work directory]
     #[arg(long, value_parser = choice::<Walls>())]
     pub walls: Option<Walls>,
     /// How faces near boundaries get their labels, with --cluster parts [default: front, or as in the work directory]
@@ -114,7 +116,8 @@ pub struct KernelArgs {
 #[derive(Clone, Debug, clap::Args)]
 #[command(next_help_heading = "Distances")]
 pub struct OrderArgs {
-    /// In which order faces are worked on; labels are always in the order of the file [default: auto, or as in the work directory]
+    /// In which order faces are worked on; labels are always in the order of the file [default: auto, or
+    /// as in the work directory]
     #[arg(long, value_parser = choice::<Order>(), hide_short_help = true)]
     pub order: Option<Order>,
 }
@@ -123,10 +126,12 @@ pub struct OrderArgs {
 #[derive(Clone, Debug, clap::Args)]
 #[command(next_help_heading = "Distances")]
 pub struct DistanceArgs {
-    /// Number of landmarks [default: 120, above 300,000 faces 240; with --exact 60 to 20 by the size of a large mesh; with kmeans and two-means twice the parts, 10 to 60, above 60,000 faces 60]
+    /// Number of landmarks [default: 120, above 300,000 faces 240; with --exact 60 to 20 by the size of a large mesh;
+    /// with kmeans and two-means twice the parts, 10 to 60, above 60,000 faces 60]
     #[arg(short = 'l', long, hide_short_help = true, value_name = "L", value_parser = clap::value_parser!(u32).range(1..=4096))]
     pub landmarks: Option<u32>,
-    /// How landmarks are chosen [default: farthest; distance-weighted above 60,000 faces, but not with --exact, kmeans and two-means]
+    /// How landmarks are chosen [default: farthest; distance-weighted above 60,000 faces, but not
+    /// with --exact, kmeans and two-means]
     #[arg(long, hide_short_help = true, value_parser = choice::<Sampling>())]
     pub sampling: Option<Sampling>,
     /// Compute rows over all faces of a large mesh too, instead of more of them over a coarser copy
@@ -188,8 +193,8 @@ impl KernelArgs {
 }
 
 impl PartsArgs {
-    /// Sets what concerns clustering in `params`, where the options that were not given stay as they are: but for the number
-    /// of parts, the detail and the embedding, which are those asked for here or the defaults.
+    /// Sets what concerns clustering in `params`, where the options that were not given stay as they are: but for the
+    /// number of parts, the detail and the embedding, which are those asked for here or the defaults.
     pub fn apply(&self, kernel: &KernelArgs, params: &mut SegmentParams) -> Result<(), CliError> {
         params.cluster = self.cluster.unwrap_or(params.cluster);
         let detail = self.detail.unwrap_or(0.);

@@ -145,8 +145,8 @@ impl RunArgs {
         run
     }
 
-    /// The work directory `kept`; without one a temporary one, under `--tmp` or else `beside`, which holds arrays in memory
-    /// as far as the budget of `run` allows.
+    /// The work directory `kept`; without one a temporary one, under `--tmp` or else `beside`, which holds arrays in
+    /// memory as far as the budget of `run` allows.
     pub fn work(&self, kept: Option<&Path>, beside: impl FnOnce() -> PathBuf, run: &Run) -> Result<WorkDir> {
         match kept {
             Some(dir) => open(dir, run),

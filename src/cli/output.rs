@@ -29,16 +29,16 @@ pub struct PlyArgs {
     /// Encoding of PLY outputs
     #[arg(long, value_parser = choice::<PlyForm>(), default_value = "same", value_name = "FORM")]
     pub ply_form: PlyForm,
-    /// Label and colour the vertices of PLY outputs too (scalar_label, red, green, blue), for Blender, CloudCompare and Open3D,
-    /// which show no colours of faces; colours that the vertices have are replaced
+    /// Label and colour the vertices of PLY outputs too (scalar_label, red, green, blue), for Blender, CloudCompare and
+    /// Open3D, which show no colours of faces; colours that the vertices have are replaced
     #[arg(long)]
     pub vertex_labels: bool,
-    /// Give each part vertices of its own in PLY outputs, labelled and coloured, so that colours end at boundaries; other properties
-    /// of the input are left out
+    /// Give each part vertices of its own in PLY outputs, labelled and coloured, so that colours end at boundaries;
+    /// other properties of the input are left out
     #[arg(long, conflicts_with = "vertex_labels")]
     pub split_vertices: bool,
-    /// Split the triangles of PLY outputs where smooth boundaries cross them, in the place of boundaries along edges; creases stay
-    /// on edges
+    /// Split the triangles of PLY outputs where smooth boundaries cross them, in the place of boundaries along
+    /// edges; creases stay on edges
     #[arg(long, conflicts_with_all = ["vertex_labels", "split_vertices"])]
     pub split_faces: bool,
 }
@@ -424,7 +424,8 @@ pub fn measured(mesh: &Mesh, labelling: &Labelling, path: &Path, run: &Run) -> R
     measure::parts(mesh, labelling.labels, labelling.colours.len(), Context::new(&work, &silent))
 }
 
-/// A number with as many significant digits as the precision says; without an exponent where it is neither huge nor tiny.
+/// A number with as many significant digits as the precision says; without an exponent where it
+/// is neither huge nor tiny.
 pub struct Significant(pub f64);
 
 impl std::fmt::Display for Significant {
@@ -453,8 +454,8 @@ fn publish(target: &Path, report: &impl serde::Serialize) -> Result<()> {
     write_text(target, &(text + "\n"))
 }
 
-/// Writes `text` to standard output where `target` is `-`, else to that file, which appears whole or not at all. A device or
-/// a pipe is written to directly.
+/// Writes `text` to standard output where `target` is `-`, else to that file, which appears whole or not at all. A
+/// device or a pipe is written to directly.
 pub fn write_text(target: &Path, text: &str) -> Result<()> {
     if target == Path::new("-") {
         return print(text.as_bytes());

@@ -1,9 +1,9 @@
-//! Progress on standard error: one bar per stage on a terminal, one line per stage otherwise (and one every ten seconds while a
-//! stage runs), JSON events or nothing on request. Of several meshes: one bar in all and one per running mesh, or one line per mesh. No colours, so `NO_COLOR`
-//! holds.
+//! Progress on standard error: one bar per stage on a terminal, one line per stage otherwise (and one every ten seconds
+//! while a stage runs), JSON events or nothing on request. Of several meshes: one bar in all and one per running mesh,
+//! or one line per mesh. No colours, so `NO_COLOR` holds.
 //!
-//! The library names stages by short words, which are keys of reports and JSON events too; people are shown the words of
-//! [`STAGES`].
+//! The library names stages by short words, which are keys of reports and JSON events too; people are shown
+//! the words of [`STAGES`].
 
 use indicatif::{MultiProgress, ProgressBar, ProgressDrawTarget, ProgressStyle};
 use nystrom_stream::base::{Progress, printable};

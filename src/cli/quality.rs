@@ -32,7 +32,8 @@ pub struct QualityArgs {
     #[arg(short = 'l', long, value_name = "L", value_delimiter = ',', default_value = "10",
           value_parser = clap::value_parser!(u32).range(1..=4096))]
     pub landmarks: Vec<u32>,
-    /// How landmarks are chosen, separated by commas [default: farthest; with --compare uniform,cholesky,farthest,greedy]
+    /// How landmarks are chosen, separated by commas [default: farthest; with --compare
+    /// uniform,cholesky,farthest,greedy]
     #[arg(long, value_parser = choice::<Sampling>(), value_delimiter = ',')]
     pub sampling: Vec<Sampling>,
     /// Compare samplings, numbers of landmarks and seeds under one σ
@@ -54,14 +55,15 @@ pub struct QualityArgs {
     #[arg(long, value_name = "Q", conflicts_with_all = ["sigma", "exact", "embedding"],
           value_parser = clap::value_parser!(u32).range(1..=4096))]
     pub local: Option<u32>,
-    /// Drop eigenvalues of A up to this share of the greatest [default: 0.001 exponential, else 0.1/l within 0.001 and 0.01]
+    /// Drop eigenvalues of A up to this share of the greatest [default: 0.001 exponential, else
+    /// 0.1/l within 0.001 and 0.01]
     #[arg(long, value_name = "T", conflicts_with = "embedding")]
     pub tolerance: Option<f64>,
     /// Kernel of pivoted Cholesky and of the Γ that greedy sampling maximises
     #[arg(long, value_parser = choice::<Kernel>(), value_name = "KERNEL", default_value = "exponential")]
     pub gamma_kernel: Kernel,
-    /// Compute all distances too, up to 5,000 faces: the exact residual, and for one run the norms of the Schur complement
-    /// and the principal angles to the exact eigenvectors, in time cubic in the number of faces
+    /// Compute all distances too, up to 5,000 faces: the exact residual, and for one run the norms of the Schur
+    /// complement and the principal angles to the exact eigenvectors, in time cubic in the number of faces
     #[arg(long)]
     pub exact: bool,
     /// What is sampled

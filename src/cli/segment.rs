@@ -1,7 +1,8 @@
 //! `segment`: cut one mesh or many into parts.
 //!
-//! Many meshes come as files, folders and patterns; jobs take them from one list, and a table grows. Jobs share threads
-//! and memory evenly, so what one mesh gets depends on `--jobs` alone. A mesh that fails is reported, and the rest goes on.
+//! Many meshes come as files, folders and patterns; jobs take them from one list, and a table grows. Jobs
+//! share threads and memory evenly, so what one mesh gets depends on `--jobs` alone. A mesh that fails is
+//! reported, and the rest goes on.
 
 use super::edits::{EditArgs, Like, LikeArgs, corrections, named as give_names};
 use super::errors::message;
@@ -37,9 +38,9 @@ pub struct SegmentArgs {
     /// PLY, OBJ, OFF and STL files, also .gz; folders of them; patterns; `-` reads standard input
     #[arg(required = true, value_name = "MESH")]
     pub meshes: Vec<PathBuf>,
-    /// Output, once or more: .ply, .seg, .npy, .parquet, .csv, .obj, .glb, .html or .png; a folder, ending in /, for one PLY per part;
-    /// `-` for standard output. For several meshes {} stands for the name of the mesh, as in out/{}.seg
-    /// [default: MESH.segmented.ply]
+    /// Output, once or more: .ply, .seg, .npy, .parquet, .csv, .obj, .glb, .html or .png; a folder, ending in /, for
+    /// one PLY per part; `-` for standard output. For several meshes {} stands for the name of the mesh, as in
+    /// out/{}.seg [default: MESH.segmented.ply]
     #[arg(short, long, value_name = "OUT")]
     pub output: Vec<PathBuf>,
     #[command(flatten)]

@@ -1,6 +1,8 @@
-//! `graph`, `rows`, `merge`, `embed`, `cluster` and `export`: the stages of `segment` one by one, over a work directory.
+//! `graph`, `rows`, `merge`, `embed`, `cluster` and `export`: the stages of `segment` one by
+//! one, over a work directory.
 //!
-//! `graph` needs the mesh; the others find in the work directory which mesh it was, and make what is missing before them.
+//! `graph` needs the mesh; the others find in the work directory which mesh it was, and make
+//! what is missing before them.
 
 use super::choices::choice;
 use super::edits::{EditArgs, corrections, named};
@@ -428,7 +430,8 @@ impl KeptEmbedding {
     }
 }
 
-/// The embedding of the `faces` faces of the mesh in `work`, as `embed` made it; one of its default, made now, where there is none.
+/// The embedding of the `faces` faces of the mesh in `work`, as `embed` made it; one of its default, made
+/// now, where there is none.
 pub fn embedding(method: &SegmentParams, faces: usize, context: Context<'_>) -> Result<KeptEmbedding, Error> {
     let params = EmbeddingParams::for_parts(two_means::DIMENSIONS);
     let facts = match embed::kept(context.work) {

@@ -1,10 +1,11 @@
-//! Refusals by clap in the form of all errors: one line, which begins with the option or the word and ends with what to do.
+//! Refusals by clap in the form of all errors: one line, which begins with the option or the word
+//! and ends with what to do.
 
 use clap::Error;
 use clap::error::{ContextKind, ContextValue, ErrorKind as Kind};
 
-/// What `error` says, in one line; nothing where it is help or the version, which clap prints itself. `known` tells whether a
-/// word is a subcommand.
+/// What `error` says, in one line; nothing where it is help or the version, which clap prints itself. `known` tells
+/// whether a word is a subcommand.
 pub fn line(error: &Error, known: impl Fn(&str) -> bool) -> Option<String> {
     if [Kind::DisplayHelp, Kind::DisplayVersion, Kind::DisplayHelpOnMissingArgumentOrSubcommand].contains(&error.kind())
     {

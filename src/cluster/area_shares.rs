@@ -1,15 +1,15 @@
 //! The share of the surface that each face has, 0 in tiny components; seeds and sums weighted by these shares.
 //!
-//! Components below [`TINY`] of the area, and far smaller than the largest, are tiny: scanning debris that must not become seeds, cells or
-//! parts. Hundreds of components of about one size are no debris.
-//! Their faces have the share 0. Bridges join them to the rest, so they take the label of what they float beside.
-//! Lengths scale with the shares: in units of √(area without tiny components), the same shape has the same size at every
-//! resolution.
+//! Components below [`TINY`] of the area, and far smaller than the largest, are tiny: scanning debris that must not
+//! become seeds, cells or parts. Hundreds of components of about one size are no debris. Their faces have the share 0.
+//! Bridges join them to the rest, so they take the label of what they float beside. Lengths scale with the shares: in
+//! units of √(area without tiny components), the same shape has the same size at every resolution.
 //!
-//! [`spread_seeds`] takes one seed per equal quantum of area along the order of the nodes: as good as farthest points for cells
-//! (measured), for the cost of one pass. [`class_sums`] adds up areas, centroids and normals of cells, micro-cells and
-//! contracted nodes; few blocks of nodes are summed side by side, since each holds all classes (72 bytes per class and
-//! block), and added up in their order, so that the number of threads does not change the result.
+//! [`spread_seeds`] takes one seed per equal quantum of area along the order of the nodes: as good as
+//! farthest points for cells (measured), for the cost of one pass. [`class_sums`] adds up areas, centroids
+//! and normals of cells, micro-cells and contracted nodes; few blocks of nodes are summed side by side, since
+//! each holds all classes (72 bytes per class and block), and added up in their order, so that the number of
+//! threads does not change the result.
 //!
 //! Cost: one pass over the nodes each; shares take 4 bytes per node on disk.
 
@@ -58,8 +58,8 @@ impl FromArea {
 }
 
 impl AreaShares {
-    /// Computes the shares. They are stored as `surface_shares.npy`, except those of a graph in one component whose geometry is computed
-    /// at each look.
+    /// Computes the shares. They are stored as `surface_shares.npy`, except those of a graph in one component whose
+    /// geometry is computed at each look.
     ///
     /// # Errors
     /// [`crate::base::Error::Io`], [`crate::base::Error::Cancelled`].
@@ -191,8 +191,9 @@ struct Drawn {
     share: f64,
 }
 
-/// About `count` nodes whose share is not 0, ascending, one per equal quantum of area; all such nodes where they are no more than
-/// `count`. Each block of nodes draws by itself, so faces of another size change the seeds of their own block alone.
+/// About `count` nodes whose share is not 0, ascending, one per equal quantum of area; all such nodes where
+/// they are no more than `count`. Each block of nodes draws by itself, so faces of another size change the
+/// seeds of their own block alone.
 ///
 /// # Errors
 /// [`crate::base::Error::Cancelled`].
@@ -282,8 +283,8 @@ impl ClassSum {
     }
 }
 
-/// Sums over the nodes of each of `classes` classes; nodes of a class beyond the last are left out. Nodes without a share add their area
-/// alone, unless each has a weight of `least`.
+/// Sums over the nodes of each of `classes` classes; nodes of a class beyond the last are left out. Nodes without a
+/// share add their area alone, unless each has a weight of `least`.
 ///
 /// # Errors
 /// [`crate::base::Error::Cancelled`].
@@ -318,8 +319,8 @@ pub fn class_sums(
     Ok(total)
 }
 
-/// The class of each node (n) as an array `name` of two bytes per node: cells and contracted nodes are fewer than 2¹⁶. Nodes of no
-/// class, which have `u32::MAX`, get `u16::MAX`.
+/// The class of each node (n) as an array `name` of two bytes per node: cells and contracted nodes are fewer than 2¹⁶.
+/// Nodes of no class, which have `u32::MAX`, get `u16::MAX`.
 ///
 /// # Errors
 /// [`crate::base::Error::Io`], [`crate::base::Error::Cancelled`].

@@ -1,7 +1,8 @@
 //! The dual graph of the narrow band along the boundaries, with what a boundary costs on each edge.
 //!
-//! A boundary costs its length, and less across a crease, so that one on a crease stays there. What counts as a crease depends on the
-//! mesh: turning that most of the band's edges have is the shape's roundness, or noise, and would only make a boundary ragged.
+//! A boundary costs its length, and less across a crease, so that one on a crease stays there. What counts as a
+//! crease depends on the mesh: turning that most of the band's edges have is the shape's roundness, or noise, and
+//! would only make a boundary ragged.
 //!
 //! Cost: a pass over the edges of the band's nodes, which looks up their neighbours by bisection; 90 bytes per node.
 

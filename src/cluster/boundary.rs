@@ -1,14 +1,14 @@
 //! Boundaries of parts, moved from the edges of cells onto creases.
 //!
-//! Faces deeper in a part than [`BAND`] (at least the deepest 40 % of it) are its interior and keep their label. One front
-//! under the edge weights runs from the interiors into the narrow band between them and labels the rest: it is held up
-//! where the surface turns, so fronts meet there. Boundaries come out a fifth shorter, without islands. The other method
-//! labels each face of the narrow band by its own point in the embedding ([`super::extrapolate`]) and then dissolves islands
-//! ([`dissolve`]): faces with their part's label but no path to its interior take the label around them. With both methods
-//! boundaries are then straightened ([`super::shorten`]).
+//! Faces deeper in a part than [`BAND`] (at least the deepest 40 % of it) are its interior and keep their label. One
+//! front under the edge weights runs from the interiors into the narrow band between them and labels the rest: it is
+//! held up where the surface turns, so fronts meet there. Boundaries come out a fifth shorter, without islands. The
+//! other method labels each face of the narrow band by its own point in the embedding ([`super::extrapolate`]) and then
+//! dissolves islands ([`dissolve`]): faces with their part's label but no path to its interior take the label around
+//! them. With both methods boundaries are then straightened ([`super::shorten`]).
 //!
-//! Only the narrow band is visited. Both fronts can be computed in shares ([`depth_front`], [`band_front`]). Memory: two mapped arrays of
-//! 4 bytes per face; while islands are dissolved, 8 bytes per node of the ring that is visited.
+//! Only the narrow band is visited. Both fronts can be computed in shares ([`depth_front`], [`band_front`]). Memory:
+//! two mapped arrays of 4 bytes per face; while islands are dissolved, 8 bytes per node of the ring that is visited.
 
 use super::area_shares::AreaShares;
 use super::band_graph::{BandGraph, WeightedLengths};
@@ -27,7 +27,8 @@ use std::ops::Range;
 
 /// Half the width of the narrow band around a boundary, which is labelled anew, in units of √(area).
 pub const BAND: f32 = 0.04;
-/// How far a boundary may be moved to be straight, in units of √(area); on a fine mesh by no more faces than the cuts reach.
+/// How far a boundary may be moved to be straight, in units of √(area); on a fine mesh by no more
+/// faces than the cuts reach.
 const REACH: f32 = 0.015;
 /// … and in mean steps from face to face at least, on a coarse one.
 const LEAST_FACES: f32 = 2.;
@@ -63,7 +64,8 @@ impl CellLabels<'_> {
         self.label[self.of_node[node] as usize]
     }
 
-    /// The nodes with a neighbour of another label, ascending. Few cells are looked into where it is known which ones have any.
+    /// The nodes with a neighbour of another label, ascending. Few cells are looked into where it is
+    /// known which ones have any.
     ///
     /// # Errors
     /// [`crate::base::Error::Cancelled`].
@@ -142,7 +144,8 @@ pub fn refine(
         return Ok(RefinedLabels { labels: labels.finish(false)?, boundary_nodes });
     }
     let half_width = half_width(shares);
-    // Zeros at first, which stay where the front does not come: there all is interior, and nothing needs to be written or read.
+    // Zeros at first, which stay where the front does not come: there all is interior, and nothing
+    // needs to be written or read.
     let mut field = context.work.array::<f32>("depth.tmp", &[n])?;
     let visited = depth_front(graph, half_width, &boundary_nodes).within_fresh(field.data(), context)?;
     let depth: &[f32] = field.data();
@@ -195,8 +198,8 @@ fn at_boundary(graph: Csr<'_>, candidates: Vec<u32>, labels: &[u32]) -> Vec<u32>
     nodes
 }
 
-/// Straightens the new boundaries; `field` (n) is 0 in the interiors, also where nothing was `visited`, and is used up. Returns the
-/// nodes whose labels may have changed.
+/// Straightens the new boundaries; `field` (n) is 0 in the interiors, also where nothing was `visited`, and is used up.
+/// Returns the nodes whose labels may have changed.
 fn straighten(
     graph: &DualGraph,
     steps: Csr<'_>,
@@ -271,7 +274,8 @@ pub fn interior_edge(graph: Csr<'_>, interior: impl Fn(usize) -> bool + Sync, ru
     Ok(edge)
 }
 
-/// What `of` makes of the nodes with `own` in each chunk, one after another. Mostly they are few, and no other rows are read.
+/// What `of` makes of the nodes with `own` in each chunk, one after another. Mostly they are few,
+/// and no other rows are read.
 fn of_chunks(
     graph: Csr<'_>,
     run: &Run,
@@ -297,8 +301,9 @@ fn will_need_rows(graph: Csr<'_>, nodes: &[u32], run: &Run) {
     run.will_need_few(graph.indices, near_ranges(nodes).map(|nodes| graph.starts.entries_of(nodes)));
 }
 
-/// The depth from which on each part's faces keep their label: the half width of the narrow band, or less where more
-/// than 60 % of the part lies in it. From histograms of label and depth of all `n` nodes; depths beyond it are infinite.
+/// The depth from which on each part's faces keep their label: the half width of the narrow band, or less
+/// where more than 60 % of the part lies in it. From histograms of label and depth of all `n` nodes;
+/// depths beyond it are infinite.
 ///
 /// # Errors
 /// [`crate::base::Error::Cancelled`].
@@ -342,8 +347,8 @@ const PATIENCE: usize = 1 << 10;
 /// What `field` holds at nodes that an interior has reached: more than in the interior itself, less than any path.
 const REACHED: f32 = f32::MIN_POSITIVE;
 
-/// Dissolves islands of `labels` (n) among the nodes where `field` (n) is infinite; interiors are 0 there, `boundary_nodes` is where they
-/// end. What an interior reaches ends up with a positive, finite field.
+/// Dissolves islands of `labels` (n) among the nodes where `field` (n) is infinite; interiors are 0 there,
+/// `boundary_nodes` is where they end. What an interior reaches ends up with a positive, finite field.
 ///
 /// # Errors
 /// [`crate::base::Error::Cancelled`].

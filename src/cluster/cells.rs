@@ -1,15 +1,16 @@
-//! Some two thousand geodesic Voronoi cells, the graph of cells that parts are decided on, and rows averaged over cells.
+//! Some two thousand geodesic Voronoi cells, the graph of cells that parts are decided on, and
+//! rows averaged over cells.
 //!
-//! One front from area-stratified seeds under length + .1 |turning| (.05 convex) cuts the surface into cells that follow
-//! creases; people's segmentations projected on them lose .002 of the Rand index. Where the surface is its own mirror image, seeds come
-//! in pairs of images ([`super::mirror`]). One pass sums up areas, centroids,
-//! normals, and for touching cells the length and mean turning of their common boundary.
+//! One front from area-stratified seeds under length + .1 |turning| (.05 convex) cuts the surface into cells that
+//! follow creases; people's segmentations projected on them lose .002 of the Rand index. Where the surface is its own
+//! mirror image, seeds come in pairs of images ([`super::mirror`]). One pass sums up areas, centroids, normals, and for
+//! touching cells the length and mean turning of their common boundary.
 //!
-//! Rows averaged over cells are B (l × S), all that deciding parts needs of `[A B]`. Rows on the cell graph alone are much
-//! worse (.15–.22 against .10 in 1 − Rand); averages of rows over all faces are not.
+//! Rows averaged over cells are B (l × S), all that deciding parts needs of `[A B]`. Rows on the cell graph alone are
+//! much worse (.15–.22 against .10 in 1 − Rand); averages of rows over all faces are not.
 //!
-//! Cost: one front, 8 bytes per face while it runs and 2 that are kept, and one pass over the graph; then one sequential pass per row,
-//! which reads 10 bytes per face: cell, share and distance.
+//! Cost: one front, 8 bytes per face while it runs and 2 that are kept, and one pass over the graph; then one
+//! sequential pass per row, which reads 10 bytes per face: cell, share and distance.
 
 use super::area_shares::{AreaShares, ClassSum, class_sums, narrowed, spread_seeds};
 use super::mirror::{PointSet, SurfacePoint, paired_seeds};
@@ -247,9 +248,9 @@ pub fn average(rows: &DistanceRows, cells: &Cells, shares: &AreaShares, run: &Ru
     Ok(averaged.into_iter().flatten().collect())
 }
 
-/// Share of the surface that is nearest to the landmark with the most of it, from rows averaged over cells
-/// (row-major l × S) and the cells' areas (S). .54 or less on 185 of 190 models of the Princeton benchmark; .89 where all
-/// but one landmark sat in pockets of an isosurface.
+/// Share of the surface that is nearest to the landmark with the most of it, from rows averaged over cells (row-major l
+/// × S) and the cells' areas (S). .54 or less on 185 of 190 models of the Princeton benchmark; .89 where all but one
+/// landmark sat in pockets of an isosurface.
 pub fn greatest_share(b: &[f64], area: &[f64]) -> f64 {
     let mut share = vec![0f64; b.len() / area.len().max(1)];
     for (cell, a) in area.iter().enumerate() {

@@ -6,9 +6,9 @@
 //! over five million faces. On clean meshes the result is as good as with rows over all faces (−.001 ± .005 in
 //! 1 − Rand); contracting by length alone is worse.
 //!
-//! The length of a common boundary is that of its chord, |Σ oriented edges|, so that zigzag does not count; an edge's
-//! direction is taken across the line between its faces. Cost: one front, 8 bytes per face of which 2 are kept, one pass
-//! over the graph.
+//! The length of a common boundary is that of its chord, |Σ oriented edges|, so that zigzag does not count; an
+//! edge's direction is taken across the line between its faces. Cost: one front, 8 bytes per face of which 2 are
+//! kept, one pass over the graph.
 
 use super::area_shares::{AreaShares, ClassSum, class_sums, narrowed, spread_seeds};
 use crate::base::Result;
@@ -26,8 +26,9 @@ use std::collections::BTreeMap;
 
 /// Nodes of the contracted graph.
 pub const NODES: usize = 30_000;
-/// Meshes of more faces than this are contracted. Nodes of fewer than two faces each are ragged: on the 32 models of the
-/// benchmark with 30,000 to 60,000 faces 1 − Rand was .135 with rows over a contraction, and .127 with as many over all faces.
+/// Meshes of more faces than this are contracted. Nodes of fewer than two faces each are ragged: on the 32
+/// models of the benchmark with 30,000 to 60,000 faces 1 − Rand was .135 with rows over a contraction, and .127
+/// with as many over all faces.
 pub const LARGE: usize = 60_000;
 const CHUNK: usize = 1 << 14;
 /// Length of a step between centroids, in gaps: what the path over a midpoint adds.

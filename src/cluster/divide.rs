@@ -1,11 +1,12 @@
 //! More parts than cells: parts divided into pieces of faces.
 //!
-//! Parts are decided on some two thousand cells, so there can be no more of them. Where more are asked for, every cell is a
-//! part, and the parts with most faces are divided on: each piece grows from the first face that has none, face by face
-//! along the graph, to its share of the part's faces. Pieces are connected, except where other pieces leave scattered faces over. They have no
-//! meaning beyond that: the surface does not show where two thousand parts end.
+//! Parts are decided on some two thousand cells, so there can be no more of them. Where more are asked for, every cell
+//! is a part, and the parts with most faces are divided on: each piece grows from the first face that has none, face by
+//! face along the graph, to its share of the part's faces. Pieces are connected, except where other pieces leave
+//! scattered faces over. They have no meaning beyond that: the surface does not show where two thousand parts end.
 //!
-//! Cost: one pass over the faces and their neighbours on one thread; 8 bytes per face in files, 16 bytes per part in memory.
+//! Cost: one pass over the faces and their neighbours on one thread; 8 bytes per face in files,
+//! 16 bytes per part in memory.
 
 use crate::base::Result;
 use crate::graph::Csr;
@@ -26,8 +27,8 @@ pub struct Pieces {
     pub first: Vec<u32>,
 }
 
-/// Divides the parts of `labels` (n) into `wanted` pieces in all, or one per node where there are fewer, as `labels.npy`.
-/// The part `whole`, where one is given, is divided last.
+/// Divides the parts of `labels` (n) into `wanted` pieces in all, or one per node where there are fewer, as
+/// `labels.npy`. The part `whole`, where one is given, is divided last.
 ///
 /// # Errors
 /// [`crate::base::Error::Io`], [`crate::base::Error::Cancelled`].
@@ -85,8 +86,8 @@ pub fn divide(
     Ok(Pieces { labels: array.finish(false)?, first })
 }
 
-/// Pieces of each part, `wanted` in all if there are as many faces: one more to the part with most faces per piece, over
-/// and over; to `whole` when no other can be divided.
+/// Pieces of each part, `wanted` in all if there are as many faces: one more to the part with most faces per piece,
+/// over and over; to `whole` when no other can be divided.
 fn shares(faces: &[u64], wanted: usize, whole: Option<u32>) -> Vec<u64> {
     let mut pieces: Vec<u64> = faces.iter().map(|&faces| faces.min(1)).collect();
     // Faces of a piece, to a thousandth: whole numbers have a total order.

@@ -1,10 +1,11 @@
-//! Labels of the faces near boundaries by Nyström's extrapolation: each gets the part whose cells around it lie nearest in
-//! the embedding.
+//! Labels of the faces near boundaries by Nyström's extrapolation: each gets the part whose cells around it lie
+//! nearest in the embedding.
 //!
-//! A face's column of `[A B]` is all that is needed ([`AnchorExtension::embed`]). The candidates are the parts of the cells
-//! within two steps of its own, each at the mean point of its cells among these. Faces are independent of each other, so parts
-//! may come with islands, which [`super::boundary`] dissolves. Cost: a pass over `[A B]`, l width multiply-adds and l exponentials per
-//! face of the narrow band. Memory: a chunk of columns per thread, and some means per cell.
+//! A face's column of `[A B]` is all that is needed ([`AnchorExtension::embed`]). The candidates are the parts of
+//! the cells within two steps of its own, each at the mean point of its cells among these. Faces are independent
+//! of each other, so parts may come with islands, which [`super::boundary`] dissolves. Cost: a pass over `[A B]`,
+//! l width multiply-adds and l exponentials per face of the narrow band. Memory: a chunk of columns per thread,
+//! and some means per cell.
 
 use super::parts::CellGraph;
 use super::parts::ensemble::COMPARE_SCALE;

@@ -1,13 +1,12 @@
 //! K-means on the sampled columns, and labels for every face in one pass over `[A B]`.
 //!
 //! [`KMeans::fit`] is area-weighted and seeded by greedy k-means++. It runs on at most
-//! [`crate::spectral::embedding::MOST_COLUMNS`] points, so its cost does not grow with the mesh.
-//! Sums are folded in chunk order; the result does not depend on threads. No cluster ends empty while there are K distinct
-//! points.
+//! [`crate::spectral::embedding::MOST_COLUMNS`] points, so its cost does not grow with the mesh. Sums are folded in
+//! chunk order; the result does not depend on threads. No cluster ends empty while there are K distinct points.
 //!
-//! [`assign`] extrapolates every face (eq. 2), takes the nearest centre and counts; Γ's sum (eq. 6) rides along. Chunks of
-//! columns are independent. Cost: 4 l bytes read and l exponentials per face, which Γ shares.
-//! Then [`exactly`] sees to it that no part is empty.
+//! [`assign`] extrapolates every face (eq. 2), takes the nearest centre and counts; Γ's sum (eq. 6) rides along. Chunks
+//! of columns are independent. Cost: 4 l bytes read and l exponentials per face, which Γ shares. Then [`exactly`] sees
+//! to it that no part is empty.
 
 use crate::base::Result;
 use crate::base::parallel::{chunk_range, map_ranges};
@@ -94,8 +93,8 @@ pub struct Centres<'a> {
 }
 
 impl Centres<'_> {
-    /// The nearest centre of each of m points: its number in `label`, and the squared distances to the nearest and second
-    /// nearest (m each). `rows(e)` gives coordinate e (m). Ties go to the lower centre.
+    /// The nearest centre of each of m points: its number in `label`, and the squared distances to the nearest and
+    /// second nearest (m each). `rows(e)` gives coordinate e (m). Ties go to the lower centre.
     pub fn nearest<'a>(
         self,
         rows: impl Fn(usize) -> &'a [f32],
@@ -325,7 +324,8 @@ pub struct Assignment<'a> {
     pub gamma: Option<&'a Gamma>,
 }
 
-/// How sure points are of their centres (m), from the squared distances to the nearest and the second nearest, for [`dispatch`].
+/// How sure points are of their centres (m), from the squared distances to the nearest and the second
+/// nearest, for [`dispatch`].
 struct Margins<'a> {
     first: &'a [f32],
     second: &'a [f32],
@@ -348,8 +348,9 @@ impl SimdKernel for Margins<'_> {
 /// Chunks whose distances are asked for at a time.
 const CHUNKS_ASKED: usize = 16;
 
-/// Labels every face with its nearest centre: `labels` (n). `areas_to_confidences` (n) holds the faces' areas at first, and then how certain
-/// each label is, from 0 on the border between two centres to 1 on a centre: one array less of the size of the mesh.
+/// Labels every face with its nearest centre: `labels` (n). `areas_to_confidences` (n) holds the faces' areas at
+/// first, and then how certain each label is, from 0 on the border between two centres to 1 on a centre: one array
+/// less of the size of the mesh.
 ///
 /// # Errors
 /// [`crate::base::Error::Cancelled`].
@@ -412,8 +413,9 @@ pub fn assign(
     Ok(totals)
 }
 
-/// Gives each part without a face the least certain face of the part with most faces, by `quality` (n). Parts are empty only where the
-/// embedding has fewer distinct points than parts (a cube, four faces in four parts). Some stay empty where there are fewer faces than parts.
+/// Gives each part without a face the least certain face of the part with most faces, by `quality` (n). Parts are empty
+/// only where the embedding has fewer distinct points than parts (a cube, four faces in four parts). Some stay empty
+/// where there are fewer faces than parts.
 pub fn fill_empty_parts(totals: &mut ClusterTotals, nodes: NodeView<'_>, labels: &mut [u32], quality: &[f32]) {
     while let Some(empty) = totals.faces.iter().position(|&faces| faces == 0) {
         let mut most = 0;

@@ -1,8 +1,8 @@
 //! Maximum flow, and the minimum cut that it ends at.
 //!
-//! Dinic's algorithm (1970), in whole numbers: the nodes that the source still reaches are the same whatever the order of the paths, so cuts
-//! are repeatable. Own code, since crates for maximum flow take adjacency matrices or maps. It cuts bands along boundaries
-//! ([`super::shorten`]) and the inside of a surface ([`super::parts`]).
+//! Dinic's algorithm (1970), in whole numbers: the nodes that the source still reaches are the same whatever the order
+//! of the paths, so cuts are repeatable. Own code, since crates for maximum flow take adjacency matrices or maps. It
+//! cuts bands along boundaries ([`super::shorten`]) and the inside of a surface ([`super::parts`]).
 //!
 //! Cost: 32 bytes per node and 16 per arc; passes over both, tens of them in narrow bands.
 
@@ -30,8 +30,8 @@ pub struct MaxFlow {
 }
 
 impl MaxFlow {
-    /// What can flow from the source into each node, and from it into the sink (m); the first arc of each node (m + 1), and all arcs: where
-    /// they lead, and how much flows along them at the most. Each arc has one that leads back.
+    /// What can flow from the source into each node, and from it into the sink (m); the first arc of each node (m + 1),
+    /// and all arcs: where they lead, and how much flows along them at the most. Each arc has one that leads back.
     pub fn new(source: Vec<i64>, sink: Vec<i64>, start: Vec<u32>, arcs: &[(u32, i64)]) -> Self {
         let m = source.len();
         let (to, left) = arcs.iter().copied().unzip();
@@ -53,7 +53,8 @@ impl MaxFlow {
         flow
     }
 
-    /// Whether node `k` is on the source's side of the minimum cut that is nearest to the source, once the flow has [run](MaxFlow::run).
+    /// Whether node `k` is on the source's side of the minimum cut that is nearest to the source, once the flow
+    /// has [run](MaxFlow::run).
     pub fn is_on_source_side(&self, k: usize) -> bool {
         self.level[k] != NONE
     }

@@ -1,14 +1,16 @@
 //! Mirror planes of a surface, and seeds of cells that are their own mirror image.
 //!
-//! Limbs come in pairs. Where cells are cut at random and each limb is decided by itself, a leg may be cut at the knee and its twin
-//! not, which people see first. Where a plane maps the surface onto itself, cells come in pairs too, and so do decisions
-//! ([`super::parts::twins`]).
+//! Limbs come in pairs. Where cells are cut at random and each limb is decided by itself, a leg may be cut at the knee
+//! and its twin not, which people see first. Where a plane maps the surface onto itself, cells come in pairs too, and
+//! so do decisions ([`super::parts::twins`]).
 //!
-//! Planes begin as the three principal ones of a sample of some two thousand points, and move to where they map points best onto points,
-//! nearest position and normal to each other. A posed body has no such plane: its symmetry is not looked for.
+//! Planes begin as the three principal ones of a sample of some two thousand points, and move to where they map
+//! points best onto points, nearest position and normal to each other. A posed body has no such plane: its
+//! symmetry is not looked for.
 //!
-//! Cost for S points: up to 27 searches for the nearest of 500 points each in a grid, three for all of them, some milliseconds whatever the
-//! size of the mesh; the image of a seed is found by a descent over the dual graph. 24 bytes per point.
+//! Cost for S points: up to 27 searches for the nearest of 500 points each in a grid, three for all of them,
+//! some milliseconds whatever the size of the mesh; the image of a seed is found by a descent over the dual
+//! graph. 24 bytes per point.
 
 use super::parts::matrix::products;
 use crate::base::eigen;
@@ -18,9 +20,11 @@ use crate::base::vector::{add_scaled, distance, dot, middle, minus};
 const MOVES: usize = 8;
 /// So many points move a plane.
 const SAMPLE: usize = 500;
-/// Images farther from all points than this many radii, by position and normal, are of something that is on one side only.
+/// Images farther from all points than this many radii, by position and normal, are of something
+/// that is on one side only.
 const REACH: f64 = 3.0;
-/// Mean distance of images from the nearest points, in radii, up to which a plane is a mirror: .9 for points drawn at random.
+/// Mean distance of images from the nearest points, in radii, up to which a plane is a mirror: .9
+/// for points drawn at random.
 const CLOSE: f64 = 1.2;
 /// Length of a unit normal among positions, in radii: opposite normals are as different as places four radii apart.
 const NORMAL: f64 = 2.0;
@@ -28,8 +32,8 @@ const NORMAL: f64 = 2.0;
 const SAME: f64 = 0.98;
 /// Share of the seeds above the plane from which on the pairs come from there.
 const LEAST_ABOVE: f64 = 0.45;
-/// Planes lie on a grid of this step, in units of √(area) for offsets: a small change of the surface leaves them as they are. A cell has a
-/// radius of .013.
+/// Planes lie on a grid of this step, in units of √(area) for offsets: a small change of the surface leaves them as
+/// they are. A cell has a radius of .013.
 const STEP: f64 = 1.0 / 1024.0;
 /// Points closer to the plane than this many radii are their own images.
 const MIDDLE: f64 = 0.5;
@@ -128,8 +132,8 @@ impl<'a> NearestPoint<'a> {
         Self { set, starts, listed }
     }
 
-    /// The point nearest to `point` by position and normal, and how far the two are apart in space; `None` where none is within
-    /// [`REACH`].
+    /// The point nearest to `point` by position and normal, and how far the two are apart in space; `None` where
+    /// none is within [`REACH`].
     pub fn find(&self, point: SurfacePoint) -> Option<(u32, f64)> {
         let (PointSet { points, radius, .. }, at) = (self.set, cube(point.position, self.set.radius));
         let (mut best, mut least) = (None, (REACH * radius).powi(2));
@@ -187,7 +191,8 @@ pub fn mirror_planes(nearest: &NearestPoint<'_>) -> Vec<Plane> {
     found.into_iter().map(|(_, plane)| plane.on_grid()).collect()
 }
 
-/// The plane that maps points best onto those that are nearest to their images under `plane`; `None` where that is another plane.
+/// The plane that maps points best onto those that are nearest to their images under `plane`; `None`
+/// where that is another plane.
 fn moved(plane: Plane, nearest: &NearestPoint<'_>) -> Option<Plane> {
     let PointSet { points, shares, radius } = nearest.set;
     let pair = |(point, share): (&SurfacePoint, &f64)| {
@@ -217,14 +222,14 @@ fn axes(vectors: impl Iterator<Item = (f64, [f64; 3])>) -> Vec<[f64; 3]> {
     eigen::principal_axes(sum).1.to_vec()
 }
 
-/// The sign of the side that pairs come from, where `above` of the `seeds` are above the plane. Most surfaces have about as much on both
-/// sides, and a seed more or less must not move all others.
+/// The sign of the side that pairs come from, where `above` of the `seeds` are above the plane. Most surfaces have
+/// about as much on both sides, and a seed more or less must not move all others.
 fn pairing_side(above: usize, seeds: usize) -> f64 {
     if above as f64 >= LEAST_ABOVE * seeds as f64 { 1.0 } else { -1.0 }
 }
 
-/// Seeds in place of `seeds`, about as many, that come in pairs of mirror images under the best mirror plane of the surface; the same
-/// where it has none. `point` tells about a node, `neighbours` lists those of a node.
+/// Seeds in place of `seeds`, about as many, that come in pairs of mirror images under the best mirror plane of the
+/// surface; the same where it has none. `point` tells about a node, `neighbours` lists those of a node.
 pub fn paired_seeds<I: Iterator<Item = u32>>(
     seeds: Vec<u32>,
     set: PointSet<'_>,
@@ -278,8 +283,8 @@ mod tests {
     use super::*;
     use crate::base::random::{Random, stream, unit};
 
-    /// Points of an ellipsoid of semi-axes 3, 2 and 1 and their images in as many planes: z = 0, y = 0, x = 0. A bump at positive x
-    /// and y makes it unlike itself but for the first.
+    /// Points of an ellipsoid of semi-axes 3, 2 and 1 and their images in as many planes: z = 0, y = 0, x = 0. A bump
+    /// at positive x and y makes it unlike itself but for the first.
     fn sample(count: usize, planes: usize, bump: f64, random: &mut Random) -> Vec<SurfacePoint> {
         let mut points: Vec<SurfacePoint> = (0..count >> planes)
             .map(|_| {

@@ -1,14 +1,14 @@
 //! Normals smoothed over a fixed radius of the shape, in O(n) whatever the radius, and the radius to use.
 //!
 //! Turning summed over the noise of a scan grows without bound as faces shrink; turning of normals averaged over a
-//! fixed share of the shape's size does not. 1/r² micro-cells (one seed per quantum of area, one front under lengths) gather
-//! area-weighted normal sums; a face's normal is the sum over its cell and the cell's edge neighbours weighted by
-//! exp(−|c_f − x|²/(2 (.54 r)²)). Neighbours by connectivity, so the sheets of a thin part do not mix. Within 2–5°
+//! fixed share of the shape's size does not. 1/r² micro-cells (one seed per quantum of area, one front under lengths)
+//! gather area-weighted normal sums; a face's normal is the sum over its cell and the cell's edge neighbours weighted
+//! by exp(−|c_f − x|²/(2 (.54 r)²)). Neighbours by connectivity, so the sheets of a thin part do not mix. Within 2–5°
 //! of diffusion, which costs (r/h)² sweeps. Where there are too few faces for cells, neighbour averaging.
 //!
-//! The radius is chosen by the mesh's own turning P_r = Σ length · |θ_r|: clean meshes keep their own normals,
-//! scans and noisy meshes get .01 or .02 ([`super::roughness`]). Cost: a front plus 50 ns per face and radius; 12 bytes per face each. What
-//! tells rough from clean is .02 alone, so a clean mesh without cells of its own needs no other.
+//! The radius is chosen by the mesh's own turning P_r = Σ length · |θ_r|: clean meshes keep their own normals, scans
+//! and noisy meshes get .01 or .02 ([`super::roughness`]). Cost: a front plus 50 ns per face and radius; 12 bytes per
+//! face each. What tells rough from clean is .02 alone, so a clean mesh without cells of its own needs no other.
 
 use super::area_shares::{AreaShares, ClassSum, class_sums, spread_seeds};
 use crate::base::Result;
@@ -193,8 +193,8 @@ fn neighbours(graph: &DualGraph, owner: &[u32], cells: usize, run: &Run) -> Resu
     Ok(CellNeighbours { start, list: pairs.into_iter().map(|pair| pair as u32).collect() })
 }
 
-/// Normals at radius `r` by (r/h)² rounds of area-weighted averaging over neighbours: for meshes coarse against the radius,
-/// and for contracted ones, which are made of cells already. In memory.
+/// Normals at radius `r` by (r/h)² rounds of area-weighted averaging over neighbours: for meshes coarse against the
+/// radius, and for contracted ones, which are made of cells already. In memory.
 ///
 /// # Errors
 /// As [`smoothed`].
@@ -224,8 +224,8 @@ pub fn averaged(graph: &DualGraph, shares: &AreaShares, r: f32, file: &str, cont
     array.finish(false)
 }
 
-/// The signed angle between the normals of `a` and `b`, in radians: positive where the edge is concave, or where a negative `edge` says
-/// that the two have no common orientation.
+/// The signed angle between the normals of `a` and `b`, in radians: positive where the edge is concave, or where a
+/// negative `edge` says that the two have no common orientation.
 #[inline]
 pub fn dihedral_angle(a: &Node, b: &Node, edge: f32) -> f32 {
     let angle = between(a.normal, b.normal);

@@ -1,12 +1,13 @@
 //! Whether a mesh's own normals are too rough to measure turning with: all of it looked at, or patches of a large mesh.
 //!
 //! The measure is P₀/P_.02, total turning with the faces' own normals over that with normals smoothed at .02 of √(area)
-//! ([`super::normals`]). A clean mesh needs no smoothed normals, and smoothing them is what it costs to find that out; so a
-//! mesh of more than [`SAMPLED`] faces shows [`PATCHES`] discs of its surface first. Around the middle of each, breadth-first
-//! walks gather faces up to a distance; what they gather is summed in a grid of boxes, and a smoothed normal is the
-//! sum over the boxes, weighted as sums over micro-cells are.
+//! ([`super::normals`]). A clean mesh needs no smoothed normals, and smoothing them is what it costs to find that out;
+//! so a mesh of more than [`SAMPLED`] faces shows [`PATCHES`] discs of its surface first. Around the middle of each,
+//! breadth-first walks gather faces up to a distance; what they gather is summed in a grid of boxes, and a smoothed
+//! normal is the sum over the boxes, weighted as sums over micro-cells are.
 //!
-//! Cost: a seventh of the faces are visited, some 80 ns each (.6 s on two threads for 100 million faces); one bit of memory per face and thread.
+//! Cost: a seventh of the faces are visited, some 80 ns each (.6 s on two threads for 100 million faces); one bit of
+//! memory per face and thread.
 
 use super::area_shares::{AreaShares, ClassSum};
 use super::normals::{RADII, SmoothingCell, falloff, lengths, smooth_normal};
@@ -21,7 +22,8 @@ pub const SAMPLED: usize = 1 << 18;
 
 /// Discs that are looked at.
 const PATCHES: usize = 48;
-/// Radius of a disc, in units of √(area): near the radius of smoothing, so that a crease in a disc counts with both kinds of normals.
+/// Radius of a disc, in units of √(area): near the radius of smoothing, so that a crease in a disc counts
+/// with both kinds of normals.
 const DISC: f32 = 0.012;
 /// How far the faces lie that a disc's normals are smoothed over, along the way of the walk.
 const REACH: f32 = 0.034;
@@ -32,7 +34,8 @@ const BOXES: usize = 2 * (REACH / BOX) as usize + 3;
 /// Faces of a disc whose smoothed normals are looked at, about: these vary slowly.
 const LOOKS: usize = 512;
 
-/// P₀ and P_.02, estimated: Σ length · |θ| over the edges with the nodes' own normals and smoothed ones, in units of √(area).
+/// P₀ and P_.02, estimated: Σ length · |θ| over the edges with the nodes' own normals and smoothed
+/// ones, in units of √(area).
 ///
 /// # Errors
 /// [`crate::base::Error::Cancelled`].
@@ -52,20 +55,22 @@ pub fn sampled_turning(graph: &DualGraph, shares: &AreaShares, run: &Run) -> Res
     Ok(total.map(|total| total / patches as f64 * n as f64))
 }
 
-/// Whether a mesh's own normals are too rough to measure turning with, from its total turning at radius 0 and .02. Clean
-/// meshes have P₀/P_.02 of 1.0–1.3, scans 2.4–3.1, noisy ones up to 30.
+/// Whether a mesh's own normals are too rough to measure turning with, from its total turning at radius 0 and .02.
+/// Clean meshes have P₀/P_.02 of 1.0–1.3, scans 2.4–3.1, noisy ones up to 30.
 pub fn is_rough(own: f64, coarse: f64) -> bool {
     own >= 1.6 * coarse
 }
 
-/// Whether [`sampled_turning`] is enough to say that [`is_rough`] is not so. Between boxes there are no seams as there are between
-/// micro-cells, so a sample's ratio is 1.0 to 4.6 times that of the whole mesh, 1.4 times in the middle. Of 80 models of the benchmark, refined to
-/// 0.2 to 14 million faces, 52 were below 1.75: all with 1.28 or less over the whole.
+/// Whether [`sampled_turning`] is enough to say that [`is_rough`] is not so. Between boxes there are no seams as
+/// there are between micro-cells, so a sample's ratio is 1.0 to 4.6 times that of the whole mesh, 1.4 times in
+/// the middle. Of 80 models of the benchmark, refined to 0.2 to 14 million faces, 52 were below 1.75: all with
+/// 1.28 or less over the whole.
 pub fn is_clearly_clean([own, coarse]: [f64; 2]) -> bool {
     own < 1.75 * coarse
 }
 
-/// Whether a mesh with this [`sampled_turning`] is probably rough: a guess that costs time where it is wrong, and nothing else.
+/// Whether a mesh with this [`sampled_turning`] is probably rough: a guess that costs time where it is
+/// wrong, and nothing else.
 pub fn is_likely_rough([own, coarse]: [f64; 2]) -> bool {
     own >= 2.6 * coarse
 }

@@ -1,15 +1,16 @@
 //! Boundaries shortened to the locally shortest curves along edges: minimum cuts in narrow bands.
 //!
-//! Where the surface turns, the front that labels a band meets on the crease; where it does not, it meets where noise decides, and the
-//! boundary is ragged. Between two parts the labels of the faces within [`HOPS`] of their boundary are found again as a minimum
-//! cut, whose cost is the length of the edges between the parts, less across a crease ([`super::band_graph`]); so a boundary on a
-//! crease stays there, and elsewhere it is the shortest one that the edges of the mesh offer so near. Parts are taken two by two, which
-//! is exact for two parts and a local optimum where three meet. What has moved is cut once more from where it is: [`PASSES`] narrow
-//! cuts straighten nearly as well as one of their width together, in half the time. Faces outside of the band, and interiors of parts,
-//! are fixed: no part vanishes.
+//! Where the surface turns, the front that labels a band meets on the crease; where it does not, it meets where noise
+//! decides, and the boundary is ragged. Between two parts the labels of the faces within [`HOPS`] of their boundary
+//! are found again as a minimum cut, whose cost is the length of the edges between the parts, less across a crease
+//! ([`super::band_graph`]); so a boundary on a crease stays there, and elsewhere it is the shortest one that the
+//! edges of the mesh offer so near. Parts are taken two by two, which is exact for two parts and a local optimum
+//! where three meet. What has moved is cut once more from where it is: [`PASSES`] narrow cuts straighten nearly as
+//! well as one of their width together, in half the time. Faces outside of the band, and interiors of parts, are
+//! fixed: no part vanishes.
 //!
-//! Cost: flows need tens of passes over bands of 2 [`HOPS`] faces across, those between other parts at the same time; 100 bytes per
-//! node of the bands that are cut at the same time, and 4 per node and thread.
+//! Cost: flows need tens of passes over bands of 2 [`HOPS`] faces across, those between other parts at the same time;
+//! 100 bytes per node of the bands that are cut at the same time, and 4 per node and thread.
 
 use super::band_graph::BandGraph;
 use super::max_flow::MaxFlow;
@@ -94,8 +95,8 @@ struct LabelledBand<'a> {
 }
 
 impl LabelledBand<'_> {
-    /// The positions on both sides of the boundary of each pair of a round, ascending. One pass for the whole round: there can be thousands
-    /// of pairs.
+    /// The positions on both sides of the boundary of each pair of a round, ascending. One pass for the whole round:
+    /// there can be thousands of pairs.
     fn at_boundaries(&self, round: &[[u32; 2]]) -> Vec<Vec<u32>> {
         let both = round.iter().enumerate().flat_map(|(k, &[a, b])| [(a, (b, k)), (b, (a, k))]);
         let partner: BTreeMap<u32, (u32, usize)> = both.collect();
@@ -115,8 +116,8 @@ impl LabelledBand<'_> {
         positions
     }
 
-    /// The positions whose labels the minimum cut between the two labels of `pair` changes, and their new labels. `place` (m) is all
-    /// [`NONE`], before and after.
+    /// The positions whose labels the minimum cut between the two labels of `pair` changes, and their new labels.
+    /// `place` (m) is all [`NONE`], before and after.
     fn cut(&self, pair: [u32; 2], at_boundary: &[u32], place: &mut [u32], cancel: &Cancel) -> Result<Vec<(u32, u32)>> {
         let nodes = self.strip(pair, at_boundary, place);
         let mut flow = self.flow_between(pair, &nodes, place);

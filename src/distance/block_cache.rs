@@ -1,13 +1,14 @@
 //! The blocks of a graph that a front is in, held in its own memory: for graphs larger than memory.
 //!
-//! A front is a narrow band, so few blocks of consecutive nodes are in use at a time: some 4 √(blocks) of them in a good order. Each
-//! has a slot here with the steps from its nodes, read past the page cache ([`DirectArray`]), and its part of the row, which starts at
-//! infinity and is written to the row's file when the slot is needed for another block. Other threads read the blocks that the front
-//! meets, and those that its steps lead to before the front meets them. A clock decides which block leaves: the first that was not
-//! used since the hand passed. Values do not depend on any of that.
+//! A front is a narrow band, so few blocks of consecutive nodes are in use at a time: some 4 √(blocks) of them in a
+//! good order. Each has a slot here with the steps from its nodes, read past the page cache ([`DirectArray`]), and
+//! its part of the row, which starts at infinity and is written to the row's file when the slot is needed for
+//! another block. Other threads read the blocks that the front meets, and those that its steps lead to before the
+//! front meets them. A clock decides which block leaves: the first that was not used since the hand passed. Values
+//! do not depend on any of that.
 //!
-//! Compared with the mapping ([`super::paging`]) that saves the kernel's part, which is half of the processor time, and the waits for
-//! blocks that are requested only when they are met. Memory: 28 bytes per node of a slot, 6 per block.
+//! Compared with the mapping ([`super::paging`]) that saves the kernel's part, which is half of the processor time, and
+//! the waits for blocks that are requested only when they are met. Memory: 28 bytes per node of a slot, 6 per block.
 
 use super::queue::Entry;
 use crate::base::{Error, Result};
@@ -204,7 +205,8 @@ impl<'m, 'a> BlockCache<'m, 'a> {
         }
     }
 
-    /// Appends the neighbours of `node` that this entry can still improve. Appends nothing if the entry is stale. Waits for the block.
+    /// Appends the neighbours of `node` that this entry can still improve. Appends nothing if the entry is
+    /// stale. Waits for the block.
     #[inline(always)]
     pub fn steps(&mut self, Entry { node, distance }: Entry, out: &mut Vec<Entry>) -> Result<()> {
         let slot = self.slot(node)?;
@@ -231,8 +233,8 @@ impl<'m, 'a> BlockCache<'m, 'a> {
         Ok(())
     }
 
-    /// Waits for the block of `node`, and asks for those beside it: once, since where few slots are left the block itself may have to
-    /// leave for them.
+    /// Waits for the block of `node`, and asks for those beside it: once, since where few slots are left the block
+    /// itself may have to leave for them.
     #[cold]
     #[inline(never)]
     fn wait(&mut self, node: u32) -> Result<usize> {

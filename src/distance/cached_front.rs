@@ -1,14 +1,15 @@
 //! Full fronts over graphs larger than memory, by blocks in a cache of their own.
 //!
-//! The same label-correcting search as [`super::front`], so the same values to the bit (tested). Rows and steps come from a
-//! [`BlockCache`] instead of mapped files; [`READERS`] threads read ahead of the front.
+//! The same label-correcting search as [`super::front`], so the same values to the bit (tested). Rows and steps come
+//! from a [`BlockCache`] instead of mapped files; [`READERS`] threads read ahead of the front.
 //!
-//! Blocks are as large as memory allows with [`SLOTS`]: large ones are read faster, small ones follow the band more closely. Where
-//! there is no memory even for the smallest, there is no cache; and where the band turns out wider, as in an order that scatters
-//! neighbours, so that blocks have to be read again and again, the front gives up: the row is computed over the mapping then.
+//! Blocks are as large as memory allows with [`SLOTS`]: large ones are read faster, small ones follow the band more
+//! closely. Where there is no memory even for the smallest, there is no cache; and where the band turns out wider, as
+//! in an order that scatters neighbours, so that blocks have to be read again and again, the front gives up: the row is
+//! computed over the mapping then.
 //!
-//! Cost at 100 million faces in 1 GiB: some 75 ns per face of the front's thread, since what was read lately is in no cache of the
-//! processor (50 ns where the graph is in memory); it waits for a tenth of that.
+//! Cost at 100 million faces in 1 GiB: some 75 ns per face of the front's thread, since what was read lately is in no
+//! cache of the processor (50 ns where the graph is in memory); it waits for a tenth of that.
 
 use super::block_cache::{BlockCache, Blocks, Job, Readers, RowFile, aligned, words_of};
 use super::front::FRONT_WIDTH;
@@ -45,7 +46,8 @@ pub(super) struct Division {
 }
 
 impl Division {
-    /// The best division of `graph` for `bytes` of memory; `None` where there is too little. Reads one row start a block.
+    /// The best division of `graph` for `bytes` of memory; `None` where there is too little.
+    /// Reads one row start a block.
     pub fn of(graph: Csr<'_>, bytes: u64) -> Option<Self> {
         let division = |shift: u32| {
             let starts = block_starts(graph.starts, shift);
@@ -84,8 +86,8 @@ pub(super) struct CachedFront<'a> {
 }
 
 impl<'a> CachedFront<'a> {
-    /// A front over `graph`, whose weights have the mean `mean` and whose arrays lie in `files`; `None` where `budget` has no memory for the
-    /// slots of `division`.
+    /// A front over `graph`, whose weights have the mean `mean` and whose arrays lie in `files`; `None` where `budget`
+    /// has no memory for the slots of `division`.
     pub fn new(graph: Csr<'a>, files: &'a DirectGraph, mean: f32, division: Division, budget: &Budget) -> Option<Self> {
         let bytes = division.bytes().next_multiple_of(8);
         let memory = AlignedBuffer::of(budget.take("blocks of the graph", bytes, bytes).ok()?);
@@ -93,8 +95,8 @@ impl<'a> CachedFront<'a> {
         Some(Self { graph, files, division, memory, queue, batch: Vec::new(), relaxations: Vec::new(), gave_up: false })
     }
 
-    /// Distances from `source`, which go to `row`. False where the front gave up, now or before: what `row` holds means nothing
-    /// then.
+    /// Distances from `source`, which go to `row`. False where the front gave up, now or before: what `row`
+    /// holds means nothing then.
     ///
     /// # Errors
     /// [`crate::base::Error::Io`], [`crate::base::Error::Cancelled`].

@@ -5,12 +5,13 @@
 //! (tested). A field that already holds distances is only lowered where the new sources are nearer:
 //! that is the *pruned* front of the landmark search, by the same code.
 //!
-//! Its cost is branch mispredictions and cache misses: whether a step shortens a path is nearly random. So the steps of [`GATHER`] entries are first gathered without a branch, and then taken, where nearly all are
-//! shorter: 9–13 % less time on scans. And what entries need is fetched in steps, the farthest [`FAR`] entries ahead
-//! ([`super::steps`]), across the end of a bucket too. Where the graph has a [triangle adjacency](crate::graph::TriangleAdjacency) it is
+//! Its cost is branch mispredictions and cache misses: whether a step shortens a path is nearly random. So the steps of
+//! [`GATHER`] entries are first gathered without a branch, and then taken, where nearly all are shorter: 9–13 % less
+//! time on scans. And what entries need is fetched in steps, the farthest [`FAR`] entries ahead ([`super::steps`]),
+//! across the end of a bucket too. Where the graph has a [triangle adjacency](crate::graph::TriangleAdjacency) it is
 //! walked instead of the matrix. Measured (`benches/records`): 14–20 ns per face on scans over it on large pages, 27–31
-//! over the matrix. Reading its 28 bytes once would take 1 ns a face at the 27 GB/s that a thread reads here (measured): what
-//! is left is arithmetic, the queue, and visits in no order of memory.
+//! over the matrix. Reading its 28 bytes once would take 1 ns a face at the 27 GB/s that a thread reads here
+//! (measured): what is left is arithmetic, the queue, and visits in no order of memory.
 
 use super::paging::{Paged, Pager, Pages};
 use super::queue::{Entry, Queue};
@@ -167,8 +168,8 @@ impl std::ops::Add for Visits {
     }
 }
 
-/// The mean weight of a graph, from up to 65,536 evenly spread entries. Of a graph in a file it reads all: [`typical_weight`] is for
-/// bucket widths.
+/// The mean weight of a graph, from up to 65,536 evenly spread entries. Of a graph in a file it reads all:
+/// [`typical_weight`] is for bucket widths.
 pub fn mean_weight(graph: Csr<'_>) -> f32 {
     let step = (graph.weights.len() / 65_536).max(1);
     let (mut sum, mut count) = (0f64, 0u32);
@@ -183,8 +184,8 @@ pub fn mean_weight(graph: Csr<'_>) -> f32 {
 const RUNS: usize = 1_024;
 const RUN: usize = 64;
 
-/// About the mean weight of a graph, from evenly spread runs of entries: a bucket width needs no more, and of a graph in a file one page is
-/// read for each of them, all at a time.
+/// About the mean weight of a graph, from evenly spread runs of entries: a bucket width needs no more, and of a graph
+/// in a file one page is read for each of them, all at a time.
 pub fn typical_weight(graph: Csr<'_>) -> f32 {
     let entries = graph.weights.len();
     if entries <= RUNS * RUN {
@@ -329,8 +330,9 @@ impl Front {
         self.lowered(graph, sources, field, &mut Within(limit), cancel)
     }
 
-    /// Propagates the labels of `sources` over the nodes that `field` (n) holds infinite; it is 0 at all others, of which
-    /// the sources are the boundary. At equal distances the smaller label wins. Labels of nodes that are not reached stay.
+    /// Propagates the labels of `sources` over the nodes that `field` (n) holds infinite; it is 0 at all
+    /// others, of which the sources are the boundary. At equal distances the smaller label wins. Labels of
+    /// nodes that are not reached stay.
     ///
     /// # Errors
     /// [`crate::base::Error::Cancelled`].
@@ -404,8 +406,8 @@ impl Front {
         self.walk(packed, field, label, &mut (), cancel)
     }
 
-    /// The loop itself, over a graph as `steps` walks it; `pager` hears where it goes. A function for each form: in one with all of them the
-    /// loop's values do not stay in registers.
+    /// The loop itself, over a graph as `steps` walks it; `pager` hears where it goes. A function for each form: in one
+    /// with all of them the loop's values do not stay in registers.
     #[inline(never)]
     fn walk(
         &mut self,

@@ -1,9 +1,9 @@
 //! Which rows are finished: one line per row, appended once the row is on the disk.
 //!
-//! The first line says what the rows are of ([`JobSpec`]); any other first line, and the journal starts anew. A line that a
-//! killed run left unfinished, or whose check does not fit, is skipped: its row is computed again. Checksums of
-//! the rows are kept, so that a row torn or flipped on the disk is not taken over. [`ResumeState`] takes up what
-//! a run that was stopped left; its cost is one pass over the rows that the journal knows, for their checksums.
+//! The first line says what the rows are of ([`JobSpec`]); any other first line, and the journal starts anew. A line
+//! that a killed run left unfinished, or whose check does not fit, is skipped: its row is computed again. Checksums of
+//! the rows are kept, so that a row torn or flipped on the disk is not taken over. [`ResumeState`] takes up what a run
+//! that was stopped left; its cost is one pass over the rows that the journal knows, for their checksums.
 
 use crate::base::parallel::lock;
 use crate::base::simd::{SimdKernel, dispatch};
@@ -215,8 +215,8 @@ pub(super) struct ResumeState {
 }
 
 impl ResumeState {
-    /// The rows of `spec` in the file `name` of `work` (under its temporary name). Those that the journal `journal` of the
-    /// same spec tells of are taken over where `sound` and their checksums hold.
+    /// The rows of `spec` in the file `name` of `work` (under its temporary name). Those that the journal `journal` of
+    /// the same spec tells of are taken over where `sound` and their checksums hold.
     ///
     /// # Errors
     /// [`crate::base::Error::Io`].

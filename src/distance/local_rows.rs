@@ -1,11 +1,11 @@
 //! Rows that end early: the distances from each of many samples to the vertices near it.
 //!
-//! Where only near vertices matter, as under a narrow kernel, a front stops at a limit, and hundreds of samples cost as much
-//! as a few full rows: every vertex is reached by as many fronts as there are samples within the limit. Kept by vertex, as a
-//! sparse matrix of n rows, because what is made of them is made vertex by vertex.
+//! Where only near vertices matter, as under a narrow kernel, a front stops at a limit, and hundreds of samples cost as
+//! much as a few full rows: every vertex is reached by as many fronts as there are samples within the limit. Kept by
+//! vertex, as a sparse matrix of n rows, because what is made of them is made vertex by vertex.
 //!
-//! Cost: time of the fronts ([`super::march`]) per vertex and sample near it; on disk 8 bytes each, twice while they are
-//! sorted by vertex, and 8 bytes a vertex; allocated are the field of a front, 4 bytes per vertex and thread.
+//! Cost: time of the fronts ([`super::march`]) per vertex and sample near it; on disk 8 bytes each, twice while they
+//! are sorted by vertex, and 8 bytes a vertex; allocated are the field of a front, 4 bytes per vertex and thread.
 
 use super::front::mean_weight;
 use super::march::{March, Surface};

@@ -1,14 +1,14 @@
 //! Fast marching over triangles: distances along the surface instead of along edges.
 //!
-//! A vertex x of a triangle whose other corners p, q hold the distances d(p), d(q) gets the least of
-//! d(p) + t (d(q) − d(p)) + |x − p − t (q − p)|, 0 ≤ t ≤ 1: a straight way through the triangle (Kimmel and Sethian 1998,
-//! in Hopf's and Lax's form, which also holds where the triangle is obtuse). t = 0 and 1 are the graph's edges, so bridges
-//! and joined duplicates are crossed as well.
+//! A vertex x of a triangle whose other corners p, q hold the distances d(p), d(q) gets the least of d(p) + t (d(q) −
+//! d(p)) + |x − p − t (q − p)|, 0 ≤ t ≤ 1: a straight way through the triangle (Kimmel and Sethian 1998, in Hopf's and
+//! Lax's form, which also holds where the triangle is obtuse). t = 0 and 1 are the graph's edges, so bridges and joined
+//! duplicates are crossed as well.
 //!
-//! Label-correcting on [`super::front`]'s buckets: a vertex that is lowered sees its triangles again, and lowers those that
-//! are farther than itself. Each update is monotone, so values only fall; gains below [`GAIN`] of a value are left, and
-//! so are those against the front's direction that obtuse triangles could give (less than 1 % in tests). Cost: 0.3 to 0.5 µs a
-//! vertex, most of which are visited once; scratch is that of the front.
+//! Label-correcting on [`super::front`]'s buckets: a vertex that is lowered sees its triangles again, and lowers those
+//! that are farther than itself. Each update is monotone, so values only fall; gains below [`GAIN`] of a value are
+//! left, and so are those against the front's direction that obtuse triangles could give (less than 1 % in tests).
+//! Cost: 0.3 to 0.5 µs a vertex, most of which are visited once; scratch is that of the front.
 
 use super::front::FRONT_WIDTH;
 use super::queue::{Entry, Queue};
@@ -154,8 +154,8 @@ impl March {
         result.map(|()| found)
     }
 
-    /// The vertices nearer than `limit` to `source` and their distances, ascending by vertex. `field` (n) must be infinite
-    /// everywhere and is left so; cost follows the area reached.
+    /// The vertices nearer than `limit` to `source` and their distances, ascending by vertex. `field` (n) must be
+    /// infinite everywhere and is left so; cost follows the area reached.
     ///
     /// # Errors
     /// [`crate::base::Error::Cancelled`].

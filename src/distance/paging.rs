@@ -2,10 +2,10 @@
 //!
 //! A front crosses a mesh as a narrow band, so of a graph in a good order few pages are in use at a time; each has to
 //! be read only once a row. Left to itself, the kernel spoils this twice: read-ahead around every fault brings in
-//! megabytes for the sake of a page (8 MiB on some disks), and without read-ahead every page is waited for. So
-//! mappings are read without read-ahead, and the nodes, in blocks of [`BLOCK_NODES`], are asked for when the front first
-//! pushes a node of theirs, which is some buckets before it reads their rows. Values behind the band are sent to the
-//! disk early: a control group that fills with changed pages stalls.
+//! megabytes for the sake of a page (8 MiB on some disks), and without read-ahead every page is waited for. So mappings
+//! are read without read-ahead, and the nodes, in blocks of [`BLOCK_NODES`], are asked for when the front first pushes
+//! a node of theirs, which is some buckets before it reads their rows. Values behind the band are sent to the disk
+//! early: a control group that fills with changed pages stalls.
 //!
 //! A fresh field is filled with infinity block by block too, so that no row is written twice. Memory: 10 bytes a
 //! block. The values are the same as without (tested); where everything fits, fronts run without [`Pages`].
@@ -95,8 +95,8 @@ impl Pages {
         graph.bytes() + bytes as u64 > run.resident
     }
 
-    /// Lends the blocks of `graph` to `work` where they are [needed](Pages::needed); the kernel then reads nothing ahead by
-    /// itself meanwhile.
+    /// Lends the blocks of `graph` to `work` where they are [needed](Pages::needed); the kernel then reads nothing
+    /// ahead by itself meanwhile.
     pub(super) fn lend<R>(graph: Csr<'_>, bytes: usize, run: &Run, work: impl FnOnce(Option<Self>) -> R) -> R {
         if !Self::needed(graph, bytes, run) {
             return work(None);

@@ -190,7 +190,8 @@ impl Queue {
         None
     }
 
-    /// Copies up to `most` of the entries that are first in line now to the end of `out`; none of those beyond the ring.
+    /// Copies up to `most` of the entries that are first in line now to the end of `out`; none
+    /// of those beyond the ring.
     pub fn peek(&self, most: usize, out: &mut Vec<Entry>) {
         if let Some(near) = self.next_busy() {
             let block = &self.pool[self.heads[near as usize % RING] as usize];

@@ -1,9 +1,9 @@
 //! How rows are computed: a thread that searches landmarks, and threads that run a full front each.
 //!
-//! The search sends each landmark down a channel as soon as it is known; the others take them and run full
-//! fronts meanwhile; it joins them when it is done. A finished row is brought to the disk, entered in the
-//! journal, and goes down a second channel with its sums to the calling thread, which collects the sums and reports progress. The
-//! first landmark's row falls out of the search and is not computed twice: where the budget has room for a copy, a thread
+//! The search sends each landmark down a channel as soon as it is known; the others take them and run full fronts
+//! meanwhile; it joins them when it is done. A finished row is brought to the disk, entered in the journal, and goes
+//! down a second channel with its sums to the calling thread, which collects the sums and reports progress. The first
+//! landmark's row falls out of the search and is not computed twice: where the budget has room for a copy, a thread
 //! that has nothing to do yet writes it.
 //!
 //! Nothing can run beside the first front: 23 of the 126 ms that ten rows over 1.3 M faces take on two threads.
@@ -155,7 +155,8 @@ impl Running<'_, '_> {
         Running { lengths: Some(lengths), ..*self }.fronts(field, pages)
     }
 
-    /// Runs search and fronts until every wanted row is there. The search's field is `field`, or lies where the last row will.
+    /// Runs search and fronts until every wanted row is there. The search's field is `field`, or lies
+    /// where the last row will.
     fn fronts(&self, field: Option<&mut MappedSliceMut<f32>>, pages: Option<Pages>) -> Result<Entries> {
         let run = self.context.run;
         let front = || Front::new(self.mean).paged(pages.clone());
@@ -246,8 +247,9 @@ impl Running<'_, '_> {
         Ok(())
     }
 
-    /// Computes rows until there are no more: where they will lie if that is in memory; in memory and handed on as a whole where the
-    /// budget has room for that; else where they lie in the mapped file, or in a mapped file of the thread's own.
+    /// Computes rows until there are no more: where they will lie if that is in memory; in memory and handed on
+    /// as a whole where the budget has room for that; else where they lie in the mapped file, or in a mapped
+    /// file of the thread's own.
     fn rows(
         &self,
         thread: usize,

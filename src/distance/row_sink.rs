@@ -55,8 +55,8 @@ impl<'a> RowSink<'a> {
         lock(&self.found)
     }
 
-    /// Whether the search for landmarks may use the place of the last row, which is computed when all landmarks are known: where rows
-    /// lie in a file, all of them are wanted, there are several, and none is there yet.
+    /// Whether the search for landmarks may use the place of the last row, which is computed when all landmarks are
+    /// known: where rows lie in a file, all of them are wanted, there are several, and none is there yet.
     pub fn lends_last(&self) -> bool {
         let in_file = matches!(&self.target, Target::File { journal: None, .. });
         in_file && self.spec.of == 1 && self.spec.rows > 1 && self.done.is_empty()

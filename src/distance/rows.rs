@@ -3,9 +3,9 @@
 //!
 //! How they are computed is in [`super::row_job`], by several processes in [`super::shard`].
 //!
-//! *Distances* are stored, not affinities: σ, kernel and K can change without a new front. A row is
-//! a slice of the mapped array, so the kernel may write it back and reclaim it at any time:
-//! allocated are only the fronts' queues. Cost: a row is 14–20 ns per face and thread on scans, 4 bytes per face on disk.
+//! *Distances* are stored, not affinities: σ, kernel and K can change without a new front. A row is a slice of the
+//! mapped array, so the kernel may write it back and reclaim it at any time: allocated are only the fronts' queues.
+//! Cost: a row is 14–20 ns per face and thread on scans, 4 bytes per face on disk.
 
 use super::journal::{JobSpec, JournalEntry, RowFacts};
 use super::row_job::RowJob;
@@ -125,8 +125,8 @@ impl Stage for RowsStage<'_> {
     }
 
     /// The field of the search, the graph once more for fronts, and a row per thread. Where nobody keeps rows, a thread
-    /// without memory for one has a file for it. Where rows are kept in a temporary directory, a field without memory lies where
-    /// the last of them will.
+    /// without memory for one has a file for it. Where rows are kept in a temporary directory, a field without memory
+    /// lies where the last of them will.
     fn needs(extent: &Extent, room: &mut Room) -> Needs {
         let (n, l, t) = (extent.faces, extent.landmarks, extent.threads);
         // Rows that are kept come first, and are computed where they lie if that is in memory.

@@ -7,8 +7,9 @@
 //!
 //! Both may be repeated at any time: a shard that is done, or merged already, is found so, and so is a merge.
 //!
-//! Cost: a shard searches landmarks like a whole run, and computes its part of the rows in the memory that [`super::row_job`] takes.
-//! Merging reads and writes 4 bytes per row and face once, through mappings; the disk holds the rows twice until it ends.
+//! Cost: a shard searches landmarks like a whole run, and computes its part of the rows in the memory that
+//! [`super::row_job`] takes. Merging reads and writes 4 bytes per row and face once, through mappings; the disk holds
+//! the rows twice until it ends.
 
 use super::journal::{JobSpec, Journal, JournalEntry, checksum};
 use super::row_job::RowJob;

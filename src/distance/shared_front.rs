@@ -1,20 +1,22 @@
 //! A front from many sources in shares, which several processes compute over one work directory.
 //!
-//! A share is a range of node numbers: nodes that are near in number are near on the surface. A share also depends on nodes outside
-//! of it, and which ones is found out as follows. All nodes outside start at distance 0, as if an unknown source were there: no true
-//! distance is less. A front from there and from the share's own sources labels each node by one of its own sources, or by the place
-//! where it was entered from outside. Where an own source is strictly nearer, distance and label are those of one front over
-//! everything, ties included, because no path through the outside is shorter. The places that were entered from outside are then
-//! added to the region, and what they had labelled is labelled again, until they label no node of the share. Nodes that neither a
-//! source nor the outside reaches are out of reach. A place is a run of about as many nodes as a source has on average. In a mesh
-//! whose faces are in rows such a run is a piece of one row, so each round takes twice as many runs on both sides.
+//! A share is a range of node numbers: nodes that are near in number are near on the surface. A share also depends on
+//! nodes outside of it, and which ones is found out as follows. All nodes outside start at distance 0, as if an unknown
+//! source were there: no true distance is less. A front from there and from the share's own sources labels each node by
+//! one of its own sources, or by the place where it was entered from outside. Where an own source is strictly nearer,
+//! distance and label are those of one front over everything, ties included, because no path through the outside is
+//! shorter. The places that were entered from outside are then added to the region, and what they had labelled is
+//! labelled again, until they label no node of the share. Nodes that neither a source nor the outside reaches are out
+//! of reach. A place is a run of about as many nodes as a source has on average. In a mesh whose faces are in rows such
+//! a run is a piece of one row, so each round takes twice as many runs on both sides.
 //!
-//! A share is an array with its checksum in a file beside it; both are written under temporary names and renamed. The process that
-//! goes on uses a division that is whole, in any number of shares, or else runs the front itself: the result is the same to the bit
-//! (tested).
+//! A share is an array with its checksum in a file beside it; both are written under temporary names and renamed. The
+//! process that goes on uses a division that is whole, in any number of shares, or else runs the front itself: the
+//! result is the same to the bit (tested).
 //!
-//! Cost: the share's part of the front, and that of a rim about three times as wide as the region of a source. In files, 8 bytes per
-//! node of the *whole* graph while it runs, of which only the region's are touched; 8 bytes per node of the share are kept.
+//! Cost: the share's part of the front, and that of a rim about three times as wide as the region of a source. In
+//! files, 8 bytes per node of the *whole* graph while it runs, of which only the region's are touched; 8 bytes per
+//! node of the share are kept.
 
 use super::voronoi::{self, BlockDijkstra, Initial, Message, VisitedPieces};
 use crate::base::{Error, Result};
@@ -112,8 +114,8 @@ impl SharedFront<'_> {
         key_of("shared front", VERSION, &inputs)
     }
 
-    /// What [`voronoi::nearest_source`] gives: from the shares in the work directory, where those of a division are all there, else by
-    /// running the front. The shares are removed.
+    /// What [`voronoi::nearest_source`] gives: from the shares in the work directory, where those of a division are all
+    /// there, else by running the front. The shares are removed.
     ///
     /// # Errors
     /// [`Error::Io`], [`Error::Cancelled`].
@@ -365,7 +367,8 @@ impl SharedFront<'_> {
         found
     }
 
-    /// What comes to the nodes in the `cleared` grains inside that have no label: from sources, from beside them, from outside.
+    /// What comes to the nodes in the `cleared` grains inside that have no label: from sources, from
+    /// beside them, from outside.
     fn messages(
         &self,
         (inside, cleared): (&[bool], &[bool]),

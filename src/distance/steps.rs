@@ -1,7 +1,7 @@
 //! The steps from a node as a front walks them, and what it fetches ahead.
 //!
-//! A front visits nodes in no order of memory, so it prefetches in three stages, each of which reads what the one before has
-//! fetched. Memory: none. Time: a few instructions per entry, against a cache miss of some 100 ns each.
+//! A front visits nodes in no order of memory, so it prefetches in three stages, each of which reads what the one
+//! before has fetched. Memory: none. Time: a few instructions per entry, against a cache miss of some 100 ns each.
 
 use super::queue::Entry;
 use crate::graph::Csr;
@@ -140,8 +140,8 @@ impl Steps for Packed<'_> {
     }
 }
 
-/// The steps from a node that has more than three, which is rare. Kept out of the loop over records, whose values then stay in
-/// registers.
+/// The steps from a node that has more than three, which is rare. Kept out of the loop over records, whose
+/// values then stay in registers.
 #[cold]
 #[inline(never)]
 fn many<'a>(graph: &Csr<'a>, node: u32) -> (&'a [u32], &'a [f32]) {

@@ -1,14 +1,16 @@
 //! Labels that may be stale after a front from many sources, settled over the final distances.
 //!
-//! A node's label is that of its shortest path, and the smallest one at a tie. While a front runs, a node may pass its label on and
-//! then be lowered by so little that rounding hides the change from the next node, which keeps the label of a path that is no longer
-//! shortest. This can be detected: when the lowered node passes on its new, larger label, the next node meets a tie that it has
-//! already won. Such nodes are listed and checked once distances are final. The right label is the smallest among the neighbours on
-//! shortest paths; these are nearer, so labels are corrected from the nearest node on. All other nodes have seen the last label of
-//! every such neighbour. Mostly nothing is wrong, because ties between equal paths look the same.
+//! A node's label is that of its shortest path, and the smallest one at a tie. While a front runs, a node may pass its
+//! label on and then be lowered by so little that rounding hides the change from the next node, which keeps the label
+//! of a path that is no longer shortest. This can be detected: when the lowered node passes on its new, larger label,
+//! the next node meets a tie that it has already won. Such nodes are listed and checked once distances are final. The
+//! right label is the smallest among the neighbours on shortest paths; these are nearer, so labels are corrected from
+//! the nearest node on. All other nodes have seen the last label of every such neighbour. Mostly nothing is wrong,
+//! because ties between equal paths look the same.
 //!
-//! Another front over the final distances, in which only labels move, gives the same result but doubles the time; it is used only for
-//! graphs with edges of length 0, where a neighbour on a shortest path may be as far away as the node itself.
+//! Another front over the final distances, in which only labels move, gives the same result but doubles the
+//! time; it is used only for graphs with edges of length 0, where a neighbour on a shortest path may be as far
+//! away as the node itself.
 //!
 //! Memory: 4 bytes per tie, for a sixty-fourth of the nodes at most. Time: each tie looks at its neighbours once.
 
@@ -22,8 +24,8 @@ use std::collections::BTreeSet;
 /// Ties that are looked at between looks at the stop flag.
 const LOOK: usize = 1 << 12;
 
-/// Nodes that met a tie which they had won before. Their labels may be stale: passed on by a node that was lowered since, by so little that
-/// rounding hides it here.
+/// Nodes that met a tie which they had won before. Their labels may be stale: passed on by a node that was lowered
+/// since, by so little that rounding hides it here.
 #[derive(Clone, Debug, Default)]
 pub(super) struct Ties {
     /// In any order, each at least once.
@@ -63,7 +65,8 @@ impl Ties {
         }
     }
 
-    /// Settles the labels over the final distances `field` (n). Returns whether that was possible. `paged`: the graph is larger than memory.
+    /// Settles the labels over the final distances `field` (n). Returns whether that was possible. `paged`: the
+    /// graph is larger than memory.
     ///
     /// # Errors
     /// [`crate::base::Error::Cancelled`].
@@ -135,7 +138,8 @@ fn settle(
     Ok(true)
 }
 
-/// The smallest label among the neighbours through which `node` has its distance; `None` where one of them is as far, or there is none.
+/// The smallest label among the neighbours through which `node` has its distance; `None` where one of them is
+/// as far, or there is none.
 fn label_of_paths(graph: Csr<'_>, node: u32, field: &[f32], label: &[u32]) -> Option<u32> {
     let own = field[node as usize];
     let tight = graph.neighbours(node).filter(|&(next, weight)| field[next as usize] + weight == own);

@@ -1,10 +1,11 @@
 //! Rows over the vertex graph, along edges or through triangles, from landmarks that are known.
 //!
-//! Landmarks are chosen along edges whatever the rows (the search needs to know who is far, not how far). A row is a mapped
-//! slice; threads take rows in turn. Edges cost about 40 ns per vertex and row, marching ten times as much.
+//! Landmarks are chosen along edges whatever the rows (the search needs to know who is far, not how far). A row is a
+//! mapped slice; threads take rows in turn. Edges cost about 40 ns per vertex and row, marching ten times as much.
 //!
-//! In a work directory that lasts ([`open_or_build`]), each finished row is written to the disk and entered in a journal. A run that
-//! was stopped continues from the journal. Finished rows are a stage, which later runs with the same landmarks open.
+//! In a work directory that lasts ([`open_or_build`]), each finished row is written to the disk and entered in a
+//! journal. A run that was stopped continues from the journal. Finished rows are a stage, which later runs with
+//! the same landmarks open.
 
 use super::front::mean_weight;
 use super::journal::{JobSpec, JournalEntry, ResumeState, RowFacts, checksum};
@@ -75,8 +76,8 @@ pub fn rows(
 
 const JOURNAL: &str = "rows.journal";
 
-/// Landmarks and their rows over the graph of the stage `graph` in `work`, which lasts: those that are there, else made,
-/// going on where an earlier run was stopped.
+/// Landmarks and their rows over the graph of the stage `graph` in `work`, which lasts: those that are there, else
+/// made, going on where an earlier run was stopped.
 ///
 /// # Errors
 /// As [`landmarks`] and [`rows`].

@@ -1,21 +1,20 @@
 //! Fronts from many sources: which source is nearest to each node, and how far away it is.
 //!
-//! Over a small mesh this is one front from all sources. It moves all over the mesh at once. That is fast while the mesh is in
-//! caches, but hopeless where the graph is larger than memory, and it occupies one thread only. So on large meshes [`BlockDijkstra`]
-//! divides the nodes into blocks. In each round, every block that has messages runs a front of its own, on all threads. A step that
-//! leaves a block becomes a message to the next block, which handles it in the same round unless it has already begun. A few rounds
-//! are enough, and all but the first are only at the boundaries of blocks.
+//! Over a small mesh this is one front from all sources. It moves all over the mesh at once, which is fast in caches,
+//! but hopeless where the graph is larger than memory, and occupies one thread only. So on large meshes
+//! [`BlockDijkstra`] divides the nodes into blocks. In each round, every block that has messages runs a front of its
+//! own, on all threads. A step that leaves a block becomes a message to the next block, which handles it in the same
+//! round unless it has begun. A few rounds are enough, all but the first only at the boundaries of blocks.
 //!
-//! The result is the fixed point that one front reaches: the least d(v) = min fl(d(u) + w), and the smallest label at equal
-//! distances. Both are unique, so neither blocks, nor threads, nor the order of messages show in it (tested against a binary heap).
-//! Labels at ties are checked again over the final distances ([`super::ties`]).
+//! The result is the fixed point that one front reaches: the least d(v) = min fl(d(u) + w), and the smallest label at
+//! equal distances. Both are unique, so neither blocks, nor threads, nor the order of messages show in it (tested
+//! against a binary heap). Labels at ties are checked again over the final distances ([`super::ties`]).
 //!
-//! Time: in processor time, blocks cost as much as they save (default runs: 2.30 s with them and 2.32 s without over 1.3 M faces, 11.1
-//! and 11.4 s over 10 M); from four million nodes on, their threads are a gain. Meshes whose neighbours lie far apart in the file
-//! would send too many messages: they keep the single front.
+//! Time: in processor time, blocks cost as much as they save (default runs: 2.30 s with them and 2.32 s without over
+//! 1.3 M faces, 11.1 and 11.4 s over 10 M); from four million nodes on, their threads are a gain. Meshes whose
+//! neighbours lie far apart in the file would send too many messages: they keep the single front.
 //!
-//! Memory: the messages, 12 bytes for every edge between blocks. That is a quarter byte per node, or less, since blocks grow where
-//! the budget is small for the mesh.
+//! Memory: the messages, 12 bytes for every edge between blocks: a quarter byte per node or less.
 
 use super::front::{Front, clear_labels, typical_weight};
 use super::paging::{Pages, SHIFT, rows_needed};
@@ -29,8 +28,7 @@ use crate::store::mapped::{Access, advise, will_need};
 use std::sync::Mutex;
 use std::sync::atomic::{AtomicBool, Ordering};
 
-/// Blocks from which on they save time: with 26 of a rough mesh (1.7 million faces) they cost a fifth more, with 150 of a smooth one they
-/// save a fifth.
+/// Blocks from which on they save time: 26 of a rough mesh cost a fifth more, 150 of a smooth one save a fifth.
 const MANY: usize = 64;
 /// Most steps that leave a block, of [`SAMPLE`], where rounds are as quick as one front.
 const FEW: usize = SAMPLE / 25;
@@ -81,8 +79,8 @@ pub fn within(graph: Csr<'_>, sources: &[u32], limit: f32, field: &mut [f32], ru
     }
 }
 
-/// The same over a field (n) with any content: pieces that the front does not come near keep it. Returns which pieces were visited. So
-/// large fields in files are neither written nor read where the front does not go.
+/// The same over a field (n) with any content: pieces that the front does not come near keep it. Returns which pieces
+/// were visited. So large fields in files are neither written nor read where the front does not go.
 ///
 /// # Errors
 /// [`crate::base::Error::Cancelled`].
@@ -120,7 +118,8 @@ pub fn propagate_labels(
     }
 }
 
-/// Nodes that one front goes over at the most, and nodes of a block at the least: with rows and values 2.5 MB, a good read.
+/// Nodes that one front goes over at the most, and nodes of a block at the least: with rows and
+/// values 2.5 MB, a good read.
 pub const PIECE_NODES: usize = 1 << 16;
 /// Bucket width of these fronts, in mean weights.
 const BUCKET_WIDTH: f32 = 0.5;
@@ -219,7 +218,8 @@ pub struct BlockDijkstra<'a> {
 }
 
 impl<'a> BlockDijkstra<'a> {
-    /// Over `graph` in blocks of `block` nodes, or of the next multiple of [`PIECE_NODES`] where they are larger than that.
+    /// Over `graph` in blocks of `block` nodes, or of the next multiple of [`PIECE_NODES`] where
+    /// they are larger than that.
     pub fn new(graph: Csr<'a>, block: usize, threads: usize, cancel: &Cancel) -> Self {
         let block = if block > PIECE_NODES { block.next_multiple_of(PIECE_NODES) } else { block };
         Self {
@@ -366,8 +366,8 @@ impl<'a> BlockDijkstra<'a> {
         }
     }
 
-    /// Asks the kernel to read the rows of block `k` + threads, which some thread will begin soon; at the first block, of all blocks up
-    /// to that one.
+    /// Asks the kernel to read the rows of block `k` + threads, which some thread will begin soon; at the first block,
+    /// of all blocks up to that one.
     fn will_need(&self, k: usize) {
         if !self.paged {
             return;
@@ -392,8 +392,8 @@ impl<'a> BlockDijkstra<'a> {
         }
     }
 
-    /// Rounds of fronts inside the block of nodes whose values are given, over pieces of [`PIECE_NODES`] nodes, until no messages are
-    /// left but those to other blocks.
+    /// Rounds of fronts inside the block of nodes whose values are given, over pieces of [`PIECE_NODES`] nodes, until
+    /// no messages are left but those to other blocks.
     fn rounds_within<O: Label>(
         &self,
         reach: Reach<'_, O>,
@@ -431,7 +431,8 @@ impl<'a> BlockDijkstra<'a> {
         Ok(all)
     }
 
-    /// The front inside the nodes whose values are given, from the messages of `inbox`, the nearest of which is the first.
+    /// The front inside the nodes whose values are given, from the messages of `inbox`, the
+    /// nearest of which is the first.
     fn front<O: Label>(
         &self,
         Reach { limit, initial }: Reach<'_, O>,

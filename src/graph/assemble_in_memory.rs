@@ -1,12 +1,12 @@
 //! The edges of the dual graph, assembled where they will lie: in memory, by all threads at once.
 //!
-//! Where the pairs of half-edges are a table and no corner has two, the degrees of rows are known before the rows. So a first pass
-//! counts them, and each range of nodes has its place in the arrays: nothing is handed from thread to thread, and no thread waits
-//! while another one copies. Rows are those of [`super::dual_edges`], to the bit.
+//! Where the pairs of half-edges are a table and no corner has two, the degrees of rows are known before the rows. So a
+//! first pass counts them, and each range of nodes has its place in the arrays: nothing is handed from thread to
+//! thread, and no thread waits while another one copies. Rows are those of [`super::dual_edges`], to the bit.
 //!
-//! Nearly every face has three corners and three different neighbours. Such a row is computed with its three edges side by side, and put
-//! in order by counting, without a branch: the order of three neighbours is nearly random. Cost: about 15 ns per face and thread, a
-//! third of it for square roots.
+//! Nearly every face has three corners and three different neighbours. Such a row is computed with its three edges side
+//! by side, and put in order by counting, without a branch: the order of three neighbours is nearly random. Cost: about
+//! 15 ns per face and thread, a third of it for square roots.
 
 use super::csr::INDICES;
 use super::dual_edges::{CENTROID_DISTANCES, DualEdges, EDGES, Entry, RowScratch};
@@ -25,8 +25,8 @@ use std::sync::atomic::{AtomicU32, Ordering::Relaxed};
 /// Nodes that a thread takes at a time; whole blocks of row starts.
 const NODES: usize = 1 << 14;
 
-/// Assembles the rows of `nodes` (n); `None` where they are to be assembled otherwise: nodes are computed, some corner has two pairs, or
-/// there is no room.
+/// Assembles the rows of `nodes` (n); `None` where they are to be assembled otherwise: nodes are computed, some corner
+/// has two pairs, or there is no room.
 ///
 /// # Errors
 /// [`crate::base::Error::Io`], [`crate::base::Error::Cancelled`].
@@ -171,8 +171,8 @@ fn ranks([a, b, c]: [u32; 3]) -> [usize; 3] {
     [less(b, a) + less(c, a), less(a, b) + less(c, b), less(a, c) + less(b, c)]
 }
 
-/// Lengths of the steps from a triangle with the corners `points` to its neighbours, and of the edges that leave the corners: what
-/// [`super::dual_edges`] computes one by one. In four lanes, the last of which counts for nothing.
+/// Lengths of the steps from a triangle with the corners `points` to its neighbours, and of the edges that leave the
+/// corners: what [`super::dual_edges`] computes one by one. In four lanes, the last of which counts for nothing.
 #[inline(always)]
 fn three_steps(points: [[f64; 3]; 3], own: &Node, near: [&Node; 3]) -> [[f32; 3]; 2] {
     let (mut from, mut to, mut edge) = ([0f64; 4], [0f64; 4], [0f64; 4]);
@@ -210,8 +210,8 @@ mod tests {
     use crate::base::random::{below, stream};
     use crate::store::{Budget, Run, WorkDir};
 
-    /// Rows of quads, some of them as two triangles, some missing, some wound the other way or without area; and pillows, two triangles
-    /// with three edges in common.
+    /// Rows of quads, some of them as two triangles, some missing, some wound the other way or without area; and
+    /// pillows, two triangles with three edges in common.
     fn mesh() -> Mesh {
         let (width, height) = (60u32, 300u32);
         let mut random = stream(5, "faces");

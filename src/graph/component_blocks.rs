@@ -1,12 +1,13 @@
 //! Connected components found side by side: inside of blocks of consecutive nodes, then over the edges between these.
 //!
-//! Nearly all neighbours of a node are close to it in number. So each block has a forest of its own, which any thread makes in its
-//! cache, and one thread joins the blocks' trees over the edges between them, a few in a hundred. Where faces are scattered there are
-//! too many of these; then [`super::components`] goes from node to node. A representative is the least member of its set, so both ways
-//! give the same roots. That holds where all windings agree: among parities that contradict each other, the order decides.
+//! Nearly all neighbours of a node are close to it in number. So each block has a forest of its own, which any thread
+//! makes in its cache, and one thread joins the blocks' trees over the edges between them, a few in a hundred. Where
+//! faces are scattered there are too many of these; then [`super::components`] goes from node to node. A representative
+//! is the least member of its set, so both ways give the same roots. That holds where all windings agree: among
+//! parities that contradict each other, the order decides.
 //!
-//! Cost: about 3 ns per face and thread, 12 bytes read and 4 written; and 8 bytes for an edge between blocks, [`MOST_BETWEEN`] at the
-//! most.
+//! Cost: about 3 ns per face and thread, 12 bytes read and 4 written; and 8 bytes for an edge between blocks,
+//! [`MOST_BETWEEN`] at the most.
 
 use super::Csr;
 use crate::base::Result;
@@ -21,7 +22,8 @@ const BLOCKS: usize = 128;
 /// Edges between blocks that are held at the most.
 const MOST_BETWEEN: usize = 1 << 20;
 
-/// Fills `roots` (n) with the first node of each node's component in `graph`. Returns false where there is no room for that.
+/// Fills `roots` (n) with the first node of each node's component in `graph`. Returns false where
+/// there is no room for that.
 ///
 /// # Errors
 /// [`crate::base::Error::Cancelled`].
@@ -66,8 +68,8 @@ pub(super) fn find_roots(graph: Csr<'_>, roots: &mut [u32], run: &Run) -> Result
     Ok(true)
 }
 
-/// Fills `roots` with the first node of each node's component in the block of nodes from `first` on; returns the edges to blocks
-/// before it, up to more than [`MOST_BETWEEN`].
+/// Fills `roots` with the first node of each node's component in the block of nodes from `first` on; returns the edges
+/// to blocks before it, up to more than [`MOST_BETWEEN`].
 fn block_roots(graph: Csr<'_>, first: usize, roots: &mut [u32]) -> Vec<[u32; 2]> {
     let mut between = Vec::new();
     let (start, count) = (first as u32, roots.len());

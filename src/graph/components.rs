@@ -1,23 +1,25 @@
 //! Connected components, and the bridges that join them.
 //!
 //! Components are found by union-find over the edges ([`crate::base::union_find`]), and with them which faces are wound
-//! against the rest of their component. An edge whose faces run along it in the same direction asks for one of them to be turned:
-//! a parity between nodes, kept in the top bit of the parent. A contradiction (Möbius strip, some non-manifold edges)
-//! leaves the later edge unsatisfied. The parent array is a mapped file (4 B per node): with faces in scan or curve order
-//! its accesses are as local as the graph's. About 10 ns per face, on one thread. Where no two faces are wound against each other, which
-//! is known from the lengths of shared edges, components are found block by block on all threads instead (`component_blocks.rs`).
+//! against the rest of their component. An edge whose faces run along it in the same direction asks for one of them to
+//! be turned: a parity between nodes, kept in the top bit of the parent. A contradiction (Möbius strip, some
+//! non-manifold edges) leaves the later edge unsatisfied. The parent array is a mapped file (4 B per node): with faces
+//! in scan or curve order its accesses are as local as the graph's. About 10 ns per face, on one thread. Where no two
+//! faces are wound against each other, which is known from the lengths of shared edges, components are found block by
+//! block on all threads instead (`component_blocks.rs`).
 //!
 //! Bridges bring every face within reach of every landmark. Components are taken in descending order of area; each is
-//! joined to the nearest face among all larger ones by one edge as long as the gap, with no turning. So a tiny component
-//! belongs to the part it floats beside, and separate objects stand as far apart in the embedding as in space.
-//! (Leaving components unreachable instead makes landmarks sit on tiny components and σ meaningless; both alternatives
-//! are recorded in `docs/dev/decisions.md`.) Nearest means nearest among samples: up to [`PER_COMPONENT`] evenly spread faces
-//! of a component are looked up in an R*-tree of up to [`TREE_SAMPLES`] faces of the larger ones. Above [`MOST_IN_TREE`]
-//! components the rest are joined without joining the tree.
+//! joined to the nearest face among all larger ones by one edge as long as the gap, with no turning. So a tiny
+//! component belongs to the part it floats beside, and separate objects stand as far apart in the embedding as in
+//! space. (Leaving components unreachable instead makes landmarks sit on tiny components and σ meaningless; both
+//! alternatives are recorded in `docs/dev/decisions.md`.) Nearest means nearest among samples: up to [`PER_COMPONENT`]
+//! evenly spread faces of a component are looked up in an R*-tree of up to [`TREE_SAMPLES`] faces of the larger ones.
+//! Above [`MOST_IN_TREE`] components the rest are joined without joining the tree.
 //!
-//! Memory, outside of the budget: some 150 bytes per component, 4 per sample, and about 80 per sample in the tree. There are at
-//! most [`TREE_SAMPLES`] samples and [`PER_COMPONENT`] + 1 more for each component: 8 MB where one component is large, 140 MB where
-//! 100,000 are in the tree, 220 bytes for each one beyond. Nothing where there is one component.
+//! Memory, outside of the budget: some 150 bytes per component, 4 per sample, and about 80 per sample in the
+//! tree. There are at most [`TREE_SAMPLES`] samples and [`PER_COMPONENT`] + 1 more for each component: 8 MB
+//! where one component is large, 140 MB where 100,000 are in the tree, 220 bytes for each one beyond. Nothing
+//! where there is one component.
 
 use super::component_blocks::find_roots;
 use super::dual_edges::{DualEdges, EdgesWriter, Entry};

@@ -1,7 +1,8 @@
 //! Weighted graphs as arrays: a sparse matrix over mapped files, its raw slices, and a denser copy for fronts.
 //!
-//! Rows are compressed ([`Csr`]): the steps from node i are consecutive entries of `indices` and `weights`, and
-//! [`RowStarts`] says which. Half a byte per node and 8 per directed edge; [`Csr::neighbours`] walks the steps from a node.
+//! Rows are compressed ([`Csr`]): the steps from node i are consecutive entries of `indices` and
+//! `weights`, and [`RowStarts`] says which. Half a byte per node and 8 per directed edge;
+//! [`Csr::neighbours`] walks the steps from a node.
 
 use super::row_starts::{OwnedRowStarts, RowStarts, StartsForm};
 use crate::base::{Error, Result};
@@ -19,7 +20,8 @@ pub(crate) const WEIGHTS: &str = "graph_weights.npy";
 /// The stage that makes the weights.
 pub(super) const WEIGHTS_STAGE: &str = "weights";
 
-/// A weighted graph as a sparse matrix over mapped files, well formed: this program built it, or checked it as it was opened.
+/// A weighted graph as a sparse matrix over mapped files, well formed: this program built it, or
+/// checked it as it was opened.
 #[derive(Clone, Debug)]
 pub struct WeightedGraph {
     starts: OwnedRowStarts,
@@ -69,9 +71,9 @@ impl WeightedGraph {
         work.release(WEIGHTS_STAGE, &[WEIGHTS])
     }
 
-    /// The graph as a matrix of `sprs` over the same arrays, for other programs: row i has the neighbours of node i and the
-    /// weights of the steps. With the feature `sprs`. Row starts are unpacked into memory, 8 bytes per node; one pass checks
-    /// that rows ascend.
+    /// The graph as a matrix of `sprs` over the same arrays, for other programs: row i has the neighbours of node i and
+    /// the weights of the steps. With the feature `sprs`. Row starts are unpacked into memory, 8 bytes per node; one
+    /// pass checks that rows ascend.
     ///
     /// # Errors
     /// [`Error::Unusable`] for arrays that are no valid matrix.
@@ -195,10 +197,10 @@ impl TriangleNeighbours {
 /// The graph of a closed triangle mesh in records of three steps, for fronts (n).
 ///
 /// Nearly every face has three neighbours. With their numbers and the weights of the steps in one record a front needs
-/// one cache line per node instead of three and no row start, and its inner loop has a fixed length: with large pages a
-/// row takes about half the time (`benches/records`). It is a copy, 24 bytes per node beside the sparse matrix, so it is
-/// made only where many rows will be computed and half of the budget stays free; without it fronts walk the matrix, with
-/// the same result.
+/// one cache line per node instead of three and no row start, and its inner loop has a fixed length: with large pages
+/// a row takes about half the time (`benches/records`). It is a copy, 24 bytes per node beside the sparse matrix, so
+/// it is made only where many rows will be computed and half of the budget stays free; without it fronts walk the
+/// matrix, with the same result.
 #[derive(Debug)]
 pub struct TriangleAdjacency {
     words: AlignedBuffer,
@@ -206,8 +208,8 @@ pub struct TriangleAdjacency {
 }
 
 impl TriangleAdjacency {
-    /// The triangle adjacency of `graph`; `None` where the budget has no room for it, and for plain row starts, whose graphs
-    /// have more than three neighbours a node. One parallel pass.
+    /// The triangle adjacency of `graph`; `None` where the budget has no room for it, and for plain row starts, whose
+    /// graphs have more than three neighbours a node. One parallel pass.
     ///
     /// # Errors
     /// [`crate::base::Error::Cancelled`].

@@ -1,8 +1,9 @@
 //! The dual graph as a stage: built once into the work directory, opened as mapped arrays afterwards.
 //!
-//! The work is done in the other files of this folder, each of which states its own memory and time; here their order is fixed.
-//! Kept, per triangle: 28 bytes of geometry, 36 of neighbours, centroid distances and edge lengths, and packed row starts; the weights
-//! are another 12. Computed geometry ([`super::node_geometry`]) saves 40 of these. Opening costs a pass over what is checked.
+//! The work is done in the other files of this folder, each of which states its own memory and time; here their order
+//! is fixed. Kept, per triangle: 28 bytes of geometry, 36 of neighbours, centroid distances and edge lengths, and
+//! packed row starts; the weights are another 12. Computed geometry ([`super::node_geometry`]) saves 40 of these.
+//! Opening costs a pass over what is checked.
 
 use super::assemble_in_memory::assemble_in_memory;
 use super::components::{self, find_bridges, find_components};
@@ -110,8 +111,8 @@ impl DualGraph {
         context.stage(GraphStage { mesh, path, input, computed: false })
     }
 
-    /// The same without arrays of node geometry and shared edges, which are computed from the mesh at each look: 24.5 bytes per triangle
-    /// in place of 64.5. In a temporary work directory only.
+    /// The same without arrays of node geometry and shared edges, which are computed from the mesh at each look:
+    /// 24.5 bytes per triangle in place of 64.5. In a temporary work directory only.
     ///
     /// # Errors
     /// As [`DualGraph::build`].
@@ -128,8 +129,8 @@ impl DualGraph {
         Ok((Self::open(work, kept.facts, StartsForm::Packed, kept.key)?, kept.inputs["input"].clone()))
     }
 
-    /// The graph of `n` nodes with the key `key` in `work`, as the process left it that has made or tested it. Its files are not read for their
-    /// checksums once more: a share needs a part of them.
+    /// The graph of `n` nodes with the key `key` in `work`, as the process left it that has made or tested it. Its
+    /// files are not read for their checksums once more: a share needs a part of them.
     ///
     /// # Errors
     /// [`Error::WorkDir`] where there is none, [`Error::Io`], [`Error::Malformed`].
@@ -302,8 +303,8 @@ impl Stage for GraphStage<'_> {
         Some(("faces", self.mesh.faces.len() as u64))
     }
 
-    /// Half-edges and their pairs beside the nodes, matched by blocks, as in a good order; then pairs beside all that is
-    /// kept; then the components' roots.
+    /// Half-edges and their pairs beside the nodes, matched by blocks, as in a good order; then pairs beside all that
+    /// is kept; then the components' roots.
     fn needs(extent: &Extent, room: &mut Room) -> Needs {
         let Extent { faces: n, vertices, corners, threads: t, computed, .. } = *extent;
         // Geometry, and per corner a neighbour and two lengths; or a neighbour and a length.

@@ -1,14 +1,14 @@
 //! The edges of the dual graph from half-edge pairs: sorted, without duplicates, with the length of each step.
 //!
-//! Buckets of pairs come in node order; a counting sort by corner groups them by node, and each row is
-//! sorted by neighbour. The length of a step is |c_i − mid| + |c_j − mid| over the midpoint of
-//! the shared edge (`graph_centroid_distances`, in the frame; |c_i − c_j| where the midpoint is no number), the edge's own
-//! length is kept beside it. Two faces that share several edges get one entry: the shortest step, the summed edge length. Both
+//! Buckets of pairs come in node order; a counting sort by corner groups them by node, and each row is sorted by
+//! neighbour. The length of a step is |c_i − mid| + |c_j − mid| over the midpoint of the shared edge
+//! (`graph_centroid_distances`, in the frame; |c_i − c_j| where the midpoint is no number), the edge's own length is
+//! kept beside it. Two faces that share several edges get one entry: the shortest step, the summed edge length. Both
 //! directions are computed from the same numbers in a symmetric formula, so they agree to the bit.
 //!
-//! Workers assemble buckets, one thread appends them in order: ½ + 12 + 12 + 12 bytes per triangle
-//! written, sequentially; the last 12 are not where geometry is computed ([`super::node_geometry`]). Where all of it has room in memory,
-//! workers write where the rows will lie instead (`assemble_in_memory.rs`).
+//! Workers assemble buckets, one thread appends them in order: ½ + 12 + 12 + 12 bytes per triangle written,
+//! sequentially; the last 12 are not where geometry is computed ([`super::node_geometry`]). Where all of it has room in
+//! memory, workers write where the rows will lie instead (`assemble_in_memory.rs`).
 
 use super::csr::{Csr, INDICES};
 use super::half_edge_pairs::{HalfEdgePair, HalfEdgePairs};
@@ -47,8 +47,8 @@ pub struct DualEdges {
 }
 
 impl DualEdges {
-    /// Opens the edges of `nodes` nodes that an earlier run left in `work`, row starts in `form`, the rest in the files that
-    /// are named: neighbours, step lengths, lengths of shared edges.
+    /// Opens the edges of `nodes` nodes that an earlier run left in `work`, row starts in `form`, the rest in the files
+    /// that are named: neighbours, step lengths, lengths of shared edges.
     ///
     /// # Errors
     /// [`crate::base::Error::WorkDir`] where they contradict each other; [`crate::base::Error::Io`].
@@ -158,8 +158,8 @@ impl EdgesWriter {
 
 /// Assembles the rows and writes row starts, `graph_indices`, `graph_centroid_distances`, `graph_edges`.
 ///
-/// Where `nodes` are computed from the mesh, so are the lengths of shared edges, except for those in a list; `None` where that list would
-/// be too long.
+/// Where `nodes` are computed from the mesh, so are the lengths of shared edges, except for those in a list; `None`
+/// where that list would be too long.
 ///
 /// # Errors
 /// [`crate::base::Error::Io`], [`crate::base::Error::Cancelled`].
@@ -268,8 +268,8 @@ pub(super) struct RowScratch {
 }
 
 impl RowScratch {
-    /// The row of the face `own`, whose corners lie at `points` and are numbered from `first` on: an entry for each neighbour that its
-    /// `pairs` lead to, ascending. `node` gives the neighbours.
+    /// The row of the face `own`, whose corners lie at `points` and are numbered from `first` on: an entry for each
+    /// neighbour that its `pairs` lead to, ascending. `node` gives the neighbours.
     #[inline]
     pub fn row(
         &mut self,

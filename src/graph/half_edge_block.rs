@@ -1,9 +1,10 @@
 //! The half-edges of a block of nodes, sorted and joined where they lie, in a core's cache.
 //!
-//! In a block corners are counted from its first one, so a half-edge without its low vertex fits one word: the high vertex, the
-//! corner, the direction. Two passes over the faces count the words of each low vertex and store them, and the half-dozen of each low
-//! vertex are sorted by insertion. That gives the order of [`Sorter`] with a third of its bytes. Where a block's vertices lie far
-//! apart, as in a bad order, counting would cost more than it saves, and [`Sorter`] does it.
+//! In a block corners are counted from its first one, so a half-edge without its low vertex fits one word: the
+//! high vertex, the corner, the direction. Two passes over the faces count the words of each low vertex and store
+//! them, and the half-dozen of each low vertex are sorted by insertion. That gives the order of [`Sorter`] with a
+//! third of its bytes. Where a block's vertices lie far apart, as in a bad order, counting would cost more than it
+//! saves, and [`Sorter`] does it.
 //!
 //! Cost: about 20 ns per triangle.
 
@@ -23,8 +24,8 @@ pub(super) struct BlockMatcher {
 }
 
 impl BlockMatcher {
-    /// Joins the half-edges that meet inside of block `block`, and hands each edge that has not two sides there, or that other blocks may
-    /// have, to `edge`, with whether these may.
+    /// Joins the half-edges that meet inside of block `block`, and hands each edge that has not two sides there, or
+    /// that other blocks may have, to `edge`, with whether these may.
     pub fn match_block(
         &mut self,
         mesh: &Mesh,

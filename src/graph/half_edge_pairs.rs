@@ -1,10 +1,10 @@
 //! Half-edge pairs, between matching and assembling: which node lies across which corner's edge.
 //!
-//! Where the budget has room for 4 bytes per corner, a pair is written where it will be read: nearly every corner has one,
-//! so a table by corner is the sorted list already. The second pair of a corner (a middle face of an edge of three) goes
-//! to a list beside. Otherwise pairs inside of a block of faces are found again when the block is taken, and only
-//! those between blocks are shuffled, 8 bytes each; without blocks all are. Every way hands over the same pairs in the same
-//! order.
+//! Where the budget has room for 4 bytes per corner, a pair is written where it will be read: nearly every corner has
+//! one, so a table by corner is the sorted list already. The second pair of a corner (a middle face of an edge of
+//! three) goes to a list beside. Otherwise pairs inside of a block of faces are found again when the block is taken,
+//! and only those between blocks are shuffled, 8 bytes each; without blocks all are. Every way hands over the same
+//! pairs in the same order.
 
 use super::half_edge_block::BlockMatcher;
 use super::half_edge_sort::Match;
@@ -92,8 +92,8 @@ pub(super) enum PairSink<'a> {
     Counted(usize, &'a AtomicUsize),
 }
 
-/// Whether the table of `corners` corners is made where `left` bytes of the budget are left. No corner has more than two
-/// pairs, so the list beside it holds at most twice the table's bytes.
+/// Whether the table of `corners` corners is made where `left` bytes of the budget are left. No corner has more than
+/// two pairs, so the list beside it holds at most twice the table's bytes.
 pub fn fit(corners: u64, left: u64) -> bool {
     4 * corners <= left / 8
 }

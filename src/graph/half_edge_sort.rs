@@ -1,7 +1,8 @@
 //! Half-edges from everywhere, sorted so that equal edges lie together, and joined.
 //!
-//! Time: two passes over a bucket and tiny sorts, linear in its half-edges as long as their low vertices lie together. Memory: 12
-//! bytes per half-edge of a bucket twice, as it comes and sorted, and 4 per low vertex, at most 16 per half-edge.
+//! Time: two passes over a bucket and tiny sorts, linear in its half-edges as long as their low vertices lie
+//! together. Memory: 12 bytes per half-edge of a bucket twice, as it comes and sorted, and 4 per low vertex,
+//! at most 16 per half-edge.
 
 use crate::base::Result;
 use crate::mesh::Mesh;

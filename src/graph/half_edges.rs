@@ -1,12 +1,12 @@
 //! Which faces touch: half-edges matched by their vertices, at any size and in any order.
 //!
-//! A face of c corners has c half-edges (low vertex, high vertex, corner). Equal ones are brought together by a counting sort
-//! by low vertex and small sorts by high vertex (`half_edge_sort.rs`): first block by block (`node_blocks.rs`) of
-//! consecutive faces, in the cache; then, of edges that several blocks may have, from everywhere, shuffled by low vertex
-//! into buckets. Where faces are scattered, all half-edges are shuffled. Corners ascend with blocks, so the chain of an edge
-//! (below) is the chains inside of its blocks, joined. Every match becomes two [half-edge
-//! pairs](super::half_edge_pairs) for [`super::dual_edges`]. An edge of k > 2 faces joins them as a chain in the order of
-//! the file: k − 1 matches keep the graph sparse where a soup hangs a million faces on one edge.
+//! A face of c corners has c half-edges (low vertex, high vertex, corner). Equal ones are brought together by a
+//! counting sort by low vertex and small sorts by high vertex (`half_edge_sort.rs`): first block by block
+//! (`node_blocks.rs`) of consecutive faces, in the cache; then, of edges that several blocks may have, from everywhere,
+//! shuffled by low vertex into buckets. Where faces are scattered, all half-edges are shuffled. Corners ascend with
+//! blocks, so the chain of an edge (below) is the chains inside of its blocks, joined. Every match becomes two
+//! [half-edge pairs](super::half_edge_pairs) for [`super::dual_edges`]. An edge of k > 2 faces joins them as a chain in
+//! the order of the file: k − 1 matches keep the graph sparse where a soup hangs a million faces on one edge.
 //!
 //! Boundary edges at exactly the same position are one edge, too ([`weld`]). Exporters duplicate vertices along texture
 //! seams, and STL-like soups give every face vertices of its own; by index alone such meshes fall to pieces. Only
@@ -14,9 +14,9 @@
 //! matched is never changed. Positions are compared as numbers (−0 equals 0), by a 95-bit hash of both ends: at 3·10⁹
 //! open half-edges a false match has a chance below 1e-9.
 //!
-//! Memory and disk: 2 B per vertex, 12 B per half-edge that is shuffled, and 16 B per open half-edge, in memory where the
-//! budget allows, else on disk once out and once in; and the pairs: 4 B a corner in memory or, where that is too much, none
-//! for those inside of blocks, which are matched a second time when they are needed.
+//! Memory and disk: 2 B per vertex, 12 B per half-edge that is shuffled, and 16 B per open half-edge, in memory where
+//! the budget allows, else on disk once out and once in; and the pairs: 4 B a corner in memory or, where that is too
+//! much, none for those inside of blocks, which are matched a second time when they are needed.
 
 use super::half_edge_block::BlockMatcher;
 use super::half_edge_pairs::{AGAINST, HalfEdgePairs, PairSink};
@@ -72,8 +72,8 @@ const MOST_CORNERS: u64 = u32::MAX as u64;
 /// Most faces: a bit of their number tells windings apart.
 const MOST_FACES: u64 = AGAINST as u64 - 1;
 
-/// Refuses a mesh in the file `path` whose corners and faces cannot be numbered. Takes no time, so that commands can ask
-/// before they begin.
+/// Refuses a mesh in the file `path` whose corners and faces cannot be numbered. Takes no time, so that commands
+/// can ask before they begin.
 ///
 /// # Errors
 /// [`Error::Unusable`].
@@ -88,7 +88,8 @@ pub fn check_size(faces: u64, corners: u64, path: &Path) -> Result<()> {
     Err(Error::unusable(path, problem, "cut it into several meshes, or decimate it"))
 }
 
-/// Matches all half-edges of `mesh` (whose file `path` errors name), in its `blocks` where it has some; welds the boundary.
+/// Matches all half-edges of `mesh` (whose file `path` errors name), in its `blocks` where it has
+/// some; welds the boundary.
 ///
 /// # Errors
 /// [`Error::Unusable`] above 2³² − 1 corners, [`Error::Io`], [`Error::Memory`],
@@ -171,8 +172,8 @@ impl Matching<'_> {
         )
     }
 
-    /// Matches block by block where the blocks are: what cannot meet elsewhere is done, the rest goes to the half-edges whose
-    /// partners may be anywhere.
+    /// Matches block by block where the blocks are: what cannot meet elsewhere is done, the rest goes to the half-edges
+    /// whose partners may be anywhere.
     fn match_blocks(&self, blocks: &NodeBlocks<'_>, pairs: &HalfEdgePairs<'_>) -> Result<()> {
         let sinks = || (pairs.sink_within(), self.half_edges.producer(), self.boundary.producer());
         self.run.each_chunk(
@@ -304,8 +305,8 @@ mod tests {
     /// Corner, face, and whether it ascends.
     type Side = (u32, usize, bool);
 
-    /// All pairs of `mesh`, matched edge by edge from one map: an edge's half-edges in the order of their corners, each with
-    /// the next; with boundary and non-manifold edges. Positions are all different, so nothing is welded.
+    /// All pairs of `mesh`, matched edge by edge from one map: an edge's half-edges in the order of their corners, each
+    /// with the next; with boundary and non-manifold edges. Positions are all different, so nothing is welded.
     fn oracle(mesh: &Mesh) -> (Vec<(u32, u32)>, u64, u64) {
         let mut edges: BTreeMap<(u32, u32), Vec<Side>> = BTreeMap::new();
         half_edge_sort::for_each(mesh, 0..mesh.faces.len(), |h| {
@@ -330,8 +331,8 @@ mod tests {
         let dir = tempfile::tempdir().unwrap();
         let mut random = stream(3, "blocks");
         for (faces, spread) in [(40usize, 12), (20_000, 12), (20_000, 90), (12_000, 20_000)] {
-            // Polygons among near vertices, in the order of the faces: edges of one, two and more faces, here and across
-            // blocks, in both directions; some lead far away, some twice over the same edge.
+            // Polygons among near vertices, in the order of the faces: edges of one, two and more faces, here and
+            // across blocks, in both directions; some lead far away, some twice over the same edge.
             let vertices: Vec<[f64; 3]> = (0..faces / 2 + spread).map(|v| [v as f64, 0., 1.]).collect();
             let polygons: Vec<Vec<u32>> = (0..faces)
                 .map(|face| {

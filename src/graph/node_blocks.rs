@@ -1,9 +1,10 @@
 //! Blocks of consecutive nodes, and the vertices that several blocks have in common.
 //!
-//! In a good order nearly all neighbours of a face are close to it in number. Half-edges are then matched block by block
-//! where they lie, in a processor's cache, and only those between two vertices that several blocks use, a few in a hundred,
-//! have to be brought together from all over the mesh. Nothing of the size of the mesh is written for that but two bytes a
-//! vertex: the block that uses it. Where faces are scattered, most vertices belong to several blocks; such a mesh gets none.
+//! In a good order nearly all neighbours of a face are close to it in number. Half-edges are then matched block by
+//! block where they lie, in a processor's cache, and only those between two vertices that several blocks use, a few
+//! in a hundred, have to be brought together from all over the mesh. Nothing of the size of the mesh is written for
+//! that but two bytes a vertex: the block that uses it. Where faces are scattered, most vertices belong to several
+//! blocks; such a mesh gets none.
 //!
 //! Cost: one pass over the faces on one thread, about 5 ns per face, beside the pass that computes node geometry.
 

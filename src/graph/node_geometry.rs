@@ -1,9 +1,11 @@
-//! Geometry of the nodes, and lengths of the edges between them, as stages look at them: arrays, or computed from the mesh.
+//! Geometry of the nodes, and lengths of the edges between them, as stages look at them: arrays,
+//! or computed from the mesh.
 //!
-//! Arrays cost 40 bytes per triangle: 28 of nodes, 12 of shared edges. Where a mesh is larger than memory, they cost more to
-//! read than the mesh's own 18 bytes, from which both follow in 10 to 20 ns a look. So such a mesh is not copied: [`FromMesh`]
-//! computes the same numbers to the bit, by the same functions that would have written them. Few edges cannot be told from
-//! two faces alone (welded ones, edges shared twice, some of non-manifold meshes); these are listed.
+//! Arrays cost 40 bytes per triangle: 28 of nodes, 12 of shared edges. Where a mesh is larger than memory, they
+//! cost more to read than the mesh's own 18 bytes, from which both follow in 10 to 20 ns a look. So such a mesh is
+//! not copied: [`FromMesh`] computes the same numbers to the bit, by the same functions that would have written
+//! them. Few edges cannot be told from two faces alone (welded ones, edges shared twice, some of non-manifold
+//! meshes); these are listed.
 
 use super::nodes::{self, Frame, Node};
 use crate::base::Result;
@@ -168,7 +170,8 @@ impl<'a> From<&'a [Node]> for NodeView<'a> {
     }
 }
 
-/// Geometry for passes over a range of nodes and their neighbours, most of which lie in the range, too: computed once each.
+/// Geometry for passes over a range of nodes and their neighbours, most of which lie in the range,
+/// too: computed once each.
 #[derive(Clone, Copy, Debug)]
 pub struct NodeWindow<'a> {
     nodes: NodeView<'a>,
@@ -187,8 +190,8 @@ impl NodeWindow<'_> {
         }
     }
 
-    /// The same without a copy where it lies in an array; `computed` holds it else. A copy is written in two pieces and read in
-    /// three, for which a processor waits: passes over edges take a third of the time without.
+    /// The same without a copy where it lies in an array; `computed` holds it else. A copy is written in two pieces and
+    /// read in three, for which a processor waits: passes over edges take a third of the time without.
     #[inline(always)]
     pub fn look<'b>(&'b self, node: usize, computed: &'b mut Node) -> &'b Node {
         match self.items.get(node.wrapping_sub(self.first)) {
@@ -264,8 +267,8 @@ impl FromMesh {
         })
     }
 
-    /// Length of the first of `edges` that is one of face `to`, too, negative where both run along it in the same direction;
-    /// 0 where there is none.
+    /// Length of the first of `edges` that is one of face `to`, too, negative where both run along it in the same
+    /// direction; 0 where there is none.
     #[inline(never)]
     pub fn shared(&self, edges: &FaceEdges, to: usize) -> f32 {
         let (length, against) = match edges {
@@ -301,8 +304,8 @@ fn after(k: usize, len: usize) -> usize {
     if k + 1 == len { 0 } else { k + 1 }
 }
 
-/// The first edge of a face with the corners `a`, by its first corner, that a face with the corners `b` has, too, and whether both run
-/// along it in the same direction.
+/// The first edge of a face with the corners `a`, by its first corner, that a face with the corners `b` has, too, and
+/// whether both run along it in the same direction.
 #[inline]
 fn common_edge(a: &[u32], b: &[u32]) -> Option<(usize, bool)> {
     for k in 0..a.len() {
@@ -361,8 +364,8 @@ pub struct SharedEdges<'a> {
 }
 
 impl<'a> SharedEdges<'a> {
-    /// The neighbours of `node`, each with the length of the shared edge in the frame: negative where the two are wound against each other
-    /// and could not be turned, 0 (of any sign) for bridges.
+    /// The neighbours of `node`, each with the length of the shared edge in the frame: negative where the two are wound
+    /// against each other and could not be turned, 0 (of any sign) for bridges.
     #[inline(always)]
     pub fn neighbours(self, node: u32) -> impl Iterator<Item = (u32, f32)> + Clone + 'a {
         let computed = self.computed.map(|computed| (computed, computed.mesh.row(node as usize)));

@@ -1,8 +1,8 @@
 //! Geometry of a node: centroid, normal and area of its face, in coordinates of the [`Frame`].
 //!
-//! All later work reads these 28 bytes per node and never the mesh again, except for the
-//! midpoints of edges, and where the mesh is larger than memory ([`super::node_geometry`]). Computed in `f64` from the file's own numbers, kept in `f32`: relative to a
-//! box of diagonal 1 that is 6e-8, whatever units and offsets the file has. One parallel pass,
+//! All later work reads these 28 bytes per node and never the mesh again, except for the midpoints of edges, and where
+//! the mesh is larger than memory ([`super::node_geometry`]). Computed in `f64` from the file's own numbers, kept in
+//! `f32`: relative to a box of diagonal 1 that is 6e-8, whatever units and offsets the file has. One parallel pass,
 //! 10–20 ns per face, sequential writes.
 
 use crate::base::Result;
@@ -115,7 +115,8 @@ impl Node {
         }
     }
 
-    /// [`Node::of_corners`] of a triangle, without the general case: most faces are triangles, and this is an inner loop.
+    /// [`Node::of_corners`] of a triangle, without the general case: most faces are triangles,
+    /// and this is an inner loop.
     #[inline]
     pub fn of_triangle(a: [f64; 3], b: [f64; 3], c: [f64; 3]) -> (Self, bool) {
         let normal = cross(minus(b, a), minus(c, a));

@@ -1,14 +1,14 @@
 //! Winding made consistent before any sign of turning is used.
 //!
-//! Published meshes are not always wound consistently. In each component the faces wound against its first
-//! face are known from the union-find's parities ([`super::components`]); the smaller group by area is turned. Then a component
-//! that encloses a volume is turned as a whole where the volume is negative (normals point inwards); one that does
-//! not (a range scan, a relief) keeps the direction of its file. Turning changes the normals in the node
-//! geometry only; faces are written as they came. Edges that still join faces wound against each other keep
-//! their negative length: no orientation exists there.
+//! Published meshes are not always wound consistently. In each component the faces wound against its first face are
+//! known from the union-find's parities ([`super::components`]); the smaller group by area is turned. Then a component
+//! that encloses a volume is turned as a whole where the volume is negative (normals point inwards); one that does not
+//! (a range scan, a relief) keeps the direction of its file. Turning changes the normals in the node geometry only;
+//! faces are written as they came. Edges that still join faces wound against each other keep their negative length: no
+//! orientation exists there.
 //!
-//! Time: one sequential pass over nodes; the rest only where something has to be turned. Memory: a chunk of nodes, and 100 to 220
-//! bytes per component, outside of the budget.
+//! Time: one sequential pass over nodes; the rest only where something has to be turned. Memory: a chunk of nodes, and
+//! 100 to 220 bytes per component, outside of the budget.
 
 use super::components::Components;
 use super::dual_edges::{DualEdges, EDGES};
@@ -168,8 +168,8 @@ fn turn_nodes(
     Ok((array.finish(false)?.into(), counts.into_iter().sum()))
 }
 
-/// The lengths of shared edges, negative where the faces are still wound against each other; also how many are. Edge by edge:
-/// turning one of two faces changes whether they are against each other.
+/// The lengths of shared edges, negative where the faces are still wound against each other; also how many are. Edge by
+/// edge: turning one of two faces changes whether they are against each other.
 fn turn_edges(
     edges: &DualEdges,
     turned_node: impl Fn(usize) -> bool + Sync,

@@ -1,13 +1,13 @@
 //! Where the rows of a graph begin, in half a byte per node instead of eight.
 //!
-//! Nearly every face has three neighbours, so the start of a row follows from its number, corrected for the rows before it that have fewer. Rows
-//! are therefore counted in blocks of 64 ([`RowBlock`], 32 bytes): the start of the first one, and the degrees of all in
-//! three bits each, one word per bit. In a block whose degrees are all three, as in nearly all, a start is the start of the block plus
-//! a product: as quick as a plain array. In the others bits are counted. A block with a row of more than seven steps has its
-//! starts in a table (8 bytes per row).
+//! Nearly every face has three neighbours, so the start of a row follows from its number, corrected for the rows before
+//! it that have fewer. Rows are therefore counted in blocks of 64 ([`RowBlock`], 32 bytes): the start of the first one,
+//! and the degrees of all in three bits each, one word per bit. In a block whose degrees are all three, as in nearly
+//! all, a start is the start of the block plus a product: as quick as a plain array. In the others bits are counted. A
+//! block with a row of more than seven steps has its starts in a table (8 bytes per row).
 //!
-//! Beside the plain array this saves 7.5 bytes per face of disk, and fronts touch as many fewer. Small graphs of many degrees
-//! (contractions, vertices) stay with plain starts: counting bits for each node would slow their fronts down.
+//! Beside the plain array this saves 7.5 bytes per face of disk, and fronts touch as many fewer. Small graphs of many
+//! degrees (contractions, vertices) stay with plain starts: counting bits for each node would slow their fronts down.
 
 use crate::base::{Error, Result};
 use crate::store::mapped::{Access, advise, prefetch, will_need};

@@ -1,9 +1,9 @@
 //! Which vertices share a side of a face: the graph of orders, without weights, joined duplicates or bridges, polygons
 //! not cut into triangles.
 //!
-//! Orders that look at vertices (breadth-first, Cuthill–McKee, sweeps, the exact Fiedler vector) need it; the dual graph
-//! does not hold it. One shuffle of both directions of every side, sorted a bucket at a time and written in order: 16 B
-//! a corner through the shuffle, 8 B a vertex and 4 B a direction kept (about 16 B a triangle).
+//! Orders that look at vertices (breadth-first, Cuthill–McKee, sweeps, the exact Fiedler vector) need it; the dual
+//! graph does not hold it. One shuffle of both directions of every side, sorted a bucket at a time and written in
+//! order: 16 B a corner through the shuffle, 8 B a vertex and 4 B a direction kept (about 16 B a triangle).
 
 use crate::base::Result;
 use crate::base::parallel::{chunk_count, chunk_range};

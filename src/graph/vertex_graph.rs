@@ -1,18 +1,19 @@
-//! The vertex graph: one node per vertex, one edge per mesh edge with its length as the weight, and the triangles around each
-//! vertex.
+//! The vertex graph: one node per vertex, one edge per mesh edge with its length as the weight, and the
+//! triangles around each vertex.
 //!
 //! Correspondence works on it, as segmentation works on the dual graph. Built out of core in one shuffle: every
 //! triangle (polygons are cut into fans) gives each of its vertices the other two, and a sorted bucket of these gives
 //! rows, rings, areas and open edges of its vertices. Components are bridged like those of the dual graph
 //! ([`super::components`]). Triangles with a coordinate that is no number, or with a vertex twice, are left out.
 //!
-//! Vertices of open edges at exactly the same position, as texture seams and triangle soups leave them, are joined by edges
-//! without length, so that distances pass. As for faces ([`super::half_edges`]), only open edges and only equal positions:
-//! sheets that touch stay apart. One shuffle by a hash of the position, 32 bytes per open vertex; nothing where a mesh is
-//! closed. The edges found are held in memory, 12 bytes each, and the chain through equal vertices follows their numbers.
+//! Vertices of open edges at exactly the same position, as texture seams and triangle soups leave them, are joined
+//! by edges without length, so that distances pass. As for faces ([`super::half_edges`]), only open edges and only
+//! equal positions: sheets that touch stay apart. One shuffle by a hash of the position, 32 bytes per open vertex;
+//! nothing where a mesh is closed. The edges found are held in memory, 12 bytes each, and the chain through equal
+//! vertices follows their numbers.
 //!
-//! Cost: 36 bytes per triangle through the shuffle; on disk 28 and 8 bytes per vertex, 12 per end of an edge, 24 per triangle. About
-//! 0.1 µs per triangle and thread.
+//! Cost: 36 bytes per triangle through the shuffle; on disk 28 and 8 bytes per vertex, 12 per end of an edge, 24 per
+//! triangle. About 0.1 µs per triangle and thread.
 
 use super::components::{self, Bridge, find_bridges, find_components};
 use super::csr::{Csr, INDICES};
@@ -49,8 +50,8 @@ type Corner = [u32; 3];
 pub struct VertexGraph {
     /// Its edges; lengths in the frame.
     pub edges: DualEdges,
-    /// Position (as `centroid`, in the frame) and a third of the area around (n); `normal` stays 0. The position of a vertex
-    /// without one is 0.
+    /// Position (as `centroid`, in the frame) and a third of the area around (n); `normal` stays 0. The position of a
+    /// vertex without one is 0.
     pub nodes: MappedSlice<Node>,
     /// Where each vertex's triangles begin (n + 1).
     pub ring_starts: MappedSlice<u64>,
@@ -102,7 +103,8 @@ impl VertexGraph {
     /// Builds the graph of `mesh` (from the file `path`) in `work`.
     ///
     /// # Errors
-    /// [`Error::Unusable`] for a mesh without a single triangle, [`Error::Io`], [`Error::Memory`], [`Error::Cancelled`].
+    /// [`Error::Unusable`] for a mesh without a single triangle, [`Error::Io`],
+    /// [`Error::Memory`], [`Error::Cancelled`].
     pub fn build(mesh: &Mesh, path: &Path, context: Context<'_>) -> Result<Self> {
         let n = mesh.positions.len();
         let frame = Frame::of(&mesh.positions, context.run)?;

@@ -1,10 +1,10 @@
 //! Edge weights: how far apart two neighbouring faces are, for a front.
 //!
-//! Two forms. [`Metric::ScaleFree`] (the default) adds turning to length in units of the shape's own
-//! size, w = d + β |θ| (1 concave, η convex): the same shape gives the same distances at every
-//! resolution (d: centroid distance), since turning angles add up along a path whatever the tessellation. [`Metric::Paper`] is
-//! the form of Katz and Tal (2003) and of Liu and Zhang (2004) that the paper builds on:
-//! δ d/mean(d) + (1−δ) a/mean(a), a = η (1 − cos θ), η = 1 for concave edges.
+//! Two forms. [`Metric::ScaleFree`] (the default) adds turning to length in units of the shape's own size, w = d +
+//! β |θ| (1 concave, η convex): the same shape gives the same distances at every resolution (d: centroid distance),
+//! since turning angles add up along a path whatever the tessellation. [`Metric::Paper`] is the form of Katz and Tal
+//! (2003) and of Liu and Zhang (2004) that the paper builds on: δ d/mean(d) + (1−δ) a/mean(a), a = η (1 − cos θ),
+//! η = 1 for concave edges.
 //!
 //! A weight is a symmetric formula of the two nodes and the step between them, so both
 //! directions agree to the bit. One parallel pass (two for the paper's form, for its means),
@@ -88,7 +88,8 @@ pub fn concave(a: &Node, b: &Node) -> bool {
     Side::of(a).leans_to(Side::of(b))
 }
 
-/// One of the two faces at an edge. References, since what a node is made of is read in place ([`super::node_geometry`]).
+/// One of the two faces at an edge. References, since what a node is made of is read in place
+/// ([`super::node_geometry`]).
 #[derive(Clone, Copy, Debug)]
 struct Side<'a> {
     centroid: &'a [f32; 3],
@@ -178,7 +179,8 @@ impl Weighting<'_> {
         array.finish(false)
     }
 
-    /// Fills `out` (nnz) with what `weight` makes of an edge: its nodes, its length, whether they are wound against each other.
+    /// Fills `out` (nnz) with what `weight` makes of an edge: its nodes, its length, whether they are
+    /// wound against each other.
     fn fill(
         &self,
         out: &mut [f32],

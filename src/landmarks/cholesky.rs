@@ -74,8 +74,8 @@ impl Factor {
 
     /// What landmark `c` with this residual column adds to Γ* over the columns; nothing below [`LEAST_PIVOT`].
     ///
-    /// For a positive kernel that is what it adds to Γ, Σ r_j²/r_c. Even the exponential of geodesic distances has a few
-    /// negative eigenvalues; a pivot near 0 then raises Γ without bound (to 9.8 n, measured), and choosing the
+    /// For a positive kernel that is what it adds to Γ, Σ r_j²/r_c. Even the exponential of geodesic distances has a
+    /// few negative eigenvalues; a pivot near 0 then raises Γ without bound (to 9.8 n, measured), and choosing the
     /// greatest Γ would look for just that. Γ* counts overshoot against the candidate.
     pub fn gain(&self, c: usize, residual: &[f64]) -> Option<f64> {
         let pivot = residual[c];

@@ -1,14 +1,17 @@
-//! Landmarks at random, by area times the distance to the nearest landmark so far: between [`super::random`] and [`super::farthest`].
+//! Landmarks at random, by area times the distance to the nearest landmark so far: between [`super::random`]
+//! and [`super::farthest`].
 //!
-//! Farthest points sit in pockets of a folded or rough surface, since pockets are far from everything. Points drawn by area alone fall where
-//! others are already, and miss what is thin. The product draws the seeds of K-means++ (Arthur, Vassilvitskii 2007) with distances in
-//! place of their squares, which it has for k-medians. On contracted meshes two seeds agree better in their parts, and people no worse
-//! (`docs/dev/segmentation-experiments.md`).
+//! Farthest points sit in pockets of a folded or rough surface, since pockets are far from everything. Points drawn by
+//! area alone fall where others are already, and miss what is thin. The product draws the seeds of K-means++ (Arthur,
+//! Vassilvitskii 2007) with distances in place of their squares, which it has for k-medians. On contracted meshes two
+//! seeds agree better in their parts, and people no worse (`docs/dev/segmentation-experiments.md`).
 //!
-//! The draw is sequential Poisson sampling (Ohlsson 1998): each node has a number u of its own, uniform in (0, 1], and the greatest area ×
-//! distance / u is next. So a small change of the mesh moves a landmark only where another node was nearly as great.
+//! The draw is sequential Poisson sampling (Ohlsson 1998): each node has a number u of its own, uniform in (0, 1],
+//! and the greatest area × distance / u is next. So a small change of the mesh moves a landmark only where another
+//! node was nearly as great.
 //!
-//! Costs what farthest points cost: 240 of them with their rows over 30,000 nodes took .20 to .22 s by either. No memory.
+//! Costs what farthest points cost: 240 of them with their rows over 30,000 nodes took .20 to
+//! .22 s by either. No memory.
 
 use super::farthest::one_by_one;
 use super::{Found, Sampler, Space};
@@ -40,8 +43,8 @@ impl Sampler for DistanceWeighted {
     }
 }
 
-/// The first node of greatest area × distance / u. What was not reached is farther than all else. Where nothing that is left has area,
-/// distance alone decides.
+/// The first node of greatest area × distance / u. What was not reached is farther than all else. Where nothing that is
+/// left has area, distance alone decides.
 fn greatest(nodes: NodeView<'_>, field: &[f32], key: u64) -> u32 {
     let mut best = ([-1f64; 2], 0);
     nodes.each(0..nodes.len(), |i, node| {

@@ -31,8 +31,8 @@ impl Sampler for Farthest {
     }
 }
 
-/// Landmarks that each depend on the distances from those before, which `next` looks at. The first is an extremity. `field` and `found`
-/// are those of [`Farthest`].
+/// Landmarks that each depend on the distances from those before, which `next` looks at. The first is an extremity.
+/// `field` and `found` are those of [`Farthest`].
 pub(super) fn one_by_one(
     l: usize,
     seed: u64,
@@ -91,8 +91,8 @@ impl Sampler for GeodesicFarthest {
 }
 
 /// An extremity of the shape: from a random face to the face farthest from it in space, and on from there for
-/// [`SEEDING_ROUNDS`] rounds; the first of equally far ones. In space instead of along the surface: as
-/// much of an extremity, for two passes over centroids on all `threads` instead of full fronts that nothing can run beside.
+/// [`SEEDING_ROUNDS`] rounds; the first of equally far ones. In space instead of along the surface: as much of an
+/// extremity, for two passes over centroids on all `threads` instead of full fronts that nothing can run beside.
 pub fn extremity(nodes: NodeView<'_>, seed: u64, threads: usize) -> u32 {
     let mut at = below(&mut stream(seed, "first landmark"), nodes.len());
     for _ in 0..SEEDING_ROUNDS {

@@ -1,8 +1,8 @@
 //! A short calibration: the recipe on two creatures, timed by stage.
 //!
-//! Both go the mesh's way: contracted if it is, over all faces if it is not. A third one has noise, and tells what normals of a rough surface
-//! take. Costs one to five seconds and some 20 MB of disk for as long; for meshes of more than ten million faces less than a tenth of what
-//! their run takes, and some six seconds at the most.
+//! Both go the mesh's way: contracted if it is, over all faces if it is not. A third one has noise, and tells what
+//! normals of a rough surface take. Costs one to five seconds and some 20 MB of disk for as long; for meshes of more
+//! than ten million faces less than a tenth of what their run takes, and some six seconds at the most.
 
 use super::params::SegmentParams;
 use super::plan::Pace;
@@ -26,16 +26,19 @@ impl Progress for Clock {
     }
 }
 
-/// Faces of the larger creature for a mesh that is not large enough to be contracted, at the least and at the most: more than asked for are made.
+/// Faces of the larger creature for a mesh that is not large enough to be contracted, at the least and at the most:
+/// more than asked for are made.
 const SMALL: [u64; 2] = [14_200, 48_000];
 
-/// Faces of the larger creature for a larger mesh: half a million at the least, if the mesh has so many, and five million at the most.
+/// Faces of the larger creature for a larger mesh: half a million at the least, if the mesh has so many, and
+/// five million at the most.
 const LARGE: [u64; 2] = [500_000, 5_000_000];
 
 /// Calibrating takes no more than this share of the run, but for small meshes.
 const SHARE: u64 = 20;
 
-/// Runs over creatures of fewer faces are short enough for a moment's load to double them: each is done again, and the mean counts.
+/// Runs over creatures of fewer faces are short enough for a moment's load to double them: each is done
+/// again, and the mean counts.
 const TWICE_BELOW: u64 = 1_000_000;
 
 /// Faces of the two creatures for a mesh of `faces` faces. Both are contracted if it is.
@@ -60,9 +63,9 @@ pub struct Calibration {
     pub rough: BTreeMap<String, Pace>,
 }
 
-/// The pace of each stage on a mesh of `faces` faces, measured in a temporary folder inside `folder` on creatures of two sizes, since some
-/// stages take a while whatever the size. Large meshes are cut in other ways than small ones (blocks of nodes, patches that tell whether the
-/// surface is clean), so their creatures are large.
+/// The pace of each stage on a mesh of `faces` faces, measured in a temporary folder inside `folder` on creatures of
+/// two sizes, since some stages take a while whatever the size. Large meshes are cut in other ways than small ones
+/// (blocks of nodes, patches that tell whether the surface is clean), so their creatures are large.
 ///
 /// # Errors
 /// As [`segment`].

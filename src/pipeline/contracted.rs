@@ -1,5 +1,5 @@
-//! What all methods do with a large mesh before they decide about parts: weights of its surface, its contraction, and the labels of contracted
-//! nodes on their way back to the faces.
+//! What all methods do with a large mesh before they decide about parts: weights of its surface, its contraction, and
+//! the labels of contracted nodes on their way back to the faces.
 //!
 //! Cost: that of the stages ([`SurfaceStage`], [`Contraction`]).
 

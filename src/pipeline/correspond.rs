@@ -1,8 +1,9 @@
 //! `correspond`: from two mesh files to matches.
 //!
-//! Each mesh is made ready ([`super::sides`]); then the embeddings are aligned and vertices matched, refined or not. A part and a whole go another
-//! way ([`super::partial`]). Everything of the size of a mesh is a mapped file; allocated are queues of fronts and, without refinement, two
-//! search trees, 60 bytes per vertex together at the most and no more than 2²¹ vertices each.
+//! Each mesh is made ready ([`super::sides`]); then the embeddings are aligned and vertices matched, refined or not. A
+//! part and a whole go another way ([`super::partial`]). Everything of the size of a mesh is a mapped file; allocated
+//! are queues of fronts and, without refinement, two search trees, 60 bytes per vertex together at the most and no
+//! more than 2²¹ vertices each.
 
 use super::finer::Finer;
 use super::partial::match_partial;
@@ -56,7 +57,8 @@ pub fn correspond(
 /// The same with what is known of the map beforehand.
 ///
 /// # Errors
-/// As [`Side::build`]; [`crate::base::Error::Parameter`] for guidance without refinement, or for vertices that are not there.
+/// As [`Side::build`]; [`crate::base::Error::Parameter`] for guidance without refinement, or for
+/// vertices that are not there.
 pub fn correspond_guided(
     a: &Mesh,
     b: &Mesh,
@@ -150,7 +152,8 @@ pub fn match_sides(
     })
 }
 
-/// B embedded by the images of A's landmarks and A's own map: nothing is left to align but what the images are wrong by.
+/// B embedded by the images of A's landmarks and A's own map: nothing is left to align but what
+/// the images are wrong by.
 fn transferred(
     a: &Side<'_>,
     b: &Side<'_>,

@@ -24,8 +24,8 @@ pub struct KeptCuts {
     pub kept: KeptDecision,
 }
 
-/// The cuts into up to [`MOST`] parts of the mesh in `work`, which was cut into parts, with rows over all faces where `exact`; by the
-/// hierarchy `tree`, where one is given. None where cells and hierarchy do not fit.
+/// The cuts into up to [`MOST`] parts of the mesh in `work`, which was cut into parts, with rows over all faces where
+/// `exact`; by the hierarchy `tree`, where one is given. None where cells and hierarchy do not fit.
 ///
 /// # Errors
 /// [`crate::base::Error::WorkDir`], [`crate::base::Error::Io`], [`crate::base::Error::Cancelled`].

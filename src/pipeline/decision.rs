@@ -1,10 +1,10 @@
-//! The decision about parts as a stage: all answers at once, kept, so that another number of parts needs neither rows nor
-//! the ensemble.
+//! The decision about parts as a stage: all answers at once, kept, so that another number of parts needs
+//! neither rows nor the ensemble.
 //!
 //! Files, constant in the size of the mesh: `tree.json`, the merge hierarchy of cells; `superfaces.npy` and
 //! `superface_areas.npy`, the sets of cells that no clustering of the ensemble tells apart; `co_association.npy`
-//! (superfaces × superfaces), how far any two belong together, which confidences come from; `walls.npy`, 1 for each cell that is the
-//! wall of a cavity, without any where nothing is enclosed.
+//! (superfaces × superfaces), how far any two belong together, which confidences come from; `walls.npy`, 1 for each
+//! cell that is the wall of a cavity, without any where nothing is enclosed.
 
 use super::labels::SegmentStats;
 use super::params::{SegmentParams, default_landmarks_for_faces};
@@ -247,8 +247,8 @@ impl KeptDecision {
     }
 }
 
-/// Whether the decision in `work`, or that on its contracted mesh, is of the graph that is there now: K-means of another mesh
-/// leaves an older decision behind.
+/// Whether the decision in `work`, or that on its contracted mesh, is of the graph that is there now: K-means of
+/// another mesh leaves an older decision behind.
 pub(super) fn is_current(work: &WorkDir, contracted: bool) -> bool {
     if work.is_temporary() {
         // It has been used for one mesh.
@@ -299,8 +299,8 @@ pub fn write_tree(tree: &PartTree, path: &Path) -> Result<()> {
     json::write(path, tree)
 }
 
-/// The spectral numbers of the report, which deciding parts does not need itself: eigenvalues of the landmarks' affinities
-/// under the ensemble's middle width.
+/// The spectral numbers of the report, which deciding parts does not need itself: eigenvalues of the landmarks'
+/// affinities under the ensemble's middle width.
 fn numbers(sample: &Sample) -> SegmentStats {
     let sigma = 0.25 * sample.landmarks.mean();
     let kernel = Kernel::Gaussian;

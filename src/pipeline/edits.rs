@@ -113,8 +113,8 @@ impl Corrections<'_> {
 
     /// Corrects `cut`, which was asked for by `asked`.
     ///
-    /// Where edits say which cut they start from and another is asked for, protected parts stay as they are there: what is around
-    /// them is cut into the rest of the parts along the hierarchy.
+    /// Where edits say which cut they start from and another is asked for, protected parts stay as they are there: what
+    /// is around them is cut into the rest of the parts along the hierarchy.
     ///
     /// # Errors
     /// [`Error::Malformed`] naming the edit that cannot be followed.
@@ -176,9 +176,9 @@ pub(super) struct OnCells<'a> {
 }
 
 impl OnCells<'_> {
-    /// The cells that stand for the places of each edit, where the cut that they are made on is `label` (S): the cell of the place,
-    /// or the nearest one of the part that a person sees there. Refined boundaries do not follow cells, so a place beside a boundary
-    /// may lie in a cell of the part on the other side.
+    /// The cells that stand for the places of each edit, where the cut that they are made on is `label` (S): the cell
+    /// of the place, or the nearest one of the part that a person sees there. Refined boundaries do not follow cells,
+    /// so a place beside a boundary may lie in a cell of the part on the other side.
     fn places(&self, label: &[u32]) -> Result<Vec<Vec<u32>>> {
         let pairs = &self.affinities.cells.pairs;
         let mut beside = vec![false; label.len()];
@@ -202,7 +202,8 @@ impl OnCells<'_> {
     }
 }
 
-/// The cell of `part` with the fewest steps from `cell`, which is that itself if it is of the part, or of nothing else in reach.
+/// The cell of `part` with the fewest steps from `cell`, which is that itself if it is of the part, or
+/// of nothing else in reach.
 fn nearest_cell(pairs: &[[u32; 2]], label: &[u32], cell: u32, part: u32) -> u32 {
     let mut reached = BTreeSet::from([cell]);
     loop {
@@ -263,8 +264,8 @@ fn scaled(edits: &Edits, graph: &DualGraph, p: [f64; 3]) -> [f64; 3] {
     [0, 1, 2].map(|k| frame.origin[k] + (p[k] - (low[k] + high[k]) / 2.) * ratio)
 }
 
-/// The nearest node to each of `points`, and how far it is, all in the frame. Faces count as discs of their area, so that a
-/// point on a large face is not taken for one on a small face beside it.
+/// The nearest node to each of `points`, and how far it is, all in the frame. Faces count as discs of their area, so
+/// that a point on a large face is not taken for one on a small face beside it.
 fn nearest(graph: &DualGraph, points: &[[f64; 3]], run: &Run) -> Result<Vec<(f64, u32)>> {
     let nodes = &graph.nodes;
     if points.is_empty() {

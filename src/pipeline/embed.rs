@@ -1,6 +1,7 @@
 //! The embedding of all faces as an array, for other programs: `embedding.npy` (faces × d), in the order of the file.
 //!
-//! `segment` never needs it whole: it extrapolates a chunk at a time. Cost: one pass over `[A B]`; 4 d bytes of disk for each face.
+//! `segment` never needs it whole: it extrapolates a chunk at a time. Cost: one pass over `[A B]`; 4 d
+//! bytes of disk for each face.
 
 use super::contracted;
 use super::params::{Cluster, SegmentParams, default_landmarks_for_faces, default_landmarks_for_parts};

@@ -1,9 +1,9 @@
 //! Coarse meshes are refined on finer ones.
 //!
-//! A hundred functions on a few hundred vertices are not orthonormal by area, and a map between them is not determined by so few
-//! matches: refinement made the matches of meshes of 250 vertices worse (.0182 to .0301 √area on average). So a mesh of fewer than [`FEW`] vertices is subdivided,
-//! each triangle into four, until it has as many (.0123). The surface stays the same. The vertices of the file come first, and only these are matched in
-//! the end.
+//! A hundred functions on a few hundred vertices are not orthonormal by area, and a map between them is not determined
+//! by so few matches: refinement made the matches of meshes of 250 vertices worse (.0182 to .0301 √area on average). So
+//! a mesh of fewer than [`FEW`] vertices is subdivided, each triangle into four, until it has as many (.0123). The
+//! surface stays the same. The vertices of the file come first, and only these are matched in the end.
 //!
 //! Cost: meshes of up to 4 × [`FEW`] vertices, held in memory.
 

@@ -58,8 +58,9 @@ pub fn same(a: &Value, b: &Value) -> bool {
     ["bytes", "ends", "stdin", "content"].iter().all(|key| a[key] == b[key])
 }
 
-/// Refuses to work on the mesh at `path`, which `identity` tells, in a work directory that is of another mesh, or of what that file
-/// held before it changed: all that `work` keeps would be made anew, and the other mesh would lose hours of work by a wrong path.
+/// Refuses to work on the mesh at `path`, which `identity` tells, in a work directory that is of another mesh, or of
+/// what that file held before it changed: all that `work` keeps would be made anew, and the other mesh would lose hours
+/// of work by a wrong path.
 ///
 /// # Errors
 /// [`Error::WorkDir`] with the mesh that `work` is of.
@@ -86,8 +87,8 @@ fn of_another(path: &Path, problem: String, work: &WorkDir) -> Error {
     Error::work_dir(work.path(), problem, remedy)
 }
 
-/// Refuses to match the mesh at `path`, which `identity` tells, in a folder `work` of a work directory that keeps the vertex graph of
-/// another one.
+/// Refuses to match the mesh at `path`, which `identity` tells, in a folder `work` of a work directory that keeps the
+/// vertex graph of another one.
 ///
 /// # Errors
 /// [`Error::WorkDir`].
@@ -171,8 +172,9 @@ impl Record {
 /// Bytes of graph and normals a triangle, where geometry is an array.
 const WITH_ARRAYS: u64 = 80;
 
-/// Whether the graph's geometry is computed from the mesh at each look: by the default method on a large mesh, by K-means and 2-means, if
-/// arrays would be more than the kernel can keep in memory, in a work directory that is `temporary`.
+/// Whether the graph's geometry is computed from the mesh at each look: by the default method on a large
+/// mesh, by K-means and 2-means, if arrays would be more than the kernel can keep in memory, in a work
+/// directory that is `temporary`.
 pub(super) fn computes(params: &SegmentParams, faces: usize, temporary: bool, run: &Run) -> bool {
     temporary
         && (params.contracts(faces) || params.cluster != Cluster::Parts)

@@ -201,8 +201,8 @@ impl Labels {
     }
 }
 
-/// Pairs of touching parts, ascending, with the length of their common boundary in the frame (at least 1e-9). `boundary_nodes` are those with a
-/// neighbour of another label, ascending; without them all nodes are looked at.
+/// Pairs of touching parts, ascending, with the length of their common boundary in the frame (at least 1e-9).
+/// `boundary_nodes` are those with a neighbour of another label, ascending; without them all nodes are looked at.
 ///
 /// # Errors
 /// [`crate::base::Error::Cancelled`].

@@ -1,10 +1,10 @@
 //! Parts of a labelled mesh found again on others of its kind: another scan, another pose.
 //!
 //! Where both meshes lie in the same place, each face takes the label of the nearest face of the reference
-//! ([`crate::apps::transfer`]). Otherwise vertices are matched by their spectral embeddings ([`super::correspond`]). What is
-//! carried over is a hint for every face ([`super::edits::Corrections::painted`]): the decision takes the label of most faces
-//! of each cell, so single wrong matches do not count, and boundaries are refined on the new mesh. Cost: that of the transfer
-//! or the matching, and one pass over the faces.
+//! ([`crate::apps::transfer`]). Otherwise vertices are matched by their spectral embeddings ([`super::correspond`]).
+//! What is carried over is a hint for every face ([`super::edits::Corrections::painted`]): the decision takes the label
+//! of most faces of each cell, so single wrong matches do not count, and boundaries are refined on the new mesh. Cost:
+//! that of the transfer or the matching, and one pass over the faces.
 
 use super::correspond::{CorrespondParams, correspond, default_landmarks_for_vertices};
 use super::labels::SegmentedMesh;
@@ -136,7 +136,8 @@ fn by_shape(reference: Reference<'_>, mesh: &Mesh, context: Context<'_>) -> Resu
     Ok(carried(values, Way::Shape, confidence, found.alignments.ambiguous))
 }
 
-/// Gives the parts of `result`, which was cut with the hints of `carried`, the numbers, colours and names of the reference's.
+/// Gives the parts of `result`, which was cut with the hints of `carried`, the numbers, colours and
+/// names of the reference's.
 ///
 /// # Errors
 /// [`Error::Io`], [`Error::Cancelled`].

@@ -1,11 +1,12 @@
 //! The paper's methods: centres by K-means or iterative 2-means on sampled columns of the embedding, then one pass over
 //! all of them.
 //!
-//! Of a large mesh all this happens on its contraction, as the default method's decision does: there rows cost hardly anything, so there are
-//! more of them. Faces get the label of their contracted node, and those near boundaries are labelled anew.
+//! Of a large mesh all this happens on its contraction, as the default method's decision does: there rows cost
+//! hardly anything, so there are more of them. Faces get the label of their contracted node, and those near
+//! boundaries are labelled anew.
 //!
-//! Cost: fitting is constant in the size of the mesh (16,384 columns). With rows over all faces the pass reads 4 l bytes per face; with a
-//! contraction it is one front over all faces, and one in the narrow bands.
+//! Cost: fitting is constant in the size of the mesh (16,384 columns). With rows over all faces the pass reads 4 l
+//! bytes per face; with a contraction it is one front over all faces, and one in the narrow bands.
 
 use super::contracted::{contraction_and_shares, faces_of, units_of, weighted};
 use super::edits::PartMarks;

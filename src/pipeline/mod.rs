@@ -4,8 +4,8 @@
 //! mesh ─▶ dual graph ─▶ weights ─▶ landmarks ─▶ rows [A B] ─┬▶ embedding ─▶ centres ─▶ labels ─▶ colours
 //!                                                            └▶ cells ─▶ parts ─▶ boundaries ─┘
 //! ```
-//! Every arrow is a stage in the work directory: reused where its inputs and options are the same. [`recipe`] reads like
-//! this picture; [`plan`] tells beforehand what it will take.
+//! Every arrow is a stage in the work directory: reused where its inputs and options are the same. [`recipe`] reads
+//! like this picture; [`plan`] tells beforehand what it will take.
 
 pub mod calibrate;
 mod contracted;

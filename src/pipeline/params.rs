@@ -42,8 +42,8 @@ pub enum Walls {
     /// They have the labels of the outside behind them.
     #[default]
     Follow,
-    /// All of them together are a part of their own, besides those that are found or asked for; not where more parts are asked for
-    /// than the surface has cells.
+    /// All of them together are a part of their own, besides those that are found or asked for; not where more parts
+    /// are asked for than the surface has cells.
     Own,
 }
 
@@ -112,8 +112,9 @@ impl SegmentParams {
         self.exact || self.boundaries == Boundaries::Embedding
     }
 
-    /// Whether parts of a mesh of `faces` faces are decided on its contraction: if it is large, unless `exact` is set, its
-    /// boundaries are found in the embedding of all faces, or K-means and 2-means are asked for more parts than can be told apart there.
+    /// Whether parts of a mesh of `faces` faces are decided on its contraction: if it is large, unless `exact` is set,
+    /// its boundaries are found in the embedding of all faces, or K-means and 2-means are asked for more parts than
+    /// can be told apart there.
     pub fn contracts(&self, faces: usize) -> bool {
         let few = self.centres().is_none_or(|parts| parts <= contract::NODES / NODES_A_PART);
         !self.exact_rows() && faces > contract::LARGE && few
@@ -131,8 +132,9 @@ impl SegmentParams {
 
     /// The number of landmarks for a mesh of `faces` faces: the one asked for, else as many as pay.
     ///
-    /// Over a contraction rows cost hardly anything. There K-means has at least 60: on 38 models of the benchmark, subdivided to 150,000
-    /// to 600,000 faces, 1 − Rand was .140, .124, .117, .130 with 10, 20, 60, 120 (`benches/records/2026-11-23-means-contracted.md`).
+    /// Over a contraction rows cost hardly anything. There K-means has at least 60: on 38 models of the benchmark,
+    /// subdivided to 150,000 to 600,000 faces, 1 − Rand was .140, .124, .117, .130 with 10, 20, 60, 120
+    /// (`benches/records/2026-11-23-means-contracted.md`).
     pub fn landmarks_of(&self, faces: usize) -> usize {
         let contracts = self.contracts(faces);
         self.landmarks.unwrap_or(match self.centres() {
@@ -143,8 +145,9 @@ impl SegmentParams {
         })
     }
 
-    /// How landmarks of a mesh of `faces` faces are chosen: as asked for, else by area and distance where [`Cluster::Parts`] has rows over a
-    /// contraction, and farthest points where rows are over all faces, or are those of the paper's methods.
+    /// How landmarks of a mesh of `faces` faces are chosen: as asked for, else by area and distance where
+    /// [`Cluster::Parts`] has rows over a contraction, and farthest points where rows are over all faces, or are
+    /// those of the paper's methods.
     pub fn sampling_of(&self, faces: usize) -> Sampling {
         let weighted = self.cluster == Cluster::Parts && self.contracts(faces);
         self.sampling.unwrap_or(if weighted { Sampling::DistanceWeighted } else { Sampling::Farthest })
@@ -155,8 +158,8 @@ impl SegmentParams {
         OrderParams { order: self.order, has_rows: !self.contracts(faces) }
     }
 
-    /// Whether rows of distances are kept, in a work directory that is `lasting` or temporary: in one that lasts always, else
-    /// where their columns are read again, by K-means, 2-means, and boundaries by the embedding.
+    /// Whether rows of distances are kept, in a work directory that is `lasting` or temporary: in one that lasts
+    /// always, else where their columns are read again, by K-means, 2-means, and boundaries by the embedding.
     pub fn keeps_rows(&self, lasting: bool) -> bool {
         lasting || self.cluster != Cluster::Parts || self.boundaries == Boundaries::Embedding
     }
@@ -167,8 +170,9 @@ const NODES_A_PART: usize = 30;
 /// Landmarks for K-means at the most, but for very many parts.
 const MOST_LANDMARKS: usize = 60;
 
-/// Landmarks for K-means into `parts` parts with rows over all faces: twice as many, so that every part can hold two, at least 10 and at
-/// most 60, but more than parts up to 512: beyond, eigenvectors would cost more than they tell apart.
+/// Landmarks for K-means into `parts` parts with rows over all faces: twice as many, so that every part can
+/// hold two, at least 10 and at most 60, but more than parts up to 512: beyond, eigenvectors would cost
+/// more than they tell apart.
 pub fn default_landmarks_for_parts(parts: usize) -> usize {
     (2 * parts).clamp(10, MOST_LANDMARKS).max((parts + 1).min(512))
 }
@@ -176,16 +180,17 @@ pub fn default_landmarks_for_parts(parts: usize) -> usize {
 /// Faces up to which a mesh has fewer landmarks on its contraction, and more over all faces.
 const MEDIUM: usize = 300_000;
 
-/// Landmarks for deciding parts with rows over all of `faces` faces: 120 where fronts are cheap, fewer where each costs. On the
-/// 190 models of the benchmark 1 − Rand was .094, .093, .089, .087, .087, .086 with 20, 30, 40, 60, 80, 120 under seed 0. From
-/// 60 on more do not agree better with people, but two seeds with each other: see `docs/quality.md`.
+/// Landmarks for deciding parts with rows over all of `faces` faces: 120 where fronts are cheap, fewer where
+/// each costs. On the 190 models of the benchmark 1 − Rand was .094, .093, .089, .087, .087, .086 with 20, 30,
+/// 40, 60, 80, 120 under seed 0. From 60 on more do not agree better with people, but two seeds with each
+/// other: see `docs/quality.md`.
 pub fn default_landmarks_for_faces(faces: usize) -> usize {
     let landmarks = [(contract::LARGE, 120), (MEDIUM, 60), (2_000_000, 40), (20_000_000, 30)];
     landmarks.into_iter().find(|&(most, _)| faces <= most).map_or(20, |(_, landmarks)| landmarks)
 }
 
-/// Landmarks for deciding parts with rows over the contraction of a mesh of `faces` faces: 240 where their time is small beside
-/// that of all else, else 120.
+/// Landmarks for deciding parts with rows over the contraction of a mesh of `faces` faces: 240 where their time is
+/// small beside that of all else, else 120.
 pub fn landmarks_on_contraction(faces: usize) -> usize {
     if faces > MEDIUM { 240 } else { 120 }
 }

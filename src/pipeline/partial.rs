@@ -1,15 +1,16 @@
 //! `correspond --partial`: a part is matched with a whole.
 //!
-//! The mesh with less area is the part. Both have the same scale: lengths of the files are compared. First matches come from distances
-//! between far points ([`crate::apps::correspond::partial`]). What they cover of the whole, as much area as the part has, is cut out
-//! ([`Region`]) and matched with the part like two wholes, from alignments and from the first matches: with the same boundary, both have nearly
-//! the same functions. Of the likeliest first maps the one whose region fits best is taken, and cut out again
-//! by its matches, as long as it fits better.
+//! The mesh with less area is the part. Both have the same scale: lengths of the files are compared. First matches come
+//! from distances between far points ([`crate::apps::correspond::partial`]). What they cover of the whole, as much area
+//! as the part has, is cut out ([`Region`]) and matched with the part like two wholes, from alignments and from the
+//! first matches: with the same boundary, both have nearly the same functions. Of the likeliest first maps the one
+//! whose region fits best is taken, and cut out again by its matches, as long as it fits better.
 //!
 //! What lies outside the region has no match; nor has a vertex whose confidence is below [`LEAST`].
 //!
-//! Cost: that of two wholes up to [`FINALISTS`] + [`ROUNDS`] times, and a row per candidate of the first matches. Region and maps are held in
-//! memory: the budget grants [`REGION`] bytes per vertex of the whole and [`MAPS`] per vertex of the part.
+//! Cost: that of two wholes up to [`FINALISTS`] + [`ROUNDS`] times, and a row per candidate of the first
+//! matches. Region and maps are held in memory: the budget grants [`REGION`] bytes per vertex of the whole and
+//! [`MAPS`] per vertex of the part.
 
 use super::sides::{
     CorrespondParams, Correspondence, FunctionalMap, Guidance, LARGE, LARGE_WIDTH, LOCAL_SAMPLES, LOCAL_WIDTH,
@@ -82,7 +83,8 @@ struct Candidate {
 }
 
 impl Candidate {
-    /// How well region and part fit. What area costs to be carried is left out: from region to region it changes by chance.
+    /// How well region and part fit. What area costs to be carried is left out: from region to
+    /// region it changes by chance.
     fn rank(&self) -> f64 {
         self.outcomes.first().map_or(f64::INFINITY, |best| best.distortion * best.residual)
     }
@@ -94,8 +96,9 @@ fn area(side: &Side<'_>) -> f64 {
 }
 
 impl Region {
-    /// The vertices of `whole` that `images` of `part` cover the most, as many as have the area `share` of it. The area that comes to lie there is
-    /// spread by heat in the functions `basis` of the whole, so that neither gaps between images count as holes nor a few stray images fill one.
+    /// The vertices of `whole` that `images` of `part` cover the most, as many as have the area `share` of it. The area
+    /// that comes to lie there is spread by heat in the functions `basis` of the whole, so that neither gaps between
+    /// images count as holes nor a few stray images fill one.
     fn covered(
         [part, whole]: [&Side<'_>; 2],
         basis: &LocalBasis,
@@ -267,7 +270,8 @@ fn apart(whole: &Side<'_>, one: &Images, other: &Images) -> f64 {
     sum * whole.graph.unit() / pairs.len().max(1) as f64
 }
 
-/// Maps of `part` to `whole` by distances between far points, the likeliest first, the matches of the first of them, and functions on the whole.
+/// Maps of `part` to `whole` by distances between far points, the likeliest first, the matches of the first of them,
+/// and functions on the whole.
 fn first_maps(
     part: &Side<'_>,
     whole: &Side<'_>,

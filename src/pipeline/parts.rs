@@ -1,8 +1,9 @@
 //! The default method: parts as people would cut them.
 //!
 //! Everything of the size of the mesh happens here once, out of core: shares of area, normals at a radius of the shape,
-//! weights, rows, cells; then the parts are decided on cells, in constant time, as a whole tree of answers, and
-//! one more front moves their boundaries onto creases. Another number of parts needs only the last step. More parts than there are cells are pieces of these.
+//! weights, rows, cells; then the parts are decided on cells, in constant time, as a whole tree of answers, and one
+//! more front moves their boundaries onto creases. Another number of parts needs only the last step. More parts than
+//! there are cells are pieces of these.
 
 use super::contracted::{contraction_and_shares, faces_of, units_of, weighted};
 use super::decision::DecisionStage;
@@ -50,8 +51,8 @@ struct Located<'a> {
 }
 
 impl Located<'_> {
-    /// The parts of `nodes` under the labels of cells `label`, once boundaries are refined. `cells` is the cell of each node, or
-    /// contracted node.
+    /// The parts of `nodes` under the labels of cells `label`, once boundaries are refined. `cells` is the cell of each
+    /// node, or contracted node.
     fn seen(&self, cells: &[u16], label: &[u32], nodes: &[u32]) -> Result<Vec<u32>> {
         let WeightedSurface { graph, weighted, surface } = self.whole;
         let of_units: Vec<u32>;

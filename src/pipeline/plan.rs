@@ -1,9 +1,10 @@
 //! What a run will need, told before it starts: memory, disk and time a stage.
 //!
-//! Each stage tells what it needs beside its own code ([`Stage::needs`]); this adds up. Disk follows from the sizes of
-//! the arrays alone, memory from the same arithmetic that cuts shuffles to the budget, time from a short calibration: the same
-//! recipe on two creatures ([`super::calibrate`]), drawn out along the line through both. Where memory is short, bytes
-//! read and written come on top, by the speed of the disk ([`DiskSpeed`]). The input's header is read, nothing else.
+//! Each stage tells what it needs beside its own code ([`Stage::needs`]); this adds up. Disk follows from the sizes
+//! of the arrays alone, memory from the same arithmetic that cuts shuffles to the budget, time from a short
+//! calibration: the same recipe on two creatures ([`super::calibrate`]), drawn out along the line through both.
+//! Where memory is short, bytes read and written come on top, by the speed of the disk ([`DiskSpeed`]). The input's
+//! header is read, nothing else.
 
 use super::input::computes;
 use super::params::{Cluster, SegmentParams};
@@ -32,8 +33,9 @@ const BEYOND_CACHES: f64 = 1.2;
 /// Share of the disk's time that is waited for; work goes on in the rest (measured).
 const WAITING: f64 = 0.5;
 
-/// Seconds of work per byte that comes and goes where memory is short, beside waiting: faults, reclaiming, caches that are cold. 28 seconds
-/// more for some 35 GB at 100 million faces by default, 53 for 61 GB by K-means, of which the disk was waited for a quarter (measured).
+/// Seconds of work per byte that comes and goes where memory is short, beside waiting: faults, reclaiming, caches that
+/// are cold. 28 seconds more for some 35 GB at 100 million faces by default, 53 for 61 GB by K-means, of which the disk
+/// was waited for a quarter (measured).
 const PAGING: f64 = 0.7e-9;
 
 /// What a stage takes: a part that does not depend on the size, and a part per face.
@@ -115,19 +117,22 @@ fn landmarks(params: &SegmentParams, faces: u64) -> u64 {
     (params.landmarks_of(faces as usize) as u64).min(faces)
 }
 
-/// What lies in the folder of the contracted surface besides rows: its graph, cells, their rows, the ensemble (measured).
+/// What lies in the folder of the contracted surface besides rows: its graph, cells, their rows,
+/// the ensemble (measured).
 const ON_CONTRACTION: u64 = 10 << 20;
 
 /// What deciding parts allocates: the ensemble and its co-association over two thousand cells (measured).
 const DECISION: u64 = 20 << 20;
 
-/// Whether rows are over all faces and every face is embedded, as K-means and 2-means do unless they have a contraction.
+/// Whether rows are over all faces and every face is embedded, as K-means and 2-means do unless
+/// they have a contraction.
 fn embeds_faces(extent: &Extent, cluster: Cluster) -> bool {
     cluster != Cluster::Parts && !extent.contracts
 }
 
-/// What labelling takes: labels and confidences, once more in the order of the file, and before them the decision about
-/// parts, or the sample that the centres of K-means are found on. The rows of K-means over all faces go before labels are put in order.
+/// What labelling takes: labels and confidences, once more in the order of the file, and before them the decision
+/// about parts, or the sample that the centres of K-means are found on. The rows of K-means over all faces go before
+/// labels are put in order.
 fn labels_need(extent: &Extent, cluster: Cluster, room: &mut Room) -> Needs {
     let n = extent.faces;
     let embeds_faces = embeds_faces(extent, cluster);
@@ -265,7 +270,8 @@ impl Plan {
         self
     }
 
-    /// Adds what paging will take with a disk of this speed where the page cache can hold `cache` bytes of mapped files.
+    /// Adds what paging will take with a disk of this speed where the page cache can hold
+    /// `cache` bytes of mapped files.
     pub fn with_waits(mut self, speed: DiskSpeed, cache: u64) -> Self {
         let missing = 1. - (cache as f64 / self.walked as f64).min(1.);
         let waits = |reads: u64, writes: u64| {
@@ -289,8 +295,8 @@ impl Plan {
         check_size(self.mesh.faces, self.mesh.corners, path)
     }
 
-    /// Refuses a run whose files the disk under `folder` cannot hold, even for a smooth surface. Bytes that are there already
-    /// count as free.
+    /// Refuses a run whose files the disk under `folder` cannot hold, even for a smooth surface. Bytes that are
+    /// there already count as free.
     ///
     /// # Errors
     /// [`Error::Disk`].
@@ -308,7 +314,8 @@ impl Plan {
         })
     }
 
-    /// The bytes that a run with `peak` bytes on disk still needs under `folder`, and those that are free, if these are fewer.
+    /// The bytes that a run with `peak` bytes on disk still needs under `folder`, and those that are
+    /// free, if these are fewer.
     fn lack_of_disk(&self, folder: &Path, there: u64, peak: u64) -> Option<(u64, u64)> {
         let available = fs4::available_space(folder).ok()?;
         let needed = peak.saturating_sub(there);

@@ -1,8 +1,8 @@
 //! The recipe of `segment`: from a mesh to one label per face, or from the stages that a work directory keeps.
 //!
 //! The first stages leave a record of the mesh and of the options ([`super::input::Record`]), so that a later command
-//! needs to be told only what is to change. Another number of parts then costs what it costs to check and map the stages,
-//! a cut of the kept hierarchy, and the narrow bands at the parts' boundaries.
+//! needs to be told only what is to change. Another number of parts then costs what it costs to check and map the
+//! stages, a cut of the kept hierarchy, and the narrow bands at the parts' boundaries.
 
 use super::decision;
 use super::edits::Corrections;
@@ -24,8 +24,8 @@ use crate::store::{Context, WorkDir};
 /// Cuts the mesh of `opened` into parts. `identity` says which input it is (see [`input::identity`]).
 ///
 /// # Errors
-/// [`Error::Parameter`] for K-means without a number of parts or with options out of range, [`Error::Unusable`] for more
-/// parts than faces, [`Error::Io`], [`Error::Memory`], [`Error::Cancelled`].
+/// [`Error::Parameter`] for K-means without a number of parts or with options out of range, [`Error::Unusable`] for
+/// more parts than faces, [`Error::Io`], [`Error::Memory`], [`Error::Cancelled`].
 pub fn segment(
     opened: &Mesh,
     identity: &serde_json::Value,
@@ -90,8 +90,8 @@ pub struct Eigenvalues {
     pub dropped: usize,
 }
 
-/// The eigenvalues in `work`: of the decision about parts (on the contracted mesh, unless it is small or rows were `exact`), else of the
-/// embedding, which only tells the negative ones apart.
+/// The eigenvalues in `work`: of the decision about parts (on the contracted mesh, unless it is small or rows were
+/// `exact`), else of the embedding, which only tells the negative ones apart.
 ///
 /// # Errors
 /// [`Error::WorkDir`] where there are none.
@@ -120,8 +120,8 @@ pub fn requested_parts(work: &WorkDir) -> Option<PartsParams> {
 }
 
 /// Clusters the faces of the mesh in `work` (again) under `params`; what is missing between its graph and the labels is
-/// made. By the hierarchy `tree`, where one is given, and corrected. K-means and two-means take the rows over all faces that are there, of
-/// whatever metric, and the embedding's options of the stage `embedding` where `params` has none.
+/// made. By the hierarchy `tree`, where one is given, and corrected. K-means and two-means take the rows over all faces
+/// that are there, of whatever metric, and the embedding's options of the stage `embedding` where `params` has none.
 ///
 /// # Errors
 /// As [`segment`], and [`Error::WorkDir`] where the graph is missing.
@@ -152,8 +152,8 @@ pub fn cluster(
     label(&graph, order, clustered, params, context)
 }
 
-/// The rows over all faces that are there, of whatever metric, or new ones; `None` where `params` have the mesh contracted, also if another
-/// command left rows over all faces.
+/// The rows over all faces that are there, of whatever metric, or new ones; `None` where `params` have the mesh
+/// contracted, also if another command left rows over all faces.
 fn rows_over_faces(graph: &DualGraph, params: &SegmentParams, context: Context<'_>) -> Result<Option<DistanceRows>> {
     let n = graph.nodes.len();
     if params.contracts(n) {

@@ -53,8 +53,8 @@ pub struct Report {
     /// How parts were decided on; absent for K-means.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub decision: Option<PartsReport>,
-    /// Whether the surface falls into parts that people would agree on: not where they would hardly have these, nor where it is left whole.
-    /// Absent where that is not known.
+    /// Whether the surface falls into parts that people would agree on: not where they would hardly have these, nor
+    /// where it is left whole. Absent where that is not known.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub clear_parts: Option<bool>,
     /// The parts.
@@ -115,7 +115,8 @@ pub struct Part {
     pub area: f64,
     /// Its colour.
     pub colour: [u8; 3],
-    /// Share of people who are expected to have such a part, 0 to 1; absent where the parts are not the decision's alone.
+    /// Share of people who are expected to have such a part, 0 to 1; absent where the parts are
+    /// not the decision's alone.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub expected_agreement: Option<f64>,
     /// Whether that is less than half. A band, a sliver, a crumb, or a boundary where the surface has none.

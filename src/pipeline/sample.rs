@@ -1,9 +1,9 @@
 //! The sample that parts are decided with: rows of distances over all faces, averaged over cells.
 //!
-//! Deciding needs the averages alone. In a work directory that lasts, rows are kept all the same, since other options, another
-//! number of landmarks' embedding, a run that was killed can use them; in a temporary one each row is averaged as it
-//! comes from its front and forgotten, which saves 4 l bytes of disk a face, 80 to 240, and writing and reading them.
-//! Averages are the same numbers both ways.
+//! Deciding needs the averages alone. In a work directory that lasts, rows are kept all the same, since other options,
+//! another number of landmarks' embedding, a run that was killed can use them; in a temporary one each row is averaged
+//! as it comes from its front and forgotten, which saves 4 l bytes of disk a face, 80 to 240, and writing and reading
+//! them. Averages are the same numbers both ways.
 
 use super::labels::SegmentStats;
 use super::params::{SegmentParams, default_landmarks_for_faces};
@@ -66,9 +66,9 @@ impl WeightedSurface<'_> {
     /// The sample that `params` asks for, of `l` landmarks; where they are farthest points that turned out to be
     /// outliers, one of landmarks drawn by area instead.
     ///
-    /// Farthest points are corners that few paths lead out of: mostly tips of limbs, which is what parts are told apart by. A
-    /// surface full of pockets, like an isosurface of a scanned body, has pockets for all of them. Then all the rest is
-    /// equally far from every landmark, one cluster of the embedding, and one part.
+    /// Farthest points are corners that few paths lead out of: mostly tips of limbs, which is what parts are told apart
+    /// by. A surface full of pockets, like an isosurface of a scanned body, has pockets for all of them. Then all the
+    /// rest is equally far from every landmark, one cluster of the embedding, and one part.
     pub fn representative(self, l: usize, params: &SegmentParams, context: Context<'_>) -> Result<Sample> {
         let first = self.sample(l, params, context)?;
         let share = greatest_share(&first.b, &self.surface.cells()?.graph.area);

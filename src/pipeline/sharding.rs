@@ -5,9 +5,10 @@
 //! its own. A process that finds the stage stamped needs neither mesh nor lock of its own. A scheduler, which waits
 //! better than a process does, has the first step done by [`prepare_shared`] alone; shards then never wait.
 //!
-//! Rows over all faces are divided by landmark. Of a large mesh that is contracted, the fronts from many sources are divided,
-//! by ranges of nodes: those of the normals, then that of the contraction; after its rows those of the boundaries
-//! ([`super::shared_boundaries`]). The stages that ask for these find the shares ([`SharedFront`], [`shard::merge`]).
+//! Rows over all faces are divided by landmark. Of a large mesh that is contracted, the fronts from many sources
+//! are divided, by ranges of nodes: those of the normals, then that of the contraction; after its rows those of
+//! the boundaries ([`super::shared_boundaries`]). The stages that ask for these find the shares
+//! ([`SharedFront`], [`shard::merge`]).
 
 use super::decision::CONTRACTED;
 use super::params::{Cluster, SegmentParams};
@@ -345,8 +346,8 @@ pub fn compute_all_rows(
     DistanceRows::build(&weighted, nodes[..].into(), rows, context)
 }
 
-/// Computes one share in the work directory `path`, making what comes before where no other process did.
-/// `open` reads the mesh, with decoded arrays going to the work directory; it is called only where needed. How many rows or faces
+/// Computes one share in the work directory `path`, making what comes before where no other process did. `open` reads
+/// the mesh, with decoded arrays going to the work directory; it is called only where needed. How many rows or faces
 /// the share has is returned.
 ///
 /// # Errors

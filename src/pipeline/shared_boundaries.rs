@@ -1,8 +1,9 @@
 //! The two fronts of boundaries in shares: depths of faces in their parts, then labels of the narrow bands.
 //!
-//! Where interiors begin depends on the depths of all faces, so the second front waits for the first. What comes before the
-//! shares is everything up to the decision, and passes over all faces that find the sources. A share of the bands takes the parts from the
-//! contracted nodes and the depths from their shares, so nothing of the size of the mesh is written for it.
+//! Where interiors begin depends on the depths of all faces, so the second front waits for the first. What comes
+//! before the shares is everything up to the decision, and passes over all faces that find the sources. A share of
+//! the bands takes the parts from the contracted nodes and the depths from their shares, so nothing of the size of
+//! the mesh is written for it.
 
 use super::decision::CONTRACTED;
 use super::params::SegmentParams;
@@ -34,7 +35,8 @@ pub(super) struct BoundaryFacts {
     keys: [String; 2],
     /// Number of nodes, and of contracted nodes.
     nodes: [usize; 2],
-    /// Number of sources: of the depths, and of the bands. None where the mesh is too small to be contracted, or is one part.
+    /// Number of sources: of the depths, and of the bands. None where the mesh is too small to be
+    /// contracted, or is one part.
     sources: [usize; 2],
     /// Half the width of the narrow bands.
     half_width: f32,

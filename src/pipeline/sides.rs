@@ -1,7 +1,8 @@
 //! Two meshes made ready to be matched, and their refined match.
 //!
-//! Each mesh is made into a vertex graph, rows and an embedding in a folder of its own ([`Side`]). [`refined`] takes two of them and alignments
-//! of their embeddings to matches. What both [`super::correspond`] of wholes and [`super::partial`] are made of.
+//! Each mesh is made into a vertex graph, rows and an embedding in a folder of its own ([`Side`]). [`refined`] takes
+//! two of them and alignments of their embeddings to matches. What both [`super::correspond`] of wholes and
+//! [`super::partial`] are made of.
 //!
 //! Cost: everything of the size of a mesh is a mapped file; allocated are queues of fronts.
 
@@ -102,8 +103,8 @@ pub struct FunctionalMap {
     pub bases: [LocalBasis; 2],
 }
 
-/// Landmarks for meshes of up to `vertices` vertices: fewer where a row costs a third of a second. On twelve decimated series 20
-/// instead of 50 take the mean error from .007 to .010.
+/// Landmarks for meshes of up to `vertices` vertices: fewer where a row costs a third of a second. On twelve decimated
+/// series 20 instead of 50 take the mean error from .007 to .010.
 pub fn default_landmarks_for_vertices(vertices: usize) -> usize {
     if vertices <= LARGE { 50 } else { 20 }
 }

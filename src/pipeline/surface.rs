@@ -3,8 +3,8 @@
 //!
 //! A large surface has no cells of its own: they are cut on its contraction.
 //!
-//! Cost: nothing but a sample where the surface is large and clean, else one to three fronts for normals; one front from two
-//! thousand seeds (cells); 4 to 20 bytes per face are kept.
+//! Cost: nothing but a sample where the surface is large and clean, else one to three fronts for normals; one front
+//! from two thousand seeds (cells); 4 to 20 bytes per face are kept.
 
 use crate::base::parallel::map_chunks;
 use crate::base::{Error, Result};
@@ -168,8 +168,9 @@ impl Stage for SurfaceStage<'_> {
     fn needs(extent: &Extent, room: &mut Room) -> Needs {
         let (n, corners) = (extent.faces, extent.corners);
         let kept_normals = if extent.rough { 12 * n } else { 0 };
-        // Shares, cells; then other normals, the field and the owners of a front, the weights of cells. Cells ask for normals at all
-        // radii, a rough surface for two; a smooth one for none, or, where a sample does not tell, for one.
+        // Shares, cells; then other normals, the field and the owners of a front, the weights of cells.
+        // Cells ask for normals at all radii, a rough surface for two; a smooth one for none, or, where a
+        // sample does not tell, for one.
         let (keeping, passing) = match (extent.computed, extent.contracts, extent.rough) {
             // By blocks: one front at a time.
             (true, _, true) => (0, 16 * n),
@@ -198,14 +199,14 @@ struct Smoothed {
     normals: [Normals; 3],
     /// Index into [`RADII`] of those that turning is measured with; `None`: the nodes' own.
     radius: Option<usize>,
-    /// Total turning with the nodes' own normals, then with those at .01 (where they were needed) and .02; of a large clean mesh
-    /// estimates.
+    /// Total turning with the nodes' own normals, then with those at .01 (where they were needed) and .02; of a
+    /// large clean mesh estimates.
     turning: Vec<f64>,
 }
 
 impl Smoothed {
-    /// Cells ask for all radii. Otherwise .02 tells whether the mesh is rough, and of a large one most often a sample; only rough ones need
-    /// .01 besides.
+    /// Cells ask for all radii. Otherwise .02 tells whether the mesh is rough, and of a large one most often a sample;
+    /// only rough ones need .01 besides.
     fn of(stage: &SurfaceStage<'_>, shares: &AreaShares, context: Context<'_>) -> Result<Self> {
         let SurfaceStage { graph, cells, .. } = *stage;
         let total = |normals: &[&Normals]| normals::total_turning(graph, shares, normals, context.run);
@@ -254,7 +255,8 @@ impl SurfaceStage<'_> {
         self.graph.nodes.len() > roughness::SAMPLED && roughness::is_clearly_clean(sample)
     }
 
-    /// Puts normals at those of [`RADII`] with the indices `radii` into `normals`; with two threads, two fronts at a time.
+    /// Puts normals at those of [`RADII`] with the indices `radii` into `normals`; with two
+    /// threads, two fronts at a time.
     fn smooth(
         &self,
         radii: &[usize],

@@ -1,7 +1,9 @@
-//! From units of the surface to faces: the labels and confidences that cells or contracted nodes have, brought to every face.
+//! From units of the surface to faces: the labels and confidences that cells or contracted nodes
+//! have, brought to every face.
 //!
-//! Parts are decided on units; the narrow bands between them are labelled anew afterwards ([`crate::cluster::boundary`]), so areas
-//! have to be summed only where a face left the part of its unit. Cost: a pass over labels for each, 12 bytes per face.
+//! Parts are decided on units; the narrow bands between them are labelled anew afterwards
+//! ([`crate::cluster::boundary`]), so areas have to be summed only where a face left the part of its unit. Cost: a pass
+//! over labels for each, 12 bytes per face.
 
 use super::labels::QUALITY;
 use crate::base::Result;
@@ -43,8 +45,8 @@ impl Units {
         quality.finish(false)
     }
 
-    /// Faces and area (in the frame) of each of `parts` parts under `labels` (n). Where areas of units are known and `labels` are theirs but for
-    /// the narrow bands (`near`), geometry is looked at only where boundaries have moved.
+    /// Faces and area (in the frame) of each of `parts` parts under `labels` (n). Where areas of units are known and
+    /// `labels` are theirs but for the narrow bands (`near`), geometry is looked at only where boundaries have moved.
     ///
     /// # Errors
     /// [`crate::base::Error::Cancelled`].

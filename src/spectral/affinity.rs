@@ -3,8 +3,8 @@
 //! A block has l rows (landmarks) and n columns in node order, A's among them ([`SampledBlock`]). Columns are made in
 //! chunks and forgotten; nothing of the size of the mesh is held. Cost of a pass: n·l affinities.
 //!
-//! A⁻¹ of eq. 1 and eq. 6 is the pseudo-inverse on the kept eigenpairs ([`KeptEigenpairs`]): A of a Gaussian of geodesic
-//! distances is indefinite, and its small eigenvalues are noise. O(l³).
+//! A⁻¹ of eq. 1 and eq. 6 is the pseudo-inverse on the kept eigenpairs ([`KeptEigenpairs`]): A of a Gaussian of
+//! geodesic distances is indefinite, and its small eigenvalues are noise. O(l³).
 //!
 //! What is done to affinities before the eigenproblem ([`Preprocess`]) is a function of `[A B]`'s columns:
 //! - [`Preprocess::Degree`]: D^-½ W D^-½ with the degrees of the Nyström approximation, d_j = B_jᵀ A⁺ (W 1): the row
@@ -206,9 +206,9 @@ impl KeptEigenpairs {
         Self { values: all[..count].to_vec(), vectors: vectors.columns(0, count).into_owned(), all }
     }
 
-    /// Columns uᵉ·√(λ_e/(λ_e² + ε²)) of all positive eigenvalues of `a` (l × r), ε `tolerance` times the greatest: their
-    /// product with its transpose is A⁺ with Tikhonov's damping for a cut. A cut keeps a pair here and drops it on a
-    /// mesh that differs by its triangles alone; this depends on A continuously.
+    /// Columns uᵉ·√(λ_e/(λ_e² + ε²)) of all positive eigenvalues of `a` (l × r), ε `tolerance` times the greatest:
+    /// their product with its transpose is A⁺ with Tikhonov's damping for a cut. A cut keeps a pair here and drops it
+    /// on a mesh that differs by its triangles alone; this depends on A continuously.
     pub fn damped(a: DMatrix<f64>, tolerance: f64) -> DMatrix<f64> {
         let (all, mut vectors) = eigen::symmetric(a);
         let epsilon = tolerance * all.first().copied().unwrap_or(0.);

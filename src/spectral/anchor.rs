@@ -9,8 +9,8 @@
 //! l × l problem: they are Φᵀ Q/√g, Φ = Z/√(Za), (Q, g) the eigenpairs of Φ diag(a) Φᵀ. Scaled by
 //! √(g/g₀) and brought to unit rows the factors of g cancel, and Φᵀ Q is left.
 //!
-//! This is the form for a few thousand points in `f64`, with all sums vectorised in a fixed order: l² S multiply-adds and
-//! 16 l S bytes. [`super::embedding`] has the form that streams over faces.
+//! This is the form for a few thousand points in `f64`, with all sums vectorised in a fixed order: l² S multiply-adds
+//! and 16 l S bytes. [`super::embedding`] has the form that streams over faces.
 
 use super::exp::exp64;
 use crate::base::eigen;
@@ -178,8 +178,8 @@ impl SimdKernel for AnchorFit<'_> {
 }
 
 impl AnchorExtension {
-    /// Embeds a point by its distances from the landmarks (l, finite) into `out` (width): Nyström's extrapolation for this
-    /// embedding, the cells' own formula for one column. A constant factor of the column falls out.
+    /// Embeds a point by its distances from the landmarks (l, finite) into `out` (width): Nyström's extrapolation for
+    /// this embedding, the cells' own formula for one column. A constant factor of the column falls out.
     pub fn embed(&self, distances: &[f32], out: &mut [f64]) {
         out.fill(0.);
         for (j, &d) in distances.iter().enumerate() {

@@ -1,9 +1,9 @@
 //! The embedding of faces: fitted on sampled columns, extrapolated to any face from its own column.
 //!
 //! Fits (degrees, anchor shares, K-means) are averages over the surface, so they need a constant number of columns:
-//! [`MOST_COLUMNS`] faces, one per equal quantum of area in node order, stratified and seeded; every face of a small mesh. Only what
-//! must cover every face (labels, Γ) streams over all columns. Memory: 4 (l + d) [`MOST_COLUMNS`] bytes. Cost: one pass
-//! over areas, `MOST_COLUMNS · l` random reads.
+//! [`MOST_COLUMNS`] faces, one per equal quantum of area in node order, stratified and seeded; every face of a small
+//! mesh. Only what must cover every face (labels, Γ) streams over all columns. Memory: 4 (l + d) [`MOST_COLUMNS`]
+//! bytes. Cost: one pass over areas, `MOST_COLUMNS · l` random reads.
 //!
 //! Three normalisations, one form. With k the l affinities of a face, every variant is
 //! y = (Mᵀk + m₀)/s with s = 1 or linear in k (or its root), then optionally brought to unit length; only the fit
@@ -87,8 +87,8 @@ impl SampledColumns {
     }
 }
 
-/// Distances between sampled nodes up to which what lies between is read, too: fewer reads, and as many bytes as a disk reads in the
-/// time of one more.
+/// Distances between sampled nodes up to which what lies between is read, too: fewer reads, and as many bytes as a disk
+/// reads in the time of one more.
 const NEAR: u32 = 4096;
 /// Sampled nodes whose distances are asked for at a time.
 const ASKED: usize = 512;
@@ -252,8 +252,8 @@ impl Embedding {
         }
     }
 
-    /// Embeds a chunk of `m` faces. `distances(k)` gives their distances from landmark k (m); `affinities` gets l rows of m, what the
-    /// kernel makes of them; `out` gets d rows of m.
+    /// Embeds a chunk of `m` faces. `distances(k)` gives their distances from landmark k (m); `affinities` gets l rows
+    /// of m, what the kernel makes of them; `out` gets d rows of m.
     pub fn chunk<'a>(&self, m: usize, distances: impl Fn(usize) -> &'a [f32], affinities: &mut [f32], out: &mut [f32]) {
         debug_assert_eq!(affinities.len(), self.landmarks * m);
         for (k, row) in affinities.chunks_exact_mut(m).enumerate() {
@@ -262,8 +262,9 @@ impl Embedding {
         dispatch(Extrapolated { embedding: self, m, affinities, out });
     }
 
-    /// Embeds all faces of `rows`, chunks of them in parallel, and reports them as progress of `stage`. `consume` gets the chunks in order:
-    /// a range of m nodes, and d rows of their m coordinates. Memory: 4 (l + d) bytes for each of 2048 faces a thread.
+    /// Embeds all faces of `rows`, chunks of them in parallel, and reports them as progress of `stage`. `consume`
+    /// gets the chunks in order: a range of m nodes, and d rows of their m coordinates. Memory: 4 (l + d) bytes for
+    /// each of 2048 faces a thread.
     ///
     /// # Errors
     /// Those of `consume`; [`Error::Cancelled`].

@@ -1,10 +1,12 @@
 //! `exp` of a non-positive number, written so that a loop over it vectorises.
 //!
-//! exp(x) = 2^(x log₂e) = 2^i · 2^f with a polynomial on |f| ≤ ½. The relative error is below 3e-7, that of [`exp64`] below
-//! 4e-16. The system's functions are as accurate, but take a call per value: passes over `[A B]` would be four to eight
-//! times as slow, and their results would differ between systems. Cost: about 15 multiplications and additions, no memory.
+//! exp(x) = 2^(x log₂e) = 2^i · 2^f with a polynomial on |f| ≤ ½. The relative error is below 3e-7, that of
+//! [`exp64`] below 4e-16. The system's functions are as accurate, but take a call per value: passes over `[A B]`
+//! would be four to eight times as slow, and their results would differ between systems. Cost: about 15
+//! multiplications and additions, no memory.
 
-/// exp(x) for x ≤ 0. Below −87 it stays at e^−87 ≈ 1.6e-38, which is as good as 0. The result for positive x or NaN is unspecified.
+/// exp(x) for x ≤ 0. Below −87 it stays at e^−87 ≈ 1.6e-38, which is as good as 0. The result for positive
+/// x or NaN is unspecified.
 #[inline(always)]
 pub fn exp(x: f32) -> f32 {
     let x = if x < -87. { -87. } else { x };

@@ -49,8 +49,8 @@ impl Kernel {
         }
     }
 
-    /// Turns `distances` into affinities, item by item; `out` has the same length. An infinite distance becomes 0, or what is as
-    /// good as 0 where the kernel has an [`exp`]: below 2e-36.
+    /// Turns `distances` into affinities, item by item; `out` has the same length. An infinite distance becomes 0, or
+    /// what is as good as 0 where the kernel has an [`exp`]: below 2e-36.
     pub fn apply(&self, sigma: f32, distances: &[f32], out: &mut [f32]) {
         // Finite whatever σ, so that a distance of 0 never meets an infinite factor.
         let inverse = if sigma > 0. { (1. / sigma).min(f32::MAX) } else { 0. };
@@ -79,10 +79,10 @@ impl Kernel {
         matches!(self, Self::Exponential)
     }
 
-    /// Eigenvalues up to this share of the greatest are dropped from A: what rounding and
-    /// indefiniteness leave there is noise (measured in `f32` data). With 1e-6 instead of 1e-3 for the exponential, samples
-    /// of 40 and more had residuals of up to 17 times as much: small eigenvalues that A's indefiniteness leaves
-    /// positive are no better than negative ones.
+    /// Eigenvalues up to this share of the greatest are dropped from A: what rounding and indefiniteness leave
+    /// there is noise (measured in `f32` data). With 1e-6 instead of 1e-3 for the exponential, samples of 40 and
+    /// more had residuals of up to 17 times as much: small eigenvalues that A's indefiniteness leaves positive are
+    /// no better than negative ones.
     pub fn tolerance(&self, l: usize) -> f64 {
         match self {
             Self::Exponential => 1e-3,

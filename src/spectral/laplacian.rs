@@ -1,13 +1,15 @@
 //! Eigenfunctions of the Laplace–Beltrami operator on a mesh of any size, among combinations of local functions.
 //!
-//! On a large mesh the eigenproblem of all vertices is too large, and its low functions are smooth: combinations f = W c of s
-//! local functions (a row of W per vertex, of sum 1) come close. Among these the Dirichlet energy fᵀ L f is stationary, for a
-//! given fᵀ A f, where Wᵀ L W c = μ Wᵀ A W c: a dense problem of size s (Magnet and Ovsjanikov 2023, *Scalable and Efficient
-//! Functional Map Computations on Dense Meshes*). If every vertex has a local function of its own, that is the whole problem.
+//! On a large mesh the eigenproblem of all vertices is too large, and its low functions are smooth: combinations f = W
+//! c of s local functions (a row of W per vertex, of sum 1) come close. Among these the Dirichlet energy fᵀ L f is
+//! stationary, for a given fᵀ A f, where Wᵀ L W c = μ Wᵀ A W c: a dense problem of size s (Magnet and Ovsjanikov
+//! 2023, *Scalable and Efficient Functional Map Computations on Dense Meshes*). If every vertex has a local function of
+//! its own, that is the whole problem.
 //!
 //! L has the cotangents of triangles, computed from lengths of edges. A triangle without area, or nearly so, gets
-//! slightly longer edges first (Sharp and Crane 2020, *A Laplacian for Nonmanifold Triangle Meshes*), and each triangle adds an
-//! energy of its own that is not negative. So neither slivers nor edges of three triangles do harm. Open edges are left free.
+//! slightly longer edges first (Sharp and Crane 2020, *A Laplacian for Nonmanifold Triangle Meshes*), and each
+//! triangle adds an energy of its own that is not negative. So neither slivers nor edges of three triangles do harm.
+//! Open edges are left free.
 //!
 //! Cost: one pass over vertices, the square of the local functions at a vertex each; 16 s² bytes for each part of
 //! [`MOST_CHUNKS`] that is under way; a dense eigenproblem of size s.
@@ -99,8 +101,8 @@ impl Scratch {
     }
 }
 
-/// Up to `count` of the least eigenvalues, in units of 1/area, and their functions (s × r) as combinations of `size` local functions;
-/// `row(v, out)` gives those at vertex v with their values.
+/// Up to `count` of the least eigenvalues, in units of 1/area, and their functions (s × r) as combinations of `size`
+/// local functions; `row(v, out)` gives those at vertex v with their values.
 ///
 /// # Errors
 /// [`crate::base::Error::Cancelled`].

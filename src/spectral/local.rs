@@ -1,17 +1,17 @@
-//! A basis of smooth functions on a mesh of any size: Nyström's extension of a narrow kernel, of which a sample sees only its
-//! neighbours.
+//! A basis of smooth functions on a mesh of any size: Nyström's extension of a narrow kernel, of which a sample
+//! sees only its neighbours.
 //!
 //! Under a Gaussian as wide as samples are apart, the affinities W between s samples and n vertices are sparse, and the
-//! eigenvectors of the diffusion between samples, D⁻¹ W diag(m), approximate those of the Laplace–Beltrami operator (Coifman
-//! and Lafon 2006, *Diffusion maps*): as many independent smooth functions as one asks for, while a few full rows can only
-//! give as many as there are rows. They are extended to all vertices as in eq. 2 of the paper,
-//! f(v) = Σ_j w_vj m_j f_j / (λ Σ_j w_vj m_j), and made orthonormal under the measure of area.
+//! eigenvectors of the diffusion between samples, D⁻¹ W diag(m), approximate those of the Laplace–Beltrami operator
+//! (Coifman and Lafon 2006, *Diffusion maps*): as many independent smooth functions as one asks for, while a few full
+//! rows can only give as many as there are rows. They are extended to all vertices as in eq. 2 of the paper, f(v) = Σ_j
+//! w_vj m_j f_j / (λ Σ_j w_vj m_j), and made orthonormal under the measure of area.
 //!
-//! m_j is the area that sample j stands for: each vertex's area is shared among the samples near it in proportion to their
-//! affinities. So neither the density of vertices nor that of samples shows.
+//! m_j is the area that sample j stands for: each vertex's area is shared among the samples near it in proportion to
+//! their affinities. So neither the density of vertices nor that of samples shows.
 //!
-//! Cost: an eigenproblem of the size of the sample (600: a second); two passes over [`LocalRows`], r multiplications per
-//! entry; 4 r bytes per vertex on disk.
+//! Cost: an eigenproblem of the size of the sample (600: a second); two passes over [`LocalRows`], r multiplications
+//! per entry; 4 r bytes per vertex on disk.
 
 use super::{eigen, laplacian};
 use crate::base::Result;
@@ -229,8 +229,8 @@ impl LocalBasis {
         gaussians.extend(&factors, frequencies, name, context)
     }
 
-    /// Up to `count` eigenfunctions of the Laplace–Beltrami operator of `graph` among combinations of the Gaussians of width
-    /// `sigma` over `rows` ([`super::laplacian`]), in the file `name` of `context`.
+    /// Up to `count` eigenfunctions of the Laplace–Beltrami operator of `graph` among combinations of the Gaussians of
+    /// width `sigma` over `rows` ([`super::laplacian`]), in the file `name` of `context`.
     ///
     /// # Errors
     /// [`crate::base::Error::Io`], [`crate::base::Error::Cancelled`].

@@ -1,7 +1,8 @@
 //! How good a sample is: Γ and its relatives from `[A B]` (§5 of the paper), and true errors on small sets.
 //!
 //! With the kept eigenpairs (λ_e, u_e) of A and w̃_jj = Σ_e (u_eᵀB_j)²/λ_e, affinities of 1 on the diagonal:
-//! - Γ = tr(BᵀA⁻¹B) (eq. 6, with the truncated pseudo-inverse) = Σ_j w̃_jj over the m = n − l nodes that are no landmarks;
+//! - Γ = tr(BᵀA⁻¹B) (eq. 6, with the truncated pseudo-inverse) = Σ_j w̃_jj over the m = n − l nodes
+//!   that are no landmarks;
 //! - Γ* = Σ_j (1 − |1 − w̃_jj|): the same for positive kernels; for others overshoot counts against, not for;
 //! - held-out residual (Σ_h ‖w_h − w̃_h‖² / Σ_h ‖w_h‖²)^½ over random columns h whose affinities are known.
 //!
@@ -9,8 +10,8 @@
 //! O(n l²), each; C is never formed.
 //!
 //! [`exact`] compares with all of W: the norms of the Schur complement C − BᵀA⁺B, the residual, the angles between
-//! approximated and true eigenvectors. Memory: a few n × n matrices in `f64`; O(n³): seconds at a thousand nodes, minutes
-//! at four thousand.
+//! approximated and true eigenvectors. Memory: a few n × n matrices in `f64`; O(n³): seconds at a thousand nodes,
+//! minutes at four thousand.
 
 use super::affinity::{CHUNK, KeptEigenpairs, SampledBlock, landmark_affinities};
 use super::kernel::Kernel;
@@ -144,8 +145,8 @@ const BLOCK: usize = 64;
 
 /// Σ_e Σ_j (uᵉᵀB_j/√λ_e)² over `m` columns, in the order of roots, then of blocks of columns, for [`dispatch`].
 ///
-/// In `f32`, squares of a block add up one after another: that is how Γ has always been summed. Several roots at a time, each in
-/// a lane of its own, none waits for another.
+/// In `f32`, squares of a block add up one after another: that is how Γ has always been summed. Several roots at a
+/// time, each in a lane of its own, none waits for another.
 struct SquaredNorms<'a> {
     /// Rows of l.
     roots: &'a [f32],

@@ -6,8 +6,8 @@
 //! - [`embedding`]: the paper's segmentation and its sequences, over faces, in `f32`;
 //! - [`anchor`]: the decision about parts, over cells, in `f64`;
 //! - [`nystrom`]: the start of correspondence, over vertices, and the study of sampling and kernels;
-//! - [`local`]: a hundred functions for refining correspondence, from distances to the nearby sample alone; with [`laplacian`] those
-//!   of the Laplace–Beltrami operator.
+//! - [`local`]: a hundred functions for refining correspondence, from distances to the nearby sample alone; with
+//!   [`laplacian`] those of the Laplace–Beltrami operator.
 
 pub mod affinity;
 pub mod anchor;

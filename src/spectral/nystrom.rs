@@ -11,15 +11,15 @@
 //! Cost: a pass over the columns for [`Extrapolation::Orthogonal`], O(n l r); O(l d) per node to embed.
 //!
 //! [`OrthogonalEmbedding`] is the same on a mesh's rows, made to scale, for correspondence. Plain
-//! ([`Eigenvectors::Plain`]) are the features of eq. 1 times √λ, as in §7.1. Eigenvectors of A are not those of the whole
-//! matrix, though. Orthogonalised by shares of area ([`Eigenvectors::Orthogonal`]) they are principal axes of the surface
-//! in feature space, whatever the density of its vertices, which is what makes two triangulations comparable. A hard cut
-//! could decide differently on two meshes that hardly differ, so neither end is cut: small
-//! eigenvalues of A are damped, and of the variances μ of the axes the first one left out, μ_{k+1}, is taken off all of
-//! them (e_i is scaled by √(1 − μ_{k+1}/μ_i)), so that an axis that might as well have been the next counts next to
-//! nothing. On 24 decimated series, 20 landmarks aligned by truth, damping took the error of matches from .0137 to .0118,
-//! and fading to .0104. A vertex costs l exponentials and 8 l multiply-adds. Fitting is one pass over all rows, l²
-//! multiply-adds per vertex in `f64`. A point is 8 `f32`, zeros beyond the dimensions asked for: 32 bytes per vertex on disk.
+//! ([`Eigenvectors::Plain`]) are the features of eq. 1 times √λ, as in §7.1. Eigenvectors of A are not those of the
+//! whole matrix, though. Orthogonalised by shares of area ([`Eigenvectors::Orthogonal`]) they are principal axes of the
+//! surface in feature space, whatever the density of its vertices, which is what makes two triangulations comparable. A
+//! hard cut could decide differently on two meshes that hardly differ, so neither end is cut: small eigenvalues of A
+//! are damped, and of the variances μ of the axes the first one left out, μ_{k+1}, is taken off all of them (e_i is
+//! scaled by √(1 − μ_{k+1}/μ_i)), so that an axis that might as well have been the next counts next to nothing. On 24
+//! decimated series, 20 landmarks aligned by truth, damping took the error of matches from .0137 to .0118, and fading
+//! to .0104. A vertex costs l exponentials and 8 l multiply-adds. Fitting is one pass over all rows, l² multiply-adds
+//! per vertex in `f64`. A point is 8 `f32`, zeros beyond the dimensions asked for: 32 bytes per vertex on disk.
 
 use super::affinity::{CHUNK, KeptEigenpairs, SampledBlock, landmark_affinities};
 use super::kernel::Kernel;

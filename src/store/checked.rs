@@ -1,10 +1,10 @@
-//! Arrays that an earlier run left, checked as they are opened: lengths against each other, and numbers of nodes, cells or
-//! rows against how many there are.
+//! Arrays that an earlier run left, checked as they are opened: lengths against each other, and numbers of nodes, cells
+//! or rows against how many there are.
 //!
-//! A stage's files are opened only where their checksums are those of the manifest. But whoever alters an array can alter the
-//! manifest too. After these checks no number read from a work directory leads beyond an array; what is wrong is an error
-//! that names the file. Cost: one pass over the arrays of indices, 4 bytes each, at the speed of memory, right after the
-//! pass for the checksum.
+//! A stage's files are opened only where their checksums are those of the manifest. But whoever alters an array can
+//! alter the manifest too. After these checks no number read from a work directory leads beyond an array; what is wrong
+//! is an error that names the file. Cost: one pass over the arrays of indices, 4 bytes each, at the speed of memory,
+//! right after the pass for the checksum.
 
 use super::MappedSlice;
 use super::npy::Item;

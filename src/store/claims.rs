@@ -1,10 +1,10 @@
 //! Which parts of which files this process has mapped, so that nobody reads what another part of the program writes.
 //!
-//! Two slices of Rust over the same memory, one of them writable, are undefined behaviour, whoever made them. Mappings of one
-//! file are such memory, whatever names it is opened under. So every mapping is entered here while it lives: a range that
-//! is mapped for writing is claimed by that mapping alone, and a file with such a range is not mapped for reading. What would
-//! overlap is refused, which makes mapping a safe function within one process; files of other processes are kept apart by
-//! the lock on the work directory.
+//! Two slices of Rust over the same memory, one of them writable, are undefined behaviour, whoever made them. Mappings
+//! of one file are such memory, whatever names it is opened under. So every mapping is entered here while it lives: a
+//! range that is mapped for writing is claimed by that mapping alone, and a file with such a range is not mapped for
+//! reading. What would overlap is refused, which makes mapping a safe function within one process; files of other
+//! processes are kept apart by the lock on the work directory.
 //!
 //! Cost: a lock and a look-up per mapping, less than the system call beside it.
 

@@ -1,9 +1,9 @@
 //! Arrays of 4-byte items that are read piece by piece, past the page cache.
 //!
-//! For every few pages a mapping costs the kernel a fault, a page table entry and, when memory is short, an interruption of all
-//! processors. Code that knows which pieces come next avoids that: a piece is one read into its own memory, which the disk fills
-//! directly. Where a file system refuses that (`tmpfs`), pieces are read as usual. Memory: the caller's, up to two pages more than
-//! the piece.
+//! For every few pages a mapping costs the kernel a fault, a page table entry and, when memory is short, an
+//! interruption of all processors. Code that knows which pieces come next avoids that: a piece is one read into its own
+//! memory, which the disk fills directly. Where a file system refuses that (`tmpfs`), pieces are read as usual. Memory:
+//! the caller's, up to two pages more than the piece.
 
 use super::mapped::MappedSlice;
 use crate::base::{Error, Result};
@@ -46,7 +46,8 @@ impl DirectArray {
         ((4 * items).next_multiple_of(PAGE) + PAGE) / 4
     }
 
-    /// Reads `items` into `out`, of [`DirectArray::words`] words from a multiple of [`PAGE`] on; returns the word where the first lies.
+    /// Reads `items` into `out`, of [`DirectArray::words`] words from a multiple of [`PAGE`] on; returns the
+    /// word where the first lies.
     ///
     /// # Errors
     /// [`Error::Io`], also where the file ends before.

@@ -1,8 +1,8 @@
 //! How fast the disk under a folder writes and reads, so that a run can tell how long it will wait for it.
 //!
-//! A file of [`BYTES`] random bytes is written and brought to the disk, dropped from the page cache, and read again from beginning to
-//! end, nearly as stages do with large arrays. Virtual disks may keep recent writes in a cache of their host; they read these faster
-//! than older data.
+//! A file of [`BYTES`] random bytes is written and brought to the disk, dropped from the page cache, and read again
+//! from beginning to end, nearly as stages do with large arrays. Virtual disks may keep recent writes in a cache of
+//! their host; they read these faster than older data.
 //!
 //! Cost: a tenth of a second on a fast disk, two seconds on one of 150 MB/s; a buffer of a mebibyte.
 

@@ -1,17 +1,19 @@
 //! Folders that one process has for itself: locked while in use, and removed with the process where they are temporary.
 //!
-//! The lock is an advisory one of the operating system and dies with its process, so a stale lock cannot exist. Temporary
-//! folders that a killed run left behind are known by their unlocked lock file, or by being empty, and the next run beside
-//! them removes them.
+//! The lock is an advisory one of the operating system and dies with its process, so a stale lock cannot exist.
+//! Temporary folders that a killed run left behind are known by their unlocked lock file, or by being empty, and the
+//! next run beside them removes them.
 //!
-//! Others may use the same parent, `/tmp` above all: a temporary folder is open to its owner alone, and only real folders of
-//! the same owner are taken for abandoned ones.
+//! Others may use the same parent, `/tmp` above all: a temporary folder is open to its owner alone, and only real
+//! folders of the same owner are taken for abandoned ones.
 //!
-//! Network file systems weaken this in two ways. Some refuse locks (Lustre without `flock`, NFS without its lock service):
-//! work directories are then used without one, and temporary folders are never removed by others. Some keep locks within
-//! one machine (NFS with `nolock`): a lock file therefore names its machine, and only a run on that one removes the folder.
+//! Network file systems weaken this in two ways. Some refuse locks (Lustre without `flock`, NFS without its lock
+//! service): work directories are then used without one, and temporary folders are never removed by others. Some
+//! keep locks within one machine (NFS with `nolock`): a lock file therefore names its machine, and only a run on
+//! that one removes the folder.
 //!
-//! Memory: a path and an open file. Time: a few system calls, and one look at each entry of the parent of a temporary folder.
+//! Memory: a path and an open file. Time: a few system calls, and one look at each entry of the
+//! parent of a temporary folder.
 
 use crate::base::{Error, Result};
 use std::fs::{File, Permissions};
@@ -72,8 +74,8 @@ impl WorkFolder {
         Self { parent: parent.to_path_buf(), folder: OnceLock::new() }
     }
 
-    /// Its path; made now where that was put off. Where it cannot be made, nothing is there, and nothing in it can be: the
-    /// parent's files are somebody else's.
+    /// Its path; made now where that was put off. Where it cannot be made, nothing is there, and nothing in it can be:
+    /// the parent's files are somebody else's.
     pub fn path(&self) -> &Path {
         self.path_made_by(temporary_folder)
     }
@@ -153,8 +155,8 @@ fn without_locks(error: &std::io::Error) -> bool {
     error.kind() == std::io::ErrorKind::Unsupported || error.raw_os_error() == Some(libc::ENOLCK)
 }
 
-/// A folder for scratch files, removed when dropped. Where the process is killed instead, the next run that makes one beside
-/// it removes it.
+/// A folder for scratch files, removed when dropped. Where the process is killed instead, the next run that makes
+/// one beside it removes it.
 #[derive(Debug)]
 pub struct PrivateFolder(Folder);
 
@@ -219,8 +221,8 @@ fn machine() -> Vec<u8> {
     rustix::system::uname().nodename().to_bytes().to_vec()
 }
 
-/// Removes temporary work directories in `parent` whose process ran on this machine and is gone: real folders of the owner
-/// of `own`, a new one beside them, with a real lock file.
+/// Removes temporary work directories in `parent` whose process ran on this machine and is gone: real folders of the
+/// owner of `own`, a new one beside them, with a real lock file.
 fn remove_abandoned(parent: &Path, own: &Path) {
     let (Ok(entries), Ok(own)) = (std::fs::read_dir(parent), std::fs::metadata(own)) else { return };
     for entry in entries.flatten() {
@@ -228,8 +230,8 @@ fn remove_abandoned(parent: &Path, own: &Path) {
         let named = entry.file_name().to_string_lossy().starts_with(TEMPORARY);
         // Links are not followed.
         let real = |path: &Path| std::fs::symlink_metadata(path).ok().filter(|found| found.uid() == own.uid());
-        // A run was killed after it made its folder and before it locked it, or just before it removed it. One that is about
-        // to lock its folder makes another; what holds a file or is a link stays.
+        // A run was killed after it made its folder and before it locked it, or just before it removed it. One that is
+        // about to lock its folder makes another; what holds a file or is a link stays.
         let real_folder = named && real(&path).is_some_and(|found| found.is_dir());
         if real_folder && std::fs::remove_dir(&path).is_ok() {
             continue;
@@ -284,7 +286,8 @@ mod tests {
         folder.remove();
     }
 
-    /// Files went to the parent where the folder could not be made, and took the place of what was there under their names.
+    /// Files went to the parent where the folder could not be made, and took the place of what was
+    /// there under their names.
     #[test]
     fn where_no_folder_can_be_made_the_parent_is_left_alone() {
         let dir = tempfile::tempdir().unwrap();
@@ -317,8 +320,8 @@ mod tests {
         assert_eq!(std::fs::read_dir(dir.path()).unwrap().count(), 0);
     }
 
-    /// A run that was killed between making its folder and locking it, or between emptying and removing it, left an empty
-    /// folder for ever.
+    /// A run that was killed between making its folder and locking it, or between emptying and removing it, left
+    /// an empty folder for ever.
     #[test]
     fn an_empty_folder_goes_and_one_with_unknown_files_stays() {
         let dir = tempfile::tempdir().unwrap();

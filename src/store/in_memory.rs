@@ -1,11 +1,11 @@
 //! Arrays of a temporary work directory that are held in memory, where the budget allows it.
 //!
-//! A file that nobody will ever open again costs a page fault for every 4 KiB when it is first written, another when it
-//! is read, and its way to the disk if it lives long enough: on a mesh of a million faces a fifth of the whole run, on
-//! one of a hundred million more than the disk can take. Memory on large pages costs none of that. So a temporary
-//! directory may be given a budget, and what fits into it is allocated instead: counted, and taken from the budget like
-//! every other allocation. What does not fit becomes a file with the same values, so results do not depend on where an array
-//! is.
+//! A file that nobody will ever open again costs a page fault for every 4 KiB when it is first written, another when
+//! it is read, and its way to the disk if it lives long enough: on a mesh of a million faces a fifth of the whole
+//! run, on one of a hundred million more than the disk can take. Memory on large pages costs none of that. So a
+//! temporary directory may be given a budget, and what fits into it is allocated instead: counted, and taken from the
+//! budget like every other allocation. What does not fit becomes a file with the same values, so results do not
+//! depend on where an array is.
 
 use super::budget::Budget;
 use super::folder::WorkFolder;

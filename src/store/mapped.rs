@@ -3,17 +3,18 @@
 //! # Why it is sound
 //! A mapping is safe to read as bytes as long as nobody changes or truncates the file under it.
 //!
-//! - *Within this process* every mapping is claimed while it lives ([`super::claims`]): bytes that are mapped for writing are
-//!   mapped once, and by nobody for reading, under whatever name the file is opened. A mapping that would overlap is an error.
-//!   So is one that goes beyond the end of its file.
+//! - *Within this process* every mapping is claimed while it lives ([`super::claims`]): bytes that are mapped for
+//!   writing are mapped once, and by nobody for reading, under whatever name the file is opened. A mapping that would
+//!   overlap is an error. So is one that goes beyond the end of its file.
 //! - *Other processes of this program* are kept out by the lock on the work directory. Its files are written under a
 //!   temporary name and renamed when whole.
-//! - *Other programs* may write to any file, which no program can prevent. Numbers may then change between two reads; every
-//!   index read from a file is checked by the slice that it indexes, so the worst is a wrong number or a panic, which is
-//!   caught. Should a file shrink, the kernel raises `SIGBUS`, which [`report_vanishing_files`] turns into an ordinary failure.
+//! - *Other programs* may write to any file, which no program can prevent. Numbers may then change between two
+//!   reads; every index read from a file is checked by the slice that it indexes, so the worst is a wrong number or
+//!   a panic, which is caught. Should a file shrink, the kernel raises `SIGBUS`, which [`report_vanishing_files`]
+//!   turns into an ordinary failure.
 //!
-//! Typed views go through `bytemuck`, which checks size and alignment and accepts only types for which every bit pattern is a
-//! value.
+//! Typed views go through `bytemuck`, which checks size and alignment and accepts only types for which
+//! every bit pattern is a value.
 //!
 //! # Cost
 //! A view costs no memory of its own; a page is read at its first touch (about 0.1–0.25 µs a
@@ -46,8 +47,8 @@ impl AlignedBuffer {
         Self { words, _grant: grant }
     }
 
-    /// Memory for at least `bytes` bytes on large pages, where `budget` can spare them: half of it stays for others. The
-    /// pages are not touched here but by the threads that fill them.
+    /// Memory for at least `bytes` bytes on large pages, where `budget` can spare them: half of it stays for others.
+    /// The pages are not touched here but by the threads that fill them.
     pub fn spare(budget: &Budget, bytes: usize) -> Option<Self> {
         let bytes = bytes.next_multiple_of(size_of::<u64>()) as u64;
         if budget.left() < bytes.saturating_add(budget.total() / 2) {
@@ -119,8 +120,8 @@ pub struct MappedBytes {
     map: Option<Arc<Bytes>>,
 }
 
-/// Where bytes lie. A claim is dropped before its mapping: once a removed file is unmapped, the system may give its number to
-/// a new file, and nobody uses a mapping that is being dropped.
+/// Where bytes lie. A claim is dropped before its mapping: once a removed file is unmapped, the system may give its
+/// number to a new file, and nobody uses a mapping that is being dropped.
 #[derive(Debug)]
 enum Bytes {
     File(#[expect(dead_code, reason = "given back when dropped")] Claim, Mmap, PathBuf),
@@ -152,8 +153,8 @@ impl MappedBytes {
             return Ok(Self { map: None });
         }
         let claim = Claim::reading(&metadata).ok_or_else(|| claimed(path))?;
-        // SAFETY: see the module's text: nobody in this process writes to the file as long as the claim lives, and every use
-        // of its content is checked.
+        // SAFETY: see the module's text: nobody in this process writes to the file as long as the claim lives, and
+        // every use of its content is checked.
         let map = unsafe { Mmap::map(&file) }.map_err(Error::io(path, "map"))?;
         Ok(Self { map: Some(Arc::new(Bytes::File(claim, map, path.to_path_buf()))) })
     }
@@ -275,8 +276,8 @@ impl<T: Pod> MappedSliceMut<T> {
     /// Maps `len` items from byte `offset` of `file`, whose blocks exist already; no more than them.
     ///
     /// # Errors
-    /// [`Error::Io`] naming `path` when the mapping fails; [`Error::Internal`] where the file ends before, or while any of
-    /// these bytes is mapped elsewhere in this process.
+    /// [`Error::Io`] naming `path` when the mapping fails; [`Error::Internal`] where the file ends before, or while any
+    /// of these bytes is mapped elsewhere in this process.
     pub fn map(file: &Arc<File>, path: &Path, offset: usize, len: usize) -> Result<Self> {
         if len == 0 {
             return Ok(Self { map: None, file: None, offset, len: 0, item: PhantomData });
@@ -289,7 +290,8 @@ impl<T: Pod> MappedSliceMut<T> {
             return Err(Error::internal(&format!("{}: mapped beyond its end", path.display())));
         };
         let claim = Claim::writing(&metadata, offset as u64..end).ok_or_else(|| claimed(path))?;
-        // SAFETY: see the module's text: no other mapping of this process covers these bytes as long as the claim lives.
+        // SAFETY: see the module's text: no other mapping of this process covers these bytes as
+        // long as the claim lives.
         let map = unsafe { memmap2::MmapOptions::new().offset(offset as u64).len(bytes).map_mut(&**file) };
         let map = map.map_err(Error::io(path, "map"))?;
         Ok(Self { map: Some(BytesMut::File(claim, map)), file: Some(file.clone()), offset, len, item: PhantomData })
@@ -315,7 +317,8 @@ impl<T: Pod> MappedSliceMut<T> {
         Some(Writeback { file, offset: self.offset, item: size_of::<T>() })
     }
 
-    /// Replaces all items. Those of a file are written to it, not through the mapping: a fault a page costs more than a copy.
+    /// Replaces all items. Those of a file are written to it, not through the mapping: a fault a
+    /// page costs more than a copy.
     ///
     /// # Errors
     /// The operating system's; `InvalidInput` for another number of items.
@@ -374,7 +377,8 @@ impl<T: Pod> DerefMut for MappedSliceMut<T> {
     }
 }
 
-/// The file under a mapped array: sends parts of it to the disk early, or writes them past the mapping. See [`MappedSliceMut::writeback`].
+/// The file under a mapped array: sends parts of it to the disk early, or writes them past the mapping. See
+/// [`MappedSliceMut::writeback`].
 #[derive(Clone, Debug)]
 pub struct Writeback {
     file: Arc<File>,
@@ -430,8 +434,8 @@ pub fn huge_pages<T>(slice: &[T]) {
     let _ = slice;
 }
 
-/// Asks the kernel to read the pages of `slice` soon, without waiting. Advice only. Of each piece of advice Linux reads no more than it
-/// reads ahead of a sequential reader, so there is one for every [`ASKED`] bytes.
+/// Asks the kernel to read the pages of `slice` soon, without waiting. Advice only. Of each piece of advice Linux reads
+/// no more than it reads ahead of a sequential reader, so there is one for every [`ASKED`] bytes.
 pub fn will_need<T>(slice: &[T]) {
     for piece in slice.chunks((ASKED / size_of::<T>().max(1)).max(1)) {
         advise_pages(piece, libc::MADV_WILLNEED);

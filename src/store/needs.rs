@@ -55,7 +55,8 @@ pub struct Needs {
     pub passing: u64,
     /// Bytes of it and of stages before it that it gives up at its end.
     pub frees: u64,
-    /// Bytes read from the disk where memory keeps hardly anything of the mesh (measured: `benches/records/2026-11-22-billion-again.md`).
+    /// Bytes read from the disk where memory keeps hardly anything of the mesh (measured:
+    /// `benches/records/2026-11-22-billion-again.md`).
     pub reads: u64,
     /// Bytes written to the disk then.
     pub writes: u64,

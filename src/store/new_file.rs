@@ -1,8 +1,9 @@
 //! Creating files: always new ones, never through a link that somebody planted, never the file of another process.
 //!
-//! The names of temporary files are predictable, and their folders may be open to others. So an existing file is never truncated:
-//! whatever has the name is removed, and the file is created by a call that fails if the name exists and follows no link. A file
-//! that another process is writing is left alone; an advisory lock, which dies with its process, shows that it is.
+//! The names of temporary files are predictable, and their folders may be open to others. So an existing file is never
+//! truncated: whatever has the name is removed, and the file is created by a call that fails if the name exists and
+//! follows no link. A file that another process is writing is left alone; an advisory lock, which dies with its
+//! process, shows that it is.
 //!
 //! Cost: three system calls a file.
 
@@ -30,8 +31,8 @@ pub(crate) fn create(path: &Path) -> Result<File> {
                 }
             }
             Err(error) if error.kind() == ErrorKind::AlreadyExists => {
-                // Locked until it is removed: a run that made it a moment ago and has not locked it yet cannot go on with a file
-                // that loses its name.
+                // Locked until it is removed: a run that made it a moment ago and has not locked it yet cannot go on
+                // with a file that loses its name.
                 let held = match std::fs::symlink_metadata(path) {
                     Ok(left) if left.is_file() => File::open(path).map(Some),
                     // A link, or a folder.

@@ -1,9 +1,9 @@
 //! Arrays as NumPy's `.npy` files that map in place.
 //!
-//! Files are written under `NAME.partial` with their blocks reserved (so that a full disk is an
-//! error at once and not a signal later), and renamed when whole; one that is not finished is removed. The header is padded to
-//! [`HEADER`] bytes, a multiple of 64, so that the data are aligned here and in NumPy, and so that
-//! a streamed array can fill in its length at the end.
+//! Files are written under `NAME.partial` with their blocks reserved (so that a full disk is an error at once and
+//! not a signal later), and renamed when whole; one that is not finished is removed. The header is padded to
+//! [`HEADER`] bytes, a multiple of 64, so that the data are aligned here and in NumPy, and so that a streamed array
+//! can fill in its length at the end.
 
 use super::in_memory::InMemoryArrays;
 use super::mapped::AlignedBuffer;
@@ -114,8 +114,8 @@ enum Place {
     Memory(Arc<InMemoryArrays>),
 }
 
-/// Hands the array for `path` over to `arrays`, and gives its first `len` items; an array without items has no memory, but
-/// is there.
+/// Hands the array for `path` over to `arrays`, and gives its first `len` items; an array without items has
+/// no memory, but is there.
 pub(super) fn hand_over<T: Item>(
     path: &Path,
     arrays: &InMemoryArrays,
@@ -127,7 +127,8 @@ pub(super) fn hand_over<T: Item>(
     bytes.slice(path, 0, len)
 }
 
-/// An array of known shape being filled through a mapping; [`ArrayMut::finish`] makes it a file. Dropped before, it leaves nothing.
+/// An array of known shape being filled through a mapping; [`ArrayMut::finish`] makes it a file. Dropped
+/// before, it leaves nothing.
 #[derive(Debug)]
 pub struct ArrayMut<T> {
     path: PathBuf,
@@ -230,7 +231,8 @@ enum Out {
     Memory(Option<AlignedBuffer>, Arc<InMemoryArrays>),
 }
 
-/// A one- or two-dimensional array written from front to back, its length known at the end. Its file goes where it fails.
+/// A one- or two-dimensional array written from front to back, its length known at the end. Its
+/// file goes where it fails.
 #[derive(Debug)]
 pub struct ArrayWriter<T> {
     path: PathBuf,
@@ -252,8 +254,8 @@ impl<T: Item> ArrayWriter<T> {
         Ok(Self::of(path, Out::File(file, unfinished), row))
     }
 
-    /// Starts an array in `buffer`, no longer than fits in there, or without one in what can be had later; `arrays` will
-    /// have it under the name of `path`.
+    /// Starts an array in `buffer`, no longer than fits in there, or without one in what can be had later; `arrays`
+    /// will have it under the name of `path`.
     pub fn in_memory(path: &Path, row: usize, buffer: Option<AlignedBuffer>, arrays: Arc<InMemoryArrays>) -> Self {
         let bounded = buffer.is_some();
         Self { bounded, ..Self::of(path, Out::Memory(buffer, arrays), row) }

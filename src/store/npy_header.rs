@@ -1,7 +1,7 @@
 //! The header of a `.npy` file: a Python dictionary with three keys, of which only NumPy's own form is understood.
 //!
-//! One pass over the text without recursion, so the time is linear in its length: a parser for all of Python's literals takes
-//! exponential time for nested brackets, and `.npy` files come from strangers.
+//! One pass over the text without recursion, so the time is linear in its length: a parser for all of Python's literals
+//! takes exponential time for nested brackets, and `.npy` files come from strangers.
 
 /// What the header tells.
 #[derive(Debug, PartialEq, Eq)]

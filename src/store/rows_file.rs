@@ -1,8 +1,8 @@
 //! A two-dimensional `.npy` whose rows are written one by one, each through a mapping of its own.
 //!
-//! So a finished row can be brought to the disk alone, whatever the others are doing, and a file that a killed run
-//! left half-filled can be taken up again: which of its rows are whole is for a journal to say. In a temporary directory rows
-//! are held in memory instead where the budget has room ([`super::in_memory`], [`are_held`]).
+//! So a finished row can be brought to the disk alone, whatever the others are doing, and a file that a killed run left
+//! half-filled can be taken up again: which of its rows are whole is for a journal to say. In a temporary directory
+//! rows are held in memory instead where the budget has room ([`super::in_memory`], [`are_held`]).
 
 use super::in_memory::InMemoryArrays;
 use super::mapped::AlignedBuffer;
@@ -17,8 +17,9 @@ use std::sync::{Arc, Mutex, MutexGuard};
 
 /// Rows up to this total size, in bytes, stay in memory whatever the budget.
 const FEW: u64 = 32 << 20;
-/// The share of the budget that rows held in memory may take. Through a file each is copied twice and read back a page at a time, which
-/// is a tenth of a whole run of K-means at a million faces; but what is in a file the kernel can reclaim.
+/// The share of the budget that rows held in memory may take. Through a file each is copied twice and read
+/// back a page at a time, which is a tenth of a whole run of K-means at a million faces; but what is in a
+/// file the kernel can reclaim.
 const SHARE: u64 = 8;
 
 /// Whether rows of `bytes` bytes are held in memory, of a budget of `total` bytes that has room for them.

@@ -1,7 +1,7 @@
 //! What every stage gets: the run (threads, budget, progress, cancellation, seed), and the directory that it works in.
 //!
-//! Both are passed by reference and cost nothing. Advice to the kernel is a system call for every 128 KiB; the loops start threads
-//! anew each time, some 50 µs a thread.
+//! Both are passed by reference and cost nothing. Advice to the kernel is a system call for every 128 KiB; the loops
+//! start threads anew each time, some 50 µs a thread.
 
 use super::mapped::will_need;
 use super::{Budget, WorkDir};
@@ -44,9 +44,9 @@ impl<'a> Run<'a> {
         }
     }
 
-    /// Asks the kernel to read the items `range` of `array` soon, and those of the next chunks of a pass, where arrays of the mesh are
-    /// more than it can keep in memory. Left to itself it reads megabytes on both sides of a page that is missed, and in a small control
-    /// group drops them unused. Advice only.
+    /// Asks the kernel to read the items `range` of `array` soon, and those of the next chunks of a pass, where arrays
+    /// of the mesh are more than it can keep in memory. Left to itself it reads megabytes on both sides of a page that
+    /// is missed, and in a small control group drops them unused. Advice only.
     pub fn will_need<T>(&self, array: &[T], range: Range<usize>) {
         if self.is_paged(array) {
             let end = array.len().min(range.end + AHEAD * range.len());

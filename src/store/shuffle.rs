@@ -182,8 +182,8 @@ impl<T: Pod + Send> Shuffle<T> {
 }
 
 impl<T: Pod + Send + Ord> Shuffle<T> {
-    /// Takes every bucket, sorts it, on the run's threads, and hands the records to `each` bucket by bucket in order; at
-    /// most `4 * threads` sorted buckets wait at a time.
+    /// Takes every bucket, sorts it, on the run's threads, and hands the records to `each` bucket by bucket in order;
+    /// at most `4 * threads` sorted buckets wait at a time.
     ///
     /// # Errors
     /// Those of `each`; [`Error::Io`], [`Error::Cancelled`].
@@ -317,7 +317,8 @@ pub struct RangeBuckets {
 }
 
 impl RangeBuckets {
-    /// `keys` keys, 2³² at the most, in `buckets` buckets. Of buckets that are not fewer than keys the last ones stay empty.
+    /// `keys` keys, 2³² at the most, in `buckets` buckets. Of buckets that are not fewer than keys
+    /// the last ones stay empty.
     pub fn new(keys: usize, buckets: usize) -> Self {
         let keys = keys as u64;
         let buckets = (buckets as u64).min(keys.saturating_sub(1)).max(1);

@@ -214,8 +214,8 @@ impl WorkDir {
         self.recorded(S::NAME, S::VERSION, remedy)
     }
 
-    /// [`WorkDir::kept`] of a stage by its name. Nothing is forgotten: a file that cannot be read now may be there later, and who
-    /// only reads cannot make it anew.
+    /// [`WorkDir::kept`] of a stage by its name. Nothing is forgotten: a file that cannot be read now may be there
+    /// later, and who only reads cannot make it anew.
     ///
     /// # Errors
     /// As [`WorkDir::kept`].
@@ -317,7 +317,8 @@ impl WorkDir {
         Ok(FileRecord { bytes, xxh3: checksum(&path)? })
     }
 
-    /// Removes all stages with their files, here and in the directories within: the work on another mesh, which nothing will read.
+    /// Removes all stages with their files, here and in the directories within: the work on another mesh,
+    /// which nothing will read.
     ///
     /// # Errors
     /// [`Error::Io`], [`Error::WorkDir`] where a directory within is in use.
@@ -336,9 +337,9 @@ impl WorkDir {
         Ok(())
     }
 
-    /// Gives up files of the finished stage `stage` that nothing will read again, in a temporary directory: its disk can
-    /// hold a larger mesh then, and the page cache more of the rest. Should the stage be asked for after all, it is made
-    /// anew. Elsewhere they stay, for the next run.
+    /// Gives up files of the finished stage `stage` that nothing will read again, in a temporary directory: its disk
+    /// can hold a larger mesh then, and the page cache more of the rest. Should the stage be asked for after all, it is
+    /// made anew. Elsewhere they stay, for the next run.
     ///
     /// # Errors
     /// [`Error::Io`].

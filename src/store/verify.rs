@@ -21,11 +21,12 @@ pub struct Checked {
     pub problem: Option<String>,
 }
 
-/// Checks every file of every stage in the manifest of `work`, in the manifest's order, then those of work directories inside it.
+/// Checks every file of every stage in the manifest of `work`, in the manifest's order, then those of
+/// work directories inside it.
 ///
 /// # Errors
-/// [`crate::base::Error::Cancelled`], and those of opening a work directory inside; a file that cannot be read is a problem of
-/// that file.
+/// [`crate::base::Error::Cancelled`], and those of opening a work directory inside; a file that cannot be read
+/// is a problem of that file.
 pub fn verify(context: Context<'_>) -> Result<Vec<Checked>> {
     let mut all = stages(context)?;
     for (folder, inner) in context.work.all_inner()? {

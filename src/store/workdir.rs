@@ -10,8 +10,9 @@
 //! A temporary directory is removed when dropped; one that a killed run left behind is removed by
 //! the next run that makes one beside it.
 //!
-//! Memory: the manifest, some hundred bytes per file, and the arrays that are held, which count in the budget
-//! ([`super::in_memory`]). Opening reads the manifest and lists the folder; a stage's files are read when they are reused.
+//! Memory: the manifest, some hundred bytes per file, and the arrays that are held, which count in the
+//! budget ([`super::in_memory`]). Opening reads the manifest and lists the folder; a stage's files are
+//! read when they are reused.
 
 use super::budget::Budget;
 use super::folder::{LOCK, Lock, WorkFolder, lock};
@@ -31,8 +32,9 @@ use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use std::sync::{Arc, Mutex, MutexGuard};
 
-/// What the names of half-filled rows begin with, of one process and of shards. They stay: their journal knows which of them are
-/// whole. What makes them is a layer above, but only who opens a directory can tell what a killed run left in it.
+/// What the names of half-filled rows begin with, of one process and of shards. They stay: their journal
+/// knows which of them are whole. What makes them is a layer above, but only who opens a directory can tell
+/// what a killed run left in it.
 const HALF_FILLED_ROWS: [&str; 2] = ["distances.npy.partial", "rows-"];
 
 /// An open, locked work directory.
@@ -179,8 +181,8 @@ impl WorkDir {
         Ok(work)
     }
 
-    /// A temporary work directory that holds all arrays in memory as long as half of `budget` stays free; its folder, in
-    /// `parent`, is made with the first file that does not fit, and removed when dropped.
+    /// A temporary work directory that holds all arrays in memory as long as half of `budget` stays free; its folder,
+    /// in `parent`, is made with the first file that does not fit, and removed when dropped.
     pub fn in_memory(parent: &Path, budget: &Budget) -> Self {
         let mut work = Self::of(WorkFolder::put_off(parent), Manifest::new());
         (work.temporary, work.everything) = (true, true);
@@ -194,7 +196,8 @@ impl WorkDir {
         self
     }
 
-    /// A work directory in the folder `name` of this one, which lasts as long. It holds arrays in memory where this one does.
+    /// A work directory in the folder `name` of this one, which lasts as long. It holds arrays in
+    /// memory where this one does.
     ///
     /// # Errors
     /// As [`WorkDir::open`].
@@ -272,8 +275,8 @@ impl WorkDir {
         Scratch { work: self, names }
     }
 
-    /// Starts an array of known shape. Where it lasts it is on its way to the disk when it is finished: stamping its stage
-    /// waits for that.
+    /// Starts an array of known shape. Where it lasts it is on its way to the disk when it is finished: stamping
+    /// its stage waits for that.
     ///
     /// # Errors
     /// [`Error::Io`].

@@ -1,15 +1,16 @@
-//! How many people would have a part: small for bands, slivers and crumbs, and for patches of a surface that has no parts.
+//! How many people would have a part: small for bands, slivers and crumbs, and for patches of a
+//! surface that has no parts.
 //!
-//! A logistic function of a part's mean confidence and of its width, fitted to the parts that the program finds on the Princeton
-//! benchmark. Its target is the share of people who have such a part, that is one of which more than half of both together is in common.
-//! Two measures suffice: the confidence says whether the decision could do without the boundary, the width whether the part is one that
-//! people name. Area, compactness and neighbours in addition predicted no better on models that were not fitted to; docs/quality.md has the
-//! figures.
+//! A logistic function of a part's mean confidence and of its width, fitted to the parts that the program finds on the
+//! Princeton benchmark. Its target is the share of people who have such a part, that is one of which more than half of
+//! both together is in common. Two measures suffice: the confidence says whether the decision could do without the
+//! boundary, the width whether the part is one that people name. Area, compactness and neighbours in addition predicted
+//! no better on models that were not fitted to; docs/quality.md has the figures.
 //!
 //! It is reported, and tells [`super::ambiguous`] what to join. Cost: a pass over the cells.
 //!
-//! Also here: how sure a part is ([`confidence`]), from the co-association, R², and on how many pairs of points people are expected to differ
-//! from all parts together ([`disagreement`]).
+//! Also here: how sure a part is ([`confidence`]), from the co-association, R², and on how many pairs of points people
+//! are expected to differ from all parts together ([`disagreement`]).
 
 use super::cell_graph::class_sums;
 use super::ensemble::Superfaces;
@@ -27,25 +28,27 @@ const PEOPLE: [f64; 2] = [0.57, 0.59];
 /// Widths are kept within these: a part with no boundary has no width.
 const WIDTHS: [f64; 2] = [1e-3, 1.];
 
-/// The share of people, 0 to 1, who are expected to have a part of mean confidence `confidence`, 0 to 1, and of `width`: twice its area over
-/// the length of its boundary with others, in units of the root of the whole area.
+/// The share of people, 0 to 1, who are expected to have a part of mean confidence `confidence`, 0 to 1, and of
+/// `width`: twice its area over the length of its boundary with others, in units of the root of the whole area.
 pub fn expected(confidence: f64, width: f64) -> f64 {
     let [constant, sure, wide] = FITTED;
     let odds = constant + sure * confidence + wide * width.clamp(WIDTHS[0], WIDTHS[1]).ln();
     1. / (1. + (-odds).exp())
 }
 
-/// The share of pairs of points, 0 to 1, on which a person is expected to differ, where the ensemble's own estimate is `expected`.
+/// The share of pairs of points, 0 to 1, on which a person is expected to differ, where the ensemble's
+/// own estimate is `expected`.
 ///
-/// The probability of a merge is fitted to what most people decide and not to how many do, so the estimate is half of what is
-/// found. A power of it is not; fitted to the parts found on the Princeton benchmark, checked on categories that were left out.
+/// The probability of a merge is fitted to what most people decide and not to how many do, so the estimate is half
+/// of what is found. A power of it is not; fitted to the parts found on the Princeton benchmark, checked on
+/// categories that were left out.
 pub fn disagreement(expected: f64) -> f64 {
     let [factor, power] = PEOPLE;
     (factor * expected.powf(power)).min(1.)
 }
 
-/// [`expected`] for each of the `parts` that `label` (S) makes of the cells of `tree`, whose labels are as sure as `confidence` (S) and
-/// which have these `shares` of the area (S).
+/// [`expected`] for each of the `parts` that `label` (S) makes of the cells of `tree`, whose labels are as sure as
+/// `confidence` (S) and which have these `shares` of the area (S).
 pub(super) fn of_parts(tree: &PartTree, label: &[u32], parts: usize, confidence: &[f64], shares: &[f64]) -> Vec<f64> {
     let mut boundary = vec![0.; parts];
     for (&[i, j], &length) in tree.pairs.iter().zip(&tree.length) {
@@ -58,8 +61,8 @@ pub(super) fn of_parts(tree: &PartTree, label: &[u32], parts: usize, confidence:
     of_boundaries(label, confidence, shares, &boundary)
 }
 
-/// [`expected`] for each part of the labels `label` of any pieces of a surface, which are as sure as `confidence` and have these `shares`
-/// of the area; `boundary` is the length of each part's boundary with others.
+/// [`expected`] for each part of the labels `label` of any pieces of a surface, which are as sure as `confidence` and
+/// have these `shares` of the area; `boundary` is the length of each part's boundary with others.
 pub(super) fn of_boundaries(label: &[u32], confidence: &[f64], shares: &[f64], boundary: &[f64]) -> Vec<f64> {
     let sure: Vec<f64> = confidence.iter().zip(shares).map(|(c, a)| c * a).collect();
     let parts = boundary.len();

@@ -1,12 +1,14 @@
-//! Ambiguous patches: small parts that hardly anybody would have, joined to the neighbour that they most probably belong to.
+//! Ambiguous patches: small parts that hardly anybody would have, joined to the neighbour that they
+//! most probably belong to.
 //!
-//! A patch between two parts may belong to either, with a probability a little below ½ each. The labelling of the greatest expected
-//! Rand index then leaves it alone, since alone it is wrong about the fewest pairs; but no person has such a part. So a part goes if it
-//! is small, if few people are expected to have it ([`super::agreement`]), and if it may well belong to a neighbour. What is clearly apart
-//! from all its neighbours stays, however small: a finger, a horn.
+//! A patch between two parts may belong to either, with a probability a little below ½ each. The labelling of the
+//! greatest expected Rand index then leaves it alone, since alone it is wrong about the fewest pairs; but no
+//! person has such a part. So a part goes if it is small, if few people are expected to have it
+//! ([`super::agreement`]), and if it may well belong to a neighbour. What is clearly apart from all its neighbours
+//! stays, however small: a finger, a horn.
 //!
-//! On the benchmark this takes 4 % of the parts, moves 1 − Rand by less than its noise and improves Hamming distance and consistency
-//! (docs/quality.md). In the hierarchy they come back above ½, so a finer cut still has them.
+//! On the benchmark this takes 4 % of the parts, moves 1 − Rand by less than its noise and improves Hamming distance
+//! and consistency (docs/quality.md). In the hierarchy they come back above ½, so a finer cut still has them.
 //!
 //! Cost: R² for each patch, of which there are a dozen at the most.
 
@@ -15,15 +17,16 @@ use super::cell_graph::{CellGraph, class_sums, compact};
 use super::ensemble::Superfaces;
 use super::matrix::Square;
 
-/// Share of people expected to have such a patch, at the most. With .3, and without the bound on the mean of C, 1 − Rand is .0004 to .0009
-/// greater.
+/// Share of people expected to have such a patch, at the most. With .3, and without the bound on the mean of C, 1 −
+/// Rand is .0004 to .0009 greater.
 const AGREEMENT: f64 = 0.25;
 /// Share of the area that a patch has, at the most.
 const LARGEST: f64 = 0.015;
 /// Least mean of C between a patch and the neighbour that it joins.
 const MEAN: f64 = 0.3;
 
-/// The labels (R) of the superfaces of `cells` with every ambiguous patch of `label` joined to a neighbour, numbered by first appearance; C is R × R.
+/// The labels (R) of the superfaces of `cells` with every ambiguous patch of `label` joined to a neighbour, numbered by
+/// first appearance; C is R × R.
 pub(super) fn without_ambiguous(
     cells: &CellGraph,
     superfaces: &Superfaces,
@@ -100,8 +103,8 @@ fn means_to(co_association: &Square, shares: &[f64], label: &[u32], area: &[f64]
 mod tests {
     use super::*;
 
-    /// A row of parts of one superface and one cell each, beside each other at boundaries of .5: their shares, and C between
-    /// neighbours; C is .3 between others.
+    /// A row of parts of one superface and one cell each, beside each other at boundaries of .5: their shares, and C
+    /// between neighbours; C is .3 between others.
     fn joined(shares: &[f64], between: &[f64]) -> Vec<u32> {
         let n = shares.len();
         let numbers = || 0..n as u32;

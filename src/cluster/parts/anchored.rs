@@ -1,9 +1,10 @@
 //! Maps of a surface onto itself that begin with tips of limbs.
 //!
-//! Cells are mapped as their distances from anchors say, cells whose images are known. Anchors begin with [`tips`], matched in the few
-//! likeliest ways, and one more place: distances from tips alone do not tell front from back, so each likely image of it begins a map of
-//! its own. Then more and more samples become anchors, with the images that fit the anchors so far. At last each image is found again from
-//! all the others. Cost: .04 to .08 s of processor time and some megabytes for 2,000 cells.
+//! Cells are mapped as their distances from anchors say, cells whose images are known. Anchors begin with [`tips`],
+//! matched in the few likeliest ways, and one more place: distances from tips alone do not tell front from back, so
+//! each likely image of it begins a map of its own. Then more and more samples become anchors, with the images that fit
+//! the anchors so far. At last each image is found again from all the others. Cost: .04 to .08 s of processor time and
+//! some megabytes for 2,000 cells.
 
 use super::anchors::Anchors;
 use super::cell_map::{CellMap, SAMPLES, Surface};
@@ -12,13 +13,15 @@ use super::tips::{Matching, matchings, tips};
 use crate::base::Result;
 use crate::store::run::Run;
 
-/// Samples that become anchors, step by step; those nearer than this length to an anchor, in units of √(total area), are left out.
+/// Samples that become anchors, step by step; those nearer than this length to an anchor, in units of
+/// √(total area), are left out.
 const GROWTH: [(usize, f32); 3] = [(12, 0.1), (28, 0.06), (SAMPLES, 0.04)];
 /// Matchings of tips that are tried.
 const MATCHINGS: usize = 4;
 /// Likely images of the first sample: how many, how far apart, and how much less likely than the likeliest.
 const PLACES: (usize, f64, f32) = (3, 0.08, 0.04);
-/// Of the maps of the first samples: how many go on, how far apart they are in the mean, and how much worse than the best.
+/// Of the maps of the first samples: how many go on, how far apart they are in the mean, and how
+/// much worse than the best.
 const GO_ON: (usize, f32, f64) = (2, 0.06, 1.6);
 /// Rounds in which images are found again.
 const ROUNDS: usize = 4;
@@ -183,7 +186,8 @@ impl Surface<'_> {
         out
     }
 
-    /// How badly `y` is as far from the images of the `nearest` anchors of `x` as `x` is from these, by weight; beyond `limit` not to the end.
+    /// How badly `y` is as far from the images of the `nearest` anchors of `x` as `x` is from these, by weight;
+    /// beyond `limit` not to the end.
     #[inline(always)]
     fn misfit(&self, [x, y]: [usize; 2], nearest: &[(f32, usize)], anchors: &Anchors, limit: f32) -> f32 {
         let mut sum = MEAN * (self.mean[x] - self.mean[y]).abs();
@@ -231,7 +235,8 @@ impl Surface<'_> {
         self.measured(twin, unlike)
     }
 
-    /// A smooth map whose images may be one step off: each takes the likeliest place there, by the images of the samples.
+    /// A smooth map whose images may be one step off: each takes the likeliest place there, by
+    /// the images of the samples.
     pub fn polished(&self, mut twin: Vec<u32>) -> CellMap {
         let images: Vec<u32> = self.samples.cell.iter().map(|&sample| twin[sample as usize]).collect();
         let mut anchors = Anchors::default();

@@ -1,7 +1,8 @@
 //! Anchors of a map of the surface onto itself: cells whose images are known, with their distances to all cells.
 //!
-//! The nearest anchors say where another cell goes: its image is as far from their images as the cell is from them. The image of an
-//! anchor is an anchor too, so maps go both ways. Cost: rows are shared between maps, 8 kB each for 2,000 cells.
+//! The nearest anchors say where another cell goes: its image is as far from their images as the cell is from
+//! them. The image of an anchor is an anchor too, so maps go both ways. Cost: rows are shared between maps,
+//! 8 kB each for 2,000 cells.
 
 use super::cell_paths::{Row, UNREACHED};
 

@@ -1,8 +1,8 @@
 //! The graph of cells, which is all that the decisions see of a surface, and what labellings of it need.
 //!
-//! Numbering by first appearance, intersections, sums over classes, connected pieces, and the joining of pieces too small
-//! to be meant. Some two thousand cells and six thousand pairs, whatever the size of the mesh: S log S or S + m steps
-//! each, but for joining, which is S per class that joins.
+//! Numbering by first appearance, intersections, sums over classes, connected pieces, and the joining of pieces too
+//! small to be meant. Some two thousand cells and six thousand pairs, whatever the size of the mesh: S log S or S + m
+//! steps each, but for joining, which is S per class that joins.
 
 use crate::base::union_find::Forest;
 use crate::base::{Error, Result};

@@ -4,9 +4,10 @@
 //! are plain vector arithmetic in single precision; centres are summed in double precision and in
 //! point order. The result depends on the points, the weights and the random stream alone.
 //!
-//! [`crate::cluster::kmeans`] fits centres to sampled faces, coordinate by coordinate and over threads. This one labels
-//! cells, runs a dozen times in each decision, is laid out for vectors on a single thread, and draws its seeds so that small
-//! changes of the points change few of them ([`crate::base::random::raced`]). Cost: n k d multiply-adds per round, 8 n d bytes.
+//! [`crate::cluster::kmeans`] fits centres to sampled faces, coordinate by coordinate and over threads. This one
+//! labels cells, runs a dozen times in each decision, is laid out for vectors on a single thread, and draws its
+//! seeds so that small changes of the points change few of them ([`crate::base::random::raced`]). Cost: n k d
+//! multiply-adds per round, 8 n d bytes.
 
 use crate::base::random::{Random, raced};
 use crate::base::simd::{SimdKernel, dispatch};
@@ -116,8 +117,8 @@ impl PointBlocks {
 }
 
 impl CellKMeans {
-    /// Clusters `points` (row-major n × d) under `weight` (n, > 0): a label below
-    /// min(clusters, n) per point. Not every label need occur where points coincide. Draws go by `names` (n), those of the points.
+    /// Clusters `points` (row-major n × d) under `weight` (n, > 0): a label below min(clusters, n) per point. Not every
+    /// label need occur where points coincide. Draws go by `names` (n), those of the points.
     pub fn run(&self, points: &[f64], weight: &[f64], names: &[u32], random: &mut Random) -> Vec<u32> {
         dispatch(CellKMeansJob { how: self, points, weight, names, random })
     }
@@ -240,7 +241,8 @@ impl SimdKernel for CellKMeansJob<'_> {
     }
 }
 
-/// Squared distances of block `b`'s points to the nearest centre, `near` up to now, with each centre of group `g` besides.
+/// Squared distances of block `b`'s points to the nearest centre, `near` up to now, with each
+/// centre of group `g` besides.
 #[inline(always)]
 fn lowered(x: &PointBlocks, b: usize, near: &[f32; LANES], groups: &CentreGroups, g: usize) -> [[f32; LANES]; GROUP] {
     let d = x.d;

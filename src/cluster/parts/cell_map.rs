@@ -1,8 +1,9 @@
 //! Maps of a surface onto itself, and what tells a reflection among them.
 //!
-//! A map counts if it keeps distances, comes back to where it began, moves most of the surface, maps convex onto convex, a smooth map
-//! also thick onto thick, and turns the surface over: front for back, or a turn by half, keeps the sense in which neighbours lie around a
-//! cell. What was measured: `docs/dev/segmentation-experiments.md`. Cost: 1 or 2 ms for 2,000 cells.
+//! A map counts if it keeps distances, comes back to where it began, moves most of the surface, maps convex onto
+//! convex, a smooth map also thick onto thick, and turns the surface over: front for back, or a turn by half, keeps
+//! the sense in which neighbours lie around a cell. What was measured: `docs/dev/segmentation-experiments.md`. Cost: 1
+//! or 2 ms for 2,000 cells.
 
 use super::cell_graph::CellGraph;
 use super::cell_paths::{CellPaths, Row, UNREACHED};
@@ -25,10 +26,11 @@ const MOVED: (f64, f64) = (4.0, 0.6);
 const TURNED: f64 = -0.7;
 /// Correlation of the convexity of cells and of their images, at least.
 const SHAPE: f64 = 0.4;
-/// Mean difference of distances up to which a smooth map keeps them. Maps of armadillos, at 1.3 to 1.6, are right as a whole, but in doubt
-/// on the limbs, so they change little.
+/// Mean difference of distances up to which a smooth map keeps them. Maps of armadillos, at 1.3 to 1.6, are right as a
+/// whole, but in doubt on the limbs, so they change little.
 const SMOOTH: f64 = 1.15;
-/// Share of the area that smooth maps must move farther than so far, in units of √(total area): front for back moves less.
+/// Share of the area that smooth maps must move farther than so far, in units of √(total area):
+/// front for back moves less.
 const FAR: (f64, f64) = (0.15, 0.42);
 /// Mean difference of the thickness of cells and of their images at the most, in units of its mean deviation.
 const THICKNESS: f64 = 0.3;
@@ -180,8 +182,8 @@ impl<'a> Surface<'a> {
         self.moved(twin, FAR.0) >= FAR.1
     }
 
-    /// Mean difference of the logarithm of the thickness of cells and of their images, in units of its mean deviation: a head is mapped
-    /// front to back by distances and by convexity as well, but is thicker there.
+    /// Mean difference of the logarithm of the thickness of cells and of their images, in units of its mean deviation:
+    /// a head is mapped front to back by distances and by convexity as well, but is thicker there.
     fn unlike_thickness(&self, twin: &[u32]) -> f64 {
         let thickness = self.log_thickness;
         let mean_of =
@@ -191,8 +193,8 @@ impl<'a> Surface<'a> {
         mean_of(&|x| (thickness[x] - thickness[twin[x] as usize]).abs()) / spread.max(1e-9)
     }
 
-    /// The correlation of the convexity around cells and around their images: a plain on which nothing tells left from right is mapped
-    /// onto itself as well, mountains onto valleys.
+    /// The correlation of the convexity around cells and around their images: a plain on which nothing tells left from
+    /// right is mapped onto itself as well, mountains onto valleys.
     fn shape(&self, map: &CellMap) -> f64 {
         let (cells, n) = (self.cells, self.paths.len());
         let mut around = vec![[0.0; 2]; n];

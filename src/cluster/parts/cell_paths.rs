@@ -1,8 +1,9 @@
 //! Distances along the surface between cells, whatever its pose.
 //!
-//! Steps go to the neighbours of a cell and to theirs, as long as the chord, so that paths hardly zigzag. Turning does not count: it
-//! changes with the pose. Sixteen sources are swept together, forth and back in the order of the distance from an end of the surface,
-//! until nothing changes: about ten sweeps, the later ones over few cells, in less than 1 ms for 2,000 cells.
+//! Steps go to the neighbours of a cell and to theirs, as long as the chord, so that paths hardly zigzag. Turning does
+//! not count: it changes with the pose. Sixteen sources are swept together, forth and back in the order of the
+//! distance from an end of the surface, until nothing changes: about ten sweeps, the later ones over few cells, in
+//! less than 1 ms for 2,000 cells.
 
 use super::cell_graph::CellGraph;
 use crate::base::dijkstra::shortest_paths;
@@ -74,8 +75,8 @@ impl CellPaths {
         self.ends[range.clone()].iter().copied().zip(self.length[range].iter().copied())
     }
 
-    /// Lowers `field` (S) to the distances from `source` where those are less, and below `limit`; returns the cells that were settled,
-    /// the nearest first.
+    /// Lowers `field` (S) to the distances from `source` where those are less, and below `limit`; returns the cells
+    /// that were settled, the nearest first.
     pub fn lower(&self, source: u32, limit: f32, field: &mut [f32]) -> Vec<u32> {
         let mut settled = Vec::new();
         shortest_paths(&[source], |i| self.steps(i), limit, field, |i| settled.push(i));

@@ -1,11 +1,10 @@
 //! How much of two regions see each other as convex: sums over pairs of cells.
 //!
-//! Cells p and q see each other as convex if n_p·(x_q − x_p) < .05 |d| and n_q·(x_p − x_q) <
-//! .05 |d|: across a convex body they do, across a notch they do not. A pair weighs
-//! a_p a_q exp(−|d|²/2w²), cut at |d| = 4w, for three widths w at once, so that one pass over the
-//! pairs serves the whole ensemble. The same
-//! weights serve for how much the thickness of the body differs between the cells of a pair ([`super::thickness`]). Sums
-//! are kept between superfaces and add up when superfaces are united.
+//! Cells p and q see each other as convex if n_p·(x_q − x_p) < .05 |d| and n_q·(x_p − x_q) < .05 |d|: across a convex
+//! body they do, across a notch they do not. A pair weighs a_p a_q exp(−|d|²/2w²), cut at |d| = 4w, for three widths w
+//! at once, so that one pass over the pairs serves the whole ensemble. The same weights serve for how much the
+//! thickness of the body differs between the cells of a pair ([`super::thickness`]). Sums are kept between superfaces
+//! and add up when superfaces are united.
 //!
 //! Cost: one exponential from a table per pair of cells within the cut, S²/2 at most; 80 bytes per pair of superfaces.
 

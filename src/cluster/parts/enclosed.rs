@@ -1,17 +1,18 @@
 //! What a surface encloses: walls of cavities, and bodies within.
 //!
-//! An isosurface of a volume shows the inside as well: the inner side of a shell, a brain within a skull, marrow within a bone. Measured as
-//! one surface, a shell has no thick and thin places, and half of its area is inside. So the cells that are seen from outside
-//! ([`super::exposure`]) are decided on alone. A hidden cell is the wall of a cavity if random walks through what is solid, from ray to ray, soon
-//! lead to such a cell; it follows the one right behind it, so a hollow leg is one part with its inside, and a bone one with its marrow.
-//! Otherwise it is of a body within. A minimum cut of the hidden cells tells the two apart, so single cells do not
-//! decide. Bodies within are a layer of their own, which is looked at in the same way, and so on.
+//! An isosurface of a volume shows the inside as well: the inner side of a shell, a brain within a skull, marrow within
+//! a bone. Measured as one surface, a shell has no thick and thin places, and half of its area is inside. So the cells
+//! that are seen from outside ([`super::exposure`]) are decided on alone. A hidden cell is the wall of a cavity if
+//! random walks through what is solid, from ray to ray, soon lead to such a cell; it follows the one right behind it,
+//! so a hollow leg is one part with its inside, and a bone one with its marrow. Otherwise it is of a body within. A
+//! minimum cut of the hidden cells tells the two apart, so single cells do not decide. Bodies within are a layer of
+//! their own, which is looked at in the same way, and so on.
 //!
-//! Folds hide much of a surface too, but by and by. A cavity is dark up to its holes, so a surface encloses something only where nearly all
-//! that is hidden is dark. Cups and vases are open to the light.
+//! Folds hide much of a surface too, but by and by. A cavity is dark up to its holes, so a surface encloses something
+//! only where nearly all that is hidden is dark. Cups and vases are open to the light.
 //!
-//! Cost: exposure by few directions, and by many where much is dim; where something is enclosed also rays behind the hidden cells,
-//! and one more pass for each layer.
+//! Cost: exposure by few directions, and by many where much is dim; where something is enclosed also rays behind the
+//! hidden cells, and one more pass for each layer.
 
 use super::cell_graph::{CellGraph, class_sums, connected_pieces};
 use super::exposure::{Directions, exposure};
@@ -27,8 +28,8 @@ const DARK: f64 = 0.05;
 const HIDDEN: f64 = 0.4;
 /// Something is enclosed if this share of the area is dark, and as much is not hidden,
 const MUCH: f64 = 0.1;
-/// and what is hidden has at most this much more area than what is dark. Bodies with an inside have 1.01 to 1.07, cortices and brains
-/// 1.27 and 1.41, the one vase of the benchmark that is dark within 1.23.
+/// and what is hidden has at most this much more area than what is dark. Bodies with an inside have 1.01 to 1.07,
+/// cortices and brains 1.27 and 1.41, the one vase of the benchmark that is dark within 1.23.
 const CRISP: f64 = 1.15;
 /// A walk goes on after each step with this probability; from .8 to .95 the same bodies are found.
 const GOES_ON: f64 = 0.9;
@@ -147,7 +148,8 @@ impl Inside {
         Ok(Some(Self { is_seen, is_wall, behind }))
     }
 
-    /// Whether each of `cells` is of a body within: of a piece of hidden cells that are no walls, from `least` of the area on.
+    /// Whether each of `cells` is of a body within: of a piece of hidden cells that are no walls,
+    /// from `least` of the area on.
     fn bodies(&self, cells: &CellGraph, least: f64) -> Vec<bool> {
         let within: Vec<u32> =
             self.is_seen.iter().zip(&self.is_wall).map(|(seen, wall)| u32::from(!seen && !wall)).collect();
@@ -157,8 +159,8 @@ impl Inside {
     }
 }
 
-/// The share of walks from each of the cells `hidden` that lead to one which `is_seen`; a step is to any of `hits`. Half where there
-/// are none.
+/// The share of walks from each of the cells `hidden` that lead to one which `is_seen`; a step is to any of `hits`.
+/// Half where there are none.
 fn led_outside(hidden: &[u32], hits: &[Vec<u32>], is_seen: &[bool]) -> Vec<f64> {
     let mut share: Vec<f64> = is_seen.iter().map(|&seen| f64::from(u8::from(seen))).collect();
     let mean = |share: &[f64], hits: &Vec<u32>| {
@@ -172,8 +174,8 @@ fn led_outside(hidden: &[u32], hits: &[Vec<u32>], is_seen: &[bool]) -> Vec<f64> 
     hidden.iter().map(|&cell| share[cell as usize]).collect()
 }
 
-/// Whether each of the cells `hidden` is a wall: the labelling that contradicts the least area, of which `walls` tells the shares that
-/// speak for a wall, with short boundaries.
+/// Whether each of the cells `hidden` is a wall: the labelling that contradicts the least area, of which `walls` tells
+/// the shares that speak for a wall, with short boundaries.
 fn cut(cells: &CellGraph, hidden: &[u32], walls: &[f64], run: &Run) -> Result<Vec<bool>> {
     let total = cells.total_area();
     let units = |area: f64| (area / total * UNITS) as i64;

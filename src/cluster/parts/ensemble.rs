@@ -1,4 +1,5 @@
-//! The ensemble: over-segmentations of the cells, each from a random subset of the landmarks, and what they say together.
+//! The ensemble: over-segmentations of the cells, each from a random subset of the landmarks,
+//! and what they say together.
 //!
 //! One over-segmentation is an anchor embedding, K-means, connected pieces, and islands joined to their neighbours. The
 //! intersections of all of them are the superfaces, a few hundred. Each over-segmentation is merged down to one part
@@ -140,8 +141,8 @@ impl Superfaces {
         })
     }
 
-    /// Superfaces as they were kept: which each cell belongs to (S), and their areas (R). Enough for cutting a hierarchy, not
-    /// for making one. `None` where a number names no superface, or a superface no cell.
+    /// Superfaces as they were kept: which each cell belongs to (S), and their areas (R). Enough for cutting a
+    /// hierarchy, not for making one. `None` where a number names no superface, or a superface no cell.
     pub fn kept(of_cell: Vec<u32>, area: Vec<f64>) -> Option<Superfaces> {
         let mut first = vec![u32::MAX; area.len()];
         for (cell, &superface) in of_cell.iter().enumerate().rev() {
@@ -213,7 +214,8 @@ pub fn co_association(
     mean_over_ensemble(superfaces.len(), &trees, run)
 }
 
-/// C of `n` superfaces from the regions that each over-segmentation puts them in and the probabilities that two of these belong together.
+/// C of `n` superfaces from the regions that each over-segmentation puts them in and the probabilities that two
+/// of these belong together.
 ///
 /// # Errors
 /// Cancellation.

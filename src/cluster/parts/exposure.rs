@@ -1,11 +1,12 @@
 //! How far each cell is seen from outside: its ambient exposure, from the cells alone.
 //!
-//! The cells are drawn as discs from 98 directions, or from 26, and a cell is seen where no disc lies more than its own radius in front of its
-//! centre. What no direction sees lies inside of the surface. Small holes do not let light in, since discs are a little larger than cells.
-//! Directions are those of small whole numbers, so no angle's sine has to be the same on every processor.
+//! The cells are drawn as discs from 98 directions, or from 26, and a cell is seen where no disc lies more than its own
+//! radius in front of its centre. What no direction sees lies inside of the surface. Small holes do not let light in,
+//! since discs are a little larger than cells. Directions are those of small whole numbers, so no angle's sine has to
+//! be the same on every processor.
 //!
-//! Cost: 13 points of each disc along each of 13 or 49 axes, 1.6 or 6 ms of processor time for 2,000 cells; a picture of two depths
-//! for each thread.
+//! Cost: 13 points of each disc along each of 13 or 49 axes, 1.6 or 6 ms of processor time for 2,000 cells; a picture
+//! of two depths for each thread.
 
 use super::cell_graph::CellGraph;
 use super::thickness::tangents;
@@ -22,12 +23,13 @@ pub(super) enum Directions {
 
 /// Side of a pixel over the radius of a cell of mean area.
 const PIXEL: f64 = 0.8;
-/// Most pixels of a picture, 4 MB: some seven times the root of the area across. What is longer hides next to nothing of itself.
+/// Most pixels of a picture, 4 MB: some seven times the root of the area across. What is longer hides
+/// next to nothing of itself.
 const PIXELS: usize = 1 << 19;
 /// Radius of a disc over that of the cell.
 const COVER: f64 = 1.1;
-/// Points of a disc besides its centre, over the radius of the cell: two rings of six. Discs are larger than cells, so no light falls
-/// between them.
+/// Points of a disc besides its centre, over the radius of the cell: two rings of six. Discs are larger than cells, so
+/// no light falls between them.
 const POINTS: [[f64; 2]; 12] = {
     const NEAR: f64 = 0.63;
     const FAR: f64 = COVER;
@@ -49,8 +51,8 @@ const POINTS: [[f64; 2]; 12] = {
     ]
 };
 
-/// The share of directions in front of each cell, by the cosine of their angle, from which it is seen (S): 1 on a convex body, 0
-/// inside. All 1 where the surface is too long for a picture.
+/// The share of directions in front of each cell, by the cosine of their angle, from which it is seen (S): 1 on a
+/// convex body, 0 inside. All 1 where the surface is too long for a picture.
 ///
 /// # Errors
 /// Cancellation.
@@ -149,7 +151,8 @@ pub(super) mod tests {
     use super::*;
     use std::f64::consts::PI;
 
-    /// Cells of equal area on balls about the origin: radius, number of cells, whether normals point inwards. Areas sum to 1.
+    /// Cells of equal area on balls about the origin: radius, number of cells, whether normals point
+    /// inwards. Areas sum to 1.
     pub(in crate::cluster::parts) fn balls(all: &[(f64, usize, bool)]) -> CellGraph {
         let mut cells = CellGraph::default();
         for &(radius, n, inwards) in all {

@@ -1,20 +1,22 @@
 //! How folded a surface is, and what that does to lengths on it.
 //!
-//! The cortex of a brain has three times the area of a ball as wide as the brain. Boundaries run through its folds, so they
-//! are long, and the brain is small in units of √(area). The probabilities of merges are fitted to surfaces without folds. There, a long
-//! boundary between low regions means one part; two hemispheres, which touch along a short line, looked like that. So measures are
-//! taken in units of the shape as it would be without folds.
+//! The cortex of a brain has three times the area of a ball as wide as the brain. Boundaries run through its folds, so
+//! they are long, and the brain is small in units of √(area). The probabilities of merges are fitted to surfaces
+//! without folds. There, a long boundary between low regions means one part; two hemispheres, which touch along a short
+//! line, looked like that. So measures are taken in units of the shape as it would be without folds.
 //!
 //! Cost: S steps for each of 13 directions.
 
 use super::cell_graph::CellGraph;
 
-/// Area over that of a ball of the same mean width, from which on a surface counts as folded. The 190 models of the benchmark have
-/// 1.5 at the most, a hemisphere of a brain 2.1, whole brains 3.1 to 3.4, a head with all that is inside 4.1.
+/// Area over that of a ball of the same mean width, from which on a surface counts as folded. The 190
+/// models of the benchmark have 1.5 at the most, a hemisphere of a brain 2.1, whole brains 3.1 to 3.4, a
+/// head with all that is inside 4.1.
 const FOLDED: f64 = 2.0;
 /// Greatest folding that counts: with more, crumbs are told apart (5 or 6 parts of the MRI head instead of 2 to 5).
 const MOST: f64 = 3.0;
-/// Directions of Lebedev's 26 points on the sphere, one of each opposite two, and twice their weights: exact up to degree 7.
+/// Directions of Lebedev's 26 points on the sphere, one of each opposite two, and twice their
+/// weights: exact up to degree 7.
 const DIRECTIONS: [([f64; 3], f64); 13] = {
     const AXIS: f64 = 2.0 / 21.0;
     const EDGE: f64 = 8.0 / 105.0;
@@ -36,8 +38,8 @@ const DIRECTIONS: [([f64; 3], f64); 13] = {
     ]
 };
 
-/// The natural logarithm of the folding φ of a surface: 0 where it is not folded. Lengths of the shape in units of √(area) are too
-/// small by √φ, and boundaries along folds too long by √φ in these units, by φ against the shape.
+/// The natural logarithm of the folding φ of a surface: 0 where it is not folded. Lengths of the shape in units of
+/// √(area) are too small by √φ, and boundaries along folds too long by √φ in these units, by φ against the shape.
 pub fn log_folding(cells: &CellGraph) -> f64 {
     let width = mean_width(&cells.centre);
     let ratio = cells.total_area() / (std::f64::consts::PI * width * width).max(1e-300);

@@ -1,9 +1,10 @@
 //! Smooth functions on the cells, and maps of the surface onto itself as matrices between them.
 //!
-//! The functions are eigenfunctions of the Laplacian among combinations of Gaussians around samples: few numbers per cell that do not
-//! change with the pose. A map becomes a matrix C with φ(image of x) ≈ Cᵀ φ(x), and cells are mapped where C takes their functions.
-//! Matrix and map are fitted to each other in turn, with more and more functions (ZoomOut: Melzi and others, 2019), so maps begin
-//! coarse and end smooth. Cost: some 10 ms for 2,000 cells and 128 samples, and as much for each map.
+//! The functions are eigenfunctions of the Laplacian among combinations of Gaussians around samples: few numbers per
+//! cell that do not change with the pose. A map becomes a matrix C with φ(image of x) ≈ Cᵀ φ(x), and cells are mapped
+//! where C takes their functions. Matrix and map are fitted to each other in turn, with more and more functions
+//! (ZoomOut: Melzi and others, 2019), so maps begin coarse and end smooth. Cost: some 10 ms for 2,000 cells and 128
+//! samples, and as much for each map.
 
 use super::cell_graph::CellGraph;
 use super::cell_paths::{CellPaths, Row};

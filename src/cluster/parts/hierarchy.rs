@@ -177,9 +177,9 @@ impl PartTree {
 
     /// Exactly `k` parts.
     ///
-    /// Small parts do not count as long as the number can be had without them: the coarsest cut that has `k` parts after
-    /// cleaning is taken, small being less than a quarter of the mean part at the most; else the `k` parts of the tree
-    /// as they are.
+    /// Small parts do not count as long as the number can be had without them: the coarsest cut that has `k` parts
+    /// after cleaning is taken, small being less than a quarter of the mean part at the most; else the `k` parts
+    /// of the tree as they are.
     ///
     /// # Errors
     /// If `k` is 0 or more than there are cells.
@@ -295,7 +295,8 @@ mod tests {
             cut.label.iter().for_each(|&part| sizes[part as usize] += 1);
             assert!(cut.parts == k && sizes.iter().all(|size| *size >= 39), "{k}: {sizes:?}");
         }
-        // More parts than there are without tiny components: these become parts too, and the number is the one asked for.
+        // More parts than there are without tiny components: these become parts too, and the
+        // number is the one asked for.
         assert_eq!(tree.cut_k(90).unwrap().parts, 90);
     }
 

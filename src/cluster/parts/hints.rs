@@ -1,14 +1,15 @@
 //! Places that belong together or apart, as constraints of the labelling of cells.
 //!
-//! The expected Rand index wants a labelling of greatest Σ a_x a_y (C_xy − t) ([`super::labelling`]). A hint forbids some
-//! labellings: two cells must share a label, or must not. Only the parts that hold hints are labelled again, so one hint
-//! moves one cut and nothing else:
+//! The expected Rand index wants a labelling of greatest Σ a_x a_y (C_xy − t) ([`super::labelling`]). A hint forbids
+//! some labellings: two cells must share a label, or must not. Only the parts that hold hints are labelled again, so
+//! one hint moves one cut and nothing else:
 //! - a part whose hints must not share a label is divided among them ([`Affinities::divide`]);
 //! - any other part stays whole, and parts that hold places of one group become one.
 //!
-//! In a divided part each cell goes to the hint y with the greatest C_xy − λ d_xy. C alone is constant on superfaces; the
-//! path length d, through the part and longer over creases, decides between hints that C does not tell apart. Moving cells
-//! afterwards by their mean C to all of a piece was measured: it is worse, since one wrong piece draws others.
+//! In a divided part each cell goes to the hint y with the greatest C_xy − λ d_xy. C alone is constant on
+//! superfaces; the path length d, through the part and longer over creases, decides between hints that C does not
+//! tell apart. Moving cells afterwards by their mean C to all of a piece was measured: it is worse, since one
+//! wrong piece draws others.
 //!
 //! Cost: one shortest-path search over the cells of a divided part for each superface that holds hints; milliseconds.
 
@@ -60,8 +61,8 @@ pub struct Affinities<'a> {
 pub type Seed = (u32, u32);
 
 impl Affinities<'_> {
-    /// Divides the cells of part `part` of `label` (S) among `seeds` in it: the class of each cell of the part, ascending.
-    /// Each seed keeps its class. Small pieces without a seed join the class beside them.
+    /// Divides the cells of part `part` of `label` (S) among `seeds` in it: the class of each cell of the part,
+    /// ascending. Each seed keeps its class. Small pieces without a seed join the class beside them.
     pub fn divide(&self, label: &[u32], part: u32, seeds: &[Seed]) -> Vec<(u32, u32)> {
         let members: Vec<u32> = (0..label.len() as u32).filter(|&cell| label[cell as usize] == part).collect();
         let mut place = vec![u32::MAX; label.len()];

@@ -5,12 +5,12 @@
 //! maximises it by local moves and greedy joins in turn. Another threshold in place of ½ gives finer (above) or coarser
 //! (below) parts; that threshold is all there is of a "detail".
 //!
-//! [`soft_hierarchy`] makes one tree of all answers. The labelling at ½ comes first, as the expected Rand index wants it but for
-//! [`super::ambiguous`] patches.
-//! Above ½ each part is labelled again at rising thresholds, so that cuts nest; below it parts are joined ([`Linkage`]).
-//! The level of a join is the mean of C between the two: the threshold from which on the join loses. Where fewer parts are
-//! asked for than found, joins rank by what they add to the expected Rand index at ½, so the parts are those of the
-//! greatest expected index that the hierarchy has for that number; where more are asked for, joins rank by level.
+//! [`soft_hierarchy`] makes one tree of all answers. The labelling at ½ comes first, as the expected Rand index wants
+//! it but for [`super::ambiguous`] patches. Above ½ each part is labelled again at rising thresholds, so that cuts
+//! nest; below it parts are joined ([`Linkage`]). The level of a join is the mean of C between the two: the threshold
+//! from which on the join loses. Where fewer parts are asked for than found, joins rank by what they add to the
+//! expected Rand index at ½, so the parts are those of the greatest expected index that the hierarchy has for that
+//! number; where more are asked for, joins rank by level.
 //!
 //! Cost for R superfaces, a few hundred: R² per round of moves, R³ at the most for a linkage; a few R × R matrices.
 
@@ -24,9 +24,9 @@ use crate::store::run::Run;
 
 /// Gains below this are rounding.
 const LEAST: f64 = 1e-14;
-/// Parts are found where people are expected to differ from them by no more than this share of what they would differ by from
-/// the whole. It is at most .49 on 204 meshes, .32 to .76 on a noisy shell with a body in it, under eight seeds; a cortex whose folds
-/// make no parts had .81 and more, when landmarks were farthest from each other.
+/// Parts are found where people are expected to differ from them by no more than this share of what they would differ
+/// by from the whole. It is at most .49 on 204 meshes, .32 to .76 on a noisy shell with a body in it, under eight
+/// seeds; a cortex whose folds make no parts had .81 and more, when landmarks were farthest from each other.
 const PAYS: f64 = 0.8;
 /// Rounds of local moves at most, between joins.
 const ROUNDS: usize = 30;
@@ -432,8 +432,8 @@ impl HierarchyLevels<'_> {
             .joins(if low < HALF { LinkageRank::Gain } else { LinkageRank::Mean }, 1)
             .iter()
             .map(|join| {
-                // Below the labelling at ½ the join that costs least goes first. Above it all joins gain, that of a tiny
-                // the least, whether it is one or not: there the surest come first.
+                // Below the labelling at ½ the join that costs least goes first. Above it all joins gain, that of a
+                // tiny the least, whether it is one or not: there the surest come first.
                 let rank = if low < HALF { join.gain.min(0.0) } else { join.mean.max(f64::MIN_POSITIVE) };
                 CellUnion { level: join.mean.clamp(low, high), rank, a: first[join.i], b: first[join.j] }
             })

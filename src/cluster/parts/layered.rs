@@ -1,7 +1,7 @@
 //! The co-association of a surface, and that of one which encloses something: layer by layer.
 //!
-//! Each layer of [`super::enclosed`] has an ensemble of its own, in units of its own area, from the landmarks that lie on it. What follows a
-//! cell is of its superface. Two layers never belong together.
+//! Each layer of [`super::enclosed`] has an ensemble of its own, in units of its own area, from the landmarks that lie
+//! on it. What follows a cell is of its superface. Two layers never belong together.
 //!
 //! Cost: an ensemble for each layer, over the cells of that layer.
 

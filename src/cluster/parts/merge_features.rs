@@ -1,8 +1,8 @@
 //! What the probability of a merge is made from: measures of two regions and of their common boundary.
 //!
-//! All are free of the mesh's size and position. The first ten say how strong and how sharp the boundary is and what the two
-//! regions look like; the others say how much of the regions' boundaries it is, how much they see each other, what shape it
-//! has as a curve, how its angles vary, and how creased the regions are within.
+//! All are free of the mesh's size and position. The first ten say how strong and how sharp the boundary is and what
+//! the two regions look like; the others say how much of the regions' boundaries it is, how much they see each other,
+//! what shape it has as a curve, how its angles vary, and how creased the regions are within.
 //!
 //! Cost: constant for a merge.
 
@@ -80,9 +80,9 @@ impl SharedBoundary {
     }
 }
 
-/// The shape of a boundary as a curve, and how its angles vary: ln of its second and of its third extent over the first (0
-/// and little: a flat ring); ln of its length over its extent; deviation of the concave angle; share of it that is concave,
-/// and sharply so; mean convex angle at radius .02; share of it that is sharply convex.
+/// The shape of a boundary as a curve, and how its angles vary: ln of its second and of its third extent over the first
+/// (0 and little: a flat ring); ln of its length over its extent; deviation of the concave angle; share of it that is
+/// concave, and sharply so; mean convex angle at radius .02; share of it that is sharply convex.
 fn curve(sums: &EdgeSums, concave: f64) -> [f64; 8] {
     let length = sums[0].max(1e-12);
     let mean: [f64; 3] = std::array::from_fn(|c| sums[1 + c] / length);
@@ -109,10 +109,11 @@ fn creases(sums: &EdgeSums) -> [f64; 3] {
 /// - 0: that, clipped; 1: cosine of the mean embeddings;
 /// - 2: length of the smaller's mean normal (open patch 1, closed limb 0); 3: |ln| of the ratio of widths; 4: ln of the
 ///   larger's length; 5: ln of boundary over the smaller's height;
-/// - 6: mean convex angle of the boundary at radius .04; 7: root of the mean |difference| of ln thickness between cells on either
-///   side of it; 8: its mean concave angle; 9: ln of how much thinner the body is along it than in the thinner of the two (≤ 0);
-/// - 10: the boundary's share of the smaller's perimeter, 11: of the larger's; 12: share of pairs of cells that see each other as
-///   convex across the boundary, 13 and 14: within the smaller and the larger, 15: within both together;
+/// - 6: mean convex angle of the boundary at radius .04; 7: root of the mean |difference| of ln thickness between cells
+///   on either side of it; 8: its mean concave angle; 9: ln of how much thinner the body is along it than in the
+///   thinner of the two (≤ 0);
+/// - 10: the boundary's share of the smaller's perimeter, 11: of the larger's; 12: share of pairs of cells that see
+///   each other as convex across the boundary, 13 and 14: within the smaller and the larger, 15: within both together;
 /// - 16 to 23: its shape as a curve and how its angles vary; 24 to 29: how creased the two are within.
 ///
 /// On a folded surface the lengths in 0, 4, 5 and 18 are those of the shape without its folds.

@@ -1,11 +1,11 @@
 //! The log odds that people keep two regions in one part: boosted regression trees, fitted to people's cuts.
 //!
 //! The trees are fitted to the human segmentations of half of the Princeton benchmark (Chen, Golovinskiy, Funkhouser,
-//! SIGGRAPH 2009). The target of the fit is what most people do at a merge; its weight is how much that matters to the Rand
-//! index: |2t − 1| times the pairs that it joins, to the power .6, so that few large merges do not decide; t is the share of
-//! people who join them. `tools/fit` fits them again, with LightGBM (Ke et al. 2017). Trees beat a logistic function of the
-//! same measures on models that were not fitted to (docs/dev/segmentation-experiments.md), since measures matter
-//! differently for open patches, limbs and rims.
+//! SIGGRAPH 2009). The target of the fit is what most people do at a merge; its weight is how much that matters to the
+//! Rand index: |2t − 1| times the pairs that it joins, to the power .6, so that few large merges do not decide; t is
+//! the share of people who join them. `tools/fit` fits them again, with LightGBM (Ke et al. 2017). Trees beat a
+//! logistic function of the same measures on models that were not fitted to (docs/dev/segmentation-experiments.md),
+//! since measures matter differently for open patches, limbs and rims.
 //!
 //! Cost: a few comparisons per tree; some tens of kilobytes, read once.
 
@@ -18,8 +18,8 @@ const FITTED: &str = include_str!("merge_odds.json");
 
 /// A sum of regression trees over the [`super::merge_features`].
 ///
-/// The trees are full: node k of a tree of depth d, counted from 0, has the children 2k + 1 and 2k + 2; its 2ᵈ − 1 inner
-/// nodes are followed by 2ᵈ leaves.
+/// The trees are full: node k of a tree of depth d, counted from 0, has the children 2k + 1 and 2k + 2; its 2ᵈ − 1
+/// inner nodes are followed by 2ᵈ leaves.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct BoostedTrees {
     /// Depth of all trees.
@@ -40,8 +40,8 @@ impl BoostedTrees {
         TREES.get_or_init(|| BoostedTrees::parse(FITTED).unwrap_or_default())
     }
 
-    /// Trees from JSON: an object of this type's fields. `None` where the text is no such thing, names features that do not
-    /// exist, or where arrays disagree in size.
+    /// Trees from JSON: an object of this type's fields. `None` where the text is no such thing, names features that do
+    /// not exist, or where arrays disagree in size.
     pub fn parse(text: &str) -> Option<BoostedTrees> {
         let trees: BoostedTrees = serde_json::from_str(text).ok()?;
         let leaves = 1usize.checked_shl(trees.depth).filter(|_| trees.depth < 16)?;

@@ -1,10 +1,10 @@
 //! Merging the regions of an over-segmentation all the way down, and how probable each merge is.
 //!
-//! The order of merges: cost = W / min(A)^.75 · conv³ with W the strength of the common boundary, A the
-//! areas and conv the share of cell pairs across it that see each other as convex, relative to
-//! the regions' own shares, so that the inside of a cup stays whole. The probability that people
-//! keep the two in one part comes from boosted trees ([`super::merge_odds`]) over that cost and other features of both regions and
-//! of their boundary ([`super::merge_features`]).
+//! The order of merges: cost = W / min(A)^.75 · conv³ with W the strength of the common boundary, A the areas and conv
+//! the share of cell pairs across it that see each other as convex, relative to the regions' own shares, so that the
+//! inside of a cup stays whole. The probability that people keep the two in one part comes from boosted trees
+//! ([`super::merge_odds`]) over that cost and other features of both regions and of their boundary
+//! ([`super::merge_features`]).
 //!
 //! Cost for R regions, some thirty: R costs per merge, R² comparisons at the most.
 
@@ -14,8 +14,8 @@ use super::merge_odds::BoostedTrees;
 use super::regions::Regions;
 use std::borrow::Cow;
 
-/// What decides the order of merges and their probabilities. The default is that of all decisions; others are for fitting
-/// (`tools/fit`).
+/// What decides the order of merges and their probabilities. The default is that of all decisions; others are
+/// for fitting (`tools/fit`).
 #[derive(Clone, Debug, PartialEq)]
 pub struct MergeModel {
     /// Exponent of the smaller area in the cost.

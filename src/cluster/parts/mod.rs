@@ -1,22 +1,24 @@
 //! Parts as people would cut them, decided on some two thousand cells: constant in the mesh size.
 //!
 //! The input is the cell graph and the landmark distances averaged over cells.
-//! - What is `enclosed` by the surface is set apart first: walls of cavities follow the outside, bodies within are decided on alone
-//!   (`layered`).
-//! - [`ensemble`] over-segments the cells twelve times (embedding of [`crate::spectral::anchor`], [`cell_kmeans`]), each
-//!   time from a random subset of the landmarks.
+//! - What is `enclosed` by the surface is set apart first: walls of cavities follow the outside, bodies within are
+//!   decided on alone (`layered`).
+//! - [`ensemble`] over-segments the cells twelve times (embedding of [`crate::spectral::anchor`], [`cell_kmeans`]),
+//!   each time from a random subset of the landmarks.
 //! - [`merges`] merges each over-segmentation down to one part and tells at each merge how probably people keep the two
-//!   sides together ([`merge_odds`]), from sums over [`regions`], [`convexity`] and [`thickness`], in units of the shape without
-//!   its [`folding`].
+//!   sides together ([`merge_odds`]), from sums over [`regions`], [`convexity`] and [`thickness`], in units of the
+//!   shape without its [`folding`].
 //! - The mean over the ensemble is the co-association: a probability for any two [`Superfaces`].
-//! - Where the surface is its own mirror image, [`twins`] make both sides alike; where a posed body is so along its surface, those
-//!   of its [`reflection`] do.
-//! - [`labelling`] finds the labels of the greatest expected Rand index, without `ambiguous` patches, and a whole [`hierarchy`] around them.
+//! - Where the surface is its own mirror image, [`twins`] make both sides alike; where a posed body is so along its
+//!   surface, those of its [`reflection`] do.
+//! - [`labelling`] finds the labels of the greatest expected Rand index, without `ambiguous` patches, and a whole
+//!   [`hierarchy`] around them.
 //! - [`hints`] changes a labelling as people ask; `split` divides a part further along the hierarchy.
 //! - [`consensus`] has the plainer decisions; [`agreement`] tells how sure a part is and how many people would have it.
 //!
-//! Everything is a function of the input and the seed: not of threads, not of timing. Cost: .05 s on two threads for 60
-//! landmarks, some megabytes, whatever the size of the mesh; up to .08 s of processor time more where no plane is found.
+//! Everything is a function of the input and the seed: not of threads, not of timing. Cost: .05 s on two
+//! threads for 60 landmarks, some megabytes, whatever the size of the mesh; up to .08 s of processor time more
+//! where no plane is found.
 
 pub mod agreement;
 mod ambiguous;
@@ -154,7 +156,8 @@ pub struct PartsReport {
     pub mean_confidence: f64,
     /// Area share of each part.
     pub area: Vec<f64>,
-    /// Share of people who are expected to have each part ([`agreement`]); empty where the parts are not the decision's alone.
+    /// Share of people who are expected to have each part ([`agreement`]); empty where the parts are
+    /// not the decision's alone.
     #[serde(default)]
     pub expected_agreement: Vec<f64>,
     /// What the surface encloses.
@@ -171,7 +174,8 @@ impl PartsReport {
         (!self.expected_agreement.is_empty()).then(|| all.map(|(share, area)| share * area).sum())
     }
 
-    /// Whether the surface falls into parts that people would agree on; none where that is not known. A surface of one part does not.
+    /// Whether the surface falls into parts that people would agree on; none where that is not known. A
+    /// surface of one part does not.
     pub fn has_clear_parts(&self) -> Option<bool> {
         self.mean_agreement().map(|mean| mean >= agreement::UNCLEAR && self.expected_agreement.len() > 1)
     }
@@ -326,8 +330,8 @@ pub fn cut(decided: &PartDecision, l: usize, seconds: f64, params: &PartsParams)
     Ok(describe(decided, decided.tree.cut_for(params.count, params.detail)?, l, seconds))
 }
 
-/// The answer of `decided`, from `l` rows in `seconds`, whose parts are those of `cut`: a cut of its hierarchy, or one that
-/// was corrected.
+/// The answer of `decided`, from `l` rows in `seconds`, whose parts are those of `cut`: a cut of its hierarchy,
+/// or one that was corrected.
 pub fn describe(decided: &PartDecision, cut: TreeCut, l: usize, seconds: f64) -> PartsResult {
     let PartDecision { superfaces, co_association, tree, enclosed, .. } = decided;
     // Kept in single precision, they sum to nearly 1.

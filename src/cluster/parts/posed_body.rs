@@ -24,8 +24,8 @@ pub fn on_surface(test: impl FnOnce(&CellGraph, &Surface<'_>)) {
     test(&cells, &Surface::new(&cells, &shares, &thickness).unwrap());
 }
 
-/// A body whose left half stands with its arm stretched out, while the right arm is raised and the right leg walks; it may lack
-/// them.
+/// A body whose left half stands with its arm stretched out, while the right arm is raised and the right leg
+/// walks; it may lack them.
 pub fn posed(arm: bool, leg: bool) -> CellGraph {
     let mut body = Voxels::new();
     let mut add = |there: bool, blocks: &[[Range<i32>; 3]]| {

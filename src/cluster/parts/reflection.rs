@@ -1,9 +1,9 @@
 //! Left and right of a posed body: the map of the surface onto itself that keeps distances along it and turns it over.
 //!
-//! A body that walks or sits has no mirror plane, but its legs are still as long as each other. Maps that begin with tips of limbs
-//! ([`anchored`]) are tried first. Where none of these is a reflection beyond doubt, smooth functions begin others ([`signs`]).
-//! Everything is a function of the cells. Cost: .04 to .08 s of processor time and some megabytes for 2,000 cells, whatever the size of
-//! the mesh, and .05 to .1 s for the other search.
+//! A body that walks or sits has no mirror plane, but its legs are still as long as each other. Maps that begin with
+//! tips of limbs ([`anchored`]) are tried first. Where none of these is a reflection beyond doubt, smooth functions
+//! begin others ([`signs`]). Everything is a function of the cells. Cost: .04 to .08 s of processor time and some
+//! megabytes for 2,000 cells, whatever the size of the mesh, and .05 to .1 s for the other search.
 
 use super::cell_graph::CellGraph;
 use super::cell_map::{CellMap, Surface};
@@ -15,8 +15,8 @@ use crate::store::run::Run;
 /// Twins whose distances differ by this many cell radii are none.
 const REACH: f64 = 3.0;
 
-/// The reflection of a posed body with cells of `shares` of the area and this `log_thickness` behind them (S); `None` where there is none
-/// that is beyond doubt.
+/// The reflection of a posed body with cells of `shares` of the area and this `log_thickness` behind them (S); `None`
+/// where there is none that is beyond doubt.
 ///
 /// # Errors
 /// Cancellation.

@@ -1,7 +1,8 @@
 //! Regions of cells: their sums.
 //!
-//! Sums over cells ([`Regions`]) add up when regions merge, so no merge looks at a cell again. What a merge costs, and how
-//! probable it is that people would make it, comes from these sums alone ([`super::merge_features`], [`super::merges`]).
+//! Sums over cells ([`Regions`]) add up when regions merge, so no merge looks at a cell again. What a merge
+//! costs, and how probable it is that people would make it, comes from these sums alone
+//! ([`super::merge_features`], [`super::merges`]).
 //!
 //! Cost for R regions, some thirty: 23 R × R matrices.
 
@@ -76,8 +77,8 @@ pub struct Regions {
     pub all: Square,
     /// |difference| of the logarithms of thickness over all those pairs.
     pub thickness_jump: Square,
-    /// Where and how sharp boundaries are (R × R, row-major): of the common boundary, and on the diagonal of the pairs of cells
-    /// within a region.
+    /// Where and how sharp boundaries are (R × R, row-major): of the common boundary, and on the diagonal of the pairs
+    /// of cells within a region.
     pub edges: Vec<EdgeSums>,
     /// Length of the boundary of each region (R).
     pub perimeter: Vec<f64>,
@@ -90,9 +91,9 @@ const EDGE_SUMS: usize = 15;
 /// Concave angles above these count as concave, and as sharp; convex ones above the second as convex.
 const SHARP: [f64; 2] = [0.1, 0.3];
 
-/// Sums over pairs of touching cells, by the length of their common boundary L: \[L, L·x (3), L·(xx, yy, zz, xy, xz, yz),
-/// L·concave², L where concave > .1, L where concave > .3, L·convex, L where convex > .3\], x being the middle between the
-/// cells' centroids.
+/// Sums over pairs of touching cells, by the length of their common boundary L: \[L, L·x (3), L·(xx, yy, zz, xy, xz,
+/// yz), L·concave², L where concave > .1, L where concave > .3, L·convex, L where convex > .3\], x being the middle
+/// between the cells' centroids.
 pub type EdgeSums = [f64; EDGE_SUMS];
 
 /// The sums of pair `k` of touching cells.

@@ -1,10 +1,10 @@
 //! Reflections that begin with signs of smooth functions.
 //!
-//! Each of the first functions of a surface with two sides is the same on both, or the opposite, so a reflection begins with one of few
-//! combinations of signs. Tips are not needed: those of an armadillo differ by more than it takes to tell them apart. Each combination becomes a
-//! map of samples, the likeliest of which are refined together with the maps that tips began. Those that keep distances best and turn the
-//! surface over are refined on all cells, and the first that is a reflection beyond doubt counts. Cost: .05 to .08 s of processor
-//! time for 2,000 cells.
+//! Each of the first functions of a surface with two sides is the same on both, or the opposite, so a reflection begins
+//! with one of few combinations of signs. Tips are not needed: those of an armadillo differ by more than it takes to
+//! tell them apart. Each combination becomes a map of samples, the likeliest of which are refined together with the
+//! maps that tips began. Those that keep distances best and turn the surface over are refined on all cells, and the
+//! first that is a reflection beyond doubt counts. Cost: .05 to .08 s of processor time for 2,000 cells.
 
 use super::cell_map::{CellMap, FarthestSamples, Surface};
 use super::cell_paths::Row;
@@ -20,7 +20,8 @@ const SIGNS: usize = 7;
 const STARTS: usize = 24;
 /// Functions with which maps of samples end.
 const ENOUGH: usize = 20;
-/// A sample that goes less far stays where it is, in units of √(total area), and the share of the area up to which they may.
+/// A sample that goes less far stays where it is, in units of √(total area), and the share of the
+/// area up to which they may.
 const STAYS: (f32, f32) = (0.15, 0.6);
 /// Maps that are looked at, and those of them that are refined on all cells.
 const LOOKED: [usize; 2] = [8, 2];
@@ -159,7 +160,8 @@ mod tests {
     fn limbs_go_to_limbs() {
         on_surface(|cells, surface| {
             let CellMap { twin, .. } = reflection(surface, &[], &Run::new(&())).unwrap().unwrap();
-            // A leg of this body is a stick, as long as the other and alike in front and at the back: it may be its own image.
+            // A leg of this body is a stick, as long as the other and alike in front and at the back:
+            // it may be its own image.
             for (from, to) in [(LEFT_ARM, vec![RIGHT_ARM]), (LEFT_LEG, vec![LEFT_LEG, RIGHT_LEG])] {
                 let from = cells_of(cells, from);
                 let to: Vec<usize> = to.into_iter().flat_map(|limb| cells_of(cells, limb)).collect();

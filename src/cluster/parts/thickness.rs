@@ -156,7 +156,8 @@ pub(super) fn cells_behind(cells: &CellGraph, from: &[u32], run: &Run) -> Result
     Ok(chunks.concat())
 }
 
-/// What is done with a disc behind a cell. A trait, since closures are not inlined into what is compiled for wide vectors.
+/// What is done with a disc behind a cell. A trait, since closures are not inlined into what is
+/// compiled for wide vectors.
 trait SeeDisc {
     fn see(&mut self, disc: DiscBehind);
 }
@@ -184,7 +185,8 @@ const COVER: f64 = 1.1;
 /// A ray that meets a disc at less than this sine passes by.
 const GRAZING: f64 = 1e-3;
 
-/// Whose disc each ray meets first, where discs are inclined as they are. For a thickness it is enough to take them for facing.
+/// Whose disc each ray meets first, where discs are inclined as they are. For a thickness it is enough
+/// to take them for facing.
 struct FirstHits<'a> {
     scene: RayScene<'a>,
     from: [f64; 3],
@@ -356,7 +358,8 @@ impl RayCone {
         [points[0][k] - self.x[0], points[1][k] - self.x[1], points[2][k] - self.x[2]]
     }
 
-    /// Whether what lies `d` away, reaching `deeper` into the cone and `radius_and_disc` beyond its side, meets it or nearly.
+    /// Whether what lies `d` away, reaching `deeper` into the cone and `radius_and_disc` beyond its
+    /// side, meets it or nearly.
     #[inline(always)]
     fn meets(self, d: [f32; 3], deeper: f32, radius_and_disc: f32) -> bool {
         let (n, reach) = (self.n, RINGS[2].1 as f32);

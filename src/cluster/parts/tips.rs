@@ -1,7 +1,8 @@
 //! The tips of a body, and which of them may be mirror images of which.
 //!
-//! A tip is farther from all of the surface, in the mean, than what is around it: ends of limbs, head, tail. Mean distances and
-//! distances between tips hardly change with the pose. All involutions of the ten farthest tips that keep distances are searched.
+//! A tip is farther from all of the surface, in the mean, than what is around it: ends of limbs, head, tail. Mean
+//! distances and distances between tips hardly change with the pose. All involutions of the ten farthest tips that
+//! keep distances are searched.
 
 use super::cell_paths::{CellPaths, Row};
 
@@ -18,8 +19,8 @@ const ALONE: f32 = 0.05;
 /// Steps of the search at the most.
 const VISITS: usize = 20_000;
 
-/// The tips of a surface, the farthest first. `mean` is the mean distance of each cell from the whole surface (S); `within` says whether
-/// a cell may be a tip.
+/// The tips of a surface, the farthest first. `mean` is the mean distance of each cell from the whole surface (S);
+/// `within` says whether a cell may be a tip.
 pub fn tips(paths: &CellPaths, mean: &[f32], within: impl Fn(u32) -> bool) -> Vec<u32> {
     let mut ball = vec![f32::INFINITY; mean.len()];
     let higher =
@@ -49,8 +50,8 @@ pub struct Matching {
     cost: f32,
 }
 
-/// Involutions of the tips with at least one pair that keep distances, the likeliest first. `rows` are the tips' rows, `mean` the
-/// mean distances of all cells.
+/// Involutions of the tips with at least one pair that keep distances, the likeliest first. `rows` are the tips' rows,
+/// `mean` the mean distances of all cells.
 pub fn matchings(tips: &[u32], rows: &[Row], mean: &[f32]) -> Vec<Matching> {
     let between = rows.iter().map(|row| tips.iter().map(|&tip| row[tip as usize]).collect()).collect();
     let mean = tips.iter().map(|&tip| mean[tip as usize]).collect();

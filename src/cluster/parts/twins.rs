@@ -1,8 +1,9 @@
 //! Mirror images of cells, and a co-association that is the same on both sides of a mirror plane.
 //!
-//! C is averaged with that of the images, so that whatever is decided on one side is decided on the other. Cells come in pairs where there is a
-//! plane ([`crate::cluster::mirror`]), so images of superfaces are exact but for the triangles. Cost: some milliseconds for the planes; R² and
-//! the pairs of superfaces that twins lie in, times R, for each.
+//! C is averaged with that of the images, so that whatever is decided on one side is decided on the other.
+//! Cells come in pairs where there is a plane ([`crate::cluster::mirror`]), so images of superfaces are exact
+//! but for the triangles. Cost: some milliseconds for the planes; R² and the pairs of superfaces that twins
+//! lie in, times R, for each.
 
 use super::cell_graph::{CellGraph, class_sums, compact, intersect};
 use super::matrix::Square;
@@ -30,9 +31,9 @@ impl Twins {
         self.weight.iter().zip(shares).map(|(weight, share)| weight * share).sum()
     }
 
-    /// Superfaces cut where the images of parts end, so that both sides can be cut alike: `of_cell` is the superface of each cell (S),
-    /// `part` its part (S). Returns the new ones, and how many. Majorities among neighbours decide, since images are a cell or two off,
-    /// and small pieces stay with the largest of their superface.
+    /// Superfaces cut where the images of parts end, so that both sides can be cut alike: `of_cell` is the superface of
+    /// each cell (S), `part` its part (S). Returns the new ones, and how many. Majorities among neighbours decide,
+    /// since images are a cell or two off, and small pieces stay with the largest of their superface.
     pub fn cut_at_images(&self, cells: &CellGraph, shares: &[f64], of_cell: &[u32], part: &[u32]) -> (Vec<u32>, usize) {
         let image = |cell: usize| part[self.twin[cell] as usize];
         let mut votes: Vec<Vec<(u32, f64)>> = (0..cells.len()).map(|cell| vec![(image(cell), shares[cell])]).collect();
@@ -132,7 +133,8 @@ mod tests {
 
     #[test]
     fn superfaces_end_where_images_of_parts_do() {
-        // A strip of 12 cells that is its own mirror image, cut at 3: also at 9, but for one cell that is mapped wrongly.
+        // A strip of 12 cells that is its own mirror image, cut at 3: also at 9, but for one
+        // cell that is mapped wrongly.
         let cells =
             CellGraph { pairs: (1..12).map(|i| [i - 1, i]).collect(), area: vec![1.0; 12], ..CellGraph::default() };
         let mut twins = Twins { twin: (0..12).rev().collect(), weight: vec![1.0; 12] };

@@ -1,11 +1,11 @@
 //! The order of faces: the file's, or along Hilbert's curve where the file's scatters neighbours.
 //!
-//! Out of core, order is everything: a front over scattered faces touches a page a face. So the locality of the
-//! file is measured ([`Locality`]), and where it is poor and the mesh large, vertices and faces are sorted
-//! along the curve by external sorts ([`vertex_sort`], [`face_sort`]) into a mesh of their own, which all stages work on
-//! as if it had been the file; `face_order` leads back, and [`NodeOrder::restore`] puts results in the
-//! file's order. Which order is chosen is a pure function of mesh and options. Cost of a reordering: about
-//! 0.3 µs per face and thread in memory; 22 B per face kept on disk.
+//! Out of core, order is everything: a front over scattered faces touches a page a face. So the locality of the file is
+//! measured ([`Locality`]), and where it is poor and the mesh large, vertices and faces are sorted along the curve by
+//! external sorts ([`vertex_sort`], [`face_sort`]) into a mesh of their own, which all stages work on as if it had been
+//! the file; `face_order` leads back, and [`NodeOrder::restore`] puts results in the file's order. Which order is
+//! chosen is a pure function of mesh and options. Cost of a reordering: about 0.3 µs per face and thread in memory; 22
+//! B per face kept on disk.
 
 mod face_sort;
 pub mod hilbert;
@@ -31,8 +31,9 @@ const RESTORED: usize = 1 << 16;
 pub const LARGE: usize = 2_000_000;
 /// Share of far steps above which [`Order::Auto`] reorders.
 pub const POOR: f64 = 0.25;
-/// Faces above which [`Order::Auto`] reorders stretched orders too, for fronts over all faces. At 372 M faces in 2 GiB a row takes 44 s along
-/// the curve and 60 s in rows of a grid, and sorting takes 100 s; at 100 M ten rows gain less than sorting takes, free and in 1 GiB.
+/// Faces above which [`Order::Auto`] reorders stretched orders too, for fronts over all faces. At 372 M faces in 2 GiB
+/// a row takes 44 s along the curve and 60 s in rows of a grid, and sorting takes 100 s; at 100 M ten rows gain less
+/// than sorting takes, free and in 1 GiB.
 pub const HUGE: usize = 200_000_000;
 /// Stretch above which an order counts as stretched.
 pub const STRETCHED: f64 = 4.;
@@ -81,8 +82,8 @@ pub struct NodeOrder {
 }
 
 impl NodeOrder {
-    /// The order of the `nodes` nodes that the graph in `work` was built in, `input` being the identity that it was built from: the
-    /// order's stage where faces were sorted, the file's otherwise.
+    /// The order of the `nodes` nodes that the graph in `work` was built in, `input` being the identity that it was
+    /// built from: the order's stage where faces were sorted, the file's otherwise.
     ///
     /// # Errors
     /// [`Error::WorkDir`] where the files of the stage are gone or damaged.
@@ -109,10 +110,10 @@ impl NodeOrder {
         self.order.as_ref().map_or(node, |order| order[node as usize])
     }
 
-    /// Puts `values` (n, one a node, 4 bytes each), which are the array `name` of `work`, in the order of the file's faces,
-    /// under the same name; where the file's order was kept they stay as they are. Values are scattered into the mapped
-    /// output where that fits memory, else shuffled by face, a bucket at a time: one pass over the nodes, and 8 B per
-    /// value on disk where memory does not hold them.
+    /// Puts `values` (n, one a node, 4 bytes each), which are the array `name` of `work`, in the order of the file's
+    /// faces, under the same name; where the file's order was kept they stay as they are. Values are scattered into the
+    /// mapped output where that fits memory, else shuffled by face, a bucket at a time: one pass over the nodes, and 8
+    /// B per value on disk where memory does not hold them.
     ///
     /// # Errors
     /// [`crate::base::Error::Io`], [`crate::base::Error::Memory`], [`crate::base::Error::Cancelled`].
@@ -178,8 +179,8 @@ pub struct Ordered {
 }
 
 impl Ordered {
-    /// Puts `mesh`, whose identity is `input`, in order, or opens what an earlier run left in `work`. Stray vertices are
-    /// moved to their neighbours first ([`Mesh::without_strays`]), and a note says so.
+    /// Puts `mesh`, whose identity is `input`, in order, or opens what an earlier run left in `work`. Stray vertices
+    /// are moved to their neighbours first ([`Mesh::without_strays`]), and a note says so.
     ///
     /// # Errors
     /// [`crate::base::Error::Io`], [`crate::base::Error::Memory`], [`crate::base::Error::Cancelled`].
@@ -323,12 +324,12 @@ const NEAR: u64 = 1 << 16;
 
 /// How well an order keeps neighbours together.
 ///
-/// Sampled: [`RUNS`] runs of [`RUN`] consecutive faces, evenly spread. A step to the next face is *far* when one of its
-/// corners lies far from the one before in vertex numbers (a file whose vertices are scattered) or in space (a soup in
-/// random order, whose numbers always ascend). The *stretch* of a run is its extent over the width of a round patch of as
-/// many faces: 1–2 along Hilbert's curve, √([`RUN`]) and more in rows of a grid. A front that crosses such
-/// rows touches one page per face too, however near its neighbours are. A pure function of the mesh, never of budget or
-/// threads.
+/// Sampled: [`RUNS`] runs of [`RUN`] consecutive faces, evenly spread. A step to the next face is *far* when one of
+/// its corners lies far from the one before in vertex numbers (a file whose vertices are scattered) or in space (a
+/// soup in random order, whose numbers always ascend). The *stretch* of a run is its extent over the width of a
+/// round patch of as many faces: 1–2 along Hilbert's curve, √([`RUN`]) and more in rows of a grid. A front that
+/// crosses such rows touches one page per face too, however near its neighbours are. A pure function of the mesh,
+/// never of budget or threads.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 struct Locality {
     /// Share of far steps, 0 to 1: near 0 in scan order, near 1 at random.

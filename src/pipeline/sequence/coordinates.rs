@@ -38,7 +38,8 @@ pub(super) struct Coordinates {
     pub component: Option<MappedSlice<u32>>,
 }
 
-/// Along which directions of the embedding components are ordered: d weights for the first coordinate, d for the second.
+/// Along which directions of the embedding components are ordered: d weights for the first
+/// coordinate, d for the second.
 struct Directions {
     usual: [Vec<f32>; 2],
     own: BTreeMap<u32, [Vec<f32>; 2]>,

@@ -102,8 +102,8 @@ impl<'a> Sequencer<'a> {
         Ok(self.vertices.get_or_init(|| graph))
     }
 
-    /// The dual graph and rows of geodesic distances over it: those that are there, where no number of landmarks is asked
-    /// for. Beside rows of another metric they lie in a folder of their own.
+    /// The dual graph and rows of geodesic distances over it: those that are there, where no number of landmarks is
+    /// asked for. Beside rows of another metric they lie in a folder of their own.
     fn rows(&self, landmarks: Option<usize>) -> Result<(DualGraph, DistanceRows)> {
         let Context { work, run } = self.context;
         let graph = DualGraph::build(&self.ordered.mesh, self.opened.path(), &self.ordered.identity, self.context)?;
