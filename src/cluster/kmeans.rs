@@ -5,7 +5,7 @@
 //! chunk order; the result does not depend on threads. No cluster ends empty while there are K distinct points.
 //!
 //! [`assign`] extrapolates every face (eq. 2), takes the nearest centre and counts; Γ's sum (eq. 6) rides along. Chunks
-//! of columns are independent. Cost: 4 l bytes read and l exponentials per face, which Γ shares. Then [`exactly`] sees
+//! of columns are independent. Cost: 4 l bytes read and l exponentials per face, which Γ shares. Then [`fill_empty_parts`] sees
 //! to it that no part is empty.
 
 use crate::base::Result;
