@@ -5,8 +5,8 @@
 //! chunk order; the result does not depend on threads. No cluster ends empty while there are K distinct points.
 //!
 //! [`assign`] extrapolates every face (eq. 2), takes the nearest centre and counts; Γ's sum (eq. 6) rides along. Chunks
-//! of columns are independent. Cost: 4 l bytes read and l exponentials per face, which Γ shares. Then [`fill_empty_parts`] sees
-//! to it that no part is empty.
+//! of columns are independent. Cost: 4 l bytes read and l exponentials per face, which Γ shares. Then
+//! [`fill_empty_parts`] sees to it that no part is empty.
 
 use crate::base::Result;
 use crate::base::parallel::{chunk_range, map_ranges};
