@@ -11,6 +11,7 @@ use super::output::by_rename;
 use super::ply::document::Document;
 use super::ply::header::{self, CUT_SHORT, Element, Encoding, Header, Kind};
 use super::ply::read::{Decoder, decode};
+use super::size::is_pipe;
 use crate::base::{Error, Result};
 use crate::store::mapped::Access;
 use crate::store::{MappedBytes, Run, private_folder};
@@ -70,9 +71,8 @@ impl Mesh {
 /// [`Error::Malformed`] or [`Error::Unusable`], in one line, for everything that is no mesh with
 /// faces; [`Error::Io`]; [`Error::Cancelled`].
 pub fn open(path: &Path, scratch: &Path, run: &Run) -> Result<Mesh> {
-    let metadata = std::fs::metadata(path).map_err(Error::io(path, "open"))?;
-    if !metadata.is_file() && !metadata.is_dir() {
-        // A named pipe, as of a shell's <(…), cannot be mapped.
+    if is_pipe(path) {
+        // It cannot be mapped.
         let pipe = File::open(path).map_err(Error::io(path, "open"))?;
         return open_stream(pipe, path, scratch, run);
     }
