@@ -2,6 +2,7 @@
 
 use super::choices::choice;
 use super::options::CliError;
+use super::progress::counted;
 use nystrom_stream::apps::edits::Edits;
 use nystrom_stream::apps::export::parquet::{self, Coordinates};
 use nystrom_stream::apps::export::split::{self, Folder, PartForm};
@@ -19,6 +20,7 @@ use std::collections::HashSet;
 use std::ffi::OsStr;
 use std::io::Write;
 use std::path::{Path, PathBuf};
+use std::time::Instant;
 
 /// Endings of mesh files, longer ones first.
 pub const ENDINGS: [&str; 8] = [".ply.gz", ".obj.gz", ".off.gz", ".stl.gz", ".ply", ".obj", ".off", ".stl"];
@@ -406,6 +408,13 @@ pub fn check_places<'a>(
         }
     }
     Ok(())
+}
+
+/// What a command ends with: how many `faces` are in how many `parts`, how long it took, and where they went.
+pub fn ending(faces: &str, parts: usize, start: Instant, outputs: &[Output]) -> String {
+    let outputs: Vec<String> = outputs.iter().map(Output::to_string).collect();
+    let (parts, seconds) = (counted(parts, "part"), start.elapsed().as_secs_f64());
+    format!("{faces} in {parts} in {seconds:.2} s, written to {}", outputs.join(", "))
 }
 
 /// Refuses a table of names where neither one of `outputs` nor `json` would hold them.

@@ -10,8 +10,10 @@ use super::input::{meshes, read};
 use super::made::Maker;
 use super::method::{MethodArgs, check_count};
 use super::options::{AppContext, CliError, ForceArgs, RunArgs};
-use super::output::{FormArgs, JsonArgs, Output, Results, check_names, check_places, folder_of, measured, outputs_of};
-use super::progress::{Bars, BatchBars, Style, counted, human, tell};
+use super::output::{
+    FormArgs, JsonArgs, Output, Results, check_names, check_places, ending, folder_of, measured, outputs_of,
+};
+use super::progress::{Bars, BatchBars, Style, human, tell};
 use super::stages::{KeptEmbedding, embedding};
 use nystrom_stream::apps::edits::Edits;
 use nystrom_stream::base::parallel::{catch, spawn};
@@ -178,15 +180,8 @@ pub fn run(args: &SegmentArgs, app: &AppContext) -> Result<(), CliError> {
     {
         run.progress.note(&doubts);
     }
-    let written: Vec<String> = job.outputs.iter().map(Output::to_string).collect();
-    run.progress.note(&format!(
-        "{} face{} in {} in {:.2} s, written to {}",
-        human(report.input.faces as f64),
-        if report.input.faces == 1 { "" } else { "s" },
-        counted(report.parts.len(), "part"),
-        start.elapsed().as_secs_f64(),
-        written.join(", ")
-    ));
+    let faces = format!("{} face{}", human(report.input.faces as f64), if report.input.faces == 1 { "" } else { "s" });
+    run.progress.note(&ending(&faces, report.parts.len(), start, &job.outputs));
     Ok(())
 }
 

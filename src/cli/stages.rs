@@ -9,7 +9,7 @@ use super::edits::{EditArgs, corrections, named};
 use super::input::read;
 use super::method::{KernelArgs, MethodArgs, OrderArgs, PartsArgs, check_count};
 use super::options::{AppContext, CliError, ForceArgs, RunArgs, WorkDirArgs, misfit, open};
-use super::output::{FormArgs, JsonArgs, Output, Results, check_names, check_places, outputs_of, print};
+use super::output::{FormArgs, JsonArgs, Output, Results, check_names, check_places, ending, outputs_of, print};
 use super::progress::{Bars, counted};
 use nystrom_stream::apps::edits::Edits;
 use nystrom_stream::apps::export::parquet::Coordinates;
@@ -360,13 +360,12 @@ pub fn cluster(args: &ClusterArgs, app: &AppContext) -> Result<(), CliError> {
         args.json.publish(&all)?;
     }
     let (parts, faces) = (result.numbers.faces.len(), result.labels.len());
-    let (faces, parts) = (counted(faces, "face"), counted(parts, "part"));
+    let faces = counted(faces, "face");
     if !outputs.is_empty() {
-        let written: Vec<String> = outputs.iter().map(Output::to_string).collect();
-        let seconds = start.elapsed().as_secs_f64();
-        run.progress.note(&format!("{faces} in {parts} in {seconds:.2} s, written to {}", written.join(", ")));
+        run.progress.note(&ending(&faces, parts, start, &outputs));
     } else if args.json.json.is_none() && !args.run.quiet {
         let path = work.file(labels::LABELS);
+        let parts = counted(parts, "part");
         let text = format!("{faces} in {parts}, labels in {}; -o OUT writes a mesh\n", line(&path.to_string_lossy()));
         print(text.as_bytes())?;
     }
