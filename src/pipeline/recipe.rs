@@ -120,8 +120,9 @@ pub fn requested_parts(work: &WorkDir) -> Option<PartsParams> {
 }
 
 /// Clusters the faces of the mesh in `work` (again) under `params`; what is missing between its graph and the labels is
-/// made. By the hierarchy `tree`, where one is given, and corrected. K-means and two-means take the rows over all faces
-/// that are there, of whatever metric, and the embedding's options of the stage `embedding` where `params` has none.
+/// made. By the hierarchy `tree`, where one is given, and corrected. Where the mesh is not contracted, K-means and
+/// two-means take the rows over all faces that are there, of whatever metric, and the embedding's options of the stage
+/// `embedding` where `params` has none.
 ///
 /// # Errors
 /// As [`segment`], and [`Error::WorkDir`] where the graph is missing.

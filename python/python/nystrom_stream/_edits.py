@@ -6,6 +6,7 @@ import os
 import numpy as np
 
 from . import _native
+from ._meshes import MOST
 
 FORMAT = {"format": "nystrom-stream edits", "version": 1}
 
@@ -46,7 +47,7 @@ def as_hints(hints, mesh):
     hints = np.asarray(hints)
     if hints.ndim != 1 or len(hints) != mesh.faces or not np.issubdtype(hints.dtype, np.integer) or (hints < 0).any():
         raise ValueError(f"hints: give one integer per face, 0 or more; there are {mesh.faces} faces")
-    if (hints > 2**32 - 1).any():
+    if (hints > MOST).any():
         raise ValueError(f"hints: {hints.max()} is beyond 32 bits")
     return np.ascontiguousarray(hints, np.uint32)
 
