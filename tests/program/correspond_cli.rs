@@ -49,7 +49,7 @@ pub fn read(path: &Path) -> Vec<Match> {
 
 pub fn files() -> (tempfile::TempDir, PathBuf, PathBuf) {
     let dir = tempfile::tempdir().unwrap();
-    let a = common::creature(dir.path(), 6_000, false);
+    let a = common::creature(dir.path(), if common::every_case() { 6_000 } else { 3_000 }, false);
     let b = dir.path().join("b.ply");
     (dir, a, b)
 }

@@ -234,10 +234,10 @@ fn check_folder(folder: &str, expected: usize) {
     let Some(data) = common::data() else { return };
     let all: Vec<(PathBuf, Listed)> = listed(folder).into_iter().map(|one| (data.join(&one.name), one)).collect();
     assert!(all.len() >= expected, "{folder}: {} meshes", all.len());
-    // Files are read alike for both methods, so K-means has one in five of them. The three largest scans, which are opened by other
+    // Files are read alike for both methods, so K-means has one in five of them. The five largest scans, which are opened by other
     // tests too, are left out as well, unless every case is asked for.
     let stride = common::stride(5);
-    let too_large = |path: &Path| !common::every_case() && std::fs::metadata(path).unwrap().len() > 20_000_000;
+    let too_large = |path: &Path| !common::every_case() && std::fs::metadata(path).unwrap().len() > 5_000_000;
     for (k, (path, listed)) in all.iter().enumerate().filter(|(_, (path, _))| !too_large(path)) {
         check(path, listed, &[]);
         if k % stride == 0 {
