@@ -2,7 +2,7 @@
 //!
 //! Limbs come in pairs. Where cells are cut at random and each limb is decided by itself, a leg may be cut at the knee
 //! and its twin not, which people see first. Where a plane maps the surface onto itself, cells come in pairs too, and
-//! so do decisions ([`super::parts::twins`]).
+//! so do decisions ([`super::parts::symmetry`]).
 //!
 //! Planes begin as the three principal ones of a sample of some two thousand points, and move to where they map
 //! points best onto points, nearest position and normal to each other. A posed body has no such plane: its

@@ -6,10 +6,11 @@
 //! parts, plus one, and merges the groups once more by cost. Both need a stop constant, which the default
 //! ([`super::labelling`]) does without; they are kept for comparison.
 
+use super::answer::PartDecision;
 use super::cell_graph::{CellGraph, compact};
-use super::enclosed::Enclosed;
 use super::ensemble::{OverSegmentation, OverSegmentationParams, Superfaces, draw_ensemble};
 use super::hierarchy::{CellUnion, PartTree};
+use super::interior::enclosed::Enclosed;
 use super::labelling::{Linkage, LinkageRank, unions_within};
 use super::matrix::Square;
 use super::merges::{MergeModel, classes_after, meeting_probability, merges};
@@ -32,21 +33,6 @@ const GROUPS: f64 = 1.6;
 const MIDDLE_WIDTH: usize = 1;
 /// Levels of the groups' own joins begin here, those of the last merge end here.
 const GROUP_LEVEL: f64 = 0.9;
-
-/// A decision: the superfaces it is made of, how far any two belong together, and the hierarchy.
-#[derive(Clone, Debug)]
-pub struct PartDecision {
-    /// The superfaces.
-    pub superfaces: Superfaces,
-    /// How far any two superfaces belong together, in \[0, 1\] (R × R).
-    pub co_association: Square,
-    /// The hierarchy.
-    pub tree: PartTree,
-    /// What the surface encloses, as far as that was looked for.
-    pub enclosed: Enclosed,
-    /// Whether each cell is the wall of a cavity (S); empty where nothing is enclosed.
-    pub is_wall: Vec<bool>,
-}
 
 /// Level of a merge at a cost: ½ at the stop.
 fn level(log_cost: f64, stop: f64) -> f64 {

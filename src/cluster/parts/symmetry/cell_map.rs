@@ -5,9 +5,9 @@
 //! the sense in which neighbours lie around a cell. What was measured: `docs/dev/segmentation-experiments.md`. Cost: 1
 //! or 2 ms for 2,000 cells.
 
-use super::cell_graph::CellGraph;
 use super::cell_paths::{CellPaths, Row, UNREACHED};
 use crate::base::vector::{cross, distance, dot, minus};
+use crate::cluster::parts::cell_graph::CellGraph;
 use std::f64::consts::PI;
 
 /// Fewer cells have no shape to speak of.
@@ -92,7 +92,7 @@ impl FarthestSamples {
 #[derive(Clone, Debug)]
 pub struct CellMap {
     /// The image of each cell (S).
-    pub twin: Vec<u32>,
+    pub image: Vec<u32>,
     /// Mean difference of the distances of each cell and of its image, in cell radii (S).
     pub unlike: Vec<f64>,
     /// Way from each cell to the image of its image, in cell radii (S).
@@ -136,9 +136,9 @@ impl<'a> Surface<'a> {
     }
 
     /// A map and how unlike cells and their images are, with the way back.
-    pub fn measured(&self, twin: Vec<u32>, unlike: Vec<f64>) -> CellMap {
-        let back = |x: u32| self.apart(x, twin[twin[x as usize] as usize]) / self.radius;
-        CellMap { back: (0..twin.len() as u32).map(back).collect(), twin, unlike }
+    pub fn measured(&self, image: Vec<u32>, unlike: Vec<f64>) -> CellMap {
+        let back = |x: u32| self.apart(x, image[image[x as usize] as usize]) / self.radius;
+        CellMap { back: (0..image.len() as u32).map(back).collect(), image, unlike }
     }
 
     /// Mean over the area of something in cell radii, of which more than ten count as ten.
@@ -158,39 +158,39 @@ impl<'a> Surface<'a> {
 
     /// The same for a smooth map: its images are not the likeliest cells one by one, so distances must be kept better.
     pub fn is_smooth_reflection(&self, map: &CellMap) -> bool {
-        self.moves_far(&map.twin)
+        self.moves_far(&map.image)
             && self.turns_over(map)
             && self.mean_unlike(map) <= SMOOTH
             && self.shape(map) >= SHAPE
-            && self.unlike_thickness(&map.twin) <= THICKNESS
+            && self.unlike_thickness(&map.image) <= THICKNESS
     }
 
     /// Whether a map moves the surface, turns it over and comes back.
     fn turns_over(&self, map: &CellMap) -> bool {
-        self.moved(&map.twin, MOVED.0 * self.radius) >= MOVED.1
+        self.moved(&map.image, MOVED.0 * self.radius) >= MOVED.1
             && self.mean_of(&map.back) <= BACK
-            && self.turning(&map.twin) <= TURNED
+            && self.turning(&map.image) <= TURNED
     }
 
     /// Share of the area that a map moves farther than `far`.
-    fn moved(&self, twin: &[u32], far: f64) -> f64 {
-        (0..twin.len()).filter(|&x| self.apart(x as u32, twin[x]) > far).map(|x| self.shares[x]).sum()
+    fn moved(&self, image: &[u32], far: f64) -> f64 {
+        (0..image.len()).filter(|&x| self.apart(x as u32, image[x]) > far).map(|x| self.shares[x]).sum()
     }
 
     /// Whether a map moves what lies far from the middle: front for back does not.
-    pub fn moves_far(&self, twin: &[u32]) -> bool {
-        self.moved(twin, FAR.0) >= FAR.1
+    pub fn moves_far(&self, image: &[u32]) -> bool {
+        self.moved(image, FAR.0) >= FAR.1
     }
 
     /// Mean difference of the logarithm of the thickness of cells and of their images, in units of its mean deviation:
     /// a head is mapped front to back by distances and by convexity as well, but is thicker there.
-    fn unlike_thickness(&self, twin: &[u32]) -> f64 {
+    fn unlike_thickness(&self, image: &[u32]) -> f64 {
         let thickness = self.log_thickness;
         let mean_of =
             |value: &dyn Fn(usize) -> f64| (0..thickness.len()).map(|x| self.shares[x] * value(x)).sum::<f64>();
         let mean = mean_of(&|x| thickness[x]);
         let spread = mean_of(&|x| (thickness[x] - mean).abs());
-        mean_of(&|x| (thickness[x] - thickness[twin[x] as usize]).abs()) / spread.max(1e-9)
+        mean_of(&|x| (thickness[x] - thickness[image[x] as usize]).abs()) / spread.max(1e-9)
     }
 
     /// The correlation of the convexity around cells and around their images: a plain on which nothing tells left from
@@ -214,7 +214,7 @@ impl<'a> Surface<'a> {
             }
         }
         let wide: Vec<f64> = wide.iter().map(|[sum, share]| sum / share.max(1e-300)).collect();
-        let there: Vec<f64> = map.twin.iter().map(|&twin| wide[twin as usize]).collect();
+        let there: Vec<f64> = map.image.iter().map(|&image| wide[image as usize]).collect();
         let mean = |x: &[f64], y: &[f64]| (0..n).map(|i| self.shares[i] * x[i] * y[i]).sum::<f64>();
         let ones = vec![1.0; n];
         let (a, b) = (mean(&wide, &ones), mean(&there, &ones));
@@ -223,7 +223,7 @@ impl<'a> Surface<'a> {
     }
 
     /// Whether a map keeps the sense in which cells lie around each other: 1, or turns it over: −1.
-    pub fn turning(&self, twin: &[u32]) -> f64 {
+    pub fn turning(&self, image: &[u32]) -> f64 {
         let spin = |[x, u, v]: [u32; 3]| {
             let [at, u, v] = [x, u, v].map(|cell| self.cells.centre[cell as usize]);
             dot(cross(minus(u, at), minus(v, at)), self.cells.normal[x as usize])
@@ -234,7 +234,7 @@ impl<'a> Surface<'a> {
             for (k, &u) in ring.iter().enumerate() {
                 for between in [1, 3] {
                     let turn = [x, u, ring[(k + between) % ring.len()]];
-                    let both = share * spin(turn) * spin(turn.map(|cell| twin[cell as usize]));
+                    let both = share * spin(turn) * spin(turn.map(|cell| image[cell as usize]));
                     sum += both;
                     total += both.abs();
                 }

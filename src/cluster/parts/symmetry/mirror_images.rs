@@ -2,30 +2,30 @@
 //!
 //! C is averaged with that of the images, so that whatever is decided on one side is decided on the other.
 //! Cells come in pairs where there is a plane ([`crate::cluster::mirror`]), so images of superfaces are exact
-//! but for the triangles. Cost: some milliseconds for the planes; R² and the pairs of superfaces that twins
+//! but for the triangles. Cost: some milliseconds for the planes; R² and the pairs of superfaces that images
 //! lie in, times R, for each.
 
-use super::cell_graph::{CellGraph, class_sums, compact, intersect};
-use super::matrix::Square;
 use crate::cluster::mirror::{NearestPoint, PointSet, SurfacePoint, mirror_planes};
+use crate::cluster::parts::cell_graph::{CellGraph, class_sums, compact, intersect};
+use crate::cluster::parts::matrix::Square;
 
-/// Where the best plane has less [`Twins::likeness`], the surface may be posed.
+/// Where the best plane has less [`MirrorImages::likeness`], the surface may be posed.
 pub const LIKE: f64 = 0.9;
 /// A superface is cut where both pieces have this share of it: less is what images are off by.
 const CUT: f64 = 0.3;
-/// Twins farther apart than this many cell radii are none.
+/// MirrorImages farther apart than this many cell radii are none.
 const REACH: f64 = 2.0;
 
 /// The mirror image of each cell under one plane, or under a [`super::reflection`].
 #[derive(Clone, Debug)]
-pub struct Twins {
+pub struct MirrorImages {
     /// The cell nearest to each cell's mirror image (S).
-    pub twin: Vec<u32>,
+    pub image: Vec<u32>,
     /// How far it is the image: 1 for a pair in the same place, nearly 0 from two radii on (S).
     pub weight: Vec<f64>,
 }
 
-impl Twins {
+impl MirrorImages {
     /// How far the surface is its own image: the mean weight by area, of which `shares` are the cells' (S).
     pub fn likeness(&self, shares: &[f64]) -> f64 {
         self.weight.iter().zip(shares).map(|(weight, share)| weight * share).sum()
@@ -35,7 +35,7 @@ impl Twins {
     /// each cell (S), `part` its part (S). Returns the new ones, and how many. Majorities among neighbours decide,
     /// since images are a cell or two off, and small pieces stay with the largest of their superface.
     pub fn cut_at_images(&self, cells: &CellGraph, shares: &[f64], of_cell: &[u32], part: &[u32]) -> (Vec<u32>, usize) {
-        let image = |cell: usize| part[self.twin[cell] as usize];
+        let image = |cell: usize| part[self.image[cell] as usize];
         let mut votes: Vec<Vec<(u32, f64)>> = (0..cells.len()).map(|cell| vec![(image(cell), shares[cell])]).collect();
         for &[i, j] in &cells.pairs {
             votes[i as usize].push((image(j as usize), shares[j as usize]));
@@ -64,8 +64,8 @@ impl Twins {
     }
 }
 
-/// The twins of all cells, of which `shares` are the areas (S), under each mirror plane, the best plane first.
-pub fn twins(cells: &CellGraph, shares: &[f64]) -> Vec<Twins> {
+/// The images of all cells, of which `shares` are the areas (S), under each mirror plane, the best plane first.
+pub fn mirror_images(cells: &CellGraph, shares: &[f64]) -> Vec<MirrorImages> {
     let point = |(&position, &normal): (&[f64; 3], &[f64; 3])| SurfacePoint { position, normal };
     let points: Vec<SurfacePoint> = cells.centre.iter().zip(&cells.normal).map(point).collect();
     let set = PointSet::new(&points, shares, cells.total_area());
@@ -77,22 +77,22 @@ pub fn twins(cells: &CellGraph, shares: &[f64]) -> Vec<Twins> {
                 .iter()
                 .zip(0u32..)
                 .map(|(point, k)| nearest.find(plane.image(*point)).unwrap_or((k, f64::INFINITY)));
-            let (twin, far): (Vec<u32>, Vec<f64>) = seen.unzip();
+            let (image, far): (Vec<u32>, Vec<f64>) = seen.unzip();
             let weight = far.iter().map(|d| (-(d / (REACH * set.radius)).powi(4)).exp()).collect();
-            Twins { twin, weight }
+            MirrorImages { image, weight }
         })
         .collect()
 }
 
 /// The co-association of superfaces, C (R × R), averaged with that of
 /// their mirror images: `of_cell` is the superface of each cell (S), `shares` are the cells' areas (S).
-pub fn made_alike(c: &Square, of_cell: &[u32], shares: &[f64], twins: &Twins) -> Square {
+pub fn symmetrised(c: &Square, of_cell: &[u32], shares: &[f64], mirror: &MirrorImages) -> Square {
     let n = c.len();
     // Shares of each superface's image in others, and how far it is one.
     let mut images: Vec<Vec<(u32, f64)>> = vec![Vec::new(); n];
     let (mut sure, mut area) = (vec![0.0; n], vec![0.0; n]);
     for (k, &x) in of_cell.iter().enumerate() {
-        let (y, w) = (of_cell[twins.twin[k] as usize], shares[k] * twins.weight[k]);
+        let (y, w) = (of_cell[mirror.image[k] as usize], shares[k] * mirror.weight[k]);
         match images[x as usize].iter_mut().find(|(other, _)| *other == y) {
             Some((_, sum)) => *sum += w,
             None => images[x as usize].push((y, w)),
@@ -137,16 +137,16 @@ mod tests {
         // cell that is mapped wrongly.
         let cells =
             CellGraph { pairs: (1..12).map(|i| [i - 1, i]).collect(), area: vec![1.0; 12], ..CellGraph::default() };
-        let mut twins = Twins { twin: (0..12).rev().collect(), weight: vec![1.0; 12] };
-        twins.twin[6] = 0;
+        let mut mirror = MirrorImages { image: (0..12).rev().collect(), weight: vec![1.0; 12] };
+        mirror.image[6] = 0;
         let part: Vec<u32> = (0..12).map(|i| u32::from(i >= 3)).collect();
-        let (of_cell, count) = twins.cut_at_images(&cells, &[1.0 / 12.0; 12], &part, &part);
+        let (of_cell, count) = mirror.cut_at_images(&cells, &[1.0 / 12.0; 12], &part, &part);
         assert_eq!((of_cell, count), (vec![0, 0, 0, 1, 1, 1, 1, 1, 1, 2, 2, 2], 3));
         // A fifth of a superface is what images may be off by.
         let part: Vec<u32> = (0..12).map(|i| u32::from(i >= 2)).collect();
-        assert_eq!(twins.cut_at_images(&cells, &[1.0 / 12.0; 12], &part, &part), (part.clone(), 2));
-        twins.weight[..6].fill(0.5);
-        assert!((twins.likeness(&[1.0 / 12.0; 12]) - 0.75).abs() < 1e-12);
+        assert_eq!(mirror.cut_at_images(&cells, &[1.0 / 12.0; 12], &part, &part), (part.clone(), 2));
+        mirror.weight[..6].fill(0.5);
+        assert!((mirror.likeness(&[1.0 / 12.0; 12]) - 0.75).abs() < 1e-12);
     }
 
     #[test]
@@ -155,8 +155,8 @@ mod tests {
         let of_cell: Vec<u32> =
             (0..cells).map(|k| if k < n { k as u32 } else { below(&mut random, n) as u32 }).collect();
         let shares: Vec<f64> = (0..cells).map(|_| 0.1 + unit(&mut random)).collect();
-        let twins = Twins {
-            twin: (0..cells).map(|_| below(&mut random, cells) as u32).collect(),
+        let mirror = MirrorImages {
+            image: (0..cells).map(|_| below(&mut random, cells) as u32).collect(),
             weight: (0..cells).map(|_| unit(&mut random)).collect(),
         };
         let mut c = Square::zeros(n);
@@ -166,12 +166,12 @@ mod tests {
                 (c[(i, j)], c[(j, i)]) = (x, x);
             }
         }
-        let got = made_alike(&c, &of_cell, &shares, &twins);
+        let got = symmetrised(&c, &of_cell, &shares, &mirror);
         // T: from the area of a superface to that of its image, row by row.
         let mut t = Square::zeros(n);
         let mut area = vec![0.0; n];
         for k in 0..cells {
-            t[(of_cell[k] as usize, of_cell[twins.twin[k] as usize] as usize)] += shares[k] * twins.weight[k];
+            t[(of_cell[k] as usize, of_cell[mirror.image[k] as usize] as usize)] += shares[k] * mirror.weight[k];
             area[of_cell[k] as usize] += shares[k];
         }
         let sum = |x: usize| t.row(x).iter().sum::<f64>();

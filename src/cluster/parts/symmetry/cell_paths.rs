@@ -5,10 +5,10 @@
 //! distance from an end of the surface, until nothing changes: about ten sweeps, the later ones over few cells, in
 //! less than 1 ms for 2,000 cells.
 
-use super::cell_graph::CellGraph;
 use crate::base::dijkstra::shortest_paths;
 use crate::base::simd::{SimdKernel, dispatch};
 use crate::base::vector::distance;
+use crate::cluster::parts::cell_graph::CellGraph;
 use std::sync::Arc;
 
 /// Sources that are swept together.

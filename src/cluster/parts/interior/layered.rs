@@ -5,12 +5,12 @@
 //!
 //! Cost: an ensemble for each layer, over the cells of that layer.
 
-use super::cell_graph::{CellGraph, class_sums, compact};
 use super::enclosed::Layers;
-use super::ensemble::{self, Superfaces, draw_ensemble};
-use super::matrix::Square;
-use super::merges::MergeModel;
 use crate::base::{Error, Result};
+use crate::cluster::parts::cell_graph::{CellGraph, class_sums, compact};
+use crate::cluster::parts::ensemble::{self, Superfaces, draw_ensemble};
+use crate::cluster::parts::matrix::Square;
+use crate::cluster::parts::merges::MergeModel;
 use crate::spectral::anchor::LandmarkDistances;
 use crate::store::run::Run;
 
@@ -21,7 +21,7 @@ const FEWEST: usize = 30;
 ///
 /// # Errors
 /// Cancellation.
-pub(super) fn co_association(
+pub(in crate::cluster::parts) fn co_association(
     cells: &CellGraph,
     rows: &LandmarkDistances,
     count: usize,
@@ -37,7 +37,7 @@ pub(super) fn co_association(
 ///
 /// # Errors
 /// Cancellation.
-pub(super) fn of_layers(
+pub(in crate::cluster::parts) fn of_layers(
     cells: &CellGraph,
     rows: &LandmarkDistances,
     layers: &Layers,

@@ -64,18 +64,18 @@ pub fn reflection(surface: &Surface, begun: &[CellMap], run: &Run) -> Result<Opt
         if looked.iter().any(|other| samples.are_same(&start, other)) {
             continue;
         }
-        let mut twin: Vec<u32> = samples.owner.iter().map(|&owner| samples.cell[start.image[owner]]).collect();
-        functions.mapped(&start.matrix, &mut twin, &surface.paths);
-        if surface.turning(&twin) <= TURNED && surface.moves_far(&twin) {
-            likely.push(twin);
+        let mut image: Vec<u32> = samples.owner.iter().map(|&owner| samples.cell[start.image[owner]]).collect();
+        functions.mapped(&start.matrix, &mut image, &surface.paths);
+        if surface.turning(&image) <= TURNED && surface.moves_far(&image) {
+            likely.push(image);
         }
         looked.push(start);
     }
-    for (twin, orthogonal) in likely.iter().flat_map(|twin| [(twin, false), (twin, true)]) {
+    for (image, orthogonal) in likely.iter().flat_map(|image| [(image, false), (image, true)]) {
         run.cancel.check()?;
-        let mut twin = twin.clone();
-        functions.refine(&mut twin, ENOUGH, orthogonal, &surface.paths);
-        let map = surface.polished(twin);
+        let mut image = image.clone();
+        functions.refine(&mut image, ENOUGH, orthogonal, &surface.paths);
+        let map = surface.polished(image);
         if surface.is_smooth_reflection(&map) {
             return Ok(Some(map));
         }
@@ -110,7 +110,7 @@ impl Samples {
         let matrices = best
             .into_iter()
             .map(|start| start.matrix)
-            .chain(begun.iter().map(|map| functions.fitted(&map.twin, k).made_orthogonal()));
+            .chain(begun.iter().map(|map| functions.fitted(&map.image, k).made_orthogonal()));
         let refined = matrices.map(|matrix| {
             let mut start = self.start(functions, matrix);
             let mut k = k;
@@ -159,17 +159,17 @@ mod tests {
     #[test]
     fn limbs_go_to_limbs() {
         on_surface(|cells, surface| {
-            let CellMap { twin, .. } = reflection(surface, &[], &Run::new(&())).unwrap().unwrap();
+            let CellMap { image, .. } = reflection(surface, &[], &Run::new(&())).unwrap().unwrap();
             // A leg of this body is a stick, as long as the other and alike in front and at the back:
             // it may be its own image.
             for (from, to) in [(LEFT_ARM, vec![RIGHT_ARM]), (LEFT_LEG, vec![LEFT_LEG, RIGHT_LEG])] {
                 let from = cells_of(cells, from);
                 let to: Vec<usize> = to.into_iter().flat_map(|limb| cells_of(cells, limb)).collect();
-                let reached = from.iter().filter(|&&i| to.contains(&(twin[i] as usize)));
+                let reached = from.iter().filter(|&&i| to.contains(&(image[i] as usize)));
                 let share = reached.count() as f64 / from.len() as f64;
                 assert!(share > 0.95, "{share}");
             }
-            assert!(surface.turning(&twin) < -0.7 && surface.moves_far(&twin));
+            assert!(surface.turning(&image) < -0.7 && surface.moves_far(&image));
         });
     }
 

@@ -1,9 +1,9 @@
 //! A body of blocks with limbs in different poses, for tests.
 
-use super::cell_graph::CellGraph;
 use super::cell_map::Surface;
-use super::thickness::log_thickness;
 use crate::base::vector::{dot, minus};
+use crate::cluster::parts::cell_graph::CellGraph;
+use crate::cluster::parts::thickness::log_thickness;
 use crate::store::run::Run;
 use std::collections::{BTreeMap, BTreeSet};
 use std::ops::Range;

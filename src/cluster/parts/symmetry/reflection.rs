@@ -5,14 +5,14 @@
 //! begin others ([`signs`]). Everything is a function of the cells. Cost: .04 to .08 s of processor time and some
 //! megabytes for 2,000 cells, whatever the size of the mesh, and .05 to .1 s for the other search.
 
-use super::cell_graph::CellGraph;
 use super::cell_map::{CellMap, Surface};
-use super::twins::Twins;
+use super::mirror_images::MirrorImages;
 use super::{anchored, signs};
 use crate::base::Result;
+use crate::cluster::parts::cell_graph::CellGraph;
 use crate::store::run::Run;
 
-/// Twins whose distances differ by this many cell radii are none.
+/// MirrorImages whose distances differ by this many cell radii are none.
 const REACH: f64 = 3.0;
 
 /// The reflection of a posed body with cells of `shares` of the area and this `log_thickness` behind them (S); `None`
@@ -20,7 +20,7 @@ const REACH: f64 = 3.0;
 ///
 /// # Errors
 /// Cancellation.
-pub fn reflection(cells: &CellGraph, shares: &[f64], log_thickness: &[f64], run: &Run) -> Result<Option<Twins>> {
+pub fn reflection(cells: &CellGraph, shares: &[f64], log_thickness: &[f64], run: &Run) -> Result<Option<MirrorImages>> {
     let Some(surface) = Surface::new(cells, shares, log_thickness) else { return Ok(None) };
     let maps = anchored::maps(&surface, run)?;
     let unlike = |map: &CellMap| surface.mean_unlike(map);
@@ -31,17 +31,17 @@ pub fn reflection(cells: &CellGraph, shares: &[f64], log_thickness: &[f64], run:
     };
     Ok(map.map(|map| {
         let doubt = map.unlike.iter().zip(&map.back).map(|(unlike, back)| unlike.max(back / 2.0) / REACH);
-        Twins { weight: doubt.map(|doubt| (-doubt.powi(4)).exp()).collect(), twin: map.twin }
+        MirrorImages { weight: doubt.map(|doubt| (-doubt.powi(4)).exp()).collect(), image: map.image }
     }))
 }
 
 #[cfg(test)]
 mod tests {
     use super::super::posed_body::{LEFT_ARM, LEFT_LEG, RIGHT_ARM, RIGHT_LEG, cells_of, posed};
-    use super::super::thickness::log_thickness;
     use super::*;
+    use crate::cluster::parts::thickness::log_thickness;
 
-    fn found(cells: &CellGraph) -> Option<Twins> {
+    fn found(cells: &CellGraph) -> Option<MirrorImages> {
         let run = Run::new(&());
         reflection(cells, &cells.area_shares(), &log_thickness(cells, &run).unwrap(), &run).unwrap()
     }
@@ -49,19 +49,19 @@ mod tests {
     #[test]
     fn a_posed_body_has_a_left_and_a_right() {
         let cells = posed(true, true);
-        let Twins { twin, weight } = found(&cells).unwrap();
+        let MirrorImages { image, weight } = found(&cells).unwrap();
         for (from, to) in [(LEFT_ARM, RIGHT_ARM), (LEFT_LEG, RIGHT_LEG)] {
             let (from, to) = (cells_of(&cells, from), cells_of(&cells, to));
-            let share = from.iter().filter(|&&i| to.contains(&(twin[i] as usize))).count() as f64 / from.len() as f64;
+            let share = from.iter().filter(|&&i| to.contains(&(image[i] as usize))).count() as f64 / from.len() as f64;
             assert!(share > 0.95, "{share}");
         }
         assert!(weight.iter().sum::<f64>() > 0.9 * weight.len() as f64);
     }
 
     #[test]
-    fn what_is_on_one_side_only_has_no_twin() {
+    fn what_is_on_one_side_only_has_no_image() {
         let cells = posed(false, true);
-        let Twins { weight, .. } = found(&cells).unwrap();
+        let MirrorImages { weight, .. } = found(&cells).unwrap();
         let mean = |part: Vec<usize>| part.iter().map(|&i| weight[i]).sum::<f64>() / part.len() as f64;
         let (arm, leg) = (mean(cells_of(&cells, |x| x[0] > 8.0)), mean(cells_of(&cells, LEFT_LEG)));
         assert!(arm < 0.1 && leg > 0.9, "{arm} {leg}");
@@ -70,10 +70,10 @@ mod tests {
     #[test]
     fn a_body_that_lacks_an_arm_and_a_leg_is_mirrored_without_them() {
         let cells = posed(false, false);
-        let Twins { twin, weight } = found(&cells).unwrap();
+        let MirrorImages { image, weight } = found(&cells).unwrap();
         let across = |i: usize| 0.5 * (cells.len() as f64).sqrt() * cells.centre[i][0];
         let trunk = cells_of(&cells, |x| x[0].abs() < 3.5 && x[2] > 1.0 && x[2] < 9.0);
-        let mirrored = trunk.iter().filter(|&&i| (across(i) + across(twin[i] as usize)).abs() < 2.0).count();
+        let mirrored = trunk.iter().filter(|&&i| (across(i) + across(image[i] as usize)).abs() < 2.0).count();
         assert!(mirrored > trunk.len() * 19 / 20, "{mirrored} of {}", trunk.len());
         let arm = cells_of(&cells, |x| x[0] > 4.0 && x[0] < 12.0);
         assert!(arm.iter().map(|&i| weight[i]).sum::<f64>() < 0.2 * arm.len() as f64);

@@ -8,10 +8,10 @@
 //! Cost: 13 points of each disc along each of 13 or 49 axes, 1.6 or 6 ms of processor time for 2,000 cells; a picture
 //! of two depths for each thread.
 
-use super::cell_graph::CellGraph;
-use super::thickness::tangents;
 use crate::base::Result;
 use crate::base::vector::{dot, unit};
+use crate::cluster::parts::cell_graph::CellGraph;
+use crate::cluster::parts::thickness::tangents;
 use crate::store::run::Run;
 
 /// Directions are whole numbers up to these, without a common divisor: 26 of them, or 98.

@@ -14,12 +14,12 @@
 //! Cost: exposure by few directions, and by many where much is dim; where something is enclosed also rays behind the
 //! hidden cells, and one more pass for each layer.
 
-use super::cell_graph::{CellGraph, class_sums, connected_pieces};
 use super::exposure::{Directions, exposure};
-use super::thickness::cells_behind;
 use crate::base::Result;
 use crate::base::vector::distance;
 use crate::cluster::max_flow::MaxFlow;
+use crate::cluster::parts::cell_graph::{CellGraph, class_sums, connected_pieces};
+use crate::cluster::parts::thickness::cells_behind;
 use crate::store::run::Run;
 use serde::{Deserialize, Serialize};
 
@@ -44,7 +44,7 @@ const BODY: f64 = 0.02;
 
 /// Which cells are decided on together, and which follow others.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub(super) struct Layers {
+pub(in crate::cluster::parts) struct Layers {
     /// The cells of each layer, ascending: seen from outside, then seen with that removed, ….
     pub layers: Vec<Vec<u32>>,
     /// The cell of a layer that each cell follows (S): itself in a layer.

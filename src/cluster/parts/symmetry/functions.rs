@@ -6,9 +6,9 @@
 //! (ZoomOut: Melzi and others, 2019), so maps begin coarse and end smooth. Cost: some 10 ms for 2,000 cells and 128
 //! samples, and as much for each map.
 
-use super::cell_graph::CellGraph;
 use super::cell_paths::{CellPaths, Row};
 use crate::base::vector::distance;
+use crate::cluster::parts::cell_graph::CellGraph;
 use crate::spectral::exp::exp64;
 use crate::spectral::laplacian::generalised;
 use nalgebra::DMatrix;
@@ -87,8 +87,8 @@ impl Functions {
     }
 
     /// The matrix of the first k functions for a map of cells.
-    pub fn fitted(&self, twin: &[u32], k: usize) -> FunctionMap {
-        self.of_pairs((0..).zip(twin).zip(&self.shares).map(|((x, &y), &share)| (x, y, share)), k)
+    pub fn fitted(&self, image: &[u32], k: usize) -> FunctionMap {
+        self.of_pairs((0..).zip(image).zip(&self.shares).map(|((x, &y), &share)| (x, y, share)), k)
     }
 
     /// The same for cells, their images, and what these weigh.
@@ -121,18 +121,18 @@ impl Functions {
     }
 
     /// Each cell's image under C: downhill from the image it has and those of its neighbours.
-    pub fn mapped(&self, c: &FunctionMap, twin: &mut [u32], paths: &CellPaths) {
-        for x in 0..twin.len() as u32 {
-            let image = self.image(x, c);
-            let mut best = (twin[x as usize], f32::INFINITY);
+    pub fn mapped(&self, c: &FunctionMap, image: &mut [u32], paths: &CellPaths) {
+        for x in 0..image.len() as u32 {
+            let there = self.image(x, c);
+            let mut best = (image[x as usize], f32::INFINITY);
             let look = |best: &mut (u32, f32), y: u32| {
-                let far = squared(&image, self.at(y, c.k));
+                let far = squared(&there, self.at(y, c.k));
                 if far < best.1 {
                     *best = (y, far);
                 }
             };
-            look(&mut best, twin[x as usize]);
-            paths.steps(x).for_each(|(j, _)| look(&mut best, twin[j as usize]));
+            look(&mut best, image[x as usize]);
+            paths.steps(x).for_each(|(j, _)| look(&mut best, image[j as usize]));
             loop {
                 let from = best.0;
                 paths.steps(from).for_each(|(y, _)| look(&mut best, y));
@@ -140,16 +140,16 @@ impl Functions {
                     break;
                 }
             }
-            twin[x as usize] = best.0;
+            image[x as usize] = best.0;
         }
     }
 
     /// The map refined from `k` functions on to all, by matrices that are made orthogonal or are not.
-    pub fn refine(&self, twin: &mut [u32], mut k: usize, orthogonal: bool, paths: &CellPaths) {
+    pub fn refine(&self, image: &mut [u32], mut k: usize, orthogonal: bool, paths: &CellPaths) {
         while k < COUNT {
             k = more(k).min(COUNT);
-            let fitted = self.fitted(twin, k);
-            self.mapped(&if orthogonal { fitted.made_orthogonal() } else { fitted }, twin, paths);
+            let fitted = self.fitted(image, k);
+            self.mapped(&if orthogonal { fitted.made_orthogonal() } else { fitted }, image, paths);
         }
     }
 }
@@ -264,12 +264,12 @@ mod tests {
         let (cells, paths, functions, mirrored) = sheet();
         for orthogonal in [false, true] {
             // One sign turns all of the sheet over.
-            let mut twin: Vec<u32> = (0..cells.len() as u32).collect();
-            functions.mapped(&FunctionMap::of_signs(1, 2), &mut twin, &paths);
-            twin.iter_mut().zip(&mirrored).filter(|(_, mirrored)| *mirrored % 3 > 0).for_each(|(twin, m)| *twin = *m);
-            functions.refine(&mut twin, 6, orthogonal, &paths);
+            let mut image: Vec<u32> = (0..cells.len() as u32).collect();
+            functions.mapped(&FunctionMap::of_signs(1, 2), &mut image, &paths);
+            image.iter_mut().zip(&mirrored).filter(|(_, m)| *m % 3 > 0).for_each(|(image, m)| *image = *m);
+            functions.refine(&mut image, 6, orthogonal, &paths);
             let near = |(a, b): &(&u32, &u32)| distance(cells.centre[**a as usize], cells.centre[**b as usize]) < 0.13;
-            let right = twin.iter().zip(&mirrored).filter(near).count();
+            let right = image.iter().zip(&mirrored).filter(near).count();
             assert!(right as f64 > 0.9 * cells.len() as f64, "{right} of {}", cells.len());
         }
     }

@@ -209,7 +209,7 @@ impl Surface<'_> {
     /// The map of all cells that anchors make.
     fn map(&self, anchors: &Anchors) -> CellMap {
         let n = self.paths.len();
-        let (mut twin, mut unlike): (Vec<u32>, Vec<f64>) = ((0..n as u32).collect(), vec![f64::INFINITY; n]);
+        let (mut image, mut unlike): (Vec<u32>, Vec<f64>) = ((0..n as u32).collect(), vec![f64::INFINITY; n]);
         for x in (0..n).filter(|&x| self.reached[x]) {
             let nearest = anchors.nearest(x as u32, NEAREST[1], None);
             let Some(&(d, k)) = nearest.first() else { continue };
@@ -227,34 +227,34 @@ impl Surface<'_> {
                 }
             };
             // Images of neighbours are a good guess, so that others are soon too far.
-            self.paths.steps(x as u32).for_each(|(j, _)| look(twin[j as usize] as usize));
+            self.paths.steps(x as u32).for_each(|(j, _)| look(image[j as usize] as usize));
             (0..n).for_each(&mut look);
-            twin[x] = best as u32;
+            image[x] = best as u32;
             unlike[x] = self.in_radii(least, &nearest);
         }
-        self.measured(twin, unlike)
+        self.measured(image, unlike)
     }
 
     /// A smooth map whose images may be one step off: each takes the likeliest place there, by
     /// the images of the samples.
-    pub fn polished(&self, mut twin: Vec<u32>) -> CellMap {
-        let images: Vec<u32> = self.samples.cell.iter().map(|&sample| twin[sample as usize]).collect();
+    pub fn polished(&self, mut image: Vec<u32>) -> CellMap {
+        let images: Vec<u32> = self.samples.cell.iter().map(|&sample| image[sample as usize]).collect();
         let mut anchors = Anchors::default();
         for (k, row) in self.paths.rows(&images).iter().enumerate() {
             anchors.add([self.samples.cell[k], images[k]], [&self.rows[k], row]);
         }
-        let mut unlike = vec![f64::INFINITY; twin.len()];
-        for x in (0..twin.len()).filter(|&x| self.reached[x]) {
+        let mut unlike = vec![f64::INFINITY; image.len()];
+        for x in (0..image.len()).filter(|&x| self.reached[x]) {
             let nearest = anchors.nearest(x as u32, NEAREST[1], None);
-            let mut best = (twin[x], self.misfit([x, twin[x] as usize], &nearest, &anchors, f32::INFINITY));
-            for (y, _) in self.paths.steps(twin[x]) {
+            let mut best = (image[x], self.misfit([x, image[x] as usize], &nearest, &anchors, f32::INFINITY));
+            for (y, _) in self.paths.steps(image[x]) {
                 let sum = self.misfit([x, y as usize], &nearest, &anchors, best.1);
                 if sum < best.1 {
                     best = (y, sum);
                 }
             }
-            (twin[x], unlike[x]) = (best.0, self.in_radii(best.1, &nearest));
+            (image[x], unlike[x]) = (best.0, self.in_radii(best.1, &nearest));
         }
-        self.measured(twin, unlike)
+        self.measured(image, unlike)
     }
 }

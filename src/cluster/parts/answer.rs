@@ -1,0 +1,136 @@
+//! What a decision is, what it answers when it is asked for parts, and the figures told of them.
+//!
+//! A decision is kept once; each number of parts and each detail is another cut of its hierarchy. Cost: milliseconds.
+
+use super::agreement;
+use super::cell_graph::class_sums;
+use super::ensemble::Superfaces;
+use super::hierarchy::{PartTree, TreeCut};
+use super::interior::enclosed::Enclosed;
+use super::labelling::expected_disagreement;
+use super::matrix::Square;
+use super::{PartCount, PartsParams};
+use crate::base::Result;
+use serde::{Deserialize, Serialize};
+
+/// A decision: the superfaces it is made of, how far any two belong together, and the hierarchy.
+#[derive(Clone, Debug)]
+pub struct PartDecision {
+    /// The superfaces.
+    pub superfaces: Superfaces,
+    /// How far any two superfaces belong together, in \[0, 1\] (R × R).
+    pub co_association: Square,
+    /// The hierarchy.
+    pub tree: PartTree,
+    /// What the surface encloses, as far as that was looked for.
+    pub enclosed: Enclosed,
+    /// Whether each cell is the wall of a cavity (S); empty where nothing is enclosed.
+    pub is_wall: Vec<bool>,
+}
+
+/// The parts, and what is worth telling or keeping of them.
+#[derive(Clone, Debug)]
+pub struct PartsResult {
+    /// Part of each cell (S), numbered by first appearance.
+    pub label: Vec<u32>,
+    /// Number of parts.
+    pub parts: usize,
+    /// All other answers.
+    pub tree: PartTree,
+    /// How sure the part of each cell is, in \[0, 1\] (S).
+    pub confidence: Vec<f64>,
+    /// Figures for the report.
+    pub report: PartsReport,
+}
+
+/// Figures for the report.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct PartsReport {
+    /// Cells S.
+    pub cells: usize,
+    /// Landmarks l.
+    #[serde(alias = "rows")]
+    pub landmarks: usize,
+    /// Superfaces: intersections of all regions of the ensemble.
+    #[serde(alias = "atoms")]
+    pub superfaces: usize,
+    /// Number of parts found when none is given.
+    pub parts_found: usize,
+    /// Share of pairs of points, by area, on which a person is expected to differ ([`agreement::disagreement`]).
+    pub expected_disagreement: f64,
+    /// Mean confidence by area.
+    pub mean_confidence: f64,
+    /// Area share of each part.
+    pub area: Vec<f64>,
+    /// Share of people who are expected to have each part ([`agreement`]); empty where the parts are
+    /// not the decision's alone.
+    #[serde(default)]
+    pub expected_agreement: Vec<f64>,
+    /// What the surface encloses.
+    #[serde(default)]
+    pub enclosed: Enclosed,
+    /// Seconds the decision took.
+    pub seconds: f64,
+}
+
+impl PartsReport {
+    /// Mean of [`PartsReport::expected_agreement`] by area; none where that is empty.
+    pub fn mean_agreement(&self) -> Option<f64> {
+        let all = self.expected_agreement.iter().zip(&self.area);
+        (!self.expected_agreement.is_empty()).then(|| all.map(|(share, area)| share * area).sum())
+    }
+
+    /// Whether the surface falls into parts that people would agree on; none where that is not known. A
+    /// surface of one part does not.
+    pub fn has_clear_parts(&self) -> Option<bool> {
+        self.mean_agreement().map(|mean| mean >= agreement::UNCLEAR && self.expected_agreement.len() > 1)
+    }
+}
+
+impl PartTree {
+    /// The cut that some options ask for.
+    ///
+    /// # Errors
+    /// A number of parts that cannot be had.
+    pub fn cut_for(&self, count: PartCount, detail: f64) -> Result<TreeCut> {
+        match count {
+            PartCount::Found => Ok(self.cut_detail(detail)),
+            PartCount::Exactly(k) => self.cut_k(k),
+            PartCount::Between(a, b) => self.cut_range(a, b, detail),
+        }
+    }
+}
+
+/// The answer of `decided`, from `l` rows in `seconds`, that `params` asks for. Milliseconds.
+///
+/// # Errors
+/// More parts than cells, or an empty range.
+pub fn cut(decided: &PartDecision, l: usize, seconds: f64, params: &PartsParams) -> Result<PartsResult> {
+    Ok(describe(decided, decided.tree.cut_for(params.count, params.detail)?, l, seconds))
+}
+
+/// The answer of `decided`, from `l` rows in `seconds`, whose parts are those of `cut`: a cut of its hierarchy,
+/// or one that was corrected.
+pub fn describe(decided: &PartDecision, cut: TreeCut, l: usize, seconds: f64) -> PartsResult {
+    let PartDecision { superfaces, co_association, tree, enclosed, .. } = decided;
+    // Kept in single precision, they sum to nearly 1.
+    let total: f64 = tree.area.iter().map(|&share| f64::from(share)).sum();
+    let shares: Vec<f64> = tree.area.iter().map(|&share| f64::from(share) / total).collect();
+    // A cut may divide superfaces, or move a loose piece of one: a superface's label is its first cell's.
+    let label = superfaces.labels(&cut.label);
+    let sure = agreement::confidence(superfaces, co_association, &label, cut.parts);
+    let confidence: Vec<f64> = superfaces.of_cell.iter().map(|&a| sure[a as usize]).collect();
+    let report = PartsReport {
+        cells: tree.cells(),
+        landmarks: l,
+        superfaces: superfaces.len(),
+        parts_found: tree.cut_detail(0.0).parts,
+        expected_disagreement: agreement::disagreement(expected_disagreement(superfaces, co_association, &label)),
+        mean_confidence: confidence.iter().zip(&shares).map(|(c, a)| c * a).sum(),
+        area: class_sums(&cut.label, &shares, cut.parts),
+        expected_agreement: agreement::of_parts(tree, &cut.label, cut.parts, &confidence, &shares),
+        enclosed: *enclosed,
+        seconds,
+    };
+    PartsResult { label: cut.label, parts: cut.parts, tree: tree.clone(), confidence, report }
+}

@@ -1,0 +1,151 @@
+//! The decision: which cells belong together, and how surely.
+//!
+//! The recipe of the default: layers of what the surface encloses, an ensemble for each, the co-association, both sides
+//! alike where there are two, and the hierarchy of the greatest expected Rand index.
+
+use super::answer::{PartDecision, PartsResult, cut};
+use super::cell_graph::{CellGraph, class_sums};
+use super::ensemble::Superfaces;
+use super::interior::enclosed::{Enclosed, Layers};
+use super::interior::layered;
+use super::matrix::Square;
+use super::symmetry::mirror_images::{LIKE, mirror_images, symmetrised};
+use super::symmetry::reflection::reflection;
+use super::{Decision, PartsParams, consensus, labelling};
+use crate::base::{Error, Result};
+use crate::spectral::anchor::LandmarkDistances;
+use crate::store::run::Run;
+
+/// Decides the parts of a surface of S cells from the mean distances of its cells from `l`
+/// landmarks: `rows`, row-major l × S, infinite where not reached.
+///
+/// ```
+/// use nystrom_stream::cluster::parts::{CellGraph, PartsParams, parts};
+/// use nystrom_stream::store::Run;
+///
+/// # fn main() -> nystrom_stream::base::Result<()> {
+/// // A strip of 24 cells with a crease in the middle, and how far they are from every fourth.
+/// let step = |i: u32| if i == 12 { 2. } else { 0.2 };
+/// let cells = CellGraph {
+///     seed: (0..24).collect(),
+///     area: vec![1. / 24.; 24],
+///     centre: (0..24).map(|i| [0.2 * f64::from(i), 0., 0.]).collect(),
+///     normal: vec![[0., 0., 1.]; 24],
+///     pairs: (1..24).map(|i| [i - 1, i]).collect(),
+///     length: vec![0.2; 23],
+///     concave: (1..24).map(|i| step(i) - 0.2).collect(),
+///     convex: vec![0.; 23],
+///     convex04: vec![0.; 23],
+/// };
+/// let distance = |a: u32, b: u32| (a.min(b) + 1..=a.max(b)).map(step).sum::<f64>();
+/// let rows: Vec<f64> = (0..6).flat_map(|k| (0..24).map(move |i| distance(4 * k, i))).collect();
+/// let found = parts(&cells, &rows, 6, &PartsParams::default(), &Run::new(&()))?;
+/// // The hierarchy has all answers: this is the one of two parts.
+/// let two = found.tree.cut_k(2)?;
+/// assert_eq!(two.label, [vec![0; 12], vec![1; 12]].concat());
+/// # Ok(())
+/// # }
+/// ```
+///
+/// # Errors
+/// Sizes that disagree, no cell, no row, options out of range, more parts than cells, or
+/// cancellation.
+pub fn parts(cells: &CellGraph, rows: &[f64], l: usize, params: &PartsParams, run: &Run) -> Result<PartsResult> {
+    let (decided, seconds) = decide(cells, rows, l, params, run)?;
+    cut(&decided, l, seconds, params)
+}
+
+/// All answers at once, and the seconds that took: of `params` the number of parts and the detail do not matter.
+///
+/// # Errors
+/// As [`parts`], but for the number of parts.
+pub fn decide(
+    cells: &CellGraph,
+    rows: &[f64],
+    l: usize,
+    params: &PartsParams,
+    run: &Run,
+) -> Result<(PartDecision, f64)> {
+    let (cells, rows) = checked(cells, rows, l, params)?;
+    let work = || -> Result<PartDecision> {
+        match params.decision {
+            Decision::SoftTrees => {
+                let Some(layers) = Layers::of(&cells, run)? else {
+                    let (superfaces, c) = layered::co_association(&cells, &rows, params.ensemble_size, run)?;
+                    return decide_symmetric(&cells, superfaces, c, params.small_part, run);
+                };
+                let (superfaces, c) = layered::of_layers(&cells, &rows, &layers, params.ensemble_size, run)?;
+                let decided = decide_symmetric(&cells, superfaces, c, params.small_part, run)?;
+                let (enclosed, is_wall) = (layers.enclosed(&cells.area_shares()), layers.walls());
+                Ok(PartDecision { enclosed, is_wall, ..decided })
+            }
+            Decision::Consensus => consensus::consensus(&cells, &rows, params.small_part, run),
+            Decision::Single => consensus::single_run(&cells, &rows, params.small_part, run),
+        }
+    };
+    run.stage("parts", "segmentations", params.ensemble_size as u64, work)
+}
+
+/// The decision on superfaces with the co-association `c`, the same on both sides where there are two.
+fn decide_symmetric(
+    cells: &CellGraph,
+    superfaces: Superfaces,
+    mut c: Square,
+    small_part: f64,
+    run: &Run,
+) -> Result<PartDecision> {
+    let decided = |superfaces: Superfaces, co_association: Square| -> Result<PartDecision> {
+        let tree = labelling::soft_hierarchy(cells, &superfaces, &co_association, small_part, run)?;
+        Ok(PartDecision { superfaces, co_association, tree, enclosed: Enclosed::default(), is_wall: Vec::new() })
+    };
+    let shares = cells.area_shares();
+    let planes = mirror_images(cells, &shares);
+    // The best plane last: what it makes alike stays so.
+    for images in planes.iter().rev() {
+        c = symmetrised(&c, &superfaces.of_cell, &shares, images);
+    }
+    if planes.first().is_some_and(|best| best.likeness(&shares) >= LIKE) {
+        return decided(superfaces, c);
+    }
+    let Some(images) = reflection(cells, &shares, &superfaces.log_thickness, run)? else {
+        return decided(superfaces, c);
+    };
+    // Where one side is cut, superfaces of the other need not end: the parts tell where they must.
+    let once = symmetrised(&c, &superfaces.of_cell, &shares, &images);
+    let uncut = decided(superfaces, once)?;
+    let parts = uncut.tree.cut_detail(0.0);
+    let of_cell = &uncut.superfaces.of_cell;
+    let (of_piece, count) = images.cut_at_images(cells, &shares, of_cell, &parts.label);
+    if count == uncut.superfaces.len() {
+        return Ok(uncut);
+    }
+    let area = class_sums(&of_piece, &cells.area, count);
+    let finer = Superfaces::kept(of_piece, area).ok_or_else(|| Error::internal("a superface without cells"))?;
+    let whole = finer.labels(of_cell);
+    let row = |&x: &u32| whole.iter().map(|&y| c[(x as usize, y as usize)]).collect::<Vec<f64>>();
+    let c = Square::from_values(count, whole.iter().flat_map(row).collect());
+    let c = symmetrised(&c, &finer.of_cell, &shares, &images);
+    // An image that was missing is one part more; slivers between images that are off are several.
+    let cut = decided(finer, c)?;
+    Ok(if cut.tree.cut_detail(0.0).parts > parts.parts + 1 { uncut } else { cut })
+}
+
+/// Input that is safe to compute with.
+fn checked(cells: &CellGraph, rows: &[f64], l: usize, params: &PartsParams) -> Result<(CellGraph, LandmarkDistances)> {
+    let cells = cells.cleaned()?;
+    let n = cells.len();
+    if n == 0 || l == 0 || l.checked_mul(n) != Some(rows.len()) {
+        let problem = format!("{} distances are not {l} rows of {n} cells", rows.len());
+        return Err(Error::parameter("rows", problem, "pass at least one row and one cell, all rows whole"));
+    }
+    if !(-1.0..=1.0).contains(&params.detail) {
+        let problem = format!("{} is not within −1 to 1", params.detail);
+        return Err(Error::parameter("detail", problem, "0 is the default, above it finer, below it coarser"));
+    }
+    if params.ensemble_size == 0 || !(0.0..1.0).contains(&params.small_part) {
+        let problem = format!("an ensemble of {}, small parts below {}", params.ensemble_size, params.small_part);
+        return Err(Error::parameter("ensemble size", problem, "use at least one segmentation, and a share below 1"));
+    }
+    let rows = LandmarkDistances::new(rows, l, n);
+    Ok((cells, rows))
+}
