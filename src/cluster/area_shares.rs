@@ -6,7 +6,7 @@
 //! units of √(area without tiny components), the same shape has the same size at every resolution.
 //!
 //! [`spread_seeds`] takes one seed per equal quantum of area along the order of the nodes: as good as
-//! farthest points for cells (measured), for the cost of one pass. [`class_sums`] adds up areas, centroids
+//! farthest points for cells (measured), for the cost of one pass. [`surface_sums`] adds up areas, centroids
 //! and normals of cells, micro-cells and contracted nodes; few blocks of nodes are summed side by side, since
 //! each holds all classes (72 bytes per class and block), and added up in their order, so that the number of
 //! threads does not change the result.
@@ -231,7 +231,7 @@ const BLOCKS: usize = 8;
 
 /// Sums over a class of nodes, in the frame.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct ClassSum {
+pub struct SurfaceSum {
     /// Area of all nodes, also of those without a share.
     pub area: f64,
     /// Area shares.
@@ -244,7 +244,7 @@ pub struct ClassSum {
     pub normal: [f64; 3],
 }
 
-impl ClassSum {
+impl SurfaceSum {
     /// Adds a node whose weight is `share`, but no less than `least`.
     #[inline]
     pub(super) fn take(&mut self, node: &Node, share: f64, least: f64) {
@@ -288,18 +288,18 @@ impl ClassSum {
 ///
 /// # Errors
 /// [`crate::base::Error::Cancelled`].
-pub fn class_sums(
+pub fn surface_sums(
     graph: &DualGraph,
     shares: &AreaShares,
     class: &[u32],
     classes: usize,
     least: f64,
     run: &Run,
-) -> Result<Vec<ClassSum>> {
+) -> Result<Vec<SurfaceSum>> {
     let n = class.len();
     let block = n.div_ceil(BLOCKS).max(1);
     let sum = |k: usize, (): &mut ()| {
-        let mut sums = vec![ClassSum::default(); classes];
+        let mut sums = vec![SurfaceSum::default(); classes];
         let nodes = chunk_range(n, block, k);
         for first in nodes.clone().step_by(CHUNK) {
             let chunk = first..(first + CHUNK).min(nodes.end);
@@ -312,7 +312,7 @@ pub fn class_sums(
         }
         Ok(sums)
     };
-    let mut total = vec![ClassSum::default(); classes];
+    let mut total = vec![SurfaceSum::default(); classes];
     for part in run.map_chunks(chunk_count(n, block), || (), sum)? {
         total.iter_mut().zip(&part).for_each(|(sum, part)| sum.add(part));
     }

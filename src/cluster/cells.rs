@@ -12,7 +12,7 @@
 //! Cost: one front, 8 bytes per face while it runs and 2 that are kept, and one pass over the graph; then one
 //! sequential pass per row, which reads 10 bytes per face: cell, share and distance.
 
-use super::area_shares::{AreaShares, ClassSum, class_sums, narrowed, spread_seeds};
+use super::area_shares::{AreaShares, SurfaceSum, narrowed, spread_seeds, surface_sums};
 use super::mirror::{PointSet, SurfacePoint, paired_seeds};
 use super::normals::{Normals, dihedral_angle};
 use super::parts::CellGraph;
@@ -135,14 +135,14 @@ fn cell_graph(
 ) -> Result<CellGraph> {
     let unit = f64::from(shares.unit);
     // A cell within tiny components still needs a centroid: a weight too small to matter elsewhere.
-    let sums = class_sums(graph, shares, cell, seeds.len(), 1e-18, run)?;
+    let sums = surface_sums(graph, shares, cell, seeds.len(), 1e-18, run)?;
     let borders = borders(graph, shares, normals, cell, run)?;
     let mean = |sum: f64, border: &BoundarySums| if border.length > 0. { sum / border.length } else { 0. };
     Ok(CellGraph {
         seed: seeds,
         area: sums.iter().map(|sum| sum.share).collect(),
         centre: sums.iter().map(|sum| sum.centroid().map(|x| x * unit)).collect(),
-        normal: sums.iter().map(ClassSum::direction).collect(),
+        normal: sums.iter().map(SurfaceSum::direction).collect(),
         pairs: borders.iter().map(|(&(a, b), _)| [a, b]).collect(),
         length: borders.values().map(|b| b.length).collect(),
         concave: borders.values().map(|b| mean(b.concave, b)).collect(),

@@ -10,7 +10,7 @@
 //! edge's direction is taken across the line between its faces. Cost: one front, 8 bytes per face of which 2 are
 //! kept, one pass over the graph.
 
-use super::area_shares::{AreaShares, ClassSum, class_sums, narrowed, spread_seeds};
+use super::area_shares::{AreaShares, SurfaceSum, narrowed, spread_seeds, surface_sums};
 use crate::base::Result;
 use crate::base::vector::{cross, length as norm, minus, wide};
 use crate::distance::SharedFront;
@@ -137,7 +137,7 @@ fn contract(contraction: &Contraction<'_>, key: &str, context: Context<'_>) -> R
     let mut owner = work.array::<u32>(OWNER, &[n])?;
     let mut field = work.array::<f32>(FIELD, &[n])?;
     front(fine, &seeds).nearest_source(field.data(), owner.data(), Context::new(whole, run))?;
-    let sums = class_sums(graph, shares, owner.data(), seeds.len(), 0., run)?;
+    let sums = surface_sums(graph, shares, owner.data(), seeds.len(), 0., run)?;
     let (nodes, areas) = (interiors(&sums, shares), sums.iter().map(|sum| sum.area).collect::<Vec<f64>>());
     let borders = borders(graph, fine.csr(), owner.data(), field.data(), run)?;
     drop(field);
@@ -181,9 +181,9 @@ pub fn key(weights: &str, seed: u64) -> String {
 }
 
 /// Centroid, direction and area of each contracted node; tiny components count nothing.
-fn interiors(sums: &[ClassSum], shares: &AreaShares) -> Vec<Node> {
+fn interiors(sums: &[SurfaceSum], shares: &AreaShares) -> Vec<Node> {
     let area = 1. / f64::from(shares.unit).powi(2);
-    let node = |sum: &ClassSum| Node {
+    let node = |sum: &SurfaceSum| Node {
         centroid: sum.centroid().map(|x| x as f32),
         normal: sum.direction().map(|x| x as f32),
         area: (sum.share * area) as f32,

@@ -10,7 +10,7 @@
 //! and noisy meshes get .01 or .02 ([`super::roughness`]). Cost: a front plus 50 ns per face and radius; 12 bytes per
 //! face each. What tells rough from clean is .02 alone, so a clean mesh without cells of its own needs no other.
 
-use super::area_shares::{AreaShares, ClassSum, class_sums, spread_seeds};
+use super::area_shares::{AreaShares, SurfaceSum, spread_seeds, surface_sums};
 use crate::base::Result;
 use crate::base::parallel::{chunk_count, chunk_range};
 use crate::distance::SharedFront;
@@ -86,7 +86,7 @@ fn from_cells(graph: &DualGraph, shares: &AreaShares, r: f32, file: &str, contex
     let owner_data: &[u32] = owner.data();
     // Sums of normals are scaled to be near 1.
     let scale = seeds.len() as f64;
-    let sums = class_sums(graph, shares, owner_data, seeds.len(), 0., context.run)?;
+    let sums = surface_sums(graph, shares, owner_data, seeds.len(), 0., context.run)?;
     let cells: Vec<SmoothingCell> = sums.iter().map(|sum| SmoothingCell::of(sum, scale)).collect();
     let near = neighbours(graph, owner_data, seeds.len(), context.run)?;
     let factor = falloff(r, shares);
@@ -111,7 +111,7 @@ pub(super) struct SmoothingCell {
 
 impl SmoothingCell {
     /// Of the faces in `sum`; `scale` brings sums of normals near 1.
-    pub(super) fn of(sum: &ClassSum, scale: f64) -> Self {
+    pub(super) fn of(sum: &SurfaceSum, scale: f64) -> Self {
         Self { centre: sum.centroid().map(|x| x as f32), normal: sum.normal.map(|x| (x * scale) as f32) }
     }
 }

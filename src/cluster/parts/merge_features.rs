@@ -7,7 +7,7 @@
 //! Cost: constant for a merge.
 
 use super::matrix::{self, Square, eigenvalues3};
-use super::regions::{CellMoments, EMBEDDING_DIMENSIONS, EdgeSums, MOMENTS, Regions};
+use super::regions::{CellMoments, EMBEDDING_DIMENSIONS, EdgeSums, Regions};
 
 /// The logarithm of the cost is clipped to ± this before it enters the probability.
 const COST_CLIP: f64 = 6.0;
@@ -42,17 +42,16 @@ struct RegionShape {
 
 impl RegionShape {
     fn of(q: &CellMoments) -> RegionShape {
-        let a = q[0].max(1e-300);
-        let x: [f64; 3] = std::array::from_fn(|c| q[1 + c] / a);
-        let n: [f64; 3] = std::array::from_fn(|c| q[10 + c] / a);
-        let [length, width, _] = extents(x, std::array::from_fn(|k| q[4 + k] / a));
+        let a = q.area.max(1e-300);
+        let (x, n) = (q.centre.map(|x| x / a), q.normal.map(|n| n / a));
+        let [length, width, _] = extents(x, q.products.map(|x| x / a));
         RegionShape {
             length,
             width,
             normal: (n[0] * n[0] + n[1] * n[1] + n[2] * n[2]).sqrt(),
-            height: q[13] / a - (n[0] * x[0] + n[1] * x[1] + n[2] * x[2]),
-            embedding: std::array::from_fn(|k| q[14 + k] / a),
-            log_thickness: q[MOMENTS - 1] / a,
+            height: q.height / a - (n[0] * x[0] + n[1] * x[1] + n[2] * x[2]),
+            embedding: q.embedding.map(|x| x / a),
+            log_thickness: q.log_thickness / a,
         }
     }
 }
@@ -84,24 +83,23 @@ impl SharedBoundary {
 /// (0 and little: a flat ring); ln of its length over its extent; deviation of the concave angle; share of it that is
 /// concave, and sharply so; mean convex angle at radius .02; share of it that is sharply convex.
 fn curve(sums: &EdgeSums, concave: f64) -> [f64; 8] {
-    let length = sums[0].max(1e-12);
-    let mean: [f64; 3] = std::array::from_fn(|c| sums[1 + c] / length);
-    let [first, second, third] = extents(mean, std::array::from_fn(|k| sums[4 + k] / length));
+    let length = sums.length.max(1e-12);
+    let [first, second, third] = extents(sums.centre.map(|x| x / length), sums.products.map(|x| x / length));
     [
         log(second / first),
         log(third / first),
-        log(sums[0] / first),
-        (sums[10] / length - concave * concave).max(0.0).sqrt(),
-        sums[11] / length,
-        sums[12] / length,
-        sums[13] / length,
-        sums[14] / length,
+        log(sums.length / first),
+        (sums.squared_concave / length - concave * concave).max(0.0).sqrt(),
+        sums.creased / length,
+        sums.sharp / length,
+        sums.convex / length,
+        sums.sharply_convex / length,
     ]
 }
 
 /// How creased a region is within: mean squared concave angle, concave share, mean convex angle.
 fn creases(sums: &EdgeSums) -> [f64; 3] {
-    [10, 11, 13].map(|k| sums[k] / sums[0].max(1e-9))
+    [sums.squared_concave, sums.creased, sums.convex].map(|sum| sum / sums.length.max(1e-9))
 }
 
 /// The features of uniting neighbours `i` and `j` with the given logarithm of the cost, in this order:

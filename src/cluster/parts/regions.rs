@@ -10,37 +10,51 @@ use super::cell_graph::CellGraph;
 use super::convexity::PairSums;
 use super::matrix::{Square, products};
 use crate::spectral::anchor::AnchorEmbedding;
+use bytemuck::{Pod, Zeroable};
 
 /// Coordinates of the mean embedding kept per region.
 pub const EMBEDDING_DIMENSIONS: usize = 12;
-/// Numbers kept per region: area, then area times x, xxᵀ, n, n·x, the embedding and the logarithm of the thickness.
-pub const MOMENTS: usize = 15 + EMBEDDING_DIMENSIONS;
 /// A boundary's strength is length · exp(−(concave + this · convex angle)/[`FADE`]).
 const CONVEX_SHARE: f64 = 0.1;
 /// Radians of turning over which a boundary loses a factor e of its strength.
 const FADE: f64 = 0.5;
 
-/// Per region, area-weighted sums: \[A, A·x (3), A·(xx, yy, zz, xy, xz, yz), A·n (3), A·n·x,
-/// A·embedding (12, zeros where there are fewer coordinates), A·ln thickness\].
-pub type CellMoments = [f64; MOMENTS];
+/// Sums over the cells of a region; all but the area are weighted by it.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Pod, Zeroable)]
+#[repr(C)]
+pub struct CellMoments {
+    /// Area A.
+    pub area: f64,
+    /// A·x of the centroids x.
+    pub centre: [f64; 3],
+    /// A·(xx, yy, zz, xy, xz, yz).
+    pub products: [f64; 6],
+    /// A·n of the normals n.
+    pub normal: [f64; 3],
+    /// A·n·x: three times the volume of the cone to the origin.
+    pub height: f64,
+    /// A·embedding, zeros where there are fewer coordinates.
+    pub embedding: [f64; EMBEDDING_DIMENSIONS],
+    /// A·ln thickness.
+    pub log_thickness: f64,
+}
 
 /// The moments of each cell (S): what region sums are made of. `thickness`: its logarithm (S).
 pub fn cell_moments(cells: &CellGraph, embedding: &AnchorEmbedding, thickness: &[f64]) -> Vec<CellMoments> {
     (0..cells.len())
         .map(|i| {
-            let (a, x, n) = (cells.area[i], cells.centre[i], cells.normal[i]);
-            let mut q = [0.0; MOMENTS];
-            q[0] = 1.0;
-            q[1..4].copy_from_slice(&x);
-            q[4..10].copy_from_slice(&products(x));
-            q[10..13].copy_from_slice(&n);
-            q[13] = n[0] * x[0] + n[1] * x[1] + n[2] * x[2];
-            let width = embedding.width.min(EMBEDDING_DIMENSIONS);
-            if width > 0 {
-                q[14..14 + width].copy_from_slice(&embedding.point(i)[..width]);
+            let (area, x, n) = (cells.area[i], cells.centre[i], cells.normal[i]);
+            let point = embedding.point(i);
+            let coordinate = |k: usize| if k < embedding.width { point[k] } else { 0.0 };
+            CellMoments {
+                area,
+                centre: x.map(|x| x * area),
+                products: products(x).map(|x| x * area),
+                normal: n.map(|n| n * area),
+                height: (n[0] * x[0] + n[1] * x[1] + n[2] * x[2]) * area,
+                embedding: std::array::from_fn(|k| coordinate(k) * area),
+                log_thickness: thickness[i] * area,
             }
-            q[MOMENTS - 1] = thickness[i];
-            q.map(|v| v * a)
         })
         .collect()
 }
@@ -86,31 +100,53 @@ pub struct Regions {
     pub log_folding: f64,
 }
 
-/// Numbers of [`EdgeSums`].
-const EDGE_SUMS: usize = 15;
 /// Concave angles above these count as concave, and as sharp; convex ones above the second as convex.
 const SHARP: [f64; 2] = [0.1, 0.3];
 
-/// Sums over pairs of touching cells, by the length of their common boundary L: \[L, L·x (3), L·(xx, yy, zz, xy, xz,
-/// yz), L·concave², L where concave > .1, L where concave > .3, L·convex, L where convex > .3\], x being the middle
-/// between the cells' centroids.
-pub type EdgeSums = [f64; EDGE_SUMS];
+/// Sums over pairs of touching cells, weighted by the length of their common boundary.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Pod, Zeroable)]
+#[repr(C)]
+pub struct EdgeSums {
+    /// Length L.
+    pub length: f64,
+    /// L·x, x being the middle between the cells' centroids.
+    pub centre: [f64; 3],
+    /// L·(xx, yy, zz, xy, xz, yz).
+    pub products: [f64; 6],
+    /// L·concave².
+    pub squared_concave: f64,
+    /// L where the concave angle is above .1.
+    pub creased: f64,
+    /// L where it is above .3.
+    pub sharp: f64,
+    /// L·convex.
+    pub convex: f64,
+    /// L where the convex angle is above .3.
+    pub sharply_convex: f64,
+}
 
 /// The sums of pair `k` of touching cells.
 fn edge_sums(cells: &CellGraph, k: usize) -> EdgeSums {
     let [i, j] = cells.pairs[k].map(|i| cells.centre[i as usize]);
     let x: [f64; 3] = std::array::from_fn(|c| 0.5 * (i[c] + j[c]));
-    let (concave, convex) = (cells.concave[k], cells.convex[k]);
-    let above = |angle: f64, limit: f64| f64::from(u8::from(angle > limit));
-    let [xx, yy, zz, xy, xz, yz] = products(x);
-    let [creased, sharp] = SHARP.map(|limit| above(concave, limit));
-    let squared = concave * concave;
-    [1.0, x[0], x[1], x[2], xx, yy, zz, xy, xz, yz, squared, creased, sharp, convex, above(convex, SHARP[1])]
-        .map(|sum| sum * cells.length[k])
+    let (length, concave, convex) = (cells.length[k], cells.concave[k], cells.convex[k]);
+    let above = |angle: f64, limit: f64| if angle > limit { length } else { 0.0 };
+    EdgeSums {
+        length,
+        centre: x.map(|x| x * length),
+        products: products(x).map(|x| x * length),
+        squared_concave: concave * concave * length,
+        creased: above(concave, SHARP[0]),
+        sharp: above(concave, SHARP[1]),
+        convex: convex * length,
+        sharply_convex: above(convex, SHARP[1]),
+    }
 }
 
-fn add(to: &mut EdgeSums, sums: &EdgeSums) {
-    to.iter_mut().zip(sums).for_each(|(sum, x)| *sum += x);
+/// Adds sums to sums, field by field.
+fn add<T: Pod>(to: &mut T, sums: &T) {
+    let to: &mut [f64] = bytemuck::cast_slice_mut(std::slice::from_mut(to));
+    to.iter_mut().zip(bytemuck::cast_slice(std::slice::from_ref(sums))).for_each(|(sum, x): (_, &f64)| *sum += x);
 }
 
 impl Regions {
@@ -128,7 +164,7 @@ impl Regions {
         let RegionLabels { of_cell: region, of_superface, count: n } = labels;
         let zeros = || Square::zeros(n);
         let mut out = Regions {
-            moments: vec![[0.0; MOMENTS]; n],
+            moments: vec![CellMoments::default(); n],
             strength: zeros(),
             length: zeros(),
             convex: zeros(),
@@ -137,12 +173,12 @@ impl Regions {
             seen: zeros(),
             all: zeros(),
             thickness_jump: zeros(),
-            edges: vec![[0.0; EDGE_SUMS]; n * n],
+            edges: vec![EdgeSums::default(); n * n],
             perimeter: vec![0.0; n],
             log_folding: 0.0,
         };
         for (&r, q) in region.iter().zip(moments) {
-            out.moments[r as usize].iter_mut().zip(q).for_each(|(sum, x)| *sum += x);
+            add(&mut out.moments[r as usize], q);
         }
         for (k, &[i, j]) in cells.pairs.iter().enumerate() {
             let (a, b) = (region[i as usize] as usize, region[j as usize] as usize);
@@ -158,7 +194,7 @@ impl Regions {
                 out.length.add_both(a, b, length);
                 out.convex.add_both(a, b, length * cells.convex04[k]);
                 out.concave.add_both(a, b, length * cells.concave[k]);
-                let thickness = |i: u32| moments[i as usize][MOMENTS - 1] / moments[i as usize][0];
+                let thickness = |i: u32| moments[i as usize].log_thickness / moments[i as usize].area;
                 out.boundary_thickness.add_both(a, b, length * 0.5 * (thickness(i) + thickness(j)));
             }
         }
@@ -198,7 +234,7 @@ impl Regions {
 
     /// Area of region `i`.
     pub fn area(&self, i: usize) -> f64 {
-        self.moments[i][0]
+        self.moments[i].area
     }
 
     /// Sums over the common boundary of `i` and `j`, or within `i` where they are the same.
@@ -219,7 +255,7 @@ impl Regions {
             self.edges[k * n + i] = self.edges[i * n + k];
         }
         let other = self.moments[j];
-        self.moments[i].iter_mut().zip(other).for_each(|(sum, x)| *sum += x);
+        add(&mut self.moments[i], &other);
         let Regions { strength, length, convex, concave, boundary_thickness, seen, all, thickness_jump, .. } = self;
         for sums in [seen, all, thickness_jump] {
             sums.fold(i, j);
