@@ -8,6 +8,7 @@ use nystrom_stream::base::Result;
 use nystrom_stream::mesh::size_of_mesh;
 use nystrom_stream::pipeline::SegmentParams;
 use nystrom_stream::pipeline::calibrate::calibrate;
+use nystrom_stream::pipeline::params::check_memory;
 use nystrom_stream::pipeline::plan::{Pace, Plan, order_is_open};
 use nystrom_stream::store::disk_speed::DiskSpeed;
 use nystrom_stream::store::{Budget, Context};
@@ -74,6 +75,7 @@ pub fn run(args: &PlanArgs, app: &AppContext) -> Result<(), CliError> {
     let lasting = args.work_dir.is_some();
     let plan = Plan::new(size, &params, false, lasting, &run);
     plan.check_size(&args.mesh)?;
+    check_memory(&params, size.faces as usize, &run)?;
     let folder = args.work_dir.clone().or(args.run.tmp.clone()).unwrap_or_else(|| folder_of(&args.mesh));
     // A work directory may not be there yet; its disk is that of the nearest folder that is.
     let folder = folder.ancestors().find(|folder| folder.is_dir()).unwrap_or(Path::new(".")).to_path_buf();

@@ -11,7 +11,7 @@ use crate::apps::creature::{Creature, Options};
 use crate::base::{Progress, Result};
 use crate::cluster::contract;
 use crate::mesh;
-use crate::store::{Context, Run, WorkDir};
+use crate::store::{Budget, Context, Run, WorkDir};
 use std::collections::BTreeMap;
 use std::path::Path;
 use std::sync::Mutex;
@@ -134,9 +134,11 @@ impl Timed {
 /// The seconds of each stage on a creature of about `faces` faces.
 fn seconds(params: &SegmentParams, faces: u64, noise: f64, folder: &Path, run: &Run) -> Result<Timed> {
     let clock = Clock::default();
+    let landmarks = params.landmarks.unwrap_or(0);
     let quiet = Run {
         threads: run.threads,
-        budget: run.budget.clone(),
+        // The mesh may have fewer faces than the creature, and then its landmarks take less.
+        budget: Budget::new(run.budget.total().max(2 * params.cluster.fixed_bytes(landmarks as u64, faces))),
         resident: run.resident,
         progress: &(),
         cancel: run.cancel.clone(),

@@ -1,13 +1,19 @@
 //! The parameters of `segment`, and the check that they make sense together.
 
 use crate::base::{Error, Result};
-use crate::cluster::contract;
+use crate::cluster::cells;
+use crate::cluster::contract::{self, NODES};
+use crate::cluster::kmeans::FACES_PER_CHUNK;
+use crate::cluster::parts::ensemble::{decision_bytes, member_bytes};
 use crate::cluster::parts::{PartCount, PartsParams};
 use crate::cluster::two_means;
 use crate::graph::Metric;
 use crate::graph::order::{Order, OrderParams};
 use crate::landmarks::Sampling;
 use crate::spectral::EmbeddingParams;
+use crate::spectral::embedding::fit_bytes;
+use crate::store::Run;
+use crate::store::needs::BESIDE_BUDGET;
 use serde::{Deserialize, Serialize};
 use std::path::Path;
 
@@ -116,7 +122,7 @@ impl SegmentParams {
     /// its boundaries are found in the embedding of all faces, or K-means and 2-means are asked for more parts than
     /// can be told apart there.
     pub fn contracts(&self, faces: usize) -> bool {
-        let few = self.centres().is_none_or(|parts| parts <= contract::NODES / NODES_A_PART);
+        let few = self.centres().is_none_or(|parts| parts <= NODES / NODES_A_PART);
         !self.exact_rows() && faces > contract::LARGE && few
     }
 
@@ -199,6 +205,46 @@ pub fn landmarks_on_contraction(faces: usize) -> usize {
 pub(super) fn dimensions(params: &SegmentParams) -> usize {
     if let PartCount::Exactly(k) = params.parts.count { k } else { two_means::DIMENSIONS }
 }
+
+/// What deciding parts allocates at the least: the ensemble and its co-association over two thousand cells (measured).
+const DECISION: u64 = 20 << 20;
+
+impl Cluster {
+    /// Bytes that finding parts allocates, whatever the budget and the mesh, by `landmarks` rows over `nodes` nodes: for
+    /// the decision, or for the sample that centres are found on.
+    pub(super) fn fixed_bytes(self, landmarks: u64, nodes: u64) -> u64 {
+        match self {
+            Self::Parts => decision_bytes(landmarks).max(DECISION),
+            Self::KMeans | Self::TwoMeans => fit_bytes(landmarks, nodes),
+        }
+    }
+
+    /// Bytes that each thread but one allocates besides, where the budget has room for it.
+    pub(super) fn thread_bytes(self, landmarks: u64) -> u64 {
+        match self {
+            Self::Parts => member_bytes(landmarks as usize, cells::CELLS),
+            Self::KMeans | Self::TwoMeans => 4 * FACES_PER_CHUNK as u64 * landmarks,
+        }
+    }
+}
+
+/// Refuses more landmarks than half of the budget has room for, before rows are computed; arrays may have the other half.
+///
+/// # Errors
+/// [`Error::Memory`].
+pub fn check_memory(params: &SegmentParams, faces: usize, run: &Run) -> Result<()> {
+    let nodes = if params.contracts(faces) { NODES } else { faces } as u64;
+    let landmarks = params.landmarks_of(faces).min(faces) as u64;
+    let needed = params.cluster.fixed_bytes(landmarks, nodes).saturating_sub(BESIDE_BUDGET);
+    let available = run.budget.total() / 2;
+    if needed > available {
+        return Err(Error::Memory { what: WHAT_LANDMARKS_TAKE, needed, available });
+    }
+    Ok(())
+}
+
+/// What [`Error::Memory`] calls it.
+pub(super) const WHAT_LANDMARKS_TAKE: &str = "finding parts with so many landmarks";
 
 /// Refuses numbers of parts that make no sense for this mesh, and options that exclude each other.
 pub(super) fn check(params: &SegmentParams, path: &Path, faces: usize) -> Result<()> {

@@ -19,7 +19,6 @@ use crate::graph::dual::{GraphStage, WeightsStage};
 use crate::graph::half_edges::check_size;
 use crate::graph::order::{LARGE, OrderStage};
 use crate::mesh::MeshSize;
-use crate::spectral::embedding::MOST_COLUMNS;
 use crate::store::disk_speed::DiskSpeed;
 use crate::store::needs::{BASE, Extent, Needs, Room};
 use crate::store::{Run, Stage};
@@ -121,8 +120,11 @@ fn landmarks(params: &SegmentParams, faces: u64) -> u64 {
 /// the ensemble (measured).
 const ON_CONTRACTION: u64 = 10 << 20;
 
-/// What deciding parts allocates: the ensemble and its co-association over two thousand cells (measured).
-const DECISION: u64 = 20 << 20;
+/// What finding parts allocates whatever the budget.
+fn fixed(extent: &Extent, cluster: Cluster) -> u64 {
+    let nodes = if extent.contracts { NODES as u64 } else { extent.faces };
+    cluster.fixed_bytes(extent.landmarks, nodes)
+}
 
 /// Whether rows are over all faces and every face is embedded, as K-means and 2-means do unless
 /// they have a contraction.
@@ -136,14 +138,13 @@ fn embeds_faces(extent: &Extent, cluster: Cluster) -> bool {
 fn labels_need(extent: &Extent, cluster: Cluster, room: &mut Room) -> Needs {
     let n = extent.faces;
     let embeds_faces = embeds_faces(extent, cluster);
-    let decision = if cluster == Cluster::Parts { DECISION + room.used() } else { 0 };
+    let before = room.used();
     let labels = room.take(8 * n);
     let restored = if extent.reordered { room.take(8 * n) } else { 0 };
-    let sample = match cluster {
-        Cluster::Parts => 0,
-        _ => 12 * (MOST_COLUMNS as u64).min(n) * (extent.landmarks + extent.dimensions),
-    };
-    let memory = decision.max(sample + room.used());
+    // Labels are not there yet when parts are decided, but when centres are found.
+    let held = if cluster == Cluster::Parts { before } else { room.used() };
+    let beside = extent.threads.saturating_sub(1) * cluster.thread_bytes(extent.landmarks);
+    let memory = room.used().max(held + fixed(extent, cluster) + beside);
     let frees = if extent.lasting {
         0
     } else if embeds_faces {
@@ -186,8 +187,7 @@ fn stages_of(extent: &Extent, cluster: Cluster, decoded: u64, budget: u64) -> Ve
         stages.push(("rows", RowsStage::needs(extent, &mut room)));
     }
     stages.push(("labels", labels_need(extent, cluster, &mut room)));
-    // The decision about parts takes the same whatever the budget.
-    let least = |name: &str| if name == "labels" && cluster == Cluster::Parts { DECISION } else { BASE };
+    let least = |name: &str| if name == "labels" { fixed(extent, cluster) } else { BASE };
     let within = |name, needs: Needs| (BASE + needs.memory).min(budget.max(least(name)));
     let planned =
         |(name, needs)| StagePlan { name, needs: Needs { memory: within(name, needs), ..needs }, seconds: None };

@@ -9,7 +9,7 @@ use super::edits::Corrections;
 use super::input;
 use super::labels::{self, SegmentedMesh, label};
 use super::means::{self, Means};
-use super::params::{Cluster, SegmentParams, check, dimensions};
+use super::params::{Cluster, SegmentParams, check, check_memory, dimensions};
 use super::parts::{self, PartRequests};
 use super::sample::rows;
 use crate::base::{Error, Result};
@@ -47,6 +47,7 @@ pub fn segment_corrected(
     context: Context<'_>,
 ) -> Result<SegmentedMesh> {
     check(params, opened.path(), opened.faces.len())?;
+    check_memory(params, opened.faces.len(), context.run)?;
     check_corrections(params, corrections, opened.faces.len())?;
     let (ordered, mut graph) = input::graph(opened, identity, params, context)?;
     let order = ordered.into_nodes(context.work)?;

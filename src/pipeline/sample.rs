@@ -1,9 +1,9 @@
 //! The sample that parts are decided with: rows of distances over all faces, averaged over cells.
 //!
-//! Deciding needs the averages alone. A work directory that lasts keeps the rows all the same: a run with other options,
-//! an embedding, or a run after a killed one can use them. In a temporary one each row is averaged as it comes from its
-//! front and then forgotten. That saves 4 l bytes of disk per face, 80 to 240, and the time to write and read them. The
-//! averages are the same numbers both ways.
+//! Deciding needs the averages alone. A work directory that lasts keeps the rows all the same: a run with other
+//! options, an embedding, or a run after a killed one can use them. In a temporary one each row is averaged as it comes
+//! from its front and then forgotten. That saves 4 l bytes of disk per face, 80 to 240, and the time to write and read
+//! them. The averages are the same numbers both ways.
 //!
 //! Cost: one front per landmark, and one pass over each row; l × 2,000 averages are kept.
 

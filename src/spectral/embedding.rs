@@ -48,6 +48,12 @@ pub struct SampledColumns {
     pub distances: Vec<f32>,
 }
 
+/// Bytes that sampling and [`Embedding::fit`] allocate for `landmarks` landmarks on a mesh of `nodes` nodes (measured):
+/// distances, affinities and anchor weights of the sampled columns, and matrices among the landmarks.
+pub fn fit_bytes(landmarks: u64, nodes: u64) -> u64 {
+    24 * landmarks * nodes.min(MOST_COLUMNS as u64) + 16 * landmarks * landmarks
+}
+
 impl SampledColumns {
     /// Samples the columns of `rows`, whose areas `area` gives.
     pub fn sample(rows: &DistanceRows, area: impl Fn(usize) -> f32, run: &Run) -> Self {
@@ -264,7 +270,7 @@ impl Embedding {
 
     /// Embeds all faces of `rows`, chunks of them in parallel, and reports them as progress of `stage`. `consume`
     /// gets the chunks in order: a range of m nodes, and d rows of their m coordinates. Memory: 4 (l + d) bytes for
-    /// each of 2048 faces a thread.
+    /// each of 2048 faces per thread, of which there are as many as the budget has room for.
     ///
     /// # Errors
     /// Those of `consume`; [`Error::Cancelled`].
@@ -286,6 +292,9 @@ impl Embedding {
             Ok(coordinates)
         };
         let consume = |k: usize, coordinates: Vec<f32>| consume(chunk_range(n, FACES_PER_CHUNK, k), &coordinates);
+        // As many chunks of coordinates as wait to be consumed.
+        let bytes = 4 * FACES_PER_CHUNK * (rows.len() + 5 * self.dimensions);
+        let (run, _grant) = run.threads_within(bytes as u64);
         run.in_order(chunk_count(n, FACES_PER_CHUNK), Vec::new, embed, consume)
     }
 

@@ -54,17 +54,25 @@ impl Budget {
     /// # Errors
     /// [`Error::Memory`] when less than `minimum` is left; `what` says for what.
     pub fn take(&self, what: &'static str, minimum: u64, wanted: u64) -> Result<Grant> {
-        let mut used = self.used.load(Ordering::Relaxed);
-        loop {
-            let left = self.total.saturating_sub(used);
-            if left < minimum {
-                return Err(Error::Memory { what, needed: minimum, available: left });
-            }
-            let bytes = wanted.max(minimum).min(left);
-            match self.used.compare_exchange_weak(used, used + bytes, Ordering::Relaxed, Ordering::Relaxed) {
-                Ok(_) => return Ok(Grant { budget: self.clone(), bytes }),
-                Err(now) => used = now,
-            }
+        self.granted(minimum, wanted.max(minimum)).map_err(|left| Error::Memory {
+            what,
+            needed: minimum,
+            available: left,
+        })
+    }
+
+    /// Takes `wanted` bytes, or what is left if that is less.
+    pub fn take_up_to(&self, wanted: u64) -> Grant {
+        self.granted(0, wanted).unwrap_or_else(|_| Grant { budget: self.clone(), bytes: 0 })
+    }
+
+    /// Takes `wanted` bytes, or what is left unless it is less than `minimum`; then the error is what is left.
+    fn granted(&self, minimum: u64, wanted: u64) -> std::result::Result<Grant, u64> {
+        let left = |used: u64| self.total.saturating_sub(used);
+        let more = |used: u64| (left(used) >= minimum).then(|| used + wanted.min(left(used)));
+        match self.used.fetch_update(Ordering::Relaxed, Ordering::Relaxed, more) {
+            Ok(used) => Ok(Grant { budget: self.clone(), bytes: wanted.min(left(used)) }),
+            Err(used) => Err(left(used)),
         }
     }
 }
@@ -131,5 +139,7 @@ mod tests {
         assert!(matches!(budget.take("c", 1, 1), Err(Error::Memory { needed: 1, available: 0, .. })));
         drop(first);
         assert_eq!(budget.left(), 80);
+        let rest = budget.take_up_to(100);
+        assert_eq!((rest.bytes(), budget.take_up_to(1).bytes()), (80, 0));
     }
 }

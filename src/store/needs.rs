@@ -11,6 +11,10 @@ use std::collections::BTreeMap;
 /// Bytes allocated besides what stages state: queues of fronts, buffers of writers.
 pub const BASE: u64 = 2 << 20;
 
+/// Bytes that deciding about parts may allocate whatever the budget: enough for all defaults. What more landmarks
+/// take has to fit the budget.
+pub const BESIDE_BUDGET: u64 = 40 << 20;
+
 /// The size of a run.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Extent {

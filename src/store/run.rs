@@ -3,8 +3,9 @@
 //! Both are passed by reference and cost nothing. Advice to the kernel is a system call for every 128 KiB; the loops
 //! start threads anew each time, some 50 µs a thread.
 
+use super::WorkDir;
+use super::budget::{Budget, Grant};
 use super::mapped::will_need;
-use super::{Budget, WorkDir};
 use crate::base::{Cancel, Progress, Result, parallel};
 use std::ops::Range;
 use std::time::Instant;
@@ -42,6 +43,14 @@ impl<'a> Run<'a> {
             cancel: Cancel::default(),
             seed: 0,
         }
+    }
+
+    /// This run on as many of its threads as the budget has room for at `bytes` each, and what they were granted. One
+    /// thread is left whatever the room.
+    pub fn threads_within(&self, bytes: u64) -> (Run<'a>, Grant) {
+        let grant = self.budget.take_up_to(bytes.saturating_mul(self.threads as u64));
+        let threads = (grant.bytes() / bytes.max(1)).clamp(1, self.threads.max(1) as u64) as usize;
+        (Run { threads, budget: self.budget.clone(), cancel: self.cancel.clone(), ..*self }, grant)
     }
 
     /// Asks the kernel to read the items `range` of `array` soon, and those of the next chunks of a pass, where arrays
@@ -211,5 +220,21 @@ impl<'a> Context<'a> {
     /// Work in `work` as `run` says.
     pub fn new(work: &'a WorkDir, run: &'a Run<'a>) -> Self {
         Self { work, run }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn threads_fit_the_budget_and_one_always_does() {
+        let run = Run { threads: 8, budget: Budget::new(1000), ..Run::new(&()) };
+        let (three, grant) = run.threads_within(300);
+        assert_eq!((three.threads, grant.bytes()), (3, 1000));
+        let (one, _) = run.threads_within(300);
+        assert_eq!(one.threads, 1);
+        drop(grant);
+        assert_eq!(run.threads_within(10).0.threads, 8);
     }
 }

@@ -56,6 +56,29 @@ fn a_small_budget_does_not_hide_what_parts_take() {
     assert!((1 << 20..20 << 20).contains(&allocated), "{allocated}");
 }
 
+/// Regression: more landmarks than usual took hundreds of megabytes beside any budget, and more with every thread.
+#[test]
+fn what_many_landmarks_take_is_planned_and_fits_the_budget() {
+    let dir = tempfile::tempdir().unwrap();
+    let mesh = creature(dir.path(), 10_000);
+    let out = dir.path().join("labels.npy");
+    for (cluster, landmarks) in [("kmeans", "200"), ("parts", "500")] {
+        let options = ["-k", "6", "-l", landmarks, "--cluster", cluster, "--threads", "8", "--max-memory", "100MB"];
+        let plan = program(&[&["plan", &mesh, "--json"], &options[..]].concat());
+        let plan: Value = serde_json::from_slice(&plan.stdout).unwrap();
+        let run = program(&[&["segment", &mesh, "-q", "--json", "-o", out.to_str().unwrap()], &options[..]].concat());
+        let report: Value = serde_json::from_slice(&run.stdout).unwrap();
+        let allocated = report["bytes"]["peak_allocated"].as_f64().unwrap();
+        let ratio = plan["memory"].as_f64().unwrap() / allocated;
+        assert!(allocated < 140e6 && (0.7..1.3).contains(&ratio), "{cluster}: {allocated}, {ratio}");
+        let few = [&["segment", &mesh, "-q", "-o", out.to_str().unwrap()], &options[..8], &["--max-memory", "8MB"]];
+        let run = program(&few.concat());
+        let told = String::from_utf8(run.stderr).unwrap();
+        assert_eq!(run.status.code(), Some(if cluster == "kmeans" { 1 } else { 0 }), "{told}");
+        assert!(cluster == "parts" || told.contains("landmarks needs") && told.contains(" or -l"), "{told}");
+    }
+}
+
 /// Mounts a file system of `size` in memory at `at`; whether that is allowed here.
 fn mount(at: &Path, size: &str) -> bool {
     let option = format!("size={size}");

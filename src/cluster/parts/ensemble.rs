@@ -53,7 +53,20 @@ impl OverSegmentation {
     }
 }
 
-/// `count` random over-segmentations, each from a stream of its own.
+/// Bytes that a thread allocates for one over-segmentation of `cells` cells: affinities with `landmarks` landmarks, what
+/// they become, and matrices among the landmarks (measured).
+pub fn member_bytes(landmarks: usize, cells: usize) -> u64 {
+    let (l, cells) = (landmarks as u64, cells as u64);
+    16 * l * cells + 24 * l * l
+}
+
+/// Bytes that deciding about parts allocates for `landmarks` landmarks and two thousand cells on one thread (measured).
+pub fn decision_bytes(landmarks: u64) -> u64 {
+    (10 << 20) + 44_000 * landmarks + 36 * landmarks * landmarks
+}
+
+/// `count` random over-segmentations, each from a stream of its own, on as many threads as the budget has room for
+/// ([`member_bytes`]).
 ///
 /// # Errors
 /// Cancellation.
@@ -65,6 +78,7 @@ pub fn draw_ensemble(
     run: &Run,
 ) -> Result<Vec<OverSegmentation>> {
     let names = landmark_names(cells, rows);
+    let (run, _grant) = run.threads_within(member_bytes(rows.count, cells.len()));
     run.map_chunks(
         count,
         || (),
