@@ -2,7 +2,9 @@
 
 use super::data::{Data, Overlap};
 use nystrom_stream::base::Result;
-use nystrom_stream::cluster::parts::ensemble::{OverSegmentation, draw_ensemble, mean_over_ensemble};
+use nystrom_stream::cluster::parts::ensemble::{
+    MeasuredSuperfaces, OverSegmentation, draw_ensemble, mean_over_ensemble,
+};
 use nystrom_stream::cluster::parts::labelling::soft_hierarchy;
 use nystrom_stream::cluster::parts::merge_features::FEATURES;
 use nystrom_stream::cluster::parts::merges::{MergeModel, RegionMerge, meeting_probability, merges};
@@ -48,16 +50,16 @@ impl Trees {
         let run = Run { threads: 1, seed, ..Run::new(&()) };
         let rows = LandmarkDistances::new(&data.rows, data.landmarks, data.cells.len());
         let ensemble = draw_ensemble(&data.cells, &rows, count, "parts member", &run)?;
-        let mut superfaces = Superfaces::of(&data.cells, &rows, &ensemble, &run)?;
+        let measured = MeasuredSuperfaces::of(&data.cells, &rows, &ensemble, &run)?;
         let mut examples = Vec::new();
         let grow = |m: &OverSegmentation| {
-            let merges = merges(superfaces.regions(&data.cells, &m.region, m.regions, m.width), model, |_, _| false);
+            let merges = merges(measured.regions(&data.cells, &m.region, m.regions, m.width), model, |_, _| false);
             examples.extend(judged(m, &merges, &data.people));
-            Tree { region: superfaces.labels(&m.region), regions: m.regions, merges }
+            Tree { region: measured.superfaces.labels(&m.region), regions: m.regions, merges }
         };
         let trees = ensemble.iter().map(grow).collect();
-        // Only merging needs these, and they are most of the memory.
-        (superfaces.moments, superfaces.sums) = (Vec::new(), Vec::new());
+        // Only merging needs the measures, and they are most of the memory.
+        let superfaces = measured.superfaces;
         Ok(Trees { cells: data.cells, people: data.people, superfaces, trees, examples })
     }
 

@@ -8,7 +8,7 @@
 
 use super::answer::PartDecision;
 use super::cell_graph::{CellGraph, compact};
-use super::ensemble::{OverSegmentation, OverSegmentationParams, Superfaces, draw_ensemble};
+use super::ensemble::{MeasuredSuperfaces, OverSegmentation, OverSegmentationParams, draw_ensemble};
 use super::hierarchy::{CellUnion, PartTree};
 use super::interior::enclosed::Enclosed;
 use super::labelling::{Linkage, LinkageRank, unions_within};
@@ -47,9 +47,10 @@ pub fn single_run(cells: &CellGraph, rows: &LandmarkDistances, small_part: f64, 
     let params = OverSegmentationParams::single(rows.count);
     let over_segmentation =
         OverSegmentation::new(cells, rows, &params, MIDDLE_WIDTH, run.seed, "parts single clusters");
-    let superfaces = Superfaces::of(cells, rows, std::slice::from_ref(&over_segmentation), run)?;
+    let measured = MeasuredSuperfaces::of(cells, rows, std::slice::from_ref(&over_segmentation), run)?;
+    let superfaces = &measured.superfaces;
     let list = merges(
-        superfaces.regions(cells, &superfaces.of_cell, superfaces.len(), MIDDLE_WIDTH),
+        measured.regions(cells, &superfaces.of_cell, superfaces.len(), MIDDLE_WIDTH),
         &MergeModel::default(),
         |_, _| false,
     );
@@ -62,6 +63,7 @@ pub fn single_run(cells: &CellGraph, rows: &LandmarkDistances, small_part: f64, 
     });
     let tree = PartTree::new(cells, unions_within(cells, &superfaces.of_cell).into_iter().chain(unions), small_part);
     let co_association = meeting_probability(superfaces.len(), &list);
+    let superfaces = measured.superfaces;
     Ok(PartDecision { co_association, superfaces, tree, enclosed: Enclosed::default(), is_wall: Vec::new() })
 }
 
@@ -71,7 +73,8 @@ pub fn single_run(cells: &CellGraph, rows: &LandmarkDistances, small_part: f64, 
 /// Cancellation.
 pub fn consensus(cells: &CellGraph, rows: &LandmarkDistances, small_part: f64, run: &Run) -> Result<PartDecision> {
     let ensemble = draw_ensemble(cells, rows, ENSEMBLE, "parts consensus member", run)?;
-    let superfaces = Superfaces::of(cells, rows, &ensemble, run)?;
+    let measured = MeasuredSuperfaces::of(cells, rows, &ensemble, run)?;
+    let superfaces = &measured.superfaces;
     let labels = run.map_chunks(
         ensemble.len(),
         || (),
@@ -79,7 +82,7 @@ pub fn consensus(cells: &CellGraph, rows: &LandmarkDistances, small_part: f64, r
             let (m, mut random) = (&ensemble[k], stream(run.seed, &format!("parts consensus stop {k}")));
             let factor = STOP_FACTOR[0] + (STOP_FACTOR[1] - STOP_FACTOR[0]) * unit(&mut random);
             let stop = (CONSENSUS_STOP * factor).ln();
-            let regions = superfaces.regions(cells, &m.region, m.regions, m.width);
+            let regions = measured.regions(cells, &m.region, m.regions, m.width);
             let into = classes_after(m.regions, &merges(regions, &MergeModel::default(), |cost, _| cost < stop));
             let label: Vec<u32> = superfaces.labels(&m.region).iter().map(|&r| into[r as usize]).collect();
             Ok(compact(&label))
@@ -98,18 +101,20 @@ pub fn consensus(cells: &CellGraph, rows: &LandmarkDistances, small_part: f64, r
     counts.sort_unstable();
     let median = (counts[(ENSEMBLE - 1) / 2] + counts[ENSEMBLE / 2]) as f64 / 2.0;
     let groups = (GROUPS * median).round() as usize + 1;
-    let tree = grouped(cells, &superfaces, &co_association, groups, small_part);
+    let tree = grouped(cells, &measured, &co_association, groups, small_part);
+    let superfaces = measured.superfaces;
     Ok(PartDecision { superfaces, co_association, tree, enclosed: Enclosed::default(), is_wall: Vec::new() })
 }
 
 /// Average linkage of superfaces to `groups` groups, then merges by cost: the hierarchy.
 fn grouped(
     cells: &CellGraph,
-    superfaces: &Superfaces,
+    measured: &MeasuredSuperfaces,
     co_association: &Square,
     groups: usize,
     small_part: f64,
 ) -> PartTree {
+    let superfaces = &measured.superfaces;
     let n = superfaces.len();
     let mut sums = co_association.clone();
     for i in 0..n {
@@ -133,7 +138,7 @@ fn grouped(
     for (&k, &cell) in group.iter().zip(&superfaces.first) {
         first[k as usize] = first[k as usize].min(cell);
     }
-    let regions = superfaces.regions(cells, &of_cell, count, MIDDLE_WIDTH);
+    let regions = measured.regions(cells, &of_cell, count, MIDDLE_WIDTH);
     for m in merges(regions, &MergeModel::default(), |_, _| false) {
         let level = level(m.log_cost, CONSENSUS_STOP).min(GROUP_LEVEL);
         let rank = f64::from(-(unions.len() as i32));

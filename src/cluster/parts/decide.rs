@@ -7,7 +7,7 @@ use super::answer::{PartDecision, PartsResult, cut};
 use super::cell_graph::{CellGraph, class_sums};
 use super::ensemble::Superfaces;
 use super::interior::enclosed::{Enclosed, Layers};
-use super::interior::layered;
+use super::interior::layered::{self, CoAssociation};
 use super::matrix::Square;
 use super::symmetry::mirror_images::{LIKE, mirror_images, symmetrised};
 use super::symmetry::reflection::reflection;
@@ -71,11 +71,11 @@ pub fn decide(
         match params.decision {
             Decision::SoftTrees => {
                 let Some(layers) = Layers::of(&cells, run)? else {
-                    let (superfaces, c) = layered::co_association(&cells, &rows, params.ensemble_size, run)?;
-                    return decide_symmetric(&cells, superfaces, c, params.small_part, run);
+                    let found = layered::co_association(&cells, &rows, params.ensemble_size, run)?;
+                    return decide_symmetric(&cells, found, params.small_part, run);
                 };
-                let (superfaces, c) = layered::of_layers(&cells, &rows, &layers, params.ensemble_size, run)?;
-                let decided = decide_symmetric(&cells, superfaces, c, params.small_part, run)?;
+                let found = layered::of_layers(&cells, &rows, &layers, params.ensemble_size, run)?;
+                let decided = decide_symmetric(&cells, found, params.small_part, run)?;
                 let (enclosed, is_wall) = (layers.enclosed(&cells.area_shares()), layers.walls());
                 Ok(PartDecision { enclosed, is_wall, ..decided })
             }
@@ -86,14 +86,9 @@ pub fn decide(
     run.stage("parts", "segmentations", params.ensemble_size as u64, work)
 }
 
-/// The decision on superfaces with the co-association `c`, the same on both sides where there are two.
-fn decide_symmetric(
-    cells: &CellGraph,
-    superfaces: Superfaces,
-    mut c: Square,
-    small_part: f64,
-    run: &Run,
-) -> Result<PartDecision> {
+/// The decision on the superfaces that were `found`, the same on both sides where there are two.
+fn decide_symmetric(cells: &CellGraph, found: CoAssociation, small_part: f64, run: &Run) -> Result<PartDecision> {
+    let CoAssociation { superfaces, log_thickness, mut c } = found;
     let decided = |superfaces: Superfaces, co_association: Square| -> Result<PartDecision> {
         let tree = labelling::soft_hierarchy(cells, &superfaces, &co_association, small_part, run)?;
         Ok(PartDecision { superfaces, co_association, tree, enclosed: Enclosed::default(), is_wall: Vec::new() })
@@ -107,7 +102,7 @@ fn decide_symmetric(
     if planes.first().is_some_and(|best| best.likeness(&shares) >= LIKE) {
         return decided(superfaces, c);
     }
-    let Some(images) = reflection(cells, &shares, &superfaces.log_thickness, run)? else {
+    let Some(images) = reflection(cells, &shares, &log_thickness, run)? else {
         return decided(superfaces, c);
     };
     // Where one side is cut, superfaces of the other need not end: the parts tell where they must.

@@ -103,7 +103,7 @@ fn landmark_names(cells: &CellGraph, rows: &LandmarkDistances) -> Vec<u64> {
         .collect()
 }
 
-/// Superfaces, the intersections of all regions of the ensemble, and what region sums are gathered from.
+/// Superfaces: the intersections of all regions of the ensemble.
 #[derive(Clone, Debug)]
 pub struct Superfaces {
     /// Superface of each cell (S), numbered by first appearance.
@@ -112,17 +112,24 @@ pub struct Superfaces {
     pub first: Vec<u32>,
     /// Area of each superface (R).
     pub area: Vec<f64>,
+}
+
+/// Superfaces and what region sums are gathered from.
+#[derive(Clone, Debug)]
+pub struct MeasuredSuperfaces {
+    /// The superfaces.
+    pub superfaces: Superfaces,
     /// Logarithm of the thickness behind each cell (S), as [`log_thickness`] has it.
     pub log_thickness: Vec<f64>,
     /// Sums over each cell (S).
-    pub moments: Vec<CellMoments>,
+    moments: Vec<CellMoments>,
     /// Convexity between superfaces.
-    pub sums: Vec<PairSums>,
+    sums: Vec<PairSums>,
     /// How folded the surface is ([`log_folding`]).
-    pub log_folding: f64,
+    log_folding: f64,
 }
 
-impl Superfaces {
+impl MeasuredSuperfaces {
     /// The superfaces of an ensemble.
     ///
     /// # Errors
@@ -132,7 +139,7 @@ impl Superfaces {
         rows: &LandmarkDistances,
         ensemble: &[OverSegmentation],
         run: &Run,
-    ) -> Result<Superfaces> {
+    ) -> Result<MeasuredSuperfaces> {
         let (mut of_cell, mut n) = (vec![0; cells.len()], usize::from(!cells.is_empty()));
         for m in ensemble {
             (of_cell, n) = intersect(&of_cell, &m.region);
@@ -144,34 +151,32 @@ impl Superfaces {
         let all: Vec<usize> = (0..rows.count).collect();
         let embedding = anchor_embedding(rows, &all, &cells.area_shares(), EMBEDDING_DIMENSIONS, COMPARE_SCALE);
         let log_thickness = log_thickness(cells, run)?;
-        Ok(Superfaces {
-            area: class_sums(&of_cell, &cells.area, n),
+        Ok(MeasuredSuperfaces {
             sums: convexity(cells, &log_thickness, &of_cell, n, run)?,
             moments: cell_moments(cells, &embedding, &log_thickness),
             log_thickness,
             log_folding: log_folding(cells),
-            of_cell,
-            first,
+            superfaces: Superfaces { area: class_sums(&of_cell, &cells.area, n), of_cell, first },
         })
     }
 
-    /// Superfaces as they were kept: which each cell belongs to (S), and their areas (R). Enough for cutting a
-    /// hierarchy, not for making one. `None` where a number names no superface, or a superface no cell.
+    /// Region sums of a labelling of cells that is constant on superfaces.
+    pub fn regions(&self, cells: &CellGraph, region: &[u32], n: usize, width: usize) -> Regions {
+        let labels = RegionLabels { of_cell: region, of_superface: &self.superfaces.labels(region), count: n };
+        let log_folding = self.log_folding;
+        Regions { log_folding, ..Regions::gather(cells, &self.moments, &self.sums, labels, width) }
+    }
+}
+
+impl Superfaces {
+    /// Superfaces as they were kept: which each cell belongs to (S), and their areas (R). `None` where a number names no superface, or a superface no cell.
     pub fn kept(of_cell: Vec<u32>, area: Vec<f64>) -> Option<Superfaces> {
         let mut first = vec![u32::MAX; area.len()];
         for (cell, &superface) in of_cell.iter().enumerate().rev() {
             *first.get_mut(superface as usize)? = cell as u32;
         }
         let whole = !first.contains(&u32::MAX);
-        whole.then(|| Superfaces {
-            of_cell,
-            first,
-            area,
-            log_thickness: Vec::new(),
-            moments: Vec::new(),
-            sums: Vec::new(),
-            log_folding: 0.0,
-        })
+        whole.then_some(Superfaces { of_cell, first, area })
     }
 
     /// Number of superfaces R.
@@ -189,13 +194,6 @@ impl Superfaces {
         self.first.iter().map(|&i| cells[i as usize]).collect()
     }
 
-    /// Region sums of a labelling of cells that is constant on superfaces.
-    pub fn regions(&self, cells: &CellGraph, region: &[u32], n: usize, width: usize) -> Regions {
-        let labels = RegionLabels { of_cell: region, of_superface: &self.labels(region), count: n };
-        let log_folding = self.log_folding;
-        Regions { log_folding, ..Regions::gather(cells, &self.moments, &self.sums, labels, width) }
-    }
-
     /// Sums of the boundary lengths between superfaces, as a list of (superface, superface, length).
     pub fn shared_boundaries(&self, cells: &CellGraph) -> Vec<(u32, u32, f64)> {
         let name = |i: u32| self.of_cell[i as usize];
@@ -211,7 +209,7 @@ impl Superfaces {
 /// Cancellation.
 pub fn co_association(
     cells: &CellGraph,
-    superfaces: &Superfaces,
+    measured: &MeasuredSuperfaces,
     ensemble: &[OverSegmentation],
     model: &MergeModel,
     run: &Run,
@@ -221,11 +219,14 @@ pub fn co_association(
         || (),
         |k, ()| {
             let m = &ensemble[k];
-            let regions = superfaces.regions(cells, &m.region, m.regions, m.width);
-            Ok((superfaces.labels(&m.region), meeting_probability(m.regions, &merges(regions, model, |_, _| false))))
+            let regions = measured.regions(cells, &m.region, m.regions, m.width);
+            Ok((
+                measured.superfaces.labels(&m.region),
+                meeting_probability(m.regions, &merges(regions, model, |_, _| false)),
+            ))
         },
     )?;
-    mean_over_ensemble(superfaces.len(), &trees, run)
+    mean_over_ensemble(measured.superfaces.len(), &trees, run)
 }
 
 /// C of `n` superfaces from the regions that each over-segmentation puts them in and the probabilities that two

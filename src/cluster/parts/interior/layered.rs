@@ -8,7 +8,7 @@
 use super::enclosed::Layers;
 use crate::base::{Error, Result};
 use crate::cluster::parts::cell_graph::{CellGraph, class_sums, compact};
-use crate::cluster::parts::ensemble::{self, Superfaces, draw_ensemble};
+use crate::cluster::parts::ensemble::{self, MeasuredSuperfaces, Superfaces, draw_ensemble};
 use crate::cluster::parts::matrix::Square;
 use crate::cluster::parts::merges::MergeModel;
 use crate::spectral::anchor::LandmarkDistances;
@@ -16,6 +16,16 @@ use crate::store::run::Run;
 
 /// A layer with fewer landmarks of its own takes all.
 const FEWEST: usize = 30;
+
+/// Superfaces and how far any two belong together.
+pub(in crate::cluster::parts) struct CoAssociation {
+    /// The superfaces.
+    pub superfaces: Superfaces,
+    /// Logarithm of the thickness behind each cell (S).
+    pub log_thickness: Vec<f64>,
+    /// C (R × R).
+    pub c: Square,
+}
 
 /// The superfaces of `cells` and how far any two belong together, from an ensemble of `count`.
 ///
@@ -26,11 +36,11 @@ pub(in crate::cluster::parts) fn co_association(
     rows: &LandmarkDistances,
     count: usize,
     run: &Run,
-) -> Result<(Superfaces, Square)> {
+) -> Result<CoAssociation> {
     let ensemble = draw_ensemble(cells, rows, count, "parts member", run)?;
-    let superfaces = Superfaces::of(cells, rows, &ensemble, run)?;
-    let c = ensemble::co_association(cells, &superfaces, &ensemble, &MergeModel::default(), run)?;
-    Ok((superfaces, c))
+    let measured = MeasuredSuperfaces::of(cells, rows, &ensemble, run)?;
+    let c = ensemble::co_association(cells, &measured, &ensemble, &MergeModel::default(), run)?;
+    Ok(CoAssociation { superfaces: measured.superfaces, log_thickness: measured.log_thickness, c })
 }
 
 /// The same, decided on each of `layers` alone.
@@ -43,20 +53,20 @@ pub(in crate::cluster::parts) fn of_layers(
     layers: &Layers,
     count: usize,
     run: &Run,
-) -> Result<(Superfaces, Square)> {
+) -> Result<CoAssociation> {
     let home: Vec<u32> = (0..rows.count).map(|j| rows.home(j) as u32).collect();
     let (mut of_cell, mut log_thickness) = (vec![0; cells.len()], vec![0.0; cells.len()]);
     let mut all: Vec<Square> = Vec::new();
     let mut superfaces = 0;
     for layer in &layers.layers {
         let own = rows_of(rows, &home, layer);
-        let (found, c) = co_association(&cells.subset(layer), &own, count, run)?;
-        for ((&cell, superface), thickness) in layer.iter().zip(&found.of_cell).zip(&found.log_thickness) {
+        let found = co_association(&cells.subset(layer), &own, count, run)?;
+        for ((&cell, superface), thickness) in layer.iter().zip(&found.superfaces.of_cell).zip(&found.log_thickness) {
             of_cell[cell as usize] = superfaces + superface;
             log_thickness[cell as usize] = *thickness;
         }
-        superfaces += found.len() as u32;
-        all.push(c);
+        superfaces += found.superfaces.len() as u32;
+        all.push(found.c);
     }
     for (cell, &to) in layers.follows.iter().enumerate() {
         of_cell[cell] = of_cell[to as usize];
@@ -77,8 +87,8 @@ pub(in crate::cluster::parts) fn of_layers(
         first += block.len();
     }
     let area = class_sums(&number, &cells.area, n);
-    let whole = Superfaces::kept(number, area).ok_or_else(|| Error::internal("a superface without cells"))?;
-    Ok((Superfaces { log_thickness, ..whole }, c))
+    let superfaces = Superfaces::kept(number, area).ok_or_else(|| Error::internal("a superface without cells"))?;
+    Ok(CoAssociation { superfaces, log_thickness, c })
 }
 
 /// The distances of the cells of `layer` from the landmarks on it; `home` is the cell of each landmark (l).
