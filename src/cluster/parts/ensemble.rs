@@ -60,7 +60,8 @@ pub fn member_bytes(landmarks: usize, cells: usize) -> u64 {
     16 * l * cells + 24 * l * l
 }
 
-/// Bytes that deciding about parts allocates for `landmarks` landmarks and two thousand cells on one thread (measured).
+/// Bytes that deciding about parts allocates for `landmarks` landmarks and two thousand cells on one thread
+/// (measured).
 pub fn decision_bytes(landmarks: u64) -> u64 {
     (10 << 20) + 44_000 * landmarks + 36 * landmarks * landmarks
 }
