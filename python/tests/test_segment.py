@@ -407,3 +407,51 @@ def test_numbers_beyond_32_bits_and_odd_colours_are_refused(mesh):
         nystrom_stream.picture(mesh, cut.labels, colours=np.zeros((5, 2), np.uint8))
     with pytest.raises(ValueError, match="landmarks"):
         nystrom_stream.quality(*mesh, landmarks=0)
+
+
+def test_numbers_and_words_that_make_no_sense_are_named(mesh):
+    # Regression: a negative number was an OverflowError without a name, and a wrong word was told without its option.
+    cut = nystrom_stream.segment(*mesh, 2)
+    of_cut, of_pair = [(nystrom_stream.segment, mesh)], [(nystrom_stream.correspond, (mesh, mesh))]
+    others = [(nystrom_stream.sequence, mesh), (nystrom_stream.quality, mesh)]
+    for calls, names in [(of_cut + of_pair + others, ["seed", "threads", "landmarks", "max_memory"]), (of_cut, ["parts"]),
+                         (of_pair, ["alternative", "vectors"]), (others[:1], ["smooth"]), (others[1:], ["seeds"])]:
+        for (call, given), name in [(call, name) for call in calls for name in names]:
+            with pytest.raises(ValueError, match=f"{name}: -3 is too small; choose [01] or more"):
+                call(*given, **{name: -3})
+            with pytest.raises((TypeError, ValueError), match=name):
+                call(*given, **{name: 2.5})
+    for name in ["sampling", "decision", "tiny_components", "walls", "boundaries", "order", "cluster", "metric", "kernel", "normalise"]:
+        with pytest.raises(ValueError, match=f"{name}: 'x'; choose .* or "):
+            nystrom_stream.segment(*mesh, **{name: "x"})
+    with pytest.raises(ValueError, match="order: 'x'; choose spectral"):
+        nystrom_stream.sequence(*mesh, order="x")
+    with pytest.raises(ValueError, match="samplings: 'x'; choose farthest"):
+        nystrom_stream.quality(*mesh, samplings=["x"])
+    with pytest.raises(ValueError, match="up: 'x2'; choose x"):
+        nystrom_stream.picture(cut, up="x2")
+    with pytest.raises(ValueError, match="parts: -1"):
+        cut.recut(-1)
+    with pytest.raises(ValueError, match="seed: .* is too great"):
+        nystrom_stream.segment(*mesh, seed=2**64)
+    assert nystrom_stream.segment(*mesh, np.int64(2), seed=np.uint64(0)).n_parts == 2
+
+
+def test_the_library_knows_every_word_that_is_offered():
+    from typing import get_args
+
+    from nystrom_stream import _functions
+
+    square = [[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0], [2, 0, 0]], [[0, 1, 2, 3], [1, 4, 2]]
+    for name, words in [("sampling", _functions.Sampling), ("decision", _functions.Decision), ("order", _functions.Order),
+                        ("tiny_components", _functions.TinyComponents), ("walls", _functions.Walls),
+                        ("boundaries", _functions.Boundaries), ("metric", _functions.Metric), ("cluster", _functions.Cluster)]:
+        for word in get_args(words):
+            assert nystrom_stream.segment(*square, 1, **{name: word}).n_parts == 1
+    for name, words in [("kernel", _functions.Kernel), ("normalise", _functions.Normalise)]:
+        for word in get_args(words):
+            assert nystrom_stream.segment(*square, 1, cluster="kmeans", **{name: word}).n_parts == 1
+    for word in get_args(_functions.StreamOrder):
+        assert sorted(nystrom_stream.sequence(*square, order=word).places) == [0, 1]
+    for word in get_args(_functions.Axis):
+        assert nystrom_stream.picture(square, size=(32, 32), up=word).shape == (32, 32, 4)
