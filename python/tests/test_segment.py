@@ -455,3 +455,45 @@ def test_the_library_knows_every_word_that_is_offered():
         assert sorted(nystrom_stream.sequence(*square, order=word).places) == [0, 1]
     for word in get_args(_functions.Axis):
         assert nystrom_stream.picture(square, size=(32, 32), up=word).shape == (32, 32, 4)
+
+
+class Block:
+    """A block of cells as meshio has it."""
+
+    def __init__(self, kind, data):
+        self.type, self.data = kind, np.array(data)
+
+
+class Blocks:
+    """A mesh as meshio has it."""
+
+    def __init__(self, points, cells):
+        self.points, self.cells = np.array(points, float), [Block(*cell) for cell in cells]
+
+
+def test_blocks_of_cells_keep_their_order():
+    # Regression: all triangles came before all quads, and polygons were lost in silence.
+    points = [[x, y, 0] for y in range(2) for x in range(8)]
+    quad, triangles, pentagon = [[0, 1, 9, 8]], [[1, 2, 10], [1, 10, 9]], [[2, 3, 4, 12, 10]]
+    given = Blocks(points, [("line", [[0, 1]]), ("quad", quad), ("triangle", triangles), ("polygon", pentagon), ("quad", [[4, 5, 13, 12]]),
+                            ("triangle6", [[5, 6, 14, 0, 0, 0]])])
+    mesh = nystrom_stream._meshes.as_mesh(given)
+    starts, corners = mesh.polygons()
+    assert starts.tolist() == [0, 4, 7, 10, 15, 19, 22]
+    assert corners.tolist() == [0, 1, 9, 8, 1, 2, 10, 1, 10, 9, 2, 3, 4, 12, 10, 4, 5, 13, 12, 5, 6, 14]
+    assert nystrom_stream.segment(Blocks(points, [("triangle", triangles), ("triangle", triangles[:1])]), parts=1).labels.shape == (3,)
+    with pytest.raises(ValueError, match="no triangles, quads or polygons among its cells .tetra."):
+        nystrom_stream.segment(Blocks(points, [("tetra", [[0, 1, 2, 9]])]))
+    meshio = pytest.importorskip("meshio", exc_type=ImportError)
+    real = meshio.Mesh(points, [(block.type, block.data) for block in given.cells])
+    assert (nystrom_stream._meshes.as_mesh(real).polygons()[1] == corners).all()
+
+
+def test_grids_are_taken_where_they_are_surfaces():
+    pyvista = pytest.importorskip("pyvista", exc_type=ImportError)
+    points = np.array([[0.0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0], [2, 0, 0]])
+    grid = pyvista.UnstructuredGrid([4, 0, 1, 2, 3, 3, 1, 4, 2], [9, 5], points)
+    assert nystrom_stream._meshes.as_mesh(grid).polygons()[0].tolist() == [0, 4, 7]
+    for volume in [pyvista.UnstructuredGrid([4, 0, 1, 2, 4], [10], points), pyvista.ImageData(dimensions=(3, 3, 3))]:
+        with pytest.raises(TypeError, match=r"extract_surface\(\)"):
+            nystrom_stream.segment(volume)

@@ -128,7 +128,8 @@ def segment(mesh: MeshLike, faces: Any = None, parts: Optional[int] = None, *, p
     """Cuts a mesh into parts, and returns a Segmentation.
 
     mesh: a path (PLY, OBJ, OFF, STL, .gz or not; it need not fit into memory), a mesh of trimesh, PyVista, Open3D or meshio, or
-        vertices (v, 3), as anything array-like; then
+        vertices (v, 3), as anything array-like. Faces keep their order: those of meshio are its blocks of triangles, quads and
+        polygons one after the other, those of a PyVista grid its cells, which must all be flat. Then
     faces: (n, corners) integers from 0, or a list of faces of different lengths.
     parts: exactly so many; without, the number is found, within `parts_range` if given.
     detail: -1 (coarse) to 1 (fine); moves how many are found.

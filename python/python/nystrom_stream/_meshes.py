@@ -70,11 +70,7 @@ def from_arrays(vertices: ArrayLike, faces: Any) -> _native.Mesh:
     """A mesh of (v, 3) positions and (n, corners) faces, or of faces of different lengths as a list of lists."""
     vertices = _positions(vertices)
     if _is_ragged(faces):
-        starts = np.cumsum([0] + [len(face) for face in faces]).astype(np.uint64)
-        corners = np.concatenate([np.asarray(face) for face in faces])
-        if not np.issubdtype(corners.dtype, np.integer) or (corners < 0).any() or (corners > MOST).any():
-            raise ValueError("faces: not numbers of vertices, counted from 0")
-        return _native.Mesh.from_polygons(vertices.astype(np.float64), starts, corners.astype(np.uint32))
+        return _of_polygons(vertices, [len(face) for face in faces], np.concatenate([np.asarray(face) for face in faces]))
     if len(faces) == 0:
         faces = np.empty((0, 3), np.uint32)
     faces = array("faces", faces)
@@ -83,6 +79,14 @@ def from_arrays(vertices: ArrayLike, faces: Any) -> _native.Mesh:
     if faces.dtype not in (np.int32, np.int64, np.uint32, np.uint64):
         faces = faces.astype(np.int64)
     return _native.Mesh.from_arrays(vertices, faces)
+
+
+def _of_polygons(vertices: NDArray[Any], counts: Any, corners: NDArray[Any]) -> _native.Mesh:
+    """A mesh of faces with `counts` corners each, one face after the other in `corners`."""
+    if not np.issubdtype(corners.dtype, np.integer) or (corners < 0).any() or (corners > MOST).any():
+        raise ValueError("faces: not numbers of vertices, counted from 0")
+    starts = np.concatenate([[0], np.cumsum(counts)]).astype(np.uint64)
+    return _native.Mesh.from_polygons(vertices.astype(np.float64), starts, corners.astype(np.uint32))
 
 
 def _of_vtk(faces: Any) -> Any:
@@ -97,6 +101,25 @@ def _of_vtk(faces: Any) -> Any:
         rows.append(faces[at + 1 : at + 1 + faces[at]])
         at += 1 + faces[at]
     return rows
+
+
+def _of_blocks(mesh: Any) -> _native.Mesh:
+    """The triangles, quads and polygons of a mesh of meshio, block after block; of curved ones the corners. Points, lines and volumes
+    are no faces."""
+    blocks: list[NDArray[Any]] = []
+    for block in mesh.cells:
+        kind = block.type.rstrip("0123456789")
+        if kind in ("triangle", "quad", "polygon"):
+            data = [np.asarray(face)[None] for face in block.data] if kind == "polygon" else [np.asarray(block.data)]
+            blocks.extend(faces[:, : {"triangle": 3, "quad": 4}.get(kind)] for faces in data)
+    blocks = [block for block in blocks if len(block)]
+    if not blocks:
+        kinds = ", ".join(sorted({block.type for block in mesh.cells})) or "nothing"
+        raise ValueError(f"mesh: no triangles, quads or polygons among its cells ({kinds}); give its surface")
+    if len({block.shape[1] for block in blocks}) == 1:
+        return from_arrays(mesh.points, np.concatenate(blocks))
+    counts = np.concatenate([np.full(len(block), block.shape[1], np.uint64) for block in blocks])
+    return _of_polygons(_positions(mesh.points), counts, np.concatenate([block.ravel() for block in blocks]))
 
 
 def as_mesh(mesh: MeshLike, faces: Any = None) -> _native.Mesh:
@@ -125,10 +148,15 @@ def as_mesh(mesh: MeshLike, faces: Any = None) -> _native.Mesh:
         return from_arrays(np.asarray(mesh.vertices), np.asarray(mesh.triangles))
     if hasattr(mesh, "vertex") and hasattr(mesh, "triangle"):
         return from_arrays(mesh.vertex.positions.cpu().numpy(), mesh.triangle.indices.cpu().numpy())
-    if hasattr(mesh, "points") and hasattr(mesh, "cells_dict"):
-        kinds = [kind for kind in ("triangle", "quad") if kind in mesh.cells_dict]
-        rows = [row for kind in kinds for row in mesh.cells_dict[kind].tolist()]
-        return from_arrays(mesh.points, rows)
+    if hasattr(mesh, "points") and hasattr(mesh, "celltypes"):
+        # VTK's numbers of a triangle, a polygon and a quad.
+        if len(mesh.celltypes) and np.isin(mesh.celltypes, (5, 7, 9)).all():
+            return from_arrays(np.asarray(mesh.points), _of_vtk(mesh.cells))
+        raise TypeError("the grid has cells other than triangles, quads and polygons; give its surface, mesh.extract_surface()")
+    if hasattr(mesh, "points") and hasattr(mesh, "extract_surface"):
+        raise TypeError(f"a {type(mesh).__name__} is no surface; give mesh.extract_surface()")
+    if hasattr(mesh, "points") and hasattr(mesh, "cells"):
+        return _of_blocks(mesh)
     raise TypeError(
         f"a {type(mesh).__name__} is no mesh; give a path, vertices and faces, or a mesh of trimesh, PyVista, Open3D or meshio"
     )
