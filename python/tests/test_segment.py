@@ -2,6 +2,7 @@
 
 import json
 import re
+import signal
 import subprocess
 import sys
 import threading
@@ -199,6 +200,21 @@ def test_progress_is_told_and_may_stop(mesh):
 
     with pytest.raises(RuntimeError, match="enough"):
         nystrom_stream.segment(vertices, faces, progress=stop)
+
+
+def test_ctrl_c_stops_what_says_nothing_and_callbacks_come_to_the_caller(mesh):
+    # Regression: signals were looked for by threads that Python gives none, so that Ctrl-C waited for the end of a stage.
+    vertices, faces = mesh
+    for call in [lambda: nystrom_stream.quality(vertices, faces, landmarks=[60], seeds=100_000),
+                 lambda: nystrom_stream.picture((vertices, faces), size=(4000, 4000), views=6)]:
+        timer = threading.Timer(0.3, signal.raise_signal, [signal.SIGINT])
+        timer.start()
+        with pytest.raises(KeyboardInterrupt):
+            call()
+            timer.join()
+    threads = set()
+    nystrom_stream.segment(vertices, faces, 3, progress=lambda *_: threads.add(threading.get_ident()))
+    assert threads == {threading.get_ident()}
 
 
 def test_python_goes_on_meanwhile(mesh):

@@ -146,7 +146,21 @@ impl Mesh {
     /// # Errors
     /// As [`Mesh::save`]; [`Error::Parameter`] for choices that the form does not leave.
     pub fn save_with(&self, path: impl AsRef<Path>, labelling: Labelling<'_>, options: &SaveOptions) -> Result<()> {
-        let (path, run) = (path.as_ref(), &Run::new(&()));
+        self.save_under(path, labelling, options, &Run::new(&()))
+    }
+
+    /// The same under `run`, which may stop it.
+    ///
+    /// # Errors
+    /// As [`Mesh::save_with`]; [`Error::Cancelled`].
+    pub fn save_under(
+        &self,
+        path: impl AsRef<Path>,
+        labelling: Labelling<'_>,
+        options: &SaveOptions,
+        run: &Run,
+    ) -> Result<()> {
+        let path = path.as_ref();
         let folder = path.to_string_lossy().ends_with(['/', std::path::MAIN_SEPARATOR]) || path.is_dir();
         let ending = path.extension().and_then(OsStr::to_str).map(str::to_ascii_lowercase);
         options.check(folder, !folder && ending.as_deref() == Some("ply"))?;

@@ -1,6 +1,7 @@
 //! The front door: arrays and files give the same labels, nothing is written where memory allows, results are kept
 //! where that is asked for, and the caller hears of progress and can stop.
 
+use nystrom_stream::apps::evaluate::Evaluator;
 use nystrom_stream::apps::export::split::PartForm;
 use nystrom_stream::graph::Order;
 use nystrom_stream::pipeline::Cluster;
@@ -167,7 +168,8 @@ fn a_run_can_be_stopped_and_says_what_is_wrong() {
     let mesh = Mesh::creature(4_000).unwrap();
     let cancel = Cancel::default();
     cancel.cancel();
-    assert!(matches!(Segmenter::new().cancel(cancel).run(&mesh), Err(Error::Cancelled)));
+    assert!(matches!(Segmenter::new().cancel(cancel.clone()).run(&mesh), Err(Error::Cancelled)));
+    assert!(matches!(Evaluator::stopped_by(&mesh, cancel), Err(Error::Cancelled)));
     assert!(matches!(Segmenter::new().parts(0).run(&mesh), Err(Error::Parameter { .. })));
     assert!(matches!(Segmenter::new().parts(1 << 30).run(&mesh), Err(Error::Unusable { .. })));
     let wrong = Labelling { labels: &[0], colours: &[], quality: None, names: &[] };

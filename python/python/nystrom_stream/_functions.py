@@ -155,8 +155,8 @@ def segment(mesh: MeshLike, faces: Any = None, parts: Optional[int] = None, *, p
     max_memory: bytes that may be allocated, a number or "2GiB"; half of what is free by default.
     work_dir: a folder that keeps intermediate results and reuses them; one of another mesh is refused without `force`.
     tmp: the folder for what does not fit in memory; by default the system's.
-    progress: called as progress(stage, done, total), at most ten times a second and at the ends of stages; what it raises stops
-        the work.
+    progress: called as progress(stage, done, total) on the thread that called, some ten times a second and at the ends of stages;
+        what it raises stops the work.
 
     Raises ValueError or TypeError for arrays and options that make no sense, FileNotFoundError, OSError where the disk fails,
     MemoryError, KeyboardInterrupt.
