@@ -363,6 +363,10 @@ mod tests {
         Mesh::from_slices(&vertices, &faces).unwrap()
     }
 
+    fn field(edges: &Edges, labels: &[u32]) -> BoundaryField {
+        BoundaryField::of(edges, labels, &Cancel::default()).unwrap()
+    }
+
     fn halves(faces: u32, at: u32) -> Vec<u32> {
         (0..faces).map(|f| u32::from(f >= 2 * at)).collect()
     }
@@ -370,23 +374,20 @@ mod tests {
     #[test]
     fn cuts_across_a_strip_lie_as_far_apart_as_they_do() {
         let edges = Evaluator::of(&strip(&[0.], 10)).unwrap().edges.unwrap();
-        let cut = |at| BoundaryField::of(&edges, &halves(20, at));
+        let cut = |at| field(&edges, &halves(20, at));
         assert_eq!(cut(3).points, [(6, 0.5), (7, 0.5)]);
         assert_eq!(discrepancy(&edges, &cut(3), &cut(3)), Some(0.));
         assert_eq!(discrepancy(&edges, &cut(3), &cut(7)), Some(8. / edges.radius));
         assert_eq!(discrepancy(&edges, &cut(7), &cut(3)), Some(8. / edges.radius));
         // Two cuts at 2 and 8 against one at 3: (1 + 5) / 2 one way, 1 the other.
-        let two = BoundaryField::of(
-            &edges,
-            &(0..20).map(|f| f / 2).map(|s| u32::from((2..8).contains(&s))).collect::<Vec<_>>(),
-        );
+        let two = field(&edges, &(0..20).map(|f| f / 2).map(|s| u32::from((2..8).contains(&s))).collect::<Vec<_>>());
         assert!((discrepancy(&edges, &two, &cut(3)).unwrap() * edges.radius - 4.).abs() < 1e-12);
     }
 
     #[test]
     fn without_cuts_there_is_nothing_to_measure() {
         let edges = Evaluator::of(&strip(&[0.], 4)).unwrap().edges.unwrap();
-        let (none, some) = (BoundaryField::of(&edges, &[5; 8]), BoundaryField::of(&edges, &halves(8, 2)));
+        let (none, some) = (field(&edges, &[5; 8]), field(&edges, &halves(8, 2)));
         assert_eq!(discrepancy(&edges, &none, &none), Some(0.));
         assert_eq!(discrepancy(&edges, &none, &some), None);
         assert_eq!(discrepancy(&edges, &some, &none), None);
@@ -395,12 +396,12 @@ mod tests {
     #[test]
     fn between_components_the_line_is_straight() {
         let edges = Evaluator::of(&strip(&[0., 10.], 4)).unwrap().edges.unwrap();
-        let cut = |at| BoundaryField::of(&edges, &halves(16, at));
+        let cut = |at| field(&edges, &halves(16, at));
         // Cuts at x = 1 of the first strip and x = 12 of the second.
         assert_eq!(
             discrepancy(&edges, &cut(1), &{
                 let labels: Vec<u32> = (0..16).map(|f| u32::from(f >= 12)).collect();
-                BoundaryField::of(&edges, &labels)
+                field(&edges, &labels)
             }),
             Some(22. / edges.radius)
         );
