@@ -83,7 +83,7 @@ fn raised(error: Error) -> PyErr {
         Error::Parameter { .. } | Error::Malformed { .. } | Error::Unusable { .. } => PyValueError::new_err(text),
         Error::Io { path, action, source } => match source.raw_os_error() {
             // With a number Python chooses the class itself.
-            Some(number) => PyOSError::new_err((number, format!("cannot {action}: {source}"), path)),
+            Some(number) => PyOSError::new_err((number, format!("cannot {action}: {source}"), path.into_os_string())),
             None => PyOSError::new_err(text),
         },
         Error::Disk { .. } => PyOSError::new_err(text),

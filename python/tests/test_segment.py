@@ -177,10 +177,15 @@ def test_errors_say_what_is_wrong(mesh, tmp_path):
         with pytest.raises(FileNotFoundError, match=name) as missing:
             call(tmp_path / name)
         assert missing.value.filename and missing.value.errno == 2
+    # Regression: it was told of the name that a file has until it is whole.
+    for name in ["x.ply", "x.seg", "x.npy", "x.html"]:
+        with pytest.raises(FileNotFoundError) as missing:
+            nystrom_stream.segment(vertices, faces, 2).save(tmp_path / "none" / name)
+        assert missing.value.filename == str(tmp_path / "none" / name)
     # Nobody who writes Python is told of options of a command line.
     for options in [{"cluster": "kmeans"}, {"parts": 10**6}, {"parts": 0}, {"cluster": "means"}, {"detail": 2}, {"parts_range": (5, 2)},
                     {"boundaries": "front", "cluster": "two-means"}, {"cluster": "two-means", "decision": "single"}, {"sigma": 1.0},
-                    {"sampling": "some"}, {"metric": "flat"}, {"eta": 2.0}, {"max_memory": "12 parsecs"}, {"beta": 1, "metric": "geodesic"}]:
+                    {"sampling": "some"}, {"parts": 3, "detail": 0.5}, {"metric": "flat"}, {"eta": 2.0}, {"max_memory": "12 parsecs"}, {"beta": 1, "metric": "geodesic"}]:
         with pytest.raises(ValueError) as wrong:
             nystrom_stream.segment(vertices, faces, **options)
         told = str(wrong.value)
@@ -362,6 +367,12 @@ def test_labels_are_carried_scored_and_drawn(mesh):
     assert nystrom_stream.evaluate(cut, cut.labels)["rand"] == 0
     assert nystrom_stream.evaluate(cut.labels, [cut.labels, (cut.labels + 1) % 3], mesh=(vertices, faces))["rand"] == 0
     assert nystrom_stream.evaluate(cut, np.zeros(len(faces), int))["rand"] > 0.3
+    # Regression: a result was taken for the list of its parts.
+    assert nystrom_stream.evaluate(cut, cut)["rand"] == nystrom_stream.evaluate(cut, [cut, cut])["rand"] == 0
+    with pytest.raises(ValueError, match=f"truths: {len(other[1])} for {len(faces)} faces"):
+        nystrom_stream.evaluate(cut, nystrom_stream.segment(*other, 2))
+    with pytest.raises(ValueError, match="truth"):
+        nystrom_stream.evaluate(cut, [])
     assert nystrom_stream.picture((vertices, faces), size=(64, 48)).shape == (48, 64, 4)
     with pytest.raises(ValueError, match="one per face"):
         nystrom_stream.picture((vertices, faces), cut.labels[:-1])

@@ -78,6 +78,8 @@ def _params(parts: Optional[int], parts_range: Optional[tuple[int, int]], detail
         raise ValueError(f"{wanted[0]}: goes with cluster='kmeans' or 'two-means'")
     if not -1 <= detail <= 1:
         raise ValueError(f"detail: {detail} is not within -1 and 1")
+    if parts is not None and detail:
+        raise ValueError("detail: has no effect on an exact number of parts; leave out detail or parts")
     if parts is not None and parts_range is not None:
         raise ValueError("parts and parts_range exclude each other; give one")
     if parts is not None:
@@ -230,12 +232,15 @@ def transfer_labels(source: MeshLike, target: MeshLike, labels: Optional[ArrayLi
 def evaluate(labels: Any, truths: Any, mesh: MeshLike = None) -> dict[str, Any]:
     """How far labels are from those of people, by the metrics of the Princeton Segmentation Benchmark: a dict, 0 where equal.
 
-    labels: a Segmentation, or labels (faces,) of `mesh`. truths: one array of labels, or several, whose scores are averaged.
+    labels: a Segmentation, or labels (faces,) of `mesh`. truths: one array of labels or Segmentation, or several, whose scores are
+        averaged. Raises ValueError for labels of another mesh.
     """
     if mesh is None and not hasattr(labels, "_as_mesh"):
         raise TypeError("mesh: missing; give the mesh of the labels, or a Segmentation")
     mesh = as_mesh(labels if mesh is None else mesh)
-    if isinstance(truths, np.ndarray) and truths.ndim == 1 or not hasattr(truths, "__len__") or np.ndim(truths[0]) == 0:
+    # A result has a length too, and is one labelling all the same.
+    several = hasattr(truths, "__len__") and not hasattr(truths, "labels")
+    if not several or len(truths) and not hasattr(truths[0], "labels") and np.ndim(truths[0]) == 0:
         truths = [truths]
     truths = [as_labels(truth, mesh.faces, "truths") for truth in truths]
     scores: dict[str, Any] = json.loads(_native.evaluate(mesh, as_labels(labels, mesh.faces), truths))
