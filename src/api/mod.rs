@@ -10,9 +10,9 @@
 //! | What are the labels of another version of it? | [`LabelTransfer`] | [`Transferred`] |
 //!
 //! Builders are plain values: cheap to clone, reusable for many meshes, [`Send`]. All take the options of
-//! a run: threads, memory, seed, folders, progress, cancellation. Arrays between the stages are held in memory as long as half of the memory budget stays
-//! free; what does not fit goes to a temporary folder, so that larger meshes only take longer. Results do not
-//! depend on threads or memory.
+//! a run: threads, memory, seed, folders, progress, cancellation. Arrays between the stages are held in memory as long
+//! as half of the memory budget stays free; what does not fit goes to a temporary folder, so that larger meshes only
+//! take longer. Results do not depend on threads or memory.
 
 #[cfg(feature = "correspondence")]
 pub mod correspond;

@@ -96,8 +96,8 @@ impl Segmenter {
         self
     }
 
-    /// The number of landmarks l, 1 to 4096; by default 120, or 240 above 300,000 faces. With [`Segmenter::exact`] 60 to
-    /// 20, fewer on larger meshes; for K-means and 2-means 60 above 60,000 faces, else twice the number of
+    /// The number of landmarks l, 1 to 4096; by default 120, or 240 above 300,000 faces. With [`Segmenter::exact`] 60
+    /// to 20, fewer on larger meshes; for K-means and 2-means 60 above 60,000 faces, else twice the number of
     /// parts, between 10 and 60.
     #[must_use]
     pub fn landmarks(mut self, count: usize) -> Self {
@@ -325,8 +325,8 @@ impl Segmentation {
     }
 
     /// Writes the labelled mesh in the form that the ending of `path` names: `.ply` with a colour per face, `.seg`,
-    /// `.npy` and others, see [`Mesh::save`]. With the feature `pages` also `.html` (or `.htm`), a page to turn the mesh on, with a
-    /// slider for the number of parts.
+    /// `.npy` and others, see [`Mesh::save`]. With the feature `pages` also `.html` (or `.htm`), a page to turn the
+    /// mesh on, with a slider for the number of parts.
     ///
     /// # Errors
     /// As [`Mesh::save`].

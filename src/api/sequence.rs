@@ -101,8 +101,8 @@ impl Sequence {
     /// Writes the mesh file in its new order as `.ply`, or [`Sequence::places`] as `.npy`.
     ///
     /// # Errors
-    /// [`crate::Error::Parameter`] for another ending; [`crate::Error::Unusable`] for a `.ply` of a mesh of arrays, which
-    /// has no file; [`crate::Error::Memory`], [`crate::Error::Io`].
+    /// [`crate::Error::Parameter`] for another ending; [`crate::Error::Unusable`] for a `.ply` of a mesh of arrays,
+    /// which has no file; [`crate::Error::Memory`], [`crate::Error::Io`].
     pub fn save(&self, path: impl AsRef<Path>) -> Result<()> {
         let path = path.as_ref();
         let is = |ending: &str| path.extension().is_some_and(|end| end.eq_ignore_ascii_case(ending));

@@ -50,7 +50,8 @@ use std::path::Path;
 ///
 /// # Errors
 /// [`Error::Parameter`] when there is not one label (and one quality) for every face, and for labels beyond `i32`, or
-/// beyond 2²⁴ where vertices have them too; [`Error::Io`]; [`Error::Cancelled`]; [`Error::Malformed`] should the input have changed since it was opened.
+/// beyond 2²⁴ where vertices have them too; [`Error::Io`]; [`Error::Cancelled`]; [`Error::Malformed`] should the input
+/// have changed since it was opened.
 pub fn write_labelled(
     mesh: &Mesh,
     out: &Path,
