@@ -86,8 +86,8 @@ pub mod store;
 #[cfg(feature = "correspondence")]
 pub use api::{Correspondence, Matcher};
 pub use api::{
-    Hierarchy, LabelTransfer, RunOptions, SampleRecord, SamplingQuality, SaveOptions, Scores, Segmentation, Segmenter,
-    Sequence, Sequencer, Transferred, evaluate,
+    Hierarchy, LabelTransfer, SampleRecord, SamplingQuality, SaveOptions, Scores, Segmentation, Segmenter, Sequence,
+    Sequencer, Transferred, evaluate,
 };
 pub use base::{Cancel, Error, Progress, Result};
 pub use mesh::{Labelling, Mesh};

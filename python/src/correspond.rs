@@ -1,16 +1,14 @@
 //! `correspond`: which vertex of one mesh is which of another.
 
-use super::listener::Listener;
+use super::listener::{run, watched};
 use super::mesh::PyMesh;
-use super::{detached, raised, with_options};
+use super::with_options;
 use numpy::{PyArray1, PyReadonlyArray1};
+use nystrom_stream::Matcher;
 use nystrom_stream::apps::correspond::{Match, Matching, files};
-use nystrom_stream::store::Run;
-use nystrom_stream::{Cancel, Matcher};
 use pyo3::exceptions::{PyRuntimeError, PyValueError};
 use pyo3::prelude::*;
 use std::path::PathBuf;
-use std::sync::Arc;
 
 /// What matching gives: a vertex of B for each of A, distances, confidences, and the report as JSON.
 type Found<'py> = (Bound<'py, PyArray1<i64>>, Bound<'py, PyArray1<f32>>, Bound<'py, PyArray1<f32>>, String);
@@ -28,7 +26,7 @@ pub fn save_matches(
     let all = matches.iter().zip(distances).zip(confidence);
     let all: Vec<Match> =
         all.map(|((&target, &distance), &confidence)| Match { target, distance, confidence }).collect();
-    py.detach(|| files::write(&path, &all, &Run::new(&()))).map_err(raised)
+    run(py, |run| files::write(&path, &all, run))
 }
 
 /// Finds for every vertex of mesh A its match in mesh B.
@@ -61,10 +59,9 @@ pub fn correspond<'py>(
     let matcher = Matcher::new().matching(matching).transfer(transfer).alternative(alternative);
     let matcher = vectors.into_iter().fold(matcher, Matcher::dimensions);
     let matcher = landmarks.into_iter().fold(matcher, Matcher::landmarks);
-    let cancel = Cancel::default();
-    let listener = Arc::new(Listener::new(progress, cancel.clone()));
-    let matcher = with_options!(matcher, seed, threads, max_memory, tmp, listener, cancel);
-    let found = detached(py, &listener, || matcher.run(&a.0, &b.0))?;
+    let found = watched(py, progress, |listener, cancel| {
+        with_options!(matcher, seed, threads, max_memory, tmp, listener, cancel).run(&a.0, &b.0)
+    })?;
     let matches = found.matches();
     Ok((
         PyArray1::from_iter(py, matches.iter().map(|one| one.target)),

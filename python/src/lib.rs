@@ -2,7 +2,7 @@
 //!
 //! All goes through the library's front door ([`nystrom_stream::Segmenter`] and its like). Arrays are copied once, and nothing is
 //! written where memory allows. Python's lock is given up while the library works, and taken now and then for the progress
-//! callback and for Ctrl-C. The package in `python/nystrom_stream` turns this into classes and functions with signatures.
+//! callback and for Ctrl-C ([`listener`]). The package in `python/nystrom_stream` turns this into classes and functions with signatures.
 
 mod arrays;
 mod correspond;
@@ -12,16 +12,15 @@ mod mesh;
 mod tasks;
 
 use decision::PyDecision;
-use listener::Listener;
+use listener::watched;
 use mesh::PyMesh;
 use numpy::{PyArray1, PyArray2, PyArrayMethods, PyReadonlyArray1, ToPyArray};
 use nystrom_stream::apps::edits::Edits;
 use nystrom_stream::pipeline::SegmentParams;
-use nystrom_stream::{Cancel, Error, Segmenter};
+use nystrom_stream::{Error, Segmenter};
 use pyo3::exceptions::{PyKeyboardInterrupt, PyMemoryError, PyOSError, PyRuntimeError, PyValueError};
 use pyo3::prelude::*;
 use std::path::PathBuf;
-use std::sync::Arc;
 
 /// The program's allocator: the same speed.
 #[global_allocator]
@@ -84,7 +83,7 @@ fn raised(error: Error) -> PyErr {
         Error::Parameter { .. } | Error::Malformed { .. } | Error::Unusable { .. } => PyValueError::new_err(text),
         Error::Io { path, action, source } => match source.raw_os_error() {
             // With a number Python chooses the class itself.
-            Some(number) => PyOSError::new_err((number, format!("cannot {action}: {source}"), path)),
+            Some(number) => PyOSError::new_err((number, format!("cannot {action}: {source}"), path.into_os_string())),
             None => PyOSError::new_err(text),
         },
         Error::Disk { .. } => PyOSError::new_err(text),
@@ -98,26 +97,13 @@ fn raised(error: Error) -> PyErr {
 /// Gives a builder of the library the options that all runs share.
 macro_rules! with_options {
     ($builder:expr, $seed:expr, $threads:expr, $max_memory:expr, $tmp:expr, $listener:expr, $cancel:expr) => {{
-        let builder = $builder.seed($seed).progress($listener.clone()).cancel($cancel);
+        let builder = $builder.seed($seed).progress($listener.clone()).cancel($cancel.clone());
         let builder = $threads.into_iter().fold(builder, |builder, threads| builder.threads(threads));
         let builder = $max_memory.into_iter().fold(builder, |builder, bytes| builder.memory(bytes));
         $tmp.into_iter().fold(builder, |builder, folder: PathBuf| builder.temporary_folder(folder))
     }};
 }
 use with_options;
-
-/// Runs `work` without Python's lock; what the progress callback or Ctrl-C raised comes before its own error.
-fn detached<T: Send>(
-    py: Python<'_>,
-    listener: &Listener,
-    work: impl FnOnce() -> nystrom_stream::Result<T> + Send,
-) -> PyResult<T> {
-    let result = py.detach(work);
-    match listener.failure() {
-        Some(error) => Err(error),
-        None => result.map_err(raised),
-    }
-}
 
 /// What a cut gives: labels, qualities, colours (parts, 3), the tree as JSON and the cell of each face, what edits are followed with
 /// on a page, names, the report as JSON.
@@ -157,14 +143,13 @@ fn segment<'py>(
     let params: SegmentParams = serde_json::from_str(params).map_err(told)?;
     params.metric.check().map_err(raised)?;
     let edits = edits.map(|text| Edits::of_text(text.as_bytes(), "edits".as_ref())).transpose().map_err(raised)?;
-    let cancel = Cancel::default();
-    let listener = Arc::new(Listener::new(progress, cancel.clone()));
     let segmenter = Segmenter::with_params(params).force(force);
     let segmenter = edits.into_iter().fold(segmenter, Segmenter::edits);
     let segmenter = hints.iter().fold(segmenter, |segmenter, hints| segmenter.hints(hints.as_array().to_vec()));
     let segmenter = work_dir.into_iter().fold(segmenter, |segmenter, folder| segmenter.work_dir(folder));
-    let segmenter = with_options!(segmenter, seed, threads, max_memory, tmp, listener, cancel);
-    let cut = detached(py, &listener, || segmenter.run(&mesh.0))?;
+    let cut = watched(py, progress, |listener, cancel| {
+        with_options!(segmenter, seed, threads, max_memory, tmp, listener, cancel).run(&mesh.0)
+    })?;
     let json = |value: serde_json::Result<String>| value.map_err(|error| PyRuntimeError::new_err(error.to_string()));
     let colours = cut.colours();
     Ok((

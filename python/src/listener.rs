@@ -1,18 +1,33 @@
 //! Progress as a Python callback, and Ctrl-C as a stop.
+//!
+//! Python gives signals to its main thread alone, and stages of the library run on threads of their own. So a call works on another
+//! thread, and the one that called waits there, calls back, and looks for signals: also in stages that tell nothing of themselves.
 
+use super::raised;
+use nystrom_stream::store::Run;
 use nystrom_stream::{Cancel, Progress};
 use pyo3::prelude::*;
 use std::collections::BTreeMap;
-use std::sync::{Mutex, MutexGuard, PoisonError};
+use std::sync::mpsc::{self, Sender};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
 
-/// Time between looks at Python while a stage runs.
+/// Time between looks at Python.
 const PATIENCE: Duration = Duration::from_millis(100);
+/// Bytes of stack of a thread, as many as the main one has.
+const STACK: usize = 8 << 20;
 
-/// Hears of stages; tells Python.
+/// What the waiting thread hears.
+enum Event {
+    /// A stage, what of it is done, and what there is to do.
+    Stage(String, u64, u64),
+    /// The work is over.
+    Over,
+}
+
+/// Hears of stages; tells the waiting thread.
 pub struct Listener {
-    callback: Option<Py<PyAny>>,
-    cancel: Cancel,
+    events: Sender<Event>,
     state: Mutex<State>,
 }
 
@@ -20,37 +35,17 @@ pub struct Listener {
 struct State {
     /// Done and total by stage.
     stages: BTreeMap<String, (u64, u64)>,
-    looked: Option<Instant>,
-    failure: Option<PyErr>,
+    told: Option<Instant>,
 }
 
 impl Listener {
-    pub fn new(callback: Option<Py<PyAny>>, cancel: Cancel) -> Self {
-        Self { callback, cancel, state: Mutex::default() }
-    }
-
     fn state(&self) -> MutexGuard<'_, State> {
         self.state.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// What the callback or Ctrl-C raised.
-    pub fn failure(&self) -> Option<PyErr> {
-        self.state().failure.take()
-    }
-
-    /// Calls back, and looks for Ctrl-C; not while another thread does.
     fn tell(&self, stage: &str, (done, total): (u64, u64)) {
-        let result = Python::attach(|py| {
-            py.check_signals()?;
-            match &self.callback {
-                Some(callback) => callback.call1(py, (stage, done, total)).map(drop),
-                None => Ok(()),
-            }
-        });
-        if let Err(error) = result {
-            self.cancel.cancel();
-            self.state().failure.get_or_insert(error);
-        }
+        // Nobody may hear it any more: a result can hold its listener.
+        let _ = self.events.send(Event::Stage(stage.to_string(), done, total));
     }
 }
 
@@ -66,10 +61,10 @@ impl Progress for Listener {
             let counts = state.stages.entry(stage.to_string()).or_default();
             counts.0 += done;
             let counts = *counts;
-            if state.looked.is_some_and(|looked| looked.elapsed() < PATIENCE) {
+            if state.told.is_some_and(|told| told.elapsed() < PATIENCE) {
                 return;
             }
-            state.looked = Some(Instant::now());
+            state.told = Some(Instant::now());
             counts
         };
         self.tell(stage, counts);
@@ -83,4 +78,67 @@ impl Progress for Listener {
         };
         self.tell(stage, counts);
     }
+}
+
+/// Runs `work` without Python's lock. `callback` is called on this thread; what it or Ctrl-C raises stops the work, and comes before
+/// its own error.
+pub fn watched<T: Send>(
+    py: Python<'_>,
+    callback: Option<Py<PyAny>>,
+    work: impl FnOnce(&Arc<Listener>, &Cancel) -> nystrom_stream::Result<T> + Send,
+) -> PyResult<T> {
+    let (events, heard) = mpsc::channel();
+    let (cancel, over) = (Cancel::default(), events.clone());
+    let listener = Arc::new(Listener { events, state: Mutex::default() });
+    let mut failure = None;
+    let wait = || {
+        // Moved here: it is for one thread alone.
+        let heard = heard;
+        std::thread::scope(|scope| -> std::io::Result<_> {
+            let work = || {
+                let result = work(&listener, &cancel);
+                let _ = over.send(Event::Over);
+                result
+            };
+            let worker = std::thread::Builder::new().stack_size(STACK).spawn_scoped(scope, work)?;
+            loop {
+                let stage = match heard.recv_timeout(PATIENCE) {
+                    Ok(Event::Stage(stage, done, total)) => Some((stage, done, total)),
+                    Ok(Event::Over) => break,
+                    // A panic says nothing.
+                    Err(_) if worker.is_finished() => break,
+                    Err(_) => None,
+                };
+                if failure.is_none()
+                    && let Err(error) = Python::attach(|py| look(py, callback.as_ref(), stage))
+                {
+                    cancel.cancel();
+                    failure = Some(error);
+                }
+            }
+            Ok(worker.join())
+        })
+    };
+    let joined = py.detach(wait);
+    match (failure, joined) {
+        (Some(error), _) => Err(error),
+        (None, Err(error)) => Err(PyErr::from(error)),
+        (None, Ok(Err(panic))) => std::panic::resume_unwind(panic),
+        (None, Ok(Ok(result))) => result.map_err(raised),
+    }
+}
+
+/// Looks for Ctrl-C, and calls back where there is something to tell.
+fn look(py: Python<'_>, callback: Option<&Py<PyAny>>, stage: Option<(String, u64, u64)>) -> PyResult<()> {
+    py.check_signals()?;
+    callback.zip(stage).map_or(Ok(()), |(callback, told)| callback.call1(py, told).map(drop))
+}
+
+/// [`watched`] for work that takes a run and tells nothing.
+pub fn run<T: Send>(py: Python<'_>, work: impl FnOnce(&Run) -> nystrom_stream::Result<T> + Send) -> PyResult<T> {
+    watched(py, None, |_, cancel| {
+        let mut run = Run::new(&());
+        run.cancel = cancel.clone();
+        work(&run)
+    })
 }

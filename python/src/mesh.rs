@@ -1,9 +1,9 @@
 //! Meshes as Python holds them: from arrays or a file, and back to arrays.
 
+use super::listener::run;
 use super::{arrays, raised};
 use numpy::{PyArray1, PyArray2, PyArrayMethods, PyReadonlyArray1, ToPyArray};
 use nystrom_stream::Mesh;
-use nystrom_stream::store::Run;
 use pyo3::prelude::*;
 use std::path::PathBuf;
 
@@ -43,12 +43,12 @@ impl PyMesh {
     /// The mesh in the file `path`.
     #[staticmethod]
     fn open(py: Python<'_>, path: PathBuf) -> PyResult<Self> {
-        py.detach(|| Mesh::open(&path)).map(Self).map_err(raised)
+        run(py, |run| Mesh::open_under(&path, run)).map(Self)
     }
 
     /// The integer property `name` of the faces of the file: (faces,).
     fn face_property<'py>(&self, py: Python<'py>, name: &str) -> PyResult<Bound<'py, PyArray1<u32>>> {
-        let found = py.detach(|| self.0.face_property(name, &Run::new(&()))).map_err(raised)?;
+        let found = run(py, |run| self.0.face_property(name, run))?;
         Ok(PyArray1::from_vec(py, found))
     }
 

@@ -1,12 +1,13 @@
 //! What is done with a mesh besides cutting it, and with labels: one function each, called by the Python side.
 
 use super::decision::PyDecision;
-use super::listener::Listener;
+use super::listener::{run, watched};
 use super::mesh::PyMesh;
-use super::{detached, raised, with_options};
+use super::{raised, with_options};
 use numpy::{PyArray1, PyArray3, PyArrayMethods, PyReadonlyArray1, PyReadonlyArray2, ToPyArray};
 use nystrom_stream::apps::colours::colours_for;
 use nystrom_stream::apps::edits::Edits;
+use nystrom_stream::apps::evaluate::Evaluator;
 use nystrom_stream::apps::export::split::PartForm;
 use nystrom_stream::apps::measure;
 use nystrom_stream::apps::page::{CellModel, Cuts, Page};
@@ -15,13 +16,12 @@ use nystrom_stream::apps::sequence::SequenceOrder;
 use nystrom_stream::cluster::parts::PartTree;
 use nystrom_stream::landmarks::Sampling;
 use nystrom_stream::pipeline::cuts;
-use nystrom_stream::store::{Context, Run, WorkDir};
-use nystrom_stream::{Cancel, LabelTransfer, Labelling, SamplingQuality, SaveOptions, Sequencer};
+use nystrom_stream::store::{Context, WorkDir};
+use nystrom_stream::{LabelTransfer, Labelling, SamplingQuality, SaveOptions, Sequencer};
 use pyo3::exceptions::{PyRuntimeError, PyValueError};
 use pyo3::prelude::*;
 use serde::de::DeserializeOwned;
 use std::path::PathBuf;
-use std::sync::Arc;
 
 /// A word as the library's enums are written: "geodesic-farthest".
 fn named<T: DeserializeOwned>(name: &str, word: &str) -> PyResult<T> {
@@ -69,7 +69,7 @@ pub fn part_colours<'py>(
     labels: PyReadonlyArray1<'py, u32>,
 ) -> PyResult<Bound<'py, numpy::PyArray2<u8>>> {
     let labels = labels.as_array().to_vec();
-    let found = py.detach(|| colours_for(&mesh.0, &labels, &Run::new(&()))).map_err(raised)?;
+    let found = run(py, |run| colours_for(&mesh.0, &labels, run))?;
     found.as_flattened().to_pyarray(py).reshape([found.len(), 3])
 }
 
@@ -122,11 +122,11 @@ pub fn save(
     if options != SaveOptions::default()
         || !path.extension().is_some_and(|ending| ["html", "htm"].iter().any(|page| ending.eq_ignore_ascii_case(page)))
     {
-        return py.detach(|| mesh.0.save_with(path, labelling, &options)).map_err(raised);
+        return run(py, |run| mesh.0.save_under(path, labelling, &options, run));
     }
     let edits = edits.map(|text| Edits::of_text(text.as_bytes(), "edits".as_ref())).transpose().map_err(raised)?;
     let decision: Option<&PyDecision> = decision.as_deref();
-    let write = || {
+    run(py, |run| {
         let many = |tree: &PartTree| {
             (1..=cuts::MOST.min(tree.cells()))
                 .map(|k| Ok(tree.cut_k(k)?.label))
@@ -142,9 +142,8 @@ pub fn save(
         let title = mesh.0.path().file_name().unwrap_or_default().to_string_lossy();
         let (labels, colours, edits) = (&labels[..], &colours[..], edits.as_ref());
         Page { title: &title, mesh: &mesh.0, labels, colours, names: &names, cuts, edits, report: &report }
-            .write(&path, &Run::new(&()))
-    };
-    py.detach(write).map_err(raised)
+            .write(&path, run)
+    })
 }
 
 /// A picture: (height, width, 4) uint8.
@@ -169,8 +168,7 @@ pub fn picture<'py>(
     let params = PictureParams::default().width(width).height(height).views(views).transparent(transparent);
     let params = params.legend(legend).lines(lines).up(up).turn(turn).tilt(tilt);
     let (labels, colours) = (labels.map(|labels| labels.as_array().to_vec()), self::colours(&colours)?);
-    let draw = || render(&mesh.0, labels.as_deref(), &colours, &params, &Run::new(&()));
-    let image = py.detach(draw).map_err(raised)?;
+    let image = run(py, |run| render(&mesh.0, labels.as_deref(), &colours, &params, run))?;
     image.pixels.as_flattened().to_pyarray(py).reshape([image.height, image.width, 4])
 }
 
@@ -183,21 +181,20 @@ pub fn measure_parts(
     parts: usize,
 ) -> PyResult<String> {
     let labels = labels.as_array().to_vec();
-    let found = py.detach(|| {
-        let (run, silent) = (Run::new(&()), std::env::temp_dir());
-        measure::parts(&mesh.0, &labels, parts, Context::new(&WorkDir::in_memory(&silent, &run.budget), &run))
+    let found = run(py, |run| {
+        let work = WorkDir::in_memory(&std::env::temp_dir(), &run.budget);
+        measure::parts(&mesh.0, &labels, parts, Context::new(&work, run))
     });
-    text(&found.map_err(raised)?)
+    text(&found?)
 }
 
 /// What the mesh measures, as JSON.
 #[pyfunction]
 pub fn measure_mesh(py: Python<'_>, mesh: &PyMesh) -> PyResult<String> {
-    let found = py.detach(|| {
-        let run = Run::new(&());
-        measure::mesh(&mesh.0, Context::new(&WorkDir::in_memory(&std::env::temp_dir(), &run.budget), &run))
+    let found = run(py, |run| {
+        measure::mesh(&mesh.0, Context::new(&WorkDir::in_memory(&std::env::temp_dir(), &run.budget), run))
     });
-    text(&found.map_err(raised)?)
+    text(&found?)
 }
 
 /// Scores of labels against truths, as JSON.
@@ -210,7 +207,11 @@ pub fn evaluate(
 ) -> PyResult<String> {
     let labels = labels.as_array().to_vec();
     let truths: Vec<Vec<u32>> = truths.iter().map(|truth| truth.as_array().to_vec()).collect();
-    text(&py.detach(|| nystrom_stream::evaluate(&mesh.0, &labels, &truths)).map_err(raised)?)
+    let scores = run(py, |run| {
+        let evaluator = Evaluator::stopped_by(&mesh.0, run.cancel.clone())?;
+        evaluator.compare_many(&evaluator.segmentation("labels", &labels)?, &evaluator.segmentations(&truths)?)
+    });
+    text(&scores?)
 }
 
 /// Labels carried to another mesh: labels, qualities, and counts as JSON.
@@ -226,11 +227,11 @@ pub fn transfer_labels<'py>(
     tmp: Option<PathBuf>,
     progress: Option<Py<PyAny>>,
 ) -> PyResult<(Bound<'py, PyArray1<u32>>, Bound<'py, PyArray1<f32>>, String)> {
-    let cancel = Cancel::default();
-    let listener = Arc::new(Listener::new(progress, cancel.clone()));
-    let transfer = with_options!(LabelTransfer::new(), 0, threads, max_memory, tmp, listener, cancel);
     let labels = labels.as_array().to_vec();
-    let found = detached(py, &listener, || transfer.run(&from_mesh.0, &labels, &to_mesh.0))?;
+    let found = watched(py, progress, |listener, cancel| {
+        let transfer = with_options!(LabelTransfer::new(), 0, threads, max_memory, tmp, listener, cancel);
+        transfer.run(&from_mesh.0, &labels, &to_mesh.0)
+    })?;
     let facts = text(&found.facts)?;
     Ok((PyArray1::from_slice(py, &found.labels), PyArray1::from_slice(py, &found.quality), facts))
 }
@@ -250,12 +251,11 @@ pub fn sequence<'py>(
     tmp: Option<PathBuf>,
     progress: Option<Py<PyAny>>,
 ) -> PyResult<(Bound<'py, PyArray1<u32>>, Bound<'py, PyArray1<u32>>, String)> {
-    let cancel = Cancel::default();
-    let listener = Arc::new(Listener::new(progress, cancel.clone()));
     let sequencer = Sequencer::new().order(named::<SequenceOrder>("order", order)?).sweeps(sweeps);
     let sequencer = landmarks.into_iter().fold(sequencer, Sequencer::landmarks);
-    let sequencer = with_options!(sequencer, seed, threads, max_memory, tmp, listener, cancel);
-    let found = detached(py, &listener, || sequencer.run(&mesh.0))?;
+    let found = watched(py, progress, |listener, cancel| {
+        with_options!(sequencer, seed, threads, max_memory, tmp, listener, cancel).run(&mesh.0)
+    })?;
     let measures = text(found.measures())?;
     Ok((PyArray1::from_slice(py, found.places()), PyArray1::from_slice(py, found.vertex_numbers()), measures))
 }
@@ -275,10 +275,10 @@ pub fn quality(
     tmp: Option<PathBuf>,
     progress: Option<Py<PyAny>>,
 ) -> PyResult<String> {
-    let cancel = Cancel::default();
-    let listener = Arc::new(Listener::new(progress, cancel.clone()));
     let samplings = samplings.iter().map(|name| named::<Sampling>("samplings", name)).collect::<PyResult<Vec<_>>>()?;
     let quality = SamplingQuality::new().landmarks(landmarks).samplings(samplings).seeds(seeds);
-    let quality = with_options!(quality, seed, threads, max_memory, tmp, listener, cancel);
-    text(&detached(py, &listener, || quality.run(&mesh.0))?)
+    let found = watched(py, progress, |listener, cancel| {
+        with_options!(quality, seed, threads, max_memory, tmp, listener, cancel).run(&mesh.0)
+    });
+    text(&found?)
 }

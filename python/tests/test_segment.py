@@ -2,6 +2,7 @@
 
 import json
 import re
+import signal
 import subprocess
 import sys
 import threading
@@ -176,10 +177,15 @@ def test_errors_say_what_is_wrong(mesh, tmp_path):
         with pytest.raises(FileNotFoundError, match=name) as missing:
             call(tmp_path / name)
         assert missing.value.filename and missing.value.errno == 2
+    # Regression: it was told of the name that a file has until it is whole.
+    for name in ["x.ply", "x.seg", "x.npy", "x.html"]:
+        with pytest.raises(FileNotFoundError) as missing:
+            nystrom_stream.segment(vertices, faces, 2).save(tmp_path / "none" / name)
+        assert missing.value.filename == str(tmp_path / "none" / name)
     # Nobody who writes Python is told of options of a command line.
     for options in [{"cluster": "kmeans"}, {"parts": 10**6}, {"parts": 0}, {"cluster": "means"}, {"detail": 2}, {"parts_range": (5, 2)},
                     {"boundaries": "front", "cluster": "two-means"}, {"cluster": "two-means", "decision": "single"}, {"sigma": 1.0},
-                    {"sampling": "some"}, {"metric": "flat"}, {"eta": 2.0}, {"max_memory": "12 parsecs"}, {"beta": 1, "metric": "geodesic"}]:
+                    {"sampling": "some"}, {"parts": 3, "detail": 0.5}, {"metric": "flat"}, {"eta": 2.0}, {"max_memory": "12 parsecs"}, {"beta": 1, "metric": "geodesic"}]:
         with pytest.raises(ValueError) as wrong:
             nystrom_stream.segment(vertices, faces, **options)
         told = str(wrong.value)
@@ -199,6 +205,21 @@ def test_progress_is_told_and_may_stop(mesh):
 
     with pytest.raises(RuntimeError, match="enough"):
         nystrom_stream.segment(vertices, faces, progress=stop)
+
+
+def test_ctrl_c_stops_what_says_nothing_and_callbacks_come_to_the_caller(mesh):
+    # Regression: signals were looked for by threads that Python gives none, so that Ctrl-C waited for the end of a stage.
+    vertices, faces = mesh
+    for call in [lambda: nystrom_stream.quality(vertices, faces, landmarks=[60], seeds=100_000),
+                 lambda: nystrom_stream.picture((vertices, faces), size=(4000, 4000), views=6)]:
+        timer = threading.Timer(0.3, signal.raise_signal, [signal.SIGINT])
+        timer.start()
+        with pytest.raises(KeyboardInterrupt):
+            call()
+            timer.join()
+    threads = set()
+    nystrom_stream.segment(vertices, faces, 3, progress=lambda *_: threads.add(threading.get_ident()))
+    assert threads == {threading.get_ident()}
 
 
 def test_python_goes_on_meanwhile(mesh):
@@ -346,6 +367,12 @@ def test_labels_are_carried_scored_and_drawn(mesh):
     assert nystrom_stream.evaluate(cut, cut.labels)["rand"] == 0
     assert nystrom_stream.evaluate(cut.labels, [cut.labels, (cut.labels + 1) % 3], mesh=(vertices, faces))["rand"] == 0
     assert nystrom_stream.evaluate(cut, np.zeros(len(faces), int))["rand"] > 0.3
+    # Regression: a result was taken for the list of its parts.
+    assert nystrom_stream.evaluate(cut, cut)["rand"] == nystrom_stream.evaluate(cut, [cut, cut])["rand"] == 0
+    with pytest.raises(ValueError, match=f"truths: {len(other[1])} for {len(faces)} faces"):
+        nystrom_stream.evaluate(cut, nystrom_stream.segment(*other, 2))
+    with pytest.raises(ValueError, match="truth"):
+        nystrom_stream.evaluate(cut, [])
     assert nystrom_stream.picture((vertices, faces), size=(64, 48)).shape == (48, 64, 4)
     with pytest.raises(ValueError, match="one per face"):
         nystrom_stream.picture((vertices, faces), cut.labels[:-1])
@@ -407,3 +434,93 @@ def test_numbers_beyond_32_bits_and_odd_colours_are_refused(mesh):
         nystrom_stream.picture(mesh, cut.labels, colours=np.zeros((5, 2), np.uint8))
     with pytest.raises(ValueError, match="landmarks"):
         nystrom_stream.quality(*mesh, landmarks=0)
+
+
+def test_numbers_and_words_that_make_no_sense_are_named(mesh):
+    # Regression: a negative number was an OverflowError without a name, and a wrong word was told without its option.
+    cut = nystrom_stream.segment(*mesh, 2)
+    of_cut, of_pair = [(nystrom_stream.segment, mesh)], [(nystrom_stream.correspond, (mesh, mesh))]
+    others = [(nystrom_stream.sequence, mesh), (nystrom_stream.quality, mesh)]
+    for calls, names in [(of_cut + of_pair + others, ["seed", "threads", "landmarks", "max_memory"]), (of_cut, ["parts"]),
+                         (of_pair, ["alternative", "vectors"]), (others[:1], ["smooth"]), (others[1:], ["seeds"])]:
+        for (call, given), name in [(call, name) for call in calls for name in names]:
+            with pytest.raises(ValueError, match=f"{name}: -3 is too small; choose [01] or more"):
+                call(*given, **{name: -3})
+            with pytest.raises((TypeError, ValueError), match=name):
+                call(*given, **{name: 2.5})
+    for name in ["sampling", "decision", "tiny_components", "walls", "boundaries", "order", "cluster", "metric", "kernel", "normalise"]:
+        with pytest.raises(ValueError, match=f"{name}: 'x'; choose .* or "):
+            nystrom_stream.segment(*mesh, **{name: "x"})
+    with pytest.raises(ValueError, match="order: 'x'; choose spectral"):
+        nystrom_stream.sequence(*mesh, order="x")
+    with pytest.raises(ValueError, match="samplings: 'x'; choose farthest"):
+        nystrom_stream.quality(*mesh, samplings=["x"])
+    with pytest.raises(ValueError, match="up: 'x2'; choose x"):
+        nystrom_stream.picture(cut, up="x2")
+    with pytest.raises(ValueError, match="parts: -1"):
+        cut.recut(-1)
+    with pytest.raises(ValueError, match="seed: .* is too great"):
+        nystrom_stream.segment(*mesh, seed=2**64)
+    assert nystrom_stream.segment(*mesh, np.int64(2), seed=np.uint64(0)).n_parts == 2
+
+
+def test_the_library_knows_every_word_that_is_offered():
+    from typing import get_args
+
+    from nystrom_stream import _functions
+
+    square = [[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0], [2, 0, 0]], [[0, 1, 2, 3], [1, 4, 2]]
+    for name, words in [("sampling", _functions.Sampling), ("decision", _functions.Decision), ("order", _functions.Order),
+                        ("tiny_components", _functions.TinyComponents), ("walls", _functions.Walls),
+                        ("boundaries", _functions.Boundaries), ("metric", _functions.Metric), ("cluster", _functions.Cluster)]:
+        for word in get_args(words):
+            assert nystrom_stream.segment(*square, 1, **{name: word}).n_parts == 1
+    for name, words in [("kernel", _functions.Kernel), ("normalise", _functions.Normalise)]:
+        for word in get_args(words):
+            assert nystrom_stream.segment(*square, 1, cluster="kmeans", **{name: word}).n_parts == 1
+    for word in get_args(_functions.StreamOrder):
+        assert sorted(nystrom_stream.sequence(*square, order=word).places) == [0, 1]
+    for word in get_args(_functions.Axis):
+        assert nystrom_stream.picture(square, size=(32, 32), up=word).shape == (32, 32, 4)
+
+
+class Block:
+    """A block of cells as meshio has it."""
+
+    def __init__(self, kind, data):
+        self.type, self.data = kind, np.array(data)
+
+
+class Blocks:
+    """A mesh as meshio has it."""
+
+    def __init__(self, points, cells):
+        self.points, self.cells = np.array(points, float), [Block(*cell) for cell in cells]
+
+
+def test_blocks_of_cells_keep_their_order():
+    # Regression: all triangles came before all quads, and polygons were lost in silence.
+    points = [[x, y, 0] for y in range(2) for x in range(8)]
+    quad, triangles, pentagon = [[0, 1, 9, 8]], [[1, 2, 10], [1, 10, 9]], [[2, 3, 4, 12, 10]]
+    given = Blocks(points, [("line", [[0, 1]]), ("quad", quad), ("triangle", triangles), ("polygon", pentagon), ("quad", [[4, 5, 13, 12]]),
+                            ("triangle6", [[5, 6, 14, 0, 0, 0]])])
+    mesh = nystrom_stream._meshes.as_mesh(given)
+    starts, corners = mesh.polygons()
+    assert starts.tolist() == [0, 4, 7, 10, 15, 19, 22]
+    assert corners.tolist() == [0, 1, 9, 8, 1, 2, 10, 1, 10, 9, 2, 3, 4, 12, 10, 4, 5, 13, 12, 5, 6, 14]
+    assert nystrom_stream.segment(Blocks(points, [("triangle", triangles), ("triangle", triangles[:1])]), parts=1).labels.shape == (3,)
+    with pytest.raises(ValueError, match="no triangles, quads or polygons among its cells .tetra."):
+        nystrom_stream.segment(Blocks(points, [("tetra", [[0, 1, 2, 9]])]))
+    meshio = pytest.importorskip("meshio", exc_type=ImportError)
+    real = meshio.Mesh(points, [(block.type, block.data) for block in given.cells])
+    assert (nystrom_stream._meshes.as_mesh(real).polygons()[1] == corners).all()
+
+
+def test_grids_are_taken_where_they_are_surfaces():
+    pyvista = pytest.importorskip("pyvista", exc_type=ImportError)
+    points = np.array([[0.0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0], [2, 0, 0]])
+    grid = pyvista.UnstructuredGrid([4, 0, 1, 2, 3, 3, 1, 4, 2], [9, 5], points)
+    assert nystrom_stream._meshes.as_mesh(grid).polygons()[0].tolist() == [0, 4, 7]
+    for volume in [pyvista.UnstructuredGrid([4, 0, 1, 2, 4], [10], points), pyvista.ImageData(dimensions=(3, 3, 3))]:
+        with pytest.raises(TypeError, match=r"extract_surface\(\)"):
+            nystrom_stream.segment(volume)

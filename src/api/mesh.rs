@@ -136,7 +136,9 @@ impl Mesh {
     /// ```
     ///
     /// # Errors
-    /// [`Error::Parameter`] for an unknown ending or labels that do not fit the faces; [`Error::Io`].
+    /// [`Error::Parameter`] for an unknown ending, labels or qualities that do not fit the faces, colours (if any) that
+    /// are fewer than the parts, names of parts that do not exist, labels that the form cannot hold (beyond `i32` in a
+    /// `.ply`, 65,536 parts or more in an `.obj`, a `.glb` or a folder); [`Error::Memory`]; [`Error::Io`].
     pub fn save(&self, path: impl AsRef<Path>, labelling: Labelling<'_>) -> Result<()> {
         self.save_with(path, labelling, &SaveOptions::default())
     }
@@ -146,14 +148,29 @@ impl Mesh {
     /// # Errors
     /// As [`Mesh::save`]; [`Error::Parameter`] for choices that the form does not leave.
     pub fn save_with(&self, path: impl AsRef<Path>, labelling: Labelling<'_>, options: &SaveOptions) -> Result<()> {
-        let (path, run) = (path.as_ref(), &Run::new(&()));
+        self.save_under(path, labelling, options, &Run::new(&()))
+    }
+
+    /// The same under `run`, which may stop it.
+    ///
+    /// # Errors
+    /// As [`Mesh::save_with`]; [`Error::Cancelled`].
+    pub fn save_under(
+        &self,
+        path: impl AsRef<Path>,
+        labelling: Labelling<'_>,
+        options: &SaveOptions,
+        run: &Run,
+    ) -> Result<()> {
+        let path = path.as_ref();
         let folder = path.to_string_lossy().ends_with(['/', std::path::MAIN_SEPARATOR]) || path.is_dir();
         let ending = path.extension().and_then(OsStr::to_str).map(str::to_ascii_lowercase);
         options.check(folder, !folder && ending.as_deref() == Some("ply"))?;
+        labelling.fit(self.faces.len())?;
+        named_and_coloured(&labelling)?;
         if folder {
             return split::write(path, self, &labelling, options.folder, true, run);
         }
-        crate::apps::export::fit(self, &labelling)?;
         match ending.as_deref() {
             Some("ply") => write_labelled(self, path, &labelling, options.ply, true, run),
             Some("seg") => seg::write_seg(path, labelling.labels, true, run),
@@ -176,6 +193,22 @@ impl Mesh {
             }
         }
     }
+}
+
+/// Refuses colours that are too few for the labels, unless there are none at all, and names of parts that are neither
+/// coloured nor of any face: both are of another labelling.
+fn named_and_coloured(labelling: &Labelling<'_>) -> Result<()> {
+    let Labelling { labels, colours, names, .. } = labelling;
+    let parts = labels.iter().max().map_or(0, |&label| label as usize + 1);
+    if !colours.is_empty() && colours.len() < parts {
+        let problem = format!("{} for labels up to {}", colours.len(), parts - 1);
+        return Err(Error::parameter("colours", problem, "give one per part, or none"));
+    }
+    if names.len() > parts.max(colours.len()) {
+        let problem = format!("{} for {} parts", names.len(), parts.max(colours.len()));
+        return Err(Error::parameter("names", problem, "give one per part, empty for none"));
+    }
+    Ok(())
 }
 
 /// [`identity`] of `mesh` in the work directory of `context`, which is refused where it is of another mesh and not to

@@ -10,15 +10,15 @@
 //! | What are the labels of another version of it? | [`LabelTransfer`] | [`Transferred`] |
 //!
 //! Builders are plain values: cheap to clone, reusable for many meshes, [`Send`]. All take the options of
-//! [`RunOptions`]. Arrays between the stages are held in memory as long as half of the memory budget stays
-//! free; what does not fit goes to a temporary folder, so that larger meshes only take longer. Results do not
-//! depend on threads or memory.
+//! a run: threads, memory, seed, folders, progress, cancellation. Arrays between the stages are held in memory as long
+//! as half of the memory budget stays free; what does not fit goes to a temporary folder, so that larger meshes only
+//! take longer. Results do not depend on threads or memory.
 
 #[cfg(feature = "correspondence")]
 pub mod correspond;
 pub mod labels;
 mod mesh;
-pub mod run;
+mod run;
 pub mod segment;
 pub mod sequence;
 
@@ -26,7 +26,6 @@ pub mod sequence;
 pub use correspond::{Correspondence, Matcher};
 pub use labels::{LabelTransfer, SamplingQuality, evaluate};
 pub use mesh::SaveOptions;
-pub use run::RunOptions;
 pub use segment::{Hierarchy, Segmentation, Segmenter};
 pub use sequence::{Sequence, Sequencer};
 

@@ -10,7 +10,7 @@ use std::sync::{Arc, Mutex, PoisonError};
 
 /// Options of every run. Results depend on the seed alone.
 #[derive(Clone, Default)]
-pub struct RunOptions {
+pub(super) struct RunOptions {
     pub(super) threads: Option<usize>,
     pub(super) memory: Option<u64>,
     pub(super) seed: u64,
@@ -89,6 +89,12 @@ macro_rules! run_options {
 pub(super) use run_options;
 
 impl RunOptions {
+    /// Those for what is done with a result: nobody listens, and neither what stopped the run nor whoever has its work
+    /// directory by then is in the way.
+    pub(super) fn afterwards(&self) -> Self {
+        Self { work_dir: None, progress: None, cancel: Cancel::default(), ..self.clone() }
+    }
+
     /// Calls `work` with the run and the work directory that the options ask for, and the seconds of its stages.
     ///
     /// # Errors

@@ -89,15 +89,15 @@ impl Segmenter {
         self
     }
 
-    /// Finds fewer parts (down to −1) or more (up to 1) than by default (0).
+    /// Finds fewer parts (down to −1) or more (up to 1) than by default (0); not together with [`Segmenter::parts`].
     #[must_use]
     pub fn detail(mut self, detail: f64) -> Self {
         self.params.parts.detail = detail;
         self
     }
 
-    /// The number of landmarks l; by default 120, or 240 above 300,000 faces. With [`Segmenter::exact`] 60 to
-    /// 20, fewer on larger meshes; for K-means and 2-means 60 above 60,000 faces, else twice the number of
+    /// The number of landmarks l, 1 to 4096; by default 120, or 240 above 300,000 faces. With [`Segmenter::exact`] 60
+    /// to 20, fewer on larger meshes; for K-means and 2-means 60 above 60,000 faces, else twice the number of
     /// parts, between 10 and 60.
     #[must_use]
     pub fn landmarks(mut self, count: usize) -> Self {
@@ -208,9 +208,11 @@ impl Segmenter {
     /// Cuts `mesh`.
     ///
     /// # Errors
-    /// [`crate::Error::Malformed`] naming the edit that cannot be followed; [`crate::Error::Parameter`] for options out
-    /// of range or that contradict each other, [`crate::Error::Unusable`] for more parts than faces,
-    /// [`crate::Error::Memory`], [`crate::Error::Io`], [`crate::Error::Cancelled`].
+    /// [`crate::Error::Malformed`] naming the edit that cannot be followed, or for a file that has changed since it was
+    /// opened; [`crate::Error::Parameter`] for options out of range, without effect, or that contradict each other;
+    /// [`crate::Error::Unusable`] for more parts than faces; [`crate::Error::WorkDir`] for a work directory in use, of
+    /// another mesh, or damaged; [`crate::Error::Memory`], [`crate::Error::Disk`], [`crate::Error::Io`],
+    /// [`crate::Error::Cancelled`]; [`crate::Error::Internal`] where a listener panics.
     pub fn run(&self, mesh: &Mesh) -> Result<Segmentation> {
         let mut params = self.params.clone();
         if let Some(edits) =
@@ -323,8 +325,8 @@ impl Segmentation {
     }
 
     /// Writes the labelled mesh in the form that the ending of `path` names: `.ply` with a colour per face, `.seg`,
-    /// `.npy` and others, see [`Mesh::save`]. With the feature `pages` also `.html`, a page to turn the mesh on, with a
-    /// slider for the number of parts.
+    /// `.npy` and others, see [`Mesh::save`]. With the feature `pages` also `.html` (or `.htm`), a page to turn the
+    /// mesh on, with a slider for the number of parts.
     ///
     /// # Errors
     /// As [`Mesh::save`].
@@ -339,7 +341,10 @@ impl Segmentation {
     pub fn save_with(&self, path: impl AsRef<Path>, options: &SaveOptions) -> Result<()> {
         #[cfg(feature = "pages")]
         if *options == SaveOptions::default()
-            && path.as_ref().extension().is_some_and(|ending| ending.eq_ignore_ascii_case("html"))
+            && path
+                .as_ref()
+                .extension()
+                .is_some_and(|ending| ["html", "htm"].iter().any(|page| ending.eq_ignore_ascii_case(page)))
         {
             return self.save_page(path.as_ref());
         }

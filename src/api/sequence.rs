@@ -3,7 +3,7 @@
 use super::mesh::admitted;
 use super::run::{RunOptions, run_options};
 use crate::apps::sequence::{SequenceOrder, StreamMeasures};
-use crate::base::Result;
+use crate::base::{Error, Result};
 use crate::mesh::ply::rearranged::{self, Rearrangement};
 use crate::mesh::{Mesh, PlyForm};
 use crate::pipeline::sequence::{self as recipe, SequenceParams};
@@ -60,15 +60,15 @@ impl Sequencer {
     /// Orders `mesh`.
     ///
     /// # Errors
-    /// [`crate::Error::Parameter`] for no landmarks, [`crate::Error::Memory`], [`crate::Error::Io`],
-    /// [`crate::Error::Cancelled`].
+    /// [`crate::Error::Parameter`] for no landmarks, [`crate::Error::WorkDir`], [`crate::Error::Memory`],
+    /// [`crate::Error::Io`], [`crate::Error::Cancelled`].
     pub fn run(&self, mesh: &Mesh) -> Result<Sequence> {
         self.options.with(|context, _| {
             let identity = admitted(mesh, self.options.force, context)?;
             let sequencer = recipe::Sequencer::new(mesh, &identity, context)?;
             let order = sequencer.sequence(&self.params)?;
             let measures = sequencer.measures(&order)?;
-            Ok(Sequence { mesh: mesh.clone(), order, measures, options: self.options.clone() })
+            Ok(Sequence { mesh: mesh.clone(), order, measures, options: self.options.afterwards() })
         })
     }
 }
@@ -101,12 +101,17 @@ impl Sequence {
     /// Writes the mesh file in its new order as `.ply`, or [`Sequence::places`] as `.npy`.
     ///
     /// # Errors
-    /// [`crate::Error::Unusable`] for a `.ply` of a mesh of arrays, which has no file; [`crate::Error::Io`],
-    /// [`crate::Error::Cancelled`].
+    /// [`crate::Error::Parameter`] for another ending; [`crate::Error::Unusable`] for a `.ply` of a mesh of arrays,
+    /// which has no file; [`crate::Error::Memory`], [`crate::Error::Io`].
     pub fn save(&self, path: impl AsRef<Path>) -> Result<()> {
         let path = path.as_ref();
-        if path.extension().is_some_and(|ending| ending.eq_ignore_ascii_case("npy")) {
+        let is = |ending: &str| path.extension().is_some_and(|end| end.eq_ignore_ascii_case(ending));
+        if is("npy") {
             return npy::write(path, &self.order.places, 1, false).map(drop);
+        }
+        if !is("ply") {
+            let problem = format!("{}: its ending names no known form", path.display());
+            return Err(Error::parameter("path", problem, "end it with .ply or .npy"));
         }
         let order = Rearrangement { places: &self.order.places, numbers: &self.order.uses.rank, original: false };
         self.options.with(|context, _| rearranged::write(&self.mesh, path, &order, PlyForm::Same, context))

@@ -44,8 +44,16 @@ impl Mesh {
     /// # Errors
     /// As [`open()`].
     pub fn open(path: impl AsRef<Path>) -> Result<Self> {
+        Self::open_under(path, &Run::new(&()))
+    }
+
+    /// The same under `run`, which tells how far it is and may stop it.
+    ///
+    /// # Errors
+    /// As [`open()`].
+    pub fn open_under(path: impl AsRef<Path>, run: &Run) -> Result<Self> {
         let scratch = private_folder(&std::env::temp_dir())?;
-        let mut mesh = open(path.as_ref(), scratch.path(), &Run::new(&()))?;
+        let mut mesh = open(path.as_ref(), scratch.path(), run)?;
         mesh._scratch = Some(Arc::new(scratch));
         Ok(mesh)
     }

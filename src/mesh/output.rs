@@ -23,7 +23,7 @@ pub(crate) fn by_rename(
     write: impl FnOnce(&mut File) -> Result<()>,
 ) -> Result<()> {
     let partial = partial_name(path);
-    let mut file = reserve_file(&partial, bytes)?;
+    let mut file = reserve_file(path, bytes)?;
     let fill = || {
         write(&mut file)?;
         if durable {

@@ -173,6 +173,8 @@ impl SegmentParams {
 
 /// Nodes of the contraction that each part of K-means should have, at least.
 const NODES_A_PART: usize = 30;
+/// Landmarks that may be asked for: matrices of l × l then take some hundred megabytes, and their eigenvectors minutes.
+const LANDMARKS: usize = 4096;
 /// Landmarks for K-means at the most, but for very many parts.
 const MOST_LANDMARKS: usize = 60;
 
@@ -269,6 +271,15 @@ pub(super) fn check(params: &SegmentParams, path: &Path, faces: usize) -> Result
     };
     if wanted == 0 {
         return Err(Error::parameter("parts", "0 parts", "choose at least 1"));
+    }
+    let exact = matches!(params.parts.count, PartCount::Exactly(_));
+    if params.parts.detail != 0. && (exact || params.cluster != Cluster::Parts) {
+        let problem = if exact { "has no effect on an exact number of parts" } else { "goes with the default method" };
+        return Err(Error::parameter("detail", problem, "leave one of them out"));
+    }
+    if params.landmarks.is_some_and(|l| l == 0 || l > LANDMARKS) {
+        let problem = format!("{} landmarks", params.landmarks.unwrap_or(0));
+        return Err(Error::parameter("landmarks", problem, format!("choose from 1 to {LANDMARKS}")));
     }
     if wanted > faces {
         return Err(Error::unusable(

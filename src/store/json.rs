@@ -42,7 +42,7 @@ pub fn publish(path: &Path, text: &[u8]) -> Result<()> {
 /// [`Error::Io`].
 pub(super) fn replace(path: &Path, text: &[u8], durable: bool) -> Result<()> {
     let partial = partial_name(path);
-    let mut file = new_file::create(&partial)?;
+    let mut file = new_file::create_for(path, &partial)?;
     let mut fill = || {
         file.write_all(text).map_err(Error::io(path, "write"))?;
         if durable {

@@ -18,7 +18,15 @@ use std::path::Path;
 /// # Errors
 /// [`Error::Io`]; [`Error::Unusable`] while another process writes it.
 pub(crate) fn create(path: &Path) -> Result<File> {
-    let wrong = || Error::io(path, "create");
+    create_for(path, path)
+}
+
+/// The same of a file that `name` has until it is whole: errors name what people asked for.
+///
+/// # Errors
+/// As [`create`].
+pub(crate) fn create_for(name: &Path, path: &Path) -> Result<File> {
+    let wrong = || Error::io(name, "create");
     // Another process may be in the same place: whoever finds its file replaced begins once more.
     for _ in 0..8 {
         match File::options().read(true).write(true).create_new(true).open(path) {
@@ -54,7 +62,7 @@ pub(crate) fn create(path: &Path) -> Result<File> {
             Err(error) => return Err(wrong()(error)),
         }
     }
-    Err(Error::unusable(path, "is being written by another process", "wait for it, or name another file"))
+    Err(Error::unusable(name, "is being written by another process", "wait for it, or name another file"))
 }
 
 /// Whether `path` is the name of `file`, and not of another one that came in its place.

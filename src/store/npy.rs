@@ -84,12 +84,14 @@ pub fn partial_name(path: &Path) -> PathBuf {
     path.with_file_name(name)
 }
 
-/// Creates `path` with `bytes` reserved on the disk.
+/// Creates the file that `path` is until it is whole ([`partial_name`]), with `bytes` reserved on the disk.
 ///
 /// # Errors
-/// [`Error::Io`], with the operating system's "no space" when the disk cannot hold it; then there is no file.
+/// [`Error::Io`] naming `path`, with the operating system's "no space" when the disk cannot hold it; then there is no
+/// file.
 pub fn reserve_file(path: &Path, bytes: u64) -> Result<File> {
-    let file = new_file::create(path)?;
+    let partial = partial_name(path);
+    let file = new_file::create_for(path, &partial)?;
     if bytes > 0 {
         let reserve = || {
             match fs4::FileExt::allocate(&file, bytes) {
@@ -99,7 +101,7 @@ pub fn reserve_file(path: &Path, bytes: u64) -> Result<File> {
             file.set_len(bytes).map_err(Error::io(path, "enlarge"))
         };
         reserve().inspect_err(|_| {
-            let _ = std::fs::remove_file(path);
+            let _ = std::fs::remove_file(&partial);
         })?;
     }
     Ok(file)
@@ -146,9 +148,9 @@ impl<T: Item> ArrayMut<T> {
     pub fn create(path: &Path, shape: &[usize]) -> Result<Self> {
         let len = shape.iter().product::<usize>() / T::WIDTH;
         let partial = partial_name(path);
-        let mut file = reserve_file(&partial, (HEADER + len * size_of::<T>()) as u64)?;
+        let mut file = reserve_file(path, (HEADER + len * size_of::<T>()) as u64)?;
         let unfinished = Unfinished(Some(partial.clone()));
-        file.write_all(&header(T::DESCR, shape)).map_err(Error::io(&partial, "write"))?;
+        file.write_all(&header(T::DESCR, shape)).map_err(Error::io(path, "write"))?;
         let file = Arc::new(file);
         let data = MappedSliceMut::map(&file, &partial, HEADER, len)?;
         Ok(Self { path: path.to_path_buf(), data, place: Place::File(file, unfinished), early: false })
@@ -187,13 +189,13 @@ impl<T: Item> ArrayMut<T> {
         };
         let partial = partial_name(&self.path);
         if durable {
-            self.data.sync().and_then(|()| file.sync_all()).map_err(Error::io(&partial, "sync"))?;
+            self.data.sync().and_then(|()| file.sync_all()).map_err(Error::io(&self.path, "sync"))?;
         } else if let (true, Some(writeback)) = (self.early, self.data.writeback()) {
             writeback.start(0..self.data.len());
         }
         // From here on it is only read.
         drop(self.data);
-        std::fs::rename(&partial, &self.path).map_err(Error::io(&partial, "rename"))?;
+        std::fs::rename(&partial, &self.path).map_err(Error::io(&self.path, "rename"))?;
         unfinished.0 = None;
         open(&self.path)
     }
@@ -217,7 +219,7 @@ impl Drop for Unfinished {
 /// The file of an array under its temporary name, ready for the items.
 fn start_file(path: &Path) -> Result<(BufWriter<File>, Unfinished)> {
     let partial = partial_name(path);
-    let mut out = BufWriter::with_capacity(1 << 18, new_file::create(&partial)?);
+    let mut out = BufWriter::with_capacity(1 << 18, new_file::create_for(path, &partial)?);
     let unfinished = Unfinished(Some(partial));
     out.write_all(&[0; HEADER]).map_err(Error::io(path, "write"))?;
     Ok((out, unfinished))
@@ -349,8 +351,8 @@ impl<T: Item> ArrayWriter<T> {
             out.flush()?;
             if durable { out.get_ref().sync_all() } else { Ok(()) }
         };
-        end().map_err(Error::io(&partial, "write"))?;
-        std::fs::rename(&partial, &self.path).map_err(Error::io(&partial, "rename"))?;
+        end().map_err(Error::io(&self.path, "write"))?;
+        std::fs::rename(&partial, &self.path).map_err(Error::io(&self.path, "rename"))?;
         unfinished.0 = None;
         open(&self.path)
     }

@@ -77,9 +77,8 @@ impl<T: Item> RowsFile<T> {
     /// # Errors
     /// [`Error::Io`].
     pub fn create(path: &Path, rows: usize, len: usize) -> Result<Self> {
-        let partial = npy::partial_name(path);
-        let mut file = npy::reserve_file(&partial, Self::bytes(rows, len))?;
-        file.write_all(&npy::header(T::DESCR, &[rows, len])).map_err(Error::io(&partial, "write"))?;
+        let mut file = npy::reserve_file(path, Self::bytes(rows, len))?;
+        file.write_all(&npy::header(T::DESCR, &[rows, len])).map_err(Error::io(path, "write"))?;
         Ok(Self::of(path, file, rows, len))
     }
 
@@ -112,7 +111,7 @@ impl<T: Item> RowsFile<T> {
     pub fn write_row(&self, k: usize, row: &[T]) -> Result<()> {
         self.check(k, row.len())?;
         match &self.place {
-            Place::File(_) => self.row(k)?.overwrite(row).map_err(Error::io(npy::partial_name(&self.path), "write")),
+            Place::File(_) => self.row(k)?.overwrite(row).map_err(Error::io(&self.path, "write")),
             Place::Memory(data, _) => {
                 let mut data = lock(data);
                 data[k * self.len..][..self.len].copy_from_slice(row);
@@ -142,11 +141,10 @@ impl<T: Item> RowsFile<T> {
                 return npy::hand_over(&self.path, &arrays, data.freeze(), self.rows * self.len);
             }
         };
-        let partial = npy::partial_name(&self.path);
         if durable {
-            file.sync_all().map_err(Error::io(&partial, "sync"))?;
+            file.sync_all().map_err(Error::io(&self.path, "sync"))?;
         }
-        std::fs::rename(&partial, &self.path).map_err(Error::io(&partial, "rename"))?;
+        std::fs::rename(npy::partial_name(&self.path), &self.path).map_err(Error::io(&self.path, "rename"))?;
         npy::open(&self.path)
     }
 }

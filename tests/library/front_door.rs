@@ -1,6 +1,7 @@
 //! The front door: arrays and files give the same labels, nothing is written where memory allows, results are kept
 //! where that is asked for, and the caller hears of progress and can stop.
 
+use nystrom_stream::apps::evaluate::Evaluator;
 use nystrom_stream::apps::export::split::PartForm;
 use nystrom_stream::graph::Order;
 use nystrom_stream::pipeline::Cluster;
@@ -167,11 +168,56 @@ fn a_run_can_be_stopped_and_says_what_is_wrong() {
     let mesh = Mesh::creature(4_000).unwrap();
     let cancel = Cancel::default();
     cancel.cancel();
-    assert!(matches!(Segmenter::new().cancel(cancel).run(&mesh), Err(Error::Cancelled)));
+    assert!(matches!(Segmenter::new().cancel(cancel.clone()).run(&mesh), Err(Error::Cancelled)));
+    assert!(matches!(Evaluator::stopped_by(&mesh, cancel), Err(Error::Cancelled)));
     assert!(matches!(Segmenter::new().parts(0).run(&mesh), Err(Error::Parameter { .. })));
     assert!(matches!(Segmenter::new().parts(1 << 30).run(&mesh), Err(Error::Unusable { .. })));
     let wrong = Labelling { labels: &[0], colours: &[], quality: None, names: &[] };
     for name in ["a.seg", "a.npy", "a.ply", "a.glb", "a.xyz"] {
         assert!(matches!(mesh.save(name, wrong), Err(Error::Parameter { .. })), "{name}");
     }
+}
+
+/// Labels beyond `i32` became negative in a PLY; colours and names of another labelling went into files unnoticed; an
+/// order was written as a PLY under any ending.
+#[test]
+fn what_a_file_cannot_hold_and_options_without_effect_are_refused() {
+    let dir = tempfile::tempdir().unwrap();
+    let corners = [[0., 0., 0.], [1., 0., 0.], [1., 1., 0.], [0., 1., 0.]];
+    let mesh = Mesh::from_slices(&corners, &[[0, 1, 2], [0, 2, 3]]).unwrap();
+    let plain = Labelling { labels: &[0, 1], colours: &[], quality: None, names: &[] };
+    let names = vec![String::from("a"); 3];
+    let bad = [
+        ("quality", "x.glb", Labelling { quality: Some(&[0.5]), ..plain }),
+        ("colours", "x.obj", Labelling { colours: &[[1; 3]], ..plain }),
+        ("names", "x.ply", Labelling { names: &names, ..plain }),
+        ("labels", "x.ply", Labelling { labels: &[0, 1 << 31], ..plain }),
+    ];
+    let told = |result: nystrom_stream::Result<()>, option: &str| match result {
+        Err(Error::Parameter { name, .. }) => assert_eq!(name, option),
+        other => panic!("{option}: {other:?}"),
+    };
+    for (option, name, labelling) in bad {
+        told(mesh.save(dir.path().join(name), labelling), option);
+    }
+    let great = Labelling { labels: &[0, (1 << 24) + 1], ..plain };
+    told(mesh.save_with(dir.path().join("x.ply"), great, &SaveOptions::new().vertex_labels(true)), "labels");
+    assert_eq!(std::fs::read_dir(dir.path()).unwrap().count(), 0);
+    mesh.save(dir.path().join("x.ply"), great).unwrap();
+    mesh.save(dir.path().join("x.npy"), Labelling { labels: &[0, u32::MAX], ..plain }).unwrap();
+    for (option, segmenter) in [
+        ("detail", Segmenter::new().parts(2).detail(0.5)),
+        ("detail", Segmenter::new().method(Cluster::TwoMeans).detail(0.5)),
+        ("landmarks", Segmenter::new().landmarks(0)),
+        ("landmarks", Segmenter::new().landmarks(5000)),
+    ] {
+        told(segmenter.run(&mesh).map(drop), option);
+    }
+    told(evaluate(&mesh, &[0, 1], &[[0, 1, 2]]).map(drop), "truth 1");
+    let stop = Cancel::default();
+    let order = Sequencer::new().cancel(stop.clone()).run(&Mesh::open(dir.path().join("x.ply")).unwrap()).unwrap();
+    told(order.save(dir.path().join("order.xyz")), "path");
+    // What stopped a run does not stop what is done with its result.
+    stop.cancel();
+    order.save(dir.path().join("order.ply")).unwrap();
 }

@@ -8,7 +8,8 @@
 
 Beside cutting: `correspond` matches two meshes, `transfer_labels` carries labels to another version of a mesh, `evaluate` scores
 them against those of people, `picture` draws, `sequence` orders a mesh for streaming, `quality` measures samples of landmarks,
-`measure` tells what a mesh is. All give up Python's lock while they work, tell a callback how far they are, and stop at Ctrl-C.
+`measure` tells what a mesh is. All give up Python's lock while they work and stop at Ctrl-C; those that take `progress` tell it how
+far they are.
 """
 
 from ._functions import (

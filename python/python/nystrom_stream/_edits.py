@@ -1,17 +1,27 @@
 """Edits and names of parts, as people write them and as the library takes them."""
 
+from __future__ import annotations
+
 import json
 import os
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING, Any, Optional, Union
 
 import numpy as np
 
 from . import _native
-from ._meshes import MOST
+from ._meshes import MOST, Path
+
+if TYPE_CHECKING:
+    from numpy.typing import ArrayLike, NDArray
+
+Edits = Union[Path, Mapping[str, Any], Sequence[Mapping[str, Any]]]
+Names = Union[Path, Mapping[int, str], Sequence[str]]
 
 FORMAT = {"format": "nystrom-stream edits", "version": 1}
 
 
-def as_edits(edits):
+def as_edits(edits: Any) -> dict[str, Any]:
     """What a file of edits says, as a dict: of a path, such a dict, or a list of edits."""
     if isinstance(edits, (str, os.PathLike)):
         with open(edits, encoding="utf-8") as file:
@@ -28,9 +38,9 @@ def as_edits(edits):
     return {**FORMAT, "edits": list(edits)}
 
 
-def text_of(edits):
+def text_of(edits: Mapping[str, Any]) -> str:
     """The text of a file of edits; NumPy's arrays and numbers are taken."""
-    def plain(value):
+    def plain(value: Any) -> Any:
         if hasattr(value, "tolist"):
             return value.tolist()
         raise TypeError(f"edits: a {type(value).__name__} is neither a place, a number nor a text")
@@ -38,7 +48,7 @@ def text_of(edits):
     return json.dumps(edits, default=plain)
 
 
-def as_hints(hints, mesh):
+def as_hints(hints: Union[ArrayLike, str, None], mesh: _native.Mesh) -> Optional[NDArray[np.uint32]]:
     """One value per face as uint32: of an array, or of a property of the mesh's file."""
     if hints is None:
         return None
@@ -52,7 +62,7 @@ def as_hints(hints, mesh):
     return np.ascontiguousarray(hints, np.uint32)
 
 
-def as_names(names, parts, before=()):
+def as_names(names: Any, parts: int, before: Sequence[str] = ()) -> list[str]:
     """A name per part, "" where it has none; `names` is a list, the path of a table, or a dict by part, which adds to `before`."""
     if isinstance(names, (str, os.PathLike)):
         names = _native.read_names(names)
@@ -69,7 +79,7 @@ def as_names(names, parts, before=()):
     return all_names
 
 
-def started(options):
+def started(options: Mapping[str, Any]) -> dict[str, Any]:
     """The cut that edits of a cut with `options` start from, as a file of edits says it."""
     parts = json.loads(options["params"])["parts"]
     if isinstance(parts["count"], dict) and "exactly" in parts["count"]:
@@ -77,7 +87,7 @@ def started(options):
     return {"detail": parts["detail"]} if parts["detail"] else {}
 
 
-def started_from(options, edits):
+def started_from(options: Mapping[str, Any], edits: Mapping[str, Any]) -> dict[str, Any]:
     """`options` of a cut, with the number of parts that `edits` start from, where they say it."""
     params = json.loads(options["params"])
     if edits.get("parts") is not None:

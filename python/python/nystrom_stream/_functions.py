@@ -1,26 +1,53 @@
 """The functions of the package. Options are those of the program, by the same names with underscores."""
 
+from __future__ import annotations
+
 import json
+from typing import TYPE_CHECKING, Any, Literal, Optional, Union, get_args
 
 import numpy as np
 
 from . import _native
-from ._edits import as_edits, as_hints, started_from
-from ._meshes import as_bytes, as_labels, as_mesh
-from ._results import Correspondence, Sequence, Transfer, cut_mesh
+from ._edits import Edits, Names, as_edits, as_hints, started_from
+from ._meshes import MeshLike, Path, Progress, as_bytes, as_labels, as_mesh, whole
+from ._results import Correspondence, Segmentation, Sequence, Transfer, cut_mesh
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable
+
+    from numpy.typing import ArrayLike, NDArray
+
+Bytes = Union[int, str, None]
+# The words that options take, for type checkers and for what is refused.
+Cluster = Literal["parts", "kmeans", "k-means", "two-means"]
+Decision = Literal["soft-trees", "consensus", "single"]
+TinyComponents = Literal["join", "own"]
+Walls = Literal["follow", "own"]
+Boundaries = Literal["front", "embedding"]
+Sampling = Literal["farthest", "distance-weighted", "random", "uniform", "geodesic-farthest", "centroids", "cholesky", "greedy",
+                   "pooled-greedy"]
+Metric = Literal["scale-free", "paper", "geodesic"]
+Order = Literal["auto", "keep", "hilbert"]
+Kernel = Literal["gaussian", "exponential", "polynomial", "inverse-multiquadric", "matern", "cauchy"]
+Normalise = Literal["none", "degree", "anchor"]
+Matching = Literal["all", "mutual", "one-to-one"]
+StreamOrder = Literal["spectral", "pca", "bfs", "rcm", "hilbert", "random", "keep"]
+Axis = Literal["x", "y", "z", "-x", "-y", "-z"]
 
 _METHODS = {"parts": "parts", "kmeans": "k-means", "k-means": "k-means", "two-means": "two-means"}
 
 
-def _choose(name, value, choices):
+def _choose(name: str, value: Any, words: Any) -> str:
+    """`value`, which must be one of `words`."""
+    choices = [str(word) for word in get_args(words)]
     if value not in choices:
-        raise ValueError(f"{name}: {value!r}; choose {', '.join(list(choices)[:-1])} or {list(choices)[-1]}")
-    return value
+        raise ValueError(f"{name}: {value!r}; choose {', '.join(choices[:-1])} or {choices[-1]}")
+    return str(value)
 
 
-def _metric(metric, beta, eta, delta):
+def _metric(metric: str, beta: Optional[float], eta: Optional[float], delta: Optional[float]) -> dict[str, Any]:
     known = {"scale-free": {"beta": 5.0, "eta": 0.05}, "paper": {"delta": 0.03, "eta": 0.1}, "geodesic": {}}
-    constants = known[_choose("metric", metric, known)]
+    constants = known[_choose("metric", metric, Metric)]
     for name, value in {"beta": beta, "eta": eta, "delta": delta}.items():
         if value is not None and name not in constants:
             raise ValueError(f"{name}: has no meaning with metric={metric!r}")
@@ -29,10 +56,17 @@ def _metric(metric, beta, eta, delta):
     return {"form": metric, **constants}
 
 
-def _params(parts, parts_range, detail, cluster, decision, tiny_components, walls, boundaries, landmarks, sampling, exact, metric,
-            order, kernel, sigma, normalise, unit_rows):
+def _params(parts: Optional[int], parts_range: Optional[tuple[int, int]], detail: float, cluster: str, decision: Optional[str],
+            tiny_components: Optional[str], walls: Optional[str], boundaries: Optional[str], landmarks: Optional[int],
+            sampling: Optional[str], exact: bool, metric: dict[str, Any], order: str, kernel: Optional[str], sigma: Optional[float],
+            normalise: Optional[str], unit_rows: Optional[bool]) -> str:
     params = json.loads(_native.default_params())
-    method = _METHODS[_choose("cluster", cluster, _METHODS)]
+    method = _METHODS[_choose("cluster", cluster, Cluster)]
+    for name, word, words in [("decision", decision, Decision), ("tiny_components", tiny_components, TinyComponents),
+                              ("walls", walls, Walls), ("boundaries", boundaries, Boundaries), ("sampling", sampling, Sampling),
+                              ("order", order, Order), ("kernel", kernel, Kernel), ("normalise", normalise, Normalise)]:
+        if word is not None:
+            _choose(name, word, words)
     own = {"decision": decision, "tiny_components": tiny_components, "walls": walls, "boundaries": boundaries}
     given = [name for name, value in own.items() if value is not None]
     if method != "parts" and (given or detail):
@@ -44,15 +78,17 @@ def _params(parts, parts_range, detail, cluster, decision, tiny_components, wall
         raise ValueError(f"{wanted[0]}: goes with cluster='kmeans' or 'two-means'")
     if not -1 <= detail <= 1:
         raise ValueError(f"detail: {detail} is not within -1 and 1")
+    if parts is not None and detail:
+        raise ValueError("detail: has no effect on an exact number of parts; leave out detail or parts")
     if parts is not None and parts_range is not None:
         raise ValueError("parts and parts_range exclude each other; give one")
     if parts is not None:
-        params["parts"]["count"] = {"exactly": _count("parts", parts)}
+        params["parts"]["count"] = {"exactly": whole("parts", parts, 1)}
     if parts_range is not None:
         least, most = parts_range
-        params["parts"]["count"] = {"between": [_count("parts_range", least), _count("parts_range", most)]}
+        params["parts"]["count"] = {"between": [whole("parts_range", least, 1), whole("parts_range", most, 1)]}
     if landmarks is not None:
-        params["landmarks"] = _count("landmarks", landmarks)
+        params["landmarks"] = whole("landmarks", landmarks, 1)
     params["parts"]["detail"] = float(detail)
     if sampling is not None:
         params["sampling"] = sampling
@@ -73,21 +109,29 @@ def _params(parts, parts_range, detail, cluster, decision, tiny_components, wall
     return json.dumps(params)
 
 
-def _count(name, value):
-    count = int(value)
-    if count != value or count < 1:
-        raise ValueError(f"{name}: {value} is no number of 1 or more")
-    return count
+def _seed(seed: int) -> int:
+    return whole("seed", seed, 0, 2**64 - 1)
 
 
-def segment(mesh, faces=None, parts=None, *, parts_range=None, detail=0.0, cluster="parts", decision=None, tiny_components=None,
-            walls=None, boundaries=None, landmarks=None, sampling=None, exact=False, metric="scale-free", beta=None, eta=None,
-            delta=None, order="auto", kernel=None, sigma=None, normalise=None, unit_rows=None, edits=None, hints=None, names=None, seed=0, threads=None,
-            max_memory=None, work_dir=None, force=False, tmp=None, progress=None):
+def _optional(name: str, value: Optional[int]) -> Optional[int]:
+    """A number that is counted from 1, where it is given."""
+    return None if value is None else whole(name, value, 1)
+
+
+def segment(mesh: MeshLike, faces: Any = None, parts: Optional[int] = None, *, parts_range: Optional[tuple[int, int]] = None,
+            detail: float = 0.0, cluster: Cluster = "parts", decision: Optional[Decision] = None,
+            tiny_components: Optional[TinyComponents] = None, walls: Optional[Walls] = None, boundaries: Optional[Boundaries] = None,
+            landmarks: Optional[int] = None, sampling: Optional[Sampling] = None, exact: bool = False, metric: Metric = "scale-free",
+            beta: Optional[float] = None, eta: Optional[float] = None, delta: Optional[float] = None, order: Order = "auto",
+            kernel: Optional[Kernel] = None, sigma: Optional[float] = None, normalise: Optional[Normalise] = None,
+            unit_rows: Optional[bool] = None, edits: Optional[Edits] = None, hints: Union[ArrayLike, str, None] = None,
+            names: Optional[Names] = None, seed: int = 0, threads: Optional[int] = None, max_memory: Bytes = None,
+            work_dir: Optional[Path] = None, force: bool = False, tmp: Optional[Path] = None, progress: Progress = None) -> Segmentation:
     """Cuts a mesh into parts, and returns a Segmentation.
 
     mesh: a path (PLY, OBJ, OFF, STL, .gz or not; it need not fit into memory), a mesh of trimesh, PyVista, Open3D or meshio, or
-        vertices (v, 3), as anything array-like; then
+        vertices (v, 3), as anything array-like. Faces keep their order: those of meshio are its blocks of triangles, quads and
+        polygons one after the other, those of a PyVista grid its cells, which must all be flat. Then
     faces: (n, corners) integers from 0, or a list of faces of different lengths.
     parts: exactly so many; without, the number is found, within `parts_range` if given.
     detail: -1 (coarse) to 1 (fine); moves how many are found.
@@ -113,8 +157,8 @@ def segment(mesh, faces=None, parts=None, *, parts_range=None, detail=0.0, clust
     max_memory: bytes that may be allocated, a number or "2GiB"; half of what is free by default.
     work_dir: a folder that keeps intermediate results and reuses them; one of another mesh is refused without `force`.
     tmp: the folder for what does not fit in memory; by default the system's.
-    progress: called as progress(stage, done, total), at most ten times a second and at the ends of stages; what it raises stops
-        the work.
+    progress: called as progress(stage, done, total) on the thread that called, some ten times a second and at the ends of stages;
+        what it raises stops the work.
 
     Raises ValueError or TypeError for arrays and options that make no sense, FileNotFoundError, OSError where the disk fails,
     MemoryError, KeyboardInterrupt.
@@ -122,32 +166,33 @@ def segment(mesh, faces=None, parts=None, *, parts_range=None, detail=0.0, clust
     params = _params(parts, parts_range, detail, cluster, decision, tiny_components, walls, boundaries, landmarks, sampling, exact,
                      _metric(metric, beta, eta, delta), order, kernel, sigma, normalise, unit_rows)
     mesh = as_mesh(mesh, faces)
-    options = {"params": params, "hints": as_hints(hints, mesh), "seed": seed, "threads": threads, "max_memory": as_bytes(max_memory),
-               "work_dir": work_dir, "force": force, "tmp": tmp}
-    edits = None if edits is None else as_edits(edits)
-    if edits and _METHODS[cluster] != "parts":
+    options = {"params": params, "hints": as_hints(hints, mesh), "seed": _seed(seed), "threads": _optional("threads", threads),
+               "max_memory": as_bytes(max_memory), "work_dir": work_dir, "force": force, "tmp": tmp}
+    told = None if edits is None else as_edits(edits)
+    if told and _METHODS[cluster] != "parts":
         raise ValueError("edits: go with cluster='parts'")
-    if edits and parts is None and parts_range is None and not detail:
-        options = started_from(options, edits)
-    cut = cut_mesh(mesh, options, edits, progress)
+    if told and parts is None and parts_range is None and not detail:
+        options = started_from(options, told)
+    cut = cut_mesh(mesh, options, told, progress)
     if names is not None:
         cut.names = names
     return cut
 
 
-def segment_file(path, parts=None, **options):
+def segment_file(path: Path, parts: Optional[int] = None, **options: Any) -> Segmentation:
     """Cuts the mesh in the file `path` into parts: `segment(path, parts=parts, …)`, with the options of `segment`."""
     return segment(path, parts=parts, **options)
 
 
-def read_mesh(path):
+def read_mesh(path: Path) -> tuple[NDArray[np.float64], NDArray[np.uint32]]:
     """Reads a mesh file: vertices (v, 3) float64 and triangles (n, 3) uint32; polygons are cut into fans."""
     mesh = _native.Mesh.open(path)
     return np.asarray(mesh.vertices(), np.float64), mesh.triangles()[0]
 
 
-def correspond(a, *others, matching="all", transfer=False, alternative=0, vectors=None, landmarks=None, seed=0, threads=None,
-               max_memory=None, tmp=None, progress=None):
+def correspond(a: MeshLike, *others: Any, matching: Matching = "all", transfer: bool = False, alternative: int = 0,
+               vectors: Optional[int] = None, landmarks: Optional[int] = None, seed: int = 0, threads: Optional[int] = None,
+               max_memory: Bytes = None, tmp: Optional[Path] = None, progress: Progress = None) -> Correspondence:
     """Finds for every vertex of mesh A its match in mesh B, by their spectral embeddings: `correspond(a, b)` of two meshes as
     `segment` takes them, or `correspond(vertices_a, faces_a, vertices_b, faces_b)`. Returns a Correspondence.
 
@@ -163,12 +208,14 @@ def correspond(a, *others, matching="all", transfer=False, alternative=0, vector
         a, b = as_mesh(a), as_mesh(others[0])
     else:
         raise TypeError("give two meshes, or vertices and faces of both")
-    *arrays, report = _native.correspond(a, b, matching, transfer, alternative, vectors, landmarks, seed, threads,
-                                         as_bytes(max_memory), tmp, progress)
-    return Correspondence(*arrays, json.loads(report))
+    matches, distances, confidence, report = _native.correspond(
+        a, b, _choose("matching", matching, Matching), transfer, whole("alternative", alternative), _optional("vectors", vectors),
+        _optional("landmarks", landmarks), _seed(seed), _optional("threads", threads), as_bytes(max_memory), tmp, progress)
+    return Correspondence(matches, distances, confidence, json.loads(report))
 
 
-def transfer_labels(source, target, labels=None, *, threads=None, max_memory=None, tmp=None, progress=None):
+def transfer_labels(source: MeshLike, target: MeshLike, labels: Optional[ArrayLike] = None, *, threads: Optional[int] = None,
+                    max_memory: Bytes = None, tmp: Optional[Path] = None, progress: Progress = None) -> Transfer:
     """Carries labels from a mesh to another version of it: another resolution, decimated, re-meshed. Returns a Transfer.
 
     source: a Segmentation, or a mesh with `labels` (faces,). target: the other mesh.
@@ -177,26 +224,32 @@ def transfer_labels(source, target, labels=None, *, threads=None, max_memory=Non
     if labels is None and not hasattr(source, "labels"):
         raise TypeError("labels: missing; give one per face of the first mesh, or a Segmentation")
     labels = as_labels(source if labels is None else labels, mesh.faces)
-    *arrays, report = _native.transfer_labels(mesh, labels, target, threads, as_bytes(max_memory), tmp, progress)
-    return Transfer(target, *arrays, json.loads(report))
+    carried, quality, report = _native.transfer_labels(mesh, labels, target, _optional("threads", threads), as_bytes(max_memory),
+                                                       tmp, progress)
+    return Transfer(target, carried, quality, json.loads(report))
 
 
-def evaluate(labels, truths, mesh=None):
+def evaluate(labels: Any, truths: Any, mesh: MeshLike = None) -> dict[str, Any]:
     """How far labels are from those of people, by the metrics of the Princeton Segmentation Benchmark: a dict, 0 where equal.
 
-    labels: a Segmentation, or labels (faces,) of `mesh`. truths: one array of labels, or several, whose scores are averaged.
+    labels: a Segmentation, or labels (faces,) of `mesh`. truths: one array of labels or Segmentation, or several, whose scores are
+        averaged. Raises ValueError for labels of another mesh.
     """
     if mesh is None and not hasattr(labels, "_as_mesh"):
         raise TypeError("mesh: missing; give the mesh of the labels, or a Segmentation")
     mesh = as_mesh(labels if mesh is None else mesh)
-    if isinstance(truths, np.ndarray) and truths.ndim == 1 or not hasattr(truths, "__len__") or np.ndim(truths[0]) == 0:
+    # A result has a length too, and is one labelling all the same.
+    several = hasattr(truths, "__len__") and not hasattr(truths, "labels")
+    if not several or len(truths) and not hasattr(truths[0], "labels") and np.ndim(truths[0]) == 0:
         truths = [truths]
     truths = [as_labels(truth, mesh.faces, "truths") for truth in truths]
-    return json.loads(_native.evaluate(mesh, as_labels(labels, mesh.faces), truths))
+    scores: dict[str, Any] = json.loads(_native.evaluate(mesh, as_labels(labels, mesh.faces), truths))
+    return scores
 
 
-def picture(mesh, labels=None, *, colours=None, size=(1600, 1200), views=1, transparent=False, legend=True, lines=True, up=None,
-            turn=0.0, tilt=0.0):
+def picture(mesh: MeshLike, labels: Optional[ArrayLike] = None, *, colours: Optional[ArrayLike] = None,
+            size: tuple[int, int] = (1600, 1200), views: int = 1, transparent: bool = False, legend: bool = True, lines: bool = True,
+            up: Optional[Axis] = None, turn: float = 0.0, tilt: float = 0.0) -> NDArray[np.uint8]:
     """Draws a mesh and its parts, without a display: (height, width, 4) uint8, red, green, blue, opacity.
 
     mesh: a Segmentation, or a mesh, with `labels` or without. up: "x", "-y" and so on; found where None.
@@ -210,31 +263,42 @@ def picture(mesh, labels=None, *, colours=None, size=(1600, 1200), views=1, tran
         if colours is None:
             colours = _native.part_colours(mesh, labels)
     colours = np.zeros((0, 3), np.uint8) if colours is None else np.ascontiguousarray(colours, np.uint8)
-    return _native.picture(mesh, labels, colours, *size, views, transparent, legend, lines, up, turn, tilt)
+    width, height = (whole("size", pixels, 1) for pixels in size)
+    if up is not None:
+        _choose("up", up, Axis)
+    return _native.picture(mesh, labels, colours, width, height, whole("views", views, 1), transparent, legend, lines, up, turn, tilt)
 
 
-def sequence(mesh, faces=None, *, order="spectral", smooth=0, landmarks=None, seed=0, threads=None, max_memory=None, tmp=None,
-             progress=None):
+def sequence(mesh: MeshLike, faces: Any = None, *, order: StreamOrder = "spectral", smooth: int = 0, landmarks: Optional[int] = None,
+             seed: int = 0, threads: Optional[int] = None, max_memory: Bytes = None, tmp: Optional[Path] = None,
+             progress: Progress = None) -> Sequence:
     """Orders a mesh for streaming, and returns a Sequence.
 
     order: "spectral", "pca", "bfs", "rcm", "hilbert", "random" or "keep". smooth: sweeps over the graph, for spectral orders.
     """
     mesh = as_mesh(mesh, faces)
-    *arrays, measures = _native.sequence(mesh, order, smooth, landmarks, seed, threads, as_bytes(max_memory), tmp, progress)
-    return Sequence(mesh, *arrays, json.loads(measures))
+    places, numbers, measures = _native.sequence(
+        mesh, _choose("order", order, StreamOrder), whole("smooth", smooth), _optional("landmarks", landmarks), _seed(seed),
+        _optional("threads", threads), as_bytes(max_memory), tmp, progress)
+    return Sequence(mesh, places, numbers, json.loads(measures))
 
 
-def quality(mesh, faces=None, *, landmarks=(10,), samplings=("farthest",), seeds=1, seed=0, threads=None, max_memory=None, tmp=None,
-            progress=None):
+def quality(mesh: MeshLike, faces: Any = None, *, landmarks: Union[int, Iterable[int]] = (10,),
+            samplings: Union[Sampling, Iterable[Sampling]] = ("farthest",), seeds: int = 1, seed: int = 0,
+            threads: Optional[int] = None, max_memory: Bytes = None, tmp: Optional[Path] = None,
+            progress: Progress = None) -> list[dict[str, Any]]:
     """Measures how well samples of landmarks represent a mesh (Γ, eq. 6 of the paper, and held-out columns): a list of dicts, one
     per number of landmarks, sampling and seed."""
-    landmarks = [landmarks] if np.ndim(landmarks) == 0 else list(landmarks)
-    samplings = [samplings] if isinstance(samplings, str) else list(samplings)
+    counts = [whole("landmarks", count, 1) for count in np.atleast_1d(np.asarray(landmarks))]
+    chosen = [_choose("samplings", word, Sampling) for word in ([samplings] if isinstance(samplings, str) else samplings)]
     mesh = as_mesh(mesh, faces)
-    return json.loads(_native.quality(mesh, landmarks, samplings, seeds, seed, threads, as_bytes(max_memory), tmp, progress))
+    records: list[dict[str, Any]] = json.loads(_native.quality(
+        mesh, counts, chosen, whole("seeds", seeds, 1), _seed(seed), _optional("threads", threads), as_bytes(max_memory), tmp, progress))
+    return records
 
 
-def measure(mesh, faces=None):
+def measure(mesh: MeshLike, faces: Any = None) -> dict[str, Any]:
     """What a mesh is and measures: a dict with box, area, volume if it is closed, centroid, axes, components, boundary_loops,
     open, welded and non-manifold edges, degenerate faces."""
-    return json.loads(_native.measure_mesh(as_mesh(mesh, faces)))
+    measures: dict[str, Any] = json.loads(_native.measure_mesh(as_mesh(mesh, faces)))
+    return measures

@@ -1,54 +1,76 @@
 """What people call a mesh, as the library takes it."""
 
+from __future__ import annotations
+
+import operator
 import os
+from typing import TYPE_CHECKING, Any, Callable, Optional, Union
 
 import numpy as np
 
 from . import _native
 
+if TYPE_CHECKING:
+    from numpy.typing import ArrayLike, NDArray
+
+# A path, a result of this package, (vertices, faces), or a mesh of trimesh, PyVista, Open3D or meshio: their classes have nothing in
+# common, and none of these packages need be installed.
+MeshLike = Any
+Path = Union[str, "os.PathLike[str]"]
+# What is told the stage, what of it is done, and what there is to do.
+Progress = Optional[Callable[[str, int, int], object]]
 
 # The greatest number of a vertex or a part.
 MOST = 2**32 - 1
 
 
-def array(name, values, columns=None):
+def whole(name: str, value: Any, least: int = 0, most: int = 2**63 - 1) -> int:
+    """The number that option `name` has, which must be whole and within `least` and `most`."""
+    try:
+        number = int(value) if isinstance(value, (float, np.floating)) and value == int(value) else operator.index(value)
+    except (TypeError, ValueError, OverflowError):
+        raise (ValueError if isinstance(value, (float, np.floating)) else TypeError)(f"{name}: {value!r} is no whole number") from None
+    if number < least:
+        raise ValueError(f"{name}: {number} is too small; choose {least} or more")
+    if number > most:
+        raise ValueError(f"{name}: {number} is too great; choose {most} or less")
+    return number
+
+
+def array(name: str, values: Any, columns: Optional[int] = None) -> NDArray[Any]:
     """`values` as a two-dimensional array of numbers: of anything that NumPy takes, a pandas table or a tensor too."""
     if hasattr(values, "detach"):
         values = values.detach().cpu()
     try:
-        values = np.asarray(values)
+        table: NDArray[Any] = np.asarray(values)
     except ValueError as error:
         raise ValueError(f"{name}: rows differ in length") from error
-    if values.dtype == object:
+    if table.dtype == object:
         raise TypeError(f"{name}: not an array of numbers")
-    if values.ndim != 2 or (columns is not None and values.shape[1] != columns):
-        shape = "×".join(map(str, values.shape)) or "a number"
+    if table.ndim != 2 or (columns is not None and table.shape[1] != columns):
+        shape = "×".join(map(str, table.shape)) or "a number"
         raise ValueError(f"{name}: an array of {shape}; give one row each, of {columns or 'at least 3'} columns")
-    return values
+    return table
 
 
-def _positions(vertices):
-    vertices = array("vertices", vertices, 3)
-    if vertices.dtype not in (np.float32, np.float64):
-        if not np.issubdtype(vertices.dtype, np.number) or np.iscomplexobj(vertices):
-            raise TypeError(f"vertices: {vertices.dtype} is no real number")
-        vertices = vertices.astype(np.float64)
-    return vertices
+def _positions(vertices: ArrayLike) -> NDArray[Any]:
+    positions = array("vertices", vertices, 3)
+    if positions.dtype not in (np.float32, np.float64):
+        if not np.issubdtype(positions.dtype, np.number) or np.iscomplexobj(positions):
+            raise TypeError(f"vertices: {positions.dtype} is no real number")
+        positions = positions.astype(np.float64)
+    return positions
 
 
-def _is_ragged(faces):
+def _is_ragged(faces: Any) -> bool:
     return isinstance(faces, (list, tuple)) and len({len(face) for face in faces}) > 1
 
 
-def from_arrays(vertices, faces):
+def from_arrays(vertices: ArrayLike, faces: Any) -> _native.Mesh:
     """A mesh of (v, 3) positions and (n, corners) faces, or of faces of different lengths as a list of lists."""
     vertices = _positions(vertices)
     if _is_ragged(faces):
-        starts = np.cumsum([0] + [len(face) for face in faces]).astype(np.uint64)
-        corners = np.concatenate([np.asarray(face) for face in faces])
-        if not np.issubdtype(corners.dtype, np.integer) or (corners < 0).any() or (corners > MOST).any():
-            raise ValueError("faces: not numbers of vertices, counted from 0")
-        return _native.Mesh.from_polygons(vertices.astype(np.float64), starts, corners.astype(np.uint32))
+        return _of_polygons(vertices, [len(face) for face in faces], np.concatenate([np.asarray(face) for face in faces]))
     if len(faces) == 0:
         faces = np.empty((0, 3), np.uint32)
     faces = array("faces", faces)
@@ -59,7 +81,15 @@ def from_arrays(vertices, faces):
     return _native.Mesh.from_arrays(vertices, faces)
 
 
-def _of_vtk(faces):
+def _of_polygons(vertices: NDArray[Any], counts: Any, corners: NDArray[Any]) -> _native.Mesh:
+    """A mesh of faces with `counts` corners each, one face after the other in `corners`."""
+    if not np.issubdtype(corners.dtype, np.integer) or (corners < 0).any() or (corners > MOST).any():
+        raise ValueError("faces: not numbers of vertices, counted from 0")
+    starts = np.concatenate([[0], np.cumsum(counts)]).astype(np.uint64)
+    return _native.Mesh.from_polygons(vertices.astype(np.float64), starts, corners.astype(np.uint32))
+
+
+def _of_vtk(faces: Any) -> Any:
     """Faces of a VTK array: a count, then so many corners, again and again."""
     faces = np.asarray(faces)
     if len(faces) and len(faces) % (faces[0] + 1) == 0:
@@ -73,7 +103,26 @@ def _of_vtk(faces):
     return rows
 
 
-def as_mesh(mesh, faces=None):
+def _of_blocks(mesh: Any) -> _native.Mesh:
+    """The triangles, quads and polygons of a mesh of meshio, block after block; of curved ones the corners. Points, lines and volumes
+    are no faces."""
+    blocks: list[NDArray[Any]] = []
+    for block in mesh.cells:
+        kind = block.type.rstrip("0123456789")
+        if kind in ("triangle", "quad", "polygon"):
+            data = [np.asarray(face)[None] for face in block.data] if kind == "polygon" else [np.asarray(block.data)]
+            blocks.extend(faces[:, : {"triangle": 3, "quad": 4}.get(kind)] for faces in data)
+    blocks = [block for block in blocks if len(block)]
+    if not blocks:
+        kinds = ", ".join(sorted({block.type for block in mesh.cells})) or "nothing"
+        raise ValueError(f"mesh: no triangles, quads or polygons among its cells ({kinds}); give its surface")
+    if len({block.shape[1] for block in blocks}) == 1:
+        return from_arrays(mesh.points, np.concatenate(blocks))
+    counts = np.concatenate([np.full(len(block), block.shape[1], np.uint64) for block in blocks])
+    return _of_polygons(_positions(mesh.points), counts, np.concatenate([block.ravel() for block in blocks]))
+
+
+def as_mesh(mesh: MeshLike, faces: Any = None) -> _native.Mesh:
     """The mesh that `mesh` is: a path, a result of this package, (vertices, faces), or a mesh of trimesh, PyVista, Open3D,
     meshio. With `faces`, `mesh` is the positions."""
     if faces is not None:
@@ -81,7 +130,8 @@ def as_mesh(mesh, faces=None):
     if isinstance(mesh, _native.Mesh):
         return mesh
     if hasattr(mesh, "_as_mesh"):
-        return mesh._as_mesh()
+        own: _native.Mesh = mesh._as_mesh()
+        return own
     if isinstance(mesh, (str, os.PathLike)):
         return _native.Mesh.open(os.fspath(mesh))
     if isinstance(mesh, (tuple, list)) and len(mesh) == 2:
@@ -98,16 +148,21 @@ def as_mesh(mesh, faces=None):
         return from_arrays(np.asarray(mesh.vertices), np.asarray(mesh.triangles))
     if hasattr(mesh, "vertex") and hasattr(mesh, "triangle"):
         return from_arrays(mesh.vertex.positions.cpu().numpy(), mesh.triangle.indices.cpu().numpy())
-    if hasattr(mesh, "points") and hasattr(mesh, "cells_dict"):
-        kinds = [kind for kind in ("triangle", "quad") if kind in mesh.cells_dict]
-        rows = [row for kind in kinds for row in mesh.cells_dict[kind].tolist()]
-        return from_arrays(mesh.points, rows)
+    if hasattr(mesh, "points") and hasattr(mesh, "celltypes"):
+        # VTK's numbers of a triangle, a polygon and a quad.
+        if len(mesh.celltypes) and np.isin(mesh.celltypes, (5, 7, 9)).all():
+            return from_arrays(np.asarray(mesh.points), _of_vtk(mesh.cells))
+        raise TypeError("the grid has cells other than triangles, quads and polygons; give its surface, mesh.extract_surface()")
+    if hasattr(mesh, "points") and hasattr(mesh, "extract_surface"):
+        raise TypeError(f"a {type(mesh).__name__} is no surface; give mesh.extract_surface()")
+    if hasattr(mesh, "points") and hasattr(mesh, "cells"):
+        return _of_blocks(mesh)
     raise TypeError(
         f"a {type(mesh).__name__} is no mesh; give a path, vertices and faces, or a mesh of trimesh, PyVista, Open3D or meshio"
     )
 
 
-def as_labels(labels, faces, name="labels"):
+def as_labels(labels: Any, faces: int, name: str = "labels") -> NDArray[np.uint32]:
     """One label per face as uint32."""
     labels = np.asarray(getattr(labels, "labels", labels))
     if labels.ndim != 1 or len(labels) != faces:
@@ -121,15 +176,18 @@ def as_labels(labels, faces, name="labels"):
     return np.ascontiguousarray(labels, np.uint32)
 
 
-def as_bytes(size):
+def as_bytes(size: Union[int, str, None]) -> Optional[int]:
     """Bytes of a number, or of words such as "2GiB"."""
+    if size is None:
+        return None
     if not isinstance(size, str):
-        return size
+        return whole("max_memory", size, 1)
     units = {"": 1, "B": 1, "KIB": 2**10, "MIB": 2**20, "GIB": 2**30, "TIB": 2**40,
              "KB": 10**3, "MB": 10**6, "GB": 10**9, "TB": 10**12}
     digits = size.strip().rstrip("abcdefghijklmnopqrstuvwxyzABCDEFGHIJKLMNOPQRSTUVWXYZ ")
     unit = size.strip()[len(digits):].strip().upper()
     try:
-        return int(float(digits) * units[unit])
-    except (KeyError, ValueError):
+        number = int(float(digits) * units[unit])
+    except (KeyError, ValueError, OverflowError):
         raise ValueError(f"max_memory: {size!r} is not a size; write 512MiB or 2GiB") from None
+    return whole("max_memory", number, 1)

@@ -1,22 +1,33 @@
 """What the functions return. All of it can be pickled: a mesh goes with its arrays."""
 
+from __future__ import annotations
+
 import html
 import json
 import os
 import tempfile
+from typing import TYPE_CHECKING, Any, Optional
 
 import numpy as np
 
 from . import _native
-from ._edits import as_edits, as_names, started, started_from, text_of
+from ._edits import Edits, Names, as_edits, as_names, started, started_from, text_of
+from ._meshes import Path, Progress, whole
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping, Sequence as Several
+
+    import pyvista
+    import trimesh
+    from numpy.typing import NDArray
 
 
-def _pickled(mesh):
+def _pickled(mesh: _native.Mesh) -> dict[str, Any]:
     return {"vertices": np.asarray(mesh.vertices(), np.float64), "polygons": mesh.polygons(),
             "single": mesh.vertices().dtype == np.float32}
 
 
-def _unpickled(state):
+def _unpickled(state: Mapping[str, Any]) -> _native.Mesh:
     starts, corners = state["polygons"]
     counts = np.diff(starts)
     vertices = state["vertices"].astype(np.float32) if state["single"] else state["vertices"]
@@ -28,23 +39,25 @@ def _unpickled(state):
 class _OfMesh:
     """A result that holds its mesh."""
 
-    def __getstate__(self):
+    _mesh: _native.Mesh
+
+    def __getstate__(self) -> dict[str, Any]:
         return {**self.__dict__, "_mesh": _pickled(self._mesh)}
 
-    def __setstate__(self, state):
+    def __setstate__(self, state: Mapping[str, Any]) -> None:
         self.__dict__.update(state)
         self._mesh = _unpickled(state["_mesh"])
 
-    def _as_mesh(self):
+    def _as_mesh(self) -> _native.Mesh:
         return self._mesh
 
     @property
-    def vertices(self):
+    def vertices(self) -> NDArray[Any]:
         """Positions of the mesh: (vertices, 3)."""
         return self._mesh.vertices()
 
     @property
-    def triangles(self):
+    def triangles(self) -> NDArray[np.uint32]:
         """Its faces as triangles, polygons as fans: (triangles, 3) uint32."""
         return self._mesh.triangles()[0]
 
@@ -59,33 +72,40 @@ class Segmentation(_OfMesh):
     names: a name per part, "" where it has none. Assign a list, or a dict by part: `cut.names = {0: "left arm"}`.
     """
 
-    def __init__(self, mesh, arrays, report, options, edits=None):
+    labels: NDArray[np.uint32]
+    quality: Optional[NDArray[np.float32]]
+    colours: NDArray[np.uint8]
+    report: dict[str, Any]
+    _names: list[str]
+
+    def __init__(self, mesh: _native.Mesh, arrays: Several[Any], report: dict[str, Any], options: dict[str, Any],
+                 edits: Optional[dict[str, Any]] = None) -> None:
         self._mesh, self.report, self._options, self._edits = mesh, report, options, edits
         self.labels, self.quality, self.colours, self._tree, self._cells, self._decision, names = arrays
         self.names = names
 
     @property
-    def n_parts(self):
+    def n_parts(self) -> int:
         """Number of parts."""
         return len(self.colours)
 
     @property
-    def names(self):
+    def names(self) -> list[str]:
         return list(self._names)
 
     @names.setter
-    def names(self, names):
+    def names(self, names: Names) -> None:
         self._names = as_names(names, self.n_parts, getattr(self, "_names", ()))
         for part, name in zip(self.report["parts"], self._names):
             part.pop("name", None)
             part.update({"name": name} if name else {})
 
     @property
-    def edits(self):
+    def edits(self) -> list[dict[str, Any]]:
         """The edits that the parts are of: a list of dicts."""
         return list(self._edits["edits"]) if self._edits else []
 
-    def edit(self, edits, progress=None):
+    def edit(self, edits: Edits, progress: Progress = None) -> Segmentation:
         """The mesh with its parts corrected: another Segmentation; this one stays.
 
         edits: a list, which is added to the edits that the parts are of, or the path of a file, such as the page saves, which
@@ -104,7 +124,7 @@ class Segmentation(_OfMesh):
             told = {**(self._edits or {}), **told, "edits": self.edits + told["edits"]}
         return cut_mesh(self._mesh, started_from(self._options, told), told, progress)
 
-    def place(self, part):
+    def place(self, part: int) -> list[float]:
         """A place well inside a part, for edits: the point (x, y, z) in the middle of a face. Raises IndexError."""
         part = range(self.n_parts)[part]
         triangles, face = self._mesh.triangles()
@@ -119,9 +139,10 @@ class Segmentation(_OfMesh):
             reached[triangles[left[near]]] = True
             left = left[~near]
         centres = np.asarray(self.vertices, np.float64)[triangles[left]].mean(axis=1)
-        return centres[np.argmin(np.linalg.norm(centres - centres.mean(axis=0), axis=1))].tolist()
+        x, y, z = centres[np.argmin(np.linalg.norm(centres - centres.mean(axis=0), axis=1))].tolist()
+        return [x, y, z]
 
-    def save_edits(self, path):
+    def save_edits(self, path: Path) -> None:
         """Writes the edits as a file that `nystrom-stream segment --edits` and `edit` take."""
         vertices = self.vertices
         box = [vertices.min(axis=0), vertices.max(axis=0)] if len(vertices) else None
@@ -130,11 +151,12 @@ class Segmentation(_OfMesh):
             file.write(text_of({**head, **started(self._options), **as_edits(self._edits or [])}) + "\n")
 
     @property
-    def tree(self):
+    def tree(self) -> Optional[dict[str, Any]]:
         """The hierarchy of parts over some two thousand cells, as a dict; None for K-means and 2-means."""
-        return None if self._tree is None else json.loads(self._tree)
+        tree: Optional[dict[str, Any]] = None if self._tree is None else json.loads(self._tree)
+        return tree
 
-    def recut(self, parts):
+    def recut(self, parts: int) -> NDArray[np.uint32]:
         """Labels of the same mesh in exactly `parts` parts, from the hierarchy: (faces,). Takes milliseconds; boundaries follow
         cells, so for boundaries as fine as those of `labels` cut again with the same `work_dir`.
 
@@ -142,9 +164,9 @@ class Segmentation(_OfMesh):
         """
         if self._tree is None:
             raise ValueError("K-means and 2-means have no hierarchy")
-        return _native.cut_tree(self._tree, self._cells, parts)
+        return _native.cut_tree(self._tree, self._cells, whole("parts", parts, 1))
 
-    def cut(self, parts):
+    def cut(self, parts: int) -> Segmentation:
         """The same mesh in exactly `parts` parts, as `recut` finds them, with colours; confidences are not known. Edits, hints and
         names are left behind."""
         labels = self.recut(parts)
@@ -153,16 +175,18 @@ class Segmentation(_OfMesh):
         counts = np.bincount(labels, minlength=len(colours))
         report["parts"] = [{"label": k, "faces": int(n), "colour": colours[k].tolist()} for k, n in enumerate(counts)]
         decision = self._decision and self._decision.without_start()
-        arrays = labels, None, colours, self._tree, self._cells, decision, []
+        arrays = (labels, None, colours, self._tree, self._cells, decision, list[str]())
         options = {**started_from(self._options, {"parts": parts}), "hints": None}
         return Segmentation(self._mesh, arrays, report, options)
 
-    def measure(self):
+    def measure(self) -> list[dict[str, Any]]:
         """What each part measures: a list of dicts with area, volume (of closed parts), box, centroid, axes, spread, open_edges and
         neighbours with the length of the common border."""
-        return json.loads(_native.measure_parts(self._mesh, self.labels, self.n_parts))
+        measures: list[dict[str, Any]] = json.loads(_native.measure_parts(self._mesh, self.labels, self.n_parts))
+        return measures
 
-    def save(self, path, *, vertex_labels=False, split_vertices=False, split_faces=False, cap=False, part_form="ply"):
+    def save(self, path: Path, *, vertex_labels: bool = False, split_vertices: bool = False, split_faces: bool = False, cap: bool = False,
+             part_form: str = "ply") -> None:
         """Writes the labelled mesh in the form that the ending names: .ply, .seg, .npy, .obj, .glb, .parquet, .png, .html, or one file
         per part in a folder where `path` ends with a slash.
 
@@ -174,24 +198,24 @@ class Segmentation(_OfMesh):
         _native.save(self._mesh, self.labels, self.colours, self.quality, self.names, path, json.dumps(self.report), self._tree,
                      self._cells, self._decision, edits, (vertex_labels, split_vertices, split_faces, cap, part_form))
 
-    def picture(self, **options):
+    def picture(self, **options: Any) -> NDArray[np.uint8]:
         """A picture of the parts: see `nystrom_stream.picture`."""
         from ._functions import picture
 
         return picture(self, **options)
 
-    def to_trimesh(self):
+    def to_trimesh(self) -> trimesh.Trimesh:
         """A trimesh.Trimesh with the colours of the parts, and their numbers as `face_attributes["label"]`, their names as `metadata["part_names"]`."""
         import trimesh
 
         triangles, face = self._mesh.triangles()
         labels = self.labels[face]
-        mesh = trimesh.Trimesh(self.vertices, triangles, process=False, face_attributes={"label": labels})
-        mesh.visual.face_colors = self.colours[labels]
+        mesh = trimesh.Trimesh(self.vertices, triangles, face_colors=self.colours[labels], process=False,
+                               face_attributes={"label": labels})
         mesh.metadata["part_names"] = self.names
         return mesh
 
-    def to_pyvista(self):
+    def to_pyvista(self) -> pyvista.PolyData:
         """A pyvista.PolyData with `label`, `quality` and `RGB` on its cells."""
         import pyvista
 
@@ -206,18 +230,18 @@ class Segmentation(_OfMesh):
             mesh.field_data["part_names"] = self.names
         return mesh
 
-    def __len__(self):
+    def __len__(self) -> int:
         return self.n_parts
 
-    def __getitem__(self, part):
+    def __getitem__(self, part: int) -> NDArray[np.intp]:
         """The faces of a part: (faces of the part,), ascending. Raises IndexError."""
         part = range(self.n_parts)[part]
         return np.flatnonzero(self.labels == part)
 
-    def __repr__(self):
+    def __repr__(self) -> str:
         return f"Segmentation({len(self.labels)} faces, {self.n_parts} parts)"
 
-    def _repr_html_(self):
+    def _repr_html_(self) -> str:
         """The page that turns, as Jupyter shows it; some 4 MB at most."""
         with tempfile.TemporaryDirectory() as folder:
             path = os.path.join(folder, "page.html")
@@ -228,11 +252,12 @@ class Segmentation(_OfMesh):
                 f'style="border:0" title="{html.escape(repr(self))}"></iframe>')
 
 
-def cut_mesh(mesh, options, edits, progress):
+def cut_mesh(mesh: _native.Mesh, options: dict[str, Any], edits: Optional[dict[str, Any]], progress: Progress) -> Segmentation:
     """Cuts a mesh with all `options` told, and corrects it."""
-    order = ("hints", "seed", "threads", "max_memory", "work_dir", "force", "tmp")
     text = None if edits is None else text_of(edits)
-    *arrays, report = _native.segment(mesh, options["params"], text, *(options[name] for name in order), progress)
+    *arrays, report = _native.segment(
+        mesh, options["params"], text, options["hints"], options["seed"], options["threads"], options["max_memory"],
+        options["work_dir"], options["force"], options["tmp"], progress)
     # A work directory that was made anew for this mesh is its own from now on.
     options = {**options, "force": False}
     return Segmentation(mesh, arrays, json.loads(report), options, json.loads(text) if text else None)
@@ -247,14 +272,15 @@ class Correspondence:
     report: the alignments that fit, whether the shape leaves a choice (`ambiguous`), and facts of both meshes.
     """
 
-    def __init__(self, matches, distances, confidence, report):
+    def __init__(self, matches: NDArray[np.int64], distances: NDArray[np.float32], confidence: NDArray[np.float32],
+                 report: dict[str, Any]) -> None:
         self.matches, self.distances, self.confidence, self.report = matches, distances, confidence, report
 
-    def save(self, path):
+    def save(self, path: Path) -> None:
         """Writes the matches as .npy, .csv or .parquet. Raises ValueError for another ending, OSError."""
         _native.save_matches(self.matches, self.distances, self.confidence, path)
 
-    def __repr__(self):
+    def __repr__(self) -> str:
         return f"Correspondence({len(self.matches)} vertices)"
 
 
@@ -264,10 +290,10 @@ class Transfer(_OfMesh):
     labels: (faces,) uint32. quality: (faces,) float32, 1 where a label is sure. report: counts, with `uncertain` faces.
     """
 
-    def __init__(self, mesh, labels, quality, report):
+    def __init__(self, mesh: _native.Mesh, labels: NDArray[np.uint32], quality: NDArray[np.float32], report: dict[str, Any]) -> None:
         self._mesh, self.labels, self.quality, self.report = mesh, labels, quality, report
 
-    def __repr__(self):
+    def __repr__(self) -> str:
         return f"Transfer({len(self.labels)} faces, {self.report['uncertain']} uncertain)"
 
 
@@ -278,13 +304,14 @@ class Sequence(_OfMesh):
     measures: how well the order streams, a dict.
     """
 
-    def __init__(self, mesh, places, vertex_numbers, measures):
+    def __init__(self, mesh: _native.Mesh, places: NDArray[np.uint32], vertex_numbers: NDArray[np.uint32],
+                 measures: dict[str, Any]) -> None:
         self._mesh, self.places, self.vertex_numbers, self.measures = mesh, places, vertex_numbers, measures
 
     @property
-    def order(self):
+    def order(self) -> NDArray[np.intp]:
         """The faces in their new order: (faces,) int64; `faces[order]` is the mesh to stream."""
         return np.argsort(self.places, kind="stable")
 
-    def __repr__(self):
+    def __repr__(self) -> str:
         return f"Sequence({len(self.places)} faces)"

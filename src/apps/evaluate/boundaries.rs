@@ -14,7 +14,7 @@
 
 use crate::base::dijkstra::shortest_paths;
 use crate::base::vector::{distance, length, minus};
-use crate::base::{Error, Result};
+use crate::base::{Cancel, Error, Result};
 use crate::mesh::Mesh;
 use rstar::RTree;
 
@@ -25,6 +25,8 @@ pub struct Evaluator {
     /// Area per face; absent: 1 each.
     pub(super) areas: Option<Vec<f64>>,
     pub(super) edges: Option<Edges>,
+    /// Stops what it takes long to find.
+    pub(super) cancel: Cancel,
 }
 
 /// The mesh as a graph of vertices and edges.
@@ -49,7 +51,7 @@ pub(super) struct Edges {
 impl Evaluator {
     /// Faces of equal weight and nothing else, for labels without a mesh.
     pub fn of_faces(faces: usize) -> Self {
-        Self { faces, areas: None, edges: None }
+        Self { faces, areas: None, edges: None, cancel: Cancel::default() }
     }
 
     /// Faces by area, without cut discrepancy. A face without a finite area counts as 0; where no
@@ -58,7 +60,7 @@ impl Evaluator {
         let mut areas = Vec::with_capacity(mesh.faces.len());
         mesh.faces.for_each(0..mesh.faces.len(), |_, corners| areas.push(area(mesh, corners)));
         let any = areas.iter().any(|&area| area > 0.);
-        Self { faces: mesh.faces.len(), areas: any.then_some(areas), edges: None }
+        Self { areas: any.then_some(areas), ..Self::of_faces(mesh.faces.len()) }
     }
 
     /// Everything, for all metrics.
@@ -78,8 +80,16 @@ impl Evaluator {
     /// # Errors
     /// [`Error::Parameter`] for a mesh whose faces have more than 2³¹ corners.
     pub fn of(mesh: &Mesh) -> Result<Self> {
-        let mut surface = Self::without_edges(mesh);
-        surface.edges = Some(Edges::of(mesh, surface.areas.as_deref())?);
+        Self::stopped_by(mesh, Cancel::default())
+    }
+
+    /// The same, until `cancel` stops it or what it is used for.
+    ///
+    /// # Errors
+    /// As [`Evaluator::of`]; [`Error::Cancelled`].
+    pub fn stopped_by(mesh: &Mesh, cancel: Cancel) -> Result<Self> {
+        let mut surface = Self { cancel, ..Self::without_edges(mesh) };
+        surface.edges = Some(Edges::of(mesh, surface.areas.as_deref(), &surface.cancel)?);
         Ok(surface)
     }
 
@@ -128,7 +138,7 @@ fn radius(mesh: &Mesh, areas: Option<&[f64]>) -> f64 {
 }
 
 impl Edges {
-    fn of(mesh: &Mesh, areas: Option<&[f64]>) -> Result<Self> {
+    fn of(mesh: &Mesh, areas: Option<&[f64]>, cancel: &Cancel) -> Result<Self> {
         if mesh.faces.corner_count() > (u32::MAX / 2) as usize {
             return Err(Error::parameter(
                 "cut discrepancy",
@@ -136,6 +146,7 @@ impl Edges {
                 "leave this metric out",
             ));
         }
+        cancel.check()?;
         let positions: Vec<[f64; 3]> = (0..mesh.positions.len() as u32).map(|v| mesh.positions.get(v)).collect();
         let mut edges = Self {
             rows: vec![0; positions.len() + 1],
@@ -146,8 +157,11 @@ impl Edges {
             neighbours: Vec::new(),
             radius: radius(mesh, areas),
         };
+        cancel.check()?;
         let (begins, halves) = edges.halves(mesh);
+        cancel.check()?;
         edges.join(&begins, &halves);
+        cancel.check()?;
         Ok(edges)
     }
 
@@ -235,7 +249,10 @@ pub(super) struct BoundaryField {
 
 impl BoundaryField {
     /// The edges whose faces have different labels, and the distances to them.
-    pub(super) fn of(edges: &Edges, labels: &[u32]) -> Self {
+    ///
+    /// # Errors
+    /// [`Error::Cancelled`].
+    pub(super) fn of(edges: &Edges, labels: &[u32], cancel: &Cancel) -> Result<Self> {
         let mut weights = std::collections::BTreeMap::<u32, f64>::new();
         for (ends, span) in edges.inner.iter().zip(edges.starts.windows(2)) {
             let faces = &edges.faces[span[0] as usize..span[1] as usize];
@@ -245,8 +262,8 @@ impl BoundaryField {
             }
         }
         let points: Vec<(u32, f64)> = weights.into_iter().collect();
-        let field = if points.is_empty() { Vec::new() } else { distances(edges, &points) };
-        Self { points, field }
+        let field = if points.is_empty() { Vec::new() } else { distances(edges, &points, cancel)? };
+        Ok(Self { points, field })
     }
 
     /// Mean distance of the points of `self` to those of `other`, in units of the mesh.
@@ -291,15 +308,17 @@ pub(super) fn discrepancy(edges: &Edges, one: &BoundaryField, other: &BoundaryFi
 }
 
 /// Distance of every vertex to the nearest of `sources` along mesh edges.
-fn distances(edges: &Edges, sources: &[(u32, f64)]) -> Vec<f64> {
+fn distances(edges: &Edges, sources: &[(u32, f64)], cancel: &Cancel) -> Result<Vec<f64>> {
     let mut field = vec![f64::INFINITY; edges.positions.len()];
     let sources: Vec<u32> = sources.iter().map(|&(v, _)| v).collect();
     let steps = |v: u32| {
-        let row = edges.rows[v as usize] as usize..edges.rows[v as usize + 1] as usize;
+        let end = if cancel.is_cancelled() { edges.rows[v as usize] } else { edges.rows[v as usize + 1] };
+        let row = edges.rows[v as usize] as usize..end as usize;
         edges.neighbours[row].iter().map(move |&to| (to, edges.length([v, to])))
     };
     shortest_paths(&sources, steps, f64::INFINITY, &mut field, |_| ());
-    field
+    cancel.check()?;
+    Ok(field)
 }
 
 #[cfg(test)]
@@ -344,6 +363,10 @@ mod tests {
         Mesh::from_slices(&vertices, &faces).unwrap()
     }
 
+    fn field(edges: &Edges, labels: &[u32]) -> BoundaryField {
+        BoundaryField::of(edges, labels, &Cancel::default()).unwrap()
+    }
+
     fn halves(faces: u32, at: u32) -> Vec<u32> {
         (0..faces).map(|f| u32::from(f >= 2 * at)).collect()
     }
@@ -351,23 +374,20 @@ mod tests {
     #[test]
     fn cuts_across_a_strip_lie_as_far_apart_as_they_do() {
         let edges = Evaluator::of(&strip(&[0.], 10)).unwrap().edges.unwrap();
-        let cut = |at| BoundaryField::of(&edges, &halves(20, at));
+        let cut = |at| field(&edges, &halves(20, at));
         assert_eq!(cut(3).points, [(6, 0.5), (7, 0.5)]);
         assert_eq!(discrepancy(&edges, &cut(3), &cut(3)), Some(0.));
         assert_eq!(discrepancy(&edges, &cut(3), &cut(7)), Some(8. / edges.radius));
         assert_eq!(discrepancy(&edges, &cut(7), &cut(3)), Some(8. / edges.radius));
         // Two cuts at 2 and 8 against one at 3: (1 + 5) / 2 one way, 1 the other.
-        let two = BoundaryField::of(
-            &edges,
-            &(0..20).map(|f| f / 2).map(|s| u32::from((2..8).contains(&s))).collect::<Vec<_>>(),
-        );
+        let two = field(&edges, &(0..20).map(|f| f / 2).map(|s| u32::from((2..8).contains(&s))).collect::<Vec<_>>());
         assert!((discrepancy(&edges, &two, &cut(3)).unwrap() * edges.radius - 4.).abs() < 1e-12);
     }
 
     #[test]
     fn without_cuts_there_is_nothing_to_measure() {
         let edges = Evaluator::of(&strip(&[0.], 4)).unwrap().edges.unwrap();
-        let (none, some) = (BoundaryField::of(&edges, &[5; 8]), BoundaryField::of(&edges, &halves(8, 2)));
+        let (none, some) = (field(&edges, &[5; 8]), field(&edges, &halves(8, 2)));
         assert_eq!(discrepancy(&edges, &none, &none), Some(0.));
         assert_eq!(discrepancy(&edges, &none, &some), None);
         assert_eq!(discrepancy(&edges, &some, &none), None);
@@ -376,12 +396,12 @@ mod tests {
     #[test]
     fn between_components_the_line_is_straight() {
         let edges = Evaluator::of(&strip(&[0., 10.], 4)).unwrap().edges.unwrap();
-        let cut = |at| BoundaryField::of(&edges, &halves(16, at));
+        let cut = |at| field(&edges, &halves(16, at));
         // Cuts at x = 1 of the first strip and x = 12 of the second.
         assert_eq!(
             discrepancy(&edges, &cut(1), &{
                 let labels: Vec<u32> = (0..16).map(|f| u32::from(f >= 12)).collect();
-                BoundaryField::of(&edges, &labels)
+                field(&edges, &labels)
             }),
             Some(22. / edges.radius)
         );

@@ -94,10 +94,10 @@ impl Evaluator {
     /// Makes labels ready; `name` is what an error calls them.
     ///
     /// # Errors
-    /// [`Error::Parameter`] where they are not one per face.
+    /// [`Error::Parameter`] where they are not one per face; [`Error::Cancelled`].
     pub fn segmentation<'a>(&self, name: &str, labels: &'a [u32]) -> Result<Segmentation<'a>> {
         check_count(name, labels.len(), self.faces)?;
-        let cut = self.edges.as_ref().map(|edges| BoundaryField::of(edges, labels));
+        let cut = self.edges.as_ref().map(|edges| BoundaryField::of(edges, labels, &self.cancel)).transpose()?;
         Ok(Segmentation { labels, numbering: LabelIndex::of(labels), cut })
     }
 

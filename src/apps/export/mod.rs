@@ -20,19 +20,9 @@ const CHUNK: usize = 1 << 16;
 /// Parts that get a file or a primitive each, at the most.
 const PARTS: usize = 1 << 16;
 
-/// Refuses labels that do not fit the faces.
-pub(crate) fn fit(mesh: &Mesh, labelling: &Labelling) -> Result<()> {
-    let (faces, labels) = (mesh.faces.len(), labelling.labels.len());
-    if faces != labels {
-        let problem = format!("{labels} values for {faces} faces");
-        return Err(Error::parameter("labels", problem, "give one for every face of the mesh"));
-    }
-    Ok(())
-}
-
 /// How many parts there are: a colour each, or as the labels say; refuses labels that do not fit the faces.
 fn parts(mesh: &Mesh, labelling: &Labelling) -> Result<usize> {
-    fit(mesh, labelling)?;
+    labelling.fit(mesh.faces.len())?;
     let most = labelling.labels.iter().max().map_or(0, |&label| label as usize + 1);
     if most > PARTS {
         let problem = format!("{} is too great a label for something of its own each", most - 1);

@@ -5,7 +5,6 @@
 //! given. Rows are written in groups of [`GROUP`], each column of a group at a time: some 40 bytes per row of a group
 //! are held. About 45 bytes per face on disk.
 
-use super::fit;
 use crate::base::vector::{double_area, length};
 use crate::base::{Error, Result};
 use crate::mesh::output::by_rename;
@@ -154,14 +153,11 @@ pub fn write(
     durable: bool,
     run: &Run,
 ) -> Result<()> {
-    fit(mesh, labelling)?;
     let n = mesh.faces.len();
-    let quality = labelling.quality.map_or(n, <[f32]>::len);
-    let coordinates = embedding.map_or(n, |e| e.values.len() / e.dimensions.max(1));
-    for (name, len) in [("quality", quality), ("embedding", coordinates)] {
-        if len != n {
-            return Err(Error::parameter(name, format!("{len} rows for {n} faces"), "give one for every face"));
-        }
+    labelling.fit(n)?;
+    let len = embedding.map_or(n, |e| e.values.len() / e.dimensions.max(1));
+    if len != n {
+        return Err(Error::parameter("embedding", format!("{len} rows for {n} faces"), "give one for every face"));
     }
     // Four measures and a column of a group, and what the writer holds of it.
     let bytes = 56 * GROUP.min(n) as u64;

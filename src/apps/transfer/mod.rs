@@ -135,7 +135,7 @@ fn is_turned(from: &Mesh, to: &Mesh, frame: &UnitFrame) -> bool {
 /// [`Error::Parameter`] for labels that do not fit `from`; [`Error::Unusable`] where most of `to` lies far from `from`;
 /// [`Error::Memory`], [`Error::Io`], [`Error::Cancelled`].
 pub fn transfer(from: &Mesh, labels: &[u32], to: &Mesh, context: Context<'_>) -> Result<Transferred> {
-    super::export::fit(from, &Labelling { labels, colours: &[], quality: None, names: &[] })?;
+    Labelling { labels, colours: &[], quality: None, names: &[] }.fit(from.faces.len())?;
     let (m, n) = (from.faces.len(), to.faces.len());
     let (from, to) = (&from.without_strays(context.run)?, &to.without_strays(context.run)?);
     let frame = UnitFrame::of(from, context.run)?;

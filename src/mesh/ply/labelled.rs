@@ -49,8 +49,9 @@ use std::path::Path;
 /// ```
 ///
 /// # Errors
-/// [`Error::Parameter`] when there is not one label (and one quality) for every face; [`Error::Io`];
-/// [`Error::Cancelled`]; [`Error::Malformed`] should the input have changed since it was opened.
+/// [`Error::Parameter`] when there is not one label (and one quality) for every face, and for labels beyond `i32`, or
+/// beyond 2²⁴ where vertices have them too; [`Error::Io`]; [`Error::Cancelled`]; [`Error::Malformed`] should the input
+/// have changed since it was opened.
 pub fn write_labelled(
     mesh: &Mesh,
     out: &Path,
@@ -175,16 +176,8 @@ impl LabelledFile<'_> {
             let problem = "does not go with labels of vertices or vertices of their own";
             return Err(Error::parameter("split_faces", problem, "ask for one of them"));
         }
-        let faces = mesh.faces.len();
-        let wrong = |name: &str, count: usize| {
-            let problem = format!("{count} values for {faces} faces");
-            Err(Error::parameter(name, problem, "give one for every face of the file"))
-        };
-        match labelling.quality {
-            _ if labelling.labels.len() != faces => wrong("labels", labelling.labels.len()),
-            Some(quality) if quality.len() != faces => wrong("quality", quality.len()),
-            _ => Ok(()),
-        }
+        labelling.fit(mesh.faces.len())?;
+        labelling.fit_ply(options.vertex_labels || options.split_vertices)
     }
 }
 

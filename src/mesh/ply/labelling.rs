@@ -6,6 +6,7 @@ use super::document::{Document, Remarks};
 use super::header::{Encoding, Scalar};
 use super::names;
 use super::values::Encoder;
+use crate::base::{Error, Result};
 use crate::mesh::geometry::Mesh;
 use crate::mesh::split_faces::FaceSplit;
 
@@ -96,6 +97,31 @@ impl Labelling<'_> {
     /// The name of `label`, if it has one.
     pub fn name(&self, label: usize) -> Option<&str> {
         self.names.get(label).map(String::as_str).filter(|name| !name.is_empty())
+    }
+
+    /// Refuses labels and qualities that are not one for each of `faces` faces.
+    pub(crate) fn fit(&self, faces: usize) -> Result<()> {
+        let quality = self.quality.map_or(faces, <[f32]>::len);
+        match [("labels", self.labels.len()), ("quality", quality)].into_iter().find(|&(_, count)| count != faces) {
+            Some((name, count)) => {
+                let problem = format!("{count} values for {faces} faces");
+                Err(Error::parameter(name, problem, "give one for every face of the mesh"))
+            }
+            None => Ok(()),
+        }
+    }
+
+    /// Refuses labels that a PLY cannot hold: those of faces are an `int`, which every reader knows, those of vertices
+    /// a `float`, which CloudCompare shows and which is exact up to 2²⁴.
+    pub(super) fn fit_ply(&self, of_vertices: bool) -> Result<()> {
+        let most = if of_vertices { 1 << 24 } else { i32::MAX as u32 };
+        match self.labels.iter().max() {
+            Some(&label) if label > most => {
+                let problem = format!("{label} is beyond {most}, the greatest label that such a file holds");
+                Err(Error::parameter("labels", problem, "number the parts from 0, or write a .npy or .seg"))
+            }
+            _ => Ok(()),
+        }
     }
 
     /// The colour of `face`: its label's, or grey.
