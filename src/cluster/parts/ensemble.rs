@@ -53,8 +53,8 @@ impl OverSegmentation {
     }
 }
 
-/// Bytes that a thread allocates for one over-segmentation of `cells` cells: affinities with `landmarks` landmarks, what
-/// they become, and matrices among the landmarks (measured).
+/// Bytes that a thread allocates for one over-segmentation of `cells` cells (measured): affinities with `landmarks`
+/// landmarks, what they become, and matrices among the landmarks.
 pub fn member_bytes(landmarks: usize, cells: usize) -> u64 {
     let (l, cells) = (landmarks as u64, cells as u64);
     16 * l * cells + 24 * l * l
