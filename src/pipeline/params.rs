@@ -212,8 +212,8 @@ pub(super) fn dimensions(params: &SegmentParams) -> usize {
 const DECISION: u64 = 20 << 20;
 
 impl Cluster {
-    /// Bytes that finding parts allocates, whatever the budget and the mesh, by `landmarks` rows over `nodes` nodes: for
-    /// the decision, or for the sample that centres are found on.
+    /// Bytes that finding parts allocates, whatever the budget and the mesh, by `landmarks` rows over `nodes` nodes:
+    /// for the decision, or for the sample that centres are found on.
     pub(super) fn fixed_bytes(self, landmarks: u64, nodes: u64) -> u64 {
         match self {
             Self::Parts => decision_bytes(landmarks).max(DECISION),
@@ -230,7 +230,8 @@ impl Cluster {
     }
 }
 
-/// Refuses more landmarks than half of the budget has room for, before rows are computed; arrays may have the other half.
+/// Refuses more landmarks than half of the budget has room for, before rows are computed; arrays may have the other
+/// half.
 ///
 /// # Errors
 /// [`Error::Memory`].

@@ -170,7 +170,8 @@ impl MeasuredSuperfaces {
 }
 
 impl Superfaces {
-    /// Superfaces as they were kept: which each cell belongs to (S), and their areas (R). `None` where a number names no superface, or a superface no cell.
+    /// Superfaces as they were kept: which each cell belongs to (S), and their areas (R). `None` where a number names
+    /// no superface, or a superface no cell.
     pub fn kept(of_cell: Vec<u32>, area: Vec<f64>) -> Option<Superfaces> {
         let mut first = vec![u32::MAX; area.len()];
         for (cell, &superface) in of_cell.iter().enumerate().rev() {
