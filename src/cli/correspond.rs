@@ -263,6 +263,7 @@ pub fn run(args: &CorrespondArgs, app: &AppContext) -> Result<(), CliError> {
         "unmatched": result.matches.len() as u64 - count,
         "mean_confidence": if count > 0 { sum / count as f64 } else { 0. },
         "seconds": seconds,
+        "notes": bars.notes(),
         "peak_bytes": (app.peak)(),
     });
     Ok(args.json.publish(&report)?)

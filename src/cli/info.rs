@@ -107,6 +107,7 @@ fn mesh(path: &Path, args: &InfoArgs, app: &AppContext) -> Result<(String, Value
     for note in opened.notes() {
         let _ = writeln!(text, "{note}");
     }
+    all["notes"] = json!(opened.notes());
     all["measures"] = to_json("the measures", &measures)?;
     Ok((text, all))
 }

@@ -57,7 +57,7 @@ pub fn check(path: &Path, params: &SegmentParams, context: Context<'_>) -> Resul
     let (folder, there) = (context.work.path(), context.work.bytes());
     plan.check_disk(folder, there)?;
     for text in plan.disk_warning(folder, there).into_iter().chain(warning(&plan)) {
-        context.run.progress.note(&text);
+        context.run.progress.note_of_work(&text);
     }
     Ok(())
 }

@@ -148,6 +148,7 @@ pub fn run(args: &SequenceArgs, app: &AppContext) -> Result<(), CliError> {
             report["measures"] = json!(measures);
         }
         report["seconds"] = json!(seconds);
+        report["notes"] = json!(bars.notes());
         report["peak_allocated"] = json!((app.peak)());
         args.json.publish(&report)?;
     }
