@@ -69,6 +69,49 @@ fn what_is_wrong_is_said_in_a_line() {
     }
 }
 
+/// Labels as NumPy keeps integers by default, in 64 bits with a sign, were refused.
+#[test]
+fn labels_are_integers_of_any_type() {
+    let dir = tempfile::tempdir().unwrap();
+    let (mesh, labels, out) = (dir.path().join("m.ply"), dir.path().join("l.npy"), dir.path().join("o.png"));
+    labelled(&mesh);
+    let array = |descr: &str, data: &[u8]| {
+        let text = format!("{{'descr': '{descr}', 'fortran_order': False, 'shape': (4,), }}\n");
+        let head = [b"\x93NUMPY\x01\x00", &(text.len() as u16).to_le_bytes()[..], text.as_bytes()].concat();
+        std::fs::write(&labels, [&head, data].concat()).unwrap();
+    };
+    let drawn = || {
+        let output = run(&["picture", "-q", word(&mesh), "--size=64x64", "--labels", word(&labels), "-o", word(&out)]);
+        (output.status.code(), errors(&output), std::fs::read(&out).unwrap_or_default())
+    };
+    let wanted = [0u32, 1, 1, 2];
+    array("<u4", &wanted.map(u32::to_le_bytes).concat());
+    let (_, _, pixels) = drawn();
+    let [bytes, words, longs] = [
+        wanted.map(|x| vec![x as u8]).concat(),
+        wanted.map(|x| (x as u16).to_be_bytes()).concat(),
+        wanted.map(|x| i64::from(x).to_le_bytes()).concat(),
+    ];
+    for (descr, data) in [("|u1", &bytes), ("|i1", &bytes), (">i2", &words), ("<i8", &longs)] {
+        array(descr, data);
+        assert_eq!(drawn(), (Some(0), String::new(), pixels.clone()), "{descr}");
+    }
+    // One that is no label, one that is cut short, and numbers that are no integers.
+    array("<i8", &[0i64, 1, -7, 2].map(i64::to_le_bytes).concat());
+    let refused = |part: &str| {
+        let (code, told, _) = drawn();
+        let is_right = code == Some(1) && told.contains(word(&labels)) && told.contains(part);
+        assert!(is_right, "{told}");
+    };
+    refused("item 2 is -7, negative or beyond 32 bits; give a vector of integers");
+    array("<u8", &[1 << 40, 1, 7, 2u64].map(u64::to_le_bytes).concat());
+    refused("item 0 is 1099511627776");
+    array("<i8", &longs[..24]);
+    refused("4 items are declared, 3 are there");
+    array("<f4", &[0; 16]);
+    refused("has items <f4");
+}
+
 #[test]
 fn segment_writes_a_picture() {
     let dir = tempfile::tempdir().unwrap();
