@@ -1,6 +1,6 @@
 //! `picture` and `segment -o x.png` from the command line.
 
-use crate::common::{errors, program, run, word};
+use crate::common::{errors, program, run, word, zoo};
 use std::path::Path;
 
 fn succeeds(words: &[&str]) {
@@ -66,6 +66,22 @@ fn what_is_wrong_is_said_in_a_line() {
         let text = errors(&output);
         assert_eq!(output.status.code(), Some(code), "{args:?}: {text}");
         assert!(text.contains(part), "{args:?}: {text}");
+    }
+}
+
+/// It was called misuse (code 2), and nothing named the file.
+#[test]
+fn a_mesh_without_a_place_in_space_is_the_files_fault() {
+    let dir = tempfile::tempdir().unwrap();
+    let mut shape = zoo::tetrahedron();
+    shape.vertices.iter_mut().for_each(|v| *v = [f64::NAN; 3]);
+    let mesh = shape.write(dir.path());
+    for command in [vec!["picture", word(&mesh)], vec!["segment", "-q", word(&mesh), "-o", "x.png"]] {
+        let output = program().current_dir(dir.path()).args(&command).output().unwrap();
+        let (code, told) = (output.status.code(), errors(&output));
+        let last = told.lines().next_back().unwrap_or_default();
+        let start = format!("nystrom-stream: {}: none of its 4 faces has a place", mesh.display());
+        assert!(code == Some(1) && last.starts_with(&start), "{command:?}: {code:?} {told}");
     }
 }
 

@@ -49,7 +49,7 @@ const TOLD_APART: usize = 4096;
 ///
 /// # Errors
 /// [`Error::Parameter`] for sizes or numbers of views out of range or labels that do not fit the faces;
-/// [`Error::Memory`]; [`Error::Cancelled`].
+/// [`Error::Unusable`] where no face has a place in space; [`Error::Memory`]; [`Error::Cancelled`].
 pub fn render(
     mesh: &Mesh,
     labels: Option<&[u32]>,
@@ -114,7 +114,7 @@ pub fn render_named(
 /// The best view, as axes in space: to the right, up, and towards the viewer.
 ///
 /// # Errors
-/// [`Error::Parameter`] where no face has a place in space; [`Error::Cancelled`].
+/// [`Error::Unusable`] where no face has a place in space; [`Error::Cancelled`].
 pub fn best_view(mesh: &Mesh, labels: Option<&[u32]>, parts: usize, run: &Run) -> Result<[[f64; 3]; 3]> {
     let mesh = &mesh.without_strays(run)?;
     let found =
@@ -127,11 +127,8 @@ fn frames(mesh: &Mesh, labels: Option<&[u32]>, parts: usize, params: &PicturePar
     let pieces = viewpoint::sample(mesh, labels, run)?;
     if pieces.is_empty() {
         let faces = mesh.faces.len();
-        return Err(Error::parameter(
-            "mesh",
-            format!("none of its {faces} faces has a place in space"),
-            "give another",
-        ));
+        let problem = format!("none of its {faces} faces has a place in space, so there is nothing to draw");
+        return Err(Error::unusable(mesh.path(), problem, "give a mesh whose coordinates are finite numbers"));
     }
     let up = params.up.map_or_else(|| viewpoint::upright(&pieces), Up::direction);
     let (azimuth, elevation) = viewpoint::best(&pieces, parts, up, run)?;
