@@ -1,6 +1,7 @@
 //! `correspond`: matches the vertices of two meshes, and writes matches, colours, a picture, carried properties.
 
 use super::choices::choice;
+use super::errors::of_file;
 use super::options::{AppContext, CliError, ForceArgs, RunArgs};
 use super::output::{JsonArgs, check_places, ends_with, folder_of};
 use clap::ValueEnum;
@@ -228,7 +229,8 @@ pub fn run(args: &CorrespondArgs, app: &AppContext) -> Result<(), CliError> {
         map: args.initial_map.as_ref().map(|path| files::read(path)).transpose()?,
     };
     let carried = Carried::read(args, &b, Context::new(&work, &run))?;
-    let result = correspond_guided(&a, &b, inputs.as_ref(), &params, &guidance, Context::new(&work, &run))?;
+    let result = correspond_guided(&a, &b, inputs.as_ref(), &params, &guidance, Context::new(&work, &run))
+        .map_err(|error| of_file(error, "map", args.initial_map.as_deref()))?;
     tell(&result, args.method.alternative, &run);
     if !params.partial && one_is_open(&result) {
         run.progress.note(

@@ -163,6 +163,20 @@ fn judge(matches: &Path, mesh: &Path, truth: Option<&Path>, samples: usize, run:
     let work = WorkDir::temporary(&std::env::temp_dir())?;
     let opened = mesh::open(mesh, work.path(), run)?;
     let graph = VertexGraph::build(&opened, mesh, Context::new(&work, run))?;
+    let n = graph.len();
+    let beyond = |map: &[Option<u32>]| map.iter().flatten().find(|&&v| v as usize >= n).copied();
+    if let Some(v) = beyond(&found) {
+        let problem = format!("names vertex {v}, {} has {n}", mesh.display());
+        return Err(Error::unusable(matches, problem, "give --mesh the mesh that the matches point to"));
+    }
+    if let (Some(v), Some(path)) = (real.as_deref().and_then(beyond), truth) {
+        let problem = format!("names vertex {v}, {} has {n}", mesh.display());
+        return Err(Error::unusable(path, problem, "give the true matches in this mesh"));
+    }
+    if real.is_none() && found.len() > n {
+        let problem = format!("is of {} vertices, {} has {n}", found.len(), mesh.display());
+        return Err(Error::unusable(matches, problem, "their numbers do not match; give --truth"));
+    }
     let real = |v: usize| real.as_ref().map_or(Some(v as u32), |real| real[v]);
     let step = found.len().div_ceil(samples.max(1)).max(1);
     let (mut pairs, mut unmatched) = (Vec::new(), 0);

@@ -6,6 +6,7 @@
 
 use super::choices::choice;
 use super::edits::{EditArgs, corrections, named};
+use super::errors::of_file;
 use super::input::read;
 use super::method::{KernelArgs, MethodArgs, OrderArgs, PartsArgs, check_count};
 use super::options::{AppContext, CliError, ForceArgs, RunArgs, WorkDirArgs, misfit, open};
@@ -316,7 +317,8 @@ pub fn cluster(args: &ClusterArgs, app: &AppContext) -> Result<(), CliError> {
         .map(|name| open_mesh(args.mesh.as_deref(), &record, None, context)?.face_property(name, &run));
     let painted = painted.transpose()?;
     let corrections = corrections(edits.as_ref(), painted.as_ref());
-    let mut result = recipe::cluster(&params, tree.as_ref(), corrections, context)?;
+    let mut result = recipe::cluster(&params, tree.as_ref(), corrections, context)
+        .map_err(|error| of_file(error, "tree", args.tree.as_deref()))?;
     named(&mut result.names, args.edits.names.as_deref(), result.colours.len())?;
     if let Some(note) = result.graph.note(&record.mesh) {
         run.progress.note(&note);

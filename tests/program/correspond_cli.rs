@@ -213,7 +213,20 @@ fn what_makes_no_sense_is_refused_in_a_line() {
         assert_eq!(run.status.code(), Some(code), "{words:?}: {}", errors(&run));
         assert!(errors(&run).contains(part), "{words:?}: {}", errors(&run));
     }
+    // Of another mesh: the file at fault was not named, and it was called misuse.
+    let map = |name: &str, targets: &[u32]| {
+        let path = dir.path().join(name);
+        let rows = targets.iter().enumerate().map(|(v, target)| format!("{v},{target},0,1\n"));
+        std::fs::write(&path, format!("vertex,match,distance,confidence\n{}", rows.collect::<String>())).unwrap();
+        path
+    };
+    let n = nystrom_stream::Mesh::open(&a).unwrap().positions.len() as u32;
+    let ([beyond, fine], long) = ([map("beyond.csv", &[0, n]), map("fine.csv", &[0, 1])], vec![0; n as usize + 1]);
+    let (long, mesh) = (map("long.csv", &long), word(&a));
     for (words, code, part) in [
+        (vec!["--matches", word(&beyond), "--mesh", mesh], 1, "beyond.csv: names vertex"),
+        (vec!["--matches", word(&fine), "--mesh", mesh, "--truth", word(&beyond)], 1, "beyond.csv: names vertex"),
+        (vec!["--matches", word(&long), "--mesh", mesh], 1, "long.csv: is of"),
         (vec!["--matches", "x.npy"], 2, "--mesh"),
         (vec!["--matches", word(&a), "--mesh", word(&a)], 1, "no known form"),
     ] {
