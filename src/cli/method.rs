@@ -240,7 +240,7 @@ impl PartsArgs {
 pub fn check_count(params: &SegmentParams) -> Result<(), CliError> {
     match (params.cluster, params.parts.count) {
         (Cluster::KMeans, PartCount::Found) => {
-            let remedy = "give it, as in -k 6, or leave out --cluster kmeans";
+            let remedy = "give it, as in -k 6, or choose --cluster parts";
             Err(CliError::Usage(format!("-k: K-means needs the number of parts; {remedy}")))
         }
         (Cluster::KMeans, PartCount::Between(..)) => Err(misfit("--parts-range", "--cluster parts or two-means")),

@@ -204,7 +204,7 @@ pub(super) fn dimensions(params: &SegmentParams) -> usize {
 pub(super) fn check(params: &SegmentParams, path: &Path, faces: usize) -> Result<()> {
     let wanted = match params.parts.count {
         PartCount::Found if params.cluster == Cluster::KMeans => {
-            let remedy = "give it, as in `parts` 6, or leave out `cluster` kmeans";
+            let remedy = "give it, as in `parts` 6, or choose `cluster` parts";
             return Err(Error::parameter("parts", "K-means needs the number of parts", remedy));
         }
         PartCount::Between(..) if params.cluster == Cluster::KMeans => {
