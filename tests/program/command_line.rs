@@ -193,7 +193,14 @@ fn misuse_ends_with_code_2_and_says_what_is_right() {
         (&["segment", mesh, "-q", "-q"], "--quiet: given more than once"),
         (&["segment", mesh, "--thread", "2"], "--thread: unexpected argument; did you mean --threads?"),
         (&["segment", mesh, "--threads"], "--threads: its value is missing"),
-        (&["segment", mesh, "--force"], "--work-dir: missing"),
+        // It said that --work-dir is missing, and not why.
+        (&["segment", mesh, "--force"], "--force goes with --work-dir; give both"),
+        (&["graph", mesh, "--force"], "--work-dir: missing"),
+        // A number below 0 was called an unexpected argument.
+        (&["segment", mesh, "--seed", "-1"], "--seed: invalid value '-1': not a whole number from 0 on"),
+        (&["segment", mesh, "-l", "-3"], "--landmarks: invalid value '-3': out of range; choose from 1 to 4096"),
+        (&["segment", mesh, "--threads", "-1"], "--threads: invalid value '-1': out of range"),
+        (&["segment", mesh, "--seed", "99999999999999999999"], "too large"),
         (&["plan", "-"], "standard input has no size"),
         (&["segment", mesh, "-k", "0"], "0"),
         (&["segment", mesh, "-k", "two"], "invalid value 'two'"),
