@@ -1,7 +1,7 @@
 //! `evaluate`: labels against those of people, for one mesh or over the folder of a benchmark; matches of `correspond`
 //! against true ones.
 
-use super::options::{AppContext, CliError};
+use super::options::{AppContext, CliError, misfit};
 use super::output::{JsonArgs, check_charts, check_places, ends_with};
 use super::progress::{Bars, Style};
 use nystrom_stream::apps::correspond::{Errors, accuracy, files};
@@ -50,7 +50,7 @@ pub struct EvaluateArgs {
     #[arg(long, value_name = "FILE", requires = "benchmark", requires = "labels")]
     pub plot: Option<PathBuf>,
     /// Leave out the cut discrepancy, which costs most
-    #[arg(long)]
+    #[arg(long, conflicts_with = "matches")]
     pub no_cuts: bool,
     /// Worker threads [default: one per core]
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(1..))]
@@ -65,6 +65,9 @@ type Outcome = (String, Value);
 
 pub fn run(args: &EvaluateArgs, app: &AppContext) -> std::result::Result<(), CliError> {
     check_charts("--plot", args.plot.as_slice())?;
+    if args.plot.is_some() && args.benchmark.is_none() {
+        return Err(misfit("--plot", "--benchmark"));
+    }
     let inputs = args.labels.iter().chain(&args.mesh).chain(&args.truth).chain(&args.matches);
     check_places(inputs, args.plot.iter().chain(&args.json.json))?;
     let bars = Bars::new(if args.quiet { Style::Quiet } else { Style::of_terminal() });

@@ -200,6 +200,16 @@ pub(super) fn dimensions(params: &SegmentParams) -> usize {
     if let PartCount::Exactly(k) = params.parts.count { k } else { two_means::DIMENSIONS }
 }
 
+impl SegmentParams {
+    /// Refuses numbers of parts that make no sense for the mesh of `faces` faces at `path`.
+    ///
+    /// # Errors
+    /// [`Error::Unusable`] for more parts than faces; [`Error::Parameter`].
+    pub fn check_count(&self, path: &Path, faces: u64) -> Result<()> {
+        check(self, path, usize::try_from(faces).unwrap_or(usize::MAX))
+    }
+}
+
 /// Refuses numbers of parts that make no sense for this mesh, and options that exclude each other.
 pub(super) fn check(params: &SegmentParams, path: &Path, faces: usize) -> Result<()> {
     let wanted = match params.parts.count {
