@@ -1,6 +1,6 @@
 //! `correspond` and `evaluate --matches` as a user runs them.
 
-use crate::common::{self, errors, program, word};
+use crate::common::{self, errors, program, word, zoo};
 use nystrom_stream::apps::correspond::Match;
 use nystrom_stream::base::random::{below, stream};
 use nystrom_stream::mesh;
@@ -245,6 +245,21 @@ fn a_missing_property_is_told_before_anything_is_matched() {
     let run = correspond(&a, &b, &["--carry", "nothing", "--carried", word(&out)]);
     assert_eq!(run.status.code(), Some(1), "{}", errors(&run));
     assert!(errors(&run).contains("nothing") && !errors(&run).contains("distance rows"), "{}", errors(&run));
+}
+
+/// All vertices were matched to one, without a word.
+#[test]
+fn a_mesh_without_area_is_refused_by_name() {
+    let (dir, a, b) = files();
+    permuted(&a, &b, false);
+    let mut point = zoo::grid(9);
+    point.vertices.iter_mut().for_each(|v| *v = [1., 2., 3.]);
+    let (point, out) = (point.write(dir.path()), dir.path().join("m.npy"));
+    for (a, b) in [(&point, &b), (&a, &point)] {
+        let run = correspond(a, b, &["-q", "-l", "10", "--refine", "none", "-o", word(&out)]);
+        assert_eq!(run.status.code(), Some(1), "{}", errors(&run));
+        assert!(errors(&run).contains("grid.ply: has no area"), "{}", errors(&run));
+    }
 }
 
 /// A work directory of other meshes is refused, as everywhere, and nothing in it changes.
