@@ -64,6 +64,8 @@ pub struct MeshMeasures {
     pub quads: u64,
     /// Faces with more corners.
     pub polygons: u64,
+    /// Faces with less than three corners, which are no polygons.
+    pub incomplete_faces: u64,
     /// Connected components.
     pub components: u64,
     /// Loops of open edges: holes, and rims of open surfaces. None where memory is too small to count them.
@@ -333,8 +335,9 @@ pub fn mesh(mesh: &Mesh, context: Context<'_>) -> Result<MeshMeasures> {
     let graph = graph(mesh, context)?;
     let (sums, boundary_loops) = sums(mesh, None, &graph, true, context)?;
     let all = sums.into_values().next().unwrap_or_default().measures(graph.facts.frame.origin);
-    let (mut triangles, mut quads) = (0, 0);
+    let (mut triangles, mut quads, mut incomplete_faces) = (0, 0, 0);
     mesh.faces.for_each(0..mesh.faces.len(), |_, corners| match corners.len() {
+        0..=2 => incomplete_faces += 1,
         3 => triangles += 1,
         4 => quads += 1,
         _ => {}
@@ -344,7 +347,8 @@ pub fn mesh(mesh: &Mesh, context: Context<'_>) -> Result<MeshMeasures> {
     Ok(MeshMeasures {
         triangles,
         quads,
-        polygons: mesh.faces.len() as u64 - triangles - quads,
+        polygons: mesh.faces.len() as u64 - triangles - quads - incomplete_faces,
+        incomplete_faces,
         components,
         boundary_loops,
         nonmanifold_edges,

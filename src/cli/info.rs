@@ -123,7 +123,9 @@ fn measured(m: &MeshMeasures) -> String {
     let mut rows: Vec<(&str, String)> = Vec::new();
     let kinds = [(m.triangles, "triangle"), (m.quads, "quad"), (m.polygons, "larger polygon")];
     let kinds = kinds.iter().filter(|(count, _)| *count > 0).map(|&(count, word)| counted(count as usize, word));
-    rows.push(("faces", kinds.collect::<Vec<_>>().join(", ")));
+    let incomplete = (m.incomplete_faces > 0)
+        .then(|| format!("{} of less than three corners", counted(m.incomplete_faces as usize, "face")));
+    rows.push(("faces", kinds.chain(incomplete).collect::<Vec<_>>().join(", ")));
     if let Some([low, high]) = m.all.bounds {
         let size = [0, 1, 2].map(|axis| high[axis] - low[axis]);
         let widest = size.into_iter().fold(f64::MIN_POSITIVE, f64::max);
