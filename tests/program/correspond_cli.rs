@@ -271,6 +271,19 @@ fn a_work_directory_of_other_meshes_is_refused() {
     let words = ["-q", "-l", "10", "--refine", "none", "-o", word(&out), "--work-dir", word(&work)];
     let run = correspond(&a, &b, &words);
     assert!(run.status.success(), "{}", errors(&run));
+    // It was called no work directory.
+    let folder = word(&work);
+    let told = |words: &[&str]| {
+        let run = program().args(words).output().unwrap();
+        (run.status.code(), String::from_utf8_lossy(&run.stdout).into_owned() + &errors(&run))
+    };
+    let (code, text) = told(&["info", folder]);
+    let parts = ["of correspond", "a/ of creature_6000.ply", "b/ of b.ply", "b/vertex rows", "distances.npy"];
+    assert!(code == Some(0) && parts.iter().all(|part| text.contains(part)), "{text}");
+    let (code, text) = told(&["verify", "-q", folder]);
+    assert!(code == Some(0) && text.contains("all as they were written"), "{text}");
+    let (code, text) = told(&["export", "--work-dir", folder, "-o", word(&out)]);
+    assert!(code == Some(1) && text.contains("is a work directory of `correspond`"), "{text}");
     let kept = || std::fs::read(work.join("b/manifest.json")).unwrap();
     let before = kept();
     let run = correspond(&a, &a, &words);
