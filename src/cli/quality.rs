@@ -175,7 +175,8 @@ fn tell(records: &[SampleRecord], args: &QualityArgs, run: &Run) -> Result<()> {
     if let Some(path) = &args.csv {
         write_text(path, &to_csv(records))?;
     }
-    let title = format!("{} meshes, {} seeds, {:?} kernel", args.meshes.len(), args.seeds.unwrap_or(SEEDS), args.kernel);
+    let title =
+        format!("{} meshes, {} seeds, {:?} kernel", args.meshes.len(), args.seeds.unwrap_or(SEEDS), args.kernel);
     for path in &args.plot {
         run.cancel.check()?;
         charts::comparison(path, &lines, &title)?;

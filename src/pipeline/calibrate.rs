@@ -79,7 +79,8 @@ pub fn calibrate(
 ) -> Result<Calibration> {
     let [few, many] = sizes(faces);
     // The creatures may have fewer faces than the mesh has parts.
-    let parts = PartsParams { count: params.parts.count.at_most(few.min(LARGE[0] / 4) as usize), ..params.parts.clone() };
+    let parts =
+        PartsParams { count: params.parts.count.at_most(few.min(LARGE[0] / 4) as usize), ..params.parts.clone() };
     let params = SegmentParams { landmarks: Some(landmarks), parts, ..params.clone() };
     let mean_seconds = |size, noise| -> Result<Timed> {
         let mut mean = seconds(&params, size, noise, folder, run)?;

@@ -49,7 +49,8 @@ fn a_file_under_the_name_of_another_format_is_told_as_such() {
         let mesh = write(dir.path(), "mesh.ply", text);
         let output = run(&["info", word(&mesh)]);
         let told = errors(&output);
-        let is_right = told.contains("mesh.ply: is named as PLY") && told.contains(&format!("rename it to end with {ending}"));
+        let is_right =
+            told.contains("mesh.ply: is named as PLY") && told.contains(&format!("rename it to end with {ending}"));
         assert!(output.status.code() == Some(1) && is_right && told.lines().count() == 1, "{told}");
         let renamed = dir.path().join(format!("mesh{ending}"));
         std::fs::rename(&mesh, &renamed).unwrap();

@@ -85,6 +85,28 @@ fn a_mesh_without_a_place_in_space_is_the_files_fault() {
     }
 }
 
+/// Pictures were blank, or squares of lengths overflowed, and areas in tables were not finite or 0.
+#[test]
+fn meshes_of_any_size_are_drawn_and_measured() {
+    let dir = tempfile::tempdir().unwrap();
+    for exponent in [150, -150, 300, -300] {
+        let mut shape = zoo::grid(9);
+        shape.vertices.iter_mut().flatten().for_each(|x| *x *= 10f64.powi(exponent));
+        let (mesh, out, table) = (shape.write(dir.path()), dir.path().join("o.png"), dir.path().join("t.csv"));
+        succeeds(&["segment", "-q", "-k", "2", word(&mesh), "-o", word(&out), "-o", word(&table)]);
+        assert_eq!(facts(&out), (1600, 1200, 3));
+        let text = std::fs::read_to_string(&table).unwrap();
+        let areas = text.lines().skip(1).map(|row| row.split(',').nth(2).unwrap().parse::<f64>().unwrap());
+        let area: f64 = areas.sum();
+        match exponent {
+            150 => assert!((1e300..1e302).contains(&area), "{area:e}"),
+            -150 => assert!((1e-300..1e-298).contains(&area), "{area:e}"),
+            300 => assert!(area == f64::INFINITY, "{area}"),
+            _ => assert!(area == 0., "{area}"),
+        }
+    }
+}
+
 /// Labels as NumPy keeps integers by default, in 64 bits with a sign, were refused.
 #[test]
 fn labels_are_integers_of_any_type() {

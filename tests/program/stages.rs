@@ -128,7 +128,10 @@ fn the_papers_ways_work_on_the_rows_that_are_there() {
     assert_eq!(read_seg(out).unwrap(), direct(mesh, &way));
     // It advised to leave out an option that was not given.
     let told = refused(&["cluster"], work, 2);
-    assert!(told.contains("-k: K-means needs the number of parts; give it, as in -k 6, or choose --cluster parts"), "{told}");
+    assert!(
+        told.contains("-k: K-means needs the number of parts; give it, as in -k 6, or choose --cluster parts"),
+        "{told}"
+    );
     stage(&["cluster", "--cluster", "parts", "-o", word(out)], work);
     stage(&["cluster", "--cluster", "two-means", "-k", "4", "-o", word(out)], work);
     // What `embed` was told holds for `cluster`.

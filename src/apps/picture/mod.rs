@@ -17,8 +17,10 @@ mod viewpoint;
 pub use sheet::{PictureParams, Up};
 
 use crate::base::{Error, Result};
+use crate::graph;
 use crate::mesh::Mesh;
 use crate::store::Run;
+use crate::store::budget::Grant;
 use camera::Frame;
 pub use image::Image;
 use shading::{CLAY, linear};
@@ -72,6 +74,7 @@ pub fn render_named(
     run: &Run,
 ) -> Result<Image> {
     params.check()?;
+    let (mesh, _grant_of_it) = &in_common_size(mesh, run)?;
     let mesh = &mesh.without_strays(run)?;
     if let Some(labels) = labels.filter(|labels| labels.len() != mesh.faces.len()) {
         let problem = format!("{} for {} faces", labels.len(), mesh.faces.len());
@@ -116,10 +119,29 @@ pub fn render_named(
 /// # Errors
 /// [`Error::Unusable`] where no face has a place in space; [`Error::Cancelled`].
 pub fn best_view(mesh: &Mesh, labels: Option<&[u32]>, parts: usize, run: &Run) -> Result<[[f64; 3]; 3]> {
+    let (mesh, _grant) = &in_common_size(mesh, run)?;
     let mesh = &mesh.without_strays(run)?;
     let found =
         frames(mesh, labels, parts.min(TOLD_APART), &PictureParams { views: 1, ..PictureParams::default() }, run)?;
     Ok([found[0].right, found[0].up, found[0].toward])
+}
+
+/// The mesh itself; a copy in the unit box where it is so large or so small that areas leave the doubles, and what its
+/// positions are granted.
+fn in_common_size(mesh: &Mesh, run: &Run) -> Result<(Mesh, Option<Grant>)> {
+    const COMMON: std::ops::Range<f64> = 1e-60..1e60;
+    // Floats are never so far from 1.
+    if !mesh.positions.is_double() {
+        return Ok((mesh.clone(), None));
+    }
+    let frame = graph::Frame::of(&mesh.positions, run)?;
+    if COMMON.contains(&frame.scale) {
+        return Ok((mesh.clone(), None));
+    }
+    let bytes = 24 * mesh.positions.len() as u64;
+    let grant = run.budget.take("positions of the picture", bytes, bytes)?;
+    let positions = (0..mesh.positions.len() as u32).map(|v| frame.place(mesh.positions.get(v))).collect();
+    Ok((mesh.moved(positions)?, Some(grant)))
 }
 
 /// The views: the best one, and others around the same axis.

@@ -89,7 +89,8 @@ pub(in crate::mesh) fn recognise(path: &Path, bytes: &[u8]) -> Result<Format> {
     }
     let head = &start[..start.len().min(1 << 14)];
     if ending == "ply" {
-        let misnamed = [(is_off(head), "OFF", ".off"), (stl::is_text(bytes), "STL", ".stl"), (is_obj(head), "OBJ", ".obj")];
+        let misnamed =
+            [(is_off(head), "OFF", ".off"), (stl::is_text(bytes), "STL", ".stl"), (is_obj(head), "OBJ", ".obj")];
         return match misnamed.iter().find(|(is_it, ..)| *is_it) {
             Some((_, name, ending)) => {
                 let problem = format!("is named as PLY, but its content is {name}");
