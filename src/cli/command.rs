@@ -35,6 +35,8 @@ fn goes_on(subcommand: &str, option: &str) -> bool {
     match subcommand {
         "cluster" => true,
         "rows" | "share" => ["order", "seed"].contains(&option),
+        // Nothing in it is random.
+        "merge" => option == "seed",
         "embed" | "export" => option == "seed",
         _ => false,
     }

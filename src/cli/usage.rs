@@ -5,7 +5,7 @@ use clap::error::{ContextKind, ContextValue, ErrorKind as Kind};
 use clap::{Arg, Command, Error};
 
 /// Options and what they go with, which clap calls missing without saying who asks for it.
-const TOGETHER: [(&str, &str); 9] = [
+const TOGETHER: [(&str, &str); 10] = [
     ("--carried", "--carry"),
     ("--carry", "--carried"),
     ("--detail", "--tree"),
@@ -13,6 +13,7 @@ const TOGETHER: [(&str, &str); 9] = [
     ("--matches", "--mesh"),
     ("--names", "--output"),
     ("--parts", "--tree"),
+    ("--plot", "LABELS"),
     ("-k", "--tree"),
     ("--samples", "--matches"),
 ];
