@@ -9,8 +9,8 @@ use crate::store::{MappedBytes, MappedSlice, WorkDir, npy_header};
 use std::ffi::OsStr;
 use std::path::Path;
 
-/// Reads the vector in `path`, each item as `convert` has it; where that gives `None`, the error tells the item, that it
-/// is `problem`, and what to do about it, `remedy`.
+/// Reads the vector in `path`, each item as `convert` has it; where that gives `None`, the error tells the item, that
+/// it is `problem`, and what to do about it, `remedy`.
 ///
 /// # Errors
 /// [`Error::Malformed`] for an array that is no vector of integers, or an item that does not convert; [`Error::Io`].
@@ -76,8 +76,8 @@ pub(super) fn read_labels(path: &Path) -> Result<Vec<u32>> {
     read_integers(path, label, NO_LABEL, LABELS)
 }
 
-/// Labels (n) of a `.seg` file or of a `.npy` file, a vector of integers of any type. A vector of the program's own type
-/// is used where it lies; others become an array in `work`, item by item.
+/// Labels (n) of a `.seg` file or of a `.npy` file, a vector of integers of any type. A vector of the program's own
+/// type is used where it lies; others become an array in `work`, item by item.
 ///
 /// # Errors
 /// [`Error::Unusable`] for another ending or a file without labels; [`Error::Malformed`] naming the line or the item

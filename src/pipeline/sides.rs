@@ -177,8 +177,8 @@ impl<'a> Side<'a> {
     /// ([`super::input::identity`]), graph and rows are kept there, or taken from there where they are of the same.
     ///
     /// # Errors
-    /// [`Error::Parameter`], [`Error::Unusable`] for a mesh without triangles or without area, [`Error::Io`], [`Error::Memory`],
-    /// [`Error::Cancelled`].
+    /// [`Error::Parameter`], [`Error::Unusable`] for a mesh without triangles or without area, [`Error::Io`],
+    /// [`Error::Memory`], [`Error::Cancelled`].
     pub fn build(
         opened: &'a Mesh,
         input: Option<&Value>,

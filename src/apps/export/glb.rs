@@ -52,7 +52,8 @@ const VERTICES: usize = 1 << 14;
 ///
 /// # Errors
 /// [`Error::Unusable`] for a mesh whose file would pass [`MOST`] (some 230 million triangles), without a face in
-/// space, or too small for floats; [`Error::Parameter`] for labels that do not fit the faces; [`Error::Io`]; [`Error::Cancelled`].
+/// space, or too small for floats; [`Error::Parameter`] for labels that do not fit the faces; [`Error::Io`];
+/// [`Error::Cancelled`].
 pub fn write(path: &Path, mesh: &Mesh, labelling: &Labelling, durable: bool, run: &Run) -> Result<()> {
     let parts = parts(mesh, labelling)?;
     let mut scene = Scene::of(mesh, labelling, parts, run)?;
