@@ -102,7 +102,7 @@ impl RunOptions {
     pub(super) fn with<R>(&self, work: impl FnOnce(Context<'_>, &StageSeconds<'_>) -> Result<R>) -> Result<R> {
         let silent: &dyn Progress = &();
         let progress = self.progress.as_deref().map_or(silent, |progress| progress);
-        let seconds = StageSeconds { progress, seconds: Mutex::default() };
+        let seconds = StageSeconds { progress, seconds: Mutex::default(), notes: Mutex::default() };
         let mut run = Run::new(&seconds);
         run.threads = self.threads.unwrap_or(run.threads);
         run.budget = self.memory.map_or(run.budget, Budget::new);
@@ -119,16 +119,22 @@ impl RunOptions {
     }
 }
 
-/// A listener that adds up the seconds of stages and passes everything on.
+/// A listener that adds up the seconds of stages, keeps the notes about the mesh, and passes everything on.
 pub(super) struct StageSeconds<'a> {
     progress: &'a dyn Progress,
     seconds: Mutex<BTreeMap<String, f64>>,
+    notes: Mutex<Vec<String>>,
 }
 
 impl StageSeconds<'_> {
     /// Seconds by stage so far.
     pub fn so_far(&self) -> BTreeMap<String, f64> {
         self.seconds.lock().unwrap_or_else(PoisonError::into_inner).clone()
+    }
+
+    /// Notes about the mesh so far.
+    pub fn notes(&self) -> Vec<String> {
+        self.notes.lock().unwrap_or_else(PoisonError::into_inner).clone()
     }
 }
 
@@ -147,6 +153,11 @@ impl Progress for StageSeconds<'_> {
     }
 
     fn note(&self, text: &str) {
+        self.notes.lock().unwrap_or_else(PoisonError::into_inner).push(text.to_owned());
         self.progress.note(text);
+    }
+
+    fn note_of_work(&self, text: &str) {
+        self.progress.note_of_work(text);
     }
 }

@@ -227,7 +227,8 @@ impl Segmenter {
             let identity = admitted(mesh, self.options.force, context)?;
             let cut = pipeline::segment_corrected(mesh, &identity, params, corrections, context)?;
             let hierarchy = Hierarchy::kept(params, context)?;
-            let report = Report::new(mesh, params, &cut, context, seconds.so_far(), None)?;
+            let mut report = Report::new(mesh, params, &cut, context, seconds.so_far(), None)?;
+            report.notes.extend(seconds.notes());
             Ok(Segmentation {
                 mesh: mesh.clone(),
                 labels: cut.labels,

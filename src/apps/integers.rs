@@ -1,13 +1,16 @@
 //! Vectors of integers of any type, as NumPy keeps them: labels, and maps of vertices.
 //!
-//! One pass over the mapped file; the vector made is all that is held.
+//! One pass over the mapped file; the vector made is all that is held. Labels can go to a file instead.
 
 use crate::base::{Error, Result};
-use crate::store::{MappedBytes, npy_header};
+use crate::mesh::read_seg;
+use crate::store::npy::{self, ArrayWriter};
+use crate::store::{MappedBytes, MappedSlice, WorkDir, npy_header};
+use std::ffi::OsStr;
 use std::path::Path;
 
-/// Reads the vector in `path`, each item as `convert` has it; where that gives `None`, the error says that the item
-/// `problem`, and what to do about it is `remedy`.
+/// Reads the vector in `path`, each item as `convert` has it; where that gives `None`, the error tells the item, that
+/// it is `problem`, and what to do about it, `remedy`.
 ///
 /// # Errors
 /// [`Error::Malformed`] for an array that is no vector of integers, or an item that does not convert; [`Error::Io`].
@@ -17,6 +20,23 @@ pub(super) fn read_integers<R>(
     problem: &str,
     remedy: &str,
 ) -> Result<Vec<R>> {
+    let mut all = Vec::new();
+    let push = |item| {
+        all.push(item);
+        Ok(())
+    };
+    each_integer(path, convert, problem, remedy, push)?;
+    Ok(all)
+}
+
+/// Shows the same items to `visit`, one after the other.
+fn each_integer<R>(
+    path: &Path,
+    convert: impl Fn(i128) -> Option<R>,
+    problem: &str,
+    remedy: &str,
+    mut visit: impl FnMut(R) -> Result<()>,
+) -> Result<()> {
     let bytes = MappedBytes::open(path)?;
     let wrong = |problem: String| Error::malformed(path, "array", problem, remedy);
     let header = npy_header::parse(&bytes).map_err(wrong)?;
@@ -30,11 +50,52 @@ pub(super) fn read_integers<R>(
         _ => return Err(wrong(format!("has items {}", header.descr))),
     };
     let width = usize::from(kind.as_bytes()[1] - b'0');
-    if data.len() / width < len as usize {
+    if ((data.len() / width) as u64) < len {
         return Err(wrong(format!("is cut short: {len} items are declared, {} are there", data.len() / width)));
     }
-    let one = |(k, item)| convert(read(item, big)).ok_or_else(|| wrong(format!("item {k} {problem}")));
-    data.chunks_exact(width).take(len as usize).enumerate().map(one).collect()
+    for (k, item) in data.chunks_exact(width).take(len as usize).enumerate() {
+        let item = read(item, big);
+        visit(convert(item).ok_or_else(|| wrong(format!("item {k} is {item}, {problem}")))?)?;
+    }
+    Ok(())
+}
+
+/// The label that an integer is.
+fn label(item: i128) -> Option<u32> {
+    u32::try_from(item).ok()
+}
+
+const NO_LABEL: &str = "negative or beyond 32 bits";
+const LABELS: &str = "give a vector of integers from 0 to 4294967295";
+
+/// Reads labels (n) from a vector of integers of any type.
+///
+/// # Errors
+/// [`Error::Malformed`] for another array, or an item that is no label; [`Error::Io`].
+pub(super) fn read_labels(path: &Path) -> Result<Vec<u32>> {
+    read_integers(path, label, NO_LABEL, LABELS)
+}
+
+/// Labels (n) of a `.seg` file or of a `.npy` file, a vector of integers of any type. A vector of the program's own
+/// type is used where it lies; others become an array in `work`, item by item.
+///
+/// # Errors
+/// [`Error::Unusable`] for another ending or a file without labels; [`Error::Malformed`] naming the line or the item
+/// that is no label; [`Error::Io`].
+pub fn open_labels(path: &Path, work: &WorkDir) -> Result<MappedSlice<u32>> {
+    const FILE: &str = "given_labels.npy";
+    match path.extension().and_then(OsStr::to_str).map(str::to_ascii_lowercase).as_deref() {
+        Some("seg") => npy::write(&work.file(FILE), &read_seg(path)?, 1, false),
+        Some("npy") => {
+            if let Ok(labels) = npy::open(path) {
+                return Ok(labels);
+            }
+            let mut writer = ArrayWriter::create(&work.file(FILE), 1)?;
+            each_integer(path, label, NO_LABEL, LABELS, |label| writer.push(&[label]))?;
+            writer.finish(false)
+        }
+        _ => Err(Error::unusable(path, "its ending says no known form of labels", "give a .seg or .npy file")),
+    }
 }
 
 /// Bytes as a number, the first the lowest unless `big`.
@@ -61,7 +122,7 @@ mod tests {
             let text = format!("{{'descr': '{descr}', 'fortran_order': False, 'shape': (2,), }}\n");
             let bytes = [b"\x93NUMPY\x01\x00", &(text.len() as u16).to_le_bytes()[..], text.as_bytes(), data].concat();
             std::fs::write(&path, bytes).unwrap();
-            read_integers(&path, |item| (item != 77).then_some(item), "is 77", "give others").map_err(|e| e.to_string())
+            read_integers(&path, |item| (item != 77).then_some(item), "odd", "give others").map_err(|e| e.to_string())
         };
         assert_eq!(read("|u1", &[255, 1]).unwrap(), [255, 1]);
         assert_eq!(read("|i1", &[255, 1]).unwrap(), [-1, 1]);
@@ -71,7 +132,7 @@ mod tests {
         assert_eq!(read(">i8", &[255; 16]).unwrap(), [-1, -1]);
         assert_eq!(read("<u8", &[255; 16]).unwrap(), [u64::MAX.into(); 2]);
         assert!(read("<u8", &[255; 15]).unwrap_err().contains("2 items are declared, 1 are there"));
-        assert!(read("|u1", &[5, 77]).unwrap_err().contains("item 1 is 77"));
+        assert!(read("|u1", &[5, 77]).unwrap_err().contains("item 1 is 77, odd"));
         assert!(read("<f4", &[0; 8]).unwrap_err().contains("has items <f4"));
         assert!(read("", &[0; 8]).unwrap_err().contains("has items"));
     }

@@ -10,7 +10,7 @@ use crate::base::eigen;
 use crate::base::union_find::Forest;
 use crate::base::vector::{cross, distance, dot, double_area, finite, length, minus};
 use crate::base::{Error, Result};
-use crate::graph::{Csr, DualGraph, GraphFacts};
+use crate::graph::{Csr, DualGraph, Frame, GraphFacts};
 use crate::mesh::Mesh;
 use crate::store::Context;
 use serde::Serialize;
@@ -64,6 +64,8 @@ pub struct MeshMeasures {
     pub quads: u64,
     /// Faces with more corners.
     pub polygons: u64,
+    /// Faces with less than three corners, which are no polygons.
+    pub incomplete_faces: u64,
     /// Connected components.
     pub components: u64,
     /// Loops of open edges: holes, and rims of open surfaces. None where memory is too small to count them.
@@ -159,8 +161,8 @@ impl Sums {
         }
     }
 
-    /// What the sums about `origin` say.
-    fn measures(self, origin: [f64; 3]) -> Measures {
+    /// What the sums about `origin` in units of `unit` say.
+    fn measures(self, unit: Unit) -> Measures {
         let mean = self.first.map(|x| if self.area > 0. { x / self.area } else { 0. });
         let moment = |k: usize| {
             let [i, j] = PAIRS[k];
@@ -171,20 +173,24 @@ impl Sums {
         if moments.iter().all(|x| x.is_finite()) {
             let values;
             (values, axes) = eigen::principal_axes(moments);
-            spread = values.map(|value| value.max(0.).sqrt());
+            spread = values.map(|value| unit.back(value.max(0.).sqrt(), 1));
         }
         let closed = self.open == 0 && self.clashes == 0 && self.borders.is_empty() && self.faces > 0;
-        let back = |p: [f64; 3]| [0, 1, 2].map(|axis| p[axis] + origin[axis]);
+        let back = |p: [f64; 3]| [0, 1, 2].map(|axis| unit.back(p[axis], 1) + unit.origin[axis]);
         Measures {
             faces: self.faces,
-            area: self.area,
-            volume: closed.then_some(self.volume),
+            area: unit.back(self.area, 2),
+            volume: closed.then(|| unit.back(self.volume, 3)),
             bounds: (self.low[0] <= self.high[0]).then(|| [back(self.low), back(self.high)]),
             centroid: back(mean),
             axes,
             spread,
             open_edges: self.open,
-            neighbours: self.borders.into_iter().map(|(label, length)| Neighbour { label, length }).collect(),
+            neighbours: self
+                .borders
+                .into_iter()
+                .map(|(label, length)| Neighbour { label, length: unit.back(length, 1) })
+                .collect(),
         }
     }
 }
@@ -199,7 +205,36 @@ struct Faces<'a> {
     mesh: &'a Mesh,
     labels: Option<&'a [u32]>,
     neighbours: Csr<'a>,
+    unit: Unit,
+}
+
+/// Where sums have their origin, and the length that they are taken in: 1 unless the mesh is so large or so small that
+/// squares of its lengths or areas leave the doubles.
+#[derive(Clone, Copy, Debug)]
+struct Unit {
     origin: [f64; 3],
+    unit: f64,
+}
+
+impl Unit {
+    /// Of a mesh that lies in `frame`.
+    fn of(frame: &Frame) -> Self {
+        let is_common = (1e-60..1e60).contains(&frame.scale);
+        Self { origin: frame.origin, unit: if is_common { 1. } else { frame.scale } }
+    }
+
+    fn place(self, p: [f64; 3]) -> [f64; 3] {
+        minus(p, self.origin).map(|x| x / self.unit)
+    }
+
+    fn distance(self, a: [f64; 3], b: [f64; 3]) -> f64 {
+        distance(a.map(|x| x / self.unit), b.map(|x| x / self.unit))
+    }
+
+    /// `value`, which has so many dimensions of a length, in the units of the file.
+    fn back(self, value: f64, dimensions: usize) -> f64 {
+        (0..dimensions).fold(value, |value, _| if value == 0. { value } else { value * self.unit })
+    }
 }
 
 /// What a chunk of faces has: sums by label, and the open edges.
@@ -238,7 +273,7 @@ impl Faces<'_> {
             let label = self.label(face);
             let mine = sums.entry(label).or_default();
             mine.faces += 1;
-            self.mesh.fan(corners, |_, at| mine.triangle(at.map(|p| minus(p, self.origin))));
+            self.mesh.fan(corners, |_, at| mine.triangle(at.map(|p| self.unit.place(p))));
             for (k, &v) in corners.iter().enumerate() {
                 let ends = [v, corners[if k + 1 == corners.len() { 0 } else { k + 1 }]];
                 let [from, to] = ends.map(|v| self.mesh.positions.get(v));
@@ -257,7 +292,7 @@ impl Faces<'_> {
                         mine.clashes += u64::from(along);
                         let other = self.label(other as usize);
                         if other != label {
-                            *mine.borders.entry(other).or_default() += distance(from, to);
+                            *mine.borders.entry(other).or_default() += self.unit.distance(from, to);
                         }
                     }
                 }
@@ -299,8 +334,8 @@ fn sums(
 ) -> Result<(BTreeMap<u32, Sums>, Option<u64>)> {
     let bytes = OPEN * graph.facts.boundary_edges;
     let grant = if wants_loops { context.run.budget.take("open edges", bytes, bytes).ok() } else { None };
-    let origin = graph.facts.frame.origin;
-    let faces = Faces { mesh, labels, neighbours: graph.edges.by_shared_edge(), origin };
+    let unit = Unit::of(&graph.facts.frame);
+    let faces = Faces { mesh, labels, neighbours: graph.edges.by_shared_edge(), unit };
     let shares = context.run.map_ranges(mesh.faces.len(), CHUNK, |range| Ok(faces.share(range, grant.is_some())))?;
     let (mut all, mut open) = (BTreeMap::<u32, Sums>::new(), Vec::new());
     for (sums, edges) in shares {
@@ -332,9 +367,10 @@ fn sums(
 pub fn mesh(mesh: &Mesh, context: Context<'_>) -> Result<MeshMeasures> {
     let graph = graph(mesh, context)?;
     let (sums, boundary_loops) = sums(mesh, None, &graph, true, context)?;
-    let all = sums.into_values().next().unwrap_or_default().measures(graph.facts.frame.origin);
-    let (mut triangles, mut quads) = (0, 0);
+    let all = sums.into_values().next().unwrap_or_default().measures(Unit::of(&graph.facts.frame));
+    let (mut triangles, mut quads, mut incomplete_faces) = (0, 0, 0);
     mesh.faces.for_each(0..mesh.faces.len(), |_, corners| match corners.len() {
+        0..=2 => incomplete_faces += 1,
         3 => triangles += 1,
         4 => quads += 1,
         _ => {}
@@ -344,7 +380,8 @@ pub fn mesh(mesh: &Mesh, context: Context<'_>) -> Result<MeshMeasures> {
     Ok(MeshMeasures {
         triangles,
         quads,
-        polygons: mesh.faces.len() as u64 - triangles - quads,
+        polygons: mesh.faces.len() as u64 - triangles - quads - incomplete_faces,
+        incomplete_faces,
         components,
         boundary_loops,
         nonmanifold_edges,
@@ -372,8 +409,8 @@ pub fn parts(mesh: &Mesh, labels: &[u32], parts: usize, context: Context<'_>) ->
     }
     let graph = graph(mesh, context)?;
     let (mut sums, _) = sums(mesh, Some(labels), &graph, false, context)?;
-    let origin = graph.facts.frame.origin;
-    Ok((0..parts as u32).map(|part| sums.remove(&part).unwrap_or_default().measures(origin)).collect())
+    let unit = Unit::of(&graph.facts.frame);
+    Ok((0..parts as u32).map(|part| sums.remove(&part).unwrap_or_default().measures(unit)).collect())
 }
 
 /// The last columns of the table.

@@ -26,3 +26,5 @@ pub mod study;
 mod text;
 pub mod transfer;
 mod vertex_sums;
+
+pub use integers::open_labels;

@@ -11,8 +11,12 @@ pub trait Progress: Sync {
     fn advance(&self, _stage: &str, _done: u64) {}
     /// The stage is finished after `seconds`.
     fn end(&self, _stage: &str, _seconds: f64) {}
-    /// Something worth a line: a stage reused, components bridged, an input oddity.
+    /// Something worth a line about the mesh or the result: an input oddity, an ambiguous match. Reports list it.
     fn note(&self, _text: &str) {}
+    /// Something worth a line about the work: a stage reused, a share that is done already. By default told as a note.
+    fn note_of_work(&self, text: &str) {
+        self.note(text);
+    }
 }
 
 impl Progress for () {}

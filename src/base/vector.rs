@@ -44,6 +44,21 @@ pub fn double_area([a, b, c]: [[f64; 3]; 3]) -> [f64; 3] {
     cross(minus(b, a), minus(c, a))
 }
 
+/// The area of a triangle; also where its square is beyond the doubles or below them, as long as the area is not.
+#[inline(always)]
+pub fn area(triangle: [[f64; 3]; 3]) -> f64 {
+    let double = double_area(triangle);
+    let plain = length(double);
+    (if plain.is_normal() { plain } else { scaled_length(double) }) / 2.
+}
+
+/// |a| without the squares of its coordinates.
+#[cold]
+fn scaled_length(a: [f64; 3]) -> f64 {
+    let most = a[0].abs().max(a[1].abs()).max(a[2].abs());
+    if most > 0. && most.is_finite() { most * length([a[0] / most, a[1] / most, a[2] / most]) } else { most }
+}
+
 /// |a|.
 #[inline(always)]
 pub fn length(a: [f64; 3]) -> f64 {

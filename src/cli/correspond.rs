@@ -1,7 +1,8 @@
 //! `correspond`: matches the vertices of two meshes, and writes matches, colours, a picture, carried properties.
 
 use super::choices::choice;
-use super::options::{AppContext, CliError, ForceArgs, RunArgs};
+use super::errors::of_file;
+use super::options::{AppContext, CliError, ForceArgs, RunArgs, misfit};
 use super::output::{JsonArgs, check_places, ends_with, folder_of};
 use clap::ValueEnum;
 use nystrom_stream::apps::correspond::carry::{Colours, Property};
@@ -40,9 +41,9 @@ pub struct CorrespondArgs {
     /// Write A and B with coloured vertices, matched ones alike: two PLY files
     #[arg(long, value_names = ["A_OUT", "B_OUT"], num_args = 2)]
     pub colours: Vec<PathBuf>,
-    /// What the colours on B show
-    #[arg(long, value_enum, default_value = "position")]
-    pub colour_by: ColourArg,
+    /// What the colours on B show, in --colours and --picture [default: position]
+    #[arg(long, value_enum)]
+    pub colour_by: Option<ColourArg>,
     /// Draw A and B side by side in these colours, .png
     #[arg(long, value_name = "FILE")]
     pub picture: Option<PathBuf>,
@@ -175,6 +176,9 @@ pub fn run(args: &CorrespondArgs, app: &AppContext) -> Result<(), CliError> {
     let mut params = args.method.params();
     params.embedding.check()?;
     args.check_endings()?;
+    if args.colour_by.is_some() && args.colours.is_empty() && args.picture.is_none() {
+        return Err(misfit("--colour-by", "--colours or --picture"));
+    }
     let functional = || args.functional_map.iter().chain(&args.functions);
     if params.refine == Refine::None && functional().next().is_some() {
         return Err(CliError::Usage(
@@ -228,7 +232,8 @@ pub fn run(args: &CorrespondArgs, app: &AppContext) -> Result<(), CliError> {
         map: args.initial_map.as_ref().map(|path| files::read(path)).transpose()?,
     };
     let carried = Carried::read(args, &b, Context::new(&work, &run))?;
-    let result = correspond_guided(&a, &b, inputs.as_ref(), &params, &guidance, Context::new(&work, &run))?;
+    let result = correspond_guided(&a, &b, inputs.as_ref(), &params, &guidance, Context::new(&work, &run))
+        .map_err(|error| of_file(error, "map", args.initial_map.as_deref()))?;
     tell(&result, args.method.alternative, &run);
     if !params.partial && one_is_open(&result) {
         run.progress.note(
@@ -263,6 +268,7 @@ pub fn run(args: &CorrespondArgs, app: &AppContext) -> Result<(), CliError> {
         "unmatched": result.matches.len() as u64 - count,
         "mean_confidence": if count > 0 { sum / count as f64 } else { 0. },
         "seconds": seconds,
+        "notes": bars.notes(),
         "peak_bytes": (app.peak)(),
     });
     Ok(args.json.publish(&report)?)
@@ -295,8 +301,8 @@ impl Carried {
     fn read(args: &CorrespondArgs, b: &Mesh, context: Context<'_>) -> Result<Self> {
         let colours = match args.colour_by {
             _ if args.colours.is_empty() && args.picture.is_none() => None,
-            ColourArg::Position => Some(Colours::by_position(b, context)?),
-            ColourArg::Parts => Some(Colours::by_parts(b, context)?),
+            None | Some(ColourArg::Position) => Some(Colours::by_position(b, context)?),
+            Some(ColourArg::Parts) => Some(Colours::by_parts(b, context)?),
         };
         let properties = args.carry.iter().map(|name| Property::read(b, name, context)).collect::<Result<_>>()?;
         Ok(Self { colours, properties })

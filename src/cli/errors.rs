@@ -3,6 +3,7 @@
 //! The library names options as its parameters are called, within sentences between backticks. Here they become flags.
 
 use nystrom_stream::base::Error;
+use std::path::Path;
 
 /// Options of the library that the command line calls otherwise, and their flags.
 const FLAGS: [(&str, &str); 36] = [
@@ -57,6 +58,16 @@ pub fn message(error: &Error) -> String {
     }
 }
 
+/// Where `error` is about the parameter `name`, which was read from the file `path`: an error of that file.
+pub fn of_file(error: Error, name: &str, path: Option<&Path>) -> Error {
+    match (error, path) {
+        (Error::Parameter { name: concerned, problem, remedy }, Some(path)) if concerned == name => {
+            Error::unusable(path, problem, remedy)
+        }
+        (error, _) => error,
+    }
+}
+
 /// The flag of the option `name`, where it has one of its own.
 fn flag(name: &str) -> Option<&'static str> {
     FLAGS.iter().find(|(option, _)| *option == name).map(|(_, flag)| *flag)
@@ -76,6 +87,8 @@ mod tests {
     fn options_become_flags_and_other_words_stay() {
         let error = Error::parameter("parts", "K-means needs `it`", "as in `parts` 6, or leave out `cluster` kmeans");
         assert_eq!(message(&error), "-k: K-means needs `it`; as in -k 6, or leave out --cluster kmeans");
+        let error = of_file(Error::parameter("tree", "of 3 cells", "take another"), "tree", Some("x.json".as_ref()));
+        assert_eq!(message(&error), "x.json: of 3 cells; take another");
         let error = Error::Memory { what: "a row", needed: 2, available: 1 };
         assert!(message(&error).ends_with("raise --max-memory or lower --threads or -l"), "{}", message(&error));
         let error = Error::unusable("x.ply", "has no `parts`", "give `label`");

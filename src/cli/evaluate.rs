@@ -1,7 +1,7 @@
 //! `evaluate`: labels against those of people, for one mesh or over the folder of a benchmark; matches of `correspond`
 //! against true ones.
 
-use super::options::{AppContext, CliError};
+use super::options::{AppContext, CliError, misfit};
 use super::output::{JsonArgs, check_charts, check_places, ends_with};
 use super::progress::{Bars, Style};
 use nystrom_stream::apps::correspond::{Errors, accuracy, files};
@@ -50,7 +50,7 @@ pub struct EvaluateArgs {
     #[arg(long, value_name = "FILE", requires = "benchmark", requires = "labels")]
     pub plot: Option<PathBuf>,
     /// Leave out the cut discrepancy, which costs most
-    #[arg(long)]
+    #[arg(long, conflicts_with = "matches")]
     pub no_cuts: bool,
     /// Worker threads [default: one per core]
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(1..))]
@@ -65,6 +65,9 @@ type Outcome = (String, Value);
 
 pub fn run(args: &EvaluateArgs, app: &AppContext) -> std::result::Result<(), CliError> {
     check_charts("--plot", args.plot.as_slice())?;
+    if args.plot.is_some() && args.benchmark.is_none() {
+        return Err(misfit("--plot", "--benchmark"));
+    }
     let inputs = args.labels.iter().chain(&args.mesh).chain(&args.truth).chain(&args.matches);
     check_places(inputs, args.plot.iter().chain(&args.json.json))?;
     let bars = Bars::new(if args.quiet { Style::Quiet } else { Style::of_terminal() });
@@ -163,6 +166,20 @@ fn judge(matches: &Path, mesh: &Path, truth: Option<&Path>, samples: usize, run:
     let work = WorkDir::temporary(&std::env::temp_dir())?;
     let opened = mesh::open(mesh, work.path(), run)?;
     let graph = VertexGraph::build(&opened, mesh, Context::new(&work, run))?;
+    let n = graph.len();
+    let beyond = |map: &[Option<u32>]| map.iter().flatten().find(|&&v| v as usize >= n).copied();
+    if let Some(v) = beyond(&found) {
+        let problem = format!("names vertex {v}, {} has {n}", mesh.display());
+        return Err(Error::unusable(matches, problem, "give --mesh the mesh that the matches point to"));
+    }
+    if let (Some(v), Some(path)) = (real.as_deref().and_then(beyond), truth) {
+        let problem = format!("names vertex {v}, {} has {n}", mesh.display());
+        return Err(Error::unusable(path, problem, "give the true matches in this mesh"));
+    }
+    if real.is_none() && found.len() > n {
+        let problem = format!("is of {} vertices, {} has {n}", found.len(), mesh.display());
+        return Err(Error::unusable(matches, problem, "their numbers do not match; give --truth"));
+    }
     let real = |v: usize| real.as_ref().map_or(Some(v as u32), |real| real[v]);
     let step = found.len().div_ceil(samples.max(1)).max(1);
     let (mut pairs, mut unmatched) = (Vec::new(), 0);

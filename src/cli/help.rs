@@ -115,7 +115,7 @@ fn markdown(mut program: Command) -> String {
         let (name, about) = (command.get_name(), command.get_about().map(ToString::to_string).unwrap_or_default());
         let _ = writeln!(text, "- [`{name}`](#{name}): {about}");
     }
-    let mut known: BTreeMap<String, (String, String)> = BTreeMap::new();
+    let mut known: BTreeMap<(String, String), String> = BTreeMap::new();
     for command in commands() {
         let (name, about) = (command.get_name(), command.get_about().map(ToString::to_string).unwrap_or_default());
         let usage = command.clone().render_usage().to_string();
@@ -123,13 +123,13 @@ fn markdown(mut program: Command) -> String {
         let _ = write!(text, "\n## {name}\n\n{about}.\n\n```\n{usage}\n```\n");
         for (heading, rows) in groups(command) {
             let title = if heading.is_empty() { "Arguments and options" } else { &heading };
-            match known.get(&heading) {
-                Some((first, same)) if *same == rows => {
+            match known.get(&(heading.clone(), rows.clone())) {
+                Some(first) => {
                     let _ = write!(text, "\n**{title}**: the same as those of [`{first}`](#{first}).\n");
                 }
-                _ => {
+                None => {
                     let _ = write!(text, "\n| {title} | |\n| --- | --- |\n{rows}");
-                    known.insert(heading, (name.to_string(), rows));
+                    known.insert((heading, rows), name.to_string());
                 }
             }
         }

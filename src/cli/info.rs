@@ -107,6 +107,7 @@ fn mesh(path: &Path, args: &InfoArgs, app: &AppContext) -> Result<(String, Value
     for note in opened.notes() {
         let _ = writeln!(text, "{note}");
     }
+    all["notes"] = json!(opened.notes());
     all["measures"] = to_json("the measures", &measures)?;
     Ok((text, all))
 }
@@ -122,7 +123,9 @@ fn measured(m: &MeshMeasures) -> String {
     let mut rows: Vec<(&str, String)> = Vec::new();
     let kinds = [(m.triangles, "triangle"), (m.quads, "quad"), (m.polygons, "larger polygon")];
     let kinds = kinds.iter().filter(|(count, _)| *count > 0).map(|&(count, word)| counted(count as usize, word));
-    rows.push(("faces", kinds.collect::<Vec<_>>().join(", ")));
+    let incomplete = (m.incomplete_faces > 0)
+        .then(|| format!("{} of less than three corners", counted(m.incomplete_faces as usize, "face")));
+    rows.push(("faces", kinds.chain(incomplete).collect::<Vec<_>>().join(", ")));
     if let Some([low, high]) = m.all.bounds {
         let size = [0, 1, 2].map(|axis| high[axis] - low[axis]);
         let widest = size.into_iter().fold(f64::MIN_POSITIVE, f64::max);
@@ -166,17 +169,25 @@ pub fn run(args: &InfoArgs, app: &AppContext) -> std::result::Result<(), CliErro
         let (text, all) = mesh(path, args, app)?;
         return Ok(args.json.publish_or_print(&all, &text)?);
     }
-    let work = WorkDir::open_existing(path)?;
-    let manifest = work.manifest();
+    let work = WorkDir::open_any(path)?;
+    let (manifest, inner) = (work.manifest(), work.all_inner()?);
     let faces = faces(&manifest);
     let per_face = |bytes: u64| faces.map_or(String::new(), |n| format!("{:8.2} B/face", bytes as f64 / n));
-    let mut text =
-        format!("{}, format {}, by {}\n", line(&path.to_string_lossy()), manifest.format, line(&manifest.program));
+    let name = line(&path.to_string_lossy()).into_owned();
+    let mut text = if manifest.stages.is_empty() && !inner.is_empty() {
+        format!("{name}, of correspond, with a folder for each mesh\n")
+    } else {
+        format!("{name}, format {}, by {}\n", manifest.format, line(&manifest.program))
+    };
     if let Some(mesh) = manifest.stages.get("record").and_then(|stage| stage.facts["mesh"].as_str()) {
         let _ = writeln!(text, "of {}", line(mesh));
     }
     let mut total = 0;
     let mut list = |manifest: &Manifest, folder: &str| {
+        let matched = manifest.stages.get("vertex graph").and_then(|stage| stage.inputs["input"]["file"].as_str());
+        if let Some(mesh) = matched {
+            let _ = writeln!(text, "{folder} of {}", line(mesh));
+        }
         for (name, stage) in &manifest.stages {
             let _ = writeln!(text, "{folder}{}  key {}  {:.3} s", line(name), line(&stage.key), stage.seconds);
             for (file, record) in &stage.files {
@@ -187,7 +198,7 @@ pub fn run(args: &InfoArgs, app: &AppContext) -> std::result::Result<(), CliErro
     };
     list(&manifest, "");
     let mut all = to_json("the manifest", &manifest)?;
-    for (folder, inner) in work.all_inner()? {
+    for (folder, inner) in inner {
         let inner = inner.manifest();
         list(&inner, &format!("{}/", line(&folder)));
         all["folders"][folder] = to_json("a manifest", &inner)?;
@@ -199,7 +210,7 @@ pub fn run(args: &InfoArgs, app: &AppContext) -> std::result::Result<(), CliErro
 pub fn verify(args: &VerifyArgs, app: &AppContext) -> std::result::Result<(), CliError> {
     let bars = args.run.bars();
     let run: Run = args.run.run(&bars, app);
-    let work = WorkDir::open_existing(args.place.path())?;
+    let work = WorkDir::open_any(args.place.path())?;
     let inner = work.all_inner()?;
     let manifests = [work.manifest()].into_iter().chain(inner.values().map(|inner| inner.manifest()));
     let files =

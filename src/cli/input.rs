@@ -45,7 +45,7 @@ fn admit(path: &Path, identity: &Value, force: ForceArgs, context: Context<'_>) 
     }
     match input::admit(path, identity, work) {
         Err(Error::WorkDir { .. }) if force.force => {
-            run.progress.note(&format!("{}: emptied, since it was of another mesh", work.path().display()));
+            run.progress.note_of_work(&format!("{}: emptied, since it was of another mesh", work.path().display()));
             work.clear()
         }
         admitted => admitted,

@@ -26,36 +26,56 @@ impl Maker {
         Self(format!("{:016x}", xxh3_64(all.to_string().as_bytes())))
     }
 
-    /// The record of `output` as it lies there now; nothing for one that is no file.
-    fn record(&self, output: &Output) -> Option<(PathBuf, Value)> {
-        let path = output.path()?;
-        let known = std::fs::metadata(output.last_file()?).ok()?;
-        let changed = known.modified().ok()?.duration_since(UNIX_EPOCH).ok()?.as_nanos().to_string();
-        let name = path.file_name().unwrap_or_default().to_string_lossy().into_owned() + ".json";
-        let record = json!({"key": self.0, "bytes": known.len(), "changed": changed});
-        Some((folder_of(path).join(FOLDER).join(name), record))
+    /// The record of `output` as it lies there now; nothing for one that is no file, or not whole.
+    fn record(&self, output: &Output) -> Option<Value> {
+        let last = output.last_file()?;
+        let (mut bytes, mut changed) = state(&last)?;
+        if let Output::Folder(folder) = output {
+            // The list is written last, but any of its files may be gone since.
+            let list: Value = serde_json::from_slice(&std::fs::read(&last).ok()?).ok()?;
+            for part in list["parts"].as_array()? {
+                let (more, time) = state(&folder.join(part["file"].as_str()?))?;
+                let all = format!("{changed} {more} {time}");
+                (bytes, changed) = (bytes + more, format!("{:016x}", xxh3_64(all.as_bytes())));
+            }
+        }
+        Some(json!({"key": self.0, "bytes": bytes, "changed": changed}))
     }
 
     /// Whether this made `output`, and nothing has changed it since.
     pub fn made(&self, output: &Output) -> bool {
-        let Some((path, record)) = self.record(output) else { return false };
-        let kept = std::fs::read(path).ok().and_then(|text| serde_json::from_slice::<Value>(&text).ok());
-        kept == Some(record)
+        let kept = place(output).and_then(|path| std::fs::read(path).ok());
+        let kept = kept.and_then(|text| serde_json::from_slice::<Value>(&text).ok());
+        kept.is_some() && kept == self.record(output)
     }
 
     /// Forgets what made `output`, before it is written anew.
     pub fn forget(&self, output: &Output) {
-        if let Some((path, _)) = self.record(output) {
+        if let Some(path) = place(output) {
             let _ = std::fs::remove_file(path);
         }
     }
 
     /// Records that this made `output`. Where the folder cannot be written to, the next run makes it anew.
     pub fn stamp(&self, output: &Output) -> Result<()> {
-        let Some((path, record)) = self.record(output) else { return Ok(()) };
+        let (Some(path), Some(record)) = (place(output), self.record(output)) else { return Ok(()) };
         if std::fs::create_dir_all(path.parent().unwrap_or(Path::new("."))).is_err() {
             return Ok(());
         }
         json::publish(&path, record.to_string().as_bytes())
     }
+}
+
+/// Where the record of `output` lies.
+fn place(output: &Output) -> Option<PathBuf> {
+    let path = output.path()?;
+    let name = path.file_name()?.to_string_lossy().into_owned() + ".json";
+    Some(folder_of(path).join(FOLDER).join(name))
+}
+
+/// Size and time of the file `path`.
+fn state(path: &Path) -> Option<(u64, String)> {
+    let known = std::fs::metadata(path).ok()?;
+    let changed = known.modified().ok()?.duration_since(UNIX_EPOCH).ok()?.as_nanos().to_string();
+    Some((known.len(), changed))
 }

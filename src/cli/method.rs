@@ -26,9 +26,9 @@ fn parse_range(text: &str) -> Result<(usize, usize), String> {
 #[derive(Clone, Debug, clap::Args)]
 #[command(next_help_heading = "Method")]
 pub struct MetricArgs {
-    /// Form of the edge weights
-    #[arg(long = "metric", id = "metric", value_parser = choice::<Metric>(), default_value = "scale-free")]
-    pub form: Metric,
+    /// Form of the edge weights [default: scale-free]
+    #[arg(long = "metric", id = "metric", value_parser = choice::<Metric>())]
+    pub form: Option<Metric>,
     /// Length that turning by one radian is worth, in the scale-free metric [default: 5]
     #[arg(long, value_name = "B")]
     pub beta: Option<f32>,
@@ -41,9 +41,16 @@ pub struct MetricArgs {
 }
 
 impl MetricArgs {
+    /// The first option that was given, if any.
+    pub fn given(&self) -> Option<&'static str> {
+        let weights = [(self.beta, "--beta"), (self.eta, "--eta"), (self.delta, "--delta")];
+        let weight = weights.into_iter().find_map(|(value, option)| value.map(|_| option));
+        self.form.map(|_| "--metric").or(weight)
+    }
+
     /// The metric.
     pub fn metric(&self) -> Result<Metric, CliError> {
-        let metric = match self.form {
+        let metric = match self.form.unwrap_or_default() {
             Metric::ScaleFree { .. } if self.delta.is_some() => return Err(misfit("--delta", "--metric paper")),
             Metric::ScaleFree { beta, eta } => {
                 Metric::ScaleFree { beta: self.beta.unwrap_or(beta), eta: self.eta.unwrap_or(eta) }
@@ -240,7 +247,7 @@ impl PartsArgs {
 pub fn check_count(params: &SegmentParams) -> Result<(), CliError> {
     match (params.cluster, params.parts.count) {
         (Cluster::KMeans, PartCount::Found) => {
-            let remedy = "give it, as in -k 6, or leave out --cluster kmeans";
+            let remedy = "give it, as in -k 6, or choose --cluster parts";
             Err(CliError::Usage(format!("-k: K-means needs the number of parts; {remedy}")))
         }
         (Cluster::KMeans, PartCount::Between(..)) => Err(misfit("--parts-range", "--cluster parts or two-means")),

@@ -2,6 +2,7 @@
 //! user of clap and indicatif.
 
 mod choices;
+mod command;
 mod correspond;
 mod demo;
 mod edits;
@@ -25,7 +26,7 @@ mod stages;
 mod transfer;
 mod usage;
 
-use clap::{CommandFactory, Parser, Subcommand};
+use clap::{FromArgMatches, Parser, Subcommand};
 use nystrom_stream::base::parallel::catch;
 use nystrom_stream::base::{Cancel, Error};
 use options::{AppContext, CliError};
@@ -130,10 +131,11 @@ fn goes_on(dir: &std::path::Path) -> String {
 /// Parses the arguments and runs. `peak` tells the most bytes allocated so far.
 pub fn main(peak: fn() -> u64) -> ExitCode {
     nystrom_stream::store::mapped::report_vanishing_files();
-    let cli = match Cli::try_parse() {
+    let parsed = command::parsed().try_get_matches().and_then(|matches| Cli::from_arg_matches(&matches));
+    let cli = match parsed {
         Ok(cli) => cli,
         Err(error) => {
-            match usage::line(&error, |word| Cli::command().find_subcommand(word).is_some()) {
+            match usage::line(&error, &command::parsed()) {
                 Some(text) => progress::tell(&format!("nystrom-stream: {text}")),
                 None => drop(error.print()),
             }
@@ -192,7 +194,7 @@ fn dispatch(command: Command, app: &AppContext) -> Result<(), CliError> {
         Command::TransferLabels(args) => transfer::run(&args, app),
         Command::Plot(args) => plot::run(&args),
         Command::Demo(args) => demo::run(&args, app),
-        Command::Completions(args) => help::completions(&args, Cli::command()),
-        Command::Man(args) => help::man(&args, Cli::command()),
+        Command::Completions(args) => help::completions(&args, command::parsed()),
+        Command::Man(args) => help::man(&args, command::parsed()),
     }
 }

@@ -3,12 +3,12 @@
 use super::options::{AppContext, CliError, RunArgs};
 use super::output::{check_places, ends_with, folder_of};
 use nystrom_stream::apps::colours::colours_for;
+use nystrom_stream::apps::open_labels;
 use nystrom_stream::apps::picture::{PictureParams, Up, render_named};
 use nystrom_stream::base::{Error, Result};
 use nystrom_stream::mesh::ply::names::names_of;
-use nystrom_stream::mesh::{self, Mesh, ply::ElementKind, seg};
+use nystrom_stream::mesh::{self, Mesh, ply::ElementKind};
 use nystrom_stream::store::{Context, MappedSlice, WorkDir, npy};
-use std::ffi::OsStr;
 use std::path::{Path, PathBuf};
 
 /// Arguments of `picture`.
@@ -17,7 +17,7 @@ pub struct PictureArgs {
     /// A PLY, OBJ, OFF or STL file, also .gz, labelled or not; `-` reads standard input
     #[arg(value_name = "MESH")]
     pub mesh: PathBuf,
-    /// Labels, .seg or .npy [default: the property `label` of the mesh's faces]
+    /// Labels, .seg or .npy of any integers [default: the property `label` of the mesh's faces]
     #[arg(long, value_name = "LABELS")]
     pub labels: Option<PathBuf>,
     /// The picture, .png [default: MESH.png]
@@ -132,13 +132,13 @@ pub fn run(args: &PictureArgs, app: &AppContext) -> Result<(), CliError> {
     Ok(())
 }
 
-/// Labels of a .seg or .npy file.
+/// Labels of a .seg or .npy file; another ending is misuse.
 pub(super) fn labels_of_file(path: &Path, work: &WorkDir) -> Result<MappedSlice<u32>, CliError> {
-    match path.extension().and_then(OsStr::to_str).map(str::to_ascii_lowercase).as_deref() {
-        Some("seg") => Ok(npy::write(&work.file("labels.npy"), &seg::read_seg(path)?, 1, false)?),
-        Some("npy") => Ok(npy::open(path)?),
-        _ => Err(CliError::Usage(format!("--labels {}: unknown ending; give a .seg or .npy file", path.display()))),
+    if !["seg", "npy"].iter().any(|ending| ends_with(path, ending)) {
+        let text = format!("--labels {}: unknown ending; give a .seg or .npy file", path.display());
+        return Err(CliError::Usage(text));
     }
+    Ok(open_labels(path, work)?)
 }
 
 /// Labels, and colours by label where they are known.

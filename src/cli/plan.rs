@@ -8,10 +8,11 @@ use nystrom_stream::base::Result;
 use nystrom_stream::mesh::size_of_mesh;
 use nystrom_stream::pipeline::SegmentParams;
 use nystrom_stream::pipeline::calibrate::calibrate;
-use nystrom_stream::pipeline::params::check_memory;
 use nystrom_stream::pipeline::plan::{Pace, Plan, order_is_open};
 use nystrom_stream::store::disk_speed::DiskSpeed;
+use nystrom_stream::store::json::value as to_json;
 use nystrom_stream::store::{Budget, Context};
+use serde_json::json;
 use std::collections::BTreeMap;
 use std::fmt::Write;
 use std::path::{Path, PathBuf};
@@ -58,7 +59,7 @@ pub fn check(path: &Path, params: &SegmentParams, context: Context<'_>) -> Resul
     let (folder, there) = (context.work.path(), context.work.bytes());
     plan.check_disk(folder, there)?;
     for text in plan.disk_warning(folder, there).into_iter().chain(warning(&plan)) {
-        context.run.progress.note(&text);
+        context.run.progress.note_of_work(&text);
     }
     Ok(())
 }
@@ -75,7 +76,8 @@ pub fn run(args: &PlanArgs, app: &AppContext) -> Result<(), CliError> {
     let lasting = args.work_dir.is_some();
     let plan = Plan::new(size, &params, false, lasting, &run);
     plan.check_size(&args.mesh)?;
-    check_memory(&params, size.faces as usize, &run)?;
+    params.check_count(&args.mesh, size.faces)?;
+    params.check_memory(size.faces, &run)?;
     let folder = args.work_dir.clone().or(args.run.tmp.clone()).unwrap_or_else(|| folder_of(&args.mesh));
     // A work directory may not be there yet; its disk is that of the nearest folder that is.
     let folder = folder.ancestors().find(|folder| folder.is_dir()).unwrap_or(Path::new(".")).to_path_buf();
@@ -85,27 +87,27 @@ pub fn run(args: &PlanArgs, app: &AppContext) -> Result<(), CliError> {
     if let Some(cache) = page_cache(&plan).filter(|&cache| plan.walked > cache) {
         plan = plan.with_waits(DiskSpeed::measure(&folder)?, cache);
     }
-    let mut text = table(&plan);
+    let (mut text, mut notes) = (table(&plan), Vec::new());
     if order_is_open(&params, size.faces) {
         let sorted = Plan::new(size, &params, true, lasting, &run);
         let more = human((sorted.disk_peak - plan.disk_peak) as f64);
-        let _ = writeln!(text, "if the order of the file is poor: {more}B of disk more, to sort faces along a curve");
+        notes.push(format!("if the order of the file is poor: {more}B of disk more, to sort faces along a curve"));
     }
     if plan.memory > run.budget.total() {
         let (needed, budget) = (human(plan.memory as f64), human(run.budget.total() as f64));
-        let _ = writeln!(
-            text,
+        notes.push(format!(
             "warning: {needed}B are allocated although --max-memory is {budget}B: they do not depend on the mesh"
-        );
-    }
-    if let Some(warning) = warning(&plan) {
-        let _ = writeln!(text, "warning: {warning}");
+        ));
     }
     let short_of_disk = plan.check_disk(&folder, 0);
-    if let (Ok(()), Some(warning)) = (&short_of_disk, plan.disk_warning(&folder, 0)) {
-        let _ = writeln!(text, "warning: {warning}");
+    let of_disk = plan.disk_warning(&folder, 0).filter(|_| short_of_disk.is_ok());
+    notes.extend(warning(&plan).into_iter().chain(of_disk).map(|warning| format!("warning: {warning}")));
+    for note in &notes {
+        let _ = writeln!(text, "{note}");
     }
-    args.json.publish_or_print(&plan, &text)?;
+    let mut report = to_json("the plan", &plan)?;
+    report["notes"] = json!(notes);
+    args.json.publish_or_print(&report, &text)?;
     Ok(short_of_disk?)
 }
 

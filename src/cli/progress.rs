@@ -96,6 +96,8 @@ struct State {
     bars: BTreeMap<String, ProgressBar>,
     stages: BTreeMap<String, Stage>,
     seconds: BTreeMap<String, f64>,
+    /// Notes about the mesh and the result, for the report.
+    notes: Vec<String>,
 }
 
 /// A stage that is running.
@@ -169,6 +171,11 @@ impl Bars {
     /// Seconds by stage so far; emptied.
     pub fn take_seconds(&self) -> BTreeMap<String, f64> {
         std::mem::take(&mut self.state().seconds)
+    }
+
+    /// What was told of the mesh and the result so far, whether or not it was shown.
+    pub fn notes(&self) -> Vec<String> {
+        self.state().notes.clone()
     }
 
     /// A line of its own among the bars.
@@ -274,6 +281,11 @@ impl Progress for Bars {
     }
 
     fn note(&self, text: &str) {
+        self.state().notes.push(text.to_string());
+        self.note_of_work(text);
+    }
+
+    fn note_of_work(&self, text: &str) {
         // Notes about a stage begin with its name.
         let in_words = text.split_once(": ").map(|(stage, rest)| format!("{}: {rest}", words(stage)));
         let text = match self.style {

@@ -2,7 +2,7 @@
 
 use super::choices::choice;
 use super::method::MetricArgs;
-use super::options::{AppContext, CliError, RunArgs};
+use super::options::{AppContext, CliError, RunArgs, misfit};
 use super::output::{JsonArgs, check_charts, check_places, write_text};
 use nystrom_stream::apps::plots::charts;
 use nystrom_stream::apps::study::compare::{EmbeddingError, embedding_errors};
@@ -22,6 +22,9 @@ use std::path::PathBuf;
 /// Faces up to which `--exact` holds all distances.
 const MOST: usize = 5000;
 
+/// Seeds that are compared.
+const SEEDS: u32 = 5;
+
 /// Arguments of `quality`.
 #[derive(Clone, Debug, clap::Args)]
 pub struct QualityArgs {
@@ -39,9 +42,9 @@ pub struct QualityArgs {
     /// Compare samplings, numbers of landmarks and seeds under one σ
     #[arg(long)]
     pub compare: bool,
-    /// Number of seeds, from --seed on (with --compare)
-    #[arg(long, value_name = "N", default_value_t = 5, value_parser = clap::value_parser!(u32).range(1..=10_000))]
-    pub seeds: u32,
+    /// Number of seeds, from --seed on, with --compare [default: 5]
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=10_000))]
+    pub seeds: Option<u32>,
     /// Measure instead how far extrapolated embeddings of six coordinates are from the exact one, up to 5,000 faces
     #[arg(long, conflicts_with = "compare")]
     pub embedding: bool,
@@ -89,6 +92,12 @@ fn params(args: &QualityArgs) -> Result<CompareParams, CliError> {
     if !args.plot.is_empty() && !args.compare {
         return Err(CliError::Usage("--plot goes with --compare: it draws a comparison".into()));
     }
+    if args.seeds.is_some() && !args.compare {
+        return Err(misfit("--seeds", "--compare"));
+    }
+    if let Some(option) = args.metric.given().filter(|_| args.nodes == Over::Vertices) {
+        return Err(misfit(option, "--nodes faces"));
+    }
     if !(args.sigma > 0. && args.sigma < 1e6) {
         return Err(CliError::Usage(format!("--sigma: {} is not a width; choose a positive number", args.sigma)));
     }
@@ -107,7 +116,7 @@ fn params(args: &QualityArgs) -> Result<CompareParams, CliError> {
     let mut landmarks: Vec<usize> = args.landmarks.iter().map(|&l| l as usize).collect();
     landmarks.sort_unstable();
     landmarks.dedup();
-    let seeds = if args.compare { u64::from(args.seeds) } else { 1 };
+    let seeds = if args.compare { u64::from(args.seeds.unwrap_or(SEEDS)) } else { 1 };
     Ok(CompareParams::default()
         .samplings(samplings)
         .landmarks(landmarks)
@@ -166,7 +175,8 @@ fn tell(records: &[SampleRecord], args: &QualityArgs, run: &Run) -> Result<()> {
     if let Some(path) = &args.csv {
         write_text(path, &to_csv(records))?;
     }
-    let title = format!("{} meshes, {} seeds, {:?} kernel", args.meshes.len(), args.seeds, args.kernel);
+    let title =
+        format!("{} meshes, {} seeds, {:?} kernel", args.meshes.len(), args.seeds.unwrap_or(SEEDS), args.kernel);
     for path in &args.plot {
         run.cancel.check()?;
         charts::comparison(path, &lines, &title)?;

@@ -171,18 +171,17 @@ pub fn run(args: &SegmentArgs, app: &AppContext) -> Result<(), CliError> {
     let job = jobs.remove(0);
     let report = one(&job, task, &bars, &run, app)?;
     args.json.publish(&report)?;
-    if let Some(inside) = report.inside() {
-        run.progress.note(&inside);
-    }
-    // A number that was asked for may well be more than there are.
-    if params.parts.count == PartCount::Found
-        && let Some(doubts) = report.doubts().filter(|_| report.input.faces > 1)
-    {
-        run.progress.note(&doubts);
-    }
+    remarks(&report, &params).iter().for_each(|text| run.progress.note(text));
     let faces = format!("{} face{}", human(report.input.faces as f64), if report.input.faces == 1 { "" } else { "s" });
-    run.progress.note(&ending(&faces, report.parts.len(), start, &job.outputs));
+    run.progress.note_of_work(&ending(&faces, report.parts.len(), start, &job.outputs));
     Ok(())
+}
+
+/// What to tell of the parts.
+fn remarks(report: &Report, params: &SegmentParams) -> Vec<String> {
+    // A number that was asked for may well be more than there are.
+    let found = params.parts.count == PartCount::Found && report.input.faces > 1;
+    report.inside().into_iter().chain(report.doubts().filter(|_| found)).collect()
 }
 
 /// A mesh and where its results go.
@@ -219,7 +218,7 @@ impl Job {
         let newer = self.is_newer();
         let done = newer && maker.is_some_and(|maker| self.outputs.iter().all(|output| maker.made(output)));
         if newer && !done {
-            progress.note("its outputs are not known to be of these options, and are made anew");
+            progress.note_of_work("its outputs are not known to be of these options, and are made anew");
         }
         done
     }
@@ -307,7 +306,8 @@ pub fn one(job: &Job, task: Task<'_>, bars: &Bars, run: &Run, app: &AppContext) 
     let report = |mut seconds: BTreeMap<String, f64>| {
         seconds.insert("total".into(), start.elapsed().as_secs_f64());
         let report = Report::new(&opened, params, &result, Context::new(&work, run), seconds, Some((app.peak)()))?;
-        Ok(Report { like: told.map(|facts| to_json("the likeness", facts)).transpose()?, ..report })
+        let notes = bars.notes().into_iter().chain(remarks(&report, params)).collect();
+        Ok(Report { like: told.map(|facts| to_json("the likeness", facts)).transpose()?, notes, ..report })
     };
     let results = Results {
         labelling: Labelling {

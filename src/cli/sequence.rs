@@ -26,9 +26,9 @@ pub struct SequenceArgs {
     /// place; `-` for the mesh on standard output [default: MESH.sequenced.ply, with --compare none]
     #[arg(short, long, value_name = "OUT")]
     pub output: Vec<PathBuf>,
-    /// What to order by
-    #[arg(long, value_parser = choice::<SequenceOrder>(), default_value = "spectral")]
-    pub order: SequenceOrder,
+    /// What to order by [default: spectral]
+    #[arg(long, value_parser = choice::<SequenceOrder>())]
+    pub order: Option<SequenceOrder>,
     /// Improve spectral coordinates by N sweeps over the graph
     #[arg(long, value_name = "N", default_value_t = 0, value_parser = clap::value_parser!(u32).range(..=100_000))]
     pub smooth: u32,
@@ -53,6 +53,13 @@ pub struct SequenceArgs {
     pub force: ForceArgs,
     #[command(flatten)]
     pub run: RunArgs,
+}
+
+impl SequenceArgs {
+    /// The order of outputs.
+    fn order(&self) -> SequenceOrder {
+        self.order.unwrap_or(SequenceOrder::Spectral)
+    }
 }
 
 /// A form of output.
@@ -80,7 +87,7 @@ impl Target {
 /// Refuses combinations that make no sense, before any work.
 fn check(args: &SequenceArgs) -> Result<Vec<Target>, CliError> {
     let misused = |text: &str| Err(CliError::Usage(text.into()));
-    let spectral = args.order == SequenceOrder::Spectral || args.compare;
+    let spectral = args.order() == SequenceOrder::Spectral || args.compare;
     if args.smooth > 0 && !spectral {
         return misused("--smooth goes with --order spectral");
     }
@@ -96,8 +103,13 @@ fn check(args: &SequenceArgs) -> Result<Vec<Target>, CliError> {
     if mesh && (args.json.to_stdout() || args.compare) {
         return misused("mesh and measures cannot both go to standard output; give -o FILE");
     }
-    if args.original && !targets.iter().any(|target| matches!(target, Target::Ply(_) | Target::Stdout)) {
-        return misused("--original goes with a .ply as output");
+    if args.order.is_some() && targets.is_empty() {
+        return misused("--order goes with an output; --compare alone compares all orders");
+    }
+    let ply = [(args.original, "--original"), (args.ply_form != PlyForm::Same, "--ply-form")];
+    let is_ply = |target: &Target| matches!(target, Target::Ply(_) | Target::Stdout);
+    if let Some((_, option)) = ply.iter().find(|(given, _)| *given && !targets.iter().any(is_ply)) {
+        return misused(&format!("{option} goes with a .ply as output"));
     }
     Ok(targets)
 }
@@ -123,7 +135,7 @@ pub fn run(args: &SequenceArgs, app: &AppContext) -> Result<(), CliError> {
     opened.notes().iter().for_each(|note| run.progress.note(note));
     let sequencer = Sequencer::new(&opened, &identity, Context::new(&work, &run))?;
     let landmarks = args.landmarks.map(|l| l as usize);
-    let params = SequenceParams::default().order(args.order).sweeps(args.smooth as usize).landmarks(landmarks);
+    let params = SequenceParams::default().order(args.order()).sweeps(args.smooth as usize).landmarks(landmarks);
     let mut measured = None;
     if !targets.is_empty() || !args.compare {
         let sequence = sequencer.sequence(&params)?;
@@ -148,6 +160,7 @@ pub fn run(args: &SequenceArgs, app: &AppContext) -> Result<(), CliError> {
             report["measures"] = json!(measures);
         }
         report["seconds"] = json!(seconds);
+        report["notes"] = json!(bars.notes());
         report["peak_allocated"] = json!((app.peak)());
         args.json.publish(&report)?;
     }

@@ -6,6 +6,7 @@
 
 use super::choices::choice;
 use super::edits::{EditArgs, corrections, named};
+use super::errors::of_file;
 use super::input::read;
 use super::method::{KernelArgs, MethodArgs, OrderArgs, PartsArgs, check_count};
 use super::options::{AppContext, CliError, ForceArgs, RunArgs, WorkDirArgs, misfit, open};
@@ -196,6 +197,7 @@ fn answer_with(json: &JsonArgs, mut told: Value, start: Instant, bars: &Bars) ->
     let mut seconds = bars.take_seconds();
     seconds.insert("total".into(), start.elapsed().as_secs_f64());
     told["seconds"] = json!(seconds);
+    told["notes"] = json!(bars.notes());
     Ok(json.publish(&told)?)
 }
 
@@ -315,8 +317,12 @@ pub fn cluster(args: &ClusterArgs, app: &AppContext) -> Result<(), CliError> {
         .map(|name| open_mesh(args.mesh.as_deref(), &record, None, context)?.face_property(name, &run));
     let painted = painted.transpose()?;
     let corrections = corrections(edits.as_ref(), painted.as_ref());
-    let mut result = recipe::cluster(&params, tree.as_ref(), corrections, context)?;
+    let mut result = recipe::cluster(&params, tree.as_ref(), corrections, context)
+        .map_err(|error| of_file(error, "tree", args.tree.as_deref()))?;
     named(&mut result.names, args.edits.names.as_deref(), result.colours.len())?;
+    if let Some(note) = result.graph.note(&record.mesh) {
+        run.progress.note(&note);
+    }
     let report = || {
         let part = |(label, &faces): (usize, &u64)| {
             let area = result.numbers.area.get(label).map(|area| area * result.graph.frame.scale.powi(2));
@@ -332,6 +338,7 @@ pub fn cluster(args: &ClusterArgs, app: &AppContext) -> Result<(), CliError> {
             "mesh": record.mesh, "options": params, "seed": run.seed, "decision": result.numbers.decision,
             "tiny_components_label": result.numbers.tiny_components_label, "walls_label": result.numbers.walls_label,
             "parts": result.numbers.faces.iter().enumerate().map(part).collect::<Vec<_>>(), "seconds": seconds,
+            "notes": bars.notes(),
         })
     };
     let labelling = Labelling {
@@ -362,7 +369,7 @@ pub fn cluster(args: &ClusterArgs, app: &AppContext) -> Result<(), CliError> {
     let (parts, faces) = (result.numbers.faces.len(), result.labels.len());
     let faces = counted(faces, "face");
     if !outputs.is_empty() {
-        run.progress.note(&ending(&faces, parts, start, &outputs));
+        run.progress.note_of_work(&ending(&faces, parts, start, &outputs));
     } else if args.json.json.is_none() && !args.run.quiet {
         let path = work.file(labels::LABELS);
         let parts = counted(parts, "part");

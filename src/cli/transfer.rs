@@ -26,7 +26,7 @@ pub struct TransferArgs {
     /// Output, once or more, as in segment
     #[arg(short, long, value_name = "OUT", required = true)]
     pub output: Vec<PathBuf>,
-    /// Labels of FROM, .seg or .npy [default: the property `label` of its faces]
+    /// Labels of FROM, .seg or .npy of any integers [default: the property `label` of its faces]
     #[arg(long, value_name = "LABELS")]
     pub labels: Option<PathBuf>,
     #[command(flatten)]
@@ -71,7 +71,7 @@ pub fn run(args: &TransferArgs, app: &AppContext) -> Result<(), CliError> {
     let result = transfer(&from, &labels, &to, Context::new(&work, &run))?;
     let facts = result.facts;
     let share = facts.uncertain as f64 / facts.faces.max(1) as f64;
-    run.progress.note(&format!(
+    run.progress.note_of_work(&format!(
         "{} faces, {:.2} % of them uncertain; {} filled in, {} in islands",
         facts.faces,
         100. * share,
@@ -113,6 +113,7 @@ pub fn run(args: &TransferArgs, app: &AppContext) -> Result<(), CliError> {
         let mut seconds = bars.take_seconds();
         seconds.insert("total".into(), start.elapsed().as_secs_f64());
         report["seconds"] = json!(seconds);
+        report["notes"] = json!(bars.notes());
         args.json.publish(&report)?;
     }
     Ok(())

@@ -1,19 +1,55 @@
 //! Refusals by clap in the form of all errors: one line, which begins with the option or the word
 //! and ends with what to do.
 
-use clap::Error;
 use clap::error::{ContextKind, ContextValue, ErrorKind as Kind};
+use clap::{Arg, Command, Error};
 
-/// What `error` says, in one line; nothing where it is help or the version, which clap prints itself. `known` tells
-/// whether a word is a subcommand.
-pub fn line(error: &Error, known: impl Fn(&str) -> bool) -> Option<String> {
+/// Options and what they go with, which clap calls missing without saying who asks for it.
+const TOGETHER: [(&str, &str); 10] = [
+    ("--carried", "--carry"),
+    ("--carry", "--carried"),
+    ("--detail", "--tree"),
+    ("--force", "--work-dir"),
+    ("--matches", "--mesh"),
+    ("--names", "--output"),
+    ("--parts", "--tree"),
+    ("--plot", "LABELS"),
+    ("-k", "--tree"),
+    ("--samples", "--matches"),
+];
+
+/// What `error` says, in one line; nothing where it is help or the version, which clap prints itself. `command` is what
+/// was parsed.
+pub fn line(error: &Error, command: &Command) -> Option<String> {
     if [Kind::DisplayHelp, Kind::DisplayVersion, Kind::DisplayHelpOnMissingArgumentOrSubcommand].contains(&error.kind())
     {
         return None;
     }
-    let subcommand = std::env::args().nth(1).filter(|word| known(word));
-    let subcommand = subcommand.map_or(String::new(), |word| word + " ");
-    Some(format!("{}; see nystrom-stream {subcommand}--help", message(error).unwrap_or_else(|| rendered(error))))
+    let subcommand = std::env::args().nth(1).and_then(|word| command.find_subcommand(word));
+    let name = subcommand.map_or(String::new(), |subcommand| format!("{} ", subcommand.get_name()));
+    let text = lonely(error, subcommand).or_else(|| message(error)).unwrap_or_else(|| rendered(error));
+    Some(format!("{text}; see nystrom-stream {name}--help"))
+}
+
+/// Which option was given without the one that it goes with; nothing where all that is missing is needed in any case.
+fn lonely(error: &Error, subcommand: Option<&Command>) -> Option<String> {
+    if error.kind() != Kind::MissingRequiredArgument {
+        return None;
+    }
+    let missing: Vec<String> = words(error, ContextKind::InvalidArg)?.iter().map(|word| option(word)).collect();
+    let is_given = |name: &str| {
+        let of_it = |word: &str| word == name || word.starts_with(&format!("{name}="));
+        std::env::args().skip(2).take_while(|word| word != "--").any(|word| of_it(&word))
+    };
+    let is_needed = |name: &str| {
+        let long = name.trim_start_matches('-');
+        let named = |arg: &&Arg| arg.get_long() == Some(long);
+        subcommand.and_then(|subcommand| subcommand.get_arguments().find(named)).is_some_and(Arg::is_required_set)
+    };
+    let pair = TOGETHER
+        .iter()
+        .find(|(given, other)| is_given(given) && missing.iter().any(|name| name == other) && !is_needed(other));
+    pair.map(|(given, other)| format!("{given} goes with {other}; give both"))
 }
 
 /// Words of the context of `error`.
@@ -72,7 +108,8 @@ fn message(error: &Error) -> Option<String> {
         Kind::ValueValidation => {
             let reason = std::error::Error::source(error).map_or(String::new(), |source| source.to_string());
             let reason = match reason.as_str() {
-                "invalid digit found in string" => "not a whole number".into(),
+                "invalid digit found in string" => "not a whole number from 0 on".into(),
+                "number too large to fit in target type" => "too large".into(),
                 "cannot parse integer from empty string" => "no number".into(),
                 "invalid float literal" => "not a number".into(),
                 _ => match reason.split_once(" is not in ").and_then(|(_, range)| range.split_once("..=")) {

@@ -238,7 +238,7 @@ impl ResumeState {
             |k: usize, entry: &JournalEntry| file.row(k / spec.of).is_ok_and(|row| checksum(&row) == entry.xxh3);
         done.retain(|&k, entry| spec.wants(k) && sound(entry) && whole(k, entry));
         if !done.is_empty() {
-            context.run.progress.note(&format!(
+            context.run.progress.note_of_work(&format!(
                 "rows: {} of {} taken over from an earlier run",
                 done.len(),
                 spec.wanted()

@@ -240,7 +240,7 @@ impl Running<'_, '_> {
         let cost = GraphSpace::new(search, front, sink, run).sample(sampler, spec.rows, field, found)?;
         if sampler.is_costly() {
             let l = spec.rows;
-            run.progress.note(&format!(
+            run.progress.note_of_work(&format!(
                 "landmarks: choosing them took the time of {cost:.1} distance rows, besides the {l} rows themselves"
             ));
         }

@@ -47,7 +47,7 @@ pub fn compute(
     }
     let spec = JobSpec { shard, of, ..whole };
     if DistanceRows::is_done(&spec, context.work) {
-        context.run.progress.note(&format!("rows: shard {shard}/{of} is merged already"));
+        context.run.progress.note_of_work(&format!("rows: shard {shard}/{of} is merged already"));
         return Ok(spec.wanted());
     }
     let stem = stem(shard, of);
@@ -56,7 +56,7 @@ pub fn compute(
     let done = Journal::read(&context.work.file(&journal))
         .is_some_and(|(found, entries)| found == spec && entries.len() >= wanted);
     if done && context.work.file(&array).exists() {
-        context.run.progress.note(&format!("rows: shard {shard}/{of} is done already"));
+        context.run.progress.note_of_work(&format!("rows: shard {shard}/{of} is done already"));
         return Ok(wanted);
     }
     let job = RowJob { weighted: graph, graph: graph.csr(), nodes, sampler: &params.sampling, spec: &spec };
@@ -84,7 +84,7 @@ pub fn merge(context: Context<'_>) -> Result<DistanceRows> {
         Err(error) => {
             let merged = if any(context.work)? { None } else { DistanceRows::whole(context.work) };
             if merged.is_some() {
-                context.run.progress.note("merge: done already");
+                context.run.progress.note_of_work("merge: done already");
             }
             return merged.ok_or(error);
         }

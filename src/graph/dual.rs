@@ -44,6 +44,9 @@ pub struct GraphFacts {
     pub welded_edges: u64,
     /// Faces without area or with a coordinate that is no number.
     pub degenerate_faces: u64,
+    /// Those among them with a coordinate that is no number; 0 in graphs that were made before this was counted.
+    #[serde(default)]
+    pub unplaced_faces: u64,
     /// Vertices far outside of the rest, which are taken to lie amid their neighbours.
     pub stray_vertices: u64,
     /// Faces whose normals were turned, because their winding contradicts their component's or points inwards.
@@ -58,6 +61,15 @@ pub struct GraphFacts {
     pub area: f64,
     /// The frame.
     pub frame: Frame,
+}
+
+impl GraphFacts {
+    /// What to tell of faces without a place, which are in the file `path`.
+    pub fn note(&self, path: &Path) -> Option<String> {
+        let verb = if self.unplaced_faces == 1 { "face has a corner" } else { "faces have corners" };
+        let why = "whose coordinates are not finite numbers: without area, with the label of what is around";
+        (self.unplaced_faces > 0).then(|| format!("{}: {} {verb} {why}", path.display(), self.unplaced_faces))
+    }
 }
 
 /// A dual graph in a work directory.
@@ -108,7 +120,7 @@ impl DualGraph {
     /// # }
     /// ```
     pub fn build(mesh: &Mesh, path: &Path, input: &Value, context: Context<'_>) -> Result<Self> {
-        context.stage(GraphStage { mesh, path, input, computed: false })
+        Self::told(GraphStage { mesh, path, input, computed: false }, context)
     }
 
     /// The same without arrays of node geometry and shared edges, which are computed from the mesh at each look:
@@ -117,7 +129,17 @@ impl DualGraph {
     /// # Errors
     /// As [`DualGraph::build`].
     pub(crate) fn build_computed(mesh: &Mesh, path: &Path, input: &Value, context: Context<'_>) -> Result<Self> {
-        context.stage(GraphStage { mesh, path, input, computed: context.work.is_temporary() })
+        Self::told(GraphStage { mesh, path, input, computed: context.work.is_temporary() }, context)
+    }
+
+    /// Makes or reuses the graph; either way a note tells what is odd about the mesh.
+    fn told(stage: GraphStage<'_>, context: Context<'_>) -> Result<Self> {
+        let path = stage.path;
+        let graph = context.stage(stage)?;
+        if let Some(note) = graph.facts.note(path) {
+            context.run.progress.note(&note);
+        }
+        Ok(graph)
     }
 
     /// Opens the finished graph of `work`, whatever mesh it is of, and tells the identity of what it was built from.
@@ -170,9 +192,6 @@ impl DualGraph {
         drop(pairs);
         // Where too many edges are ambiguous between two faces, store the edges instead of computing them.
         let Some(edges) = edges else { return Self::make(&GraphStage { computed: false, ..*stage }, context, key) };
-        if let Some(note) = sums.note(path) {
-            context.run.progress.note(&note);
-        }
         let components = find_components(&edges, &nodes, context)?;
         let (mut edges, nodes, orientation) = orient(edges, nodes, &components, context)?;
         let bridges = find_bridges(&components, &nodes, context.run)?;
@@ -186,6 +205,7 @@ impl DualGraph {
             nonmanifold_edges: counts.nonmanifold,
             welded_edges: counts.welded,
             degenerate_faces: sums.degenerate,
+            unplaced_faces: sums.unplaced,
             stray_vertices: mesh.strays() as u64,
             turned_faces: orientation.turned,
             unoriented_edges: orientation.unsatisfied / 2,

@@ -14,7 +14,6 @@ use crate::store::{MappedSlice, Run};
 use bytemuck::{Pod, Zeroable};
 use serde::{Deserialize, Serialize};
 use std::ops::Range;
-use std::path::Path;
 
 /// Faces a chunk in passes over nodes.
 pub const CHUNK: usize = 1 << 14;
@@ -193,13 +192,6 @@ impl NodeSums {
         }
     }
 
-    /// What to tell of faces without a place.
-    pub(super) fn note(&self, path: &Path) -> Option<String> {
-        let verb = if self.unplaced == 1 { "face has a corner" } else { "faces have corners" };
-        let why = "whose coordinates are not finite numbers: without area, with the label of what is around";
-        (self.unplaced > 0).then(|| format!("{}: {} {verb} {why}", path.display(), self.unplaced))
-    }
-
     /// The sums of all chunks, in their order.
     fn total(chunks: Vec<Self>) -> Self {
         chunks.iter().fold(Self::default(), |total, chunk| Self {
@@ -301,14 +293,12 @@ mod tests {
     }
 
     #[test]
-    fn faces_without_a_place_are_counted_and_told() {
+    fn faces_without_a_place_are_counted() {
         // A missing corner, a flat triangle, one that is whole; the last vertex is in no face.
         let points = [[0f32, 0., 0.], [1., 0., 0.], [2., 0., 0.], [0., 1., 0.], [0., f32::NAN, 0.], [f32::INFINITY; 3]];
         let mesh = Mesh::from_slices(&points, &[[0u32, 1, 4], [0, 1, 2], [0, 1, 3]]).unwrap();
         let sums = sums(&mesh, &Frame { origin: [0.; 3], scale: 1. }, &Run::new(&())).unwrap();
         assert_eq!((sums.degenerate, sums.unplaced, sums.area), (2, 1, 0.5));
-        assert!(sums.note(Path::new("scan.ply")).unwrap().starts_with("scan.ply: 1 face has a corner whose"));
-        assert_eq!(NodeSums { unplaced: 0, ..sums }.note(Path::new("scan.ply")), None);
     }
 
     #[test]

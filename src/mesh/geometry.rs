@@ -212,6 +212,14 @@ impl Mesh {
         Self { strays: self.strays, ..Self::new(self.path(), positions, faces) }
     }
 
+    /// The same faces with their vertices at `positions` (one per vertex).
+    #[cfg(feature = "pictures")]
+    pub(crate) fn moved(&self, positions: Vec<[f64; 3]>) -> Result<Self> {
+        let layout = StridedLayout::packed(0, true, positions.len());
+        let positions = Positions::strided(self.path(), sealed::Sealed::into_bytes(positions), layout)?;
+        Ok(self.with_arrays(positions, self.faces.clone()))
+    }
+
     /// Number of vertices that [`Mesh::without_strays`] moved; 0 of a mesh as it was opened.
     pub fn strays(&self) -> usize {
         self.strays

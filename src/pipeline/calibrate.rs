@@ -10,6 +10,7 @@ use super::recipe::segment;
 use crate::apps::creature::{Creature, Options};
 use crate::base::{Progress, Result};
 use crate::cluster::contract;
+use crate::cluster::parts::PartsParams;
 use crate::mesh;
 use crate::store::{Budget, Context, Run, WorkDir};
 use std::collections::BTreeMap;
@@ -76,7 +77,11 @@ pub fn calibrate(
     folder: &Path,
     run: &Run,
 ) -> Result<Calibration> {
-    let params = SegmentParams { landmarks: Some(landmarks), ..params.clone() };
+    let [few, many] = sizes(faces);
+    // The creatures may have fewer faces than the mesh has parts.
+    let parts =
+        PartsParams { count: params.parts.count.at_most(few.min(LARGE[0] / 4) as usize), ..params.parts.clone() };
+    let params = SegmentParams { landmarks: Some(landmarks), parts, ..params.clone() };
     let mean_seconds = |size, noise| -> Result<Timed> {
         let mut mean = seconds(&params, size, noise, folder, run)?;
         if size < TWICE_BELOW {
@@ -86,7 +91,6 @@ pub fn calibrate(
         }
         Ok(mean)
     };
-    let [few, many] = sizes(faces);
     // The first run of all pays for pages and caches of the program itself.
     seconds(&params, few.min(LARGE[0] / 4), 0., folder, run)?;
     let (short, rough, long) = (mean_seconds(few, 0.)?, mean_seconds(few, NOISE)?, mean_seconds(many, 0.)?);

@@ -49,7 +49,9 @@ pub(super) fn contraction_and_shares(
     let (inner, small) = contraction(whole, context)?;
     if !inner.is_temporary() && shard::any(&inner)? {
         match shard::merge(Context::new(&inner, context.run)) {
-            Err(error @ Error::WorkDir { .. }) => context.run.progress.note(&format!("{error}; computed without them")),
+            Err(error @ Error::WorkDir { .. }) => {
+                context.run.progress.note_of_work(&format!("{error}; computed without them"))
+            }
             merged => drop(merged?),
         }
     }

@@ -114,7 +114,7 @@ fn kept_or_new_rows(
 ) -> Result<DistanceRows> {
     let n = graph.nodes.len();
     if let Ok(rows) = DistanceRows::kept(&graph.key, n, context.work) {
-        context.run.progress.note("rows: reused");
+        context.run.progress.note_of_work("rows: reused");
         return Ok(rows);
     }
     if method.cluster == Cluster::Parts {

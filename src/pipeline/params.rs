@@ -230,30 +230,41 @@ impl Cluster {
     }
 }
 
-/// Refuses more landmarks than half of the budget has room for, before rows are computed; arrays may have the other
-/// half.
-///
-/// # Errors
-/// [`Error::Memory`].
-pub fn check_memory(params: &SegmentParams, faces: usize, run: &Run) -> Result<()> {
-    let nodes = if params.contracts(faces) { NODES } else { faces } as u64;
-    let landmarks = params.landmarks_of(faces).min(faces) as u64;
-    let needed = params.cluster.fixed_bytes(landmarks, nodes).saturating_sub(BESIDE_BUDGET);
-    let available = run.budget.total() / 2;
-    if needed > available {
-        return Err(Error::Memory { what: WHAT_LANDMARKS_TAKE, needed, available });
-    }
-    Ok(())
-}
-
 /// What [`Error::Memory`] calls it.
 pub(super) const WHAT_LANDMARKS_TAKE: &str = "finding parts with so many landmarks";
+
+impl SegmentParams {
+    /// Refuses numbers of parts that make no sense for the mesh of `faces` faces at `path`.
+    ///
+    /// # Errors
+    /// [`Error::Unusable`] for more parts than faces; [`Error::Parameter`].
+    pub fn check_count(&self, path: &Path, faces: u64) -> Result<()> {
+        check(self, path, usize::try_from(faces).unwrap_or(usize::MAX))
+    }
+
+    /// Refuses more landmarks than half of the budget has room for, before rows are computed; arrays may have the other
+    /// half.
+    ///
+    /// # Errors
+    /// [`Error::Memory`].
+    pub fn check_memory(&self, faces: u64, run: &Run) -> Result<()> {
+        let faces = usize::try_from(faces).unwrap_or(usize::MAX);
+        let nodes = if self.contracts(faces) { NODES } else { faces } as u64;
+        let landmarks = self.landmarks_of(faces).min(faces) as u64;
+        let needed = self.cluster.fixed_bytes(landmarks, nodes).saturating_sub(BESIDE_BUDGET);
+        let available = run.budget.total() / 2;
+        if needed > available {
+            return Err(Error::Memory { what: WHAT_LANDMARKS_TAKE, needed, available });
+        }
+        Ok(())
+    }
+}
 
 /// Refuses numbers of parts that make no sense for this mesh, and options that exclude each other.
 pub(super) fn check(params: &SegmentParams, path: &Path, faces: usize) -> Result<()> {
     let wanted = match params.parts.count {
         PartCount::Found if params.cluster == Cluster::KMeans => {
-            let remedy = "give it, as in `parts` 6, or leave out `cluster` kmeans";
+            let remedy = "give it, as in `parts` 6, or choose `cluster` parts";
             return Err(Error::parameter("parts", "K-means needs the number of parts", remedy));
         }
         PartCount::Between(..) if params.cluster == Cluster::KMeans => {

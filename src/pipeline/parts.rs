@@ -214,7 +214,7 @@ fn decide_on_mesh(
     if let Some(tree) = tree {
         if tree.cells() != all.tree.cells() {
             let problem =
-                format!("a hierarchy of {} cells, the work directory's has {}", tree.cells(), all.tree.cells());
+                format!("is a hierarchy of {} cells, the work directory's has {}", tree.cells(), all.tree.cells());
             return Err(Error::parameter("tree", problem, "use one that was made in this work directory"));
         }
         all.tree = tree.clone();

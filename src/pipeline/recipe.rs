@@ -9,7 +9,7 @@ use super::edits::Corrections;
 use super::input;
 use super::labels::{self, SegmentedMesh, label};
 use super::means::{self, Means};
-use super::params::{Cluster, SegmentParams, check, check_memory, dimensions};
+use super::params::{Cluster, SegmentParams, check, dimensions};
 use super::parts::{self, PartRequests};
 use super::sample::rows;
 use crate::base::{Error, Result};
@@ -47,7 +47,7 @@ pub fn segment_corrected(
     context: Context<'_>,
 ) -> Result<SegmentedMesh> {
     check(params, opened.path(), opened.faces.len())?;
-    check_memory(params, opened.faces.len(), context.run)?;
+    params.check_memory(opened.faces.len() as u64, context.run)?;
     check_corrections(params, corrections, opened.faces.len())?;
     let (ordered, mut graph) = input::graph(opened, identity, params, context)?;
     let order = ordered.into_nodes(context.work)?;
@@ -141,7 +141,7 @@ pub fn cluster(
         Some(fit) => match rows_over_faces(&graph, params, context)? {
             None => means::contracted(&graph, fit, params, context)?,
             Some(rows) => {
-                context.run.progress.note(&format!("rows: {} of them", rows.len()));
+                context.run.progress.note_of_work(&format!("rows: {} of them", rows.len()));
                 let kept = || super::embed::kept_params(&rows.key, context.work);
                 let embedding =
                     params.embedding.or_else(kept).unwrap_or(EmbeddingParams::for_parts(dimensions(params)));

@@ -69,7 +69,7 @@ pub struct Report {
     /// How well the parts of another mesh were carried over, where that was asked for.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub like: Option<serde_json::Value>,
-    /// Oddities of the input.
+    /// Oddities of the input, and what else was told about the mesh and its parts during the run.
     pub notes: Vec<String>,
 }
 

@@ -297,7 +297,8 @@ impl SharedWork<'_> {
 
 /// Says that a share is empty: the mesh is small, or later stages are made. The number of its faces or rows.
 fn nothing_to_do(run: &Run) -> usize {
-    run.progress.note("nothing to do: small meshes are not divided, and what is made already is not made again");
+    run.progress
+        .note_of_work("nothing to do: small meshes are not divided, and what is made already is not made again");
     0
 }
 
@@ -323,7 +324,7 @@ fn landmarks_over_faces(params: &SegmentParams, faces: usize) -> Result<usize> {
 /// As [`super::segment()`], and [`Error::WorkDir`] where another process uses the directory.
 pub fn prepare_shared(shared: SharedWork<'_>, open: impl FnOnce() -> Result<Mesh>, context: Context<'_>) -> Result<()> {
     if shared.is_prepared(context.work, context.run) {
-        context.run.progress.note("everything before the shares is there already");
+        context.run.progress.note_of_work("everything before the shares is there already");
         return Ok(());
     }
     shared.prepare(&open()?, context)
@@ -372,7 +373,7 @@ pub fn compute_shard(
             continue;
         }
         if !told {
-            run.progress.note(&format!("waiting for another process that uses {}", path.display()));
+            run.progress.note_of_work(&format!("waiting for another process that uses {}", path.display()));
             told = true;
         }
         std::thread::sleep(Duration::from_millis(200));

@@ -177,8 +177,8 @@ impl<'a> Side<'a> {
     /// ([`super::input::identity`]), graph and rows are kept there, or taken from there where they are of the same.
     ///
     /// # Errors
-    /// [`Error::Parameter`], [`Error::Unusable`] for a mesh without triangles, [`Error::Io`], [`Error::Memory`],
-    /// [`Error::Cancelled`].
+    /// [`Error::Parameter`], [`Error::Unusable`] for a mesh without triangles or without area, [`Error::Io`],
+    /// [`Error::Memory`], [`Error::Cancelled`].
     pub fn build(
         opened: &'a Mesh,
         input: Option<&Value>,
@@ -199,6 +199,11 @@ impl<'a> Side<'a> {
             None => Ok((VertexGraph::build(&mesh, path, context)?, String::new())),
         };
         let ((graph, key), _) = context.run.stage("vertex graph", "vertices", n, build)?;
+        // All distances would be 0, or infinitely many units of the root of the area.
+        if !(graph.facts.area > 0. && graph.facts.area.is_finite()) {
+            let problem = "has no area: its vertices lie at one place or on a line";
+            return Err(Error::unusable(path, problem, "give a surface"));
+        }
         let surface = Surface::of(&graph);
         let row_params = RowParams { l: params.landmarks.min(graph.len()), sampling: params.sampling };
         let rows = if input.is_some() {

@@ -9,6 +9,7 @@ pub mod checked;
 mod claims;
 pub mod direct;
 pub mod disk_speed;
+mod existing;
 mod folder;
 pub mod in_memory;
 pub mod json;

@@ -137,11 +137,11 @@ impl Context<'_> {
         let key = made_of.key.clone();
         match self.work.reuse::<S::Facts>(S::NAME, S::VERSION, &key) {
             Ok(facts) => {
-                self.run.progress.note(&format!("{}: reused", S::NAME));
+                self.run.progress.note_of_work(&format!("{}: reused", S::NAME));
                 return stage.open(facts, &key, self);
             }
             Err(StageMiss::NotMade) => {}
-            Err(reason) => self.run.progress.note(&format!("{}: made anew, {reason}", S::NAME)),
+            Err(reason) => self.run.progress.note_of_work(&format!("{}: made anew, {reason}", S::NAME)),
         }
         let (made, seconds) = match stage.progress() {
             Some((unit, total)) => self.run.stage(S::NAME, unit, total, || stage.make(&key, self))?,

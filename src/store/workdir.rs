@@ -142,22 +142,6 @@ impl WorkDir {
         }
     }
 
-    /// Opens an existing work directory for looking at it, beside any other reader.
-    ///
-    /// # Errors
-    /// [`Error::WorkDir`] when there is none, or when it is in use; [`Error::Io`].
-    pub fn open_existing(path: &Path) -> Result<Self> {
-        if !path.join(MANIFEST).exists() {
-            return Err(Error::work_dir(
-                path,
-                "is no work directory, or an empty one",
-                "check the path, or make it first: nystrom-stream segment MESH --work-dir …",
-            ));
-        }
-        Self::try_open(path, true)?
-            .ok_or_else(|| Error::work_dir(path, "is in use by another process", "wait for it to end"))
-    }
-
     /// Removes temporary files that a killed run left.
     fn sweep(&self) {
         let Ok(entries) = std::fs::read_dir(self.path()) else { return };

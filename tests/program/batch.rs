@@ -131,6 +131,33 @@ fn finished_outputs_are_skipped_on_request() {
     assert_eq!(nystrom_stream::mesh::read_seg(&out.join("moebius.seg")).unwrap().len(), 80);
 }
 
+/// Only the list of a folder of parts was looked at: one whose parts were gone or cut short was skipped.
+#[test]
+fn a_folder_of_parts_is_skipped_if_it_is_whole() {
+    let dir = tempfile::tempdir().unwrap();
+    let meshes = [zoo::dumbbell().write(dir.path()), zoo::grid(9).write(dir.path())];
+    let pattern = format!("{}/{{}}.parts/", word(dir.path()));
+    let again = || {
+        let output = run(&["segment", word(&meshes[0]), word(&meshes[1]), "-k", "2", "--resume", "-o", &pattern]);
+        let told = errors(&output);
+        assert!(output.status.success(), "{told}");
+        told.lines().next_back().unwrap_or_default().to_string()
+    };
+    assert!(again().contains("2 done, 0 failed, in "));
+    assert!(again().contains("0 done, 0 failed, 2 skipped"));
+    let part = dir.path().join("grid.parts/part_001.ply");
+    let bytes = std::fs::read(&part).unwrap();
+    std::fs::write(&part, &bytes[..bytes.len() / 2]).unwrap();
+    assert!(again().contains("1 done, 0 failed, 1 skipped"));
+    assert!(std::fs::read(&part).unwrap() == bytes);
+    std::fs::remove_file(&part).unwrap();
+    assert!(again().contains("1 done, 0 failed, 1 skipped"));
+    assert!(std::fs::read(&part).unwrap() == bytes);
+    // What else somebody puts there does not matter.
+    std::fs::write(dir.path().join("grid.parts/notes.txt"), "mine").unwrap();
+    assert!(again().contains("0 done, 0 failed, 2 skipped"));
+}
+
 #[test]
 fn patterns_and_events() {
     let (dir, meshes) = folder();

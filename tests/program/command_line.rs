@@ -139,7 +139,8 @@ fn refusals_are_one_line_with_file_and_remedy_and_code_1() {
     let far = file("far.ply", text.replace("3 0 2 1", "3 0 2 4").as_bytes());
     let promises = file("promises.ply", text.replace("face 4", "face 4000000000").as_bytes());
     let points = file("points.ply", text.replace("face 4", "face 0").as_bytes());
-    let (empty, other) = (file("empty.ply", b""), file("other.ply", b"solid cube\nfacet normal 0 0 1\n"));
+    let (empty, other) = (file("empty.ply", b""), file("other.ply", b"cube of cheese\n"));
+    let stl = file("stl.ply", b"solid cube\nfacet normal 0 0 1\n");
     let gz = file("cut.ply.gz", &[0x1f, 0x8b, 8, 0, 0, 0]);
     for (words, start, remedy) in [
         (vec![word(&cut)], "cut.ply: face 3: ", "cut short"),
@@ -147,7 +148,8 @@ fn refusals_are_one_line_with_file_and_remedy_and_code_1() {
         (vec![word(&promises)], "promises.ply: header, element face: 4000000000 records need", "cut short"),
         (vec![word(&points)], "points.ply: has no faces; a point cloud cannot be segmented", "reconstruct"),
         (vec![word(&empty)], "empty.ply: is empty", "get the file again"),
-        (vec![word(&other)], "other.ply: header line 1: is \"solid cube\", not \"ply\"", "PLY"),
+        (vec![word(&other)], "other.ply: header line 1: is \"cube of cheese\", not \"ply\"", "PLY"),
+        (vec![word(&stl)], "stl.ply: is named as PLY, but its content is STL", "rename it to end with .stl"),
         (vec![word(&gz)], "cut.ply.gz: ", "; "),
         (vec![word(&mesh), "-k", "5"], "tetrahedron.ply: has 4 faces, fewer than the 5 parts", "choose a smaller -k"),
         (vec!["absent.ply"], "absent.ply: cannot open: ", "check the path"),
@@ -193,7 +195,14 @@ fn misuse_ends_with_code_2_and_says_what_is_right() {
         (&["segment", mesh, "-q", "-q"], "--quiet: given more than once"),
         (&["segment", mesh, "--thread", "2"], "--thread: unexpected argument; did you mean --threads?"),
         (&["segment", mesh, "--threads"], "--threads: its value is missing"),
-        (&["segment", mesh, "--force"], "--work-dir: missing"),
+        // It said that --work-dir is missing, and not why.
+        (&["segment", mesh, "--force"], "--force goes with --work-dir; give both"),
+        (&["graph", mesh, "--force"], "--work-dir: missing"),
+        // A number below 0 was called an unexpected argument.
+        (&["segment", mesh, "--seed", "-1"], "--seed: invalid value '-1': not a whole number from 0 on"),
+        (&["segment", mesh, "-l", "-3"], "--landmarks: invalid value '-3': out of range; choose from 1 to 4096"),
+        (&["segment", mesh, "--threads", "-1"], "--threads: invalid value '-1': out of range"),
+        (&["segment", mesh, "--seed", "99999999999999999999"], "too large"),
         (&["plan", "-"], "standard input has no size"),
         (&["segment", mesh, "-k", "0"], "0"),
         (&["segment", mesh, "-k", "two"], "invalid value 'two'"),

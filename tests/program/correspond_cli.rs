@@ -1,6 +1,6 @@
 //! `correspond` and `evaluate --matches` as a user runs them.
 
-use crate::common::{self, errors, program, word};
+use crate::common::{self, errors, program, word, zoo};
 use nystrom_stream::apps::correspond::Match;
 use nystrom_stream::base::random::{below, stream};
 use nystrom_stream::mesh;
@@ -213,7 +213,20 @@ fn what_makes_no_sense_is_refused_in_a_line() {
         assert_eq!(run.status.code(), Some(code), "{words:?}: {}", errors(&run));
         assert!(errors(&run).contains(part), "{words:?}: {}", errors(&run));
     }
+    // Of another mesh: the file at fault was not named, and it was called misuse.
+    let map = |name: &str, targets: &[u32]| {
+        let path = dir.path().join(name);
+        let rows = targets.iter().enumerate().map(|(v, target)| format!("{v},{target},0,1\n"));
+        std::fs::write(&path, format!("vertex,match,distance,confidence\n{}", rows.collect::<String>())).unwrap();
+        path
+    };
+    let n = nystrom_stream::Mesh::open(&a).unwrap().positions.len() as u32;
+    let ([beyond, fine], long) = ([map("beyond.csv", &[0, n]), map("fine.csv", &[0, 1])], vec![0; n as usize + 1]);
+    let (long, mesh) = (map("long.csv", &long), word(&a));
     for (words, code, part) in [
+        (vec!["--matches", word(&beyond), "--mesh", mesh], 1, "beyond.csv: names vertex"),
+        (vec!["--matches", word(&fine), "--mesh", mesh, "--truth", word(&beyond)], 1, "beyond.csv: names vertex"),
+        (vec!["--matches", word(&long), "--mesh", mesh], 1, "long.csv: is of"),
         (vec!["--matches", "x.npy"], 2, "--mesh"),
         (vec!["--matches", word(&a), "--mesh", word(&a)], 1, "no known form"),
     ] {
@@ -234,6 +247,21 @@ fn a_missing_property_is_told_before_anything_is_matched() {
     assert!(errors(&run).contains("nothing") && !errors(&run).contains("distance rows"), "{}", errors(&run));
 }
 
+/// All vertices were matched to one, without a word.
+#[test]
+fn a_mesh_without_area_is_refused_by_name() {
+    let (dir, a, b) = files();
+    permuted(&a, &b, false);
+    let mut point = zoo::grid(9);
+    point.vertices.iter_mut().for_each(|v| *v = [1., 2., 3.]);
+    let (point, out) = (point.write(dir.path()), dir.path().join("m.npy"));
+    for (a, b) in [(&point, &b), (&a, &point)] {
+        let run = correspond(a, b, &["-q", "-l", "10", "--refine", "none", "-o", word(&out)]);
+        assert_eq!(run.status.code(), Some(1), "{}", errors(&run));
+        assert!(errors(&run).contains("grid.ply: has no area"), "{}", errors(&run));
+    }
+}
+
 /// A work directory of other meshes is refused, as everywhere, and nothing in it changes.
 #[test]
 fn a_work_directory_of_other_meshes_is_refused() {
@@ -243,6 +271,19 @@ fn a_work_directory_of_other_meshes_is_refused() {
     let words = ["-q", "-l", "10", "--refine", "none", "-o", word(&out), "--work-dir", word(&work)];
     let run = correspond(&a, &b, &words);
     assert!(run.status.success(), "{}", errors(&run));
+    // It was called no work directory.
+    let folder = word(&work);
+    let told = |words: &[&str]| {
+        let run = program().args(words).output().unwrap();
+        (run.status.code(), String::from_utf8_lossy(&run.stdout).into_owned() + &errors(&run))
+    };
+    let (code, text) = told(&["info", folder]);
+    let parts = ["of correspond", "a/ of creature_6000.ply", "b/ of b.ply", "b/vertex rows", "distances.npy"];
+    assert!(code == Some(0) && parts.iter().all(|part| text.contains(part)), "{text}");
+    let (code, text) = told(&["verify", "-q", folder]);
+    assert!(code == Some(0) && text.contains("all as they were written"), "{text}");
+    let (code, text) = told(&["export", "--work-dir", folder, "-o", word(&out)]);
+    assert!(code == Some(1) && text.contains("is a work directory of `correspond`"), "{text}");
     let kept = || std::fs::read(work.join("b/manifest.json")).unwrap();
     let before = kept();
     let run = correspond(&a, &a, &words);

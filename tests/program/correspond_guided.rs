@@ -186,7 +186,8 @@ fn wrong_guidance_is_refused_in_a_line() {
         (vec!["--landmarks-file", word(&beyond)], 1, "99999999"),
         (vec!["--landmarks-file", word(&empty)], 1, "no pair"),
         (vec!["--landmarks-file", word(&good), "--refine", "none"], 2, "refinement"),
-        (vec!["--initial-map", word(&short)], 2, "is no map"),
+        // It was called misuse, and the file was not named.
+        (vec!["--initial-map", word(&short)], 1, "s.csv: is no map"),
         (vec!["--initial-map", word(&text)], 1, "m.npy.csv"),
         (vec!["--functional-map", c, "--refine", "none"], 2, "no functions"),
         (vec!["--points", c, "--refine", "none"], 2, "refinement"),

@@ -39,6 +39,38 @@ fn info_of_another_format_tells_its_counts() {
     assert!(output.status.success() && text.contains("1 faces, 4 vertices") && !text.contains("PLY"), "{text}");
 }
 
+/// It said that OFF is no PLY, and to convert it to OFF.
+#[test]
+fn a_file_under_the_name_of_another_format_is_told_as_such() {
+    let dir = tempfile::tempdir().unwrap();
+    let obj = "v 0 0 0\nv 1 0 0\nv 1 1 0\nf 1 2 3\n";
+    let stl = "solid x\nfacet normal 0 0 1\nouter loop\nvertex 0 0 0\nvertex 1 0 0\nvertex 0 1 0\nendloop\nendfacet\nendsolid x\n";
+    for (text, ending) in [("OFF\n3 1 0\n0 0 0\n1 0 0\n0 1 0\n3 0 1 2\n", ".off"), (obj, ".obj"), (stl, ".stl")] {
+        let mesh = write(dir.path(), "mesh.ply", text);
+        let output = run(&["info", word(&mesh)]);
+        let told = errors(&output);
+        let is_right =
+            told.contains("mesh.ply: is named as PLY") && told.contains(&format!("rename it to end with {ending}"));
+        assert!(output.status.code() == Some(1) && is_right && told.lines().count() == 1, "{told}");
+        let renamed = dir.path().join(format!("mesh{ending}"));
+        std::fs::rename(&mesh, &renamed).unwrap();
+        assert!(run(&["info", word(&renamed)]).status.success());
+    }
+}
+
+/// They were counted as larger polygons.
+#[test]
+fn faces_of_two_corners_are_told() {
+    let dir = tempfile::tempdir().unwrap();
+    let text = TETRAHEDRON.replace("element face 4", "element face 6") + "2 0 1 9\n0 9\n";
+    let mesh = write(dir.path(), "m.ply", &text);
+    let told = String::from_utf8(run(&["info", word(&mesh)]).stdout).unwrap();
+    assert!(told.contains("4 triangles, 2 faces of less than three corners\n"), "{told}");
+    let json: serde_json::Value = serde_json::from_slice(&run(&["info", "--json", word(&mesh)]).stdout).unwrap();
+    let measures = &json["measures"];
+    assert_eq!((&measures["incomplete_faces"], &measures["polygons"]), (&2.into(), &0.into()), "{measures}");
+}
+
 /// `plan` said "-l: 0 landmarks; choose at least 1" of a point cloud, and ended as if misused.
 #[test]
 fn a_mesh_without_faces_is_named_as_such() {

@@ -1,6 +1,6 @@
 //! `picture` and `segment -o x.png` from the command line.
 
-use crate::common::{errors, program, run, word};
+use crate::common::{errors, program, run, word, zoo};
 use std::path::Path;
 
 fn succeeds(words: &[&str]) {
@@ -67,6 +67,87 @@ fn what_is_wrong_is_said_in_a_line() {
         assert_eq!(output.status.code(), Some(code), "{args:?}: {text}");
         assert!(text.contains(part), "{args:?}: {text}");
     }
+}
+
+/// It was called misuse (code 2), and nothing named the file.
+#[test]
+fn a_mesh_without_a_place_in_space_is_the_files_fault() {
+    let dir = tempfile::tempdir().unwrap();
+    let mut shape = zoo::tetrahedron();
+    shape.vertices.iter_mut().for_each(|v| *v = [f64::NAN; 3]);
+    let mesh = shape.write(dir.path());
+    for command in [vec!["picture", word(&mesh)], vec!["segment", "-q", word(&mesh), "-o", "x.png"]] {
+        let output = program().current_dir(dir.path()).args(&command).output().unwrap();
+        let (code, told) = (output.status.code(), errors(&output));
+        let last = told.lines().next_back().unwrap_or_default();
+        let start = format!("nystrom-stream: {}: none of its 4 faces has a place", mesh.display());
+        assert!(code == Some(1) && last.starts_with(&start), "{command:?}: {code:?} {told}");
+    }
+}
+
+/// Pictures were blank, or squares of lengths overflowed, and areas in tables were not finite or 0.
+#[test]
+fn meshes_of_any_size_are_drawn_and_measured() {
+    let dir = tempfile::tempdir().unwrap();
+    for exponent in [150, -150, 300, -300] {
+        let mut shape = zoo::grid(9);
+        shape.vertices.iter_mut().flatten().for_each(|x| *x *= 10f64.powi(exponent));
+        let (mesh, out, table) = (shape.write(dir.path()), dir.path().join("o.png"), dir.path().join("t.csv"));
+        succeeds(&["segment", "-q", "-k", "2", word(&mesh), "-o", word(&out), "-o", word(&table)]);
+        assert_eq!(facts(&out), (1600, 1200, 3));
+        let text = std::fs::read_to_string(&table).unwrap();
+        let areas = text.lines().skip(1).map(|row| row.split(',').nth(2).unwrap().parse::<f64>().unwrap());
+        let area: f64 = areas.sum();
+        match exponent {
+            150 => assert!((1e300..1e302).contains(&area), "{area:e}"),
+            -150 => assert!((1e-300..1e-298).contains(&area), "{area:e}"),
+            300 => assert!(area == f64::INFINITY, "{area}"),
+            _ => assert!(area == 0., "{area}"),
+        }
+    }
+}
+
+/// Labels as NumPy keeps integers by default, in 64 bits with a sign, were refused.
+#[test]
+fn labels_are_integers_of_any_type() {
+    let dir = tempfile::tempdir().unwrap();
+    let (mesh, labels, out) = (dir.path().join("m.ply"), dir.path().join("l.npy"), dir.path().join("o.png"));
+    labelled(&mesh);
+    let array = |descr: &str, data: &[u8]| {
+        let text = format!("{{'descr': '{descr}', 'fortran_order': False, 'shape': (4,), }}\n");
+        let head = [b"\x93NUMPY\x01\x00", &(text.len() as u16).to_le_bytes()[..], text.as_bytes()].concat();
+        std::fs::write(&labels, [&head, data].concat()).unwrap();
+    };
+    let drawn = || {
+        let output = run(&["picture", "-q", word(&mesh), "--size=64x64", "--labels", word(&labels), "-o", word(&out)]);
+        (output.status.code(), errors(&output), std::fs::read(&out).unwrap_or_default())
+    };
+    let wanted = [0u32, 1, 1, 2];
+    array("<u4", &wanted.map(u32::to_le_bytes).concat());
+    let (_, _, pixels) = drawn();
+    let [bytes, words, longs] = [
+        wanted.map(|x| vec![x as u8]).concat(),
+        wanted.map(|x| (x as u16).to_be_bytes()).concat(),
+        wanted.map(|x| i64::from(x).to_le_bytes()).concat(),
+    ];
+    for (descr, data) in [("|u1", &bytes), ("|i1", &bytes), (">i2", &words), ("<i8", &longs)] {
+        array(descr, data);
+        assert_eq!(drawn(), (Some(0), String::new(), pixels.clone()), "{descr}");
+    }
+    // One that is no label, one that is cut short, and numbers that are no integers.
+    array("<i8", &[0i64, 1, -7, 2].map(i64::to_le_bytes).concat());
+    let refused = |part: &str| {
+        let (code, told, _) = drawn();
+        let is_right = code == Some(1) && told.contains(word(&labels)) && told.contains(part);
+        assert!(is_right, "{told}");
+    };
+    refused("item 2 is -7, negative or beyond 32 bits; give a vector of integers");
+    array("<u8", &[1 << 40, 1, 7, 2u64].map(u64::to_le_bytes).concat());
+    refused("item 0 is 1099511627776");
+    array("<i8", &longs[..24]);
+    refused("4 items are declared, 3 are there");
+    array("<f4", &[0; 16]);
+    refused("has items <f4");
 }
 
 #[test]

@@ -109,6 +109,29 @@ fn combinations_that_would_be_ignored_are_refused() {
         assert_eq!(output.status.code(), Some(2), "{words:?}: {}", errors(&output));
         assert!(errors(&output).contains(told), "{words:?}: {}", errors(&output));
     }
+    // These were taken without a word, and had no effect.
+    let labels = ["evaluate", "a.seg", "--truth", "b.seg", "--plot", "x.svg"];
+    let (too_many, few) = (["plan", mesh, "-k", "100000"], format!("{mesh}: has"));
+    for (words, code, told) in [
+        (&labels[..], 2, "--plot goes with --benchmark only"),
+        (&["evaluate", "--matches", "m.npy", "--mesh", mesh, "--no-cuts"], 2, "cannot be used with"),
+        (&["quality", mesh, "--seeds", "3"], 2, "--seeds goes with --compare only"),
+        (&["quality", mesh, "--nodes", "vertices", "--metric", "paper"], 2, "--metric goes with --nodes faces only"),
+        (&["quality", mesh, "--nodes", "vertices", "--eta", "0.1"], 2, "--eta goes with --nodes faces only"),
+        (&["sequence", mesh, "-o", "x.npy", "--ply-form", "ascii"], 2, "--ply-form goes with a .ply as output"),
+        (&["sequence", mesh, "--compare", "--order", "bfs"], 2, "--order goes with an output"),
+        (
+            &["correspond", mesh, mesh, "-o", "x.npy", "--colour-by", "parts"],
+            2,
+            "--colour-by goes with --colours or --picture only",
+        ),
+        // As segment refuses it; the file that was named was one of the program's own.
+        (&too_many, 1, &few),
+    ] {
+        let output = program().current_dir(dir.path()).args(words).output().unwrap();
+        assert_eq!(output.status.code(), Some(code), "{words:?}: {}", errors(&output));
+        assert!(errors(&output).contains(told), "{words:?}: {}", errors(&output));
+    }
     assert_eq!(std::fs::read_dir(dir.path()).unwrap().count(), 1, "no work was done");
 }
 

@@ -113,8 +113,8 @@ fn a_hierarchy_can_be_taken_out_and_put_in() {
     let small = work.with_extension("small");
     segment(&other, &["-q", "--work-dir", word(&small), "-o", word(out)]);
     stage(&["export", "--tree", word(&tree)], &small);
-    let told = refused(&["cluster", "--tree", word(&tree)], work, 2);
-    assert!(told.contains("--tree: a hierarchy of"), "{told}");
+    let told = refused(&["cluster", "--tree", word(&tree)], work, 1);
+    assert!(told.contains(&format!("{}: is a hierarchy of", tree.display())), "{told}");
     refused(&["cluster", "--tree", word(&tree), "--cluster", "two-means"], work, 2);
 }
 
@@ -126,6 +126,13 @@ fn the_papers_ways_work_on_the_rows_that_are_there() {
     let told = stage(&["cluster", "-k", "6", "-o", word(out)], work);
     assert!(!told.contains("weights") && told.contains("rows: 12 of them"), "{told}");
     assert_eq!(read_seg(out).unwrap(), direct(mesh, &way));
+    // It advised to leave out an option that was not given.
+    let told = refused(&["cluster"], work, 2);
+    assert!(
+        told.contains("-k: K-means needs the number of parts; give it, as in -k 6, or choose --cluster parts"),
+        "{told}"
+    );
+    stage(&["cluster", "--cluster", "parts", "-o", word(out)], work);
     stage(&["cluster", "--cluster", "two-means", "-k", "4", "-o", word(out)], work);
     // What `embed` was told holds for `cluster`.
     stage(&["embed", "--normalise", "none", "-d", "5"], work);

@@ -136,3 +136,32 @@ fn as_many_parts_as_faces_can_be_had() {
     labels.sort_unstable();
     assert!(faces > 4_000 - 100 && labels.iter().copied().eq(0..faces as u32), "{faces}");
 }
+
+/// The reports said nothing of faces without a place, and a work directory told of them once only.
+#[test]
+fn notes_about_the_mesh_are_in_reports_too() {
+    let dir = tempfile::tempdir().unwrap();
+    let mut shape = zoo::grid(9);
+    shape.vertices[0] = [f64::NAN; 3];
+    let mesh = shape.write(dir.path());
+    let (work, json) = (dir.path().join("work"), dir.path().join("r.json"));
+    let ask = format!("--json={}", json.display());
+    let is_told = |told: &str, all: &Value| {
+        let notes: Vec<&str> = all["notes"].as_array().unwrap().iter().map(|note| note.as_str().unwrap()).collect();
+        let of_it = |text: &str| text.contains("whose coordinates are not finite numbers");
+        assert!(notes.iter().filter(|note| of_it(note)).count() == 1, "{notes:?}");
+        assert!(told.lines().filter(|line| of_it(line)).count() == 1, "{told}");
+        // What is reused is about the work, not about the mesh.
+        assert!(!notes.iter().any(|note| note.contains("reused")), "{notes:?}");
+    };
+    for _ in 0..2 {
+        let (told, all) = cut(&mesh, &["--work-dir", word(&work)]);
+        is_told(&told, &all);
+        let notes = all["notes"].as_array().unwrap();
+        assert!(notes.iter().all(|note| told.contains(note.as_str().unwrap())), "{notes:?} {told}");
+    }
+    let output = run(&["cluster", "--work-dir", word(&work), "-k", "2", &ask]);
+    is_told(&errors(&output), &report(&json));
+    let output = run(&["graph", word(&mesh), "--work-dir", word(&work), &ask]);
+    is_told(&errors(&output), &report(&json));
+}

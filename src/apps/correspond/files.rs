@@ -126,7 +126,7 @@ fn read_npy(path: &Path) -> Result<Vec<Option<u32>>> {
         return Ok(matches.iter().map(Match::vertex).collect());
     }
     let vertex = |item: i128| if item < 0 { Some(None) } else { u32::try_from(item).ok().map(Some) };
-    read_integers(path, vertex, "is beyond 32 bits", "give matches, or a vector of integers")
+    read_integers(path, vertex, "beyond 32 bits", "give matches, or a vector of integers")
 }
 
 fn read_csv(path: &Path) -> Result<Vec<Option<u32>>> {

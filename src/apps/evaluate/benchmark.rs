@@ -8,7 +8,7 @@
 
 use super::boundaries::Evaluator;
 use super::scores::{ModelScores, ScoreTable, Segmentation};
-use crate::apps::integers::read_integers;
+use crate::apps::integers;
 use crate::base::{Error, Result};
 use crate::mesh::{self, read_seg};
 use crate::store::{Run, private_folder};
@@ -171,10 +171,7 @@ pub const ENDINGS: [&str; 3] = ["seg", "npy", "ply"];
 pub fn read_labels(path: &Path, scratch: &Path, run: &Run) -> Result<Vec<u32>> {
     match path.extension().and_then(OsStr::to_str).map(str::to_ascii_lowercase).as_deref() {
         Some("seg") => read_seg(path),
-        Some("npy") => {
-            let label = |item: i128| u32::try_from(item).ok();
-            read_integers(path, label, "is negative or beyond 32 bits", "give a vector of integers from 0 on")
-        }
+        Some("npy") => integers::read_labels(path),
         Some("ply") => mesh::open(path, scratch, run)?.face_property("label", run),
         _ => Err(Error::unusable(path, "its ending says no known form of labels", "give a .seg, .npy or .ply file")),
     }
@@ -193,7 +190,7 @@ mod tests {
         npy::write::<u32>(&path, &[5, 0, u32::MAX], 1, false).unwrap();
         assert_eq!(read().unwrap(), [5, 0, u32::MAX]);
         npy::write::<u64>(&path, &[5, 1 << 40], 1, false).unwrap();
-        assert!(read().unwrap_err().to_string().contains("item 1 is negative or beyond"));
+        assert!(read().unwrap_err().to_string().contains("item 1 is 1099511627776, negative or beyond"));
         // NumPy's own type for integers: signed, 64 bits.
         let mut bytes = std::fs::read(&path).unwrap();
         let at = bytes.windows(3).position(|w| w == b"<u8").unwrap();

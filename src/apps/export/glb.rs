@@ -10,7 +10,7 @@
 
 use super::{CHUNK, parts};
 use crate::apps::vertex_sums::VertexSums;
-use crate::base::vector::{double_area, length};
+use crate::base::vector::area;
 use crate::base::{Error, Result};
 use crate::graph::Frame;
 use crate::mesh::output::{Gather, by_rename};
@@ -30,6 +30,8 @@ const UNSIGNED_INT: u32 = 5125;
 const ARRAY_BUFFER: u32 = 34962;
 const ELEMENT_ARRAY_BUFFER: u32 = 34963;
 
+/// Diagonal of a mesh below which its coordinates have less than seven digits as floats.
+const LEAST: f64 = 1e-38;
 /// Share of the area at creases beyond which faces are drawn flat.
 const FLAT: f64 = 0.05;
 /// Vertices a chunk.
@@ -49,11 +51,16 @@ const VERTICES: usize = 1 << 14;
 /// ```
 ///
 /// # Errors
-/// [`Error::Unusable`] for a mesh whose file would pass [`MOST`] (some 230 million triangles), or without a face in
-/// space; [`Error::Parameter`] for labels that do not fit the faces; [`Error::Io`]; [`Error::Cancelled`].
+/// [`Error::Unusable`] for a mesh whose file would pass [`MOST`] (some 230 million triangles), without a face in
+/// space, or too small for floats; [`Error::Parameter`] for labels that do not fit the faces; [`Error::Io`];
+/// [`Error::Cancelled`].
 pub fn write(path: &Path, mesh: &Mesh, labelling: &Labelling, durable: bool, run: &Run) -> Result<()> {
     let parts = parts(mesh, labelling)?;
     let mut scene = Scene::of(mesh, labelling, parts, run)?;
+    if scene.is_tiny {
+        let problem = "would have no coordinates but 0: the mesh is too small for its floats";
+        return Err(Error::unusable(path, problem, "write .ply instead, or scale the mesh"));
+    }
     let vertices = mesh.positions.len() as u64;
     let bytes = VertexSums::bytes(mesh);
     let grant = run.budget.take("normals of the scene", bytes, bytes);
@@ -73,7 +80,7 @@ pub fn write(path: &Path, mesh: &Mesh, labelling: &Labelling, durable: bool, run
     }
     if scene.triangles.iter().all(|&count| count == 0) {
         let problem = "would have no triangle with finite coordinates";
-        return Err(Error::unusable(path, problem, "write .ply instead"));
+        return Err(Error::unusable(path, problem, "write .ply instead, or scale the mesh"));
     }
     by_rename(path, total, durable, |file| scene.write(path, file, total, &json, binary))
 }
@@ -100,6 +107,8 @@ struct Scene<'a> {
     run: &'a Run<'a>,
     /// What is added to all positions again.
     middle: [f64; 3],
+    /// Whether floats cannot tell its vertices apart.
+    is_tiny: bool,
     /// Whether every vertex is in space, so that no face need be looked at for it.
     whole: bool,
     low: [f32; 3],
@@ -120,6 +129,7 @@ impl<'a> Scene<'a> {
             labelling,
             run,
             middle: [0.; 3],
+            is_tiny: false,
             whole: false,
             low: [f32::INFINITY; 3],
             high: [f32::NEG_INFINITY; 3],
@@ -132,6 +142,7 @@ impl<'a> Scene<'a> {
         if mesh.positions.is_double() {
             let frame = Frame::of(&mesh.positions, run)?;
             scene.middle = frame.origin;
+            scene.is_tiny = frame.scale < LEAST;
         }
         let boxes = run.map_ranges(vertices, VERTICES, |range| {
             let (mut low, mut high, mut whole) = ([f32::INFINITY; 3], [f32::NEG_INFINITY; 3], true);
@@ -153,7 +164,7 @@ impl<'a> Scene<'a> {
                 let count = counts.entry(labelling.labels[face]).or_default();
                 count.0 += (corners.len() as u64).saturating_sub(2);
                 count.1 += 1;
-                mesh.fan(corners, |_, at| count.2 += length(double_area(at)) / 2.);
+                mesh.fan(corners, |_, at| count.2 += area(at));
             });
             Ok(counts)
         })?;

@@ -5,7 +5,7 @@
 //! given. Rows are written in groups of [`GROUP`], each column of a group at a time: some 40 bytes per row of a group
 //! are held. About 45 bytes per face on disk.
 
-use crate::base::vector::{double_area, length};
+use crate::base::vector::{area, finite};
 use crate::base::{Error, Result};
 use crate::mesh::output::by_rename;
 use crate::mesh::{Labelling, Mesh};
@@ -108,7 +108,8 @@ pub struct Coordinates<'a> {
     pub dimensions: usize,
 }
 
-/// Area and centroid of a polygon, as a fan of triangles; of one without area, the mean of its corners.
+/// Area and centroid of a polygon, as a fan of triangles; of one without area, the mean of its corners. One with a
+/// corner whose coordinates are not finite has none, and the mean is that of the others.
 ///
 /// ```
 /// use nystrom_stream::apps::export::parquet::measure;
@@ -116,17 +117,24 @@ pub struct Coordinates<'a> {
 /// assert_eq!((area, centroid), (2., [1., 0.5, 0.]));
 /// ```
 pub fn measure(corners: &[[f64; 3]]) -> (f64, [f64; 3]) {
-    let (mut area, mut moment, mut mean) = (0., [0.; 3], [0.; 3]);
-    for k in 1..corners.len().saturating_sub(1) {
-        let [a, b, c] = [corners[0], corners[k], corners[k + 1]];
-        let part = length(double_area([a, b, c])) / 2.;
-        area += part;
+    let (mut whole, mut moment, mut mean) = (0., [0.; 3], [0.; 3]);
+    let placed = corners.iter().filter(|corner| finite(**corner)).count();
+    for corner in corners.iter().filter(|corner| finite(**corner)) {
+        (0..3).for_each(|axis| mean[axis] += corner[axis] / placed as f64);
+    }
+    if placed < corners.len() {
+        return (0., if placed > 0 { mean } else { [f64::NAN; 3] });
+    }
+    let triangles = || (1..corners.len().saturating_sub(1)).map(|k| [corners[0], corners[k], corners[k + 1]]);
+    triangles().for_each(|triangle| whole += area(triangle));
+    // Moments of very large or small ones leave the doubles.
+    let unit = if (1e-150..1e150).contains(&whole) { 1. } else { whole };
+    for [a, b, c] in triangles() {
+        let part = area([a, b, c]) / unit;
         (0..3).for_each(|axis| moment[axis] += part * (a[axis] + b[axis] + c[axis]) / 3.);
     }
-    for corner in corners {
-        (0..3).for_each(|axis| mean[axis] += corner[axis] / corners.len() as f64);
-    }
-    (area, if area > 0. { moment.map(|x| x / area) } else { mean })
+    let centroid = moment.map(|x| x / (whole / unit));
+    (whole, if whole > 0. && finite(centroid) { centroid } else { mean })
 }
 
 /// Writes the table to `path`, by rename.
@@ -236,5 +244,26 @@ impl FaceTable<'_> {
             }
         }
         Ok(())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Their areas were no numbers, and no sum over a table was.
+    #[test]
+    fn polygons_of_any_size_and_without_a_place_are_measured() {
+        let square = [[0., 0., 0.], [2., 0., 0.], [2., 1., 0.], [0., 1., 0.]];
+        for size in [1e150, 1e-150] {
+            let (area, centroid) = measure(&square.map(|p| p.map(|x| x * size)));
+            let right = [area / size / size / 2., centroid[0] / size, 2. * centroid[1] / size];
+            assert!(right.iter().all(|x| (x - 1.).abs() < 1e-12), "{right:?}");
+        }
+        let mut beyond = square;
+        beyond[3] = [f64::NAN, 1., 0.];
+        let (area, centroid) = measure(&beyond);
+        assert!(area == 0. && (centroid[0] - 4. / 3.).abs() < 1e-12 && (centroid[1] - 1. / 3.).abs() < 1e-12);
+        assert_eq!(measure(&[[f64::INFINITY; 3]; 3]).0, 0.);
     }
 }

@@ -17,8 +17,10 @@ mod viewpoint;
 pub use sheet::{PictureParams, Up};
 
 use crate::base::{Error, Result};
+use crate::graph;
 use crate::mesh::Mesh;
 use crate::store::Run;
+use crate::store::budget::Grant;
 use camera::Frame;
 pub use image::Image;
 use shading::{CLAY, linear};
@@ -49,7 +51,7 @@ const TOLD_APART: usize = 4096;
 ///
 /// # Errors
 /// [`Error::Parameter`] for sizes or numbers of views out of range or labels that do not fit the faces;
-/// [`Error::Memory`]; [`Error::Cancelled`].
+/// [`Error::Unusable`] where no face has a place in space; [`Error::Memory`]; [`Error::Cancelled`].
 pub fn render(
     mesh: &Mesh,
     labels: Option<&[u32]>,
@@ -72,6 +74,7 @@ pub fn render_named(
     run: &Run,
 ) -> Result<Image> {
     params.check()?;
+    let (mesh, _grant_of_it) = &in_common_size(mesh, run)?;
     let mesh = &mesh.without_strays(run)?;
     if let Some(labels) = labels.filter(|labels| labels.len() != mesh.faces.len()) {
         let problem = format!("{} for {} faces", labels.len(), mesh.faces.len());
@@ -114,12 +117,31 @@ pub fn render_named(
 /// The best view, as axes in space: to the right, up, and towards the viewer.
 ///
 /// # Errors
-/// [`Error::Parameter`] where no face has a place in space; [`Error::Cancelled`].
+/// [`Error::Unusable`] where no face has a place in space; [`Error::Cancelled`].
 pub fn best_view(mesh: &Mesh, labels: Option<&[u32]>, parts: usize, run: &Run) -> Result<[[f64; 3]; 3]> {
+    let (mesh, _grant) = &in_common_size(mesh, run)?;
     let mesh = &mesh.without_strays(run)?;
     let found =
         frames(mesh, labels, parts.min(TOLD_APART), &PictureParams { views: 1, ..PictureParams::default() }, run)?;
     Ok([found[0].right, found[0].up, found[0].toward])
+}
+
+/// The mesh itself; a copy in the unit box where it is so large or so small that areas leave the doubles, and what its
+/// positions are granted.
+fn in_common_size(mesh: &Mesh, run: &Run) -> Result<(Mesh, Option<Grant>)> {
+    const COMMON: std::ops::Range<f64> = 1e-60..1e60;
+    // Floats are never so far from 1.
+    if !mesh.positions.is_double() {
+        return Ok((mesh.clone(), None));
+    }
+    let frame = graph::Frame::of(&mesh.positions, run)?;
+    if COMMON.contains(&frame.scale) {
+        return Ok((mesh.clone(), None));
+    }
+    let bytes = 24 * mesh.positions.len() as u64;
+    let grant = run.budget.take("positions of the picture", bytes, bytes)?;
+    let positions = (0..mesh.positions.len() as u32).map(|v| frame.place(mesh.positions.get(v))).collect();
+    Ok((mesh.moved(positions)?, Some(grant)))
 }
 
 /// The views: the best one, and others around the same axis.
@@ -127,11 +149,8 @@ fn frames(mesh: &Mesh, labels: Option<&[u32]>, parts: usize, params: &PicturePar
     let pieces = viewpoint::sample(mesh, labels, run)?;
     if pieces.is_empty() {
         let faces = mesh.faces.len();
-        return Err(Error::parameter(
-            "mesh",
-            format!("none of its {faces} faces has a place in space"),
-            "give another",
-        ));
+        let problem = format!("none of its {faces} faces has a place in space, so there is nothing to draw");
+        return Err(Error::unusable(mesh.path(), problem, "give a mesh whose coordinates are finite numbers"));
     }
     let up = params.up.map_or_else(|| viewpoint::upright(&pieces), Up::direction);
     let (azimuth, elevation) = viewpoint::best(&pieces, parts, up, run)?;

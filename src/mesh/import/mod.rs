@@ -78,7 +78,7 @@ pub fn name(path: &Path, bytes: &[u8]) -> String {
 /// The format of `bytes`, the uncompressed content of `path`.
 ///
 /// # Errors
-/// [`Error::Unusable`] for formats that are known but not read.
+/// [`Error::Unusable`] for formats that are known but not read, and for files named as PLY that are of another format.
 pub(in crate::mesh) fn recognise(path: &Path, bytes: &[u8]) -> Result<Format> {
     let start = bytes.trim_ascii_start();
     let ending = ending(path);
@@ -87,8 +87,19 @@ pub(in crate::mesh) fn recognise(path: &Path, bytes: &[u8]) -> Result<Format> {
     if is_ply || bytes.is_empty() {
         return Ok(Format::Ply);
     }
+    let head = &start[..start.len().min(1 << 14)];
+    if ending == "ply" {
+        let misnamed =
+            [(is_off(head), "OFF", ".off"), (stl::is_text(bytes), "STL", ".stl"), (is_obj(head), "OBJ", ".obj")];
+        return match misnamed.iter().find(|(is_it, ..)| *is_it) {
+            Some((_, name, ending)) => {
+                let problem = format!("is named as PLY, but its content is {name}");
+                Err(Error::unusable(path, problem, format!("rename it to end with {ending}")))
+            }
+            None => Ok(Format::Ply),
+        };
+    }
     match ending.as_str() {
-        "ply" => return Ok(Format::Ply),
         "obj" => return Ok(Format::Obj),
         "off" => return Ok(Format::Off),
         "stl" => return Ok(Format::Stl),
@@ -101,26 +112,31 @@ pub(in crate::mesh) fn recognise(path: &Path, bytes: &[u8]) -> Result<Format> {
     if let Some((_, name)) = FOREIGN.iter().find(|(magic, _)| start.starts_with(magic)) {
         return refuse(name);
     }
-    let head = &start[..start.len().min(1 << 14)];
-    let first = head.split(|&byte| byte <= b' ').next().unwrap_or_default();
-    if off::is_keyword(first) {
+    if is_off(head) {
         return Ok(Format::Off);
     }
     if stl::has_binary_size(bytes) || stl::is_text(bytes) {
         return Ok(Format::Stl);
     }
-    let mut lines = Lines::new(head, true).take(LOOK).peekable();
-    let is_obj = lines.peek().is_some() && {
-        // The last line of what is looked at may be cut off.
-        lines.all(|line| line.words().next().is_some_and(|word| OBJ.contains(&word)))
-    };
-    if is_obj {
+    if is_obj(head) {
         return Ok(Format::Obj);
     }
     if ENDINGS.contains(&ending.as_str()) {
         return refuse(&format!(".{ending}"));
     }
     Ok(Format::Ply)
+}
+
+/// Whether `head`, the first bytes of a file, begin as OFF does.
+fn is_off(head: &[u8]) -> bool {
+    off::is_keyword(head.split(|&byte| byte <= b' ').next().unwrap_or_default())
+}
+
+/// Whether all lines of `head`, the first bytes of a file, are statements of OBJ.
+fn is_obj(head: &[u8]) -> bool {
+    let mut lines = Lines::new(head, true).take(LOOK).peekable();
+    // The last line of what is looked at may be cut off.
+    lines.peek().is_some() && lines.all(|line| line.words().next().is_some_and(|word| OBJ.contains(&word)))
 }
 
 /// Writes the mesh in `bytes`, the content of `path`, to `scratch` as PLY and maps that; oddities go to `notes`.

@@ -121,7 +121,7 @@ impl<'a> Sequencer<'a> {
         if landmarks.is_none()
             && let Ok(rows) = DistanceRows::kept(&graph.key, graph.nodes.len(), work)
         {
-            run.progress.note(&format!("rows: {} of them reused", rows.len()));
+            run.progress.note_of_work(&format!("rows: {} of them reused", rows.len()));
             return Ok((graph, rows));
         }
         let weighted = graph.weighted(Metric::Geodesic, context)?;

@@ -1,0 +1,76 @@
+//! The command line as it is parsed: what the derived one cannot say for each subcommand by itself.
+//!
+//! Groups of options are shared by subcommands that go on from a work directory and by others that do not, and
+//! options that take numbers are to refuse those below 0 in words of their own.
+
+use super::Cli;
+use clap::builder::ValueParser;
+use clap::{Arg, Command, CommandFactory};
+use std::any::TypeId;
+
+/// What the help of an option says where its default is that of the work directory.
+const KEPT: &str = ", or as in the work directory";
+
+/// The command with all subcommands.
+pub fn parsed() -> Command {
+    Cli::command().mut_subcommands(|subcommand| {
+        let name = subcommand.get_name().to_string();
+        subcommand.mut_args(|arg| adapted(&name, arg))
+    })
+}
+
+/// `arg` as `subcommand` has it.
+fn adapted(subcommand: &str, arg: Arg) -> Arg {
+    let arg = if is_number(arg.get_value_parser()) { arg.allow_negative_numbers(true) } else { arg };
+    match arg.get_help().map(ToString::to_string) {
+        Some(help) if help.contains(KEPT) && !goes_on(subcommand, arg.get_id().as_str()) => {
+            arg.help(help.replace(KEPT, ""))
+        }
+        _ => arg,
+    }
+}
+
+/// Whether `option`, not given to `subcommand`, is as in the work directory.
+fn goes_on(subcommand: &str, option: &str) -> bool {
+    match subcommand {
+        "cluster" => true,
+        "rows" | "share" => ["order", "seed"].contains(&option),
+        // Nothing in it is random.
+        "merge" => option == "seed",
+        "embed" | "export" => option == "seed",
+        _ => false,
+    }
+}
+
+/// Whether values are numbers.
+fn is_number(parser: &ValueParser) -> bool {
+    let numbers = [
+        TypeId::of::<u16>(),
+        TypeId::of::<u32>(),
+        TypeId::of::<u64>(),
+        TypeId::of::<usize>(),
+        TypeId::of::<f32>(),
+        TypeId::of::<f64>(),
+    ];
+    numbers.iter().any(|number| parser.type_id() == *number)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_command_holds_together_and_defaults_are_told_where_they_hold() {
+        parsed().debug_assert();
+        let help = |subcommand: &str| parsed().find_subcommand_mut(subcommand).unwrap().render_long_help().to_string();
+        let told = |subcommand: &str| help(subcommand).split_whitespace().collect::<Vec<_>>().join(" ");
+        for subcommand in ["segment", "plan", "graph", "picture", "correspond"] {
+            assert!(!told(subcommand).contains(KEPT), "{subcommand}");
+        }
+        for subcommand in ["cluster", "rows", "embed", "export"] {
+            assert!(told(subcommand).contains(KEPT), "{subcommand}");
+        }
+        assert!(told("segment").contains("[default: parts]") && told("cluster").contains("[default: parts, or as"));
+        assert!(told("rows").contains("[default: parts]") && told("rows").contains("[default: 0, or as"));
+    }
+}

@@ -1,0 +1,44 @@
+//! Opening work directories that must be there already, to go on from them or to look at them.
+
+use super::WorkDir;
+use super::manifest::MANIFEST;
+use crate::base::{Error, Result};
+use std::path::Path;
+
+impl WorkDir {
+    /// Opens an existing work directory for looking at it, beside any other reader.
+    ///
+    /// # Errors
+    /// [`Error::WorkDir`] when there is none, or when it is in use; [`Error::Io`].
+    pub fn open_existing(path: &Path) -> Result<Self> {
+        if !path.join(MANIFEST).exists() {
+            return Err(if is_of_two(path) {
+                let problem = "is a work directory of `correspond`, which holds one for each of two meshes";
+                Error::work_dir(path, problem, "name one that `segment` or `graph` has made")
+            } else {
+                let remedy = "check the path, or make it first: nystrom-stream segment MESH --work-dir …";
+                Error::work_dir(path, "is no work directory, or an empty one", remedy)
+            });
+        }
+        Self::open_shared(path)
+    }
+
+    /// The same, also for the work directory of two meshes that `correspond` leaves, which has no stages of its own.
+    ///
+    /// # Errors
+    /// As [`WorkDir::open_existing`].
+    pub fn open_any(path: &Path) -> Result<Self> {
+        if is_of_two(path) { Self::open_shared(path) } else { Self::open_existing(path) }
+    }
+
+    /// Opens what is there to look at it.
+    fn open_shared(path: &Path) -> Result<Self> {
+        Self::try_open(path, true)?
+            .ok_or_else(|| Error::work_dir(path, "is in use by another process", "wait for it to end"))
+    }
+}
+
+/// Whether the folder `path` is what `correspond` leaves: a work directory for each of two meshes.
+fn is_of_two(path: &Path) -> bool {
+    ["a", "b"].iter().all(|side| path.join(side).join(MANIFEST).is_file())
+}
