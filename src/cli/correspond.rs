@@ -208,6 +208,10 @@ pub fn run(args: &CorrespondArgs, app: &AppContext) -> Result<(), CliError> {
     let work = args.run.work(args.work_dir.as_deref(), beside, &run)?;
     let inputs = args.work_dir.as_ref().map(|_| Ok::<_, Error>([input::identity(&args.a)?, input::identity(&args.b)?]));
     let inputs = inputs.transpose()?;
+    match input::admit_two(&args.a, &work) {
+        Err(_) if args.force.force => work.clear()?,
+        admitted => admitted?,
+    }
     if let Some(inputs) = inputs.as_ref().filter(|_| !args.force.force) {
         for ((path, identity), side) in [&args.a, &args.b].into_iter().zip(inputs).zip(["a", "b"]) {
             let folder = work.file(side);

@@ -65,6 +65,9 @@ pub fn same(a: &Value, b: &Value) -> bool {
 /// # Errors
 /// [`Error::WorkDir`] with the mesh that `work` is of.
 pub fn admit(path: &Path, identity: &Value, work: &WorkDir) -> Result<()> {
+    if work.is_of_two() {
+        return Err(of_another(path, "is of two meshes, made by `correspond`".into(), work));
+    }
     // What is no record of anything protects nothing: the stages look after themselves.
     let Ok(record) = Record::read(work) else { return Ok(()) };
     if same(identity, &record.identity) {
@@ -85,6 +88,17 @@ pub fn admit(path: &Path, identity: &Value, work: &WorkDir) -> Result<()> {
 fn of_another(path: &Path, problem: String, work: &WorkDir) -> Error {
     let remedy = format!("name another folder, or make it anew for {} with --force", path.display());
     Error::work_dir(work.path(), problem, remedy)
+}
+
+/// Refuses to match meshes, that at `path` the first of them, in the work directory of one.
+///
+/// # Errors
+/// [`Error::WorkDir`].
+pub fn admit_two(path: &Path, work: &WorkDir) -> Result<()> {
+    match Record::read(work) {
+        Ok(record) => Err(of_another(path, format!("is of one mesh, {}", record.mesh.display()), work)),
+        Err(_) => Ok(()),
+    }
 }
 
 /// Refuses to match the mesh at `path`, which `identity` tells, in a folder `work` of a work directory that keeps the

@@ -31,6 +31,11 @@ impl WorkDir {
         if is_of_two(path) { Self::open_shared(path) } else { Self::open_existing(path) }
     }
 
+    /// Whether this is what `correspond` leaves: a work directory for each of two meshes.
+    pub fn is_of_two(&self) -> bool {
+        is_of_two(self.path())
+    }
+
     /// Opens what is there to look at it.
     fn open_shared(path: &Path) -> Result<Self> {
         Self::try_open(path, true)?

@@ -284,6 +284,17 @@ fn a_work_directory_of_other_meshes_is_refused() {
     assert!(code == Some(0) && text.contains("all as they were written"), "{text}");
     let (code, text) = told(&["export", "--work-dir", folder, "-o", word(&out)]);
     assert!(code == Some(1) && text.contains("is a work directory of `correspond`"), "{text}");
+    // Another command mixed its files with those of two meshes, and `correspond` with those of one.
+    let one = dir.path().join("one");
+    for (words, problem) in [
+        (vec!["segment", word(&a), "-q", "-o", word(&out), "--work-dir", folder], "is of two meshes"),
+        (vec!["graph", word(&a), "-q", "--work-dir", word(&one)], ""),
+        (vec!["correspond", word(&a), word(&b), "-q", "-o", word(&out), "--work-dir", word(&one)], "is of one mesh, "),
+    ] {
+        let (code, text) = told(&words);
+        assert_eq!(code, Some(i32::from(!problem.is_empty())), "{text}");
+        assert!(text.contains(problem), "{text}");
+    }
     let kept = || std::fs::read(work.join("b/manifest.json")).unwrap();
     let before = kept();
     let run = correspond(&a, &a, &words);
