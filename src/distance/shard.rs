@@ -110,9 +110,11 @@ pub fn merge(context: Context<'_>) -> Result<DistanceRows> {
     };
     let (rows, seconds) = context.run.stage("merge", "rows", spec.rows as u64, make)?;
     rows.stamp(&spec, seconds, context.work)?;
-    // Those of another division of the same rows are not needed any more either.
+    // Those that were merged go whether or not their journals can be read once more; those of another division of the
+    // same rows are not needed any more either.
     let read = journals(context.work)?.into_iter().filter_map(|path| Journal::read(&path));
-    for (one, _) in read.filter(|(one, _)| one.key == spec.key) {
+    let others = read.map(|(one, _)| one).filter(|one| one.key == spec.key);
+    for one in shards.into_iter().map(|shard| shard.spec).chain(others) {
         let stem = stem(one.shard, one.of);
         context.work.remove(&format!("{stem}.npy"));
         context.work.remove(&format!("{stem}.journal"));
