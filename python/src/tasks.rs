@@ -15,6 +15,7 @@ use nystrom_stream::apps::picture::{PictureParams, render};
 use nystrom_stream::apps::sequence::SequenceOrder;
 use nystrom_stream::cluster::parts::PartTree;
 use nystrom_stream::landmarks::Sampling;
+use nystrom_stream::mesh::ends_with;
 use nystrom_stream::pipeline::cuts;
 use nystrom_stream::store::{Context, WorkDir};
 use nystrom_stream::{LabelTransfer, Labelling, SamplingQuality, SaveOptions, Sequencer};
@@ -119,9 +120,7 @@ pub fn save(
     let report: serde_json::Value =
         serde_json::from_str(report).map_err(|error| PyValueError::new_err(error.to_string()))?;
     let labelling = Labelling { labels: &labels, colours: &colours, quality: quality.as_deref(), names: &names };
-    if options != SaveOptions::default()
-        || !path.extension().is_some_and(|ending| ["html", "htm"].iter().any(|page| ending.eq_ignore_ascii_case(page)))
-    {
+    if options != SaveOptions::default() || !["html", "htm"].iter().any(|page| ends_with(&path, page)) {
         return run(py, |run| mesh.0.save_under(path, labelling, &options, run));
     }
     let edits = edits.map(|text| Edits::of_text(text.as_bytes(), "edits".as_ref())).transpose().map_err(raised)?;

@@ -7,6 +7,8 @@ use crate::base::Result;
 use crate::cluster::parts::{Decision, PartCount, PartTree};
 use crate::graph::{Metric, Order};
 use crate::landmarks::Sampling;
+#[cfg(feature = "pages")]
+use crate::mesh::ends_with;
 use crate::mesh::{Labelling, Mesh};
 use crate::pipeline::decision::KeptDecision;
 use crate::pipeline::edits::Corrections;
@@ -341,12 +343,7 @@ impl Segmentation {
     /// As [`Mesh::save_with`].
     pub fn save_with(&self, path: impl AsRef<Path>, options: &SaveOptions) -> Result<()> {
         #[cfg(feature = "pages")]
-        if *options == SaveOptions::default()
-            && path
-                .as_ref()
-                .extension()
-                .is_some_and(|ending| ["html", "htm"].iter().any(|page| ending.eq_ignore_ascii_case(page)))
-        {
+        if *options == SaveOptions::default() && ["html", "htm"].iter().any(|page| ends_with(path.as_ref(), page)) {
             return self.save_page(path.as_ref());
         }
         self.mesh.save_with(path, self.labelling(), options)

@@ -5,7 +5,7 @@ use super::run::{RunOptions, run_options};
 use crate::apps::sequence::{SequenceOrder, StreamMeasures};
 use crate::base::{Error, Result};
 use crate::mesh::ply::rearranged::{self, Rearrangement};
-use crate::mesh::{Mesh, PlyForm};
+use crate::mesh::{Mesh, PlyForm, ends_with};
 use crate::pipeline::sequence::{self as recipe, SequenceParams};
 use crate::store::npy;
 use std::path::Path;
@@ -105,11 +105,10 @@ impl Sequence {
     /// which has no file; [`crate::Error::Memory`], [`crate::Error::Io`].
     pub fn save(&self, path: impl AsRef<Path>) -> Result<()> {
         let path = path.as_ref();
-        let is = |ending: &str| path.extension().is_some_and(|end| end.eq_ignore_ascii_case(ending));
-        if is("npy") {
+        if ends_with(path, "npy") {
             return npy::write(path, &self.order.places, 1, false).map(drop);
         }
-        if !is("ply") {
+        if !ends_with(path, "ply") {
             let problem = format!("{}: its ending names no known form", path.display());
             return Err(Error::parameter("path", problem, "end it with .ply or .npy"));
         }

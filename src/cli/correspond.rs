@@ -3,7 +3,7 @@
 use super::choices::choice;
 use super::errors::of_file;
 use super::options::{AppContext, CliError, ForceArgs, RunArgs, misfit};
-use super::output::{JsonArgs, check_places, ends_with, folder_of};
+use super::output::{JsonArgs, check_places, folder_of};
 use clap::ValueEnum;
 use nystrom_stream::apps::correspond::carry::{Colours, Property};
 use nystrom_stream::apps::correspond::show::side_by_side;
@@ -13,7 +13,7 @@ use nystrom_stream::base::{Error, Result};
 use nystrom_stream::distance::vertex_rows::Distance;
 use nystrom_stream::landmarks::Sampling;
 use nystrom_stream::mesh::ply::ElementKind;
-use nystrom_stream::mesh::{self, Mesh, ply};
+use nystrom_stream::mesh::{self, Mesh, ends_with, ply};
 use nystrom_stream::pipeline::correspond::{
     CorrespondParams, Correspondence, Guidance, correspond_guided, default_landmarks_for_vertices,
 };

@@ -2,7 +2,7 @@
 //! against true ones.
 
 use super::options::{AppContext, CliError, misfit};
-use super::output::{JsonArgs, check_charts, check_places, ends_with};
+use super::output::{JsonArgs, check_charts, check_places};
 use super::progress::{Bars, Style};
 use nystrom_stream::apps::correspond::{Errors, accuracy, files};
 use nystrom_stream::apps::evaluate::{
@@ -11,7 +11,7 @@ use nystrom_stream::apps::evaluate::{
 use nystrom_stream::apps::plots::charts;
 use nystrom_stream::base::{Error, Result};
 use nystrom_stream::graph::VertexGraph;
-use nystrom_stream::mesh;
+use nystrom_stream::mesh::{self, ends_with};
 use nystrom_stream::store::{Context, Run, WorkDir, private_folder};
 use serde_json::{Value, json};
 use std::path::{Path, PathBuf};

@@ -12,7 +12,7 @@ use nystrom_stream::apps::page::{CellModel, Cuts, Page};
 use nystrom_stream::apps::picture::{self, PictureParams};
 use nystrom_stream::base::{Error, Result, printable};
 use nystrom_stream::mesh::ply::labelled::{Labelling, PlyForm, PlyOptions, write_labelled, write_labelled_to};
-use nystrom_stream::mesh::{Document, Mesh, seg};
+use nystrom_stream::mesh::{Document, Mesh, ends_with, seg};
 use nystrom_stream::pipeline::cuts::KeptCuts;
 use nystrom_stream::store::{Context, Run, WorkDir, json, npy};
 use serde_json::Value;
@@ -487,11 +487,6 @@ pub fn check_charts(option: &str, paths: &[PathBuf]) -> Result<(), CliError> {
         Some(path) => Err(CliError::Usage(format!("{option} {}: no chart; end it with .svg or .png", path.display()))),
         None => Ok(()),
     }
-}
-
-/// Whether the name of `path` ends with `.ending`, in letters of any case.
-pub fn ends_with(path: &Path, ending: &str) -> bool {
-    path.extension().is_some_and(|end| end.eq_ignore_ascii_case(ending))
 }
 
 /// The folder that holds `path`.

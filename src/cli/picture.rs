@@ -1,13 +1,13 @@
 //! `picture`: a mesh and its parts as a PNG.
 
 use super::options::{AppContext, CliError, RunArgs};
-use super::output::{check_places, ends_with, folder_of};
+use super::output::{check_places, folder_of};
 use nystrom_stream::apps::colours::colours_for;
 use nystrom_stream::apps::open_labels;
 use nystrom_stream::apps::picture::{PictureParams, Up, render_named};
 use nystrom_stream::base::{Error, Result};
 use nystrom_stream::mesh::ply::names::names_of;
-use nystrom_stream::mesh::{self, Mesh, ply::ElementKind};
+use nystrom_stream::mesh::{self, Mesh, ends_with, ply::ElementKind};
 use nystrom_stream::store::{Context, MappedSlice, WorkDir, npy};
 use std::path::{Path, PathBuf};
 

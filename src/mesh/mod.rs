@@ -19,6 +19,7 @@ pub mod strays;
 
 pub use geometry::{Coordinate, Faces, Mesh};
 pub use open::{open, open_reader};
+pub use output::ends_with;
 pub use ply::document::Document;
 pub use ply::labelled::{Labelling, PlyForm, PlyOptions, write_labelled, write_labelled_to};
 pub use positions::{Positions, StridedLayout};

@@ -11,6 +11,11 @@ use std::path::Path;
 /// Bytes gathered before they are written.
 const FLUSH: usize = 1 << 20;
 
+/// Whether the name of `path` ends with `.ending`, in letters of any case.
+pub fn ends_with(path: &Path, ending: &str) -> bool {
+    path.extension().is_some_and(|end| end.eq_ignore_ascii_case(ending))
+}
+
 /// Has `write` fill `path.partial`, with `bytes` reserved, and renames it to `path`, after syncing
 /// where `durable`. Nothing is left behind when it fails.
 ///
