@@ -219,8 +219,7 @@ struct Unit {
 impl Unit {
     /// Of a mesh that lies in `frame`.
     fn of(frame: &Frame) -> Self {
-        let is_common = (1e-60..1e60).contains(&frame.scale);
-        Self { origin: frame.origin, unit: if is_common { 1. } else { frame.scale } }
+        Self { origin: frame.origin, unit: if frame.is_of_common_size() { 1. } else { frame.scale } }
     }
 
     fn place(self, p: [f64; 3]) -> [f64; 3] {

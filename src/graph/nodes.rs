@@ -84,6 +84,11 @@ impl Frame {
         Ok(Self { origin, scale: if scale > 0. { scale.min(f64::MAX) } else { 1. } })
     }
 
+    /// Whether squares and cubes of lengths in the file's units stay far within the doubles.
+    pub fn is_of_common_size(&self) -> bool {
+        (1e-60..1e60).contains(&self.scale)
+    }
+
     /// A point of the file in the frame.
     #[inline(always)]
     pub fn place(&self, p: [f64; 3]) -> [f64; 3] {

@@ -129,13 +129,12 @@ pub fn best_view(mesh: &Mesh, labels: Option<&[u32]>, parts: usize, run: &Run) -
 /// The mesh itself; a copy in the unit box where it is so large or so small that areas leave the doubles, and what its
 /// positions are granted.
 fn in_common_size(mesh: &Mesh, run: &Run) -> Result<(Mesh, Option<Grant>)> {
-    const COMMON: std::ops::Range<f64> = 1e-60..1e60;
     // Floats are never so far from 1.
     if !mesh.positions.is_double() {
         return Ok((mesh.clone(), None));
     }
     let frame = graph::Frame::of(&mesh.positions, run)?;
-    if COMMON.contains(&frame.scale) {
+    if frame.is_of_common_size() {
         return Ok((mesh.clone(), None));
     }
     let bytes = 24 * mesh.positions.len() as u64;
