@@ -139,16 +139,15 @@ impl Timed {
 fn seconds(params: &SegmentParams, faces: u64, noise: f64, folder: &Path, run: &Run) -> Result<Timed> {
     let clock = Clock::default();
     let landmarks = params.landmarks.unwrap_or(0);
-    let quiet = Run {
+    let timed = Run {
         threads: run.threads,
         // The mesh may have fewer faces than the creature, and then its landmarks take less.
         budget: Budget::new(run.budget.total().max(2 * params.cluster.fixed_bytes(landmarks as u64, faces))),
         resident: run.resident,
-        progress: &(),
+        progress: &clock,
         cancel: run.cancel.clone(),
         seed: run.seed,
     };
-    let timed = Run { progress: &clock, ..quiet };
     let work = WorkDir::temporary(folder)?;
     let path = work.file("calibration.ply");
     let creature = Creature::new(&Options { faces, noise, ..Options::default() })?;

@@ -7,12 +7,11 @@
 //! cell that is the wall of a cavity, without any where nothing is enclosed.
 
 use super::labels::SegmentStats;
-use super::params::{SegmentParams, WHAT_LANDMARKS_TAKE, default_landmarks_for_faces};
+use super::params::{Cluster, SegmentParams, default_landmarks_for_faces};
 use super::sample::Sample;
 use super::surface::{self, SurfaceStage, WeightedSurface};
 use crate::base::{Error, Result};
 use crate::cluster::contract;
-use crate::cluster::parts::ensemble::decision_bytes;
 use crate::cluster::parts::hints::Affinities;
 use crate::cluster::parts::matrix::Square;
 use crate::cluster::parts::{self, CellGraph, Enclosed, PartDecision, PartTree, Superfaces};
@@ -22,7 +21,7 @@ use crate::graph::dual::{GraphStage, WeightsStage};
 use crate::spectral::affinity::KeptEigenpairs;
 use crate::spectral::kernel::Kernel;
 use crate::store::manifest::{MANIFEST, Manifest};
-use crate::store::needs::{BESIDE_BUDGET, Extent, Needs, Room};
+use crate::store::needs::{Extent, Needs, Room};
 use crate::store::stage::{Made, Stage};
 use crate::store::{Context, WorkDir, json};
 use nalgebra::DMatrix;
@@ -91,8 +90,7 @@ impl Stage for DecisionStage<'_> {
     fn make(self, _: &str, context: Context<'_>) -> Result<Made<Self>> {
         let sample = self.surface.representative(self.landmarks(), self.params, context)?;
         let cells = &self.surface.surface.cells()?.graph;
-        let bytes = decision_bytes(sample.len() as u64).saturating_sub(BESIDE_BUDGET);
-        let _grant = context.run.budget.take(WHAT_LANDMARKS_TAKE, bytes, bytes)?;
+        let _grant = Cluster::Parts.grant(sample.len(), self.surface.graph.nodes.len(), context.run)?;
         let (decided, seconds) = parts::decide(cells, &sample.b, sample.len(), &self.params.parts, context.run)?;
         let work = context.work;
         work.write_json(TREE, &decided.tree)?;
@@ -150,7 +148,7 @@ fn assembled(
     // Only then is n² room that there is.
     whole.then(|| {
         let co_association = Square::from_values(n, co_association);
-        PartDecision { superfaces, co_association, tree, enclosed: Enclosed::default(), is_wall: Vec::new() }
+        PartDecision::of(superfaces, co_association, tree)
     })
 }
 

@@ -11,7 +11,7 @@
 use super::contracted::{contraction_and_shares, faces_of, units_of, weighted};
 use super::edits::PartMarks;
 use super::labels::{Clustered, LABELS, QUALITY, SegmentStats};
-use super::params::{Cluster, SegmentParams, WHAT_LANDMARKS_TAKE, dimensions};
+use super::params::{Cluster, SegmentParams, dimensions};
 use super::sample::rows;
 use super::surface::WeightedSurface;
 use super::units::Units;
@@ -21,11 +21,9 @@ use crate::cluster::kmeans::{Assignment, KMeans, KMeansParams, WeightedPoints, a
 use crate::cluster::two_means::{self, TwoMeansParams};
 use crate::distance::DistanceRows;
 use crate::graph::{DualGraph, NodeView};
-use crate::spectral::embedding::fit_bytes;
 use crate::spectral::measures::Gamma;
 use crate::spectral::{Embedding, EmbeddingParams, SampledColumns};
 use crate::store::mapped::Access;
-use crate::store::needs::BESIDE_BUDGET;
 use crate::store::{Context, MappedSlice, Run};
 use serde::Serialize;
 
@@ -61,8 +59,7 @@ fn k_means(
         // What is needed is asked for. Around a page that is missed, megabytes would be read.
         rows.distances.advise(Access::Random);
     }
-    let bytes = fit_bytes(rows.len() as u64, rows.nodes as u64).saturating_sub(BESIDE_BUDGET);
-    let _grant = run.budget.take(WHAT_LANDMARKS_TAKE, bytes, bytes)?;
+    let _grant = Cluster::KMeans.grant(rows.len(), rows.nodes, run)?;
     // Areas until confidences are known: geometry is looked at once.
     nodes.areas(quality, run)?;
     let areas = &quality[..];

@@ -13,6 +13,7 @@ use crate::landmarks::Sampling;
 use crate::spectral::EmbeddingParams;
 use crate::spectral::embedding::fit_bytes;
 use crate::store::Run;
+use crate::store::budget::Grant;
 use crate::store::needs::BESIDE_BUDGET;
 use serde::{Deserialize, Serialize};
 use std::path::Path;
@@ -221,6 +222,20 @@ impl Cluster {
         }
     }
 
+    /// What of [`Cluster::fixed_bytes`] the budget has to have room for.
+    fn bytes_of_budget(self, landmarks: u64, nodes: u64) -> u64 {
+        self.fixed_bytes(landmarks, nodes).saturating_sub(BESIDE_BUDGET)
+    }
+
+    /// The same taken from the budget, for as long as parts are found by `landmarks` rows over `nodes` nodes.
+    ///
+    /// # Errors
+    /// [`Error::Memory`].
+    pub(super) fn grant(self, landmarks: usize, nodes: usize, run: &Run) -> Result<Grant> {
+        let bytes = self.bytes_of_budget(landmarks as u64, nodes as u64);
+        run.budget.take(WHAT_LANDMARKS_TAKE, bytes, bytes)
+    }
+
     /// Bytes that each thread but one allocates besides, where the budget has room for it.
     pub(super) fn thread_bytes(self, landmarks: u64) -> u64 {
         match self {
@@ -230,8 +245,8 @@ impl Cluster {
     }
 }
 
-/// What [`Error::Memory`] calls it.
-pub(super) const WHAT_LANDMARKS_TAKE: &str = "finding parts with so many landmarks";
+/// What [`Error::Memory`] calls what landmarks take.
+const WHAT_LANDMARKS_TAKE: &str = "finding parts with so many landmarks";
 
 impl SegmentParams {
     /// Refuses numbers of parts that make no sense for the mesh of `faces` faces at `path`.
@@ -251,7 +266,7 @@ impl SegmentParams {
         let faces = usize::try_from(faces).unwrap_or(usize::MAX);
         let nodes = if self.contracts(faces) { NODES } else { faces } as u64;
         let landmarks = self.landmarks_of(faces).min(faces) as u64;
-        let needed = self.cluster.fixed_bytes(landmarks, nodes).saturating_sub(BESIDE_BUDGET);
+        let needed = self.cluster.bytes_of_budget(landmarks, nodes);
         let available = run.budget.total() / 2;
         if needed > available {
             return Err(Error::Memory { what: WHAT_LANDMARKS_TAKE, needed, available });

@@ -28,6 +28,13 @@ pub struct PartDecision {
     pub is_wall: Vec<bool>,
 }
 
+impl PartDecision {
+    /// A decision on a surface of which nothing is known to be enclosed.
+    pub fn of(superfaces: Superfaces, co_association: Square, tree: PartTree) -> Self {
+        Self { superfaces, co_association, tree, enclosed: Enclosed::default(), is_wall: Vec::new() }
+    }
+}
+
 /// The parts, and what is worth telling or keeping of them.
 #[derive(Clone, Debug)]
 pub struct PartsResult {

@@ -10,7 +10,6 @@ use super::answer::PartDecision;
 use super::cell_graph::{CellGraph, compact};
 use super::ensemble::{MeasuredSuperfaces, OverSegmentation, OverSegmentationParams, draw_ensemble};
 use super::hierarchy::{CellUnion, PartTree};
-use super::interior::enclosed::Enclosed;
 use super::labelling::{Linkage, LinkageRank, unions_within};
 use super::matrix::Square;
 use super::merges::{MergeModel, classes_after, meeting_probability, merges};
@@ -64,7 +63,7 @@ pub fn single_run(cells: &CellGraph, rows: &LandmarkDistances, small_part: f64, 
     let tree = PartTree::new(cells, unions_within(cells, &superfaces.of_cell).into_iter().chain(unions), small_part);
     let co_association = meeting_probability(superfaces.len(), &list);
     let superfaces = measured.superfaces;
-    Ok(PartDecision { co_association, superfaces, tree, enclosed: Enclosed::default(), is_wall: Vec::new() })
+    Ok(PartDecision::of(superfaces, co_association, tree))
 }
 
 /// Eight stopped over-segmentations, average linkage of their co-association, a last merge by cost.
@@ -103,7 +102,7 @@ pub fn consensus(cells: &CellGraph, rows: &LandmarkDistances, small_part: f64, r
     let groups = (GROUPS * median).round() as usize + 1;
     let tree = grouped(cells, &measured, &co_association, groups, small_part);
     let superfaces = measured.superfaces;
-    Ok(PartDecision { superfaces, co_association, tree, enclosed: Enclosed::default(), is_wall: Vec::new() })
+    Ok(PartDecision::of(superfaces, co_association, tree))
 }
 
 /// Average linkage of superfaces to `groups` groups, then merges by cost: the hierarchy.

@@ -6,7 +6,7 @@
 use super::answer::{PartDecision, PartsResult, cut};
 use super::cell_graph::{CellGraph, class_sums};
 use super::ensemble::Superfaces;
-use super::interior::enclosed::{Enclosed, Layers};
+use super::interior::enclosed::Layers;
 use super::interior::layered::{self, CoAssociation};
 use super::matrix::Square;
 use super::symmetry::mirror_images::{LIKE, mirror_images, symmetrised};
@@ -91,7 +91,7 @@ fn decide_symmetric(cells: &CellGraph, found: CoAssociation, small_part: f64, ru
     let CoAssociation { superfaces, log_thickness, mut c } = found;
     let decided = |superfaces: Superfaces, co_association: Square| -> Result<PartDecision> {
         let tree = labelling::soft_hierarchy(cells, &superfaces, &co_association, small_part, run)?;
-        Ok(PartDecision { superfaces, co_association, tree, enclosed: Enclosed::default(), is_wall: Vec::new() })
+        Ok(PartDecision::of(superfaces, co_association, tree))
     };
     let shares = cells.area_shares();
     let planes = mirror_images(cells, &shares);
