@@ -6,6 +6,7 @@
 //! [`colours_for`], which finds out which parts touch, makes one pass in file order and holds 4 bytes per vertex.
 
 use crate::base::Result;
+use crate::base::sort::order_by;
 use crate::mesh::Mesh;
 use crate::store::Run;
 use std::collections::BTreeMap;
@@ -132,8 +133,7 @@ pub fn assign(parts: usize, touching: &[(u32, u32, f64)]) -> Vec<[u8; 3]> {
             contact[b] += length;
         }
     }
-    let mut order: Vec<usize> = (0..parts).collect();
-    order.sort_by(|&a, &b| contact[b].total_cmp(&contact[a]).then(a.cmp(&b)));
+    let order = order_by(parts, |a, b| contact[b].total_cmp(&contact[a]));
     let mut chosen: Vec<Option<usize>> = vec![None; parts];
     let mut uses = vec![0usize; colours.len()];
     for part in order {

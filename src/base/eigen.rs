@@ -1,5 +1,6 @@
 //! Symmetric eigenproblems of the size of the sample, in `f64`.
 
+use crate::base::sort::order_by;
 use nalgebra::DMatrix;
 
 /// Eigenvalues in descending order and eigenvectors as columns, each with its largest entry positive, so
@@ -8,8 +9,7 @@ pub fn symmetric(matrix: DMatrix<f64>) -> (Vec<f64>, DMatrix<f64>) {
     let n = matrix.nrows();
     let symmetrised = DMatrix::from_fn(n, n, |i, j| 0.5 * (matrix[(i, j)] + matrix[(j, i)]));
     let eigen = nalgebra::SymmetricEigen::new(symmetrised);
-    let mut order: Vec<usize> = (0..n).collect();
-    order.sort_by(|&a, &b| eigen.eigenvalues[b].total_cmp(&eigen.eigenvalues[a]));
+    let order = order_by(n, |a, b| eigen.eigenvalues[b].total_cmp(&eigen.eigenvalues[a]));
     let values = order.iter().map(|&k| eigen.eigenvalues[k]).collect();
     let mut vectors = DMatrix::zeros(n, n);
     for (to, &from) in order.iter().enumerate() {

@@ -1,5 +1,5 @@
 //! The lowest layer: errors, progress, cancellation, deterministic parallel loops, loops on wide
-//! vectors, disjoint sets, shortest paths and small eigenproblems.
+//! vectors, disjoint sets, short sorts, shortest paths and small eigenproblems.
 //!
 //! Nothing here knows of meshes, files or command lines. Cost: none worth naming.
 
@@ -13,6 +13,7 @@ pub mod progress;
 pub mod random;
 pub(crate) mod setters;
 pub mod simd;
+pub mod sort;
 pub mod tally;
 pub mod union_find;
 pub mod vector;

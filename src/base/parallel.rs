@@ -78,7 +78,7 @@ impl<'a> Tickets<'a> {
             }
             guarded();
         });
-        let error = self.error.into_inner().unwrap_or_else(PoisonError::into_inner);
+        let error = unlocked(self.error);
         error.map_or(Ok(()), |(_, error)| Err(error))
     }
 }
@@ -130,6 +130,11 @@ pub fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
     mutex.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
+/// What `mutex` guarded, also after a panic elsewhere.
+fn unlocked<T>(mutex: Mutex<T>) -> T {
+    mutex.into_inner().unwrap_or_else(PoisonError::into_inner)
+}
+
 /// Calls `work`; a panic in it becomes an error, so that other threads end and temporary files are removed.
 ///
 /// # Errors
@@ -154,17 +159,41 @@ pub fn map_chunks<S, R: Send>(
     init: impl Fn() -> S + Sync,
     work: impl Fn(usize, &mut S) -> Result<R> + Sync,
 ) -> Result<Vec<R>> {
-    let results: Mutex<Vec<Option<R>>> = Mutex::new((0..chunks).map(|_| None).collect());
+    let results = Results::new(chunks);
     Tickets::new(chunks, cancel).serve(threads, &|tickets| {
         let mut state = init();
         while let Some(k) = tickets.take() {
             match work(k, &mut state) {
-                Ok(result) => lock(&results)[k] = Some(result),
+                Ok(result) => results.put(k, result),
                 Err(error) => tickets.fail(k, error),
             }
         }
     })?;
-    Ok(results.into_inner().unwrap_or_else(PoisonError::into_inner).into_iter().flatten().collect())
+    Ok(results.all())
+}
+
+/// The results of chunks, in whatever order they come. Apart from the loops, since it is compiled once for each type of
+/// result, not for each loop.
+struct Results<R>(Mutex<Vec<Option<R>>>);
+
+impl<R> Results<R> {
+    fn new(chunks: usize) -> Self {
+        Self(Mutex::new((0..chunks).map(|_| None).collect()))
+    }
+
+    fn put(&self, chunk: usize, result: R) {
+        lock(&self.0)[chunk] = Some(result);
+    }
+
+    /// All results, in the order of their chunks.
+    fn all(self) -> Vec<R> {
+        let mut results = unlocked(self.0).into_iter();
+        let mut all = Vec::with_capacity(results.len());
+        while let Some(Some(result)) = results.next() {
+            all.push(result);
+        }
+        all
+    }
 }
 
 /// [`map_chunks`] over the chunks of `size` of `0..n`, without states.

@@ -16,6 +16,7 @@
 use crate::base::Result;
 use crate::base::parallel::{chunk_count, chunk_range};
 use crate::base::random::{stratified, stream, unit};
+use crate::base::sort::sort_by;
 use crate::graph::half_edge_pairs::AGAINST;
 use crate::graph::{DualGraph, Node, NodeGeometry};
 use crate::store::{Context, MappedSlice, Run};
@@ -164,7 +165,7 @@ fn tiny_roots(graph: &DualGraph, run: &Run) -> Result<(HashSet<u32>, f64, u64)> 
         sum.1 += count;
     }
     let mut list: Vec<(u32, f64, u64)> = sums.into_iter().map(|(root, (area, count))| (root, area, count)).collect();
-    list.sort_unstable_by(|a, b| b.1.total_cmp(&a.1).then(b.2.cmp(&a.2)).then(a.0.cmp(&b.0)));
+    sort_by(&mut list, |a, b| b.1.total_cmp(&a.1).then(b.2.cmp(&a.2)).then(a.0.cmp(&b.0)));
     let least = list.first().map_or(0., |largest| (TINY * total).min(BESIDE_LARGEST * largest.1));
     let (mut tiny, mut area, mut tiny_nodes) = (HashSet::new(), 0., 0);
     for (rank, &(root, share, count)) in list.iter().enumerate() {

@@ -12,6 +12,7 @@ use super::parts::ensemble::COMPARE_SCALE;
 use super::parts::regions::EMBEDDING_DIMENSIONS;
 use crate::base::Result;
 use crate::base::parallel::chunk_range;
+use crate::base::sort::sort_by;
 use crate::distance::DistanceRows;
 use crate::spectral::anchor::{AnchorExtension, LandmarkDistances, fit_anchor_embedding};
 use crate::store::Run;
@@ -48,7 +49,7 @@ impl LocalPartMeans {
                 let first = beside[cell].iter().copied();
                 let second = beside[cell].iter().flat_map(|&i| beside[i as usize].iter().copied());
                 let mut near: Vec<u32> = first.chain(second).chain([cell as u32]).collect();
-                near.sort_unstable_by_key(|&i| (label[i as usize], i));
+                sort_by(&mut near, |&i, &j| (label[i as usize], i).cmp(&(label[j as usize], j)));
                 near.dedup();
                 if near.iter().all(|&i| label[i as usize] == label[cell]) {
                     return Vec::new();

@@ -12,6 +12,7 @@ use crate::base::Result;
 use crate::base::parallel::{chunk_range, map_ranges};
 use crate::base::random::{stream, weighted};
 use crate::base::simd::{SimdKernel, dispatch};
+use crate::base::sort::sort_by;
 use crate::distance::DistanceRows;
 use crate::graph::NodeView;
 use crate::spectral::Embedding;
@@ -178,7 +179,7 @@ impl KMeans {
         };
         let mut begun = run.map_chunks(params.starts.max(1), || (), begin)?;
         // A stable sort: of equal ones the first.
-        begun.sort_by(|a, b| a.cost.total_cmp(&b.cost));
+        sort_by(&mut begun, |a, b| a.cost.total_cmp(&b.cost));
         let mut best: Option<Self> = None;
         for start in begun.into_iter().take(FINISHED) {
             let fitted = lloyd(points, dimensions, start.centres, params.rounds, (run.threads, run))?;

@@ -14,6 +14,7 @@
 
 use super::parts::matrix::products;
 use crate::base::eigen;
+use crate::base::sort::sort_by;
 use crate::base::vector::{add_scaled, distance, dot, middle, minus};
 
 /// How often a plane is moved at the most.
@@ -187,7 +188,7 @@ pub fn mirror_planes(nearest: &NearestPoint<'_>) -> Vec<Plane> {
             found.push((error, plane));
         }
     }
-    found.sort_by(|a, b| a.0.total_cmp(&b.0));
+    sort_by(&mut found, |a, b| a.0.total_cmp(&b.0));
     found.into_iter().map(|(_, plane)| plane.on_grid()).collect()
 }
 

@@ -15,6 +15,7 @@ use super::journal::{JobSpec, Journal, JournalEntry, checksum};
 use super::row_job::RowJob;
 use super::rows::{DistanceRows, ROWS, RowParams, job_spec};
 use super::sampler::Sampler;
+use crate::base::sort::sort_by;
 use crate::base::{Error, Result};
 use crate::graph::NodeView;
 use crate::graph::WeightedGraph;
@@ -151,11 +152,11 @@ fn find(work: &WorkDir) -> Result<Vec<Shard>> {
     let mut found: Vec<(JobSpec, BTreeMap<usize, JournalEntry>)> =
         journals(work)?.iter().filter_map(|path| Journal::read(path)).collect();
     // Two divisions may have begun here: the one that has more finished rows counts.
-    let mut finished: BTreeMap<usize, usize> = BTreeMap::new();
-    found.iter().for_each(|(spec, entries)| *finished.entry(spec.of).or_default() += entries.len());
-    let division = finished.into_iter().max_by_key(|&(of, rows)| (rows, of)).map(|(of, _)| of);
+    let rows =
+        |of: usize| found.iter().filter(|(spec, _)| spec.of == of).map(|(_, entries)| entries.len()).sum::<usize>();
+    let division = found.iter().map(|(spec, _)| spec.of).max_by_key(|&of| (rows(of), of));
     found.retain(|(spec, _)| Some(spec.of) == division);
-    found.sort_by_key(|(spec, _)| spec.shard);
+    sort_by(&mut found, |(a, _), (b, _)| a.shard.cmp(&b.shard));
     let Some(first) = found.first().map(|(spec, _)| spec.clone()) else {
         return Err(Error::work_dir(work.path(), "holds no shards of rows", "compute them with rows --shard i/n"));
     };

@@ -25,6 +25,7 @@ use super::component_blocks::find_roots;
 use super::dual_edges::{DualEdges, EdgesWriter, Entry};
 use super::half_edge_pairs::AGAINST;
 use super::node_geometry::NodeGeometry;
+use crate::base::sort::sort_by;
 use crate::base::union_find::ParityForest;
 use crate::base::{Cancel, Result};
 use crate::store::npy::ArrayMut;
@@ -150,7 +151,7 @@ pub fn find_bridges(components: &Components, nodes: &NodeGeometry, run: &Run) ->
     if order.len() < 2 {
         return Ok(Vec::new());
     }
-    order.sort_by(|a, b| b.1.total_cmp(&a.1).then(b.2.cmp(&a.2)).then(a.0.cmp(&b.0)));
+    sort_by(&mut order, |a, b| b.1.total_cmp(&a.1).then(b.2.cmp(&a.2)).then(a.0.cmp(&b.0)));
     let rank: HashMap<u32, usize> = order.iter().enumerate().map(|(rank, c)| (c.0, rank)).collect();
     let samples = sample(components, &rank, &order, nodes.len(), run)?;
     let mut tree: RTree<Point> = RTree::new();

@@ -3,6 +3,7 @@
 use super::{Found, Sampler, Space, distinct};
 use crate::base::Result;
 use crate::base::random::{stream, unit};
+use crate::base::sort::sort_by;
 use crate::graph::NodeView;
 
 /// A node's chance is in proportion to its area, so that the sampling of a mesh does not follow its density.
@@ -34,7 +35,7 @@ fn by_area(l: usize, nodes: NodeView<'_>, seed: u64) -> Vec<u32> {
     while chosen.len() < l && rounds < 64 && total > 0. {
         rounds += 1;
         let mut targets: Vec<(f64, usize)> = (chosen.len()..l).map(|k| (unit(&mut draw) * total, k)).collect();
-        targets.sort_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
+        sort_by(&mut targets, |a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
         let (mut sum, mut next) = (0f64, 0);
         let mut picks = Vec::with_capacity(targets.len());
         nodes.each(0..nodes.len(), |node, geometry| {

@@ -6,7 +6,6 @@
 
 use super::shuffle::Sizing;
 use serde::Serialize;
-use std::collections::BTreeMap;
 
 /// Bytes allocated besides what stages state: queues of fronts, buffers of writers.
 pub const BASE: u64 = 2 << 20;
@@ -80,13 +79,13 @@ pub struct Room {
     used: u64,
     holding: bool,
     /// Bytes held of arrays that a later stage gives up.
-    lent: BTreeMap<&'static str, u64>,
+    lent: Vec<(&'static str, u64)>,
 }
 
 impl Room {
     /// A budget of `total` bytes; `holding`: arrays of the work directory may be held in memory.
     pub fn new(total: u64, holding: bool) -> Self {
-        Self { total, used: 0, holding, lent: BTreeMap::new() }
+        Self { total, used: 0, holding, lent: Vec::new() }
     }
 
     /// All of the budget.
@@ -119,13 +118,15 @@ impl Room {
     /// [`Room::take`] of an array that a later stage gives up by its name.
     pub fn lend(&mut self, name: &'static str, bytes: u64) -> u64 {
         let held = self.take(bytes);
-        self.lent.insert(name, held);
+        self.lent.retain(|(other, _)| *other != name);
+        self.lent.push((name, held));
         held
     }
 
     /// Gives up what is held of the array `name`; tells how much that was.
     pub fn give_up(&mut self, name: &str) -> u64 {
-        let held = self.lent.remove(name).unwrap_or(0);
+        let at = self.lent.iter().position(|(other, _)| *other == name);
+        let held = at.map_or(0, |at| self.lent.swap_remove(at).1);
         self.give_back(held);
         held
     }

@@ -86,13 +86,21 @@ impl<'a> Run<'a> {
         total: u64,
         work: impl FnOnce() -> Result<R>,
     ) -> Result<(R, f64)> {
+        let start = self.begin(name, unit, total)?;
+        let result = work()?;
+        Ok((result, self.end(name, start)))
+    }
+
+    fn begin(&self, name: &str, unit: &'static str, total: u64) -> Result<Instant> {
         self.cancel.check()?;
         self.progress.begin(name, unit, total);
-        let start = Instant::now();
-        let result = work()?;
+        Ok(Instant::now())
+    }
+
+    fn end(&self, name: &str, start: Instant) -> f64 {
         let seconds = start.elapsed().as_secs_f64();
         self.progress.end(name, seconds);
-        Ok((result, seconds))
+        seconds
     }
 }
 

@@ -126,6 +126,11 @@ pub fn key_of(name: &str, version: u32, inputs: &Value) -> String {
     format!("{:016x}", xxh3_64(text.as_bytes()))
 }
 
+/// What a stage makes of the facts that the manifest has.
+fn facts<T: DeserializeOwned>(kept: Value) -> Result<T, StageMiss> {
+    serde_json::from_value(kept).map_err(|error| StageMiss::Damaged(format!("its facts are unreadable: {error}")))
+}
+
 impl Context<'_> {
     /// The output of `stage`: opened where its files are there under the same key, else made.
     ///
@@ -188,16 +193,16 @@ impl WorkDir {
     /// Why the stage has to be made (anew); the manifest forgets the stage then, so
     /// that a run killed while making it anew leaves no record of files that are no longer those.
     pub fn reuse<T: DeserializeOwned>(&self, stage: &str, version: u32, key: &str) -> Result<T, StageMiss> {
-        let found = self.look_up(stage, version, key);
-        if found.is_err() && !self.shared {
-            let mut manifest = self.manifest_lock();
-            if manifest.stages.remove(stage).is_some()
-                && let Err(error) = self.save(&mut manifest)
-            {
-                return Err(StageMiss::Damaged(error.to_string()));
-            }
+        self.look_up(stage, version, key).and_then(facts).map_err(|reason| self.forget(stage, reason))
+    }
+
+    /// Removes `stage` from the manifest for `reason`, which it returns, or says why it cannot.
+    fn forget(&self, stage: &str, reason: StageMiss) -> StageMiss {
+        let mut manifest = self.manifest_lock();
+        if self.shared || manifest.stages.remove(stage).is_none() {
+            return reason;
         }
-        found
+        self.save(&mut manifest).map_or_else(|error| StageMiss::Damaged(error.to_string()), |()| reason)
     }
 
     /// Whether the stage `name` is finished here with the key `key`, of whatever version.
@@ -223,7 +228,8 @@ impl WorkDir {
         let stage = self.manifest().stages.remove(name);
         let stage = stage.ok_or_else(|| Error::work_dir(self.path(), format!("holds no {name}"), remedy))?;
         let facts = self
-            .look_up::<T>(name, version, &stage.key)
+            .look_up(name, version, &stage.key)
+            .and_then(facts)
             .map_err(|problem| Error::work_dir(self.path(), format!("{name}: {problem}"), remedy))?;
         Ok(Kept { facts, key: stage.key, inputs: stage.inputs })
     }
@@ -234,7 +240,8 @@ impl WorkDir {
         serde_json::from_value(record.facts).ok()
     }
 
-    fn look_up<T: DeserializeOwned>(&self, stage: &str, version: u32, key: &str) -> Result<T, StageMiss> {
+    /// The facts of a finished stage as the manifest has them.
+    fn look_up(&self, stage: &str, version: u32, key: &str) -> Result<Value, StageMiss> {
         let manifest = self.manifest_lock();
         let record = manifest.stages.get(stage).ok_or(StageMiss::NotMade)?;
         if record.version != version {
@@ -252,8 +259,7 @@ impl WorkDir {
             let checked = map_chunks(files.len(), &Cancel::default(), files.len(), || (), check);
             checked.map_err(|error| StageMiss::Damaged(error.to_string()))?.into_iter().collect::<Result<(), _>>()?;
         }
-        let unreadable = |error| StageMiss::Damaged(format!("its facts are unreadable: {error}"));
-        serde_json::from_value(record.facts.clone()).map_err(unreadable)
+        Ok(record.facts.clone())
     }
 
     /// Whether a file still has the bytes that were stamped: one sequential read, far cheaper than a wrong label.
@@ -283,6 +289,12 @@ impl WorkDir {
     /// # Errors
     /// [`Error::Io`].
     pub fn stamp(&self, stage: StageKey, files: &[&str], facts: &impl Serialize, seconds: f64) -> Result<()> {
+        let facts = json::value(&format!("what stage {} tells", stage.name), facts)?;
+        self.record(stage, files, facts, seconds)
+    }
+
+    /// [`WorkDir::stamp`] with facts as the manifest has them.
+    fn record(&self, stage: StageKey, files: &[&str], facts: Value, seconds: f64) -> Result<()> {
         let records = if self.is_temporary() {
             // Nothing to wait for.
             files.iter().map(|&name| Ok((name.to_string(), self.sealed(name)?))).collect::<Result<BTreeMap<_, _>>>()?
@@ -290,7 +302,6 @@ impl WorkDir {
             self.sealed_all(files)?
         };
         let StageKey { name, version, key, inputs } = stage;
-        let facts = json::value(&format!("what stage {name} tells"), facts)?;
         let record = StageRecord { key, version, inputs, files: records, facts, seconds };
         let mut manifest = self.manifest_lock();
         manifest.stages.insert(name.to_string(), record);

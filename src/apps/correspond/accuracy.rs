@@ -4,6 +4,7 @@
 //! costs nothing. Scratch is one field per thread, 4 bytes per vertex. [`Errors`] sums up: mean, median, and the share
 //! of vertices below each of a hundred errors, as benchmarks of correspondence plot it.
 
+use crate::base::sort::order_by;
 use crate::base::{Error, Result};
 use crate::distance::front::mean_weight;
 use crate::distance::march::{March, Surface};
@@ -73,10 +74,9 @@ pub fn distances(graph: &VertexGraph, pairs: &[(u32, u32)], run: &Run) -> Result
         let problem = format!("vertex {} of a mesh of {n}", found.max(real));
         return Err(Error::parameter("matches", problem, "give the mesh that the matches point to"));
     }
-    let mut order: Vec<u32> = (0..pairs.len() as u32).collect();
-    order.sort_unstable_by_key(|&k| (pairs[k as usize].1, k));
+    let order = order_by(pairs.len(), |i, j| pairs[i].1.cmp(&pairs[j].1));
     // One march per true vertex, however many were matched to it.
-    let groups: Vec<&[u32]> = order.chunk_by(|&a, &b| pairs[a as usize].1 == pairs[b as usize].1).collect();
+    let groups: Vec<&[usize]> = order.chunk_by(|&a, &b| pairs[a].1 == pairs[b].1).collect();
     let bytes = (4 * n * run.threads) as u64;
     let _grant = run.budget.take("marching", bytes, bytes)?;
     let surface = Surface::of(graph);
@@ -85,8 +85,8 @@ pub fn distances(graph: &VertexGraph, pairs: &[(u32, u32)], run: &Run) -> Result
     let chunk = |k: usize, (march, field): &mut (March, Vec<f32>)| {
         let mut out = Vec::new();
         for group in groups.iter().skip(k * CHUNK).take(CHUNK) {
-            let source = pairs[group[0] as usize].1;
-            let targets: Vec<u32> = group.iter().map(|&p| pairs[p as usize].0).collect();
+            let source = pairs[group[0]].1;
+            let targets: Vec<u32> = group.iter().map(|&p| pairs[p].0).collect();
             if targets.iter().all(|&target| target == source) {
                 out.extend(group.iter().map(|&p| (p, 0.)));
                 continue;
@@ -100,7 +100,7 @@ pub fn distances(graph: &VertexGraph, pairs: &[(u32, u32)], run: &Run) -> Result
     let mut all = vec![0.; pairs.len()];
     let chunks = groups.len().div_ceil(CHUNK);
     for (pair, error) in run.map_chunks(chunks, state, chunk)?.into_iter().flatten() {
-        all[pair as usize] = error;
+        all[pair] = error;
     }
     Ok(all)
 }

@@ -18,6 +18,7 @@ use super::search::square;
 use crate::apps::assignment::least_assignment;
 use crate::base::Result;
 use crate::base::random::{stream, unit};
+use crate::base::sort::sort_by;
 use crate::distance::DistanceRows;
 use crate::graph::Node;
 use crate::spectral::nystrom::Point;
@@ -237,7 +238,7 @@ pub fn align(a: Shape<'_>, b: Shape<'_>, run: &Run) -> Result<Alignments> {
     let guesses = candidates(a.variance, b.variance);
     let rank = |k: usize, (): &mut ()| Ok((two_way(&guesses[k], &coarse_a, &coarse_b), k));
     let mut ranks = run.map_chunks(guesses.len(), || (), rank)?;
-    ranks.sort_by(|x, y| x.0.total_cmp(&y.0).then(x.1.cmp(&y.1)));
+    sort_by(&mut ranks, |x, y| x.0.total_cmp(&y.0).then(x.1.cmp(&y.1)));
     ranks.truncate(KEPT);
     let coarse = |k: usize, (): &mut ()| {
         let transform = refine(guesses[ranks[k].1].clone(), &coarse_a, &coarse_b);
@@ -245,7 +246,7 @@ pub fn align(a: Shape<'_>, b: Shape<'_>, run: &Run) -> Result<Alignments> {
     };
     let refined = run.map_chunks(ranks.len(), || (), coarse)?;
     let mut refined = plausible(refined);
-    refined.sort_by(|x, y| x.cost.total_cmp(&y.cost));
+    sort_by(&mut refined, |x, y| x.cost.total_cmp(&y.cost));
     let refined = different(refined, &coarse_a, 0.1 * APART * spread);
     let [chosen_a, chosen_b] = [a, b].map(|shape| sample(shape.nodes, FINE, run.seed, "fine points"));
     let (fine_a, fine_b) = (embedded(a, &chosen_a), embedded(b, &chosen_b));
@@ -278,7 +279,7 @@ pub fn align(a: Shape<'_>, b: Shape<'_>, run: &Run) -> Result<Alignments> {
         Ok(Alignment { transport, distortion, ..measure(transform, &fine_a, &fine_b) })
     };
     let mut refined = run.map_chunks(refined.len(), || (), fine)?;
-    refined.sort_by(|x, y| x.rank().total_cmp(&y.rank()));
+    sort_by(&mut refined, |x, y| x.rank().total_cmp(&y.rank()));
     Ok(told_apart(refined, &fine_a, APART * spread))
 }
 
@@ -337,7 +338,7 @@ pub fn candidates(a: &[f64], b: &[f64]) -> Vec<DMatrix<f64>> {
         .map(|i| (i, ratio(a, i).max(ratio(b, i))))
         .filter(|(_, ratio)| *ratio > NEAR)
         .collect();
-    pairs.sort_by(|x, y| y.1.total_cmp(&x.1).then(x.0.cmp(&y.0)));
+    sort_by(&mut pairs, |x, y| y.1.total_cmp(&x.1).then(x.0.cmp(&y.0)));
     let mut turns = vec![(DMatrix::<f64>::identity(k, k), vec![false; k])];
     for (i, _) in pairs {
         let known = turns.len();

@@ -22,6 +22,7 @@
 use super::align::{TELLING, sample};
 use super::functional::{Points, Targets};
 use crate::base::Result;
+use crate::base::sort::sort_by;
 use crate::base::vector::{cross, dot, minus, wide};
 use crate::distance::{DistanceRows, voronoi};
 use crate::graph::VertexGraph;
@@ -141,7 +142,7 @@ pub fn assignments(within: &[Vec<f64>], among: &[Vec<f64>], own: &[Vec<f64>], wi
                 }
             }
         }
-        next.sort_by(|x, y| x.0.total_cmp(&y.0).then_with(|| x.1.cmp(&y.1)));
+        sort_by(&mut next, |x, y| x.0.total_cmp(&y.0).then_with(|| x.1.cmp(&y.1)));
         next.truncate(most);
         next
     };
@@ -159,14 +160,14 @@ pub fn assignments(within: &[Vec<f64>], among: &[Vec<f64>], own: &[Vec<f64>], wi
         pairs.improved(beam.swap_remove(0).1)
     };
     let mut all: Vec<(f64, Vec<Image>)> = branches.into_iter().map(finish).collect();
-    all.sort_by(|x, y| x.0.total_cmp(&y.0).then_with(|| x.1.cmp(&y.1)));
+    sort_by(&mut all, |x, y| x.0.total_cmp(&y.0).then_with(|| x.1.cmp(&y.1)));
     all.into_iter().map(|(_, images)| images).collect()
 }
 
 /// The places of the `most` least of `costs`, in ascending order.
 fn cheapest(costs: &[f64], most: usize) -> Vec<u32> {
     let mut order: Vec<u32> = (0..costs.len() as u32).collect();
-    order.sort_by(|&c, &d| costs[c as usize].total_cmp(&costs[d as usize]).then(c.cmp(&d)));
+    sort_by(&mut order, |&c, &d| costs[c as usize].total_cmp(&costs[d as usize]).then(c.cmp(&d)));
     order.truncate(most);
     order
 }
@@ -400,7 +401,7 @@ impl Sampled<'_> {
         let near = |i: usize| {
             let mut others: Vec<(f32, u32)> =
                 (0..some.len()).filter(|&j| j != i).map(|j| (square(i, j), j as u32)).collect();
-            others.sort_by(|x, y| x.0.total_cmp(&y.0).then(x.1.cmp(&y.1)));
+            sort_by(&mut others, |x, y| x.0.total_cmp(&y.0).then(x.1.cmp(&y.1)));
             others.into_iter().take(ORIENTED[1]).map(|(_, j)| j).collect()
         };
         (0..some.len()).map(near).collect()
@@ -464,7 +465,7 @@ pub fn match_part(part: PartialSide<'_>, whole: PartialSide<'_>, run: &Run) -> R
     if best >= TELLING {
         found.retain(|one| one.orientation >= 0.5 * best);
     }
-    found.sort_by(|x, y| x.rank().total_cmp(&y.rank()));
+    sort_by(&mut found, |x, y| x.rank().total_cmp(&y.rank()));
     Ok(found)
 }
 

@@ -20,6 +20,7 @@ use super::align::{Alignment, RIVAL, TELLING, procrustes, sample};
 use super::functional::{Points, Targets, ToA, fit};
 use super::orientation::Tensor;
 use crate::base::Result;
+use crate::base::sort::sort_by;
 use crate::distance::DistanceRows;
 use crate::graph::Node;
 use crate::spectral::local::LocalBasis;
@@ -365,7 +366,7 @@ pub fn refine(
     };
     let mut begun = run.map_chunks(origins.len(), || (), begin)?;
     let rank = |x: &Outcome, y: &Outcome| x.rank().total_cmp(&y.rank());
-    begun.sort_by(rank);
+    sort_by(&mut begun, rank);
     let begun = different(oriented(begun), b);
     let finish = |k: usize, (): &mut ()| {
         let Outcome { start, first, transport, ref map, .. } = begun[k];
@@ -373,7 +374,7 @@ pub fn refine(
         Ok(samples.judge(sides, known, map, Origin { start, first, transport }))
     };
     let mut all = run.map_chunks(begun.len(), || (), finish)?;
-    all.sort_by(rank);
+    sort_by(&mut all, rank);
     Ok(oriented(all))
 }
 

@@ -111,7 +111,8 @@ pub(super) fn patches() -> Vec<Patch> {
         }
     }
     let mut skin: Vec<(usize, [Site; 4])> = Vec::new();
-    let mut rough: BTreeMap<Site, BTreeMap<usize, Vec3>> = BTreeMap::new();
+    // Where the blocks around a site would have it, one place for each block.
+    let mut rough: BTreeMap<Site, Vec<(usize, Vec3)>> = BTreeMap::new();
     for cube in order {
         for side in 0..6 {
             let (axis, forward) = (side / 2, side % 2 == 1);
@@ -123,7 +124,10 @@ pub(super) fn patches() -> Vec<Patch> {
             let corners = square(cube, axis, forward);
             let b = cubes[&cube];
             for site in corners {
-                rough.entry(site).or_default().insert(b, blocks[b].place(site));
+                let places = rough.entry(site).or_default();
+                if places.iter().all(|(other, _)| *other != b) {
+                    places.push((b, blocks[b].place(site)));
+                }
             }
             skin.push((b, corners));
         }
@@ -133,7 +137,7 @@ pub(super) fn patches() -> Vec<Patch> {
         |b| blocks[b].part,
         |site| {
             let places = &rough[&site];
-            places.values().sum::<Vec3>() / places.len() as f64
+            places.iter().map(|(_, place)| place).sum::<Vec3>() / places.len() as f64
         },
     )
 }

@@ -7,6 +7,7 @@
 //! or a hash map of the cells that occur where that table would be larger than the labels (then 200 ns per face).
 
 use crate::apps::assignment::least_assignment;
+use crate::base::sort::order_by;
 use crate::base::{Error, Result};
 use std::collections::HashMap;
 
@@ -292,8 +293,7 @@ pub fn matches(table: &Contingency) -> f64 {
 
 /// The greatest overlaps first, each part once.
 fn greedy(table: &Contingency) -> f64 {
-    let mut order: Vec<usize> = (0..table.cells.len()).collect();
-    order.sort_by(|&x, &y| table.cells[y].area.total_cmp(&table.cells[x].area));
+    let order = order_by(table.cells.len(), |x, y| table.cells[y].area.total_cmp(&table.cells[x].area));
     let (mut rows, mut columns) = (vec![false; table.rows.len()], vec![false; table.columns.len()]);
     let mut common = 0.;
     for cell in order.into_iter().map(|at| &table.cells[at]) {

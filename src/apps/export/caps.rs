@@ -10,6 +10,7 @@
 //! and a sort of its edges.
 
 use crate::base::Result;
+use crate::base::sort::sort_by;
 use crate::base::vector::{cross, distance, dot, length, minus, unit};
 use crate::mesh::Mesh;
 use crate::store::Run;
@@ -148,7 +149,7 @@ fn clipped(ring: &[u32], at: &[[f64; 3]], clipper: &mut Earcut<f64>) -> Option<V
     }
     let mut edges: Vec<[u32; 2]> = triangles.iter().flat_map(|&[a, b, c]| [[a, b], [b, c], [c, a]]).collect();
     let (mut rim, flaws) = without_partner(&mut edges);
-    rim.sort_unstable_by_key(|edge| edge[1]);
+    sort_by(&mut rim, |a, b| a[1].cmp(&b[1]));
     let whole = rim.len() == n && (0..n).all(|k| rim[k] == [((k + 1) % n) as u32, k as u32]);
     (flaws == 0 && whole).then(|| triangles.into_iter().map(|t| t.map(|k| ring[k as usize])).collect())
 }

@@ -6,6 +6,7 @@ use super::image::{Image, text_width, write_text};
 use super::raster::Canvas;
 use super::shading::{GREY, Lines, Pixel, View, linear, normals, openness};
 use super::vertex_normals::VertexNormals;
+use crate::base::sort::sort_by;
 use crate::base::{Error, Result};
 use crate::mesh::Mesh;
 use crate::store::Run;
@@ -250,7 +251,7 @@ impl Legend {
                 share: area / total,
             })
             .collect();
-        entries.sort_by(|a, b| b.share.total_cmp(&a.share).then(a.label.cmp(&b.label)));
+        sort_by(&mut entries, |a, b| b.share.total_cmp(&a.share).then(a.label.cmp(&b.label)));
         if entries.len() < 2 || height < 160 || width < 240 {
             return None;
         }

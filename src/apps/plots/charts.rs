@@ -6,6 +6,7 @@ use crate::apps::evaluate::ScoreTable;
 use crate::apps::study::points::SamplePair;
 use crate::apps::study::summary::{SamplingSummary, Spread};
 use crate::base::Result;
+use crate::base::sort::sort_by;
 use crate::landmarks::Sampling;
 use plotters::coord::Shift;
 use plotters::prelude::{
@@ -199,7 +200,7 @@ impl Comparison<'_> {
                 .filter(|line| line.sampling == *sampling)
                 .filter_map(|line| Some((line.l as f64 + shift, value(line)?)))
                 .collect();
-            points.sort_by(|a, b| a.0.total_cmp(&b.0));
+            sort_by(&mut points, |a, b| a.0.total_cmp(&b.0));
             let line = points.iter().map(|&(x, spread)| (x, spread.mean));
             chart.draw_series(LineSeries::new(line, colour.stroke_width(2)))?;
             chart.draw_series(points.iter().map(|&(x, s)| {

@@ -12,6 +12,7 @@
 //! once, some 30 bytes per vertex and neighbours nearby, and writes another 8.
 
 use crate::base::random::{stream, unit};
+use crate::base::sort::order_by;
 use crate::base::{Cancel, Result};
 use crate::graph::VertexAdjacency;
 use crate::store::npy::ArrayMut;
@@ -157,8 +158,7 @@ fn fiedler(rows: &[Vec<u32>], cancel: &Cancel) -> Result<Vec<f64>> {
         let images: Vec<Vec<f64>> = block.iter().map(|x| laplacian.times(x)).collect();
         let small = DMatrix::from_fn(block.len(), block.len(), |i, j| dot(&block[i], &images[j]));
         let eigen = nalgebra::SymmetricEigen::new(0.5 * (&small + small.transpose()));
-        let mut order: Vec<usize> = (0..block.len()).collect();
-        order.sort_by(|&a, &b| eigen.eigenvalues[a].total_cmp(&eigen.eigenvalues[b]));
+        let order = order_by(block.len(), |a, b| eigen.eigenvalues[a].total_cmp(&eigen.eigenvalues[b]));
         let mix = |vectors: &[Vec<f64>], k: usize| -> Vec<f64> {
             (0..n).map(|i| (0..vectors.len()).map(|e| eigen.eigenvectors[(e, k)] * vectors[e][i]).sum()).collect()
         };
@@ -232,9 +232,7 @@ pub fn fiedler_ranks(
     let mut next = 0;
     for (members, rows) in components {
         let x = fiedler(&rows, &context.run.cancel)?;
-        let mut along: Vec<usize> = (0..members.len()).collect();
-        along.sort_by(|&a, &b| x[a].total_cmp(&x[b]).then(a.cmp(&b)));
-        for k in along {
+        for k in order_by(members.len(), |a, b| x[a].total_cmp(&x[b])) {
             array.data()[members[k] as usize] = next;
             next += 1;
         }

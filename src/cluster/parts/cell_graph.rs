@@ -4,6 +4,7 @@
 //! small to be meant. Some two thousand cells and six thousand pairs, whatever the size of the mesh: S log S or S + m
 //! steps each, but for joining, which is S per class that joins.
 
+use crate::base::sort::sort_by;
 use crate::base::union_find::Forest;
 use crate::base::{Error, Result};
 use std::f64::consts::PI;
@@ -188,7 +189,7 @@ pub fn join_small(
             boundaries.push((a.min(b), a.max(b), len));
         }
     }
-    boundaries.sort_by_key(|r| (r.0, r.1));
+    sort_by(&mut boundaries, |a, b| (a.0, a.1).cmp(&(b.0, b.1)));
     boundaries.dedup_by(|next, first| {
         let same = (next.0, next.1) == (first.0, first.1);
         if same {

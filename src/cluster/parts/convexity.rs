@@ -11,6 +11,7 @@
 use super::cell_graph::CellGraph;
 use crate::base::Result;
 use crate::base::simd::{SimdKernel, dispatch};
+use crate::base::sort::order_by;
 use crate::store::run::Run;
 use std::ops::Range;
 
@@ -130,8 +131,7 @@ fn gather(
     superface: &[u32],
     superfaces: usize,
 ) -> (Vec<CellPoint>, Vec<SuperfaceBall>) {
-    let mut order: Vec<usize> = (0..cells.len()).collect();
-    order.sort_by_key(|&i| superface[i]);
+    let order = order_by(cells.len(), |i, j| superface[i].cmp(&superface[j]));
     let point =
         |&i: &usize| CellPoint { x: cells.centre[i], n: cells.normal[i], area: cells.area[i], thickness: thickness[i] };
     let points: Vec<CellPoint> = order.iter().map(point).collect();

@@ -7,6 +7,7 @@
 //! which decimal text returns to the bit. Memory: some 50 bytes per cell. A cut is O(S + m).
 
 use super::cell_graph::{CellGraph, compact, small_parts};
+use crate::base::sort::sort_by;
 use crate::base::union_find::Forest;
 use crate::base::{Error, Result};
 use serde::{Deserialize, Serialize};
@@ -112,7 +113,7 @@ impl PartTree {
             all.push(CellUnion { level, rank, a: a.min(b), b: a.max(b) });
         }
         // Stable: a union stays behind those that it rests on.
-        all.sort_by(|x, y| y.rank.total_cmp(&x.rank));
+        sort_by(&mut all, |x, y| y.rank.total_cmp(&x.rank));
         tree.unions = all.iter().map(|u| [u.a, u.b]).collect();
         tree.level = all.iter().map(|u| u.level as f32).collect();
         tree

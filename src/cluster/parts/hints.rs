@@ -17,9 +17,10 @@ use super::cell_graph::{CellGraph, class_sums, compact, connected_pieces};
 use super::ensemble::Superfaces;
 use super::matrix::Square;
 use crate::base::dijkstra::shortest_paths;
+use crate::base::sort::sort_by;
 use crate::base::union_find::Forest;
 use crate::base::vector::distance;
-use std::collections::{BTreeMap, BTreeSet};
+use std::collections::BTreeMap;
 
 /// λ: what a path of length √(area) takes from the probability to belong together.
 const PATH: f64 = 0.1;
@@ -123,15 +124,15 @@ impl Affinities<'_> {
                 }
             }
         }
-        let mut into: BTreeMap<u32, (f64, u32)> = BTreeMap::new();
+        let mut into: Vec<Option<(f64, u32)>> = vec![None; count];
         for ((piece, class), length) in shared {
-            let best = into.entry(piece).or_insert((0., class));
+            let best = into[piece as usize].get_or_insert((0., class));
             if length > best.0 {
                 *best = (length, class);
             }
         }
-        for (class, piece) in class.iter_mut().zip(&piece) {
-            *class = into.get(piece).map_or(*class, |&(_, class)| class);
+        for (class, &piece) in class.iter_mut().zip(&piece) {
+            *class = into[piece as usize].map_or(*class, |(_, class)| class);
         }
     }
 
@@ -149,13 +150,13 @@ impl Affinities<'_> {
                 sets.join(group as u32, *group_at.entry(cell).or_insert(group as u32));
             }
         }
-        let mut apart: BTreeSet<(u32, u32)> = BTreeSet::new();
+        let mut apart: Vec<[u32; 2]> = Vec::new();
         for &[a, b] in &hints.apart {
             let (i, j) = (sets.find(a as u32), sets.find(b as u32));
             if i == j {
                 return Err(Conflict::Joined([a, b]));
             }
-            apart.extend([(i, j), (j, i)]);
+            apart.push([i, j]);
         }
         // Seeds by part, each of the class of its group.
         let mut by_part: BTreeMap<u32, Vec<Seed>> = BTreeMap::new();
@@ -167,13 +168,12 @@ impl Affinities<'_> {
         // Classes that whole parts have made one.
         let mut classes = Forest::new(groups);
         for (&part, seeds) in &by_part {
-            let own: BTreeSet<u32> = seeds.iter().map(|seed| seed.1).collect();
             let first = seeds[0].1;
             let mut trial = classes.clone();
-            own.iter().for_each(|&class| {
+            seeds.iter().for_each(|&(_, class)| {
                 trial.join(first, class);
             });
-            let sound = apart.iter().all(|&(i, j)| trial.find(i) != trial.find(j));
+            let sound = apart.iter().all(|&[i, j]| trial.find(i) != trial.find(j));
             if sound {
                 classes = trial;
                 new.iter_mut().filter(|label| **label == part).for_each(|label| *label = parts + first);
@@ -205,7 +205,7 @@ impl Steps {
         for (&[i, j], length) in pairs.iter().zip(lengths) {
             all.extend([(i, j, length), (j, i, length)]);
         }
-        all.sort_by_key(|step| (step.0, step.1));
+        sort_by(&mut all, |a, b| (a.0, a.1).cmp(&(b.0, b.1)));
         let mut starts = vec![0u32; n + 1];
         all.iter().for_each(|step| starts[step.0 as usize + 1] += 1);
         (0..n).for_each(|i| starts[i + 1] += starts[i]);

@@ -20,6 +20,7 @@ use super::ensemble::Superfaces;
 use super::hierarchy::{CellUnion, HALF, PartTree};
 use super::matrix::Square;
 use crate::base::Result;
+use crate::base::sort::sort_by;
 use crate::store::run::Run;
 
 /// Gains below this are rounding.
@@ -358,7 +359,7 @@ pub fn unions_within(cells: &CellGraph, superface: &[u32]) -> Vec<CellUnion> {
         .filter(|&k| superface[cells.pairs[k][0] as usize] == superface[cells.pairs[k][1] as usize])
         .collect();
     let strength = |k: usize| cells.length[k] * (-2.0 * cells.concave[k]).exp();
-    inside.sort_by(|&a, &b| strength(b).total_cmp(&strength(a)));
+    sort_by(&mut inside, |&a, &b| strength(b).total_cmp(&strength(a)));
     let certain = |a, b| CellUnion { level: 1.0, rank: f64::INFINITY, a, b };
     let mut out: Vec<CellUnion> = inside.iter().map(|&k| certain(cells.pairs[k][0], cells.pairs[k][1])).collect();
     let mut first = vec![u32::MAX; superface.iter().max().map_or(0, |&m| m as usize + 1)];

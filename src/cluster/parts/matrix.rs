@@ -114,7 +114,8 @@ pub fn eigenvalues3(m: [f64; 6]) -> [f64; 3] {
         }
     }
     let mut e = [a[0][0], a[1][1], a[2][2]];
-    e.sort_by(|x, y| y.total_cmp(x));
+    e.sort_by(f64::total_cmp);
+    e.reverse();
     e
 }
 

@@ -14,6 +14,7 @@
 //! Cost: [`ROUNDS`] times [`SWEEPS`] passes over the crossings, some 50 ns each.
 
 use super::strip::Strip;
+use crate::base::sort::sort_by;
 use crate::base::vector::{add_scaled, cross, distance, dot, double_area, length, minus, unit};
 use crate::base::{Cancel, Result};
 
@@ -186,7 +187,7 @@ impl<'a> Curves<'a> {
                 None => shares.push((strip.labels[f as usize], angle)),
             }
         }
-        shares.sort_by(|a, b| b.1.total_cmp(&a.1).then(a.0.cmp(&b.0)));
+        sort_by(&mut shares, |a, b| b.1.total_cmp(&a.1).then(a.0.cmp(&b.0)));
         shares
     }
 

@@ -11,6 +11,7 @@ use super::cell_map::{CellMap, SAMPLES, Surface};
 use super::cell_paths::Row;
 use super::tips::{Matching, matchings, tips};
 use crate::base::Result;
+use crate::base::sort::sort_by;
 use crate::store::run::Run;
 
 /// Samples that become anchors, step by step; those nearer than this length to an anchor, in units of
@@ -74,7 +75,7 @@ pub fn maps(surface: &Surface<'_>, run: &Run) -> Result<Vec<CellMap>> {
 /// The best of `maps` that differ from each other.
 fn distinct(maps: Vec<Anchors>) -> Vec<Anchors> {
     let mut maps: Vec<(f64, Anchors)> = maps.into_iter().map(|anchors| (anchors.error(), anchors)).collect();
-    maps.sort_by(|a, b| a.0.total_cmp(&b.0));
+    sort_by(&mut maps, |a, b| a.0.total_cmp(&b.0));
     let (most, apart, worse) = GO_ON;
     let limit = worse * maps.first().map_or(0.0, |(best, _)| *best);
     let mut kept: Vec<Anchors> = Vec::new();
@@ -122,7 +123,7 @@ impl Surface<'_> {
         let is_least = |&i: &u32| self.paths.steps(i).all(|(j, _)| unlike[j as usize] >= unlike[i as usize]);
         let mut least: Vec<u32> =
             (0..self.paths.len() as u32).filter(|&i| self.reached[i as usize]).filter(is_least).collect();
-        least.sort_by(|&a, &b| unlike[a as usize].total_cmp(&unlike[b as usize]));
+        sort_by(&mut least, |&a, &b| unlike[a as usize].total_cmp(&unlike[b as usize]));
         let (most, apart, worse) = PLACES;
         let mut places: Vec<u32> = Vec::new();
         for i in least {

@@ -10,6 +10,7 @@ use super::cell_map::{CellMap, FarthestSamples, Surface};
 use super::cell_paths::Row;
 use super::functions::{FunctionMap, Functions, more};
 use crate::base::Result;
+use crate::base::sort::sort_by;
 use crate::store::run::Run;
 
 /// Samples, farthest from each other.
@@ -105,7 +106,7 @@ impl Samples {
         let k = SIGNS + 1;
         let signs = (1..1 << SIGNS).map(|signs| self.start(functions, FunctionMap::of_signs(signs, k)));
         let mut best: Vec<Start> = signs.filter(|start| self.moves(start)).collect();
-        best.sort_by(|a, b| a.error.total_cmp(&b.error));
+        sort_by(&mut best, |a, b| a.error.total_cmp(&b.error));
         best.truncate(STARTS);
         let matrices = best
             .into_iter()
@@ -122,7 +123,7 @@ impl Samples {
             start
         });
         let mut all: Vec<Start> = refined.filter(|start| self.moves(start)).collect();
-        all.sort_by(|a, b| a.error.total_cmp(&b.error));
+        sort_by(&mut all, |a, b| a.error.total_cmp(&b.error));
         all
     }
 

@@ -5,6 +5,7 @@
 //! keep distances are searched.
 
 use super::cell_paths::{CellPaths, Row};
+use crate::base::sort::sort_by;
 
 /// Tips at the most.
 const TIPS: usize = 10;
@@ -36,7 +37,7 @@ pub fn tips(paths: &CellPaths, mean: &[f32], within: impl Fn(u32) -> bool) -> Ve
         }
         near.iter().for_each(|&j| ball[j as usize] = f32::INFINITY);
     }
-    found.sort_by(|&a, &b| mean[b as usize].total_cmp(&mean[a as usize]).then(a.cmp(&b)));
+    sort_by(&mut found, |&a, &b| mean[b as usize].total_cmp(&mean[a as usize]).then(a.cmp(&b)));
     found.truncate(TIPS);
     found
 }
@@ -57,7 +58,7 @@ pub fn matchings(tips: &[u32], rows: &[Row], mean: &[f32]) -> Vec<Matching> {
     let mean = tips.iter().map(|&tip| mean[tip as usize]).collect();
     let mut search = Search { between, mean, image: vec![None; tips.len()], visits: 0, found: Vec::new() };
     search.visit(0);
-    search.found.sort_by(|a, b| a.cost.total_cmp(&b.cost).then_with(|| a.image.cmp(&b.image)));
+    sort_by(&mut search.found, |a, b| a.cost.total_cmp(&b.cost).then_with(|| a.image.cmp(&b.image)));
     search.found
 }
 
