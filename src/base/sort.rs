@@ -1,10 +1,10 @@
 //! Sorts of what is short beside a mesh: candidates, parts, cells, eigenvalues.
 //!
-//! The standard library compiles a sort for each type of element and each comparison, two thousand lines of LLVM IR each time.
-//! Sixty of them were a twentieth of the library's build. Here the one sort that is compiled puts numbers into order, by a
-//! comparison that it calls through a pointer; elements are swapped into place afterwards.
+//! The standard library compiles a sort for each type of element and each comparison, two thousand lines of LLVM IR
+//! each time; sixty of them were a twentieth of the library's build. Here the one sort that is compiled puts numbers
+//! into order, by a comparison that it calls through a pointer; elements are swapped into place afterwards.
 //!
-//! Cost: a call per comparison, and 8 bytes of memory per element. What is sorted by the thousands of faces keeps the standard
+//! Cost: a call per comparison, and 8 bytes of memory per element. What is sorted by the million keeps the standard
 //! library's sorts.
 
 use std::cmp::Ordering;
