@@ -60,17 +60,15 @@ pub fn write(path: &Path, matches: &[Match], run: &Run) -> Result<()> {
 #[cfg(feature = "parquet")]
 mod parquet_table {
     use super::{File, Match, Path, Result, Run, by_rename};
-    use crate::apps::export::parquet::{GROUP, Writer};
+    use crate::apps::export::parquet::{GROUP, Writer, column, threads_for_groups};
     use parquet::basic::Encoding;
     use parquet::data_type::{FloatType, Int32Type, Int64Type};
     use parquet::file::properties::WriterProperties;
     use parquet::schema::types::ColumnPath;
 
     pub(super) fn write(path: &Path, matches: &[Match], run: &Run) -> Result<()> {
-        // A column of a group, and what the writer holds of all.
-        let bytes = 48 * GROUP.min(matches.len()) as u64;
-        let _grant = run.budget.take("a group of rows", bytes, bytes)?;
-        by_rename(path, 0, true, |file| fill(path, file, matches, run))
+        let (run, _grant) = threads_for_groups(matches.len(), 0, run)?;
+        by_rename(path, 0, true, |file| fill(path, file, matches, &run))
     }
 
     fn fill(path: &Path, file: &mut File, matches: &[Match], run: &Run) -> Result<()> {
@@ -82,13 +80,14 @@ mod parquet_table {
         let mut writer = Writer::new(path, file, schema, properties)?;
         for (k, rows) in matches.chunks(GROUP).enumerate() {
             run.cancel.check()?;
-            writer.group(|group| {
-                let first = k * GROUP;
-                group.column::<Int32Type>((first..first + rows.len()).map(|v| v as u32 as i32))?;
-                group.column::<Int64Type>(rows.iter().map(|one| one.target))?;
-                group.column::<FloatType>(rows.iter().map(|one| one.distance))?;
-                group.column::<FloatType>(rows.iter().map(|one| one.confidence))
-            })?;
+            let first = k * GROUP;
+            let columns = [
+                column::<Int32Type, _>(|| (first..first + rows.len()).map(|v| v as u32 as i32)),
+                column::<Int64Type, _>(|| rows.iter().map(|one| one.target)),
+                column::<FloatType, _>(|| rows.iter().map(|one| one.distance)),
+                column::<FloatType, _>(|| rows.iter().map(|one| one.confidence)),
+            ];
+            writer.group(&columns, run)?;
         }
         writer.finish()
     }

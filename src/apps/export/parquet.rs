@@ -2,19 +2,22 @@
 //!
 //! One row per face in the order of the file: `face`, `label` (unsigned, 32 bits), `area` (in the square of the file's
 //! unit), `centroid_x`, `centroid_y`, `centroid_z`, `quality` where there is one, and `embedding_0` … where it is
-//! given. Rows are written in groups of [`GROUP`], each column of a group at a time: some 40 bytes per row of a group
-//! are held. About 45 bytes per face on disk.
+//! given. Rows are written in groups of [`GROUP`]. The columns of a group are encoded side by side, as many at a time as
+//! there are threads: 32 bytes per row of a group are held, and 24 per thread. About 45 bytes per face on disk.
 
 use crate::base::vector::{area, finite};
 use crate::base::{Error, Result};
 use crate::mesh::output::by_rename;
 use crate::mesh::{Labelling, Mesh};
 use crate::store::Run;
+use crate::store::budget::Grant;
+use bytes::Bytes;
 use parquet::basic::Encoding;
+use parquet::column::writer::{ColumnCloseResult, ColumnWriter, get_column_writer, get_typed_column_writer_mut};
 use parquet::data_type::{ByteArray, ByteArrayType, DataType, DoubleType, FloatType, Int32Type};
 use parquet::errors::ParquetError;
-use parquet::file::properties::{WriterProperties, WriterPropertiesBuilder};
-use parquet::file::writer::{SerializedFileWriter, SerializedRowGroupWriter};
+use parquet::file::properties::{WriterProperties, WriterPropertiesBuilder, WriterPropertiesPtr};
+use parquet::file::writer::{SerializedFileWriter, SerializedPageWriter, TrackedWrite};
 use parquet::schema::parser::parse_message_type;
 use parquet::schema::types::ColumnPath;
 use std::fs::File;
@@ -25,18 +28,42 @@ use std::sync::Arc;
 /// Rows of a group: enough for readers to skip and share out, few enough to hold.
 pub const GROUP: usize = 1 << 18;
 
+/// Rows that a thread measures at a time.
+const CHUNK: usize = 1 << 14;
+
 type Out<'a> = BufWriter<&'a mut File>;
+
+/// Bytes that a thread holds per row of a group: the values of a column, and what the encoder and its page make of them.
+const BYTES_PER_THREAD: u64 = 24;
+
+/// `run` on as many threads as the budget has room for in groups of a table of `rows`, and what it grants: `held` bytes
+/// per row of a group and [`BYTES_PER_THREAD`].
+///
+/// # Errors
+/// [`Error::Memory`] where there is no room for one.
+pub fn threads_for_groups<'a>(rows: usize, held: u64, run: &Run<'a>) -> Result<(Run<'a>, Grant)> {
+    let [held, each] = [held, BYTES_PER_THREAD].map(|bytes| bytes * GROUP.min(rows) as u64);
+    let grant = run.budget.take("a group of rows", held + each, held + each * run.threads as u64)?;
+    let threads = ((grant.bytes() - held) / each.max(1)).clamp(1, run.threads.max(1) as u64) as usize;
+    Ok((Run { threads, budget: run.budget.clone(), cancel: run.cancel.clone(), ..*run }, grant))
+}
 
 /// A file under way.
 pub struct Writer<'a> {
     path: &'a Path,
+    properties: WriterPropertiesPtr,
     inner: SerializedFileWriter<Out<'a>>,
 }
 
-/// A group of rows under way.
-pub struct Group<'a, 'b> {
-    path: &'a Path,
-    inner: SerializedRowGroupWriter<'b, Out<'a>>,
+/// A column of a group of rows: it gives its values to a writer.
+pub type Column<'a> = Box<dyn Fn(&mut ColumnWriter<'_>) -> Result<(), ParquetError> + Sync + 'a>;
+
+/// The column of the values that `values` tells.
+pub fn column<'a, T: DataType, V: Iterator<Item = T::T>>(values: impl Fn() -> V + Sync + 'a) -> Column<'a> {
+    Box::new(move |writer| {
+        let values: Vec<T::T> = values().collect();
+        get_typed_column_writer_mut::<T>(writer).write_batch(&values, None, None).map(drop)
+    })
 }
 
 fn wrong(path: &Path) -> impl Fn(ParquetError) -> Error {
@@ -60,20 +87,35 @@ impl<'a> Writer<'a> {
     pub fn new(path: &'a Path, file: &'a mut File, schema: &str, properties: WriterPropertiesBuilder) -> Result<Self> {
         let schema = parse_message_type(schema).map_err(wrong(path))?;
         let properties = properties.set_created_by(format!("nystrom-stream {}", env!("CARGO_PKG_VERSION"))).build();
+        let properties = Arc::new(properties);
         let out = BufWriter::with_capacity(1 << 20, file);
-        let inner = SerializedFileWriter::new(out, Arc::new(schema), Arc::new(properties)).map_err(wrong(path))?;
-        Ok(Self { path, inner })
+        let inner = SerializedFileWriter::new(out, Arc::new(schema), Arc::clone(&properties)).map_err(wrong(path))?;
+        Ok(Self { path, properties, inner })
     }
 
-    /// Writes a group, whose columns `fill` gives in the order of the message type.
+    /// Writes a group with `columns` in the order of the message type, on the threads of `run`.
     ///
     /// # Errors
-    /// [`Error::Io`], those of `fill`.
-    pub fn group(&mut self, fill: impl FnOnce(&mut Group<'a, '_>) -> Result<()>) -> Result<()> {
-        let inner = self.inner.next_row_group().map_err(wrong(self.path))?;
-        let mut group = Group { path: self.path, inner };
-        fill(&mut group)?;
-        group.inner.close().map(drop).map_err(wrong(self.path))
+    /// [`Error::Io`], [`Error::Cancelled`].
+    pub fn group(&mut self, columns: &[Column<'_>], run: &Run) -> Result<()> {
+        let schema = self.inner.schema_descr().clone();
+        let (path, properties) = (self.path, &self.properties);
+        let encode = |k: usize| -> Result<(Bytes, ColumnCloseResult), ParquetError> {
+            let mut out = TrackedWrite::new(Vec::new());
+            let pages = Box::new(SerializedPageWriter::new(&mut out));
+            let mut writer = get_column_writer(schema.column(k), Arc::clone(properties), pages);
+            columns[k](&mut writer)?;
+            let told = writer.close()?;
+            Ok((Bytes::from(out.into_inner()?), told))
+        };
+        let mut group = self.inner.next_row_group().map_err(wrong(path))?;
+        for first in (0..columns.len()).step_by(run.threads.max(1)) {
+            let some = run.threads.max(1).min(columns.len() - first);
+            for (bytes, told) in run.map_chunks(some, || (), |k, ()| encode(first + k).map_err(wrong(path)))? {
+                group.append_column(&bytes, told).map_err(wrong(path))?;
+            }
+        }
+        group.close().map(drop).map_err(wrong(path))
     }
 
     /// Ends the file.
@@ -83,19 +125,6 @@ impl<'a> Writer<'a> {
     pub fn finish(self) -> Result<()> {
         let mut out = self.inner.into_inner().map_err(wrong(self.path))?;
         out.flush().map_err(Error::io(self.path, "write"))
-    }
-}
-
-impl Group<'_, '_> {
-    /// Writes the next column.
-    ///
-    /// # Errors
-    /// [`Error::Io`].
-    pub fn column<T: DataType>(&mut self, values: impl Iterator<Item = T::T>) -> Result<()> {
-        let values: Vec<T::T> = values.collect();
-        let Some(mut column) = self.inner.next_column().map_err(wrong(self.path))? else { return Ok(()) };
-        column.typed::<T>().write_batch(&values, None, None).map_err(wrong(self.path))?;
-        column.close().map_err(wrong(self.path))
     }
 }
 
@@ -167,10 +196,8 @@ pub fn write(
     if len != n {
         return Err(Error::parameter("embedding", format!("{len} rows for {n} faces"), "give one for every face"));
     }
-    // Four measures and a column of a group, and what the writer holds of it.
-    let bytes = 56 * GROUP.min(n) as u64;
-    let _grant = run.budget.take("a group of rows", bytes, bytes)?;
-    by_rename(path, 0, durable, |file| FaceTable { path, mesh, labelling, embedding, run }.write(file))
+    let (run, _grant) = threads_for_groups(n, 32, run)?;
+    by_rename(path, 0, durable, |file| FaceTable { path, mesh, labelling, embedding, run: &run }.write(file))
 }
 
 /// What the table is made of.
@@ -210,40 +237,45 @@ impl FaceTable<'_> {
         let n = self.mesh.faces.len();
         for start in (0..n).step_by(GROUP) {
             self.run.cancel.check()?;
-            writer.group(|group| self.group(start, n.min(start + GROUP), group))?;
+            self.group(start, n.min(start + GROUP), &mut writer)?;
         }
         writer.finish()
     }
 
     /// The rows `start..end`.
-    fn group(&self, start: usize, end: usize, group: &mut Group<'_, '_>) -> Result<()> {
+    fn group(&self, start: usize, end: usize, writer: &mut Writer) -> Result<()> {
         let labels = &self.labelling.labels[start..end];
-        group.column::<Int32Type>((start..end).map(|face| face as u32 as i32))?;
-        group.column::<Int32Type>(labels.iter().map(|&label| label as i32))?;
-        let mut measures: Vec<[f64; 4]> = Vec::with_capacity(end - start);
-        let mut corners = Vec::new();
-        self.mesh.faces.for_each(start..end, |_, vertices| {
-            corners.clear();
-            corners.extend(vertices.iter().map(|&v| self.mesh.positions.get(v)));
-            let (area, [x, y, z]) = measure(&corners);
-            measures.push([area, x, y, z]);
-        });
-        for k in 0..4 {
-            group.column::<DoubleType>(measures.iter().map(|row| row[k]))?;
-        }
+        let mut measures = vec![[0.; 4]; end - start];
+        self.run.fill_chunks(&mut measures, CHUNK, Vec::new, |k, out, corners| {
+            let first = start + k * CHUNK;
+            let mut out = out.iter_mut();
+            self.mesh.faces.for_each(first..first + out.len(), |_, vertices| {
+                corners.clear();
+                corners.extend(vertices.iter().map(|&v| self.mesh.positions.get(v)));
+                let (area, [x, y, z]) = measure(corners);
+                out.next().into_iter().for_each(|row| *row = [area, x, y, z]);
+            });
+            Ok(())
+        })?;
+        let mut columns: Vec<Column> = vec![
+            column::<Int32Type, _>(|| (start..end).map(|face| face as u32 as i32)),
+            column::<Int32Type, _>(|| labels.iter().map(|&label| label as i32)),
+        ];
+        let measures = &measures;
+        columns.extend((0..4).map(|k| column::<DoubleType, _>(move || measures.iter().map(move |row| row[k]))));
         if let Some(quality) = self.labelling.quality {
-            group.column::<FloatType>(quality[start..end].iter().copied())?;
+            columns.push(column::<FloatType, _>(move || quality[start..end].iter().copied()));
         }
         if !self.labelling.names.is_empty() {
-            let name = |&label: &u32| self.labelling.name(label as usize).unwrap_or_default();
-            group.column::<ByteArrayType>(labels.iter().map(|label| ByteArray::from(name(label))))?;
+            let name = |&label: &u32| ByteArray::from(self.labelling.name(label as usize).unwrap_or_default());
+            columns.push(column::<ByteArrayType, _>(move || labels.iter().map(name)));
         }
         if let Some(Coordinates { values, dimensions }) = self.embedding {
-            for k in 0..dimensions {
-                group.column::<FloatType>((start..end).map(|face| values[face * dimensions + k]))?;
-            }
+            let rows = &values[start * dimensions..end * dimensions];
+            let coordinate = |k: usize| move || rows.iter().skip(k).step_by(dimensions).copied();
+            columns.extend((0..dimensions).map(|k| column::<FloatType, _>(coordinate(k))));
         }
-        Ok(())
+        writer.group(&columns, self.run)
     }
 }
 
