@@ -329,8 +329,8 @@ fn an_altered_work_directory_is_made_anew_or_refused() {
         }
     }
     assert!(cases.len() > 2000, "{}", cases.len());
-    // Five shares no factor with the 14 or 4 commands that cases take in turn.
-    let stride = stride(5);
+    // Eleven shares no factor with the 14 or 4 commands that cases take in turn.
+    let stride = stride(11);
     let (next, wrong) = (Mutex::new(0), Mutex::new(Vec::new()));
     std::thread::scope(|scope| {
         for _ in 0..std::thread::available_parallelism().map_or(2, usize::from) {
