@@ -2,8 +2,8 @@
 //!
 //! One row per face in the order of the file: `face`, `label` (unsigned, 32 bits), `area` (in the square of the file's
 //! unit), `centroid_x`, `centroid_y`, `centroid_z`, `quality` where there is one, and `embedding_0` … where it is
-//! given. Rows are written in groups of [`GROUP`]. The columns of a group are encoded side by side, as many at a time as
-//! there are threads: 32 bytes per row of a group are held, and 24 per thread. About 45 bytes per face on disk.
+//! given. Rows are written in groups of [`GROUP`]. The columns of a group are encoded side by side, as many at a time
+//! as there are threads: 32 bytes per row of a group are held, and 24 per thread. About 45 bytes per face on disk.
 
 use crate::base::vector::{area, finite};
 use crate::base::{Error, Result};
@@ -33,7 +33,7 @@ const CHUNK: usize = 1 << 14;
 
 type Out<'a> = BufWriter<&'a mut File>;
 
-/// Bytes that a thread holds per row of a group: the values of a column, and what the encoder and its page make of them.
+/// Bytes that a thread holds per row of a group: the values of a column, and what the encoder makes of them.
 const BYTES_PER_THREAD: u64 = 24;
 
 /// `run` on as many threads as the budget has room for in groups of a table of `rows`, and what it grants: `held` bytes
