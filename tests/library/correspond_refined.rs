@@ -18,6 +18,11 @@ use nystrom_stream::spectral::local::LocalBasis;
 use nystrom_stream::store::{Budget, Context, Run, WorkDir};
 use std::path::Path;
 
+/// Faces of a creature whose whole correspondence is found.
+fn usual() -> u64 {
+    if common::every_case() { 6_000 } else { 3_000 }
+}
+
 fn creature(dir: &Path, faces: u64) -> Mesh {
     mesh::open(&common::creature(dir, faces, false), dir, &Run::new(&())).unwrap()
 }
@@ -227,7 +232,7 @@ fn mean_error(a: &Mesh, b: &Mesh, truth: &[u32], guidance: &Guidance, refine: Re
 #[test]
 fn a_permuted_copy_is_found_exactly_enough_by_every_start() {
     let dir = tempfile::tempdir().unwrap();
-    let a = creature(dir.path(), 6_000);
+    let a = creature(dir.path(), usual());
     let (b, place) = permuted(&a);
     let pairs: Vec<(u32, u32)> = (0..place.len() as u32).step_by(500).map(|v| (v, place[v as usize])).collect();
     let map = Some(place.iter().enumerate().map(|(v, &w)| (v % 3 > 0).then_some(w)).collect());
@@ -284,7 +289,7 @@ fn coarse_meshes_are_refined_on_finer_ones() {
 #[test]
 fn functional_maps_of_a_copy_are_near_orthogonal_and_points_lie_in_triangles() {
     let dir = tempfile::tempdir().unwrap();
-    let a = creature(dir.path(), 6_000);
+    let a = creature(dir.path(), usual());
     let (b, _) = permuted(&a);
     let (work, run) = (WorkDir::temporary(dir.path()).unwrap(), Run::new(&()));
     let params = CorrespondParams::default().points(true);
