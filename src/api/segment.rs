@@ -223,6 +223,7 @@ impl Segmenter {
             params.parts.count = edits.parts.map_or(params.parts.count, PartCount::Exactly);
             params.parts.detail = edits.detail.unwrap_or_default();
         }
+        params.check_effect()?;
         let params = &params;
         let corrections = Corrections { edits: self.edits.as_ref(), painted: self.hints.as_deref() };
         self.options.with(|context, seconds| {

@@ -5,7 +5,7 @@ use crate::cluster::cells;
 use crate::cluster::contract::{self, NODES};
 use crate::cluster::kmeans::FACES_PER_CHUNK;
 use crate::cluster::parts::ensemble::{decision_bytes, member_bytes};
-use crate::cluster::parts::{PartCount, PartsParams};
+use crate::cluster::parts::{Decision, PartCount, PartsParams};
 use crate::cluster::two_means;
 use crate::graph::Metric;
 use crate::graph::order::{Order, OrderParams};
@@ -255,6 +255,29 @@ impl SegmentParams {
     /// [`Error::Unusable`] for more parts than faces; [`Error::Parameter`].
     pub fn check_count(&self, path: &Path, faces: u64) -> Result<()> {
         check(self, path, usize::try_from(faces).unwrap_or(usize::MAX))
+    }
+
+    /// Refuses options that have no effect on the method that is chosen.
+    ///
+    /// # Errors
+    /// [`Error::Parameter`] naming the option.
+    pub fn check_effect(&self) -> Result<()> {
+        let by_parts = self.cluster == Cluster::Parts;
+        let others = [
+            ("decision", self.parts.decision != Decision::default()),
+            ("tiny_components", self.tiny_components != TinyComponents::default()),
+            ("walls", self.walls != Walls::default()),
+            ("boundaries", self.boundaries != Boundaries::default()),
+        ];
+        let found = if by_parts {
+            self.embedding.is_some().then_some(("embedding", "goes with K-means and 2-means"))
+        } else {
+            others.into_iter().find(|(_, given)| *given).map(|(name, _)| (name, "goes with the default method"))
+        };
+        match found {
+            Some((name, problem)) => Err(Error::parameter(name, problem, "leave it out, or choose the other `method`")),
+            None => Ok(()),
+        }
     }
 
     /// Refuses more landmarks than half of the budget has room for, before rows are computed; arrays may have the other

@@ -4,7 +4,8 @@
 use nystrom_stream::apps::evaluate::Evaluator;
 use nystrom_stream::apps::export::split::PartForm;
 use nystrom_stream::graph::Order;
-use nystrom_stream::pipeline::Cluster;
+use nystrom_stream::pipeline::{Boundaries, Cluster, Walls};
+use nystrom_stream::spectral::EmbeddingParams;
 use nystrom_stream::{Cancel, Error, Labelling, Mesh, Progress, SaveOptions, Segmenter, Sequencer, evaluate};
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicUsize, Ordering};
@@ -208,6 +209,10 @@ fn what_a_file_cannot_hold_and_options_without_effect_are_refused() {
     for (option, segmenter) in [
         ("detail", Segmenter::new().parts(2).detail(0.5)),
         ("detail", Segmenter::new().method(Cluster::TwoMeans).detail(0.5)),
+        // K-means took them without a word.
+        ("walls", Segmenter::new().parts(2).method(Cluster::KMeans).walls(Walls::Own)),
+        ("boundaries", Segmenter::new().parts(2).method(Cluster::KMeans).boundaries(Boundaries::Embedding)),
+        ("embedding", Segmenter::new().embedding(EmbeddingParams::for_parts(2))),
         ("landmarks", Segmenter::new().landmarks(0)),
         ("landmarks", Segmenter::new().landmarks(5000)),
     ] {
