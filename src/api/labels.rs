@@ -1,4 +1,6 @@
 //! Scores existing labels, carries them to another mesh, and measures how well landmarks sample a mesh.
+//!
+//! Thin: costs are those of [`crate::apps::evaluate`], [`crate::apps::transfer`] and [`crate::apps::study`].
 
 use super::mesh::admitted;
 use super::run::{RunOptions, run_options};

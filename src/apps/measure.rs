@@ -8,7 +8,7 @@
 
 use crate::base::eigen;
 use crate::base::union_find::Forest;
-use crate::base::vector::{cross, distance, dot, double_area, finite, length, minus};
+use crate::base::vector::{area, cross, distance, dot, finite, minus};
 use crate::base::{Error, Result};
 use crate::graph::{Csr, DualGraph, Frame, GraphFacts};
 use crate::mesh::Mesh;
@@ -124,7 +124,7 @@ const PAIRS: [[usize; 2]; 6] = [[0, 0], [0, 1], [0, 2], [1, 1], [1, 2], [2, 2]];
 impl Sums {
     /// Adds the triangle `at`, whose corners are relative to the origin of the sums.
     fn triangle(&mut self, at: [[f64; 3]; 3]) {
-        let area = length(double_area(at)) / 2.;
+        let area = area(at);
         self.volume += dot(at[0], cross(at[1], at[2])) / 6.;
         for p in at {
             for axis in 0..3 {

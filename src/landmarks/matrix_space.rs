@@ -1,4 +1,6 @@
 //! Distances on demand from a matrix of all of them: what studies of small sets sample on.
+//!
+//! A row costs n steps, which are copied; the matrix (4 n² bytes) is the caller's.
 
 use crate::base::{Cancel, Result};
 use crate::distance::front::{Front, mean_weight};

@@ -1,4 +1,7 @@
 //! Random landmarks: by area, or each node alike. No distances are needed.
+//!
+//! By area: two passes over the nodes, and one more wherever a node was drawn twice. Alike: O(l). Nothing is held but
+//! the landmarks.
 
 use super::{Found, Sampler, Space, distinct};
 use crate::base::Result;

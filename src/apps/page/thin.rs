@@ -5,7 +5,7 @@
 //! No more is kept than the thinned mesh, so any size goes through. A mesh that is small enough is taken as it is.
 
 use crate::base::Result;
-use crate::base::vector::{double_area, finite, length};
+use crate::base::vector::{self, finite};
 use crate::mesh::Mesh;
 use crate::store::Run;
 use std::collections::{HashMap, HashSet};
@@ -116,7 +116,7 @@ fn measure(mesh: &Mesh, run: &Run) -> Result<([f64; 3], f64, f64)> {
             }
         }
         for k in 1..at.len().saturating_sub(1) {
-            area += length(double_area([at[0], at[k], at[k + 1]])) / 2.;
+            area += vector::area([at[0], at[k], at[k + 1]]);
         }
     })?;
     let side = (0..3).map(|k| high[k] - low[k]).fold(0., f64::max);

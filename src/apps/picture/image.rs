@@ -1,4 +1,6 @@
 //! The finished picture: pixels of one byte per channel, text on them, and the PNG file.
+//!
+//! Four bytes per pixel are held.
 
 use super::shading::{Pixel, linear, stored};
 use crate::apps::text;
