@@ -1,6 +1,6 @@
 //! Matches the vertices of two meshes.
 //!
-//! Thin: costs are those of [`crate::pipeline::correspond`](recipe). The result has 16 bytes per vertex of the first mesh.
+//! Thin: costs are those of [`crate::pipeline::correspond`]. The result has 16 bytes per vertex of the first mesh.
 
 use super::mesh::identity;
 use super::run::{RunOptions, run_options};

@@ -1,7 +1,7 @@
 //! Cuts a mesh into parts, and holds the result.
 //!
-//! A run costs what [`crate::pipeline::segment()`] does. Its result has 8 bytes per face, labels and confidences, in memory
-//! or mapped.
+//! A run costs what [`crate::pipeline::segment()`] does. Its result has 8 bytes per face, labels and confidences, in
+//! memory or mapped.
 
 use super::mesh::{SaveOptions, admitted};
 use super::run::{RunOptions, run_options};
