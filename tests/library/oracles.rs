@@ -266,7 +266,7 @@ fn weight() -> impl Strategy<Value = f32> {
 }
 
 proptest! {
-    #![proptest_config(ProptestConfig { failure_persistence: None, ..ProptestConfig::with_cases(300 / stride(3) as u32) })]
+    #![proptest_config(ProptestConfig { failure_persistence: None, ..ProptestConfig::with_cases(300 / stride(5) as u32) })]
 
     #[test]
     fn fronts_equal_a_binary_heap_to_the_bit_on_any_graph(
