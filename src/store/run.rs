@@ -49,8 +49,13 @@ impl<'a> Run<'a> {
     /// thread is left whatever the room.
     pub fn threads_within(&self, bytes: u64) -> (Run<'a>, Grant) {
         let grant = self.budget.take_up_to(bytes.saturating_mul(self.threads as u64));
-        let threads = (grant.bytes() / bytes.max(1)).clamp(1, self.threads.max(1) as u64) as usize;
-        (Run { threads, budget: self.budget.clone(), cancel: self.cancel.clone(), ..*self }, grant)
+        (self.with_threads(grant.bytes() / bytes.max(1)), grant)
+    }
+
+    /// This run on up to `most` of its threads, and on one at the least.
+    pub fn with_threads(&self, most: u64) -> Run<'a> {
+        let threads = most.clamp(1, self.threads.max(1) as u64) as usize;
+        Run { threads, budget: self.budget.clone(), cancel: self.cancel.clone(), ..*self }
     }
 
     /// Asks the kernel to read the items `range` of `array` soon, and those of the next chunks of a pass, where arrays

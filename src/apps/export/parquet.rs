@@ -44,8 +44,7 @@ const BYTES_PER_THREAD: u64 = 24;
 pub fn threads_for_groups<'a>(rows: usize, held: u64, run: &Run<'a>) -> Result<(Run<'a>, Grant)> {
     let [held, each] = [held, BYTES_PER_THREAD].map(|bytes| bytes * GROUP.min(rows) as u64);
     let grant = run.budget.take("a group of rows", held + each, held + each * run.threads as u64)?;
-    let threads = ((grant.bytes() - held) / each.max(1)).clamp(1, run.threads.max(1) as u64) as usize;
-    Ok((Run { threads, budget: run.budget.clone(), cancel: run.cancel.clone(), ..*run }, grant))
+    Ok((run.with_threads((grant.bytes() - held) / each.max(1)), grant))
 }
 
 /// A file under way.
