@@ -463,17 +463,21 @@ fn publish(target: &Path, report: &impl serde::Serialize) -> Result<()> {
     write_text(target, &(text + "\n"))
 }
 
+/// Whether `path` names an open file of a process, a link whose place a rename would take.
+fn is_open_file(path: &Path) -> bool {
+    let names = ["/dev/stdout", "/dev/stderr"].map(Path::new);
+    names.contains(&path) || path.starts_with("/dev/fd") || path.starts_with("/proc")
+}
+
 /// Writes `text` to standard output where `target` is `-`, else to that file, which appears whole or not at all. A
-/// device or a pipe is written to directly.
+/// device, a pipe or an open file of a process (`/dev/stdout`) is written to directly.
 pub fn write_text(target: &Path, text: &str) -> Result<()> {
     if target == Path::new("-") {
         return print(text.as_bytes());
     }
-    // /dev/stdout is a link to what may be a file: a rename would take the place of the link.
-    let stream = |path: &Path| path.starts_with("/dev") || path.starts_with("/proc");
-    let is_stream = stream(target) || std::fs::read_link(target).is_ok_and(|to| stream(&to));
+    let is_open = is_open_file(target) || std::fs::read_link(target).is_ok_and(|to| is_open_file(&to));
     match std::fs::metadata(target) {
-        Ok(known) if is_stream || !known.is_file() => {
+        Ok(known) if is_open || !known.is_file() => {
             let append = std::fs::OpenOptions::new().append(true).open(target);
             append.and_then(|mut file| file.write_all(text.as_bytes())).map_err(Error::io(target, "write"))
         }

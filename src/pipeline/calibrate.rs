@@ -174,16 +174,4 @@ mod tests {
             }
         }
     }
-
-    /// Noise costs normals, and no stage is lost on the way to the plan.
-    #[test]
-    fn a_rough_surface_takes_longer_than_a_smooth_one() {
-        let folder = tempfile::tempdir().unwrap();
-        let params = SegmentParams::default();
-        let paces = calibrate(&params, 20, 20_000, folder.path(), &Run::new(&())).unwrap();
-        assert!(["graph", "surface", "weights", "rows", "labels"].iter().all(|&name| paces.smooth.contains_key(name)));
-        for (stage, rough) in &paces.rough {
-            assert!(rough.of(20_000) >= paces.smooth[stage].of(20_000), "{stage}");
-        }
-    }
 }

@@ -6,6 +6,8 @@
 #[path = "../common/mod.rs"]
 mod common;
 
+mod calibrate;
+mod correspond_files;
 mod correspond_parts;
 mod correspond_refined;
 mod creature_files;

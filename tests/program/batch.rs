@@ -7,7 +7,7 @@ use std::process::Output;
 
 /// A folder with four meshes, a result, another file, and a file that is no mesh.
 fn folder() -> (tempfile::TempDir, PathBuf) {
-    let dir = tempfile::tempdir().unwrap();
+    let dir = common::in_memory();
     let meshes = dir.path().join("meshes");
     std::fs::create_dir(&meshes).unwrap();
     zoo::dumbbell().write(&meshes);
@@ -134,7 +134,7 @@ fn finished_outputs_are_skipped_on_request() {
 /// Only the list of a folder of parts was looked at: one whose parts were gone or cut short was skipped.
 #[test]
 fn a_folder_of_parts_is_skipped_if_it_is_whole() {
-    let dir = tempfile::tempdir().unwrap();
+    let dir = common::in_memory();
     let meshes = [zoo::dumbbell().write(dir.path()), zoo::grid(9).write(dir.path())];
     let pattern = format!("{}/{{}}.parts/", word(dir.path()));
     let again = || {
@@ -215,7 +215,7 @@ fn what_makes_no_sense_is_refused_before_any_work() {
 #[test]
 fn an_interrupt_says_how_to_go_on() {
     use std::io::{BufRead, BufReader};
-    let dir = tempfile::tempdir().unwrap();
+    let dir = common::in_memory();
     let meshes = [40_000, 50_000].map(|faces| common::creature(dir.path(), faces, false));
     let mut child = program()
         .args(["segment", word(&meshes[0]), word(&meshes[1]), "-l", "2000", "--threads", "1"])

@@ -10,7 +10,7 @@ use std::path::{Path, PathBuf};
 
 /// The mesh at `path` with vertices in random order, turned and rescaled; `mirrored` on request. Also the map from old to new.
 pub fn permuted(path: &Path, out: &Path, mirrored: bool) -> Vec<u32> {
-    let dir = tempfile::tempdir().unwrap();
+    let dir = common::in_memory();
     let opened = mesh::open(path, dir.path(), &Run::new(&())).unwrap();
     let n = opened.positions.len();
     let mut draw = stream(9, "permutation");
@@ -48,7 +48,7 @@ pub fn read(path: &Path) -> Vec<Match> {
 }
 
 pub fn files() -> (tempfile::TempDir, PathBuf, PathBuf) {
-    let dir = tempfile::tempdir().unwrap();
+    let dir = common::in_memory();
     let a = common::creature(dir.path(), if common::every_case() { 6_000 } else { 3_000 }, false);
     let b = dir.path().join("b.ply");
     (dir, a, b)

@@ -1,7 +1,7 @@
 //! `correspond` with what the user knows, what it writes for other programs, and parts.
 
 use super::correspond_cli::{correspond, files, permuted, read};
-use crate::common::{errors, every_case, program, stride, word};
+use crate::common::{errors, every_case, in_memory, program, stride, word};
 use nystrom_stream::mesh;
 use nystrom_stream::store::{Run, npy};
 use std::fmt::Write;
@@ -89,7 +89,7 @@ fn functions_their_map_and_points_fit_together() {
 /// Writes the mesh at `path` without the faces that touch a ball around one of four of its vertices, `radius` of its extent in y wide, and
 /// gives the old numbers of the vertices that are left.
 fn with_holes(path: &Path, out: &Path, radius: f64) -> Vec<u32> {
-    let dir = tempfile::tempdir().unwrap();
+    let dir = in_memory();
     let opened = mesh::open(path, dir.path(), &Run::new(&())).unwrap();
     let n = opened.positions.len();
     let points: Vec<[f64; 3]> = (0..n as u32).map(|v| opened.positions.get(v)).collect();

@@ -1,6 +1,6 @@
 //! Corrections: edits named by places, hints painted on faces, and what is said where they cannot be followed.
 
-use crate::common::{creature, errors, run, segment, word};
+use crate::common::{creature, errors, in_memory, run, segment, word};
 use crate::formats::{has_browser, tool};
 use nystrom_stream::mesh::{Mesh, read_seg};
 use serde_json::{Value, json};
@@ -15,7 +15,7 @@ struct Scene {
 }
 
 fn scene(faces: u64) -> Scene {
-    let dir = tempfile::tempdir().unwrap();
+    let dir = in_memory();
     let mesh = creature(dir.path(), faces, false);
     let (work, out) = (dir.path().join("work"), dir.path().join("before.seg"));
     segment(&mesh, &["-q", "-k", "9", "--work-dir", word(&work), "-o", word(&out)]);
@@ -332,7 +332,7 @@ fn clicks_on_a_page_become_labels_of_all_faces() {
         return;
     }
     for (faces, whole) in [(12_000, true), (140_000, false)] {
-        let dir = tempfile::tempdir().unwrap();
+        let dir = in_memory();
         let mesh = creature(dir.path(), faces, false);
         let [work, page, seen, out, ply] =
             ["work", "scan.html", "seen", "out.seg", "out.ply"].map(|name| dir.path().join(name));

@@ -32,7 +32,7 @@ fn steps(n: usize, at: &[f64]) -> Vec<u32> {
 
 /// A benchmark of two models in two categories, labels of the first three people each, and a folder of labels.
 fn folder() -> tempfile::TempDir {
-    let dir = tempfile::tempdir().unwrap();
+    let dir = common::in_memory();
     let run = Run::new(&());
     let mut table = String::from("model\tcategory\tfaces\tparts\n");
     for (model, category, n) in [("1", "hump", 20), ("2", "hill", 30)] {

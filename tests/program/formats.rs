@@ -53,7 +53,7 @@ fn every_form_opens_in_the_programs_people_use() {
     if !has_python(modules, "NYSTROM_STREAM_REQUIRE_FORMATS") {
         return;
     }
-    let dir = tempfile::tempdir().unwrap();
+    let dir = common::in_memory();
     // Enough for two row groups, and a real mesh.
     let mut meshes = vec![common::creature(dir.path(), 270_000, false)];
     meshes.extend(common::data().map(|data| data.join("real/kitten_25k.ply")));
@@ -77,7 +77,7 @@ fn every_form_opens_in_the_programs_people_use() {
 /// (`bpy`) may need a Python of its own, which `NYSTROM_STREAM_BLENDER_PYTHON` names.
 #[test]
 fn parts_arrive_in_other_programs_as_the_page_on_formats_says() {
-    let dir = tempfile::tempdir().unwrap();
+    let dir = common::in_memory();
     let Some(data) = common::data() else { return };
     let file = |name: &str| dir.path().join(name).to_str().unwrap().to_string();
     let work = file("work");
@@ -116,7 +116,7 @@ fn parts_arrive_in_other_programs_as_the_page_on_formats_says() {
 /// Flat sides stay flat in a scene: normals of vertices would round a box.
 #[test]
 fn a_scene_has_normals_where_the_surface_is_smooth() {
-    let dir = tempfile::tempdir().unwrap();
+    let dir = common::in_memory();
     let cube = dir.path().join("cube.off");
     std::fs::write(
         &cube,
@@ -145,7 +145,7 @@ fn matches_open_in_pyarrow() {
     if !has_python("numpy, pyarrow", "NYSTROM_STREAM_REQUIRE_FORMATS") {
         return;
     }
-    let dir = tempfile::tempdir().unwrap();
+    let dir = common::in_memory();
     let mesh = common::creature(dir.path(), 3_000, false);
     let [table, array] = ["m.parquet", "m.npy"].map(|name| dir.path().join(name));
     // Mutual, so that some have none.
@@ -178,7 +178,7 @@ pub fn has_browser() -> bool {
 #[test]
 fn a_page_of_a_real_mesh_works_in_a_browser() {
     let Some(data) = common::data().filter(|_| has_browser()) else { return };
-    let dir = tempfile::tempdir().unwrap();
+    let dir = common::in_memory();
     let page = dir.path().join("kitten.html");
     common::segment(&data.join("real/kitten_25k.ply"), &["-q", "-o", word(&page)]);
     tool("check-page", &[&page]);
@@ -186,7 +186,7 @@ fn a_page_of_a_real_mesh_works_in_a_browser() {
 
 #[test]
 fn parts_are_meshes_with_their_faces_and_open_borders() {
-    let dir = tempfile::tempdir().unwrap();
+    let dir = common::in_memory();
     let quads = "OFF\n8 6 0\n0 0 0\n1 0 0\n1 1 0\n0 1 0\n0 0 1\n1 0 1\n1 1 1\n0 1 1\n\
                  4 0 3 2 1\n4 4 5 6 7\n4 0 1 5 4\n4 1 2 6 5\n4 2 3 7 6\n4 3 0 4 7\n";
     let cube = dir.path().join("cube.off");
@@ -223,7 +223,7 @@ fn parts_are_meshes_with_their_faces_and_open_borders() {
 
 #[test]
 fn vertices_get_labels_in_every_encoding_and_only_once() {
-    let dir = tempfile::tempdir().unwrap();
+    let dir = common::in_memory();
     let mesh = common::creature(dir.path(), 3_000, false);
     let vertex_labels = |path: &Path| -> Vec<f64> {
         let text = std::fs::read_to_string(path).unwrap();
@@ -251,7 +251,7 @@ fn vertices_get_labels_in_every_encoding_and_only_once() {
 
 #[test]
 fn the_same_run_writes_the_same_bytes() {
-    let dir = tempfile::tempdir().unwrap();
+    let dir = common::in_memory();
     let mesh = common::creature(dir.path(), 20_000, true);
     let write = |threads: &str, memory: &str| -> Vec<Vec<u8>> {
         let files: Vec<PathBuf> = ["x.parquet", "x.glb", "x.ply"].iter().map(|name| dir.path().join(name)).collect();
@@ -265,7 +265,7 @@ fn the_same_run_writes_the_same_bytes() {
 
 #[test]
 fn pages_have_cuts_from_every_command() {
-    let dir = tempfile::tempdir().unwrap();
+    let dir = common::in_memory();
     let mesh = common::creature(dir.path(), 9_000, true);
     let (work, page) = (dir.path().join("work"), dir.path().join("x.html"));
     let cuts = || std::fs::read_to_string(&page).unwrap().contains("\"cuts\":{");
@@ -285,7 +285,7 @@ fn pages_have_cuts_from_every_command() {
 
 #[test]
 fn what_makes_no_sense_is_refused_before_any_work() {
-    let dir = tempfile::tempdir().unwrap();
+    let dir = common::in_memory();
     let mesh = common::creature(dir.path(), 1_000, false);
     let out = |name: &str| dir.path().join(name).display().to_string();
     for (words, part) in [
@@ -302,7 +302,7 @@ fn what_makes_no_sense_is_refused_before_any_work() {
 /// With vertices of their own, parts keep their colours up to the boundary in programs that know colours of vertices alone.
 #[test]
 fn parts_can_have_vertices_of_their_own() {
-    let dir = tempfile::tempdir().unwrap();
+    let dir = common::in_memory();
     let mesh = common::creature(dir.path(), 5_000, false);
     let out = |name: &str| dir.path().join(name);
     let (split, plain) = (out("split.ply"), out("plain.ply"));
@@ -335,7 +335,7 @@ fn parts_can_have_vertices_of_their_own() {
 /// Parts of a closed mesh that are capped are closed, and their volumes add up to that of the whole.
 #[test]
 fn capped_parts_are_solids_whose_volumes_add_up() {
-    let dir = tempfile::tempdir().unwrap();
+    let dir = common::in_memory();
     let mesh = common::creature(dir.path(), 5_000, false);
     let measured = |path: &Path| {
         let work = nystrom_stream::store::WorkDir::temporary(dir.path()).unwrap();

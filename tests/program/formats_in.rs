@@ -61,7 +61,7 @@ fn all_forms(mesh: &Mesh) -> Vec<(&'static str, Vec<u8>)> {
 
 #[test]
 fn labels_are_those_of_the_same_mesh_as_ply() {
-    let dir = tempfile::tempdir().unwrap();
+    let dir = common::in_memory();
     let ply = common::creature(dir.path(), 6_000, false);
     let opened = mesh::open(&ply, dir.path(), &run()).unwrap();
     let label = |mesh: &Path, out: &str| {
@@ -73,7 +73,7 @@ fn labels_are_those_of_the_same_mesh_as_ply() {
     for (ending, bytes) in all_forms(&opened) {
         let path = dir.path().join(format!("mesh.{ending}"));
         std::fs::write(&path, &bytes).unwrap();
-        let scratch = tempfile::tempdir().unwrap();
+        let scratch = common::in_memory();
         let again = mesh::open(&path, scratch.path(), &run()).unwrap();
         if ending.ends_with("stl") {
             let (soup, own) = (places(&again), places(&opened));
@@ -96,7 +96,7 @@ fn labels_are_those_of_the_same_mesh_as_ply() {
 
 #[test]
 fn a_labelled_ply_comes_of_any_form() {
-    let dir = tempfile::tempdir().unwrap();
+    let dir = common::in_memory();
     let path = dir.path().join("box.obj");
     let quads = "v 0 0 0\nv 1 0 0\nv 1 1 0\nv 0 1 0\nf -4 -3 -2 -1\nv 0 0 1\nv 1 0 1\nf 1 2 6 5\nf 1 5 4\n";
     std::fs::write(&path, quads).unwrap();
@@ -117,7 +117,7 @@ fn a_labelled_ply_comes_of_any_form() {
 
 #[test]
 fn what_is_wrong_is_said_in_one_line_with_its_place() {
-    let dir = tempfile::tempdir().unwrap();
+    let dir = common::in_memory();
     let mut short = vec![0; 84];
     short[80] = 9;
     let cases: [(&str, &[u8], &str); 19] = [
@@ -160,7 +160,7 @@ fn samples() -> Vec<(&'static str, Vec<u8>)> {
 
 /// Opens the bytes; whatever comes of them is in bounds or said in one line.
 fn try_open(ending: &str, bytes: &[u8]) {
-    let dir = tempfile::tempdir().unwrap();
+    let dir = common::in_memory();
     let path = dir.path().join(format!("x.{ending}"));
     std::fs::write(&path, bytes).unwrap();
     match mesh::open(&path, dir.path(), &run()) {

@@ -24,7 +24,7 @@ fn commands(name: &str) -> Vec<(usize, String)> {
 
 /// The folder that the commands find themselves in: `scan.ply`, `a.ply`, `b.ply`, `scans/`, `psb/`.
 fn scene() -> tempfile::TempDir {
-    let dir = tempfile::tempdir().unwrap();
+    let dir = common::in_memory();
     let (scans, psb) = (dir.path().join("scans"), dir.path().join("psb"));
     std::fs::create_dir(&scans).unwrap();
     std::fs::create_dir(&psb).unwrap();
@@ -78,7 +78,7 @@ fn scene() -> tempfile::TempDir {
 
 /// The folder of the tour: the scans that it names. One small scan stands in for all but the first, unless every case is asked for.
 fn gallery() -> tempfile::TempDir {
-    let dir = tempfile::tempdir().unwrap();
+    let dir = common::in_memory();
     let scans = [
         ("horse", "real/horse_97k_orig_BE.ply"),
         ("bunny", "real/bun_zipper_orig_ascii.ply"),

@@ -1,7 +1,7 @@
 //! Files made to do harm: names that a terminal obeys or a browser runs, headers that promise too much, links in the place of
 //! files to be written.
 
-use crate::common::{creature, errors, every_case, run, word};
+use crate::common::{creature, errors, every_case, in_memory, run, word};
 use serde_json::Value;
 use std::path::{Path, PathBuf};
 use std::process::Output;
@@ -20,7 +20,7 @@ fn told(output: &Output) -> String {
 /// Escape sequences, line breaks and HTML in a mesh's name reached terminals, tables and pages.
 #[test]
 fn a_name_does_nothing_where_it_is_shown() {
-    let dir = tempfile::tempdir().unwrap();
+    let dir = in_memory();
     let folder = dir.path().join("meshes");
     std::fs::create_dir(&folder).unwrap();
     let mesh = folder.join(NAME);
@@ -66,7 +66,7 @@ fn ply(folder: &Path, name: &str, statements: &str, faces: &str) -> PathBuf {
 /// A million properties took a gigabyte of memory and more, and ten seconds.
 #[test]
 fn headers_that_promise_too_much_are_refused() {
-    let dir = tempfile::tempdir().unwrap();
+    let dir = in_memory();
     let many = |line: &str, count: usize| line.repeat(count);
     let out = dir.path().join("out.seg");
     for (name, statements, faces) in [
@@ -94,7 +94,7 @@ fn headers_that_promise_too_much_are_refused() {
 /// A link planted under the name of a file that is to be written had its target overwritten.
 #[test]
 fn links_in_the_place_of_outputs_are_not_followed() {
-    let dir = tempfile::tempdir().unwrap();
+    let dir = in_memory();
     let mesh = creature(dir.path(), 2_000, false);
     let precious = dir.path().join("precious");
     std::fs::write(&precious, "kept").unwrap();
@@ -115,10 +115,11 @@ fn links_in_the_place_of_outputs_are_not_followed() {
     assert!(["out.seg", "out.glb", "out.json"].iter().all(|name| path(name).symlink_metadata().unwrap().is_file()));
 }
 
-/// Reports and hierarchies were written into the file that was there: a reader, or another name of that file, saw half of them.
+/// Reports and hierarchies were written into the file that was there: a reader, or another name of that file, saw half of them. In
+/// `/dev/shm` they were appended to it, as if it were a device.
 #[test]
 fn outputs_replace_what_was_there_and_are_not_written_into_it() {
-    let dir = tempfile::tempdir().unwrap();
+    let dir = in_memory();
     let mesh = creature(dir.path(), 2_000, false);
     let (work, before) = (dir.path().join("work"), dir.path().join("before"));
     std::fs::write(&before, "kept").unwrap();
@@ -142,7 +143,7 @@ fn outputs_replace_what_was_there_and_are_not_written_into_it() {
 /// A vertex far away decides neither what is drawn nor what is matched or carried over, at whatever distance.
 #[test]
 fn a_stray_vertex_does_not_decide_other_commands() {
-    let dir = tempfile::tempdir().unwrap();
+    let dir = in_memory();
     let whole = creature(dir.path(), 3_000, false);
     let bytes = std::fs::read(&whole).unwrap();
     let header = b"property float z\nelement face";

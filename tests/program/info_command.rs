@@ -1,6 +1,6 @@
 //! `info` and `plan` of mesh files: what a header promises, and what is said of files without faces.
 
-use crate::common::{errors, run, word};
+use crate::common::{errors, in_memory, run, word};
 use std::path::{Path, PathBuf};
 
 fn write(folder: &Path, name: &str, text: &str) -> PathBuf {
@@ -15,7 +15,7 @@ const TETRAHEDRON: &str = "ply\nformat ascii 1.0\nelement vertex 4\nproperty flo
 
 #[test]
 fn info_of_a_ply_tells_its_header() {
-    let dir = tempfile::tempdir().unwrap();
+    let dir = in_memory();
     let mesh = write(dir.path(), "tetrahedron.ply", TETRAHEDRON);
     let output = run(&["info", word(&mesh)]);
     let text = String::from_utf8(output.stdout).unwrap();
@@ -32,7 +32,7 @@ fn info_of_a_ply_tells_its_header() {
 
 #[test]
 fn info_of_another_format_tells_its_counts() {
-    let dir = tempfile::tempdir().unwrap();
+    let dir = in_memory();
     let mesh = write(dir.path(), "square.obj", "v 0 0 0\nv 1 0 0\nv 1 1 0\nv 0 1 0\nf 1 2 3 4\n");
     let output = run(&["info", word(&mesh)]);
     let text = String::from_utf8(output.stdout).unwrap();
@@ -42,7 +42,7 @@ fn info_of_another_format_tells_its_counts() {
 /// It said that OFF is no PLY, and to convert it to OFF.
 #[test]
 fn a_file_under_the_name_of_another_format_is_told_as_such() {
-    let dir = tempfile::tempdir().unwrap();
+    let dir = in_memory();
     let obj = "v 0 0 0\nv 1 0 0\nv 1 1 0\nf 1 2 3\n";
     let stl = "solid x\nfacet normal 0 0 1\nouter loop\nvertex 0 0 0\nvertex 1 0 0\nvertex 0 1 0\nendloop\nendfacet\nendsolid x\n";
     for (text, ending) in [("OFF\n3 1 0\n0 0 0\n1 0 0\n0 1 0\n3 0 1 2\n", ".off"), (obj, ".obj"), (stl, ".stl")] {
@@ -61,7 +61,7 @@ fn a_file_under_the_name_of_another_format_is_told_as_such() {
 /// They were counted as larger polygons.
 #[test]
 fn faces_of_two_corners_are_told() {
-    let dir = tempfile::tempdir().unwrap();
+    let dir = in_memory();
     let text = TETRAHEDRON.replace("element face 4", "element face 6") + "2 0 1 9\n0 9\n";
     let mesh = write(dir.path(), "m.ply", &text);
     let told = String::from_utf8(run(&["info", word(&mesh)]).stdout).unwrap();
@@ -74,7 +74,7 @@ fn faces_of_two_corners_are_told() {
 /// `plan` said "-l: 0 landmarks; choose at least 1" of a point cloud, and ended as if misused.
 #[test]
 fn a_mesh_without_faces_is_named_as_such() {
-    let dir = tempfile::tempdir().unwrap();
+    let dir = in_memory();
     let points = write(
         dir.path(),
         "points.ply",
@@ -96,7 +96,7 @@ fn a_mesh_without_faces_is_named_as_such() {
 /// faces to have none.
 #[test]
 fn what_else_a_header_lacks_is_told_apart() {
-    let dir = tempfile::tempdir().unwrap();
+    let dir = in_memory();
     let faces = "element face 1\nproperty list uchar int vertex_indices\n";
     let text = format!("ply\nformat ascii 1.0\n{faces}end_header\n3 0 1 2\n");
     let output = run(&["plan", word(&write(dir.path(), "faces.ply", &text))]);
@@ -115,7 +115,7 @@ fn what_else_a_header_lacks_is_told_apart() {
 /// The one strip of a scan of 268,686 faces was counted as one face: `plan` told of 3 MB and no time.
 #[test]
 fn strips_are_planned_by_the_faces_that_they_may_hold() {
-    let dir = tempfile::tempdir().unwrap();
+    let dir = in_memory();
     let vertices = 40_000u32;
     let mut bytes = format!(
         "ply\nformat binary_little_endian 1.0\nelement vertex {vertices}\nproperty float x\nproperty float y\nproperty float z\n\
@@ -143,7 +143,7 @@ fn strips_are_planned_by_the_faces_that_they_may_hold() {
 /// What a person asks of a mesh first: is it whole, how large, how many pieces.
 #[test]
 fn info_measures_a_mesh_of_any_format() {
-    let dir = tempfile::tempdir().unwrap();
+    let dir = in_memory();
     let ply = write(dir.path(), "tetrahedron.ply", TETRAHEDRON);
     let obj = write(dir.path(), "square.obj", "v 0 0 0\nv 2 0 0\nv 2 2 0\nv 0 2 0\nf 1 2 3 4\n");
     let told = |words: &[&str]| {

@@ -1,6 +1,6 @@
 //! `picture` and `segment -o x.png` from the command line.
 
-use crate::common::{errors, program, run, word, zoo};
+use crate::common::{errors, in_memory, program, run, word, zoo};
 use std::path::Path;
 
 fn succeeds(words: &[&str]) {
@@ -29,7 +29,7 @@ fn facts(path: &Path) -> (u32, u32, usize) {
 
 #[test]
 fn labelled_meshes_become_pictures() {
-    let dir = tempfile::tempdir().unwrap();
+    let dir = in_memory();
     let mesh = dir.path().join("m.ply");
     labelled(&mesh);
     succeeds(&["picture", "-q", word(&mesh)]);
@@ -48,7 +48,7 @@ fn labelled_meshes_become_pictures() {
 
 #[test]
 fn what_is_wrong_is_said_in_a_line() {
-    let dir = tempfile::tempdir().unwrap();
+    let dir = in_memory();
     let mesh = dir.path().join("m.ply");
     labelled(&mesh);
     let labels = dir.path().join("l.seg");
@@ -72,7 +72,7 @@ fn what_is_wrong_is_said_in_a_line() {
 /// It was called misuse (code 2), and nothing named the file.
 #[test]
 fn a_mesh_without_a_place_in_space_is_the_files_fault() {
-    let dir = tempfile::tempdir().unwrap();
+    let dir = in_memory();
     let mut shape = zoo::tetrahedron();
     shape.vertices.iter_mut().for_each(|v| *v = [f64::NAN; 3]);
     let mesh = shape.write(dir.path());
@@ -88,7 +88,7 @@ fn a_mesh_without_a_place_in_space_is_the_files_fault() {
 /// Pictures were blank, or squares of lengths overflowed, and areas in tables were not finite or 0.
 #[test]
 fn meshes_of_any_size_are_drawn_and_measured() {
-    let dir = tempfile::tempdir().unwrap();
+    let dir = in_memory();
     for exponent in [150, -150, 300, -300] {
         let mut shape = zoo::grid(9);
         shape.vertices.iter_mut().flatten().for_each(|x| *x *= 10f64.powi(exponent));
@@ -110,7 +110,7 @@ fn meshes_of_any_size_are_drawn_and_measured() {
 /// Labels as NumPy keeps integers by default, in 64 bits with a sign, were refused.
 #[test]
 fn labels_are_integers_of_any_type() {
-    let dir = tempfile::tempdir().unwrap();
+    let dir = in_memory();
     let (mesh, labels, out) = (dir.path().join("m.ply"), dir.path().join("l.npy"), dir.path().join("o.png"));
     labelled(&mesh);
     let array = |descr: &str, data: &[u8]| {
@@ -152,7 +152,7 @@ fn labels_are_integers_of_any_type() {
 
 #[test]
 fn segment_writes_a_picture() {
-    let dir = tempfile::tempdir().unwrap();
+    let dir = in_memory();
     let mesh = dir.path().join("m.ply");
     labelled(&mesh);
     let out = dir.path().join("o.png");

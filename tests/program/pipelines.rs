@@ -8,7 +8,7 @@ use std::process::Stdio;
 
 #[test]
 fn progress_for_programs_is_an_event_a_line() {
-    let dir = tempfile::tempdir().unwrap();
+    let dir = common::in_memory();
     let mesh = common::creature(dir.path(), 20_000, false);
     let output = run(&["segment", word(&mesh), "--progress", "json", "-k", "4"]);
     assert!(output.status.success());
@@ -30,7 +30,7 @@ fn progress_for_programs_is_an_event_a_line() {
 
 #[test]
 fn a_reader_that_goes_away_is_no_matter_for_words() {
-    let dir = tempfile::tempdir().unwrap();
+    let dir = common::in_memory();
     let mesh = common::creature(dir.path(), 20_000, false);
     for words in [&["segment", word(&mesh), "-q", "-o", "-"][..], &["completions", "bash"]] {
         let mut child = program().args(words).stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().unwrap();
@@ -86,7 +86,7 @@ fn misspelt_options_are_suggested() {
 
 #[test]
 fn combinations_that_would_be_ignored_are_refused() {
-    let dir = tempfile::tempdir().unwrap();
+    let dir = common::in_memory();
     let mesh = zoo::dumbbell().write(dir.path());
     let mesh = word(&mesh);
     for (words, told) in [
@@ -137,7 +137,7 @@ fn combinations_that_would_be_ignored_are_refused() {
 
 #[test]
 fn completions_and_man_pages_know_every_option() {
-    let dir = tempfile::tempdir().unwrap();
+    let dir = common::in_memory();
     let output = run(&["man", word(&dir.path().join("man"))]);
     assert!(output.status.success(), "{}", errors(&output));
     for command in ["segment", "graph", "rows", "embed", "cluster", "export", "evaluate", "picture", "demo"] {
@@ -162,7 +162,7 @@ fn completions_and_man_pages_know_every_option() {
 #[cfg(unix)]
 #[test]
 fn a_pipe_is_read_once() {
-    let dir = tempfile::tempdir().unwrap();
+    let dir = common::in_memory();
     let mesh = common::creature(dir.path(), 2_000, false);
     let (pipe, out, direct) = (dir.path().join("pipe.ply"), dir.path().join("x.seg"), dir.path().join("y.seg"));
     assert!(std::process::Command::new("mkfifo").arg(&pipe).status().unwrap().success());

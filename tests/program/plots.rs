@@ -15,7 +15,7 @@ fn text(folder: &Path, name: &str) -> String {
 
 #[test]
 fn work_directories_reports_and_hierarchies_are_plotted() {
-    let dir = tempfile::tempdir().unwrap();
+    let dir = common::in_memory();
     let mesh = common::creature(dir.path(), 8_000, false);
     let (work, report) = (dir.path().join("work"), dir.path().join("report.json"));
     let json = format!("--json={}", word(&report));
@@ -75,7 +75,7 @@ fn work_directories_reports_and_hierarchies_are_plotted() {
 
 #[test]
 fn k_means_keeps_its_eigenvalues_in_the_report_only() {
-    let dir = tempfile::tempdir().unwrap();
+    let dir = common::in_memory();
     let mesh = common::creature(dir.path(), 4_000, false);
     let work = dir.path().join("work");
     let report = format!("--json={}", word(&dir.path().join("report.json")));

@@ -106,7 +106,7 @@ fn survives(name: &str, path: &Path) {
 
 #[test]
 fn every_mesh_survives_rearranging_in_every_form() {
-    let dir = tempfile::tempdir().unwrap();
+    let dir = common::in_memory();
     for shape in zoo::all() {
         survives(shape.name, &shape.write(dir.path()));
     }
@@ -125,7 +125,7 @@ fn every_mesh_survives_rearranging_in_every_form() {
 
 #[test]
 fn edges_name_the_vertices_they_named() {
-    let dir = tempfile::tempdir().unwrap();
+    let dir = common::in_memory();
     let path = dir.path().join("edges.ply");
     let text = "ply\nformat ascii 1.0\ncomment kept\nelement vertex 4\nproperty float x\nproperty float y\nproperty float z\n\
                 element edge 2\nproperty int vertex1\nproperty int vertex2\nproperty uchar crease\nelement face 2\n\
@@ -193,7 +193,7 @@ fn by_definition(faces: &[Vec<u32>], vertices: usize, places: &[u32]) -> StreamM
 #[test]
 fn measures_are_their_definitions() {
     for shape in zoo::all() {
-        let dir = tempfile::tempdir().unwrap();
+        let dir = common::in_memory();
         let work = WorkDir::temporary(dir.path()).unwrap();
         let run = Run { threads: 2, budget: Budget::new(4 << 20), ..Run::new(&()) };
         let opened = mesh::open(&shape.write(dir.path()), work.path(), &run).unwrap();
@@ -209,7 +209,7 @@ fn measures_are_their_definitions() {
 #[test]
 fn faces_come_by_their_corners_greatest_first() {
     for shape in zoo::all() {
-        let dir = tempfile::tempdir().unwrap();
+        let dir = common::in_memory();
         let work = WorkDir::temporary(dir.path()).unwrap();
         let run = Run::new(&());
         let opened = mesh::open(&shape.write(dir.path()), work.path(), &run).unwrap();
@@ -265,7 +265,7 @@ fn spectral_orders_are_narrow() {
 #[test]
 fn components_come_one_after_another_and_each_is_ordered_along_itself() {
     // Two equal dumbbells: the vector that tells them apart says nothing about either.
-    let dir = tempfile::tempdir().unwrap();
+    let dir = common::in_memory();
     let one = zoo::dumbbell();
     let both = zoo::beside("two", &one, &one, [0., 5., 0.]);
     let (single, double) =
@@ -293,7 +293,7 @@ fn components_come_one_after_another_and_each_is_ordered_along_itself() {
 
 #[test]
 fn the_same_bytes_whatever_the_threads_and_the_memory() {
-    let dir = tempfile::tempdir().unwrap();
+    let dir = common::in_memory();
     let mesh = creature(dir.path(), 30_000, true);
     for order in SequenceOrder::ALL {
         let mut outputs = Vec::new();
@@ -315,7 +315,7 @@ fn the_same_bytes_whatever_the_threads_and_the_memory() {
 
 #[test]
 fn a_work_directory_serves_segment_and_sequence() {
-    let dir = tempfile::tempdir().unwrap();
+    let dir = common::in_memory();
     let mesh = creature(dir.path(), 12_000, false);
     let (work, out) = (dir.path().join("work"), dir.path().join("out.ply"));
     common::segment(&mesh, &["-q", "--work-dir", word(&work), "-o", word(&dir.path().join("x.seg"))]);
@@ -345,7 +345,7 @@ fn a_work_directory_serves_segment_and_sequence() {
 
 #[test]
 fn outputs_of_every_form_and_misuse() {
-    let dir = tempfile::tempdir().unwrap();
+    let dir = common::in_memory();
     let mesh = zoo::dumbbell().write(dir.path());
     let at = |name: &str| dir.path().join(name);
     let output = run(&["sequence", word(&mesh), "-q"]);

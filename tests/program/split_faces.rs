@@ -69,7 +69,7 @@ fn shortened(mesh: &Path, folder: &Path, words: &[&str]) -> f64 {
 
 #[test]
 fn boundaries_cross_faces_on_request() {
-    let dir = tempfile::tempdir().unwrap();
+    let dir = common::in_memory();
     let mesh = common::creature(dir.path(), 5_000, false);
     let ratio = shortened(&mesh, dir.path(), &["-k", "6"]);
     assert!(ratio < 0.98, "{ratio}");
@@ -90,7 +90,7 @@ fn boundaries_cross_faces_on_request() {
 #[test]
 fn so_do_those_of_real_meshes() {
     let Some(data) = common::data() else { return };
-    let dir = tempfile::tempdir().unwrap();
+    let dir = common::in_memory();
     for (name, most) in
         [("real/horse_4k.ply", 0.97), ("real/kitten_25k.ply", 0.95), ("flavour/meshlab_bunny10k_flags.ply", 0.97)]
     {
@@ -101,7 +101,7 @@ fn so_do_those_of_real_meshes() {
 
 #[test]
 fn what_keeps_the_faces_of_the_input_is_refused() {
-    let dir = tempfile::tempdir().unwrap();
+    let dir = common::in_memory();
     let mesh = common::creature(dir.path(), 1_000, false);
     let out = |name: &str| dir.path().join(name).display().to_string();
     for (words, part) in [
@@ -124,7 +124,7 @@ fn what_keeps_the_faces_of_the_input_is_refused() {
 /// Squares stay whole, and the user is told so.
 #[test]
 fn faces_of_four_corners_are_told() {
-    let dir = tempfile::tempdir().unwrap();
+    let dir = common::in_memory();
     let (mesh, n) = (dir.path().join("bend.off"), 40i32);
     let mut text = format!("OFF\n{} {} 0\n", (n + 1) * (n + 1), n * n);
     for k in 0..(n + 1) * (n + 1) {

@@ -10,7 +10,7 @@ fn report(path: &Path) -> Value {
 
 /// What cutting `mesh` tells, and its report.
 fn cut(mesh: &Path, options: &[&str]) -> (String, Value) {
-    let dir = tempfile::tempdir().unwrap();
+    let dir = common::in_memory();
     let (out, json) = (dir.path().join("x.seg"), dir.path().join("r.json"));
     let ask = format!("--json={}", json.display());
     let told = errors(&segment(mesh, &[&["-o", word(&out), &ask], options].concat()));
@@ -19,7 +19,7 @@ fn cut(mesh: &Path, options: &[&str]) -> (String, Value) {
 
 #[test]
 fn parts_have_an_expected_agreement_in_report_and_table() {
-    let dir = tempfile::tempdir().unwrap();
+    let dir = common::in_memory();
     let mesh = common::creature(dir.path(), 8_000, false);
     let (json, table) = (dir.path().join("r.json"), dir.path().join("t.csv"));
     let ask = format!("--json={}", json.display());
@@ -86,7 +86,7 @@ fn the_inside_of_a_head_is_told_and_does_not_hide_its_nose() {
     // Regression: skin, skull and brain were one part.
     let parts = all["parts"].as_array().unwrap().len();
     assert!(parts >= 4, "{parts} parts");
-    let dir = tempfile::tempdir().unwrap();
+    let dir = common::in_memory();
     let (work, out, json) = (dir.path().join("work"), dir.path().join("x.seg"), dir.path().join("r.json"));
     let (told, all) = cut(&head, &["--walls", "own", "--work-dir", word(&work)]);
     let count = told.lines().filter(|line| line.contains("walls of cavities")).count();
@@ -110,7 +110,7 @@ fn the_inside_of_a_head_is_told_and_does_not_hide_its_nose() {
 
 #[test]
 fn tables_are_aligned_and_failures_name_their_mesh_once() {
-    let dir = tempfile::tempdir().unwrap();
+    let dir = common::in_memory();
     let meshes = [zoo::dumbbell().write(dir.path()), zoo::grid(9).write(dir.path())];
     let broken = dir.path().join("a_long_name_that_fails.ply");
     std::fs::write(&broken, "ply\nformat ascii 1.0\nend_header\n").unwrap();
@@ -128,7 +128,7 @@ fn tables_are_aligned_and_failures_name_their_mesh_once() {
 
 #[test]
 fn as_many_parts_as_faces_can_be_had() {
-    let dir = tempfile::tempdir().unwrap();
+    let dir = common::in_memory();
     let mesh = zoo::grid(45).write(dir.path());
     let faces = nystrom_stream::Mesh::open(&mesh).unwrap().faces.len();
     let out = dir.path().join("x.seg");
@@ -141,7 +141,7 @@ fn as_many_parts_as_faces_can_be_had() {
 /// The reports said nothing of faces without a place, and a work directory told of them once only.
 #[test]
 fn notes_about_the_mesh_are_in_reports_too() {
-    let dir = tempfile::tempdir().unwrap();
+    let dir = common::in_memory();
     let mut shape = zoo::grid(9);
     shape.vertices[0] = [f64::NAN; 3];
     let mesh = shape.write(dir.path());
