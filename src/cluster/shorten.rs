@@ -7,13 +7,15 @@
 //! edges of the mesh offer so near. Parts are taken two by two, which is exact for two parts and a local optimum
 //! where three meet. What has moved is cut once more from where it is: [`PASSES`] narrow cuts straighten nearly as
 //! well as one of their width together, in half the time. Faces outside of the band, and interiors of parts, are
-//! fixed: no part vanishes.
+//! fixed: no part vanishes. Pieces of the band that do not touch are cut each on its own, at the same time: all limbs
+//! of a body have a boundary with it.
 //!
-//! Cost: flows need tens of passes over bands of 2 [`HOPS`] faces across, those between other parts at the same time;
-//! 100 bytes per node of the bands that are cut at the same time, and 4 per node and thread.
+//! Cost: flows need some ten passes over bands of 2 [`HOPS`] faces across; 90 bytes per node of the bands that are cut
+//! at the same time, 8 per node of all, and 4 per node and thread.
 
 use super::band_graph::BandGraph;
 use super::max_flow::MaxFlow;
+use crate::base::union_find::Forest;
 use crate::base::{Cancel, Result};
 use crate::store::Run;
 use std::collections::{BTreeMap, BTreeSet};
@@ -37,17 +39,18 @@ pub fn shorten(graph: &BandGraph, labels: &mut [u32], run: &Run) -> Result<()> {
     }
     // In f64, where no length of f32 is too short to be divided by.
     let scale = UNITS / f64::from(greatest);
+    let pieces = pieces(graph);
     let mut moved = BTreeSet::new();
     for pass in 0..PASSES {
         let before = std::mem::take(&mut moved);
-        let mut pairs = neighbouring_labels(graph, labels);
-        pairs.retain(|pair| pass == 0 || pair.iter().any(|label| before.contains(label)));
-        for round in rounds(pairs) {
-            let band = LabelledBand { graph, labels, scale };
+        let mut boundaries = boundaries(graph, &pieces, labels);
+        boundaries.retain(|(pair, _)| pass == 0 || pair.iter().any(|label| before.contains(label)));
+        for round in rounds(&boundaries) {
+            let band = LabelledBand { graph, pieces: &pieces, labels, scale };
             let begin = band.at_boundaries(&round);
-            let cut = |k: usize, place: &mut Vec<u32>| band.cut(round[k], &begin[k], place, &run.cancel);
+            let cut = |k: usize, place: &mut Vec<u32>| band.cut(round[k].0, &begin[k], place, &run.cancel);
             let changes = run.map_chunks(round.len(), || vec![NONE; labels.len()], cut)?;
-            for (pair, changes) in round.iter().zip(changes) {
+            for ((pair, _), changes) in round.iter().zip(changes) {
                 if !changes.is_empty() {
                     moved.extend(*pair);
                 }
@@ -58,48 +61,83 @@ pub fn shorten(graph: &BandGraph, labels: &mut [u32], run: &Run) -> Result<()> {
     Ok(())
 }
 
-/// All pairs of labels that touch, ascending.
-fn neighbouring_labels(graph: &BandGraph, labels: &[u32]) -> BTreeSet<[u32; 2]> {
+/// What is cut at a time: two labels, the lesser first, and the piece of the band where they touch.
+type Boundary = ([u32; 2], u32);
+
+/// The connected piece of the band that each position lies in: its least position (m).
+fn pieces(graph: &BandGraph) -> Vec<u32> {
+    let m = graph.start.len() as u32 - 1;
+    let mut forest = Forest::new(m as usize);
+    for position in 0..m {
+        graph.around(position).iter().filter(|edge| edge.inside).for_each(|edge| {
+            forest.join(position, edge.to);
+        });
+    }
+    (0..m).map(|position| forest.find(position)).collect()
+}
+
+/// All pairs of labels that touch, in each piece where they do, ascending.
+fn boundaries(graph: &BandGraph, pieces: &[u32], labels: &[u32]) -> BTreeSet<Boundary> {
     let of = |position: u32| {
-        let own = labels[position as usize];
+        let (own, piece) = (labels[position as usize], pieces[position as usize]);
         let others = graph.around(position).iter().map(|edge| edge.label(labels));
-        others.filter(move |&other| other != own).map(move |other| [own.min(other), own.max(other)])
+        others.filter(move |&other| other != own).map(move |other| ([own.min(other), own.max(other)], piece))
     };
     (0..labels.len() as u32).flat_map(of).collect()
 }
 
-/// The pairs in rounds, in which no label comes twice: cuts of one round do not meet.
-fn rounds(mut pairs: BTreeSet<[u32; 2]>) -> Vec<Vec<[u32; 2]>> {
-    let mut rounds = Vec::new();
+/// The boundaries in rounds, in which no label comes twice in one piece: cuts of one round do not meet. Those that
+/// could meet come in the order of [`order_of_pairs`].
+fn rounds(boundaries: &BTreeSet<Boundary>) -> Vec<Vec<Boundary>> {
+    let mut rounds: Vec<Vec<Boundary>> = Vec::new();
+    let mut free: BTreeMap<(u32, u32), usize> = BTreeMap::new();
+    for pair in order_of_pairs(boundaries.iter().map(|(pair, _)| *pair).collect()) {
+        for &(_, piece) in boundaries.range((pair, 0)..=(pair, u32::MAX)) {
+            let keys = pair.map(|label| (label, piece));
+            let round = keys.iter().filter_map(|key| free.get(key)).max().copied().unwrap_or(0);
+            free.extend(keys.map(|key| (key, round + 1)));
+            if round == rounds.len() {
+                rounds.push(Vec::new());
+            }
+            rounds[round].push((pair, piece));
+        }
+    }
+    rounds
+}
+
+/// The order of cuts: again and again ascending, past pairs of which a label has just been cut.
+fn order_of_pairs(mut pairs: BTreeSet<[u32; 2]>) -> Vec<[u32; 2]> {
+    let mut order = Vec::with_capacity(pairs.len());
     while !pairs.is_empty() {
         let mut busy = BTreeSet::new();
-        let mut round = Vec::new();
         pairs.retain(|pair| {
             let free = pair.iter().all(|label| !busy.contains(label));
             if free {
                 busy.extend(*pair);
-                round.push(*pair);
+                order.push(*pair);
             }
             !free
         });
-        rounds.push(round);
     }
-    rounds
+    order
 }
 
 /// A band, its labels before a round, and how many units a boundary's cost of 1 is.
 struct LabelledBand<'a> {
     graph: &'a BandGraph,
+    /// The [pieces] of all positions (m).
+    pieces: &'a [u32],
     labels: &'a [u32],
     scale: f64,
 }
 
 impl LabelledBand<'_> {
-    /// The positions on both sides of the boundary of each pair of a round, ascending. One pass for the whole round:
-    /// there can be thousands of pairs.
-    fn at_boundaries(&self, round: &[[u32; 2]]) -> Vec<Vec<u32>> {
-        let both = round.iter().enumerate().flat_map(|(k, &[a, b])| [(a, (b, k)), (b, (a, k))]);
-        let partner: BTreeMap<u32, (u32, usize)> = both.collect();
+    /// The positions on both sides of each boundary of a round, ascending. One pass for the whole round: there can be
+    /// thousands.
+    fn at_boundaries(&self, round: &[Boundary]) -> Vec<Vec<u32>> {
+        let both = round.iter().enumerate();
+        let both = both.flat_map(|(k, &([a, b], piece))| [((a, piece), (b, k)), ((b, piece), (a, k))]);
+        let partner: BTreeMap<(u32, u32), (u32, usize)> = both.collect();
         let mut positions = vec![Vec::new(); round.len()];
         for i in 0..self.labels.len() as u32 {
             let own = self.labels[i as usize];
@@ -107,7 +145,7 @@ impl LabelledBand<'_> {
             if around.clone().all(|label| label == own) {
                 continue;
             }
-            if let Some(&(other, k)) = partner.get(&own)
+            if let Some(&(other, k)) = partner.get(&(own, self.pieces[i as usize]))
                 && around.any(|label| label == other)
             {
                 positions[k].push(i);
@@ -288,8 +326,8 @@ mod tests {
         let mut random = stream(0, "passes");
         let graph = band(30, 9, &mut random);
         let labels: Vec<u32> = (0..270).map(|_| below(&mut random, 5) as u32).collect();
-        let round = [[0, 3], [2, 1]];
-        let naive = round.map(|[a, b]| {
+        let round = [([0, 3], 0), ([2, 1], 0)];
+        let naive = round.map(|([a, b], _)| {
             let touches = |i: u32, label| graph.around(i).iter().any(|edge| edge.label(&labels) == label);
             let side = |i: u32| match labels[i as usize] {
                 own if own == a => touches(i, b),
@@ -299,16 +337,59 @@ mod tests {
             (0..270).filter(|&i| side(i)).collect::<Vec<u32>>()
         });
         assert!(naive.iter().all(|positions| positions.len() > 20));
-        assert_eq!(LabelledBand { graph: &graph, labels: &labels, scale: 1. }.at_boundaries(&round), naive);
+        let labelled = LabelledBand { graph: &graph, pieces: &pieces(&graph), labels: &labels, scale: 1. };
+        assert_eq!(labelled.at_boundaries(&round), naive);
     }
 
     #[test]
-    fn all_pairs_come_in_rounds_that_share_no_label() {
+    fn all_boundaries_come_in_rounds_that_share_no_label_in_a_piece() {
         let pairs: BTreeSet<[u32; 2]> = (0..6).flat_map(|a| (a + 1..6).map(move |b| [a, b])).collect();
-        let rounds = rounds(pairs.clone());
+        let boundaries: BTreeSet<Boundary> =
+            pairs.iter().flat_map(|&pair| (pair[0]..3).map(move |piece| (pair, piece))).collect();
+        let rounds = rounds(&boundaries);
         for round in &rounds {
-            assert_eq!(round.iter().flatten().collect::<BTreeSet<_>>().len(), 2 * round.len());
+            let ends: BTreeSet<_> = round.iter().flat_map(|(pair, piece)| pair.map(|label| (label, *piece))).collect();
+            assert_eq!(ends.len(), 2 * round.len());
         }
-        assert_eq!(rounds.into_iter().flatten().collect::<BTreeSet<_>>(), pairs);
+        assert!(rounds[0].len() > 3);
+        assert_eq!(rounds.into_iter().flatten().collect::<BTreeSet<_>>(), boundaries);
+        assert_eq!(order_of_pairs(pairs.clone()).into_iter().collect::<BTreeSet<_>>(), pairs);
+    }
+
+    /// Two bands of the same labels are cut as if each pair were cut everywhere, one after another.
+    #[test]
+    fn pieces_apart_are_cut_as_the_whole() {
+        for seed in 0..30 {
+            let mut random = stream(seed, "pieces");
+            let [one, other] = [band(24, 9, &mut random), band(20, 7, &mut random)];
+            let m = one.start.len() as u32 - 1;
+            let shifted = |edge: &BandEdge| BandEdge { to: edge.to + if edge.inside { m } else { 0 }, ..*edge };
+            let both = BandGraph {
+                start: one
+                    .start
+                    .iter()
+                    .copied()
+                    .chain(other.start[1..].iter().map(|at| at + one.start[m as usize]))
+                    .collect(),
+                edges: one.edges.iter().copied().chain(other.edges.iter().map(shifted)).collect(),
+            };
+            let labels: Vec<u32> = (0..both.start.len() - 1).map(|_| below(&mut random, 5) as u32).collect();
+            let mut cut = labels.clone();
+            shorten(&both, &mut cut, &Run::new(&())).unwrap();
+            let mut plain = labels.clone();
+            let scale = UNITS / f64::from(both.edges.iter().map(|edge| edge.weight).fold(0f32, f32::max));
+            let whole = vec![0; plain.len()];
+            for _ in 0..PASSES {
+                let touching = boundaries(&both, &whole, &plain);
+                for pair in order_of_pairs(touching.into_iter().map(|(pair, _)| pair).collect()) {
+                    let band = LabelledBand { graph: &both, pieces: &whole, labels: &plain, scale };
+                    let begin = band.at_boundaries(&[(pair, 0)]);
+                    let changes = band.cut(pair, &begin[0], &mut vec![NONE; whole.len()], &Cancel::default()).unwrap();
+                    changes.into_iter().for_each(|(node, label)| plain[node as usize] = label);
+                }
+            }
+            assert!(cut == plain && cut != labels, "{seed}");
+            assert_eq!(pieces(&both).into_iter().collect::<BTreeSet<_>>(), BTreeSet::from([0, m]));
+        }
     }
 }
