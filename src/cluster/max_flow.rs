@@ -1,9 +1,10 @@
 //! Maximum flow, and the minimum cut that it ends at.
 //!
-//! Dinic's algorithm (1970), in whole numbers, with levels counted from the sink: no path of a phase leads astray before
-//! arcs are full, and paths of all lengths are filled in one phase. The nodes that the source still reaches are the same
-//! whatever the order of the paths, so cuts are repeatable. Own code, since crates for maximum flow take adjacency
-//! matrices or maps. It cuts bands along boundaries ([`super::shorten`]) and the inside of a surface ([`super::parts`]).
+//! Dinic's algorithm (1970), in whole numbers, with levels counted from the sink: no path of a phase leads astray
+//! before arcs are full, and paths of all lengths are filled in one phase. The nodes that the source still reaches are
+//! the same whatever the order of the paths, so cuts are repeatable. Own code, since crates for maximum flow take
+//! adjacency matrices or maps. It cuts bands along boundaries ([`super::shorten`]) and the inside of a surface
+//! ([`super::parts`]).
 //!
 //! Cost: 24 bytes per node and 16 per arc; passes over both, some ten of them in narrow bands.
 
