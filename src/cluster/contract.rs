@@ -22,7 +22,6 @@ use crate::store::needs::{Extent, Needs, Room};
 use crate::store::stage::{Made, Stage, key_of};
 use crate::store::{Context, MappedSlice, Run, WorkDir, npy};
 use serde_json::{Value, json};
-use std::collections::BTreeMap;
 
 /// Nodes of the contracted graph.
 pub const NODES: usize = 30_000;
@@ -191,16 +190,30 @@ fn interiors(sums: &[SurfaceSum], shares: &AreaShares) -> Vec<Node> {
     sums.iter().map(node).collect()
 }
 
-type BoundaryMap = BTreeMap<(u32, u32), ContractedEdge>;
+/// Boundaries by the two nodes that they are between, the lesser first, ascending.
+type Boundaries = Vec<((u32, u32), ContractedEdge)>;
 
-fn borders(graph: &DualGraph, csr: Csr<'_>, owner: &[u32], field: &[f32], run: &Run) -> Result<BoundaryMap> {
+/// One boundary for each pair of nodes, that of the first of its edges with the others added in their order.
+fn merged(mut edges: Boundaries) -> Boundaries {
+    edges.sort_by_key(|(pair, _)| *pair);
+    edges.dedup_by(|(pair, edge), (kept, sum)| {
+        let same = pair == kept;
+        if same {
+            sum.add(edge);
+        }
+        same
+    });
+    edges
+}
+
+fn borders(graph: &DualGraph, csr: Csr<'_>, owner: &[u32], field: &[f32], run: &Run) -> Result<Boundaries> {
     let n = owner.len();
     let edge = graph.edges.shared();
     let parts = run.map_ranges(n, CHUNK, |range| {
         csr.will_need(range.clone(), run);
         run.will_need(owner, range.clone());
         run.will_need(field, range.clone());
-        let mut sums: BoundaryMap = BTreeMap::new();
+        let mut edges = Vec::new();
         for i in range {
             for (e, (j, weight)) in csr.span(i as u32).zip(csr.neighbours(i as u32)) {
                 let j = j as usize;
@@ -215,16 +228,12 @@ fn borders(graph: &DualGraph, csr: Csr<'_>, owner: &[u32], field: &[f32], run: &
                     length,
                     chord: along(&graph.nodes.at(from), &graph.nodes.at(to), length),
                 };
-                sums.entry((a.min(b), a.max(b))).and_modify(|sum| sum.add(&border)).or_insert(border);
+                edges.push(((a.min(b), a.max(b)), border));
             }
         }
-        Ok(sums)
+        Ok(merged(edges))
     })?;
-    let mut total: BoundaryMap = BTreeMap::new();
-    for (pair, border) in parts.into_iter().flatten() {
-        total.entry(pair).and_modify(|sum| sum.add(&border)).or_insert(border);
-    }
-    Ok(total)
+    Ok(merged(parts.concat()))
 }
 
 /// The edge between two faces as a vector: `length` across the step from one to the other, in the surface.
@@ -241,35 +250,39 @@ fn along(from: &Node, to: &Node, length: f64) -> [f64; 3] {
 fn assemble(
     graph: &DualGraph,
     nodes: Vec<Node>,
-    borders: &BoundaryMap,
+    borders: &Boundaries,
     key: String,
     inner: &WorkDir,
 ) -> Result<(DualGraph, WeightedGraph)> {
-    let mut entries: Vec<(u32, u32, f32, f32, f32)> = Vec::with_capacity(2 * borders.len());
-    for (&(a, b), border) in borders {
+    let step = |&((a, b), border): &((u32, u32), ContractedEdge)| {
         let (from, to) = (&nodes[a as usize].centroid, &nodes[b as usize].centroid);
         let gap = norm([0, 1, 2].map(|axis| f64::from(from[axis] - to[axis])));
-        let chord = norm(border.chord);
         // Bridges have no boundary, and stay without.
-        let length = chord.max(0.1 * border.length) as f32;
-        let centroid_distance = (DETOUR * gap.max(1e-9)) as f32;
-        entries.push((a, b, border.weight, centroid_distance, length));
-        entries.push((b, a, border.weight, centroid_distance, length));
-    }
-    entries.sort_unstable_by_key(|e| (e.0, e.1));
+        let length = norm(border.chord).max(0.1 * border.length) as f32;
+        (a, b, [border.weight.max(crate::graph::weights::LEAST), (DETOUR * gap.max(1e-9)) as f32, length])
+    };
+    let steps: Vec<(u32, u32, [f32; 3])> = borders.iter().map(step).collect();
     let mut indptr = vec![0u64; nodes.len() + 1];
-    entries.iter().for_each(|e| indptr[e.0 as usize + 1] += 1);
+    steps.iter().for_each(|&(a, b, _)| [a, b].iter().for_each(|&node| indptr[node as usize + 1] += 1));
     (0..nodes.len()).for_each(|i| indptr[i + 1] += indptr[i]);
-    let column = |pick: fn(&(u32, u32, f32, f32, f32)) -> f32| entries.iter().map(pick).collect::<Vec<f32>>();
-    let write = |name: &str, items: Vec<f32>| npy::write(&inner.file(name), &items, 1, false);
-    let indices: Vec<u32> = entries.iter().map(|e| e.1).collect();
+    // Boundaries are ascending: so are a node's lesser neighbours, taken first, and then its greater ones.
+    let (mut next, mut entries) = (indptr.clone(), vec![(0, [0f32; 3]); 2 * steps.len()]);
+    let both = steps.iter().map(|&(a, b, values)| (b, a, values)).chain(steps.iter().copied());
+    for (row, column, values) in both {
+        entries[next[row as usize] as usize] = (column, values);
+        next[row as usize] += 1;
+    }
+    let write = |name: &str, k: usize| {
+        npy::write(&inner.file(name), &entries.iter().map(|(_, values)| values[k]).collect::<Vec<f32>>(), 1, false)
+    };
+    let indices: Vec<u32> = entries.iter().map(|(column, _)| *column).collect();
     let edges = DualEdges::of_arrays(
         OwnedRowStarts::Plain(npy::write(&inner.file(PLAIN), &indptr, 1, false)?),
         npy::write(&inner.file(EDGES[0]), &indices, 1, false)?,
-        write(EDGES[1], column(|e| e.3))?,
-        write(EDGES[2], column(|e| e.4))?,
+        write(EDGES[1], 1)?,
+        write(EDGES[2], 2)?,
     );
-    let weights = write(WEIGHTS, column(|e| e.2.max(crate::graph::weights::LEAST)))?;
+    let weights = write(WEIGHTS, 0)?;
     let weighted = WeightedGraph::new(inner.path(), edges.starts.clone(), edges.indices.clone(), weights, key.clone())?;
     let facts = GraphFacts {
         nodes: nodes.len() as u64,
