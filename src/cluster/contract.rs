@@ -203,6 +203,8 @@ fn merged(mut edges: Boundaries) -> Boundaries {
         }
         same
     });
+    // Most of a chunk's edges are gone; what they took would be held for all chunks at once.
+    edges.shrink_to_fit();
     edges
 }
 
@@ -233,7 +235,7 @@ fn borders(graph: &DualGraph, csr: Csr<'_>, owner: &[u32], field: &[f32], run: &
         }
         Ok(merged(edges))
     })?;
-    Ok(merged(parts.concat()))
+    Ok(merged(parts.into_iter().flatten().collect()))
 }
 
 /// The edge between two faces as a vector: `length` across the step from one to the other, in the surface.
