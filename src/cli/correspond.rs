@@ -2,6 +2,7 @@
 
 use super::choices::choice;
 use super::errors::of_file;
+use super::input::check_there;
 use super::options::{AppContext, CliError, ForceArgs, RunArgs, misfit};
 use super::output::{JsonArgs, check_places, folder_of};
 use clap::ValueEnum;
@@ -202,6 +203,7 @@ pub fn run(args: &CorrespondArgs, app: &AppContext) -> Result<(), CliError> {
     }
     let inputs = [&args.a, &args.b].into_iter().chain(&args.landmarks_file).chain(&args.initial_map);
     check_places(inputs, outputs().chain(&args.json.json))?;
+    [&args.a, &args.b].into_iter().try_for_each(|path| check_there(path))?;
     let bars = args.run.bars();
     let run = args.run.run(&bars, app);
     let beside = || outputs().next().map_or_else(std::env::temp_dir, |path| folder_of(path));

@@ -37,6 +37,14 @@ pub fn read(path: &Path, force: ForceArgs, context: Context<'_>) -> Result<(mesh
     Ok((opened, identity))
 }
 
+/// Refuses a mesh that is not there, before a folder is made on its behalf.
+pub fn check_there(path: &Path) -> Result<(), Error> {
+    match std::fs::metadata(path) {
+        Err(error) if path.as_os_str() != "-" => Err(Error::io(path, "open")(error)),
+        _ => Ok(()),
+    }
+}
+
 /// Refuses to work on another mesh than that of a lasting work directory without `force`; empties it with `force`.
 fn admit(path: &Path, identity: &Value, force: ForceArgs, context: Context<'_>) -> Result<(), Error> {
     let Context { work, run } = context;

@@ -1,5 +1,6 @@
 //! `picture`: a mesh and its parts as a PNG.
 
+use super::input::check_there;
 use super::options::{AppContext, CliError, RunArgs};
 use super::output::{check_places, folder_of};
 use nystrom_stream::apps::colours::colours_for;
@@ -91,6 +92,7 @@ pub fn run(args: &PictureArgs, app: &AppContext) -> Result<(), CliError> {
     params.check()?;
     let target = args.target()?;
     check_places([&args.mesh].into_iter().chain(&args.labels), [&target])?;
+    check_there(&args.mesh)?;
     let bars = args.run.bars();
     let run = args.run.run(&bars, app);
     let work = WorkDir::temporary(args.run.tmp.as_deref().unwrap_or(&folder_of(&target)))?;

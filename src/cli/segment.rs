@@ -6,7 +6,7 @@
 
 use super::edits::{EditArgs, Like, LikeArgs, corrections, named as give_names};
 use super::errors::message;
-use super::input::{meshes, read};
+use super::input::{check_there, meshes, read};
 use super::made::Maker;
 use super::method::{MethodArgs, check_count};
 use super::options::{AppContext, CliError, ForceArgs, RunArgs};
@@ -273,6 +273,7 @@ pub fn one(job: &Job, task: Task<'_>, bars: &Bars, run: &Run, app: &AppContext) 
     let Task { args, params, edits, like } = task;
     let start = Instant::now();
     let Job { mesh: path, outputs } = job;
+    check_there(path)?;
     outputs.iter().try_for_each(Output::check)?;
     let beside = || outputs.iter().find_map(Output::path).map_or_else(std::env::temp_dir, folder_of);
     let work = args.run.work(args.work_dir.as_deref(), beside, run)?;

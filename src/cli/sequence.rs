@@ -1,7 +1,7 @@
 //! `sequence`: an order to stream a mesh in.
 
 use super::choices::choice;
-use super::input::read;
+use super::input::{check_there, read};
 use super::options::{AppContext, CliError, ForceArgs, RunArgs};
 use super::output::{JsonArgs, check_places, folder_of, print};
 use nystrom_stream::apps::picture::{PictureParams, render};
@@ -123,6 +123,7 @@ pub fn run(args: &SequenceArgs, app: &AppContext) -> Result<(), CliError> {
     let start = Instant::now();
     let targets = check(args)?;
     check_places([&args.mesh], args.output.iter().chain(&args.json.json))?;
+    check_there(&args.mesh)?;
     let bars = args.run.bars();
     let run = args.run.run(&bars, app);
     let folder = |target: &Target| match target {

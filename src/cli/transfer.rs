@@ -1,5 +1,6 @@
 //! `transfer-labels`: labels carried over to another mesh of the same shape.
 
+use super::input::check_there;
 use super::options::{AppContext, CliError, RunArgs};
 use super::output::{JsonArgs, Output, PartFile, PlyArgs, Results, check_places, folder_of, outputs_of};
 use super::picture::{has_labels, labels_of_file, labels_of_mesh};
@@ -45,6 +46,7 @@ pub fn run(args: &TransferArgs, app: &AppContext) -> Result<(), CliError> {
     outputs.iter().try_for_each(Output::check)?;
     let inputs = [&args.from, &args.to].into_iter().chain(&args.labels);
     check_places(inputs, args.output.iter().chain(&args.json.json))?;
+    [&args.from, &args.to].into_iter().try_for_each(|path| check_there(path))?;
     let bars = args.run.bars();
     let run = args.run.run(&bars, app);
     let beside = outputs.iter().find_map(Output::path).map_or_else(std::env::temp_dir, folder_of);

@@ -537,6 +537,28 @@ fn an_output_is_never_the_mesh_itself_and_braces_stand_for_its_name() {
     assert_eq!(names(dir.path()), ["dumbbell.ply", "dumbbell.seg"]);
 }
 
+/// A name that was mistyped left an empty work directory, and in a folder that is read-only it was that folder's fault.
+#[test]
+fn no_folder_is_made_for_a_mesh_that_is_not_there() {
+    let dir = common::in_memory();
+    let mesh = zoo::tetrahedron().write(dir.path());
+    let (absent, work) = (dir.path().join("absent.ply"), dir.path().join("work"));
+    let kept = ["--work-dir", word(&work)];
+    let picture = dir.path().join("x.png");
+    for words in [
+        &["segment", word(&absent), kept[0], kept[1]][..],
+        &["sequence", word(&absent), kept[0], kept[1]],
+        &["correspond", word(&mesh), word(&absent), kept[0], kept[1], "-o", "m.npy"],
+        &["picture", word(&absent), "-o", word(&picture), "--tmp", "/nonexistent"],
+        &["transfer-labels", word(&absent), word(&mesh), "-o", word(&picture), "--tmp", "/nonexistent"],
+    ] {
+        let output = run(words);
+        assert_eq!(output.status.code(), Some(1), "{words:?}: {}", errors(&output));
+        assert!(errors(&output).contains("absent.ply: cannot open: "), "{words:?}: {}", errors(&output));
+        assert_eq!(names(dir.path()), ["tetrahedron.ply"], "{words:?}");
+    }
+}
+
 /// The note about outliers spoke of 60 landmarks on a mesh of one face, and the rate had no space.
 #[test]
 fn what_is_told_of_a_mesh_of_one_face_is_so() {
