@@ -194,13 +194,6 @@ pub fn run(args: &CorrespondArgs, app: &AppContext) -> Result<(), CliError> {
     if outputs().next().is_none() && args.json.json.is_none() {
         return Err(CliError::Usage("nothing to write; give -o matches.npy or another output".into()));
     }
-    for path in outputs() {
-        let folder = folder_of(path);
-        if !folder.is_dir() {
-            let problem = format!("its folder {} does not exist", folder.display());
-            return Err(Error::unusable(path, problem, "make it first").into());
-        }
-    }
     let inputs = [&args.a, &args.b].into_iter().chain(&args.landmarks_file).chain(&args.initial_map);
     check_places(inputs, outputs().chain(&args.json.json))?;
     [&args.a, &args.b].into_iter().try_for_each(|path| check_there(path))?;

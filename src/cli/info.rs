@@ -2,7 +2,7 @@
 
 use super::input::read;
 use super::options::{AppContext, CliError, ForceArgs, RunArgs, WorkDirArgs, either};
-use super::output::{JsonArgs, Significant, check_places, folder_of};
+use super::output::{JsonArgs, Significant, check_places, scratch_beside};
 use super::progress::{counted, human, tell};
 use nystrom_stream::apps::measure::{self, MeshMeasures};
 use nystrom_stream::base::Result;
@@ -94,7 +94,7 @@ fn mesh(path: &Path, args: &InfoArgs, app: &AppContext) -> Result<(String, Value
     if args.header {
         return Ok((text, all));
     }
-    let beside = || if streams { std::env::temp_dir() } else { folder_of(path) };
+    let beside = || if streams { std::env::temp_dir() } else { scratch_beside(path) };
     let work = args.run.work(None, beside, &run)?;
     let context = Context::new(&work, &run);
     let (opened, _) = read(path, ForceArgs { force: false }, context)?;

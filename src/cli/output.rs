@@ -274,15 +274,9 @@ impl Output {
         }
     }
 
-    /// Refuses an output whose folder does not exist, before any work.
+    /// Refuses an output that cannot be written, before any work.
     pub fn check(&self) -> Result<()> {
-        let Some(path) = self.path() else { return Ok(()) };
-        let folder = folder_of(path);
-        if folder.is_dir() {
-            Ok(())
-        } else {
-            Err(Error::unusable(path, format!("its folder {} does not exist", folder.display()), "make it first"))
-        }
+        self.path().map_or(Ok(()), check_folder)
     }
 
     /// Whether it cannot be written without the mesh.
@@ -389,8 +383,30 @@ fn place(path: &Path) -> Option<PathBuf> {
     }
 }
 
-/// Refuses outputs that would take the place of an input, or of each other.
+/// Refuses an output whose folder is not there, or takes no file, before any work.
+pub fn check_folder(path: &Path) -> Result<()> {
+    let is_stream = std::fs::metadata(path).is_ok_and(|there| !there.is_file() && !there.is_dir());
+    if path == Path::new("-") || is_stream || is_open_file(path) {
+        return Ok(());
+    }
+    let folder = folder_of(path);
+    if !folder.is_dir() {
+        return Err(Error::unusable(path, format!("its folder {} does not exist", folder.display()), "make it first"));
+    }
+    tempfile::tempfile_in(folder).map(drop).map_err(Error::io(path, "create"))
+}
+
+/// Refuses outputs that would take the place of an input, or of each other, or cannot be written.
 pub fn check_places<'a>(
+    inputs: impl IntoIterator<Item = &'a PathBuf>,
+    outputs: impl IntoIterator<Item = &'a PathBuf> + Clone,
+) -> Result<(), CliError> {
+    check_distinct(inputs, outputs.clone())?;
+    Ok(outputs.into_iter().try_for_each(|path| check_folder(path))?)
+}
+
+/// Refuses outputs that would take the place of an input, or of each other.
+pub fn check_distinct<'a>(
     inputs: impl IntoIterator<Item = &'a PathBuf>,
     outputs: impl IntoIterator<Item = &'a PathBuf>,
 ) -> Result<(), CliError> {
@@ -466,7 +482,8 @@ fn publish(target: &Path, report: &impl serde::Serialize) -> Result<()> {
 /// Whether `path` names an open file of a process, a link whose place a rename would take.
 fn is_open_file(path: &Path) -> bool {
     let names = ["/dev/stdout", "/dev/stderr"].map(Path::new);
-    names.contains(&path) || path.starts_with("/dev/fd") || path.starts_with("/proc")
+    let numbered = path.parent().is_some_and(|folder| folder.ends_with("fd"));
+    names.contains(&path) || numbered && (path.starts_with("/dev/fd") || path.starts_with("/proc"))
 }
 
 /// Writes `text` to standard output where `target` is `-`, else to that file, which appears whole or not at all. A
@@ -491,6 +508,13 @@ pub fn check_charts(option: &str, paths: &[PathBuf]) -> Result<(), CliError> {
         Some(path) => Err(CliError::Usage(format!("{option} {}: no chart; end it with .svg or .png", path.display()))),
         None => Ok(()),
     }
+}
+
+/// Where a command that writes nothing keeps what it needs while it runs: beside the mesh at `path`, where there is
+/// most often room, or in the system's temporary folder where nothing can be written beside it, as in an archive.
+pub fn scratch_beside(path: &Path) -> PathBuf {
+    let folder = folder_of(path);
+    if tempfile::tempfile_in(&folder).is_ok() { folder } else { std::env::temp_dir() }
 }
 
 /// The folder that holds `path`.

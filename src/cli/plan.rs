@@ -2,7 +2,7 @@
 
 use super::method::MethodArgs;
 use super::options::{AppContext, CliError, RunArgs};
-use super::output::{JsonArgs, check_places, folder_of};
+use super::output::{JsonArgs, check_places, scratch_beside};
 use super::progress::{human, words};
 use nystrom_stream::base::Result;
 use nystrom_stream::mesh::size_of_mesh;
@@ -78,7 +78,7 @@ pub fn run(args: &PlanArgs, app: &AppContext) -> Result<(), CliError> {
     plan.check_size(&args.mesh)?;
     params.check_count(&args.mesh, size.faces)?;
     params.check_memory(size.faces, &run)?;
-    let folder = args.work_dir.clone().or(args.run.tmp.clone()).unwrap_or_else(|| folder_of(&args.mesh));
+    let folder = args.work_dir.clone().or(args.run.tmp.clone()).unwrap_or_else(|| scratch_beside(&args.mesh));
     // A work directory may not be there yet; its disk is that of the nearest folder that is.
     let folder = folder.ancestors().find(|folder| folder.is_dir()).unwrap_or(Path::new(".")).to_path_buf();
     let measured = calibrate(&params, plan.landmarks, size.faces, &folder, &run)?;

@@ -11,7 +11,8 @@ use super::made::Maker;
 use super::method::{MethodArgs, check_count};
 use super::options::{AppContext, CliError, ForceArgs, RunArgs};
 use super::output::{
-    FormArgs, JsonArgs, Output, Results, check_names, check_places, ending, folder_of, measured, outputs_of,
+    FormArgs, JsonArgs, Output, Results, check_distinct, check_folder, check_names, ending, folder_of, measured,
+    outputs_of,
 };
 use super::progress::{Bars, BatchBars, Style, human, tell};
 use super::stages::{KeptEmbedding, embedding};
@@ -162,7 +163,9 @@ pub fn run(args: &SegmentArgs, app: &AppContext) -> Result<(), CliError> {
     let written = jobs.iter().flat_map(|job| &job.outputs).filter_map(Output::path).map(Path::to_path_buf);
     let written: Vec<PathBuf> = written.chain(args.json.json.clone()).chain(args.json_lines.clone()).collect();
     let edits = args.edits.edits.iter().chain(&args.edits.names).chain(&args.like.like);
-    check_places(jobs.iter().map(|job| &job.mesh).chain(edits), &written)?;
+    check_distinct(jobs.iter().map(|job| &job.mesh).chain(edits), &written)?;
+    // Those of each mesh are looked at when its turn comes.
+    args.json.json.iter().chain(&args.json_lines).try_for_each(|path| check_folder(path))?;
     if many {
         return all(jobs, task, app);
     }

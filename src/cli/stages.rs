@@ -289,7 +289,6 @@ pub fn cluster(args: &ClusterArgs, app: &AppContext) -> Result<(), CliError> {
     let outputs = outputs_of(&args.output)?;
     args.form.check(&outputs)?;
     check_names(args.edits.names.as_deref(), &outputs, &args.json)?;
-    outputs.iter().try_for_each(Output::check)?;
     args.json.check(outputs.contains(&Output::Stdout))?;
     let (work, record, run) = reopen(&args.place, &args.run, args.run.run(&bars, app))?;
     let inputs = [&args.mesh, &args.tree, &args.edits.edits, &args.edits.names].into_iter().flatten();
@@ -387,7 +386,6 @@ pub fn export(args: &ExportArgs, app: &AppContext) -> Result<(), CliError> {
     }
     args.form.check(&outputs)?;
     check_names(args.names.as_deref(), &outputs, &JsonArgs::default())?;
-    outputs.iter().try_for_each(Output::check)?;
     let (work, record, run) = reopen(&args.place, &args.run, args.run.run(&bars, app))?;
     let inputs = [&args.mesh, &args.names].into_iter().flatten();
     check_places(inputs.chain([&record.mesh]), args.output.iter().chain(&args.tree))?;

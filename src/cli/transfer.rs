@@ -43,7 +43,6 @@ pub fn run(args: &TransferArgs, app: &AppContext) -> Result<(), CliError> {
     let outputs = outputs_of(&args.output)?;
     args.ply.check(&outputs)?;
     args.json.check(outputs.contains(&Output::Stdout))?;
-    outputs.iter().try_for_each(Output::check)?;
     let inputs = [&args.from, &args.to].into_iter().chain(&args.labels);
     check_places(inputs, args.output.iter().chain(&args.json.json))?;
     [&args.from, &args.to].into_iter().try_for_each(|path| check_there(path))?;

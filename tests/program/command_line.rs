@@ -559,6 +559,35 @@ fn no_folder_is_made_for_a_mesh_that_is_not_there() {
     }
 }
 
+/// A folder that takes no file was found at the end, after a night's work.
+#[test]
+fn outputs_that_cannot_be_written_are_told_before_any_work() {
+    let dir = common::in_memory();
+    let mesh = zoo::dumbbell().write(dir.path());
+    let (work, labels) = (dir.path().join("work"), dir.path().join("labels.seg"));
+    segment(&mesh, &["-q", "-k", "3", "--work-dir", word(&work), "-o", word(&labels)]);
+    let (mesh, work, new) = (word(&mesh), word(&work), dir.path().join("new"));
+    let new = ["--work-dir", word(&new)];
+    for (words, output) in [
+        (&["segment", mesh, new[0], new[1], "-o", word(&labels), "-o", "/proc/x.npy"][..], "x.npy"),
+        (&["segment", mesh, new[0], new[1], "-o", word(&labels), "--json=/proc/r.json"], "r.json"),
+        (&["segment", mesh, mesh, "-o", word(&dir.path().join("{}.seg")), "--json-lines=/proc/r.jsonl"], "r.jsonl"),
+        (&["sequence", mesh, new[0], new[1], "-o", "/proc/s.ply"], "s.ply"),
+        (&["correspond", mesh, mesh, new[0], new[1], "-o", "/proc/m.npy"], "m.npy"),
+        (&["picture", mesh, "-o", "/proc/p.png"], "p.png"),
+        (&["transfer-labels", mesh, mesh, "--labels", word(&labels), "-o", "/proc/t.seg"], "t.seg"),
+        (&["cluster", "--work-dir", work, "-k", "2", "-o", "/proc/c.seg"], "c.seg"),
+        (&["export", "--work-dir", work, "-o", word(&labels), "--tree", "/proc/tree.json"], "tree.json"),
+        (&["quality", mesh, "-l", "5", "--csv", "/proc/q.csv"], "q.csv"),
+        (&["plan", mesh, "--json=/proc/plan.json"], "plan.json"),
+    ] {
+        let output_said = errors(&run(words));
+        assert!(output_said.starts_with(&format!("nystrom-stream: /proc/{output}: cannot create: ")), "{output_said}");
+        assert_eq!(output_said.lines().count(), 1, "{output_said}");
+        assert!(!Path::new(new[1]).exists(), "{words:?}");
+    }
+}
+
 /// The note about outliers spoke of 60 landmarks on a mesh of one face, and the rate had no space.
 #[test]
 fn what_is_told_of_a_mesh_of_one_face_is_so() {
