@@ -124,6 +124,7 @@ fn hint(action: &str, error: &io::Error) -> &'static str {
         io::ErrorKind::StorageFull | io::ErrorKind::QuotaExceeded => {
             "; free some disk space, or put the work elsewhere with --tmp or --work-dir"
         }
+        io::ErrorKind::OutOfMemory => "; raise the limit of the address space: ulimit -v",
         _ => "",
     }
 }

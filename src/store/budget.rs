@@ -28,15 +28,15 @@ impl Budget {
         Self { total, used: Arc::default() }
     }
 
-    /// Half of what this process may use: of the machine's free memory or of its control
-    /// group's limit, whichever is less; 1 GiB where neither can be read.
+    /// Half of what this process may use: of the machine's free memory, of its control group's limit or of its own
+    /// (`ulimit -v`, `ulimit -d`), whichever is least; 1 GiB where none can be read.
     pub fn of_machine() -> Self {
         Self::new(Self::machine_limit().map_or(1 << 30, |bytes| bytes / 2))
     }
 
-    /// What this process may use: the machine's free memory or the control group's limit, whichever is less.
+    /// What this process may use: the machine's free memory, the control group's limit or its own, whichever is least.
     pub fn machine_limit() -> Option<u64> {
-        [available_memory(), control_group_limit()].into_iter().flatten().min()
+        [available_memory(), control_group_limit(), process_limit()].into_iter().flatten().min()
     }
 
     /// All of it.
@@ -95,6 +95,15 @@ fn available_memory() -> Option<u64> {
     let text = std::fs::read_to_string("/proc/meminfo").ok()?;
     let line = text.lines().find(|line| line.starts_with("MemAvailable:"))?;
     Some(line.split_whitespace().nth(1)?.parse::<u64>().ok()? * 1024)
+}
+
+/// Half the soft limit of this process's address space or data, whichever is less: mapped files, stacks and the
+/// program lie in it too.
+fn process_limit() -> Option<u64> {
+    let text = std::fs::read_to_string("/proc/self/limits").ok()?;
+    let limits = ["Max address space", "Max data size"].into_iter();
+    let soft = |name| text.lines().find_map(|line| line.strip_prefix(name)?.split_whitespace().next()?.parse().ok());
+    limits.filter_map(soft).min().map(|bytes: u64| bytes / 2)
 }
 
 /// The tightest memory limit among this process's control group and its ancestors, version 2 or 1.

@@ -1,6 +1,6 @@
 //! Predictions of memory and disk against what runs used; refusals of disks that are too small.
 
-use crate::common::every_case;
+use crate::common::{every_case, in_memory};
 use nystrom_stream::apps::creature::{Creature, Options};
 use nystrom_stream::store::Run;
 use serde_json::Value;
@@ -38,6 +38,20 @@ fn disk_and_memory_are_what_was_planned() {
         assert!((0.8..1.2).contains(&disk), "{cluster} {budget}: disk {disk}");
         assert!((0.8..1.2).contains(&memory), "{cluster} {budget}: memory {memory}");
     }
+}
+
+/// With `ulimit -v`, as on shared machines, the default budget was half of the machine's memory, and the run was aborted.
+#[test]
+fn the_default_budget_is_within_the_limit_of_the_process() {
+    let dir = in_memory();
+    let mesh = creature(dir.path(), 100_000);
+    let labels = dir.path().join("labels.npy");
+    let command = "ulimit -v 600000; exec \"$0\" segment \"$1\" -q --json -o \"$2\"";
+    let program = env!("CARGO_BIN_EXE_nystrom-stream");
+    let output = Command::new("bash").args(["-c", command, program, &mesh]).arg(&labels).output().unwrap();
+    assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+    let report: Value = serde_json::from_slice(&output.stdout).unwrap();
+    assert!(report["bytes"]["budget"].as_u64().unwrap() <= 600_000 * 1024 / 4, "{}", report["bytes"]);
 }
 
 /// Regression: what deciding parts takes, whatever the budget, was left out where the budget is less.
