@@ -479,11 +479,14 @@ fn publish(target: &Path, report: &impl serde::Serialize) -> Result<()> {
     write_text(target, &(text + "\n"))
 }
 
-/// Whether `path` names an open file of a process, a link whose place a rename would take.
+/// Whether `path` names an open file of a process, or a link to one: a rename would take the place of the link.
 fn is_open_file(path: &Path) -> bool {
-    let names = ["/dev/stdout", "/dev/stderr"].map(Path::new);
-    let numbered = path.parent().is_some_and(|folder| folder.ends_with("fd"));
-    names.contains(&path) || numbered && (path.starts_with("/dev/fd") || path.starts_with("/proc"))
+    let names_one = |path: &Path| {
+        let numbered = path.parent().is_some_and(|folder| folder.ends_with("fd"));
+        let named = ["/dev/stdout", "/dev/stderr"].map(Path::new).contains(&path);
+        named || numbered && (path.starts_with("/dev/fd") || path.starts_with("/proc"))
+    };
+    names_one(path) || std::fs::read_link(path).is_ok_and(|to| names_one(&to))
 }
 
 /// Writes `text` to standard output where `target` is `-`, else to that file, which appears whole or not at all. A
@@ -492,9 +495,8 @@ pub fn write_text(target: &Path, text: &str) -> Result<()> {
     if target == Path::new("-") {
         return print(text.as_bytes());
     }
-    let is_open = is_open_file(target) || std::fs::read_link(target).is_ok_and(|to| is_open_file(&to));
     match std::fs::metadata(target) {
-        Ok(known) if is_open || !known.is_file() => {
+        Ok(known) if is_open_file(target) || !known.is_file() => {
             let append = std::fs::OpenOptions::new().append(true).open(target);
             append.and_then(|mut file| file.write_all(text.as_bytes())).map_err(Error::io(target, "write"))
         }

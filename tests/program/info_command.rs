@@ -2,6 +2,7 @@
 
 use crate::common::{errors, in_memory, run, word};
 use std::path::{Path, PathBuf};
+use std::process::Command;
 
 fn write(folder: &Path, name: &str, text: &str) -> PathBuf {
     let path = folder.join(name);
@@ -138,6 +139,21 @@ fn strips_are_planned_by_the_faces_that_they_may_hold() {
         text.contains("at most 40000 faces, 40000 vertices") && text.contains("faces         39998 triangles"),
         "{text}"
     );
+}
+
+/// Both make a temporary folder beside the mesh, and were refused in an archive. The folder of a process's open files takes none
+/// either, whoever asks.
+#[test]
+fn a_mesh_in_a_folder_that_takes_no_file_is_told_and_planned() {
+    let dir = in_memory();
+    let ply = write(dir.path(), "tetrahedron.ply", TETRAHEDRON);
+    for command in ["info", "plan"] {
+        let words = "exec \"$0\" \"$1\" /proc/self/fd/9 9<\"$2\"";
+        let program = env!("CARGO_BIN_EXE_nystrom-stream");
+        let output = Command::new("bash").args(["-c", words, program, command, word(&ply)]).output().unwrap();
+        assert!(output.status.success(), "{command}: {}", errors(&output));
+        assert!(String::from_utf8_lossy(&output.stdout).contains("4 faces"), "{command}");
+    }
 }
 
 /// What a person asks of a mesh first: is it whole, how large, how many pieces.
