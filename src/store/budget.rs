@@ -31,12 +31,14 @@ impl Budget {
     /// Half of what this process may use: of the machine's free memory, of its control group's limit or of its own
     /// (`ulimit -v`, `ulimit -d`), whichever is least; 1 GiB where none can be read.
     pub fn of_machine() -> Self {
-        Self::new(Self::machine_limit().map_or(1 << 30, |bytes| bytes / 2))
+        let limit = [Self::machine_limit(), process_limit()].into_iter().flatten().min();
+        Self::new(limit.map_or(1 << 30, |bytes| bytes / 2))
     }
 
-    /// What this process may use: the machine's free memory, the control group's limit or its own, whichever is least.
+    /// What may lie in memory, the page cache included, which knows no limit of a process: the machine's free memory or
+    /// the control group's limit, whichever is less.
     pub fn machine_limit() -> Option<u64> {
-        [available_memory(), control_group_limit(), process_limit()].into_iter().flatten().min()
+        [available_memory(), control_group_limit()].into_iter().flatten().min()
     }
 
     /// All of it.
