@@ -6,7 +6,7 @@
 //! adjacency matrices or maps. It cuts bands along boundaries ([`super::shorten`]) and the inside of a surface
 //! ([`super::parts`]).
 //!
-//! Cost: 24 bytes per node and 16 per arc; passes over both, some ten of them in narrow bands.
+//! Cost: 32 bytes per node and 16 per arc; passes over both, tens of them in narrow bands.
 
 use crate::base::{Cancel, Result};
 

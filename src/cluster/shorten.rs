@@ -10,7 +10,7 @@
 //! fixed: no part vanishes. Pieces of the band that do not touch are cut each on its own, at the same time: all limbs
 //! of a body have a boundary with it.
 //!
-//! Cost: flows need some ten passes over bands of 2 [`HOPS`] faces across; 90 bytes per node of the bands that are cut
+//! Cost: flows need tens of passes over bands of 2 [`HOPS`] faces across; 100 bytes per node of the bands that are cut
 //! at the same time, 8 per node of all, and 4 per node and thread.
 
 use super::band_graph::BandGraph;
