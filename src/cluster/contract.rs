@@ -12,6 +12,7 @@
 
 use super::area_shares::{AreaShares, SurfaceSum, narrowed, spread_seeds, surface_sums};
 use crate::base::Result;
+use crate::base::parallel::{chunk_count, chunk_range};
 use crate::base::vector::{cross, length as norm, minus, wide};
 use crate::distance::SharedFront;
 use crate::graph::DualEdges;
@@ -193,49 +194,71 @@ fn interiors(sums: &[SurfaceSum], shares: &AreaShares) -> Vec<Node> {
 /// Boundaries by the two nodes that they are between, the lesser first, ascending.
 type Boundaries = Vec<((u32, u32), ContractedEdge)>;
 
-/// One boundary for each pair of nodes, that of the first of its edges with the others added in their order.
-fn merged(mut edges: Boundaries) -> Boundaries {
-    edges.sort_by_key(|(pair, _)| *pair);
-    edges.dedup_by(|(pair, edge), (kept, sum)| {
-        let same = pair == kept;
-        if same {
-            sum.add(edge);
-        }
-        same
-    });
-    // Most of a chunk's edges are gone; what they took would be held for all chunks at once.
-    edges.shrink_to_fit();
-    edges
-}
+/// The boundary of a chunk's faces in pieces: the pair of nodes that an edge is between, its face in the chunk and the
+/// edge among those of the face. Their order is that of the pairs, and of the file within a pair.
+type Piece = [u32; 3];
 
 fn borders(graph: &DualGraph, csr: Csr<'_>, owner: &[u32], field: &[f32], run: &Run) -> Result<Boundaries> {
     let n = owner.len();
     let edge = graph.edges.shared();
-    let parts = run.map_ranges(n, CHUNK, |range| {
+    let parts = run.map_chunks(chunk_count(n, CHUNK), Vec::<Piece>::new, |k, pieces| {
+        let range = chunk_range(n, CHUNK, k);
         csr.will_need(range.clone(), run);
         run.will_need(owner, range.clone());
         run.will_need(field, range.clone());
-        let mut edges = Vec::new();
-        for i in range {
-            for (e, (j, weight)) in csr.span(i as u32).zip(csr.neighbours(i as u32)) {
+        pieces.clear();
+        for i in range.clone() {
+            for (k, (j, _)) in csr.neighbours(i as u32).enumerate() {
                 let j = j as usize;
                 let (a, b) = (owner[i], owner[j]);
                 if j <= i || a == b || a == u32::MAX || b == u32::MAX {
                     continue;
                 }
-                let (from, to) = if a < b { (i, j) } else { (j, i) };
-                let length = f64::from(edge.length(i as u32, e).abs());
-                let border = ContractedEdge {
-                    weight: field[i] + weight + field[j],
-                    length,
-                    chord: along(&graph.nodes.at(from), &graph.nodes.at(to), length),
-                };
-                edges.push(((a.min(b), a.max(b)), border));
+                pieces.push([a.min(b) << 16 | a.max(b), (i - range.start) as u32, k as u32]);
             }
         }
-        Ok(merged(edges))
+        pieces.sort_unstable();
+        let border = |&[pair, i, k]: &Piece| {
+            let i = range.start + i as usize;
+            let e = csr.span(i as u32).start + k as usize;
+            let j = csr.indices[e] as usize;
+            let (from, to) = if owner[i] == pair >> 16 { (i, j) } else { (j, i) };
+            let length = f64::from(edge.length(i as u32, e).abs());
+            ContractedEdge {
+                weight: field[i] + csr.weights[e] + field[j],
+                length,
+                chord: along(&graph.nodes.at(from), &graph.nodes.at(to), length),
+            }
+        };
+        let pairs = || pieces.chunk_by(|a, b| a[0] == b[0]);
+        let mut boundaries = Vec::with_capacity(pairs().count());
+        boundaries
+            .extend(pairs().map(|same| ((same[0][0] >> 16, same[0][0] & 0xffff), added(same.iter().map(border)))));
+        Ok(boundaries)
     })?;
-    Ok(merged(parts.into_iter().flatten().collect()))
+    Ok(joined(&parts))
+}
+
+/// The sum of `edges`, one at least, in their order.
+fn added(mut edges: impl Iterator<Item = ContractedEdge>) -> ContractedEdge {
+    let mut sum = edges.next().unwrap_or(ContractedEdge { weight: f32::INFINITY, length: 0., chord: [0.; 3] });
+    edges.for_each(|edge| sum.add(&edge));
+    sum
+}
+
+/// One boundary for each pair of nodes, from those of all chunks, added in the order of the chunks.
+fn joined(parts: &[Boundaries]) -> Boundaries {
+    let each = || parts.iter().flatten();
+    let mut order: Vec<((u32, u32), u32, u32)> = Vec::with_capacity(each().count());
+    for (chunk, part) in (0..).zip(parts) {
+        order.extend((0..).zip(part).map(|(at, (pair, _))| (*pair, chunk, at)));
+    }
+    order.sort_unstable();
+    let pairs = || order.chunk_by(|a, b| a.0 == b.0);
+    let edge = |&(_, chunk, at): &((u32, u32), u32, u32)| parts[chunk as usize][at as usize].1;
+    let mut all = Vec::with_capacity(pairs().count());
+    all.extend(pairs().map(|same| (same[0].0, added(same.iter().map(edge)))));
+    all
 }
 
 /// The edge between two faces as a vector: `length` across the step from one to the other, in the surface.

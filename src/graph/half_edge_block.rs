@@ -20,6 +20,7 @@ pub(super) struct BlockMatcher {
     /// By low vertex: high vertex in 32 bits, corner in the block, 1 where the half-edge ascends.
     words: Vec<u64>,
     sides: Vec<HalfEdge>,
+    records: Vec<HalfEdge>,
     far_apart: Sorter,
 }
 
@@ -96,10 +97,12 @@ impl BlockMatcher {
         mut join: impl FnMut(Match) -> Result<()>,
         mut edge: impl FnMut(&[HalfEdge], bool) -> Result<()>,
     ) -> Result<()> {
-        let mut records = Vec::with_capacity(blocks.corners());
+        let Self { records, far_apart, .. } = self;
+        records.clear();
+        records.reserve(blocks.corners());
         for_each(mesh, blocks.nodes_of(block), |half_edge| records.push(half_edge));
-        self.far_apart.sort(records);
-        for sides in self.far_apart.edges() {
+        far_apart.sort(records);
+        for sides in far_apart.edges() {
             if sides.len() > 1 {
                 chain(mesh, sides.iter().map(HalfEdge::side), |a, b| a != b, &mut join)?;
             }

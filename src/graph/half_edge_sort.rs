@@ -58,8 +58,8 @@ pub(super) struct Sorter {
 }
 
 impl Sorter {
-    /// Sorts `records`.
-    pub fn sort(&mut self, mut records: Vec<HalfEdge>) {
+    /// Sorts `records`, of which some may be gone afterwards.
+    pub fn sort(&mut self, records: &mut Vec<HalfEdge>) {
         self.sorted.clear();
         if records.is_empty() {
             return;
@@ -69,18 +69,21 @@ impl Sorter {
         let mut above = Vec::new();
         if width > 4 * records.len() + 1024 {
             // Vertices far apart: counting all of them would cost more than sorting. Most of a block's lie together.
-            (first, width) = around_the_median(&records);
+            (first, width) = around_the_median(records);
             let end = u64::from(first) + width as u64;
-            let (inside, outside): (Vec<_>, Vec<_>) =
-                records.into_iter().partition(|r| (u64::from(first)..end).contains(&u64::from(r.low())));
-            let below;
-            (below, above) = outside.into_iter().partition::<Vec<_>, _>(|r| r.low() < first);
-            records = inside;
-            self.sorted = below;
+            records.retain(|record| {
+                let low = record.low();
+                if low < first {
+                    self.sorted.push(*record);
+                } else if u64::from(low) >= end {
+                    above.push(*record);
+                }
+                (u64::from(first)..end).contains(&u64::from(low))
+            });
             self.sorted.sort_unstable_by_key(HalfEdge::key);
             above.sort_unstable_by_key(HalfEdge::key);
         }
-        self.count(first, width, &records);
+        self.count(first, width, records);
         self.sorted.extend(above);
     }
 
@@ -197,7 +200,7 @@ mod tests {
         for spread in [1u32, 50, 1_000_000, u32::MAX - 7] {
             // All over the spread, or most of them together at its beginning, middle or end.
             for together in [0, 1, spread / 2 + 1, spread] {
-                let records: Vec<HalfEdge> = (0..5000u32)
+                let mut records: Vec<HalfEdge> = (0..5000u32)
                     .map(|i| {
                         let x = i.wrapping_mul(2_654_435_761);
                         let far = together == 0 || i % 40 == 0;
@@ -207,11 +210,11 @@ mod tests {
                     .collect();
                 let mut expected = records.clone();
                 expected.sort_unstable_by_key(HalfEdge::key);
-                sorter.sort(records);
+                sorter.sort(&mut records);
                 assert_eq!(sorter.sorted, expected, "{spread} {together}");
             }
         }
-        sorter.sort(Vec::new());
+        sorter.sort(&mut Vec::new());
         assert!(sorter.sorted.is_empty() && sorter.edges().next().is_none());
     }
 }

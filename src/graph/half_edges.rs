@@ -133,7 +133,7 @@ pub(super) fn matched<'a>(
         half_edges.buckets(),
         || (pairs.sink(), boundary.producer(), Sorter::default()),
         |bucket, (out, open, sorter)| {
-            sorter.sort(half_edges.take(bucket)?);
+            sorter.sort(&mut half_edges.take(bucket)?);
             for edge in sorter.edges() {
                 if let [single] = edge {
                     open.push(matching.by_corner.bucket_of(single.corner), single.corner)?;
