@@ -22,7 +22,8 @@ pub fn parsed() -> Command {
 /// `arg` as `subcommand` has it.
 fn adapted(subcommand: &str, arg: Arg) -> Arg {
     let arg = if is_number(arg.get_value_parser()) { arg.allow_negative_numbers(true) } else { arg };
-    match arg.get_help().map(ToString::to_string) {
+    // There are no colours in it to be taken out.
+    match arg.get_help().map(|help| help.ansi().to_string()) {
         Some(help) if help.contains(KEPT) && !goes_on(subcommand, arg.get_id().as_str()) => {
             arg.help(help.replace(KEPT, ""))
         }

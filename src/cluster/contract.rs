@@ -194,13 +194,21 @@ fn interiors(sums: &[SurfaceSum], shares: &AreaShares) -> Vec<Node> {
 /// Boundaries by the two nodes that they are between, the lesser first, ascending.
 type Boundaries = Vec<((u32, u32), ContractedEdge)>;
 
+/// Two nodes in one number, the lesser in its upper half: nodes are fewer than 2¹⁶ ([`narrowed`]).
+type Pair = u32;
+
+/// The nodes of a pair, the lesser first.
+fn nodes_of(pair: Pair) -> (u32, u32) {
+    (pair >> 16, pair & 0xffff)
+}
+
 /// The boundary of a chunk's faces in pieces: the pair of nodes that an edge is between, its face in the chunk and the
 /// edge among those of the face. Their order is that of the pairs, and of the file within a pair.
 type Piece = [u32; 3];
 
 fn borders(graph: &DualGraph, csr: Csr<'_>, owner: &[u32], field: &[f32], run: &Run) -> Result<Boundaries> {
     let n = owner.len();
-    let edge = graph.edges.shared();
+    let (edge, nodes) = (graph.edges.shared(), graph.nodes.view());
     let parts = run.map_chunks(chunk_count(n, CHUNK), Vec::<Piece>::new, |k, pieces| {
         let range = chunk_range(n, CHUNK, k);
         csr.will_need(range.clone(), run);
@@ -222,18 +230,17 @@ fn borders(graph: &DualGraph, csr: Csr<'_>, owner: &[u32], field: &[f32], run: &
             let i = range.start + i as usize;
             let e = csr.span(i as u32).start + k as usize;
             let j = csr.indices[e] as usize;
-            let (from, to) = if owner[i] == pair >> 16 { (i, j) } else { (j, i) };
+            let (from, to) = if owner[i] == nodes_of(pair).0 { (i, j) } else { (j, i) };
             let length = f64::from(edge.length(i as u32, e).abs());
             ContractedEdge {
                 weight: field[i] + csr.weights[e] + field[j],
                 length,
-                chord: along(&graph.nodes.at(from), &graph.nodes.at(to), length),
+                chord: along(&nodes.at(from), &nodes.at(to), length),
             }
         };
         let pairs = || pieces.chunk_by(|a, b| a[0] == b[0]);
         let mut boundaries = Vec::with_capacity(pairs().count());
-        boundaries
-            .extend(pairs().map(|same| ((same[0][0] >> 16, same[0][0] & 0xffff), added(same.iter().map(border)))));
+        boundaries.extend(pairs().map(|same| (same[0][0], added(same.iter().map(border)))));
         Ok(boundaries)
     })?;
     Ok(joined(&parts))
@@ -247,17 +254,17 @@ fn added(mut edges: impl Iterator<Item = ContractedEdge>) -> ContractedEdge {
 }
 
 /// One boundary for each pair of nodes, from those of all chunks, added in the order of the chunks.
-fn joined(parts: &[Boundaries]) -> Boundaries {
+fn joined(parts: &[Vec<(Pair, ContractedEdge)>]) -> Boundaries {
     let each = || parts.iter().flatten();
-    let mut order: Vec<((u32, u32), u32, u32)> = Vec::with_capacity(each().count());
+    let mut order: Vec<[u32; 3]> = Vec::with_capacity(each().count());
     for (chunk, part) in (0..).zip(parts) {
-        order.extend((0..).zip(part).map(|(at, (pair, _))| (*pair, chunk, at)));
+        order.extend((0..).zip(part).map(|(at, (pair, _))| [*pair, chunk, at]));
     }
     order.sort_unstable();
-    let pairs = || order.chunk_by(|a, b| a.0 == b.0);
-    let edge = |&(_, chunk, at): &((u32, u32), u32, u32)| parts[chunk as usize][at as usize].1;
+    let pairs = || order.chunk_by(|a, b| a[0] == b[0]);
+    let edge = |&[_, chunk, at]: &[u32; 3]| parts[chunk as usize][at as usize].1;
     let mut all = Vec::with_capacity(pairs().count());
-    all.extend(pairs().map(|same| (same[0].0, added(same.iter().map(edge)))));
+    all.extend(pairs().map(|same| (nodes_of(same[0][0]), added(same.iter().map(edge)))));
     all
 }
 

@@ -146,9 +146,9 @@ impl<'a> Patch<'a> {
         self.boxes.resize(BOXES.pow(3), SurfaceSum::default());
         self.visited.insert(middle);
         self.walk.push_back((middle, 0.));
-        let (mut total, lengths) = (0f64, lengths(graph));
+        let (mut total, lengths, nodes) = (0f64, lengths(graph), graph.nodes.view());
         while let Some((i, distance)) = self.walk.pop_front() {
-            let node = graph.nodes.at(i as usize);
+            let node = nodes.at(i as usize);
             let share = f64::from(shares.of_node(i as usize, &node));
             total += share;
             let mut at = 0;
@@ -162,6 +162,9 @@ impl<'a> Patch<'a> {
             }
             for (j, step) in lengths.neighbours(i) {
                 if distance + step <= reach && self.visited.insert(j) {
+                    // It is looked at once all that waits before it has been.
+                    nodes.prefetch(j as usize);
+                    lengths.prefetch(j);
                     self.walk.push_back((j, distance + step));
                 }
             }

@@ -36,7 +36,7 @@ impl Steps for Csr<'_> {
 
     #[inline(always)]
     fn prefetch_entries(self, node: u32) {
-        fetch(self, self.span(node).start);
+        self.prefetch(node);
     }
 
     #[inline(always)]
@@ -74,7 +74,7 @@ impl Steps for Plain<'_> {
 
     #[inline(always)]
     fn prefetch_entries(self, node: u32) {
-        fetch(self.csr, self.span(node).start);
+        self.csr.prefetch_from(self.span(node).start);
     }
 
     #[inline(always)]
@@ -89,14 +89,6 @@ impl Steps for Plain<'_> {
             visit(*next, *weight);
         }
     }
-}
-
-/// Fetches the first entries of a row that begins at `start`.
-#[inline(always)]
-fn fetch(graph: Csr<'_>, start: usize) {
-    prefetch(graph.indices, start);
-    prefetch(graph.weights, start);
-    prefetch(graph.weights, start + 2);
 }
 
 /// A graph with its triangle adjacency.

@@ -12,9 +12,9 @@
 //!
 //! Time: in processor time, blocks cost as much as they save (default runs: 2.30 s with them and 2.32 s without over
 //! 1.3 M faces, 11.1 and 11.4 s over 10 M); from four million nodes on, their threads are a gain. Where sources are as
-//! dense as those of a contraction they are a gain on smaller meshes as well: blocks are small enough for a core's cache,
-//! and hardly wait for each other (33 instead of 85 ms over 1.3 M faces, two threads beside one). Meshes whose neighbours
-//! lie far apart in the file would send too many messages: they keep the single front.
+//! dense as those of a contraction, blocks hardly wait for each other, and half a million nodes are enough (over 1.3 M
+//! faces two threads take 35 ms by blocks, and one takes 85). Meshes whose neighbours lie far apart in the file would
+//! send too many messages: they keep the single front.
 //!
 //! Memory: the messages, 12 bytes for every edge between blocks: a quarter byte per node or less.
 
@@ -37,12 +37,11 @@ const MANY: usize = 64;
 const FEW: usize = SAMPLE / 25;
 /// Steps that are looked at.
 const SAMPLE: usize = 1 << 14;
-/// Nodes of a block where sources are dense: its rows and values stay in a core's own cache.
-const DENSE_BLOCK: usize = 1 << 14;
-/// Nodes per source at the most where sources are dense: a source's nodes are narrow beside a block.
-const DENSE: usize = DENSE_BLOCK / 64;
-/// Blocks at the least where sources are dense.
-const DENSE_BLOCKS: usize = 16;
+/// Nodes per source at the most where sources are dense: what is nearest to one is narrow beside a block.
+const DENSE: usize = PIECE_NODES / 64;
+/// Blocks and steps that leave one, likewise, where sources are dense.
+const MANY_IF_DENSE: usize = 8;
+const FEW_IF_DENSE: usize = SAMPLE / 10;
 /// Entries whose shorter paths are gathered before any is taken, as in [`super::front`].
 const GATHER: usize = 32;
 
@@ -50,14 +49,16 @@ const GATHER: usize = 32;
 /// kernel can keep in memory, and where several threads can share the blocks.
 pub fn is_by_blocks(graph: Csr<'_>, run: &Run) -> bool {
     Pages::needed(graph, 8 * graph.len(), run)
-        || (run.threads > 1 && graph.len() >= MANY * PIECE_NODES && leaving(graph, PIECE_NODES) <= FEW)
+        || (run.threads > 1 && graph.len() >= MANY * PIECE_NODES && leaving(graph) <= FEW)
 }
 
-/// How many of [`SAMPLE`] steps, evenly spread, lead from one block of `block` nodes to another.
-fn leaving(graph: Csr<'_>, block: usize) -> usize {
+/// How many of [`SAMPLE`] steps, evenly spread, lead from one block to another.
+fn leaving(graph: Csr<'_>) -> usize {
     let nodes = (0..SAMPLE / 3).map(|k| (k as u64 * graph.len() as u64 / (SAMPLE as u64 / 3)) as u32);
     nodes
-        .map(|node| graph.neighbours(node).filter(|(to, _)| *to as usize / block != node as usize / block).count())
+        .map(|node| {
+            graph.neighbours(node).filter(|(to, _)| *to as usize / PIECE_NODES != node as usize / PIECE_NODES).count()
+        })
         .sum()
 }
 
@@ -66,21 +67,15 @@ fn by_blocks<'a>(graph: Csr<'a>, run: &Run) -> Option<BlockDijkstra<'a>> {
     is_by_blocks(graph, run).then(|| BlockDijkstra::within_budget(graph, run))
 }
 
-/// Dijkstra by small blocks for `graph`, where the nodes of each of `sources` sources hardly reach from one to another;
-/// `None` where one front is better.
-fn by_small_blocks<'a>(graph: Csr<'a>, sources: usize, run: &Run) -> Option<BlockDijkstra<'a>> {
-    let dense = sources >= graph.len() / DENSE && graph.len() >= DENSE_BLOCKS * DENSE_BLOCK;
-    let use_blocks = run.threads > 1
-        && dense
-        && messages(graph, DENSE_BLOCK) <= run.budget.left() as f64 / 4.
-        && leaving(graph, DENSE_BLOCK) <= FEW;
-    use_blocks.then(|| BlockDijkstra::new(graph, DENSE_BLOCK, run.threads, &run.cancel))
-}
-
-/// Bytes of the messages between blocks of `block` nodes: the boundary of a block of B nodes is some 4 √B edges, and
-/// messages are held twice while they are sorted.
-fn messages(graph: Csr<'_>, block: usize) -> f64 {
-    100. * graph.len() as f64 / (block as f64).sqrt()
+/// The same from `sources` sources: where they are dense, blocks hardly wait for each other, and fewer of them are a gain.
+fn by_blocks_from<'a>(graph: Csr<'a>, sources: usize, run: &Run) -> Option<BlockDijkstra<'a>> {
+    let dense = || {
+        run.threads > 1
+            && sources >= graph.len() / DENSE
+            && graph.len() >= MANY_IF_DENSE * PIECE_NODES
+            && leaving(graph) <= FEW_IF_DENSE
+    };
+    (is_by_blocks(graph, run) || dense()).then(|| BlockDijkstra::within_budget(graph, run))
 }
 
 /// What [`Front::nearest_source`] gives, in memory or by blocks.
@@ -88,7 +83,7 @@ fn messages(graph: Csr<'_>, block: usize) -> f64 {
 /// # Errors
 /// [`crate::base::Error::Cancelled`].
 pub fn nearest_source(graph: Csr<'_>, sources: &[u32], field: &mut [f32], label: &mut [u32], run: &Run) -> Result<()> {
-    match by_blocks(graph, run).or_else(|| by_small_blocks(graph, sources.len(), run)) {
+    match by_blocks_from(graph, sources.len(), run) {
         None => Front::over(graph).nearest_source(graph, sources, field, label, &run.cancel).map(drop),
         Some(blocks) => blocks.nearest_source(sources, field, label),
     }
@@ -262,6 +257,8 @@ impl<'a> BlockDijkstra<'a> {
 
     /// Over `graph` in blocks that suit the budget.
     pub(super) fn within_budget(graph: Csr<'a>, run: &Run) -> Self {
+        // The boundary of a block of B nodes is some 4 √B edges; messages are held twice while they are sorted.
+        let bytes_for = |block: usize| 100. * graph.len() as f64 / (block as f64).sqrt();
         let mut block = PIECE_NODES;
         // A front goes through fewer larger blocks: fewer rounds, of which each reads all that is not in memory.
         let paged = Pages::needed(graph, 8 * graph.len(), run);
@@ -271,7 +268,7 @@ impl<'a> BlockDijkstra<'a> {
                 block *= 2;
             }
         }
-        while block < graph.len() && messages(graph, block) > run.budget.left() as f64 / 4. {
+        while block < graph.len() && bytes_for(block) > run.budget.left() as f64 / 4. {
             block *= 2;
         }
         Self { paged, ..Self::new(graph, block, run.threads, &run.cancel) }
@@ -648,25 +645,21 @@ mod tests {
     }
 
     #[test]
-    fn small_blocks_are_for_dense_sources_of_near_neighbours() {
-        let n = DENSE_BLOCKS * DENSE_BLOCK + 1_000;
-        let run = |threads, budget| Run { threads, budget: Budget::new(budget), ..Run::new(&()) };
-        let wide = run(2, 1 << 30);
-        for (step, every, small) in [(1, 50, true), (1, 7_001, false), (DENSE_BLOCK + 1, 50, false)] {
+    fn fewer_blocks_are_enough_where_sources_are_dense() {
+        let n = MANY_IF_DENSE * PIECE_NODES + 1_000;
+        for (step, every, dense) in [(1, 50, true), (1, 7_001, false), (PIECE_NODES + 1, 50, false)] {
             let (starts, indices, weights) = ring(n, step);
             let graph = Csr::new(starts.view(), &indices, &weights);
             let sources: Vec<u32> = (0..n as u32).step_by(every).collect();
-            assert!(!is_by_blocks(graph, &wide));
-            assert_eq!(by_small_blocks(graph, sources.len(), &wide).is_some(), small, "{step} {every}");
-            for too_little in [run(1, 1 << 30), run(2, 1 << 10)] {
-                assert!(by_small_blocks(graph, sources.len(), &too_little).is_none());
+            let (mut fields, mut labels) = ([vec![0f32; n], vec![0f32; n]], [vec![0u32; n], vec![0u32; n]]);
+            for (k, threads) in [1, 2].into_iter().enumerate() {
+                let run = Run { threads, budget: Budget::new(1 << 30), resident: 1 << 40, ..Run::new(&()) };
+                assert!(!is_by_blocks(graph, &run));
+                let by_blocks = by_blocks_from(graph, sources.len(), &run).is_some();
+                assert_eq!(by_blocks, dense && threads > 1, "{step} {every} {threads}");
+                nearest_source(graph, &sources, &mut fields[k], &mut labels[k], &run).unwrap();
             }
-            let (mut field, mut label) = (vec![0f32; n], vec![0u32; n]);
-            nearest_source(graph, &sources, &mut field, &mut label, &wide).unwrap();
-            let (mut expected, mut nearest) = (vec![0f32; n], vec![0u32; n]);
-            let mut front = Front::over(graph);
-            front.nearest_source(graph, &sources, &mut expected, &mut nearest, &Cancel::default()).unwrap();
-            assert!(field == expected && label == nearest, "{step} {every}");
+            assert!(fields[0] == fields[1] && labels[0] == labels[1], "{step} {every}");
         }
     }
 }

@@ -10,7 +10,7 @@
 
 use super::csr::INDICES;
 use super::dual_edges::{CENTROID_DISTANCES, DualEdges, EDGES, Entry, RowScratch};
-use super::half_edge_pairs::{AGAINST, HalfEdgePair, HalfEdgePairs, NO_NODE};
+use super::half_edge_pairs::{AGAINST, AcrossCorner, HalfEdgePair, HalfEdgePairs, NO_NODE};
 use super::node_geometry::NodeGeometry;
 use super::nodes::{Frame, Node};
 use super::row_starts::{PackedPart, RowStartsWriter, StartsForm};
@@ -20,7 +20,6 @@ use crate::base::simd::{SimdKernel, dispatch};
 use crate::mesh::Mesh;
 use crate::store::Context;
 use std::ops::Range;
-use std::sync::atomic::{AtomicU32, Ordering::Relaxed};
 
 /// Nodes that a thread takes at a time; whole blocks of row starts.
 const NODES: usize = 1 << 14;
@@ -86,8 +85,8 @@ struct Rows<'a> {
 
 /// The number of different nodes among those `across` the edges of a face.
 #[inline]
-fn degree(across: &[AtomicU32]) -> u32 {
-    let node = |k: usize| across[k].load(Relaxed) & !AGAINST;
+fn degree(across: &[AcrossCorner]) -> u32 {
+    let node = |k: usize| across[k].node() & !AGAINST;
     if across.len() == 3 {
         let [a, b, c] = [node(0), node(1), node(2)];
         let none = NO_NODE & !AGAINST;
@@ -105,7 +104,7 @@ struct Assembled<'a> {
     frame: &'a Frame,
     nodes: &'a [Node],
     /// The node across each corner's edge.
-    across: &'a [AtomicU32],
+    across: &'a [AcrossCorner],
     range: Range<usize>,
     out: Rows<'a>,
     scratch: &'a mut RowScratch,
@@ -124,7 +123,7 @@ impl SimdKernel for Assembled<'_> {
         for face in range {
             let span = mesh.faces.corner_range(face);
             if let (Some([a, b, c]), [x, y, z]) = (triangle(face), &across[span.clone()]) {
-                let links = [x.load(Relaxed), y.load(Relaxed), z.load(Relaxed)];
+                let links = [x.node(), y.node(), z.node()];
                 let near = [links[0] & !AGAINST, links[1] & !AGAINST, links[2] & !AGAINST];
                 let three = (near[0] != near[1]) & (near[1] != near[2]) & (near[0] != near[2]);
                 let found = (nodes.get(near[0] as usize), nodes.get(near[1] as usize), nodes.get(near[2] as usize));
@@ -148,7 +147,7 @@ impl SimdKernel for Assembled<'_> {
                 }
             }
             let row = mesh.faces.with(face, |corners| {
-                let links = across[span.clone()].iter().map(|link| link.load(Relaxed));
+                let links = across[span.clone()].iter().map(AcrossCorner::node);
                 let pairs = span.clone().zip(links).filter(|(_, node)| *node != NO_NODE);
                 let pairs = pairs.map(|(corner, node)| HalfEdgePair { corner: corner as u32, node });
                 let points = corners.iter().map(|&v| frame.place(positions.get(v)));

@@ -7,7 +7,7 @@
 use super::row_starts::{OwnedRowStarts, RowStarts, StartsForm};
 use crate::base::{Error, Result};
 use crate::store::direct::DirectArray;
-use crate::store::mapped::AlignedBuffer;
+use crate::store::mapped::{AlignedBuffer, prefetch};
 use crate::store::{MappedSlice, Run, WorkDir};
 use bytemuck::{Pod, Zeroable};
 use std::ops::Range;
@@ -150,6 +150,20 @@ impl<'a> Csr<'a> {
     pub fn neighbours(self, node: u32) -> impl Iterator<Item = (u32, f32)> + Clone + 'a {
         let span = self.span(node);
         self.indices[span.clone()].iter().copied().zip(self.weights[span].iter().copied())
+    }
+
+    /// Asks the processor to fetch the first steps from `node`.
+    #[inline(always)]
+    pub fn prefetch(self, node: u32) {
+        self.prefetch_from(self.span(node).start);
+    }
+
+    /// Asks the processor to fetch the first entries of a row that begins at `start`.
+    #[inline(always)]
+    pub fn prefetch_from(self, start: usize) {
+        prefetch(self.indices, start);
+        prefetch(self.weights, start);
+        prefetch(self.weights, start + 2);
     }
 
     /// Asks the kernel to read the rows of `nodes` soon ([`Run::will_need`]).

@@ -16,6 +16,7 @@ use crate::mesh::Mesh;
 use crate::store::Context;
 use crate::store::budget::Grant;
 use crate::store::shuffle::{BLOCK_BYTES, BudgetedShuffle, Producer, RangeBuckets, Shuffle};
+use bytemuck::allocation::zeroed_vec;
 use bytemuck::{Pod, Zeroable};
 use std::ops::Range;
 use std::sync::Mutex;
@@ -26,6 +27,24 @@ use std::sync::atomic::{AtomicU32, AtomicUsize, Ordering::Relaxed};
 pub const AGAINST: u32 = PARITY;
 /// No pair, in the table; no node has this number, with [`AGAINST`] or without.
 pub(super) const NO_NODE: u32 = u32::MAX;
+/// The node across a corner's edge, or [`NO_NODE`]. It is kept as its complement: zeroed memory holds no node, and is not
+/// touched before there is one.
+#[derive(Debug, Zeroable)]
+#[repr(transparent)]
+pub(super) struct AcrossCorner(AtomicU32);
+
+impl AcrossCorner {
+    #[inline(always)]
+    pub fn node(&self) -> u32 {
+        !self.0.load(Relaxed)
+    }
+
+    #[inline(always)]
+    fn set(&self, node: u32) {
+        self.0.store(!node, Relaxed);
+    }
+}
+
 /// Nodes handed over at a time from the table.
 const CHUNK: usize = 1 << 14;
 
@@ -69,7 +88,7 @@ pub struct HalfEdgePairs<'a> {
 #[derive(Debug)]
 enum Kind<'a> {
     /// A node a corner, and what did not fit.
-    Table { across: Vec<AtomicU32>, more: Mutex<Vec<HalfEdgePair>>, _grant: Grant },
+    Table { across: Vec<AcrossCorner>, more: Mutex<Vec<HalfEdgePair>>, _grant: Grant },
     /// By node, in buckets.
     Shuffled { sized: BudgetedShuffle<HalfEdgePair>, by_node: RangeBuckets },
     /// Those between blocks by block; how many there are within; the blocks, from [`HalfEdgePairs::keep`] on.
@@ -84,7 +103,7 @@ enum Kind<'a> {
 
 /// Where one thread adds pairs; close it with [`PairSink::finish`].
 pub(super) enum PairSink<'a> {
-    Table(&'a [AtomicU32], &'a Mutex<Vec<HalfEdgePair>>),
+    Table(&'a [AcrossCorner], &'a Mutex<Vec<HalfEdgePair>>),
     Shuffled(Producer<'a, HalfEdgePair>, RangeBuckets),
     /// Of one block each; nodes a block.
     Between(Producer<'a, HalfEdgePair>, usize),
@@ -130,7 +149,7 @@ impl<'a> HalfEdgePairs<'a> {
         let bytes = 4 * corners as u64;
         if fit(corners as u64, context.run.budget.left()) {
             let grant = context.run.budget.take("matching edges", bytes, bytes)?;
-            let across = (0..corners).map(|_| AtomicU32::new(NO_NODE)).collect();
+            let across = zeroed_vec(corners);
             return Ok(Self { nodes, kind: Kind::Table { across, more: Mutex::default(), _grant: grant } });
         }
         if let Some(blocks) = blocks {
@@ -190,7 +209,7 @@ impl<'a> HalfEdgePairs<'a> {
     }
 
     /// The node across each corner's edge, or [`NO_NODE`], where that is a table and no corner has two pairs.
-    pub(super) fn table(&self) -> Option<&[AtomicU32]> {
+    pub(super) fn table(&self) -> Option<&[AcrossCorner]> {
         let Kind::Table { across, more, .. } = &self.kind else { return None };
         lock(more).is_empty().then_some(across)
     }
@@ -236,8 +255,8 @@ impl<'a> HalfEdgePairs<'a> {
         match &self.kind {
             Kind::Table { across, more, .. } => {
                 let mut pairs = Vec::with_capacity(corners.len());
-                pairs.extend(corners.clone().zip(&across[corners.clone()]).filter_map(|(corner, node)| {
-                    let node = node.load(Relaxed);
+                pairs.extend(corners.clone().zip(&across[corners.clone()]).filter_map(|(corner, across)| {
+                    let node = across.node();
                     (node != NO_NODE).then_some(HalfEdgePair { corner: corner as u32, node })
                 }));
                 let more = lock(more);
@@ -275,8 +294,8 @@ impl PairSink<'_> {
             Self::Table(across, more) => {
                 // All pairs of an edge come from one thread at a time, so nobody else writes here.
                 let place = &across[pair.corner as usize];
-                if place.load(Relaxed) == NO_NODE {
-                    place.store(pair.node, Relaxed);
+                if place.node() == NO_NODE {
+                    place.set(pair.node);
                 } else {
                     lock(more).push(pair);
                 }

@@ -11,6 +11,7 @@ use super::nodes::{self, Frame, Node};
 use crate::base::Result;
 use crate::base::vector::distance;
 use crate::mesh::Mesh;
+use crate::store::mapped::prefetch;
 use crate::store::{MappedSlice, Run};
 use std::ops::Range;
 use std::sync::Arc;
@@ -116,6 +117,14 @@ impl<'a> NodeView<'a> {
         match self.0 {
             Look::Array(array) => array[node],
             Look::Mesh(mesh) => mesh.node(node),
+        }
+    }
+
+    /// Asks the processor to fetch the node `node`, where it lies in an array.
+    #[inline]
+    pub fn prefetch(self, node: usize) {
+        if let Look::Array(array) = self.0 {
+            prefetch(array, node);
         }
     }
 

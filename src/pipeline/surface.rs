@@ -266,9 +266,12 @@ impl SurfaceStage<'_> {
     ) -> Result<()> {
         // Fronts by blocks keep all threads busy.
         let by_blocks = voronoi::is_by_blocks(normals::lengths(self.graph), context.run);
+        let at_a_time = if by_blocks { 1 } else { context.run.threads.min(radii.len()).max(1) };
+        let run = context.run.with_threads((context.run.threads / at_a_time) as u64);
+        let context = Context::new(context.work, &run);
         let made = map_chunks(
-            if by_blocks { 1 } else { context.run.threads.min(radii.len()) },
-            &context.run.cancel,
+            at_a_time,
+            &run.cancel,
             radii.len(),
             || (),
             |k, ()| {
