@@ -18,6 +18,7 @@ use super::max_flow::MaxFlow;
 use crate::base::union_find::Forest;
 use crate::base::{Cancel, Result};
 use crate::store::Run;
+use std::cmp::Reverse;
 use std::collections::{BTreeMap, BTreeSet};
 
 /// How far from a boundary, in faces, one cut may move it.
@@ -47,10 +48,12 @@ pub fn shorten(graph: &BandGraph, labels: &mut [u32], run: &Run) -> Result<()> {
         boundaries.retain(|(pair, _)| pass == 0 || pair.iter().any(|label| before.contains(label)));
         for round in rounds(&boundaries) {
             let band = LabelledBand { graph, pieces: &pieces, labels, scale };
-            let begin = band.at_boundaries(&round);
-            let cut = |k: usize, place: &mut Vec<u32>| band.cut(round[k].0, &begin[k], place, &run.cancel);
-            let changes = run.map_chunks(round.len(), || vec![NONE; labels.len()], cut)?;
-            for ((pair, _), changes) in round.iter().zip(changes) {
+            let mut begin: Vec<_> = round.iter().map(|(pair, _)| *pair).zip(band.at_boundaries(&round)).collect();
+            // The longest first: no thread is left with it in the end.
+            begin.sort_by_key(|(_, positions)| Reverse(positions.len()));
+            let cut = |k: usize, place: &mut Vec<u32>| band.cut(begin[k].0, &begin[k].1, place, &run.cancel);
+            let changes = run.map_chunks(begin.len(), || vec![NONE; labels.len()], cut)?;
+            for ((pair, _), changes) in begin.iter().zip(changes) {
                 if !changes.is_empty() {
                     moved.extend(*pair);
                 }
