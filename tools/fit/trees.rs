@@ -3,11 +3,12 @@
 use super::data::{Data, Overlap};
 use nystrom_stream::base::Result;
 use nystrom_stream::cluster::parts::ensemble::{
-    MeasuredSuperfaces, OverSegmentation, draw_ensemble, mean_over_ensemble,
+    MeasuredSuperfaces, MeetingProbabilities, OverSegmentation, draw_ensemble, mean_over_ensemble,
 };
 use nystrom_stream::cluster::parts::labelling::soft_hierarchy;
 use nystrom_stream::cluster::parts::merge_features::FEATURES;
 use nystrom_stream::cluster::parts::merges::{MergeModel, RegionMerge, meeting_probability, merges};
+use nystrom_stream::cluster::parts::regions::RegionPieces;
 use nystrom_stream::cluster::parts::{CellGraph, PartsParams, Superfaces};
 use nystrom_stream::spectral::anchor::LandmarkDistances;
 use nystrom_stream::store::Run;
@@ -69,7 +70,8 @@ impl Trees {
         let meet = |tree: &Tree| {
             let judged = |m: &RegionMerge| RegionMerge { probability: probability(&m.features), ..*m };
             let merges: Vec<RegionMerge> = tree.merges.iter().map(judged).collect();
-            (tree.region.clone(), meeting_probability(tree.regions, &merges))
+            let blocks = vec![meeting_probability(tree.regions, &merges)];
+            (tree.region.clone(), MeetingProbabilities { pieces: RegionPieces::whole(tree.regions), blocks })
         };
         let trees: Vec<_> = self.trees.iter().map(meet).collect();
         let together = mean_over_ensemble(self.superfaces.len(), &trees, &run)?;

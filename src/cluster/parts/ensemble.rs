@@ -14,7 +14,7 @@ use super::convexity::{PairSums, WIDTHS, convexity};
 use super::folding::log_folding;
 use super::matrix::Square;
 use super::merges::{MergeModel, meeting_probability, merges};
-use super::regions::{CellMoments, EMBEDDING_DIMENSIONS, RegionLabels, Regions, cell_moments};
+use super::regions::{CellMoments, EMBEDDING_DIMENSIONS, RegionLabels, RegionPieces, Regions, cell_moments};
 use super::thickness::log_thickness;
 use crate::base::Result;
 use crate::base::random::{Random, below, mixed, stream};
@@ -163,9 +163,23 @@ impl MeasuredSuperfaces {
 
     /// Region sums of a labelling of cells that is constant on superfaces.
     pub fn regions(&self, cells: &CellGraph, region: &[u32], n: usize, width: usize) -> Regions {
-        let labels = RegionLabels { of_cell: region, of_superface: &self.superfaces.labels(region), count: n };
-        let log_folding = self.log_folding;
-        Regions { log_folding, ..Regions::gather(cells, &self.moments, &self.sums, labels, width) }
+        let whole = RegionPieces::whole(n);
+        self.regions_in_pieces(cells, region, &whole, width).pop().unwrap_or_default()
+    }
+
+    /// The same for each of the `pieces` that the regions lie in.
+    pub fn regions_in_pieces(
+        &self,
+        cells: &CellGraph,
+        region: &[u32],
+        pieces: &RegionPieces,
+        width: usize,
+    ) -> Vec<Regions> {
+        let (of_superface, count) = (self.superfaces.labels(region), pieces.region_count());
+        let labels = RegionLabels { of_cell: region, of_superface: &of_superface, count };
+        let mut all = Regions::gather_pieces(cells, &self.moments, &self.sums, labels, pieces, width);
+        all.iter_mut().for_each(|regions| regions.log_folding = self.log_folding);
+        all
     }
 }
 
@@ -221,14 +235,33 @@ pub fn co_association(
         || (),
         |k, ()| {
             let m = &ensemble[k];
-            let regions = measured.regions(cells, &m.region, m.regions, m.width);
-            Ok((
-                measured.superfaces.labels(&m.region),
-                meeting_probability(m.regions, &merges(regions, model, |_, _| false)),
-            ))
+            let pieces = RegionPieces::connected(cells, &m.region, m.regions);
+            let regions = measured.regions_in_pieces(cells, &m.region, &pieces, m.width);
+            let meet = |r: Regions| meeting_probability(r.len(), &merges(r, model, |_, _| false));
+            let blocks = regions.into_iter().map(meet).collect();
+            Ok((measured.superfaces.labels(&m.region), MeetingProbabilities { pieces, blocks }))
         },
     )?;
     mean_over_ensemble(measured.superfaces.len(), &trees, run)
+}
+
+/// The [`meeting_probability`] of any two regions of an over-segmentation; 0 for those of different pieces.
+#[derive(Clone, Debug)]
+pub struct MeetingProbabilities {
+    /// The pieces that the regions lie in.
+    pub pieces: RegionPieces,
+    /// The probabilities within each piece.
+    pub blocks: Vec<Square>,
+}
+
+impl MeetingProbabilities {
+    /// Those of `region` and each other one, into `row` (regions).
+    fn put_row(&self, region: u32, row: &mut [f64]) {
+        let (piece, place) = self.pieces.place(region);
+        row.fill(0.0);
+        let values = self.blocks[piece].row(place);
+        self.pieces.regions(piece).iter().zip(values).for_each(|(&other, &p)| row[other as usize] = p);
+    }
 }
 
 /// C of `n` superfaces from the regions that each over-segmentation puts them in and the probabilities that two
@@ -236,13 +269,14 @@ pub fn co_association(
 ///
 /// # Errors
 /// Cancellation.
-pub fn mean_over_ensemble(n: usize, trees: &[(Vec<u32>, Square)], run: &Run) -> Result<Square> {
+pub fn mean_over_ensemble(n: usize, trees: &[(Vec<u32>, MeetingProbabilities)], run: &Run) -> Result<Square> {
     let share = 1.0 / trees.len().max(1) as f64;
     let rows = run.map_ranges(n, SUPERFACES_PER_CHUNK, |range| {
         let mut out = vec![0.0; range.len() * n];
-        for (label, p) in trees {
+        for (label, meet) in trees {
+            let mut p = vec![0.0; meet.pieces.region_count()];
             for (a, row) in range.clone().zip(out.chunks_exact_mut(n)) {
-                let p = p.row(label[a] as usize);
+                meet.put_row(label[a], &mut p);
                 row.iter_mut().zip(label).for_each(|(sum, &b)| *sum += p[b as usize]);
             }
         }

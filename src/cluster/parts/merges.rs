@@ -149,3 +149,63 @@ pub fn classes_after(n: usize, merges: &[RegionMerge]) -> Vec<u32> {
     }
     into
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::base::random::{stream, unit};
+    use crate::cluster::parts::CellGraph;
+    use crate::cluster::parts::convexity::convexity;
+    use crate::cluster::parts::regions::{RegionLabels, RegionPieces, cell_moments};
+    use crate::spectral::anchor::AnchorEmbedding;
+    use crate::store::Run;
+
+    /// Thousands of loose pieces took two gigabytes: all pairs of their regions had sums.
+    #[test]
+    fn pieces_merge_on_their_own_as_they_do_together() {
+        // Three strips side by side, their cells in turns; each cell a region of its own.
+        let (strips, long) = (3, 12);
+        let n = strips * long;
+        let mut random = stream(0, "strips");
+        let mut some = || 0.1 + unit(&mut random);
+        let pairs: Vec<[u32; 2]> = (0..(n - strips) as u32).map(|i| [i, i + strips as u32]).collect();
+        let mut angles = || pairs.iter().map(|_| some()).collect::<Vec<f64>>();
+        let (length, concave, convex, convex04) = (angles(), angles(), angles(), angles());
+        let cells = CellGraph {
+            area: (0..n).map(|_| some() / n as f64).collect(),
+            centre: (0..n).map(|i| [0.1 * (i / strips) as f64, 0.12 * (i % strips) as f64, 0.02 * some()]).collect(),
+            normal: vec![[0.0, 0.0, 1.0]; n],
+            pairs,
+            length,
+            concave,
+            convex,
+            convex04,
+            ..CellGraph::default()
+        };
+        let label: Vec<u32> = (0..n as u32).collect();
+        let labels = RegionLabels { of_cell: &label, of_superface: &label, count: n };
+        let embedding = AnchorEmbedding { values: (0..n).map(|_| some()).collect(), width: 1 };
+        let thickness: Vec<f64> = (0..n).map(|_| some()).collect();
+        let moments = cell_moments(&cells, &embedding, &thickness);
+        let sums = convexity(&cells, &thickness, &label, n, &Run::new(&())).unwrap();
+        assert!(sums.iter().any(|s| s.a % 3 != s.b % 3), "strips see each other");
+        let model = MergeModel::default();
+        let together =
+            meeting_probability(n, &merges(Regions::gather(&cells, &moments, &sums, labels, 1), &model, |_, _| false));
+        let pieces = RegionPieces::connected(&cells, &label, n);
+        let each = Regions::gather_pieces(&cells, &moments, &sums, labels, &pieces, 1);
+        assert_eq!(each.len(), strips);
+        for (k, regions) in each.into_iter().enumerate() {
+            let own = meeting_probability(long, &merges(regions, &model, |_, _| false));
+            let of_strip: Vec<u32> = (k as u32..n as u32).step_by(strips).collect();
+            assert_eq!(pieces.regions(k), of_strip);
+            for (a, &i) in of_strip.iter().enumerate() {
+                assert_eq!(pieces.place(i), (k, a));
+                for j in 0..n {
+                    let expected = if j % strips == k { own[(a, j / strips)] } else { 0.0 };
+                    assert_eq!(together[(i as usize, j)], expected, "{i} {j}");
+                }
+            }
+        }
+    }
+}

@@ -4,11 +4,13 @@
 //! costs, and how probable it is that people would make it, comes from these sums alone
 //! ([`super::merge_features`], [`super::merges`]).
 //!
-//! Cost for R regions, some thirty: 23 R × R matrices.
+//! Cost for R regions, some thirty: 23 R × R matrices. Regions that no boundary connects never merge: those of an
+//! object of loose pieces, thousands perhaps, are summed piece by piece ([`RegionPieces`]).
 
 use super::cell_graph::CellGraph;
 use super::convexity::PairSums;
 use super::matrix::{Square, products};
+use crate::base::union_find::Forest;
 use crate::spectral::anchor::AnchorEmbedding;
 use bytemuck::{Pod, Zeroable};
 
@@ -68,6 +70,60 @@ pub struct RegionLabels<'a> {
     pub of_superface: &'a [u32],
     /// Number of regions R.
     pub count: usize,
+}
+
+/// Connected pieces of regions, in the order of their first ones, and the regions of each, ascending.
+#[derive(Clone, Debug, PartialEq)]
+pub struct RegionPieces {
+    /// Piece of each region, and its place there (R).
+    of_region: Vec<(u32, u32)>,
+    /// The regions of each piece.
+    regions: Vec<Vec<u32>>,
+}
+
+impl RegionPieces {
+    /// All `count` regions as one piece.
+    pub fn whole(count: usize) -> RegionPieces {
+        let all = 0..count as u32;
+        RegionPieces { of_region: all.clone().map(|place| (0, place)).collect(), regions: vec![all.collect()] }
+    }
+
+    /// The pieces of the `count` regions `of_cell` (S): two that touch are in one.
+    pub fn connected(cells: &CellGraph, of_cell: &[u32], count: usize) -> RegionPieces {
+        let mut forest = Forest::new(count);
+        for &[i, j] in &cells.pairs {
+            forest.join(of_cell[i as usize], of_cell[j as usize]);
+        }
+        let mut pieces = RegionPieces { of_region: Vec::with_capacity(count), regions: Vec::new() };
+        let mut piece_of = vec![u32::MAX; count];
+        for region in 0..count as u32 {
+            let piece = &mut piece_of[forest.find(region) as usize];
+            if *piece == u32::MAX {
+                *piece = pieces.regions.len() as u32;
+                pieces.regions.push(Vec::new());
+            }
+            let regions = &mut pieces.regions[*piece as usize];
+            pieces.of_region.push((*piece, regions.len() as u32));
+            regions.push(region);
+        }
+        pieces
+    }
+
+    /// Number of regions.
+    pub fn region_count(&self) -> usize {
+        self.of_region.len()
+    }
+
+    /// The piece of `region`, and its place there.
+    pub fn place(&self, region: u32) -> (usize, usize) {
+        let (piece, place) = self.of_region[region as usize];
+        (piece as usize, place as usize)
+    }
+
+    /// The regions of `piece`, ascending.
+    pub fn regions(&self, piece: usize) -> &[u32] {
+        &self.regions[piece]
+    }
 }
 
 /// Sums over R regions and over pairs of them.
@@ -150,20 +206,10 @@ fn add<T: Pod>(to: &mut T, sums: &T) {
 }
 
 impl Regions {
-    /// Sums over the regions that `labels` name.
-    ///
-    /// `moments` are the cells' own (S), `sums` those between superfaces; `width` selects the pair width among
-    /// [`super::convexity::WIDTHS`]. The surface counts as one without folds.
-    pub fn gather(
-        cells: &CellGraph,
-        moments: &[CellMoments],
-        sums: &[PairSums],
-        labels: RegionLabels<'_>,
-        width: usize,
-    ) -> Regions {
-        let RegionLabels { of_cell: region, of_superface, count: n } = labels;
+    /// No sums yet of `n` regions.
+    fn zeros(n: usize) -> Regions {
         let zeros = || Square::zeros(n);
-        let mut out = Regions {
+        Regions {
             moments: vec![CellMoments::default(); n],
             strength: zeros(),
             length: zeros(),
@@ -176,13 +222,43 @@ impl Regions {
             edges: vec![EdgeSums::default(); n * n],
             perimeter: vec![0.0; n],
             log_folding: 0.0,
-        };
+        }
+    }
+
+    /// Sums over the regions that `labels` name.
+    ///
+    /// `moments` are the cells' own (S), `sums` those between superfaces; `width` selects the pair width among
+    /// [`super::convexity::WIDTHS`]. The surface counts as one without folds.
+    pub fn gather(
+        cells: &CellGraph,
+        moments: &[CellMoments],
+        sums: &[PairSums],
+        labels: RegionLabels<'_>,
+        width: usize,
+    ) -> Regions {
+        let whole = RegionPieces::whole(labels.count);
+        Self::gather_pieces(cells, moments, sums, labels, &whole, width).pop().unwrap_or_default()
+    }
+
+    /// The same for each of the `pieces` that the regions lie in, without what is between two of them.
+    pub fn gather_pieces(
+        cells: &CellGraph,
+        moments: &[CellMoments],
+        sums: &[PairSums],
+        labels: RegionLabels<'_>,
+        pieces: &RegionPieces,
+        width: usize,
+    ) -> Vec<Regions> {
+        let RegionLabels { of_cell: region, of_superface, .. } = labels;
+        let mut out: Vec<Regions> = pieces.regions.iter().map(|regions| Regions::zeros(regions.len())).collect();
         for (&r, q) in region.iter().zip(moments) {
-            add(&mut out.moments[r as usize], q);
+            let (piece, place) = pieces.place(r);
+            add(&mut out[piece].moments[place], q);
         }
         for (k, &[i, j]) in cells.pairs.iter().enumerate() {
-            let (a, b) = (region[i as usize] as usize, region[j as usize] as usize);
-            let edge = edge_sums(cells, k);
+            let [(piece, a), (_, b)] = [i, j].map(|i| pieces.place(region[i as usize]));
+            let out = &mut out[piece];
+            let (n, edge) = (out.len(), edge_sums(cells, k));
             add(&mut out.edges[a * n + b], &edge);
             if a != b {
                 add(&mut out.edges[b * n + a], &edge);
@@ -199,23 +275,29 @@ impl Regions {
             }
         }
         // Both halves of the three matrices sum the same numbers in the same order: one half of all three at a time.
-        let mut half = vec![[0.0; 3]; n * n];
+        let mut halves: Vec<_> = out.iter().map(|regions| vec![[0.0; 3]; regions.len() * regions.len()]).collect();
         for s in sums {
-            let (a, b) = (of_superface[s.a as usize] as usize, of_superface[s.b as usize] as usize);
+            let [(piece, a), (other, b)] = [s.a, s.b].map(|s| pieces.place(of_superface[s as usize]));
+            if piece != other {
+                continue;
+            }
             let twice = if a == b && s.a != s.b { 2.0 } else { 1.0 };
-            let sum = &mut half[a.min(b) * n + a.max(b)];
+            let sum = &mut halves[piece][a.min(b) * out[piece].len() + a.max(b)];
             for (sum, x) in sum.iter_mut().zip([s.seen[width], s.all[width], s.thickness_jump[width]]) {
                 *sum += twice * x;
             }
         }
-        for a in 0..n {
-            for b in a..n {
-                let [seen, all, thickness_jump] = half[a * n + b];
-                for (square, x) in
-                    [(&mut out.seen, seen), (&mut out.all, all), (&mut out.thickness_jump, thickness_jump)]
-                {
-                    square[(a, b)] = x;
-                    square[(b, a)] = x;
+        for (out, half) in out.iter_mut().zip(halves) {
+            let n = out.len();
+            for a in 0..n {
+                for b in a..n {
+                    let [seen, all, thickness_jump] = half[a * n + b];
+                    for (square, x) in
+                        [(&mut out.seen, seen), (&mut out.all, all), (&mut out.thickness_jump, thickness_jump)]
+                    {
+                        square[(a, b)] = x;
+                        square[(b, a)] = x;
+                    }
                 }
             }
         }
