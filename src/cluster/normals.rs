@@ -34,15 +34,23 @@ pub fn lengths(graph: &DualGraph) -> Csr<'_> {
     graph.edges.by_distance()
 }
 
-/// Normals at radius `r` (in units of √(area)), written to `file`.
+/// Normals at radius `r` (in units of √(area)), written to `file`, where as many as `at_a_time` are made side by side:
+/// their fronts share the threads.
 ///
 /// # Errors
 /// [`crate::base::Error::Io`], [`crate::base::Error::Cancelled`].
-pub fn smoothed(graph: &DualGraph, shares: &AreaShares, r: f32, file: &str, context: Context<'_>) -> Result<Normals> {
+pub fn smoothed(
+    graph: &DualGraph,
+    shares: &AreaShares,
+    r: f32,
+    file: &str,
+    at_a_time: usize,
+    context: Context<'_>,
+) -> Result<Normals> {
     if graph.nodes.len() < 2 * (1. / (r * r)).round() as usize {
         averaged(graph, shares, r, file, context)
     } else {
-        from_cells(graph, shares, r, file, context)
+        from_cells(graph, shares, r, file, at_a_time, context)
     }
 }
 
@@ -73,14 +81,22 @@ fn unit(v: [f32; 3]) -> Option<[f32; 3]> {
     (length > 1e-20).then(|| v.map(|x| x / length))
 }
 
-fn from_cells(graph: &DualGraph, shares: &AreaShares, r: f32, file: &str, context: Context<'_>) -> Result<Normals> {
+fn from_cells(
+    graph: &DualGraph,
+    shares: &AreaShares,
+    r: f32,
+    file: &str,
+    at_a_time: usize,
+    context: Context<'_>,
+) -> Result<Normals> {
     let n = graph.nodes.len();
     let seeds = seeds(shares, r, file, context.run)?;
     let (field_file, owner_file) = (format!("{file}.field.tmp"), format!("{file}.owner.tmp"));
     let mut owner = context.work.array::<u32>(&owner_file, &[n])?;
     {
         let mut field = context.work.array::<f32>(&field_file, &[n])?;
-        cell_front(graph, &seeds, file).nearest_source(field.data(), owner.data(), context)?;
+        let run = context.run.with_threads((context.run.threads / at_a_time) as u64);
+        cell_front(graph, &seeds, file).nearest_source(field.data(), owner.data(), Context::new(context.work, &run))?;
     }
     context.work.remove(&format!("{field_file}.partial"));
     let owner_data: &[u32] = owner.data();

@@ -267,17 +267,15 @@ impl SurfaceStage<'_> {
         // Fronts by blocks keep all threads busy.
         let by_blocks = voronoi::is_by_blocks(normals::lengths(self.graph), context.run);
         let at_a_time = if by_blocks { 1 } else { context.run.threads.min(radii.len()).max(1) };
-        let run = context.run.with_threads((context.run.threads / at_a_time) as u64);
-        let context = Context::new(context.work, &run);
         let made = map_chunks(
             at_a_time,
-            &run.cancel,
+            &context.run.cancel,
             radii.len(),
             || (),
             |k, ()| {
                 let (radius, file) = (RADII[radii[k]], NORMALS[radii[k]]);
                 match self.kind {
-                    Kind::Faces => normals::smoothed(self.graph, shares, radius, file, context),
+                    Kind::Faces => normals::smoothed(self.graph, shares, radius, file, at_a_time, context),
                     Kind::Contracted => normals::averaged(self.graph, shares, radius, file, context),
                 }
             },
