@@ -22,7 +22,7 @@ use crate::graph::{Csr, RowStarts};
 use crate::store::mapped::{Access, Writeback, advise, will_need};
 
 /// Entries whose shorter paths are gathered before any is taken.
-const GATHER: usize = 32;
+pub(super) const GATHER: usize = 32;
 /// Bucket width of a front over all nodes, in mean weights.
 pub const FRONT_WIDTH: f32 = 0.125;
 /// Visits between looks at the stop flag.

@@ -7,6 +7,7 @@
 //! triangles instead of along edges.
 
 mod block_cache;
+mod block_front;
 mod cached_front;
 pub mod front;
 pub mod journal;

@@ -18,7 +18,8 @@
 //! files, 8 bytes per node of the *whole* graph while it runs, of which only the region's are touched; 8 bytes per
 //! node of the share are kept.
 
-use super::voronoi::{self, BlockDijkstra, Initial, Message, VisitedPieces};
+use super::block_front::{Initial, Message, VisitedPieces};
+use super::voronoi::{self, BlockDijkstra};
 use crate::base::{Error, Result};
 use crate::graph::Csr;
 use crate::store::manifest::FileRecord;

@@ -11,25 +11,27 @@
 //! against a binary heap). Labels at ties are checked again over the final distances ([`super::ties`]).
 //!
 //! Time: in processor time, blocks cost as much as they save (default runs: 2.30 s with them and 2.32 s without over
-//! 1.3 M faces, 11.1 and 11.4 s over 10 M); from four million nodes on, their threads are a gain. Where sources are as
-//! dense as those of a contraction, blocks hardly wait for each other, and half a million nodes are enough (over 1.3 M
-//! faces two threads take 35 ms by blocks, and one takes 85). Meshes whose neighbours lie far apart in the file would
-//! send too many messages: they keep the single front.
+//! 1.3 M faces, 11.1 and 11.4 s over 10 M); from four million nodes on, their threads are a gain. Where sources are
+//! as dense as those of a contraction, blocks hardly wait for each other, and half a million nodes are enough: over
+//! 1.3 M faces two threads take 35 ms by blocks, and one takes 85. Meshes whose neighbours lie far apart in the file
+//! would send too many messages: they keep the single front.
 //!
 //! Memory: the messages, 12 bytes for every edge between blocks: a quarter byte per node or less.
 
+use super::block_front::{Initial, Label, Message, Outcome, Reach, Scratch, Values, front};
 use super::front::{Front, clear_labels, typical_weight};
-use super::paging::{Pages, SHIFT, rows_needed};
-use super::queue::{Entry, Queue};
+use super::paging::{Pages, rows_needed};
+use super::queue::Queue;
 use super::ties::Ties;
 use crate::base::parallel::{fill_two, lock};
 use crate::base::{Cancel, Result};
 use crate::graph::Csr;
 use crate::store::Run;
-use crate::store::mapped::{Access, advise, prefetch, will_need};
+use crate::store::mapped::{Access, advise, prefetch};
 use std::ops::Range;
 use std::sync::Mutex;
-use std::sync::atomic::{AtomicBool, Ordering};
+
+pub use super::block_front::{PIECE_NODES, VisitedPieces};
 
 /// Blocks from which on they save time: 26 of a rough mesh cost a fifth more, 150 of a smooth one save a fifth.
 const MANY: usize = 64;
@@ -42,9 +44,6 @@ const DENSE: usize = PIECE_NODES / 64;
 /// Blocks and steps that leave one, likewise, where sources are dense.
 const MANY_IF_DENSE: usize = 8;
 const FEW_IF_DENSE: usize = SAMPLE / 10;
-/// Entries whose shorter paths are gathered before any is taken, as in [`super::front`].
-const GATHER: usize = 32;
-
 /// Whether fronts from many sources over `graph` go by blocks: where the graph and two values a node are more than the
 /// kernel can keep in memory, and where several threads can share the blocks.
 pub fn is_by_blocks(graph: Csr<'_>, run: &Run) -> bool {
@@ -67,7 +66,7 @@ fn by_blocks<'a>(graph: Csr<'a>, run: &Run) -> Option<BlockDijkstra<'a>> {
     is_by_blocks(graph, run).then(|| BlockDijkstra::within_budget(graph, run))
 }
 
-/// The same from `sources` sources: where they are dense, blocks hardly wait for each other, and fewer of them are a gain.
+/// The same from `sources` sources: where they are dense, blocks hardly wait for each other, and fewer are a gain.
 fn by_blocks_from<'a>(graph: Csr<'a>, sources: usize, run: &Run) -> Option<BlockDijkstra<'a>> {
     let dense = || {
         run.threads > 1
@@ -139,94 +138,10 @@ pub fn propagate_labels(
     }
 }
 
-/// Nodes that one front goes over at the most, and nodes of a block at the least: with rows and
-/// values 2.5 MB, a good read.
-pub const PIECE_NODES: usize = 1 << 16;
 /// Bytes that a processor fetches at once.
 const CACHE_LINE: usize = 64;
 /// Bucket width of these fronts, in mean weights.
 const BUCKET_WIDTH: f32 = 0.5;
-
-/// A label that travels with distances: a number, or nothing at all.
-pub trait Label: Copy + PartialOrd + Send + Sync {}
-impl Label for u32 {}
-impl Label for () {}
-
-/// A shorter path to `node`: from a source, or from a neighbour in another block.
-#[derive(Clone, Copy, Debug)]
-pub(super) struct Message<O> {
-    pub node: u32,
-    pub distance: f32,
-    pub label: O,
-}
-
-/// What a block's front left.
-struct Outcome<O> {
-    messages: Vec<Message<O>>,
-    ties: Ties,
-}
-
-/// Which pieces of a graph, runs of some 2¹⁶ nodes, a front has visited: only there its field has been filled.
-#[derive(Debug)]
-pub struct VisitedPieces {
-    piece: usize,
-    pieces: Vec<AtomicBool>,
-}
-
-impl VisitedPieces {
-    fn new(n: usize, piece: usize, visited: bool) -> Self {
-        Self { piece, pieces: (0..n.div_ceil(piece)).map(|_| AtomicBool::new(visited)).collect() }
-    }
-
-    /// All of `n` nodes.
-    pub fn everything(n: usize) -> Self {
-        Self::new(n, PIECE_NODES, true)
-    }
-
-    /// Whether the piece with `node` was visited.
-    #[inline]
-    pub fn has(&self, node: usize) -> bool {
-        self.pieces[node / self.piece].load(Ordering::Relaxed)
-    }
-
-    /// Marks the piece with `node` as visited. Returns whether it was not before.
-    fn enter(&self, node: usize) -> bool {
-        !self.pieces[node / self.piece].swap(true, Ordering::Relaxed)
-    }
-}
-
-/// What field and labels hold where a front begins.
-#[derive(Clone, Copy)]
-pub(super) enum Initial<'v, O> {
-    /// What they are given with.
-    Given,
-    /// Infinity and this label, filled in block by block, so that nothing is written twice.
-    Fresh(O),
-    /// Infinity, filled in where the front comes to. Labels are as given.
-    FreshWhere(&'v VisitedPieces),
-}
-
-/// How far fronts go, and what they find there.
-#[derive(Clone, Copy)]
-struct Reach<'v, O> {
-    /// Nodes at this distance or beyond are not visited.
-    limit: f32,
-    initial: Initial<'v, O>,
-}
-
-/// The values of consecutive nodes.
-struct Values<'a, O> {
-    /// The first of the nodes.
-    first: usize,
-    field: &'a mut [f32],
-    label: &'a mut [O],
-}
-
-/// Memory for fronts, one after another.
-struct Scratch {
-    queue: Queue,
-    batch: Vec<Entry>,
-}
 
 /// Dijkstra from many sources, block by block in rounds.
 #[derive(Clone, Debug)]
@@ -440,7 +355,7 @@ impl<'a> BlockDijkstra<'a> {
         // The nearest first, so that a front starts where it should.
         if self.block <= PIECE_NODES {
             messages.sort_unstable_by_key(|message| message.distance.to_bits());
-            return Ok(self.front(reach, values, &messages, scratch));
+            return Ok(front(self.graph, self.paged, reach, values, &messages, scratch));
         }
         let Values { first, field, label } = values;
         let mut all = Outcome { messages: Vec::new(), ties: Ties::default() };
@@ -455,7 +370,8 @@ impl<'a> BlockDijkstra<'a> {
                 let start = piece(&group[0]) * PIECE_NODES;
                 let end = (start + PIECE_NODES).min(field.len());
                 let (field, label) = (&mut field[start..end], &mut label[start..end]);
-                let outcome = self.front(reach, Values { first: first + start, field, label }, group, scratch);
+                let outcome =
+                    front(self.graph, self.paged, reach, Values { first: first + start, field, label }, group, scratch);
                 all.ties.add(outcome.ties, Ties::most(self.graph));
                 for message in outcome.messages {
                     let inside = nodes.contains(&(message.node as usize));
@@ -465,126 +381,6 @@ impl<'a> BlockDijkstra<'a> {
             messages = next;
         }
         Ok(all)
-    }
-
-    /// The front inside the nodes whose values are given, from the messages of `inbox`, the
-    /// nearest of which is the first.
-    fn front<O: Label>(
-        &self,
-        Reach { limit, initial }: Reach<'_, O>,
-        Values { first, field, label }: Values<'_, O>,
-        inbox: &[Message<O>],
-        Scratch { queue, batch }: &mut Scratch,
-    ) -> Outcome<O> {
-        let len = field.len();
-        if let (Initial::FreshWhere(visited), false) = (initial, inbox.is_empty())
-            && visited.enter(first)
-        {
-            field.fill(f32::INFINITY);
-        }
-        let pages = if self.paged { len.div_ceil(1 << SHIFT) } else { 0 };
-        let (mut met, mut entered) = (vec![false; pages], vec![false; pages]);
-        let mut block = Block { field, label, ties: Vec::new() };
-        let graph = self.graph;
-        let mut meet = |to: usize, block: &Block<'_, O>| {
-            if let Some(met @ false) = met.get_mut(to >> SHIFT) {
-                *met = true;
-                block.values_needed(to >> SHIFT << SHIFT);
-            }
-        };
-        // Most steps from one block to another reach nothing, and need no rows.
-        let mut enter = |to: usize| {
-            if let Some(entered @ false) = entered.get_mut(to >> SHIFT) {
-                *entered = true;
-                let from = to >> SHIFT << SHIFT;
-                rows_needed(graph, first + from..first + (from + (1 << SHIFT)).min(len));
-            }
-        };
-        let (mut messages, mut shorter) = (Vec::new(), Vec::<Message<O>>::new());
-        let Some(nearest) = inbox.first() else { return Outcome { messages, ties: Ties::default() } };
-        queue.restart(nearest.distance);
-        for message in inbox {
-            let to = message.node as usize - first;
-            meet(to, &block);
-            if block.reach(to, message.distance, message.label) {
-                enter(to);
-                queue.push(Entry { node: to as u32, distance: message.distance });
-            }
-        }
-        while queue.pop_bucket(batch) {
-            for entries in batch.chunks(GATHER) {
-                let mut count = 0;
-                for &Entry { node, distance } in entries {
-                    // Lowered since it was pushed, it is of no use: a later entry does the work.
-                    let useful = block.field[node as usize] >= distance;
-                    let (row, own) = (first as u32 + node, block.label[node as usize]);
-                    let most = count + graph.span(row).len();
-                    if most > shorter.len() {
-                        shorter.resize(most + 4 * GATHER, Message { node: 0, distance: 0., label: own });
-                    }
-                    for (next, weight) in graph.neighbours(row) {
-                        let there = distance + weight;
-                        let useful = useful & (there < limit);
-                        let to = (next as usize).wrapping_sub(first);
-                        if to >= block.field.len() {
-                            if useful {
-                                messages.push(Message { node: next, distance: there, label: own });
-                            }
-                            continue;
-                        }
-                        meet(to, &block);
-                        shorter[count] = Message { node: to as u32, distance: there, label: own };
-                        count += usize::from(useful & (there <= block.field[to]));
-                    }
-                }
-                for &Message { node, distance, label } in &shorter[..count] {
-                    if block.reach(node as usize, distance, label) {
-                        enter(node as usize);
-                        queue.push(Entry { node, distance });
-                    }
-                }
-            }
-            batch.clear();
-        }
-        let ties = block.ties.into_iter().map(|node| first as u32 + node).collect();
-        let ties = Ties::of(ties, Ties::most(graph));
-        Outcome { messages, ties }
-    }
-}
-
-/// The values of a block of nodes.
-struct Block<'a, O> {
-    field: &'a mut [f32],
-    label: &'a mut [O],
-    /// Nodes that met a tie which they had won.
-    ties: Vec<u32>,
-}
-
-impl<O: Label> Block<'_, O> {
-    /// Asks the kernel to read the values of a front's next 2¹⁴ nodes, from `from` on, of this block.
-    #[cold]
-    fn values_needed(&self, from: usize) {
-        let end = (from + (1 << SHIFT)).min(self.field.len());
-        will_need(&self.field[from..end]);
-        if size_of::<O>() > 0 {
-            will_need(&self.label[from..end]);
-        }
-    }
-
-    /// Whether the node `to` of the block is nearer on this path, or as near and won by a smaller label; if so, it is
-    /// entered.
-    #[inline(always)]
-    fn reach(&mut self, to: usize, distance: f32, own: O) -> bool {
-        let nearer = distance < self.field[to];
-        if nearer || (distance == self.field[to] && own < self.label[to]) {
-            self.field[to] = distance;
-            self.label[to] = own;
-            return true;
-        }
-        if distance == self.field[to] && own > self.label[to] {
-            self.ties.push(to as u32);
-        }
-        false
     }
 }
 
