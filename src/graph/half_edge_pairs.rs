@@ -27,8 +27,8 @@ use std::sync::atomic::{AtomicU32, AtomicUsize, Ordering::Relaxed};
 pub const AGAINST: u32 = PARITY;
 /// No pair, in the table; no node has this number, with [`AGAINST`] or without.
 pub(super) const NO_NODE: u32 = u32::MAX;
-/// The node across a corner's edge, or [`NO_NODE`]. It is kept as its complement: zeroed memory holds no node, and is not
-/// touched before there is one.
+/// The node across a corner's edge, or [`NO_NODE`]. It is kept as its complement: zeroed memory holds no node, and is
+/// not touched before there is one.
 #[derive(Debug, Zeroable)]
 #[repr(transparent)]
 pub(super) struct AcrossCorner(AtomicU32);
