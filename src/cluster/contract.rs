@@ -327,3 +327,71 @@ fn assemble(
     let nodes = npy::write(&inner.file(NODE_GEOMETRY), &nodes, 7, false)?.into();
     Ok((DualGraph { edges, nodes, components: None, facts, key }, weighted))
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::cluster::normals::lengths;
+    use crate::distance::voronoi::nearest_source;
+    use crate::mesh::Mesh;
+    use std::collections::BTreeMap;
+
+    /// Triangles in rows over a wavy surface, more than two chunks of them.
+    fn waves() -> Mesh {
+        let (rows, columns) = (140u32, 140u32);
+        let height = |x: u32, y: u32| (f64::from(x) / 7.).sin() * (f64::from(y) / 9.).cos();
+        let points: Vec<[f64; 3]> = (0..rows * columns)
+            .map(|v| [v % columns, v / columns])
+            .map(|[x, y]| [f64::from(x), f64::from(y), height(x, y)])
+            .collect();
+        let corners = (0..rows - 1).flat_map(|y| (0..columns - 1).map(move |x| y * columns + x));
+        let faces: Vec<[u32; 3]> =
+            corners.flat_map(|v| [[v, v + 1, v + columns], [v + 1, v + columns + 1, v + columns]]).collect();
+        Mesh::from_slices(&points, &faces).unwrap()
+    }
+
+    #[test]
+    fn boundaries_are_those_of_one_map_per_chunk() {
+        let (mesh, run) = (waves(), Run::new(&()));
+        let work = WorkDir::temporary(&std::env::temp_dir()).unwrap();
+        let graph = DualGraph::build(&mesh, "waves".as_ref(), &Value::Null, Context::new(&work, &run)).unwrap();
+        let (csr, n) = (lengths(&graph), graph.nodes.len());
+        assert!(n > 2 * CHUNK);
+        let seeds: Vec<u32> = (0..n as u32).step_by(37).collect();
+        let (mut field, mut owner) = (vec![0f32; n], vec![0u32; n]);
+        nearest_source(csr, &seeds, &mut field, &mut owner, &run).unwrap();
+        // A face that no front has come to.
+        owner[5_000] = u32::MAX;
+        let mut expected: BTreeMap<(u32, u32), ContractedEdge> = BTreeMap::new();
+        for chunk in 0..chunk_count(n, CHUNK) {
+            let mut sums: BTreeMap<(u32, u32), ContractedEdge> = BTreeMap::new();
+            let add = |to: &mut BTreeMap<_, ContractedEdge>, pair, edge: ContractedEdge| {
+                to.entry(pair).and_modify(|sum| sum.add(&edge)).or_insert(edge);
+            };
+            for i in chunk_range(n, CHUNK, chunk) {
+                for (e, (j, weight)) in csr.span(i as u32).zip(csr.neighbours(i as u32)) {
+                    let (j, [a, b]) = (j as usize, [i, j as usize].map(|node| owner[node]));
+                    if j > i && a != b && a != u32::MAX && b != u32::MAX {
+                        let (from, to) = if a < b { (i, j) } else { (j, i) };
+                        let length = f64::from(graph.edges.shared().length(i as u32, e).abs());
+                        let chord = along(&graph.nodes.at(from), &graph.nodes.at(to), length);
+                        add(
+                            &mut sums,
+                            (a.min(b), a.max(b)),
+                            ContractedEdge { weight: field[i] + weight + field[j], length, chord },
+                        );
+                    }
+                }
+            }
+            sums.into_iter().for_each(|(pair, edge)| add(&mut expected, pair, edge));
+        }
+        for threads in [1, 3] {
+            let found = borders(&graph, csr, &owner, &field, &Run { threads, ..Run::new(&()) }).unwrap();
+            assert!(found.len() > 1_000 && found.len() == expected.len());
+            for ((pair, edge), (expected_pair, expected)) in found.iter().zip(&expected) {
+                let bits = |edge: &ContractedEdge| (edge.weight, edge.length, edge.chord);
+                assert_eq!((pair, bits(edge)), (expected_pair, bits(expected)));
+            }
+        }
+    }
+}
