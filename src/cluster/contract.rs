@@ -191,9 +191,6 @@ fn interiors(sums: &[SurfaceSum], shares: &AreaShares) -> Vec<Node> {
     sums.iter().map(node).collect()
 }
 
-/// Boundaries by the two nodes that they are between, the lesser first, ascending.
-type Boundaries = Vec<((u32, u32), ContractedEdge)>;
-
 /// Two nodes in one number, the lesser in its upper half: nodes are fewer than 2¹⁶ ([`narrowed`]).
 type Pair = u32;
 
@@ -202,15 +199,19 @@ fn nodes_of(pair: Pair) -> (u32, u32) {
     (pair >> 16, pair & 0xffff)
 }
 
-/// The boundary of a chunk's faces in pieces: the pair of nodes that an edge is between, its face in the chunk and the
-/// edge among those of the face. Their order is that of the pairs, and of the file within a pair.
+/// One boundary for each pair of nodes that touch, ascending.
+type Boundaries = Vec<(Pair, ContractedEdge)>;
+
+/// A piece of the boundary between a pair of nodes, and two numbers that say which and where: pieces of a pair are
+/// added in their order.
 type Piece = [u32; 3];
 
 fn borders(graph: &DualGraph, csr: Csr<'_>, owner: &[u32], field: &[f32], run: &Run) -> Result<Boundaries> {
     let n = owner.len();
     let (edge, nodes) = (graph.edges.shared(), graph.nodes.view());
-    let parts = run.map_chunks(chunk_count(n, CHUNK), Vec::<Piece>::new, |k, pieces| {
-        let range = chunk_range(n, CHUNK, k);
+    // Of a chunk's faces: the face in the chunk, and the edge among those of the face.
+    let parts = run.map_chunks(chunk_count(n, CHUNK), Vec::<Piece>::new, |chunk, pieces| {
+        let range = chunk_range(n, CHUNK, chunk);
         csr.will_need(range.clone(), run);
         run.will_need(owner, range.clone());
         run.will_need(field, range.clone());
@@ -225,8 +226,7 @@ fn borders(graph: &DualGraph, csr: Csr<'_>, owner: &[u32], field: &[f32], run: &
                 pieces.push([a.min(b) << 16 | a.max(b), (i - range.start) as u32, k as u32]);
             }
         }
-        pieces.sort_unstable();
-        let border = |&[pair, i, k]: &Piece| {
+        Ok(added(pieces, |&[pair, i, k]| {
             let i = range.start + i as usize;
             let e = csr.span(i as u32).start + k as usize;
             let j = csr.indices[e] as usize;
@@ -237,35 +237,27 @@ fn borders(graph: &DualGraph, csr: Csr<'_>, owner: &[u32], field: &[f32], run: &
                 length,
                 chord: along(&nodes.at(from), &nodes.at(to), length),
             }
-        };
-        let pairs = || pieces.chunk_by(|a, b| a[0] == b[0]);
-        let mut boundaries = Vec::with_capacity(pairs().count());
-        boundaries.extend(pairs().map(|same| (same[0][0], added(same.iter().map(border)))));
-        Ok(boundaries)
+        }))
     })?;
-    Ok(joined(&parts))
-}
-
-/// The sum of `edges`, one at least, in their order.
-fn added(mut edges: impl Iterator<Item = ContractedEdge>) -> ContractedEdge {
-    let mut sum = edges.next().unwrap_or(ContractedEdge { weight: f32::INFINITY, length: 0., chord: [0.; 3] });
-    edges.for_each(|edge| sum.add(&edge));
-    sum
-}
-
-/// One boundary for each pair of nodes, from those of all chunks, added in the order of the chunks.
-fn joined(parts: &[Vec<(Pair, ContractedEdge)>]) -> Boundaries {
-    let each = || parts.iter().flatten();
-    let mut order: Vec<[u32; 3]> = Vec::with_capacity(each().count());
-    for (chunk, part) in (0..).zip(parts) {
-        order.extend((0..).zip(part).map(|(at, (pair, _))| [*pair, chunk, at]));
+    // Of all of them: the chunk, and the boundary among those of the chunk.
+    let mut pieces: Vec<Piece> = Vec::with_capacity(parts.iter().map(Vec::len).sum());
+    for (chunk, part) in (0..).zip(&parts) {
+        pieces.extend((0..).zip(part).map(|(at, (pair, _))| [*pair, chunk, at]));
     }
-    order.sort_unstable();
-    let pairs = || order.chunk_by(|a, b| a[0] == b[0]);
-    let edge = |&[_, chunk, at]: &[u32; 3]| parts[chunk as usize][at as usize].1;
-    let mut all = Vec::with_capacity(pairs().count());
-    all.extend(pairs().map(|same| (nodes_of(same[0][0]), added(same.iter().map(edge)))));
-    all
+    Ok(added(&mut pieces, |&[_, chunk, at]| parts[chunk as usize][at as usize].1))
+}
+
+/// Sorts `pieces`, and adds up the edges of each pair in their order.
+fn added(pieces: &mut [Piece], edge: impl Fn(&Piece) -> ContractedEdge) -> Boundaries {
+    pieces.sort_unstable();
+    let pairs = || pieces.chunk_by(|a, b| a[0] == b[0]);
+    let mut boundaries = Vec::with_capacity(pairs().count());
+    for same in pairs() {
+        let mut sum = edge(&same[0]);
+        same[1..].iter().for_each(|piece| sum.add(&edge(piece)));
+        boundaries.push((same[0][0], sum));
+    }
+    boundaries
 }
 
 /// The edge between two faces as a vector: `length` across the step from one to the other, in the surface.
@@ -286,7 +278,8 @@ fn assemble(
     key: String,
     inner: &WorkDir,
 ) -> Result<(DualGraph, WeightedGraph)> {
-    let step = |&((a, b), border): &((u32, u32), ContractedEdge)| {
+    let step = |&(pair, border): &(Pair, ContractedEdge)| {
+        let (a, b) = nodes_of(pair);
         let (from, to) = (&nodes[a as usize].centroid, &nodes[b as usize].centroid);
         let gap = norm([0, 1, 2].map(|axis| f64::from(from[axis] - to[axis])));
         // Bridges have no boundary, and stay without.
@@ -390,7 +383,7 @@ mod tests {
             assert!(found.len() > 1_000 && found.len() == expected.len());
             for ((pair, edge), (expected_pair, expected)) in found.iter().zip(&expected) {
                 let bits = |edge: &ContractedEdge| (edge.weight, edge.length, edge.chord);
-                assert_eq!((pair, bits(edge)), (expected_pair, bits(expected)));
+                assert_eq!((nodes_of(*pair), bits(edge)), (*expected_pair, bits(expected)));
             }
         }
     }

@@ -48,10 +48,34 @@ pub fn smoothed(
     context: Context<'_>,
 ) -> Result<Normals> {
     if graph.nodes.len() < 2 * (1. / (r * r)).round() as usize {
-        averaged(graph, shares, r, file, context)
-    } else {
-        from_cells(graph, shares, r, file, at_a_time, context)
+        return averaged(graph, shares, r, file, context);
     }
+    let n = graph.nodes.len();
+    let seeds = seeds(shares, r, file, context.run)?;
+    let (field_file, owner_file) = (format!("{file}.field.tmp"), format!("{file}.owner.tmp"));
+    let mut owner = context.work.array::<u32>(&owner_file, &[n])?;
+    {
+        let mut field = context.work.array::<f32>(&field_file, &[n])?;
+        let run = context.run.with_threads((context.run.threads / at_a_time) as u64);
+        cell_front(graph, &seeds, file).nearest_source(field.data(), owner.data(), Context::new(context.work, &run))?;
+    }
+    context.work.remove(&format!("{field_file}.partial"));
+    let owner_data: &[u32] = owner.data();
+    // Sums of normals are scaled to be near 1.
+    let scale = seeds.len() as f64;
+    let sums = surface_sums(graph, shares, owner_data, seeds.len(), 0., context.run)?;
+    let cells: Vec<SmoothingCell> = sums.iter().map(|sum| SmoothingCell::of(sum, scale)).collect();
+    let near = neighbours(graph, owner_data, seeds.len(), context.run)?;
+    let factor = falloff(r, shares);
+    let mut array = context.work.array::<[f32; 3]>(file, &[n, 3])?;
+    context.run.fill_each(array.data(), CHUNK, |i, _| {
+        let node = graph.nodes.at(i);
+        let near = near.of(owner_data[i]).map(|cell| &cells[cell as usize]);
+        smooth_normal(&node, near, factor)
+    })?;
+    drop(owner);
+    context.work.remove(&format!("{owner_file}.partial"));
+    array.finish(false)
 }
 
 /// The seeds of the micro-cells for normals at radius `r` in `file`, about 1/r², by area.
@@ -79,42 +103,6 @@ pub fn cell_front<'a>(graph: &'a DualGraph, seeds: &'a [u32], file: &'a str) -> 
 fn unit(v: [f32; 3]) -> Option<[f32; 3]> {
     let length = (v[0] * v[0] + v[1] * v[1] + v[2] * v[2]).sqrt();
     (length > 1e-20).then(|| v.map(|x| x / length))
-}
-
-fn from_cells(
-    graph: &DualGraph,
-    shares: &AreaShares,
-    r: f32,
-    file: &str,
-    at_a_time: usize,
-    context: Context<'_>,
-) -> Result<Normals> {
-    let n = graph.nodes.len();
-    let seeds = seeds(shares, r, file, context.run)?;
-    let (field_file, owner_file) = (format!("{file}.field.tmp"), format!("{file}.owner.tmp"));
-    let mut owner = context.work.array::<u32>(&owner_file, &[n])?;
-    {
-        let mut field = context.work.array::<f32>(&field_file, &[n])?;
-        let run = context.run.with_threads((context.run.threads / at_a_time) as u64);
-        cell_front(graph, &seeds, file).nearest_source(field.data(), owner.data(), Context::new(context.work, &run))?;
-    }
-    context.work.remove(&format!("{field_file}.partial"));
-    let owner_data: &[u32] = owner.data();
-    // Sums of normals are scaled to be near 1.
-    let scale = seeds.len() as f64;
-    let sums = surface_sums(graph, shares, owner_data, seeds.len(), 0., context.run)?;
-    let cells: Vec<SmoothingCell> = sums.iter().map(|sum| SmoothingCell::of(sum, scale)).collect();
-    let near = neighbours(graph, owner_data, seeds.len(), context.run)?;
-    let factor = falloff(r, shares);
-    let mut array = context.work.array::<[f32; 3]>(file, &[n, 3])?;
-    context.run.fill_each(array.data(), CHUNK, |i, _| {
-        let node = graph.nodes.at(i);
-        let near = near.of(owner_data[i]).map(|cell| &cells[cell as usize]);
-        smooth_normal(&node, near, factor)
-    })?;
-    drop(owner);
-    context.work.remove(&format!("{owner_file}.partial"));
-    array.finish(false)
 }
 
 /// What normals are smoothed over: a piece of the surface.

@@ -41,14 +41,20 @@ const FEW: usize = SAMPLE / 25;
 const SAMPLE: usize = 1 << 14;
 /// Nodes per source at the most where sources are dense: what is nearest to one is narrow beside a block.
 const DENSE: usize = PIECE_NODES / 64;
-/// Blocks and steps that leave one, likewise, where sources are dense.
+/// [`MANY`] where sources are dense.
 const MANY_IF_DENSE: usize = 8;
+/// [`FEW`] where sources are dense.
 const FEW_IF_DENSE: usize = SAMPLE / 10;
+
 /// Whether fronts from many sources over `graph` go by blocks: where the graph and two values a node are more than the
 /// kernel can keep in memory, and where several threads can share the blocks.
 pub fn is_by_blocks(graph: Csr<'_>, run: &Run) -> bool {
-    Pages::needed(graph, 8 * graph.len(), run)
-        || (run.threads > 1 && graph.len() >= MANY * PIECE_NODES && leaving(graph) <= FEW)
+    Pages::needed(graph, 8 * graph.len(), run) || are_shared(graph, MANY, FEW, run)
+}
+
+/// Whether there are `many` blocks and several threads to share them, and `few` of [`SAMPLE`] steps leave one.
+fn are_shared(graph: Csr<'_>, many: usize, few: usize, run: &Run) -> bool {
+    run.threads > 1 && graph.len() >= many * PIECE_NODES && leaving(graph) <= few
 }
 
 /// How many of [`SAMPLE`] steps, evenly spread, lead from one block to another.
@@ -68,12 +74,7 @@ fn by_blocks<'a>(graph: Csr<'a>, run: &Run) -> Option<BlockDijkstra<'a>> {
 
 /// The same from `sources` sources: where they are dense, blocks hardly wait for each other, and fewer are a gain.
 fn by_blocks_from<'a>(graph: Csr<'a>, sources: usize, run: &Run) -> Option<BlockDijkstra<'a>> {
-    let dense = || {
-        run.threads > 1
-            && sources >= graph.len() / DENSE
-            && graph.len() >= MANY_IF_DENSE * PIECE_NODES
-            && leaving(graph) <= FEW_IF_DENSE
-    };
+    let dense = || sources >= graph.len() / DENSE && are_shared(graph, MANY_IF_DENSE, FEW_IF_DENSE, run);
     (is_by_blocks(graph, run) || dense()).then(|| BlockDijkstra::within_budget(graph, run))
 }
 

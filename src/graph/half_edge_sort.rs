@@ -72,13 +72,14 @@ impl Sorter {
             (first, width) = around_the_median(records);
             let end = u64::from(first) + width as u64;
             records.retain(|record| {
-                let low = record.low();
-                if low < first {
+                let (is_below, is_above) = (record.low() < first, u64::from(record.low()) >= end);
+                if is_below {
                     self.sorted.push(*record);
-                } else if u64::from(low) >= end {
+                }
+                if is_above {
                     above.push(*record);
                 }
-                (u64::from(first)..end).contains(&u64::from(low))
+                !(is_below || is_above)
             });
             self.sorted.sort_unstable_by_key(HalfEdge::key);
             above.sort_unstable_by_key(HalfEdge::key);

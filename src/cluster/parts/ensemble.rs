@@ -175,9 +175,8 @@ impl MeasuredSuperfaces {
         pieces: &RegionPieces,
         width: usize,
     ) -> Vec<Regions> {
-        let (of_superface, count) = (self.superfaces.labels(region), pieces.region_count());
-        let labels = RegionLabels { of_cell: region, of_superface: &of_superface, count };
-        let mut all = Regions::gather_pieces(cells, &self.moments, &self.sums, labels, pieces, width);
+        let labels = RegionLabels { of_cell: region, of_superface: &self.superfaces.labels(region), pieces };
+        let mut all = Regions::gather(cells, &self.moments, &self.sums, labels, width);
         all.iter_mut().for_each(|regions| regions.log_folding = self.log_folding);
         all
     }

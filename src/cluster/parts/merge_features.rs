@@ -156,7 +156,7 @@ mod tests {
     use super::*;
     use crate::cluster::parts::CellGraph;
     use crate::cluster::parts::convexity::WIDTHS;
-    use crate::cluster::parts::regions::{RegionLabels, cell_moments};
+    use crate::cluster::parts::regions::{RegionLabels, RegionPieces, cell_moments};
     use crate::spectral::anchor::AnchorEmbedding;
 
     #[test]
@@ -174,9 +174,9 @@ mod tests {
         };
         let embedding = AnchorEmbedding { values: vec![1.0; 4], width: 1 };
         let label = [0, 0, 1, 1];
-        let labels = RegionLabels { of_cell: &label, of_superface: &label, count: 2 };
-        let regions =
-            Regions::gather(&cells, &cell_moments(&cells, &embedding, &[0.0; 4]), &[], labels, WIDTHS.len() - 1);
+        let labels = RegionLabels { of_cell: &label, of_superface: &label, pieces: &RegionPieces::whole(2) };
+        let moments = cell_moments(&cells, &embedding, &[0.0; 4]);
+        let regions = Regions::gather(&cells, &moments, &[], labels, WIDTHS.len() - 1).remove(0);
         let flat = merge_features(&regions, 0, 1, 2.0);
         let folded = merge_features(&Regions { log_folding: 0.8, ..regions }, 0, 1, 2.0);
         let change: Vec<_> = (0..FEATURES).map(|k| (k, folded[k] - flat[k])).filter(|(_, x)| *x != 0.0).collect();

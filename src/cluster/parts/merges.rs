@@ -183,17 +183,18 @@ mod tests {
             ..CellGraph::default()
         };
         let label: Vec<u32> = (0..n as u32).collect();
-        let labels = RegionLabels { of_cell: &label, of_superface: &label, count: n };
         let embedding = AnchorEmbedding { values: (0..n).map(|_| some()).collect(), width: 1 };
         let thickness: Vec<f64> = (0..n).map(|_| some()).collect();
         let moments = cell_moments(&cells, &embedding, &thickness);
         let sums = convexity(&cells, &thickness, &label, n, &Run::new(&())).unwrap();
         assert!(sums.iter().any(|s| s.a % 3 != s.b % 3), "strips see each other");
         let model = MergeModel::default();
-        let together =
-            meeting_probability(n, &merges(Regions::gather(&cells, &moments, &sums, labels, 1), &model, |_, _| false));
-        let pieces = RegionPieces::connected(&cells, &label, n);
-        let each = Regions::gather_pieces(&cells, &moments, &sums, labels, &pieces, 1);
+        let (whole, pieces) = (RegionPieces::whole(n), RegionPieces::connected(&cells, &label, n));
+        let [mut all, each] = [&whole, &pieces].map(|pieces| {
+            let labels = RegionLabels { of_cell: &label, of_superface: &label, pieces };
+            Regions::gather(&cells, &moments, &sums, labels, 1)
+        });
+        let together = meeting_probability(n, &merges(all.remove(0), &model, |_, _| false));
         assert_eq!(each.len(), strips);
         for (k, regions) in each.into_iter().enumerate() {
             let own = meeting_probability(long, &merges(regions, &model, |_, _| false));

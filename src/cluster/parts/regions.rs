@@ -7,7 +7,7 @@
 //! Cost for R regions, some thirty: 23 R × R matrices. Regions that no boundary connects never merge: those of an
 //! object of loose pieces, thousands perhaps, are summed piece by piece ([`RegionPieces`]).
 
-use super::cell_graph::CellGraph;
+use super::cell_graph::{CellGraph, compact};
 use super::convexity::PairSums;
 use super::matrix::{Square, products};
 use crate::base::union_find::Forest;
@@ -64,12 +64,12 @@ pub fn cell_moments(cells: &CellGraph, embedding: &AnchorEmbedding, thickness: &
 /// A labelling of the cells that is constant on superfaces.
 #[derive(Clone, Copy, Debug)]
 pub struct RegionLabels<'a> {
-    /// Region of each cell (S), below `count`.
+    /// Region of each cell (S).
     pub of_cell: &'a [u32],
     /// Region of each superface.
     pub of_superface: &'a [u32],
-    /// Number of regions R.
-    pub count: usize,
+    /// The pieces that the regions are summed in.
+    pub pieces: &'a RegionPieces,
 }
 
 /// Connected pieces of regions, in the order of their first ones, and the regions of each, ascending.
@@ -84,8 +84,7 @@ pub struct RegionPieces {
 impl RegionPieces {
     /// All `count` regions as one piece.
     pub fn whole(count: usize) -> RegionPieces {
-        let all = 0..count as u32;
-        RegionPieces { of_region: all.clone().map(|place| (0, place)).collect(), regions: vec![all.collect()] }
+        Self::numbered(&vec![0; count], 1)
     }
 
     /// The pieces of the `count` regions `of_cell` (S): two that touch are in one.
@@ -94,19 +93,19 @@ impl RegionPieces {
         for &[i, j] in &cells.pairs {
             forest.join(of_cell[i as usize], of_cell[j as usize]);
         }
-        let mut pieces = RegionPieces { of_region: Vec::with_capacity(count), regions: Vec::new() };
-        let mut piece_of = vec![u32::MAX; count];
-        for region in 0..count as u32 {
-            let piece = &mut piece_of[forest.find(region) as usize];
-            if *piece == u32::MAX {
-                *piece = pieces.regions.len() as u32;
-                pieces.regions.push(Vec::new());
-            }
-            let regions = &mut pieces.regions[*piece as usize];
-            pieces.of_region.push((*piece, regions.len() as u32));
+        let (piece, pieces) = compact(&forest.labels());
+        Self::numbered(&piece, pieces)
+    }
+
+    /// Those that `piece` tells of each region, `pieces` in all.
+    fn numbered(piece: &[u32], pieces: usize) -> RegionPieces {
+        let mut regions = vec![Vec::new(); pieces];
+        let put = |(&piece, region): (&u32, u32)| {
+            let regions: &mut Vec<u32> = &mut regions[piece as usize];
             regions.push(region);
-        }
-        pieces
+            (piece, regions.len() as u32 - 1)
+        };
+        RegionPieces { of_region: piece.iter().zip(0..).map(put).collect(), regions }
     }
 
     /// Number of regions.
@@ -225,7 +224,7 @@ impl Regions {
         }
     }
 
-    /// Sums over the regions that `labels` name.
+    /// Sums over the regions that `labels` name, of each piece that they lie in, without what is between two of them.
     ///
     /// `moments` are the cells' own (S), `sums` those between superfaces; `width` selects the pair width among
     /// [`super::convexity::WIDTHS`]. The surface counts as one without folds.
@@ -235,21 +234,8 @@ impl Regions {
         sums: &[PairSums],
         labels: RegionLabels<'_>,
         width: usize,
-    ) -> Regions {
-        let whole = RegionPieces::whole(labels.count);
-        Self::gather_pieces(cells, moments, sums, labels, &whole, width).pop().unwrap_or_default()
-    }
-
-    /// The same for each of the `pieces` that the regions lie in, without what is between two of them.
-    pub fn gather_pieces(
-        cells: &CellGraph,
-        moments: &[CellMoments],
-        sums: &[PairSums],
-        labels: RegionLabels<'_>,
-        pieces: &RegionPieces,
-        width: usize,
     ) -> Vec<Regions> {
-        let RegionLabels { of_cell: region, of_superface, .. } = labels;
+        let RegionLabels { of_cell: region, of_superface, pieces } = labels;
         let mut out: Vec<Regions> = pieces.regions.iter().map(|regions| Regions::zeros(regions.len())).collect();
         for (&r, q) in region.iter().zip(moments) {
             let (piece, place) = pieces.place(r);
