@@ -16,12 +16,11 @@
 use crate::base::Result;
 use crate::base::parallel::{chunk_count, chunk_range};
 use crate::base::random::{stratified, stream, unit};
-use crate::base::sort::sort_by;
-use crate::graph::half_edge_pairs::AGAINST;
+use crate::graph::components::Several;
 use crate::graph::{DualGraph, Node, NodeGeometry};
+use crate::store::npy::ArrayMut;
 use crate::store::{Context, MappedSlice, Run};
 use std::borrow::Cow;
-use std::collections::{HashMap, HashSet};
 use std::ops::Range;
 
 /// Components below this share of the area are tiny …
@@ -66,7 +65,8 @@ impl AreaShares {
     /// [`crate::base::Error::Io`], [`crate::base::Error::Cancelled`].
     pub fn of(graph: &DualGraph, context: Context<'_>) -> Result<Self> {
         let n = graph.nodes.len();
-        let (tiny, total, tiny_nodes) = tiny_roots(graph, context.run)?;
+        let tiny = TinyComponents::of(graph, context)?;
+        let (total, tiny_nodes) = tiny.as_ref().map_or((graph.facts.area, 0), |tiny| (tiny.rest, tiny.nodes));
         let real = n as u64 - tiny_nodes;
         // All faces degenerate: each counts the same.
         let even = total <= 0.;
@@ -74,7 +74,7 @@ impl AreaShares {
         let least = if even { 1. / real.max(1) as f64 } else { FLOOR / real.max(1) as f64 };
         let from = FromArea { scale, least };
         let unit = if even { 1. } else { (1. / total.sqrt()) as f32 };
-        if graph.nodes.is_computed() && tiny.is_empty() {
+        if graph.nodes.is_computed() && tiny_nodes == 0 {
             let computed = Some((graph.nodes.clone(), from));
             return Ok(Self { stored: MappedSlice::empty(), computed, unit, tiny_nodes });
         }
@@ -82,11 +82,10 @@ impl AreaShares {
         context.run.fill_chunks(
             array.data(),
             CHUNK,
-            || (),
-            |k, out, ()| {
+            || 0,
+            |k, out, near| {
                 for (slot, i) in out.iter_mut().zip(chunk_range(n, CHUNK, k)) {
-                    let is_tiny = !tiny.is_empty()
-                        && graph.components.as_ref().is_some_and(|link| tiny.contains(&(link[i] & !AGAINST)));
+                    let is_tiny = tiny.as_ref().is_some_and(|tiny| tiny.has(i, near));
                     *slot = if is_tiny { 0. } else { from.share(graph.nodes.area(i)) };
                 }
                 Ok(())
@@ -144,39 +143,44 @@ impl AreaShares {
     }
 }
 
-/// First nodes of the tiny components, the area of the rest, and the number of nodes in tiny components.
-fn tiny_roots(graph: &DualGraph, run: &Run) -> Result<(HashSet<u32>, f64, u64)> {
-    let total = graph.facts.area;
-    let Some(links) = &graph.components else { return Ok((HashSet::new(), total, 0)) };
-    let n = links.len();
-    let parts = run.map_ranges(n, CHUNK, |range| {
-        let mut sums: HashMap<u32, (f64, u64)> = HashMap::new();
-        for i in range {
-            let sum = sums.entry(links[i] & !AGAINST).or_default();
-            sum.0 += f64::from(graph.nodes.area(i));
-            sum.1 += 1;
+/// Which components are tiny, where there are several.
+struct TinyComponents<'a> {
+    root: &'a [u32],
+    several: Several,
+    /// 1 for each component that is tiny.
+    tiny: ArrayMut<u8>,
+    /// Nodes in tiny components.
+    nodes: u64,
+    /// Area of the other components.
+    rest: f64,
+}
+
+impl<'a> TinyComponents<'a> {
+    fn of(graph: &'a DualGraph, context: Context<'_>) -> Result<Option<Self>> {
+        let Some(root) = &graph.components else { return Ok(None) };
+        let Some(several) = Several::of(root, &graph.nodes, context)? else { return Ok(None) };
+        let (order, area) = (several.by_size(context)?, several.area());
+        let area_of = |number: u32| area[number as usize];
+        let least = (TINY * graph.facts.area).min(BESIDE_LARGEST * area_of(order.items()[0]));
+        let mut tiny: ArrayMut<u8> = context.work.array("tiny_components.tmp", &[several.len()])?;
+        let (mut rest, mut nodes) = (0., 0);
+        for (rank, &number) in order.items().iter().enumerate() {
+            if rank > 0 && area_of(number) < least {
+                tiny.data()[number as usize] = 1;
+                nodes += u64::from(several.nodes()[number as usize]);
+            } else {
+                rest += area_of(number);
+            }
         }
-        Ok(sums)
-    })?;
-    let mut sums: HashMap<u32, (f64, u64)> = HashMap::new();
-    for (root, (area, count)) in parts.into_iter().flatten() {
-        let sum = sums.entry(root).or_default();
-        sum.0 += area;
-        sum.1 += count;
+        Ok(Some(Self { root, several, tiny, nodes, rest }))
     }
-    let mut list: Vec<(u32, f64, u64)> = sums.into_iter().map(|(root, (area, count))| (root, area, count)).collect();
-    sort_by(&mut list, |a, b| b.1.total_cmp(&a.1).then(b.2.cmp(&a.2)).then(a.0.cmp(&b.0)));
-    let least = list.first().map_or(0., |largest| (TINY * total).min(BESIDE_LARGEST * largest.1));
-    let (mut tiny, mut area, mut tiny_nodes) = (HashSet::new(), 0., 0);
-    for (rank, &(root, share, count)) in list.iter().enumerate() {
-        if rank > 0 && share < least {
-            tiny.insert(root);
-            tiny_nodes += count;
-        } else {
-            area += share;
-        }
+
+    /// Whether `node` is in a tiny component; `near` is the number of an earlier node's.
+    #[inline]
+    fn has(&self, node: usize, near: &mut usize) -> bool {
+        *near = self.several.number(self.root[node], *near);
+        self.tiny.items()[*near] != 0
     }
-    Ok((tiny, area, tiny_nodes))
 }
 
 /// Mean number of seeds in a block of nodes.

@@ -6,7 +6,8 @@
 //! Opening costs a pass over what is checked.
 
 use super::assemble_in_memory::assemble_in_memory;
-use super::components::{self, find_bridges, find_components};
+use super::bridges::{self, find_bridges};
+use super::components::{self, find_components};
 use super::csr::{INDICES, WEIGHTS, WEIGHTS_STAGE, WeightedGraph};
 use super::dual_edges::{CENTROID_DISTANCES, DualEdges, EDGES, assemble};
 use super::half_edge_pairs::{AGAINST, WithinNeeds};
@@ -194,9 +195,9 @@ impl DualGraph {
         let Some(edges) = edges else { return Self::make(&GraphStage { computed: false, ..*stage }, context, key) };
         let components = find_components(&edges, &nodes, context)?;
         let (mut edges, nodes, orientation) = orient(edges, nodes, &components, context)?;
-        let bridges = find_bridges(&components, &nodes, context.run)?;
-        if !bridges.is_empty() {
-            edges = components::insert(&edges, &bridges, context)?;
+        let bridges = find_bridges(&components, &nodes, 0., context)?;
+        if let Some(bridges) = &bridges {
+            edges = bridges::insert(&edges, bridges.items(), context)?;
         }
         let facts = GraphFacts {
             nodes: nodes.len() as u64,
@@ -209,8 +210,8 @@ impl DualGraph {
             stray_vertices: mesh.strays() as u64,
             turned_faces: orientation.turned,
             unoriented_edges: orientation.unsatisfied / 2,
-            components: components.list.len() as u64,
-            bridges: bridges.len() as u64,
+            components: components.count() as u64,
+            bridges: bridges.map_or(0, |bridges| bridges.items().len() as u64),
             area: sums.area,
             frame,
         };
@@ -291,7 +292,7 @@ pub(crate) struct GraphStage<'a> {
 
 impl Stage for GraphStage<'_> {
     const NAME: &'static str = "graph";
-    const VERSION: u32 = 3;
+    const VERSION: u32 = 4;
     type Facts = GraphFacts;
     type Output = DualGraph;
 

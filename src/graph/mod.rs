@@ -2,12 +2,13 @@
 //!
 //! Built out of core in three shuffles and a few sequential passes ([`DualGraph::build`]): node geometry ([`nodes`]),
 //! half-edges matched by vertex or by position ([`half_edges`], [`half_edge_pairs`]), edges assembled in node order
-//! ([`dual_edges`]), components found and bridged ([`components`]), winding made consistent ([`orient`]), and weights
-//! ([`weights`]) as a pure function of the undirected edge. [`order`] sorts faces beforehand where the file scatters
-//! neighbours. Correspondence walks over the [`vertex_graph`] instead.
+//! ([`dual_edges`]), components found ([`components`]) and joined ([`bridges`]), winding made consistent ([`orient`]),
+//! and weights ([`weights`]) as a pure function of the undirected edge. [`order`] sorts faces beforehand where the file
+//! scatters neighbours. Correspondence walks over the [`vertex_graph`] instead.
 
 pub mod angle;
 mod assemble_in_memory;
+pub mod bridges;
 mod component_blocks;
 pub mod components;
 pub mod csr;
@@ -22,6 +23,7 @@ pub mod node_geometry;
 pub mod nodes;
 pub mod order;
 pub mod orient;
+mod ranked_tree;
 pub mod row_starts;
 pub mod vertex_adjacency;
 pub mod vertex_graph;

@@ -15,7 +15,8 @@
 //! Cost: 36 bytes per triangle through the shuffle; on disk 28 and 8 bytes per vertex, 12 per end of an edge, 24 per
 //! triangle. About 0.1 µs per triangle and thread.
 
-use super::components::{self, Bridge, find_bridges, find_components};
+use super::bridges::{self, Bridge, find_bridges};
+use super::components::{self, find_components};
 use super::csr::{Csr, INDICES};
 use super::dual_edges::{CENTROID_DISTANCES, DualEdges, EDGES, EdgesWriter};
 use super::node_geometry::NodeGeometry;
@@ -259,16 +260,15 @@ impl VertexGraphWriter {
         let joins = duplicates.find(context.run)?;
         facts.seams = joins.len() as u64;
         if !joins.is_empty() {
-            edges = components::insert(&edges, &joins, context)?;
+            edges = bridges::insert(&edges, &joins, context)?;
         }
         let components = find_components(&edges, &geometry, context)?;
-        facts.components = components.list.len() as u64;
-        let mut bridges = find_bridges(&components, &geometry, context.run)?;
-        bridges.iter_mut().for_each(|bridge: &mut Bridge| bridge.gap = bridge.gap.max(LEAST));
+        facts.components = components.count() as u64;
+        let bridges = find_bridges(&components, &geometry, LEAST, context)?;
         drop(components);
         context.work.remove(components::FILE);
-        if !bridges.is_empty() {
-            edges = components::insert(&edges, &bridges, context)?;
+        if let Some(bridges) = bridges {
+            edges = bridges::insert(&edges, bridges.items(), context)?;
         }
         let (ring_starts, ring) = (ring_starts.finish(false)?, ring.finish(false)?);
         Ok(VertexGraph { edges, nodes, ring_starts, ring, frame, facts })
@@ -284,7 +284,7 @@ struct VertexGraphStage<'a> {
 
 impl Stage for VertexGraphStage<'_> {
     const NAME: &'static str = "vertex graph";
-    const VERSION: u32 = 2;
+    const VERSION: u32 = 3;
     type Facts = (VertexFacts, Frame);
     type Output = (VertexGraph, String);
 

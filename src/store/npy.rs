@@ -174,6 +174,11 @@ impl<T: Item> ArrayMut<T> {
         &mut self.data
     }
 
+    /// The mapped items, to look at.
+    pub fn items(&self) -> &[T] {
+        &self.data
+    }
+
     /// Renames the file to its final name, after syncing it to the disk where `durable`, and
     /// maps it for reading.
     ///
