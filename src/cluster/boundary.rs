@@ -301,9 +301,12 @@ fn will_need_rows(graph: Csr<'_>, nodes: &[u32], run: &Run) {
     run.will_need_few(graph.indices, near_ranges(nodes).map(|nodes| graph.starts.entries_of(nodes)));
 }
 
+/// Counts that histograms hold at a time, for a thread or for several together: 8 MB.
+const COUNTS: usize = 1 << 21;
+
 /// The depth from which on each part's faces keep their label: the half width of the narrow band, or less
 /// where more than 60 % of the part lies in it. From histograms of label and depth of all `n` nodes;
-/// depths beyond it are infinite.
+/// depths beyond it are infinite. Where there are many parts, nodes are counted for one group of parts after the other.
 ///
 /// # Errors
 /// [`crate::base::Error::Cancelled`].
@@ -314,32 +317,42 @@ pub fn interior_limits(
     half_width: f32,
     run: &Run,
 ) -> Result<Vec<f32>> {
-    let block = n.div_ceil(8).max(1);
-    let blocks = run.map_ranges(n, block, |range| {
-        let mut counts = vec![0u64; parts * (BINS + 1)];
-        for (label, depth) in range.map(&of) {
+    let size = (COUNTS / (BINS + 1)).min(parts).max(1);
+    let counts_of = |labels: Range<usize>, nodes: Range<usize>| {
+        let mut counts = vec![0u32; labels.len() * (BINS + 1)];
+        for (label, depth) in nodes.map(&of).filter(|(label, _)| labels.contains(&(*label as usize))) {
             let bin = if depth < half_width { (depth / half_width * BINS as f32) as usize } else { BINS };
-            counts[label as usize * (BINS + 1) + bin.min(BINS)] += 1;
+            counts[(label as usize - labels.start) * (BINS + 1) + bin.min(BINS)] += 1;
         }
-        Ok(counts)
-    })?;
-    let mut counts = vec![0u64; parts * (BINS + 1)];
-    for block in blocks {
-        counts.iter_mut().zip(block).for_each(|(a, b)| *a += b);
+        counts
+    };
+    if parts > size {
+        let limits = run.map_ranges(parts, size, |labels| Ok(limits_of(&counts_of(labels, 0..n), half_width)))?;
+        return Ok(limits.concat());
     }
-    Ok(counts
-        .chunks_exact(BINS + 1)
-        .map(|bins| {
-            let interior = (INTERIOR * bins.iter().sum::<u64>() as f64).ceil() as u64;
-            let mut kept = bins[BINS];
-            let mut bin = BINS;
-            while kept < interior && bin > 0 {
-                bin -= 1;
-                kept += bins[bin];
-            }
-            half_width * bin as f32 / BINS as f32
-        })
-        .collect())
+    let blocks = (COUNTS / (size * (BINS + 1))).clamp(1, 8);
+    let blocks = run.map_ranges(n, n.div_ceil(blocks).max(1), |nodes| Ok(counts_of(0..parts, nodes)))?;
+    let sum = |mut sum: Vec<u32>, block: Vec<u32>| {
+        sum.iter_mut().zip(block).for_each(|(a, b)| *a += b);
+        sum
+    };
+    let counts = blocks.into_iter().reduce(sum).unwrap_or_else(|| vec![0; parts * (BINS + 1)]);
+    Ok(limits_of(&counts, half_width))
+}
+
+/// The limit of each part whose histogram `counts` holds.
+fn limits_of(counts: &[u32], half_width: f32) -> Vec<f32> {
+    let limit = |bins: &[u32]| {
+        let interior = (INTERIOR * bins.iter().map(|&count| u64::from(count)).sum::<u64>() as f64).ceil() as u64;
+        let mut kept = u64::from(bins[BINS]);
+        let mut bin = BINS;
+        while kept < interior && bin > 0 {
+            bin -= 1;
+            kept += u64::from(bins[bin]);
+        }
+        half_width * bin as f32 / BINS as f32
+    };
+    counts.chunks_exact(BINS + 1).map(limit).collect()
 }
 
 /// Steps between looks at the stop flag.
@@ -441,6 +454,28 @@ mod tests {
             }
             if done == before {
                 return out;
+            }
+        }
+    }
+
+    /// One histogram, several side by side, and parts in groups: the limits are those of each part's sorted depths.
+    #[test]
+    fn interiors_keep_two_fifths_of_a_part() {
+        let (n, half_width) = (20_000, 2.);
+        for parts in [1, 300, 3_000, 7_000] {
+            let mut random = stream(parts as u64, "interiors");
+            let drawn: Vec<(u32, f32)> = (0..n)
+                .map(|_| (below(&mut random, parts) as u32, below(&mut random, 30) as f32 * half_width / 20.))
+                .collect();
+            let limits = interior_limits(n, parts, |i| drawn[i], half_width, &Run::new(&())).unwrap();
+            assert_eq!(limits.len(), parts);
+            for (part, &limit) in limits.iter().enumerate().step_by(1 + parts / 250) {
+                let depths: Vec<f32> = drawn.iter().filter(|one| one.0 as usize == part).map(|one| one.1).collect();
+                let kept = |limit: f32| depths.iter().filter(|depth| **depth >= limit).count() as f64;
+                let wanted = INTERIOR * depths.len() as f64;
+                assert!(kept(limit) >= wanted, "{part} of {parts}");
+                let next = limit + half_width / BINS as f32;
+                assert!(limit == half_width || kept(next) < wanted || depths.is_empty(), "{part} of {parts}");
             }
         }
     }

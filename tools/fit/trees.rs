@@ -8,7 +8,7 @@ use nystrom_stream::cluster::parts::ensemble::{
 use nystrom_stream::cluster::parts::labelling::soft_hierarchy;
 use nystrom_stream::cluster::parts::merge_features::FEATURES;
 use nystrom_stream::cluster::parts::merges::{MergeModel, RegionMerge, meeting_probability, merges};
-use nystrom_stream::cluster::parts::regions::RegionPieces;
+use nystrom_stream::cluster::parts::region_pieces::RegionPieces;
 use nystrom_stream::cluster::parts::{CellGraph, PartsParams, Superfaces};
 use nystrom_stream::spectral::anchor::LandmarkDistances;
 use nystrom_stream::store::Run;

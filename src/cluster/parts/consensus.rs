@@ -10,7 +10,8 @@ use super::answer::PartDecision;
 use super::cell_graph::{CellGraph, compact};
 use super::ensemble::{MeasuredSuperfaces, OverSegmentation, OverSegmentationParams, draw_ensemble};
 use super::hierarchy::{CellUnion, PartTree};
-use super::labelling::{Linkage, LinkageRank, unions_within};
+use super::labelling::unions_within;
+use super::linkage::{Linkage, LinkageRank};
 use super::matrix::Square;
 use super::merges::{MergeModel, classes_after, meeting_probability, merges};
 use crate::base::Result;
@@ -121,7 +122,7 @@ fn grouped(
             *x *= a * superfaces.area[i];
         }
     }
-    let linkage = Linkage { sums, area: superfaces.area.clone(), shared_boundary: None };
+    let linkage = Linkage { sums, area: superfaces.area.clone(), touching: None };
     let joins = linkage.joins(LinkageRank::Mean, groups);
     let mut into: Vec<u32> = (0..n as u32).collect();
     let mut unions = unions_within(cells, &superfaces.of_cell);

@@ -6,9 +6,13 @@
 //! thickness of the body differs between the cells of a pair ([`super::thickness`]). Sums are kept between superfaces
 //! and add up when superfaces are united.
 //!
-//! Cost: one exponential from a table per pair of cells within the cut, S²/2 at most; 80 bytes per pair of superfaces.
+//! Nothing is summed between pieces that no boundary connects, since nothing there ever merges.
+//!
+//! Cost: one exponential from a table per pair of cells within the cut, S²/2 at most; 80 bytes per pair of superfaces
+//! of one piece, twice while they are put together.
 
 use super::cell_graph::CellGraph;
+use super::region_pieces::RegionPieces;
 use crate::base::Result;
 use crate::base::simd::{SimdKernel, dispatch};
 use crate::base::sort::order_by;
@@ -103,9 +107,9 @@ struct SuperfaceBall {
     end: usize,
 }
 
-/// Sums between all pairs of superfaces that have any, ordered by (a, b).
+/// Sums between all pairs of superfaces of one piece that have any, ordered by (a, b).
 ///
-/// `superface`: a superface below `superfaces` for each cell; `thickness`: the logarithm of a length (S).
+/// `superface`: a superface for each cell; `thickness`: the logarithm of a length (S); `pieces` of the superfaces.
 ///
 /// # Errors
 /// Cancellation.
@@ -113,13 +117,14 @@ pub fn convexity(
     cells: &CellGraph,
     thickness: &[f64],
     superface: &[u32],
-    superfaces: usize,
+    pieces: &RegionPieces,
     run: &Run,
 ) -> Result<Vec<PairSums>> {
+    let superfaces = pieces.region_count();
     let (points, balls) = gather(cells, thickness, superface, superfaces);
     let table = ExpTable::new();
     let chunks = run.map_ranges(superfaces, CHUNK, |range| {
-        Ok(dispatch(PairsFrom { range, points: &points, balls: &balls, table: &table }))
+        Ok(dispatch(PairsFrom { range, points: &points, balls: &balls, pieces, table: &table }))
     })?;
     Ok(chunks.concat())
 }
@@ -154,11 +159,12 @@ fn square(a: [f64; 3], b: [f64; 3]) -> f64 {
     (0..3).map(|c| (a[c] - b[c]) * (a[c] - b[c])).sum()
 }
 
-/// Sums between the superfaces of a range and those from each on.
+/// Sums between the superfaces of a range and those of the same piece from each on.
 struct PairsFrom<'a> {
     range: Range<usize>,
     points: &'a [CellPoint],
     balls: &'a [SuperfaceBall],
+    pieces: &'a RegionPieces,
     table: &'a ExpTable,
 }
 
@@ -169,8 +175,9 @@ impl SimdKernel for PairsFrom<'_> {
     fn run(self) -> Vec<PairSums> {
         let mut out = Vec::new();
         for a in self.range {
-            for b in a..self.balls.len() {
-                if let Some(sums) = between(self.points, self.balls, a, b, self.table) {
+            let (piece, place) = self.pieces.place(a as u32);
+            for &b in &self.pieces.regions(piece)[place..] {
+                if let Some(sums) = between(self.points, self.balls, a, b as usize, self.table) {
                     out.push(sums);
                 }
             }
@@ -249,7 +256,7 @@ mod tests {
         let g = bumpy(150);
         let superface: Vec<u32> = (0..150).map(|i| i * 7 / 150).collect();
         let thickness: Vec<f64> = (0..150).map(|i| (0.7 * f64::from(i)).sin()).collect();
-        let found = convexity(&g, &thickness, &superface, 7, &Run::new(&())).unwrap();
+        let found = convexity(&g, &thickness, &superface, &RegionPieces::whole(7), &Run::new(&())).unwrap();
         for pair in &found {
             let (mut seen, mut all, mut thickness_jump) = ([0.0; 3], [0.0; 3], [0.0; 3]);
             for p in (0..150).filter(|&p| superface[p] == pair.a) {
@@ -280,7 +287,9 @@ mod tests {
     fn threads_change_nothing() {
         let g = bumpy(300);
         let superface: Vec<u32> = (0..300).map(|i| i % 40).collect();
-        let with = |threads| convexity(&g, &[0.5; 300], &superface, 40, &Run { threads, ..Run::new(&()) }).unwrap();
+        let with = |threads| {
+            convexity(&g, &[0.5; 300], &superface, &RegionPieces::whole(40), &Run { threads, ..Run::new(&()) }).unwrap()
+        };
         assert_eq!(with(1), with(3));
     }
 }

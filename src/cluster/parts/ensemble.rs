@@ -14,7 +14,8 @@ use super::convexity::{PairSums, WIDTHS, convexity};
 use super::folding::log_folding;
 use super::matrix::Square;
 use super::merges::{MergeModel, meeting_probability, merges};
-use super::regions::{CellMoments, EMBEDDING_DIMENSIONS, RegionLabels, RegionPieces, Regions, cell_moments};
+use super::region_pieces::RegionPieces;
+use super::regions::{CellMoments, EMBEDDING_DIMENSIONS, RegionLabels, Regions, cell_moments};
 use super::thickness::log_thickness;
 use crate::base::Result;
 use crate::base::random::{Random, below, mixed, stream};
@@ -153,7 +154,7 @@ impl MeasuredSuperfaces {
         let embedding = anchor_embedding(rows, &all, &cells.area_shares(), EMBEDDING_DIMENSIONS, COMPARE_SCALE);
         let log_thickness = log_thickness(cells, run)?;
         Ok(MeasuredSuperfaces {
-            sums: convexity(cells, &log_thickness, &of_cell, n, run)?,
+            sums: convexity(cells, &log_thickness, &of_cell, &RegionPieces::connected(cells, &of_cell, n), run)?,
             moments: cell_moments(cells, &embedding, &log_thickness),
             log_thickness,
             log_folding: log_folding(cells),

@@ -12,12 +12,13 @@
 //! expected Rand index at ½, so the parts are those of the greatest expected index that the hierarchy has for that
 //! number; where more are asked for, joins rank by level.
 //!
-//! Cost for R superfaces, a few hundred: R² per round of moves, R³ at the most for a linkage; a few R × R matrices.
+//! Cost for R superfaces, a few hundred: R² per round of moves; a few R × R matrices.
 
 use super::ambiguous::without_ambiguous;
 use super::cell_graph::{CellGraph, class_sums, compact};
 use super::ensemble::Superfaces;
 use super::hierarchy::{CellUnion, HALF, PartTree};
+use super::linkage::{Linkage, LinkageRank};
 use super::matrix::Square;
 use crate::base::Result;
 use crate::base::sort::sort_by;
@@ -142,14 +143,20 @@ fn greedy_joins(gain: &Square, label: &mut [u32], classes: usize) -> usize {
 
 /// Sums of `m` between the classes of a labelling.
 pub(super) fn between(m: &Square, label: &[u32], classes: usize) -> Square {
+    rows_between(label, classes, |i, row| row.copy_from_slice(m.row(i)))
+}
+
+/// The same of a matrix whose row i `fill` writes.
+fn rows_between(label: &[u32], classes: usize, fill: impl Fn(usize, &mut [f64])) -> Square {
     let mut out = Square::zeros(classes);
-    let mut row = vec![0.0; classes];
+    let (mut row, mut sums) = (vec![0.0; label.len()], vec![0.0; classes]);
     for (i, &k) in label.iter().enumerate() {
-        row.fill(0.0);
-        for (x, &c) in m.row(i).iter().zip(label) {
-            row[c as usize] += x;
+        fill(i, &mut row);
+        sums.fill(0.0);
+        for (x, &c) in row.iter().zip(label) {
+            sums[c as usize] += x;
         }
-        out.row_mut(k as usize).iter_mut().zip(&row).for_each(|(sum, x)| *sum += x);
+        out.row_mut(k as usize).iter_mut().zip(&sums).for_each(|(sum, x)| *sum += x);
     }
     out
 }
@@ -167,110 +174,6 @@ pub fn expected_disagreement(superfaces: &Superfaces, co_association: &Square, l
     };
     let total: f64 = area.iter().sum();
     (0..superfaces.len()).map(differ).sum::<f64>() / (total * total)
-}
-
-/// What is greatest is joined first.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum LinkageRank {
-    /// The mean of C between two classes: average linkage by area.
-    Mean,
-    /// The gain of the expected Rand index, Σ A A (C − ½).
-    Gain,
-}
-
-/// One join: class `j` goes into class `i` < `j`.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct ClassJoin {
-    /// The class that stays.
-    pub i: usize,
-    /// The class that ends.
-    pub j: usize,
-    /// Mean of C between the two, by area.
-    pub mean: f64,
-    /// What the join adds to the expected Rand index: Σ A A (C − ½) over the pairs it joins.
-    pub gain: f64,
-}
-
-/// Classes to agglomerate.
-#[derive(Clone, Debug)]
-pub struct Linkage {
-    /// Sums of A_x A_y C_xy between classes.
-    pub sums: Square,
-    /// Areas of the classes.
-    pub area: Vec<f64>,
-    /// Length of common boundaries; neighbours are joined before others. `None`: it does not matter.
-    pub shared_boundary: Option<Square>,
-}
-
-/// Subtracted from the value of classes that do not touch.
-const APART: f64 = 1e3;
-
-impl Linkage {
-    fn mean(&self, i: usize, j: usize) -> f64 {
-        self.sums[(i, j)] / (self.area[i] * self.area[j]).max(1e-300)
-    }
-
-    fn value_of(&self, i: usize, j: usize, rank: LinkageRank) -> f64 {
-        match rank {
-            LinkageRank::Mean => self.mean(i, j),
-            LinkageRank::Gain => self.sums[(i, j)] - HALF * self.area[i] * self.area[j],
-        }
-    }
-
-    fn value(&self, i: usize, j: usize, rank: LinkageRank) -> f64 {
-        let value = self.value_of(i, j, rank);
-        if self.shared_boundary.as_ref().is_some_and(|t| t[(i, j)] <= 0.0) { value - APART } else { value }
-    }
-
-    /// All joins in order while more than `down_to` classes are left.
-    pub fn joins(mut self, rank: LinkageRank, down_to: usize) -> Vec<ClassJoin> {
-        let n = self.area.len();
-        let mut alive = vec![true; n];
-        let scan = |this: &Self, alive: &[bool], i: usize| {
-            let mut best = (f64::NEG_INFINITY, n);
-            for j in (i + 1..n).filter(|&j| alive[j]) {
-                let v = this.value(i, j, rank);
-                if v > best.0 {
-                    best = (v, j);
-                }
-            }
-            best
-        };
-        let mut best: Vec<(f64, usize)> = (0..n).map(|i| scan(&self, &alive, i)).collect();
-        let mut out = Vec::new();
-        while n - out.len() > down_to.max(1) {
-            let mut top = (f64::NEG_INFINITY, n, n);
-            for i in (0..n).filter(|&i| alive[i]) {
-                if best[i].0 > top.0 {
-                    top = (best[i].0, i, best[i].1);
-                }
-            }
-            let (_, i, j) = top;
-            if j == n {
-                break;
-            }
-            let gain = self.value_of(i, j, LinkageRank::Gain);
-            out.push(ClassJoin { i, j, mean: self.mean(i, j), gain });
-            alive[j] = false;
-            self.sums.fold(i, j);
-            if let Some(shared_boundary) = &mut self.shared_boundary {
-                shared_boundary.fold(i, j);
-            }
-            self.area[i] += self.area[j];
-            best[i] = scan(&self, &alive, i);
-            for k in (0..n).filter(|&k| k != i && alive[k]) {
-                if best[k].1 == i || best[k].1 == j {
-                    best[k] = scan(&self, &alive, k);
-                } else if k < i {
-                    let v = self.value(k, i, rank);
-                    if v > best[k].0 {
-                        best[k] = (v, i);
-                    }
-                }
-            }
-        }
-        out
-    }
 }
 
 /// Thresholds above ½ at which parts are labelled again.
@@ -294,7 +197,9 @@ pub fn soft_hierarchy(
     let objective = RandObjective { area: &superfaces.area, co_association };
     let everything: Vec<u32> = (0..n as u32).collect();
     let label = without_ambiguous(cells, superfaces, co_association, &objective.best(&everything, HALF));
-    let levels_of = HierarchyLevels { shared_boundary: superfaces.shared_boundaries(cells), objective };
+    let boundaries = superfaces.shared_boundaries(cells).into_iter();
+    let touching = boundaries.filter(|&(.., length)| length > 0.0).map(|(a, b, _)| (a, b)).collect();
+    let levels_of = HierarchyLevels { touching, objective };
     // Above ½ each part is divided independently of the others.
     let parts = class_members(&label);
     let ladders = run.map_chunks(parts.len(), || (), |k, ()| Ok(ladder(levels_of.objective, &parts[k])))?;
@@ -382,7 +287,8 @@ fn class_members(label: &[u32]) -> Vec<Vec<u32>> {
 }
 
 struct HierarchyLevels<'a> {
-    shared_boundary: Vec<(u32, u32, f64)>,
+    /// Superfaces with a common boundary.
+    touching: Vec<(u32, u32)>,
     objective: RandObjective<'a>,
 }
 
@@ -404,31 +310,27 @@ impl HierarchyLevels<'_> {
     fn inside(&self, class: &[u32], sub: &[u32], n: usize, low: f64, high: f64) -> Vec<CellUnion> {
         let RandObjective { area, co_association } = self.objective;
         let size: Vec<f64> = class.iter().map(|&x| area[x as usize]).collect();
-        let mut local = Square::zeros(class.len());
-        for (i, &x) in class.iter().enumerate() {
-            let from = co_association.row(x as usize);
-            for ((slot, &y), b) in local.row_mut(i).iter_mut().zip(class).zip(&size) {
+        let sums = rows_between(sub, n, |i, row| {
+            let from = co_association.row(class[i] as usize);
+            for ((slot, &y), b) in row.iter_mut().zip(class).zip(&size) {
                 *slot = size[i] * b * from[y as usize];
             }
-        }
+        });
         let mut name = vec![u32::MAX; area.len()];
         let mut first = vec![u32::MAX; n];
         for (&x, &k) in class.iter().zip(sub) {
             name[x as usize] = k;
             first[k as usize] = first[k as usize].min(x);
         }
-        let mut shared_boundary = Square::zeros(n);
-        for &(a, b, length) in &self.shared_boundary {
+        let mut touching = vec![false; n * n];
+        for &(a, b) in &self.touching {
             let (a, b) = (name[a as usize], name[b as usize]);
             if a != b && a != u32::MAX && b != u32::MAX {
-                shared_boundary.add_both(a as usize, b as usize, length);
+                let (a, b) = (a as usize, b as usize);
+                (touching[a * n + b], touching[b * n + a]) = (true, true);
             }
         }
-        let linkage = Linkage {
-            sums: between(&local, sub, n),
-            area: class_sums(sub, &size, n),
-            shared_boundary: Some(shared_boundary),
-        };
+        let linkage = Linkage { sums, area: class_sums(sub, &size, n), touching: Some(touching) };
         linkage
             .joins(if low < HALF { LinkageRank::Gain } else { LinkageRank::Mean }, 1)
             .iter()
@@ -521,22 +423,5 @@ mod tests {
         let objective = RandObjective { area: &area, co_association: &c };
         assert_eq!(objective.best(&[], HALF), Vec::<u32>::new());
         assert_eq!(objective.best(&[0], HALF), [0]);
-    }
-
-    #[test]
-    fn neighbours_go_first_and_all_end_as_one() {
-        // Three classes of area 1; 0 and 2 agree most, but only 0–1 and 1–2 touch.
-        let c = vec![0.0, 0.4, 0.9, 0.4, 0.0, 0.3, 0.9, 0.3, 0.0];
-        let shared_boundary = vec![0.0, 1.0, 0.0, 1.0, 0.0, 1.0, 0.0, 1.0, 0.0];
-        for rank in [LinkageRank::Mean, LinkageRank::Gain] {
-            let plain = Linkage { sums: Square::from_values(3, c.clone()), area: vec![1.0; 3], shared_boundary: None };
-            let order: Vec<_> = plain.joins(rank, 1).iter().map(|j| (j.i, j.j)).collect();
-            assert_eq!(order, [(0, 2), (0, 1)]);
-            let shared_boundary = Some(Square::from_values(3, shared_boundary.clone()));
-            let near = Linkage { sums: Square::from_values(3, c.clone()), area: vec![1.0; 3], shared_boundary };
-            let joins = near.joins(rank, 1);
-            assert_eq!(joins.iter().map(|j| (j.i, j.j)).collect::<Vec<_>>(), [(0, 1), (0, 2)]);
-            assert!((joins[1].mean - 0.6).abs() < 1e-12);
-        }
     }
 }

@@ -156,7 +156,8 @@ mod tests {
     use super::*;
     use crate::cluster::parts::CellGraph;
     use crate::cluster::parts::convexity::WIDTHS;
-    use crate::cluster::parts::regions::{RegionLabels, RegionPieces, cell_moments};
+    use crate::cluster::parts::region_pieces::RegionPieces;
+    use crate::cluster::parts::regions::{RegionLabels, cell_moments};
     use crate::spectral::anchor::AnchorEmbedding;
 
     #[test]

@@ -156,7 +156,8 @@ mod tests {
     use crate::base::random::{stream, unit};
     use crate::cluster::parts::CellGraph;
     use crate::cluster::parts::convexity::convexity;
-    use crate::cluster::parts::regions::{RegionLabels, RegionPieces, cell_moments};
+    use crate::cluster::parts::region_pieces::RegionPieces;
+    use crate::cluster::parts::regions::{RegionLabels, cell_moments};
     use crate::spectral::anchor::AnchorEmbedding;
     use crate::store::Run;
 
@@ -186,11 +187,12 @@ mod tests {
         let embedding = AnchorEmbedding { values: (0..n).map(|_| some()).collect(), width: 1 };
         let thickness: Vec<f64> = (0..n).map(|_| some()).collect();
         let moments = cell_moments(&cells, &embedding, &thickness);
-        let sums = convexity(&cells, &thickness, &label, n, &Run::new(&())).unwrap();
-        assert!(sums.iter().any(|s| s.a % 3 != s.b % 3), "strips see each other");
         let model = MergeModel::default();
         let (whole, pieces) = (RegionPieces::whole(n), RegionPieces::connected(&cells, &label, n));
         let [mut all, each] = [&whole, &pieces].map(|pieces| {
+            let sums = convexity(&cells, &thickness, &label, pieces, &Run::new(&())).unwrap();
+            let across = sums.iter().any(|s| s.a as usize % strips != s.b as usize % strips);
+            assert_eq!(across, pieces == &whole, "strips see each other");
             let labels = RegionLabels { of_cell: &label, of_superface: &label, pieces };
             Regions::gather(&cells, &moments, &sums, labels, 1)
         });

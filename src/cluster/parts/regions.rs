@@ -7,10 +7,10 @@
 //! Cost for R regions, some thirty: 23 R × R matrices. Regions that no boundary connects never merge: those of an
 //! object of loose pieces, thousands perhaps, are summed piece by piece ([`RegionPieces`]).
 
-use super::cell_graph::{CellGraph, compact};
+use super::cell_graph::CellGraph;
 use super::convexity::PairSums;
 use super::matrix::{Square, products};
-use crate::base::union_find::Forest;
+use super::region_pieces::RegionPieces;
 use crate::spectral::anchor::AnchorEmbedding;
 use bytemuck::{Pod, Zeroable};
 
@@ -70,59 +70,6 @@ pub struct RegionLabels<'a> {
     pub of_superface: &'a [u32],
     /// The pieces that the regions are summed in.
     pub pieces: &'a RegionPieces,
-}
-
-/// Connected pieces of regions, in the order of their first ones, and the regions of each, ascending.
-#[derive(Clone, Debug, PartialEq)]
-pub struct RegionPieces {
-    /// Piece of each region, and its place there (R).
-    of_region: Vec<(u32, u32)>,
-    /// The regions of each piece.
-    regions: Vec<Vec<u32>>,
-}
-
-impl RegionPieces {
-    /// All `count` regions as one piece.
-    pub fn whole(count: usize) -> RegionPieces {
-        Self::numbered(&vec![0; count], 1)
-    }
-
-    /// The pieces of the `count` regions `of_cell` (S): two that touch are in one.
-    pub fn connected(cells: &CellGraph, of_cell: &[u32], count: usize) -> RegionPieces {
-        let mut forest = Forest::new(count);
-        for &[i, j] in &cells.pairs {
-            forest.join(of_cell[i as usize], of_cell[j as usize]);
-        }
-        let (piece, pieces) = compact(&forest.labels());
-        Self::numbered(&piece, pieces)
-    }
-
-    /// Those that `piece` tells of each region, `pieces` in all.
-    fn numbered(piece: &[u32], pieces: usize) -> RegionPieces {
-        let mut regions = vec![Vec::new(); pieces];
-        let put = |(&piece, region): (&u32, u32)| {
-            let regions: &mut Vec<u32> = &mut regions[piece as usize];
-            regions.push(region);
-            (piece, regions.len() as u32 - 1)
-        };
-        RegionPieces { of_region: piece.iter().zip(0..).map(put).collect(), regions }
-    }
-
-    /// Number of regions.
-    pub fn region_count(&self) -> usize {
-        self.of_region.len()
-    }
-
-    /// The piece of `region`, and its place there.
-    pub fn place(&self, region: u32) -> (usize, usize) {
-        let (piece, place) = self.of_region[region as usize];
-        (piece as usize, place as usize)
-    }
-
-    /// The regions of `piece`, ascending.
-    pub fn regions(&self, piece: usize) -> &[u32] {
-        &self.regions[piece]
-    }
 }
 
 /// Sums over R regions and over pairs of them.
@@ -224,7 +171,7 @@ impl Regions {
         }
     }
 
-    /// Sums over the regions that `labels` name, of each piece that they lie in, without what is between two of them.
+    /// Sums over the regions that `labels` name, of each piece that they lie in.
     ///
     /// `moments` are the cells' own (S), `sums` those between superfaces; `width` selects the pair width among
     /// [`super::convexity::WIDTHS`]. The surface counts as one without folds.
@@ -236,7 +183,7 @@ impl Regions {
         width: usize,
     ) -> Vec<Regions> {
         let RegionLabels { of_cell: region, of_superface, pieces } = labels;
-        let mut out: Vec<Regions> = pieces.regions.iter().map(|regions| Regions::zeros(regions.len())).collect();
+        let mut out: Vec<Regions> = pieces.sizes().map(Regions::zeros).collect();
         for (&r, q) in region.iter().zip(moments) {
             let (piece, place) = pieces.place(r);
             add(&mut out[piece].moments[place], q);
@@ -263,10 +210,7 @@ impl Regions {
         // Both halves of the three matrices sum the same numbers in the same order: one half of all three at a time.
         let mut halves: Vec<_> = out.iter().map(|regions| vec![[0.0; 3]; regions.len() * regions.len()]).collect();
         for s in sums {
-            let [(piece, a), (other, b)] = [s.a, s.b].map(|s| pieces.place(of_superface[s as usize]));
-            if piece != other {
-                continue;
-            }
+            let [(piece, a), (_, b)] = [s.a, s.b].map(|s| pieces.place(of_superface[s as usize]));
             let twice = if a == b && s.a != s.b { 2.0 } else { 1.0 };
             let sum = &mut halves[piece][a.min(b) * out[piece].len() + a.max(b)];
             for (sum, x) in sum.iter_mut().zip([s.seen[width], s.all[width], s.thickness_jump[width]]) {
