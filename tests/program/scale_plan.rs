@@ -2,6 +2,8 @@
 
 use crate::common::{every_case, in_memory};
 use nystrom_stream::apps::creature::{Creature, Options};
+use nystrom_stream::base::random::{stream, unit};
+use nystrom_stream::mesh::{Labelling, Mesh};
 use nystrom_stream::store::Run;
 use serde_json::Value;
 use std::path::Path;
@@ -100,6 +102,40 @@ fn what_many_landmarks_take_is_planned_and_fits_the_budget() {
         assert_eq!(run.status.code(), Some(if cluster == "kmeans" { 1 } else { 0 }), "{told}");
         assert!(cluster == "parts" || told.contains("landmarks needs") && told.contains(" or -l"), "{told}");
     }
+}
+
+/// Regression: joining separate pieces took 220 bytes of memory for each, and deciding about them 2 GB, whatever the
+/// budget.
+#[test]
+fn thousands_of_pieces_fit_the_budget() {
+    let dir = tempfile::tempdir().unwrap();
+    let path = dir.path().join("pieces.ply");
+    let pieces = 60_000u32;
+    let mut random = stream(1, "pieces");
+    let corner = |_| [0; 3].map(|_| 1e-3 * unit(&mut random) as f32);
+    let mut points: Vec<[f32; 3]> = (0..3 * pieces).map(corner).collect();
+    for triangle in points.chunks_exact_mut(3) {
+        let place = [0; 3].map(|_| unit(&mut random) as f32);
+        triangle.iter_mut().flatten().zip(place.into_iter().cycle()).for_each(|(x, offset)| *x += offset);
+    }
+    let faces: Vec<[u32; 3]> = (0..pieces).map(|k| [3 * k, 3 * k + 1, 3 * k + 2]).collect();
+    Mesh::from_slices(&points, &faces)
+        .unwrap()
+        .save(&path, Labelling { labels: &vec![0; faces.len()], colours: &[[0; 3]], quality: None, names: &[] })
+        .unwrap();
+    let (mesh, peak, out) = (path.to_str().unwrap(), dir.path().join("peak"), dir.path().join("labels.npy"));
+    let allocated = |arguments: &[&str]| -> u64 {
+        let mut program = Command::new(env!("CARGO_BIN_EXE_nystrom-stream"));
+        let run = program.args(arguments).args(["--max-memory", "4MB", "-q"]).env("NYSTROM_STREAM_PEAK", &peak);
+        let run = run.output().unwrap();
+        assert!(run.status.success(), "{}", String::from_utf8_lossy(&run.stderr));
+        std::fs::read_to_string(&peak).unwrap().parse().unwrap()
+    };
+    let graph = allocated(&["graph", mesh, "--work-dir", dir.path().join("work").to_str().unwrap()]);
+    assert!(graph < 6_000_000, "{graph}");
+    // Two thousand superfaces take three matrices of 32 MB.
+    let parts = allocated(&["segment", mesh, "-o", out.to_str().unwrap()]);
+    assert!(parts < 120_000_000, "{parts}");
 }
 
 /// Mounts a file system of `size` in memory at `at`; whether that is allowed here.
