@@ -197,6 +197,10 @@ fn neighbours(graph: &DualGraph, owner: &[u32], cells: usize, run: &Run) -> Resu
     Ok(CellNeighbours { start, list: pairs.into_iter().map(|pair| pair as u32).collect() })
 }
 
+/// Rounds of averaging at the most. Contracted meshes take some fifty at the widest radius; faces around one vertex lie
+/// so near to each other that it would be millions.
+const ROUNDS: f64 = 500.;
+
 /// Normals at radius `r` by (r/h)² rounds of area-weighted averaging over neighbours: for meshes coarse against the
 /// radius, and for contracted ones, which are made of cells already. In memory.
 ///
@@ -206,7 +210,7 @@ pub fn averaged(graph: &DualGraph, shares: &AreaShares, r: f32, file: &str, cont
     let n = graph.nodes.len();
     let shared = graph.edges.shared();
     let mean = f64::from(mean_weight(lengths(graph)) * shares.unit);
-    let rounds = if mean > 0. { (f64::from(r) / mean).powi(2).round().min(1e4) as usize } else { 0 };
+    let rounds = if mean > 0. { (f64::from(r) / mean).powi(2).round().min(ROUNDS) as usize } else { 0 };
     let mut normals: Vec<[f32; 3]> = (0..n).map(|i| graph.nodes.at(i).normal).collect();
     let (mut next, share) = (normals.clone(), shares.values());
     for _ in 0..rounds {
