@@ -205,7 +205,13 @@ impl Visited {
 
 #[cfg(test)]
 mod tests {
-    use super::Visited;
+    use super::{Visited, is_clearly_clean};
+
+    /// Regression: half a million faces at one place were smoothed for a minute.
+    #[test]
+    fn what_does_not_turn_is_clean() {
+        assert!(is_clearly_clean([0., 0.]) && is_clearly_clean([1., 1.]) && !is_clearly_clean([1., 0.]));
+    }
 
     #[test]
     fn visits_are_remembered_until_they_are_cleared() {

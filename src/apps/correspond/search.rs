@@ -20,6 +20,10 @@ pub const EXACT: usize = 1 << 21;
 /// Vertices looked around in vain before a search ends.
 const PATIENCE: usize = 24;
 
+/// Neighbours of a vertex that are looked at, at the most. Vertices of meshes have six, give or take some; at the tip of
+/// a fan of a million faces a search would never end.
+const MOST_AROUND: usize = 64;
+
 /// A vertex found, and the squared distance in the embedding.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Neighbour {
@@ -51,7 +55,7 @@ pub(super) fn walk<'g>(
     while let Some(at) = known.iter().position(|(_, looked)| !looked).filter(|_| idle < patience) {
         known[at].1 = true;
         idle += 1;
-        for &vertex in around(known[at].0.vertex) {
+        for &vertex in around(known[at].0.vertex).iter().take(MOST_AROUND) {
             if seen.contains(&vertex) {
                 continue;
             }

@@ -15,6 +15,8 @@ use std::sync::atomic::{AtomicU64, Ordering};
 
 /// Faces a thread takes at a time.
 pub(super) const CHUNK: usize = 1 << 13;
+/// The same where they are drawn: each may cover the whole picture, and a run can be stopped between them.
+const DRAWN: usize = 1 << 8;
 
 /// Calls `visit(face, its corners, their positions)` for the triangles of `faces`, in order.
 #[inline]
@@ -40,6 +42,10 @@ pub(super) struct Canvas {
     cells: Vec<AtomicU64>,
     depth: f64,
 }
+
+/// Columns above which the part of a row that lies in a triangle is computed instead of tried: slivers fill a small share
+/// of their boxes.
+const WIDE: i64 = 8;
 
 /// What a sample shows.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -76,12 +82,12 @@ impl Canvas {
     pub(super) fn draw(&self, mesh: &Mesh, camera: &Camera, run: &Run) -> Result<()> {
         let n = mesh.faces.len();
         let chunk = |k, (): &mut ()| {
-            each_triangle(mesh, chunk_range(n, CHUNK, k), |face, _, at| {
+            each_triangle(mesh, chunk_range(n, DRAWN, k), |face, _, at| {
                 self.triangle(at.map(|p| camera.project(p)), face as u32);
             });
             Ok(())
         };
-        run.map_chunks(chunk_count(n, CHUNK), || (), chunk).map(drop)
+        run.map_chunks(chunk_count(n, DRAWN), || (), chunk).map(drop)
     }
 
     /// Draws a triangle given in samples.
@@ -125,9 +131,11 @@ impl Canvas {
         let unit = 1.0 / area as f64;
         let (lowest, highest) = (at[0][2].min(at[1][2]).min(at[2][2]), at[0][2].max(at[1][2]).max(at[2][2]));
         for y in rows {
-            let mut inside = row;
             let line = y as usize * self.width;
-            for x in columns.clone() {
+            let within =
+                if columns.end - columns.start > WIDE { span(&row, &edges, columns.clone()) } else { columns.clone() };
+            let mut inside: [i64; 3] = std::array::from_fn(|k| row[k] + (within.start - columns.start) * edges[k].1);
+            for x in within {
                 if inside[0] | inside[1] | inside[2] >= 0 {
                     let share = |k: usize| inside[k] as f64 * unit;
                     let depth = at[2][2] + share(0) * (at[0][2] - at[2][2]) + share(1) * (at[1][2] - at[2][2]);
@@ -154,6 +162,22 @@ impl Canvas {
     }
 }
 
+/// The columns of a row in which all three edges may be 0 or more, among `columns`, at whose first they are `row`. An
+/// edge changes by its second number from one column to the next.
+fn span(row: &[i64; 3], edges: &[(i64, i64, i64); 3], columns: Range<i64>) -> Range<i64> {
+    let (mut first, mut end) = (columns.start, columns.end);
+    for (&value, &(_, right, _)) in row.iter().zip(edges) {
+        if right > 0 && value < 0 {
+            first = first.max(columns.start + (-value + right - 1) / right);
+        } else if right < 0 && value >= 0 {
+            end = end.min(columns.start + value / -right + 1);
+        } else if right <= 0 && value < 0 {
+            end = first;
+        }
+    }
+    first..end.max(first)
+}
+
 /// The boxes that the faces of `mesh` fill in each frame.
 pub(super) fn extents(mesh: &Mesh, frames: &[super::camera::Frame], run: &Run) -> Result<Vec<Extent>> {
     let n = mesh.faces.len();
@@ -171,4 +195,52 @@ pub(super) fn extents(mesh: &Mesh, frames: &[super::camera::Frame], run: &Run) -
         all.iter_mut().zip(&found).for_each(|(all, found)| all.join(found));
     }
     Ok(all)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::base::random::{below, stream, unit};
+
+    /// Whether the sample's centre is in the triangle, whose corners are in 1/256 of a sample, in any order.
+    fn is_in(mut p: [[i64; 2]; 3], centre: [i64; 2]) -> bool {
+        let side =
+            |a: [i64; 2], b: [i64; 2], c: [i64; 2]| (b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0]);
+        if side(p[0], p[1], p[2]) < 0 {
+            p.swap(1, 2);
+        }
+        (0..3).all(|k| {
+            let (a, b) = (p[k], p[(k + 1) % 3]);
+            let top_left = b[1] < a[1] || (b[1] == a[1] && b[0] > a[0]);
+            side(a, b, centre) > 0 || (side(a, b, centre) == 0 && top_left)
+        })
+    }
+
+    /// Of all sizes, many of them slivers; each sample is asked by itself.
+    #[test]
+    fn triangles_cover_the_samples_whose_centres_they_hold() {
+        let (width, height) = (61, 47);
+        let mut random = stream(1, "triangles");
+        for case in 0..400 {
+            // Corners on centres and edges of samples are common.
+            let mut at = |size: usize| match case % 3 {
+                0 => below(&mut random, 2 * size) as f64 / 2.,
+                _ => (1.4 * unit(&mut random) - 0.2) * size as f64,
+            };
+            let mut corner = [0; 3].map(|_| [at(width), at(height), 1.]);
+            if case % 4 == 1 {
+                corner[2] = std::array::from_fn(|axis| corner[1][axis] + 0.3);
+            }
+            let cells = (0..width * height).map(|_| AtomicU64::new(EMPTY)).collect();
+            let canvas = Canvas { width, height, cells, depth: 2. };
+            canvas.triangle(corner, 7);
+            let p = corner.map(|p| [(p[0] * 256.).round() as i64, (p[1] * 256.).round() as i64]);
+            let flat = (p[1][0] - p[0][0]) * (p[2][1] - p[0][1]) == (p[1][1] - p[0][1]) * (p[2][0] - p[0][0]);
+            for cell in 0..width * height {
+                let centre = [cell % width, cell / width].map(|x| 256 * x as i64 + 128);
+                let covered = canvas.get(cell).is_some();
+                assert_eq!(covered, !flat && is_in(p, centre), "case {case}, sample {cell}");
+            }
+        }
+    }
 }

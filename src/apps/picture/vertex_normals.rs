@@ -18,6 +18,9 @@ use std::sync::atomic::{AtomicU64, Ordering::Relaxed};
 /// Cosine between two faces at a crease (60°) above which they are of one side.
 const SAME: f64 = 0.5;
 
+/// Corners at a crease above which each is flat: it would be compared with all others, of a million at the tip of a cone.
+const MOST: usize = 1 << 10;
+
 /// Normals of vertices.
 pub(super) struct VertexNormals {
     sums: VertexSums,
@@ -107,6 +110,7 @@ impl VertexNormals {
         match self.creases.of(corner) {
             None if dot(smooth, face) < SMOOTH => face,
             None => smooth,
+            Some(corners) if corners.len() > MOST => face,
             Some(corners) => {
                 let mut sum = [0.0; 3];
                 for corner in corners {

@@ -293,6 +293,10 @@ impl TriangleTree {
         let work = |k: usize, piece: &mut [Closest], (): &mut ()| {
             let mut near = 0;
             for (i, found) in piece.iter_mut().enumerate() {
+                // From where most triangles are equally far, a look at all of them.
+                if i % 16 == 0 {
+                    run.cancel.check()?;
+                }
                 near = self.improve(&probe(k * CHUNK + i), agreement, near, found);
             }
             Ok(())
