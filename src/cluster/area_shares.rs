@@ -67,6 +67,7 @@ impl AreaShares {
         let n = graph.nodes.len();
         let tiny = TinyComponents::of(graph, context)?;
         let (total, tiny_nodes) = tiny.as_ref().map_or((graph.facts.area, 0), |tiny| (tiny.rest, tiny.nodes));
+        let tiny = tiny.filter(|tiny| tiny.nodes > 0);
         let real = n as u64 - tiny_nodes;
         // All faces degenerate: each counts the same.
         let even = total <= 0.;

@@ -13,7 +13,6 @@
 
 use super::components::{Components, Several};
 use super::dual_edges::{DualEdges, EdgesWriter, Entry};
-use super::half_edge_pairs::AGAINST;
 use super::node_geometry::NodeGeometry;
 use super::ranked_tree::{RankedPoint, RankedTree};
 use crate::base::{Error, Result};
@@ -113,7 +112,7 @@ impl Samples {
             if node % (1 << 20) == 0 {
                 context.run.cancel.check()?;
             }
-            number = several.number(link & !AGAINST, number);
+            number = several.number(link, number);
             let (before, step) = (seen[number], step(sizes[number]));
             if before.is_multiple_of(step) {
                 samples[(starts_of[number] + before / step) as usize] = node as u32;

@@ -20,8 +20,8 @@ pub const EXACT: usize = 1 << 21;
 /// Vertices looked around in vain before a search ends.
 const PATIENCE: usize = 24;
 
-/// Neighbours of a vertex that are looked at, at the most. Vertices of meshes have six, give or take some; at the tip of
-/// a fan of a million faces a search would never end.
+/// Neighbours of a vertex that are looked at, at the most. Vertices of meshes have six, give or take some; at the tip
+/// of a fan of a million faces a search would never end.
 const MOST_AROUND: usize = 64;
 
 /// A vertex found, and the squared distance in the embedding.

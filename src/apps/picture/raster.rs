@@ -43,8 +43,8 @@ pub(super) struct Canvas {
     depth: f64,
 }
 
-/// Columns above which the part of a row that lies in a triangle is computed instead of tried: slivers fill a small share
-/// of their boxes.
+/// Columns above which the part of a row that lies in a triangle is computed instead of tried: slivers fill a small
+/// share of their boxes.
 const WIDE: i64 = 8;
 
 /// What a sample shows.

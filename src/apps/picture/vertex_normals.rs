@@ -18,7 +18,8 @@ use std::sync::atomic::{AtomicU64, Ordering::Relaxed};
 /// Cosine between two faces at a crease (60°) above which they are of one side.
 const SAME: f64 = 0.5;
 
-/// Corners at a crease above which each is flat: it would be compared with all others, of a million at the tip of a cone.
+/// Corners at a crease above which each is flat: it would be compared with all others, of a million at the tip of a
+/// cone.
 const MOST: usize = 1 << 10;
 
 /// Normals of vertices.
