@@ -1,8 +1,9 @@
 //! The lowest layer: errors, progress, cancellation, deterministic parallel loops, loops on wide
-//! vectors, disjoint sets, short sorts, shortest paths and small eigenproblems.
+//! vectors, boxes, disjoint sets, short sorts, shortest paths and small eigenproblems.
 //!
 //! Nothing here knows of meshes, files or command lines. Cost: none worth naming.
 
+pub mod bounds;
 pub mod cancel;
 pub mod dijkstra;
 pub mod eigen;

@@ -163,7 +163,7 @@ impl<'a> TinyComponents<'a> {
         let (order, area) = (several.by_size(context)?, several.area());
         let area_of = |number: u32| area[number as usize];
         let least = (TINY * graph.facts.area).min(BESIDE_LARGEST * area_of(order.items()[0]));
-        let mut tiny: ArrayMut<u8> = context.work.array("tiny_components.tmp", &[several.len()])?;
+        let mut tiny: ArrayMut<u8> = context.work.array("tiny_components.tmp", &[several.count()])?;
         let (mut rest, mut nodes) = (0., 0);
         for (rank, &number) in order.items().iter().enumerate() {
             if rank > 0 && area_of(number) < least {

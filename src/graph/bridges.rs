@@ -52,7 +52,7 @@ pub fn find_bridges(
     context: Context<'_>,
 ) -> Result<Option<ArrayMut<Bridge>>> {
     let Some(several) = &components.several else { return Ok(None) };
-    let (run, count) = (context.run, several.len());
+    let (run, count) = (context.run, several.count());
     let order = several.by_size(context)?;
     let mut rank: ArrayMut<u32> = context.work.array("component_rank.tmp", &[count])?;
     for (place, &number) in order.items().iter().enumerate() {

@@ -43,7 +43,7 @@ pub struct Components {
 impl Components {
     /// How many there are.
     pub fn count(&self) -> usize {
-        self.several.as_ref().map_or(1, Several::len)
+        self.several.as_ref().map_or(1, Several::count)
     }
 
     /// The number of the component that `link`, one of the roots, tells; `near` is one to look at first.
@@ -110,8 +110,7 @@ impl Several {
     }
 
     /// How many there are.
-    #[allow(clippy::len_without_is_empty)]
-    pub fn len(&self) -> usize {
+    pub fn count(&self) -> usize {
         self.first.items().len()
     }
 
@@ -145,7 +144,7 @@ impl Several {
     /// [`crate::base::Error::Io`].
     pub fn by_size(&self, context: Context<'_>) -> Result<ArrayMut<u32>> {
         let (area, nodes) = (self.area(), self.nodes());
-        let mut order: ArrayMut<u32> = context.work.array("component_order.tmp", &[self.len()])?;
+        let mut order: ArrayMut<u32> = context.work.array("component_order.tmp", &[self.count()])?;
         order.data().iter_mut().zip(0..).for_each(|(slot, number)| *slot = number);
         order.data().sort_unstable_by(|&a, &b| {
             let ([a_area, b_area], [a_nodes, b_nodes]) =

@@ -11,6 +11,7 @@
 //! boxes, both in the work directory (in memory where the budget has room), and 0.1 to 1 µs per query.
 
 use crate::base::Result;
+use crate::base::bounds::Bounds;
 use crate::base::parallel::beside;
 use crate::store::npy::{ArrayMut, Item};
 use crate::store::{Context, Run};
@@ -34,43 +35,33 @@ impl Item for RankedPoint {
     const DESCR: &'static str = "[('at','<f4',(3,)),('node','<u4'),('rank','<u4')]";
 }
 
-/// What bounds the points of a box.
+/// What is known of the points of a box.
 #[derive(Clone, Copy, Debug, PartialEq, Pod, Zeroable)]
 #[repr(C)]
-struct Bounds {
-    low: [f32; 3],
-    high: [f32; 3],
+struct RankedBox {
+    bounds: Bounds,
     least_rank: u32,
 }
 
-impl Item for Bounds {
+impl Item for RankedBox {
     const DESCR: &'static str = "[('low','<f4',(3,)),('high','<f4',(3,)),('rank','<u4')]";
 }
 
-impl Bounds {
-    const NONE: Self = Self { low: [f32::INFINITY; 3], high: [f32::NEG_INFINITY; 3], least_rank: u32::MAX };
+impl RankedBox {
+    const EMPTY: Self = Self { bounds: Bounds::EMPTY, least_rank: u32::MAX };
 
     fn of(points: &[RankedPoint]) -> Self {
-        let one = |point: &RankedPoint| Self { low: point.at, high: point.at, least_rank: point.rank };
-        points.iter().map(one).fold(Self::NONE, Self::with)
+        let one = |point: &RankedPoint| Self { bounds: Bounds::at(point.at), least_rank: point.rank };
+        points.iter().map(one).fold(Self::EMPTY, Self::with)
     }
 
     fn with(self, other: Self) -> Self {
-        Self {
-            low: std::array::from_fn(|axis| self.low[axis].min(other.low[axis])),
-            high: std::array::from_fn(|axis| self.high[axis].max(other.high[axis])),
-            least_rank: self.least_rank.min(other.least_rank),
-        }
+        Self { bounds: self.bounds.with(&other.bounds), least_rank: self.least_rank.min(other.least_rank) }
     }
 
     fn widest_axis(&self) -> usize {
-        let width = |axis: usize| self.high[axis] - self.low[axis];
+        let width = |axis: usize| self.bounds.high[axis] - self.bounds.low[axis];
         (1..3).fold(0, |widest, axis| if width(axis) > width(widest) { axis } else { widest })
-    }
-
-    /// No point of the box is nearer than this, squared; rounded as [`square`] rounds.
-    fn nearest(&self, at: [f32; 3]) -> f32 {
-        square(std::array::from_fn(|axis| (self.low[axis] - at[axis]).max(at[axis] - self.high[axis]).max(0.)))
     }
 }
 
@@ -84,7 +75,7 @@ fn square(d: [f32; 3]) -> f32 {
 pub(super) struct RankedTree {
     points: ArrayMut<RankedPoint>,
     /// Box 1 has all points, boxes 2 i and 2 i + 1 the halves of box i; as many leaves as other boxes and box 0.
-    bounds: ArrayMut<Bounds>,
+    boxes: ArrayMut<RankedBox>,
 }
 
 /// The places of the points of box `i` among all `n`.
@@ -104,32 +95,32 @@ impl RankedTree {
         let n = points.items().len();
         let leaves = n.div_ceil(LEAF).next_power_of_two();
         sort(points.data(), 1, leaves, n, context.run)?;
-        let mut bounds = context.work.array::<Bounds>("bridge_boxes.tmp", &[2 * leaves])?;
+        let mut boxes = context.work.array::<RankedBox>("bridge_boxes.tmp", &[2 * leaves])?;
         let sorted = points.items();
-        let (inner, lowest) = bounds.data().split_at_mut(leaves);
-        context.run.fill_each(lowest, 1 << 10, |j, _| Bounds::of(&sorted[span(leaves + j, n)]))?;
+        let (inner, lowest) = boxes.data().split_at_mut(leaves);
+        context.run.fill_each(lowest, 1 << 10, |j, _| RankedBox::of(&sorted[span(leaves + j, n)]))?;
         for i in (1..leaves).rev() {
             let below = |j: usize| if j < leaves { inner[j] } else { lowest[j - leaves] };
             inner[i] = below(2 * i).with(below(2 * i + 1));
         }
-        inner[0] = Bounds::NONE;
-        Ok(Self { points, bounds })
+        inner[0] = RankedBox::EMPTY;
+        Ok(Self { points, boxes })
     }
 
     /// The squared distance and the node of the point nearest to `at` among those below `rank`; of several that are
     /// equally near any, but always the same. `None` where there is none.
     pub fn nearest_below(&self, rank: u32, at: [f32; 3]) -> Option<(f32, u32)> {
-        let (points, bounds) = (self.points.items(), self.bounds.items());
-        let leaves = bounds.len() / 2;
+        let (points, boxes) = (self.points.items(), self.boxes.items());
+        let leaves = boxes.len() / 2;
         let mut best = (f32::INFINITY, None);
         // At each level one box waits at the most.
         let mut waiting = [(0f32, 0usize); usize::BITS as usize];
-        (waiting[0], waiting[1]) = ((0., 0), (bounds[1].nearest(at), 1));
+        (waiting[0], waiting[1]) = ((0., 0), (boxes[1].bounds.square_from(at), 1));
         let mut height = 2;
         while height > 1 {
             height -= 1;
             let (least, i) = waiting[height];
-            if bounds[i].least_rank >= rank || (least >= best.0 && best.1.is_some()) {
+            if boxes[i].least_rank >= rank || (least >= best.0 && best.1.is_some()) {
                 continue;
             }
             if i >= leaves {
@@ -141,7 +132,7 @@ impl RankedTree {
                 }
                 continue;
             }
-            let mut below = [2 * i, 2 * i + 1].map(|j| (bounds[j].nearest(at), j));
+            let mut below = [2 * i, 2 * i + 1].map(|j| (boxes[j].bounds.square_from(at), j));
             // The nearer one on top.
             if below[0].0 <= below[1].0 {
                 below.swap(0, 1);
@@ -160,7 +151,7 @@ fn sort(points: &mut [RankedPoint], i: usize, leaves: usize, n: usize, run: &Run
         return Ok(());
     }
     run.cancel.check()?;
-    let axis = Bounds::of(points).widest_axis();
+    let axis = RankedBox::of(points).widest_axis();
     let half = span(2 * i, n).len();
     if half > 0 && half < points.len() {
         points.select_nth_unstable_by(half, |a, b| a.at[axis].total_cmp(&b.at[axis]));

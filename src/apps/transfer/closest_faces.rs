@@ -6,6 +6,7 @@
 //! walks twice and from the root, several times as long. [`BYTES`] per triangle of a block, 16 bytes per point on disk.
 
 use crate::base::Result;
+use crate::base::bounds::Bounds;
 use crate::base::vector::{self, double_area, narrow, wide};
 use crate::mesh::Mesh;
 use crate::store::Run;
@@ -100,23 +101,6 @@ impl Leaf {
     }
 }
 
-/// Least and greatest coordinates.
-type Bounds = [[f32; 3]; 2];
-const EMPTY: Bounds = [[f32::INFINITY; 3], [f32::NEG_INFINITY; 3]];
-
-fn united(a: &Bounds, b: &Bounds) -> Bounds {
-    let (low, high) = (|k: usize| a[0][k].min(b[0][k]), |k: usize| a[1][k].max(b[1][k]));
-    [[low(0), low(1), low(2)], [high(0), high(1), high(2)]]
-}
-
-/// The squared distance of `p` from a box; infinite from an empty one.
-#[inline(always)]
-fn from_box([low, high]: &Bounds, p: [f32; 3]) -> f32 {
-    let out = |k: usize| (low[k] - p[k]).max(p[k] - high[k]).max(0.);
-    let (x, y, z) = (out(0), out(1), out(2));
-    x * x + y * y + z * z
-}
-
 /// The squared distance of `p` from a triangle: from its plane inside, from its edges outside.
 pub fn distance_2([a, b, c]: &[[f32; 3]; 3], p: [f32; 3]) -> f32 {
     let sub = |a: [f32; 3], b: [f32; 3]| [a[0] - b[0], a[1] - b[1], a[2] - b[2]];
@@ -198,13 +182,13 @@ impl TriangleTree {
         });
         leaves.sort_unstable_by_key(|leaf| (leaf.key, leaf.face));
         let half = leaves.len().div_ceil(GROUP).max(1).next_power_of_two();
-        let mut boxes = vec![EMPTY; 2 * half];
+        let mut boxes = vec![Bounds::EMPTY; 2 * half];
         for (group, bounds) in leaves.chunks(GROUP).zip(&mut boxes[half..]) {
             let points = group.iter().flat_map(|leaf| &leaf.corners);
-            *bounds = points.fold(EMPTY, |bounds, &p| united(&bounds, &[p, p]));
+            *bounds = points.fold(Bounds::EMPTY, |bounds, &p| bounds.with(&Bounds::at(p)));
         }
         for node in (1..half).rev() {
-            boxes[node] = united(&boxes[2 * node], &boxes[2 * node + 1]);
+            boxes[node] = boxes[2 * node].with(&boxes[2 * node + 1]);
         }
         Self { leaves, boxes }
     }
@@ -244,7 +228,7 @@ impl TriangleTree {
                 }
                 continue;
             }
-            let child = |child: usize| (from_box(&self.boxes[child], probe.place), child);
+            let child = |child: usize| (self.boxes[child].square_from(probe.place), child);
             let mut pair = [child(2 * node), child(2 * node + 1)];
             if pair[0].0 < pair[1].0 {
                 pair.swap(0, 1);

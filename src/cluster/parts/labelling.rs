@@ -143,20 +143,19 @@ fn greedy_joins(gain: &Square, label: &mut [u32], classes: usize) -> usize {
 
 /// Sums of `m` between the classes of a labelling.
 pub(super) fn between(m: &Square, label: &[u32], classes: usize) -> Square {
-    rows_between(label, classes, |i, row| row.copy_from_slice(m.row(i)))
+    sums_between(label, classes, |i, j| m.row(i)[j])
 }
 
-/// The same of a matrix whose row i `fill` writes.
-fn rows_between(label: &[u32], classes: usize, fill: impl Fn(usize, &mut [f64])) -> Square {
+/// The same of a matrix with the entries `at(i, j)`.
+fn sums_between(label: &[u32], classes: usize, at: impl Fn(usize, usize) -> f64) -> Square {
     let mut out = Square::zeros(classes);
-    let (mut row, mut sums) = (vec![0.0; label.len()], vec![0.0; classes]);
+    let mut row = vec![0.0; classes];
     for (i, &k) in label.iter().enumerate() {
-        fill(i, &mut row);
-        sums.fill(0.0);
-        for (x, &c) in row.iter().zip(label) {
-            sums[c as usize] += x;
+        row.fill(0.0);
+        for (j, &c) in label.iter().enumerate() {
+            row[c as usize] += at(i, j);
         }
-        out.row_mut(k as usize).iter_mut().zip(&sums).for_each(|(sum, x)| *sum += x);
+        out.row_mut(k as usize).iter_mut().zip(&row).for_each(|(sum, x)| *sum += x);
     }
     out
 }
@@ -310,12 +309,8 @@ impl HierarchyLevels<'_> {
     fn inside(&self, class: &[u32], sub: &[u32], n: usize, low: f64, high: f64) -> Vec<CellUnion> {
         let RandObjective { area, co_association } = self.objective;
         let size: Vec<f64> = class.iter().map(|&x| area[x as usize]).collect();
-        let sums = rows_between(sub, n, |i, row| {
-            let from = co_association.row(class[i] as usize);
-            for ((slot, &y), b) in row.iter_mut().zip(class).zip(&size) {
-                *slot = size[i] * b * from[y as usize];
-            }
-        });
+        let weighed = |i: usize, j: usize| size[i] * size[j] * co_association[(class[i] as usize, class[j] as usize)];
+        let sums = sums_between(sub, n, weighed);
         let mut name = vec![u32::MAX; area.len()];
         let mut first = vec![u32::MAX; n];
         for (&x, &k) in class.iter().zip(sub) {
