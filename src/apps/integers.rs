@@ -76,8 +76,9 @@ pub(super) fn read_labels(path: &Path) -> Result<Vec<u32>> {
     read_integers(path, label, NO_LABEL, LABELS)
 }
 
-/// Labels (n) of a `.seg` file or of a `.npy` file, a vector of integers of any type. A vector of the program's own
-/// type is used where it lies; others become an array in `work`, item by item.
+/// Labels (n) of a `.seg` file or of a `.npy` file, a vector of integers of any type; a negative one says that a face
+/// has no label, and becomes `u32::MAX`. A vector of the program's own type is used where it lies; others become an
+/// array in `work`, item by item.
 ///
 /// # Errors
 /// [`Error::Unusable`] for another ending or a file without labels; [`Error::Malformed`] naming the line or the item
@@ -90,8 +91,9 @@ pub fn open_labels(path: &Path, work: &WorkDir) -> Result<MappedSlice<u32>> {
             if let Ok(labels) = npy::open(path) {
                 return Ok(labels);
             }
+            let label_or_none = |item: i128| if item < 0 { Some(u32::MAX) } else { label(item) };
             let mut writer = ArrayWriter::create(&work.file(FILE), 1)?;
-            each_integer(path, label, NO_LABEL, LABELS, |label| writer.push(&[label]))?;
+            each_integer(path, label_or_none, "beyond 32 bits", LABELS, |label| writer.push(&[label]))?;
             writer.finish(false)
         }
         _ => Err(Error::unusable(path, "its ending says no known form of labels", "give a .seg or .npy file")),
@@ -114,14 +116,33 @@ fn signed(bytes: &[u8], big: bool) -> i128 {
 mod tests {
     use super::*;
 
+    /// Writes an array of two items of the type `descr`.
+    fn write(path: &Path, descr: &str, data: &[u8]) {
+        let text = format!("{{'descr': '{descr}', 'fortran_order': False, 'shape': (2,), }}\n");
+        let bytes = [b"\x93NUMPY\x01\x00", &(text.len() as u16).to_le_bytes()[..], text.as_bytes(), data].concat();
+        std::fs::write(path, bytes).unwrap();
+    }
+
+    /// In a mesh's own labels a negative number meant that, in an array it was an error.
+    #[test]
+    fn a_negative_integer_is_no_label() {
+        let dir = tempfile::tempdir().unwrap();
+        let work = WorkDir::temporary(dir.path()).unwrap();
+        let path = dir.path().join("x.npy");
+        let write = |labels: [i64; 2]| write(&path, "<i8", bytemuck::bytes_of(&labels.map(i64::to_le)));
+        write([3, 1 << 40]);
+        assert!(open_labels(&path, &work).unwrap_err().to_string().contains("item 1 is 1099511627776, beyond 32 bits"));
+        write([3, -7]);
+        assert_eq!(open_labels(&path, &work).unwrap()[..], [3, u32::MAX]);
+        assert!(read_labels(&path).is_err(), "what is compared with people has a label for every face");
+    }
+
     #[test]
     fn integers_of_all_widths_and_both_orders_are_read() {
         let dir = tempfile::tempdir().unwrap();
         let path = dir.path().join("x.npy");
         let read = |descr: &str, data: &[u8]| {
-            let text = format!("{{'descr': '{descr}', 'fortran_order': False, 'shape': (2,), }}\n");
-            let bytes = [b"\x93NUMPY\x01\x00", &(text.len() as u16).to_le_bytes()[..], text.as_bytes(), data].concat();
-            std::fs::write(&path, bytes).unwrap();
+            write(&path, descr, data);
             read_integers(&path, |item| (item != 77).then_some(item), "odd", "give others").map_err(|e| e.to_string())
         };
         assert_eq!(read("|u1", &[255, 1]).unwrap(), [255, 1]);

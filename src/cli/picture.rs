@@ -18,7 +18,7 @@ pub struct PictureArgs {
     /// A PLY, OBJ, OFF or STL file, also .gz, labelled or not; `-` reads standard input
     #[arg(value_name = "MESH")]
     pub mesh: PathBuf,
-    /// Labels, .seg or .npy of any integers [default: the property `label` of the mesh's faces]
+    /// Labels, .seg or .npy of any integers, negative for none [default: the property `label` of the mesh's faces]
     #[arg(long, value_name = "LABELS")]
     pub labels: Option<PathBuf>,
     /// The picture, .png [default: MESH.png]

@@ -27,7 +27,7 @@ pub struct TransferArgs {
     /// Output, once or more, as in segment
     #[arg(short, long, value_name = "OUT", required = true)]
     pub output: Vec<PathBuf>,
-    /// Labels of FROM, .seg or .npy of any integers [default: the property `label` of its faces]
+    /// Labels of FROM, .seg or .npy of any integers, negative for none [default: the property `label` of its faces]
     #[arg(long, value_name = "LABELS")]
     pub labels: Option<PathBuf>,
     #[command(flatten)]

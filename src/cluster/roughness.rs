@@ -56,9 +56,9 @@ pub fn sampled_turning(graph: &DualGraph, shares: &AreaShares, run: &Run) -> Res
 }
 
 /// Whether a mesh's own normals are too rough to measure turning with, from its total turning at radius 0 and .02.
-/// Clean meshes have P₀/P_.02 of 1.0–1.3, scans 2.4–3.1, noisy ones up to 30.
+/// Clean meshes have P₀/P_.02 of 1.0–1.3, scans 2.4–3.1, noisy ones up to 30. What does not turn at all is clean.
 pub fn is_rough(own: f64, coarse: f64) -> bool {
-    own >= 1.6 * coarse
+    own > 1.6 * coarse
 }
 
 /// Whether [`sampled_turning`] is enough to say that [`is_rough`] is not so. Between boxes there are no seams as
@@ -205,12 +205,13 @@ impl Visited {
 
 #[cfg(test)]
 mod tests {
-    use super::{Visited, is_clearly_clean};
+    use super::{Visited, is_clearly_clean, is_rough};
 
     /// Regression: half a million faces at one place were smoothed for a minute.
     #[test]
     fn what_does_not_turn_is_clean() {
         assert!(is_clearly_clean([0., 0.]) && is_clearly_clean([1., 1.]) && !is_clearly_clean([1., 0.]));
+        assert!(!is_rough(0., 0.) && !is_rough(1., 1.) && is_rough(1., 0.));
     }
 
     #[test]

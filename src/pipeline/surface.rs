@@ -102,7 +102,7 @@ pub(super) struct SurfaceStage<'a> {
 
 impl Stage for SurfaceStage<'_> {
     const NAME: &'static str = "surface";
-    const VERSION: u32 = 8;
+    const VERSION: u32 = 9;
     type Facts = SurfaceFacts;
     type Output = PreparedSurface;
 
