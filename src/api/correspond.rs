@@ -3,16 +3,17 @@
 //! Thin: costs are those of [`crate::pipeline::correspond`]. The result has 16 bytes per vertex of the first mesh.
 
 use super::mesh::identity;
-use super::run::{RunOptions, run_options};
+use super::run::{RunOptions, run_options, work_options};
 use crate::apps::correspond::matches::{Match, Matching};
 use crate::apps::correspond::{Refine, files};
 use crate::base::Result;
 use crate::distance::vertex_rows::Distance;
 use crate::landmarks::Sampling;
 use crate::mesh::Mesh;
+use crate::pipeline::admission::admit_two;
 use crate::pipeline::correspond::{self as recipe, CorrespondParams, default_landmarks_for_vertices};
 use crate::store::Run;
-use serde_json::{Value, json};
+use serde_json::Value;
 use std::path::Path;
 
 /// Matches the vertices of two meshes by their spectral embeddings.
@@ -34,6 +35,7 @@ pub struct Matcher {
 }
 
 run_options!(Matcher);
+work_options!(Matcher);
 
 impl Matcher {
     /// Every vertex of the first mesh gets the nearest of the second, with the default of every option.
@@ -107,27 +109,20 @@ impl Matcher {
     /// Matches the vertices of `a` with those of `b`.
     ///
     /// # Errors
-    /// [`crate::Error::Parameter`], [`crate::Error::Unusable`] for a mesh without triangles, [`crate::Error::Memory`],
-    /// [`crate::Error::Io`], [`crate::Error::Cancelled`].
+    /// [`crate::Error::Parameter`], [`crate::Error::Unusable`] for a mesh without triangles, [`crate::Error::WorkDir`]
+    /// for a work directory of other meshes, [`crate::Error::Memory`], [`crate::Error::Io`], [`crate::Error::Cancelled`].
     pub fn run(&self, a: &Mesh, b: &Mesh) -> Result<Correspondence> {
         let most = a.positions.len().max(b.positions.len());
         let params = self.params.landmarks(self.landmarks.unwrap_or(default_landmarks_for_vertices(most)));
-        self.options.with(|context, seconds| {
+        self.options.with(|context, told| {
             let inputs = context.work.durable().then(|| Ok([identity(a, true)?, identity(b, true)?])).transpose()?;
+            let paths = [a.path(), b.path()];
+            if let Some(inputs) = &inputs {
+                admit_two(paths, inputs, self.options.force, context)?;
+            }
+            [a, b].into_iter().flat_map(Mesh::notes).for_each(|note| context.run.progress.note(note));
             let found = recipe::correspond(a, b, inputs.as_ref(), &params, context)?;
-            let report = json!({
-                "a": a.path().display().to_string(),
-                "b": b.path().display().to_string(),
-                "options": params,
-                "seed": context.run.seed,
-                "meshes": found.sides,
-                "ambiguous": found.alignments.ambiguous,
-                "alignments": found.alignments.found,
-                "refined": found.refined,
-                "partial": found.partial,
-                "alternative": params.alternative,
-                "seconds": seconds.so_far(),
-            });
+            let report = found.report(paths, &params, context.run, told);
             Ok(Correspondence { found, report })
         })
     }

@@ -3,7 +3,7 @@
 //! Thin: costs are those of [`crate::apps::evaluate`], [`crate::apps::transfer`] and [`crate::apps::study`].
 
 use super::mesh::admitted;
-use super::run::{RunOptions, run_options};
+use super::run::{RunOptions, run_options, work_options};
 use crate::apps::evaluate::{Evaluator, Scores};
 use crate::apps::study::data::{StudyData, StudyParams};
 use crate::apps::study::{CompareParams, SampleRecord, compare};
@@ -90,6 +90,7 @@ pub struct SamplingQuality {
 }
 
 run_options!(SamplingQuality);
+work_options!(SamplingQuality);
 
 impl SamplingQuality {
     /// Ten farthest points under the exponential kernel.

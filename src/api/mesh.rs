@@ -5,6 +5,7 @@ use crate::apps::export::split::{self, Folder, PartForm};
 use crate::apps::export::{glb, obj};
 use crate::base::{Error, Result};
 use crate::mesh::{Labelling, Mesh, PlyForm, PlyOptions, seg, write_labelled};
+use crate::pipeline::admission::admit;
 use crate::pipeline::input;
 use crate::store::{Context, Run, npy};
 use serde_json::{Value, json};
@@ -215,9 +216,8 @@ fn named_and_coloured(labelling: &Labelling<'_>) -> Result<()> {
 /// be made anew by `force`.
 pub(super) fn admitted(mesh: &Mesh, force: bool, context: Context<'_>) -> Result<Value> {
     let identity = identity(mesh, context.work.durable())?;
-    if context.work.durable() && !force {
-        input::admit(mesh.path(), &identity, context.work)?;
-    }
+    admit(mesh.path(), &identity, force, context)?;
+    mesh.notes().iter().for_each(|note| context.run.progress.note(note));
     Ok(identity)
 }
 

@@ -1,12 +1,11 @@
 //! How a builder runs: threads, memory, seed, folders, progress, cancellation.
 //!
-//! Every builder has the same setters, made by [`run_options`]. Cost: none of the size of a mesh.
+//! Every builder has the same setters, made by [`run_options`], and those with stages also [`work_options`]. Cost: none of the size of a mesh.
 
-use crate::base::{Cancel, Progress, Result};
+use crate::base::{Cancel, Progress, Result, Told};
 use crate::store::{Budget, Context, Run, WorkDir};
-use std::collections::BTreeMap;
 use std::path::PathBuf;
-use std::sync::{Arc, Mutex, PoisonError};
+use std::sync::Arc;
 
 /// Options of every run. Results depend on the seed alone.
 #[derive(Clone, Default)]
@@ -53,22 +52,6 @@ macro_rules! run_options {
                 self
             }
 
-            /// Keeps intermediate results in `folder` and reuses what is there of the same mesh and options: another
-            /// number of parts then costs a fraction. An empty or new folder, or one that was used so before.
-            #[must_use]
-            pub fn work_dir(mut self, folder: impl Into<std::path::PathBuf>) -> Self {
-                self.options.work_dir = Some(folder.into());
-                self
-            }
-
-            /// Lets a work directory that is of another mesh, or of this one as it was before it changed, be made anew
-            /// for this one; by default it is refused with [`Error::WorkDir`](crate::Error::WorkDir).
-            #[must_use]
-            pub fn force(mut self, force: bool) -> Self {
-                self.options.force = force;
-                self
-            }
-
             /// Tells `listener` of stages as they begin, advance and end; it is called from several threads.
             #[must_use]
             pub fn progress(mut self, listener: std::sync::Arc<impl $crate::base::Progress + Send + 'static>) -> Self {
@@ -86,7 +69,30 @@ macro_rules! run_options {
         }
     };
 }
-pub(super) use run_options;
+
+/// The same for a builder with results that are worth keeping.
+macro_rules! work_options {
+    ($builder:ident) => {
+        impl $builder {
+            /// Keeps intermediate results in `folder` and reuses what is there of the same mesh and options: another
+            /// number of parts then costs a fraction. An empty or new folder, or one that was used so before.
+            #[must_use]
+            pub fn work_dir(mut self, folder: impl Into<std::path::PathBuf>) -> Self {
+                self.options.work_dir = Some(folder.into());
+                self
+            }
+
+            /// Lets a work directory that is of another mesh, or of this one as it was before it changed, be made anew
+            /// for this one; by default it is refused with [`Error::WorkDir`](crate::Error::WorkDir).
+            #[must_use]
+            pub fn force(mut self, force: bool) -> Self {
+                self.options.force = force;
+                self
+            }
+        }
+    };
+}
+pub(super) use {run_options, work_options};
 
 impl RunOptions {
     /// Those for what is done with a result: nobody listens, and neither what stopped the run nor whoever has its work
@@ -95,15 +101,15 @@ impl RunOptions {
         Self { work_dir: None, progress: None, cancel: Cancel::default(), ..self.clone() }
     }
 
-    /// Calls `work` with the run and the work directory that the options ask for, and the seconds of its stages.
+    /// Calls `work` with the run and the work directory that the options ask for, and what the run tells.
     ///
     /// # Errors
     /// Those of `work`; [`crate::Error::WorkDir`] for a folder that is something else.
-    pub(super) fn with<R>(&self, work: impl FnOnce(Context<'_>, &StageSeconds<'_>) -> Result<R>) -> Result<R> {
+    pub(super) fn with<R>(&self, work: impl FnOnce(Context<'_>, &Told) -> Result<R>) -> Result<R> {
         let silent: &dyn Progress = &();
         let progress = self.progress.as_deref().map_or(silent, |progress| progress);
-        let seconds = StageSeconds { progress, seconds: Mutex::default(), notes: Mutex::default() };
-        let mut run = Run::new(&seconds);
+        let kept = Kept { progress, told: Told::default() };
+        let mut run = Run::new(&kept);
         run.threads = self.threads.unwrap_or(run.threads);
         run.budget = self.memory.map_or(run.budget, Budget::new);
         run.cancel = self.cancel.clone();
@@ -115,30 +121,17 @@ impl RunOptions {
                 WorkDir::in_memory(&parent, &run.budget)
             }
         };
-        work(Context::new(&place, &run), &seconds)
+        work(Context::new(&place, &run), &kept.told)
     }
 }
 
-/// A listener that adds up the seconds of stages, keeps the notes about the mesh, and passes everything on.
-pub(super) struct StageSeconds<'a> {
+/// A listener that keeps what reports tell, and passes everything on.
+struct Kept<'a> {
     progress: &'a dyn Progress,
-    seconds: Mutex<BTreeMap<String, f64>>,
-    notes: Mutex<Vec<String>>,
+    told: Told,
 }
 
-impl StageSeconds<'_> {
-    /// Seconds by stage so far.
-    pub fn so_far(&self) -> BTreeMap<String, f64> {
-        self.seconds.lock().unwrap_or_else(PoisonError::into_inner).clone()
-    }
-
-    /// Notes about the mesh so far.
-    pub fn notes(&self) -> Vec<String> {
-        self.notes.lock().unwrap_or_else(PoisonError::into_inner).clone()
-    }
-}
-
-impl Progress for StageSeconds<'_> {
+impl Progress for Kept<'_> {
     fn begin(&self, stage: &str, unit: &'static str, total: u64) {
         self.progress.begin(stage, unit, total);
     }
@@ -148,12 +141,12 @@ impl Progress for StageSeconds<'_> {
     }
 
     fn end(&self, stage: &str, seconds: f64) {
-        *self.seconds.lock().unwrap_or_else(PoisonError::into_inner).entry(stage.to_owned()).or_default() += seconds;
+        self.told.end(stage, seconds);
         self.progress.end(stage, seconds);
     }
 
     fn note(&self, text: &str) {
-        self.notes.lock().unwrap_or_else(PoisonError::into_inner).push(text.to_owned());
+        self.told.note(text);
         self.progress.note(text);
     }
 

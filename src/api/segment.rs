@@ -4,7 +4,7 @@
 //! memory or mapped.
 
 use super::mesh::{SaveOptions, admitted};
-use super::run::{RunOptions, run_options};
+use super::run::{RunOptions, run_options, work_options};
 use crate::apps::edits::Edits;
 use crate::base::Result;
 use crate::cluster::parts::{Decision, PartCount, PartTree};
@@ -63,6 +63,7 @@ pub struct Segmenter {
 }
 
 run_options!(Segmenter);
+work_options!(Segmenter);
 
 impl Segmenter {
     /// Finds the number of parts, with the default of every option.
@@ -229,12 +230,11 @@ impl Segmenter {
         params.check_effect()?;
         let params = &params;
         let corrections = Corrections { edits: self.edits.as_ref(), painted: self.hints.as_deref() };
-        self.options.with(|context, seconds| {
+        self.options.with(|context, told| {
             let identity = admitted(mesh, self.options.force, context)?;
             let cut = pipeline::segment_corrected(mesh, &identity, params, corrections, context)?;
             let hierarchy = Hierarchy::kept(params, context)?;
-            let mut report = Report::new(mesh, params, &cut, context, seconds.so_far(), None)?;
-            report.notes.extend(seconds.notes());
+            let report = Report::new(mesh.path(), params, &cut, context, told, None)?;
             Ok(Segmentation {
                 mesh: mesh.clone(),
                 labels: cut.labels,

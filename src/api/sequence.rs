@@ -1,7 +1,7 @@
 //! Finds an order to stream a mesh in, so that a reader holds few vertices at a time.
 
 use super::mesh::admitted;
-use super::run::{RunOptions, run_options};
+use super::run::{RunOptions, run_options, work_options};
 use crate::apps::sequence::{SequenceOrder, StreamMeasures};
 use crate::base::{Error, Result};
 use crate::mesh::ply::rearranged::{self, Rearrangement};
@@ -29,6 +29,7 @@ pub struct Sequencer {
 }
 
 run_options!(Sequencer);
+work_options!(Sequencer);
 
 impl Sequencer {
     /// The spectral order with 10 landmarks.

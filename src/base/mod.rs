@@ -21,4 +21,4 @@ pub mod vector;
 
 pub use cancel::Cancel;
 pub use error::{Error, Result};
-pub use progress::Progress;
+pub use progress::{Progress, Told};

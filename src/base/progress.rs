@@ -3,6 +3,10 @@
 //! The silent implementation is `()`. Calls come from several threads; [`Progress::advance`] is
 //! called once per chunk, never once per face.
 
+use std::collections::BTreeMap;
+use std::sync::{Mutex, MutexGuard, PoisonError};
+use std::time::Instant;
+
 /// A listener to stages. Every method does nothing by default.
 pub trait Progress: Sync {
     /// A stage of `total` units (`unit`: "faces", "rows", "bytes") begins. `total` 0: unknown.
@@ -20,3 +24,47 @@ pub trait Progress: Sync {
 }
 
 impl Progress for () {}
+
+/// What a listener keeps of a run for its report: the seconds of stages, and the notes about the mesh and the result.
+#[derive(Debug)]
+pub struct Told {
+    start: Instant,
+    seconds: Mutex<BTreeMap<String, f64>>,
+    notes: Mutex<Vec<String>>,
+}
+
+impl Default for Told {
+    /// Nothing yet; the run begins.
+    fn default() -> Self {
+        Self { start: Instant::now(), seconds: Mutex::default(), notes: Mutex::default() }
+    }
+}
+
+impl Told {
+    /// Adds the `seconds` of a stage that has ended.
+    pub fn end(&self, stage: &str, seconds: f64) {
+        *held(&self.seconds).entry(stage.to_owned()).or_default() += seconds;
+    }
+
+    /// Keeps a note.
+    pub fn note(&self, text: &str) {
+        held(&self.notes).push(text.to_owned());
+    }
+
+    /// Seconds by stage so far, and since the run began as `total`.
+    pub fn seconds(&self) -> BTreeMap<String, f64> {
+        let mut seconds = held(&self.seconds).clone();
+        seconds.insert("total".into(), self.start.elapsed().as_secs_f64());
+        seconds
+    }
+
+    /// The notes so far.
+    pub fn notes(&self) -> Vec<String> {
+        held(&self.notes).clone()
+    }
+}
+
+/// A panic elsewhere leaves what was told as it is.
+fn held<T>(told: &Mutex<T>) -> MutexGuard<'_, T> {
+    told.lock().unwrap_or_else(PoisonError::into_inner)
+}

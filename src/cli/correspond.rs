@@ -4,7 +4,8 @@ use super::choices::choice;
 use super::errors::of_file;
 use super::input::check_there;
 use super::options::{AppContext, CliError, ForceArgs, RunArgs, misfit};
-use super::output::{JsonArgs, check_places, folder_of};
+use super::output::JsonArgs;
+use super::sink::{check_places, folder_of};
 use clap::ValueEnum;
 use nystrom_stream::apps::correspond::carry::{Colours, Property};
 use nystrom_stream::apps::correspond::show::side_by_side;
@@ -15,15 +16,15 @@ use nystrom_stream::distance::vertex_rows::Distance;
 use nystrom_stream::landmarks::Sampling;
 use nystrom_stream::mesh::ply::ElementKind;
 use nystrom_stream::mesh::{self, Mesh, ends_with, ply};
+use nystrom_stream::pipeline::admission::admit_two;
 use nystrom_stream::pipeline::correspond::{
     CorrespondParams, Correspondence, Guidance, correspond_guided, default_landmarks_for_vertices,
 };
 use nystrom_stream::pipeline::input;
 use nystrom_stream::spectral::nystrom::OrthogonalParams;
-use nystrom_stream::store::{Context, Run, WorkDir, npy};
+use nystrom_stream::store::{Context, Run, npy};
 use serde_json::json;
 use std::path::{Path, PathBuf};
-use std::time::Instant;
 
 /// Arguments of `correspond`.
 #[derive(Clone, Debug, clap::Args)]
@@ -173,7 +174,6 @@ impl CorrespondArgs {
 }
 
 pub fn run(args: &CorrespondArgs, app: &AppContext) -> Result<(), CliError> {
-    let start = Instant::now();
     let mut params = args.method.params();
     params.embedding.check()?;
     args.check_endings()?;
@@ -203,17 +203,8 @@ pub fn run(args: &CorrespondArgs, app: &AppContext) -> Result<(), CliError> {
     let work = args.run.work(args.work_dir.as_deref(), beside, &run)?;
     let inputs = args.work_dir.as_ref().map(|_| Ok::<_, Error>([input::identity(&args.a)?, input::identity(&args.b)?]));
     let inputs = inputs.transpose()?;
-    match input::admit_two(&args.a, &work) {
-        Err(_) if args.force.force => work.clear()?,
-        admitted => admitted?,
-    }
-    if let Some(inputs) = inputs.as_ref().filter(|_| !args.force.force) {
-        for ((path, identity), side) in [&args.a, &args.b].into_iter().zip(inputs).zip(["a", "b"]) {
-            let folder = work.file(side);
-            if folder.is_dir() {
-                input::admit_matched(path, identity, &WorkDir::open(&folder)?)?;
-            }
-        }
+    if let Some(inputs) = &inputs {
+        admit_two([&args.a, &args.b], inputs, args.force.force, Context::new(&work, &run))?;
     }
     let open = |path: &Path, name: &str| -> Result<Mesh> {
         let scratch = work.file(name);
@@ -248,28 +239,8 @@ pub fn run(args: &CorrespondArgs, app: &AppContext) -> Result<(), CliError> {
     if args.json.json.is_none() {
         return Ok(());
     }
-    let mut seconds = bars.take_seconds();
-    seconds.insert("total".into(), start.elapsed().as_secs_f64());
-    let matched = result.matches.iter().filter(|one| one.target >= 0);
-    let (count, sum) = matched.fold((0u64, 0f64), |(n, sum), one| (n + 1, sum + f64::from(one.confidence)));
-    let report = json!({
-        "a": args.a.display().to_string(),
-        "b": args.b.display().to_string(),
-        "options": params,
-        "seed": run.seed,
-        "meshes": result.sides,
-        "ambiguous": result.alignments.ambiguous,
-        "alignments": result.alignments.found,
-        "refined": result.refined,
-        "partial": result.partial,
-        "alternative": args.method.alternative,
-        "matched": count,
-        "unmatched": result.matches.len() as u64 - count,
-        "mean_confidence": if count > 0 { sum / count as f64 } else { 0. },
-        "seconds": seconds,
-        "notes": bars.notes(),
-        "peak_bytes": (app.peak)(),
-    });
+    let mut report = result.report([&args.a, &args.b], &params, &run, bars.told());
+    report["peak_allocated"] = json!((app.peak)());
     Ok(args.json.publish(&report)?)
 }
 

@@ -4,12 +4,13 @@ use super::options::{AppContext, CliError, RunArgs};
 use super::output::Output;
 use super::progress::human;
 use super::segment::{self, Job, SegmentArgs, Task};
+use super::sink::print;
 use clap::Parser;
 use nystrom_stream::apps::creature::{Creature, Options, parse_faces};
 use nystrom_stream::apps::evaluate::{contingency, matches, rand};
 use nystrom_stream::base::Error;
 use nystrom_stream::mesh::seg;
-use std::io::Write;
+use nystrom_stream::pipeline::labels::Part;
 use std::path::PathBuf;
 
 /// Arguments of `demo`.
@@ -43,7 +44,6 @@ pub fn run(args: &DemoArgs, app: &AppContext) -> Result<(), CliError> {
     let truth_file = args.folder.join("creature.seg");
     creature.write_truth_seg(&truth_file, &run)?;
     let names = Creature::part_names();
-    bars.take_seconds();
 
     let (ply, labels_file) = (args.folder.join("creature.segmented.ply"), args.folder.join("creature.labels.seg"));
     let words = ["segment".into(), mesh.clone().into_os_string()];
@@ -51,29 +51,29 @@ pub fn run(args: &DemoArgs, app: &AppContext) -> Result<(), CliError> {
     let cut = SegmentArgs { run: args.run.clone(), ..cut };
     let job = Job { mesh, outputs: vec![Output::of(&ply)?, Output::of(&labels_file)?] };
     let params = cut.method.params()?;
+    // Making the mesh is not a part of what is measured.
+    let bars = args.run.bars();
+    let run = args.run.run(&bars, app);
     let report = segment::one(&job, Task { args: &cut, params: &params, edits: None, like: None }, &bars, &run, app)?;
 
     let table = contingency(&seg::read_seg(&labels_file)?, &seg::read_seg(&truth_file)?, None)?;
-    let mut out = std::io::stdout().lock();
-    let mut line = |text: String| {
-        let _ = writeln!(out, "{text}");
-    };
-    line(format!(
-        "{} faces in {} parts in {:.2} s ({}faces/s), at most {:.0} MiB allocated",
-        report.input.faces,
-        report.parts.len(),
-        report.seconds["total"],
-        human(report.input.faces as f64 / report.seconds["total"]),
-        report.bytes.peak_allocated.unwrap_or(0) as f64 / f64::from(1 << 20),
-    ));
-    line(format!("agreement with the true parts ({}):", names.join(", ")));
-    line(format!("  Rand index              {:.4}", 1. - rand(&table)));
-    line(format!("  faces in matching parts {:.1} %", 100. * matches(&table)));
-    for part in &report.parts {
-        line(format!("  part {:2}  {:>9} faces  rgb {:?}", part.label, part.faces, part.colour));
-    }
-    line(format!("look at {} in MeshLab, or draw it: nystrom-stream picture {0}", ply.display()));
-    Ok(())
+    let mut lines = vec![
+        format!(
+            "{} faces in {} parts in {:.2} s ({}faces/s), at most {:.0} MiB allocated",
+            report.input.faces,
+            report.parts.len(),
+            report.seconds["total"],
+            human(report.input.faces as f64 / report.seconds["total"]),
+            report.bytes.peak_allocated.unwrap_or(0) as f64 / f64::from(1 << 20),
+        ),
+        format!("agreement with the true parts ({}):", names.join(", ")),
+        format!("  Rand index              {:.4}", 1. - rand(&table)),
+        format!("  faces in matching parts {:.1} %", 100. * matches(&table)),
+    ];
+    let part = |part: &Part| format!("  part {:2}  {:>9} faces  rgb {:?}", part.label, part.faces, part.colour);
+    lines.extend(report.parts.iter().map(part));
+    lines.push(format!("look at {} in MeshLab, or draw it: nystrom-stream picture {0}\n", ply.display()));
+    Ok(print(lines.join("\n").as_bytes())?)
 }
 
 /// `segment`'s arguments, parsed as a command of their own.

@@ -2,8 +2,9 @@
 //! against true ones.
 
 use super::options::{AppContext, CliError, misfit};
-use super::output::{JsonArgs, check_charts, check_places};
+use super::output::{JsonArgs, check_charts};
 use super::progress::{Bars, Style};
+use super::sink::check_places;
 use nystrom_stream::apps::correspond::{Errors, accuracy, files};
 use nystrom_stream::apps::evaluate::{
     Benchmark, Evaluator, MeanScores, ScoreTable, Scores, Segmentation, fitting, read_labels,

@@ -2,7 +2,7 @@
 //! definitions as the help.
 
 use super::options::CliError;
-use super::output::{print, write_text};
+use super::sink::{Sink, print};
 use clap::{Arg, Command};
 use clap_complete::Shell;
 use nystrom_stream::base::Error;
@@ -98,7 +98,7 @@ pub fn man(args: &ManArgs, program: Command) -> Result<(), CliError> {
         clap_mangen::generate_to(program.clone(), folder).map_err(Error::io(folder, "write man pages to"))?;
     }
     if let Some(path) = &args.markdown {
-        write_text(path, &markdown(program))?;
+        Sink::of(path).write(&markdown(program))?;
     }
     Ok(())
 }

@@ -2,8 +2,9 @@
 
 use super::input::read;
 use super::options::{AppContext, CliError, ForceArgs, RunArgs, WorkDirArgs, either};
-use super::output::{JsonArgs, Significant, check_places, scratch_beside};
+use super::output::{JsonArgs, Significant};
 use super::progress::{counted, human, tell};
+use super::sink::{check_places, scratch_beside};
 use nystrom_stream::apps::measure::{self, MeshMeasures};
 use nystrom_stream::base::Result;
 use nystrom_stream::base::printable::line;

@@ -8,6 +8,7 @@ use super::output::ENDINGS;
 use nystrom_stream::base::Error;
 use nystrom_stream::mesh;
 use nystrom_stream::mesh::size::is_pipe;
+use nystrom_stream::pipeline::admission::admit;
 use nystrom_stream::pipeline::input;
 use nystrom_stream::store::{Context, workdir};
 use serde_json::{Value, json};
@@ -32,7 +33,7 @@ pub fn read(path: &Path, force: ForceArgs, context: Context<'_>) -> Result<(mesh
         return piped(pipe, &path.to_string_lossy(), force, context);
     }
     let identity = input::identity(path)?;
-    admit(path, &identity, force, context)?;
+    admit(path, &identity, force.force, context)?;
     let (opened, _) = run.stage("read", "bytes", 0, || mesh::open(path, work.path(), run))?;
     Ok((opened, identity))
 }
@@ -45,21 +46,6 @@ pub fn check_there(path: &Path) -> Result<(), Error> {
     }
 }
 
-/// Refuses to work on another mesh than that of a lasting work directory without `force`; empties it with `force`.
-fn admit(path: &Path, identity: &Value, force: ForceArgs, context: Context<'_>) -> Result<(), Error> {
-    let Context { work, run } = context;
-    if work.is_temporary() {
-        return Ok(());
-    }
-    match input::admit(path, identity, work) {
-        Err(Error::WorkDir { .. }) if force.force => {
-            run.progress.note_of_work(&format!("{}: emptied, since it was of another mesh", work.path().display()));
-            work.clear()
-        }
-        admitted => admitted,
-    }
-}
-
 /// The mesh that `source` streams, standard input or a pipe, which is spooled into the work directory. Which mesh it is
 /// shows only then, so the one that is there steps aside until the other is admitted.
 fn piped(source: impl Read, name: &str, force: ForceArgs, context: Context<'_>) -> Result<(mesh::Mesh, Value), Error> {
@@ -69,7 +55,7 @@ fn piped(source: impl Read, name: &str, force: ForceArgs, context: Context<'_>) 
     let read = || mesh::open_reader(source, name, work.path(), run);
     let result = run.stage("read", "bytes", 0, read).map(|(opened, _)| opened).and_then(|opened| {
         let identity = json!({"stdin": workdir::checksum(&input)?});
-        admit(Path::new("-"), &identity, force, context)?;
+        admit(Path::new("-"), &identity, force.force, context)?;
         Ok((opened, identity))
     });
     match &result {

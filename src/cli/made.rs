@@ -5,7 +5,8 @@
 //! so several processes may write to one folder of outputs. An output without such a record, or that changed since,
 //! counts as made by something else.
 
-use super::output::{Output, folder_of};
+use super::output::Output;
+use super::sink::folder_of;
 use nystrom_stream::base::Result;
 use nystrom_stream::store::json;
 use serde_json::{Value, json};

@@ -22,6 +22,7 @@ mod progress;
 mod quality;
 mod segment;
 mod sequence;
+mod sink;
 mod stages;
 mod transfer;
 mod usage;

@@ -3,6 +3,7 @@
 use super::choices::choice;
 use super::options::CliError;
 use super::progress::counted;
+use super::sink::{Sink, folder_of, print};
 use nystrom_stream::apps::edits::Edits;
 use nystrom_stream::apps::export::parquet::{self, Coordinates};
 use nystrom_stream::apps::export::split::{self, Folder, PartForm};
@@ -10,15 +11,13 @@ use nystrom_stream::apps::export::{glb, obj};
 use nystrom_stream::apps::measure::{self, Measures};
 use nystrom_stream::apps::page::{CellModel, Cuts, Page};
 use nystrom_stream::apps::picture::{self, PictureParams};
-use nystrom_stream::base::{Error, Result, printable};
+use nystrom_stream::base::{Error, Result, Told, printable};
 use nystrom_stream::mesh::ply::labelled::{Labelling, PlyForm, PlyOptions, write_labelled, write_labelled_to};
 use nystrom_stream::mesh::{Document, Mesh, ends_with, seg};
 use nystrom_stream::pipeline::cuts::KeptCuts;
 use nystrom_stream::store::{Context, Run, WorkDir, json, npy};
-use serde_json::Value;
-use std::collections::HashSet;
+use serde_json::{Value, json};
 use std::ffi::OsStr;
-use std::io::Write;
 use std::path::{Path, PathBuf};
 use std::time::Instant;
 
@@ -59,18 +58,20 @@ impl JsonArgs {
         self.json.as_deref() == Some(Path::new("-"))
     }
 
-    /// Refuses a mesh and a report that both go to standard output.
-    pub fn check(&self, mesh_to_stdout: bool) -> Result<(), CliError> {
-        if mesh_to_stdout && self.to_stdout() {
-            let text = "mesh and report cannot both go to standard output; give --json=FILE";
-            return Err(CliError::Usage(text.into()));
-        }
-        Ok(())
+    /// Writes `report` with the seconds and the notes of the run, where it is asked for.
+    pub fn publish_with(&self, mut report: Value, told: &Told) -> Result<()> {
+        report["seconds"] = json!(told.seconds());
+        report["notes"] = json!(told.notes());
+        self.publish(&report)
     }
 
     /// Writes `report` where it is asked for.
     pub fn publish(&self, report: &impl serde::Serialize) -> Result<()> {
-        self.json.as_deref().map_or(Ok(()), |target| publish(target, report))
+        let Some(target) = &self.json else { return Ok(()) };
+        let text = serde_json::to_string_pretty(report).map_err(|error| {
+            Error::unusable(target, format!("the report cannot be told as JSON: {error}"), "report this as a fault")
+        })?;
+        Sink::of(target).write(&(text + "\n"))
     }
 
     /// Prints `text`, unless JSON goes to standard output, and writes `report` where it is asked for.
@@ -205,9 +206,9 @@ pub enum Output {
 
 impl std::fmt::Display for Output {
     fn fmt(&self, f: &mut std::fmt::Formatter) -> std::fmt::Result {
-        match self.path() {
-            Some(path) => path.display().fmt(f),
-            None => f.write_str("standard output"),
+        match self {
+            Self::Stdout => f.write_str("standard output"),
+            _ => self.target().display().fmt(f),
         }
     }
 }
@@ -252,18 +253,18 @@ impl Output {
         Self::Ply(mesh.with_file_name(format!("{}.segmented.ply", Self::stem(mesh))))
     }
 
+    /// As it is named on the command line: the file or folder, or `-`.
+    pub fn target(&self) -> &Path {
+        match self {
+            Self::Ply(path) | Self::Seg(path) | Self::Npy(path) | Self::Png(path) | Self::Parquet(path) => path,
+            Self::Csv(path) | Self::Obj(path) | Self::Glb(path) | Self::Html(path) | Self::Folder(path) => path,
+            Self::Stdout => Path::new("-"),
+        }
+    }
+
     /// The file, or folder, if it is one.
     pub fn path(&self) -> Option<&Path> {
-        match self {
-            Self::Ply(path) | Self::Seg(path) | Self::Npy(path) | Self::Png(path) => Some(path),
-            Self::Parquet(path)
-            | Self::Csv(path)
-            | Self::Obj(path)
-            | Self::Glb(path)
-            | Self::Html(path)
-            | Self::Folder(path) => Some(path),
-            Self::Stdout => None,
-        }
+        (*self != Self::Stdout).then(|| self.target())
     }
 
     /// The file that is written last, if it is one.
@@ -276,7 +277,7 @@ impl Output {
 
     /// Refuses an output that cannot be written, before any work.
     pub fn check(&self) -> Result<()> {
-        self.path().map_or(Ok(()), check_folder)
+        Sink::of(self.target()).check()
     }
 
     /// Whether it cannot be written without the mesh.
@@ -373,59 +374,6 @@ pub fn outputs_of(paths: &[PathBuf]) -> Result<Vec<Output>, CliError> {
     Ok(outputs)
 }
 
-/// Where the file `path` lies, or would; `None` for standard output, pipes and devices, which nothing is lost by.
-fn place(path: &Path) -> Option<PathBuf> {
-    match std::fs::metadata(path) {
-        Ok(there) if there.is_file() => path.canonicalize().ok(),
-        Ok(_) => None,
-        Err(_) if path == Path::new("-") => None,
-        Err(_) => Some(folder_of(path).canonicalize().ok()?.join(path.file_name()?)),
-    }
-}
-
-/// Refuses an output whose folder is not there, or takes no file, before any work.
-pub fn check_folder(path: &Path) -> Result<()> {
-    let is_stream = std::fs::metadata(path).is_ok_and(|there| !there.is_file() && !there.is_dir());
-    if path == Path::new("-") || is_stream || is_open_file(path) {
-        return Ok(());
-    }
-    let folder = folder_of(path);
-    if !folder.is_dir() {
-        return Err(Error::unusable(path, format!("its folder {} does not exist", folder.display()), "make it first"));
-    }
-    tempfile::tempfile_in(folder).map(drop).map_err(Error::io(path, "create"))
-}
-
-/// Refuses outputs that would take the place of an input, or of each other, or cannot be written.
-pub fn check_places<'a>(
-    inputs: impl IntoIterator<Item = &'a PathBuf>,
-    outputs: impl IntoIterator<Item = &'a PathBuf> + Clone,
-) -> Result<(), CliError> {
-    check_distinct(inputs, outputs.clone())?;
-    Ok(outputs.into_iter().try_for_each(|path| check_folder(path))?)
-}
-
-/// Refuses outputs that would take the place of an input, or of each other.
-pub fn check_distinct<'a>(
-    inputs: impl IntoIterator<Item = &'a PathBuf>,
-    outputs: impl IntoIterator<Item = &'a PathBuf>,
-) -> Result<(), CliError> {
-    let inputs: HashSet<PathBuf> = inputs.into_iter().filter_map(|path| place(path)).collect();
-    let mut seen = HashSet::new();
-    for path in outputs {
-        let Some(place) = place(path) else { continue };
-        if inputs.contains(&place) {
-            let text = format!("{}: is an input, and would be overwritten; name another file", path.display());
-            return Err(CliError::Usage(text));
-        }
-        if !seen.insert(place) {
-            let text = format!("{}: two outputs cannot have one name; name another file", path.display());
-            return Err(CliError::Usage(text));
-        }
-    }
-    Ok(())
-}
-
 /// What a command ends with: how many `faces` are in how many `parts`, how long it took, and where they went.
 pub fn ending(faces: &str, parts: usize, start: Instant, outputs: &[Output]) -> String {
     let outputs: Vec<String> = outputs.iter().map(Output::to_string).collect();
@@ -465,64 +413,10 @@ impl std::fmt::Display for Significant {
     }
 }
 
-/// Writes `bytes` to standard output.
-pub fn print(bytes: &[u8]) -> Result<()> {
-    let mut out = std::io::stdout().lock();
-    out.write_all(bytes).and_then(|()| out.flush()).map_err(Error::io("<stdout>", "write"))
-}
-
-/// Writes `report` as JSON to the file `target`, or to standard output where that is `-`.
-fn publish(target: &Path, report: &impl serde::Serialize) -> Result<()> {
-    let text = serde_json::to_string_pretty(report).map_err(|error| {
-        Error::unusable(target, format!("the report cannot be told as JSON: {error}"), "report this as a fault")
-    })?;
-    write_text(target, &(text + "\n"))
-}
-
-/// Whether `path` names an open file of a process, or a link to one: a rename would take the place of the link.
-fn is_open_file(path: &Path) -> bool {
-    let names_one = |path: &Path| {
-        let numbered = path.parent().is_some_and(|folder| folder.ends_with("fd"));
-        let named = ["/dev/stdout", "/dev/stderr"].map(Path::new).contains(&path);
-        named || numbered && (path.starts_with("/dev/fd") || path.starts_with("/proc"))
-    };
-    names_one(path) || std::fs::read_link(path).is_ok_and(|to| names_one(&to))
-}
-
-/// Writes `text` to standard output where `target` is `-`, else to that file, which appears whole or not at all. A
-/// device, a pipe or an open file of a process (`/dev/stdout`) is written to directly.
-pub fn write_text(target: &Path, text: &str) -> Result<()> {
-    if target == Path::new("-") {
-        return print(text.as_bytes());
-    }
-    match std::fs::metadata(target) {
-        Ok(known) if is_open_file(target) || !known.is_file() => {
-            let append = std::fs::OpenOptions::new().append(true).open(target);
-            append.and_then(|mut file| file.write_all(text.as_bytes())).map_err(Error::io(target, "write"))
-        }
-        _ => json::publish(target, text.as_bytes()),
-    }
-}
-
 /// Refuses charts of an unknown form before any work.
 pub fn check_charts(option: &str, paths: &[PathBuf]) -> Result<(), CliError> {
     match paths.iter().find(|path| !["svg", "png"].iter().any(|ending| ends_with(path, ending))) {
         Some(path) => Err(CliError::Usage(format!("{option} {}: no chart; end it with .svg or .png", path.display()))),
         None => Ok(()),
-    }
-}
-
-/// Where a command that writes nothing keeps what it needs while it runs: beside the mesh at `path`, where there is
-/// most often room, or in the system's temporary folder where nothing can be written beside it, as in an archive.
-pub fn scratch_beside(path: &Path) -> PathBuf {
-    let folder = folder_of(path);
-    if tempfile::tempfile_in(&folder).is_ok() { folder } else { std::env::temp_dir() }
-}
-
-/// The folder that holds `path`.
-pub fn folder_of(path: &Path) -> PathBuf {
-    match path.parent() {
-        Some(parent) if parent != Path::new("") => parent.to_path_buf(),
-        _ => PathBuf::from("."),
     }
 }

@@ -2,7 +2,7 @@
 
 use super::input::check_there;
 use super::options::{AppContext, CliError, RunArgs};
-use super::output::{check_places, folder_of};
+use super::sink::{check_places, folder_of};
 use nystrom_stream::apps::colours::colours_for;
 use nystrom_stream::apps::open_labels;
 use nystrom_stream::apps::picture::{PictureParams, Up, render_named};

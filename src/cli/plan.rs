@@ -2,8 +2,9 @@
 
 use super::method::MethodArgs;
 use super::options::{AppContext, CliError, RunArgs};
-use super::output::{JsonArgs, check_places, scratch_beside};
+use super::output::JsonArgs;
 use super::progress::{human, words};
+use super::sink::{check_places, scratch_beside};
 use nystrom_stream::base::Result;
 use nystrom_stream::mesh::size_of_mesh;
 use nystrom_stream::pipeline::SegmentParams;

@@ -1,7 +1,8 @@
 //! `plot`: charts of what a run found, from its work directory, its report, or a hierarchy of parts.
 
 use super::options::{CliError, either};
-use super::output::{check_charts, check_places};
+use super::output::check_charts;
+use super::sink::check_places;
 use nystrom_stream::apps::colours;
 use nystrom_stream::apps::plots::{Dendrogram, Spectrum, TreePlot};
 use nystrom_stream::base::{Error, Result};
@@ -57,7 +58,7 @@ impl Found {
         let work = WorkDir::open_existing(path)?;
         let record = Record::read(&work)?;
         let made = match (recipe::requested_parts(&work), Labels::read(&work)) {
-            (Some(params), Ok(labels)) => Some((params, labels.colours)),
+            (Some(params), Ok(labels)) => Some((params, labels.colours())),
             _ => None,
         };
         let exact = record.params.exact_rows();

@@ -6,7 +6,7 @@
 //! the words of [`STAGES`].
 
 use indicatif::{MultiProgress, ProgressBar, ProgressDrawTarget, ProgressStyle};
-use nystrom_stream::base::{Progress, printable};
+use nystrom_stream::base::{Progress, Told, printable};
 use serde_json::{Value, json};
 use std::collections::BTreeMap;
 use std::io::{IsTerminal, Write};
@@ -88,6 +88,7 @@ pub struct Bars {
     style: Style,
     /// The mesh of a batch that this listener is of, with its bar.
     mesh: Option<(String, ProgressBar)>,
+    told: Told,
     state: Mutex<State>,
 }
 
@@ -95,9 +96,6 @@ pub struct Bars {
 struct State {
     bars: BTreeMap<String, ProgressBar>,
     stages: BTreeMap<String, Stage>,
-    seconds: BTreeMap<String, f64>,
-    /// Notes about the mesh and the result, for the report.
-    notes: Vec<String>,
 }
 
 /// A stage that is running.
@@ -156,7 +154,7 @@ fn tell_json(event: &Value) {
 impl Bars {
     /// A listener.
     pub fn new(style: Style) -> Self {
-        Self { style, mesh: None, state: Mutex::default() }
+        Self { style, mesh: None, told: Told::default(), state: Mutex::default() }
     }
 
     /// How it tells.
@@ -168,14 +166,9 @@ impl Bars {
         self.state.lock().unwrap_or_else(|poison| poison.into_inner())
     }
 
-    /// Seconds by stage so far; emptied.
-    pub fn take_seconds(&self) -> BTreeMap<String, f64> {
-        std::mem::take(&mut self.state().seconds)
-    }
-
-    /// What was told of the mesh and the result so far, whether or not it was shown.
-    pub fn notes(&self) -> Vec<String> {
-        self.state().notes.clone()
+    /// What was told so far, whether or not it was shown.
+    pub fn told(&self) -> &Told {
+        &self.told
     }
 
     /// A line of its own among the bars.
@@ -256,8 +249,8 @@ impl Progress for Bars {
     }
 
     fn end(&self, stage: &str, seconds: f64) {
+        self.told.end(stage, seconds);
         let mut state = self.state();
-        *state.seconds.entry(stage.to_string()).or_default() += seconds;
         if let Some(bar) = state.bars.remove(stage) {
             bar.finish_and_clear();
         }
@@ -281,7 +274,7 @@ impl Progress for Bars {
     }
 
     fn note(&self, text: &str) {
-        self.state().notes.push(text.to_string());
+        self.told.note(text);
         self.note_of_work(text);
     }
 
@@ -334,7 +327,7 @@ impl BatchBars {
         let mesh = bar(ProgressDrawTarget::hidden(), 0, "  {prefix:20!} {msg:16} {bar:24} {human_pos}/{human_len}");
         let mesh = self.multi.add(mesh);
         mesh.set_prefix(printable::line(&file).into_owned());
-        Bars { style: self.style, mesh: Some((name.to_string(), mesh)), state: Mutex::default() }
+        Bars { mesh: Some((name.to_string(), mesh)), ..Bars::new(self.style) }
     }
 
     /// A mesh is done: `line` says how it went.

@@ -3,7 +3,8 @@
 use super::choices::choice;
 use super::method::MetricArgs;
 use super::options::{AppContext, CliError, RunArgs, misfit};
-use super::output::{JsonArgs, check_charts, check_places, write_text};
+use super::output::{JsonArgs, check_charts};
+use super::sink::{Sink, check_places};
 use nystrom_stream::apps::plots::charts;
 use nystrom_stream::apps::study::compare::{EmbeddingError, embedding_errors};
 use nystrom_stream::apps::study::points::{Judged, PointsParams, agreement, pairs};
@@ -173,7 +174,7 @@ fn tell(records: &[SampleRecord], args: &QualityArgs, run: &Run) -> Result<()> {
     };
     let json = if args.compare { json!({"summary": lines, "runs": records}) } else { json!(records.first()) };
     if let Some(path) = &args.csv {
-        write_text(path, &to_csv(records))?;
+        Sink::of(path).write(&to_csv(records))?;
     }
     let title =
         format!("{} meshes, {} seeds, {:?} kernel", args.meshes.len(), args.seeds.unwrap_or(SEEDS), args.kernel);
@@ -235,6 +236,7 @@ pub fn study(args: &StudyArgs, app: &AppContext) -> Result<(), CliError> {
     if args.landmarks > args.points {
         return Err(CliError::Usage(format!("-l: {} of {} points; choose fewer", args.landmarks, args.points)));
     }
+    check_places([], args.plot.iter().chain(&args.json.json))?;
     let bars = args.run.bars();
     let run = args.run.run(&bars, app);
     let params = PointsParams::default()

@@ -10,16 +10,13 @@ use super::input::{check_there, meshes, read};
 use super::made::Maker;
 use super::method::{MethodArgs, check_count};
 use super::options::{AppContext, CliError, ForceArgs, RunArgs};
-use super::output::{
-    FormArgs, JsonArgs, Output, Results, check_distinct, check_folder, check_names, ending, folder_of, measured,
-    outputs_of,
-};
+use super::output::{FormArgs, JsonArgs, Output, Results, check_names, ending, measured, outputs_of};
 use super::progress::{Bars, BatchBars, Style, human, tell};
+use super::sink::{OpenSink, Sink, check_distinct, folder_of};
 use super::stages::{KeptEmbedding, embedding};
 use nystrom_stream::apps::edits::Edits;
 use nystrom_stream::base::parallel::{catch, spawn};
 use nystrom_stream::base::{Error, Progress, Result};
-use nystrom_stream::cluster::parts::PartCount;
 use nystrom_stream::mesh::ply::labelled::Labelling;
 use nystrom_stream::pipeline::input;
 use nystrom_stream::pipeline::like::{self, LikeFacts, Way};
@@ -29,7 +26,6 @@ use nystrom_stream::store::json::value as to_json;
 use nystrom_stream::store::{Budget, Context, Run, WorkDir};
 use serde_json::{Value, json};
 use std::collections::BTreeMap;
-use std::io::Write;
 use std::path::{Path, PathBuf};
 use std::sync::Mutex;
 use std::sync::atomic::{AtomicUsize, Ordering};
@@ -127,10 +123,6 @@ fn check(args: &SegmentArgs, meshes: &[PathBuf], many: bool) -> Result<(SegmentP
             return Err(CliError::Usage(format!("{option} goes with several meshes, a folder or a pattern")));
         }
     }
-    args.json.check(outputs.contains(&Output::Stdout) || (stdin > 0 && outputs.is_empty()))?;
-    if args.json.to_stdout() && args.json_lines.as_deref() == Some(Path::new("-")) {
-        return misused("--json and --json-lines cannot both go to standard output; give one of them a file");
-    }
     Ok((params, edits))
 }
 
@@ -160,12 +152,12 @@ pub fn run(args: &SegmentArgs, app: &AppContext) -> Result<(), CliError> {
     };
     let task = Task { args, params: &params, edits: edits.as_ref(), like: like.as_ref() };
     let mut jobs = jobs(meshes, &args.output)?;
-    let written = jobs.iter().flat_map(|job| &job.outputs).filter_map(Output::path).map(Path::to_path_buf);
+    let written = jobs.iter().flat_map(|job| &job.outputs).map(|output| output.target().to_path_buf());
     let written: Vec<PathBuf> = written.chain(args.json.json.clone()).chain(args.json_lines.clone()).collect();
     let edits = args.edits.edits.iter().chain(&args.edits.names).chain(&args.like.like);
     check_distinct(jobs.iter().map(|job| &job.mesh).chain(edits), &written)?;
     // Those of each mesh are looked at when its turn comes.
-    args.json.json.iter().chain(&args.json_lines).try_for_each(|path| check_folder(path))?;
+    args.json.json.iter().chain(&args.json_lines).try_for_each(|path| Sink::of(path).check())?;
     if many {
         return all(jobs, task, app);
     }
@@ -174,17 +166,10 @@ pub fn run(args: &SegmentArgs, app: &AppContext) -> Result<(), CliError> {
     let job = jobs.remove(0);
     let report = one(&job, task, &bars, &run, app)?;
     args.json.publish(&report)?;
-    remarks(&report, &params).iter().for_each(|text| run.progress.note(text));
+    report.remarks(&params).iter().for_each(|text| run.progress.note(text));
     let faces = format!("{} face{}", human(report.input.faces as f64), if report.input.faces == 1 { "" } else { "s" });
     run.progress.note_of_work(&ending(&faces, report.parts.len(), start, &job.outputs));
     Ok(())
-}
-
-/// What to tell of the parts.
-fn remarks(report: &Report, params: &SegmentParams) -> Vec<String> {
-    // A number that was asked for may well be more than there are.
-    let found = params.parts.count == PartCount::Found && report.input.faces > 1;
-    report.inside().into_iter().chain(report.doubts().filter(|_| found)).collect()
 }
 
 /// A mesh and where its results go.
@@ -274,7 +259,6 @@ fn doubts(facts: &LikeFacts) -> String {
 /// Segments one mesh and writes its outputs.
 pub fn one(job: &Job, task: Task<'_>, bars: &Bars, run: &Run, app: &AppContext) -> Result<Report> {
     let Task { args, params, edits, like } = task;
-    let start = Instant::now();
     let Job { mesh: path, outputs } = job;
     check_there(path)?;
     outputs.iter().try_for_each(Output::check)?;
@@ -306,12 +290,10 @@ pub fn one(job: &Job, task: Task<'_>, bars: &Bars, run: &Run, app: &AppContext) 
     let pages = outputs.iter().any(Output::is_page);
     let cut = pages && params.cluster == Cluster::Parts;
     let cuts = if cut { cuts::kept(params.exact_rows(), None, Context::new(&work, run))? } else { None };
-    let mut seconds = bars.take_seconds();
-    let report = |mut seconds: BTreeMap<String, f64>| {
-        seconds.insert("total".into(), start.elapsed().as_secs_f64());
-        let report = Report::new(&opened, params, &result, Context::new(&work, run), seconds, Some((app.peak)()))?;
-        let notes = bars.notes().into_iter().chain(remarks(&report, params)).collect();
-        Ok(Report { like: told.map(|facts| to_json("the likeness", facts)).transpose()?, notes, ..report })
+    let report = || {
+        let (context, peak) = (Context::new(&work, run), Some((app.peak)()));
+        let report = Report::new(opened.path(), params, &result, context, bars.told(), peak)?;
+        Ok(Report { like: told.map(|facts| to_json("the likeness", facts)).transpose()?, ..report })
     };
     let results = Results {
         labelling: Labelling {
@@ -325,7 +307,7 @@ pub fn one(job: &Job, task: Task<'_>, bars: &Bars, run: &Run, app: &AppContext) 
         cap: args.form.cap,
         embedding: coordinates.as_ref().map(KeptEmbedding::coordinates),
         agreement: result.numbers.expected_agreement(),
-        report: if pages { to_json("the report", &report(seconds.clone())?)? } else { Value::Null },
+        report: if pages { to_json("the report", &report()?)? } else { Value::Null },
         cuts: cuts.as_ref(),
         cell_labels: &result.cell_labels,
         edits,
@@ -333,8 +315,7 @@ pub fn one(job: &Job, task: Task<'_>, bars: &Bars, run: &Run, app: &AppContext) 
     run.stage("write", "faces", result.labels.len() as u64, || {
         outputs.iter().try_for_each(|output| output.write(Some(&opened), &results, run))
     })?;
-    seconds.extend(bars.take_seconds());
-    let mut all = report(seconds)?;
+    let mut all = report()?;
     if args.measure {
         all.measures = Some(measured(&opened, &results.labelling, &work.file("measures"), run)?);
     }
@@ -390,34 +371,10 @@ impl Table {
     }
 }
 
-/// Where JSON lines go.
-enum Lines {
-    Nowhere,
-    Stdout,
-    File(PathBuf, std::fs::File),
-}
-
-impl Lines {
-    fn open(target: Option<&Path>) -> Result<Self> {
-        match target {
-            None => Ok(Self::Nowhere),
-            Some(path) if path == Path::new("-") => Ok(Self::Stdout),
-            Some(path) => Ok(Self::File(path.into(), std::fs::File::create(path).map_err(Error::io(path, "create"))?)),
-        }
-    }
-
-    fn write(&mut self, line: &Value) -> Result<()> {
-        match self {
-            Self::Nowhere => Ok(()),
-            Self::Stdout => writeln!(std::io::stdout(), "{line}").map_err(Error::io("<stdout>", "write")),
-            Self::File(path, file) => writeln!(file, "{line}").map_err(Error::io(path, "write")),
-        }
-    }
-}
-
 /// What the jobs have done.
 struct Tally {
-    lines: Lines,
+    /// Where JSON lines go.
+    lines: Option<OpenSink>,
     reports: BTreeMap<usize, Report>,
     failed: Vec<(PathBuf, String)>,
     skipped: usize,
@@ -446,7 +403,7 @@ fn all(jobs: Vec<Job>, task: Task<'_>, app: &AppContext) -> Result<(), CliError>
     if told {
         bars.complain(&table.row("mesh", "faces", "parts", "seconds"));
     }
-    let lines = Lines::open(args.json_lines.as_deref())?;
+    let lines = args.json_lines.as_deref().map(|path| Sink::of(path).open()).transpose()?;
     let tally = Tally { lines, reports: BTreeMap::new(), failed: Vec::new(), skipped: 0, stop: None };
     let tally = Mutex::new(tally);
     let next = AtomicUsize::new(0);
@@ -524,13 +481,18 @@ fn all(jobs: Vec<Job>, task: Task<'_>, app: &AppContext) -> Result<(), CliError>
 }
 
 impl Tally {
+    /// Writes a line of JSON where that is asked for.
+    fn tell(&mut self, line: &Value) -> Result<()> {
+        self.lines.as_mut().map_or(Ok(()), |lines| lines.write(format!("{line}\n").as_bytes()))
+    }
+
     /// Notes how a mesh went.
     fn settle(&mut self, number: usize, job: &Job, result: Result<Report>, seconds: f64) {
         let written = match result {
             Ok(report) => {
                 let line = job.line(&report, seconds);
                 self.reports.insert(number, report);
-                self.lines.write(&line)
+                self.tell(&line)
             }
             Err(error @ Error::Cancelled) => Err(error),
             Err(error) => {
@@ -540,7 +502,7 @@ impl Tally {
                 let reason = reason.strip_prefix(&start).map_or(reason.clone(), str::to_string);
                 let line = json!({"mesh": job.mesh, "seconds": seconds, "error": reason});
                 self.failed.push((job.mesh.clone(), reason));
-                self.lines.write(&line)
+                self.tell(&line)
             }
         };
         if let Err(error) = written {

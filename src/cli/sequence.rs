@@ -3,7 +3,8 @@
 use super::choices::choice;
 use super::input::{check_there, read};
 use super::options::{AppContext, CliError, ForceArgs, RunArgs};
-use super::output::{JsonArgs, check_places, folder_of, print};
+use super::output::JsonArgs;
+use super::sink::{check_places, folder_of, print};
 use nystrom_stream::apps::picture::{PictureParams, render};
 use nystrom_stream::apps::sequence::{ComparedOrder, SequenceOrder, gradient, table};
 use nystrom_stream::mesh::Mesh;
@@ -14,7 +15,6 @@ use nystrom_stream::store::{Context, npy};
 use serde_json::json;
 use std::ffi::OsStr;
 use std::path::{Path, PathBuf};
-use std::time::Instant;
 
 /// Arguments of `sequence`.
 #[derive(Clone, Debug, clap::Args)]
@@ -82,6 +82,14 @@ impl Target {
             _ => Err(CliError::Usage(format!("-o {}: unknown ending; end it with .ply, .npy or .png", path.display()))),
         }
     }
+
+    /// As it is named on the command line.
+    fn path(&self) -> PathBuf {
+        match self {
+            Self::Ply(path) | Self::Npy(path) | Self::Png(path) => path.clone(),
+            Self::Stdout => "-".into(),
+        }
+    }
 }
 
 /// Refuses combinations that make no sense, before any work.
@@ -100,7 +108,7 @@ fn check(args: &SequenceArgs) -> Result<Vec<Target>, CliError> {
         targets.push(if stdin { Target::Stdout } else { Target::Ply(beside(&args.mesh)) });
     }
     let mesh = targets.iter().any(|target| matches!(target, Target::Stdout));
-    if mesh && (args.json.to_stdout() || args.compare) {
+    if mesh && args.compare {
         return misused("mesh and measures cannot both go to standard output; give -o FILE");
     }
     if args.order.is_some() && targets.is_empty() {
@@ -120,9 +128,9 @@ fn beside(mesh: &Path) -> PathBuf {
 }
 
 pub fn run(args: &SequenceArgs, app: &AppContext) -> Result<(), CliError> {
-    let start = Instant::now();
     let targets = check(args)?;
-    check_places([&args.mesh], args.output.iter().chain(&args.json.json))?;
+    let outputs: Vec<PathBuf> = targets.iter().map(Target::path).chain(args.json.json.clone()).collect();
+    check_places([&args.mesh], &outputs)?;
     check_there(&args.mesh)?;
     let bars = args.run.bars();
     let run = args.run.run(&bars, app);
@@ -150,8 +158,6 @@ pub fn run(args: &SequenceArgs, app: &AppContext) -> Result<(), CliError> {
         print(table(&compared).as_bytes())?;
     }
     if args.json.json.is_some() {
-        let mut seconds = bars.take_seconds();
-        seconds.insert("total".into(), start.elapsed().as_secs_f64());
         let mesh = json!({"path": args.mesh, "vertices": opened.positions.len(), "faces": opened.faces.len()});
         let mut report = json!({"mesh": mesh, "options": params, "seed": run.seed});
         if args.compare {
@@ -160,10 +166,8 @@ pub fn run(args: &SequenceArgs, app: &AppContext) -> Result<(), CliError> {
         if let Some(measures) = measured {
             report["measures"] = json!(measures);
         }
-        report["seconds"] = json!(seconds);
-        report["notes"] = json!(bars.notes());
         report["peak_allocated"] = json!((app.peak)());
-        args.json.publish(&report)?;
+        args.json.publish_with(report, bars.told())?;
     }
     Ok(())
 }

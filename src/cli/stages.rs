@@ -10,8 +10,9 @@ use super::errors::of_file;
 use super::input::read;
 use super::method::{KernelArgs, MethodArgs, OrderArgs, PartsArgs, check_count};
 use super::options::{AppContext, CliError, ForceArgs, RunArgs, WorkDirArgs, misfit, open};
-use super::output::{FormArgs, JsonArgs, Output, Results, check_names, check_places, ending, outputs_of, print};
-use super::progress::{Bars, counted};
+use super::output::{FormArgs, JsonArgs, Output, Results, check_names, ending, outputs_of};
+use super::progress::counted;
+use super::sink::{check_places, print};
 use nystrom_stream::apps::edits::Edits;
 use nystrom_stream::apps::export::parquet::Coordinates;
 use nystrom_stream::base::Error;
@@ -25,10 +26,11 @@ use nystrom_stream::mesh::ply::labelled::Labelling;
 use nystrom_stream::pipeline::input::Record;
 use nystrom_stream::pipeline::labels::{self, Labels};
 use nystrom_stream::pipeline::recipe;
+use nystrom_stream::pipeline::report::Report;
 use nystrom_stream::pipeline::sharding::{self, Divided, SharedWork};
 use nystrom_stream::pipeline::{Cluster, SegmentParams, cuts, decision, embed, input};
 use nystrom_stream::spectral::EmbeddingParams;
-use nystrom_stream::store::{Context, MappedSlice, Run, WorkDir, workdir};
+use nystrom_stream::store::{Context, MappedSlice, Run, WorkDir, json, workdir};
 use serde_json::{Value, json};
 use std::path::{Path, PathBuf};
 use std::time::Instant;
@@ -179,7 +181,6 @@ fn reopen<'a>(place: &Place, args: &RunArgs, run: Run<'a>) -> Result<(WorkDir, R
 }
 
 pub fn graph(args: &GraphArgs, app: &AppContext) -> Result<(), CliError> {
-    let start = Instant::now();
     let bars = args.run.bars();
     let run = args.run.run(&bars, app);
     check_places([&args.mesh], &args.json.json)?;
@@ -189,16 +190,7 @@ pub fn graph(args: &GraphArgs, app: &AppContext) -> Result<(), CliError> {
     opened.notes().iter().for_each(|note| run.progress.note(note));
     let (_, graph) = input::graph(&opened, &identity, &params, Context::new(&work, &run))?;
     let answer = json!({"mesh": args.mesh, "work_dir": args.place.work_dir, "faces": graph.nodes.len()});
-    answer_with(&args.json, answer, start, &bars)
-}
-
-/// Writes what a stage has done, where that is asked for: `told`, and the seconds of its steps.
-fn answer_with(json: &JsonArgs, mut told: Value, start: Instant, bars: &Bars) -> Result<(), CliError> {
-    let mut seconds = bars.take_seconds();
-    seconds.insert("total".into(), start.elapsed().as_secs_f64());
-    told["seconds"] = json!(seconds);
-    told["notes"] = json!(bars.notes());
-    Ok(json.publish(&told)?)
+    Ok(args.json.publish_with(answer, bars.told())?)
 }
 
 /// Shard and number of shards from "0/3".
@@ -228,7 +220,6 @@ pub fn rows(args: &RowsArgs, app: &AppContext) -> Result<(), CliError> {
 
 /// The work of `rows` and `share` on what is `divided`.
 fn shared(divided: Divided, args: &RowsArgs, mut params: SegmentParams, app: &AppContext) -> Result<(), CliError> {
-    let start = Instant::now();
     let bars = args.run.bars();
     let mut run = args.run.run(&bars, app);
     let path = match &args.mesh {
@@ -249,7 +240,7 @@ fn shared(divided: Divided, args: &RowsArgs, mut params: SegmentParams, app: &Ap
         let count = sharding::compute_shard(folder, shared, shard, open, &run)?;
         told["shard"] = json!([shard.0, shard.1]);
         told[if divided.is_by_landmark() { "rows" } else { "faces" }] = count.into();
-        return answer_with(&args.json, told, start, &bars);
+        return Ok(args.json.publish_with(told, bars.told())?);
     }
     let work = open(folder, &run)?;
     let context = Context::new(&work, &run);
@@ -260,17 +251,16 @@ fn shared(divided: Divided, args: &RowsArgs, mut params: SegmentParams, app: &Ap
         let (opened, identity) = read(&path, force, context)?;
         told["rows"] = sharding::compute_all_rows(&opened, &identity, &params, context)?.len().into();
     }
-    answer_with(&args.json, told, start, &bars)
+    Ok(args.json.publish_with(told, bars.told())?)
 }
 
 pub fn merge(args: &MergeArgs, app: &AppContext) -> Result<(), CliError> {
-    let start = Instant::now();
     let bars = args.run.bars();
     let run = args.run.run(&bars, app);
     let work = open(args.place.path(), &run)?;
     let rows = shard::merge(Context::new(&work, &run))?;
     let told = json!({"work_dir": args.place.path(), "rows": rows.len(), "faces": rows.nodes});
-    answer_with(&args.json, told, start, &bars)
+    Ok(args.json.publish_with(told, bars.told())?)
 }
 
 pub fn embed(args: &EmbedArgs, app: &AppContext) -> Result<(), CliError> {
@@ -289,7 +279,6 @@ pub fn cluster(args: &ClusterArgs, app: &AppContext) -> Result<(), CliError> {
     let outputs = outputs_of(&args.output)?;
     args.form.check(&outputs)?;
     check_names(args.edits.names.as_deref(), &outputs, &args.json)?;
-    args.json.check(outputs.contains(&Output::Stdout))?;
     let (work, record, run) = reopen(&args.place, &args.run, args.run.run(&bars, app))?;
     let inputs = [&args.mesh, &args.tree, &args.edits.edits, &args.edits.names].into_iter().flatten();
     check_places(inputs.chain([&record.mesh]), args.output.iter().chain(&args.json.json))?;
@@ -323,22 +312,8 @@ pub fn cluster(args: &ClusterArgs, app: &AppContext) -> Result<(), CliError> {
         run.progress.note(&note);
     }
     let report = || {
-        let part = |(label, &faces): (usize, &u64)| {
-            let area = result.numbers.area.get(label).map(|area| area * result.graph.frame.scale.powi(2));
-            let mut told = json!({"label": label, "faces": faces, "area": area, "colour": result.colours[label]});
-            if let Some(name) = result.names.get(label).filter(|name| !name.is_empty()) {
-                told["name"] = json!(name);
-            }
-            told
-        };
-        let mut seconds = bars.take_seconds();
-        seconds.insert("total".into(), start.elapsed().as_secs_f64());
-        json!({
-            "mesh": record.mesh, "options": params, "seed": run.seed, "decision": result.numbers.decision,
-            "tiny_components_label": result.numbers.tiny_components_label, "walls_label": result.numbers.walls_label,
-            "parts": result.numbers.faces.iter().enumerate().map(part).collect::<Vec<_>>(), "seconds": seconds,
-            "notes": bars.notes(),
-        })
+        let peak = Some((app.peak)());
+        Report::new(&record.mesh, &params, &result, context, bars.told(), peak)
     };
     let labelling = Labelling {
         labels: &result.labels,
@@ -356,15 +331,10 @@ pub fn cluster(args: &ClusterArgs, app: &AppContext) -> Result<(), CliError> {
         form: args.form,
         context: Context::new(&work, &run),
     };
-    let mut told = export.write(&params, tree.as_ref(), labelling, &report)?;
-    if args.json.json.is_some() {
-        let mut all = report();
-        if let (Some(earlier), Some(seconds)) = (told["seconds"].as_object_mut(), all["seconds"].as_object_mut()) {
-            earlier.remove("total");
-            seconds.extend(std::mem::take(earlier));
-        }
-        args.json.publish(&all)?;
-    }
+    export.write(&params, tree.as_ref(), labelling, || json::value("the report", &report()?))?;
+    let report = report()?;
+    args.json.publish(&report)?;
+    report.remarks(&params).iter().for_each(|text| run.progress.note(text));
     let (parts, faces) = (result.numbers.faces.len(), result.labels.len());
     let faces = counted(faces, "face");
     if !outputs.is_empty() {
@@ -394,32 +364,28 @@ pub fn export(args: &ExportArgs, app: &AppContext) -> Result<(), CliError> {
         decision::write_tree(&tree, path)?;
     }
     if !outputs.is_empty() {
-        let Labels { labels, quality, colours, mut names, edits } = Labels::read(&work)?;
+        let kept = Labels::read(&work)?;
+        let (mut names, colours) = (kept.names(), kept.colours());
         named(&mut names, args.names.as_deref(), colours.len())?;
+        let Labels { labels, quality, parts, edits } = kept;
         let labelling = Labelling { labels: &labels, colours: &colours, quality: Some(&quality), names: &names };
+        let agreement: Vec<f64> = parts.iter().filter_map(|part| part.expected_agreement).collect();
         let report = || {
-            let mut faces = vec![0u64; colours.len()];
-            for &label in labels.iter() {
-                if let Some(count) = faces.get_mut(label as usize) {
-                    *count += 1;
-                }
-            }
-            let part = |(label, faces)| json!({"label": label, "faces": faces, "colour": colours[label]});
-            let parts = faces.into_iter().enumerate().map(part).collect::<Vec<_>>();
-            json!({"mesh": record.mesh, "options": record.params, "seed": run.seed, "parts": parts})
+            let input = json!({"path": record.mesh, "faces": labels.len()});
+            Ok(json!({"input": input, "options": record.params, "parts": parts}))
         };
         let mesh = args.mesh.as_deref();
         let export = Export {
             outputs: &outputs,
             edits: edits.as_ref(),
             cell_labels: &[],
-            agreement: &[],
+            agreement: &agreement,
             mesh,
             record: &record,
             form: args.form,
             context: Context::new(&work, &run),
         };
-        export.write(&record.params, None, labelling, &report)?;
+        export.write(&record.params, None, labelling, report)?;
     }
     Ok(())
 }
@@ -460,17 +426,17 @@ struct Export<'a> {
 }
 
 impl Export<'_> {
-    /// Writes all outputs; what pages tell is the answer. The mesh is opened where one of them needs it.
+    /// Writes all outputs, pages with the `report`. The mesh is opened where one of them needs it.
     fn write(
         &self,
         params: &SegmentParams,
         tree: Option<&PartTree>,
         labelling: Labelling,
-        report: &dyn Fn() -> Value,
-    ) -> Result<Value, Error> {
+        report: impl Fn() -> Result<Value, Error>,
+    ) -> Result<(), Error> {
         let Self { outputs, context, .. } = *self;
         if outputs.is_empty() {
-            return Ok(Value::Null);
+            return Ok(());
         }
         let faces = Some(labelling.labels.len());
         let needed = outputs.iter().any(Output::needs_mesh);
@@ -488,14 +454,14 @@ impl Export<'_> {
             cap: self.form.cap,
             embedding: coordinates.as_ref().map(KeptEmbedding::coordinates),
             agreement: self.agreement,
-            report: if pages { report() } else { Value::Null },
+            report: if pages { report()? } else { Value::Null },
             cuts: cuts.as_ref(),
             cell_labels: self.cell_labels,
             edits: self.edits,
         };
         let each = || outputs.iter().try_for_each(|output| output.write(opened.as_ref(), &results, context.run));
         context.run.stage("write", "faces", labelling.labels.len() as u64, each)?;
-        Ok(results.report)
+        Ok(())
     }
 }
 

@@ -2,8 +2,9 @@
 
 use super::input::check_there;
 use super::options::{AppContext, CliError, RunArgs};
-use super::output::{JsonArgs, Output, PartFile, PlyArgs, Results, check_places, folder_of, outputs_of};
+use super::output::{JsonArgs, Output, PartFile, PlyArgs, Results, outputs_of};
 use super::picture::{has_labels, labels_of_file, labels_of_mesh};
+use super::sink::{check_places, folder_of};
 use nystrom_stream::apps::colours::colours_for;
 use nystrom_stream::apps::transfer::transfer;
 use nystrom_stream::base::Error;
@@ -13,7 +14,6 @@ use nystrom_stream::mesh::ply::names::names_of;
 use nystrom_stream::store::{Context, WorkDir};
 use serde_json::json;
 use std::path::{Path, PathBuf};
-use std::time::Instant;
 
 /// Arguments of `transfer-labels`.
 #[derive(Clone, Debug, clap::Args)]
@@ -39,10 +39,8 @@ pub struct TransferArgs {
 }
 
 pub fn run(args: &TransferArgs, app: &AppContext) -> Result<(), CliError> {
-    let start = Instant::now();
     let outputs = outputs_of(&args.output)?;
     args.ply.check(&outputs)?;
-    args.json.check(outputs.contains(&Output::Stdout))?;
     let inputs = [&args.from, &args.to].into_iter().chain(&args.labels);
     check_places(inputs, args.output.iter().chain(&args.json.json))?;
     [&args.from, &args.to].into_iter().try_for_each(|path| check_there(path))?;
@@ -87,7 +85,7 @@ pub fn run(args: &TransferArgs, app: &AppContext) -> Result<(), CliError> {
         (None, Some(document)) => names_of(document, colours.len()),
         _ => Vec::new(),
     };
-    let mut report = json!({
+    let report = json!({
         "from": args.from, "mesh": args.to, "uncertain_share": share, "transfer": facts,
         "input": {"path": args.to, "faces": facts.faces, "vertices": to.positions.len()},
     });
@@ -110,12 +108,5 @@ pub fn run(args: &TransferArgs, app: &AppContext) -> Result<(), CliError> {
     };
     let each = || outputs.iter().try_for_each(|output| output.write(Some(&to), &results, &run));
     run.stage("write", "faces", facts.faces, each)?;
-    if args.json.json.is_some() {
-        let mut seconds = bars.take_seconds();
-        seconds.insert("total".into(), start.elapsed().as_secs_f64());
-        report["seconds"] = json!(seconds);
-        report["notes"] = json!(bars.notes());
-        args.json.publish(&report)?;
-    }
-    Ok(())
+    Ok(args.json.publish_with(report, bars.told())?)
 }

@@ -25,10 +25,15 @@ pub fn line(error: &Error, command: &Command) -> Option<String> {
     {
         return None;
     }
-    let subcommand = std::env::args().nth(1).and_then(|word| command.find_subcommand(word));
+    let subcommand = given().nth(1).and_then(|word| command.find_subcommand(word));
     let name = subcommand.map_or(String::new(), |subcommand| format!("{} ", subcommand.get_name()));
     let text = lonely(error, subcommand).or_else(|| message(error)).unwrap_or_else(|| rendered(error));
     Some(format!("{text}; see nystrom-stream {name}--help"))
+}
+
+/// The words of the command line, for comparison: some need not be UTF-8.
+fn given() -> impl Iterator<Item = String> {
+    std::env::args_os().map(|word| word.to_string_lossy().into_owned())
 }
 
 /// Which option was given without the one that it goes with; nothing where all that is missing is needed in any case.
@@ -39,7 +44,7 @@ fn lonely(error: &Error, subcommand: Option<&Command>) -> Option<String> {
     let missing: Vec<String> = words(error, ContextKind::InvalidArg)?.iter().map(|word| option(word)).collect();
     let is_given = |name: &str| {
         let of_it = |word: &str| word == name || word.starts_with(&format!("{name}="));
-        std::env::args().skip(2).take_while(|word| word != "--").any(|word| of_it(&word))
+        given().skip(2).take_while(|word| word != "--").any(|word| of_it(&word))
     };
     let is_needed = |name: &str| {
         let long = name.trim_start_matches('-');

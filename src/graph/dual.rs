@@ -33,6 +33,8 @@ use std::path::Path;
 /// What building the graph learned about the mesh.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct GraphFacts {
+    /// Vertices of the mesh.
+    pub vertices: u64,
     /// Nodes (= faces).
     pub nodes: u64,
     /// Undirected edges, bridges included.
@@ -200,6 +202,7 @@ impl DualGraph {
             edges = bridges::insert(&edges, bridges.items(), context)?;
         }
         let facts = GraphFacts {
+            vertices: mesh.positions.len() as u64,
             nodes: nodes.len() as u64,
             edges: edges.indices.len() as u64 / 2,
             boundary_edges: counts.boundary,
@@ -292,7 +295,7 @@ pub(crate) struct GraphStage<'a> {
 
 impl Stage for GraphStage<'_> {
     const NAME: &'static str = "graph";
-    const VERSION: u32 = 4;
+    const VERSION: u32 = 5;
     type Facts = GraphFacts;
     type Output = DualGraph;
 

@@ -15,13 +15,14 @@ use crate::apps::correspond::align::{FINE, procrustes, sample};
 use crate::apps::correspond::matches::{AlignedPair, Match, Matching, matches};
 use crate::apps::correspond::refine::Refine;
 use crate::apps::correspond::{Alignment, EmbeddingSearch, align};
-use crate::base::Result;
+use crate::base::{Result, Told};
 use crate::distance::march::Surface;
 use crate::distance::vertex_rows;
 use crate::mesh::Mesh;
 use crate::spectral::nystrom::{OrthogonalEmbedding, Point};
 use crate::store::{Context, MappedSlice, Run};
-use serde_json::Value;
+use serde_json::{Value, json};
+use std::path::Path;
 
 /// Matches the vertices of `a` with those of `b`; `inputs` as in [`Side::build`].
 ///
@@ -71,6 +72,31 @@ pub fn correspond_guided(
     let side = |opened, k: usize, name| Side::build(opened, inputs.map(|inputs| &inputs[k]), params, name, context);
     let (a, b) = (side(a, 0, "a")?, side(b, 1, "b")?);
     match_sides(&a, &b, params, guidance, context)
+}
+
+impl Correspondence {
+    /// What to report of the matches of the meshes at `paths` under `params`, with what the run `told`.
+    pub fn report(&self, paths: [&Path; 2], params: &CorrespondParams, run: &Run, told: &Told) -> Value {
+        let matched = self.matches.iter().filter(|one| one.target >= 0);
+        let (count, sum) = matched.fold((0u64, 0f64), |(n, sum), one| (n + 1, sum + f64::from(one.confidence)));
+        json!({
+            "a": paths[0].display().to_string(),
+            "b": paths[1].display().to_string(),
+            "options": params,
+            "seed": run.seed,
+            "meshes": self.sides,
+            "ambiguous": self.alignments.ambiguous,
+            "alignments": self.alignments.found,
+            "refined": self.refined,
+            "partial": self.partial,
+            "alternative": params.alternative,
+            "matched": count,
+            "unmatched": self.matches.len() as u64 - count,
+            "mean_confidence": if count > 0 { sum / count as f64 } else { 0. },
+            "seconds": told.seconds(),
+            "notes": told.notes(),
+        })
+    }
 }
 
 /// Matches meshes made ready with the same parameters.

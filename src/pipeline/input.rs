@@ -57,66 +57,6 @@ pub fn same(a: &Value, b: &Value) -> bool {
     ["bytes", "ends", "stdin", "content"].iter().all(|key| a[key] == b[key])
 }
 
-/// Refuses to work on the mesh at `path`, which `identity` tells, in a work directory that is of another mesh, or of
-/// what that file held before it changed: all that `work` keeps would be made anew, and the other mesh would lose hours
-/// of work by a wrong path.
-///
-/// # Errors
-/// [`Error::WorkDir`] with the mesh that `work` is of.
-pub fn admit(path: &Path, identity: &Value, work: &WorkDir) -> Result<()> {
-    if work.is_of_two() {
-        return Err(of_another(path, "is of two meshes, made by `correspond`".into(), work));
-    }
-    // What is no record of anything protects nothing: the stages look after themselves.
-    let Ok(record) = Record::read(work) else { return Ok(()) };
-    if same(identity, &record.identity) {
-        return Ok(());
-    }
-    let here = std::path::absolute(path).unwrap_or(path.to_path_buf());
-    let told = |key: &str| record.identity.get(key).is_some();
-    let problem = match record.mesh.display() {
-        _ if told("content") => "is of another mesh, one of arrays".into(),
-        _ if told("stdin") => "is of another mesh, one from standard input".into(),
-        mesh if record.mesh == here => format!("is of {mesh} as it was before it changed"),
-        mesh => format!("is of another mesh, {mesh}"),
-    };
-    Err(of_another(path, problem, work))
-}
-
-/// The error of working on the mesh at `path` in `work`, which is of another one as `problem` says.
-fn of_another(path: &Path, problem: String, work: &WorkDir) -> Error {
-    let remedy = format!("name another folder, or make it anew for {} with --force", path.display());
-    Error::work_dir(work.path(), problem, remedy)
-}
-
-/// Refuses to match meshes, that at `path` the first of them, in the work directory of one.
-///
-/// # Errors
-/// [`Error::WorkDir`].
-pub fn admit_two(path: &Path, work: &WorkDir) -> Result<()> {
-    match Record::read(work) {
-        Ok(record) => Err(of_another(path, format!("is of one mesh, {}", record.mesh.display()), work)),
-        Err(_) => Ok(()),
-    }
-}
-
-/// Refuses to match the mesh at `path`, which `identity` tells, in a folder `work` of a work directory that keeps the
-/// vertex graph of another one.
-///
-/// # Errors
-/// [`Error::WorkDir`].
-pub fn admit_matched(path: &Path, identity: &Value, work: &WorkDir) -> Result<()> {
-    let Some(stage) = work.manifest().stages.remove("vertex graph") else { return Ok(()) };
-    if same(identity, &stage.inputs["input"]) {
-        return Ok(());
-    }
-    let problem = match stage.inputs["input"]["file"].as_str() {
-        Some(name) => format!("is of another mesh, {name}, or of it as it was before it changed"),
-        None => "is of another mesh".into(),
-    };
-    Err(of_another(path, problem, work))
-}
-
 /// The stage that leaves the record.
 const RECORD: &str = "record";
 /// Version of what the record tells.

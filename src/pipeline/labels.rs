@@ -9,6 +9,7 @@ use crate::apps::colours;
 use crate::apps::edits::Edits;
 use crate::base::Result;
 use crate::cluster::parts::PartsReport;
+use crate::cluster::parts::agreement::UNSURE;
 use crate::graph::order::OrderFacts;
 use crate::graph::{DualGraph, GraphFacts, NodeOrder};
 use crate::landmarks::Sampling;
@@ -27,7 +28,7 @@ pub(super) const QUALITY: &str = "quality.npy";
 /// The stage that makes them.
 pub(super) const STAGE: &str = "labels";
 /// Version of the algorithm that makes labels from parts.
-const LABELS_VERSION: u32 = 3;
+const LABELS_VERSION: u32 = 4;
 /// The colour of tiny components that are a part of their own.
 const TINY_COMPONENTS_COLOUR: [u8; 3] = [128; 3];
 
@@ -86,6 +87,29 @@ pub(super) struct Clustered {
     pub cell_labels: Vec<u32>,
 }
 
+/// A part.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Part {
+    /// Its label.
+    pub label: u32,
+    /// Its faces.
+    pub faces: u64,
+    /// Its area, in the square of the file's unit.
+    pub area: f64,
+    /// Its colour.
+    pub colour: [u8; 3],
+    /// Share of people who are expected to have such a part, 0 to 1; absent where the parts are
+    /// not the decision's alone.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub expected_agreement: Option<f64>,
+    /// Whether that is less than half: a band, a sliver, a crumb, or a boundary where the surface has none.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub unsure: Option<bool>,
+    /// Its name, where it has one.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub name: Option<String>,
+}
+
 /// A segmented mesh.
 #[derive(Clone, Debug)]
 pub struct SegmentedMesh {
@@ -105,6 +129,26 @@ pub struct SegmentedMesh {
     pub graph: GraphFacts,
     /// The numbers behind the report.
     pub numbers: SegmentStats,
+}
+
+impl SegmentedMesh {
+    /// The parts, by label.
+    pub fn parts(&self) -> Vec<Part> {
+        let (numbers, unit) = (&self.numbers, self.graph.frame.scale.powi(2));
+        let part = |(label, ((&faces, &area), &colour)): (usize, ((&u64, &f64), &[u8; 3]))| {
+            let agreement = numbers.expected_agreement().get(label).copied();
+            Part {
+                label: label as u32,
+                faces,
+                area: area * unit,
+                colour,
+                expected_agreement: agreement,
+                unsure: agreement.map(|share| share < UNSURE),
+                name: self.names.get(label).filter(|name| !name.is_empty()).cloned(),
+            }
+        };
+        numbers.faces.iter().zip(&numbers.area).zip(&self.colours).enumerate().map(part).collect()
+    }
 }
 
 /// The key of the labels of `graph`.
@@ -138,20 +182,20 @@ pub(super) fn label(
     if !names.is_empty() {
         names.resize(colours.len(), String::new());
     }
-    let facts = LabelFacts { faces: numbers.faces.clone(), colours: colours.clone(), names: names.clone(), edits };
-    let stage = stage_key(graph, params, context.run.seed);
-    context.work.stamp(stage, &[LABELS, QUALITY], &facts, 0.)?;
-    let cell_labels = clustered.cell_labels;
-    Ok(SegmentedMesh {
+    let result = SegmentedMesh {
         colours,
         names,
-        cell_labels,
+        cell_labels: clustered.cell_labels,
         labels,
         quality,
         order: order.facts,
         graph: graph.facts.clone(),
         numbers,
-    })
+    };
+    let facts = LabelFacts { parts: result.parts(), edits };
+    let stage = stage_key(graph, params, context.run.seed);
+    context.work.stamp(stage, &[LABELS, QUALITY], &facts, 0.)?;
+    Ok(result)
 }
 
 /// Labels of a work directory, as `cluster` left them.
@@ -161,10 +205,8 @@ pub struct Labels {
     pub labels: MappedSlice<u32>,
     /// How sure each label is, 0 to 1 (n).
     pub quality: MappedSlice<f32>,
-    /// One colour per part.
-    pub colours: Vec<[u8; 3]>,
-    /// Name of each part, empty where it has none; empty as a whole where no part has one.
-    pub names: Vec<String>,
+    /// The parts, by label.
+    pub parts: Vec<Part>,
     /// The edits that they are of.
     pub edits: Option<Edits>,
 }
@@ -172,13 +214,8 @@ pub struct Labels {
 /// What the manifest keeps of labels.
 #[derive(Clone, Debug, Serialize, Deserialize)]
 struct LabelFacts {
-    /// Faces of each part.
-    pub faces: Vec<u64>,
-    /// One colour per part.
-    pub colours: Vec<[u8; 3]>,
-    /// One name per part, or none.
-    #[serde(default, skip_serializing_if = "Vec::is_empty")]
-    pub names: Vec<String>,
+    /// The parts, by label.
+    pub parts: Vec<Part>,
     /// The file of edits that the labels are of.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub edits: Option<String>,
@@ -193,11 +230,21 @@ impl Labels {
         let remedy = "make them first: nystrom-stream cluster --work-dir …";
         let facts = work.recorded::<LabelFacts>(STAGE, LABELS_VERSION, remedy)?.facts;
         let labels = work.open_array::<u32>(LABELS)?;
-        let labels = work.indices(LABELS, labels.len(), facts.colours.len())?;
+        let labels = work.indices(LABELS, labels.len(), facts.parts.len())?;
         let quality = work.array_of(QUALITY, labels.len())?;
-        let names = if facts.names.len() == facts.colours.len() { facts.names } else { Vec::new() };
         let edits = facts.edits.map(|text| Edits::of_text(text.as_bytes(), &work.place(MANIFEST))).transpose()?;
-        Ok(Self { labels, quality, colours: facts.colours, names, edits })
+        Ok(Self { labels, quality, parts: facts.parts, edits })
+    }
+
+    /// One colour per part.
+    pub fn colours(&self) -> Vec<[u8; 3]> {
+        self.parts.iter().map(|part| part.colour).collect()
+    }
+
+    /// One name per part, empty where it has none; none at all where no part has one.
+    pub fn names(&self) -> Vec<String> {
+        let some = self.parts.iter().any(|part| part.name.is_some());
+        self.parts.iter().filter(|_| some).map(|part| part.name.clone().unwrap_or_default()).collect()
     }
 }
 

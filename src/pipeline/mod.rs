@@ -7,6 +7,7 @@
 //! Every arrow is a stage in the work directory: reused where its inputs and options are the same. [`recipe`] reads
 //! like this picture; [`plan`] tells beforehand what it will take.
 
+pub mod admission;
 pub mod calibrate;
 mod contracted;
 #[cfg(feature = "correspondence")]

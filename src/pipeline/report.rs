@@ -1,16 +1,15 @@
 //! The report of a run: one JSON object.
 
-use super::labels::SegmentedMesh;
+use super::labels::{Part, SegmentedMesh};
 use super::params::{Cluster, SegmentParams};
 use crate::apps::measure::Measures;
-use crate::base::Result;
-use crate::cluster::parts::agreement::UNSURE;
-use crate::cluster::parts::{Enclosed, PartsReport};
+use crate::base::{Result, Told};
+use crate::cluster::parts::{Enclosed, PartCount, PartsReport};
 use crate::landmarks::Sampling;
-use crate::mesh::Mesh;
 use crate::store::{Context, json};
 use serde::Serialize;
 use std::collections::BTreeMap;
+use std::path::Path;
 
 /// The report.
 #[derive(Clone, Debug, Serialize)]
@@ -62,7 +61,7 @@ pub struct Report {
     /// What the parts measure, by label, where that was asked for.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub measures: Option<Vec<Measures>>,
-    /// Seconds a stage, and in total.
+    /// Seconds per stage, and in total.
     pub seconds: BTreeMap<String, f64>,
     /// Memory and disk.
     pub bytes: Bytes,
@@ -104,29 +103,6 @@ pub struct Input {
     pub welded_edges: u64,
 }
 
-/// A part in the report.
-#[derive(Clone, Debug, Serialize)]
-pub struct Part {
-    /// Its label.
-    pub label: u32,
-    /// Its faces.
-    pub faces: u64,
-    /// Its area, in the square of the file's unit.
-    pub area: f64,
-    /// Its colour.
-    pub colour: [u8; 3],
-    /// Share of people who are expected to have such a part, 0 to 1; absent where the parts are
-    /// not the decision's alone.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub expected_agreement: Option<f64>,
-    /// Whether that is less than half. A band, a sliver, a crumb, or a boundary where the surface has none.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub unsure: Option<bool>,
-    /// Its name, where it has one.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub name: Option<String>,
-}
-
 /// Memory and disk.
 #[derive(Clone, Copy, Debug, Serialize)]
 pub struct Bytes {
@@ -139,33 +115,31 @@ pub struct Bytes {
 }
 
 impl Report {
-    /// Puts the report together. `seconds` by stage as measured; `peak` from a counting allocator, if any.
+    /// Puts the report together: of the mesh at `path`, with what the run `told`, and with `peak` from a counting
+    /// allocator, if any.
     ///
     /// # Errors
     /// [`crate::base::Error::Internal`] for options that JSON cannot tell.
     pub fn new(
-        opened: &Mesh,
+        path: &Path,
         params: &SegmentParams,
         result: &SegmentedMesh,
         context: Context<'_>,
-        seconds: BTreeMap<String, f64>,
+        told: &Told,
         peak: Option<u64>,
     ) -> Result<Self> {
         let (graph, numbers) = (&result.graph, &result.numbers);
         let computed = (params.cluster != Cluster::Parts).then_some(numbers.gamma);
-        let unit = graph.frame.scale * graph.frame.scale;
         let mut options = json::value("the options", params)?;
         if let Some(options) = options.as_object_mut() {
             options.insert("seed".into(), context.run.seed.into());
             options.insert("threads".into(), context.run.threads.into());
         }
-        let agreement = |label: usize| numbers.expected_agreement().get(label).copied();
-        let parts = numbers.faces.iter().zip(&numbers.area).zip(&result.colours).enumerate();
-        Ok(Self {
+        let mut report = Self {
             version: env!("CARGO_PKG_VERSION"),
             input: Input {
-                path: opened.path().display().to_string(),
-                vertices: opened.positions.len() as u64,
+                path: path.display().to_string(),
+                vertices: graph.vertices,
                 faces: graph.nodes,
                 components: graph.components,
                 boundary_edges: graph.boundary_edges,
@@ -193,23 +167,22 @@ impl Report {
             walls_label: numbers.walls_label,
             decision: numbers.decision.clone(),
             clear_parts: numbers.decision.as_ref().and_then(PartsReport::has_clear_parts),
-            parts: parts
-                .map(|(label, ((&faces, &area), &colour))| Part {
-                    label: label as u32,
-                    faces,
-                    area: area * unit,
-                    colour,
-                    expected_agreement: agreement(label),
-                    unsure: agreement(label).map(|share| share < UNSURE),
-                    name: result.names.get(label).filter(|name| !name.is_empty()).cloned(),
-                })
-                .collect(),
+            parts: result.parts(),
             measures: None,
-            seconds,
+            seconds: told.seconds(),
             bytes: Bytes { peak_allocated: peak, budget: context.run.budget.total(), work_dir: context.work.bytes() },
             like: None,
-            notes: opened.notes().to_vec(),
-        })
+            notes: told.notes(),
+        };
+        report.notes.extend(report.remarks(params));
+        Ok(report)
+    }
+
+    /// What a person should know of the parts that `params` asked for, a line each.
+    pub fn remarks(&self, params: &SegmentParams) -> Vec<String> {
+        // A number that was asked for may well be more than there are.
+        let found = params.parts.count == PartCount::Found && self.input.faces > 1;
+        self.inside().into_iter().chain(self.doubts().filter(|_| found)).collect()
     }
 
     /// Labels of the parts that most people are expected not to have.
@@ -231,7 +204,7 @@ impl Report {
     }
 
     /// Which of the parts people would hardly have, in words; none where that is not known or all is well.
-    pub fn doubts(&self) -> Option<String> {
+    fn doubts(&self) -> Option<String> {
         let unsure: Vec<String> = self.unsure().map(|label| label.to_string()).collect();
         match (self.clear_parts?, unsure.as_slice()) {
             (false, _) if self.parts.len() < 2 => Some("no clear parts: the mesh is left whole".into()),

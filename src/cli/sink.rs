@@ -1,0 +1,158 @@
+//! Where text and files go: to standard output, into a pipe or an open file of a process, or to a file that appears by
+//! rename when it is whole. And the checks, before any work, that all of them can be written and none replaces another.
+
+use super::options::CliError;
+use nystrom_stream::base::{Error, Result};
+use nystrom_stream::store::json;
+use std::collections::HashSet;
+use std::fs::{File, OpenOptions};
+use std::io::Write;
+use std::path::{Path, PathBuf};
+
+/// Where text goes.
+#[derive(Clone, Debug)]
+pub enum Sink {
+    /// Standard output, named `-`.
+    Stdout,
+    /// What is written to directly, after what is there: a device, a pipe or an open file of a process (`/dev/stdout`).
+    Stream(PathBuf),
+    /// A file.
+    File(PathBuf),
+}
+
+impl Sink {
+    /// What `path` names.
+    pub fn of(path: &Path) -> Self {
+        let is_stream = || std::fs::metadata(path).is_ok_and(|there| !there.is_file() && !there.is_dir());
+        match path {
+            _ if path == Path::new("-") => Self::Stdout,
+            _ if is_open_file(path) || is_stream() => Self::Stream(path.into()),
+            _ => Self::File(path.into()),
+        }
+    }
+
+    /// Refuses a file whose folder is not there, or takes no file, before any work.
+    pub fn check(&self) -> Result<()> {
+        let Self::File(path) = self else { return Ok(()) };
+        let folder = folder_of(path);
+        if !folder.is_dir() {
+            let problem = format!("its folder {} does not exist", folder.display());
+            return Err(Error::unusable(path, problem, "make it first"));
+        }
+        tempfile::tempfile_in(folder).map(drop).map_err(Error::io(path, "create"))
+    }
+
+    /// Writes `text`; a file appears whole or not at all.
+    pub fn write(&self, text: &str) -> Result<()> {
+        match self {
+            Self::File(path) => json::publish(path, text.as_bytes()),
+            stream => stream.open()?.write(text.as_bytes()),
+        }
+    }
+
+    /// What is written bit by bit as it comes; a file is emptied first.
+    pub fn open(&self) -> Result<OpenSink> {
+        let opened = |path: &Path, options: &mut OpenOptions| {
+            let file = options.open(path).map_err(Error::io(path, "open"))?;
+            Ok(OpenSink::File(path.into(), file))
+        };
+        match self {
+            Self::Stdout => Ok(OpenSink::Stdout),
+            Self::Stream(path) => opened(path, OpenOptions::new().append(true)),
+            Self::File(path) => opened(path, OpenOptions::new().write(true).create(true).truncate(true)),
+        }
+    }
+}
+
+/// An open [`Sink`].
+pub enum OpenSink {
+    /// Standard output.
+    Stdout,
+    /// A file or a stream, and its name.
+    File(PathBuf, File),
+}
+
+impl OpenSink {
+    /// Writes `bytes` at once.
+    pub fn write(&mut self, bytes: &[u8]) -> Result<()> {
+        match self {
+            Self::Stdout => print(bytes),
+            Self::File(path, file) => file.write_all(bytes).map_err(Error::io(path, "write")),
+        }
+    }
+}
+
+/// Whether `path` names an open file of a process, or a link to one: a rename would take the place of the link.
+fn is_open_file(path: &Path) -> bool {
+    let names_one = |path: &Path| {
+        let numbered = path.parent().is_some_and(|folder| folder.ends_with("fd"));
+        let named = ["/dev/stdout", "/dev/stderr"].map(Path::new).contains(&path);
+        named || numbered && (path.starts_with("/dev/fd") || path.starts_with("/proc"))
+    };
+    names_one(path) || std::fs::read_link(path).is_ok_and(|to| names_one(&to))
+}
+
+/// Writes `bytes` to standard output.
+pub fn print(bytes: &[u8]) -> Result<()> {
+    let mut out = std::io::stdout().lock();
+    out.write_all(bytes).and_then(|()| out.flush()).map_err(Error::io("<stdout>", "write"))
+}
+
+/// Where the file `path` lies, or would; `-` for standard output; `None` for pipes and devices, which nothing is lost by.
+fn place(path: &Path) -> Option<PathBuf> {
+    match std::fs::metadata(path) {
+        _ if path == Path::new("-") => Some(path.into()),
+        Ok(there) if there.is_file() => path.canonicalize().ok(),
+        Ok(_) => None,
+        Err(_) => Some(folder_of(path).canonicalize().ok()?.join(path.file_name()?)),
+    }
+}
+
+/// Refuses outputs that would take the place of an input, or of each other, or cannot be written.
+pub fn check_places<'a>(
+    inputs: impl IntoIterator<Item = &'a PathBuf>,
+    outputs: impl IntoIterator<Item = &'a PathBuf> + Clone,
+) -> Result<(), CliError> {
+    check_distinct(inputs, outputs.clone())?;
+    Ok(outputs.into_iter().try_for_each(|path| Sink::of(path).check())?)
+}
+
+/// Refuses outputs that would take the place of an input, or of each other.
+pub fn check_distinct<'a>(
+    inputs: impl IntoIterator<Item = &'a PathBuf>,
+    outputs: impl IntoIterator<Item = &'a PathBuf>,
+) -> Result<(), CliError> {
+    let stdout = Path::new("-");
+    let inputs = inputs.into_iter().filter(|path| *path != stdout);
+    let inputs: HashSet<PathBuf> = inputs.filter_map(|path| place(path)).collect();
+    let mut seen = HashSet::new();
+    for path in outputs {
+        let Some(place) = place(path) else { continue };
+        let problem = match () {
+            () if inputs.contains(&place) => "is an input, and would be overwritten; name another file",
+            () if seen.insert(place) => continue,
+            () if path == stdout => {
+                let text = "two outputs cannot both go to standard output; give one of them a file, as in --json=FILE";
+                return Err(CliError::Usage(text.into()));
+            }
+            () => "two outputs cannot have one name; name another file",
+        };
+        return Err(CliError::Usage(format!("{}: {problem}", path.display())));
+    }
+    Ok(())
+}
+
+/// Where a command that writes nothing keeps what it needs while it runs: beside the mesh at `path`, where there is
+/// most often room, or in the system's temporary folder where nothing can be written beside it, as in an archive.
+pub fn scratch_beside(path: &Path) -> PathBuf {
+    let folder = folder_of(path);
+    if tempfile::tempfile_in(&folder).is_ok() { folder } else { std::env::temp_dir() }
+}
+
+/// The folder that holds `path`.
+pub fn folder_of(path: &Path) -> PathBuf {
+    match path.parent() {
+        Some(parent) if parent != Path::new("") => parent.to_path_buf(),
+        _ => PathBuf::from("."),
+    }
+}

@@ -1,0 +1,88 @@
+//! Whether a work directory may be used for a mesh: one that lasts keeps to its mesh, or to its two.
+//!
+//! All that it keeps would be made anew for another mesh, and hours of work be lost by a wrong path. So that is refused
+//! before anything changes, unless it is asked for. Cost: the manifest is read.
+
+use super::input::{Record, same};
+use crate::base::{Error, Result};
+use crate::store::{Context, WorkDir};
+use serde_json::Value;
+use std::path::Path;
+
+/// Refuses to work on the mesh at `path`, which `identity` tells, in a work directory that is of another mesh, or of
+/// what that file held before it changed; with `force` the directory is emptied instead.
+///
+/// # Errors
+/// [`Error::WorkDir`] with the mesh that it is of; [`Error::Io`].
+pub fn admit(path: &Path, identity: &Value, force: bool, context: Context<'_>) -> Result<()> {
+    admitted(force, context, |work| {
+        if work.is_of_two() {
+            return Err(of_another(path, "is of two meshes, made by `correspond`".into(), work));
+        }
+        // What is no record of anything protects nothing: the stages look after themselves.
+        let Ok(record) = Record::read(work) else { return Ok(()) };
+        if same(identity, &record.identity) {
+            return Ok(());
+        }
+        let here = std::path::absolute(path).unwrap_or(path.to_path_buf());
+        let told = |key: &str| record.identity.get(key).is_some();
+        let problem = match record.mesh.display() {
+            _ if told("content") => "is of another mesh, one of arrays".into(),
+            _ if told("stdin") => "is of another mesh, one from standard input".into(),
+            mesh if record.mesh == here => format!("is of {mesh} as it was before it changed"),
+            mesh => format!("is of another mesh, {mesh}"),
+        };
+        Err(of_another(path, problem, work))
+    })
+}
+
+/// Refuses to match the meshes at `paths`, which `identities` tell, in a work directory that is of one mesh or of two
+/// others; with `force` the directory is emptied instead.
+///
+/// # Errors
+/// [`Error::WorkDir`] with the mesh that it is of; [`Error::Io`].
+#[cfg(feature = "correspondence")]
+pub fn admit_two(paths: [&Path; 2], identities: &[Value; 2], force: bool, context: Context<'_>) -> Result<()> {
+    admitted(force, context, |work| {
+        if let Ok(record) = Record::read(work) {
+            return Err(of_another(paths[0], format!("is of one mesh, {}", record.mesh.display()), work));
+        }
+        for ((path, identity), side) in paths.into_iter().zip(identities).zip(["a", "b"]) {
+            let folder = work.file(side);
+            if !folder.is_dir() {
+                continue;
+            }
+            let inner = WorkDir::open(&folder)?;
+            let Some(stage) = inner.manifest().stages.remove("vertex graph") else { continue };
+            if !same(identity, &stage.inputs["input"]) {
+                let problem = match stage.inputs["input"]["file"].as_str() {
+                    Some(name) => format!("is of another mesh, {name}, or of it as it was before it changed"),
+                    None => "is of another mesh".into(),
+                };
+                return Err(of_another(path, problem, &inner));
+            }
+        }
+        Ok(())
+    })
+}
+
+/// What `check` says of a directory that lasts; with `force` one that it refuses is emptied.
+fn admitted(force: bool, context: Context<'_>, check: impl FnOnce(&WorkDir) -> Result<()>) -> Result<()> {
+    let Context { work, run } = context;
+    if work.is_temporary() {
+        return Ok(());
+    }
+    match check(work) {
+        Err(Error::WorkDir { .. }) if force => {
+            run.progress.note_of_work(&format!("{}: emptied, since it was of another mesh", work.path().display()));
+            work.clear()
+        }
+        checked => checked,
+    }
+}
+
+/// The error of working on the mesh at `path` in `work`, which is of another one as `problem` says.
+fn of_another(path: &Path, problem: String, work: &WorkDir) -> Error {
+    let remedy = format!("name another folder, or make it anew for {} with --force", path.display());
+    Error::work_dir(work.path(), problem, remedy)
+}
