@@ -66,7 +66,7 @@
 //! # Features
 //!
 //! None is needed to cut meshes. `pictures`, `plots`, `pages` and `parquet` add forms of output, `correspondence`
-//! matching, `cli` (on by default) the program.
+//! matching, `sprs` the weighted graph as a matrix of that crate, `cli` (on by default) the program.
 
 #[cfg(not(unix))]
 compile_error!("nystrom-stream maps files and locks folders as Unix does: Linux is supported, macOS compiles");

@@ -10,7 +10,7 @@ use crate::base::Result;
 use crate::distance::vertex_rows::Distance;
 use crate::landmarks::Sampling;
 use crate::mesh::Mesh;
-use crate::pipeline::admission::admit_two;
+use crate::pipeline::admission::{admit_two, identity_of_two};
 use crate::pipeline::correspond::{self as recipe, CorrespondParams, default_landmarks_for_vertices};
 use crate::store::Run;
 use serde_json::Value;
@@ -27,7 +27,7 @@ use std::path::Path;
 /// # Ok(())
 /// # }
 /// ```
-#[derive(Clone, Default)]
+#[derive(Clone, Debug, Default)]
 pub struct Matcher {
     params: CorrespondParams,
     landmarks: Option<usize>,
@@ -110,16 +110,16 @@ impl Matcher {
     ///
     /// # Errors
     /// [`crate::Error::Parameter`], [`crate::Error::Unusable`] for a mesh without triangles, [`crate::Error::WorkDir`]
-    /// for a work directory of other meshes, [`crate::Error::Memory`], [`crate::Error::Io`], [`crate::Error::Cancelled`].
+    /// for a work directory of other meshes, [`crate::Error::Memory`], [`crate::Error::Io`],
+    /// [`crate::Error::Cancelled`].
     pub fn run(&self, a: &Mesh, b: &Mesh) -> Result<Correspondence> {
         let most = a.positions.len().max(b.positions.len());
         let params = self.params.landmarks(self.landmarks.unwrap_or(default_landmarks_for_vertices(most)));
         self.options.with(|context, told| {
-            let inputs = context.work.durable().then(|| Ok([identity(a, true)?, identity(b, true)?])).transpose()?;
             let paths = [a.path(), b.path()];
-            if let Some(inputs) = &inputs {
-                admit_two(paths, inputs, self.options.force, context)?;
-            }
+            let inputs = [identity(a, context.work, identity_of_two)?, identity(b, context.work, identity_of_two)?];
+            admit_two(paths, &inputs, self.options.force, context)?;
+            let inputs = (!context.work.is_temporary()).then_some(inputs);
             [a, b].into_iter().flat_map(Mesh::notes).for_each(|note| context.run.progress.note(note));
             let found = recipe::correspond(a, b, inputs.as_ref(), &params, context)?;
             let report = found.report(paths, &params, context.run, told);

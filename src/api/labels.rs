@@ -47,7 +47,7 @@ pub fn evaluate<L: AsRef<[u32]>>(mesh: &Mesh, labels: &[u32], truths: &[L]) -> R
 /// # Ok(())
 /// # }
 /// ```
-#[derive(Clone, Default)]
+#[derive(Clone, Debug, Default)]
 pub struct LabelTransfer {
     pub(super) options: RunOptions,
 }
@@ -60,7 +60,8 @@ impl LabelTransfer {
         Self::default()
     }
 
-    /// Carries `labels`, one per face of `from`, to the faces of `to`.
+    /// Carries `labels`, one per face of `from`, to the faces of `to`. A face labelled [`u32::MAX`] has none; what it
+    /// is nearest to gets the label around.
     ///
     /// # Errors
     /// [`crate::Error::Parameter`] for labels that do not fit `from`; [`crate::Error::Unusable`] where most of `to`
@@ -82,7 +83,7 @@ impl LabelTransfer {
 /// # Ok(())
 /// # }
 /// ```
-#[derive(Clone, Default)]
+#[derive(Clone, Debug, Default)]
 pub struct SamplingQuality {
     params: CompareParams,
     metric: Metric,

@@ -7,7 +7,7 @@ use crate::base::{Error, Result};
 use crate::mesh::{Labelling, Mesh, PlyForm, PlyOptions, seg, write_labelled};
 use crate::pipeline::admission::admit;
 use crate::pipeline::input;
-use crate::store::{Context, Run, npy};
+use crate::store::{Context, Run, WorkDir, npy};
 use serde_json::{Value, json};
 use std::ffi::OsStr;
 use std::path::Path;
@@ -212,21 +212,21 @@ fn named_and_coloured(labelling: &Labelling<'_>) -> Result<()> {
     Ok(())
 }
 
-/// [`identity`] of `mesh` in the work directory of `context`, which is refused where it is of another mesh and not to
+/// What identifies `mesh` in the work directory of `context`, which is refused where it is of another mesh and not to
 /// be made anew by `force`.
 pub(super) fn admitted(mesh: &Mesh, force: bool, context: Context<'_>) -> Result<Value> {
-    let identity = identity(mesh, context.work.durable())?;
+    let identity = identity(mesh, context.work, |path| input::identity_in(path, context.work))?;
     admit(mesh.path(), &identity, force, context)?;
     mesh.notes().iter().for_each(|note| context.run.progress.note(note));
     Ok(identity)
 }
 
-/// What identifies `mesh` in a work directory: a file as the program identifies it, arrays by a hash of their content.
-/// Null unless `lasting`, so that nothing is read in vain.
-pub(super) fn identity(mesh: &Mesh, lasting: bool) -> Result<Value> {
+/// What identifies `mesh` in `work`: a file as `of_file` has it, arrays by a hash of their content. Null in a temporary
+/// directory, so that nothing is read in vain.
+pub(super) fn identity(mesh: &Mesh, work: &WorkDir, of_file: impl FnOnce(&Path) -> Result<Value>) -> Result<Value> {
     match mesh.document() {
-        _ if !lasting => Ok(Value::Null),
-        Some(_) if mesh.path().is_file() => input::identity(mesh.path()),
+        _ if work.is_temporary() => Ok(Value::Null),
+        Some(_) if mesh.path().is_file() => of_file(mesh.path()),
         _ => Ok(json!({"content": format!("{:016x}", mesh.content_hash())})),
     }
 }

@@ -1,6 +1,7 @@
 //! How a builder runs: threads, memory, seed, folders, progress, cancellation.
 //!
-//! Every builder has the same setters, made by [`run_options`], and those with stages also [`work_options`]. Cost: none of the size of a mesh.
+//! Every builder has the same setters, made by [`run_options`], and those with stages also [`work_options`]. Cost: none
+//! of the size of a mesh.
 
 use crate::base::{Cancel, Progress, Result, Told};
 use crate::store::{Budget, Context, Run, WorkDir};
@@ -93,6 +94,20 @@ macro_rules! work_options {
     };
 }
 pub(super) use {run_options, work_options};
+
+impl std::fmt::Debug for RunOptions {
+    fn fmt(&self, f: &mut std::fmt::Formatter) -> std::fmt::Result {
+        let Self { threads, memory, seed, temporary, work_dir, force, progress: _, cancel: _ } = self;
+        f.debug_struct("RunOptions")
+            .field("threads", threads)
+            .field("memory", memory)
+            .field("seed", seed)
+            .field("temporary", temporary)
+            .field("work_dir", work_dir)
+            .field("force", force)
+            .finish_non_exhaustive()
+    }
+}
 
 impl RunOptions {
     /// Those for what is done with a result: nobody listens, and neither what stopped the run nor whoever has its work

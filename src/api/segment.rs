@@ -54,7 +54,7 @@ use std::path::Path;
 ///
 /// Memory: some 200 bytes per face where the budget allows, else a few megabytes per thread and the rest on disk. Time:
 /// about a second per million faces and core.
-#[derive(Clone, Default)]
+#[derive(Clone, Debug, Default)]
 pub struct Segmenter {
     params: SegmentParams,
     edits: Option<Edits>,
@@ -104,7 +104,7 @@ impl Segmenter {
 
     /// The number of landmarks l, 1 to 4096; by default 120, or 240 above 300,000 faces. With [`Segmenter::exact`] 60
     /// to 20, fewer on larger meshes; for K-means and 2-means 60 above 60,000 faces, else twice the number of
-    /// parts, between 10 and 60.
+    /// parts, between 10 and 60, and one more than parts from 60 parts on, up to 512.
     #[must_use]
     pub fn landmarks(mut self, count: usize) -> Self {
         self.params.landmarks = Some(count);
@@ -227,7 +227,8 @@ impl Segmenter {
             params.parts.count = edits.parts.map_or(params.parts.count, PartCount::Exactly);
             params.parts.detail = edits.detail.unwrap_or_default();
         }
-        params.check_effect()?;
+        params.check()?;
+        self.edits.as_ref().map_or(Ok(()), Edits::check)?;
         let params = &params;
         let corrections = Corrections { edits: self.edits.as_ref(), painted: self.hints.as_deref() };
         self.options.with(|context, told| {

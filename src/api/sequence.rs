@@ -22,7 +22,7 @@ use std::path::Path;
 /// # Ok(())
 /// # }
 /// ```
-#[derive(Clone, Default)]
+#[derive(Clone, Debug, Default)]
 pub struct Sequencer {
     params: SequenceParams,
     pub(super) options: RunOptions,
@@ -75,7 +75,7 @@ impl Sequencer {
 }
 
 /// An order of the faces of a mesh, and of its vertices by first use.
-#[derive(Clone)]
+#[derive(Clone, Debug)]
 pub struct Sequence {
     mesh: Mesh,
     order: recipe::Sequence,

@@ -2,10 +2,10 @@
 
 use super::choices::choice;
 use super::errors::of_file;
-use super::input::check_there;
+use super::input::{check_there, open_file};
 use super::options::{AppContext, CliError, ForceArgs, RunArgs, misfit};
 use super::output::JsonArgs;
-use super::sink::{check_places, folder_of};
+use super::sink::{check_outside, check_places, folder_of};
 use clap::ValueEnum;
 use nystrom_stream::apps::correspond::carry::{Colours, Property};
 use nystrom_stream::apps::correspond::show::side_by_side;
@@ -15,12 +15,11 @@ use nystrom_stream::base::{Error, Result};
 use nystrom_stream::distance::vertex_rows::Distance;
 use nystrom_stream::landmarks::Sampling;
 use nystrom_stream::mesh::ply::ElementKind;
-use nystrom_stream::mesh::{self, Mesh, ends_with, ply};
-use nystrom_stream::pipeline::admission::admit_two;
+use nystrom_stream::mesh::{Mesh, ends_with, ply};
+use nystrom_stream::pipeline::admission::{admit_two, identity_of_two};
 use nystrom_stream::pipeline::correspond::{
     CorrespondParams, Correspondence, Guidance, correspond_guided, default_landmarks_for_vertices,
 };
-use nystrom_stream::pipeline::input;
 use nystrom_stream::spectral::nystrom::OrthogonalParams;
 use nystrom_stream::store::{Context, Run, npy};
 use serde_json::json;
@@ -196,22 +195,22 @@ pub fn run(args: &CorrespondArgs, app: &AppContext) -> Result<(), CliError> {
     }
     let inputs = [&args.a, &args.b].into_iter().chain(&args.landmarks_file).chain(&args.initial_map);
     check_places(inputs, outputs().chain(&args.json.json))?;
+    check_outside(args.work_dir.as_deref(), outputs().chain(&args.json.json))?;
     [&args.a, &args.b].into_iter().try_for_each(|path| check_there(path))?;
     let bars = args.run.bars();
     let run = args.run.run(&bars, app);
     let beside = || outputs().next().map_or_else(std::env::temp_dir, |path| folder_of(path));
     let work = args.run.work(args.work_dir.as_deref(), beside, &run)?;
-    let inputs = args.work_dir.as_ref().map(|_| Ok::<_, Error>([input::identity(&args.a)?, input::identity(&args.b)?]));
-    let inputs = inputs.transpose()?;
-    if let Some(inputs) = &inputs {
-        admit_two([&args.a, &args.b], inputs, args.force.force, Context::new(&work, &run))?;
+    let mut inputs = None;
+    if args.work_dir.is_some() {
+        let both = [identity_of_two(&args.a)?, identity_of_two(&args.b)?];
+        admit_two([&args.a, &args.b], &both, args.force.force, Context::new(&work, &run))?;
+        inputs = Some(both);
     }
     let open = |path: &Path, name: &str| -> Result<Mesh> {
         let scratch = work.file(name);
         std::fs::create_dir_all(&scratch).map_err(Error::io(&scratch, "create"))?;
-        let (opened, _) = run.stage("read", "bytes", 0, || mesh::open(path, &scratch, &run))?;
-        opened.notes().iter().for_each(|note| run.progress.note(note));
-        Ok(opened)
+        open_file(path, &scratch, &run)
     };
     let (a, b) = (open(&args.a, "mesh-a")?, open(&args.b, "mesh-b")?);
     if args.method.landmarks.is_none() {

@@ -3,23 +3,22 @@
 //! Standard input is spooled into the work directory, since a mesh is mapped. A lasting work
 //! directory keeps to its mesh.
 
+use super::made::is_output;
 use super::options::{CliError, ForceArgs};
 use super::output::ENDINGS;
 use nystrom_stream::base::Error;
 use nystrom_stream::mesh;
 use nystrom_stream::mesh::size::is_pipe;
 use nystrom_stream::pipeline::admission::admit;
-use nystrom_stream::pipeline::input;
-use nystrom_stream::store::{Context, workdir};
+use nystrom_stream::pipeline::input::{self, SPOOLED};
+use nystrom_stream::store::{Context, Run, workdir};
 use serde_json::{Value, json};
 use std::fs::File;
 use std::io::Read;
 use std::path::{Path, PathBuf};
 
 /// Endings of results, which are not taken from folders as meshes.
-const RESULT: &str = ".segmented.ply";
-/// What standard input is spooled to in a work directory.
-const SPOOLED: &str = "input";
+const RESULTS: [&str; 2] = [".segmented.ply", ".sequenced.ply"];
 
 /// Opens the mesh at `path`, or that on standard input, and tells which it is. A work directory of another mesh is
 /// refused without `force`, before anything in it changes, and emptied with it.
@@ -32,10 +31,21 @@ pub fn read(path: &Path, force: ForceArgs, context: Context<'_>) -> Result<(mesh
         let pipe = File::open(path).map_err(Error::io(path, "open"))?;
         return piped(pipe, &path.to_string_lossy(), force, context);
     }
-    let identity = input::identity(path)?;
+    let identity = input::identity_in(path, work)?;
     admit(path, &identity, force.force, context)?;
-    let (opened, _) = run.stage("read", "bytes", 0, || mesh::open(path, work.path(), run))?;
-    Ok((opened, identity))
+    Ok((open_file(path, work.path(), run)?, identity))
+}
+
+/// Opens the file at `path`; what has to be decoded goes to `folder`. Tells what is odd about it.
+pub fn open_file(path: &Path, folder: &Path, run: &Run) -> Result<mesh::Mesh, Error> {
+    told(run, || mesh::open(path, folder, run))
+}
+
+/// What `open` opens, as a stage, with its oddities.
+fn told(run: &Run, open: impl FnOnce() -> Result<mesh::Mesh, Error>) -> Result<mesh::Mesh, Error> {
+    let (opened, _) = run.stage("read", "bytes", 0, open)?;
+    opened.notes().iter().for_each(|note| run.progress.note(note));
+    Ok(opened)
 }
 
 /// Refuses a mesh that is not there, before a folder is made on its behalf.
@@ -53,7 +63,7 @@ fn piped(source: impl Read, name: &str, force: ForceArgs, context: Context<'_>) 
     let (input, aside) = (work.file(SPOOLED), work.file("input.before.tmp"));
     let kept = !work.is_temporary() && !force.force && std::fs::rename(&input, &aside).is_ok();
     let read = || mesh::open_reader(source, name, work.path(), run);
-    let result = run.stage("read", "bytes", 0, read).map(|(opened, _)| opened).and_then(|opened| {
+    let result = told(run, read).and_then(|opened| {
         let identity = json!({"stdin": workdir::checksum(&input)?});
         admit(Path::new("-"), &identity, force.force, context)?;
         Ok((opened, identity))
@@ -70,6 +80,11 @@ fn named(path: &Path, endings: &[&str]) -> bool {
     endings.iter().any(|ending| name.ends_with(ending))
 }
 
+/// Whether the program has made `path`, by its name or by the record of a batch.
+fn is_result(path: &Path) -> bool {
+    named(path, &RESULTS) || is_output(path)
+}
+
 /// The meshes that `words` name, each once, in order: files, the meshes in folders, what patterns match. And whether
 /// they are treated as many.
 pub fn meshes(words: &[PathBuf]) -> Result<(Vec<PathBuf>, bool), CliError> {
@@ -80,7 +95,11 @@ pub fn meshes(words: &[PathBuf]) -> Result<(Vec<PathBuf>, bool), CliError> {
             many = true;
             let entries = std::fs::read_dir(word).map_err(Error::io(word, "list"))?;
             let mut found: Vec<PathBuf> = entries.flatten().map(|entry| entry.path()).collect();
-            found.retain(|path| named(path, &ENDINGS) && !named(path, &[RESULT]) && path.is_file());
+            // A link to nothing is named as what it is when its turn comes.
+            let is_file = |path: &Path| path.is_file() || path.is_symlink() && !path.exists();
+            let is_hidden =
+                |path: &Path| path.file_name().is_some_and(|name| name.as_encoded_bytes().starts_with(b"."));
+            found.retain(|path| named(path, &ENDINGS) && is_file(path) && !is_hidden(path) && !is_result(path));
             if found.is_empty() {
                 return Err(Error::unusable(
                     word,
@@ -95,7 +114,7 @@ pub fn meshes(words: &[PathBuf]) -> Result<(Vec<PathBuf>, bool), CliError> {
             many = true;
             let wrong = |problem: String| CliError::Usage(format!("{text}: {problem}"));
             let paths = glob::glob(&text).map_err(|error| wrong(format!("not a pattern: {error}")))?;
-            let found: Vec<PathBuf> = paths.flatten().filter(|path| !named(path, &[RESULT])).collect();
+            let found: Vec<PathBuf> = paths.flatten().filter(|path| !is_result(path)).collect();
             if found.is_empty() {
                 return Err(Error::unusable(word, "matches no file", "check the pattern").into());
             }

@@ -7,7 +7,6 @@
 
 use super::output::Output;
 use super::sink::folder_of;
-use nystrom_stream::base::Result;
 use nystrom_stream::store::json;
 use serde_json::{Value, json};
 use std::path::{Path, PathBuf};
@@ -45,31 +44,36 @@ impl Maker {
 
     /// Whether this made `output`, and nothing has changed it since.
     pub fn made(&self, output: &Output) -> bool {
-        let kept = place(output).and_then(|path| std::fs::read(path).ok());
+        let kept = output.path().and_then(place).and_then(|path| std::fs::read(path).ok());
         let kept = kept.and_then(|text| serde_json::from_slice::<Value>(&text).ok());
         kept.is_some() && kept == self.record(output)
     }
 
     /// Forgets what made `output`, before it is written anew.
     pub fn forget(&self, output: &Output) {
-        if let Some(path) = place(output) {
+        if let Some(path) = output.path().and_then(place) {
             let _ = std::fs::remove_file(path);
         }
     }
 
     /// Records that this made `output`. Where the folder cannot be written to, the next run makes it anew.
-    pub fn stamp(&self, output: &Output) -> Result<()> {
-        let (Some(path), Some(record)) = (place(output), self.record(output)) else { return Ok(()) };
-        if std::fs::create_dir_all(path.parent().unwrap_or(Path::new("."))).is_err() {
-            return Ok(());
+    pub fn stamp(&self, output: &Output) {
+        if let (Some(path), Some(record)) = (output.path().and_then(place), self.record(output))
+            && std::fs::create_dir_all(path.parent().unwrap_or(Path::new("."))).is_ok()
+        {
+            // It may be somebody else's, or take no names as long.
+            let _ = json::publish(&path, record.to_string().as_bytes());
         }
-        json::publish(&path, record.to_string().as_bytes())
     }
 }
 
-/// Where the record of `output` lies.
-fn place(output: &Output) -> Option<PathBuf> {
-    let path = output.path()?;
+/// Whether a batch has made the file `path`.
+pub fn is_output(path: &Path) -> bool {
+    place(path).is_some_and(|record| record.is_file())
+}
+
+/// Where the record of the output `path` lies.
+fn place(path: &Path) -> Option<PathBuf> {
     let name = path.file_name()?.to_string_lossy().into_owned() + ".json";
     Some(folder_of(path).join(FOLDER).join(name))
 }

@@ -105,13 +105,14 @@ pub struct PartsArgs {
 #[derive(Clone, Debug, clap::Args)]
 #[command(next_help_heading = "Embedding (kmeans and two-means)")]
 pub struct KernelArgs {
-    /// Kernel from distance to affinity [default: gaussian]
+    /// Kernel from distance to affinity [default: gaussian, or as in the work directory]
     #[arg(long, hide_short_help = true, value_parser = choice::<Kernel>())]
     pub kernel: Option<Kernel>,
-    /// Width of the kernel, in mean distances [default: 0.25; without anchor graph 1, as in the paper]
+    /// Width of the kernel, in mean distances [default: 0.25, without anchor graph 1 as in the paper, or as in the work
+    /// directory]
     #[arg(long, hide_short_help = true, value_name = "X")]
     pub sigma: Option<f64>,
-    /// How affinities are normalised [default: anchor]
+    /// How affinities are normalised [default: anchor, or as in the work directory]
     #[arg(long, hide_short_help = true, value_parser = choice::<Normalisation>())]
     pub normalise: Option<Normalisation>,
     /// Do not scale the coordinates of each face to unit length
@@ -134,7 +135,7 @@ pub struct OrderArgs {
 #[command(next_help_heading = "Distances")]
 pub struct DistanceArgs {
     /// Number of landmarks [default: 120, above 300,000 faces 240; with --exact 60 to 20 by the size of a large mesh;
-    /// with kmeans and two-means twice the parts, 10 to 60, above 60,000 faces 60]
+    /// with kmeans and two-means twice the parts, 10 to 60, above 60,000 faces 60, and more than parts up to 512]
     #[arg(short = 'l', long, hide_short_help = true, value_name = "L", value_parser = clap::value_parser!(u32).range(1..=4096))]
     pub landmarks: Option<u32>,
     /// How landmarks are chosen [default: farthest; distance-weighted above 60,000 faces, but not
@@ -186,9 +187,6 @@ impl KernelArgs {
         }
         let normalisation = self.normalise.unwrap_or(Normalisation::Anchor);
         let width = self.sigma.unwrap_or(if normalisation == Normalisation::Anchor { 0.25 } else { 1. });
-        if !(width > 0. && width < 1e6) {
-            return Err(CliError::Usage(format!("--sigma: {width} is not a width; choose a positive number")));
-        }
         Ok(Some(EmbeddingParams {
             kernel: self.kernel.unwrap_or(Kernel::Gaussian),
             width: KernelWidth::Mean(width),
@@ -201,13 +199,9 @@ impl KernelArgs {
 
 impl PartsArgs {
     /// Sets what concerns clustering in `params`, where the options that were not given stay as they are: but for the
-    /// number of parts, the detail and the embedding, which are those asked for here or the defaults.
+    /// number of parts and the detail, which are those asked for here or the defaults.
     pub fn apply(&self, kernel: &KernelArgs, params: &mut SegmentParams) -> Result<(), CliError> {
         params.cluster = self.cluster.unwrap_or(params.cluster);
-        let detail = self.detail.unwrap_or(0.);
-        if !(-1. ..=1.).contains(&detail) {
-            return Err(CliError::Usage(format!("--detail: {detail} is out of range; choose from -1 to 1")));
-        }
         if params.cluster == Cluster::Parts {
             if let Some(option) = kernel.given() {
                 return Err(misfit(option, "--cluster kmeans or two-means"));
@@ -227,31 +221,20 @@ impl PartsArgs {
         params.parts = PartsParams {
             decision: self.decision.unwrap_or(params.parts.decision),
             count: match (self.parts, self.parts_range) {
-                (Some(0), _) => return Err(CliError::Usage("-k: 0 parts; choose at least 1".into())),
                 (Some(parts), _) => PartCount::Exactly(parts),
                 (None, Some((least, most))) => PartCount::Between(least, most),
                 (None, None) => PartCount::Found,
             },
-            detail,
+            detail: self.detail.unwrap_or(0.),
             ..PartsParams::default()
         };
         params.tiny_components = self.tiny_components.unwrap_or(params.tiny_components);
         params.walls = self.walls.unwrap_or(params.walls);
         params.boundaries = self.boundaries.unwrap_or(params.boundaries);
-        params.embedding = kernel.params(self.parts.unwrap_or(two_means::DIMENSIONS))?;
+        let dimensions = self.parts.unwrap_or(two_means::DIMENSIONS);
+        let kept = params.embedding.map(|kept| EmbeddingParams { dimensions: dimensions.max(2), ..kept });
+        params.embedding = kernel.params(dimensions)?.or(kept);
         Ok(())
-    }
-}
-
-/// Refuses K-means without a number of parts.
-pub fn check_count(params: &SegmentParams) -> Result<(), CliError> {
-    match (params.cluster, params.parts.count) {
-        (Cluster::KMeans, PartCount::Found) => {
-            let remedy = "give it, as in -k 6, or choose --cluster parts";
-            Err(CliError::Usage(format!("-k: K-means needs the number of parts; {remedy}")))
-        }
-        (Cluster::KMeans, PartCount::Between(..)) => Err(misfit("--parts-range", "--cluster parts or two-means")),
-        _ => Ok(()),
     }
 }
 

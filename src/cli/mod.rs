@@ -22,6 +22,7 @@ mod progress;
 mod quality;
 mod segment;
 mod sequence;
+mod signals;
 mod sink;
 mod stages;
 mod transfer;
@@ -106,7 +107,7 @@ impl Command {
         let dir = match self {
             Self::Segment(args) if args.work_dir.is_none() => {
                 let rest = "the same command goes on with the rest";
-                let some = args.meshes.len() > 1;
+                let some = args.meshes.len() > 1 || args.meshes.iter().any(|mesh| mesh.is_dir() || !mesh.exists());
                 return if args.resume { Some(rest.into()) } else { some.then(|| format!("with --resume {rest}")) };
             }
             Self::Segment(args) => args.work_dir.as_ref(),
@@ -145,13 +146,7 @@ pub fn main(peak: fn() -> u64) -> ExitCode {
     };
     let app = AppContext { cancel: Cancel::default(), peak };
     let cancel = app.cancel.clone();
-    // A second signal ends at once; the first lets files be closed and temporary folders go.
-    let _ = ctrlc::set_handler(move || {
-        if cancel.is_cancelled() {
-            std::process::exit(1);
-        }
-        cancel.cancel();
-    });
+    signals::cancel_on(cancel);
     let goes_on = cli.command.goes_on();
     let result = catch(|| dispatch(cli.command, &app)).unwrap_or_else(|error| Err(error.into()));
     let (text, code) = match result {

@@ -3,7 +3,7 @@
 use super::choices::choice;
 use super::options::CliError;
 use super::progress::counted;
-use super::sink::{Sink, folder_of, print};
+use super::sink::{Sink, check_is_no_stream, folder_of, print};
 use nystrom_stream::apps::edits::Edits;
 use nystrom_stream::apps::export::parquet::{self, Coordinates};
 use nystrom_stream::apps::export::split::{self, Folder, PartForm};
@@ -222,6 +222,7 @@ impl Output {
         if path.to_string_lossy().ends_with(['/', std::path::MAIN_SEPARATOR]) || path.is_dir() {
             return Ok(Self::Folder(path.into()));
         }
+        check_is_no_stream("-o", path)?;
         match path.extension().and_then(OsStr::to_str).map(str::to_ascii_lowercase).as_deref() {
             Some("ply") => Ok(Self::Ply(path.into())),
             Some("seg") => Ok(Self::Seg(path.into())),

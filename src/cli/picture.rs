@@ -1,14 +1,14 @@
 //! `picture`: a mesh and its parts as a PNG.
 
-use super::input::check_there;
-use super::options::{AppContext, CliError, RunArgs};
-use super::sink::{check_places, folder_of};
+use super::input::{check_there, read};
+use super::options::{AppContext, CliError, ForceArgs, RunArgs};
+use super::sink::{check_is_no_stream, check_places, folder_of};
 use nystrom_stream::apps::colours::colours_for;
 use nystrom_stream::apps::open_labels;
 use nystrom_stream::apps::picture::{PictureParams, Up, render_named};
 use nystrom_stream::base::{Error, Result};
 use nystrom_stream::mesh::ply::names::names_of;
-use nystrom_stream::mesh::{self, Mesh, ends_with, ply::ElementKind};
+use nystrom_stream::mesh::{Mesh, ends_with, ply::ElementKind};
 use nystrom_stream::store::{Context, MappedSlice, WorkDir, npy};
 use std::path::{Path, PathBuf};
 
@@ -91,19 +91,13 @@ pub fn run(args: &PictureArgs, app: &AppContext) -> Result<(), CliError> {
     let params = args.params();
     params.check()?;
     let target = args.target()?;
+    check_is_no_stream("-o", &target)?;
     check_places([&args.mesh].into_iter().chain(&args.labels), [&target])?;
     check_there(&args.mesh)?;
     let bars = args.run.bars();
     let run = args.run.run(&bars, app);
     let work = WorkDir::temporary(args.run.tmp.as_deref().unwrap_or(&folder_of(&target)))?;
-    let (opened, _) = run.stage("read", "bytes", 0, || {
-        if args.mesh.as_os_str() == "-" {
-            mesh::open_reader(std::io::stdin().lock(), "<stdin>", work.path(), &run)
-        } else {
-            mesh::open(&args.mesh, work.path(), &run)
-        }
-    })?;
-    opened.notes().iter().for_each(|note| run.progress.note(note));
+    let (opened, _) = read(&args.mesh, ForceArgs::default(), Context::new(&work, &run))?;
     let faces = opened.faces.len();
     let (labels, known) = match &args.labels {
         Some(path) => (Some(labels_of_file(path, &work)?), None),

@@ -77,7 +77,7 @@ pub fn run(args: &PlanArgs, app: &AppContext) -> Result<(), CliError> {
     let lasting = args.work_dir.is_some();
     let plan = Plan::new(size, &params, false, lasting, &run);
     plan.check_size(&args.mesh)?;
-    params.check_count(&args.mesh, size.faces)?;
+    params.check_for(&args.mesh, size.faces)?;
     params.check_memory(size.faces, &run)?;
     let folder = args.work_dir.clone().or(args.run.tmp.clone()).unwrap_or_else(|| scratch_beside(&args.mesh));
     // A work directory may not be there yet; its disk is that of the nearest folder that is.

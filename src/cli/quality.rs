@@ -1,6 +1,7 @@
 //! `quality` and `study`: how good samples are, by the paper's Γ and by other measures, on meshes and on random points.
 
 use super::choices::choice;
+use super::input::open_file;
 use super::method::MetricArgs;
 use super::options::{AppContext, CliError, RunArgs, misfit};
 use super::output::{JsonArgs, check_charts};
@@ -12,7 +13,6 @@ use nystrom_stream::apps::study::summary::{Spread, one_to_text, summary, to_csv,
 use nystrom_stream::apps::study::{CompareParams, Over, SampleRecord, StudyData, StudyParams, compare};
 use nystrom_stream::base::{Error, Result};
 use nystrom_stream::landmarks::Sampling;
-use nystrom_stream::mesh;
 use nystrom_stream::pipeline::input;
 use nystrom_stream::spectral::Kernel;
 use nystrom_stream::store::{Context, Run};
@@ -144,7 +144,7 @@ pub fn quality(args: &QualityArgs, app: &AppContext) -> Result<(), CliError> {
     let (mut records, mut errors) = (Vec::new(), Vec::new());
     for path in &args.meshes {
         let work = args.run.work(None, std::env::temp_dir, &run)?;
-        let (opened, _) = run.stage("read", "bytes", 0, || mesh::open(path, work.path(), &run))?;
+        let opened = open_file(path, work.path(), &run)?;
         let ground = StudyData::of(&opened, &input::identity(path)?, grounds, Context::new(&work, &run))?;
         if args.exact && ground.matrix.is_none() {
             let problem = format!("has {} nodes, too many for --exact", ground.len());

@@ -8,11 +8,11 @@ use super::edits::{EditArgs, Like, LikeArgs, corrections, named as give_names};
 use super::errors::message;
 use super::input::{check_there, meshes, read};
 use super::made::Maker;
-use super::method::{MethodArgs, check_count};
+use super::method::MethodArgs;
 use super::options::{AppContext, CliError, ForceArgs, RunArgs};
 use super::output::{FormArgs, JsonArgs, Output, Results, check_names, ending, measured, outputs_of};
 use super::progress::{Bars, BatchBars, Style, human, tell};
-use super::sink::{OpenSink, Sink, check_distinct, folder_of};
+use super::sink::{OpenSink, Sink, check_distinct, check_outside, folder_of};
 use super::stages::{KeptEmbedding, embedding};
 use nystrom_stream::apps::edits::Edits;
 use nystrom_stream::base::parallel::{catch, spawn};
@@ -54,7 +54,7 @@ pub struct SegmentArgs {
     pub work_dir: Option<PathBuf>,
     #[command(flatten)]
     pub force: ForceArgs,
-    /// Write one line of JSON per mesh as it is done, to standard output or to FILE
+    /// Write one line of JSON per mesh as it is done, to standard output or to FILE; with --resume after what is there
     #[arg(
         long,
         value_name = "FILE",
@@ -90,7 +90,7 @@ pub struct SegmentArgs {
 fn check(args: &SegmentArgs, meshes: &[PathBuf], many: bool) -> Result<(SegmentParams, Option<Edits>), CliError> {
     let mut params = args.method.params()?;
     let edits = args.edits.read(&args.method.parts, &mut params)?;
-    check_count(&params)?;
+    params.check()?;
     let misused = |text: &str| Err(CliError::Usage(text.into()));
     let outputs = outputs_of(&args.output)?;
     args.form.check(&outputs)?;
@@ -104,9 +104,9 @@ fn check(args: &SegmentArgs, meshes: &[PathBuf], many: bool) -> Result<(SegmentP
     }
     let stdin = meshes.iter().filter(|mesh| mesh.as_os_str() == "-").count();
     if stdin > 0 && many {
-        return misused("standard input is one mesh; give it alone");
+        return misused("standard input is one mesh; give it alone, and without options for many meshes");
     }
-    if many {
+    if meshes.len() > 1 {
         let fixed = args.output.iter().any(|path| !path.to_string_lossy().contains("{}"));
         if fixed {
             return misused(
@@ -117,11 +117,6 @@ fn check(args: &SegmentArgs, meshes: &[PathBuf], many: bool) -> Result<(SegmentP
         if args.work_dir.is_some() {
             return misused("--work-dir goes with one mesh");
         }
-    } else {
-        let alone = [(args.jobs > 1, "--jobs"), (args.resume, "--resume"), (args.json_lines.is_some(), "--json-lines")];
-        if let Some((_, option)) = alone.into_iter().find(|(given, _)| *given) {
-            return Err(CliError::Usage(format!("{option} goes with several meshes, a folder or a pattern")));
-        }
     }
     Ok((params, edits))
 }
@@ -130,7 +125,9 @@ pub fn run(args: &SegmentArgs, app: &AppContext) -> Result<(), CliError> {
     let start = Instant::now();
     // A wrong option is reported before a missing folder.
     args.method.params()?;
-    let (meshes, many) = meshes(&args.meshes)?;
+    let (meshes, several) = meshes(&args.meshes)?;
+    // A pattern or a list that happens to name one mesh is a batch still.
+    let many = several || args.jobs > 1 || args.resume || args.json_lines.is_some();
     let (mut params, mut edits) = check(args, &meshes, many)?;
     let like = match &args.like.like {
         Some(path) if params.cluster != Cluster::Parts => {
@@ -155,6 +152,7 @@ pub fn run(args: &SegmentArgs, app: &AppContext) -> Result<(), CliError> {
     let written = jobs.iter().flat_map(|job| &job.outputs).map(|output| output.target().to_path_buf());
     let written: Vec<PathBuf> = written.chain(args.json.json.clone()).chain(args.json_lines.clone()).collect();
     let edits = args.edits.edits.iter().chain(&args.edits.names).chain(&args.like.like);
+    check_outside(args.work_dir.as_deref(), &written)?;
     check_distinct(jobs.iter().map(|job| &job.mesh).chain(edits), &written)?;
     // Those of each mesh are looked at when its turn comes.
     args.json.json.iter().chain(&args.json_lines).try_for_each(|path| Sink::of(path).check())?;
@@ -213,9 +211,9 @@ impl Job {
 
     /// One line of JSON about the job.
     fn line(&self, report: &Report, seconds: f64) -> Value {
-        let outputs: Vec<_> = self.outputs.iter().filter_map(Output::path).collect();
+        let outputs: Vec<_> = self.outputs.iter().filter_map(Output::path).map(Path::to_string_lossy).collect();
         let mut line = json!({
-            "mesh": self.mesh, "faces": report.input.faces, "parts": report.parts.len(), "gamma_per_face": report.gamma_per_face,
+            "mesh": self.mesh.to_string_lossy(), "faces": report.input.faces, "parts": report.parts.len(), "gamma_per_face": report.gamma_per_face,
             "seconds": seconds, "outputs": outputs,
         });
         if let Some(clear) = report.clear_parts {
@@ -268,7 +266,6 @@ pub fn one(job: &Job, task: Task<'_>, bars: &Bars, run: &Run, app: &AppContext) 
         super::plan::check(path, params, Context::new(&work, run))?;
     }
     let (opened, identity) = read(path, args.force, Context::new(&work, run))?;
-    opened.notes().iter().for_each(|note| run.progress.note(note));
     let painted = args.edits.hints.as_ref().map(|name| opened.face_property(name, run)).transpose()?;
     let mut carried = like.map(|like| like::carry(like.reference(), &opened, Context::new(&work, run))).transpose()?;
     let painted = carried.as_ref().map(|carried| &carried.values).or(painted.as_ref());
@@ -403,7 +400,7 @@ fn all(jobs: Vec<Job>, task: Task<'_>, app: &AppContext) -> Result<(), CliError>
     if told {
         bars.complain(&table.row("mesh", "faces", "parts", "seconds"));
     }
-    let lines = args.json_lines.as_deref().map(|path| Sink::of(path).open()).transpose()?;
+    let lines = args.json_lines.as_deref().map(|path| Sink::of(path).open(args.resume)).transpose()?;
     let tally = Tally { lines, reports: BTreeMap::new(), failed: Vec::new(), skipped: 0, stop: None };
     let tally = Mutex::new(tally);
     let next = AtomicUsize::new(0);
@@ -421,7 +418,7 @@ fn all(jobs: Vec<Job>, task: Task<'_>, app: &AppContext) -> Result<(), CliError>
             let mine = bars.of_mesh(&job.mesh.display().to_string());
             let maker = job.maker(&options);
             if args.resume && job.is_done(maker.as_ref(), &mine) {
-                lock().skipped += 1;
+                lock().skip(job);
                 bars.end(&mine, "");
                 continue;
             }
@@ -434,7 +431,7 @@ fn all(jobs: Vec<Job>, task: Task<'_>, app: &AppContext) -> Result<(), CliError>
                     || job.outputs.iter().zip(std::iter::repeat(&maker)).filter_map(|(o, m)| Some((o, m.as_ref()?)));
                 known().for_each(|(output, maker)| maker.forget(output));
                 let report = one(job, task, &mine, &run, app)?;
-                known().try_for_each(|(output, maker)| maker.stamp(output))?;
+                known().for_each(|(output, maker)| maker.stamp(output));
                 Ok(report)
             })
             .flatten();
@@ -486,6 +483,14 @@ impl Tally {
         self.lines.as_mut().map_or(Ok(()), |lines| lines.write(format!("{line}\n").as_bytes()))
     }
 
+    /// Notes that a mesh is done already.
+    fn skip(&mut self, job: &Job) {
+        self.skipped += 1;
+        if let Err(error) = self.tell(&json!({"mesh": job.mesh.to_string_lossy(), "skipped": true})) {
+            self.stop.get_or_insert(error);
+        }
+    }
+
     /// Notes how a mesh went.
     fn settle(&mut self, number: usize, job: &Job, result: Result<Report>, seconds: f64) {
         let written = match result {
@@ -500,7 +505,7 @@ impl Tally {
                 // Most messages begin with the file.
                 let start = format!("{}: ", job.mesh.display());
                 let reason = reason.strip_prefix(&start).map_or(reason.clone(), str::to_string);
-                let line = json!({"mesh": job.mesh, "seconds": seconds, "error": reason});
+                let line = json!({"mesh": job.mesh.to_string_lossy(), "seconds": seconds, "error": reason});
                 self.failed.push((job.mesh.clone(), reason));
                 self.tell(&line)
             }

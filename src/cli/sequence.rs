@@ -4,7 +4,7 @@ use super::choices::choice;
 use super::input::{check_there, read};
 use super::options::{AppContext, CliError, ForceArgs, RunArgs};
 use super::output::JsonArgs;
-use super::sink::{check_places, folder_of, print};
+use super::sink::{check_is_no_stream, check_outside, check_places, folder_of, print};
 use nystrom_stream::apps::picture::{PictureParams, render};
 use nystrom_stream::apps::sequence::{ComparedOrder, SequenceOrder, gradient, table};
 use nystrom_stream::mesh::Mesh;
@@ -75,6 +75,7 @@ impl Target {
         if path == Path::new("-") {
             return Ok(Self::Stdout);
         }
+        check_is_no_stream("-o", path)?;
         match path.extension().and_then(OsStr::to_str).map(str::to_ascii_lowercase).as_deref() {
             Some("ply") => Ok(Self::Ply(path.into())),
             Some("npy") => Ok(Self::Npy(path.into())),
@@ -131,6 +132,7 @@ pub fn run(args: &SequenceArgs, app: &AppContext) -> Result<(), CliError> {
     let targets = check(args)?;
     let outputs: Vec<PathBuf> = targets.iter().map(Target::path).chain(args.json.json.clone()).collect();
     check_places([&args.mesh], &outputs)?;
+    check_outside(args.work_dir.as_deref(), &outputs)?;
     check_there(&args.mesh)?;
     let bars = args.run.bars();
     let run = args.run.run(&bars, app);
@@ -141,7 +143,6 @@ pub fn run(args: &SequenceArgs, app: &AppContext) -> Result<(), CliError> {
     let beside = || targets.iter().find_map(folder).unwrap_or_else(std::env::temp_dir);
     let work = args.run.work(args.work_dir.as_deref(), beside, &run)?;
     let (opened, identity) = read(&args.mesh, args.force, Context::new(&work, &run))?;
-    opened.notes().iter().for_each(|note| run.progress.note(note));
     let sequencer = Sequencer::new(&opened, &identity, Context::new(&work, &run))?;
     let landmarks = args.landmarks.map(|l| l as usize);
     let params = SequenceParams::default().order(args.order()).sweeps(args.smooth as usize).landmarks(landmarks);
@@ -158,7 +159,7 @@ pub fn run(args: &SequenceArgs, app: &AppContext) -> Result<(), CliError> {
         print(table(&compared).as_bytes())?;
     }
     if args.json.json.is_some() {
-        let mesh = json!({"path": args.mesh, "vertices": opened.positions.len(), "faces": opened.faces.len()});
+        let mesh = json!({"path": args.mesh.to_string_lossy(), "vertices": opened.positions.len(), "faces": opened.faces.len()});
         let mut report = json!({"mesh": mesh, "options": params, "seed": run.seed});
         if args.compare {
             report["orders"] = json!(compared);

@@ -5,7 +5,7 @@ use super::options::CliError;
 use nystrom_stream::base::{Error, Result};
 use nystrom_stream::store::json;
 use std::collections::HashSet;
-use std::fs::{File, OpenOptions};
+use std::fs::{File, OpenOptions, TryLockError};
 use std::io::Write;
 use std::path::{Path, PathBuf};
 
@@ -46,21 +46,29 @@ impl Sink {
     pub fn write(&self, text: &str) -> Result<()> {
         match self {
             Self::File(path) => json::publish(path, text.as_bytes()),
-            stream => stream.open()?.write(text.as_bytes()),
+            stream => stream.open(false)?.write(text.as_bytes()),
         }
     }
 
-    /// What is written bit by bit as it comes; a file is emptied first.
-    pub fn open(&self) -> Result<OpenSink> {
-        let opened = |path: &Path, options: &mut OpenOptions| {
-            let file = options.open(path).map_err(Error::io(path, "open"))?;
-            Ok(OpenSink::File(path.into(), file))
+    /// What is written bit by bit as it comes. A file is emptied first unless it is to be `continued`, and refused
+    /// while another run writes to it.
+    pub fn open(&self, continued: bool) -> Result<OpenSink> {
+        let path = match self {
+            Self::Stdout => return Ok(OpenSink::Stdout),
+            Self::Stream(path) | Self::File(path) => path,
         };
-        match self {
-            Self::Stdout => Ok(OpenSink::Stdout),
-            Self::Stream(path) => opened(path, OpenOptions::new().append(true)),
-            Self::File(path) => opened(path, OpenOptions::new().write(true).create(true).truncate(true)),
+        let is_file = matches!(self, Self::File(_));
+        let opened = OpenOptions::new().append(true).create(is_file).open(path);
+        let file = opened.map_err(Error::io(path, "open"))?;
+        if is_file {
+            if matches!(file.try_lock(), Err(TryLockError::WouldBlock)) {
+                return Err(Error::unusable(path, "is written to by another run", "give each run a file of its own"));
+            }
+            if !continued {
+                file.set_len(0).map_err(Error::io(path, "truncate"))?;
+            }
         }
+        Ok(OpenSink::File(path.into(), file))
     }
 }
 
@@ -82,6 +90,35 @@ impl OpenSink {
     }
 }
 
+/// Refuses a pipe or a device as the `option` that is to become a file: a rename would take its place, and its reader
+/// wait for ever.
+pub fn check_is_no_stream(option: &str, path: &Path) -> Result<(), CliError> {
+    match Sink::of(path) {
+        Sink::Stream(_) => {
+            let text =
+                format!("{option} {}: is a pipe or a device; write to a file, or to - and redirect", path.display());
+            Err(CliError::Usage(text))
+        }
+        _ => Ok(()),
+    }
+}
+
+/// Refuses `outputs` inside of the work directory `folder`, whose files they could replace.
+pub fn check_outside<'a>(
+    folder: Option<&Path>,
+    outputs: impl IntoIterator<Item = &'a PathBuf>,
+) -> Result<(), CliError> {
+    let Some(folder) = folder.and_then(|folder| folder.canonicalize().ok()) else { return Ok(()) };
+    let inside =
+        |path: &&PathBuf| path.as_path() != Path::new("-") && place(path).is_some_and(|at| at.starts_with(&folder));
+    match outputs.into_iter().find(inside) {
+        Some(path) => {
+            Err(CliError::Usage(format!("{}: lies in the work directory; name another folder", path.display())))
+        }
+        None => Ok(()),
+    }
+}
+
 /// Whether `path` names an open file of a process, or a link to one: a rename would take the place of the link.
 fn is_open_file(path: &Path) -> bool {
     let names_one = |path: &Path| {
@@ -98,7 +135,8 @@ pub fn print(bytes: &[u8]) -> Result<()> {
     out.write_all(bytes).and_then(|()| out.flush()).map_err(Error::io("<stdout>", "write"))
 }
 
-/// Where the file `path` lies, or would; `-` for standard output; `None` for pipes and devices, which nothing is lost by.
+/// Where the file `path` lies, or would; `-` for standard output; `None` for pipes and devices, which nothing is lost
+/// by.
 fn place(path: &Path) -> Option<PathBuf> {
     match std::fs::metadata(path) {
         _ if path == Path::new("-") => Some(path.into()),

@@ -7,12 +7,12 @@
 use super::choices::choice;
 use super::edits::{EditArgs, corrections, named};
 use super::errors::of_file;
-use super::input::read;
-use super::method::{KernelArgs, MethodArgs, OrderArgs, PartsArgs, check_count};
+use super::input::{open_file, read};
+use super::method::{KernelArgs, MethodArgs, OrderArgs, PartsArgs};
 use super::options::{AppContext, CliError, ForceArgs, RunArgs, WorkDirArgs, misfit, open};
 use super::output::{FormArgs, JsonArgs, Output, Results, check_names, ending, outputs_of};
 use super::progress::counted;
-use super::sink::{check_places, print};
+use super::sink::{check_outside, check_places, print};
 use nystrom_stream::apps::edits::Edits;
 use nystrom_stream::apps::export::parquet::Coordinates;
 use nystrom_stream::base::Error;
@@ -23,6 +23,7 @@ use nystrom_stream::distance::shard;
 use nystrom_stream::graph::Order;
 use nystrom_stream::mesh;
 use nystrom_stream::mesh::ply::labelled::Labelling;
+use nystrom_stream::mesh::size::is_pipe;
 use nystrom_stream::pipeline::input::Record;
 use nystrom_stream::pipeline::labels::{self, Labels};
 use nystrom_stream::pipeline::recipe;
@@ -30,7 +31,7 @@ use nystrom_stream::pipeline::report::Report;
 use nystrom_stream::pipeline::sharding::{self, Divided, SharedWork};
 use nystrom_stream::pipeline::{Cluster, SegmentParams, cuts, decision, embed, input};
 use nystrom_stream::spectral::EmbeddingParams;
-use nystrom_stream::store::{Context, MappedSlice, Run, WorkDir, json, workdir};
+use nystrom_stream::store::{Context, MappedSlice, Run, WorkDir, json};
 use serde_json::{Value, json};
 use std::path::{Path, PathBuf};
 use std::time::Instant;
@@ -187,9 +188,11 @@ pub fn graph(args: &GraphArgs, app: &AppContext) -> Result<(), CliError> {
     let params = SegmentParams::default().order(args.order.or(Order::default()));
     let work = open(&args.place.work_dir, &run)?;
     let (opened, identity) = read(&args.mesh, args.force, Context::new(&work, &run))?;
-    opened.notes().iter().for_each(|note| run.progress.note(note));
     let (_, graph) = input::graph(&opened, &identity, &params, Context::new(&work, &run))?;
-    let answer = json!({"mesh": args.mesh, "work_dir": args.place.work_dir, "faces": graph.nodes.len()});
+    let answer = json!({
+        "mesh": args.mesh.to_string_lossy(), "work_dir": args.place.work_dir.to_string_lossy(),
+        "faces": graph.nodes.len(),
+    });
     Ok(args.json.publish_with(answer, bars.told())?)
 }
 
@@ -222,22 +225,36 @@ pub fn rows(args: &RowsArgs, app: &AppContext) -> Result<(), CliError> {
 fn shared(divided: Divided, args: &RowsArgs, mut params: SegmentParams, app: &AppContext) -> Result<(), CliError> {
     let bars = args.run.bars();
     let mut run = args.run.run(&bars, app);
-    let path = match &args.mesh {
-        Some(path) => path.clone(),
+    let (folder, force) = (&args.place.work_dir, args.force);
+    let record = sharding::record(folder, &run)?;
+    // What streams tell shows when it is read.
+    let streams = args.mesh.as_ref().is_some_and(|path| path == Path::new("-") || is_pipe(path));
+    if streams && (args.shard.is_some() || args.prepare) {
+        let text = "a mesh that streams cannot be shared; begin with `graph`, and leave MESH out here";
+        return Err(CliError::Usage(text.into()));
+    }
+    let (path, identity) = match &args.mesh {
+        Some(path) if streams => (path.clone(), Value::Null),
+        Some(path) => (path.clone(), input::content(path)?),
         None => {
-            let record = Record::read(&WorkDir::open_existing(&args.place.work_dir)?)?;
-            run.seed = args.run.seed.unwrap_or(record.seed);
-            params.order = args.method.order.or(record.params.order);
-            record.mesh
+            let record = Record::read(&WorkDir::open_existing(folder)?)?;
+            (there(None, &record, folder)?, record.identity)
         }
     };
+    if let Some(record) = record.filter(|record| input::same(&identity, &record.identity)) {
+        run.seed = args.run.seed.unwrap_or(record.seed);
+        params.order = args.method.order.or(record.params.order);
+    }
     check_places([&path], &args.json.json)?;
-    let (folder, force) = (&args.place.work_dir, args.force);
-    let mut told = json!({"mesh": path, "work_dir": folder});
+    let mut told = json!({"mesh": path.to_string_lossy(), "work_dir": folder.to_string_lossy()});
+    let shared = SharedWork { divided, identity: &identity, params: &params };
+    let read = |work: &WorkDir| match &args.mesh {
+        Some(path) => read(path, force, Context::new(work, &run)),
+        None => Ok((open_file(&path, work.path(), &run)?, identity.clone())),
+    };
+    let opened = |work: &WorkDir| read(work).map(|(opened, _)| opened);
     if let Some(shard) = args.shard {
-        let open = |work: &WorkDir| read(&path, force, Context::new(work, &run)).map(|(opened, _)| opened);
-        let shared = SharedWork { divided, identity: &input::identity(&path)?, params: &params };
-        let count = sharding::compute_shard(folder, shared, shard, open, &run)?;
+        let count = sharding::compute_shard(folder, shared, shard, opened, &run)?;
         told["shard"] = json!([shard.0, shard.1]);
         told[if divided.is_by_landmark() { "rows" } else { "faces" }] = count.into();
         return Ok(args.json.publish_with(told, bars.told())?);
@@ -245,10 +262,9 @@ fn shared(divided: Divided, args: &RowsArgs, mut params: SegmentParams, app: &Ap
     let work = open(folder, &run)?;
     let context = Context::new(&work, &run);
     if args.prepare {
-        let shared = SharedWork { divided, identity: &input::identity(&path)?, params: &params };
-        sharding::prepare_shared(shared, || Ok(read(&path, force, context)?.0), context)?;
+        sharding::prepare_shared(shared, || opened(&work), context)?;
     } else {
-        let (opened, identity) = read(&path, force, context)?;
+        let (opened, identity) = read(&work)?;
         told["rows"] = sharding::compute_all_rows(&opened, &identity, &params, context)?.len().into();
     }
     Ok(args.json.publish_with(told, bars.told())?)
@@ -259,7 +275,7 @@ pub fn merge(args: &MergeArgs, app: &AppContext) -> Result<(), CliError> {
     let run = args.run.run(&bars, app);
     let work = open(args.place.path(), &run)?;
     let rows = shard::merge(Context::new(&work, &run))?;
-    let told = json!({"work_dir": args.place.path(), "rows": rows.len(), "faces": rows.nodes});
+    let told = json!({"work_dir": args.place.path().to_string_lossy(), "rows": rows.len(), "faces": rows.nodes});
     Ok(args.json.publish_with(told, bars.told())?)
 }
 
@@ -282,21 +298,26 @@ pub fn cluster(args: &ClusterArgs, app: &AppContext) -> Result<(), CliError> {
     let (work, record, run) = reopen(&args.place, &args.run, args.run.run(&bars, app))?;
     let inputs = [&args.mesh, &args.tree, &args.edits.edits, &args.edits.names].into_iter().flatten();
     check_places(inputs.chain([&record.mesh]), args.output.iter().chain(&args.json.json))?;
+    check_outside(Some(work.path()), args.output.iter().chain(&args.json.json))?;
     let mut params = record.params.clone();
     if args.parts.cluster.is_some_and(|cluster| cluster != params.cluster) {
         // Options of another way of clustering have no meaning here.
         let fresh = SegmentParams::default();
         (params.parts, params.boundaries) = (fresh.parts, fresh.boundaries);
         (params.tiny_components, params.walls) = (fresh.tiny_components, fresh.walls);
+        params.embedding = fresh.embedding;
     }
     args.parts.apply(&args.kernel, &mut params)?;
     let edits = args.edits.read(&args.parts, &mut params)?;
-    check_count(&params)?;
+    params.check()?;
     if args.tree.is_some() && params.cluster != Cluster::Parts {
         return Err(misfit("--tree", "--cluster parts"));
     }
     let tree = args.tree.as_deref().map(decision::read_tree).transpose()?;
     let params = recipe::continued(&record, &params);
+    if args.mesh.is_some() {
+        there(args.mesh.as_deref(), &record, work.path())?;
+    }
     let context = Context::new(&work, &run);
     let painted = args
         .edits
@@ -359,6 +380,10 @@ pub fn export(args: &ExportArgs, app: &AppContext) -> Result<(), CliError> {
     let (work, record, run) = reopen(&args.place, &args.run, args.run.run(&bars, app))?;
     let inputs = [&args.mesh, &args.names].into_iter().flatten();
     check_places(inputs.chain([&record.mesh]), args.output.iter().chain(&args.tree))?;
+    check_outside(Some(work.path()), args.output.iter().chain(&args.tree))?;
+    if args.mesh.is_some() {
+        there(args.mesh.as_deref(), &record, work.path())?;
+    }
     if let Some(path) = &args.tree {
         let tree = decision::tree_of(&work, record.params.exact_rows())?;
         decision::write_tree(&tree, path)?;
@@ -371,7 +396,7 @@ pub fn export(args: &ExportArgs, app: &AppContext) -> Result<(), CliError> {
         let labelling = Labelling { labels: &labels, colours: &colours, quality: Some(&quality), names: &names };
         let agreement: Vec<f64> = parts.iter().filter_map(|part| part.expected_agreement).collect();
         let report = || {
-            let input = json!({"path": record.mesh, "faces": labels.len()});
+            let input = json!({"path": record.mesh.to_string_lossy(), "faces": labels.len()});
             Ok(json!({"input": input, "options": record.params, "parts": parts}))
         };
         let mesh = args.mesh.as_deref();
@@ -472,25 +497,25 @@ fn open_mesh(
     faces: Option<usize>,
     context: Context<'_>,
 ) -> Result<mesh::Mesh, Error> {
-    let Context { work, run } = context;
-    let path = moved.unwrap_or(&record.mesh);
-    if moved.is_none() && !path.exists() {
-        let remedy =
-            format!("give its new path, as in: nystrom-stream export MESH --work-dir {}", work.path().display());
-        return Err(Error::unusable(path, "is no longer where the work directory knows it", remedy));
-    }
-    let same = match record.identity.get("stdin") {
-        Some(sum) => moved.is_some() || *sum == workdir::checksum(path)?,
-        None => input::same(&input::identity(path)?, &record.identity),
-    };
-    if !same {
-        return Err(Error::unusable(path, "is not the mesh that the work directory is of", "name that mesh"));
-    }
-    let opened = run.stage("read", "bytes", 0, || mesh::open(path, work.path(), run))?.0;
+    let path = there(moved, record, context.work.path())?;
+    let opened = open_file(&path, context.work.path(), context.run)?;
     if faces.is_some_and(|faces| opened.faces.len() != faces) {
-        return Err(Error::unusable(path, "has another number of faces than labels", "name the right mesh"));
+        return Err(Error::unusable(&path, "has another number of faces than labels", "name the right mesh"));
     }
     Ok(opened)
+}
+
+/// Where the mesh of the work directory in `folder` lies: at `moved` if that is given, else where `record` has it.
+fn there(moved: Option<&Path>, record: &Record, folder: &Path) -> Result<PathBuf, Error> {
+    let path = moved.map_or_else(|| record.path(folder), Path::to_path_buf);
+    if moved.is_none() && !path.exists() {
+        let remedy = format!("give its new path, as in: nystrom-stream export MESH --work-dir {}", folder.display());
+        return Err(Error::unusable(path, "is no longer where the work directory knows it", remedy));
+    }
+    if !record.is_of(&path)? {
+        return Err(Error::unusable(path, "is not the mesh that the work directory is of", "name that mesh"));
+    }
+    Ok(path)
 }
 
 #[cfg(test)]

@@ -1,6 +1,6 @@
 //! `transfer-labels`: labels carried over to another mesh of the same shape.
 
-use super::input::check_there;
+use super::input::{check_there, open_file};
 use super::options::{AppContext, CliError, RunArgs};
 use super::output::{JsonArgs, Output, PartFile, PlyArgs, Results, outputs_of};
 use super::picture::{has_labels, labels_of_file, labels_of_mesh};
@@ -8,12 +8,11 @@ use super::sink::{check_places, folder_of};
 use nystrom_stream::apps::colours::colours_for;
 use nystrom_stream::apps::transfer::transfer;
 use nystrom_stream::base::Error;
-use nystrom_stream::mesh;
 use nystrom_stream::mesh::ply::labelled::Labelling;
 use nystrom_stream::mesh::ply::names::names_of;
 use nystrom_stream::store::{Context, WorkDir};
 use serde_json::json;
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 
 /// Arguments of `transfer-labels`.
 #[derive(Clone, Debug, clap::Args)]
@@ -50,8 +49,7 @@ pub fn run(args: &TransferArgs, app: &AppContext) -> Result<(), CliError> {
     let tmp = args.run.tmp.as_deref().unwrap_or(&beside);
     // Both meshes may have to be decoded, each into a folder of its own.
     let (work, source) = (WorkDir::temporary(tmp)?, WorkDir::temporary(tmp)?);
-    let read = |path: &Path, work: &WorkDir| run.stage("read", "bytes", 0, || mesh::open(path, work.path(), &run));
-    let from = read(&args.from, &source)?.0;
+    let from = open_file(&args.from, source.path(), &run)?;
     let (labels, known) = match &args.labels {
         Some(path) => (labels_of_file(path, &source)?, None),
         None if has_labels(&from) => labels_of_mesh(&from, Context::new(&source, &run))?,
@@ -65,8 +63,7 @@ pub fn run(args: &TransferArgs, app: &AppContext) -> Result<(), CliError> {
         let problem = format!("has {} labels for {} faces", labels.len(), from.faces.len());
         return Err(Error::unusable(path, problem, "give the labels of FROM").into());
     }
-    let to = read(&args.to, &work)?.0;
-    from.notes().iter().chain(to.notes()).for_each(|note| run.progress.note(note));
+    let to = open_file(&args.to, work.path(), &run)?;
     let result = transfer(&from, &labels, &to, Context::new(&work, &run))?;
     let facts = result.facts;
     let share = facts.uncertain as f64 / facts.faces.max(1) as f64;
@@ -86,8 +83,8 @@ pub fn run(args: &TransferArgs, app: &AppContext) -> Result<(), CliError> {
         _ => Vec::new(),
     };
     let report = json!({
-        "from": args.from, "mesh": args.to, "uncertain_share": share, "transfer": facts,
-        "input": {"path": args.to, "faces": facts.faces, "vertices": to.positions.len()},
+        "from": args.from.to_string_lossy(), "mesh": args.to.to_string_lossy(), "uncertain_share": share, "transfer": facts,
+        "input": {"path": args.to.to_string_lossy(), "faces": facts.faces, "vertices": to.positions.len()},
     });
     let results = Results {
         labelling: Labelling {

@@ -3,6 +3,8 @@
 //! All that it keeps would be made anew for another mesh, and hours of work be lost by a wrong path. So that is refused
 //! before anything changes, unless it is asked for. Cost: the manifest is read.
 
+#[cfg(feature = "correspondence")]
+use super::input::content;
 use super::input::{Record, same};
 use crate::base::{Error, Result};
 use crate::store::{Context, WorkDir};
@@ -64,6 +66,18 @@ pub fn admit_two(paths: [&Path; 2], identities: &[Value; 2], force: bool, contex
         }
         Ok(())
     })
+}
+
+/// What identifies the mesh at `path` as one of two in a work directory that lasts: its content and its name, which
+/// `info` tells.
+///
+/// # Errors
+/// As [`content`].
+#[cfg(feature = "correspondence")]
+pub fn identity_of_two(path: &Path) -> Result<Value> {
+    let mut identity = content(path)?;
+    identity["file"] = path.file_name().unwrap_or_default().to_string_lossy().into();
+    Ok(identity)
 }
 
 /// What `check` says of a directory that lasts; with `force` one that it refuses is emptied.

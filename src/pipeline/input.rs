@@ -6,21 +6,24 @@ use crate::graph::half_edges::check_size;
 use crate::graph::{DualGraph, Ordered};
 use crate::mesh::Mesh;
 use crate::mesh::size::is_pipe;
-use crate::store::manifest::MANIFEST;
+use crate::store::manifest::{MANIFEST, checksum};
 use crate::store::stage::{StageKey, key_of};
 use crate::store::{Context, Run, WorkDir};
-use serde::{Deserialize, Serialize};
+use serde::{Deserialize, Serialize, Serializer};
 use serde_json::{Value, json};
 use std::fs::File;
 use std::io::{Read, Seek, SeekFrom};
+use std::os::unix::fs::MetadataExt;
 use std::path::{Path, PathBuf};
 use xxhash_rust::xxh3::Xxh3;
 
+/// What standard input is spooled to in a work directory.
+pub const SPOOLED: &str = "input";
 /// Bytes hashed at either end of the file.
 const END: u64 = 1 << 20;
 
-/// What identifies an input without reading all of it: size, time of change, and a hash of its first and last
-/// mebibyte. A file edited in place in its middle within the clock's resolution goes unnoticed; nothing else does.
+/// What identifies an input without reading all of it: size, times of change of content and of status, and a hash of
+/// its first and last mebibyte. Times that differ say nothing: the file may have been copied.
 ///
 /// # Errors
 /// [`Error::Io`], [`Error::Unusable`] for a pipe.
@@ -30,11 +33,6 @@ pub fn identity(path: &Path) -> Result<Value> {
         return Err(Error::unusable(path, "is a pipe, which can be read only once", "save it to a file first"));
     }
     let mut file = File::open(path).map_err(Error::io(path, "open"))?;
-    let changed = metadata
-        .modified()
-        .ok()
-        .and_then(|time| time.duration_since(std::time::UNIX_EPOCH).ok())
-        .map_or(0, |age| age.as_nanos() as u64);
     let mut hash = Xxh3::new();
     let mut digest = |from: u64| {
         file.seek(SeekFrom::Start(from))?;
@@ -47,32 +45,64 @@ pub fn identity(path: &Path) -> Result<Value> {
     Ok(json!({
         "file": path.file_name().unwrap_or_default().to_string_lossy(),
         "bytes": metadata.len(),
-        "changed": changed,
+        "changed": [metadata.mtime(), metadata.mtime_nsec(), metadata.ctime(), metadata.ctime_nsec()],
         "ends": format!("{:016x}", hash.digest()),
     }))
 }
 
-/// Whether two identities are of the same content, wherever it lies and whenever it was copied there.
+/// What identifies the content of the input at `path`, wherever it lies and whenever it was copied there: its size and
+/// a hash of all of it, which takes as long as reading it.
+///
+/// # Errors
+/// As [`identity`].
+pub fn content(path: &Path) -> Result<Value> {
+    let known = identity(path)?;
+    Ok(json!({"bytes": known["bytes"], "whole": checksum(path)?}))
+}
+
+/// What identifies the input at `path` in the work directory `work`: its content in one that lasts, as the record has
+/// it where nothing has changed since that was made.
+///
+/// # Errors
+/// As [`identity`].
+pub fn identity_in(path: &Path, work: &WorkDir) -> Result<Value> {
+    if work.is_temporary() {
+        return identity(path);
+    }
+    match Record::read(work).ok().filter(|record| identity(path).is_ok_and(|seen| seen == record.seen)) {
+        Some(record) => Ok(record.identity),
+        None => content(path),
+    }
+}
+
+/// Whether two identities in work directories that last are of the same content.
 pub fn same(a: &Value, b: &Value) -> bool {
-    ["bytes", "ends", "stdin", "content"].iter().all(|key| a[key] == b[key])
+    ["bytes", "whole", "stdin", "content"].iter().all(|key| a[key] == b[key])
 }
 
 /// The stage that leaves the record.
 const RECORD: &str = "record";
 /// Version of what the record tells.
-const RECORD_VERSION: u32 = 1;
+const RECORD_VERSION: u32 = 2;
 
 /// Which mesh a work directory is of, and under which options it was made.
 #[derive(Clone, Debug, Serialize, Deserialize)]
 pub struct Record {
-    /// Where the mesh lies.
+    /// Where the mesh lies. A name that is no UTF-8 is kept with what of it can be told; the mesh has to be named then.
+    #[serde(serialize_with = "told")]
     pub mesh: PathBuf,
-    /// Which input it is ([`identity`]).
+    /// Which input it is ([`identity_in`]).
     pub identity: Value,
+    /// The [`identity`] of its file when the record was made; null for standard input and arrays.
+    pub seen: Value,
     /// The options.
     pub params: SegmentParams,
     /// The seed.
     pub seed: u64,
+}
+
+fn told<S: Serializer>(path: &Path, serializer: S) -> std::result::Result<S::Ok, S::Error> {
+    path.to_string_lossy().serialize(serializer)
 }
 
 impl Record {
@@ -80,9 +110,11 @@ impl Record {
     pub(super) fn of(opened: &Mesh, identity: &Value, params: &SegmentParams, work: &WorkDir) -> Self {
         let path = opened.path();
         // Standard input lies in the work directory, where it was spooled to.
-        let path = if identity.get("stdin").is_some() { work.file("input") } else { path.to_path_buf() };
+        let path = if identity.get("stdin").is_some() { work.file(SPOOLED) } else { path.to_path_buf() };
         let mesh = std::path::absolute(&path).unwrap_or(path);
-        Self { mesh, identity: identity.clone(), params: params.clone(), seed: 0 }
+        let seen =
+            if identity.get("whole").is_some() { self::identity(&mesh).unwrap_or_default() } else { Value::Null };
+        Self { mesh, identity: identity.clone(), seen, params: params.clone(), seed: 0 }
     }
 
     /// Leaves the record in `work`.
@@ -98,6 +130,22 @@ impl Record {
         context.work.stamp(StageKey::new(RECORD, RECORD_VERSION, inputs), &[], &self, 0.)
     }
 
+    /// Where the mesh lies. What came from standard input lies in the work directory, in `folder` by now.
+    pub fn path(&self, folder: &Path) -> PathBuf {
+        if self.identity.get("stdin").is_some() { folder.join(SPOOLED) } else { self.mesh.clone() }
+    }
+
+    /// Whether the file at `path` is the mesh still, or a copy of it.
+    ///
+    /// # Errors
+    /// As [`identity`].
+    pub fn is_of(&self, path: &Path) -> Result<bool> {
+        match self.identity.get("stdin") {
+            Some(sum) => Ok(*sum == checksum(path)?),
+            None => Ok(identity(path)? == self.seen || same(&content(path)?, &self.identity)),
+        }
+    }
+
     /// The record in `work`.
     ///
     /// # Errors
@@ -108,9 +156,12 @@ impl Record {
         let stage = stage.ok_or_else(|| Error::work_dir(work.path(), "does not say which mesh it is of", remedy))?;
         let (facts, inputs) = (&stage.facts, &stage.inputs);
         let same = [("identity", "input"), ("params", "params"), ("seed", "seed")];
-        let made = stage.version != RECORD_VERSION
-            || (stage.key == key_of(RECORD, RECORD_VERSION, inputs) && same.iter().all(|(a, b)| facts[a] == inputs[b]));
-        if !made {
+        if stage.version != RECORD_VERSION {
+            let problem = "was made by another version of the program";
+            return Err(Error::work_dir(work.path(), problem, remedy));
+        }
+        let made = stage.key == key_of(RECORD, RECORD_VERSION, inputs);
+        if !made || same.iter().any(|(a, b)| facts[a] != inputs[b]) {
             return Err(work.damaged(MANIFEST, "tells of other options than those of the run"));
         }
         let record: Self = serde_json::from_value(stage.facts)

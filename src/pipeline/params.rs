@@ -175,7 +175,7 @@ impl SegmentParams {
 /// Nodes of the contraction that each part of K-means should have, at least.
 const NODES_A_PART: usize = 30;
 /// Landmarks that may be asked for: matrices of l × l then take some hundred megabytes, and their eigenvectors minutes.
-const LANDMARKS: usize = 4096;
+pub const LANDMARKS_AT_MOST: usize = 4096;
 /// Landmarks for K-means at the most, but for very many parts.
 const MOST_LANDMARKS: usize = 60;
 
@@ -249,35 +249,73 @@ impl Cluster {
 const WHAT_LANDMARKS_TAKE: &str = "finding parts with so many landmarks";
 
 impl SegmentParams {
-    /// Refuses numbers of parts that make no sense for the mesh of `faces` faces at `path`.
-    ///
-    /// # Errors
-    /// [`Error::Unusable`] for more parts than faces; [`Error::Parameter`].
-    pub fn check_count(&self, path: &Path, faces: u64) -> Result<()> {
-        check(self, path, usize::try_from(faces).unwrap_or(usize::MAX))
-    }
-
-    /// Refuses options that have no effect on the method that is chosen.
+    /// Refuses options that are out of range, that contradict each other, or that have no effect on the method that is
+    /// chosen.
     ///
     /// # Errors
     /// [`Error::Parameter`] naming the option.
-    pub fn check_effect(&self) -> Result<()> {
+    pub fn check(&self) -> Result<()> {
+        let refused = |name: &str, problem: String, remedy: &str| Err(Error::parameter(name, problem, remedy));
         let by_parts = self.cluster == Cluster::Parts;
+        let exact = matches!(self.parts.count, PartCount::Exactly(_));
+        match self.parts.count {
+            PartCount::Found if self.cluster == Cluster::KMeans => {
+                let remedy = "give it, as in `parts` 6, or choose `cluster` parts";
+                return refused("parts", "K-means needs the number of parts".into(), remedy);
+            }
+            PartCount::Between(..) if self.cluster == Cluster::KMeans => {
+                return refused("parts_between", "K-means needs an exact number of parts".into(), "give `parts`");
+            }
+            PartCount::Between(least, most) if least > most => {
+                return refused("parts_between", format!("{least}..{most} is empty"), "put the smaller first");
+            }
+            PartCount::Exactly(0) | PartCount::Between(0, _) => {
+                return refused("parts", "0 parts".into(), "choose at least 1");
+            }
+            _ => {}
+        }
+        self.parts.check()?;
+        if self.parts.detail != 0. && (exact || !by_parts) {
+            let problem =
+                if exact { "has no effect on an exact number of parts" } else { "goes with the default method" };
+            return refused("detail", problem.into(), "leave one of them out");
+        }
+        if self.landmarks.is_some_and(|l| l == 0 || l > LANDMARKS_AT_MOST) {
+            let remedy = format!("choose from 1 to {LANDMARKS_AT_MOST}");
+            return refused("landmarks", format!("{} landmarks", self.landmarks.unwrap_or(0)), &remedy);
+        }
         let others = [
             ("decision", self.parts.decision != Decision::default()),
             ("tiny_components", self.tiny_components != TinyComponents::default()),
             ("walls", self.walls != Walls::default()),
             ("boundaries", self.boundaries != Boundaries::default()),
         ];
-        let found = if by_parts {
-            self.embedding.is_some().then_some(("embedding", "goes with K-means and 2-means"))
-        } else {
-            others.into_iter().find(|(_, given)| *given).map(|(name, _)| (name, "goes with the default method"))
+        let idle = match (&self.embedding, others.into_iter().find(|(_, given)| *given)) {
+            (Some(_), _) if by_parts => Some(("embedding", "goes with K-means and 2-means")),
+            (_, Some((name, _))) if !by_parts => Some((name, "goes with the default method")),
+            _ => None,
         };
-        match found {
-            Some((name, problem)) => Err(Error::parameter(name, problem, "leave it out, or choose the other `method`")),
-            None => Ok(()),
+        if let Some((name, problem)) = idle {
+            return refused(name, problem.into(), "leave it out, or choose the other method");
         }
+        self.embedding.map_or(Ok(()), |embedding| embedding.check())
+    }
+
+    /// The same, and refuses more parts than the mesh at `path` has `faces`.
+    ///
+    /// # Errors
+    /// [`Error::Unusable`] for these; [`Error::Parameter`].
+    pub fn check_for(&self, path: &Path, faces: u64) -> Result<()> {
+        self.check()?;
+        let wanted = self.parts.count.least();
+        if wanted as u64 > faces {
+            let problem = format!(
+                "has {faces} face{}, fewer than the {wanted} parts asked for",
+                if faces == 1 { "" } else { "s" }
+            );
+            return Err(Error::unusable(path, problem, "choose a smaller `parts`"));
+        }
+        Ok(())
     }
 
     /// Refuses more landmarks than half of the budget has room for, before rows are computed; arrays may have the other
@@ -296,47 +334,4 @@ impl SegmentParams {
         }
         Ok(())
     }
-}
-
-/// Refuses numbers of parts that make no sense for this mesh, and options that exclude each other.
-pub(super) fn check(params: &SegmentParams, path: &Path, faces: usize) -> Result<()> {
-    let wanted = match params.parts.count {
-        PartCount::Found if params.cluster == Cluster::KMeans => {
-            let remedy = "give it, as in `parts` 6, or choose `cluster` parts";
-            return Err(Error::parameter("parts", "K-means needs the number of parts", remedy));
-        }
-        PartCount::Between(..) if params.cluster == Cluster::KMeans => {
-            return Err(Error::parameter("parts_between", "K-means needs an exact number of parts", "give `parts`"));
-        }
-        PartCount::Found => 1,
-        PartCount::Exactly(parts) => parts,
-        PartCount::Between(least, most) if least > most => {
-            return Err(Error::parameter(
-                "parts_between",
-                format!("{least}..{most} is empty"),
-                "put the smaller first",
-            ));
-        }
-        PartCount::Between(least, _) => least,
-    };
-    if wanted == 0 {
-        return Err(Error::parameter("parts", "0 parts", "choose at least 1"));
-    }
-    let exact = matches!(params.parts.count, PartCount::Exactly(_));
-    if params.parts.detail != 0. && (exact || params.cluster != Cluster::Parts) {
-        let problem = if exact { "has no effect on an exact number of parts" } else { "goes with the default method" };
-        return Err(Error::parameter("detail", problem, "leave one of them out"));
-    }
-    if params.landmarks.is_some_and(|l| l == 0 || l > LANDMARKS) {
-        let problem = format!("{} landmarks", params.landmarks.unwrap_or(0));
-        return Err(Error::parameter("landmarks", problem, format!("choose from 1 to {LANDMARKS}")));
-    }
-    if wanted > faces {
-        return Err(Error::unusable(
-            path,
-            format!("has {faces} face{}, fewer than the {wanted} parts asked for", if faces == 1 { "" } else { "s" }),
-            "choose a smaller `parts`",
-        ));
-    }
-    Ok(())
 }

@@ -9,7 +9,7 @@ use super::edits::Corrections;
 use super::input;
 use super::labels::{self, SegmentedMesh, label};
 use super::means::{self, Means};
-use super::params::{Cluster, SegmentParams, check, dimensions};
+use super::params::{Cluster, SegmentParams, dimensions};
 use super::parts::{self, PartRequests};
 use super::sample::rows;
 use crate::base::{Error, Result};
@@ -46,7 +46,7 @@ pub fn segment_corrected(
     corrections: Corrections<'_>,
     context: Context<'_>,
 ) -> Result<SegmentedMesh> {
-    check(params, opened.path(), opened.faces.len())?;
+    params.check_for(opened.path(), opened.faces.len() as u64)?;
     params.check_memory(opened.faces.len() as u64, context.run)?;
     check_corrections(params, corrections, opened.faces.len())?;
     let (ordered, mut graph) = input::graph(opened, identity, params, context)?;
@@ -134,7 +134,7 @@ pub fn cluster(
     context: Context<'_>,
 ) -> Result<SegmentedMesh> {
     let (graph, input) = DualGraph::kept(context.work)?;
-    check(params, context.work.path(), graph.nodes.len())?;
+    params.check_for(context.work.path(), graph.nodes.len() as u64)?;
     check_corrections(params, corrections, graph.nodes.len())?;
     let order = NodeOrder::kept(&input, graph.nodes.len(), context.work)?;
     let clustered = match means::fit(params, graph.nodes.len()) {

@@ -11,6 +11,7 @@
 //! ([`SharedFront`], [`shard::merge`]).
 
 use super::decision::CONTRACTED;
+use super::input::Record;
 use super::params::{Cluster, SegmentParams};
 use super::shared_boundaries::BoundaryFacts;
 use super::surface::{Kind, SurfaceStage, WeightedSurface};
@@ -360,22 +361,46 @@ pub fn compute_shard(
     open: impl Fn(&WorkDir) -> Result<Mesh>,
     run: &Run,
 ) -> Result<usize> {
-    let mut told = false;
-    loop {
-        run.cancel.check()?;
+    waiting(path, run, || {
         if let Some(work) = WorkDir::try_open(path, true)?
             && let Some(count) = shared.share(shard, &work, run)?
         {
-            return Ok(count);
+            return Ok(Ok(count));
         }
-        if let Some(work) = WorkDir::try_open(path, false)? {
-            shared.prepare(&open(&work)?, Context::new(&work, run))?;
-            continue;
+        let Some(work) = WorkDir::try_open(path, false)? else { return Ok(Err(true)) };
+        shared.prepare(&open(&work)?, Context::new(&work, run))?;
+        Ok(Err(false))
+    })
+}
+
+/// The record in the work directory at `path`, which other processes may be preparing; none where it keeps none.
+///
+/// # Errors
+/// [`crate::base::Error::WorkDir`] for a folder that is something else; [`crate::base::Error::Io`],
+/// [`crate::base::Error::Cancelled`].
+pub fn record(path: &Path, run: &Run) -> Result<Option<Record>> {
+    if !path.is_dir() {
+        return Ok(None);
+    }
+    waiting(path, run, || Ok(WorkDir::try_open(path, true)?.map(|work| Record::read(&work).ok()).ok_or(true)))
+}
+
+/// What `attempt` finds, again and again: after a while where it says that another process uses the work directory at
+/// `path` (`true`).
+fn waiting<R>(path: &Path, run: &Run, mut attempt: impl FnMut() -> Result<Result<R, bool>>) -> Result<R> {
+    let mut told = false;
+    loop {
+        run.cancel.check()?;
+        match attempt()? {
+            Ok(found) => return Ok(found),
+            Err(false) => {}
+            Err(true) => {
+                if !told {
+                    run.progress.note_of_work(&format!("waiting for another process that uses {}", path.display()));
+                    told = true;
+                }
+                std::thread::sleep(Duration::from_millis(200));
+            }
         }
-        if !told {
-            run.progress.note_of_work(&format!("waiting for another process that uses {}", path.display()));
-            told = true;
-        }
-        std::thread::sleep(Duration::from_millis(200));
     }
 }

@@ -162,6 +162,21 @@ impl EmbeddingParams {
             unit_rows: true,
         }
     }
+
+    /// Refuses an embedding that tells nothing.
+    ///
+    /// # Errors
+    /// [`Error::Parameter`] for a width or a kernel out of range, or without dimensions.
+    pub fn check(&self) -> Result<()> {
+        let (KernelWidth::Mean(width) | KernelWidth::Fixed(width)) = self.width;
+        if !(width > 0. && width < 1e6) {
+            return Err(Error::parameter("width", format!("{width} is no width"), "choose a positive number"));
+        }
+        if self.dimensions == 0 {
+            return Err(Error::parameter("dimensions", "0 dimensions", "choose at least 1"));
+        }
+        self.kernel.check()
+    }
 }
 
 /// How s of y = (Mᵀk + m₀)/s follows from k.

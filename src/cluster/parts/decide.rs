@@ -135,14 +135,7 @@ fn checked(cells: &CellGraph, rows: &[f64], l: usize, params: &PartsParams) -> R
         let problem = format!("{} distances are not {l} rows of {n} cells", rows.len());
         return Err(Error::parameter("rows", problem, "pass at least one row and one cell, all rows whole"));
     }
-    if !(-1.0..=1.0).contains(&params.detail) {
-        let problem = format!("{} is not within −1 to 1", params.detail);
-        return Err(Error::parameter("detail", problem, "0 is the default, above it finer, below it coarser"));
-    }
-    if params.ensemble_size == 0 || !(0.0..1.0).contains(&params.small_part) {
-        let problem = format!("an ensemble of {}, small parts below {}", params.ensemble_size, params.small_part);
-        return Err(Error::parameter("ensemble size", problem, "use at least one segmentation, and a share below 1"));
-    }
+    params.check()?;
     let rows = LandmarkDistances::new(rows, l, n);
     Ok((cells, rows))
 }

@@ -53,6 +53,7 @@ pub use ensemble::Superfaces;
 pub use hierarchy::{PartTree, TreeCut, detail_threshold};
 pub use interior::enclosed::Enclosed;
 
+use crate::base::{Error, Result};
 use serde::{Deserialize, Serialize};
 
 /// How the parts are decided.
@@ -108,6 +109,27 @@ impl Default for PartsParams {
             ensemble_size: 12,
             small_part: cell_graph::SMALL_PART,
         }
+    }
+}
+
+impl PartsParams {
+    /// Refuses options out of range.
+    ///
+    /// # Errors
+    /// [`Error::Parameter`] naming the option.
+    pub fn check(&self) -> Result<()> {
+        if !(-1.0..=1.0).contains(&self.detail) {
+            let problem = format!("{} is not within -1 to 1", self.detail);
+            return Err(Error::parameter("detail", problem, "0 is the default, above it finer, below it coarser"));
+        }
+        if self.ensemble_size == 0 {
+            return Err(Error::parameter("ensemble_size", "0 segmentations", "choose at least 1"));
+        }
+        if !(0.0..1.0).contains(&self.small_part) {
+            let problem = format!("{} is no share of the area", self.small_part);
+            return Err(Error::parameter("small_part", problem, "choose from 0 to below 1"));
+        }
+        Ok(())
     }
 }
 

@@ -13,15 +13,15 @@
 mod coordinates;
 
 use crate::apps::sequence::{self, SequenceOrder, StreamMeasures, VertexUse};
-use crate::base::Result;
+use crate::base::{Error, Result};
 use crate::distance::DistanceRows;
 use crate::distance::rows::RowParams;
 use crate::graph::dual::WeightsStage;
 use crate::graph::{DualGraph, Metric, Order, OrderParams, Ordered, VertexAdjacency};
 use crate::landmarks::Sampling;
 use crate::mesh::Mesh;
-use crate::pipeline::SegmentParams;
 use crate::pipeline::input::Record;
+use crate::pipeline::params::{Cluster, LANDMARKS_AT_MOST, SegmentParams};
 use crate::store::stage::Stage;
 use crate::store::{Context, MappedSlice, WorkDir};
 use coordinates::{Coordinates, Task};
@@ -132,8 +132,13 @@ impl<'a> Sequencer<'a> {
 
     fn spectral(&self, sweeps: usize, landmarks: Option<usize>) -> Result<MappedSlice<u32>> {
         let run = self.context.run;
+        if landmarks.is_some_and(|l| l > LANDMARKS_AT_MOST) {
+            let problem = format!("{} landmarks", landmarks.unwrap_or(0));
+            return Err(Error::parameter("landmarks", problem, format!("choose from 1 to {LANDMARKS_AT_MOST}")));
+        }
         let (graph, rows) = self.rows(landmarks)?;
         let n = self.mesh().positions.len();
+        let _grant = Cluster::KMeans.grant(rows.len(), graph.nodes.len(), run)?;
         let make = || {
             let embedding = coordinates::fit(&rows, &graph, run)?;
             let task =
