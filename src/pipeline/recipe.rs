@@ -71,7 +71,8 @@ pub fn segment_corrected(
 /// Refuses corrections that do not fit the method or the `faces` faces.
 fn check_corrections(params: &SegmentParams, corrections: Corrections<'_>, faces: usize) -> Result<()> {
     if params.cluster != Cluster::Parts && !corrections.is_empty() {
-        return Err(Error::parameter("edits", "edits need the hierarchy of parts", "use `cluster` parts"));
+        let given = if corrections.painted.is_some() { "hints" } else { "edits" };
+        return Err(Error::parameter(given, format!("{given} need the hierarchy of parts"), "use `cluster` parts"));
     }
     match corrections.painted {
         Some(painted) if painted.len() != faces => {

@@ -39,7 +39,7 @@ impl WorkDir {
     /// Opens what is there to look at it.
     fn open_shared(path: &Path) -> Result<Self> {
         Self::try_open(path, true)?
-            .ok_or_else(|| Error::work_dir(path, "is in use by another process", "wait for it to end"))
+            .ok_or_else(|| Error::work_dir(path, "is in use by another run", "wait for it to end"))
     }
 }
 

@@ -77,7 +77,7 @@ impl WorkDir {
     /// [`Error::Io`].
     pub fn open(path: &Path) -> Result<Self> {
         Self::try_open(path, false)?
-            .ok_or_else(|| Error::work_dir(path, "is in use by another process", "wait for it, or name another folder"))
+            .ok_or_else(|| Error::work_dir(path, "is in use by another run", "wait for it, or name another folder"))
     }
 
     /// The same, `None` where another process is in the way. `shared`: beside other processes that open it so too;

@@ -366,7 +366,7 @@ fn damaged_and_busy_directories_are_told_apart() {
     let held = nystrom_stream::store::WorkDir::open(&work).unwrap();
     let output = program(&arguments).output().unwrap();
     let said = String::from_utf8_lossy(&output.stderr);
-    assert!(!output.status.success() && said.contains("in use by another process"), "{said}");
+    assert!(!output.status.success() && said.contains("in use by another run"), "{said}");
     drop(held);
     ok(&arguments);
     assert!(std::fs::read(&out).unwrap() == expected);

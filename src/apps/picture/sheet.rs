@@ -115,8 +115,10 @@ impl PictureParams {
         within("size", self.height, 16, 16384)?;
         within("views", self.views, 1, 64)?;
         within("samples", self.samples, 1, 4)?;
-        if !self.turn.is_finite() || !self.tilt.is_finite() {
-            return Err(Error::parameter("turn", "is no angle", "give degrees"));
+        for (name, angle) in [("turn", self.turn), ("tilt", self.tilt)] {
+            if !angle.is_finite() {
+                return Err(Error::parameter(name, format!("{angle} is no angle"), "give degrees"));
+            }
         }
         Ok(())
     }
