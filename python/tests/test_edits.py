@@ -83,6 +83,32 @@ def test_files_of_edits_come_and_go(cut, tmp_path):
         cut.edit(tmp_path / "edits.json")
 
 
+def test_a_place_is_farthest_from_other_parts(cut):
+    def rings(triangles, reached):
+        """The same ring by ring over all that is left, as slow as plain."""
+        reached, left = reached.copy(), np.arange(len(triangles))
+        while True:
+            near = reached[triangles[left]].any(axis=1)
+            if near.all() or not near.any():
+                return left
+            reached[triangles[left[near]]] = True
+            left = left[~near]
+
+    from nystrom_stream._results import farthest
+
+    for part in range(cut.n_parts):
+        own = cut.labels == part
+        reached = np.zeros(len(cut.vertices), bool)
+        reached[cut.triangles[~own]] = True
+        assert (farthest(cut.triangles[own], reached.copy()) == rings(cut.triangles[own], reached)).all()
+    # Two strips, of which one is beside another part: the other is never reached. Then no other part at all.
+    strips = np.array([[0, 1, 2], [1, 2, 3], [4, 5, 6], [5, 6, 7]], np.uint32)
+    assert farthest(strips, np.arange(8) == 0).tolist() == [2, 3]
+    assert farthest(strips[:2], np.arange(8) == 0).tolist() == [1]
+    assert farthest(strips, np.zeros(8, bool)).tolist() == [0, 1, 2, 3]
+    assert farthest(strips, np.ones(8, bool)).tolist() == [0, 1, 2, 3]
+
+
 def test_names_go_along(cut, tmp_path):
     named = pickle.loads(pickle.dumps(cut))
     named.names = {0: "left ball", 2: "bar"}

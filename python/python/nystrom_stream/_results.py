@@ -128,17 +128,12 @@ class Segmentation(_OfMesh):
         """A place well inside a part, for edits: the point (x, y, z) in the middle of a face. Raises IndexError."""
         part = range(self.n_parts)[part]
         triangles, face = self._mesh.triangles()
+        vertices = self.vertices
         own = self.labels[face] == part
-        reached = np.zeros(len(self.vertices), bool)
+        reached = np.zeros(len(vertices), bool)
         reached[triangles[~own]] = True
-        left = np.flatnonzero(own)
-        while True:
-            near = reached[triangles[left]].any(axis=1)
-            if near.all() or not near.any():
-                break
-            reached[triangles[left[near]]] = True
-            left = left[~near]
-        centres = np.asarray(self.vertices, np.float64)[triangles[left]].mean(axis=1)
+        triangles = triangles[own]
+        centres = np.asarray(vertices, np.float64)[triangles[farthest(triangles, reached)]].mean(axis=1)
         x, y, z = centres[np.argmin(np.linalg.norm(centres - centres.mean(axis=0), axis=1))].tolist()
         return [x, y, z]
 
@@ -261,6 +256,26 @@ def cut_mesh(mesh: _native.Mesh, options: dict[str, Any], edits: Optional[dict[s
     # A work directory that was made anew for this mesh is its own from now on.
     options = {**options, "force": False}
     return Segmentation(mesh, arrays, json.loads(report), options, json.loads(text) if text else None)
+
+
+def farthest(triangles: NDArray[np.uint32], reached: NDArray[np.bool_]) -> NDArray[np.intp]:
+    """Those of the triangles that are farthest from the vertices `reached`, in steps from triangle to triangle over vertices; what
+    they do not lead to is farther still. Each triangle is taken once, when the first of its vertices is reached."""
+    by_vertex = np.argsort(triangles.ravel(), kind="stable") // 3
+    starts = np.concatenate([[0], np.cumsum(np.bincount(triangles.ravel(), minlength=len(reached)))])
+    fresh = np.ones(len(triangles), bool)
+    front, last = np.flatnonzero(reached), np.arange(len(triangles))
+    while True:
+        counts = starts[front + 1] - starts[front]
+        around = by_vertex[np.repeat(starts[front + 1] - np.cumsum(counts), counts) + np.arange(counts.sum())]
+        ring = np.unique(around[fresh[around]])
+        if not len(ring):
+            left = np.flatnonzero(fresh)
+            return left if len(left) else last
+        fresh[ring] = False
+        corners = np.unique(triangles[ring])
+        front, last = corners[~reached[corners]], ring
+        reached[front] = True
 
 
 class Correspondence:
