@@ -83,6 +83,21 @@ def test_files_of_edits_come_and_go(cut, tmp_path):
         cut.edit(tmp_path / "edits.json")
 
 
+def test_what_is_asked_for_goes_before_the_file_of_edits(tmp_path):
+    # Regression: the next edit, and the file that was saved, went back to the number that the file says.
+    mesh = dumbbell(12)
+    path, saved = tmp_path / "edits.json", tmp_path / "saved.json"
+    nystrom_stream.segment(*mesh, 4).save_edits(path)
+    for asked, told in [({"parts": 3}, {"parts": 3}), ({"parts_range": (2, 3)}, {}), ({"detail": 0.5}, {"detail": 0.5})]:
+        cut = nystrom_stream.segment(*mesh, edits=path, **asked)
+        edited = cut.edit([{"edit": "name", "at": cut.place(0), "name": "x"}])
+        assert (edited.labels == cut.labels).all()
+        edited.save_edits(saved)
+        assert {key: value for key, value in json.loads(saved.read_text()).items() if key in ("parts", "detail")} == told
+    # A file that is given later still has its number.
+    assert cut.edit(path).n_parts == 4
+
+
 def test_a_place_is_farthest_from_other_parts(cut):
     def rings(triangles, reached):
         """The same ring by ring over all that is left, as slow as plain."""

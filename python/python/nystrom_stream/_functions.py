@@ -173,6 +173,9 @@ def segment(mesh: MeshLike, faces: Any = None, parts: Optional[int] = None, *, p
         raise ValueError("edits: go with cluster='parts'")
     if told and parts is None and parts_range is None and not detail:
         options = started_from(options, told)
+    elif told:
+        # What is asked for here goes before what the file says, in later edits too.
+        told = {key: value for key, value in told.items() if key not in ("parts", "detail")}
     cut = cut_mesh(mesh, options, told, progress)
     if names is not None:
         cut.names = names
