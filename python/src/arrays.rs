@@ -1,4 +1,7 @@
-//! NumPy arrays as a mesh: any of the usual types and strides, copied once, nothing written.
+//! NumPy arrays as a mesh: any of the usual types, copied once, nothing written.
+//!
+//! Rows are one after the other and items aligned: the package sees to it, since `numpy` counts strides in whole items, which fields
+//! of packed records do not have.
 
 use numpy::{Element, PyArrayDyn, PyArrayMethods, PyReadonlyArrayDyn, PyUntypedArrayMethods};
 use nystrom_stream::mesh::Coordinate;
@@ -7,7 +10,8 @@ use pyo3::exceptions::{PyTypeError, PyValueError};
 use pyo3::prelude::*;
 
 fn readonly<'py, T: Element>(array: &Bound<'py, PyAny>) -> Option<PyReadonlyArrayDyn<'py, T>> {
-    array.cast::<PyArrayDyn<T>>().ok()?.try_readonly().ok()
+    let array = array.cast::<PyArrayDyn<T>>().ok()?.try_readonly().ok()?;
+    (array.is_c_contiguous() && array.data().is_aligned()).then_some(array)
 }
 
 /// Rows and columns of a two-dimensional array.
@@ -20,13 +24,9 @@ fn shape(name: &str, array: &Bound<'_, PyAny>) -> PyResult<(usize, usize)> {
     }
 }
 
-/// The items of an array row by row, whatever their strides.
+/// The items of an array row by row.
 fn items<T: Element + Copy>(array: &PyReadonlyArrayDyn<'_, T>) -> Vec<T> {
-    match array.as_slice() {
-        Ok(slice) if array.is_c_contiguous() => slice.to_vec(),
-        // A view, or columns one after another.
-        _ => array.as_array().iter().copied().collect(),
-    }
+    array.as_slice().map(<[T]>::to_vec).unwrap_or_default()
 }
 
 /// Corners as the library numbers them.
@@ -69,13 +69,13 @@ pub fn mesh(vertices: &Bound<'_, PyAny>, faces: &Bound<'_, PyAny>) -> PyResult<M
         .or_else(|| readonly::<i64>(faces).map(|array| corners(&array, columns)))
         .or_else(|| readonly::<u32>(faces).map(|array| corners(&array, columns)))
         .or_else(|| readonly::<u64>(faces).map(|array| corners(&array, columns)))
-        .ok_or_else(|| PyTypeError::new_err("faces: not a NumPy array of integers"))?
+        .ok_or_else(|| PyTypeError::new_err("faces: not a NumPy array of integers, row by row"))?
         .map_err(super::raised)?;
     let made = match readonly::<f32>(vertices) {
         Some(array) => build(&array, corners, columns),
         None => match readonly::<f64>(vertices) {
             Some(array) => build(&array, corners, columns),
-            None => return Err(PyTypeError::new_err("vertices: not a NumPy array of float32 or float64")),
+            None => return Err(PyTypeError::new_err("vertices: not a NumPy array of float32 or float64, row by row")),
         },
     };
     made.map_err(super::raised)

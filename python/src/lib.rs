@@ -17,6 +17,7 @@ use mesh::PyMesh;
 use numpy::{PyArray1, PyArray2, PyArrayMethods, PyReadonlyArray1, ToPyArray};
 use nystrom_stream::apps::edits::Edits;
 use nystrom_stream::pipeline::SegmentParams;
+use nystrom_stream::spectral::EmbeddingParams;
 use nystrom_stream::{Error, Segmenter};
 use pyo3::exceptions::{PyKeyboardInterrupt, PyMemoryError, PyOSError, PyRuntimeError, PyValueError};
 use pyo3::prelude::*;
@@ -31,7 +32,7 @@ const NAMES: [(&str, &str); 4] =
     [("dimensions", "vectors"), ("output", "path"), ("parts_between", "parts_range"), ("width", "sigma")];
 
 /// What the library's texts call otherwise than this module; every other `--option` is `option` here.
-const WORDS: [(&str, &str); 9] = [
+const WORDS: [(&str, &str); 10] = [
     ("a smaller `parts`", "fewer parts"),
     ("`parts` 6", "parts=6"),
     ("`cluster` kmeans", "cluster='kmeans'"),
@@ -41,6 +42,7 @@ const WORDS: [(&str, &str); 9] = [
     ("--force", "force=True"),
     ("-o folder/", "save(\"folder/\")"),
     ("-o", "path"),
+    (".npy, .obj or .glb (.png and .parquet with their features)", ".npy, .obj, .glb, .parquet, .png or .html"),
 ];
 
 /// A message of the library in the words of this module.
@@ -171,6 +173,13 @@ fn default_params() -> PyResult<String> {
     serde_json::to_string(&SegmentParams::default()).map_err(|error| PyRuntimeError::new_err(error.to_string()))
 }
 
+/// The embedding of K-means and 2-means in `dimensions` coordinates, as JSON.
+#[pyfunction]
+fn default_embedding(dimensions: usize) -> PyResult<String> {
+    serde_json::to_string(&EmbeddingParams::for_parts(dimensions))
+        .map_err(|error| PyRuntimeError::new_err(error.to_string()))
+}
+
 /// What `nystrom_stream` is made of.
 #[pymodule]
 fn _native(module: &Bound<'_, PyModule>) -> PyResult<()> {
@@ -179,6 +188,7 @@ fn _native(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add_class::<PyDecision>()?;
     module.add_function(wrap_pyfunction!(segment, module)?)?;
     module.add_function(wrap_pyfunction!(default_params, module)?)?;
+    module.add_function(wrap_pyfunction!(default_embedding, module)?)?;
     module.add_function(wrap_pyfunction!(correspond::correspond, module)?)?;
     module.add_function(wrap_pyfunction!(correspond::save_matches, module)?)?;
     module.add_function(wrap_pyfunction!(tasks::cut_tree, module)?)?;

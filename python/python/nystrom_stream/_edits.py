@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, Optional, Union
 import numpy as np
 
 from . import _native
-from ._meshes import MOST, Path
+from ._meshes import MOST, Path, packed, whole
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike, NDArray
@@ -59,23 +59,33 @@ def as_hints(hints: Union[ArrayLike, str, None], mesh: _native.Mesh) -> Optional
         raise ValueError(f"hints: give one integer per face, 0 or more; there are {mesh.faces} faces")
     if (hints > MOST).any():
         raise ValueError(f"hints: {hints.max()} is beyond 32 bits")
-    return np.ascontiguousarray(hints, np.uint32)
+    return packed(hints, np.uint32)
+
+
+def read_names(names: Any, parts: Optional[int] = None) -> Union[dict[int, str], list[str]]:
+    """Names of parts, which must be lines of text, of `parts` parts where that is known: of a dict by part, a list, or the path of a
+    table."""
+    if isinstance(names, (str, os.PathLike)):
+        names = _native.read_names(names)
+    by_part = hasattr(names, "keys")
+    told = {whole("names", part): name for part, name in (dict(names).items() if by_part else enumerate(names))}
+    for part, name in told.items():
+        if not by_part and not name:
+            continue
+        if not isinstance(name, str) or any(ord(letter) < 32 for letter in name):
+            raise ValueError(f"names: {name!r} is no line of text")
+        if parts is not None and part >= parts:
+            raise ValueError(f"names: there is no part {part}; the {parts} parts are counted from 0")
+    return told if by_part else [name or "" for name in told.values()]
 
 
 def as_names(names: Any, parts: int, before: Sequence[str] = ()) -> list[str]:
     """A name per part, "" where it has none; `names` is a list, the path of a table, or a dict by part, which adds to `before`."""
-    if isinstance(names, (str, os.PathLike)):
-        names = _native.read_names(names)
-    if hasattr(names, "keys"):
-        told, all_names = dict(names), list(before) + [""] * (parts - len(before))
-    else:
-        told, all_names = {part: name for part, name in enumerate(names) if name}, [""] * parts
-    for part, name in told.items():
-        if not isinstance(name, str) or any(ord(letter) < 32 for letter in name):
-            raise ValueError(f"names: {name!r} is no line of text")
-        if not 0 <= int(part) < parts:
-            raise ValueError(f"names: there is no part {part}; the {parts} parts are counted from 0")
-        all_names[int(part)] = name
+    names = read_names(names, parts)
+    by_part = isinstance(names, dict)
+    all_names = [*(before if by_part else names), *[""] * parts][:parts]
+    for part, name in names.items() if by_part else ():
+        all_names[part] = name
     return all_names
 
 

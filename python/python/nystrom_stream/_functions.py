@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, Any, Literal, Optional, Union, get_args
 import numpy as np
 
 from . import _native
-from ._edits import Edits, Names, as_edits, as_hints, started_from
-from ._meshes import MeshLike, Path, Progress, as_bytes, as_labels, as_mesh, whole
+from ._edits import Edits, Names, as_edits, as_hints, read_names, started_from
+from ._meshes import MOST, MeshLike, Path, Progress, as_bytes, as_colours, as_labels, as_mesh, real, whole
 from ._results import Correspondence, Segmentation, Sequence, Transfer, cut_mesh
 
 if TYPE_CHECKING:
@@ -52,7 +52,7 @@ def _metric(metric: str, beta: Optional[float], eta: Optional[float], delta: Opt
         if value is not None and name not in constants:
             raise ValueError(f"{name}: has no meaning with metric={metric!r}")
         if value is not None:
-            constants[name] = float(value)
+            constants[name] = real(name, value)
     return {"form": metric, **constants}
 
 
@@ -69,21 +69,21 @@ def _params(parts: Optional[int], parts_range: Optional[tuple[int, int]], detail
             _choose(name, word, words)
     own = {"decision": decision, "tiny_components": tiny_components, "walls": walls, "boundaries": boundaries}
     given = [name for name, value in own.items() if value is not None]
-    if method != "parts" and (given or detail):
-        name = given[0] if given else "detail"
-        raise ValueError(f"{name}: goes with cluster='parts'")
+    if method != "parts" and given:
+        raise ValueError(f"{given[0]}: goes with cluster='parts'")
     means = {"kernel": kernel, "sigma": sigma, "normalise": normalise, "unit_rows": unit_rows}
     wanted = [name for name, value in means.items() if value is not None]
     if method == "parts" and wanted:
         raise ValueError(f"{wanted[0]}: goes with cluster='kmeans' or 'two-means'")
-    if not -1 <= detail <= 1:
+    # The library looks at these two when most of the work is done.
+    if not -1 <= real("detail", detail) <= 1:
         raise ValueError(f"detail: {detail} is not within -1 and 1")
-    if parts is not None and detail:
-        raise ValueError("detail: has no effect on an exact number of parts; leave out detail or parts")
+    if sigma is not None and not 0 < real("sigma", sigma) < 1e6:
+        raise ValueError(f"sigma: {sigma} is not a width; choose a positive number")
     if parts is not None and parts_range is not None:
         raise ValueError("parts and parts_range exclude each other; give one")
     if parts is not None:
-        params["parts"]["count"] = {"exactly": whole("parts", parts, 1)}
+        params["parts"]["count"] = {"exactly": parts}
     if parts_range is not None:
         least, most = parts_range
         params["parts"]["count"] = {"between": [whole("parts_range", least, 1), whole("parts_range", most, 1)]}
@@ -97,15 +97,15 @@ def _params(parts: Optional[int], parts_range: Optional[tuple[int, int]], detail
         params["parts"]["decision"] = decision
     params.update({name: value for name, value in own.items() if value is not None and name != "decision"})
     if wanted:
-        normalise = "anchor" if normalise is None else normalise
-        width = (0.25 if normalise == "anchor" else 1.0) if sigma is None else float(sigma)
-        if not 0 < width < 1e6:
-            raise ValueError(f"sigma: {sigma} is not a width; choose a positive number")
-        params["embedding"] = {
-            "kernel": {"kernel": kernel or "gaussian", **({"degree": 3} if kernel == "polynomial" else {})}, "width": {"rule": "mean", "value": width},
-            "normalisation": normalise, "dimensions": 10 if parts is None else parts,
-            "unit_rows": True if unit_rows is None else bool(unit_rows),
-        }
+        embedding = params["embedding"] = json.loads(_native.default_embedding(10 if parts is None else parts))
+        if kernel is not None:
+            embedding["kernel"] = {"kernel": kernel, **({"degree": 3} if kernel == "polynomial" else {})}
+        if normalise not in (None, "anchor"):
+            embedding.update(normalisation=normalise, width={"rule": "mean", "value": 1.0})
+        if sigma is not None:
+            embedding["width"] = {"rule": "mean", "value": float(sigma)}
+        if unit_rows is not None:
+            embedding["unit_rows"] = bool(unit_rows)
     return json.dumps(params)
 
 
@@ -154,7 +154,7 @@ def segment(mesh: MeshLike, faces: Any = None, parts: Optional[int] = None, *, p
     names: of parts: a list, a dict by part, or the path of a table.
     seed: of everything random; results depend on it and on nothing else of the run.
     threads: worker threads; by default one per core.
-    max_memory: bytes that may be allocated, a number or "2GiB"; half of what is free by default.
+    max_memory: bytes that may be allocated, a number or "2GiB", "512M"; half of what is free by default.
     work_dir: a folder that keeps intermediate results and reuses them; one of another mesh is refused without `force`.
     tmp: the folder for what does not fit in memory; by default the system's.
     progress: called as progress(stage, done, total) on the thread that called, some ten times a second and at the ends of stages;
@@ -163,14 +163,20 @@ def segment(mesh: MeshLike, faces: Any = None, parts: Optional[int] = None, *, p
     Raises ValueError or TypeError for arrays and options that make no sense, FileNotFoundError, OSError where the disk fails,
     MemoryError, KeyboardInterrupt.
     """
+    if isinstance(faces, (int, np.integer)):
+        raise TypeError(f"faces: a number; write parts={faces}")
+    parts = _optional("parts", parts)
     params = _params(parts, parts_range, detail, cluster, decision, tiny_components, walls, boundaries, landmarks, sampling, exact,
                      _metric(metric, beta, eta, delta), order, kernel, sigma, normalise, unit_rows)
-    mesh = as_mesh(mesh, faces)
-    options = {"params": params, "hints": as_hints(hints, mesh), "seed": _seed(seed), "threads": _optional("threads", threads),
-               "max_memory": as_bytes(max_memory), "work_dir": work_dir, "force": force, "tmp": tmp}
     told = None if edits is None else as_edits(edits)
     if told and _METHODS[cluster] != "parts":
         raise ValueError("edits: go with cluster='parts'")
+    if names is not None:
+        # Edits and hints change the number of parts.
+        names = read_names(names, parts if told is None and hints is None else None)
+    mesh = as_mesh(mesh, faces)
+    options: dict[str, Any] = {"params": params, "hints": as_hints(hints, mesh), "seed": _seed(seed), "threads": _optional("threads", threads),
+               "max_memory": as_bytes(max_memory), "work_dir": work_dir, "force": force, "tmp": tmp}
     if told and parts is None and parts_range is None and not detail:
         options = started_from(options, told)
     elif told:
@@ -221,12 +227,13 @@ def transfer_labels(source: MeshLike, target: MeshLike, labels: Optional[ArrayLi
                     max_memory: Bytes = None, tmp: Optional[Path] = None, progress: Progress = None) -> Transfer:
     """Carries labels from a mesh to another version of it: another resolution, decimated, re-meshed. Returns a Transfer.
 
-    source: a Segmentation, or a mesh with `labels` (faces,). target: the other mesh.
+    source: a Segmentation, or a mesh with `labels` (faces,), of which a negative number or 2**32 - 1 says that a face has none.
+    target: the other mesh.
     """
     mesh, target = as_mesh(source), as_mesh(target)
     if labels is None and not hasattr(source, "labels"):
         raise TypeError("labels: missing; give one per face of the first mesh, or a Segmentation")
-    labels = as_labels(source if labels is None else labels, mesh.faces)
+    labels = as_labels(source if labels is None else labels, mesh.faces, partial=True)
     carried, quality, report = _native.transfer_labels(mesh, labels, target, _optional("threads", threads), as_bytes(max_memory),
                                                        tmp, progress)
     return Transfer(target, carried, quality, json.loads(report))
@@ -241,9 +248,10 @@ def evaluate(labels: Any, truths: Any, mesh: MeshLike = None) -> dict[str, Any]:
     if mesh is None and not hasattr(labels, "_as_mesh"):
         raise TypeError("mesh: missing; give the mesh of the labels, or a Segmentation")
     mesh = as_mesh(labels if mesh is None else mesh)
-    # A result has a length too, and is one labelling all the same.
-    several = hasattr(truths, "__len__") and not hasattr(truths, "labels")
-    if not several or len(truths) and not hasattr(truths[0], "labels") and np.ndim(truths[0]) == 0:
+    # A result has a length too, and is one labelling all the same; a column of a table is indexed by whatever names its rows.
+    if not hasattr(truths, "labels"):
+        truths = np.asarray(truths) if hasattr(truths, "__array__") else list(truths)
+    if hasattr(truths, "labels") or len(truths) and not hasattr(truths[0], "labels") and np.ndim(truths[0]) == 0:
         truths = [truths]
     truths = [as_labels(truth, mesh.faces, "truths") for truth in truths]
     scores: dict[str, Any] = json.loads(_native.evaluate(mesh, as_labels(labels, mesh.faces), truths))
@@ -255,17 +263,19 @@ def picture(mesh: MeshLike, labels: Optional[ArrayLike] = None, *, colours: Opti
             up: Optional[Axis] = None, turn: float = 0.0, tilt: float = 0.0) -> NDArray[np.uint8]:
     """Draws a mesh and its parts, without a display: (height, width, 4) uint8, red, green, blue, opacity.
 
-    mesh: a Segmentation, or a mesh, with `labels` or without. up: "x", "-y" and so on; found where None.
+    mesh: a Segmentation, or a mesh, with `labels` or without; a face whose label is negative or 2**32 - 1 is grey.
+    colours: (parts, 3), whole numbers from 0 to 255 or real ones from 0 to 1. up: "x", "-y" and so on; found where None.
     turn, tilt: degrees from the view that is found.
     """
     if labels is None and hasattr(mesh, "labels"):
         labels, colours = mesh.labels, mesh.colours if colours is None and hasattr(mesh, "colours") else colours
     mesh = as_mesh(mesh)
     if labels is not None:
-        labels = as_labels(labels, mesh.faces)
+        labels = as_labels(labels, mesh.faces, partial=True)
         if colours is None:
             colours = _native.part_colours(mesh, labels)
-    colours = np.zeros((0, 3), np.uint8) if colours is None else np.ascontiguousarray(colours, np.uint8)
+    parts = 0 if labels is None else int((labels[labels != MOST] + 1).max(initial=0))
+    colours = as_colours(np.zeros((0, 3), np.uint8) if colours is None else colours, parts)
     width, height = (whole("size", pixels, 1) for pixels in size)
     if up is not None:
         _choose("up", up, Axis)
@@ -292,7 +302,12 @@ def quality(mesh: MeshLike, faces: Any = None, *, landmarks: Union[int, Iterable
             progress: Progress = None) -> list[dict[str, Any]]:
     """Measures how well samples of landmarks represent a mesh (Γ, eq. 6 of the paper, and held-out columns): a list of dicts, one
     per number of landmarks, sampling and seed."""
-    counts = [whole("landmarks", count, 1) for count in np.atleast_1d(np.asarray(landmarks))]
+    several: Any = landmarks
+    try:
+        several = list(several)
+    except TypeError:
+        several = [several]
+    counts = [whole("landmarks", count, 1) for count in several]
     chosen = [_choose("samplings", word, Sampling) for word in ([samplings] if isinstance(samplings, str) else samplings)]
     mesh = as_mesh(mesh, faces)
     records: list[dict[str, Any]] = json.loads(_native.quality(

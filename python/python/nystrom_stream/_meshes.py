@@ -20,7 +20,7 @@ Path = Union[str, "os.PathLike[str]"]
 # What is told the stage, what of it is done, and what there is to do.
 Progress = Optional[Callable[[str, int, int], object]]
 
-# The greatest number of a vertex or a part.
+# The greatest number of a vertex or a part; of a label it says that a face has none.
 MOST = 2**32 - 1
 
 
@@ -35,6 +35,23 @@ def whole(name: str, value: Any, least: int = 0, most: int = 2**63 - 1) -> int:
     if number > most:
         raise ValueError(f"{name}: {number} is too great; choose {most} or less")
     return number
+
+
+def real(name: str, value: Any) -> float:
+    """The number that option `name` has, which must be finite."""
+    try:
+        number = float(value)
+    except (TypeError, ValueError):
+        raise TypeError(f"{name}: {value!r} is no number") from None
+    if not np.isfinite(number):
+        raise ValueError(f"{name}: {value} is no finite number")
+    return number
+
+
+def packed(values: NDArray[Any], kind: Any = None) -> NDArray[Any]:
+    """`values` row by row and aligned, as the compiled module takes arrays: it counts strides in whole items, which fields of packed
+    records do not have."""
+    return np.require(values, kind, ["C", "A"])
 
 
 def array(name: str, values: Any, columns: Optional[int] = None) -> NDArray[Any]:
@@ -78,7 +95,7 @@ def from_arrays(vertices: ArrayLike, faces: Any) -> _native.Mesh:
         raise TypeError(f"faces: {faces.dtype} is no integer")
     if faces.dtype not in (np.int32, np.int64, np.uint32, np.uint64):
         faces = faces.astype(np.int64)
-    return _native.Mesh.from_arrays(vertices, faces)
+    return _native.Mesh.from_arrays(packed(vertices), packed(faces))
 
 
 def _of_polygons(vertices: NDArray[Any], counts: Any, corners: NDArray[Any]) -> _native.Mesh:
@@ -86,7 +103,7 @@ def _of_polygons(vertices: NDArray[Any], counts: Any, corners: NDArray[Any]) -> 
     if not np.issubdtype(corners.dtype, np.integer) or (corners < 0).any() or (corners > MOST).any():
         raise ValueError("faces: not numbers of vertices, counted from 0")
     starts = np.concatenate([[0], np.cumsum(counts)]).astype(np.uint64)
-    return _native.Mesh.from_polygons(vertices.astype(np.float64), starts, corners.astype(np.uint32))
+    return _native.Mesh.from_polygons(packed(vertices, np.float64), starts, packed(corners, np.uint32))
 
 
 def _of_vtk(faces: Any) -> Any:
@@ -125,6 +142,8 @@ def _of_blocks(mesh: Any) -> _native.Mesh:
 def as_mesh(mesh: MeshLike, faces: Any = None) -> _native.Mesh:
     """The mesh that `mesh` is: a path, a result of this package, (vertices, faces), or a mesh of trimesh, PyVista, Open3D,
     meshio. With `faces`, `mesh` is the positions."""
+    if isinstance(faces, (int, float, np.number)):
+        raise TypeError(f"faces: {faces} is a number; give the corners of each face, or leave them out")
     if faces is not None:
         return from_arrays(mesh, faces)
     if isinstance(mesh, _native.Mesh):
@@ -162,27 +181,44 @@ def as_mesh(mesh: MeshLike, faces: Any = None) -> _native.Mesh:
     )
 
 
-def as_labels(labels: Any, faces: int, name: str = "labels") -> NDArray[np.uint32]:
-    """One label per face as uint32."""
+def as_labels(labels: Any, faces: int, name: str = "labels", partial: bool = False) -> NDArray[np.uint32]:
+    """One label per face as uint32; where they may be `partial`, a negative one says that a face has none, and becomes `MOST`."""
     labels = np.asarray(getattr(labels, "labels", labels))
     if labels.ndim != 1 or len(labels) != faces:
         raise ValueError(f"{name}: {'×'.join(map(str, labels.shape))} for {faces} faces; give one per face")
     if not np.issubdtype(labels.dtype, np.integer):
         raise TypeError(f"{name}: {labels.dtype} is no integer")
     if len(labels) and labels.min() < 0:
+        if partial:
+            return np.where(labels < 0, np.uint32(MOST), as_labels(np.maximum(labels, 0), faces, name))
         raise ValueError(f"{name}: {labels.min()} is negative; number parts from 0")
     if len(labels) and labels.max() > MOST:
         raise ValueError(f"{name}: {labels.max()} is beyond 32 bits; number parts from 0")
-    return np.ascontiguousarray(labels, np.uint32)
+    return packed(labels, np.uint32)
+
+
+def as_colours(colours: Any, parts: int) -> NDArray[np.uint8]:
+    """One colour per part, (parts or more, 3) uint8: of whole numbers from 0 to 255, or of real ones from 0 to 1."""
+    colours = np.asarray(colours)
+    if colours.ndim != 2 or colours.shape[1] != 3:
+        raise ValueError(f"colours: an array of {'×'.join(map(str, colours.shape))}; give red, green and blue per part")
+    is_real = np.issubdtype(colours.dtype, np.floating)
+    if not is_real and not np.issubdtype(colours.dtype, np.integer):
+        raise TypeError(f"colours: {colours.dtype} is no real number")
+    if not ((colours >= 0) & (colours <= (1 if is_real else 255))).all():
+        raise ValueError("colours: out of range; give whole numbers from 0 to 255, or real ones from 0 to 1")
+    if len(colours) < parts:
+        raise ValueError(f"colours: {len(colours)} for {parts} parts; give one per part")
+    return packed(np.rint(colours * 255) if is_real else colours, np.uint8)
 
 
 def as_bytes(size: Union[int, str, None]) -> Optional[int]:
-    """Bytes of a number, or of words such as "2GiB"."""
+    """Bytes of a number, or of words such as "2GiB", which the program takes too."""
     if size is None:
         return None
     if not isinstance(size, str):
         return whole("max_memory", size, 1)
-    units = {"": 1, "B": 1, "KIB": 2**10, "MIB": 2**20, "GIB": 2**30, "TIB": 2**40,
+    units = {"": 1, "B": 1, "K": 2**10, "M": 2**20, "G": 2**30, "T": 2**40, "KIB": 2**10, "MIB": 2**20, "GIB": 2**30, "TIB": 2**40,
              "KB": 10**3, "MB": 10**6, "GB": 10**9, "TB": 10**12}
     digits = size.strip().rstrip("abcdefghijklmnopqrstuvwxyzABCDEFGHIJKLMNOPQRSTUVWXYZ ")
     unit = size.strip()[len(digits):].strip().upper()

@@ -17,6 +17,7 @@ __all__ = [
     "__version__",
     "correspond",
     "cut_tree",
+    "default_embedding",
     "default_params",
     "evaluate",
     "measure_mesh",
@@ -57,6 +58,7 @@ class Decision:
     def without_start(self) -> Decision: ...
 
 def default_params() -> str: ...
+def default_embedding(dimensions: int) -> str: ...
 def segment(
     mesh: Mesh, params: str, edits: Optional[str], hints: Optional[_Labels], seed: int, threads: Optional[int],
     max_memory: Optional[int], work_dir: Optional[_Path], force: bool, tmp: Optional[_Path], progress: _Progress,

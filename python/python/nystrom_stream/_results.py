@@ -12,7 +12,7 @@ import numpy as np
 
 from . import _native
 from ._edits import Edits, Names, as_edits, as_names, started, started_from, text_of
-from ._meshes import Path, Progress, whole
+from ._meshes import Path, Progress, as_colours, whole
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence as Several
@@ -183,14 +183,17 @@ class Segmentation(_OfMesh):
     def save(self, path: Path, *, vertex_labels: bool = False, split_vertices: bool = False, split_faces: bool = False, cap: bool = False,
              part_form: str = "ply") -> None:
         """Writes the labelled mesh in the form that the ending names: .ply, .seg, .npy, .obj, .glb, .parquet, .png, .html, or one file
-        per part in a folder where `path` ends with a slash.
+        per part in a folder where `path` ends with a slash, is a folder, or is a pathlib.Path without an ending.
 
         Of a .ply: `vertex_labels` gives vertices labels and colours too, `split_vertices` gives each part vertices of its own,
         `split_faces` splits triangles where smooth boundaries cross them (not with the other two). Of a folder: `cap` closes the parts where
         they were cut off, `part_form` is "ply" or "stl". Raises ValueError for another ending, or an option that the form does not have;
         OSError."""
         edits = text_of(self._edits) if self._edits else None
-        _native.save(self._mesh, self.labels, self.colours, self.quality, self.names, path, json.dumps(self.report), self._tree,
+        # A pathlib.Path has no slash at its end.
+        if isinstance(path, os.PathLike) and not os.path.splitext(path)[1]:
+            path = os.path.join(path, "")
+        _native.save(self._mesh, self.labels, as_colours(self.colours, 0), self.quality, self.names, path, json.dumps(self.report), self._tree,
                      self._cells, self._decision, edits, (vertex_labels, split_vertices, split_faces, cap, part_form))
 
     def picture(self, **options: Any) -> NDArray[np.uint8]:

@@ -1,0 +1,193 @@
+"""What is taken for arrays, labels, colours, names and options, and how the rest is refused."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from test_segment import dumbbell
+
+import nystrom_stream
+
+
+@pytest.fixture(scope="module")
+def mesh():
+    vertices, faces = dumbbell(20)
+    return vertices.astype(np.float32), faces
+
+
+@pytest.fixture(scope="module")
+def cut(mesh):
+    return nystrom_stream.segment(*mesh, 3)
+
+
+def packed(values, kind):
+    """`values` as a field of packed records, whose stride is no multiple of its items."""
+    records = np.zeros(len(values), [("before", "u1"), ("field", kind, np.shape(values)[1:])])
+    records["field"] = values
+    return records["field"]
+
+
+def unaligned(values):
+    """`values` one after the other, but at an odd address."""
+    values = np.ascontiguousarray(values)
+    return np.frombuffer(b"x" + values.tobytes(), values.dtype, offset=1).reshape(values.shape)
+
+
+def test_fields_of_packed_records_are_taken_as_they_are(mesh, cut):
+    # Regression: strides were counted in whole items, so that another mesh was cut in silence.
+    vertices, faces = mesh
+    records = np.zeros(len(vertices), [("xyz", "<f4", 3), ("rgb", "u1", 3)])
+    records["xyz"] = vertices
+    listed = np.zeros(len(faces), [("n", "u1"), ("at", "<i4", 3)])
+    listed["at"] = faces
+    for given in [(records["xyz"], faces), (vertices, listed["at"]), (packed(vertices, "<f8"), packed(faces, "<i8")),
+                  (unaligned(vertices), unaligned(faces)), (vertices.astype(">f4"), faces.astype(">u4"))]:
+        assert (nystrom_stream.segment(*given, 3).labels == cut.labels).all()
+    area = nystrom_stream.measure(records["xyz"], faces)["area"]
+    assert area == nystrom_stream.measure(vertices, faces)["area"]
+    # A triangle and a quadrangle: polygons of different lengths.
+    square = np.array([[0.0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0], [2, 0, 0]])
+    assert nystrom_stream.measure(packed(square, "<f8"), [[0, 1, 2, 3], [1, 4, 2]])["area"] == 1.5
+    native = nystrom_stream._meshes.as_mesh(mesh)
+    for odd in (packed(cut.labels, "<u4"), unaligned(cut.labels), np.repeat(cut.labels, 2)[::2]):
+        assert nystrom_stream.evaluate(cut, odd)["rand"] == 0
+        assert (nystrom_stream._edits.as_hints(odd, native) == cut.labels).all()
+        assert (nystrom_stream.picture(mesh, odd, colours=packed(cut.colours, "u1"), size=(64, 48)) == cut.picture(size=(64, 48))).all()
+
+
+def test_colours_are_whole_or_real(cut):
+    # Regression: real ones were black, others wrapped around, and too few were accepted.
+    colours = np.array([[255, 0, 0], [0, 255, 0], [0, 0, 255]])
+    expected = cut.picture(colours=colours, size=(64, 48))
+    for same in (colours.tolist(), colours / 255, (colours / 255).astype(np.float32), colours.astype(np.uint8)):
+        assert (cut.picture(colours=same, size=(64, 48)) == expected).all()
+    for wrong in (colours + 1, colours - 1, colours.astype(float), colours * np.nan):
+        with pytest.raises(ValueError, match="colours: out of range; give whole numbers from 0 to 255, or real ones"):
+            cut.picture(colours=wrong)
+    with pytest.raises(ValueError, match="colours: 2 for 3 parts; give one per part"):
+        cut.picture(colours=colours[:2])
+    with pytest.raises((TypeError, ValueError), match="colours: "):
+        cut.picture(colours=["#ff0000"] * 3)
+
+
+def test_whole_numbers_of_parts_of_any_type(mesh):
+    # Regression: with an option of the embedding they were no JSON, or no integer.
+    expected = nystrom_stream.segment(*mesh, 3, cluster="kmeans", sigma=0.5).labels
+    for parts in (np.int64(3), 3.0, np.float32(3)):
+        assert (nystrom_stream.segment(*mesh, parts, cluster="kmeans", sigma=0.5).labels == expected).all()
+    embedding = nystrom_stream.segment(*mesh, 3, cluster="kmeans", normalise="degree").report["options"]["embedding"]
+    assert embedding["width"] == {"rule": "mean", "value": 1.0} and embedding["unit_rows"] and embedding["dimensions"] == 3
+
+
+def test_a_number_in_the_place_of_faces_is_told_to_be_parts(mesh):
+    # Regression: "object of type 'int' has no len()".
+    for given in ("mesh.ply", mesh, Path("mesh.ply")):
+        with pytest.raises(TypeError, match="faces: a number; write parts=6"):
+            nystrom_stream.segment(given, 6)
+    with pytest.raises(TypeError, match="faces: 6 is a number"):
+        nystrom_stream.sequence(mesh, 6)
+
+
+def test_faces_without_a_label(mesh, cut):
+    # Regression: negative numbers were refused, though they are what says so in an array.
+    labels = cut.labels.astype(np.int64)
+    some = np.where(np.arange(len(labels)) % 7, labels, -1)
+    for given in (some, some.astype(np.int16), np.where(some < 0, 2**32 - 1, some), np.where(some < 0, 2**32 - 1, some).astype(np.uint32)):
+        carried = nystrom_stream.transfer_labels(mesh, mesh, given)
+        assert set(np.unique(carried.labels)) == {0, 1, 2} and (carried.labels == labels).mean() > 0.98
+        assert nystrom_stream.picture(mesh, given, size=(64, 48)).shape == (48, 64, 4)
+        assert nystrom_stream.picture(mesh, given, colours=cut.colours, size=(64, 48)).shape == (48, 64, 4)
+    with pytest.raises(ValueError, match="labels: -1 is negative"):
+        nystrom_stream.evaluate(some, labels, mesh=mesh)
+    with pytest.raises(ValueError, match="beyond 32 bits"):
+        nystrom_stream.transfer_labels(mesh, mesh, np.where(some < 0, 2**32, some))
+
+
+def test_names_are_looked_at_before_the_mesh_is_cut(mesh, tmp_path):
+    # Regression: a table that is not there was told after the whole cut, which was lost.
+    def never(*_):
+        raise AssertionError("it was cut")
+
+    table = tmp_path / "names.tsv"
+    table.write_text("part\tname\n3\tright ball\n")
+    for names, wrong in [(tmp_path / "none.tsv", FileNotFoundError), ({0: 7}, ValueError), (["two\nlines"], ValueError),
+                         ({-1: "a"}, ValueError), ({"a": "b"}, TypeError), ({3: "a"}, ValueError), (table, ValueError)]:
+        with pytest.raises(wrong, match="names|none.tsv"):
+            nystrom_stream.segment(*mesh, 3, names=names, progress=never)
+    # Hints may leave another number of parts.
+    hints = np.zeros(len(mesh[1]), int)
+    with pytest.raises(ValueError, match="names: there is no part 9; the 3 parts"):
+        nystrom_stream.segment(*mesh, 3, hints=hints, names={9: "a"})
+    assert nystrom_stream.segment(*mesh, 3, names=(name for name in ("a", "", "c"))).names == ["a", "", "c"]
+
+
+def test_several_of_a_kind_come_as_anything(mesh, cut):
+    # Regression: a set was one object, and a column of a table was asked for its row 0.
+    for landmarks in ({5, 8}, (n for n in (5, 8)), np.array([5, 8]), range(5, 9, 3)):
+        assert len(nystrom_stream.quality(*mesh, landmarks=landmarks)) == 2
+    for landmarks in (5, np.int64(5), np.array(5)):
+        assert len(nystrom_stream.quality(*mesh, landmarks=landmarks)) == 1
+
+    class Column:
+        """Labels as pandas has them: indexed by what names the rows."""
+
+        def __init__(self, values):
+            self.values = values
+
+        def __len__(self):
+            return len(self.values)
+
+        def __getitem__(self, name):
+            raise KeyError(name)
+
+        def __array__(self, dtype=None, copy=None):
+            return np.asarray(self.values, dtype)
+
+    assert nystrom_stream.evaluate(cut, Column(cut.labels))["rand"] == 0
+    assert nystrom_stream.evaluate(cut, [Column(cut.labels)] * 2)["rand"] == 0
+    assert nystrom_stream.evaluate(cut, (cut.labels for _ in range(2)))["rand"] == 0
+    assert nystrom_stream.evaluate(cut, np.stack([cut.labels] * 2))["rand"] == 0
+
+
+def test_numbers_that_are_none_name_their_option(mesh, cut):
+    # Regression: the JSON between Python and the library was complained of, and `tilt` was called `turn`.
+    for name, others in [("beta", {}), ("eta", {}), ("delta", {"metric": "paper"}), ("sigma", {"cluster": "kmeans"}), ("detail", {})]:
+        for value in (np.nan, np.inf, -np.inf):
+            with pytest.raises(ValueError, match=f"^{name}: "):
+                nystrom_stream.segment(*mesh, **{name: value}, **others)
+        with pytest.raises(TypeError, match=f"^{name}: 'x' is no number"):
+            nystrom_stream.segment(*mesh, **{name: "x"}, **others)
+    for name in ("turn", "tilt"):
+        with pytest.raises(ValueError, match=f"^{name}: "):
+            cut.picture(**{name: np.inf})
+    for options in ({"parts": 3, "detail": 0.5}, {"cluster": "two-means", "detail": 0.5}):
+        with pytest.raises(ValueError, match="^detail: "):
+            nystrom_stream.segment(*mesh, **options)
+    with pytest.raises(ValueError, match="^hints: hints need the hierarchy of parts; use cluster='parts'"):
+        nystrom_stream.segment(*mesh, 3, cluster="kmeans", hints=cut.labels)
+
+
+def test_sizes_are_those_of_the_program():
+    for text, size in [("2G", 2 << 30), ("512M", 512 << 20), ("5 k", 5 << 10), ("1T", 1 << 40), ("1.5 GB", 1_500_000_000), (" 64 mib ", 64 << 20)]:
+        assert nystrom_stream._meshes.as_bytes(text) == size
+    for text in ("", "G", "1PB", "1,5GB", "inf"):
+        with pytest.raises(ValueError, match="max_memory: "):
+            nystrom_stream._meshes.as_bytes(text)
+
+
+def test_a_path_without_an_ending_is_a_folder(cut, tmp_path):
+    # Regression: pathlib drops the slash that said so.
+    cut.save(Path(f"{tmp_path}/parts/"))
+    cut.save(tmp_path / "parts", part_form="stl")
+    assert len(list((tmp_path / "parts").glob("*.stl"))) == 3
+    with pytest.raises(ValueError, match=r"path: .*\.html"):
+        cut.save(f"{tmp_path}/other")
+
+
+def test_two_runs_in_one_work_dir_are_told_of_runs(mesh, tmp_path):
+    # Regression: a thread of one's own was another process.
+    def meanwhile(*_):
+        nystrom_stream.segment(*mesh, 2, work_dir=tmp_path / "work")
+
+    with pytest.raises(ValueError, match="in use by another run"):
+        nystrom_stream.segment(*mesh, 3, work_dir=tmp_path / "work", progress=meanwhile)
