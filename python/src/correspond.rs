@@ -59,8 +59,9 @@ pub fn correspond<'py>(
     let matcher = Matcher::new().matching(matching).transfer(transfer).alternative(alternative);
     let matcher = vectors.into_iter().fold(matcher, Matcher::dimensions);
     let matcher = landmarks.into_iter().fold(matcher, Matcher::landmarks);
+    let (a, b) = (a.current()?, b.current()?);
     let found = watched(py, progress, |listener, cancel| {
-        with_options!(matcher, seed, threads, max_memory, tmp, listener, cancel).run(&a.0, &b.0)
+        with_options!(matcher, seed, threads, max_memory, tmp, listener, cancel).run(a, b)
     })?;
     let matches = found.matches();
     Ok((

@@ -23,6 +23,15 @@ impl PyDecision {
         Ok((self.kept.text().map_err(raised)?, self.start.clone()))
     }
 
+    /// Itself: nothing changes it.
+    fn __copy__(this: Py<Self>) -> Py<Self> {
+        this
+    }
+
+    fn __deepcopy__(this: Py<Self>, _memo: &Bound<'_, PyAny>) -> Py<Self> {
+        this
+    }
+
     /// The same for another cut of its hierarchy.
     fn without_start(&self) -> Self {
         Self { kept: self.kept.clone(), start: Vec::new() }

@@ -1,7 +1,7 @@
 //! Python bindings: meshes, and functions over them that return arrays and JSON.
 //!
-//! All goes through the library's front door ([`nystrom_stream::Segmenter`] and its like). Arrays are copied once, and nothing is
-//! written where memory allows. Python's lock is given up while the library works, and taken now and then for the progress
+//! All goes through the library's front door ([`nystrom_stream::Segmenter`] and its like). Arrays are copied once, and of them nothing
+//! is written where memory allows. Python's lock is given up while the library works, and taken now and then for the progress
 //! callback and for Ctrl-C ([`listener`]). The package in `python/nystrom_stream` turns this into classes and functions with signatures.
 
 mod arrays;
@@ -123,18 +123,18 @@ type Cut<'py> = (
 /// Cuts `mesh` under `params`, JSON as [`default_params`] gives it, and corrects it by `edits`, the text of such a file, and `hints`,
 /// a value per face.
 #[pyfunction]
-#[pyo3(signature = (mesh, params, edits, hints, seed, threads, max_memory, work_dir, force, tmp, progress))]
+#[pyo3(signature = (mesh, params, edits, hints, work_dir, force, seed, threads, max_memory, tmp, progress))]
 fn segment<'py>(
     py: Python<'py>,
     mesh: &PyMesh,
     params: &str,
     edits: Option<&str>,
     hints: Option<PyReadonlyArray1<'py, u32>>,
+    work_dir: Option<PathBuf>,
+    force: bool,
     seed: u64,
     threads: Option<usize>,
     max_memory: Option<u64>,
-    work_dir: Option<PathBuf>,
-    force: bool,
     tmp: Option<PathBuf>,
     progress: Option<Py<PyAny>>,
 ) -> PyResult<Cut<'py>> {
@@ -148,9 +148,11 @@ fn segment<'py>(
     let segmenter = Segmenter::with_params(params).force(force);
     let segmenter = edits.into_iter().fold(segmenter, Segmenter::edits);
     let segmenter = hints.iter().fold(segmenter, |segmenter, hints| segmenter.hints(hints.as_array().to_vec()));
+    // A work directory knows a mesh by its file.
+    let mesh = if work_dir.is_some() { mesh.with_its_file()? } else { mesh.current()? };
     let segmenter = work_dir.into_iter().fold(segmenter, |segmenter, folder| segmenter.work_dir(folder));
     let cut = watched(py, progress, |listener, cancel| {
-        with_options!(segmenter, seed, threads, max_memory, tmp, listener, cancel).run(&mesh.0)
+        with_options!(segmenter, seed, threads, max_memory, tmp, listener, cancel).run(mesh)
     })?;
     let json = |value: serde_json::Result<String>| value.map_err(|error| PyRuntimeError::new_err(error.to_string()));
     let colours = cut.colours();

@@ -70,7 +70,8 @@ pub fn part_colours<'py>(
     labels: PyReadonlyArray1<'py, u32>,
 ) -> PyResult<Bound<'py, numpy::PyArray2<u8>>> {
     let labels = labels.as_array().to_vec();
-    let found = run(py, |run| colours_for(&mesh.0, &labels, run))?;
+    let mesh = mesh.current()?;
+    let found = run(py, |run| colours_for(mesh, &labels, run))?;
     found.as_flattened().to_pyarray(py).reshape([found.len(), 3])
 }
 
@@ -113,6 +114,8 @@ pub fn save(
     options: SaveChoices,
 ) -> PyResult<()> {
     let options = save_options(options)?;
+    // Of an OBJ the lines of its file are written again.
+    let mesh = if ends_with(&path, "obj") { mesh.with_its_file()? } else { mesh.current()? };
     let (labels, colours) = (labels.as_array().to_vec(), self::colours(&colours)?);
     let quality = quality.map(|quality| quality.as_array().to_vec());
     let tree = tree.map(hierarchy).transpose()?;
@@ -121,7 +124,7 @@ pub fn save(
         serde_json::from_str(report).map_err(|error| PyValueError::new_err(error.to_string()))?;
     let labelling = Labelling { labels: &labels, colours: &colours, quality: quality.as_deref(), names: &names };
     if options != SaveOptions::default() || !["html", "htm"].iter().any(|page| ends_with(&path, page)) {
-        return run(py, |run| mesh.0.save_under(path, labelling, &options, run));
+        return run(py, |run| mesh.save_under(path, labelling, &options, run));
     }
     let edits = edits.map(|text| Edits::of_text(text.as_bytes(), "edits".as_ref())).transpose().map_err(raised)?;
     let decision: Option<&PyDecision> = decision.as_deref();
@@ -138,10 +141,9 @@ pub fn save(
             start,
         });
         let cuts = cells.as_ref().zip(parts.as_ref()).map(|(cells, parts)| Cuts { cells, parts, model });
-        let title = mesh.0.path().file_name().unwrap_or_default().to_string_lossy();
+        let title = mesh.path().file_name().unwrap_or_default().to_string_lossy();
         let (labels, colours, edits) = (&labels[..], &colours[..], edits.as_ref());
-        Page { title: &title, mesh: &mesh.0, labels, colours, names: &names, cuts, edits, report: &report }
-            .write(&path, run)
+        Page { title: &title, mesh, labels, colours, names: &names, cuts, edits, report: &report }.write(&path, run)
     })
 }
 
@@ -167,7 +169,8 @@ pub fn picture<'py>(
     let params = PictureParams::default().width(width).height(height).views(views).transparent(transparent);
     let params = params.legend(legend).lines(lines).up(up).turn(turn).tilt(tilt);
     let (labels, colours) = (labels.map(|labels| labels.as_array().to_vec()), self::colours(&colours)?);
-    let image = run(py, |run| render(&mesh.0, labels.as_deref(), &colours, &params, run))?;
+    let mesh = mesh.current()?;
+    let image = run(py, |run| render(mesh, labels.as_deref(), &colours, &params, run))?;
     image.pixels.as_flattened().to_pyarray(py).reshape([image.height, image.width, 4])
 }
 
@@ -180,9 +183,10 @@ pub fn measure_parts(
     parts: usize,
 ) -> PyResult<String> {
     let labels = labels.as_array().to_vec();
+    let mesh = mesh.current()?;
     let found = run(py, |run| {
         let work = WorkDir::in_memory(&std::env::temp_dir(), &run.budget);
-        measure::parts(&mesh.0, &labels, parts, Context::new(&work, run))
+        measure::parts(mesh, &labels, parts, Context::new(&work, run))
     });
     text(&found?)
 }
@@ -190,9 +194,9 @@ pub fn measure_parts(
 /// What the mesh measures, as JSON.
 #[pyfunction]
 pub fn measure_mesh(py: Python<'_>, mesh: &PyMesh) -> PyResult<String> {
-    let found = run(py, |run| {
-        measure::mesh(&mesh.0, Context::new(&WorkDir::in_memory(&std::env::temp_dir(), &run.budget), run))
-    });
+    let mesh = mesh.current()?;
+    let found =
+        run(py, |run| measure::mesh(mesh, Context::new(&WorkDir::in_memory(&std::env::temp_dir(), &run.budget), run)));
     text(&found?)
 }
 
@@ -206,8 +210,9 @@ pub fn evaluate(
 ) -> PyResult<String> {
     let labels = labels.as_array().to_vec();
     let truths: Vec<Vec<u32>> = truths.iter().map(|truth| truth.as_array().to_vec()).collect();
+    let mesh = mesh.current()?;
     let scores = run(py, |run| {
-        let evaluator = Evaluator::stopped_by(&mesh.0, run.cancel.clone())?;
+        let evaluator = Evaluator::stopped_by(mesh, run.cancel.clone())?;
         evaluator.compare_many(&evaluator.segmentation("labels", &labels)?, &evaluator.segmentations(&truths)?)
     });
     text(&scores?)
@@ -227,9 +232,10 @@ pub fn transfer_labels<'py>(
     progress: Option<Py<PyAny>>,
 ) -> PyResult<(Bound<'py, PyArray1<u32>>, Bound<'py, PyArray1<f32>>, String)> {
     let labels = labels.as_array().to_vec();
+    let (from_mesh, to_mesh) = (from_mesh.current()?, to_mesh.current()?);
     let found = watched(py, progress, |listener, cancel| {
         let transfer = with_options!(LabelTransfer::new(), 0, threads, max_memory, tmp, listener, cancel);
-        transfer.run(&from_mesh.0, &labels, &to_mesh.0)
+        transfer.run(from_mesh, &labels, to_mesh)
     })?;
     let facts = text(&found.facts)?;
     Ok((PyArray1::from_slice(py, &found.labels), PyArray1::from_slice(py, &found.quality), facts))
@@ -252,8 +258,9 @@ pub fn sequence<'py>(
 ) -> PyResult<(Bound<'py, PyArray1<u32>>, Bound<'py, PyArray1<u32>>, String)> {
     let sequencer = Sequencer::new().order(named::<SequenceOrder>("order", order)?).sweeps(sweeps);
     let sequencer = landmarks.into_iter().fold(sequencer, Sequencer::landmarks);
+    let mesh = mesh.current()?;
     let found = watched(py, progress, |listener, cancel| {
-        with_options!(sequencer, seed, threads, max_memory, tmp, listener, cancel).run(&mesh.0)
+        with_options!(sequencer, seed, threads, max_memory, tmp, listener, cancel).run(mesh)
     })?;
     let measures = text(found.measures())?;
     Ok((PyArray1::from_slice(py, found.places()), PyArray1::from_slice(py, found.vertex_numbers()), measures))
@@ -276,8 +283,9 @@ pub fn quality(
 ) -> PyResult<String> {
     let samplings = samplings.iter().map(|name| named::<Sampling>("samplings", name)).collect::<PyResult<Vec<_>>>()?;
     let quality = SamplingQuality::new().landmarks(landmarks).samplings(samplings).seeds(seeds);
+    let mesh = mesh.current()?;
     let found = watched(py, progress, |listener, cancel| {
-        with_options!(quality, seed, threads, max_memory, tmp, listener, cancel).run(&mesh.0)
+        with_options!(quality, seed, threads, max_memory, tmp, listener, cancel).run(mesh)
     });
     text(&found?)
 }

@@ -9,7 +9,7 @@ import numpy as np
 
 from . import _native
 from ._edits import Edits, Names, as_edits, as_hints, read_names, started_from
-from ._meshes import MOST, MeshLike, Path, Progress, as_bytes, as_colours, as_labels, as_mesh, real, whole
+from ._meshes import DEFAULT, MOST, MeshLike, Path, Progress, as_colours, as_labels, as_mesh, real, run_options, whole
 from ._results import Correspondence, Segmentation, Sequence, Transfer, cut_mesh
 
 if TYPE_CHECKING:
@@ -156,7 +156,8 @@ def segment(mesh: MeshLike, faces: Any = None, parts: Optional[int] = None, *, p
     threads: worker threads; by default one per core.
     max_memory: bytes that may be allocated, a number or "2GiB", "512M"; half of what is free by default.
     work_dir: a folder that keeps intermediate results and reuses them; one of another mesh is refused without `force`.
-    tmp: the folder for what does not fit in memory; by default the system's.
+    tmp: the folder for what does not fit in memory, and for meshes of files other than binary little-endian PLY of triangles, which
+        are decoded there as long as a result has them; by default the system's.
     progress: called as progress(stage, done, total) on the thread that called, some ten times a second and at the ends of stages;
         what it raises stops the work.
 
@@ -174,14 +175,16 @@ def segment(mesh: MeshLike, faces: Any = None, parts: Optional[int] = None, *, p
     if names is not None:
         # Edits and hints change the number of parts.
         names = read_names(names, parts if told is None and hints is None else None)
-    mesh = as_mesh(mesh, faces)
-    options: dict[str, Any] = {"params": params, "hints": as_hints(hints, mesh), "seed": _seed(seed), "threads": _optional("threads", threads),
-               "max_memory": as_bytes(max_memory), "work_dir": work_dir, "force": force, "tmp": tmp}
+    run = run_options(threads, max_memory, tmp, progress)
+    options: dict[str, Any] = {"params": params, "work_dir": work_dir, "force": force, "seed": _seed(seed), "threads": run[0],
+                               "max_memory": run[1], "tmp": tmp}
     if told and parts is None and parts_range is None and not detail:
         options = started_from(options, told)
     elif told:
         # What is asked for here goes before what the file says, in later edits too.
         told = {key: value for key, value in told.items() if key not in ("parts", "detail")}
+    mesh = as_mesh(mesh, faces, run)
+    options["hints"] = as_hints(hints, mesh)
     cut = cut_mesh(mesh, options, told, progress)
     if names is not None:
         cut.names = names
@@ -195,7 +198,7 @@ def segment_file(path: Path, parts: Optional[int] = None, **options: Any) -> Seg
 
 def read_mesh(path: Path) -> tuple[NDArray[np.float64], NDArray[np.uint32]]:
     """Reads a mesh file: vertices (v, 3) float64 and triangles (n, 3) uint32; polygons are cut into fans."""
-    mesh = _native.Mesh.open(path)
+    mesh = _native.Mesh.open(path, *DEFAULT)
     return np.asarray(mesh.vertices(), np.float64), mesh.triangles()[0]
 
 
@@ -211,15 +214,16 @@ def correspond(a: MeshLike, *others: Any, matching: Matching = "all", transfer: 
     vectors: leading eigenvectors, 2 to 8.
     landmarks: number of sampled vertices on each mesh; by default 50, for more than 300,000 vertices 20.
     """
+    run = run_options(threads, max_memory, tmp, progress)
+    choices = (_choose("matching", matching, Matching), transfer, whole("alternative", alternative), _optional("vectors", vectors),
+               _optional("landmarks", landmarks), _seed(seed))
     if len(others) == 3:
-        a, b = as_mesh(a, others[0]), as_mesh(others[1], others[2])
+        a, b = as_mesh(a, others[0], run), as_mesh(others[1], others[2], run)
     elif len(others) == 1:
-        a, b = as_mesh(a), as_mesh(others[0])
+        a, b = as_mesh(a, run=run), as_mesh(others[0], run=run)
     else:
         raise TypeError("give two meshes, or vertices and faces of both")
-    matches, distances, confidence, report = _native.correspond(
-        a, b, _choose("matching", matching, Matching), transfer, whole("alternative", alternative), _optional("vectors", vectors),
-        _optional("landmarks", landmarks), _seed(seed), _optional("threads", threads), as_bytes(max_memory), tmp, progress)
+    matches, distances, confidence, report = _native.correspond(a, b, *choices, *run)
     return Correspondence(matches, distances, confidence, json.loads(report))
 
 
@@ -230,12 +234,13 @@ def transfer_labels(source: MeshLike, target: MeshLike, labels: Optional[ArrayLi
     source: a Segmentation, or a mesh with `labels` (faces,), of which a negative number or 2**32 - 1 says that a face has none.
     target: the other mesh.
     """
-    mesh, target = as_mesh(source), as_mesh(target)
     if labels is None and not hasattr(source, "labels"):
         raise TypeError("labels: missing; give one per face of the first mesh, or a Segmentation")
+    run = run_options(threads, max_memory, tmp, progress)
+    mesh = as_mesh(source, run=run)
     labels = as_labels(source if labels is None else labels, mesh.faces, partial=True)
-    carried, quality, report = _native.transfer_labels(mesh, labels, target, _optional("threads", threads), as_bytes(max_memory),
-                                                       tmp, progress)
+    target = as_mesh(target, run=run)
+    carried, quality, report = _native.transfer_labels(mesh, labels, target, *run)
     return Transfer(target, carried, quality, json.loads(report))
 
 
@@ -289,10 +294,10 @@ def sequence(mesh: MeshLike, faces: Any = None, *, order: StreamOrder = "spectra
 
     order: "spectral", "pca", "bfs", "rcm", "hilbert", "random" or "keep". smooth: sweeps over the graph, for spectral orders.
     """
-    mesh = as_mesh(mesh, faces)
-    places, numbers, measures = _native.sequence(
-        mesh, _choose("order", order, StreamOrder), whole("smooth", smooth), _optional("landmarks", landmarks), _seed(seed),
-        _optional("threads", threads), as_bytes(max_memory), tmp, progress)
+    run = run_options(threads, max_memory, tmp, progress)
+    choices = _choose("order", order, StreamOrder), whole("smooth", smooth), _optional("landmarks", landmarks), _seed(seed)
+    mesh = as_mesh(mesh, faces, run)
+    places, numbers, measures = _native.sequence(mesh, *choices, *run)
     return Sequence(mesh, places, numbers, json.loads(measures))
 
 
@@ -309,9 +314,9 @@ def quality(mesh: MeshLike, faces: Any = None, *, landmarks: Union[int, Iterable
         several = [several]
     counts = [whole("landmarks", count, 1) for count in several]
     chosen = [_choose("samplings", word, Sampling) for word in ([samplings] if isinstance(samplings, str) else samplings)]
-    mesh = as_mesh(mesh, faces)
-    records: list[dict[str, Any]] = json.loads(_native.quality(
-        mesh, counts, chosen, whole("seeds", seeds, 1), _seed(seed), _optional("threads", threads), as_bytes(max_memory), tmp, progress))
+    choices = counts, chosen, whole("seeds", seeds, 1), _seed(seed)
+    run = run_options(threads, max_memory, tmp, progress)
+    records: list[dict[str, Any]] = json.loads(_native.quality(as_mesh(mesh, faces, run), *choices, *run))
     return records
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copyreg
 import operator
 import os
 from typing import TYPE_CHECKING, Any, Callable, Optional, Union
@@ -19,6 +20,10 @@ MeshLike = Any
 Path = Union[str, "os.PathLike[str]"]
 # What is told the stage, what of it is done, and what there is to do.
 Progress = Optional[Callable[[str, int, int], object]]
+
+# How a call runs, checked: threads, bytes of memory, the folder for temporary files, and progress.
+Run = tuple[Optional[int], Optional[int], Optional[Path], Progress]
+DEFAULT: Run = (None, None, None, None)
 
 # The greatest number of a vertex or a part; of a label it says that a face has none.
 MOST = 2**32 - 1
@@ -139,9 +144,9 @@ def _of_blocks(mesh: Any) -> _native.Mesh:
     return _of_polygons(_positions(mesh.points), counts, np.concatenate([block.ravel() for block in blocks]))
 
 
-def as_mesh(mesh: MeshLike, faces: Any = None) -> _native.Mesh:
-    """The mesh that `mesh` is: a path, a result of this package, (vertices, faces), or a mesh of trimesh, PyVista, Open3D,
-    meshio. With `faces`, `mesh` is the positions."""
+def as_mesh(mesh: MeshLike, faces: Any = None, run: Run = DEFAULT) -> _native.Mesh:
+    """The mesh that `mesh` is: a path, which is read as `run` says, a result of this package, (vertices, faces), or a mesh of trimesh,
+    PyVista, Open3D, meshio. With `faces`, `mesh` is the positions."""
     if isinstance(faces, (int, float, np.number)):
         raise TypeError(f"faces: {faces} is a number; give the corners of each face, or leave them out")
     if faces is not None:
@@ -152,7 +157,7 @@ def as_mesh(mesh: MeshLike, faces: Any = None) -> _native.Mesh:
         own: _native.Mesh = mesh._as_mesh()
         return own
     if isinstance(mesh, (str, os.PathLike)):
-        return _native.Mesh.open(os.fspath(mesh))
+        return _native.Mesh.open(os.fspath(mesh), *run)
     if isinstance(mesh, (tuple, list)) and len(mesh) == 2:
         return from_arrays(*mesh)
     if hasattr(mesh, "geometry") and hasattr(mesh, "dump"):
@@ -227,3 +232,31 @@ def as_bytes(size: Union[int, str, None]) -> Optional[int]:
     except (KeyError, ValueError, OverflowError):
         raise ValueError(f"max_memory: {size!r} is not a size; write 512MiB or 2GiB") from None
     return whole("max_memory", number, 1)
+
+
+def run_options(threads: Optional[int], max_memory: Union[int, str, None], tmp: Optional[Path], progress: Progress) -> Run:
+    """These options, checked."""
+    return None if threads is None else whole("threads", threads, 1), as_bytes(max_memory), tmp, progress
+
+
+def _pickled(mesh: _native.Mesh) -> tuple[Any, ...]:
+    return _unpickled, (mesh.vertices(), *mesh.polygons(), mesh.file)
+
+
+def _unpickled(vertices: NDArray[Any], starts: NDArray[np.uint64], corners: NDArray[np.uint32],
+               file: Optional[tuple[Any, ...]]) -> _native.Mesh:
+    """The file's mesh where that is as it was, since a work directory knows a mesh by its file; else the same of arrays."""
+    if file is not None:
+        try:
+            mesh = _native.Mesh.open(file[0], *DEFAULT)
+            if mesh.file == file:
+                return mesh
+        except (OSError, ValueError):
+            pass
+    counts = np.diff(starts)
+    if len(counts) and (counts == counts[0]).all():
+        return _native.Mesh.from_arrays(vertices, corners.reshape(len(counts), -1))
+    return _native.Mesh.from_polygons(vertices.astype(np.float64), starts, corners)
+
+
+copyreg.pickle(_native.Mesh, _pickled)

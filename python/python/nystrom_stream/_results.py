@@ -1,4 +1,5 @@
-"""What the functions return. All of it can be pickled: a mesh goes with its arrays."""
+"""What the functions return. All of it can be copied and pickled: copies share the mesh, which nothing changes; pickled, it goes
+with its arrays."""
 
 from __future__ import annotations
 
@@ -22,31 +23,10 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
 
-def _pickled(mesh: _native.Mesh) -> dict[str, Any]:
-    return {"vertices": np.asarray(mesh.vertices(), np.float64), "polygons": mesh.polygons(),
-            "single": mesh.vertices().dtype == np.float32}
-
-
-def _unpickled(state: Mapping[str, Any]) -> _native.Mesh:
-    starts, corners = state["polygons"]
-    counts = np.diff(starts)
-    vertices = state["vertices"].astype(np.float32) if state["single"] else state["vertices"]
-    if len(counts) and (counts == counts[0]).all():
-        return _native.Mesh.from_arrays(vertices, corners.reshape(len(counts), -1))
-    return _native.Mesh.from_polygons(vertices.astype(np.float64), starts, corners)
-
-
 class _OfMesh:
     """A result that holds its mesh."""
 
     _mesh: _native.Mesh
-
-    def __getstate__(self) -> dict[str, Any]:
-        return {**self.__dict__, "_mesh": _pickled(self._mesh)}
-
-    def __setstate__(self, state: Mapping[str, Any]) -> None:
-        self.__dict__.update(state)
-        self._mesh = _unpickled(state["_mesh"])
 
     def _as_mesh(self) -> _native.Mesh:
         return self._mesh
@@ -70,6 +50,8 @@ class Segmentation(_OfMesh):
     colours: (parts, 3) uint8, one sRGB colour per part, unlike where parts touch.
     report: a dict with counts of the mesh, parts with their areas, landmarks, eigenvalues, seconds by stage.
     names: a name per part, "" where it has none. Assign a list, or a dict by part: `cut.names = {0: "left arm"}`.
+
+    What needs the mesh raises ValueError if its file was written to since.
     """
 
     labels: NDArray[np.uint32]
@@ -123,6 +105,15 @@ class Segmentation(_OfMesh):
         if not whole:
             told = {**(self._edits or {}), **told, "edits": self.edits + told["edits"]}
         return cut_mesh(self._mesh, started_from(self._options, told), told, progress)
+
+    def __getstate__(self) -> dict[str, Any]:
+        return {**self.__dict__, "file": self._mesh.file}
+
+    def __setstate__(self, state: Mapping[str, Any]) -> None:
+        self.__dict__.update(state)
+        # The work directory is of the file, which is not here as it was.
+        if self.__dict__.pop("file") != self._mesh.file:
+            self._options = {**self._options, "work_dir": None}
 
     def place(self, part: int) -> list[float]:
         """A place well inside a part, for edits: the point (x, y, z) in the middle of a face. Raises IndexError."""
@@ -254,8 +245,8 @@ def cut_mesh(mesh: _native.Mesh, options: dict[str, Any], edits: Optional[dict[s
     """Cuts a mesh with all `options` told, and corrects it."""
     text = None if edits is None else text_of(edits)
     *arrays, report = _native.segment(
-        mesh, options["params"], text, options["hints"], options["seed"], options["threads"], options["max_memory"],
-        options["work_dir"], options["force"], options["tmp"], progress)
+        mesh, options["params"], text, options["hints"], options["work_dir"], options["force"], options["seed"], options["threads"],
+        options["max_memory"], options["tmp"], progress)
     # A work directory that was made anew for this mesh is its own from now on.
     options = {**options, "force": False}
     return Segmentation(mesh, arrays, json.loads(report), options, json.loads(text) if text else None)

@@ -1,0 +1,147 @@
+"""Results of files: what becomes of them when the file changes, copies and pickles, and where files are decoded."""
+
+import copy
+import os
+import pickle
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+from test_segment import dumbbell
+
+import nystrom_stream
+
+USES = {
+    "vertices": lambda cut: cut.vertices,
+    "triangles": lambda cut: cut.triangles,
+    "place": lambda cut: cut.place(0),
+    "cut": lambda cut: cut.cut(2),
+    "edit": lambda cut: cut.edit([]),
+    "measure": lambda cut: cut.measure(),
+    "picture": lambda cut: cut.picture(size=(64, 64)),
+    "save": lambda cut: cut.save(os.devnull + ".ply"),
+    "pickle": pickle.dumps,
+    "transfer": lambda cut: nystrom_stream.transfer_labels(cut, cut),
+    "evaluate": lambda cut: nystrom_stream.evaluate(cut, cut),
+    "correspond": lambda cut: nystrom_stream.correspond(cut, cut),
+    "sequence": nystrom_stream.sequence,
+    "quality": nystrom_stream.quality,
+    "segment": lambda cut: nystrom_stream.segment(cut, parts=2),
+}
+
+
+def written(path, n=20, scale=1.0):
+    """A binary PLY of a dumbbell at `path`, which is mapped where it lies."""
+    vertices, faces = dumbbell(n)
+    nystrom_stream.segment(vertices * scale, faces, 2).save(path)
+    return path
+
+
+def as_obj(path, n=20):
+    vertices, faces = dumbbell(n)
+    lines = [f"v {x!r} {y!r} {z!r}" for x, y, z in vertices.tolist()] + [f"f {a} {b} {c}" for a, b, c in (faces + 1).tolist()]
+    path.write_text("\n".join(lines) + "\n")
+    return path
+
+
+def test_a_result_of_a_file_that_was_written_to_says_so(tmp_path):
+    # Regression: it was a map of the file, so that the geometry changed under the labels.
+    path, other = written(tmp_path / "mesh.ply"), written(tmp_path / "other.ply", scale=10.0)
+    cut = nystrom_stream.segment(path, parts=3)
+    vertices = cut.vertices
+    path.write_bytes(other.read_bytes())
+    for use in USES.values():
+        with pytest.raises(ValueError, match="mesh.ply has changed since it was read; cut it again"):
+            use(cut)
+    assert len(cut.labels) == len(cut.recut(2)) and np.allclose(nystrom_stream.segment(path, parts=3).vertices, 10 * vertices)
+
+
+def test_a_shorter_file_does_not_kill_python(tmp_path):
+    # Regression: SIGBUS.
+    path = written(tmp_path / "mesh.ply")
+    script = (
+        "import sys, nystrom_stream\ncut = nystrom_stream.segment(sys.argv[1], parts=3)\nopen(sys.argv[1], 'wb').close()\n"
+        "try:\n    cut.vertices\nexcept ValueError as error:\n    print(error)\n"
+    )
+    ran = subprocess.run([sys.executable, "-c", script, path], capture_output=True, text=True, check=True)
+    assert "has changed since it was read" in ran.stdout
+
+
+def test_a_file_in_the_place_of_another_leaves_its_results_alone(tmp_path):
+    path = written(tmp_path / "mesh.ply")
+    cut = nystrom_stream.segment(path, parts=3)
+    vertices = cut.vertices
+    cut.save(path)
+    assert (cut.vertices == vertices).all() and cut.cut(2).n_parts == 2
+    os.replace(written(tmp_path / "other.ply", scale=10.0), path)
+    assert (cut.vertices == vertices).all()
+    # But a work directory knows the mesh by its file, and an OBJ is written from the lines of the one that was read.
+    with pytest.raises(ValueError, match="has changed"):
+        nystrom_stream.segment(cut, parts=2, work_dir=tmp_path / "work")
+    path = as_obj(tmp_path / "mesh.obj")
+    cut = nystrom_stream.segment(path, parts=3)
+    os.replace(as_obj(tmp_path / "other.obj", 24), path)
+    cut.save(tmp_path / "saved.ply")
+    with pytest.raises(ValueError, match="has changed"):
+        cut.save(tmp_path / "saved.obj")
+    path.unlink()
+    cut.save(tmp_path / "saved.obj")
+
+
+def test_copies_and_pickles_are_edited_with_the_work_dir(tmp_path):
+    # Regression: a copy's mesh was of arrays, and the work directory of another mesh.
+    path = written(tmp_path / "mesh.ply")
+    cut = nystrom_stream.segment(path, parts=3, work_dir=tmp_path / "work")
+    split = [{"edit": "split", "at": cut.place(0)}]
+    labels = cut.edit(split).labels
+    for same in (copy.copy, copy.deepcopy, lambda cut: pickle.loads(pickle.dumps(cut))):
+        edited = same(cut).edit(split)
+        assert "rows" not in edited.report["seconds"] and (edited.labels == labels).all()
+    assert copy.copy(cut)._mesh is copy.deepcopy(cut)._mesh is cut._mesh
+    deep = copy.deepcopy(cut)
+    deep.names, deep.labels[:] = {0: "x"}, 0
+    assert cut.names[0] == "" and cut.labels.any()
+    # Without the file the work directory is left alone.
+    pickled = pickle.dumps(cut)
+    path.write_bytes(written(tmp_path / "other.ply", scale=10.0).read_bytes())
+    for _ in range(2):
+        edited = pickle.loads(pickled).edit(split)
+        assert "rows" in edited.report["seconds"] and (edited.labels == labels).all()
+        path.unlink(missing_ok=True)
+    vertices, faces = dumbbell(20)
+    arrays = nystrom_stream.segment(vertices, faces, 3, work_dir=tmp_path / "arrays")
+    edited = pickle.loads(pickle.dumps(arrays)).edit(split)
+    assert "rows" not in edited.report["seconds"]
+
+
+def test_a_file_is_read_as_the_call_says(tmp_path, monkeypatch):
+    # Regression: it was decoded in the system's folder, whatever `tmp` said, and nothing told of it.
+    path, tmp, system = as_obj(tmp_path / "mesh.obj"), tmp_path / "tmp", tmp_path / "system"
+    tmp.mkdir()
+    system.mkdir()
+    monkeypatch.setenv("TMPDIR", str(system))
+    mesh = nystrom_stream.segment(path, parts=2)
+    assert list(system.rglob("*.ply")) and mesh.n_parts == 2
+    del mesh
+    monkeypatch.setenv("TMPDIR", str(tmp_path / "none"))
+    for call, meshes in [(nystrom_stream.segment, 1), (nystrom_stream.sequence, 1), (nystrom_stream.quality, 1),
+                         (nystrom_stream.correspond, 2)]:
+        heard, files = [], set()
+
+        def hear(stage, *_, heard=heard, files=files):
+            heard.append(stage)
+            files.update(tmp.rglob("*.ply"))
+
+        result = call(*[path] * meshes, tmp=tmp, progress=hear, threads=1, max_memory="1GiB")
+        assert "read" in heard and files, call
+        del result
+        assert not list(tmp.rglob("*.ply")), "it goes with the result"
+    labels = np.zeros(len(dumbbell(20)[1]), int)
+    assert nystrom_stream.transfer_labels(path, path, labels, tmp=tmp).labels.max() == 0
+
+    def stop(stage, *_):
+        raise RuntimeError(stage)
+
+    with pytest.raises(RuntimeError, match="read"):
+        nystrom_stream.segment(path, progress=stop, tmp=tmp)
