@@ -230,8 +230,9 @@ impl Segmenter {
         params.check()?;
         self.edits.as_ref().map_or(Ok(()), Edits::check)?;
         let params = &params;
-        let corrections = Corrections { edits: self.edits.as_ref(), painted: self.hints.as_deref() };
         self.options.with(|context, told| {
+            let edits = self.edits.as_ref().map(|edits| edits.on(mesh, context.run)).transpose()?;
+            let corrections = Corrections { edits: edits.as_ref(), painted: self.hints.as_deref() };
             let identity = admitted(mesh, self.options.force, context)?;
             let cut = pipeline::segment_corrected(mesh, &identity, params, corrections, context)?;
             let hierarchy = Hierarchy::kept(params, context)?;

@@ -52,6 +52,24 @@ pub fn area(triangle: [[f64; 3]; 3]) -> f64 {
     (if plain.is_normal() { plain } else { scaled_length(double) }) / 2.
 }
 
+/// How far `p` is from a triangle.
+pub fn triangle_distance([a, b, c]: [[f64; 3]; 3], p: [f64; 3]) -> f64 {
+    let to_edge = |from: [f64; 3], to: [f64; 3]| {
+        let (along, out) = (minus(to, from), minus(p, from));
+        let size = dot(along, along);
+        let t = if size > 0. { (dot(along, out) / size).clamp(0., 1.) } else { 0. };
+        length(add_scaled(out, -t, along))
+    };
+    // Over the inside it is the height above the plane.
+    let (normal, out) = (double_area([a, b, c]), minus(p, a));
+    let square = dot(normal, normal);
+    let (s, t) = (dot(cross(out, minus(c, a)), normal), dot(cross(minus(b, a), out), normal));
+    if square > 0. && s >= 0. && t >= 0. && s + t <= square {
+        return dot(out, normal).abs() / square.sqrt();
+    }
+    to_edge(a, b).min(to_edge(b, c)).min(to_edge(c, a))
+}
+
 /// |a| without the squares of its coordinates.
 #[cold]
 fn scaled_length(a: [f64; 3]) -> f64 {
@@ -87,4 +105,31 @@ pub fn narrow(a: [f64; 3], factor: f64) -> [f32; 3] {
 #[inline(always)]
 pub fn finite(a: [f64; 3]) -> bool {
     a[0].is_finite() && a[1].is_finite() && a[2].is_finite()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_triangle_is_as_far_as_its_nearest_point() {
+        let triangle = [[0., 0., 1.], [4., 0., 1.], [0., 4., 1.]];
+        let cases = [
+            ([1., 1., 1.], 0.),
+            ([1., 1., -2.], 3.),
+            ([2., -3., 1.], 3.),
+            ([4., 4., 1.], 8f64.sqrt()),
+            ([-3., -4., 1.], 5.),
+            ([7., 0., 5.], 5.),
+        ];
+        for (p, expected) in cases {
+            let [a, b, c] = triangle;
+            for turned in [[a, b, c], [b, c, a], [c, b, a]] {
+                assert!((triangle_distance(turned, p) - expected).abs() < 1e-12, "{p:?}");
+            }
+        }
+        // Without an area: an edge, a point.
+        assert_eq!(triangle_distance([[0.; 3], [2., 0., 0.], [1., 0., 0.]], [1.5, 2., 0.]), 2.);
+        assert_eq!(triangle_distance([[0.; 3]; 3], [0., 3., 4.]), 5.);
+    }
 }

@@ -5,7 +5,7 @@ use super::method::PartsArgs;
 use super::options::{CliError, ForceArgs, misfit};
 use super::picture::{has_labels, labels_of_mesh};
 use nystrom_stream::apps::colours::colours_for;
-use nystrom_stream::apps::edits::{Edits, read_names};
+use nystrom_stream::apps::edits::{Edits, PlacedEdits, read_names};
 use nystrom_stream::base::Error;
 use nystrom_stream::cluster::parts::PartCount;
 use nystrom_stream::mesh::ply::names::names_of;
@@ -77,8 +77,9 @@ impl Like {
         run: &Run,
     ) -> Result<Self, CliError> {
         let (mesh, identity) = read(path, ForceArgs::default(), Context::new(&work, run))?;
-        let cut =
-            segment_corrected(&mesh, &identity, params, corrections(Some(edits), None), Context::new(&work, run))?;
+        let edits = edits.on(&mesh, run)?;
+        let corrections = corrections(Some(&edits), None);
+        let cut = segment_corrected(&mesh, &identity, params, corrections, Context::new(&work, run))?;
         Ok(Self { _work: work, mesh, labels: cut.labels, colours: cut.colours, names: cut.names })
     }
 
@@ -121,6 +122,6 @@ pub fn named(names: &mut Vec<String>, table: Option<&Path>, parts: usize) -> Res
 }
 
 /// Edits and painted values as the library takes them.
-pub fn corrections<'a>(edits: Option<&'a Edits>, painted: Option<&'a Vec<u32>>) -> Corrections<'a> {
+pub fn corrections<'a>(edits: Option<&'a PlacedEdits<'a>>, painted: Option<&'a Vec<u32>>) -> Corrections<'a> {
     Corrections { edits, painted: painted.map(Vec::as_slice) }
 }

@@ -269,7 +269,8 @@ pub fn one(job: &Job, task: Task<'_>, bars: &Bars, run: &Run, app: &AppContext) 
     let painted = args.edits.hints.as_ref().map(|name| opened.face_property(name, run)).transpose()?;
     let mut carried = like.map(|like| like::carry(like.reference(), &opened, Context::new(&work, run))).transpose()?;
     let painted = carried.as_ref().map(|carried| &carried.values).or(painted.as_ref());
-    let corrections = corrections(edits, painted);
+    let placed = edits.map(|edits| edits.on(&opened, run)).transpose()?;
+    let corrections = corrections(placed.as_ref(), painted);
     let mut result = segment_corrected(&opened, &identity, params, corrections, Context::new(&work, run))?;
     if let (Some(like), Some(carried)) = (like, &mut carried) {
         result = like::settle(result, carried, like.reference(), Context::new(&work, run))?;

@@ -319,13 +319,13 @@ pub fn cluster(args: &ClusterArgs, app: &AppContext) -> Result<(), CliError> {
         there(args.mesh.as_deref(), &record, work.path())?;
     }
     let context = Context::new(&work, &run);
-    let painted = args
-        .edits
-        .hints
-        .as_ref()
-        .map(|name| open_mesh(args.mesh.as_deref(), &record, None, context)?.face_property(name, &run));
-    let painted = painted.transpose()?;
-    let corrections = corrections(edits.as_ref(), painted.as_ref());
+    let needs_mesh = edits.is_some() || args.edits.hints.is_some();
+    let opened = needs_mesh.then(|| open_mesh(args.mesh.as_deref(), &record, None, context)).transpose()?;
+    let of_mesh = |name: &String| opened.as_ref().map(|mesh| mesh.face_property(name, &run));
+    let painted = args.edits.hints.as_ref().and_then(of_mesh).transpose()?;
+    let placed = edits.as_ref().zip(opened.as_ref()).map(|(edits, mesh)| edits.on(mesh, &run)).transpose()?;
+    drop(opened);
+    let corrections = corrections(placed.as_ref(), painted.as_ref());
     let mut result = recipe::cluster(&params, tree.as_ref(), corrections, context)
         .map_err(|error| of_file(error, "tree", args.tree.as_deref()))?;
     named(&mut result.names, args.edits.names.as_deref(), result.colours.len())?;

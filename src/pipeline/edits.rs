@@ -1,34 +1,30 @@
-//! Edits applied to a mesh: from places in space to cells, and from cells to corrected parts.
+//! Edits applied to a mesh: from faces to cells, and from cells to corrected parts.
 //!
-//! Places become faces (the nearest one to a point), faces become cells. Hints change the labelling of the decision
+//! The faces at the places of edits ([`crate::apps::edits::PlacedEdits`]) become cells. Hints change the labelling of the decision
 //! ([`crate::cluster::parts::hints`]), the other edits follow in their order. All of it happens on cells; afterwards
 //! boundaries are refined as those of any cut. Cost: one pass over the nodes to find the faces, milliseconds on cells,
 //! and what refining takes.
 
-use crate::apps::edits::{Edit, Edits, Place};
+use crate::apps::edits::{Edit, Edits, PlacedEdits};
 use crate::base::tally::tally;
 use crate::base::{Error, Result};
 use crate::cluster::parts::cell_graph::compact;
 use crate::cluster::parts::hints::{Affinities, Conflict, Hints};
 use crate::cluster::parts::{PartCount, PartTree, TreeCut};
-use crate::graph::{DualGraph, NodeOrder};
+use crate::graph::NodeOrder;
 use crate::store::Run;
 use std::collections::{BTreeMap, BTreeSet};
 
 /// Faces that a thread looks at in one go.
 const CHUNK: usize = 1 << 15;
-/// A place farther from all faces, in diagonals of the mesh, is not on it.
-const FAR: f64 = 0.1;
 /// Cells across the band within which boundaries are refined, or more.
 const BAND: usize = 3;
-/// A mesh is in other units than the edits if its diagonal is so many times that of their box, or the inverse.
-const OTHER_UNITS: f64 = 1.5;
 
 /// What a person adds to the options of a run.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Corrections<'a> {
-    /// Edits.
-    pub edits: Option<&'a Edits>,
+    /// Edits, on the mesh.
+    pub edits: Option<&'a PlacedEdits<'a>>,
     /// Hints painted on faces, one value per face of the file (n): equal values belong together, different ones apart,
     /// 0 says nothing.
     pub painted: Option<&'a [u32]>,
@@ -53,47 +49,26 @@ const DROPPED_COLOUR: [u8; 3] = [128; 3];
 impl Corrections<'_> {
     /// Whether there is nothing to correct.
     pub fn is_empty(&self) -> bool {
-        self.edits.is_none_or(|edits| edits.edits.is_empty()) && self.painted.is_none()
+        self.edits().is_none_or(|edits| edits.edits.is_empty()) && self.painted.is_none()
     }
 
-    /// The node at each place of each edit.
+    fn edits(&self) -> Option<&Edits> {
+        self.edits.map(|placed| placed.edits)
+    }
+
+    /// The node of each face of each edit; there are `n`.
     ///
     /// # Errors
-    /// [`Error::Malformed`] for a place that is not on the mesh; [`Error::Cancelled`].
-    pub(super) fn locate(&self, graph: &DualGraph, order: &NodeOrder, run: &Run) -> Result<Vec<Vec<u32>>> {
-        let Some(edits) = self.edits else { return Ok(Vec::new()) };
-        let points = edits.edits.iter().flat_map(Edit::places);
-        let points: Vec<[f64; 3]> = points
-            .filter_map(|place| match place {
-                Place::Point(p) => Some(graph.facts.frame.place(scaled(edits, graph, *p))),
-                Place::Face(_) => None,
-            })
-            .collect();
-        let mut found = nearest(graph, &points, run)?.into_iter();
-        let faces = edits.edits.iter().flat_map(Edit::places);
-        let numbers: BTreeSet<u64> =
-            faces.filter_map(|p| if let Place::Face(face) = p { Some(*face) } else { None }).collect();
-        let nodes = nodes_of(&numbers, graph.nodes.len(), order, run)?;
-        let mut node = |number: usize, place: &Place| match place {
-            Place::Face(face) => nodes.get(face).copied().ok_or_else(|| {
-                let problem = format!("there is no face {face}, the mesh has {}", graph.nodes.len());
-                edits.wrong(number, problem, "count faces from 0, or name a point on the surface")
-            }),
-            Place::Point(_) => match found.next() {
-                Some((distance, node)) if distance <= FAR => Ok(node),
-                Some((distance, _)) => {
-                    let distance = distance * graph.facts.frame.scale;
-                    let problem = format!("the place {place} is {distance:.3} away from the mesh");
-                    Err(edits.wrong(number, problem, "give a point on the surface, in the units of the mesh file"))
-                }
-                None => Err(Error::internal("a place was not looked for")),
-            },
-        };
-        let mut nodes_of_edits = Vec::with_capacity(edits.edits.len());
-        for (number, edit) in edits.edits.iter().enumerate() {
-            nodes_of_edits.push(edit.places().iter().map(|place| node(number, place)).collect::<Result<Vec<u32>>>()?);
-        }
-        Ok(nodes_of_edits)
+    /// [`Error::Parameter`] for edits that are on another mesh; [`Error::Cancelled`].
+    pub(super) fn nodes(&self, n: usize, order: &NodeOrder, run: &Run) -> Result<Vec<Vec<u32>>> {
+        let Some(placed) = self.edits else { return Ok(Vec::new()) };
+        let faces: BTreeSet<u32> = placed.faces.iter().flatten().copied().collect();
+        let nodes = nodes_of(&faces, n, order, run)?;
+        let node = |face: &u32| nodes.get(face).copied();
+        let all = placed.faces.iter().map(|faces| faces.iter().map(node).collect::<Option<Vec<u32>>>());
+        all.collect::<Option<Vec<Vec<u32>>>>()
+            .filter(|nodes| nodes.iter().map(Vec::len).eq(placed.edits.edits.iter().map(|edit| edit.places().len())))
+            .ok_or_else(|| Error::parameter("edits", "are not on this mesh", "place them on it"))
     }
 
     /// The painted value of each cell (S), 0 for none: that of most of its painted faces. `cell` is the cell of a node.
@@ -125,7 +100,7 @@ impl Corrections<'_> {
         cut: TreeCut,
     ) -> Result<(TreeCut, PartMarks)> {
         let nothing = Edits::default();
-        let edits = self.edits.unwrap_or(&nothing);
+        let edits = self.edits().unwrap_or(&nothing);
         let OnCells { order, cell, affinities, tree, .. } = surface;
         let painted = self.painted_cells(order, tree.cells(), cell)?;
         let start = start(edits, tree.cells()).filter(|start| *start != asked);
@@ -151,7 +126,7 @@ impl Corrections<'_> {
             None => follow(&cut.label, &[])?,
         };
         let (cut, marks) = state.finish();
-        Ok((cut, PartMarks { edits: self.edits.map(Edits::text).transpose()?, ..marks }))
+        Ok((cut, PartMarks { edits: self.edits().map(Edits::text).transpose()?, ..marks }))
     }
 }
 
@@ -161,7 +136,7 @@ pub(super) type PartsSeen<'a> = &'a dyn Fn(&[u32], &[u32]) -> Result<Vec<u32>>;
 /// A surface on which edits are followed.
 #[derive(Clone, Copy)]
 pub(super) struct OnCells<'a> {
-    /// The nodes of [`Corrections::locate`].
+    /// The nodes of [`Corrections::nodes`].
     pub nodes: &'a [Vec<u32>],
     /// Where the faces of the file are among the nodes.
     pub order: &'a NodeOrder,
@@ -252,68 +227,16 @@ fn around(edits: &Edits, tree: &PartTree, own: &State<'_>, kept: &[Option<usize>
     Ok(label)
 }
 
-/// A point of the edits in units of the mesh.
-fn scaled(edits: &Edits, graph: &DualGraph, p: [f64; 3]) -> [f64; 3] {
-    let Some([low, high]) = edits.bounds else { return p };
-    let frame = &graph.facts.frame;
-    let diagonal = (0..3).map(|k| (high[k] - low[k]).powi(2)).sum::<f64>().sqrt();
-    let ratio = frame.scale / diagonal;
-    if !ratio.is_finite() || (1. / OTHER_UNITS..OTHER_UNITS).contains(&ratio) {
-        return p;
-    }
-    [0, 1, 2].map(|k| frame.origin[k] + (p[k] - (low[k] + high[k]) / 2.) * ratio)
-}
-
-/// The nearest node to each of `points`, and how far it is, all in the frame. Faces count as discs of their area, so
-/// that a point on a large face is not taken for one on a small face beside it.
-fn nearest(graph: &DualGraph, points: &[[f64; 3]], run: &Run) -> Result<Vec<(f64, u32)>> {
-    let nodes = &graph.nodes;
-    if points.is_empty() {
-        return Ok(Vec::new());
-    }
-    let none = (f64::INFINITY, f64::INFINITY, u32::MAX);
-    let chunks = run.map_ranges(nodes.len(), CHUNK, |range| {
-        let mut best = vec![none; points.len()];
-        for i in range {
-            let node = nodes.at(i);
-            let radius = (f64::from(node.area) / std::f64::consts::PI).sqrt();
-            for (best, p) in best.iter_mut().zip(points) {
-                let gap = [0, 1, 2].map(|k| p[k] - f64::from(node.centroid[k]));
-                let square = gap[0] * gap[0] + gap[1] * gap[1] + gap[2] * gap[2];
-                // No part of the disc is nearer.
-                let least = square.sqrt() - radius;
-                if least > best.0 {
-                    continue;
-                }
-                let height = (0..3).map(|k| gap[k] * f64::from(node.normal[k])).sum::<f64>();
-                let beside = ((square - height * height).max(0.).sqrt() - radius).max(0.);
-                let key = ((height * height + beside * beside).sqrt(), square, i as u32);
-                if (key.0, key.1) < (best.0, best.1) {
-                    *best = key;
-                }
-            }
-        }
-        Ok(best)
-    })?;
-    let mut best = vec![none; points.len()];
-    for chunk in chunks {
-        for (best, found) in best.iter_mut().zip(chunk) {
-            if (found.0, found.1) < (best.0, best.1) {
-                *best = found;
-            }
-        }
-    }
-    Ok(best.into_iter().map(|(distance, _, node)| (distance, node)).collect())
-}
-
 /// The nodes of some faces of the file.
-fn nodes_of(faces: &BTreeSet<u64>, n: usize, order: &NodeOrder, run: &Run) -> Result<BTreeMap<u64, u32>> {
+fn nodes_of(faces: &BTreeSet<u32>, n: usize, order: &NodeOrder, run: &Run) -> Result<BTreeMap<u32, u32>> {
     if order.order.is_none() || faces.is_empty() {
-        return Ok(faces.iter().filter(|&&face| face < n as u64).map(|&face| (face, face as u32)).collect());
+        return Ok(faces.iter().filter(|&&face| (face as usize) < n).map(|&face| (face, face)).collect());
     }
     let found = run.map_ranges(n, CHUNK, |range| {
-        let face = |node: usize| u64::from(order.face(node as u32));
-        Ok(range.map(|node| (face(node), node as u32)).filter(|(face, _)| faces.contains(face)).collect::<Vec<_>>())
+        Ok(range
+            .map(|node| (order.face(node as u32), node as u32))
+            .filter(|(face, _)| faces.contains(face))
+            .collect::<Vec<_>>())
     })?;
     Ok(found.into_iter().flatten().collect())
 }

@@ -88,7 +88,7 @@ pub(super) fn parts(
     } else {
         params
     };
-    let nodes = requests.corrections.locate(graph, order, context.run)?;
+    let nodes = requests.corrections.nodes(n, order, context.run)?;
     let (surface, weighted) = weighted(graph, params, context)?;
     let whole = WeightedSurface { graph, weighted: &weighted, surface: &surface };
     let located = Located { requests, nodes: &nodes, order, whole, context, units: None };

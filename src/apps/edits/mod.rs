@@ -16,8 +16,10 @@
 
 mod data;
 mod names;
+mod places;
 mod read;
 
 pub use data::{Colour, Edit, Edits, Place};
 pub use names::read_names;
+pub use places::{PlacedEdits, bounds};
 pub use read::{FORMAT, VERSION};

@@ -1,0 +1,283 @@
+//! The faces at the places of edits.
+//!
+//! A point stands for the face that it is nearest to, by the distance from the face itself: faces may be long and thin.
+//! The mesh is taken as it is computed with and shown, without stray vertices and without vertices that are in no face.
+//! Cost: one pass over the faces, and where edits have a box another one for the box of the mesh; 16 bytes per point and
+//! thread.
+
+use super::data::{Edit, Edits, Place};
+use crate::base::parallel::{chunk_count, chunk_range, lock};
+use crate::base::vector::{finite, minus, triangle_distance};
+use crate::base::{Error, Result};
+use crate::mesh::Mesh;
+use crate::store::Run;
+use std::sync::Mutex;
+
+/// Faces that a thread looks at in one go.
+const CHUNK: usize = 1 << 15;
+/// A point farther from all faces, in diagonals of the mesh, is not on it.
+const FAR: f64 = 0.1;
+/// A mesh is in other units than the edits if its diagonal is so many times that of their box, or the inverse.
+const OTHER_UNITS: f64 = 1.5;
+
+/// Edits, and the faces of a mesh that they name.
+#[derive(Clone, Debug)]
+pub struct PlacedEdits<'a> {
+    /// The edits.
+    pub edits: &'a Edits,
+    /// For each edit the face of the file at each of its places, in order.
+    pub faces: Vec<Vec<u32>>,
+}
+
+impl Edits {
+    /// Finds the places of the edits on `mesh`.
+    ///
+    /// ```
+    /// use nystrom_stream::{apps::edits::Edits, mesh::Mesh, store::Run};
+    /// # fn main() -> nystrom_stream::base::Result<()> {
+    /// let corners = [[0., 0., 0.], [9., 0., 0.], [9., 1., 0.], [0., 1., 0.]];
+    /// let mesh = Mesh::from_slices(&corners, &[[0, 1, 2], [0, 2, 3]])?;
+    /// let text = r#"{"format": "nystrom-stream edits", "version": 1, "edits": [{"edit": "drop", "at": [1, 0.9, 0]}]}"#;
+    /// let edits = Edits::of_text(text.as_bytes(), "edits.json".as_ref())?;
+    /// assert_eq!(edits.on(&mesh, &Run::new(&()))?.faces, [[1]]);
+    /// # Ok(())
+    /// # }
+    /// ```
+    ///
+    /// # Errors
+    /// [`Error::Malformed`] for a face that there is not or a point that is not on the mesh; [`Error::Cancelled`].
+    pub fn on(&self, mesh: &Mesh, run: &Run) -> Result<PlacedEdits<'_>> {
+        let places = || self.edits.iter().flat_map(Edit::places);
+        let points: Vec<[f64; 3]> =
+            places().filter_map(|place| if let Place::Point(p) = place { Some(*p) } else { None }).collect();
+        let mut unit = 1.;
+        let mut found = Vec::new().into_iter();
+        if !points.is_empty() {
+            let mesh = &mesh.without_strays(run)?;
+            let extent = Extent::of(mesh, run)?;
+            let points: Vec<[f64; 3]> =
+                points.into_iter().map(|p| extent.place(scaled(self.bounds, &extent, p))).collect();
+            unit = extent.diagonal;
+            found = nearest(mesh, &extent, &points, run)?.into_iter();
+        }
+        let mut face = |number: usize, place: &Place| match place {
+            Place::Face(face) if *face < mesh.faces.len() as u64 => Ok(*face as u32),
+            Place::Face(face) => {
+                let problem = format!("there is no face {face}, the mesh has {}", mesh.faces.len());
+                Err(self.wrong(number, problem, "count faces from 0, or name a point on the surface"))
+            }
+            Place::Point(_) => match found.next() {
+                Some((distance, face)) if distance <= FAR => Ok(face),
+                Some((distance, _)) => {
+                    let problem = format!("the place {place} is {:.3} away from the mesh", distance * unit);
+                    Err(self.wrong(number, problem, "give a point on the surface, in the units of the mesh file"))
+                }
+                None => Err(Error::internal("a place was not looked for")),
+            },
+        };
+        let mut faces = Vec::with_capacity(self.edits.len());
+        for (number, edit) in self.edits.iter().enumerate() {
+            faces.push(edit.places().iter().map(|place| face(number, place)).collect::<Result<Vec<u32>>>()?);
+        }
+        Ok(PlacedEdits { edits: self, faces })
+    }
+}
+
+/// Least and greatest corner of the box around those faces of `mesh` whose corners all lie in space; infinite, and the
+/// least above the greatest, where there are none. One pass.
+///
+/// # Errors
+/// [`Error::Cancelled`].
+pub fn bounds(mesh: &Mesh, run: &Run) -> Result<[[f64; 3]; 2]> {
+    let empty = [[f64::INFINITY; 3], [f64::NEG_INFINITY; 3]];
+    let grow = |[low, high]: &mut [[f64; 3]; 2], p: [f64; 3], q: [f64; 3]| {
+        (0..3).for_each(|k| (low[k], high[k]) = (low[k].min(p[k]), high[k].max(q[k])));
+    };
+    let boxes = run.map_ranges(mesh.faces.len(), CHUNK, |range| {
+        let mut all = empty;
+        mesh.faces.for_each(range, |_, corners| {
+            let mut own = empty;
+            let mut whole = true;
+            for &v in corners {
+                let p = mesh.positions.get(v);
+                whole &= finite(p);
+                grow(&mut own, p, p);
+            }
+            if whole {
+                grow(&mut all, own[0], own[1]);
+            }
+        });
+        Ok(all)
+    })?;
+    Ok(boxes.into_iter().fold(empty, |mut all, [low, high]| {
+        grow(&mut all, low, high);
+        all
+    }))
+}
+
+/// The middle of a mesh and its diagonal, not 0: what makes its coordinates those of a box of diagonal 1.
+struct Extent {
+    middle: [f64; 3],
+    diagonal: f64,
+}
+
+impl Extent {
+    fn of(mesh: &Mesh, run: &Run) -> Result<Self> {
+        let [low, high] = bounds(mesh, run)?;
+        let diagonal = diagonal([low, high]);
+        if !(diagonal > 0.) {
+            let middle = if finite(low) { low } else { [0.; 3] };
+            return Ok(Self { middle, diagonal: 1. });
+        }
+        Ok(Self { middle: [0, 1, 2].map(|k| low[k] / 2. + high[k] / 2.), diagonal: diagonal.min(f64::MAX) })
+    }
+
+    fn place(&self, p: [f64; 3]) -> [f64; 3] {
+        minus(p, self.middle).map(|x| x / self.diagonal)
+    }
+}
+
+/// The diagonal of a box; also where its square is beyond the doubles or below them.
+fn diagonal([low, high]: [[f64; 3]; 2]) -> f64 {
+    let [x, y, z] = [0, 1, 2].map(|k| high[k] / 2. - low[k] / 2.);
+    2. * x.hypot(y).hypot(z)
+}
+
+/// A point of edits whose mesh had the box `bounds`, in units of the mesh.
+fn scaled(bounds: Option<[[f64; 3]; 2]>, extent: &Extent, p: [f64; 3]) -> [f64; 3] {
+    let Some([low, high]) = bounds else { return p };
+    let ratio = extent.diagonal / diagonal([low, high]);
+    if !ratio.is_finite() || (1. / OTHER_UNITS..OTHER_UNITS).contains(&ratio) {
+        return p;
+    }
+    [0, 1, 2].map(|k| extent.middle[k] + (p[k] - (low[k] / 2. + high[k] / 2.)) * ratio)
+}
+
+/// The face nearest to each of `points`, and how far it is, all in the box of diagonal 1; of several as near the first.
+fn nearest(mesh: &Mesh, extent: &Extent, points: &[[f64; 3]], run: &Run) -> Result<Vec<(f64, u32)>> {
+    let n = mesh.faces.len();
+    let none = || vec![(f64::INFINITY, u32::MAX); points.len()];
+    let all = Mutex::new(none());
+    let keep = |best: &mut (f64, u32), found: (f64, u32)| {
+        if found < *best {
+            *best = found;
+        }
+    };
+    run.each_chunk(
+        chunk_count(n, CHUNK),
+        || (none(), Vec::new()),
+        |k, (best, at)| {
+            mesh.faces.for_each(chunk_range(n, CHUNK, k), |face, corners| {
+                at.clear();
+                at.extend(corners.iter().map(|&v| extent.place(mesh.positions.get(v))));
+                let (mut low, mut high) = ([f64::INFINITY; 3], [f64::NEG_INFINITY; 3]);
+                for p in at.iter() {
+                    (0..3).for_each(|k| (low[k], high[k]) = (low[k].min(p[k]), high[k].max(p[k])));
+                }
+                for (best, &p) in best.iter_mut().zip(points) {
+                    let out = [0, 1, 2].map(|k| (low[k] - p[k]).max(p[k] - high[k]).max(0.));
+                    let least = (out[0] * out[0] + out[1] * out[1] + out[2] * out[2]).sqrt();
+                    if least > best.0 {
+                        continue;
+                    }
+                    for k in 1..at.len().saturating_sub(1) {
+                        let triangle = [at[0], at[k], at[k + 1]];
+                        if triangle.iter().all(|&corner| finite(corner)) {
+                            // No less than what was enough to pass the face over, lest the order of faces decide.
+                            keep(best, (triangle_distance(triangle, p).max(least), face as u32));
+                        }
+                    }
+                }
+            });
+            Ok(())
+        },
+        |(own, _)| {
+            lock(&all).iter_mut().zip(own).for_each(|(best, found)| keep(best, found));
+            Ok(())
+        },
+    )?;
+    let found = lock(&all).clone();
+    Ok(found)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// The faces at the points of edits whose mesh had the box `bounds`.
+    fn faces(mesh: &Mesh, points: &[[f64; 3]], bounds: Option<[[f64; 3]; 2]>, threads: usize) -> Result<Vec<u32>> {
+        let edits = points.iter().map(|&p| Edit::Drop { at: Place::Point(p) }).collect();
+        let edits = Edits { edits, bounds, ..Edits::default() };
+        let run = Run { threads, ..Run::new(&()) };
+        Ok(edits.on(mesh, &run)?.faces.concat())
+    }
+
+    /// An axle: a prism of `n` sides of radius 2 and length 60, a ring at its end and a wider prism of length 4.
+    fn axle(n: u32) -> Mesh {
+        let ring = |&(r, z): &(f64, f64)| {
+            (0..n)
+                .map(move |i| f64::from(i) * std::f64::consts::TAU / f64::from(n))
+                .map(move |t| [r * t.cos(), r * t.sin(), z])
+        };
+        let points: Vec<[f64; 3]> = [(2., 0.), (2., 60.), (5., 60.), (5., 64.)].iter().flat_map(ring).collect();
+        let quad = |k: u32, i: u32| vec![k * n + i, k * n + (i + 1) % n, (k + 1) * n + (i + 1) % n, (k + 1) * n + i];
+        let mut quads: Vec<Vec<u32>> = (0..3).flat_map(|k| (0..n).map(move |i| quad(k, i))).collect();
+        quads.extend([(0..n).rev().collect(), (3 * n..4 * n).collect()]);
+        Mesh::from_slices(&points, &quads).unwrap()
+    }
+
+    #[test]
+    fn a_point_on_a_long_face_is_on_it() {
+        // Regression: faces counted as discs of their area, so that a point on such a quad was 12.765 away.
+        let mesh = axle(48);
+        let on_sides: Vec<[f64; 3]> = (0..48u32)
+            .map(|face| {
+                let share = f64::from(face + 1) / 50.;
+                mesh.faces.with(face as usize, |corners| {
+                    let [a, b, c, _] = [0, 1, 2, 3].map(|k| mesh.positions.get(corners[k]));
+                    [0, 1, 2].map(|k| a[k] + 0.5 * (b[k] - a[k]) + share * (c[k] - b[k]))
+                })
+            })
+            .collect();
+        let expected: Vec<u32> = (0..48).collect();
+        for threads in [1, 3] {
+            assert_eq!(faces(&mesh, &on_sides, None, threads).unwrap(), expected);
+        }
+        assert!(faces(&mesh, &[[2., 0., 15.]], None, 1).is_ok());
+        let told = faces(&mesh, &[[20., 0., 15.]], None, 1).unwrap_err().to_string();
+        assert!(told.contains("[20, 0, 15] is 18.000 away"), "{told}");
+        assert!(faces(&mesh, &[[f64::MAX; 3]], None, 1).is_err());
+    }
+
+    #[test]
+    fn neither_strays_nor_vertices_without_a_face_change_the_units() {
+        // Regression: they made the box of the mesh larger than that of its edits, so that places were scaled.
+        let w = 20u32;
+        let mut points: Vec<[f64; 3]> = (0..w * w).map(|i| [f64::from(i % w), f64::from(i / w), 0.]).collect();
+        let quads: Vec<[u32; 4]> =
+            (0..w * (w - 1)).filter(|i| i % w < w - 1).map(|i| [i, i + 1, i + w + 1, i + w]).collect();
+        let bounds = Some([[0.; 3], [19., 19., 0.]]);
+        let place = [3.4, 2.2, 0.];
+        let face = faces(&Mesh::from_slices(&points, &quads).unwrap(), &[place], bounds, 1).unwrap();
+        points[210] = [3e3, 0., 7.];
+        points.push([60., 60., 60.]);
+        let odd = Mesh::from_slices(&points, &quads).unwrap();
+        assert_eq!(faces(&odd, &[place], bounds, 1).unwrap(), face);
+        // In millimetres they are.
+        let large: Vec<[f64; 3]> = points.iter().map(|p| p.map(|x| 1e3 * x)).collect();
+        assert_eq!(faces(&Mesh::from_slices(&large, &quads).unwrap(), &[place], bounds, 1).unwrap(), face);
+    }
+
+    #[test]
+    fn coordinates_of_any_size_and_none() {
+        for scale in [1e-300, 1e300] {
+            let points = [[0., 0., 0.], [scale, 0., 0.], [scale, scale, 0.], [0., scale, 0.], [f64::NAN; 3]];
+            let mesh = Mesh::from_slices(&points, &[[0u32, 1, 4], [0, 1, 2], [0, 2, 3]]).unwrap();
+            let place = [0.1 * scale, 0.9 * scale, 0.];
+            assert_eq!(faces(&mesh, &[place], None, 1).unwrap(), [2]);
+            assert_eq!(faces(&mesh, &[[0.1, 0.9, 0.]], Some([[0.; 3], [1., 1., 0.]]), 1).unwrap(), [2]);
+        }
+        let nowhere = Mesh::from_slices(&[[f64::NAN; 3]; 3], &[[0u32, 1, 2]]).unwrap();
+        assert!(faces(&nowhere, &[[0.; 3]], None, 1).is_err());
+    }
+}
