@@ -110,7 +110,7 @@
     update();
     showAll();
   }
-  const point = (t) => Array.from(middle(t), (x, k) => Number((data.low[k] + (x + centre[k]) * data.side).toPrecision(9)));
+  const point = (t) => Array.from(middle(t), (x, k) => data.low[k] + (x + centre[k]) * data.side);
   function text() {
     const own = edits.map(({ edit, at, into, name, hex }) => {
       const places = at.map(point);

@@ -25,6 +25,8 @@ use thin::Thin;
 
 /// Triangles of the page's mesh at about the most.
 pub const TRIANGLES: usize = 120_000;
+/// Labels are below: the page has two bytes for each.
+const MOST_PARTS: usize = 1 << 16;
 
 const TEMPLATE: &str = include_str!("page.html");
 /// Edits on cells, boundaries, drawing, what clicks correct, and what turns the view: one script.
@@ -107,9 +109,9 @@ fn packed<T: bytemuck::NoUninit>(items: &[T]) -> String {
     STANDARD.encode(bytemuck::cast_slice(items))
 }
 
-/// `count` labels as bytes: two each.
+/// Labels below [`MOST_PARTS`], or cells, as bytes: two each.
 fn short(labels: impl Iterator<Item = u32>) -> String {
-    packed(&labels.map(|label| label.min(0xffff) as u16).collect::<Vec<_>>())
+    packed(&labels.map(|label| label as u16).collect::<Vec<_>>())
 }
 
 /// `template` with each of the `places` replaced by its text, which is not looked into again: a mesh
@@ -131,7 +133,8 @@ impl Page<'_> {
     /// Writes the page to `path`, under a temporary name first.
     ///
     /// # Errors
-    /// [`Error::Parameter`] for labels that do not fit the faces or a mesh without any in space; [`Error::Memory`];
+    /// [`Error::Parameter`] for labels that do not fit the faces or are beyond 65,535; [`Error::Unusable`] for a mesh
+    /// without a face in space; [`Error::Memory`];
     /// [`Error::Io`]; [`Error::Cancelled`].
     pub fn write(&self, path: &Path, run: &Run) -> Result<()> {
         let text = self.html(run)?;
@@ -152,12 +155,18 @@ impl Page<'_> {
                 return Err(Error::parameter(name, problem, "give one for every face of the mesh"));
             }
         }
-        let axes = picture::best_view(self.mesh, Some(self.labels), self.colours.len(), run)?;
+        if let Some(label) = self.labels.iter().find(|label| **label as usize >= MOST_PARTS) {
+            let problem = format!("{label} is too great a label for a page");
+            return Err(Error::parameter("labels", problem, "number the parts from 0"));
+        }
+        // As the program computes with it, so that places and box mean the same there.
+        let shown = &Page { mesh: &self.mesh.without_strays(run)?, ..*self };
+        let axes = picture::best_view(shown.mesh, Some(self.labels), self.colours.len(), run)?;
         let bytes = thin::BYTES * TRIANGLES as u64;
         let _grant = run.budget.take("the page's mesh", bytes / 4, bytes)?;
-        let thin = Thin::of(self.mesh, TRIANGLES, run)?;
+        let thin = Thin::of(shown.mesh, TRIANGLES, run)?;
         // No text of the data can end the script element or begin a comment there.
-        let data = self.data(&thin, axes).to_string().replace('<', "\\u003c");
+        let data = shown.data(&thin, axes).to_string().replace('<', "\\u003c");
         let title = self.title.replace('&', "&amp;").replace('<', "&lt;").replace('>', "&gt;");
         let places = [("/*STYLE*/", STYLE), ("{{TITLE}}", &title), ("/*SCRIPT*/", SCRIPT), ("\"DATA\"", &data)];
         Ok(filled(TEMPLATE, &places))
@@ -165,10 +174,7 @@ impl Page<'_> {
 
     /// What the script is given.
     fn data(&self, thin: &Thin, axes: [[f64; 3]; 3]) -> serde_json::Value {
-        let (mut low, mut high) = ([f64::INFINITY; 3], [f64::NEG_INFINITY; 3]);
-        for p in &thin.positions {
-            (0..3).for_each(|k| (low[k], high[k]) = (low[k].min(p[k]), high[k].max(p[k])));
-        }
+        let [low, high] = thin.bounds;
         let side = (0..3).map(|k| high[k] - low[k]).fold(0., f64::max).max(f64::MIN_POSITIVE);
         let quantised = |p: [f64; 3]| [0, 1, 2].map(|k| ((p[k] - low[k]) / side * 65535.).round() as u16);
         let positions: Vec<[u16; 3]> = thin.positions.iter().map(|&p| quantised(p)).collect();
@@ -190,7 +196,7 @@ impl Page<'_> {
             "positions": packed(&positions),
             "triangles": packed(&thin.triangles),
             "labels": of_faces(self.labels),
-            "colours": self.colours,
+            "colours": self.colours.get(..MOST_PARTS).unwrap_or(self.colours),
             "names": self.names,
             "edits": self.edits,
             "whole": thin.faces.iter().copied().eq(0..self.mesh.faces.len() as u32),

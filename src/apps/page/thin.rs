@@ -1,9 +1,9 @@
 //! A mesh thinned to a size that a browser can draw, by merging the vertices of each cell of a grid.
 //!
-//! One pass over the positions gives the box, one over the faces the area and with it the size of the cells, a third
-//! merges: vertices of a cell become their mean, faces that still have three different corners stay, once each.
+//! One pass over the faces gives the box, one the area and with it the size of the cells, a third merges: vertices of a cell become their mean, faces that still have three different corners stay, once each.
 //! No more is kept than the thinned mesh, so any size goes through. A mesh that is small enough is taken as it is.
 
+use crate::apps::edits::bounds;
 use crate::base::Result;
 use crate::base::vector::{self, finite};
 use crate::mesh::Mesh;
@@ -24,6 +24,8 @@ pub struct Thin {
     pub triangles: Vec<[u32; 3]>,
     /// For each triangle a face of the mesh that it stands for.
     pub faces: Vec<u32>,
+    /// Least and greatest corner of the box of the mesh ([`bounds`]); 0 where no face lies in space.
+    pub bounds: [[f64; 3]; 2],
 }
 
 impl Thin {
@@ -33,7 +35,11 @@ impl Thin {
     /// [`crate::base::Error::Cancelled`].
     pub fn of(mesh: &Mesh, target: usize, run: &Run) -> Result<Self> {
         let triangles = mesh.faces.corner_count().saturating_sub(2 * mesh.faces.len());
-        let (low, side, area) = measure(mesh, run)?;
+        let bounds = bounds(mesh, run)?;
+        let bounds = if bounds[0][0] <= bounds[1][0] { bounds } else { [[0.; 3]; 2] };
+        let [low, high] = bounds;
+        let side = (0..3).map(|k| high[k] - low[k]).fold(0., f64::max);
+        let area = area(mesh, run)?;
         // A surface of area A meets some 2 A / h² triangles' worth of cells of size h.
         let size = match triangles <= target {
             true => 0.,
@@ -41,7 +47,7 @@ impl Thin {
         };
         let mut merged = Merged { low, size, ..Merged::default() };
         let mut seen: HashSet<[u32; 3]> = HashSet::new();
-        let mut thin = Self::default();
+        let mut thin = Self { bounds, ..Self::default() };
         for_faces(mesh, run, |face, corners, positions| {
             let at: Vec<u32> = corners.iter().zip(positions).map(|(&v, &p)| merged.vertex(v, p)).collect();
             for k in 1..at.len().saturating_sub(1) {
@@ -105,20 +111,13 @@ fn for_faces(mesh: &Mesh, run: &Run, mut visit: impl FnMut(usize, &[u32], &[[f64
     Ok(())
 }
 
-/// Least corner of the box around the faces, its longest side, and their area.
-fn measure(mesh: &Mesh, run: &Run) -> Result<([f64; 3], f64, f64)> {
-    let (mut low, mut high, mut area) = ([f64::INFINITY; 3], [f64::NEG_INFINITY; 3], 0.);
+/// The area of the faces.
+fn area(mesh: &Mesh, run: &Run) -> Result<f64> {
+    let mut area = 0.;
     for_faces(mesh, run, |_, _, at| {
-        for p in at {
-            for k in 0..3 {
-                low[k] = p[k].min(low[k]);
-                high[k] = p[k].max(high[k]);
-            }
-        }
         for k in 1..at.len().saturating_sub(1) {
             area += vector::area([at[0], at[k], at[k + 1]]);
         }
     })?;
-    let side = (0..3).map(|k| high[k] - low[k]).fold(0., f64::max);
-    Ok((low.map(|x| if x.is_finite() { x } else { 0. }), side, area))
+    Ok(area)
 }
