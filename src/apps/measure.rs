@@ -3,10 +3,12 @@
 //!
 //! Faces that share an edge come from the [dual graph](crate::graph), so edges at the same position count as one
 //! whatever their vertices are. One pass over the faces adds up what each part has; a part's volume is given only where
-//! its surface is closed and wound one way. Cost: the graph (60 bytes per face in a work directory or in memory), some
-//! 200 ns per face, and 100 bytes per open edge while loops are counted.
+//! its surface is closed and wound one way. Stray vertices count where they are put
+//! ([`Mesh::without_strays`]). Cost: the graph (60 bytes per face in a work directory or in memory), some 200 ns per
+//! face, [`PER_LABEL`] bytes per label that occurs, and 100 per open edge while loops are counted.
 
 use crate::base::eigen;
+use crate::base::parallel::{chunk_count, chunk_range};
 use crate::base::union_find::Forest;
 use crate::base::vector::{area, cross, distance, dot, finite, minus};
 use crate::base::{Error, Result};
@@ -21,6 +23,8 @@ use std::collections::{BTreeMap, HashMap};
 const CHUNK: usize = 1 << 14;
 /// Bytes that an open edge takes while loops are counted.
 const OPEN: u64 = 100;
+/// Bytes per label: sums, measures, and a row of a table.
+const PER_LABEL: u64 = 1024;
 
 /// A part that another one touches.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
@@ -335,12 +339,24 @@ fn sums(
     let grant = if wants_loops { context.run.budget.take("open edges", bytes, bytes).ok() } else { None };
     let unit = Unit::of(&graph.facts.frame);
     let faces = Faces { mesh, labels, neighbours: graph.edges.by_shared_edge(), unit };
-    let shares = context.run.map_ranges(mesh.faces.len(), CHUNK, |range| Ok(faces.share(range, grant.is_some())))?;
     let (mut all, mut open) = (BTreeMap::<u32, Sums>::new(), Vec::new());
-    for (sums, edges) in shares {
-        sums.iter().for_each(|(&label, sums)| all.entry(label).or_default().add(sums));
-        open.extend(edges);
-    }
+    let mut granted = Vec::new();
+    let n = mesh.faces.len();
+    context.run.in_order(
+        chunk_count(n, CHUNK),
+        || (),
+        |k, ()| Ok(faces.share(chunk_range(n, CHUNK, k), grant.is_some())),
+        |_, (sums, edges): Share| {
+            let known = all.len();
+            sums.iter().for_each(|(&label, sums)| all.entry(label).or_default().add(sums));
+            open.extend(edges);
+            let bytes = PER_LABEL * (all.len() - known) as u64;
+            if bytes > 0 {
+                granted.push(context.run.budget.take("what parts measure", bytes, bytes)?);
+            }
+            Ok(())
+        },
+    )?;
     Ok((all, grant.map(|_| loops(&open))))
 }
 
@@ -364,6 +380,7 @@ fn sums(
 /// # Errors
 /// As [`DualGraph::build`].
 pub fn mesh(mesh: &Mesh, context: Context<'_>) -> Result<MeshMeasures> {
+    let mesh = &mesh.without_strays(context.run)?;
     let graph = graph(mesh, context)?;
     let (sums, boundary_loops) = sums(mesh, None, &graph, true, context)?;
     let all = sums.into_values().next().unwrap_or_default().measures(Unit::of(&graph.facts.frame));
@@ -386,7 +403,7 @@ pub fn mesh(mesh: &Mesh, context: Context<'_>) -> Result<MeshMeasures> {
         nonmanifold_edges,
         degenerate_faces,
         welded_edges,
-        stray_vertices: mesh.without_strays(context.run)?.strays() as u64,
+        stray_vertices: mesh.strays() as u64,
         unoriented_edges,
         all,
     })
@@ -396,20 +413,33 @@ pub fn mesh(mesh: &Mesh, context: Context<'_>) -> Result<MeshMeasures> {
 /// The graph goes to the work directory of `context`, which holds no other.
 ///
 /// # Errors
-/// [`Error::Parameter`] for labels that do not fit the faces or are not below `parts`; else as [`DualGraph::build`].
+/// As [`labelled`], and [`Error::Parameter`] for labels that are not below `parts`.
 pub fn parts(mesh: &Mesh, labels: &[u32], parts: usize, context: Context<'_>) -> Result<Vec<Measures>> {
-    let wrong =
-        |problem: String| Error::parameter("labels", problem, "give one below the number of parts for every face");
-    if labels.len() != mesh.faces.len() {
-        return Err(wrong(format!("{} for {} faces", labels.len(), mesh.faces.len())));
-    }
     if let Some(label) = labels.iter().find(|label| **label as usize >= parts) {
-        return Err(wrong(format!("{label} is none of {parts} parts")));
+        let problem = format!("{label} is none of {parts} parts");
+        return Err(Error::parameter("labels", problem, "give one below the number of parts for every face"));
     }
+    let mut found = labelled(mesh, labels, context)?;
+    let nothing = || Sums::default().measures(Unit { origin: [0.; 3], unit: 1. });
+    Ok((0..parts as u32).map(|part| found.remove(&part).unwrap_or_else(nothing)).collect())
+}
+
+/// Measures the faces of each label that occurs on `mesh`, which has a label per face. The graph goes to the work
+/// directory of `context`, which holds no other.
+///
+/// # Errors
+/// [`Error::Parameter`] for labels that do not fit the faces; [`Error::Memory`] for more labels than the budget has
+/// room for; else as [`DualGraph::build`].
+pub fn labelled(mesh: &Mesh, labels: &[u32], context: Context<'_>) -> Result<BTreeMap<u32, Measures>> {
+    if labels.len() != mesh.faces.len() {
+        let problem = format!("{} for {} faces", labels.len(), mesh.faces.len());
+        return Err(Error::parameter("labels", problem, "give one for every face of the mesh"));
+    }
+    let mesh = &mesh.without_strays(context.run)?;
     let graph = graph(mesh, context)?;
-    let (mut sums, _) = sums(mesh, Some(labels), &graph, false, context)?;
+    let (sums, _) = sums(mesh, Some(labels), &graph, false, context)?;
     let unit = Unit::of(&graph.facts.frame);
-    Ok((0..parts as u32).map(|part| sums.remove(&part).unwrap_or_default().measures(unit)).collect())
+    Ok(sums.into_iter().map(|(label, sums)| (label, sums.measures(unit))).collect())
 }
 
 /// The last columns of the table.
@@ -421,9 +451,9 @@ fn quoted(word: &str) -> String {
     if word.contains([',', '"', '\n', '\r']) { format!("\"{}\"", word.replace('"', "\"\"")) } else { word.into() }
 }
 
-/// The table of `measures`, one row per part, as comma-separated values with a header; parts may have `names`, and an
-/// `agreement`: the share of people who are expected to have them.
-pub fn table(measures: &[Measures], colours: &[[u8; 3]], names: &[String], agreement: &[f64]) -> String {
+/// The table of `measures`, a row per label that occurs, as comma-separated values with a header; parts may have `names`,
+/// and an `agreement`: the share of people who are expected to have them.
+pub fn table(measures: &BTreeMap<u32, Measures>, colours: &[[u8; 3]], names: &[String], agreement: &[f64]) -> String {
     let axes = ["x", "y", "z"];
     let three = |name: &str| axes.map(|axis| format!("{name}_{axis}"));
     let mut header = vec!["label".to_string(), "faces".into(), "area".into(), "volume".into()];
@@ -432,7 +462,7 @@ pub fn table(measures: &[Measures], colours: &[[u8; 3]], names: &[String], agree
     );
     header.extend(LAST.map(String::from));
     let mut text = header.join(",") + "\n";
-    for (label, part) in measures.iter().enumerate() {
+    for (&label, part) in measures {
         let mut row = vec![label.to_string(), part.faces.to_string(), part.area.to_string()];
         row.push(part.volume.map_or(String::new(), |volume| volume.to_string()));
         let bounds = part.bounds.map_or([const { None }; 6], |[low, high]| {
@@ -443,11 +473,12 @@ pub fn table(measures: &[Measures], colours: &[[u8; 3]], names: &[String], agree
         row.extend(bounds.map(|x| x.map_or(String::new(), |x| x.to_string())));
         row.extend(part.centroid.iter().chain(part.axes.iter().flatten()).chain(&part.spread).map(f64::to_string));
         row.push(part.open_edges.to_string());
-        row.push(agreement.get(label).map_or(String::new(), |share| format!("{share:.3}")));
-        let [r, g, b] = colours.get(label).copied().unwrap_or([128; 3]);
+        let place = label as usize;
+        row.push(agreement.get(place).map_or(String::new(), |share| format!("{share:.3}")));
+        let [r, g, b] = colours.get(place).copied().unwrap_or([128; 3]);
         row.push(format!("#{r:02x}{g:02x}{b:02x}"));
         row.push(part.neighbours.iter().map(|other| other.label.to_string()).collect::<Vec<_>>().join(" "));
-        row.push(names.get(label).map_or(String::new(), |name| quoted(name)));
+        row.push(names.get(place).map_or(String::new(), |name| quoted(name)));
         text += &(row.join(",") + "\n");
     }
     text
@@ -516,7 +547,8 @@ mod tests {
         assert_eq!(all[0].neighbours, [Neighbour { label: 1, length: 4. }]);
         assert_eq!(all[1].neighbours, [Neighbour { label: 0, length: 4. }]);
         assert!(all[2].neighbours.is_empty());
-        let text = table(&all, &[[255, 0, 16]], &["left, \"upper\"".into()], &[0.75]);
+        let text = with(|context| labelled(&both, &labels, context)).unwrap();
+        let text = table(&text, &[[255, 0, 16]], &["left, \"upper\"".into()], &[0.75]);
         let row = text.lines().nth(1).unwrap();
         assert!(row.ends_with(",0.750,#ff0010,1,\"left, \"\"upper\"\"\""), "{row}");
         assert!(
@@ -527,5 +559,42 @@ mod tests {
         let turned = Mesh::from_slices(&points, &faces).unwrap();
         assert_eq!(with(|context| mesh(&turned, context)).unwrap().all.volume, None);
         assert!(with(|context| parts(&both, &labels, 2, context)).is_err());
+    }
+
+    #[test]
+    fn labels_that_do_not_occur_have_no_row_and_take_no_memory() {
+        // Regression: a row, and 200 bytes, for every number up to the greatest label.
+        let (points, faces) = cuboid([0.; 3], [1.; 3]);
+        let mesh = Mesh::from_slices(&points, &faces).unwrap();
+        let labels: Vec<u32> = (0..12).map(|face| if face < 2 { 7 } else { 4_000_000_000 }).collect();
+        let all = with(|context| labelled(&mesh, &labels, context)).unwrap();
+        let text = table(&all, &[], &[], &[]);
+        let rows: Vec<&str> = text.lines().skip(1).map(|row| row.split(',').next().unwrap()).collect();
+        assert_eq!(rows, ["7", "4000000000"]);
+        // Labels that occur are drawn from the budget: one for every face is too many here.
+        let many: Vec<u32> = (0..20_000).collect();
+        let strip: Vec<[f64; 3]> = (0..20_002).map(|k| [f64::from(k / 2), f64::from(k % 2), 0.]).collect();
+        let strip = Mesh::from_vecs(strip, many.iter().map(|&k| [k, k + 1, k + 2]).collect()).unwrap();
+        let folder = WorkDir::temporary(&std::env::temp_dir()).unwrap();
+        let run = Run { budget: crate::store::Budget::new(16 << 20), threads: 1, ..Run::new(&()) };
+        let found = labelled(&strip, &many, Context::new(&folder, &run));
+        assert!(matches!(found, Err(Error::Memory { .. })), "{found:?}");
+    }
+
+    #[test]
+    fn strays_are_measured_where_they_are_put() {
+        // Regression: the box and area of a table and of `info` were those of the stray.
+        let w = 20u32;
+        let mut points: Vec<[f64; 3]> = (0..w * w).map(|i| [f64::from(i % w), f64::from(i / w), 0.]).collect();
+        let quads: Vec<[u32; 4]> =
+            (0..w * (w - 1)).filter(|i| i % w < w - 1).map(|i| [i, i + 1, i + w + 1, i + w]).collect();
+        points[210] = [3e3, 0., 7.];
+        let sheet = Mesh::from_slices(&points, &quads).unwrap();
+        let (all, part) = (
+            with(|context| mesh(&sheet, context)).unwrap(),
+            with(|context| parts(&sheet, &[0; 361], 1, context)).unwrap(),
+        );
+        assert_eq!((all.stray_vertices, all.all.bounds), (1, Some([[0.; 3], [19., 19., 0.]])));
+        assert!((part[0].area - 361.).abs() < 1e-9 && part[0].bounds == all.all.bounds);
     }
 }

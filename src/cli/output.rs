@@ -8,7 +8,7 @@ use nystrom_stream::apps::edits::Edits;
 use nystrom_stream::apps::export::parquet::{self, Coordinates};
 use nystrom_stream::apps::export::split::{self, Folder, PartForm};
 use nystrom_stream::apps::export::{glb, obj};
-use nystrom_stream::apps::measure::{self, Measures};
+use nystrom_stream::apps::measure;
 use nystrom_stream::apps::page::{CellModel, Cuts, Page};
 use nystrom_stream::apps::picture::{self, PictureParams};
 use nystrom_stream::base::{Error, Result, Told, printable};
@@ -319,7 +319,8 @@ impl Output {
             }
             Self::Parquet(path) => parquet::write(path, mesh, labelling, *embedding, true, run),
             Self::Csv(path) => {
-                let measures = measured(mesh, labelling, path, run)?;
+                let of_labels = |context: Context<'_>| measure::labelled(mesh, labelling.labels, context);
+                let measures = measured(path, run, of_labels)?;
                 json::publish(
                     path,
                     measure::table(&measures, labelling.colours, labelling.names, results.agreement).as_bytes(),
@@ -391,11 +392,11 @@ pub fn check_names(names: Option<&Path>, outputs: &[Output], json: &JsonArgs) ->
     Ok(())
 }
 
-/// What the parts of `mesh` measure; the graph that tells which faces touch goes beside `path`.
-pub fn measured(mesh: &Mesh, labelling: &Labelling, path: &Path, run: &Run) -> Result<Vec<Measures>> {
+/// What `measure` finds without telling of its stages; the graph that says which faces touch goes beside `path`.
+pub fn measured<R>(path: &Path, run: &Run, measure: impl FnOnce(Context<'_>) -> Result<R>) -> Result<R> {
     let work = WorkDir::temporary(&folder_of(path))?.holding(&run.budget);
     let silent = Run { threads: run.threads, budget: run.budget.clone(), cancel: run.cancel.clone(), ..Run::new(&()) };
-    measure::parts(mesh, labelling.labels, labelling.colours.len(), Context::new(&work, &silent))
+    measure(Context::new(&work, &silent))
 }
 
 /// A number with as many significant digits as the precision says; without an exponent where it

@@ -15,6 +15,7 @@ use super::progress::{Bars, BatchBars, Style, human, tell};
 use super::sink::{OpenSink, Sink, check_distinct, check_outside, folder_of};
 use super::stages::{KeptEmbedding, embedding};
 use nystrom_stream::apps::edits::Edits;
+use nystrom_stream::apps::measure;
 use nystrom_stream::base::parallel::{catch, spawn};
 use nystrom_stream::base::{Error, Progress, Result};
 use nystrom_stream::mesh::ply::labelled::Labelling;
@@ -315,7 +316,8 @@ pub fn one(job: &Job, task: Task<'_>, bars: &Bars, run: &Run, app: &AppContext) 
     })?;
     let mut all = report()?;
     if args.measure {
-        all.measures = Some(measured(&opened, &results.labelling, &work.file("measures"), run)?);
+        let of_parts = |context: Context<'_>| measure::parts(&opened, &result.labels, result.colours.len(), context);
+        all.measures = Some(measured(&work.file("measures"), run, of_parts)?);
     }
     Ok(all)
 }

@@ -76,6 +76,8 @@ pub fn run(args: &TransferArgs, app: &AppContext) -> Result<(), CliError> {
     ));
     let colours = match known {
         Some(colours) => colours,
+        // A colour for each number up to the greatest label would be for nothing.
+        None if !outputs.iter().any(Output::needs_mesh) => Vec::new(),
         None => colours_for(&to, &result.labels, &run)?,
     };
     let names = match (&args.labels, from.document()) {
