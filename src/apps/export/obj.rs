@@ -3,8 +3,8 @@
 //! Of an OBJ input everything that faces use stays: positions with their colours, texture coordinates, normals,
 //! materials and smoothing groups, each line as it stands; its own groups give way to those of the parts. A mesh of
 //! another format, or one without materials, gets a material per part in the colours of the labels, in a `.mtl` beside
-//! the `.obj`. Cost: one pass over the vertices and one per part over the labels; of an OBJ input three passes over its
-//! text and 24 bytes per face, and the text of faces whose numbers count backwards.
+//! the `.obj`. Cost: one pass over the vertices and one per part over the labels; of an OBJ input two passes over its
+//! text, and 24 bytes per face, 48 where numbers count backwards, in memory or in a temporary file.
 
 use super::split::plain_name;
 use super::{CHUNK, parts};
@@ -13,32 +13,26 @@ use crate::mesh::import::statements;
 use crate::mesh::output::{Gather, by_rename};
 use crate::mesh::ply::{Encoder, Encoding, Scalar};
 use crate::mesh::{Labelling, Mesh};
-use crate::store::{MappedBytes, Run};
-use std::io::Write as _;
-use std::path::Path;
+use crate::store::npy::ArrayMut;
+use crate::store::{MappedBytes, MappedSlice, Run, WorkDir};
+use std::collections::BTreeSet;
+use std::io::{Read as _, Write as _};
+use std::path::{Path, PathBuf};
 
-/// Bytes kept per face of an OBJ input.
-const PER_FACE: u64 = 24;
-
-/// A face of the input: its line, and the statements in force.
-#[derive(Clone, Copy)]
-struct Face {
-    start: u64,
-    len: u32,
-    /// Whether the line lies in [`Source::rewritten`].
-    rewritten: bool,
-    /// One more than the number of the line `usemtl`, and of `s`; 0: none yet.
-    material: u32,
-    smoothing: u32,
-}
+/// What a file of our materials begins with.
+const OURS: &str = "# colours of parts, by nystrom-stream\n";
+/// A material that no library has, after which faces are as before the first `usemtl`.
+const NO_MATERIAL: &[u8] = b"usemtl no_material";
 
 /// The text of an OBJ input, with its faces.
 struct Source<'a> {
     bytes: &'a [u8],
-    faces: Vec<Face>,
-    rewritten: Vec<u8>,
-    materials: Vec<&'a [u8]>,
-    smoothings: Vec<&'a [u8]>,
+    /// For each face (n, 3) where its line begins, and one more than where those of the `usemtl` and `s` in force do;
+    /// 0: none yet.
+    lines: MappedSlice<u64>,
+    /// How many v, vt and vn come before it (n, 3), where any face counts back from them.
+    counts: Option<MappedSlice<u64>>,
+    has_materials: bool,
 }
 
 /// The numbers of a face's corners, absolute where they count back from the `counts` of v, vt and vn so far.
@@ -59,57 +53,104 @@ fn absolute(text: &[u8], counts: [u64; 3], out: &mut Vec<u8>) {
     }
 }
 
+/// Three numbers of a face.
+fn three(numbers: &[u64], face: usize) -> [u64; 3] {
+    [numbers[3 * face], numbers[3 * face + 1], numbers[3 * face + 2]]
+}
+
 impl<'a> Source<'a> {
     /// The faces of the text `bytes`; nothing where they are not `n`, since it is not the mesh then.
-    fn of(bytes: &'a [u8], n: usize, run: &Run) -> Result<Option<Self>> {
-        let mut source = Self {
-            bytes,
-            faces: Vec::with_capacity(n),
-            rewritten: Vec::new(),
-            materials: Vec::new(),
-            smoothings: Vec::new(),
-        };
-        let mut counts = [0u64; 3];
+    fn of(bytes: &'a [u8], n: usize, work: &WorkDir, run: &Run) -> Result<Option<Self>> {
+        let mut lines = work.array::<u64>("lines.npy", &[n, 3])?;
+        let mut relative: Option<ArrayMut<u64>> = None;
+        let (mut faces, mut counts, mut in_force) = (0, [0u64; 3], [0u64; 2]);
         for (keyword, text) in statements(bytes) {
+            let start = (text.as_ptr() as usize - bytes.as_ptr() as usize) as u64;
             match keyword {
                 b"v" => counts[0] += 1,
                 b"vt" => counts[1] += 1,
                 b"vn" => counts[2] += 1,
-                b"usemtl" => source.materials.push(text),
-                b"s" => source.smoothings.push(text),
+                b"usemtl" => in_force[0] = start + 1,
+                b"s" => in_force[1] = start + 1,
                 b"f" | b"fo" => {
-                    if source.faces.len().is_multiple_of(CHUNK) {
+                    if faces % CHUNK == 0 {
                         run.cancel.check()?;
                     }
-                    let (material, smoothing) = (source.materials.len() as u32, source.smoothings.len() as u32);
-                    let rewritten = text.contains(&b'-');
-                    let (start, len) = if rewritten {
-                        let start = source.rewritten.len();
-                        absolute(text, counts, &mut source.rewritten);
-                        (start, source.rewritten.len() - start)
-                    } else {
-                        (text.as_ptr() as usize - bytes.as_ptr() as usize, text.len())
-                    };
-                    let (start, len) = (start as u64, len as u32);
-                    source.faces.push(Face { start, len, rewritten, material, smoothing });
+                    if faces == n {
+                        return Ok(None);
+                    }
+                    let own = 3 * faces..3 * faces + 3;
+                    lines.data()[own.clone()].copy_from_slice(&[start, in_force[0], in_force[1]]);
+                    if text.contains(&b'-') {
+                        if relative.is_none() {
+                            relative = Some(work.array::<u64>("counts.npy", &[n, 3])?);
+                        }
+                        relative.iter_mut().for_each(|all| all.data()[own.clone()].copy_from_slice(&counts));
+                    }
+                    faces += 1;
                 }
                 _ => {}
             }
         }
-        Ok((source.faces.len() == n).then_some(source))
+        if faces < n {
+            return Ok(None);
+        }
+        let counts = relative.map(|all| all.finish(false)).transpose()?;
+        Ok(Some(Self { bytes, lines: lines.finish(false)?, counts, has_materials: in_force[0] > 0 }))
     }
 
-    fn line(&self, face: Face) -> &[u8] {
-        let text = if face.rewritten { &self.rewritten[..] } else { self.bytes };
-        &text[face.start as usize..face.start as usize + face.len as usize]
+    /// The statement that begins at `start`.
+    fn statement(&self, start: u64) -> &'a [u8] {
+        statements(&self.bytes[start as usize..]).next().map_or(&[][..], |(_, text)| text)
+    }
+
+    /// Appends the line of `face`, which begins at `start`.
+    fn line(&self, face: usize, start: u64, out: &mut Vec<u8>) {
+        let text = self.statement(start);
+        match self.counts.as_ref().filter(|_| text.contains(&b'-')) {
+            Some(counts) => absolute(text, three(counts, face), out),
+            None => out.extend_from_slice(text),
+        }
     }
 }
 
-/// Writes `path`, by rename, and where the input has no materials the file of the same name with `.mtl` before it.
+/// Whether the file `path` is one of our materials, or there is none.
+fn is_free(path: &Path) -> bool {
+    let mut begin = vec![0; OURS.len()];
+    match std::fs::File::open(path) {
+        Ok(mut file) => file.read_exact(&mut begin).is_ok() && begin == OURS.as_bytes(),
+        Err(error) => error.kind() == std::io::ErrorKind::NotFound,
+    }
+}
+
+/// Where the materials of the OBJ file `path` go: not over a file of somebody else's.
+fn material_file(path: &Path) -> PathBuf {
+    let endings = (2..).map(|k| format!("parts{k}.mtl"));
+    let all = ["mtl".to_string(), "parts.mtl".into()].into_iter().chain(endings).map(|end| path.with_extension(end));
+    all.take(1000).find(|place| is_free(place)).unwrap_or_else(|| path.with_extension("mtl"))
+}
+
+/// The names of objects, no two alike: with its number after it where another part has the name of a part.
+fn names(parts: usize, labelling: &Labelling) -> Vec<String> {
+    let mut taken = BTreeSet::new();
+    let free = |part: usize| {
+        let mut name = plain_name(labelling.name(part));
+        if name.is_empty() {
+            name = format!("part_{part}");
+        }
+        while !taken.insert(name.clone()) {
+            name += &format!("_{part}");
+        }
+        name
+    };
+    (0..parts).map(free).collect()
+}
+
+/// Writes `path`, by rename, and where the input has no materials the file of the same name with `.mtl` before it; with
+/// `.parts.mtl` and a note where that is somebody else's.
 ///
 /// # Errors
-/// [`Error::Parameter`] for labels that do not fit the faces; [`Error::Memory`] for an OBJ input whose faces find no
-/// room; [`Error::Io`]; [`Error::Cancelled`].
+/// [`Error::Parameter`] for labels that do not fit the faces; [`Error::Io`]; [`Error::Cancelled`].
 pub fn write(path: &Path, mesh: &Mesh, labelling: &Labelling, durable: bool, run: &Run) -> Result<()> {
     let parts = parts(mesh, labelling)?;
     let n = mesh.faces.len();
@@ -117,14 +158,18 @@ pub fn write(path: &Path, mesh: &Mesh, labelling: &Labelling, durable: bool, run
         Ok(bytes) if crate::mesh::import::name(mesh.path(), &bytes) == "OBJ" => Some(bytes),
         _ => None,
     };
-    let room = bytes.as_ref().map_or(0, |_| PER_FACE * n as u64);
-    let _grant = run.budget.take("lines of the OBJ file", room, room)?;
-    let source = bytes.as_ref().map(|bytes| Source::of(bytes, n, run)).transpose()?.flatten();
-    let own = source.as_ref().is_none_or(|source| source.materials.is_empty());
-    let materials = path.with_extension("mtl");
+    let folder = path.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."));
+    let work = WorkDir::in_memory(folder, &run.budget);
+    let source = bytes.as_ref().map(|bytes| Source::of(bytes, n, &work, run)).transpose()?.flatten();
+    let own = source.as_ref().is_none_or(|source| !source.has_materials);
+    let materials = material_file(path);
     if own {
+        if materials != path.with_extension("mtl") {
+            let kept = path.with_extension("mtl");
+            run.progress.note(&format!("{} stays: the materials go to {}", kept.display(), materials.display()));
+        }
         by_rename(&materials, 0, durable, |file| {
-            let mut text = String::from("# colours of parts, by nystrom-stream\n");
+            let mut text = String::from(OURS);
             for part in 0..parts {
                 let colour = labelling.colours.get(part).copied().unwrap_or([128; 3]);
                 let [r, g, b] = colour.map(|part| f64::from(part) / 255.);
@@ -144,12 +189,19 @@ pub fn write(path: &Path, mesh: &Mesh, labelling: &Labelling, durable: bool, run
             Some(source) => vertices_of(source, mesh.path(), path, &mut out, run)?,
             None => vertices(mesh, &mut out)?,
         }
-        for part in 0..parts {
-            let (part, source) = (part as u32, source.as_ref());
-            ObjPart { mesh, labelling, source, own, part, material: 0, smoothing: 0 }.write(&mut out, run)?;
+        let mut writer = ObjParts { mesh, labelling, source: source.as_ref(), own, in_force: [0; 2] };
+        for (part, name) in names(parts, labelling).iter().enumerate() {
+            writer.write(part as u32, name, &mut out, run)?;
         }
         out.finish()
     })
+}
+
+/// The files that the words after `mtllib` name in `folder`: one, if there is such a file, with blanks in its name.
+fn libraries(names: &[u8], folder: &Path) -> Vec<PathBuf> {
+    let names = String::from_utf8_lossy(names);
+    let whole = folder.join(names.trim());
+    if whole.exists() { vec![whole] } else { names.split_whitespace().map(|name| folder.join(name)).collect() }
 }
 
 /// Everything of the input but faces and what is said of them.
@@ -162,9 +214,9 @@ fn vertices_of(source: &Source, from: &Path, to: &Path, out: &mut Gather, run: &
         match keyword {
             // From another folder, the materials and their pictures are found where they lie.
             b"mtllib" if folder(from) != folder(to) => {
-                let name = String::from_utf8_lossy(&text[keyword.len()..]).trim().to_string();
-                let place = folder(from).unwrap_or_default().join(name);
-                out.buffer.extend_from_slice(format!("mtllib {}\n", place.display()).as_bytes());
+                for place in libraries(&text[keyword.len()..], &folder(from).unwrap_or_default()) {
+                    out.buffer.extend_from_slice(format!("mtllib {}\n", place.display()).as_bytes());
+                }
             }
             b"v" | b"vt" | b"vn" | b"vp" | b"mtllib" => {
                 out.buffer.extend_from_slice(text);
@@ -189,61 +241,52 @@ fn vertices(mesh: &Mesh, out: &mut Gather) -> Result<()> {
     Ok(())
 }
 
-/// Writes the faces of a part, one line each, after the statements of the input that hold for them.
-struct ObjPart<'a> {
+/// Writes the faces of parts, one line each, after the statements of the input that hold for them.
+struct ObjParts<'a> {
     mesh: &'a Mesh,
     labelling: &'a Labelling<'a>,
     source: Option<&'a Source<'a>>,
     /// Whether each part gets a material of ours.
     own: bool,
-    part: u32,
-    /// The statements in force, as in [`Face`].
-    material: u32,
-    smoothing: u32,
+    /// The `usemtl` and `s` that were written last, as in [`Source::lines`].
+    in_force: [u64; 2],
 }
 
-impl ObjPart<'_> {
-    /// Writes the part, if it has faces: one pass over the labels.
-    fn write(&mut self, out: &mut Gather, run: &Run) -> Result<()> {
-        let part = self.part;
+impl ObjParts<'_> {
+    /// Writes a part, if it has faces: one pass over the labels.
+    fn write(&mut self, part: u32, name: &str, out: &mut Gather, run: &Run) -> Result<()> {
         let mut begun = false;
         for (chunk, labels) in self.labelling.labels.chunks(CHUNK).enumerate() {
             run.cancel.check()?;
             for at in (0..labels.len()).filter(|&at| labels[at] == part) {
                 if !begun {
-                    begun = true;
-                    self.begin(out);
+                    out.buffer.extend_from_slice(format!("o {name}\ng {name}\n").as_bytes());
+                    if self.own {
+                        out.buffer.extend_from_slice(format!("usemtl part_{part}\n").as_bytes());
+                    }
                 }
-                self.face(chunk * CHUNK + at, out);
+                self.face(chunk * CHUNK + at, !begun, out);
+                begun = true;
                 out.settle()?;
             }
         }
         Ok(())
     }
 
-    fn begin(&self, out: &mut Gather) {
-        let part = self.part;
-        let name = plain_name(self.labelling.name(part as usize));
-        let name = if name.is_empty() { format!("part_{part}") } else { name };
-        out.buffer.extend_from_slice(format!("o {name}\ng {name}\n").as_bytes());
-        if self.own {
-            out.buffer.extend_from_slice(format!("usemtl part_{part}\n").as_bytes());
-        }
-    }
-
-    fn face(&mut self, face: usize, out: &mut Gather) {
+    /// Writes a face, and before it what holds for it; that again where it is the `first` of its part.
+    fn face(&mut self, face: usize, first: bool, out: &mut Gather) {
         if let Some(source) = self.source {
-            let face = source.faces[face];
-            if !self.own && face.material != self.material && face.material > 0 {
-                out.buffer.extend_from_slice(source.materials[face.material as usize - 1]);
-                out.buffer.push(b'\n');
+            let [start, holding @ ..] = three(&source.lines, face);
+            for (k, none) in [NO_MATERIAL, b"s off"].into_iter().enumerate().skip(usize::from(self.own)) {
+                let (now, before) = (holding[k], self.in_force[k]);
+                // What was never set needs no end.
+                if now != before || first && now > 0 {
+                    out.buffer.extend_from_slice(if now > 0 { source.statement(now - 1) } else { none });
+                    out.buffer.push(b'\n');
+                }
             }
-            if face.smoothing != self.smoothing && face.smoothing > 0 {
-                out.buffer.extend_from_slice(source.smoothings[face.smoothing as usize - 1]);
-                out.buffer.push(b'\n');
-            }
-            (self.material, self.smoothing) = (face.material, face.smoothing);
-            out.buffer.extend_from_slice(source.line(face));
+            self.in_force = holding;
+            source.line(face, start, &mut out.buffer);
         } else {
             out.buffer.push(b'f');
             self.mesh.faces.with(face, |corners| {
@@ -276,6 +319,97 @@ mod tests {
         // It reads back as the same faces, in the order of the parts.
         assert_eq!(Mesh::open(&out).unwrap().faces.len(), mesh.faces.len());
         (std::fs::read_to_string(&out).unwrap(), std::fs::read_to_string(dir.path().join("out.mtl")).ok())
+    }
+
+    /// Material and smoothing group of each face of an OBJ text, by its line; none where there is none, or no such
+    /// material in a library.
+    fn in_force(text: &str) -> Vec<(&str, Option<&str>, Option<&str>)> {
+        let (mut material, mut smoothing, mut all) = (None, None, Vec::new());
+        for line in text.lines() {
+            match line.split_once(' ') {
+                Some(("usemtl", name)) => material = Some(name).filter(|name| *name != "no_material"),
+                Some(("s", group)) => smoothing = Some(group).filter(|group| *group != "off"),
+                Some(("f", corners)) => all.push((corners, material, smoothing)),
+                _ => {}
+            }
+        }
+        all.sort_unstable();
+        all
+    }
+
+    #[test]
+    fn faces_before_the_first_statement_keep_having_none() {
+        // Regression: such faces had the material and the smoothing group of the face that was written before them.
+        let fan: String = (0..12).map(|k| format!("v {k} {} 0\n", k * k)).collect();
+        let face = |k: usize| format!("f 1 {} {}\n", k + 2, k + 3);
+        let [a, b, c, d, e] = [0, 2, 4, 6, 8].map(|k| face(k) + &face(k + 1));
+        let text = format!("{fan}{a}usemtl red\n{b}s 1\n{c}usemtl blue\n{d}s off\n{e}");
+        for labels in [[0, 1, 0, 1, 0, 1, 0, 1, 0, 1], [1, 1, 1, 0, 0, 1, 1, 0, 0, 0], [0; 10]] {
+            let (out, _) = written("scan.obj", &text, &labels);
+            assert_eq!(in_force(&out), in_force(&text), "{labels:?}\n{out}");
+        }
+    }
+
+    #[test]
+    fn objects_of_parts_have_names_of_their_own() {
+        // Regression: "left arm" and "left_arm" became one object.
+        let names = ["left arm", "left_arm", "", "part 2", "left_arm_1"].map(String::from);
+        let labelling = Labelling { labels: &[], colours: &[], quality: None, names: &names };
+        let found = super::names(6, &labelling);
+        assert_eq!(found, ["left_arm", "left_arm_1", "part_2", "part_2_3", "left_arm_1_4", "part_5"]);
+    }
+
+    #[test]
+    fn every_library_of_a_line_is_found_from_another_folder() {
+        // Regression: only the first of them was.
+        let dir = tempfile::tempdir().unwrap();
+        let place = |name: &str| dir.path().join(name);
+        assert_eq!(libraries(b" a.mtl  b.mtl", dir.path()), [place("a.mtl"), place("b.mtl")]);
+        std::fs::write(place("of a scan.mtl"), "").unwrap();
+        assert_eq!(libraries(b" of a scan.mtl", dir.path()), [place("of a scan.mtl")]);
+    }
+
+    #[test]
+    fn materials_of_others_are_not_written_over() {
+        // Regression: a file x.mtl that nobody had named was gone after -o x.obj.
+        let dir = tempfile::tempdir().unwrap();
+        let out = dir.path().join("x.obj");
+        let mesh = Mesh::from_slices(&[[0f32, 0., 0.], [1., 0., 0.], [0., 1., 0.]], &[[0u32, 1, 2]]).unwrap();
+        let labelling = Labelling { labels: &[0], colours: &[[255, 0, 0]], quality: None, names: &[] };
+        let text = || std::fs::read_to_string(&out).unwrap();
+        for _ in 0..2 {
+            write(&out, &mesh, &labelling, false, &Run::new(&())).unwrap();
+            assert!(text().contains("mtllib x.mtl\n"), "our own are");
+        }
+        let theirs = dir.path().join("x.mtl");
+        std::fs::write(&theirs, "newmtl brass\n").unwrap();
+        for _ in 0..2 {
+            write(&out, &mesh, &labelling, false, &Run::new(&())).unwrap();
+            assert_eq!(std::fs::read_to_string(&theirs).unwrap(), "newmtl brass\n");
+            assert!(text().contains("mtllib x.parts.mtl\n") && dir.path().join("x.parts.mtl").exists());
+        }
+        assert_eq!(std::fs::read_dir(dir.path()).unwrap().count(), 3);
+    }
+
+    #[test]
+    fn a_mesh_beyond_the_budget_goes_through_a_file() {
+        // Regression: rewritten lines were held in memory, and a budget without room for the faces was refused.
+        let mut text = String::new();
+        for k in 0..3000 {
+            text += &format!("v {k} 0 0\nv {k} 1 0\nv {k} 0 1\nf -3 -2 -1\n");
+        }
+        let dir = tempfile::tempdir().unwrap();
+        let path = dir.path().join("scan.obj");
+        std::fs::write(&path, &text).unwrap();
+        let mesh = Mesh::open(&path).unwrap();
+        let labelling = Labelling { labels: &[0; 3000], colours: &[[255, 0, 0]], quality: None, names: &[] };
+        let [small, large] = [1 << 14, 1 << 28].map(|bytes| {
+            let run = Run { budget: crate::store::Budget::new(bytes), ..Run::new(&()) };
+            let out = dir.path().join("out.obj");
+            write(&out, &mesh, &labelling, false, &run).unwrap();
+            std::fs::read_to_string(&out).unwrap()
+        });
+        assert!(small == large && small.ends_with("\nf 8998 8999 9000\n"));
     }
 
     #[test]
