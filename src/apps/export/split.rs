@@ -210,14 +210,13 @@ impl Splitter<'_> {
     fn part(&self, part: u32, size: PartSize, caps: &Caps, out: &mut Gather) -> Result<()> {
         let PartSize { faces, vertices, most_corners, .. } = size;
         let (double, count) = (self.mesh.positions.is_double(), Scalar::counting(most_corners.max(3)));
-        let original = if self.mesh.faces.len() <= i32::MAX as usize { Scalar::I32 } else { Scalar::U32 };
         let mut header = HeaderWriter::new(self.encoder.target);
         header.remark(format!("comment part {part}, cut by nystrom-stream"));
         header.element("vertex", vertices + caps.centres.len() as u64).positions(double);
         header
             .element("face", faces + caps.triangles.len() as u64)
             .corners(count, Scalar::I32)
-            .property("original_face", original);
+            .property("original_face", Scalar::I32);
         self.labelling.properties().iter().for_each(|&(name, scalar)| _ = header.property(name, scalar));
         out.buffer.append(&mut header.finish());
         for (word, &bits) in self.used.iter().enumerate() {
@@ -234,7 +233,6 @@ impl Splitter<'_> {
             self.face(face, corners, count, &mut out.buffer);
             out.settle()
         })?;
-        let none = if matches!(original, Scalar::I32) { -1 } else { i64::from(u32::MAX) };
         for corners in &caps.triangles {
             let number = |corner| match corner {
                 Corner::Vertex(v) => self.number(v).into(),
@@ -242,7 +240,7 @@ impl Splitter<'_> {
             };
             self.encoder.integer(count, 3, &mut out.buffer);
             corners.iter().for_each(|&corner| self.encoder.integer(Scalar::I32, number(corner), &mut out.buffer));
-            self.encoder.integer(original, none, &mut out.buffer);
+            self.encoder.integer(Scalar::I32, -1, &mut out.buffer);
             self.labelling.append_added(part, self.encoder, &mut out.buffer);
             self.encoder.end(&mut out.buffer);
             out.settle()?;
@@ -292,7 +290,7 @@ impl Splitter<'_> {
         let encoder = self.encoder;
         encoder.integer(count, corners.len() as i64, out);
         corners.iter().for_each(|&v| encoder.integer(Scalar::I32, self.number(v).into(), out));
-        encoder.integer(Scalar::U32, face as i64, out);
+        encoder.integer(Scalar::I32, face as i64, out);
         self.labelling.append(face, encoder, out);
         encoder.end(out);
     }
