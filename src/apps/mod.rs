@@ -13,6 +13,7 @@ pub mod edits;
 pub mod evaluate;
 pub mod export;
 mod integers;
+pub mod labelled_faces;
 pub mod measure;
 #[cfg(feature = "pages")]
 pub mod page;

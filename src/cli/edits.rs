@@ -3,12 +3,10 @@
 use super::input::read;
 use super::method::PartsArgs;
 use super::options::{CliError, ForceArgs, misfit};
-use super::picture::{has_labels, labels_of_mesh};
-use nystrom_stream::apps::colours::colours_for;
 use nystrom_stream::apps::edits::{Edits, PlacedEdits, read_names};
+use nystrom_stream::apps::labelled_faces::LabelledFaces;
 use nystrom_stream::base::Error;
 use nystrom_stream::cluster::parts::PartCount;
-use nystrom_stream::mesh::ply::names::names_of;
 use nystrom_stream::mesh::{self, Mesh};
 use nystrom_stream::pipeline::edits::Corrections;
 use nystrom_stream::pipeline::like::Reference;
@@ -55,17 +53,12 @@ impl Like {
     /// Reads the labelled mesh at `path`.
     pub fn read(path: &Path, work: WorkDir, run: &Run) -> Result<Self, CliError> {
         let mesh = mesh::open(path, work.path(), run)?;
-        if !has_labels(&mesh) {
-            let remedy = "give a mesh that `segment` or `cluster` has written";
-            return Err(Error::unusable(path, "has no face property `label`", remedy).into());
-        }
-        let (labels, colours) = labels_of_mesh(&mesh, Context::new(&work, run))?;
-        let colours = match colours {
-            Some(colours) => colours,
-            None => colours_for(&mesh, &labels, run)?,
-        };
-        let names = mesh.document().map_or_else(Vec::new, |document| names_of(document, colours.len()));
-        Ok(Self { _work: work, mesh, labels, colours, names })
+        let remedy = "give a mesh that `segment` or `cluster` has written";
+        let found = LabelledFaces::of_mesh(&mesh, Context::new(&work, run))?;
+        let mut found = found.ok_or_else(|| Error::unusable(path, "has no face property `label`", remedy))?;
+        let labels = found.labels.clone();
+        let colours = found.colours(&mesh, &labels, run)?;
+        Ok(Self { _work: work, mesh, labels, colours, names: found.names })
     }
 
     /// Cuts the mesh at `path` under `params` and corrects it by `edits`.

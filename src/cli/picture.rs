@@ -3,13 +3,11 @@
 use super::input::{check_there, read};
 use super::options::{AppContext, CliError, ForceArgs, RunArgs};
 use super::sink::{check_is_no_stream, check_places, folder_of};
-use nystrom_stream::apps::colours::colours_for;
-use nystrom_stream::apps::open_labels;
+use nystrom_stream::apps::labelled_faces::LabelledFaces;
 use nystrom_stream::apps::picture::{PictureParams, Up, render_named};
-use nystrom_stream::base::{Error, Result};
-use nystrom_stream::mesh::ply::names::names_of;
-use nystrom_stream::mesh::{Mesh, ends_with, ply::ElementKind};
-use nystrom_stream::store::{Context, MappedSlice, WorkDir, npy};
+use nystrom_stream::base::Result;
+use nystrom_stream::mesh::{Mesh, ends_with};
+use nystrom_stream::store::{Context, WorkDir};
 use std::path::{Path, PathBuf};
 
 /// Arguments of `picture`.
@@ -99,80 +97,30 @@ pub fn run(args: &PictureArgs, app: &AppContext) -> Result<(), CliError> {
     let work = WorkDir::temporary(args.run.tmp.as_deref().unwrap_or(&folder_of(&target)))?;
     let (opened, _) = read(&args.mesh, ForceArgs::default(), Context::new(&work, &run))?;
     let faces = opened.faces.len();
-    let (labels, known) = match &args.labels {
-        Some(path) => (Some(labels_of_file(path, &work)?), None),
-        None if has_labels(&opened) => {
-            let (labels, colours) = labels_of_mesh(&opened, Context::new(&work, &run))?;
-            (Some(labels), colours)
-        }
-        None => (None, None),
-    };
-    if let (Some(path), Some(labels)) = (&args.labels, &labels)
-        && labels.len() != faces
-    {
-        let problem = format!("has {} labels for {faces} faces", labels.len());
-        return Err(Error::unusable(path, problem, "give the labels of this mesh").into());
-    }
-    let colours = match (known, &labels) {
-        (Some(colours), _) => colours,
-        (None, Some(labels)) => colours_for(&opened, labels, &run)?,
-        (None, None) => Vec::new(),
-    };
-    let names = match (&args.labels, opened.document()) {
-        (None, Some(document)) => names_of(document, colours.len()),
+    let mut labelled = labelled(&opened, args.labels.as_deref(), Context::new(&work, &run))?;
+    let labels = labelled.as_ref().map(|labelled| labelled.labels.clone());
+    let colours = match (&mut labelled, &labels) {
+        (Some(labelled), Some(labels)) => labelled.colours(&opened, labels, &run)?,
         _ => Vec::new(),
     };
+    let names = labelled.map_or_else(Vec::new, |labelled| labelled.names);
     let draw = || render_named(&opened, labels.as_deref(), (&colours, &names), &params, &run);
     let (image, _) = run.stage("draw", "faces", (faces * params.views) as u64, draw)?;
     run.stage("write", "pixels", (image.width * image.height) as u64, || image.write_png(&target))?;
     Ok(())
 }
 
-/// Labels of a .seg or .npy file; another ending is misuse.
-pub(super) fn labels_of_file(path: &Path, work: &WorkDir) -> Result<MappedSlice<u32>, CliError> {
+/// The labels of `mesh` in the file `given`, whose ending is misuse if it is another than .seg and .npy, or those of its
+/// own file; none where it has none.
+pub(super) fn labelled(
+    mesh: &Mesh,
+    given: Option<&Path>,
+    context: Context<'_>,
+) -> Result<Option<LabelledFaces>, CliError> {
+    let Some(path) = given else { return Ok(LabelledFaces::of_mesh(mesh, context)?) };
     if !["seg", "npy"].iter().any(|ending| ends_with(path, ending)) {
         let text = format!("--labels {}: unknown ending; give a .seg or .npy file", path.display());
         return Err(CliError::Usage(text));
     }
-    Ok(open_labels(path, work)?)
-}
-
-/// Labels, and colours by label where they are known.
-pub(super) type Labelled = (MappedSlice<u32>, Option<Vec<[u8; 3]>>);
-
-/// Whether the faces of the file of `mesh` have labels.
-pub(super) fn has_labels(mesh: &Mesh) -> bool {
-    mesh.document().is_some_and(|document| document.property(ElementKind::Faces, "label").is_some())
-}
-
-/// Labels of a labelled mesh, and the parts' colours where every part has one.
-pub(super) fn labels_of_mesh(mesh: &Mesh, context: Context<'_>) -> Result<Labelled> {
-    /// Beyond this number of parts, colours are chosen anew.
-    const MOST: usize = 1 << 20;
-    let document =
-        mesh.document().ok_or_else(|| Error::unusable(mesh.path(), "has no labels", "give a labelled file"))?;
-    let coloured = ["red", "green", "blue"].iter().all(|name| document.property(ElementKind::Faces, name).is_some());
-    let mut writer = npy::ArrayWriter::create(&context.work.file("labels.npy"), 1)?;
-    let mut colours: Vec<Option<[u8; 3]>> = Vec::new();
-    let mut uniform = coloured;
-    document.for_each_face(["label", "red", "green", "blue"], context.run, |_, [label, colour @ ..]| {
-        // A negative number is no label; its faces are grey.
-        let label = u32::try_from(label).unwrap_or(u32::MAX);
-        writer.push(&[label])?;
-        if !uniform || label == u32::MAX {
-            return Ok(());
-        }
-        let place = label as usize;
-        uniform = place < MOST;
-        if uniform {
-            let colour = colour.map(|part| part.clamp(0, 255) as u8);
-            if colours.len() <= place {
-                colours.resize(place + 1, None);
-            }
-            uniform = *colours[place].get_or_insert(colour) == colour;
-        }
-        Ok(())
-    })?;
-    let colours = colours.into_iter().map(|colour| colour.unwrap_or([128; 3])).collect();
-    Ok((writer.finish(false)?, uniform.then_some(colours)))
+    Ok(Some(LabelledFaces::of_file(path, mesh, context.work)?))
 }

@@ -3,13 +3,11 @@
 use super::input::{check_there, open_file};
 use super::options::{AppContext, CliError, RunArgs};
 use super::output::{JsonArgs, Output, PartFile, PlyArgs, Results, outputs_of};
-use super::picture::{has_labels, labels_of_file, labels_of_mesh};
+use super::picture::labelled;
 use super::sink::{check_places, folder_of};
-use nystrom_stream::apps::colours::colours_for;
 use nystrom_stream::apps::transfer::transfer;
 use nystrom_stream::base::Error;
 use nystrom_stream::mesh::ply::labelled::Labelling;
-use nystrom_stream::mesh::ply::names::names_of;
 use nystrom_stream::store::{Context, WorkDir};
 use serde_json::json;
 use std::path::PathBuf;
@@ -50,21 +48,11 @@ pub fn run(args: &TransferArgs, app: &AppContext) -> Result<(), CliError> {
     // Both meshes may have to be decoded, each into a folder of its own.
     let (work, source) = (WorkDir::temporary(tmp)?, WorkDir::temporary(tmp)?);
     let from = open_file(&args.from, source.path(), &run)?;
-    let (labels, known) = match &args.labels {
-        Some(path) => (labels_of_file(path, &source)?, None),
-        None if has_labels(&from) => labels_of_mesh(&from, Context::new(&source, &run))?,
-        None => {
-            let remedy = "segment it first, or give --labels";
-            return Err(Error::unusable(&args.from, "has no face property `label`", remedy).into());
-        }
-    };
-    if labels.len() != from.faces.len() {
-        let path = args.labels.as_deref().unwrap_or(&args.from);
-        let problem = format!("has {} labels for {} faces", labels.len(), from.faces.len());
-        return Err(Error::unusable(path, problem, "give the labels of FROM").into());
-    }
+    let found = labelled(&from, args.labels.as_deref(), Context::new(&source, &run))?;
+    let remedy = "segment it first, or give --labels";
+    let mut found = found.ok_or_else(|| Error::unusable(&args.from, "has no face property `label`", remedy))?;
     let to = open_file(&args.to, work.path(), &run)?;
-    let result = transfer(&from, &labels, &to, Context::new(&work, &run))?;
+    let result = transfer(&from, &found.labels, &to, Context::new(&work, &run))?;
     let facts = result.facts;
     let share = facts.uncertain as f64 / facts.faces.max(1) as f64;
     run.progress.note_of_work(&format!(
@@ -74,16 +62,9 @@ pub fn run(args: &TransferArgs, app: &AppContext) -> Result<(), CliError> {
         facts.filled,
         facts.islands
     ));
-    let colours = match known {
-        Some(colours) => colours,
-        // A colour for each number up to the greatest label would be for nothing.
-        None if !outputs.iter().any(Output::needs_mesh) => Vec::new(),
-        None => colours_for(&to, &result.labels, &run)?,
-    };
-    let names = match (&args.labels, from.document()) {
-        (None, Some(document)) => names_of(document, colours.len()),
-        _ => Vec::new(),
-    };
+    // A colour for each number up to the greatest label would be for nothing where none is written.
+    let coloured = outputs.iter().any(Output::needs_mesh);
+    let colours = if coloured { found.colours(&to, &result.labels, &run)? } else { Vec::new() };
     let report = json!({
         "from": args.from.to_string_lossy(), "mesh": args.to.to_string_lossy(), "uncertain_share": share, "transfer": facts,
         "input": {"path": args.to.to_string_lossy(), "faces": facts.faces, "vertices": to.positions.len()},
@@ -93,7 +74,7 @@ pub fn run(args: &TransferArgs, app: &AppContext) -> Result<(), CliError> {
             labels: &result.labels,
             colours: &colours,
             quality: Some(&result.quality),
-            names: &names,
+            names: &found.names,
         },
         options: args.ply.options(),
         part_form: PartFile::Ply,

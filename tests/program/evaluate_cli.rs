@@ -132,7 +132,7 @@ fn what_is_wrong_is_said_in_one_line() {
         ("evaluate short.seg --mesh 1.ply --truth 1_0.seg", 1, "short.seg: has 2 labels for 240 faces"),
         ("evaluate ours/1.seg --mesh 1.ply --truth 2_0.seg", 1, "2_0.seg: has 360 labels"),
         ("evaluate ours/1.seg --mesh 1.ply --truth none.seg", 1, "none.seg"),
-        ("evaluate 1.ply --truth 1_0.seg", 1, "no integer property"),
+        ("evaluate 1.ply --truth 1_0.seg", 1, "no face property `label`"),
         ("evaluate models.tsv --truth 1_0.seg", 1, "no known form"),
         ("evaluate --benchmark . empty", 1, "has no labels of any model"),
         ("evaluate --benchmark . nowhere", 1, "nowhere"),

@@ -4,15 +4,16 @@
 //! The folder holds `N.ply`, people's labels `N_0.seg`, `N_1.seg`, … and `models.tsv`, whose tab-separated columns
 //! `model` and `category` say what to judge. Models are independent, one per thread. Cost: some 20 ms per model and
 //! thread (20 k faces, 11 people, all metrics), and the memory of as many models as threads. Labels are `.seg` (one per
-//! line), `.npy` (a vector of any integer type) or `.ply` (the faces' property `label`): one pass, 4 bytes per face.
+//! line), `.npy` (a vector of any integer type) or `.ply` (the faces' property `label`), one for every face: one pass,
+//! 4 bytes per face.
 
 use super::boundaries::Evaluator;
 use super::scores::{ModelScores, ScoreTable, Segmentation};
-use crate::apps::integers;
+use crate::apps::labelled_faces::{LabelledFaces, NONE};
+use crate::apps::open_labels;
 use crate::base::{Error, Result};
-use crate::mesh::{self, read_seg};
-use crate::store::{Run, private_folder};
-use std::ffi::OsStr;
+use crate::mesh::{self, ends_with, read_seg};
+use crate::store::{Context, Run, WorkDir, private_folder};
 use std::path::{Path, PathBuf};
 
 /// Numbers after a model's name that are tried for people's labels; some may be left out.
@@ -167,14 +168,27 @@ pub const ENDINGS: [&str; 3] = ["seg", "npy", "ply"];
 /// Reads labels, one per face. `scratch` takes what has to be unpacked.
 ///
 /// # Errors
-/// [`Error::Unusable`] for an unknown ending or a file without labels, and those of the readers.
+/// [`Error::Unusable`] for an unknown ending, a file without labels, or one where a face has none; and those of the
+/// readers.
 pub fn read_labels(path: &Path, scratch: &Path, run: &Run) -> Result<Vec<u32>> {
-    match path.extension().and_then(OsStr::to_str).map(str::to_ascii_lowercase).as_deref() {
-        Some("seg") => read_seg(path),
-        Some("npy") => integers::read_labels(path),
-        Some("ply") => mesh::open(path, scratch, run)?.face_property("label", run),
-        _ => Err(Error::unusable(path, "its ending says no known form of labels", "give a .seg, .npy or .ply file")),
+    let work = WorkDir::in_memory(scratch, &run.budget);
+    let labels = if ends_with(path, "ply") {
+        let mesh = mesh::open(path, scratch, run)?;
+        let found = LabelledFaces::of_mesh(&mesh, Context::new(&work, run))?;
+        let remedy = "give a mesh that was written with labels";
+        found.ok_or_else(|| Error::unusable(path, "has no face property `label`", remedy))?.labels
+    } else {
+        let known = ends_with(path, "seg") || ends_with(path, "npy");
+        let remedy = "give a .seg, .npy or .ply file";
+        let unknown = || Error::unusable(path, "its ending says no known form of labels", remedy);
+        known.then(|| open_labels(path, &work)).ok_or_else(unknown)??
+    };
+    if let Some(face) = labels.iter().position(|&label| label == NONE) {
+        let problem =
+            format!("face {face} has no label (a negative number), and what is compared needs one on every face");
+        return Err(Error::unusable(path, problem, "give such faces a part of their own, or leave them out"));
     }
+    Ok(labels.to_vec())
 }
 
 #[cfg(test)]
@@ -187,10 +201,10 @@ mod tests {
         let dir = tempfile::tempdir().unwrap();
         let path = dir.path().join("x.npy");
         let read = || read_labels(&path, dir.path(), &Run::new(&()));
-        npy::write::<u32>(&path, &[5, 0, u32::MAX], 1, false).unwrap();
-        assert_eq!(read().unwrap(), [5, 0, u32::MAX]);
+        npy::write::<u32>(&path, &[5, 0, u32::MAX - 1], 1, false).unwrap();
+        assert_eq!(read().unwrap(), [5, 0, u32::MAX - 1]);
         npy::write::<u64>(&path, &[5, 1 << 40], 1, false).unwrap();
-        assert!(read().unwrap_err().to_string().contains("item 1 is 1099511627776, negative or beyond"));
+        assert!(read().unwrap_err().to_string().contains("item 1 is 1099511627776, beyond 32 bits"));
         // NumPy's own type for integers: signed, 64 bits.
         let mut bytes = std::fs::read(&path).unwrap();
         let at = bytes.windows(3).position(|w| w == b"<u8").unwrap();
@@ -207,5 +221,26 @@ mod tests {
         npy::write::<u32>(&path, &[1, 2], 2, false).unwrap();
         assert!(read().unwrap_err().to_string().contains("dimensions"));
         assert!(read_labels(Path::new("x.txt"), dir.path(), &Run::new(&())).is_err());
+    }
+
+    #[test]
+    fn a_face_without_a_label_is_named_in_every_form() {
+        // Regression: the property of a mesh was read by another rule than an array, and neither error said why.
+        let dir = tempfile::tempdir().unwrap();
+        let ply = "ply\nformat ascii 1.0\nelement vertex 3\nproperty float x\nproperty float y\nproperty float z\n\
+             element face 2\nproperty list uchar int vertex_indices\nproperty int label\nend_header\n\
+             0 0 0\n1 0 0\n0 1 0\n3 0 1 2 4\n3 0 2 1 -1\n";
+        let (mesh, array) = (dir.path().join("x.ply"), dir.path().join("x.npy"));
+        std::fs::write(&mesh, ply).unwrap();
+        npy::write::<u32>(&array, &[4, NONE], 1, false).unwrap();
+        for path in [&mesh, &array] {
+            let told = read_labels(path, dir.path(), &Run::new(&())).unwrap_err().to_string();
+            assert!(told.contains("face 1 has no label") && told.contains("on every face"), "{told}");
+        }
+        std::fs::write(&mesh, ply.replace("-1", "7")).unwrap();
+        assert_eq!(read_labels(&mesh, dir.path(), &Run::new(&())).unwrap(), [4, 7]);
+        std::fs::write(&mesh, ply.replace("label", "part")).unwrap();
+        let told = read_labels(&mesh, dir.path(), &Run::new(&())).unwrap_err().to_string();
+        assert!(told.contains("no face property `label`"), "{told}");
     }
 }
