@@ -4,18 +4,19 @@
 //! Faces keep their corners' order and winding and get `int original_face`, their number in the input, `int label`,
 //! colour and quality; positions keep their precision. The files can be binary STL instead, for programs that read
 //! nothing else. On request parts are closed ([`caps`](super::caps)); triangles of caps have the `original_face` −1 and
-//! the quality 0. `parts.json`, written last, lists the files. One bit per vertex and a count every [`BLOCK`] of them
+//! the quality 0. The list `parts.json`, written last, names the files. One bit per vertex and a count every [`BLOCK`] of them
 //! tell which vertices a part uses and their new numbers; one pass per part over the labels.
 
 use super::caps::{Caps, Corner};
 use super::{CHUNK, parts};
-use crate::base::vector::{double_area, unit};
+use crate::base::vector::{distance, double_area, unit};
 use crate::base::{Error, Result};
-use crate::mesh::output::{Gather, by_rename};
+use crate::mesh::output::{Gather, by_rename, ends_with};
 use crate::mesh::ply::{Encoder, Encoding, HeaderWriter, Scalar};
 use crate::mesh::{Labelling, Mesh};
 use crate::store::Run;
 use serde_json::json;
+use std::collections::BTreeSet;
 use std::io::Write as _;
 use std::path::Path;
 
@@ -23,6 +24,8 @@ use std::path::Path;
 pub const LIST: &str = "parts.json";
 /// Vertices of a word.
 const BLOCK: usize = 64;
+/// A step between floats, in mean edges, that shows.
+const LOST: f64 = 0.01;
 
 /// What the files of a folder are.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -89,7 +92,9 @@ pub fn write(
     }
     let encoder = Encoder { target: if form == PartForm::Text { Encoding::Ascii } else { Encoding::Little } };
     let mut writer = Splitter { mesh, labelling, encoder, run, used: vec![0; words], before: vec![0; words] };
-    let (mut listed, mut open) = (Vec::new(), Vec::new());
+    let (mut listed, mut open, mut files) = (Vec::new(), Vec::new(), BTreeSet::new());
+    let rounds = form == PartForm::Stl && mesh.positions.is_double();
+    let mut sizes = Sizes::default();
     for part in 0..parts {
         let name = file_name(part, labelling.name(part), form);
         let size = writer.mark(part as u32)?;
@@ -101,7 +106,7 @@ pub fn write(
         by_rename(&path, 0, durable, |file| {
             let mut out = Gather::new(&path, file);
             if form == PartForm::Stl {
-                writer.solid(part as u32, &caps, &mut out)?;
+                sizes.add(writer.solid(part as u32, &caps, &mut out)?);
             } else {
                 writer.part(part as u32, size, &caps, &mut out)?;
             }
@@ -109,30 +114,81 @@ pub fn write(
         })?;
         let colour = labelling.colours.get(part);
         let PartSize { faces, vertices, .. } = size;
-        let mut entry = json!({"file": name, "label": part, "faces": faces, "vertices": vertices, "colour": colour});
-        if let Some(name) = labelling.name(part) {
-            entry["name"] = name.into();
+        let mut entry = json!({"file": &name, "label": part, "faces": faces, "vertices": vertices, "colour": colour});
+        if let Some(title) = labelling.name(part) {
+            entry["name"] = title.into();
         }
         if cap {
-            let solid = caps.flaws == 0;
+            let solid = caps.flaws == 0 && !(rounds && writer.merges(size.vertices)?);
             entry["caps"] = json!({"loops": caps.loops, "triangles": caps.triangles.len(), "solid": solid});
             open.extend((!solid).then(|| part.to_string()));
         }
         listed.push(entry);
+        files.insert(name);
     }
     // A value prints itself, indented under `#`, and cannot fail to.
     let listed = json!({"faces": mesh.faces.len(), "parts": listed});
     by_rename(&list, 0, durable, |file| writeln!(file, "{listed:#}").map_err(Error::io(&list, "write")))?;
     if !open.is_empty() {
         let (parts, verb) = if open.len() == 1 { ("part", "is") } else { ("parts", "are") };
-        let why = "edges of three faces or more, or faces wound against each other";
+        let why = "edges of three faces or more, faces wound against each other, or vertices that are one as floats";
         run.progress.note(&format!("{parts} {} {verb} no solid in spite of --cap: {why}", open.join(", ")));
     }
-    if folder.join(file_name(parts, None, form)).exists() {
+    if let Some(share) = sizes.lost().filter(|_| rounds) {
+        let text = format!(
+            "{}: coordinates of an STL are floats, which are {share:.2} of a mean edge apart there: write .ply files, or \
+             move the mesh to the origin first",
+            folder.display()
+        );
+        run.progress.note(&text);
+    }
+    if others(folder, &files) {
         let text = format!("{}: holds parts of an earlier cut too; {LIST} says which are of this", folder.display());
         run.progress.note(&text);
     }
     Ok(())
+}
+
+/// Whether `folder` has files of parts besides `files`.
+fn others(folder: &Path, files: &BTreeSet<String>) -> bool {
+    let is_part = |name: &str| {
+        let number = name.strip_prefix("part_").map_or("", |rest| rest.split(['_', '.']).next().unwrap_or_default());
+        number.len() > 2 && number.bytes().all(|byte| byte.is_ascii_digit())
+    };
+    let entries = std::fs::read_dir(folder).into_iter().flatten().flatten();
+    let names = entries.filter_map(|entry| entry.file_name().into_string().ok());
+    names
+        .filter(|name| is_part(name) && (ends_with(name.as_ref(), "ply") || ends_with(name.as_ref(), "stl")))
+        .any(|name| !files.contains(&name))
+}
+
+/// How large the coordinates and edges of triangles are.
+#[derive(Clone, Copy, Debug, Default)]
+struct Sizes {
+    /// The greatest coordinate.
+    most: f64,
+    /// Sum of the lengths of edges, and how many.
+    edges: [f64; 2],
+}
+
+impl Sizes {
+    fn triangle(&mut self, at: [[f64; 3]; 3]) {
+        self.most = at.iter().flatten().fold(self.most, |most, x| most.max(x.abs()));
+        let sum = distance(at[0], at[1]) + distance(at[1], at[2]) + distance(at[2], at[0]);
+        self.edges = [self.edges[0] + sum, self.edges[1] + 3.];
+    }
+
+    fn add(&mut self, other: Self) {
+        self.most = self.most.max(other.most);
+        (0..2).for_each(|k| self.edges[k] += other.edges[k]);
+    }
+
+    /// The step between floats at the greatest coordinate, in mean edges, where it is more than [`LOST`].
+    fn lost(&self) -> Option<f64> {
+        let step = f64::from(f32::EPSILON) * self.most.max(f64::from(f32::MIN_POSITIVE));
+        let share = step / (self.edges[0] / self.edges[1]);
+        (share > LOST).then_some(share)
+    }
 }
 
 struct Splitter<'a> {
@@ -219,15 +275,10 @@ impl Splitter<'_> {
             .property("original_face", Scalar::I32);
         self.labelling.properties().iter().for_each(|&(name, scalar)| _ = header.property(name, scalar));
         out.buffer.append(&mut header.finish());
-        for (word, &bits) in self.used.iter().enumerate() {
-            let mut left = bits;
-            while left != 0 {
-                let v = (word * BLOCK) as u32 + left.trailing_zeros();
-                self.vertex(self.mesh.positions.get(v), &mut out.buffer);
-                left &= left - 1;
-            }
-            out.settle()?;
-        }
+        self.vertices(|v| {
+            self.vertex(self.mesh.positions.get(v), &mut out.buffer);
+            out.settle()
+        })?;
         caps.centres.iter().for_each(|&p| self.vertex(p, &mut out.buffer));
         self.each(part, |face, corners| {
             self.face(face, corners, count, &mut out.buffer);
@@ -248,8 +299,33 @@ impl Splitter<'_> {
         Ok(())
     }
 
-    /// The part as binary STL.
-    fn solid(&self, part: u32, caps: &Caps, out: &mut Gather) -> Result<()> {
+    /// Whether any of the `count` marked vertices lie at different positions, but at the same one as floats.
+    fn merges(&self, count: u64) -> Result<bool> {
+        let _grant = self.run.budget.take("vertices of a part", 16 * count, 16 * count)?;
+        let mut all: Vec<([u32; 3], u32)> = Vec::with_capacity(count as usize);
+        self.vertices(|v| {
+            all.push((self.mesh.positions.get(v).map(|x| (x as f32 + 0.).to_bits()), v));
+            Ok(())
+        })?;
+        all.sort_unstable();
+        let place = |v: u32| self.mesh.positions.get(v);
+        Ok(all.windows(2).any(|pair| pair[0].0 == pair[1].0 && place(pair[0].1) != place(pair[1].1)))
+    }
+
+    /// Calls `visit` with the marked vertices.
+    fn vertices(&self, mut visit: impl FnMut(u32) -> Result<()>) -> Result<()> {
+        for (word, &bits) in self.used.iter().enumerate() {
+            let mut left = bits;
+            while left != 0 {
+                visit((word * BLOCK) as u32 + left.trailing_zeros())?;
+                left &= left - 1;
+            }
+        }
+        Ok(())
+    }
+
+    /// The part as binary STL; how large it is.
+    fn solid(&self, part: u32, caps: &Caps, out: &mut Gather) -> Result<Sizes> {
         let mut triangles = caps.triangles.len() as u64;
         self.each(part, |_, corners| {
             self.mesh.fan(corners, |_, _| triangles += 1);
@@ -263,7 +339,9 @@ impl Splitter<'_> {
         head.resize(80, 0);
         out.buffer.append(&mut head);
         out.buffer.extend_from_slice(&count.to_le_bytes());
-        let facet = |at: [[f64; 3]; 3], out: &mut Vec<u8>| {
+        let mut sizes = Sizes::default();
+        let mut facet = |at: [[f64; 3]; 3], out: &mut Vec<u8>| {
+            sizes.triangle(at);
             for p in [unit(double_area(at)), at[0], at[1], at[2]] {
                 p.into_iter().for_each(|x| out.extend_from_slice(&(x as f32).to_le_bytes()));
             }
@@ -277,7 +355,7 @@ impl Splitter<'_> {
             facet(corners.map(|corner| caps.place(self.mesh, corner)), &mut out.buffer);
             out.settle()?;
         }
-        Ok(())
+        Ok(sizes)
     }
 
     fn vertex(&self, at: [f64; 3], out: &mut Vec<u8>) {
@@ -293,5 +371,77 @@ impl Splitter<'_> {
         encoder.integer(Scalar::I32, face as i64, out);
         self.labelling.append(face, encoder, out);
         encoder.end(out);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::base::Progress;
+    use std::sync::Mutex;
+
+    /// Keeps what is told.
+    #[derive(Default)]
+    struct Told(Mutex<Vec<String>>);
+
+    impl Progress for Told {
+        fn note(&self, text: &str) {
+            self.0.lock().unwrap().push(text.into());
+        }
+    }
+
+    /// Two tetrahedra of edges about `size` at `far`, a part each, as a folder of `form` with caps; the list, and notes.
+    fn folder(
+        folder: &Path,
+        far: f64,
+        size: f64,
+        names: &[String],
+        form: PartForm,
+    ) -> (serde_json::Value, Vec<String>) {
+        let corners = [[0., 0., 0.], [1., 0., 0.], [0., 1., 0.], [0., 0., 1.]];
+        let points: Vec<[f64; 3]> = [0., 2.]
+            .iter()
+            .flat_map(|x| corners.map(|p| [far + size * (p[0] + x), size * p[1], size * p[2]]))
+            .collect();
+        let sides = |v: u32| [[v, v + 2, v + 1], [v, v + 1, v + 3], [v + 1, v + 2, v + 3], [v, v + 3, v + 2]];
+        let mesh = Mesh::from_slices(&points, &[sides(0), sides(4)].concat()).unwrap();
+        let labelling =
+            Labelling { labels: &[0, 0, 0, 0, 1, 1, 1, 1], colours: &[[9; 3], [99; 3]], quality: None, names };
+        let told = Told::default();
+        write(folder, &mesh, &labelling, Folder { form, cap: true }, false, &Run::new(&told)).unwrap();
+        let list = std::fs::read(folder.join(LIST)).unwrap();
+        (serde_json::from_slice(&list).unwrap(), told.0.into_inner().unwrap())
+    }
+
+    #[test]
+    fn an_stl_far_from_the_origin_is_told_and_is_no_solid() {
+        // Regression: triangles collapsed without a word, and the list said that the part was solid.
+        let dir = tempfile::tempdir().unwrap();
+        let solids = |list: &serde_json::Value| [0, 1].map(|k| list["parts"][k]["caps"]["solid"] == true);
+        let (list, notes) = folder(dir.path(), 5e6, 0.2, &[], PartForm::Stl);
+        assert_eq!(solids(&list), [false; 2]);
+        assert!(notes.iter().any(|note| note.contains("floats, which are 2.") && note.contains("origin")), "{notes:?}");
+        assert!(notes.iter().any(|note| note.contains("parts 0, 1 are no solid")), "{notes:?}");
+        for (far, form) in [(0., PartForm::Stl), (100., PartForm::Stl), (5e6, PartForm::Binary)] {
+            let dir = tempfile::tempdir().unwrap();
+            let (list, notes) = folder(dir.path(), far, 0.3, &[], form);
+            assert_eq!((solids(&list), notes.len()), ([true; 2], 0), "{far} {notes:?}");
+        }
+    }
+
+    #[test]
+    fn files_of_an_earlier_cut_are_told_whatever_their_names_and_forms() {
+        // Regression: only one file without a name and of the same form was looked for.
+        let dir = tempfile::tempdir().unwrap();
+        let told = |names: &[&str], form| {
+            let names: Vec<String> = names.iter().map(ToString::to_string).collect();
+            folder(dir.path(), 0., 1., &names, form).1.iter().any(|note| note.contains("earlier cut"))
+        };
+        std::fs::write(dir.path().join("part_list.ply"), "").unwrap();
+        assert!(!told(&[], PartForm::Binary) && !told(&[], PartForm::Binary));
+        assert!(told(&["", "left arm"], PartForm::Binary), "part_001.ply stays");
+        std::fs::remove_file(dir.path().join("part_001.ply")).unwrap();
+        assert!(!told(&["", "left arm"], PartForm::Binary));
+        assert!(told(&[], PartForm::Stl), "all of them stay");
     }
 }
