@@ -85,3 +85,36 @@ fn a_large_mesh_is_thinned_and_keeps_its_shape() {
     let again = Thin::of(&mesh, TRIANGLES, &run()).unwrap();
     assert!(again.positions == thin.positions && again.triangles == thin.triangles);
 }
+
+#[test]
+fn the_box_of_a_page_is_that_of_the_faces_without_strays() {
+    // Regression: it held strays, and edits that a page had saved were scaled as if for a mesh in other units.
+    let w = 20u32;
+    let mut points: Vec<[f64; 3]> = (0..w * w).map(|i| [f64::from(i % w), f64::from(i / w), 0.]).collect();
+    let faces: Vec<[u32; 3]> = (0..w * (w - 1))
+        .filter(|i| i % w < w - 1)
+        .flat_map(|i| [[i, i + 1, i + w + 1], [i, i + w + 1, i + w]])
+        .collect();
+    points[210] = [3e3, 0., 7.];
+    points.push([60., 60., 60.]);
+    let mesh = Mesh::from_slices(&points, &faces).unwrap();
+    let (labels, report) = (vec![0; faces.len()], json!({}));
+    let page = Page {
+        title: "sheet",
+        mesh: &mesh,
+        labels: &labels,
+        colours: &[[255, 0, 0]],
+        names: &[],
+        cuts: None,
+        edits: None,
+        report: &report,
+    };
+    let shown = data(&page.html(&run()).unwrap());
+    assert_eq!((&shown["low"], &shown["side"]), (&json!([0., 0., 0.]), &json!(19.)));
+    assert_eq!((&shown["extent"], &shown["whole"]), (&json!([1., 1., 0.]), &json!(true)));
+    // Regression: greater labels all became 65,535.
+    let labels: Vec<u32> = (0..faces.len() as u32).map(|face| 65_535 + face / 500).collect();
+    let told = Page { labels: &labels, ..page }.html(&run()).unwrap_err().to_string();
+    assert!(told.contains("65536 is too great a label for a page"), "{told}");
+    assert!(Page { labels: &[65_535; 722], ..page }.html(&run()).is_ok());
+}

@@ -124,12 +124,12 @@ struct Extent {
 impl Extent {
     fn of(mesh: &Mesh, run: &Run) -> Result<Self> {
         let [low, high] = bounds(mesh, run)?;
-        let diagonal = diagonal([low, high]);
-        if !(diagonal > 0.) {
-            let middle = if finite(low) { low } else { [0.; 3] };
-            return Ok(Self { middle, diagonal: 1. });
+        if low[0] > high[0] {
+            return Ok(Self { middle: [0.; 3], diagonal: 1. });
         }
-        Ok(Self { middle: [0, 1, 2].map(|k| low[k] / 2. + high[k] / 2.), diagonal: diagonal.min(f64::MAX) })
+        let diagonal = diagonal([low, high]).min(f64::MAX);
+        let middle = [0, 1, 2].map(|k| low[k] / 2. + high[k] / 2.);
+        Ok(Self { middle, diagonal: if diagonal > 0. { diagonal } else { 1. } })
     }
 
     fn place(&self, p: [f64; 3]) -> [f64; 3] {
