@@ -451,8 +451,8 @@ fn quoted(word: &str) -> String {
     if word.contains([',', '"', '\n', '\r']) { format!("\"{}\"", word.replace('"', "\"\"")) } else { word.into() }
 }
 
-/// The table of `measures`, a row per label that occurs, as comma-separated values with a header; parts may have `names`,
-/// and an `agreement`: the share of people who are expected to have them.
+/// The table of `measures`, a row per label that occurs, as comma-separated values with a header; parts may have
+/// `names`, and an `agreement`: the share of people who are expected to have them.
 pub fn table(measures: &BTreeMap<u32, Measures>, colours: &[[u8; 3]], names: &[String], agreement: &[f64]) -> String {
     let axes = ["x", "y", "z"];
     let three = |name: &str| axes.map(|axis| format!("{name}_{axis}"));

@@ -110,8 +110,8 @@ pub fn run(args: &PictureArgs, app: &AppContext) -> Result<(), CliError> {
     Ok(())
 }
 
-/// The labels of `mesh` in the file `given`, whose ending is misuse if it is another than .seg and .npy, or those of its
-/// own file; none where it has none.
+/// The labels of `mesh` in the file `given`, whose ending is misuse if it is another than .seg and .npy, or those of
+/// its own file; none where it has none.
 pub(super) fn labelled(
     mesh: &Mesh,
     given: Option<&Path>,

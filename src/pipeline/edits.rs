@@ -1,9 +1,9 @@
 //! Edits applied to a mesh: from faces to cells, and from cells to corrected parts.
 //!
-//! The faces at the places of edits ([`crate::apps::edits::PlacedEdits`]) become cells. Hints change the labelling of the decision
-//! ([`crate::cluster::parts::hints`]), the other edits follow in their order. All of it happens on cells; afterwards
-//! boundaries are refined as those of any cut. Cost: one pass over the nodes to find the faces, milliseconds on cells,
-//! and what refining takes.
+//! The faces at the places of edits ([`crate::apps::edits::PlacedEdits`]) become cells. Hints change the labelling of
+//! the decision ([`crate::cluster::parts::hints`]), the other edits follow in their order. All of it happens on cells;
+//! afterwards boundaries are refined as those of any cut. Cost: one pass over the nodes to find the faces, milliseconds
+//! on cells, and what refining takes.
 
 use crate::apps::edits::{Edit, Edits, PlacedEdits};
 use crate::base::tally::tally;

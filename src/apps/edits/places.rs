@@ -2,8 +2,8 @@
 //!
 //! A point stands for the face that it is nearest to, by the distance from the face itself: faces may be long and thin.
 //! The mesh is taken as it is computed with and shown, without stray vertices and without vertices that are in no face.
-//! Cost: one pass over the faces, and where edits have a box another one for the box of the mesh; 16 bytes per point and
-//! thread.
+//! Cost: one pass over the faces, and where edits have a box another one for the box of the mesh; 16 bytes per point
+//! and thread.
 
 use super::data::{Edit, Edits, Place};
 use crate::base::parallel::{chunk_count, chunk_range, lock};
@@ -37,7 +37,8 @@ impl Edits {
     /// # fn main() -> nystrom_stream::base::Result<()> {
     /// let corners = [[0., 0., 0.], [9., 0., 0.], [9., 1., 0.], [0., 1., 0.]];
     /// let mesh = Mesh::from_slices(&corners, &[[0, 1, 2], [0, 2, 3]])?;
-    /// let text = r#"{"format": "nystrom-stream edits", "version": 1, "edits": [{"edit": "drop", "at": [1, 0.9, 0]}]}"#;
+    /// let drop = r#"{"edit": "drop", "at": [1, 0.9, 0]}"#;
+    /// let text = format!(r#"{{"format": "nystrom-stream edits", "version": 1, "edits": [{drop}]}}"#);
     /// let edits = Edits::of_text(text.as_bytes(), "edits.json".as_ref())?;
     /// assert_eq!(edits.on(&mesh, &Run::new(&()))?.faces, [[1]]);
     /// # Ok(())

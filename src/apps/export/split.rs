@@ -4,8 +4,8 @@
 //! Faces keep their corners' order and winding and get `int original_face`, their number in the input, `int label`,
 //! colour and quality; positions keep their precision. The files can be binary STL instead, for programs that read
 //! nothing else. On request parts are closed ([`caps`](super::caps)); triangles of caps have the `original_face` −1 and
-//! the quality 0. The list `parts.json`, written last, names the files. One bit per vertex and a count every [`BLOCK`] of them
-//! tell which vertices a part uses and their new numbers; one pass per part over the labels.
+//! the quality 0. The list `parts.json`, written last, names the files. One bit per vertex and a count every [`BLOCK`]
+//! of them tell which vertices a part uses and their new numbers; one pass per part over the labels.
 
 use super::caps::{Caps, Corner};
 use super::{CHUNK, parts};
@@ -390,7 +390,8 @@ mod tests {
         }
     }
 
-    /// Two tetrahedra of edges about `size` at `far`, a part each, as a folder of `form` with caps; the list, and notes.
+    /// Two tetrahedra of edges about `size` at `far`, a part each, as a folder of `form` with caps; the list, and
+    /// notes.
     fn folder(
         folder: &Path,
         far: f64,

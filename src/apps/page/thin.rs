@@ -1,7 +1,8 @@
 //! A mesh thinned to a size that a browser can draw, by merging the vertices of each cell of a grid.
 //!
-//! One pass over the faces gives the box, one the area and with it the size of the cells, a third merges: vertices of a cell become their mean, faces that still have three different corners stay, once each.
-//! No more is kept than the thinned mesh, so any size goes through. A mesh that is small enough is taken as it is.
+//! One pass over the faces gives the box, one the area and with it the size of the cells, a third merges: vertices of a
+//! cell become their mean, faces that still have three different corners stay, once each. No more is kept than the
+//! thinned mesh, so any size goes through. A mesh that is small enough is taken as it is.
 
 use crate::apps::edits::bounds;
 use crate::base::Result;
