@@ -6,9 +6,9 @@
 //!
 //! Planes begin as the three principal ones of a sample of some two thousand points, and move to where they map
 //! points best onto points, nearest position and normal to each other. A posed body has no such plane: its
-//! symmetry is not looked for.
+//! symmetry is looked for along the surface ([`super::parts::symmetry`]), and its cells do not come in pairs.
 //!
-//! Cost for S points: up to 27 searches for the nearest of 500 points each in a grid, three for all of them,
+//! Cost for S points: up to 24 searches for the nearest of 500 points each in a grid, three for all of them,
 //! some milliseconds whatever the size of the mesh; the image of a seed is found by a descent over the dual
 //! graph. 24 bytes per point.
 

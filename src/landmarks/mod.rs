@@ -11,8 +11,8 @@
 //! | [`cholesky`] | l + [`PILOTS`] | randomly pivoted Cholesky |
 //! | [`greedy`] | 90 l, pooled 90 + l | best of 90 candidates by Γ, §6.1 |
 //!
-//! The last three look at affinities on a random sample of columns ([`SamplingParams::columns`]), from which they pick
-//! too: memory and arithmetic do not grow with n, and where n is smaller they are exact.
+//! The last three look at distances or affinities on a random sample of columns ([`SamplingParams::columns`]), from
+//! which they pick too: fronts aside, memory and arithmetic do not grow with n, and where n is smaller they are exact.
 
 pub mod centroid;
 pub mod cholesky;

@@ -269,7 +269,8 @@ pub fn angles(a: &DMatrix<f64>, b: &DMatrix<f64>) -> Vec<f64> {
     angles
 }
 
-/// The `k` eigenpairs of `w` of greatest absolute value, sorted by value, by subspace iteration: n² k a step.
+/// The `k` greatest eigenvalues of `w`, descending, and their eigenvectors, out of the k + 10 eigenpairs of greatest
+/// absolute value, by subspace iteration: n² k a step.
 pub fn leading(w: &DMatrix<f64>, k: usize) -> (Vec<f64>, DMatrix<f64>) {
     const MORE: usize = 10;
     const STEPS: usize = 300;

@@ -39,9 +39,9 @@ pub fn expected(confidence: f64, width: f64) -> f64 {
 /// The share of pairs of points, 0 to 1, on which a person is expected to differ, where the ensemble's
 /// own estimate is `expected`.
 ///
-/// The probability of a merge is fitted to what most people decide and not to how many do, so the estimate is half
-/// of what is found. A power of it is not; fitted to the parts found on the Princeton benchmark, checked on
-/// categories that were left out.
+/// The probabilities of merges are fitted to what the majority decides, not to how many people decide so. The ensemble
+/// is therefore too sure: its estimate is about half of the disagreement that is found. A factor and a power, fitted to
+/// the parts found on the Princeton benchmark and checked on categories that were left out, correct that.
 pub fn disagreement(expected: f64) -> f64 {
     let [factor, power] = PEOPLE;
     (factor * expected.powf(power)).min(1.)

@@ -210,7 +210,8 @@ impl Superfaces {
         self.first.iter().map(|&i| cells[i as usize]).collect()
     }
 
-    /// Sums of the boundary lengths between superfaces, as a list of (superface, superface, length).
+    /// The boundaries between superfaces as a list of (superface, superface, length), one entry for each pair of cells
+    /// that touch there.
     pub fn shared_boundaries(&self, cells: &CellGraph) -> Vec<(u32, u32, f64)> {
         let name = |i: u32| self.of_cell[i as usize];
         let apart = |(&[i, j], &length): (&[u32; 2], &f64)| (name(i), name(j), length);

@@ -13,7 +13,7 @@ use crate::cluster::parts::matrix::Square;
 pub const LIKE: f64 = 0.9;
 /// A superface is cut where both pieces have this share of it: less is what images are off by.
 const CUT: f64 = 0.3;
-/// MirrorImages farther apart than this many cell radii are none.
+/// Cell radii between an image and the cell nearest to it at which its weight has fallen to e⁻¹.
 const REACH: f64 = 2.0;
 
 /// The mirror image of each cell under one plane, or under a [`super::reflection`].
@@ -21,7 +21,7 @@ const REACH: f64 = 2.0;
 pub struct MirrorImages {
     /// The cell nearest to each cell's mirror image (S).
     pub image: Vec<u32>,
-    /// How far it is the image: 1 for a pair in the same place, nearly 0 from two radii on (S).
+    /// How far it is the image: 1 for a pair in the same place, e⁻¹ two radii apart, nearly 0 from three on (S).
     pub weight: Vec<f64>,
 }
 

@@ -12,7 +12,7 @@ use crate::base::Result;
 use crate::cluster::parts::cell_graph::CellGraph;
 use crate::store::run::Run;
 
-/// MirrorImages whose distances differ by this many cell radii are none.
+/// Cell radii by which distances of an image differ where its weight has fallen to e⁻¹.
 const REACH: f64 = 3.0;
 
 /// The reflection of a posed body with cells of `shares` of the area and this `log_thickness` behind them (S); `None`
