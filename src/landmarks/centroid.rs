@@ -4,7 +4,7 @@
 //! taken, and the node whose place is nearest to it becomes the landmark. Farthest points lie at tips, which
 //! represent little but themselves. Cost: l rows besides those of the result. Memory: 4 l s bytes.
 
-use super::cholesky::Factor;
+use super::cholesky::sampled_columns;
 use super::farthest::Farthest;
 use super::{Found, Sampler, SamplingParams, Space};
 use crate::base::Result;
@@ -22,7 +22,7 @@ impl Sampler for Centroids {
         field: &mut [f32],
         found: &mut Found<'_>,
     ) -> Result<()> {
-        let columns = Factor::new(field.len(), l, self.0, seed).columns;
+        let columns = sampled_columns(field.len(), l, self.0, seed);
         let mut first = Vec::with_capacity(l);
         Farthest.choose(l, seed, &mut Unfinished(space), field, &mut |node, _| {
             first.push(node);

@@ -17,6 +17,14 @@ use crate::spectral::Kernel;
 /// and what is divided by is the indefiniteness of geodesic affinities.
 pub const LEAST_PIVOT: f64 = 1e-2;
 
+/// Nodes of the columns that a sampler of `l` landmarks looks at, ascending: up to `params.columns` of `n`, at least
+/// `l`.
+pub fn sampled_columns(n: usize, l: usize, params: SamplingParams, seed: u64) -> Vec<u32> {
+    let mut columns = distinct(n, params.columns.max(l), seed, "columns of samplers");
+    columns.sort_unstable();
+    columns
+}
+
 /// The factor so far.
 pub struct Factor {
     /// Nodes of the sampled columns (s).
@@ -31,10 +39,9 @@ pub struct Factor {
 }
 
 impl Factor {
-    /// A factor of rank 0 over up to `params.columns` columns of `n`, at least `l`.
+    /// A factor of rank 0 over [`sampled_columns`].
     pub fn new(n: usize, l: usize, params: SamplingParams, seed: u64) -> Self {
-        let mut columns = distinct(n, params.columns.max(l), seed, "columns of samplers");
-        columns.sort_unstable();
+        let columns = sampled_columns(n, l, params, seed);
         let residual = vec![1.; columns.len()];
         Self { columns, rows: Vec::new(), residual, kernel: params.kernel, sigma: params.sigma }
     }
@@ -146,4 +153,20 @@ fn pivot(residual: &[f64], chosen: &[bool], at: f64) -> usize {
         }
     }
     chosen.iter().position(|chosen| !chosen).unwrap_or(0)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::pivot;
+
+    #[test]
+    fn a_column_is_drawn_in_proportion_to_its_residual() {
+        // The second is chosen already; below 0 is what rounding and an indefinite kernel leave.
+        let (residual, chosen) = ([0.1, 0.5, 0.3, -0.2, 0., 0.6], [false, true, false, false, false, false]);
+        let mut hits = [0; 6];
+        (0..1000).for_each(|k| hits[pivot(&residual, &chosen, (f64::from(k) + 0.5) / 1000.)] += 1);
+        assert_eq!(hits, [100, 0, 300, 0, 0, 600]);
+        // Where all is explained, one that is free.
+        assert_eq!(pivot(&[0., 0., -1.], &[true, false, false], 0.7), 1);
+    }
 }

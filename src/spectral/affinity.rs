@@ -255,6 +255,26 @@ impl KeptEigenpairs {
     }
 }
 
+/// Degrees of the Nyström approximation: that of a column k of `[A B]` is kᵀ `toward`.
+#[derive(Clone, Debug, Default)]
+pub(super) struct Degrees {
+    /// A⁺ (W 1) (l).
+    pub toward: Vec<f64>,
+    /// Least degree.
+    pub floor: f64,
+    /// Roots of the landmarks' own degrees (l).
+    pub roots: Vec<f64>,
+}
+
+impl Degrees {
+    /// From the landmarks' row sums W 1 (l).
+    pub fn of(a: &KeptEigenpairs, sums: &[f64]) -> Self {
+        let floor = 1e-3 * sums.iter().sum::<f64>() / sums.len() as f64;
+        let roots = sums.iter().map(|sum| sum.max(floor).sqrt()).collect();
+        Self { toward: a.solve(sums), floor, roots }
+    }
+}
+
 /// What is done.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Preprocess {
@@ -273,12 +293,10 @@ pub enum Preprocess {
 pub struct PreprocessedBlock<'a> {
     block: &'a dyn SampledBlock,
     kind: Preprocess,
-    /// A⁺ (W 1) (l), for degrees.
-    toward_degrees: Vec<f64>,
-    /// Least degree.
-    floor: f64,
-    /// Roots of the landmarks' degrees, or means of A's rows (l).
-    own: Vec<f64>,
+    /// Where degrees are divided by.
+    degrees: Degrees,
+    /// Means of A's rows (l), where columns are centred.
+    means: Vec<f64>,
     /// Mean of A.
     mean: f64,
 }
@@ -289,20 +307,16 @@ impl<'a> PreprocessedBlock<'a> {
     /// # Errors
     /// [`crate::base::Error::Cancelled`].
     pub fn new(block: &'a dyn SampledBlock, kind: Preprocess, tolerance: f64, run: &Run) -> Result<Self> {
-        let mut prepared = Self { block, kind, toward_degrees: Vec::new(), floor: 0., own: Vec::new(), mean: 0. };
-        let l = block.len();
+        let mut prepared = Self { block, kind, degrees: Degrees::default(), means: Vec::new(), mean: 0. };
         match kind {
             Preprocess::None => {}
             Preprocess::Centred => {
-                prepared.own = block.sampled().row_mean().iter().copied().collect();
-                prepared.mean = prepared.own.iter().sum::<f64>() / l as f64;
+                prepared.means = block.sampled().row_mean().iter().copied().collect();
+                prepared.mean = prepared.means.iter().sum::<f64>() / block.len() as f64;
             }
             Preprocess::Degree | Preprocess::RowStochastic => {
                 let sums = row_sums(block, run)?;
-                let kept = KeptEigenpairs::of(block.sampled(), tolerance);
-                prepared.floor = 1e-3 * sums.iter().sum::<f64>() / l as f64;
-                prepared.toward_degrees = kept.solve(&sums);
-                prepared.own = sums.iter().map(|sum| sum.max(prepared.floor).sqrt()).collect();
+                prepared.degrees = Degrees::of(&KeptEigenpairs::of(block.sampled(), tolerance), &sums);
             }
         }
         Ok(prepared)
@@ -311,10 +325,10 @@ impl<'a> PreprocessedBlock<'a> {
     /// Degrees of the m columns in `columns` (l × m).
     fn degrees(&self, m: usize, columns: &[f64]) -> Vec<f64> {
         let mut degrees = vec![0.; m];
-        for (row, c) in columns.chunks_exact(m).zip(&self.toward_degrees) {
+        for (row, c) in columns.chunks_exact(m).zip(&self.degrees.toward) {
             degrees.iter_mut().zip(row).for_each(|(d, w)| *d += c * w);
         }
-        degrees.iter_mut().for_each(|d| *d = d.max(self.floor));
+        degrees.iter_mut().for_each(|d| *d = d.max(self.degrees.floor));
         degrees
     }
 }
@@ -348,15 +362,15 @@ impl SampledBlock for PreprocessedBlock<'_> {
             Preprocess::Centred => {
                 let mut means = vec![0.; m];
                 for row in out.chunks_exact(m) {
-                    means.iter_mut().zip(row).for_each(|(mean, w)| *mean += w / self.own.len() as f64);
+                    means.iter_mut().zip(row).for_each(|(mean, w)| *mean += w / self.means.len() as f64);
                 }
-                for (row, own) in out.chunks_exact_mut(m).zip(&self.own) {
+                for (row, own) in out.chunks_exact_mut(m).zip(&self.means) {
                     row.iter_mut().zip(&means).for_each(|(w, mean)| *w += self.mean - mean - own);
                 }
             }
             Preprocess::Degree | Preprocess::RowStochastic => {
                 let roots: Vec<f64> = self.degrees(m, out).into_iter().map(f64::sqrt).collect();
-                for (row, own) in out.chunks_exact_mut(m).zip(&self.own) {
+                for (row, own) in out.chunks_exact_mut(m).zip(&self.degrees.roots) {
                     row.iter_mut().zip(&roots).for_each(|(w, root)| *w /= own * root);
                 }
             }

@@ -18,7 +18,7 @@ use crate::base::simd::{SimdKernel, dispatch};
 use nalgebra::DMatrix;
 
 /// Share of the mean affinity that every landmark gives to every cell: far cells stay distributions.
-const BACKGROUND: f64 = 0.01;
+pub(super) const BACKGROUND: f64 = 0.01;
 /// Least share of the area that a landmark stands for.
 const ANCHOR_FLOOR: f64 = 1e-4;
 /// Lanes of the hand-blocked inner products.

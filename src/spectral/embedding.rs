@@ -18,8 +18,8 @@
 //!
 //! Cost of extrapolation: l exponentials and l·d multiply-adds per face, vectorised over faces.
 
-use super::affinity::{KeptEigenpairs, landmark_affinities};
-use super::anchor::nearest_shares;
+use super::affinity::{Degrees, KeptEigenpairs, landmark_affinities};
+use super::anchor::{BACKGROUND, nearest_shares};
 use super::eigen;
 use super::kernel::Kernel;
 use crate::base::parallel::{chunk_count, chunk_range};
@@ -428,7 +428,8 @@ impl EmbeddingFit<'_> {
             dimensions: offset.len(),
             map,
             offset,
-            divisor,
+            // Brought to unit length, nothing is left of what was divided by.
+            divisor: if self.params.unit_rows { Divisor::One } else { divisor },
             unit_rows: self.params.unit_rows,
             eigenvalues,
             dropped: a.dropped(),
@@ -463,14 +464,7 @@ impl EmbeddingFit<'_> {
                 n * row.iter().zip(&self.columns.shares).map(|(&w, &share)| f64::from(w) * share).sum::<f64>()
             })
             .collect();
-        // c = A⁺ sums, so that a face's degree is kᵀc.
-        let mut c = vec![0f64; l];
-        for (e, value) in kept.values.iter().enumerate() {
-            let dot: f64 = (0..l).map(|k| kept.vectors[(k, e)] * sums[k]).sum::<f64>() / value;
-            (0..l).for_each(|k| c[k] += dot * kept.vectors[(k, e)]);
-        }
-        let floor = 1e-3 * sums.iter().sum::<f64>() / l as f64;
-        let roots: Vec<f64> = sums.iter().map(|&s| s.max(floor).sqrt()).collect();
+        let Degrees { toward, floor, roots } = Degrees::of(&kept, &sums);
         let normalised = DMatrix::from_fn(l, l, |i, j| a[(i, j)] / (roots[i] * roots[j]));
         let KeptEigenpairs { values, vectors, all } = self.kept(normalised);
         let d = self.params.dimensions.min(values.len());
@@ -478,7 +472,7 @@ impl EmbeddingFit<'_> {
         for e in 0..d {
             map.extend((0..l).map(|k| (vectors[(k, e)] / (values[e] * roots[k])) as f32));
         }
-        let divisor = Divisor::Root(c.iter().map(|&c| c as f32).collect(), floor as f32);
+        let divisor = Divisor::Root(toward.iter().map(|&c| c as f32).collect(), floor as f32);
         let dropped = l - values.len();
         Embedding { dropped, ..self.embedding(map, vec![0.; d], divisor, all, &kept) }
     }
@@ -490,9 +484,9 @@ impl EmbeddingFit<'_> {
         let shares = &self.columns.shares;
         let k: Vec<Vec<f32>> = (0..l).map(|row| self.affinities(row)).collect();
         let v = nearest_shares((0..l).map(|k| self.columns.row(k)), shares);
-        // ε: a hundredth of the mean weight, so that a face far from all anchors stays defined.
+        // ε: a share of the mean weight, so that a face far from all anchors stays defined.
         let mean: f64 = (0..s).map(|j| shares[j] * (0..l).map(|i| v[i] * f64::from(k[i][j])).sum::<f64>()).sum();
-        let epsilon = 0.01 * mean.max(1e-30);
+        let epsilon = BACKGROUND * mean.max(1e-30);
         let mut z = DMatrix::<f64>::zeros(l, s);
         for j in 0..s {
             let mut sum = 0.;

@@ -54,7 +54,7 @@ impl Kernel {
     pub fn apply(&self, sigma: f32, distances: &[f32], out: &mut [f32]) {
         // Finite whatever σ, so that a distance of 0 never meets an infinite factor.
         let inverse = if sigma > 0. { (1. / sigma).min(f32::MAX) } else { 0. };
-        dispatch(Affinities { kernel: *self, inverse, distances, out });
+        dispatch(Applied { kernel: *self, inverse, distances, out });
     }
 
     /// The affinity of one distance, in `f64`, for the l × l problems.
@@ -92,7 +92,7 @@ impl Kernel {
 }
 
 /// [`Kernel::apply`], for [`dispatch`].
-struct Affinities<'a> {
+struct Applied<'a> {
     kernel: Kernel,
     /// 1/σ.
     inverse: f32,
@@ -100,7 +100,7 @@ struct Affinities<'a> {
     out: &'a mut [f32],
 }
 
-impl SimdKernel for Affinities<'_> {
+impl SimdKernel for Applied<'_> {
     type Output = ();
 
     #[inline(always)]

@@ -13,6 +13,8 @@
 //! Cost: an eigenproblem of the size of the sample (600: a second); two passes over [`LocalRows`], r multiplications
 //! per entry; 4 r bytes per vertex on disk.
 
+use super::kernel::Kernel;
+use super::nystrom::area_shares;
 use super::{eigen, laplacian};
 use crate::base::Result;
 use crate::base::parallel::{chunk_count, chunk_range};
@@ -43,8 +45,7 @@ pub struct LocalBasis {
 /// The Gaussian of width `sigma`.
 #[inline]
 fn affinity(distance: f32, sigma: f64) -> f64 {
-    let x = f64::from(distance) / sigma;
-    (-0.5 * x * x).exp()
+    Kernel::Gaussian.of(sigma, f64::from(distance))
 }
 
 /// Adds a row times a number.
@@ -83,12 +84,6 @@ impl SimdKernel for AddMoments<'_> {
     }
 }
 
-/// The share of each vertex in all area.
-fn shares(nodes: &[Node]) -> impl Fn(usize) -> f64 + Sync + '_ {
-    let total: f64 = nodes.iter().map(|node| f64::from(node.area)).sum();
-    move |v| if total > 0. { f64::from(nodes[v].area) / total } else { 1. / nodes.len() as f64 }
-}
-
 /// A Gaussian of width `sigma` around each sample of `rows`, and the share of area that each sample stands for (s).
 struct Gaussians<'a> {
     rows: &'a LocalRows,
@@ -107,7 +102,7 @@ impl<'a> Gaussians<'a> {
     fn extend(&self, factors: &[f64], frequencies: Vec<f64>, name: &str, context: Context<'_>) -> Result<LocalBasis> {
         let Self { rows, nodes, sigma, mass } = self;
         let (n, r, run) = (rows.nodes(), frequencies.len(), context.run);
-        let share = shares(nodes);
+        let share = area_shares(nodes);
         let extend = |v: usize, out: &mut [f64]| {
             out.fill(0.);
             let mut sum = 0f64;
@@ -163,7 +158,7 @@ impl<'a> Gaussians<'a> {
 
 /// The share of area that each sample stands for (s).
 fn masses(rows: &LocalRows, nodes: &[Node], sigma: f64, run: &Run) -> Result<Vec<f64>> {
-    let (n, s, share) = (rows.nodes(), rows.samples.len(), shares(nodes));
+    let (n, s, share) = (rows.nodes(), rows.samples.len(), area_shares(nodes));
     let mut mass = vec![0f64; s];
     let part = |k: usize, (): &mut ()| {
         let mut mass = vec![0f64; s];

@@ -317,6 +317,12 @@ impl SampledBlock for RowAffinities<'_> {
     }
 }
 
+/// The share of each vertex in all area; all alike where there is none.
+pub(super) fn area_shares(nodes: &[Node]) -> impl Fn(usize) -> f64 + Sync + '_ {
+    let total: f64 = nodes.iter().map(|node| f64::from(node.area)).sum();
+    move |v| if total > 0. { f64::from(nodes[v].area) / total } else { 1. / nodes.len() as f64 }
+}
+
 /// Mean of all distances of `rows`, by area.
 fn mean_distance(rows: &DistanceRows, nodes: &[Node]) -> f64 {
     let total: f64 = nodes.iter().map(|node| f64::from(node.area)).sum();
@@ -343,9 +349,7 @@ impl OrthogonalEmbedding {
     pub fn fit(rows: &DistanceRows, nodes: &[Node], params: OrthogonalParams, run: &Run) -> Result<Self> {
         params.check()?;
         let sigma = params.width * mean_distance(rows, nodes);
-        let total: f64 = nodes.iter().map(|node| f64::from(node.area)).sum();
-        let equal = 1. / rows.nodes as f64;
-        let share = |v: usize| if total > 0. { f64::from(nodes[v].area) / total } else { equal };
+        let share = area_shares(nodes);
         let block = RowAffinities { rows, kernel: params.kernel, sigma };
         let tolerance = params.kernel.tolerance(rows.len());
         let fit = |params| NystromExtension::fit(&block, params, Some(&share), run);
