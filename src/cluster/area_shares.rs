@@ -20,7 +20,6 @@ use crate::graph::components::Several;
 use crate::graph::{DualGraph, Node, NodeGeometry};
 use crate::store::npy::ArrayMut;
 use crate::store::{Context, MappedSlice, Run};
-use std::borrow::Cow;
 use std::ops::Range;
 
 /// Components below this share of the area are tiny …
@@ -122,7 +121,7 @@ impl AreaShares {
     }
 
     /// Shows the shares of the nodes `range` to `see`, in order.
-    fn each(&self, range: Range<usize>, mut see: impl FnMut(f32)) {
+    pub(super) fn each(&self, range: Range<usize>, mut see: impl FnMut(f32)) {
         match &self.computed {
             None => self.stored[range].iter().for_each(|&share| see(share)),
             Some((nodes, from)) => nodes.view().each(range, |_, node| see(from.share(node.area))),
@@ -133,14 +132,6 @@ impl AreaShares {
     #[inline]
     pub fn at(&self, at: usize) -> f32 {
         self.computed.as_ref().map_or_else(|| self.stored[at], |(nodes, from)| from.share(nodes.area(at)))
-    }
-
-    /// The shares of all nodes (n), for loops over many rows: where they are computed, 4 bytes of memory per node.
-    pub(super) fn values(&self) -> Cow<'_, [f32]> {
-        match self.computed {
-            None => Cow::Borrowed(&self.stored),
-            Some(_) => (0..self.len()).map(|at| self.at(at)).collect(),
-        }
     }
 }
 

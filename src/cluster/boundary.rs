@@ -178,7 +178,8 @@ pub fn refine(
             dissolve(steps, &interior_edge, field, labels.data(), context.run)?;
         }
     }
-    let band = straighten(graph, steps, shares, (field.data(), &visited), labels.data(), context.run)?;
+    let depths = Depths { field: field.data(), visited: &visited };
+    let band = straighten(graph, steps, shares, depths, labels.data(), context.run)?;
     drop(field);
     context.work.remove("depth.tmp.partial");
     // Outside the band labels differ only between interiors, where they differed at first.
@@ -198,13 +199,19 @@ fn at_boundary(graph: Csr<'_>, candidates: Vec<u32>, labels: &[u32]) -> Vec<u32>
     nodes
 }
 
-/// Straightens the new boundaries; `field` (n) is 0 in the interiors, also where nothing was `visited`, and is used up.
-/// Returns the nodes whose labels may have changed.
+/// How deep nodes lie in the narrow band.
+struct Depths<'a> {
+    /// Depth of each node (n), 0 in the interiors, also where nothing was visited.
+    field: &'a mut [f32],
+    visited: &'a VisitedPieces,
+}
+
+/// Straightens the new boundaries; `depths` are used up. Returns the nodes whose labels may have changed.
 fn straighten(
     graph: &DualGraph,
     steps: Csr<'_>,
     shares: &AreaShares,
-    (field, visited): (&mut [f32], &VisitedPieces),
+    Depths { field, visited }: Depths<'_>,
     labels: &mut [u32],
     run: &Run,
 ) -> Result<Vec<u32>> {

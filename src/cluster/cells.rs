@@ -23,7 +23,6 @@ use crate::graph::Csr;
 use crate::graph::weights::{Metric, Weighting};
 use crate::graph::{DualGraph, Node};
 use crate::store::{Context, MappedSlice, Run};
-use std::borrow::Cow;
 use std::collections::BTreeMap;
 
 /// Cells of a surface.
@@ -199,7 +198,7 @@ fn borders(
 #[derive(Clone, Debug)]
 pub struct CellAverages<'a> {
     cell: &'a [u16],
-    share: Cow<'a, [f32]>,
+    shares: &'a AreaShares,
     /// Area of each cell (S).
     mass: Vec<f64>,
 }
@@ -207,27 +206,29 @@ pub struct CellAverages<'a> {
 impl<'a> CellAverages<'a> {
     /// Averages over `cells`; faces count by `shares`.
     pub fn new(cells: &'a Cells, shares: &'a AreaShares) -> Self {
-        let (cell, share) = (&cells.of_node[..], shares.values());
-        let mut mass = vec![0f64; cells.len()];
-        for (&c, &share) in cell.iter().zip(&*share) {
-            mass[c as usize] += weight(share);
-        }
-        Self { cell, share, mass }
+        let mut average = Self { cell: &cells.of_node, shares, mass: Vec::new() };
+        average.mass = average.sums(cells.len(), |_| 1.);
+        average
     }
 
     /// Area means over each cell (S) of a row of distances (n); infinite where a cell is not reached.
     pub fn of(&self, row: &[f32]) -> Vec<f64> {
-        let mut sums = vec![0f64; self.mass.len()];
-        for ((&c, &share), &d) in self.cell.iter().zip(&*self.share).zip(row) {
-            sums[c as usize] += weight(share) * f64::from(d);
-        }
+        let sums = self.sums(self.mass.len(), |face| f64::from(row[face]));
         sums.iter().zip(&self.mass).map(|(sum, mass)| sum / mass).collect()
     }
-}
 
-/// What a face counts: the same floor as in the cells' own means, for cells within tiny components.
-fn weight(share: f32) -> f64 {
-    f64::from(share).max(1e-18)
+    /// Sums of what `value` gives for each face over each of `cells` cells.
+    fn sums(&self, cells: usize, value: impl Fn(usize) -> f64) -> Vec<f64> {
+        let mut sums = vec![0f64; cells];
+        let mut faces = self.cell.iter().enumerate();
+        self.shares.each(0..self.cell.len(), |share| {
+            if let Some((face, &cell)) = faces.next() {
+                // The same floor as in the cells' own means, for cells within tiny components.
+                sums[cell as usize] += f64::from(share).max(1e-18) * value(face);
+            }
+        });
+        sums
+    }
 }
 
 /// Area means of each row over each cell, row-major l × S; infinite where a cell is not reached.

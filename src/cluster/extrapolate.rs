@@ -39,11 +39,7 @@ impl LocalPartMeans {
         let (embedding, extension) =
             fit_anchor_embedding(&rows, &all, &cells.area_shares(), EMBEDDING_DIMENSIONS, COMPARE_SCALE);
         let far = all.iter().map(|&j| rows.row(j).iter().fold(0f64, |top, &d| top.max(d)) as f32 * 2.).collect();
-        let mut beside = vec![Vec::new(); s];
-        for &[i, j] in &cells.pairs {
-            beside[i as usize].push(j);
-            beside[j as usize].push(i);
-        }
+        let beside = cells.neighbours();
         let around = (0..s)
             .map(|cell| {
                 let first = beside[cell].iter().copied();

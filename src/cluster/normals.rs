@@ -212,11 +212,11 @@ pub fn averaged(graph: &DualGraph, shares: &AreaShares, r: f32, file: &str, cont
     let mean = f64::from(mean_weight(lengths(graph)) * shares.unit);
     let rounds = if mean > 0. { (f64::from(r) / mean).powi(2).round().min(ROUNDS) as usize } else { 0 };
     let mut normals: Vec<[f32; 3]> = (0..n).map(|i| graph.nodes.at(i).normal).collect();
-    let (mut next, share) = (normals.clone(), shares.values());
+    let mut next = normals.clone();
     for _ in 0..rounds {
         // Weighted once, and not again for each neighbour.
         let weighted: Vec<[f32; 3]> =
-            normals.iter().zip(&*share).map(|(normal, share)| normal.map(|x| x * share)).collect();
+            normals.iter().enumerate().map(|(i, normal)| normal.map(|x| x * shares.at(i))).collect();
         context.run.fill_each(&mut next, CHUNK, |i, _| {
             let mut sum = weighted[i];
             // Bridges have no length, and join nothing here.

@@ -41,45 +41,45 @@ impl TwoMeansParams {
     }
 }
 
-/// Some of the points, their mean, and their cost around it.
-struct PointSet {
-    points_of: Vec<u32>,
+/// A part: some of the points, their mean, and their cost around it.
+struct Part {
+    members: Vec<u32>,
     mean: Vec<f32>,
     cost: f64,
 }
 
-impl PointSet {
-    fn of(points: WeightedPoints<'_>, points_of: Vec<u32>) -> Self {
+impl Part {
+    fn of(points: WeightedPoints<'_>, members: Vec<u32>) -> Self {
         let s = points.weights.len();
-        let mass: f64 = points_of.iter().map(|&j| points.weights[j as usize]).sum();
+        let mass: f64 = members.iter().map(|&j| points.weights[j as usize]).sum();
         let (mut mean, mut cost) = (Vec::new(), 0.);
         for row in points.coordinates.chunks_exact(s.max(1)) {
-            let moment: f64 = points_of.iter().map(|&j| points.weights[j as usize] * f64::from(row[j as usize])).sum();
+            let moment: f64 = members.iter().map(|&j| points.weights[j as usize] * f64::from(row[j as usize])).sum();
             let centre = if mass > 0. { moment / mass } else { 0. };
             mean.push(centre as f32);
             let square = |&j: &u32| points.weights[j as usize] * (f64::from(row[j as usize]) - centre).powi(2);
-            cost += points_of.iter().map(square).sum::<f64>();
+            cost += members.iter().map(square).sum::<f64>();
         }
-        Self { points_of, mean, cost }
+        Self { members, mean, cost }
     }
 
     /// The best split found, unless all points are one.
     fn split(&self, points: WeightedPoints<'_>, dimensions: usize, run: &Run) -> Result<Option<Halving>> {
-        let m = self.points_of.len();
+        let m = self.members.len();
         if m < 2 || self.cost <= 0. {
             return Ok(None);
         }
         let mut coordinates = Vec::with_capacity(dimensions * m);
         for row in points.coordinates.chunks_exact(points.weights.len()) {
-            coordinates.extend(self.points_of.iter().map(|&j| row[j as usize]));
+            coordinates.extend(self.members.iter().map(|&j| row[j as usize]));
         }
-        let weights: Vec<f64> = self.points_of.iter().map(|&j| points.weights[j as usize]).collect();
+        let weights: Vec<f64> = self.members.iter().map(|&j| points.weights[j as usize]).collect();
         let own = WeightedPoints { coordinates: &coordinates, weights: &weights };
         let fitted = KMeans::fit(own, dimensions, KMeansParams::new(2), run)?;
         let (mut label, mut first, mut second) = (vec![0; m], vec![0.; m], vec![0.; m]);
         let row = |e: usize| &coordinates[e * m..(e + 1) * m];
         fitted.centres().nearest(row, &mut label, &mut first, &mut second);
-        let half = |side: u32| self.points_of.iter().zip(&label).filter(move |(_, l)| **l == side).map(|(&j, _)| j);
+        let half = |side: u32| self.members.iter().zip(&label).filter(move |(_, l)| **l == side).map(|(&j, _)| j);
         let (one, other): (Vec<u32>, Vec<u32>) = (half(0).collect(), half(1).collect());
         if one.is_empty() || other.is_empty() {
             return Ok(None);
@@ -92,7 +92,7 @@ impl PointSet {
 /// A part in two, and what that takes off the cost.
 struct Halving {
     gain: f64,
-    halves: [PointSet; 2],
+    halves: [Part; 2],
 }
 
 /// Splits weighted points with `dimensions` coordinates; the means of the parts are the centres. There are always as
@@ -115,12 +115,12 @@ struct Halving {
 /// # Errors
 /// [`crate::base::Error::Cancelled`].
 pub fn fit(points: WeightedPoints<'_>, dimensions: usize, params: TwoMeansParams, run: &Run) -> Result<KMeans> {
-    let whole = PointSet::of(points, (0..points.weights.len() as u32).collect());
+    let whole = Part::of(points, (0..points.weights.len() as u32).collect());
     let least_gain = params.share * whole.cost;
     let split = whole.split(points, dimensions, run)?;
     let mut parts = vec![(whole, split)];
     while parts.len() < params.most {
-        let gain = |part: &(PointSet, Option<Halving>)| part.1.as_ref().map_or(f64::NEG_INFINITY, |split| split.gain);
+        let gain = |part: &(Part, Option<Halving>)| part.1.as_ref().map_or(f64::NEG_INFINITY, |split| split.gain);
         let mut best = 0;
         for k in 1..parts.len() {
             if gain(&parts[k]) > gain(&parts[best]) {

@@ -48,6 +48,16 @@ impl CellGraph {
         self.area.len()
     }
 
+    /// The cells that each cell touches (S), in the order of pairs.
+    pub fn neighbours(&self) -> Vec<Vec<u32>> {
+        let mut beside = vec![Vec::new(); self.len()];
+        for &[i, j] in &self.pairs {
+            beside[i as usize].push(j);
+            beside[j as usize].push(i);
+        }
+        beside
+    }
+
     /// Whether there is no cell.
     pub fn is_empty(&self) -> bool {
         self.area.is_empty()

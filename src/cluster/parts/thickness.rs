@@ -45,17 +45,14 @@ pub fn log_thickness(cells: &CellGraph, run: &Run) -> Result<Vec<f64>> {
     let found = chunks.concat();
     let usual = median(&mut found.iter().filter_map(|x| *x).collect::<Vec<_>>()).unwrap_or(UNKNOWN);
     let mut out: Vec<f64> = found.iter().map(|x| x.unwrap_or(usual).max(FLOOR).ln()).collect();
-    let mut beside: Vec<Vec<usize>> = (0..cells.len()).map(|i| vec![i]).collect();
-    for &[i, j] in &cells.pairs {
-        beside[i as usize].push(j as usize);
-        beside[j as usize].push(i as usize);
-    }
+    let beside = cells.neighbours();
     let mut near = Vec::new();
     for _ in 0..ROUNDS {
         let last = out.clone();
         for (x, beside) in out.iter_mut().zip(&beside) {
             near.clear();
-            near.extend(beside.iter().map(|&j| last[j]));
+            near.push(*x);
+            near.extend(beside.iter().map(|&j| last[j as usize]));
             *x = median(&mut near).unwrap_or(*x);
         }
     }

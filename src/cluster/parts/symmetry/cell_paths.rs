@@ -35,11 +35,7 @@ impl CellPaths {
     /// Steps of `cells`.
     pub fn new(cells: &CellGraph) -> Self {
         let n = cells.len();
-        let mut beside = vec![Vec::new(); n];
-        for &[i, j] in &cells.pairs {
-            beside[i as usize].push(j);
-            beside[j as usize].push(i);
-        }
+        let beside = cells.neighbours();
         let (mut starts, mut ends, mut length) = (vec![0], Vec::new(), Vec::new());
         for (i, near) in beside.iter().enumerate() {
             let mut all: Vec<u32> = near.iter().flat_map(|&j| beside[j as usize].iter().copied().chain([j])).collect();
