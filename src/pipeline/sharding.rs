@@ -107,22 +107,16 @@ impl SharedWork<'_> {
     /// What identifies the shares.
     fn key(&self, run: &Run) -> StageKey {
         let Self { divided, identity, params } = self;
-        let inputs = |options: Value| json!({"input": identity, "rows": options, "seed": run.seed});
-        let rows = json!({
-            "landmarks": params.landmarks, "sampling": params.sampling, "metric": params.metric,
-            "order": params.order, "cluster": params.cluster, "count": params.parts.count,
-        });
-        let fronts = json!({
-            "metric": params.metric, "order": params.order, "cluster": params.cluster, "exact": params.exact_rows(),
-        });
-        match divided {
-            Divided::Rows => StageKey::new("sharding", VERSION, inputs(rows)),
-            Divided::Normals => StageKey::new("shared normals", VERSION, inputs(fronts)),
-            Divided::Contraction => StageKey::new("shared contraction", VERSION, inputs(fronts)),
-            Divided::ContractedRows => StageKey::new("shared rows", VERSION, inputs(json!([rows, fronts]))),
-            Divided::Depths => StageKey::new("shared depths", VERSION, inputs(json!(params))),
-            Divided::Bands => StageKey::new("shared bands", VERSION, inputs(json!(params))),
-        }
+        let name = match divided {
+            Divided::Rows => "sharding",
+            Divided::Normals => "shared normals",
+            Divided::Contraction => "shared contraction",
+            Divided::ContractedRows => "shared rows",
+            Divided::Depths => "shared depths",
+            Divided::Bands => "shared bands",
+        };
+        // All options: even whether a mesh is contracted depends on the number of parts.
+        StageKey::new(name, VERSION, json!({"input": identity, "params": params, "seed": run.seed}))
     }
 
     /// What the stage in `work` says, where the weights that it names are still there: a run with other options may
@@ -401,6 +395,28 @@ fn waiting<R>(path: &Path, run: &Run, mut attempt: impl FnMut() -> Result<Result
                 }
                 std::thread::sleep(Duration::from_millis(200));
             }
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::cluster::parts::{PartCount, PartsParams};
+
+    /// Regression: the number of parts, on which it depends whether a mesh is contracted, was no part of the keys of
+    /// normals and contraction. "Nothing to do" of a thousand parts and one answered for ten.
+    #[test]
+    fn every_kind_of_share_is_of_one_number_of_parts() {
+        use Divided::{Bands, ContractedRows, Contraction, Depths, Normals, Rows};
+        let (identity, run) = (json!("mesh"), Run::new(&()));
+        for divided in [Rows, Normals, Contraction, ContractedRows, Depths, Bands] {
+            let [few, many] = [10, 1_001].map(|parts| {
+                let parts = PartsParams { count: PartCount::Exactly(parts), ..PartsParams::default() };
+                let params = SegmentParams::default().cluster(Cluster::KMeans).parts(parts);
+                SharedWork { divided, identity: &identity, params: &params }.key(&run).key
+            });
+            assert_ne!(few, many, "{divided:?}");
         }
     }
 }
