@@ -1,17 +1,20 @@
 //! A short calibration: the recipe on two creatures, timed by stage.
 //!
 //! Both go the mesh's way: contracted if it is, over all faces if it is not. A third one has noise, and tells what
-//! normals of a rough surface take. Costs one to five seconds and some 20 MB of disk for as long; for meshes of more
-//! than ten million faces less than a tenth of what their run takes, and some six seconds at the most.
+//! normals of a rough surface take. Creatures have no more landmarks, and no more parts of K-means and 2-means, than
+//! are usual; what more of them take is reckoned. Costs one to five seconds and some 20 MB of disk for as long; for
+//! meshes of more than ten million faces less than a tenth of what their run takes, and some six seconds at the most.
 
-use super::params::SegmentParams;
+use super::params::{Cluster, SegmentParams, default_landmarks_for_faces, dimensions, landmarks_on_contraction};
 use super::plan::Pace;
 use super::recipe::segment;
 use crate::apps::creature::{Creature, Options};
 use crate::base::{Progress, Result};
-use crate::cluster::contract;
+use crate::cluster::contract::{self, NODES};
 use crate::cluster::parts::PartsParams;
 use crate::mesh;
+use crate::spectral::EmbeddingParams;
+use crate::spectral::embedding::MOST_COLUMNS;
 use crate::store::{Budget, Context, Run, WorkDir};
 use std::collections::BTreeMap;
 use std::path::Path;
@@ -34,6 +37,39 @@ const SMALL: [u64; 2] = [14_200, 48_000];
 /// Faces of the larger creature for a larger mesh: half a million at the least, if the mesh has so many, and
 /// five million at the most.
 const LARGE: [u64; 2] = [500_000, 5_000_000];
+
+/// Parts that K-means and 2-means make of a creature at the most, and coordinates that they do so with. A thousand of
+/// each take minutes.
+const MOST_CENTRES: usize = 30;
+
+/// `params` with no more landmarks and centres than calibrating has time for, on the same way of a mesh of `faces`
+/// faces.
+fn calibrated(params: &SegmentParams, faces: usize) -> SegmentParams {
+    let contracts = params.contracts(faces);
+    let usual = if contracts { landmarks_on_contraction(usize::MAX) } else { default_landmarks_for_faces(faces) };
+    let most = if params.cluster == Cluster::Parts { usize::MAX } else { MOST_CENTRES };
+    let few = |embedding: EmbeddingParams| EmbeddingParams { dimensions: embedding.dimensions.min(most), ..embedding };
+    let parts = PartsParams { count: params.parts.count.at_most(most), ..params.parts.clone() };
+    SegmentParams {
+        landmarks: params.landmarks.map(|l| l.min(usual)),
+        embedding: params.embedding.map(few),
+        exact: params.exact || !contracts,
+        parts,
+        ..params.clone()
+    }
+}
+
+/// Multiply-adds, more or less, that K-means or 2-means takes under `params` over `nodes` nodes.
+fn steps(params: &SegmentParams, nodes: f64) -> f64 {
+    let l = params.landmarks.unwrap_or(1) as f64;
+    let k = params.centres().unwrap_or(1) as f64;
+    let d = l.min(params.embedding.map_or(dimensions(params), |embedding| embedding.dimensions) as f64);
+    // Eight starts of so many candidates and four rounds, and some twenty rounds of two of them.
+    let compared = |k: f64| k * (8. * (2. + k.ln()) + 8. * 4. + 2. * 20.);
+    let compared = if params.cluster == Cluster::TwoMeans { compared(2.) * k.log2().max(1.) } else { compared(k) };
+    let fit = nodes.min(MOST_COLUMNS as f64) * (compared * d + l * l) + 10. * l.powi(3);
+    fit + nodes * (l * (l + d + 4.) + k * d)
+}
 
 /// Calibrating takes no more than this share of the run, but for small meshes.
 const SHARE: u64 = 20;
@@ -78,10 +114,12 @@ pub fn calibrate(
     run: &Run,
 ) -> Result<Calibration> {
     let [few, many] = sizes(faces);
+    let contracts = params.contracts(faces as usize);
+    let asked = params.clone().landmarks(Some(landmarks));
+    let mut params = calibrated(&asked, faces as usize);
     // The creatures may have fewer faces than the mesh has parts.
-    let parts =
-        PartsParams { count: params.parts.count.at_most(few.min(LARGE[0] / 4) as usize), ..params.parts.clone() };
-    let params = SegmentParams { landmarks: Some(landmarks), parts, ..params.clone() };
+    params.parts.count = params.parts.count.at_most(few.min(LARGE[0] / 4) as usize);
+    let more_rows = landmarks as f64 / params.landmarks.unwrap_or(landmarks).max(1) as f64;
     let mean_seconds = |size, noise| -> Result<Timed> {
         let mut mean = seconds(&params, size, noise, folder, run)?;
         if size < TWICE_BELOW {
@@ -89,12 +127,19 @@ pub fn calibrate(
                 mean.stages.entry(stage).and_modify(|mean| *mean = (*mean + again) / 2.);
             }
         }
+        let nodes = if contracts { NODES as f64 } else { mean.faces };
+        for (stage, seconds) in &mut mean.stages {
+            *seconds *= match stage.as_str() {
+                "rows" | "cell rows" => more_rows,
+                "assign" => steps(&asked, nodes) / steps(&params, nodes),
+                _ => 1.,
+            };
+        }
         Ok(mean)
     };
     // The first run of all pays for pages and caches of the program itself.
     seconds(&params, few.min(LARGE[0] / 4), 0., folder, run)?;
     let (short, rough, long) = (mean_seconds(few, 0.)?, mean_seconds(few, NOISE)?, mean_seconds(many, 0.)?);
-    let contracts = params.contracts(faces as usize);
     let mut paces = Calibration::default();
     for (stage, &seconds) in &long.stages {
         let pace = if contracts && ON_CONTRACTION.contains(&stage.as_str()) {
@@ -162,6 +207,31 @@ fn seconds(params: &SegmentParams, faces: u64, noise: f64, folder: &Path, run: &
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::cluster::parts::PartCount;
+
+    /// Regression: creatures were cut into as many parts as the mesh, so that `plan` with K-means took longer than the
+    /// run, minutes for a thousand parts.
+    #[test]
+    fn calibrating_takes_no_longer_for_many_parts() {
+        for cluster in [Cluster::KMeans, Cluster::TwoMeans] {
+            for (parts, faces) in [(2, 10_000), (1_000, 30_000), (1_000, 67_080), (1_001, 67_080), (5_000, 10_000_000)]
+            {
+                let asked = SegmentParams::default().cluster(cluster);
+                let count = PartCount::Exactly(parts);
+                let asked = asked.parts(PartsParams { count, ..PartsParams::default() });
+                let asked = asked.clone().landmarks(Some(asked.landmarks_of(faces)));
+                let made = calibrated(&asked, faces);
+                assert_eq!(made.contracts(faces), asked.contracts(faces), "{parts} parts of {faces} faces");
+                let (steps, all) = (steps(&made, 3e4), steps(&asked, 3e4));
+                assert!(steps < 2e10 && steps <= all, "{parts} parts of {faces} faces: {steps} steps of {all}");
+                assert!(parts > 2 || steps == all);
+            }
+        }
+        // Those of the default method are had for nothing, by another cut.
+        let count = PartCount::Exactly(1_000);
+        let asked = SegmentParams::default().parts(PartsParams { count, ..PartsParams::default() });
+        assert_eq!(calibrated(&asked, 100_000).parts.count, count);
+    }
 
     /// The smaller creature was not contracted where the mesh was, and the line through both told nonsense of it.
     #[test]
