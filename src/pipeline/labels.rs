@@ -198,6 +198,16 @@ pub(super) fn label(
     Ok(result)
 }
 
+/// Stamps `result` in place of what [`label`] has stamped: its labels, which are in the work directory under the name
+/// [`LABELS`], have been changed since.
+pub(super) fn stamp_again(result: &SegmentedMesh, context: Context<'_>) -> Result<()> {
+    let Context { work, .. } = context;
+    let Some(stage) = work.manifest().stages.remove(STAGE) else { return Ok(()) };
+    let edits = serde_json::from_value::<LabelFacts>(stage.facts).ok().and_then(|facts| facts.edits);
+    let key = StageKey { name: STAGE, version: LABELS_VERSION, key: stage.key, inputs: stage.inputs };
+    work.stamp(key, &[LABELS, QUALITY], &LabelFacts { parts: result.parts(), edits }, 0.)
+}
+
 /// Labels of a work directory, as `cluster` left them.
 #[derive(Clone, Debug)]
 pub struct Labels {

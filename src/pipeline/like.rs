@@ -7,7 +7,7 @@
 //! that of the transfer or the matching, and one pass over the faces.
 
 use super::correspond::{CorrespondParams, correspond, default_landmarks_for_vertices};
-use super::labels::SegmentedMesh;
+use super::labels::{self, LABELS, SegmentedMesh};
 use crate::apps::correspond::Match;
 use crate::apps::transfer::transfer;
 use crate::base::tally::tally;
@@ -136,8 +136,8 @@ fn by_shape(reference: Reference<'_>, mesh: &Mesh, context: Context<'_>) -> Resu
     Ok(carried(values, Way::Shape, confidence, found.alignments.ambiguous))
 }
 
-/// Gives the parts of `result`, which was cut with the hints of `carried`, the numbers, colours and
-/// names of the reference's.
+/// Gives the parts of `result`, which was cut with the hints of `carried`, the numbers, colours and names of the
+/// reference's, and keeps them so in the work directory.
 ///
 /// # Errors
 /// [`Error::Io`], [`Error::Cancelled`].
@@ -163,11 +163,10 @@ pub fn settle(
     }
     let number: Vec<u32> = of_label.iter().map(|best| best.1).collect();
     let all = parts + usize::from(number.contains(&(parts as u32)));
-    let mut labels = context.work.array::<u32>("like.npy", &[result.labels.len()])?;
+    let mut labels = context.work.array::<u32>(LABELS, &[result.labels.len()])?;
     let old: &MappedSlice<u32> = &result.labels;
     context.run.fill_each(labels.data(), CHUNK, |i, _| number[old[i] as usize])?;
     let labels = labels.finish(false)?;
-    context.work.remove("like.npy");
     let (mut faces, mut area) = (vec![0; all], vec![0.; all]);
     for (old, &new) in number.iter().enumerate() {
         faces[new as usize] += result.numbers.faces.get(old).copied().unwrap_or(0);
@@ -186,5 +185,7 @@ pub fn settle(
     result.numbers.tiny_components_label = now(result.numbers.tiny_components_label);
     result.numbers.walls_label = now(result.numbers.walls_label);
     (result.numbers.faces, result.numbers.area) = (faces, area);
+    // A work directory keeps what is written.
+    labels::stamp_again(&result, context)?;
     Ok(result)
 }

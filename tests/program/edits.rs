@@ -421,8 +421,8 @@ fn parts_of_one_scan_are_found_on_others_of_its_kind() {
         nystrom_stream::Labelling { labels: &vec![0; faces.len()], colours: &[], quality: None, names: &[] };
     Mesh::from_slices(&turned, &faces).unwrap().save(path("scans/moved.ply"), labelling).unwrap();
     let (out, report) = (path("{}.like.ply"), format!("--json={}", path("all.json").display()));
-    let (scans, reference) = (path("scans"), path("reference.ply"));
-    let output = run(&["segment", word(&scans), "--like", word(&reference), "-o", word(&out), &report]);
+    let (scans, reference_mesh) = (path("scans"), path("reference.ply"));
+    let output = run(&["segment", word(&scans), "--like", word(&reference_mesh), "-o", word(&out), &report]);
     assert!(output.status.success(), "{}", errors(&output));
     let all: Value = serde_json::from_slice(&std::fs::read(path("all.json")).unwrap()).unwrap();
     let of = |name: &str| {
@@ -449,6 +449,14 @@ fn parts_of_one_scan_are_found_on_others_of_its_kind() {
     if far["like"]["look"] == true {
         assert!(errors(&output).contains("look at") && errors(&output).contains("moved.ply"), "{}", errors(&output));
     }
+    // Regression: the work directory kept the numbers, colours and names from before those of the reference were given.
+    let (near, work, out) = (path("scans/creature_6000.ply"), path("near.work"), path("near.ply"));
+    let words = ["-q", "--like", word(&reference_mesh), "--work-dir", word(&work), "-o", word(&out)];
+    segment(&near, &words);
+    let output = run(&["export", "--work-dir", word(&work), "-q", "-o", word(&path("kept.ply"))]);
+    assert!(output.status.success(), "{}", errors(&output));
+    let bytes = |name: &str| std::fs::read(path(name)).unwrap();
+    assert!(bytes("kept.ply") == bytes("near.ply") && bytes("near.ply") == bytes("scans/creature_6000.like.ply"));
     let output = run(&["segment", word(&scene.mesh), "--like", word(&scene.mesh)]);
     assert!(!output.status.success() && errors(&output).contains("no face property `label`"), "{}", errors(&output));
 }
