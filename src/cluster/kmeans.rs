@@ -8,8 +8,9 @@
 //! of columns are independent. Cost: 4 l bytes read and l exponentials per face, which Γ shares. Then
 //! [`fill_empty_parts`] sees to it that no part is empty.
 
+use super::part_totals::{PartTotals, block_size};
 use crate::base::Result;
-use crate::base::parallel::{chunk_range, map_ranges};
+use crate::base::parallel::chunk_range;
 use crate::base::random::{stream, weighted};
 use crate::base::simd::{SimdKernel, dispatch};
 use crate::base::sort::sort_by;
@@ -33,7 +34,7 @@ pub struct KMeansParams {
     pub k: usize,
     /// Starts. All go four rounds; the best two go on, and the better one is kept.
     pub starts: usize,
-    /// Lloyd rounds at the most.
+    /// Lloyd rounds at the most, after the first four.
     pub rounds: usize,
 }
 
@@ -51,7 +52,7 @@ pub struct KMeans {
     pub centres: Vec<f32>,
     /// Coordinates d.
     pub dimensions: usize,
-    /// Weighted mean of squared distances to the nearest centre.
+    /// Weighted sum of squared distances to the nearest centre, before the last round moved these.
     pub cost: f64,
 }
 
@@ -172,17 +173,17 @@ impl KMeans {
     /// [`crate::base::Error::Cancelled`].
     pub fn fit(points: WeightedPoints<'_>, dimensions: usize, params: KMeansParams, run: &Run) -> Result<Self> {
         // Starts side by side, on one thread each: seeds are drawn one after another.
+        let one = run.with_threads(1);
         let begin = |start: usize, (): &mut ()| {
-            let centres = seed_centres(points, dimensions, params.k, &format!("k-means {start}"), run);
-            let rounds = params.rounds.min(FIRST_ROUNDS);
-            lloyd(points, dimensions, centres, rounds, (1, run))
+            let centres = seed_centres(points, dimensions, params.k, &format!("k-means {start}"), run)?;
+            lloyd(points, dimensions, centres, params.rounds.min(FIRST_ROUNDS), &one)
         };
         let mut begun = run.map_chunks(params.starts.max(1), || (), begin)?;
         // A stable sort: of equal ones the first.
         sort_by(&mut begun, |a, b| a.cost.total_cmp(&b.cost));
         let mut best: Option<Self> = None;
         for start in begun.into_iter().take(FINISHED) {
-            let fitted = lloyd(points, dimensions, start.centres, params.rounds, (run.threads, run))?;
+            let fitted = lloyd(points, dimensions, start.centres, params.rounds, run)?;
             if best.as_ref().is_none_or(|best| fitted.cost < best.cost) {
                 best = Some(fitted);
             }
@@ -192,13 +193,15 @@ impl KMeans {
 }
 
 /// Greedy k-means++: each next centre is the best of a few points drawn by weight times squared distance.
-fn seed_centres(points: WeightedPoints<'_>, dimensions: usize, k: usize, purpose: &str, run: &Run) -> Vec<f32> {
+fn seed_centres(points: WeightedPoints<'_>, dimensions: usize, k: usize, purpose: &str, run: &Run) -> Result<Vec<f32>> {
     let s = points.len();
     let mut draw = stream(run.seed, purpose);
     let mut centres: Vec<f32> = Vec::with_capacity(k * dimensions);
     let mut near = vec![f32::INFINITY; s];
-    let mut trial = vec![0f32; s];
+    // What is tried, and the best of what was.
+    let (mut trial, mut chosen) = (vec![0f32; s], vec![0f32; s]);
     while centres.len() < k * dimensions {
+        run.cancel.check()?;
         let mut sum = 0.;
         let mass = |(w, near): (&f64, &f32)| {
             sum += if centres.is_empty() { *w } else { w * f64::from(*near) };
@@ -214,15 +217,13 @@ fn seed_centres(points: WeightedPoints<'_>, dimensions: usize, k: usize, purpose
             let cost: f64 = (0..s).map(|i| points.weights[i] * f64::from(trial[i].min(near[i]))).sum();
             if best.is_none_or(|(least, _)| cost < least) {
                 best = Some((cost, j));
+                std::mem::swap(&mut trial, &mut chosen);
             }
         }
-        let (_, j) = best.unwrap_or((0., 0));
-        let centre: Vec<f32> = points.point(j).collect();
-        squares(points, 0..s, &centre, &mut trial);
-        near.iter_mut().zip(&trial).for_each(|(n, &t)| *n = n.min(t));
-        centres.extend(centre);
+        near.iter_mut().zip(&chosen).for_each(|(n, &t)| *n = n.min(t));
+        centres.extend(points.point(best.map_or(0, |(_, j)| j)));
     }
-    centres
+    Ok(centres)
 }
 
 /// Sums of one chunk of a Lloyd round.
@@ -234,20 +235,14 @@ struct LloydSums {
     worst: (f64, usize),
 }
 
-fn lloyd(
-    points: WeightedPoints<'_>,
-    d: usize,
-    mut centres: Vec<f32>,
-    rounds: usize,
-    (threads, run): (usize, &Run),
-) -> Result<KMeans> {
+fn lloyd(points: WeightedPoints<'_>, d: usize, mut centres: Vec<f32>, rounds: usize, run: &Run) -> Result<KMeans> {
     let s = points.len();
     let k = centres.len() / d.max(1);
     let mut last = f64::INFINITY;
     let mut cost = 0.;
     for _ in 0..rounds.max(1) {
         let sums = |range| Ok(chunk_sums(points, range, d, &centres));
-        let chunks = map_ranges(threads, &run.cancel, s, POINTS_PER_CHUNK, sums)?;
+        let chunks = run.map_ranges(s, POINTS_PER_CHUNK, sums)?;
         let (mut mass, mut sums, mut worst) = (vec![0f64; k], vec![0f64; k * d], (-1., 0));
         cost = 0.;
         for part in chunks {
@@ -301,17 +296,6 @@ fn chunk_sums(points: WeightedPoints<'_>, range: std::ops::Range<usize>, d: usiz
 /// Faces per chunk: what fits the cache at l = 60. Results do not depend on it but for Γ's last digits.
 pub const FACES_PER_CHUNK: usize = 2048;
 
-/// Totals of the pass.
-#[derive(Clone, Debug, Default, PartialEq)]
-pub struct ClusterTotals {
-    /// Faces per cluster.
-    pub faces: Vec<u64>,
-    /// Area per cluster, in the frame.
-    pub area: Vec<f64>,
-    /// Γ's sum over all columns.
-    pub gamma: f64,
-}
-
 /// What every face is labelled with.
 #[derive(Clone, Copy, Debug)]
 pub struct Assignment<'a> {
@@ -349,7 +333,8 @@ impl SimdKernel for Margins<'_> {
 /// Chunks whose distances are asked for at a time.
 const CHUNKS_ASKED: usize = 16;
 
-/// Labels every face with its nearest centre: `labels` (n). `areas_to_confidences` (n) holds the faces' areas at
+/// Labels every face with its nearest centre: `labels` (n). Totals of the clusters, and Γ's sum over all columns, 0
+/// where it is not wanted. `areas_to_confidences` (n) holds the faces' areas at
 /// first, and then how certain each label is, from 0 on the border between two centres to 1 on a centre: one array
 /// less of the size of the mesh. Memory: 4 (l + d) bytes for each of 2,048 faces per thread, of which there are as many
 /// as the budget has room for.
@@ -361,7 +346,7 @@ pub fn assign(
     labels: &mut [u32],
     areas_to_confidences: &mut [f32],
     run: &Run,
-) -> Result<ClusterTotals> {
+) -> Result<(PartTotals, f64)> {
     let Assignment { rows, embedding, centres, gamma } = assignment;
     let parts = centres.centres.len() / centres.dimensions.max(1);
     let n = rows.nodes;
@@ -380,46 +365,51 @@ pub fn assign(
     };
     let outputs = (labels, areas_to_confidences);
     let (run, _grant) = run.threads_within((4 * FACES_PER_CHUNK * (rows.len() + d + 2)) as u64);
-    let chunks = run.fill_two(outputs, FACES_PER_CHUNK, scratch, |k, labels, areas_to_confidences, s| {
-        let m = labels.len();
-        let range = chunk_range(n, FACES_PER_CHUNK, k);
-        if k % CHUNKS_ASKED == 0 {
-            let end = n.min(range.start + CHUNKS_ASKED * FACES_PER_CHUNK);
-            (0..rows.len()).for_each(|row| run.will_need(rows.row(row), range.start..end));
+    let block = block_size(n, FACES_PER_CHUNK, parts);
+    let blocks = run.fill_two(outputs, block, scratch, |k, labels, areas_to_confidences, s| {
+        let (mut totals, mut gamma_sum) = (PartTotals::new(parts), 0.);
+        let chunks = labels.chunks_mut(FACES_PER_CHUNK).zip(areas_to_confidences.chunks_mut(FACES_PER_CHUNK));
+        for (chunk, (labels, areas_to_confidences)) in (k * (block / FACES_PER_CHUNK)..).zip(chunks) {
+            run.cancel.check()?;
+            let m = labels.len();
+            let range = chunk_range(n, FACES_PER_CHUNK, chunk);
+            if chunk % CHUNKS_ASKED == 0 {
+                let end = n.min(range.start + CHUNKS_ASKED * FACES_PER_CHUNK);
+                (0..rows.len()).for_each(|row| run.will_need(rows.row(row), range.start..end));
+            }
+            let distances = |row: usize| &rows.row(row)[range.clone()];
+            let affinities = &mut s.affinities[..m * rows.len()];
+            embedding.chunk(m, distances, affinities, &mut s.coordinates[..m * d]);
+            let coordinates = &s.coordinates;
+            let row = |e: usize| &coordinates[e * m..(e + 1) * m];
+            centres.centres().nearest(row, labels, &mut s.first[..m], &mut s.second[..m]);
+            let mut first = 0;
+            for same in labels.chunk_by(|a, b| a == b) {
+                // Added up in the order of faces, but in a register: neighbours in number mostly have one label.
+                let part = same[0] as usize;
+                let areas = &areas_to_confidences[first..first + same.len()];
+                totals.faces[part] += areas.len() as u64;
+                totals.area[part] = areas.iter().fold(totals.area[part], |sum, &area| sum + f64::from(area));
+                first += same.len();
+            }
+            dispatch(Margins { first: &s.first[..m], second: &s.second[..m], out: areas_to_confidences });
+            run.progress.advance("assign", m as u64);
+            gamma_sum += gamma.map_or(0., |gamma| gamma.chunk(m, &s.affinities[..m * rows.len()]));
         }
-        let distances = |row: usize| &rows.row(row)[range.clone()];
-        let affinities = &mut s.affinities[..m * rows.len()];
-        embedding.chunk(m, distances, affinities, &mut s.coordinates[..m * d]);
-        let coordinates = &s.coordinates;
-        let row = |e: usize| &coordinates[e * m..(e + 1) * m];
-        centres.centres().nearest(row, labels, &mut s.first[..m], &mut s.second[..m]);
-        let (mut faces, mut area) = (vec![0u64; parts], vec![0f64; parts]);
-        let mut first = 0;
-        for same in labels.chunk_by(|a, b| a == b) {
-            // Added up in the order of faces, but in a register: neighbours in number mostly have one label.
-            let part = same[0] as usize;
-            let areas = &areas_to_confidences[first..first + same.len()];
-            faces[part] += areas.len() as u64;
-            area[part] = areas.iter().fold(area[part], |sum, &area| sum + f64::from(area));
-            first += same.len();
-        }
-        dispatch(Margins { first: &s.first[..m], second: &s.second[..m], out: areas_to_confidences });
-        run.progress.advance("assign", m as u64);
-        Ok((faces, area, gamma.map_or(0., |gamma| gamma.chunk(m, &s.affinities[..m * rows.len()]))))
+        Ok((totals, gamma_sum))
     })?;
-    let mut totals = ClusterTotals { faces: vec![0; parts], area: vec![0.; parts], gamma: 0. };
-    for (faces, area, gamma) in chunks {
-        totals.faces.iter_mut().zip(&faces).for_each(|(a, b)| *a += b);
-        totals.area.iter_mut().zip(&area).for_each(|(a, b)| *a += b);
-        totals.gamma += gamma;
+    let (mut totals, mut gamma_sum) = (PartTotals::new(parts), 0.);
+    for (block, gamma) in blocks {
+        totals.add(&block);
+        gamma_sum += gamma;
     }
-    Ok(totals)
+    Ok((totals, gamma_sum))
 }
 
 /// Gives each part without a face the least certain face of the part with most faces, by `quality` (n). Parts are empty
 /// only where the embedding has fewer distinct points than parts (a cube, four faces in four parts). Some stay empty
 /// where there are fewer faces than parts.
-pub fn fill_empty_parts(totals: &mut ClusterTotals, nodes: NodeView<'_>, labels: &mut [u32], quality: &[f32]) {
+pub fn fill_empty_parts(totals: &mut PartTotals, nodes: NodeView<'_>, labels: &mut [u32], quality: &[f32]) {
     while let Some(empty) = totals.faces.iter().position(|&faces| faces == 0) {
         let mut most = 0;
         for part in 1..totals.faces.len() {
@@ -446,6 +436,8 @@ pub fn fill_empty_parts(totals: &mut ClusterTotals, nodes: NodeView<'_>, labels:
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::base::random::unit;
+    use crate::graph::Node;
 
     /// Three blobs on a line.
     fn blobs() -> (Vec<f32>, Vec<f64>) {
@@ -476,6 +468,56 @@ mod tests {
         let points = WeightedPoints { coordinates: &[1., 1., 2.], weights: &[0.4, 0.3, 0.3] };
         let fitted = KMeans::fit(points, 1, KMeansParams::new(3), &Run::new(&())).unwrap();
         assert_eq!(fitted.centres.len(), 3);
-        assert!(fitted.centres.iter().all(|c| c.is_finite()));
+        // Both places have a centre.
+        assert!(fitted.centres.contains(&1.) && fitted.centres.contains(&2.), "{:?}", fitted.centres);
+    }
+
+    #[test]
+    fn no_cluster_ends_empty_while_there_are_as_many_points() {
+        let mut random = stream(1, "points");
+        for (s, k, seed) in (0..60).map(|i| (12 + i, 3 + i % 10, i as u64)) {
+            // Places in a plane, many of them near each other.
+            let coordinates: Vec<f32> = (0..2 * s).map(|_| unit(&mut random).powi(4) as f32).collect();
+            let weights = vec![1. / s as f64; s];
+            let points = WeightedPoints { coordinates: &coordinates, weights: &weights };
+            let run = Run { seed, ..Run::new(&()) };
+            let fitted = KMeans::fit(points, 2, KMeansParams::new(k), &run).unwrap();
+            let (mut label, mut first, mut second) = (vec![0; s], vec![0.; s], vec![0.; s]);
+            fitted.centres().nearest(|e| &coordinates[e * s..(e + 1) * s], &mut label, &mut first, &mut second);
+            assert!((0..k as u32).all(|cluster| label.contains(&cluster)), "{s} points, {k} clusters: {label:?}");
+        }
+    }
+
+    #[test]
+    fn a_round_gives_an_empty_cluster_the_point_that_suits_its_own_least() {
+        let points = WeightedPoints { coordinates: &[0., 1., 9.], weights: &[1. / 3.; 3] };
+        let fitted = lloyd(points, 1, vec![0., 100., 101.], 50, &Run::new(&())).unwrap();
+        assert_eq!(fitted.centres, [1., 9., 0.]);
+    }
+
+    /// Regression: with a thousand parts Ctrl-C was heard of when the centres of a start were all drawn, minutes later.
+    #[test]
+    fn drawing_centres_stops_when_the_run_does() {
+        let (coordinates, weights) = blobs();
+        let points = WeightedPoints { coordinates: &coordinates, weights: &weights };
+        let run = Run::new(&());
+        assert_eq!(seed_centres(points, 1, 3, "test", &run).unwrap().len(), 3);
+        run.cancel.cancel();
+        assert!(matches!(seed_centres(points, 1, 3, "test", &run), Err(crate::base::Error::Cancelled)));
+    }
+
+    #[test]
+    fn empty_parts_get_the_least_certain_faces_of_the_largest() {
+        let nodes: Vec<Node> = (1..7).map(|area| Node { area: area as f32, ..Node::default() }).collect();
+        let mut labels = [0, 0, 0, 0, 2, 2];
+        let quality = [0.9, 0.2, 0.5, 0.3, 0.1, 0.];
+        let mut totals = PartTotals { faces: vec![4, 0, 2, 0], area: vec![10., 0., 11., 0.] };
+        fill_empty_parts(&mut totals, nodes[..].into(), &mut labels, &quality);
+        assert_eq!(labels, [0, 1, 0, 3, 2, 2]);
+        assert_eq!(totals, PartTotals { faces: vec![2, 1, 2, 1], area: vec![4., 2., 11., 4.] });
+        // Parts beyond the faces stay empty.
+        let mut totals = PartTotals { faces: vec![1, 0], area: vec![1., 0.] };
+        fill_empty_parts(&mut totals, nodes[..1].into(), &mut labels[..1], &quality[..1]);
+        assert_eq!(totals.faces, [1, 0]);
     }
 }

@@ -17,6 +17,7 @@ pub mod kmeans;
 pub mod max_flow;
 pub mod mirror;
 pub mod normals;
+pub mod part_totals;
 pub mod parts;
 pub mod roughness;
 pub mod shorten;

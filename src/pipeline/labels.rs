@@ -50,6 +50,9 @@ pub struct SegmentStats {
     pub negative_mass: f64,
     /// Γ, eq. 6.
     pub gamma: f64,
+    /// Γ over the number of nodes that it is summed over: faces, or nodes of the contraction.
+    #[serde(default)]
+    pub gamma_per_node: f64,
     /// Faces of each part.
     pub faces: Vec<u64>,
     /// Area of each part, in the frame.

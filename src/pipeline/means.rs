@@ -18,6 +18,7 @@ use super::units::Units;
 use crate::base::Result;
 use crate::cluster::boundary::{self, BoundaryMethod, RefinedLabels};
 use crate::cluster::kmeans::{Assignment, KMeans, KMeansParams, WeightedPoints, assign, fill_empty_parts};
+use crate::cluster::part_totals::PartTotals;
 use crate::cluster::two_means::{self, TwoMeansParams};
 use crate::distance::DistanceRows;
 use crate::graph::{DualGraph, NodeView};
@@ -74,15 +75,17 @@ fn k_means(
     let gamma = Gamma::new(rows, means.embedding.kernel, embedding.sigma);
 
     let assignment = Assignment { rows, embedding: &embedding, centres: &centres, gamma: Some(&gamma) };
-    let mut totals = assign(assignment, labels, quality, run)?;
+    let (mut totals, gamma_sum) = assign(assignment, labels, quality, run)?;
     fill_empty_parts(&mut totals, nodes, labels, quality);
+    let gamma = gamma.of_sum(gamma_sum);
     Ok(SegmentStats {
         landmarks: rows.landmarks.clone(),
         sigma: embedding.sigma,
         eigenvalues: embedding.eigenvalues,
         dropped_eigenpairs: embedding.dropped,
         negative_mass: embedding.negative_mass,
-        gamma: gamma.of_sum(totals.gamma),
+        gamma,
+        gamma_per_node: gamma / rows.nodes.max(1) as f64,
         faces: totals.faces,
         area: totals.area,
         ..SegmentStats::default()
@@ -155,7 +158,7 @@ pub(super) fn contracted(
     let RefinedLabels { labels, boundary_nodes } = refined;
     weighted.release(context.work)?;
     let quality = units.confidences(context)?;
-    let (faces, area) = units.totals(graph, &labels, parts, true, context.run)?;
+    let PartTotals { faces, area } = units.totals(graph, &labels, parts, true, context.run)?;
     let tiny_faces = surface.shares.tiny_nodes;
     let numbers = SegmentStats { faces, area, radius: surface.radius, tiny_faces, ..numbers };
     Ok(clustered(labels, Some(boundary_nodes), quality, numbers))

@@ -18,6 +18,7 @@ use crate::cluster::boundary::{self, BoundaryMethod, CellLabels, RefinedLabels};
 use crate::cluster::divide::divide;
 use crate::cluster::extrapolate::LocalPartMeans;
 use crate::cluster::parts::hints::Affinities;
+use crate::cluster::part_totals::PartTotals;
 use crate::cluster::parts::{self, PartCount, PartTree, PartsParams, PartsResult};
 use crate::distance::DistanceRows;
 use crate::graph::{DualGraph, NodeOrder};
@@ -123,7 +124,7 @@ pub(super) fn parts(
     }
     weighted.release(context.work)?;
     let quality = units.confidences(context)?;
-    let (faces, area) = units.totals(graph, &labels, parts, !divided, context.run)?;
+    let PartTotals { faces, area } = units.totals(graph, &labels, parts, !divided, context.run)?;
     let mut decision = decided.numbers.decision.clone();
     if let Some(decision) = decision.as_mut().filter(|_| divided) {
         let total: f64 = area.iter().sum();

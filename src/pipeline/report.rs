@@ -36,7 +36,8 @@ pub struct Report {
     /// Γ, eq. 6, where rows became an embedding; deciding parts needs none.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub gamma: Option<f64>,
-    /// Γ over the number of faces.
+    /// Γ over the number of faces; of a mesh that was contracted (more than 60,000 faces, without `exact`), over the
+    /// number of nodes of the contraction, which Γ is summed over there.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub gamma_per_face: Option<f64>,
     /// Radius, in units of √(area), of the normals that turning is measured with; 0: the faces' own.
@@ -129,7 +130,7 @@ impl Report {
         peak: Option<u64>,
     ) -> Result<Self> {
         let (graph, numbers) = (&result.graph, &result.numbers);
-        let computed = (params.cluster != Cluster::Parts).then_some(numbers.gamma);
+        let has_gamma = params.cluster != Cluster::Parts;
         let mut options = json::value("the options", params)?;
         if let Some(options) = options.as_object_mut() {
             options.insert("seed".into(), context.run.seed.into());
@@ -159,8 +160,8 @@ impl Report {
             eigenvalues: numbers.eigenvalues.clone(),
             dropped_eigenpairs: numbers.dropped_eigenpairs,
             negative_mass: numbers.negative_mass,
-            gamma: computed,
-            gamma_per_face: computed.map(|gamma| gamma / graph.nodes.max(1) as f64),
+            gamma: has_gamma.then_some(numbers.gamma),
+            gamma_per_face: has_gamma.then_some(numbers.gamma_per_node),
             normal_radius: numbers.radius,
             tiny_component_faces: numbers.tiny_faces,
             tiny_components_label: numbers.tiny_components_label,

@@ -8,7 +8,7 @@
 use super::labels::QUALITY;
 use crate::base::Result;
 use crate::cluster::boundary::CellLabels;
-use crate::cluster::cells::CELLS;
+use crate::cluster::part_totals::{PartTotals, block_size};
 use crate::graph::DualGraph;
 use crate::store::{Context, MappedSlice, Run};
 
@@ -50,45 +50,34 @@ impl Units {
     ///
     /// # Errors
     /// [`crate::base::Error::Cancelled`].
-    pub fn totals(
-        &self,
-        graph: &DualGraph,
-        labels: &[u32],
-        parts: usize,
-        near: bool,
-        run: &Run,
-    ) -> Result<(Vec<u64>, Vec<f64>)> {
+    pub fn totals(&self, graph: &DualGraph, labels: &[u32], parts: usize, near: bool, run: &Run) -> Result<PartTotals> {
         let n = labels.len();
         let areas = self.areas.as_deref().filter(|_| near);
-        // Each chunk has sums for all parts.
-        let chunk = if parts > 2 * CELLS { n } else { CHUNK };
-        let chunks = run.map_ranges(n, chunk, |range| {
-            let mut sums = vec![(0u64, 0f64); parts];
+        let blocks = run.map_ranges(n, block_size(n, CHUNK, parts), |range| {
+            let mut sums = PartTotals::new(parts);
             for i in range {
+                if i % CHUNK == 0 {
+                    run.cancel.check()?;
+                }
                 let label = labels[i] as usize;
-                sums[label].0 += 1;
+                sums.faces[label] += 1;
                 let before = areas.map(|_| self.label[self.of_node[i] as usize] as usize);
                 if before == Some(label) {
                     continue;
                 }
                 let area = f64::from(graph.nodes.at(i).area);
-                sums[label].1 += area;
+                sums.area[label] += area;
                 if let Some(before) = before {
-                    sums[before].1 -= area;
+                    sums.area[before] -= area;
                 }
             }
             Ok(sums)
         })?;
-        let (mut faces, mut area) = (vec![0; parts], vec![0.; parts]);
+        let mut totals = PartTotals::new(parts);
         if let Some(areas) = areas {
-            self.label.iter().zip(areas).for_each(|(&label, unit)| area[label as usize] += unit);
+            self.label.iter().zip(areas).for_each(|(&label, unit)| totals.area[label as usize] += unit);
         }
-        for chunk in chunks {
-            for (part, (count, sum)) in chunk.into_iter().enumerate() {
-                faces[part] += count;
-                area[part] += sum;
-            }
-        }
-        Ok((faces, area))
+        blocks.iter().for_each(|block| totals.add(block));
+        Ok(totals)
     }
 }

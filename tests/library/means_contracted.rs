@@ -3,8 +3,10 @@
 
 use nystrom_stream::apps::creature::{Creature, Options};
 use nystrom_stream::apps::evaluate::{contingency, rand};
+use nystrom_stream::base::Told;
 use nystrom_stream::cluster::parts::{PartCount, PartsParams};
 use nystrom_stream::mesh::{self, Mesh};
+use nystrom_stream::pipeline::report::Report;
 use nystrom_stream::pipeline::{Cluster, SegmentParams, SegmentedMesh, segment};
 use nystrom_stream::store::{Budget, Context, Run, WorkDir};
 use serde_json::json;
@@ -52,6 +54,24 @@ fn parts_are_those_of_the_creature() {
             assert_eq!(again.numbers, found.numbers, "{threads} threads, {budget} bytes");
         }
     }
+}
+
+/// Regression: Γ over the contraction was divided by the faces of the file, and fell as a mesh was subdivided.
+#[test]
+fn quality_of_a_sample_does_not_depend_on_the_tessellation() {
+    let folder = tempfile::tempdir().unwrap();
+    let run = Run { threads: 2, ..Run::new(&()) };
+    let per_face = [62_000, 180_000].map(|faces| {
+        let path = folder.path().join("creature.ply");
+        Creature::new(&Options { faces, ..Options::default() }).unwrap().write_ply(&path, &run).unwrap();
+        let mesh = mesh::open(&path, folder.path(), &run).unwrap();
+        let params = params(Cluster::KMeans, 6);
+        let work = WorkDir::temporary(folder.path()).unwrap();
+        let context = Context::new(&work, &run);
+        let result = segment(&mesh, &json!(1), &params, context).unwrap();
+        Report::new(&path, &params, &result, context, &Told::default(), None).unwrap().gamma_per_face.unwrap()
+    });
+    assert!((per_face[0] / per_face[1] - 1.).abs() < 0.1, "{per_face:?}");
 }
 
 #[test]
