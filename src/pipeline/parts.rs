@@ -17,7 +17,6 @@ use crate::cluster::area_shares::AreaShares;
 use crate::cluster::boundary::{self, BoundaryMethod, CellLabels, RefinedLabels};
 use crate::cluster::divide::divide;
 use crate::cluster::extrapolate::LocalPartMeans;
-use crate::cluster::parts::hints::Affinities;
 use crate::cluster::part_totals::PartTotals;
 use crate::cluster::parts::{self, PartCount, PartTree, PartsParams, PartsResult};
 use crate::distance::DistanceRows;
@@ -37,7 +36,7 @@ pub(super) struct PartRequests<'a> {
     pub corrections: Corrections<'a>,
 }
 
-/// PartRequests on their way to the cells.
+/// [`PartRequests`] with what leads from their places to cells.
 #[derive(Clone, Copy)]
 struct Located<'a> {
     requests: PartRequests<'a>,
@@ -94,8 +93,7 @@ pub(super) fn parts(
     let whole = WeightedSurface { graph, weighted: &weighted, surface: &surface };
     let located = Located { requests, nodes: &nodes, order, whole, context, units: None };
     let PreparedSurface { shares, radius, .. } = &surface;
-    let decided = decide_parts(whole, params, located, context)?;
-    let Decided { result, units, .. } = &decided;
+    let mut decided = decide_parts(whole, params, located, context)?;
     let extrapolated = match params.boundaries {
         Boundaries::Front => None,
         Boundaries::Embedding => Some(part_means(whole, &decided, params, context)?),
@@ -103,10 +101,10 @@ pub(super) fn parts(
     let method =
         extrapolated.as_ref().map_or(BoundaryMethod::Front, |(means, rows)| BoundaryMethod::Embedding(means, rows));
     let (refined, _) = context.run.stage("boundaries", "faces", n as u64, || {
-        boundary::refine(graph, &weighted, shares, units.cells(), method, context)
+        boundary::refine(graph, &weighted, shares, decided.units.cells(), method, context)
     })?;
     let RefinedLabels { mut labels, boundary_nodes } = refined;
-    let (mut parts, mut tiny_components_label) = (result.parts, None);
+    let (mut parts, mut tiny_components_label) = (decided.parts, None);
     if params.tiny_components == TinyComponents::Own && shares.tiny_nodes == 0 {
         context.run.progress.note("there are no tiny components, so no label stands for them");
     } else if params.tiny_components == TinyComponents::Own {
@@ -115,7 +113,7 @@ pub(super) fn parts(
         parts += 1;
     }
     let wanted = params.parts.count.least();
-    let divided = wanted > result.tree.cells();
+    let divided = wanted > decided.cells;
     if divided {
         let wanted = wanted + usize::from(tiny_components_label.is_some());
         let pieces = divide(weighted.csr(), &labels, wanted, tiny_components_label, context)?;
@@ -123,16 +121,12 @@ pub(super) fn parts(
         tiny_components_label = tiny_components_label.map(|label| pieces.first[label as usize]);
     }
     weighted.release(context.work)?;
-    let quality = units.confidences(context)?;
-    let PartTotals { faces, area } = units.totals(graph, &labels, parts, !divided, context.run)?;
-    let mut decision = decided.numbers.decision.clone();
-    if let Some(decision) = decision.as_mut().filter(|_| divided) {
-        let total: f64 = area.iter().sum();
+    let quality = decided.units.confidences(context)?;
+    let PartTotals { faces, area } = decided.units.totals(graph, &labels, parts, !divided, context.run)?;
+    if let Some(decision) = decided.numbers.decision.as_mut().filter(|_| divided) {
         decision.expected_agreement.clear();
-        decision.area = area.iter().map(|area| if total > 0. { area / total } else { 0. }).collect();
     }
     let numbers = SegmentStats {
-        decision,
         radius: *radius,
         tiny_faces: shares.tiny_nodes,
         tiny_components_label,
@@ -142,7 +136,7 @@ pub(super) fn parts(
     };
     // Tiny components and pieces have boundaries of their own.
     let boundary_nodes = (tiny_components_label.is_none() && !divided).then_some(boundary_nodes);
-    let cell_labels = if divided { Vec::new() } else { decided.result.label };
+    let cell_labels = if divided { Vec::new() } else { decided.cell_labels };
     Ok(Clustered { labels, boundary_nodes, quality, numbers, marks: decided.marks, cell_labels })
 }
 
@@ -165,7 +159,7 @@ fn part_means(
     context: Context<'_>,
 ) -> Result<(LocalPartMeans, DistanceRows)> {
     let (rows, b) = whole.rows_used(&decided.numbers, params, context)?;
-    Ok((LocalPartMeans::new(&whole.surface.cells()?.graph, &b, &decided.units.label), rows))
+    Ok((LocalPartMeans::new(&whole.surface.cells()?.graph, &b, &decided.cell_labels), rows))
 }
 
 /// Gives the tiny components, which count nothing in `share` (n), a label of their own.
@@ -183,7 +177,12 @@ fn label_tiny_components(
 
 /// Parts decided on cells, and how they reach the faces.
 struct Decided {
-    result: PartsResult,
+    /// Number of cells S, the most parts that the decision can have.
+    cells: usize,
+    /// Number of parts.
+    parts: usize,
+    /// Part of each cell (S).
+    cell_labels: Vec<u32>,
     units: Units,
     numbers: SegmentStats,
     marks: PartMarks,
@@ -231,27 +230,22 @@ fn decide_on_mesh(
             return Err(Error::parameter("parts", problem, format!("ask for {} at most", all.tree.cells())));
         }
         let graph = surface.surface.cells()?.graph.cleaned()?;
-        let affinities = Affinities {
-            cells: &graph,
-            superfaces: &all.superfaces,
-            co_association: &all.co_association,
-            small_part: f64::from(all.tree.small_part),
-        };
         let unit = |node: u32| located.units.map_or(node, |units| units[node as usize].into());
         let on_cells = OnCells {
             nodes: located.nodes,
             order: located.order,
             cell: &|node| unit_of_node[unit(node) as usize].into(),
             seen: &|label, nodes| located.seen(&unit_of_node, label, nodes),
-            affinities,
+            affinities: all.affinities(&graph),
             tree: &all.tree,
         };
         (cut, marks) = corrections.apply(on_cells, (count, params.parts.detail), cut)?;
     }
-    let mut result = parts::describe(&all, cut, facts.l, facts.seconds);
+    let PartsResult { mut label, mut parts, confidence, mut report } =
+        parts::describe(&all, cut, facts.l, facts.seconds);
     if !corrections.is_empty() {
         // They are what somebody wants them to be.
-        result.report.expected_agreement.clear();
+        report.expected_agreement.clear();
     }
     let mut walls_label = None;
     if params.walls == Walls::Own && all.is_wall.contains(&true) {
@@ -261,15 +255,16 @@ fn decide_on_mesh(
             let remedy = format!("ask for {} at most, or leave out `walls` own", all.tree.cells());
             return Err(Error::parameter("parts", problem, remedy));
         }
-        let own = result.parts as u32;
-        result.label.iter_mut().zip(&all.is_wall).filter(|(_, wall)| **wall).for_each(|(label, _)| *label = own);
-        result.parts += 1;
+        let own = parts as u32;
+        label.iter_mut().zip(&all.is_wall).filter(|(_, wall)| **wall).for_each(|(label, _)| *label = own);
+        parts += 1;
         walls_label = Some(own);
+        // The parts are no longer those that the expectation is about.
+        report.expected_agreement.clear();
     }
-    let numbers = SegmentStats { decision: Some(result.report.clone()), walls_label, ..facts.numbers };
-    let (label, confidence) = (result.label.clone(), result.confidence.clone());
-    let units = Units { of_node: unit_of_node, label, at_boundary: None, areas: None, confidence };
-    Ok(Decided { units, numbers, result, marks })
+    let numbers = SegmentStats { decision: Some(report), walls_label, ..facts.numbers };
+    let units = Units { of_node: unit_of_node, label: label.clone(), at_boundary: None, areas: None, confidence };
+    Ok(Decided { cells: all.tree.cells(), parts, cell_labels: label, units, numbers, marks })
 }
 
 /// The same on the contracted graph: constant time after one front.
@@ -290,7 +285,7 @@ fn decide_on_contraction(
     let decided = decide_on_mesh(contracted, &own, located, within)?;
     let of_small = &decided.units.of_node;
     let landmarks = faces_of(&decided.numbers.landmarks, &small);
-    let label: Vec<u32> = of_small.iter().map(|&cell| decided.units.label[cell as usize]).collect();
+    let label: Vec<u32> = of_small.iter().map(|&cell| decided.cell_labels[cell as usize]).collect();
     let confidence = of_small.iter().map(|&cell| decided.units.confidence[cell as usize]).collect();
     let units = units_of(small, label, confidence);
     Ok(Decided { units, numbers: SegmentStats { landmarks, ..decided.numbers }, ..decided })

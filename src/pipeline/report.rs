@@ -167,7 +167,7 @@ impl Report {
             tiny_components_label: numbers.tiny_components_label,
             walls_label: numbers.walls_label,
             decision: numbers.decision.clone(),
-            clear_parts: numbers.decision.as_ref().and_then(PartsReport::has_clear_parts),
+            clear_parts: numbers.decision.as_ref().and_then(|decision| decision.has_clear_parts(&numbers.area)),
             parts: result.parts(),
             measures: None,
             seconds: told.seconds(),

@@ -58,6 +58,8 @@ fn a_hollow_dumbbell_is_cut_like_a_solid_one_and_its_inside_follows() {
     let apart = Segmenter::new().walls(Walls::Own).run(&Mesh::from_slices(&positions, &faces).unwrap()).unwrap();
     let own = hollow.report().parts.len() as u32;
     assert_eq!((apart.report().walls_label, apart.report().parts.len() as u32), (Some(own), own + 1));
+    // Regression: they were told what people would think of the parts with their walls.
+    assert!(apart.report().parts.iter().all(|part| part.expected_agreement.is_none()));
     let right = |face: u32| {
         let (whole, apart) = (hollow.labels()[face as usize], apart.labels()[face as usize]);
         apart == if face < outer { whole } else { own }

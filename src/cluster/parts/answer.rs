@@ -3,9 +3,10 @@
 //! A decision is kept once; each number of parts and each detail is another cut of its hierarchy. Cost: milliseconds.
 
 use super::agreement;
-use super::cell_graph::class_sums;
+use super::cell_graph::CellGraph;
 use super::ensemble::Superfaces;
 use super::hierarchy::{PartTree, TreeCut};
+use super::hints::Affinities;
 use super::interior::enclosed::Enclosed;
 use super::labelling::expected_disagreement;
 use super::matrix::Square;
@@ -33,6 +34,12 @@ impl PartDecision {
     pub fn of(superfaces: Superfaces, co_association: Square, tree: PartTree) -> Self {
         Self { superfaces, co_association, tree, enclosed: Enclosed::default(), is_wall: Vec::new() }
     }
+
+    /// How far the `cells` that it was made on belong together. They must be finite ([`CellGraph::cleaned`]).
+    pub fn affinities<'a>(&'a self, cells: &'a CellGraph) -> Affinities<'a> {
+        let Self { superfaces, co_association, tree, .. } = self;
+        Affinities { cells, superfaces, co_association, small_part: f64::from(tree.small_part) }
+    }
 }
 
 /// The parts, and what is worth telling or keeping of them.
@@ -42,8 +49,6 @@ pub struct PartsResult {
     pub label: Vec<u32>,
     /// Number of parts.
     pub parts: usize,
-    /// All other answers.
-    pub tree: PartTree,
     /// How sure the part of each cell is, in \[0, 1\] (S).
     pub confidence: Vec<f64>,
     /// Figures for the report.
@@ -56,10 +61,8 @@ pub struct PartsReport {
     /// Cells S.
     pub cells: usize,
     /// Landmarks l.
-    #[serde(alias = "rows")]
     pub landmarks: usize,
     /// Superfaces: intersections of all regions of the ensemble.
-    #[serde(alias = "atoms")]
     pub superfaces: usize,
     /// Number of parts found when none is given.
     pub parts_found: usize,
@@ -67,8 +70,6 @@ pub struct PartsReport {
     pub expected_disagreement: f64,
     /// Mean confidence by area.
     pub mean_confidence: f64,
-    /// Area share of each part.
-    pub area: Vec<f64>,
     /// Share of people who are expected to have each part ([`agreement`]); empty where the parts are
     /// not the decision's alone.
     #[serde(default)]
@@ -81,16 +82,19 @@ pub struct PartsReport {
 }
 
 impl PartsReport {
-    /// Mean of [`PartsReport::expected_agreement`] by area; none where that is empty.
-    pub fn mean_agreement(&self) -> Option<f64> {
-        let all = self.expected_agreement.iter().zip(&self.area);
-        (!self.expected_agreement.is_empty()).then(|| all.map(|(share, area)| share * area).sum())
+    /// Mean of [`PartsReport::expected_agreement`] by the `area` of the parts; none where that is empty. What has an
+    /// area and no expectation, such as tiny components that are a part of their own, does not count.
+    pub fn mean_agreement(&self, area: &[f64]) -> Option<f64> {
+        let all = || self.expected_agreement.iter().zip(area);
+        let total: f64 = all().map(|(_, area)| area).sum();
+        let sum: f64 = all().map(|(share, area)| share * area).sum();
+        (!self.expected_agreement.is_empty()).then(|| if total > 0. { sum / total } else { 0. })
     }
 
-    /// Whether the surface falls into parts that people would agree on; none where that is not known. A
-    /// surface of one part does not.
-    pub fn has_clear_parts(&self) -> Option<bool> {
-        self.mean_agreement().map(|mean| mean >= agreement::UNCLEAR && self.expected_agreement.len() > 1)
+    /// Whether the surface falls into parts, of this `area` each, that people would agree on; none where that is not
+    /// known. A surface of one part does not.
+    pub fn has_clear_parts(&self, area: &[f64]) -> Option<bool> {
+        self.mean_agreement(area).map(|mean| mean >= agreement::UNCLEAR && self.expected_agreement.len() > 1)
     }
 }
 
@@ -134,10 +138,9 @@ pub fn describe(decided: &PartDecision, cut: TreeCut, l: usize, seconds: f64) ->
         parts_found: tree.cut_detail(0.0).parts,
         expected_disagreement: agreement::disagreement(expected_disagreement(superfaces, co_association, &label)),
         mean_confidence: confidence.iter().zip(&shares).map(|(c, a)| c * a).sum(),
-        area: class_sums(&cut.label, &shares, cut.parts),
         expected_agreement: agreement::of_parts(tree, &cut.label, cut.parts, &confidence, &shares),
         enclosed: *enclosed,
         seconds,
     };
-    PartsResult { label: cut.label, parts: cut.parts, tree: tree.clone(), confidence, report }
+    PartsResult { label: cut.label, parts: cut.parts, confidence, report }
 }

@@ -5,7 +5,7 @@
 //!
 //! It works on some two thousand cells whatever the mesh: tenths of a second, and up to 40 MB beside the budget.
 
-use super::answer::{PartDecision, PartsResult, cut};
+use super::answer::PartDecision;
 use super::cell_graph::{CellGraph, class_sums};
 use super::ensemble::Superfaces;
 use super::interior::enclosed::Layers;
@@ -18,11 +18,12 @@ use crate::base::{Error, Result};
 use crate::spectral::anchor::LandmarkDistances;
 use crate::store::run::Run;
 
-/// Decides the parts of a surface of S cells from the mean distances of its cells from `l`
-/// landmarks: `rows`, row-major l × S, infinite where not reached.
+/// Decides about the parts of a surface of S cells from the mean distances of its cells from `l`
+/// landmarks: `rows`, row-major l × S, infinite where not reached. All answers at once, and the seconds that took: of
+/// `params` the number of parts and the detail do not matter. [`super::cut`] gives one of them.
 ///
 /// ```
-/// use nystrom_stream::cluster::parts::{CellGraph, PartsParams, parts};
+/// use nystrom_stream::cluster::parts::{CellGraph, PartsParams, decide};
 /// use nystrom_stream::store::Run;
 ///
 /// # fn main() -> nystrom_stream::base::Result<()> {
@@ -41,7 +42,7 @@ use crate::store::run::Run;
 /// };
 /// let distance = |a: u32, b: u32| (a.min(b) + 1..=a.max(b)).map(step).sum::<f64>();
 /// let rows: Vec<f64> = (0..6).flat_map(|k| (0..24).map(move |i| distance(4 * k, i))).collect();
-/// let found = parts(&cells, &rows, 6, &PartsParams::default(), &Run::new(&()))?;
+/// let (found, _) = decide(&cells, &rows, 6, &PartsParams::default(), &Run::new(&()))?;
 /// // The hierarchy has all answers: this is the one of two parts.
 /// let two = found.tree.cut_k(2)?;
 /// assert_eq!(two.label, [vec![0; 12], vec![1; 12]].concat());
@@ -50,17 +51,7 @@ use crate::store::run::Run;
 /// ```
 ///
 /// # Errors
-/// Sizes that disagree, no cell, no row, options out of range, more parts than cells, or
-/// cancellation.
-pub fn parts(cells: &CellGraph, rows: &[f64], l: usize, params: &PartsParams, run: &Run) -> Result<PartsResult> {
-    let (decided, seconds) = decide(cells, rows, l, params, run)?;
-    cut(&decided, l, seconds, params)
-}
-
-/// All answers at once, and the seconds that took: of `params` the number of parts and the detail do not matter.
-///
-/// # Errors
-/// As [`parts`], but for the number of parts.
+/// Sizes that disagree, no cell, no row, options out of range, or cancellation.
 pub fn decide(
     cells: &CellGraph,
     rows: &[f64],

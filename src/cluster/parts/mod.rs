@@ -48,7 +48,7 @@ pub mod thickness;
 
 pub use answer::{PartDecision, PartsReport, PartsResult, cut, describe};
 pub use cell_graph::CellGraph;
-pub use decide::{decide, parts};
+pub use decide::decide;
 pub use ensemble::Superfaces;
 pub use hierarchy::{PartTree, TreeCut, detail_threshold};
 pub use interior::enclosed::Enclosed;
@@ -83,7 +83,7 @@ pub enum PartCount {
     Between(usize, usize),
 }
 
-/// Options of [`parts`].
+/// Options of [`decide`] and [`cut`].
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct PartsParams {
     /// How the parts are decided.
@@ -94,7 +94,6 @@ pub struct PartsParams {
     /// ([`detail_threshold`]). No effect where the number is given.
     pub detail: f64,
     /// Over-segmentations in the ensemble of [`Decision::SoftTrees`], at least 1.
-    #[serde(alias = "members")]
     pub ensemble_size: usize,
     /// Connected pieces below this share of the area join a neighbour.
     pub small_part: f64,
