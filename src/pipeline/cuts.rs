@@ -54,8 +54,7 @@ pub fn cells(exact: bool, context: Context<'_>) -> Result<MappedSlice<u32>> {
     let order = NodeOrder::kept(&input, n, context.work)?;
     // A large mesh alone is contracted.
     let mut cells = context.work.array::<u32>(FILE, &[n])?;
-    if !exact && decision::is_current(context.work, true) {
-        let inner = context.work.inner(decision::CONTRACTED)?;
+    if let Some(inner) = decision::contraction_in_use(context.work, exact)? {
         let of_small = inner.open_array::<u16>(cells::OF_FACE)?;
         let of_node = inner.array_of::<u16>(contract::OF_FACE, n)?;
         let cell = |i: usize, _| of_small.get(of_node[i] as usize).map_or(u32::MAX, |&cell| cell.into());

@@ -7,7 +7,7 @@
 //! cell that is the wall of a cavity, without any where nothing is enclosed.
 
 use super::labels::SegmentStats;
-use super::params::{Cluster, SegmentParams, default_landmarks_for_faces};
+use super::params::{Cluster, SegmentParams};
 use super::sample::Sample;
 use super::surface::{self, SurfaceStage, WeightedSurface};
 use crate::base::{Error, Result};
@@ -29,6 +29,7 @@ use serde::{Deserialize, Serialize};
 use serde_json::{Value, json};
 use std::borrow::Cow;
 use std::path::Path;
+use std::sync::Arc;
 
 /// The folder of the contracted mesh.
 pub(super) const CONTRACTED: &str = "contracted";
@@ -62,7 +63,7 @@ pub(super) struct DecisionStage<'a> {
 impl DecisionStage<'_> {
     /// Number of landmarks.
     fn landmarks(&self) -> usize {
-        self.params.landmarks.unwrap_or(default_landmarks_for_faces(self.surface.graph.nodes.len()))
+        self.params.landmarks_over(self.surface.graph.nodes.len())
     }
 }
 
@@ -206,7 +207,7 @@ impl KeptDecision {
             let cells = work.read_json::<CellGraph>(surface::CELL_GRAPH)?.cleaned()?;
             Ok(Self { decision: open(cells.len(), work)?, cells })
         };
-        if !exact && is_current(work, true) { of(work.inner(CONTRACTED)?.as_ref()) } else { of(work) }
+        contraction_in_use(work, exact)?.map_or_else(|| of(work), |inner| of(&inner))
     }
 
     /// All of it as JSON: about a megabyte.
@@ -243,14 +244,13 @@ impl KeptDecision {
 
     /// How far cells belong together.
     pub fn affinities(&self) -> Affinities<'_> {
-        let PartDecision { superfaces, co_association, tree, .. } = &self.decision;
-        Affinities { cells: &self.cells, superfaces, co_association, small_part: f64::from(tree.small_part) }
+        self.decision.affinities(&self.cells)
     }
 }
 
 /// Whether the decision in `work`, or that on its contracted mesh, is of the graph that is there now: K-means of
 /// another mesh leaves an older decision behind.
-pub(super) fn is_current(work: &WorkDir, contracted: bool) -> bool {
+fn is_current(work: &WorkDir, contracted: bool) -> bool {
     if work.is_temporary() {
         // It has been used for one mesh.
         let holds = || work.place(CONTRACTED).exists() && work.inner(CONTRACTED).is_ok_and(|inner| inner.holds(TREE));
@@ -274,6 +274,15 @@ pub(super) fn is_current(work: &WorkDir, contracted: bool) -> bool {
         let seed = weights.inputs["seed"].as_u64().unwrap_or_default();
         weights.inputs["graph"] == graph && decided(&inner, &contract::key(&weights.key, seed))
     })
+}
+
+/// The work directory of the contraction that the mesh in `work` was decided on; `None` where it was decided on the
+/// mesh itself, which is small, or with rows over all faces, `exact`.
+///
+/// # Errors
+/// As [`WorkDir::inner`].
+pub(super) fn contraction_in_use(work: &WorkDir, exact: bool) -> Result<Option<Arc<WorkDir>>> {
+    (!exact && is_current(work, true)).then(|| work.inner(CONTRACTED)).transpose()
 }
 
 /// Reads a hierarchy of parts as [`write_tree`] writes it.

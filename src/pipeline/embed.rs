@@ -4,7 +4,7 @@
 //! bytes of disk for each face.
 
 use super::contracted;
-use super::params::{Cluster, SegmentParams, default_landmarks_for_faces, default_landmarks_for_parts};
+use super::params::{Cluster, SegmentParams, default_landmarks_for_parts};
 use super::sample::rows;
 use crate::base::Result;
 use crate::distance::DistanceRows;
@@ -119,8 +119,7 @@ fn kept_or_new_rows(
     }
     if method.cluster == Cluster::Parts {
         let weighted = contracted::weighted(graph, method, context)?.1;
-        let l = method.landmarks.unwrap_or(default_landmarks_for_faces(n));
-        return rows(graph, &weighted, l, method, context);
+        return rows(graph, &weighted, method.landmarks_over(n), method, context);
     }
     let weighted = graph.weighted(method.metric, context)?;
     rows(graph, &weighted, method.landmarks.unwrap_or(default_landmarks_for_parts(parts)), method, context)

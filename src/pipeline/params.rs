@@ -148,8 +148,14 @@ impl SegmentParams {
             Some(parts) if contracts => default_landmarks_for_parts(parts).max(MOST_LANDMARKS),
             Some(parts) => default_landmarks_for_parts(parts),
             None if contracts => landmarks_on_contraction(faces),
-            None => default_landmarks_for_faces(faces),
+            None => self.landmarks_over(faces),
         })
+    }
+
+    /// The number of landmarks for deciding parts with rows over all of `nodes` nodes: the one asked for, else as many
+    /// as pay.
+    pub(super) fn landmarks_over(&self, nodes: usize) -> usize {
+        self.landmarks.unwrap_or_else(|| default_landmarks_for_faces(nodes))
     }
 
     /// How landmarks of a mesh of `faces` faces are chosen: as asked for, else by area and distance where

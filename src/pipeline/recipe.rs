@@ -98,9 +98,8 @@ pub struct Eigenvalues {
 /// # Errors
 /// [`Error::WorkDir`] where there are none.
 pub fn eigenvalues(work: &WorkDir, exact: bool) -> Result<Eigenvalues> {
-    let contracted = !exact && decision::is_current(work, true);
-    let inner = if contracted { Some(WorkDir::open_existing(&work.file(decision::CONTRACTED))?) } else { None };
-    let decided = decision::kept_numbers(inner.as_ref().unwrap_or(work));
+    let inner = decision::contraction_in_use(work, exact)?;
+    let decided = decision::kept_numbers(inner.as_deref().unwrap_or(work));
     let kept = decided.map(|numbers| Eigenvalues { values: numbers.eigenvalues, dropped: numbers.dropped_eigenpairs });
     let embedded = || {
         let values = work.told::<super::embed::EmbeddingStage<'_>>()?.eigenvalues;

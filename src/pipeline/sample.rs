@@ -8,7 +8,7 @@
 //! Cost: one front per landmark, and one pass over each row; l × 2,000 averages are kept.
 
 use super::labels::SegmentStats;
-use super::params::{SegmentParams, default_landmarks_for_faces};
+use super::params::SegmentParams;
 use super::surface::{PreparedSurface, WeightedSurface};
 use crate::base::Result;
 use crate::cluster::cells::{self, CellAverages, greatest_share};
@@ -127,7 +127,7 @@ impl WeightedSurface<'_> {
         context: Context<'_>,
     ) -> Result<(DistanceRows, Vec<f64>)> {
         let params = params.clone().sampling(numbers.sampling.or(params.sampling));
-        let l = params.landmarks.unwrap_or(default_landmarks_for_faces(self.graph.nodes.len()));
+        let l = params.landmarks_over(self.graph.nodes.len());
         let rows = rows(self.graph, self.weighted, l, &params, context)?;
         let b = context.stage(CellRows { rows: &rows, surface: self.surface })?;
         Ok((rows, b))
