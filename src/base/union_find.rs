@@ -4,6 +4,8 @@
 //! [`ParityForest`] also a bit between each member and its representative. Memory: 4 bytes per member. Own code because
 //! the representative is part of results, and because parents may lie in a mapped file.
 
+use super::{Cancel, Result};
+
 /// A forest of disjoint sets: the parent of each member, in memory or in a mapped file.
 #[derive(Clone, Debug)]
 pub struct Forest<P>(P);
@@ -24,6 +26,11 @@ impl<'a> Forest<&'a mut [u32]> {
 }
 
 impl<P: AsRef<[u32]> + AsMut<[u32]>> Forest<P> {
+    /// Sets that `parents` (n) tell; none is greater than its child.
+    pub fn of(parents: P) -> Self {
+        Self(parents)
+    }
+
     /// The least member of the set of `i`.
     #[inline]
     pub fn find(&mut self, mut i: u32) -> u32 {
@@ -108,6 +115,27 @@ impl<'a> ParityForest<'a> {
     pub fn into_parents(self) -> &'a mut [u32] {
         self.0
     }
+}
+
+/// Members between looks at the stop flag.
+const CHUNK: usize = 1 << 18;
+
+/// Sets each of `parents` (n), which hold no greater ones, to its representative, with the parity on the way there in
+/// [`PARITY`]. One ascending pass, since parents come before children.
+///
+/// # Errors
+/// [`super::Error::Cancelled`].
+pub fn flatten(parents: &mut [u32], cancel: &Cancel) -> Result<()> {
+    for start in (0..parents.len()).step_by(CHUNK) {
+        cancel.check()?;
+        for i in start..parents.len().min(start + CHUNK) {
+            let link = parents[i];
+            if link & !PARITY != i as u32 {
+                parents[i] = parents[(link & !PARITY) as usize] ^ (link & PARITY);
+            }
+        }
+    }
+    Ok(())
 }
 
 #[cfg(test)]

@@ -1,19 +1,18 @@
 //! Connected components found side by side: inside of blocks of consecutive nodes, then over the edges between these.
 //!
 //! Nearly all neighbours of a node are close to it in number. So each block has a forest of its own, which any thread
-//! makes in its cache, and one thread joins the blocks' trees over the edges between them, a few in a hundred. Where
-//! faces are scattered there are too many of these; then [`super::components`] goes from node to node. A representative
-//! is the least member of its set, so both ways give the same roots. That holds where all windings agree: among
-//! parities that contradict each other, the order decides.
+//! makes in its cache, and one thread joins the blocks' trees over the edges between them, a few in a hundred.
+//! One pass then gives each node the root of all. Where faces are scattered there are too many such edges; then
+//! [`super::components`] goes from node to node. A representative is the least member of its set, so both ways give the
+//! same roots. That holds where all windings agree: among parities that contradict each other, the order decides.
 //!
 //! Cost: about 3 ns per face and thread, 12 bytes read and 4 written; and 8 bytes for an edge between blocks,
 //! [`MOST_BETWEEN`] at the most.
 
 use super::Csr;
 use crate::base::Result;
-use crate::base::union_find::ParityForest;
+use crate::base::union_find::{Forest, ParityForest, flatten};
 use crate::store::Run;
-use std::collections::HashMap;
 use std::sync::atomic::{AtomicUsize, Ordering::Relaxed};
 
 /// Nodes a block at the least, and blocks at the most.
@@ -51,20 +50,14 @@ pub(super) fn find_roots(graph: Csr<'_>, roots: &mut [u32], run: &Run) -> Result
     if held.into_inner() > MOST_BETWEEN {
         return Ok(false);
     }
-    let above = joined(roots, between.iter().flatten());
-    if !above.is_empty() {
-        let raise = |_: usize, roots: &mut [u32], (last, top): &mut (u32, u32)| {
-            for root in roots {
-                // Nodes in sequence are mostly of one tree.
-                if *root != *last {
-                    (*last, *top) = (*root, above.get(root).copied().unwrap_or(*root));
-                }
-                *root = *top;
-            }
-            Ok(())
-        };
-        run.fill_chunks(roots, size, || (u32::MAX, u32::MAX), raise)?;
+    let mut forest = Forest::of(&mut *roots);
+    for edges in between {
+        run.cancel.check()?;
+        for [a, b] in edges {
+            forest.join(a, b);
+        }
     }
+    flatten(roots, &run.cancel)?;
     Ok(true)
 }
 
@@ -87,42 +80,13 @@ fn block_roots(graph: Csr<'_>, first: usize, roots: &mut [u32]) -> Vec<[u32; 2]>
             }
         }
     });
-    // Parents come before children, so one ascending pass flattens everything.
+    // As `flatten`, and numbered through all blocks.
     let roots = forest.into_parents();
     for i in 0..count {
         let parent = roots[i] as usize;
         roots[i] = if parent == i { start + i as u32 } else { roots[parent] };
     }
     between
-}
-
-/// The least root that each of `roots` of blocks is joined with over the edges `between` them; without those that stay.
-fn joined<'a>(roots: &[u32], between: impl Iterator<Item = &'a [u32; 2]>) -> HashMap<u32, u32> {
-    let mut above: HashMap<u32, u32> = HashMap::new();
-    let top = |above: &HashMap<u32, u32>, mut root: u32| {
-        while let Some(&up) = above.get(&root) {
-            root = up;
-        }
-        root
-    };
-    let mut last = [u32::MAX; 2];
-    for edge in between {
-        let trees = edge.map(|node| roots[node as usize]);
-        // Most edges join the same two as the one before.
-        if trees != last {
-            last = trees;
-            let [a, b] = trees.map(|root| top(&above, root));
-            let least = a.min(b);
-            // Also of the trees themselves: short ways for those who ask next.
-            for root in [a, b, trees[0], trees[1]] {
-                if root > least {
-                    above.insert(root, least);
-                }
-            }
-        }
-    }
-    let raised: Vec<(u32, u32)> = above.keys().map(|root| (*root, top(&above, *root))).collect();
-    raised.into_iter().collect()
 }
 
 #[cfg(test)]
@@ -163,6 +127,25 @@ mod tests {
         }
         let run = Run { budget: Budget::new(1 << 20), ..Run::new(&()) };
         assert!(!find_roots(Csr::new(OwnedRowStarts::of([0]).view(), &[], &[]), &mut [0], &run).unwrap());
+    }
+
+    /// A strip of quads: first triangles from its end to its start, then second ones from its start on. Each edge joins
+    /// two blocks and a least root that is new: the roots were one long chain, walked once for each of them.
+    #[test]
+    fn roots_of_blocks_that_are_joined_in_a_long_chain_are_found_soon() {
+        let quads = 60_000;
+        let (mut rows, first, second) = (vec![Vec::new(); 2 * quads], |q: usize| quads - 1 - q, |q: usize| quads + q);
+        for q in 0..quads {
+            for near in [Some(q), q.checked_sub(1)].into_iter().flatten() {
+                rows[first(q)].push(second(near) as u32);
+                rows[second(near)].push(first(q) as u32);
+            }
+        }
+        rows.iter_mut().for_each(|row| row.sort_unstable());
+        let (starts, indices) = (OwnedRowStarts::of(rows.iter().map(Vec::len)), rows.concat());
+        let mut roots = vec![1; 2 * quads];
+        assert!(find_roots(Csr::new(starts.view(), &indices, &[]), &mut roots, &Run::new(&())).unwrap());
+        assert!(roots.iter().all(|root| *root == 0));
     }
 
     #[test]

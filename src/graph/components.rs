@@ -17,7 +17,7 @@ use super::dual_edges::DualEdges;
 use super::half_edge_pairs::AGAINST;
 use super::node_geometry::NodeGeometry;
 use crate::base::parallel::{chunk_count, chunk_range};
-use crate::base::union_find::ParityForest;
+use crate::base::union_find::{ParityForest, flatten};
 use crate::base::{Cancel, Result};
 use crate::store::npy::ArrayMut;
 use crate::store::{Context, MappedSlice};
@@ -187,16 +187,6 @@ fn node_by_node(edges: &DualEdges, parent: &mut [u32], cancel: &Cancel) -> Resul
             (mine, my_parity) = parents.join((mine, my_parity), near, against);
         }
     }
-    let parent = parents.into_parents();
-    // Parents come before children, so one ascending pass flattens everything.
-    for i in 0..n {
-        if i % CHUNK == 0 {
-            cancel.check()?;
-        }
-        let link = parent[i];
-        if link & !AGAINST != i as u32 {
-            parent[i] = parent[(link & !AGAINST) as usize] ^ (link & AGAINST);
-        }
-    }
+    flatten(parents.into_parents(), cancel)?;
     Ok(mixed)
 }
