@@ -175,7 +175,6 @@ impl DualGraph {
     fn make(stage: &GraphStage<'_>, context: Context<'_>, key: String) -> Result<Self> {
         let GraphStage { mesh, path, computed, .. } = *stage;
         let frame = Frame::of(&mesh.positions, context.run)?;
-        half_edges::check_size(mesh.faces.len() as u64, mesh.faces.corner_count() as u64, path)?;
         let array = if computed { None } else { Some(context.work.array(nodes::FILE, &[mesh.faces.len(), 7])?) };
         let geometry = || match array {
             None => {

@@ -23,7 +23,7 @@ use std::sync::Mutex;
 use std::sync::atomic::{AtomicU32, AtomicUsize, Ordering::Relaxed};
 
 /// The bit of [`HalfEdgePair::node`] that says that both faces run along the edge in the same direction: they are wound
-/// against each other. Nodes have 31 bits to spare: there are at most 2³² corners.
+/// against each other. Nodes need the other 31 bits: see [`crate::mesh::geometry::MOST_FACES`].
 pub const AGAINST: u32 = PARITY;
 /// No pair, in the table; no node has this number, with [`AGAINST`] or without.
 pub(super) const NO_NODE: u32 = u32::MAX;

@@ -19,12 +19,13 @@
 //! much, none for those inside of blocks, which are matched a second time when they are needed.
 
 use super::half_edge_block::BlockMatcher;
-use super::half_edge_pairs::{AGAINST, HalfEdgePairs, PairSink};
+use super::half_edge_pairs::{HalfEdgePairs, PairSink};
 use super::half_edge_sort::{self, FaceSide, HalfEdge, Sorter, chain};
 use super::node_blocks::NodeBlocks;
+use crate::base::Result;
 use crate::base::parallel::{chunk_count, chunk_range};
-use crate::base::{Error, Result};
 use crate::mesh::Mesh;
+use crate::mesh::geometry::check_size;
 use crate::store::shuffle::{BudgetedShuffle, Producer, RangeBuckets, Shuffle};
 use crate::store::{Context, Run};
 use bytemuck::{Pod, Zeroable};
@@ -65,27 +66,6 @@ fn count_nonmanifold(nonmanifold: &AtomicU64, sides: usize) {
     if sides > 2 {
         nonmanifold.fetch_add(1, Relaxed);
     }
-}
-
-/// Most corners, which half-edge records number in 32 bits.
-const MOST_CORNERS: u64 = u32::MAX as u64;
-/// Most faces: a bit of their number tells windings apart.
-const MOST_FACES: u64 = AGAINST as u64 - 1;
-
-/// Refuses a mesh in the file `path` whose corners and faces cannot be numbered. Takes no time, so that commands
-/// can ask before they begin.
-///
-/// # Errors
-/// [`Error::Unusable`].
-pub fn check_size(faces: u64, corners: u64, path: &Path) -> Result<()> {
-    if faces <= MOST_FACES && corners <= MOST_CORNERS {
-        return Ok(());
-    }
-    let problem = format!(
-        "has {faces} faces with {corners} corners; both are numbered in 32 bits, which ends at {MOST_FACES} faces and \
-         {MOST_CORNERS} corners"
-    );
-    Err(Error::unusable(path, problem, "cut it into several meshes, or decimate it"))
 }
 
 /// Matches all half-edges of `mesh` (whose file `path` errors name), in its `blocks` where it has
@@ -292,15 +272,9 @@ fn keyed_by_position(mesh: &Mesh, corner: u32) -> Option<OpenHalfEdge> {
 mod tests {
     use super::*;
     use crate::base::random::{below, stream};
+    use crate::graph::half_edge_pairs::AGAINST;
     use crate::store::{Budget, WorkDir};
     use std::collections::BTreeMap;
-
-    #[test]
-    fn what_cannot_be_numbered_is_refused() {
-        let refused = |faces, corners| check_size(faces, corners, "mesh.ply".as_ref()).is_err();
-        assert!(!refused(MOST_CORNERS / 3, MOST_CORNERS) && !refused(MOST_FACES, 0));
-        assert!(refused(1, MOST_CORNERS + 1) && refused(MOST_FACES + 1, 0));
-    }
 
     /// Corner, face, and whether it ascends.
     type Side = (u32, usize, bool);

@@ -45,10 +45,10 @@ impl Faces {
     /// # Errors
     /// [`Error::Malformed`] naming `path` when they do not fit.
     pub fn triangles(path: &Path, bytes: MappedBytes, offset: usize, stride: usize, len: usize) -> Result<Self> {
-        let inside = stride.min(12);
+        let stride = stride.max(12);
         check_fit(path, "faces", bytes.len(), offset, stride, len.saturating_sub(1))?;
-        check_fit(path, "faces", bytes.len(), offset + len.saturating_sub(1) * stride, inside, len.min(1))?;
-        Ok(Self::Triangles { bytes, offset, stride: stride.max(12), len })
+        check_fit(path, "faces", bytes.len(), offset + len.saturating_sub(1) * stride, 12, len.min(1))?;
+        Ok(Self::Triangles { bytes, offset, stride, len })
     }
 
     /// Number of faces.
@@ -337,9 +337,7 @@ impl Mesh {
         if faces.is_empty() {
             return Err(no_faces(path));
         }
-        if faces.len() as u64 > MOST_FACES {
-            return Err(too_many_faces(path, faces.len() as u64));
-        }
+        check_size(faces.len() as u64, faces.corner_count() as u64, path)?;
         Ok(Self::new(path, positions, faces))
     }
 
@@ -412,8 +410,26 @@ pub trait Coordinate: sealed::Sealed {}
 impl Coordinate for f32 {}
 impl Coordinate for f64 {}
 
-/// Faces at most: two numbers of 32 bits are kept back as marks.
-pub(super) const MOST_FACES: u64 = (1 << 32) - 2;
+/// Faces at most: nodes have 31 bits beside the one that tells windings apart, and one number is none.
+pub const MOST_FACES: u64 = (1 << 31) - 1;
+/// Corners at most, which half-edges number in 32 bits.
+pub const MOST_CORNERS: u64 = u32::MAX as u64;
+
+/// Refuses a mesh in the file `path` whose corners and faces cannot be numbered. Takes no time, so that commands
+/// can ask before they begin.
+///
+/// # Errors
+/// [`Error::Unusable`].
+pub fn check_size(faces: u64, corners: u64, path: &Path) -> Result<()> {
+    if faces <= MOST_FACES && corners <= MOST_CORNERS {
+        return Ok(());
+    }
+    let problem = format!(
+        "has {faces} faces with {corners} corners; both are numbered in 32 bits, which ends at {MOST_FACES} faces and \
+         {MOST_CORNERS} corners"
+    );
+    Err(Error::unusable(path, problem, "cut it into several meshes, or decimate it"))
+}
 
 /// The error for a mesh without faces.
 pub fn no_faces(path: &Path) -> Error {
@@ -424,11 +440,6 @@ pub fn no_faces(path: &Path) -> Error {
     )
 }
 
-/// The error for a mesh with more faces than can be numbered.
-pub(super) fn too_many_faces(path: &Path, faces: u64) -> Error {
-    Error::unusable(path, format!("has {faces} faces, more than {MOST_FACES}"), "cut it into several meshes")
-}
-
 /// The error for a mesh with more vertices than can be numbered.
 pub(super) fn too_many_vertices(path: &Path) -> Error {
     Error::unusable(path, "has more than 2^32 vertices", "cut it into several meshes")
@@ -437,6 +448,13 @@ pub(super) fn too_many_vertices(path: &Path) -> Error {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn what_cannot_be_numbered_is_refused() {
+        let refused = |faces, corners| check_size(faces, corners, "mesh.ply".as_ref()).is_err();
+        assert!(!refused(MOST_CORNERS / 3, MOST_CORNERS) && !refused(MOST_FACES, 0));
+        assert!(refused(1, MOST_CORNERS + 1) && refused(MOST_FACES + 1, 0));
+    }
 
     const SQUARE: [[f64; 3]; 4] = [[0., 0., 0.], [1., 0., 0.], [1., 1., 0.], [0., 1., 0.]];
 
@@ -498,6 +516,10 @@ mod tests {
         for starts in [vec![], vec![1, 3], vec![0, 2], vec![0, 4, 3], vec![0, 2, 1, 3]] {
             wrong(Mesh::from_polygons(SQUARE.to_vec(), starts, vec![0, 1, 2]), "starts: do not ascend");
         }
+        // Records nearer to each other than they are long passed, and were read beyond the end.
+        let twelve = || vec![0u32; 3].into();
+        assert!(Faces::triangles("x".as_ref(), twelve(), 0, 0, 2).is_err());
+        assert!(Faces::triangles("x".as_ref(), twelve(), 0, 0, 1).is_ok());
         let odd = Mesh::from_slices(&[[f32::NAN, f32::INFINITY, 0.]; 3], &[[0u32, 1, 2]]).unwrap();
         assert!(odd.positions.get(0)[0].is_nan());
     }

@@ -5,11 +5,11 @@
 //! anything else is decoded once into arrays of the scratch folder; a compressed or streamed file
 //! is spooled there first.
 
-use super::geometry::{MOST_FACES, Mesh, no_faces, too_many_faces, too_many_vertices};
+use super::geometry::{Mesh, check_size, no_faces, too_many_vertices};
 use super::import::{self, Format};
 use super::output::by_rename;
 use super::ply::document::Document;
-use super::ply::header::{self, CUT_SHORT, Element, Encoding, Header, Kind};
+use super::ply::header::{self, CUT_SHORT, Element, Header, Kind};
 use super::ply::read::{Decoder, decode};
 use super::size::is_pipe;
 use crate::base::{Error, Result};
@@ -103,7 +103,7 @@ fn open_stream(mut source: impl Read, path: &Path, scratch: &Path, run: &Run) ->
 }
 
 fn open_bytes(path: &Path, bytes: MappedBytes, scratch: &Path, run: &Run) -> Result<Mesh> {
-    let bytes = if is_compressed(&bytes) { decompress(path, &bytes, scratch, run)? } else { bytes };
+    let bytes = if import::is_compressed(&bytes) { decompress(path, &bytes, scratch, run)? } else { bytes };
     if bytes.is_empty() {
         return Err(Error::unusable(path, "is empty (0 bytes)", "get the file again"));
     }
@@ -115,7 +115,7 @@ fn open_bytes(path: &Path, bytes: MappedBytes, scratch: &Path, run: &Run) -> Res
     let header = header::parse(path, &bytes)?;
     let (face, list, strips) = find_faces(path, &header)?;
     let (vertex, axes) = find_vertices(path, &header)?;
-    check_counts(path, &header, bytes.len())?;
+    header.check_counts(path, bytes.len())?;
     let decoder = Decoder { path, scratch, run, header: &header, bytes: &bytes, vertex, axes, face, list, strips };
     let decoded = decode(&decoder)?;
     if decoded.faces.is_empty() {
@@ -170,8 +170,9 @@ fn find_faces(path: &Path, header: &Header) -> Result<(usize, usize, bool)> {
         let of_name = |element: &Element| element.is(name) && element.count > 0;
         let Some(number) = header.elements.iter().position(of_name) else { continue };
         let element = &header.elements[number];
-        if !strips && element.count as u64 > MOST_FACES {
-            return Err(too_many_faces(path, element.count as u64));
+        if !strips {
+            // What counts as a face has three corners at the least.
+            check_size(element.count as u64, (element.count as u64).saturating_mul(3), path)?;
         }
         let list = vertex_list(element).ok_or_else(|| {
             let problem = format!("the {name} element has no list vertex_indices or vertex_index of integers");
@@ -183,34 +184,6 @@ fn find_faces(path: &Path, header: &Header) -> Result<(usize, usize, bool)> {
         return Err(no_faces(path));
     }
     Err(Error::malformed(path, "header", "there is no vertex element and no face element", "export the mesh again"))
-}
-
-/// Refuses counts that the file cannot hold, before anything relies on them.
-fn check_counts(path: &Path, header: &Header, len: usize) -> Result<()> {
-    let mut left = (len - header.payload) as u128;
-    for element in &header.elements {
-        let least = match header.encoding {
-            // A digit and a blank each, though the last blank may be missing.
-            Encoding::Ascii => (2 * element.properties.len() as u128 * element.count as u128).saturating_sub(1),
-            _ => element.least_size() as u128 * element.count as u128,
-        };
-        if least > left {
-            let (name, count) = (element.name.escape_debug(), element.count);
-            return Err(Error::malformed(
-                path,
-                format!("header, element {name}"),
-                format!("{count} records need at least {least} bytes, but only {left} are left in the file"),
-                CUT_SHORT,
-            ));
-        }
-        left -= least;
-    }
-    Ok(())
-}
-
-/// Whether `bytes` begin as gzip does.
-fn is_compressed(bytes: &[u8]) -> bool {
-    bytes.starts_with(&[0x1f, 0x8b])
 }
 
 /// Writes all of `source` to the file `to`, by rename (an earlier one may still be mapped), and maps it. `path` names

@@ -8,7 +8,9 @@ use super::import;
 use super::ply::{Encoding, Kind, header};
 use crate::base::{Error, Result};
 use crate::store::MappedBytes;
+use flate2::bufread::MultiGzDecoder;
 use serde::Serialize;
+use std::io::Read;
 use std::path::Path;
 
 /// The size of a mesh, and how its file has to be read.
@@ -38,13 +40,27 @@ fn faces_of_strips(header: &header::Header, len: u64) -> u64 {
     if header.encoding == Encoding::Ascii {
         return left / 2;
     }
-    let fixed = |element: &header::Element| element.count as u128 * element.least_size() as u128;
-    let fixed: u128 = header.elements.iter().map(fixed).sum();
+    let fixed: u128 = header.elements.iter().map(|element| element.least_bytes(header.encoding)).sum();
     let strips = header.elements.iter().filter(|element| element.is("tristrips"));
     let kinds = strips.flat_map(|element| &element.properties).map(|property| property.kind);
     let items =
         kinds.filter_map(|kind| if let Kind::List { item, .. } = kind { Some(item.size() as u64) } else { None });
     left.saturating_sub(u64::try_from(fixed).unwrap_or(u64::MAX)) / items.min().unwrap_or(4)
+}
+
+/// The uncompressed start of `bytes`, the gzip file `path`: its header, and at the most what a header may have.
+fn head_of(path: &Path, bytes: &[u8]) -> Result<Vec<u8>> {
+    let (mut head, mut room) = (Vec::new(), 1 << 16);
+    loop {
+        head.clear();
+        let mut plain = MultiGzDecoder::new(bytes).take(room);
+        plain.read_to_end(&mut head).map_err(Error::io(path, "decompress"))?;
+        // Nearly always all of it is there at once.
+        if room >= header::LIMIT as u64 || (head.len() as u64) < room || header::parse(path, &head).is_ok() {
+            return Ok(head);
+        }
+        room *= 16;
+    }
 }
 
 /// The size of the mesh in the file `path`, from its header and the file's size. Of strips of triangles it tells
@@ -57,13 +73,8 @@ pub fn size_of_mesh(path: &Path) -> Result<MeshSize> {
         return Err(Error::unusable(path, "is a pipe, whose size shows only when it is read", "name a file"));
     }
     let bytes = MappedBytes::open(path)?;
-    let compressed = bytes.starts_with(&[0x1f, 0x8b]);
-    let mut head = Vec::new();
-    if compressed {
-        use std::io::Read;
-        let mut plain = flate2::bufread::MultiGzDecoder::new(&bytes[..]).take(1 << 16);
-        plain.read_to_end(&mut head).map_err(Error::io(path, "decompress"))?;
-    }
+    let compressed = import::is_compressed(&bytes);
+    let head = if compressed { head_of(path, &bytes)? } else { Vec::new() };
     if !import::is_ply(path, if compressed { &head } else { &bytes[..] }) {
         if compressed {
             let problem = "is compressed and no PLY, so its size shows only when it is read";
@@ -88,11 +99,8 @@ pub fn size_of_mesh(path: &Path) -> Result<MeshSize> {
     let listed = some("face");
     let in_strips = || some("tristrips").map(|strips| strips.max(faces_of_strips(&header, bytes.len() as u64)));
     let Some(faces) = listed.or_else(in_strips) else { return Err(no_faces(path)) };
-    let least =
-        header.elements.iter().map(|element| element.count as u128 * element.least_size().max(1) as u128).sum::<u128>();
-    if !compressed && least > bytes.len() as u128 {
-        let problem = format!("promises {least} bytes at the least, the file has {}", bytes.len());
-        return Err(Error::malformed(path, "header", problem, "the file is cut short; get it again"));
+    if !compressed {
+        header.check_counts(path, bytes.len())?;
     }
     let corners = faces.saturating_mul(3);
     let in_place = header.encoding == Encoding::Little
@@ -103,8 +111,47 @@ pub fn size_of_mesh(path: &Path) -> Result<MeshSize> {
             });
             lists.eq([4])
         });
+    let least: u128 = header.elements.iter().map(|element| element.least_bytes(header.encoding)).sum();
     let plain = u64::try_from(least).unwrap_or(u64::MAX / 4);
     let spooled = if compressed { plain + 4 * corners } else { 0 };
     let decoded = if in_place { 0 } else { 12 * vertices + 4 * corners };
     Ok(MeshSize { faces, vertices, corners, decoded: spooled + decoded, strips: listed.is_none() })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::mesh::open;
+    use crate::store::Run;
+    use flate2::Compression;
+    use flate2::write::GzEncoder;
+    use std::io::Write;
+
+    /// Text was compared with the size of binary records, and of a compressed header 64 KiB were read.
+    #[test]
+    fn every_file_that_opens_has_a_size() {
+        let dir = tempfile::tempdir().unwrap();
+        let header = |more: &str| {
+            format!(
+                "ply\nformat ascii 1.0\n{more}element vertex 4\nproperty double x\nproperty double y\n\
+                 property double z\nproperty double nx\nproperty double ny\nproperty double nz\nelement face 2\n\
+                 property list uchar int vertex_indices\nend_header\n"
+            )
+        };
+        let body = "0 0 0 0 0 1\n1 0 0 0 0 1\n1 1 0 0 0 1\n0 1 0 0 0 1\n3 0 1 2\n3 0 2 3\n";
+        let long = header(&format!("comment {}\n", "x".repeat(1 << 18))) + body;
+        let mut packed = GzEncoder::new(Vec::new(), Compression::fast());
+        packed.write_all(long.as_bytes()).unwrap();
+        let packed = packed.finish().unwrap();
+        for (name, bytes) in [("a.ply", (header("") + body).as_bytes()), ("b.ply.gz", &packed[..])] {
+            let path = dir.path().join(name);
+            std::fs::write(&path, bytes).unwrap();
+            assert!(open(&path, dir.path(), &Run::new(&())).is_ok());
+            let size = size_of_mesh(&path).unwrap();
+            assert_eq!((size.faces, size.vertices), (2, 4), "{name}");
+        }
+        let path = dir.path().join("c.ply");
+        std::fs::write(&path, header("").replace("face 2", "face 2000") + body).unwrap();
+        assert!(size_of_mesh(&path).unwrap_err().to_string().contains("2000 records need at least"));
+    }
 }

@@ -2,7 +2,6 @@
 
 use super::params::{Cluster, SegmentParams};
 use crate::base::{Error, Result};
-use crate::graph::half_edges::check_size;
 use crate::graph::{DualGraph, Ordered};
 use crate::mesh::Mesh;
 use crate::mesh::size::is_pipe;
@@ -196,8 +195,6 @@ pub fn graph(
     params: &SegmentParams,
     context: Context<'_>,
 ) -> Result<(Ordered, DualGraph)> {
-    // Before the mesh is sorted for nothing.
-    check_size(opened.faces.len() as u64, opened.faces.corner_count() as u64, opened.path())?;
     let ordered = Ordered::build(opened, params.ordering(opened.faces.len()), identity, context)?;
     let build = if computes(params, ordered.mesh.faces.len(), context.work.is_temporary(), context.run) {
         DualGraph::build_computed

@@ -60,9 +60,14 @@ fn ending(path: &Path) -> String {
     name.rsplit_once('.').map_or("", |(_, ending)| ending).to_string()
 }
 
+/// Whether `bytes` begin as gzip does.
+pub(in crate::mesh) fn is_compressed(bytes: &[u8]) -> bool {
+    bytes.starts_with(&[0x1f, 0x8b])
+}
+
 /// What the format of the file `path` of the content `bytes` is called: "OBJ", "STL, text".
 pub fn name(path: &Path, bytes: &[u8]) -> String {
-    if bytes.starts_with(&[0x1f, 0x8b]) {
+    if is_compressed(bytes) {
         return "compressed (gzip)".into();
     }
     match recognise(path, bytes) {

@@ -186,6 +186,15 @@ impl Element {
         (!lists).then(|| self.least_size())
     }
 
+    /// Bytes of all records at the least.
+    pub(in crate::mesh) fn least_bytes(&self, encoding: Encoding) -> u128 {
+        match encoding {
+            // A digit and a blank each, though the last blank may be missing.
+            Encoding::Ascii => (2 * self.properties.len() as u128 * self.count as u128).saturating_sub(1),
+            _ => self.least_size() as u128 * self.count as u128,
+        }
+    }
+
     /// Where the property called `name` stands.
     pub fn find(&self, name: &str) -> Option<usize> {
         self.properties.iter().position(|property| property.name == name)
@@ -232,6 +241,28 @@ impl Header {
     /// The remarks, without their line breaks, in the order of the file.
     pub fn remarks(&self) -> impl Iterator<Item = &[u8]> {
         self.lines.iter().filter_map(|line| if let Line::Remark(text) = line { Some(&text[..]) } else { None })
+    }
+
+    /// Refuses counts that the file `path` of `len` bytes cannot hold, before anything relies on them.
+    ///
+    /// # Errors
+    /// [`Error::Malformed`].
+    pub(in crate::mesh) fn check_counts(&self, path: &Path, len: usize) -> Result<()> {
+        let mut left = len.saturating_sub(self.payload) as u128;
+        for element in &self.elements {
+            let least = element.least_bytes(self.encoding);
+            if least > left {
+                let (name, count) = (element.name.escape_debug(), element.count);
+                return Err(Error::malformed(
+                    path,
+                    format!("header, element {name}"),
+                    format!("{count} records need at least {least} bytes, but only {left} are left in the file"),
+                    CUT_SHORT,
+                ));
+            }
+            left -= least;
+        }
+        Ok(())
     }
 }
 

@@ -9,7 +9,7 @@
 use super::header::{CUT_SHORT, Element, Encoding, Header, Kind, Scalar};
 use super::values::{Binary, Cursor, Fault, Text};
 use crate::base::{Error, Result};
-use crate::mesh::geometry::{Faces, MOST_FACES, too_many_faces};
+use crate::mesh::geometry::{Faces, check_size};
 use crate::mesh::positions::{Positions, StridedLayout};
 use crate::store::npy::{self, ArrayWriter, Item};
 use crate::store::{MappedBytes, Run};
@@ -231,9 +231,7 @@ impl<'a> Decoder<'a> {
             }
             Ok(())
         })?;
-        if sink.faces() > MOST_FACES {
-            return Err(too_many_faces(self.path, sink.faces()));
-        }
+        check_size(sink.faces, sink.corner_count, self.path)?;
         let one_list =
             element.properties.iter().filter(|property| matches!(property.kind, Kind::List { .. })).count() == 1;
         let fixed = sizes.filter(|&(_, equal)| equal && one_list && self.header.encoding != Encoding::Ascii);
