@@ -252,13 +252,13 @@ pub fn in_order<S, R: Send>(
 ) -> Result<()> {
     let threads = threads.clamp(1, chunks.max(1));
     if threads == 1 {
-        let mut state = init();
-        for k in 0..chunks {
-            cancel.check()?;
-            let result = work(k, &mut state)?;
-            consume(k, result)?;
-        }
-        return Ok(());
+        return catch(|| {
+            let mut state = init();
+            (0..chunks).try_for_each(|k| {
+                cancel.check()?;
+                work(k, &mut state).and_then(|result| consume(k, result))
+            })
+        })?;
     }
     let slots: Vec<Mutex<Option<R>>> = (0..(4 * threads).min(chunks)).map(|_| Mutex::new(None)).collect();
     let slot = |k: usize| lock(&slots[k % slots.len()]);
@@ -460,11 +460,11 @@ mod tests {
         }
     }
 
-    /// A panic in a worker left the consumer waiting for ever.
+    /// A panic in a worker left the consumer waiting for ever; on one thread it went through.
     #[test]
     fn a_panic_in_a_thread_is_an_error_and_nothing_waits() {
         let bad = |k: usize, (): &mut ()| if k == 40 { panic!("chunk {k} is bad") } else { Ok(k) };
-        for threads in [2, 5] {
+        for threads in [1, 2, 5] {
             let mapped = map_chunks(threads, &Cancel::default(), 100, || (), bad).unwrap_err();
             let ordered = in_order(threads, &Cancel::default(), 100, || (), bad, |_, _| Ok(())).unwrap_err();
             let each = |k: usize, state: &mut ()| bad(k, state).map(drop);
