@@ -14,7 +14,7 @@
 //! 1.3 M faces, 11.1 and 11.4 s over 10 M); from four million nodes on, their threads are a gain. Where sources are
 //! as dense as those of a contraction, blocks hardly wait for each other, and half a million nodes are enough: over
 //! 1.3 M faces two threads take 35 ms by blocks, and one takes 85. Meshes whose neighbours lie far apart in the file
-//! would send too many messages: they keep the single front.
+//! would send too many messages: they keep the single front, unless they are larger than memory.
 //!
 //! Memory: the messages, 12 bytes for every edge between blocks: a quarter byte per node or less.
 
