@@ -17,7 +17,7 @@
 
 use crate::base::{Error, Result};
 use std::fs::{File, Permissions};
-use std::io::Write;
+use std::io::{ErrorKind, Write};
 use std::os::unix::fs::{MetadataExt, OpenOptionsExt, PermissionsExt};
 use std::path::{Path, PathBuf};
 use std::sync::OnceLock;
@@ -33,7 +33,7 @@ pub(super) enum Lock {
     Held(File),
     /// Another process has it.
     Busy,
-    /// The file system has no locks.
+    /// The file system has no locks, or a reader cannot have one.
     Unsupported,
 }
 
@@ -43,7 +43,7 @@ struct Folder {
     path: PathBuf,
     /// Why it could not be made; then every file in it fails as the folder did.
     failure: Option<String>,
-    /// None where the file system has no locks.
+    /// None without a lock.
     lock: Option<File>,
 }
 
@@ -127,20 +127,21 @@ impl WorkFolder {
     }
 }
 
-/// Locks the folder, alone or shared with other readers.
+/// Locks the folder, alone or shared with other readers. Who reads need not be allowed to write: a lock file that is not
+/// there, or cannot be read, keeps nobody out.
 ///
 /// # Errors
 /// [`Error::Io`].
 pub(super) fn lock(path: &Path, shared: bool) -> Result<Lock> {
-    let file = File::options()
-        .create(true)
-        .truncate(false)
-        .read(true)
-        .write(true)
-        // A link in its place is an error.
-        .custom_flags(libc::O_NOFOLLOW)
-        .open(path.join(LOCK))
-        .map_err(Error::io(path.join(LOCK), "create"))?;
+    let mut options = File::options();
+    // A link in its place is an error.
+    options.read(true).write(!shared).create(!shared).custom_flags(libc::O_NOFOLLOW);
+    let file = match options.open(path.join(LOCK)) {
+        Err(error) if shared && matches!(error.kind(), ErrorKind::NotFound | ErrorKind::PermissionDenied) => {
+            return Ok(Lock::Unsupported);
+        }
+        file => file.map_err(Error::io(path.join(LOCK), "open"))?,
+    };
     let tried = if shared { fs4::FileExt::try_lock_shared(&file) } else { fs4::FileExt::try_lock(&file) };
     match tried {
         Ok(()) => Ok(Lock::Held(file)),
@@ -152,7 +153,7 @@ pub(super) fn lock(path: &Path, shared: bool) -> Result<Lock> {
 
 /// Whether `error` says that the file system has no locks.
 fn without_locks(error: &std::io::Error) -> bool {
-    error.kind() == std::io::ErrorKind::Unsupported || error.raw_os_error() == Some(libc::ENOLCK)
+    error.kind() == ErrorKind::Unsupported || error.raw_os_error() == Some(libc::ENOLCK)
 }
 
 /// A folder for scratch files, removed when dropped. Where the process is killed instead, the next run that makes
@@ -292,9 +293,8 @@ mod tests {
     fn where_no_folder_can_be_made_the_parent_is_left_alone() {
         let dir = tempfile::tempdir().unwrap();
         let folder = WorkFolder::put_off(dir.path());
-        let full = |_: &Path| {
-            Err(Error::io(dir.path(), "create a temporary folder here")(std::io::ErrorKind::StorageFull.into()))
-        };
+        let full =
+            |_: &Path| Err(Error::io(dir.path(), "create a temporary folder here")(ErrorKind::StorageFull.into()));
         let path = folder.path_made_by(full);
         assert!(path.parent() == Some(dir.path()) && !path.exists());
         let said = folder.for_new().unwrap_err().to_string();

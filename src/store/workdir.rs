@@ -81,12 +81,17 @@ impl WorkDir {
     }
 
     /// The same, `None` where another process is in the way. `shared`: beside other processes that open it so too;
-    /// nothing can be stamped then, and files may be added under names of one's own only.
+    /// nothing is made or stamped then, files may be added under names of one's own only, and `None` is also the answer
+    /// where there is no folder.
     ///
     /// # Errors
     /// As [`WorkDir::open`], but for directories in use.
     pub fn try_open(path: &Path, shared: bool) -> Result<Option<Self>> {
-        std::fs::create_dir_all(path).map_err(Error::io(path, "create"))?;
+        if !shared {
+            std::fs::create_dir_all(path).map_err(Error::io(path, "create"))?;
+        } else if !path.is_dir() {
+            return Ok(None);
+        }
         let manifest_path = path.join(MANIFEST);
         // Looked into first: another process that begins here right now leaves its lock before anything else.
         let occupied = std::fs::read_dir(path).map_err(Error::io(path, "list"))?.next().is_some();
@@ -366,7 +371,7 @@ impl WorkDir {
             }
             return Ok(());
         }
-        json::publish(&self.new_file(name)?, &text)
+        json::replace(&self.new_file(name)?, &text, self.durable())
     }
 
     /// Whether there is a file or an array in memory of the name `name`.
@@ -458,6 +463,14 @@ mod tests {
             assert!(WorkDir::open(&path).is_err(), "locked");
             npy::write(&work.file("x.npy"), &[1u32, 2], 1, true).unwrap();
             work.stamp(stage(1), &["x.npy"], &7, 0.5).unwrap();
+        }
+        // Who only looks makes nothing: a copy of a directory need not have a lock, or may be written by others only.
+        std::fs::remove_file(path.join(LOCK)).unwrap();
+        {
+            let looks = [WorkDir::open_existing(&path).unwrap(), WorkDir::open_existing(&path).unwrap()];
+            assert!(looks.iter().all(|work| !work.is_locked()) && !path.join(LOCK).exists());
+            assert!(WorkDir::try_open(&dir.path().join("absent"), true).unwrap().is_none());
+            assert!(!dir.path().join("absent").exists());
         }
         let work = WorkDir::open(&path).unwrap();
         assert_eq!(work.reuse::<i32>("s", 1, &key), Ok(7));
