@@ -144,7 +144,7 @@ fn mesh_files(criterion: &mut Criterion) {
     group.sample_size(10).throughput(Throughput::Elements(faces as u64));
     for (name, form) in [("binary", PlyForm::Binary), ("text", PlyForm::Ascii)] {
         let path = folder.path().join(name).with_extension("ply");
-        let write = || mesh::write_labelled(&opened, &path, &labelling, form, false, &run).expect("room");
+        let write = || mesh::write_labelled(&opened, &path, &labelling, form, &run).expect("room");
         write();
         group.bench_function(BenchmarkId::new("write", name), |bencher| bencher.iter(write));
         group.bench_function(BenchmarkId::new("open", name), |bencher| {
@@ -152,7 +152,7 @@ fn mesh_files(criterion: &mut Criterion) {
         });
     }
     group.bench_function("write seg", |bencher| {
-        bencher.iter(|| mesh::write_seg(&folder.path().join("out.seg"), &labels, false, &run).expect("room"));
+        bencher.iter(|| mesh::write_seg(&folder.path().join("out.seg"), &labels, &run).expect("room"));
     });
     group.finish();
 }

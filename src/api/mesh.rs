@@ -170,16 +170,16 @@ impl Mesh {
         labelling.fit(self.faces.len())?;
         named_and_coloured(&labelling)?;
         if folder {
-            return split::write(path, self, &labelling, options.folder, true, run);
+            return split::write(path, self, &labelling, options.folder, run);
         }
         match ending.as_deref() {
-            Some("ply") => write_labelled(self, path, &labelling, options.ply, true, run),
-            Some("seg") => seg::write_seg(path, labelling.labels, true, run),
+            Some("ply") => write_labelled(self, path, &labelling, options.ply, run),
+            Some("seg") => seg::write_seg(path, labelling.labels, run),
             Some("npy") => npy::write(path, labelling.labels, 1, true).map(drop),
-            Some("obj") => obj::write(path, self, &labelling, true, run),
-            Some("glb") => glb::write(path, self, &labelling, true, run),
+            Some("obj") => obj::write(path, self, &labelling, run),
+            Some("glb") => glb::write(path, self, &labelling, run),
             #[cfg(feature = "parquet")]
-            Some("parquet") => crate::apps::export::parquet::write(path, self, &labelling, None, true, run),
+            Some("parquet") => crate::apps::export::parquet::write(path, self, &labelling, None, run),
             #[cfg(feature = "pictures")]
             Some("png") => {
                 let params = crate::apps::picture::PictureParams::default();

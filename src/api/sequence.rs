@@ -107,7 +107,7 @@ impl Sequence {
     pub fn save(&self, path: impl AsRef<Path>) -> Result<()> {
         let path = path.as_ref();
         if ends_with(path, "npy") {
-            return npy::write(path, &self.order.places, 1, false).map(drop);
+            return npy::write(path, &self.order.places, 1, true).map(drop);
         }
         if !ends_with(path, "ply") {
             let problem = format!("{}: its ending names no known form", path.display());

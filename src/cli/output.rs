@@ -299,7 +299,7 @@ impl Output {
     /// Writes the result; `opened` must be there where [`Output::needs_mesh`].
     pub fn write(&self, opened: Option<&Mesh>, results: &Results, run: &Run) -> Result<()> {
         match (self, opened) {
-            (Self::Seg(path), _) => seg::write_seg(path, results.labelling.labels, true, run),
+            (Self::Seg(path), _) => seg::write_seg(path, results.labelling.labels, run),
             (Self::Npy(path), _) => npy::write(path, results.labelling.labels, 1, true).map(drop),
             (_, Some(opened)) => self.write_mesh(opened, results, run),
             (_, None) => Err(Error::parameter("-o", "this form needs the mesh", "name the mesh")),
@@ -311,13 +311,13 @@ impl Output {
         let Results { labelling, options, embedding, .. } = results;
         match self {
             Self::Seg(_) | Self::Npy(_) => Ok(()),
-            Self::Ply(path) => write_labelled(mesh, path, labelling, *options, true, run),
+            Self::Ply(path) => write_labelled(mesh, path, labelling, *options, run),
             Self::Png(path) => {
                 let params = PictureParams::default();
                 let marks = (labelling.colours, labelling.names);
                 picture::render_named(mesh, Some(labelling.labels), marks, &params, run)?.write_png(path)
             }
-            Self::Parquet(path) => parquet::write(path, mesh, labelling, *embedding, true, run),
+            Self::Parquet(path) => parquet::write(path, mesh, labelling, *embedding, run),
             Self::Csv(path) => {
                 let of_labels = |context: Context<'_>| measure::labelled(mesh, labelling.labels, context);
                 let measures = measured(path, run, of_labels)?;
@@ -326,8 +326,8 @@ impl Output {
                     measure::table(&measures, labelling.colours, labelling.names, results.agreement).as_bytes(),
                 )
             }
-            Self::Obj(path) => obj::write(path, mesh, labelling, true, run),
-            Self::Glb(path) => glb::write(path, mesh, labelling, true, run),
+            Self::Obj(path) => obj::write(path, mesh, labelling, run),
+            Self::Glb(path) => glb::write(path, mesh, labelling, run),
             Self::Html(path) => {
                 let title = mesh.path().file_name().unwrap_or_default().to_string_lossy();
                 let cuts = results.cuts.map(|cuts| Cuts {
@@ -353,7 +353,7 @@ impl Output {
                     PartFile::Ply if text => PartForm::Text,
                     PartFile::Ply => PartForm::Binary,
                 };
-                split::write(path, mesh, labelling, Folder { form, cap: results.cap }, true, run)
+                split::write(path, mesh, labelling, Folder { form, cap: results.cap }, run)
             }
             Self::Stdout => {
                 let mut out = std::io::stdout().lock();

@@ -210,7 +210,7 @@ fn write(
             let mut out = std::io::stdout().lock();
             rearranged::write_to(mesh, "<stdout>", &mut out, &order, form, context)
         }
-        Target::Npy(path) => npy::write(path, &sequence.places, 1, false).map(drop),
+        Target::Npy(path) => npy::write(path, &sequence.places, 1, true).map(drop),
         Target::Png(path) => {
             let (labels, colours) = gradient(&sequence.places, context.work)?;
             let params = PictureParams::default().legend(false).lines(false);

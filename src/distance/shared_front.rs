@@ -236,7 +236,7 @@ impl SharedFront<'_> {
         let (stem, own) = (self.stem(shard, of), self.own(shard, of));
         let record: ShareRecord = work.read_json(&format!("{stem}.json")).ok()?;
         let array = format!("{stem}.npy");
-        if record.front != self.identity() || work.unharmed(&array, &record.file).is_err() {
+        if record.front != self.identity() || work.harm(&array, &record.file).is_some() {
             return None;
         }
         let share = work.open_array::<u32>(&array).ok().filter(|share| share.len() == 2 * own.len())?;

@@ -7,13 +7,13 @@
 
 use super::geometry::{Mesh, check_size, no_faces, too_many_vertices};
 use super::import::{self, Format};
-use super::output::by_rename;
 use super::ply::document::Document;
 use super::ply::header::{self, CUT_SHORT, Element, Header, Kind};
 use super::ply::read::{Decoder, decode};
 use super::size::is_pipe;
 use crate::base::{Error, Result};
 use crate::store::mapped::Access;
+use crate::store::new_file::by_rename;
 use crate::store::{MappedBytes, Run, private_folder};
 use flate2::bufread::MultiGzDecoder;
 use std::fs::File;
@@ -131,8 +131,9 @@ fn open_bytes(path: &Path, bytes: MappedBytes, scratch: &Path, run: &Run) -> Res
     }
     bytes.advise(Access::Local);
     let (positions, faces, ranges, face_bytes) = (decoded.positions, decoded.faces, decoded.ranges, decoded.face_bytes);
-    let document = Document { path: path.to_path_buf(), header, bytes, ranges, face, list, strips, face_bytes };
-    Ok(Mesh::with_source(positions, faces, path.to_path_buf(), Some(document), notes))
+    let path = path.to_path_buf();
+    let document = Document { path, header, bytes, ranges, vertex, axes, face, list, strips, face_bytes };
+    Ok(Mesh::with_source(positions, faces, document.path.clone(), Some(document), notes))
 }
 
 /// The vertex element and its x, y, z.

@@ -3,7 +3,7 @@
 //! Bytes gather in a buffer of a mebibyte, so that a writer may append a few at a time.
 
 use crate::base::{Error, Result};
-use crate::store::npy::{partial_name, reserve_file};
+use crate::store::new_file::by_rename;
 use std::fs::File;
 use std::io::Write;
 use std::path::Path;
@@ -16,29 +16,13 @@ pub fn ends_with(path: &Path, ending: &str) -> bool {
     path.extension().is_some_and(|end| end.eq_ignore_ascii_case(ending))
 }
 
-/// Has `write` fill `path.partial`, with `bytes` reserved, and renames it to `path`, after syncing
-/// where `durable`. Nothing is left behind when it fails.
+/// Has `write` fill the output `path`, with `bytes` reserved, under another name until it is whole and on the disk.
+/// Nothing is left behind when it fails.
 ///
 /// # Errors
 /// Those of `write`; [`Error::Io`].
-pub(crate) fn by_rename(
-    path: &Path,
-    bytes: u64,
-    durable: bool,
-    write: impl FnOnce(&mut File) -> Result<()>,
-) -> Result<()> {
-    let partial = partial_name(path);
-    let mut file = reserve_file(path, bytes)?;
-    let fill = || {
-        write(&mut file)?;
-        if durable {
-            file.sync_all().map_err(Error::io(path, "sync"))?;
-        }
-        std::fs::rename(&partial, path).map_err(Error::io(path, "rename"))
-    };
-    fill().inspect_err(|_| {
-        let _ = std::fs::remove_file(&partial);
-    })
+pub(crate) fn publish(path: &Path, bytes: u64, write: impl FnOnce(&mut File) -> Result<()>) -> Result<()> {
+    by_rename(path, bytes, true, write)
 }
 
 /// A writer with a buffer that can be appended to without a call per number.

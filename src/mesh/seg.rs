@@ -2,7 +2,7 @@
 //!
 //! Written through one buffer, about 5 ns per label; read with 4 bytes held per label.
 
-use super::output::{Gather, by_rename};
+use super::output::{Gather, publish};
 use crate::base::{Error, Result};
 use crate::store::{MappedBytes, Run};
 use std::io::Write;
@@ -11,14 +11,14 @@ use std::path::Path;
 /// Labels between two looks at the stop flag.
 const CHUNK: usize = 1 << 16;
 
-/// Writes `labels`, one per face, to `path`, by rename, after syncing where `durable`.
+/// Writes `labels`, one per face, to `path`, by rename.
 ///
 /// ```
 /// # fn main() -> Result<(), Box<dyn std::error::Error>> {
 /// use nystrom_stream::mesh::{read_seg, write_seg};
 /// # let dir = tempfile::tempdir()?;
 /// # let path = dir.path().join("mesh.seg");
-/// write_seg(&path, &[0, 0, 1], true, &nystrom_stream::store::Run::new(&()))?;
+/// write_seg(&path, &[0, 0, 1], &nystrom_stream::store::Run::new(&()))?;
 /// assert_eq!(std::fs::read_to_string(&path)?, "0\n0\n1\n");
 /// assert_eq!(read_seg(&path)?, [0, 0, 1]);
 /// # Ok(())
@@ -27,8 +27,8 @@ const CHUNK: usize = 1 << 16;
 ///
 /// # Errors
 /// [`Error::Io`], [`Error::Cancelled`].
-pub fn write_seg(path: &Path, labels: &[u32], durable: bool, run: &Run) -> Result<()> {
-    by_rename(path, 0, durable, |file| write_seg_to(path, file, labels, run))
+pub fn write_seg(path: &Path, labels: &[u32], run: &Run) -> Result<()> {
+    publish(path, 0, |file| write_seg_to(path, file, labels, run))
 }
 
 /// Writes `labels` to a stream; `path` names it in errors.
@@ -86,7 +86,7 @@ mod tests {
     fn labels_come_back() {
         let dir = tempfile::tempdir().unwrap();
         let path = dir.path().join("x.seg");
-        write_seg(&path, &[0, 7, u32::MAX, 12], false, &Run::new(&())).unwrap();
+        write_seg(&path, &[0, 7, u32::MAX, 12], &Run::new(&())).unwrap();
         assert_eq!(std::fs::read_to_string(&path).unwrap(), "0\n7\n4294967295\n12\n");
         assert_eq!(read_seg(&path).unwrap(), [0, 7, u32::MAX, 12]);
         assert_eq!(std::fs::read_dir(dir.path()).unwrap().count(), 1);

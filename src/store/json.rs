@@ -2,8 +2,7 @@
 //!
 //! A value that cannot be written as JSON is an error.
 
-use super::new_file;
-use super::npy::partial_name;
+use super::new_file::by_rename;
 use crate::base::{Error, Result};
 use serde::Serialize;
 use serde_json::Value;
@@ -28,31 +27,20 @@ pub fn text(path: &Path, value: &impl Serialize) -> Result<Vec<u8>> {
     })
 }
 
-/// Writes the file `path` with `text`, under another name until it is whole.
+/// Writes the file `path` with `text`, under another name until it is whole and on the disk.
 ///
 /// # Errors
 /// [`Error::Io`].
 pub fn publish(path: &Path, text: &[u8]) -> Result<()> {
-    replace(path, text, false)
+    replace(path, text, true)
 }
 
-/// The same, on the disk before the name is it where `durable`.
+/// The same, on the disk before the name is it only where `durable`.
 ///
 /// # Errors
 /// [`Error::Io`].
 pub(super) fn replace(path: &Path, text: &[u8], durable: bool) -> Result<()> {
-    let partial = partial_name(path);
-    let mut file = new_file::create_for(path, &partial)?;
-    let mut fill = || {
-        file.write_all(text).map_err(Error::io(path, "write"))?;
-        if durable {
-            file.sync_all().map_err(Error::io(path, "sync"))?;
-        }
-        std::fs::rename(&partial, path).map_err(Error::io(path, "rename"))
-    };
-    fill().inspect_err(|_| {
-        let _ = std::fs::remove_file(&partial);
-    })
+    by_rename(path, 0, durable, |file| file.write_all(text).map_err(Error::io(path, "write")))
 }
 
 /// Writes `value` as the JSON file `path`, by rename.

@@ -11,7 +11,7 @@ use crate::base::{Error, Result};
 use std::fs::{File, TryLockError};
 use std::io::ErrorKind;
 use std::os::unix::fs::MetadataExt;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 /// Creates `path` for writing and reading; what a killed run left under this name is removed.
 ///
@@ -63,6 +63,61 @@ pub(crate) fn create_for(name: &Path, path: &Path) -> Result<File> {
         }
     }
     Err(Error::unusable(name, "is being written by another process", "wait for it, or name another file"))
+}
+
+/// The name a file has until it is whole.
+pub fn partial_name(path: &Path) -> PathBuf {
+    let mut name = path.file_name().unwrap_or_default().to_os_string();
+    name.push(".partial");
+    path.with_file_name(name)
+}
+
+/// Creates the file that `path` is until it is whole ([`partial_name`]), with `bytes` reserved on the disk.
+///
+/// # Errors
+/// [`Error::Io`] naming `path`, with the operating system's "no space" when the disk cannot hold it; then there is no
+/// file.
+pub(crate) fn reserve_file(path: &Path, bytes: u64) -> Result<File> {
+    let partial = partial_name(path);
+    let file = create_for(path, &partial)?;
+    if bytes > 0 {
+        let reserve = || {
+            match fs4::FileExt::allocate(&file, bytes) {
+                Err(error) if matches!(error.kind(), ErrorKind::Unsupported) => {}
+                done => done.map_err(Error::io(path, "reserve space for"))?,
+            }
+            file.set_len(bytes).map_err(Error::io(path, "enlarge"))
+        };
+        reserve().inspect_err(|_| {
+            let _ = std::fs::remove_file(&partial);
+        })?;
+    }
+    Ok(file)
+}
+
+/// Has `write` fill a new file, with `bytes` reserved, and gives it the name `path`, after syncing it where `durable`.
+/// Nothing is left behind when that fails.
+///
+/// # Errors
+/// Those of `write`; [`Error::Io`].
+pub(crate) fn by_rename(
+    path: &Path,
+    bytes: u64,
+    durable: bool,
+    write: impl FnOnce(&mut File) -> Result<()>,
+) -> Result<()> {
+    let mut file = reserve_file(path, bytes)?;
+    let partial = partial_name(path);
+    let fill = || {
+        write(&mut file)?;
+        if durable {
+            file.sync_all().map_err(Error::io(path, "sync"))?;
+        }
+        std::fs::rename(&partial, path).map_err(Error::io(path, "rename"))
+    };
+    fill().inspect_err(|_| {
+        let _ = std::fs::remove_file(&partial);
+    })
 }
 
 /// Whether `path` is the name of `file`, and not of another one that came in its place.

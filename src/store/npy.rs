@@ -8,7 +8,8 @@
 use super::in_memory::InMemoryArrays;
 use super::mapped::AlignedBuffer;
 use super::mapped::{MappedBytes, MappedSlice, MappedSliceMut};
-use super::{new_file, npy_header};
+use super::new_file::{create_for, partial_name, reserve_file};
+use super::npy_header;
 use crate::base::{Error, Result};
 use bytemuck::Pod;
 use std::fs::File;
@@ -75,36 +76,6 @@ pub(super) fn header(descr: &str, shape: &[usize]) -> Vec<u8> {
     bytes.extend((room as u16).to_le_bytes());
     bytes.extend(text.bytes());
     bytes
-}
-
-/// The name a file has until it is whole.
-pub fn partial_name(path: &Path) -> PathBuf {
-    let mut name = path.file_name().unwrap_or_default().to_os_string();
-    name.push(".partial");
-    path.with_file_name(name)
-}
-
-/// Creates the file that `path` is until it is whole ([`partial_name`]), with `bytes` reserved on the disk.
-///
-/// # Errors
-/// [`Error::Io`] naming `path`, with the operating system's "no space" when the disk cannot hold it; then there is no
-/// file.
-pub fn reserve_file(path: &Path, bytes: u64) -> Result<File> {
-    let partial = partial_name(path);
-    let file = new_file::create_for(path, &partial)?;
-    if bytes > 0 {
-        let reserve = || {
-            match fs4::FileExt::allocate(&file, bytes) {
-                Err(error) if matches!(error.kind(), std::io::ErrorKind::Unsupported) => {}
-                done => done.map_err(Error::io(path, "reserve space for"))?,
-            }
-            file.set_len(bytes).map_err(Error::io(path, "enlarge"))
-        };
-        reserve().inspect_err(|_| {
-            let _ = std::fs::remove_file(&partial);
-        })?;
-    }
-    Ok(file)
 }
 
 /// Where an array is made.
@@ -224,7 +195,7 @@ impl Drop for Unfinished {
 /// The file of an array under its temporary name, ready for the items.
 fn start_file(path: &Path) -> Result<(BufWriter<File>, Unfinished)> {
     let partial = partial_name(path);
-    let mut out = BufWriter::with_capacity(1 << 18, new_file::create_for(path, &partial)?);
+    let mut out = BufWriter::with_capacity(1 << 18, create_for(path, &partial)?);
     let unfinished = Unfinished(Some(partial));
     out.write_all(&[0; HEADER]).map_err(Error::io(path, "write"))?;
     Ok((out, unfinished))

@@ -7,6 +7,7 @@
 use super::in_memory::InMemoryArrays;
 use super::mapped::AlignedBuffer;
 use super::mapped::{MappedSlice, MappedSliceMut};
+use super::new_file::{partial_name, reserve_file};
 use super::npy::{self, HEADER, Item};
 use crate::base::parallel::lock;
 use crate::base::{Error, Result};
@@ -77,14 +78,14 @@ impl<T: Item> RowsFile<T> {
     /// # Errors
     /// [`Error::Io`].
     pub fn create(path: &Path, rows: usize, len: usize) -> Result<Self> {
-        let mut file = npy::reserve_file(path, Self::bytes(rows, len))?;
+        let mut file = reserve_file(path, Self::bytes(rows, len))?;
         file.write_all(&npy::header(T::DESCR, &[rows, len])).map_err(Error::io(path, "write"))?;
         Ok(Self::of(path, file, rows, len))
     }
 
     /// Takes up `path.partial` as an earlier run left it; `None` where there is none of this shape.
     pub fn reopen(path: &Path, rows: usize, len: usize) -> Option<Self> {
-        let mut file = File::options().read(true).write(true).open(npy::partial_name(path)).ok()?;
+        let mut file = File::options().read(true).write(true).open(partial_name(path)).ok()?;
         let mut found = [0; HEADER];
         file.read_exact(&mut found).ok()?;
         let whole = file.metadata().ok()?.len() == Self::bytes(rows, len);
@@ -99,34 +100,11 @@ impl<T: Item> RowsFile<T> {
         let Place::File(file) = &self.place else {
             return Err(Error::internal("rows held in memory have no mappings"));
         };
-        self.check(k, self.len)?;
+        if k >= self.rows {
+            return Err(Error::internal(&format!("row {k}, where there are {}", self.rows)));
+        }
         let offset = HEADER + k * self.len * size_of::<T>();
-        MappedSliceMut::map(file, &npy::partial_name(&self.path), offset, self.len)
-    }
-
-    /// Writes row `k` as a whole: where it is mapped, [`MappedSliceMut::overwrite`] does it.
-    ///
-    /// # Errors
-    /// [`Error::Io`]; [`Error::Internal`] for a row that does not exist, is mapped, or has another length.
-    pub fn write_row(&self, k: usize, row: &[T]) -> Result<()> {
-        self.check(k, row.len())?;
-        match &self.place {
-            Place::File(_) => self.row(k)?.overwrite(row).map_err(Error::io(&self.path, "write")),
-            Place::Memory(data, _) => {
-                let mut data = lock(data);
-                data[k * self.len..][..self.len].copy_from_slice(row);
-                Ok(())
-            }
-        }
-    }
-
-    /// Whether there is a row `k` of `len` items.
-    fn check(&self, k: usize, len: usize) -> Result<()> {
-        if k < self.rows && len == self.len {
-            return Ok(());
-        }
-        let (rows, own) = (self.rows, self.len);
-        Err(Error::internal(&format!("row {k} of {len} items, where there are {rows} of {own}")))
+        MappedSliceMut::map(file, &partial_name(&self.path), offset, self.len)
     }
 
     /// Renames the file to its final name, after syncing it where `durable`, and maps it for reading.
@@ -144,7 +122,7 @@ impl<T: Item> RowsFile<T> {
         if durable {
             file.sync_all().map_err(Error::io(&self.path, "sync"))?;
         }
-        std::fs::rename(npy::partial_name(&self.path), &self.path).map_err(Error::io(&self.path, "rename"))?;
+        std::fs::rename(partial_name(&self.path), &self.path).map_err(Error::io(&self.path, "rename"))?;
         npy::open(&self.path)
     }
 }
@@ -159,9 +137,9 @@ mod tests {
         let budget = crate::store::Budget::new(1 << 30);
         let work = crate::store::WorkDir::temporary(dir.path()).unwrap().holding(&budget);
         let file = work.rows::<f32>("rows.npy", 3, 1000).unwrap();
-        assert!(file.held().is_some() && file.row(0).is_err() && file.write_row(3, &[1.; 1000]).is_err());
+        assert!(file.row(0).is_err());
         for k in [2, 0, 1] {
-            file.write_row(k, &[k as f32; 1000]).unwrap();
+            file.held().unwrap()[1000 * k..][..1000].fill(k as f32);
         }
         let all = file.finish(false).unwrap();
         assert_eq!((all.len(), all[999], all[1000], all[2999]), (3000, 0., 1., 2.));
@@ -177,10 +155,10 @@ mod tests {
         let file = RowsFile::<f32>::create(&path, 3, 1000).unwrap();
         file.row(2).unwrap().fill(7.);
         let row = file.row(0).unwrap();
-        assert!(file.row(0).is_err() && file.write_row(0, &[1.; 1000]).is_err(), "one row was handed out twice");
-        assert!(file.row(3).is_err() && file.write_row(1, &[1.; 999]).is_err());
+        assert!(file.row(0).is_err(), "one row was handed out twice");
+        assert!(file.row(3).is_err());
         drop(row);
-        file.write_row(0, &[5.; 1000]).unwrap();
+        file.row(0).unwrap().overwrite(&[5.; 1000]).unwrap();
         drop(file);
         assert!(RowsFile::<f32>::reopen(&path, 3, 999).is_none());
         let file = RowsFile::<f32>::reopen(&path, 3, 1000).unwrap();

@@ -29,6 +29,7 @@ use serde_json::Value;
 use std::collections::BTreeMap;
 use std::fmt;
 use std::fs::File;
+use std::io::ErrorKind;
 use xxhash_rust::xxh3::xxh3_64;
 
 /// A step of the work with files of its own in the work directory.
@@ -250,37 +251,37 @@ impl WorkDir {
         if record.key != key {
             return Err(StageMiss::OtherInputs);
         }
-        if self.is_temporary() {
-            record.files.iter().try_for_each(|(name, file)| self.unharmed(name, file))?;
-        } else {
-            // Side by side: reading is what another number of parts waits for most.
-            let files: Vec<_> = record.files.iter().collect();
-            let check = |k: usize, (): &mut ()| Ok(self.unharmed(files[k].0, files[k].1));
-            let checked = map_chunks(files.len(), &Cancel::default(), files.len(), || (), check);
-            checked.map_err(|error| StageMiss::Damaged(error.to_string()))?.into_iter().collect::<Result<(), _>>()?;
+        // Side by side: reading is what another number of parts waits for most. In a temporary directory none is read.
+        let files: Vec<_> = record.files.iter().collect();
+        let threads = if self.is_temporary() { 1 } else { files.len() };
+        let check = |k: usize, (): &mut ()| Ok(self.harm(files[k].0, files[k].1));
+        let checked = map_chunks(threads, &Cancel::default(), files.len(), || (), check);
+        let checked = checked.map_err(|error| StageMiss::Damaged(error.to_string()))?;
+        if let Some((harm, (name, _))) = checked.into_iter().zip(files).find_map(|(harm, file)| Some((harm?, file))) {
+            return Err(StageMiss::Damaged(format!("{name} {harm}")));
         }
         Ok(record.facts.clone())
     }
 
-    /// Whether a file still has the bytes that were stamped: one sequential read, far cheaper than a wrong label.
-    pub(crate) fn unharmed(&self, name: &str, file: &FileRecord) -> Result<(), StageMiss> {
+    /// What is wrong with a file, if it has no longer the bytes that were stamped: one sequential read, far cheaper than
+    /// a wrong label.
+    pub(crate) fn harm(&self, name: &str, file: &FileRecord) -> Option<String> {
         if self.bytes_in_memory(name) == Some(file.bytes) {
-            return Ok(());
+            return None;
         }
         let path = self.file(name);
-        let damaged = |problem| Err(StageMiss::Damaged(problem));
         match std::fs::metadata(&path) {
-            Ok(metadata) if metadata.len() == file.bytes => {}
-            Ok(metadata) => return damaged(format!("{name} has {} bytes instead of {}", metadata.len(), file.bytes)),
-            Err(_) => return damaged(format!("{name} is missing")),
-        }
-        if self.is_temporary() {
-            return Ok(());
-        }
-        match checksum(&path) {
-            Ok(sum) if sum == file.xxh3 => Ok(()),
-            Ok(_) => damaged(format!("{name} was changed or damaged")),
-            Err(error) => damaged(error.to_string()),
+            Ok(found) if found.len() != file.bytes => {
+                Some(format!("has {} bytes instead of {}", found.len(), file.bytes))
+            }
+            Ok(_) if self.is_temporary() => None,
+            Ok(_) => match checksum(&path) {
+                Ok(sum) if sum == file.xxh3 => None,
+                Ok(_) => Some("was changed or damaged".to_string()),
+                Err(error) => Some(format!("cannot be read: {error}")),
+            },
+            Err(error) if error.kind() == ErrorKind::NotFound => Some("is missing".to_string()),
+            Err(error) => Some(format!("cannot be looked at: {error}")),
         }
     }
 
@@ -374,6 +375,6 @@ impl WorkDir {
         let path = self.file(MANIFEST);
         let text = serde_json::to_vec_pretty(manifest)
             .map_err(|error| Error::internal(&format!("the manifest cannot be told as JSON: {error}")))?;
-        json::replace(&path, &text, true)
+        json::publish(&path, &text)
     }
 }

@@ -2,8 +2,7 @@
 //!
 //! Cost: one pass over all files, at the speed of the disk.
 
-use super::npy;
-use super::workdir::checksum;
+use super::new_file::partial_name;
 use crate::base::Result;
 use crate::store::Context;
 use serde::Serialize;
@@ -43,16 +42,9 @@ fn stages(context: Context<'_>) -> Result<Vec<Checked>> {
         for (name, file) in record.files {
             context.run.cancel.check()?;
             let path = context.work.file(&name);
-            let problem = match std::fs::metadata(&path) {
-                Err(_) if npy::partial_name(&path).exists() => Some("is being made anew".to_string()),
-                Err(error) => Some(format!("cannot be looked at: {error}")),
-                Ok(found) if found.len() != file.bytes => Some(format!("has {} bytes", found.len())),
-                Ok(_) => match checksum(&path) {
-                    Err(error) => Some(error.to_string()),
-                    Ok(sum) if sum != file.xxh3 => Some(format!("has checksum {sum} instead of {}", file.xxh3)),
-                    Ok(_) => None,
-                },
-            };
+            let begun = || !path.exists() && partial_name(&path).exists();
+            let harm = context.work.harm(&name, &file);
+            let problem = harm.map(|harm| if begun() { "is being made anew".to_string() } else { harm });
             context.run.progress.advance("verify", file.bytes);
             all.push(Checked { stage: stage.clone(), file: name, bytes: file.bytes, problem });
         }
@@ -64,7 +56,7 @@ fn stages(context: Context<'_>) -> Result<Vec<Checked>> {
 mod tests {
     use super::*;
     use crate::store::stage::{StageKey, key_of};
-    use crate::store::{Run, WorkDir};
+    use crate::store::{Run, WorkDir, npy};
     use serde_json::json;
 
     #[test]

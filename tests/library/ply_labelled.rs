@@ -31,7 +31,7 @@ fn label(input: &Path, form: PlyForm, stream: bool) -> (tempfile::TempDir, Mesh,
         let mut file = std::fs::File::create(&out).unwrap();
         mesh::write_labelled_to(&opened, "<stdout>", &mut file, &labelling, form, &run).unwrap();
     } else {
-        mesh::write_labelled(&opened, &out, &labelling, form, false, &run).unwrap();
+        mesh::write_labelled(&opened, &out, &labelling, form, &run).unwrap();
     }
     assert!(!dir.path().join("out.ply.partial").exists());
     (dir, opened, quality)
@@ -163,7 +163,7 @@ fn labels_that_do_not_fit_are_refused_and_leave_nothing() {
     let run = Run::new(&());
     let write = |labels: &[u32]| {
         let labelling = Labelling { labels, colours: &[], quality: None, names: &[] };
-        mesh::write_labelled(&opened, &out, &labelling, PlyForm::Same, false, &run)
+        mesh::write_labelled(&opened, &out, &labelling, PlyForm::Same, &run)
     };
     assert!(write(&[0; 3999]).unwrap_err().to_string().starts_with("labels: 3999 values for 4000 faces"));
     run.cancel.cancel();
@@ -179,7 +179,7 @@ fn quality_of_the_input_stays_where_none_is_given() {
     let out = dir.path().join("out.ply");
     let labelling = Labelling { labels: &[3; 4000], colours: &colours(), quality: None, names: &[] };
     let run = Run::new(&());
-    mesh::write_labelled(&opened, &out, &labelling, PlyForm::Same, true, &run).unwrap();
+    mesh::write_labelled(&opened, &out, &labelling, PlyForm::Same, &run).unwrap();
     let (before, after) = (reference(opened.path()).unwrap(), reference(&out).unwrap());
     for (a, b) in before.payload["face"].iter().zip(&after.payload["face"]) {
         assert_eq!(a["quality"], b["quality"]);

@@ -63,7 +63,7 @@ fn try_all(bytes: &[u8]) -> bool {
     let labelling = Labelling { labels: &labels, colours: &[], quality: None, names: &[] };
     for form in [PlyForm::Same, PlyForm::Binary, PlyForm::Ascii] {
         let out = dir.path().join("out.ply");
-        let written = mesh::write_labelled(&opened, &out, &labelling, form, false, &run);
+        let written = mesh::write_labelled(&opened, &out, &labelling, form, &run);
         if written.is_ok() {
             let again = mesh::open(&out, dir.path(), &run).expect("our own output opens");
             assert_eq!(again.faces.len(), faces);

@@ -39,13 +39,13 @@ fn folder() -> tempfile::TempDir {
         write_mesh(&dir.path().join(format!("{model}.ply")), n);
         let faces = 12 * n as usize;
         for (j, at) in [&[0.5][..], &[0.45, 0.8], &[0.3]].into_iter().enumerate() {
-            write_seg(&dir.path().join(format!("{model}_{j}.seg")), &steps(faces, at), false, &run).unwrap();
+            write_seg(&dir.path().join(format!("{model}_{j}.seg")), &steps(faces, at), &run).unwrap();
         }
         let _ = writeln!(table, "{model}\t{category}\t{faces}\t2");
     }
     std::fs::write(dir.path().join("models.tsv"), table).unwrap();
     std::fs::create_dir(dir.path().join("ours")).unwrap();
-    write_seg(&dir.path().join("ours/1.seg"), &steps(240, &[0.4, 0.7]), false, &run).unwrap();
+    write_seg(&dir.path().join("ours/1.seg"), &steps(240, &[0.4, 0.7]), &run).unwrap();
     npy::write::<u32>(&dir.path().join("ours/2.npy"), &steps(360, &[0.55]), 1, false).unwrap();
     dir
 }

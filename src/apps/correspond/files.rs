@@ -4,7 +4,7 @@
 use super::matches::Match;
 use crate::apps::integers::read_integers;
 use crate::base::{Error, Result};
-use crate::mesh::output::by_rename;
+use crate::mesh::output::publish;
 use crate::store::npy;
 use crate::store::{MappedBytes, Run};
 use std::ffi::OsStr;
@@ -46,7 +46,7 @@ pub fn is_known(path: &Path) -> bool {
 pub fn write(path: &Path, matches: &[Match], run: &Run) -> Result<()> {
     match ending(path).as_deref() {
         Some("npy") => npy::write(path, matches, 1, true).map(drop),
-        Some("csv") => by_rename(path, 0, true, |file| write_csv(path, file, matches, run)),
+        Some("csv") => publish(path, 0, |file| write_csv(path, file, matches, run)),
         #[cfg(feature = "parquet")]
         Some("parquet") => parquet_table::write(path, matches, run),
         _ => {
@@ -59,7 +59,7 @@ pub fn write(path: &Path, matches: &[Match], run: &Run) -> Result<()> {
 /// Matches as a Parquet table.
 #[cfg(feature = "parquet")]
 mod parquet_table {
-    use super::{File, Match, Path, Result, Run, by_rename};
+    use super::{File, Match, Path, Result, Run, publish};
     use crate::apps::export::parquet::{GROUP, Writer, column, threads_for_groups};
     use parquet::basic::Encoding;
     use parquet::data_type::{FloatType, Int32Type, Int64Type};
@@ -68,7 +68,7 @@ mod parquet_table {
 
     pub(super) fn write(path: &Path, matches: &[Match], run: &Run) -> Result<()> {
         let (run, _grant) = threads_for_groups(matches.len(), 0, run)?;
-        by_rename(path, 0, true, |file| fill(path, file, matches, &run))
+        publish(path, 0, |file| fill(path, file, matches, &run))
     }
 
     fn fill(path: &Path, file: &mut File, matches: &[Match], run: &Run) -> Result<()> {

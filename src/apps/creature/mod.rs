@@ -17,8 +17,8 @@ mod shape;
 
 use crate::base::random::{self, mix};
 use crate::base::{Error, Result, parallel};
-use crate::mesh::output::by_rename;
 use crate::mesh::ply::{Encoding, HeaderWriter, Scalar};
+use crate::store::new_file::by_rename;
 use crate::store::{Run, npy};
 use numbering::{Holes, Numbering, Permutation};
 use rand_xoshiro::rand_core::Rng;

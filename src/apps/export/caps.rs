@@ -11,7 +11,7 @@
 
 use crate::base::Result;
 use crate::base::sort::sort_by;
-use crate::base::vector::{cross, distance, dot, length, minus, unit};
+use crate::base::vector::{cross, distance, dot, length, minus, position_key, unit};
 use crate::mesh::Mesh;
 use crate::store::Run;
 use earcut::Earcut;
@@ -233,7 +233,7 @@ fn middle(at: &[[f64; 3]]) -> [f64; 3] {
 fn weld(mesh: &Mesh, open: &mut [[u32; 2]]) -> (bool, Vec<[u32; 2]>, u64) {
     let vertices: BTreeSet<u32> = open.iter().flatten().copied().collect();
     let mut first: HashMap<[u64; 3], u32> = HashMap::new();
-    let place = |v: u32| mesh.positions.get(v).map(|x| (x + 0.).to_bits());
+    let place = |v: u32| position_key(mesh.positions.get(v));
     let welded = vertices.iter().filter(|&&v| *first.entry(place(v)).or_insert(v) != v).count() > 0;
     let mut named: Vec<[u32; 2]> = open.iter().map(|edge| edge.map(|v| first[&place(v)])).collect();
     named.retain(|[a, b]| a != b);

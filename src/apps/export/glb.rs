@@ -13,7 +13,7 @@ use crate::apps::vertex_sums::VertexSums;
 use crate::base::vector::area;
 use crate::base::{Error, Result};
 use crate::graph::Frame;
-use crate::mesh::output::{Gather, by_rename};
+use crate::mesh::output::{Gather, publish};
 use crate::mesh::{Labelling, Mesh};
 use crate::store::Run;
 use serde_json::{Value, json};
@@ -46,7 +46,7 @@ const VERTICES: usize = 1 << 14;
 /// let corners = [[0., 0., 0.], [1., 0., 0.], [1., 1., 0.], [0., 1., 0.]];
 /// let mesh = Mesh::from_slices(&corners, &[[0, 1, 2], [0, 2, 3]])?;
 /// let labelling = Labelling { labels: &[0, 1], colours: &palette(2), quality: None, names: &[] };
-/// glb::write(&std::env::temp_dir().join("square.glb"), &mesh, &labelling, false, &Run::new(&()))?;
+/// glb::write(&std::env::temp_dir().join("square.glb"), &mesh, &labelling, &Run::new(&()))?;
 /// # Ok::<(), nystrom_stream::base::Error>(())
 /// ```
 ///
@@ -54,7 +54,7 @@ const VERTICES: usize = 1 << 14;
 /// [`Error::Unusable`] for a mesh whose file would pass [`MOST`] (some 230 million triangles), without a face in
 /// space, or too small for floats; [`Error::Parameter`] for labels that do not fit the faces; [`Error::Io`];
 /// [`Error::Cancelled`].
-pub fn write(path: &Path, mesh: &Mesh, labelling: &Labelling, durable: bool, run: &Run) -> Result<()> {
+pub fn write(path: &Path, mesh: &Mesh, labelling: &Labelling, run: &Run) -> Result<()> {
     let parts = parts(mesh, labelling)?;
     let mut scene = Scene::of(mesh, labelling, parts, run)?;
     if scene.is_tiny {
@@ -82,7 +82,7 @@ pub fn write(path: &Path, mesh: &Mesh, labelling: &Labelling, durable: bool, run
         let problem = "would have no triangle with finite coordinates";
         return Err(Error::unusable(path, problem, "write .ply instead, or scale the mesh"));
     }
-    by_rename(path, total, durable, |file| scene.write(path, file, total, &json, binary))
+    publish(path, total, |file| scene.write(path, file, total, &json, binary))
 }
 
 /// `text` filled up to a multiple of four bytes.

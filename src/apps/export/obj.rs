@@ -10,7 +10,7 @@ use super::split::plain_name;
 use super::{CHUNK, parts};
 use crate::base::{Error, Result};
 use crate::mesh::import::statements;
-use crate::mesh::output::{Gather, by_rename};
+use crate::mesh::output::{Gather, publish};
 use crate::mesh::ply::{Encoder, Encoding, Scalar};
 use crate::mesh::{Labelling, Mesh};
 use crate::store::npy::ArrayMut;
@@ -151,7 +151,7 @@ fn names(parts: usize, labelling: &Labelling) -> Vec<String> {
 ///
 /// # Errors
 /// [`Error::Parameter`] for labels that do not fit the faces; [`Error::Io`]; [`Error::Cancelled`].
-pub fn write(path: &Path, mesh: &Mesh, labelling: &Labelling, durable: bool, run: &Run) -> Result<()> {
+pub fn write(path: &Path, mesh: &Mesh, labelling: &Labelling, run: &Run) -> Result<()> {
     let parts = parts(mesh, labelling)?;
     let n = mesh.faces.len();
     let bytes = match MappedBytes::open(mesh.path()) {
@@ -168,7 +168,7 @@ pub fn write(path: &Path, mesh: &Mesh, labelling: &Labelling, durable: bool, run
             let kept = path.with_extension("mtl");
             run.progress.note(&format!("{} stays: the materials go to {}", kept.display(), materials.display()));
         }
-        by_rename(&materials, 0, durable, |file| {
+        publish(&materials, 0, |file| {
             let mut text = String::from(OURS);
             for part in 0..parts {
                 let colour = labelling.colours.get(part).copied().unwrap_or([128; 3]);
@@ -178,7 +178,7 @@ pub fn write(path: &Path, mesh: &Mesh, labelling: &Labelling, durable: bool, run
             file.write_all(text.as_bytes()).map_err(Error::io(&materials, "write"))
         })?;
     }
-    by_rename(path, 0, durable, |file| {
+    publish(path, 0, |file| {
         let mut out = Gather::new(path, file);
         out.buffer.extend_from_slice(b"# parts by nystrom-stream, an object and a group each\n");
         if own {
@@ -315,7 +315,7 @@ mod tests {
         let (run, mesh) = (Run::new(&()), Mesh::open(&path).unwrap());
         let out = dir.path().join("out.obj");
         let labelling = Labelling { labels, colours: &[[255, 0, 0], [0, 0, 255]], quality: None, names: &[] };
-        write(&out, &mesh, &labelling, false, &run).unwrap();
+        write(&out, &mesh, &labelling, &run).unwrap();
         // It reads back as the same faces, in the order of the parts.
         assert_eq!(Mesh::open(&out).unwrap().faces.len(), mesh.faces.len());
         (std::fs::read_to_string(&out).unwrap(), std::fs::read_to_string(dir.path().join("out.mtl")).ok())

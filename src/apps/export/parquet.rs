@@ -7,7 +7,7 @@
 
 use crate::base::vector::{area, finite};
 use crate::base::{Error, Result};
-use crate::mesh::output::by_rename;
+use crate::mesh::output::publish;
 use crate::mesh::{Labelling, Mesh};
 use crate::store::Run;
 use crate::store::budget::Grant;
@@ -174,21 +174,14 @@ pub fn measure(corners: &[[f64; 3]]) -> (f64, [f64; 3]) {
 /// let corners = [[0., 0., 0.], [1., 0., 0.], [1., 1., 0.], [0., 1., 0.]];
 /// let mesh = Mesh::from_slices(&corners, &[[0, 1, 2], [0, 2, 3]])?;
 /// let labelling = Labelling { labels: &[0, 1], colours: &[], quality: None, names: &[] };
-/// parquet::write(&std::env::temp_dir().join("square.parquet"), &mesh, &labelling, None, false, &Run::new(&()))?;
+/// parquet::write(&std::env::temp_dir().join("square.parquet"), &mesh, &labelling, None, &Run::new(&()))?;
 /// # Ok::<(), nystrom_stream::base::Error>(())
 /// ```
 ///
 /// # Errors
 /// [`Error::Parameter`] for labels, qualities or coordinates that do not fit the faces; [`Error::Io`];
 /// [`Error::Cancelled`].
-pub fn write(
-    path: &Path,
-    mesh: &Mesh,
-    labelling: &Labelling,
-    embedding: Option<Coordinates>,
-    durable: bool,
-    run: &Run,
-) -> Result<()> {
+pub fn write(path: &Path, mesh: &Mesh, labelling: &Labelling, embedding: Option<Coordinates>, run: &Run) -> Result<()> {
     let n = mesh.faces.len();
     labelling.fit(n)?;
     let len = embedding.map_or(n, |e| e.values.len() / e.dimensions.max(1));
@@ -196,7 +189,7 @@ pub fn write(
         return Err(Error::parameter("embedding", format!("{len} rows for {n} faces"), "give one for every face"));
     }
     let (run, _grant) = threads_for_groups(n, 32, run)?;
-    by_rename(path, 0, durable, |file| FaceTable { path, mesh, labelling, embedding, run: &run }.write(file))
+    publish(path, 0, |file| FaceTable { path, mesh, labelling, embedding, run: &run }.write(file))
 }
 
 /// What the table is made of.

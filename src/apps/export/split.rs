@@ -11,7 +11,7 @@ use super::caps::{Caps, Corner};
 use super::{CHUNK, parts};
 use crate::base::vector::{distance, double_area, unit};
 use crate::base::{Error, Result};
-use crate::mesh::output::{Gather, by_rename, ends_with};
+use crate::mesh::output::{Gather, ends_with, publish};
 use crate::mesh::ply::{Encoder, Encoding, HeaderWriter, Scalar};
 use crate::mesh::{Labelling, Mesh};
 use crate::store::Run;
@@ -72,14 +72,7 @@ pub fn file_name(part: usize, name: Option<&str>, form: PartForm) -> String {
 /// # Errors
 /// [`Error::Parameter`] for labels that do not fit the faces; [`Error::Memory`] where the budget has no room for a bit
 /// per vertex, or for the edges of a part that is to be closed; [`Error::Io`]; [`Error::Cancelled`].
-pub fn write(
-    folder: &Path,
-    mesh: &Mesh,
-    labelling: &Labelling,
-    form: impl Into<Folder>,
-    durable: bool,
-    run: &Run,
-) -> Result<()> {
+pub fn write(folder: &Path, mesh: &Mesh, labelling: &Labelling, form: impl Into<Folder>, run: &Run) -> Result<()> {
     let Folder { form, cap } = form.into();
     let parts = parts(mesh, labelling)?;
     let words = mesh.positions.len().div_ceil(BLOCK);
@@ -103,7 +96,7 @@ pub fn write(
         }
         let path = folder.join(&name);
         let caps = if cap { writer.caps(part as u32, size.corners)? } else { Caps::default() };
-        by_rename(&path, 0, durable, |file| {
+        publish(&path, 0, |file| {
             let mut out = Gather::new(&path, file);
             if form == PartForm::Stl {
                 sizes.add(writer.solid(part as u32, &caps, &mut out)?);
@@ -128,7 +121,7 @@ pub fn write(
     }
     // A value prints itself, indented under `#`, and cannot fail to.
     let listed = json!({"faces": mesh.faces.len(), "parts": listed});
-    by_rename(&list, 0, durable, |file| writeln!(file, "{listed:#}").map_err(Error::io(&list, "write")))?;
+    publish(&list, 0, |file| writeln!(file, "{listed:#}").map_err(Error::io(&list, "write")))?;
     if !open.is_empty() {
         let (parts, verb) = if open.len() == 1 { ("part", "is") } else { ("parts", "are") };
         let why = "edges of three faces or more, faces wound against each other, or vertices that are one as floats";

@@ -14,7 +14,7 @@ use crate::base::{Error, Result};
 use crate::cluster::parts::PartTree;
 use crate::cluster::parts::hints::Affinities;
 use crate::mesh::Mesh;
-use crate::mesh::output::by_rename;
+use crate::mesh::output::publish;
 use crate::store::Run;
 use base64::Engine;
 use base64::engine::general_purpose::STANDARD;
@@ -138,9 +138,7 @@ impl Page<'_> {
     /// [`Error::Io`]; [`Error::Cancelled`].
     pub fn write(&self, path: &Path, run: &Run) -> Result<()> {
         let text = self.html(run)?;
-        by_rename(path, text.len() as u64, true, |file| {
-            file.write_all(text.as_bytes()).map_err(Error::io(path, "write"))
-        })
+        publish(path, text.len() as u64, |file| file.write_all(text.as_bytes()).map_err(Error::io(path, "write")))
     }
 
     /// The page's text.

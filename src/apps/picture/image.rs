@@ -5,7 +5,7 @@
 use super::shading::{Pixel, linear, stored};
 use crate::apps::text;
 use crate::base::{Error, Result};
-use crate::mesh::output::by_rename;
+use crate::mesh::output::publish;
 use std::io::BufWriter;
 use std::path::Path;
 
@@ -77,7 +77,7 @@ impl Image {
 
 /// Writes `pixels`, one byte per channel, row by row from the top, as a PNG file, by rename.
 pub(in crate::apps) fn write_png(path: &Path, size: (u32, u32), colour: png::ColorType, pixels: &[u8]) -> Result<()> {
-    by_rename(path, 0, false, |file| {
+    publish(path, 0, |file| {
         let mut encoder = png::Encoder::new(BufWriter::with_capacity(1 << 18, file), size.0, size.1);
         encoder.set_color(colour);
         encoder.set_depth(png::BitDepth::Eight);

@@ -4,7 +4,7 @@
 use crate::apps::picture::image;
 use crate::apps::text;
 use crate::base::{Error, Result, printable};
-use crate::mesh::output::by_rename;
+use crate::mesh::output::publish;
 use plotters::coord::Shift;
 use plotters::prelude::{
     BitMapBackend, DrawingArea, DrawingAreaErrorKind, DrawingBackend, IntoDrawingArea, RGBColor, SVGBackend,
@@ -42,7 +42,7 @@ pub(super) fn save(path: &Path, size: (u32, u32), drawing: &impl Drawing) -> Res
                 .map_err(|error| failed(error.to_string()))?;
             // Names of meshes are in titles; XML knows no control characters.
             let text = printable::lines(&text);
-            by_rename(path, 0, false, |file| file.write_all(text.as_bytes()).map_err(Error::io(path, "write")))
+            publish(path, 0, |file| file.write_all(text.as_bytes()).map_err(Error::io(path, "write")))
         }
         Some(ending) if ending == "png" => {
             let mut pixels = vec![255; 3 * size.0 as usize * size.1 as usize];

@@ -12,7 +12,8 @@ mod text;
 pub use target::Counts;
 
 use crate::base::{Error, Result};
-use crate::mesh::output::{Gather, by_rename};
+use crate::mesh::output::Gather;
+use crate::store::new_file::by_rename;
 use crate::store::{MappedBytes, Run};
 use std::path::Path;
 use target::Target;

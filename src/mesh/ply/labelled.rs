@@ -20,7 +20,7 @@ use super::values::{Binary, Cursor, Encoder, Text};
 use super::vertex_labels::VertexLabels;
 use crate::base::{Error, Result};
 use crate::mesh::geometry::Mesh;
-use crate::mesh::output::{Gather, by_rename};
+use crate::mesh::output::{Gather, publish};
 use crate::mesh::split_faces::{FaceSplit, Piece};
 use crate::store::Run;
 use std::cell::RefCell;
@@ -29,8 +29,7 @@ use std::io::Write;
 use std::iter::Peekable;
 use std::path::Path;
 
-/// Writes the labelled file `out`, by rename, after syncing it to the disk where `durable`; `out` may be the file that
-/// `mesh` was opened from.
+/// Writes the labelled file `out`, by rename; `out` may be the file that `mesh` was opened from.
 ///
 /// ```
 /// # fn main() -> Result<(), Box<dyn std::error::Error>> {
@@ -40,7 +39,7 @@ use std::path::Path;
 /// # let out = dir.path().join("labelled.ply");
 /// let mesh = Mesh::from_slices(&[[0f32, 0., 0.], [1., 0., 0.], [0., 1., 0.], [1., 1., 1.]], &[[0, 1, 2], [1, 3, 2]])?;
 /// let labelling = Labelling { labels: &[0, 1], colours: &[[230, 159, 0], [86, 180, 233]], quality: None, names: &[] };
-/// write_labelled(&mesh, &out, &labelling, PlyForm::Ascii, false, &Run::new(&()))?;
+/// write_labelled(&mesh, &out, &labelling, PlyForm::Ascii, &Run::new(&()))?;
 /// let text = std::fs::read_to_string(&out)?;
 /// assert!(text.ends_with("3 0 1 2 0 230 159 0\n3 1 3 2 1 86 180 233\n"));
 /// assert_eq!(Mesh::open(&out)?.face_property("label", &Run::new(&()))?, [0, 1]);
@@ -57,7 +56,6 @@ pub fn write_labelled(
     out: &Path,
     labelling: &Labelling,
     options: impl Into<PlyOptions>,
-    durable: bool,
     run: &Run,
 ) -> Result<()> {
     let file = LabelledFile { mesh, labelling, options: options.into(), run };
@@ -67,7 +65,7 @@ pub fn write_labelled(
         && let Some(document) = mesh.document()
         && let Some((header, plan)) = FixedRecords::plan(document, mesh, labelling, file.options)?
     {
-        return by_rename(out, plan.total(), durable, |file| {
+        return publish(out, plan.total(), |file| {
             write_at(file, &header, 0, out)?;
             let write = |k: usize, buffer: &mut Vec<u8>| {
                 let (place, bytes) = plan.part(k, buffer);
@@ -76,7 +74,7 @@ pub fn write_labelled(
             run.map_chunks(plan.jobs(), Vec::new, write).map(drop)
         });
     }
-    by_rename(out, 0, durable, |writer| file.write(out, writer))
+    publish(out, 0, |writer| file.write(out, writer))
 }
 
 /// Writes the labelled file to a stream, `name` in messages: standard output, a socket.
@@ -218,16 +216,18 @@ impl LabelledWriter<'_> {
 
     fn all<'b, C: Cursor<'b>>(&'b self, out: &mut Gather) -> Result<()> {
         let document = self.document;
-        let voted = document.vertex().filter(|_| self.votes.is_some());
         for number in 0..document.header.elements.len() {
             if number == document.face && document.strips {
                 self.triangles(out)?;
-            } else if number != document.face && voted != Some(number) && self.is_verbatim() {
+            } else if number != document.face
+                && !(number == document.vertex && self.votes.is_some())
+                && self.is_verbatim()
+            {
                 self.document.copy_element(number, out, self.run)?;
             } else {
                 self.rewrite::<C>(number, out)?;
             }
-            if let Some(split) = self.split.as_ref().filter(|_| document.vertex() == Some(number)) {
+            if let Some(split) = self.split.as_ref().filter(|_| number == document.vertex) {
                 split.vertices::<C>(number, out)?;
             }
         }
@@ -283,7 +283,7 @@ impl LabelledWriter<'_> {
         let document = self.document;
         let element = &document.header.elements[number];
         let is_face = number == document.face;
-        let votes = self.votes.as_ref().filter(|_| document.vertex() == Some(number));
+        let votes = self.votes.as_ref().filter(|_| number == document.vertex);
         let kept = match votes {
             _ if is_face => kept_properties(document, self.labelling),
             Some(_) => element.properties.iter().map(|property| !of_vertices(&property.name)).collect(),

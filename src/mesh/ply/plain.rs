@@ -7,7 +7,7 @@ use super::header::{Encoding, HeaderWriter, Scalar};
 use super::values::Encoder;
 use crate::base::Result;
 use crate::mesh::geometry::{Faces, Mesh};
-use crate::mesh::output::{Gather, by_rename};
+use crate::mesh::output::{Gather, publish};
 use crate::store::Run;
 use std::io::Write;
 use std::path::Path;
@@ -46,7 +46,7 @@ pub fn colours<'a>(colour: impl Fn(usize) -> [u8; 3] + Copy + 'a) -> Vec<Column<
 /// [`crate::base::Error::Io`], [`crate::base::Error::Cancelled`].
 pub fn write_annotated(path: &Path, mesh: &Mesh, vertices: &[Column], faces: &[Column], run: &Run) -> Result<()> {
     let ply = PlainPly { mesh, target: Encoding::Little, vertices, faces, remarks: &[] };
-    by_rename(path, 0, true, |file| ply.write(path, file, run))
+    publish(path, 0, |file| ply.write(path, file, run))
 }
 
 /// What counts the corners of any of `faces`.

@@ -12,7 +12,7 @@ use super::labelled::PlyForm;
 use super::values::{Binary, Cursor, Encoder, Fault, Text};
 use crate::base::{Error, Result};
 use crate::mesh::geometry::Mesh;
-use crate::mesh::output::{Gather, by_rename};
+use crate::mesh::output::{Gather, publish};
 use crate::store::Context;
 use crate::store::shuffle::{BudgetedShuffle, Producer};
 
@@ -43,7 +43,7 @@ pub struct Rearrangement<'a> {
 /// file to rearrange; [`Error::Io`]; [`Error::Memory`]; [`Error::Cancelled`]; [`Error::Malformed`] should the input
 /// have changed since it was opened.
 pub fn write(mesh: &Mesh, out: &Path, order: &Rearrangement, form: PlyForm, context: Context<'_>) -> Result<()> {
-    by_rename(out, 0, false, |file| stream(mesh, out, file, order, form, context))
+    publish(out, 0, |file| stream(mesh, out, file, order, form, context))
 }
 
 /// Writes the rearranged file to a stream, `name` in messages.
@@ -120,7 +120,7 @@ impl<'a> RearrangedWriter<'a> {
         let element = &elements[number];
         match number {
             _ if number == self.document.face => Role::Faces,
-            _ if Some(number) == self.document.vertex() => Role::Vertices,
+            _ if number == self.document.vertex => Role::Vertices,
             _ if element.is("edge") && element.properties.iter().any(names_vertex) => Role::Edges,
             _ => Role::Other,
         }
