@@ -28,6 +28,10 @@ pub struct Document {
     pub(in crate::mesh) bytes: MappedBytes,
     /// The bytes of each element, without blanks around them where they are text.
     pub(in crate::mesh) ranges: Vec<Range<usize>>,
+    /// Number of the element that holds the vertices.
+    pub(in crate::mesh) vertex: usize,
+    /// Numbers of its properties x, y and z.
+    pub(in crate::mesh) axes: [usize; 3],
     /// Number of the element that holds the faces.
     pub(in crate::mesh) face: usize,
     /// Number of its property that lists the vertices.
@@ -68,11 +72,6 @@ impl Document {
         &self.header
     }
 
-    /// Number of the element that holds the vertices.
-    pub(super) fn vertex(&self) -> Option<usize> {
-        self.header.elements.iter().position(|element| element.is("vertex"))
-    }
-
     /// The number of records of `element` if there are `faces` faces, which strips may have become.
     pub(super) fn count(&self, element: usize, faces: usize) -> usize {
         if element == self.face { faces } else { self.header.elements[element].count }
@@ -102,7 +101,7 @@ impl Document {
     /// The property called `name`, if every vertex or face has one number of it.
     pub fn property(&self, of: ElementKind, name: &str) -> Option<NumberProperty<'_>> {
         let element = match of {
-            ElementKind::Vertices => self.vertex()?,
+            ElementKind::Vertices => self.vertex,
             ElementKind::Faces if self.strips => return None,
             ElementKind::Faces => self.face,
         };
@@ -377,7 +376,7 @@ mod tests {
         let labelling = Labelling { labels: &[3, 70000], colours: &[], quality: None, names: &[] };
         for form in [PlyForm::Ascii, PlyForm::Binary] {
             let labelled = dir.path().join("b.ply");
-            write_labelled(&mesh, &labelled, &labelling, form, false, &run).unwrap();
+            write_labelled(&mesh, &labelled, &labelling, form, &run).unwrap();
             let again = open(&labelled, dir.path(), &run).unwrap();
             assert_eq!(again.face_property("label", &run).unwrap(), [3, 70000]);
         }

@@ -211,15 +211,15 @@ impl Labelling<'_> {
         options: PlyOptions,
         split: Option<&FaceSplit>,
     ) -> Vec<u8> {
-        let vertex = document.vertex().filter(|_| options.vertex_labels);
+        let votes = |element: usize| options.vertex_labels && element == document.vertex;
         let faces = kept_properties(document, self);
         let stays = |element: usize, property: usize| match element {
             _ if element == document.face => faces[property],
-            _ => vertex != Some(element) || !of_vertices(&document.header.elements[element].properties[property].name),
+            _ => !votes(element) || !of_vertices(&document.header.elements[element].properties[property].name),
         };
         let added = |element: usize| match element {
             _ if element == document.face => self.properties().to_vec(),
-            _ if vertex == Some(element) => VERTEX_PROPERTIES.to_vec(),
+            _ if votes(element) => VERTEX_PROPERTIES.to_vec(),
             _ => Vec::new(),
         };
         let target = options.form.encoding(document.header.encoding);
@@ -228,7 +228,7 @@ impl Labelling<'_> {
         let stale = |remark: &[u8]| remark == REMARK || names::told(remark).is_some();
         let faces = mesh.faces.len();
         let count = |element: usize| match split {
-            Some(split) if Some(element) == document.vertex() => split.vertex_count(),
+            Some(split) if element == document.vertex => split.vertex_count(),
             Some(split) if element == document.face => split.face_count(faces),
             _ => document.count(element, faces),
         };

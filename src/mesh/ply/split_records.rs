@@ -35,15 +35,13 @@ impl SplitRecords<'_> {
     pub fn check(&self) -> Result<()> {
         let (document, elements) = (self.document, &self.document.header.elements);
         let refuse = |problem: String, remedy: &str| Err(Error::unusable(&document.path, problem, remedy));
-        if let Some(vertex) = document.vertex() {
-            let mut axes =
-                elements[vertex].properties.iter().filter(|own| ["x", "y", "z"].contains(&own.name.as_str()));
-            if axes.any(|own| matches!(own.kind, Kind::One(scalar) if !scalar.is_real()))
-                && !self.split.vertices.is_empty()
-            {
-                let problem = "has whole coordinates, between which new vertices have no place".to_owned();
-                return refuse(problem, "write it with coordinates of type float, or leave out `split_faces`");
-            }
+        let whole = |&axis: &usize| {
+            let kind = elements[document.vertex].properties[axis].kind;
+            matches!(kind, Kind::One(scalar) if !scalar.is_real())
+        };
+        if document.axes.iter().any(whole) && !self.split.vertices.is_empty() {
+            let problem = "has whole coordinates, between which new vertices have no place".to_owned();
+            return refuse(problem, "write it with coordinates of type float, or leave out `split_faces`");
         }
         let last = self.split.vertex_count() as u64 - 1;
         match elements[document.face].properties[document.list].kind {
@@ -274,7 +272,7 @@ mod tests {
                 sheet(&path, encoding, Scalar::I32, Scalar::F32);
                 let mesh = open(&path, dir.path(), &run).unwrap();
                 let options = PlyOptions::from(form).splitting_faces(true);
-                write_labelled(&mesh, &out, &labelling, options, false, &run).unwrap();
+                write_labelled(&mesh, &out, &labelling, options, &run).unwrap();
                 let again = open(&out, dir.path(), &run).unwrap();
                 let size = (again.positions.len(), again.faces.len());
                 assert!(size.0 > 90 && size.1 > 150 && *sizes.get_or_insert(size) == size, "{size:?}");
@@ -345,12 +343,22 @@ mod tests {
         for (index, coordinate, part) in [
             (Scalar::I8, Scalar::F32, "its faces name vertices by char, which has no room for"),
             (Scalar::I32, Scalar::I16, "whole coordinates"),
+            (Scalar::I32, Scalar::U16, "whole coordinates"),
         ] {
             sheet(&path, Encoding::Little, index, coordinate);
+            if coordinate == Scalar::U16 {
+                // Named X, Y and Z, whole coordinates passed.
+                let mut bytes = std::fs::read(&path).unwrap();
+                for k in 0..3 {
+                    let line = [&b"property ushort "[..], &b"xyz"[k..=k], b"\n"].concat();
+                    let at = bytes.windows(line.len()).position(|window| window == line).unwrap() + line.len() - 2;
+                    bytes[at].make_ascii_uppercase();
+                }
+                std::fs::write(&path, bytes).unwrap();
+            }
             let mesh = open(&path, dir.path(), &run).unwrap();
-            let write = |options: PlyOptions| {
-                write_labelled(&mesh, &dir.path().join("b.ply"), &labelling, options, false, &run)
-            };
+            let write =
+                |options: PlyOptions| write_labelled(&mesh, &dir.path().join("b.ply"), &labelling, options, &run);
             let message = write(PlyOptions::default().splitting_faces(true)).unwrap_err().to_string();
             assert!(message.contains(part) && !message.contains('\n'), "{message}");
             let both = write(PlyOptions::default().splitting_faces(true).splitting(true)).unwrap_err().to_string();
