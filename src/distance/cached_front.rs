@@ -12,7 +12,7 @@
 //! cache of the processor (50 ns where the graph is in memory); it waits for a tenth of that.
 
 use super::block_cache::{BlockCache, Blocks, Job, Readers, RowFile, aligned, words_of};
-use super::front::FRONT_WIDTH;
+use super::front::{FRONT_WIDTH, GATHER};
 use super::paging::block_starts;
 use super::queue::{Entry, Queue};
 use super::steps::{FAR, MID};
@@ -31,8 +31,6 @@ const READERS: usize = 2;
 const SHIFTS: std::ops::RangeInclusive<u32> = 10..=14;
 /// Slots over the square root of the number of blocks: a band takes 4 in a good order, and blocks ahead of it the rest.
 const SLOTS: f64 = 5.;
-/// Entries whose shorter paths are gathered before any is taken.
-const GATHER: usize = 32;
 /// Visits between looks at the stop flag.
 const PATIENCE: usize = 1 << 16;
 

@@ -154,8 +154,6 @@ pub struct Front {
 /// What a front did.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Visits {
-    /// Entries taken from the queue.
-    pub popped: u64,
     /// Nodes expanded, some of them more than once.
     pub expanded: u64,
 }
@@ -164,7 +162,7 @@ impl std::ops::Add for Visits {
     type Output = Self;
 
     fn add(self, other: Self) -> Self {
-        Self { popped: self.popped + other.popped, expanded: self.expanded + other.expanded }
+        Self { expanded: self.expanded + other.expanded }
     }
 }
 
@@ -433,7 +431,6 @@ impl Front {
             } else {
                 patience -= batch.len();
             }
-            visits.popped += batch.len() as u64;
             if fetched != Some(batch[0].node) {
                 warm_up(batch, steps, field);
             }
@@ -477,13 +474,6 @@ impl Front {
             batch.clear();
         }
         Ok(visits)
-    }
-
-    /// Bytes of scratch memory held.
-    pub fn bytes(&self) -> usize {
-        self.queue.bytes()
-            + self.batch.capacity() * size_of::<Entry>()
-            + self.relaxations.capacity() * size_of::<Relaxation>()
     }
 }
 

@@ -213,11 +213,6 @@ impl Queue {
             id = next;
         }
     }
-
-    /// Bytes allocated.
-    pub fn bytes(&self) -> usize {
-        self.pool.capacity() * size_of::<Block>() + self.far.capacity() * 8 + RING * 8 + RING / 8
-    }
 }
 
 #[cfg(test)]

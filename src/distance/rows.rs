@@ -117,7 +117,7 @@ impl Stage for RowsStage<'_> {
     }
 
     fn open(self, facts: Facts, key: &str, context: Context<'_>) -> Result<DistanceRows> {
-        DistanceRows::open(facts, self.0.spec.nodes, key.to_string(), context.work)
+        DistanceRows::open(facts.rows, self.0.spec.nodes, key.to_string(), context.work)
     }
 
     fn progress(&self) -> Option<(&'static str, u64)> {
@@ -186,16 +186,17 @@ impl DistanceRows {
         if kept.inputs["weights"] != weights.key || weights.inputs["graph"] != graph {
             return Err(none());
         }
-        Self::open(kept.facts, nodes, kept.key, work)
+        Self::open(kept.facts.rows, nodes, kept.key, work)
     }
 
-    fn open(facts: Facts, nodes: usize, key: String, work: &WorkDir) -> Result<Self> {
-        let landmarks = work.indices(LANDMARKS, facts.rows.len(), nodes)?.to_vec();
+    /// Opens finished rows over `nodes` nodes, whose stage tells `facts` and has `key`.
+    pub(super) fn open(facts: Vec<RowFacts>, nodes: usize, key: String, work: &WorkDir) -> Result<Self> {
+        let landmarks = work.indices(LANDMARKS, facts.len(), nodes)?.to_vec();
         let distances = work.array_of(ROWS, landmarks.len() * nodes)?;
-        if !facts.rows.iter().all(|row| row.is_sound(nodes)) {
+        if !facts.iter().all(|row| row.is_sound(nodes)) {
             return Err(work.damaged("manifest.json", "has sums of rows that no rows have"));
         }
-        Ok(Self { landmarks, distances, facts: facts.rows, nodes, key })
+        Ok(Self { landmarks, distances, facts, nodes, key })
     }
 
     fn spec(graph: &WeightedGraph, nodes: usize, params: &RowParams<impl Serialize>, run: &Run) -> Result<JobSpec> {
@@ -216,7 +217,7 @@ impl DistanceRows {
         let kept = work.kept::<RowsStage<'_>>("").ok()?;
         let distances: MappedSlice<f32> = work.open_array(ROWS).ok()?;
         let nodes = distances.len().checked_div(kept.facts.rows.len())?;
-        Self::open(kept.facts, nodes, kept.key, work).ok()
+        Self::open(kept.facts.rows, nodes, kept.key, work).ok()
     }
 
     /// Computes the rows in `work`, or opens them where that was done.

@@ -134,10 +134,7 @@ impl Stage for VertexRowsStage<'_> {
     }
 
     fn open(self, facts: Self::Facts, key: &str, context: Context<'_>) -> Result<DistanceRows> {
-        let (work, nodes) = (context.work, self.surface.nodes.len());
-        let landmarks = work.indices(LANDMARKS, facts.len(), nodes)?.to_vec();
-        let distances = work.array_of(ROWS, landmarks.len() * nodes)?;
-        Ok(DistanceRows { landmarks, distances, facts, nodes, key: key.to_string() })
+        DistanceRows::open(facts, self.surface.nodes.len(), key.to_string(), context.work)
     }
 
     fn needs(extent: &Extent, _: &mut Room) -> Needs {
@@ -179,5 +176,37 @@ impl VertexRowJob<'_> {
         let facts = run.map_chunks(landmarks.len(), state, row)?;
         let distances: MappedSlice<f32> = file.finish(journal.is_some())?;
         Ok(DistanceRows { landmarks, distances, facts, nodes: surface.nodes.len(), key: String::new() })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::graph::VertexGraph;
+    use crate::landmarks::Sampling;
+    use crate::mesh::Mesh;
+    use crate::store::WorkDir;
+    use crate::store::manifest::MANIFEST;
+
+    /// What the manifest told of rows was taken as it was.
+    #[test]
+    fn sums_that_no_rows_have_are_refused() {
+        let dir = tempfile::tempdir().unwrap();
+        let run = Run::new(&());
+        let points = [[0f32, 0., 0.], [1., 0., 0.], [0., 1., 0.], [0., 0., 1.]];
+        let mesh = Mesh::from_slices(&points, &[[0u32, 2, 1], [0, 1, 3], [1, 2, 3], [0, 3, 2]]).unwrap();
+        let rows = || {
+            let work = WorkDir::open(dir.path())?;
+            let context = Context::new(&work, &run);
+            let (graph, key) = VertexGraph::open_or_build(&mesh, "mesh".as_ref(), &Value::Null, context)?;
+            let params = RowParams::new(2, Sampling::Farthest);
+            open_or_build(Surface::of(&graph), params, Distance::Edges, &key, context)
+        };
+        assert!(rows().is_ok() && rows().is_ok());
+        let path = dir.path().join(MANIFEST);
+        let mut manifest: Value = serde_json::from_slice(&std::fs::read(&path).unwrap()).unwrap();
+        manifest["stages"]["vertex rows"]["facts"][0]["sum"] = json!(-1.);
+        std::fs::write(&path, manifest.to_string()).unwrap();
+        assert!(rows().unwrap_err().to_string().contains("sums of rows that no rows have"));
     }
 }

@@ -174,7 +174,7 @@ pub fn insert(edges: &DualEdges, bridges: &[Bridge], context: Context<'_>) -> Re
     }
     ends.data().sort_unstable_by_key(|end| (end.node, end.other));
     // Bridges share no edge, which is what computing finds.
-    let kept = edges.computed.is_none();
+    let kept = edges.keeps_edges();
     let entries = edges.indices.len() + ends.items().len();
     let mut writer = EdgesWriter::create(edges.len(), entries, edges.starts.form(), kept, context.work)?;
     let (mut row, mut columns) = (Vec::new(), (Vec::new(), Vec::new(), Vec::new()));
@@ -219,7 +219,7 @@ fn copy(edges: &DualEdges, range: std::ops::Range<usize>, writer: &mut EdgesWrit
             &degrees,
             &edges.indices[span.clone()],
             &edges.centroid_distance[span.clone()],
-            if edges.computed.is_none() { &edges.edge[span] } else { &[] },
+            if edges.keeps_edges() { &edges.edge[span] } else { &[] },
         )?;
     }
     Ok(())

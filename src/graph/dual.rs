@@ -229,10 +229,10 @@ impl DualGraph {
 
     /// Opens the arrays of a finished graph, its row starts in `form`.
     pub(crate) fn open(work: &WorkDir, facts: GraphFacts, form: StartsForm, key: String) -> Result<Self> {
-        let [nodes, _, _, names @ ..] = FILES;
+        let [nodes, _, _, steps @ .., edge] = FILES;
         let n = usize::try_from(facts.nodes).unwrap_or(usize::MAX);
         let nodes: MappedSlice<Node> = work.array_of(nodes, n)?;
-        let edges = DualEdges::open(work, n, form, names)?;
+        let edges = DualEdges::open(work, n, form, steps, Some(edge))?;
         let sizes = [facts.area, facts.frame.scale];
         if n == 0 || !sizes.iter().all(|size| size.is_finite() && *size >= 0.) {
             return Err(work.damaged(MANIFEST, "tells of no graph"));

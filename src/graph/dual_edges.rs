@@ -38,7 +38,8 @@ pub struct DualEdges {
     pub centroid_distance: MappedSlice<f32>,
     /// Lengths of the shared edges in the frame (nnz); negative where the two faces are wound against
     /// each other and could not be turned (see [`super::orient`]); 0 for bridges.
-    /// Empty where they are computed from the mesh; [`DualEdges::shared`] looks them up either way.
+    /// Empty where they are computed from the mesh, which [`DualEdges::shared`] looks up either way, and where steps are
+    /// the edges, as in a [`super::vertex_graph`].
     pub edge: MappedSlice<f32>,
     /// What they are computed from.
     pub(super) computed: Option<Arc<ComputedEdges>>,
@@ -48,21 +49,31 @@ pub struct DualEdges {
 
 impl DualEdges {
     /// Opens the edges of `nodes` nodes that an earlier run left in `work`, row starts in `form`, the rest in the files
-    /// that are named: neighbours, step lengths, lengths of shared edges.
+    /// that are named: neighbours, step lengths, lengths of shared edges where there are any.
     ///
     /// # Errors
     /// [`crate::base::Error::WorkDir`] where they contradict each other; [`crate::base::Error::Io`].
-    pub(super) fn open(work: &WorkDir, nodes: usize, form: StartsForm, names: [&str; 3]) -> Result<Self> {
-        let [indices, centroid_distance, edge] = names;
+    pub(super) fn open(
+        work: &WorkDir,
+        nodes: usize,
+        form: StartsForm,
+        [indices, centroid_distance]: [&str; 2],
+        edge: Option<&str>,
+    ) -> Result<Self> {
         let entries = work.open_array::<u32>(indices)?.len();
         Ok(Self {
             starts: form.open(work, nodes, entries)?,
             indices: work.indices(indices, entries, nodes)?,
             centroid_distance: work.array_of(centroid_distance, entries)?,
-            edge: work.array_of(edge, entries)?,
+            edge: edge.map_or(Ok(MappedSlice::empty()), |edge| work.array_of(edge, entries))?,
             computed: None,
-            mixed: true,
+            mixed: edge.is_some(),
         })
+    }
+
+    /// Whether lengths of shared edges are an array.
+    pub(super) fn keeps_edges(&self) -> bool {
+        self.computed.is_none() && self.edge.len() == self.indices.len()
     }
 
     /// Number of nodes.
@@ -116,7 +127,7 @@ pub(super) struct EdgesWriter {
     starts: RowStartsWriter,
     indices: ArrayWriter<u32>,
     centroid_distance: ArrayWriter<f32>,
-    /// None where lengths are computed from the mesh.
+    /// None where lengths are computed from the mesh, or are those of steps.
     edge: Option<ArrayWriter<f32>>,
     /// Whether any length was negative.
     mixed: bool,

@@ -158,7 +158,7 @@ impl<'a> HalfEdgePairs<'a> {
             let needs = WithinNeeds::new(count, corners, blocks.shared_half_edges(), threads, left);
             let grant = context.run.budget.take("matching edges", needs.fixed, needs.granted)?;
             let file = context.work.file("links.tmp");
-            let between = Shuffle::with_block(&file, blocks.len(), needs.block as usize, grant.bytes() - needs.fixed);
+            let between = Shuffle::new(&file, blocks.len(), needs.block as usize, grant.bytes() - needs.fixed);
             let size = blocks.nodes_of(0).len();
             let kind = Kind::Within { between, within: AtomicUsize::new(0), blocks: None, size, _grant: grant };
             return Ok(Self { nodes, kind });

@@ -9,22 +9,22 @@
 //! Vertices of open edges at exactly the same position, as texture seams and triangle soups leave them, are joined
 //! by edges without length, so that distances pass. As for faces ([`super::half_edges`]), only open edges and only
 //! equal positions: sheets that touch stay apart. One shuffle by a hash of the position, 32 bytes per open vertex;
-//! nothing where a mesh is closed. The edges found are held in memory, 12 bytes each, and the chain through equal
+//! nothing where a mesh is closed. The edges found are a file of 12 bytes each, and the chain through equal
 //! vertices follows their numbers.
 //!
-//! Cost: 36 bytes per triangle through the shuffle; on disk 28 and 8 bytes per vertex, 12 per end of an edge, 24 per
+//! Cost: 36 bytes per triangle through the shuffle; on disk 28 and 8 bytes per vertex, 8 per end of an edge, 24 per
 //! triangle. About 0.1 µs per triangle and thread.
 
 use super::bridges::{self, Bridge, find_bridges};
 use super::components::{self, find_components};
 use super::csr::{Csr, INDICES};
-use super::dual_edges::{CENTROID_DISTANCES, DualEdges, EDGES, EdgesWriter};
+use super::dual_edges::{CENTROID_DISTANCES, DualEdges, EdgesWriter};
 use super::node_geometry::NodeGeometry;
 use super::nodes::{Frame, Node};
 use super::row_starts::{PLAIN, StartsForm};
 use super::weights::LEAST;
 use crate::base::parallel::{chunk_count, chunk_range};
-use crate::base::vector::{cross, distance, finite, length, minus, narrow, wide};
+use crate::base::vector::{cross, distance, finite, length, minus, narrow, position_key, wide};
 use crate::base::{Error, Result};
 use crate::mesh::Mesh;
 use crate::store::needs::{Extent, Needs, Room, ShuffleNeeds};
@@ -40,8 +40,7 @@ use xxhash_rust::xxh3::xxh3_64;
 const CHUNK: usize = 1 << 14;
 
 /// The files of the stage.
-const FILES: [&str; 7] =
-    ["vertex_geometry.npy", "ring_starts.npy", "ring.npy", PLAIN, INDICES, CENTROID_DISTANCES, EDGES];
+const FILES: [&str; 6] = ["vertex_geometry.npy", "ring_starts.npy", "ring.npy", PLAIN, INDICES, CENTROID_DISTANCES];
 
 /// Two other corners of a triangle, seen from its first: vertex, next, previous.
 type Corner = [u32; 3];
@@ -151,7 +150,7 @@ impl VertexGraph {
         let nodes = work.array_of(nodes, n)?;
         let entries = work.open_array::<u32>(ring)?.len();
         Ok(Self {
-            edges: DualEdges::open(work, n, StartsForm::Plain, edges)?,
+            edges: DualEdges::open(work, n, StartsForm::Plain, edges, None)?,
             nodes,
             ring_starts: work.starts(starts, n, entries / 2)?,
             ring: work.indices(ring, entries, n)?,
@@ -227,7 +226,7 @@ impl VertexGraphWriter {
     /// For `n` vertices with at most `entries` ends of edges.
     fn create(n: usize, entries: usize, context: Context<'_>) -> Result<Self> {
         let mut writer = Self {
-            edges: EdgesWriter::create(n, entries, StartsForm::Plain, true, context.work)?,
+            edges: EdgesWriter::create(n, entries, StartsForm::Plain, false, context.work)?,
             nodes: context.work.writer(FILES[0], 7)?,
             ring_starts: context.work.writer(FILES[1], 1)?,
             ring: context.work.writer(FILES[2], 2)?,
@@ -246,7 +245,7 @@ impl VertexGraphWriter {
         part.ring_ends.iter_mut().for_each(|at| *at += self.ring_end);
         self.ring_end = part.ring_ends.last().copied().unwrap_or(self.ring_end);
         self.nodes.push(&part.nodes)?;
-        self.edges.push(&part.degrees, &part.indices, &part.lengths, &part.lengths)?;
+        self.edges.push(&part.degrees, &part.indices, &part.lengths, &[])?;
         self.ring_starts.push(&part.ring_ends)?;
         self.ring.push(&part.ring)?;
         part.open.iter().try_for_each(|&v| self.duplicates.push(v, mesh.positions.get(v)))
@@ -257,10 +256,13 @@ impl VertexGraphWriter {
         let Self { nodes, ring_starts, ring, duplicates, mut facts, .. } = self;
         let (mut edges, nodes) = (self.edges.finish()?, nodes.finish(false)?);
         let geometry = NodeGeometry::from(nodes.clone());
-        let joins = duplicates.find(context.run)?;
-        facts.seams = joins.len() as u64;
-        if !joins.is_empty() {
-            edges = bridges::insert(&edges, &joins, context)?;
+        {
+            let _scratch = context.work.scratch(&[JOINS]);
+            let joins = duplicates.find(context)?;
+            facts.seams = joins.len() as u64;
+            if !joins.is_empty() {
+                edges = bridges::insert(&edges, &joins, context)?;
+            }
         }
         let components = find_components(&edges, &geometry, context)?;
         facts.components = components.count() as u64;
@@ -284,7 +286,7 @@ struct VertexGraphStage<'a> {
 
 impl Stage for VertexGraphStage<'_> {
     const NAME: &'static str = "vertex graph";
-    const VERSION: u32 = 3;
+    const VERSION: u32 = 4;
     type Facts = (VertexFacts, Frame);
     type Output = (VertexGraph, String);
 
@@ -301,12 +303,12 @@ impl Stage for VertexGraphStage<'_> {
         Ok((VertexGraph::open(facts, frame, context.work)?, key.to_string()))
     }
 
-    /// Two arrays of 4 bytes for each of six directed edges a vertex has, as many ring entries, and the nodes.
+    /// 8 bytes for each end of an edge, two of a corner at the most, 8 for the ring, and the nodes.
     fn needs(extent: &Extent, room: &mut Room) -> Needs {
         let Extent { faces: n, vertices, corners, threads: t, .. } = *extent;
         let records = 3 * corners.saturating_sub(2 * n);
         let shuffle = ShuffleNeeds::new(records, 12, 6 * t, 2, room.left(), t);
-        let all = 44 * vertices + 32 * records;
+        let all = 44 * vertices + 24 * records;
         let kept = room.take(all);
         let passing = (12 * records).saturating_sub(shuffle.held);
         Needs { memory: shuffle.held + room.used(), keeps: all - kept, passing, ..Needs::default() }
@@ -351,6 +353,9 @@ fn part(mesh: &Mesh, frame: &Frame, range: std::ops::Range<usize>, mut corners: 
     part
 }
 
+/// The edges between vertices at the same position, while they are inserted.
+const JOINS: &str = "joins.tmp";
+
 /// Position bits and vertex.
 type PositionKey = [u64; 4];
 
@@ -369,8 +374,7 @@ impl DuplicateVertices {
 
     /// Adds the vertex `v` at `position`.
     fn push(&mut self, v: u32, position: [f64; 3]) -> Result<()> {
-        // Adding 0 makes one zero of both.
-        let [x, y, z] = position.map(|x| (x + 0.).to_bits());
+        let [x, y, z] = position_key(position);
         self.staged.push([x, y, z, u64::from(v)]);
         if self.staged.len() < 1 << 12 { Ok(()) } else { Self::scatter(&self.sized.shuffle, &mut self.staged) }
     }
@@ -384,18 +388,24 @@ impl DuplicateVertices {
         producer.finish()
     }
 
-    /// The edges between equals, ascending.
-    fn find(mut self, run: &Run) -> Result<Vec<Bridge>> {
+    /// The edges between equals.
+    fn find(mut self, context: Context<'_>) -> Result<MappedSlice<Bridge>> {
         Self::scatter(&self.sized.shuffle, &mut self.staged)?;
+        let mut joins = context.work.writer::<Bridge>(JOINS, 1)?;
         let mut found = Vec::new();
         for bucket in 0..self.sized.shuffle.buckets() {
-            run.cancel.check()?;
+            context.run.cancel.check()?;
             let mut records = self.sized.shuffle.take(bucket)?;
             records.sort_unstable();
-            let equal = records.chunk_by(|a, b| a[..3] == b[..3]);
-            found.extend(equal.flat_map(|equal| equal.windows(2)).map(|pair| [pair[0][3] as u32, pair[1][3] as u32]));
+            for pair in records.windows(2).filter(|pair| pair[0][..3] == pair[1][..3]) {
+                found.push(Bridge { nodes: [pair[0][3] as u32, pair[1][3] as u32], gap: LEAST });
+                if found.len() == 1 << 12 {
+                    joins.push(&found)?;
+                    found.clear();
+                }
+            }
         }
-        found.sort_unstable();
-        Ok(found.into_iter().map(|nodes| Bridge { nodes, gap: LEAST }).collect())
+        joins.push(&found)?;
+        joins.finish(false)
     }
 }

@@ -65,14 +65,9 @@ pub struct Producer<'a, T: Pod> {
 }
 
 impl<T: Pod + Send> Shuffle<T> {
-    /// A shuffle into `buckets` buckets that keeps up to `limit` bytes in memory and writes the
-    /// rest to `path`.
-    pub fn new(path: &Path, buckets: usize, limit: u64) -> Self {
-        Self::with_block(path, buckets, BLOCK_BYTES, limit)
-    }
-
-    /// Like [`Shuffle::new`] with staging blocks of `block` bytes.
-    pub fn with_block(path: &Path, buckets: usize, block: usize, limit: u64) -> Self {
+    /// A shuffle into `buckets` buckets, with staging blocks of `block` bytes, that keeps up to `limit` bytes in memory
+    /// and writes the rest to `path`.
+    pub fn new(path: &Path, buckets: usize, block: usize, limit: u64) -> Self {
         let bucket = || Mutex::new(Bucket { blocks: Vec::new(), extents: Vec::new(), records: 0 });
         Self {
             path: path.to_path_buf(),
@@ -96,19 +91,9 @@ impl<T: Pod + Send> Shuffle<T> {
         (0..self.buckets.len()).map(|b| self.lock(b).records as u64).sum()
     }
 
-    /// Records in a bucket so far, taken out or not.
-    pub fn bucket_len(&self, bucket: usize) -> usize {
-        self.lock(bucket).records
-    }
-
     /// Whether no record was pushed.
     pub fn is_empty(&self) -> bool {
         self.len() == 0
-    }
-
-    /// Bytes written to the file.
-    pub fn spilled(&self) -> u64 {
-        self.end.load(Ordering::Relaxed)
     }
 
     /// A producer; one a thread. Call [`Producer::finish`] at its end.
@@ -300,7 +285,7 @@ impl<T: Pod + Send> BudgetedShuffle<T> {
         let sizing = Sizing::new(records, size_of::<T>(), copies, run.threads, room / 2);
         let fixed = sizing.fixed();
         let grant = run.budget.take(what, fixed, (fixed + sizing.bytes).min(room))?;
-        let shuffle = Shuffle::with_block(path, sizing.buckets, sizing.block, grant.bytes() - fixed);
+        let shuffle = Shuffle::new(path, sizing.buckets, sizing.block, grant.bytes() - fixed);
         Ok(Self { shuffle, _grant: grant })
     }
 }
@@ -371,7 +356,7 @@ mod tests {
     fn sorted_buckets_are_the_sorted_whole_in_memory_and_spilled() {
         let dir = tempfile::tempdir().unwrap();
         for limit in [u64::MAX, 100_000, 0] {
-            let shuffle = Shuffle::<u64>::new(&dir.path().join("s"), 13, limit);
+            let shuffle = Shuffle::<u64>::new(&dir.path().join("s"), 13, BLOCK_BYTES, limit);
             let n = 100_000u64;
             std::thread::scope(|scope| {
                 for half in 0..2 {
@@ -387,7 +372,7 @@ mod tests {
                 }
             });
             assert_eq!(shuffle.len(), n);
-            assert_eq!(shuffle.spilled() > 0, limit < u64::MAX);
+            assert_eq!(shuffle.file.get().is_some(), limit < u64::MAX);
             let mut whole = Vec::new();
             for bucket in 0..13 {
                 let mut records = shuffle.take(bucket).unwrap();
