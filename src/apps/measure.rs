@@ -10,7 +10,7 @@
 use crate::base::eigen;
 use crate::base::parallel::{chunk_count, chunk_range};
 use crate::base::union_find::Forest;
-use crate::base::vector::{area, cross, distance, dot, finite, minus};
+use crate::base::vector::{area, cross, distance, dot, finite, minus, position_key};
 use crate::base::{Error, Result};
 use crate::graph::{Csr, DualGraph, Frame, GraphFacts};
 use crate::mesh::Mesh;
@@ -199,11 +199,6 @@ impl Sums {
     }
 }
 
-/// The position of an end of an edge as bits that can be compared, with −0 as 0.
-fn place(p: [f64; 3]) -> [u64; 3] {
-    p.map(|x| (x + 0.).to_bits())
-}
-
 /// The mesh, with which face lies where.
 struct Faces<'a> {
     mesh: &'a Mesh,
@@ -254,9 +249,9 @@ impl Faces<'_> {
         let mut found: Option<(u32, bool)> = None;
         for (other, _) in self.neighbours.neighbours(face as u32) {
             self.mesh.faces.with(other as usize, |corners| {
-                let mut before = corners.last().map(|&v| place(self.mesh.positions.get(v)));
+                let mut before = corners.last().map(|&v| position_key(self.mesh.positions.get(v)));
                 for &v in corners {
-                    let at = place(self.mesh.positions.get(v));
+                    let at = position_key(self.mesh.positions.get(v));
                     let (back, along) = (before == Some(b) && at == a, before == Some(a) && at == b);
                     let rank = |(other, along): (u32, bool)| (self.label(other as usize) == self.label(face), along);
                     if back || along {
@@ -280,7 +275,7 @@ impl Faces<'_> {
             for (k, &v) in corners.iter().enumerate() {
                 let ends = [v, corners[if k + 1 == corners.len() { 0 } else { k + 1 }]];
                 let [from, to] = ends.map(|v| self.mesh.positions.get(v));
-                let [a, b] = [place(from), place(to)];
+                let [a, b] = [position_key(from), position_key(to)];
                 if a == b || !finite(from) || !finite(to) {
                     continue;
                 }

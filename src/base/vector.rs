@@ -101,6 +101,12 @@ pub fn narrow(a: [f64; 3], factor: f64) -> [f32; 3] {
     [(a[0] * factor) as f32, (a[1] * factor) as f32, (a[2] * factor) as f32]
 }
 
+/// Bits that two positions have in common where their coordinates are equal: −0 counts as 0.
+#[inline(always)]
+pub fn position_key(a: [f64; 3]) -> [u64; 3] {
+    [(a[0] + 0.).to_bits(), (a[1] + 0.).to_bits(), (a[2] + 0.).to_bits()]
+}
+
 /// Whether all coordinates are finite.
 #[inline(always)]
 pub fn finite(a: [f64; 3]) -> bool {

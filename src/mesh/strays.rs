@@ -24,7 +24,7 @@ use super::geometry::Mesh;
 use super::positions::Positions;
 use crate::base::Result;
 use crate::base::union_find::Forest;
-use crate::base::vector::{distance, finite};
+use crate::base::vector::{distance, finite, position_key};
 use crate::store::Run;
 use std::collections::{BTreeMap, BTreeSet};
 use std::ops::Range;
@@ -253,7 +253,7 @@ impl Cluster {
 impl<'a> Candidates<'a> {
     fn of(positions: &'a Positions, vertices: Vec<u32>, edges: Vec<(u32, u32)>, core: Core) -> Self {
         let mut first: BTreeMap<[u64; 3], u32> = BTreeMap::new();
-        let place = |v: u32| positions.get(v).map(|x| (x + 0.).to_bits());
+        let place = |v: u32| position_key(positions.get(v));
         let same = (0u32..).zip(&vertices).map(|(k, &v)| *first.entry(place(v)).or_insert(k)).collect();
         Self { positions, core, vertices, same, edges }
     }

@@ -6,7 +6,7 @@
 //! one place count as one); what is kept grows with the strip alone.
 
 use crate::base::parallel::{chunk_count, chunk_range};
-use crate::base::vector::finite;
+use crate::base::vector::{finite, position_key};
 use crate::base::{Error, Result};
 use crate::mesh::geometry::Mesh;
 use crate::store::Run;
@@ -191,7 +191,7 @@ fn find(places: &mut [Place], key: u64) -> &mut Place {
 
 /// A number that hardly any two positions share, never 0; none where there is no place.
 fn key(at: [f64; 3]) -> Option<u64> {
-    finite(at).then(|| xxh3_64(bytemuck::bytes_of(&at.map(|x| x + 0.))).max(1))
+    finite(at).then(|| xxh3_64(bytemuck::bytes_of(&position_key(at))).max(1))
 }
 
 /// The faces with a vertex of `bits`, ascending, and what the budget grants for them.
@@ -245,7 +245,7 @@ fn numbered(mesh: &Mesh, corners: &[u32]) -> (Vec<u32>, Vec<u32>) {
 
 /// For each of `vertices`, ascending, the first one at the same place.
 fn first_at_place(mesh: &Mesh, vertices: &[u32]) -> Vec<u32> {
-    let place = |&v: &u32| mesh.positions.get(v).map(|x| (x + 0.).to_bits());
+    let place = |&v: &u32| position_key(mesh.positions.get(v));
     let mut placed: Vec<([u64; 3], usize)> = vertices.iter().map(place).zip(0..).collect();
     placed.sort_unstable();
     let mut first = vertices.to_vec();
