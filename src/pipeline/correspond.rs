@@ -11,6 +11,7 @@ pub use super::sides::{
     CorrespondParams, Correspondence, FunctionalMap, Guidance, Side, SideFacts, default_landmarks_for_vertices,
 };
 use super::sides::{Refinement, no_alternative, refined};
+use super::used_vertices::UsedOfTwo;
 use crate::apps::correspond::align::{FINE, procrustes, sample};
 use crate::apps::correspond::matches::{AlignedPair, Match, Matching, matches};
 use crate::apps::correspond::refine::Refine;
@@ -69,9 +70,13 @@ pub fn correspond_guided(
     context: Context<'_>,
 ) -> Result<Correspondence> {
     guidance.check(a.positions.len(), b.positions.len(), params)?;
+    let used = UsedOfTwo::of([a, b], context)?;
+    let [a, b] = used.meshes([a, b]);
+    let guidance = used.guidance(guidance)?;
+    guidance.check(a.positions.len(), b.positions.len(), params)?;
     let side = |opened, k: usize, name| Side::build(opened, inputs.map(|inputs| &inputs[k]), params, name, context);
     let (a, b) = (side(a, 0, "a")?, side(b, 1, "b")?);
-    match_sides(&a, &b, params, guidance, context)
+    used.told(match_sides(&a, &b, params, &guidance, context)?, context)
 }
 
 impl Correspondence {

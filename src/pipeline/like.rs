@@ -131,8 +131,8 @@ fn by_shape(reference: Reference<'_>, mesh: &Mesh, context: Context<'_>) -> Resu
             values[face] = best.0;
         });
     }
-    let sum: f64 = matches.iter().map(|one| if one.vertex().is_some() { f64::from(one.confidence) } else { 0. }).sum();
-    let confidence = sum / matches.len().max(1) as f64;
+    let matched = || matches.iter().filter(|one| one.vertex().is_some());
+    let confidence = matched().map(|one| f64::from(one.confidence)).sum::<f64>() / matched().count().max(1) as f64;
     Ok(carried(values, Way::Shape, confidence, found.alignments.ambiguous))
 }
 

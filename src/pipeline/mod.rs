@@ -38,6 +38,8 @@ mod shared_boundaries;
 mod sides;
 mod surface;
 mod units;
+#[cfg(feature = "correspondence")]
+mod used_vertices;
 
 pub use labels::SegmentedMesh;
 pub use params::{
