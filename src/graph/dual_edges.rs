@@ -38,8 +38,8 @@ pub struct DualEdges {
     pub centroid_distance: MappedSlice<f32>,
     /// Lengths of the shared edges in the frame (nnz); negative where the two faces are wound against
     /// each other and could not be turned (see [`super::orient`]); 0 for bridges.
-    /// Empty where they are computed from the mesh, which [`DualEdges::shared`] looks up either way, and where steps are
-    /// the edges, as in a [`super::vertex_graph`].
+    /// Empty where they are computed from the mesh, which [`DualEdges::shared`] looks up either way, and where steps
+    /// are the edges, as in a [`super::vertex_graph`].
     pub edge: MappedSlice<f32>,
     /// What they are computed from.
     pub(super) computed: Option<Arc<ComputedEdges>>,

@@ -127,8 +127,8 @@ impl WorkFolder {
     }
 }
 
-/// Locks the folder, alone or shared with other readers. Who reads need not be allowed to write: a lock file that is not
-/// there, or cannot be read, keeps nobody out.
+/// Locks the folder, alone or shared with other readers. Who reads need not be allowed to write: a lock file that is
+/// not there, or cannot be read, keeps nobody out.
 ///
 /// # Errors
 /// [`Error::Io`].

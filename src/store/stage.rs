@@ -263,8 +263,8 @@ impl WorkDir {
         Ok(record.facts.clone())
     }
 
-    /// What is wrong with a file, if it has no longer the bytes that were stamped: one sequential read, far cheaper than
-    /// a wrong label.
+    /// What is wrong with a file, if it has no longer the bytes that were stamped: one sequential read, far cheaper
+    /// than a wrong label.
     pub(crate) fn harm(&self, name: &str, file: &FileRecord) -> Option<String> {
         if self.bytes_in_memory(name) == Some(file.bytes) {
             return None;

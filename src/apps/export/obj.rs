@@ -378,13 +378,13 @@ mod tests {
         let labelling = Labelling { labels: &[0], colours: &[[255, 0, 0]], quality: None, names: &[] };
         let text = || std::fs::read_to_string(&out).unwrap();
         for _ in 0..2 {
-            write(&out, &mesh, &labelling, false, &Run::new(&())).unwrap();
+            write(&out, &mesh, &labelling, &Run::new(&())).unwrap();
             assert!(text().contains("mtllib x.mtl\n"), "our own are");
         }
         let theirs = dir.path().join("x.mtl");
         std::fs::write(&theirs, "newmtl brass\n").unwrap();
         for _ in 0..2 {
-            write(&out, &mesh, &labelling, false, &Run::new(&())).unwrap();
+            write(&out, &mesh, &labelling, &Run::new(&())).unwrap();
             assert_eq!(std::fs::read_to_string(&theirs).unwrap(), "newmtl brass\n");
             assert!(text().contains("mtllib x.parts.mtl\n") && dir.path().join("x.parts.mtl").exists());
         }
@@ -406,7 +406,7 @@ mod tests {
         let [small, large] = [1 << 14, 1 << 28].map(|bytes| {
             let run = Run { budget: crate::store::Budget::new(bytes), ..Run::new(&()) };
             let out = dir.path().join("out.obj");
-            write(&out, &mesh, &labelling, false, &run).unwrap();
+            write(&out, &mesh, &labelling, &run).unwrap();
             std::fs::read_to_string(&out).unwrap()
         });
         assert!(small == large && small.ends_with("\nf 8998 8999 9000\n"));

@@ -402,7 +402,7 @@ mod tests {
         let labelling =
             Labelling { labels: &[0, 0, 0, 0, 1, 1, 1, 1], colours: &[[9; 3], [99; 3]], quality: None, names };
         let told = Told::default();
-        write(folder, &mesh, &labelling, Folder { form, cap: true }, false, &Run::new(&told)).unwrap();
+        write(folder, &mesh, &labelling, Folder { form, cap: true }, &Run::new(&told)).unwrap();
         let list = std::fs::read(folder.join(LIST)).unwrap();
         (serde_json::from_slice(&list).unwrap(), told.0.into_inner().unwrap())
     }

@@ -1,8 +1,8 @@
 //! One label per vertex: the one that most faces around it have.
 //!
 //! Labels are tallied in blocks of vertices as large as the budget allows, each with a pass over the faces. A vertex
-//! has room for [`KINDS`] labels, so its answer is exact where no more meet there, on fewer than 65,536 faces each; 20 bytes
-//! per vertex.
+//! has room for [`KINDS`] labels, so its answer is exact where no more meet there, on fewer than 65,536 faces each; 20
+//! bytes per vertex.
 
 use crate::base::Result;
 use crate::mesh::geometry::Mesh;
