@@ -456,7 +456,7 @@ fn parts_of_one_scan_are_found_on_others_of_its_kind() {
     let output = run(&["export", "--work-dir", word(&work), "-q", "-o", word(&path("kept.ply"))]);
     assert!(output.status.success(), "{}", errors(&output));
     let bytes = |name: &str| std::fs::read(path(name)).unwrap();
-    assert!(bytes("kept.ply") == bytes("near.ply") && bytes("near.ply") == bytes("scans/creature_6000.like.ply"));
+    assert!(bytes("kept.ply") == bytes("near.ply") && bytes("near.ply") == bytes("creature_6000.like.ply"));
     let output = run(&["segment", word(&scene.mesh), "--like", word(&scene.mesh)]);
     assert!(!output.status.success() && errors(&output).contains("no face property `label`"), "{}", errors(&output));
 }
