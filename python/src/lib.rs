@@ -138,12 +138,7 @@ fn segment<'py>(
     tmp: Option<PathBuf>,
     progress: Option<Py<PyAny>>,
 ) -> PyResult<Cut<'py>> {
-    let told = |error: serde_json::Error| {
-        let text = error.to_string();
-        PyValueError::new_err(text.split(" at line ").next().unwrap_or(&text).to_string())
-    };
-    let params: SegmentParams = serde_json::from_str(params).map_err(told)?;
-    params.metric.check().map_err(raised)?;
+    let params = checked(params)?;
     let edits = edits.map(|text| Edits::of_text(text.as_bytes(), "edits".as_ref())).transpose().map_err(raised)?;
     let segmenter = Segmenter::with_params(params).force(force);
     let segmenter = edits.into_iter().fold(segmenter, Segmenter::edits);
@@ -169,6 +164,23 @@ fn segment<'py>(
     ))
 }
 
+/// Parameters from JSON, which make sense for some mesh at least.
+fn checked(params: &str) -> PyResult<SegmentParams> {
+    let told = |error: serde_json::Error| {
+        let text = error.to_string();
+        PyValueError::new_err(text.split(" at line ").next().unwrap_or(&text).to_string())
+    };
+    let params: SegmentParams = serde_json::from_str(params).map_err(told)?;
+    params.metric.check().and_then(|()| params.check()).map_err(raised)?;
+    Ok(params)
+}
+
+/// Refuses `params`, JSON as [`default_params`] gives it, that make no sense, before a mesh is read for them.
+#[pyfunction]
+fn check_params(params: &str) -> PyResult<()> {
+    checked(params).map(drop)
+}
+
 /// The parameters of a cut, as JSON.
 #[pyfunction]
 fn default_params() -> PyResult<String> {
@@ -189,6 +201,7 @@ fn _native(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add_class::<PyMesh>()?;
     module.add_class::<PyDecision>()?;
     module.add_function(wrap_pyfunction!(segment, module)?)?;
+    module.add_function(wrap_pyfunction!(check_params, module)?)?;
     module.add_function(wrap_pyfunction!(default_params, module)?)?;
     module.add_function(wrap_pyfunction!(default_embedding, module)?)?;
     module.add_function(wrap_pyfunction!(correspond::correspond, module)?)?;

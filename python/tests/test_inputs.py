@@ -163,6 +163,12 @@ def test_numbers_that_are_none_name_their_option(mesh, cut):
     for options in ({"parts": 3, "detail": 0.5}, {"cluster": "two-means", "detail": 0.5}):
         with pytest.raises(ValueError, match="^detail: "):
             nystrom_stream.segment(*mesh, **options)
+    # All this before a mesh is read.
+    for name, value in [("detail", 2), ("eta", 2.0), ("landmarks", 10**6), ("parts_range", (5, 2))]:
+        with pytest.raises(ValueError, match=f"^{name}: "):
+            nystrom_stream.segment("none.ply", **{name: value})
+    with pytest.raises(ValueError, match="^sigma: -1 is no width"):
+        nystrom_stream.segment("none.ply", parts=3, cluster="kmeans", sigma=-1)
     with pytest.raises(ValueError, match="^hints: hints need the hierarchy of parts; use cluster='parts'"):
         nystrom_stream.segment(*mesh, 3, cluster="kmeans", hints=cut.labels)
 

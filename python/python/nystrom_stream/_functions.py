@@ -75,11 +75,6 @@ def _params(parts: Optional[int], parts_range: Optional[tuple[int, int]], detail
     wanted = [name for name, value in means.items() if value is not None]
     if method == "parts" and wanted:
         raise ValueError(f"{wanted[0]}: goes with cluster='kmeans' or 'two-means'")
-    # The library looks at these two when most of the work is done.
-    if not -1 <= real("detail", detail) <= 1:
-        raise ValueError(f"detail: {detail} is not within -1 and 1")
-    if sigma is not None and not 0 < real("sigma", sigma) < 1e6:
-        raise ValueError(f"sigma: {sigma} is not a width; choose a positive number")
     if parts is not None and parts_range is not None:
         raise ValueError("parts and parts_range exclude each other; give one")
     if parts is not None:
@@ -89,7 +84,7 @@ def _params(parts: Optional[int], parts_range: Optional[tuple[int, int]], detail
         params["parts"]["count"] = {"between": [whole("parts_range", least, 1), whole("parts_range", most, 1)]}
     if landmarks is not None:
         params["landmarks"] = whole("landmarks", landmarks, 1)
-    params["parts"]["detail"] = float(detail)
+    params["parts"]["detail"] = real("detail", detail)
     if sampling is not None:
         params["sampling"] = sampling
     params.update(cluster=method, exact=bool(exact), metric=metric, order=order)
@@ -103,10 +98,12 @@ def _params(parts: Optional[int], parts_range: Optional[tuple[int, int]], detail
         if normalise not in (None, "anchor"):
             embedding.update(normalisation=normalise, width={"rule": "mean", "value": 1.0})
         if sigma is not None:
-            embedding["width"] = {"rule": "mean", "value": float(sigma)}
+            embedding["width"] = {"rule": "mean", "value": real("sigma", sigma)}
         if unit_rows is not None:
             embedding["unit_rows"] = bool(unit_rows)
-    return json.dumps(params)
+    text = json.dumps(params)
+    _native.check_params(text)
+    return text
 
 
 def _seed(seed: int) -> int:

@@ -15,6 +15,7 @@ __all__ = [
     "Decision",
     "Mesh",
     "__version__",
+    "check_params",
     "correspond",
     "cut_tree",
     "default_embedding",
@@ -66,6 +67,7 @@ class Decision:
     def without_start(self) -> Decision: ...
 
 def default_params() -> str: ...
+def check_params(params: str) -> None: ...
 def default_embedding(dimensions: int) -> str: ...
 def segment(
     mesh: Mesh, params: str, edits: Optional[str], hints: Optional[_Labels], work_dir: Optional[_Path], force: bool, seed: int,
