@@ -156,6 +156,23 @@ mod tests {
         assert!(create(&path).is_err(), "a folder is not removed");
     }
 
+    #[test]
+    fn a_file_has_its_name_only_when_it_is_whole() {
+        let dir = tempfile::tempdir().unwrap();
+        let path = dir.path().join("x");
+        std::fs::write(&path, "old").unwrap();
+        for (reserved, durable) in [(0, false), (100, true)] {
+            let failing = by_rename(&path, reserved, durable, |file| {
+                file.write_all(b"half").unwrap();
+                Err(Error::Cancelled)
+            });
+            assert!(failing.is_err() && std::fs::read(&path).unwrap() == b"old");
+            assert_eq!(std::fs::read_dir(dir.path()).unwrap().count(), 1);
+        }
+        by_rename(&path, 0, true, |file| file.write_all(b"new").map_err(Error::io(&path, "write"))).unwrap();
+        assert_eq!(std::fs::read(&path).unwrap(), b"new");
+    }
+
     /// Two runs that began at the same time removed each other's file between its making and its lock.
     #[test]
     fn of_many_that_begin_at_once_nobody_loses_a_file_that_was_granted() {
