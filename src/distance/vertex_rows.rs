@@ -182,11 +182,21 @@ impl VertexRowJob<'_> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::distance::sampler::{Found, Space};
     use crate::graph::VertexGraph;
-    use crate::landmarks::Sampling;
     use crate::mesh::Mesh;
     use crate::store::WorkDir;
     use crate::store::manifest::MANIFEST;
+
+    /// Chooses the first vertices.
+    #[derive(Serialize)]
+    struct First;
+
+    impl Sampler for First {
+        fn choose(&self, l: usize, _: u64, _: &mut dyn Space, _: &mut [f32], found: &mut Found<'_>) -> Result<()> {
+            (0..l as u32).try_for_each(|node| found(node, None))
+        }
+    }
 
     /// What the manifest told of rows was taken as it was.
     #[test]
@@ -199,7 +209,7 @@ mod tests {
             let work = WorkDir::open(dir.path())?;
             let context = Context::new(&work, &run);
             let (graph, key) = VertexGraph::open_or_build(&mesh, "mesh".as_ref(), &Value::Null, context)?;
-            let params = RowParams::new(2, Sampling::Farthest);
+            let params = RowParams::new(2, First);
             open_or_build(Surface::of(&graph), params, Distance::Edges, &key, context)
         };
         assert!(rows().is_ok() && rows().is_ok());
