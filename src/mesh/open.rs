@@ -113,9 +113,9 @@ fn open_bytes(path: &Path, bytes: MappedBytes, scratch: &Path, run: &Run) -> Res
         format => import::convert(format, path, &bytes, scratch, &mut notes, run)?,
     };
     let header = header::parse(path, &bytes)?;
+    header.check_counts(path, bytes.len())?;
     let (face, list, strips) = find_faces(path, &header)?;
     let (vertex, axes) = find_vertices(path, &header)?;
-    header.check_counts(path, bytes.len())?;
     let decoder = Decoder { path, scratch, run, header: &header, bytes: &bytes, vertex, axes, face, list, strips };
     let decoded = decode(&decoder)?;
     if decoded.faces.is_empty() {

@@ -277,7 +277,7 @@ impl WorkDir {
             Ok(_) if self.is_temporary() => None,
             Ok(_) => match checksum(&path) {
                 Ok(sum) if sum == file.xxh3 => None,
-                Ok(_) => Some("was changed or damaged".to_string()),
+                Ok(_) => Some("has another checksum: it was changed or damaged".to_string()),
                 Err(error) => Some(format!("cannot be read: {error}")),
             },
             Err(error) if error.kind() == ErrorKind::NotFound => Some("is missing".to_string()),
@@ -338,9 +338,12 @@ impl WorkDir {
         for (name, inner) in self.all_inner()? {
             inner.clear()?;
             drop(inner);
-            [MANIFEST, LOCK].iter().for_each(|file| self.remove(&format!("{name}/{file}")));
-            // Not where somebody else has put files there.
-            let _ = std::fs::remove_dir(self.file(&name));
+            // Where files of no stage are left, it stays a work directory: a folder that is none is nobody's to use.
+            let left = std::fs::read_dir(self.file(&name)).map_err(Error::io(self.file(&name), "list"))?.flatten();
+            if left.map(|entry| entry.file_name()).all(|file| file == MANIFEST || file == LOCK) {
+                [MANIFEST, LOCK].iter().for_each(|file| self.remove(&format!("{name}/{file}")));
+                let _ = std::fs::remove_dir(self.file(&name));
+            }
         }
         let mut manifest = self.manifest_lock();
         let stages = std::mem::take(&mut manifest.stages);
