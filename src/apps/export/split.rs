@@ -9,7 +9,7 @@
 
 use super::caps::{Caps, Corner};
 use super::{CHUNK, parts};
-use crate::base::vector::{distance, double_area, unit};
+use crate::base::vector::{distance, dot, double_area, narrow, unit, wide};
 use crate::base::{Error, Result};
 use crate::mesh::output::{Gather, ends_with, publish};
 use crate::mesh::ply::{Encoder, Encoding, HeaderWriter, Scalar};
@@ -87,7 +87,7 @@ pub fn write(folder: &Path, mesh: &Mesh, labelling: &Labelling, form: impl Into<
     let mut writer = Splitter { mesh, labelling, encoder, run, used: vec![0; words], before: vec![0; words] };
     let (mut listed, mut open, mut files) = (Vec::new(), Vec::new(), BTreeSet::new());
     let rounds = form == PartForm::Stl && mesh.positions.is_double();
-    let mut sizes = Sizes::default();
+    let mut facets = Facets::default();
     for part in 0..parts {
         let name = file_name(part, labelling.name(part), form);
         let size = writer.mark(part as u32)?;
@@ -95,11 +95,12 @@ pub fn write(folder: &Path, mesh: &Mesh, labelling: &Labelling, form: impl Into<
             continue;
         }
         let path = folder.join(&name);
+        let mut own = Facets::default();
         let caps = if cap { writer.caps(part as u32, size.corners)? } else { Caps::default() };
         publish(&path, 0, |file| {
             let mut out = Gather::new(&path, file);
             if form == PartForm::Stl {
-                sizes.add(writer.solid(part as u32, &caps, &mut out)?);
+                own = writer.solid(part as u32, &caps, &mut out)?;
             } else {
                 writer.part(part as u32, size, &caps, &mut out)?;
             }
@@ -112,10 +113,11 @@ pub fn write(folder: &Path, mesh: &Mesh, labelling: &Labelling, form: impl Into<
             entry["name"] = title.into();
         }
         if cap {
-            let solid = caps.flaws == 0 && !(rounds && writer.merges(size.vertices)?);
+            let solid = caps.flaws == 0 && own.turned == 0;
             entry["caps"] = json!({"loops": caps.loops, "triangles": caps.triangles.len(), "solid": solid});
             open.extend((!solid).then(|| part.to_string()));
         }
+        facets.add(own);
         listed.push(entry);
         files.insert(name);
     }
@@ -124,10 +126,10 @@ pub fn write(folder: &Path, mesh: &Mesh, labelling: &Labelling, form: impl Into<
     publish(&list, 0, |file| writeln!(file, "{listed:#}").map_err(Error::io(&list, "write")))?;
     if !open.is_empty() {
         let (parts, verb) = if open.len() == 1 { ("part", "is") } else { ("parts", "are") };
-        let why = "edges of three faces or more, faces wound against each other, or vertices that are one as floats";
+        let why = "edges of three faces or more, faces wound against each other, or triangles that floats turn over";
         run.progress.note(&format!("{parts} {} {verb} no solid in spite of --cap: {why}", open.join(", ")));
     }
-    if let Some(share) = sizes.lost().filter(|_| rounds) {
+    if let Some(share) = facets.lost().filter(|_| rounds) {
         let text = format!(
             "{}: coordinates of an STL are floats, which are {share:.2} of a mean edge apart there: write .ply files, or \
              move the mesh to the origin first",
@@ -155,25 +157,31 @@ fn others(folder: &Path, files: &BTreeSet<String>) -> bool {
         .any(|name| !files.contains(&name))
 }
 
-/// How large the coordinates and edges of triangles are.
+/// What the triangles of an STL lose, whose coordinates are floats.
 #[derive(Clone, Copy, Debug, Default)]
-struct Sizes {
+struct Facets {
     /// The greatest coordinate.
     most: f64,
     /// Sum of the lengths of edges, and how many.
     edges: [f64; 2],
+    /// Triangles that are flat or turned over as floats.
+    turned: u64,
 }
 
-impl Sizes {
-    fn triangle(&mut self, at: [[f64; 3]; 3]) {
+impl Facets {
+    /// Adds a triangle, which has the corners `written` in the file.
+    fn triangle(&mut self, at: [[f64; 3]; 3], written: [[f32; 3]; 3]) {
         self.most = at.iter().flatten().fold(self.most, |most, x| most.max(x.abs()));
         let sum = distance(at[0], at[1]) + distance(at[1], at[2]) + distance(at[2], at[0]);
         self.edges = [self.edges[0] + sum, self.edges[1] + 3.];
+        let [normal, new] = [double_area(at), double_area(written.map(wide))].map(unit);
+        self.turned += u64::from(normal != [0.; 3] && dot(normal, new) <= 0.);
     }
 
     fn add(&mut self, other: Self) {
         self.most = self.most.max(other.most);
         (0..2).for_each(|k| self.edges[k] += other.edges[k]);
+        self.turned += other.turned;
     }
 
     /// The step between floats at the greatest coordinate, in mean edges, where it is more than [`LOST`].
@@ -268,10 +276,15 @@ impl Splitter<'_> {
             .property("original_face", Scalar::I32);
         self.labelling.properties().iter().for_each(|&(name, scalar)| _ = header.property(name, scalar));
         out.buffer.append(&mut header.finish());
-        self.vertices(|v| {
-            self.vertex(self.mesh.positions.get(v), &mut out.buffer);
-            out.settle()
-        })?;
+        for (word, &bits) in self.used.iter().enumerate() {
+            let mut left = bits;
+            while left != 0 {
+                let v = (word * BLOCK) as u32 + left.trailing_zeros();
+                self.vertex(self.mesh.positions.get(v), &mut out.buffer);
+                left &= left - 1;
+            }
+            out.settle()?;
+        }
         caps.centres.iter().for_each(|&p| self.vertex(p, &mut out.buffer));
         self.each(part, |face, corners| {
             self.face(face, corners, count, &mut out.buffer);
@@ -292,33 +305,8 @@ impl Splitter<'_> {
         Ok(())
     }
 
-    /// Whether any of the `count` marked vertices lie at different positions, but at the same one as floats.
-    fn merges(&self, count: u64) -> Result<bool> {
-        let _grant = self.run.budget.take("vertices of a part", 16 * count, 16 * count)?;
-        let mut all: Vec<([u32; 3], u32)> = Vec::with_capacity(count as usize);
-        self.vertices(|v| {
-            all.push((self.mesh.positions.get(v).map(|x| (x as f32 + 0.).to_bits()), v));
-            Ok(())
-        })?;
-        all.sort_unstable();
-        let place = |v: u32| self.mesh.positions.get(v);
-        Ok(all.windows(2).any(|pair| pair[0].0 == pair[1].0 && place(pair[0].1) != place(pair[1].1)))
-    }
-
-    /// Calls `visit` with the marked vertices.
-    fn vertices(&self, mut visit: impl FnMut(u32) -> Result<()>) -> Result<()> {
-        for (word, &bits) in self.used.iter().enumerate() {
-            let mut left = bits;
-            while left != 0 {
-                visit((word * BLOCK) as u32 + left.trailing_zeros())?;
-                left &= left - 1;
-            }
-        }
-        Ok(())
-    }
-
-    /// The part as binary STL; how large it is.
-    fn solid(&self, part: u32, caps: &Caps, out: &mut Gather) -> Result<Sizes> {
+    /// The part as binary STL, and what it loses.
+    fn solid(&self, part: u32, caps: &Caps, out: &mut Gather) -> Result<Facets> {
         let mut triangles = caps.triangles.len() as u64;
         self.each(part, |_, corners| {
             self.mesh.fan(corners, |_, _| triangles += 1);
@@ -332,11 +320,12 @@ impl Splitter<'_> {
         head.resize(80, 0);
         out.buffer.append(&mut head);
         out.buffer.extend_from_slice(&count.to_le_bytes());
-        let mut sizes = Sizes::default();
+        let mut facets = Facets::default();
         let mut facet = |at: [[f64; 3]; 3], out: &mut Vec<u8>| {
-            sizes.triangle(at);
-            for p in [unit(double_area(at)), at[0], at[1], at[2]] {
-                p.into_iter().for_each(|x| out.extend_from_slice(&(x as f32).to_le_bytes()));
+            let written = at.map(|p| narrow(p, 1.));
+            facets.triangle(at, written);
+            for p in [narrow(unit(double_area(at)), 1.), written[0], written[1], written[2]] {
+                p.into_iter().for_each(|x| out.extend_from_slice(&x.to_le_bytes()));
             }
             out.extend_from_slice(&[0; 2]);
         };
@@ -348,7 +337,7 @@ impl Splitter<'_> {
             facet(corners.map(|corner| caps.place(self.mesh, corner)), &mut out.buffer);
             out.settle()?;
         }
-        Ok(sizes)
+        Ok(facets)
     }
 
     fn vertex(&self, at: [f64; 3], out: &mut Vec<u8>) {
