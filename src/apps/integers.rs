@@ -14,6 +14,7 @@ use std::path::Path;
 ///
 /// # Errors
 /// [`Error::Malformed`] for an array that is no vector of integers, or an item that does not convert; [`Error::Io`].
+#[cfg(any(feature = "correspondence", test))]
 pub(super) fn read_integers<R>(
     path: &Path,
     convert: impl Fn(i128) -> Option<R>,
@@ -72,7 +73,9 @@ pub fn open_labels(path: &Path, work: &WorkDir) -> Result<MappedSlice<u32>> {
     match path.extension().and_then(OsStr::to_str).map(str::to_ascii_lowercase).as_deref() {
         Some("seg") => npy::write(&work.file(FILE), &read_seg(path)?, 1, false),
         Some("npy") => {
-            if let Ok(labels) = npy::open(path) {
+            if let Ok((labels, shape)) = npy::open_shaped(path)
+                && shape.len() == 1
+            {
                 return Ok(labels);
             }
             let label_or_none = |item: i128| if item < 0 { Some(u32::MAX) } else { u32::try_from(item).ok() };
