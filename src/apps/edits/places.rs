@@ -2,8 +2,7 @@
 //!
 //! A point stands for the face that it is nearest to, by the distance from the face itself: faces may be long and thin.
 //! The mesh is taken as it is computed with and shown, without stray vertices and without vertices that are in no face.
-//! Cost: one pass over the faces, and where edits have a box another one for the box of the mesh; 16 bytes per point
-//! and thread.
+//! Cost: two passes over the faces, of which one is for the box of the mesh; 16 bytes per point and thread.
 
 use super::data::{Edit, Edits, Place};
 use crate::base::parallel::{chunk_count, chunk_range, lock};
