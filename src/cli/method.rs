@@ -257,9 +257,6 @@ impl MethodArgs {
         self.distance.apply(&mut params)?;
         // They need rows over all faces: reports and work directories are to say so.
         params.exact |= params.boundaries == Boundaries::Embedding;
-        if params.cluster != Cluster::Parts && params.embedding.is_none() {
-            params.embedding = Some(EmbeddingParams::for_parts(self.parts.parts.unwrap_or(two_means::DIMENSIONS)));
-        }
         Ok(params)
     }
 }

@@ -60,7 +60,8 @@ enum Command {
     Share(stages::ShareArgs),
     /// Combine the distances that several processes have computed with rows --shard
     Merge(stages::MergeArgs),
-    /// Stage 3, for use by other programs: compute coordinates of all faces in the spectral embedding
+    /// Stage 3, for use by other programs: compute coordinates of all faces in the spectral embedding; K-means of
+    /// `cluster` then takes the same kernel, unless it or `segment` is told another
     #[command(after_long_help = help::STAGES)]
     Embed(stages::EmbedArgs),
     /// Stage 4: cut into parts; another number of parts takes a moment

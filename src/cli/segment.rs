@@ -87,8 +87,15 @@ pub struct SegmentArgs {
     pub run: RunArgs,
 }
 
+impl SegmentArgs {
+    /// Whether an option for many meshes is given.
+    fn is_batch(&self) -> bool {
+        self.jobs > 1 || self.resume || self.json_lines.is_some()
+    }
+}
+
 /// Refuses combinations of options before any work.
-fn check(args: &SegmentArgs, meshes: &[PathBuf], many: bool) -> Result<(SegmentParams, Option<Edits>), CliError> {
+fn check(args: &SegmentArgs, meshes: &[PathBuf], several: bool) -> Result<(SegmentParams, Option<Edits>), CliError> {
     let mut params = args.method.params()?;
     let edits = args.edits.read(&args.method.parts, &mut params)?;
     params.check()?;
@@ -104,10 +111,10 @@ fn check(args: &SegmentArgs, meshes: &[PathBuf], many: bool) -> Result<(SegmentP
         );
     }
     let stdin = meshes.iter().filter(|mesh| mesh.as_os_str() == "-").count();
-    if stdin > 0 && many {
+    if stdin > 0 && (several || args.is_batch()) {
         return misused("standard input is one mesh; give it alone, and without options for many meshes");
     }
-    if meshes.len() > 1 {
+    if several {
         let fixed = args.output.iter().any(|path| !path.to_string_lossy().contains("{}"));
         if fixed {
             return misused(
@@ -128,8 +135,8 @@ pub fn run(args: &SegmentArgs, app: &AppContext) -> Result<(), CliError> {
     args.method.params()?;
     let (meshes, several) = meshes(&args.meshes)?;
     // A pattern or a list that happens to name one mesh is a batch still.
-    let many = several || args.jobs > 1 || args.resume || args.json_lines.is_some();
-    let (mut params, mut edits) = check(args, &meshes, many)?;
+    let many = several || args.is_batch();
+    let (mut params, mut edits) = check(args, &meshes, several)?;
     let like = match &args.like.like {
         Some(path) if params.cluster != Cluster::Parts => {
             return Err(CliError::Usage(format!("--like {}: goes with --cluster parts only", path.display())));

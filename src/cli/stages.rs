@@ -233,12 +233,17 @@ fn shared(divided: Divided, args: &RowsArgs, mut params: SegmentParams, app: &Ap
         let text = "a mesh that streams cannot be shared; begin with `graph`, and leave MESH out here";
         return Err(CliError::Usage(text.into()));
     }
+    let spooled = args.mesh.is_none() && record.as_ref().is_some_and(Record::is_spooled);
     let (path, identity) = match &args.mesh {
         Some(path) if streams => (path.clone(), Value::Null),
         Some(path) => (path.clone(), input::content(path)?),
         None => {
             let record = Record::read(&WorkDir::open_existing(folder)?)?;
-            (there(None, &record, folder)?, record.identity)
+            if spooled {
+                (there(None, &record, folder)?, record.identity)
+            } else {
+                (record.mesh.clone(), input::content(&record.mesh)?)
+            }
         }
     };
     if let Some(record) = record.filter(|record| input::same(&identity, &record.identity)) {
@@ -248,9 +253,9 @@ fn shared(divided: Divided, args: &RowsArgs, mut params: SegmentParams, app: &Ap
     check_places([&path], &args.json.json)?;
     let mut told = json!({"mesh": path.to_string_lossy(), "work_dir": folder.to_string_lossy()});
     let shared = SharedWork { divided, identity: &identity, params: &params };
-    let read = |work: &WorkDir| match &args.mesh {
-        Some(path) => read(path, force, Context::new(work, &run)),
-        None => Ok((open_file(&path, work.path(), &run)?, identity.clone())),
+    let read = |work: &WorkDir| match spooled {
+        true => Ok((open_file(&path, work.path(), &run)?, identity.clone())),
+        false => read(&path, force, Context::new(work, &run)),
     };
     let opened = |work: &WorkDir| read(work).map(|(opened, _)| opened);
     if let Some(shard) = args.shard {

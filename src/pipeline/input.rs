@@ -129,9 +129,14 @@ impl Record {
         context.work.stamp(StageKey::new(RECORD, RECORD_VERSION, inputs), &[], &self, 0.)
     }
 
-    /// Where the mesh lies. What came from standard input lies in the work directory, in `folder` by now.
+    /// Whether the mesh came from standard input, and lies in the work directory.
+    pub fn is_spooled(&self) -> bool {
+        self.identity.get("stdin").is_some()
+    }
+
+    /// Where the mesh lies: what came from standard input in the work directory, which is in `folder` by now.
     pub fn path(&self, folder: &Path) -> PathBuf {
-        if self.identity.get("stdin").is_some() { folder.join(SPOOLED) } else { self.mesh.clone() }
+        if self.is_spooled() { folder.join(SPOOLED) } else { self.mesh.clone() }
     }
 
     /// Whether the file at `path` is the mesh still, or a copy of it.

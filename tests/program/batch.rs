@@ -106,8 +106,10 @@ fn finished_outputs_are_skipped_on_request() {
     batch(&meshes, &out, &["-q"]);
     std::fs::remove_file(out.join("grid.seg")).unwrap();
     let output = batch(&meshes, &out, &["--resume", "--json-lines"]);
-    let done: Vec<Value> = lines(&output.stdout);
+    let (skipped, done): (Vec<Value>, Vec<Value>) =
+        lines(&output.stdout).into_iter().partition(|line: &Value| line["skipped"] == true);
     assert_eq!(done.len(), 2, "the one that failed and the one that was missing: {done:?}");
+    assert_eq!(skipped.len(), 3, "those that are there: {skipped:?}");
     assert!(errors(&output).contains("5 meshes: 1 done, 1 failed, 3 skipped, in "), "{}", errors(&output));
     // Other options make other labels: what lies there is not taken for them.
     let pattern = out.join("{}.seg");
@@ -192,8 +194,7 @@ fn what_makes_no_sense_is_refused_before_any_work() {
         (&["plot", folder], "give --eigenvalues FILE, --tree FILE, or both"),
         (&["export", "--work-dir", folder], "give -o OUT, --tree FILE, or both"),
         (&["info", folder, "--header"], "--header goes with a mesh"),
-        (&["segment", grid, "--jobs", "2"], "--jobs goes with several meshes"),
-        (&["segment", grid, "--resume"], "--resume goes with several meshes"),
+        (&["segment", "-", "--jobs", "2"], "standard input is one mesh"),
         (&["segment", folder, "--work-dir", "w"], "--work-dir goes with one mesh"),
         (&["segment", folder, "-"], "standard input is one mesh"),
         (&["segment", folder, "--json", "--json-lines"], "cannot both go to standard output"),

@@ -98,7 +98,7 @@ fn combinations_that_would_be_ignored_are_refused() {
         (&["--cluster", "two-means", "--detail", "0.5"], "--detail goes with --cluster parts only"),
         (
             &["--cluster", "kmeans", "--parts-range", "3..4"],
-            "--parts-range goes with --cluster parts or two-means only",
+            "--parts-range: K-means needs an exact number of parts; give -k",
         ),
         (&["-k", "0"], "-k: 0 parts; choose at least 1"),
         (&["-k", "3", "--detail", "0.5"], "cannot be used with"),
