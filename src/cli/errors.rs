@@ -6,12 +6,15 @@ use nystrom_stream::base::Error;
 use std::path::Path;
 
 /// Options of the library that the command line calls otherwise, and their flags.
-const FLAGS: [(&str, &str); 36] = [
+const FLAGS: [(&str, &str); 40] = [
     ("alternative", "--alternative"),
     ("beta", "--beta"),
+    ("boundaries", "--boundaries"),
     ("cluster", "--cluster"),
+    ("decision", "--decision"),
     ("degree", "--degree"),
     ("delta", "--delta"),
+    ("detail", "--detail"),
     ("dimensions", "--vectors"),
     ("edits", "--edits"),
     ("eta", "--eta"),
@@ -37,6 +40,7 @@ const FLAGS: [(&str, &str); 36] = [
     ("size", "--size"),
     ("split_faces", "--split-faces"),
     ("threads", "--threads"),
+    ("tiny_components", "--tiny-components"),
     ("transfer", "--transfer"),
     ("tree", "--tree"),
     ("turn", "--turn"),

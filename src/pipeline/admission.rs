@@ -39,7 +39,7 @@ pub fn admit(path: &Path, identity: &Value, force: bool, context: Context<'_>) -
 }
 
 /// Refuses to match the meshes at `paths`, which `identities` tell, in a work directory that is of one mesh or of two
-/// others; with `force` the directory is emptied instead.
+/// others. With `force` that of one mesh is emptied instead, and of two the stages of another mesh are made anew.
 ///
 /// # Errors
 /// [`Error::WorkDir`] with the mesh that it is of; [`Error::Io`].
@@ -51,7 +51,7 @@ pub fn admit_two(paths: [&Path; 2], identities: &[Value; 2], force: bool, contex
         }
         for ((path, identity), side) in paths.into_iter().zip(identities).zip(["a", "b"]) {
             let folder = work.file(side);
-            if !folder.is_dir() {
+            if force || !folder.is_dir() {
                 continue;
             }
             let inner = WorkDir::open(&folder)?;

@@ -129,7 +129,7 @@ fn finished_outputs_are_skipped_on_request() {
     std::thread::sleep(std::time::Duration::from_millis(20));
     zoo::moebius(40).write(&meshes);
     let output = batch(&meshes, &out, &["--resume", "--json-lines", "-q"]);
-    assert_eq!(lines(&output.stdout).len(), 2);
+    assert_eq!(lines(&output.stdout).iter().filter(|line| line["skipped"] != true).count(), 2);
     assert_eq!(nystrom_stream::mesh::read_seg(&out.join("moebius.seg")).unwrap().len(), 80);
 }
 

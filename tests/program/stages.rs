@@ -204,11 +204,12 @@ fn a_contracted_mesh_can_be_cut_again() {
 #[test]
 fn a_hierarchy_is_that_of_the_mesh() {
     let Scene { mesh, work, out, .. } = &scene(2_000, false);
-    let other = creature(mesh.parent().unwrap(), 3_000, false);
     let tree = out.with_extension("json");
     segment(mesh, &["-q", "--work-dir", word(work), "-o", word(out)]);
     stage(&["export", "--tree", word(&tree)], work);
-    segment(&other, &["-q", "--cluster", "kmeans", "-k", "3", "--work-dir", word(work), "-o", word(out)]);
+    let other = creature(mesh.parent().unwrap(), 9_000, false);
+    let kmeans = ["-q", "--force", "--cluster", "kmeans", "-k", "3", "--work-dir", word(work), "-o", word(out)];
+    segment(&other, &kmeans);
     let said = refused(&["export", "--tree", word(&tree)], work, 1);
     assert!(said.contains("no hierarchy of parts of its mesh"), "{said}");
 }

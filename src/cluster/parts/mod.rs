@@ -118,8 +118,8 @@ impl PartsParams {
     /// [`Error::Parameter`] naming the option.
     pub fn check(&self) -> Result<()> {
         if !(-1.0..=1.0).contains(&self.detail) {
-            let problem = format!("{} is not within -1 to 1", self.detail);
-            return Err(Error::parameter("detail", problem, "0 is the default, above it finer, below it coarser"));
+            let problem = format!("{} is out of range", self.detail);
+            return Err(Error::parameter("detail", problem, "choose from -1 to 1"));
         }
         if self.ensemble_size == 0 {
             return Err(Error::parameter("ensemble_size", "0 segmentations", "choose at least 1"));
