@@ -101,9 +101,10 @@ impl EditArgs {
     }
 }
 
-/// Gives the parts in `names` the names of `table`, where it has one; there are `parts` parts.
-pub fn named(names: &mut Vec<String>, table: Option<&Path>, parts: usize) -> Result<(), Error> {
-    let Some(path) = table else { return Ok(()) };
+/// Gives the parts in `names` the names of `table`, where it has one; there are `parts` parts. Whether there is a
+/// table.
+pub fn named(names: &mut Vec<String>, table: Option<&Path>, parts: usize) -> Result<bool, Error> {
+    let Some(path) = table else { return Ok(false) };
     let told = read_names(path)?;
     if told.len() > parts {
         let problem = format!("names part {}, there are {parts} parts, counted from 0", told.len() - 1);
@@ -111,7 +112,7 @@ pub fn named(names: &mut Vec<String>, table: Option<&Path>, parts: usize) -> Res
     }
     names.resize(parts, String::new());
     names.iter_mut().zip(told).filter(|(_, new)| !new.is_empty()).for_each(|(name, new)| *name = new);
-    Ok(())
+    Ok(true)
 }
 
 /// Edits and painted values as the library takes them.

@@ -19,10 +19,9 @@ use nystrom_stream::apps::measure;
 use nystrom_stream::base::parallel::{catch, spawn};
 use nystrom_stream::base::{Error, Progress, Result};
 use nystrom_stream::mesh::ply::labelled::Labelling;
-use nystrom_stream::pipeline::input;
 use nystrom_stream::pipeline::like::{self, LikeFacts, Way};
 use nystrom_stream::pipeline::report::Report;
-use nystrom_stream::pipeline::{Cluster, SegmentParams, cuts, segment_corrected};
+use nystrom_stream::pipeline::{Cluster, SegmentParams, cuts, input, labels, segment_corrected};
 use nystrom_stream::store::json::value as to_json;
 use nystrom_stream::store::{Budget, Context, Run, WorkDir};
 use serde_json::{Value, json};
@@ -283,7 +282,9 @@ pub fn one(job: &Job, task: Task<'_>, bars: &Bars, run: &Run, app: &AppContext) 
     if let (Some(like), Some(carried)) = (like, &mut carried) {
         result = like::settle(result, carried, like.reference(), Context::new(&work, run))?;
     }
-    give_names(&mut result.names, args.edits.names.as_deref(), result.colours.len())?;
+    if give_names(&mut result.names, args.edits.names.as_deref(), result.colours.len())? {
+        labels::keep(&result, Context::new(&work, run))?;
+    }
     let told = carried.as_ref().map(|carried| &carried.facts);
     if let Some(facts) = told.filter(|facts| facts.look) {
         run.progress.note(&format!("look at {}: {}", path.display(), doubts(facts)));

@@ -170,7 +170,7 @@ pub fn check_distinct<'a>(
             () if inputs.contains(&place) => "is an input, and would be overwritten; name another file",
             () if seen.insert(place) => continue,
             () if path == stdout => {
-                let text = "two outputs cannot both go to standard output; give one of them a file, as in --json=FILE";
+                let text = "-: two outputs cannot both go to standard output; give one of them a file";
                 return Err(CliError::Usage(text.into()));
             }
             () => "two outputs cannot have one name; name another file",

@@ -333,7 +333,9 @@ pub fn cluster(args: &ClusterArgs, app: &AppContext) -> Result<(), CliError> {
     let corrections = corrections(placed.as_ref(), painted.as_ref());
     let mut result = recipe::cluster(&params, tree.as_ref(), corrections, context)
         .map_err(|error| of_file(error, "tree", args.tree.as_deref()))?;
-    named(&mut result.names, args.edits.names.as_deref(), result.colours.len())?;
+    if named(&mut result.names, args.edits.names.as_deref(), result.colours.len())? {
+        labels::keep(&result, context)?;
+    }
     if let Some(note) = result.graph.note(&record.mesh) {
         run.progress.note(&note);
     }

@@ -3,8 +3,8 @@
 //! [`KMeans::fit`] is area-weighted and seeded by greedy k-means++. It runs on at most
 //! [`crate::spectral::embedding::MOST_COLUMNS`] points, so its cost does not grow with the mesh. Sums are folded in
 //! chunk order; the result does not depend on threads. No cluster ends empty while there are K distinct points.
-//! Cost for s points of d coordinates: some 8 s d K (2 + ln K) multiply-adds for the first centres, and s d K for a round
-//! of each start. With d = K that is minutes for hundreds of parts.
+//! Cost for s points of d coordinates: some 8 s d K (2 + ln K) multiply-adds for the first centres, and s d K for a
+//! round of each start. With d = K that is minutes for hundreds of parts.
 //!
 //! [`assign`] extrapolates every face (eq. 2), takes the nearest centre and counts; Γ's sum (eq. 6) rides along. Chunks
 //! of columns are independent. Cost: 4 l bytes read and l exponentials per face, which Γ shares. Then

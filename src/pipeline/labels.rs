@@ -201,9 +201,12 @@ pub(super) fn label(
     Ok(result)
 }
 
-/// Stamps `result` in place of what [`label`] has stamped: its labels, which are in the work directory under the name
-/// [`LABELS`], have been changed since.
-pub(super) fn stamp_again(result: &SegmentedMesh, context: Context<'_>) -> Result<()> {
+/// Keeps `result` in place of what the work directory has kept of it so far: names, colours or labels, which lie there
+/// as [`LABELS`], have been changed since.
+///
+/// # Errors
+/// [`crate::base::Error::Io`].
+pub fn keep(result: &SegmentedMesh, context: Context<'_>) -> Result<()> {
     let Context { work, .. } = context;
     let Some(stage) = work.manifest().stages.remove(STAGE) else { return Ok(()) };
     let edits = serde_json::from_value::<LabelFacts>(stage.facts).ok().and_then(|facts| facts.edits);

@@ -186,6 +186,6 @@ pub fn settle(
     result.numbers.walls_label = now(result.numbers.walls_label);
     (result.numbers.faces, result.numbers.area) = (faces, area);
     // A work directory keeps what is written.
-    labels::stamp_again(&result, context)?;
+    labels::keep(&result, context)?;
     Ok(result)
 }

@@ -373,12 +373,12 @@ fn names_go_into_every_output() {
     let scene = scene(5_000);
     let path = |name: &str| scene.dir.path().join(name);
     std::fs::write(path("names.tsv"), "part\tname\n0\tbody: all of it\n3\tleft leg\n").unwrap();
-    let table = path("names.tsv");
+    let (table, work) = (path("names.tsv"), path("named"));
     let outputs =
         ["a.ply", "a.glb", "parts/", "a.parquet", "a.html"].map(|name| path(name).to_str().unwrap().to_owned());
     let outputs = outputs.iter().flat_map(|name| ["-o", name]);
-    let words: Vec<&str> = ["-q", "-k", "9", "--names", word(&table), "--json"].into_iter().chain(outputs).collect();
-    let output = segment(&scene.mesh, &words);
+    let words = ["-q", "-k", "9", "--names", word(&table), "--json", "--work-dir", word(&work)];
+    let output = segment(&scene.mesh, &words.into_iter().chain(outputs).collect::<Vec<_>>());
     let report: Value = serde_json::from_slice(&output.stdout).unwrap();
     assert_eq!(
         (&report["parts"][0]["name"], &report["parts"][3]["name"]),
@@ -392,6 +392,9 @@ fn names_go_into_every_output() {
     }
     assert!(path("parts/part_003_left_leg.ply").is_file() && path("parts/part_001.ply").is_file());
     assert!(text("parts/parts.json").contains("\"name\": \"body: all of it\""));
+    // The work directory forgot them.
+    assert!(run(&["export", "-q", "--work-dir", word(&work), "-o", word(&path("again.ply"))]).status.success());
+    assert!(text("again.ply") == text("a.ply"));
     // Labelled again without names, the old ones are gone; with others, they are replaced.
     segment(&path("a.ply"), &["-q", "-k", "9", "-o", word(&path("b.ply"))]);
     assert!(!text("b.ply").contains("left leg"));
