@@ -7,6 +7,7 @@ use crate::base::{Error, Result};
 use crate::mesh::{Labelling, Mesh, PlyForm, PlyOptions, seg, write_labelled};
 use crate::pipeline::admission::admit;
 use crate::pipeline::input;
+use crate::store::manifest::checksum_of;
 use crate::store::{Context, Run, WorkDir, npy};
 use serde_json::{Value, json};
 use std::ffi::OsStr;
@@ -226,7 +227,15 @@ pub(super) fn admitted(mesh: &Mesh, force: bool, context: Context<'_>) -> Result
 pub(super) fn identity(mesh: &Mesh, work: &WorkDir, of_file: impl FnOnce(&Path) -> Result<Value>) -> Result<Value> {
     match mesh.document() {
         _ if work.is_temporary() => Ok(Value::Null),
-        Some(_) if mesh.path().is_file() => of_file(mesh.path()),
+        Some(document) if mesh.path().is_file() => {
+            let identity = of_file(mesh.path())?;
+            // Another file may lie there by now.
+            if document.is_file() && identity["whole"] != checksum_of(document.bytes()) {
+                let problem = "has changed since it was opened";
+                return Err(Error::malformed(mesh.path(), "file", problem, "open it again"));
+            }
+            Ok(identity)
+        }
         _ => Ok(json!({"content": format!("{:016x}", mesh.content_hash())})),
     }
 }

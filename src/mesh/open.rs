@@ -84,8 +84,7 @@ pub fn open(path: &Path, scratch: &Path, run: &Run) -> Result<Mesh> {
         let pipe = File::open(path).map_err(Error::io(path, "open"))?;
         return open_stream(pipe, path, scratch, run);
     }
-    let bytes = MappedBytes::open(path)?;
-    open_bytes(path, bytes, scratch, run)
+    open_bytes(path, MappedBytes::open(path)?, true, scratch, run)
 }
 
 /// Opens a mesh file that comes as a stream, which is spooled to `scratch` first. `name` stands
@@ -99,18 +98,20 @@ pub fn open_reader(source: impl Read, name: &str, scratch: &Path, run: &Run) -> 
 
 fn open_stream(mut source: impl Read, path: &Path, scratch: &Path, run: &Run) -> Result<Mesh> {
     let bytes = spool(path, &mut source, &scratch.join("input"), run)?;
-    open_bytes(path, bytes, scratch, run)
+    open_bytes(path, bytes, false, scratch, run)
 }
 
-fn open_bytes(path: &Path, bytes: MappedBytes, scratch: &Path, run: &Run) -> Result<Mesh> {
-    let bytes = if import::is_compressed(&bytes) { decompress(path, &bytes, scratch, run)? } else { bytes };
+/// Opens the mesh in `bytes`, which are those of the file at `path` itself or come from elsewhere.
+fn open_bytes(path: &Path, bytes: MappedBytes, is_file: bool, scratch: &Path, run: &Run) -> Result<Mesh> {
+    let compressed = import::is_compressed(&bytes);
+    let bytes = if compressed { decompress(path, &bytes, scratch, run)? } else { bytes };
     if bytes.is_empty() {
         return Err(Error::unusable(path, "is empty (0 bytes)", "get the file again"));
     }
     let mut notes = Vec::new();
-    let bytes = match import::recognise(path, &bytes)? {
-        Format::Ply => bytes,
-        format => import::convert(format, path, &bytes, scratch, &mut notes, run)?,
+    let (bytes, is_file) = match import::recognise(path, &bytes)? {
+        Format::Ply => (bytes, is_file && !compressed),
+        format => (import::convert(format, path, &bytes, scratch, &mut notes, run)?, false),
     };
     let header = header::parse(path, &bytes)?;
     header.check_counts(path, bytes.len())?;
@@ -132,7 +133,7 @@ fn open_bytes(path: &Path, bytes: MappedBytes, scratch: &Path, run: &Run) -> Res
     bytes.advise(Access::Local);
     let (positions, faces, ranges, face_bytes) = (decoded.positions, decoded.faces, decoded.ranges, decoded.face_bytes);
     let path = path.to_path_buf();
-    let document = Document { path, header, bytes, ranges, vertex, axes, face, list, strips, face_bytes };
+    let document = Document { path, header, bytes, is_file, ranges, vertex, axes, face, list, strips, face_bytes };
     Ok(Mesh::with_source(positions, faces, document.path.clone(), Some(document), notes))
 }
 

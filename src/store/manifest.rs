@@ -68,5 +68,10 @@ impl Manifest {
 pub fn checksum(path: &Path) -> Result<String> {
     let bytes = MappedBytes::open(path)?;
     bytes.advise(Access::Sequential);
-    Ok(format!("{:016x}", xxh3_64(&bytes)))
+    Ok(checksum_of(&bytes))
+}
+
+/// The same of bytes in memory.
+pub fn checksum_of(bytes: &[u8]) -> String {
+    format!("{:016x}", xxh3_64(bytes))
 }

@@ -107,6 +107,27 @@ fn sequencing_arrays_writes_no_file() {
     assert_eq!(*watch.seen.lock().unwrap(), Vec::<String>::new());
 }
 
+/// A file that another took the place of since it was opened: the work directory got the stages of the one under the name
+/// of the other, and later runs on the other took them for its own.
+#[test]
+fn a_work_directory_gets_no_stages_of_a_file_that_is_gone() {
+    let dir = tempfile::tempdir().unwrap();
+    let (path, other) = (dir.path().join("a.ply"), dir.path().join("b.ply"));
+    let written = |mesh: Mesh, path: &Path| {
+        let labelling = Labelling { labels: &vec![0; mesh.faces.len()], colours: &[], quality: None, names: &[] };
+        mesh.save(path, labelling).unwrap();
+    };
+    written(Mesh::creature(3_528).unwrap(), &path);
+    written(Mesh::creature(6_000).unwrap(), &other);
+    let opened = Mesh::open(&path).unwrap();
+    std::fs::rename(&other, &path).unwrap();
+    let keeping = Segmenter::new().parts(3).work_dir(dir.path().join("work"));
+    let told = keeping.run(&opened).unwrap_err().to_string();
+    assert!(told.contains("a.ply: file: has changed since it was opened; open it again"), "{told}");
+    let mesh = Mesh::open(&path).unwrap();
+    assert_eq!(keeping.run(&mesh).unwrap().labels().len(), mesh.faces.len());
+}
+
 #[test]
 fn files_arrays_and_work_directories_give_the_same_labels() {
     let dir = tempfile::tempdir().unwrap();

@@ -26,6 +26,8 @@ pub struct Document {
     pub(in crate::mesh) header: Header,
     /// The uncompressed file.
     pub(in crate::mesh) bytes: MappedBytes,
+    /// Whether that is the file at the path itself: a PLY, neither compressed nor streamed.
+    pub(in crate::mesh) is_file: bool,
     /// The bytes of each element, without blanks around them where they are text.
     pub(in crate::mesh) ranges: Vec<Range<usize>>,
     /// Number of the element that holds the vertices.
@@ -96,6 +98,11 @@ impl Document {
     /// is still the same.
     pub fn bytes(&self) -> &[u8] {
         &self.bytes
+    }
+
+    /// Whether [`Document::bytes`] are those of the file at the path, which may have changed since it was opened.
+    pub fn is_file(&self) -> bool {
+        self.is_file
     }
 
     /// The property called `name`, if every vertex or face has one number of it.
