@@ -3,8 +3,9 @@
 //! The silent implementation is `()`. Calls come from several threads; [`Progress::advance`] is
 //! called once per chunk, never once per face.
 
+use super::parallel::lock;
 use std::collections::BTreeMap;
-use std::sync::{Mutex, MutexGuard, PoisonError};
+use std::sync::Mutex;
 use std::time::Instant;
 
 /// A listener to stages. Every method does nothing by default.
@@ -43,28 +44,23 @@ impl Default for Told {
 impl Told {
     /// Adds the `seconds` of a stage that has ended.
     pub fn end(&self, stage: &str, seconds: f64) {
-        *held(&self.seconds).entry(stage.to_owned()).or_default() += seconds;
+        *lock(&self.seconds).entry(stage.to_owned()).or_default() += seconds;
     }
 
     /// Keeps a note.
     pub fn note(&self, text: &str) {
-        held(&self.notes).push(text.to_owned());
+        lock(&self.notes).push(text.to_owned());
     }
 
     /// Seconds by stage so far, and since the run began as `total`.
     pub fn seconds(&self) -> BTreeMap<String, f64> {
-        let mut seconds = held(&self.seconds).clone();
+        let mut seconds = lock(&self.seconds).clone();
         seconds.insert("total".into(), self.start.elapsed().as_secs_f64());
         seconds
     }
 
     /// The notes so far.
     pub fn notes(&self) -> Vec<String> {
-        held(&self.notes).clone()
+        lock(&self.notes).clone()
     }
-}
-
-/// A panic elsewhere leaves what was told as it is.
-fn held<T>(told: &Mutex<T>) -> MutexGuard<'_, T> {
-    told.lock().unwrap_or_else(PoisonError::into_inner)
 }

@@ -236,13 +236,14 @@ fn shared(divided: Divided, args: &RowsArgs, mut params: SegmentParams, app: &Ap
     let spooled = args.mesh.is_none() && record.as_ref().is_some_and(Record::is_spooled);
     let (path, identity) = match &args.mesh {
         Some(path) if streams => (path.clone(), Value::Null),
-        Some(path) => (path.clone(), input::content(path)?),
+        Some(path) => (path.clone(), input::recorded_or_content(path, record.as_ref())?),
         None => {
+            // Where there is none, this says why.
             let record = Record::read(&WorkDir::open_existing(folder)?)?;
             if spooled {
                 (there(None, &record, folder)?, record.identity)
             } else {
-                (record.mesh.clone(), input::content(&record.mesh)?)
+                (record.mesh.clone(), input::recorded_or_content(&record.mesh, Some(&record))?)
             }
         }
     };

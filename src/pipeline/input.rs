@@ -65,11 +65,16 @@ pub fn content(path: &Path) -> Result<Value> {
 /// # Errors
 /// As [`identity`].
 pub fn identity_in(path: &Path, work: &WorkDir) -> Result<Value> {
-    if work.is_temporary() {
-        return identity(path);
-    }
-    match Record::read(work).ok().filter(|record| identity(path).is_ok_and(|seen| seen == record.seen)) {
-        Some(record) => Ok(record.identity),
+    if work.is_temporary() { identity(path) } else { recorded_or_content(path, Record::read(work).ok().as_ref()) }
+}
+
+/// [`content`], as `record` has it where nothing has changed since that was made.
+///
+/// # Errors
+/// As [`identity`].
+pub fn recorded_or_content(path: &Path, record: Option<&Record>) -> Result<Value> {
+    match record.filter(|record| identity(path).is_ok_and(|seen| seen == record.seen)) {
+        Some(record) => Ok(record.identity.clone()),
         None => content(path),
     }
 }
@@ -146,7 +151,7 @@ impl Record {
     pub fn is_of(&self, path: &Path) -> Result<bool> {
         match self.identity.get("stdin") {
             Some(sum) => Ok(*sum == checksum(path)?),
-            None => Ok(identity(path)? == self.seen || same(&content(path)?, &self.identity)),
+            None => Ok(same(&recorded_or_content(path, Some(self))?, &self.identity)),
         }
     }
 
