@@ -11,10 +11,10 @@ const PEAK: &str = "NYSTROM_STREAM_PEAK";
 
 fn main() -> std::process::ExitCode {
     let peak = || ALLOCATOR.max_allocated() as u64;
-    let code = cli::main(peak);
+    let end = cli::main(peak);
     if let Some(path) = std::env::var_os(PEAK) {
         // Whoever asks notices that the file is missing.
         let _ = std::fs::write(path, peak().to_string());
     }
-    code
+    end.code()
 }

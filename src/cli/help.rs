@@ -18,7 +18,8 @@ Examples:
   nystrom-stream segment scans/ --jobs 2 --resume      a folder of meshes, without those already done
   nystrom-stream demo                                  a first look, without a mesh of your own
 
-Exit codes: 0 done; 1 a file cannot be used, or the system failed; 2 wrong command line.";
+Exit codes: 0 done; 1 a file cannot be used, or the system failed; 2 wrong command line. A run that is interrupted cleans
+up and ends by the signal: a shell says 130 after Ctrl-C, 143 after SIGTERM.";
 
 /// After the help of `segment`.
 pub const SEGMENT: &str = "\

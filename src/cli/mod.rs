@@ -131,8 +131,26 @@ fn goes_on(dir: &std::path::Path) -> String {
     format!("the same command goes on from {}", dir.display())
 }
 
+/// How the program ends.
+pub enum End {
+    /// With this exit code.
+    Code(u8),
+    /// By this signal, which was caught to clean up first.
+    Signal(i32),
+}
+
+impl End {
+    /// The exit code; where there is none, the program ends here.
+    pub fn code(self) -> ExitCode {
+        match self {
+            Self::Code(code) => ExitCode::from(code),
+            Self::Signal(signal) => signals::end_by(signal),
+        }
+    }
+}
+
 /// Parses the arguments and runs. `peak` tells the most bytes allocated so far.
-pub fn main(peak: fn() -> u64) -> ExitCode {
+pub fn main(peak: fn() -> u64) -> End {
     nystrom_stream::store::mapped::report_vanishing_files();
     let parsed = command::parsed().try_get_matches().and_then(|matches| Cli::from_arg_matches(&matches));
     let cli = match parsed {
@@ -142,30 +160,29 @@ pub fn main(peak: fn() -> u64) -> ExitCode {
                 Some(text) => progress::tell(&format!("nystrom-stream: {text}")),
                 None => drop(error.print()),
             }
-            return ExitCode::from(if error.use_stderr() { 2 } else { 0 });
+            return End::Code(if error.use_stderr() { 2 } else { 0 });
         }
     };
     let app = AppContext { cancel: Cancel::default(), peak };
-    let cancel = app.cancel.clone();
-    signals::cancel_on(cancel);
+    let heard = signals::cancel_on(app.cancel.clone());
     let goes_on = cli.command.goes_on();
     let result = catch(|| dispatch(cli.command, &app)).unwrap_or_else(|error| Err(error.into()));
     let (text, code) = match result {
-        Ok(()) => return ExitCode::SUCCESS,
-        Err(CliError::Reported) => return ExitCode::from(1),
+        Ok(()) => (None, 0),
+        Err(CliError::Reported) => (None, 1),
         // The reader of standard output has closed it: nothing to report.
-        Err(CliError::Failed(Error::Io { source, .. })) if source.kind() == ErrorKind::BrokenPipe => {
-            return ExitCode::from(1);
+        Err(CliError::Failed(Error::Io { source, .. })) if source.kind() == ErrorKind::BrokenPipe => (None, 1),
+        Err(CliError::Failed(Error::Cancelled)) => {
+            let how = goes_on.map_or(String::new(), |how| format!("; {how}"));
+            (Some(format!("interrupted{how}")), 1)
         }
-        Err(CliError::Failed(Error::Cancelled)) => match goes_on {
-            Some(how) => (format!("interrupted; {how}"), 1),
-            None => ("interrupted".to_string(), 1),
-        },
-        Err(CliError::Failed(error)) => (errors::message(&error), 1),
-        Err(CliError::Usage(text)) => (text, 2),
+        Err(CliError::Failed(error)) => (Some(errors::message(&error)), 1),
+        Err(CliError::Usage(text)) => (Some(text), 2),
     };
-    progress::tell(&format!("nystrom-stream: {text}"));
-    ExitCode::from(code)
+    if let Some(text) = text {
+        progress::tell(&format!("nystrom-stream: {text}"));
+    }
+    heard.ending(code == 0).map_or(End::Code(code), End::Signal)
 }
 
 /// Runs a subcommand.
