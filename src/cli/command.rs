@@ -11,6 +11,9 @@ use std::any::TypeId;
 /// What the help of an option says where its default is that of the work directory.
 const KEPT: &str = ", or as in the work directory";
 
+/// What the help of `--tmp` says where there is an output.
+const BESIDE_OUTPUT: &str = "that of the output";
+
 /// The command with all subcommands.
 pub fn parsed() -> Command {
     Cli::command().mut_subcommands(|subcommand| {
@@ -22,6 +25,11 @@ pub fn parsed() -> Command {
 /// `arg` as `subcommand` has it.
 fn adapted(subcommand: &str, arg: Arg) -> Arg {
     let arg = if is_number(arg.get_value_parser()) { arg.allow_negative_numbers(true) } else { arg };
+    let arg = match (arg.get_id().as_str(), subcommand) {
+        ("tmp", "info" | "plan") => told_anew(arg, BESIDE_OUTPUT, "beside the mesh"),
+        ("tmp", "quality") => told_anew(arg, BESIDE_OUTPUT, "the system's"),
+        _ => arg,
+    };
     // There are no colours in it to be taken out.
     match arg.get_help().map(|help| help.ansi().to_string()) {
         Some(help) if help.contains(KEPT) && !goes_on(subcommand, arg.get_id().as_str()) => {
@@ -31,14 +39,18 @@ fn adapted(subcommand: &str, arg: Arg) -> Arg {
     }
 }
 
+/// `arg`, whose help says `new` in the place of `old`.
+fn told_anew(arg: Arg, old: &str, new: &str) -> Arg {
+    let help = arg.get_help().map(|help| help.ansi().to_string().replace(old, new));
+    arg.help(help.unwrap_or_default())
+}
+
 /// Whether `option`, not given to `subcommand`, is as in the work directory.
 fn goes_on(subcommand: &str, option: &str) -> bool {
     match subcommand {
         "cluster" => true,
         "rows" | "share" => ["order", "seed"].contains(&option),
-        // Nothing in it is random.
-        "merge" => option == "seed",
-        "embed" | "export" => option == "seed",
+        "embed" => option == "seed",
         _ => false,
     }
 }
@@ -68,8 +80,13 @@ mod tests {
         for subcommand in ["segment", "plan", "graph", "picture", "correspond"] {
             assert!(!told(subcommand).contains(KEPT), "{subcommand}");
         }
-        for subcommand in ["cluster", "rows", "embed", "export"] {
+        for subcommand in ["cluster", "rows", "embed"] {
             assert!(told(subcommand).contains(KEPT), "{subcommand}");
+        }
+        for (subcommand, folder) in
+            [("segment", "that of the output"), ("info", "beside the mesh"), ("quality", "the system's")]
+        {
+            assert!(told(subcommand).contains(&format!("temporary files [default: {folder}]")), "{subcommand}");
         }
         assert!(told("segment").contains("[default: parts]") && told("cluster").contains("[default: parts, or as"));
         assert!(told("rows").contains("[default: parts]") && told("rows").contains("[default: 0, or as"));

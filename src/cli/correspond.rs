@@ -3,7 +3,7 @@
 use super::choices::choice;
 use super::errors::of_file;
 use super::input::{check_there, open_file};
-use super::options::{AppContext, CliError, ForceArgs, RunArgs, misfit};
+use super::options::{AppContext, CliError, ForceArgs, RunArgs, ScratchArgs, misfit};
 use super::output::JsonArgs;
 use super::sink::{check_outside, check_places, folder_of};
 use clap::ValueEnum;
@@ -78,6 +78,8 @@ pub struct CorrespondArgs {
     pub method: MethodArgs,
     #[command(flatten)]
     pub run: RunArgs,
+    #[command(flatten)]
+    pub scratch: ScratchArgs,
 }
 
 /// What the colours show.
@@ -200,7 +202,7 @@ pub fn run(args: &CorrespondArgs, app: &AppContext) -> Result<(), CliError> {
     let bars = args.run.bars();
     let run = args.run.run(&bars, app);
     let beside = || outputs().next().map_or_else(std::env::temp_dir, |path| folder_of(path));
-    let work = args.run.work(args.work_dir.as_deref(), beside, &run)?;
+    let work = args.scratch.work(args.work_dir.as_deref(), beside, &run)?;
     let mut inputs = None;
     if args.work_dir.is_some() {
         let both = [identity_of_two(&args.a)?, identity_of_two(&args.b)?];

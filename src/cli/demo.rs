@@ -1,6 +1,6 @@
 //! `demo`: makes a mesh with known parts, cuts it, and compares. A first look without a mesh of one's own.
 
-use super::options::{AppContext, CliError, RunArgs};
+use super::options::{AppContext, CliError, RunArgs, ScratchArgs};
 use super::output::Output;
 use super::progress::human;
 use super::segment::{self, Job, SegmentArgs, Task};
@@ -27,6 +27,11 @@ pub struct DemoArgs {
     pub folder: PathBuf,
     #[command(flatten)]
     pub run: RunArgs,
+    #[command(flatten)]
+    pub scratch: ScratchArgs,
+    /// Do not check for free disk space before the start
+    #[arg(long, help_heading = "Running")]
+    pub no_plan: bool,
 }
 
 pub fn run(args: &DemoArgs, app: &AppContext) -> Result<(), CliError> {
@@ -48,7 +53,7 @@ pub fn run(args: &DemoArgs, app: &AppContext) -> Result<(), CliError> {
     let (ply, labels_file) = (args.folder.join("creature.segmented.ply"), args.folder.join("creature.labels.seg"));
     let words = ["segment".into(), mesh.clone().into_os_string()];
     let cut = CutArgs::try_parse_from(words).map_err(|error| CliError::Usage(error.to_string()))?.args;
-    let cut = SegmentArgs { run: args.run.clone(), ..cut };
+    let cut = SegmentArgs { run: args.run.clone(), scratch: args.scratch.clone(), no_plan: args.no_plan, ..cut };
     let job = Job { mesh, outputs: vec![Output::of(&ply)?, Output::of(&labels_file)?] };
     let params = cut.method.params()?;
     // Making the mesh is not a part of what is measured.

@@ -1,7 +1,7 @@
 //! `info` and `verify`: what a work directory or a mesh holds and measures, and whether a work directory still does.
 
 use super::input::read;
-use super::options::{AppContext, CliError, ForceArgs, RunArgs, WorkDirArgs, either};
+use super::options::{AppContext, CliError, ForceArgs, ResourceArgs, ScratchArgs, ShownArgs, WorkDirArgs, either};
 use super::output::{JsonArgs, Significant};
 use super::progress::{counted, human, tell};
 use super::sink::{check_places, scratch_beside};
@@ -35,7 +35,9 @@ pub struct InfoArgs {
     #[command(flatten)]
     pub json: JsonArgs,
     #[command(flatten)]
-    pub run: RunArgs,
+    pub resources: ResourceArgs,
+    #[command(flatten)]
+    pub scratch: ScratchArgs,
 }
 
 /// Arguments of `verify`.
@@ -46,7 +48,7 @@ pub struct VerifyArgs {
     #[command(flatten)]
     pub json: JsonArgs,
     #[command(flatten)]
-    pub run: RunArgs,
+    pub shown: ShownArgs,
 }
 
 /// Faces of the mesh behind a manifest, where its graph is there.
@@ -87,7 +89,7 @@ fn header(path: &Path) -> Result<(String, Value)> {
 
 /// The mesh at `path` or on standard input, read and measured, as text and JSON.
 fn mesh(path: &Path, args: &InfoArgs, app: &AppContext) -> Result<(String, Value)> {
-    let run = args.run.run(&(), app);
+    let run = args.resources.run(&(), app);
     let stdin = path.as_os_str() == "-";
     let streams = stdin || is_pipe(path);
     let name = if stdin { "<stdin>".into() } else { path.to_string_lossy() };
@@ -96,7 +98,7 @@ fn mesh(path: &Path, args: &InfoArgs, app: &AppContext) -> Result<(String, Value
         return Ok((text, all));
     }
     let beside = || if streams { std::env::temp_dir() } else { scratch_beside(path) };
-    let work = args.run.work(None, beside, &run)?;
+    let work = args.scratch.work(None, beside, &run)?;
     let context = Context::new(&work, &run);
     let (opened, _) = read(path, ForceArgs { force: false }, context)?;
     let measures = measure::mesh(&opened, context)?;
@@ -209,8 +211,8 @@ pub fn run(args: &InfoArgs, app: &AppContext) -> std::result::Result<(), CliErro
 }
 
 pub fn verify(args: &VerifyArgs, app: &AppContext) -> std::result::Result<(), CliError> {
-    let bars = args.run.bars();
-    let run: Run = args.run.run(&bars, app);
+    let bars = args.shown.bars();
+    let run = Run { cancel: app.cancel.clone(), ..Run::new(&bars) };
     let work = WorkDir::open_any(args.place.path())?;
     let inner = work.all_inner()?;
     let manifests = [work.manifest()].into_iter().chain(inner.values().map(|inner| inner.manifest()));

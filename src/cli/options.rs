@@ -93,25 +93,37 @@ pub enum ProgressArg {
     None,
 }
 
-/// Options of a run.
+/// What a run may use.
 #[derive(Clone, Debug, clap::Args)]
 #[command(next_help_heading = "Running")]
-pub struct RunArgs {
+pub struct ResourceArgs {
     /// Worker threads [default: one per core]
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(1..))]
     pub threads: Option<u16>,
     /// Memory to allocate at most, such as 512MiB or 2GiB [default: half of what is free]
     #[arg(long, value_name = "SIZE", value_parser = parse_size)]
     pub max_memory: Option<u64>,
-    /// Seed of all random choices [default: 0, or as in the work directory]
-    #[arg(long, value_name = "S")]
-    pub seed: Option<u64>,
-    /// Folder for temporary files [default: that of the output]
-    #[arg(long, value_name = "DIR")]
-    pub tmp: Option<PathBuf>,
-    /// Do not check for free disk space before the start
-    #[arg(long)]
-    pub no_plan: bool,
+}
+
+impl ResourceArgs {
+    /// The context of a run in which nothing is random.
+    pub fn run<'a>(&self, progress: &'a dyn Progress, app: &AppContext) -> Run<'a> {
+        let mut run = Run::new(progress);
+        if let Some(threads) = self.threads {
+            run.threads = usize::from(threads);
+        }
+        if let Some(bytes) = self.max_memory {
+            run.budget = Budget::new(bytes);
+        }
+        run.cancel = app.cancel.clone();
+        run
+    }
+}
+
+/// What a run tells while it lasts.
+#[derive(Clone, Debug, clap::Args)]
+#[command(next_help_heading = "Running")]
+pub struct ShownArgs {
     /// Print nothing but errors
     #[arg(short, long)]
     pub quiet: bool,
@@ -120,7 +132,7 @@ pub struct RunArgs {
     pub progress: ProgressArg,
 }
 
-impl RunArgs {
+impl ShownArgs {
     /// The listener that --progress and --quiet ask for.
     pub fn bars(&self) -> Bars {
         Bars::new(match self.progress {
@@ -131,21 +143,18 @@ impl RunArgs {
             ProgressArg::None => Style::Quiet,
         })
     }
+}
 
-    /// The context of the run: threads, memory, seed, progress and cancellation.
-    pub fn run<'a>(&self, progress: &'a dyn Progress, app: &AppContext) -> Run<'a> {
-        let mut run = Run::new(progress);
-        if let Some(threads) = self.threads {
-            run.threads = usize::from(threads);
-        }
-        if let Some(bytes) = self.max_memory {
-            run.budget = Budget::new(bytes);
-        }
-        run.seed = self.seed.unwrap_or(0);
-        run.cancel = app.cancel.clone();
-        run
-    }
+/// Where a run keeps what it needs while it lasts.
+#[derive(Clone, Debug, clap::Args)]
+#[command(next_help_heading = "Running")]
+pub struct ScratchArgs {
+    /// Folder for temporary files [default: that of the output]
+    #[arg(long, value_name = "DIR")]
+    pub tmp: Option<PathBuf>,
+}
 
+impl ScratchArgs {
     /// The work directory `kept`; without one a temporary one, under `--tmp` or else `beside`, which holds arrays in
     /// memory as far as the budget of `run` allows.
     pub fn work(&self, kept: Option<&Path>, beside: impl FnOnce() -> PathBuf, run: &Run) -> Result<WorkDir> {
@@ -153,6 +162,31 @@ impl RunArgs {
             Some(dir) => open(dir, run),
             None => Ok(WorkDir::temporary(&self.tmp.clone().unwrap_or_else(beside))?.holding(&run.budget)),
         }
+    }
+}
+
+/// Options of a run in which something is random.
+#[derive(Clone, Debug, clap::Args)]
+#[command(next_help_heading = "Running")]
+pub struct RunArgs {
+    #[command(flatten)]
+    pub resources: ResourceArgs,
+    /// Seed of all random choices [default: 0, or as in the work directory]
+    #[arg(long, value_name = "S")]
+    pub seed: Option<u64>,
+    #[command(flatten)]
+    pub shown: ShownArgs,
+}
+
+impl RunArgs {
+    /// The listener that --progress and --quiet ask for.
+    pub fn bars(&self) -> Bars {
+        self.shown.bars()
+    }
+
+    /// The context of the run: threads, memory, seed, progress and cancellation.
+    pub fn run<'a>(&self, progress: &'a dyn Progress, app: &AppContext) -> Run<'a> {
+        Run { seed: self.seed.unwrap_or(0), ..self.resources.run(progress, app) }
     }
 }
 

@@ -17,6 +17,7 @@ use nystrom_stream::mesh::{Document, Mesh, ends_with, seg};
 use nystrom_stream::pipeline::cuts::KeptCuts;
 use nystrom_stream::store::{Context, Run, WorkDir, json, npy};
 use serde_json::{Value, json};
+use std::collections::HashSet;
 use std::ffi::OsStr;
 use std::path::{Path, PathBuf};
 use std::time::Instant;
@@ -119,14 +120,14 @@ impl PlyArgs {
     /// Refuses options that none of `outputs` would follow.
     pub fn check(self, outputs: &[Output]) -> Result<(), CliError> {
         let is_file = |output: &Output| matches!(output, Output::Ply(_) | Output::Stdout);
-        if self.split_faces && !outputs.is_empty() && !outputs.iter().any(is_file) {
+        if self.split_faces && !outputs.iter().any(is_file) {
             return Err(CliError::Usage("--split-faces goes with a .ply output; other outputs keep the faces".into()));
         }
         let is_ply = |output: &Output| matches!(output, Output::Ply(_) | Output::Folder(_) | Output::Stdout);
         let split = (self.split_vertices, "--split-vertices");
         let given = [(self.vertex_labels, "--vertex-labels"), split, (self.ply_form != PlyForm::Same, "--ply-form")];
         match given.into_iter().find(|(given, _)| *given) {
-            Some((_, option)) if !outputs.is_empty() && !outputs.iter().any(is_ply) => {
+            Some((_, option)) if !outputs.iter().any(is_ply) => {
                 Err(CliError::Usage(format!("{option} goes with a .ply output")))
             }
             _ => Ok(()),
@@ -374,6 +375,27 @@ pub fn outputs_of(paths: &[PathBuf]) -> Result<Vec<Output>, CliError> {
         outputs.push(output);
     }
     Ok(outputs)
+}
+
+/// Refuses `files`, inputs as well as outputs, that a folder of parts among `outputs` would replace, or that would
+/// replace one of its own.
+pub fn check_folders<'a>(
+    outputs: impl IntoIterator<Item = &'a Output>,
+    files: impl IntoIterator<Item = &'a PathBuf>,
+) -> Result<(), CliError> {
+    let folder = |output: &Output| if let Output::Folder(path) = output { path.canonicalize().ok() } else { None };
+    let folders: HashSet<PathBuf> = outputs.into_iter().filter_map(folder).collect();
+    let clashes = |path: &&PathBuf| {
+        let named = path.file_name().and_then(OsStr::to_str).is_some_and(split::is_file_name);
+        named && folder_of(path).canonicalize().is_ok_and(|folder| folders.contains(&folder))
+    };
+    match files.into_iter().find(clashes) {
+        Some(path) => {
+            let text = "lies in a folder of parts, which has a file of this name; name another file or folder";
+            Err(CliError::Usage(format!("{}: {text}", path.display())))
+        }
+        None => Ok(()),
+    }
 }
 
 /// What a command ends with: how many `faces` are in how many `parts`, how long it took, and where they went.

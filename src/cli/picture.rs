@@ -1,7 +1,7 @@
 //! `picture`: a mesh and its parts as a PNG.
 
 use super::input::{check_there, read};
-use super::options::{AppContext, CliError, ForceArgs, RunArgs};
+use super::options::{AppContext, CliError, ForceArgs, ResourceArgs, ScratchArgs, ShownArgs};
 use super::sink::{check_is_no_stream, check_places, folder_of};
 use nystrom_stream::apps::labelled_faces::LabelledFaces;
 use nystrom_stream::apps::picture::{PictureParams, Up, render_named};
@@ -47,7 +47,11 @@ pub struct PictureArgs {
     #[arg(long, value_name = "DEG", default_value_t = 0., allow_negative_numbers = true)]
     pub tilt: f64,
     #[command(flatten)]
-    pub run: RunArgs,
+    pub resources: ResourceArgs,
+    #[command(flatten)]
+    pub shown: ShownArgs,
+    #[command(flatten)]
+    pub scratch: ScratchArgs,
 }
 
 /// Width and height from "1600x1200".
@@ -92,9 +96,9 @@ pub fn run(args: &PictureArgs, app: &AppContext) -> Result<(), CliError> {
     check_is_no_stream("-o", &target)?;
     check_places([&args.mesh].into_iter().chain(&args.labels), [&target])?;
     check_there(&args.mesh)?;
-    let bars = args.run.bars();
-    let run = args.run.run(&bars, app);
-    let work = WorkDir::temporary(args.run.tmp.as_deref().unwrap_or(&folder_of(&target)))?;
+    let bars = args.shown.bars();
+    let run = args.resources.run(&bars, app);
+    let work = WorkDir::temporary(args.scratch.tmp.as_deref().unwrap_or(&folder_of(&target)))?;
     let (opened, _) = read(&args.mesh, ForceArgs::default(), Context::new(&work, &run))?;
     let faces = opened.faces.len();
     let mut labelled = labelled(&opened, args.labels.as_deref(), Context::new(&work, &run))?;

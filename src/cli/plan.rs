@@ -1,7 +1,7 @@
 //! `plan`: memory, disk and time of a run, before it starts.
 
 use super::method::MethodArgs;
-use super::options::{AppContext, CliError, RunArgs};
+use super::options::{AppContext, CliError, ResourceArgs, ScratchArgs};
 use super::output::JsonArgs;
 use super::progress::{human, words};
 use super::sink::{check_places, scratch_beside};
@@ -12,7 +12,7 @@ use nystrom_stream::pipeline::calibrate::calibrate;
 use nystrom_stream::pipeline::plan::{Pace, Plan, order_is_open};
 use nystrom_stream::store::disk_speed::DiskSpeed;
 use nystrom_stream::store::json::value as to_json;
-use nystrom_stream::store::{Budget, Context};
+use nystrom_stream::store::{Budget, Context, Run};
 use serde_json::json;
 use std::collections::BTreeMap;
 use std::fmt::Write;
@@ -32,7 +32,12 @@ pub struct PlanArgs {
     #[command(flatten)]
     pub method: MethodArgs,
     #[command(flatten)]
-    pub run: RunArgs,
+    pub resources: ResourceArgs,
+    /// Seed of all random choices [default: 0, or as in the work directory]
+    #[arg(long, value_name = "S", help_heading = "Running")]
+    pub seed: Option<u64>,
+    #[command(flatten)]
+    pub scratch: ScratchArgs,
 }
 
 /// Bytes that the page cache may use while a run allocates what is planned.
@@ -72,14 +77,14 @@ pub fn run(args: &PlanArgs, app: &AppContext) -> Result<(), CliError> {
     }
     check_places([&args.mesh], &args.json.json)?;
     let params = args.method.params()?;
-    let run = args.run.run(&(), app);
+    let run = Run { seed: args.seed.unwrap_or(0), ..args.resources.run(&(), app) };
     let size = size_of_mesh(&args.mesh)?;
     let lasting = args.work_dir.is_some();
     let plan = Plan::new(size, &params, false, lasting, &run);
     plan.check_size(&args.mesh)?;
     params.check_for(&args.mesh, size.faces)?;
     params.check_memory(size.faces, &run)?;
-    let folder = args.work_dir.clone().or(args.run.tmp.clone()).unwrap_or_else(|| scratch_beside(&args.mesh));
+    let folder = args.work_dir.clone().or(args.scratch.tmp.clone()).unwrap_or_else(|| scratch_beside(&args.mesh));
     // A work directory may not be there yet; its disk is that of the nearest folder that is.
     let folder = folder.ancestors().find(|folder| folder.is_dir()).unwrap_or(Path::new(".")).to_path_buf();
     let measured = calibrate(&params, plan.landmarks, size.faces, &folder, &run)?;

@@ -3,7 +3,7 @@
 use super::choices::choice;
 use super::input::open_file;
 use super::method::MetricArgs;
-use super::options::{AppContext, CliError, RunArgs, misfit};
+use super::options::{AppContext, CliError, RunArgs, ScratchArgs, misfit};
 use super::output::{JsonArgs, check_charts};
 use super::sink::{Sink, check_places};
 use nystrom_stream::apps::plots::charts;
@@ -68,7 +68,7 @@ pub struct QualityArgs {
     pub gamma_kernel: Kernel,
     /// Compute all distances too, up to 5,000 faces: the exact residual, and for one run the norms of the Schur
     /// complement and the principal angles to the exact eigenvectors, in time cubic in the number of faces
-    #[arg(long)]
+    #[arg(long, conflicts_with = "embedding")]
     pub exact: bool,
     /// What is sampled
     #[arg(long, value_parser = choice::<Over>(), default_value = "faces")]
@@ -85,6 +85,8 @@ pub struct QualityArgs {
     pub plot: Vec<PathBuf>,
     #[command(flatten)]
     pub run: RunArgs,
+    #[command(flatten)]
+    pub scratch: ScratchArgs,
 }
 
 /// What is asked for, checked.
@@ -92,6 +94,9 @@ fn params(args: &QualityArgs) -> Result<CompareParams, CliError> {
     check_charts("--plot", &args.plot)?;
     if !args.plot.is_empty() && !args.compare {
         return Err(CliError::Usage("--plot goes with --compare: it draws a comparison".into()));
+    }
+    if args.csv.is_some() && args.embedding {
+        return Err(CliError::Usage("--csv goes without --embedding: it has a line for each sample".into()));
     }
     if args.seeds.is_some() && !args.compare {
         return Err(misfit("--seeds", "--compare"));
@@ -143,7 +148,7 @@ pub fn quality(args: &QualityArgs, app: &AppContext) -> Result<(), CliError> {
         .lengths(params.samplings.iter().any(|sampling| sampling.needs_lengths()));
     let (mut records, mut errors) = (Vec::new(), Vec::new());
     for path in &args.meshes {
-        let work = args.run.work(None, std::env::temp_dir, &run)?;
+        let work = args.scratch.work(None, std::env::temp_dir, &run)?;
         let opened = open_file(path, work.path(), &run)?;
         let ground = StudyData::of(&opened, &input::identity(path)?, grounds, Context::new(&work, &run))?;
         if args.exact && ground.matrix.is_none() {

@@ -9,8 +9,8 @@ use super::errors::message;
 use super::input::{check_there, meshes, read};
 use super::made::Maker;
 use super::method::MethodArgs;
-use super::options::{AppContext, CliError, ForceArgs, RunArgs};
-use super::output::{FormArgs, JsonArgs, Output, Results, check_names, ending, measured, outputs_of};
+use super::options::{AppContext, CliError, ForceArgs, RunArgs, ScratchArgs};
+use super::output::{FormArgs, JsonArgs, Output, Results, check_folders, check_names, ending, measured, outputs_of};
 use super::progress::{Bars, BatchBars, Style, human, tell};
 use super::sink::{OpenSink, Sink, check_distinct, check_outside, folder_of};
 use super::stages::{KeptEmbedding, embedding};
@@ -84,6 +84,11 @@ pub struct SegmentArgs {
     pub method: MethodArgs,
     #[command(flatten)]
     pub run: RunArgs,
+    #[command(flatten)]
+    pub scratch: ScratchArgs,
+    /// Do not check for free disk space before the start
+    #[arg(long, help_heading = "Running")]
+    pub no_plan: bool,
 }
 
 impl SegmentArgs {
@@ -100,7 +105,8 @@ fn check(args: &SegmentArgs, meshes: &[PathBuf], several: bool) -> Result<(Segme
     params.check()?;
     let misused = |text: &str| Err(CliError::Usage(text.into()));
     let outputs = outputs_of(&args.output)?;
-    args.form.check(&outputs)?;
+    // What is written by default is a PLY.
+    args.form.check(if outputs.is_empty() { &[Output::Stdout] } else { &outputs })?;
     if !outputs.is_empty() {
         check_names(args.edits.names.as_deref(), &outputs, &args.json)?;
     }
@@ -141,7 +147,7 @@ pub fn run(args: &SegmentArgs, app: &AppContext) -> Result<(), CliError> {
             return Err(CliError::Usage(format!("--like {}: goes with --cluster parts only", path.display())));
         }
         Some(path) => {
-            let place = args.run.tmp.clone().unwrap_or_else(std::env::temp_dir);
+            let place = args.scratch.tmp.clone().unwrap_or_else(std::env::temp_dir);
             let (work, run) = (WorkDir::temporary(&place)?, args.run.run(&(), app));
             Some(match edits.take() {
                 Some(edits) => {
@@ -160,7 +166,9 @@ pub fn run(args: &SegmentArgs, app: &AppContext) -> Result<(), CliError> {
     let written: Vec<PathBuf> = written.chain(args.json.json.clone()).chain(args.json_lines.clone()).collect();
     let edits = args.edits.edits.iter().chain(&args.edits.names).chain(&args.like.like);
     check_outside(args.work_dir.as_deref(), &written)?;
-    check_distinct(jobs.iter().map(|job| &job.mesh).chain(edits), &written)?;
+    check_distinct(jobs.iter().map(|job| &job.mesh).chain(edits.clone()), &written)?;
+    let files = jobs.iter().map(|job| &job.mesh).chain(edits).chain(&written);
+    check_folders(jobs.iter().flat_map(|job| &job.outputs), files)?;
     // Those of each mesh are looked at when its turn comes.
     args.json.json.iter().chain(&args.json_lines).try_for_each(|path| Sink::of(path).check())?;
     if many {
@@ -268,8 +276,8 @@ pub fn one(job: &Job, task: Task<'_>, bars: &Bars, run: &Run, app: &AppContext) 
     check_there(path)?;
     outputs.iter().try_for_each(Output::check)?;
     let beside = || outputs.iter().find_map(Output::path).map_or_else(std::env::temp_dir, folder_of);
-    let work = args.run.work(args.work_dir.as_deref(), beside, run)?;
-    if path.as_os_str() != "-" && !args.run.no_plan {
+    let work = args.scratch.work(args.work_dir.as_deref(), beside, run)?;
+    if path.as_os_str() != "-" && !args.no_plan {
         super::plan::check(path, params, Context::new(&work, run))?;
     }
     let (opened, identity) = read(path, args.force, Context::new(&work, run))?;

@@ -2,7 +2,7 @@
 
 use super::choices::choice;
 use super::input::{check_there, read};
-use super::options::{AppContext, CliError, ForceArgs, RunArgs};
+use super::options::{AppContext, CliError, ForceArgs, RunArgs, ScratchArgs};
 use super::output::JsonArgs;
 use super::sink::{check_is_no_stream, check_outside, check_places, folder_of, print};
 use nystrom_stream::apps::picture::{PictureParams, render};
@@ -53,6 +53,8 @@ pub struct SequenceArgs {
     pub force: ForceArgs,
     #[command(flatten)]
     pub run: RunArgs,
+    #[command(flatten)]
+    pub scratch: ScratchArgs,
 }
 
 impl SequenceArgs {
@@ -141,7 +143,7 @@ pub fn run(args: &SequenceArgs, app: &AppContext) -> Result<(), CliError> {
         Target::Stdout => None,
     };
     let beside = || targets.iter().find_map(folder).unwrap_or_else(std::env::temp_dir);
-    let work = args.run.work(args.work_dir.as_deref(), beside, &run)?;
+    let work = args.scratch.work(args.work_dir.as_deref(), beside, &run)?;
     let (opened, identity) = read(&args.mesh, args.force, Context::new(&work, &run))?;
     let sequencer = Sequencer::new(&opened, &identity, Context::new(&work, &run))?;
     let landmarks = args.landmarks.map(|l| l as usize);

@@ -9,8 +9,8 @@ use super::edits::{EditArgs, corrections, named};
 use super::errors::of_file;
 use super::input::{open_file, read};
 use super::method::{KernelArgs, MethodArgs, OrderArgs, PartsArgs};
-use super::options::{AppContext, CliError, ForceArgs, RunArgs, WorkDirArgs, misfit, open};
-use super::output::{FormArgs, JsonArgs, Output, Results, check_names, ending, outputs_of};
+use super::options::{AppContext, CliError, ForceArgs, ResourceArgs, RunArgs, ShownArgs, WorkDirArgs, misfit, open};
+use super::output::{FormArgs, JsonArgs, Output, Results, check_folders, check_names, ending, outputs_of};
 use super::progress::counted;
 use super::sink::{check_outside, check_places, print};
 use nystrom_stream::apps::edits::Edits;
@@ -104,7 +104,7 @@ pub struct MergeArgs {
     #[command(flatten)]
     pub json: JsonArgs,
     #[command(flatten)]
-    pub run: RunArgs,
+    pub shown: ShownArgs,
 }
 
 /// Arguments of `embed`.
@@ -169,15 +169,17 @@ pub struct ExportArgs {
     #[arg(long, value_name = "TSV", requires = "output")]
     pub names: Option<PathBuf>,
     #[command(flatten)]
-    pub run: RunArgs,
+    pub resources: ResourceArgs,
+    #[command(flatten)]
+    pub shown: ShownArgs,
 }
 
-/// Opens a work directory that must be there; the run gets its seed.
-fn reopen<'a>(place: &Place, args: &RunArgs, run: Run<'a>) -> Result<(WorkDir, Record, Run<'a>), CliError> {
+/// Opens a work directory that must be there; the run gets its seed, unless it is given another.
+fn reopen<'a>(place: &Place, seed: Option<u64>, run: Run<'a>) -> Result<(WorkDir, Record, Run<'a>), CliError> {
     drop(WorkDir::open_existing(&place.work_dir)?);
     let work = open(&place.work_dir, &run)?;
     let record = Record::read(&work)?;
-    let seed = args.seed.unwrap_or(record.seed);
+    let seed = seed.unwrap_or(record.seed);
     Ok((work, record, Run { seed, ..run }))
 }
 
@@ -277,8 +279,8 @@ fn shared(divided: Divided, args: &RowsArgs, mut params: SegmentParams, app: &Ap
 }
 
 pub fn merge(args: &MergeArgs, app: &AppContext) -> Result<(), CliError> {
-    let bars = args.run.bars();
-    let run = args.run.run(&bars, app);
+    let bars = args.shown.bars();
+    let run = Run { cancel: app.cancel.clone(), ..Run::new(&bars) };
     let work = open(args.place.path(), &run)?;
     let rows = shard::merge(Context::new(&work, &run))?;
     let told = json!({"work_dir": args.place.path().to_string_lossy(), "rows": rows.len(), "faces": rows.nodes});
@@ -290,7 +292,7 @@ pub fn embed(args: &EmbedArgs, app: &AppContext) -> Result<(), CliError> {
     let dimensions = args.dimensions.map_or(two_means::DIMENSIONS, usize::from);
     let params = args.kernel.params(dimensions)?.unwrap_or(EmbeddingParams::for_parts(dimensions));
     let params = EmbeddingParams { dimensions, ..params };
-    let (work, record, run) = reopen(&args.place, &args.run, args.run.run(&bars, app))?;
+    let (work, record, run) = reopen(&args.place, args.run.seed, args.run.run(&bars, app))?;
     embed::embed(params, &record.params, Context::new(&work, &run))?;
     Ok(())
 }
@@ -301,9 +303,11 @@ pub fn cluster(args: &ClusterArgs, app: &AppContext) -> Result<(), CliError> {
     let outputs = outputs_of(&args.output)?;
     args.form.check(&outputs)?;
     check_names(args.edits.names.as_deref(), &outputs, &args.json)?;
-    let (work, record, run) = reopen(&args.place, &args.run, args.run.run(&bars, app))?;
+    let (work, record, run) = reopen(&args.place, args.run.seed, args.run.run(&bars, app))?;
     let inputs = [&args.mesh, &args.tree, &args.edits.edits, &args.edits.names].into_iter().flatten();
-    check_places(inputs.chain([&record.mesh]), args.output.iter().chain(&args.json.json))?;
+    let inputs = inputs.chain([&record.mesh]);
+    check_places(inputs.clone(), args.output.iter().chain(&args.json.json))?;
+    check_folders(&outputs, inputs.chain(&args.output).chain(&args.json.json))?;
     check_outside(Some(work.path()), args.output.iter().chain(&args.json.json))?;
     let mut params = record.params.clone();
     if args.parts.cluster.is_some_and(|cluster| cluster != params.cluster) {
@@ -368,7 +372,7 @@ pub fn cluster(args: &ClusterArgs, app: &AppContext) -> Result<(), CliError> {
     let faces = counted(faces, "face");
     if !outputs.is_empty() {
         run.progress.note_of_work(&ending(&faces, parts, start, &outputs));
-    } else if args.json.json.is_none() && !args.run.quiet {
+    } else if args.json.json.is_none() && !args.run.shown.quiet {
         let path = work.file(labels::LABELS);
         let parts = counted(parts, "part");
         let text = format!("{faces} in {parts}, labels in {}; -o OUT writes a mesh\n", line(&path.to_string_lossy()));
@@ -378,16 +382,18 @@ pub fn cluster(args: &ClusterArgs, app: &AppContext) -> Result<(), CliError> {
 }
 
 pub fn export(args: &ExportArgs, app: &AppContext) -> Result<(), CliError> {
-    let bars = args.run.bars();
+    let bars = args.shown.bars();
     let outputs = outputs_of(&args.output)?;
     if outputs.is_empty() && args.tree.is_none() {
         return Err(CliError::Usage("export: nothing to write; give -o OUT, --tree FILE, or both".into()));
     }
     args.form.check(&outputs)?;
     check_names(args.names.as_deref(), &outputs, &JsonArgs::default())?;
-    let (work, record, run) = reopen(&args.place, &args.run, args.run.run(&bars, app))?;
+    let (work, record, run) = reopen(&args.place, None, args.resources.run(&bars, app))?;
     let inputs = [&args.mesh, &args.names].into_iter().flatten();
-    check_places(inputs.chain([&record.mesh]), args.output.iter().chain(&args.tree))?;
+    let inputs = inputs.chain([&record.mesh]);
+    check_places(inputs.clone(), args.output.iter().chain(&args.tree))?;
+    check_folders(&outputs, inputs.chain(&args.output).chain(&args.tree))?;
     check_outside(Some(work.path()), args.output.iter().chain(&args.tree))?;
     if args.mesh.is_some() {
         there(args.mesh.as_deref(), &record, work.path())?;

@@ -1,8 +1,8 @@
 //! `transfer-labels`: labels carried over to another mesh of the same shape.
 
 use super::input::{check_there, open_file};
-use super::options::{AppContext, CliError, RunArgs};
-use super::output::{JsonArgs, Output, PartFile, PlyArgs, Results, outputs_of};
+use super::options::{AppContext, CliError, ResourceArgs, ScratchArgs, ShownArgs};
+use super::output::{JsonArgs, Output, PartFile, PlyArgs, Results, check_folders, outputs_of};
 use super::picture::labelled;
 use super::sink::{check_places, folder_of};
 use nystrom_stream::apps::transfer::transfer;
@@ -32,19 +32,24 @@ pub struct TransferArgs {
     #[command(flatten)]
     pub ply: PlyArgs,
     #[command(flatten)]
-    pub run: RunArgs,
+    pub resources: ResourceArgs,
+    #[command(flatten)]
+    pub shown: ShownArgs,
+    #[command(flatten)]
+    pub scratch: ScratchArgs,
 }
 
 pub fn run(args: &TransferArgs, app: &AppContext) -> Result<(), CliError> {
     let outputs = outputs_of(&args.output)?;
     args.ply.check(&outputs)?;
     let inputs = [&args.from, &args.to].into_iter().chain(&args.labels);
-    check_places(inputs, args.output.iter().chain(&args.json.json))?;
+    check_places(inputs.clone(), args.output.iter().chain(&args.json.json))?;
+    check_folders(&outputs, inputs.chain(&args.output).chain(&args.json.json))?;
     [&args.from, &args.to].into_iter().try_for_each(|path| check_there(path))?;
-    let bars = args.run.bars();
-    let run = args.run.run(&bars, app);
+    let bars = args.shown.bars();
+    let run = args.resources.run(&bars, app);
     let beside = outputs.iter().find_map(Output::path).map_or_else(std::env::temp_dir, folder_of);
-    let tmp = args.run.tmp.as_deref().unwrap_or(&beside);
+    let tmp = args.scratch.tmp.as_deref().unwrap_or(&beside);
     // Both meshes may have to be decoded, each into a folder of its own.
     let (work, source) = (WorkDir::temporary(tmp)?, WorkDir::temporary(tmp)?);
     let from = open_file(&args.from, source.path(), &run)?;

@@ -456,11 +456,12 @@ fn json_has_one_form_everywhere() {
         &["transfer-labels", mesh, mesh, "--labels", seg, "-o", npy],
         &["correspond", mesh, mesh, "-l", "8", "--refine", "none"],
     ] {
-        let output = run(&[words, &["-q", "--json"]].concat());
+        let quiet: &[&str] = if ["plan", "info"].contains(&words[0]) { &[] } else { &["-q"] };
+        let output = run(&[words, quiet, &["--json"]].concat());
         assert!(output.status.success(), "{words:?}: {}", errors(&output));
         let printed: Value =
             serde_json::from_slice(&output.stdout).unwrap_or_else(|error| panic!("{words:?}: {error}"));
-        let output = run(&[words, &["-q", &format!("--json={}", word(&json))]].concat());
+        let output = run(&[words, quiet, &[&format!("--json={}", word(&json))]].concat());
         assert!(output.status.success(), "{words:?}: {}", errors(&output));
         let written: Value = serde_json::from_str(&std::fs::read_to_string(&json).unwrap()).unwrap();
         let keys = |value: &Value| value.as_object().map(|all| all.keys().cloned().collect::<Vec<_>>());
@@ -468,6 +469,80 @@ fn json_has_one_form_everywhere() {
         std::fs::remove_file(&json).unwrap();
     }
     assert!(names(dir.path()).iter().all(|name| !name.contains("partial")), "{:?}", names(dir.path()));
+}
+
+/// Regression: options that change nothing were taken in silence.
+#[test]
+fn options_without_an_effect_are_refused() {
+    let dir = common::in_memory();
+    let mesh = common::creature(dir.path(), 1_000, false);
+    let [work, seg, csv] = ["work", "x.seg", "x.csv"].map(|name| dir.path().join(name));
+    segment(&mesh, &["-q", "-k", "3", "--work-dir", word(&work), "-o", word(&seg)]);
+    let (mesh, work, seg, csv) = (word(&mesh), word(&work), word(&seg), word(&csv));
+    for (command, options) in [
+        (&["verify", work][..], &["--threads", "--max-memory", "--seed", "--tmp", "--no-plan"][..]),
+        (&["merge", work], &["--threads", "--max-memory", "--seed", "--tmp", "--no-plan"]),
+        (&["info", mesh], &["--seed", "--no-plan", "--quiet", "--progress"]),
+        (&["plan", mesh], &["--no-plan", "--quiet", "--progress"]),
+        (&["export", "--work-dir", work, "-o", seg], &["--seed", "--tmp", "--no-plan"]),
+        (&["picture", mesh], &["--seed", "--no-plan"]),
+        (&["transfer-labels", mesh, mesh, "-o", seg], &["--seed", "--no-plan"]),
+        (&["graph", mesh, "--work-dir", work], &["--tmp", "--no-plan"]),
+        (&["rows", "--work-dir", work], &["--tmp", "--no-plan"]),
+        (&["share", "rows", "--work-dir", work], &["--tmp", "--no-plan"]),
+        (&["embed", "--work-dir", work], &["--tmp", "--no-plan"]),
+        (&["cluster", "--work-dir", work], &["--tmp", "--no-plan"]),
+        (&["sequence", mesh], &["--no-plan"]),
+        (&["correspond", mesh, mesh], &["--no-plan"]),
+        (&["quality", mesh], &["--no-plan"]),
+        (&["study"], &["--tmp", "--no-plan"]),
+    ] {
+        for option in options {
+            let output = run(&[command, &[option]].concat());
+            let told = errors(&output);
+            assert_eq!(output.status.code(), Some(2), "{command:?} {option}: {told}");
+            assert!(told.contains(&format!("{option}: unexpected argument")), "{command:?}: {told}");
+        }
+    }
+    for (words, told) in [
+        (&["cluster", "--work-dir", work, "--vertex-labels"][..], "--vertex-labels goes with a .ply output"),
+        (&["export", "--work-dir", work, "--tree", csv, "--split-faces"], "--split-faces goes with a .ply output"),
+        (&["quality", mesh, "--embedding", "--csv", csv], "--csv goes without --embedding"),
+        (&["quality", mesh, "--embedding", "--exact"], "cannot be used with"),
+    ] {
+        let output = run(words);
+        assert_eq!(output.status.code(), Some(2), "{words:?}: {}", errors(&output));
+        assert!(errors(&output).contains(told), "{words:?}: {}", errors(&output));
+    }
+    let vertices = segment(Path::new(mesh), &["-q", "-k", "3", "--vertex-labels"]);
+    assert!(vertices.stderr.is_empty());
+}
+
+/// Regression: a report took the place of the list of the parts, and an input that of a part.
+#[test]
+fn nothing_goes_where_a_folder_of_parts_has_its_own_files() {
+    let dir = common::in_memory();
+    let mesh = common::creature(dir.path(), 1_000, false);
+    let (parts, list) = (dir.path().join("parts"), dir.path().join("parts/parts.json"));
+    let (into, work) = (format!("{}/", word(&parts)), dir.path().join("work"));
+    segment(&mesh, &["-q", "-k", "3", "-o", &into, "--work-dir", word(&work)]);
+    let before = std::fs::read(&list).unwrap();
+    let (json, part) = (format!("--json={}", word(&list)), parts.join("part_000.ply"));
+    for words in [
+        &["segment", word(&mesh), "-o", &into, &json][..],
+        &["cluster", "--work-dir", word(&work), "-o", &into, &json],
+        &["export", "--work-dir", word(&work), "-o", &into, "--tree", word(&list)],
+        &["segment", word(&part), "-o", &into],
+        &["segment", word(&mesh), "-o", &into, "-o", word(&part)],
+        &["transfer-labels", word(&mesh), word(&part), "-o", &into],
+    ] {
+        let output = run(words);
+        assert_eq!(output.status.code(), Some(2), "{words:?}: {}", errors(&output));
+        assert!(errors(&output).contains("lies in a folder of parts"), "{words:?}: {}", errors(&output));
+    }
+    assert!(std::fs::read(&list).unwrap() == before);
+    let report = format!("--json={}", word(&parts.join("report.json")));
+    segment(&mesh, &["-q", "-k", "3", "-o", &into, &report]);
 }
 
 #[test]
@@ -485,7 +560,7 @@ fn a_work_directory_is_named_by_position_or_by_option() {
         assert!(output.status.success(), "{place:?}: {}", errors(&output));
     }
     segment(&mesh, &["-q", "-k", "3", "--work-dir", work, "-o", word(&dir.path().join("x.seg"))]);
-    for words in [&["info", "-q"][..], &["verify", "-q"], &["plot", "--tree", tree], &["merge", "-q"]] {
+    for words in [&["info"][..], &["verify", "-q"], &["plot", "--tree", tree], &["merge", "-q"]] {
         let forms = [&["--work-dir", work][..], &[work]].map(|place| {
             let output = run(&[words, place].concat());
             assert!(output.status.success(), "{words:?} {place:?}: {}", errors(&output));

@@ -66,6 +66,13 @@ pub fn file_name(part: usize, name: Option<&str>, form: PartForm) -> String {
     format!("part_{part:03}{}{name}.{ending}", if name.is_empty() { "" } else { "_" })
 }
 
+/// Whether a folder of parts may have a file called `name`: its list, or the file of a part.
+pub fn is_file_name(name: &str) -> bool {
+    let number =
+        name.strip_prefix("part_").map_or("", |rest| rest.split(|c: char| !c.is_ascii_digit()).next().unwrap_or(""));
+    name == LIST || number.len() >= 3 && [".ply", ".stl"].iter().any(|ending| name.ends_with(ending))
+}
+
 /// Writes all parts that have faces to `folder`, which is made if missing, as files of one form. Files of an earlier,
 /// finer cut stay there; a note says so, and another one which parts the caps did not make solids.
 ///
