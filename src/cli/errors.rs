@@ -62,6 +62,15 @@ pub fn message(error: &Error) -> String {
     }
 }
 
+/// The file or folder that `error` is about, where it is about one.
+pub fn file_of(error: &Error) -> Option<&Path> {
+    match error {
+        Error::Io { path, .. } | Error::Malformed { path, .. } | Error::Unusable { path, .. } => Some(path),
+        Error::Disk { path, .. } | Error::WorkDir { path, .. } => Some(path),
+        _ => None,
+    }
+}
+
 /// Where `error` is about the parameter `name`, which was read from the file `path`: an error of that file.
 pub fn of_file(error: Error, name: &str, path: Option<&Path>) -> Error {
     match (error, path) {

@@ -3,7 +3,7 @@
 use super::input::read;
 use super::options::{AppContext, CliError, ForceArgs, ResourceArgs, ScratchArgs, ShownArgs, WorkDirArgs, either};
 use super::output::{JsonArgs, Significant};
-use super::progress::{counted, human, tell};
+use super::progress::{counted, human, tell_error};
 use super::sink::{check_places, scratch_beside};
 use nystrom_stream::apps::measure::{self, MeshMeasures};
 use nystrom_stream::base::Result;
@@ -222,15 +222,20 @@ pub fn verify(args: &VerifyArgs, app: &AppContext) -> std::result::Result<(), Cl
     let (all, _) = run.stage("verify", "bytes", bytes, || check(Context::new(&work, &run)))?;
     let damaged: Vec<_> = all.iter().filter(|file| file.problem.is_some()).collect();
     for file in &damaged {
-        tell(&format!(
-            "nystrom-stream: {}: {} (stage {}, {} bytes expected); delete the file, and the next run makes it anew",
-            work.file(&file.file).display(),
+        let path = work.file(&file.file);
+        let text = format!(
+            "{}: {} (stage {}, {} bytes expected); delete the file, and the next run makes it anew",
+            path.display(),
             file.problem.as_deref().unwrap_or_default(),
             file.stage,
             file.bytes,
-        ));
+        );
+        tell_error(bars.style(), &text, Some(&path), Value::Null);
     }
     let text = format!("{} files, {bytes} bytes: all as they were written\n", all.len());
     args.json.publish_or_print(&all, if damaged.is_empty() { &text } else { "" })?;
-    if damaged.is_empty() { Ok(()) } else { Err(CliError::Reported) }
+    if damaged.is_empty() {
+        return Ok(());
+    }
+    Err(CliError::Reported(format!("{} not as they were written", counted(damaged.len(), "file"))))
 }

@@ -32,6 +32,8 @@ use clap::{FromArgMatches, Parser, Subcommand};
 use nystrom_stream::base::parallel::catch;
 use nystrom_stream::base::{Cancel, Error};
 use options::{AppContext, CliError};
+use progress::Style;
+use serde_json::{Value, json};
 use std::io::ErrorKind;
 use std::process::ExitCode;
 
@@ -140,6 +142,14 @@ pub enum End {
 }
 
 impl End {
+    /// As an event tells it; of a signal also what a shell makes of it.
+    fn facts(&self) -> Value {
+        match self {
+            Self::Code(code) => json!({"exit_code": code}),
+            Self::Signal(signal) => json!({"exit_code": signals::code(*signal), "signal": signal}),
+        }
+    }
+
     /// The exit code; where there is none, the program ends here.
     pub fn code(self) -> ExitCode {
         match self {
@@ -153,36 +163,40 @@ impl End {
 pub fn main(peak: fn() -> u64) -> End {
     nystrom_stream::store::mapped::report_vanishing_files();
     let parsed = command::parsed().try_get_matches().and_then(|matches| Cli::from_arg_matches(&matches));
+    let style = if usage::asks_for_events() { Style::Json } else { Style::Lines };
     let cli = match parsed {
         Ok(cli) => cli,
         Err(error) => {
+            let code = if error.use_stderr() { 2 } else { 0 };
             match usage::line(&error, &command::parsed()) {
-                Some(text) => progress::tell(&format!("nystrom-stream: {text}")),
+                Some(text) => progress::tell_error(style, &text, None, json!({"exit_code": code})),
                 None => drop(error.print()),
             }
-            return End::Code(if error.use_stderr() { 2 } else { 0 });
+            return End::Code(code);
         }
     };
     let app = AppContext { cancel: Cancel::default(), peak };
     let heard = signals::cancel_on(app.cancel.clone());
     let goes_on = cli.command.goes_on();
     let result = catch(|| dispatch(cli.command, &app)).unwrap_or_else(|error| Err(error.into()));
-    let (text, code) = match result {
-        Ok(()) => (None, 0),
-        Err(CliError::Reported) => (None, 1),
+    let (code, text) = match &result {
+        Ok(()) => (0, None),
+        Err(CliError::Reported(sum)) => (1, (style == Style::Json).then(|| sum.clone())),
         // The reader of standard output has closed it: nothing to report.
-        Err(CliError::Failed(Error::Io { source, .. })) if source.kind() == ErrorKind::BrokenPipe => (None, 1),
+        Err(CliError::Failed(Error::Io { source, .. })) if source.kind() == ErrorKind::BrokenPipe => (1, None),
         Err(CliError::Failed(Error::Cancelled)) => {
             let how = goes_on.map_or(String::new(), |how| format!("; {how}"));
-            (Some(format!("interrupted{how}")), 1)
+            (1, Some(format!("interrupted{how}")))
         }
-        Err(CliError::Failed(error)) => (Some(errors::message(&error)), 1),
-        Err(CliError::Usage(text)) => (Some(text), 2),
+        Err(CliError::Failed(error)) => (1, Some(errors::message(error))),
+        Err(CliError::Usage(text)) => (2, Some(text.clone())),
     };
+    let end = heard.ending(code == 0).map_or(End::Code(code), End::Signal);
     if let Some(text) = text {
-        progress::tell(&format!("nystrom-stream: {text}"));
+        let file = if let Err(CliError::Failed(error)) = &result { errors::file_of(error) } else { None };
+        progress::tell_error(style, &text, file, end.facts());
     }
-    heard.ending(code == 0).map_or(End::Code(code), End::Signal)
+    end
 }
 
 /// Runs a subcommand.

@@ -17,8 +17,8 @@ pub struct AppContext {
 
 /// How a subcommand failed.
 pub enum CliError {
-    /// Exit code 1, message already printed.
-    Reported,
+    /// Exit code 1. What failed is told already; this is the sum of it, for those who follow events.
+    Reported(String),
     /// Exit code 1.
     Failed(Error),
     /// The command line makes no sense: exit code 2.
@@ -87,7 +87,7 @@ pub enum ProgressArg {
     Auto,
     /// One line per stage, on a terminal too
     Lines,
-    /// One JSON object per line: stage, unit, done, total, seconds
+    /// One JSON object per line: stage, unit, done, total, seconds; or a note; or an error
     Json,
     /// Nothing
     None,

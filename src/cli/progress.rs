@@ -10,6 +10,7 @@ use nystrom_stream::base::{Progress, Told, printable};
 use serde_json::{Value, json};
 use std::collections::BTreeMap;
 use std::io::{IsTerminal, Write};
+use std::path::Path;
 use std::sync::Mutex;
 use std::time::{Duration, Instant};
 
@@ -144,6 +145,21 @@ fn bar(target: ProgressDrawTarget, total: u64, template: &str) -> ProgressBar {
 /// Prints text on standard error, whatever names are in it; that it cannot be written is no failure.
 pub fn tell(text: &str) {
     let _ = writeln!(std::io::stderr(), "{}", printable::lines(text));
+}
+
+/// Tells an error in the manner of `style`: a line of text, or an event with the `file` concerned and what else it `has`.
+pub fn tell_error(style: Style, text: &str, file: Option<&Path>, has: Value) {
+    if style != Style::Json {
+        return tell(&format!("nystrom-stream: {text}"));
+    }
+    let mut event = json!({"error": text});
+    if let Some(file) = file {
+        event["file"] = file.to_string_lossy().into();
+    }
+    if let (Some(event), Value::Object(has)) = (event.as_object_mut(), has) {
+        event.extend(has);
+    }
+    tell_json(&event);
 }
 
 /// Prints a line of JSON, which has escapes of its own.
@@ -323,7 +339,7 @@ impl BatchBars {
 
     /// The listener of one mesh.
     pub fn of_mesh(&self, name: &str) -> Bars {
-        let file = std::path::Path::new(name).file_name().map_or(name.into(), |name| name.to_string_lossy());
+        let file = Path::new(name).file_name().map_or(name.into(), |name| name.to_string_lossy());
         let mesh = bar(ProgressDrawTarget::hidden(), 0, "  {prefix:20!} {msg:16} {bar:24} {human_pos}/{human_len}");
         let mesh = self.multi.add(mesh);
         mesh.set_prefix(printable::line(&file).into_owned());
@@ -349,9 +365,15 @@ impl BatchBars {
         }
     }
 
-    /// Says `text` whatever the style: an error.
-    pub fn complain(&self, text: &str) {
+    /// Says `text` whatever the style.
+    pub fn say(&self, text: &str) {
         self.multi.suspend(|| tell(text));
+    }
+
+    /// Says why `mesh` failed: `text`, about `file`.
+    pub fn complain(&self, mesh: &Path, text: &str, file: Option<&Path>) {
+        let has = json!({"mesh": mesh.to_string_lossy()});
+        self.multi.suspend(|| tell_error(self.style, text, file, has));
     }
 
     /// Takes the bar away.

@@ -5,7 +5,7 @@
 //! reported, and the rest goes on.
 
 use super::edits::{EditArgs, Like, LikeArgs, corrections, named as give_names};
-use super::errors::message;
+use super::errors::{file_of, message};
 use super::input::{check_there, meshes, read};
 use super::made::Maker;
 use super::method::MethodArgs;
@@ -417,7 +417,7 @@ fn all(jobs: Vec<Job>, task: Task<'_>, app: &AppContext) -> Result<(), CliError>
     let table = Table::of(&jobs);
     let told = matches!(style, Style::Terminal | Style::Lines);
     if told {
-        bars.complain(&table.row("mesh", "faces", "parts", "seconds"));
+        bars.say(&table.row("mesh", "faces", "parts", "seconds"));
     }
     let lines = args.json_lines.as_deref().map(|path| Sink::of(path).open(args.resume)).transpose()?;
     let tally = Tally { lines, reports: BTreeMap::new(), failed: Vec::new(), skipped: 0, stop: None };
@@ -460,7 +460,7 @@ fn all(jobs: Vec<Job>, task: Task<'_>, app: &AppContext) -> Result<(), CliError>
             if let Err(error) = &result
                 && !matches!(error, Error::Cancelled)
             {
-                bars.complain(&format!("nystrom-stream: {}", message(error)));
+                bars.complain(&job.mesh, &message(error), file_of(error));
             }
             lock().settle(k, job, result, seconds);
         }
@@ -490,10 +490,15 @@ fn all(jobs: Vec<Job>, task: Task<'_>, app: &AppContext) -> Result<(), CliError>
         let seconds = start.elapsed().as_secs_f64();
         let all = if all == 1 { "1 mesh".to_string() } else { format!("{all} meshes") };
         tell(&format!("{all}: {done} done, {failed} failed{skipped}, in {seconds:.1} s"));
-    } else if failed > 0 {
-        tell(&format!("nystrom-stream: {failed} of {all} meshes failed"));
     }
-    if failed == 0 { Ok(()) } else { Err(CliError::Reported) }
+    if failed == 0 {
+        return Ok(());
+    }
+    let sum = format!("{failed} of {all} meshes failed");
+    if style == Style::Quiet {
+        tell(&format!("nystrom-stream: {sum}"));
+    }
+    Err(CliError::Reported(sum))
 }
 
 impl Tally {

@@ -52,8 +52,12 @@ pub fn end_by(signal: i32) -> ! {
     if std::process::id() != 1 {
         let _ = emulate_default_handler(signal);
     }
-    // What a shell tells of a process that died of it.
-    std::process::exit(128 + signal)
+    std::process::exit(code(signal))
+}
+
+/// The exit code that a shell tells of a process that died of `signal`.
+pub fn code(signal: i32) -> i32 {
+    128 + signal
 }
 
 /// The signals that are ignored, a bit each, from 1; none where the system does not tell.

@@ -36,6 +36,12 @@ fn given() -> impl Iterator<Item = String> {
     std::env::args_os().map(|word| word.to_string_lossy().into_owned())
 }
 
+/// Whether the words of the command line ask for progress as events, whatever else is wrong with them.
+pub fn asks_for_events() -> bool {
+    let words: Vec<String> = given().take_while(|word| word != "--").collect();
+    words.contains(&"--progress=json".to_string()) || words.windows(2).any(|two| two == ["--progress", "json"])
+}
+
 /// Which option was given without the one that it goes with; nothing where all that is missing is needed in any case.
 fn lonely(error: &Error, subcommand: Option<&Command>) -> Option<String> {
     if error.kind() != Kind::MissingRequiredArgument {

@@ -2,7 +2,7 @@
 //! whatever the threads, the memory and the way in.
 
 use crate::common::{self, errors, program, run, segment, word, zoo};
-use serde_json::Value;
+use serde_json::{Value, json};
 use std::io::Write;
 use std::path::Path;
 use std::process::{Output, Stdio};
@@ -469,6 +469,40 @@ fn json_has_one_form_everywhere() {
         std::fs::remove_file(&json).unwrap();
     }
     assert!(names(dir.path()).iter().all(|name| !name.contains("partial")), "{:?}", names(dir.path()));
+}
+
+/// Regression: errors were lines of text among events of JSON.
+#[test]
+fn errors_are_events_where_progress_is() {
+    let dir = common::in_memory();
+    let mesh = common::creature(dir.path(), 1_000, false);
+    let [bad, work, out] = ["bad.ply", "work", "{}.seg"].map(|name| dir.path().join(name));
+    std::fs::write(&bad, "ply\nformat ascii 1.0\n").unwrap();
+    segment(&mesh, &["-q", "-k", "3", "--work-dir", word(&work)]);
+    let labels = work.join("labels.npy");
+    std::fs::write(&labels, b"short").unwrap();
+    let events = |words: &[&str]| -> (Option<i32>, Vec<Value>) {
+        let output = run(&[words, &["--progress", "json"]].concat());
+        let parse =
+            |line: &str| serde_json::from_str(line).unwrap_or_else(|error| panic!("{words:?}: {error}: {line}"));
+        (output.status.code(), errors(&output).lines().map(parse).collect())
+    };
+    let (code, told) = events(&["segment", word(&bad)]);
+    let last = told.last().unwrap();
+    assert!(last["error"].as_str().unwrap().starts_with(word(&bad)), "{last}");
+    assert_eq!((code, &last["file"], &last["exit_code"]), (Some(1), &Value::from(word(&bad)), &Value::from(1)));
+    for words in [&["segment", word(&mesh), "-k", "x"][..], &["segment", word(&mesh), "-o", "x.unknown"]] {
+        let (code, told) = events(words);
+        assert_eq!((code, told.len(), &told[0]["exit_code"]), (Some(2), 1, &Value::from(2)), "{told:?}");
+    }
+    let (code, told) = events(&["segment", word(&bad), word(&mesh), "-o", word(&out)]);
+    let failed: Vec<_> = told.iter().filter(|event| event.get("error").is_some()).collect();
+    assert_eq!((code, failed.len()), (Some(1), 2), "{told:?}");
+    assert_eq!((&failed[0]["mesh"], &failed[0]["file"]), (&Value::from(word(&bad)), &Value::from(word(&bad))));
+    assert_eq!(failed[1], &json!({"error": "1 of 2 meshes failed", "exit_code": 1}));
+    let (code, told) = events(&["verify", word(&work)]);
+    let failed: Vec<_> = told.iter().filter(|event| event.get("error").is_some()).collect();
+    assert_eq!((code, failed.len(), &failed[0]["file"]), (Some(1), 2, &Value::from(word(&labels))), "{told:?}");
 }
 
 /// Regression: options that change nothing were taken in silence.
