@@ -17,7 +17,7 @@
 
 use crate::base::{Error, Result};
 use std::fs::{File, Permissions};
-use std::io::{ErrorKind, Write};
+use std::io::{self, ErrorKind, Write};
 use std::os::unix::fs::{MetadataExt, OpenOptionsExt, PermissionsExt};
 use std::path::{Path, PathBuf};
 use std::sync::OnceLock;
@@ -42,7 +42,7 @@ pub(super) enum Lock {
 struct Folder {
     path: PathBuf,
     /// Why it could not be made; then every file in it fails as the folder did.
-    failure: Option<String>,
+    failure: Option<Error>,
     /// None without a lock.
     lock: Option<File>,
 }
@@ -83,7 +83,7 @@ impl WorkFolder {
     fn path_made_by(&self, make: impl FnOnce(&Path) -> Result<Folder>) -> &Path {
         let none = |error: Error| Folder {
             path: self.parent.join(format!("{TEMPORARY}none")),
-            failure: Some(error.to_string()),
+            failure: Some(error),
             lock: None,
         };
         &self.folder.get_or_init(|| make(&self.parent).unwrap_or_else(none)).path
@@ -92,15 +92,12 @@ impl WorkFolder {
     /// Its path, for something new in it.
     ///
     /// # Errors
-    /// [`Error::WorkDir`] where it could not be made.
+    /// [`Error::Io`] where it could not be made.
     pub fn for_new(&self) -> Result<&Path> {
         let path = self.path();
         match self.folder.get().and_then(|folder| folder.failure.as_ref()) {
             None => Ok(path),
-            Some(reason) => {
-                let problem = format!("a temporary folder cannot be made in it: {reason}");
-                Err(Error::work_dir(&self.parent, problem, "make it writable, or name another folder with --tmp"))
-            }
+            Some(error) => Err(again(error)),
         }
     }
 
@@ -152,7 +149,7 @@ pub(super) fn lock(path: &Path, shared: bool) -> Result<Lock> {
 }
 
 /// Whether `error` says that the file system has no locks.
-fn without_locks(error: &std::io::Error) -> bool {
+fn without_locks(error: &io::Error) -> bool {
     error.kind() == ErrorKind::Unsupported || error.raw_os_error() == Some(libc::ENOLCK)
 }
 
@@ -182,10 +179,25 @@ pub fn private(parent: &Path) -> Result<PrivateFolder> {
     temporary_folder(parent).map(PrivateFolder)
 }
 
-/// An error of `tempfile` without the path that its text repeats.
-fn plain(error: std::io::Error) -> std::io::Error {
+/// An error of `tempfile` without the path that its text repeats. The system's number is in the text alone.
+fn plain(error: io::Error) -> io::Error {
     let text = error.to_string();
-    std::io::Error::new(error.kind(), text.split(" at path ").next().unwrap_or(&text))
+    let text = text.split(" at path ").next().unwrap_or(&text);
+    let number = text.rsplit_once("(os error ").and_then(|(_, rest)| rest.trim_end_matches(')').parse().ok());
+    number.map_or_else(|| io::Error::new(error.kind(), text), io::Error::from_raw_os_error)
+}
+
+/// The `error` of making a folder once more, with its source, for the next file that needs the folder.
+fn again(error: &Error) -> Error {
+    match error {
+        Error::Io { path, action, source } => {
+            let same = || io::Error::new(source.kind(), source.to_string());
+            let source = source.raw_os_error().map_or_else(same, io::Error::from_raw_os_error);
+            Error::Io { path: path.clone(), action, source }
+        }
+        Error::WorkDir { path, problem, remedy } => Error::work_dir(path, problem, remedy),
+        other => Error::internal(&other.to_string()),
+    }
 }
 
 /// A new, locked folder in `parent`; those that killed runs left there are removed.
@@ -214,7 +226,11 @@ fn temporary_folder(parent: &Path) -> Result<Folder> {
         let path = folder.keep();
         return Ok(Folder { path, failure: None, lock });
     }
-    Err(Error::work_dir(parent, "temporary folders are taken away by another process", "name another --tmp"))
+    Err(Error::work_dir(
+        parent,
+        "temporary folders are taken away by another process",
+        "name another `temporary_folder`",
+    ))
 }
 
 /// The name of this machine.
@@ -297,8 +313,15 @@ mod tests {
             |_: &Path| Err(Error::io(dir.path(), "create a temporary folder here")(ErrorKind::StorageFull.into()));
         let path = folder.path_made_by(full);
         assert!(path.parent() == Some(dir.path()) && !path.exists());
-        let said = folder.for_new().unwrap_err().to_string();
-        assert!(said.contains("create a temporary folder"), "{said}");
+        // Regression: the reason was text in an error of another kind, and the number of the system was lost.
+        for _ in 0..2 {
+            let error = folder.for_new().unwrap_err();
+            assert!(error.to_string().contains("create a temporary folder"), "{error}");
+            let source = std::error::Error::source(&error).and_then(|source| source.downcast_ref::<io::Error>());
+            assert_eq!(source.map(io::Error::kind), Some(ErrorKind::StorageFull));
+        }
+        let Err(Error::Io { source, .. }) = temporary_folder(&dir.path().join("absent")) else { panic!("it was made") };
+        assert_eq!(source.raw_os_error(), Some(libc::ENOENT));
         folder.remove();
         assert_eq!(std::fs::read_dir(dir.path()).unwrap().count(), 0);
     }
@@ -376,7 +399,7 @@ mod tests {
 
     #[test]
     fn what_a_file_system_without_locks_answers() {
-        let of = std::io::Error::from_raw_os_error;
+        let of = io::Error::from_raw_os_error;
         assert!([libc::ENOLCK, libc::ENOSYS, libc::EOPNOTSUPP].into_iter().all(|code| without_locks(&of(code))));
         assert!(![libc::EIO, libc::EINTR, libc::ESTALE].into_iter().any(|code| without_locks(&of(code))));
     }
