@@ -117,6 +117,24 @@ fn only_the_command_line_knows_its_crates() {
     }
 }
 
+/// Errors and notes of the library reach its users and Python's too, who have no flags: the command line puts them in.
+#[test]
+fn only_the_command_line_speaks_of_flags() {
+    for (name, _, code) in files() {
+        if name.starts_with("cli/") || name == "main.rs" {
+            continue;
+        }
+        let flag = |line: &&str| {
+            let starts = |(at, _): (usize, &str)| line[at + 2..].starts_with(|c: char| c.is_ascii_lowercase());
+            let command = |name| line.contains(&format!("nystrom-stream {name} "));
+            let commands = ["segment", "graph", "rows", "embed", "cluster", "export"];
+            line.contains('"') && line.match_indices("--").any(starts) || commands.into_iter().any(command)
+        };
+        let said = code.lines().find(flag);
+        assert_eq!(said, None, "src/{name} speaks of the command line");
+    }
+}
+
 #[test]
 fn unsafe_code_lives_in_one_file() {
     for (name, _, code) in files() {

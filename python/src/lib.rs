@@ -31,17 +31,15 @@ static ALLOCATOR: mimalloc::MiMalloc = mimalloc::MiMalloc;
 const NAMES: [(&str, &str); 4] =
     [("dimensions", "vectors"), ("output", "path"), ("parts_between", "parts_range"), ("width", "sigma")];
 
-/// What the library's texts call otherwise than this module; every other `--option` is `option` here.
-const WORDS: [(&str, &str); 10] = [
+/// What the library's texts call otherwise than this module.
+const WORDS: [(&str, &str); 8] = [
     ("a smaller `parts`", "fewer parts"),
     ("`parts` 6", "parts=6"),
     ("`cluster` kmeans", "cluster='kmeans'"),
     ("`cluster` parts", "cluster='parts'"),
     ("`memory`", "`max_memory`"),
-    ("--work-dir \u{2026}", "work_dir"),
-    ("--force", "force=True"),
-    ("-o folder/", "save(\"folder/\")"),
-    ("-o", "path"),
+    ("`temporary_folder`", "`tmp`"),
+    ("`force`", "force=True"),
     (".npy, .obj or .glb (.png and .parquet with their features)", ".npy, .obj, .glb, .parquet, .png or .html"),
 ];
 
@@ -60,15 +58,7 @@ fn reworded(text: &str) -> String {
         }
         told = done + rest;
     }
-    let (mut done, mut rest) = (String::new(), told.as_str());
-    while let Some(at) = rest.find("--") {
-        let word: String = rest[at + 2..].chars().take_while(|&c| c.is_ascii_lowercase() || c == '-').collect();
-        let is_option = !rest[..at].ends_with(part) && word.starts_with(|c: char| c.is_ascii_lowercase());
-        done += &rest[..at];
-        done += &if is_option { word.replace('-', "_") } else { format!("--{word}") };
-        rest = &rest[at + 2 + word.len()..];
-    }
-    done + rest
+    told
 }
 
 /// What the library says, as Python's exceptions: FileNotFoundError and its like where the system says so.

@@ -2,7 +2,8 @@
 //!
 //! A message names the file, what is wrong with it, and what to do. It never spans lines, so
 //! that a log of a thousand meshes stays greppable, whatever a file is called or holds
-//! ([`super::printable`]).
+//! ([`super::printable`]). Parameters of the library and stages of a work directory are named between
+//! backticks, so that a program or a binding can put its own words in their place.
 
 use super::printable::line;
 use std::io;
@@ -72,7 +73,7 @@ pub enum Error {
     },
     /// The disk cannot hold what the work will write.
     #[error(
-        "{}: the work needs {needed} bytes of disk, {available} are free; free some, or put it elsewhere with --tmp or --work-dir",
+        "{}: the work needs {needed} bytes of disk, {available} are free; free some, or put it elsewhere with `temporary_folder` or `work_dir`",
         shown(path)
     )]
     Disk {
@@ -122,7 +123,7 @@ fn hint(action: &str, error: &io::Error) -> &'static str {
             "; check the permissions or choose another folder"
         }
         io::ErrorKind::StorageFull | io::ErrorKind::QuotaExceeded => {
-            "; free some disk space, or put the work elsewhere with --tmp or --work-dir"
+            "; free some disk space, or put the work elsewhere with `temporary_folder` or `work_dir`"
         }
         io::ErrorKind::OutOfMemory => "; raise the limit of the address space: ulimit -v",
         _ => "",

@@ -6,7 +6,7 @@ use nystrom_stream::base::Error;
 use std::path::Path;
 
 /// Options of the library that the command line calls otherwise, and their flags.
-const FLAGS: [(&str, &str); 40] = [
+const FLAGS: [(&str, &str); 43] = [
     ("alternative", "--alternative"),
     ("beta", "--beta"),
     ("boundaries", "--boundaries"),
@@ -20,6 +20,7 @@ const FLAGS: [(&str, &str); 40] = [
     ("eta", "--eta"),
     ("exact", "--exact"),
     ("faces", "--faces"),
+    ("force", "--force"),
     ("hints", "--hints"),
     ("holes", "--holes"),
     ("landmarks", "-l"),
@@ -39,6 +40,7 @@ const FLAGS: [(&str, &str); 40] = [
     ("shard", "--shard"),
     ("size", "--size"),
     ("split_faces", "--split-faces"),
+    ("temporary_folder", "--tmp"),
     ("threads", "--threads"),
     ("tiny_components", "--tiny-components"),
     ("transfer", "--transfer"),
@@ -47,6 +49,16 @@ const FLAGS: [(&str, &str); 40] = [
     ("views", "--views"),
     ("walls", "--walls"),
     ("width", "--sigma"),
+    ("work_dir", "--work-dir"),
+];
+
+/// Stages that the library finds missing in a work directory, and what makes them.
+const STAGES: [(&str, &str); 5] = [
+    ("embedding", "nystrom-stream embed --work-dir …"),
+    ("graph", "nystrom-stream graph MESH --work-dir …"),
+    ("labels", "nystrom-stream cluster --work-dir …"),
+    ("record", "nystrom-stream segment MESH --work-dir …"),
+    ("rows", "nystrom-stream rows --work-dir …"),
 ];
 
 /// The message of `error`, with flags for the library's options.
@@ -57,8 +69,14 @@ pub fn message(error: &Error) -> String {
         }
         // A problem may quote a file.
         Error::Unusable { path, problem, remedy } => Error::unusable(path, problem, with_flags(remedy)).to_string(),
+        Error::WorkDir { path, problem, remedy } => Error::work_dir(path, problem, with_flags(remedy)).to_string(),
         Error::Memory { .. } => with_flags(&error.to_string()),
-        error => error.to_string(),
+        error => {
+            // What comes before the remedy may quote a path.
+            let text = error.to_string();
+            text.rsplit_once("; ")
+                .map_or(text.clone(), |(problem, remedy)| format!("{problem}; {}", with_flags(remedy)))
+        }
     }
 }
 
@@ -86,10 +104,12 @@ fn flag(name: &str) -> Option<&'static str> {
     FLAGS.iter().find(|(option, _)| *option == name).map(|(_, flag)| *flag)
 }
 
-/// `text` with a flag for each option between backticks; other words between backticks stay.
+/// `text` with a flag for each option between backticks, and a command for each stage; other words between backticks
+/// stay.
 fn with_flags(text: &str) -> String {
+    let made = |text: String, (stage, command): &(&str, &str)| text.replace(&format!("stage `{stage}`"), command);
     let named = |text: String, (option, flag): &(&str, &str)| text.replace(&format!("`{option}`"), flag);
-    FLAGS.iter().fold(text.to_string(), named)
+    FLAGS.iter().fold(STAGES.iter().fold(text.to_string(), made), named)
 }
 
 #[cfg(test)]
@@ -104,6 +124,16 @@ mod tests {
         assert_eq!(message(&error), "x.json: of 3 cells; take another");
         let error = Error::Memory { what: "a row", needed: 2, available: 1 };
         assert!(message(&error).ends_with("raise --max-memory or lower --threads or -l"), "{}", message(&error));
+        let error = Error::work_dir("w", "holds no rows", "make them first: stage `rows`, or anew with `force`");
+        let told = "w: holds no rows; make them first: nystrom-stream rows --work-dir …, or anew with --force";
+        assert_eq!(message(&error), told);
+        for error in [
+            Error::io("`work_dir`", "write")(std::io::ErrorKind::StorageFull.into()),
+            Error::Disk { path: "`work_dir`".into(), needed: 2, available: 1 },
+        ] {
+            let told = message(&error);
+            assert!(told.starts_with("`work_dir`: ") && told.ends_with("elsewhere with --tmp or --work-dir"), "{told}");
+        }
         let error = Error::unusable("x.ply", "has no `parts`", "give `label`");
         assert_eq!(message(&error), "x.ply: has no `parts`; give `label`");
     }

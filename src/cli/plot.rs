@@ -63,7 +63,13 @@ impl Found {
         };
         let exact = record.params.exact_rows();
         let name = record.mesh.file_stem().unwrap_or_default().to_string_lossy().into_owned();
-        Ok(Self { name, eigenvalues: recipe::eigenvalues(&work, exact), tree: tree_of(&work, exact), made })
+        let eigenvalues = recipe::eigenvalues(&work, exact).map_err(|error| match error {
+            Error::WorkDir { path, problem, remedy } => {
+                Error::work_dir(path, problem, remedy + ", or plot the report of `segment --json`")
+            }
+            error => error,
+        });
+        Ok(Self { name, eigenvalues, tree: tree_of(&work, exact), made })
     }
 
     fn in_file(path: &Path) -> Result<Self> {

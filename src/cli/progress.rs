@@ -147,7 +147,8 @@ pub fn tell(text: &str) {
     let _ = writeln!(std::io::stderr(), "{}", printable::lines(text));
 }
 
-/// Tells an error in the manner of `style`: a line of text, or an event with the `file` concerned and what else it `has`.
+/// Tells an error in the manner of `style`: a line of text, or an event with the `file` concerned and what else it
+/// `has`.
 pub fn tell_error(style: Style, text: &str, file: Option<&Path>, has: Value) {
     if style != Style::Json {
         return tell(&format!("nystrom-stream: {text}"));

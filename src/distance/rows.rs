@@ -178,7 +178,7 @@ impl DistanceRows {
     /// # Errors
     /// [`Error::WorkDir`] where there are none, or those of another graph.
     pub fn kept(graph: &str, nodes: usize, work: &WorkDir) -> Result<Self> {
-        let remedy = "make them first: nystrom-stream rows --work-dir …";
+        let remedy = "make them first: stage `rows`";
         let none = || Error::work_dir(work.path(), "holds no rows", remedy);
         let kept = work.kept::<RowsStage<'_>>(remedy)?;
         let manifest = work.manifest();

@@ -133,7 +133,7 @@ pub fn any(work: &WorkDir) -> Result<bool> {
 
 fn damaged(work: &WorkDir, shard: usize, of: usize, problem: &str) -> Error {
     let name = stem(shard, of);
-    let remedy = format!("delete {name}.npy and {name}.journal and run rows --shard {shard}/{of} again");
+    let remedy = format!("delete {name}.npy and {name}.journal and compute rows with `shard` {shard}/{of} again");
     Error::work_dir(work.file(&format!("{name}.npy")), problem, remedy)
 }
 
@@ -158,7 +158,7 @@ fn find(work: &WorkDir) -> Result<Vec<Shard>> {
     found.retain(|(spec, _)| Some(spec.of) == division);
     sort_by(&mut found, |(a, _), (b, _)| a.shard.cmp(&b.shard));
     let Some(first) = found.first().map(|(spec, _)| spec.clone()) else {
-        return Err(Error::work_dir(work.path(), "holds no shards of rows", "compute them with rows --shard i/n"));
+        return Err(Error::work_dir(work.path(), "holds no shards of rows", "compute rows with `shard` i/n"));
     };
     for shard in 0..first.of {
         let same = |spec: &JobSpec| *spec == JobSpec { shard, ..first.clone() };
@@ -172,7 +172,7 @@ fn find(work: &WorkDir) -> Result<Vec<Shard>> {
                 return Err(damaged(work, spec.shard, spec.of, "it was computed with other options than shard 0"));
             }
             _ => {
-                let remedy = format!("run rows --shard {shard}/{} with the options of the others", first.of);
+                let remedy = format!("compute rows with `shard` {shard}/{} and the options of the others", first.of);
                 let file = work.file(&format!("{}.npy", stem(shard, first.of)));
                 return Err(Error::work_dir(file, "this shard is missing", remedy));
             }

@@ -227,7 +227,11 @@ fn copy(path: &Path, source: &mut impl Read, (to, room): (&Path, u64), file: &mu
         if total > room {
             let problem =
                 format!("has more than {room} bytes uncompressed, which would fill the disk of {}", to.display());
-            return Err(Error::unusable(path, problem, "name a folder with more room with --tmp or --work-dir"));
+            return Err(Error::unusable(
+                path,
+                problem,
+                "name a folder with more room with `temporary_folder` or `work_dir`",
+            ));
         }
         file.write_all(&buffer[..count]).map_err(Error::io(to, "write"))?;
     }

@@ -97,6 +97,6 @@ fn admitted(force: bool, context: Context<'_>, check: impl FnOnce(&WorkDir) -> R
 
 /// The error of working on the mesh at `path` in `work`, which is of another one as `problem` says.
 fn of_another(path: &Path, problem: String, work: &WorkDir) -> Error {
-    let remedy = format!("name another folder, or make it anew for {} with --force", path.display());
+    let remedy = format!("name another folder, or make it anew for {} with `force`", path.display());
     Error::work_dir(work.path(), problem, remedy)
 }

@@ -174,7 +174,7 @@ pub fn tree_of(work: &WorkDir, exact: bool) -> Result<PartTree> {
             return checked(&work.json_text(TREE)?, &work.place(TREE));
         }
     }
-    let remedy = "make one: nystrom-stream cluster --work-dir …";
+    let remedy = "make one: stage `labels`";
     Err(Error::work_dir(work.path(), "holds no hierarchy of parts of its mesh", remedy))
 }
 

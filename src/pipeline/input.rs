@@ -160,7 +160,7 @@ impl Record {
     /// # Errors
     /// [`Error::WorkDir`] where there is none.
     pub fn read(work: &WorkDir) -> Result<Self> {
-        let remedy = "make it first: nystrom-stream segment MESH --work-dir …";
+        let remedy = "make it first: stage `record`";
         let stage = work.manifest().stages.remove(RECORD);
         let stage = stage.ok_or_else(|| Error::work_dir(work.path(), "does not say which mesh it is of", remedy))?;
         let (facts, inputs) = (&stage.facts, &stage.inputs);

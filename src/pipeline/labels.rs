@@ -243,7 +243,7 @@ impl Labels {
     /// # Errors
     /// [`crate::base::Error::WorkDir`] where there are none.
     pub fn read(work: &WorkDir) -> Result<Self> {
-        let remedy = "make them first: nystrom-stream cluster --work-dir …";
+        let remedy = "make them first: stage `labels`";
         let facts = work.recorded::<LabelFacts>(STAGE, LABELS_VERSION, remedy)?.facts;
         let labels = work.open_array::<u32>(LABELS)?;
         let labels = work.indices(LABELS, labels.len(), facts.parts.len())?;

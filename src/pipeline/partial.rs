@@ -1,4 +1,4 @@
-//! `correspond --partial`: a part is matched with a whole.
+//! Partial correspondence: a part is matched with a whole.
 //!
 //! The mesh with less area is the part. Both have the same scale: lengths of the files are compared. First matches come
 //! from distances between far points ([`crate::apps::correspond::partial`]). What they cover of the whole, as much area

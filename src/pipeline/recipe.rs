@@ -105,7 +105,7 @@ pub fn eigenvalues(work: &WorkDir, exact: bool) -> Result<Eigenvalues> {
         let values = work.told::<super::embed::EmbeddingStage<'_>>()?.eigenvalues;
         Some(Eigenvalues { dropped: values.iter().filter(|value| **value <= 0.).count(), values })
     };
-    let remedy = "make them: nystrom-stream embed --work-dir …, or plot the report of `segment --json`";
+    let remedy = "make them: stage `embedding`";
     let found = kept.or_else(embedded).ok_or_else(|| Error::work_dir(work.path(), "keeps no eigenvalues", remedy))?;
     if found.values.first().is_none_or(|first| *first > 0.) {
         return Ok(found);

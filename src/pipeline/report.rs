@@ -44,10 +44,10 @@ pub struct Report {
     pub normal_radius: f32,
     /// Faces of components too small to be parts of their own.
     pub tiny_component_faces: u64,
-    /// The part of the tiny components (`--tiny-components own`).
+    /// The part of the tiny components ([`super::TinyComponents::Own`]).
     #[serde(skip_serializing_if = "Option::is_none")]
     pub tiny_components_label: Option<u32>,
-    /// The part of the walls of cavities (`--walls own`).
+    /// The part of the walls of cavities ([`super::Walls::Own`]).
     #[serde(skip_serializing_if = "Option::is_none")]
     pub walls_label: Option<u32>,
     /// How parts were decided on; absent for K-means.

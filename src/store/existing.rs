@@ -16,7 +16,7 @@ impl WorkDir {
                 let problem = "is a work directory of `correspond`, which holds one for each of two meshes";
                 Error::work_dir(path, problem, "name one that `segment` or `graph` has made")
             } else {
-                let remedy = "check the path, or make it first: nystrom-stream segment MESH --work-dir …";
+                let remedy = "check the path, or make it first: stage `record`";
                 Error::work_dir(path, "is no work directory, or an empty one", remedy)
             });
         }

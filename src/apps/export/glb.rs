@@ -76,7 +76,7 @@ pub fn write(path: &Path, mesh: &Mesh, labelling: &Labelling, run: &Run) -> Resu
     let total = 12 + 8 + json.len() as u64 + 8 + binary;
     if total > MOST {
         let problem = format!("would be {total} bytes, a .glb can have {MOST}");
-        return Err(Error::unusable(path, problem, "write .ply, or one mesh per part: -o folder/"));
+        return Err(Error::unusable(path, problem, "write .ply, or a folder with a mesh for each part"));
     }
     if scene.triangles.iter().all(|&count| count == 0) {
         let problem = "would have no triangle with finite coordinates";

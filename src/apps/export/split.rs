@@ -134,7 +134,7 @@ pub fn write(folder: &Path, mesh: &Mesh, labelling: &Labelling, form: impl Into<
     if !open.is_empty() {
         let (parts, verb) = if open.len() == 1 { ("part", "is") } else { ("parts", "are") };
         let why = "edges of three faces or more, faces wound against each other, or triangles that floats turn over";
-        run.progress.note(&format!("{parts} {} {verb} no solid in spite of --cap: {why}", open.join(", ")));
+        run.progress.note(&format!("{parts} {} {verb} no solid in spite of caps: {why}", open.join(", ")));
     }
     if let Some(share) = facets.lost().filter(|_| rounds) {
         let text = format!(

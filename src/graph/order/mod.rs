@@ -97,7 +97,7 @@ impl NodeOrder {
             let facts = OrderFacts { far_steps: 0., stretch: 0., reordered: true };
             return Ok(Self { order: Some(work.array_of(ORDER, nodes)?), facts });
         }
-        let remedy = "make it again: nystrom-stream graph MESH …";
+        let remedy = "make it again: stage `graph`";
         let kept = work.kept::<OrderStage<'_>>(remedy)?;
         if input["key"] != kept.key {
             return Err(Error::work_dir(work.path(), "order: it is not the graph's", remedy));
