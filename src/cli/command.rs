@@ -26,6 +26,18 @@ pub fn parsed() -> Command {
 fn adapted(subcommand: &str, arg: Arg) -> Arg {
     let arg = if is_number(arg.get_value_parser()) { arg.allow_negative_numbers(true) } else { arg };
     let arg = match (arg.get_id().as_str(), subcommand) {
+        // Rows of `rows` are over all faces in any case, and those that others share never are.
+        ("exact", "rows" | "share") => arg.hide(true),
+        ("landmarks", "rows") => arg.help(
+            "Number of landmarks [default: 120, above 60,000 faces 60 to 20 by size; with kmeans and two-means twice the \
+             parts, 10 to 60, and more than parts up to 512]",
+        ),
+        ("landmarks", "share") => arg.help(
+            "Number of landmarks [default: 120, above 300,000 faces 240; with kmeans and two-means twice the parts, 10 to \
+             60, above 60,000 faces 60, and more than parts up to 512]",
+        ),
+        ("sampling", "rows") => arg.help("How landmarks are chosen [default: farthest]"),
+        ("sampling", "share") => told_anew(arg, "with --exact, kmeans and two-means", "with kmeans and two-means"),
         ("tmp", "info" | "plan") => told_anew(arg, BESIDE_OUTPUT, "beside the mesh"),
         ("tmp", "quality") => told_anew(arg, BESIDE_OUTPUT, "the system's"),
         _ => arg,
@@ -88,6 +100,10 @@ mod tests {
         {
             assert!(told(subcommand).contains(&format!("temporary files [default: {folder}]")), "{subcommand}");
         }
+        let landmarks = "Number of landmarks [default: 120, above ";
+        assert!(told("rows").contains(&format!("{landmarks}60,000 faces 60 to 20 by size;")));
+        assert!(told("share").contains(&format!("{landmarks}300,000 faces 240; with kmeans")));
+        assert!(["rows", "share"].iter().all(|subcommand| !told(subcommand).contains("--exact")));
         assert!(told("segment").contains("[default: parts]") && told("cluster").contains("[default: parts, or as"));
         assert!(told("rows").contains("[default: parts]") && told("rows").contains("[default: 0, or as"));
     }
