@@ -77,11 +77,11 @@ pub struct CompletionArgs {
 #[derive(Clone, Debug, clap::Args)]
 pub struct ManArgs {
     /// The folder for the pages, one page per subcommand
-    #[arg(value_name = "DIR", required_unless_present = "markdown")]
-    pub folder: Option<PathBuf>,
-    /// Write docs/reference.md instead, to FILE; `-` for standard output
-    #[arg(long, value_name = "FILE", hide = true, conflicts_with = "folder")]
-    pub markdown: Option<PathBuf>,
+    #[arg(value_name = "DIR")]
+    pub folder: PathBuf,
+    /// Write docs/reference.md instead, to DIR as a file; `-` for standard output
+    #[arg(long, hide = true)]
+    pub markdown: bool,
 }
 
 /// Writes completions to standard output.
@@ -94,14 +94,12 @@ pub fn completions(args: &CompletionArgs, mut program: Command) -> Result<(), Cl
 
 /// Writes man pages, or all of them as one page of Markdown.
 pub fn man(args: &ManArgs, program: Command) -> Result<(), CliError> {
-    if let Some(folder) = &args.folder {
-        std::fs::create_dir_all(folder).map_err(Error::io(folder, "create"))?;
-        clap_mangen::generate_to(program.clone(), folder).map_err(Error::io(folder, "write man pages to"))?;
+    let folder = &args.folder;
+    if args.markdown {
+        return Ok(Sink::of(folder).write(&markdown(program))?);
     }
-    if let Some(path) = &args.markdown {
-        Sink::of(path).write(&markdown(program))?;
-    }
-    Ok(())
+    std::fs::create_dir_all(folder).map_err(Error::io(folder, "create"))?;
+    Ok(clap_mangen::generate_to(program, folder).map_err(Error::io(folder, "write man pages to"))?)
 }
 
 /// The reference of all subcommands as Markdown. A group of options that an earlier subcommand has too is not repeated.

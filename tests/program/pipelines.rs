@@ -138,6 +138,9 @@ fn combinations_that_would_be_ignored_are_refused() {
 #[test]
 fn completions_and_man_pages_know_every_option() {
     let dir = common::in_memory();
+    // Regression: the folder was shown as optional.
+    assert!(String::from_utf8_lossy(&run(&["help", "man"]).stdout).contains("man <DIR>"));
+    assert!(run(&["man"]).status.code() == Some(2) && errors(&run(&["man"])).contains("DIR: missing"));
     let output = run(&["man", word(&dir.path().join("man"))]);
     assert!(output.status.success(), "{}", errors(&output));
     for command in ["segment", "graph", "rows", "embed", "cluster", "export", "evaluate", "picture", "demo"] {
