@@ -394,7 +394,7 @@ impl Hierarchy {
             return Ok(None);
         }
         let kept = KeptDecision::read(context.work, params.exact_rows())?;
-        let cells = cuts::cells(params.exact_rows(), context)?;
+        let cells = cuts::cells(params.exact_rows(), context.work, context)?;
         Ok(Some(Self { cells, kept }))
     }
 

@@ -304,7 +304,7 @@ pub fn one(job: &Job, task: Task<'_>, bars: &Bars, run: &Run, app: &AppContext) 
     };
     let pages = outputs.iter().any(Output::is_page);
     let cut = pages && params.cluster == Cluster::Parts;
-    let cuts = if cut { cuts::kept(params.exact_rows(), None, Context::new(&work, run))? } else { None };
+    let cuts = if cut { cuts::kept(params.exact_rows(), None, &work, Context::new(&work, run))? } else { None };
     let report = || {
         let (context, peak) = (Context::new(&work, run), Some((app.peak)()));
         let report = Report::new(opened.path(), params, &result, context, bars.told(), peak)?;

@@ -9,10 +9,12 @@ use super::edits::{EditArgs, corrections, named};
 use super::errors::of_file;
 use super::input::{open_file, read};
 use super::method::{KernelArgs, MethodArgs, OrderArgs, PartsArgs};
-use super::options::{AppContext, CliError, ForceArgs, ResourceArgs, RunArgs, ShownArgs, WorkDirArgs, misfit, open};
+use super::options::{
+    AppContext, CliError, ForceArgs, ResourceArgs, RunArgs, ScratchArgs, ShownArgs, WorkDirArgs, misfit, open,
+};
 use super::output::{FormArgs, JsonArgs, Output, Results, check_folders, check_names, ending, outputs_of};
 use super::progress::counted;
-use super::sink::{check_outside, check_places, print};
+use super::sink::{check_outside, check_places, folder_of, print};
 use nystrom_stream::apps::edits::Edits;
 use nystrom_stream::apps::export::parquet::Coordinates;
 use nystrom_stream::base::Error;
@@ -172,6 +174,8 @@ pub struct ExportArgs {
     pub resources: ResourceArgs,
     #[command(flatten)]
     pub shown: ShownArgs,
+    #[command(flatten)]
+    pub scratch: ScratchArgs,
 }
 
 /// Opens a work directory that must be there; the run gets its seed, unless it is given another.
@@ -330,7 +334,7 @@ pub fn cluster(args: &ClusterArgs, app: &AppContext) -> Result<(), CliError> {
     }
     let context = Context::new(&work, &run);
     let needs_mesh = edits.is_some() || args.edits.hints.is_some();
-    let opened = needs_mesh.then(|| open_mesh(args.mesh.as_deref(), &record, None, context)).transpose()?;
+    let opened = needs_mesh.then(|| open_mesh(args.mesh.as_deref(), &record, None, &work, context)).transpose()?;
     let of_mesh = |name: &String| opened.as_ref().map(|mesh| mesh.face_property(name, &run));
     let painted = args.edits.hints.as_ref().and_then(of_mesh).transpose()?;
     let placed = edits.as_ref().zip(opened.as_ref()).map(|(edits, mesh)| edits.on(mesh, &run)).transpose()?;
@@ -363,6 +367,7 @@ pub fn cluster(args: &ClusterArgs, app: &AppContext) -> Result<(), CliError> {
         record: &record,
         form: args.form,
         context: Context::new(&work, &run),
+        scratch: &work,
     };
     export.write(&params, tree.as_ref(), labelling, || json::value("the report", &report()?))?;
     let report = report()?;
@@ -389,7 +394,18 @@ pub fn export(args: &ExportArgs, app: &AppContext) -> Result<(), CliError> {
     }
     args.form.check(&outputs)?;
     check_names(args.names.as_deref(), &outputs, &JsonArgs::default())?;
-    let (work, record, run) = reopen(&args.place, None, args.resources.run(&bars, app))?;
+    let run = args.resources.run(&bars, app);
+    let folder = &args.place.work_dir;
+    let looked_at = WorkDir::open_existing(folder)?;
+    // Others may read it at the same time, and it may be read-only, unless an embedding is to be made.
+    let work = if args.form.embedding_columns && embed::kept(&looked_at).is_none() {
+        drop(looked_at);
+        open(folder, &run)?
+    } else {
+        looked_at
+    };
+    let record = Record::read(&work)?;
+    let run = Run { seed: record.seed, ..run };
     let inputs = [&args.mesh, &args.names].into_iter().flatten();
     let inputs = inputs.chain([&record.mesh]);
     check_places(inputs.clone(), args.output.iter().chain(&args.tree))?;
@@ -403,6 +419,9 @@ pub fn export(args: &ExportArgs, app: &AppContext) -> Result<(), CliError> {
         decision::write_tree(&tree, path)?;
     }
     if !outputs.is_empty() {
+        let beside = || outputs.iter().find_map(Output::path).map_or_else(std::env::temp_dir, folder_of);
+        let scratch = args.scratch.tmp.clone().unwrap_or_else(beside);
+        let scratch = WorkDir::in_memory(&scratch, &run.budget);
         let kept = Labels::read(&work)?;
         let (mut names, colours) = (kept.names(), kept.colours());
         named(&mut names, args.names.as_deref(), colours.len())?;
@@ -423,6 +442,7 @@ pub fn export(args: &ExportArgs, app: &AppContext) -> Result<(), CliError> {
             record: &record,
             form: args.form,
             context: Context::new(&work, &run),
+            scratch: &scratch,
         };
         export.write(&record.params, None, labelling, report)?;
     }
@@ -462,6 +482,8 @@ struct Export<'a> {
     record: &'a Record,
     form: FormArgs,
     context: Context<'a>,
+    /// Where what is only needed for writing goes.
+    scratch: &'a WorkDir,
 }
 
 impl Export<'_> {
@@ -479,13 +501,17 @@ impl Export<'_> {
         }
         let faces = Some(labelling.labels.len());
         let needed = outputs.iter().any(Output::needs_mesh);
-        let open = || open_mesh(self.mesh, self.record, faces, context);
+        let open = || open_mesh(self.mesh, self.record, faces, self.scratch, context);
         let opened = if needed { Some(open()?) } else { None };
         let coordinates =
             if self.form.embedding_columns { Some(embedding(params, labelling.labels.len(), context)?) } else { None };
         let pages = outputs.iter().any(Output::is_page);
         let cut = pages && params.cluster == Cluster::Parts;
-        let cuts = if cut { cuts::kept(params.exact_rows(), tree, context)? } else { None };
+        let cuts = if cut {
+            cuts::kept(params.exact_rows(), tree, context.work, Context::new(self.scratch, context.run))?
+        } else {
+            None
+        };
         let results = Results {
             labelling,
             options: self.form.ply.options(),
@@ -504,15 +530,17 @@ impl Export<'_> {
     }
 }
 
-/// Opens the mesh that the work directory belongs to, from `moved` if it is given, else from the path in `record`.
+/// Opens the mesh that the work directory belongs to, from `moved` if it is given, else from the path in `record`. What
+/// has to be decoded goes to `scratch`.
 fn open_mesh(
     moved: Option<&Path>,
     record: &Record,
     faces: Option<usize>,
+    scratch: &WorkDir,
     context: Context<'_>,
 ) -> Result<mesh::Mesh, Error> {
     let path = there(moved, record, context.work.path())?;
-    let opened = open_file(&path, context.work.path(), context.run)?;
+    let opened = open_file(&path, scratch.path(), context.run)?;
     if faces.is_some_and(|faces| opened.faces.len() != faces) {
         return Err(Error::unusable(&path, "has another number of faces than labels", "name the right mesh"));
     }

@@ -5,7 +5,7 @@ use crate::base::Result;
 use crate::cluster::parts::PartTree;
 use crate::cluster::{cells, contract};
 use crate::graph::{DualGraph, NodeOrder};
-use crate::store::{Context, MappedSlice};
+use crate::store::{Context, MappedSlice, WorkDir};
 
 /// Numbers of parts at the most.
 pub const MOST: usize = 30;
@@ -25,17 +25,18 @@ pub struct KeptCuts {
 }
 
 /// The cuts into up to [`MOST`] parts of the mesh in `work`, which was cut into parts, with rows over all faces where
-/// `exact`; by the hierarchy `tree`, where one is given. None where cells and hierarchy do not fit.
+/// `exact`; by the hierarchy `tree`, where one is given. None where cells and hierarchy do not fit. Arrays go to the
+/// work directory of `context`, which may be another: `work` is only read.
 ///
 /// # Errors
 /// [`crate::base::Error::WorkDir`], [`crate::base::Error::Io`], [`crate::base::Error::Cancelled`].
-pub fn kept(exact: bool, tree: Option<&PartTree>, context: Context<'_>) -> Result<Option<KeptCuts>> {
-    let mut kept = KeptDecision::read(context.work, exact)?;
+pub fn kept(exact: bool, tree: Option<&PartTree>, work: &WorkDir, context: Context<'_>) -> Result<Option<KeptCuts>> {
+    let mut kept = KeptDecision::read(work, exact)?;
     if let Some(tree) = tree {
         kept.decision.tree = tree.clone();
     }
     let tree = &kept.decision.tree;
-    let cells = cells(exact, context)?;
+    let cells = cells(exact, work, context)?;
     if cells.iter().any(|&cell| cell as usize >= tree.cells()) {
         return Ok(None);
     }
@@ -44,23 +45,23 @@ pub fn kept(exact: bool, tree: Option<&PartTree>, context: Context<'_>) -> Resul
 }
 
 /// The cell of each face of the mesh in `work`, in the order of the file (n); those of its contraction, unless it is
-/// small or rows were `exact`.
+/// small or rows were `exact`. Arrays go to the work directory of `context`.
 ///
 /// # Errors
 /// As [`kept`].
-pub fn cells(exact: bool, context: Context<'_>) -> Result<MappedSlice<u32>> {
-    let (graph, input) = DualGraph::kept(context.work)?;
+pub fn cells(exact: bool, work: &WorkDir, context: Context<'_>) -> Result<MappedSlice<u32>> {
+    let (graph, input) = DualGraph::kept(work)?;
     let n = graph.nodes.len();
-    let order = NodeOrder::kept(&input, n, context.work)?;
+    let order = NodeOrder::kept(&input, n, work)?;
     // A large mesh alone is contracted.
     let mut cells = context.work.array::<u32>(FILE, &[n])?;
-    if let Some(inner) = decision::contraction_in_use(context.work, exact)? {
+    if let Some(inner) = decision::contraction_in_use(work, exact)? {
         let of_small = inner.open_array::<u16>(cells::OF_FACE)?;
         let of_node = inner.array_of::<u16>(contract::OF_FACE, n)?;
         let cell = |i: usize, _| of_small.get(of_node[i] as usize).map_or(u32::MAX, |&cell| cell.into());
         context.run.fill_each(cells.data(), CHUNK, cell)?;
     } else {
-        let of_node = context.work.array_of::<u16>(cells::OF_FACE, n)?;
+        let of_node = work.array_of::<u16>(cells::OF_FACE, n)?;
         context.run.fill_each(cells.data(), CHUNK, |i, _| of_node[i].into())?;
     }
     let restored = order.restore(FILE, cells.finish(false)?, context)?;

@@ -245,7 +245,7 @@ impl WorkDir {
     /// The path of a file that is to be made in it.
     ///
     /// # Errors
-    /// [`Error::WorkDir`] where its folder could not be made.
+    /// [`Error::Io`] where its folder could not be made.
     fn new_file(&self, name: &str) -> Result<PathBuf> {
         // A held array of that name would be found instead of the file.
         if let Some(arrays) = &self.arrays {

@@ -518,7 +518,7 @@ fn options_without_an_effect_are_refused() {
         (&["merge", work], &["--threads", "--max-memory", "--seed", "--tmp", "--no-plan"]),
         (&["info", mesh], &["--seed", "--no-plan", "--quiet", "--progress"]),
         (&["plan", mesh], &["--no-plan", "--quiet", "--progress"]),
-        (&["export", "--work-dir", work, "-o", seg], &["--seed", "--tmp", "--no-plan"]),
+        (&["export", "--work-dir", work, "-o", seg], &["--seed", "--no-plan"]),
         (&["picture", mesh], &["--seed", "--no-plan"]),
         (&["transfer-labels", mesh, mesh, "-o", seg], &["--seed", "--no-plan"]),
         (&["graph", mesh, "--work-dir", work], &["--tmp", "--no-plan"]),

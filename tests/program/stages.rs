@@ -413,3 +413,36 @@ fn a_mesh_without_area_is_left_whole() {
         assert_eq!(four.len(), 4, "{name}");
     }
 }
+
+/// Regression: it took the lock of a writer and kept scratch files there, so that an archive had to be writable.
+#[test]
+fn export_only_reads_the_work_directory() {
+    let scene = scene(2_000, true);
+    let path = |name: &str| scene.mesh.with_file_name(name);
+    // An OBJ has to be decoded to be written with its labels.
+    let (mesh, tmp) = (path("mesh.obj"), path("tmp"));
+    segment(&scene.mesh, &["-q", "-k", "4", "-o", word(&mesh)]);
+    segment(&mesh, &["-q", "-k", "4", "--work-dir", word(&scene.work), "-o", word(&scene.out)]);
+    std::fs::remove_file(scene.work.join("lock")).unwrap();
+    std::fs::create_dir(&tmp).unwrap();
+    let changed = |folder: &Path| std::fs::metadata(folder).unwrap().modified().unwrap();
+    let hidden = |folder: &Path| {
+        let names = std::fs::read_dir(folder).unwrap().map(|entry| entry.unwrap().file_name());
+        names.filter(|name| name.as_encoded_bytes().starts_with(b".")).count()
+    };
+    let before = (changed(&scene.work), changed(&tmp));
+    let tree = path("tree.json");
+    let forms = ["x.ply", "x.obj", "x.html", "x.parquet", "x.csv", "x.npy"].map(path);
+    let outputs = forms.iter().flat_map(|form| ["-o", word(form)]);
+    let words: Vec<&str> = ["export", "-q", "--tree", word(&tree)].into_iter().chain(outputs).collect();
+    stage(&words, &scene.work);
+    assert_eq!(changed(&scene.work), before.0);
+    assert_eq!(labels(&path("x.npy")), read_seg(&scene.out).unwrap());
+    assert!(forms.iter().all(|form| form.exists()) && hidden(scene.work.parent().unwrap()) == 0);
+    stage(&[&words[..], &["--tmp", word(&tmp)]].concat(), &scene.work);
+    assert!(changed(&tmp) > before.1 && hidden(&tmp) == 0);
+    // An embedding that is not there is made and kept.
+    let table = path("x.parquet");
+    stage(&["export", "-q", "--embedding-columns", "-o", word(&table)], &scene.work);
+    assert!(scene.work.join("embedding.npy").exists());
+}
