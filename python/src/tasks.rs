@@ -8,6 +8,7 @@ use numpy::{PyArray1, PyArray3, PyArrayMethods, PyReadonlyArray1, PyReadonlyArra
 use nystrom_stream::apps::colours::colours_for;
 use nystrom_stream::apps::edits::Edits;
 use nystrom_stream::apps::evaluate::Evaluator;
+use nystrom_stream::apps::export::Form;
 use nystrom_stream::apps::export::split::PartForm;
 use nystrom_stream::apps::measure;
 use nystrom_stream::apps::page::{CellModel, Cuts, Page};
@@ -15,7 +16,6 @@ use nystrom_stream::apps::picture::{PictureParams, render};
 use nystrom_stream::apps::sequence::SequenceOrder;
 use nystrom_stream::cluster::parts::PartTree;
 use nystrom_stream::landmarks::Sampling;
-use nystrom_stream::mesh::ends_with;
 use nystrom_stream::pipeline::cuts;
 use nystrom_stream::store::{Context, WorkDir};
 use nystrom_stream::{LabelTransfer, Labelling, SamplingQuality, SaveOptions, Sequencer};
@@ -115,7 +115,8 @@ pub fn save(
 ) -> PyResult<()> {
     let options = save_options(options)?;
     // Of an OBJ the lines of its file are written again.
-    let mesh = if ends_with(&path, "obj") { mesh.with_its_file()? } else { mesh.current()? };
+    let form = Form::of(&path);
+    let mesh = if form == Some(Form::Obj) { mesh.with_its_file()? } else { mesh.current()? };
     let (labels, colours) = (labels.as_array().to_vec(), self::colours(&colours)?);
     let quality = quality.map(|quality| quality.as_array().to_vec());
     let tree = tree.map(hierarchy).transpose()?;
@@ -123,7 +124,7 @@ pub fn save(
     let report: serde_json::Value =
         serde_json::from_str(report).map_err(|error| PyValueError::new_err(error.to_string()))?;
     let labelling = Labelling { labels: &labels, colours: &colours, quality: quality.as_deref(), names: &names };
-    if options != SaveOptions::default() || !["html", "htm"].iter().any(|page| ends_with(&path, page)) {
+    if options != SaveOptions::default() || form != Some(Form::Html) {
         return run(py, |run| mesh.save_under(path, labelling, &options, run));
     }
     let edits = edits.map(|text| Edits::of_text(text.as_bytes(), "edits".as_ref())).transpose().map_err(raised)?;

@@ -1,103 +1,15 @@
 //! Methods of [`Mesh`] that need the layers above it: an example mesh of any size, and labelled files of every form.
 
 use crate::apps::creature::{Creature, Options};
-use crate::apps::export::split::{self, Folder, PartForm};
-use crate::apps::export::{glb, obj};
+use crate::apps::export::form::{Form, SaveOptions, unknown};
 use crate::base::{Error, Result};
-use crate::mesh::{Labelling, Mesh, PlyForm, PlyOptions, seg, write_labelled};
+use crate::mesh::{Labelling, Mesh};
 use crate::pipeline::admission::admit;
 use crate::pipeline::input;
 use crate::store::manifest::checksum_of;
-use crate::store::{Context, Run, WorkDir, npy};
+use crate::store::{Context, Run, WorkDir};
 use serde_json::{Value, json};
-use std::ffi::OsStr;
 use std::path::Path;
-
-/// Choices that a `.ply` and a folder of parts leave.
-///
-/// ```
-/// use nystrom_stream::SaveOptions;
-/// let solids = SaveOptions::new().cap(true);
-/// let sharp = SaveOptions::new().split_vertices(true);
-/// assert_ne!(solids, sharp);
-/// ```
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-#[non_exhaustive]
-pub struct SaveOptions {
-    /// Of a `.ply`.
-    pub ply: PlyOptions,
-    /// Of a folder of parts.
-    pub folder: Folder,
-}
-
-impl Default for SaveOptions {
-    fn default() -> Self {
-        Self { ply: PlyForm::Same.into(), folder: PartForm::Binary.into() }
-    }
-}
-
-impl SaveOptions {
-    /// What [`Mesh::save`] writes.
-    pub fn new() -> Self {
-        Self::default()
-    }
-
-    /// The encoding of a `.ply`.
-    #[must_use]
-    pub fn ply_form(mut self, form: PlyForm) -> Self {
-        self.ply.form = form;
-        self
-    }
-
-    /// Whether vertices of a `.ply` have labels and colours too, for programs that know no properties of faces.
-    #[must_use]
-    pub fn vertex_labels(mut self, wanted: bool) -> Self {
-        self.ply.vertex_labels = wanted;
-        self
-    }
-
-    /// Whether parts share no vertex of a `.ply`, so that colours of vertices end at boundaries.
-    #[must_use]
-    pub fn split_vertices(mut self, wanted: bool) -> Self {
-        self.ply.split_vertices = wanted;
-        self
-    }
-
-    /// Whether triangles of a `.ply` are split where smooth boundaries cross them ([`crate::mesh::split_faces`]); not
-    /// together with the two choices for vertices.
-    #[must_use]
-    pub fn split_faces(mut self, wanted: bool) -> Self {
-        self.ply.split_faces = wanted;
-        self
-    }
-
-    /// Whether the parts of a folder are closed where they were cut off, and at holes.
-    #[must_use]
-    pub fn cap(mut self, wanted: bool) -> Self {
-        self.folder.cap = wanted;
-        self
-    }
-
-    /// What the files of a folder are.
-    #[must_use]
-    pub fn part_form(mut self, form: PartForm) -> Self {
-        self.folder.form = form;
-        self
-    }
-
-    /// Refuses choices for another form than the one that is written.
-    fn check(&self, folder: bool, ply: bool) -> Result<()> {
-        let untouched = Self::default();
-        let (option, form) = if self.folder != untouched.folder && !folder {
-            ("cap and part_form", "a folder of parts: end the path with /")
-        } else if self.ply != untouched.ply && !ply {
-            ("vertex_labels, split_vertices, split_faces and ply_form", "a .ply")
-        } else {
-            return Ok(());
-        };
-        Err(Error::parameter("options", format!("{option} are for another form"), format!("write {form}")))
-    }
-}
 
 impl Mesh {
     /// An animal on four legs with at least `faces` faces: a mesh to try things on. See [`crate::apps::creature`].
@@ -165,35 +77,11 @@ impl Mesh {
         run: &Run,
     ) -> Result<()> {
         let path = path.as_ref();
-        let folder = path.to_string_lossy().ends_with(['/', std::path::MAIN_SEPARATOR]) || path.is_dir();
-        let ending = path.extension().and_then(OsStr::to_str).map(str::to_ascii_lowercase);
-        options.check(folder, !folder && ending.as_deref() == Some("ply"))?;
+        let form = Form::of(path);
+        options.check(form)?;
         labelling.fit(self.faces.len())?;
         named_and_coloured(&labelling)?;
-        if folder {
-            return split::write(path, self, &labelling, options.folder, run);
-        }
-        match ending.as_deref() {
-            Some("ply") => write_labelled(self, path, &labelling, options.ply, run),
-            Some("seg") => seg::write_seg(path, labelling.labels, run),
-            Some("npy") => npy::write(path, labelling.labels, 1, true).map(drop),
-            Some("obj") => obj::write(path, self, &labelling, run),
-            Some("glb") => glb::write(path, self, &labelling, run),
-            #[cfg(feature = "parquet")]
-            Some("parquet") => crate::apps::export::parquet::write(path, self, &labelling, None, run),
-            #[cfg(feature = "pictures")]
-            Some("png") => {
-                let params = crate::apps::picture::PictureParams::default();
-                let Labelling { labels, colours, names, .. } = labelling;
-                crate::apps::picture::render_named(self, Some(labels), (colours, names), &params, run)?.write_png(path)
-            }
-            _ => {
-                let problem = format!("{}: its ending names no known form", path.display());
-                let remedy = "end it with .ply, .seg, .npy, .obj or .glb (.png and .parquet with their features), \
-                              or with / for a folder";
-                Err(Error::parameter("path", problem, remedy))
-            }
-        }
+        form.ok_or_else(|| unknown(path))?.write(path, Some(self), &labelling, options, run)
     }
 }
 

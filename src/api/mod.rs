@@ -25,10 +25,10 @@ pub mod sequence;
 #[cfg(feature = "correspondence")]
 pub use correspond::{Correspondence, Matcher};
 pub use labels::{LabelTransfer, SamplingQuality, evaluate};
-pub use mesh::SaveOptions;
 pub use segment::{Hierarchy, Segmentation, Segmenter};
 pub use sequence::{Sequence, Sequencer};
 
 pub use crate::apps::evaluate::Scores;
+pub use crate::apps::export::SaveOptions;
 pub use crate::apps::study::SampleRecord;
 pub use crate::apps::transfer::Transferred;

@@ -3,15 +3,16 @@
 //! A run costs what [`crate::pipeline::segment()`] does. Its result has 8 bytes per face, labels and confidences, in
 //! memory or mapped.
 
-use super::mesh::{SaveOptions, admitted};
+use super::mesh::admitted;
 use super::run::{RunOptions, run_options, work_options};
 use crate::apps::edits::Edits;
+#[cfg(feature = "pages")]
+use crate::apps::export::Form;
+use crate::apps::export::SaveOptions;
 use crate::base::Result;
 use crate::cluster::parts::{Decision, PartCount, PartTree};
 use crate::graph::{Metric, Order};
 use crate::landmarks::Sampling;
-#[cfg(feature = "pages")]
-use crate::mesh::ends_with;
 use crate::mesh::{Labelling, Mesh};
 use crate::pipeline::decision::KeptDecision;
 use crate::pipeline::edits::Corrections;
@@ -349,7 +350,7 @@ impl Segmentation {
     /// As [`Mesh::save_with`].
     pub fn save_with(&self, path: impl AsRef<Path>, options: &SaveOptions) -> Result<()> {
         #[cfg(feature = "pages")]
-        if *options == SaveOptions::default() && ["html", "htm"].iter().any(|page| ends_with(path.as_ref(), page)) {
+        if *options == SaveOptions::default() && Form::of(path.as_ref()) == Some(Form::Html) {
             return self.save_page(path.as_ref());
         }
         self.mesh.save_with(path, self.labelling(), options)

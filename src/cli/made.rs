@@ -7,6 +7,7 @@
 
 use super::output::Output;
 use super::sink::folder_of;
+use nystrom_stream::apps::export::Form;
 use nystrom_stream::store::json;
 use serde_json::{Value, json};
 use std::path::{Path, PathBuf};
@@ -30,11 +31,11 @@ impl Maker {
     fn record(&self, output: &Output) -> Option<Value> {
         let last = output.last_file()?;
         let (mut bytes, mut changed) = state(&last)?;
-        if let Output::Folder(folder) = output {
+        if output.form() == Form::Folder {
             // The list is written last, but any of its files may be gone since.
             let list: Value = serde_json::from_slice(&std::fs::read(&last).ok()?).ok()?;
             for part in list["parts"].as_array()? {
-                let (more, time) = state(&folder.join(part["file"].as_str()?))?;
+                let (more, time) = state(&output.target().join(part["file"].as_str()?))?;
                 let all = format!("{changed} {more} {time}");
                 (bytes, changed) = (bytes + more, format!("{:016x}", xxh3_64(all.as_bytes())));
             }

@@ -20,6 +20,7 @@ mod plan;
 mod plot;
 mod progress;
 mod quality;
+mod results;
 mod segment;
 mod sequence;
 mod signals;

@@ -4,24 +4,20 @@ use super::choices::choice;
 use super::options::CliError;
 use super::progress::counted;
 use super::sink::{Sink, check_is_no_stream, folder_of, print};
-use nystrom_stream::apps::edits::Edits;
-use nystrom_stream::apps::export::parquet::{self, Coordinates};
-use nystrom_stream::apps::export::split::{self, Folder, PartForm};
-use nystrom_stream::apps::export::{glb, obj};
-use nystrom_stream::apps::measure;
-use nystrom_stream::apps::page::{CellModel, Cuts, Page};
-use nystrom_stream::apps::picture::{self, PictureParams};
+use nystrom_stream::SaveOptions;
+use nystrom_stream::apps::export::Form;
+use nystrom_stream::apps::export::split::{self, PartForm};
 use nystrom_stream::base::{Error, Result, Told, printable};
-use nystrom_stream::mesh::ply::labelled::{Labelling, PlyForm, PlyOptions, write_labelled, write_labelled_to};
-use nystrom_stream::mesh::{Document, Mesh, ends_with, seg};
-use nystrom_stream::pipeline::cuts::KeptCuts;
-use nystrom_stream::store::{Context, Run, WorkDir, json, npy};
+use nystrom_stream::mesh::ply::labelled::PlyForm;
+use nystrom_stream::mesh::{Document, Mesh, ends_with};
 use serde_json::{Value, json};
 use std::collections::HashSet;
 use std::ffi::OsStr;
 use std::path::{Path, PathBuf};
 use std::time::Instant;
 
+/// Standard output, as it is named on the command line.
+const STDOUT: &str = "-";
 /// Endings of mesh files, longer ones first.
 pub const ENDINGS: [&str; 8] = [".ply.gz", ".obj.gz", ".off.gz", ".stl.gz", ".ply", ".obj", ".off", ".stl"];
 
@@ -110,20 +106,13 @@ pub struct FormArgs {
 }
 
 impl PlyArgs {
-    /// As the library takes them.
-    pub fn options(self) -> PlyOptions {
-        PlyOptions::new(self.ply_form, self.vertex_labels)
-            .splitting(self.split_vertices)
-            .splitting_faces(self.split_faces)
-    }
-
     /// Refuses options that none of `outputs` would follow.
     pub fn check(self, outputs: &[Output]) -> Result<(), CliError> {
-        let is_file = |output: &Output| matches!(output, Output::Ply(_) | Output::Stdout);
+        let is_file = |output: &Output| output.form == Form::Ply;
         if self.split_faces && !outputs.iter().any(is_file) {
             return Err(CliError::Usage("--split-faces goes with a .ply output; other outputs keep the faces".into()));
         }
-        let is_ply = |output: &Output| matches!(output, Output::Ply(_) | Output::Folder(_) | Output::Stdout);
+        let is_ply = |output: &Output| matches!(output.form, Form::Ply | Form::Folder);
         let split = (self.split_vertices, "--split-vertices");
         let given = [(self.vertex_labels, "--vertex-labels"), split, (self.ply_form != PlyForm::Same, "--ply-form")];
         match given.into_iter().find(|(given, _)| *given) {
@@ -135,12 +124,34 @@ impl PlyArgs {
     }
 }
 
+impl From<PlyArgs> for FormArgs {
+    fn from(ply: PlyArgs) -> Self {
+        Self { ply, part_form: PartFile::Ply, cap: false, embedding_columns: false }
+    }
+}
+
 impl FormArgs {
+    /// As the library takes them for `mesh`, whose text or bytes its PLY files may have.
+    pub fn options(self, mesh: Option<&Mesh>) -> SaveOptions {
+        let is_text = match self.ply.ply_form {
+            PlyForm::Same => mesh.and_then(Mesh::document).is_some_and(Document::is_text),
+            form => form == PlyForm::Ascii,
+        };
+        let part_form = match self.part_form {
+            PartFile::Stl => PartForm::Stl,
+            PartFile::Ply if is_text => PartForm::Text,
+            PartFile::Ply => PartForm::Binary,
+        };
+        let PlyArgs { ply_form, vertex_labels, split_vertices, split_faces } = self.ply;
+        let ply = SaveOptions::new().ply_form(ply_form).vertex_labels(vertex_labels);
+        ply.split_vertices(split_vertices).split_faces(split_faces).part_form(part_form).cap(self.cap)
+    }
+
     /// Refuses options that none of `outputs` would follow.
     pub fn check(self, outputs: &[Output]) -> Result<(), CliError> {
         self.ply.check(outputs)?;
-        let folder = outputs.iter().any(|output| matches!(output, Output::Folder(_)));
-        let table = outputs.iter().any(|output| matches!(output, Output::Parquet(_)));
+        let folder = outputs.iter().any(|output| output.form == Form::Folder);
+        let table = outputs.iter().any(|output| output.form == Form::Parquet);
         let (a_folder, a_table) = ("a folder of parts, as in -o parts/", "a .parquet output");
         let rules = [
             (self.part_form != PartFile::Ply && !folder, "--part-form", a_folder),
@@ -154,62 +165,19 @@ impl FormArgs {
     }
 }
 
-/// The results to write.
-pub struct Results<'a> {
-    /// Labels, colours, qualities.
-    pub labelling: Labelling<'a>,
-    /// Of PLY outputs.
-    pub options: PlyOptions,
-    /// Of folders of parts.
-    pub part_form: PartFile,
-    /// Whether the parts of folders are closed.
-    pub cap: bool,
-    /// For tables, if asked for.
-    pub embedding: Option<Coordinates<'a>>,
-    /// For tables of parts: the share of people who are expected to have each, where that is known.
-    pub agreement: &'a [f64],
-    /// For pages: the run's report.
-    pub report: Value,
-    /// For pages: other numbers of parts.
-    pub cuts: Option<&'a KeptCuts>,
-    /// For pages: the part of each cell, where it is known.
-    pub cell_labels: &'a [u32],
-    /// For pages: the edits that the labels are of.
-    pub edits: Option<&'a Edits>,
-}
-
 /// An output and its form.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub enum Output {
-    /// A labelled PLY.
-    Ply(PathBuf),
-    /// One label per line.
-    Seg(PathBuf),
-    /// Labels as a NumPy array.
-    Npy(PathBuf),
-    /// A picture.
-    Png(PathBuf),
-    /// A table of the faces.
-    Parquet(PathBuf),
-    /// A mesh with one group per part.
-    Obj(PathBuf),
-    /// A table of the parts.
-    Csv(PathBuf),
-    /// A scene with one primitive per part.
-    Glb(PathBuf),
-    /// A page that shows the mesh.
-    Html(PathBuf),
-    /// One PLY per part, in this folder.
-    Folder(PathBuf),
-    /// A labelled PLY on standard output.
-    Stdout,
+pub struct Output {
+    form: Form,
+    /// `-` for standard output.
+    target: PathBuf,
 }
 
 impl std::fmt::Display for Output {
     fn fmt(&self, f: &mut std::fmt::Formatter) -> std::fmt::Result {
-        match self {
-            Self::Stdout => f.write_str("standard output"),
-            _ => self.target().display().fmt(f),
+        match self.path() {
+            Some(path) => path.display().fmt(f),
+            None => f.write_str("standard output"),
         }
     }
 }
@@ -217,29 +185,26 @@ impl std::fmt::Display for Output {
 impl Output {
     /// The output that `path` names.
     pub fn of(path: &Path) -> Result<Self, CliError> {
-        if path == Path::new("-") {
-            return Ok(Self::Stdout);
+        if path == Path::new(STDOUT) {
+            return Ok(Self::stdout());
         }
-        if path.to_string_lossy().ends_with(['/', std::path::MAIN_SEPARATOR]) || path.is_dir() {
-            return Ok(Self::Folder(path.into()));
+        let form = Form::of(path);
+        if form != Some(Form::Folder) {
+            check_is_no_stream("-o", path)?;
         }
-        check_is_no_stream("-o", path)?;
-        match path.extension().and_then(OsStr::to_str).map(str::to_ascii_lowercase).as_deref() {
-            Some("ply") => Ok(Self::Ply(path.into())),
-            Some("seg") => Ok(Self::Seg(path.into())),
-            Some("npy") => Ok(Self::Npy(path.into())),
-            Some("png") => Ok(Self::Png(path.into())),
-            Some("parquet") => Ok(Self::Parquet(path.into())),
-            Some("obj") => Ok(Self::Obj(path.into())),
-            Some("csv") => Ok(Self::Csv(path.into())),
-            Some("glb") => Ok(Self::Glb(path.into())),
-            Some("html" | "htm") => Ok(Self::Html(path.into())),
-            _ => Err(CliError::Usage(format!(
+        let unknown = || {
+            CliError::Usage(format!(
                 "-o {}: unknown ending; end it with .ply, .seg, .npy, .parquet, .csv, .obj, .glb, .html or .png, or \
                  with / for a folder with one PLY per part",
                 path.display()
-            ))),
-        }
+            ))
+        };
+        Ok(Self { form: form.ok_or_else(unknown)?, target: path.into() })
+    }
+
+    /// A labelled PLY on standard output.
+    pub fn stdout() -> Self {
+        Self { form: Form::Ply, target: STDOUT.into() }
     }
 
     /// The name of `mesh` without folder and ending.
@@ -252,115 +217,47 @@ impl Output {
 
     /// `MESH.segmented.ply` beside `mesh`.
     pub fn beside(mesh: &Path) -> Self {
-        Self::Ply(mesh.with_file_name(format!("{}.segmented.ply", Self::stem(mesh))))
+        Self { form: Form::Ply, target: mesh.with_file_name(format!("{}.segmented.ply", Self::stem(mesh))) }
+    }
+
+    /// What it is written as.
+    pub fn form(&self) -> Form {
+        self.form
     }
 
     /// As it is named on the command line: the file or folder, or `-`.
     pub fn target(&self) -> &Path {
-        match self {
-            Self::Ply(path) | Self::Seg(path) | Self::Npy(path) | Self::Png(path) | Self::Parquet(path) => path,
-            Self::Csv(path) | Self::Obj(path) | Self::Glb(path) | Self::Html(path) | Self::Folder(path) => path,
-            Self::Stdout => Path::new("-"),
-        }
+        &self.target
     }
 
     /// The file, or folder, if it is one.
     pub fn path(&self) -> Option<&Path> {
-        (*self != Self::Stdout).then(|| self.target())
+        (self.target != Path::new(STDOUT)).then_some(&self.target)
     }
 
     /// The file that is written last, if it is one.
     pub fn last_file(&self) -> Option<PathBuf> {
-        match self {
-            Self::Folder(path) => Some(path.join(split::LIST)),
-            _ => self.path().map(Path::to_path_buf),
-        }
+        self.path().map(|path| if self.form == Form::Folder { path.join(split::LIST) } else { path.into() })
     }
 
     /// Refuses an output that cannot be written, before any work.
     pub fn check(&self) -> Result<()> {
-        Sink::of(self.target()).check()
+        Sink::of(&self.target).check()
     }
 
     /// Whether it cannot be written without the mesh.
     pub fn needs_mesh(&self) -> bool {
-        !matches!(self, Self::Seg(_) | Self::Npy(_))
+        !self.form.is_labels_alone()
     }
 
     /// Whether it holds the names of parts.
     pub fn holds_names(&self) -> bool {
-        !matches!(self, Self::Seg(_) | Self::Npy(_))
+        !self.form.is_labels_alone()
     }
 
     /// Whether it is a page, which needs report and cuts.
     pub fn is_page(&self) -> bool {
-        matches!(self, Self::Html(_))
-    }
-
-    /// Writes the result; `opened` must be there where [`Output::needs_mesh`].
-    pub fn write(&self, opened: Option<&Mesh>, results: &Results, run: &Run) -> Result<()> {
-        match (self, opened) {
-            (Self::Seg(path), _) => seg::write_seg(path, results.labelling.labels, run),
-            (Self::Npy(path), _) => npy::write(path, results.labelling.labels, 1, true).map(drop),
-            (_, Some(opened)) => self.write_mesh(opened, results, run),
-            (_, None) => Err(Error::parameter("-o", "this form needs the mesh", "name the mesh")),
-        }
-    }
-
-    fn write_mesh(&self, opened: &Mesh, results: &Results, run: &Run) -> Result<()> {
-        let mesh = opened;
-        let Results { labelling, options, embedding, .. } = results;
-        match self {
-            Self::Seg(_) | Self::Npy(_) => Ok(()),
-            Self::Ply(path) => write_labelled(mesh, path, labelling, *options, run),
-            Self::Png(path) => {
-                let params = PictureParams::default();
-                let marks = (labelling.colours, labelling.names);
-                picture::render_named(mesh, Some(labelling.labels), marks, &params, run)?.write_png(path)
-            }
-            Self::Parquet(path) => parquet::write(path, mesh, labelling, *embedding, run),
-            Self::Csv(path) => {
-                let of_labels = |context: Context<'_>| measure::labelled(mesh, labelling.labels, context);
-                let measures = measured(path, run, of_labels)?;
-                json::publish(
-                    path,
-                    measure::table(&measures, labelling.colours, labelling.names, results.agreement).as_bytes(),
-                )
-            }
-            Self::Obj(path) => obj::write(path, mesh, labelling, run),
-            Self::Glb(path) => glb::write(path, mesh, labelling, run),
-            Self::Html(path) => {
-                let title = mesh.path().file_name().unwrap_or_default().to_string_lossy();
-                let cuts = results.cuts.map(|cuts| Cuts {
-                    cells: &cuts.cells,
-                    parts: &cuts.parts,
-                    model: Some(CellModel {
-                        affinities: cuts.kept.affinities(),
-                        tree: &cuts.kept.decision.tree,
-                        start: results.cell_labels,
-                    }),
-                });
-                let (labels, colours, report) = (labelling.labels, labelling.colours, &results.report);
-                let (names, edits) = (labelling.names, results.edits);
-                Page { title: &title, mesh, labels, colours, names, cuts, edits, report }.write(path, run)
-            }
-            Self::Folder(path) => {
-                let text = match options.form {
-                    PlyForm::Same => mesh.document().is_some_and(Document::is_text),
-                    form => form == PlyForm::Ascii,
-                };
-                let form = match results.part_form {
-                    PartFile::Stl => PartForm::Stl,
-                    PartFile::Ply if text => PartForm::Text,
-                    PartFile::Ply => PartForm::Binary,
-                };
-                split::write(path, mesh, labelling, Folder { form, cap: results.cap }, run)
-            }
-            Self::Stdout => {
-                let mut out = std::io::stdout().lock();
-                write_labelled_to(mesh, "<stdout>", &mut out, labelling, *options, run)
-            }
-        }
+        self.form == Form::Html
     }
 }
 
@@ -383,8 +280,8 @@ pub fn check_folders<'a>(
     outputs: impl IntoIterator<Item = &'a Output>,
     files: impl IntoIterator<Item = &'a PathBuf>,
 ) -> Result<(), CliError> {
-    let folder = |output: &Output| if let Output::Folder(path) = output { path.canonicalize().ok() } else { None };
-    let folders: HashSet<PathBuf> = outputs.into_iter().filter_map(folder).collect();
+    let folders = outputs.into_iter().filter(|output| output.form == Form::Folder);
+    let folders: HashSet<PathBuf> = folders.filter_map(|output| output.target.canonicalize().ok()).collect();
     let clashes = |path: &&PathBuf| {
         let named = path.file_name().and_then(OsStr::to_str).is_some_and(split::is_file_name);
         named && folder_of(path).canonicalize().is_ok_and(|folder| folders.contains(&folder))
@@ -412,13 +309,6 @@ pub fn check_names(names: Option<&Path>, outputs: &[Output], json: &JsonArgs) ->
         return Err(CliError::Usage(text.into()));
     }
     Ok(())
-}
-
-/// What `measure` finds without telling of its stages; the graph that says which faces touch goes beside `path`.
-pub fn measured<R>(path: &Path, run: &Run, measure: impl FnOnce(Context<'_>) -> Result<R>) -> Result<R> {
-    let work = WorkDir::temporary(&folder_of(path))?.holding(&run.budget);
-    let silent = Run { threads: run.threads, budget: run.budget.clone(), cancel: run.cancel.clone(), ..Run::new(&()) };
-    measure(Context::new(&work, &silent))
 }
 
 /// A number with as many significant digits as the precision says; without an exponent where it

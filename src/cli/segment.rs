@@ -10,18 +10,17 @@ use super::input::{check_there, meshes, read};
 use super::made::Maker;
 use super::method::MethodArgs;
 use super::options::{AppContext, CliError, ForceArgs, RunArgs, ScratchArgs};
-use super::output::{FormArgs, JsonArgs, Output, Results, check_folders, check_names, ending, measured, outputs_of};
+use super::output::{FormArgs, JsonArgs, Output, check_folders, check_names, ending, outputs_of};
 use super::progress::{Bars, BatchBars, Style, human, tell};
+use super::results::{Cut, measured};
 use super::sink::{OpenSink, Sink, check_distinct, check_outside, folder_of};
-use super::stages::{KeptEmbedding, embedding};
 use nystrom_stream::apps::edits::Edits;
 use nystrom_stream::apps::measure;
 use nystrom_stream::base::parallel::{catch, spawn};
 use nystrom_stream::base::{Error, Progress, Result};
-use nystrom_stream::mesh::ply::labelled::Labelling;
 use nystrom_stream::pipeline::like::{self, LikeFacts, Way};
 use nystrom_stream::pipeline::report::Report;
-use nystrom_stream::pipeline::{Cluster, SegmentParams, cuts, input, labels, segment_corrected};
+use nystrom_stream::pipeline::{Cluster, SegmentParams, input, labels, segment_corrected};
 use nystrom_stream::store::json::value as to_json;
 use nystrom_stream::store::{Budget, Context, Run, WorkDir};
 use serde_json::{Value, json};
@@ -106,7 +105,8 @@ fn check(args: &SegmentArgs, meshes: &[PathBuf], several: bool) -> Result<(Segme
     let misused = |text: &str| Err(CliError::Usage(text.into()));
     let outputs = outputs_of(&args.output)?;
     // What is written by default is a PLY.
-    args.form.check(if outputs.is_empty() { &[Output::Stdout] } else { &outputs })?;
+    let default = [Output::stdout()];
+    args.form.check(if outputs.is_empty() { &default } else { &outputs })?;
     if !outputs.is_empty() {
         check_names(args.edits.names.as_deref(), &outputs, &args.json)?;
     }
@@ -197,7 +197,7 @@ impl Job {
     /// The job of `mesh`; without `outputs` the result goes beside it, or from standard input to standard output.
     fn of(mesh: PathBuf, mut outputs: Vec<Output>) -> Self {
         if outputs.is_empty() {
-            outputs.push(if mesh.as_os_str() == "-" { Output::Stdout } else { Output::beside(&mesh) });
+            outputs.push(if mesh.as_os_str() == "-" { Output::stdout() } else { Output::beside(&mesh) });
         }
         Self { mesh, outputs }
     }
@@ -297,39 +297,22 @@ pub fn one(job: &Job, task: Task<'_>, bars: &Bars, run: &Run, app: &AppContext) 
     if let Some(facts) = told.filter(|facts| facts.look) {
         run.progress.note(&format!("look at {}: {}", path.display(), doubts(facts)));
     }
-    let coordinates = if args.form.embedding_columns {
-        Some(embedding(params, result.labels.len(), Context::new(&work, run))?)
-    } else {
-        None
-    };
-    let pages = outputs.iter().any(Output::is_page);
-    let cut = pages && params.cluster == Cluster::Parts;
-    let cuts = if cut { cuts::kept(params.exact_rows(), None, &work, Context::new(&work, run))? } else { None };
     let report = || {
         let (context, peak) = (Context::new(&work, run), Some((app.peak)()));
         let report = Report::new(opened.path(), params, &result, context, bars.told(), peak)?;
         Ok(Report { like: told.map(|facts| to_json("the likeness", facts)).transpose()?, ..report })
     };
-    let results = Results {
-        labelling: Labelling {
-            labels: &result.labels,
-            colours: &result.colours,
-            quality: Some(&result.quality),
-            names: &result.names,
-        },
-        options: args.form.ply.options(),
-        part_form: args.form.part_form,
-        cap: args.form.cap,
-        embedding: coordinates.as_ref().map(KeptEmbedding::coordinates),
+    let cut = Cut {
+        labelling: result.labelling(),
+        params,
+        tree: None,
         agreement: result.numbers.expected_agreement(),
-        report: if pages { to_json("the report", &report()?)? } else { Value::Null },
-        cuts: cuts.as_ref(),
         cell_labels: &result.cell_labels,
         edits,
+        work: &work,
     };
-    run.stage("write", "faces", result.labels.len() as u64, || {
-        outputs.iter().try_for_each(|output| output.write(Some(&opened), &results, run))
-    })?;
+    let told = || to_json("the report", &report()?);
+    cut.write(outputs, args.form, Some(&opened), told, Context::new(&work, run))?;
     let mut all = report()?;
     if args.measure {
         let of_parts = |context: Context<'_>| measure::parts(&opened, &result.labels, result.colours.len(), context);

@@ -12,18 +12,16 @@ use super::method::{KernelArgs, MethodArgs, OrderArgs, PartsArgs};
 use super::options::{
     AppContext, CliError, ForceArgs, ResourceArgs, RunArgs, ScratchArgs, ShownArgs, WorkDirArgs, misfit, open,
 };
-use super::output::{FormArgs, JsonArgs, Output, Results, check_folders, check_names, ending, outputs_of};
+use super::output::{FormArgs, JsonArgs, Output, check_folders, check_names, ending, outputs_of};
 use super::progress::counted;
+use super::results::Cut;
 use super::sink::{check_outside, check_places, folder_of, print};
-use nystrom_stream::apps::edits::Edits;
-use nystrom_stream::apps::export::parquet::Coordinates;
 use nystrom_stream::base::Error;
 use nystrom_stream::base::printable::line;
-use nystrom_stream::cluster::parts::PartTree;
 use nystrom_stream::cluster::two_means;
 use nystrom_stream::distance::shard;
 use nystrom_stream::graph::Order;
-use nystrom_stream::mesh;
+use nystrom_stream::mesh::Mesh;
 use nystrom_stream::mesh::ply::labelled::Labelling;
 use nystrom_stream::mesh::size::is_pipe;
 use nystrom_stream::pipeline::input::Record;
@@ -31,9 +29,9 @@ use nystrom_stream::pipeline::labels::{self, Labels};
 use nystrom_stream::pipeline::recipe;
 use nystrom_stream::pipeline::report::Report;
 use nystrom_stream::pipeline::sharding::{self, Divided, SharedWork};
-use nystrom_stream::pipeline::{Cluster, SegmentParams, cuts, decision, embed, input};
+use nystrom_stream::pipeline::{Cluster, SegmentParams, decision, embed, input};
 use nystrom_stream::spectral::EmbeddingParams;
-use nystrom_stream::store::{Context, MappedSlice, Run, WorkDir, json};
+use nystrom_stream::store::{Context, Run, WorkDir, json};
 use serde_json::{Value, json};
 use std::path::{Path, PathBuf};
 use std::time::Instant;
@@ -352,24 +350,19 @@ pub fn cluster(args: &ClusterArgs, app: &AppContext) -> Result<(), CliError> {
         let peak = Some((app.peak)());
         Report::new(&record.mesh, &params, &result, context, bars.told(), peak)
     };
-    let labelling = Labelling {
-        labels: &result.labels,
-        colours: &result.colours,
-        quality: Some(&result.quality),
-        names: &result.names,
-    };
-    let export = Export {
-        outputs: &outputs,
-        edits: edits.as_ref(),
-        cell_labels: &result.cell_labels,
+    let cut = Cut {
+        labelling: result.labelling(),
+        params: &params,
+        tree: tree.as_ref(),
         agreement: result.numbers.expected_agreement(),
-        mesh: args.mesh.as_deref(),
-        record: &record,
-        form: args.form,
-        context: Context::new(&work, &run),
-        scratch: &work,
+        cell_labels: &result.cell_labels,
+        edits: edits.as_ref(),
+        work: &work,
     };
-    export.write(&params, tree.as_ref(), labelling, || json::value("the report", &report()?))?;
+    let opened = opened_for(&outputs, args.mesh.as_deref(), &record, result.labels.len(), &work, context)?;
+    if !outputs.is_empty() {
+        cut.write(&outputs, args.form, opened.as_ref(), || json::value("the report", &report()?), context)?;
+    }
     let report = report()?;
     args.json.publish(&report)?;
     report.remarks(&params).iter().for_each(|text| run.progress.note(text));
@@ -432,115 +425,40 @@ pub fn export(args: &ExportArgs, app: &AppContext) -> Result<(), CliError> {
             let input = json!({"path": record.mesh.to_string_lossy(), "faces": labels.len()});
             Ok(json!({"input": input, "options": record.params, "parts": parts}))
         };
-        let mesh = args.mesh.as_deref();
-        let export = Export {
-            outputs: &outputs,
-            edits: edits.as_ref(),
-            cell_labels: &[],
-            agreement: &agreement,
-            mesh,
-            record: &record,
-            form: args.form,
-            context: Context::new(&work, &run),
-            scratch: &scratch,
-        };
-        export.write(&record.params, None, labelling, report)?;
+        let context = Context::new(&scratch, &run);
+        let opened = opened_for(&outputs, args.mesh.as_deref(), &record, labels.len(), &work, context)?;
+        let (params, agreement, edits) = (&record.params, &agreement[..], edits.as_ref());
+        let cut = Cut { labelling, params, tree: None, agreement, cell_labels: &[], edits, work: &work };
+        cut.write(&outputs, args.form, opened.as_ref(), report, context)?;
     }
     Ok(())
 }
 
-/// An embedding of all faces in a work directory.
-pub struct KeptEmbedding(MappedSlice<f32>, usize);
-
-impl KeptEmbedding {
-    /// Its coordinates.
-    pub fn coordinates(&self) -> Coordinates<'_> {
-        Coordinates { values: &self.0, dimensions: self.1 }
-    }
+/// The mesh of the work directory `work`, with `faces` labels, where one of `outputs` needs it; opened as by
+/// [`open_mesh`].
+fn opened_for(
+    outputs: &[Output],
+    moved: Option<&Path>,
+    record: &Record,
+    faces: usize,
+    work: &WorkDir,
+    context: Context<'_>,
+) -> Result<Option<Mesh>, Error> {
+    let needed = outputs.iter().any(Output::needs_mesh);
+    needed.then(|| open_mesh(moved, record, Some(faces), work, context)).transpose()
 }
 
-/// The embedding of the `faces` faces of the mesh in `work`, as `embed` made it; one of its default, made
-/// now, where there is none.
-pub fn embedding(method: &SegmentParams, faces: usize, context: Context<'_>) -> Result<KeptEmbedding, Error> {
-    let params = EmbeddingParams::for_parts(two_means::DIMENSIONS);
-    let facts = match embed::kept(context.work) {
-        Some(facts) => facts,
-        None => embed::embed(params, method, context)?,
-    };
-    let coordinates = context.work.array_of(embed::FILE, faces.saturating_mul(facts.dimensions))?;
-    Ok(KeptEmbedding(coordinates, facts.dimensions))
-}
-
-/// Writing the labels of a work directory.
-struct Export<'a> {
-    outputs: &'a [Output],
-    edits: Option<&'a Edits>,
-    cell_labels: &'a [u32],
-    mesh: Option<&'a Path>,
-    /// For tables of parts.
-    agreement: &'a [f64],
-    record: &'a Record,
-    form: FormArgs,
-    context: Context<'a>,
-    /// Where what is only needed for writing goes.
-    scratch: &'a WorkDir,
-}
-
-impl Export<'_> {
-    /// Writes all outputs, pages with the `report`. The mesh is opened where one of them needs it.
-    fn write(
-        &self,
-        params: &SegmentParams,
-        tree: Option<&PartTree>,
-        labelling: Labelling,
-        report: impl Fn() -> Result<Value, Error>,
-    ) -> Result<(), Error> {
-        let Self { outputs, context, .. } = *self;
-        if outputs.is_empty() {
-            return Ok(());
-        }
-        let faces = Some(labelling.labels.len());
-        let needed = outputs.iter().any(Output::needs_mesh);
-        let open = || open_mesh(self.mesh, self.record, faces, self.scratch, context);
-        let opened = if needed { Some(open()?) } else { None };
-        let coordinates =
-            if self.form.embedding_columns { Some(embedding(params, labelling.labels.len(), context)?) } else { None };
-        let pages = outputs.iter().any(Output::is_page);
-        let cut = pages && params.cluster == Cluster::Parts;
-        let cuts = if cut {
-            cuts::kept(params.exact_rows(), tree, context.work, Context::new(self.scratch, context.run))?
-        } else {
-            None
-        };
-        let results = Results {
-            labelling,
-            options: self.form.ply.options(),
-            part_form: self.form.part_form,
-            cap: self.form.cap,
-            embedding: coordinates.as_ref().map(KeptEmbedding::coordinates),
-            agreement: self.agreement,
-            report: if pages { report()? } else { Value::Null },
-            cuts: cuts.as_ref(),
-            cell_labels: self.cell_labels,
-            edits: self.edits,
-        };
-        let each = || outputs.iter().try_for_each(|output| output.write(opened.as_ref(), &results, context.run));
-        context.run.stage("write", "faces", labelling.labels.len() as u64, each)?;
-        Ok(())
-    }
-}
-
-/// Opens the mesh that the work directory belongs to, from `moved` if it is given, else from the path in `record`. What
-/// has to be decoded goes to `scratch`.
+/// Opens the mesh that the work directory `work` belongs to, from `moved` if it is given, else from the path in
+/// `record`. What has to be decoded goes to the work directory of `context`, which may be another.
 fn open_mesh(
     moved: Option<&Path>,
     record: &Record,
     faces: Option<usize>,
-    scratch: &WorkDir,
+    work: &WorkDir,
     context: Context<'_>,
-) -> Result<mesh::Mesh, Error> {
-    let path = there(moved, record, context.work.path())?;
-    let opened = open_file(&path, scratch.path(), context.run)?;
+) -> Result<Mesh, Error> {
+    let path = there(moved, record, work.path())?;
+    let opened = open_file(&path, context.work.path(), context.run)?;
     if faces.is_some_and(|faces| opened.faces.len() != faces) {
         return Err(Error::unusable(&path, "has another number of faces than labels", "name the right mesh"));
     }

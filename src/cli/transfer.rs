@@ -2,8 +2,9 @@
 
 use super::input::{check_there, open_file};
 use super::options::{AppContext, CliError, ResourceArgs, ScratchArgs, ShownArgs};
-use super::output::{JsonArgs, Output, PartFile, PlyArgs, Results, check_folders, outputs_of};
+use super::output::{JsonArgs, Output, PlyArgs, check_folders, outputs_of};
 use super::picture::labelled;
+use super::results::Results;
 use super::sink::{check_places, folder_of};
 use nystrom_stream::apps::transfer::transfer;
 use nystrom_stream::base::Error;
@@ -74,24 +75,9 @@ pub fn run(args: &TransferArgs, app: &AppContext) -> Result<(), CliError> {
         "from": args.from.to_string_lossy(), "mesh": args.to.to_string_lossy(), "uncertain_share": share, "transfer": facts,
         "input": {"path": args.to.to_string_lossy(), "faces": facts.faces, "vertices": to.positions.len()},
     });
-    let results = Results {
-        labelling: Labelling {
-            labels: &result.labels,
-            colours: &colours,
-            quality: Some(&result.quality),
-            names: &found.names,
-        },
-        options: args.ply.options(),
-        part_form: PartFile::Ply,
-        cap: false,
-        embedding: None,
-        agreement: &[],
-        report: report.clone(),
-        cuts: None,
-        cell_labels: &[],
-        edits: None,
-    };
-    let each = || outputs.iter().try_for_each(|output| output.write(Some(&to), &results, &run));
-    run.stage("write", "faces", facts.faces, each)?;
+    let (labels, quality) = (&result.labels[..], Some(&result.quality[..]));
+    let labelling = Labelling { labels, colours: &colours, quality, names: &found.names };
+    let results = Results { report: report.clone(), ..Results::new(labelling, args.ply.into()) };
+    results.write(&outputs, Some(&to), &run)?;
     Ok(args.json.publish_with(report, bars.told())?)
 }

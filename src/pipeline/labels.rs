@@ -13,6 +13,7 @@ use crate::cluster::parts::agreement::UNSURE;
 use crate::graph::order::OrderFacts;
 use crate::graph::{DualGraph, GraphFacts, NodeOrder};
 use crate::landmarks::Sampling;
+use crate::mesh::Labelling;
 use crate::store::manifest::MANIFEST;
 use crate::store::stage::StageKey;
 use crate::store::{Context, MappedSlice, Run, WorkDir};
@@ -135,6 +136,11 @@ pub struct SegmentedMesh {
 }
 
 impl SegmentedMesh {
+    /// Labels, colours, confidences and names as writers take them.
+    pub fn labelling(&self) -> Labelling<'_> {
+        Labelling { labels: &self.labels, colours: &self.colours, quality: Some(&self.quality), names: &self.names }
+    }
+
     /// The parts, by label.
     pub fn parts(&self) -> Vec<Part> {
         let (numbers, unit) = (&self.numbers, self.graph.frame.scale.powi(2));

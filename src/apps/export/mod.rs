@@ -1,15 +1,18 @@
 //! Results in other programs' forms: a table (`parquet`), a scene ([`glb`]), a mesh with groups ([`obj`]), one mesh
-//! per part ([`split`]).
+//! per part ([`split`]). [`form`] says which ending of a name chooses which.
 //!
 //! All stream: what is held does not grow with the mesh, but for one bit per vertex in [`split`], and the edges of a
 //! part where parts are closed, which the budget grants. Files appear whole or not at all.
 
 mod caps;
+pub mod form;
 pub mod glb;
 pub mod obj;
 #[cfg(feature = "parquet")]
 pub mod parquet;
 pub mod split;
+
+pub use form::{Form, SaveOptions};
 
 use crate::base::{Error, Result};
 use crate::mesh::{Labelling, Mesh};

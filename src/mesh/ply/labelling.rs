@@ -39,25 +39,6 @@ pub struct PlyOptions {
     pub split_faces: bool,
 }
 
-impl PlyOptions {
-    /// A file of the encoding `form`, with labels of vertices where `vertex_labels`.
-    pub fn new(form: PlyForm, vertex_labels: bool) -> Self {
-        Self { form, vertex_labels, ..Self::default() }
-    }
-
-    /// The same with vertices of their own for each part where `split`.
-    #[must_use]
-    pub fn splitting(self, split: bool) -> Self {
-        Self { split_vertices: split, ..self }
-    }
-
-    /// The same with faces split along smooth boundaries where `split`.
-    #[must_use]
-    pub fn splitting_faces(self, split: bool) -> Self {
-        Self { split_faces: split, ..self }
-    }
-}
-
 impl From<PlyForm> for PlyOptions {
     fn from(form: PlyForm) -> Self {
         Self { form, ..Self::default() }

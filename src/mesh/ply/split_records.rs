@@ -271,7 +271,7 @@ mod tests {
                 let [path, out] = ["in.ply", "out.ply"].map(|name| dir.path().join(name));
                 sheet(&path, encoding, Scalar::I32, Scalar::F32);
                 let mesh = open(&path, dir.path(), &run).unwrap();
-                let options = PlyOptions::from(form).splitting_faces(true);
+                let options = PlyOptions { split_faces: true, ..form.into() };
                 write_labelled(&mesh, &out, &labelling, options, &run).unwrap();
                 let again = open(&out, dir.path(), &run).unwrap();
                 let size = (again.positions.len(), again.faces.len());
@@ -359,9 +359,10 @@ mod tests {
             let mesh = open(&path, dir.path(), &run).unwrap();
             let write =
                 |options: PlyOptions| write_labelled(&mesh, &dir.path().join("b.ply"), &labelling, options, &run);
-            let message = write(PlyOptions::default().splitting_faces(true)).unwrap_err().to_string();
+            let split = PlyOptions { split_faces: true, ..PlyOptions::default() };
+            let message = write(split).unwrap_err().to_string();
             assert!(message.contains(part) && !message.contains('\n'), "{message}");
-            let both = write(PlyOptions::default().splitting_faces(true).splitting(true)).unwrap_err().to_string();
+            let both = write(PlyOptions { split_vertices: true, ..split }).unwrap_err().to_string();
             assert!(both.contains("ask for one of them"), "{both}");
         }
     }

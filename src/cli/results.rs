@@ -1,0 +1,151 @@
+//! What outputs are written from: the labels of a mesh, and what tables and pages tell beside them.
+
+use super::output::{FormArgs, Output};
+use super::sink::folder_of;
+use nystrom_stream::apps::edits::Edits;
+use nystrom_stream::apps::export::Form;
+use nystrom_stream::apps::export::parquet::{self, Coordinates};
+use nystrom_stream::apps::measure;
+use nystrom_stream::apps::page::{CellModel, Cuts, Page};
+use nystrom_stream::base::{Error, Result};
+use nystrom_stream::cluster::parts::PartTree;
+use nystrom_stream::cluster::two_means;
+use nystrom_stream::mesh::Mesh;
+use nystrom_stream::mesh::ply::labelled::{Labelling, write_labelled_to};
+use nystrom_stream::pipeline::cuts::KeptCuts;
+use nystrom_stream::pipeline::{Cluster, SegmentParams, cuts, embed};
+use nystrom_stream::spectral::EmbeddingParams;
+use nystrom_stream::store::{Context, MappedSlice, Run, WorkDir, json};
+use serde_json::Value;
+use std::path::Path;
+
+/// The results to write.
+pub struct Results<'a> {
+    /// Labels, colours, qualities.
+    pub labelling: Labelling<'a>,
+    /// Options of outputs.
+    pub form: FormArgs,
+    /// For tables, if asked for.
+    pub embedding: Option<Coordinates<'a>>,
+    /// For tables of parts: the share of people who are expected to have each, where that is known.
+    pub agreement: &'a [f64],
+    /// For pages: the run's report.
+    pub report: Value,
+    /// For pages: other numbers of parts.
+    pub cuts: Option<&'a KeptCuts>,
+    /// For pages: the part of each cell, where it is known.
+    pub cell_labels: &'a [u32],
+    /// For pages: the edits that the labels are of.
+    pub edits: Option<&'a Edits>,
+}
+
+impl<'a> Results<'a> {
+    /// Labels alone.
+    pub fn new(labelling: Labelling<'a>, form: FormArgs) -> Self {
+        let (embedding, agreement, report, cell_labels) = (None, &[][..], Value::Null, &[][..]);
+        Self { labelling, form, embedding, agreement, report, cuts: None, cell_labels, edits: None }
+    }
+
+    /// Writes all `outputs` as a stage; the mesh must be there where one of them [needs it](Output::needs_mesh).
+    pub fn write(&self, outputs: &[Output], mesh: Option<&Mesh>, run: &Run) -> Result<()> {
+        let each = || outputs.iter().try_for_each(|output| self.write_one(output, mesh, run));
+        run.stage("write", "faces", self.labelling.labels.len() as u64, each).map(drop)
+    }
+
+    fn write_one(&self, output: &Output, mesh: Option<&Mesh>, run: &Run) -> Result<()> {
+        let (labelling, options) = (&self.labelling, self.form.options(mesh));
+        match (output.form(), output.path(), mesh) {
+            (_, None, Some(mesh)) => {
+                write_labelled_to(mesh, "<stdout>", &mut std::io::stdout().lock(), labelling, options.ply, run)
+            }
+            (Form::Parquet, Some(path), Some(mesh)) => parquet::write(path, mesh, labelling, self.embedding, run),
+            (Form::Csv, Some(path), Some(mesh)) => {
+                let of_labels = |context: Context<'_>| measure::labelled(mesh, labelling.labels, context);
+                let measures = measured(path, run, of_labels)?;
+                let table = measure::table(&measures, labelling.colours, labelling.names, self.agreement);
+                json::publish(path, table.as_bytes())
+            }
+            (Form::Html, Some(path), Some(mesh)) => self.page(mesh, path, run),
+            (form, ..) => form.write(output.target(), mesh, labelling, &options, run),
+        }
+    }
+
+    fn page(&self, mesh: &Mesh, path: &Path, run: &Run) -> Result<()> {
+        let title = mesh.path().file_name().unwrap_or_default().to_string_lossy();
+        let cuts = self.cuts.map(|cuts| Cuts {
+            cells: &cuts.cells,
+            parts: &cuts.parts,
+            model: Some(CellModel {
+                affinities: cuts.kept.affinities(),
+                tree: &cuts.kept.decision.tree,
+                start: self.cell_labels,
+            }),
+        });
+        let Labelling { labels, colours, names, .. } = self.labelling;
+        let page = Page { title: &title, mesh, labels, colours, names, cuts, edits: self.edits, report: &self.report };
+        page.write(path, run)
+    }
+}
+
+/// A mesh that is cut, in a work directory that has kept what tables and pages tell beside its labels.
+pub struct Cut<'a> {
+    /// Labels, colours, qualities.
+    pub labelling: Labelling<'a>,
+    /// How it was cut.
+    pub params: &'a SegmentParams,
+    /// The hierarchy that was cut, where it is not the one of the work directory.
+    pub tree: Option<&'a PartTree>,
+    /// The share of people who are expected to have each part, where that is known.
+    pub agreement: &'a [f64],
+    /// The part of each cell, where it is known.
+    pub cell_labels: &'a [u32],
+    /// The edits that the labels are of.
+    pub edits: Option<&'a Edits>,
+    /// The work directory, which is only read unless an embedding is to be made.
+    pub work: &'a WorkDir,
+}
+
+impl Cut<'_> {
+    /// Writes all `outputs`, pages with the `report`; the mesh must be there where one of them
+    /// [needs it](Output::needs_mesh). What is only needed for writing goes to the work directory of `context`, which
+    /// may be another.
+    pub fn write(
+        &self,
+        outputs: &[Output],
+        form: FormArgs,
+        mesh: Option<&Mesh>,
+        report: impl Fn() -> Result<Value>,
+        context: Context<'_>,
+    ) -> Result<()> {
+        let Self { labelling, params, tree, agreement, cell_labels, edits, work } = *self;
+        let faces = labelling.labels.len();
+        let kept = Context::new(work, context.run);
+        let embedding = form.embedding_columns.then(|| embedding(params, faces, kept)).transpose()?;
+        let embedding = embedding.as_ref().map(|(values, dimensions)| Coordinates { values, dimensions: *dimensions });
+        let page = outputs.iter().any(Output::is_page);
+        let of_parts = page && params.cluster == Cluster::Parts;
+        let cuts = if of_parts { cuts::kept(params.exact_rows(), tree, work, context)? } else { None };
+        let report = if page { report()? } else { Value::Null };
+        let cuts = cuts.as_ref();
+        let results = Results { labelling, form, embedding, agreement, report, cuts, cell_labels, edits };
+        results.write(outputs, mesh, context.run)
+    }
+}
+
+/// The embedding of the `faces` faces of the mesh in the work directory, as `embed` made it, and its dimensions; one of
+/// its default, made now, where there is none.
+fn embedding(method: &SegmentParams, faces: usize, context: Context<'_>) -> Result<(MappedSlice<f32>, usize), Error> {
+    let facts = match embed::kept(context.work) {
+        Some(facts) => facts,
+        None => embed::embed(EmbeddingParams::for_parts(two_means::DIMENSIONS), method, context)?,
+    };
+    let coordinates = context.work.array_of(embed::FILE, faces.saturating_mul(facts.dimensions))?;
+    Ok((coordinates, facts.dimensions))
+}
+
+/// What `measure` finds without telling of its stages; the graph that says which faces touch goes beside `path`.
+pub fn measured<R>(path: &Path, run: &Run, measure: impl FnOnce(Context<'_>) -> Result<R>) -> Result<R> {
+    let work = WorkDir::temporary(&folder_of(path))?.holding(&run.budget);
+    let silent = Run { threads: run.threads, budget: run.budget.clone(), cancel: run.cancel.clone(), ..Run::new(&()) };
+    measure(Context::new(&work, &silent))
+}
