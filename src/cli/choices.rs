@@ -211,3 +211,68 @@ impl Choice for SequenceOrder {
         (Self::Keep, "keep", "Faces as in the file, vertices in the order in which faces use them"),
     ];
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use serde::Serialize;
+    use serde::de::DeserializeOwned;
+    use serde_json::{Value, from_value, json, to_value};
+
+    /// The words that files know the variants of `T` by, as serde lists them where it is given another. Variants with
+    /// numbers have their word under `tag`.
+    fn words<T: DeserializeOwned>(tag: Option<&str>) -> Vec<String> {
+        let other = tag.map_or(json!("?"), |tag| json!({tag: "?"}));
+        let told = from_value::<T>(other).err().unwrap().to_string();
+        told.split('`').skip(3).step_by(2).map(str::to_string).collect()
+    }
+
+    /// The words of the type `name` of the Python package; nothing where the sources of that are not there.
+    fn literal(name: &str) -> Option<Vec<String>> {
+        let path = concat!(env!("CARGO_MANIFEST_DIR"), "/python/python/nystrom_stream/_functions.py");
+        let text = std::fs::read_to_string(path).ok()?;
+        let start = format!("\n{name} = Literal[");
+        let rest = &text[text.find(&start).unwrap() + start.len()..];
+        Some(rest[..rest.find(']').unwrap()].split('"').skip(1).step_by(2).map(str::to_string).collect())
+    }
+
+    fn sorted(mut words: Vec<String>) -> Vec<String> {
+        words.sort();
+        words
+    }
+
+    /// The command line has every variant of `T` once, under the word that files have; so has the Python type `python`,
+    /// and for Python's sake the words of the command line in `besides` that files do not have.
+    fn check<T: Choice + Serialize + DeserializeOwned>(tag: Option<&str>, python: Option<&str>, besides: &[&str]) {
+        let of_files = words::<T>(tag);
+        let mut of_options = Vec::new();
+        for (value, name, _) in T::CHOICES {
+            let word = to_value(value).map(|told| tag.map_or(told.clone(), |tag| told[tag].clone())).unwrap();
+            let Value::String(word) = word else { panic!("{name} has no word: {word}") };
+            assert!(word == *name || besides.contains(name), "{name} is {word} in files");
+            of_options.push(word);
+        }
+        assert_eq!(sorted(of_options), sorted(of_files.clone()));
+        if let Some(of_python) = python.and_then(literal) {
+            let besides = besides.iter().map(|name| name.to_string());
+            assert_eq!(sorted(of_python), sorted(of_files.into_iter().chain(besides).collect()), "{python:?}");
+        }
+    }
+
+    #[test]
+    fn the_command_line_and_python_know_every_variant_by_its_word_in_files() {
+        check::<Sampling>(None, Some("Sampling"), &[]);
+        check::<Refine>(None, None, &[]);
+        check::<Kernel>(Some("kernel"), Some("Kernel"), &[]);
+        check::<Normalisation>(None, Some("Normalise"), &[]);
+        check::<Order>(None, Some("Order"), &[]);
+        check::<Cluster>(None, Some("Cluster"), &["kmeans"]);
+        check::<Decision>(None, Some("Decision"), &[]);
+        check::<TinyComponents>(None, Some("TinyComponents"), &[]);
+        check::<Walls>(None, Some("Walls"), &[]);
+        check::<Boundaries>(None, Some("Boundaries"), &[]);
+        check::<Metric>(Some("form"), Some("Metric"), &[]);
+        check::<Distance>(None, None, &[]);
+        check::<SequenceOrder>(None, Some("StreamOrder"), &[]);
+    }
+}
