@@ -7,7 +7,7 @@
 //! ([`Mesh::without_strays`]). Cost: the graph (60 bytes per face in a work directory or in memory), some 200 ns per
 //! face, [`PER_LABEL`] bytes per label that occurs, and 100 per open edge while loops are counted.
 
-use crate::base::eigen;
+use crate::base::moments::principal_axes;
 use crate::base::parallel::{chunk_count, chunk_range};
 use crate::base::union_find::Forest;
 use crate::base::vector::{area, cross, distance, dot, finite, minus, position_key};
@@ -176,7 +176,7 @@ impl Sums {
         let (mut axes, mut spread) = ([[1., 0., 0.], [0., 1., 0.], [0., 0., 1.]], [0.; 3]);
         if moments.iter().all(|x| x.is_finite()) {
             let values;
-            (values, axes) = eigen::principal_axes(moments);
+            (values, axes) = principal_axes(moments);
             spread = values.map(|value| unit.back(value.max(0.).sqrt(), 1));
         }
         let closed = self.open == 0 && self.clashes == 0 && self.borders.is_empty() && self.faces > 0;

@@ -25,11 +25,3 @@ pub fn symmetric(matrix: DMatrix<f64>) -> (Vec<f64>, DMatrix<f64>) {
     }
     (values, vectors)
 }
-
-/// Eigenvalues, the greatest first, and unit eigenvectors of a symmetric 3 × 3 matrix of finite moments
-/// (xx, yy, zz, xy, xz, yz).
-pub fn principal_axes([xx, yy, zz, xy, xz, yz]: [f64; 6]) -> ([f64; 3], [[f64; 3]; 3]) {
-    let (values, vectors) = symmetric(DMatrix::from_row_slice(3, 3, &[xx, xy, xz, xy, yy, yz, xz, yz, zz]));
-    let axes = [0, 1, 2].map(|k| [vectors[(0, k)], vectors[(1, k)], vectors[(2, k)]]);
-    ([values[0], values[1], values[2]], axes)
-}

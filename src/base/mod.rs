@@ -1,5 +1,5 @@
 //! The lowest layer: errors, progress, cancellation, deterministic parallel loops, loops on wide
-//! vectors, boxes, disjoint sets, short sorts, shortest paths and small eigenproblems.
+//! vectors, boxes, disjoint sets, short sorts, shortest paths, moments and small eigenproblems.
 //!
 //! Nothing here knows of meshes, files or command lines. Cost: none worth naming.
 
@@ -8,6 +8,7 @@ pub mod cancel;
 pub mod dijkstra;
 pub mod eigen;
 pub mod error;
+pub mod moments;
 pub mod parallel;
 pub mod printable;
 pub mod progress;

@@ -12,8 +12,7 @@
 //! some milliseconds whatever the size of the mesh; the image of a seed is found by a descent over the dual
 //! graph. 24 bytes per point.
 
-use super::parts::matrix::products;
-use crate::base::eigen;
+use crate::base::moments::{principal_axes, products};
 use crate::base::sort::sort_by;
 use crate::base::vector::{add_scaled, distance, dot, middle, minus};
 
@@ -220,7 +219,7 @@ fn axes(vectors: impl Iterator<Item = (f64, [f64; 3])>) -> Vec<[f64; 3]> {
     if !sum.iter().all(|x| x.is_finite()) || sum[..3].iter().sum::<f64>() == 0.0 {
         return Vec::new();
     }
-    eigen::principal_axes(sum).1.to_vec()
+    principal_axes(sum).1.to_vec()
 }
 
 /// The sign of the side that pairs come from, where `above` of the `seeds` are above the plane. Most surfaces have

@@ -1,4 +1,4 @@
-//! A square matrix of numbers, row-major, and second moments in space with the eigenvalues of their 3 × 3 matrix.
+//! A square matrix of numbers, row-major.
 //!
 //! Own code because rows are read as slices and folded into each other in a fixed order; n² numbers of 8 bytes.
 
@@ -82,68 +82,9 @@ impl IndexMut<(usize, usize)> for Square {
     }
 }
 
-/// The products xx, yy, zz, xy, xz and yz of a point: the order of all second moments here.
-pub fn products(x: [f64; 3]) -> [f64; 6] {
-    [x[0] * x[0], x[1] * x[1], x[2] * x[2], x[0] * x[1], x[0] * x[2], x[1] * x[2]]
-}
-
-/// Eigenvalues of a symmetric 3 × 3 matrix given as (xx, yy, zz, xy, xz, yz), greatest first.
-/// Jacobi rotations: exact to rounding however close the values lie.
-pub fn eigenvalues3(m: [f64; 6]) -> [f64; 3] {
-    let mut a = [[m[0], m[3], m[4]], [m[3], m[1], m[5]], [m[4], m[5], m[2]]];
-    for _ in 0..32 {
-        let off = a[0][1].abs() + a[0][2].abs() + a[1][2].abs();
-        let on = a[0][0].abs() + a[1][1].abs() + a[2][2].abs();
-        if off <= 1e-18 * on || off == 0.0 {
-            break;
-        }
-        for (p, q) in [(0, 1), (0, 2), (1, 2)] {
-            if a[p][q] == 0.0 {
-                continue;
-            }
-            let t = (a[q][q] - a[p][p]) / (2.0 * a[p][q]);
-            let t = t.signum() / (t.abs() + (t * t + 1.0).sqrt());
-            let c = 1.0 / (t * t + 1.0).sqrt();
-            let (s, r) = (t * c, 3 - p - q);
-            a[p][p] -= t * a[p][q];
-            a[q][q] += t * a[p][q];
-            (a[p][q], a[q][p]) = (0.0, 0.0);
-            let (x, y) = (a[r][p], a[r][q]);
-            (a[r][p], a[r][q]) = (c * x - s * y, s * x + c * y);
-            (a[p][r], a[q][r]) = (a[r][p], a[r][q]);
-        }
-    }
-    let mut e = [a[0][0], a[1][1], a[2][2]];
-    e.sort_by(f64::total_cmp);
-    e.reverse();
-    e
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    #[test]
-    fn eigenvalues_of_a_known_matrix() {
-        // 2, 3 and 6 turned by the orthogonal (1,1,1)/√3, (1,−1,0)/√2, (1,1,−2)/√6.
-        let axes = [[1.0, 1.0, 1.0], [1.0, -1.0, 0.0], [1.0, 1.0, -2.0]];
-        let mut m = [0.0; 6];
-        for (value, v) in [6.0, 3.0, 2.0].iter().zip(axes) {
-            let square: f64 = v.iter().map(|x| x * x).sum();
-            for (slot, (i, j)) in m.iter_mut().zip([(0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2)]) {
-                *slot += value * v[i] * v[j] / square;
-            }
-        }
-        for (e, expected) in eigenvalues3(m).iter().zip([6.0, 3.0, 2.0]) {
-            assert!((e - expected).abs() < 1e-14);
-        }
-        assert_eq!(eigenvalues3([0.0; 6]), [0.0; 3]);
-    }
-
-    #[test]
-    fn products_are_those_of_each_pair() {
-        assert_eq!(products([2.0, 3.0, 5.0]), [4.0, 9.0, 25.0, 6.0, 10.0, 15.0]);
-    }
 
     #[test]
     fn folding_keeps_the_sum() {

@@ -6,8 +6,9 @@
 //!
 //! Cost: constant for a merge.
 
-use super::matrix::{self, Square, eigenvalues3};
+use super::matrix::Square;
 use super::regions::{CellMoments, EMBEDDING_DIMENSIONS, EdgeSums, Regions};
+use crate::base::moments;
 
 /// The logarithm of the cost is clipped to ± this before it enters the probability.
 const COST_CLIP: f64 = 6.0;
@@ -25,8 +26,8 @@ pub(super) fn log(x: f64) -> f64 {
 
 /// Roots of the eigenvalues, greatest first, of a distribution with the given means of x and of its products.
 fn extents(mean: [f64; 3], products: [f64; 6]) -> [f64; 3] {
-    let of_mean = matrix::products(mean);
-    let e = eigenvalues3(std::array::from_fn(|k| products[k] - of_mean[k]));
+    let of_mean = moments::products(mean);
+    let e = moments::eigenvalues(std::array::from_fn(|k| products[k] - of_mean[k]));
     e.map(|v| v.max(1e-8).sqrt())
 }
 

@@ -9,8 +9,9 @@
 
 use super::cell_graph::CellGraph;
 use super::convexity::PairSums;
-use super::matrix::{Square, products};
+use super::matrix::Square;
 use super::region_pieces::RegionPieces;
+use crate::base::moments::products;
 use crate::spectral::anchor::AnchorEmbedding;
 use bytemuck::{Pod, Zeroable};
 
