@@ -7,17 +7,23 @@
 //! ([`Mesh::without_strays`]). Cost: the graph (60 bytes per face in a work directory or in memory), some 200 ns per
 //! face, [`PER_LABEL`] bytes per label that occurs, and 100 per open edge while loops are counted.
 
-use crate::base::moments::principal_axes;
+mod sums;
+mod table;
+
+pub use sums::{Measures, Neighbour};
+pub use table::table;
+
 use crate::base::parallel::{chunk_count, chunk_range};
 use crate::base::union_find::Forest;
-use crate::base::vector::{area, cross, distance, dot, finite, minus, position_key};
+use crate::base::vector::{finite, position_key};
 use crate::base::{Error, Result};
-use crate::graph::{Csr, DualGraph, Frame, GraphFacts};
+use crate::graph::{Csr, DualGraph, GraphFacts};
 use crate::mesh::Mesh;
 use crate::store::Context;
 use serde::Serialize;
 use serde_json::json;
 use std::collections::{BTreeMap, HashMap};
+use sums::{Sums, Unit};
 
 /// Faces a chunk.
 const CHUNK: usize = 1 << 14;
@@ -25,39 +31,6 @@ const CHUNK: usize = 1 << 14;
 const OPEN: u64 = 100;
 /// Bytes per label: sums, measures, and a row of a table.
 const PER_LABEL: u64 = 1024;
-
-/// A part that another one touches.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
-pub struct Neighbour {
-    /// Its label.
-    pub label: u32,
-    /// The length of the border between both, in the file's unit.
-    pub length: f64,
-}
-
-/// What a part, or a whole mesh, measures; in the file's unit.
-#[derive(Clone, Debug, PartialEq, Serialize)]
-pub struct Measures {
-    /// Faces.
-    pub faces: u64,
-    /// Area.
-    pub area: f64,
-    /// Volume, where the surface is closed and wound one way; positive where it is wound outwards.
-    pub volume: Option<f64>,
-    /// Least and greatest coordinates; none without a face that has a place in space.
-    #[serde(rename = "box")]
-    pub bounds: Option<[[f64; 3]; 2]>,
-    /// Centre of gravity of the surface.
-    pub centroid: [f64; 3],
-    /// Principal axes of the surface, unit vectors, the longest first.
-    pub axes: [[f64; 3]; 3],
-    /// Standard deviation of the surface along each axis.
-    pub spread: [f64; 3],
-    /// Edges that no other face of the mesh has.
-    pub open_edges: u64,
-    /// Parts that share a border, by label.
-    pub neighbours: Vec<Neighbour>,
-}
 
 /// What a whole mesh measures.
 #[derive(Clone, Debug, PartialEq, Serialize)]
@@ -89,150 +62,12 @@ pub struct MeshMeasures {
     pub all: Measures,
 }
 
-/// Sums over faces of one label.
-#[derive(Clone, Debug)]
-struct Sums {
-    faces: u64,
-    area: f64,
-    volume: f64,
-    low: [f64; 3],
-    high: [f64; 3],
-    first: [f64; 3],
-    /// xx, xy, xz, yy, yz, zz.
-    second: [f64; 6],
-    open: u64,
-    clashes: u64,
-    borders: BTreeMap<u32, f64>,
-}
-
-impl Default for Sums {
-    fn default() -> Self {
-        Self {
-            faces: 0,
-            area: 0.,
-            volume: 0.,
-            low: [f64::INFINITY; 3],
-            high: [f64::NEG_INFINITY; 3],
-            first: [0.; 3],
-            second: [0.; 6],
-            open: 0,
-            clashes: 0,
-            borders: BTreeMap::new(),
-        }
-    }
-}
-
-/// Pairs of axes of [`Sums::second`].
-const PAIRS: [[usize; 2]; 6] = [[0, 0], [0, 1], [0, 2], [1, 1], [1, 2], [2, 2]];
-
-impl Sums {
-    /// Adds the triangle `at`, whose corners are relative to the origin of the sums.
-    fn triangle(&mut self, at: [[f64; 3]; 3]) {
-        let area = area(at);
-        self.volume += dot(at[0], cross(at[1], at[2])) / 6.;
-        for p in at {
-            for axis in 0..3 {
-                self.low[axis] = self.low[axis].min(p[axis]);
-                self.high[axis] = self.high[axis].max(p[axis]);
-            }
-        }
-        self.area += area;
-        let sum = [0, 1, 2].map(|axis| at[0][axis] + at[1][axis] + at[2][axis]);
-        for axis in 0..3 {
-            self.first[axis] += area * sum[axis] / 3.;
-        }
-        // The second moment of a triangle: A/12 (Σ p pᵀ + s sᵀ), s = Σ p.
-        for (moment, [i, j]) in self.second.iter_mut().zip(PAIRS) {
-            let own: f64 = at.iter().map(|p| p[i] * p[j]).sum();
-            *moment += area / 12. * (own + sum[i] * sum[j]);
-        }
-    }
-
-    fn add(&mut self, other: &Self) {
-        self.faces += other.faces;
-        self.area += other.area;
-        self.volume += other.volume;
-        self.open += other.open;
-        self.clashes += other.clashes;
-        for axis in 0..3 {
-            self.low[axis] = self.low[axis].min(other.low[axis]);
-            self.high[axis] = self.high[axis].max(other.high[axis]);
-            self.first[axis] += other.first[axis];
-        }
-        self.second.iter_mut().zip(other.second).for_each(|(mine, other)| *mine += other);
-        for (&label, length) in &other.borders {
-            *self.borders.entry(label).or_default() += length;
-        }
-    }
-
-    /// What the sums about `origin` in units of `unit` say.
-    fn measures(self, unit: Unit) -> Measures {
-        let mean = self.first.map(|x| if self.area > 0. { x / self.area } else { 0. });
-        let moment = |k: usize| {
-            let [i, j] = PAIRS[k];
-            if self.area > 0. { self.second[k] / self.area - mean[i] * mean[j] } else { 0. }
-        };
-        let moments = [0, 3, 5, 1, 2, 4].map(moment);
-        let (mut axes, mut spread) = ([[1., 0., 0.], [0., 1., 0.], [0., 0., 1.]], [0.; 3]);
-        if moments.iter().all(|x| x.is_finite()) {
-            let values;
-            (values, axes) = principal_axes(moments);
-            spread = values.map(|value| unit.back(value.max(0.).sqrt(), 1));
-        }
-        let closed = self.open == 0 && self.clashes == 0 && self.borders.is_empty() && self.faces > 0;
-        let back = |p: [f64; 3]| [0, 1, 2].map(|axis| unit.back(p[axis], 1) + unit.origin[axis]);
-        Measures {
-            faces: self.faces,
-            area: unit.back(self.area, 2),
-            volume: closed.then(|| unit.back(self.volume, 3)),
-            bounds: (self.low[0] <= self.high[0]).then(|| [back(self.low), back(self.high)]),
-            centroid: back(mean),
-            axes,
-            spread,
-            open_edges: self.open,
-            neighbours: self
-                .borders
-                .into_iter()
-                .map(|(label, length)| Neighbour { label, length: unit.back(length, 1) })
-                .collect(),
-        }
-    }
-}
-
 /// The mesh, with which face lies where.
 struct Faces<'a> {
     mesh: &'a Mesh,
     labels: Option<&'a [u32]>,
     neighbours: Csr<'a>,
     unit: Unit,
-}
-
-/// Where sums have their origin, and the length that they are taken in: 1 unless the mesh is so large or so small that
-/// squares of its lengths or areas leave the doubles.
-#[derive(Clone, Copy, Debug)]
-struct Unit {
-    origin: [f64; 3],
-    unit: f64,
-}
-
-impl Unit {
-    /// Of a mesh that lies in `frame`.
-    fn of(frame: &Frame) -> Self {
-        Self { origin: frame.origin, unit: if frame.is_of_common_size() { 1. } else { frame.scale } }
-    }
-
-    fn place(self, p: [f64; 3]) -> [f64; 3] {
-        minus(p, self.origin).map(|x| x / self.unit)
-    }
-
-    fn distance(self, a: [f64; 3], b: [f64; 3]) -> f64 {
-        distance(a.map(|x| x / self.unit), b.map(|x| x / self.unit))
-    }
-
-    /// `value`, which has so many dimensions of a length, in the units of the file.
-    fn back(self, value: f64, dimensions: usize) -> f64 {
-        (0..dimensions).fold(value, |value, _| if value == 0. { value } else { value * self.unit })
-    }
 }
 
 /// What a chunk of faces has: sums by label, and the open edges.
@@ -437,51 +272,10 @@ pub fn labelled(mesh: &Mesh, labels: &[u32], context: Context<'_>) -> Result<BTr
     Ok(sums.into_iter().map(|(label, sums)| (label, sums.measures(unit))).collect())
 }
 
-/// The last columns of the table.
-const LAST: [&str; 8] =
-    ["spread1", "spread2", "spread3", "open_edges", "expected_agreement", "colour", "neighbours", "name"];
-
-/// A word of a table; quoted where it has to be.
-fn quoted(word: &str) -> String {
-    if word.contains([',', '"', '\n', '\r']) { format!("\"{}\"", word.replace('"', "\"\"")) } else { word.into() }
-}
-
-/// The table of `measures`, a row per label that occurs, as comma-separated values with a header; parts may have
-/// `names`, and an `agreement`: the share of people who are expected to have them.
-pub fn table(measures: &BTreeMap<u32, Measures>, colours: &[[u8; 3]], names: &[String], agreement: &[f64]) -> String {
-    let axes = ["x", "y", "z"];
-    let three = |name: &str| axes.map(|axis| format!("{name}_{axis}"));
-    let mut header = vec!["label".to_string(), "faces".into(), "area".into(), "volume".into()];
-    header.extend(
-        [three("min"), three("max"), three("centroid"), three("axis1"), three("axis2"), three("axis3")].concat(),
-    );
-    header.extend(LAST.map(String::from));
-    let mut text = header.join(",") + "\n";
-    for (&label, part) in measures {
-        let mut row = vec![label.to_string(), part.faces.to_string(), part.area.to_string()];
-        row.push(part.volume.map_or(String::new(), |volume| volume.to_string()));
-        let bounds = part.bounds.map_or([const { None }; 6], |[low, high]| {
-            let mut all = [None; 6];
-            (0..3).for_each(|k| (all[k], all[k + 3]) = (Some(low[k]), Some(high[k])));
-            all
-        });
-        row.extend(bounds.map(|x| x.map_or(String::new(), |x| x.to_string())));
-        row.extend(part.centroid.iter().chain(part.axes.iter().flatten()).chain(&part.spread).map(f64::to_string));
-        row.push(part.open_edges.to_string());
-        let place = label as usize;
-        row.push(agreement.get(place).map_or(String::new(), |share| format!("{share:.3}")));
-        let [r, g, b] = colours.get(place).copied().unwrap_or([128; 3]);
-        row.push(format!("#{r:02x}{g:02x}{b:02x}"));
-        row.push(part.neighbours.iter().map(|other| other.label.to_string()).collect::<Vec<_>>().join(" "));
-        row.push(names.get(place).map_or(String::new(), |name| quoted(name)));
-        text += &(row.join(",") + "\n");
-    }
-    text
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::base::vector::distance;
     use crate::store::{Run, WorkDir};
 
     /// A box of the given size at `low`, wound outwards.
