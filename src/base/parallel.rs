@@ -8,6 +8,7 @@
 //! The first error stops all threads at their next chunk. A panic in a thread is an error as well: nothing waits for a
 //! thread that is gone.
 
+use super::sort::arrange;
 use super::{Cancel, Error, Result};
 use crossbeam_channel::{Receiver, Sender};
 use std::ops::Range;
@@ -59,6 +60,13 @@ impl<'a> Tickets<'a> {
         self.cancel.check().map_err(|error| self.fail(k, error)).is_ok().then_some(k)
     }
 
+    /// Does `work` on chunk after chunk until none is left or one has failed.
+    fn each(&self, work: &mut ChunkWork<'_>) {
+        while let Some(k) = self.take() {
+            work(k).unwrap_or_else(|error| self.fail(k, error));
+        }
+    }
+
     /// Records that chunk `k` failed; of several, the lowest counts.
     fn fail(&self, k: usize, error: Error) {
         let mut first = lock(&self.error);
@@ -69,16 +77,17 @@ impl<'a> Tickets<'a> {
     }
 
     /// Runs `worker` on up to `threads` threads, the caller's among them, and returns what failed first.
-    fn serve(self, threads: usize, worker: &(dyn Fn(&Tickets) + Sync)) -> Result<()> {
-        let guarded = || catch(|| worker(&self)).unwrap_or_else(|error| self.fail(0, error));
+    fn serve(threads: usize, cancel: &Cancel, chunks: usize, worker: &(dyn Fn(&Tickets) + Sync)) -> Result<()> {
+        let tickets = Tickets::new(chunks, cancel);
+        let guarded = || catch(|| worker(&tickets)).unwrap_or_else(|error| tickets.fail(0, error));
         std::thread::scope(|scope| {
-            for _ in 1..threads.clamp(1, self.chunks.max(1)) {
+            for _ in 1..threads.clamp(1, chunks.max(1)) {
                 // A thread that the system refuses is one fewer: the caller's own does the work.
                 drop(spawn(scope, guarded));
             }
             guarded();
         });
-        let error = unlocked(self.error);
+        let error = unlocked(tickets.error);
         error.map_or(Ok(()), |(_, error)| Err(error))
     }
 }
@@ -159,41 +168,38 @@ pub fn map_chunks<S, R: Send>(
     init: impl Fn() -> S + Sync,
     work: impl Fn(usize, &mut S) -> Result<R> + Sync,
 ) -> Result<Vec<R>> {
-    let results = Results::new(chunks);
-    Tickets::new(chunks, cancel).serve(threads, &|tickets| {
+    Results::of(threads, cancel, chunks, &|tickets, results| {
         let mut state = init();
-        while let Some(k) = tickets.take() {
-            match work(k, &mut state) {
-                Ok(result) => results.put(k, result),
-                Err(error) => tickets.fail(k, error),
-            }
-        }
-    })?;
-    Ok(results.all())
+        tickets.each(&mut |k| work(k, &mut state).map(|result| results.put(k, result)));
+    })
 }
 
-/// The results of chunks, in whatever order they come. Apart from the loops, since it is compiled once for each type of
-/// result, not for each loop.
-struct Results<R>(Mutex<Vec<Option<R>>>);
+/// The numbers and the results of chunks, in whatever order they come. Apart from the loops, since it is compiled once
+/// for each type of result, not for each loop.
+struct Results<R>(Mutex<(Vec<usize>, Vec<R>)>);
 
-impl<R> Results<R> {
-    fn new(chunks: usize) -> Self {
-        Self(Mutex::new((0..chunks).map(|_| None).collect()))
+impl<R: Send> Results<R> {
+    /// What `worker`s put for all chunks, in the order of these.
+    fn of(threads: usize, cancel: &Cancel, chunks: usize, worker: &(dyn Fn(&Tickets, &Self) + Sync)) -> Result<Vec<R>> {
+        let results = Self(Mutex::new((Vec::with_capacity(chunks), Vec::with_capacity(chunks))));
+        Tickets::serve(threads, cancel, chunks, &|tickets| worker(tickets, &results))?;
+        let (numbers, mut results) = unlocked(results.0);
+        arrange(places(&numbers), &mut |i, j| results.swap(i, j));
+        Ok(results)
     }
 
     fn put(&self, chunk: usize, result: R) {
-        lock(&self.0)[chunk] = Some(result);
+        let mut held = lock(&self.0);
+        held.0.push(chunk);
+        held.1.push(result);
     }
+}
 
-    /// All results, in the order of their chunks.
-    fn all(self) -> Vec<R> {
-        let mut results = unlocked(self.0).into_iter();
-        let mut all = Vec::with_capacity(results.len());
-        while let Some(Some(result)) = results.next() {
-            all.push(result);
-        }
-        all
-    }
+/// Where each of the numbers 0, 1, … stands in `numbers`, which has each once.
+fn places(numbers: &[usize]) -> Vec<usize> {
+    let mut places = vec![0; numbers.len()];
+    numbers.iter().enumerate().for_each(|(place, &number)| places[number] = place);
+    places
 }
 
 /// [`map_chunks`] over the chunks of `size` of `0..n`, without states.
@@ -223,19 +229,14 @@ pub fn each_chunk<S>(
     work: impl Fn(usize, &mut S) -> Result<()> + Sync,
     finish: impl Fn(S) -> Result<()> + Sync,
 ) -> Result<()> {
-    Tickets::new(chunks, cancel).serve(threads, &|tickets| {
+    Tickets::serve(threads, cancel, chunks, &|tickets| {
         let mut state = init();
-        while let Some(k) = tickets.take() {
-            work(k, &mut state).unwrap_or_else(|error| tickets.fail(k, error));
-        }
+        tickets.each(&mut |k| work(k, &mut state));
         if tickets.failed.load(Ordering::Relaxed) == usize::MAX {
             finish(state).unwrap_or_else(|error| tickets.fail(chunks, error));
         }
     })
 }
-
-/// What a worker of [`in_order`] says of a chunk.
-type Report = (usize, Result<()>);
 
 /// Computes chunks on `threads` threads and hands their results to `consume` on the calling
 /// thread in chunk order; at most `4 * threads` results wait at a time.
@@ -251,49 +252,63 @@ pub fn in_order<S, R: Send>(
     mut consume: impl FnMut(usize, R) -> Result<()>,
 ) -> Result<()> {
     let threads = threads.clamp(1, chunks.max(1));
-    if threads == 1 {
-        return catch(|| {
-            let mut state = init();
-            (0..chunks).try_for_each(|k| {
-                cancel.check()?;
-                work(k, &mut state).and_then(|result| consume(k, result))
-            })
-        })?;
-    }
     let slots: Vec<Mutex<Option<R>>> = (0..(4 * threads).min(chunks)).map(|_| Mutex::new(None)).collect();
     let slot = |k: usize| lock(&slots[k % slots.len()]);
-    let worker = |jobs: &Receiver<usize>, done: &Sender<Report>| {
+    let worker = |serve: &mut dyn FnMut(&mut ChunkWork<'_>)| {
         let mut state = init();
-        for k in jobs {
-            let result = cancel.check().and_then(|()| work(k, &mut state)).map(|result| *slot(k) = Some(result));
-            if done.send((k, result)).is_err() {
-                return;
-            }
-        }
+        serve(&mut |k| work(k, &mut state).map(|result| *slot(k) = Some(result)));
     };
-    ordered(threads, chunks, slots.len(), &worker, &mut |k| {
+    ordered(threads, cancel, chunks, &worker, &mut |k| {
         let result = slot(k).take();
         consume(k, result.ok_or_else(|| Error::internal("a chunk was reported without its result"))?)
     })
 }
 
-/// The threads of [`in_order`]: workers are given chunk numbers, at most `window` ahead of what was consumed, and
-/// report each; reports are consumed in order. The first report that is an error ends the work, as does a panic.
+/// What a worker of [`in_order`] says of a chunk.
+type Report = (usize, Result<()>);
+
+/// What computes a chunk.
+type ChunkWork<'a> = dyn FnMut(usize) -> Result<()> + 'a;
+
+/// A worker of [`in_order`]: makes a state, and passes on what computes chunks with it.
+type Worker<'a> = dyn Fn(&mut dyn FnMut(&mut ChunkWork<'_>)) + Sync + 'a;
+
+/// The threads of [`in_order`]: workers are given chunk numbers, at most four for each thread ahead of what was
+/// consumed, and report each; reports are consumed in order. The first report that is an error ends the work, as does a
+/// panic. One thread does both in turn.
 fn ordered(
     threads: usize,
+    cancel: &Cancel,
     chunks: usize,
-    window: usize,
-    worker: &(dyn Fn(&Receiver<usize>, &Sender<Report>) + Sync),
+    worker: &Worker<'_>,
     consume: &mut dyn FnMut(usize) -> Result<()>,
 ) -> Result<()> {
+    if threads == 1 {
+        let mut done = Ok(());
+        catch(|| {
+            worker(&mut |work| {
+                done = (0..chunks).try_for_each(|k| cancel.check().and_then(|()| work(k)).and_then(|()| consume(k)));
+            });
+        })?;
+        return done;
+    }
+    let window = (4 * threads).min(chunks);
     let (tickets, jobs) = crossbeam_channel::bounded::<usize>(window);
     let (done, reports) = crossbeam_channel::bounded::<Report>(window + threads);
+    let serve = |jobs: &Receiver<usize>, done: &Sender<Report>| {
+        worker(&mut |work| {
+            let mut report = |k| done.send((k, cancel.check().and_then(|()| work(k))));
+            // Nobody listens after an error.
+            let _ = jobs.iter().try_for_each(&mut report);
+        });
+    };
     std::thread::scope(|scope| {
         let mut refused = None;
         for _ in 0..threads {
             let (jobs, done) = (jobs.clone(), done.clone());
+            let serve = &serve;
             let guarded = move || {
-                if let Err(error) = catch(|| worker(&jobs, &done)) {
+                if let Err(error) = catch(|| serve(&jobs, &done)) {
                     drop(done.send((usize::MAX, Err(error))));
                 }
             };

@@ -15,10 +15,10 @@
 
 use super::band_graph::BandGraph;
 use super::max_flow::MaxFlow;
+use crate::base::sort::{map_of, sort_by};
 use crate::base::union_find::Forest;
 use crate::base::{Cancel, Result};
 use crate::store::Run;
-use std::cmp::Reverse;
 use std::collections::{BTreeMap, BTreeSet};
 
 /// How far from a boundary, in faces, one cut may move it.
@@ -50,7 +50,7 @@ pub fn shorten(graph: &BandGraph, labels: &mut [u32], run: &Run) -> Result<()> {
             let band = LabelledBand { graph, pieces: &pieces, labels, scale };
             let mut begin: Vec<_> = round.iter().map(|(pair, _)| *pair).zip(band.at_boundaries(&round)).collect();
             // The longest first: no thread is left with it in the end.
-            begin.sort_by_key(|(_, positions)| Reverse(positions.len()));
+            sort_by(&mut begin, |a, b| b.1.len().cmp(&a.1.len()));
             let cut = |k: usize, place: &mut Vec<u32>| band.cut(begin[k].0, &begin[k].1, place, &run.cancel);
             let changes = run.map_chunks(begin.len(), || vec![NONE; labels.len()], cut)?;
             for ((pair, _), changes) in begin.iter().zip(changes) {
@@ -140,7 +140,7 @@ impl LabelledBand<'_> {
     fn at_boundaries(&self, round: &[Boundary]) -> Vec<Vec<u32>> {
         let both = round.iter().enumerate();
         let both = both.flat_map(|(k, &([a, b], piece))| [((a, piece), (b, k)), ((b, piece), (a, k))]);
-        let partner: BTreeMap<(u32, u32), (u32, usize)> = both.collect();
+        let partner: BTreeMap<(u32, u32), (u32, usize)> = map_of(both);
         let mut positions = vec![Vec::new(); round.len()];
         for i in 0..self.labels.len() as u32 {
             let own = self.labels[i as usize];

@@ -7,6 +7,7 @@
 
 use crate::base::parallel::lock;
 use crate::base::simd::{SimdKernel, dispatch};
+use crate::base::sort::map_of;
 use crate::base::{Error, Result};
 use crate::store::Context;
 use crate::store::new_file;
@@ -146,17 +147,15 @@ impl Journal {
             let (check, body) = line.split_once(' ')?;
             (u64::from_str_radix(check, 16).ok()? == xxh3_64(body.as_bytes())).then_some(body)
         });
-        let spec: JobSpec = serde_json::from_str(lines.next()??).ok()?;
+        let spec: JobSpec = serde_json::from_slice(lines.next()??.as_bytes()).ok()?;
         if !spec.is_sound() {
             return None;
         }
-        let rows = lines.flatten().filter_map(|body| serde_json::from_str::<JournalEntry>(body).ok());
-        let rows = rows
-            .filter(|line| {
-                line.row < spec.rows && (line.landmark as usize) < spec.nodes && line.facts.is_sound(spec.nodes)
-            })
-            .map(|line| (line.row, line))
-            .collect();
+        let rows = lines.flatten().filter_map(|body| serde_json::from_slice::<JournalEntry>(body.as_bytes()).ok());
+        let rows = rows.filter(|line| {
+            line.row < spec.rows && (line.landmark as usize) < spec.nodes && line.facts.is_sound(spec.nodes)
+        });
+        let rows = map_of(rows.map(|line| (line.row, line)));
         Some((spec, rows))
     }
 

@@ -353,17 +353,21 @@ impl<'a> BlockDijkstra<'a> {
         mut messages: Vec<Message<O>>,
         scratch: &mut Scratch,
     ) -> Result<Outcome<O>> {
-        // The nearest first, so that a front starts where it should.
+        let Values { first, .. } = values;
+        let piece = |message: &Message<O>| (message.node as usize - first) / PIECE_NODES;
+        // The nearest of a piece first, so that a front starts where it should.
+        let sort = |messages: &mut [Message<O>]| {
+            messages.sort_unstable_by_key(|message| (piece(message), message.distance.to_bits()));
+        };
         if self.block <= PIECE_NODES {
-            messages.sort_unstable_by_key(|message| message.distance.to_bits());
+            sort(&mut messages);
             return Ok(front(self.graph, self.paged, reach, values, &messages, scratch));
         }
-        let Values { first, field, label } = values;
+        let Values { field, label, .. } = values;
         let mut all = Outcome { messages: Vec::new(), ties: Ties::default() };
         let nodes = first..first + field.len();
-        let piece = |message: &Message<O>| (message.node as usize - first) / PIECE_NODES;
         while !messages.is_empty() {
-            messages.sort_unstable_by_key(|message| (piece(message), message.distance.to_bits()));
+            sort(&mut messages);
             let mut next = Vec::new();
             for group in messages.chunk_by(|a, b| piece(a) == piece(b)) {
                 // A block can be seconds of work.

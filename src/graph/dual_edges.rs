@@ -316,22 +316,24 @@ impl RowScratch {
             }
             return row;
         }
-        // Ties of neighbour are resolved by value, so the order of pairs does not matter.
-        row.sort_unstable_by(|a, b| {
-            a.node
-                .cmp(&b.node)
-                .then(a.centroid_distance.total_cmp(&b.centroid_distance))
-                .then(a.edge.total_cmp(&b.edge))
-        });
-        row.dedup_by(|entry, kept| {
-            let same = entry.node == kept.node;
-            if same {
-                merge(kept, entry);
-            }
-            same
-        });
+        settle(row);
         row
     }
+}
+
+/// Sorts a row by neighbour, and makes one entry of those to the same.
+fn settle(row: &mut Vec<Entry>) {
+    // Ties of neighbour are resolved by value, so the order of pairs does not matter.
+    row.sort_unstable_by(|a, b| {
+        a.node.cmp(&b.node).then(a.centroid_distance.total_cmp(&b.centroid_distance)).then(a.edge.total_cmp(&b.edge))
+    });
+    row.dedup_by(|entry, kept| {
+        let same = entry.node == kept.node;
+        if same {
+            merge(kept, entry);
+        }
+        same
+    });
 }
 
 /// Adds a second edge between two faces to the first: the shorter known step, the summed edge length.

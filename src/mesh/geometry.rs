@@ -39,6 +39,13 @@ pub enum Faces {
     },
 }
 
+/// The corners of the triangle at `start`. Apart from the passes over faces, which are compiled for each visitor.
+#[inline]
+fn triangle(bytes: &[u8], start: usize) -> [u32; 3] {
+    let record = &bytes[start..start + 12];
+    [0, 4, 8].map(|k| u32::from_le_bytes(four(&record[k..k + 4])))
+}
+
 impl Faces {
     /// Triangles at a fixed stride.
     ///
@@ -126,10 +133,7 @@ impl Faces {
         match self {
             Self::Triangles { bytes, offset, stride, .. } => {
                 for face in range {
-                    let start = offset + face * stride;
-                    let record = &bytes[start..start + 12];
-                    let corner = |k: usize| u32::from_le_bytes(four(&record[4 * k..4 * k + 4]));
-                    visit(face, &[corner(0), corner(1), corner(2)])?;
+                    visit(face, &triangle(bytes, offset + face * stride))?;
                 }
             }
             Self::Polygons { starts, corners } => {
@@ -146,12 +150,7 @@ impl Faces {
     #[inline]
     pub fn with<R>(&self, face: usize, visit: impl FnOnce(&[u32]) -> R) -> R {
         match self {
-            Self::Triangles { bytes, offset, stride, .. } => {
-                let start = offset + face * stride;
-                let record = &bytes[start..start + 12];
-                let corner = |k: usize| u32::from_le_bytes(four(&record[4 * k..4 * k + 4]));
-                visit(&[corner(0), corner(1), corner(2)])
-            }
+            Self::Triangles { bytes, offset, stride, .. } => visit(&triangle(bytes, offset + face * stride)),
             Self::Polygons { starts, corners } => visit(&corners[starts[face] as usize..starts[face + 1] as usize]),
         }
     }

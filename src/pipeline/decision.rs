@@ -232,7 +232,7 @@ impl KeptDecision {
     /// [`Error::Parameter`] for another text.
     pub fn of_text(text: &str) -> Result<Self> {
         let wrong = |problem: String| Error::parameter("decision", problem, "cut the mesh again");
-        let told: KeptText<'_> = serde_json::from_str(text).map_err(|error| wrong(error.to_string()))?;
+        let told: KeptText<'_> = serde_json::from_slice(text.as_bytes()).map_err(|error| wrong(error.to_string()))?;
         told.tree.check()?;
         let cells = told.cells.cleaned()?;
         let (of_cell, area) = (told.of_cell.into_owned(), told.area.into_owned());

@@ -6,6 +6,7 @@
 //! on cells, and what refining takes.
 
 use crate::apps::edits::{Edit, Edits, PlacedEdits};
+use crate::base::sort::map_of;
 use crate::base::tally::tally;
 use crate::base::{Error, Result};
 use crate::cluster::parts::cell_graph::compact;
@@ -168,7 +169,7 @@ impl OnCells<'_> {
         let mut near: Vec<u32> = self.nodes.iter().flatten().copied().collect();
         near.retain(|&node| beside[(self.cell)(node) as usize]);
         let seen = if near.is_empty() { Vec::new() } else { (self.seen)(label, &near)? };
-        let seen: BTreeMap<u32, u32> = near.into_iter().zip(seen).collect();
+        let seen = map_of(near.into_iter().zip(seen));
         let place = |&node: &u32| {
             let cell = (self.cell)(node);
             seen.get(&node).map_or(cell, |&part| nearest_cell(pairs, label, cell, part))
@@ -230,7 +231,7 @@ fn around(edits: &Edits, tree: &PartTree, own: &State<'_>, kept: &[Option<usize>
 /// The nodes of some faces of the file.
 fn nodes_of(faces: &BTreeSet<u32>, n: usize, order: &NodeOrder, run: &Run) -> Result<BTreeMap<u32, u32>> {
     if order.order.is_none() || faces.is_empty() {
-        return Ok(faces.iter().filter(|&&face| (face as usize) < n).map(|&face| (face, face)).collect());
+        return Ok(map_of(faces.iter().filter(|&&face| (face as usize) < n).map(|&face| (face, face))));
     }
     let found = run.map_ranges(n, CHUNK, |range| {
         Ok(range
@@ -238,7 +239,7 @@ fn nodes_of(faces: &BTreeSet<u32>, n: usize, order: &NodeOrder, run: &Run) -> Re
             .filter(|(face, _)| faces.contains(face))
             .collect::<Vec<_>>())
     })?;
-    Ok(found.into_iter().flatten().collect())
+    Ok(map_of(found.into_iter().flatten()))
 }
 
 /// The labelling of cells that the hints of `edits`, but for those `done` before, and the painted values want.
@@ -402,7 +403,7 @@ impl<'a> State<'a> {
         self.dropped.retain(|part| live.contains(part));
         let kept: Vec<u32> = self.label.iter().copied().filter(|part| !self.dropped.contains(part)).collect();
         let (numbers, count) = compact(&kept);
-        let mut number: BTreeMap<u32, u32> = kept.into_iter().zip(numbers).collect();
+        let mut number = map_of(kept.into_iter().zip(numbers));
         number.extend(self.dropped.iter().map(|&part| (part, count as u32)));
         let parts = count + usize::from(!self.dropped.is_empty());
         let mut marks = PartMarks::default();
@@ -414,7 +415,7 @@ impl<'a> State<'a> {
                 marks.names[number as usize] = name;
             }
         }
-        marks.colours = self.colours.iter().filter_map(|(part, &rgb)| Some((*number.get(part)?, rgb))).collect();
+        marks.colours = map_of(self.colours.iter().filter_map(|(part, &rgb)| Some((*number.get(part)?, rgb))));
         if parts > count {
             marks.names[count] = DROPPED.into();
             marks.colours.insert(count as u32, DROPPED_COLOUR);

@@ -22,11 +22,11 @@ use super::needs::{Extent, Needs, Room};
 use super::run::Context;
 use super::workdir::WorkDir;
 use crate::base::parallel::map_chunks;
+use crate::base::sort::map_of;
 use crate::base::{Cancel, Error, Result};
 use serde::Serialize;
 use serde::de::DeserializeOwned;
 use serde_json::Value;
-use std::collections::BTreeMap;
 use std::fmt;
 use std::fs::File;
 use std::io::ErrorKind;
@@ -296,23 +296,15 @@ impl WorkDir {
 
     /// [`WorkDir::stamp`] with facts as the manifest has them.
     fn record(&self, stage: StageKey, files: &[&str], facts: Value, seconds: f64) -> Result<()> {
-        let records = if self.is_temporary() {
-            // Nothing to wait for.
-            files.iter().map(|&name| Ok((name.to_string(), self.sealed(name)?))).collect::<Result<BTreeMap<_, _>>>()?
-        } else {
-            self.sealed_all(files)?
-        };
+        // Side by side, since each waits for the disk; in a temporary directory there is nothing to wait for.
+        let threads = if self.is_temporary() { 1 } else { files.len() };
+        let seal = |k: usize, (): &mut ()| Ok((files[k].to_string(), self.sealed(files[k])?));
+        let files = map_of(map_chunks(threads, &Cancel::default(), files.len(), || (), seal)?);
         let StageKey { name, version, key, inputs } = stage;
-        let record = StageRecord { key, version, inputs, files: records, facts, seconds };
+        let record = StageRecord { key, version, inputs, files, facts, seconds };
         let mut manifest = self.manifest_lock();
         manifest.stages.insert(name.to_string(), record);
         self.save(&mut manifest)
-    }
-
-    /// The records of finished files, side by side: each waits for the disk.
-    fn sealed_all(&self, files: &[&str]) -> Result<BTreeMap<String, FileRecord>> {
-        let seal = |k: usize, (): &mut ()| Ok((files[k].to_string(), self.sealed(files[k])?));
-        Ok(map_chunks(files.len(), &Cancel::default(), files.len(), || (), seal)?.into_iter().collect())
     }
 
     /// The record of the finished file `name`, which is on the disk before the manifest says so.

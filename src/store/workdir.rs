@@ -25,6 +25,7 @@ use super::mapped::AlignedBuffer;
 use super::npy::{self, ArrayMut, ArrayWriter, Item};
 use super::rows_file::{self, RowsFile};
 use super::{MappedBytes, MappedSlice, MappedSliceMut};
+use crate::base::sort::map_of;
 use crate::base::{Error, Result, parallel};
 use serde::Serialize;
 use serde::de::DeserializeOwned;
@@ -108,7 +109,7 @@ impl WorkDir {
             Lock::Unsupported => None,
         };
         let manifest = match std::fs::read_to_string(&manifest_path) {
-            Ok(text) => serde_json::from_str::<Manifest>(&text).map_err(|error| {
+            Ok(text) => serde_json::from_slice::<Manifest>(text.as_bytes()).map_err(|error| {
                 Error::work_dir(&manifest_path, format!("cannot be read: {error}"), "delete the work directory")
             })?,
             Err(error) if error.kind() == std::io::ErrorKind::NotFound => Manifest::new(),
@@ -214,7 +215,8 @@ impl WorkDir {
         let entries = std::fs::read_dir(self.path()).map_err(Error::io(self.path(), "read"))?.flatten();
         let folders = entries.filter(|entry| entry.path().join(MANIFEST).is_file());
         let names = folders.filter_map(|entry| entry.file_name().into_string().ok());
-        names.map(|name| self.inner(&name).map(|inner| (name.clone(), inner))).collect()
+        let inner = names.map(|name| Ok((name.clone(), self.inner(&name)?))).collect::<Result<Vec<_>>>()?;
+        Ok(map_of(inner))
     }
 
     /// Its folder; made now where that was put off.

@@ -187,6 +187,10 @@ fn tally(dense: Option<usize>, faces: impl Iterator<Item = (u64, f64)>) -> Vec<(
         cell.0 += 1;
         cell.1 += area;
     }
+    ascending(map)
+}
+
+fn ascending(map: HashMap<u64, (u64, f64)>) -> Vec<(u64, (u64, f64))> {
     let mut cells: Vec<_> = map.into_iter().collect();
     cells.sort_unstable_by_key(|(key, _)| *key);
     cells

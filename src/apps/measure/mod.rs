@@ -14,6 +14,7 @@ pub use sums::{Measures, Neighbour};
 pub use table::table;
 
 use crate::base::parallel::{chunk_count, chunk_range};
+use crate::base::sort::map_of;
 use crate::base::union_find::Forest;
 use crate::base::vector::{finite, position_key};
 use crate::base::{Error, Result};
@@ -269,7 +270,7 @@ pub fn labelled(mesh: &Mesh, labels: &[u32], context: Context<'_>) -> Result<BTr
     let graph = graph(mesh, context)?;
     let (sums, _) = sums(mesh, Some(labels), &graph, false, context)?;
     let unit = Unit::of(&graph.facts.frame);
-    Ok(sums.into_iter().map(|(label, sums)| (label, sums.measures(unit))).collect())
+    Ok(map_of(sums.into_iter().map(|(label, sums)| (label, sums.measures(unit)))))
 }
 
 #[cfg(test)]

@@ -180,6 +180,10 @@ impl TriangleTree {
                 leaves.push(Leaf::new(corners, face));
             }
         });
+        Self::over(leaves)
+    }
+
+    fn over(mut leaves: Vec<Leaf>) -> Self {
         leaves.sort_unstable_by_key(|leaf| (leaf.key, leaf.face));
         let half = leaves.len().div_ceil(GROUP).max(1).next_power_of_two();
         let mut boxes = vec![Bounds::EMPTY; 2 * half];

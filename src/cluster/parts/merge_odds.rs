@@ -43,7 +43,7 @@ impl BoostedTrees {
     /// Trees from JSON: an object of this type's fields. `None` where the text is no such thing, names features that do
     /// not exist, or where arrays disagree in size.
     pub fn parse(text: &str) -> Option<BoostedTrees> {
-        let trees: BoostedTrees = serde_json::from_str(text).ok()?;
+        let trees: BoostedTrees = serde_json::from_slice(text.as_bytes()).ok()?;
         let leaves = 1usize.checked_shl(trees.depth).filter(|_| trees.depth < 16)?;
         let count = trees.leaf.len() / leaves;
         let sizes = [trees.feature.len(), trees.threshold.len()].iter().all(|&len| len == count * (leaves - 1));

@@ -156,7 +156,7 @@ impl<'a> RearrangedWriter<'a> {
         let element = &document.header.elements[number];
         if role == Role::Faces && document.strips {
             let bytes = 16 * self.mesh.faces.len();
-            return sorted(self.order.places, bytes, out, self.context, |push| self.strips(push));
+            return sorted(self.order.places, bytes, out, self.context, &|push| self.strips(push));
         }
         if element.properties.is_empty() {
             return Ok(());
@@ -177,7 +177,7 @@ impl<'a> RearrangedWriter<'a> {
         // Text of another encoding can be longer or shorter; only the number of buckets depends on it.
         let bytes = document.ranges[number].len().max(element.least_size() * element.count);
         let produce = |push: Push<'_>| self.records::<C>(number, |record, bytes| push(record, bytes));
-        sorted(places, bytes, out, self.context, produce)
+        sorted(places, bytes, out, self.context, &produce)
     }
 
     /// The records of an element in the order of the file, as the output is to have them.
@@ -292,7 +292,7 @@ fn sorted(
     bytes: usize,
     out: &mut Gather,
     Context { work, run }: Context<'_>,
-    produce: impl FnOnce(Push<'_>) -> Result<()>,
+    produce: &dyn Fn(Push<'_>) -> Result<()>,
 ) -> Result<()> {
     let n = places.len().max(1);
     // A bucket waits as its bytes, four per thread, while one is sorted.

@@ -7,6 +7,7 @@
 //! all). Cost: one or two passes over the rows; 12 B a vertex mapped.
 
 use crate::base::Result;
+use crate::base::sort::map_of;
 use crate::distance::DistanceRows;
 use crate::graph::DualGraph;
 use crate::graph::half_edge_pairs::AGAINST;
@@ -135,7 +136,7 @@ impl Task<'_> {
         }
         let least = (SHARE * roots.len() as f64).max(3.);
         sizes.retain(|_, size| *size as f64 >= least);
-        let mut spreads: BTreeMap<u32, Spread> = sizes.keys().map(|&root| (root, Spread::new(d))).collect();
+        let mut spreads = map_of(sizes.keys().map(|&root| (root, Spread::new(d))));
         let graph = self.graph.edges.by_shared_edge();
         let (mut here, mut step) = (vec![0.; d], vec![0.; d]);
         self.embed(|range, out| {
@@ -155,7 +156,7 @@ impl Task<'_> {
             }
             Ok(())
         })?;
-        directions.own = spreads.into_iter().filter_map(|(root, spread)| Some((root, spread.directions()?))).collect();
+        directions.own = map_of(spreads.into_iter().filter_map(|(root, spread)| Some((root, spread.directions()?))));
         Ok(directions)
     }
 
