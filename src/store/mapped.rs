@@ -138,6 +138,24 @@ enum BytesMut {
     Held(AlignedBuffer),
 }
 
+impl BytesMut {
+    /// The `bytes` of `file` from `offset` on; none are more than there can be.
+    fn map(file: &File, path: &Path, offset: usize, bytes: Option<usize>) -> Result<Self> {
+        let metadata = file.metadata().map_err(Error::io(path, "look at"))?;
+        let end =
+            bytes.and_then(|bytes| (offset as u64).checked_add(bytes as u64)).filter(|&end| end <= metadata.len());
+        let (Some(bytes), Some(end)) = (bytes, end) else {
+            return Err(Error::internal(&format!("{}: mapped beyond its end", path.display())));
+        };
+        let claim = Claim::writing(&metadata, offset as u64..end).ok_or_else(|| claimed(path))?;
+        // SAFETY: see the module's text: no other mapping of this process covers these bytes as
+        // long as the claim lives.
+        let map = unsafe { memmap2::MmapOptions::new().offset(offset as u64).len(bytes).map_mut(file) };
+        let map = map.map_err(Error::io(path, "map"))?;
+        Ok(Self::File(claim, map))
+    }
+}
+
 impl MappedBytes {
     /// Maps the file at `path`; an empty file maps to an empty slice.
     ///
@@ -173,14 +191,14 @@ impl MappedBytes {
     pub fn slice<T: Pod>(&self, path: &Path, offset: usize, len: usize) -> Result<MappedSlice<T>> {
         let end = len.checked_mul(size_of::<T>()).and_then(|bytes| bytes.checked_add(offset));
         if end.is_none_or(|end| end > self.len()) || !offset.is_multiple_of(align_of::<T>()) {
-            return Err(Error::malformed(
-                path,
-                format!("byte {offset}"),
-                format!("{len} items of {} bytes do not fit in the file's {} bytes", size_of::<T>(), self.len()),
-                "the file is damaged; make it again",
-            ));
+            return Err(self.misfit(path, offset, len, size_of::<T>()));
         }
         Ok(MappedSlice { bytes: self.clone(), offset, len, item: PhantomData })
+    }
+
+    fn misfit(&self, path: &Path, offset: usize, len: usize, item: usize) -> Error {
+        let problem = format!("{len} items of {item} bytes do not fit in the file's {} bytes", self.len());
+        Error::malformed(path, format!("byte {offset}"), problem, "the file is damaged; make it again")
     }
 }
 
@@ -282,19 +300,8 @@ impl<T: Pod> MappedSliceMut<T> {
         if len == 0 {
             return Ok(Self { map: None, file: None, offset, len: 0, item: PhantomData });
         }
-        let metadata = file.metadata().map_err(Error::io(path, "look at"))?;
-        let bytes = len.checked_mul(size_of::<T>());
-        let end =
-            bytes.and_then(|bytes| (offset as u64).checked_add(bytes as u64)).filter(|&end| end <= metadata.len());
-        let (Some(bytes), Some(end)) = (bytes, end) else {
-            return Err(Error::internal(&format!("{}: mapped beyond its end", path.display())));
-        };
-        let claim = Claim::writing(&metadata, offset as u64..end).ok_or_else(|| claimed(path))?;
-        // SAFETY: see the module's text: no other mapping of this process covers these bytes as
-        // long as the claim lives.
-        let map = unsafe { memmap2::MmapOptions::new().offset(offset as u64).len(bytes).map_mut(&**file) };
-        let map = map.map_err(Error::io(path, "map"))?;
-        Ok(Self { map: Some(BytesMut::File(claim, map)), file: Some(file.clone()), offset, len, item: PhantomData })
+        let map = BytesMut::map(file, path, offset, len.checked_mul(size_of::<T>()))?;
+        Ok(Self { map: Some(map), file: Some(file.clone()), offset, len, item: PhantomData })
     }
 
     /// The first `len` items of `words`, as far as those go, in memory.

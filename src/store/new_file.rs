@@ -106,9 +106,15 @@ pub(crate) fn by_rename(
     durable: bool,
     write: impl FnOnce(&mut File) -> Result<()>,
 ) -> Result<()> {
+    let mut write = Some(write);
+    filled(path, bytes, durable, &mut |file| write.take().map_or(Ok(()), |write| write(file)))
+}
+
+/// [`by_rename`], compiled once for all of its callers.
+fn filled(path: &Path, bytes: u64, durable: bool, write: &mut dyn FnMut(&mut File) -> Result<()>) -> Result<()> {
     let mut file = reserve_file(path, bytes)?;
     let partial = partial_name(path);
-    let fill = || {
+    let mut fill = || {
         write(&mut file)?;
         if durable {
             file.sync_all().map_err(Error::io(path, "sync"))?;

@@ -95,9 +95,13 @@ pub(super) fn hand_over<T: Item>(
     bytes: Option<MappedBytes>,
     len: usize,
 ) -> Result<MappedSlice<T>> {
+    kept(path, arrays, bytes, len * size_of::<T>()).slice(path, 0, len)
+}
+
+fn kept(path: &Path, arrays: &InMemoryArrays, bytes: Option<MappedBytes>, len: usize) -> MappedBytes {
     let bytes = bytes.unwrap_or_else(|| Vec::<u64>::new().into());
-    arrays.keep(&path.file_name().unwrap_or_default().to_string_lossy(), bytes.clone(), len * size_of::<T>());
-    bytes.slice(path, 0, len)
+    arrays.keep(&path.file_name().unwrap_or_default().to_string_lossy(), bytes.clone(), len);
+    bytes
 }
 
 /// An array of known shape being filled through a mapping; [`ArrayMut::finish`] makes it a file. Dropped
@@ -118,12 +122,8 @@ impl<T: Item> ArrayMut<T> {
     /// [`Error::Io`].
     pub fn create(path: &Path, shape: &[usize]) -> Result<Self> {
         let len = shape.iter().product::<usize>() / T::WIDTH;
-        let partial = partial_name(path);
-        let mut file = reserve_file(path, (HEADER + len * size_of::<T>()) as u64)?;
-        let unfinished = Unfinished(Some(partial.clone()));
-        file.write_all(&header(T::DESCR, shape)).map_err(Error::io(path, "write"))?;
-        let file = Arc::new(file);
-        let data = MappedSliceMut::map(&file, &partial, HEADER, len)?;
+        let (file, unfinished) = reserved(path, len * size_of::<T>(), &header(T::DESCR, shape))?;
+        let data = MappedSliceMut::map(&file, &partial_name(path), HEADER, len)?;
         Ok(Self { path: path.to_path_buf(), data, place: Place::File(file, unfinished), early: false })
     }
 
@@ -156,14 +156,13 @@ impl<T: Item> ArrayMut<T> {
     /// # Errors
     /// [`Error::Io`].
     pub fn finish(self, durable: bool) -> Result<MappedSlice<T>> {
-        let (file, mut unfinished) = match self.place {
+        let (file, unfinished) = match self.place {
             Place::File(file, unfinished) => (file, unfinished),
             Place::Memory(arrays) => {
                 let len = self.data.len();
                 return hand_over(&self.path, &arrays, self.data.freeze(), len);
             }
         };
-        let partial = partial_name(&self.path);
         if durable {
             self.data.sync().and_then(|()| file.sync_all()).map_err(Error::io(&self.path, "sync"))?;
         } else if let (true, Some(writeback)) = (self.early, self.data.writeback()) {
@@ -171,8 +170,7 @@ impl<T: Item> ArrayMut<T> {
         }
         // From here on it is only read.
         drop(self.data);
-        std::fs::rename(&partial, &self.path).map_err(Error::io(&self.path, "rename"))?;
-        unfinished.0 = None;
+        unfinished.publish(&self.path)?;
         open(&self.path)
     }
 }
@@ -184,12 +182,29 @@ const LEAST_BUFFER: usize = 1 << 16;
 #[derive(Debug)]
 struct Unfinished(Option<PathBuf>);
 
+impl Unfinished {
+    /// Gives the file, which is whole, the name `path`.
+    fn publish(mut self, path: &Path) -> Result<()> {
+        std::fs::rename(partial_name(path), path).map_err(Error::io(path, "rename"))?;
+        self.0 = None;
+        Ok(())
+    }
+}
+
 impl Drop for Unfinished {
     fn drop(&mut self) {
         if let Some(partial) = self.0.take() {
             let _ = std::fs::remove_file(partial);
         }
     }
+}
+
+/// The file of an array of `bytes` under its temporary name, with its blocks and its header.
+fn reserved(path: &Path, bytes: usize, header: &[u8]) -> Result<(Arc<File>, Unfinished)> {
+    let mut file = reserve_file(path, (HEADER + bytes) as u64)?;
+    let unfinished = Unfinished(Some(partial_name(path)));
+    file.write_all(header).map_err(Error::io(path, "write"))?;
+    Ok((Arc::new(file), unfinished))
 }
 
 /// The file of an array under its temporary name, ready for the items.
@@ -209,62 +224,22 @@ enum Out {
     Memory(Option<AlignedBuffer>, Arc<InMemoryArrays>),
 }
 
-/// A one- or two-dimensional array written from front to back, its length known at the end. Its
-/// file goes where it fails.
+/// The bytes of an array, written from front to back. Apart from [`ArrayWriter`], which is compiled for each type of
+/// item.
 #[derive(Debug)]
-pub struct ArrayWriter<T> {
+struct ByteWriter {
     path: PathBuf,
     out: Out,
-    items: usize,
-    row: usize,
-    item: std::marker::PhantomData<T>,
+    /// Bytes so far.
+    len: usize,
     /// Whether the array may not grow beyond the buffer that it began in.
     bounded: bool,
 }
 
-impl<T: Item> ArrayWriter<T> {
-    /// Starts `path.partial`; rows have `row` scalars (1: a plain vector).
-    ///
-    /// # Errors
-    /// [`Error::Io`].
-    pub fn create(path: &Path, row: usize) -> Result<Self> {
-        let (file, unfinished) = start_file(path)?;
-        Ok(Self::of(path, Out::File(file, unfinished), row))
-    }
-
-    /// Starts an array in `buffer`, no longer than fits in there, or without one in what can be had later; `arrays`
-    /// will have it under the name of `path`.
-    pub fn in_memory(path: &Path, row: usize, buffer: Option<AlignedBuffer>, arrays: Arc<InMemoryArrays>) -> Self {
-        let bounded = buffer.is_some();
-        Self { bounded, ..Self::of(path, Out::Memory(buffer, arrays), row) }
-    }
-
-    fn of(path: &Path, out: Out, row: usize) -> Self {
-        Self {
-            path: path.to_path_buf(),
-            out,
-            items: 0,
-            row: row.max(1),
-            bounded: false,
-            item: std::marker::PhantomData,
-        }
-    }
-
-    /// Appends items.
-    ///
-    /// # Errors
-    /// [`Error::Io`].
-    pub fn push(&mut self, items: &[T]) -> Result<()> {
-        self.push_bytes(bytemuck::cast_slice(items))
-    }
-
-    /// Appends items given as their bytes, whatever their alignment.
-    ///
-    /// # Errors
-    /// [`Error::Io`].
-    pub fn push_bytes(&mut self, bytes: &[u8]) -> Result<()> {
-        let start = self.items * size_of::<T>();
-        self.items += bytes.len() / size_of::<T>();
+impl ByteWriter {
+    fn push(&mut self, bytes: &[u8]) -> Result<()> {
+        let start = self.len;
+        self.len += bytes.len();
         let (buffer, arrays) = match &mut self.out {
             Out::File(file, _) => return file.write_all(bytes).map_err(Error::io(&self.path, "write")),
             Out::Memory(buffer, arrays) => (buffer, arrays),
@@ -297,14 +272,83 @@ impl<T: Item> ArrayWriter<T> {
         Ok(())
     }
 
+    /// The bytes of an array in memory that is whole; those of a file are there with the `header`, synced where
+    /// `durable`, under the name of the array.
+    fn finish(self, header: &[u8], durable: bool) -> Result<Option<MappedBytes>> {
+        let (mut out, unfinished) = match self.out {
+            Out::File(out, unfinished) => (out, unfinished),
+            Out::Memory(buffer, arrays) => {
+                let bytes = buffer.and_then(|buffer| MappedSliceMut::<u8>::held(buffer, self.len).freeze());
+                return Ok(Some(kept(&self.path, &arrays, bytes, self.len)));
+            }
+        };
+        let mut end = || -> std::io::Result<()> {
+            out.seek(SeekFrom::Start(0))?;
+            out.write_all(header)?;
+            out.flush()?;
+            if durable { out.get_ref().sync_all() } else { Ok(()) }
+        };
+        end().map_err(Error::io(&self.path, "write"))?;
+        unfinished.publish(&self.path)?;
+        Ok(None)
+    }
+}
+
+/// A one- or two-dimensional array written from front to back, its length known at the end. Its
+/// file goes where it fails.
+#[derive(Debug)]
+pub struct ArrayWriter<T> {
+    bytes: ByteWriter,
+    row: usize,
+    item: std::marker::PhantomData<T>,
+}
+
+impl<T: Item> ArrayWriter<T> {
+    /// Starts `path.partial`; rows have `row` scalars (1: a plain vector).
+    ///
+    /// # Errors
+    /// [`Error::Io`].
+    pub fn create(path: &Path, row: usize) -> Result<Self> {
+        let (file, unfinished) = start_file(path)?;
+        Ok(Self::of(path, Out::File(file, unfinished), row, false))
+    }
+
+    /// Starts an array in `buffer`, no longer than fits in there, or without one in what can be had later; `arrays`
+    /// will have it under the name of `path`.
+    pub fn in_memory(path: &Path, row: usize, buffer: Option<AlignedBuffer>, arrays: Arc<InMemoryArrays>) -> Self {
+        let bounded = buffer.is_some();
+        Self::of(path, Out::Memory(buffer, arrays), row, bounded)
+    }
+
+    fn of(path: &Path, out: Out, row: usize, bounded: bool) -> Self {
+        let bytes = ByteWriter { path: path.to_path_buf(), out, len: 0, bounded };
+        Self { bytes, row: row.max(1), item: std::marker::PhantomData }
+    }
+
+    /// Appends items.
+    ///
+    /// # Errors
+    /// [`Error::Io`].
+    pub fn push(&mut self, items: &[T]) -> Result<()> {
+        self.push_bytes(bytemuck::cast_slice(items))
+    }
+
+    /// Appends items given as their bytes, whatever their alignment.
+    ///
+    /// # Errors
+    /// [`Error::Io`].
+    pub fn push_bytes(&mut self, bytes: &[u8]) -> Result<()> {
+        self.bytes.push(bytes)
+    }
+
     /// Items so far.
     pub fn len(&self) -> usize {
-        self.items
+        self.bytes.len / size_of::<T>()
     }
 
     /// Whether nothing was pushed yet.
     pub fn is_empty(&self) -> bool {
-        self.items == 0
+        self.bytes.len == 0
     }
 
     /// Writes the header, syncs where `durable`, renames.
@@ -312,38 +356,32 @@ impl<T: Item> ArrayWriter<T> {
     /// # Errors
     /// [`Error::Io`].
     pub fn finish(self, durable: bool) -> Result<MappedSlice<T>> {
-        let (mut out, mut unfinished) = match self.out {
-            Out::File(out, unfinished) => (out, unfinished),
-            Out::Memory(buffer, arrays) => {
-                let bytes = buffer.and_then(|buffer| MappedSliceMut::<T>::held(buffer, self.items).freeze());
-                return hand_over(&self.path, &arrays, bytes, self.items);
-            }
-        };
-        let partial = partial_name(&self.path);
-        let shape = if self.row == 1 { vec![self.items] } else { vec![self.items * T::WIDTH / self.row, self.row] };
-        let mut end = || -> std::io::Result<()> {
-            out.seek(SeekFrom::Start(0))?;
-            out.write_all(&header(T::DESCR, &shape))?;
-            out.flush()?;
-            if durable { out.get_ref().sync_all() } else { Ok(()) }
-        };
-        end().map_err(Error::io(&self.path, "write"))?;
-        std::fs::rename(&partial, &self.path).map_err(Error::io(&self.path, "rename"))?;
-        unfinished.0 = None;
-        open(&self.path)
+        let (items, path) = (self.len(), self.bytes.path.clone());
+        let shape = if self.row == 1 { vec![items] } else { vec![items * T::WIDTH / self.row, self.row] };
+        match self.bytes.finish(&header(T::DESCR, &shape), durable)? {
+            Some(bytes) => bytes.slice(&path, 0, items),
+            None => open(&path),
+        }
     }
 }
 
-/// Shape and data offset of a `.npy` file whose items are of type `T`.
-fn parse_header<T: Item>(path: &Path, bytes: &[u8]) -> Result<(Vec<u64>, usize)> {
+/// A `.npy` file whose items are of type `descr`, `width` to an item here: its bytes, where the data begin, how many
+/// items there are, and its shape.
+fn opened(path: &Path, descr: &str, width: usize) -> Result<(MappedBytes, usize, usize, Vec<u64>)> {
+    let bytes = MappedBytes::open(path)?;
     let wrong = |problem: String| {
         Error::malformed(path, "header", problem, "it is not an array of this program; make it again")
     };
-    let header = npy_header::parse(bytes).map_err(wrong)?;
-    if header.descr != T::DESCR || header.fortran {
-        return Err(wrong(format!("items are {}, expected '{}' in C order", header.descr, T::DESCR)));
+    let header = npy_header::parse(&bytes).map_err(wrong)?;
+    if header.descr != descr || header.fortran {
+        return Err(wrong(format!("items are {}, expected '{descr}' in C order", header.descr)));
     }
-    Ok((header.shape, header.data))
+    let (shape, offset) = (header.shape, header.data);
+    let len = shape.iter().product::<u64>() as usize;
+    if !len.is_multiple_of(width) {
+        return Err(Error::malformed(path, "header", format!("shape {shape:?}"), "make the file again"));
+    }
+    Ok((bytes, offset, len / width, shape))
 }
 
 /// Opens a `.npy` file as an array of any shape, flattened.
@@ -359,13 +397,8 @@ pub fn open<T: Item>(path: &Path) -> Result<MappedSlice<T>> {
 /// # Errors
 /// As [`open`].
 pub fn open_shaped<T: Item>(path: &Path) -> Result<(MappedSlice<T>, Vec<u64>)> {
-    let bytes = MappedBytes::open(path)?;
-    let (shape, offset) = parse_header::<T>(path, &bytes)?;
-    let len = shape.iter().product::<u64>() as usize;
-    if !len.is_multiple_of(T::WIDTH) {
-        return Err(Error::malformed(path, "header", format!("shape {shape:?}"), "make the file again"));
-    }
-    Ok((bytes.slice(path, offset, len / T::WIDTH)?, shape))
+    let (bytes, offset, len, shape) = opened(path, T::DESCR, T::WIDTH)?;
+    Ok((bytes.slice(path, offset, len)?, shape))
 }
 
 /// Writes a whole array from memory, by rename.
