@@ -13,7 +13,8 @@ use super::dual_edges::{CENTROID_DISTANCES, DualEdges, EDGES, Entry, RowScratch}
 use super::half_edge_pairs::{AGAINST, AcrossCorner, HalfEdgePair, HalfEdgePairs, NO_NODE};
 use super::node_geometry::NodeGeometry;
 use super::nodes::{Frame, Node};
-use super::row_starts::{PackedPart, RowStartsWriter, StartsForm};
+use super::row_starts::StartsForm;
+use super::row_starts::writer::{PackedPart, RowStartsWriter};
 use crate::base::Result;
 use crate::base::parallel::{chunk_count, chunk_range, parts_of};
 use crate::base::simd::{SimdKernel, dispatch};
