@@ -113,6 +113,20 @@ pub fn finite(a: [f64; 3]) -> bool {
     a[0].is_finite() && a[1].is_finite() && a[2].is_finite()
 }
 
+/// |a − b|² of points of many coordinates, as `LANES` sums side by side, which are added up last.
+#[inline(always)]
+pub fn square_apart<const LANES: usize>(a: &[f32], b: &[f32]) -> f32 {
+    let (a, b) = (a.chunks_exact(LANES), b.chunks_exact(LANES));
+    let rest: f32 = a.remainder().iter().zip(b.remainder()).map(|(a, b)| (a - b) * (a - b)).sum();
+    let mut sums = [0f32; LANES];
+    for (a, b) in a.zip(b) {
+        for lane in 0..LANES {
+            sums[lane] += (a[lane] - b[lane]) * (a[lane] - b[lane]);
+        }
+    }
+    sums.iter().sum::<f32>() + rest
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;

@@ -19,6 +19,7 @@ use super::search::{Neighbour, walk};
 use crate::base::Result;
 use crate::base::parallel::{chunk_count, chunk_range};
 use crate::base::simd::{SimdKernel, dispatch};
+use crate::base::vector::square_apart;
 use crate::distance::voronoi;
 use crate::graph::{Csr, VertexGraph};
 use crate::spectral::local::LocalBasis;
@@ -58,15 +59,7 @@ impl SimdKernel for Square<'_> {
 
     #[inline(always)]
     fn run(self) -> f32 {
-        let (x, y) = (self.0.chunks_exact(16), self.1.chunks_exact(16));
-        let rest: f32 = x.remainder().iter().zip(y.remainder()).map(|(x, y)| (x - y) * (x - y)).sum();
-        let mut sums = [0f32; 16];
-        for (x, y) in x.zip(y) {
-            for lane in 0..16 {
-                sums[lane] += (x[lane] - y[lane]) * (x[lane] - y[lane]);
-            }
-        }
-        sums.iter().sum::<f32>() + rest
+        square_apart::<16>(self.0, self.1)
     }
 }
 
@@ -85,7 +78,7 @@ impl SimdKernel for Walk<'_> {
     #[inline(always)]
     fn run(self) -> Vec<Neighbour> {
         let Self { placed, query, start, count, patience } = self;
-        let square = |vertex: u32| Square(query, placed.at(vertex)).run();
+        let square = |vertex: u32| square_apart::<16>(query, placed.at(vertex));
         let around = |vertex: u32| &placed.graph.indices[placed.graph.span(vertex)];
         walk(Neighbour { vertex: start, square: square(start) }, count, patience, around, square)
     }

@@ -7,7 +7,7 @@
 //! samples, and as much for each map.
 
 use super::cell_paths::{CellPaths, Row};
-use crate::base::vector::distance;
+use crate::base::vector::{distance, square_apart};
 use crate::cluster::parts::cell_graph::CellGraph;
 use crate::spectral::exp::exp64;
 use crate::spectral::laplacian::generalised;
@@ -115,7 +115,7 @@ impl Functions {
 
     /// The cell of `among` whose functions are nearest to `image`, as its number there.
     pub fn nearest(&self, image: &[f32], among: &[u32]) -> usize {
-        let far = among.iter().map(|&cell| squared(image, self.at(cell, image.len())));
+        let far = among.iter().map(|&cell| square_apart::<LANES>(image, self.at(cell, image.len())));
         let least = |a: (usize, f32), b: (usize, f32)| if b.1 < a.1 { b } else { a };
         far.enumerate().fold((0, f32::INFINITY), least).0
     }
@@ -126,7 +126,7 @@ impl Functions {
             let there = self.image(x, c);
             let mut best = (image[x as usize], f32::INFINITY);
             let look = |best: &mut (u32, f32), y: u32| {
-                let far = squared(&there, self.at(y, c.k));
+                let far = square_apart::<LANES>(&there, self.at(y, c.k));
                 if far < best.1 {
                     *best = (y, far);
                 }
@@ -201,19 +201,6 @@ fn times(a: &[f32], b: &[f32], k: usize) -> Vec<f32> {
         }
     }
     out
-}
-
-/// The squared distance.
-fn squared(a: &[f32], b: &[f32]) -> f32 {
-    let mut sums = [0.0; LANES];
-    let (first, second) = (a.chunks_exact(LANES), b.chunks_exact(LANES));
-    let rest: f32 = first.remainder().iter().zip(second.remainder()).map(|(a, b)| (a - b) * (a - b)).sum();
-    for (a, b) in first.zip(second) {
-        for k in 0..LANES {
-            sums[k] += (a[k] - b[k]) * (a[k] - b[k]);
-        }
-    }
-    sums.iter().sum::<f32>() + rest
 }
 
 #[cfg(test)]
