@@ -372,13 +372,7 @@ const REACHED: f32 = f32::MIN_POSITIVE;
 ///
 /// # Errors
 /// [`crate::base::Error::Cancelled`].
-pub fn dissolve(
-    graph: Csr<'_>,
-    boundary_nodes: &[u32],
-    field: &mut [f32],
-    labels: &mut [u32],
-    run: &Run,
-) -> Result<()> {
+fn dissolve(graph: Csr<'_>, boundary_nodes: &[u32], field: &mut [f32], labels: &mut [u32], run: &Run) -> Result<()> {
     let neighbours = |i: u32| &graph.indices[graph.span(i)];
     // Nodes beside an island, and the label they would give it.
     let mut island_boundary: Vec<(u32, u32)> = Vec::new();

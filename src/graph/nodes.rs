@@ -122,7 +122,7 @@ impl Node {
     /// [`Node::of_corners`] of a triangle, without the general case: most faces are triangles,
     /// and this is an inner loop.
     #[inline]
-    pub fn of_triangle(a: [f64; 3], b: [f64; 3], c: [f64; 3]) -> (Self, bool) {
+    fn of_triangle(a: [f64; 3], b: [f64; 3], c: [f64; 3]) -> (Self, bool) {
         let normal = cross(minus(b, a), minus(c, a));
         let length = length(normal);
         let area = (length / 2.) as f32;
@@ -143,7 +143,7 @@ impl Node {
 
     /// The node of a face with the given corners (in the frame); also whether it is degenerate.
     #[inline]
-    pub fn of_corners(corners: impl Iterator<Item = [f64; 3]> + Clone) -> (Self, bool) {
+    fn of_corners(corners: impl Iterator<Item = [f64; 3]> + Clone) -> (Self, bool) {
         let (mut sum, mut count, mut all) = ([0f64; 3], 0u32, 0u32);
         for p in corners.clone() {
             all += 1;

@@ -53,7 +53,7 @@ impl Factor {
     }
 
     /// The width: as given, or the mean of rows from [`PILOTS`] columns.
-    pub fn find_width(&mut self, space: &mut dyn Space, field: &mut [f32], seed: u64) -> Result<()> {
+    fn find_width(&mut self, space: &mut dyn Space, field: &mut [f32], seed: u64) -> Result<()> {
         if self.sigma.is_none() {
             let pilots = distinct(self.columns.len(), PILOTS, seed, "pilots");
             let rows: Result<Vec<_>> = pilots.iter().map(|&c| self.distances(c as usize, space, field)).collect();

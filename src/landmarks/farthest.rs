@@ -131,7 +131,7 @@ fn farthest_in(space: &mut dyn Space, field: &[f32]) -> u32 {
 }
 
 /// The first node of greatest distance; infinite counts as the greatest.
-pub fn farthest_node(field: &[f32]) -> u32 {
+fn farthest_node(field: &[f32]) -> u32 {
     let (best, at) = dispatch(FarthestBlock(field));
     let block = &field[at * BLOCK..field.len().min((at + 1) * BLOCK)];
     (at * BLOCK + block.iter().position(|&d| d == best).unwrap_or(0)) as u32

@@ -198,7 +198,7 @@ pub fn fit(a: &Points, b: &Points, pairs: &[(u32, u32)], k: usize) -> DMatrix<f6
 }
 
 /// The same from the first k functions of A to the first m of B: m × k.
-pub fn fit_between(a: &Points, b: &Points, pairs: &[(u32, u32)], counts: [usize; 2]) -> DMatrix<f64> {
+fn fit_between(a: &Points, b: &Points, pairs: &[(u32, u32)], counts: [usize; 2]) -> DMatrix<f64> {
     let [k, m] = counts;
     let [square, mixed] = dispatch(Products { a, b, pairs, counts });
     let mut square = DMatrix::from_row_slice(k, k, &square);

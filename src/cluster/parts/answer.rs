@@ -84,7 +84,7 @@ pub struct PartsReport {
 impl PartsReport {
     /// Mean of [`PartsReport::expected_agreement`] by the `area` of the parts; none where that is empty. What has an
     /// area and no expectation, such as tiny components that are a part of their own, does not count.
-    pub fn mean_agreement(&self, area: &[f64]) -> Option<f64> {
+    fn mean_agreement(&self, area: &[f64]) -> Option<f64> {
         let all = || self.expected_agreement.iter().zip(area);
         let total: f64 = all().map(|(_, area)| area).sum();
         let sum: f64 = all().map(|(share, area)| share * area).sum();

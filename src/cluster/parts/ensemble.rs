@@ -169,7 +169,7 @@ impl MeasuredSuperfaces {
     }
 
     /// The same for each of the `pieces` that the regions lie in.
-    pub fn regions_in_pieces(
+    fn regions_in_pieces(
         &self,
         cells: &CellGraph,
         region: &[u32],
@@ -343,7 +343,7 @@ impl OverSegmentationParams {
 }
 
 /// Region of each cell (S), numbered 0, 1, …, each region connected; and how many.
-pub fn over_segment(
+fn over_segment(
     cells: &CellGraph,
     rows: &LandmarkDistances,
     params: &OverSegmentationParams,
