@@ -1,6 +1,7 @@
 //! The command line: parses arguments into the parameters of the library, runs a subcommand, reports errors. The only
 //! user of clap and indicatif.
 
+mod batch;
 mod choices;
 mod command;
 mod correspond;
@@ -203,7 +204,7 @@ pub fn main(peak: fn() -> u64) -> End {
 /// Runs a subcommand.
 fn dispatch(command: Command, app: &AppContext) -> Result<(), CliError> {
     match command {
-        Command::Segment(args) => segment::run(&args, app),
+        Command::Segment(args) => batch::run(&args, app),
         Command::Graph(args) => stages::graph(&args, app),
         Command::Rows(args) => stages::rows(&args, app),
         Command::Share(args) => stages::share(&args, app),

@@ -1,0 +1,367 @@
+//! `segment` over all of its meshes: what is checked first, and batches.
+//!
+//! Many meshes come as files, folders and patterns; jobs take them from one list, and a table grows. Jobs
+//! share threads and memory evenly, so what one mesh gets depends on `--jobs` alone. A mesh that fails is
+//! reported, and the rest goes on.
+
+use super::edits::Like;
+use super::errors::{file_of, message};
+use super::input::meshes;
+use super::made::Maker;
+use super::options::{AppContext, CliError};
+use super::output::{Output, check_folders, check_names, ending, outputs_of};
+use super::progress::{BatchBars, Style, human, tell};
+use super::segment::{Job, SegmentArgs, Task, one};
+use super::sink::{OpenSink, Sink, check_distinct, check_outside};
+use nystrom_stream::apps::edits::Edits;
+use nystrom_stream::base::parallel::{catch, lock, spawn};
+use nystrom_stream::base::{Error, Result};
+use nystrom_stream::pipeline::report::Report;
+use nystrom_stream::pipeline::{Cluster, SegmentParams, input};
+use nystrom_stream::store::{Budget, WorkDir};
+use serde_json::{Value, json};
+use std::collections::BTreeMap;
+use std::path::{Path, PathBuf};
+use std::sync::atomic::{AtomicUsize, Ordering};
+use std::sync::{Mutex, PoisonError};
+use std::time::Instant;
+
+/// Refuses combinations of options before any work.
+fn check(args: &SegmentArgs, meshes: &[PathBuf], several: bool) -> Result<(SegmentParams, Option<Edits>), CliError> {
+    let mut params = args.method.params()?;
+    let edits = args.edits.read(&args.method.parts, &mut params)?;
+    params.check()?;
+    let misused = |text: &str| Err(CliError::Usage(text.into()));
+    let outputs = outputs_of(&args.output)?;
+    // What is written by default is a PLY.
+    let default = [Output::stdout()];
+    args.form.check(if outputs.is_empty() { &default } else { &outputs })?;
+    if !outputs.is_empty() {
+        check_names(args.edits.names.as_deref(), &outputs, &args.json)?;
+    }
+    if args.measure && args.json.json.is_none() {
+        return misused(
+            "--measure goes with --json, which tells what is measured; or write a table, as in -o parts.csv",
+        );
+    }
+    let stdin = meshes.iter().filter(|mesh| mesh.as_os_str() == "-").count();
+    if stdin > 0 && (several || args.is_batch()) {
+        return misused("standard input is one mesh; give it alone, and without options for many meshes");
+    }
+    if several {
+        let fixed = args.output.iter().any(|path| !path.to_string_lossy().contains("{}"));
+        if fixed {
+            return misused(
+                "-o goes with one mesh; for several, write {} for the name of the mesh, as in -o 'out/{}.seg', or leave \
+                 it out: each gets MESH.segmented.ply",
+            );
+        }
+        if args.work_dir.is_some() {
+            return misused("--work-dir goes with one mesh");
+        }
+    }
+    Ok((params, edits))
+}
+
+pub fn run(args: &SegmentArgs, app: &AppContext) -> Result<(), CliError> {
+    let start = Instant::now();
+    // A wrong option is reported before a missing folder.
+    args.method.params()?;
+    let (meshes, several) = meshes(&args.meshes)?;
+    // A pattern or a list that happens to name one mesh is a batch still.
+    let many = several || args.is_batch();
+    let (mut params, mut edits) = check(args, &meshes, several)?;
+    let like = match &args.like.like {
+        Some(path) if params.cluster != Cluster::Parts => {
+            return Err(CliError::Usage(format!("--like {}: goes with --cluster parts only", path.display())));
+        }
+        Some(path) => {
+            let place = args.scratch.tmp.clone().unwrap_or_else(std::env::temp_dir);
+            let (work, run) = (WorkDir::temporary(&place)?, args.run.run(&(), app));
+            Some(match edits.take() {
+                Some(edits) => {
+                    // The others have its parts, whatever their number.
+                    let own = std::mem::replace(&mut params, args.method.params()?);
+                    Like::edited(path, &own, &edits, work, &run)?
+                }
+                None => Like::read(path, work, &run)?,
+            })
+        }
+        None => None,
+    };
+    let task = Task { args, params: &params, edits: edits.as_ref(), like: like.as_ref() };
+    let mut jobs = jobs(meshes, &args.output)?;
+    let written = jobs.iter().flat_map(|job| &job.outputs).map(|output| output.target().to_path_buf());
+    let written: Vec<PathBuf> = written.chain(args.json.json.clone()).chain(args.json_lines.clone()).collect();
+    let edits = args.edits.edits.iter().chain(&args.edits.names).chain(&args.like.like);
+    check_outside(args.work_dir.as_deref(), &written)?;
+    check_distinct(jobs.iter().map(|job| &job.mesh).chain(edits.clone()), &written)?;
+    let files = jobs.iter().map(|job| &job.mesh).chain(edits).chain(&written);
+    check_folders(jobs.iter().flat_map(|job| &job.outputs), files)?;
+    // Those of each mesh are looked at when its turn comes.
+    args.json.json.iter().chain(&args.json_lines).try_for_each(|path| Sink::of(path).check())?;
+    if many {
+        return all(jobs, task, app);
+    }
+    let bars = args.run.bars();
+    let run = args.run.run(&bars, app);
+    let job = jobs.remove(0);
+    let report = one(&job, task, &bars, &run, app)?;
+    args.json.publish(&report)?;
+    report.remarks(&params).iter().for_each(|text| run.progress.note(text));
+    let faces = format!("{} face{}", human(report.input.faces as f64), if report.input.faces == 1 { "" } else { "s" });
+    run.progress.note_of_work(&ending(&faces, report.parts.len(), start, &job.outputs));
+    Ok(())
+}
+
+/// A job per mesh; in `patterns` of outputs `{}` stands for the name of the mesh without ending.
+fn jobs(meshes: Vec<PathBuf>, patterns: &[PathBuf]) -> Result<Vec<Job>, CliError> {
+    let mut owner: BTreeMap<PathBuf, PathBuf> = BTreeMap::new();
+    let mut jobs = Vec::with_capacity(meshes.len());
+    for mesh in meshes {
+        let stem = Output::stem(&mesh);
+        if mesh.as_os_str() == "-" && patterns.iter().any(|pattern| pattern.to_string_lossy().contains("{}")) {
+            return Err(CliError::Usage("-o: standard input has no name to put for {}; write one".into()));
+        }
+        let itself = mesh.canonicalize().ok();
+        let fill = |pattern: &PathBuf| Output::of(Path::new(&pattern.to_string_lossy().replace("{}", &stem)));
+        let job = Job::of(mesh, patterns.iter().map(fill).collect::<Result<_, _>>()?);
+        for path in job.outputs.iter().filter_map(Output::path) {
+            if itself.is_some() && path.canonicalize().ok() == itself {
+                return Err(CliError::Usage(format!("-o: {} is the mesh itself; name another file", path.display())));
+            }
+            if let Some(other) = owner.insert(path.to_path_buf(), job.mesh.clone()) {
+                let (other, mesh, path) = (other.display(), job.mesh.display(), path.display());
+                let remedy = "cut them one by one, each with an -o of its own";
+                return Err(CliError::Usage(format!("{other} and {mesh} would both be written to {path}; {remedy}")));
+            }
+        }
+        jobs.push(job);
+    }
+    Ok(jobs)
+}
+
+/// The table: its first column is as wide as the longest name.
+struct Table {
+    width: usize,
+}
+
+impl Table {
+    fn of(jobs: &[Job]) -> Self {
+        let widths = jobs.iter().map(|job| job.mesh.display().to_string().chars().count());
+        Self { width: widths.max().unwrap_or(0).max("mesh".len()) }
+    }
+
+    fn row(&self, mesh: &str, faces: &str, parts: &str, seconds: &str) -> String {
+        format!("{mesh:width$} {faces:>10} {parts:>6} {seconds:>9}", width = self.width)
+    }
+
+    /// The row of a mesh that is done.
+    fn row_of(&self, mesh: &Path, report: &Report, seconds: f64) -> String {
+        let (faces, parts) = (report.input.faces.to_string(), report.parts.len().to_string());
+        self.row(&mesh.display().to_string(), &faces, &parts, &format!("{seconds:.3}"))
+    }
+}
+
+/// What the jobs have done.
+#[derive(Default)]
+struct Tally {
+    /// Where JSON lines go.
+    lines: Option<OpenSink>,
+    reports: BTreeMap<usize, Report>,
+    failed: Vec<(PathBuf, String)>,
+    skipped: usize,
+    stop: Option<Error>,
+}
+
+impl Tally {
+    /// Writes a line of JSON where that is asked for.
+    fn tell(&mut self, line: &Value) -> Result<()> {
+        self.lines.as_mut().map_or(Ok(()), |lines| lines.write(format!("{line}\n").as_bytes()))
+    }
+
+    /// Notes that a mesh is done already.
+    fn skip(&mut self, job: &Job) {
+        self.skipped += 1;
+        if let Err(error) = self.tell(&json!({"mesh": job.mesh.to_string_lossy(), "skipped": true})) {
+            self.stop.get_or_insert(error);
+        }
+    }
+
+    /// Notes how a mesh went.
+    fn settle(&mut self, number: usize, job: &Job, result: Result<Report>, seconds: f64) {
+        let written = match result {
+            Ok(report) => {
+                let line = job.line(&report, seconds);
+                self.reports.insert(number, report);
+                self.tell(&line)
+            }
+            Err(error @ Error::Cancelled) => Err(error),
+            Err(error) => {
+                let reason = message(&error);
+                // Most messages begin with the file.
+                let start = format!("{}: ", job.mesh.display());
+                let reason = reason.strip_prefix(&start).map_or(reason.clone(), str::to_string);
+                let line = json!({"mesh": job.mesh.to_string_lossy(), "seconds": seconds, "error": reason});
+                self.failed.push((job.mesh.clone(), reason));
+                self.tell(&line)
+            }
+        };
+        if let Err(error) = written {
+            self.stop.get_or_insert(error);
+        }
+    }
+}
+
+/// A batch at work.
+struct Batch<'a> {
+    jobs: Vec<Job>,
+    task: Task<'a>,
+    app: &'a AppContext,
+    /// What the outputs depend on besides their mesh.
+    options: Value,
+    bars: BatchBars,
+    table: Table,
+    /// How progress is told.
+    style: Style,
+    /// Threads and bytes of memory that each mesh gets.
+    share: (usize, u64),
+    next: AtomicUsize,
+    tally: Mutex<Tally>,
+}
+
+/// Segments all meshes.
+fn all(jobs: Vec<Job>, task: Task<'_>, app: &AppContext) -> Result<(), CliError> {
+    let args = task.args;
+    let start = Instant::now();
+    let style = args.run.bars().style();
+    let workers = usize::from(args.jobs).min(jobs.len());
+    let whole = args.run.run(&(), app);
+    let lines = args.json_lines.as_deref();
+    let mut batch = Batch {
+        options: options(task)?,
+        bars: BatchBars::new(style, jobs.len() as u64),
+        table: Table::of(&jobs),
+        style,
+        share: ((whole.threads / workers).max(1), whole.budget.total() / workers as u64),
+        next: AtomicUsize::new(0),
+        tally: Mutex::default(),
+        jobs,
+        task,
+        app,
+    };
+    if batch.told() {
+        batch.bars.say(&batch.table.row("mesh", "faces", "parts", "seconds"));
+    }
+    batch.tally.get_mut().unwrap_or_else(PoisonError::into_inner).lines =
+        lines.map(|path| Sink::of(path).open(args.resume)).transpose()?;
+    std::thread::scope(|scope| {
+        (1..workers).for_each(|_| drop(spawn(scope, || batch.work())));
+        batch.work();
+    });
+    batch.conclude(start)
+}
+
+/// What outputs depend on besides their mesh.
+fn options(task: Task<'_>) -> Result<Value> {
+    let args = task.args;
+    let file = |path: &Option<PathBuf>| path.as_deref().map(input::identity).transpose();
+    let (like, edits_of_like) = (&args.like.like, args.like.like.as_ref().and(args.edits.edits.clone()));
+    Ok(json!({
+        "edits": task.edits, "hints": args.edits.hints, "names": file(&args.edits.names)?,
+        "like": [file(like)?, file(&edits_of_like)?],
+        "params": task.params, "seed": args.run.seed.unwrap_or(0), "ply_form": format!("{:?}", args.form.ply.ply_form),
+        "vertex_labels": args.form.ply.vertex_labels, "split_vertices": args.form.ply.split_vertices,
+        "split_faces": args.form.ply.split_faces,
+        "embedding_columns": args.form.embedding_columns, "part_form": format!("{:?}", args.form.part_form),
+        "cap": args.form.cap,
+    }))
+}
+
+impl Batch<'_> {
+    /// Whether lines for people are written.
+    fn told(&self) -> bool {
+        matches!(self.style, Style::Terminal | Style::Lines)
+    }
+
+    /// Does one job after another, until none is left or the batch is to stop.
+    fn work(&self) {
+        loop {
+            let k = self.next.fetch_add(1, Ordering::Relaxed);
+            if k >= self.jobs.len() || lock(&self.tally).stop.is_some() {
+                return;
+            }
+            self.job(k);
+        }
+    }
+
+    /// Cuts mesh `k`, unless its outputs are there.
+    fn job(&self, k: usize) {
+        let (job, args) = (&self.jobs[k], self.task.args);
+        let mine = self.bars.of_mesh(&job.mesh.display().to_string());
+        let maker = job.maker(&self.options);
+        if args.resume && job.is_done(maker.as_ref(), &mine) {
+            lock(&self.tally).skip(job);
+            self.bars.end(&mine, "");
+            return;
+        }
+        let begin = Instant::now();
+        let mut run = args.run.run(&mine, self.app);
+        (run.threads, run.budget) = (self.share.0, Budget::new(self.share.1));
+        // A panic fails its mesh alone.
+        let result = catch(|| {
+            let known = |what: fn(&Maker, &Output)| {
+                maker.iter().for_each(|maker| job.outputs.iter().for_each(|output| what(maker, output)));
+            };
+            known(Maker::forget);
+            let report = one(job, self.task, &mine, &run, self.app)?;
+            known(Maker::stamp);
+            Ok(report)
+        })
+        .flatten();
+        let seconds = begin.elapsed().as_secs_f64();
+        let row = result.as_ref().map_or(String::new(), |report| self.table.row_of(&job.mesh, report, seconds));
+        self.bars.end(&mine, &row);
+        if let Err(error) = &result
+            && !matches!(error, Error::Cancelled)
+        {
+            self.bars.complain(&job.mesh, &message(error), file_of(error));
+        }
+        lock(&self.tally).settle(k, job, result, seconds);
+    }
+
+    /// Tells how the batch, which began at `start`, has gone.
+    fn conclude(self, start: Instant) -> Result<(), CliError> {
+        self.bars.finish();
+        let told = self.told();
+        let tally = self.tally.into_inner().unwrap_or_else(PoisonError::into_inner);
+        if let Some(error) = tally.stop {
+            return Err(error.into());
+        }
+        let doubtful = |(&job, report): (&usize, &Report)| {
+            (report.like.as_ref()?["look"] == true).then(|| self.jobs[job].mesh.display().to_string())
+        };
+        let look: Vec<String> = tally.reports.iter().filter_map(doubtful).collect();
+        if told && !look.is_empty() {
+            tell(&format!("look at {} of {}: {}", look.len(), tally.reports.len(), look.join(", ")));
+        }
+        self.task.args.json.publish(&tally.reports.values().collect::<Vec<_>>())?;
+        let (all, failed) = (self.jobs.len(), tally.failed.len());
+        if told {
+            tally.failed.iter().for_each(|(mesh, reason)| tell(&format!("failed: {}: {reason}", mesh.display())));
+            let done = all - failed - tally.skipped;
+            let skipped = if tally.skipped > 0 { format!(", {} skipped", tally.skipped) } else { String::new() };
+            let seconds = start.elapsed().as_secs_f64();
+            let all = if all == 1 { "1 mesh".to_string() } else { format!("{all} meshes") };
+            tell(&format!("{all}: {done} done, {failed} failed{skipped}, in {seconds:.1} s"));
+        }
+        if failed == 0 {
+            return Ok(());
+        }
+        let sum = format!("{failed} of {all} meshes failed");
+        if self.style == Style::Quiet {
+            tell(&format!("nystrom-stream: {sum}"));
+        }
+        Err(CliError::Reported(sum))
+    }
+}
