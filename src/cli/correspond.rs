@@ -151,6 +151,32 @@ impl MethodArgs {
 }
 
 impl CorrespondArgs {
+    /// All files to write, but for the report.
+    fn outputs(&self) -> impl Iterator<Item = &PathBuf> + Clone {
+        let shown = self.output.iter().chain(&self.colours).chain(&self.picture).chain(&self.carried);
+        shown.chain(&self.points).chain(&self.functional_map).chain(&self.functions)
+    }
+
+    /// Refuses what makes no sense, before any work.
+    fn check(&self) -> Result<(), CliError> {
+        self.check_endings()?;
+        if self.colour_by.is_some() && self.colours.is_empty() && self.picture.is_none() {
+            return Err(misfit("--colour-by", "--colours or --picture"));
+        }
+        if self.method.refine == Refine::None && (self.functional_map.is_some() || !self.functions.is_empty()) {
+            return Err(CliError::Usage(
+                "without refinement there are no functions to write; leave out --refine none".into(),
+            ));
+        }
+        if self.outputs().next().is_none() && self.json.json.is_none() {
+            return Err(CliError::Usage("nothing to write; give -o matches.npy or another output".into()));
+        }
+        let inputs = [&self.a, &self.b].into_iter().chain(&self.landmarks_file).chain(&self.initial_map);
+        check_places(inputs, self.outputs().chain(&self.json.json))?;
+        check_outside(self.work_dir.as_deref(), self.outputs().chain(&self.json.json))?;
+        Ok([&self.a, &self.b].into_iter().try_for_each(|path| check_there(path))?)
+    }
+
     /// Each output ends as what it is written as.
     fn check_endings(&self) -> Result<(), CliError> {
         if let Some(path) = self.output.iter().find(|path| !files::is_known(path)) {
@@ -177,31 +203,11 @@ impl CorrespondArgs {
 pub fn run(args: &CorrespondArgs, app: &AppContext) -> Result<(), CliError> {
     let mut params = args.method.params();
     params.embedding.check()?;
-    args.check_endings()?;
-    if args.colour_by.is_some() && args.colours.is_empty() && args.picture.is_none() {
-        return Err(misfit("--colour-by", "--colours or --picture"));
-    }
-    let functional = || args.functional_map.iter().chain(&args.functions);
-    if params.refine == Refine::None && functional().next().is_some() {
-        return Err(CliError::Usage(
-            "without refinement there are no functions to write; leave out --refine none".into(),
-        ));
-    }
+    args.check()?;
     params.points = args.points.is_some();
-    let outputs = || {
-        let shown = args.output.iter().chain(&args.colours).chain(&args.picture).chain(&args.carried);
-        shown.chain(&args.points).chain(functional())
-    };
-    if outputs().next().is_none() && args.json.json.is_none() {
-        return Err(CliError::Usage("nothing to write; give -o matches.npy or another output".into()));
-    }
-    let inputs = [&args.a, &args.b].into_iter().chain(&args.landmarks_file).chain(&args.initial_map);
-    check_places(inputs, outputs().chain(&args.json.json))?;
-    check_outside(args.work_dir.as_deref(), outputs().chain(&args.json.json))?;
-    [&args.a, &args.b].into_iter().try_for_each(|path| check_there(path))?;
     let bars = args.run.bars();
     let run = args.run.run(&bars, app);
-    let beside = || outputs().next().map_or_else(std::env::temp_dir, |path| folder_of(path));
+    let beside = || args.outputs().next().map_or_else(std::env::temp_dir, |path| folder_of(path));
     let work = args.scratch.work(args.work_dir.as_deref(), beside, &run)?;
     let mut inputs = None;
     if args.work_dir.is_some() {

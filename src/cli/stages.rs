@@ -16,6 +16,7 @@ use super::output::{FormArgs, JsonArgs, Output, check_folders, check_names, endi
 use super::progress::counted;
 use super::results::Cut;
 use super::sink::{check_outside, check_places, folder_of, print};
+use nystrom_stream::apps::edits::Edits;
 use nystrom_stream::base::Error;
 use nystrom_stream::base::printable::line;
 use nystrom_stream::cluster::two_means;
@@ -147,6 +148,27 @@ pub struct ClusterArgs {
     pub kernel: KernelArgs,
     #[command(flatten)]
     pub run: RunArgs,
+}
+
+impl ClusterArgs {
+    /// The parameters of the work directory with what is asked for in their place, and the edits.
+    fn params(&self, record: &Record) -> Result<(SegmentParams, Option<Edits>), CliError> {
+        let mut params = record.params.clone();
+        if self.parts.cluster.is_some_and(|cluster| cluster != params.cluster) {
+            // Options of another way of clustering have no meaning here.
+            let fresh = SegmentParams::default();
+            (params.parts, params.boundaries) = (fresh.parts, fresh.boundaries);
+            (params.tiny_components, params.walls) = (fresh.tiny_components, fresh.walls);
+            params.embedding = fresh.embedding;
+        }
+        self.parts.apply(&self.kernel, &mut params)?;
+        let edits = self.edits.read(&self.parts, &mut params)?;
+        params.check()?;
+        if self.tree.is_some() && params.cluster != Cluster::Parts {
+            return Err(misfit("--tree", "--cluster parts"));
+        }
+        Ok((recipe::continued(record, &params), edits))
+    }
 }
 
 /// Arguments of `export`.
@@ -311,22 +333,8 @@ pub fn cluster(args: &ClusterArgs, app: &AppContext) -> Result<(), CliError> {
     check_places(inputs.clone(), args.output.iter().chain(&args.json.json))?;
     check_folders(&outputs, inputs.chain(&args.output).chain(&args.json.json))?;
     check_outside(Some(work.path()), args.output.iter().chain(&args.json.json))?;
-    let mut params = record.params.clone();
-    if args.parts.cluster.is_some_and(|cluster| cluster != params.cluster) {
-        // Options of another way of clustering have no meaning here.
-        let fresh = SegmentParams::default();
-        (params.parts, params.boundaries) = (fresh.parts, fresh.boundaries);
-        (params.tiny_components, params.walls) = (fresh.tiny_components, fresh.walls);
-        params.embedding = fresh.embedding;
-    }
-    args.parts.apply(&args.kernel, &mut params)?;
-    let edits = args.edits.read(&args.parts, &mut params)?;
-    params.check()?;
-    if args.tree.is_some() && params.cluster != Cluster::Parts {
-        return Err(misfit("--tree", "--cluster parts"));
-    }
+    let (params, edits) = args.params(&record)?;
     let tree = args.tree.as_deref().map(decision::read_tree).transpose()?;
-    let params = recipe::continued(&record, &params);
     if args.mesh.is_some() {
         there(args.mesh.as_deref(), &record, work.path())?;
     }
