@@ -69,7 +69,7 @@ impl DecisionStage<'_> {
 
 impl Stage for DecisionStage<'_> {
     const NAME: &'static str = "decision";
-    const VERSION: u32 = 14;
+    const VERSION: u32 = 15;
     type Facts = DecisionFacts;
     type Output = (PartDecision, DecisionFacts);
 

@@ -17,6 +17,8 @@ use crate::store::run::Run;
 /// Samples that become anchors, step by step; those nearer than this length to an anchor, in units of
 /// √(total area), are left out.
 const GROWTH: [(usize, f32); 3] = [(12, 0.1), (28, 0.06), (SAMPLES, 0.04)];
+/// Tips at the most: all matchings of them are searched.
+const TIPS: usize = 10;
 /// Matchings of tips that are tried.
 const MATCHINGS: usize = 4;
 /// Likely images of the first sample: how many, how far apart, and how much less likely than the likeliest.
@@ -98,7 +100,7 @@ struct Begun {
 impl Surface<'_> {
     /// Maps to begin with.
     fn begun(&self) -> Vec<Begun> {
-        let tips = tips(&self.paths, &self.mean, |i| self.reached[i as usize]);
+        let tips = tips(&self.paths, &self.mean, |i| self.reached[i as usize], TIPS);
         let rows = self.paths.rows(&tips);
         let mut begun = Vec::new();
         for Matching { image, .. } in matchings(&tips, &rows, &self.mean).iter().take(MATCHINGS) {

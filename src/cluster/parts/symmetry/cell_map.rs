@@ -37,13 +37,17 @@ const THICKNESS: f64 = 0.3;
 
 /// What maps are found on.
 pub struct Surface<'a> {
+    /// Its cells.
     pub cells: &'a CellGraph,
+    /// Their shares of the area (S).
     pub shares: &'a [f64],
     /// Logarithm of the thickness behind each cell (S).
     log_thickness: &'a [f64],
     /// Of a disk of the mean cell's area.
     pub radius: f64,
+    /// Steps between cells.
     pub paths: CellPaths,
+    /// Cells that are far from each other.
     pub samples: FarthestSamples,
     /// Rows of the samples.
     pub rows: Vec<Row>,

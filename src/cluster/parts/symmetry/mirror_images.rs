@@ -1,4 +1,4 @@
-//! Mirror images of cells, and a co-association that is the same on both sides of a mirror plane.
+//! Images of cells, and a co-association that is the same on both sides of a mirror plane, and on limbs that are alike.
 //!
 //! C is averaged with that of the images, so that whatever is decided on one side is decided on the other.
 //! Cells come in pairs where there is a plane ([`crate::cluster::mirror`]), so images of superfaces are exact
@@ -16,7 +16,7 @@ const CUT: f64 = 0.3;
 /// Cell radii between an image and the cell nearest to it at which its weight has fallen to e⁻¹.
 const REACH: f64 = 2.0;
 
-/// The mirror image of each cell under one plane, or under a [`super::reflection`].
+/// The image of each cell under one plane, under a [`super::reflection`], or on another of some [`super::limbs`].
 #[derive(Clone, Debug)]
 pub struct MirrorImages {
     /// The cell nearest to each cell's mirror image (S).
@@ -84,46 +84,55 @@ pub fn mirror_images(cells: &CellGraph, shares: &[f64]) -> Vec<MirrorImages> {
         .collect()
 }
 
-/// The co-association of superfaces, C (R × R), averaged with that of
-/// their mirror images: `of_cell` is the superface of each cell (S), `shares` are the cells' areas (S).
-pub fn symmetrised(c: &Square, of_cell: &[u32], shares: &[f64], mirror: &MirrorImages) -> Square {
+/// The co-association of superfaces, C (R × R), averaged with those of their images under each of `maps`: `of_cell` is
+/// the superface of each cell (S), `shares` are the cells' areas (S).
+pub fn symmetrised(c: &Square, of_cell: &[u32], shares: &[f64], maps: &[MirrorImages]) -> Square {
     let n = c.len();
-    // Shares of each superface's image in others, and how far it is one.
+    let (mut sum, mut weight) = (c.clone(), vec![1.0; n * n]);
+    for map in maps {
+        let (images, sure) = superface_images(n, of_cell, shares, map);
+        let mut half = Square::zeros(n);
+        for (x, image) in images.iter().enumerate() {
+            for &(y, share) in image {
+                half.row_mut(x).iter_mut().zip(c.row(y as usize)).for_each(|(sum, c)| *sum += share * c);
+            }
+        }
+        for x in 0..n {
+            for y in (0..x).filter(|&y| sure[x] * sure[y] > 0.0) {
+                let image: f64 = images[y].iter().map(|&(b, share)| share * half[(x, b as usize)]).sum();
+                let w = sure[x] * sure[y];
+                sum[(x, y)] += w * image;
+                weight[x * n + y] += w;
+            }
+        }
+    }
+    for x in 0..n {
+        for y in 0..x {
+            let mean = sum[(x, y)] / weight[x * n + y];
+            (sum[(x, y)], sum[(y, x)]) = (mean, mean);
+        }
+    }
+    sum
+}
+
+/// The shares of the image of each of `n` superfaces in others, which sum to 1, and how far it is one (R).
+fn superface_images(n: usize, of_cell: &[u32], shares: &[f64], map: &MirrorImages) -> (Vec<Vec<(u32, f64)>>, Vec<f64>) {
     let mut images: Vec<Vec<(u32, f64)>> = vec![Vec::new(); n];
     let (mut sure, mut area) = (vec![0.0; n], vec![0.0; n]);
-    for (k, &x) in of_cell.iter().enumerate() {
-        let (y, w) = (of_cell[mirror.image[k] as usize], shares[k] * mirror.weight[k]);
+    for (k, &x) in of_cell.iter().enumerate().filter(|(k, _)| map.weight[*k] > 0.0) {
+        let (y, w) = (of_cell[map.image[k] as usize], shares[k] * map.weight[k]);
         match images[x as usize].iter_mut().find(|(other, _)| *other == y) {
             Some((_, sum)) => *sum += w,
             None => images[x as usize].push((y, w)),
         }
         sure[x as usize] += w;
-        area[x as usize] += shares[k];
     }
+    of_cell.iter().zip(shares).for_each(|(&x, share)| area[x as usize] += share);
     for x in 0..n {
         images[x].iter_mut().for_each(|(_, share)| *share /= sure[x].max(1e-300));
         sure[x] /= area[x].max(1e-300);
     }
-    let half: Vec<Vec<f64>> = images
-        .iter()
-        .map(|image| {
-            let mut row = vec![0.0; n];
-            for &(y, share) in image {
-                row.iter_mut().zip(c.row(y as usize)).for_each(|(sum, c)| *sum += share * c);
-            }
-            row
-        })
-        .collect();
-    let mut out = c.clone();
-    for x in 0..n {
-        for y in 0..x {
-            let image: f64 = images[y].iter().map(|&(b, share)| share * half[x][b as usize]).sum();
-            let w = sure[x] * sure[y];
-            let mean = (c[(x, y)] + w * image) / (1.0 + w);
-            (out[(x, y)], out[(y, x)]) = (mean, mean);
-        }
-    }
-    out
+    (images, sure)
 }
 
 #[cfg(test)]
@@ -166,7 +175,7 @@ mod tests {
                 (c[(i, j)], c[(j, i)]) = (x, x);
             }
         }
-        let got = symmetrised(&c, &of_cell, &shares, &mirror);
+        let got = symmetrised(&c, &of_cell, &shares, std::slice::from_ref(&mirror));
         // T: from the area of a superface to that of its image, row by row.
         let mut t = Square::zeros(n);
         let mut area = vec![0.0; n];

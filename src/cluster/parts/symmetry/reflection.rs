@@ -9,25 +9,22 @@ use super::cell_map::{CellMap, Surface};
 use super::mirror_images::MirrorImages;
 use super::{anchored, signs};
 use crate::base::Result;
-use crate::cluster::parts::cell_graph::CellGraph;
 use crate::store::run::Run;
 
 /// Cell radii by which distances of an image differ where its weight has fallen to e⁻¹.
 const REACH: f64 = 3.0;
 
-/// The reflection of a posed body with cells of `shares` of the area and this `log_thickness` behind them (S); `None`
-/// where there is none that is beyond doubt.
+/// The reflection of a posed body; `None` where there is none that is beyond doubt.
 ///
 /// # Errors
 /// Cancellation.
-pub fn reflection(cells: &CellGraph, shares: &[f64], log_thickness: &[f64], run: &Run) -> Result<Option<MirrorImages>> {
-    let Some(surface) = Surface::new(cells, shares, log_thickness) else { return Ok(None) };
-    let maps = anchored::maps(&surface, run)?;
+pub fn reflection(surface: &Surface<'_>, run: &Run) -> Result<Option<MirrorImages>> {
+    let maps = anchored::maps(surface, run)?;
     let unlike = |map: &CellMap| surface.mean_unlike(map);
     let reflections = maps.iter().filter(|map| surface.is_reflection(map));
     let map = match reflections.min_by(|a, b| unlike(a).total_cmp(&unlike(b))) {
         Some(best) => Some(best.clone()),
-        None => signs::reflection(&surface, &maps, run)?,
+        None => signs::reflection(surface, &maps, run)?,
     };
     Ok(map.map(|map| {
         let doubt = map.unlike.iter().zip(&map.back).map(|(unlike, back)| unlike.max(back / 2.0) / REACH);
@@ -39,11 +36,13 @@ pub fn reflection(cells: &CellGraph, shares: &[f64], log_thickness: &[f64], run:
 mod tests {
     use super::super::posed_body::{LEFT_ARM, LEFT_LEG, RIGHT_ARM, RIGHT_LEG, cells_of, posed};
     use super::*;
+    use crate::cluster::parts::cell_graph::CellGraph;
     use crate::cluster::parts::thickness::log_thickness;
 
     fn found(cells: &CellGraph) -> Option<MirrorImages> {
         let run = Run::new(&());
-        reflection(cells, &cells.area_shares(), &log_thickness(cells, &run).unwrap(), &run).unwrap()
+        let (shares, thickness) = (cells.area_shares(), log_thickness(cells, &run).unwrap());
+        Surface::new(cells, &shares, &thickness).and_then(|surface| reflection(&surface, &run).unwrap())
     }
 
     #[test]

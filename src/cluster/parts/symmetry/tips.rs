@@ -7,8 +7,6 @@
 use super::cell_paths::{CellPaths, Row};
 use crate::base::sort::sort_by;
 
-/// Tips at the most.
-const TIPS: usize = 10;
 /// A tip is farthest within so far, in units of √(total area), as all lengths here.
 const REACH: f32 = 0.12;
 /// Images may differ by so much in their mean distance.
@@ -20,9 +18,9 @@ const ALONE: f32 = 0.05;
 /// Steps of the search at the most.
 const VISITS: usize = 20_000;
 
-/// The tips of a surface, the farthest first. `mean` is the mean distance of each cell from the whole surface (S);
-/// `within` says whether a cell may be a tip.
-pub fn tips(paths: &CellPaths, mean: &[f32], within: impl Fn(u32) -> bool) -> Vec<u32> {
+/// The tips of a surface, the farthest first, at most `count`. `mean` is the mean distance of each cell from the whole
+/// surface (S); `within` says whether a cell may be a tip.
+pub fn tips(paths: &CellPaths, mean: &[f32], within: impl Fn(u32) -> bool, count: usize) -> Vec<u32> {
     let mut ball = vec![f32::INFINITY; mean.len()];
     let higher =
         |i: u32, j: u32| mean[j as usize] > mean[i as usize] || (mean[j as usize] == mean[i as usize] && j < i);
@@ -38,7 +36,7 @@ pub fn tips(paths: &CellPaths, mean: &[f32], within: impl Fn(u32) -> bool) -> Ve
         near.iter().for_each(|&j| ball[j as usize] = f32::INFINITY);
     }
     sort_by(&mut found, |&a, &b| mean[b as usize].total_cmp(&mean[a as usize]).then(a.cmp(&b)));
-    found.truncate(TIPS);
+    found.truncate(count);
     found
 }
 
