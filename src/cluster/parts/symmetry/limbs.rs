@@ -23,7 +23,7 @@ const SHORTEST: usize = 5;
 /// A limb has ended where its area over distance squared is so many times the least.
 const RISE: f64 = 1.05;
 /// Area over distance squared of a limb at the most. A right angle of a plate has π/4, a flat place π.
-const SLENDER: f64 = 0.72;
+const SLENDER: f64 = 0.76;
 /// Areas of like limbs within a distance differ by this share of their whole at the most.
 const SLACK: f64 = 0.2;
 /// The longer of two like limbs is so many times as long as the other at the most.
@@ -181,8 +181,8 @@ mod tests {
     fn a_limb_ends_where_it_widens_and_corners_are_none() {
         let shares = |area: &dyn Fn(f64) -> f64| {
             let place = |k: usize| 0.001 + 0.002 * k as f64;
-            let row: Vec<f32> = (0..500).map(|k| place(k) as f32).collect();
-            let shares: Vec<f64> = (0..500).map(|k| area(place(k) + 0.001) - area(place(k) - 0.001)).collect();
+            let row: Vec<f32> = (0..510).map(|k| place(k) as f32).collect();
+            let shares: Vec<f64> = (0..510).map(|k| area(place(k) + 0.001) - area(place(k) - 0.001)).collect();
             Limb::new(Arc::new(row), &shares)
         };
         // A tube of circumference .2, on a plane from .6 on.
