@@ -6,7 +6,8 @@
 //! onto each other by the area between their tips and a place. That says how far along a limb a place is, and not on
 //! which side of it, which is enough for cuts across. Pairs with a cell that is on no limb are left as they are.
 //!
-//! What was measured: `docs/dev/segmentation-experiments.md`. Cost: 1 or 2 ms for 2,000 cells.
+//! What was measured: `docs/dev/segmentation-experiments.md`. Cost: 5 ms for 2,000 cells, with the surface that
+//! reflections share.
 
 use super::cell_map::Surface;
 use super::cell_paths::{Row, UNREACHED};
