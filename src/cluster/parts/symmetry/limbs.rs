@@ -150,8 +150,11 @@ fn maps(group: &[usize], limbs: &[Limb], tips: &[u32], shares: &[f64]) -> Option
 
 #[cfg(test)]
 mod tests {
+    use super::super::mirror_images::symmetrised;
     use super::super::posed_body::{LEFT_ARM, LEFT_LEG, RIGHT_ARM, RIGHT_LEG, cells_of, on_surface};
     use super::*;
+    use crate::base::random::{stream, unit};
+    use crate::cluster::parts::matrix::Square;
     use std::sync::Arc;
 
     #[test]
@@ -214,6 +217,19 @@ mod tests {
                 (0..31).map(|i| if i == 30 { 30 } else { (i / 10 + shift) % 3 * 10 + i % 10 }).collect();
             assert_eq!(map.image, expected);
             assert_eq!(map.weight, [vec![1.0; 30], vec![0.0]].concat());
+        }
+        // So whatever the co-association was, it is the same along each of them.
+        let (mut draw, mut c) = (stream(3, "test"), Square::zeros(31));
+        for (i, j) in (0..31).flat_map(|i| (0..i).map(move |j| (i, j))) {
+            let drawn = unit(&mut draw);
+            (c[(i, j)], c[(j, i)]) = (drawn, drawn);
+        }
+        let of_cell: Vec<u32> = (0..31).collect();
+        let alike = symmetrised(&c, &of_cell, &shares, &found);
+        for (i, j) in (0..10).flat_map(|i| (0..i).map(move |j| (i, j))) {
+            let mean = (0..3).map(|arm| c[(10 * arm + i, 10 * arm + j)]).sum::<f64>() / 3.0;
+            assert!((0..3).all(|arm| (alike[(10 * arm + i, 10 * arm + j)] - mean).abs() < 1e-12));
+            assert_eq!(alike[(30, j)], c[(30, j)]);
         }
     }
 }
