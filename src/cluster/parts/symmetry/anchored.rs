@@ -100,7 +100,7 @@ struct Begun {
 impl Surface<'_> {
     /// Maps to begin with.
     fn begun(&self) -> Vec<Begun> {
-        let tips = tips(&self.paths, &self.mean, |i| self.reached[i as usize], TIPS);
+        let tips = tips(self, TIPS);
         let rows = self.paths.rows(&tips);
         let mut begun = Vec::new();
         for Matching { image, .. } in matchings(&tips, &rows, &self.mean).iter().take(MATCHINGS) {

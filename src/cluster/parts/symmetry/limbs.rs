@@ -89,7 +89,7 @@ impl Limb {
 /// For each group of like limbs, the maps that take every limb to another, so that each comes to each of the others:
 /// one map fewer than limbs. Cells that are on none are their own image, of weight 0.
 pub fn limb_maps(surface: &Surface<'_>) -> Vec<Vec<MirrorImages>> {
-    let tips = tips(&surface.paths, &surface.mean, |i| surface.reached[i as usize], TIPS);
+    let tips = tips(surface, TIPS);
     let rows = surface.paths.rows(&tips);
     let limbs: Vec<Limb> = rows.into_iter().map(|row| Limb::new(row, surface.shares)).collect();
     let groups = alike(&limbs).into_iter().filter(|group| group.len() > 1);
@@ -123,17 +123,18 @@ fn maps(group: &[usize], limbs: &[Limb], tips: &[u32], shares: &[f64]) -> Option
     let others = |i: usize| group.iter().filter(move |&&j| j != i).map(move |&j| 0.5 * limbs[i].row[tips[j] as usize]);
     let end = group.iter().flat_map(|&i| others(i).chain([limbs[i].steps as f32 * STEP])).fold(UNREACHED, f32::min);
     let members: Vec<Vec<(u32, f64)>> = group.iter().map(|&k| limbs[k].cells(end, shares)).collect();
-    let area = |cells: &[(u32, f64)]| cells.iter().map(|&(i, _)| shares[i as usize]).sum::<f64>();
-    let slender = |cells: &Vec<(u32, f64)>| !cells.is_empty() && area(cells) <= SLENDER * f64::from(end).powi(2);
-    if !members.iter().all(slender) {
+    let area: Vec<f64> =
+        members.iter().map(|cells| cells.iter().map(|&(i, _)| shares[i as usize]).sum::<f64>()).collect();
+    let most = SLENDER * f64::from(end).powi(2);
+    if members.iter().any(Vec::is_empty) || area.iter().any(|&area| area > most) {
         return None;
     }
     let n = shares.len();
     let shifted = |shift: usize| {
         let (mut image, mut weight): (Vec<u32>, _) = ((0..n as u32).collect(), vec![0.0; n]);
         for (k, from) in members.iter().enumerate() {
-            let to = &members[(k + shift) % members.len()];
-            let scale = area(to) / area(from).max(1e-300);
+            let target = (k + shift) % members.len();
+            let (to, scale) = (&members[target], area[target] / area[k].max(1e-300));
             for &(i, before) in from {
                 let before = before * scale;
                 let next = to.partition_point(|cell| cell.1 < before).min(to.len() - 1);

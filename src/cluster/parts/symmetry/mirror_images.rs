@@ -118,7 +118,7 @@ pub fn symmetrised(c: &Square, of_cell: &[u32], shares: &[f64], maps: &[MirrorIm
 /// The shares of the image of each of `n` superfaces in others, which sum to 1, and how far it is one (R).
 fn superface_images(n: usize, of_cell: &[u32], shares: &[f64], map: &MirrorImages) -> (Vec<Vec<(u32, f64)>>, Vec<f64>) {
     let mut images: Vec<Vec<(u32, f64)>> = vec![Vec::new(); n];
-    let (mut sure, mut area) = (vec![0.0; n], vec![0.0; n]);
+    let (mut sure, area) = (vec![0.0; n], class_sums(of_cell, shares, n));
     for (k, &x) in of_cell.iter().enumerate().filter(|(k, _)| map.weight[*k] > 0.0) {
         let (y, w) = (of_cell[map.image[k] as usize], shares[k] * map.weight[k]);
         match images[x as usize].iter_mut().find(|(other, _)| *other == y) {
@@ -127,7 +127,6 @@ fn superface_images(n: usize, of_cell: &[u32], shares: &[f64], map: &MirrorImage
         }
         sure[x as usize] += w;
     }
-    of_cell.iter().zip(shares).for_each(|(&x, share)| area[x as usize] += share);
     for x in 0..n {
         images[x].iter_mut().for_each(|(_, share)| *share /= sure[x].max(1e-300));
         sure[x] /= area[x].max(1e-300);

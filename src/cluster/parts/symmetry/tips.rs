@@ -4,7 +4,8 @@
 //! distances and distances between tips hardly change with the pose. All involutions of the ten farthest tips that
 //! keep distances are searched.
 
-use super::cell_paths::{CellPaths, Row};
+use super::cell_map::Surface;
+use super::cell_paths::Row;
 use crate::base::sort::sort_by;
 
 /// A tip is farthest within so far, in units of √(total area), as all lengths here.
@@ -18,14 +19,14 @@ const ALONE: f32 = 0.05;
 /// Steps of the search at the most.
 const VISITS: usize = 20_000;
 
-/// The tips of a surface, the farthest first, at most `count`. `mean` is the mean distance of each cell from the whole
-/// surface (S); `within` says whether a cell may be a tip.
-pub fn tips(paths: &CellPaths, mean: &[f32], within: impl Fn(u32) -> bool, count: usize) -> Vec<u32> {
+/// The tips of a surface, the farthest first, at most `count`.
+pub fn tips(surface: &Surface<'_>, count: usize) -> Vec<u32> {
+    let Surface { paths, mean, reached, .. } = surface;
     let mut ball = vec![f32::INFINITY; mean.len()];
     let higher =
         |i: u32, j: u32| mean[j as usize] > mean[i as usize] || (mean[j as usize] == mean[i as usize] && j < i);
     let mut found = Vec::new();
-    for i in (0..mean.len() as u32).filter(|&i| within(i)) {
+    for i in (0..mean.len() as u32).filter(|&i| reached[i as usize]) {
         if paths.steps(i).any(|(j, _)| higher(i, j)) {
             continue;
         }
