@@ -274,6 +274,11 @@ pub fn outputs_of(paths: &[PathBuf]) -> Result<Vec<Output>, CliError> {
     Ok(outputs)
 }
 
+/// Where scratch files go by default: beside the first file among `outputs`, or among the system's temporary files.
+pub fn scratch_folder(outputs: &[Output]) -> PathBuf {
+    outputs.iter().find_map(Output::path).map_or_else(std::env::temp_dir, folder_of)
+}
+
 /// Refuses `files`, inputs as well as outputs, that a folder of parts among `outputs` would replace, or that would
 /// replace one of its own.
 pub fn check_folders<'a>(

@@ -5,10 +5,9 @@ use super::input::{check_there, read};
 use super::made::Maker;
 use super::method::MethodArgs;
 use super::options::{AppContext, ForceArgs, RunArgs, ScratchArgs};
-use super::output::{FormArgs, JsonArgs, Output};
+use super::output::{FormArgs, JsonArgs, Output, scratch_folder};
 use super::progress::Bars;
 use super::results::{Cut, measured};
-use super::sink::folder_of;
 use nystrom_stream::apps::edits::Edits;
 use nystrom_stream::apps::measure;
 use nystrom_stream::base::{Progress, Result};
@@ -177,8 +176,7 @@ pub fn one(job: &Job, task: Task<'_>, bars: &Bars, run: &Run, app: &AppContext) 
     let Job { mesh: path, outputs } = job;
     check_there(path)?;
     outputs.iter().try_for_each(Output::check)?;
-    let beside = || outputs.iter().find_map(Output::path).map_or_else(std::env::temp_dir, folder_of);
-    let work = args.scratch.work(args.work_dir.as_deref(), beside, run)?;
+    let work = args.scratch.work(args.work_dir.as_deref(), || scratch_folder(outputs), run)?;
     if path.as_os_str() != "-" && !args.no_plan {
         super::plan::check(path, params, Context::new(&work, run))?;
     }

@@ -12,10 +12,10 @@ use super::method::{KernelArgs, MethodArgs, OrderArgs, PartsArgs};
 use super::options::{
     AppContext, CliError, ForceArgs, ResourceArgs, RunArgs, ScratchArgs, ShownArgs, WorkDirArgs, misfit, open,
 };
-use super::output::{FormArgs, JsonArgs, Output, check_folders, check_names, ending, outputs_of};
+use super::output::{FormArgs, JsonArgs, Output, check_folders, check_names, ending, outputs_of, scratch_folder};
 use super::progress::counted;
 use super::results::Cut;
-use super::sink::{check_outside, check_places, folder_of, print};
+use super::sink::{check_outside, check_places, print};
 use nystrom_stream::apps::edits::Edits;
 use nystrom_stream::base::Error;
 use nystrom_stream::base::printable::line;
@@ -420,8 +420,7 @@ pub fn export(args: &ExportArgs, app: &AppContext) -> Result<(), CliError> {
         decision::write_tree(&tree, path)?;
     }
     if !outputs.is_empty() {
-        let beside = || outputs.iter().find_map(Output::path).map_or_else(std::env::temp_dir, folder_of);
-        let scratch = args.scratch.tmp.clone().unwrap_or_else(beside);
+        let scratch = args.scratch.tmp.clone().unwrap_or_else(|| scratch_folder(&outputs));
         let scratch = WorkDir::in_memory(&scratch, &run.budget);
         let kept = Labels::read(&work)?;
         let (mut names, colours) = (kept.names(), kept.colours());

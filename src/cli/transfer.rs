@@ -2,10 +2,10 @@
 
 use super::input::{check_there, open_file};
 use super::options::{AppContext, CliError, ResourceArgs, ScratchArgs, ShownArgs};
-use super::output::{JsonArgs, Output, PlyArgs, check_folders, outputs_of};
+use super::output::{JsonArgs, Output, PlyArgs, check_folders, outputs_of, scratch_folder};
 use super::picture::labelled;
 use super::results::Results;
-use super::sink::{check_places, folder_of};
+use super::sink::check_places;
 use nystrom_stream::apps::transfer::transfer;
 use nystrom_stream::base::Error;
 use nystrom_stream::mesh::ply::labelled::Labelling;
@@ -49,10 +49,9 @@ pub fn run(args: &TransferArgs, app: &AppContext) -> Result<(), CliError> {
     [&args.from, &args.to].into_iter().try_for_each(|path| check_there(path))?;
     let bars = args.shown.bars();
     let run = args.resources.run(&bars, app);
-    let beside = outputs.iter().find_map(Output::path).map_or_else(std::env::temp_dir, folder_of);
-    let tmp = args.scratch.tmp.as_deref().unwrap_or(&beside);
+    let tmp = args.scratch.tmp.clone().unwrap_or_else(|| scratch_folder(&outputs));
     // Both meshes may have to be decoded, each into a folder of its own.
-    let (work, source) = (WorkDir::temporary(tmp)?, WorkDir::temporary(tmp)?);
+    let (work, source) = (WorkDir::temporary(&tmp)?, WorkDir::temporary(&tmp)?);
     let from = open_file(&args.from, source.path(), &run)?;
     let found = labelled(&from, args.labels.as_deref(), Context::new(&source, &run))?;
     let remedy = "segment it first, or give --labels";
