@@ -20,7 +20,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 pub const PIECE_NODES: usize = 1 << 16;
 
 /// A label that travels with distances: a number, or nothing at all.
-pub trait Label: Copy + PartialOrd + Send + Sync {}
+pub trait Label: Copy + Ord + Send + Sync {}
 impl Label for u32 {}
 impl Label for () {}
 

@@ -355,9 +355,10 @@ impl<'a> BlockDijkstra<'a> {
     ) -> Result<Outcome<O>> {
         let Values { first, .. } = values;
         let piece = |message: &Message<O>| (message.node as usize - first) / PIECE_NODES;
-        // The nearest of a piece first, so that a front starts where it should.
+        // The nearest of a piece first, so that a front starts where it should. Of equal distances the smaller label
+        // first: it may be from a node that was lowered afterwards, and where the larger one meets it, a tie is listed.
         let sort = |messages: &mut [Message<O>]| {
-            messages.sort_unstable_by_key(|message| (piece(message), message.distance.to_bits()));
+            messages.sort_unstable_by_key(|message| (piece(message), message.distance.to_bits(), message.label));
         };
         if self.block <= PIECE_NODES {
             sort(&mut messages);
@@ -425,6 +426,30 @@ mod tests {
                 assert!(field[node] == told && (told >= 0. || expected[node] == f32::INFINITY), "{block}, node {node}");
             }
         }
+    }
+
+    /// A node is lowered after it has sent its label to many nodes of another block, by so little that rounding hides
+    /// it there. Of its two messages to a node, the later one was handled first where they were sorted by distance
+    /// alone, and the stale label won the tie without a trace.
+    #[test]
+    fn a_label_that_was_sent_before_its_node_was_lowered_does_not_stay() {
+        const BLOCK: usize = 64;
+        let n = 2 * BLOCK;
+        // Node 2 is at .2 from source 0, and at .1 from source 1 by way of node 3.
+        let mut rows = vec![Vec::new(); n];
+        let far = (BLOCK..n).map(|node| (2, node, 1e7 + (node * 37 % BLOCK) as f32));
+        for (a, b, weight) in [(0, 2, 0.2), (1, 3, 0.05), (2, 3, 0.05)].into_iter().chain(far) {
+            rows[a].push((b as u32, weight));
+            rows[b].push((a as u32, weight));
+        }
+        let starts = OwnedRowStarts::of(rows.iter().map(Vec::len));
+        let (indices, weights): (Vec<u32>, Vec<f32>) = rows.into_iter().flatten().unzip();
+        let graph = Csr::new(starts.view(), &indices, &weights);
+        let (mut field, mut label) = (vec![0.; n], vec![0; n]);
+        let blocks = BlockDijkstra::new(graph, BLOCK, 1, &Cancel::default());
+        blocks.nearest_source(&[0, 1], &mut field, &mut label).unwrap();
+        assert_eq!(label[..4], [0, 1, 1, 1]);
+        assert_eq!(label[BLOCK..], [1; BLOCK]);
     }
 
     #[test]
