@@ -80,7 +80,7 @@ pub struct PartsArgs {
     #[arg(long, value_name = "A..B", value_parser = parse_range)]
     pub parts_range: Option<(usize, usize)>,
     /// Coarser (to -1) or finer (to 1) than the parts found
-    #[arg(long, value_name = "D", allow_negative_numbers = true)]
+    #[arg(long, value_name = "D", allow_hyphen_values = true)]
     pub detail: Option<f64>,
     /// How faces become parts [default: parts, or as in the work directory]
     #[arg(long, value_parser = choice::<Cluster>())]

@@ -41,10 +41,10 @@ pub struct PictureArgs {
     #[arg(long, value_name = "AXIS", allow_hyphen_values = true)]
     pub up: Option<Up>,
     /// Degrees to turn around that axis from the view found
-    #[arg(long, value_name = "DEG", default_value_t = 0., allow_negative_numbers = true)]
+    #[arg(long, value_name = "DEG", default_value_t = 0., allow_hyphen_values = true)]
     pub turn: f64,
     /// Degrees to look from higher than the view found
-    #[arg(long, value_name = "DEG", default_value_t = 0., allow_negative_numbers = true)]
+    #[arg(long, value_name = "DEG", default_value_t = 0., allow_hyphen_values = true)]
     pub tilt: f64,
     #[command(flatten)]
     pub resources: ResourceArgs,

@@ -34,7 +34,7 @@ pub struct PlotArgs {
     #[arg(short = 'k', long = "parts", value_name = "K", value_parser = clap::value_parser!(u32).range(1..), requires = "tree")]
     pub parts: Option<u32>,
     /// Cut coarser (to -1) or finer (to 1) than the parts found
-    #[arg(long, value_name = "D", allow_negative_numbers = true, conflicts_with = "parts", requires = "tree",
+    #[arg(long, value_name = "D", allow_hyphen_values = true, conflicts_with = "parts", requires = "tree",
           value_parser = parse_detail)]
     pub detail: Option<f64>,
 }

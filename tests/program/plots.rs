@@ -50,6 +50,8 @@ fn work_directories_reports_and_hierarchies_are_plotted() {
     assert!(text(dir.path(), "again.svg").contains("tree: 3 parts, as asked for"));
     assert_eq!(plot(dir.path(), "tree.json --tree one.svg --detail -1").0, 0);
     assert!(text(dir.path(), "one.svg").contains("tree: 1 parts, cut at 0.00"));
+    // A number without a digit before its point was taken for an option.
+    assert_eq!(plot(dir.path(), "tree.json --tree fewer.svg --detail -.5").0, 0);
 
     // Another number of parts is drawn as the work directory has it.
     assert!(common::run(&["cluster", "-q", "--work-dir", word(&work), "-k", "4"]).status.success());
