@@ -16,6 +16,7 @@ use listener::watched;
 use mesh::PyMesh;
 use numpy::{PyArray1, PyArray2, PyArrayMethods, PyReadonlyArray1, ToPyArray};
 use nystrom_stream::apps::edits::Edits;
+use nystrom_stream::base::error::refusal;
 use nystrom_stream::pipeline::SegmentParams;
 use nystrom_stream::spectral::EmbeddingParams;
 use nystrom_stream::{Error, Segmenter};
@@ -75,7 +76,7 @@ fn raised(error: Error) -> PyErr {
         Error::Parameter { .. } | Error::Malformed { .. } | Error::Unusable { .. } => PyValueError::new_err(text),
         Error::Io { path, action, source } => match source.raw_os_error() {
             // With a number Python chooses the class itself.
-            Some(number) => PyOSError::new_err((number, format!("cannot {action}: {source}"), path.into_os_string())),
+            Some(number) => PyOSError::new_err((number, reworded(&refusal(action, &source)), path.into_os_string())),
             None => PyOSError::new_err(text),
         },
         Error::Disk { .. } => PyOSError::new_err(text),

@@ -177,6 +177,8 @@ def test_errors_say_what_is_wrong(mesh, tmp_path):
         with pytest.raises(FileNotFoundError, match=name) as missing:
             call(tmp_path / name)
         assert missing.value.filename and missing.value.errno == 2
+        # Regression: what to do was left out where the system names a number.
+        assert "check the path" in missing.value.strerror
     # Regression: it was told of the name that a file has until it is whole.
     for name in ["x.ply", "x.seg", "x.npy", "x.html"]:
         with pytest.raises(FileNotFoundError) as missing:

@@ -17,7 +17,7 @@ pub type Result<T, E = Error> = std::result::Result<T, E>;
 #[non_exhaustive]
 pub enum Error {
     /// The operating system refused to read, write, map or rename something.
-    #[error("{}: cannot {action}: {source}{}", shown(path), hint(action, source))]
+    #[error("{}: {}", shown(path), refusal(action, source))]
     Io {
         /// File or folder concerned.
         path: PathBuf,
@@ -111,6 +111,12 @@ pub enum Error {
 /// A path on one line.
 fn shown(path: &Path) -> String {
     line(&path.to_string_lossy()).into_owned()
+}
+
+/// What the operating system refused, why, and what can be done: an [`Error::Io`] without its path, for bindings whose
+/// errors hold the path apart.
+pub fn refusal(action: &str, source: &io::Error) -> String {
+    format!("cannot {action}: {source}{}", hint(action, source))
 }
 
 /// A remedy for the operating-system errors that users meet most.
