@@ -240,7 +240,8 @@ impl VertexGraphWriter {
 
     /// Appends the next vertices, which are vertices of `mesh`.
     fn push(&mut self, mut part: VertexRange, mesh: &Mesh) -> Result<()> {
-        self.facts.area += part.nodes.iter().map(|node| f64::from(node.area)).sum::<f64>();
+        // One by one: how many vertices come at a time depends on memory and threads.
+        part.nodes.iter().for_each(|node| self.facts.area += f64::from(node.area));
         self.facts.open += part.open.len() as u64;
         part.ring_ends.iter_mut().for_each(|at| *at += self.ring_end);
         self.ring_end = part.ring_ends.last().copied().unwrap_or(self.ring_end);
@@ -286,7 +287,7 @@ struct VertexGraphStage<'a> {
 
 impl Stage for VertexGraphStage<'_> {
     const NAME: &'static str = "vertex graph";
-    const VERSION: u32 = 4;
+    const VERSION: u32 = 5;
     type Facts = (VertexFacts, Frame);
     type Output = (VertexGraph, String);
 
@@ -407,5 +408,38 @@ impl DuplicateVertices {
         }
         joins.push(&found)?;
         joins.finish(false)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::base::random::{stream, unit};
+    use crate::store::{Budget, WorkDir};
+
+    /// A rough sheet of `width` × `width` vertices, which are the nearer to each other the nearer they are to a corner.
+    fn sheet(width: u32) -> (Vec<[f64; 3]>, Vec<Vec<u32>>) {
+        let mut random = stream(1, "sheet");
+        let place = |k: u32| 0.9f64.powi(k as i32);
+        let points = (0..width * width).map(|v| [place(v % width), place(v / width), unit(&mut random) * 1e-6]);
+        let corners = (0..width * (width - 1)).filter(|v| v % width + 1 < width);
+        let faces = corners.flat_map(|v| [vec![v, v + 1, v + width], vec![v + 1, v + width + 1, v + width]]);
+        (points.collect(), faces.collect())
+    }
+
+    /// Areas were summed bucket by bucket, and memory and threads decide how many buckets there are.
+    #[test]
+    fn the_area_has_the_same_bits_whatever_memory_and_threads() {
+        let (points, faces) = sheet(150);
+        let mesh = Mesh::from_slices(&points, &faces).unwrap();
+        let area = |memory: u64, threads: usize| {
+            let run = Run { threads, budget: Budget::new(memory), ..Run::new(&()) };
+            let work = WorkDir::temporary(&std::env::temp_dir()).unwrap();
+            VertexGraph::build(&mesh, "sheet".as_ref(), Context::new(&work, &run)).unwrap().facts.area.to_bits()
+        };
+        let expected = area(1 << 30, 1);
+        for (memory, threads) in [(1 << 30, 2), (8 << 20, 1), (4 << 20, 2), (2 << 20, 3)] {
+            assert_eq!(area(memory, threads), expected, "{memory} bytes, {threads} threads");
+        }
     }
 }
