@@ -108,7 +108,7 @@ impl VertexGraph {
     pub fn build(mesh: &Mesh, path: &Path, context: Context<'_>) -> Result<Self> {
         let n = mesh.positions.len();
         let frame = Frame::of(&mesh.positions, context.run)?;
-        let records = 3 * (mesh.faces.corner_count() as u64).saturating_sub(2 * mesh.faces.len() as u64);
+        let records = 3 * mesh.faces.triangle_count();
         let sized = BudgetedShuffle::<Corner>::new(
             &context.work.file("corners.tmp"),
             "the vertex graph",
@@ -441,5 +441,17 @@ mod tests {
         for (memory, threads) in [(1 << 30, 2), (8 << 20, 1), (4 << 20, 2), (2 << 20, 3)] {
             assert_eq!(area(memory, threads), expected, "{memory} bytes, {threads} threads");
         }
+    }
+
+    /// Each of them took the room of a triangle from the others.
+    #[test]
+    fn faces_without_corners_take_no_room_from_triangles() {
+        let (points, mut faces) = sheet(20);
+        faces.resize(faces.len() + 300, Vec::new());
+        let mesh = Mesh::from_slices(&points, &faces).unwrap();
+        let run = Run::new(&());
+        let work = WorkDir::temporary(&std::env::temp_dir()).unwrap().holding(&run.budget);
+        let graph = VertexGraph::build(&mesh, "sheet".as_ref(), Context::new(&work, &run)).unwrap();
+        assert_eq!(graph.ring.len(), 2 * 3 * (faces.len() - 300));
     }
 }

@@ -79,6 +79,14 @@ impl Faces {
         }
     }
 
+    /// Triangles that all faces are cut into; a face of fewer than three corners gives none.
+    pub fn triangle_count(&self) -> u64 {
+        match self {
+            Self::Triangles { len, .. } => *len as u64,
+            Self::Polygons { starts, .. } => starts.windows(2).map(|ends| (ends[1] - ends[0]).saturating_sub(2)).sum(),
+        }
+    }
+
     /// The corners of face `f` as a range of corner numbers: corners are numbered through all faces.
     #[inline]
     pub fn corner_range(&self, face: usize) -> Range<usize> {

@@ -35,14 +35,14 @@ impl Thin {
     /// # Errors
     /// [`crate::base::Error::Cancelled`].
     pub fn of(mesh: &Mesh, target: usize, run: &Run) -> Result<Self> {
-        let triangles = mesh.faces.corner_count().saturating_sub(2 * mesh.faces.len());
+        let triangles = mesh.faces.triangle_count();
         let bounds = bounds(mesh, run)?;
         let bounds = if bounds[0][0] <= bounds[1][0] { bounds } else { [[0.; 3]; 2] };
         let [low, high] = bounds;
         let side = (0..3).map(|k| high[k] - low[k]).fold(0., f64::max);
         let area = area(mesh, run)?;
         // A surface of area A meets some 2 A / h² triangles' worth of cells of size h.
-        let size = match triangles <= target {
+        let size = match triangles <= target as u64 {
             true => 0.,
             false => (2.2 * area / target as f64).sqrt().max(side / FINEST),
         };
@@ -121,4 +121,27 @@ fn area(mesh: &Mesh, run: &Run) -> Result<f64> {
         }
     })?;
     Ok(area)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn faces_without_corners_do_not_keep_a_mesh_from_being_thinned() {
+        const WIDTH: u32 = 60;
+        let points: Vec<[f64; 3]> =
+            (0..WIDTH * WIDTH).map(|v| [f64::from(v % WIDTH), f64::from(v / WIDTH), 0.]).collect();
+        let corners = (0..WIDTH * (WIDTH - 1)).filter(|v| v % WIDTH + 1 < WIDTH);
+        let mut faces: Vec<Vec<u32>> =
+            corners.flat_map(|v| [vec![v, v + 1, v + WIDTH], vec![v + 1, v + WIDTH + 1, v + WIDTH]]).collect();
+        let triangles = |faces: &[Vec<u32>]| {
+            let mesh = Mesh::from_slices(&points, faces).unwrap();
+            Thin::of(&mesh, 1_000, &Run::new(&())).unwrap().triangles
+        };
+        let expected = triangles(&faces);
+        assert!(expected.len() < 2_000);
+        faces.resize(2 * faces.len(), Vec::new());
+        assert!(triangles(&faces) == expected);
+    }
 }
