@@ -390,7 +390,7 @@ impl WeightsStage<'_> {
 
 impl Stage for WeightsStage<'_> {
     const NAME: &'static str = WEIGHTS_STAGE;
-    const VERSION: u32 = 1;
+    const VERSION: u32 = 2;
     type Facts = ();
     type Output = WeightedGraph;
 

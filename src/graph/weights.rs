@@ -223,7 +223,11 @@ impl Weighting<'_> {
             Metric::Geodesic => Scale { centroid_distance: unit, angle: 0. },
             Metric::Paper { delta, eta } => {
                 let [length, angle] = self.means(eta, run)?;
-                let inverse = |x: f64| if x > 0. { (1. / x) as f32 } else { 0. };
+                let inverse = |x: f64| {
+                    let inverse = (1. / x) as f32;
+                    // So small a mean is as good as none: a plane, but for noise.
+                    if inverse.is_finite() { inverse } else { 0. }
+                };
                 Scale { centroid_distance: delta * inverse(length), angle: (1. - delta) * inverse(angle) }
             }
         })
@@ -257,5 +261,32 @@ impl Weighting<'_> {
         let total = sums.iter().fold((0., 0., 0u64), |t, s| (t.0 + s.0, t.1 + s.1, t.2 + s.2));
         let count = total.2.max(1) as f64;
         Ok([total.0 / count, total.1 / count])
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::graph::DualGraph;
+    use crate::mesh::Mesh;
+    use crate::store::WorkDir;
+    use serde_json::Value;
+
+    /// Where heights in a plane are noise, one over the mean of the angular distances was infinite in `f32`: edges that
+    /// turn had infinite weights, and all others the least one, whatever their lengths.
+    #[test]
+    fn the_papers_weights_are_lengths_where_turning_is_noise() {
+        let points: Vec<[f64; 3]> =
+            (0..60).map(|v| [f64::from(v / 2), f64::from(v % 2), f64::from(v * 37 % 11) * 1e-20]).collect();
+        let faces: Vec<[u32; 3]> = (0..58).map(|v| [v, v + 1 + v % 2, v + 2 - v % 2]).collect();
+        let mesh = Mesh::from_slices(&points, &faces).unwrap();
+        let (run, work) = (Run::new(&()), WorkDir::temporary(&std::env::temp_dir()).unwrap());
+        let context = Context::new(&work, &run);
+        let graph = DualGraph::build(&mesh, "plane".as_ref(), &Value::Null, context).unwrap();
+        let weights = graph.weighted(Metric::paper(), context).unwrap();
+        let lengths = graph.edges.by_distance();
+        let ratios = weights.csr().weights.iter().zip(lengths.weights).map(|(weight, length)| weight / length);
+        let (least, most) = ratios.fold((f32::MAX, 0f32), |(least, most), ratio| (least.min(ratio), most.max(ratio)));
+        assert!(least > 0. && most < 1.001 * least, "{least} {most}");
     }
 }
