@@ -89,7 +89,8 @@ pub fn open_or_build(
     context: Context<'_>,
 ) -> Result<DistanceRows> {
     let inputs = json!({"graph": graph, "params": params, "distance": distance, "seed": context.run.seed});
-    let stage = VertexRowsStage { surface, sampler: &params.sampling, l: params.l, distance, inputs };
+    let l = params.l.min(surface.nodes.len());
+    let stage = VertexRowsStage { surface, sampler: &params.sampling, l, distance, inputs };
     let rows = context.stage(stage)?;
     // Left by this run, or by one that ended right after its stamp.
     context.work.remove(JOURNAL);
@@ -218,5 +219,22 @@ mod tests {
         manifest["stages"]["vertex rows"]["facts"][0]["sum"] = json!(-1.);
         std::fs::write(&path, manifest.to_string()).unwrap();
         assert!(rows().unwrap_err().to_string().contains("sums of rows that no rows have"));
+    }
+
+    /// There were files for as many rows as were asked for, of which the next run saw that they were too large.
+    #[test]
+    fn more_landmarks_than_vertices_are_found_again() {
+        let dir = tempfile::tempdir().unwrap();
+        let run = Run::new(&());
+        let points = [[0f32, 0., 0.], [1., 0., 0.], [0., 1., 0.], [0., 0., 1.]];
+        let mesh = Mesh::from_slices(&points, &[[0u32, 2, 1], [0, 1, 3], [1, 2, 3], [0, 3, 2]]).unwrap();
+        for _ in 0..2 {
+            let work = WorkDir::open(dir.path()).unwrap();
+            let context = Context::new(&work, &run);
+            let (graph, key) = VertexGraph::open_or_build(&mesh, "mesh".as_ref(), &Value::Null, context).unwrap();
+            let params = RowParams::new(9, First);
+            let rows = open_or_build(Surface::of(&graph), params, Distance::Edges, &key, context).unwrap();
+            assert_eq!((rows.len(), rows.distances.len()), (4, 16));
+        }
     }
 }
