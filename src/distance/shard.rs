@@ -60,6 +60,9 @@ pub fn compute(
         context.run.progress.note_of_work(&format!("rows: shard {shard}/{of} is done already"));
         return Ok(wanted);
     }
+    // Of other options: where a run is killed when its journal is whole and its file has no name yet, the next one
+    // would take this for it.
+    context.work.remove(&array);
     let job = RowJob { weighted: graph, graph: graph.csr(), nodes, sampler: &params.sampling, spec: &spec };
     context
         .run
@@ -189,4 +192,54 @@ fn find(work: &WorkDir) -> Result<Vec<Shard>> {
         Ok(Shard { spec, entries, rows })
     };
     found.into_iter().map(open).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::distance::sampler::{Found, Space};
+    use crate::graph::{DualGraph, Metric};
+    use crate::mesh::Mesh;
+    use crate::store::Run;
+    use serde_json::Value;
+
+    /// Chooses consecutive faces, from one on that the seed tells.
+    #[derive(Serialize)]
+    struct BySeed;
+
+    impl Sampler for BySeed {
+        fn choose(
+            &self,
+            l: usize,
+            seed: u64,
+            space: &mut dyn Space,
+            _: &mut [f32],
+            found: &mut Found<'_>,
+        ) -> Result<()> {
+            let n = space.nodes().len();
+            (0..l).try_for_each(|k| found(((seed as usize + k) % n) as u32, None))
+        }
+    }
+
+    #[test]
+    fn a_shard_that_is_killed_leaves_no_rows_of_other_options() {
+        let dir = tempfile::tempdir().unwrap();
+        let work = WorkDir::open(dir.path()).unwrap();
+        let points = [[0f32, 0., 0.], [2., 0., 0.], [0., 1., 0.], [0., 0., 1.]];
+        let mesh = Mesh::from_slices(&points, &[[0u32, 2, 1], [0, 1, 3], [1, 2, 3], [0, 3, 2]]).unwrap();
+        let run = Run::new(&());
+        let context = Context::new(&work, &run);
+        let graph = DualGraph::build(&mesh, "mesh".as_ref(), &Value::Null, context).unwrap();
+        let weighted = graph.weighted(Metric::Geodesic, context).unwrap();
+        let rows = |run: &Run| {
+            let params = RowParams::new(4, BySeed);
+            compute(&weighted, graph.nodes.view(), params, (0, 2), Context::new(&work, run))
+        };
+        let file = dir.path().join("rows-0-of-2.npy");
+        assert!(rows(&run).is_ok() && file.exists());
+        let killed = Run { seed: 1, ..Run::new(&()) };
+        killed.cancel.cancel();
+        assert!(rows(&killed).is_err() && !file.exists());
+        assert!(rows(&Run { seed: 1, ..Run::new(&()) }).is_ok() && file.exists());
+    }
 }
