@@ -21,6 +21,9 @@ const TIPS: usize = 16;
 const STEP: f32 = 0.03;
 /// Steps of the shortest limb.
 const SHORTEST: usize = 5;
+/// Steps of the longest limb, some 500 √(total area). A wire or a strip without a width may be longer, and then counts
+/// as that long: what is held for a limb must not grow with its length.
+const LONGEST: usize = 1 << 14;
 /// A limb has ended where its area over distance squared is so many times the least.
 const RISE: f64 = 1.05;
 /// Area over distance squared of a limb at the most. A right angle of a plate has π/4, a flat place π.
@@ -45,6 +48,9 @@ impl Limb {
         let mut within: Vec<f64> = Vec::new();
         for (d, share) in row.iter().zip(shares).filter(|(d, _)| **d < UNREACHED) {
             let step = (d / STEP) as usize;
+            if step >= LONGEST {
+                continue;
+            }
             within.resize(within.len().max(step + 1), 0.0);
             within[step] += share;
         }
@@ -200,6 +206,14 @@ mod tests {
         let corner = shares(&|d: f64| std::f64::consts::FRAC_PI_4 * d * d);
         let flat = corner.within[corner.steps - 1] / f64::from(corner.steps as f32 * STEP).powi(2);
         assert!(flat > SLENDER, "{flat}");
+    }
+
+    #[test]
+    fn what_is_held_for_a_limb_does_not_grow_with_its_length() {
+        // A strip 3·10¹¹ times as long as wide, of 600 cells: ten million steps.
+        let (row, shares) = ((0..600).map(|k| 500. * k as f32).collect(), [1. / 600.; 600]);
+        let limb = Limb::new(Arc::new(row), &shares);
+        assert!(limb.within.len() <= LONGEST && limb.steps <= LONGEST, "{} steps", limb.within.len());
     }
 
     #[test]
