@@ -77,6 +77,11 @@ impl CellLabels<'_> {
         })
     }
 
+    /// The label of the part whose depth `node` has a say in; none of the parts' where it is in a tiny component.
+    pub fn measured(&self, node: usize, shares: &AreaShares) -> u32 {
+        if shares.tiny_nodes > 0 && shares.at(node) <= 0. { u32::MAX } else { self.of(node) }
+    }
+
     /// Number of labels.
     pub fn parts(&self) -> usize {
         self.label.iter().max().map_or(0, |top| *top as usize + 1)
@@ -151,7 +156,8 @@ pub fn refine(
     let depth: &[f32] = field.data();
     let depth = |i: usize| if visited.has(i) { depth[i] } else { f32::INFINITY };
     // Cells tell the first labels in half the bytes that labels take; those are written where they are needed.
-    let limits = interior_limits(n, cells.parts(), |i| (cells.of(i), depth(i)), half_width, context.run)?;
+    let measured = |i: usize| (cells.measured(i, shares), depth(i));
+    let limits = interior_limits(n, cells.parts(), measured, half_width, context.run)?;
     // The second front starts in the interiors, at distance 0; the narrow band is open.
     let begin = |k: usize, field: &mut [f32], labels: &mut [u32], (): &mut ()| {
         labels.iter_mut().zip(chunk_range(n, CHUNK, k)).for_each(|(label, i)| *label = cells.of(i));
@@ -313,7 +319,9 @@ const COUNTS: usize = 1 << 21;
 
 /// The depth from which on each part's faces keep their label: the half width of the narrow band, or less
 /// where more than 60 % of the part lies in it. From histograms of label and depth of all `n` nodes;
-/// depths beyond it are infinite. Where there are many parts, nodes are counted for one group of parts after the other.
+/// depths beyond it are infinite. Nodes of tiny components, which float far from all boundaries, have no label there:
+/// many of them beside a small part would be all of its interior, and the part would vanish. Where there are many
+/// parts, nodes are counted for one group of parts after the other.
 ///
 /// # Errors
 /// [`crate::base::Error::Cancelled`].

@@ -36,7 +36,7 @@ use std::path::Path;
 use std::time::Duration;
 
 /// Version of what the stages tell.
-const VERSION: u32 = 1;
+const VERSION: u32 = 2;
 
 /// What is divided.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

@@ -94,7 +94,7 @@ impl BoundaryFacts {
             depths.share((0, 1), &|_| None, context)?;
         }
         let shares = depths.shares(work)?.ok_or_else(|| Error::internal("the depths of faces are gone"))?;
-        let deep = |node: usize| (cells.of(node), shares.distance(node));
+        let deep = |node: usize| (cells.measured(node, &surface.shares), shares.distance(node));
         facts.limits = boundary::interior_limits(n, cells.parts(), deep, depths.limit, run)?;
         let interior = |node: usize| shares.distance(node) >= facts.limits[cells.of(node) as usize];
         let edge = boundary::interior_edge(weighted.csr(), interior, run)?;

@@ -215,17 +215,33 @@ fn there_are_as_many_parts_as_asked_for_up_to_one_per_face() {
     assert!(Segmenter::new().parts(n + 1).run(&creature).unwrap_err().to_string().contains("fewer than the"));
 }
 
-#[test]
-fn cells_on_three_faces_can_be_four_parts() {
-    // A sheet beside three faces with nearly all of the area: it is a tiny component, without a cell of its own.
+/// A sheet beside three faces with nearly all of the area: it is a tiny component, without a cell of its own.
+fn three_faces_and_a_sheet() -> Mesh {
     let mut points: Vec<[f64; 3]> = (0..1600).map(|i| [f64::from(i % 40), f64::from(i / 40), 0.]).collect();
     points.extend([[0., 0., 9e3], [9e3, 0., 9e3], [9e3, 9e3, 9e3], [0., 9e3, 9e3], [-9e3, 9e3, 9e3]]);
     let quad = |i: u32| [[i, i + 1, i + 41], [i, i + 41, i + 40]];
     let mut faces: Vec<[u32; 3]> = (0..1560).filter(|i| i % 40 < 39).flat_map(quad).collect();
     faces.extend([[1600, 1601, 1602], [1600, 1602, 1603], [1600, 1603, 1604]]);
-    let mesh = Mesh::from_vecs(points, faces).unwrap();
+    Mesh::from_vecs(points, faces).unwrap()
+}
+
+#[test]
+fn cells_on_three_faces_can_be_four_parts() {
     for k in [3, 4, 50] {
-        in_parts(&mesh, k, false);
+        in_parts(&three_faces_and_a_sheet(), k, false);
+    }
+}
+
+/// Regression: the sheet was the interior of all parts, since it has more faces, and the three faces became one part.
+#[test]
+fn tiny_components_do_not_outvote_the_faces_that_they_float_beside() {
+    let mesh = three_faces_and_a_sheet();
+    for k in 1..=3 {
+        let labels = in_parts(&mesh, k, false);
+        let mut large = labels[labels.len() - 3..].to_vec();
+        large.sort_unstable();
+        large.dedup();
+        assert_eq!(large.len(), k);
     }
 }
 
