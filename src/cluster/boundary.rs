@@ -365,7 +365,9 @@ fn limits_of(counts: &[u32], half_width: f32) -> Vec<f32> {
             bin -= 1;
             kept += u64::from(bins[bin]);
         }
-        half_width * bin as f32 / BINS as f32
+        let edge = half_width * bin as f32 / BINS as f32;
+        // A depth that was rounded up into its bin may be less than the bin's edge: it is kept as it was counted.
+        if bin < BINS { edge * (1. - 4. * f32::EPSILON) } else { edge }
     };
     counts.chunks_exact(BINS + 1).map(limit).collect()
 }
@@ -463,6 +465,19 @@ mod tests {
             }
             if done == before {
                 return out;
+            }
+        }
+    }
+
+    /// Regression: where all that is deep in a part lay just below the edge of a bin, nothing was interior.
+    #[test]
+    fn what_is_counted_as_interior_is_not_below_the_limit() {
+        for half_width in [0.04f32, 0.04 / 1.7, 0.03] {
+            for bin in 1..BINS {
+                let deep = (half_width * bin as f32 / BINS as f32).next_down();
+                let depth = |i: usize| (0, if i < 5 { deep } else { 0. });
+                let limit = interior_limits(10, 1, depth, half_width, &Run::new(&())).unwrap()[0];
+                assert!(limit <= deep, "{limit} {deep}");
             }
         }
     }
